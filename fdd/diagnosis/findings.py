@@ -1,0 +1,102 @@
+"""What a diagnosis says: the contract's answer, and the trajectories behind it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import BaseModel, ConfigDict, Field
+
+SCHEMA = "fdd.diagnosis/1"
+ESTIMATED: dict[str, tuple[str, str, str]] = {
+    "leakage": ("m^3/(s*Pa)", "1e-12 m³/(s·Pa)", "Leakage coefficient"),
+    "bulk_modulus": ("Pa", "MPa", "Effective bulk modulus"),
+    "coulomb_friction": ("N", "N", "Coulomb friction"),
+    "viscous_friction": ("N*s/m", "N·s/m", "Viscous friction"),
+}
+"""Estimated quantities: SI unit in the answer, unit for people, title."""
+
+DISPLAY_SCALE = {"leakage": 1e12, "bulk_modulus": 1e-6, "coulomb_friction": 1.0, "viscous_friction": 1.0}
+
+
+class FaultFinding(BaseModel):
+    """One fault that the diagnosis sees (or one ambiguity group of faults)."""
+
+    fault: str
+    family: str
+    ambiguity: list[str]
+    confidence: float = Field(ge=0, le=1)
+    onset_s: float
+    detected_s: float
+    severity: float | None = None
+    evidence: list[str] = Field(default_factory=list)
+
+
+class Estimate(BaseModel):
+    """A tracked quantity at the end of the log, beside its healthy value (SI)."""
+
+    unit: str
+    baseline: float | None
+    value: float | None
+    std: float | None
+    observable: bool
+
+
+class Quality(BaseModel):
+    """What was missing or odd in the data."""
+
+    dropped_samples: int = 0
+    nan_samples: int = 0
+    time_jumps: int = 0
+    notes: list[str] = Field(default_factory=list)
+
+
+class Diagnosis(BaseModel):
+    """The answer for one log, as ``fdd diagnose --json`` prints it."""
+
+    model_config = ConfigDict(populate_by_name=True)
+
+    schema_: Literal["fdd.diagnosis/1"] = Field(default="fdd.diagnosis/1", alias="schema")
+    log: str
+    axis: str
+    unit: str
+    duration_s: float
+    samples: int
+    verdict: Literal["healthy", "faulty", "inconclusive"]
+    faults: list[FaultFinding]
+    probabilities: dict[str, float]
+    estimates: dict[str, Estimate]
+    quality: Quality
+
+
+@dataclass
+class Trajectories:
+    """Everything over time that the report and the annotated MCAP show.
+
+    Estimates are sampled every few samples (`time`, (n,)), windows at each
+    window's end (`window_time`, (m,)).
+
+    Attributes
+    ----------
+    estimates, stds : ``{"ekf": {"leakage": (n,), …}, "svsf": {…}}``, SI.
+    observable : ``{"leakage": (n,) bool, …}``.
+    nis : normalised innovation squared of each filter per sample kept, (n,).
+    feature_names : (k,) names of the residual features.
+    features : (m, k) residual features, in healthy standard deviations.
+    statistic, threshold : the sequential test's statistic (m,) and its threshold.
+    probabilities : family to (m,) probabilities.
+    """
+
+    time: NDArray[np.float64]
+    estimates: dict[str, dict[str, NDArray[np.float64]]]
+    stds: dict[str, dict[str, NDArray[np.float64]]]
+    observable: dict[str, NDArray[np.bool_]]
+    nis: dict[str, NDArray[np.float64]]
+    window_time: NDArray[np.float64]
+    feature_names: list[str]
+    features: NDArray[np.float64]
+    statistic: NDArray[np.float64]
+    threshold: float
+    probabilities: dict[str, NDArray[np.float64]] = field(default_factory=dict)

@@ -1,0 +1,386 @@
+"""A unit: what the software knows about one actuator, read from and written to YAML.
+
+Every number may be written plain (then it is in the field's SI unit) or with its
+provenance: ``{value: 35, unit: bar, source: data sheet, std: 2}``. Provenance is
+kept and written back. Plant and estimators take their parameters from here, and
+share nothing else.
+"""
+
+from __future__ import annotations
+
+import os
+import tempfile
+from dataclasses import dataclass
+from functools import lru_cache
+from importlib import resources
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+import numpy as np
+import yaml
+from pydantic import BaseModel, ConfigDict, Field, ValidationError, ValidatorFunctionWrapHandler, model_validator
+
+from fdd.errors import InputError
+from fdd.measures import measure
+
+UNIT_SCHEMA = "fdd.unit/1"
+MAX_UNIT_BYTES = 2_000_000
+
+
+@dataclass(frozen=True)
+class SI:
+    """Marks a field with its SI unit of measure and its dimension."""
+
+    unit: str
+    dimension: str
+
+
+def _si(unit: str) -> SI:
+    return SI(unit=unit, dimension=measure(unit).dimension)
+
+
+Metre = Annotated[float, _si("m")]
+SquareMetre = Annotated[float, _si("m^2")]
+CubicMetre = Annotated[float, _si("m^3")]
+Kilogram = Annotated[float, _si("kg")]
+Pascal = Annotated[float, _si("Pa")]
+Newton = Annotated[float, _si("N")]
+MetrePerSecond = Annotated[float, _si("m/s")]
+ViscousFriction = Annotated[float, _si("N*s/m")]
+LeakageCoefficient = Annotated[float, _si("m^3/(s*Pa)")]
+Displacement = Annotated[float, _si("m^3/rad")]
+AngularSpeed = Annotated[float, _si("rad/s")]
+Second = Annotated[float, _si("s")]
+PerSecond = Annotated[float, _si("1/s")]
+Hertz = Annotated[float, _si("Hz")]
+Celsius = Annotated[float, _si("degC")]
+KinematicViscosity = Annotated[float, _si("m^2/s")]
+Density = Annotated[float, _si("kg/m^3")]
+Ampere = Annotated[float, _si("A")]
+Number = Annotated[float, _si("1")]
+
+
+class Provenance(BaseModel):
+    """Where a number comes from and how well it is known (SI)."""
+
+    model_config = ConfigDict(extra="forbid")
+    source: str | None = None
+    std: float | None = None
+
+
+class Section(BaseModel):
+    """A part of a profile; its numbers carry their unit, source and spread."""
+
+    model_config = ConfigDict(extra="forbid", validate_assignment=True)
+    provenance: dict[str, Provenance] = Field(default_factory=dict, exclude=True, repr=False)
+
+    @model_validator(mode="wrap")
+    @classmethod
+    def _take_provenance(cls, data: Any, handler: ValidatorFunctionWrapHandler) -> Any:
+        if not isinstance(data, dict):
+            return handler(data)
+        plain: dict[str, Any] = {}
+        provenance: dict[str, Provenance] = dict(data.get("provenance", {}))
+        for key, entry in data.items():
+            field = cls.model_fields.get(key)
+            if isinstance(entry, dict) and "value" in entry and field is not None:
+                si = _si_of(field)
+                extra = set(entry) - {"value", "unit", "source", "std"}
+                if si is None or extra:
+                    raise ValueError(f"{key}: {'takes no unit' if si is None else f'unknown {sorted(extra)}'}")
+                m = measure(str(entry.get("unit", si.unit)), si.dimension)
+                plain[key] = m.factor * float(entry["value"]) + m.offset
+                std = entry.get("std")
+                provenance[key] = Provenance(
+                    source=entry.get("source"), std=None if std is None else m.factor * float(std)
+                )
+            else:
+                plain[key] = entry
+        plain["provenance"] = provenance
+        return handler(plain)
+
+    def std_of(self, name: str) -> float | None:
+        """Standard deviation of a number, where the profile gives one (SI)."""
+        found = self.provenance.get(name)
+        return None if found is None else found.std
+
+    def to_plain(self) -> dict[str, Any]:
+        """The section as YAML would show it, numbers with unit, source and std."""
+        out: dict[str, Any] = {}
+        for name, field in type(self).model_fields.items():
+            if name == "provenance":
+                continue
+            value = getattr(self, name)
+            if value is None:
+                continue
+            si = _si_of(field)
+            if isinstance(value, Section):
+                out[name] = value.to_plain()
+            elif isinstance(value, dict) and value and all(isinstance(v, Section) for v in value.values()):
+                out[name] = {k: v.to_plain() for k, v in value.items()}
+            elif si is not None:
+                entry: dict[str, Any] = {"value": float(f"{float(value):.8g}"), "unit": si.unit}
+                known = self.provenance.get(name)
+                if known is not None and known.std is not None:
+                    entry["std"] = float(f"{known.std:.4g}")
+                if known is not None and known.source is not None:
+                    entry["source"] = known.source
+                out[name] = entry
+            else:
+                out[name] = value
+        return out
+
+
+def _si_of(field: Any) -> SI | None:
+    for item in field.metadata:
+        if isinstance(item, SI):
+            return item
+    return None
+
+
+class Cylinder(Section):
+    """Cylinder: position 0 is mid-stroke, positive extends (raises chamber 1's volume)."""
+
+    area_1: Annotated[SquareMetre, Field(gt=0)]
+    area_2: Annotated[SquareMetre, Field(gt=0)]
+    stroke: Annotated[Metre, Field(gt=0)]
+    moving_mass: Annotated[Kilogram, Field(gt=0)]
+    volume_1: Annotated[CubicMetre, Field(gt=0)]
+    """Oil of chamber 1 with its lines, at position 0."""
+    volume_2: Annotated[CubicMetre, Field(gt=0)]
+
+
+class Pump(Section):
+    """Gear pump: displacement and leakage at `Oil.reference_temperature`."""
+
+    displacement: Annotated[Displacement, Field(gt=0)]
+    cross_port_leakage: Annotated[LeakageCoefficient, Field(ge=0)]
+    """ξ of eq. 3.14, the cylinder's own leakage L/2 included."""
+    case_leakage: Annotated[LeakageCoefficient, Field(ge=0)]
+    """C_ep of eq. 3.14, each port to the case drain."""
+
+    @property
+    def total_leakage(self) -> float:
+        """L_T = C_ep/2 + ξ, m³/(s·Pa): what the thesis measures as leakage (eq. 3.50)."""
+        return self.cross_port_leakage + 0.5 * self.case_leakage
+
+
+class Oil(Section):
+    """Oil and the air in it. Effective bulk modulus: 1/β(p) = 1/β_stiff + α·c(p)."""
+
+    bulk_modulus: Annotated[Pascal, Field(gt=0)]
+    """Effective bulk modulus at `reference_pressure`, air and walls included."""
+    air_fraction: Annotated[Number, Field(ge=0, le=0.2)]
+    """Volume of free air at atmospheric pressure over volume of oil."""
+    polytropic_index: Annotated[Number, Field(ge=1, le=1.67)]
+    reference_pressure: Annotated[Pascal, Field(ge=0)]
+    density: Annotated[Density, Field(gt=0)]
+    viscosity_40: Annotated[KinematicViscosity, Field(gt=0)]
+    viscosity_100: Annotated[KinematicViscosity, Field(gt=0)]
+    reference_temperature: Celsius
+
+
+class Accumulator(Section):
+    """Inner circuit: accumulator and the valves around it."""
+
+    charge_pressure: Annotated[Pascal, Field(ge=0)]
+    gas_volume: Annotated[CubicMetre, Field(gt=0)]
+    refeed_cracking_pressure: Annotated[Pascal, Field(ge=0)]
+    refeed_flow_gain: Annotated[LeakageCoefficient, Field(gt=0)]
+    """Flow of an open refeeding check valve per pressure drop, K_v of eq. 3.18."""
+    case_cracking_pressure: Annotated[Pascal, Field(ge=0)]
+    relief_pressure: Annotated[Pascal, Field(gt=0)]
+    relief_flow_gain: Annotated[LeakageCoefficient, Field(gt=0)]
+
+
+class FrictionBranch(Section):
+    """Steady friction of one direction of motion: eq. 5.12 of the thesis, magnitudes."""
+
+    coulomb: Annotated[Newton, Field(ge=0)]
+    static: Annotated[Newton, Field(ge=0)]
+    stribeck_velocity: Annotated[MetrePerSecond, Field(gt=0)]
+    stribeck_exponent: Annotated[Number, Field(gt=0, le=3)]
+    viscous: Annotated[ViscousFriction, Field(ge=0)]
+
+
+class Friction(Section):
+    """Friction of the cylinder, per direction."""
+
+    forward: FrictionBranch
+    reverse: FrictionBranch
+    trial_spread: Annotated[Number, Field(ge=0, le=0.5)]
+    """Relative standard deviation from trial to trial (Table 5.1)."""
+
+
+class Drive(Section):
+    """Servomotor, its velocity loop and its limits."""
+
+    max_speed: Annotated[AngularSpeed, Field(gt=0)]
+    delay: Annotated[Second, Field(ge=0)]
+    pole_1: Annotated[PerSecond, Field(gt=0)]
+    pole_2: Annotated[PerSecond, Field(gt=0)]
+    zero: Annotated[PerSecond, Field(gt=0)]
+    torque_constant: Annotated[float, _si("N*m/A"), Field(gt=0)]
+    winding_resistance: Annotated[float, _si("ohm"), Field(gt=0)]
+    inertia: Annotated[float, _si("kg*m^2"), Field(gt=0)]
+    viscous_friction: Annotated[float, _si("N*m*s/rad"), Field(ge=0)]
+    current_limit: Annotated[Ampere, Field(gt=0)]
+
+
+class Sensor(Section):
+    """One channel as it is measured: value = gain·truth + zero, noise, then rounding."""
+
+    noise: Annotated[float, Field(ge=0)] = 0.0
+    """White noise, standard deviation in the channel's SI unit."""
+    resolution: Annotated[float, Field(ge=0)] = 0.0
+    zero: float = 0.0
+    gain: Annotated[float, Field(gt=0)] = 1.0
+    low: float | None = None
+    high: float | None = None
+    bandwidth_hz: Annotated[float | None, Field(gt=0)] = None
+    tones: list[tuple[float, float]] = Field(default_factory=list)
+    """Pairs of frequency (Hz) and amplitude (SI) that ride on the signal."""
+    source: str | None = None
+
+
+class Monitoring(Section):
+    """What the operator wants of the diagnosis."""
+
+    false_alarms_per_hour: Annotated[float, _si("1/s"), Field(gt=0)] = 0.1 / 3600.0
+    """Wanted rate of false alarms of the sequential test; written ``{value: 0.1, unit: 1/h}``."""
+
+
+class Baseline(Section):
+    """Healthy behaviour of this unit, written by ``fdd identify``.
+
+    `centre` and `scale` are the residual features' location and spread over the
+    windows of the healthy logs (see `fdd.residuals`); `windows` is their number.
+    """
+
+    features: list[str] = Field(default_factory=list)
+    centre: list[float] = Field(default_factory=list)
+    scale: list[float] = Field(default_factory=list)
+    windows: int = 0
+    feature_version: str = ""
+
+
+class Unit(BaseModel):
+    """Profile of one actuator.
+
+    Raises
+    ------
+    InputError : from `load`, naming file, field and what is allowed.
+
+    Examples
+    --------
+    >>> unit = Unit.load("axis_a")
+    >>> round(unit.pump.total_leakage * 1e12, 2)
+    6.52
+    """
+
+    model_config = ConfigDict(extra="forbid", validate_assignment=True)
+
+    schema_: Literal["fdd.unit/1"] = Field(default="fdd.unit/1", alias="schema")
+    name: Annotated[str, Field(pattern=r"^[A-Za-z0-9_.\- ]{1,64}$")]
+    axis: str = "axis"
+    description: str = ""
+    cylinder: Cylinder
+    pump: Pump
+    oil: Oil
+    accumulator: Accumulator
+    friction: Friction
+    drive: Drive
+    sensors: dict[str, Sensor]
+    monitoring: Monitoring = Field(default_factory=Monitoring)
+    baseline: Baseline | None = None
+
+    @classmethod
+    def load(cls, source: str | Path) -> Unit:
+        """Read a shipped profile by name, or a YAML file by path."""
+        if isinstance(source, str) and source in shipped_units():
+            return _shipped(source).model_copy(deep=True)
+        path = Path(source)
+        if not path.is_file():
+            raise InputError(
+                "no such unit profile", where=path, mend=f"give a YAML file or one of: {', '.join(shipped_units())}"
+            )
+        if path.stat().st_size > MAX_UNIT_BYTES:
+            raise InputError(f"larger than {MAX_UNIT_BYTES} bytes, not a unit profile", where=path)
+        return cls.from_yaml(path.read_text(encoding="utf-8", errors="replace"), where=path)
+
+    @classmethod
+    def from_yaml(cls, text: str, where: str | Path = "unit profile") -> Unit:
+        """Parse YAML text; `where` is named in errors."""
+        try:
+            data = yaml.safe_load(text)
+        except yaml.YAMLError as error:
+            raise InputError(f"not valid YAML ({str(error).splitlines()[0]})", where=where) from None
+        if not isinstance(data, dict) or data.get("schema") != UNIT_SCHEMA:
+            raise InputError("not a unit profile", where=where, mend=f"its first line should be 'schema: {UNIT_SCHEMA}'")
+        try:
+            return cls.model_validate(data)
+        except InputError as error:
+            raise error.at(where) from None
+        except ValidationError as error:
+            first = error.errors()[0]
+            field = ".".join(str(p) for p in first["loc"])
+            raise InputError(f"{field}: {first['msg']}", where=where, mend="correct that field") from None
+
+    def to_yaml(self) -> str:
+        """The profile as YAML with units and sources."""
+        out: dict[str, Any] = {"schema": UNIT_SCHEMA, "name": self.name, "axis": self.axis}
+        if self.description:
+            out["description"] = self.description
+        for name in ("cylinder", "pump", "oil", "accumulator", "friction", "drive", "sensors", "monitoring", "baseline"):
+            part = getattr(self, name)
+            if part is None:
+                continue
+            out[name] = {k: v.to_plain() for k, v in part.items()} if isinstance(part, dict) else part.to_plain()
+        return yaml.dump(out, sort_keys=False, allow_unicode=True, width=110, Dumper=_Dumper)
+
+    def save(self, path: str | Path) -> None:
+        """Write the profile whole or not at all."""
+        path = Path(path)
+        handle, temporary = tempfile.mkstemp(dir=path.parent, prefix=".unit-", suffix=".yaml")
+        try:
+            with os.fdopen(handle, "w", encoding="utf-8") as out:
+                out.write(self.to_yaml())
+            Path(temporary).replace(path)
+        except BaseException:
+            Path(temporary).unlink(missing_ok=True)
+            raise
+
+    def sensor(self, channel: str) -> Sensor:
+        """The channel's sensor, or an ideal one where the profile names none."""
+        return self.sensors.get(channel) or Sensor()
+
+
+class _Dumper(yaml.SafeDumper):
+    """Quantities on one line each."""
+
+
+def _flow_leaves(dumper: yaml.SafeDumper, data: dict[str, Any]) -> yaml.Node:
+    return dumper.represent_mapping("tag:yaml.org,2002:map", data.items(), flow_style="value" in data)
+
+
+def _flow_numbers(dumper: yaml.SafeDumper, data: list[Any]) -> yaml.Node:
+    return dumper.represent_sequence("tag:yaml.org,2002:seq", data, flow_style=True)
+
+
+_Dumper.add_representer(dict, _flow_leaves)
+_Dumper.add_representer(list, _flow_numbers)
+_Dumper.add_representer(tuple, _flow_numbers)
+_Dumper.add_representer(np.float64, lambda d, v: d.represent_float(float(v)))
+
+
+@lru_cache(maxsize=1)
+def shipped_units() -> tuple[str, ...]:
+    """Names of the profiles that ship with the package."""
+    folder = resources.files("fdd") / "units"
+    return tuple(sorted(f.name.removesuffix(".yaml") for f in folder.iterdir() if f.name.endswith(".yaml")))
+
+
+@lru_cache(maxsize=16)
+def _shipped(name: str) -> Unit:
+    text = (resources.files("fdd") / "units" / f"{name}.yaml").read_text(encoding="utf-8")
+    return Unit.from_yaml(text, where=f"{name}.yaml")
