@@ -90,5 +90,7 @@ def measure(name: str, dimension: str | None = None) -> Measure:
         raise InputError(f"unknown unit {name!r}", mend=f"use one of: {', '.join(known)}")
     if dimension is not None and found.dimension != dimension:
         fitting = ", ".join(n for n, m in MEASURES.items() if m.dimension == dimension and n)
-        raise InputError(f"unit {name!r} measures {found.dimension}, not {dimension}", mend=f"use one of: {fitting}")
+        raise InputError(
+            f"unit {name!r} measures {found.dimension}, not {dimension}", mend=f"use one of: {fitting}"
+        )
     return found

@@ -98,7 +98,8 @@ class Samples:
             infinite = np.flatnonzero(np.isinf(column))
             if infinite.size:
                 raise InputError(
-                    f"channel {name}, row {int(infinite[0])}: infinite value", mend="mark missing values as NaN"
+                    f"channel {name}, row {int(infinite[0])}: infinite value",
+                    mend="mark missing values as NaN",
                 )
             self._columns[name] = column
 

@@ -18,7 +18,14 @@ from typing import Annotated, Any, Literal
 
 import numpy as np
 import yaml
-from pydantic import BaseModel, ConfigDict, Field, ValidationError, ValidatorFunctionWrapHandler, model_validator
+from pydantic import (
+    BaseModel,
+    ConfigDict,
+    Field,
+    ValidationError,
+    ValidatorFunctionWrapHandler,
+    model_validator,
+)
 
 from fdd.errors import InputError
 from fdd.measures import measure
@@ -87,7 +94,8 @@ class Section(BaseModel):
                 si = _si_of(field)
                 extra = set(entry) - {"value", "unit", "source", "std"}
                 if si is None or extra:
-                    raise ValueError(f"{key}: {'takes no unit' if si is None else f'unknown {sorted(extra)}'}")
+                    problem = "takes no unit" if si is None else f"unknown {sorted(extra)}"
+                    raise ValueError(f"{key}: {problem}")
                 m = measure(str(entry.get("unit", si.unit)), si.dimension)
                 plain[key] = m.factor * float(entry["value"]) + m.offset
                 std = entry.get("std")
@@ -302,7 +310,9 @@ class Unit(BaseModel):
         path = Path(source)
         if not path.is_file():
             raise InputError(
-                "no such unit profile", where=path, mend=f"give a YAML file or one of: {', '.join(shipped_units())}"
+                "no such unit profile",
+                where=path,
+                mend=f"give a YAML file or one of: {', '.join(shipped_units())}",
             )
         if path.stat().st_size > MAX_UNIT_BYTES:
             raise InputError(f"larger than {MAX_UNIT_BYTES} bytes, not a unit profile", where=path)
@@ -316,7 +326,9 @@ class Unit(BaseModel):
         except yaml.YAMLError as error:
             raise InputError(f"not valid YAML ({str(error).splitlines()[0]})", where=where) from None
         if not isinstance(data, dict) or data.get("schema") != UNIT_SCHEMA:
-            raise InputError("not a unit profile", where=where, mend=f"its first line should be 'schema: {UNIT_SCHEMA}'")
+            raise InputError(
+                "not a unit profile", where=where, mend=f"its first line should be 'schema: {UNIT_SCHEMA}'"
+            )
         try:
             return cls.model_validate(data)
         except InputError as error:
@@ -331,11 +343,23 @@ class Unit(BaseModel):
         out: dict[str, Any] = {"schema": UNIT_SCHEMA, "name": self.name, "axis": self.axis}
         if self.description:
             out["description"] = self.description
-        for name in ("cylinder", "pump", "oil", "accumulator", "friction", "drive", "sensors", "monitoring", "baseline"):
+        for name in (
+            "cylinder",
+            "pump",
+            "oil",
+            "accumulator",
+            "friction",
+            "drive",
+            "sensors",
+            "monitoring",
+            "baseline",
+        ):
             part = getattr(self, name)
             if part is None:
                 continue
-            out[name] = {k: v.to_plain() for k, v in part.items()} if isinstance(part, dict) else part.to_plain()
+            out[name] = (
+                {k: v.to_plain() for k, v in part.items()} if isinstance(part, dict) else part.to_plain()
+            )
         return yaml.dump(out, sort_keys=False, allow_unicode=True, width=110, Dumper=_Dumper)
 
     def save(self, path: str | Path) -> None:
@@ -369,7 +393,7 @@ def _flow_numbers(dumper: yaml.SafeDumper, data: list[Any]) -> yaml.Node:
 
 _Dumper.add_representer(dict, _flow_leaves)
 _Dumper.add_representer(list, _flow_numbers)
-_Dumper.add_representer(tuple, _flow_numbers)
+_Dumper.add_representer(tuple, lambda d, v: _flow_numbers(d, list(v)))
 _Dumper.add_representer(np.float64, lambda d, v: d.represent_float(float(v)))
 
 
