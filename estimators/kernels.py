@@ -1,0 +1,471 @@
+"""Compiled filter arithmetic: what a loop over millions of samples calls.
+
+Every function is Numba-compiled, works in place where it says so, and takes
+C-contiguous ``float64`` arrays (``bool`` for masks). They check nothing: the
+classes in :mod:`estimators.ekf` and :mod:`estimators.svsf` do.
+
+=========== ============================================== ==========
+symbol      meaning                                        shape
+=========== ============================================== ==========
+``x``       state estimate                                 (n,)
+``P``       its covariance                                 (n, n)
+``F, Q``    state transition, process noise covariance     (n, n)
+``H``       output matrix, or Jacobian of ``h`` at prior   (m, n)
+``R``       measurement noise covariance                   (m, m)
+``R_diag``  its diagonal, for independent channels         (m,)
+``mask``    True where a channel has a measurement         (m,)
+``y``       innovation ``z - h(x_prior)``                  (m,)
+``S``       innovation covariance ``H P H' + R``           (m, m)
+``K``       gain                                           (n, m)
+=========== ============================================== ==========
+
+Scalar updates and unpivoted Cholesky factors commute with a change of units of
+states or channels, so raw SI (metres beside pascals) costs no digits here. What
+spoils a covariance is scale *correlation*, and the Joseph form copes with that.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+
+LOG_2PI = math.log(2.0 * math.pi)
+# A pivot this small, as a share of its diagonal element, is rounding and not information.
+PIVOT_FLOOR = 1e-13
+# Share of R that breaks the tie between channels that measure the same thing.
+TIE_BREAK = 1e-6
+
+
+@njit(cache=True)
+def predict_covariance(P: Array, F: Array, Q_diag: Array, out: Array) -> None:
+    """Carry a covariance over one step: ``out = F P F' + diag(Q_diag)``.
+
+    Exactly symmetric. ``out`` may be ``P`` itself.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> out = np.empty((2, 2))
+    >>> predict_covariance(np.eye(2), np.array([[1.0, 0.5], [0.0, 1.0]]), np.array([0.0, 0.1]), out)
+    >>> out
+    array([[1.25, 0.5 ],
+           [0.5 , 1.1 ]])
+    """
+    n = P.shape[0]
+    FP = np.zeros((n, n))
+    for i in range(n):
+        for k in range(n):
+            f = F[i, k]
+            if f != 0.0:
+                for j in range(n):
+                    FP[i, j] += f * P[k, j]
+    for i in range(n):
+        for j in range(i, n):
+            total = 0.0
+            for k in range(n):
+                total += FP[i, k] * F[j, k]
+            out[i, j] = total
+            out[j, i] = total
+        out[i, i] += Q_diag[i]
+
+
+@njit(cache=True)
+def kalman_update(x: Array, P: Array, y: Array, H: Array, R_diag: Array, mask: Mask) -> tuple[float, float]:
+    """Kalman update with independent channels, in place, one channel after the other.
+
+    Each channel is a scalar update in Joseph form,
+    ``P <- (I - k h) P (I - k h)' + k r k'`` with ``k = P h' / (h P h' + r)``, so no
+    matrix is inverted and ``P`` stays symmetric and positive (Bierman 1977,
+    Factorization Methods for Discrete Sequential Estimation, ch. II).
+
+    Parameters
+    ----------
+    x : (n,) prior on entry, posterior on return.
+    P : (n, n) likewise.
+    y : (m,) innovation at the prior; may be NaN where masked out. Not changed.
+    H : (m, n) Jacobian at the prior.
+    R_diag : (m,) noise variances.
+    mask : (m,) False skips a channel.
+
+    Returns
+    -------
+    nis : normalised innovation squared ``y' S^-1 y`` over the channels used; chi-square
+        with as many degrees of freedom when the filter is consistent. Infinite when a
+        channel that can have no error (``h P h' + r = 0``) has one.
+    log_likelihood : ``log N(y; 0, S)`` over the channels used; 0 when there are none.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> x, P = np.zeros(2), np.eye(2)
+    >>> H, y = np.eye(2), np.array([2.0, np.nan])
+    >>> nis, _ = kalman_update(x, P, y, H, np.ones(2), np.array([True, False]))
+    >>> nis, x.tolist(), np.diag(P).tolist()
+    (2.0, [1.0, 0.0], [0.5, 1.0])
+    """
+    n = x.shape[0]
+    m = y.shape[0]
+    nis = 0.0
+    log_likelihood = 0.0
+    shift = np.zeros(n)  # x - prior: later channels see what earlier ones corrected
+    Ph = np.empty(n)
+    k = np.empty(n)
+    for c in range(m):
+        if not mask[c]:
+            continue
+        r = R_diag[c]
+        s = r
+        e = y[c]
+        for i in range(n):
+            total = 0.0
+            for j in range(n):
+                total += P[i, j] * H[c, j]
+            Ph[i] = total
+        for i in range(n):
+            s += H[c, i] * Ph[i]
+            e -= H[c, i] * shift[i]
+        if s <= 0.0:
+            if e != 0.0:
+                nis = np.inf
+                log_likelihood = -np.inf
+            continue
+        nis += e * e / s
+        log_likelihood -= 0.5 * (LOG_2PI + math.log(s) + e * e / s)
+        for i in range(n):
+            k[i] = Ph[i] / s
+            shift[i] += k[i] * e
+        for i in range(n):  # left factor: (I - k h) P
+            for j in range(n):
+                P[i, j] -= k[i] * Ph[j]
+        for i in range(n):  # right factor, row by row, and k r k'
+            total = 0.0
+            for j in range(n):
+                total += P[i, j] * H[c, j]
+            for j in range(n):
+                P[i, j] += (k[i] * r - total) * k[j]
+        symmetrise(P)
+    for i in range(n):
+        x[i] += shift[i]
+    return nis, log_likelihood
+
+
+@njit(cache=True)
+def symmetrise(P: Array) -> None:
+    """Average ``P`` with its transpose, in place."""
+    n = P.shape[0]
+    for i in range(n):
+        for j in range(i):
+            mean = 0.5 * (P[i, j] + P[j, i])
+            P[i, j] = mean
+            P[j, i] = mean
+
+
+@njit(cache=True)
+def joseph_update(P: Array, K: Array, H: Array, R: Array) -> None:
+    """Posterior covariance of *any* gain, in place: ``(I - K H) P (I - K H)' + K R K'``.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> P = np.eye(1)
+    >>> joseph_update(P, np.array([[0.25]]), np.eye(1), np.array([[2.0]]))
+    >>> P.item()
+    0.6875
+    """
+    n, m = K.shape
+    A = np.zeros((n, n))
+    AP = np.zeros((n, n))
+    KR = np.zeros((n, m))
+    for i in range(n):
+        A[i, i] = 1.0
+        for c in range(m):
+            for j in range(n):
+                A[i, j] -= K[i, c] * H[c, j]
+            for d in range(m):
+                KR[i, d] += K[i, c] * R[c, d]
+        for k in range(n):
+            for j in range(n):
+                AP[i, j] += A[i, k] * P[k, j]
+    for i in range(n):
+        for j in range(n):
+            total = 0.0
+            for k in range(n):
+                total += AP[i, k] * A[j, k]
+            for c in range(m):
+                total += KR[i, c] * K[j, c]
+            P[i, j] = total
+    symmetrise(P)
+
+
+@njit(cache=True)
+def cholesky(A: Array, L: Array) -> bool:
+    """Lower factor of ``A = L L'`` into ``L``; False when ``A`` is not positive to rounding."""
+    n = A.shape[0]
+    for i in range(n):
+        for j in range(i + 1):
+            total = A[i, j]
+            for k in range(j):
+                total -= L[i, k] * L[j, k]
+            if i == j:
+                if not total > PIVOT_FLOOR * A[i, i]:
+                    return False
+                L[i, i] = math.sqrt(total)
+            else:
+                L[i, j] = total / L[j, j]
+    return True
+
+
+@njit(cache=True)
+def cholesky_solve(L: Array, b: Array) -> None:
+    """Solve ``L L' w = b`` for each row of ``b`` (k, m), in place."""
+    rows, m = b.shape
+    for row in range(rows):
+        for i in range(m):
+            for k in range(i):
+                b[row, i] -= L[i, k] * b[row, k]
+            b[row, i] /= L[i, i]
+        for i in range(m - 1, -1, -1):
+            for k in range(i + 1, m):
+                b[row, i] -= L[k, i] * b[row, k]
+            b[row, i] /= L[i, i]
+
+
+@njit(cache=True)
+def innovation_likelihood(y: Array, L: Array) -> tuple[float, float]:
+    """``(nis, log N(y; 0, S))`` from the Cholesky factor ``L`` of ``S``.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> nis, log_likelihood = innovation_likelihood(np.array([2.0]), np.array([[2.0]]))
+    >>> nis, round(log_likelihood, 4)
+    (1.0, -2.1121)
+    """
+    m = y.shape[0]
+    w = np.empty(m)
+    nis = 0.0
+    log_likelihood = 0.0
+    for i in range(m):
+        total = y[i]
+        for k in range(i):
+            total -= L[i, k] * w[k]
+        w[i] = total / L[i, i]
+        nis += w[i] * w[i]
+        log_likelihood -= 0.5 * LOG_2PI + math.log(L[i, i])
+    return nis, log_likelihood - 0.5 * nis
+
+
+@njit(cache=True)
+def project(P: Array, H: Array, PHt: Array, HPHt: Array) -> None:
+    """Fill ``PHt = P H'`` (n, m) and ``HPHt = H P H'`` (m, m), the latter exactly symmetric."""
+    n = P.shape[0]
+    m = H.shape[0]
+    for i in range(n):
+        for c in range(m):
+            total = 0.0
+            for j in range(n):
+                total += P[i, j] * H[c, j]
+            PHt[i, c] = total
+    for c in range(m):
+        for d in range(c, m):
+            total = 0.0
+            for j in range(n):
+                total += H[c, j] * PHt[j, d]
+            HPHt[c, d] = total
+            HPHt[d, c] = total
+
+
+@njit(cache=True)
+def svsf_gain(
+    PHt: Array,
+    HPHt: Array,
+    R: Array,
+    e: Array,
+    e_post: Array,
+    gamma: float,
+    psi: Array,
+    variable: bool,
+    K: Array,
+    psi_k: Array,
+    outside: Mask,
+) -> bool:
+    """Gain of the smooth variable structure filter, fewer channels than states allowed.
+
+    With ``E = |e| + gamma |e_post|`` the correction that the measured subspace must take is
+    ``k = r e`` per channel, ``r = E / psi`` inside the layer (``|e| <= psi``) and
+    ``r = E / |e|`` outside. The covariance-weighted inverse ``H+ = P H' (H P H')^-1`` carries
+    it to all states::
+
+        delta = H+ k + (I - H+ H) K_ekf e
+
+    Here ``H+ H K_ekf = K_ekf``, so the second term is zero identically: what an EKF would
+    tell the unmeasured states already arrives through the cross-covariances in ``H+``. Hence
+    ``K = H+ diag(r)``. Outside the layer ``H delta = k`` gives the posterior error
+    ``-gamma |e_post| sgn(e)`` whatever the model.
+
+    The optimal layer is ``psi_k = S (H P H')^-1 diag(E)`` (its diagonal is reported), for
+    which the SVSF gain is the Kalman gain. ``variable`` uses the Kalman gain as long as every
+    ``psi_k <= psi``, and the gain above, with ``psi`` as layer, beyond.
+
+    Sources: Habibi 2007, doi 10.1109/JPROC.2007.893255; Gadsden and Habibi 2013,
+    doi 10.1115/1.4006628.
+
+    Parameters
+    ----------
+    PHt, HPHt : (n, m), (m, m) from :func:`project`.
+    R, e, psi : (m, m), (m,), (m,) noise, innovation, boundary layer (limit) in channel units.
+    e_post : (m,) posterior error of the previous step.
+    gamma : memory, 0 <= gamma < 1.
+    K, psi_k, outside : (n, m), (m,), (m,) results: gain, optimal layer, ``|e| > psi``.
+
+    Returns
+    -------
+    switched : True when the gain is the SVSF's, False when it is the Kalman gain.
+
+    Notes
+    -----
+    Channels that measure the same combination of states make ``H P H'`` singular; then a
+    share :data:`TIE_BREAK` of ``R`` is added to it, which weighs them by their noise.
+    """
+    n, m = PHt.shape
+    L = np.zeros((m, m))
+    S = np.empty((m, m))
+    for c in range(m):
+        for d in range(m):
+            S[c, d] = HPHt[c, d] + R[c, d]
+    A = HPHt
+    solvable = cholesky(A, L)
+    if not solvable:
+        A = HPHt + TIE_BREAK * R
+        solvable = cholesky(A, L)
+    exceeded = False
+    SA = S.copy()
+    if solvable:
+        cholesky_solve(L, SA)  # rows of S A^-1, A being symmetric
+    for c in range(m):
+        size = abs(e[c]) + gamma * abs(e_post[c])
+        psi_k[c] = SA[c, c] * size if solvable else np.inf
+        outside[c] = abs(e[c]) > psi[c]
+        if psi_k[c] > psi[c]:
+            exceeded = True
+    K[:] = PHt
+    if (variable and not exceeded) or not solvable:
+        if cholesky(S, L):
+            cholesky_solve(L, K)
+        else:
+            K[:] = 0.0
+        return False
+    cholesky_solve(L, K)
+    for c in range(m):
+        size = abs(e[c]) + gamma * abs(e_post[c])
+        ratio = size / abs(e[c]) if outside[c] else size / psi[c]
+        for i in range(n):
+            K[i, c] *= ratio
+    return True
+
+
+@njit(cache=True)
+def svsf_update(
+    x: Array,
+    P: Array,
+    y: Array,
+    H: Array,
+    R_diag: Array,
+    mask: Mask,
+    e_post: Array,
+    gamma: float,
+    psi: Array,
+    variable: bool,
+    psi_k: Array,
+    outside: Mask,
+) -> tuple[float, float, bool]:
+    """SVSF update with independent channels, in place; :func:`svsf_gain` has the equations.
+
+    Parameters
+    ----------
+    x, P, y, H, R_diag, mask : as in :func:`kalman_update`.
+    e_post : (m,) posterior error: the previous step's on entry, this step's (linearised,
+        ``y - H delta``) on return. A nonlinear model should overwrite it with
+        ``z - h(x)``. Kept as it is where masked.
+    gamma, psi, variable : as in :func:`svsf_gain`.
+    psi_k : (m,) optimal boundary layer of this step, NaN where masked.
+    outside : (m,) True where ``|y| > psi``; False where masked.
+
+    Returns
+    -------
+    nis, log_likelihood : of ``y`` under the prior ``S``, as in :func:`kalman_update`.
+    switched : True when an SVSF gain was applied, False for the Kalman gain, which is then
+        applied by :func:`kalman_update` itself: the results agree bit for bit.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> x, P, e_post = np.zeros(1), np.eye(1), np.array([0.5])
+    >>> psi_k, outside = np.empty(1), np.empty(1, bool)
+    >>> _, _, switched = svsf_update(
+    ...     x, P, np.array([3.0]), np.eye(1), np.ones(1), np.array([True]),
+    ...     e_post, 0.1, np.array([1.0]), False, psi_k, outside)
+    >>> switched, x.round(3).tolist(), e_post.round(3).tolist(), psi_k.round(3).tolist()
+    (True, [3.05], [-0.05], [6.1])
+    """
+    n = x.shape[0]
+    m = y.shape[0]
+    used = 0
+    for c in range(m):
+        psi_k[c] = np.nan
+        outside[c] = False
+        if mask[c]:
+            used += 1
+    if used == 0:
+        return 0.0, 0.0, False
+    Ha = np.empty((used, n))
+    R = np.zeros((used, used))
+    ea = np.empty(used)
+    previous = np.empty(used)
+    layer = np.empty(used)
+    a = 0
+    for c in range(m):
+        if mask[c]:
+            Ha[a] = H[c]
+            R[a, a] = R_diag[c]
+            ea[a] = y[c]
+            previous[a] = e_post[c]
+            layer[a] = psi[c]
+            a += 1
+    PHt = np.empty((n, used))
+    HPHt = np.empty((used, used))
+    project(P, Ha, PHt, HPHt)
+    K = np.empty((n, used))
+    optimal = np.empty(used)
+    beyond = np.empty(used, np.bool_)
+    switched = svsf_gain(PHt, HPHt, R, ea, previous, gamma, layer, variable, K, optimal, beyond)
+    before = x.copy()
+    if switched:
+        L = np.zeros((used, used))
+        if cholesky(HPHt + R, L):
+            nis, log_likelihood = innovation_likelihood(ea, L)
+        else:
+            nis, log_likelihood = np.inf, -np.inf
+        for i in range(n):
+            for a in range(used):
+                x[i] += K[i, a] * ea[a]
+        joseph_update(P, K, Ha, R)
+    else:
+        nis, log_likelihood = kalman_update(x, P, y, H, R_diag, mask)
+    a = 0
+    for c in range(m):
+        if mask[c]:
+            psi_k[c] = optimal[a]
+            outside[c] = beyond[a]
+            error = y[c]
+            for i in range(n):
+                error -= H[c, i] * (x[i] - before[i])
+            e_post[c] = error
+            a += 1
+    return nis, log_likelihood, switched
