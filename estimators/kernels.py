@@ -30,14 +30,19 @@ import math
 
 import numpy as np
 from numba import njit
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
-Mask = NDArray[np.bool_]
+from estimators.linalg import (
+    Array,
+    Mask,
+    cholesky,
+    cholesky_solve,
+    decorrelate,
+    joseph_update,
+    project,
+    symmetrise,
+)
 
 LOG_2PI = math.log(2.0 * math.pi)
-# A pivot this small, as a share of its diagonal element, is rounding and not information.
-PIVOT_FLOOR = 1e-13
 # Share of R that breaks the tie between channels that measure the same thing.
 TIE_BREAK = 1e-6
 
@@ -76,6 +81,37 @@ def predict_covariance(P: Array, F: Array, Q_diag: Array, out: Array) -> None:
 
 
 @njit(cache=True)
+def scalar_update(P: Array, h: Array, r: float, k: Array, Ph: Array) -> float:
+    """Let one scalar channel ``h`` (n,) of variance ``r`` shrink ``P``, in place, in Joseph form.
+
+    Fills the gain ``k = P h' / s`` (n,); ``Ph`` (n,) is scratch. Returns ``s = h P h' + r``;
+    when that is zero the channel can tell nothing, and ``k`` is zero.
+    """
+    n = P.shape[0]
+    s = r
+    for i in range(n):
+        total = 0.0
+        for j in range(n):
+            total += P[i, j] * h[j]
+        Ph[i] = total
+        s += h[i] * total
+    if s <= 0.0:
+        k[:] = 0.0
+        return 0.0
+    for i in range(n):
+        k[i] = Ph[i] / s
+    for i in range(n):  # left factor (I - k h) P, then the right one row by row, and k r k'
+        total = 0.0
+        for j in range(n):
+            P[i, j] -= k[i] * Ph[j]
+            total += P[i, j] * h[j]
+        for j in range(n):
+            P[i, j] += (k[i] * r - total) * k[j]
+    symmetrise(P)
+    return s
+
+
+@njit(cache=True)
 def kalman_update(x: Array, P: Array, y: Array, H: Array, R_diag: Array, mask: Mask) -> tuple[float, float]:
     """Kalman update with independent channels, in place, one channel after the other.
 
@@ -110,130 +146,86 @@ def kalman_update(x: Array, P: Array, y: Array, H: Array, R_diag: Array, mask: M
     (2.0, [1.0, 0.0], [0.5, 1.0])
     """
     n = x.shape[0]
-    m = y.shape[0]
     nis = 0.0
     log_likelihood = 0.0
     shift = np.zeros(n)  # x - prior: later channels see what earlier ones corrected
     Ph = np.empty(n)
     k = np.empty(n)
-    for c in range(m):
+    for c in range(y.shape[0]):
         if not mask[c]:
             continue
-        r = R_diag[c]
-        s = r
+        s = scalar_update(P, H[c], R_diag[c], k, Ph)
         e = y[c]
         for i in range(n):
-            total = 0.0
-            for j in range(n):
-                total += P[i, j] * H[c, j]
-            Ph[i] = total
-        for i in range(n):
-            s += H[c, i] * Ph[i]
             e -= H[c, i] * shift[i]
-        if s <= 0.0:
-            if e != 0.0:
-                nis = np.inf
-                log_likelihood = -np.inf
-            continue
-        nis += e * e / s
-        log_likelihood -= 0.5 * (LOG_2PI + math.log(s) + e * e / s)
+        if s > 0.0:
+            nis += e * e / s
+            log_likelihood -= 0.5 * (LOG_2PI + math.log(s) + e * e / s)
+        elif e != 0.0:
+            nis = np.inf
+            log_likelihood = -np.inf
         for i in range(n):
-            k[i] = Ph[i] / s
             shift[i] += k[i] * e
-        for i in range(n):  # left factor: (I - k h) P
-            for j in range(n):
-                P[i, j] -= k[i] * Ph[j]
-        for i in range(n):  # right factor, row by row, and k r k'
-            total = 0.0
-            for j in range(n):
-                total += P[i, j] * H[c, j]
-            for j in range(n):
-                P[i, j] += (k[i] * r - total) * k[j]
-        symmetrise(P)
     for i in range(n):
         x[i] += shift[i]
     return nis, log_likelihood
 
 
 @njit(cache=True)
-def symmetrise(P: Array) -> None:
-    """Average ``P`` with its transpose, in place."""
-    n = P.shape[0]
-    for i in range(n):
-        for j in range(i):
-            mean = 0.5 * (P[i, j] + P[j, i])
-            P[i, j] = mean
-            P[j, i] = mean
+def kalman_update_correlated(
+    x: Array, P: Array, y: Array, H: Array, R: Array, K: Array
+) -> tuple[float, float]:
+    """Kalman update with a full ``R`` (m, m), in place; all channels are used.
 
-
-@njit(cache=True)
-def joseph_update(P: Array, K: Array, H: Array, R: Array) -> None:
-    """Posterior covariance of *any* gain, in place: ``(I - K H) P (I - K H)' + K R K'``.
+    The channels are made independent first (:func:`decorrelate`), then taken as in
+    :func:`kalman_update`, which has the parameters and results. ``K`` (n, m) is filled
+    with the gain for the original channels.
 
     Examples
     --------
     >>> import numpy as np
-    >>> P = np.eye(1)
-    >>> joseph_update(P, np.array([[0.25]]), np.eye(1), np.array([[2.0]]))
-    >>> P.item()
-    0.6875
+    >>> x, P, K = np.zeros(1), np.eye(1), np.empty((1, 2))
+    >>> R = np.array([[1.0, 0.5], [0.5, 1.0]])
+    >>> nis, _ = kalman_update_correlated(x, P, np.array([1.0, 1.0]), np.ones((2, 1)), R, K)
+    >>> K.round(4).tolist(), round(P.item(), 4), round(nis, 4)
+    ([[0.2857, 0.2857]], 0.4286, 0.5714)
     """
-    n, m = K.shape
-    A = np.zeros((n, n))
-    AP = np.zeros((n, n))
-    KR = np.zeros((n, m))
+    n = x.shape[0]
+    m = y.shape[0]
+    yd = y.copy()
+    Hd = H.copy()
+    D = R.copy()
+    L = np.zeros((m, m))
+    decorrelate(yd, Hd, D, L)
+    nis = 0.0
+    log_likelihood = 0.0
+    Ph = np.empty(n)
+    k = np.empty(n)
+    for c in range(m):
+        s = scalar_update(P, Hd[c], D[c, c], k, Ph)
+        e = yd[c]
+        for d in range(c):  # what earlier channels corrected: K <- (I - k h) K
+            hK = 0.0
+            for i in range(n):
+                hK += Hd[c, i] * K[i, d]
+            e -= hK * yd[d]
+            for i in range(n):
+                K[i, d] -= k[i] * hK
+        for i in range(n):
+            K[i, c] = k[i]
+        if s > 0.0:
+            nis += e * e / s
+            log_likelihood -= 0.5 * (LOG_2PI + math.log(s) + e * e / s)
+        elif e != 0.0:
+            nis = np.inf
+            log_likelihood = -np.inf
     for i in range(n):
-        A[i, i] = 1.0
+        for c in range(m - 1, -1, -1):  # K <- K L^-1, from the right
+            for d in range(c + 1, m):
+                K[i, c] -= K[i, d] * L[d, c]
         for c in range(m):
-            for j in range(n):
-                A[i, j] -= K[i, c] * H[c, j]
-            for d in range(m):
-                KR[i, d] += K[i, c] * R[c, d]
-        for k in range(n):
-            for j in range(n):
-                AP[i, j] += A[i, k] * P[k, j]
-    for i in range(n):
-        for j in range(n):
-            total = 0.0
-            for k in range(n):
-                total += AP[i, k] * A[j, k]
-            for c in range(m):
-                total += KR[i, c] * K[j, c]
-            P[i, j] = total
-    symmetrise(P)
-
-
-@njit(cache=True)
-def cholesky(A: Array, L: Array) -> bool:
-    """Lower factor of ``A = L L'`` into ``L``; False when ``A`` is not positive to rounding."""
-    n = A.shape[0]
-    for i in range(n):
-        for j in range(i + 1):
-            total = A[i, j]
-            for k in range(j):
-                total -= L[i, k] * L[j, k]
-            if i == j:
-                if not total > PIVOT_FLOOR * A[i, i]:
-                    return False
-                L[i, i] = math.sqrt(total)
-            else:
-                L[i, j] = total / L[j, j]
-    return True
-
-
-@njit(cache=True)
-def cholesky_solve(L: Array, b: Array) -> None:
-    """Solve ``L L' w = b`` for each row of ``b`` (k, m), in place."""
-    rows, m = b.shape
-    for row in range(rows):
-        for i in range(m):
-            for k in range(i):
-                b[row, i] -= L[i, k] * b[row, k]
-            b[row, i] /= L[i, i]
-        for i in range(m - 1, -1, -1):
-            for k in range(i + 1, m):
-                b[row, i] -= L[k, i] * b[row, k]
-            b[row, i] /= L[i, i]
+            x[i] += K[i, c] * y[c]
+    return nis, log_likelihood
 
 
 @njit(cache=True)
@@ -259,26 +251,6 @@ def innovation_likelihood(y: Array, L: Array) -> tuple[float, float]:
         nis += w[i] * w[i]
         log_likelihood -= 0.5 * LOG_2PI + math.log(L[i, i])
     return nis, log_likelihood - 0.5 * nis
-
-
-@njit(cache=True)
-def project(P: Array, H: Array, PHt: Array, HPHt: Array) -> None:
-    """Fill ``PHt = P H'`` (n, m) and ``HPHt = H P H'`` (m, m), the latter exactly symmetric."""
-    n = P.shape[0]
-    m = H.shape[0]
-    for i in range(n):
-        for c in range(m):
-            total = 0.0
-            for j in range(n):
-                total += P[i, j] * H[c, j]
-            PHt[i, c] = total
-    for c in range(m):
-        for d in range(c, m):
-            total = 0.0
-            for j in range(n):
-                total += H[c, j] * PHt[j, d]
-            HPHt[c, d] = total
-            HPHt[d, c] = total
 
 
 @njit(cache=True)
@@ -326,7 +298,9 @@ def svsf_gain(
 
     Returns
     -------
-    switched : True when the gain is the SVSF's, False when it is the Kalman gain.
+    switched : True when ``K`` holds the SVSF's gain; False when the Kalman gain is to be used
+        (and ``K`` is not filled): inside the limit, or with nothing to correct in
+        ``H P H'`` (no noise and no uncertainty).
 
     Notes
     -----
@@ -339,28 +313,19 @@ def svsf_gain(
     for c in range(m):
         for d in range(m):
             S[c, d] = HPHt[c, d] + R[c, d]
-    A = HPHt
-    solvable = cholesky(A, L)
-    if not solvable:
-        A = HPHt + TIE_BREAK * R
-        solvable = cholesky(A, L)
+    solvable = cholesky(HPHt, L) or cholesky(HPHt + TIE_BREAK * R, L)
     exceeded = False
-    SA = S.copy()
     if solvable:
-        cholesky_solve(L, SA)  # rows of S A^-1, A being symmetric
+        cholesky_solve(L, S)  # rows of S (H P H')^-1, which is symmetric
     for c in range(m):
         size = abs(e[c]) + gamma * abs(e_post[c])
-        psi_k[c] = SA[c, c] * size if solvable else np.inf
+        psi_k[c] = S[c, c] * size if solvable else np.inf
         outside[c] = abs(e[c]) > psi[c]
         if psi_k[c] > psi[c]:
             exceeded = True
-    K[:] = PHt
-    if (variable and not exceeded) or not solvable:
-        if cholesky(S, L):
-            cholesky_solve(L, K)
-        else:
-            K[:] = 0.0
+    if not solvable or (variable and not exceeded):
         return False
+    K[:] = PHt
     cholesky_solve(L, K)
     for c in range(m):
         size = abs(e[c]) + gamma * abs(e_post[c])
@@ -446,18 +411,15 @@ def svsf_update(
     beyond = np.empty(used, np.bool_)
     switched = svsf_gain(PHt, HPHt, R, ea, previous, gamma, layer, variable, K, optimal, beyond)
     before = x.copy()
+    prior = P.copy()
+    nis, log_likelihood = kalman_update(x, P, y, H, R_diag, mask)
     if switched:
-        L = np.zeros((used, used))
-        if cholesky(HPHt + R, L):
-            nis, log_likelihood = innovation_likelihood(ea, L)
-        else:
-            nis, log_likelihood = np.inf, -np.inf
+        P[:] = prior
+        joseph_update(P, K, Ha, R)
         for i in range(n):
+            x[i] = before[i]
             for a in range(used):
                 x[i] += K[i, a] * ea[a]
-        joseph_update(P, K, Ha, R)
-    else:
-        nis, log_likelihood = kalman_update(x, P, y, H, R_diag, mask)
     a = 0
     for c in range(m):
         if mask[c]:
