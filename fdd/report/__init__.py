@@ -1,1 +1,8 @@
-"""report"""
+"""The report of one diagnosis: one HTML file that works offline."""
+
+from __future__ import annotations
+
+from fdd.report.page import render_report, write_report
+from fdd.report.words import headline
+
+__all__ = ["headline", "render_report", "write_report"]

@@ -1,0 +1,305 @@
+"""The figures of a report, in the units that engineers read."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fdd.diagnosis.findings import DISPLAY_SCALE, ESTIMATED, Diagnosis, FaultFinding, Trajectories
+from fdd.report import traces as tr
+from fdd.report.decimate import bucket_means, intervals, strongest
+from fdd.report.words import family_title
+from fdd.samples import Samples
+
+Column = NDArray[np.float64]
+
+ESTIMATOR_TITLES = {"ekf": "EKF", "svsf": "SVSF", "imm": "IMM"}
+FAMILY_COLOURS = {
+    "healthy": "#B9C6CF", "leakage": tr.BLUE, "seal_wear": tr.VERMILLION, "aeration": tr.SKY,
+    "check_valve": tr.PURPLE, "relief_valve": tr.YELLOW, "friction": tr.ORANGE, "motor": tr.GREEN,
+    "sensor": "#6A4C93", "unknown": "#6B6F76",
+}  # fmt: skip
+# Blue to white to vermillion: signed, and the same for all kinds of colour vision.
+SIGNED_COLOURS = [[0.0, tr.BLUE], [0.5, "#F4F4F2"], [1.0, tr.VERMILLION]]
+FEATURE_LINES = 6
+FEATURE_LIMIT = 8.0
+TO_RPM = 60.0 / (2.0 * np.pi)
+
+# title, unit, what is drawn: (channel, name), factor from SI
+MEASURED: tuple[tuple[str, str, tuple[tuple[str, str], ...], float], ...] = (
+    ("Position", "mm", (("position", "measured"), ("position_setpoint", "set-point")), 1e3),
+    (
+        "Pressures",
+        "bar",
+        (
+            ("pressure_difference", "difference P₁ − P₂"),
+            ("pressure_1", "chamber 1"),
+            ("pressure_2", "chamber 2"),
+            ("pressure_accumulator", "accumulator"),
+        ),
+        1e-5,
+    ),
+    ("Pump speed", "rpm", (("pump_speed", "measured"), ("command", "command")), TO_RPM),
+    ("Motor current", "A", (("motor_current", "motor current"),), 1.0),
+    ("Oil temperature", "°C", (("oil_temperature", "oil temperature"),), 1.0),
+    ("Load force", "kN", (("load_force", "load force"),), 1e-3),
+)
+
+
+@dataclass
+class Figure:
+    """One plot: where it goes, what it is called, and what plotly draws."""
+
+    id: str
+    title: str
+    data: list[dict[str, Any]]
+    layout: dict[str, Any]
+    unit: str = ""
+    note: str = ""
+    height: int = 280
+    wide: bool = False
+
+
+@dataclass
+class Section:
+    """Figures under one heading."""
+
+    title: str
+    note: str
+    figures: list[Figure] = field(default_factory=list)
+
+
+def sections(diagnosis: Diagnosis, trajectories: Trajectories, samples: Samples) -> list[Section]:
+    """All figures of a report, in reading order; without those that have nothing to show."""
+    found = [
+        Section(
+            "When and what",
+            "How sure the diagnosis was of each family of faults as the log went on, and the test that "
+            "raises the alarm.",
+            [*_probabilities(trajectories), *_statistic(trajectories)],
+        ),
+        Section(
+            "Estimated quantities",
+            "Tracked by two independent filters, each with its ±2σ band. Grey: the motion at that time does "
+            "not show the quantity, and the value is only carried along.",
+            [f for name in ESTIMATED for f in _estimate(name, diagnosis, trajectories)],
+        ),
+        Section(
+            "Residual features",
+            "How far the unit is from its healthy behaviour, in healthy standard deviations; ±3 is usual.",
+            _features(trajectories),
+        ),
+        Section("Measured signals", "", _measured(samples)),
+    ]
+    reach = _reach(samples, trajectories)
+    for section in found:
+        for figure in section.figures:
+            _mark_faults(figure.layout, diagnosis.faults, reach)
+    return [s for s in found if s.figures]
+
+
+def _layout(**y_axis: Any) -> dict[str, Any]:
+    return {
+        "xaxis": {"title": {"text": "time (s)"}, "hoverformat": ".2f"},
+        "yaxis": {"hoverformat": ".4~g", **y_axis},
+        "shapes": [],
+        "annotations": [],
+    }
+
+
+def _reach(samples: Samples, trajectories: Trajectories) -> tuple[float, float]:
+    """First and last time of the report: one x axis for all plots."""
+    times = [t for t in (samples.time, trajectories.time, trajectories.window_time) if t.size]
+    if not times:
+        return 0.0, 1.0
+    start, stop = min(float(t[0]) for t in times), max(float(t[-1]) for t in times)
+    return start, stop if stop > start else start + 1.0
+
+
+def _mark_faults(layout: dict[str, Any], faults: list[FaultFinding], reach: tuple[float, float]) -> None:
+    """Onset and detection as vertical lines, named above the plot."""
+    start, stop = reach
+    layout["xaxis"]["range"] = [round(start, 4), round(stop, 4)]
+    for number, fault in enumerate(faults, start=1):
+        suffix = f" {number}" if len(faults) > 1 else ""
+        marks = (("onset", fault.onset_s, "dash"), ("detected", fault.detected_s, "solid"))
+        for word, at, dash in marks:
+            if not (np.isfinite(at) and start <= at <= stop):
+                continue
+            layout["shapes"].append(tr.upright(at, dash=dash))
+            share = (at - start) / (stop - start)
+            left = word == "onset"
+            # A label that would leave the plot goes to the other side, one row higher.
+            flipped = share < 0.12 if left else share > 0.82
+            note = tr.upright_label(at, word + suffix, left=left != flipped)
+            if flipped:
+                note["yshift"] = 12
+            layout["annotations"].append(note)
+
+
+def _probabilities(trajectories: Trajectories) -> list[Figure]:
+    names = [n for n, p in trajectories.probabilities.items() if p.size]
+    names.sort(key=lambda n: n != "healthy")
+    if not names or not trajectories.window_time.size:
+        return []
+    table = np.column_stack([np.nan_to_num(trajectories.probabilities[n]) for n in names])
+    shown = [i for i, n in enumerate(names) if n == "healthy" or table[:, i].max() >= 0.02]
+    time, shares = bucket_means(trajectories.window_time), 100.0 * bucket_means(table)
+    data: list[dict[str, Any]] = []
+    for i in shown:
+        colour = FAMILY_COLOURS.get(names[i], tr.GREY)
+        data.append({
+            "type": "scatter", "mode": "lines", "name": tr.label(family_title(names[i])), "stackgroup": "all",
+            "x": tr.packed(time), "y": tr.packed(shares[:, i]), "line": {"width": 0.6, "color": colour},
+            "fillcolor": tr.faded(colour, 0.85), "hovertemplate": "%{y:.0f} %",
+        })  # fmt: skip
+    layout = _layout(range=[0, 100])
+    return [Figure("probabilities", "Probability of each fault family", data, layout, "%", wide=True)]
+
+
+def _statistic(trajectories: Trajectories) -> list[Figure]:
+    time, statistic, threshold = trajectories.window_time, trajectories.statistic, trajectories.threshold
+    if not statistic.size or not np.isfinite(statistic).any():
+        return []
+    layout, unit = _layout(), ""
+    highest = float(np.nanmax(statistic))
+    if threshold > 0.0 and highest > 10.0 * threshold:
+        # A gross fault drives the statistic far up; a logarithmic axis keeps the threshold readable.
+        statistic = np.maximum(statistic, threshold / 20.0)
+        unit = "logarithmic scale"
+        layout["yaxis"]["type"] = "log"
+        layout["yaxis"]["dtick"] = 1
+    elif threshold > 0.0:
+        layout["yaxis"]["rangemode"] = "tozero"
+    data = [tr.line(time, statistic, "test statistic", tr.BLUE)]
+    if np.isfinite(threshold):
+        data.append(tr.level(time, threshold, f"threshold {threshold:.3g}", colour=tr.VERMILLION))
+    return [Figure("statistic", "Sequential test", data, layout, unit, height=230, wide=True)]
+
+
+def _estimate(name: str, diagnosis: Diagnosis, trajectories: Trajectories) -> list[Figure]:
+    _, unit, title = ESTIMATED[name]
+    scale = DISPLAY_SCALE[name]
+    time = trajectories.time
+    drawn = {k: e[name] * scale for k, e in trajectories.estimates.items() if name in e and e[name].size}
+    drawn = {k: v for k, v in drawn.items() if np.isfinite(v).any()}
+    if not drawn or not time.size:
+        return []
+    seen = trajectories.observable.get(name, np.ones(time.size, dtype=bool))
+    data: list[dict[str, Any]] = []
+    limits: list[Column] = []
+    for number, (key, value) in enumerate(drawn.items()):
+        colour = tr.LINE_COLOURS[number % len(tr.LINE_COLOURS)]
+        called = ESTIMATOR_TITLES.get(key, key.upper())
+        std = trajectories.stds.get(key, {}).get(name)
+        if std is not None:
+            low = np.where(seen, value - 2.0 * scale * std, np.nan)
+            high = np.where(seen, value + 2.0 * scale * std, np.nan)
+            data.append(tr.band(time, low, high, called, colour))
+            limits += [low, high]
+        if not seen.all():
+            grey = tr.line(time, np.where(seen, np.nan, value), called, tr.GREY, width=1.0, legend=False)
+            data.append({**grey, "hoverinfo": "skip"})
+        if seen.any():
+            data.append(tr.line(time, np.where(seen, value, np.nan), called, colour))
+        limits.append(np.where(seen, value, np.nan) if seen.any() else value)
+    found = diagnosis.estimates.get(name)
+    baseline = None if found is None or found.baseline is None else found.baseline * scale
+    if baseline is not None:
+        data.append(tr.level(time, baseline, "healthy baseline", colour=tr.GREEN))
+    layout = _layout()
+    span = _view(limits, baseline)
+    if span is not None:
+        layout["yaxis"]["range"] = span
+    layout["shapes"] = [tr.shade(a, b) for a, b in intervals(time, ~seen)]
+    note = "" if seen.any() else "Not observable anywhere in this log."
+    return [Figure(f"estimate-{name}", title, data, layout, unit, note)]
+
+
+def _view(limits: list[Column], baseline: float | None) -> list[float] | None:
+    """A y range that a filter's wide first second does not spoil; zooming out shows the rest."""
+    everything = np.concatenate([x[np.isfinite(x)] for x in limits]) if limits else np.empty(0)
+    if not everything.size:
+        return None
+    low, high = (float(q) for q in np.percentile(everything, (1.0, 99.0)))
+    if baseline is not None:
+        low, high = min(low, baseline), max(high, baseline)
+    pad = 0.12 * (high - low) or 0.1 * abs(high) or 1.0
+    return [float(f"{low - pad:.5g}"), float(f"{high + pad:.5g}")]
+
+
+def _features(trajectories: Trajectories) -> list[Figure]:
+    time, features, names = trajectories.window_time, trajectories.features, trajectories.feature_names
+    if features.ndim != 2 or not features.size or not np.isfinite(features).any():
+        return []
+    magnitude = np.abs(np.where(np.isfinite(features), features, 0.0))
+    # The strongest by what they reach for a tenth of the time, not by one spike.
+    order = np.argsort(-np.percentile(magnitude, 90.0, axis=0), kind="stable")
+    lines = [
+        tr.line(time, features[:, i], _feature_title(names[i]), tr.LINE_COLOURS[rank])
+        for rank, i in enumerate(order[:FEATURE_LINES])
+    ]
+    limit = [tr.level(time, s * 3.0, "±3", colour=tr.GREY, dash="dot") for s in (1.0, -1.0)]
+    limit[1]["showlegend"] = False
+    unit = "healthy standard deviations"
+    title = "Residual features" if len(names) <= FEATURE_LINES else f"The {FEATURE_LINES} strongest features"
+    out = [Figure("features", title, lines + limit, _layout(), unit, wide=True, height=320)]
+    if len(names) > FEATURE_LINES:
+        out.append(_feature_map(time, features, names, order))
+    return out
+
+
+def _feature_map(time: Column, features: Column, names: list[str], order: NDArray[np.intp]) -> Figure:
+    """All features as one picture, the strongest on top."""
+    from_below = order[::-1]
+    table = strongest(features[:, from_below], 600)
+    middle = bucket_means(time, 600)
+    data = [{
+        "type": "heatmap", "x": tr.packed(middle),
+        "y": [tr.label(_feature_title(names[i])) for i in from_below],
+        "z": tr.packed(np.clip(table, -1e6, 1e6).T), "zmin": -FEATURE_LIMIT, "zmax": FEATURE_LIMIT, "zmid": 0,
+        "colorscale": SIGNED_COLOURS, "hoverongaps": False,
+        "hovertemplate": "%{y}: %{z:.1f} at %{x:.1f} s<extra></extra>",
+        "colorbar": {"thickness": 10, "len": 1.0, "outlinewidth": 0},
+    }]  # fmt: skip
+    layout = _layout()
+    layout["yaxis"] = {"automargin": True, "tickfont": {"size": 10}, "dtick": 1, "ticks": ""}
+    layout["hovermode"] = "closest"
+    height = int(min(140 + 17 * len(names), 900))
+    return Figure(
+        "feature-map", "All features", data, layout, "healthy standard deviations", wide=True, height=height
+    )
+
+
+def _feature_title(name: str) -> str:
+    return name.replace("_", " ")
+
+
+def _measured(samples: Samples) -> list[Figure]:
+    figures = []
+    for title, unit, channels, factor in MEASURED:
+        data = []
+        for number, (channel, name) in enumerate(channels):
+            if channel not in samples or not np.isfinite(samples[channel]).any():
+                continue
+            wanted = channel in ("command", "position_setpoint")
+            data.append(
+                tr.line(
+                    samples.time,
+                    samples[channel] * factor,
+                    name,
+                    tr.VERMILLION if wanted else tr.LINE_COLOURS[(0, 2, 3, 4)[number]],
+                    dash="dot" if wanted else "solid",
+                    width=1.3,
+                )
+            )
+        if data:
+            figures.append(
+                Figure(f"measured-{title.lower().replace(' ', '-')}", title, data, _layout(), unit)
+            )
+    if len(figures) % 2:
+        figures[-1].wide = True
+    return figures

@@ -1,0 +1,137 @@
+"""The tables of a report: rows of text, ready to be shown."""
+
+from __future__ import annotations
+
+import math
+import platform
+from importlib import metadata
+
+import fdd
+from fdd.diagnosis.findings import DISPLAY_SCALE, ESTIMATED, Diagnosis, Estimate
+from fdd.report.words import family_title, percent
+from fdd.unit import Unit
+
+NOTHING = "–"
+
+
+def number(value: float | None, digits: int = 4) -> str:
+    """A number with a few significant digits and a true minus sign; a dash for none.
+
+    Examples
+    --------
+    >>> number(6.5210001), number(-1234567.0), number(None)
+    ('6.521', '−1.235e+06', '–')
+    """
+    if value is None or not math.isfinite(value):
+        return NOTHING
+    return f"{value:.{digits}g}".replace("-", "−", 1) if value < 0 else f"{value:.{digits}g}"
+
+
+def with_std(value: float | None, std: float | None) -> str:
+    """``value ± std``, both to the two leading digits of the standard deviation.
+
+    Examples
+    --------
+    >>> with_std(9.8123, 0.1049), with_std(209.7, 12.2), with_std(151.0, None)
+    ('9.81 ± 0.10', '210 ± 12', '151')
+    """
+    if value is None or not math.isfinite(value):
+        return NOTHING
+    if std is None or not math.isfinite(std) or std <= 0.0 or not 1e-6 <= std < 1e6:
+        return number(value)
+    decimals = max(0, 1 - math.floor(math.log10(std)))
+    return f"{value:.{decimals}f} ± {std:.{decimals}f}".replace("-", "−")
+
+
+def estimate_rows(diagnosis: Diagnosis) -> list[dict[str, str]]:
+    """Rows of the table of estimates; keys quantity, unit, baseline, value, change, observable."""
+    return [_estimate_row(name, e) for name, e in diagnosis.estimates.items()]
+
+
+def _estimate_row(name: str, estimate: Estimate) -> dict[str, str]:
+    _, unit, title = ESTIMATED.get(name, (estimate.unit, estimate.unit, name.replace("_", " ").capitalize()))
+    scale = DISPLAY_SCALE.get(name, 1.0)
+    scaled = [None if x is None else x * scale for x in (estimate.baseline, estimate.value, estimate.std)]
+    change = NOTHING
+    if estimate.value is not None and estimate.baseline and math.isfinite(estimate.value):
+        percent_change = round(100.0 * (estimate.value / estimate.baseline - 1.0))
+        change = f"{percent_change:+d} %".replace("-", "−") if percent_change else "0 %"
+    return {
+        "quantity": title,
+        "unit": unit,
+        "baseline": number(scaled[0]),
+        "value": with_std(scaled[1], scaled[2]),
+        "change": change,
+        "observable": "yes" if estimate.observable else "no",
+    }
+
+
+def probability_rows(diagnosis: Diagnosis) -> list[tuple[str, str, float]]:
+    """Families by probability at the end of the log: title, percent in words, share; the likely ones only."""
+    finite = {k: p for k, p in diagnosis.probabilities.items() if math.isfinite(p)}
+    ordered = sorted(finite.items(), key=lambda item: -item[1])
+    return [(family_title(k), percent(p), min(max(p, 0.0), 1.0)) for k, p in ordered if p >= 0.005]
+
+
+def quality_rows(diagnosis: Diagnosis) -> list[tuple[str, str]]:
+    """What was missing in the data, as counts and shares."""
+    q = diagnosis.quality
+    total = diagnosis.samples + q.dropped_samples
+    return [
+        ("Samples", grouped(diagnosis.samples)),
+        ("Dropped samples", _count(q.dropped_samples, total)),
+        ("Samples with missing values", _count(q.nan_samples, diagnosis.samples)),
+        ("Jumps in time", grouped(q.time_jumps)),
+    ]
+
+
+def grouped(count: int) -> str:
+    """A count with thin spaces between thousands."""
+    return f"{count:,}".replace(",", "\u202f")
+
+
+def _count(count: int, total: int) -> str:
+    if count == 0 or total <= 0:
+        return grouped(count)
+    share = 100.0 * count / total
+    return f"{grouped(count)} ({share:.2g} %)" if share >= 0.01 else f"{grouped(count)} (under 0.01 %)"
+
+
+def unit_rows(unit: Unit) -> list[tuple[str, str]]:
+    """The unit's profile in a few lines, in everyday units."""
+    c, f = unit.cylinder, unit.friction
+    rows = [
+        ("Profile", unit.name),
+        ("Axis", unit.axis),
+        ("Piston areas", f"{c.area_1 * 1e4:.4g} and {c.area_2 * 1e4:.4g} cm²"),
+        ("Stroke", f"{c.stroke * 1e3:.4g} mm"),
+        ("Moving mass", f"{c.moving_mass:.4g} kg"),
+        ("Chamber volumes at mid-stroke", f"{c.volume_1 * 1e3:.4g} and {c.volume_2 * 1e3:.4g} L"),
+        ("Pump displacement", f"{unit.pump.displacement * 1e6 * 2 * math.pi:.4g} cm³/rev"),
+        ("Leakage coefficient", f"{unit.pump.total_leakage * 1e12:.4g} × 10⁻¹² m³/(s·Pa)"),
+        (
+            "Effective bulk modulus",
+            f"{unit.oil.bulk_modulus * 1e-6:.4g} MPa at {unit.oil.reference_pressure * 1e-5:.3g} bar",
+        ),
+        ("Coulomb friction", f"{f.forward.coulomb:.4g} N forward, {f.reverse.coulomb:.4g} N reverse"),
+        ("Fastest pump speed", f"{unit.drive.max_speed * 30.0 / math.pi:.4g} rpm"),
+        ("Wanted false alarms", f"{unit.monitoring.false_alarms_per_hour * 3600.0:.3g} per hour"),
+    ]
+    if unit.description:
+        rows.insert(2, ("Description", unit.description))
+    if unit.baseline is None:
+        rows.append(("Healthy baseline", "none of its own: the shipped one is used"))
+    else:
+        rows.append(("Healthy baseline", f"from {unit.baseline.windows} windows of healthy logs"))
+    return rows
+
+
+def version_rows() -> list[tuple[str, str]]:
+    """Versions of what computed the diagnosis."""
+    rows = [("fdd", fdd.__version__), ("Python", platform.python_version())]
+    for name in ("numpy", "scipy", "numba", "scikit-learn", "plotly"):
+        try:
+            rows.append((name, metadata.version(name)))
+        except metadata.PackageNotFoundError:
+            continue
+    return rows

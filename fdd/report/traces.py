@@ -1,0 +1,155 @@
+"""Traces and shapes of plotly figures, as plain dictionaries with compact arrays.
+
+Nothing here imports plotly: its classes check every value in Python, which costs
+more than the diagnosis itself.
+"""
+
+from __future__ import annotations
+
+import base64
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fdd.report.decimate import BUCKETS, break_at_gaps, decimate, envelope
+
+Column = NDArray[np.float64]
+Trace = dict[str, Any]
+
+# Okabe and Ito's palette, told apart by all common kinds of colour vision.
+BLUE, VERMILLION, GREEN, ORANGE = "#0072B2", "#D55E00", "#009E73", "#E69F00"
+SKY, PURPLE, YELLOW, GREY = "#56B4E9", "#CC79A7", "#F0E442", "#8A8F98"
+MARK = "mark"
+"""Name of the shapes and labels that the page paints in its text colour, light or dark."""
+LINE_COLOURS = (BLUE, VERMILLION, GREEN, ORANGE, PURPLE, SKY)
+
+
+def packed(values: NDArray[Any]) -> dict[str, str]:
+    """An array as plotly.js reads it compactly: base64 of single precision.
+
+    Single precision has seven digits, more than a plot shows. Times far from zero
+    (epoch seconds) keep double precision.
+
+    Examples
+    --------
+    >>> packed(np.array([1.0, 2.0]))
+    {'dtype': 'f4', 'bdata': 'AACAPwAAAEA='}
+    """
+    flat = np.ascontiguousarray(values, dtype=np.float64)
+    finite = flat[np.isfinite(flat)]
+    kind = "f4"
+    if finite.size:
+        reach, extent = float(np.abs(finite).max()), float(np.ptp(finite))
+        if reach > 1e30 or (extent > 0.0 and reach > 200.0 * extent):
+            kind = "f8"
+    out = {"dtype": kind, "bdata": base64.b64encode(flat.astype(f"<{kind}").tobytes()).decode("ascii")}
+    if flat.ndim > 1:
+        out["shape"] = ", ".join(str(n) for n in flat.shape)
+    return out
+
+
+def label(text: str) -> str:
+    """Text for a figure: plotly reads a little HTML in labels, so angle brackets are escaped."""
+    return text.replace("&", "&amp;").replace("<", "&lt;").replace(">", "&gt;")
+
+
+def line(
+    time: Column,
+    values: Column,
+    name: str,
+    colour: str,
+    *,
+    dash: str = "solid",
+    width: float = 1.6,
+    legend: bool = True,
+    step: bool = False,
+    buckets: int = BUCKETS,
+) -> Trace:
+    """A signal over time, decimated; breaks where values or samples are missing."""
+    t, y = decimate(*break_at_gaps(time, values), buckets)
+    return {
+        "type": "scatter",
+        "mode": "lines",
+        "name": label(name),
+        "x": packed(t),
+        "y": packed(y),
+        "line": {"color": colour, "width": width, "dash": dash, "shape": "hv" if step else "linear"},
+        "showlegend": legend,
+        "legendgroup": label(name),
+    }
+
+
+def band(time: Column, low: Column, high: Column, group: str, colour: str) -> Trace:
+    """A filled band, one polygon per stretch without gaps."""
+    t, a, b = envelope(time, low, high, BUCKETS // 2)
+    good = np.isfinite(a) & np.isfinite(b)
+    edges = np.flatnonzero(np.diff(np.concatenate(([0], good.astype(np.int8), [0]))))
+    xs: list[Column] = []
+    ys: list[Column] = []
+    gap = np.array([np.nan])
+    for start, stop in edges.reshape(-1, 2):
+        # There and back, then a break before the next polygon.
+        xs += [t[start:stop], t[start:stop][::-1], gap]
+        ys += [b[start:stop], a[start:stop][::-1], gap]
+    x = np.concatenate(xs) if xs else np.empty(0)
+    y = np.concatenate(ys) if ys else np.empty(0)
+    return {
+        "type": "scatter",
+        "mode": "lines",
+        "x": packed(x),
+        "y": packed(y),
+        "fill": "toself",
+        "fillcolor": faded(colour, 0.16),
+        "line": {"width": 0},
+        "hoverinfo": "skip",
+        "showlegend": False,
+        "legendgroup": label(group),
+    }
+
+
+def level(time: Column, value: float, name: str, *, colour: str, dash: str = "dash") -> Trace:
+    """A horizontal line from the first to the last time, e.g. a threshold."""
+    ends = np.array([time[0], time[-1]]) if time.size else np.empty(0)
+    return {
+        "type": "scatter",
+        "mode": "lines",
+        "name": label(name),
+        "x": packed(ends),
+        "y": packed(np.full(ends.size, value)),
+        "line": {"color": colour, "width": 1.6, "dash": dash},
+        "hoverinfo": "skip",
+    }
+
+
+def faded(colour: str, opacity: float) -> str:
+    """``#rrggbb`` as ``rgba(…)``."""
+    r, g, b = (int(colour[i : i + 2], 16) for i in (1, 3, 5))
+    return f"rgba({r},{g},{b},{opacity})"
+
+
+def shade(start: float, stop: float) -> dict[str, Any]:
+    """A grey stretch of time behind the lines."""
+    return {
+        "type": "rect", "xref": "x", "yref": "paper", "x0": round(start, 4), "x1": round(stop, 4),
+        "y0": 0, "y1": 1,
+        "fillcolor": faded(GREY, 0.17), "line": {"width": 0}, "layer": "below",
+    }  # fmt: skip
+
+
+def upright(at: float, *, dash: str) -> dict[str, Any]:
+    """A vertical line through the whole plot."""
+    return {
+        "type": "line", "xref": "x", "yref": "paper", "x0": round(at, 4), "x1": round(at, 4),
+        "y0": 0, "y1": 1,
+        "line": {"width": 1.5, "dash": dash}, "name": MARK,
+    }  # fmt: skip
+
+
+def upright_label(at: float, text: str, *, left: bool) -> dict[str, Any]:
+    """The name of a vertical line, above the plot, to its left or right."""
+    return {
+        "x": round(at, 4), "y": 1, "xref": "x", "yref": "paper", "yanchor": "bottom",
+        "xanchor": "right" if left else "left", "text": label(text), "showarrow": False,
+        "font": {"size": 11}, "name": MARK,
+    }  # fmt: skip

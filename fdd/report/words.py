@@ -1,0 +1,182 @@
+"""The verdict in words that a test engineer would show a customer."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+
+from fdd.diagnosis.findings import ESTIMATED, Diagnosis, FaultFinding
+from fdd.faults import CATALOGUE
+
+FAMILY_TITLES = {
+    "healthy": "Healthy",
+    "leakage": "Leakage",
+    "seal_wear": "Seal wear",
+    "aeration": "Air in the oil",
+    "check_valve": "Check valve",
+    "relief_valve": "Relief valve",
+    "friction": "Friction",
+    "motor": "Motor and coupling",
+    "sensor": "Sensor",
+    "unknown": "Unknown fault",
+}
+
+MARKS = {"healthy": "✓", "faulty": "!", "inconclusive": "?"}
+
+
+@dataclass(frozen=True)
+class FindingWords:
+    """One finding in words; empty strings where there is nothing to say."""
+
+    headline: str
+    alternatives: str
+    severity: str
+    detection: str
+    evidence: list[str]
+
+
+@dataclass(frozen=True)
+class VerdictWords:
+    """The whole verdict in words: a headline, what stands beside it, and each finding."""
+
+    kind: str
+    mark: str
+    headline: str
+    remark: str
+    findings: list[FindingWords] = field(default_factory=list)
+
+
+def fault_title(name: str) -> str:
+    """A fault's name for people; an id that the catalogue lacks is shown with blanks."""
+    found = CATALOGUE.get(name)
+    return name.replace("_", " ") if found is None else found.title
+
+
+def family_title(name: str) -> str:
+    """A family's name for people."""
+    return FAMILY_TITLES.get(name, name.replace("_", " ").capitalize())
+
+
+def percent(share: float) -> str:
+    """A probability in percent that never claims certainty.
+
+    Examples
+    --------
+    >>> percent(0.97), percent(0.998), percent(0.002)
+    ('97 %', 'over 99 %', 'under 1 %')
+    """
+    if not math.isfinite(share):
+        return "–"
+    if share > 0.995:
+        return "over 99 %"
+    if share < 0.005:
+        return "under 1 %"
+    return f"{100.0 * share:.0f} %"
+
+
+def seconds(value: float) -> str:
+    """A time on the log, to a tenth of a second below ten minutes."""
+    if not math.isfinite(value):
+        return "an unknown time"
+    return f"{value:.1f} s" if abs(value) < 600.0 else f"{value:.0f} s"
+
+
+def span(value: float) -> str:
+    """A duration, e.g. ``60 s``, ``4.5 s`` or ``25 min``."""
+    if not math.isfinite(value):
+        return "an unknown time"
+    if value >= 5400.0:
+        return f"{value / 3600.0:.1f} h"
+    if value >= 600.0:
+        return f"{value / 60.0:.0f} min"
+    return f"{value:.0f} s" if value >= 10.0 else f"{value:.1f} s"
+
+
+def either(names: list[str]) -> str:
+    """``a``, ``a or b``, ``a, b or c``."""
+    return names[0] if len(names) == 1 else f"{', '.join(names[:-1])} or {names[-1]}"
+
+
+def finding_words(finding: FaultFinding) -> FindingWords:
+    """One finding in words."""
+    title = fault_title(finding.fault)
+    parts = [title[:1].upper() + title[1:], f"since {seconds(finding.onset_s)}"]
+    if finding.severity is not None and math.isfinite(finding.severity):
+        parts.append(f"severity {finding.severity:.2f}")
+    parts.append(f"{percent(finding.confidence)} sure")
+    others = [fault_title(f) for f in finding.ambiguity if f != finding.fault]
+    alternatives = ""
+    if others:
+        alternatives = (
+            f"It could as well be {either(others)}: the signals in this log cannot tell these apart, "
+            f"and {percent(finding.confidence)} is for the group as a whole."
+        )
+    scale = CATALOGUE[finding.fault].severity if finding.fault in CATALOGUE else ""
+    severity = f"Severity 1.0 means: {scale}." if scale and finding.severity is not None else ""
+    delay = finding.detected_s - finding.onset_s
+    detection = f"Detected at {seconds(finding.detected_s)}"
+    if math.isfinite(delay) and delay >= 0.0:
+        detection += f", {delay:.1f} s after its onset"
+    return FindingWords(", ".join(parts), alternatives, severity, f"{detection}.", list(finding.evidence))
+
+
+def verdict_words(diagnosis: Diagnosis) -> VerdictWords:
+    """The diagnosis in words.
+
+    Examples
+    --------
+    >>> from fdd.diagnosis.findings import Quality
+    >>> healthy = Diagnosis(log="a.csv", axis="a", unit="axis_a", duration_s=60.0, samples=60000,
+    ...     verdict="healthy", faults=[], probabilities={"healthy": 0.98}, estimates={}, quality=Quality())
+    >>> verdict_words(healthy).headline
+    'Healthy: no fault found in 60 s'
+    """
+    kind, mark = diagnosis.verdict, MARKS[diagnosis.verdict]
+    ordered = sorted(diagnosis.faults, key=lambda f: -f.confidence)
+    findings = [finding_words(f) for f in ordered]
+    if kind == "healthy":
+        sure = diagnosis.probabilities.get("healthy")
+        remark = "" if sure is None else f"{percent(sure).capitalize()} sure."
+        return VerdictWords(kind, mark, f"Healthy: no fault found in {span(diagnosis.duration_s)}", remark)
+    if kind == "inconclusive":
+        remark = (
+            "" if not findings else "What is suspected stands below; take it as a hint, not as a finding."
+        )
+        return VerdictWords(kind, mark, f"Inconclusive: {_why(diagnosis)}", remark, findings)
+    if not findings:
+        return VerdictWords(kind, mark, "Faulty: the log differs from a healthy one", _leaning(diagnosis))
+    remark = "" if len(findings) == 1 else f"{len(findings)} faults found, the surest first."
+    return VerdictWords(kind, mark, findings[0].headline, remark, findings)
+
+
+def headline(diagnosis: Diagnosis) -> str:
+    """The verdict in one line, for a terminal or a page's title."""
+    return verdict_words(diagnosis).headline
+
+
+def _why(diagnosis: Diagnosis) -> str:
+    """Why a diagnosis is inconclusive, as far as its answer tells."""
+    if diagnosis.quality.notes:
+        note = diagnosis.quality.notes[0].strip().rstrip(".")
+        if note:
+            return note
+    if diagnosis.samples == 0:
+        return "the log holds no samples"
+    blind = [name for name, e in diagnosis.estimates.items() if not e.observable]
+    if blind and len(blind) == len(diagnosis.estimates):
+        return "the motion in this log shows none of the quantities that faults act on"
+    leaning = _leaning(diagnosis)
+    reason = f"no answer is sure enough after {span(diagnosis.duration_s)}"
+    if leaning:
+        reason += f" ({leaning})"
+    if blind:
+        titles = [ESTIMATED[n][2].lower() if n in ESTIMATED else n for n in blind]
+        reason += f"; not observable: {', '.join(titles)}"
+    return reason
+
+
+def _leaning(diagnosis: Diagnosis) -> str:
+    """The two most probable families, or an empty string."""
+    finite = {k: p for k, p in diagnosis.probabilities.items() if math.isfinite(p) and p >= 0.005}
+    top = sorted(finite.items(), key=lambda item: -item[1])[:2]
+    return ", ".join(f"{family_title(name).lower()} {percent(p)}" for name, p in top)

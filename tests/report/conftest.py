@@ -1,0 +1,189 @@
+"""Made-up diagnoses with everything that a report shows: no plant, no filters."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+import pytest
+
+from fdd.diagnosis.findings import Diagnosis, Estimate, FaultFinding, Quality, Trajectories
+from fdd.faults import FAMILIES
+from fdd.samples import Samples
+from fdd.unit import Unit
+
+FEATURES = [
+    "leakage_ekf", "leakage_svsf", "bulk_modulus_ekf", "bulk_modulus_svsf", "coulomb_ekf", "viscous_ekf",
+    "flow_residual_mean", "flow_residual_std", "force_residual_mean", "force_residual_std", "asymmetry",
+    "ripple_1x", "ripple_2x", "accumulator_drift", "current_per_pressure", "nis_ekf", "nis_svsf", "bias",
+]  # fmt: skip
+BASELINES = {"leakage": 6.52e-12, "bulk_modulus": 2.1e8, "coulomb_friction": 132.0, "viscous_friction": 61.0}
+SI_UNITS = {
+    "leakage": "m^3/(s*Pa)",
+    "bulk_modulus": "Pa",
+    "coulomb_friction": "N",
+    "viscous_friction": "N*s/m",
+}
+
+
+@dataclass
+class Case:
+    """All arguments of a report but its path."""
+
+    diagnosis: Diagnosis
+    trajectories: Trajectories
+    samples: Samples
+    unit: Unit
+    settings: dict[str, str]
+
+    def arguments(self) -> tuple[Diagnosis, Trajectories, Samples, Unit, dict[str, str]]:
+        return self.diagnosis, self.trajectories, self.samples, self.unit, self.settings
+
+
+@pytest.fixture
+def case() -> Callable[..., Case]:
+    """The factory `made_up`."""
+    return made_up
+
+
+def log_samples(rows: int, rng: np.random.Generator) -> Samples:
+    """A to-and-fro motion with a hole in time, missing values, and one spike of pressure."""
+    time = np.arange(rows) * 1e-3
+    setpoint = 0.02 * np.sign(np.sin(2 * np.pi * time / 8.0)) + 0.005 * np.sin(2 * np.pi * 0.5 * time)
+    lag = np.exp(-np.arange(2000) * 1e-3 / 0.3)
+    position = np.convolve(setpoint, lag / lag.sum())[:rows]
+    speed = np.gradient(position, time) * 1.5e-3 / 5.57e-7
+    difference = 4e5 * np.tanh(speed / 40.0) + rng.normal(0.0, 7e3, rows)
+    current = speed * 0.01 + rng.normal(0.0, 0.02, rows)
+    current[rows // 3 : rows // 3 + rows // 30] = np.nan
+    difference[rows // 4] = 2.5e6
+    keep = np.ones(rows, dtype=bool)
+    keep[rows * 5 // 8 : rows * 5 // 8 + rows // 40] = False
+    columns = {
+        "position": position + rng.normal(0.0, 1e-6, rows),
+        "position_setpoint": setpoint,
+        "pressure_difference": difference,
+        "pressure_1": 9e5 + difference / 2,
+        "pressure_2": 9e5 - difference / 2,
+        "pressure_accumulator": 4.8e5 + rng.normal(0.0, 1e3, rows),
+        "pump_speed": speed + rng.normal(0.0, 0.1, rows),
+        "command": np.clip(1.02 * speed, -300.0, 300.0),
+        "motor_current": current,
+        "oil_temperature": 38.0 + 4.0 * (1.0 - np.exp(-time / 30.0)),
+    }
+    return Samples(time[keep], {k: v[keep] for k, v in columns.items()})
+
+
+def made_up(verdict: str = "faulty", rows: int = 60_000, seed: int = 1, log: str = "run.mcap") -> Case:
+    """A case with the verdict wanted; the faulty one has internal leakage from a third of the log on."""
+    rng = np.random.default_rng(seed)
+    samples = log_samples(rows, rng)
+    duration = rows * 1e-3
+    onset = 0.338 * duration
+    faulty = verdict == "faulty"
+    trajectories = _trajectories(samples, duration, onset, verdict, rng)
+    last = {name: float(v[-1]) for name, v in trajectories.probabilities.items()}
+    estimates = {
+        name: Estimate(
+            unit=SI_UNITS[name],
+            baseline=BASELINES[name],
+            value=float(trajectories.estimates["ekf"][name][-1]),
+            std=float(trajectories.stds["ekf"][name][-1]),
+            observable=bool(trajectories.observable[name].any()),
+        )
+        for name in BASELINES
+    }
+    finding = FaultFinding(
+        fault="internal_leakage",
+        family="leakage",
+        ambiguity=["internal_leakage", "pump_wear"],
+        confidence=0.97,
+        onset_s=onset,
+        detected_s=onset + 0.6,
+        severity=0.41,
+        evidence=[
+            "The leakage coefficient rose from 6.5 to 11.4 × 10⁻¹² m³/(s·Pa), 49 times its spread.",
+            "Both estimators agree within 4 %.",
+            "Bulk modulus and friction stayed within 2 standard deviations of their healthy values.",
+        ],
+    )
+    diagnosis = Diagnosis(
+        log=log,
+        axis="axis_a",
+        unit="axis_a",
+        duration_s=duration,
+        samples=len(samples),
+        verdict=verdict,
+        faults=[finding] if faulty else [],
+        probabilities=last,
+        estimates=estimates,
+        quality=Quality(
+            dropped_samples=rows - len(samples),
+            nan_samples=int(np.isnan(samples["motor_current"]).sum()),
+            notes=["Motor current is missing from 20.0 to 22.0 s."] if faulty else [],
+        ),
+    )
+    settings = {"model": "shipped", "false alarms per hour": "0.1", "block": "10000 samples"}
+    return Case(diagnosis, trajectories, samples, Unit.load("axis_a"), settings)
+
+
+def _trajectories(
+    samples: Samples, duration: float, onset: float, verdict: str, rng: np.random.Generator
+) -> Trajectories:
+    time = samples.time[::5].copy()
+    rise = (time > onset) * (1.0 - np.exp(-np.maximum(time - onset, 0.0) / 0.8)) * (verdict == "faulty")
+    truth = {
+        "leakage": BASELINES["leakage"] + 4.9e-12 * rise,
+        "bulk_modulus": np.full(time.size, BASELINES["bulk_modulus"]),
+        "coulomb_friction": np.full(time.size, BASELINES["coulomb_friction"]),
+        "viscous_friction": np.full(time.size, BASELINES["viscous_friction"]),
+    }
+    estimates: dict[str, dict[str, np.ndarray]] = {"ekf": {}, "svsf": {}}
+    stds: dict[str, dict[str, np.ndarray]] = {"ekf": {}, "svsf": {}}
+    for key, noise in (("ekf", 0.015), ("svsf", 0.025)):
+        for name, values in truth.items():
+            std = BASELINES[name] * (noise + 0.4 * np.exp(-time / 1.0))
+            wander = np.convolve(rng.normal(size=time.size), np.ones(200) / np.sqrt(200), mode="same")
+            estimates[key][name] = values + 0.7 * std * wander
+            stds[key][name] = std
+    moving = np.sin(2 * np.pi * time / 8.0 + 0.6) > -0.4
+    observable = {
+        "leakage": np.ones(time.size, dtype=bool),
+        "bulk_modulus": moving,
+        "coulomb_friction": moving,
+        "viscous_friction": np.zeros(time.size, dtype=bool),
+    }
+    window_time = np.arange(0.5, duration, 0.25)
+    after = (window_time > onset) & (verdict == "faulty")
+    features = rng.normal(size=(window_time.size, len(FEATURES)))
+    features[after, 0] += 24.0
+    features[after, 1] += 19.0
+    features[after, 6] -= 9.0
+    features[after, 12] += 5.0
+    walk = np.where(after, 2.2, -0.6) + rng.normal(0.0, 0.8, window_time.size)
+    statistic = np.empty(window_time.size)
+    level = 0.0
+    for i, step in enumerate(walk):
+        level = max(0.0, level + step)
+        statistic[i] = level
+    sure = 0.97 / (1.0 + np.exp(-(window_time - onset - 0.5) / 0.3)) if verdict == "faulty" else 0.01
+    table = {name: np.full(window_time.size, 0.002) for name in FAMILIES}
+    table["leakage"] = np.clip(np.full(window_time.size, 0.0) + sure, 0.005, 0.97)
+    if verdict == "inconclusive":
+        table["leakage"] = np.full(window_time.size, 0.40)
+        table["friction"] = np.full(window_time.size, 0.25)
+    table["healthy"] = 1.0 - sum(p for name, p in table.items() if name != "healthy")
+    return Trajectories(
+        time=time,
+        estimates=estimates,
+        stds=stds,
+        observable=observable,
+        nis={key: rng.chisquare(3, time.size) for key in estimates},
+        window_time=window_time,
+        feature_names=list(FEATURES),
+        features=features,
+        statistic=statistic,
+        threshold=12.0,
+        probabilities=table,
+    )
