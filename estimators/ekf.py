@@ -1,0 +1,420 @@
+"""Extended Kalman filter with filterpy's interface: real nonlinear models, gaps, honest numerics.
+
+Model, with process noise ``w ~ N(0, Q)`` and measurement noise ``v ~ N(0, R)``::
+
+    x_k = f(x_{k-1}, u, dt) + w          or, without f:  F x + B u + w
+    z_k = h(x_k) + v                     or, without h:  H x + v
+
+Predict:  ``x <- f(x)``, ``P <- F P F' + Q`` with the Jacobian ``F = df/dx``.
+Update:   ``y = z - h(x)``, ``S = H P H' + R``, ``K = P H' S^-1``, ``x <- x + K y``,
+``P <- (I - K H) P (I - K H)' + K R K'`` (Joseph form), done one decorrelated channel
+at a time (:func:`estimators.kernels.kalman_update_correlated`), so that nothing is inverted.
+
+Source: Bar-Shalom, Li and Kirubarajan 2001, Estimation with Applications to Tracking and
+Navigation, sections 5.2 and 10.3, doi 10.1002/0471221279.
+"""
+
+from __future__ import annotations
+
+import math
+import sys
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from estimators.kernels import kalman_update_correlated
+
+Array = NDArray[np.float64]
+Model = Callable[..., ArrayLike]
+
+
+class ExtendedKalmanFilter:
+    """Extended Kalman filter; without ``f`` and ``h`` the linear Kalman filter.
+
+    Parameters
+    ----------
+    dim_x, dim_z : number n of states and m of measured channels.
+    dim_u : number of inputs; only for the linear model's ``B``.
+    f : ``f(x, u, dt)`` gives the next state; None: ``F x + B u``.
+    h : ``h(x)`` gives the m channels; None: ``H x``.
+    F_jacobian : ``F_jacobian(x, u, dt)`` gives df/dx (n, n) at the state before the step.
+        None: ``F`` as set, or with ``f`` central differences. Without ``f`` it makes a
+        linear model whose ``F`` depends on the time step.
+    H_jacobian : ``H_jacobian(x)`` gives dh/dx (m, n). None: ``H``, or with ``h`` central differences.
+
+    Attributes
+    ----------
+    x : state, (n,) or (n, 1): it keeps the form you give it, and the model functions see it so.
+        The default is filterpy's column of zeros.
+    P, Q, R : covariances of state (n, n), process noise of one step (n, n), measurement noise
+        (m, m); Q and R may be set to a scalar or to a vector, the diagonal. In units of x and z squared.
+    F, B, H : (n, n), (n, k) or None, (m, n); the first and last hold the Jacobians in use.
+    x_prior, P_prior, x_post, P_post : copies after the last predict and update.
+    z, y : last measurement and innovation, NaN where a channel is missing.
+    S, SI, K : innovation covariance (m, m), its inverse over the channels used (zero elsewhere), gain (n, m).
+    nis, channels_used : normalised innovation squared ``y' S^-1 y`` and its degrees of freedom.
+    log_likelihood, likelihood : of the channels used; 0 and 1 when there are none.
+    mahalanobis : square root of ``nis``.
+
+    Raises
+    ------
+    ValueError : a shape that does not fit, an infinite measurement, or a model that gives NaN.
+        A refused call leaves ``x`` and ``P`` as they were.
+
+    Notes
+    -----
+    Differs from filterpy: NaN in ``z`` drops that channel for this update; ``predict`` takes a
+    time step; ``R`` may be singular; ``update`` needs no functions when the filter has them;
+    a missing measurement has likelihood 1, so ``filterpy.kalman.IMMEstimator`` does not count
+    the one before twice.
+
+    Examples
+    --------
+    A pendulum of 1 m, its horizontal deflection measured, at an uneven rate:
+
+    >>> import numpy as np
+    >>> def swing(x, u, dt):
+    ...     return [x[0] + dt * x[1], x[1] - dt * 9.81 * np.sin(x[0])]
+    >>> kf = ExtendedKalmanFilter(2, 1, f=swing, h=lambda x: np.sin(x[:1]))
+    >>> kf.x, kf.P, kf.Q, kf.R = np.array([0.3, 0.0]), 0.1, 1e-6, 1e-4
+    >>> for dt, z in [(0.01, 0.29), (0.02, np.nan), (0.01, 0.28)]:
+    ...     kf.predict(dt=dt)
+    ...     kf.update(z)
+    >>> kf.x.round(3).tolist(), kf.channels_used
+    ([0.287, -0.2], 1)
+    """
+
+    _OPTIONS: tuple[str, ...] = ("dim_x", "dim_z", "dim_u", "f", "h", "F_jacobian", "H_jacobian")
+    _STATE: tuple[str, ...] = (
+        "x", "P", "Q", "R", "F", "B", "H", "x_prior", "P_prior", "x_post", "P_post",
+        "z", "y", "S", "K", "nis", "channels_used", "log_likelihood",
+    )  # fmt: skip
+
+    def __init__(
+        self,
+        dim_x: int,
+        dim_z: int,
+        dim_u: int = 0,
+        *,
+        f: Model | None = None,
+        h: Model | None = None,
+        F_jacobian: Model | None = None,
+        H_jacobian: Model | None = None,
+    ) -> None:
+        for name, size, least in (("dim_x", dim_x, 1), ("dim_z", dim_z, 1), ("dim_u", dim_u, 0)):
+            if int(size) != size or size < least:
+                raise ValueError(f"{name} is {size!r}; give a whole number of at least {least}")
+        self.dim_x, self.dim_z, self.dim_u = int(dim_x), int(dim_z), int(dim_u)
+        self.f, self.h, self.F_jacobian, self.H_jacobian = f, h, F_jacobian, H_jacobian
+        n, m = self.dim_x, self.dim_z
+        self.x: Any = np.zeros((n, 1))
+        self.P: Any = np.eye(n)
+        self.Q: Any = np.eye(n)
+        self.R: Any = np.eye(m)
+        self.F: Any = np.eye(n)
+        self.B: Any = np.zeros((n, self.dim_u)) if self.dim_u else None
+        self.H: Any = np.zeros((m, n))
+        self.x_prior, self.P_prior = self.x.copy(), self.P.copy()
+        self.x_post, self.P_post = self.x.copy(), self.P.copy()
+        self.z: Array = np.full((m, 1), np.nan)
+        self.y: Array = np.zeros((m, 1))
+        self.S, self.K = np.zeros((m, m)), np.zeros((n, m))
+        self.nis = 0.0
+        self.channels_used = 0
+        self.log_likelihood = 0.0
+
+    def predict(
+        self,
+        u: ArrayLike | None = None,
+        dt: float | None = None,
+        *,
+        F: ArrayLike | None = None,
+        B: ArrayLike | None = None,
+        Q: ArrayLike | None = None,
+    ) -> None:
+        """Carry state and covariance to the next sample.
+
+        Parameters
+        ----------
+        u : input of the step, given to ``f`` and ``F_jacobian``, or multiplied by ``B``.
+        dt : length of the step in s, given to ``f`` and ``F_jacobian``.
+        F, B, Q : for this step only, in place of the attributes.
+        """
+        n = self.dim_x
+        x, P = self._state()
+        shaped = x.reshape(np.shape(self.x))
+        noise = _square(self.Q if Q is None else Q, n, "Q")
+        if F is not None:
+            transition = _matrix(F, n, n, "F")
+        elif self.F_jacobian is not None:
+            transition = _matrix(self.F_jacobian(shaped.copy(), u, dt), n, n, "F_jacobian(x, u, dt)")
+        elif self.f is not None:
+            f = self.f
+            transition = jacobian(lambda v: f(v.reshape(shaped.shape), u, dt), x, P)
+        else:
+            transition = _matrix(self.F, n, n, "F")
+        if self.f is not None:
+            x = _vector(self.f(shaped.copy(), u, dt), n, "f(x, u, dt)")
+        else:
+            x = transition @ x + self._input(u, self.B if B is None else B)
+        P = transition @ P @ transition.T + noise
+        require_finite(x, "the predicted state", "state")
+        self.x, self.P, self.F = x.reshape(shaped.shape), 0.5 * (P + P.T), transition
+        self.x_prior, self.P_prior = self.x.copy(), self.P.copy()
+
+    def update(
+        self,
+        z: ArrayLike | None,
+        HJacobian: Model | None = None,
+        Hx: Model | None = None,
+        R: ArrayLike | None = None,
+        args: Any = (),
+        hx_args: Any = (),
+        residual: Callable[[Any, Any], Any] = np.subtract,
+    ) -> None:
+        """Correct the state with a measurement.
+
+        Parameters
+        ----------
+        z : (m,) or (m, 1), a scalar when m = 1; NaN drops a channel, None all of them.
+        HJacobian, Hx : for this update only, in place of ``H_jacobian`` and ``h``;
+            called with the state and ``args``, ``hx_args``.
+        R : (m, m), (m,) or scalar, for this update only.
+        residual : ``residual(z, h(x))``, for channels that are angles.
+        """
+        m = self.dim_z
+        x, P = self._state()
+        shape = np.shape(self.x)
+        if z is None:
+            z = np.full(m, np.nan)
+        measured = _vector(z, m, "z")
+        if np.isinf(measured).any():
+            raise ValueError(f"z is infinite in channel {_first(np.isinf(measured))}; mark a gap with NaN")
+        noise = _square(self.R if R is None else R, m, "R")
+        args = args if isinstance(args, tuple) else (args,)
+        hx_args = hx_args if isinstance(hx_args, tuple) else (hx_args,)
+        H = self._output_jacobian(x, P, shape, HJacobian, Hx, args, hx_args)
+
+        def innovation(state: Array) -> Array:
+            output = self._output(state.reshape(shape), H, Hx, hx_args)
+            column = (m, 1) if len(shape) == 2 else (m,)
+            return _vector(residual(measured.reshape(column), output.reshape(column)), m, "residual(z, h(x))")
+
+        y = innovation(x)
+        used = ~np.isnan(measured)
+        require_finite(y[used], "the innovation z - h(x)", "used channel")
+        require_finite(H[used], "the Jacobian of h", "row")
+        corrected = self._correct(x, P, y, H, noise, used, innovation)
+        require_finite(corrected[0], "the updated state", "state")
+        require_finite(corrected[1], "the updated covariance", "row")
+        S = H @ P @ H.T + noise
+        self.S, self.H = 0.5 * (S + S.T), H
+        x, self.P, self.K, self.nis, self.log_likelihood = corrected
+        self.x = x.reshape(shape)
+        column = (m, 1) if len(shape) == 2 else (m,)
+        self.z, self.y = measured.reshape(column), np.where(used, y, np.nan).reshape(column)
+        self.channels_used = int(used.sum())
+        self.x_post, self.P_post = self.x.copy(), self.P.copy()
+
+    @property
+    def SI(self) -> Array:
+        """Inverse of ``S`` over the channels of the last update, zero elsewhere (m, m); for show."""
+        used = ~np.isnan(self.z).reshape(-1)
+        inverse = np.zeros((self.dim_z, self.dim_z))
+        scale = np.sqrt(np.diag(self.S)[used])
+        scale[scale == 0.0] = 1.0
+        weights = np.outer(scale, scale)
+        inverse[np.ix_(used, used)] = (
+            np.linalg.pinv(self.S[np.ix_(used, used)] / weights, hermitian=True) / weights
+        )
+        return inverse
+
+    @property
+    def likelihood(self) -> float:
+        """``exp(log_likelihood)``, but at least the smallest float, so that a product survives it."""
+        return max(math.exp(min(self.log_likelihood, 700.0)), sys.float_info.min)
+
+    @property
+    def mahalanobis(self) -> float:
+        """How many standard deviations the last measurement was off."""
+        return math.sqrt(self.nis)
+
+    def get_state(self) -> dict[str, Any]:
+        """Everything that the next results depend on, as copies: arrays and numbers, no functions."""
+        values = {name: getattr(self, name) for name in self._STATE}
+        return {k: v.copy() if isinstance(v, np.ndarray) else v for k, v in values.items() if v is not None}
+
+    def set_state(self, state: dict[str, Any]) -> None:
+        """Take up where another filter of the same model left off.
+
+        Parameters
+        ----------
+        state : from :meth:`get_state`.
+
+        Raises
+        ------
+        ValueError : of another kind of filter or of another size; nothing is changed then.
+        """
+        optional = {"B"}
+        wrong = (set(self._STATE) - optional - set(state)) | (set(state) - set(self._STATE))
+        if wrong:
+            kind = type(self).__name__
+            raise ValueError(f"not the state of a {kind}: missing or unknown {', '.join(sorted(wrong))}")
+        n, m = self.dim_x, self.dim_z
+        for name, size in (("x", n), ("z", m), ("K", n * m)):
+            if np.size(state[name]) != size:
+                raise ValueError(f"state has {np.size(state[name])} values in {name}; this filter has {size}")
+        for name in self._STATE:
+            value = state.get(name)
+            setattr(self, name, value.copy() if isinstance(value, np.ndarray) else value)
+
+    def __repr__(self) -> str:
+        shown = []
+        for name in self._OPTIONS:
+            value = getattr(self, name)
+            if value is not None and not (name == "dim_u" and value == 0):
+                text = getattr(value, "__name__", None) or _short(value)
+                shown.append(f"{name}={text}")
+        return f"{type(self).__name__}({', '.join(shown)})"
+
+    def _correct(
+        self,
+        x: Array,
+        P: Array,
+        y: Array,
+        H: Array,
+        R: Array,
+        used: NDArray[np.bool_],
+        innovation: Callable[[Array], Array],
+    ) -> tuple[Array, Array, Array, float, float]:
+        """Posterior x, P, the gain, NIS and log likelihood; the arguments are not changed."""
+        x, P = x.copy(), P.copy()
+        K = np.zeros((self.dim_x, self.dim_z))
+        gain = np.zeros((self.dim_x, int(used.sum())))
+        nis, log_likelihood = kalman_update_correlated(
+            x, P, y[used], H[used], np.ascontiguousarray(R[np.ix_(used, used)]), gain
+        )
+        K[:, used] = gain
+        return x, P, K, nis, log_likelihood
+
+    def _state(self) -> tuple[Array, Array]:
+        return _vector(self.x, self.dim_x, "x"), _square(self.P, self.dim_x, "P")
+
+    def _input(self, u: ArrayLike | None, B: ArrayLike | None) -> Array:
+        if u is None or (B is None and not np.any(u)):
+            return np.zeros(self.dim_x)
+        if B is None:
+            raise ValueError("u is given but the filter has no B; set B (n, k), or give f")
+        values = np.asarray(u, float).reshape(-1)
+        gain = np.asarray(B, float)
+        if gain.ndim == 0:
+            gain = gain * np.eye(self.dim_x)
+        return _matrix(gain, self.dim_x, values.size, "B") @ values
+
+    def _output(self, x: Array, H: Array, Hx: Model | None, hx_args: tuple[Any, ...]) -> Array:
+        h = self.h if Hx is None else Hx
+        if h is None:
+            return H @ x.reshape(-1)
+        return _vector(h(x.copy(), *hx_args), self.dim_z, "h(x)")
+
+    def _output_jacobian(
+        self,
+        x: Array,
+        P: Array,
+        shape: tuple[int, ...],
+        HJacobian: Model | None,
+        Hx: Model | None,
+        args: tuple[Any, ...],
+        hx_args: tuple[Any, ...],
+    ) -> Array:
+        m, n = self.dim_z, self.dim_x
+        given = HJacobian
+        if given is None and Hx is None:
+            given = self.H_jacobian
+        if given is not None:
+            return _matrix(given(x.reshape(shape), *args), m, n, "the Jacobian of h")
+        if Hx is None and self.h is None:
+            return _matrix(self.H, m, n, "H")
+        return jacobian(lambda v: self._output(v.reshape(shape), self.H, Hx, hx_args), x, P)
+
+
+def jacobian(function: Callable[[Array], ArrayLike], x: Array, P: Array) -> Array:
+    """Derivative of ``function`` at ``x`` by central differences.
+
+    Parameters
+    ----------
+    function : takes a vector (n,), gives m values.
+    x : (n,) where.
+    P : (n, n) covariance of x; its standard deviations, or ``|x|`` where larger, set the steps.
+
+    Returns
+    -------
+    (m, n) array; error about 1e-10 of the scale for a smooth function.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> jacobian(lambda x: [x[0] * x[1]], np.array([2.0, 3.0]), np.eye(2)).round(9).tolist()
+    [[3.0, 2.0]]
+    """
+    scale = np.maximum(np.abs(x), np.sqrt(np.maximum(np.diag(P), 0.0)))
+    scale[scale == 0.0] = 1.0
+    columns = []
+    for i, step in enumerate(np.cbrt(np.finfo(float).eps) * scale):
+        ahead, behind = x.copy(), x.copy()
+        ahead[i] += step
+        behind[i] -= step
+        width = ahead[i] - behind[i]
+        upper, lower = np.asarray(function(ahead), float), np.asarray(function(behind), float)
+        columns.append((upper.reshape(-1) - lower.reshape(-1)) / width)
+    return np.ascontiguousarray(np.stack(columns, axis=1))
+
+
+def _vector(value: ArrayLike, size: int, name: str) -> Array:
+    """A fresh (size,) array of whatever shape came in."""
+    array = np.array(value, dtype=float).reshape(-1)
+    if array.size != size:
+        raise ValueError(f"{name} has {array.size} values, the filter expects {size}")
+    return array
+
+
+def _matrix(value: ArrayLike, rows: int, columns: int, name: str) -> Array:
+    array = np.array(value, dtype=float, order="C")
+    if array.ndim == 3 and array.shape[2] == 1:  # a Jacobian built from the elements of a column state
+        array = array[:, :, 0]
+    if array.size == rows * columns and (array.ndim < 2 or array.shape == (rows, columns)):
+        return np.ascontiguousarray(array.reshape(rows, columns))
+    raise ValueError(f"{name} has shape {array.shape}, the filter expects {(rows, columns)}")
+
+
+def _square(value: ArrayLike, size: int, name: str) -> Array:
+    """A covariance (size, size) from a scalar, its diagonal or itself; symmetric and finite."""
+    array = np.array(value, dtype=float, order="C")
+    if array.ndim == 0:
+        array = array * np.eye(size)
+    elif array.shape == (size,):
+        array = np.diag(array)
+    array = _matrix(array, size, size, name)
+    if not np.isfinite(array).all():
+        raise ValueError(f"{name} has values that are not finite")
+    if (np.diag(array) < 0.0).any():
+        raise ValueError(f"{name} has a negative variance at {_first(np.diag(array) < 0.0)}")
+    return 0.5 * (array + array.T)
+
+
+def require_finite(array: Array, what: str, place: str) -> None:
+    bad = ~np.isfinite(array)
+    if bad.any():
+        raise ValueError(
+            f"{what} is not finite in {place} {_first(bad)}; check the model and the covariances"
+        )
+
+
+def _first(bad: NDArray[np.bool_]) -> int:
+    return int(np.argwhere(bad)[0][0])
+
+
+def _short(value: Any) -> str:
+    return np.array2string(value, separator=", ") if isinstance(value, np.ndarray) else repr(value)

@@ -1,0 +1,188 @@
+"""Smooth variable structure filter: keeps hold of the state when the model is wrong.
+
+A Kalman filter trusts its covariances; when the plant changes, it lags. The SVSF instead
+forces the measured part of the state into a band around the measurement that is as wide as
+the *boundary layer* ``psi``. Per channel, with ``e = z - h(x_prior)``, the posterior error
+``e_post`` of the step before, and ``E = |e| + gamma |e_post|``::
+
+    correction  k = E sat(e / psi)      sat(a) = a for |a| <= 1, else sgn(a)
+    state       x <- x + H+ k           H+ = P H' (H P H')^-1
+    covariance  P <- (I - K H) P (I - K H)' + K R K',   K e = H+ k
+
+Outside the layer the posterior error becomes ``-gamma |e_post| sgn(e)``, whatever the model:
+it contracts by ``gamma`` each step. Inside, the correction falls off with the square of ``e``.
+With fewer channels than states, ``H+`` carries the correction to the others through the
+covariance, as a Kalman filter would (:func:`estimators.kernels.svsf_gain` shows why no
+separate Kalman term is left over).
+
+With ``boundary_layer="variable"`` the layer that minimises the trace of P is computed,
+``psi_k = S (H P H')^-1 diag(E)``. As long as its diagonal stays below the limit ``psi``, the
+gain *is* the Kalman gain; beyond, the gain above, with ``psi`` as the layer, takes over.
+``psi_k`` grows as the filter becomes sure of itself, also on a healthy plant: take the limit
+from a high quantile of ``psi_k`` over healthy runs, channel by channel, and again after
+every change of Q or R.
+
+``psi_k``, ``outside`` and ``chattering`` show that something changed, but they are tests of
+single samples: to *detect*, put a CUSUM or a windowed NIS on the innovations.
+
+Sources: Habibi 2007, doi 10.1109/JPROC.2007.893255; covariance: Gadsden and Habibi 2010, 49th
+IEEE CDC, 7389-7394; optimal layer: Gadsden and Habibi 2013, doi 10.1115/1.4006628.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from estimators.ekf import Array, ExtendedKalmanFilter, Model, require_finite
+from estimators.kernels import svsf_gain
+from estimators.linalg import joseph_update, project
+
+
+class SVSF(ExtendedKalmanFilter):
+    """Smooth variable structure filter on the interface of :class:`ExtendedKalmanFilter`.
+
+    Parameters
+    ----------
+    dim_x, dim_z, dim_u, f, h, F_jacobian, H_jacobian : as in :class:`ExtendedKalmanFilter`.
+    psi : boundary layer per channel (m,) or one for all, in the units of z, > 0. A few standard
+        deviations of measurement noise plus expected model error; the limit of ``psi_k`` when
+        the layer is variable, where infinity gives a plain Kalman filter.
+    gamma : memory, 0 <= gamma < 1; smaller converges faster.
+    boundary_layer : ``"fixed"``, or ``"variable"`` for the Kalman gain inside the limit.
+
+    Attributes
+    ----------
+    e_post : (m,) posterior error ``z - h(x)``; a missing channel keeps its last.
+    psi_k : (m,) optimal boundary layer of the last update, NaN where a channel was missing.
+    outside : (m,) bool, ``|e| > psi`` at the last update.
+    switched : True when the last update applied the SVSF's gain and not the Kalman gain.
+    chattering : (m,) share of updates so far with ``outside``; NaN before the first.
+
+    Raises
+    ------
+    ValueError : as the base class, and for a psi, gamma or boundary_layer out of range.
+
+    Examples
+    --------
+    A constant that jumps by 5 at the sixth sample; the Kalman filter of the same tuning
+    still lags by 4.2 at the end, the SVSF by less than its layer:
+
+    >>> import numpy as np
+    >>> kf, svsf = ExtendedKalmanFilter(1, 1), SVSF(1, 1, psi=0.5, boundary_layer="variable")
+    >>> for filt in (kf, svsf):
+    ...     filt.H, filt.Q, filt.R = [[1.0]], 1e-6, 1e-2
+    ...     for z in [0.0] * 5 + [5.0] * 1:
+    ...         filt.predict()
+    ...         filt.update(z)
+    >>> round(kf.x.item(), 2), round(svsf.x.item(), 2), svsf.switched, svsf.chattering.round(2).tolist()
+    (0.83, 5.0, True, [0.17])
+    """
+
+    _OPTIONS = (*ExtendedKalmanFilter._OPTIONS, "psi", "gamma", "boundary_layer")
+    _STATE = (
+        *ExtendedKalmanFilter._STATE,
+        "psi", "gamma", "e_post", "psi_k", "outside", "switched", "updates", "times_outside",
+    )  # fmt: skip
+
+    def __init__(
+        self,
+        dim_x: int,
+        dim_z: int,
+        dim_u: int = 0,
+        *,
+        psi: ArrayLike,
+        gamma: float = 0.1,
+        boundary_layer: str = "fixed",
+        f: Model | None = None,
+        h: Model | None = None,
+        F_jacobian: Model | None = None,
+        H_jacobian: Model | None = None,
+    ) -> None:
+        super().__init__(dim_x, dim_z, dim_u, f=f, h=h, F_jacobian=F_jacobian, H_jacobian=H_jacobian)
+        self.psi: Any = psi
+        self.gamma = gamma
+        if boundary_layer not in ("fixed", "variable"):
+            raise ValueError(f"boundary_layer is {boundary_layer!r}; give 'fixed' or 'variable'")
+        self.boundary_layer = boundary_layer
+        m = self.dim_z
+        self._layer()
+        self.e_post = np.zeros(m)
+        self.psi_k = np.full(m, np.nan)
+        self.outside = np.zeros(m, dtype=bool)
+        self.switched = False
+        self.updates = np.zeros(m, dtype=np.int64)
+        self.times_outside = np.zeros(m, dtype=np.int64)
+
+    @property
+    def chattering(self) -> Array:
+        """Share of the updates of each channel in which it was outside the layer (m,)."""
+        share = np.full(self.dim_z, np.nan)
+        np.divide(self.times_outside, self.updates, out=share, where=self.updates > 0)
+        return share
+
+    def _layer(self) -> Array:
+        """The boundary layer as (m,), checked, with gamma: both are open to change between updates."""
+        psi = np.asarray(self.psi, float)
+        layer = np.full(self.dim_z, float(psi)) if psi.ndim == 0 else psi.reshape(-1)
+        if layer.size != self.dim_z:
+            raise ValueError(
+                f"psi has {layer.size} values; give one, or one for each of {self.dim_z} channels"
+            )
+        if not (layer > 0.0).all():
+            raise ValueError(f"psi is {layer[~(layer > 0.0)][0]:g}; a boundary layer is more than 0")
+        if not 0.0 <= self.gamma < 1.0:
+            raise ValueError(f"gamma is {self.gamma:g}; give 0 <= gamma < 1")
+        if np.isinf(layer).any() and self.boundary_layer == "fixed":
+            raise ValueError("psi is infinite, which corrects nothing; give a width, or a variable layer")
+        return layer
+
+    def _correct(
+        self,
+        x: Array,
+        P: Array,
+        y: Array,
+        H: Array,
+        R: Array,
+        used: NDArray[np.bool_],
+        innovation: Callable[[Array], Array],
+    ) -> tuple[Array, Array, Array, float, float]:
+        layer = self._layer()[used]
+        x_new, P_new, K, nis, log_likelihood = super()._correct(x, P, y, H, R, used, innovation)
+        n, m = self.dim_x, int(used.sum())
+        e, H_used, R_used = y[used], H[used], np.ascontiguousarray(R[np.ix_(used, used)])
+        PHt, HPHt, gain = np.empty((n, m)), np.empty((m, m)), np.empty((n, m))
+        psi_k, outside = np.empty(m), np.empty(m, dtype=bool)
+        project(P, H_used, PHt, HPHt)
+        variable = self.boundary_layer == "variable"
+        switched = m > 0 and svsf_gain(
+            PHt, HPHt, R_used, e, self.e_post[used], float(self.gamma), layer, variable, gain, psi_k, outside
+        )
+        if switched:
+            x_new, P_new = x + gain @ e, P.copy()
+            joseph_update(P_new, gain, H_used, R_used)
+            K[:, used] = gain
+        after = innovation(x_new)
+        # A refused update must leave the memory alone too.
+        for part, what in ((x_new, "the updated state"), (after[used], "the posterior error z - h(x)")):
+            require_finite(part, what, "place")
+        self._remember(used, after, psi_k, outside, bool(switched))
+        return x_new, P_new, K, nis, log_likelihood
+
+    def _remember(
+        self,
+        used: NDArray[np.bool_],
+        after: Array,
+        psi_k: Array,
+        outside: NDArray[np.bool_],
+        switched: bool,
+    ) -> None:
+        self.e_post = np.where(used, after, self.e_post)
+        self.psi_k, self.outside = np.full(self.dim_z, np.nan), np.zeros(self.dim_z, dtype=bool)
+        self.psi_k[used], self.outside[used] = psi_k, outside
+        self.switched = switched
+        self.updates = self.updates + used
+        self.times_outside = self.times_outside + self.outside
