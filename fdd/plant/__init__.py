@@ -1,1 +1,1 @@
-"""plant"""
+"""The faulty-plant simulator: hydraulics, drive, friction, oil, sensors, controllers, scenarios."""

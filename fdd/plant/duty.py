@@ -1,0 +1,276 @@
+"""Duties: what the actuator is asked to do, as one set-point per millisecond.
+
+In position control the set-point is a position: `offset` plus a shape of `amplitude` metres. In
+speed control it is a pump speed: the shape times `speed` rad/s, and the piston starts at `offset`.
+Every duty rests for `lead_in` seconds first.
+"""
+
+from __future__ import annotations
+
+from typing import Annotated, ClassVar, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import Field
+from scipy.signal import butter, sosfilt
+
+from fdd.errors import InputError
+from fdd.plant.validated import Validated
+
+Array = NDArray[np.float64]
+
+TICK = 1e-3
+"""Period of the controller (s)."""
+
+Seconds = Annotated[float, Field(gt=0.0, le=600.0)]
+Frequency = Annotated[float, Field(gt=0.0, le=100.0)]
+
+
+class Duty(Validated):
+    """What every duty has.
+
+    Attributes
+    ----------
+    amplitude : m, largest departure from `offset` in position control.
+    speed : rad/s, largest set-point in speed control.
+    offset : m, middle of the motion, where the piston starts.
+    lead_in : s at rest at the start.
+    """
+
+    usual: ClassVar[dict[str, tuple[float, float]]] = {}
+    """Ranges that a campaign draws from."""
+
+    amplitude: Annotated[float, Field(ge=0.0, le=2.0)] = 0.05
+    speed: Annotated[float, Field(ge=0.0, le=2000.0)] = 100.0
+    offset: Annotated[float, Field(ge=-2.0, le=2.0)] = 0.0
+    lead_in: Annotated[float, Field(ge=0.0, le=600.0)] = 0.5
+
+    def shape(self, time: Array, rng: np.random.Generator) -> Array:
+        """The motion between -1 and 1, (n,) for (n,) seconds since the end of the rest."""
+        return np.zeros_like(time)
+
+    def setpoint(self, n: int, position: bool, rng: np.random.Generator) -> Array:
+        """The set-point, (n,), m in position control and rad/s in speed control."""
+        rest = min(round(self.lead_in / TICK), n)
+        shape = np.zeros(n)
+        shape[rest:] = self.shape(np.arange(n - rest, dtype=np.float64) * TICK, rng)
+        return self.offset + self.amplitude * shape if position else self.speed * shape
+
+
+class Standstill(Duty):
+    """Nothing moves: the position is held, or the pump commanded to stand."""
+
+    name: Literal["standstill"] = "standstill"
+    amplitude: Annotated[float, Field(ge=0.0, le=2.0)] = 0.0
+
+
+class Steps(Duty):
+    """Steps to random levels, each held for a random time around `hold`."""
+
+    usual: ClassVar[dict[str, tuple[float, float]]] = {
+        "amplitude": (0.005, 0.1),
+        "speed": (30.0, 280.0),
+        "hold": (0.5, 4.0),
+    }
+    name: Literal["steps"] = "steps"
+    hold: Seconds = 2.0
+
+    def shape(self, time: Array, rng: np.random.Generator) -> Array:
+        return _held(time, self.hold, rng, lambda k: rng.uniform(-1.0, 1.0, k))
+
+
+class Sines(Duty):
+    """A sum of sines of random phase, scaled to the amplitude."""
+
+    usual: ClassVar[dict[str, tuple[float, float]]] = {
+        "amplitude": (0.002, 0.08),
+        "speed": (30.0, 250.0),
+        "low_hz": (0.05, 0.5),
+        "high_hz": (1.0, 10.0),
+    }
+    name: Literal["sines"] = "sines"
+    low_hz: Frequency = 0.2
+    high_hz: Frequency = 3.0
+    count: Annotated[int, Field(ge=1, le=32)] = 4
+    tilt: Annotated[float, Field(ge=0.0, le=3.0)] = 1.0
+    """Amplitude of each goes with frequency to minus this power."""
+
+    def shape(self, time: Array, rng: np.random.Generator) -> Array:
+        frequencies = np.geomspace(self.low_hz, max(self.high_hz, self.low_hz), self.count)
+        weights = frequencies**-self.tilt
+        phases = rng.uniform(0.0, 2.0 * np.pi, self.count)
+        total = np.zeros_like(time)
+        for frequency, weight, phase in zip(frequencies, weights, phases, strict=True):
+            total += weight / weights.sum() * np.sin(2.0 * np.pi * frequency * time + phase)
+        start = 1.0 - np.exp(-((time / 0.2) ** 2))  # no jump at the end of the rest
+        return np.asarray(total * start)
+
+
+class Sweep(Duty):
+    """A logarithmic chirp, repeated."""
+
+    usual: ClassVar[dict[str, tuple[float, float]]] = {
+        "amplitude": (0.002, 0.03),
+        "speed": (30.0, 150.0),
+        "stop_hz": (5.0, 50.0),
+        "period": (10.0, 40.0),
+    }
+    name: Literal["sweep"] = "sweep"
+    start_hz: Frequency = 0.1
+    stop_hz: Frequency = 20.0
+    period: Seconds = 20.0
+
+    def shape(self, time: Array, rng: np.random.Generator) -> Array:
+        rate = np.log(self.stop_hz / self.start_hz) / self.period
+        if abs(rate) < 1e-9:
+            return np.asarray(np.sin(2.0 * np.pi * self.start_hz * time))
+        within = np.mod(time, self.period)
+        return np.asarray(np.sin(2.0 * np.pi * self.start_hz / rate * np.expm1(rate * within)))
+
+
+class Prbs(Duty):
+    """A random telegraph between the amplitude and its negative."""
+
+    usual: ClassVar[dict[str, tuple[float, float]]] = {
+        "amplitude": (0.002, 0.03),
+        "speed": (20.0, 200.0),
+        "bit": (0.05, 0.6),
+    }
+    name: Literal["prbs"] = "prbs"
+    bit: Seconds = 0.2
+
+    def shape(self, time: Array, rng: np.random.Generator) -> Array:
+        bits = rng.integers(0, 2, int(time.size * TICK / self.bit) + 1) * 2.0 - 1.0
+        return np.asarray(
+            bits[np.minimum((time / self.bit).astype(np.int64), bits.size - 1)], dtype=np.float64
+        )
+
+
+class Sawtooth(Duty):
+    """Out slowly and back fast, without rest."""
+
+    usual: ClassVar[dict[str, tuple[float, float]]] = {
+        "amplitude": (0.01, 0.1),
+        "speed": (40.0, 250.0),
+        "period": (3.0, 15.0),
+        "rise": (0.3, 0.85),
+    }
+    name: Literal["sawtooth"] = "sawtooth"
+    period: Seconds = 8.0
+    rise: Annotated[float, Field(gt=0.02, lt=0.98)] = 0.7
+    """Share of the period on the way out."""
+
+    def shape(self, time: Array, rng: np.random.Generator) -> Array:
+        phase = np.mod(time / self.period + 0.5 * self.rise, 1.0)
+        return np.asarray(np.interp(phase, [0.0, self.rise, 1.0], [-1.0, 1.0, -1.0]))
+
+
+class Strokes(Duty):
+    """Strokes at constant velocity with a rest at each end (trapezoids)."""
+
+    usual: ClassVar[dict[str, tuple[float, float]]] = {
+        "amplitude": (0.02, 0.11),
+        "rate": (0.01, 0.09),
+        "dwell": (0.1, 2.0),
+    }
+    name: Literal["strokes"] = "strokes"
+    rate: Annotated[float, Field(gt=0.0, le=2.0)] = 0.03
+    """m/s; for speed control see `ConstantSpeed`."""
+    dwell: Seconds = 0.5
+
+    def shape(self, time: Array, rng: np.random.Generator) -> Array:
+        stroke = 2.0 * max(self.amplitude, 1e-6) / self.rate
+        corners = np.cumsum([0.0, 0.5 * stroke, self.dwell, stroke, self.dwell, 0.5 * stroke])
+        levels = [0.0, 1.0, 1.0, -1.0, -1.0, 0.0]
+        return np.asarray(np.interp(np.mod(time, corners[-1]), corners, levels))
+
+
+class Flight(Duty):
+    """A control surface in cruise: positions held, small corrections all the time, now and then a move."""
+
+    usual: ClassVar[dict[str, tuple[float, float]]] = {
+        "amplitude": (0.01, 0.08),
+        "speed": (20.0, 120.0),
+        "hold": (2.0, 8.0),
+        "corrections": (0.01, 0.08),
+    }
+    name: Literal["flight"] = "flight"
+    hold: Seconds = 4.0
+    corrections: Annotated[float, Field(ge=0.0, le=0.5)] = 0.03
+    """Standard deviation of the corrections over the amplitude."""
+    bandwidth_hz: Annotated[float, Field(gt=0.0, le=50.0)] = 1.0
+
+    def shape(self, time: Array, rng: np.random.Generator) -> Array:
+        if time.size == 0:
+            return np.zeros(0)
+        held = _held(time, self.hold, rng, lambda k: np.clip(0.4 * rng.standard_normal(k), -0.8, 0.8))
+        held = np.asarray(sosfilt(butter(2, 1.5, fs=1.0 / TICK, output="sos"), held))
+        noise = sosfilt(
+            butter(2, self.bandwidth_hz, fs=1.0 / TICK, output="sos"), rng.standard_normal(time.size)
+        )
+        noise = noise / np.sqrt(1.1107 * self.bandwidth_hz * 2.0 * TICK)
+        return np.clip(held + self.corrections * noise, -1.0, 1.0)
+
+
+class ConstantSpeed(Duty):
+    """Strokes at constant pump speed between ± amplitude, in speed control: how leakage and friction
+    are measured. The next of `speeds` is taken every `turn` seconds."""
+
+    usual: ClassVar[dict[str, tuple[float, float]]] = {"amplitude": (0.02, 0.11), "dwell": (0.0, 2.0)}
+    name: Literal["constant_speed"] = "constant_speed"
+    speeds: Annotated[
+        tuple[Annotated[float, Field(gt=0.0, le=2000.0)], ...], Field(min_length=1, max_length=64)
+    ] = (50.0, 105.0, 200.0)
+    """rad/s."""
+    turn: Seconds = 20.0
+    dwell: Annotated[float, Field(ge=0.0, le=60.0)] = 0.5
+
+    def setpoint(self, n: int, position: bool, rng: np.random.Generator) -> Array:
+        time = np.arange(n) * TICK - self.lead_in
+        levels = np.array(self.speeds)
+        which = np.mod((np.maximum(time, 0.0) / self.turn).astype(np.int64), levels.size)
+        return np.where(time >= 0.0, levels[which], 0.0)
+
+
+def _held(time: Array, hold: float, rng: np.random.Generator, draw: object) -> Array:
+    """Levels that `draw(k)` gives, each held for 0.5 to 1.5 of `hold`."""
+    count = int(time.size * TICK / (0.5 * hold)) + 2
+    edges = np.cumsum(rng.uniform(0.5, 1.5, count) * hold)
+    levels = draw(count)  # type: ignore[operator]
+    return np.asarray(levels[np.searchsorted(edges, time, side="right").clip(max=count - 1)])
+
+
+AnyDuty = Annotated[
+    Standstill | Steps | Sines | Sweep | Prbs | Sawtooth | Strokes | Flight | ConstantSpeed,
+    Field(discriminator="name"),
+]
+
+DUTIES: dict[str, type[Duty]] = {
+    "standstill": Standstill,
+    "steps": Steps,
+    "sines": Sines,
+    "sweep": Sweep,
+    "prbs": Prbs,
+    "sawtooth": Sawtooth,
+    "strokes": Strokes,
+    "flight": Flight,
+    "constant_speed": ConstantSpeed,
+}
+
+
+def duty_named(name: str, **parameters: object) -> Duty:
+    """A duty by its name.
+
+    Raises
+    ------
+    InputError : unknown name or parameter, value out of range.
+
+    Examples
+    --------
+    >>> duty_named("steps", amplitude=0.03).amplitude
+    0.03
+    """
+    found = DUTIES.get(name)
+    if found is None:
+        raise InputError(f"unknown profile {name!r}", mend=f"use one of: {', '.join(DUTIES)}")
+    return found(**parameters)

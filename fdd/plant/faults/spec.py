@@ -1,0 +1,156 @@
+"""What a user asks for: which fault, how severe, when, and how it comes."""
+
+from __future__ import annotations
+
+from typing import Annotated, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import Field, model_validator
+
+from fdd.errors import InputError
+from fdd.faults import CATALOGUE, PROFILES, fault
+from fdd.plant.validated import Validated
+
+SIMULATED = tuple(f.id for f in CATALOGUE.values() if f.simulated)
+"""Ids of the faults that the plant injects."""
+
+Profile = Literal["step", "ramp", "intermittent"]
+
+
+class FaultSpec(Validated):
+    """One fault to inject.
+
+    Attributes
+    ----------
+    fault : id of the catalogue, one of `SIMULATED`.
+    severity : 0 to 1; the catalogue says what 1.0 means.
+    onset : s after the start of the log; 0 means from the beginning.
+    profile : step, ramp (linear over `ramp` s) or intermittent (on for the share
+        `duty` of every `period` s).
+    side, variant : what the catalogue lists for the fault; None takes the first.
+
+    Raises
+    ------
+    InputError : unknown or not simulated fault, value out of range.
+
+    Examples
+    --------
+    >>> spec = FaultSpec(fault="internal_leakage", severity=0.4, onset=2.0)
+    >>> spec.over(np.array([0.0, 1.9, 2.0, 9.0]))
+    array([0. , 0. , 0.4, 0.4])
+    """
+
+    fault: str
+    severity: Annotated[float, Field(ge=0.0, le=1.0)]
+    onset: Annotated[float, Field(ge=0.0, allow_inf_nan=False)] = 0.0
+    profile: Profile = "step"
+    ramp: Annotated[float, Field(gt=0.0, le=3600.0)] = 10.0
+    period: Annotated[float, Field(gt=0.0, le=3600.0)] = 4.0
+    duty: Annotated[float, Field(gt=0.0, lt=1.0)] = 0.5
+    side: int | None = None
+    variant: str | None = None
+
+    @model_validator(mode="after")
+    def _known(self) -> FaultSpec:
+        entry = fault(self.fault)
+        if not entry.simulated:
+            raise InputError(
+                f"fault {self.fault!r} is not simulated yet",
+                mend=f"the simulated ones: {', '.join(SIMULATED)}",
+            )
+        for name, given, allowed in (
+            ("side", self.side, entry.sides),
+            ("variant", self.variant, entry.variants),
+        ):
+            if given is None:
+                object.__setattr__(self, name, allowed[0] if allowed else None)
+            elif given not in allowed:
+                shown = ", ".join(str(a) for a in allowed)
+                mend = f"use one of: {shown}" if allowed else f"leave {name} out"
+                raise InputError(f"fault {self.fault}: {name} {given!r} is not possible", mend=mend)
+        return self
+
+    @property
+    def family(self) -> str:
+        """The fault's family in the catalogue."""
+        return CATALOGUE[self.fault].family
+
+    def over(self, time: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Severity at each time, (n,) for (n,) seconds."""
+        since = time - self.onset
+        begun = since >= -1e-9
+        if self.profile == "ramp":
+            share = np.clip(since / self.ramp, 0.0, 1.0)
+        elif self.profile == "intermittent":
+            phase = np.mod(since + 1e-9, self.period)
+            share = np.where(phase < self.duty * self.period, 1.0, 0.0)
+        else:
+            share = np.ones_like(since)
+        return np.where(begun, self.severity * share, 0.0)
+
+    def label(self) -> dict[str, str | float | int | None]:
+        """The label of the fault, as data sets carry it."""
+        return {
+            "fault": self.fault,
+            "family": self.family,
+            "severity": self.severity,
+            "onset_s": self.onset,
+            "profile": self.profile,
+            "side": self.side,
+            "variant": self.variant,
+        }
+
+
+_NUMBERS = ("severity", "onset", "ramp", "period", "duty")
+_PARAMETERS = (*_NUMBERS, "profile", "side", "variant")
+
+
+def parse_fault(text: str) -> FaultSpec:
+    """Read a fault as the command line gives it.
+
+    Parameters
+    ----------
+    text : ``ID:severity=0.4,onset=20`` with optional profile, ramp, period, duty, side, variant.
+
+    Raises
+    ------
+    InputError : unknown fault or parameter, or a value that is not possible.
+
+    Examples
+    --------
+    >>> parse_fault("seal_wear:severity=0.3,onset=5,variant=tight").variant
+    'tight'
+    """
+    name, _, rest = text.partition(":")
+    where = f"--fault {text}"
+    data: dict[str, str | float | int] = {"fault": name.strip()}
+    try:
+        for part in filter(None, (p.strip() for p in rest.split(","))):
+            key, equals, value = (p.strip() for p in part.partition("="))
+            if key not in _PARAMETERS or not equals:
+                raise InputError(
+                    f"unknown parameter {part!r}", mend=f"write key=value with: {', '.join(_PARAMETERS)}"
+                )
+            if key in data:
+                raise InputError(f"{key} is given twice", mend="give it once")
+            data[key] = _value(key, value)
+        fault(name.strip())  # before the severity is missed: the name is the likelier slip
+        if "severity" not in data:
+            raise InputError("severity is missing", mend=f"write {name}:severity=0.4 (0 to 1)")
+        return FaultSpec(**data)
+    except InputError as error:
+        raise error.at(where) from None
+
+
+def _value(key: str, text: str) -> str | float | int:
+    try:
+        if key in _NUMBERS:
+            return float(text)
+        if key == "side":
+            return int(text)
+    except ValueError:
+        raise InputError(f"{key}={text!r} is not a number", mend=f"write {key}=NUMBER") from None
+    if key == "profile" and text not in PROFILES:
+        raise InputError(f"unknown profile {text!r}", mend=f"use one of: {', '.join(PROFILES)}")
+    return text

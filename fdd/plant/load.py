@@ -1,0 +1,176 @@
+"""Loads on the rod. Positive force acts against extension."""
+
+from __future__ import annotations
+
+from typing import Annotated, ClassVar, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import Field
+from scipy.signal import butter, sosfilt
+
+from fdd.errors import InputError
+from fdd.plant.validated import Validated
+
+Array = NDArray[np.float64]
+
+_CONTROL_RATE = 1000.0
+
+
+class Load(Validated):
+    """What every load has: here, nothing. The plant reads these, `force` gives what depends on time."""
+
+    usual: ClassVar[dict[str, tuple[float, float]]] = {}
+    """Ranges that a campaign draws from."""
+
+    @property
+    def mass(self) -> float:
+        """kg moved beside the piston."""
+        return 0.0
+
+    @property
+    def stiffness(self) -> float:
+        """N/m of a spring on the rod."""
+        return 0.0
+
+    @property
+    def centre(self) -> float:
+        """m, where that spring is slack."""
+        return 0.0
+
+    @property
+    def throttle_pressure(self) -> float:
+        """Pa over a throttled partner at 100 rad/s of this pump; 0 for none."""
+        return 0.0
+
+    def force(self, n: int, rng: np.random.Generator) -> Array:
+        """(n,) N, the part that depends on time alone, one value per millisecond."""
+        return np.zeros(n)
+
+
+class NoLoad(Load):
+    """A free rod."""
+
+    name: Literal["none"] = "none"
+
+
+class ConstantLoad(Load):
+    """A weight: `level` newton, from the start of the log."""
+
+    usual: ClassVar[dict[str, tuple[float, float]]] = {"level": (-2500.0, 2500.0)}
+    name: Literal["constant"] = "constant"
+    level: Annotated[float, Field(ge=-4500.0, le=4500.0)] = 1000.0
+
+    def force(self, n: int, rng: np.random.Generator) -> Array:
+        return np.full(n, self.level)
+
+
+class SpringLoad(Load):
+    """A spring, as an elastic surface or a specimen gives it."""
+
+    usual: ClassVar[dict[str, tuple[float, float]]] = {"rate": (3e3, 4e4), "slack": (-0.03, 0.03)}
+    name: Literal["spring"] = "spring"
+    rate: Annotated[float, Field(gt=0.0, le=1e6)] = 1.5e4
+    """N/m."""
+    slack: Annotated[float, Field(ge=-1.0, le=1.0)] = 0.0
+    """m, position without force."""
+
+    @property
+    def stiffness(self) -> float:
+        return self.rate
+
+    @property
+    def centre(self) -> float:
+        return self.slack
+
+
+class InertiaLoad(Load):
+    """More mass on the rod."""
+
+    usual: ClassVar[dict[str, tuple[float, float]]] = {"added": (5.0, 100.0)}
+    name: Literal["inertia"] = "inertia"
+    added: Annotated[float, Field(ge=0.0, le=2000.0)] = 30.0
+    """kg."""
+
+    @property
+    def mass(self) -> float:
+        return self.added
+
+
+class GustLoad(Load):
+    """Coloured noise on a surface that is held back by the air stream."""
+
+    usual: ClassVar[dict[str, tuple[float, float]]] = {
+        "deviation": (100.0, 900.0),
+        "bandwidth_hz": (0.3, 6.0),
+        "level": (-800.0, 800.0),
+        "rate": (0.0, 1.5e4),
+    }
+    name: Literal["gust"] = "gust"
+    deviation: Annotated[float, Field(ge=0.0, le=2000.0)] = 400.0
+    """N, standard deviation of the force."""
+    bandwidth_hz: Annotated[float, Field(gt=0.0, le=50.0)] = 2.0
+    level: Annotated[float, Field(ge=-4500.0, le=4500.0)] = 0.0
+    """N, mean."""
+    rate: Annotated[float, Field(ge=0.0, le=1e6)] = 0.0
+    """N/m, of the air stream."""
+
+    @property
+    def stiffness(self) -> float:
+        return self.rate
+
+    def force(self, n: int, rng: np.random.Generator) -> Array:
+        lead = int(min(2.0 / self.bandwidth_hz, 20.0) * _CONTROL_RATE)
+        sections = butter(2, self.bandwidth_hz, fs=_CONTROL_RATE, output="sos")
+        noise = np.asarray(sosfilt(sections, rng.standard_normal(n + lead)))[lead:]
+        # White noise through a second-order Butterworth keeps 1.11 of its corner's share.
+        share = np.sqrt(1.1107 * self.bandwidth_hz / (0.5 * _CONTROL_RATE))
+        return self.level + self.deviation * noise / share
+
+
+class ThrottleLoad(Load):
+    """A partner cylinder on the same rod whose ports are joined through a throttle.
+
+    Its drop is quadratic in flow, Δp = R·Q|Q|, behind the partner's own compressibility.
+    """
+
+    usual: ClassVar[dict[str, tuple[float, float]]] = {"pressure": (0.2e6, 3.0e6)}
+    name: Literal["throttle"] = "throttle"
+    pressure: Annotated[float, Field(gt=0.0, le=2e7)] = 1.0e6
+    """Pa over the throttle when this axis's pump turns at 100 rad/s without leakage."""
+
+    @property
+    def throttle_pressure(self) -> float:
+        return self.pressure
+
+
+AnyLoad = Annotated[
+    NoLoad | ConstantLoad | SpringLoad | InertiaLoad | GustLoad | ThrottleLoad, Field(discriminator="name")
+]
+
+LOADS: dict[str, type[Load]] = {
+    "none": NoLoad,
+    "constant": ConstantLoad,
+    "spring": SpringLoad,
+    "inertia": InertiaLoad,
+    "gust": GustLoad,
+    "throttle": ThrottleLoad,
+}
+
+
+def load_named(name: str, **parameters: float) -> Load:
+    """A load by its name.
+
+    Raises
+    ------
+    InputError : unknown name or parameter, value out of range.
+
+    Examples
+    --------
+    >>> load_named("spring", rate=2e4).stiffness
+    20000.0
+    """
+    found = LOADS.get(name)
+    if found is None:
+        raise InputError(f"unknown load {name!r}", mend=f"use one of: {', '.join(LOADS)}")
+    return found(**parameters)

@@ -1,0 +1,126 @@
+"""The oil: viscosity over temperature, compressibility over pressure with free air in it.
+
+Pressures are gauge unless a name says absolute. All functions take and give
+scalars or arrays of one shape.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from fdd.errors import InputError
+from fdd.unit import Oil
+
+ATMOSPHERE = 101_325.0
+"""Pressure (Pa, absolute) at which the fraction of free air is counted."""
+
+_WALTHER_SHIFT = 0.7  # cSt, of ASTM D341
+_KELVIN = 273.15
+
+
+def viscosity(oil: Oil, temperature: ArrayLike) -> NDArray[np.float64]:
+    """Kinematic viscosity by Walther's law through the oil's two data-sheet points.
+
+    ``log10 log10(ν + 0.7) = a - b·log10 T``, ν in cSt and T in kelvin (ASTM D341).
+
+    Parameters
+    ----------
+    oil : gives the viscosity at 40 and at 100 °C (m²/s).
+    temperature : (…) °C.
+
+    Returns
+    -------
+    (…) kinematic viscosity, m²/s.
+
+    Examples
+    --------
+    >>> from fdd.unit import Unit
+    >>> oil = Unit.load("axis_a").oil
+    >>> [round(float(v) * 1e6, 1) for v in viscosity(oil, [20.0, 40.0, 100.0])]
+    [85.6, 32.0, 5.4]
+    """
+    ordinate = [np.log10(np.log10(v * 1e6 + _WALTHER_SHIFT)) for v in (oil.viscosity_40, oil.viscosity_100)]
+    abscissa = [np.log10(40.0 + _KELVIN), np.log10(100.0 + _KELVIN)]
+    slope = (ordinate[1] - ordinate[0]) / (abscissa[1] - abscissa[0])
+    kelvin = np.asarray(temperature, dtype=np.float64) + _KELVIN
+    loglog = ordinate[0] + slope * (np.log10(kelvin) - abscissa[0])
+    return np.asarray((10.0 ** (10.0**loglog) - _WALTHER_SHIFT) * 1e-6)
+
+
+def viscosity_ratio(oil: Oil, temperature: ArrayLike) -> NDArray[np.float64]:
+    """Viscosity over that at the oil's reference temperature, (…)."""
+    return viscosity(oil, temperature) / viscosity(oil, oil.reference_temperature)
+
+
+def air_compliance(
+    pressure: ArrayLike, polytropic_index: float, ambient: float = ATMOSPHERE
+) -> NDArray[np.float64]:
+    """Compliance that a unit fraction of free air adds, c(p) of ``1/β = 1/β_stiff + α·c(p)``.
+
+    ``c(p) = p_atm^(1/n) / (n·p_abs^((n+1)/n))``: the derivative of a polytropic gas's
+    volume, counted at atmospheric pressure (thesis eqs 5.20 and 5.21).
+
+    Parameters
+    ----------
+    pressure : (…) Pa, gauge.
+    polytropic_index : n, 1 isothermal to 1.4 adiabatic.
+    ambient : Pa, absolute pressure at gauge zero.
+
+    Returns
+    -------
+    (…) 1/Pa.
+    """
+    absolute = np.asarray(pressure, dtype=np.float64) + ambient
+    n = polytropic_index
+    return np.asarray(ATMOSPHERE ** (1.0 / n) / (n * absolute ** ((n + 1.0) / n)))
+
+
+def stiff_bulk_modulus(oil: Oil) -> float:
+    """Bulk modulus of oil and walls alone (Pa), such that with the healthy air the unit's is met.
+
+    Solves ``1/β_stiff = 1/β_ref - α·c(p_ref)``.
+
+    Raises
+    ------
+    InputError : where that much air alone is softer than the bulk modulus given.
+    """
+    air = oil.air_fraction * float(air_compliance(oil.reference_pressure, oil.polytropic_index))
+    stiff = 1.0 / oil.bulk_modulus - air
+    if stiff <= 0.0:
+        raise InputError(
+            f"air_fraction {oil.air_fraction:g} alone gives {1e-6 / air:.0f} MPa at reference_pressure, "
+            f"softer than bulk_modulus {oil.bulk_modulus / 1e6:.0f} MPa",
+            where="unit oil",
+            mend="lower air_fraction or bulk_modulus",
+        )
+    return 1.0 / stiff
+
+
+def bulk_modulus(
+    oil: Oil, pressure: ArrayLike, air_fraction: ArrayLike | None = None, ambient: float = ATMOSPHERE
+) -> NDArray[np.float64]:
+    """Effective bulk modulus at a pressure: ``1/β = 1/β_stiff + α·c(p)``.
+
+    Parameters
+    ----------
+    oil : gives β_stiff (see `stiff_bulk_modulus`) and the polytropic index.
+    pressure : (…) Pa, gauge.
+    air_fraction : (…) volume of free air at atmospheric pressure over volume of oil;
+        None takes the unit's healthy one.
+    ambient : Pa, absolute pressure at gauge zero.
+
+    Returns
+    -------
+    (…) Pa.
+
+    Examples
+    --------
+    >>> from fdd.unit import Unit
+    >>> oil = Unit.load("axis_a").oil
+    >>> round(float(bulk_modulus(oil, oil.reference_pressure)) / 1e6)
+    210
+    """
+    air = np.asarray(oil.air_fraction if air_fraction is None else air_fraction, dtype=np.float64)
+    compliance = air_compliance(pressure, oil.polytropic_index, ambient)
+    return np.asarray(1.0 / (1.0 / stiff_bulk_modulus(oil) + air * compliance))

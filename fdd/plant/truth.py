@@ -1,0 +1,75 @@
+"""Truth: what really was in the plant, row by row beside the samples."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+TRUTH: dict[str, tuple[str, str]] = {
+    "leakage": ("m^3/(s*Pa)", "L_T = C_ep/2 + ξ at the present viscosity, faults included (eq. 3.50)"),
+    "bulk_modulus": ("Pa", "effective bulk modulus of the present oil at the unit's reference pressure"),
+    "bulk_modulus_1": ("Pa", "effective bulk modulus at the pressure in chamber 1"),
+    "bulk_modulus_2": ("Pa", "effective bulk modulus at the pressure in chamber 2"),
+    "coulomb_friction": ("N", "Coulomb friction, mean of both directions, this run's spread included"),
+    "viscous_friction": ("N*s/m", "viscous friction, mean of both directions"),
+    "position": ("m", "piston position"),
+    "velocity": ("m/s", "piston velocity"),
+    "pressure_1": ("Pa", "chamber 1 pressure, gauge"),
+    "pressure_2": ("Pa", "chamber 2 pressure, gauge"),
+    "pressure_difference": ("Pa", "chamber pressure difference P1 - P2"),
+    "pressure_accumulator": ("Pa", "accumulator pressure, gauge"),
+    "pump_angle": ("rad", "pump angle"),
+    "pump_speed": ("rad/s", "pump speed"),
+    "motor_current": ("A", "motor current"),
+    "oil_temperature": ("°C", "oil temperature"),
+    "friction_force": ("N", "friction on the piston, positive against extension"),
+    "load_force": ("N", "external load on the rod, positive against extension"),
+    "stop_force": ("N", "force of the end stops, positive against extension"),
+    "pump_flow": ("m^3/s", "flow that the pump displaces, towards chamber 1"),
+    "cross_flow": ("m^3/s", "leakage across the ports, from chamber 1 to 2"),
+    "refeed_flow_1": ("m^3/s", "flow from the accumulator into chamber 1, at atmospheric density"),
+    "refeed_flow_2": ("m^3/s", "flow from the accumulator into chamber 2, at atmospheric density"),
+    "drain_flow": ("m^3/s", "case leakage of both chambers into the accumulator, at atmospheric density"),
+    "relief_flow": ("m^3/s", "flow over the relief valves, from chamber 1 to 2"),
+    "oil_mass": ("m^3", "all oil inside, as its volume at atmospheric pressure"),
+}
+"""Name to SI unit and meaning."""
+
+
+@dataclass(frozen=True)
+class Truth:
+    """Columns aligned with the samples' rows.
+
+    Attributes
+    ----------
+    time : (n,) s, the samples' own stamps.
+    columns : name of `TRUTH` to (n,) values.
+    severity : id of each fault of the scenario to (n,) severity, 0 to 1.
+
+    Examples
+    --------
+    >>> truth = Truth(np.array([0.0]), {"leakage": np.array([6.5e-12])})
+    >>> truth["leakage"].size, "position" in truth
+    (1, False)
+    """
+
+    time: Array
+    columns: dict[str, Array]
+    severity: dict[str, Array] = field(default_factory=dict)
+
+    def __getitem__(self, name: str) -> Array:
+        return self.columns[name]
+
+    def __contains__(self, name: object) -> bool:
+        return name in self.columns
+
+    def __len__(self) -> int:
+        return int(self.time.size)
+
+    def as_columns(self) -> dict[str, Array]:
+        """Everything in one table: the columns, then ``severity_<fault>`` for each fault."""
+        return {**self.columns, **{f"severity_{k}": v for k, v in self.severity.items()}}

@@ -1,0 +1,42 @@
+"""Base of the plant's input models: whatever is wrong with them is an `InputError`."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from pydantic import BaseModel, ConfigDict, ValidationError
+
+from fdd.errors import InputError
+
+
+class Validated(BaseModel):
+    """A model that refuses unknown fields and tells what is wrong in one line.
+
+    Raises
+    ------
+    InputError : names the field, what is wrong with it and what is allowed.
+    """
+
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+    def __init__(self, **data: Any) -> None:
+        try:
+            super().__init__(**data)
+        except ValidationError as error:
+            raise _told(type(self), error) from None
+
+
+def _told(model: type[BaseModel], error: ValidationError) -> InputError:
+    """The first thing that is wrong, as one line."""
+    first = error.errors()[0]
+    cause = first.get("ctx", {}).get("error")
+    place = ".".join(str(part) for part in first["loc"])
+    where = f"{model.__name__.lower()} {place}".strip()
+    if isinstance(cause, InputError):
+        return InputError(cause.problem, where=cause.where or where, mend=cause.mend)
+    if first["type"] == "extra_forbidden":
+        known = ", ".join(model.model_fields)
+        return InputError("unknown parameter", where=where, mend=f"the parameters are: {known}")
+    given = first.get("input")
+    shown = f" (given {given!r:.60})" if isinstance(given, str | int | float | bool) else ""
+    return InputError(f"{first['msg']}{shown}", where=where, mend="correct that value")
