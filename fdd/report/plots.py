@@ -146,17 +146,22 @@ def _probabilities(trajectories: Trajectories) -> list[Figure]:
     if not names or not trajectories.window_time.size:
         return []
     table = np.column_stack([np.nan_to_num(trajectories.probabilities[n]) for n in names])
+    time = bucket_means(trajectories.window_time)
+    shares = 100.0 * bucket_means(table)
     shown = [i for i, n in enumerate(names) if n == "healthy" or table[:, i].max() >= 0.02]
-    time, shares = bucket_means(trajectories.window_time), 100.0 * bucket_means(table)
-    data: list[dict[str, Any]] = []
-    for i in shown:
-        colour = FAMILY_COLOURS.get(names[i], tr.GREY)
-        data.append({
-            "type": "scatter", "mode": "lines", "name": tr.label(family_title(names[i])), "stackgroup": "all",
-            "x": tr.packed(time), "y": tr.packed(shares[:, i]), "line": {"width": 0.6, "color": colour},
+    areas = [(family_title(names[i]), FAMILY_COLOURS.get(names[i], tr.GREY), shares[:, i]) for i in shown]
+    rest = shares.sum(axis=1) - shares[:, shown].sum(axis=1)
+    if rest.max() > 0.5:
+        areas.append(("Others, each under 2 %", "#DDE2E6", rest))
+    data = [
+        {
+            "type": "scatter", "mode": "lines", "name": tr.label(title), "stackgroup": "all",
+            "x": tr.packed(time), "y": tr.packed(share), "line": {"width": 0.6, "color": colour},
             "fillcolor": tr.faded(colour, 0.85), "hovertemplate": "%{y:.0f} %",
-        })  # fmt: skip
-    layout = _layout(range=[0, 100])
+        }
+        for title, colour, share in areas
+    ]  # fmt: skip
+    layout = {**_layout(range=[0, 100]), "showlegend": True}
     return [Figure("probabilities", "Probability of each fault family", data, layout, "%", wide=True)]
 
 

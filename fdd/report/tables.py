@@ -120,7 +120,7 @@ def unit_rows(unit: Unit) -> list[tuple[str, str]]:
     if unit.description:
         rows.insert(2, ("Description", unit.description))
     if unit.baseline is None:
-        rows.append(("Healthy baseline", "none of its own: the shipped one is used"))
+        rows.append(("Healthy baseline", "none in the profile"))
     else:
         rows.append(("Healthy baseline", f"from {unit.baseline.windows} windows of healthy logs"))
     return rows

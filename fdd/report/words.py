@@ -139,10 +139,7 @@ def verdict_words(diagnosis: Diagnosis) -> VerdictWords:
         remark = "" if sure is None else f"{percent(sure).capitalize()} sure."
         return VerdictWords(kind, mark, f"Healthy: no fault found in {span(diagnosis.duration_s)}", remark)
     if kind == "inconclusive":
-        remark = (
-            "" if not findings else "What is suspected stands below; take it as a hint, not as a finding."
-        )
-        return VerdictWords(kind, mark, f"Inconclusive: {_why(diagnosis)}", remark, findings)
+        return VerdictWords(kind, mark, f"Inconclusive: {_why(diagnosis)}", _hints(diagnosis), findings)
     if not findings:
         return VerdictWords(kind, mark, "Faulty: the log differs from a healthy one", _leaning(diagnosis))
     remark = "" if len(findings) == 1 else f"{len(findings)} faults found, the surest first."
@@ -155,24 +152,35 @@ def headline(diagnosis: Diagnosis) -> str:
 
 
 def _why(diagnosis: Diagnosis) -> str:
-    """Why a diagnosis is inconclusive, as far as its answer tells."""
-    if diagnosis.quality.notes:
-        note = diagnosis.quality.notes[0].strip().rstrip(".")
-        if note:
-            return note
+    """Why a diagnosis is inconclusive: its first note on the data, or what the answer itself tells."""
     if diagnosis.samples == 0:
         return "the log holds no samples"
-    blind = [name for name, e in diagnosis.estimates.items() if not e.observable]
+    note = diagnosis.quality.notes[0].strip().rstrip(".") if diagnosis.quality.notes else ""
+    if note:
+        return note
+    blind = _not_observable(diagnosis)
     if blind and len(blind) == len(diagnosis.estimates):
         return "the motion in this log shows none of the quantities that faults act on"
+    return f"no answer is sure enough after {span(diagnosis.duration_s)}"
+
+
+def _hints(diagnosis: Diagnosis) -> str:
+    """What stands beside an inconclusive verdict: where it leans, and what could not be seen."""
+    parts = []
     leaning = _leaning(diagnosis)
-    reason = f"no answer is sure enough after {span(diagnosis.duration_s)}"
     if leaning:
-        reason += f" ({leaning})"
+        parts.append(f"Most probable: {leaning}.")
+    blind = _not_observable(diagnosis)
     if blind:
-        titles = [ESTIMATED[n][2].lower() if n in ESTIMATED else n for n in blind]
-        reason += f"; not observable: {', '.join(titles)}"
-    return reason
+        parts.append(f"Not observable in this log: {', '.join(blind)}.")
+    if diagnosis.faults:
+        parts.append("What is suspected stands below; take it as a hint, not as a finding.")
+    return " ".join(parts)
+
+
+def _not_observable(diagnosis: Diagnosis) -> list[str]:
+    blind = [name for name, e in diagnosis.estimates.items() if not e.observable]
+    return [ESTIMATED[name][2].lower() if name in ESTIMATED else name for name in blind]
 
 
 def _leaning(diagnosis: Diagnosis) -> str:

@@ -1,0 +1,289 @@
+"""The page as a browser would read it: parsed, its policy checked, its figures decoded."""
+
+from __future__ import annotations
+
+import base64
+import hashlib
+import json
+import time
+from collections.abc import Callable
+from datetime import UTC, datetime
+from html.parser import HTMLParser
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from fdd.diagnosis.findings import FaultFinding, Trajectories
+from fdd.errors import InputError
+from fdd.report import render_report, write_report
+from fdd.samples import Samples
+
+EVIL = """<script>alert('x')</script><img src=x onerror=alert(1)>" onload="y' & </title></style>{{ 7*7 }}"""
+
+
+class Page(HTMLParser):
+    """Tags, attributes, scripts and text of a page."""
+
+    def __init__(self, html: str) -> None:
+        super().__init__(convert_charrefs=True)
+        self.tags: list[tuple[str, dict[str, str | None]]] = []
+        self.scripts: list[str] = []
+        self.text = ""
+        self._inside = ""
+        self.feed(html)
+        self.close()
+
+    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        self.tags.append((tag, dict(attrs)))
+        self._inside = tag if tag in ("script", "style") else ""
+        if tag == "script":
+            self.scripts.append("")
+
+    def handle_endtag(self, tag: str) -> None:
+        self._inside = ""
+
+    def handle_data(self, data: str) -> None:
+        if self._inside == "script":
+            self.scripts[-1] += data
+        elif self._inside != "style":
+            self.text += data
+
+    def attributes(self, *names: str) -> list[str]:
+        return [v or "" for _, attrs in self.tags for k, v in attrs.items() if k in names]
+
+    @property
+    def figures(self) -> dict[str, Any]:
+        return {f["id"]: f for f in json.loads(self.scripts[0])}
+
+
+def decoded(array: dict[str, str]) -> np.ndarray:
+    values = np.frombuffer(base64.b64decode(array["bdata"]), dtype="<" + array["dtype"]).astype(float)
+    return values.reshape([int(n) for n in array["shape"].split(",")]) if "shape" in array else values
+
+
+def trace(figure: dict[str, Any], name: str) -> dict[str, Any]:
+    return next(t for t in figure["data"] if t.get("name") == name)
+
+
+@pytest.mark.parametrize(
+    ("verdict", "words"),
+    [
+        ("faulty", "Internal leakage, since 20.3 s, severity 0.41, 97 % sure"),
+        ("healthy", "Healthy: no fault found in 60 s"),
+        ("inconclusive", "Inconclusive: no answer is sure enough"),
+    ],
+)
+def test_the_verdict_comes_first(case: Callable[..., Any], verdict: str, words: str) -> None:
+    page = Page(render_report(*case(verdict).arguments()))
+    text = page.text.replace("\u00a0", " ")
+    body = text[text.index("Diagnosis of") :]
+    assert words in text[:400], "in the title"
+    assert words in body[:200], "at the top of the page"
+    assert body.index(words) < body.index("Measured signals") < body.index("Data quality")
+    assert ("It could as well be pump gear wear" in text) == (verdict == "faulty")
+
+
+def test_everything_that_was_asked_for_is_there(case: Callable[..., Any]) -> None:
+    page = Page(render_report(*case("faulty").arguments(), made=datetime(2026, 1, 2, 3, 4, tzinfo=UTC)))
+    wanted = {
+        "probabilities", "statistic", "features", "feature-map", "estimate-leakage", "estimate-bulk_modulus",
+        "estimate-coulomb_friction", "estimate-viscous_friction", "measured-position", "measured-pressures",
+        "measured-pump-speed", "measured-motor-current", "measured-oil-temperature",
+    }  # fmt: skip
+    assert set(page.figures) == wanted
+    assert {f"plot-{name}" for name in wanted} <= set(page.attributes("id"))
+    for words in (
+        "+75 %",
+        "2026-01-02 03:04 UTC",
+        "axis_a",
+        "numpy",
+        "false alarms per hour",
+        "10000 samples",
+    ):
+        assert words in page.text
+    assert "width=device-width" in "".join(page.attributes("content"))
+
+
+def test_figures_show_the_samples_in_everyday_units(case: Callable[..., Any]) -> None:
+    made = case("faulty")
+    figures = Page(render_report(*made.arguments())).figures
+    pressure = decoded(trace(figures["measured-pressures"], "difference P₁ − P₂")["y"])
+    assert np.nanmax(pressure) == pytest.approx(25.0), "the one-sample spike of 2.5 MPa"
+    position = decoded(trace(figures["measured-position"], "measured")["y"])
+    assert np.nanmin(position) == pytest.approx(made.samples["position"].min() * 1e3, rel=1e-6)
+    speed = decoded(trace(figures["measured-pump-speed"], "measured")["y"])
+    assert np.nanmax(speed) == pytest.approx(made.samples["pump_speed"].max() * 9.5492966, rel=1e-6)
+    leakage = decoded(trace(figures["estimate-leakage"], "EKF")["y"])
+    assert leakage[-1] == pytest.approx(made.trajectories.estimates["ekf"]["leakage"][-1] * 1e12, rel=1e-6)
+    assert decoded(trace(figures["estimate-leakage"], "healthy baseline")["y"])[0] == pytest.approx(6.52)
+    current = trace(figures["measured-motor-current"], "motor current")
+    times = decoded(current["x"])[np.isnan(decoded(current["y"]))]
+    assert times.min() == pytest.approx(20.0, abs=0.1), "missing from 20 to 22 s"
+
+
+def test_what_is_not_observable_is_grey_and_has_no_band(case: Callable[..., Any]) -> None:
+    figures = Page(render_report(*case("faulty").arguments())).figures
+    viscous, leakage = figures["estimate-viscous_friction"], figures["estimate-leakage"]
+    coloured = [t["line"]["color"] for t in viscous["data"] if t.get("name") in ("EKF", "SVSF")]
+    assert set(coloured) == {"#8A8F98"}
+    assert all(decoded(t["y"]).size == 0 for t in viscous["data"] if t.get("fill"))
+    shaded = [s for s in viscous["layout"]["shapes"] if s["type"] == "rect"]
+    assert (shaded[0]["x0"], shaded[0]["x1"]) == pytest.approx((0.0, 60.0), abs=0.01)
+    assert [s for s in leakage["layout"]["shapes"] if s["type"] == "rect"] == []
+    bands = [decoded(t["y"]) for t in leakage["data"] if t.get("fill")]
+    assert len(bands) == 2
+    assert all(b.size > 100 for b in bands)
+
+
+def test_onset_and_detection_stand_in_every_plot(case: Callable[..., Any]) -> None:
+    figures = Page(render_report(*case("faulty").arguments())).figures
+    for figure in figures.values():
+        marks = [s["x0"] for s in figure["layout"]["shapes"] if s["type"] == "line"]
+        assert marks == pytest.approx([20.28, 20.88])
+    healthy = Page(render_report(*case("healthy").arguments())).figures
+    assert not any(s["type"] == "line" for f in healthy.values() for s in f["layout"]["shapes"])
+
+
+def test_nothing_is_fetched_from_elsewhere(case: Callable[..., Any]) -> None:
+    html = render_report(*case("faulty").arguments())
+    page = Page(html)
+    assert page.attributes("src", "href", "action", "data", "srcset", "poster") == []
+    assert {"link", "iframe", "object", "embed", "base", "img"}.isdisjoint(tag for tag, _ in page.tags)
+    style = html[html.index("<style>") : html.index("</style>")]
+    assert "url(" not in style
+    assert "@import" not in style
+
+
+def test_the_policy_lets_only_the_pages_own_scripts_run(case: Callable[..., Any]) -> None:
+    page = Page(render_report(*case("faulty").arguments()))
+    policy = next(c for c in page.attributes("content") if "default-src" in c)
+    assert "default-src 'none'" in policy
+    allowed = policy.split("script-src ")[1].split(";")[0]
+    assert "unsafe" not in allowed
+    assert len(page.scripts) == 3
+    for script in page.scripts[1:]:
+        digest = base64.b64encode(hashlib.sha256(script.encode()).digest()).decode()
+        assert f"'sha256-{digest}'" in allowed
+
+
+def test_text_from_the_log_stays_text(case: Callable[..., Any]) -> None:
+    made = case("faulty", rows=6_000, log=EVIL)
+    made.diagnosis.axis = made.diagnosis.unit = EVIL
+    made.diagnosis.quality.notes = [EVIL]
+    made.diagnosis.faults[0].evidence = [EVIL]
+    made.diagnosis.faults[0].ambiguity = ["internal_leakage", EVIL]
+    made.diagnosis.faults.append(made.diagnosis.faults[0].model_copy(update={"fault": EVIL}))
+    made.diagnosis.probabilities[EVIL] = 0.5
+    made.diagnosis.estimates[EVIL] = made.diagnosis.estimates["leakage"]
+    made.trajectories.probabilities[EVIL] = made.trajectories.probabilities["leakage"]
+    made.trajectories.feature_names[0] = EVIL
+    made.trajectories.estimates[EVIL] = made.trajectories.estimates["ekf"]
+    made.settings[EVIL] = EVIL
+    made.unit.description = EVIL
+    plain = Page(render_report(*case("faulty", rows=6_000).arguments()))
+    html = render_report(*made.arguments())
+    page = Page(html)
+    assert {tag for tag, _ in page.tags} == {tag for tag, _ in plain.tags}
+    assert len(page.scripts) == 3
+    assert not [k for _, attrs in page.tags for k in attrs if k.startswith("on")]
+    assert page.text.count(EVIL) >= 8
+    assert "49{{" not in page.text
+    assert "<" not in page.scripts[0], "the JSON cannot end its element"
+    # In figures, plotly must not see markup either.
+    names = [t.get("name", "") for f in page.figures.values() for t in f["data"]]
+    names += list(page.figures["feature-map"]["data"][0]["y"])
+    assert any("alert" in n for n in names)
+    assert not any("<" in n for n in names)
+
+
+def test_little_or_broken_data_still_makes_a_page(case: Callable[..., Any]) -> None:
+    made = case("inconclusive", rows=6_000)
+    none = np.empty(0)
+    empty = Trajectories(
+        time=none, estimates={"ekf": {"leakage": none}}, stds={}, observable={}, nis={}, window_time=none,
+        feature_names=[], features=np.empty((0, 0)), statistic=none, threshold=float("nan"),
+    )  # fmt: skip
+    page = Page(render_report(made.diagnosis, empty, Samples([], {}), made.unit, {}))
+    assert page.figures == {}
+    assert "Inconclusive" in page.text
+
+    t = made.trajectories
+    t.features[:, 3] = np.nan
+    t.features[2, 4] = np.inf
+    t.statistic[:] = np.nan
+    t.threshold = float("inf")
+    t.probabilities["leakage"][5] = np.nan
+    t.estimates["ekf"]["leakage"][:] = np.nan
+    t.stds["svsf"]["bulk_modulus"][:] = np.inf
+    made.diagnosis.faults = [
+        FaultFinding(
+            fault="unknown",
+            family="unknown",
+            ambiguity=[],
+            confidence=0.4,
+            onset_s=float("nan"),
+            detected_s=3.0,
+        )
+    ]
+    one_row = made.samples.rows(0, 1)
+    page = Page(render_report(made.diagnosis, t, one_row, made.unit, {}))
+    assert "statistic" not in page.figures
+    assert "measured-position" in page.figures
+    assert "since an unknown time" in page.text.replace("\u00a0", " ")
+
+
+def test_size_and_time_are_bounded(case: Callable[..., Any]) -> None:
+    made = case("faulty", rows=60_000)
+    render_report(*made.arguments())
+    begin = time.perf_counter()
+    html = render_report(*made.arguments())
+    assert time.perf_counter() - begin < 1.0
+    assert len(html.encode()) < 7_000_000
+    for figure in Page(html).figures.values():
+        for drawn in figure["data"]:
+            if isinstance(drawn["y"], dict):
+                assert decoded(drawn["y"]).size <= 6_000
+
+
+def test_a_long_log_makes_no_longer_page(case: Callable[..., Any]) -> None:
+    short, long = (len(render_report(*case("healthy", rows=n).arguments())) for n in (60_000, 400_000))
+    assert long < 1.3 * short
+
+
+def test_a_report_is_written_whole_or_not_at_all(
+    case: Callable[..., Any], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    arguments = case("healthy", rows=6_000).arguments()
+    target = tmp_path / "report.html"
+    target.write_text("the old one")
+
+    def fails(_self: Path, _target: Path) -> Path:
+        raise OSError(28, "No space left on device")
+
+    with monkeypatch.context() as patched:
+        patched.setattr(Path, "replace", fails)
+        with pytest.raises(InputError, match="No space left on device"):
+            write_report(target, *arguments)
+    assert target.read_text() == "the old one"
+    assert list(tmp_path.iterdir()) == [target]
+    write_report(str(target), *arguments)
+    assert target.read_text(encoding="utf-8").startswith("<!doctype html>")
+    assert list(tmp_path.iterdir()) == [target]
+
+
+def test_a_missing_folder_is_one_clear_line(case: Callable[..., Any], tmp_path: Path) -> None:
+    target = tmp_path / "nowhere" / "report.html"
+    with pytest.raises(InputError) as caught:
+        write_report(target, *case("healthy", rows=6_000).arguments())
+    assert str(target) in str(caught.value)
+    assert "\n" not in str(caught.value)
+
+
+def test_probabilities_always_fill_the_whole_height(case: Callable[..., Any]) -> None:
+    figure = Page(render_report(*case("inconclusive").arguments())).figures["probabilities"]
+    areas = [decoded(t["y"]) for t in figure["data"]]
+    np.testing.assert_allclose(np.sum(areas, axis=0), 100.0, rtol=1e-5)
+    names = [t["name"] for t in figure["data"]]
+    assert names == ["Healthy", "Leakage", "Friction", "Others, each under 2 %"]

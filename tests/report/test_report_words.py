@@ -1,0 +1,125 @@
+"""The verdict in words, against sentences written by hand."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import pytest
+
+from fdd.diagnosis.findings import FaultFinding, Quality
+from fdd.report.tables import estimate_rows, number, quality_rows, with_std
+from fdd.report.words import headline, percent, span, verdict_words
+
+
+def test_a_fault_in_one_line(case: Callable[..., Any]) -> None:
+    words = verdict_words(case("faulty", rows=60_000).diagnosis)
+    assert words.headline == "Internal leakage, since 20.3 s, severity 0.41, 97 % sure"
+    assert "pump gear wear" in words.findings[0].alternatives
+    assert "internal leakage" not in words.findings[0].alternatives
+    assert words.findings[0].detection == "Detected at 20.9 s, 0.6 s after its onset."
+    assert "12e-12" in words.findings[0].severity
+
+
+def test_a_fault_that_stands_alone_names_no_other(case: Callable[..., Any]) -> None:
+    diagnosis = case("faulty", rows=6_000).diagnosis
+    diagnosis.faults[0].ambiguity = ["internal_leakage"]
+    diagnosis.faults[0].severity = None
+    words = verdict_words(diagnosis)
+    assert words.findings[0].alternatives == ""
+    assert "severity" not in words.headline
+
+
+def test_healthy(case: Callable[..., Any]) -> None:
+    diagnosis = case("healthy", rows=6_000).diagnosis
+    diagnosis.duration_s = 60.0
+    assert headline(diagnosis) == "Healthy: no fault found in 60 s"
+
+
+def test_inconclusive_says_why(case: Callable[..., Any]) -> None:
+    diagnosis = case("inconclusive", rows=6_000).diagnosis
+    assert diagnosis.quality.notes == []
+    words = verdict_words(diagnosis)
+    assert words.headline == "Inconclusive: no answer is sure enough after 6.0 s"
+    assert words.remark == (
+        "Most probable: leakage 40 %, healthy 34 %. Not observable in this log: viscous friction."
+    )
+    for estimate in diagnosis.estimates.values():
+        estimate.observable = False
+    assert "motion in this log" in headline(diagnosis)
+    diagnosis.quality = Quality(notes=["The axis never moved."])
+    assert headline(diagnosis) == "Inconclusive: The axis never moved"
+
+
+def test_the_surest_of_several_faults_comes_first(case: Callable[..., Any]) -> None:
+    diagnosis = case("faulty", rows=6_000).diagnosis
+    surer = FaultFinding(
+        fault="aeration",
+        family="aeration",
+        ambiguity=["aeration"],
+        confidence=0.99,
+        onset_s=1.0,
+        detected_s=2.0,
+    )
+    diagnosis.faults.append(surer)
+    words = verdict_words(diagnosis)
+    assert words.headline == "Air in the oil, since 1.0 s, 99 % sure"
+    assert len(words.findings) == 2
+    assert words.remark.startswith("2 faults")
+
+
+def test_faulty_without_a_named_fault_still_has_a_headline(case: Callable[..., Any]) -> None:
+    diagnosis = case("faulty", rows=6_000).diagnosis
+    diagnosis.faults = []
+    assert headline(diagnosis).startswith("Faulty")
+
+
+@pytest.mark.parametrize(
+    ("share", "words"),
+    [
+        (0.0, "under 1 %"),
+        (0.004, "under 1 %"),
+        (0.5, "50 %"),
+        (0.994, "99 %"),
+        (1.0, "over 99 %"),
+        (float("nan"), "–"),
+    ],
+)
+def test_percent_never_claims_certainty(share: float, words: str) -> None:
+    assert percent(share) == words
+
+
+@pytest.mark.parametrize(
+    ("duration", "words"), [(4.51, "4.5 s"), (60.0, "60 s"), (1500.0, "25 min"), (7200.0, "2.0 h")]
+)
+def test_spans(duration: float, words: str) -> None:
+    assert span(duration) == words
+
+
+def test_values_are_rounded_by_their_spread() -> None:
+    assert with_std(9.8123, 0.1049) == "9.81 ± 0.10"
+    assert with_std(-209.7, 12.2) == "−210 ± 12"
+    assert with_std(None, 1.0) == "–"
+    assert with_std(5.0, float("inf")) == "5"
+    assert number(float("nan")) == "–"
+
+
+def test_estimates_are_shown_in_everyday_units_with_their_change(case: Callable[..., Any]) -> None:
+    diagnosis = case("faulty", rows=6_000).diagnosis
+    leakage = diagnosis.estimates["leakage"]
+    leakage.baseline, leakage.value, leakage.std = 6.5e-12, 9.75e-12, 1e-13
+    diagnosis.estimates["bulk_modulus"].value = None
+    rows = {r["quantity"]: r for r in estimate_rows(diagnosis)}
+    assert rows["Leakage coefficient"]["value"] == "9.75 ± 0.10"
+    assert rows["Leakage coefficient"]["change"] == "+50 %"
+    assert rows["Effective bulk modulus"]["baseline"] == "210"
+    assert rows["Effective bulk modulus"]["value"] == "–"
+    assert rows["Viscous friction"]["observable"] == "no"
+
+
+def test_dropped_samples_are_counted_against_all_that_were_sent(case: Callable[..., Any]) -> None:
+    diagnosis = case("healthy", rows=6_000).diagnosis
+    diagnosis.samples, diagnosis.quality = 900, Quality(dropped_samples=100)
+    rows = dict(quality_rows(diagnosis))
+    assert rows["Dropped samples"] == "100 (10 %)"
+    assert rows["Samples with missing values"] == "0"
