@@ -1,0 +1,279 @@
+"""Reduced model of one electro-hydrostatic axis, for estimation.
+
+Fourteen states in units that keep them near one (mm, ms, MPa, N; volumes in mm³):
+
+=====  ==========================================================  ==========
+index  state                                                       unit
+=====  ==========================================================  ==========
+X      cylinder position                                           mm
+V      velocity                                                    mm/ms
+TH     pump angle                                                  rad
+W      pump speed                                                  rad/ms
+P1 P2  chamber pressures, gauge                                    MPa
+LP LN  leakage over its healthy value, for P1 > P2 and P1 < P2     1
+AIR    free air, volume at atmosphere over volume of oil           ‰
+GAIN   relative error of the pump's displacement                   1
+FRIC   Coulomb and Stribeck friction over the healthy curve        1
+VISC   viscous friction                                            N·ms/mm
+LOAD   load force at position 0                                    N
+STIF   load stiffness                                              N/mm
+=====  ==========================================================  ==========
+
+The pump angle is a *measurement*. In one step ``C₁ Δp₁ = D Δθ − A₁ Δx − h·outflow`` holds to
+rounding (velocity and speed are means over the step), and process noise on speed and
+velocity enters position, angle and pressures together: the filter carries the
+volume balance ``D θ − A x = ∫ L p dt + C p + constant`` exactly, which is what makes
+leakage and bulk modulus observable at encoder accuracy.
+
+Equations: thesis 3.14 to 3.18, 3.40 and 5.12; effective bulk modulus with air after
+eqs 5.20 and 5.21, ``1/β(p) = 1/β_stiff + α c(p)``,
+``c(p) = p_a^(1/n) / (n (p + p_a)^((n+1)/n))``. The plant simulator shares no code with this.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+X, V, TH, W, P1, P2, LP, LN, AIR, GAIN, FRIC, VISC, LOAD, STIF = range(14)
+STATES = 14
+STATE_NAMES = (
+    "position", "velocity", "pump_angle", "pump_speed", "pressure_1", "pressure_2",
+    "leakage_extending", "leakage_retracting", "air", "pump_gain", "friction", "viscous_friction",
+    "load_force", "load_stiffness",
+)  # fmt: skip
+
+# Parameters, one array: indices
+(
+    Q_AREA1, Q_AREA2, Q_VOLUME1, Q_VOLUME2, Q_MASS, Q_DISPLACEMENT, Q_CROSS, Q_CASE, Q_STIFFNESS_INV,
+    Q_POLYTROPIC, Q_COULOMB_F, Q_STATIC_F, Q_STRIBECK_F, Q_EXPONENT_F, Q_COULOMB_R, Q_STATIC_R,
+    Q_STRIBECK_R, Q_EXPONENT_R, Q_SLIDING, Q_ACCUMULATOR,
+) = range(20)  # fmt: skip
+PARAMETERS = 20
+
+ATMOSPHERE = 0.101325  # MPa
+STICTION_VELOCITY = 3e-3  # mm/ms: width of the sign change of friction
+COMPLIANCE_FLOOR = 0.2  # of the stiff oil's: no amount of negative air may make the oil rigid
+
+
+def parameters(
+    *,
+    area_1: float,
+    area_2: float,
+    volume_1: float,
+    volume_2: float,
+    moving_mass: float,
+    displacement: float,
+    cross_port_leakage: float,
+    case_leakage: float,
+    bulk_modulus: float,
+    air_fraction: float,
+    polytropic_index: float,
+    reference_pressure: float,
+    friction_forward: tuple[float, float, float, float],
+    friction_reverse: tuple[float, float, float, float],
+    accumulator_pressure: float,
+    sliding_velocity: float = 5e-3,
+) -> Array:
+    """Pack a unit's numbers, in SI, into the model's parameter array.
+
+    Parameters
+    ----------
+    area_1, area_2 : m². volume_1, volume_2 : m³ at position 0. moving_mass : kg.
+    displacement : m³/rad. cross_port_leakage, case_leakage : m³/(s·Pa), healthy.
+    bulk_modulus : Pa, effective, at `reference_pressure` (Pa gauge) with `air_fraction`.
+    friction_forward, friction_reverse : Coulomb N, static N, Stribeck velocity m/s, exponent.
+    accumulator_pressure : Pa, used where it is not measured.
+    sliding_velocity : m/s below which the force balance carries no information.
+
+    Returns
+    -------
+    (PARAMETERS,) array in the model's units.
+    """
+    air_compliance = air_fraction * air_curve(reference_pressure * 1e-6, polytropic_index)
+    stiff = 1.0 / (bulk_modulus * 1e-6) - air_compliance
+    # Where the profile's air alone would explain more than the measured compliance, the oil keeps a third.
+    stiff = max(stiff, 1.0 / (3.0 * bulk_modulus * 1e-6))
+    q = np.empty(PARAMETERS)
+    q[Q_AREA1], q[Q_AREA2] = area_1 * 1e6, area_2 * 1e6
+    q[Q_VOLUME1], q[Q_VOLUME2] = volume_1 * 1e9, volume_2 * 1e9
+    q[Q_MASS] = moving_mass
+    q[Q_DISPLACEMENT] = displacement * 1e9
+    q[Q_CROSS], q[Q_CASE] = cross_port_leakage * 1e12, case_leakage * 1e12
+    q[Q_STIFFNESS_INV] = stiff
+    q[Q_POLYTROPIC] = polytropic_index
+    q[Q_COULOMB_F], q[Q_STATIC_F], q[Q_STRIBECK_F], q[Q_EXPONENT_F] = friction_forward
+    q[Q_COULOMB_R], q[Q_STATIC_R], q[Q_STRIBECK_R], q[Q_EXPONENT_R] = friction_reverse
+    q[Q_SLIDING] = sliding_velocity
+    q[Q_ACCUMULATOR] = accumulator_pressure * 1e-6
+    return q
+
+
+@njit(cache=True)
+def air_curve(p: float, n: float) -> float:
+    """c(p), 1/MPa: compliance per free-air fraction at gauge pressure `p` (MPa)."""
+    absolute = max(p + ATMOSPHERE, 0.1 * ATMOSPHERE)
+    return ATMOSPHERE ** (1.0 / n) / (n * absolute ** ((n + 1.0) / n))
+
+
+@njit(cache=True)
+def compliance(p: float, air: float, q: Array) -> tuple[float, float, float]:
+    """1/β at gauge pressure `p` (MPa), and its derivatives to `p` and to `air` (‰)."""
+    n = q[Q_POLYTROPIC]
+    c = air_curve(p, n)
+    value = q[Q_STIFFNESS_INV] + 1e-3 * air * c
+    floor = COMPLIANCE_FLOOR * q[Q_STIFFNESS_INV]
+    if value < floor:
+        return floor, 0.0, 0.0
+    slope = -c * (n + 1.0) / n / (p + ATMOSPHERE) if p > -0.9 * ATMOSPHERE else 0.0
+    return value, 1e-3 * air * slope, 1e-3 * c
+
+
+@njit(cache=True)
+def friction_curve(v: float, q: Array) -> tuple[float, float, float, float]:
+    """Healthy Coulomb and Stribeck friction (N) at `v` (mm/ms).
+
+    Returns friction, its slope, the part of the slope that the change of sign makes, and
+    that part's own slope.
+    """
+    if v >= 0.0:
+        coulomb, static, stribeck, exponent = q[Q_COULOMB_F], q[Q_STATIC_F], q[Q_STRIBECK_F], q[Q_EXPONENT_F]
+    else:
+        coulomb, static, stribeck, exponent = q[Q_COULOMB_R], q[Q_STATIC_R], q[Q_STRIBECK_R], q[Q_EXPONENT_R]
+    speed = abs(v) + 1e-5
+    ratio = (speed / stribeck) ** exponent
+    excess = (static - coulomb) * math.exp(-ratio)
+    level = coulomb + excess
+    sign = math.tanh(v / STICTION_VELOCITY)
+    stick = level * (1.0 - sign * sign) / STICTION_VELOCITY
+    stribeck_slope = -excess * ratio * exponent / speed
+    direction = 1.0 if v >= 0.0 else -1.0
+    stick_slope = (direction * stribeck_slope * (1.0 - sign * sign) - 2.0 * sign * stick) / STICTION_VELOCITY
+    return sign * level, stick + abs(sign) * stribeck_slope, stick, stick_slope
+
+
+@njit(cache=True)
+def step(x: Array, h: float, viscosity: float, p_acc: float, q: Array, out: Array, F: Array, G: Array) -> None:
+    """One step of the model with its Jacobian.
+
+    Parameters
+    ----------
+    x : (14,) state. h : step, ms. viscosity : oil viscosity over the reference's.
+    p_acc : accumulator pressure, MPa. q : parameters.
+    out : (14,) the state after the step.
+    F : (14, 14) ∂out/∂x.
+    G : (14, 4) what unit noise on velocity (mm/ms), pump speed (rad/ms) and on each chamber's
+        volume (mm³) does to the state.
+    """
+    area1, area2, mu = q[Q_AREA1], q[Q_AREA2], 1e-3 / q[Q_MASS]
+    v, p1, p2 = x[V], x[P1], x[P2]
+    pump = q[Q_DISPLACEMENT] * (1.0 + x[GAIN])
+
+    # Chamber stiffness i = β/V and its logarithmic derivatives (to position, pressure, air).
+    b1, b1_p, b1_air = compliance(p1, x[AIR], q)
+    b2, b2_p, b2_air = compliance(p2, x[AIR], q)
+    volume1 = max(q[Q_VOLUME1] + area1 * x[X], 0.05 * q[Q_VOLUME1])
+    volume2 = max(q[Q_VOLUME2] - area2 * x[X], 0.05 * q[Q_VOLUME2])
+    i1, i2 = 1.0 / (volume1 * b1), 1.0 / (volume2 * b2)
+    d1 = np.zeros(STATES)  # ∂i1
+    d2 = np.zeros(STATES)
+    d1[X], d1[P1], d1[AIR] = -i1 * area1 / volume1, -i1 * b1_p / b1, -i1 * b1_air / b1
+    d2[X], d2[P2], d2[AIR] = i2 * area2 / volume2, -i2 * b2_p / b2, -i2 * b2_air / b2
+
+    # Leakage out of each chamber; thinner oil leaks more.
+    drop = p1 - p2
+    which = LP if drop >= 0.0 else LN
+    rate = x[which] / viscosity
+    base1 = q[Q_CROSS] * drop + q[Q_CASE] * (p1 - p_acc)
+    base2 = -q[Q_CROSS] * drop + q[Q_CASE] * (p2 - p_acc)
+    a1 = pump * x[W] - rate * base1  # net inflow of chamber 1 but for the piston's
+    a2 = pump * x[W] + rate * base2
+    da1 = np.zeros(STATES)
+    da2 = np.zeros(STATES)
+    da1[W] = pump
+    da2[W] = pump
+    da1[GAIN] = q[Q_DISPLACEMENT] * x[W]
+    da2[GAIN] = da1[GAIN]
+    da1[which] = -base1 / viscosity
+    da2[which] = base2 / viscosity
+    da1[P1], da1[P2] = -rate * (q[Q_CROSS] + q[Q_CASE]), rate * q[Q_CROSS]
+    da2[P1], da2[P2] = -rate * q[Q_CROSS], rate * (q[Q_CROSS] + q[Q_CASE])
+
+    # Velocity: symplectic Euler for the hydraulic spring (stable far beyond its resonance at 1 ms),
+    # implicit in viscous and stick friction: v⁺ = N/den.
+    curve, slope, stick, stick_v = friction_curve(v, q)
+    implicit = x[FRIC] * stick
+    force = area1 * p1 - area2 * p2 - x[FRIC] * curve - x[LOAD] - x[STIF] * x[X]
+    den = 1.0 + mu * h * (x[VISC] + implicit)
+    v_new = (v * (1.0 + mu * h * implicit) + mu * h * force) / den
+    dv = np.zeros(STATES)
+    dv[X] = -mu * h * x[STIF]
+    dv[V] = 1.0 + mu * h * (implicit - x[FRIC] * slope + x[FRIC] * stick_v * (v - v_new))
+    dv[P1] = mu * h * area1
+    dv[P2] = -mu * h * area2
+    dv[FRIC] = mu * h * (stick * (v - v_new) - curve)
+    dv[VISC] = -mu * h * v_new
+    dv[LOAD] = -mu * h
+    dv[STIF] = -mu * h * x[X]
+
+    for i in range(STATES):
+        out[i] = x[i]
+        for j in range(STATES):
+            F[i, j] = 1.0 if i == j else 0.0
+        for j in range(4):
+            G[i, j] = 0.0
+    out[X] += h * v_new
+    out[V] = v_new
+    out[TH] += h * x[W]
+    inflow1 = a1 - area1 * v_new
+    inflow2 = area2 * v_new - a2
+    out[P1] += h * i1 * inflow1
+    out[P2] += h * i2 * inflow2
+    for j in range(STATES):
+        dvj = dv[j] / den
+        F[V, j] = dvj
+        F[X, j] += h * dvj
+        F[P1, j] += h * (d1[j] * inflow1 + i1 * (da1[j] - area1 * dvj))
+        F[P2, j] += h * (d2[j] * inflow2 + i2 * (area2 * dvj - da2[j]))
+    F[TH, W] = h
+
+    G[X, 0], G[V, 0] = h, 1.0
+    G[P1, 0], G[P2, 0] = -h * area1 * i1, h * area2 * i2
+    G[TH, 1], G[W, 1] = h, 1.0
+    G[P1, 1], G[P2, 1] = h * pump * i1, -h * pump * i2
+    G[P1, 2] = i1
+    G[P2, 3] = i2
+
+
+@njit(cache=True)
+def propagate(P: Array, F: Array, G: Array, noise: Array, Q_diag: Array, scratch: Array) -> None:
+    """``P = F P F' + G diag(noise) G' + diag(Q_diag)`` in place, using F's sparsity.
+
+    Only the first six rows of F differ from the identity (parameters walk at random).
+    """
+    moving = P2 + 1
+    for i in range(moving):
+        for j in range(STATES):
+            total = 0.0
+            for k in range(STATES):
+                total += F[i, k] * P[k, j]
+            scratch[i, j] = total
+    for i in range(moving):
+        for j in range(i, moving):
+            total = 0.0
+            for k in range(STATES):
+                total += scratch[i, k] * F[j, k]
+            for k in range(4):
+                total += G[i, k] * noise[k] * G[j, k]
+            P[i, j] = total
+            P[j, i] = total
+        for j in range(moving, STATES):
+            P[i, j] = scratch[i, j]
+            P[j, i] = scratch[i, j]
+    for i in range(STATES):
+        P[i, i] += Q_diag[i]
