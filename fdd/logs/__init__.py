@@ -1,1 +1,7 @@
-"""logs"""
+"""Logs in and out: MCAP, CSV and Parquet, channel maps, and the quality of the data."""
+
+from fdd.logs.channel_map import ChannelMap
+from fdd.logs.quality import DataQuality
+from fdd.logs.read import Log, read_log
+
+__all__ = ["ChannelMap", "DataQuality", "Log", "read_log"]

@@ -1,0 +1,120 @@
+"""Angles: unwrapping counts, giving them a direction, and accumulating speeds exactly."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+Column = NDArray[np.float64]
+
+LONGEST_BRIDGE = 1.0
+"""s; over a longer gap nobody knows how far the pump turned, and nothing is added."""
+
+
+def sample_numbers(time: Column, period: float) -> NDArray[np.int64]:
+    """Number of each row on the grid of the nominal period, so that gaps are whole periods.
+
+    A stamp that came late makes a long step and then a short one; the row keeps
+    its own number, it is not counted as a missing row.
+
+    Parameters
+    ----------
+    time : (n,) s, increasing.
+    period : s, nominal.
+
+    Returns
+    -------
+    (n,) integers, strictly increasing; a step of k means k - 1 missing rows.
+
+    Examples
+    --------
+    >>> sample_numbers(np.array([0.0, 1.0, 2.9, 3.0, 5.0]), 1.0).tolist()
+    [0, 1, 2, 3, 5]
+    """
+    if time.size == 0:
+        return np.empty(0, dtype=np.int64)
+    steps = np.rint(np.diff(time) / period).astype(np.int64)
+    numbers = np.concatenate(([0], np.cumsum(steps)))
+    row = np.arange(time.size)
+    # A late row shares its number with the next one: step back to make room for it.
+    slack = np.minimum.accumulate((numbers - row)[::-1])[::-1]
+    return np.asarray(slack + row, dtype=np.int64)
+
+
+def accumulate_speed(time: Column, speed: Column, period: float) -> Column:
+    """Angle from speed samples, each of which stands for one nominal period.
+
+    Where the speed is a count difference over the nominal period, this gives the
+    counts back exactly. Missing rows and NaN are bridged by the mean of their
+    neighbours times the periods missed, up to `LONGEST_BRIDGE`.
+
+    Parameters
+    ----------
+    time : (n,) s, increasing.
+    speed : (n,) rad/s, NaN where missing.
+    period : s.
+
+    Returns
+    -------
+    (n,) rad, 0 at the first row that has a speed; NaN where the speed is NaN.
+
+    Examples
+    --------
+    >>> accumulate_speed(np.arange(4.0), np.array([1.0, 1.0, 3.0, 3.0]), 1.0).tolist()
+    [0.0, 1.0, 4.0, 7.0]
+    """
+    angle = np.full(time.size, np.nan)
+    there = np.flatnonzero(np.isfinite(speed))
+    if there.size == 0:
+        return angle
+    numbers = sample_numbers(time, period)[there]
+    present = speed[there]
+    missed = np.diff(numbers) - 1
+    missed[missed * period > LONGEST_BRIDGE] = 0
+    turned = period * (present[1:] + missed * 0.5 * (present[1:] + present[:-1]))
+    angle[there] = np.concatenate(([0.0], np.cumsum(turned)))
+    return angle
+
+
+def unwrap_counts(raw: Column, wrap: float) -> Column:
+    """An angle that starts again at 0 each `wrap` counts, made continuous.
+
+    NaN rows stay NaN and are passed over.
+
+    Examples
+    --------
+    >>> unwrap_counts(np.array([4090.0, np.nan, 5.0]), 4096.0).tolist()
+    [4090.0, nan, 4101.0]
+    """
+    out = raw.copy()
+    there = np.isfinite(raw)
+    out[there] = np.unwrap(raw[there], period=wrap)
+    return out
+
+
+def directed(raw: Column, direction: Column, *, accumulate: bool) -> Column:
+    """Give a quantity the sign of another one, e.g. of a directional valve.
+
+    Parameters
+    ----------
+    raw : (n,) values; NaN where missing.
+    direction : (n,) only its sign counts; NaN keeps the last sign.
+    accumulate : True for an angle: each step takes the sign of the row it ends
+        in. False multiplies the values.
+
+    Examples
+    --------
+    >>> directed(np.array([0.0, 1.0, 2.0, 3.0]), np.array([1.0, 1.0, -1.0, 0.0]), accumulate=True).tolist()
+    [0.0, 1.0, 0.0, 0.0]
+    """
+    known = np.where(np.isfinite(direction), np.arange(direction.size), -1)
+    last = np.maximum.accumulate(known) if known.size else known
+    sign = np.where(last >= 0, np.sign(direction[last]), 0.0)
+    if not accumulate:
+        return np.asarray(raw * sign)
+    out = raw.copy()
+    there = np.flatnonzero(np.isfinite(raw))
+    if there.size:
+        steps = np.diff(raw[there]) * sign[there[1:]]
+        out[there] = np.concatenate(([raw[there[0]]], raw[there[0]] + np.cumsum(steps)))
+    return out

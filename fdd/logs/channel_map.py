@@ -1,0 +1,208 @@
+"""Channel maps: where each channel of the contract stands in a foreign log, and in which unit.
+
+A map is a YAML file. Each channel names a ``column`` (CSV, Parquet) or a
+``topic`` and ``field`` (MCAP, JSON messages) and the ``unit`` it is in::
+
+    name: rig 1
+    axis: axis_b
+    channels:
+      time:       {column: t, unit: s}
+      position:   {column: cyl_pos, unit: mm}
+      command:    {column: drive_V, scale: 31.416, unit: rad/s}
+      pump_speed: {column: pump_rpm, unit: rpm}
+      pump_angle: {from: pump_speed, period: 0.001}
+
+The channels may also stand at the top level, without ``channels:``. The value in
+SI is ``unit * (scale * sign * raw + offset)``: `unit` is the unit of measure
+*after* scale and offset; without one it is the channel's SI unit.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+import yaml
+from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
+
+from fdd.errors import InputError
+from fdd.logs.near_misses import did_you_mean
+from fdd.measures import Measure, measure
+from fdd.samples import CHANNELS
+
+MAX_MAP_BYTES = 1_000_000
+_HEAD = {"schema", "name", "axis", "csv", "channels", "description"}
+
+Finite = Annotated[float, Field(allow_inf_nan=False)]
+
+
+class ChannelSource(BaseModel):
+    """Where one channel comes from.
+
+    Attributes
+    ----------
+    column : column of a CSV or Parquet file.
+    topic, field : MCAP topic, and the field in its JSON messages (dots go
+        deeper: ``motor.w``). A time channel without a field is the log time.
+    unit : unit of measure of ``scale * sign * raw + offset``.
+    scale, offset, sign : linear conversion of the raw number.
+    wrap : raw counts per turn of an angle that starts again at 0: it is
+        unwrapped before it is scaled.
+    sign_of : a second column (or field of the same topic) whose sign is the
+        direction, where a pump turns one way and a valve chooses the direction.
+        An angle is accumulated with it, anything else multiplied by it.
+    from_ : written ``from``; only ``pump_angle: {from: pump_speed}``: the
+        angle is accumulated from the speed.
+    period : s; with `from`, the sampling period that one speed sample stands
+        for. Without it, the log's own nominal period.
+    """
+
+    model_config = ConfigDict(extra="forbid", populate_by_name=True)
+
+    column: str | None = None
+    topic: str | None = None
+    field: str | None = None
+    unit: str | None = None
+    scale: Finite = 1.0
+    offset: Finite = 0.0
+    sign: Literal[-1, 1] = 1
+    wrap: Annotated[float, Field(gt=0, allow_inf_nan=False)] | None = None
+    sign_of: str | None = None
+    from_: Literal["pump_speed"] | None = Field(default=None, alias="from")
+    period: Annotated[float, Field(gt=0, le=1)] | None = None
+
+    @model_validator(mode="after")
+    def _one_source(self) -> ChannelSource:
+        given = [k for k, v in (("column", self.column), ("topic", self.topic), ("from", self.from_)) if v]
+        if len(given) != 1:
+            raise ValueError(f"give one of column, topic or from (given: {', '.join(given) or 'none'})")
+        if self.field is not None and self.topic is None:
+            raise ValueError("field needs a topic")
+        if self.period is not None and self.from_ is None:
+            raise ValueError("period goes with 'from: pump_speed' only")
+        if self.scale == 0.0:
+            raise ValueError("scale is 0")
+        return self
+
+    def measure_of(self, channel: str) -> Measure:
+        """The unit of measure, checked against the channel's dimension."""
+        wanted = CHANNELS[channel]
+        return measure(self.unit if self.unit is not None else wanted.unit, wanted.dimension)
+
+
+class CsvLayout(BaseModel):
+    """How a CSV file is written; what is not given is detected."""
+
+    model_config = ConfigDict(extra="forbid")
+
+    delimiter: Annotated[str, Field(min_length=1, max_length=1)] | None = None
+    decimal: Literal[".", ","] | None = None
+    skip_rows: Annotated[int, Field(ge=0, le=10_000)] = 0
+
+
+class ChannelMap(BaseModel):
+    """A whole map: sources by channel, and how a CSV file is laid out.
+
+    Raises
+    ------
+    InputError : from `load` and `from_yaml`: names the file, the channel and what is allowed.
+
+    Examples
+    --------
+    >>> m = ChannelMap.from_yaml("position: {column: cyl_pos, unit: mm}")
+    >>> m.channels["position"].measure_of("position").factor
+    0.001
+    """
+
+    model_config = ConfigDict(extra="forbid")
+
+    schema_: Literal["fdd.map/1"] = Field(default="fdd.map/1", alias="schema")
+    name: str = ""
+    description: str = ""
+    axis: str | None = None
+    csv: CsvLayout = Field(default_factory=CsvLayout)
+    channels: dict[str, ChannelSource]
+
+    @model_validator(mode="after")
+    def _consistent(self) -> ChannelMap:
+        if not self.channels:
+            raise ValueError("no channel is mapped")
+        kinds: set[str] = set()
+        for channel, source in self.channels.items():
+            if channel not in CHANNELS:
+                raise ValueError(
+                    f"unknown channel {channel!r}{did_you_mean(channel, CHANNELS)}; "
+                    f"the channels are: {', '.join(CHANNELS)}"
+                )
+            source.measure_of(channel)
+            if source.from_ is not None:
+                if channel != "pump_angle":
+                    raise ValueError(f"{channel}: 'from: pump_speed' makes a pump_angle only")
+                if "pump_speed" not in self.channels:
+                    raise ValueError("pump_angle: is made from pump_speed, which the map does not give")
+                continue
+            kinds.add("column" if source.column else "topic")
+            if source.topic and source.field is None and channel != "time":
+                raise ValueError(f"{channel}: give the field in the messages of {source.topic}")
+            if source.wrap is not None and CHANNELS[channel].dimension != "angle":
+                raise ValueError(f"{channel}: wrap is for an angle")
+        if len(kinds) > 1:
+            raise ValueError("columns (CSV, Parquet) and topics (MCAP) are mixed")
+        if kinds == {"column"} and "time" not in self.channels:
+            raise ValueError("no time channel; add e.g. time: {column: t, unit: s}")
+        return self
+
+    @property
+    def reads_mcap(self) -> bool:
+        """Whether the map names topics (MCAP) rather than columns."""
+        return any(source.topic for source in self.channels.values())
+
+    @classmethod
+    def load(cls, path: str | Path) -> ChannelMap:
+        """Read a map from a YAML file."""
+        path = Path(path)
+        if not path.is_file():
+            raise InputError("no such channel map", where=path, mend="give the path of a YAML file")
+        if path.stat().st_size > MAX_MAP_BYTES:
+            raise InputError(f"larger than {MAX_MAP_BYTES} bytes, not a channel map", where=path)
+        return cls.from_yaml(path.read_text(encoding="utf-8-sig", errors="replace"), where=path)
+
+    @classmethod
+    def from_yaml(cls, text: str, where: str | Path = "channel map") -> ChannelMap:
+        """Parse YAML text; `where` is named in errors."""
+        try:
+            data = yaml.safe_load(text)
+        except (yaml.YAMLError, RecursionError) as error:
+            mark = getattr(error, "problem_mark", None)
+            place = f"line {mark.line + 1}: " if mark is not None else ""
+            problem = getattr(error, "problem", None) or type(error).__name__
+            raise InputError(f"{place}not valid YAML ({problem})", where=where) from None
+        if not isinstance(data, dict):
+            raise InputError(
+                "not a channel map",
+                where=where,
+                mend="write one line per channel, e.g. position: {column: cyl_pos, unit: mm}",
+            )
+        try:
+            return cls.model_validate(_gathered(data))
+        except ValidationError as error:
+            first = error.errors()[0]
+            place = ".".join(str(p) for p in first["loc"])
+            message = str(first["msg"]).removeprefix("Value error, ")
+            raise InputError(f"{place}: {message}" if place else message, where=where) from None
+        except InputError as error:
+            raise error.at(where) from None
+
+
+def _gathered(data: dict[Any, Any]) -> dict[str, Any]:
+    """Bring the short form (channels at the top level) into the long one."""
+    plain = {str(k): v for k, v in data.items()}
+    if "channels" in plain:
+        if not isinstance(plain["channels"], dict):
+            raise InputError("channels: not a mapping", mend="write one line per channel below it")
+        stray = [k for k in plain if k not in _HEAD]
+        if stray:
+            raise InputError(f"{stray[0]!r} stands beside channels:", mend="move it below channels:")
+        return {**plain, "channels": {str(k): v for k, v in plain["channels"].items()}}
+    head = {k: v for k, v in plain.items() if k in _HEAD}
+    return {**head, "channels": {k: v for k, v in plain.items() if k not in _HEAD}}

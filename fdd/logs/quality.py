@@ -1,0 +1,306 @@
+"""What is missing or odd in a log, and what makes it unusable.
+
+Missing rows, late stamps, gaps and NaN are reported. Only what would make every
+answer wrong is refused: a clock that runs backwards, quantities in another unit
+of measure than is said, a log too short or without the channels it needs.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Collection, Mapping
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fdd.errors import InputError
+from fdd.logs.angles import sample_numbers
+from fdd.samples import CHANNELS
+
+Column = NDArray[np.float64]
+
+JUMP_PERIODS = 10
+"""A gap of more nominal periods than this is a time jump."""
+COUNTED_GAP = 1.0
+"""s; the rows that a longer gap would have held are not counted as dropped."""
+LATE_SHARE = 0.01
+"""Above this share of rows out of order, the clock is not just late."""
+STUCK_SECONDS = 5.0
+HIGHEST_PRESSURE = 2e8
+RECOMMENDED_SECONDS = 5.0
+
+
+@dataclass
+class DataQuality:
+    """What was missing or odd.
+
+    Attributes
+    ----------
+    dropped_samples : rows missing on the grid of the nominal period.
+    nan_samples : rows in which at least one channel has no value.
+    time_jumps : gaps of more than `JUMP_PERIODS` periods.
+    notes : one line each, for people.
+    period : s, nominal sampling period.
+    """
+
+    dropped_samples: int = 0
+    nan_samples: int = 0
+    time_jumps: int = 0
+    notes: list[str] = field(default_factory=list)
+    period: float = float("nan")
+
+
+def ordered_time(
+    time: Column, place: Callable[[int], str] = "row {}".format
+) -> tuple[Column, NDArray[np.intp], list[str]]:
+    """Strictly increasing stamps: repeats dropped, late stamps put between their neighbours.
+
+    Parameters
+    ----------
+    time : (n,) s, as read.
+    place : how a user finds a row in the log.
+
+    Returns
+    -------
+    time : (m,) s, strictly increasing.
+    rows : (m,) rows kept.
+    notes : what was done.
+
+    Raises
+    ------
+    InputError : time runs backwards for more than a few late stamps, or is missing everywhere.
+
+    Examples
+    --------
+    >>> ordered_time(np.array([0.0, 1.0, 1.0, 2.0]))[1].tolist()
+    [0, 1, 3]
+    """
+    notes: list[str] = []
+    rows = np.flatnonzero(np.isfinite(time))
+    if rows.size == 0:
+        raise InputError("channel time: no value at all")
+    if rows.size < time.size:
+        notes.append(f"{time.size - rows.size} rows without a time stamp were left out")
+    stamps = time[rows]
+    repeated = np.concatenate(([False], np.diff(stamps) == 0.0))
+    if repeated.any():
+        notes.append(f"{int(repeated.sum())} rows repeat the time stamp before them and were left out")
+        rows, stamps = rows[~repeated], stamps[~repeated]
+    back = np.flatnonzero(np.diff(stamps) < 0.0)
+    if back.size == 0:
+        return stamps, rows, notes
+    period = float(np.median(np.abs(np.diff(stamps))))
+    later = np.minimum.accumulate(stamps[::-1])[::-1]
+    late = stamps > later
+    # A stamp equal to a later one would leave no room between the two.
+    late[:-1] |= stamps[:-1] >= later[1:]
+    if late.sum() > max(3, LATE_SHARE * stamps.size) or (stamps - later).max() > JUMP_PERIODS * period:
+        at = int(back[0]) + 1
+        raise InputError(
+            f"time runs backwards at {place(int(rows[at]))}: {stamps[at]:.6f} s after {stamps[at - 1]:.6f} s",
+            mend="sort the log, or cut it where its clock was reset",
+        )
+    index = np.arange(stamps.size, dtype=np.float64)
+    stamps = np.interp(index, index[~late], stamps[~late])
+    notes.append(f"{int(late.sum())} late time stamps were put between their neighbours")
+    return stamps, rows, notes
+
+
+def nominal_period(time: Column) -> float:
+    """Median step of the stamps, s."""
+    # To the nanosecond: stamps carry rounding of their own.
+    return round(float(np.median(np.diff(time))), 9) if time.size > 1 else float("nan")
+
+
+def check_time(time: Column, shortest: float) -> DataQuality:
+    """Count missing rows, late stamps and time jumps.
+
+    Raises
+    ------
+    InputError : fewer than `shortest` seconds of data.
+    """
+    period = nominal_period(time)
+    seconds = 0.0 if time.size < 2 else min(float(time[-1] - time[0]) + period, time.size * period)
+    if seconds < shortest:
+        raise InputError(
+            f"a log of {seconds:.3g} s ({time.size} rows) is too short",
+            mend=f"record at least {max(RECOMMENDED_SECONDS, shortest):g} s",
+        )
+    quality = DataQuality(period=period)
+    steps = np.diff(time)
+    missing = np.diff(sample_numbers(time, period)) - 1
+    counted = steps <= COUNTED_GAP
+    quality.dropped_samples = int(missing[counted].sum())
+    if quality.dropped_samples:
+        share = 100.0 * quality.dropped_samples / (time.size + quality.dropped_samples)
+        quality.notes.append(f"{quality.dropped_samples} rows are missing ({share:.2g} %)")
+    jumps = np.flatnonzero(steps > JUMP_PERIODS * period)
+    quality.time_jumps = int(jumps.size)
+    if jumps.size:
+        longest = int(jumps[np.argmax(steps[jumps])])
+        quality.notes.append(
+            f"time jumps {jumps.size} times, {steps[longest]:.3f} s at most (after t={time[longest]:.3f} s)"
+        )
+    # A step that is no whole number of periods: the stamp came late, or early.
+    uneven = np.abs(steps / period - np.rint(steps / period)) > 0.05
+    if uneven.any():
+        share = 100.0 * float(uneven.mean())
+        quality.notes.append(
+            f"{int(uneven.sum())} steps of time are uneven ({share:.2g} %, jitter or late stamps)"
+        )
+    return quality
+
+
+def count_missing(columns: Mapping[str, Column], quality: DataQuality) -> None:
+    """Count rows with NaN, and note which channels have them."""
+    gone = {name: ~np.isfinite(values) for name, values in columns.items()}
+    any_gone = np.zeros(next(iter(columns.values())).size, dtype=bool) if columns else np.zeros(0, dtype=bool)
+    for name, mask in gone.items():
+        count = int(mask.sum())
+        any_gone |= mask
+        if count:
+            quality.notes.append(f"{name}: {count} values are missing ({100.0 * count / mask.size:.2g} %)")
+    quality.nan_samples = int(any_gone.sum())
+
+
+def missing_required(channels: Collection[str]) -> list[str]:
+    """Groups of channels that a diagnosis cannot do without and that are absent.
+
+    Examples
+    --------
+    >>> missing_required(["position", "pump_speed"])
+    ['pressure_difference (or pressure_1 and pressure_2)']
+    """
+    absent = []
+    if "position" not in channels:
+        absent.append("position")
+    if "pump_angle" not in channels and "pump_speed" not in channels:
+        absent.append("pump_angle (or pump_speed)")
+    if "pressure_difference" not in channels and not {"pressure_1", "pressure_2"} <= set(channels):
+        absent.append("pressure_difference (or pressure_1 and pressure_2)")
+    return absent
+
+
+def check_magnitudes(columns: Mapping[str, Column]) -> None:
+    """Refuse quantities whose size tells that their unit of measure is another one.
+
+    Raises
+    ------
+    InputError : names the channel, the largest value and the likely unit.
+
+    Examples
+    --------
+    >>> check_magnitudes({"position": np.array([0.0, 85.0])})
+    Traceback (most recent call last):
+    ...
+    fdd.errors.InputError: channel position: up to 85 m, looks like mm; give unit: mm in the channel map (--map)
+    """
+    for name in ("pressure_1", "pressure_2", "pressure_difference", "pressure_accumulator"):
+        largest = _largest(columns, name)
+        if largest > HIGHEST_PRESSURE:
+            raise InputError(
+                f"channel {name}: up to {largest:.3g} Pa, more than any hydraulic circuit holds",
+                mend="correct its unit or scale in the channel map (--map)",
+            )
+        # A drained accumulator may well show nothing; a chamber is precharged, and its noise alone is more.
+        if name != "pressure_accumulator" and 0.0 < largest < _least_pressure(columns):
+            likely = "bar" if largest < 1e3 else "kPa"
+            raise InputError(
+                f"channel {name}: pressures look like {likely} (at most {largest:.3g} Pa)",
+                mend=f"give unit: {likely} in the channel map (--map)",
+            )
+    position = _largest(columns, "position")
+    if position > 10.0:
+        likely = "mm" if position < 1e4 else "um"
+        raise InputError(
+            f"channel position: up to {position:.3g} m, looks like {likely}",
+            mend=f"give unit: {likely} in the channel map (--map)",
+        )
+    oil = columns.get("oil_temperature")
+    if oil is not None and np.nanmedian(oil) > 200.0:
+        raise InputError(
+            f"channel oil_temperature: {np.nanmedian(oil):.0f} °C, looks like kelvin",
+            mend="give unit: K in the channel map (--map)",
+        )
+
+
+def _least_pressure(columns: Mapping[str, Column]) -> float:
+    """What a chamber's largest pressure reaches at least, Pa: more where no chamber shows any."""
+    chambers = [_largest(columns, n) for n in ("pressure_1", "pressure_2") if n in columns]
+    return 2e4 if chambers and max(*chambers, _largest(columns, "pressure_difference")) < 2e4 else 2e3
+
+
+def _largest(columns: Mapping[str, Column], name: str) -> float:
+    values = columns.get(name)
+    if values is None or not np.isfinite(values).any():
+        return 0.0
+    return float(np.nanmax(np.abs(values)))
+
+
+def suspicions(time: Column, columns: Mapping[str, Column], period: float) -> list[str]:
+    """Notes on channels that are usable but look wrong: standstill, stuck, impossible speeds.
+
+    Parameters
+    ----------
+    time : (n,) s.
+    columns : channels in SI.
+    period : s, nominal.
+    """
+    notes = []
+    moving = [
+        n for n in ("position", "pump_angle", "pump_speed") if n in columns and _range(columns[n]) > 0.0
+    ]
+    if not moving:
+        notes.append("standstill: neither the position nor the pump moves throughout the log")
+    for name, values in columns.items():
+        if CHANNELS[name].dimension != "pressure":
+            continue
+        start, length = _longest_constant(values)
+        if length * period > STUCK_SECONDS and values[start] != 0.0:
+            notes.append(
+                f"{name}: exactly {values[start]:.6g} Pa for {length * period:.1f} s from t={time[start]:.1f} s, "
+                "looks stuck or at its limit"
+            )
+    notes += _speed_notes(time, columns)
+    return notes
+
+
+def _speed_notes(time: Column, columns: Mapping[str, Column]) -> list[str]:
+    notes = []
+    angle, speed = columns.get("pump_angle"), columns.get("pump_speed")
+    if angle is not None:
+        there = np.isfinite(angle)
+        rate = np.abs(np.diff(angle[there]) / np.diff(time[there]))
+        if rate.size:
+            usual = float(np.percentile(rate, 99.0))
+            bursts = rate > max(1000.0, 4.0 * usual)
+            if bursts.any():
+                notes.append(
+                    f"pump_angle: {int(bursts.sum())} steps of impossible speed (up to {rate.max():.0f} rad/s), "
+                    "the angle sensor slips or is disturbed"
+                )
+    if angle is not None and speed is not None:
+        both = np.isfinite(angle) & np.isfinite(speed)
+        turned = np.abs(np.diff(angle[both])).sum()
+        expected = (np.abs(speed[both][1:]) * np.diff(time[both])).sum()
+        if turned > 10.0 and not 0.8 < expected / turned < 1.25:
+            notes.append(
+                f"pump_speed is {expected / turned:.3g} times the rate of pump_angle: "
+                "the unit or scale of one of them is wrong"
+            )
+    return notes
+
+
+def _range(values: Column) -> float:
+    return float(np.nanmax(values) - np.nanmin(values)) if np.isfinite(values).any() else 0.0
+
+
+def _longest_constant(values: Column) -> tuple[int, int]:
+    """Start and length (rows) of the longest run of one value."""
+    if values.size == 0:
+        return 0, 0
+    # NaN differs from itself, so that missing values end a run.
+    starts = np.concatenate(([0], np.flatnonzero(values[1:] != values[:-1]) + 1, [values.size]))
+    lengths = np.diff(starts)
+    longest = int(np.argmax(lengths))
+    return int(starts[longest]), int(lengths[longest])

@@ -1,0 +1,59 @@
+"""CSV and Parquet out, with the contract's column names: what `read_log` reads without a map."""
+
+from __future__ import annotations
+
+import os
+import tempfile
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from fdd.errors import InputError
+from fdd.samples import Samples
+
+
+def write_csv(path: str | Path, samples: Samples) -> None:
+    """Write a CSV file, whole or not at all; a missing value is an empty cell.
+
+    Examples
+    --------
+    >>> write_csv("run.csv", samples)  # doctest: +SKIP
+    """
+    from pyarrow import csv
+
+    _replace(Path(path), lambda temporary: csv.write_csv(_table(samples), temporary))
+
+
+def write_parquet(path: str | Path, samples: Samples) -> None:
+    """Write a Parquet file (zstd), whole or not at all; a missing value is null.
+
+    Examples
+    --------
+    >>> write_parquet("run.parquet", samples)  # doctest: +SKIP
+    """
+    from pyarrow import parquet
+
+    _replace(
+        Path(path), lambda temporary: parquet.write_table(_table(samples), temporary, compression="zstd")
+    )
+
+
+def _table(samples: Samples) -> Any:
+    import pyarrow as pa
+
+    columns = {"time": samples.time, **samples.columns}
+    return pa.table({n: pa.array(v, mask=np.isnan(v)) for n, v in columns.items()})
+
+
+def _replace(path: Path, write: Any) -> None:
+    if not path.parent.is_dir():
+        raise InputError("no such folder", where=path.parent, mend="make it first")
+    handle, temporary = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}-", suffix=".part")
+    os.close(handle)
+    try:
+        write(temporary)
+        Path(temporary).replace(path)
+    except BaseException:
+        Path(temporary).unlink(missing_ok=True)
+        raise
