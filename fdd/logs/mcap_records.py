@@ -162,7 +162,7 @@ class RecordWalk:
 
             return _piecewise(zstandard.ZstdDecompressor(max_window_size=1 << 27).decompressobj(), body, size)
         if compression == "lz4":
-            import lz4.frame
+            import lz4.frame  # type: ignore[import-untyped]
 
             return _piecewise(lz4.frame.LZ4FrameDecompressor(), body, size)
         raise InputError(

@@ -190,7 +190,11 @@ def _results(trajectories: Mapping[str, Any], axis: str) -> Iterator[Topic]:
         estimate: dict[str, Any] = {"time": time}
         for tracker, quantities in trajectories.get("estimates", {}).items():
             stds = trajectories.get("stds", {}).get(tracker, {})
-            members = {k: v for name, value in quantities.items() for k, v in ((name, value), (f"{name}_std", stds.get(name))) if v is not None}  # noqa: E501  # fmt: skip
+            members: dict[str, Any] = {}
+            for name, value in quantities.items():
+                members[name] = value
+                if stds.get(name) is not None:
+                    members[f"{name}_std"] = stds[name]
             nis = trajectories.get("nis", {}).get(tracker)
             estimate[tracker] = members if nis is None else {**members, "nis": nis}
         if trajectories.get("observable"):

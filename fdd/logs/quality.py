@@ -193,34 +193,34 @@ def check_magnitudes(columns: Mapping[str, Column]) -> None:
     >>> check_magnitudes({"position": np.array([0.0, 85.0])})
     Traceback (most recent call last):
     ...
-    fdd.errors.InputError: channel position: up to 85 m, looks like mm; give unit: mm in the channel map (--map)
+    fdd.errors.InputError: channel position: up to 85 m, looks like mm; give unit: mm in the map (--map)
     """
     for name in ("pressure_1", "pressure_2", "pressure_difference", "pressure_accumulator"):
         largest = _largest(columns, name)
         if largest > HIGHEST_PRESSURE:
             raise InputError(
                 f"channel {name}: up to {largest:.3g} Pa, more than any hydraulic circuit holds",
-                mend="correct its unit or scale in the channel map (--map)",
+                mend="correct its unit or scale in the map (--map)",
             )
         # A drained accumulator may well show nothing; a chamber is precharged, and its noise alone is more.
         if name != "pressure_accumulator" and 0.0 < largest < _least_pressure(columns):
             likely = "bar" if largest < 1e3 else "kPa"
             raise InputError(
                 f"channel {name}: pressures look like {likely} (at most {largest:.3g} Pa)",
-                mend=f"give unit: {likely} in the channel map (--map)",
+                mend=f"give unit: {likely} in the map (--map)",
             )
     position = _largest(columns, "position")
     if position > 10.0:
         likely = "mm" if position < 1e4 else "um"
         raise InputError(
             f"channel position: up to {position:.3g} m, looks like {likely}",
-            mend=f"give unit: {likely} in the channel map (--map)",
+            mend=f"give unit: {likely} in the map (--map)",
         )
     oil = columns.get("oil_temperature")
     if oil is not None and np.nanmedian(oil) > 200.0:
         raise InputError(
             f"channel oil_temperature: {np.nanmedian(oil):.0f} °C, looks like kelvin",
-            mend="give unit: K in the channel map (--map)",
+            mend="give unit: K in the map (--map)",
         )
 
 
@@ -258,8 +258,8 @@ def suspicions(time: Column, columns: Mapping[str, Column], period: float) -> li
         start, length = _longest_constant(values)
         if length * period > STUCK_SECONDS and values[start] != 0.0:
             notes.append(
-                f"{name}: exactly {values[start]:.6g} Pa for {length * period:.1f} s from t={time[start]:.1f} s, "
-                "looks stuck or at its limit"
+                f"{name}: exactly {values[start]:.6g} Pa for {length * period:.1f} s "
+                f"from t={time[start]:.1f} s, looks stuck or at its limit"
             )
     notes += _speed_notes(time, columns)
     return notes
@@ -276,8 +276,8 @@ def _speed_notes(time: Column, columns: Mapping[str, Column]) -> list[str]:
             bursts = rate > max(1000.0, 4.0 * usual)
             if bursts.any():
                 notes.append(
-                    f"pump_angle: {int(bursts.sum())} steps of impossible speed (up to {rate.max():.0f} rad/s), "
-                    "the angle sensor slips or is disturbed"
+                    f"pump_angle: {int(bursts.sum())} steps of impossible speed "
+                    f"(up to {rate.max():.0f} rad/s), the angle sensor slips or is disturbed"
                 )
     if angle is not None and speed is not None:
         both = np.isfinite(angle) & np.isfinite(speed)

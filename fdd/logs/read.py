@@ -198,7 +198,7 @@ def _from_mcap(path: Path, channel_map: ChannelMap | None, axis: str | None) -> 
     for name, source in sorted(read.items(), key=lambda item: item[1].topic != main):
         topic = str(source.topic)
         if source.field is None:
-            require_topic_has_messages(path, recording, topic)
+            _require_topic(path, recording, topic)
             continue
         raw = require_field(path, recording, topic, source.field)
         direction = require_field(path, recording, topic, source.sign_of) if source.sign_of else None
@@ -222,7 +222,7 @@ def _from_mcap(path: Path, channel_map: ChannelMap | None, axis: str | None) -> 
     return _mcap_raw(recording, stamps, time, columns, axis or channel_map.axis)
 
 
-def require_topic_has_messages(path: Path, recording: Recording, topic: str) -> None:
+def _require_topic(path: Path, recording: Recording, topic: str) -> None:
     """Refuse a map's time topic that the file does not have."""
     if topic not in recording.series:
         raise InputError(
@@ -270,7 +270,7 @@ def _mcap_raw(
     axis: str | None,
 ) -> _Raw:
     start = int(stamps[0])
-    since_start = (stamps - start) * 1e-9 if time is None else time
+    since_start: Column = (stamps - start).astype(np.float64) * 1e-9 if time is None else time
     notes = []
     if recording.truncated:
         last = since_start[-1] - (since_start[0] if since_start[0] > EPOCH_SECONDS else 0.0)

@@ -163,8 +163,9 @@ class CsvTable:
             # One odd row is forgiven where it is the last: the logger was cut off while it wrote.
             row = odd[0]
             if row.number is not None and row.number != self.header_line + table.num_rows + 1:
+                counts = f"{row.actual_columns} cells where the header has {row.expected_columns}"
                 raise InputError(
-                    f"line {row.number}: {row.actual_columns} cells where the header has {row.expected_columns}",
+                    f"line {row.number}: {counts}",
                     where=self.path,
                     mend="repair or remove that line",
                 )
@@ -262,7 +263,7 @@ class ParquetTable:
 
 
 def as_numbers(column: Any, name: str, where: Path) -> Column:
-    """An Arrow column as float64: null becomes NaN, a date becomes seconds since 1970."""
+    """An Arrow column as float64: null becomes NaN, dates become seconds since the first."""
     import pyarrow as pa
     import pyarrow.compute as pc
 
