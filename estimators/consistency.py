@@ -116,9 +116,10 @@ def standardised(error: ArrayLike, covariance: ArrayLike) -> Array:
         raise ValueError(
             f"error {e.shape} and covariance {C.shape} do not fit; give (..., d) and (..., d, d)"
         )
-    scale = np.sqrt(np.diagonal(C, axis1=-2, axis2=-1))
-    if not (scale > 0.0).all():
+    variance = np.diagonal(C, axis1=-2, axis2=-1)
+    if not (variance > 0.0).all():
         raise ValueError("covariance has a variance that is not positive")
+    scale = np.sqrt(variance)
     try:
         L = np.linalg.cholesky(C / (scale[..., :, None] * scale[..., None, :]))
     except np.linalg.LinAlgError:

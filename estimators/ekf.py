@@ -25,6 +25,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from estimators.kernels import kalman_update_correlated
+from estimators.linalg import balanced_covariance
 
 Array = NDArray[np.float64]
 Model = Callable[..., ArrayLike]
@@ -292,11 +293,13 @@ class ExtendedKalmanFilter:
         """Posterior x, P, the gain, NIS and log likelihood; the arguments are not changed."""
         x, P = x.copy(), P.copy()
         K = np.zeros((self.dim_x, self.dim_z))
-        gain = np.zeros((self.dim_x, int(used.sum())))
-        nis, log_likelihood = kalman_update_correlated(
-            x, P, y[used], H[used], np.ascontiguousarray(R[np.ix_(used, used)]), gain
-        )
-        K[:, used] = gain
+        if used.all():
+            nis, log_likelihood = kalman_update_correlated(x, P, y, H, R, K)
+        else:
+            gain = np.zeros((self.dim_x, int(used.sum())))
+            R_used = np.ascontiguousarray(R[np.ix_(used, used)])
+            nis, log_likelihood = kalman_update_correlated(x, P, y[used], H[used], R_used, gain)
+            K[:, used] = gain
         return x, P, K, nis, log_likelihood
 
     def _state(self) -> tuple[Array, Array]:
@@ -390,18 +393,19 @@ def _matrix(value: ArrayLike, rows: int, columns: int, name: str) -> Array:
 
 
 def _square(value: ArrayLike, size: int, name: str) -> Array:
-    """A covariance (size, size) from a scalar, its diagonal or itself; symmetric and finite."""
-    array = np.array(value, dtype=float, order="C")
+    """A covariance (size, size) from a scalar, its diagonal or itself; a symmetric, finite copy."""
+    array = np.asarray(value, dtype=float)
     if array.ndim == 0:
         array = array * np.eye(size)
     elif array.shape == (size,):
         array = np.diag(array)
-    array = _matrix(array, size, size, name)
-    if not np.isfinite(array).all():
+    out = np.empty((size, size))
+    defect = balanced_covariance(_matrix(array, size, size, name), out)
+    if defect < 0:
         raise ValueError(f"{name} has values that are not finite")
-    if (np.diag(array) < 0.0).any():
-        raise ValueError(f"{name} has a negative variance at {_first(np.diag(array) < 0.0)}")
-    return 0.5 * (array + array.T)
+    if defect > 0:
+        raise ValueError(f"{name} has a negative variance at {defect - 1}")
+    return out
 
 
 def require_finite(array: Array, what: str, place: str) -> None:

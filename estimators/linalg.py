@@ -31,6 +31,23 @@ def symmetrise(P: Array) -> None:
 
 
 @njit(cache=True)
+def balanced_covariance(A: Array, out: Array) -> int:
+    """Copy ``A``, averaged with its transpose, to ``out``; 0, or 1 + index of a bad diagonal element.
+
+    -1 when any value is not finite. Bad is a negative variance.
+    """
+    n = A.shape[0]
+    for i in range(n):
+        for j in range(n):
+            if not math.isfinite(A[i, j]):
+                return -1
+            out[i, j] = 0.5 * (A[i, j] + A[j, i])
+        if A[i, i] < 0.0:
+            return 1 + i
+    return 0
+
+
+@njit(cache=True)
 def project(P: Array, H: Array, PHt: Array, HPHt: Array) -> None:
     """Fill ``PHt = P H'`` (n, m) and ``HPHt = H P H'`` (m, m), the latter exactly symmetric."""
     n = P.shape[0]

@@ -1,0 +1,381 @@
+"""ExtendedKalmanFilter against filterpy, scipy and the chi-square law."""
+
+from __future__ import annotations
+
+import math
+
+import filterpy.kalman
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from numba import njit
+from scipy import linalg, stats
+
+from estimators import ExtendedKalmanFilter, jacobian, nis_band
+from estimators.kernels import kalman_update, kalman_update_correlated, predict_covariance
+
+
+def covariance(rng: np.random.Generator, size: int, spread: float = 1.0) -> np.ndarray:
+    """A random well-conditioned covariance whose units differ by up to 10**±spread."""
+    A = rng.normal(size=(size, size))
+    units = 10.0 ** rng.uniform(-spread, spread, size)
+    full = (A @ A.T / size + np.eye(size)) * np.outer(units, units)
+    return 0.5 * (full + full.T)
+
+
+def linear_pair(rng: np.random.Generator, n: int, m: int, column: bool):
+    ours, peer = ExtendedKalmanFilter(n, m), filterpy.kalman.KalmanFilter(n, m)
+    F = 0.9 * np.linalg.qr(rng.normal(size=(n, n)))[0]
+    values = {"P": covariance(rng, n), "Q": covariance(rng, n), "R": covariance(rng, m), "F": F}
+    values |= {"H": rng.normal(size=(m, n)), "B": rng.normal(size=(n, 2))}
+    values["x"] = rng.normal(size=(n, 1) if column else n)
+    for name, value in values.items():
+        setattr(ours, name, value.copy())
+        setattr(peer, name, value.copy())
+    return ours, peer
+
+
+@pytest.mark.parametrize("column", [True, False])
+def test_linear_filter_equals_filterpy(column: bool) -> None:
+    rng = np.random.default_rng(3)
+    for n, m in ((1, 1), (3, 2), (5, 5), (4, 6)):
+        ours, peer = linear_pair(rng, n, m, column)
+        for _ in range(20):
+            u = rng.normal(size=(2, 1) if column else 2)
+            z = rng.normal(size=(m, 1) if column else m)
+            ours.predict(u)
+            peer.predict(u)
+            np.testing.assert_allclose(ours.x_prior, peer.x_prior, rtol=1e-9, atol=1e-12)
+            ours.update(z)
+            peer.update(z)
+            assert ours.x.shape == np.shape(peer.x)
+            for name in ("x", "P", "K", "S", "SI", "y", "z", "x_post", "P_post"):
+                np.testing.assert_allclose(
+                    getattr(ours, name), getattr(peer, name), rtol=1e-8, atol=1e-10, err_msg=name
+                )
+            assert ours.log_likelihood == pytest.approx(peer.log_likelihood)
+            assert ours.mahalanobis == pytest.approx(peer.mahalanobis)
+
+
+def radar(x):
+    """Slant range and elevation of a target at height x[2] and ground distance x[0]."""
+    return np.array([np.hypot(x[0], x[2]), np.arctan2(x[2], x[0])])
+
+
+def radar_jacobian(x):
+    d, height = float(np.ravel(x)[0]), float(np.ravel(x)[2])
+    r = math.hypot(d, height)
+    return np.array([[d / r, 0.0, height / r], [-height / r**2, 0.0, d / r**2]])
+
+
+@pytest.mark.parametrize("own_jacobian", [True, False])
+def test_nonlinear_filter_equals_filterpy(own_jacobian: bool) -> None:
+    rng = np.random.default_rng(4)
+    dt = 0.05
+    F = np.array([[1.0, dt, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]])
+    ours = ExtendedKalmanFilter(3, 2, h=radar, H_jacobian=radar_jacobian if own_jacobian else None)
+    peer = filterpy.kalman.ExtendedKalmanFilter(3, 2)
+    for kf in (ours, peer):
+        kf.x = np.array([-90.0, 90.0, 1100.0])
+        kf.F, kf.Q, kf.R, kf.P = F, 0.1 * np.eye(3), np.diag([25.0, 1e-4]), 50.0 * np.eye(3)
+    x = np.array([-100.0, 100.0, 1000.0])
+    for _ in range(200):
+        x = F @ x
+        z = radar(x) + rng.normal(size=2) * [5.0, 0.01]
+        ours.predict()
+        peer.predict()
+        ours.update(z)
+        peer.update(z, radar_jacobian, radar)
+        np.testing.assert_allclose(ours.x, peer.x, rtol=1e-6)
+        np.testing.assert_allclose(ours.P, peer.P, rtol=1e-6, atol=1e-8)
+    assert np.abs(ours.x - x).max() < 30.0
+
+
+def test_functions_given_to_update_are_used_as_in_filterpy() -> None:
+    ours, peer = ExtendedKalmanFilter(3, 2), filterpy.kalman.ExtendedKalmanFilter(3, 2)
+    wrap = lambda a, b: (a - b + np.pi) % (2.0 * np.pi) - np.pi  # noqa: E731
+    z = np.array([1000.0, 1.5 + 2.0 * np.pi])
+    for kf in (ours, peer):
+        kf.x = np.array([100.0, 0.0, 990.0])
+        kf.update(
+            z,
+            lambda x, k: k * radar_jacobian(x),
+            lambda x, k: k * radar(x),
+            R=0.5,
+            args=1.0,
+            hx_args=(1.0,),
+            residual=wrap,
+        )
+    np.testing.assert_allclose(ours.x, peer.x, rtol=1e-10)
+    np.testing.assert_allclose(ours.P, peer.P, rtol=1e-8, atol=1e-12)
+
+
+def test_nonlinear_prediction_uses_the_model_and_its_jacobian() -> None:
+    """One step of a pendulum with an input: mean from f, covariance from the exact Jacobian."""
+
+    def swing(x, u, dt):
+        return [x[0] + dt * x[1], x[1] + dt * (u - 9.81 * np.sin(x[0]))]
+
+    kf = ExtendedKalmanFilter(2, 1, f=swing)
+    kf.x, P = np.array([0.7, -0.2]), np.array([[0.2, 0.01], [0.01, 0.3]])
+    kf.P, kf.Q = P, [1e-3, 2e-3]
+    kf.predict(u=0.4, dt=0.03)
+    np.testing.assert_allclose(kf.x, [0.7 - 0.006, -0.2 + 0.03 * (0.4 - 9.81 * math.sin(0.7))])
+    F = np.array([[1.0, 0.03], [-0.03 * 9.81 * math.cos(0.7), 1.0]])
+    np.testing.assert_allclose(kf.P, F @ P @ F.T + np.diag([1e-3, 2e-3]), rtol=1e-9)
+
+
+def test_variable_time_step_of_a_linear_model() -> None:
+    """A step of 0.3 s equals three of 0.1 s for a model that is exact in dt."""
+
+    def transition(x, u, dt):
+        return [[1.0, dt], [0.0, 1.0]]
+
+    def noise(dt):  # integrated white acceleration
+        return np.array([[dt**3 / 3.0, dt**2 / 2.0], [dt**2 / 2.0, dt]])
+
+    one, three = (ExtendedKalmanFilter(2, 1, F_jacobian=transition) for _ in range(2))
+    one.x, three.x = np.array([1.0, 2.0]), np.array([1.0, 2.0])
+    one.predict(dt=0.3, Q=noise(0.3))
+    for _ in range(3):
+        three.predict(dt=0.1, Q=noise(0.1))
+    np.testing.assert_allclose(one.x, three.x)
+    np.testing.assert_allclose(one.P, three.P)
+
+
+@settings(max_examples=60, deadline=None)
+@given(seed=st.integers(0, 2**32 - 1), n=st.integers(1, 6), m=st.integers(1, 5), full=st.booleans())
+def test_missing_channels_equal_an_update_without_those_rows(seed: int, n: int, m: int, full: bool) -> None:
+    rng = np.random.default_rng(seed)
+    mask = rng.random(m) < 0.6
+    H, R, P = rng.normal(size=(m, n)), covariance(rng, m), covariance(rng, n)
+    R = R if full else np.diag(np.diag(R))
+    x, z = rng.normal(size=n), np.where(mask, rng.normal(size=m), np.nan)
+    holed = ExtendedKalmanFilter(n, m)
+    holed.x, holed.P, holed.H, holed.R = x, P, H, R
+    holed.update(z)
+    assert holed.channels_used == mask.sum()
+    assert np.isnan(holed.y).tolist() == (~mask).tolist()
+    assert not holed.K[:, ~mask].any()
+    if not mask.any():
+        np.testing.assert_array_equal(holed.x, x)
+        np.testing.assert_array_equal(holed.P, P)
+        assert (holed.nis, holed.likelihood) == (0.0, 1.0)
+        return
+    cut = ExtendedKalmanFilter(n, int(mask.sum()))
+    cut.x, cut.P, cut.H, cut.R = x, P, H[mask], R[np.ix_(mask, mask)]
+    cut.update(z[mask])
+    np.testing.assert_allclose(holed.x, cut.x, rtol=1e-10, atol=1e-12)
+    np.testing.assert_allclose(holed.P, cut.P, rtol=1e-10, atol=1e-12)
+    assert holed.nis == pytest.approx(cut.nis)
+    assert holed.log_likelihood == pytest.approx(cut.log_likelihood)
+    if not full:  # the kernel for independent channels agrees
+        xk, Pk = x.copy(), P.copy()
+        nis, log_likelihood = kalman_update(xk, Pk, z - H @ x, H, np.diag(R).copy(), mask)
+        np.testing.assert_allclose(xk, holed.x, rtol=1e-9, atol=1e-12)
+        np.testing.assert_allclose(Pk, holed.P, rtol=1e-9, atol=1e-12)
+        assert nis == pytest.approx(holed.nis)
+        assert log_likelihood == pytest.approx(holed.log_likelihood)
+
+
+@settings(max_examples=60, deadline=None)
+@given(seed=st.integers(0, 2**32 - 1), n=st.integers(1, 6), m=st.integers(1, 6))
+def test_likelihood_equals_the_multivariate_normal_density(seed: int, n: int, m: int) -> None:
+    rng = np.random.default_rng(seed)
+    kf = ExtendedKalmanFilter(n, m)
+    kf.H, kf.P, kf.R = rng.normal(size=(m, n)), covariance(rng, n), covariance(rng, m)
+    kf.x, z = rng.normal(size=n), rng.normal(size=m)
+    S = kf.H @ kf.P @ kf.H.T + kf.R
+    expected = stats.multivariate_normal.logpdf(z, mean=kf.H @ kf.x, cov=S, allow_singular=False)
+    y = z - kf.H @ kf.x
+    kf.update(z)
+    assert kf.log_likelihood == pytest.approx(expected, rel=1e-9, abs=1e-9)
+    assert kf.nis == pytest.approx(float(y @ np.linalg.solve(S, y)), rel=1e-8)
+
+
+def test_no_measurement_changes_nothing() -> None:
+    kf = ExtendedKalmanFilter(2, 1)
+    kf.x, kf.H = np.array([1.0, 2.0]), [[1.0, 0.0]]
+    kf.update(3.0)
+    before = kf.x.copy(), kf.P.copy()
+    kf.update(None)
+    np.testing.assert_array_equal(kf.x, before[0])
+    np.testing.assert_array_equal(kf.P, before[1])
+    assert np.isnan(kf.z).all()
+    assert kf.likelihood == 1.0
+
+
+def test_a_far_off_measurement_has_a_small_but_usable_likelihood() -> None:
+    kf = ExtendedKalmanFilter(1, 1)
+    kf.H = [[1.0]]
+    kf.update(1e6)
+    assert 0.0 < kf.likelihood < 1e-300
+
+
+def test_diffuse_prior_and_two_precise_sensors() -> None:
+    """S is singular to rounding (P/R = 1e20): the update must still average the sensors."""
+    kf = ExtendedKalmanFilter(2, 2)
+    kf.P, kf.R, kf.H = 1e12, 1e-8, [[1.0, 0.0], [1.0, 0.0]]
+    kf.update([1.0, 3.0])
+    assert kf.x[0, 0] == pytest.approx(2.0, rel=1e-6)
+    assert kf.P[0, 0] == pytest.approx(0.5e-8, rel=1e-6)
+    assert kf.P[1, 1] == 1e12
+
+
+def test_noise_free_channel_is_believed_exactly() -> None:
+    kf = ExtendedKalmanFilter(2, 2)
+    kf.P, kf.R, kf.H = [[2.0, 1.0], [1.0, 2.0]], [0.0, 1.0], np.eye(2)
+    kf.update([4.0, 0.0])
+    assert kf.x[0, 0] == pytest.approx(4.0, abs=1e-12)
+    assert kf.P[0, 0] == pytest.approx(0.0, abs=1e-12)
+
+
+@njit
+def _run_badly_scaled(steps, every, F, Q, H, R, x, P):
+    n, m = P.shape[0], H.shape[0]
+    mask = np.ones(m, np.bool_)
+    y = np.zeros(m)
+    kept = np.empty((steps // every, n, n))
+    for i in range(steps):
+        if i % every == 0:
+            kept[i // every] = P
+        kalman_update(x, P, y, H, R, mask)
+        predict_covariance(P, F, Q, P)
+    return kept
+
+
+def test_covariance_stays_symmetric_and_positive_over_a_million_badly_scaled_steps() -> None:
+    """Metres beside pascals and a leakage of 1e-13: variances over 40 decades.
+
+    The end is compared with scipy's solution of the Riccati equation in balanced units.
+    """
+    units = np.array([1e-6, 1e-3, 1e6, 1e-13])
+    F = np.array([[1, 0.9, 0, 0], [0, 0.999, 0.3, 0], [0, -0.1, 0.98, 0.2], [0, 0, 0, 1.0]])
+    H = np.array([[1.0, 0, 0, 0], [0, 0, 1.0, 0]])
+    Q, R = np.array([1e-6, 1e-4, 1e-3, 1e-6]), np.array([1e-2, 0.5])
+    settled = linalg.solve_discrete_are(F.T, H.T, np.diag(Q), np.diag(R))
+    H_SI = H / units * units[[0, 2]][:, None]
+    F_SI, Q_SI, R_SI = F * units[:, None] / units, Q * units**2, R * units[[0, 2]] ** 2
+    P = np.diag((1e4 * units) ** 2)
+    kept = _run_badly_scaled(1_000_000, 500, F_SI, Q_SI, H_SI, R_SI, np.zeros(4), P)
+    assert np.isfinite(kept).all()
+    np.testing.assert_array_equal(kept, np.swapaxes(kept, 1, 2))
+    balanced = kept / np.outer(units, units)
+    scale = np.sqrt(np.diagonal(balanced, axis1=1, axis2=2))
+    assert np.linalg.eigvalsh(balanced / (scale[:, :, None] * scale[:, None, :])).min() > 0.0
+    np.testing.assert_allclose(balanced[-1], settled, rtol=1e-8)
+
+
+def test_correlated_kernel_equals_the_textbook_formula() -> None:
+    rng = np.random.default_rng(9)
+    n, m = 4, 3
+    P, R, H, y = covariance(rng, n), covariance(rng, m), rng.normal(size=(m, n)), rng.normal(size=m)
+    S = H @ P @ H.T + R
+    K_expected = P @ H.T @ np.linalg.inv(S)
+    x, Pk, K = np.zeros(n), P.copy(), np.empty((n, m))
+    kalman_update_correlated(x, Pk, y, H, R, K)
+    np.testing.assert_allclose(K, K_expected, rtol=1e-9)
+    np.testing.assert_allclose(x, K_expected @ y, rtol=1e-9)
+    np.testing.assert_allclose(Pk, P - K_expected @ S @ K_expected.T, rtol=1e-8, atol=1e-10)
+
+
+@pytest.mark.parametrize("dim_z", [1, 2])
+def test_nis_is_in_its_band_when_the_model_is_right(dim_z: int) -> None:
+    """200 seeded runs of 100 steps. The test would fail by chance once in 1000 seeds (99.9 % band)."""
+    rng = np.random.default_rng(10)
+    runs, steps = 200, 100
+    F, H = np.array([[1.0, 0.1], [0.0, 0.98]]), np.eye(2)[:dim_z]
+    Q, R = np.diag([1e-3, 1e-2]), np.diag([0.1, 0.2][:dim_z])
+    total, worst_share = 0.0, 0
+    low95, high95 = nis_band(dim_z, steps)
+    for _ in range(runs):
+        kf = ExtendedKalmanFilter(2, dim_z)
+        kf.F, kf.H, kf.Q, kf.R = F, H, Q, R
+        x = rng.normal(size=2)
+        kf.x = np.zeros(2)
+        nis = 0.0
+        for _ in range(steps):
+            x = F @ x + rng.normal(size=2) * np.sqrt(np.diag(Q))
+            kf.predict()
+            kf.update(H @ x + rng.normal(size=dim_z) * np.sqrt(np.diag(R)))
+            nis += kf.nis
+        worst_share += not low95 <= nis / steps <= high95
+        total += nis
+    low, high = nis_band(dim_z, runs * steps, 0.999)
+    assert low < total / (runs * steps) < high
+    # The 95 % band of one run rejects 5 % of them: 200 runs give 10, and 1 to 21 in 99.9 % of seeds.
+    assert stats.binom.ppf(0.0005, runs, 0.05) <= worst_share <= stats.binom.ppf(0.9995, runs, 0.05)
+
+
+def test_filterpy_imm_finds_the_right_model() -> None:
+    """Two of our filters in filterpy's IMM, one of filterpy's own twins as the reference."""
+    rng = np.random.default_rng(11)
+
+    def bank(kind):
+        filters = []
+        for accel in (1e-6, 1.0):
+            kf = kind(2, 1)
+            kf.F, kf.H = np.array([[1.0, 0.1], [0.0, 1.0]]), np.array([[1.0, 0.0]])
+            kf.Q, kf.R = accel * np.diag([1e-4, 1e-2]), np.array([[0.01]])
+            filters.append(kf)
+        return filterpy.kalman.IMMEstimator(filters, [0.5, 0.5], np.array([[0.97, 0.03], [0.03, 0.97]]))
+
+    ours, peer = bank(ExtendedKalmanFilter), bank(filterpy.kalman.KalmanFilter)
+    x = np.zeros(2)
+    for i in range(150):
+        x = np.array([x[0] + 0.1 * x[1], x[1] + (0.5 * rng.normal() if i > 75 else 0.0)])
+        z = np.array([[x[0] + 0.1 * rng.normal()]])
+        for imm in (ours, peer):
+            imm.predict()
+            imm.update(z)
+        np.testing.assert_allclose(ours.mu, peer.mu, rtol=1e-6, atol=1e-12)
+        if i == 75:
+            assert ours.mu[0] > 0.6
+    np.testing.assert_allclose(ours.x, peer.x, rtol=1e-8)
+    assert ours.mu[1] > 0.8
+    before = ours.mu.copy()
+    ours.predict()
+    ours.update(None)  # says nothing: the mode probabilities only relax
+    np.testing.assert_allclose(ours.mu, before @ ours.M)
+
+
+def test_jacobian_by_differences_of_badly_scaled_states() -> None:
+    def flow(x):  # L p + V/beta p, in SI
+        return [x[0] * x[1], x[1] / x[2]]
+
+    x = np.array([4.8e-12, 5e6, 1.1e9])
+    P = np.diag([1e-24, 1e10, 1e16])
+    exact = [[x[1], x[0], 0.0], [0.0, 1.0 / x[2], -x[1] / x[2] ** 2]]
+    np.testing.assert_allclose(jacobian(flow, x, P), exact, rtol=1e-7)
+
+
+@pytest.mark.parametrize(
+    ("act", "message"),
+    [
+        (lambda kf: kf.update([1.0, 2.0, 3.0]), "z has 3 values, the filter expects 2"),
+        (lambda kf: kf.update([1.0, np.inf]), "z is infinite in channel 1"),
+        (lambda kf: kf.update([1.0, 2.0], R=[-1.0, 1.0]), "R has a negative variance at 0"),
+        (lambda kf: kf.update([1.0, 2.0], Hx=lambda x: [np.nan, 0.0]), "innovation z - h.x. is not finite"),
+        (lambda kf: kf.predict(u=[1.0]), "u is given but the filter has no B"),
+        (lambda kf: kf.predict(F=np.eye(2)), r"F has shape \(2, 2\), the filter expects \(3, 3\)"),
+        (lambda kf: kf.predict(Q=np.nan), "Q has values that are not finite"),
+        (lambda kf: kf.set_state({"x": 1.0}), "not the state of a ExtendedKalmanFilter"),
+    ],
+)
+def test_unusable_input_is_refused_in_one_line_and_changes_nothing(act, message: str) -> None:
+    kf = ExtendedKalmanFilter(3, 2)
+    kf.H = np.eye(2, 3)
+    kf.update([1.0, 1.0])
+    before = kf.get_state()
+    with pytest.raises(ValueError, match=message) as error:
+        act(kf)
+    assert "\n" not in str(error.value)
+    for name, value in kf.get_state().items():
+        np.testing.assert_array_equal(value, before[name], err_msg=name)
+
+
+@pytest.mark.parametrize("sizes", [(0, 1), (1, 0), (2.5, 1), (1, 1, -1)])
+def test_impossible_sizes_are_refused(sizes: tuple) -> None:
+    with pytest.raises(ValueError, match="give a whole number"):
+        ExtendedKalmanFilter(*sizes)
