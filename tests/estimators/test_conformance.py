@@ -1,0 +1,363 @@
+"""Every estimator of the package goes through the same list of checks.
+
+A new filter class joins by an entry in ``CASES``; forgetting it fails the first test.
+"""
+
+from __future__ import annotations
+
+import copy
+import doctest
+import importlib
+import inspect
+import io
+import re
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import estimators
+from estimators import SVSF, ExtendedKalmanFilter
+
+STEPS = 120
+FILTERPY_NAMES = (
+    "dim_x", "dim_z", "dim_u", "x", "P", "Q", "R", "F", "B", "H", "y", "z", "S", "SI", "K", "x_prior",
+    "P_prior", "x_post", "P_post", "log_likelihood", "likelihood", "mahalanobis", "predict", "update",
+)  # fmt: skip
+
+
+def swing(x, u, dt):
+    """A damped pendulum: angle in rad, its rate in rad/s, torque per inertia u in 1/s²."""
+    rate = x[1] + dt * (u - 9.81 * np.sin(x[0]) - 0.5 * x[1])
+    return np.array([x[0] + dt * rate, rate])
+
+
+def swing_jacobian(x, u, dt):
+    angle, g = float(np.ravel(x)[0]), 9.81
+    return [
+        [1.0 - dt * dt * g * np.cos(angle), dt * (1.0 - 0.5 * dt)],
+        [-dt * g * np.cos(angle), 1.0 - 0.5 * dt],
+    ]
+
+
+def seen(x):
+    return np.array([np.sin(x[0]), x[1]])
+
+
+def seen_jacobian(x):
+    return [[float(np.cos(np.ravel(x)[0])), 0.0], [0.0, 1.0]]
+
+
+@dataclass(frozen=True)
+class Case:
+    """An estimator in one of its configurations; ``column`` states are (n, 1), as filterpy's default."""
+
+    make: Callable[[], ExtendedKalmanFilter]
+    linear: bool
+    column: bool = False
+
+    def fresh(self) -> ExtendedKalmanFilter:
+        kf = self.make()
+        kf.x = np.array([0.3, 0.0]).reshape((2, 1) if self.column else 2)
+        kf.P, kf.Q, kf.R = np.diag([0.1, 0.2]), np.diag([1e-7, 1e-5]), np.diag([1e-4, 4e-4])
+        if self.linear:
+            kf.H, kf.B = np.eye(2), np.array([[1e-4], [0.01]])
+        return kf
+
+
+def hanging(x, u, dt):
+    """The pendulum's Jacobian at rest: a linear model."""
+    return swing_jacobian([0.0, 0.0], u, dt)
+
+
+full = {"f": swing, "h": seen, "F_jacobian": swing_jacobian, "H_jacobian": seen_jacobian}
+CASES = {
+    "ekf-linear": Case(lambda: ExtendedKalmanFilter(2, 2, 1, F_jacobian=hanging), True),
+    "ekf-linear-column": Case(lambda: ExtendedKalmanFilter(2, 2, 1, F_jacobian=hanging), True, column=True),
+    "ekf-jacobians": Case(lambda: ExtendedKalmanFilter(2, 2, **full), False),
+    "ekf-differences": Case(lambda: ExtendedKalmanFilter(2, 2, f=swing, h=seen), False),
+    "svsf-fixed": Case(lambda: SVSF(2, 2, psi=[0.03, 0.06], **full), False),
+    "svsf-fixed-linear": Case(lambda: SVSF(2, 2, psi=0.05, gamma=0.3, F_jacobian=hanging), True),
+    "svsf-variable": Case(lambda: SVSF(2, 2, psi=[0.2, 0.4], boundary_layer="variable", **full), False),
+    "svsf-variable-column": Case(
+        lambda: SVSF(2, 2, psi=0.3, boundary_layer="variable", F_jacobian=hanging), True, column=True
+    ),
+}
+everyone = pytest.mark.parametrize("case", CASES.values(), ids=CASES.keys())
+
+
+def stream(seed: int = 0, gaps: float = 0.2) -> Iterator[tuple[np.ndarray, float, np.ndarray]]:
+    """Input, time step and measurement of a swinging pendulum, at an uneven rate and with gaps."""
+    rng = np.random.default_rng(seed)
+    x = np.array([0.2, 0.1])
+    for i in range(STEPS):
+        dt, u = rng.uniform(0.005, 0.015), np.array([0.5 * np.sin(0.1 * i)])
+        x = swing(x, u[0], dt)
+        z = seen(x) + rng.normal(size=2) * [0.01, 0.02]
+        yield u, dt, np.where(rng.random(2) < gaps, np.nan, z)
+
+
+def feed(kf: ExtendedKalmanFilter, u: np.ndarray, dt: float, z: np.ndarray) -> None:
+    kf.predict(u if kf.f is None else u[0], dt)
+    kf.update(z.reshape((2, 1)) if np.ndim(kf.x) == 2 else z)
+
+
+def run(kf: ExtendedKalmanFilter, samples: list) -> ExtendedKalmanFilter:
+    for sample in samples:
+        feed(kf, *sample)
+    return kf
+
+
+def assert_same(one: ExtendedKalmanFilter, other: ExtendedKalmanFilter) -> None:
+    first, second = one.get_state(), other.get_state()
+    assert first.keys() == second.keys()
+    for name in first:
+        np.testing.assert_array_equal(first[name], second[name], err_msg=name)
+
+
+def test_every_public_estimator_is_in_the_registry() -> None:
+    public = {
+        value
+        for value in vars(estimators).values()
+        if inspect.isclass(value) and hasattr(value, "predict") and hasattr(value, "update")
+    }
+    assert public == {type(case.make()) for case in CASES.values()}
+
+
+@everyone
+def test_has_filterpys_interface(case: Case) -> None:
+    kf = run(case.fresh(), list(stream()))
+    assert not [name for name in FILTERPY_NAMES if not hasattr(kf, name)]
+
+
+@everyone
+def test_shapes_are_kept(case: Case) -> None:
+    kf = case.fresh()
+    vector = (2, 1) if case.column else (2,)
+    for sample in stream():
+        feed(kf, *sample)
+        for name in ("x", "y", "z", "x_prior", "x_post"):
+            assert getattr(kf, name).shape == vector, name
+        for name in ("P", "F", "H", "S", "SI", "K", "P_prior", "P_post"):
+            assert getattr(kf, name).shape == (2, 2), name
+        assert 0 <= kf.channels_used <= 2
+
+
+@everyone
+def test_covariance_is_symmetric_and_positive_at_every_step(case: Case) -> None:
+    kf = case.fresh()
+    for sample in stream(gaps=0.5):
+        feed(kf, *sample)
+        for P in (kf.P_prior, kf.P_post):
+            np.testing.assert_array_equal(P, P.T)
+            assert np.linalg.eigvalsh(P).min() > 0.0
+        assert np.isfinite(kf.x).all()
+        assert 0.0 < kf.likelihood < np.inf
+
+
+@everyone
+def test_inputs_are_not_changed(case: Case) -> None:
+    kf = case.fresh()
+    given = {name: np.asarray(getattr(kf, name)) for name in ("x", "P", "Q", "R", "H")}
+    before = {name: value.copy() for name, value in given.items()}
+    samples = list(stream())
+    kept = copy.deepcopy(samples)
+    run(kf, samples)
+    for name, value in given.items():
+        np.testing.assert_array_equal(value, before[name], err_msg=name)
+    for sample, original in zip(samples, kept, strict=True):
+        np.testing.assert_array_equal(sample[0], original[0])
+        np.testing.assert_array_equal(sample[2], original[2])
+
+
+@everyone
+def test_same_data_give_the_same_result_and_instances_share_nothing(case: Case) -> None:
+    alone = run(case.fresh(), list(stream(1)))
+    one, other = case.fresh(), case.fresh()
+    for first, second in zip(stream(1), stream(2), strict=True):
+        feed(one, *first)
+        feed(other, *second)
+    assert_same(one, alone)
+    assert not np.array_equal(one.x, other.x)
+
+
+@everyone
+@pytest.mark.parametrize("cut", [0, 1, 57])
+def test_save_and_resume_in_mid_stream(case: Case, cut: int) -> None:
+    """Through a file that cannot carry code: arrays only."""
+    samples = list(stream(3))
+    through = run(case.fresh(), samples)
+    file = io.BytesIO()
+    np.savez(file, **run(case.fresh(), samples[:cut]).get_state())
+    file.seek(0)
+    with np.load(file, allow_pickle=False) as saved:
+        state = {k: v if v.ndim else v.item() for k, v in saved.items()}
+    resumed = case.make()
+    resumed.set_state(state)
+    assert_same(run(resumed, samples[cut:]), through)
+
+
+@everyone
+def test_state_is_a_copy(case: Case) -> None:
+    samples = list(stream(4))
+    kf, twin = run(case.fresh(), samples[:50]), run(case.fresh(), samples[:50])
+    state = kf.get_state()
+    other = case.make()
+    other.set_state(state)
+    for value in state.values():
+        if isinstance(value, np.ndarray):
+            value[...] = 1
+    run(other, samples[50:])
+    assert_same(kf, twin)
+    assert_same(run(kf, samples[50:]), other)
+
+
+@everyone
+def test_deep_copies_are_independent(case: Case) -> None:
+    samples = list(stream(5))
+    kf = run(case.fresh(), samples[:50])
+    twin = copy.deepcopy(kf)
+    run(twin, samples[50:])
+    assert_same(run(kf, samples[50:]), twin)
+
+
+@everyone
+def test_nothing_measured_is_nothing_changed(case: Case) -> None:
+    nan, none = (run(case.fresh(), list(stream(6, gaps=0.0))[:20]) for _ in range(2))
+    x, P = nan.x.copy(), nan.P.copy()
+    nan.update([np.nan, np.nan])
+    none.update(None)
+    assert_same(nan, none)
+    np.testing.assert_array_equal(nan.x, x)
+    np.testing.assert_array_equal(nan.P, P)
+    assert (nan.nis, nan.channels_used, nan.log_likelihood) == (0.0, 0, 0.0)
+
+
+@everyone
+def test_a_long_gap_makes_it_unsure_and_a_measurement_sure_again(case: Case) -> None:
+    kf = run(case.fresh(), list(stream(7, gaps=0.0)))
+    sure = np.trace(kf.P)
+    for _ in range(2000):
+        kf.predict(None if case.linear else 0.0, 0.01)
+        kf.update(None)
+    unsure = np.trace(kf.P)
+    assert np.isfinite(kf.P).all()
+    assert unsure > 2.0 * sure
+    kf.update(np.reshape([0.0, 0.0], np.shape(kf.x)))
+    assert np.trace(kf.P) < unsure
+
+
+@everyone
+def test_estimate_is_better_than_the_measurements(case: Case) -> None:
+    kf, rng, x = case.fresh(), np.random.default_rng(8), np.array([0.05, 0.0])
+    kf.x = x.reshape(np.shape(kf.x))
+    errors, noises = [], []
+    for i in range(1000):
+        u = 0.1 * np.sin(0.02 * i)
+        x, noise = swing(x, u, 0.01), rng.normal(size=2) * [0.01, 0.02]
+        feed(kf, np.array([u]), 0.01, seen(x) + noise)
+        errors.append(kf.x.reshape(-1) - x)
+        noises.append(noise)
+    assert (np.mean(np.square(errors), axis=0) < 0.8 * np.mean(np.square(noises), axis=0)).all()
+
+
+@everyone
+def test_order_of_channels_does_not_matter(case: Case) -> None:
+    straight, crossed = case.fresh(), case.fresh()
+    h, H = straight.h, straight.H_jacobian
+    if case.linear:
+        crossed.H = np.asarray(crossed.H)[::-1]
+    else:
+        crossed.h = lambda x: h(x)[::-1]
+        crossed.H_jacobian = None if H is None else lambda x: H(x)[::-1]
+    crossed.R = np.asarray(crossed.R)[::-1, ::-1]
+    if isinstance(crossed, SVSF):
+        crossed.psi = np.broadcast_to(crossed.psi, 2)[::-1]
+    for u, dt, z in stream(9):
+        feed(straight, u, dt, z)
+        feed(crossed, u, dt, z[::-1])
+    np.testing.assert_allclose(crossed.x, straight.x, rtol=1e-9)
+    np.testing.assert_allclose(crossed.P, straight.P, rtol=1e-9)
+    assert crossed.log_likelihood == pytest.approx(straight.log_likelihood)
+
+
+@everyone
+def test_a_refused_call_changes_nothing(case: Case) -> None:
+    kf = run(case.fresh(), list(stream(10))[:30])
+    before = copy.deepcopy(kf)
+    for z in ([1.0], [np.inf, 0.0], [[1.0, 2.0], [3.0, 4.0]]):
+        with pytest.raises(ValueError) as error:
+            kf.update(z)
+        assert "\n" not in str(error.value)
+    with pytest.raises(ValueError):
+        kf.predict(np.nan if not case.linear else [np.nan], 0.01)
+    assert_same(kf, before)
+
+
+@everyone
+def test_repr_names_the_class_and_only_what_was_chosen(case: Case) -> None:
+    kf = case.make()
+    text = repr(kf)
+    assert re.fullmatch(rf"{type(kf).__name__}\(dim_x=2, dim_z=2(, \w+=[^=]+)*\)", text), text
+    assert ("f=swing" in text) == (kf.f is swing)
+    assert "None" not in text
+    assert "\n" not in text
+
+
+@everyone
+def test_unknown_options_are_refused(case: Case) -> None:
+    kind = type(case.make())
+    psi = {"psi": 1.0} if kind is SVSF else {}
+    with pytest.raises(TypeError, match="procss_noise"):
+        kind(2, 2, procss_noise=1.0, **psi)
+
+
+@everyone
+def test_documented_with_parameters_and_an_example(case: Case) -> None:
+    kind = type(case.make())
+    text = inspect.getdoc(kind) or ""
+    for heading in ("Parameters\n---", "Attributes\n---", "Raises\n---", "Examples\n---", ">>> "):
+        assert heading in text, heading
+    documented = text + (inspect.getdoc(kind.__mro__[1]) or "")
+    for name in [p for p in inspect.signature(kind).parameters if p != "self"]:
+        assert re.search(rf"\b{name}\b", documented), name
+    for name, member in inspect.getmembers(kind):
+        if not name.startswith("_") and (callable(member) or isinstance(member, property)):
+            assert inspect.getdoc(member), name
+
+
+@pytest.mark.parametrize("name", ["ekf", "svsf", "consistency", "kernels", "linalg"])
+def test_examples_in_docstrings_hold(name: str) -> None:
+    outcome = doctest.testmod(importlib.import_module(f"estimators.{name}"))
+    assert outcome.attempted > 0
+    assert outcome.failed == 0
+
+
+def test_the_guides_code_runs_and_does_what_the_guide_says() -> None:
+    guide = Path(estimators.__file__).with_name("README.md").read_text(encoding="utf-8")
+    blocks = re.findall(r"```python\n(.*?)```", guide, flags=re.DOTALL)
+    assert len(blocks) == 2
+    shown: dict = {}
+    exec(compile(blocks[0], "README.md", "exec"), shown)
+    kalman, robust = shown["kalman"], shown["robust"]
+    np.testing.assert_array_equal(robust[:1000, :2], kalman[:1000, :2])
+    assert np.flatnonzero(robust[:, 4])[0] == 1001
+    assert robust[1001:, 4].all()
+    assert kalman[1000:, 0].max() == pytest.approx(0.069, abs=0.001)
+    assert robust[1000:, 0].max() == pytest.approx(0.012, abs=0.001)
+    narrow = shown["run"]([0.005, 0.025])
+    rms = [np.sqrt(np.mean(part**2)) for part in (narrow[1000:, 0], narrow[500:1000, 0], robust[1000:, 0])]
+    np.testing.assert_allclose(rms, [0.5e-3, 0.5e-3, 11e-3], atol=0.5e-3, rtol=0.1)
+
+    exec(compile(blocks[1].replace("@njit\n", ""), "README.md", "exec"), shown)
+    F, H, rng = np.array([[1.0, 0.1], [0.0, 1.0]]), np.array([[1.0, 0.0]]), np.random.default_rng(0)
+    z = np.where(rng.random((50, 1)) < 0.2, np.nan, rng.normal(size=(50, 1)))
+    out = shown["filtered"](z, F, H, np.array([1e-3, 1e-3]), np.ones(1), np.zeros(2), np.eye(2))
+    kf = ExtendedKalmanFilter(2, 1)
+    kf.F, kf.H, kf.Q, kf.x = F, H, 1e-3, np.zeros(2)
+    for measured, x in zip(z, out, strict=True):
+        kf.predict()
+        kf.update(measured)
+        np.testing.assert_allclose(x, kf.x, rtol=1e-10, atol=1e-12)
