@@ -158,7 +158,9 @@ def friction_curve(v: float, q: Array) -> tuple[float, float, float, float]:
 
 
 @njit(cache=True)
-def step(x: Array, h: float, viscosity: float, p_acc: float, q: Array, out: Array, F: Array, G: Array) -> None:
+def step(
+    x: Array, h: float, viscosity: float, p_acc: float, q: Array, out: Array, F: Array, G: Array
+) -> None:
     """One step of the model with its Jacobian.
 
     Parameters

@@ -42,8 +42,27 @@ R_VISCOSITY = R_NIS + 7
 RECORD = R_NIS + 8
 
 # Slots of the loop's memory.
-M_ORIGIN, M_INDEX, M_ANGLE, M_SPEED, M_ACC, M_VISC, M_COUNT, M_STARTED, M_NIS, M_CHANNELS, M_LOGLIK, M_OUT, \
-    M_FORCE, M_VMEAN, M_XMEAN, M_VSTART, M_FSIGN, M_FCOUNT, M_CURVE = range(19)
+(
+    M_ORIGIN,
+    M_INDEX,
+    M_ANGLE,
+    M_SPEED,
+    M_ACC,
+    M_VISC,
+    M_COUNT,
+    M_STARTED,
+    M_NIS,
+    M_CHANNELS,
+    M_LOGLIK,
+    M_OUT,
+    M_FORCE,
+    M_VMEAN,
+    M_XMEAN,
+    M_VSTART,
+    M_FSIGN,
+    M_FCOUNT,
+    M_CURVE,
+) = range(19)
 MEMORY = 19
 
 LONGEST_GAP = 50  # periods that are bridged step by step; a longer gap restarts the motion states
@@ -127,7 +146,9 @@ def measurement(x: Array, q: Array, z: Array, y: Array) -> None:
 
 
 @njit(cache=True)
-def _process_noise(x: Array, h: float, p_acc: float, known_acc: bool, q: Array, c: Array, out: Array, diag: Array) -> None:
+def _process_noise(
+    x: Array, h: float, p_acc: float, known_acc: bool, q: Array, c: Array, out: Array, diag: Array
+) -> None:
     """Variances of velocity, speed and chamber volumes, and of the parameters, over `h` ms."""
     mu = 1e-3 / q[eha.Q_MASS]
     out[0] = (mu * c[N_FORCE]) ** 2 * 1e3 * h
@@ -466,7 +487,12 @@ class EhaTracker:
 
     def state(self) -> dict[str, Array]:
         """Everything that changes, as arrays (copies)."""
-        return {"x": self.x.copy(), "P": self.P.copy(), "memory": self._memory.copy(), "e_post": self._e_post.copy()}
+        return {
+            "x": self.x.copy(),
+            "P": self.P.copy(),
+            "memory": self._memory.copy(),
+            "e_post": self._e_post.copy(),
+        }
 
     def restore(self, state: dict[str, Array]) -> None:
         """Take a state back that `state` gave."""

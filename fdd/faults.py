@@ -76,7 +76,8 @@ CATALOGUE: dict[str, Fault] = {
             "seal_wear", "seal_wear", "actuator seal wear", "Table 4.1",
             "the friction curve is scaled per direction; some rod leakage",
             "loose: friction falls to 35 %; tight: friction rises to 200 %",
-            "assumption: a seal that lost its preload, or a swollen one", variants=("loose", "tight"), simulated=True,
+            "assumption: a seal that lost its preload, or a swollen one",
+            variants=("loose", "tight"), simulated=True,
         ),
         Fault(
             "aeration", "aeration", "air in the oil", "4.6.3, 5.4",

@@ -41,7 +41,8 @@ MEASURES: dict[str, Measure] = {
     "deg/s": Measure("angular_speed", math.pi / 180.0), "rev/s": Measure("angular_speed", _TWO_PI),
     # pressure (gauge unless a field says otherwise)
     "Pa": Measure("pressure", 1.0), "kPa": Measure("pressure", 1e3), "MPa": Measure("pressure", 1e6),
-    "bar": Measure("pressure", 1e5), "mbar": Measure("pressure", 1e2), "psi": Measure("pressure", 6894.757293168),
+    "bar": Measure("pressure", 1e5), "mbar": Measure("pressure", 1e2),
+    "psi": Measure("pressure", 6894.757293168),
     # force, mass, inertia, torque
     "N": Measure("force", 1.0), "kN": Measure("force", 1e3), "lbf": Measure("force", 4.4482216152605),
     "kg": Measure("mass", 1.0), "kg*m^2": Measure("inertia", 1.0), "N*m": Measure("torque", 1.0),

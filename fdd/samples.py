@@ -115,7 +115,8 @@ class Samples:
     def __repr__(self) -> str:
         if not len(self):
             return "Samples(empty)"
-        return f"Samples({len(self)} rows, {self.time[0]:.3f} to {self.time[-1]:.3f} s, {', '.join(self.channels)})"
+        span = f"{self.time[0]:.3f} to {self.time[-1]:.3f} s"
+        return f"Samples({len(self)} rows, {span}, {', '.join(self.channels)})"
 
     @property
     def channels(self) -> tuple[str, ...]:

@@ -32,6 +32,9 @@ from fdd.measures import measure
 
 UNIT_SCHEMA = "fdd.unit/1"
 MAX_UNIT_BYTES = 2_000_000
+_PARTS = (
+    "cylinder", "pump", "oil", "accumulator", "friction", "drive", "sensors", "monitoring", "baseline",
+)  # fmt: skip
 
 
 @dataclass(frozen=True)

@@ -1,0 +1,190 @@
+"""From windows to the answer: which family, since when, how badly, how sure, and why."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fdd.diagnosis.findings import FaultFinding
+from fdd.diagnosis.isolability import ambiguity_group, confusable_families
+from fdd.diagnosis.model import Model
+from fdd.diagnosis.sequential import PageTest
+from fdd.faults import FAMILIES
+from fdd.residuals.features import FEATURES, HOP, WINDOW
+from fdd.unit import Unit
+
+Array = NDArray[np.float64]
+
+ALARM_DOUBT = 3.0
+"""Log odds of a true alarm at the threshold itself: one alarm in twenty-one would be false."""
+
+
+def family_probabilities(model: Model, probabilities: Array, test: PageTest) -> dict[str, float]:
+    """Probabilities of all families, given the windows that speak for a fault.
+
+    Parameters
+    ----------
+    probabilities : (m, classes) of the windows since onset (or the last ones, without alarm).
+    test : its statistic says how sure a fault is at all.
+    """
+    evidence = test.peak if test.alarmed else test.statistic
+    healthy = 1.0 / (1.0 + math.exp(min(max(evidence - test.threshold + ALARM_DOUBT, -50.0), 50.0)))
+    index = {c: i for i, c in enumerate(model.classes)}
+    shares = np.full(len(model.classes), 1.0 / max(len(model.classes) - 1, 1))
+    if probabilities.size:
+        weight = 1.0 - probabilities[:, index["healthy"]]
+        shares = weight @ probabilities / max(float(weight.sum()), 1e-9)
+    shares[index["healthy"]] = 0.0
+    shares = np.power(np.maximum(shares, 1e-6), 1.0 / model.manifest.temperature)
+    shares[index["healthy"]] = 0.0
+    shares /= shares.sum()
+    out = dict.fromkeys(FAMILIES, 0.0)
+    out["healthy"] = healthy
+    for name, i in index.items():
+        if name != "healthy":
+            out[name] += (1.0 - healthy) * float(shares[i])
+    return out
+
+
+def onset_time(times: Array, healthy: Array, first_time: float) -> float:
+    """Most likely time of change, s.
+
+    The split of the windows that makes "healthy before, faulty after" likeliest under the
+    classifier. A window reaches back `WINDOW` seconds, so the change lies half of that before
+    the first window that speaks for it.
+
+    Parameters
+    ----------
+    times : (m,) window ends. healthy : (m,) probability of healthy. first_time : start of the log.
+    """
+    before = np.log(healthy)
+    after = np.log1p(-healthy)
+    score = np.concatenate([[0.0], np.cumsum(before)]) + np.concatenate([np.cumsum(after[::-1])[::-1], [0.0]])
+    split = int(np.argmax(score[:-1])) if score.size > 1 else 0
+    if split == 0:
+        return first_time
+    return max(float(times[split]) - 0.5 * WINDOW - 0.5 * HOP, first_time)
+
+
+def leading_fault(family: str, features: Array, drifting: bool) -> str:
+    """Member of the family that the residuals point at (the first of its ambiguity group else)."""
+    f = dict(zip(FEATURES, features, strict=True))
+    if family == "sensor":
+        return "pressure_sensor_drift" if drifting else "pressure_sensor_bias"
+    if family == "check_valve":
+        return "check_valve_clogged" if f["refeed_deficit"] > 0.3 else "check_valve_stuck_open"
+    if family == "friction":
+        return "oil_degradation"
+    if family == "motor":
+        return "motor_degradation"
+    if family == "relief_valve":
+        return "relief_valve_stuck_open"
+    if family == "leakage":
+        return "internal_leakage"
+    return family if family != "unknown" else "unknown"
+
+
+def severity(name: str, features: Array, unit: Unit) -> float | None:
+    """Severity on the catalogue's scale, clipped to [0, 1]; None where the residuals give no size."""
+    f = dict(zip(FEATURES, features, strict=True))
+    total = unit.pump.total_leakage
+    if name == "internal_leakage":
+        ratio = math.exp(max(f["leak_extending"], f["leak_retracting"], key=abs))
+        value = (ratio - 1.0) * total / 12e-12
+    elif name == "seal_wear":
+        ratio = math.exp(f["friction"])
+        value = (1.0 - ratio) / 0.65 if ratio < 1.0 else ratio - 1.0
+    elif name == "aeration":
+        p, n, atmosphere = unit.oil.reference_pressure, unit.oil.polytropic_index, 101325.0
+        per_air = atmosphere ** (1.0 / n) / (n * (p + atmosphere) ** ((n + 1.0) / n))
+        value = (math.exp(f["compliance"]) - 1.0) / unit.oil.bulk_modulus / per_air / 0.025
+    elif name == "check_valve_stuck_open":
+        # An orifice of 1e-4 m³/s at 1 MPa, linearised at the working pressure of some 0.5 MPa.
+        ratio = math.exp(max(f["leak_extending"], f["leak_retracting"]))
+        value = (ratio - 1.0) * total * 0.5e6 / (1e-4 * math.sqrt(0.5))
+    elif name in ("pressure_sensor_bias", "pressure_sensor_drift"):
+        value = abs(f["redundancy"]) * 50e3 / 250e3
+    else:
+        return None
+    return float(min(max(value, 0.0), 1.0))
+
+
+_SENTENCES = {
+    "leak_extending": lambda v: f"leakage pushing out is {math.exp(v):.2f} times healthy at equal viscosity",
+    "leak_retracting": lambda v: f"leakage pulling in is {math.exp(v):.2f} times healthy at equal viscosity",
+    "leak_asymmetry": lambda v: f"leakage in one direction is {math.exp(abs(v)):.2f} times that in the other",
+    "compliance": lambda v: f"the oil is {math.exp(v):.2f} times as compliant as when healthy",
+    "friction": lambda v: f"Coulomb friction is {math.exp(v):.2f} times healthy",
+    "viscous": lambda v: f"friction at 50 mm/s differs by {100 * v:+.0f} % of healthy Coulomb friction",
+    "redundancy": lambda v: f"measured pressure difference is off the chambers' by {50 * v:+.0f} kPa",
+    "torque": lambda v: f"motor current per shaft torque is {math.exp(v):.2f} times healthy",
+    "refeed_deficit": lambda v: f"the low side lies {100 * v:.0f} kPa below what refeeding should keep",
+    "low_side": lambda v: f"the low side lies {200 * v:+.0f} kPa above the accumulator, against healthy",
+    "drive": lambda v: f"pump speed follows its demand at {100 * math.exp(v):.1f} %",
+    "innovation": lambda v: f"innovations are {math.exp(0.5 * v):.2f} times their healthy size",
+}
+
+
+def evidence(model: Model, features: Array, most: int = 3) -> list[str]:
+    """One sentence for each feature that stands out most, with figures and units."""
+    z = model.standardise(features[None, :])[0]
+    order = np.argsort(-np.abs(z))
+    out: list[str] = []
+    for i in order[:most]:
+        if abs(z[i]) < 2.0 and out:
+            break
+        name = FEATURES[i]
+        sentence = _SENTENCES[name](float(features[i]))
+        out.append(f"{sentence[0].upper()}{sentence[1:]} ({abs(z[i]):.1f} healthy standard deviations).")
+    return out
+
+
+def finding(
+    model: Model, unit: Unit, channels: tuple[str, ...], times: Array, features: Array, probabilities: Array,
+    test: PageTest, first_time: float, *, refine: bool,
+) -> tuple[FaultFinding, dict[str, float]]:  # fmt: skip
+    """The finding behind a standing alarm, and all families' probabilities.
+
+    Parameters
+    ----------
+    times, features, probabilities : (m,), (m, k), (m, classes) of all windows so far.
+    refine : estimate the onset from all windows (at the end of a log), not from the test alone.
+    """
+    column = list(model.classes).index("healthy")
+    onset = onset_time(times, probabilities[:, column], first_time)
+    if not refine:
+        onset = max(min(onset, test.since - 0.5 * WINDOW), first_time)
+    onset = min(onset, test.alarm_time)
+    since = times >= onset + 0.5 * WINDOW
+    if not since.any():
+        since = times >= test.alarm_time
+    chosen = probabilities[since]
+    all_families = family_probabilities(model, chosen, test)
+    family = max((k for k in all_families if k != "healthy"), key=lambda k: all_families[k])
+    # Windows that speak for the fault weigh most: an intermittent fault is off half the time.
+    weight = 1.0 - chosen[:, column] + 1e-6
+    mean = np.asarray(weight @ features[since] / weight.sum())
+    redundancy = features[since][:, FEATURES.index("redundancy")]
+    half = redundancy.size // 2
+    drifting = half > 4 and abs(np.median(redundancy[half:])) > 1.4 * abs(np.median(redundancy[:half])) + 0.2
+    name = leading_fault(family, mean, bool(drifting))
+    group = ambiguity_group(family, channels)
+    group = [name, *(g for g in group if g != name)]
+    for other, p in sorted(all_families.items(), key=lambda kv: -kv[1]):
+        near = p > 0.15 or (other in confusable_families(family, channels) and p > 0.05)
+        if other not in ("healthy", family) and near:
+            group += [g for g in ambiguity_group(other, channels)[:1] if g not in group]
+    return (
+        FaultFinding(
+            fault=name, family=family, ambiguity=group, confidence=round(all_families[family], 4),
+            onset_s=round(onset, 2), detected_s=round(test.alarm_time, 2),
+            severity=_rounded(severity(name, mean, unit)), evidence=evidence(model, mean),
+        ),
+        all_families,
+    )  # fmt: skip
+
+
+def _rounded(value: float | None) -> float | None:
+    return None if value is None else round(value, 3)
