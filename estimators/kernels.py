@@ -291,7 +291,7 @@ def svsf_gain(
     Parameters
     ----------
     PHt, HPHt : (n, m), (m, m) from :func:`project`.
-    R, e, psi : (m, m), (m,), (m,) noise, innovation, boundary layer (limit) in channel units.
+    R, e, psi : (m, m), (m,), (m,) noise, innovation, boundary layer (limit, > 0) in channel units.
     e_post : (m,) posterior error of the previous step.
     gamma : memory, 0 <= gamma < 1.
     K, psi_k, outside : (n, m), (m,), (m,) results: gain, optimal layer, ``|e| > psi``.

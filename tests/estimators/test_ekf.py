@@ -231,6 +231,18 @@ def test_noise_free_channel_is_believed_exactly() -> None:
     assert kf.P[0, 0] == pytest.approx(0.0, abs=1e-12)
 
 
+def test_perfectly_correlated_noise_cancels_in_the_difference() -> None:
+    """R of rank 1: a combination of the channels is free of noise, and its state is known exactly."""
+    v = np.array([0.1, 0.3, 0.7])
+    kf = ExtendedKalmanFilter(2, 3)
+    kf.x, kf.P, kf.R = np.zeros(2), [4.0, 9.0], np.outer(v, v)
+    kf.H = [[1.0, 0.0], [0.0, 1.0], [1.0, 1.0]]
+    truth, noise = np.array([1.5, -2.0]), 0.8
+    kf.update(np.asarray(kf.H) @ truth + v * noise)
+    np.testing.assert_allclose(kf.x, truth, atol=1e-9)
+    assert np.abs(kf.P).max() < 1e-9
+
+
 @njit
 def _run_badly_scaled(steps, every, F, Q, H, R, x, P):
     n, m = P.shape[0], H.shape[0]
