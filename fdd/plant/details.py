@@ -14,9 +14,14 @@ class Details(Validated):
 
     Attributes
     ----------
-    bristle_stiffness : σ0 of eq. 5.8 (N/m); 1e7 gives 50 µm of pre-sliding at 500 N.
+    bristle_stiffness : σ0 of eq. 5.8 (N/m); 1e6 gives half a millimetre of pre-sliding at 500 N, as
+        elastomer seals do.
     bristle_damping : of the stuck piston on its bristles, relative to critical.
     bristle_fade : m/s, velocity at which the bristle damping has fallen to half.
+    friction_memory : s, lag of the friction curve behind the velocity (Hess and Soom; Armstrong-Hélouvry).
+    seal_damping : N·s/m, of velocity changes quicker than that lag; steady friction is untouched.
+        Together these two decide below which speed the piston sticks and slips; the thesis measured
+        steady motion from 0.011 m/s on.
     pump_teeth : flow pulses per turn of the gear pump.
     pump_ripple : amplitude of these pulses over the mean flow.
     pump_compression : 0 the pump moves its displacement at the ports' mean density; 1 at
@@ -35,9 +40,11 @@ class Details(Validated):
     """
 
     usual: ClassVar[dict[str, tuple[float, float]]] = {
-        "bristle_stiffness": (3e6, 2e7),
+        "bristle_stiffness": (4e5, 3e6),
         "bristle_damping": (0.3, 1.0),
         "bristle_fade": (0.003, 0.03),
+        "friction_memory": (0.005, 0.05),
+        "seal_damping": (200.0, 1000.0),
         "pump_teeth": (9, 14),
         "pump_ripple": (0.0, 0.02),
         "pump_compression": (0.0, 1.0),
@@ -45,9 +52,11 @@ class Details(Validated):
         "loose_seal_leakage": (0.0, 1e-12),
     }
 
-    bristle_stiffness: Annotated[float, Field(ge=1e5, le=3e7)] = 1e7
+    bristle_stiffness: Annotated[float, Field(ge=1e5, le=3e7)] = 1e6
     bristle_damping: Annotated[float, Field(ge=0.05, le=2.0)] = 0.5
     bristle_fade: Annotated[float, Field(gt=0.0, le=1.0)] = 0.01
+    friction_memory: Annotated[float, Field(ge=1e-3, le=1.0)] = 0.02
+    seal_damping: Annotated[float, Field(ge=0.0, le=1e4)] = 500.0
     pump_teeth: Annotated[int, Field(ge=1, le=100)] = 12
     pump_ripple: Annotated[float, Field(ge=0.0, le=0.2)] = 0.01
     pump_compression: Annotated[float, Field(ge=0.0, le=1.0)] = 0.0

@@ -4,6 +4,7 @@ Symbols
 -------
 p1, p2    chamber pressures, gauge              x, v   piston position and velocity
 z         mean bristle deflection (eq. 5.8)     q      integrator of the velocity loop
+w         velocity that the seal remembers
 ρ1, ρ2    oil density over that at atmospheric pressure, ρ = exp ∫dp/β
 m         oil flows counted at atmospheric density, so that what leaves one volume enters another
 
@@ -38,10 +39,11 @@ from fdd.plant.parameters import Parameters
 Array = NDArray[np.float64]
 
 # State.
-X, V, P1, P2, Z, ANGLE, SPEED, DRIVE, STORE, PARTNER = range(10)
-STATES = 10
+X, V, P1, P2, Z, ANGLE, SPEED, DRIVE, STORE, PARTNER, MEMORY = range(11)
+STATES = 11
 """x, v, p1, p2, z, pump angle, pump speed, drive integrator, oil taken by the accumulator since
-the start (m³ at atmospheric density), pressure drop over the throttled partner."""
+the start (m³ at atmospheric density), pressure drop over the throttled partner, velocity as the seal
+remembers it."""
 
 # What else the right-hand side finds on its way.
 (
@@ -148,21 +150,27 @@ def right_hand_side(y: Array, command: float, now: Array, par: Parameters, dy: A
     dy[P2] = beta_2 / v2 * ((-across - leak_2 + refeed_2) / rho_2 + par.area_2 * v)
     dy[STORE] = leak_1 + leak_2 - refeed_1 - refeed_2
 
-    # Friction: LuGre, with the curve of the present direction (eqs 5.8 to 5.12).
+    # Friction: LuGre, with the curve of the present direction (eqs 5.8 to 5.12). The lubricant's
+    # film, and with it the curve, follows the velocity with a lag; the seal resists what is quicker.
+    # Without that, the falling curve would drive the hydraulic resonance to its limit at any speed.
     size = abs(v)
+    memory = y[MEMORY]
+    dy[MEMORY] = (v - memory) / par.friction_memory
+    film = abs(memory)
     if v >= 0.0:
         coulomb, static = par.coulomb_forward, par.static_forward
         stribeck, exponent, viscous = par.stribeck_forward, par.exponent_forward, par.viscous_forward
     else:
         coulomb, static = par.coulomb_reverse, par.static_reverse
         stribeck, exponent, viscous = par.stribeck_reverse, par.exponent_reverse, par.viscous_reverse
-    steady = now[FRICTION] * (coulomb + (static - coulomb) * math.exp(-((size / stribeck) ** exponent)))
+    steady = now[FRICTION] * (coulomb + (static - coulomb) * math.exp(-((film / stribeck) ** exponent)))
     decay = par.bristle_stiffness * size / max(steady, 1e-3)
     dz = v - decay * z
     fade = par.bristle_fade * par.bristle_fade
     friction = (
         par.bristle_stiffness * z
         + par.bristle_damping * fade / (fade + v * v) * dz
+        + par.seal_damping * (v - memory)
         + now[VISCOUS] * viscous * v
     )
     dy[Z] = dz

@@ -1,8 +1,9 @@
 """The compiled loop: controller every millisecond, fixed steps in between.
 
-Each step is a midpoint step (second order) in which the bristle moves by the exact solution of
-its equation for the velocity at hand: that one is too stiff for an explicit step when the piston
-slides fast, everything else is not at 0.05 ms.
+Each step is one of the classical fourth-order Runge-Kutta method. While the piston slides so fast that
+the bristle's equation is too quick for it, the bristle moves instead by that equation's exact solution for
+the stage's velocity. Everything else in the plant is slower than 4000 1/s. At 0.1 ms the position
+is within 0.05 µm of steps a tenth as long, over seconds of stick and slip (`tests/plant`).
 """
 
 from __future__ import annotations
@@ -19,6 +20,9 @@ from fdd.plant.equations import DECAY, FINDINGS, SPEED, STATES, V, X, Z, right_h
 from fdd.plant.parameters import Parameters
 
 Array = NDArray[np.float64]
+
+_STIFF = 0.5
+"""Bristle decay over one step from which its exact solution is taken."""
 
 POSITION, SPEED_COMMAND, SHUTTLE = 0, 1, 2
 """Modes of the controller: position loop, open speed command, constant speed between two positions."""
@@ -54,19 +58,34 @@ def bristle(z: float, v: float, decay: float, h: float) -> float:
 
 
 @njit(cache=True, error_model="numpy")
-def step(
-    y: Array, command: float, now: Array, par: Parameters, h: float, half: Array, dy: Array, found: Array
-) -> None:
-    """One step of h seconds, in place; `half`, `dy` and `found` are scratch."""
+def step(y: Array, command: float, now: Array, par: Parameters, h: float, work: Array, found: Array) -> None:
+    """One step of h seconds, in place; `work` (3, STATES) and `found` (FINDINGS,) are scratch."""
+    stage, dy, total = work[0], work[1], work[2]
     right_hand_side(y, command, now, par, dy, found)
+    v, decay = y[V], found[DECAY]
+    mean_v, mean_decay = v, decay
+    stiff = decay * h > _STIFF
     for i in range(STATES):
-        half[i] = y[i] + 0.5 * h * dy[i]
-    half[Z] = bristle(y[Z], y[V], found[DECAY], 0.5 * h)
-    right_hand_side(half, command, now, par, dy, found)
-    z = bristle(y[Z], half[V], found[DECAY], h)
+        total[i] = dy[i]
+    for part in range(3):
+        length = h if part == 2 else 0.5 * h
+        weight = 1.0 if part == 2 else 2.0
+        for i in range(STATES):
+            stage[i] = y[i] + length * dy[i]
+        stiff = stiff or decay * h > _STIFF
+        if stiff:
+            stage[Z] = bristle(y[Z], v, decay, length)
+        right_hand_side(stage, command, now, par, dy, found)
+        v, decay = stage[V], found[DECAY]
+        mean_v += weight * v
+        mean_decay += weight * decay
+        for i in range(STATES):
+            total[i] += weight * dy[i]
+    z = bristle(y[Z], mean_v / 6.0, mean_decay / 6.0, h)
     for i in range(STATES):
-        y[i] += h * dy[i]
-    y[Z] = z
+        y[i] += h / 6.0 * total[i]
+    if stiff:
+        y[Z] = z
 
 
 @njit(cache=True, error_model="numpy")
@@ -96,7 +115,7 @@ def run(
     states = np.empty((n, STATES))
     findings = np.empty((n, FINDINGS))
     commands = np.zeros(n)
-    half = np.empty(STATES)
+    work = np.empty((3, STATES))
     dy = np.empty(STATES)
     found = np.empty(FINDINGS)
     h = 1e-3 / substeps
@@ -132,7 +151,7 @@ def run(
                 right_hand_side(y, command, now, par, dy, found)
                 states[k] = y
                 findings[k] = found
-            step(y, command, now, par, h, half, dy, found)
+            step(y, command, now, par, h, work, found)
         if not math.isfinite(y[X] + y[SPEED]):
             states[k:] = np.nan
             findings[k:] = np.nan

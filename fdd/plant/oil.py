@@ -38,7 +38,7 @@ def viscosity(oil: Oil, temperature: ArrayLike) -> NDArray[np.float64]:
     >>> from fdd.unit import Unit
     >>> oil = Unit.load("axis_a").oil
     >>> [round(float(v) * 1e6, 1) for v in viscosity(oil, [20.0, 40.0, 100.0])]
-    [85.6, 32.0, 5.4]
+    [86.3, 32.0, 5.4]
     """
     ordinate = [np.log10(np.log10(v * 1e6 + _WALTHER_SHIFT)) for v in (oil.viscosity_40, oil.viscosity_100)]
     abscissa = [np.log10(40.0 + _KELVIN), np.log10(100.0 + _KELVIN)]

@@ -28,6 +28,8 @@ class Parameters(NamedTuple):
     bristle_stiffness: float
     bristle_damping: float
     bristle_fade: float
+    friction_memory: float
+    seal_damping: float
     coulomb_forward: float
     static_forward: float
     stribeck_forward: float
@@ -136,6 +138,8 @@ def plant_parameters(
         * details.bristle_damping
         * math.sqrt(details.bristle_stiffness * cylinder.moving_mass),
         bristle_fade=details.bristle_fade,
+        friction_memory=details.friction_memory,
+        seal_damping=details.seal_damping,
         coulomb_forward=forward.coulomb * ahead,
         static_forward=forward.static * ahead,
         stribeck_forward=forward.stribeck_velocity,

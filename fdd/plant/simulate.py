@@ -23,9 +23,9 @@ from fdd.unit import Unit
 
 Array = NDArray[np.float64]
 
-SUBSTEPS = 20
-"""Integration steps per millisecond: 0.05 ms each."""
-_LEAST_SUBSTEPS, _MOST_SUBSTEPS = 20, 1000
+SUBSTEPS = 10
+"""Integration steps per millisecond: 0.1 ms each."""
+_LEAST_SUBSTEPS, _MOST_SUBSTEPS = 8, 1000
 
 
 @dataclass(frozen=True)
@@ -104,7 +104,7 @@ def simulate(unit: Unit, scenario: Scenario, *, substeps: int = SUBSTEPS) -> Sim
     ----------
     unit : the actuator; all physics follow it.
     scenario : the run.
-    substeps : integration steps per millisecond, 20 to 1000.
+    substeps : integration steps per millisecond, 8 to 1000.
 
     Returns
     -------

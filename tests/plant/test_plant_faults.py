@@ -1,0 +1,251 @@
+"""Every simulated fault: does nothing at severity 0, and what the catalogue says at severity 1."""
+
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from fdd.errors import InputError
+from fdd.faults import CATALOGUE
+from fdd.plant.duty import Steps
+from fdd.plant.faults.spec import SIMULATED, FaultSpec, parse_fault
+from fdd.plant.load import ConstantLoad
+from fdd.plant.scenario import Scenario
+from fdd.plant.simulate import Simulation, simulate
+from fdd.unit import Unit
+
+UNIT = Unit.load("axis_a")
+ONSET = 2.0
+CHOICES = [
+    (name, side, variant)
+    for name in SIMULATED
+    for side in (CATALOGUE[name].sides or (None,))
+    for variant in (CATALOGUE[name].variants or (None,))
+]
+
+
+def _run(*faults: FaultSpec, duration: float = 5.0, seed: int = 5) -> Simulation:
+    scenario = Scenario(
+        duration=duration,
+        duty=Steps(amplitude=0.04, hold=0.8),
+        load=ConstantLoad(level=600.0),
+        faults=list(faults),
+        seed=seed,
+        oil_temperature=UNIT.oil.reference_temperature,
+    )
+    return simulate(UNIT, scenario)
+
+
+@pytest.fixture(scope="module")
+def healthy() -> Simulation:
+    return _run()
+
+
+def _leaks(faulty: Simulation, healthy: Simulation, after: np.ndarray, spec: FaultSpec) -> None:
+    added = (faulty.truth["leakage"] - healthy.truth["leakage"])[after]
+    np.testing.assert_allclose(added, 12e-12, rtol=1e-9)
+    drop = faulty.truth["pressure_difference"][after]
+    coefficient = UNIT.pump.cross_port_leakage + 12e-12
+    np.testing.assert_allclose(faulty.truth["cross_flow"][after], coefficient * drop, rtol=1e-9)
+
+
+def _wears(faulty: Simulation, healthy: Simulation, after: np.ndarray, spec: FaultSpec) -> None:
+    expected = 0.35 if spec.variant == "loose" else 2.0
+    for name in ("coulomb_friction", "viscous_friction"):
+        np.testing.assert_allclose(
+            faulty.truth[name][after] / healthy.truth[name][after], expected, rtol=1e-9
+        )
+    assert np.array_equal(faulty.truth["leakage"], healthy.truth["leakage"])
+    moving = after & (np.abs(faulty.truth["velocity"]) > 0.03) & (np.abs(healthy.truth["velocity"]) > 0.03)
+    sizes = [np.median(np.abs(s.truth["friction_force"][moving])) for s in (faulty, healthy)]
+    assert (sizes[0] < 0.7 * sizes[1]) if spec.variant == "loose" else (sizes[0] > 1.4 * sizes[1])
+
+
+def _aerates(faulty: Simulation, healthy: Simulation, after: np.ndarray, spec: FaultSpec) -> None:
+    ratio = (faulty.truth["bulk_modulus"] / healthy.truth["bulk_modulus"])[after]
+    assert np.all((ratio > 0.3) & (ratio < 0.5)), "halves to thirds at charge pressure"
+    # By the polytropic law itself: 0.025 more air at atmospheric pressure.
+    p = UNIT.oil.reference_pressure + 101_325.0
+    softer = 0.025 * (101_325.0 / p) ** (1.0 / 1.4) / (1.4 * p)
+    np.testing.assert_allclose(
+        1.0 / faulty.truth["bulk_modulus"][after], 1.0 / UNIT.oil.bulk_modulus + softer
+    )
+
+
+def _passes(faulty: Simulation, healthy: Simulation, after: np.ndarray, spec: FaultSpec) -> None:
+    drop = faulty.truth["pressure_accumulator"] - faulty.truth[f"pressure_{spec.side}"]
+    rows = after & (drop < -30e3)
+    assert rows.sum() > 50
+    flow = faulty.truth[f"refeed_flow_{spec.side}"][rows]
+    np.testing.assert_allclose(flow, -1e-4 * np.sqrt(-drop[rows] / 1e6), rtol=0.06)
+    other = 3 - spec.side
+    assert faulty.truth[f"refeed_flow_{other}"][after].min() >= 0.0
+    assert np.all(healthy.truth[f"refeed_flow_{spec.side}"] >= 0.0)
+
+
+def _is_biased(faulty: Simulation, healthy: Simulation, after: np.ndarray, spec: FaultSpec) -> None:
+    added = (faulty.samples["pressure_difference"] - healthy.samples["pressure_difference"])[after]
+    np.testing.assert_allclose(added, 250e3, atol=UNIT.sensors["pressure_difference"].resolution)
+    _only_measured(faulty, healthy)
+
+
+def _drifts(faulty: Simulation, healthy: Simulation, after: np.ndarray, spec: FaultSpec) -> None:
+    added = (faulty.samples["pressure_difference"] - healthy.samples["pressure_difference"])[after]
+    expected = 5e3 * (faulty.samples.time[after] - ONSET)
+    np.testing.assert_allclose(added, expected, atol=UNIT.sensors["pressure_difference"].resolution + 10.0)
+    _only_measured(faulty, healthy)
+
+
+def _only_measured(faulty: Simulation, healthy: Simulation) -> None:
+    for name in healthy.truth.columns:
+        assert np.array_equal(faulty.truth[name], healthy.truth[name]), name
+
+
+CHECKS: dict[str, Callable[[Simulation, Simulation, np.ndarray, FaultSpec], None]] = {
+    "internal_leakage": _leaks,
+    "seal_wear": _wears,
+    "aeration": _aerates,
+    "check_valve_stuck_open": _passes,
+    "pressure_sensor_bias": _is_biased,
+    "pressure_sensor_drift": _drifts,
+}
+
+
+def test_every_simulated_fault_has_a_check():
+    assert set(CHECKS) == set(SIMULATED)
+
+
+@pytest.mark.parametrize(("name", "side", "variant"), CHOICES)
+def test_severity_zero_is_healthy_bit_for_bit(healthy, name, side, variant):
+    faulty = _run(FaultSpec(fault=name, severity=0.0, onset=ONSET, side=side, variant=variant))
+    for channel in healthy.samples.channels:
+        assert np.array_equal(faulty.samples[channel], healthy.samples[channel], equal_nan=True), channel
+
+
+@pytest.mark.parametrize(("name", "side", "variant"), CHOICES)
+def test_severity_one_is_what_the_catalogue_says(healthy, name, side, variant):
+    spec = FaultSpec(fault=name, severity=1.0, onset=ONSET, side=side, variant=variant)
+    faulty = _run(spec)
+    # A late row at the onset may lie on either side of its millisecond.
+    after = faulty.truth.time > ONSET + 2e-3
+    before = faulty.truth.time < ONSET
+    CHECKS[name](faulty, healthy, after, spec)
+    for channel in healthy.samples.channels:
+        a, b = faulty.samples[channel][before], healthy.samples[channel][before]
+        # A band limit looks some samples ahead in its noise only, never in the signal.
+        assert np.array_equal(a, b, equal_nan=True), channel
+    np.testing.assert_array_equal(faulty.truth.severity[name][after], 1.0)
+    np.testing.assert_array_equal(faulty.truth.severity[name][before], 0.0)
+    label = faulty.labels[0]
+    assert (label["fault"], label["severity"], label["onset_s"]) == (name, 1.0, ONSET)
+    assert label["family"] == CATALOGUE[name].family
+    assert (label["side"], label["variant"]) == (spec.side, spec.variant)
+
+
+def test_faults_act_together():
+    specs = [
+        FaultSpec(fault="internal_leakage", severity=0.5, onset=1.0),
+        FaultSpec(fault="aeration", severity=0.5, onset=2.0),
+        FaultSpec(fault="pressure_sensor_bias", severity=0.5),
+    ]
+    both = _run(*specs)
+    alone = _run(*specs[:2])
+    assert len(both.labels) == 3
+    assert np.array_equal(both.truth["position"], alone.truth["position"])
+    last = both.truth["leakage"][-1], both.truth["bulk_modulus"][-1]
+    assert last[0] == pytest.approx(UNIT.pump.total_leakage + 6e-12, rel=1e-9)
+    assert last[1] < 0.7 * UNIT.oil.bulk_modulus
+
+
+def test_thin_oil_leaks_more_through_the_fault_too():
+    scenario = Scenario(
+        duration=0.1, oil_temperature=70.0, faults=[{"fault": "internal_leakage", "severity": 1.0}]
+    )
+    hot = simulate(UNIT, scenario).truth["leakage"][0]
+    assert hot > 2.0 * (UNIT.pump.total_leakage + 12e-12)
+
+
+# Profiles in time.
+
+
+@given(
+    severity=st.floats(0.0, 1.0),
+    onset=st.floats(0.0, 50.0),
+    profile=st.sampled_from(["step", "ramp", "intermittent"]),
+    ramp=st.floats(0.1, 100.0),
+    period=st.floats(0.1, 20.0),
+)
+def test_profiles_stay_between_zero_and_severity_and_start_at_the_onset(
+    severity, onset, profile, ramp, period
+):
+    spec = FaultSpec(
+        fault="aeration", severity=severity, onset=onset, profile=profile, ramp=ramp, period=period
+    )
+    time = np.arange(0.0, 100.0, 0.013)
+    over = spec.over(time)
+    assert np.all((over >= 0.0) & (over <= severity))
+    assert not over[time < onset - 1e-6].any()
+    if profile != "intermittent":
+        assert np.all(np.diff(over) >= 0.0)
+
+
+def test_profiles_by_hand():
+    time = np.array([0.0, 4.9, 5.0, 6.0, 7.0, 8.9, 9.0, 10.0])
+
+    def over(**parameters):
+        return FaultSpec(fault="aeration", severity=0.8, onset=5.0, **parameters).over(time)
+
+    np.testing.assert_allclose(over(), [0, 0, 0.8, 0.8, 0.8, 0.8, 0.8, 0.8])
+    np.testing.assert_allclose(over(profile="ramp", ramp=4.0), [0, 0, 0, 0.2, 0.4, 0.78, 0.8, 0.8])
+    np.testing.assert_allclose(
+        over(profile="intermittent", period=4.0, duty=0.25), [0, 0, 0.8, 0, 0, 0, 0.8, 0]
+    )
+
+
+def test_an_intermittent_drift_keeps_what_has_drifted():
+    spec = FaultSpec(
+        fault="pressure_sensor_drift", severity=1.0, onset=1.0, profile="intermittent", period=2.0, duty=0.5
+    )
+    added = _run(spec).samples["pressure_difference"] - _run().samples["pressure_difference"]
+    assert np.nanmedian(added[-500:]) == pytest.approx(2 * 5e3, abs=300.0)
+
+
+# What a user may write.
+
+
+def test_the_command_lines_fault_is_read_whole():
+    spec = parse_fault("check_valve_stuck_open: severity=0.4, onset=20, side=2, profile=ramp, ramp=5")
+    assert (spec.severity, spec.onset, spec.side, spec.profile, spec.ramp) == (0.4, 20.0, 2, "ramp", 5.0)
+
+
+@pytest.mark.parametrize(
+    ("text", "told"),
+    [
+        ("leak:severity=0.4", "internal_leakage"),
+        ("pump_wear:severity=0.4", "not simulated yet; the simulated ones: internal_leakage, seal_wear"),
+        ("unknown:severity=0.4", "not simulated"),
+        ("aeration:severity=1.4", "less than or equal to 1"),
+        ("aeration:severity=-0.1", "greater than or equal to 0"),
+        ("aeration:severity=nan", "severity"),
+        ("aeration:severity=lots", "not a number"),
+        ("aeration", "severity is missing"),
+        ("aeration:severity=0.4,onset=-1", "onset"),
+        ("aeration:severity=0.4,onset=inf", "onset"),
+        ("aeration:severity=0.4,sverity=1", "severity, onset"),
+        ("aeration:severity", "key=value"),
+        ("aeration:severity=0.4,severity=0.5", "twice"),
+        ("aeration:severity=0.4,profile=sudden", "step, ramp, intermittent"),
+        ("aeration:severity=0.4,side=1", "leave side out"),
+        ("aeration:severity=0.4,duty=1.5", "duty"),
+        ("check_valve_stuck_open:severity=0.4,side=3", "1, 2"),
+        ("check_valve_stuck_open:severity=0.4,side=left", "not a number"),
+        ("seal_wear:severity=0.4,variant=wet", "loose, tight"),
+    ],
+)
+def test_wrong_faults_are_told_in_one_line(text, told):
+    with pytest.raises(InputError) as caught:
+        parse_fault(text)
+    line = str(caught.value)
+    assert told in line and "\n" not in line and text in line

@@ -1,0 +1,224 @@
+"""Scenarios: what is refused, what duties and loads are, and that a seed fixes everything."""
+
+import doctest
+import importlib
+import pkgutil
+import time
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+import fdd.plant
+from fdd.errors import InputError
+from fdd.plant.details import Details
+from fdd.plant.duty import DUTIES, duty_named
+from fdd.plant.load import LOADS, GustLoad, load_named
+from fdd.plant.scenario import Control, Recording, Scenario
+from fdd.plant.simulate import prepare, simulate
+from fdd.plant.truth import TRUTH
+from fdd.unit import Unit
+
+UNIT = Unit.load("axis_b")
+
+
+def _control(duty_name: str, mode: str) -> Control:
+    return Control(mode="speed" if duty_name == "constant_speed" else mode)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "told"),
+    [
+        ({"duration": -1.0}, "duration"),
+        ({"duration": 1e9}, "3600"),
+        ({"durations": 3.0}, "the parameters are: unit, duration"),
+        ({"duration": 5.0, "faults": [{"fault": "aeration", "severity": 0.1, "onset": 5.0}]}, "past the end"),
+        ({"faults": [{"fault": "aeration", "severity": 2.0}]}, "severity"),
+        ({"faults": [{"fault": "pump_wear", "severity": 0.2}]}, "not simulated yet"),
+        ({"faults": [{"fault": "aeration", "severity": 0.1}] * 2}, "twice"),
+        ({"duty": {"name": "dance"}}, "steps"),
+        ({"duty": {"name": "steps", "hold": 0.0}}, "hold"),
+        ({"duty": {"name": "constant_speed"}}, "speed control"),
+        ({"load": {"name": "spring", "rate": -3.0}}, "rate"),
+        ({"load": {"name": "brick"}}, "spring"),
+        ({"oil_temperature": 400.0}, "oil_temperature"),
+        ({"oil_temperature": 100.0, "warming": 0.5, "duration": 600.0}, "end at 400"),
+        ({"control": {"mode": "force"}}, "position"),
+        ({"recording": {"dropped": 2.0}}, "dropped"),
+        ({"details": {"pump_teeth": 0}}, "pump_teeth"),
+        ({"seed": -1}, "seed"),
+    ],
+)
+def test_wrong_scenarios_are_told_in_one_line(arguments, told):
+    with pytest.raises(InputError) as caught:
+        Scenario(**arguments)
+    assert told in str(caught.value) and "\n" not in str(caught.value)
+
+
+def test_a_duty_beyond_the_stroke_is_refused():
+    with pytest.raises(InputError, match="leaves the stroke"):
+        simulate(UNIT, Scenario(duration=1.0, duty=duty_named("steps", amplitude=0.2)))
+
+
+def test_a_unit_whose_chamber_is_empty_within_the_stroke_is_refused():
+    small = UNIT.model_copy(update={"cylinder": UNIT.cylinder.model_copy(update={"volume_2": 2e-4})})
+    with pytest.raises(InputError, match="volume_2"):
+        simulate(small, Scenario(duration=1.0))
+
+
+def test_unknown_names_list_the_known():
+    with pytest.raises(InputError, match="constant_speed"):
+        duty_named("step")
+    with pytest.raises(InputError, match="throttle"):
+        load_named("springs")
+
+
+@pytest.mark.parametrize("name", DUTIES)
+@pytest.mark.parametrize("mode", ["position", "speed"])
+@settings(max_examples=8, deadline=None)
+@given(seed=st.integers(0, 2**32), rows=st.integers(1, 9000))
+def test_duties_stay_within_their_amplitude_and_rest_first(name, mode, seed, rows):
+    duty = DUTIES[name](offset=0.01, lead_in=0.3)
+    setpoint = duty.setpoint(rows, mode == "position", np.random.default_rng(seed))
+    assert setpoint.shape == (rows,) and np.isfinite(setpoint).all()
+    shuttle = name == "constant_speed"
+    middle = 0.01 if mode == "position" and not shuttle else 0.0
+    most = max(duty.speeds) if shuttle else duty.amplitude if mode == "position" else duty.speed
+    assert np.abs(setpoint - middle).max() <= most * (1.0 + 1e-9)
+    assert np.all(setpoint[:300] == middle)
+
+
+@pytest.mark.parametrize("name", DUTIES)
+@pytest.mark.parametrize("mode", ["position", "speed"])
+def test_the_position_follows_every_duty_within_the_stroke(name, mode):
+    scenario = Scenario(
+        duration=6.0, duty=DUTIES[name](), control=_control(name, mode), recording=Recording.perfect(), seed=2
+    )
+    out = simulate(UNIT, scenario)
+    moved = np.ptp(out.truth["position"])
+    assert moved < 1e-3 if name == "standstill" else moved > 2e-3
+    assert np.abs(out.truth["position"]).max() < 0.5 * UNIT.cylinder.stroke
+    assert ("position_setpoint" in out.samples) == (scenario.control.mode == "position")
+
+
+def test_a_ramp_is_followed_with_the_loops_velocity_lag():
+    """A P loop on an integrator: the lag is the velocity over Kp·Dp/A."""
+    duty = duty_named("strokes", rate=0.03, amplitude=0.1)
+    out = simulate(UNIT, Scenario(duration=3.0, duty=duty, recording=Recording.perfect()))
+    lag = (out.samples["position_setpoint"] - out.truth["position"])[2500]
+    gain = 16875.0 * UNIT.pump.displacement / UNIT.cylinder.area_1
+    assert lag == pytest.approx(0.03 / gain, rel=0.05)
+
+
+@pytest.mark.parametrize("name", LOADS)
+def test_every_load_acts_and_every_usual_range_is_allowed(name):
+    scenario = Scenario(duration=3.0, load=load_named(name), seed=1)
+    truth = simulate(UNIT, scenario).truth
+    quiet = name in ("none", "inertia")
+    assert (np.ptp(truth["load_force"]) + np.abs(truth["load_force"]).max() == 0.0) == quiet
+    for parameter, ends in LOADS[name].usual.items():
+        for end in ends:
+            load_named(name, **{parameter: end})
+
+
+def test_usual_ranges_of_duties_and_details_are_allowed():
+    for duty in DUTIES.values():
+        for parameter, ends in duty.usual.items():
+            for end in ends:
+                duty(**{parameter: end})
+    for parameter, ends in Details.usual.items():
+        for end in ends:
+            Details(**{parameter: end})
+
+
+def test_gusts_have_the_deviation_and_bandwidth_asked_for():
+    force = GustLoad(deviation=300.0, bandwidth_hz=2.0, level=50.0).force(600_000, np.random.default_rng(0))
+    assert np.std(force) == pytest.approx(300.0, rel=0.06)
+    assert np.mean(force) == pytest.approx(50.0, abs=40.0)
+    spectrum = np.abs(np.fft.rfft(force - force.mean())) ** 2
+    frequency = np.fft.rfftfreq(force.size, 1e-3)
+    assert spectrum[frequency < 4.0].sum() > 0.95 * spectrum.sum()
+
+
+def test_one_seed_gives_one_run_bit_for_bit():
+    scenario = Scenario(
+        duration=3.0,
+        load=GustLoad(),
+        recording=Recording(dropped=0.01, late=0.01, nan_bursts_per_minute=60.0),
+        faults=[{"fault": "seal_wear", "severity": 0.5, "onset": 1.0}],
+        seed=11,
+    )
+    first, again = simulate(UNIT, scenario), simulate(UNIT, scenario)
+    other = simulate(UNIT, scenario.model_copy(update={"seed": 12}))
+    assert np.array_equal(first.samples.time, again.samples.time)
+    for channel in first.samples.channels:
+        assert np.array_equal(first.samples[channel], again.samples[channel], equal_nan=True), channel
+    for name in first.truth.columns:
+        assert np.array_equal(first.truth[name], again.truth[name]), name
+    assert not np.array_equal(first.truth["position"][:900], other.truth["position"][:900])
+
+
+def test_the_units_spread_of_friction_varies_from_run_to_run():
+    draws = [prepare(UNIT, Scenario(duration=0.01, seed=s)).parameters.coulomb_forward for s in range(300)]
+    assert np.mean(draws) == pytest.approx(UNIT.friction.forward.coulomb, rel=0.02)
+    assert np.std(draws) == pytest.approx(
+        UNIT.friction.forward.coulomb * UNIT.friction.trial_spread, rel=0.15
+    )
+
+
+@settings(max_examples=12, deadline=None)
+@given(st.lists(st.floats(0.85, 1.15), min_size=8, max_size=8), st.integers(0, 1000))
+def test_units_within_fifteen_percent_are_simulated(scale, seed):
+    unit = UNIT.model_copy(deep=True)
+    for part, name, by in zip(
+        (unit.cylinder,) * 3 + (unit.pump,) * 2 + (unit.oil, unit.drive, unit.accumulator),
+        (
+            "area_1", "moving_mass", "volume_1", "displacement", "cross_port_leakage",
+            "bulk_modulus", "delay", "charge_pressure",
+        ),
+        scale,
+        strict=True,
+    ):  # fmt: skip
+        setattr(part, name, getattr(part, name) * by)
+    duty = duty_named("prbs", amplitude=0.01)
+    truth = simulate(unit, Scenario(duration=1.5, duty=duty, seed=seed)).truth
+    assert all(np.isfinite(column).all() for column in truth.columns.values())
+    assert np.abs(truth["oil_mass"] / truth["oil_mass"][0] - 1.0).max() < 1e-6
+    assert truth["leakage"][0] == pytest.approx(unit.pump.total_leakage, rel=1e-9)
+
+
+def test_stiff_details_stay_stable():
+    """The stiffest bristles and stops that a scenario may ask for, driven hard."""
+    details = Details(bristle_stiffness=3e7, bristle_damping=2.0, stop_stiffness=1e8, pump_ripple=0.2)
+    light = UNIT.model_copy(update={"cylinder": UNIT.cylinder.model_copy(update={"moving_mass": 3.0})})
+    worn = [{"fault": "seal_wear", "severity": 1.0}]
+    for duty in ("prbs", "steps"):
+        scenario = Scenario(
+            duration=4.0, duty=duty_named(duty, speed=314.0), control=Control(mode="speed"), details=details,
+            faults=worn,
+        )  # fmt: skip
+        truth = simulate(light, scenario).truth
+        assert np.abs(truth["velocity"]).max() < 0.5
+        assert np.abs(truth["friction_force"]).max() < 3e3
+
+
+def test_the_truth_is_documented_and_aligned():
+    out = simulate(UNIT, Scenario(duration=1.0, recording=Recording(dropped=0.1)))
+    assert set(out.truth.columns) == set(TRUTH)
+    assert np.array_equal(out.truth.time, out.samples.time) and len(out.samples) < 950
+    near = np.abs(out.samples["position"] - out.truth["position"])
+    assert np.nanmax(near) <= 0.51 * UNIT.sensors["position"].resolution
+
+
+def test_faster_than_real_time_by_far():
+    scenario = Scenario(duration=20.0)
+    simulate(UNIT, Scenario(duration=0.1))
+    start = time.process_time()
+    simulate(UNIT, scenario)
+    assert time.process_time() - start < 20.0 / 50.0  # the aim is 100; a busy machine gets half
+
+
+@pytest.mark.parametrize("module", [m.name for m in pkgutil.walk_packages(fdd.plant.__path__, "fdd.plant.")])
+def test_documented_examples_run(module):
+    assert doctest.testmod(importlib.import_module(module)).failed == 0
