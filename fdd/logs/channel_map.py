@@ -80,6 +80,8 @@ class ChannelSource(BaseModel):
             raise ValueError("field needs a topic")
         if self.period is not None and self.from_ is None:
             raise ValueError("period goes with 'from: pump_speed' only")
+        if self.from_ is not None and (more := self.model_fields_set - {"from_", "period"}):
+            raise ValueError(f"{sorted(more)[0]} does not go with from")
         if self.scale == 0.0:
             raise ValueError("scale is 0")
         return self
@@ -109,7 +111,7 @@ class ChannelMap(BaseModel):
 
     Examples
     --------
-    >>> m = ChannelMap.from_yaml("position: {column: cyl_pos, unit: mm}")
+    >>> m = ChannelMap.from_yaml("position: {topic: /daq, field: cyl.pos, unit: mm}")
     >>> m.channels["position"].measure_of("position").factor
     0.001
     """

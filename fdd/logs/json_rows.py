@@ -41,13 +41,16 @@ def _objects(columns: Columns) -> Any:
 
     members = []
     for name, values in columns.items():
-        key = pa.scalar(f"{json.dumps(name)}:")
+        key = pa.scalar(f",{json.dumps(name)}:")
         texts = _objects(values) if isinstance(values, Mapping) else _texts(np.asarray(values))
         if texts is not None:
             members.append(pc.binary_join_element_wise(key, texts, "", null_handling="emit_null"))
     if not members:
         return None
-    inner = pc.binary_join_element_wise(*members, ",", null_handling="skip")
+    # Each member brings its comma, and the first one is cut off: joining with null_handling="skip" loses
+    # the rows in which every member is null.
+    inner = pc.binary_join_element_wise(*members, "", null_handling="replace", null_replacement="")
+    inner = pc.utf8_slice_codeunits(inner, start=1)
     return pc.binary_join_element_wise("{", inner, "}", "", null_handling="emit_null")
 
 

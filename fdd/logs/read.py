@@ -13,7 +13,14 @@ from fdd.errors import InputError
 from fdd.logs.angles import accumulate_speed
 from fdd.logs.channel_map import ChannelMap, ChannelSource
 from fdd.logs.conversion import checked_finite, held, to_si, with_values
-from fdd.logs.mcap_reading import MEASUREMENT_TOPIC, Recording, contract_fields, read_topics, require_field
+from fdd.logs.mcap_reading import (
+    MEASUREMENT_TOPIC,
+    Recording,
+    contract_fields,
+    fields_of,
+    read_topics,
+    require_field,
+)
 from fdd.logs.mcap_records import MAGIC
 from fdd.logs.near_misses import listed
 from fdd.logs.quality import (
@@ -49,7 +56,7 @@ class Log:
     axis : of the topic, the map, or the caller; None where nothing tells.
     metadata : of an MCAP file: record name to its key-value pairs. A run of
         ours has ``metadata["unit"]["yaml"]`` and ``metadata["scenario"]["json"]``.
-    start_ns : ns; log time of the first sample in an MCAP file, else 0.
+    start_ns : ns; log time of t = 0 in an MCAP file, else 0.
     """
 
     samples: Samples
@@ -70,7 +77,8 @@ class _Raw:
     place: Callable[[int], str]
     axis: str | None = None
     metadata: dict[str, dict[str, str]] = field(default_factory=dict)
-    start_ns: int = 0
+    first_stamp: int | None = None
+    truncated: bool = False
 
 
 def read_log(
@@ -257,6 +265,11 @@ def _from_own_mcap(path: Path, axis: str | None) -> _Raw:
         )
     columns = {n: v for n, v in series.fields.items() if np.isfinite(v).any()}
     time = columns.pop("time", None)
+    if not columns:
+        there = listed(fields_of(path, f"/eha/{chosen}/measurement"))
+        raise InputError(
+            "no usable channels", where=path, mend=f"say with --map what its fields are: {there}"
+        )
     # One message without its time would be lost; the log times serve all of them.
     time = None if time is not None and not np.isfinite(time).all() else time
     return _mcap_raw(recording, series.stamps, time, columns, chosen)
@@ -269,15 +282,21 @@ def _mcap_raw(
     columns: dict[str, Column],
     axis: str | None,
 ) -> _Raw:
-    start = int(stamps[0])
-    since_start: Column = (stamps - start).astype(np.float64) * 1e-9 if time is None else time
+    first = int(stamps[0])
+    since_start: Column = (stamps - first).astype(np.float64) * 1e-9 if time is None else time
     notes = []
-    if recording.truncated:
-        last = since_start[-1] - (since_start[0] if since_start[0] > EPOCH_SECONDS else 0.0)
-        notes.append(f"file is truncated: read up to t={last:.3f} s")
     if recording.damaged:
         notes.append(f"{recording.damaged} damaged chunks were left out (checksum or compression is wrong)")
-    return _Raw(since_start, columns, notes, lambda row: f"message {row}", axis, recording.metadata, start)
+    return _Raw(
+        since_start,
+        columns,
+        notes,
+        "message {}".format,
+        axis,
+        recording.metadata,
+        first,
+        recording.truncated,
+    )
 
 
 def _checked(path: Path, raw: _Raw, channel_map: ChannelMap | None, shortest: float) -> Log:
@@ -287,6 +306,9 @@ def _checked(path: Path, raw: _Raw, channel_map: ChannelMap | None, shortest: fl
     if time[0] > EPOCH_SECONDS:
         notes.append(f"the clock starts at {time[0]:.3f} s; times are counted from there")
         time = time - time[0]
+    if raw.truncated:
+        notes.insert(0, f"file is truncated: read up to t={time[-1]:.3f} s")
+    start_ns = 0 if raw.first_stamp is None else raw.first_stamp - round(float(time[0]) * 1e9)
     quality = check_time(time, shortest)
     columns, infinite_notes = checked_finite(columns)
     columns, empty = with_values(columns)
@@ -303,7 +325,7 @@ def _checked(path: Path, raw: _Raw, channel_map: ChannelMap | None, shortest: fl
     quality.notes = notes + quality.notes + infinite_notes
     quality.notes += [f"{name}: no value at all, taken as absent" for name in empty]
     quality.notes += suspicions(time, columns, quality.period)
-    return Log(Samples(time, columns), quality, path.name, raw.axis, raw.metadata, raw.start_ns)
+    return Log(Samples(time, columns), quality, path.name, raw.axis, raw.metadata, start_ns)
 
 
 def _derived(

@@ -26,6 +26,7 @@ MAX_COLUMNS = 4096
 MAX_ROWS = 400_000_000
 _MISSING = ["", "nan", "NaN", "NAN", "-nan", "NA", "N/A", "#N/A", "null", "NULL", "None"]
 _DATE = re.compile(r"\d{4}-\d\d-\d\d[T ]\d\d:\d\d")
+_ZONE = re.compile(r"(Z|[+-]\d\d:?\d\d)$")
 
 
 class Table(Protocol):
@@ -128,8 +129,10 @@ class CsvTable:
         import pyarrow as pa
 
         at = self.names.index(name)
-        dated = at < len(self.first_row) and _DATE.match(self.first_row[at])
-        return pa.timestamp("ns") if dated else pa.float64()
+        first = self.first_row[at] if at < len(self.first_row) else ""
+        if not _DATE.match(first):
+            return pa.float64()
+        return pa.timestamp("ns", tz="UTC" if _ZONE.search(first) else None)
 
     def _parsed(self, wanted: list[str], types: dict[str, Any]) -> pyarrow.Table:
         from pyarrow import csv as arrow_csv
@@ -188,7 +191,7 @@ class CsvTable:
         first: tuple[int, str, str] | None = None
         for name in wanted:
             for row, cell in enumerate(table.column(name).to_pylist()):
-                if not self._readable(cell):
+                if not self._readable(cell, pa.types.is_timestamp(self._type_of(name))):
                     if first is None or row < first[0]:
                         first = (row, name, cell)
                     break
@@ -201,7 +204,9 @@ class CsvTable:
             mend="write numbers, and leave the cell empty where one is missing",
         )
 
-    def _readable(self, cell: str | None) -> bool:
+    def _readable(self, cell: str | None, dated: bool) -> bool:
+        if dated and cell is not None and _DATE.match(cell):
+            return True
         return cell is None or cell in _MISSING or _is_number(cell.replace(self.decimal, "."))
 
 
@@ -275,7 +280,10 @@ def as_numbers(column: Any, name: str, where: Path) -> Column:
             # Seconds after the first stamp, before the floats lose the nanoseconds.
             first = pc.min(nanoseconds)
             return np.asarray(pc.subtract(nanoseconds, first).cast(pa.float64()).to_numpy()) * 1e-9
-        if pa.types.is_string(column.type) or pa.types.is_dictionary(column.type):
+        if any(
+            test(column.type)
+            for test in (pa.types.is_string, pa.types.is_large_string, pa.types.is_dictionary)
+        ):
             raise InputError(
                 f"column {name!r} holds text, not numbers", where=where, mend="store it as numbers"
             )
@@ -317,7 +325,7 @@ def _decimal_of(rows: list[list[str]], delimiter: str) -> str:
 
 def _cells(line: str, delimiter: str) -> list[str]:
     try:
-        return [cell.strip() for cell in next(csv.reader([line], delimiter=delimiter))]
+        return [cell.strip() for cell in next(csv.reader([line], delimiter=delimiter, skipinitialspace=True))]
     except (csv.Error, StopIteration):
         return [cell.strip() for cell in line.split(delimiter)]
 

@@ -1,0 +1,266 @@
+"""Unusable logs: each is refused with one line that names the place, the problem and the mend."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from made_up_logs import refused, refused_log, strokes
+from mcap.writer import Writer
+
+from fdd.errors import InputError
+from fdd.logs import ChannelMap, read_log
+from fdd.logs.mcap_writing import write_annotated, write_run
+from fdd.logs.tabular_writing import write_csv, write_parquet
+
+Frame = pd.DataFrame
+
+
+def frame(n: int = 6000) -> Frame:
+    samples = strokes(n)
+    return pd.DataFrame({"time": samples.time, **samples.columns})
+
+
+def put(column: str, rows: object, value: object) -> Callable[[Frame], Frame]:
+    def change(f: Frame) -> Frame:
+        f = f.copy()
+        f.loc[rows, column] = value
+        return f
+
+    return change
+
+
+def scaled(columns: list[str], factor: float) -> Callable[[Frame], Frame]:
+    return lambda f: f.assign(**{c: f[c] * factor for c in columns})
+
+
+def back_one_second(f: Frame) -> Frame:
+    return f.assign(time=np.where(np.arange(len(f)) >= 3000, f["time"] - 1.0, f["time"]))
+
+
+PRESSURES = ["pressure_difference", "pressure_1", "pressure_2"]
+UNUSABLE: dict[str, tuple[Callable[[Frame], Frame], list[str]]] = {
+    "clock reset": (back_one_second, ["time runs backwards", "2.000000 s after 2.999000 s", "sort the log"]),
+    "reversed": (lambda f: f[::-1], ["time runs backwards"]),
+    "one second": (lambda f: f[:1000], ["a log of 1 s (1000 rows)", "at least 5 s"]),
+    "one row": (lambda f: f[:1], ["too short"]),
+    "no position": (lambda f: f.drop(columns="position"), ["missing channels: position"]),
+    "no pump": (lambda f: f.drop(columns=["pump_angle", "pump_speed"]), ["pump_angle (or pump_speed)"]),
+    "one chamber": (
+        lambda f: f.drop(columns=["pressure_difference", "pressure_2"]), ["pressure_1 and pressure_2"],
+    ),
+    "all NaN": (put("position", slice(None), np.nan), ["position", "without a single value"]),
+    "bar": (scaled(PRESSURES, 1e-5), ["pressures look like bar", "unit: bar"]),
+    "kPa": (scaled(PRESSURES, 1e-3), ["pressures look like", "unit:"]),
+    "only Δp in bar": (
+        lambda f: scaled(PRESSURES, 1e-5)(f).drop(columns=["pressure_1", "pressure_2"]), ["look like bar"],
+    ),
+    "pressures too large": (scaled(PRESSURES, 1e5), ["more than any hydraulic circuit"]),
+    "mm": (lambda f: f.assign(position=f["position"] * 1e3 + 50), ["position", "looks like mm"]),
+    "kelvin": (lambda f: f.assign(oil_temperature=313.0), ["looks like kelvin"]),
+    "no time": (lambda f: f.drop(columns="time"), ["no column 'time'", "--map"]),
+    "foreign columns": (
+        lambda f: f.rename(columns=lambda c: f"x_{c}"), ["no usable channels", "x_position", "--map"],
+    ),
+    "no stamp at all": (lambda f: f.assign(time=np.nan), ["time: no value"]),
+}  # fmt: skip
+
+
+def write_messages(path: Path, content: Frame) -> None:
+    """A frame as messages on a measurement topic, log times 1 ms apart whatever its time says."""
+    with path.open("wb") as stream:
+        writer = Writer(stream)
+        writer.start()
+        channel = writer.register_channel("/eha/a/measurement", "json", 0)
+        for row, values in enumerate(content.to_dict("records")):
+            message = {str(k): v for k, v in values.items() if v == v}
+            writer.add_message(channel, row * 10**6, json.dumps(message).encode(), 0)
+        writer.finish()
+
+
+@pytest.mark.parametrize("kind", ["csv", "parquet", "mcap"])
+@pytest.mark.parametrize("case", UNUSABLE)
+def test_unusable_content(case: str, kind: str, tmp_path: Path) -> None:
+    change, said = UNUSABLE[case]
+    content = change(frame())
+    path = tmp_path / f"log.{kind}"
+    if kind == "csv":
+        content.to_csv(path, index=False)
+    elif kind == "parquet":
+        content.to_parquet(path, index=False)
+    else:
+        write_messages(path, content)
+        if case in ("no time", "no stamp at all"):
+            # A message has its log time.
+            np.testing.assert_allclose(read_log(path).samples.time, np.arange(6000) * 1e-3, atol=1e-12)
+            return
+        said = [part for part in said if part != "without a single value"]
+    line = refused_log(path)
+    for part in said:
+        assert part in line, line
+
+
+def test_the_place_of_a_backwards_clock(tmp_path: Path) -> None:
+    back_one_second(frame()).to_csv(tmp_path / "a.csv", index=False)
+    lines = (tmp_path / "a.csv").read_text().splitlines()
+    assert lines[3001].startswith("2.0,")  # the 3002nd line
+    assert "at line 3002" in refused_log(tmp_path / "a.csv")
+
+
+HEADER = "time,position,pump_angle,pressure_difference\n"
+CSV_TEXTS: dict[str, tuple[str, list[str]]] = {
+    "empty": ("", ["the file is empty"]),
+    "blank": ("\n\n\n", ["no header row"]),
+    "header only": (HEADER, ["no rows"]),
+    "no header": ("0.0,1.0,2.0\n0.001,1.0,2.0\n", ["line 1", "no header row"]),
+    "text": (HEADER + "0,1,1,1\n0.001,abc,1,1\n", ["line 3", "'position'", "'abc'"]),
+    "short row": (HEADER + "0,1,1,1\n1,2\n2,1,1,1\n", ["line 3", "2 cells", "4"]),
+    "twice": ("time,position,position,pump_angle,pressure_difference\n0,1,1,1,1\n", ["'position'", "twice"]),
+    "prose": ("Dear all, please find the log attached.\nRegards\n", ["no usable channels", "--map"]),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("case", CSV_TEXTS)
+def test_unusable_csv(case: str, tmp_path: Path) -> None:
+    text, said = CSV_TEXTS[case]
+    (tmp_path / "log.csv").write_text(text)
+    line = refused_log(tmp_path / "log.csv", shortest=0.0)
+    for part in said:
+        assert part in line, line
+
+
+def test_the_line_of_a_bad_cell_far_down_with_comments_and_decimal_commas(tmp_path: Path) -> None:
+    text = frame().to_csv(index=False, sep=";", decimal=",")
+    lines = ["# recorded by hand", "", *text.splitlines()]
+    cells = lines[4321].split(";")
+    cells[4] = "overflow"
+    lines[4321] = ";".join(cells)
+    (tmp_path / "a.csv").write_text("\n".join(lines))
+    line = refused_log(tmp_path / "a.csv")
+    assert "line 4322" in line and "'position'" in line and "'overflow'" in line
+
+
+def test_a_last_line_cut_in_the_middle_is_forgiven(tmp_path: Path) -> None:
+    text = frame().to_csv(index=False)
+    (tmp_path / "a.csv").write_text(text[: text.rindex(",") - 30])
+    log = read_log(tmp_path / "a.csv")
+    assert len(log.samples) == 5999
+    assert "incomplete" in log.quality.notes[0] and "line 6001" in log.quality.notes[0]
+
+
+def test_what_is_no_log_at_all(tmp_path: Path) -> None:
+    assert "no such file" in refused_log(tmp_path / "none.csv")
+    assert "is a folder" in refused_log(tmp_path)
+    for name, content, said in (
+        ("a.mcap", b"\x89MCAP1\r\nnonsense", "not an MCAP file"),
+        ("b.mcap", b"", "the file is empty"),
+        ("c.parquet", b"PAR1 and then nothing", "not readable as Parquet"),
+        ("d.parquet", b"time,position\n", "not a Parquet file"),
+        ("e.csv", b"\x1f\x8b\x08rest", "is compressed (gzip)"),
+        ("f.csv", bytes(range(256)) * 20, "neither MCAP, nor Parquet, nor text"),
+        ("g.mcap", b"\x89MCAP0\r\n", "no usable channels"),
+    ):
+        (tmp_path / name).write_bytes(content)
+        assert said in refused_log(tmp_path / name)
+
+
+def test_parquet_of_text_and_of_no_rows(tmp_path: Path) -> None:
+    frame().assign(position="a").to_parquet(tmp_path / "a.parquet")
+    assert "'position' holds text" in refused_log(tmp_path / "a.parquet")
+    frame()[:0].to_parquet(tmp_path / "b.parquet")
+    assert "no rows" in refused_log(tmp_path / "b.parquet")
+
+
+def mcap_with(path: Path, messages: list[bytes], topic: str = "/daq", encoding: str = "json") -> Path:
+    with path.open("wb") as stream:
+        writer = Writer(stream, use_chunking=bool(messages))
+        writer.start()
+        channel = writer.register_channel(topic, encoding, 0)
+        for row, message in enumerate(messages):
+            writer.add_message(channel, row * 10**6, message, 0)
+        writer.finish()
+    return path
+
+
+MAP = ChannelMap.from_yaml("position: {topic: /daq, field: cyl.pos, unit: mm}")
+
+
+def test_mcap_messages_that_are_not_what_the_map_says(tmp_path: Path) -> None:
+    path = tmp_path / "a.mcap"
+    good = [b'{"cyl": {"pos": 1.5}}'] * 9
+    line = refused_log(mcap_with(path, good), ChannelMap.from_yaml("position: {topic: /dap, field: cyl.pos}"))
+    assert "no topic /dap (did you mean '/daq'?)" in line and "the file has: /daq" in line
+    line = refused_log(
+        mcap_with(path, good), ChannelMap.from_yaml("position: {topic: /daq, field: cyl.poss}")
+    )
+    assert "no field 'cyl.poss' (did you mean 'cyl.pos'?)" in line
+    assert "no message on topic /daq" in refused_log(mcap_with(path, []), MAP)
+    assert "protobuf" in refused_log(mcap_with(path, good, encoding="protobuf"), MAP)
+    assert "not JSON" in refused_log(mcap_with(path, [*good, b"{half"]), MAP)
+    assert "not JSON" in refused_log(mcap_with(path, [*good, b"1,2"]), MAP)
+    assert "not a JSON object" in refused_log(mcap_with(path, [*good, b"[1, 2]"]), MAP)
+    assert "'x' is not a number" in refused_log(mcap_with(path, [*good, b'{"cyl": {"pos": "x"}}']), MAP)
+    assert "not a number" in refused_log(mcap_with(path, [b'{"cyl": {"pos": [1, 2]}}'] * 3), MAP)
+    assert "not JSON" in refused_log(mcap_with(path, [b"[" * 100_000]), MAP)
+    assert "--map" in refused_log(mcap_with(path, good))
+
+
+def test_several_axes_must_be_chosen_from(tmp_path: Path) -> None:
+    path = tmp_path / "a.mcap"
+    with path.open("wb") as stream:
+        writer = Writer(stream)
+        writer.start()
+        rows = strokes(3000)
+        for axis in ("left", "right"):
+            channel = writer.register_channel(f"/eha/{axis}/measurement", "json", 0)
+            for k, t in enumerate(rows.time):
+                message = {n: v[k] for n, v in rows.columns.items()}
+                writer.add_message(channel, round(t * 1e9), json.dumps(message).encode(), 0)
+        writer.finish()
+    assert "2 axes: left, right; choose one with --axis" in refused_log(path)
+    assert "the file has: left, right" in refused_log(path, None, "middle")
+    assert read_log(path, axis="right").axis == "right"
+
+
+def test_map_and_file_of_different_kinds(tmp_path: Path) -> None:
+    columns = ChannelMap.from_yaml("time: {column: t}\nposition: {column: x}")
+    write_run(tmp_path / "a.mcap", strokes(3000), axis="a")
+    assert "map names columns" in refused_log(tmp_path / "a.mcap", columns)
+    write_csv(tmp_path / "a.csv", strokes(3000))
+    assert "map names topics" in refused_log(tmp_path / "a.csv", MAP)
+    line = refused_log(
+        tmp_path / "a.csv", ChannelMap.from_yaml("time: {column: Time}\nposition: {column: pos}")
+    )
+    assert "no column 'Time' (did you mean 'time'?)" in line and "the file has: time, command" in line
+
+
+def test_writing_to_places_that_are_not_there(tmp_path: Path) -> None:
+    samples = strokes(100)
+    for write in (write_csv, write_parquet):
+        assert "no such folder" in refused(lambda write=write: write(tmp_path / "no" / "a", samples))
+    assert "no such folder" in refused(lambda: write_run(tmp_path / "no" / "a", samples, axis="a"))
+    assert "topic" in refused(lambda: write_annotated(tmp_path / "a", samples, {}, "{}", axis="a/b"))
+    early = samples.rows(0, 100)
+    early = type(early)(early.time - 1.0, early.columns)
+    assert "start_ns" in refused(lambda: write_run(tmp_path / "a", early, axis="a"))
+
+
+@given(st.text(max_size=300))
+@settings(max_examples=150, deadline=None)
+def test_any_text_is_refused_or_read(text: str) -> None:
+    from tempfile import TemporaryDirectory
+
+    with TemporaryDirectory() as folder:
+        path = Path(folder) / "a.csv"
+        path.write_bytes(("time,position,pump_angle,pressure_difference\n" + text).encode("utf-8", "replace"))
+        with pytest.raises(InputError):
+            read_log(path)
+        path.write_bytes(text.encode("utf-8", "replace"))
+        with pytest.raises(InputError):
+            read_log(path)

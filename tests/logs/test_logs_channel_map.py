@@ -1,0 +1,172 @@
+"""Channel maps: both forms, conversions, and what a wrong map is told."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from made_up_logs import refused, strokes
+
+from fdd.errors import InputError
+from fdd.logs import ChannelMap, read_log
+
+LONG = """
+schema: fdd.map/1
+name: some rig
+axis: left
+csv: {delimiter: ";", decimal: ",", skip_rows: 2}
+channels:
+  time: {column: n, unit: ms}
+  position: {column: cyl_pos, unit: mm}
+"""
+
+
+def test_long_and_short_form() -> None:
+    long = ChannelMap.from_yaml(LONG)
+    assert (long.name, long.axis, long.csv.delimiter, long.csv.skip_rows) == ("some rig", "left", ";", 2)
+    short = ChannelMap.from_yaml(
+        "time: {column: n, unit: ms}\nposition: {column: cyl_pos, unit: mm}\naxis: left"
+    )
+    assert short.channels == long.channels and short.axis == "left"
+    topics = ChannelMap.from_yaml("position: {topic: /daq, field: cyl.pos, unit: mm}")
+    assert topics.reads_mcap and not long.reads_mcap
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ("positon: {column: x}\ntime: {column: t}", ["unknown channel 'positon'", "did you mean 'position'"]),
+        ("position: {column: x, unit: bar}", ["'bar' measures pressure, not length", "mm"]),
+        ("position: {column: x, unit: furlong}", ["unknown unit 'furlong'", "mm"]),
+        ("position: {column: x, units: mm}", ["position.units"]),
+        ("position: {column: x}", ["no time channel", "time: {column: t, unit: s}"]),
+        ("position: {unit: mm}", ["one of column, topic or from"]),
+        ("position: {column: x, topic: /a, field: b}", ["one of column, topic or from"]),
+        ("position: {topic: /a}", ["give the field", "/a"]),
+        ("position: {topic: /a, field: x}\ntime: {column: t}", ["mixed"]),
+        ("position: {topic: /a, field: x, wrap: 4096}", ["wrap is for an angle"]),
+        ("position: {topic: /a, field: x, scale: 0}", ["scale is 0"]),
+        ("position: {topic: /a, field: x, scale: .nan}", ["position.scale"]),
+        ("position: {topic: /a, field: x, sign: 2}", ["position.sign"]),
+        ("position: {topic: /a, field: x, period: 1}", ["period goes with"]),
+        ("pump_angle: {from: pump_speed}\nposition: {topic: /a, field: x}", ["the map does not give"]),
+        ("pump_angle: {from: pump_speed, unit: rpm}", ["unit does not go with from"]),
+        ("position: {from: pump_speed}\npump_speed: {topic: /a, field: x}", ["makes a pump_angle only"]),
+        ("channels: {position: {column: x}}\ntime: {column: t}", ["'time' stands beside channels:"]),
+        ("channels: [position]", ["channels: not a mapping"]),
+        ("channels: {}", ["no channel is mapped"]),
+        ("position: x", ["position"]),
+        ("just a sentence", ["not a channel map", "position: {column: cyl_pos"]),
+        ("position: {column: [}", ["line 1", "not valid YAML"]),
+        ("position: !!python/object:os.system {}", ["not valid YAML"]),
+        ("schema: fdd.map/9\nposition: {topic: /a, field: x}", ["schema"]),
+        ("", ["not a channel map"]),
+    ],
+)  # fmt: skip
+def test_a_wrong_map_is_told_where_and_what(text: str, said: list[str], tmp_path: Path) -> None:
+    path = tmp_path / "map.yaml"
+    path.write_text(text)
+    line = refused(lambda: ChannelMap.load(path))
+    assert line.startswith(f"{path}: ")
+    for part in said:
+        assert part in line, line
+
+
+def test_a_map_that_is_not_there(tmp_path: Path) -> None:
+    assert "no such channel map" in refused(lambda: ChannelMap.load(tmp_path / "map.yaml"))
+
+
+@given(st.text(max_size=200))
+@settings(max_examples=200, deadline=None)
+def test_any_text_is_a_map_or_refused(text: str) -> None:
+    try:
+        ChannelMap.from_yaml(text)
+    except InputError as error:
+        assert "\n" not in str(error)
+
+
+def test_every_conversion_of_a_table(tmp_path: Path) -> None:
+    """A foreign CSV in other units, checked against figures worked out by hand."""
+    n = 3000
+    row = np.arange(n)
+    foreign = pd.DataFrame(
+        {
+            "index": row,
+            "volt": np.where(row < 1000, 10.0, -10.0),
+            "counts": (row * 40) % 4096,
+            "valve": np.where(row < 1000, 1000, np.where(row < 2000, 0, -1000)),
+            "rpm": 600.0,
+            "x": 2.0 + row,
+            "raw_p": 100.0 + row % 2,
+            "kelvin": 313.15,
+        }
+    )
+    foreign.to_csv(tmp_path / "a.csv", index=False, sep=";")
+    channel_map = ChannelMap.from_yaml(
+        """
+        time: {column: index, unit: s, scale: 0.001, offset: 3}
+        command: {column: volt, scale: 31.416, unit: rad/s}
+        pump_angle: {column: counts, wrap: 4096, unit: rev, scale: 2.44140625e-4, sign: -1, sign_of: valve}
+        pump_speed: {column: rpm, unit: rpm, sign_of: valve}
+        position: {column: x, unit: mm, sign: -1}
+        pressure_1: {column: raw_p, scale: 0.0625, offset: -0.625, unit: bar}
+        pressure_2: {column: raw_p, unit: psi}
+        oil_temperature: {column: kelvin, unit: K}
+        """
+    )
+    samples = read_log(tmp_path / "a.csv", channel_map).samples
+    np.testing.assert_allclose(samples.time, 3.0 + row / 1000)
+    assert samples["command"][0] == pytest.approx(314.16) and samples["command"][-1] == pytest.approx(-314.16)
+    step = -40 / 4096 * 2 * math.pi
+    direction = np.where(row < 1000, 1, np.where(row < 2000, 0, -1))
+    np.testing.assert_allclose(np.diff(samples["pump_angle"]), step * direction[1:], atol=1e-9)
+    np.testing.assert_allclose(samples["pump_speed"], 20 * math.pi * direction)
+    np.testing.assert_allclose(samples["position"], -(2.0 + row) / 1000)
+    np.testing.assert_allclose(samples["pressure_1"][:2], [562_500.0, 568_750.0])
+    assert samples["pressure_2"][0] == pytest.approx(689_475.7, abs=0.1)
+    np.testing.assert_allclose(samples["pressure_difference"], samples["pressure_1"] - samples["pressure_2"])
+    np.testing.assert_allclose(samples["oil_temperature"], 40.0)
+
+
+def test_time_of_day_in_a_table_counts_from_the_start(tmp_path: Path) -> None:
+    samples = strokes(3000)
+    frame = pd.DataFrame({"time": samples.time, **samples.columns})
+    dated = frame.assign(time=pd.Timestamp("2024-10-18 12:00:00") + pd.to_timedelta(frame["time"], unit="s"))
+    dated.to_csv(tmp_path / "a.csv", index=False, date_format="%Y-%m-%dT%H:%M:%S.%f")
+    dated.to_parquet(tmp_path / "a.parquet", index=False)
+    zoned = dated.assign(time=dated["time"].dt.strftime("%Y-%m-%dT%H:%M:%S.%fZ"))
+    zoned.to_csv(tmp_path / "c.csv", index=False)
+    zoned.loc[99, "time"] = "noon"
+    zoned.to_csv(tmp_path / "d.csv", index=False)
+    assert "line 101, column 'time': 'noon'" in refused(lambda: read_log(tmp_path / "d.csv"))
+    frame.assign(time=frame["time"] + 1.7e9).to_csv(tmp_path / "b.csv", index=False)
+    for name in ("a.csv", "a.parquet", "c.csv", "b.csv"):
+        log = read_log(tmp_path / name)
+        np.testing.assert_allclose(log.samples.time, samples.time, atol=3e-7)
+    assert "the clock starts at 1700000000.000 s" in " ".join(log.quality.notes)
+
+
+def test_header_with_spaces_units_and_another_encoding(tmp_path: Path) -> None:
+    samples = strokes(3000)
+    names = {"time": ' "t [s]"', "position": " Weg [µm] ", "pump_angle": "Winkel [°]"}
+    lines = [";".join([*names.values(), "dp", ""])]
+    angle = np.degrees(samples["pump_angle"])
+    for row in zip(samples.time, samples["position"] * 1e6, angle, samples["pressure_1"], strict=True):
+        lines.append(";".join(f"{v!r}".replace(".", ",") for v in map(float, row)) + ";")
+    (tmp_path / "a.csv").write_bytes("\n".join(["Prüfstand 3", *lines]).encode("latin-1"))
+    channel_map = ChannelMap.from_yaml(
+        "csv: {skip_rows: 1}\n"
+        "channels:\n"
+        "  time: {column: 't [s]'}\n"
+        "  position: {column: 'Weg [µm]', unit: um}\n"
+        "  pump_angle: {column: 'Winkel [°]', unit: deg}\n"
+        "  pressure_difference: {column: dp}\n"
+    )
+    read = read_log(tmp_path / "a.csv", channel_map).samples
+    np.testing.assert_allclose(read["position"], samples["position"], rtol=1e-12, atol=1e-15)
+    np.testing.assert_allclose(read["pump_angle"], samples["pump_angle"], rtol=1e-12, atol=1e-15)

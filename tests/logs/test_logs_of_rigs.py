@@ -1,0 +1,121 @@
+"""Logs that we did not make, through the maps in examples/. Skipped where they are not at hand."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+from mcap.reader import make_reader
+
+from fdd.logs import ChannelMap, read_log
+
+EXAMPLES = Path(__file__).parents[2] / "examples"
+REQUIRED = {"position", "pump_angle", "pressure_difference", "pressure_1", "pressure_2"}
+
+
+@pytest.mark.parametrize("path", sorted(EXAMPLES.glob("*.map.yaml")), ids=lambda p: p.name)
+def test_example_maps_are_valid(path: Path) -> None:
+    assert set(ChannelMap.load(path).channels) >= REQUIRED - {"pressure_difference"}
+
+
+@pytest.mark.parametrize("rig", ["rig1", "rig4"])
+def test_every_rig_log_is_read(shared: Path, rig: str) -> None:
+    channel_map = ChannelMap.load(EXAMPLES / f"{rig}.map.yaml")
+    paths = sorted((shared / "rig_logs" / rig).iterdir())
+    assert len(paths) >= 11
+    for path in paths:
+        log = read_log(path, channel_map)
+        quality = log.quality
+        assert set(log.samples.channels) >= REQUIRED and log.axis
+        assert quality.period == 0.001 and quality.time_jumps == 0
+        # The rigs' description: about 0.1 % of the rows are missing, some stamps are late.
+        assert 0.0003 < quality.dropped_samples / len(log.samples) < 0.003
+        assert quality.nan_samples < 0.01 * len(log.samples)
+        assert np.abs(log.samples["position"]).max() < 0.16
+
+
+@pytest.mark.parametrize("rig", ["rig1", "rig4"])
+def test_pump_and_cylinder_agree_where_the_load_is_light(shared: Path, rig: str) -> None:
+    """Test: fast motion of the baseline, a tenth of a second at a time, at low pressure (little leakage).
+
+    Expected: the thesis's transmission D/A = 3.66e-4 m/rad within the rigs' spread, both ways, positive out.
+    """
+    samples = read_log(
+        next((shared / "rig_logs" / rig).glob("baseline.*")), EXAMPLES / f"{rig}.map.yaml"
+    ).samples
+    turned = samples["pump_angle"][100::100] - samples["pump_angle"][:-100:100]
+    moved = samples["position"][100::100] - samples["position"][:-100:100]
+    light = np.abs(samples["pressure_difference"][50::100][: turned.size]) < 4e5
+    for direction in (1, -1):
+        fast = light & (direction * turned > 4.0)
+        assert fast.sum() > 20
+        assert np.median(moved[fast] / turned[fast]) == pytest.approx(3.66e-4, rel=0.2)
+
+
+def test_parquet_rig_against_pandas(shared: Path) -> None:
+    path = shared / "rig_logs" / "rig1" / "run02.parquet"
+    frame, samples = pd.read_parquet(path), read_log(path, EXAMPLES / "rig1.map.yaml").samples
+    np.testing.assert_allclose(samples.time, frame["t"])
+    np.testing.assert_allclose(samples["position"], frame["cyl_mm"] / 1000)
+    np.testing.assert_allclose(samples["pressure_2"], frame["pB_bar"] * 1e5, rtol=1e-6)
+    np.testing.assert_allclose(samples["command"], frame["drive_V"] * 31.416, rtol=1e-6)
+    assert int(frame.isna().any(axis=1).sum()) == 79
+
+
+def test_mcap_rig_against_the_mcap_library(shared: Path) -> None:
+    import json
+
+    path = shared / "rig_logs" / "rig4" / "run07.mcap"
+    samples = read_log(path, EXAMPLES / "rig4.map.yaml").samples
+    with path.open("rb") as stream:
+        messages = [
+            (m.log_time, json.loads(m.data))
+            for _, _, m in make_reader(stream).iter_messages(topics=["/rig4/daq"])
+        ]
+    assert len(messages) == len(samples)
+    for row in range(0, len(messages), 997):
+        stamp, message = messages[row]
+        assert samples.time[row] == pytest.approx((stamp - messages[0][0]) * 1e-9, abs=1e-9)
+        assert samples["position"][row] == pytest.approx(message["enc_um"] * 1e-6)
+        assert samples["pressure_1"][row] == pytest.approx(message["p"]["a"] * 1e3)
+    assert np.isfinite(samples["oil_temperature"]).all()
+
+
+@pytest.fixture
+def bench(shared: Path) -> Path:
+    folder = shared / "real" / "eha_bench"
+    if not folder.is_dir():
+        pytest.skip(f"no recordings of the laboratory bench at {folder}")
+    return folder
+
+
+def test_every_bench_recording_is_read_and_the_angle_sensor_of_one_session_is_told(bench: Path) -> None:
+    channel_map = ChannelMap.load(EXAMPLES / "bench.map.yaml")
+    paths = sorted(bench.glob("*/*.csv"))
+    assert len(paths) >= 29
+    told = {
+        p.parent.name for p in paths if "impossible speed" in " ".join(read_log(p, channel_map).quality.notes)
+    }
+    assert told == {"session_15oct"}
+
+
+def test_bench_signs_and_gains(bench: Path) -> None:
+    """Test: the unloaded 50 mm run.
+
+    Expected: out with positive pump motion and pressure in chamber 1, back with negative motion and
+    pressure in chamber 2; retracting 1.35 to 1.55 times as far per radian.
+    """
+    samples = read_log(bench / "session_18oct" / "exp_data_1_4.csv", EXAMPLES / "bench.map.yaml").samples
+    out = (samples.time > 4.5) & (samples.time < 7.0)
+    back = (samples.time > 12.5) & (samples.time < 15.0)
+    gain = {}
+    for name, rows, direction in (("out", out, 1), ("back", back, -1)):
+        turned, moved = (np.ptp(samples[c][rows]) for c in ("pump_angle", "position"))
+        assert direction * np.median(np.diff(samples["pump_angle"][rows])) > 0
+        assert direction * (samples["position"][rows][-1] - samples["position"][rows][0]) > 0.02
+        assert direction * samples["pressure_difference"][rows].mean() > 5e5
+        gain[name] = moved / turned
+    assert gain["out"] == pytest.approx(1.25e-4, rel=0.05)
+    assert 1.35 < gain["back"] / gain["out"] < 1.55

@@ -1,0 +1,164 @@
+"""What is missing or odd is counted and told."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+from made_up_logs import refused, strokes
+from mcap.writer import Writer
+
+from fdd.logs import ChannelMap, DataQuality, Log, read_log
+from fdd.logs.quality import ordered_time
+
+
+def read_frame(folder: Path, frame: pd.DataFrame) -> Log:
+    frame.to_parquet(folder / "a.parquet", index=False)
+    return read_log(folder / "a.parquet")
+
+
+def frame(n: int = 8000) -> pd.DataFrame:
+    samples = strokes(n)
+    return pd.DataFrame({"time": samples.time, **samples.columns})
+
+
+def noted(quality: DataQuality, *parts: str) -> None:
+    assert any(all(p in note for p in parts) for note in quality.notes), quality.notes
+
+
+def test_a_clean_log_has_nothing_to_note(tmp_path: Path) -> None:
+    quality = read_frame(tmp_path, frame()).quality
+    assert quality == DataQuality(period=0.001)
+
+
+def test_missing_rows_gaps_and_nan_are_counted(tmp_path: Path) -> None:
+    odd = frame()
+    odd.loc[100:119, "pressure_1"] = np.nan
+    odd.loc[110:129, "position"] = np.nan
+    odd = odd.drop(index=[7, 8, 500, *range(2000, 2050)])
+    quality = read_frame(tmp_path, odd).quality
+    assert quality.dropped_samples == 53
+    assert quality.nan_samples == 30
+    assert quality.time_jumps == 1
+    noted(quality, "53 rows are missing")
+    noted(quality, "time jumps 1 times", "0.051 s", "t=1.999 s")
+    noted(quality, "pressure_1: 20 values")
+    noted(quality, "position: 20 values")
+
+
+def test_an_hour_without_data_is_a_jump_not_a_million_rows(tmp_path: Path) -> None:
+    odd = frame()
+    odd.loc[4000:, "time"] += 3600.0
+    quality = read_frame(tmp_path, odd).quality
+    assert (quality.dropped_samples, quality.time_jumps) == (0, 1)
+
+
+def test_late_stamps_are_noted_and_are_no_missing_rows(tmp_path: Path) -> None:
+    odd = frame()
+    odd.loc[[100, 2000, 3000], "time"] += 0.0007
+    quality = read_frame(tmp_path, odd).quality
+    assert quality.dropped_samples == 0
+    noted(quality, "6 steps of time are uneven")
+
+
+def test_a_stamp_later_than_the_next_goes_between_its_neighbours(tmp_path: Path) -> None:
+    odd = frame()
+    odd.loc[100, "time"] += 0.0013
+    log = read_frame(tmp_path, odd)
+    np.testing.assert_allclose(log.samples.time, np.arange(8000) * 1e-3, atol=1e-12)
+    noted(log.quality, "1 late time stamps")
+
+
+def test_repeated_rows_and_rows_without_time_are_left_out(tmp_path: Path) -> None:
+    odd = pd.concat([frame()[:10], frame()[9:]])
+    log = read_frame(tmp_path, odd)
+    assert len(log.samples) == 8000
+    noted(log.quality, "1 rows repeat")
+    lost = frame()
+    lost.loc[5, "time"] = np.nan
+    log = read_frame(tmp_path, lost)
+    assert len(log.samples) == 7999
+    noted(log.quality, "1 rows without a time stamp")
+
+
+def test_infinite_and_empty_channels(tmp_path: Path) -> None:
+    odd = frame().assign(motor_current=np.nan)
+    odd.loc[3, "position"] = np.inf
+    log = read_frame(tmp_path, odd)
+    assert np.isnan(log.samples["position"][3]) and "motor_current" not in log.samples
+    noted(log.quality, "position: 1 infinite")
+    noted(log.quality, "motor_current: no value at all")
+
+
+def test_standstill_and_stuck_sensors(tmp_path: Path) -> None:
+    still = frame().assign(position=0.1, pump_angle=0.0, pump_speed=0.0)
+    noted(read_frame(tmp_path, still).quality, "standstill")
+    stuck = frame()
+    stuck.loc[1000:7000, "pressure_2"] = 4.2e5
+    quality = read_frame(tmp_path, stuck).quality
+    noted(quality, "pressure_2", "exactly 420000 Pa for 6.0 s", "t=1.0 s")
+    assert not any("standstill" in n for n in quality.notes)
+
+
+def test_impossible_angle_steps_and_a_speed_in_rpm(tmp_path: Path) -> None:
+    odd = frame()
+    odd.loc[5000:, "pump_angle"] += 3.0
+    noted(read_frame(tmp_path, odd).quality, "1 steps of impossible speed", "300")
+    rpm = frame()
+    rpm["pump_speed"] *= 30.0 / np.pi
+    noted(read_frame(tmp_path, rpm).quality, "pump_speed is 9.55 times")
+
+
+def test_what_is_absent_is_derived_from_what_is_there(tmp_path: Path) -> None:
+    bare = frame()[["time", "position", "pump_speed", "pressure_1", "pressure_2"]]
+    samples = read_frame(tmp_path, bare).samples
+    truth = strokes(8000)
+    np.testing.assert_allclose(samples["pressure_difference"], truth["pressure_difference"], atol=1e-9)
+    np.testing.assert_allclose(samples["pump_angle"], truth["pump_angle"] - truth["pump_angle"][0], atol=1e-9)
+
+
+def test_a_drained_accumulator_is_a_fault_and_no_wrong_unit(tmp_path: Path) -> None:
+    drained = frame().assign(pressure_accumulator=50.0 + np.arange(8000) % 3)
+    assert "pressure_accumulator" in read_frame(tmp_path, drained).samples
+
+
+def test_backwards_time_names_the_row() -> None:
+    time = np.concatenate([np.arange(10.0), np.arange(5.0)])
+    assert "at row 10: 0.000000 s after 9.000000 s" in refused(lambda: ordered_time(time))
+
+
+def test_a_slower_topic_is_held_and_goes_stale(tmp_path: Path) -> None:
+    """Test: oil at 2 Hz from 0.4 s to 5 s. Expected: the last value that had come, for 5 s at most."""
+    samples = strokes(12_000)
+    start = 1_700_000_000 * 10**9
+    with (tmp_path / "a.mcap").open("wb") as stream:
+        writer = Writer(stream)
+        writer.start()
+        daq = writer.register_channel("/rig/daq", "json", 0)
+        oil = writer.register_channel("/rig/oil", "json", 0)
+        for second in np.arange(0.4, 5.0, 0.5):
+            # Written first: the order of the file is not the order of time.
+            writer.add_message(
+                oil, start + round(second * 1e9), json.dumps({"K": 313.15 + second}).encode(), 0
+            )
+        for k in range(12_000):
+            message = {"x": samples["position"][k], "w": samples["pump_speed"][k], "p": {"d": 1e3 + k % 9}}
+            writer.add_message(daq, start + k * 10**6, json.dumps(message).encode(), 0)
+        writer.finish()
+    channel_map = ChannelMap.from_yaml(
+        "position: {topic: /rig/daq, field: x}\npump_speed: {topic: /rig/daq, field: w}\n"
+        "pressure_difference: {topic: /rig/daq, field: p.d, unit: kPa}\n"
+        "oil_temperature: {topic: /rig/oil, field: K, unit: K}\n"
+    )
+    log = read_log(tmp_path / "a.mcap", channel_map)
+    oil_read = log.samples["oil_temperature"]
+    np.testing.assert_allclose(log.samples.time, samples.time, atol=1e-12)
+    assert np.isnan(oil_read[:400]).all()
+    for k in (400, 899, 900, 4899, 4900, 9900):
+        came = 0.4 + 0.5 * min((k - 400) // 500, 9)
+        assert oil_read[k] == pytest.approx(40.0 + came)
+    assert np.isnan(oil_read[9901:]).all()
+    assert log.start_ns == start
