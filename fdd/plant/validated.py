@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, Self
 
 from pydantic import BaseModel, ConfigDict, ValidationError
 
@@ -24,6 +24,22 @@ class Validated(BaseModel):
             super().__init__(**data)
         except ValidationError as error:
             raise _told(type(self), error) from None
+
+    @classmethod
+    def model_validate(cls, *args: Any, **options: Any) -> Self:
+        """As pydantic's, but raises `InputError`."""
+        try:
+            return super().model_validate(*args, **options)
+        except ValidationError as error:
+            raise _told(cls, error) from None
+
+    @classmethod
+    def model_validate_json(cls, *args: Any, **options: Any) -> Self:
+        """As pydantic's, but raises `InputError`."""
+        try:
+            return super().model_validate_json(*args, **options)
+        except ValidationError as error:
+            raise _told(cls, error) from None
 
 
 def _told(model: type[BaseModel], error: ValidationError) -> InputError:

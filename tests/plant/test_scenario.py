@@ -56,6 +56,21 @@ def test_wrong_scenarios_are_told_in_one_line(arguments, told):
     assert told in str(caught.value) and "\n" not in str(caught.value)
 
 
+def test_scenarios_travel_as_json():
+    scenario = Scenario(
+        duration=5.0,
+        duty=duty_named("constant_speed", speeds=(40.0, 90.0)),
+        control=Control(mode="speed"),
+        load=GustLoad(),
+        faults=[{"fault": "check_valve_stuck_open", "severity": 0.3, "side": 2}],
+    )
+    assert Scenario.model_validate_json(scenario.model_dump_json()) == scenario
+    with pytest.raises(InputError, match="duration"):
+        Scenario.model_validate({"duration": -1.0})
+    with pytest.raises(InputError, match="not simulated yet"):
+        Scenario.model_validate_json('{"faults": [{"fault": "pump_wear", "severity": 0.1}]}')
+
+
 def test_a_duty_beyond_the_stroke_is_refused():
     with pytest.raises(InputError, match="leaves the stroke"):
         simulate(UNIT, Scenario(duration=1.0, duty=duty_named("steps", amplitude=0.2)))
