@@ -4,6 +4,9 @@ Each step is one of the classical fourth-order Runge-Kutta method. While the pis
 the bristle's equation is too quick for it, the bristle moves instead by that equation's exact solution for
 the stage's velocity. Everything else in the plant is slower than 4000 1/s. At 0.1 ms the position
 is within 0.05 µm of steps a tenth as long, over seconds of stick and slip (`tests/plant`).
+
+Numba keys its cache on each function's own file: after a change to `equations` alone, touch this file too,
+or the loop keeps the old equations (the comparison with the reference solver in the tests then fails).
 """
 
 from __future__ import annotations
