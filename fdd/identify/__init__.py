@@ -1,1 +1,5 @@
-"""identify"""
+"""A unit's own profile from its healthy logs: the thesis's chapters 5.1 to 5.4, on any rig."""
+
+from fdd.identify.identify import Identification, TableRow, identify_unit
+
+__all__ = ["Identification", "TableRow", "identify_unit"]

@@ -1,0 +1,304 @@
+"""Friction curves of the cylinder, per direction, from the force balance in motion.
+
+``A1·p1 - A2·p2 - M·a = F(v) + load``, with ``F(v) = C + (S - C)·exp(-(v/v_s)^δ) + B·v`` (thesis eq.
+5.12, 5.3). The load of a healthy log is unknown and may be throttled strokes, a spring or a weight, so
+the unloaded motion is found first: over the base's curve, its force makes the lowest dense cluster.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import nnls
+
+from fdd.identify.record import Record
+from fdd.unit import Cylinder, Friction, FrictionBranch
+
+Array = NDArray[np.float64]
+
+WINDOW = 0.04
+"""s, over which force and velocity are averaged."""
+SLOWEST = 1e-3
+"""m/s: slower motion is presliding."""
+HASTIEST = 1.0
+"""m/s²: beyond it an unknown mass on the rod would tell."""
+CLUSTER_WIDTH = 0.12
+"""Of the logarithm of force over the base's friction."""
+CLUSTER_REACH = 0.40
+LEAST_SHARE = 0.15
+"""Of the motion in a direction that the unloaded cluster must hold."""
+LEAST_SECONDS = 0.5
+ASYMMETRY = 2.5
+"""Change of the forward to reverse ratio beyond which a weight, not friction, is at work."""
+REST_BEFORE = 0.15
+"""s of standstill before a start that counts as a break-away."""
+BREAK_AWAY_SPEED = 1e-3
+_BINS = np.geomspace(SLOWEST, 1.0, 22)
+_GROUPS = 8
+
+
+@dataclass(frozen=True)
+class BranchFit:
+    """Friction of one direction.
+
+    `stds` holds the standard deviation of each number found; what it lacks is the base's.
+    """
+
+    branch: FrictionBranch
+    stds: dict[str, float]
+    note: str
+
+
+@dataclass(frozen=True)
+class FrictionFit:
+    """Friction per direction, None where the base's is kept."""
+
+    forward: BranchFit | None
+    reverse: BranchFit | None
+    notes: list[str] = field(default_factory=list)
+
+
+@dataclass(frozen=True)
+class _Motion:
+    """Windows of steady motion and break-aways: force along the motion, speed, when, where."""
+
+    force: Array
+    speed: Array
+    direction: Array
+    position: Array
+    block: NDArray[np.int64]
+    start_force: Array
+    start_direction: Array
+    start_block: NDArray[np.int64]
+
+
+def curve(branch: FrictionBranch, speed: Array) -> Array:
+    """Steady friction (N) at `speed` ≥ 0 (m/s), same shape."""
+    stribeck = np.exp(-((speed / branch.stribeck_velocity) ** branch.stribeck_exponent))
+    return np.asarray(branch.coulomb + (branch.static - branch.coulomb) * stribeck + branch.viscous * speed)
+
+
+def fit_friction(records: list[Record], cylinder: Cylinder, base: Friction) -> FrictionFit:
+    """Identify both directions' curves.
+
+    Parameters
+    ----------
+    records : the logs. cylinder : areas (as identified) and moving mass.
+    base : its curves give the shape where the data do not.
+
+    Returns
+    -------
+    Curves with standard deviations, and why something was kept.
+    """
+    motions = [_motion(r, cylinder, 1000 * i) for i, r in enumerate(records)]
+    notes: list[str] = []
+    found = _unloaded(motions, base)
+    if found is None:
+        motions = [_without_load(m, base) for m in motions]
+        found = _unloaded(motions, base)
+        if found is None:
+            return FrictionFit(
+                None, None, ["friction kept: no unloaded motion in both directions could be told from loads"]
+            )
+        notes.append("friction: no unloaded strokes; a constant and a spring load were fitted and removed")
+    all_of = _join(motions)
+    fits = []
+    for sign, branch, centre in ((1.0, base.forward, found[0]), (-1.0, base.reverse, found[1])):
+        fits.append(_branch(all_of, sign, branch, centre))
+    return FrictionFit(fits[0], fits[1], notes)
+
+
+def _motion(record: Record, cylinder: Cylinder, first_block: int) -> _Motion:
+    step, h = record.rows(WINDOW), record.period
+    v, _ = record.speeds(0.02)
+    v = record.smooth(v, 0.02)
+    a = np.gradient(record.smooth(v, 0.02), h)
+    force = cylinder.area_1 * record.pressure_1 - cylinder.area_2 * record.pressure_2
+    force = record.smooth(force - cylinder.moving_mass * a, 0.02)
+    n = len(record) // step * step
+    shape = (-1, step)
+    vw, aw, fw = (c[:n].reshape(shape) for c in (v, a, force))
+    speed = np.abs(vw.mean(axis=1))
+    steady = (
+        (np.abs(vw).min(axis=1) > 0.5 * SLOWEST)
+        & (speed > SLOWEST)
+        & (np.abs(np.ptp(vw, axis=1)) < 0.5 * speed)
+        & (np.abs(aw).max(axis=1) < HASTIEST)
+        & ~record.gap[:n].reshape(shape).any(axis=1)
+    )
+    direction = np.sign(vw.mean(axis=1))
+    starts = _starts(v, record)
+    reach = record.rows(0.15)
+    peak = np.array([np.max(np.sign(v[s]) * force[max(s - reach, 0) : s + reach // 3]) for s in starts])
+    return _Motion(
+        force=(direction * fw.mean(axis=1))[steady],
+        speed=speed[steady],
+        direction=direction[steady],
+        position=record.position[:n].reshape(shape).mean(axis=1)[steady],
+        block=first_block + (np.flatnonzero(steady) * step * h / 2.0).astype(np.int64),
+        start_force=peak,
+        start_direction=np.sign(v[starts]) if starts.size else np.empty(0),
+        start_block=first_block + (starts * h / 2.0).astype(np.int64),
+    )
+
+
+def _starts(v: Array, record: Record) -> NDArray[np.int64]:
+    """Rows in which motion begins after a standstill."""
+    moving = np.abs(v) > 2.0 * BREAK_AWAY_SPEED
+    begins = np.flatnonzero(moving[1:] & ~moving[:-1]) + 1
+    rest, on = record.rows(REST_BEFORE), record.rows(0.1)
+    stopped = np.concatenate(([0], np.cumsum(np.abs(v) > BREAK_AWAY_SPEED)))
+    went = np.concatenate(([0], np.cumsum(moving & ~record.gap)))
+    begins = begins[(begins > 2 * rest) & (begins < v.size - on)]
+    early = begins - record.rows(0.02)
+    still = stopped[early] - stopped[early - rest] == 0
+    stays = went[begins + on] - went[begins] > 0.9 * on
+    return np.asarray(begins[still & stays], dtype=np.int64)
+
+
+def _join(motions: list[_Motion]) -> _Motion:
+    names = list(_Motion.__dataclass_fields__)
+    return _Motion(**{n: np.concatenate([getattr(m, n) for m in motions]) for n in names})
+
+
+def _ratio(motion: _Motion, base: Friction) -> Array:
+    over = np.where(
+        motion.direction > 0, curve(base.forward, motion.speed), curve(base.reverse, motion.speed)
+    )
+    return motion.force / np.maximum(over, 1.0)
+
+
+def _unloaded(motions: list[_Motion], base: Friction) -> tuple[float, float] | None:
+    """Force over the base's friction in unloaded motion, forward and reverse."""
+    motion = _join(motions)
+    ratio = _ratio(motion, base)
+    centres = []
+    for sign in (1.0, -1.0):
+        centre = _lowest_cluster(ratio[motion.direction == sign])
+        if centre is None:
+            return None
+        centres.append(centre)
+    change = centres[0] / centres[1]
+    return None if not 1.0 / ASYMMETRY < change < ASYMMETRY else (centres[0], centres[1])
+
+
+def _lowest_cluster(ratio: Array) -> float | None:
+    """Centre of the lowest dense cluster of positive ratios."""
+    if ratio.size * WINDOW < LEAST_SECONDS:
+        return None
+    logs = np.log(ratio[(ratio > 0.05) & (ratio < 20.0)])
+    if logs.size == 0:
+        return None
+    grid = np.arange(-3.2, 3.2, 0.03)
+    counts = np.histogram(logs, bins=np.append(grid - 0.015, grid[-1] + 0.015))[0].astype(np.float64)
+    kernel = np.exp(-0.5 * (np.arange(-0.48, 0.481, 0.03) / CLUSTER_WIDTH) ** 2)
+    density = np.convolve(counts, kernel, mode="same")
+    peaks = np.flatnonzero((density[1:-1] >= density[:-2]) & (density[1:-1] > density[2:])) + 1
+    for peak in peaks:
+        share = np.count_nonzero(np.abs(logs - grid[peak]) < CLUSTER_REACH) / ratio.size
+        if share >= LEAST_SHARE:
+            return float(np.exp(grid[peak]))
+    return None
+
+
+def _without_load(motion: _Motion, base: Friction) -> _Motion:
+    """Take a constant and a spring load off, with the base's friction in proportion beside them."""
+    if motion.force.size < 20:
+        return motion
+    over = motion.force / np.maximum(np.abs(_ratio(motion, base)), 1e-9)
+    signed = motion.direction * motion.force
+    m = np.column_stack(
+        [motion.direction * np.abs(over), np.ones_like(signed), motion.position, motion.direction * motion.speed**2]
+    )
+    scale = np.maximum(np.abs(m).max(axis=0), 1e-12)
+    weights = np.ones(signed.size)
+    theta = np.zeros(4)
+    for _ in range(10):
+        theta = np.linalg.lstsq((m / scale) * weights[:, None], signed * weights, rcond=1e-8)[0]
+        residual = signed - (m / scale) @ theta
+        sigma = 1.4826 * np.median(np.abs(residual)) + 1e-9
+        weights = np.sqrt(np.minimum(1.0, 2.0 * sigma / np.maximum(np.abs(residual), 1e-9)))
+    load = (m / scale)[:, 1:] @ theta[1:]
+    none = np.empty(0)
+    return _Motion(
+        motion.direction * (signed - load), motion.speed, motion.direction, motion.position, motion.block,
+        none, none, np.empty(0, dtype=np.int64),
+    )  # fmt: skip
+
+
+def _branch(motion: _Motion, sign: float, base: FrictionBranch, centre: float) -> BranchFit | None:
+    """One direction's curve: non-negative least squares over speed bins, drawn to the scaled base."""
+    near = np.exp(CLUSTER_REACH)
+    expected = centre * curve(base, motion.speed)
+    kept = (motion.direction == sign) & (motion.force < near * expected) & (motion.force > expected / near)
+    speed, force, block = motion.speed[kept], motion.force[kept], motion.block[kept]
+    if force.size * WINDOW < LEAST_SECONDS:
+        return None
+    starting = motion.start_direction == sign
+    at_start, start_block = motion.start_force[starting], motion.start_block[starting]
+    top = centre * base.static
+    fitting = (at_start > 0.4 * top) & (at_start < 2.0 * top)
+    at_start, start_block = at_start[fitting], start_block[fitting]
+    bins = np.digitize(speed, _BINS)
+    few = np.count_nonzero(np.bincount(bins) >= 5) < 3
+    solve = _scaled if few else _shaped
+    whole = solve(speed, force, at_start, base, centre)
+    group = np.concatenate([block, start_block]) % _GROUPS
+    parts = []
+    for g in np.unique(group):
+        keep, keep_start = block % _GROUPS != g, start_block % _GROUPS != g
+        if np.count_nonzero(keep) > 5:
+            parts.append(solve(speed[keep], force[keep], at_start[keep_start], base, centre))
+    names = ("coulomb", "static", "viscous")
+    spread = np.array(parts)
+    count = max(len(parts), 1)
+    jack = np.sqrt((count - 1) / count * np.sum((spread - spread.mean(axis=0)) ** 2, axis=0))
+    floor = 0.03 * np.array([whole[0], whole[1], whole[2]])
+    stds = {n: float(np.hypot(j, f)) for n, j, f in zip(names, jack, floor, strict=True)}
+    branch = base.model_copy(deep=True)
+    branch.coulomb, branch.static, branch.viscous = (float(x) for x in whole)
+    note = f"{force.size * WINDOW:.1f} s of unloaded motion"
+    if few:
+        note += ", too few speeds: the base's curve scaled"
+    elif at_start.size:
+        note += f", {at_start.size} break-aways"
+    return BranchFit(branch, stds, note)
+
+
+def _scaled(speed: Array, force: Array, starts: Array, base: FrictionBranch, centre: float) -> Array:
+    factor = float(np.median(force / curve(base, speed)))
+    return factor * np.array([base.coulomb, base.static, base.viscous])
+
+
+def _shaped(speed: Array, force: Array, starts: Array, base: FrictionBranch, centre: float) -> Array:
+    """(coulomb, static, viscous) with the base's Stribeck velocity and exponent."""
+    bins = np.digitize(speed, _BINS)
+    rows, target, sigma = [], [], []
+
+    def shape(v: float) -> list[float]:
+        return [1.0, float(np.exp(-((v / base.stribeck_velocity) ** base.stribeck_exponent))), v]
+
+    for b in np.unique(bins):
+        inside = bins == b
+        count = int(np.count_nonzero(inside))
+        if count < 3:
+            continue
+        v = float(np.median(speed[inside]))
+        rows.append(shape(v))
+        target.append(float(np.median(force[inside])))
+        sigma.append(0.04 * centre * float(curve(base, np.array([v]))[0]) * (1.0 + 10.0 / count))
+    if starts.size >= 3:
+        rows.append(shape(BREAK_AWAY_SPEED))
+        target.append(float(np.median(starts)))
+        sigma.append(0.08 * centre * base.static)
+    # The scaled base, weakly, so that what a few speeds cannot separate stays near it.
+    drop = max(base.static - base.coulomb, 0.0)
+    usual = centre * np.array([base.coulomb, drop, base.viscous])
+    spread = np.array([0.4 * usual[0] + 1.0, 0.3 * usual[1] + 1.0, 0.5 * usual[2] + 2.0 * usual[0]])
+    m = np.vstack([np.array(rows) / np.array(sigma)[:, None], np.diag(1.0 / spread)])
+    y = np.concatenate([np.array(target) / np.array(sigma), usual / spread])
+    found, _ = nnls(m * spread, y)
+    coulomb, above, viscous = found * spread
+    return np.array([coulomb, coulomb + above, viscous])

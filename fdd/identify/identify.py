@@ -1,0 +1,355 @@
+"""From healthy logs to this unit's own profile."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from fdd.errors import InputError
+from fdd.identify.balance import BalanceFit, Estimate, fit_balance
+from fdd.identify.friction import BranchFit, fit_friction
+from fdd.identify.motor import fit_torque_constant
+from fdd.identify.record import Record, even_record
+from fdd.identify.sensors import SensorFit, effective_noise, fit_sensors, gain_mismatch
+from fdd.identify.volume_steps import SMOOTHING, VolumeSteps, volume_steps
+from fdd.samples import CHANNELS, Samples
+from fdd.unit import Provenance, Section, Unit, _si_of
+
+MOST_GAIN_CHANGE = 3.0
+"""Factor between identified and base displacement beyond which one of the two is wrong."""
+LEAST_REST = 0.5
+"""s of standstill that a charge pressure needs."""
+HIDDEN_BULK, HIDDEN_LEAKAGE = 0.10, 0.03
+"""Relative standard deviations to add where the chambers' pressures are reconstructed."""
+
+
+@dataclass(frozen=True)
+class TableRow:
+    """One line of the table that ``fdd identify`` prints.
+
+    `identified` and `std` are None where the base's value is kept; `note` then says why.
+    """
+
+    quantity: str
+    unit: str
+    base: float
+    identified: float | None
+    std: float | None
+    note: str = ""
+
+
+@dataclass
+class Identification:
+    """Result of `identify_unit`.
+
+    Attributes
+    ----------
+    unit : the base's copy with the identified numbers, each with source and standard deviation.
+    table : what changed and what did not.
+    notes : one sentence each: what was kept and why, what the numbers rest on.
+    """
+
+    unit: Unit
+    table: list[TableRow] = field(default_factory=list)
+    notes: list[str] = field(default_factory=list)
+
+
+class _Writer:
+    """Puts numbers into the profile, with provenance, and keeps the table."""
+
+    def __init__(self, unit: Unit, base: Unit, source: str) -> None:
+        self.result = Identification(unit)
+        self.base = base
+        self.source = source
+
+    def note(self, text: str) -> None:
+        self.result.notes.append(text)
+
+    def put(self, path: str, estimate: Estimate, note: str = "") -> None:
+        section, name, before = self._find(path)
+        setattr(section, name, float(estimate.value))
+        section.provenance[name] = Provenance(source=self.source, std=float(estimate.std))
+        self._row(path, section, name, before, estimate, note)
+
+    def keep(self, path: str, why: str) -> None:
+        section, name, before = self._find(path)
+        self._row(path, section, name, before, None, why)
+        self.note(f"{path} kept: {why}")
+
+    def _find(self, path: str) -> tuple[Section, str, float]:
+        *way, name = path.split(".")
+        section: Section | Unit = self.result.unit
+        for step in way:
+            section = getattr(section, step)
+        assert isinstance(section, Section)
+        return section, name, float(getattr(section, name))
+
+    def _row(
+        self, path: str, section: Section, name: str, before: float, found: Estimate | None, note: str
+    ) -> None:
+        si = _si_of(type(section).model_fields[name])
+        self.result.table.append(
+            TableRow(
+                path,
+                si.unit if si is not None else "1",
+                before,
+                None if found is None else float(found.value),
+                None if found is None else float(found.std),
+                note,
+            )
+        )
+
+    def put_sensor(self, channel: str, fit: SensorFit) -> None:
+        before = self.base.sensor(channel)
+        sensor = fit.sensor.model_copy(update={"source": self.source})
+        self.result.unit.sensors[channel] = sensor
+        notes = {
+            "noise": "white noise with the same density below 100 Hz",
+            "zero": "against pressure_1 - pressure_2",
+        }
+        for what in fit.found:
+            value = float(getattr(sensor, what))
+            unit = CHANNELS[channel].unit
+            self.result.table.append(
+                TableRow(
+                    f"sensors.{channel}.{what}",
+                    unit,
+                    float(getattr(before, what)),
+                    value,
+                    None,
+                    notes.get(what, "smallest step"),
+                )
+            )
+
+
+def identify_unit(logs: Sequence[Samples], base: Unit, name: str | None = None) -> Identification:
+    """Identify a unit's own numbers from healthy logs.
+
+    Volume balances of the chambers give pump gain, leakage and bulk modulus (thesis 5.1, 5.2, 5.4; see
+    `fdd.identify.volume_steps`), the force balance gives friction (thesis 5.3), standstill and
+    redundancy give sensors and charge pressure. What the logs do not tell stays as in `base`,
+    and a note says why.
+
+    Parameters
+    ----------
+    logs : one or more healthy logs of the same unit, at least 5 s each, with position, pump_angle or
+        pump_speed, and pressure_difference or both chamber pressures. Strokes at several speeds and
+        some load tell most.
+    base : profile of a similar unit; its areas and volumes are taken as true.
+    name : of the new profile; by default the base's with ``_identified``.
+
+    Returns
+    -------
+    Identification : unit, table and notes.
+
+    Raises
+    ------
+    InputError : no log, a channel missing, too short, nothing moves, or a gain so far from the base's
+        that units of measure or the base must be wrong.
+
+    Examples
+    --------
+    >>> from fdd.logs.read import read_log  # doctest: +SKIP
+    >>> found = identify_unit([read_log("healthy.mcap").samples], Unit.load("axis_a"))  # doctest: +SKIP
+    >>> found.unit.save("unit.yaml")  # doctest: +SKIP
+    """
+    if not logs:
+        raise InputError("no healthy log given", mend="give at least one")
+    labels = ["healthy log" if len(logs) == 1 else f"healthy log {i + 1}" for i in range(len(logs))]
+    records = [even_record(log, base, label) for log, label in zip(logs, labels, strict=True)]
+    for record, label in zip(records, labels, strict=True):
+        _check_gain(record, base, label)
+    unit = base.model_copy(deep=True)
+    unit.baseline = None
+    unit.name = name if name is not None else f"{base.name[:53]}_identified"
+    source = f"identified from {len(logs)} healthy log(s)"
+    seconds = sum(len(r) * r.period for r in records)
+    unit.description = f"{source}, {seconds:.0f} s in all; based on {base.name}."
+    writer = _Writer(unit, base, source)
+    _hydraulics(writer, records)
+    _charge(writer, records)
+    _friction(writer, records)
+    for channel, fit in fit_sensors(list(logs), records, base).items():
+        writer.put_sensor(channel, fit)
+    mismatch = gain_mismatch(records)
+    if mismatch is not None and abs(mismatch) > 5e-3:
+        writer.note(
+            f"pressure_difference reads {100 * mismatch:+.1f} % of the chambers' difference off in gain; "
+            "its zero makes them agree on average"
+        )
+    constant, why = fit_torque_constant(records, unit.pump.displacement)
+    if constant is None:
+        writer.keep("drive.torque_constant", why)
+    else:
+        writer.put("drive.torque_constant", constant, why)
+    return writer.result
+
+
+def _check_gain(record: Record, base: Unit, label: str) -> None:
+    """Refuse a log whose gain is nowhere near the base's."""
+    step = record.rows(0.2)
+    dx, dtheta = np.diff(record.position[::step]), np.diff(record.angle[::step])
+    moving = np.abs(dtheta) > 0.2 * np.max(np.abs(dtheta))
+    gain = float(np.sum(dx[moving] * dtheta[moving]) / max(np.sum(dtheta[moving] ** 2), 1e-30))
+    expected = base.pump.displacement / base.cylinder.area_1
+    ratio = gain / expected
+    if ratio < 0.0:
+        raise InputError(
+            f"the piston retracts while the pump turns forward ({gain * 1e3:.3g} mm/rad)", where=label,
+            mend="turn the sign of position or pump in the channel map",
+        )  # fmt: skip
+    if not 1.0 / MOST_GAIN_CHANGE < ratio < MOST_GAIN_CHANGE:
+        raise InputError(
+            f"{gain * 1e3:.3g} mm of travel per rad of the pump where base {base.name} has "
+            f"{expected * 1e3:.3g}", where=label,
+            mend="check the units of position and pump in the channel map, or give a fitting base profile",
+        )  # fmt: skip
+
+
+def _hydraulics(writer: _Writer, records: list[Record]) -> None:
+    base = writer.base
+    temperatures = [float(np.mean(r.temperature)) for r in records if r.temperature is not None]
+    temperature = float(np.mean(temperatures)) if temperatures else base.oil.reference_temperature
+    pressure = float(np.median(np.concatenate([_reference(r) for r in records])))
+    pressure = max(pressure, 0.0)
+    steps = VolumeSteps.join(
+        [
+            volume_steps(r, base, reference_temperature=temperature, reference_pressure=pressure)
+            for r in records
+        ]
+    )
+    fit = fit_balance(steps, base, pressure, _smoothed_noise(records))
+    if fit is None:
+        for path in ("pump.displacement", "pump.cross_port_leakage", "oil.bulk_modulus"):
+            writer.keep(path, "too few steps in which a chamber stays above the accumulator while it moves")
+        return
+    hidden = not all(r.chambers_measured for r in records)
+    _put_gain(writer, fit)
+    _put_leakage(writer, fit, temperature if temperatures else None, hidden)
+    _put_compressibility(writer, fit, pressure, hidden)
+    if hidden:
+        writer.note(
+            "chamber pressures are not measured: they were reconstructed from their difference and the refeeding "
+            "valves, which leaves bulk modulus and air uncertain by about 10 %"
+        )
+
+
+def _reference(record: Record) -> np.ndarray:
+    if record.accumulator_measured or not record.chambers_measured:
+        return record.accumulator
+    return 0.5 * (record.pressure_1 + record.pressure_2)
+
+
+def _smoothed_noise(records: list[Record]) -> tuple[float, float]:
+    """Pa: white noise of the chamber pressures that is left after the balance's window."""
+    left = []
+    for channel in ("pressure_1", "pressure_2"):
+        found = [effective_noise(getattr(r, channel), r.period) for r in records]
+        known = [x for x in found if x is not None]
+        left.append(min(known, default=0.0) / np.sqrt(records[0].rows(SMOOTHING)))
+    return left[0], left[1]
+
+
+def _put_gain(writer: _Writer, fit: BalanceFit) -> None:
+    ratio = fit.displacement.value / writer.base.pump.displacement
+    if not 1.0 / MOST_GAIN_CHANGE < ratio < MOST_GAIN_CHANGE:
+        raise InputError(
+            f"the volume balances give {ratio:.3g} times the displacement of base {writer.base.name}",
+            mend="check units and signs in the channel map, or give a fitting base profile",
+        )
+    if fit.displacement.relative > 0.02:
+        writer.keep("pump.displacement", f"known to {100 * fit.displacement.relative:.0f} % only")
+        return
+    writer.put("pump.displacement", fit.displacement, "displacement over area_1, which stays the base's")
+    writer.note("only displacement over area is identifiable from flow: area_1 stays the base's")
+    if fit.area_2 is not None:
+        note = f"area_2/area_1 = {fit.area_2.value / writer.base.cylinder.area_1:.3f} from both chambers' balances"
+        writer.put("cylinder.area_2", fit.area_2, note)
+        writer.note(note)
+
+
+def _put_leakage(writer: _Writer, fit: BalanceFit, temperature: float | None, hidden: bool) -> None:
+    total = fit.total_leakage
+    if total.value <= 0.0 or total.relative > 0.25:
+        why = f"total leakage {total.value:.2g} ± {total.std:.2g} m³/(s·Pa): load the actuator to find it"
+        writer.keep("pump.cross_port_leakage", why)
+        writer.keep("pump.case_leakage", why)
+        return
+    extra = HIDDEN_LEAKAGE if hidden else 0.0
+    note = f"total (cross-port + case/2) {total.value:.3g} ± {np.hypot(total.std, extra * total.value):.1g}"
+    writer.put("pump.cross_port_leakage", _wider(fit.cross_port, extra), note)
+    split = "" if fit.split_known else "split from cross-port as in the base"
+    writer.put("pump.case_leakage", _wider(fit.case, extra), split)
+    if not fit.split_known:
+        writer.note("cross-port and case leakage could not be told apart: they are split nearly as in the base")
+    if temperature is not None:
+        writer.put("oil.reference_temperature", Estimate(temperature, 0.5), "mean of the logs")
+    else:
+        writer.note("oil temperature is not measured: leakage holds for the logs' own temperature")
+
+
+def _put_compressibility(writer: _Writer, fit: BalanceFit, pressure: float, hidden: bool) -> None:
+    beta = _wider(fit.bulk_modulus, HIDDEN_BULK if hidden else 0.0)
+    if fit.signal_over_noise < 1.5 or beta.relative > 0.25:
+        writer.keep(
+            "oil.bulk_modulus",
+            f"{beta.value / 1e6:.0f} ± {beta.std / 1e6:.0f} MPa is not sharp enough "
+            f"(pressure changes over noise {fit.signal_over_noise:.1f})",
+        )
+        return
+    writer.put("oil.bulk_modulus", beta, f"at {pressure / 1e5:.2f} bar; volumes stay the base's")
+    writer.put("oil.reference_pressure", Estimate(pressure, 0.01 * pressure), "median of the logs")
+    air = _wider(fit.air_fraction, 0.3 if hidden else 0.0)
+    writer.put("oil.air_fraction", air, "" if fit.air_known else "little data: drawn to the base's")
+    writer.note("only volume over bulk modulus is identifiable: the chambers' volumes stay the base's")
+
+
+def _wider(estimate: Estimate, share: float) -> Estimate:
+    return Estimate(estimate.value, float(np.hypot(estimate.std, share * estimate.value)))
+
+
+def _charge(writer: _Writer, records: list[Record]) -> None:
+    levels = []
+    for r in records:
+        if not (r.accumulator_measured or r.chambers_measured):
+            continue
+        rest = r.at_rest(writer.base)
+        level = (
+            r.accumulator
+            if r.accumulator_measured
+            else np.minimum(r.smooth(r.pressure_1, 0.1), r.smooth(r.pressure_2, 0.1))
+        )
+        levels.append((level[rest], level, r.period))
+    path = "accumulator.charge_pressure"
+    if not levels:
+        writer.keep(path, "neither accumulator nor chamber pressures are measured")
+        return
+    resting = np.concatenate([x[0] for x in levels])
+    note = "median at rest"
+    if resting.size * levels[0][2] < LEAST_REST:
+        resting = np.concatenate([x[1] for x in levels])
+        note = "median of the logs, which never rest"
+    value = float(np.median(resting))
+    if value <= 0.0:
+        writer.keep(path, f"{value / 1e5:.2f} bar at rest is no charge")
+        return
+    # Half the middle half's width: temperature and oil in the chambers move it more than noise does.
+    spread = float(np.diff(np.quantile(resting, [0.25, 0.75]))[0]) / 1.35
+    writer.put(path, Estimate(value, max(spread, 0.005 * value)), note)
+
+
+def _friction(writer: _Writer, records: list[Record]) -> None:
+    unit = writer.result.unit
+    fit = fit_friction(records, unit.cylinder, writer.base.friction)
+    for note in fit.notes:
+        writer.note(note)
+    for direction in ("forward", "reverse"):
+        branch: BranchFit | None = getattr(fit, direction)
+        if branch is None:
+            writer.keep(f"friction.{direction}.coulomb", "too little unloaded motion in this direction")
+            continue
+        for name, std in branch.stds.items():
+            value = float(getattr(branch.branch, name))
+            writer.put(f"friction.{direction}.{name}", Estimate(value, std), branch.note)
