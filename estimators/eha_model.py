@@ -159,14 +159,22 @@ def friction_curve(v: float, q: Array) -> tuple[float, float, float, float]:
 
 @njit(cache=True)
 def step(
-    x: Array, h: float, viscosity: float, p_acc: float, q: Array, out: Array, F: Array, G: Array
-) -> None:
+    x: Array, h: float, viscosity: float, p_acc: float, v_at: float, w_at: float, q: Array,
+    out: Array, F: Array, G: Array,
+) -> None:  # fmt: skip
     """One step of the model with its Jacobian.
+
+    Velocity and speed are driven by large unknown forces, so their predictions are poor while
+    the encoders know them well afterwards. Flow multiplies air and pump gain: the Jacobian is
+    therefore taken where the measurement will put velocity and speed (as an iterated EKF does,
+    Bell and Cathey 1993, doi 10.1109/9.250476), or these parameters would learn from
+    prediction errors.
 
     Parameters
     ----------
     x : (14,) state. h : step, ms. viscosity : oil viscosity over the reference's.
     p_acc : accumulator pressure, MPa. q : parameters.
+    v_at, w_at : velocity and speed over the step to linearise at; NaN for the prediction's.
     out : (14,) the state after the step.
     F : (14, 14) ∂out/∂x.
     G : (14, 4) what unit noise on velocity (mm/ms), pump speed (rad/ms) and on each chamber's
@@ -199,7 +207,7 @@ def step(
     da2 = np.zeros(STATES)
     da1[W] = pump
     da2[W] = pump
-    da1[GAIN] = q[Q_DISPLACEMENT] * x[W]
+    da1[GAIN] = q[Q_DISPLACEMENT] * (x[W] if math.isnan(w_at) else w_at)
     da2[GAIN] = da1[GAIN]
     da1[which] = -base1 / viscosity
     da2[which] = base2 / viscosity
@@ -236,12 +244,16 @@ def step(
     inflow2 = area2 * v_new - a2
     out[P1] += h * i1 * inflow1
     out[P2] += h * i2 * inflow2
+    extra_w = 0.0 if math.isnan(w_at) else pump * (w_at - x[W])
+    extra_v = 0.0 if math.isnan(v_at) else v_at - v_new
+    at1 = inflow1 + extra_w - area1 * extra_v
+    at2 = inflow2 - extra_w + area2 * extra_v
     for j in range(STATES):
         dvj = dv[j] / den
         F[V, j] = dvj
         F[X, j] += h * dvj
-        F[P1, j] += h * (d1[j] * inflow1 + i1 * (da1[j] - area1 * dvj))
-        F[P2, j] += h * (d2[j] * inflow2 + i2 * (area2 * dvj - da2[j]))
+        F[P1, j] += h * (d1[j] * at1 + i1 * (da1[j] - area1 * dvj))
+        F[P2, j] += h * (d2[j] * at2 + i2 * (area2 * dvj - da2[j]))
     F[TH, W] = h
 
     G[X, 0], G[V, 0] = h, 1.0

@@ -129,8 +129,8 @@ class Noise:
 
 
 (
-    N_X, N_TH, N_P, N_DP, N_FORCE, N_FMEAN, N_ACCEL, N_FLOW, N_REFEED, N_LEAK, N_AIR, N_GAIN, N_FRIC, N_VISC, N_LOAD,
-    N_STIF, I_LEAK, I_AIR, I_GAIN, I_FRIC, I_VISC, I_LOAD, I_STIF, N_MARGIN, N_RELIEF,
+    N_X, N_TH, N_P, N_DP, N_FORCE, N_FMEAN, N_ACCEL, N_FLOW, N_REFEED, N_LEAK, N_AIR, N_GAIN, N_FRIC, N_VISC,
+    N_LOAD, N_STIF, I_LEAK, I_AIR, I_GAIN, I_FRIC, I_VISC, I_LOAD, I_STIF, N_MARGIN, N_RELIEF,
 ) = range(25)  # fmt: skip
 
 
@@ -153,12 +153,13 @@ def _process_noise(
     mu = 1e-3 / q[eha.Q_MASS]
     out[0] = (mu * c[N_FORCE]) ** 2 * 1e3 * h
     out[1] = (c[N_ACCEL] * 1e-3) ** 2 * 1e-3 * h
-    low = min(x[eha.P1], x[eha.P2])
-    fed = low < p_acc + c[N_MARGIN] * 1e-6 or not known_acc
+    margin = c[N_MARGIN] * 1e-6
+    fed1 = x[eha.P1] < p_acc + margin if known_acc else x[eha.P1] <= x[eha.P2]
+    fed2 = x[eha.P2] < p_acc + margin if known_acc else x[eha.P2] < x[eha.P1]
     relieved = abs(x[eha.P1] - x[eha.P2]) > c[N_RELIEF] * 1e-6
     small, large = (c[N_FLOW] * 1e9) ** 2 * 1e-3 * h, (c[N_REFEED] * 1e9) ** 2 * 1e-3 * h
-    out[2] = large if relieved or (fed and x[eha.P1] <= x[eha.P2]) else small
-    out[3] = large if relieved or (fed and x[eha.P2] < x[eha.P1]) else small
+    out[2] = large if relieved or fed1 else small
+    out[3] = large if relieved or fed2 else small
     seconds = 1e-3 * h
     diag[:] = 0.0
     diag[eha.LP] = diag[eha.LN] = c[N_LEAK] ** 2 * seconds
@@ -333,9 +334,17 @@ def _track(
             for i in range(eha.STATES):
                 P[i, i] += diag[i]
         else:
+            span = steps * h0
+            v_at = w_at = np.nan
+            if not np.isnan(z[Z_X]):
+                spread = (P[eha.V, eha.V] + (1e-3 / q[eha.Q_MASS] * c[N_FORCE]) ** 2 * 1e3 * h0) * span * span
+                trust = spread / (spread + P[eha.X, eha.X] + r0[Z_X])
+                v_at = x[eha.V] + trust * ((z[Z_X] - x[eha.X]) / span - x[eha.V])
+            if not np.isnan(z[Z_TH]):
+                w_at = (z[Z_TH] - x[eha.TH]) / span
             for _ in range(steps):
                 _process_noise(x, h0, p_acc, known_acc, q, c, noise, diag)
-                eha.step(x, h0, viscosity, p_acc, q, x_new, F, G)
+                eha.step(x, h0, viscosity, p_acc, v_at, w_at, q, x_new, F, G)
                 x[:] = x_new
                 # Friction and load learn from the mean force alone (see _balance_forces).
                 for i in range(eha.P2 + 1):
