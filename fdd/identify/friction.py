@@ -7,7 +7,7 @@ the unloaded motion is found first: over the base's curve, its force makes the l
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -32,9 +32,6 @@ LEAST_SHARE = 0.15
 LEAST_SECONDS = 0.5
 ASYMMETRY = 2.5
 """Change of the forward to reverse ratio beyond which a weight, not friction, is at work."""
-REST_BEFORE = 0.15
-"""s of standstill before a start that counts as a break-away."""
-BREAK_AWAY_SPEED = 1e-3
 _BINS = np.geomspace(SLOWEST, 1.0, 22)
 _GROUPS = 8
 
@@ -62,16 +59,16 @@ class FrictionFit:
 
 @dataclass(frozen=True)
 class _Motion:
-    """Windows of steady motion and break-aways: force along the motion, speed, when, where."""
+    """Windows of steady motion: force along the motion, speed, direction, where, and in which 2 s block.
+
+    Break-aways are left out: the pump starts too fast for the peak to be the static friction.
+    """
 
     force: Array
     speed: Array
     direction: Array
     position: Array
     block: NDArray[np.int64]
-    start_force: Array
-    start_direction: Array
-    start_block: NDArray[np.int64]
 
 
 def curve(branch: FrictionBranch, speed: Array) -> Array:
@@ -80,13 +77,17 @@ def curve(branch: FrictionBranch, speed: Array) -> Array:
     return np.asarray(branch.coulomb + (branch.static - branch.coulomb) * stribeck + branch.viscous * speed)
 
 
-def fit_friction(records: list[Record], cylinder: Cylinder, base: Friction) -> FrictionFit:
+def fit_friction(
+    records: list[Record], cylinder: Cylinder, base: Friction, zero_force: float = 0.0
+) -> FrictionFit:
     """Identify both directions' curves.
 
     Parameters
     ----------
     records : the logs. cylinder : areas (as identified) and moving mass.
     base : its curves give the shape where the data do not.
+    zero_force : N, standard deviation of the force that the pressure sensors' zeros feign; it shifts
+        both directions' friction, in opposite senses.
 
     Returns
     -------
@@ -106,7 +107,7 @@ def fit_friction(records: list[Record], cylinder: Cylinder, base: Friction) -> F
     all_of = _join(motions)
     fits = []
     for sign, branch, centre in ((1.0, base.forward, found[0]), (-1.0, base.reverse, found[1])):
-        fits.append(_branch(all_of, sign, branch, centre))
+        fits.append(_branch(all_of, sign, branch, centre, zero_force))
     return FrictionFit(fits[0], fits[1], notes)
 
 
@@ -129,33 +130,13 @@ def _motion(record: Record, cylinder: Cylinder, first_block: int) -> _Motion:
         & ~record.gap[:n].reshape(shape).any(axis=1)
     )
     direction = np.sign(vw.mean(axis=1))
-    starts = _starts(v, record)
-    reach = record.rows(0.15)
-    peak = np.array([np.max(np.sign(v[s]) * force[max(s - reach, 0) : s + reach // 3]) for s in starts])
     return _Motion(
         force=(direction * fw.mean(axis=1))[steady],
         speed=speed[steady],
         direction=direction[steady],
         position=record.position[:n].reshape(shape).mean(axis=1)[steady],
         block=first_block + (np.flatnonzero(steady) * step * h / 2.0).astype(np.int64),
-        start_force=peak,
-        start_direction=np.sign(v[starts]) if starts.size else np.empty(0),
-        start_block=first_block + (starts * h / 2.0).astype(np.int64),
     )
-
-
-def _starts(v: Array, record: Record) -> NDArray[np.int64]:
-    """Rows in which motion begins after a standstill."""
-    moving = np.abs(v) > 2.0 * BREAK_AWAY_SPEED
-    begins = np.flatnonzero(moving[1:] & ~moving[:-1]) + 1
-    rest, on = record.rows(REST_BEFORE), record.rows(0.1)
-    stopped = np.concatenate(([0], np.cumsum(np.abs(v) > BREAK_AWAY_SPEED)))
-    went = np.concatenate(([0], np.cumsum(moving & ~record.gap)))
-    begins = begins[(begins > 2 * rest) & (begins < v.size - on)]
-    early = begins - record.rows(0.02)
-    still = stopped[early] - stopped[early - rest] == 0
-    stays = went[begins + on] - went[begins] > 0.9 * on
-    return np.asarray(begins[still & stays], dtype=np.int64)
 
 
 def _join(motions: list[_Motion]) -> _Motion:
@@ -221,14 +202,12 @@ def _without_load(motion: _Motion, base: Friction) -> _Motion:
         sigma = 1.4826 * np.median(np.abs(residual)) + 1e-9
         weights = np.sqrt(np.minimum(1.0, 2.0 * sigma / np.maximum(np.abs(residual), 1e-9)))
     load = (m / scale)[:, 1:] @ theta[1:]
-    none = np.empty(0)
-    return _Motion(
-        motion.direction * (signed - load), motion.speed, motion.direction, motion.position, motion.block,
-        none, none, np.empty(0, dtype=np.int64),
-    )  # fmt: skip
+    return replace(motion, force=motion.direction * (signed - load))
 
 
-def _branch(motion: _Motion, sign: float, base: FrictionBranch, centre: float) -> BranchFit | None:
+def _branch(
+    motion: _Motion, sign: float, base: FrictionBranch, centre: float, zero_force: float
+) -> BranchFit | None:
     """One direction's curve: non-negative least squares over speed bins, drawn to the scaled base."""
     near = np.exp(CLUSTER_REACH)
     expected = centre * curve(base, motion.speed)
@@ -236,44 +215,38 @@ def _branch(motion: _Motion, sign: float, base: FrictionBranch, centre: float) -
     speed, force, block = motion.speed[kept], motion.force[kept], motion.block[kept]
     if force.size * WINDOW < LEAST_SECONDS:
         return None
-    starting = motion.start_direction == sign
-    at_start, start_block = motion.start_force[starting], motion.start_block[starting]
-    top = centre * base.static
-    fitting = (at_start > 0.4 * top) & (at_start < 2.0 * top)
-    at_start, start_block = at_start[fitting], start_block[fitting]
     bins = np.digitize(speed, _BINS)
     few = np.count_nonzero(np.bincount(bins) >= 5) < 3
     solve = _scaled if few else _shaped
-    whole = solve(speed, force, at_start, base, centre)
-    group = np.concatenate([block, start_block]) % _GROUPS
+    whole, own = solve(speed, force, base, centre)
     parts = []
-    for g in np.unique(group):
-        keep, keep_start = block % _GROUPS != g, start_block % _GROUPS != g
+    for g in np.unique(block % _GROUPS):
+        keep = block % _GROUPS != g
         if np.count_nonzero(keep) > 5:
-            parts.append(solve(speed[keep], force[keep], at_start[keep_start], base, centre))
-    names = ("coulomb", "static", "viscous")
-    spread = np.array(parts)
-    count = max(len(parts), 1)
-    jack = np.sqrt((count - 1) / count * np.sum((spread - spread.mean(axis=0)) ** 2, axis=0))
-    floor = 0.03 * np.array([whole[0], whole[1], whole[2]])
-    stds = {n: float(np.hypot(j, f)) for n, j, f in zip(names, jack, floor, strict=True)}
+            parts.append(solve(speed[keep], force[keep], base, centre)[0])
+    spread, count = np.array(parts).reshape(-1, 3), max(len(parts), 1)
+    centred = spread - spread.mean(axis=0) if len(parts) else spread
+    jack = np.sqrt((count - 1) / count * np.sum(centred**2, axis=0))
+    shift = np.array([zero_force, zero_force, 0.0])
+    total = np.sqrt(jack**2 + own**2 + shift**2 + (0.02 * whole) ** 2)
+    stds = {n: float(s) for n, s in zip(("coulomb", "static", "viscous"), total, strict=True)}
     branch = base.model_copy(deep=True)
     branch.coulomb, branch.static, branch.viscous = (float(x) for x in whole)
     note = f"{force.size * WINDOW:.1f} s of unloaded motion"
     if few:
         note += ", too few speeds: the base's curve scaled"
-    elif at_start.size:
-        note += f", {at_start.size} break-aways"
     return BranchFit(branch, stds, note)
 
 
-def _scaled(speed: Array, force: Array, starts: Array, base: FrictionBranch, centre: float) -> Array:
+def _scaled(speed: Array, force: Array, base: FrictionBranch, centre: float) -> tuple[Array, Array]:
+    """(coulomb, static, viscous) as the base has them times one factor, and their standard deviations."""
     factor = float(np.median(force / curve(base, speed)))
-    return factor * np.array([base.coulomb, base.static, base.viscous])
+    found = factor * np.array([base.coulomb, base.static, base.viscous])
+    return found, 0.15 * found
 
 
-def _shaped(speed: Array, force: Array, starts: Array, base: FrictionBranch, centre: float) -> Array:
-    """(coulomb, static, viscous) with the base's Stribeck velocity and exponent."""
+def _shaped(speed: Array, force: Array, base: FrictionBranch, centre: float) -> tuple[Array, Array]:
+    """(coulomb, static, viscous) with the base's Stribeck velocity and exponent, and their deviations."""
     bins = np.digitize(speed, _BINS)
     rows, target, sigma = [], [], []
 
@@ -289,10 +262,6 @@ def _shaped(speed: Array, force: Array, starts: Array, base: FrictionBranch, cen
         rows.append(shape(v))
         target.append(float(np.median(force[inside])))
         sigma.append(0.04 * centre * float(curve(base, np.array([v]))[0]) * (1.0 + 10.0 / count))
-    if starts.size >= 3:
-        rows.append(shape(BREAK_AWAY_SPEED))
-        target.append(float(np.median(starts)))
-        sigma.append(0.08 * centre * base.static)
     # The scaled base, weakly, so that what a few speeds cannot separate stays near it.
     drop = max(base.static - base.coulomb, 0.0)
     usual = centre * np.array([base.coulomb, drop, base.viscous])
@@ -301,4 +270,7 @@ def _shaped(speed: Array, force: Array, starts: Array, base: FrictionBranch, cen
     y = np.concatenate([np.array(target) / np.array(sigma), usual / spread])
     found, _ = nnls(m * spread, y)
     coulomb, above, viscous = found * spread
-    return np.array([coulomb, coulomb + above, viscous])
+    covariance = np.linalg.inv(m.T @ m)
+    to_branch = np.array([[1.0, 0.0, 0.0], [1.0, 1.0, 0.0], [0.0, 0.0, 1.0]])
+    own = np.sqrt(np.diag(to_branch @ covariance @ to_branch.T))
+    return np.array([coulomb, coulomb + above, viscous]), own

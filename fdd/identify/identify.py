@@ -12,7 +12,7 @@ from fdd.identify.balance import BalanceFit, Estimate, fit_balance
 from fdd.identify.friction import BranchFit, fit_friction
 from fdd.identify.motor import fit_torque_constant
 from fdd.identify.record import Record, even_record
-from fdd.identify.sensors import SensorFit, effective_noise, fit_sensors, gain_mismatch
+from fdd.identify.sensors import SensorFit, effective_noise, fit_sensors, gain_mismatch, redundancy_offset
 from fdd.identify.volume_steps import SMOOTHING, VolumeSteps, volume_steps
 from fdd.samples import CHANNELS, Samples
 from fdd.unit import Provenance, Section, Unit, _si_of
@@ -342,7 +342,9 @@ def _charge(writer: _Writer, records: list[Record]) -> None:
 
 def _friction(writer: _Writer, records: list[Record]) -> None:
     unit = writer.result.unit
-    fit = fit_friction(records, unit.cylinder, writer.base.friction)
+    offset = redundancy_offset(records)
+    shift = abs(offset.value) * unit.cylinder.area_1 if offset is not None else 0.0
+    fit = fit_friction(records, unit.cylinder, writer.base.friction, shift)
     for note in fit.notes:
         writer.note(note)
     for direction in ("forward", "reverse"):
