@@ -1,0 +1,79 @@
+"""The healthy calibration runs of a drawn unit, from which ``fdd identify`` makes its profile."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from fdd.campaign.drawing import GREATEST_FORCE, Rig
+from fdd.campaign.recipe import Recipe
+from fdd.plant.duty import AnyDuty, ConstantSpeed, Sines
+from fdd.plant.load import AnyLoad, NoLoad, ThrottleLoad
+from fdd.plant.scenario import Control, Scenario
+
+SPEEDS = (50.0, 105.0, 200.0)
+"""rad/s, of the free strokes."""
+MULTI_SINE_HZ = (0.5, 25.0)
+
+
+def calibration_runs(recipe: Recipe, rig: Rig, rng: np.random.Generator) -> list[Scenario]:
+    """The runs of one calibration: free strokes, multi-sine, throttled strokes; about 75 s together.
+
+    One after the other, on the same oil. A run keeps its duty and load, hence three.
+
+    Parameters
+    ----------
+    recipe : recording of the logs.
+    rig : its stroke, drive and relief valve bound the runs.
+    rng : the unit's stream for this purpose.
+
+    Returns
+    -------
+    (3,) scenarios without faults.
+    """
+    unit = rig.unit
+    reach = 0.65 * 0.5 * unit.cylinder.stroke
+    per_rad = unit.pump.displacement / unit.cylinder.area_1
+    speeds = tuple(min(s, 0.8 * unit.drive.max_speed) for s in SPEEDS)
+    # Two strokes each way at every speed, the slowest not more than once around.
+    turn = max(8.0, 2.2 * reach / (speeds[0] * per_rad))
+    # Throttled: the drop goes with speed squared, its largest is reached at the fastest of these.
+    throttled = (60.0, 80.0, 100.0)
+    drop = float(rng.uniform(0.75, 1.0)) * min(2.8e6, 1.3 * GREATEST_FORCE * unit.accumulator.relief_pressure)
+    temperature = float(rng.uniform(30.0, 42.0))
+    charge = float(rng.uniform(0.9, 1.1))
+    plans: list[tuple[float, AnyDuty, AnyLoad]] = [
+        (
+            3.0 * turn + 1.0,
+            ConstantSpeed(amplitude=reach, speeds=speeds, turn=turn, dwell=0.4, lead_in=1.0),
+            NoLoad(),
+        ),
+        (
+            15.0,
+            Sines(speed=150.0, low_hz=MULTI_SINE_HZ[0], high_hz=MULTI_SINE_HZ[1], count=12, tilt=0.3),
+            NoLoad(),
+        ),
+        (
+            31.0,
+            ConstantSpeed(amplitude=0.8 * reach, speeds=throttled, turn=10.0, dwell=0.4, lead_in=1.0),
+            ThrottleLoad(pressure=drop),
+        ),
+    ]
+    runs: list[Scenario] = []
+    for duration, duty, load in plans:
+        runs.append(
+            Scenario(
+                unit=unit.name,
+                duration=round(duration, 3),
+                duty=duty,
+                control=Control(mode="speed"),
+                load=load,
+                oil_temperature=temperature,
+                warming=0.02,
+                charge_factor=charge,
+                recording=recipe.recording,
+                details=rig.details,
+                seed=int(rng.integers(0, 2**62)),
+            )
+        )
+        temperature += 0.02 * duration
+    return runs

@@ -1,0 +1,236 @@
+"""A generated data set, read back: its logs with their labels, the truth, the units' calibration runs."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, Any
+
+import numpy as np
+from pydantic import Field
+
+from fdd.campaign.layout import DATASET_SCHEMA, LABELS, MANIFEST, RECIPE, TRUE_UNIT, digest
+from fdd.campaign.recipe import Recipe
+from fdd.errors import InputError
+from fdd.logs import read_log
+from fdd.plant.truth import TRUTH, Truth
+from fdd.plant.validated import Validated
+from fdd.samples import Samples
+from fdd.unit import Unit
+
+MAX_JSON_BYTES = 200_000_000
+
+RelativePath = Annotated[str, Field(pattern=r"^[A-Za-z0-9_.\-]+/[A-Za-z0-9_.\-]+$", max_length=200)]
+
+
+class Label(Validated):
+    """One injected fault, as the plant labels it."""
+
+    fault: str
+    family: str
+    severity: float
+    onset_s: float
+    profile: str
+    side: int | None = None
+    variant: str | None = None
+
+
+class Conditions(Validated):
+    """What a table of results is broken down by."""
+
+    load: str
+    duty: str
+    control: str
+    oil_temperature: float
+    charge_factor: float
+    seed: int
+
+
+class Entry(Validated):
+    """One log of a data set.
+
+    Attributes
+    ----------
+    file, truth : paths below the data set's folder.
+    unit, base : its unit, and the profile that was varied from.
+    duration_s, samples : of the log.
+    faults : empty for a healthy one.
+    scenario : load, duty and conditions.
+    truth_medians : true leakage (m³/(s·Pa)), bulk modulus (Pa), Coulomb (N) and viscous friction
+        (N·s/m): medians while all faults act, or over the log if healthy.
+    """
+
+    file: RelativePath
+    truth: RelativePath
+    unit: str
+    base: str
+    duration_s: float
+    samples: int
+    faults: tuple[Label, ...]
+    scenario: Conditions
+    truth_medians: dict[str, float]
+
+    @property
+    def healthy(self) -> bool:
+        """Whether no fault was injected."""
+        return not self.faults
+
+    @property
+    def family(self) -> str:
+        """Family of the first fault, or ``healthy``."""
+        return self.faults[0].family if self.faults else "healthy"
+
+
+class Manifest(Validated):
+    """What a data set says of itself; it is written last."""
+
+    schema_: Annotated[str, Field(alias="schema")]
+    name: str
+    version: str
+    seed: int
+    units: int
+    number: int
+    hours: float
+    baselines: dict[str, tuple[RelativePath, ...]]
+    sha256: str
+
+
+@dataclass(frozen=True)
+class Dataset:
+    """A data set on disk. Logs are read when they are asked for.
+
+    Attributes
+    ----------
+    directory : where it is.
+    recipe : what it was made from.
+    manifest : its name, version, seed, size and hash.
+    logs : entries, by unit and number.
+
+    Examples
+    --------
+    >>> data = Dataset.load("smoke")  # doctest: +SKIP
+    >>> [(e.unit, e.family) for e in data.logs]  # doctest: +SKIP
+    """
+
+    directory: Path
+    recipe: Recipe
+    manifest: Manifest
+    logs: tuple[Entry, ...]
+
+    @classmethod
+    def load(cls, directory: str | Path) -> Dataset:
+        """Open a data set and check that it is whole and unchanged.
+
+        Raises
+        ------
+        InputError : not a data set, unfinished, of another version, or labels or recipe were changed.
+        """
+        directory = Path(directory)
+        mend = "make one with: fdd generate RECIPE -o DIR"
+        if not directory.is_dir():
+            raise InputError("no such folder", where=directory, mend=mend)
+        if not (directory / MANIFEST).is_file():
+            if (directory / RECIPE).is_file():
+                raise InputError(
+                    f"unfinished data set (no {MANIFEST})", where=directory,
+                    mend=f"finish it with: fdd generate {directory / RECIPE} -o {directory}",
+                )  # fmt: skip
+            raise InputError(f"not a data set (no {MANIFEST})", where=directory, mend=mend)
+        plain = _json(directory / MANIFEST)
+        schema = plain.get("schema") if isinstance(plain, dict) else None
+        if schema != DATASET_SCHEMA:
+            raise InputError(
+                f"data set of version {schema!r} where {DATASET_SCHEMA!r} is wanted",
+                where=directory / MANIFEST, mend=mend,
+            )  # fmt: skip
+        try:
+            manifest = Manifest(**plain)
+        except InputError as error:
+            raise error.at(directory / MANIFEST) from None
+        recipe_text, labels_text = _text(directory / RECIPE), _text(directory / LABELS)
+        if digest(recipe_text, labels_text) != manifest.sha256:
+            raise InputError(
+                f"{LABELS} or {RECIPE} is not what the manifest's SHA-256 was taken of", where=directory,
+                mend="copy the data set again or generate it anew",
+            )  # fmt: skip
+        entries = _json(directory / LABELS)
+        if not isinstance(entries, list) or not all(isinstance(e, dict) for e in entries):
+            raise InputError("not a list of labels", where=directory / LABELS, mend=mend)
+        try:
+            logs = tuple(Entry(**e) for e in entries)
+        except InputError as error:
+            raise error.at(directory / LABELS) from None
+        return cls(directory, Recipe.from_yaml(recipe_text, where=directory / RECIPE), manifest, logs)
+
+    @property
+    def units(self) -> tuple[str, ...]:
+        """Names of the units, in order."""
+        return tuple(self.manifest.baselines)
+
+    def logs_of(self, unit: str) -> tuple[Entry, ...]:
+        """The unit's logs."""
+        return tuple(e for e in self.logs if e.unit == unit)
+
+    def samples(self, entry: Entry) -> Samples:
+        """The log, as any reader of logs gives it."""
+        return read_log(self.directory / entry.file).samples
+
+    def truth(self, entry: Entry) -> Truth:
+        """What really was, at 20 Hz.
+
+        Raises
+        ------
+        InputError : the file is missing or damaged.
+        """
+        import pyarrow as pa
+        from pyarrow import parquet
+
+        path = self.directory / entry.truth
+        try:
+            table = parquet.read_table(path)
+        except (OSError, pa.ArrowException) as error:
+            raise InputError(
+                f"truth can't be read ({type(error).__name__})", where=path,
+                mend="copy the data set again or generate it anew",
+            ) from None  # fmt: skip
+        columns = {n: np.asarray(table[n], dtype=np.float64) for n in table.column_names}
+        severity = {n.removeprefix("severity_"): v for n, v in columns.items() if n.startswith("severity_")}
+        return Truth(columns["time"], {n: v for n, v in columns.items() if n in TRUTH}, severity)
+
+    def baseline(self, unit: str) -> list[Samples]:
+        """The unit's healthy calibration runs, in the order they were taken; [] if the recipe has none.
+
+        Raises
+        ------
+        InputError : no such unit.
+        """
+        return [read_log(path).samples for path in self.baseline_files(unit)]
+
+    def baseline_files(self, unit: str) -> list[Path]:
+        """Where these are."""
+        if unit not in self.manifest.baselines:
+            raise InputError(
+                f"no unit {unit!r}", where=self.directory,
+                mend=f"the units are {self.units[0]} to {self.units[-1]}",
+            )  # fmt: skip
+        return [self.directory / file for file in self.manifest.baselines[unit]]
+
+    def true_unit(self, unit: str) -> Unit:
+        """The profile that the unit was simulated with, sensors' errors included."""
+        return Unit.load(self.directory / unit / TRUE_UNIT)
+
+
+def _text(path: Path) -> str:
+    if not path.is_file():
+        raise InputError("is missing", where=path, mend="copy the data set again or generate it anew")
+    if path.stat().st_size > MAX_JSON_BYTES:
+        raise InputError(f"larger than {MAX_JSON_BYTES} bytes", where=path)
+    return path.read_text(encoding="utf-8", errors="replace")
+
+
+def _json(path: Path) -> Any:
+    try:
+        return json.loads(_text(path))
+    except (json.JSONDecodeError, RecursionError):
+        raise InputError("not JSON", where=path, mend="copy the data set again or generate it anew") from None

@@ -1,0 +1,335 @@
+"""From a recipe to a data set on disk: many runs, in parallel, resumable, the same whatever the order.
+
+Layout: ``recipe.yaml``, ``<unit>/true_unit.yaml``, ``<unit>/baseline_1.parquet`` …,
+``<unit>/log_000.parquet`` …, ``<unit>/truth_000.parquet`` …, ``labels.json`` and, last of all,
+``manifest.json``: a folder without it is unfinished. Until then ``.parts`` holds the label of each
+finished log; a second start keeps those.
+"""
+
+from __future__ import annotations
+
+import json
+import multiprocessing
+import os
+import shutil
+import tempfile
+from collections.abc import Callable, Iterator
+from concurrent.futures import Future, ProcessPoolExecutor, as_completed
+from concurrent.futures.process import BrokenProcessPool
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from fdd import __version__
+from fdd.campaign.calibration import calibration_runs
+from fdd.campaign.drawing import Rig, assign_faults, draw_scenario, draw_unit, stream
+from fdd.campaign.layout import DATASET_SCHEMA, LABELS, MANIFEST, PARTS, RECIPE, TRUE_UNIT, digest
+from fdd.campaign.recipe import Recipe
+from fdd.errors import InputError
+from fdd.logs.mcap_writing import write_run
+from fdd.logs.tabular_writing import write_parquet
+from fdd.plant.scenario import Scenario
+from fdd.plant.simulate import Simulation, simulate
+
+TRUTH_PERIOD = 50
+"""Rows per row of truth that is kept: 20 Hz."""
+MOST_DRAWS = 8
+"""Draws of a scenario until one is sane."""
+MOST_AT_STOP = 0.01
+"""Share of a run in which the piston may lie at an end stop."""
+MOST_RELIEVED = 0.05
+"""Share of a run in which a relief valve may pass oil."""
+_RELIEVING = 1e-7  # m³/s
+SUMMARISED = ("leakage", "bulk_modulus", "coulomb_friction", "viscous_friction")
+
+Progress = Callable[[int, int], None]
+Job = tuple[int, tuple[tuple[str, ...], ...]]
+
+
+def generate(
+    recipe: Recipe, directory: str | Path, *, workers: int = 1, progress: Progress | None = None
+) -> Path:
+    """Simulate everything that a recipe asks for and write it as a data set.
+
+    Parameters
+    ----------
+    recipe : what to make.
+    directory : of the data set; made if need be. If it holds the beginning of the same data set,
+        its finished logs are kept.
+    workers : processes; 1 works in this one. A script that asks for more must keep its call
+        under ``if __name__ == "__main__":``, as processes are spawned.
+    progress : called with (done, total) after each run, baselines included.
+
+    Returns
+    -------
+    directory, as a path.
+
+    Raises
+    ------
+    InputError : the folder holds something else, can't be written, or a scenario can't be simulated.
+
+    Examples
+    --------
+    >>> generate(Recipe.load("datasets/smoke.yaml"), "smoke", workers=2)  # doctest: +SKIP
+    """
+    if workers < 1:
+        raise InputError(f"{workers} workers", mend="use 1 or more")
+    directory = Path(directory)
+    try:
+        return _generate(recipe, directory, workers, progress or (lambda done, total: None))
+    except BrokenProcessPool:
+        raise InputError(
+            "a worker process ended unexpectedly", where=directory,
+            mend="run the same command again with fewer workers; finished logs are kept",
+        ) from None  # fmt: skip
+    except OSError as error:
+        raise InputError(
+            f"can't write ({error.strerror or error})", where=error.filename or directory,
+            mend="make room or choose another folder; finished logs are kept",
+        ) from None  # fmt: skip
+
+
+def _generate(recipe: Recipe, directory: Path, workers: int, progress: Progress) -> Path:
+    if _begin(recipe, directory):
+        total = recipe.units * len(_names(recipe))
+        progress(total, total)
+        return directory
+    names = _names(recipe)
+    faults = assign_faults(recipe)
+    jobs: list[Job] = []
+    for unit in range(recipe.units):
+        mine = faults[unit * recipe.logs_per_unit : (unit + 1) * recipe.logs_per_unit]
+        jobs.append((unit, tuple(mine)))
+    done, total = 0, recipe.units * len(names)
+    for finished in _work(recipe, directory, jobs, workers):
+        done += finished
+        progress(done, total)
+    _finish(recipe, directory)
+    return directory
+
+
+def _work(recipe: Recipe, directory: Path, jobs: list[Job], workers: int) -> Iterator[int]:
+    """Numbers of finished runs, as they come."""
+    if workers == 1:
+        for job in jobs:
+            for name in _names(recipe):
+                make_run(recipe, directory, job[0], name, job[1])
+                yield 1
+        return
+    # Spawned: the parent may have threads (a progress bar, numba's), which a fork would break.
+    context = multiprocessing.get_context("spawn")
+    with ProcessPoolExecutor(workers, mp_context=context) as pool:
+        waiting: set[Future[None]] = {
+            pool.submit(make_run, recipe, directory, job[0], name, job[1])
+            for job in jobs
+            for name in _names(recipe)
+        }
+        try:
+            for future in as_completed(waiting):
+                future.result()
+                yield 1
+        except BaseException:
+            pool.shutdown(wait=True, cancel_futures=True)
+            raise
+
+
+def _names(recipe: Recipe) -> list[str]:
+    """Names of a unit's runs."""
+    baselines = [f"baseline_{k}" for k in (1, 2, 3)] if recipe.baseline else []
+    return baselines + [f"log_{k:03d}" for k in range(recipe.logs_per_unit)]
+
+
+def make_run(
+    recipe: Recipe, directory: Path, index: int, name: str, faults: tuple[tuple[str, ...], ...]
+) -> None:
+    """Simulate and write one run of one unit, unless it is there already.
+
+    Parameters
+    ----------
+    recipe, directory : of the data set.
+    index : of the unit.
+    name : ``baseline_1`` … or ``log_000`` …
+    faults : ids for each log of the unit.
+    """
+    rig = draw_unit(recipe, stream(recipe, "unit", index), index)
+    part = directory / PARTS / f"{rig.unit.name}-{name}.json"
+    if part.is_file():
+        return
+    folder = directory / rig.unit.name
+    folder.mkdir(exist_ok=True)
+    log = None if name.startswith("baseline") else int(name.removeprefix("log_"))
+    if log is None:
+        runs = calibration_runs(recipe, rig, stream(recipe, "baseline", index))
+        run = simulate(rig.unit, runs[int(name.removeprefix("baseline_")) - 1])
+        if name == "baseline_1":
+            rig.unit.save(folder / TRUE_UNIT)
+    else:
+        run = _sane_run(recipe, rig, index, log, faults[log])
+    entry = _label(recipe, rig, run, name, log)
+    _write_log(recipe, directory / entry["file"], run, rig, entry)
+    if log is not None:
+        if not recipe.baseline and log == 0:
+            rig.unit.save(folder / TRUE_UNIT)
+        _write_truth(directory / entry["truth"], run)
+    _write_text(part, json.dumps(entry, indent=1))
+
+
+def _sane_run(recipe: Recipe, rig: Rig, index: int, log: int, faults: tuple[str, ...]) -> Simulation:
+    """Draw and simulate until the run neither lies at a stop nor relieves for long."""
+    problem = ""
+    for attempt in range(MOST_DRAWS):
+        rng = stream(recipe, "log", index, log, attempt)
+        scenario = draw_scenario(recipe, rig, rng, faults)
+        try:
+            run = simulate(rig.unit, scenario)
+        except InputError as error:
+            problem = str(error)
+            continue
+        problem = _trouble(run)
+        if not problem:
+            return run
+    raise InputError(
+        f"no sane scenario in {MOST_DRAWS} draws; the last: {problem}",
+        where=f"{rig.unit.name} log {log}",
+        mend="narrow the recipe's ranges of loads and duties",
+    )
+
+
+def _trouble(run: Simulation) -> str:
+    """What makes a run useless, or nothing."""
+    at_stop = float(np.mean(run.truth["stop_force"] != 0.0))
+    if at_stop > MOST_AT_STOP:
+        return f"at an end stop {at_stop:.0%} of the time"
+    relieved = float(np.mean(np.abs(run.truth["relief_flow"]) > _RELIEVING))
+    if relieved > MOST_RELIEVED:
+        return f"over the relief valve {relieved:.0%} of the time"
+    return ""
+
+
+def _label(recipe: Recipe, rig: Rig, run: Simulation, name: str, log: int | None) -> dict[str, Any]:
+    scenario, unit = run.scenario, rig.unit.name
+    acting = np.ones(len(run.truth), dtype=bool)
+    for severity in run.truth.severity.values():
+        acting &= severity > 0.0
+    if not acting.any():
+        acting[:] = True
+    return {
+        "file": f"{unit}/{name}.{recipe.format}",
+        "truth": None if log is None else f"{unit}/truth_{log:03d}.parquet",
+        "unit": unit,
+        "base": rig.base,
+        "baseline": log is None,
+        "duration_s": round(run.samples.duration, 3),
+        "samples": len(run.samples),
+        "faults": run.labels,
+        "scenario": _summary(scenario),
+        "truth_medians": {c: float(f"{np.median(run.truth[c][acting]):.6g}") for c in SUMMARISED},
+    }
+
+
+def _summary(scenario: Scenario) -> dict[str, Any]:
+    """What a table of results is broken down by."""
+    return {
+        "load": scenario.load.name,
+        "duty": scenario.duty.name,
+        "control": scenario.control.mode,
+        "oil_temperature": round(scenario.oil_temperature, 2),
+        "charge_factor": round(scenario.charge_factor, 3),
+        "seed": scenario.seed,
+    }
+
+
+def _write_log(recipe: Recipe, path: Path, run: Simulation, rig: Rig, entry: dict[str, Any]) -> None:
+    if recipe.format == "parquet":
+        write_parquet(path, run.samples)
+        return
+    few = {k: v[::TRUTH_PERIOD] for k, v in run.truth.as_columns().items()}
+    write_run(
+        path,
+        run.samples,
+        axis=rig.unit.axis,
+        truth={"time": run.truth.time[::TRUTH_PERIOD], **few},
+        unit_yaml=rig.unit.to_yaml(),
+        scenario_json=run.scenario.model_dump_json(),
+        labels={"faults": entry["faults"]},
+    )
+
+
+def _write_truth(path: Path, run: Simulation) -> None:
+    import pyarrow as pa
+    from pyarrow import parquet
+
+    columns = {"time": run.truth.time[::TRUTH_PERIOD]}
+    # Single precision is more than any use of the truth asks for, and half the size.
+    columns |= {k: v[::TRUTH_PERIOD].astype(np.float32) for k, v in run.truth.as_columns().items()}
+    table = pa.table(columns)
+    temporary = path.with_name(f".{path.name}.part")
+    parquet.write_table(table, temporary, compression="zstd")
+    temporary.replace(path)
+
+
+def _begin(recipe: Recipe, directory: Path) -> bool:
+    """Claim the folder; whether the data set is complete already."""
+    if directory.exists() and not directory.is_dir():
+        raise InputError("is a file", where=directory, mend="give the name of a folder")
+    directory.mkdir(parents=True, exist_ok=True)
+    kept = directory / RECIPE
+    if kept.is_file():
+        if kept.read_text(encoding="utf-8", errors="replace") != _signed(recipe):
+            raise InputError(
+                "holds data of another recipe or version", where=directory,
+                mend="choose an empty folder, or remove this one",
+            )  # fmt: skip
+        if (directory / MANIFEST).is_file():
+            return True
+    elif any(not f.name.endswith(".part") for f in directory.iterdir()):
+        raise InputError(
+            "not empty, and not the beginning of a data set", where=directory, mend="choose an empty folder"
+        )
+    else:
+        _write_text(kept, _signed(recipe))
+    (directory / PARTS).mkdir(exist_ok=True)
+    for left in directory.glob("**/.*.part"):
+        left.unlink(missing_ok=True)
+    return False
+
+
+def _signed(recipe: Recipe) -> str:
+    return f"# made by fdd {__version__}\n{recipe.to_yaml()}"
+
+
+def _finish(recipe: Recipe, directory: Path) -> None:
+    """Gather the labels, then write the manifest: only now it is a data set."""
+    parts = directory / PARTS
+    entries = [json.loads(part.read_text(encoding="utf-8")) for part in sorted(parts.glob("*.json"))]
+    logs = [{k: v for k, v in e.items() if k != "baseline"} for e in entries if not e["baseline"]]
+    baselines: dict[str, list[str]] = {}
+    for e in entries:
+        baselines.setdefault(e["unit"], []).extend([e["file"]] if e["baseline"] else [])
+    labels = json.dumps(logs, indent=1) + "\n"
+    _write_text(directory / LABELS, labels)
+    manifest = {
+        "schema": DATASET_SCHEMA,
+        "name": recipe.name,
+        "version": __version__,
+        "seed": recipe.seed,
+        "units": recipe.units,
+        "number": len(logs),
+        "hours": round(sum(e["duration_s"] for e in logs) / 3600.0, 3),
+        "baselines": baselines,
+        "sha256": digest(_signed(recipe), labels),
+    }
+    _write_text(directory / MANIFEST, json.dumps(manifest, indent=1) + "\n")
+    shutil.rmtree(parts)
+
+
+def _write_text(path: Path, text: str) -> None:
+    handle, temporary = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}-", suffix=".part")
+    try:
+        with os.fdopen(handle, "w", encoding="utf-8") as out:
+            out.write(text)
+        Path(temporary).replace(path)
+    except BaseException:
+        Path(temporary).unlink(missing_ok=True)
+        raise

@@ -1,0 +1,104 @@
+"""Duties that a unit can do: amplitudes within its stroke, speeds within its drive."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from fdd.plant.duty import DUTIES, Duty
+from fdd.plant.scenario import Control
+from fdd.unit import Unit
+
+POSITION_ONLY = ("standstill", "strokes", "flight")
+"""Duties that make no sense without a position loop: at a commanded speed they would drift away."""
+USED_STROKE = 0.8
+"""Of half the stroke: most of it that a set-point uses; the rest is for overshoot and drift."""
+USED_SPEED = 0.85
+"""Of the drive's largest speed that a set-point may ask for, before load and leakage."""
+
+
+def fitting_duty(
+    name: str,
+    unit: Unit,
+    rng: np.random.Generator,
+    ranges: Mapping[str, tuple[float, float]],
+    *,
+    speed: bool,
+    gain: float,
+) -> tuple[Duty, Control]:
+    """Draw a duty of that kind which the unit can do, and its control.
+
+    Parameters
+    ----------
+    name : of the duty.
+    unit : its stroke, areas, displacement and drive are the bounds.
+    rng : stream to draw from.
+    ranges : parameter to range, where the duty's usual ones are not wanted.
+    speed : speed control is wanted; ignored where the duty leaves no choice.
+    gain : of the position loop, (rad/s)/m.
+
+    Examples
+    --------
+    >>> rng = np.random.default_rng(1)
+    >>> duty, control = fitting_duty("flight", Unit.load("axis_a"), rng, {}, speed=True, gain=1e4)
+    >>> control.mode, duty.amplitude < 0.12
+    ('position', True)
+    """
+    kind = DUTIES[name]
+    drawn: dict[str, Any] = {}
+    for key, (low, high) in {**kind.usual, **ranges}.items():
+        if 0.0 < 4.0 * low <= high:
+            drawn[key] = float(np.exp(rng.uniform(np.log(low), np.log(high))))
+        else:
+            drawn[key] = float(rng.uniform(low, high))
+    drawn["lead_in"] = float(rng.uniform(0.3, 2.0))
+    room = USED_STROKE * 0.5 * unit.cylinder.stroke
+    per_rad = unit.pump.displacement / unit.cylinder.area_1
+    fastest = USED_SPEED * unit.drive.max_speed * per_rad
+    if name == "constant_speed":
+        drawn["speeds"] = tuple(float(s) for s in np.exp(rng.uniform(np.log(30.0), np.log(240.0), 3)))
+        drawn["speeds"] = tuple(min(s, USED_SPEED * unit.drive.max_speed) for s in drawn["speeds"])
+        drawn["turn"] = float(rng.uniform(5.0, 15.0))
+    if name == "sines":
+        drawn["count"] = int(rng.integers(2, 7))
+        drawn["tilt"] = float(rng.uniform(0.8, 2.0))
+    by_speed = name == "constant_speed" or (speed and name not in POSITION_ONLY)
+    if "amplitude" in drawn:
+        most = room if by_speed else min(room, _reachable(name, drawn, fastest, gain, unit.drive.max_speed))
+        drawn["amplitude"] = min(drawn["amplitude"], most)
+    if by_speed and "speed" in drawn:
+        # Half the room: a sine of speed starts at its end, and steps walk.
+        drawn["speed"] = min(drawn["speed"], 0.5 * room / (per_rad * _seconds_one_way(name, drawn)))
+    spare = room - drawn.get("amplitude", 0.0) if not by_speed or name == "constant_speed" else 0.3 * room
+    drawn["offset"] = float(rng.uniform(-1.0, 1.0)) * min(spare, 0.06)
+    control = Control(mode="speed") if by_speed else Control(mode="position", gain=gain)
+    return kind(**drawn), control
+
+
+def _reachable(name: str, drawn: Mapping[str, Any], fastest: float, gain: float, max_speed: float) -> float:
+    """Largest amplitude (m) at which the drive is not saturated most of the time."""
+    if name == "sines":
+        f = np.geomspace(drawn["low_hz"], max(drawn["high_hz"], drawn["low_hz"]), drawn["count"])
+        w = f ** -drawn["tilt"]
+        return float(fastest / (2.0 * np.pi * np.sum(w * f) / np.sum(w)))
+    if name == "sawtooth":
+        return 0.5 * fastest * drawn["period"] * min(drawn["rise"], 1.0 - drawn["rise"])
+    if name in ("prbs", "sweep"):
+        # The loop cannot follow; its command is about gain times the set-point.
+        return 0.8 * max_speed / gain
+    return float("inf")
+
+
+def _seconds_one_way(name: str, drawn: Mapping[str, Any]) -> float:
+    """Seconds of full speed that a duty in speed control spends in one direction."""
+    if name == "sines":
+        return 1.0 / (np.pi * float(drawn["low_hz"]))
+    if name == "sweep":
+        return 1.0 / (np.pi * 0.1)
+    if name == "sawtooth":
+        return 0.25 * float(drawn["period"])
+    if name == "prbs":
+        return 4.0 * float(drawn["bit"])
+    return float(drawn.get("hold", 1.0))

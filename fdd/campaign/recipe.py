@@ -1,0 +1,251 @@
+"""A recipe: what a labelled data set of simulated runs is made of, read from YAML.
+
+Ranges are ``[low, high]`` in SI units, weights are relative. What a recipe leaves out has the
+defaults below. The ranges of single duties and loads are the plant's own (their ``usual``)
+unless `Recipe.ranges` overrides them.
+"""
+
+from __future__ import annotations
+
+import hashlib
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+import yaml
+from pydantic import AfterValidator, Field, model_validator
+
+from fdd.errors import InputError
+from fdd.faults import PROFILES
+from fdd.plant.duty import DUTIES
+from fdd.plant.faults.spec import SIMULATED
+from fdd.plant.load import LOADS
+from fdd.plant.scenario import Recording
+from fdd.plant.validated import Validated
+
+RECIPE_SCHEMA = "fdd.recipe/1"
+MAX_RECIPE_BYTES = 1_000_000
+
+ZERO_ERROR = {
+    "position": 2e-3,
+    "pressure_difference": 8e3,
+    "pressure_1": 8e3,
+    "pressure_2": 8e3,
+    "pressure_accumulator": 8e3,
+    "motor_current": 0.02,
+    "oil_temperature": 1.0,
+}
+"""Most that a sensor's zero is off, SI: assumptions, about 0.1 % of the transducers' range."""
+PROFILE_WEIGHTS = {"step": 0.6, "ramp": 0.25, "intermittent": 0.15}
+DUTY_WEIGHTS = {
+    "steps": 1.0, "sines": 1.0, "flight": 1.0, "sawtooth": 1.0, "strokes": 1.0, "prbs": 0.5, "sweep": 0.5,
+    "constant_speed": 0.5,
+}  # fmt: skip
+
+
+def _ordered(pair: tuple[float, float]) -> tuple[float, float]:
+    if not pair[0] <= pair[1]:
+        raise InputError(f"range [{pair[0]:g}, {pair[1]:g}] runs backwards", mend="write [low, high]")
+    return pair
+
+
+Finite = Annotated[float, Field(allow_inf_nan=False)]
+Range = Annotated[tuple[Finite, Finite], AfterValidator(_ordered)]
+Share = Annotated[float, Field(ge=0.0, le=1.0)]
+Weight = Annotated[float, Field(ge=0.0, allow_inf_nan=False)]
+
+
+class FaultShare(Validated):
+    """How often a fault is injected, and how severely.
+
+    Attributes
+    ----------
+    weight : relative to the recipe's other faults.
+    severity : its own range; None takes the recipe's.
+    """
+
+    weight: Weight = 1.0
+    severity: Range | None = None
+
+
+class SensorVariation(Validated):
+    """How a unit's sensors differ from their data sheet. The same in all logs of a unit.
+
+    Attributes
+    ----------
+    noise_factor : of the base's noise, drawn log-uniformly for each sensor.
+    gain_error : most that the gain is off, relative; incremental encoders count, and have none.
+    zero_error : channel to the most that its zero is off (SI).
+    """
+
+    noise_factor: Range = (0.5, 2.5)
+    gain_error: Annotated[float, Field(ge=0.0, le=0.2)] = 0.005
+    zero_error: dict[str, Weight] = Field(default_factory=lambda: dict(ZERO_ERROR))
+
+
+class Recipe(Validated):
+    """A data set's recipe.
+
+    Attributes
+    ----------
+    name, description : kept with the data.
+    seed : fixes everything random.
+    bases : shipped profiles (or paths) that units are varied from, in turn.
+    units, logs_per_unit : how many.
+    variation : every physical parameter is drawn uniformly within ± this share of its base's value.
+    area_mismatch : most by which the second area departs from the first, relative; 0 keeps them equal.
+    sensors : errors and noise of the sensors.
+    duration : s of each log.
+    healthy_share : share of logs without a fault.
+    faults : id of the catalogue to its weight and severities.
+    severity : range for faults without their own.
+    second_fault_share : share of the faulty logs that carry a second fault.
+    onset : of a fault, as shares of the log's duration.
+    at_start_share : share of faults that are there from the beginning instead.
+    profiles, duties, loads : name to weight.
+    speed_control_share : share of logs in speed control, for duties that can be done so.
+    position_gain : (rad/s)/m of the position loop, drawn log-uniformly.
+    oil_temperature, warming : °C at the start, °C/s.
+    charge_factor : accumulator charge over the unit's.
+    ranges : duty or load to its parameters' ranges, where the plant's usual ones are not wanted.
+    recording : dropped rows, late stamps, NaN.
+    baseline : whether each unit also makes healthy calibration runs, for ``fdd identify``.
+    format : of the logs.
+
+    Raises
+    ------
+    InputError : names the field and what is allowed.
+
+    Examples
+    --------
+    >>> recipe = Recipe(schema="fdd.recipe/1", units=2, logs_per_unit=3, faults={"aeration": {}})
+    >>> recipe.number
+    6
+    """
+
+    schema_: Literal["fdd.recipe/1"] = Field(alias="schema")
+    name: Annotated[str, Field(pattern=r"^[A-Za-z0-9_.\- ]{1,64}$")] = "data set"
+    description: str = ""
+    seed: Annotated[int, Field(ge=0, lt=2**63)] = 0
+    bases: Annotated[tuple[str, ...], Field(min_length=1, max_length=64)] = ("axis_a", "axis_b")
+    units: Annotated[int, Field(ge=1, le=10_000)] = 10
+    logs_per_unit: Annotated[int, Field(ge=0, le=1_000)] = 5
+    variation: Annotated[float, Field(ge=0.0, le=0.5)] = 0.15
+    area_mismatch: Annotated[float, Field(ge=0.0, le=0.1)] = 0.0
+    sensors: SensorVariation = SensorVariation()
+    duration: Range = (40.0, 60.0)
+    healthy_share: Share = 0.3
+    faults: dict[str, FaultShare] = Field(default_factory=dict)
+    severity: Range = (0.15, 1.0)
+    second_fault_share: Share = 0.0
+    onset: Range = (0.2, 0.6)
+    at_start_share: Share = 0.1
+    profiles: dict[str, Weight] = Field(default_factory=lambda: dict(PROFILE_WEIGHTS))
+    duties: dict[str, Weight] = Field(default_factory=lambda: dict(DUTY_WEIGHTS))
+    loads: dict[str, Weight] = Field(default_factory=lambda: dict.fromkeys(LOADS, 1.0))
+    speed_control_share: Share = 0.3
+    position_gain: Range = (4_000.0, 16_875.0)
+    oil_temperature: Range = (25.0, 55.0)
+    warming: Range = (0.0, 0.03)
+    charge_factor: Range = (0.7, 1.4)
+    ranges: dict[str, dict[str, Range]] = Field(default_factory=dict)
+    recording: Recording = Recording()
+    baseline: bool = True
+    format: Literal["parquet", "mcap"] = "parquet"
+
+    @model_validator(mode="after")
+    def _together(self) -> Recipe:
+        _known("faults", self.faults, SIMULATED)
+        _known("profiles", self.profiles, PROFILES)
+        _known("duties", self.duties, tuple(DUTIES))
+        _known("loads", self.loads, tuple(LOADS))
+        _known("ranges", self.ranges, (*DUTIES, *LOADS))
+        for name, bounds in self.ranges.items():
+            kind = DUTIES[name] if name in DUTIES else LOADS[name]
+            _known(f"ranges {name}", bounds, tuple(kind.usual))
+        for field, weights in (("profiles", self.profiles), ("duties", self.duties), ("loads", self.loads)):
+            if not sum(weights.values()) > 0.0:
+                raise InputError("all weights are 0", where=f"recipe {field}", mend="give one a weight")
+        if self.healthy_share < 1.0 and not sum(f.weight for f in self.faults.values()) > 0.0:
+            raise InputError(
+                f"{1.0 - self.healthy_share:.0%} of the logs are to be faulty, but no fault has a weight",
+                where="recipe faults", mend="name faults, or set healthy_share to 1",
+            )  # fmt: skip
+        if self.second_fault_share > 0.0 and sum(f.weight > 0.0 for f in self.faults.values()) < 2:
+            raise InputError("second_fault_share needs two faults with a weight", where="recipe faults")
+        for field, (low, high), least, most in (
+            ("severity", self.severity, 0.0, 1.0),
+            *((f"faults {n}", f.severity, 0.0, 1.0) for n, f in self.faults.items() if f.severity),
+            ("onset", self.onset, 0.0, 0.99),
+            ("duration", self.duration, 1.0, 3600.0),
+            ("position_gain", self.position_gain, 1.0, 30_000.0),
+            ("oil_temperature", self.oil_temperature, -20.0, 100.0),
+            ("warming", self.warming, -0.5, 0.5),
+            ("charge_factor", self.charge_factor, 0.2, 3.0),
+            ("sensors noise_factor", self.sensors.noise_factor, 0.01, 100.0),
+        ):
+            if low < least or high > most:
+                raise InputError(
+                    f"[{low:g}, {high:g}] leaves {least:g} to {most:g}",
+                    where=f"recipe {field}",
+                    mend="correct that range",
+                )
+        return self
+
+    @property
+    def number(self) -> int:
+        """Logs beside the baselines."""
+        return self.units * self.logs_per_unit
+
+    @classmethod
+    def load(cls, path: str | Path) -> Recipe:
+        """Read a recipe.
+
+        Raises
+        ------
+        InputError : no such file, not a recipe, or a field that is not possible.
+
+        Examples
+        --------
+        >>> Recipe.load("datasets/training.yaml").seed  # doctest: +SKIP
+        2026
+        """
+        path = Path(path)
+        if not path.is_file():
+            raise InputError("no such recipe", where=path, mend="give a YAML file, see datasets/README.md")
+        if path.stat().st_size > MAX_RECIPE_BYTES:
+            raise InputError(f"larger than {MAX_RECIPE_BYTES} bytes, not a recipe", where=path)
+        return cls.from_yaml(path.read_text(encoding="utf-8", errors="replace"), where=path)
+
+    @classmethod
+    def from_yaml(cls, text: str, where: str | Path = "recipe") -> Recipe:
+        """Parse YAML text; `where` is named in errors."""
+        try:
+            data: Any = yaml.safe_load(text)
+        except yaml.YAMLError as error:
+            raise InputError(f"not valid YAML ({str(error).splitlines()[0]})", where=where) from None
+        if not isinstance(data, dict) or data.get("schema") != RECIPE_SCHEMA:
+            raise InputError(
+                "not a recipe", where=where, mend=f"its first line should be 'schema: {RECIPE_SCHEMA}'"
+            )
+        try:
+            return cls(**{str(key): value for key, value in data.items()})
+        except InputError as error:
+            raise error.at(where) from None
+
+    def to_yaml(self) -> str:
+        """The whole recipe, defaults filled in; `from_yaml` gives the same recipe back."""
+        plain = self.model_dump(mode="json", by_alias=True)
+        return yaml.safe_dump(plain, sort_keys=False, allow_unicode=True)
+
+    @property
+    def sha256(self) -> str:
+        """Of `to_yaml`: the same for recipes that make the same data."""
+        return hashlib.sha256(self.to_yaml().encode()).hexdigest()
+
+
+def _known(field: str, given: dict[str, Any], known: tuple[str, ...]) -> None:
+    for name in given:
+        if name not in known:
+            raise InputError(
+                f"unknown {name!r}", where=f"recipe {field}", mend=f"use: {', '.join(known) or 'none'}"
+            )
