@@ -1,6 +1,6 @@
 """Reduced model of one electro-hydrostatic axis, for estimation.
 
-Fourteen states in units that keep them near one (mm, ms, MPa, N; volumes in mm³):
+Sixteen states in units that keep them near one (mm, ms, MPa, N; volumes in mm³):
 
 =====  ==========================================================  ==========
 index  state                                                       unit
@@ -10,13 +10,16 @@ V      velocity                                                    mm/ms
 TH     pump angle                                                  rad
 W      pump speed                                                  rad/ms
 P1 P2  chamber pressures, gauge                                    MPa
-LP LN  leakage over its healthy value, for P1 > P2 and P1 < P2     1
+LEAK   leakage across the ports over its healthy value             1
+VALVE1 leakage of each chamber into the accumulator, over the
+VALVE2 healthy leakage across the ports: a check valve's           1
 AIR    free air, volume at atmosphere over volume of oil           ‰
 GAIN   relative error of the pump's displacement                   1
 FRIC   Coulomb and Stribeck friction over the healthy curve        1
 VISC   viscous friction                                            N·ms/mm
 LOAD   load force at position 0                                    N
 STIF   load stiffness                                              N/mm
+THROT  load quadratic in velocity, a throttled partner's           N/(mm/ms)²
 =====  ==========================================================  ==========
 
 The pump angle is a *measurement*. In one step ``C₁ Δp₁ = D Δθ − A₁ Δx − h·outflow`` holds to
@@ -40,12 +43,12 @@ from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
 
-X, V, TH, W, P1, P2, LP, LN, AIR, GAIN, FRIC, VISC, LOAD, STIF = range(14)
-STATES = 14
+X, V, TH, W, P1, P2, LEAK, VALVE1, VALVE2, AIR, GAIN, FRIC, VISC, LOAD, STIF, THROT = range(16)
+STATES = 16
 STATE_NAMES = (
     "position", "velocity", "pump_angle", "pump_speed", "pressure_1", "pressure_2",
-    "leakage_extending", "leakage_retracting", "air", "pump_gain", "friction", "viscous_friction",
-    "load_force", "load_stiffness",
+    "leakage", "valve_1", "valve_2", "air", "pump_gain", "friction", "viscous_friction",
+    "load_force", "load_stiffness", "load_throttle",
 )  # fmt: skip
 
 # Parameters, one array: indices
@@ -195,31 +198,35 @@ def step(
     d1[X], d1[P1], d1[AIR] = -i1 * area1 / volume1, -i1 * b1_p / b1, -i1 * b1_air / b1
     d2[X], d2[P2], d2[AIR] = i2 * area2 / volume2, -i2 * b2_p / b2, -i2 * b2_air / b2
 
-    # Leakage out of each chamber; thinner oil leaks more.
-    drop = p1 - p2
-    which = LP if drop >= 0.0 else LN
-    rate = x[which] / viscosity
-    base1 = q[Q_CROSS] * drop + q[Q_CASE] * (p1 - p_acc)
-    base2 = -q[Q_CROSS] * drop + q[Q_CASE] * (p2 - p_acc)
-    a1 = pump * x[W] - rate * base1  # net inflow of chamber 1 but for the piston's
-    a2 = pump * x[W] + rate * base2
+    # Leakage out of each chamber: across, to the case, and through its check valve. Thinner oil leaks more.
+    drop, over1, over2 = p1 - p2, p1 - p_acc, p2 - p_acc
+    rate = x[LEAK] / viscosity
+    total = (q[Q_CROSS] + 0.5 * q[Q_CASE]) / viscosity
+    base1 = q[Q_CROSS] * drop + q[Q_CASE] * over1
+    base2 = -q[Q_CROSS] * drop + q[Q_CASE] * over2
+    valve1, valve2 = total * x[VALVE1], total * x[VALVE2]
+    a1 = pump * x[W] - rate * base1 - valve1 * over1  # net inflow of chamber 1 but for the piston's
+    a2 = pump * x[W] + rate * base2 + valve2 * over2
     da1 = np.zeros(STATES)
     da2 = np.zeros(STATES)
     da1[W] = pump
     da2[W] = pump
     da1[GAIN] = q[Q_DISPLACEMENT] * (x[W] if math.isnan(w_at) else w_at)
     da2[GAIN] = da1[GAIN]
-    da1[which] = -base1 / viscosity
-    da2[which] = base2 / viscosity
-    da1[P1], da1[P2] = -rate * (q[Q_CROSS] + q[Q_CASE]), rate * q[Q_CROSS]
-    da2[P1], da2[P2] = -rate * q[Q_CROSS], rate * (q[Q_CROSS] + q[Q_CASE])
+    da1[LEAK] = -base1 / viscosity
+    da2[LEAK] = base2 / viscosity
+    da1[VALVE1] = -total * over1
+    da2[VALVE2] = total * over2
+    da1[P1], da1[P2] = -rate * (q[Q_CROSS] + q[Q_CASE]) - valve1, rate * q[Q_CROSS]
+    da2[P1], da2[P2] = -rate * q[Q_CROSS], rate * (q[Q_CROSS] + q[Q_CASE]) + valve2
 
     # Velocity: symplectic Euler for the hydraulic spring (stable far beyond its resonance at 1 ms),
     # implicit in viscous and stick friction: v⁺ = N/den.
     curve, slope, stick, stick_v = friction_curve(v, q)
     implicit = x[FRIC] * stick
     force = area1 * p1 - area2 * p2 - x[FRIC] * curve - x[LOAD] - x[STIF] * x[X]
-    den = 1.0 + mu * h * (x[VISC] + implicit)
+    throttle = x[THROT] * abs(v)
+    den = max(1.0 + mu * h * (x[VISC] + throttle + implicit), 0.5)
     v_new = (v * (1.0 + mu * h * implicit) + mu * h * force) / den
     dv = np.zeros(STATES)
     dv[X] = -mu * h * x[STIF]
@@ -227,7 +234,9 @@ def step(
     dv[P1] = mu * h * area1
     dv[P2] = -mu * h * area2
     dv[FRIC] = mu * h * (stick * (v - v_new) - curve)
+    dv[V] -= mu * h * x[THROT] * v_new * (1.0 if v >= 0.0 else -1.0)
     dv[VISC] = -mu * h * v_new
+    dv[THROT] = -mu * h * abs(v) * v_new
     dv[LOAD] = -mu * h
     dv[STIF] = -mu * h * x[X]
 

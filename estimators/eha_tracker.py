@@ -43,30 +43,15 @@ RECORD = R_NIS + 8
 
 # Slots of the loop's memory.
 (
-    M_ORIGIN,
-    M_INDEX,
-    M_ANGLE,
-    M_SPEED,
-    M_ACC,
-    M_VISC,
-    M_COUNT,
-    M_STARTED,
-    M_NIS,
-    M_CHANNELS,
-    M_LOGLIK,
-    M_OUT,
-    M_FORCE,
-    M_VMEAN,
-    M_XMEAN,
-    M_VSTART,
-    M_FSIGN,
-    M_FCOUNT,
-    M_CURVE,
-) = range(19)
-MEMORY = 19
+    M_ORIGIN, M_INDEX, M_ANGLE, M_SPEED, M_ACC, M_VISC, M_COUNT, M_STARTED, M_NIS, M_CHANNELS, M_LOGLIK, M_OUT,
+    M_FORCE, M_VMEAN, M_XMEAN, M_VSTART, M_FSIGN, M_FCOUNT, M_CURVE, M_SQUARE, M_FSCALE, M_SLID,
+) = range(22)  # fmt: skip
+MEMORY = 22
 
 LONGEST_GAP = 50  # periods that are bridged step by step; a longer gap restarts the motion states
 FORCE_PERIOD = 20.0  # ms: one force balance each; shorter would count the friction curve's errors twice
+FRICTION_LAG = 30.0  # ms
+FRICTION_SETTLES = 80.0  # ms of sliding one way before the curve holds: break-away and bristles are over
 ROBUST = 5.0  # innovations beyond this many sigmas are weighed down (Huber)
 
 
@@ -94,30 +79,36 @@ class Noise:
     """N: how well the friction curve fits the mean force over `FORCE_PERIOD` while sliding."""
     acceleration: float = 630.0
     """rad/s/√s: the drive may change the speed by 20 rad/s within one millisecond."""
-    flow: float = 2e-7
-    """m³/√s: unmodelled flow (gear ripple, line losses, leakage that is not laminar): 1 % of the
-    pump's flow at a third of its speed, correlated over 0.1 s."""
+    flow: float = 1e-7
+    """m³/√s: unmodelled flow (gear ripple, line losses, leakage that is not laminar): half a percent
+    of the pump's flow at a third of its speed, correlated over 0.1 s."""
     flow_refeeding: float = 5e-6
     """m³/√s: a chamber that the accumulator feeds has no volume balance."""
     leakage: float = 0.05
     """1/√s relative: lets a step of 50 % be followed within two seconds under load."""
+    valve: float = 0.02
+    """1/√s relative to the healthy leakage: a closed valve stays closed for long."""
     air: float = 5e-4
     """1/√s, of the oil's volume: a tenth of a percent of free air comes or goes within seconds."""
     gain: float = 1e-4
     """1/√s; the displacement changes with wear only, the rest is temperature."""
     friction: float = 0.05
-    viscous_friction: float = 30.0
+    viscous_friction: float = 10.0
     load: float = 150.0
-    """N/√s: gusts."""
+    """N/√s: slow changes; gusts raise the force balance's noise by themselves."""
     stiffness: float = 1e3
     """N/m/√s."""
+    throttle: float = 1e4
+    """N/(m/s)²/√s."""
     initial_leakage: float = 0.3
+    initial_valve: float = 0.03
     initial_air: float = 1e-3
     initial_gain: float = 3e-3
     initial_friction: float = 0.3
-    initial_viscous_friction: float = 200.0
+    initial_viscous_friction: float = 100.0
     initial_load: float = 1000.0
     initial_stiffness: float = 1e4
+    initial_throttle: float = 1e5
     refeed_margin: float = 3e4
     """Pa above the accumulator below which a chamber may be fed: cracking pressure and sensor zeros."""
     relief_pressure: float = 3.1e6
@@ -129,9 +120,10 @@ class Noise:
 
 
 (
-    N_X, N_TH, N_P, N_DP, N_FORCE, N_FMEAN, N_ACCEL, N_FLOW, N_REFEED, N_LEAK, N_AIR, N_GAIN, N_FRIC, N_VISC,
-    N_LOAD, N_STIF, I_LEAK, I_AIR, I_GAIN, I_FRIC, I_VISC, I_LOAD, I_STIF, N_MARGIN, N_RELIEF,
-) = range(25)  # fmt: skip
+    N_X, N_TH, N_P, N_DP, N_FORCE, N_FMEAN, N_ACCEL, N_FLOW, N_REFEED, N_LEAK, N_VALVE, N_AIR, N_GAIN, N_FRIC, N_VISC,
+    N_LOAD, N_STIF, N_THROT, I_LEAK, I_VALVE, I_AIR, I_GAIN, I_FRIC, I_VISC, I_LOAD, I_STIF, I_THROT,
+    N_MARGIN, N_RELIEF,
+) = range(29)  # fmt: skip
 
 
 @njit(cache=True)
@@ -147,9 +139,20 @@ def measurement(x: Array, q: Array, z: Array, y: Array) -> None:
 
 @njit(cache=True)
 def _process_noise(
-    x: Array, h: float, p_acc: float, known_acc: bool, q: Array, c: Array, out: Array, diag: Array
+    x: Array,
+    h: float,
+    p_acc: float,
+    known_acc: bool,
+    unrest: float,
+    q: Array,
+    c: Array,
+    out: Array,
+    diag: Array,
 ) -> None:
-    """Variances of velocity, speed and chamber volumes, and of the parameters, over `h` ms."""
+    """Variances of velocity, speed and chamber volumes, and of the parameters, over `h` ms.
+
+    `unrest` is how much more than expected the load moves, see `_balance_forces`.
+    """
     mu = 1e-3 / q[eha.Q_MASS]
     out[0] = (mu * c[N_FORCE]) ** 2 * 1e3 * h
     out[1] = (c[N_ACCEL] * 1e-3) ** 2 * 1e-3 * h
@@ -162,13 +165,15 @@ def _process_noise(
     out[3] = large if relieved or fed2 else small
     seconds = 1e-3 * h
     diag[:] = 0.0
-    diag[eha.LP] = diag[eha.LN] = c[N_LEAK] ** 2 * seconds
+    diag[eha.LEAK] = c[N_LEAK] ** 2 * seconds
+    diag[eha.VALVE1] = diag[eha.VALVE2] = c[N_VALVE] ** 2 * seconds
     diag[eha.AIR] = (c[N_AIR] * 1e3) ** 2 * seconds
     diag[eha.GAIN] = c[N_GAIN] ** 2 * seconds
     diag[eha.FRIC] = c[N_FRIC] ** 2 * seconds
     diag[eha.VISC] = c[N_VISC] ** 2 * seconds
-    diag[eha.LOAD] = c[N_LOAD] ** 2 * seconds
+    diag[eha.LOAD] = c[N_LOAD] ** 2 * seconds * unrest
     diag[eha.STIF] = (c[N_STIF] * 1e-3) ** 2 * seconds
+    diag[eha.THROT] = c[N_THROT] ** 2 * seconds
 
 
 @njit(cache=True)
@@ -196,27 +201,32 @@ def _start_motion(x: Array, P: Array, z: Array, p_acc: float, c: Array) -> None:
 def _balance_forces(x: Array, P: Array, h: float, q: Array, c: Array, memory: Array) -> None:
     """Measure friction and load by the mean force over `FORCE_PERIOD`, where the piston slid one way.
 
-    ``A₁p₁ − A₂p₂ − M dv/dt = φ curve(v) + B v + F + k x`` in the mean. The errors of a friction
+    ``A₁p₁ − A₂p₂ − M dv/dt = φ curve(v) + B v + F + k x + c v|v|`` in the mean. The errors of a friction
     curve last for many samples, so they are averaged first and count once; step by step they
     would be taken for white noise and make friction look far better known than it is.
     """
     v = x[eha.V]
     if memory[M_FCOUNT] == 0.0:
-        memory[M_FORCE] = memory[M_VMEAN] = memory[M_XMEAN] = memory[M_CURVE] = 0.0
+        memory[M_FORCE] = memory[M_VMEAN] = memory[M_XMEAN] = memory[M_CURVE] = memory[M_SQUARE] = 0.0
         memory[M_VSTART] = v
-        memory[M_FSIGN] = 1.0 if v > 0.0 else -1.0
+        direction = 1.0 if v > 0.0 else -1.0
+        if direction != memory[M_FSIGN]:
+            memory[M_SLID] = 0.0
+        memory[M_FSIGN] = direction
     if v * memory[M_FSIGN] < q[eha.Q_SLIDING]:
-        memory[M_FSIGN] = 0.0
+        memory[M_SLID] = -FORCE_PERIOD
     memory[M_FORCE] += (q[eha.Q_AREA1] * x[eha.P1] - q[eha.Q_AREA2] * x[eha.P2]) * h
     memory[M_VMEAN] += v * h
     memory[M_XMEAN] += x[eha.X] * h
+    memory[M_SQUARE] += v * abs(v) * h
     memory[M_CURVE] += eha.friction_curve(v, q)[0] * h
     memory[M_FCOUNT] += h
     if memory[M_FCOUNT] < FORCE_PERIOD - 0.5 * h:
         return
     span = memory[M_FCOUNT]
     memory[M_FCOUNT] = 0.0
-    if memory[M_FSIGN] == 0.0:
+    memory[M_SLID] += span
+    if memory[M_SLID] < FRICTION_SETTLES:
         return
     inertia = q[eha.Q_MASS] * (v - memory[M_VSTART]) / span * 1e3
     H = np.zeros((1, eha.STATES))
@@ -224,18 +234,27 @@ def _balance_forces(x: Array, P: Array, h: float, q: Array, c: Array, memory: Ar
     H[0, eha.VISC] = memory[M_VMEAN] / span
     H[0, eha.LOAD] = 1.0
     H[0, eha.STIF] = memory[M_XMEAN] / span
+    H[0, eha.THROT] = memory[M_SQUARE] / span
     y = np.empty(1)
     y[0] = memory[M_FORCE] / span - inertia
+    # Friction follows velocity with a lag of some tens of milliseconds (Armstrong-Hélouvry et al. 1994,
+    # doi 10.1016/0005-1098(94)90209-7), so where the curve changed within the period it fits worse.
+    start = eha.friction_curve(memory[M_VSTART], q)[0]
+    lag = FRICTION_LAG / span * (eha.friction_curve(v, q)[0] - start)
     variance = np.empty(1)
-    variance[0] = c[N_FMEAN] ** 2
+    variance[0] = (c[N_FMEAN] ** 2 + lag * lag) * memory[M_FSCALE] ** 2
     s = variance[0]
-    for i in (eha.FRIC, eha.VISC, eha.LOAD, eha.STIF):
+    for i in range(eha.FRIC, eha.STATES):
         y[0] -= H[0, i] * x[i]
-        for j in (eha.FRIC, eha.VISC, eha.LOAD, eha.STIF):
+        for j in range(eha.FRIC, eha.STATES):
             s += H[0, i] * P[i, j] * H[0, j]
-    sigmas = abs(y[0]) / np.sqrt(s)
-    if sigmas > ROBUST:
-        variance[0] += s * ((sigmas / ROBUST) ** 2 - 1.0)
+    # (Squared below: what moves a restless load lasts for several periods, so they repeat each other.)
+    # Loads differ: how fast the load moves, and what the force balance is worth, follow from its own
+    # innovations over some seconds.
+    ratio = y[0] * y[0] / s
+    memory[M_FSCALE] = min(max(memory[M_FSCALE] * np.exp(0.02 * (min(ratio, 9.0) - 1.0)), 1.0), 1e4)
+    if ratio > ROBUST * ROBUST:
+        variance[0] += s * (ratio / ROBUST**2 - 1.0)
     mask = np.ones(1, dtype=np.bool_)
     kalman_update(x, P, y, H, variance, mask)
 
@@ -243,12 +262,14 @@ def _balance_forces(x: Array, P: Array, h: float, q: Array, c: Array, memory: Ar
 @njit(cache=True)
 def _bound(x: Array) -> None:
     """Keep parameters where the model means something."""
-    x[eha.LP] = min(max(x[eha.LP], 0.02), 300.0)
-    x[eha.LN] = min(max(x[eha.LN], 0.02), 300.0)
+    x[eha.LEAK] = min(max(x[eha.LEAK], 0.02), 300.0)
+    x[eha.VALVE1] = min(max(x[eha.VALVE1], -0.9), 300.0)
+    x[eha.VALVE2] = min(max(x[eha.VALVE2], -0.9), 300.0)
     x[eha.AIR] = min(max(x[eha.AIR], -2.0), 100.0)
     x[eha.GAIN] = min(max(x[eha.GAIN], -0.1), 0.1)
     x[eha.FRIC] = min(max(x[eha.FRIC], 0.02), 10.0)
     x[eha.VISC] = min(max(x[eha.VISC], -2e3), 5e4)
+    x[eha.THROT] = min(max(x[eha.THROT], -2e4), 1e7)
 
 
 @njit(cache=True)
@@ -329,7 +350,7 @@ def _track(
             _start_motion(x, P, z, p_acc, c)
             memory[M_STARTED] = 1.0
         elif steps > LONGEST_GAP:
-            _process_noise(x, steps * h0, p_acc, known_acc, q, c, noise, diag)
+            _process_noise(x, steps * h0, p_acc, known_acc, memory[M_FSCALE], q, c, noise, diag)
             _start_motion(x, P, z, p_acc, c)
             for i in range(eha.STATES):
                 P[i, i] += diag[i]
@@ -343,12 +364,13 @@ def _track(
             if not np.isnan(z[Z_TH]):
                 w_at = (z[Z_TH] - x[eha.TH]) / span
             for _ in range(steps):
-                _process_noise(x, h0, p_acc, known_acc, q, c, noise, diag)
+                _process_noise(x, h0, p_acc, known_acc, memory[M_FSCALE], q, c, noise, diag)
                 eha.step(x, h0, viscosity, p_acc, v_at, w_at, q, x_new, F, G)
                 x[:] = x_new
                 # Friction and load learn from the mean force alone (see _balance_forces).
                 for i in range(eha.P2 + 1):
-                    F[i, eha.FRIC] = F[i, eha.VISC] = F[i, eha.LOAD] = F[i, eha.STIF] = 0.0
+                    for j in range(eha.FRIC, eha.STATES):
+                        F[i, j] = 0.0
                 eha.propagate(P, F, G, noise, diag, scratch)
         measurement(x, q, z, y)
         channels = 0
@@ -395,6 +417,9 @@ def _track(
             for i in range(eha.STATES):
                 rec[R_STATE + i] = x[i]
                 rec[R_VARIANCE + i] = P[i, i]
+            # Against a restless load the friction curve's misfit repeats itself: count it once.
+            rec[R_VARIANCE + eha.FRIC] *= memory[M_FSCALE] ** 2
+            rec[R_VARIANCE + eha.VISC] *= memory[M_FSCALE] ** 2
             rec[R_NIS] = memory[M_NIS] / memory[M_COUNT]
             rec[R_CHANNELS] = memory[M_CHANNELS] / memory[M_COUNT]
             rec[R_LOGLIK] = memory[M_LOGLIK] / memory[M_COUNT]
@@ -457,18 +482,20 @@ class EhaTracker:
         self._c = self.noise.array()
         c = self._c
         self.x = np.zeros(eha.STATES)
-        self.x[[eha.LP, eha.LN, eha.FRIC]] = 1.0
+        self.x[[eha.LEAK, eha.FRIC]] = 1.0
         self.x[eha.AIR] = air_fraction * 1e3
         self.x[eha.VISC] = viscous_friction
         spread = np.zeros(eha.STATES)
-        spread[[eha.LP, eha.LN]] = c[I_LEAK]
+        spread[eha.LEAK] = c[I_LEAK]
+        spread[[eha.VALVE1, eha.VALVE2]] = c[I_VALVE]
         spread[eha.AIR], spread[eha.GAIN] = c[I_AIR] * 1e3, c[I_GAIN]
         spread[eha.FRIC], spread[eha.VISC] = c[I_FRIC], c[I_VISC]
-        spread[eha.LOAD], spread[eha.STIF] = c[I_LOAD], c[I_STIF] * 1e-3
+        spread[eha.LOAD], spread[eha.STIF], spread[eha.THROT] = c[I_LOAD], c[I_STIF] * 1e-3, c[I_THROT]
         self.P = np.diag(spread**2)
         self._memory = np.zeros(MEMORY)
         self._memory[M_ACC] = np.nan
         self._memory[M_VISC] = 1.0
+        self._memory[M_FSCALE] = 1.0
         self._e_post = np.zeros(MEASUREMENTS)
 
     def __repr__(self) -> str:

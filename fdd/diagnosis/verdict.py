@@ -91,8 +91,7 @@ def severity(name: str, features: Array, unit: Unit) -> float | None:
     f = dict(zip(FEATURES, features, strict=True))
     total = unit.pump.total_leakage
     if name == "internal_leakage":
-        ratio = math.exp(max(f["leak_extending"], f["leak_retracting"], key=abs))
-        value = (ratio - 1.0) * total / 12e-12
+        value = (math.exp(f["leakage"]) - 1.0) * total / 12e-12
     elif name == "seal_wear":
         ratio = math.exp(f["friction"])
         value = (1.0 - ratio) / 0.65 if ratio < 1.0 else ratio - 1.0
@@ -102,8 +101,7 @@ def severity(name: str, features: Array, unit: Unit) -> float | None:
         value = (math.exp(f["compliance"]) - 1.0) / unit.oil.bulk_modulus / per_air / 0.025
     elif name == "check_valve_stuck_open":
         # An orifice of 1e-4 m³/s at 1 MPa, linearised at the working pressure of some 0.5 MPa.
-        ratio = math.exp(max(f["leak_extending"], f["leak_retracting"]))
-        value = (ratio - 1.0) * total * 0.5e6 / (1e-4 * math.sqrt(0.5))
+        value = (math.exp(f["valve_largest"]) - 1.0) * total * 0.5e6 / (1e-4 * math.sqrt(0.5))
     elif name in ("pressure_sensor_bias", "pressure_sensor_drift"):
         value = abs(f["redundancy"]) * 50e3 / 250e3
     else:
@@ -112,9 +110,14 @@ def severity(name: str, features: Array, unit: Unit) -> float | None:
 
 
 _SENTENCES = {
-    "leak_extending": lambda v: f"leakage pushing out is {math.exp(v):.2f} times healthy at equal viscosity",
-    "leak_retracting": lambda v: f"leakage pulling in is {math.exp(v):.2f} times healthy at equal viscosity",
-    "leak_asymmetry": lambda v: f"leakage in one direction is {math.exp(abs(v)):.2f} times that in the other",
+    "leakage": lambda v: f"leakage across the ports is {math.exp(v):.2f} times healthy at equal viscosity",
+    "valve_1": lambda v: (
+        f"chamber 1 loses {math.exp(v) - 1.0:.2f} times the healthy leakage to the inner circuit"
+    ),
+    "valve_2": lambda v: (
+        f"chamber 2 loses {math.exp(v) - 1.0:.2f} times the healthy leakage to the inner circuit"
+    ),
+    "valve_largest": lambda v: f"one chamber alone loses {math.exp(v) - 1.0:.2f} times the healthy leakage",
     "compliance": lambda v: f"the oil is {math.exp(v):.2f} times as compliant as when healthy",
     "friction": lambda v: f"Coulomb friction is {math.exp(v):.2f} times healthy",
     "viscous": lambda v: f"friction at 50 mm/s differs by {100 * v:+.0f} % of healthy Coulomb friction",

@@ -8,9 +8,9 @@ quantity is not observable.
 =====================  =====================================================================
 feature                meaning
 =====================  =====================================================================
-leak_extending         log of leakage over healthy while P1 > P2, at equal viscosity
-leak_retracting        the same while P1 < P2
-leak_asymmetry         the difference of the two: one-sided leakage is a valve's
+leakage                log of leakage across the ports over healthy, at equal viscosity
+valve_1, valve_2       log of one plus a chamber's leakage into the accumulator over healthy leakage
+valve_largest          the larger of the two
 compliance             log of oil compliance at reference pressure over healthy: air
 friction               log of Coulomb and Stribeck friction over healthy
 viscous                change of viscous friction at 50 mm/s over healthy Coulomb friction
@@ -36,8 +36,8 @@ from fdd.unit import Unit
 Array = NDArray[np.float64]
 
 FEATURES = (
-    "leak_extending", "leak_retracting", "leak_asymmetry", "compliance", "friction", "viscous",
-    "redundancy", "torque", "refeed_deficit", "low_side", "drive", "innovation",
+    "leakage", "valve_1", "valve_2", "valve_largest", "compliance", "friction", "viscous", "redundancy",
+    "torque", "refeed_deficit", "low_side", "drive", "innovation",
 )  # fmt: skip
 FEATURE_VERSION = "1"
 """Goes up when a feature's meaning changes: models and baselines of another version do not fit."""
@@ -77,9 +77,10 @@ def window_features(
     x = records[:, tracker.R_STATE : tracker.R_STATE + eha.STATES].mean(axis=0)
     var = records[:, tracker.R_VARIANCE : tracker.R_VARIANCE + eha.STATES].mean(axis=0)
     f = dict.fromkeys(FEATURES, 0.0)
-    for name, i in (("leak_extending", eha.LP), ("leak_retracting", eha.LN)):
-        f[name] = shrink(float(np.log(x[i])), float(var[i] / x[i] ** 2))
-    f["leak_asymmetry"] = f["leak_extending"] - f["leak_retracting"]
+    f["leakage"] = shrink(float(np.log(x[eha.LEAK])), float(var[eha.LEAK] / x[eha.LEAK] ** 2))
+    for name, i in (("valve_1", eha.VALVE1), ("valve_2", eha.VALVE2)):
+        f[name] = shrink(float(np.log1p(x[i])), float(var[i] / (1.0 + x[i]) ** 2))
+    f["valve_largest"] = max(f["valve_1"], f["valve_2"])
     pressure = unit.oil.reference_pressure * 1e-6
     healthy, _, slope = eha.compliance(pressure, unit.oil.air_fraction * 1e3, model)
     now, _, _ = eha.compliance(pressure, float(x[eha.AIR]), model)

@@ -53,9 +53,10 @@ def noise_of(unit: Unit) -> Noise:
     noise.position = max(noise.position, float(np.hypot(position.noise, position.resolution / np.sqrt(12.0))))
     angle = unit.sensor("pump_angle")
     noise.angle = max(noise.angle, float(np.hypot(angle.noise, angle.resolution / np.sqrt(12.0))))
-    chambers = [unit.sensor(c).noise for c in ("pressure_1", "pressure_2")]
-    noise.pressure = max(noise.pressure, *chambers)
-    noise.pressure_difference = max(noise.pressure_difference, unit.sensor("pressure_difference").noise)
+    chambers = [unit.sensor(c).noise for c in ("pressure_1", "pressure_2") if c in unit.sensors]
+    noise.pressure = max(chambers) if chambers and max(chambers) > 0 else noise.pressure
+    difference = unit.sensor("pressure_difference")
+    noise.pressure_difference = difference.noise or noise.pressure_difference
     noise.relief_pressure = 0.9 * unit.accumulator.relief_pressure
     return noise
 
@@ -153,15 +154,11 @@ class Tracking:
 def estimates(records: Array, unit: Unit, model: Array) -> tuple[dict[str, Array], dict[str, Array]]:
     """Tracked quantities and their standard deviations, SI, from a filter's records.
 
-    Leakage is L_T at the oil's temperature of the moment: both directions weighed by how well
-    they are known. Bulk modulus is that at the unit's reference pressure; friction the mean of
+    Leakage is L_T across the ports at the oil's temperature of the moment. Bulk modulus is that at the unit's reference pressure; friction the mean of
     both directions.
     """
     x = records[:, tracker.R_STATE : tracker.R_STATE + eha.STATES]
     var = records[:, tracker.R_VARIANCE : tracker.R_VARIANCE + eha.STATES]
-    inverse_p = 1.0 / np.maximum(var[:, eha.LP], 1e-12)
-    inverse_n = 1.0 / np.maximum(var[:, eha.LN], 1e-12)
-    total = inverse_p + inverse_n
     scale = unit.pump.total_leakage / records[:, tracker.R_VISCOSITY]
     pressure = unit.oil.reference_pressure * 1e-6
     air_unit = 1e-3 * eha.air_curve(pressure, model[eha.Q_POLYTROPIC])
@@ -169,13 +166,13 @@ def estimates(records: Array, unit: Unit, model: Array) -> tuple[dict[str, Array
     c = np.maximum(stiff + air_unit * x[:, eha.AIR], eha.COMPLIANCE_FLOOR * stiff)
     coulomb = healthy_coulomb(unit)
     values = {
-        "leakage": scale * (x[:, eha.LP] * inverse_p + x[:, eha.LN] * inverse_n) / total,
+        "leakage": scale * x[:, eha.LEAK],
         "bulk_modulus": 1e6 / c,
         "coulomb_friction": coulomb * x[:, eha.FRIC],
         "viscous_friction": x[:, eha.VISC],
     }
     stds = {
-        "leakage": scale / np.sqrt(total),
+        "leakage": scale * np.sqrt(var[:, eha.LEAK]),
         "bulk_modulus": 1e6 / c**2 * air_unit * np.sqrt(var[:, eha.AIR]),
         "coulomb_friction": coulomb * np.sqrt(var[:, eha.FRIC]),
         "viscous_friction": np.sqrt(var[:, eha.VISC]),
