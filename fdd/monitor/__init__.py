@@ -1,1 +1,7 @@
-"""monitor"""
+"""Live diagnosis of one axis: sources of samples, and the loop that turns them into events."""
+
+from fdd.monitor.lines import LineParser
+from fdd.monitor.monitor import Event, Found, Noted, Status, watch
+from fdd.monitor.sources import JsonLines, Replay
+
+__all__ = ["Event", "Found", "JsonLines", "LineParser", "Noted", "Replay", "Status", "watch"]

@@ -1,0 +1,50 @@
+"""The command tree."""
+
+from __future__ import annotations
+
+from typing import Annotated
+
+import typer
+
+from fdd import __version__
+from fdd.cli import demo, diagnose, generate, identify, monitor, simulate, train
+from fdd.cli.failures import USAGE, Commands
+
+app = typer.Typer(
+    name="fdd",
+    cls=Commands,
+    add_completion=False,
+    pretty_exceptions_enable=False,
+    context_settings={"help_option_names": ["-h", "--help"]},
+)
+
+
+def _show_version(wanted: bool) -> None:
+    if wanted:
+        print(f"fdd {__version__}")
+        raise typer.Exit(0)
+
+
+@app.callback(invoke_without_command=True)
+def fdd(
+    context: typer.Context,
+    version: Annotated[
+        bool, typer.Option("--version", callback=_show_version, is_eager=True, help="Show the version.")
+    ] = False,
+) -> None:
+    """Fault detection and diagnosis for electro-hydrostatic actuators.
+
+    Exit status: 0 done, 1 a fault was found (with --exit-code), 2 wrong usage or unusable input.
+    """
+    if context.invoked_subcommand is None:
+        print(context.get_help())
+        raise typer.Exit(USAGE)
+
+
+app.command()(diagnose.diagnose)
+app.command()(monitor.monitor)
+app.command()(identify.identify)
+app.command()(simulate.simulate)
+app.command()(generate.generate)
+app.command()(train.train)
+app.command()(demo.demo)

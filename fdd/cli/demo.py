@@ -1,0 +1,41 @@
+"""``fdd demo``: the main job on a shipped log, end to end."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from fdd.cli.options import ModelOption
+
+LOG, UNIT = "demo.mcap", "unit.yaml"
+
+
+def demo(
+    out: Annotated[Path, typer.Option("--out", "-o", help="Report to write.")] = Path("fdd-demo-report.html"),
+    model: ModelOption = None,
+) -> None:
+    """Diagnose a shipped log of a leaking actuator and write its report."""
+    from fdd.cli.outputs import require_writable
+
+    require_writable(out)
+
+    from importlib import resources
+
+    from fdd.cli.console import output
+    from fdd.cli.diagnose import write_report_of
+    from fdd.cli.diagnosing import diagnose_log
+    from fdd.cli.tables import diagnosis_view
+    from fdd.diagnosis.model import Model
+    from fdd.logs import read_log
+    from fdd.unit import Unit
+
+    classifier = Model.load(model)
+    with resources.as_file(resources.files("fdd") / "demo") as folder:
+        log, unit = read_log(folder / LOG), Unit.load(folder / UNIT)
+    found = diagnose_log(log, unit, classifier, name=LOG)
+    write_report_of(out, found, str(model or "shipped"))
+    output().print(diagnosis_view(found.diagnosis))
+    print(f"Report with all plots: {out.resolve()}")
+    print(f"The same by hand: fdd diagnose {folder / LOG} --unit {folder / UNIT} --report report.html")

@@ -1,0 +1,114 @@
+"""How a command ends: exit statuses, and one line on standard error instead of a traceback."""
+
+from __future__ import annotations
+
+import os
+import signal
+import sys
+import warnings
+from collections.abc import Sequence
+from types import FrameType
+from typing import Any
+
+import typer
+from typer.core import TyperGroup
+
+from fdd.errors import InputError
+
+USAGE, INTERNAL, INTERRUPTED, BROKEN_PIPE, TERMINATED = 2, 70, 130, 141, 143
+
+# Typer exports this one subclass of its usage errors, whichever click it stands on.
+UsageError: type[Exception] = typer.BadParameter.__mro__[1]
+Abort: type[BaseException] = typer.Abort
+
+
+class Commands(TyperGroup):
+    """The group of all commands; whatever goes wrong in one of them ends here.
+
+    Exit statuses: 0 done, 2 wrong usage or unusable input, 70 a fault of fdd itself (the
+    traceback is shown where ``FDD_DEBUG`` is set), 130 interrupted, 141 broken pipe.
+    """
+
+    def main(
+        self,
+        args: Sequence[str] | None = None,
+        prog_name: str | None = None,
+        complete_var: str | None = None,
+        standalone_mode: bool = True,
+        windows_expand_args: bool = True,
+        **extra: Any,
+    ) -> Any:
+        """Run and exit with a status, or return it where `standalone_mode` is False."""
+        status = self._status(
+            args, prog_name or "fdd", complete_var, windows_expand_args=windows_expand_args, **extra
+        )
+        if not standalone_mode:
+            return status
+        sys.exit(status)
+
+    def _status(
+        self, args: Sequence[str] | None, prog_name: str, complete_var: str | None, **extra: Any
+    ) -> int:
+        try:
+            result = super().main(args, prog_name, complete_var, standalone_mode=False, **extra)
+            sys.stdout.flush()
+            return result if isinstance(result, int) else 0
+        except InputError as error:
+            return _told(str(error), USAGE)
+        except UsageError as error:
+            return _told(_usage_text(error), USAGE)
+        except (KeyboardInterrupt, Abort):
+            return INTERRUPTED
+        except BrokenPipeError:
+            _silence_stdout()
+            return BROKEN_PIPE
+        except MemoryError:
+            return _internal("not enough memory for this")
+        except Exception as error:
+            name = type(error).__name__
+            return _internal(f"{name}: {error}" if str(error) else name)
+
+
+def _usage_text(error: Exception) -> str:
+    """The message and which help to read, in one line."""
+    message = getattr(error, "format_message", lambda: str(error))()
+    context = getattr(error, "ctx", None)
+    path = getattr(context, "command_path", None) or "fdd"
+    return f"{message.rstrip('.')}; see {path} --help"
+
+
+def _told(text: str, status: int, kind: str = "error") -> int:
+    print(f"fdd: {kind}: {' '.join(text.split())}", file=sys.stderr)
+    return status
+
+
+def _internal(text: str) -> int:
+    if os.environ.get("FDD_DEBUG"):
+        import traceback
+
+        traceback.print_exc()
+    return _told(text[:500], INTERNAL, "internal error")
+
+
+def _silence_stdout() -> None:
+    """Give the interpreter somewhere to flush what nobody reads any more."""
+    try:
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+    except (OSError, ValueError):  # standard output is no file, as in a test
+        return
+
+
+def prepare_process() -> None:
+    """Set the process up for a command: streams that take any text, quiet libraries, a clean SIGTERM."""
+    for stream in (sys.stdout, sys.stderr):
+        reconfigure = getattr(stream, "reconfigure", None)
+        if reconfigure is not None:
+            reconfigure(errors="replace")
+    if not os.environ.get("FDD_DEBUG"):
+        warnings.simplefilter("ignore")
+    signal.signal(signal.SIGTERM, _terminated)
+
+
+def _terminated(number: int, frame: FrameType | None) -> None:
+    # Raised as an exit, so that temporary files are cleared away on the way out.
+    raise SystemExit(TERMINATED)

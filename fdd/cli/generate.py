@@ -1,0 +1,43 @@
+"""``fdd generate``: a labelled fault-injection data set."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from fdd.errors import InputError
+
+ENGINES = ("local",)
+
+
+def generate(
+    recipe: Annotated[Path, typer.Argument(help="Recipe of the campaign (YAML).", show_default=False)],
+    out: Annotated[Path, typer.Option("--out", "-o", help="Folder of the data set.", show_default=False)],
+    workers: Annotated[
+        int | None, typer.Option(min=1, help="Processes; one for each core else.", show_default=False)
+    ] = None,
+    engine: Annotated[str, typer.Option(help="What runs the simulations: local.")] = "local",
+) -> None:
+    """Generate a labelled data set of simulated runs."""
+    from fdd.cli.outputs import require_writable, written
+
+    if engine not in ENGINES:
+        raise InputError(f"unknown engine {engine!r}", mend=f"use one of: {', '.join(ENGINES)}")
+    require_writable(out, folder=True)
+
+    from fdd.campaign.generate import generate as run
+    from fdd.campaign.recipe import Recipe
+    from fdd.cli.console import progress
+
+    campaign = Recipe.load(recipe)
+    with progress(f"generating {out.name}", 1.0) as advance, written(out):
+        run(
+            campaign,
+            out,
+            workers=workers or os.cpu_count() or 1,
+            progress=lambda done, total: advance(done / max(total, 1)),
+        )
+    print(f"Data set written to {out}")

@@ -1,0 +1,84 @@
+"""A diagnosis for people at a terminal."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from rich import box
+from rich.console import Group, RenderableType
+from rich.padding import Padding
+from rich.panel import Panel
+from rich.table import Table
+from rich.text import Text
+
+from fdd.report import tables
+from fdd.report.words import FindingWords, verdict_words
+
+if TYPE_CHECKING:
+    from fdd.diagnosis.findings import Diagnosis
+
+COLOURS = {"healthy": "green", "faulty": "red", "inconclusive": "yellow"}
+
+
+def diagnosis_view(diagnosis: Diagnosis) -> RenderableType:
+    """Verdict, findings with their evidence, estimates and what was odd in the data.
+
+    Everything that comes from the log is shown as plain text, never as markup.
+    """
+    words = verdict_words(diagnosis)
+    colour = COLOURS[words.kind]
+    head = Text(f"{words.mark} {words.headline}", style=f"bold {colour}")
+    if words.remark:
+        head.append(f"\n{words.remark}", style="not bold default")
+    parts: list[RenderableType] = [
+        Panel(head, title=Text(diagnosis.log), title_align="left", border_style=colour, box=box.ROUNDED)
+    ]
+    for finding in words.findings:
+        parts.append(Padding(_finding(finding, named=len(words.findings) > 1), (0, 2)))
+    parts.append(_estimates(diagnosis))
+    parts.append(Padding(_families(diagnosis), (0, 2)))
+    parts.append(Padding(_quality(diagnosis), (0, 2)))
+    return Group(*parts)
+
+
+def _finding(finding: FindingWords, *, named: bool) -> Text:
+    text = Text()
+    if named:
+        text.append(f"{finding.headline}\n", style="bold")
+    for sentence in finding.evidence:
+        text.append(f"• {sentence}\n")
+    rest = " ".join(s for s in (finding.detection, finding.alternatives, finding.severity) if s)
+    text.append(f"{rest}\n")
+    return text
+
+
+def _estimates(diagnosis: Diagnosis) -> Table:
+    table = Table(box=box.SIMPLE_HEAD, pad_edge=True)
+    table.add_column("At the end of the log")
+    for title in ("healthy", "estimated", "change"):
+        table.add_column(title, justify="right", no_wrap=True)
+    table.add_column("unit", no_wrap=True)
+    for row in tables.estimate_rows(diagnosis):
+        seen = row["observable"] == "yes"
+        change = row["change"] if seen else "not observable"
+        table.add_row(
+            row["quantity"], row["baseline"], row["value"], change, row["unit"], style="" if seen else "dim"
+        )
+    return table
+
+
+def _families(diagnosis: Diagnosis) -> Text:
+    shown = [f"{title.lower()} {percent}" for title, percent, _ in tables.probability_rows(diagnosis)]
+    return Text(f"Probabilities: {', '.join(shown) or 'none'}")
+
+
+def _quality(diagnosis: Diagnosis) -> Text:
+    q = diagnosis.quality
+    text = Text(
+        f"Data: {tables.grouped(diagnosis.samples)} samples in {diagnosis.duration_s:.1f} s, unit "
+        f"{diagnosis.unit}, axis {diagnosis.axis}; {q.dropped_samples} dropped, {q.nan_samples} with missing "
+        f"values, {q.time_jumps} jumps in time"
+    )
+    for note in q.notes:
+        text.append(f"\n• {note}", style="yellow")
+    return text

@@ -1,0 +1,177 @@
+"""Where live samples come from: a log replayed at some speed, or JSON lines on a stream.
+
+A source is an iterator of blocks of `Samples`; an empty block means that nothing came for a
+while, so that the monitor can look after its display and its stop signal. The findings do not
+depend on how a source cuts its blocks.
+"""
+
+from __future__ import annotations
+
+import queue
+import threading
+from collections.abc import Callable, Iterator
+from typing import Protocol
+
+import numpy as np
+
+from fdd.diagnosis.findings import Quality
+from fdd.monitor.clock import Clock
+from fdd.monitor.lines import LineParser, split_lines
+from fdd.samples import Samples
+
+BLOCK_S = 0.1
+REPLAY_ROWS = 50_000
+READ_BYTES = 1 << 16
+MOST_PENDING = 4096
+"""Lines after which a block is made without waiting for its time."""
+
+
+class Source(Protocol):
+    """What the monitor takes samples from."""
+
+    def __iter__(self) -> Iterator[Samples]:
+        """Blocks in time order; empty ones while nothing comes."""
+        ...
+
+    def quality(self) -> Quality:
+        """What was missing or odd so far."""
+        ...
+
+    def remarks(self) -> list[str]:
+        """Notes that are new since the last call."""
+        ...
+
+
+class Replay:
+    """A whole log, block by block, at the speed it was recorded or another.
+
+    Parameters
+    ----------
+    samples, quality : of the log.
+    speed : times real time; None is as fast as the machine can.
+    clock : what it waits with.
+    after : s; rows up to this time were seen by an earlier run and are passed over.
+
+    Examples
+    --------
+    >>> source = Replay(samples, Quality(), speed=None, clock=WallClock(stop))  # doctest: +SKIP
+    >>> sum(len(block) for block in source) == len(samples)  # doctest: +SKIP
+    True
+    """
+
+    def __init__(
+        self,
+        samples: Samples,
+        quality: Quality,
+        *,
+        speed: float | None,
+        clock: Clock,
+        after: float = float("nan"),
+    ) -> None:
+        first = 0 if np.isnan(after) else int(np.searchsorted(samples.time, after, side="right"))
+        self.samples = samples.rows(first, len(samples))
+        self._quality = quality
+        self._speed = speed
+        self._clock = clock
+        self._remarks = []
+        if first:
+            self._remarks.append(f"{first} samples up to {after:.3f} s were seen before and are passed over")
+
+    def __iter__(self) -> Iterator[Samples]:
+        if self._speed is None:
+            yield from self.samples.blocks(REPLAY_ROWS)
+            return
+        time = self.samples.time
+        if not time.size:
+            return
+        started, first, row = self._clock.now(), float(time[0]), 0
+        while row < time.size:
+            stop = int(np.searchsorted(time, time[row] + BLOCK_S, side="left"))
+            stop = max(stop, row + 1)
+            due = started + (float(time[stop - 1]) - first) / self._speed
+            # A long hole in the log is waited through in steps, so that the display stays alive.
+            while (wait := due - self._clock.now()) > 2.0 * BLOCK_S:
+                self._clock.sleep(BLOCK_S)
+                yield self.samples.rows(0, 0)
+            self._clock.sleep(wait)
+            yield self.samples.rows(row, stop)
+            row = stop
+
+    def quality(self) -> Quality:
+        """What the reader noted about the log."""
+        return self._quality
+
+    def remarks(self) -> list[str]:
+        """Notes that are new since the last call."""
+        out, self._remarks = self._remarks, []
+        return out
+
+
+class JsonLines:
+    """JSON lines from a stream, one object a sample: ``{"time": 0.001, "position": 0.01, …}``.
+
+    The stream is read in a thread of its own, so that a silent machine does not hold the
+    monitor up; a monitor that cannot keep up makes the writer wait.
+
+    Parameters
+    ----------
+    read : gives at most that many bytes as soon as there are any; empty at the end.
+    parser : turns lines into samples.
+    clock : tells when a block is due.
+
+    Examples
+    --------
+    >>> source = JsonLines(lambda n: os.read(0, n), LineParser(), clock)  # doctest: +SKIP
+    """
+
+    def __init__(self, read: Callable[[int], bytes], parser: LineParser, *, clock: Clock) -> None:
+        self._read = read
+        self._parser = parser
+        self._clock = clock
+        self._chunks: queue.Queue[bytes | BaseException] = queue.Queue(maxsize=64)
+
+    def __iter__(self) -> Iterator[Samples]:
+        threading.Thread(target=self._pump, daemon=True, name="fdd-stream").start()
+        pending: list[bytes] = []
+        tail, since, ended = b"", self._clock.now(), False
+        while not ended:
+            try:
+                chunk = self._chunks.get(timeout=BLOCK_S)
+            except queue.Empty:
+                chunk = None
+            if isinstance(chunk, BaseException):
+                raise chunk
+            if chunk is not None:
+                ended = not chunk
+                if not pending:
+                    since = self._clock.now()
+                lines, tail, overlong = split_lines(tail, chunk, ended)
+                self._parser.malformed += overlong
+                pending += lines
+            due = self._clock.now() - since >= BLOCK_S or len(pending) >= MOST_PENDING
+            if chunk is None or ended or (pending and due):
+                yield self._parser.samples(pending)
+                pending = []
+
+    @property
+    def offset(self) -> float:
+        """s, what is added to the stream's stamps since its clock was set."""
+        return self._parser.offset
+
+    def _pump(self) -> None:
+        try:
+            while True:
+                chunk = self._read(READ_BYTES)
+                self._chunks.put(chunk)
+                if not chunk:
+                    return
+        except BaseException as error:  # handed over to the thread that iterates
+            self._chunks.put(error)
+
+    def quality(self) -> Quality:
+        """Counts and notes of the stream so far."""
+        return self._parser.quality()
+
+    def remarks(self) -> list[str]:
+        """Notes that are new since the last call."""
+        return self._parser.remarks()

@@ -1,0 +1,77 @@
+"""A monitor's state on disk, so that it goes on after a restart where it was."""
+
+from __future__ import annotations
+
+import secrets
+import zipfile
+from collections.abc import Mapping
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fdd.diagnosis.pipeline import Pipeline
+from fdd.errors import InputError
+
+Array = NDArray[np.float64]
+
+MAX_STATE_BYTES = 256 << 20
+CLOCK = "monitor/clock"
+"""Last time given and the stream's clock offset, (2,) s."""
+
+
+def save_state(path: Path, pipeline: Pipeline, *, last_time: float, offset: float) -> None:
+    """Write the pipeline's state, whole or not at all.
+
+    Parameters
+    ----------
+    last_time, offset : s; of the last sample, and what is added to the stream's stamps.
+
+    Raises
+    ------
+    InputError : it cannot be written.
+
+    Examples
+    --------
+    >>> save_state(Path("axis.npz"), pipeline, last_time=60.0, offset=0.0)  # doctest: +SKIP
+    """
+    arrays: dict[str, Array] = {**pipeline.state(), CLOCK: np.array([last_time, offset])}
+    temporary = path.with_name(f".{path.name[:100]}.{secrets.token_hex(6)}.part")
+    try:
+        with temporary.open("xb") as out:
+            np.savez(out, **arrays)  # type: ignore[arg-type]
+        temporary.replace(path)
+    except OSError as error:
+        temporary.unlink(missing_ok=True)
+        raise InputError(f"the state cannot be written ({error.strerror or error})", where=path) from None
+    except BaseException:
+        temporary.unlink(missing_ok=True)
+        raise
+
+
+def load_state(path: Path, pipeline: Pipeline) -> tuple[float, float]:
+    """Put a saved state into a new pipeline of the same unit and model.
+
+    Returns
+    -------
+    last_time, offset : as they were saved.
+
+    Raises
+    ------
+    InputError : damaged, too large, or of another version, unit or model.
+    """
+    mend = "remove the file to start anew"
+    try:
+        with zipfile.ZipFile(path) as archive:
+            size = sum(entry.file_size for entry in archive.infolist())
+        if size > MAX_STATE_BYTES:
+            raise InputError(f"{size} bytes, at most {MAX_STATE_BYTES} are read", where=path, mend=mend)
+        with np.load(path, allow_pickle=False) as stored:
+            arrays: Mapping[str, Array] = {name: stored[name] for name in stored.files}
+        last_time, offset = (float(v) for v in arrays[CLOCK])
+        pipeline.restore(dict(arrays))
+        return last_time, offset
+    except InputError as error:
+        raise (error if error.where == str(path) else error.at(path)) from None
+    except (OSError, ValueError, KeyError, TypeError, EOFError, zipfile.BadZipFile, AttributeError) as error:
+        raise InputError(f"not a monitor's state ({type(error).__name__})", where=path, mend=mend) from None

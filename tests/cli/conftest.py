@@ -1,0 +1,52 @@
+"""Simulated logs for the commands, made by the command itself."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+from fdd.cli.app import app
+from typer.testing import CliRunner, Result
+
+
+@pytest.fixture(scope="session")
+def run():
+    """Run a command in this process; gives its result (exit_code, stdout, stderr)."""
+    runner = CliRunner()
+
+    def invoke(*arguments: object, input: bytes | str | None = None) -> Result:
+        return runner.invoke(app, [str(a) for a in arguments], input=input)
+
+    return invoke
+
+
+@pytest.fixture(scope="session")
+def logs(run, tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
+    """One healthy and one leaking run of axis_a, as MCAP, and the leaking one as CSV and Parquet."""
+    folder = tmp_path_factory.mktemp("logs")
+    leak = "internal_leakage:severity=0.8,onset=8"
+    common = ["--profile", "steps:amplitude=0.04,hold=1", "--load", "spring", "--duration", 20, "--seed", 4]
+    made = {
+        "healthy": (folder / "healthy.mcap", []),
+        "leaking": (folder / "leaking.mcap", ["--fault", leak]),
+        "csv": (folder / "leaking.csv", ["--fault", leak]),
+        "parquet": (folder / "leaking.parquet", ["--fault", leak]),
+    }
+    for path, more in made.values():
+        result = run("simulate", "-o", path, *common, *more)
+        assert result.exit_code == 0, result.stderr
+    return {name: path for name, (path, _) in made.items()}
+
+
+def one_line(result: Result, *words: str) -> None:
+    """The contract's way to refuse: status 2 and one line that names what is wrong."""
+    assert result.exit_code == 2, (result.exit_code, result.stdout, result.stderr)
+    lines = result.stderr.splitlines()
+    assert len(lines) == 1 and lines[0].startswith("fdd: error: "), result.stderr
+    for word in words:
+        assert word in lines[0]
+
+
+@pytest.fixture(scope="session", name="one_line")
+def one_line_fixture():
+    return one_line
