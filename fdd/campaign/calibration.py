@@ -4,15 +4,20 @@ from __future__ import annotations
 
 import numpy as np
 
-from fdd.campaign.drawing import GREATEST_FORCE, Rig
+from fdd.campaign.drawing import Rig
 from fdd.campaign.recipe import Recipe
 from fdd.plant.duty import AnyDuty, ConstantSpeed, Sines
 from fdd.plant.load import AnyLoad, NoLoad, ThrottleLoad
 from fdd.plant.scenario import Control, Scenario
+from fdd.unit import Unit
 
 SPEEDS = (50.0, 105.0, 200.0)
 """rad/s, of the free strokes."""
-MULTI_SINE_HZ = (0.5, 25.0)
+MULTI_SINE_HZ = (0.3, 25.0)
+THROTTLED_SPEEDS = (60.0, 85.0, 110.0)
+"""rad/s, of the throttled strokes; the largest pressure comes with the last."""
+THROTTLED_PRESSURE = (2.1e6, 2.8e6)
+"""Pa, that largest pressure's range."""
 
 
 def calibration_runs(recipe: Recipe, rig: Rig, rng: np.random.Generator) -> list[Scenario]:
@@ -36,9 +41,9 @@ def calibration_runs(recipe: Recipe, rig: Rig, rng: np.random.Generator) -> list
     speeds = tuple(min(s, 0.8 * unit.drive.max_speed) for s in SPEEDS)
     # Two strokes each way at every speed, the slowest not more than once around.
     turn = max(8.0, 2.2 * reach / (speeds[0] * per_rad))
-    # Throttled: the drop goes with speed squared, its largest is reached at the fastest of these.
-    throttled = (60.0, 80.0, 100.0)
-    drop = float(rng.uniform(0.75, 1.0)) * min(2.8e6, 1.3 * GREATEST_FORCE * unit.accumulator.relief_pressure)
+    drop = _throttle_for(
+        unit, min(float(rng.uniform(*THROTTLED_PRESSURE)), 0.85 * unit.accumulator.relief_pressure)
+    )
     temperature = float(rng.uniform(30.0, 42.0))
     charge = float(rng.uniform(0.9, 1.1))
     plans: list[tuple[float, AnyDuty, AnyLoad]] = [
@@ -49,12 +54,18 @@ def calibration_runs(recipe: Recipe, rig: Rig, rng: np.random.Generator) -> list
         ),
         (
             15.0,
-            Sines(speed=150.0, low_hz=MULTI_SINE_HZ[0], high_hz=MULTI_SINE_HZ[1], count=12, tilt=0.3),
+            Sines(
+                speed=0.9 * unit.drive.max_speed,
+                low_hz=MULTI_SINE_HZ[0],
+                high_hz=MULTI_SINE_HZ[1],
+                count=10,
+                tilt=0.5,
+            ),
             NoLoad(),
         ),
         (
             31.0,
-            ConstantSpeed(amplitude=0.8 * reach, speeds=throttled, turn=10.0, dwell=0.4, lead_in=1.0),
+            ConstantSpeed(amplitude=0.8 * reach, speeds=THROTTLED_SPEEDS, turn=10.0, dwell=0.4, lead_in=1.0),
             ThrottleLoad(pressure=drop),
         ),
     ]
@@ -77,3 +88,14 @@ def calibration_runs(recipe: Recipe, rig: Rig, rng: np.random.Generator) -> list
         )
         temperature += 0.02 * duration
     return runs
+
+
+def _throttle_for(unit: Unit, pressure: float) -> float:
+    """Drop (Pa) at 100 rad/s of the throttle that loads this unit with `pressure` at the fastest strokes.
+
+    Quadratic in the flow that leakage leaves; the seal's friction is the rest of the pressure.
+    """
+    fastest = THROTTLED_SPEEDS[-1] * unit.pump.displacement
+    flow = fastest - unit.pump.total_leakage * pressure
+    friction = unit.friction.forward.coulomb / unit.cylinder.area_1
+    return float((pressure - friction) * (100.0 * unit.pump.displacement / flow) ** 2)

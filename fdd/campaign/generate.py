@@ -20,6 +20,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from fdd import __version__
 from fdd.campaign.calibration import calibration_runs
@@ -28,7 +29,6 @@ from fdd.campaign.layout import DATASET_SCHEMA, LABELS, MANIFEST, PARTS, RECIPE,
 from fdd.campaign.recipe import Recipe
 from fdd.errors import InputError
 from fdd.logs.mcap_writing import write_run
-from fdd.logs.tabular_writing import write_parquet
 from fdd.plant.scenario import Scenario
 from fdd.plant.simulate import Simulation, simulate
 
@@ -38,9 +38,13 @@ MOST_DRAWS = 8
 """Draws of a scenario until one is sane."""
 MOST_AT_STOP = 0.01
 """Share of a run in which the piston may lie at an end stop."""
+MOST_AT_GUARD = 0.1
+"""Share in which it may stand where the drive's travel limit stops it, in speed control."""
 MOST_RELIEVED = 0.05
 """Share of a run in which a relief valve may pass oil."""
 _RELIEVING = 1e-7  # m³/s
+_GUARD = 0.445  # of the stroke, just within the limit
+UNROUNDED = ("time", "command", "pump_angle", "position_setpoint")
 SUMMARISED = ("leakage", "bulk_modulus", "coulomb_friction", "viscous_friction")
 
 Progress = Callable[[int, int], None]
@@ -176,7 +180,7 @@ def make_run(
 
 
 def _sane_run(recipe: Recipe, rig: Rig, index: int, log: int, faults: tuple[str, ...]) -> Simulation:
-    """Draw and simulate until the run neither lies at a stop nor relieves for long."""
+    """Draw and simulate until the run neither rests at its limits nor relieves for long."""
     problem = ""
     for attempt in range(MOST_DRAWS):
         rng = stream(recipe, "log", index, log, attempt)
@@ -201,6 +205,10 @@ def _trouble(run: Simulation) -> str:
     at_stop = float(np.mean(run.truth["stop_force"] != 0.0))
     if at_stop > MOST_AT_STOP:
         return f"at an end stop {at_stop:.0%} of the time"
+    limit = _GUARD * run.unit.cylinder.stroke
+    at_guard = float(np.mean(np.abs(run.truth["position"]) > limit))
+    if at_guard > MOST_AT_GUARD:
+        return f"at the travel limit {at_guard:.0%} of the time"
     relieved = float(np.mean(np.abs(run.truth["relief_flow"]) > _RELIEVING))
     if relieved > MOST_RELIEVED:
         return f"over the relief valve {relieved:.0%} of the time"
@@ -242,7 +250,7 @@ def _summary(scenario: Scenario) -> dict[str, Any]:
 
 def _write_log(recipe: Recipe, path: Path, run: Simulation, rig: Rig, entry: dict[str, Any]) -> None:
     if recipe.format == "parquet":
-        write_parquet(path, run.samples)
+        _write_table(path, {"time": run.samples.time, **run.samples.columns})
         return
     few = {k: v[::TRUTH_PERIOD] for k, v in run.truth.as_columns().items()}
     write_run(
@@ -257,15 +265,29 @@ def _write_log(recipe: Recipe, path: Path, run: Simulation, rig: Rig, entry: dic
 
 
 def _write_truth(path: Path, run: Simulation) -> None:
-    import pyarrow as pa
-    from pyarrow import parquet
-
     columns = {"time": run.truth.time[::TRUTH_PERIOD]}
     # Single precision is more than any use of the truth asks for, and half the size.
     columns |= {k: v[::TRUTH_PERIOD].astype(np.float32) for k, v in run.truth.as_columns().items()}
-    table = pa.table(columns)
+    _write_table(path, columns)
+
+
+def _write_table(path: Path, columns: dict[str, NDArray[Any]]) -> None:
+    """Write a Parquet file, whole or not at all; NaN becomes null."""
+    import pyarrow as pa
+    from pyarrow import parquet
+
+    table = pa.table({n: pa.array(v, mask=np.isnan(v)) for n, v in columns.items()})
+    # Rounded measurements repeat and want a dictionary; what never repeats packs by a third better
+    # with its bytes apart.
+    split = [n for n in columns if n in UNROUNDED]
     temporary = path.with_name(f".{path.name}.part")
-    parquet.write_table(table, temporary, compression="zstd")
+    parquet.write_table(
+        table,
+        temporary,
+        compression="zstd",
+        use_dictionary=[n for n in columns if n not in split],
+        column_encoding=dict.fromkeys(split, "BYTE_STREAM_SPLIT"),
+    )
     temporary.replace(path)
 
 

@@ -49,7 +49,8 @@ def fitting_duty(
     kind = DUTIES[name]
     drawn: dict[str, Any] = {}
     for key, (low, high) in {**kind.usual, **ranges}.items():
-        if 0.0 < 4.0 * low <= high:
+        # Rigs use their stroke and speed: only times and frequencies spread over decades.
+        if key not in ("amplitude", "speed") and 0.0 < 4.0 * low <= high:
             drawn[key] = float(np.exp(rng.uniform(np.log(low), np.log(high))))
         else:
             drawn[key] = float(rng.uniform(low, high))
