@@ -146,7 +146,9 @@ class _Problem:
         n = self.noise[take].reshape(-1, UNKNOWNS)
         return (m.T * w) @ m, (n.T * np.repeat(w, 2)) @ n, m.T @ (w * self.steps.y[take])
 
-    def minimise(self, information: Array, noise: Array, right: Array, sigma: float, free_area: bool) -> Array:
+    def minimise(
+        self, information: Array, noise: Array, right: Array, sigma: float, free_area: bool
+    ) -> Array:
         free = np.ones(UNKNOWNS, dtype=bool)
         free[AREA_2] = free_area
         pull = np.where(np.isfinite(self.prior_spread), OVERLAP * sigma**2 / self.prior_spread**2, 0.0)
@@ -186,7 +188,7 @@ class _Problem:
         total = [np.sum([p[i] for p in parts], axis=0) for i in range(3)]
         return np.array(
             [
-                self.minimise(*(total[i] - p[i] for i in range(3)), solution.sigma, free_area)
+                self.minimise(total[0] - p[0], total[1] - p[1], total[2] - p[2], solution.sigma, free_area)
                 for p in parts
             ]
         )
@@ -199,7 +201,7 @@ class _Problem:
             Estimate(float(v), float(np.hypot(s, f * abs(v))))
             for v, s, f in zip(value, std, _FLOORS, strict=True)
         ]
-        information, noise, _ = self.normal(solution.weights)
+        information = self.normal(solution.weights)[0]
         spread_of = _posterior(information, solution.sigma)
         compression = self.steps.m[:, STIFF]
         level = float(np.sqrt(np.mean(np.sum(self.noise[:, :, STIFF] ** 2, axis=1)))) + 1e-300

@@ -191,7 +191,12 @@ def _without_load(motion: _Motion, base: Friction) -> _Motion:
     over = motion.force / np.maximum(np.abs(_ratio(motion, base)), 1e-9)
     signed = motion.direction * motion.force
     m = np.column_stack(
-        [motion.direction * np.abs(over), np.ones_like(signed), motion.position, motion.direction * motion.speed**2]
+        [
+            motion.direction * np.abs(over),
+            np.ones_like(signed),
+            motion.position,
+            motion.direction * motion.speed**2,
+        ]
     )
     scale = np.maximum(np.abs(m).max(axis=0), 1e-12)
     weights = np.ones(signed.size)

@@ -3,125 +3,33 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
 
 import numpy as np
+from numpy.typing import NDArray
 
 from fdd.errors import InputError
 from fdd.identify.balance import BalanceFit, Estimate, fit_balance
 from fdd.identify.friction import BranchFit, fit_friction
 from fdd.identify.motor import fit_torque_constant
+from fdd.identify.profile import Identification, ProfileWriter
 from fdd.identify.record import Record, even_record
-from fdd.identify.sensors import SensorFit, effective_noise, fit_sensors, gain_mismatch, redundancy_offset
+from fdd.identify.sensors import effective_noise, fit_sensors, gain_mismatch, redundancy_offset
 from fdd.identify.volume_steps import SMOOTHING, VolumeSteps, volume_steps
-from fdd.samples import CHANNELS, Samples
-from fdd.unit import Provenance, Section, Unit, _si_of
+from fdd.samples import Samples
+from fdd.unit import Unit
 
 MOST_GAIN_CHANGE = 3.0
 """Factor between identified and base displacement beyond which one of the two is wrong."""
 LEAST_REST = 0.5
 """s of standstill that a charge pressure needs."""
+RELIEF_EXCEEDED, RELIEF_CLEARANCE = 1.15, 1.2
+"""Times the base's relief setting: it cannot be this unit's; times the pressure reached: where it is put."""
+GAIN_SHARP, LEAKAGE_SHARP, BULK_SHARP = 0.02, 0.25, 0.25
+"""Relative standard deviation up to which an estimate replaces the base's number."""
+USUAL_ZERO = 3.0e3
+"""Pa, standard deviation of a pressure sensor's zero where nothing else is known of it."""
 HIDDEN_BULK, HIDDEN_LEAKAGE = 0.10, 0.03
 """Relative standard deviations to add where the chambers' pressures are reconstructed."""
-
-
-@dataclass(frozen=True)
-class TableRow:
-    """One line of the table that ``fdd identify`` prints.
-
-    `identified` and `std` are None where the base's value is kept; `note` then says why.
-    """
-
-    quantity: str
-    unit: str
-    base: float
-    identified: float | None
-    std: float | None
-    note: str = ""
-
-
-@dataclass
-class Identification:
-    """Result of `identify_unit`.
-
-    Attributes
-    ----------
-    unit : the base's copy with the identified numbers, each with source and standard deviation.
-    table : what changed and what did not.
-    notes : one sentence each: what was kept and why, what the numbers rest on.
-    """
-
-    unit: Unit
-    table: list[TableRow] = field(default_factory=list)
-    notes: list[str] = field(default_factory=list)
-
-
-class _Writer:
-    """Puts numbers into the profile, with provenance, and keeps the table."""
-
-    def __init__(self, unit: Unit, base: Unit, source: str) -> None:
-        self.result = Identification(unit)
-        self.base = base
-        self.source = source
-
-    def note(self, text: str) -> None:
-        self.result.notes.append(text)
-
-    def put(self, path: str, estimate: Estimate, note: str = "") -> None:
-        section, name, before = self._find(path)
-        setattr(section, name, float(estimate.value))
-        section.provenance[name] = Provenance(source=self.source, std=float(estimate.std))
-        self._row(path, section, name, before, estimate, note)
-
-    def keep(self, path: str, why: str) -> None:
-        section, name, before = self._find(path)
-        self._row(path, section, name, before, None, why)
-        self.note(f"{path} kept: {why}")
-
-    def _find(self, path: str) -> tuple[Section, str, float]:
-        *way, name = path.split(".")
-        section: Section | Unit = self.result.unit
-        for step in way:
-            section = getattr(section, step)
-        assert isinstance(section, Section)
-        return section, name, float(getattr(section, name))
-
-    def _row(
-        self, path: str, section: Section, name: str, before: float, found: Estimate | None, note: str
-    ) -> None:
-        si = _si_of(type(section).model_fields[name])
-        self.result.table.append(
-            TableRow(
-                path,
-                si.unit if si is not None else "1",
-                before,
-                None if found is None else float(found.value),
-                None if found is None else float(found.std),
-                note,
-            )
-        )
-
-    def put_sensor(self, channel: str, fit: SensorFit) -> None:
-        before = self.base.sensor(channel)
-        sensor = fit.sensor.model_copy(update={"source": self.source})
-        self.result.unit.sensors[channel] = sensor
-        notes = {
-            "noise": "white noise with the same density below 100 Hz",
-            "zero": "against pressure_1 - pressure_2",
-        }
-        for what in fit.found:
-            value = float(getattr(sensor, what))
-            unit = CHANNELS[channel].unit
-            self.result.table.append(
-                TableRow(
-                    f"sensors.{channel}.{what}",
-                    unit,
-                    float(getattr(before, what)),
-                    value,
-                    None,
-                    notes.get(what, "smallest step"),
-                )
-            )
 
 
 def identify_unit(logs: Sequence[Samples], base: Unit, name: str | None = None) -> Identification:
@@ -167,7 +75,7 @@ def identify_unit(logs: Sequence[Samples], base: Unit, name: str | None = None) 
     source = f"identified from {len(logs)} healthy log(s)"
     seconds = sum(len(r) * r.period for r in records)
     unit.description = f"{source}, {seconds:.0f} s in all; based on {base.name}."
-    writer = _Writer(unit, base, source)
+    writer = ProfileWriter(unit, base, source)
     _hydraulics(writer, records)
     _charge(writer, records)
     _friction(writer, records)
@@ -208,35 +116,60 @@ def _check_gain(record: Record, base: Unit, label: str) -> None:
         )  # fmt: skip
 
 
-def _hydraulics(writer: _Writer, records: list[Record]) -> None:
-    base = writer.base
+def _hydraulics(writer: ProfileWriter, records: list[Record]) -> None:
+    base = _with_relief(writer, records)
     temperatures = [float(np.mean(r.temperature)) for r in records if r.temperature is not None]
     temperature = float(np.mean(temperatures)) if temperatures else base.oil.reference_temperature
     pressure = float(np.median(np.concatenate([_reference(r) for r in records])))
     pressure = max(pressure, 0.0)
+    noise = _smoothed_noise(records)
     steps = VolumeSteps.join(
         [
-            volume_steps(r, base, reference_temperature=temperature, reference_pressure=pressure)
+            volume_steps(r, base, reference_temperature=temperature, reference_pressure=pressure, noise=noise)
             for r in records
         ]
     )
-    fit = fit_balance(steps, base, pressure, _smoothed_noise(records))
+    fit = fit_balance(steps, base, pressure, noise)
     if fit is None:
         for path in ("pump.displacement", "pump.cross_port_leakage", "oil.bulk_modulus"):
             writer.keep(path, "too few steps in which a chamber stays above the accumulator while it moves")
         return
     hidden = not all(r.chambers_measured for r in records)
     _put_gain(writer, fit)
-    _put_leakage(writer, fit, temperature if temperatures else None, hidden)
+    blurred = float(np.hypot(_zero_share(records), HIDDEN_LEAKAGE if hidden else 0.0))
+    _put_leakage(writer, fit, temperature if temperatures else None, blurred)
     _put_compressibility(writer, fit, pressure, hidden)
     if hidden:
         writer.note(
-            "chamber pressures are not measured: they were reconstructed from their difference and the refeeding "
-            "valves, which leaves bulk modulus and air uncertain by about 10 %"
+            "chamber pressures are not measured: they were reconstructed from their difference and the "
+            "refeeding valves, which leaves bulk modulus and air uncertain by about 10 %"
         )
 
 
-def _reference(record: Record) -> np.ndarray:
+def _with_relief(writer: ProfileWriter, records: list[Record]) -> Unit:
+    """The base, its relief valve set above what healthy logs reach."""
+    reached = max(
+        float(np.quantile(np.abs(r.smooth(r.pressure_1 - r.pressure_2, SMOOTHING)), 0.995)) for r in records
+    )
+    setting = writer.base.accumulator.relief_pressure
+    if reached < RELIEF_EXCEEDED * setting:
+        return writer.base
+    value = RELIEF_CLEARANCE * reached
+    writer.put(
+        "accumulator.relief_pressure",
+        Estimate(value, 0.2 * value),
+        f"healthy pressure differences reach {reached / 1e5:.1f} bar: opens above that",
+    )
+    writer.note(
+        f"the logs reach {reached / 1e5:.1f} bar, beyond the base's relief setting of "
+        f"{setting / 1e5:.1f} bar: it was raised"
+    )
+    base = writer.base.model_copy(deep=True)
+    base.accumulator.relief_pressure = value
+    return base
+
+
+def _reference(record: Record) -> NDArray[np.float64]:
     if record.accumulator_measured or not record.chambers_measured:
         return record.accumulator
     return 0.5 * (record.pressure_1 + record.pressure_2)
@@ -252,47 +185,60 @@ def _smoothed_noise(records: list[Record]) -> tuple[float, float]:
     return left[0], left[1]
 
 
-def _put_gain(writer: _Writer, fit: BalanceFit) -> None:
+def _zero_share(records: list[Record]) -> float:
+    """Relative error of the leakage that the pressure sensors' zeros may make: less under load."""
+    offset = redundancy_offset(records)
+    zero = max(USUAL_ZERO, 0.0 if offset is None else 0.5 * abs(offset.value))
+    drops = np.concatenate([r.smooth(r.pressure_1 - r.pressure_2, 0.1)[:: r.rows(0.1)] for r in records])
+    return zero / max(float(np.sqrt(np.mean(drops**2))), zero)
+
+
+def _put_gain(writer: ProfileWriter, fit: BalanceFit) -> None:
     ratio = fit.displacement.value / writer.base.pump.displacement
     if not 1.0 / MOST_GAIN_CHANGE < ratio < MOST_GAIN_CHANGE:
         raise InputError(
             f"the volume balances give {ratio:.3g} times the displacement of base {writer.base.name}",
             mend="check units and signs in the channel map, or give a fitting base profile",
         )
-    if fit.displacement.relative > 0.02:
-        writer.keep("pump.displacement", f"known to {100 * fit.displacement.relative:.0f} % only")
+    if not _better(fit.displacement, writer.base.pump.displacement, GAIN_SHARP):
+        writer.keep(
+            "pump.displacement",
+            f"the logs give it to {100 * fit.displacement.relative:.0f} % only, as the base",
+        )
         return
     writer.put("pump.displacement", fit.displacement, "displacement over area_1, which stays the base's")
     writer.note("only displacement over area is identifiable from flow: area_1 stays the base's")
     if fit.area_2 is not None:
-        note = f"area_2/area_1 = {fit.area_2.value / writer.base.cylinder.area_1:.3f} from both chambers' balances"
+        ratio = fit.area_2.value / writer.base.cylinder.area_1
+        note = f"area_2/area_1 = {ratio:.3f} from both chambers' balances"
         writer.put("cylinder.area_2", fit.area_2, note)
         writer.note(note)
 
 
-def _put_leakage(writer: _Writer, fit: BalanceFit, temperature: float | None, hidden: bool) -> None:
-    total = fit.total_leakage
-    if total.value <= 0.0 or total.relative > 0.25:
+def _put_leakage(writer: ProfileWriter, fit: BalanceFit, temperature: float | None, extra: float) -> None:
+    total = _wider(fit.total_leakage, extra)
+    if total.value <= 0.0 or not _better(total, writer.base.pump.total_leakage, LEAKAGE_SHARP):
         why = f"total leakage {total.value:.2g} ± {total.std:.2g} m³/(s·Pa): load the actuator to find it"
         writer.keep("pump.cross_port_leakage", why)
         writer.keep("pump.case_leakage", why)
         return
-    extra = HIDDEN_LEAKAGE if hidden else 0.0
-    note = f"total (cross-port + case/2) {total.value:.3g} ± {np.hypot(total.std, extra * total.value):.1g}"
+    note = f"total (cross-port + case/2) {total.value:.3g} ± {total.std:.1g}"
     writer.put("pump.cross_port_leakage", _wider(fit.cross_port, extra), note)
     split = "" if fit.split_known else "split from cross-port as in the base"
     writer.put("pump.case_leakage", _wider(fit.case, extra), split)
     if not fit.split_known:
-        writer.note("cross-port and case leakage could not be told apart: they are split nearly as in the base")
+        writer.note(
+            "cross-port and case leakage could not be told apart: they are split nearly as in the base"
+        )
     if temperature is not None:
         writer.put("oil.reference_temperature", Estimate(temperature, 0.5), "mean of the logs")
     else:
         writer.note("oil temperature is not measured: leakage holds for the logs' own temperature")
 
 
-def _put_compressibility(writer: _Writer, fit: BalanceFit, pressure: float, hidden: bool) -> None:
+def _put_compressibility(writer: ProfileWriter, fit: BalanceFit, pressure: float, hidden: bool) -> None:
     beta = _wider(fit.bulk_modulus, HIDDEN_BULK if hidden else 0.0)
-    if fit.signal_over_noise < 1.5 or beta.relative > 0.25:
+    if fit.signal_over_noise < 1.5 or not _better(beta, writer.base.oil.bulk_modulus, BULK_SHARP):
         writer.keep(
             "oil.bulk_modulus",
             f"{beta.value / 1e6:.0f} ± {beta.std / 1e6:.0f} MPa is not sharp enough "
@@ -301,16 +247,21 @@ def _put_compressibility(writer: _Writer, fit: BalanceFit, pressure: float, hidd
         return
     writer.put("oil.bulk_modulus", beta, f"at {pressure / 1e5:.2f} bar; volumes stay the base's")
     writer.put("oil.reference_pressure", Estimate(pressure, 0.01 * pressure), "median of the logs")
-    air = _wider(fit.air_fraction, 0.3 if hidden else 0.0)
+    air = _wider(fit.air_fraction, 0.5 if hidden else 0.0)
     writer.put("oil.air_fraction", air, "" if fit.air_known else "little data: drawn to the base's")
     writer.note("only volume over bulk modulus is identifiable: the chambers' volumes stay the base's")
+
+
+def _better(estimate: Estimate, base: float, sharp: float) -> bool:
+    """Whether to take an estimate: it is sharp, or the base is surely farther off."""
+    return estimate.relative < sharp or abs(estimate.value - base) > 3.0 * estimate.std
 
 
 def _wider(estimate: Estimate, share: float) -> Estimate:
     return Estimate(estimate.value, float(np.hypot(estimate.std, share * estimate.value)))
 
 
-def _charge(writer: _Writer, records: list[Record]) -> None:
+def _charge(writer: ProfileWriter, records: list[Record]) -> None:
     levels = []
     for r in records:
         if not (r.accumulator_measured or r.chambers_measured):
@@ -340,7 +291,7 @@ def _charge(writer: _Writer, records: list[Record]) -> None:
     writer.put(path, Estimate(value, max(spread, 0.005 * value)), note)
 
 
-def _friction(writer: _Writer, records: list[Record]) -> None:
+def _friction(writer: ProfileWriter, records: list[Record]) -> None:
     unit = writer.result.unit
     offset = redundancy_offset(records)
     shift = abs(offset.value) * unit.cylinder.area_1 if offset is not None else 0.0

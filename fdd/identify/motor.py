@@ -22,7 +22,7 @@ _GROUPS = 10
 
 
 def fit_torque_constant(records: list[Record], displacement: float) -> tuple[Estimate | None, str]:
-    """Regress current on D·Δp, the sign of the speed, the speed and its rate; K_t is one over the first slope.
+    """Regress current on D·Δp, sign of the speed, speed and its rate; K_t is one over the first slope.
 
     Friction of motor and pump that grows with load is part of it: it is an effective constant.
 
@@ -62,7 +62,7 @@ def _windows(record: Record, displacement: float) -> tuple[Array, Array]:
     drop = record.pressure_1 - record.pressure_2 if record.chambers_measured else record.difference
 
     def mean(values: Array) -> Array:
-        return np.asarray(values[:n].reshape(-1, step).mean(axis=1))
+        return np.asarray(values[:n].reshape(-1, step).mean(axis=1), dtype=np.float64)
 
     speed, acceleration = mean(w), mean(rate)
     slow = (np.abs(rate[:n]).reshape(-1, step).max(axis=1) < SLOW) & (np.abs(speed) > 2.0)
@@ -74,10 +74,10 @@ def _windows(record: Record, displacement: float) -> tuple[Array, Array]:
 
 
 def _slope(m: Array, y: Array) -> float:
-    weights = np.ones(y.size)
-    theta = np.zeros(m.shape[1])
+    weights: Array = np.ones(y.size)
+    theta: Array = np.zeros(m.shape[1])
     for _ in range(6):
-        theta = np.linalg.lstsq(m * weights[:, None], y * weights, rcond=1e-10)[0]
+        theta = np.asarray(np.linalg.lstsq(m * weights[:, None], y * weights, rcond=1e-10)[0])
         residual = y - m @ theta
         sigma = 1.4826 * float(np.median(np.abs(residual))) + 1e-9
         weights = np.sqrt(np.minimum(1.0, 2.0 * sigma / np.maximum(np.abs(residual), 1e-12)))

@@ -32,7 +32,9 @@ def viscosity(oil: Oil, temperature: ArrayLike) -> Array:
     abscissa = np.log10(np.array([313.15, 373.15]))
     slope = (ordinate[1] - ordinate[0]) / (abscissa[1] - abscissa[0])
     kelvin = np.asarray(temperature, dtype=np.float64) + 273.15
-    return np.asarray((10.0 ** (10.0 ** (ordinate[0] + slope * (np.log10(kelvin) - abscissa[0]))) - 0.7) * 1e-6)
+    return np.asarray(
+        (10.0 ** (10.0 ** (ordinate[0] + slope * (np.log10(kelvin) - abscissa[0]))) - 0.7) * 1e-6
+    )
 
 
 def air_compliance(pressure: ArrayLike, index: float) -> Array:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -99,7 +100,9 @@ def even_record(log: Samples, unit: Unit, where: str) -> Record:
     _require(present, where)
     if log.duration < SHORTEST:
         raise InputError(
-            f"{log.duration:.1f} s long, at least {SHORTEST:.0f} s are needed", where=where, mend="record longer"
+            f"{log.duration:.1f} s long, at least {SHORTEST:.0f} s are needed",
+            where=where,
+            mend="record longer",
         )
     period = float(np.median(np.diff(log.time)))
     numbers = sample_numbers(log.time, period)
@@ -124,7 +127,9 @@ def even_record(log: Samples, unit: Unit, where: str) -> Record:
         else accumulate_speed(log.time, log["pump_speed"], period)
     )
     position = even(log["position"])
-    measured = {c: even(log[c]) for c in ("pressure_difference", "pressure_1", "pressure_2") if c in present}
+    measured: dict[str, Array] = {
+        c: even(log[c]) for c in ("pressure_difference", "pressure_1", "pressure_2") if c in present
+    }
     chambers = _chambers(measured)
     accumulator = even(log["pressure_accumulator"]) if "pressure_accumulator" in present else None
     if chambers is None:
@@ -182,7 +187,7 @@ def _mark_gaps(gap: NDArray[np.bool_], rows: NDArray[np.int64], n: int) -> None:
         gap[start:stop] = True
 
 
-def _chambers(measured: dict[str, Array]) -> tuple[Array, Array] | None:
+def _chambers(measured: Mapping[str, Array]) -> tuple[Array, Array] | None:
     """Chamber pressures; with one chamber and the difference the other one follows."""
     p1, p2, dp = (measured.get(c) for c in ("pressure_1", "pressure_2", "pressure_difference"))
     if p1 is not None and p2 is not None:

@@ -27,6 +27,8 @@ SELECTION = 0.86
 """Mean of the lowest quarter over the mean of all, where half of the segments are free of motion: a
 segment's band power scatters by 17 %, and the lower half of a normal distribution lies 0.8 deviations low."""
 LEAST_STEPS = 50
+LEAST_ZERO = 1.0
+"""Pa; less means that the difference was computed from the chambers."""
 
 
 @dataclass(frozen=True)
@@ -147,7 +149,7 @@ def fit_sensors(logs: list[Samples], records: list[Record], base: Unit) -> dict[
         if step is not None:
             fits[channel] = _described(base.sensor(channel), channel, None, step)
     offset = redundancy_offset(records)
-    if offset is not None and "pressure_difference" in fits:
+    if offset is not None and abs(offset.value) > LEAST_ZERO and "pressure_difference" in fits:
         known = fits["pressure_difference"]
         sensor = known.sensor.model_copy(update={"zero": offset.value})
         fits["pressure_difference"] = SensorFit(sensor, (*known.found, "zero"))

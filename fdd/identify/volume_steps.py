@@ -6,8 +6,10 @@ Chamber 1, over a step in which it is neither refed nor relieved:
 
 and chamber 2 likewise with the pump's sign reversed, where μ is viscosity over its reference,
 ``1/β(p) = 1/β_stiff + α·c(p)`` and ``V1 = volume_1 + A1·x`` (thesis eqs 3.14 to 3.17, 5.20, geometric
-volume law). Position and pump angle are known to one count, so the balance holds to a few mm³, where
-the same equation in rates would drown in quantisation noise.
+volume law). Δθ is weighted with the ports' mean density over the chamber's, ``1 - (p1-p2)/2β``: what the
+pump moves is oil, not volume, and at 3 MPa that is 0.7 % of the flow. Position and pump angle are
+known to one count, so the balance holds to a few mm³, where the same equation in rates would drown
+in quantisation noise.
 
 All terms are accumulated first, smoothed by one and the same window without phase, and then
 differenced: that keeps the equation exact and averages the pressure noise. Unknowns are scaled by
@@ -36,7 +38,10 @@ STEPS = (0.05, 0.1, 0.2)
 """s: short steps see the compliance best, long ones the leakage."""
 REFEED_MARGIN = 4.0e4
 """Pa above the accumulator at which a chamber is surely not being refed, sensor zeros included."""
-RELIEF_MARGIN = 0.9
+NOISE_MARGIN = 4.0
+"""Standard deviations of the smoothed pressures' noise that this margin must be at least."""
+RELIEF_MARGIN = 0.97
+"""Of the relief setting, above which the valve may pass oil."""
 AIR_SCALE = 3e-3
 BLOCK = 2.0
 """s: residuals farther apart than this count as independent."""
@@ -51,7 +56,6 @@ class VolumeSteps:
     m : (r, 6) regressors. y : (r,) m³.
     noise : (r, 2, 6) what white pressure noise of one pascal at either end of the step adds to m.
     chamber : (r,) 1 or 2. block : (r,) number of the 2 s block the step lies in, over all logs.
-    direction : (r,) sign of the piston's motion.
     """
 
     m: Array
@@ -59,7 +63,6 @@ class VolumeSteps:
     noise: Array
     chamber: NDArray[np.int64]
     block: NDArray[np.int64]
-    direction: Array
 
     @staticmethod
     def join(parts: list[VolumeSteps]) -> VolumeSteps:
@@ -69,9 +72,11 @@ class VolumeSteps:
             blocks.append(part.block + offset)
             offset += int(part.block.max(initial=-1)) + 1
         return VolumeSteps(
-            *(np.concatenate([getattr(p, name) for p in parts]) for name in ("m", "y", "noise", "chamber")),
-            np.concatenate(blocks),
-            np.concatenate([p.direction for p in parts]),
+            m=np.concatenate([p.m for p in parts]),
+            y=np.concatenate([p.y for p in parts]),
+            noise=np.concatenate([p.noise for p in parts]),
+            chamber=np.concatenate([p.chamber for p in parts]),
+            block=np.concatenate(blocks),
         )
 
 
@@ -102,7 +107,12 @@ def viscosity_over_reference(record: Record, unit: Unit, reference: float) -> Ar
 
 
 def volume_steps(
-    record: Record, unit: Unit, *, reference_temperature: float, reference_pressure: float
+    record: Record,
+    unit: Unit,
+    *,
+    reference_temperature: float,
+    reference_pressure: float,
+    noise: tuple[float, float] = (0.0, 0.0),
 ) -> VolumeSteps:
     """The rows that one log gives.
 
@@ -111,6 +121,7 @@ def volume_steps(
     record : the log. unit : base profile (areas, volumes, polytropic index, relief pressure).
     reference_temperature : °C that leakage is referred to.
     reference_pressure : Pa at which the bound β_stiff ≤ 3·β(p) is set.
+    noise : Pa, standard deviation of the chambers' smoothed pressures.
     """
     x, theta = record.position, record.angle
     cylinder, tank, h = unit.cylinder, unit.accumulator, record.period
@@ -122,6 +133,7 @@ def volume_steps(
     calm = ~record.gap & (np.abs(smooth_1 - smooth_2) < RELIEF_MARGIN * tank.relief_pressure)
     drop = record.pressure_1 - record.pressure_2
     x_smooth = record.smooth(x, SMOOTHING)
+    base_modulus = 2.0 * unit.oil.bulk_modulus
     parts = []
     for chamber, sign, pressure, smoothed, area, at_centre in (
         (1, 1.0, record.pressure_1, smooth_1, cylinder.area_1, cylinder.volume_1),
@@ -131,7 +143,7 @@ def volume_steps(
         levels = np.column_stack(
             [
                 sign * area * x,
-                sign * theta,
+                sign * _turned(theta, sign * (smooth_1 - smooth_2) / base_modulus),
                 -sign * x if chamber == 2 else np.zeros_like(x),
                 -sign * _accumulate(drop / mu, h),
                 -_accumulate((pressure - case) / mu, h),
@@ -140,15 +152,21 @@ def volume_steps(
         )
         slopes = _noise_slopes(smoothed, volume, unit.oil.polytropic_index, reference_pressure)
         levels = np.column_stack([record.smooth(c, SMOOTHING) for c in levels.T])
-        usable = calm & (smoothed > store + REFEED_MARGIN)
+        margin = max(REFEED_MARGIN, NOISE_MARGIN * noise[chamber - 1])
+        usable = calm & (smoothed > store + margin)
+        if record.chambers_measured and not record.accumulator_measured:
+            # Who knows what the lower chamber is joined to; the higher one is fed by the pump alone.
+            usable &= sign * (smooth_1 - smooth_2) > max(margin, NOISE_MARGIN * max(noise))
         for seconds in STEPS:
             parts.append(_differences(record, seconds, levels, slopes, usable, chamber))
-    joined = [np.concatenate([p[i] for p in parts]) for i in range(6)]
     scale = scales(unit)
-    m, noise = joined[0] * scale, joined[2] * scale
-    return VolumeSteps(
-        m, joined[1], noise, joined[3].astype(np.int64), joined[4].astype(np.int64), joined[5]
-    )
+    m, y, ends, of_chamber, block = (np.concatenate([p[i] for p in parts]) for i in range(5))
+    return VolumeSteps(m * scale, y, ends * scale, of_chamber.astype(np.int64), block.astype(np.int64))
+
+
+def _turned(angle: Array, denser: Array) -> Array:
+    """Pump angle, each step over the density of the chamber's oil against that of the ports' mean."""
+    return np.concatenate(([0.0], np.cumsum(np.diff(angle) * (1.0 - denser[1:]))))
 
 
 def _accumulate(rate: Array, period: float) -> Array:
@@ -176,7 +194,7 @@ def _noise_slopes(smoothed: Array, volume: Array, index: float, reference: float
 
 def _differences(
     record: Record, seconds: float, levels: Array, slopes: Array, usable: NDArray[np.bool_], chamber: int
-) -> tuple[Array, Array, Array, Array, Array, Array]:
+) -> tuple[Array, Array, Array, NDArray[np.int64], NDArray[np.int64]]:
     n, rim = record.rows(seconds), record.rows(SMOOTHING) // 2 + 1
     starts = np.arange(rim, len(record) - n - rim, max(n // 2, 1))
     bad = np.concatenate(([0], np.cumsum(~usable)))
@@ -189,5 +207,4 @@ def _differences(
     noise[:, 0, STIFF:] = slopes[starts]
     noise[:, 1, STIFF:] = slopes[starts + n]
     block = (starts * record.period / BLOCK).astype(np.int64)
-    travel = np.sign(moved[:, 0]) * (1.0 if chamber == 1 else -1.0)
-    return moved[:, 1:], moved[:, 0], noise, np.full(starts.size, chamber), block, travel
+    return moved[:, 1:], moved[:, 0], noise, np.full(starts.size, chamber), block
