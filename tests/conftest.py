@@ -6,21 +6,24 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from fdd.diagnosis.model import MODEL_SCHEMA, Manifest, Model
-from fdd.residuals.features import FEATURE_VERSION, FEATURES
 from numpy.typing import NDArray
 
-DISPLACED = {
-    "leakage": {"leak_extending": (0.3, 1.5), "leak_retracting": (0.3, 1.5)},
+from fdd.diagnosis.model import MODEL_SCHEMA, Manifest, Model
+from fdd.residuals.features import FEATURE_VERSION, FEATURES
+
+DISPLACED: dict[str, dict[str, tuple[float, float]]] = {
+    "leakage": {"leakage": (0.25, 1.5)},
     "seal_wear": {"friction": (-1.5, -0.4)},
     "aeration": {"compliance": (0.3, 1.5)},
     "sensor": {"redundancy": (2.0, 8.0)},
 }
 
 
+SPREAD = np.where(np.isin(FEATURES, ["drive", "torque", "innovation"]), 0.5, 0.12)
+
+
 def _windows(rng: np.random.Generator, family: str, count: int) -> NDArray[np.float64]:
-    spread = np.where(np.isin(FEATURES, ["drive", "torque"]), 0.5, 0.12)
-    windows = rng.normal(0.0, spread, (count, len(FEATURES)))
+    windows = rng.normal(0.0, SPREAD, (count, len(FEATURES)))
     for name, (low, high) in DISPLACED.get(family, {}).items():
         windows[:, FEATURES.index(name)] += rng.uniform(low, high, count)
     return windows
@@ -29,18 +32,19 @@ def _windows(rng: np.random.Generator, family: str, count: int) -> NDArray[np.fl
 @pytest.fixture(scope="session")
 def tiny_model_folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Folder of a saved model that knows four families, trained on made-up windows."""
-    from sklearn.ensemble import ExtraTreesClassifier
+    from sklearn.linear_model import LogisticRegression
 
     rng = np.random.default_rng(5)
     families = ["healthy", *DISPLACED]
-    x = np.concatenate([_windows(rng, f, 400) for f in families])
+    x = np.concatenate([_windows(rng, f, 400) for f in families]) / SPREAD
     y = np.repeat(families, 400)
-    classifier = ExtraTreesClassifier(n_estimators=40, max_depth=8, random_state=0, n_jobs=1).fit(x, y)
+    classifier = LogisticRegression(max_iter=2000).fit(x, y)
     golden = x[::400]
     manifest = Manifest(
         schema_name=MODEL_SCHEMA, fdd_version="0", sklearn_version="0", numpy_version="0",
-        features=list(FEATURES), feature_version=FEATURE_VERSION, classes=[str(c) for c in classifier.classes_],
-        healthy_share=0.2, centre=[0.0] * len(FEATURES), scale=[1.0] * len(FEATURES), discount=0.4,
+        features=list(FEATURES), feature_version=FEATURE_VERSION,
+        classes=[str(c) for c in classifier.classes_],
+        healthy_share=0.2, centre=[0.0] * len(FEATURES), scale=SPREAD.tolist(), discount=0.4,
         temperature=1.0, training_data="made up for tests", training_sha256="", classifier_sha256="",
         golden_inputs=golden.tolist(), golden_outputs=classifier.predict_proba(golden).tolist(),
     )  # fmt: skip

@@ -53,14 +53,14 @@ def _finding(finding: FindingWords, *, named: bool) -> Text:
 
 
 def _estimates(diagnosis: Diagnosis) -> Table:
-    table = Table(box=box.SIMPLE_HEAD, pad_edge=True)
-    table.add_column("At the end of the log")
+    table = Table(box=box.SIMPLE_HEAD)
+    table.add_column("at the end", no_wrap=True)
     for title in ("healthy", "estimated", "change"):
         table.add_column(title, justify="right", no_wrap=True)
     table.add_column("unit", no_wrap=True)
     for row in tables.estimate_rows(diagnosis):
         seen = row["observable"] == "yes"
-        change = row["change"] if seen else "not observable"
+        change = row["change"] if seen else "not seen"
         table.add_row(
             row["quantity"], row["baseline"], row["value"], change, row["unit"], style="" if seen else "dim"
         )

@@ -12,7 +12,7 @@ from fdd.diagnosis.findings import Quality
 from fdd.errors import InputError
 from fdd.logs.channel_map import ChannelMap, ChannelSource
 from fdd.logs.conversion import to_si
-from fdd.logs.quality import COUNTED_GAP, JUMP_PERIODS, check_magnitudes, nominal_period
+from fdd.logs.quality import COUNTED_GAP, JUMP_PERIODS, check_magnitudes
 from fdd.samples import CHANNELS, Samples
 
 Array = NDArray[np.float64]
@@ -26,6 +26,8 @@ EPOCH_S = 1e6
 """s; a stream that starts later than this carries the time of day and is counted from its start."""
 CHECKED_S = 5.0
 """s of data after which the units of measure are checked once."""
+PERIOD_STEPS = 100
+"""Steps of time that tell the period."""
 MOST_NAMES = 8
 
 
@@ -89,6 +91,7 @@ class LineParser:
         self.offset = offset
         self._late = self._not_finite = self._nan = self._dropped = self._jumps = self._resets = 0
         self._period = float("nan")
+        self._early = self._accounted = np.empty(0)
         self._unknown: dict[str, None] = {}
         self._remarks: list[str] = []
         self._unchecked: list[Samples] | None = []
@@ -200,13 +203,8 @@ class LineParser:
     def _account(self, block: Samples) -> None:
         if not len(block):
             return
-        if np.isnan(self._period) and len(block) > 20:
-            self._period = nominal_period(block.time)
-        steps = np.diff(block.time)
-        if np.isfinite(self._period):
-            missing = np.rint(steps[steps <= COUNTED_GAP] / self._period) - 1.0
-            self._dropped += int(missing[missing > 0.0].sum())
-            self._jumps += int((steps > JUMP_PERIODS * self._period).sum())
+        self._count_gaps(np.diff(np.concatenate([self._accounted[-1:], block.time])))
+        self._accounted = block.time[-1:]
         gone = np.zeros(len(block), dtype=bool)
         for name in block.channels:
             gone |= np.isnan(block[name])
@@ -216,6 +214,17 @@ class LineParser:
             if block.time[-1] - self._unchecked[0].time[0] >= CHECKED_S:
                 check_magnitudes(Samples.concatenate(self._unchecked).columns)
                 self._unchecked = None
+
+    def _count_gaps(self, steps: Array) -> None:
+        """Count missing rows and jumps; the first steps wait until they tell the period."""
+        if np.isnan(self._period):
+            self._early = steps = np.concatenate([self._early, steps])
+            if steps.size < PERIOD_STEPS:
+                return
+            self._period, self._early = float(np.median(steps)), np.empty(0)
+        missing = np.rint(steps[steps <= COUNTED_GAP] / self._period) - 1.0
+        self._dropped += int(missing[missing > 0.0].sum())
+        self._jumps += int((steps > JUMP_PERIODS * self._period).sum())
 
     def _count_malformed(self, count: int) -> None:
         self.malformed += count
@@ -229,12 +238,12 @@ class LineParser:
     def quality(self) -> Quality:
         """Counts and notes so far."""
         notes = [
-            f"{count} {text}"
+            f"{text}: {count}"
             for count, text in (
-                (self.malformed, "malformed lines were left out"),
-                (self._late, "lines came late or twice and were left out"),
-                (self._not_finite, "infinite values were taken as missing"),
-                (self._resets, "times the clock was set"),
+                (self.malformed, "malformed lines left out"),
+                (self._late, "late or repeated lines left out"),
+                (self._not_finite, "infinite values taken as missing"),
+                (self._resets, "times that the clock was set"),
             )
             if count
         ]

@@ -1,0 +1,186 @@
+"""JSON lines to samples, whatever arrives."""
+
+from __future__ import annotations
+
+import json
+from itertools import pairwise
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from fdd.errors import InputError
+from fdd.logs.channel_map import ChannelMap
+from fdd.monitor.lines import CLOCK_GAP_S, MAX_LINE_BYTES, LineParser, split_lines
+from fdd.samples import Samples
+
+
+def line(**row: object) -> bytes:
+    return json.dumps(row).encode()
+
+
+def steady(start: float, count: int, **more: float) -> list[bytes]:
+    return [line(time=start + 0.001 * k, position=0.001 * k, **more) for k in range(count)]
+
+
+@given(
+    text=st.lists(st.binary(max_size=30).map(lambda b: b.replace(b"\n", b"")), max_size=20),
+    cuts=st.lists(st.integers(0, 400), max_size=10),
+)
+def test_however_the_stream_is_cut_its_lines_are_the_same(text: list[bytes], cuts: list[int]) -> None:
+    stream = b"\n".join(text)
+    edges = [0, *sorted(min(c, len(stream)) for c in cuts), len(stream)]
+    found, tail = [], b""
+    for start, stop in pairwise(edges):
+        lines, tail, _ = split_lines(tail, stream[start:stop], ended=False)
+        found += lines
+    lines, tail, _ = split_lines(tail, b"", ended=True)
+    assert found + lines == [t for t in text if t.strip()]
+    assert tail == b""
+
+
+def test_a_line_without_end_stays_small_and_is_counted_once() -> None:
+    tail, overlong = b"", 0
+    for _ in range(10):
+        lines, tail, more = split_lines(tail, b"x" * MAX_LINE_BYTES, ended=False)
+        overlong += more
+        assert lines == [] and len(tail) <= MAX_LINE_BYTES + 1
+    lines, tail, more = split_lines(tail, b'\n{"time": 1}\n', ended=False)
+    assert lines == [b'{"time": 1}'] and overlong + more == 1
+
+
+def test_lines_give_back_the_samples(leaking: Samples, leaking_lines: bytes) -> None:
+    found = LineParser().samples(leaking_lines.splitlines())
+    assert np.array_equal(found.time, leaking.time)
+    for name in leaking.channels:
+        assert np.array_equal(found[name], leaking[name], equal_nan=True)
+
+
+@pytest.mark.parametrize(
+    "bad",
+    [
+        b"nonsense",
+        b"[1, 2]",
+        b"3",
+        b"\xff\xfe\x00",
+        b'{"time": 0.0005, "position": "far"}',
+        b'{"time": 0.0005, "position": [1]}',
+        b'{"time": 0.0005, "position": true}',
+        b'{"position": 0.1}',
+        b'{"time": null, "position": 0.1}',
+        b'{"time": NaN, "position": 0.1}',
+        b'{"time": 0.0005, "position": 0.1',
+        b"[" * 5000,
+    ],
+)
+def test_a_malformed_line_is_counted_and_spoils_no_other(bad: bytes) -> None:
+    parser = LineParser()
+    good = steady(0.0, 3)
+    block = parser.samples([good[0], bad, *good[1:]])
+    assert block.time.tolist() == [0.0, 0.001, 0.002]
+    assert parser.malformed == 1
+    assert parser.quality().notes == ["malformed lines left out: 1"]
+    assert len(parser.remarks()) == 1
+    parser.samples([bad])
+    assert parser.malformed == 2 and parser.remarks() == []
+
+
+def test_infinite_and_huge_values_are_missing() -> None:
+    parser = LineParser()
+    huge = b'{"time": 0.001, "position": 1' + b"0" * 400 + b"}"
+    block = parser.samples([line(time=0.0, position=float("inf")), huge, line(time=0.002, position=0.5)])
+    assert np.isnan(block["position"][:2]).all() and block["position"][2] == 0.5
+    assert parser.quality().nan_samples == 2
+
+
+def test_late_rows_are_left_out_and_counted() -> None:
+    parser = LineParser()
+    rows = steady(0.0, 5)
+    block = parser.samples([rows[0], rows[2], rows[1], rows[2], rows[3]])
+    assert block.time.tolist() == [0.0, 0.002, 0.003]
+    assert parser.samples([rows[3], rows[4]]).time.tolist() == [0.004]
+    assert "late or repeated lines left out: 3" in parser.quality().notes
+
+
+@pytest.mark.parametrize("restart", [0.0, 1e9])
+def test_a_clock_that_was_set_is_followed(restart: float) -> None:
+    parser = LineParser()
+    before = parser.samples(steady(50.0, 100))
+    after = parser.samples([*steady(50.1, 10), *steady(restart, 100)])
+    assert len(before) == 100 and len(after) == 110
+    steps = np.diff(np.concatenate([before.time, after.time]))
+    assert np.isclose(steps, 0.001, atol=1e-6).sum() == 208
+    assert np.isclose(steps.max(), CLOCK_GAP_S)
+    assert parser.quality().time_jumps == 1
+    assert any("the clock was set" in r for r in parser.remarks())
+
+
+def test_one_wild_stamp_does_not_move_the_rest_far() -> None:
+    parser = LineParser()
+    rows = steady(0.0, 100)
+    rows[50] = line(time=1e12, position=0.0)
+    block = parser.samples(rows)
+    assert len(block) == 100 and block.time[-1] < 0.1 + 2 * CLOCK_GAP_S
+
+
+def test_the_time_of_day_is_counted_from_the_start() -> None:
+    parser = LineParser()
+    block = parser.samples(steady(1.7e9, 50))
+    assert block.time[0] == 0.0 and abs(block.time[-1] - 0.049) < 1e-6
+    assert parser.offset == -1.7e9
+
+
+def test_dropped_rows_are_counted() -> None:
+    rows = steady(0.0, 1000)
+    parser = LineParser()
+    for part in (rows[:300], rows[305:600], rows[650:]):
+        parser.samples(part)
+    kept = [*rows[:300], *rows[305:600], *rows[650:]]
+    together = LineParser()
+    together.samples(kept)
+    assert together.quality().dropped_samples == 55
+    assert together.quality().time_jumps == 1
+    # However the stream is cut into blocks.
+    assert parser.quality() == together.quality()
+
+
+def test_unknown_names_are_told_once_and_bounded() -> None:
+    parser = LineParser()
+    rows = [line(time=0.001 * k, position=0.0, **{f"extra_{k}": 1}) for k in range(100)]
+    assert len(parser.samples(rows)) == 100
+    assert 0 < len(parser.remarks()) <= 8
+    assert "passed over" in parser.quality().notes[0]
+
+
+def test_a_map_names_and_converts() -> None:
+    mapped = ChannelMap.from_yaml(
+        "time: {column: t, unit: ms}\nposition: {column: x, unit: mm, sign: -1}\n"
+        "pump_speed: {column: rpm, unit: rpm}\npump_angle: {from: pump_speed}"
+    )
+    block = LineParser(mapped).samples([line(t=5.0, x=20.0, rpm=60.0)])
+    assert block.channels == ("position", "pump_speed")
+    assert block.time[0] == pytest.approx(0.005)
+    assert block["position"][0] == pytest.approx(-0.02)
+    assert block["pump_speed"][0] == pytest.approx(2 * np.pi)
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "position: {topic: /daq, field: x}",
+        "time: {column: t}\npump_angle: {column: a, wrap: 4096}",
+        "time: {column: t}\npump_angle: {column: a, sign_of: d}",
+    ],
+)
+def test_a_map_that_needs_the_whole_log_is_refused(text: str) -> None:
+    with pytest.raises(InputError, match="stream takes plain columns"):
+        LineParser(ChannelMap.from_yaml(text))
+
+
+def test_bar_declared_as_pascal_is_refused_after_five_seconds() -> None:
+    parser = LineParser()
+    rows = [line(time=0.01 * k, position=0.0, pressure_difference=12.0 + 0.1 * (k % 3)) for k in range(600)]
+    parser.samples(rows[:400])
+    with pytest.raises(InputError, match="look like bar"):
+        parser.samples(rows[400:])
