@@ -49,6 +49,9 @@ COUNTED = ("pump_angle", "pump_speed", "position", "command")
 GREATEST_FORCE = 0.65
 """Of relief pressure times area: most that a drawn load asks for, so that no valve relieves for long."""
 
+ONE_SIDED_PRESSURE = 0.15e6
+"""Pa, mean pressure by a load from which on friction no longer brings both chambers to pressure in turn."""
+
 
 @dataclass(frozen=True)
 class Rig:
@@ -187,16 +190,20 @@ def draw_scenario(recipe: Recipe, rig: Rig, rng: Rng, faults: tuple[str, ...] = 
     )
     departs = duty.amplitude if control.mode == "position" else 0.4 * rig.unit.cylinder.stroke
     reach = abs(duty.offset) + departs
+    load = _load(load_name, recipe, rig.unit, rng, reach)
+    specs = [_fault(name, recipe, duration, rng) for name in faults]
+    if recipe.stuck_valve == "loaded":
+        specs = [_on_loaded_side(spec, load, duty.offset, rig.unit) for spec in specs]
     return Scenario(
         unit=rig.unit.name,
         duration=duration,
         duty=duty,
         control=control,
-        load=_load(load_name, recipe, rig.unit, rng, reach),
+        load=load,
         oil_temperature=_uniform(rng, recipe.oil_temperature),
         warming=_uniform(rng, recipe.warming),
         charge_factor=_uniform(rng, recipe.charge_factor),
-        faults=[_fault(name, recipe, duration, rng) for name in faults],
+        faults=specs,
         recording=recipe.recording,
         details=rig.details,
         seed=int(rng.integers(0, 2**62)),
@@ -222,6 +229,16 @@ def _fault(name: str, recipe: Recipe, duration: float, rng: Rng) -> FaultSpec:
         side=int(rng.choice(entry.sides)) if entry.sides else None,
         variant=str(rng.choice(entry.variants)) if entry.variants else None,
     )
+
+
+def _on_loaded_side(spec: FaultSpec, load: Load, offset: float, unit: Unit) -> FaultSpec:
+    """A stuck check valve moved to the chamber that the load's mean force presses on, if it does."""
+    if spec.fault != "check_valve_stuck_open":
+        return spec
+    force = getattr(load, "level", 0.0) + load.stiffness * (offset - load.centre)
+    if abs(force) < ONE_SIDED_PRESSURE * unit.cylinder.area_1:
+        return spec
+    return spec.model_copy(update={"side": 1 if force > 0.0 else 2})
 
 
 def _load(name: str, recipe: Recipe, unit: Unit, rng: Rng, reach: float) -> Load:

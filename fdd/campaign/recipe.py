@@ -24,6 +24,8 @@ from fdd.plant.validated import Validated
 
 RECIPE_SCHEMA = "fdd.recipe/1"
 MAX_RECIPE_BYTES = 1_000_000
+MIN_DURATION = 3.0
+"""s; readers of logs refuse shorter ones."""
 
 ZERO_ERROR = {
     "position": 2e-3,
@@ -99,6 +101,8 @@ class Recipe(Validated):
     faults : id of the catalogue to its weight and severities.
     severity : range for faults without their own.
     second_fault_share : share of the faulty logs that carry a second fault.
+    stuck_valve : chamber whose check valve sticks: any, or the one that the load presses on. On the
+        other side the valve stands open anyway and nothing can be seen while the load keeps its sign.
     onset : of a fault, as shares of the log's duration.
     at_start_share : share of faults that are there from the beginning instead.
     profiles, duties, loads : name to weight.
@@ -137,6 +141,7 @@ class Recipe(Validated):
     faults: dict[str, FaultShare] = Field(default_factory=dict)
     severity: Range = (0.15, 1.0)
     second_fault_share: Share = 0.0
+    stuck_valve: Literal["any", "loaded"] = "any"
     onset: Range = (0.2, 0.6)
     at_start_share: Share = 0.1
     profiles: dict[str, Weight] = Field(default_factory=lambda: dict(PROFILE_WEIGHTS))
@@ -176,7 +181,7 @@ class Recipe(Validated):
             ("severity", self.severity, 0.0, 1.0),
             *((f"faults {n}", f.severity, 0.0, 1.0) for n, f in self.faults.items() if f.severity),
             ("onset", self.onset, 0.0, 0.99),
-            ("duration", self.duration, 1.0, 3600.0),
+            ("duration", self.duration, MIN_DURATION, 3600.0),
             ("position_gain", self.position_gain, 1.0, 30_000.0),
             ("oil_temperature", self.oil_temperature, -20.0, 100.0),
             ("warming", self.warming, -0.5, 0.5),
