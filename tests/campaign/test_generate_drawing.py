@@ -93,9 +93,9 @@ def test_every_varied_parameter_stays_in_its_band_and_fills_it() -> None:
             ratio = getattr(rig.unit.friction, side).static / getattr(base.friction, side).static
             ratios.setdefault(f"friction.{side}", []).append(ratio)
     for name, values in ratios.items():
-        assert 0.85 - 1e-6 <= min(values), name
+        assert min(values) >= 0.85 - 1e-6, name
         assert max(values) <= 1.15 + 1e-6, name
-        # 60 uniform draws leave the outer fifth on either side empty once in 300 000 times.
+        # 60 uniform draws leave the outer fifth on either side empty once in 600 000 times.
         assert min(values) < 0.91, name
         assert max(values) > 1.09, name
     table = np.array([ratios[n] for n in ratios])
