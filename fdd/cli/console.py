@@ -6,10 +6,9 @@ import sys
 import threading
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from typing import TYPE_CHECKING
+from typing import NoReturn
 
-if TYPE_CHECKING:
-    from rich.console import Console
+from rich.console import Console
 
 PATIENCE_S = 2.0
 """Nothing is shown of what is done sooner."""
@@ -17,17 +16,20 @@ PATIENCE_S = 2.0
 Advance = Callable[[float], None]
 
 
+class _Pipe(Console):
+    """A console whose reader may go away: that ends the command, with its own exit status."""
+
+    def on_broken_pipe(self) -> NoReturn:
+        raise BrokenPipeError
+
+
 def output() -> Console:
     """Console on standard output, as it stands now."""
-    from rich.console import Console
-
-    return Console(file=sys.stdout, highlight=False, emoji=False)
+    return _Pipe(file=sys.stdout, highlight=False, emoji=False)
 
 
 def messages() -> Console:
     """Console on standard error, for progress and remarks."""
-    from rich.console import Console
-
     return Console(file=sys.stderr, highlight=False, emoji=False)
 
 

@@ -2,19 +2,24 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import os
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 if TYPE_CHECKING:
     from rich.table import Table
 
+    from fdd.campaign.train import TrainingReport
+
 
 def train(
     dataset: Annotated[Path, typer.Argument(help="Folder that fdd generate made.", show_default=False)],
     out: Annotated[Path, typer.Option("--out", "-o", help="Folder of the model.", show_default=False)],
+    workers: Annotated[
+        int | None, typer.Option(min=1, help="Processes; one for each core else.", show_default=False)
+    ] = None,
 ) -> None:
     """Train a classifier and tell how it does on units that it has not seen."""
     from fdd.cli.outputs import require_writable, written
@@ -25,40 +30,44 @@ def train(
     from fdd.cli.console import output, progress
 
     with progress(f"training on {dataset.name}", 1.0) as advance:
-        model, report = fit(dataset, progress=lambda done, total: advance(done / max(total, 1)))
+        model, report = fit(
+            dataset,
+            workers=workers or os.cpu_count() or 1,
+            progress=lambda done, total: advance(done / max(total, 1)),
+        )
     with written(out):
         model.save(out)
     console = output()
-    for title, figures in sections(report).items():
-        console.print(results_table(title, figures))
+    console.print(confusion_table(report))
+    for line in figures(report):
+        print(line)
     print(f"Model written to {out}")
 
 
-def sections(report: Mapping[str, Any]) -> dict[str, Mapping[str, Any]]:
-    """A report as tables: its plain figures first, then each nested mapping."""
-    plain = {k: v for k, v in report.items() if not isinstance(v, Mapping)}
-    nested = {k.replace("_", " ").capitalize(): v for k, v in report.items() if isinstance(v, Mapping)}
-    return ({"Cross-validated": plain} if plain else {}) | nested
-
-
-def results_table(title: str, figures: Mapping[str, Any]) -> Table:
-    """A table of figures; rows that are mappings themselves get a column for each of their keys."""
+def confusion_table(report: TrainingReport) -> Table:
+    """Logs by true family (rows) and answer (columns), over units left out of training."""
     from rich import box
     from rich.table import Table
-    from rich.text import Text
 
-    table = Table(title=title, box=box.SIMPLE_HEAD, title_justify="left")
-    columns = list(dict.fromkeys(k for row in figures.values() if isinstance(row, Mapping) for k in row))
-    table.add_column("")
-    for column in columns or [""]:
-        table.add_column(str(column).replace("_", " "), justify="right")
-    for name, row in figures.items():
-        cells = [row.get(c) for c in columns] if isinstance(row, Mapping) else [row]
-        table.add_row(Text(str(name).replace("_", " ")), *(Text(_shown(c)) for c in cells))
+    table = Table(title="Cross-validated over units: logs by true family and answer", box=box.SIMPLE_HEAD)
+    table.add_column("true family")
+    for name in report.families:
+        table.add_column(name.replace("_", " "), justify="right")
+    table.add_column("no alarm", justify="right")
+    for name, row in zip(report.families, report.confusion, strict=False):
+        table.add_row(name.replace("_", " "), *(str(count) if count else "·" for count in row))
     return table
 
 
-def _shown(value: Any) -> str:
-    if value is None:
-        return ""
-    return f"{value:.4g}" if isinstance(value, float) else str(value)
+def figures(report: TrainingReport) -> list[str]:
+    """The summary below the table, a sentence each."""
+    import numpy as np
+
+    lines = [
+        f"Isolated: {100.0 * report.isolated:.1f} % of faulty logs got the right family.",
+        f"False alarms: {report.false_alarms} in {report.healthy_hours:.2f} h without a fault.",
+    ]
+    if report.delays.size:
+        half, most = np.percentile(report.delays, [50.0, 90.0])
+        lines.append(f"Delay from onset to alarm: {half:.1f} s median, {most:.1f} s for nine in ten.")
+    return lines

@@ -1,0 +1,193 @@
+"""The commands on good input: what they print, write and exit with."""
+
+from __future__ import annotations
+
+import json
+import re
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from fdd import __version__
+from fdd.cli.diagnose import output_paths
+from fdd.diagnosis.findings import Diagnosis
+from fdd.errors import InputError
+from fdd.logs import read_log
+from fdd.logs.mcap_reading import read_topics
+
+KEYS = [
+    "schema", "log", "axis", "unit", "duration_s", "samples", "verdict", "faults", "probabilities",
+    "estimates", "quality",
+]  # fmt: skip
+
+
+@pytest.fixture(scope="module")
+def answers(run, logs, tiny_model_folder) -> dict[str, dict]:
+    """JSON answers by log."""
+    out = {}
+    for name, path in logs.items():
+        result = run("diagnose", path, "--model", tiny_model_folder, "--unit", "axis_a", "--json", "-")
+        assert result.exit_code == 0 and result.stderr == ""
+        out[name] = json.loads(result.stdout)
+    return out
+
+
+def test_version_and_help(run) -> None:
+    assert run("--version").stdout == f"fdd {__version__}\n"
+    for command in ("simulate", "generate", "train", "identify", "diagnose", "monitor", "demo"):
+        assert command in run("--help").stdout
+        shown = run(command, "--help")
+        assert shown.exit_code == 0 and "Usage" in shown.stdout
+
+
+def test_simulated_mcap_carries_truth_unit_and_scenario(logs) -> None:
+    log = read_log(logs["leaking"])
+    assert "schema: fdd.unit/1" in log.metadata["unit"]["yaml"]
+    scenario = json.loads(log.metadata["scenario"]["json"])
+    assert scenario["faults"][0]["fault"] == "internal_leakage" and scenario["seed"] == 4
+    labels = json.loads(log.metadata["labels"]["json"])
+    assert labels["faults"][0]["onset_s"] == 8.0
+    truth = read_topics(logs["leaking"], lambda t: ["leakage"] if t.endswith("/truth") else None)
+    leakage = truth.series["/eha/axis_a/truth"].fields["leakage"]
+    assert leakage.size == len(log.samples)
+    assert leakage[-1] - leakage[0] == pytest.approx(0.8 * 12e-12, rel=0.01)
+
+
+def test_the_three_formats_hold_the_same_log(logs) -> None:
+    reference = read_log(logs["leaking"]).samples
+    for kind in ("csv", "parquet"):
+        found = read_log(logs[kind]).samples
+        assert set(found.channels) == set(reference.channels)
+        for name in found.channels:
+            assert np.allclose(found[name], reference[name], rtol=1e-9, atol=1e-12, equal_nan=True)
+
+
+def test_the_answer_is_the_contracts(answers) -> None:
+    answer = answers["leaking"]
+    assert list(answer) == KEYS and answer["schema"] == "fdd.diagnosis/1"
+    assert answer["log"] == "leaking.mcap" and answer["axis"] == "axis_a"
+    fault = answer["faults"][0]
+    assert fault["fault"] == "internal_leakage" and "pump_wear" in fault["ambiguity"]
+    assert abs(fault["onset_s"] - 8.0) < 2.5 and fault["detected_s"] > 8.0
+    estimate = answer["estimates"]["leakage"]
+    assert list(estimate) == ["unit", "baseline", "value", "std", "observable"]
+    assert estimate["value"] - estimate["baseline"] == pytest.approx(0.8 * 12e-12, rel=0.15)
+    assert answers["healthy"]["verdict"] == "healthy" and answers["healthy"]["faults"] == []
+    Diagnosis.model_validate(answer)
+
+
+def test_formats_give_one_answer(answers) -> None:
+    for kind in ("csv", "parquet"):
+        assert answers[kind]["faults"] == answers["leaking"]["faults"]
+        assert answers[kind]["estimates"] == answers["leaking"]["estimates"]
+
+
+def test_several_logs_give_a_list_and_exit_code(run, logs, tiny_model_folder, tmp_path: Path) -> None:
+    out = tmp_path / "answers.json"
+    model = ["--model", tiny_model_folder]
+    result = run("diagnose", logs["healthy"], logs["leaking"], *model, "--json", out, "--exit-code")
+    assert result.exit_code == 1
+    assert [a["verdict"] for a in json.loads(out.read_text())] == ["healthy", "faulty"]
+    assert "Healthy" in result.stdout and "Internal leakage" in result.stdout
+    assert run("diagnose", logs["healthy"], *model, "--exit-code").exit_code == 0
+    assert run("diagnose", logs["leaking"], *model).exit_code == 0
+
+
+def test_people_are_told_verdict_evidence_and_estimates(run, logs, tiny_model_folder) -> None:
+    shown = run("diagnose", logs["leaking"], "--model", tiny_model_folder).stdout
+    text = " ".join(re.sub(r"[│•]", " ", shown).split())
+    assert re.search(r"! Internal leakage, since [5-9]\.\d s, severity 0\.\d\d, \S+ ?\d+ % sure", text)
+    assert "times healthy at equal viscosity" in text and "pump gear wear" in text
+    assert re.search(r"Leakage coefficient 6\.5\d+ 1\d\.\d+ ± 0\.\d+ \+1\d\d % 1e-12 m³/\(s·Pa\)", text)
+    assert "22 rows are missing" in text or "rows are missing" in text
+
+
+def test_report_and_annotated_mcap(run, logs, tiny_model_folder, tmp_path: Path) -> None:
+    report, annotated = tmp_path / "r.html", tmp_path / "a.mcap"
+    result = run(
+        "diagnose", logs["leaking"], "--model", tiny_model_folder, "--report", report, "--mcap", annotated
+    )
+    assert result.exit_code == 0, result.stderr
+    assert "Internal leakage" in report.read_text(encoding="utf-8")
+    log = read_log(annotated)
+    assert len(log.samples) == len(read_log(logs["leaking"]).samples)
+    answer = json.loads(log.metadata["diagnosis"]["json"])
+    assert list(answer) == KEYS and answer["verdict"] == "faulty"
+    topics = read_topics(annotated, lambda t: None).topics
+    assert "/eha/axis_a/estimate" in topics and "/eha/axis_a/diagnosis" in topics
+    assert sorted(p.name for p in tmp_path.iterdir()) == ["a.mcap", "r.html"]
+
+
+def test_outputs_for_several_logs(tmp_path: Path) -> None:
+    logs = [Path("x/a.mcap"), Path("b.csv")]
+    assert output_paths(str(tmp_path), logs, ".html", "--report") == [
+        tmp_path / "a.html",
+        tmp_path / "b.html",
+    ]
+    assert output_paths("r-{log}.html", logs, ".html", "--report") == [Path("r-a.html"), Path("r-b.html")]
+    assert output_paths("one.html", logs[:1], ".html", "--report") == [Path("one.html")]
+    for pattern, many in (("one.html", logs), ("{log}.html", [Path("a.csv"), Path("a.mcap")])):
+        with pytest.raises(InputError):
+            output_paths(pattern, many, ".html", "--report")
+
+
+def test_the_profile_in_the_log_is_used_unless_one_is_given(run, tiny_model_folder, tmp_path: Path) -> None:
+    path = tmp_path / "b.mcap"
+    assert run("simulate", "-o", path, "--unit", "axis_b", "--duration", 6, "--no-truth").exit_code == 0
+    model = ["--model", tiny_model_folder, "--json", "-"]
+    assert json.loads(run("diagnose", path, *model).stdout)["unit"] == "axis_b"
+    assert json.loads(run("diagnose", path, "--unit", "axis_a", *model).stdout)["unit"] == "axis_a"
+    assert read_topics(path, lambda t: None).topics == ["/eha/axis_b/measurement"]
+
+
+def test_without_any_profile_it_says_which_was_taken(run, logs, tiny_model_folder) -> None:
+    answer = json.loads(run("diagnose", logs["csv"], "--model", tiny_model_folder, "--json", "-").stdout)
+    assert answer["unit"] == "axis_a"
+    assert any("no unit profile given: taken for axis_a" in n for n in answer["quality"]["notes"])
+
+
+def test_simulate_takes_parameters_of_duty_and_load(run, tmp_path: Path) -> None:
+    path = tmp_path / "run.mcap"
+    result = run(
+        "simulate", "-o", path, "--profile", "constant_speed:speeds=60/120,turn=2", "--load",
+        "spring:rate=2e4,slack=0.01", "--duration", 3, "--temperature", 55, "--charge", 0.8, "--perfect",
+        "--load-force", "--ambient", 30000,
+    )  # fmt: skip
+    assert result.exit_code == 0, result.stderr
+    log = read_log(path)
+    scenario = json.loads(log.metadata["scenario"]["json"])
+    assert scenario["duty"]["speeds"] == [60.0, 120.0] and scenario["control"]["mode"] == "speed"
+    assert scenario["load"] == {"name": "spring", "rate": 2e4, "slack": 0.01}
+    assert scenario["oil_temperature"] == 55.0 and scenario["ambient"] == 30000.0
+    assert "load_force" in log.samples and log.quality.dropped_samples == 0
+
+
+def test_simulation_is_repeatable(run, tmp_path: Path) -> None:
+    contents = []
+    for name in ("a.mcap", "b.mcap"):
+        run("simulate", "-o", tmp_path / name, "--duration", 2, "--seed", 9)
+        contents.append((tmp_path / name).read_bytes())
+    assert contents[0] == contents[1]
+
+
+def test_a_log_cut_short_is_diagnosed_as_far_as_it_goes(run, logs, tiny_model_folder, tmp_path) -> None:
+    content = logs["leaking"].read_bytes()
+    path = tmp_path / "cut.mcap"
+    path.write_bytes(content[: int(len(content) * 0.8)])
+    result = run("diagnose", path, "--model", tiny_model_folder, "--json", "-")
+    assert result.exit_code == 0
+    answer = json.loads(result.stdout)
+    assert 10.0 < answer["duration_s"] < 19.9
+    assert any("truncated" in n for n in answer["quality"]["notes"])
+
+
+def test_a_constant_channel_is_noted(run, logs, tiny_model_folder, tmp_path: Path) -> None:
+    import pandas as pd
+
+    table = pd.read_csv(logs["csv"])
+    table["pressure_difference"] = 3.0e5
+    table.to_csv(tmp_path / "stuck.csv", index=False)
+    result = run("diagnose", tmp_path / "stuck.csv", "--model", tiny_model_folder, "--json", "-")
+    assert result.exit_code == 0
+    assert any("looks stuck" in n for n in json.loads(result.stdout)["quality"]["notes"])

@@ -1,0 +1,281 @@
+"""Unusable input: status 2 and one line that names file and problem; nothing is half written."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import os
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+
+MAIN = [sys.executable, "-c", "from fdd.cli import main; main()"]
+
+
+@pytest.fixture(scope="module")
+def table(logs) -> pd.DataFrame:
+    return pd.read_csv(logs["csv"])
+
+
+def _csv(path: Path, table: pd.DataFrame) -> Path:
+    table.to_csv(path, index=False)
+    return path
+
+
+def _bad_log(kind: str, folder: Path, table: pd.DataFrame) -> Path:
+    path = folder / ("bad.mcap" if kind == "wrong magic" else "bad.csv")
+    if kind == "empty":
+        path.write_bytes(b"")
+    elif kind == "wrong magic":
+        path.write_bytes(b"not an MCAP file" * 100)
+    elif kind == "no channels":
+        _csv(path, table.rename(columns=lambda c: f"x_{c}"))
+    elif kind == "no position":
+        _csv(path, table.drop(columns="position"))
+    elif kind == "bar":
+        pressures = [c for c in table if c.startswith("pressure")]
+        _csv(path, table.assign(**{c: table[c] / 1e5 for c in pressures}))
+    elif kind == "backwards":
+        _csv(path, pd.concat([table.iloc[5000:], table.iloc[:5000]]))
+    elif kind == "one second":
+        _csv(path, table.iloc[:1000])
+    elif kind == "text":
+        _csv(path, table.astype(object).assign(position=["far"] * len(table)))
+    elif kind == "folder":
+        path.mkdir()
+    return path
+
+
+@pytest.mark.parametrize(
+    ("kind", "words"),
+    [
+        ("missing", ["no such file"]),
+        ("empty", ["empty"]),
+        ("wrong magic", ["not an MCAP file"]),
+        ("no channels", ["no usable channels", "--map"]),
+        ("no position", ["missing channels: position"]),
+        ("bar", ["look like bar", "--map"]),
+        ("backwards", ["backwards"]),
+        ("one second", ["too short"]),
+        ("text", ["position"]),
+        ("folder", ["folder"]),
+    ],
+)
+def test_a_bad_log_is_refused(run, one_line, table, tiny_model_folder, tmp_path, kind, words) -> None:
+    path = _bad_log(kind, tmp_path, table)
+    out = tmp_path / "out"
+    out.mkdir()
+    outputs = ["--json", out / "a.json", "--report", out / "r.html", "--mcap", out / "a.mcap"]
+    result = run("diagnose", path, "--model", tiny_model_folder, *outputs)
+    one_line(result, str(path), *words)
+    assert result.stdout == "" and list(out.iterdir()) == []
+    one_line(run("monitor", path, "--model", tiny_model_folder, "--speed", "max"), str(path), *words)
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("time: {column: time}\nposition: {column: nowhere}\n", ["nowhere"]),
+        (
+            "time: {column: time}\nposition: {column: position, unit: bar}\n",
+            ["map.yaml", "'bar' measures pressure, not length"],
+        ),
+        ("positon: {column: position}\n", ["positon"]),
+        ("- a\n- b\n", ["not a channel map"]),
+        ("{", ["not valid YAML"]),
+    ],
+)
+def test_a_bad_map_is_refused(run, one_line, logs, tiny_model_folder, tmp_path, text, words) -> None:
+    path = tmp_path / "map.yaml"
+    path.write_text(text)
+    one_line(run("diagnose", logs["csv"], "--map", path, "--model", tiny_model_folder), *words)
+
+
+def _bad_model(kind: str, folder: Path) -> None:
+    manifest = folder / "manifest.json"
+    data = json.loads(manifest.read_text())
+    if kind == "version":
+        data["schema_name"] = "fdd.model/99"
+    elif kind == "features":
+        data["feature_version"] = "0"
+    elif kind == "hash":
+        data["classifier_sha256"] = hashlib.sha256(b"other").hexdigest()
+    elif kind == "no json":
+        manifest.write_text("{")
+        return
+    elif kind == "gone":
+        (folder / "classifier.skops").unlink()
+    manifest.write_text(json.dumps(data))
+
+
+@pytest.mark.parametrize(
+    ("kind", "words"),
+    [
+        ("version", ["fdd.model/99"]),
+        ("features", ["features of version 0"]),
+        ("hash", ["SHA-256"]),
+        ("no json", ["not JSON"]),
+        ("gone", ["no model here"]),
+    ],
+)
+def test_a_bad_model_is_refused(run, one_line, logs, tiny_model_folder, tmp_path, kind, words) -> None:
+    folder = tmp_path / "model"
+    shutil.copytree(tiny_model_folder, folder)
+    _bad_model(kind, folder)
+    for command in ("diagnose", "monitor"):
+        one_line(run(command, logs["healthy"], "--model", folder), str(folder), *words)
+
+
+@pytest.mark.parametrize("option", ["--json", "--report", "--mcap"])
+def test_an_output_that_cannot_be_written_is_refused_first(
+    run, one_line, logs, tiny_model_folder, tmp_path, option
+) -> None:
+    (tmp_path / "file").write_text("")
+    for target in (tmp_path / "nowhere" / "x", tmp_path / "file" / "x"):
+        result = run("diagnose", logs["healthy"], "--model", tiny_model_folder, option, target)
+        one_line(result, str(target), "cannot be written")
+        assert result.stdout == ""
+    one_line(run("diagnose", logs["healthy"], option, logs["healthy"]), "would be written over")
+    assert sorted(p.name for p in tmp_path.iterdir()) == ["file"]
+
+
+def test_one_report_for_two_logs_is_refused(run, one_line, logs) -> None:
+    one_line(run("diagnose", logs["healthy"], logs["leaking"], "--report", "r.html"), "--report", "{log}")
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (["--fault", "leek:severity=0.4"], ["leek", "internal_leakage"]),
+        (["--fault", "internal_leakage"], ["severity"]),
+        (["--fault", "internal_leakage:severity=2"], ["severity"]),
+        (["--fault", "internal_leakage:severity=0.2,onset=99", "--duration", 5], ["onset"]),
+        (["--profile", "hops"], ["hops", "steps"]),
+        (["--profile", "steps:hopping=3"], ["hopping"]),
+        (["--profile", "steps:hold"], ["hold"]),
+        (["--profile", "steps:hold=x"], ["hold"]),
+        (["--load", "elephant"], ["elephant", "spring"]),
+        (["--load", "spring:rate=-1"], ["rate"]),
+        (["--unit", "axis_z"], ["axis_z", "axis_a"]),
+        (["--duration", "0"], ["duration"]),
+        (["--duration", "1e9"], ["duration"]),
+        (["--temperature", "500"], ["temperature"]),
+        (["--control", "force"], ["control"]),
+        (["--seed", "-1"], ["seed"]),
+    ],
+)
+def test_a_bad_simulation_is_refused(run, one_line, tmp_path, arguments, words) -> None:
+    one_line(run("simulate", "-o", tmp_path / "x.mcap", *arguments), *words)
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize("name", ["x.xlsx", "x", "nowhere/x.mcap"])
+def test_a_bad_output_of_a_simulation_is_refused(run, one_line, tmp_path, name) -> None:
+    one_line(run("simulate", "-o", tmp_path / name), str(tmp_path / name))
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize("text", ["", "{", "- 1", "name: x\nnonsense: 3\n", "a" * 100])
+def test_a_bad_recipe_is_refused(run, one_line, tmp_path, text) -> None:
+    recipe = tmp_path / "recipe.yaml"
+    recipe.write_text(text)
+    one_line(run("generate", recipe, "-o", tmp_path / "out"), str(recipe))
+    assert not (tmp_path / "out").exists()
+    one_line(run("generate", tmp_path / "none.yaml", "-o", tmp_path / "out"), "none.yaml")
+
+
+def test_a_bad_unit_is_refused(run, one_line, logs, tiny_model_folder, tmp_path) -> None:
+    path = tmp_path / "unit.yaml"
+    path.write_text("schema: fdd.unit/1\nname: x\n")
+    one_line(run("diagnose", logs["healthy"], "--unit", path, "--model", tiny_model_folder), str(path))
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [["diagnos"], ["diagnose"], ["diagnose", "a.csv", "--colour"], ["simulate", "--seed", "x"], []],
+)
+def test_wrong_usage_has_status_2(run, arguments) -> None:
+    result = run(*arguments)
+    assert result.exit_code == 2
+    if arguments:
+        assert len(result.stderr.splitlines()) == 1 and "--help" in result.stderr
+
+
+def test_what_nobody_thought_of_is_one_line(run, monkeypatch, logs, tiny_model_folder) -> None:
+    import fdd.logs
+
+    def broken(*_: object) -> None:
+        raise ZeroDivisionError("oops\nover two lines")
+
+    monkeypatch.setattr(fdd.logs, "read_log", broken)
+    result = run("diagnose", logs["healthy"], "--model", tiny_model_folder)
+    assert result.exit_code == 70
+    assert result.stderr == "fdd: internal error: ZeroDivisionError: oops over two lines\n"
+    monkeypatch.setenv("FDD_DEBUG", "1")
+    assert "Traceback" in run("diagnose", logs["healthy"], "--model", tiny_model_folder).stderr
+
+
+@pytest.mark.parametrize(("raised", "status"), [(KeyboardInterrupt, 130), (MemoryError, 70)])
+def test_an_interrupted_command_ends_quietly(
+    run, monkeypatch, logs, tiny_model_folder, raised, status
+) -> None:
+    import fdd.logs
+
+    def interrupted(*_: object) -> None:
+        raise raised
+
+    monkeypatch.setattr(fdd.logs, "read_log", interrupted)
+    result = run("diagnose", logs["healthy"], "--model", tiny_model_folder)
+    assert result.exit_code == status
+    assert "Traceback" not in result.stderr and len(result.stderr.splitlines()) <= 1
+
+
+def test_help_imports_nothing_heavy() -> None:
+    code = (
+        "import sys; from fdd.cli import main\n"
+        "try: main()\n"
+        "finally: print([m for m in ('numpy', 'numba', 'pandas', 'scipy', 'sklearn', 'plotly', 'yaml', "
+        "'pyarrow', 'mcap', 'fdd.unit') if m in sys.modules], file=sys.stderr)"
+    )
+    for arguments in (["--help"], ["diagnose", "--help"], ["--version"]):
+        done = subprocess.run([sys.executable, "-c", code, *arguments], capture_output=True, text=True)
+        assert done.returncode == 0 and done.stderr.splitlines()[-1] == "[]"
+
+
+def test_a_reader_that_goes_away_is_no_error(logs, tiny_model_folder) -> None:
+    read, write = os.pipe()
+    os.close(read)
+    done = subprocess.run(
+        [*MAIN, "diagnose", str(logs["healthy"]), "--model", str(tiny_model_folder)],
+        stdout=write, stderr=subprocess.PIPE,
+    )  # fmt: skip
+    os.close(write)
+    assert done.returncode == 141 and done.stderr == b""
+
+
+def test_a_full_disk_is_told_in_one_line(logs, tiny_model_folder) -> None:
+    if not Path("/dev/full").exists():
+        pytest.skip("this system has no /dev/full")
+    with Path("/dev/full").open("wb") as full:
+        done = subprocess.run(
+            [*MAIN, "diagnose", str(logs["healthy"]), "--model", str(tiny_model_folder)],
+            stdout=full, stderr=subprocess.PIPE, text=True,
+        )  # fmt: skip
+    assert done.returncode == 70 and len(done.stderr.splitlines()) == 1 and "space" in done.stderr
+
+
+def test_names_and_notes_from_a_log_are_no_markup(run, logs, tiny_model_folder, tmp_path) -> None:
+    path = tmp_path / "[red]x[bold].csv"
+    shutil.copy(logs["csv"], path)
+    result = run("diagnose", path, "--model", tiny_model_folder)
+    assert result.exit_code == 0 and "[red]x[bold].csv" in result.stdout
+
+
+def test_columns_of_nothing_but_nan_are_refused(run, one_line, table, tiny_model_folder, tmp_path) -> None:
+    path = _csv(tmp_path / "nan.csv", table.assign(position=np.nan))
+    one_line(run("diagnose", path, "--model", tiny_model_folder), "position")
