@@ -7,7 +7,7 @@ from typing import Annotated
 import typer
 
 from fdd import __version__
-from fdd.cli import demo, diagnose, generate, identify, monitor, simulate, train
+from fdd.cli import demo, diagnose, generate, identify, monitor, simulate, train, validate
 from fdd.cli.failures import USAGE, Commands
 
 app = typer.Typer(
@@ -47,4 +47,5 @@ app.command()(identify.identify)
 app.command()(simulate.simulate)
 app.command()(generate.generate)
 app.command()(train.train)
+app.command()(validate.validate)
 app.command()(demo.demo)

@@ -1,0 +1,53 @@
+"""``fdd validate``: how good the whole path is on a data set."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+
+def validate(
+    dataset: Annotated[Path, typer.Argument(help="Folder that fdd generate made.", show_default=False)],
+    model: Annotated[
+        str | None, typer.Option(help="Folder of a trained model; the shipped one else.", show_default=False)
+    ] = None,
+    out: Annotated[
+        Path | None,
+        typer.Option("--out", "-o", help="Folder for validation.md and outcomes.csv.", show_default=False),
+    ] = None,
+    workers: Annotated[
+        int | None, typer.Option(min=1, help="Processes; one for each core else.", show_default=False)
+    ] = None,
+) -> None:
+    """Diagnose every log of a data set and compare with its truth."""
+    from fdd.cli.outputs import require_writable, written
+
+    if out is not None:
+        require_writable(out, folder=True)
+
+    from fdd.campaign.dataset import Dataset
+    from fdd.campaign.validate import outcomes_csv, report_text, summary
+    from fdd.campaign.validate import validate as run
+    from fdd.cli.console import progress
+
+    data = Dataset.load(dataset)
+    with progress(f"validating on {data.recipe.name}", 1.0) as advance:
+        outcomes = run(
+            dataset,
+            model,
+            workers=workers or os.cpu_count() or 1,
+            progress=lambda done, total: advance(done / max(total, 1)),
+        )
+    print(summary(outcomes), end="")
+    if out is not None:
+        out.mkdir(parents=True, exist_ok=True)
+        for name, text in (
+            ("validation.md", report_text(outcomes, data)),
+            ("outcomes.csv", outcomes_csv(outcomes)),
+        ):
+            with written(out / name):
+                (out / name).write_text(text, encoding="utf-8")
+        print(f"Written to {out}")
