@@ -19,6 +19,7 @@ from fdd.identify.volume_steps import (
     STIFF,
     UNKNOWNS,
     VolumeSteps,
+    leakage_scale,
     scales,
 )
 from fdd.unit import Unit
@@ -34,8 +35,11 @@ GROUPS = 12
 OVERLAP = 6.0
 """Rows per independent one: three lengths of step, each overlapping its neighbour by half."""
 LEAST_ROWS = 60
+LEAST_RESIDUAL = 1e-10
+"""m³, a tenth of a cubic millimetre: no encoder is better."""
 AREA_TOLERANCE = 0.015
-"""Relative change of the area ratio that is believed, and at least four standard deviations."""
+AREA_SURE = 3.0
+"""Relative change of the area ratio that is believed, and in standard deviations."""
 
 
 @dataclass(frozen=True)
@@ -106,7 +110,7 @@ def fit_balance(
     spread = problem.jackknife(with_area, free_area=True)
     both = all(np.count_nonzero(steps.chamber == c) > LEAST_ROWS // 2 for c in (1, 2))
     shift, sure = abs(with_area.theta[AREA_2]), float(np.std(spread[:, AREA_2]) * np.sqrt(GROUPS - 1))
-    free_area = both and shift > AREA_TOLERANCE and shift > 4.0 * sure
+    free_area = both and shift > AREA_TOLERANCE and shift > AREA_SURE * sure
     solution = with_area if free_area else problem.solve(free_area=False)
     return problem.report(solution, problem.jackknife(solution, free_area), free_area)
 
@@ -129,9 +133,10 @@ class _Problem:
         self.reference_pressure = reference_pressure
         per_row = np.where(steps.chamber == 1, noise[0], noise[1])
         self.noise = steps.noise * per_row[:, None, None]
-        leakage = max(unit.pump.total_leakage, 1e-14)
-        self.prior = np.full(UNKNOWNS, np.nan)
-        self.prior_spread = np.full(UNKNOWNS, np.inf)
+        leakage = leakage_scale(unit)
+        # So wide for the rest that they only keep a log solvable that says nothing of them.
+        self.prior = np.array([1.0, 0.0, unit.pump.cross_port_leakage / leakage, 0.0, 0.5, 0.0])
+        self.prior_spread = np.array([1.0, 0.3, 3.0, 0.0, 3.0, 0.0])
         self.prior[CASE] = unit.pump.case_leakage / leakage
         self.prior_spread[CASE] = max(0.5 * self.prior[CASE], 0.05)
         self.prior[AIR] = max(unit.oil.air_fraction, LEAST_AIR) / AIR_SCALE
@@ -151,18 +156,17 @@ class _Problem:
     ) -> Array:
         free = np.ones(UNKNOWNS, dtype=bool)
         free[AREA_2] = free_area
-        pull = np.where(np.isfinite(self.prior_spread), OVERLAP * sigma**2 / self.prior_spread**2, 0.0)
-        target = np.nan_to_num(self.prior)
+        pull = OVERLAP * sigma**2 / self.prior_spread**2
         full = information + np.diag(pull)
         share = 1.0
-        scale = np.sqrt(np.maximum(np.diag(full), 1e-300))
+        scale = np.sqrt(np.diag(full))
         scaled = (full / np.outer(scale, scale))[np.ix_(free, free)]
         taken = (noise / np.outer(scale, scale))[np.ix_(free, free)]
         floor = 1e-3 * float(np.linalg.eigvalsh(scaled)[0])
         while share > 1e-3 and float(np.linalg.eigvalsh(scaled - share * taken)[0]) < floor:
             share *= 0.7  # more noise assumed than there is in these rows: take less of it out
         root = np.linalg.cholesky(scaled - (share if share > 1e-3 else 0.0) * taken).T
-        side = np.linalg.solve(root.T, ((right + pull * target) / scale)[free])
+        side = np.linalg.solve(root.T, ((right + pull * self.prior) / scale)[free])
         found = lsq_linear(
             root, side, bounds=(self.low[free] * scale[free], self.high[free] * scale[free]), tol=1e-12
         )
@@ -172,12 +176,12 @@ class _Problem:
 
     def solve(self, *, free_area: bool) -> _Solution:
         weights = np.ones(self.steps.y.size)
-        sigma = float(np.std(self.steps.y)) * 0.05
+        sigma = float(np.std(self.steps.y)) * 0.05 + LEAST_RESIDUAL
         theta = np.zeros(UNKNOWNS)
         for _ in range(8):
             theta = self.minimise(*self.normal(weights), sigma, free_area)
             residual = self.steps.y - self.steps.m @ theta
-            sigma = 1.4826 * float(np.median(np.abs(residual))) + 1e-15
+            sigma = 1.4826 * float(np.median(np.abs(residual))) + LEAST_RESIDUAL
             weights = np.minimum(1.0, HUBER * sigma / np.maximum(np.abs(residual), 1e-18))
         return _Solution(theta, weights, sigma)
 

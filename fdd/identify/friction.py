@@ -100,9 +100,7 @@ def fit_friction(
         motions = [_without_load(m, base) for m in motions]
         found = _unloaded(motions, base)
         if found is None:
-            return FrictionFit(
-                None, None, ["friction kept: no unloaded motion in both directions could be told from loads"]
-            )
+            return FrictionFit(None, None)
         notes.append("friction: no unloaded strokes; a constant and a spring load were fitted and removed")
     all_of = _join(motions)
     fits = []

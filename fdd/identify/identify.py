@@ -26,9 +26,13 @@ RELIEF_EXCEEDED, RELIEF_CLEARANCE = 1.15, 1.2
 """Times the base's relief setting: it cannot be this unit's; times the pressure reached: where it is put."""
 GAIN_SHARP, LEAKAGE_SHARP, BULK_SHARP = 0.02, 0.25, 0.25
 """Relative standard deviation up to which an estimate replaces the base's number."""
+LEAST_LEAKAGE = 5e-3
+"""Of the base's leakage; less than that is the fit's bound, not a pump's."""
+SURPRISING = 4.0
+"""Factor from the base that a note is worth."""
 USUAL_ZERO = 3.0e3
 """Pa, standard deviation of a pressure sensor's zero where nothing else is known of it."""
-HIDDEN_BULK, HIDDEN_LEAKAGE = 0.10, 0.03
+HIDDEN_BULK, HIDDEN_LEAKAGE, HIDDEN_CASE = 0.10, 0.03, 0.25
 """Relative standard deviations to add where the chambers' pressures are reconstructed."""
 
 
@@ -69,6 +73,7 @@ def identify_unit(logs: Sequence[Samples], base: Unit, name: str | None = None) 
     records = [even_record(log, base, label) for log, label in zip(logs, labels, strict=True)]
     for record, label in zip(records, labels, strict=True):
         _check_gain(record, base, label)
+    jumps = sum(r.angle_jumps for r in records)
     unit = base.model_copy(deep=True)
     unit.baseline = None
     unit.name = name if name is not None else f"{base.name[:53]}_identified"
@@ -76,6 +81,8 @@ def identify_unit(logs: Sequence[Samples], base: Unit, name: str | None = None) 
     seconds = sum(len(r) * r.period for r in records)
     unit.description = f"{source}, {seconds:.0f} s in all; based on {base.name}."
     writer = ProfileWriter(unit, base, source)
+    if jumps:
+        writer.note(f"the pump angle makes {jumps} impossible jumps: these moments were left out")
     _hydraulics(writer, records)
     _charge(writer, records)
     _friction(writer, records)
@@ -137,7 +144,8 @@ def _hydraulics(writer: ProfileWriter, records: list[Record]) -> None:
     hidden = not all(r.chambers_measured for r in records)
     _put_gain(writer, fit)
     blurred = float(np.hypot(_zero_share(records), HIDDEN_LEAKAGE if hidden else 0.0))
-    _put_leakage(writer, fit, temperature if temperatures else None, blurred)
+    of_case = float(np.hypot(blurred, HIDDEN_CASE if hidden else 0.0))
+    _put_leakage(writer, fit, temperature if temperatures else None, blurred, of_case)
     _put_compressibility(writer, fit, pressure, hidden)
     if hidden:
         writer.note(
@@ -215,17 +223,21 @@ def _put_gain(writer: ProfileWriter, fit: BalanceFit) -> None:
         writer.note(note)
 
 
-def _put_leakage(writer: ProfileWriter, fit: BalanceFit, temperature: float | None, extra: float) -> None:
+def _put_leakage(
+    writer: ProfileWriter, fit: BalanceFit, temperature: float | None, extra: float, extra_of_case: float
+) -> None:
     total = _wider(fit.total_leakage, extra)
-    if total.value <= 0.0 or not _better(total, writer.base.pump.total_leakage, LEAKAGE_SHARP):
+    known = writer.base.pump.total_leakage
+    if total.value <= LEAST_LEAKAGE * known or not _better(total, known, LEAKAGE_SHARP):
         why = f"total leakage {total.value:.2g} ± {total.std:.2g} m³/(s·Pa): load the actuator to find it"
         writer.keep("pump.cross_port_leakage", why)
         writer.keep("pump.case_leakage", why)
         return
+    _warn_if_far(writer, "leakage", total.value / known if known > 0.0 else np.inf)
     note = f"total (cross-port + case/2) {total.value:.3g} ± {total.std:.1g}"
     writer.put("pump.cross_port_leakage", _wider(fit.cross_port, extra), note)
     split = "" if fit.split_known else "split from cross-port as in the base"
-    writer.put("pump.case_leakage", _wider(fit.case, extra), split)
+    writer.put("pump.case_leakage", _wider(fit.case, extra_of_case), split)
     if not fit.split_known:
         writer.note(
             "cross-port and case leakage could not be told apart: they are split nearly as in the base"
@@ -245,11 +257,20 @@ def _put_compressibility(writer: ProfileWriter, fit: BalanceFit, pressure: float
             f"(pressure changes over noise {fit.signal_over_noise:.1f})",
         )
         return
+    _warn_if_far(writer, "bulk modulus", beta.value / writer.base.oil.bulk_modulus)
     writer.put("oil.bulk_modulus", beta, f"at {pressure / 1e5:.2f} bar; volumes stay the base's")
     writer.put("oil.reference_pressure", Estimate(pressure, 0.01 * pressure), "median of the logs")
     air = _wider(fit.air_fraction, 0.5 if hidden else 0.0)
     writer.put("oil.air_fraction", air, "" if fit.air_known else "little data: drawn to the base's")
     writer.note("only volume over bulk modulus is identifiable: the chambers' volumes stay the base's")
+
+
+def _warn_if_far(writer: ProfileWriter, quantity: str, ratio: float) -> None:
+    if np.isfinite(ratio) and not 1.0 / SURPRISING < ratio < SURPRISING:
+        writer.note(
+            f"{quantity} is {ratio:.2g} times that of base {writer.base.name}: another kind of unit, or a "
+            "pressure in the wrong unit of measure"
+        )
 
 
 def _better(estimate: Estimate, base: float, sharp: float) -> bool:
@@ -301,7 +322,7 @@ def _friction(writer: ProfileWriter, records: list[Record]) -> None:
     for direction in ("forward", "reverse"):
         branch: BranchFit | None = getattr(fit, direction)
         if branch is None:
-            writer.keep(f"friction.{direction}.coulomb", "too little unloaded motion in this direction")
+            writer.keep(f"friction.{direction}.coulomb", "no unloaded motion could be told from loads")
             continue
         for name, std in branch.stds.items():
             value = float(getattr(branch.branch, name))

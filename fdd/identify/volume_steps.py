@@ -43,6 +43,7 @@ NOISE_MARGIN = 4.0
 RELIEF_MARGIN = 0.97
 """Of the relief setting, above which the valve may pass oil."""
 AIR_SCALE = 3e-3
+LEAKAGE_FLOOR = 1e-12
 BLOCK = 2.0
 """s: residuals farther apart than this count as independent."""
 
@@ -80,12 +81,17 @@ class VolumeSteps:
         )
 
 
+def leakage_scale(unit: Unit) -> float:
+    """Leakage that its unknowns are counted in: the base's, where it has any (m³/(s·Pa))."""
+    return max(unit.pump.total_leakage, LEAKAGE_FLOOR)
+
+
 def scales(unit: Unit) -> Array:
     """(6,) what one unit of each unknown is, SI.
 
     They are D; the change of area 2; ξ; C_ep; the stiff compliance beyond its bound; α.
     """
-    leakage = max(unit.pump.total_leakage, 1e-14)
+    leakage = leakage_scale(unit)
     return np.array(
         [
             unit.pump.displacement,

@@ -238,6 +238,8 @@ def test_refusals(cases: dict[int, Case]) -> None:
     assert "check the units" in refused([inch], base)
     backwards = log.with_columns({"position": -log["position"]})
     assert "sign" in refused([backwards], base)
+    swapped = log.with_columns({"pressure_1": log["pressure_2"], "pressure_2": log["pressure_1"]})
+    assert "swap pressure_1 and pressure_2" in refused([swapped], base)
     assert "healthy log 2" in refused([log, inch], base)
 
 
@@ -246,3 +248,48 @@ def test_a_long_hole_is_refused(cases: dict[int, Case]) -> None:
     time = log.time.copy()
     time[-1] += 1e5
     assert "cut the log" in refused([Samples(time, log.columns)], cases[1].base)
+
+
+def test_dead_pressure_sensors_leave_the_bases_numbers(cases: dict[int, Case]) -> None:
+    """Constant pressures carry nothing of leakage, oil or friction: a singular regression, not a crash."""
+    log, base = cases[1].logs[0], cases[1].base
+    dead = np.full(len(log), 6e5)
+    accumulator = np.full(len(log), 4.5e5)
+    found = identify_unit(
+        [log.with_columns({"pressure_1": dead, "pressure_2": dead, "pressure_accumulator": accumulator})],
+        base,
+    )
+    assert found.unit.pump.total_leakage == base.pump.total_leakage
+    assert found.unit.oil.bulk_modulus == base.oil.bulk_modulus
+    assert found.unit.friction == base.friction
+    for quantity in (
+        "pump.cross_port_leakage kept",
+        "oil.bulk_modulus kept",
+        "friction.forward.coulomb kept",
+    ):
+        assert any(quantity in note for note in found.notes)
+
+
+def test_jumps_of_the_pump_angle_are_left_out(cases: dict[int, Case]) -> None:
+    case = cases[1]
+    logs = []
+    for log in case.logs:
+        angle = log["pump_angle"].copy()
+        for row in range(2000, angle.size - 10, 2500):
+            angle[row : row + 2] += 6.0  # two samples off
+            angle[row + 5 :] += 3.0  # and a slip that stays
+        logs.append(log.with_columns({"pump_angle": angle}))
+    found = identify_unit(logs, case.base)
+    assert any("impossible jumps" in note for note in found.notes)
+    whole = case.found.unit
+    assert found.unit.pump.displacement == pytest.approx(whole.pump.displacement, rel=0.002)
+    assert found.unit.pump.total_leakage == pytest.approx(whole.pump.total_leakage, rel=0.03)
+
+
+def test_a_surprising_number_is_remarked(cases: dict[int, Case]) -> None:
+    """Pressures ten times too high, as bar read for another unit, fit well but are not this kind of unit."""
+    case = cases[1]
+    channels = ("pressure_1", "pressure_2", "pressure_difference", "pressure_accumulator")
+    logs = [log.with_columns({c: 10.0 * log[c] for c in channels}) for log in case.logs]
+    notes = " ".join(identify_unit(logs, case.base).notes)
+    assert "bulk modulus is 1" in notes and "unit of measure" in notes
