@@ -8,6 +8,10 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from fdd.cli.options import AxisOption, MapOption
+from fdd.errors import InputError
+
+WIDE = 120
+"""Columns of a terminal that has room for notes."""
 
 if TYPE_CHECKING:
     from rich.table import Table
@@ -33,6 +37,7 @@ def identify(
 
     require_writable(out)
 
+    from pydantic import ValidationError
     from rich.text import Text
 
     from fdd.cli.console import output, progress
@@ -42,6 +47,12 @@ def identify(
     from fdd.unit import Unit
 
     profile = Unit.load(base)
+    try:
+        profile.model_copy().name = name or profile.name
+    except ValidationError:
+        raise InputError(
+            f"--name {name!r} is no name", mend="use 1 to 64 letters, digits, blanks, _ . and -"
+        ) from None
     channel_map = None if map_ is None else ChannelMap.load(map_)
     with progress("reading", len(logs)) as advance:
         samples = []
@@ -55,25 +66,26 @@ def identify(
     with written(out):
         unit.save(out)
     console = output()
-    console.print(identification_table(found))
+    console.print(identification_table(found, notes=console.width >= WIDE))
     for note in found.notes:
         console.print(Text(f"• {note}"))
     windows = 0 if unit.baseline is None else unit.baseline.windows
     console.print(Text(f"Healthy baseline from {windows} windows. Profile {unit.name} written to {out}"))
 
 
-def identification_table(found: Identification) -> Table:
-    """Quantity, base, identified value with its spread, and why a value was kept."""
+def identification_table(found: Identification, *, notes: bool) -> Table:
+    """Quantity, base, identified value with its spread, and (where there is room) how it was found."""
     from rich import box
     from rich.table import Table
     from rich.text import Text
 
     table = Table(box=box.SIMPLE_HEAD)
-    table.add_column("quantity")
+    table.add_column("quantity", no_wrap=True)
     for title in ("base", "identified", "±"):
         table.add_column(title, justify="right", no_wrap=True)
     table.add_column("unit", no_wrap=True)
-    table.add_column("note")
+    if notes:
+        table.add_column("note")
     for row in found.table:
         kept = row.identified is None
         table.add_row(
@@ -82,7 +94,7 @@ def identification_table(found: Identification) -> Table:
             "kept" if row.identified is None else f"{row.identified:.4g}",
             "" if row.std is None else f"{row.std:.2g}",
             row.unit,
-            Text(row.note),
+            *([Text(row.note)] if notes else []),
             style="dim" if kept else "",
         )
     return table

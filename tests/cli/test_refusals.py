@@ -258,14 +258,11 @@ def test_a_reader_that_goes_away_is_no_error(logs, tiny_model_folder) -> None:
     assert done.returncode == 141 and done.stderr == b""
 
 
-def test_a_full_disk_is_told_in_one_line(logs, tiny_model_folder) -> None:
+def test_a_full_disk_is_told_in_one_line() -> None:
     if not Path("/dev/full").exists():
         pytest.skip("this system has no /dev/full")
     with Path("/dev/full").open("wb") as full:
-        done = subprocess.run(
-            [*MAIN, "diagnose", str(logs["healthy"]), "--model", str(tiny_model_folder)],
-            stdout=full, stderr=subprocess.PIPE, text=True,
-        )  # fmt: skip
+        done = subprocess.run([*MAIN, "--version"], stdout=full, stderr=subprocess.PIPE, text=True)
     assert done.returncode == 70 and len(done.stderr.splitlines()) == 1 and "space" in done.stderr
 
 

@@ -1,0 +1,113 @@
+"""Identification, the demo, and the campaign's commands, end to end."""
+
+from __future__ import annotations
+
+import re
+from importlib import resources
+from pathlib import Path
+
+import pytest
+
+from fdd.residuals.features import FEATURE_VERSION, FEATURES
+from fdd.unit import Unit
+
+STROKES = "constant_speed:amplitude=0.08,speeds=60/105,turn=5,dwell=0.3"
+SHIPPED_MODEL = resources.files("fdd") / "diagnosis" / "model" / "manifest.json"
+
+
+@pytest.fixture(scope="module")
+def healthy_strokes(run, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    path = tmp_path_factory.mktemp("identify") / "strokes.mcap"
+    arguments = ["--profile", STROKES, "--load", "throttle:pressure=1.5e6", "--duration", 21, "--seed", 6]
+    assert run("simulate", "-o", path, *arguments).exit_code == 0
+    return path
+
+
+def test_identify_writes_a_profile_with_baseline(run, healthy_strokes, tmp_path: Path) -> None:
+    out = tmp_path / "unit.yaml"
+    result = run("identify", healthy_strokes, "--name", "rig 7", "-o", out)
+    assert result.exit_code == 0, result.stderr
+    unit, truth = Unit.load(out), Unit.load("axis_a")
+    assert unit.name == "rig 7" and f"Profile rig 7 written to {out}" in result.stdout.replace("\n", "")
+    assert unit.pump.total_leakage == pytest.approx(truth.pump.total_leakage, rel=0.3)
+    assert unit.baseline is not None and unit.baseline.windows > 20
+    assert unit.pump.std_of("cross_port_leakage") is not None
+    assert "pump.cross_port_leakage" in result.stdout
+
+
+def test_identify_refuses_what_it_cannot_use(run, one_line, healthy_strokes, logs, tmp_path) -> None:
+    out = tmp_path / "unit.yaml"
+    one_line(run("identify", tmp_path / "none.mcap", "-o", out), "none.mcap", "no such file")
+    one_line(run("identify", healthy_strokes, "--base", "axis_z", "-o", out), "axis_z")
+    one_line(run("identify", healthy_strokes, "--name", "a/b", "-o", out), "a/b")
+    one_line(run("identify", healthy_strokes, "-o", tmp_path / "no" / "unit.yaml"), "cannot be written")
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_the_shipped_demo_is_of_this_version_and_small() -> None:
+    folder = resources.files("fdd") / "demo"
+    unit = Unit.from_yaml((folder / "unit.yaml").read_text(encoding="utf-8"))
+    assert unit.baseline is not None
+    assert unit.baseline.feature_version == FEATURE_VERSION and tuple(unit.baseline.features) == FEATURES
+    assert len((folder / "demo.mcap").read_bytes()) < 2_500_000
+
+
+def _says_leakage(run, tmp_path: Path, *model: object) -> None:
+    out = tmp_path / "report.html"
+    result = run("demo", "-o", out, *model)
+    assert result.exit_code == 0, result.stderr
+    onset = re.search(r"! Internal leakage, since (\d+\.\d) s", result.stdout)
+    assert onset is not None and abs(float(onset[1]) - 18.0) < 3.0
+    assert str(out) in result.stdout.replace("\n", "")
+    assert "Internal leakage" in out.read_text(encoding="utf-8")
+    assert [p.name for p in tmp_path.iterdir()] == ["report.html"]
+
+
+def test_the_demo_finds_the_leak(run, tiny_model_folder, tmp_path: Path) -> None:
+    _says_leakage(run, tmp_path, "--model", tiny_model_folder)
+
+
+@pytest.mark.skipif(not SHIPPED_MODEL.is_file(), reason="this checkout has no shipped model")
+def test_the_demo_finds_the_leak_with_the_shipped_model(run, tmp_path: Path) -> None:
+    _says_leakage(run, tmp_path)
+
+
+def test_demo_refuses_a_report_that_cannot_be_written(run, one_line, tmp_path: Path) -> None:
+    one_line(run("demo", "-o", tmp_path / "no" / "r.html"), "cannot be written")
+
+
+RECIPE = """
+schema: fdd.recipe/1
+name: tiny
+seed: 3
+bases: [axis_a]
+units: 2
+logs_per_unit: 2
+faults: {internal_leakage: {}}
+healthy_share: 0.5
+severity: [0.8, 1.0]
+duration: [10, 11]
+onset: [0.4, 0.5]
+baseline: false
+format: parquet
+"""
+
+
+def test_generate_makes_a_data_set(run, tmp_path: Path) -> None:
+    recipe, out = tmp_path / "recipe.yaml", tmp_path / "set"
+    recipe.write_text(RECIPE)
+    result = run("generate", recipe, "-o", out, "--workers", 1)
+    assert result.exit_code == 0, result.stderr
+    assert len(list(out.glob("*/log_*.parquet"))) == 4 and (out / "manifest.json").is_file()
+
+
+@pytest.mark.parametrize("engine", ["ray", "cloud"])
+def test_an_engine_that_is_not_there_is_refused(run, one_line, tmp_path, engine) -> None:
+    one_line(run("generate", tmp_path / "r.yaml", "-o", tmp_path / "set", "--engine", engine), engine)
+
+
+def test_train_refuses_what_is_no_data_set(run, one_line, tmp_path: Path) -> None:
+    (tmp_path / "set").mkdir()
+    one_line(run("train", tmp_path / "set", "-o", tmp_path / "model"), str(tmp_path / "set"))
+    one_line(run("train", tmp_path / "none", "-o", tmp_path / "model"), "none")
+    assert not (tmp_path / "model").exists()
