@@ -44,7 +44,8 @@ def tiny_model_folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
         schema_name=MODEL_SCHEMA, fdd_version="0", sklearn_version="0", numpy_version="0",
         features=list(FEATURES), feature_version=FEATURE_VERSION,
         classes=[str(c) for c in classifier.classes_],
-        healthy_share=0.2, centre=[0.0] * len(FEATURES), scale=SPREAD.tolist(), discount=0.4,
+        healthy_share=0.2, centre=[0.0] * len(FEATURES), scale=SPREAD.tolist(),
+        usual_spread=SPREAD.tolist(), discount=0.4,
         temperature=1.0, training_data="made up for tests", training_sha256="", classifier_sha256="",
         golden_inputs=golden.tolist(), golden_outputs=classifier.predict_proba(golden).tolist(),
     )  # fmt: skip

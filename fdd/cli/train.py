@@ -8,6 +8,8 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from fdd.errors import InputError
+
 if TYPE_CHECKING:
     from rich.table import Table
 
@@ -29,12 +31,15 @@ def train(
     from fdd.campaign.train import train as fit
     from fdd.cli.console import output, progress
 
-    with progress(f"training on {dataset.name}", 1.0) as advance:
-        model, report = fit(
-            dataset,
-            workers=workers or os.cpu_count() or 1,
-            progress=lambda done, total: advance(done / max(total, 1)),
-        )
+    try:
+        with progress(f"training on {dataset.name}", 1.0) as advance:
+            model, report = fit(
+                dataset,
+                workers=workers or os.cpu_count() or 1,
+                progress=lambda done, total: advance(done / max(total, 1)),
+            )
+    except InputError as error:
+        raise (error if error.where else error.at(dataset)) from None
     with written(out):
         model.save(out)
     console = output()
