@@ -144,7 +144,8 @@ def status_line(status: Status) -> Text:
     """Time, the likeliest families and the estimates that the data pin down, in one line."""
     line = Text(f"{stamp(status.time)} ", no_wrap=True, overflow="ellipsis")
     line.append(status.verdict, style=COLOURS[status.verdict])
-    top = sorted(status.probabilities.items(), key=lambda item: -item[1])[:2]
+    ordered = sorted(status.probabilities.items(), key=lambda item: -item[1])
+    top = [(name, p) for k, (name, p) in enumerate(ordered[:2]) if k == 0 or p >= 0.05]
     line.append("".join(f"  {family_title(name).lower()} {percent(p)}" for name, p in top))
     for name, estimate in status.estimates.items():
         if estimate.value is not None and estimate.observable:

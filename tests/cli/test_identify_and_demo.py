@@ -2,12 +2,17 @@
 
 from __future__ import annotations
 
+import io
 import re
 from importlib import resources
 from pathlib import Path
 
+import numpy as np
 import pytest
+from rich.console import Console
 
+from fdd.campaign.train import TrainingReport
+from fdd.cli.train import confusion_table, figures
 from fdd.residuals.features import FEATURE_VERSION, FEATURES
 from fdd.unit import Unit
 
@@ -114,17 +119,11 @@ def test_train_refuses_what_is_no_data_set(run, one_line, tmp_path: Path) -> Non
 
 
 def test_training_results_are_shown_by_true_family() -> None:
-    import numpy as np
-    from rich.console import Console
-
-    from fdd.campaign.train import TrainingReport
-    from fdd.cli.train import confusion_table, figures
-
     confusion = np.array([[9, 0, 1], [1, 30, 4]])
     report = TrainingReport(["healthy", "leakage"], confusion, 1, 0.25, np.array([1.0, 2.0, 3.0]))
-    console = Console(width=100, record=True, quiet=True)
-    console.print(confusion_table(report))
-    shown = [line.split() for line in console.export_text().splitlines()]
+    screen = io.StringIO()
+    Console(width=100, file=screen).print(confusion_table(report))
+    shown = [line.split() for line in screen.getvalue().splitlines()]
     assert ["healthy", "9", "·", "1"] in shown and ["leakage", "1", "30", "4"] in shown
     text = " ".join(figures(report))
     assert "Isolated: 85.7 %" in text and "1 in 0.25 h" in text and "2.0 s median" in text
