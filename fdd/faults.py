@@ -93,21 +93,26 @@ CATALOGUE: dict[str, Fault] = {
         ),
         Fault(
             "check_valve_clogged", "check_valve", "check valve clogged", "Table 4.1",
-            "no refeeding: the low side cavitates", "refeeding flow falls to 0", _ASSUMED, sides=(1, 2),
+            "no refeeding: the low side cavitates",
+            "refeeding flow gain of that side's check valve falls to 0", _ASSUMED,
+            sides=(1, 2), simulated=True,
         ),
         Fault(
             "relief_valve_stuck_open", "relief_valve", "relief valve stuck open", "Table 4.1",
-            "flow over the relief valve far below its setting", "passes 1e-4 m³/s at 1 MPa", _ASSUMED,
+            "flow over the relief valve far below its setting",
+            "passes 1e-4 m³/s at 1 MPa from the chamber of higher pressure to the other (orifice)", _ASSUMED,
+            simulated=True,
         ),
         Fault(
             "oil_degradation", "friction", "oil degradation", "Table 4.1",
             "viscous friction and leakage change with viscosity",
-            "thin: viscosity falls to 50 %; thick: it rises to 200 %", _ASSUMED, variants=("thin", "thick"),
+            "thin: viscosity falls to 50 %; thick: it rises to 200 %", _ASSUMED,
+            variants=("thin", "thick"), simulated=True,
         ),
         Fault(
             "motor_degradation", "motor", "motor degradation", "Table 4.1",
-            "winding resistance up, torque constant down, current limit",
-            "torque constant -30 %, winding resistance +50 %", _ASSUMED,
+            "torque constant down: more current for the same torque, less torque at the current limit",
+            "torque constant -30 %", _ASSUMED, simulated=True,
         ),
         Fault(
             "coupling_wear", "motor", "coupling wear", "Table 4.1",

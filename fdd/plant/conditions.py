@@ -31,7 +31,14 @@ OPEN_1 = 6
 OPEN_2 = 7
 FORCE = 8
 """External force on the rod that depends on time alone, against extension (N)."""
-COLUMNS = 9
+RELIEF_OPEN = 9
+"""Flow (m³/s at 1 MPa) of an orifice between the chambers: a relief valve stuck open."""
+REFEED_1 = 10
+"""Share of its healthy flow gain that chamber 1's check valve has left."""
+REFEED_2 = 11
+TORQUE = 12
+"""Share of its torque constant that the motor has left."""
+COLUMNS = 13
 
 
 def healthy_conditions(unit: Unit, setpoint: Array, temperature: Array, force: Array) -> Array:
@@ -57,4 +64,7 @@ def healthy_conditions(unit: Unit, setpoint: Array, temperature: Array, force: A
     rows[:, FRICTION] = 1.0
     rows[:, VISCOUS] = ratio
     rows[:, FORCE] = force
+    rows[:, REFEED_1] = 1.0
+    rows[:, REFEED_2] = 1.0
+    rows[:, TORQUE] = 1.0
     return rows

@@ -31,8 +31,12 @@ from fdd.plant.conditions import (
     FRICTION,
     OPEN_1,
     OPEN_2,
+    RELIEF_OPEN,
+    TORQUE,
     VISCOUS,
 )
+from fdd.plant.conditions import REFEED_1 as REFEED_LEFT_1
+from fdd.plant.conditions import REFEED_2 as REFEED_LEFT_2
 from fdd.plant.oil import ATMOSPHERE
 from fdd.plant.parameters import Parameters
 
@@ -60,12 +64,16 @@ remembers it."""
     ACCUMULATOR,
     DECAY,
     OIL_MASS,
-) = range(13)
-FINDINGS = 13
+    STUCK_RELIEF_FLOW,
+) = range(14)
+FINDINGS = 14
 """Forces (N), motor current (A), flows (m³/s; refeeding and drain at atmospheric density), accumulator
 pressure (Pa, gauge), decay rate of the bristle (1/s), all the oil inside (m³ at atmospheric density)."""
 
 _LEAST_ABSOLUTE = 1.0  # Pa; guards the power law within a step, the air's compliance keeps the state above
+_STARVED = 20e3
+"""Pa, absolute: inlet pressure below which the pump no longer fills. Without it a pump that is not refed
+would take more oil out of a chamber than is in it."""
 
 
 @njit(cache=True, error_model="numpy")
@@ -123,19 +131,23 @@ def right_hand_side(y: Array, command: float, now: Array, par: Parameters, dy: A
     # Flows. The pump moves its displacement at the ports' mean density unless told otherwise.
     pump = par.displacement * speed * (1.0 + par.ripple * math.cos(par.teeth * y[ANGLE]))
     pumped = pump * rho - par.pump_compression * abs(pump) * 0.5 * (rho_1 - rho_2)
+    inlet = (p2 if pump > 0.0 else p1) + par.ambient
+    if inlet < _STARVED:
+        pumped *= max(inlet, 0.0) / _STARVED
     cross = now[CROSS_LEAKAGE] * dp
     relief = par.relief_gain * (
         opening(dp - par.relief_pressure, par.relief_width)
         - opening(-dp - par.relief_pressure, par.relief_width)
     )
+    stuck = orifice(dp, now[RELIEF_OPEN], par.orifice_transition) if now[RELIEF_OPEN] != 0.0 else 0.0
     mean = 0.5 * (p1 + p2)
     # The case drain's check valve passes outwards only: the case sits at the accumulator's
     # pressure plus cracking, or at the ports' mean where that is lower.
     case = mean - opening(mean - pa - par.case_cracking, par.check_width)
     leak_1 = rho * now[CASE_LEAKAGE] * (p1 - case)
     leak_2 = rho * now[CASE_LEAKAGE] * (p2 - case)
-    refeed_1 = par.refeed_gain * opening(pa - p1 - par.refeed_cracking, par.check_width)
-    refeed_2 = par.refeed_gain * opening(pa - p2 - par.refeed_cracking, par.check_width)
+    refeed_1 = now[REFEED_LEFT_1] * par.refeed_gain * opening(pa - p1 - par.refeed_cracking, par.check_width)
+    refeed_2 = now[REFEED_LEFT_2] * par.refeed_gain * opening(pa - p2 - par.refeed_cracking, par.check_width)
     if now[OPEN_1] != 0.0:
         refeed_1 += orifice(pa - p1, now[OPEN_1], par.orifice_transition)
     if now[OPEN_2] != 0.0:
@@ -143,7 +155,7 @@ def right_hand_side(y: Array, command: float, now: Array, par: Parameters, dy: A
     refeed_1 *= par.store_density
     refeed_2 *= par.store_density
 
-    across = pumped - rho * (cross + relief)
+    across = pumped - rho * (cross + (relief + stuck))
     v1 = par.volume_1 + par.area_1 * x
     v2 = par.volume_2 - par.area_2 * x
     dy[P1] = beta_1 / v1 * ((across - leak_1 + refeed_1) / rho_1 - par.area_1 * v)
@@ -200,21 +212,24 @@ def right_hand_side(y: Array, command: float, now: Array, par: Parameters, dy: A
         par.inertia * (y[DRIVE] - par.pole_sum * speed + par.feedthrough * command)
         + par.rotary_viscous * speed
     )
-    torque = min(max(wanted, -par.torque_limit), par.torque_limit)
+    # Torques as the drive counts them, by the healthy motor's constant: it does not know of a weaker one.
+    allowed = min(max(wanted, -par.torque_limit), par.torque_limit)
+    torque = now[TORQUE] * allowed
     dy[ANGLE] = speed
     dy[SPEED] = (torque - par.displacement * dp - turning) / par.inertia
-    dy[DRIVE] = par.pole_product * (command - speed) + par.pole_sum * (torque - wanted) / par.inertia
+    dy[DRIVE] = par.pole_product * (command - speed) + par.pole_sum * (allowed - wanted) / par.inertia
 
     found[FRICTION_FORCE] = friction
     found[LOAD_FORCE] = load
     found[STOP_FORCE] = stop
-    found[CURRENT] = torque / par.torque_constant
+    found[CURRENT] = allowed / par.torque_constant
     found[PUMP_FLOW] = pump
     found[CROSS_FLOW] = cross
     found[REFEED_1] = refeed_1
     found[REFEED_2] = refeed_2
     found[DRAIN_FLOW] = leak_1 + leak_2
     found[RELIEF_FLOW] = relief
+    found[STUCK_RELIEF_FLOW] = stuck
     found[ACCUMULATOR] = pa
     found[DECAY] = decay
     found[OIL_MASS] = v1 * rho_1 + v2 * rho_2 + y[STORE]

@@ -5,8 +5,9 @@ the bristle's equation is too quick for it, the bristle moves instead by that eq
 the stage's velocity. Everything else in the plant is slower than 4000 1/s. At 0.1 ms the position
 is within 0.05 µm of steps a tenth as long, over seconds of stick and slip (`tests/plant`).
 
-Numba keys its cache on each function's own file: after a change to `equations` alone, touch this file too,
-or the loop keeps the old equations (the comparison with the reference solver in the tests then fails).
+Numba keys its cache on each function's own file: after a change to `equations` or `conditions` alone, raise
+`EQUATIONS` here too, or the loop keeps the old ones (the comparison with the reference solver in the tests
+then fails).
 """
 
 from __future__ import annotations
@@ -23,6 +24,9 @@ from fdd.plant.equations import DECAY, FINDINGS, SPEED, STATES, V, X, Z, right_h
 from fdd.plant.parameters import Parameters
 
 Array = NDArray[np.float64]
+
+EQUATIONS = 2
+"""Counts the changes of the equations; a new number makes Numba compile this file anew."""
 
 _STIFF = 0.5
 """Bristle decay over one step from which its exact solution is taken."""

@@ -15,7 +15,7 @@ from fdd.plant.oil import ATMOSPHERE
 from fdd.plant.validated import Validated
 
 MAX_DURATION = 3600.0
-"""s; a millisecond takes about 200 bytes while it is simulated."""
+"""s; a millisecond takes about 350 bytes while it is simulated."""
 
 
 class Control(Validated):

@@ -233,5 +233,6 @@ def _truth_columns(
         "refeed_flow_2": found[:, e.REFEED_2],
         "drain_flow": found[:, e.DRAIN_FLOW],
         "relief_flow": found[:, e.RELIEF_FLOW],
+        "stuck_relief_flow": found[:, e.STUCK_RELIEF_FLOW],
         "oil_mass": found[:, e.OIL_MASS],
     }

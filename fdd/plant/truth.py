@@ -35,6 +35,7 @@ TRUTH: dict[str, tuple[str, str]] = {
     "refeed_flow_2": ("m^3/s", "flow from the accumulator into chamber 2, at atmospheric density"),
     "drain_flow": ("m^3/s", "case leakage of both chambers into the accumulator, at atmospheric density"),
     "relief_flow": ("m^3/s", "flow over the relief valves, from chamber 1 to 2"),
+    "stuck_relief_flow": ("m^3/s", "flow over a relief valve stuck open, from chamber 1 to 2"),
     "oil_mass": ("m^3", "all oil inside, as its volume at atmospheric pressure"),
 }
 """Name to SI unit and meaning."""

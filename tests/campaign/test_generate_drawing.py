@@ -16,6 +16,7 @@ from fdd.campaign.drawing import VARIED, assign_faults, draw_scenario, draw_unit
 from fdd.campaign.recipe import Recipe
 from fdd.errors import InputError
 from fdd.plant.duty import DUTIES, ConstantSpeed
+from fdd.plant.faults.spec import SIMULATED
 from fdd.plant.load import LOADS
 from fdd.plant.simulate import prepare, simulate
 from fdd.unit import Unit
@@ -45,11 +46,14 @@ def test_validation_recipe_is_a_hundred_faults_in_four_equal_families_and_twenty
     assert recipe.seed != Recipe.load(RECIPES / "training.yaml").seed
 
 
-def test_training_recipe_is_three_tenths_healthy_and_the_rest_in_equal_shares() -> None:
-    counts = Counter(assign_faults(Recipe.load(RECIPES / "training.yaml")))
-    assert counts.pop(()) == 180
-    assert set(counts.values()) == {70}
-    assert len(counts) == 6
+def test_training_recipe_is_three_tenths_healthy_and_the_rest_follows_the_weights() -> None:
+    recipe = Recipe.load(RECIPES / "training.yaml")
+    counts = Counter(assign_faults(recipe))
+    assert counts.pop(()) == 240
+    assert {name for (name,) in counts} == set(SIMULATED) and sum(counts.values()) == 560
+    for (name,), count in counts.items():
+        share = recipe.faults[name].weight / (6 * 1.0 + 4 * 0.7)
+        assert abs(count - 560 * share) < 1.0, name
 
 
 @settings(deadline=None, max_examples=40)

@@ -9,10 +9,11 @@ from hypothesis import strategies as st
 
 from fdd.errors import InputError
 from fdd.faults import CATALOGUE
-from fdd.plant.duty import Steps
+from fdd.plant.details import Details
+from fdd.plant.duty import Steps, Strokes
 from fdd.plant.faults.spec import SIMULATED, FaultSpec, parse_fault
 from fdd.plant.load import ConstantLoad
-from fdd.plant.scenario import Scenario
+from fdd.plant.scenario import Recording, Scenario
 from fdd.plant.simulate import Simulation, simulate
 from fdd.unit import Unit
 
@@ -26,11 +27,11 @@ CHOICES = [
 ]
 
 
-def _run(*faults: FaultSpec, duration: float = 5.0, seed: int = 5) -> Simulation:
+def _run(*faults: FaultSpec, duration: float = 5.0, seed: int = 5, load: float = 600.0) -> Simulation:
     scenario = Scenario(
         duration=duration,
         duty=Steps(amplitude=0.04, hold=0.8),
-        load=ConstantLoad(level=600.0),
+        load=ConstantLoad(level=load),
         faults=list(faults),
         seed=seed,
         oil_temperature=UNIT.oil.reference_temperature,
@@ -85,6 +86,75 @@ def _passes(faulty: Simulation, healthy: Simulation, after: np.ndarray, spec: Fa
     assert np.all(healthy.truth[f"refeed_flow_{spec.side}"] >= 0.0)
 
 
+def _starves(faulty: Simulation, healthy: Simulation, after: np.ndarray, spec: FaultSpec) -> None:
+    side, other = spec.side, 3 - spec.side
+    if side == 1:  # the side that the load leaves low: only there is oil refed at all
+        healthy, faulty = _run(load=-600.0), _run(spec, load=-600.0)
+    assert not faulty.truth[f"refeed_flow_{side}"][after].any()
+    assert healthy.truth[f"refeed_flow_{side}"][after].max() > 1e-6
+    assert healthy.truth[f"refeed_flow_{other}"].min() >= 0.0
+    low = faulty.truth[f"pressure_{side}"][after]
+    # Below the accumulator less cracking as never when healthy, yet never below vacuum.
+    assert low.min() < healthy.truth[f"pressure_{side}"].min() - 30e3
+    assert low.min() > -101_325.0
+    assert np.abs(faulty.truth["oil_mass"] / faulty.truth["oil_mass"][0] - 1.0).max() < 1e-6
+
+
+def _short_circuits(faulty: Simulation, healthy: Simulation, after: np.ndarray, spec: FaultSpec) -> None:
+    drop = faulty.truth["pressure_difference"]
+    rows = after & (np.abs(drop) > 30e3)
+    assert rows.sum() > 50
+    flow = faulty.truth["stuck_relief_flow"]
+    assert not healthy.truth["stuck_relief_flow"].any()
+    expected = 1e-4 * np.sign(drop[rows]) * np.sqrt(np.abs(drop[rows]) / 1e6)
+    np.testing.assert_allclose(flow[rows], expected, rtol=0.06)
+    assert np.all(np.abs(flow[after]) <= 1e-4 * np.sqrt(np.abs(drop[after]) / 1e6) + 1e-12)
+    assert np.abs(faulty.truth["relief_flow"]).max() < 1e-9, "the other valve stays shut"
+    assert np.abs(faulty.truth["oil_mass"] / faulty.truth["oil_mass"][0] - 1.0).max() < 1e-6
+    # Against what the pump and the piston leave over: chamber 1's own balance of volume, on average.
+    taken = np.mean((faulty.truth["pump_flow"] - flow - faulty.truth["cross_flow"])[after])
+    moved = UNIT.cylinder.area_1 * np.mean(faulty.truth["velocity"][after])
+    assert taken == pytest.approx(moved, abs=0.1 * np.mean(np.abs(flow[after])))
+    assert np.array_equal(faulty.truth["leakage"], healthy.truth["leakage"])
+
+
+def _changes_viscosity(faulty: Simulation, healthy: Simulation, after: np.ndarray, spec: FaultSpec) -> None:
+    expected = 0.5 if spec.variant == "thin" else 2.0
+    for name, factor in (
+        ("viscous_friction", expected),
+        ("leakage", 1.0 / expected),
+        ("coulomb_friction", 1.0),
+        ("bulk_modulus", 1.0),
+    ):
+        ratio = faulty.truth[name][after] / healthy.truth[name][after]
+        np.testing.assert_allclose(ratio, factor, rtol=1e-9, err_msg=name)
+    drop = faulty.truth["pressure_difference"][after]
+    np.testing.assert_allclose(
+        faulty.truth["cross_flow"][after], UNIT.pump.cross_port_leakage / expected * drop, rtol=1e-9
+    )
+
+
+def _weakens(faulty: Simulation, healthy: Simulation, after: np.ndarray, spec: FaultSpec) -> None:
+    """The shaft's balance J dω/dt = k·K·i - D·Δp - friction holds with k = 0.7, by least squares."""
+    for run, share in ((healthy, 1.0), (faulty, 0.7)):
+        truth, drive = run.truth, UNIT.drive
+        speed = truth["pump_speed"]
+        friction = drive.viscous_friction * speed + Details().pump_coulomb_torque * speed / np.hypot(
+            1.0, speed
+        )
+        # Where the speed is steady for a while, so that its slope over 2 ms is exact.
+        slope = np.gradient(speed, truth.time)
+        steady = after & (np.abs(slope) < 300.0)
+        assert steady.sum() > 1000
+        torque = drive.inertia * slope + UNIT.pump.displacement * truth["pressure_difference"] + friction
+        electric = drive.torque_constant * truth["motor_current"]
+        fitted = (torque[steady] @ electric[steady]) / (electric[steady] @ electric[steady])
+        assert fitted == pytest.approx(share, rel=0.02)
+    assert np.abs(faulty.truth["motor_current"]).max() <= UNIT.drive.current_limit * (1.0 + 1e-12)
+    for name in ("leakage", "viscous_friction", "bulk_modulus"):
+        assert np.array_equal(faulty.truth[name], healthy.truth[name]), name
+
+
 def _is_biased(faulty: Simulation, healthy: Simulation, after: np.ndarray, spec: FaultSpec) -> None:
     added = (faulty.samples["pressure_difference"] - healthy.samples["pressure_difference"])[after]
     np.testing.assert_allclose(added, 250e3, atol=UNIT.sensors["pressure_difference"].resolution)
@@ -108,6 +178,10 @@ CHECKS: dict[str, Callable[[Simulation, Simulation, np.ndarray, FaultSpec], None
     "seal_wear": _wears,
     "aeration": _aerates,
     "check_valve_stuck_open": _passes,
+    "check_valve_clogged": _starves,
+    "relief_valve_stuck_open": _short_circuits,
+    "oil_degradation": _changes_viscosity,
+    "motor_degradation": _weakens,
     "pressure_sensor_bias": _is_biased,
     "pressure_sensor_drift": _drifts,
 }
@@ -165,6 +239,38 @@ def test_thin_oil_leaks_more_through_the_fault_too():
     )
     hot = simulate(UNIT, scenario).truth["leakage"][0]
     assert hot > 2.0 * (UNIT.pump.total_leakage + 12e-12)
+
+
+@pytest.mark.parametrize("order", [1, -1])
+def test_degraded_oil_leaks_through_the_fault_too_in_either_order(order):
+    faults = [{"fault": "internal_leakage", "severity": 1.0}, {"fault": "oil_degradation", "severity": 1.0}]
+    scenario = Scenario(duration=0.1, oil_temperature=UNIT.oil.reference_temperature, faults=faults[::order])
+    leakage = simulate(UNIT, scenario).truth["leakage"][0]
+    assert leakage == pytest.approx(2.0 * (UNIT.pump.total_leakage + 12e-12), rel=1e-9)
+
+
+@pytest.mark.parametrize("air", [0.0, 1.0])
+@pytest.mark.parametrize(("side", "load"), [(1, -2500.0), (2, 2500.0)])
+def test_a_clogged_valve_cavitates_above_vacuum_and_converges(air, side, load):
+    """The pump starves instead of emptying a chamber; a quarter of the step gives the same pressures."""
+    # Little charge and a case that drains what the clogged valve does not bring back.
+    accumulator = UNIT.accumulator.model_copy(update={"charge_pressure": 60e3, "case_cracking_pressure": 1e3})
+    pump = UNIT.pump.model_copy(update={"case_leakage": 10.0 * UNIT.pump.case_leakage})
+    unit = UNIT.model_copy(update={"accumulator": accumulator, "pump": pump})
+    faults = [
+        {"fault": "check_valve_clogged", "severity": 1.0, "side": side},
+        {"fault": "aeration", "severity": air},
+    ]
+    scenario = Scenario(
+        duration=20.0, duty=Strokes(rate=0.1), load=ConstantLoad(level=load), faults=faults,
+        recording=Recording.perfect(), charge_factor=0.7,
+    )  # fmt: skip
+    coarse, fine = (simulate(unit, scenario, substeps=k).truth for k in (10, 40))
+    for name in ("pressure_1", "pressure_2"):
+        assert coarse[name].min() > -101_325.0
+        assert np.sqrt(np.mean((coarse[name] - fine[name]) ** 2)) < 2e3
+    assert min(coarse["pressure_1"].min(), coarse["pressure_2"].min()) < -40e3, "cavitates"
+    assert np.abs(coarse["oil_mass"] / coarse["oil_mass"][0] - 1.0).max() < 1e-6
 
 
 # Profiles in time.

@@ -11,7 +11,19 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import NDArray
 
-from fdd.plant.conditions import AIR, CROSS_LEAKAGE, FRICTION, OPEN_1, OPEN_2, VISCOUS
+from fdd.plant.conditions import (
+    AIR,
+    CASE_LEAKAGE,
+    CROSS_LEAKAGE,
+    FRICTION,
+    OPEN_1,
+    OPEN_2,
+    REFEED_1,
+    REFEED_2,
+    RELIEF_OPEN,
+    TORQUE,
+    VISCOUS,
+)
 from fdd.plant.details import Details
 from fdd.plant.faults.spec import FaultSpec
 
@@ -25,6 +37,12 @@ LOOSE, TIGHT = -0.65, 1.0
 """Change of the friction's scale at severity 1."""
 STUCK_VALVE_FLOW = 1e-4
 """m³/s at 1 MPa through a check valve stuck open, at severity 1."""
+RELIEF_VALVE_FLOW = 1e-4
+"""m³/s at 1 MPa through a relief valve stuck open, at severity 1."""
+THIN, THICK = -0.5, 1.0
+"""Change of the oil's viscosity at severity 1, over what it has at the present temperature."""
+TORQUE_LOSS = 0.3
+"""Share of the torque constant lost at severity 1."""
 SENSOR_BIAS = 250e3
 """Pa on the differential pressure at severity 1."""
 SENSOR_DRIFT = 5e3
@@ -55,12 +73,42 @@ def _check_valve_stuck_open(
     rows[:, OPEN_1 if spec.side == 1 else OPEN_2] += severity * STUCK_VALVE_FLOW
 
 
+def _check_valve_clogged(
+    rows: Array, severity: Array, spec: FaultSpec, ratio: Array, details: Details
+) -> None:
+    rows[:, REFEED_1 if spec.side == 1 else REFEED_2] *= 1.0 - severity
+
+
+def _relief_valve_stuck_open(
+    rows: Array, severity: Array, spec: FaultSpec, ratio: Array, details: Details
+) -> None:
+    rows[:, RELIEF_OPEN] += severity * RELIEF_VALVE_FLOW
+
+
+def _oil_degradation(rows: Array, severity: Array, spec: FaultSpec, ratio: Array, details: Details) -> None:
+    change = 1.0 + severity * (THIN if spec.variant == "thin" else THICK)
+    rows[:, CROSS_LEAKAGE] /= change
+    rows[:, CASE_LEAKAGE] /= change
+    rows[:, VISCOUS] *= change
+    ratio *= change
+
+
+def _motor_degradation(rows: Array, severity: Array, spec: FaultSpec, ratio: Array, details: Details) -> None:
+    rows[:, TORQUE] *= 1.0 - TORQUE_LOSS * severity
+
+
 PLANT_FAULTS: dict[str, Callable[[Array, Array, FaultSpec, Array, Details], None]] = {
+    # First: whatever leaks further, leaks the degraded oil.
+    "oil_degradation": _oil_degradation,
     "internal_leakage": _internal_leakage,
     "seal_wear": _seal_wear,
     "aeration": _aeration,
     "check_valve_stuck_open": _check_valve_stuck_open,
+    "check_valve_clogged": _check_valve_clogged,
+    "relief_valve_stuck_open": _relief_valve_stuck_open,
+    "motor_degradation": _motor_degradation,
 }
+"""Fault to what it does, in the order in which a scenario's faults take effect."""
 
 
 def _bias(measured: Array, severity: Array, time: Array) -> Array:
@@ -91,7 +139,8 @@ def inject(rows: Array, time: Array, specs: list[FaultSpec], ratio: Array, detai
     ratio : (n,) viscosity over the reference's.
     details : of the plant.
     """
-    for spec in specs:
-        effect = PLANT_FAULTS.get(spec.fault)
-        if effect is not None:
-            effect(rows, spec.over(time), spec, ratio, details)
+    ratio = ratio.copy()
+    for fault, effect in PLANT_FAULTS.items():
+        for spec in specs:
+            if spec.fault == fault:
+                effect(rows, spec.over(time), spec, ratio, details)
