@@ -254,7 +254,7 @@ def test_degraded_oil_leaks_through_the_fault_too_in_either_order(order):
 def test_a_clogged_valve_cavitates_above_vacuum_and_converges(air, side, load):
     """The pump starves instead of emptying a chamber; a quarter of the step gives the same pressures."""
     # Little charge and a case that drains what the clogged valve does not bring back.
-    accumulator = UNIT.accumulator.model_copy(update={"charge_pressure": 60e3, "case_cracking_pressure": 1e3})
+    accumulator = UNIT.accumulator.model_copy(update={"charge_pressure": 20e3, "case_cracking_pressure": 1e3})
     pump = UNIT.pump.model_copy(update={"case_leakage": 10.0 * UNIT.pump.case_leakage})
     unit = UNIT.model_copy(update={"accumulator": accumulator, "pump": pump})
     faults = [
@@ -262,14 +262,16 @@ def test_a_clogged_valve_cavitates_above_vacuum_and_converges(air, side, load):
         {"fault": "aeration", "severity": air},
     ]
     scenario = Scenario(
-        duration=20.0, duty=Strokes(rate=0.1), load=ConstantLoad(level=load), faults=faults,
-        recording=Recording.perfect(), charge_factor=0.7,
+        duration=6.0, duty=Strokes(rate=0.1), load=ConstantLoad(level=load), faults=faults,
+        recording=Recording.perfect(), charge_factor=0.7, ambient=50e3,
     )  # fmt: skip
     coarse, fine = (simulate(unit, scenario, substeps=k).truth for k in (10, 40))
     for name in ("pressure_1", "pressure_2"):
-        assert coarse[name].min() > -101_325.0
+        assert coarse[name].min() > -50e3
         assert np.sqrt(np.mean((coarse[name] - fine[name]) ** 2)) < 2e3
-    assert min(coarse["pressure_1"].min(), coarse["pressure_2"].min()) < -40e3, "cavitates"
+    lowest = min(coarse["pressure_1"].min(), coarse["pressure_2"].min()) + 50e3
+    # With little air as far as the pump starves; much air expands, but falls below ambient all the same.
+    assert lowest < (18e3 if air == 0.0 else 50e3)
     assert np.abs(coarse["oil_mass"] / coarse["oil_mass"][0] - 1.0).max() < 1e-6
 
 
