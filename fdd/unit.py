@@ -81,7 +81,7 @@ class Provenance(BaseModel):
 class Section(BaseModel):
     """A part of a profile; its numbers carry their unit, source and spread."""
 
-    model_config = ConfigDict(extra="forbid", validate_assignment=True)
+    model_config = ConfigDict(extra="forbid", validate_assignment=True, allow_inf_nan=False)
     provenance: dict[str, Provenance] = Field(default_factory=dict, exclude=True, repr=False)
 
     @model_validator(mode="wrap")
@@ -90,21 +90,17 @@ class Section(BaseModel):
         if not isinstance(data, dict):
             return handler(data)
         plain: dict[str, Any] = {}
-        provenance: dict[str, Provenance] = dict(data.get("provenance", {}))
+        given = data.get("provenance", {})
+        if not isinstance(given, dict):
+            raise InputError("is not a table", where="provenance", mend="write each source beside its number")
+        provenance: dict[str, Provenance] = dict(given)
         for key, entry in data.items():
             field = cls.model_fields.get(key)
             if isinstance(entry, dict) and "value" in entry and field is not None:
-                si = _si_of(field)
-                extra = set(entry) - {"value", "unit", "source", "std"}
-                if si is None or extra:
-                    problem = "takes no unit" if si is None else f"unknown {sorted(extra)}"
-                    raise ValueError(f"{key}: {problem}")
-                m = measure(str(entry.get("unit", si.unit)), si.dimension)
-                plain[key] = m.factor * float(entry["value"]) + m.offset
-                std = entry.get("std")
-                provenance[key] = Provenance(
-                    source=entry.get("source"), std=None if std is None else m.factor * float(std)
-                )
+                try:
+                    plain[key], provenance[key] = _quantity(entry, _si_of(field))
+                except InputError as error:
+                    raise InputError(error.problem, where=key, mend=error.mend) from None
             else:
                 plain[key] = entry
         plain["provenance"] = provenance
@@ -140,6 +136,36 @@ class Section(BaseModel):
             else:
                 out[name] = value
         return out
+
+
+def _quantity(entry: dict[str, Any], si: SI | None) -> tuple[float, Provenance]:
+    """A number written with its unit and provenance, in SI."""
+    unknown = set(entry) - {"value", "unit", "source", "std"}
+    if si is None:
+        raise InputError("takes no unit", mend="write the plain value")
+    if unknown:
+        raise InputError(f"unknown {sorted(map(str, unknown))}", mend="use value, unit, source and std")
+    m = measure(str(entry.get("unit", si.unit)), si.dimension)
+    value, std, source = _number(entry, "value"), entry.get("std"), entry.get("source")
+    if source is not None and not isinstance(source, str):
+        raise InputError(f"source {source!r} is not text", mend="put it in quotes")
+    if std is not None:
+        std = m.factor * _number(entry, "std")
+        if std < 0.0:
+            raise InputError("std is negative", mend="give the standard deviation, or leave it out")
+    return m.factor * value + m.offset, Provenance(source=source, std=std)
+
+
+def _number(entry: dict[str, Any], name: str) -> float:
+    # YAML 1.1 reads 1e-3 (no dot) as text, so text that is a number is taken too.
+    given = entry[name]
+    try:
+        number = float(given) if isinstance(given, int | float | str) else np.nan
+    except (ValueError, OverflowError):
+        number = np.nan
+    if isinstance(given, bool) or not np.isfinite(number):
+        raise InputError(f"{name} {given!r} is not a finite number", mend="correct that field")
+    return number
 
 
 def _si_of(field: Any) -> SI | None:
@@ -326,20 +352,23 @@ class Unit(BaseModel):
         """Parse YAML text; `where` is named in errors."""
         try:
             data = yaml.safe_load(text)
-        except yaml.YAMLError as error:
-            raise InputError(f"not valid YAML ({str(error).splitlines()[0]})", where=where) from None
+        except (yaml.YAMLError, ValueError, RecursionError) as error:  # ValueError: dates such as 2020-99-99
+            raise InputError(
+                f"not valid YAML ({(str(error) or 'empty').splitlines()[0]})", where=where
+            ) from None
         if not isinstance(data, dict) or data.get("schema") != UNIT_SCHEMA:
             raise InputError(
                 "not a unit profile", where=where, mend=f"its first line should be 'schema: {UNIT_SCHEMA}'"
             )
         try:
             return cls.model_validate(data)
-        except InputError as error:
-            raise error.at(where) from None
         except ValidationError as error:
             first = error.errors()[0]
-            field = ".".join(str(p) for p in first["loc"])
-            raise InputError(f"{field}: {first['msg']}", where=where, mend="correct that field") from None
+            inner = first.get("ctx", {}).get("error")
+            place, problem, mend = [str(p) for p in first["loc"]], first["msg"], "correct that field"
+            if isinstance(inner, InputError):
+                place, problem, mend = [*place, inner.where or ""], inner.problem, inner.mend or mend
+            raise InputError(f"{'.'.join(filter(None, place))}: {problem}", where=where, mend=mend) from None
 
     def to_yaml(self) -> str:
         """The profile as YAML with units and sources."""
