@@ -39,12 +39,13 @@ R_LAYER = R_NIS + 4
 R_BETA1 = R_NIS + 5
 R_BETA2 = R_NIS + 6
 R_VISCOSITY = R_NIS + 7
-RECORD = R_NIS + 8
+R_UNREST = R_NIS + 8
+RECORD = R_NIS + 9
 
 # Slots of the loop's memory.
 (
-    M_ORIGIN, M_INDEX, M_ANGLE, M_SPEED, M_ACC, M_VISC, M_COUNT, M_STARTED, M_NIS, M_CHANNELS, M_LOGLIK, M_OUT,
-    M_FORCE, M_VMEAN, M_XMEAN, M_VSTART, M_FSIGN, M_FCOUNT, M_CURVE, M_SQUARE, M_FSCALE, M_SLID,
+    M_ORIGIN, M_INDEX, M_ANGLE, M_SPEED, M_ACC, M_VISC, M_COUNT, M_STARTED, M_NIS, M_CHANNELS, M_LOGLIK,
+    M_OUT, M_FORCE, M_VMEAN, M_XMEAN, M_VSTART, M_FSIGN, M_FCOUNT, M_CURVE, M_SQUARE, M_FSCALE, M_SLID,
 ) = range(22)  # fmt: skip
 MEMORY = 22
 
@@ -52,6 +53,7 @@ LONGEST_GAP = 50  # periods that are bridged step by step; a longer gap restarts
 FORCE_PERIOD = 20.0  # ms: one force balance each; shorter would count the friction curve's errors twice
 FRICTION_LAG = 30.0  # ms
 FRICTION_SETTLES = 80.0  # ms of sliding one way before the curve holds: break-away and bristles are over
+PARTNER_MISFIT = 0.2
 ROBUST = 5.0  # innovations beyond this many sigmas are weighed down (Huber)
 
 
@@ -75,7 +77,7 @@ class Noise:
 
     With less of it the filter would read the bulk modulus off the resonance, and take an unknown
     inertia of the load for a change of the oil."""
-    force_mean: float = 25.0
+    force_mean: float = 20.0
     """N: how well the friction curve fits the mean force over `FORCE_PERIOD` while sliding."""
     acceleration: float = 630.0
     """rad/s/√s: the drive may change the speed by 20 rad/s within one millisecond."""
@@ -92,13 +94,14 @@ class Noise:
     """1/√s, of the oil's volume: a tenth of a percent of free air comes or goes within seconds."""
     gain: float = 1e-4
     """1/√s; the displacement changes with wear only, the rest is temperature."""
-    friction: float = 0.05
+    friction: float = 0.07
+    """1/√s relative to the healthy curve."""
     viscous_friction: float = 10.0
-    load: float = 150.0
-    """N/√s: slow changes; gusts raise the force balance's noise by themselves."""
+    load: float = 100.0
+    """N/√s to begin with; how restless the load really is follows from the force balance itself."""
     stiffness: float = 1e3
     """N/m/√s."""
-    throttle: float = 1e4
+    throttle: float = 5e3
     """N/(m/s)²/√s."""
     initial_leakage: float = 0.3
     initial_valve: float = 0.03
@@ -108,7 +111,7 @@ class Noise:
     initial_viscous_friction: float = 100.0
     initial_load: float = 1000.0
     initial_stiffness: float = 1e4
-    initial_throttle: float = 1e5
+    initial_throttle: float = 1e6
     refeed_margin: float = 3e4
     """Pa above the accumulator below which a chamber may be fed: cracking pressure and sensor zeros."""
     relief_pressure: float = 3.1e6
@@ -120,8 +123,8 @@ class Noise:
 
 
 (
-    N_X, N_TH, N_P, N_DP, N_FORCE, N_FMEAN, N_ACCEL, N_FLOW, N_REFEED, N_LEAK, N_VALVE, N_AIR, N_GAIN, N_FRIC, N_VISC,
-    N_LOAD, N_STIF, N_THROT, I_LEAK, I_VALVE, I_AIR, I_GAIN, I_FRIC, I_VISC, I_LOAD, I_STIF, I_THROT,
+    N_X, N_TH, N_P, N_DP, N_FORCE, N_FMEAN, N_ACCEL, N_FLOW, N_REFEED, N_LEAK, N_VALVE, N_AIR, N_GAIN, N_FRIC,
+    N_VISC, N_LOAD, N_STIF, N_THROT, I_LEAK, I_VALVE, I_AIR, I_GAIN, I_FRIC, I_VISC, I_LOAD, I_STIF, I_THROT,
     N_MARGIN, N_RELIEF,
 ) = range(29)  # fmt: skip
 
@@ -242,7 +245,9 @@ def _balance_forces(x: Array, P: Array, h: float, q: Array, c: Array, memory: Ar
     start = eha.friction_curve(memory[M_VSTART], q)[0]
     lag = FRICTION_LAG / span * (eha.friction_curve(v, q)[0] - start)
     variance = np.empty(1)
-    variance[0] = (c[N_FMEAN] ** 2 + lag * lag) * memory[M_FSCALE] ** 2
+    # A throttled partner answers through its own compressible oil: its force lags too.
+    partner = PARTNER_MISFIT * x[eha.THROT] * memory[M_SQUARE] / span
+    variance[0] = (c[N_FMEAN] ** 2 + lag * lag + partner * partner) * max(memory[M_FSCALE], 1.0) ** 2
     s = variance[0]
     for i in range(eha.FRIC, eha.STATES):
         y[0] -= H[0, i] * x[i]
@@ -252,7 +257,7 @@ def _balance_forces(x: Array, P: Array, h: float, q: Array, c: Array, memory: Ar
     # Loads differ: how fast the load moves, and what the force balance is worth, follow from its own
     # innovations over some seconds.
     ratio = y[0] * y[0] / s
-    memory[M_FSCALE] = min(max(memory[M_FSCALE] * np.exp(0.02 * (min(ratio, 9.0) - 1.0)), 1.0), 1e4)
+    memory[M_FSCALE] = min(max(memory[M_FSCALE] * np.exp(0.02 * (min(ratio, 9.0) - 1.0)), 0.01), 1e4)
     if ratio > ROBUST * ROBUST:
         variance[0] += s * (ratio / ROBUST**2 - 1.0)
     mask = np.ones(1, dtype=np.bool_)
@@ -418,8 +423,8 @@ def _track(
                 rec[R_STATE + i] = x[i]
                 rec[R_VARIANCE + i] = P[i, i]
             # Against a restless load the friction curve's misfit repeats itself: count it once.
-            rec[R_VARIANCE + eha.FRIC] *= memory[M_FSCALE] ** 2
-            rec[R_VARIANCE + eha.VISC] *= memory[M_FSCALE] ** 2
+            rec[R_VARIANCE + eha.FRIC] *= max(memory[M_FSCALE], 1.0) ** 2
+            rec[R_VARIANCE + eha.VISC] *= max(memory[M_FSCALE], 1.0) ** 2
             rec[R_NIS] = memory[M_NIS] / memory[M_COUNT]
             rec[R_CHANNELS] = memory[M_CHANNELS] / memory[M_COUNT]
             rec[R_LOGLIK] = memory[M_LOGLIK] / memory[M_COUNT]
@@ -428,6 +433,7 @@ def _track(
             rec[R_BETA1] = 1e6 / eha.compliance(x[eha.P1], x[eha.AIR], q)[0]
             rec[R_BETA2] = 1e6 / eha.compliance(x[eha.P2], x[eha.AIR], q)[0]
             rec[R_VISCOSITY] = viscosity
+            rec[R_UNREST] = memory[M_FSCALE]
             memory[M_NIS] = memory[M_CHANNELS] = memory[M_LOGLIK] = memory[M_OUT] = memory[M_COUNT] = 0.0
             written += 1
     return written

@@ -8,8 +8,6 @@ share nothing else.
 
 from __future__ import annotations
 
-import os
-import tempfile
 from dataclasses import dataclass
 from functools import lru_cache
 from importlib import resources
@@ -397,13 +395,12 @@ class Unit(BaseModel):
     def save(self, path: str | Path) -> None:
         """Write the profile whole or not at all."""
         path = Path(path)
-        handle, temporary = tempfile.mkstemp(dir=path.parent, prefix=".unit-", suffix=".yaml")
+        temporary = path.with_name(f".{path.name}.part")
         try:
-            with os.fdopen(handle, "w", encoding="utf-8") as out:
-                out.write(self.to_yaml())
-            Path(temporary).replace(path)
+            temporary.write_text(self.to_yaml(), encoding="utf-8")
+            temporary.replace(path)
         except BaseException:
-            Path(temporary).unlink(missing_ok=True)
+            temporary.unlink(missing_ok=True)
             raise
 
     def sensor(self, channel: str) -> Sensor:

@@ -45,7 +45,7 @@ def tiny_model_folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
         features=list(FEATURES), feature_version=FEATURE_VERSION,
         classes=[str(c) for c in classifier.classes_],
         healthy_share=0.2, centre=[0.0] * len(FEATURES), scale=SPREAD.tolist(),
-        usual_spread=SPREAD.tolist(), discount=0.4,
+        usual_spread=SPREAD.tolist(), tail={"height": 2.0, "rate": 1e-3, "scale": 1.0},
         temperature=1.0, training_data="made up for tests", training_sha256="", classifier_sha256="",
         golden_inputs=golden.tolist(), golden_outputs=classifier.predict_proba(golden).tolist(),
     )  # fmt: skip

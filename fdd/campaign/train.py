@@ -18,7 +18,7 @@ from fdd.diagnosis.training import LabelledLog, data_digest, run_test, train_mod
 from fdd.errors import InputError
 from fdd.identify import identify_unit
 from fdd.residuals.features import FEATURES, WINDOW
-from fdd.residuals.windows import ResidualWindows
+from fdd.residuals.windows import ResidualWindows, baseline_spread
 from fdd.unit import Unit
 
 Progress = Callable[[int, int], None]
@@ -33,8 +33,8 @@ class TrainingReport:
 
     Attributes
     ----------
-    families : classes of logs, in the order of `confusion`.
-    confusion : (n, n + 1) logs by true family and answer, the last column not detected.
+    families : families of the logs, then answers that no log has: the columns of `confusion`.
+    confusion : (true families, families + 1) logs by true family and answer, the last column not detected.
     false_alarms, healthy_hours : alarms before any fault acts, and the hours looked at.
     delays : s from onset to alarm of the detected logs.
     """
@@ -48,7 +48,7 @@ class TrainingReport:
     @property
     def isolated(self) -> float:
         """Share of faulty logs whose family is the answer."""
-        faulty = [i for i, f in enumerate(self.families) if f != "healthy"]
+        faulty = [i for i in range(self.confusion.shape[0]) if self.families[i] != "healthy"]
         return float(sum(self.confusion[i, i] for i in faulty) / max(self.confusion[faulty].sum(), 1))
 
 
@@ -109,7 +109,9 @@ def _unit_logs(directory: str, unit: str) -> list[LabelledLog]:
     out = []
     for entry in data.logs_of(unit):
         times, features = ResidualWindows(profile).push(data.samples(entry))
-        out.append(_labelled(data, entry, times, features))
+        log = _labelled(data, entry, times, features)
+        log.spread = baseline_spread(profile)
+        out.append(log)
     return out
 
 

@@ -18,6 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import BaseModel, ConfigDict, ValidationError
 
+from fdd.diagnosis.sequential import AlarmTail
 from fdd.errors import InputError
 from fdd.faults import FAMILIES
 from fdd.residuals.features import FEATURE_VERSION, FEATURES
@@ -30,8 +31,8 @@ Array = NDArray[np.float64]
 MODEL_SCHEMA = "fdd.model/1"
 CLASSIFIER, MANIFEST = "classifier.skops", "manifest.json"
 MAX_CLASSIFIER_BYTES, MAX_MANIFEST_BYTES = 64_000_000, 4_000_000
-# Beyond what skops trusts by itself (NumPy arrays and scikit-learn's estimators): nothing.
-TRUSTED: tuple[str, ...] = ()
+# Beyond what skops trusts by itself (NumPy arrays and scikit-learn's estimators): the trees' node arrays.
+TRUSTED: tuple[str, ...] = ("sklearn.tree._tree.Tree",)
 
 
 class Manifest(BaseModel):
@@ -51,8 +52,10 @@ class Manifest(BaseModel):
     centre: list[float]
     scale: list[float]
     """Healthy population of the features: mean and standard deviation over units, logs and windows."""
-    discount: float
-    """Share of independent windows: what each window's log ratio counts."""
+    usual_spread: list[float]
+    """Spread of each feature over one unit's own healthy windows that is usual for a unit."""
+    tail: dict[str, float]
+    """Healthy excursions of the sequential test: fields of `AlarmTail`."""
     temperature: float
     """Exponent 1/T that makes the verdict's family shares calibrated."""
     training_data: str
@@ -60,6 +63,21 @@ class Manifest(BaseModel):
     classifier_sha256: str
     golden_inputs: list[list[float]]
     golden_outputs: list[list[float]]
+
+
+def damping(spread: Array, usual: Array) -> Array:
+    """Factor on each feature of a unit whose own healthy windows scatter by `spread`.
+
+    A rig with coarse or noisy sensors scatters more than those that the classifier knows. What
+    is no news on that unit must not be news to the classifier: beyond the usual spread,
+    deviations count in proportion to the unit's own.
+
+    Examples
+    --------
+    >>> damping(np.array([0.1, 0.4]), np.array([0.2, 0.2])).tolist()
+    [1.0, 0.5]
+    """
+    return np.asarray(usual / np.maximum(usual, spread))
 
 
 class Model:
@@ -79,18 +97,33 @@ class Model:
         self.classes = tuple(manifest.classes)
         self._centre = np.array(manifest.centre)
         self._scale = np.array(manifest.scale)
+        self._usual = np.array(manifest.usual_spread)
+        self.tail = AlarmTail(**manifest.tail)
 
     def __repr__(self) -> str:
         return f"Model({self.name!r}, classes={list(self.classes)})"
 
-    def standardise(self, features: Array) -> Array:
-        """Features in healthy standard deviations of the population, (m, k)."""
+    def standardise(self, features: Array, spread: Array | None = None) -> Array:
+        """Features in healthy standard deviations, (m, k), of the population or of a wider unit.
+
+        Parameters
+        ----------
+        features : (m, k) relative to the unit's baseline. spread : (k,) the baseline's own scale.
+        """
+        if spread is not None:
+            features = features * damping(spread, self._usual)
         return np.asarray((features - self._centre) / self._scale)
 
-    def probabilities(self, features: Array) -> Array:
+    def probabilities(self, features: Array, spread: Array | None = None) -> Array:
         """Class probabilities of windows, (m, k) features to (m, len(classes)), none quite 0."""
-        raw = np.asarray(self.classifier.predict_proba(self.standardise(features)), dtype=np.float64)
+        raw = np.asarray(self.classifier.predict_proba(self.standardise(features, spread)), dtype=np.float64)
         return np.asarray((raw + 1e-3) / (1.0 + 1e-3 * raw.shape[1]))
+
+    def log_ratios(self, probabilities: Array) -> Array:
+        """Log-likelihood ratios of fault against healthy, (m, classes) to (m,)."""
+        healthy = probabilities[:, self.classes.index("healthy")]
+        prior = self.manifest.healthy_share
+        return np.asarray(np.log((1.0 - healthy) / healthy) - np.log((1.0 - prior) / prior))
 
     @classmethod
     def load(cls, folder: str | Path | None = None) -> Model:

@@ -10,12 +10,12 @@ from numpy.typing import NDArray
 from estimators import eha_tracker as tracker
 from fdd.diagnosis.findings import ESTIMATED, Diagnosis, Estimate, FaultFinding, Quality, Trajectories
 from fdd.diagnosis.model import Model
-from fdd.diagnosis.sequential import PageTest, alarm_threshold
+from fdd.diagnosis.sequential import PageTest
 from fdd.diagnosis.verdict import family_probabilities, finding
 from fdd.errors import InputError
-from fdd.residuals.features import FEATURES, HOP, WINDOW
+from fdd.residuals.features import FEATURES, WINDOW
 from fdd.residuals.tracking import estimates, healthy_coulomb, healthy_viscous, observability
-from fdd.residuals.windows import WARM_UP_S, ResidualWindows, packed, unpacked
+from fdd.residuals.windows import WARM_UP_S, ResidualWindows, baseline_spread, packed, unpacked
 from fdd.samples import Samples
 from fdd.unit import Unit
 
@@ -59,12 +59,12 @@ class Pipeline:
         self.axis = axis
         self.log = log
         self._windows = ResidualWindows(unit, keep=keep_trajectories)
+        self._spread = baseline_spread(unit)
         self._time = np.empty(0)
         self._features = np.empty((0, len(FEATURES)))
         self._probabilities = np.empty((0, len(self.model.classes)))
         self._statistic = np.empty(0)
-        independent_s = HOP / max(self.model.manifest.discount, 1e-3)
-        self._test = PageTest(alarm_threshold(unit.monitoring.false_alarms_per_hour, independent_s))
+        self._test = PageTest(self.model.tail.threshold(unit.monitoring.false_alarms_per_hour))
 
     def __repr__(self) -> str:
         return f"Pipeline(unit={self.unit.name!r}, axis={self.axis!r}, samples={self._windows.count})"
@@ -90,10 +90,11 @@ class Pipeline:
         ends, features = self._windows.push(samples)
         if not ends.size:
             return []
-        probabilities = self.model.probabilities(features)
+        probabilities = self.model.probabilities(features, self._spread)
+        ratios = self.model.log_ratios(probabilities)
         found = []
         for k, end in enumerate(ends):
-            alarm = self._test.step(self._log_ratio(probabilities[k]), float(end))
+            alarm = self._test.step(ratios[k], float(end))
             self._time = np.append(self._time, end)
             self._features = np.concatenate([self._features, features[k : k + 1]])
             self._probabilities = np.concatenate([self._probabilities, probabilities[k : k + 1]])
@@ -105,17 +106,10 @@ class Pipeline:
             self._features, self._probabilities = self._features[-HISTORY:], self._probabilities[-HISTORY:]
         return found
 
-    def _log_ratio(self, probabilities: Array) -> float:
-        """Discounted log-likelihood ratio of fault against healthy of one window."""
-        healthy = float(probabilities[self.model.classes.index("healthy")])
-        prior = self.model.manifest.healthy_share
-        ratio = np.log((1.0 - healthy) / healthy) - np.log((1.0 - prior) / prior)
-        return float(ratio) * self.model.manifest.discount
-
     def _finding(self, *, refine: bool) -> tuple[FaultFinding, dict[str, float]]:
         return finding(
             self.model, self.unit, self.channels, self._time, self._features, self._probabilities,
-            self._test, self._windows.first_time, refine=refine,
+            self._test, self._windows.first_time, self._spread, refine=refine,
         )  # fmt: skip
 
     def finish(self, quality: Quality | None = None) -> Diagnosis:
@@ -205,7 +199,9 @@ class Pipeline:
             else:
                 values[m] = {n: np.empty(0) for n in ESTIMATED}
                 stds[m] = {n: np.empty(0) for n in ESTIMATED}
-        standard = self.model.standardise(self._features) if self._features.size else self._features
+        standard = (
+            self.model.standardise(self._features, self._spread) if self._features.size else self._features
+        )
         return Trajectories(
             time=records["ekf"][:, tracker.R_TIME], estimates=values, stds=stds,
             observable=observability(values["ekf"], stds["ekf"]),

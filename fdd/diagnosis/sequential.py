@@ -1,37 +1,89 @@
 """Sequential detection: Page's test on the log-likelihood ratio of fault against healthy.
 
-``S ← max(0, S + ℓ)`` with ``ℓ`` the window's log-likelihood ratio; an alarm is raised when S
-reaches ``h``. Lorden (1971, doi 10.1214/aoms/1177693055) bounds the mean number of independent
-windows between false alarms from below by ``exp(h)``, so the threshold follows from a wanted
-rate of false alarms alone: ``h = ln(1 / (rate · seconds per independent window))``.
-
-Windows overlap and the estimators remember, so neighbouring ratios are not independent. They
-are discounted by the share of independent windows, which training measures on healthy logs
-(see `fdd.diagnosis.training`).
+``S ← max(0, S + ℓ)`` with ``ℓ`` a window's log-likelihood ratio; an alarm is raised when S reaches a
+threshold ``h``. For independent windows Lorden (1971, doi 10.1214/aoms/1177693055) gives at most
+one false alarm in ``exp(h)`` windows. Windows overlap and estimators remember, so here the rate of
+excursions of S above ``h`` is taken from healthy logs that the classifier was not trained on: it
+falls exponentially with ``h`` (peaks over a threshold, Pickands 1975, doi
+10.1214/aos/1176343003, with the exponential tail that Page's test has), and the threshold is where
+the fitted tail meets the wanted rate of false alarms.
 """
 
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable
 from dataclasses import dataclass
 
-CLIP_LOW, CLIP_HIGH = -1.5, 2.5
+CLIP_LOW, CLIP_HIGH = -2.0, 2.0
 """Bounds of one window's say: no single window raises an alarm, none wipes out a long record."""
+LOWEST_THRESHOLD = 3.0 * CLIP_HIGH
+"""At least three full windows' worth of evidence, however quiet the healthy logs were."""
 
 
-def alarm_threshold(false_alarms_per_second: float, independent_period_s: float) -> float:
-    """Threshold of Page's test for a wanted rate of false alarms.
+@dataclass(frozen=True)
+class AlarmTail:
+    """How often S exceeds a height on healthy logs: ``rate · exp(−(h − height) / scale)`` per second.
 
-    Parameters
+    Attributes
     ----------
-    false_alarms_per_second : wanted rate, 1/s. independent_period_s : s per independent window.
+    height : of the peaks that the tail was fitted over. rate : 1/s of excursions above it.
+    scale : mean excess of the peaks over it.
+    """
+
+    height: float
+    rate: float
+    scale: float
+
+    def threshold(self, false_alarms_per_second: float) -> float:
+        """Height that healthy excursions exceed at the wanted rate (1/s).
+
+        Examples
+        --------
+        >>> round(AlarmTail(2.0, 1e-3, 1.5).threshold(1e-5), 2)
+        8.91
+        """
+        wanted = max(false_alarms_per_second, 1e-12)
+        return max(self.height + self.scale * math.log(max(self.rate / wanted, 1.0)), LOWEST_THRESHOLD)
+
+    @classmethod
+    def fit(cls, peaks: Iterable[float], seconds: float) -> AlarmTail:
+        """Fit to the highest points of the healthy excursions of S.
+
+        Parameters
+        ----------
+        peaks : largest S of each excursion from zero. seconds : of healthy logs that they come from.
+
+        The tail starts so that twenty peaks lie above it, or a fifth of them where there are
+        fewer; its scale is their mean excess (the maximum likelihood estimate), and not below
+        a window's largest say divided by two.
+        """
+        ordered = sorted((float(p) for p in peaks), reverse=True)
+        count = min(20, max(len(ordered) // 5, 1))
+        if len(ordered) <= count:
+            return cls(CLIP_HIGH, max(len(ordered), 1) / max(seconds, 1.0), CLIP_HIGH)
+        height = ordered[count]
+        excess = sum(p - height for p in ordered[:count]) / count
+        return cls(height, count / seconds, max(excess, 0.5 * CLIP_HIGH))
+
+
+def excursion_peaks(log_ratios: Iterable[float]) -> list[float]:
+    """Largest S of each excursion from zero.
 
     Examples
     --------
-    >>> round(alarm_threshold(0.1 / 3600.0, 1.0), 2)
-    10.49
+    >>> excursion_peaks([1.0, 1.0, -2.0, -2.0, 0.5, -2.0])
+    [2.0, 0.5]
     """
-    return max(math.log(1.0 / (false_alarms_per_second * independent_period_s)), 1.0)
+    peaks: list[float] = []
+    s = peak = 0.0
+    for ratio in log_ratios:
+        s = max(0.0, s + min(max(ratio, CLIP_LOW), CLIP_HIGH))
+        peak = max(peak, s)
+        if s == 0.0 and peak > 0.0:
+            peaks.append(peak)
+            peak = 0.0
+    return [*peaks, peak] if peak > 0.0 else peaks
 
 
 @dataclass

@@ -9,7 +9,7 @@ Hendrycks et al. 2019).
 from __future__ import annotations
 
 import hashlib
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -17,18 +17,18 @@ from numpy.typing import NDArray
 from scipy.optimize import minimize_scalar
 
 from fdd import __version__
-from fdd.diagnosis.model import MODEL_SCHEMA, Manifest, Model
-from fdd.diagnosis.sequential import PageTest, alarm_threshold
+from fdd.diagnosis.model import MODEL_SCHEMA, Manifest, Model, damping
+from fdd.diagnosis.sequential import AlarmTail, PageTest, excursion_peaks
 from fdd.diagnosis.verdict import family_probabilities
 from fdd.errors import InputError
-from fdd.residuals.features import FEATURE_VERSION, FEATURES, HOP
+from fdd.residuals.features import CONTEXT, FEATURE_VERSION, FEATURES, HOP
 
 if TYPE_CHECKING:
     from sklearn.ensemble import ExtraTreesClassifier
 
 Array = NDArray[np.float64]
 
-TREES, LEAF = 250, 12
+TREES, LEAF = 200, 5
 FOLDS = 5
 UNKNOWN_SHARE = 0.12
 GOLDEN = 16
@@ -43,7 +43,7 @@ class LabelledLog:
     ----------
     unit : its unit's name; folds are cut between units. family : of the log, ``healthy`` if none.
     times, features : (m,), (m, k). labels : (m,) family per window, ``""`` where it is in between.
-    onset : s, NaN for healthy logs.
+    onset : s, NaN for healthy logs. spread : (k,) the unit's own healthy scale of each feature.
     """
 
     unit: str
@@ -52,6 +52,7 @@ class LabelledLog:
     features: Array
     labels: NDArray[np.str_]
     onset: float = np.nan
+    spread: Array = field(default_factory=lambda: np.zeros(len(FEATURES)))
     probabilities: Array = field(default_factory=lambda: np.empty((0, 0)))
 
 
@@ -71,7 +72,9 @@ def train_model(logs: list[LabelledLog], *, data: str, data_sha256: str, seed: i
     classes = sorted({str(c) for log in logs for c in np.unique(log.labels) if c} | {"unknown"})
     if "healthy" not in classes or len(classes) < 3:
         raise InputError("training data without healthy windows or without faults")
-    healthy = np.concatenate([log.features[log.labels == "healthy"] for log in logs])
+    usual = np.maximum(np.percentile([log.spread for log in logs], 75, axis=0), 1e-3)
+    damped = {id(log): log.features * damping(log.spread, usual) for log in logs}
+    healthy = np.concatenate([damped[id(log)][log.labels == "healthy"] for log in logs])
     centre = np.median(healthy, axis=0)
     # Of the bulk and of the tails, whichever is wider: faults must leave both behind.
     scale = np.maximum(
@@ -83,7 +86,7 @@ def train_model(logs: list[LabelledLog], *, data: str, data_sha256: str, seed: i
     fold_of = {units[u]: i % FOLDS for i, u in enumerate(order)}
 
     def rows(chosen: list[LabelledLog]) -> tuple[Array, NDArray[np.str_], Array]:
-        x = [(log.features[log.labels != ""] - centre) / scale for log in chosen]
+        x = [(damped[id(log)][log.labels != ""] - centre) / scale for log in chosen]
         y = [log.labels[log.labels != ""] for log in chosen]
         # Each log counts alike, however long: windows of one log repeat each other.
         w = [np.full(len(v), 1.0 / max(len(v), 1)) for v in y]
@@ -100,7 +103,7 @@ def train_model(logs: list[LabelledLog], *, data: str, data_sha256: str, seed: i
         classifier = _classifier(seed + fold).fit(x, y, sample_weight=w)
         for log in logs:
             if fold_of[log.unit] == fold and log.features.shape[0]:
-                raw = classifier.predict_proba((log.features - centre) / scale)
+                raw = classifier.predict_proba((damped[id(log)] - centre) / scale)
                 full = np.zeros((raw.shape[0], len(classes)))
                 for i, c in enumerate(classifier.classes_):
                     full[:, classes.index(str(c))] = raw[:, i]
@@ -113,12 +116,14 @@ def train_model(logs: list[LabelledLog], *, data: str, data_sha256: str, seed: i
         numpy_version=np.__version__, features=list(FEATURES), feature_version=FEATURE_VERSION,
         classes=[str(c) for c in final.classes_],
         healthy_share=float(w[y == "healthy"].sum() / w.sum()),
-        centre=centre.tolist(), scale=scale.tolist(), discount=1.0, temperature=1.0,
+        centre=centre.tolist(), scale=scale.tolist(), usual_spread=usual.tolist(),
+        tail={"height": 0.0, "rate": 1.0, "scale": 1.0}, temperature=1.0,
         training_data=data, training_sha256=data_sha256, classifier_sha256="",
         golden_inputs=golden.tolist(), golden_outputs=final.predict_proba(golden).tolist(),
     )  # fmt: skip
     model = Model(final, manifest, "trained")
-    manifest.discount = independent_share(logs, model)
+    model.tail = healthy_tail(logs, model)
+    manifest.tail = asdict(model.tail)
     manifest.temperature = calibrated_temperature(logs, model)
     return model
 
@@ -127,7 +132,7 @@ def _classifier(seed: int) -> ExtraTreesClassifier:
     from sklearn.ensemble import ExtraTreesClassifier
 
     return ExtraTreesClassifier(
-        n_estimators=TREES, min_samples_leaf=LEAF, max_features=0.5, max_depth=14, random_state=seed, n_jobs=1
+        n_estimators=TREES, min_samples_leaf=LEAF, max_features=0.7, random_state=seed, n_jobs=1
     )
 
 
@@ -135,50 +140,36 @@ def _unknown_windows(x: Array, y: NDArray[np.str_], rng: np.random.Generator) ->
     """Healthy windows with one to three features thrown 4 to 40 healthy deviations out."""
     healthy = x[y == "healthy"]
     n = max(len(x) // 12, 200)
+    residual = np.flatnonzero(~np.isin(FEATURES, CONTEXT))
     out = healthy[rng.integers(len(healthy), size=n)].copy()
     for row in out:
-        chosen = rng.choice(x.shape[1], size=rng.integers(1, 4), replace=False)
+        chosen = rng.choice(residual, size=rng.integers(1, 4), replace=False)
         row[chosen] += (
             rng.choice([-1.0, 1.0], size=chosen.size) * 4.0 * 10.0 ** rng.uniform(0.0, 1.0, chosen.size)
         )
     return out
 
 
-def log_ratios(log: LabelledLog, model: Model) -> Array:
-    """(m,) undiscounted log-likelihood ratios of fault against healthy, out of fold."""
-    healthy = log.probabilities[:, model.classes.index("healthy")]
-    prior = model.manifest.healthy_share
-    return np.asarray(np.log((1.0 - healthy) / healthy) - np.log((1.0 - prior) / prior))
+def healthy_tail(logs: list[LabelledLog], model: Model) -> AlarmTail:
+    """Tail of the test's healthy excursions, out of fold."""
+    peaks: list[float] = []
+    seconds = 0.0
+    for log in logs:
+        quiet = _before_onset(log)
+        seconds += HOP * int(quiet.sum())
+        if quiet.any():
+            peaks += excursion_peaks(model.log_ratios(log.probabilities[quiet]))
+    return AlarmTail.fit(peaks, seconds)
 
 
-def independent_share(logs: list[LabelledLog], model: Model) -> float:
-    """Share of independent windows: 1 / (1 + 2 Σ autocorrelation) of healthy log ratios.
-
-    The sum runs over lags until the autocorrelation is first below 0.05 (Sokal's windowing in
-    its simplest form); deviations are from the mean of all logs, so that a log's own lasting
-    offset counts as correlation.
-    """
-    series = [log_ratios(log, model)[log.labels == "healthy"] for log in logs if log.features.shape[0]]
-    series = [s for s in series if s.size >= 20]
-    if not series:
-        return 0.25
-    mean = np.mean(np.concatenate(series))
-    variance = np.var(np.concatenate(series))
-    total = 1.0
-    for lag in range(1, 40):
-        products = np.concatenate([(s[lag:] - mean) * (s[:-lag] - mean) for s in series if s.size > lag])
-        correlation = float(products.mean() / variance)
-        if correlation < 0.05:
-            break
-        total += 2.0 * correlation
-    return float(min(max(1.0 / total, 0.05), 1.0))
+def _before_onset(log: LabelledLog) -> NDArray[np.bool_]:
+    return log.times < (np.inf if np.isnan(log.onset) else log.onset)
 
 
 def run_test(log: LabelledLog, model: Model) -> PageTest:
     """Page's test over a log's out-of-fold windows at the default false alarm rate."""
-    discount = model.manifest.discount
-    test = PageTest(alarm_threshold(FALSE_ALARMS_PER_HOUR / 3600.0, HOP / discount))
-    for ratio, time in zip(log_ratios(log, model) * discount, log.times, strict=True):
+    test = PageTest(model.tail.threshold(FALSE_ALARMS_PER_HOUR / 3600.0))
+    for ratio, time in zip(model.log_ratios(log.probabilities), log.times, strict=True):
         test.step(float(ratio), float(time))
     return test
 

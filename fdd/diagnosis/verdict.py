@@ -12,7 +12,7 @@ from fdd.diagnosis.isolability import ambiguity_group, confusable_families
 from fdd.diagnosis.model import Model
 from fdd.diagnosis.sequential import PageTest
 from fdd.faults import FAMILIES
-from fdd.residuals.features import FEATURES, HOP, WINDOW
+from fdd.residuals.features import CONTEXT, FEATURES, HOP, WINDOW
 from fdd.unit import Unit
 
 Array = NDArray[np.float64]
@@ -130,9 +130,10 @@ _SENTENCES = {
 }
 
 
-def evidence(model: Model, features: Array, most: int = 3) -> list[str]:
+def evidence(model: Model, features: Array, spread: Array | None = None, most: int = 3) -> list[str]:
     """One sentence for each feature that stands out most, with figures and units."""
-    z = model.standardise(features[None, :])[0]
+    z = model.standardise(features[None, :], spread)[0]
+    z[np.isin(FEATURES, CONTEXT)] = 0.0
     order = np.argsort(-np.abs(z))
     out: list[str] = []
     for i in order[:most]:
@@ -146,13 +147,14 @@ def evidence(model: Model, features: Array, most: int = 3) -> list[str]:
 
 def finding(
     model: Model, unit: Unit, channels: tuple[str, ...], times: Array, features: Array, probabilities: Array,
-    test: PageTest, first_time: float, *, refine: bool,
+    test: PageTest, first_time: float, spread: Array, *, refine: bool,
 ) -> tuple[FaultFinding, dict[str, float]]:  # fmt: skip
     """The finding behind a standing alarm, and all families' probabilities.
 
     Parameters
     ----------
     times, features, probabilities : (m,), (m, k), (m, classes) of all windows so far.
+    spread : (k,) the unit's own healthy scale of the features.
     refine : estimate the onset from all windows (at the end of a log), not from the test alone.
     """
     column = list(model.classes).index("healthy")
@@ -183,7 +185,7 @@ def finding(
         FaultFinding(
             fault=name, family=family, ambiguity=group, confidence=round(all_families[family], 4),
             onset_s=round(onset, 2), detected_s=round(test.alarm_time, 2),
-            severity=_rounded(severity(name, mean, unit)), evidence=evidence(model, mean),
+            severity=_rounded(severity(name, mean, unit)), evidence=evidence(model, mean, spread),
         ),
         all_families,
     )  # fmt: skip

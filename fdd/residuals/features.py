@@ -20,7 +20,11 @@ refeed_deficit         how far the low side lies below the accumulator, per 100 
 low_side               low side less accumulator pressure, per 200 kPa
 drive                  log of speed over demanded speed
 innovation             log of the normalised innovation squared per channel
+load_throttle          log of one plus a throttled partner's force at 50 mm/s over Coulomb friction
+load_unrest            log of how much faster than usual the load moves
 =====================  =====================================================================
+
+The last two are no residuals but say how far friction can be trusted against this load.
 """
 
 from __future__ import annotations
@@ -37,8 +41,10 @@ Array = NDArray[np.float64]
 
 FEATURES = (
     "leakage", "valve_1", "valve_2", "valve_largest", "compliance", "friction", "viscous", "redundancy",
-    "torque", "refeed_deficit", "low_side", "drive", "innovation",
+    "torque", "refeed_deficit", "low_side", "drive", "innovation", "load_throttle", "load_unrest",
 )  # fmt: skip
+CONTEXT = ("load_throttle", "load_unrest")
+"""Features that describe the load and not the unit's health."""
 FEATURE_VERSION = "1"
 """Goes up when a feature's meaning changes: models and baselines of another version do not fit."""
 
@@ -91,6 +97,9 @@ def window_features(
     f["viscous"] = shrink(
         float((x[eha.VISC] - healthy_viscous(unit)) * scale), float(var[eha.VISC] * scale**2), prior=0.5
     )
+    force = abs(float(x[eha.THROT])) * VISCOUS_SPEED**2
+    f["load_throttle"] = float(np.log1p(force / coulomb))
+    f["load_unrest"] = float(np.log(max(float(records[:, tracker.R_UNREST].mean()), 1e-2)))
     channels_used = max(float(records[:, tracker.R_CHANNELS].mean()), 1.0)
     nis = float(records[:, tracker.R_NIS].mean()) / channels_used
     f["innovation"] = float(np.log(max(nis, 1e-3)))

@@ -154,8 +154,8 @@ class Tracking:
 def estimates(records: Array, unit: Unit, model: Array) -> tuple[dict[str, Array], dict[str, Array]]:
     """Tracked quantities and their standard deviations, SI, from a filter's records.
 
-    Leakage is L_T across the ports at the oil's temperature of the moment. Bulk modulus is that at the unit's reference pressure; friction the mean of
-    both directions.
+    Leakage is L_T across the ports at the oil's temperature of the moment. Bulk modulus is that
+    at the unit's reference pressure; friction the mean of both directions.
     """
     x = records[:, tracker.R_STATE : tracker.R_STATE + eha.STATES]
     var = records[:, tracker.R_VARIANCE : tracker.R_VARIANCE + eha.STATES]

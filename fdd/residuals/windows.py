@@ -8,6 +8,7 @@ samples were cut into blocks.
 from __future__ import annotations
 
 import json
+import math
 from typing import Any
 
 import numpy as np
@@ -53,7 +54,7 @@ class ResidualWindows:
         self.count = 0
         self._centre = baseline_centre(unit)
         self._held: list[Samples] = []
-        self._next_end = np.nan
+        self._hops = 0
         self._rows = np.empty((0, tracker.COLUMNS + 2))
         self._records = {m: np.empty((0, tracker.RECORD)) for m in METHODS}
         self._kept: dict[str, list[Array]] = {m: [] for m in METHODS}
@@ -63,6 +64,11 @@ class ResidualWindows:
     def channels(self) -> tuple[str, ...]:
         """Channels that carry data; empty until enough samples came."""
         return () if self.tracking is None else self.tracking.channels.names
+
+    @property
+    def _next_end(self) -> float:
+        """End of the next window."""
+        return float(self.first_time + WINDOW + HOP * self._hops)
 
     @property
     def model(self) -> Array:
@@ -106,7 +112,6 @@ class ResidualWindows:
             channels = Channels.of(head)
             require_channels(channels.names)
             self.tracking = Tracking(self.unit, channels, float(np.median(np.diff(head.time))))
-            self._next_end = self.first_time + WINDOW
             self._held = []
         block = self.tracking.block(samples)
         for method, records in self.tracking.push(block).items():
@@ -127,7 +132,9 @@ class ResidualWindows:
         # A window is full once a record at or past its end is there.
         while records.size and records[-1, tracker.R_TIME] >= self._next_end:
             end = self._next_end
-            self._next_end += HOP
+            after = records[np.searchsorted(records[:, tracker.R_TIME], end), tracker.R_TIME]
+            # Over a hole in the log the grid is skipped, not walked.
+            self._hops += max(1, math.ceil((after - end) / HOP))
             lo, hi = np.searchsorted(times, [end - WINDOW, end])
             rlo, rhi = np.searchsorted(records[:, tracker.R_TIME], [end - WINDOW, end])
             # A hole in the log leaves too little to speak of.
@@ -170,7 +177,7 @@ class ResidualWindows:
         """The whole state as flat named arrays."""
         scalars = {
             "first_time": self.first_time, "last_time": self.last_time, "count": self.count,
-            "next_end": self._next_end, "keep": self.keep, "feature_version": FEATURE_VERSION,
+            "hops": self._hops, "keep": self.keep, "feature_version": FEATURE_VERSION,
             "unit": self.unit.name, "channels": list(self.channels) or None,
             "period": None if self.tracking is None else self.tracking.period,
         }  # fmt: skip
@@ -204,7 +211,7 @@ class ResidualWindows:
                 f"saved state of unit {scalars['unit']!r}, not {self.unit.name!r}", mend="start anew"
             )
         self.first_time, self.last_time = scalars["first_time"], scalars["last_time"]
-        self.count, self._next_end, self.keep = scalars["count"], scalars["next_end"], scalars["keep"]
+        self.count, self._hops, self.keep = scalars["count"], scalars["hops"], scalars["keep"]
         self._rows = state["rows"].copy()
         held = {k.removeprefix("held/"): v for k, v in state.items() if k.startswith("held/")}
         self._held = [Samples(held.pop("time"), held)] if held else []
@@ -246,9 +253,18 @@ def require_channels(names: tuple[str, ...]) -> None:
 
 def baseline_centre(unit: Unit) -> Array:
     """Location of the unit's healthy features, zeros without a baseline of this version."""
+    return _of_baseline(unit, "centre")
+
+
+def baseline_spread(unit: Unit) -> Array:
+    """Scale of the unit's healthy features, zeros without a baseline of this version."""
+    return _of_baseline(unit, "scale")
+
+
+def _of_baseline(unit: Unit, what: str) -> Array:
     if unit.baseline is None or unit.baseline.feature_version != FEATURE_VERSION:
         return np.zeros(len(FEATURES))
-    known = dict(zip(unit.baseline.features, unit.baseline.centre, strict=True))
+    known = dict(zip(unit.baseline.features, getattr(unit.baseline, what), strict=True))
     return np.array([known.get(n, 0.0) for n in FEATURES])
 
 

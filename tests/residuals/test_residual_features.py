@@ -1,0 +1,67 @@
+"""Residual features: near zero on a healthy unit, and moved by the fault that they stand for."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+from fdd.faults import CATALOGUE
+from fdd.plant.scenario import Scenario
+from fdd.plant.simulate import simulate
+from fdd.residuals.features import FEATURES, shrink
+from fdd.residuals.windows import ResidualWindows
+from fdd.unit import Unit
+
+# What each simulated fault moves, and which way (0: either); severity 1 under a spring load.
+MOVES: dict[str, tuple[str, int]] = {
+    "internal_leakage": ("leakage", 1),
+    "seal_wear": ("friction", -1),
+    "aeration": ("compliance", 1),
+    "check_valve_stuck_open": ("valve_largest", 1),
+    "check_valve_clogged": ("refeed_deficit", 1),
+    "relief_valve_stuck_open": ("leakage", 1),
+    "oil_degradation": ("leakage", 1),
+    "motor_degradation": ("torque", 1),
+    "pressure_sensor_bias": ("redundancy", 0),
+    "pressure_sensor_drift": ("redundancy", 0),
+}
+
+
+def medians(**scenario: Any) -> dict[str, float]:
+    unit = Unit.load("axis_a")
+    samples = simulate(unit, Scenario(duration=24.0, seed=21, load={"name": "spring"}, **scenario)).samples
+    times, features = ResidualWindows(unit).push(samples)
+    return dict(zip(FEATURES, np.median(features[times > 12.0], axis=0), strict=True))
+
+
+@pytest.fixture(scope="module")
+def healthy() -> dict[str, float]:
+    return medians()
+
+
+def test_every_simulated_fault_is_checked() -> None:
+    assert {f.id for f in CATALOGUE.values() if f.simulated} <= set(MOVES)
+
+
+def test_healthy_residuals_are_small(healthy: dict[str, float]) -> None:
+    for name in ("leakage", "valve_1", "valve_2", "compliance", "redundancy", "refeed_deficit"):
+        assert abs(healthy[name]) < 0.15, name
+    assert abs(healthy["friction"]) < 0.3
+
+
+@pytest.mark.parametrize("fault", [f.id for f in CATALOGUE.values() if f.simulated])
+def test_fault_moves_its_feature(fault: str, healthy: dict[str, float]) -> None:
+    feature, direction = MOVES[fault]
+    faulty = medians(faults=[{"fault": fault, "severity": 1.0, "onset": 4.0}])
+    moved = faulty[feature] - healthy[feature]
+    assert (abs(moved) if direction == 0 else direction * moved) > 0.2
+
+
+def test_shrink_is_a_posterior_mean() -> None:
+    # Conjugate normal: prior N(0, 0.3²), one observation 0.6 with variance 0.3² gives the midpoint.
+    assert shrink(0.6, 0.09) == pytest.approx(0.3)
+    assert shrink(0.6, 1e12) == pytest.approx(0.0, abs=1e-9)
+    assert shrink(0.6, 0.0) == 0.6
+    assert shrink(float("nan"), 0.1) == 0.0
