@@ -74,7 +74,7 @@ def leading_fault(family: str, features: Array, drifting: bool) -> str:
     if family == "sensor":
         return "pressure_sensor_drift" if drifting else "pressure_sensor_bias"
     if family == "check_valve":
-        return "check_valve_clogged" if f["refeed_deficit"] > 0.3 else "check_valve_stuck_open"
+        return "check_valve_clogged" if f["refeed_deficit"] > f["valve_largest"] else "check_valve_stuck_open"
     if family == "friction":
         return "oil_degradation"
     if family == "motor":
@@ -99,9 +99,15 @@ def severity(name: str, features: Array, unit: Unit) -> float | None:
         p, n, atmosphere = unit.oil.reference_pressure, unit.oil.polytropic_index, 101325.0
         per_air = atmosphere ** (1.0 / n) / (n * (p + atmosphere) ** ((n + 1.0) / n))
         value = (math.exp(f["compliance"]) - 1.0) / unit.oil.bulk_modulus / per_air / 0.025
-    elif name == "check_valve_stuck_open":
+    elif name in ("check_valve_stuck_open", "relief_valve_stuck_open"):
         # An orifice of 1e-4 m³/s at 1 MPa, linearised at the working pressure of some 0.5 MPa.
-        value = (math.exp(f["valve_largest"]) - 1.0) * total * 0.5e6 / (1e-4 * math.sqrt(0.5))
+        ratio = math.exp(f["valve_largest"] if name == "check_valve_stuck_open" else f["leakage"])
+        value = (ratio - 1.0) * total * 0.5e6 / (1e-4 * math.sqrt(0.5))
+    elif name == "oil_degradation":
+        ratio = math.exp(-f["leakage"])  # of viscosity: leakage goes with its inverse
+        value = 2.0 * (1.0 - ratio) if ratio < 1.0 else ratio - 1.0
+    elif name == "motor_degradation":
+        value = (1.0 - math.exp(-f["torque"])) / 0.3
     elif name in ("pressure_sensor_bias", "pressure_sensor_drift"):
         value = abs(f["redundancy"]) * 50e3 / 250e3
     else:
