@@ -1,0 +1,258 @@
+"""The reduced model: its Jacobian, its volume balance, its compliance and its covariance step."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from estimators import eha_model as eha
+
+N = eha.STATES
+AREA, VOLUME, DISPLACEMENT = 1520.0, 2.16e6, 557.0  # mm², mm³, mm³/rad
+CROSS, CASE, STEP, ACCUMULATOR, VISCOSITY = 6.031, 0.978, 1.0, 0.48, 0.9
+BULK, AIR_FRACTION, INDEX, REFERENCE = 2.10e8, 0.003, 1.4, 4.82e5
+
+
+def model(
+    area_2: float = 1.52e-3, bulk_modulus: float = BULK, air_fraction: float = AIR_FRACTION
+) -> eha.Array:
+    """Axis A of the thesis, in the model's own units; a smaller second area where wanted."""
+    return eha.parameters(
+        area_1=1.52e-3, area_2=area_2, volume_1=2.16e-3, volume_2=2.16e-3, moving_mass=3.688,
+        displacement=5.57e-7, cross_port_leakage=CROSS * 1e-12, case_leakage=CASE * 1e-12,
+        bulk_modulus=bulk_modulus, air_fraction=air_fraction, polytropic_index=INDEX,
+        reference_pressure=REFERENCE, friction_forward=(151.1, 510.2, 0.026, 0.59),
+        friction_reverse=(113.0, 448.0, 0.007, 0.776), accumulator_pressure=ACCUMULATOR * 1e6,
+    )  # fmt: skip
+
+
+def state(rng: np.random.Generator) -> eha.Array:
+    """Any state of a working axis, away from the corners of friction at standstill and of the bounds."""
+    x = np.empty(N)
+    x[eha.X] = rng.uniform(-120.0, 120.0)
+    x[eha.V] = rng.choice([-1.0, 1.0]) * 10.0 ** rng.uniform(-3.5, -0.7)
+    x[eha.TH], x[eha.W] = rng.uniform(-400.0, 400.0), rng.uniform(-0.3, 0.3)
+    x[eha.P1], x[eha.P2] = rng.uniform(0.05, 3.4, 2)
+    x[eha.LEAK], x[eha.VALVE1], x[eha.VALVE2] = rng.uniform(0.3, 5.0), *rng.uniform(-0.5, 20.0, 2)
+    x[eha.AIR], x[eha.GAIN] = rng.uniform(0.5, 40.0), rng.uniform(-0.05, 0.05)
+    x[eha.FRIC], x[eha.VISC] = rng.uniform(0.2, 3.0), rng.uniform(0.0, 1500.0)
+    x[eha.LOAD], x[eha.STIF] = rng.uniform(-3000.0, 3000.0), rng.uniform(0.0, 40.0)
+    x[eha.THROT] = rng.uniform(0.0, 2e5)
+    return x
+
+
+def stepped(
+    x: eha.Array, q: eha.Array, h: float = STEP, v_at: float = np.nan, w_at: float = np.nan
+) -> tuple[eha.Array, eha.Array, eha.Array]:
+    """State, F and G after one step."""
+    out, F, G = np.empty(N), np.empty((N, N)), np.empty((N, 4))
+    eha.step(x, h, VISCOSITY, ACCUMULATOR, v_at, w_at, q, out, F, G)
+    return out, F, G
+
+
+def differences(x: eha.Array, q: eha.Array, h: float = STEP) -> eha.Array:
+    """∂out/∂x by central differences of fourth order."""
+    found = np.empty((N, N))
+    for j in range(N):
+        d = 1e-3 * abs(x[j]) if j == eha.V else 1e-4 * max(abs(x[j]), 1e-2)
+        shifted = []
+        for k in (-2.0, -1.0, 1.0, 2.0):
+            moved = x.copy()
+            moved[j] += k * d
+            shifted.append(stepped(moved, q, h)[0])
+        found[:, j] = (shifted[0] - 8.0 * shifted[1] + 8.0 * shifted[2] - shifted[3]) / (12.0 * d)
+    return found
+
+
+@pytest.mark.parametrize("h", [0.5, 1.0, 5.0])
+@pytest.mark.parametrize("area_2", [1.52e-3, 1.1e-3])
+def test_jacobian_is_that_of_central_differences(area_2: float, h: float) -> None:
+    rng, q = np.random.default_rng(11), model(area_2)
+    scale = np.array([50, 0.1, 100, 0.2, 1, 1, 1, 1, 1, 5, 1e-2, 1, 300, 1000, 10, 1e5])  # a typical state
+    for _ in range(60):
+        x = state(rng)
+        found, expected = stepped(x, q, h)[1], differences(x, q, h)
+        # Each entry as its share of what a typical change of that state does to that row.
+        effect = np.abs(expected) * scale
+        share = np.abs(found - expected) * scale / effect.max(axis=1, keepdims=True)
+        assert share.max() < 1e-6, np.unravel_index(share.argmax(), share.shape)
+
+
+def test_linearised_where_the_encoders_put_velocity_and_speed() -> None:
+    """Columns of air and gain are those of the step that really moved at that velocity and speed."""
+    rng, q = np.random.default_rng(12), model()
+    for _ in range(30):
+        x = state(rng)
+        v_at, w_at = rng.uniform(-0.2, 0.2), rng.uniform(-0.3, 0.3)
+        there = x.copy()
+        there[eha.W] = w_at
+        # The load acts linearly on the velocity after the step: choose it such that it is `v_at`.
+        without = stepped(there, q)[0][eha.V]
+        there[eha.LOAD] += 1.0
+        there[eha.LOAD] += (v_at - without) / (stepped(there, q)[0][eha.V] - without) - 1.0
+        assert stepped(there, q)[0][eha.V] == pytest.approx(v_at, abs=1e-12)
+        F, expected = stepped(x, q, v_at=v_at, w_at=w_at)[1], differences(there, q)
+        for column in (eha.AIR, eha.GAIN):
+            pressures = [eha.P1, eha.P2]
+            np.testing.assert_allclose(
+                F[pressures, column], expected[pressures, column], rtol=1e-6, atol=1e-9
+            )
+
+
+def test_linearising_at_the_prediction_is_the_plain_jacobian() -> None:
+    rng, q = np.random.default_rng(13), model()
+    for _ in range(20):
+        x = state(rng)
+        out, F, G = stepped(x, q)
+        again, F_at, G_at = stepped(x, q, v_at=out[eha.V], w_at=x[eha.W])
+        np.testing.assert_array_equal(again, out)
+        np.testing.assert_allclose(F_at, F, rtol=1e-12, atol=1e-12)
+        np.testing.assert_array_equal(G_at, G)
+
+
+@given(st.integers(0, 2**32 - 1), st.floats(0.1, 10.0))
+def test_volume_balance_holds_to_rounding(seed: int, h: float) -> None:
+    """C₁Δp₁ + A₁Δx + h·outflow = D Δθ and its mirror image, by sums made here from eqs 3.14 to 3.18."""
+    area_2 = 1100.0
+    q, x = model(area_2 * 1e-6), state(np.random.default_rng(seed))
+    out = stepped(x, q, h)[0]
+    change = out - x
+    across = CROSS * (x[eha.P1] - x[eha.P2]) * x[eha.LEAK]
+    to_case = [CASE * (x[p] - ACCUMULATOR) * x[eha.LEAK] for p in (eha.P1, eha.P2)]
+    valves = [
+        (CROSS + CASE / 2.0) * x[v] * (x[p] - ACCUMULATOR)
+        for v, p in ((eha.VALVE1, eha.P1), (eha.VALVE2, eha.P2))
+    ]
+    delivered = DISPLACEMENT * (1.0 + x[eha.GAIN]) * change[eha.TH]
+    stiff = q[eha.Q_STIFFNESS_INV]
+    c = [eha.ATMOSPHERE ** (1 / INDEX) / (INDEX * (x[p] + eha.ATMOSPHERE) ** (1 + 1 / INDEX)) for p in (4, 5)]
+    stored = [
+        (VOLUME + sign * area * x[eha.X]) * (stiff + 1e-3 * x[eha.AIR] * air) * change[p]
+        for sign, area, air, p in ((1.0, AREA, c[0], eha.P1), (-1.0, area_2, c[1], eha.P2))
+    ]
+    out_1 = h * (across + to_case[0] + valves[0]) / VISCOSITY
+    out_2 = h * (-across + to_case[1] + valves[1]) / VISCOSITY
+    largest = max(abs(delivered), abs(out_1), abs(out_2), abs(AREA * change[eha.X]), 1.0)
+    # Differences of states near 400 rad carry rounding of 400 × 2⁻⁵² times the displacement.
+    rounding = 1e-12 * largest + 1e-10 * DISPLACEMENT * h
+    assert stored[0] + AREA * change[eha.X] + out_1 == pytest.approx(delivered, abs=rounding)
+    assert stored[1] - area_2 * change[eha.X] + out_2 == pytest.approx(-delivered, abs=rounding)
+
+
+@given(st.integers(0, 2**32 - 1))
+def test_noise_on_velocity_and_speed_keeps_the_balance(seed: int) -> None:
+    """Columns of G for velocity and speed move position, angle and pressures together."""
+    q, x = model(), state(np.random.default_rng(seed))
+    G = stepped(x, q)[2]
+    capacity = [
+        (VOLUME + sign * AREA * x[eha.X]) * eha.compliance(x[p], x[eha.AIR], q)[0]
+        for sign, p in ((1.0, eha.P1), (-1.0, eha.P2))
+    ]
+    displaced = DISPLACEMENT * (1.0 + x[eha.GAIN]) * G[eha.TH, 1]
+    for column, flow in ((0, 0.0), (1, displaced)):
+        assert capacity[0] * G[eha.P1, column] + AREA * G[eha.X, column] == pytest.approx(flow, abs=1e-6)
+        assert capacity[1] * G[eha.P2, column] - AREA * G[eha.X, column] == pytest.approx(-flow, abs=1e-6)
+    # One mm³ into a chamber raises its pressure by the inverse of its capacity, and nothing else.
+    for column, p, c in ((2, eha.P1, capacity[0]), (3, eha.P2, capacity[1])):
+        assert G[p, column] * c == pytest.approx(1.0)
+        assert np.count_nonzero(G[:, column]) == 1
+
+
+def test_only_the_parameters_stay_as_they_are() -> None:
+    x = state(np.random.default_rng(5))
+    out, F, _ = stepped(x, model())
+    np.testing.assert_array_equal(out[eha.LEAK :], x[eha.LEAK :])
+    np.testing.assert_array_equal(F[eha.LEAK :], np.eye(N)[eha.LEAK :])
+
+
+def test_an_axis_at_rest_stays_at_rest() -> None:
+    x = np.zeros(N)
+    x[[eha.P1, eha.P2]] = ACCUMULATOR
+    x[[eha.LEAK, eha.FRIC]], x[eha.AIR] = 1.0, 3.0
+    np.testing.assert_array_equal(stepped(x, model())[0], x)
+
+
+# Effective bulk modulus, MPa, of oil of 1400 MPa at 0.3 to 20 MPa gauge, n = 1.4, computed by hand from
+# 1/β = 1/β_oil + α p_a^(1/n) / (n p^(1 + 1/n)).
+SOFTENED = {1.0: [725, 1031, 1202, 1328, 1384, 1395, 1398], 5.0: [248, 502, 767, 1101, 1322, 1375, 1392]}
+
+
+@pytest.mark.parametrize("per_mille", SOFTENED)
+def test_compliance_of_the_published_table(per_mille: float) -> None:
+    q = model()
+    q[eha.Q_STIFFNESS_INV] = 1.0 / 1400.0
+    for pressure, bulk in zip([0.3, 0.6, 1, 2, 5, 10, 20], SOFTENED[per_mille], strict=True):
+        air = per_mille / 1e3
+        absolute = pressure + 0.101325
+        # That table's full form also lets the gas take its share of the volume.
+        share = 1.0 + air * (0.101325 / absolute) ** (1 / 1.4)
+        assert share / eha.compliance(float(pressure), per_mille, q)[0] == pytest.approx(bulk, abs=1.0)
+
+
+@given(st.floats(0.1, 20.0), st.floats(0.1, 50.0))
+def test_compliance_near_eq_5_21(pressure: float, per_mille: float) -> None:
+    """Eq. 5.21, 1/β = (1 - δ)/β₀ + δ/(1.4 P), where δ is the share of gas at the pressure P (absolute)."""
+    q = model()
+    absolute = pressure + eha.ATMOSPHERE
+    gas = 1e-3 * per_mille * (eha.ATMOSPHERE / absolute) ** (1.0 / INDEX)  # volume over oil's, at P
+    delta = gas / (1.0 + gas)
+    mixture = (1.0 - delta) * q[eha.Q_STIFFNESS_INV] + delta / (INDEX * absolute)
+    # The model refers volumes to the oil alone: 1 + gas of the mixture's.
+    assert eha.compliance(pressure, per_mille, q)[0] == pytest.approx((1.0 + gas) * mixture, rel=1e-9)
+
+
+@given(st.floats(0.05, 10.0), st.floats(0.1, 50.0))
+def test_compliance_is_the_volume_lost_per_pressure(pressure: float, per_mille: float) -> None:
+    q = model()
+
+    def volume(p: float) -> float:
+        gas = 1e-3 * per_mille * (eha.ATMOSPHERE / (p + eha.ATMOSPHERE)) ** (1.0 / INDEX)
+        return gas - q[eha.Q_STIFFNESS_INV] * p
+
+    d = 1e-4 * (pressure + eha.ATMOSPHERE)
+    lost = -(volume(pressure + d) - volume(pressure - d)) / (2.0 * d)
+    value, slope, of_air = eha.compliance(pressure, per_mille, q)
+    assert value == pytest.approx(lost, rel=1e-6)
+    ahead, behind = (eha.compliance(pressure + s * d, per_mille, q)[0] for s in (1, -1))
+    assert slope == pytest.approx((ahead - behind) / (2.0 * d), rel=1e-6)
+    assert of_air == pytest.approx(eha.compliance(pressure, per_mille + 1.0, q)[0] - value, rel=1e-9)
+
+
+def test_a_profiles_bulk_modulus_is_met_at_its_reference_pressure() -> None:
+    q = model(bulk_modulus=3e8, air_fraction=0.001)
+    assert 1e6 / eha.compliance(REFERENCE * 1e-6, 1.0, q)[0] == pytest.approx(3e8, rel=1e-12)
+
+
+def test_no_air_makes_the_oil_rigid() -> None:
+    q = model()
+    assert eha.compliance(0.5, -1e3, q) == (eha.COMPLIANCE_FLOOR * q[eha.Q_STIFFNESS_INV], 0.0, 0.0)
+
+
+@given(st.floats(-0.3, 0.3).filter(lambda v: abs(v) > 1e-6))
+def test_friction_curve_is_eq_5_12_with_a_smooth_reversal(v: float) -> None:
+    q = model()
+    coulomb, static, stribeck, exponent = (
+        (151.1, 510.2, 0.026, 0.59) if v > 0 else (113.0, 448.0, 0.007, 0.776)
+    )
+    curve, slope, *_ = eha.friction_curve(v, q)
+    level = coulomb + (static - coulomb) * np.exp(-(((abs(v) + 1e-5) / stribeck) ** exponent))
+    assert curve == pytest.approx(np.tanh(v / eha.STICTION_VELOCITY) * level, rel=1e-9)
+    d = 1e-3 * abs(v)
+    expected = (eha.friction_curve(v + d, q)[0] - eha.friction_curve(v - d, q)[0]) / (2.0 * d)
+    assert slope == pytest.approx(expected, rel=1e-3, abs=0.1)
+
+
+@given(st.integers(0, 2**32 - 1))
+def test_covariance_step_is_the_dense_one(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    F, G = stepped(state(rng), model())[1:]
+    root = rng.standard_normal((N, N)) * 10.0 ** rng.uniform(-4.0, 2.0, (N, 1))
+    P = root @ root.T
+    noise, diag = 10.0 ** rng.uniform(-6.0, 3.0, 4), 10.0 ** rng.uniform(-8.0, 0.0, N)
+    expected = F @ P @ F.T + G @ np.diag(noise) @ G.T + np.diag(diag)
+    eha.propagate(P, F, G, noise, diag, np.empty((eha.P2 + 1, N)))
+    np.testing.assert_array_equal(P, P.T)
+    spread = np.sqrt(np.diag(expected))
+    np.testing.assert_allclose(P / np.outer(spread, spread), expected / np.outer(spread, spread), atol=1e-9)
