@@ -21,6 +21,7 @@ from pydantic import BaseModel, ConfigDict, ValidationError
 from fdd.diagnosis.sequential import AlarmTail
 from fdd.errors import InputError
 from fdd.faults import FAMILIES
+from fdd.files import whole_file
 from fdd.residuals.features import FEATURE_VERSION, FEATURES
 
 if TYPE_CHECKING:
@@ -150,9 +151,8 @@ class Model:
             (CLASSIFIER, content),
             (MANIFEST, (self.manifest.model_dump_json(indent=1) + "\n").encode()),
         ):
-            temporary = folder / f".{name}.part"
-            temporary.write_bytes(data)
-            temporary.replace(folder / name)
+            with whole_file(folder / name) as temporary:
+                temporary.write_bytes(data)
 
 
 @lru_cache(maxsize=1)

@@ -7,7 +7,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from estimators import eha_tracker as tracker
+from estimators import eha_layout as layout
 from fdd.diagnosis.findings import ESTIMATED, Diagnosis, Estimate, FaultFinding, Quality, Trajectories
 from fdd.diagnosis.model import Model
 from fdd.diagnosis.sequential import PageTest
@@ -167,7 +167,7 @@ class Pipeline:
         values, stds = estimates(records, self.unit, self._windows.model)
         flags = observability(values, stds)
         healthy = {
-            "leakage": self.unit.pump.total_leakage / float(records[-1, tracker.R_VISCOSITY]),
+            "leakage": self.unit.pump.total_leakage / float(records[-1, layout.R_VISCOSITY]),
             "bulk_modulus": self.unit.oil.bulk_modulus,
             "coulomb_friction": healthy_coulomb(self.unit),
             "viscous_friction": healthy_viscous(self.unit),
@@ -203,9 +203,9 @@ class Pipeline:
             self.model.standardise(self._features, self._spread) if self._features.size else self._features
         )
         return Trajectories(
-            time=records["ekf"][:, tracker.R_TIME], estimates=values, stds=stds,
+            time=records["ekf"][:, layout.R_TIME], estimates=values, stds=stds,
             observable=observability(values["ekf"], stds["ekf"]),
-            nis={m: r[:, tracker.R_NIS] for m, r in records.items()}, window_time=self._time,
+            nis={m: r[:, layout.R_NIS] for m, r in records.items()}, window_time=self._time,
             feature_names=list(FEATURES), features=standard, statistic=self._statistic,
             threshold=self._test.threshold,
             probabilities={c: self._probabilities[:, i] for i, c in enumerate(self.model.classes)},

@@ -32,8 +32,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from estimators import eha_layout as layout
 from estimators import eha_model as eha
-from estimators import eha_tracker as tracker
 from fdd.residuals.tracking import Channels, healthy_coulomb, healthy_viscous
 from fdd.unit import Unit
 
@@ -80,8 +80,8 @@ def window_features(
     -------
     (len(FEATURES),) finite.
     """
-    x = records[:, tracker.R_STATE : tracker.R_STATE + eha.STATES].mean(axis=0)
-    var = records[:, tracker.R_VARIANCE : tracker.R_VARIANCE + eha.STATES].mean(axis=0)
+    x = records[:, layout.R_STATE : layout.R_STATE + eha.STATES].mean(axis=0)
+    var = records[:, layout.R_VARIANCE : layout.R_VARIANCE + eha.STATES].mean(axis=0)
     f = dict.fromkeys(FEATURES, 0.0)
     f["leakage"] = shrink(float(np.log(x[eha.LEAK])), float(var[eha.LEAK] / x[eha.LEAK] ** 2))
     for name, i in (("valve_1", eha.VALVE1), ("valve_2", eha.VALVE2)):
@@ -99,9 +99,9 @@ def window_features(
     )
     force = abs(float(x[eha.THROT])) * VISCOUS_SPEED**2
     f["load_throttle"] = float(np.log1p(force / coulomb))
-    f["load_unrest"] = float(np.log(max(float(records[:, tracker.R_UNREST].mean()), 1e-2)))
-    channels_used = max(float(records[:, tracker.R_CHANNELS].mean()), 1.0)
-    nis = float(records[:, tracker.R_NIS].mean()) / channels_used
+    f["load_unrest"] = float(np.log(max(float(records[:, layout.R_UNREST].mean()), 1e-2)))
+    channels_used = max(float(records[:, layout.R_CHANNELS].mean()), 1.0)
+    nis = float(records[:, layout.R_NIS].mean()) / channels_used
     f["innovation"] = float(np.log(max(nis, 1e-3)))
     _pressure_features(f, rows, unit, channels)
     _drive_features(f, rows, command, current, unit, channels)
@@ -112,13 +112,13 @@ def _pressure_features(f: dict[str, float], rows: Array, unit: Unit, channels: C
     """What the pressures say among themselves."""
     if not channels.chambers:
         return
-    p1, p2 = rows[:, tracker.PRESSURE_1], rows[:, tracker.PRESSURE_2]
+    p1, p2 = rows[:, layout.PRESSURE_1], rows[:, layout.PRESSURE_2]
     if "pressure_difference" in channels.names:
-        gap = rows[:, tracker.DIFFERENCE] - (p1 - p2)
+        gap = rows[:, layout.DIFFERENCE] - (p1 - p2)
         if np.isfinite(gap).any():
             f["redundancy"] = float(np.nanmedian(gap) / 50e3)
     if "pressure_accumulator" in channels.names:
-        below = np.fmin(p1, p2) - rows[:, tracker.ACCUMULATOR]
+        below = np.fmin(p1, p2) - rows[:, layout.ACCUMULATOR]
         if np.isfinite(below).sum() > AVERAGING:
             low = _means(below)
             low = low[np.isfinite(low)]
@@ -132,9 +132,9 @@ def _drive_features(
     f: dict[str, float], rows: Array, command: Array, current: Array, unit: Unit, channels: Channels
 ) -> None:
     """What motor current and command say about the drive."""
-    speed = rows[:, tracker.SPEED]
+    speed = rows[:, layout.SPEED]
     if not np.isfinite(speed).any():
-        angle, time = rows[:, tracker.ANGLE], rows[:, tracker.TIME]
+        angle, time = rows[:, layout.ANGLE], rows[:, layout.TIME]
         if time.size < 3 or not np.isfinite(angle).any():
             return
         speed = np.gradient(angle, time)
@@ -149,11 +149,11 @@ def _drive_features(
                 f["drive"] = shrink(float(np.log(gain)), spread / gain**2)
     if "motor_current" not in channels.names or not np.isfinite(current).any():
         return
-    drop = rows[:, tracker.DIFFERENCE]
+    drop = rows[:, layout.DIFFERENCE]
     if channels.chambers:
-        drop = rows[:, tracker.PRESSURE_1] - rows[:, tracker.PRESSURE_2]
+        drop = rows[:, layout.PRESSURE_1] - rows[:, layout.PRESSURE_2]
     i, p = _means(current), _means(drop)
-    dt = AVERAGING * float(np.median(np.diff(rows[:, tracker.TIME])))
+    dt = AVERAGING * float(np.median(np.diff(rows[:, layout.TIME])))
     acceleration = np.gradient(w, dt) if w.size > 2 else np.zeros_like(w)
     torque = unit.pump.displacement * p + unit.drive.inertia * acceleration
     good = np.isfinite(i) & np.isfinite(torque) & np.isfinite(w)

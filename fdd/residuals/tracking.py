@@ -8,9 +8,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from estimators import eha_layout as layout
 from estimators import eha_model as eha
-from estimators import eha_tracker as tracker
-from estimators.eha_tracker import EhaTracker, Noise
+from estimators.eha_noise import Noise
+from estimators.eha_tracker import EhaTracker
 from fdd.residuals.viscosity import viscosity_ratio
 from fdd.samples import Samples
 from fdd.unit import FrictionBranch, Unit
@@ -119,22 +120,22 @@ class Tracking:
 
     def block(self, samples: Samples) -> Array:
         """The samples as the trackers' columns, sensor zeros and gains taken out."""
-        out = np.full((len(samples), tracker.COLUMNS), np.nan)
-        out[:, tracker.TIME] = samples.time
+        out = np.full((len(samples), layout.COLUMNS), np.nan)
+        out[:, layout.TIME] = samples.time
         for column, name in (
-            (tracker.POSITION, "position"),
-            (tracker.ANGLE, "pump_angle"),
-            (tracker.SPEED, "pump_speed"),
-            (tracker.PRESSURE_1, "pressure_1"),
-            (tracker.PRESSURE_2, "pressure_2"),
-            (tracker.DIFFERENCE, "pressure_difference"),
-            (tracker.ACCUMULATOR, "pressure_accumulator"),
+            (layout.POSITION, "position"),
+            (layout.ANGLE, "pump_angle"),
+            (layout.SPEED, "pump_speed"),
+            (layout.PRESSURE_1, "pressure_1"),
+            (layout.PRESSURE_2, "pressure_2"),
+            (layout.DIFFERENCE, "pressure_difference"),
+            (layout.ACCUMULATOR, "pressure_accumulator"),
         ):
             if name in self.channels.names:
                 sensor = self.unit.sensor(name)
                 out[:, column] = (samples.get(name) - sensor.zero) / sensor.gain
         if "oil_temperature" in self.channels.names:
-            out[:, tracker.VISCOSITY] = viscosity_ratio(self.unit.oil, samples.get("oil_temperature"))
+            out[:, layout.VISCOSITY] = viscosity_ratio(self.unit.oil, samples.get("oil_temperature"))
         return out
 
     def push(self, block: Array) -> dict[str, Array]:
@@ -157,9 +158,9 @@ def estimates(records: Array, unit: Unit, model: Array) -> tuple[dict[str, Array
     Leakage is L_T across the ports at the oil's temperature of the moment. Bulk modulus is that
     at the unit's reference pressure; friction the mean of both directions.
     """
-    x = records[:, tracker.R_STATE : tracker.R_STATE + eha.STATES]
-    var = records[:, tracker.R_VARIANCE : tracker.R_VARIANCE + eha.STATES]
-    scale = unit.pump.total_leakage / records[:, tracker.R_VISCOSITY]
+    x = records[:, layout.R_STATE : layout.R_STATE + eha.STATES]
+    var = records[:, layout.R_VARIANCE : layout.R_VARIANCE + eha.STATES]
+    scale = unit.pump.total_leakage / records[:, layout.R_VISCOSITY]
     pressure = unit.oil.reference_pressure * 1e-6
     air_unit = 1e-3 * eha.air_curve(pressure, model[eha.Q_POLYTROPIC])
     stiff = model[eha.Q_STIFFNESS_INV]

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from estimators import eha_tracker as tracker
+from estimators import eha_layout as layout
 from fdd.errors import InputError
 from fdd.residuals.features import FEATURE_VERSION, FEATURES, HOP, WINDOW, window_features
 from fdd.residuals.tracking import METHODS, Channels, Tracking
@@ -26,7 +26,7 @@ Array = NDArray[np.float64]
 HELD_BACK_S = 0.5
 WARM_UP_S = 4.0
 """Windows that end earlier only let the filters settle."""
-_COMMAND, _CURRENT = tracker.COLUMNS, tracker.COLUMNS + 1
+_COMMAND, _CURRENT = layout.COLUMNS, layout.COLUMNS + 1
 
 
 class ResidualWindows:
@@ -55,10 +55,10 @@ class ResidualWindows:
         self._centre = baseline_centre(unit)
         self._held: list[Samples] = []
         self._hops = 0
-        self._rows = np.empty((0, tracker.COLUMNS + 2))
-        self._records = {m: np.empty((0, tracker.RECORD)) for m in METHODS}
+        self._rows = np.empty((0, layout.COLUMNS + 2))
+        self._records = {m: np.empty((0, layout.RECORD)) for m in METHODS}
         self._kept: dict[str, list[Array]] = {m: [] for m in METHODS}
-        self.last_records = {m: np.empty((0, tracker.RECORD)) for m in METHODS}
+        self.last_records = {m: np.empty((0, layout.RECORD)) for m in METHODS}
 
     @property
     def channels(self) -> tuple[str, ...]:
@@ -128,22 +128,22 @@ class ResidualWindows:
         assert self.tracking is not None
         ends: list[float] = []
         features: list[Array] = []
-        times, records = self._rows[:, tracker.TIME], self._records["ekf"]
+        times, records = self._rows[:, layout.TIME], self._records["ekf"]
         # A window is full once a record at or past its end is there.
-        while records.size and records[-1, tracker.R_TIME] >= self._next_end:
+        while records.size and records[-1, layout.R_TIME] >= self._next_end:
             end = self._next_end
-            after = records[np.searchsorted(records[:, tracker.R_TIME], end), tracker.R_TIME]
+            after = records[np.searchsorted(records[:, layout.R_TIME], end), layout.R_TIME]
             # Over a hole in the log the grid is skipped, not walked.
             self._hops += max(1, math.ceil((after - end) / HOP))
             lo, hi = np.searchsorted(times, [end - WINDOW, end])
-            rlo, rhi = np.searchsorted(records[:, tracker.R_TIME], [end - WINDOW, end])
+            rlo, rhi = np.searchsorted(records[:, layout.R_TIME], [end - WINDOW, end])
             # A hole in the log leaves too little to speak of.
             whole = WINDOW / self.tracking.period
             if end - self.first_time < WARM_UP_S or hi - lo < 0.5 * whole or rhi == rlo:
                 continue
             rows = self._rows[lo:hi]
             raw = window_features(
-                records[rlo:rhi], rows[:, : tracker.COLUMNS], rows[:, _COMMAND], rows[:, _CURRENT],
+                records[rlo:rhi], rows[:, : layout.COLUMNS], rows[:, _COMMAND], rows[:, _CURRENT],
                 self.unit, self.tracking.model, self.tracking.channels,
             )  # fmt: skip
             ends.append(end)
@@ -154,11 +154,11 @@ class ResidualWindows:
     def _forget(self) -> None:
         """Drop rows and records that no later window needs."""
         start = self._next_end - WINDOW
-        cut = int(np.searchsorted(self._rows[:, tracker.TIME], start))
+        cut = int(np.searchsorted(self._rows[:, layout.TIME], start))
         if cut:
             self._rows = self._rows[cut:].copy()
         for m in METHODS:
-            cut = int(np.searchsorted(self._records[m][:, tracker.R_TIME], start))
+            cut = int(np.searchsorted(self._records[m][:, layout.R_TIME], start))
             if cut:
                 self._records[m] = self._records[m][cut:].copy()
 
@@ -171,7 +171,7 @@ class ResidualWindows:
         """
         if not self.keep:
             raise ValueError("records were not kept: make it with keep=True")
-        return {m: np.concatenate(p) if p else np.empty((0, tracker.RECORD)) for m, p in self._kept.items()}
+        return {m: np.concatenate(p) if p else np.empty((0, layout.RECORD)) for m, p in self._kept.items()}
 
     def state(self) -> dict[str, Array]:
         """The whole state as flat named arrays."""

@@ -1,0 +1,95 @@
+"""Friction and load from the mean force balance of an EHA's cylinder."""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from estimators import eha_model as eha
+from estimators.eha_layout import (
+    M_CURVE,
+    M_FCOUNT,
+    M_FORCE,
+    M_FSCALE,
+    M_FSIGN,
+    M_SLID,
+    M_SQUARE,
+    M_VMEAN,
+    M_VSTART,
+    M_XMEAN,
+)
+from estimators.eha_noise import N_FMEAN
+from estimators.kernels import kalman_update
+
+Array = NDArray[np.float64]
+
+FORCE_PERIOD = 20.0  # ms: one force balance each; shorter would count the friction curve's errors twice
+FRICTION_LAG = 30.0  # ms
+FRICTION_SETTLES = 80.0  # ms of sliding one way before the curve holds: break-away and bristles are over
+PARTNER_MISFIT = 0.2  # share of a throttled partner's force that its compressible oil may hold back
+ROBUST = 5.0  # innovations beyond this many sigmas are weighed down (Huber)
+
+
+@njit(cache=True)
+def balance_forces(x: Array, P: Array, h: float, q: Array, c: Array, memory: Array) -> None:
+    """Measure friction and load by the mean force over `FORCE_PERIOD`, where the piston slid one way.
+
+    ``A₁p₁ − A₂p₂ − M dv/dt = φ curve(v) + B v + F + k x + c v|v|`` in the mean. The errors of a friction
+    curve last for many samples, so they are averaged first and count once; step by step they
+    would be taken for white noise and make friction look far better known than it is.
+    """
+    v = x[eha.V]
+    if memory[M_FCOUNT] == 0.0:
+        memory[M_FORCE] = memory[M_VMEAN] = memory[M_XMEAN] = memory[M_CURVE] = memory[M_SQUARE] = 0.0
+        memory[M_VSTART] = v
+        direction = 1.0 if v > 0.0 else -1.0
+        if direction != memory[M_FSIGN]:
+            memory[M_SLID] = 0.0
+        memory[M_FSIGN] = direction
+    if v * memory[M_FSIGN] < q[eha.Q_SLIDING]:
+        memory[M_SLID] = -FORCE_PERIOD
+    memory[M_FORCE] += (q[eha.Q_AREA1] * x[eha.P1] - q[eha.Q_AREA2] * x[eha.P2]) * h
+    memory[M_VMEAN] += v * h
+    memory[M_XMEAN] += x[eha.X] * h
+    memory[M_SQUARE] += v * abs(v) * h
+    memory[M_CURVE] += eha.friction_curve(v, q)[0] * h
+    memory[M_FCOUNT] += h
+    if memory[M_FCOUNT] < FORCE_PERIOD - 0.5 * h:
+        return
+    span = memory[M_FCOUNT]
+    memory[M_FCOUNT] = 0.0
+    memory[M_SLID] += span
+    if memory[M_SLID] < FRICTION_SETTLES:
+        return
+    inertia = q[eha.Q_MASS] * (v - memory[M_VSTART]) / span * 1e3
+    H = np.zeros((1, eha.STATES))
+    H[0, eha.FRIC] = memory[M_CURVE] / span
+    H[0, eha.VISC] = memory[M_VMEAN] / span
+    H[0, eha.LOAD] = 1.0
+    H[0, eha.STIF] = memory[M_XMEAN] / span
+    H[0, eha.THROT] = memory[M_SQUARE] / span
+    y = np.empty(1)
+    y[0] = memory[M_FORCE] / span - inertia
+    # Friction follows velocity with a lag of some tens of milliseconds (Armstrong-Hélouvry et al. 1994,
+    # doi 10.1016/0005-1098(94)90209-7), so where the curve changed within the period it fits worse.
+    start = eha.friction_curve(memory[M_VSTART], q)[0]
+    lag = FRICTION_LAG / span * (eha.friction_curve(v, q)[0] - start)
+    variance = np.empty(1)
+    # A throttled partner answers through its own compressible oil: its force lags too.
+    partner = PARTNER_MISFIT * x[eha.THROT] * memory[M_SQUARE] / span
+    variance[0] = (c[N_FMEAN] ** 2 + lag * lag + partner * partner) * max(memory[M_FSCALE], 1.0) ** 2
+    s = variance[0]
+    for i in range(eha.FRIC, eha.STATES):
+        y[0] -= H[0, i] * x[i]
+        for j in range(eha.FRIC, eha.STATES):
+            s += H[0, i] * P[i, j] * H[0, j]
+    # (Squared below: what moves a restless load lasts for several periods, so they repeat each other.)
+    # Loads differ: how fast the load moves, and what the force balance is worth, follow from its own
+    # innovations over some seconds.
+    ratio = y[0] * y[0] / s
+    memory[M_FSCALE] = min(max(memory[M_FSCALE] * np.exp(0.02 * (min(ratio, 9.0) - 1.0)), 0.01), 1e4)
+    if ratio > ROBUST * ROBUST:
+        variance[0] += s * (ratio / ROBUST**2 - 1.0)
+    mask = np.ones(1, dtype=np.bool_)
+    kalman_update(x, P, y, H, variance, mask)

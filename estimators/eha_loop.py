@@ -1,0 +1,325 @@
+"""The compiled loop of the EHA tracker: predict and update, sample by sample."""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from estimators import eha_model as eha
+from estimators.eha_forces import ROBUST, balance_forces
+from estimators.eha_layout import (
+    ACCUMULATOR,
+    ANGLE,
+    DIFFERENCE,
+    M_ACC,
+    M_ANGLE,
+    M_CHANNELS,
+    M_COUNT,
+    M_FSCALE,
+    M_INDEX,
+    M_LOGLIK,
+    M_NIS,
+    M_ORIGIN,
+    M_OUT,
+    M_SPEED,
+    M_STARTED,
+    M_VISC,
+    MEASUREMENTS,
+    POSITION,
+    PRESSURE_1,
+    PRESSURE_2,
+    R_BETA1,
+    R_BETA2,
+    R_CHANNELS,
+    R_LAYER,
+    R_LOGLIK,
+    R_NIS,
+    R_OUTSIDE,
+    R_STATE,
+    R_TIME,
+    R_UNREST,
+    R_VARIANCE,
+    R_VISCOSITY,
+    SPEED,
+    TIME,
+    VISCOSITY,
+    Z_DP,
+    Z_MEAN,
+    Z_P1,
+    Z_P2,
+    Z_TH,
+    Z_X,
+)
+from estimators.eha_noise import (
+    N_ACCEL,
+    N_AIR,
+    N_DP,
+    N_FLOW,
+    N_FORCE,
+    N_FRIC,
+    N_GAIN,
+    N_LEAK,
+    N_LOAD,
+    N_MARGIN,
+    N_P,
+    N_REFEED,
+    N_RELIEF,
+    N_STIF,
+    N_TH,
+    N_THROT,
+    N_VALVE,
+    N_VISC,
+    N_X,
+)
+from estimators.kernels import kalman_update, svsf_update
+
+Array = NDArray[np.float64]
+
+LONGEST_GAP = 50  # periods that are bridged step by step; a longer gap restarts the motion states
+
+
+@njit(cache=True)
+def measurement(x: Array, q: Array, z: Array, y: Array) -> None:
+    """Innovation ``y = z − h(x)`` of all channels, model units."""
+    y[Z_X] = z[Z_X] - x[eha.X]
+    y[Z_TH] = z[Z_TH] - x[eha.TH]
+    y[Z_P1] = z[Z_P1] - x[eha.P1]
+    y[Z_P2] = z[Z_P2] - x[eha.P2]
+    y[Z_DP] = z[Z_DP] - (x[eha.P1] - x[eha.P2])
+    y[Z_MEAN] = z[Z_MEAN] - min(x[eha.P1], x[eha.P2])
+
+
+@njit(cache=True)
+def _process_noise(
+    x: Array,
+    h: float,
+    p_acc: float,
+    known_acc: bool,
+    unrest: float,
+    q: Array,
+    c: Array,
+    out: Array,
+    diag: Array,
+) -> None:
+    """Variances of velocity, speed and chamber volumes, and of the parameters, over `h` ms.
+
+    `unrest` is how much more than expected the load moves, see `balance_forces`.
+    """
+    mu = 1e-3 / q[eha.Q_MASS]
+    out[0] = (mu * c[N_FORCE]) ** 2 * 1e3 * h
+    out[1] = (c[N_ACCEL] * 1e-3) ** 2 * 1e-3 * h
+    margin = c[N_MARGIN] * 1e-6
+    fed1 = x[eha.P1] < p_acc + margin if known_acc else x[eha.P1] <= x[eha.P2]
+    fed2 = x[eha.P2] < p_acc + margin if known_acc else x[eha.P2] < x[eha.P1]
+    relieved = abs(x[eha.P1] - x[eha.P2]) > c[N_RELIEF] * 1e-6
+    small, large = (c[N_FLOW] * 1e9) ** 2 * 1e-3 * h, (c[N_REFEED] * 1e9) ** 2 * 1e-3 * h
+    out[2] = large if relieved or fed1 else small
+    out[3] = large if relieved or fed2 else small
+    seconds = 1e-3 * h
+    diag[:] = 0.0
+    diag[eha.LEAK] = c[N_LEAK] ** 2 * seconds
+    diag[eha.VALVE1] = diag[eha.VALVE2] = c[N_VALVE] ** 2 * seconds
+    diag[eha.AIR] = (c[N_AIR] * 1e3) ** 2 * seconds
+    diag[eha.GAIN] = c[N_GAIN] ** 2 * seconds
+    diag[eha.FRIC] = c[N_FRIC] ** 2 * seconds
+    diag[eha.VISC] = c[N_VISC] ** 2 * seconds
+    diag[eha.LOAD] = c[N_LOAD] ** 2 * seconds * unrest
+    diag[eha.STIF] = (c[N_STIF] * 1e-3) ** 2 * seconds
+    diag[eha.THROT] = c[N_THROT] ** 2 * seconds
+
+
+@njit(cache=True)
+def _start_motion(x: Array, P: Array, z: Array, p_acc: float, c: Array) -> None:
+    """Set the motion states from a measurement, with wide variances; keep the parameters."""
+    for i in range(eha.P2 + 1):
+        for j in range(eha.STATES):
+            P[i, j] = 0.0
+            P[j, i] = 0.0
+    x[eha.X] = z[Z_X] if not np.isnan(z[Z_X]) else 0.0
+    x[eha.TH] = z[Z_TH] if not np.isnan(z[Z_TH]) else 0.0
+    x[eha.V] = 0.0
+    x[eha.W] = 0.0
+    drop = z[Z_DP] if not np.isnan(z[Z_DP]) else 0.0
+    x[eha.P1] = z[Z_P1] if not np.isnan(z[Z_P1]) else p_acc + max(drop, 0.0)
+    x[eha.P2] = z[Z_P2] if not np.isnan(z[Z_P2]) else p_acc + max(-drop, 0.0)
+    P[eha.X, eha.X] = 1.0
+    P[eha.V, eha.V] = 0.1**2
+    P[eha.TH, eha.TH] = 1.0
+    P[eha.W, eha.W] = 0.3**2
+    P[eha.P1, eha.P1] = P[eha.P2, eha.P2] = 0.3**2
+
+
+@njit(cache=True)
+def _bound(x: Array) -> None:
+    """Keep parameters where the model means something."""
+    x[eha.LEAK] = min(max(x[eha.LEAK], 0.02), 300.0)
+    x[eha.VALVE1] = min(max(x[eha.VALVE1], -0.9), 300.0)
+    x[eha.VALVE2] = min(max(x[eha.VALVE2], -0.9), 300.0)
+    x[eha.AIR] = min(max(x[eha.AIR], -2.0), 100.0)
+    x[eha.GAIN] = min(max(x[eha.GAIN], -0.1), 0.1)
+    x[eha.FRIC] = min(max(x[eha.FRIC], 0.02), 10.0)
+    x[eha.VISC] = min(max(x[eha.VISC], -2e3), 5e4)
+    x[eha.THROT] = min(max(x[eha.THROT], -2e4), 1e7)
+
+
+@njit(cache=True)
+def track(
+    block: Array, period: float, svsf: bool, has_pressures: bool, decimation: int, q: Array, c: Array,
+    x: Array, P: Array, memory: Array, e_post: Array, gamma: float, layer: float, records: Array,
+) -> int:  # fmt: skip
+    """Run the filter over the rows of `block`; returns the number of records written."""
+    h0 = period * 1e3
+    F = np.empty((eha.STATES, eha.STATES))
+    G = np.empty((eha.STATES, 4))
+    scratch = np.empty((eha.P2 + 1, eha.STATES))
+    x_new = np.empty(eha.STATES)
+    noise = np.empty(4)
+    diag = np.empty(eha.STATES)
+    z = np.empty(MEASUREMENTS)
+    y = np.empty(MEASUREMENTS)
+    mask = np.empty(MEASUREMENTS, dtype=np.bool_)
+    outside = np.empty(MEASUREMENTS, dtype=np.bool_)
+    psi = np.empty(MEASUREMENTS)
+    psi_k = np.empty(MEASUREMENTS)
+    r0 = np.empty(MEASUREMENTS)
+    r = np.empty(MEASUREMENTS)
+    r0[Z_X] = (c[N_X] * 1e3) ** 2
+    r0[Z_TH] = c[N_TH] ** 2
+    r0[Z_P1] = r0[Z_P2] = (c[N_P] * 1e-6) ** 2
+    r0[Z_DP] = (c[N_DP] * 1e-6) ** 2
+    # The low side stays near the accumulator: 0.2 MPa, correlated over 10 s.
+    r0[Z_MEAN] = 0.2**2 * 1e4 / h0
+    H = np.zeros((MEASUREMENTS, eha.STATES))
+    H[Z_X, eha.X] = H[Z_TH, eha.TH] = H[Z_P1, eha.P1] = H[Z_P2, eha.P2] = 1.0
+    H[Z_DP, eha.P1], H[Z_DP, eha.P2] = 1.0, -1.0
+    written = 0
+    for row in range(block.shape[0]):
+        time = block[row, TIME]
+        # Stamps may come late, never early: the sample belongs to the last grid point before its stamp.
+        steps = 0
+        if memory[M_STARTED] > 0.0:
+            memory[M_ORIGIN] += 2e-5 * period
+            index = np.floor((time - memory[M_ORIGIN]) / period + 0.25)
+            steps = int(max(index - memory[M_INDEX], 1.0))
+            memory[M_INDEX] += steps
+            early = memory[M_ORIGIN] + memory[M_INDEX] * period - time
+            if early > 0.0:
+                memory[M_ORIGIN] -= early
+        else:
+            memory[M_ORIGIN] = time
+            memory[M_INDEX] = 0.0
+        # The pump angle: as measured, else the sum of the speed samples (each the mean over its period).
+        speed = block[row, SPEED]
+        if not np.isnan(block[row, ANGLE]):
+            z[Z_TH] = block[row, ANGLE]
+        else:
+            if np.isnan(speed):
+                speed = memory[M_SPEED]
+            if steps > 0:
+                memory[M_ANGLE] += period * (speed + (steps - 1) * 0.5 * (speed + memory[M_SPEED]))
+            memory[M_SPEED] = speed
+            z[Z_TH] = memory[M_ANGLE]
+        known_acc = not np.isnan(block[row, ACCUMULATOR])
+        if known_acc:
+            memory[M_ACC] = block[row, ACCUMULATOR] * 1e-6
+        known_acc = memory[M_ACC] == memory[M_ACC]
+        p_acc = memory[M_ACC] if known_acc else q[eha.Q_ACCUMULATOR]
+        if not np.isnan(block[row, VISCOSITY]):
+            memory[M_VISC] = block[row, VISCOSITY]
+        viscosity = memory[M_VISC]
+        z[Z_X] = block[row, POSITION] * 1e3
+        z[Z_P1] = block[row, PRESSURE_1] * 1e-6
+        z[Z_P2] = block[row, PRESSURE_2] * 1e-6
+        z[Z_DP] = block[row, DIFFERENCE] * 1e-6
+        z[Z_MEAN] = p_acc
+        if has_pressures:  # their difference is not new, and the redundancy is a sensor check of its own
+            z[Z_DP] = np.nan
+            z[Z_MEAN] = np.nan
+
+        if memory[M_STARTED] == 0.0:
+            _start_motion(x, P, z, p_acc, c)
+            memory[M_STARTED] = 1.0
+        elif steps > LONGEST_GAP:
+            _process_noise(x, steps * h0, p_acc, known_acc, memory[M_FSCALE], q, c, noise, diag)
+            _start_motion(x, P, z, p_acc, c)
+            for i in range(eha.STATES):
+                P[i, i] += diag[i]
+        else:
+            span = steps * h0
+            v_at = w_at = np.nan
+            if not np.isnan(z[Z_X]):
+                spread = (P[eha.V, eha.V] + (1e-3 / q[eha.Q_MASS] * c[N_FORCE]) ** 2 * 1e3 * h0) * span * span
+                trust = spread / (spread + P[eha.X, eha.X] + r0[Z_X])
+                v_at = x[eha.V] + trust * ((z[Z_X] - x[eha.X]) / span - x[eha.V])
+            if not np.isnan(z[Z_TH]):
+                w_at = (z[Z_TH] - x[eha.TH]) / span
+            for _ in range(steps):
+                _process_noise(x, h0, p_acc, known_acc, memory[M_FSCALE], q, c, noise, diag)
+                eha.step(x, h0, viscosity, p_acc, v_at, w_at, q, x_new, F, G)
+                x[:] = x_new
+                # Friction and load learn from the mean force alone (see balance_forces).
+                for i in range(eha.P2 + 1):
+                    for j in range(eha.FRIC, eha.STATES):
+                        F[i, j] = 0.0
+                eha.propagate(P, F, G, noise, diag, scratch)
+        measurement(x, q, z, y)
+        channels = 0
+        if x[eha.P1] <= x[eha.P2]:
+            H[Z_MEAN, eha.P1], H[Z_MEAN, eha.P2] = 1.0, 0.0
+        else:
+            H[Z_MEAN, eha.P1], H[Z_MEAN, eha.P2] = 0.0, 1.0
+        for i in range(MEASUREMENTS):
+            mask[i] = not np.isnan(y[i])
+            r[i] = r0[i]
+            if mask[i]:
+                channels += 1 if i != Z_MEAN else 0
+                variance = r[i]
+                for a in range(eha.STATES):
+                    if H[i, a] != 0.0:
+                        for b in range(eha.STATES):
+                            variance += H[i, a] * P[a, b] * H[i, b]
+                sigmas = abs(y[i]) / np.sqrt(variance)
+                if not svsf and sigmas > ROBUST:
+                    r[i] += variance * ((sigmas / ROBUST) ** 2 - 1.0)
+                psi[i] = layer * np.sqrt(variance)
+        switched = False
+        if svsf:
+            nis, loglik, switched = svsf_update(x, P, y, H, r, mask, e_post, gamma, psi, True, psi_k, outside)
+            for i in range(MEASUREMENTS):
+                if mask[i]:
+                    e_post[i] = y[i]
+            measurement(x, q, z, y)
+            for i in range(MEASUREMENTS):
+                if mask[i]:
+                    e_post[i] = y[i]
+        else:
+            nis, loglik = kalman_update(x, P, y, H, r, mask)
+        balance_forces(x, P, max(steps, 1) * h0, q, c, memory)
+        _bound(x)
+        memory[M_NIS] += nis
+        memory[M_CHANNELS] += channels
+        memory[M_LOGLIK] += loglik
+        memory[M_OUT] += 1.0 if switched else 0.0
+        memory[M_COUNT] += 1.0
+        if memory[M_COUNT] >= decimation:
+            rec = records[written]
+            rec[R_TIME] = time
+            for i in range(eha.STATES):
+                rec[R_STATE + i] = x[i]
+                rec[R_VARIANCE + i] = P[i, i]
+            # Against a restless load the friction curve's misfit repeats itself: count it once.
+            rec[R_VARIANCE + eha.FRIC] *= max(memory[M_FSCALE], 1.0) ** 2
+            rec[R_VARIANCE + eha.VISC] *= max(memory[M_FSCALE], 1.0) ** 2
+            rec[R_NIS] = memory[M_NIS] / memory[M_COUNT]
+            rec[R_CHANNELS] = memory[M_CHANNELS] / memory[M_COUNT]
+            rec[R_LOGLIK] = memory[M_LOGLIK] / memory[M_COUNT]
+            rec[R_OUTSIDE] = memory[M_OUT] / memory[M_COUNT]
+            rec[R_LAYER] = psi_k[Z_P1] if svsf else np.nan
+            rec[R_BETA1] = 1e6 / eha.compliance(x[eha.P1], x[eha.AIR], q)[0]
+            rec[R_BETA2] = 1e6 / eha.compliance(x[eha.P2], x[eha.AIR], q)[0]
+            rec[R_VISCOSITY] = viscosity
+            rec[R_UNREST] = memory[M_FSCALE]
+            memory[M_NIS] = memory[M_CHANNELS] = memory[M_LOGLIK] = memory[M_OUT] = memory[M_COUNT] = 0.0
+            written += 1
+    return written

@@ -1,0 +1,82 @@
+"""Noise of the reduced EHA model and of its measurements."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, fields
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+
+@dataclass
+class Noise:
+    """Noise of model and measurements, SI; each default says why.
+
+    Rates are standard deviations after one second of random walk.
+    """
+
+    position: float = 5e-7
+    """m; a 1 µm encoder rounds with 0.3 µm, the rest is its mounting."""
+    angle: float = 1e-4
+    """rad; one count of 65536 per turn."""
+    pressure: float = 9e3
+    """Pa; white noise of the same spectral density as the chamber transducers' below 100 Hz."""
+    pressure_difference: float = 7e3
+    """Pa; Appendix A.2.2."""
+    force: float = 100.0
+    """N·√s: load inertia, bristles and gusts are not modelled; motion follows the encoder instead.
+
+    With less of it the filter would read the bulk modulus off the resonance, and take an unknown
+    inertia of the load for a change of the oil."""
+    force_mean: float = 20.0
+    """N: how well the friction curve fits the mean force over `FORCE_PERIOD` while sliding."""
+    acceleration: float = 630.0
+    """rad/s/√s: the drive may change the speed by 20 rad/s within one millisecond."""
+    flow: float = 1e-7
+    """m³/√s: unmodelled flow (gear ripple, line losses, leakage that is not laminar): half a percent
+    of the pump's flow at a third of its speed, correlated over 0.1 s."""
+    flow_refeeding: float = 5e-6
+    """m³/√s: a chamber that the accumulator feeds has no volume balance."""
+    leakage: float = 0.05
+    """1/√s relative: lets a step of 50 % be followed within two seconds under load."""
+    valve: float = 0.02
+    """1/√s relative to the healthy leakage: a closed valve stays closed for long."""
+    air: float = 5e-4
+    """1/√s, of the oil's volume: a tenth of a percent of free air comes or goes within seconds."""
+    gain: float = 1e-4
+    """1/√s; the displacement changes with wear only, the rest is temperature."""
+    friction: float = 0.07
+    """1/√s relative to the healthy curve."""
+    viscous_friction: float = 10.0
+    load: float = 100.0
+    """N/√s to begin with; how restless the load really is follows from the force balance itself."""
+    stiffness: float = 1e3
+    """N/m/√s."""
+    throttle: float = 5e3
+    """N/(m/s)²/√s."""
+    initial_leakage: float = 0.3
+    initial_valve: float = 0.03
+    initial_air: float = 1e-3
+    initial_gain: float = 3e-3
+    initial_friction: float = 0.3
+    initial_viscous_friction: float = 100.0
+    initial_load: float = 1000.0
+    initial_stiffness: float = 1e4
+    initial_throttle: float = 1e6
+    refeed_margin: float = 3e4
+    """Pa above the accumulator below which a chamber may be fed: cracking pressure and sensor zeros."""
+    relief_pressure: float = 3.1e6
+    """Pa of difference from which the relief valve may open."""
+
+    def array(self) -> Array:
+        """The numbers in the order of the fields, SI."""
+        return np.array([float(getattr(self, f.name)) for f in fields(self)])
+
+
+(
+    N_X, N_TH, N_P, N_DP, N_FORCE, N_FMEAN, N_ACCEL, N_FLOW, N_REFEED, N_LEAK, N_VALVE, N_AIR, N_GAIN, N_FRIC,
+    N_VISC, N_LOAD, N_STIF, N_THROT, I_LEAK, I_VALVE, I_AIR, I_GAIN, I_FRIC, I_VISC, I_LOAD, I_STIF, I_THROT,
+    N_MARGIN, N_RELIEF,
+) = range(29)  # fmt: skip
