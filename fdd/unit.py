@@ -26,6 +26,7 @@ from pydantic import (
 )
 
 from fdd.errors import InputError
+from fdd.files import write_text
 from fdd.measures import measure
 
 UNIT_SCHEMA = "fdd.unit/1"
@@ -394,14 +395,7 @@ class Unit(BaseModel):
 
     def save(self, path: str | Path) -> None:
         """Write the profile whole or not at all."""
-        path = Path(path)
-        temporary = path.with_name(f".{path.name}.part")
-        try:
-            temporary.write_text(self.to_yaml(), encoding="utf-8")
-            temporary.replace(path)
-        except BaseException:
-            temporary.unlink(missing_ok=True)
-            raise
+        write_text(path, self.to_yaml())
 
     def sensor(self, channel: str) -> Sensor:
         """The channel's sensor, or an ideal one where the profile names none."""

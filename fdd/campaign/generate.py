@@ -10,9 +10,7 @@ from __future__ import annotations
 
 import json
 import multiprocessing
-import os
 import shutil
-import tempfile
 from collections.abc import Callable, Iterator
 from concurrent.futures import Future, ProcessPoolExecutor, as_completed
 from concurrent.futures.process import BrokenProcessPool
@@ -28,6 +26,7 @@ from fdd.campaign.drawing import Rig, assign_faults, draw_scenario, draw_unit, s
 from fdd.campaign.layout import DATASET_SCHEMA, LABELS, MANIFEST, PARTS, RECIPE, TRUE_UNIT, digest
 from fdd.campaign.recipe import Recipe
 from fdd.errors import InputError
+from fdd.files import whole_file, write_text
 from fdd.logs.mcap_writing import write_run
 from fdd.plant.scenario import Scenario
 from fdd.plant.simulate import Simulation, simulate
@@ -176,7 +175,7 @@ def make_run(
         if not recipe.baseline and log == 0:
             rig.unit.save(folder / TRUE_UNIT)
         _write_truth(directory / entry["truth"], run)
-    _write_text(part, json.dumps(entry, indent=1))
+    write_text(part, json.dumps(entry, indent=1))
 
 
 def _sane_run(recipe: Recipe, rig: Rig, index: int, log: int, faults: tuple[str, ...]) -> Simulation:
@@ -280,15 +279,14 @@ def _write_table(path: Path, columns: dict[str, NDArray[Any]]) -> None:
     # Rounded measurements repeat and want a dictionary; what never repeats packs by a third better
     # with its bytes apart.
     split = [n for n in columns if n in UNROUNDED]
-    temporary = path.with_name(f".{path.name}.part")
-    parquet.write_table(
-        table,
-        temporary,
-        compression="zstd",
-        use_dictionary=[n for n in columns if n not in split],
-        column_encoding=dict.fromkeys(split, "BYTE_STREAM_SPLIT"),
-    )
-    temporary.replace(path)
+    with whole_file(path) as temporary:
+        parquet.write_table(
+            table,
+            temporary,
+            compression="zstd",
+            use_dictionary=[n for n in columns if n not in split],
+            column_encoding=dict.fromkeys(split, "BYTE_STREAM_SPLIT"),
+        )
 
 
 def _begin(recipe: Recipe, directory: Path) -> bool:
@@ -310,7 +308,7 @@ def _begin(recipe: Recipe, directory: Path) -> bool:
             "not empty, and not the beginning of a data set", where=directory, mend="choose an empty folder"
         )
     else:
-        _write_text(kept, _signed(recipe))
+        write_text(kept, _signed(recipe))
     (directory / PARTS).mkdir(exist_ok=True)
     for left in directory.glob("**/.*.part"):
         left.unlink(missing_ok=True)
@@ -330,7 +328,7 @@ def _finish(recipe: Recipe, directory: Path) -> None:
     for e in entries:
         baselines.setdefault(e["unit"], []).extend([e["file"]] if e["baseline"] else [])
     labels = json.dumps(logs, indent=1) + "\n"
-    _write_text(directory / LABELS, labels)
+    write_text(directory / LABELS, labels)
     manifest = {
         "schema": DATASET_SCHEMA,
         "name": recipe.name,
@@ -342,16 +340,5 @@ def _finish(recipe: Recipe, directory: Path) -> None:
         "baselines": baselines,
         "sha256": digest(_signed(recipe), labels),
     }
-    _write_text(directory / MANIFEST, json.dumps(manifest, indent=1) + "\n")
+    write_text(directory / MANIFEST, json.dumps(manifest, indent=1) + "\n")
     shutil.rmtree(parts)
-
-
-def _write_text(path: Path, text: str) -> None:
-    handle, temporary = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}-", suffix=".part")
-    try:
-        with os.fdopen(handle, "w", encoding="utf-8") as out:
-            out.write(text)
-        Path(temporary).replace(path)
-    except BaseException:
-        Path(temporary).unlink(missing_ok=True)
-        raise

@@ -17,7 +17,7 @@ def demo(
     model: ModelOption = None,
 ) -> None:
     """Diagnose a shipped log of a leaking actuator and write its report."""
-    from fdd.cli.outputs import require_writable
+    from fdd.files import require_writable
 
     require_writable(out)
 

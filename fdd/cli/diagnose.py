@@ -124,23 +124,21 @@ def write_report_of(path: Path, found: Diagnosed, model: str) -> None:
 
 
 def _write_mcap(path: Path, found: Diagnosed, answer: str) -> None:
-    from fdd.cli.outputs import written
     from fdd.logs.mcap_writing import write_annotated
 
-    with written(path):
-        write_annotated(
-            path,
-            found.log.samples,
-            vars(found.trajectories),
-            answer,
-            axis=found.diagnosis.axis,
-            unit_yaml=found.unit.to_yaml(),
-            start_ns=found.log.start_ns,
-        )
+    write_annotated(
+        path,
+        found.log.samples,
+        vars(found.trajectories),
+        answer,
+        axis=found.diagnosis.axis,
+        unit_yaml=found.unit.to_yaml(),
+        start_ns=found.log.start_ns,
+    )
 
 
 def _require_outputs(json_: str | None, others: list[Path], logs: list[Path]) -> None:
-    from fdd.cli.outputs import require_writable
+    from fdd.files import require_writable
 
     outputs = [*others, *([Path(json_)] if json_ not in (None, "-") else [])]
     inputs = {log.resolve() for log in logs}
@@ -155,7 +153,7 @@ def _require_outputs(json_: str | None, others: list[Path], logs: list[Path]) ->
 def _write_json(target: str, answers: list[str]) -> None:
     import json
 
-    from fdd.cli.outputs import write_text
+    from fdd.files import write_text
 
     plain = [json.loads(a) for a in answers]
     text = json.dumps(plain[0] if len(plain) == 1 else plain, indent=2, ensure_ascii=False) + "\n"

@@ -22,7 +22,7 @@ def generate(
     engine: Annotated[str, typer.Option(help="What runs the simulations: local.")] = "local",
 ) -> None:
     """Generate a labelled data set of simulated runs."""
-    from fdd.cli.outputs import require_writable, written
+    from fdd.files import require_writable, written
 
     if engine not in ENGINES:
         raise InputError(f"unknown engine {engine!r}", mend=f"use one of: {', '.join(ENGINES)}")

@@ -33,7 +33,7 @@ def identify(
     name: Annotated[str | None, typer.Option(help="Name of the new profile.", show_default=False)] = None,
 ) -> None:
     """Identify a unit from its healthy logs, so that its own spread is no fault."""
-    from fdd.cli.outputs import require_writable, written
+    from fdd.files import require_writable
 
     require_writable(out)
 
@@ -63,8 +63,7 @@ def identify(
         found = identify_unit(samples, profile, name)
     with progress("measuring the healthy baseline"):
         unit = add_baseline(found.unit, samples)
-    with written(out):
-        unit.save(out)
+    unit.save(out)
     console = output()
     console.print(identification_table(found, notes=console.width >= WIDE))
     for note in found.notes:

@@ -56,7 +56,7 @@ def monitor(
     """Watch one axis: findings as they come, a summary at the end (or at Ctrl-C)."""
     rate = replay_speed(speed)
     if state is not None:
-        from fdd.cli.outputs import require_writable
+        from fdd.files import require_writable
 
         require_writable(state)
 

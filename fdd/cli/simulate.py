@@ -62,7 +62,7 @@ def simulate(
             where=out,
             mend=f"use {', '.join(SUFFIXES)}",
         )
-    from fdd.cli.outputs import require_writable
+    from fdd.files import require_writable
 
     require_writable(out)
 
@@ -124,22 +124,20 @@ def named_parameters(text: str, option: str) -> tuple[str, dict[str, object]]:
 
 
 def _write(out: Path, result: Simulation, truth: bool) -> None:
-    from fdd.cli.outputs import written
     from fdd.logs.mcap_writing import write_run
     from fdd.logs.tabular_writing import write_csv, write_parquet
 
-    with written(out):
-        if out.suffix.lower() == ".mcap":
-            write_run(
-                out,
-                result.samples,
-                axis=result.unit.axis,
-                truth={"time": result.truth.time, **result.truth.as_columns()} if truth else None,
-                unit_yaml=result.unit.to_yaml(),
-                scenario_json=result.scenario.model_dump_json(),
-                labels={"faults": result.labels},
-            )
-        elif out.suffix.lower() == ".parquet":
-            write_parquet(out, result.samples)
-        else:
-            write_csv(out, result.samples)
+    if out.suffix.lower() == ".mcap":
+        write_run(
+            out,
+            result.samples,
+            axis=result.unit.axis,
+            truth={"time": result.truth.time, **result.truth.as_columns()} if truth else None,
+            unit_yaml=result.unit.to_yaml(),
+            scenario_json=result.scenario.model_dump_json(),
+            labels={"faults": result.labels},
+        )
+    elif out.suffix.lower() == ".parquet":
+        write_parquet(out, result.samples)
+    else:
+        write_csv(out, result.samples)

@@ -24,7 +24,7 @@ def train(
     ] = None,
 ) -> None:
     """Train a classifier and tell how it does on units that it has not seen."""
-    from fdd.cli.outputs import require_writable, written
+    from fdd.files import require_writable, written
 
     require_writable(out, folder=True)
 

@@ -23,7 +23,7 @@ def validate(
     ] = None,
 ) -> None:
     """Diagnose every log of a data set and compare with its truth."""
-    from fdd.cli.outputs import require_writable, written
+    from fdd.files import require_writable, write_text, written
 
     if out is not None:
         require_writable(out, folder=True)
@@ -43,11 +43,11 @@ def validate(
         )
     print(summary(outcomes), end="")
     if out is not None:
-        out.mkdir(parents=True, exist_ok=True)
+        with written(out):
+            out.mkdir(parents=True, exist_ok=True)
         for name, text in (
             ("validation.md", report_text(outcomes, data)),
             ("outcomes.csv", outcomes_csv(outcomes)),
         ):
-            with written(out / name):
-                (out / name).write_text(text, encoding="utf-8")
+            write_text(out / name, text)
         print(f"Written to {out}")

@@ -8,9 +8,7 @@ the measurement. Times are ns; chunks of 1 MiB, zstd, with checksums and indexes
 from __future__ import annotations
 
 import json
-import os
 import re
-import tempfile
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -22,6 +20,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from fdd import __version__
 from fdd.errors import InputError
+from fdd.files import whole_file
 from fdd.logs.json_rows import Columns, json_rows, json_schema
 from fdd.samples import CHANNELS, Samples
 
@@ -227,22 +226,11 @@ def _metadata(unit_yaml: str | None, scenario_json: str | None) -> dict[str, dic
 
 @contextmanager
 def _writing(path: Path, axis: str) -> Iterator[IO[bytes]]:
-    """A temporary file beside `path` that takes its name once it is whole."""
+    """The stream of a file that is written whole or not at all; see `whole_file`."""
     if not _AXIS.fullmatch(axis):
         raise InputError(f"axis {axis[:70]!r} cannot stand in a topic", mend="use letters, digits, _ . and -")
-    if not path.parent.is_dir():
-        raise InputError("no such folder", where=path.parent, mend="make it first")
-    try:
-        handle, temporary = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}-", suffix=".part")
-    except OSError as error:
-        raise InputError(f"cannot be written ({error.strerror})", where=path) from None
-    try:
-        with os.fdopen(handle, "wb") as stream:
-            yield stream
-        Path(temporary).replace(path)
-    except BaseException:
-        Path(temporary).unlink(missing_ok=True)
-        raise
+    with whole_file(path) as temporary, temporary.open("wb") as stream:
+        yield stream
 
 
 def _write(

@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-import os
-import tempfile
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from fdd.errors import InputError
+from fdd.files import whole_file
 from fdd.samples import Samples
 
 
@@ -22,7 +20,8 @@ def write_csv(path: str | Path, samples: Samples) -> None:
     """
     from pyarrow import csv
 
-    _replace(Path(path), lambda temporary: csv.write_csv(_table(samples), temporary))
+    with whole_file(path) as temporary:
+        csv.write_csv(_table(samples), temporary)
 
 
 def write_parquet(path: str | Path, samples: Samples) -> None:
@@ -34,9 +33,8 @@ def write_parquet(path: str | Path, samples: Samples) -> None:
     """
     from pyarrow import parquet
 
-    _replace(
-        Path(path), lambda temporary: parquet.write_table(_table(samples), temporary, compression="zstd")
-    )
+    with whole_file(path) as temporary:
+        parquet.write_table(_table(samples), temporary, compression="zstd")
 
 
 def _table(samples: Samples) -> Any:
@@ -44,16 +42,3 @@ def _table(samples: Samples) -> Any:
 
     columns = {"time": samples.time, **samples.columns}
     return pa.table({n: pa.array(v, mask=np.isnan(v)) for n, v in columns.items()})
-
-
-def _replace(path: Path, write: Any) -> None:
-    if not path.parent.is_dir():
-        raise InputError("no such folder", where=path.parent, mend="make it first")
-    handle, temporary = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}-", suffix=".part")
-    os.close(handle)
-    try:
-        write(temporary)
-        Path(temporary).replace(path)
-    except BaseException:
-        Path(temporary).unlink(missing_ok=True)
-        raise

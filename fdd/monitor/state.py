@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import secrets
 import zipfile
 from collections.abc import Mapping
 from pathlib import Path
@@ -12,6 +11,7 @@ from numpy.typing import NDArray
 
 from fdd.diagnosis.pipeline import Pipeline
 from fdd.errors import InputError
+from fdd.files import whole_file
 
 Array = NDArray[np.float64]
 
@@ -36,17 +36,9 @@ def save_state(path: Path, pipeline: Pipeline, *, last_time: float, offset: floa
     >>> save_state(Path("axis.npz"), pipeline, last_time=60.0, offset=0.0)  # doctest: +SKIP
     """
     arrays: dict[str, Array] = {**pipeline.state(), CLOCK: np.array([last_time, offset])}
-    temporary = path.with_name(f".{path.name[:100]}.{secrets.token_hex(6)}.part")
-    try:
-        with temporary.open("xb") as out:
-            np.savez(out, **arrays)  # type: ignore[arg-type]
-        temporary.replace(path)
-    except OSError as error:
-        temporary.unlink(missing_ok=True)
-        raise InputError(f"the state cannot be written ({error.strerror or error})", where=path) from None
-    except BaseException:
-        temporary.unlink(missing_ok=True)
-        raise
+    # Into an open file: to a name, savez would add .npz.
+    with whole_file(path) as temporary, temporary.open("wb") as out:
+        np.savez(out, **arrays)  # type: ignore[arg-type]
 
 
 def load_state(path: Path, pipeline: Pipeline) -> tuple[float, float]:

@@ -5,9 +5,7 @@ from __future__ import annotations
 import base64
 import hashlib
 import json
-import os
 import re
-import secrets
 from datetime import UTC, datetime
 from functools import lru_cache
 from importlib import resources
@@ -18,7 +16,7 @@ import jinja2
 from markupsafe import Markup
 
 from fdd.diagnosis.findings import Diagnosis, Trajectories
-from fdd.errors import InputError
+from fdd.files import whole_file
 from fdd.report import tables
 from fdd.report.plots import sections
 from fdd.report.words import span, verdict_words
@@ -96,26 +94,9 @@ def write_report(
     --------
     >>> write_report("run.html", diagnosis, trajectories, samples, unit, {})  # doctest: +SKIP
     """
-    path = Path(path)
     page = render_report(diagnosis, trajectories, samples, unit, settings).encode("utf-8")
-    # A plain file rather than a mkstemp one, which only its owner could read whatever the umask.
-    temporary = path.with_name(f".{path.name[:100]}.{secrets.token_hex(6)}.part")
-    try:
-        with temporary.open("xb") as out:
-            out.write(page)
-            out.flush()
-            os.fsync(out.fileno())
-        temporary.replace(path)
-    except OSError as error:
-        temporary.unlink(missing_ok=True)
-        raise InputError(
-            f"the report cannot be written ({error.strerror})",
-            where=path,
-            mend="name a file in a folder that exists and is writable",
-        ) from None
-    except BaseException:
-        temporary.unlink(missing_ok=True)
-        raise
+    with whole_file(path) as temporary:
+        temporary.write_bytes(page)
 
 
 def _embedded_json(figures: list[dict[str, Any]]) -> Markup:

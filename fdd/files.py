@@ -1,0 +1,127 @@
+"""Files that are written: refused before the work, and whole or not at all."""
+
+from __future__ import annotations
+
+import os
+import secrets
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from pathlib import Path
+
+from fdd.errors import InputError
+
+_NAME_KEPT = 50
+"""Characters of the target's name in the temporary one: at most 200 of the 255 bytes that a name may have."""
+
+
+def require_writable(path: Path, *, folder: bool = False) -> None:
+    """Refuse an output before minutes are spent on it.
+
+    Parameters
+    ----------
+    path : the file (or folder) to be made.
+    folder : whether it is a folder; one that is there already is fine.
+
+    Raises
+    ------
+    InputError : names what is in the way.
+
+    Examples
+    --------
+    >>> require_writable(Path("run.mcap"))
+    """
+    with written(path):
+        if folder and path.exists() and not path.is_dir():
+            raise InputError("is a file, a folder is wanted", where=path, mend="name another one")
+        if not folder and path.is_dir():
+            raise InputError("is a folder, a file is wanted", where=path, mend="name a file in it")
+        if not folder and path.exists() and not path.is_file():
+            # Renaming onto a device would take its place in the system.
+            raise InputError("is a device or pipe, a file is wanted", where=path, mend="name a file")
+        parent = path if folder and path.is_dir() else path.absolute().parent
+        if folder:
+            while not parent.exists() and parent != parent.parent:
+                parent = parent.parent
+        if not parent.is_dir():
+            raise InputError("cannot be written, no such folder", where=path, mend=f"make {parent} first")
+        if not os.access(parent, os.W_OK):
+            raise InputError("cannot be written, permission denied", where=path, mend="name another folder")
+
+
+@contextmanager
+def written(path: Path) -> Iterator[None]:
+    """Tell what the system has against writing `path` in one line.
+
+    Raises
+    ------
+    InputError : the disk is full, the folder went away, and the like.
+
+    Examples
+    --------
+    >>> with written(Path("model")):
+    ...     raise OSError(28, "No space left on device")
+    Traceback (most recent call last):
+    ...
+    fdd.errors.InputError: model: cannot be written (No space left on device); free space or name another file
+    """
+    try:
+        yield
+    except OSError as error:
+        raise InputError(
+            f"cannot be written ({error.strerror or error})",
+            where=path,
+            mend="free space or name another file",
+        ) from None
+
+
+@contextmanager
+def whole_file(path: str | Path) -> Iterator[Path]:
+    """A temporary file beside `path` that takes its name once it is whole.
+
+    Gives the path of an empty file to write into. When the block ends, the file is on the
+    disk and renamed; when it fails, the file is removed and `path` is as it was before.
+    Each call has a file of its own, so that of writers at the same time the last one wins.
+
+    Raises
+    ------
+    InputError : the folder is missing or not writable, the disk is full, `path` is no file.
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     with whole_file(Path(folder) / "run.csv") as temporary:
+    ...         _ = temporary.write_text("time,position")
+    ...     [f.name for f in Path(folder).iterdir()]
+    ['run.csv']
+    """
+    path = Path(path)
+    require_writable(path)
+    temporary = path.with_name(f".{path.name[:_NAME_KEPT]}-{secrets.token_hex(6)}.part")
+    with written(path):
+        # Not mkstemp, whose file only its owner may read whatever the umask.
+        os.close(os.open(temporary, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o666))
+        try:
+            yield temporary
+            with temporary.open("rb+") as whole:
+                os.fsync(whole.fileno())
+            temporary.replace(path)
+        except BaseException:
+            with suppress(OSError):
+                temporary.unlink()
+            raise
+
+
+def write_text(path: str | Path, text: str) -> None:
+    """Write a UTF-8 text file whole or not at all.
+
+    Raises
+    ------
+    InputError : it cannot be written.
+
+    Examples
+    --------
+    >>> write_text("answer.json", "{}")  # doctest: +SKIP
+    """
+    with whole_file(path) as temporary:
+        temporary.write_text(text, encoding="utf-8")
