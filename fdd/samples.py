@@ -6,7 +6,7 @@ NaN. Everything that reads makes Samples, everything that computes takes them.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Collection, Iterator, Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -47,6 +47,24 @@ CHANNELS: dict[str, Channel] = {
 }
 
 PRESSURES = ("pressure_difference", "pressure_1", "pressure_2", "pressure_accumulator")
+
+
+def missing_required(channels: Collection[str]) -> list[str]:
+    """Groups of channels that a diagnosis cannot do without and that are absent.
+
+    Examples
+    --------
+    >>> missing_required(["position", "pump_speed"])
+    ['pressure_difference (or pressure_1 and pressure_2)']
+    """
+    absent = []
+    if "position" not in channels:
+        absent.append("position")
+    if "pump_angle" not in channels and "pump_speed" not in channels:
+        absent.append("pump_angle (or pump_speed)")
+    if "pressure_difference" not in channels and not {"pressure_1", "pressure_2"} <= set(channels):
+        absent.append("pressure_difference (or pressure_1 and pressure_2)")
+    return absent
 
 
 class Samples:

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
 from fdd.errors import InputError
-from fdd.samples import CHANNELS, Samples
+from fdd.samples import CHANNELS, Samples, missing_required
 
 # The contract's channels, in its order.
 PROMISED = [
@@ -136,3 +136,12 @@ def test_with_columns_leaves_the_original_alone(s: Samples) -> None:
     for name, column in before.items():
         assert s[name] is column
     assert set(s.channels) == set(before)
+
+
+@given(st.sets(st.sampled_from(sorted(CHANNELS))))
+def test_a_diagnosis_wants_position_pump_and_pressure(channels: set[str]) -> None:
+    pressures = {"pressure_difference"} <= channels or {"pressure_1", "pressure_2"} <= channels
+    wanted = {"position": "position" in channels, "pump_angle": bool(channels & {"pump_angle", "pump_speed"})}
+    wanted["pressure_difference"] = pressures
+    absent = [name.split(" ")[0] for name in missing_required(channels)]
+    assert absent == [name for name, there in wanted.items() if not there]

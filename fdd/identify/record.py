@@ -12,7 +12,7 @@ from scipy.ndimage import percentile_filter, uniform_filter1d
 from fdd.errors import InputError
 from fdd.identify.hidden_pressures import chambers_from_difference
 from fdd.logs.angles import accumulate_speed, sample_numbers
-from fdd.samples import Samples
+from fdd.samples import Samples, missing_required
 from fdd.unit import Unit
 
 Array = NDArray[np.float64]
@@ -165,14 +165,9 @@ def even_record(log: Samples, unit: Unit, where: str) -> Record:
 
 
 def _require(present: set[str], where: str) -> None:
-    if "position" not in present:
-        raise InputError("no channel position", where=where, mend="map it: the gain cannot be found without")
-    if not present & {"pump_angle", "pump_speed"}:
-        raise InputError("neither pump_angle nor pump_speed", where=where, mend="map one of them")
-    if "pressure_difference" not in present and not {"pressure_1", "pressure_2"} <= present:
-        raise InputError(
-            "neither pressure_difference nor both chamber pressures", where=where, mend="map one or the other"
-        )
+    missing = missing_required(present)
+    if missing:
+        raise InputError(f"no usable data for {', '.join(missing)}", where=where, mend="map a column to each")
 
 
 def _check_motion(record: Record, where: str) -> None:

@@ -87,9 +87,17 @@ class ChannelSource(BaseModel):
         return self
 
     def measure_of(self, channel: str) -> Measure:
-        """The unit of measure, checked against the channel's dimension."""
+        """The unit of measure, checked against the channel's dimension.
+
+        Raises
+        ------
+        InputError : names the channel and the units of measure that it may have.
+        """
         wanted = CHANNELS[channel]
-        return measure(self.unit if self.unit is not None else wanted.unit, wanted.dimension)
+        try:
+            return measure(self.unit if self.unit is not None else wanted.unit, wanted.dimension)
+        except InputError as error:
+            raise error.at(f"channel {channel}") from None
 
 
 class CsvLayout(BaseModel):

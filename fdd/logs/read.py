@@ -28,12 +28,11 @@ from fdd.logs.quality import (
     check_magnitudes,
     check_time,
     count_missing,
-    missing_required,
     ordered_time,
     suspicions,
 )
 from fdd.logs.tabular import CsvTable, ParquetTable, Table
-from fdd.samples import CHANNELS, Samples
+from fdd.samples import CHANNELS, Samples, missing_required
 
 Column = NDArray[np.float64]
 

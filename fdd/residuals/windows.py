@@ -18,7 +18,7 @@ from estimators import eha_layout as layout
 from fdd.errors import InputError
 from fdd.residuals.features import FEATURE_VERSION, FEATURES, HOP, WINDOW, window_features
 from fdd.residuals.tracking import METHODS, Channels, Tracking
-from fdd.samples import CHANNELS, Samples
+from fdd.samples import CHANNELS, Samples, missing_required
 from fdd.unit import Unit
 
 Array = NDArray[np.float64]
@@ -237,16 +237,10 @@ def require_channels(names: tuple[str, ...]) -> None:
     ------
     InputError : says which channel is missing.
     """
-    missing = []
-    if "position" not in names:
-        missing.append("position")
-    if not {"pump_angle", "pump_speed"} & set(names):
-        missing.append("pump_angle or pump_speed")
-    if not ("pressure_difference" in names or {"pressure_1", "pressure_2"} <= set(names)):
-        missing.append("pressure_difference or pressure_1 and pressure_2")
+    missing = missing_required(names)
     if missing:
         raise InputError(
-            f"no usable data for {'; '.join(missing)}",
+            f"no usable data for {', '.join(missing)}",
             mend=f"map a column to each (channels: {', '.join(CHANNELS)})",
         )
 

@@ -227,9 +227,9 @@ def test_refusals(cases: dict[int, Case]) -> None:
     log, base = case.logs[0], case.base
     assert "no healthy log" in refused([], base)
     assert "at least 5 s" in refused([log.rows(0, 4000)], base)
-    assert "no channel position" in refused([only(log, "pump_angle", "pressure_difference")], base)
-    assert "pump_angle nor pump_speed" in refused([only(log, "position", "pressure_difference")], base)
-    assert "pressure" in refused([only(log, "position", "pump_angle", "pressure_1")], base)
+    assert "data for position" in refused([only(log, "pump_angle", "pressure_difference")], base)
+    assert "pump_angle (or pump_speed)" in refused([only(log, "position", "pressure_difference")], base)
+    assert "pressure_difference (or" in refused([only(log, "position", "pump_angle", "pressure_1")], base)
     still = log.with_columns({"position": np.full(len(log), 0.01)})
     assert "moves by" in refused([still], base)
     stopped = log.with_columns({"pump_angle": np.zeros(len(log))})

@@ -41,8 +41,8 @@ def test_long_and_short_form() -> None:
     ("text", "said"),
     [
         ("positon: {column: x}\ntime: {column: t}", ["unknown channel 'positon'", "did you mean 'position'"]),
-        ("position: {column: x, unit: bar}", ["'bar' measures pressure, not length", "mm"]),
-        ("position: {column: x, unit: furlong}", ["unknown unit 'furlong'", "mm"]),
+        ("position: {column: x, unit: bar}", ["channel position: unit 'bar' measures pressure, not length", "mm"]),
+        ("position: {column: x, unit: furlong}", ["channel position: ", "unknown unit 'furlong'", "mm"]),
         ("position: {column: x, units: mm}", ["position.units"]),
         ("position: {column: x}", ["no time channel", "time: {column: t, unit: s}"]),
         ("position: {unit: mm}", ["one of column, topic or from"]),

@@ -112,6 +112,26 @@ def test_impossible_angle_steps_and_a_speed_in_rpm(tmp_path: Path) -> None:
     noted(read_frame(tmp_path, rpm).quality, "pump_speed is 9.55 times")
 
 
+@pytest.mark.parametrize("hole", [20.0, 1e6])
+def test_a_hole_in_the_log_makes_no_speed_wrong(tmp_path: Path, hole: float) -> None:
+    odd = frame()
+    fastest = int(odd["pump_speed"].abs().to_numpy().argmax())
+    odd.loc[fastest:, "time"] += hole
+    notes = read_frame(tmp_path, odd).quality.notes
+    assert any("time jumps 1 times" in n for n in notes)
+    assert not any("pump_speed" in n for n in notes), notes
+    odd["pump_speed"] *= 30.0 / np.pi
+    noted(read_frame(tmp_path, odd).quality, "pump_speed is 9.55 times")
+
+
+def test_speeds_are_compared_where_the_pump_is_sampled_seldom(tmp_path: Path) -> None:
+    seldom = frame()
+    seldom.loc[np.arange(8000) % 20 != 0, ["pump_angle", "pump_speed"]] = np.nan
+    assert not any("times the rate" in n for n in read_frame(tmp_path, seldom).quality.notes)
+    seldom["pump_speed"] *= 2.0
+    noted(read_frame(tmp_path, seldom).quality, "pump_speed is 2 times")
+
+
 def test_what_is_absent_is_derived_from_what_is_there(tmp_path: Path) -> None:
     bare = frame()[["time", "position", "pump_speed", "pressure_1", "pressure_2"]]
     samples = read_frame(tmp_path, bare).samples
