@@ -1,0 +1,382 @@
+"""The tracker on simulated axes, whose plant shares no code with it, and against a plain filter."""
+
+from __future__ import annotations
+
+import tracemalloc
+from functools import cache
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from estimators import eha_layout as layout
+from estimators import eha_model as eha
+from estimators.eha_loop import ROBUST
+from estimators.eha_noise import Noise
+from estimators.eha_tracker import EhaTracker
+from estimators.ekf import ExtendedKalmanFilter
+from fdd.plant.scenario import Recording, Scenario
+from fdd.plant.simulate import Simulation, simulate
+from fdd.residuals.tracking import METHODS, Channels, Tracking, estimates, observability
+from fdd.residuals.windows import ResidualWindows
+from fdd.samples import Samples
+from fdd.unit import Unit
+
+LEAK = {"fault": "internal_leakage", "severity": 0.5, "onset": 6.0}
+WORN = {"dropped": 0.05, "late": 0.02, "nan_bursts_per_minute": 60.0}
+JITTERING = {"dropped": 0.0, "late": 0.3, "nan_bursts_per_minute": 0.0}
+PERFECT = {"dropped": 0.0, "late": 0.0, "nan_bursts_per_minute": 0.0}
+
+
+@cache
+def unit() -> Unit:
+    return Unit.load("axis_a")
+
+
+@cache
+def axis(
+    recording: str = "usual", *, leaks: bool = False, duration: float = 20.0, seed: int = 0
+) -> Simulation:
+    """Axis A moving to and fro against a spring, which loads both chambers."""
+    recordings = {"usual": {}, "worn": WORN, "jittering": JITTERING, "perfect": PERFECT}
+    return simulate(
+        unit(),
+        Scenario(
+            duration=duration,
+            duty={"name": "sines"},
+            load={"name": "spring"},
+            faults=[LEAK] if leaks else [],
+            recording=Recording(**recordings[recording]),
+            seed=seed,
+        ),
+    )
+
+
+def tracked(samples: Samples) -> ResidualWindows:
+    """Both filters over all samples."""
+    windows = ResidualWindows(unit(), keep=True)
+    windows.push(samples)
+    return windows
+
+
+def errors(run: Simulation, method: str, start: float) -> dict[str, tuple[np.ndarray, np.ndarray]]:
+    """Relative errors of leakage and bulk modulus from `start` on, and where they are observable."""
+    windows = tracked(run.samples)
+    records = windows.records()[method]
+    values, stds = estimates(records, unit(), windows.model)
+    visible = observability(values, stds)
+    time = records[:, layout.R_TIME]
+    late = time > start
+    return {
+        name: (
+            np.abs(values[name] / np.interp(time, run.truth.time, run.truth[name]) - 1.0)[late],
+            visible[name][late],
+        )
+        for name in ("leakage", "bulk_modulus")
+    }
+
+
+def covariance_is_sound(P: np.ndarray) -> None:
+    """Symmetric to the bit, and positive definite as correlations."""
+    assert np.isfinite(P).all()
+    np.testing.assert_allclose(P, P.T, rtol=1e-12)
+    spread = np.sqrt(np.diag(P))
+    assert (spread > 0.0).all()
+    assert np.linalg.eigvalsh(P / np.outer(spread, spread)).min() > 0.0
+
+
+# Tracking
+
+
+@pytest.mark.parametrize("seed", [0, 1, 2])
+@pytest.mark.parametrize("method", METHODS)
+def test_healthy_axis_is_tracked_within_five_percent(method: str, seed: int) -> None:
+    found = errors(axis(seed=seed), method, start=5.0)
+    error, visible = found["bulk_modulus"]
+    assert visible.mean() > 0.9
+    assert np.quantile(error[visible], 0.95) < 0.05
+    error, visible = found["leakage"]  # not always observable at such loads; where it is, it is right
+    assert (error[visible] < 0.05).all()
+    assert np.quantile(error, 0.9) < 0.15
+
+
+@pytest.mark.parametrize("seed", [0, 1, 2])
+@pytest.mark.parametrize("method", METHODS)
+def test_a_leak_is_followed_to_within_five_percent(method: str, seed: int) -> None:
+    run = axis(leaks=True, seed=seed)
+    leakage = run.truth["leakage"]
+    assert leakage[-1] > 1.8 * leakage[0]
+    for name, (error, visible) in errors(run, method, start=12.0).items():
+        assert visible.mean() > 0.9, name
+        assert np.quantile(error[visible], 0.95) < 0.05, name
+
+
+def test_the_leak_does_not_show_before_its_onset() -> None:
+    run = axis(leaks=True)
+    windows = tracked(run.samples)
+    records = windows.records()["ekf"]
+    values, stds = estimates(records, unit(), windows.model)
+    before = (records[:, layout.R_TIME] > 3.0) & (records[:, layout.R_TIME] < 6.0)
+    lower = values["leakage"][before] - 4.0 * stds["leakage"][before]
+    assert (lower < run.truth["leakage"][0]).all()
+
+
+# Two faults of the filters that are known and not mended yet; the marks fall with them.
+HELD_ANGLE = pytest.mark.xfail(
+    strict=True,
+    reason="a row without angle in a log that has one is given the sum of speeds since the start, not since "
+    "the last angle, a jump of many radians; only the EKF weighs it down",
+)
+SVSF_DIVERGES = pytest.mark.xfail(
+    strict=True, reason="the SVSF's covariance loses its sign where a third of the stamps are late"
+)
+
+
+@pytest.mark.parametrize("method", ["ekf", pytest.param("svsf", marks=HELD_ANGLE)])
+def test_a_hole_in_the_angle_leaves_the_estimates_alone(method: str) -> None:
+    samples = axis("perfect", leaks=True).samples
+    angle = samples["pump_angle"].copy()
+    for start in (8000, 11_000, 13_000):
+        angle[start : start + 25] = np.nan
+    whole, holed = tracked(samples), tracked(samples.with_columns({"pump_angle": angle}))
+    expected, stds = estimates(whole.records()[method], unit(), whole.model)
+    found = estimates(holed.records()[method], unit(), whole.model)[0]
+    for name in ("leakage", "bulk_modulus"):
+        late = slice(1400, None)
+        assert (np.abs(found[name] - expected[name])[late] < 3.0 * stds[name][late]).all(), name
+
+
+@pytest.mark.parametrize("seed", [0, 1, 2])
+@pytest.mark.parametrize("method", ["ekf", pytest.param("svsf", marks=HELD_ANGLE)])
+def test_late_stamps_dropped_rows_and_holes_do_little(method: str, seed: int) -> None:
+    run = axis("worn", leaks=True, seed=seed)
+    assert np.isnan(run.samples["pump_angle"]).any()
+    assert len(run.samples) < 19_500
+    records = tracked(run.samples).records()[method]
+    assert np.isfinite(np.delete(records, layout.R_LAYER, axis=1)).all()
+    for name, (error, visible) in errors(run, method, start=14.0).items():
+        assert visible.mean() > 0.5, name
+        assert np.quantile(error[visible], 0.95) < 0.10, name
+
+
+@pytest.mark.parametrize("method", ["ekf", pytest.param("svsf", marks=SVSF_DIVERGES)])
+def test_many_late_stamps_are_survived(method: str) -> None:
+    run = axis("jittering", leaks=True)
+    records = tracked(run.samples).records()[method]
+    assert np.isfinite(np.delete(records, layout.R_LAYER, axis=1)).all()
+    error, visible = errors(run, method, start=14.0)["leakage"]
+    assert np.quantile(error[visible], 0.95) < 0.10
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_pump_speed_does_for_a_missing_angle(method: str) -> None:
+    samples = axis("perfect", leaks=True).samples
+    columns = samples.columns
+    del columns["pump_angle"]
+    windows, without = tracked(samples), tracked(Samples(samples.time, columns))
+    a, b = (estimates(w.records()[method], unit(), w.model)[0] for w in (windows, without))
+    for name in ("leakage", "bulk_modulus"):
+        late = slice(a[name].size // 2, None)
+        np.testing.assert_allclose(b[name][late], a[name][late], rtol=0.03, err_msg=name)
+
+
+def test_a_measured_difference_does_for_chamber_pressures() -> None:
+    run = axis(leaks=True)
+    kept = ("position", "pump_angle", "pressure_difference", "pressure_accumulator")
+    windows = tracked(Samples(run.samples.time, {n: run.samples[n] for n in kept}))
+    records = windows.records()["ekf"]
+    leakage = estimates(records, unit(), windows.model)[0]["leakage"]
+    late = records[:, layout.R_TIME] > 14.0
+    assert np.median(np.abs(leakage[late] / run.truth["leakage"][-1] - 1.0)) < 0.10
+
+
+# Blocks and states
+
+
+def same_records(a: ResidualWindows, b: ResidualWindows) -> None:
+    for method in METHODS:
+        np.testing.assert_array_equal(a.records()[method], b.records()[method])
+
+
+@settings(max_examples=15, deadline=None)
+@given(st.lists(st.integers(0, 6000), max_size=12))
+def test_any_cut_into_blocks_gives_the_same_bits(cuts: list[int]) -> None:
+    samples = axis("worn", duration=6.0).samples
+    whole, cut = ResidualWindows(unit(), keep=True), ResidualWindows(unit(), keep=True)
+    times, features = whole.push(samples)
+    edges = [0, *sorted(min(c, len(samples)) for c in cuts), len(samples)]
+    parts = [cut.push(samples.rows(a, b)) for a, b in pairwise(edges)]
+    same_records(whole, cut)
+    np.testing.assert_array_equal(np.concatenate([t for t, _ in parts]), times)
+    np.testing.assert_array_equal(np.concatenate([f for _, f in parts]), features)
+
+
+def test_sample_by_sample_gives_the_same_bits() -> None:
+    samples = axis("worn", duration=6.0).samples
+    block = Tracking(unit(), Channels.of(samples), 1e-3).block(samples)[:1500]
+    for method in METHODS:
+        whole = EhaTracker(Tracking(unit(), Channels.of(samples), 1e-3).model, method=method)
+        single = EhaTracker(whole.model, method=method)
+        expected = whole.push(block)
+        found = np.concatenate([single.push(block[i : i + 1]) for i in range(len(block))])
+        np.testing.assert_array_equal(found, expected)
+
+
+@settings(max_examples=8, deadline=None)
+@given(st.integers(1, 5999))
+def test_a_saved_state_goes_on_as_if_nothing_happened(cut: int) -> None:
+    samples = axis("worn", duration=6.0).samples
+    cut = min(cut, len(samples) - 1)
+    whole, first, second = (ResidualWindows(unit(), keep=True) for _ in range(3))
+    whole.push(samples)
+    first.push(samples.rows(0, cut))
+    state = first.state()
+    first.push(samples.rows(cut, len(samples)))  # the state must be a copy that this leaves alone
+    second.restore(state)
+    second.push(samples.rows(cut, len(samples)))
+    same_records(whole, second)
+
+
+def test_a_state_of_another_shape_is_refused() -> None:
+    filter_ = Tracking(unit(), Channels(("position",)), 1e-3).trackers["ekf"]
+    state = filter_.state()
+    with pytest.raises(ValueError, match=r"x: shape \(3,\) where \(16,\) is wanted"):
+        filter_.restore({**state, "x": np.zeros(3)})
+    with pytest.raises(ValueError, match="method is 'ekf' or 'svsf', not 'ukf'"):
+        EhaTracker(filter_.model, method="ukf")  # type: ignore[arg-type]
+
+
+# Against a plain filter
+
+
+def reference_filter(q: np.ndarray, noise: Noise, x: np.ndarray, P: np.ndarray) -> Any:
+    """One step of the textbook EKF on the same model, from a row in model units; returns the filter and it.
+
+    Process noise and robust weights are written out anew, from the tracker's documentation.
+    """
+    kf = ExtendedKalmanFilter(eha.STATES, 4)
+    kf.x, kf.P = x.copy(), P.copy()
+    kf.H = np.zeros((4, eha.STATES))
+    for row, column in enumerate((eha.X, eha.TH, eha.P1, eha.P2)):
+        kf.H[row, column] = 1.0
+    r0 = np.array([noise.position * 1e3, noise.angle, noise.pressure * 1e-6, noise.pressure * 1e-6]) ** 2
+    h, mass = 1.0, q[eha.Q_MASS]
+    velocity = (1e-3 / mass * noise.force) ** 2 * 1e3 * h
+    walks = np.zeros(eha.STATES)
+    walks[eha.LEAK : eha.THROT + 1] = [
+        noise.leakage, noise.valve, noise.valve, noise.air * 1e3, noise.gain, noise.friction,
+        noise.viscous_friction, noise.load, noise.stiffness * 1e-3, noise.throttle,
+    ]  # fmt: skip
+
+    def step(z: np.ndarray, p_acc: float, viscosity: float) -> None:
+        before = kf.x.copy()
+        spread = kf.P[eha.V, eha.V] + velocity
+        trust = spread / (spread + kf.P[eha.X, eha.X] + r0[0])
+        v_at = before[eha.V] + trust * (z[0] - before[eha.X] - before[eha.V])
+        w_at = z[1] - before[eha.TH]
+        out, F, G = np.empty(16), np.empty((16, 16)), np.empty((16, 4))
+        eha.step(before, h, viscosity, p_acc, v_at, w_at, q, out, F, G)
+        F[: eha.LEAK, eha.FRIC :] = 0.0  # friction and load learn from the mean force alone
+        relieved = abs(before[eha.P1] - before[eha.P2]) > noise.relief_pressure * 1e-6
+        flows = [
+            noise.flow_refeeding if relieved or before[p] < p_acc + noise.refeed_margin * 1e-6 else noise.flow
+            for p in (eha.P1, eha.P2)
+        ]
+        variances = [velocity, (noise.acceleration * 1e-3) ** 2 * 1e-3, *(np.array(flows) * 1e9) ** 2 * 1e-3]
+        kf.f, kf.F_jacobian = (lambda *_: out), (lambda *_: F)
+        kf.predict(dt=h, Q=G @ np.diag(variances) @ G.T + np.diag(walks**2 * 1e-3))
+        variance = np.diag(kf.H @ kf.P @ kf.H.T) + r0
+        sigmas = np.abs(z - kf.H @ kf.x) / np.sqrt(variance)
+        kf.update(z, R=np.diag(r0 + variance * np.maximum((sigmas / ROBUST) ** 2 - 1.0, 0.0)))
+
+    return kf, step
+
+
+def test_one_step_is_that_of_the_textbook_filter() -> None:
+    """From rest into motion; the first mean force counts after the piston slid for longer than this."""
+    run = simulate(
+        unit(),
+        Scenario(
+            duration=0.2,
+            duty={"name": "steps", "lead_in": 0.03},
+            load={"name": "spring"},
+            recording=PERFECT,
+        ),
+    )
+    tracking = Tracking(unit(), Channels.of(run.samples), 1e-3)
+    block = tracking.block(run.samples)[:110]
+    compiled = tracking.trackers["ekf"]
+    compiled.push(block[:1])
+    state = compiled.state()
+    kf, step = reference_filter(compiled.model, compiled.noise, state["x"], state["P"])
+    for i in range(1, len(block)):
+        compiled.push(block[i : i + 1])
+        row = block[i]
+        z = row[[layout.POSITION, layout.ANGLE, layout.PRESSURE_1, layout.PRESSURE_2]]
+        step(z * [1e3, 1.0, 1e-6, 1e-6], row[layout.ACCUMULATOR] * 1e-6, row[layout.VISCOSITY])
+        spread = np.sqrt(np.diag(kf.P))
+        np.testing.assert_allclose((compiled.x - kf.x) / spread, 0.0, atol=1e-6, err_msg=f"row {i}")
+        correlation = np.outer(spread, spread)
+        np.testing.assert_allclose(compiled.P / correlation, kf.P / correlation, atol=1e-6)
+    assert abs(compiled.x[eha.V]) > 0.01, "it should move by now"
+
+
+# For long
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_a_million_samples_leave_it_sound(method: str) -> None:
+    samples = axis(duration=60.0, leaks=True).samples
+    tracking = Tracking(unit(), Channels.of(samples), 1e-3)
+    block, filter_ = tracking.block(samples), tracking.trackers[method]
+    count = 0
+    while count < 1_000_000:
+        records = filter_.push(block)
+        count += len(block)
+        block[:, layout.TIME] += 61.0  # the hole between restarts the motion, as after a pause
+    covariance_is_sound(filter_.P)
+    assert np.isfinite(np.delete(records, layout.R_LAYER, axis=1)).all()
+    leakage = estimates(records, unit(), tracking.model)[0]["leakage"]
+    assert np.median(leakage[-500:]) == pytest.approx(
+        axis(duration=60.0, leaks=True).truth["leakage"][-1], rel=0.1
+    )
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_memory_stays_flat(method: str) -> None:
+    samples = axis("worn", duration=6.0).samples
+    tracking = Tracking(unit(), Channels.of(samples), 1e-3)
+    block, filter_ = tracking.block(samples), tracking.trackers[method]
+    size = sum(a.nbytes for a in filter_.state().values())
+
+    def push() -> None:
+        filter_.push(block)
+        block[:, layout.TIME] += 6.0
+
+    push()
+    tracemalloc.start()
+    push()
+    before = tracemalloc.get_traced_memory()[0]
+    for _ in range(10):
+        push()
+    after = tracemalloc.get_traced_memory()[0]
+    tracemalloc.stop()
+    assert after - before < 20_000
+    assert sum(a.nbytes for a in filter_.state().values()) == size
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_frozen_and_wild_channels_leave_it_finite(method: str) -> None:
+    samples = axis(duration=6.0).samples
+    tracking = Tracking(unit(), Channels.of(samples), 1e-3)
+    block, filter_ = tracking.block(samples), tracking.trackers[method]
+    block[2000:2600, layout.POSITION] = block[2000, layout.POSITION]
+    block[3000:3200, layout.PRESSURE_1] = np.nan
+    block[3600:3605, layout.PRESSURE_2] = 6.9e6
+    block[4000:4300] = np.where(np.arange(layout.COLUMNS) == layout.TIME, block[4000:4300], np.nan)
+    records = filter_.push(block)
+    assert np.isfinite(np.delete(records, layout.R_LAYER, axis=1)).all()
+    covariance_is_sound(filter_.P)
