@@ -28,6 +28,7 @@ from pydantic import (
 from fdd.errors import InputError
 from fdd.files import write_text
 from fdd.measures import measure
+from fdd.yaml_reading import yaml_mapping, yaml_text
 
 UNIT_SCHEMA = "fdd.unit/1"
 MAX_UNIT_BYTES = 2_000_000
@@ -336,29 +337,13 @@ class Unit(BaseModel):
         if isinstance(source, str) and source in shipped_units():
             return _shipped(source).model_copy(deep=True)
         path = Path(source)
-        if not path.is_file():
-            raise InputError(
-                "no such unit profile",
-                where=path,
-                mend=f"give a YAML file or one of: {', '.join(shipped_units())}",
-            )
-        if path.stat().st_size > MAX_UNIT_BYTES:
-            raise InputError(f"larger than {MAX_UNIT_BYTES} bytes, not a unit profile", where=path)
-        return cls.from_yaml(path.read_text(encoding="utf-8", errors="replace"), where=path)
+        mend = f"give a YAML file or one of: {', '.join(shipped_units())}"
+        return cls.from_yaml(yaml_text(path, "unit profile", MAX_UNIT_BYTES, mend), where=path)
 
     @classmethod
     def from_yaml(cls, text: str, where: str | Path = "unit profile") -> Unit:
         """Parse YAML text; `where` is named in errors."""
-        try:
-            data = yaml.safe_load(text)
-        except (yaml.YAMLError, ValueError, RecursionError) as error:  # ValueError: dates such as 2020-99-99
-            raise InputError(
-                f"not valid YAML ({(str(error) or 'empty').splitlines()[0]})", where=where
-            ) from None
-        if not isinstance(data, dict) or data.get("schema") != UNIT_SCHEMA:
-            raise InputError(
-                "not a unit profile", where=where, mend=f"its first line should be 'schema: {UNIT_SCHEMA}'"
-            )
+        data = yaml_mapping(text, where, "unit profile", schema=UNIT_SCHEMA)
         try:
             return cls.model_validate(data)
         except ValidationError as error:

@@ -21,6 +21,7 @@ from fdd.plant.faults.spec import SIMULATED
 from fdd.plant.load import LOADS
 from fdd.plant.scenario import Recording
 from fdd.plant.validated import Validated
+from fdd.yaml_reading import yaml_mapping, yaml_text
 
 RECIPE_SCHEMA = "fdd.recipe/1"
 MAX_RECIPE_BYTES = 1_000_000
@@ -215,23 +216,13 @@ class Recipe(Validated):
         2026
         """
         path = Path(path)
-        if not path.is_file():
-            raise InputError("no such recipe", where=path, mend="give a YAML file, see datasets/README.md")
-        if path.stat().st_size > MAX_RECIPE_BYTES:
-            raise InputError(f"larger than {MAX_RECIPE_BYTES} bytes, not a recipe", where=path)
-        return cls.from_yaml(path.read_text(encoding="utf-8", errors="replace"), where=path)
+        mend = "give a YAML file, see datasets/README.md"
+        return cls.from_yaml(yaml_text(path, "recipe", MAX_RECIPE_BYTES, mend), where=path)
 
     @classmethod
     def from_yaml(cls, text: str, where: str | Path = "recipe") -> Recipe:
         """Parse YAML text; `where` is named in errors."""
-        try:
-            data: Any = yaml.safe_load(text)
-        except yaml.YAMLError as error:
-            raise InputError(f"not valid YAML ({str(error).splitlines()[0]})", where=where) from None
-        if not isinstance(data, dict) or data.get("schema") != RECIPE_SCHEMA:
-            raise InputError(
-                "not a recipe", where=where, mend=f"its first line should be 'schema: {RECIPE_SCHEMA}'"
-            )
+        data = yaml_mapping(text, where, "recipe", schema=RECIPE_SCHEMA)
         try:
             return cls(**{str(key): value for key, value in data.items()})
         except InputError as error:

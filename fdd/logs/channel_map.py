@@ -22,13 +22,13 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
-import yaml
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 
 from fdd.errors import InputError
 from fdd.logs.near_misses import did_you_mean
 from fdd.measures import Measure, measure
 from fdd.samples import CHANNELS
+from fdd.yaml_reading import yaml_mapping, yaml_text
 
 MAX_MAP_BYTES = 1_000_000
 _HEAD = {"schema", "name", "axis", "csv", "channels", "description"}
@@ -171,28 +171,14 @@ class ChannelMap(BaseModel):
     def load(cls, path: str | Path) -> ChannelMap:
         """Read a map from a YAML file."""
         path = Path(path)
-        if not path.is_file():
-            raise InputError("no such channel map", where=path, mend="give the path of a YAML file")
-        if path.stat().st_size > MAX_MAP_BYTES:
-            raise InputError(f"larger than {MAX_MAP_BYTES} bytes, not a channel map", where=path)
-        return cls.from_yaml(path.read_text(encoding="utf-8-sig", errors="replace"), where=path)
+        text = yaml_text(path, "channel map", MAX_MAP_BYTES, "give the path of a YAML file")
+        return cls.from_yaml(text, where=path)
 
     @classmethod
     def from_yaml(cls, text: str, where: str | Path = "channel map") -> ChannelMap:
         """Parse YAML text; `where` is named in errors."""
-        try:
-            data = yaml.safe_load(text)
-        except (yaml.YAMLError, RecursionError) as error:
-            mark = getattr(error, "problem_mark", None)
-            place = f"line {mark.line + 1}: " if mark is not None else ""
-            problem = getattr(error, "problem", None) or type(error).__name__
-            raise InputError(f"{place}not valid YAML ({problem})", where=where) from None
-        if not isinstance(data, dict):
-            raise InputError(
-                "not a channel map",
-                where=where,
-                mend="write one line per channel, e.g. position: {column: cyl_pos, unit: mm}",
-            )
+        mend = "write one line per channel, e.g. position: {column: cyl_pos, unit: mm}"
+        data = yaml_mapping(text, where, "channel map", mend=mend)
         try:
             return cls.model_validate(_gathered(data))
         except ValidationError as error:

@@ -41,7 +41,7 @@ def test_long_and_short_form() -> None:
     ("text", "said"),
     [
         ("positon: {column: x}\ntime: {column: t}", ["unknown channel 'positon'", "did you mean 'position'"]),
-        ("position: {column: x, unit: bar}", ["channel position: unit 'bar' measures pressure, not length", "mm"]),
+        ("position: {column: x, unit: bar}", ["channel position: unit 'bar' measures pressure, not length"]),
         ("position: {column: x, unit: furlong}", ["channel position: ", "unknown unit 'furlong'", "mm"]),
         ("position: {column: x, units: mm}", ["position.units"]),
         ("position: {column: x}", ["no time channel", "time: {column: t, unit: s}"]),
@@ -64,6 +64,8 @@ def test_long_and_short_form() -> None:
         ("just a sentence", ["not a channel map", "position: {column: cyl_pos"]),
         ("position: {column: [}", ["line 1", "not valid YAML"]),
         ("position: !!python/object:os.system {}", ["not valid YAML"]),
+        ("position: {column: x, field: 2020-99-99}", ["not valid YAML", "month"]),
+        ("[" * 5000, ["not valid YAML"]),
         ("schema: fdd.map/9\nposition: {topic: /a, field: x}", ["schema"]),
         ("", ["not a channel map"]),
     ],

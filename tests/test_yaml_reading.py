@@ -1,0 +1,93 @@
+"""YAML that users write: bounded, plain data only, one line where it is wrong, for every kind of file."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+import yaml
+from hypothesis import given
+from hypothesis import strategies as st
+
+from fdd.campaign.recipe import Recipe
+from fdd.errors import InputError
+from fdd.logs import ChannelMap
+from fdd.unit import Unit
+from fdd.yaml_reading import yaml_mapping, yaml_text
+
+LOADERS: dict[str, Callable[[Path], Any]] = {
+    "unit profile": Unit.load, "recipe": Recipe.load, "channel map": ChannelMap.load,
+}  # fmt: skip
+NOT_YAML = [
+    "a: [",
+    "2020-99-99",
+    "a: 2020-99-99",
+    "[" * 5000,
+    "!!python/name:os.system",
+    "a: \x00",
+    "a: b: c",
+]
+
+
+@pytest.mark.parametrize("kind", LOADERS)
+@pytest.mark.parametrize("text", NOT_YAML)
+def test_what_is_not_yaml_is_one_line(kind: str, text: str, tmp_path: Path) -> None:
+    path = tmp_path / "file.yaml"
+    path.write_text(text)
+    with pytest.raises(InputError, match="not valid YAML") as caught:
+        LOADERS[kind](path)
+    assert str(caught.value).startswith(f"{path}: ") and "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize("kind", LOADERS)
+@pytest.mark.parametrize("text", ["", "- a", "3", "null"])
+def test_what_is_no_mapping_is_told_as_what_it_should_be(kind: str, text: str, tmp_path: Path) -> None:
+    path = tmp_path / "file.yaml"
+    path.write_text(text)
+    with pytest.raises(InputError, match=f"not a {kind}"):
+        LOADERS[kind](path)
+
+
+@pytest.mark.parametrize("kind", LOADERS)
+def test_missing_and_large_files_are_refused(kind: str, tmp_path: Path) -> None:
+    for path in (tmp_path / "none.yaml", tmp_path):
+        with pytest.raises(InputError, match=f"no such {kind}"):
+            LOADERS[kind](path)
+    large = tmp_path / "large.yaml"
+    large.write_bytes(b"#" * 3_000_000)
+    with pytest.raises(InputError, match=f"larger than .* bytes, not a {kind}"):
+        LOADERS[kind](large)
+
+
+def test_the_line_is_named() -> None:
+    with pytest.raises(InputError, match="line 3: not valid YAML"):
+        yaml_mapping("a: 1\nb: 2\nc: d: e\n", "file.yaml", "recipe")
+
+
+def test_a_file_that_cannot_be_read_is_one_line(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def denied(*_: object, **__: object) -> str:
+        raise PermissionError(13, "Permission denied")
+
+    (tmp_path / "a.yaml").write_text("a: 1")
+    monkeypatch.setattr(Path, "read_text", denied)
+    with pytest.raises(InputError, match=r"a\.yaml: cannot be read \(Permission denied\)"):
+        yaml_text(tmp_path / "a.yaml", "recipe", 100, "give a YAML file")
+
+
+def test_a_byte_order_mark_is_no_part_of_the_text(tmp_path: Path) -> None:
+    (tmp_path / "a.yaml").write_bytes(b"\xef\xbb\xbfschema: x\n")
+    assert yaml_text(tmp_path / "a.yaml", "recipe", 100, "") == "schema: x\n"
+
+
+PLAIN = st.recursive(
+    st.none() | st.booleans() | st.integers() | st.floats(allow_nan=False) | st.text(),
+    lambda inner: st.lists(inner, max_size=3) | st.dictionaries(st.text(), inner, max_size=3),
+    max_leaves=8,
+)
+
+
+@given(st.dictionaries(st.text(), PLAIN, max_size=4))
+def test_any_plain_mapping_is_read_as_it_was_written(data: dict[str, Any]) -> None:
+    assert yaml_mapping(yaml.safe_dump(data), "file.yaml", "recipe") == data
