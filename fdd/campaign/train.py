@@ -2,16 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from concurrent.futures import ProcessPoolExecutor, as_completed
 from dataclasses import dataclass
-from multiprocessing import get_context
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from fdd.campaign.dataset import Dataset, Entry
+from fdd.campaign.units import Progress, for_each_unit
 from fdd.diagnosis.baseline import add_baseline
 from fdd.diagnosis.model import Model
 from fdd.diagnosis.training import LabelledLog, data_digest, run_test, train_model, verdict_of
@@ -20,8 +19,6 @@ from fdd.identify import identify_unit
 from fdd.residuals.features import FEATURES, WINDOW
 from fdd.residuals.windows import ResidualWindows, baseline_spread
 from fdd.unit import Unit
-
-Progress = Callable[[int, int], None]
 
 ACTING, ABSENT = 0.1, 0.02
 """Mean severity within a window from which it counts as faulty, and below which as healthy."""
@@ -75,21 +72,8 @@ def train(
 
 def labelled_logs(data: Dataset, *, workers: int = 2, progress: Progress | None = None) -> list[LabelledLog]:
     """Windows and labels of every log, on profiles identified from each unit's own baseline."""
-    jobs = [(str(data.directory), unit) for unit in data.units]
-    found: dict[str, list[LabelledLog]] = {}
-    if workers <= 1:
-        for done, job in enumerate(jobs, start=1):
-            found[job[1]] = _unit_logs(*job)
-            if progress is not None:
-                progress(done, len(jobs))
-    else:
-        with ProcessPoolExecutor(workers, mp_context=get_context("spawn")) as pool:
-            futures = {pool.submit(_unit_logs, *job): job[1] for job in jobs}
-            for done, future in enumerate(as_completed(futures), start=1):
-                found[futures[future]] = future.result()
-                if progress is not None:
-                    progress(done, len(jobs))
-    return [log for unit in data.units for log in found[unit]]
+    work = partial(_unit_logs, str(data.directory))
+    return for_each_unit(work, data.units, workers=workers, progress=progress)
 
 
 def identified_unit(data: Dataset, unit: str) -> Unit:

@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from concurrent.futures import ProcessPoolExecutor, as_completed
 from dataclasses import dataclass
-from multiprocessing import get_context
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -13,13 +11,13 @@ from numpy.typing import NDArray
 
 from fdd.campaign.dataset import Dataset, Entry
 from fdd.campaign.train import identified_unit
+from fdd.campaign.units import Progress, for_each_unit
 from fdd.diagnosis.findings import Trajectories
 from fdd.diagnosis.model import Model
 from fdd.diagnosis.pipeline import Pipeline
 from fdd.plant.truth import Truth
 from fdd.unit import Unit
 
-Progress = Callable[[int, int], None]
 SETTLED_S = 5.0
 """After the start and after a fault's step the estimators are given this long."""
 
@@ -69,24 +67,11 @@ def validate(
     """
     Model.load(model)
     data = Dataset.load(directory)
-    jobs = [(str(data.directory), unit, model) for unit in data.units]
-    found: dict[str, list[Outcome]] = {}
-    if workers <= 1:
-        for done, job in enumerate(jobs, start=1):
-            found[job[1]] = _unit_outcomes(*job)
-            if progress is not None:
-                progress(done, len(jobs))
-    else:
-        with ProcessPoolExecutor(workers, mp_context=get_context("spawn")) as pool:
-            futures = {pool.submit(_unit_outcomes, *job): job[1] for job in jobs}
-            for done, future in enumerate(as_completed(futures), start=1):
-                found[futures[future]] = future.result()
-                if progress is not None:
-                    progress(done, len(jobs))
-    return [o for unit in data.units for o in found[unit]]
+    work = partial(_unit_outcomes, str(data.directory), model)
+    return for_each_unit(work, data.units, workers=workers, progress=progress)
 
 
-def _unit_outcomes(directory: str, unit: str, model: str | None) -> list[Outcome]:
+def _unit_outcomes(directory: str, model: str | None, unit: str) -> list[Outcome]:
     data = Dataset.load(directory)
     profile = identified_unit(data, unit)
     true = data.true_unit(unit)
