@@ -109,6 +109,23 @@ def _take(
         parts.setdefault(topic.name, []).append((stamps, columns))
 
 
+def objects_at_once(payloads: Sequence[bytes]) -> list[dict[str, Any]] | None:
+    """Parse one JSON object from each payload in a single call; None where any is something else.
+
+    Examples
+    --------
+    >>> objects_at_once([b'{"x": 1}', b'{"x": 2}']), objects_at_once([b'{"x": 1}', b"2"])
+    ([{'x': 1}, {'x': 2}], None)
+    """
+    try:
+        found = json.loads(b"[" + b",".join(payloads) + b"]")
+    except (ValueError, RecursionError):
+        return None
+    # One payload may hold two objects with a comma between them.
+    whole = len(found) == len(payloads) and all(type(one) is dict for one in found)
+    return list(found) if whole else None
+
+
 def parsed(payloads: Sequence[bytes], place: str, where: Path) -> list[dict[str, Any]]:
     """Parse JSON objects, all of a chunk in one call.
 
@@ -121,13 +138,9 @@ def parsed(payloads: Sequence[bytes], place: str, where: Path) -> list[dict[str,
     >>> parsed([b'{"x": 1}', b'{"x": 2}'], "topic /daq", Path("a.mcap"))
     [{'x': 1}, {'x': 2}]
     """
-    messages: Any = None
-    try:
-        messages = json.loads(b"[" + b",".join(payloads) + b"]")
-    except (ValueError, RecursionError):
-        messages = None
-    if messages is not None and len(messages) == len(payloads) and all(type(m) is dict for m in messages):
-        return list(messages)
+    messages = objects_at_once(payloads)
+    if messages is not None:
+        return messages
     for number, payload in enumerate(payloads):
         try:
             if isinstance(json.loads(payload), dict):

@@ -12,6 +12,7 @@ from fdd.diagnosis.findings import Quality
 from fdd.errors import InputError
 from fdd.logs.channel_map import ChannelMap, ChannelSource
 from fdd.logs.conversion import to_si
+from fdd.logs.mcap_reading import objects_at_once
 from fdd.logs.quality import COUNTED_GAP, JUMP_PERIODS, check_magnitudes
 from fdd.samples import CHANNELS, Samples
 
@@ -124,12 +125,9 @@ class LineParser:
         return block
 
     def _objects(self, lines: list[bytes]) -> list[dict[str, Any]]:
-        try:
-            found = json.loads(b"[" + b",".join(lines) + b"]")
-        except (ValueError, RecursionError):
-            found = None
-        if found is not None and len(found) == len(lines) and all(type(r) is dict for r in found):
-            return list(found)
+        found = objects_at_once(lines)
+        if found is not None:
+            return found
         out = []
         for line in lines:
             try:
