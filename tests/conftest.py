@@ -6,10 +6,15 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from hypothesis import settings
 from numpy.typing import NDArray
 
 from fdd.diagnosis.model import MODEL_SCHEMA, Manifest, Model
 from fdd.residuals.features import FEATURE_VERSION, FEATURES
+
+# The same examples on every run, and no deadlines: the first call of a compiled function takes seconds.
+settings.register_profile("repeatable", derandomize=True, deadline=None)
+settings.load_profile("repeatable")
 
 DISPLACED: dict[str, dict[str, tuple[float, float]]] = {
     "leakage": {"leakage": (0.25, 1.5)},

@@ -201,7 +201,7 @@ def same_records(a: ResidualWindows, b: ResidualWindows) -> None:
         np.testing.assert_array_equal(a.records()[method], b.records()[method])
 
 
-@settings(max_examples=15, deadline=None)
+@settings(max_examples=15)
 @given(st.lists(st.integers(0, 6000), max_size=12))
 def test_any_cut_into_blocks_gives_the_same_bits(cuts: list[int]) -> None:
     samples = axis("worn", duration=6.0).samples
@@ -225,7 +225,7 @@ def test_sample_by_sample_gives_the_same_bits() -> None:
         np.testing.assert_array_equal(found, expected)
 
 
-@settings(max_examples=8, deadline=None)
+@settings(max_examples=8)
 @given(st.integers(1, 5999))
 def test_a_saved_state_goes_on_as_if_nothing_happened(cut: int) -> None:
     samples = axis("worn", duration=6.0).samples
