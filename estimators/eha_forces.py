@@ -35,7 +35,8 @@ ROBUST = 5.0  # innovations beyond this many sigmas are weighed down (Huber)
 def balance_forces(x: Array, P: Array, h: float, q: Array, c: Array, memory: Array) -> None:
     """Measure friction and load by the mean force over `FORCE_PERIOD`, where the piston slid one way.
 
-    ``A₁p₁ − A₂p₂ − M dv/dt = φ curve(v) + B v + F + k x + c v|v|`` in the mean. The errors of a friction
+    ``A₁p₁ − A₂p₂ − M dv/dt = φ curve(v) + B v + F + k x + c v|v| + m dv/dt`` in the mean. The errors of a
+    friction
     curve last for many samples, so they are averaged first and count once; step by step they
     would be taken for white noise and make friction look far better known than it is.
     """
@@ -62,15 +63,16 @@ def balance_forces(x: Array, P: Array, h: float, q: Array, c: Array, memory: Arr
     memory[M_SLID] += span
     if memory[M_SLID] < FRICTION_SETTLES:
         return
-    inertia = q[eha.Q_MASS] * (v - memory[M_VSTART]) / span * 1e3
+    acceleration = (v - memory[M_VSTART]) / span * 1e3
     H = np.zeros((1, eha.STATES))
     H[0, eha.FRIC] = memory[M_CURVE] / span
     H[0, eha.VISC] = memory[M_VMEAN] / span
     H[0, eha.LOAD] = 1.0
     H[0, eha.STIF] = memory[M_XMEAN] / span
     H[0, eha.THROT] = memory[M_SQUARE] / span
+    H[0, eha.INERT] = acceleration
     y = np.empty(1)
-    y[0] = memory[M_FORCE] / span - inertia
+    y[0] = memory[M_FORCE] / span - q[eha.Q_MASS] * acceleration
     # Friction follows velocity with a lag of some tens of milliseconds (Armstrong-Hélouvry et al. 1994,
     # doi 10.1016/0005-1098(94)90209-7), so where the curve changed within the period it fits worse.
     start = eha.friction_curve(memory[M_VSTART], q)[0]

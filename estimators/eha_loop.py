@@ -59,6 +59,7 @@ from estimators.eha_noise import (
     N_FORCE,
     N_FRIC,
     N_GAIN,
+    N_INERT,
     N_LEAK,
     N_LOAD,
     N_MARGIN,
@@ -127,6 +128,7 @@ def _process_noise(
     diag[eha.LOAD] = c[N_LOAD] ** 2 * seconds * unrest
     diag[eha.STIF] = (c[N_STIF] * 1e-3) ** 2 * seconds
     diag[eha.THROT] = c[N_THROT] ** 2 * seconds
+    diag[eha.INERT] = c[N_INERT] ** 2 * seconds
 
 
 @njit(cache=True)
@@ -161,6 +163,7 @@ def _bound(x: Array) -> None:
     x[eha.FRIC] = min(max(x[eha.FRIC], 0.02), 10.0)
     x[eha.VISC] = min(max(x[eha.VISC], -2e3), 5e4)
     x[eha.THROT] = min(max(x[eha.THROT], -2e4), 1e7)
+    x[eha.INERT] = min(max(x[eha.INERT], -10.0), 3e3)
 
 
 @njit(cache=True)

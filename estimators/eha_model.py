@@ -1,6 +1,6 @@
 """Reduced model of one electro-hydrostatic axis, for estimation.
 
-Sixteen states in units that keep them near one (mm, ms, MPa, N; volumes in mm³):
+Seventeen states in units that keep them near one (mm, ms, MPa, N; volumes in mm³):
 
 =====  ==========================================================  ==========
 index  state                                                       unit
@@ -20,6 +20,7 @@ VISC   viscous friction                                            N·ms/mm
 LOAD   load force at position 0                                    N
 STIF   load stiffness                                              N/mm
 THROT  load quadratic in velocity, a throttled partner's           N/(mm/ms)²
+INERT  mass of the load (it acts in the mean force balance only)   kg
 =====  ==========================================================  ==========
 
 The pump angle is a *measurement*. In one step ``C₁ Δp₁ = D Δθ − A₁ Δx − h·outflow`` holds to
@@ -43,12 +44,12 @@ from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
 
-X, V, TH, W, P1, P2, LEAK, VALVE1, VALVE2, AIR, GAIN, FRIC, VISC, LOAD, STIF, THROT = range(16)
-STATES = 16
+X, V, TH, W, P1, P2, LEAK, VALVE1, VALVE2, AIR, GAIN, FRIC, VISC, LOAD, STIF, THROT, INERT = range(17)
+STATES = 17
 STATE_NAMES = (
     "position", "velocity", "pump_angle", "pump_speed", "pressure_1", "pressure_2",
     "leakage", "valve_1", "valve_2", "air", "pump_gain", "friction", "viscous_friction",
-    "load_force", "load_stiffness", "load_throttle",
+    "load_force", "load_stiffness", "load_throttle", "load_inertia",
 )  # fmt: skip
 
 # Parameters, one array: indices

@@ -47,7 +47,7 @@ class Noise:
     """1/√s, of the oil's volume: a tenth of a percent of free air comes or goes within seconds."""
     gain: float = 1e-4
     """1/√s; the displacement changes with wear only, the rest is temperature."""
-    friction: float = 0.07
+    friction: float = 0.05
     """1/√s relative to the healthy curve."""
     viscous_friction: float = 10.0
     load: float = 100.0
@@ -56,6 +56,8 @@ class Noise:
     """N/m/√s."""
     throttle: float = 5e3
     """N/(m/s)²/√s."""
+    inertia: float = 1.0
+    """kg/√s."""
     initial_leakage: float = 0.3
     initial_valve: float = 0.03
     initial_air: float = 1e-3
@@ -65,6 +67,7 @@ class Noise:
     initial_load: float = 1000.0
     initial_stiffness: float = 1e4
     initial_throttle: float = 1e6
+    initial_inertia: float = 30.0
     refeed_margin: float = 3e4
     """Pa above the accumulator below which a chamber may be fed: cracking pressure and sensor zeros."""
     relief_pressure: float = 3.1e6
@@ -77,6 +80,6 @@ class Noise:
 
 (
     N_X, N_TH, N_P, N_DP, N_FORCE, N_FMEAN, N_ACCEL, N_FLOW, N_REFEED, N_LEAK, N_VALVE, N_AIR, N_GAIN, N_FRIC,
-    N_VISC, N_LOAD, N_STIF, N_THROT, I_LEAK, I_VALVE, I_AIR, I_GAIN, I_FRIC, I_VISC, I_LOAD, I_STIF, I_THROT,
-    N_MARGIN, N_RELIEF,
-) = range(29)  # fmt: skip
+    N_VISC, N_LOAD, N_STIF, N_THROT, N_INERT, I_LEAK, I_VALVE, I_AIR, I_GAIN, I_FRIC, I_VISC, I_LOAD, I_STIF,
+    I_THROT, I_INERT, N_MARGIN, N_RELIEF,
+) = range(31)  # fmt: skip

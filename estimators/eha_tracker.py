@@ -25,6 +25,7 @@ from estimators.eha_noise import (
     I_AIR,
     I_FRIC,
     I_GAIN,
+    I_INERT,
     I_LEAK,
     I_LOAD,
     I_STIF,
@@ -97,6 +98,7 @@ class EhaTracker:
         spread[eha.AIR], spread[eha.GAIN] = c[I_AIR] * 1e3, c[I_GAIN]
         spread[eha.FRIC], spread[eha.VISC] = c[I_FRIC], c[I_VISC]
         spread[eha.LOAD], spread[eha.STIF], spread[eha.THROT] = c[I_LOAD], c[I_STIF] * 1e-3, c[I_THROT]
+        spread[eha.INERT] = c[I_INERT]
         self.P = np.diag(spread**2)
         self._memory = np.zeros(MEMORY)
         self._memory[M_ACC] = np.nan

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from fdd.errors import InputError
-from fdd.residuals.features import CONTEXT, FEATURE_VERSION, FEATURES
+from fdd.residuals.features import CHANGES, CONTEXT, FEATURE_VERSION, FEATURES
 from fdd.residuals.windows import WARM_UP_S, ResidualWindows
 from fdd.samples import Samples
 from fdd.unit import Baseline, Unit
@@ -45,6 +45,7 @@ def add_baseline(unit: Unit, logs: Sequence[Samples]) -> Unit:
     scale = np.median(np.abs(windows - centre), axis=0) / 0.6745
     context = np.isin(FEATURES, CONTEXT)  # the load of the calibration is no property of the unit
     centre[context] = scale[context] = 0.0
+    centre[np.isin(FEATURES, CHANGES)] = 0.0
     out = unit.model_copy(deep=True)
     out.baseline = Baseline(
         features=list(FEATURES),

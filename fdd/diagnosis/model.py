@@ -140,11 +140,13 @@ class Model:
 
     def save(self, folder: str | Path) -> None:
         """Write the model into `folder` (made if need be); the manifest last, so half a model is none."""
+        import zipfile
+
         from skops.io import dumps
 
         folder = Path(folder)
         folder.mkdir(parents=True, exist_ok=True)
-        content = dumps(self.classifier)
+        content = dumps(self.classifier, compression=zipfile.ZIP_DEFLATED, compresslevel=9)
         self.manifest.classifier_sha256 = hashlib.sha256(content).hexdigest()
         (folder / MANIFEST).unlink(missing_ok=True)
         for name, data in (

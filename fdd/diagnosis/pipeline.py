@@ -13,7 +13,7 @@ from fdd.diagnosis.model import Model
 from fdd.diagnosis.sequential import PageTest
 from fdd.diagnosis.verdict import family_probabilities, finding
 from fdd.errors import InputError
-from fdd.residuals.features import FEATURES, WINDOW
+from fdd.residuals.features import FEATURES, HOP, WINDOW
 from fdd.residuals.tracking import estimates, healthy_coulomb, healthy_viscous, observability
 from fdd.residuals.windows import WARM_UP_S, ResidualWindows, baseline_spread, packed, unpacked
 from fdd.samples import Samples
@@ -64,7 +64,7 @@ class Pipeline:
         self._features = np.empty((0, len(FEATURES)))
         self._probabilities = np.empty((0, len(self.model.classes)))
         self._statistic = np.empty(0)
-        self._test = PageTest(self.model.tail.threshold(unit.monitoring.false_alarms_per_hour))
+        self._test = PageTest(self.model.tail.threshold(unit.monitoring.false_alarms_per_hour), HOP)
 
     def __repr__(self) -> str:
         return f"Pipeline(unit={self.unit.name!r}, axis={self.axis!r}, samples={self._windows.count})"

@@ -1,12 +1,15 @@
-"""Sequential detection: Page's test on the log-likelihood ratio of fault against healthy.
+"""Sequential detection: Page's test with forgetting on the log-likelihood ratio of fault against healthy.
 
-``S ← max(0, S + ℓ)`` with ``ℓ`` a window's log-likelihood ratio; an alarm is raised when S reaches a
-threshold ``h``. For independent windows Lorden (1971, doi 10.1214/aoms/1177693055) gives at most
-one false alarm in ``exp(h)`` windows. Windows overlap and estimators remember, so here the rate of
-excursions of S above ``h`` is taken from healthy logs that the classifier was not trained on: it
-falls exponentially with ``h`` (peaks over a threshold, Pickands 1975, doi
-10.1214/aos/1176343003, with the exponential tail that Page's test has), and the threshold is where
-the fitted tail meets the wanted rate of false alarms.
+``S ← max(0, λ S + ℓ)`` with ``ℓ`` a window's log-likelihood ratio; an alarm is raised when S reaches a
+threshold ``h``. Page's own test has λ = 1, which is right for independent windows. Here windows
+overlap, and what makes a healthy log look odd (its load, its sensors' gains) lasts as long as the
+log: repeating it proves nothing more. So evidence is forgotten over `MEMORY_S`, and S settles at
+``ℓ / (1 − λ)``: what counts is how strong evidence is and that it lasts, not how long the log is.
+
+The threshold follows from a wanted rate of false alarms. Rates are taken from healthy logs of units
+that the classifier was not trained on: excursions of S above ``h`` become exponentially rarer with
+``h`` (peaks over a threshold, Pickands 1975, doi 10.1214/aos/1176343003, with an exponential tail), and
+the threshold is where the fitted tail meets the wanted rate.
 """
 
 from __future__ import annotations
@@ -15,10 +18,23 @@ import math
 from collections.abc import Iterable
 from dataclasses import dataclass
 
-CLIP_LOW, CLIP_HIGH = -2.0, 2.0
-"""Bounds of one window's say: no single window raises an alarm, none wipes out a long record."""
-LOWEST_THRESHOLD = 3.0 * CLIP_HIGH
-"""At least three full windows' worth of evidence, however quiet the healthy logs were."""
+MEMORY_S = 5.0
+"""s over which evidence is forgotten: a few windows, as long as a change takes to settle in them."""
+CLIP_LOW, CLIP_HIGH = -4.0, 7.0
+"""Bounds of one window's say: odds of a thousand to one against healthy, of fifty to one for it."""
+LOWEST_THRESHOLD = 2.0 * CLIP_HIGH
+"""More than any single window says, however quiet the healthy logs were."""
+
+
+def forgetting(hop_s: float) -> float:
+    """λ for windows every `hop_s` seconds.
+
+    Examples
+    --------
+    >>> round(forgetting(0.5), 4)
+    0.9048
+    """
+    return math.exp(-hop_s / MEMORY_S)
 
 
 @dataclass(frozen=True)
@@ -55,30 +71,30 @@ class AlarmTail:
         peaks : largest S of each excursion from zero. seconds : of healthy logs that they come from.
 
         The tail starts so that twenty peaks lie above it, or a fifth of them where there are
-        fewer; its scale is their mean excess (the maximum likelihood estimate), and not below
-        a window's largest say divided by two.
+        fewer; its scale is their mean excess (the maximum likelihood estimate), and not below 1.
         """
         ordered = sorted((float(p) for p in peaks), reverse=True)
         count = min(20, max(len(ordered) // 5, 1))
         if len(ordered) <= count:
-            return cls(CLIP_HIGH, max(len(ordered), 1) / max(seconds, 1.0), CLIP_HIGH)
+            return cls(LOWEST_THRESHOLD, max(len(ordered), 1) / max(seconds, 1.0), 1.0)
         height = ordered[count]
         excess = sum(p - height for p in ordered[:count]) / count
-        return cls(height, count / seconds, max(excess, 0.5 * CLIP_HIGH))
+        return cls(height, count / seconds, max(excess, 1.0))
 
 
-def excursion_peaks(log_ratios: Iterable[float]) -> list[float]:
-    """Largest S of each excursion from zero.
+def excursion_peaks(log_ratios: Iterable[float], hop_s: float) -> list[float]:
+    """Largest S of each excursion from zero, for windows every `hop_s` seconds.
 
     Examples
     --------
-    >>> excursion_peaks([1.0, 1.0, -2.0, -2.0, 0.5, -2.0])
-    [2.0, 0.5]
+    >>> excursion_peaks([1.0, -2.0, -2.0, 0.5, -2.0], 0.5)
+    [1.0, 0.5]
     """
+    keep = forgetting(hop_s)
     peaks: list[float] = []
     s = peak = 0.0
     for ratio in log_ratios:
-        s = max(0.0, s + min(max(ratio, CLIP_LOW), CLIP_HIGH))
+        s = max(0.0, keep * s + min(max(ratio, CLIP_LOW), CLIP_HIGH))
         peak = max(peak, s)
         if s == 0.0 and peak > 0.0:
             peaks.append(peak)
@@ -88,11 +104,11 @@ def excursion_peaks(log_ratios: Iterable[float]) -> list[float]:
 
 @dataclass
 class PageTest:
-    """Page's test over windows.
+    """Page's test with forgetting, over windows.
 
     Attributes
     ----------
-    threshold : alarm level of the statistic.
+    threshold : alarm level of the statistic. hop_s : s between windows.
     statistic : S, never negative.
     since : end time (s) of the last window at which S was zero: where a change began at the latest.
     alarm_time : end time of the window that raised the alarm, NaN before.
@@ -100,6 +116,7 @@ class PageTest:
     """
 
     threshold: float
+    hop_s: float
     statistic: float = 0.0
     since: float = math.nan
     alarm_time: float = math.nan
@@ -114,7 +131,8 @@ class PageTest:
         """Take one window; True when it raises the alarm."""
         if self.statistic <= 0.0 and not self.alarmed:
             self.since = time
-        self.statistic = max(0.0, self.statistic + min(max(log_ratio, CLIP_LOW), CLIP_HIGH))
+        ratio = min(max(log_ratio, CLIP_LOW), CLIP_HIGH)
+        self.statistic = max(0.0, forgetting(self.hop_s) * self.statistic + ratio)
         self.peak = max(self.peak, self.statistic)
         if not self.alarmed and self.statistic >= self.threshold:
             self.alarm_time = time

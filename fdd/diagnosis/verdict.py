@@ -12,7 +12,7 @@ from fdd.diagnosis.isolability import ambiguity_group, confusable_families
 from fdd.diagnosis.model import Model
 from fdd.diagnosis.sequential import PageTest
 from fdd.faults import FAMILIES
-from fdd.residuals.features import CONTEXT, FEATURES, HOP, WINDOW
+from fdd.residuals.features import FEATURES, HOP, RESIDUALS, WINDOW, WINDOW_FEATURES
 from fdd.unit import Unit
 
 Array = NDArray[np.float64]
@@ -93,8 +93,8 @@ def severity(name: str, features: Array, unit: Unit) -> float | None:
     if name == "internal_leakage":
         value = (math.exp(f["leakage"]) - 1.0) * total / 12e-12
     elif name == "seal_wear":
-        ratio = math.exp(f["friction"])
-        value = (1.0 - ratio) / 0.65 if ratio < 1.0 else ratio - 1.0
+        change = f["friction"]
+        value = -change / 0.65 if change < 0.0 else change
     elif name == "aeration":
         p, n, atmosphere = unit.oil.reference_pressure, unit.oil.polytropic_index, 101325.0
         per_air = atmosphere ** (1.0 / n) / (n * (p + atmosphere) ** ((n + 1.0) / n))
@@ -125,7 +125,7 @@ _SENTENCES = {
     ),
     "valve_largest": lambda v: f"one chamber alone loses {math.exp(v) - 1.0:.2f} times the healthy leakage",
     "compliance": lambda v: f"the oil is {math.exp(v):.2f} times as compliant as when healthy",
-    "friction": lambda v: f"Coulomb friction is {math.exp(v):.2f} times healthy",
+    "friction": lambda v: f"Coulomb friction is {1.0 + v:.2f} times healthy",
     "viscous": lambda v: f"friction at 50 mm/s differs by {100 * v:+.0f} % of healthy Coulomb friction",
     "redundancy": lambda v: f"measured pressure difference is off the chambers' by {50 * v:+.0f} kPa",
     "torque": lambda v: f"motor current per shaft torque is {math.exp(v):.2f} times healthy",
@@ -137,17 +137,22 @@ _SENTENCES = {
 
 
 def evidence(model: Model, features: Array, spread: Array | None = None, most: int = 3) -> list[str]:
-    """One sentence for each feature that stands out most, with figures and units."""
-    z = model.standardise(features[None, :], spread)[0]
-    z[np.isin(FEATURES, CONTEXT)] = 0.0
-    order = np.argsort(-np.abs(z))
+    """One sentence for each residual that stands out most, with figures and units.
+
+    A residual stands out against the unit's healthy baseline or against the log's own beginning.
+    """
+    z = np.abs(model.standardise(features[None, :], spread)[0])
+    n = len(WINDOW_FEATURES)
+    strength = np.maximum(z[: len(RESIDUALS)], z[n:])
     out: list[str] = []
-    for i in order[:most]:
-        if abs(z[i]) < 2.0 and out:
+    for i in np.argsort(-strength)[:most]:
+        if strength[i] < 2.0 and out:
             break
-        name = FEATURES[i]
-        sentence = _SENTENCES[name](float(features[i]))
-        out.append(f"{sentence[0].upper()}{sentence[1:]} ({abs(z[i]):.1f} healthy standard deviations).")
+        sentence = _SENTENCES[RESIDUALS[i]](float(features[i]))
+        measure = f"{z[i]:.1f} healthy standard deviations"
+        if z[n + i] > z[i]:
+            measure += f", {z[n + i]:.1f} against the beginning of the log"
+        out.append(f"{sentence[0].upper()}{sentence[1:]} ({measure}).")
     return out
 
 

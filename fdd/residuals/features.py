@@ -12,7 +12,7 @@ leakage                log of leakage across the ports over healthy, at equal vi
 valve_1, valve_2       log of one plus a chamber's leakage into the accumulator over healthy leakage
 valve_largest          the larger of the two
 compliance             log of oil compliance at reference pressure over healthy: air
-friction               log of Coulomb and Stribeck friction over healthy
+friction               Coulomb and Stribeck friction over healthy, less one
 viscous                change of viscous friction at 50 mm/s over healthy Coulomb friction
 redundancy             pressure difference less the chambers' difference, per 50 kPa
 torque                 log of motor current per shaft torque over healthy
@@ -24,7 +24,9 @@ load_throttle          log of one plus a throttled partner's force at 50 mm/s ov
 load_unrest            log of how much faster than usual the load moves
 =====================  =====================================================================
 
-The last two are no residuals but say how far friction can be trusted against this load.
+The last two are no residuals but say how far friction can be trusted against this load. Each
+residual comes twice: against the unit's healthy baseline, and as its change since the log began
+(``…_change``), which load, temperature and sensor gains that last through the log drop out of.
 """
 
 from __future__ import annotations
@@ -39,12 +41,18 @@ from fdd.unit import Unit
 
 Array = NDArray[np.float64]
 
-FEATURES = (
+RESIDUALS = (
     "leakage", "valve_1", "valve_2", "valve_largest", "compliance", "friction", "viscous", "redundancy",
-    "torque", "refeed_deficit", "low_side", "drive", "innovation", "load_throttle", "load_unrest",
+    "torque", "refeed_deficit", "low_side", "drive", "innovation",
 )  # fmt: skip
 CONTEXT = ("load_throttle", "load_unrest")
 """Features that describe the load and not the unit's health."""
+WINDOW_FEATURES = RESIDUALS + CONTEXT
+"""What one window gives by itself."""
+CHANGES = tuple(f"{name}_change" for name in RESIDUALS)
+"""Residuals less their mean over the log's first `REFERENCE_WINDOWS` windows."""
+FEATURES = WINDOW_FEATURES + CHANGES
+REFERENCE_WINDOWS = 8
 FEATURE_VERSION = "1"
 """Goes up when a feature's meaning changes: models and baselines of another version do not fit."""
 
@@ -52,6 +60,8 @@ WINDOW = 2.0
 HOP = 0.5
 PRIOR_LOG = 0.3
 """Healthy spread of a log ratio: what the prior of the shrinkage holds for plausible."""
+PRIOR_FRICTION = 0.5
+"""Seals differ more, from trial to trial and with the load, than leakage and oil do."""
 VISCOUS_SPEED = 0.05
 AVERAGING = 10
 """Samples averaged before a regression: takes tones and ripple out."""
@@ -78,11 +88,11 @@ def window_features(
 
     Returns
     -------
-    (len(FEATURES),) finite.
+    (len(WINDOW_FEATURES),) finite.
     """
     x = records[:, layout.R_STATE : layout.R_STATE + eha.STATES].mean(axis=0)
     var = records[:, layout.R_VARIANCE : layout.R_VARIANCE + eha.STATES].mean(axis=0)
-    f = dict.fromkeys(FEATURES, 0.0)
+    f = dict.fromkeys(WINDOW_FEATURES, 0.0)
     f["leakage"] = shrink(float(np.log(x[eha.LEAK])), float(var[eha.LEAK] / x[eha.LEAK] ** 2))
     for name, i in (("valve_1", eha.VALVE1), ("valve_2", eha.VALVE2)):
         f[name] = shrink(float(np.log1p(x[i])), float(var[i] / (1.0 + x[i]) ** 2))
@@ -91,7 +101,7 @@ def window_features(
     healthy, _, slope = eha.compliance(pressure, unit.oil.air_fraction * 1e3, model)
     now, _, _ = eha.compliance(pressure, float(x[eha.AIR]), model)
     f["compliance"] = shrink(float(np.log(now / healthy)), float((slope / now) ** 2 * var[eha.AIR]))
-    f["friction"] = shrink(float(np.log(x[eha.FRIC])), float(var[eha.FRIC] / x[eha.FRIC] ** 2))
+    f["friction"] = shrink(float(x[eha.FRIC] - 1.0), float(var[eha.FRIC]), prior=PRIOR_FRICTION)
     coulomb = max(healthy_coulomb(unit), 1.0)
     scale = VISCOUS_SPEED / coulomb
     f["viscous"] = shrink(
@@ -105,7 +115,7 @@ def window_features(
     f["innovation"] = float(np.log(max(nis, 1e-3)))
     _pressure_features(f, rows, unit, channels)
     _drive_features(f, rows, command, current, unit, channels)
-    return np.array([f[name] if np.isfinite(f[name]) else 0.0 for name in FEATURES])
+    return np.array([f[name] if np.isfinite(f[name]) else 0.0 for name in WINDOW_FEATURES])
 
 
 def _pressure_features(f: dict[str, float], rows: Array, unit: Unit, channels: Channels) -> None:

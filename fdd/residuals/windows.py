@@ -16,7 +16,16 @@ from numpy.typing import NDArray
 
 from estimators import eha_layout as layout
 from fdd.errors import InputError
-from fdd.residuals.features import FEATURE_VERSION, FEATURES, HOP, WINDOW, window_features
+from fdd.residuals.features import (
+    FEATURE_VERSION,
+    FEATURES,
+    HOP,
+    REFERENCE_WINDOWS,
+    RESIDUALS,
+    WINDOW,
+    WINDOW_FEATURES,
+    window_features,
+)
 from fdd.residuals.tracking import METHODS, Channels, Tracking
 from fdd.samples import CHANNELS, Samples, missing_required
 from fdd.unit import Unit
@@ -42,7 +51,7 @@ class ResidualWindows:
     >>> windows = ResidualWindows(Unit.load("axis_a"))
     >>> times, features = windows.push(Samples([0.0], {"position": [0.0]}))
     >>> times.size, features.shape
-    (0, (0, 12))
+    (0, (0, 28))
     """
 
     def __init__(self, unit: Unit, *, keep: bool = False) -> None:
@@ -52,9 +61,10 @@ class ResidualWindows:
         self.first_time = np.nan
         self.last_time = np.nan
         self.count = 0
-        self._centre = baseline_centre(unit)
+        self._centre = baseline_centre(unit)[: len(WINDOW_FEATURES)]
         self._held: list[Samples] = []
         self._hops = 0
+        self._first = np.empty((0, len(RESIDUALS)))
         self._rows = np.empty((0, layout.COLUMNS + 2))
         self._records = {m: np.empty((0, layout.RECORD)) for m in METHODS}
         self._kept: dict[str, list[Array]] = {m: [] for m in METHODS}
@@ -147,9 +157,17 @@ class ResidualWindows:
                 self.unit, self.tracking.model, self.tracking.channels,
             )  # fmt: skip
             ends.append(end)
-            features.append(raw - self._centre)
+            features.append(self._with_changes(raw - self._centre))
         self._forget()
         return np.array(ends), np.array(features).reshape(-1, len(FEATURES))
+
+    def _with_changes(self, window: Array) -> Array:
+        """A window's features and their change since the log's first windows."""
+        residuals = window[: len(RESIDUALS)]
+        if self._first.shape[0] < REFERENCE_WINDOWS:
+            self._first = np.concatenate([self._first, residuals[None, :]])
+            return np.concatenate([window, np.zeros(len(RESIDUALS))])
+        return np.concatenate([window, residuals - self._first.mean(axis=0)])
 
     def _forget(self) -> None:
         """Drop rows and records that no later window needs."""
@@ -181,7 +199,7 @@ class ResidualWindows:
             "unit": self.unit.name, "channels": list(self.channels) or None,
             "period": None if self.tracking is None else self.tracking.period,
         }  # fmt: skip
-        out: dict[str, Array] = {"windows": packed(scalars), "rows": self._rows}
+        out: dict[str, Array] = {"windows": packed(scalars), "rows": self._rows, "first": self._first}
         if self._held:
             joined = Samples.concatenate(self._held)
             out["held/time"] = joined.time
@@ -212,7 +230,7 @@ class ResidualWindows:
             )
         self.first_time, self.last_time = scalars["first_time"], scalars["last_time"]
         self.count, self._hops, self.keep = scalars["count"], scalars["hops"], scalars["keep"]
-        self._rows = state["rows"].copy()
+        self._rows, self._first = state["rows"].copy(), state["first"].copy()
         held = {k.removeprefix("held/"): v for k, v in state.items() if k.startswith("held/")}
         self._held = [Samples(held.pop("time"), held)] if held else []
         for m in METHODS:

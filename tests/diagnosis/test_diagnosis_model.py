@@ -78,8 +78,8 @@ def test_foreign_types_are_not_loaded(copy: Path) -> None:
     import hashlib
     import operator
 
-    from skops.io import dumps
     from sklearn.preprocessing import FunctionTransformer
+    from skops.io import dumps
 
     content = dumps(FunctionTransformer(operator.methodcaller("getcwd")))
     (copy / CLASSIFIER).write_bytes(content)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+import itertools
 
 import numpy as np
 import pytest
@@ -41,7 +42,7 @@ def answer(pipeline: Pipeline) -> str:
 def pushed(unit: Unit, samples: Samples, cuts: list[int]) -> Pipeline:
     pipeline = Pipeline(unit)
     edges = [0, *sorted(cuts), len(samples)]
-    for start, stop in zip(edges[:-1], edges[1:], strict=True):
+    for start, stop in itertools.pairwise(edges):
         pipeline.push(samples.rows(start, stop))
     return pipeline
 

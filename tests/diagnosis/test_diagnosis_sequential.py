@@ -61,8 +61,9 @@ def test_no_single_window_raises_an_alarm() -> None:
     test = PageTest(3.0 * CLIP_HIGH)
     assert not test.step(1e9, 1.0)
     assert test.since == 1.0
-    test.step(-1e9, 2.0)
-    assert test.statistic == pytest.approx(1.0)
+    assert not test.step(1e9, 2.0)
+    test.step(-1e9, 3.0)
+    assert test.statistic == pytest.approx(CLIP_HIGH)
 
 
 def test_alarm_latches_and_keeps_its_time() -> None:
