@@ -409,6 +409,7 @@ def _square(value: ArrayLike, size: int, name: str) -> Array:
 
 
 def require_finite(array: Array, what: str, place: str) -> None:
+    """Refuse an array with values that are not finite; names what it is and the first place."""
     bad = ~np.isfinite(array)
     if bad.any():
         raise ValueError(

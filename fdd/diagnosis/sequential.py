@@ -56,8 +56,8 @@ class AlarmTail:
 
         Examples
         --------
-        >>> round(AlarmTail(2.0, 1e-3, 1.5).threshold(1e-5), 2)
-        8.91
+        >>> round(AlarmTail(2.0, 1e-3, 4.0).threshold(1e-5), 2)
+        20.42
         """
         wanted = max(false_alarms_per_second, 1e-12)
         return max(self.height + self.scale * math.log(max(self.rate / wanted, 1.0)), LOWEST_THRESHOLD)

@@ -50,15 +50,18 @@ class ProfileWriter:
         self.source = source
 
     def note(self, text: str) -> None:
+        """Add a sentence to the result's notes."""
         self.result.notes.append(text)
 
     def put(self, path: str, estimate: Estimate, note: str = "") -> None:
+        """Set the number at a dotted path, with its source and standard deviation (SI)."""
         section, name, before = self._find(path)
         setattr(section, name, float(estimate.value))
         section.provenance[name] = Provenance(source=self.source, std=float(estimate.std))
         self._row(path, section, name, before, estimate, note)
 
     def keep(self, path: str, why: str) -> None:
+        """Leave the base's number and say why."""
         section, name, before = self._find(path)
         self._row(path, section, name, before, None, why)
         self.note(f"{path} kept: {why}")
@@ -87,6 +90,7 @@ class ProfileWriter:
         )
 
     def put_sensor(self, channel: str, fit: SensorFit) -> None:
+        """Replace a channel's sensor; a row for each of its numbers that was found."""
         before = self.base.sensor(channel)
         sensor = fit.sensor.model_copy(update={"source": self.source})
         self.result.unit.sensors[channel] = sensor

@@ -35,7 +35,7 @@ def test_onset_of_a_fault_from_the_start() -> None:
 
 @pytest.mark.parametrize("statistic", [0.0, 5.0, 30.0])
 def test_probabilities_are_a_distribution(model: Model, statistic: float) -> None:
-    test = PageTest(8.0)
+    test = PageTest(8.0, hop_s=0.0)
     for k in range(40):
         test.step(statistic / 20.0, float(k))
     rng = np.random.default_rng(0)

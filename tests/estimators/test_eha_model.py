@@ -39,7 +39,7 @@ def state(rng: np.random.Generator) -> eha.Array:
     x[eha.AIR], x[eha.GAIN] = rng.uniform(0.5, 40.0), rng.uniform(-0.05, 0.05)
     x[eha.FRIC], x[eha.VISC] = rng.uniform(0.2, 3.0), rng.uniform(0.0, 1500.0)
     x[eha.LOAD], x[eha.STIF] = rng.uniform(-3000.0, 3000.0), rng.uniform(0.0, 40.0)
-    x[eha.THROT] = rng.uniform(0.0, 2e5)
+    x[eha.THROT], x[eha.INERT] = rng.uniform(0.0, 2e5), rng.uniform(0.0, 200.0)
     return x
 
 
@@ -70,7 +70,9 @@ def differences(x: eha.Array, q: eha.Array, h: float = STEP) -> eha.Array:
 @pytest.mark.parametrize("area_2", [1.52e-3, 1.1e-3])
 def test_jacobian_is_that_of_central_differences(area_2: float, h: float) -> None:
     rng, q = np.random.default_rng(11), model(area_2)
-    scale = np.array([50, 0.1, 100, 0.2, 1, 1, 1, 1, 1, 5, 1e-2, 1, 300, 1000, 10, 1e5])  # a typical state
+    scale = np.array(
+        [50, 0.1, 100, 0.2, 1, 1, 1, 1, 1, 5, 1e-2, 1, 300, 1000, 10, 1e5, 50]
+    )  # a typical state
     for _ in range(60):
         x = state(rng)
         found, expected = stepped(x, q, h)[1], differences(x, q, h)

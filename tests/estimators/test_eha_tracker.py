@@ -243,7 +243,7 @@ def test_a_saved_state_goes_on_as_if_nothing_happened(cut: int) -> None:
 def test_a_state_of_another_shape_is_refused() -> None:
     filter_ = Tracking(unit(), Channels(("position",)), 1e-3).trackers["ekf"]
     state = filter_.state()
-    with pytest.raises(ValueError, match=r"x: shape \(3,\) where \(16,\) is wanted"):
+    with pytest.raises(ValueError, match=r"x: shape \(3,\) where \(17,\) is wanted"):
         filter_.restore({**state, "x": np.zeros(3)})
     with pytest.raises(ValueError, match="method is 'ekf' or 'svsf', not 'ukf'"):
         EhaTracker(filter_.model, method="ukf")  # type: ignore[arg-type]
@@ -257,7 +257,8 @@ def reference_filter(q: np.ndarray, noise: Noise, x: np.ndarray, P: np.ndarray) 
 
     Process noise and robust weights are written out anew, from the tracker's documentation.
     """
-    kf = ExtendedKalmanFilter(eha.STATES, 4)
+    n = eha.STATES
+    kf = ExtendedKalmanFilter(n, 4)
     kf.x, kf.P = x.copy(), P.copy()
     kf.H = np.zeros((4, eha.STATES))
     for row, column in enumerate((eha.X, eha.TH, eha.P1, eha.P2)):
@@ -266,9 +267,10 @@ def reference_filter(q: np.ndarray, noise: Noise, x: np.ndarray, P: np.ndarray) 
     h, mass = 1.0, q[eha.Q_MASS]
     velocity = (1e-3 / mass * noise.force) ** 2 * 1e3 * h
     walks = np.zeros(eha.STATES)
-    walks[eha.LEAK : eha.THROT + 1] = [
+    walks[eha.LEAK :] = [
         noise.leakage, noise.valve, noise.valve, noise.air * 1e3, noise.gain, noise.friction,
         noise.viscous_friction, noise.load, noise.stiffness * 1e-3, noise.throttle,
+        noise.inertia,
     ]  # fmt: skip
 
     def step(z: np.ndarray, p_acc: float, viscosity: float) -> None:
@@ -277,7 +279,7 @@ def reference_filter(q: np.ndarray, noise: Noise, x: np.ndarray, P: np.ndarray) 
         trust = spread / (spread + kf.P[eha.X, eha.X] + r0[0])
         v_at = before[eha.V] + trust * (z[0] - before[eha.X] - before[eha.V])
         w_at = z[1] - before[eha.TH]
-        out, F, G = np.empty(16), np.empty((16, 16)), np.empty((16, 4))
+        out, F, G = np.empty(n), np.empty((n, n)), np.empty((n, 4))
         eha.step(before, h, viscosity, p_acc, v_at, w_at, q, out, F, G)
         F[: eha.LEAK, eha.FRIC :] = 0.0  # friction and load learn from the mean force alone
         relieved = abs(before[eha.P1] - before[eha.P2]) > noise.relief_pressure * 1e-6
