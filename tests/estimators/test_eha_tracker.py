@@ -149,17 +149,17 @@ def test_a_hole_in_the_angle_leaves_the_estimates_alone(method: str) -> None:
         assert (np.abs(found[name] - expected[name])[late] < 3.0 * stds[name][late]).all(), name
 
 
-@pytest.mark.parametrize("seed", [0, 1, 2])
 @pytest.mark.parametrize("method", ["ekf", pytest.param("svsf", marks=HELD_ANGLE)])
-def test_late_stamps_dropped_rows_and_holes_do_little(method: str, seed: int) -> None:
-    run = axis("worn", leaks=True, seed=seed)
-    assert np.isnan(run.samples["pump_angle"]).any()
-    assert len(run.samples) < 19_500
-    records = tracked(run.samples).records()[method]
-    assert np.isfinite(np.delete(records, layout.R_LAYER, axis=1)).all()
-    for name, (error, visible) in errors(run, method, start=14.0).items():
-        assert visible.mean() > 0.5, name
-        assert np.quantile(error[visible], 0.95) < 0.10, name
+def test_late_stamps_dropped_rows_and_holes_do_little(method: str) -> None:
+    for seed in (0, 1, 2):
+        run = axis("worn", leaks=True, seed=seed)
+        assert np.isnan(run.samples["pump_angle"]).any()
+        assert len(run.samples) < 19_500
+        records = tracked(run.samples).records()[method]
+        assert np.isfinite(np.delete(records, layout.R_LAYER, axis=1)).all()
+        for name, (error, visible) in errors(run, method, start=14.0).items():
+            assert visible.mean() > 0.5, (seed, name)
+            assert np.quantile(error[visible], 0.95) < 0.10, (seed, name)
 
 
 @pytest.mark.parametrize("method", ["ekf", pytest.param("svsf", marks=SVSF_DIVERGES)])
