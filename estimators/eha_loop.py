@@ -14,6 +14,7 @@ from estimators.eha_layout import (
     DIFFERENCE,
     M_ACC,
     M_ANGLE,
+    M_BLIND,
     M_CHANNELS,
     M_COUNT,
     M_FSCALE,
@@ -167,9 +168,30 @@ def _bound(x: Array) -> None:
 
 
 @njit(cache=True)
+def _keep_parameters(x: Array, P: Array, x_kalman: Array, P_kalman: Array) -> None:
+    """After an SVSF gain: motion from the SVSF, parameters from the Kalman filter, in place.
+
+    The SVSF's guarantee is for what is measured; carried over to the parameters, its gain throws
+    them as far as the innovation is large. No gain has a smaller covariance than Kalman's: the
+    surplus of the motion states' variances is added to Kalman's, which leaves it positive.
+    """
+    motion = eha.P2 + 1
+    for i in range(motion):
+        if not np.isfinite(x[i]):
+            x[i] = x_kalman[i]
+        surplus = P[i, i] - P_kalman[i, i]
+        if surplus > 0.0 and np.isfinite(surplus):
+            P_kalman[i, i] += surplus
+    for i in range(motion, eha.STATES):
+        x[i] = x_kalman[i]
+    P[:, :] = P_kalman
+
+
+@njit(cache=True)
 def track(
-    block: Array, period: float, svsf: bool, has_pressures: bool, decimation: int, q: Array, c: Array,
-    x: Array, P: Array, memory: Array, e_post: Array, gamma: float, layer: float, records: Array,
+    block: Array, period: float, svsf: bool, has_pressures: bool, has_angle: bool,
+    decimation: int, q: Array, c: Array, x: Array, P: Array, memory: Array, e_post: Array, gamma: float,
+    layer: float, records: Array,
 ) -> int:  # fmt: skip
     """Run the filter over the rows of `block`; returns the number of records written."""
     h0 = period * 1e3
@@ -177,6 +199,8 @@ def track(
     G = np.empty((eha.STATES, 4))
     scratch = np.empty((eha.P2 + 1, eha.STATES))
     x_new = np.empty(eha.STATES)
+    x_kalman = np.empty(eha.STATES)
+    P_kalman = np.empty((eha.STATES, eha.STATES))
     noise = np.empty(4)
     diag = np.empty(eha.STATES)
     z = np.empty(MEASUREMENTS)
@@ -212,9 +236,9 @@ def track(
         else:
             memory[M_ORIGIN] = time
             memory[M_INDEX] = 0.0
-        # The pump angle: as measured, else the sum of the speed samples (each the mean over its period).
+        # The pump angle as measured, or the sum of the speed samples (each the mean over its period).
         speed = block[row, SPEED]
-        if not np.isnan(block[row, ANGLE]):
+        if has_angle:
             z[Z_TH] = block[row, ANGLE]
         else:
             if np.isnan(speed):
@@ -240,7 +264,18 @@ def track(
             z[Z_DP] = np.nan
             z[Z_MEAN] = np.nan
 
-        if memory[M_STARTED] == 0.0:
+        # Without position or angle there is no volume balance: such a row counts as missing.
+        blind = np.isnan(z[Z_X]) or np.isnan(z[Z_TH])
+        if blind:
+            memory[M_BLIND] += steps
+            if memory[M_STARTED] == 0.0:
+                continue
+        else:
+            steps += int(memory[M_BLIND])
+            memory[M_BLIND] = 0.0
+        if blind:
+            pass
+        elif memory[M_STARTED] == 0.0:
             _start_motion(x, P, z, p_acc, c)
             memory[M_STARTED] = 1.0
         elif steps > LONGEST_GAP:
@@ -250,13 +285,10 @@ def track(
                 P[i, i] += diag[i]
         else:
             span = steps * h0
-            v_at = w_at = np.nan
-            if not np.isnan(z[Z_X]):
-                spread = (P[eha.V, eha.V] + (1e-3 / q[eha.Q_MASS] * c[N_FORCE]) ** 2 * 1e3 * h0) * span * span
-                trust = spread / (spread + P[eha.X, eha.X] + r0[Z_X])
-                v_at = x[eha.V] + trust * ((z[Z_X] - x[eha.X]) / span - x[eha.V])
-            if not np.isnan(z[Z_TH]):
-                w_at = (z[Z_TH] - x[eha.TH]) / span
+            spread = (P[eha.V, eha.V] + (1e-3 / q[eha.Q_MASS] * c[N_FORCE]) ** 2 * 1e3 * h0) * span * span
+            trust = spread / (spread + P[eha.X, eha.X] + r0[Z_X])
+            v_at = x[eha.V] + trust * ((z[Z_X] - x[eha.X]) / span - x[eha.V])
+            w_at = (z[Z_TH] - x[eha.TH]) / span
             for _ in range(steps):
                 _process_noise(x, h0, p_acc, known_acc, memory[M_FSCALE], q, c, noise, diag)
                 eha.step(x, h0, viscosity, p_acc, v_at, w_at, q, x_new, F, G)
@@ -273,7 +305,7 @@ def track(
         else:
             H[Z_MEAN, eha.P1], H[Z_MEAN, eha.P2] = 0.0, 1.0
         for i in range(MEASUREMENTS):
-            mask[i] = not np.isnan(y[i])
+            mask[i] = not blind and not np.isnan(y[i])
             r[i] = r0[i]
             if mask[i]:
                 channels += 1 if i != Z_MEAN else 0
@@ -288,17 +320,20 @@ def track(
                 psi[i] = layer * np.sqrt(variance)
         switched = False
         if svsf:
+            x_kalman[:] = x
+            P_kalman[:, :] = P
+            kalman_update(x_kalman, P_kalman, y, H, r, mask)
             nis, loglik, switched = svsf_update(x, P, y, H, r, mask, e_post, gamma, psi, True, psi_k, outside)
-            for i in range(MEASUREMENTS):
-                if mask[i]:
-                    e_post[i] = y[i]
+            if switched:
+                _keep_parameters(x, P, x_kalman, P_kalman)
             measurement(x, q, z, y)
             for i in range(MEASUREMENTS):
                 if mask[i]:
                     e_post[i] = y[i]
         else:
             nis, loglik = kalman_update(x, P, y, H, r, mask)
-        balance_forces(x, P, max(steps, 1) * h0, q, c, memory)
+        if not blind:
+            balance_forces(x, P, max(steps, 1) * h0, q, c, memory)
         _bound(x)
         memory[M_NIS] += nis
         memory[M_CHANNELS] += channels

@@ -176,12 +176,12 @@ def step(
 
     Parameters
     ----------
-    x : (14,) state. h : step, ms. viscosity : oil viscosity over the reference's.
+    x : (17,) state. h : step, ms. viscosity : oil viscosity over the reference's.
     p_acc : accumulator pressure, MPa. q : parameters.
     v_at, w_at : velocity and speed over the step to linearise at; NaN for the prediction's.
-    out : (14,) the state after the step.
-    F : (14, 14) ∂out/∂x.
-    G : (14, 4) what unit noise on velocity (mm/ms), pump speed (rad/ms) and on each chamber's
+    out : (17,) the state after the step.
+    F : (17, 17) ∂out/∂x.
+    G : (17, 4) what unit noise on velocity (mm/ms), pump speed (rad/ms) and on each chamber's
         volume (mm³) does to the state.
     """
     area1, area2, mu = q[Q_AREA1], q[Q_AREA2], 1e-3 / q[Q_MASS]

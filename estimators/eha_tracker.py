@@ -51,6 +51,7 @@ class EhaTracker:
         doi 10.1115/1.4006628).
     period : s, nominal sample period.
     pressures : whether both chamber pressures are measured (else their difference).
+    angle : whether the pump angle is measured (else the speed is summed up).
     viscous_friction, air_fraction : N·s/m and volume fraction, healthy: where the filter starts.
     decimation : samples per record.
     gamma, layer : SVSF memory, and limit of the boundary layer in innovation sigmas: 1.5 times the
@@ -70,6 +71,7 @@ class EhaTracker:
         *,
         period: float = 1e-3,
         pressures: bool = True,
+        angle: bool = True,
         viscous_friction: float = 0.0,
         air_fraction: float = 0.003,
         decimation: int = 10,
@@ -83,6 +85,7 @@ class EhaTracker:
         self.method = method
         self.period = period
         self.pressures = pressures
+        self.angle = angle
         self.decimation = decimation
         self.gamma = gamma
         self.layer = layer
@@ -124,7 +127,7 @@ class EhaTracker:
         records = np.empty((block.shape[0] // self.decimation + 1, RECORD))
         n = track(
             np.ascontiguousarray(block, dtype=np.float64), self.period, self.method == "svsf", self.pressures,
-            self.decimation, self.model, self._c, self.x, self.P, self._memory, self._e_post,
+            self.angle, self.decimation, self.model, self._c, self.x, self.P, self._memory, self._e_post,
             self.gamma, self.layer, records,
         )  # fmt: skip
         return records[:n]

@@ -111,6 +111,7 @@ class Tracking:
                 method,  # type: ignore[arg-type]
                 period=period,
                 pressures=channels.chambers,
+                angle="pump_angle" in channels.names,
                 viscous_friction=healthy_viscous(unit),
                 air_fraction=unit.oil.air_fraction,
                 decimation=decimation,

@@ -125,17 +125,7 @@ def test_the_leak_does_not_show_before_its_onset() -> None:
 
 
 # Two faults of the filters that are known and not mended yet; the marks fall with them.
-HELD_ANGLE = pytest.mark.xfail(
-    strict=True,
-    reason="a row without angle in a log that has one is given the sum of speeds since the start, not since "
-    "the last angle, a jump of many radians; only the EKF weighs it down",
-)
-SVSF_DIVERGES = pytest.mark.xfail(
-    strict=True, reason="the SVSF's covariance loses its sign where a third of the stamps are late"
-)
-
-
-@pytest.mark.parametrize("method", ["ekf", pytest.param("svsf", marks=HELD_ANGLE)])
+@pytest.mark.parametrize("method", ["ekf", "svsf"])
 def test_a_hole_in_the_angle_leaves_the_estimates_alone(method: str) -> None:
     samples = axis("perfect", leaks=True).samples
     angle = samples["pump_angle"].copy()
@@ -149,7 +139,7 @@ def test_a_hole_in_the_angle_leaves_the_estimates_alone(method: str) -> None:
         assert (np.abs(found[name] - expected[name])[late] < 3.0 * stds[name][late]).all(), name
 
 
-@pytest.mark.parametrize("method", ["ekf", pytest.param("svsf", marks=HELD_ANGLE)])
+@pytest.mark.parametrize("method", ["ekf", "svsf"])
 def test_late_stamps_dropped_rows_and_holes_do_little(method: str) -> None:
     for seed in (0, 1, 2):
         run = axis("worn", leaks=True, seed=seed)
@@ -162,7 +152,7 @@ def test_late_stamps_dropped_rows_and_holes_do_little(method: str) -> None:
             assert np.quantile(error[visible], 0.95) < 0.10, (seed, name)
 
 
-@pytest.mark.parametrize("method", ["ekf", pytest.param("svsf", marks=SVSF_DIVERGES)])
+@pytest.mark.parametrize("method", ["ekf", "svsf"])
 def test_many_late_stamps_are_survived(method: str) -> None:
     run = axis("jittering", leaks=True)
     records = tracked(run.samples).records()[method]
