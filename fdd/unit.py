@@ -283,8 +283,8 @@ class Sensor(Section):
 class Monitoring(Section):
     """What the operator wants of the diagnosis."""
 
-    false_alarms_per_hour: Annotated[float, _si("1/s"), Field(gt=0)] = 0.1 / 3600.0
-    """Wanted rate of false alarms of the sequential test; written ``{value: 0.1, unit: 1/h}``."""
+    false_alarms_per_hour: Annotated[float, _si("1/s"), Field(gt=0)] = 1.0 / 3600.0
+    """Wanted rate of false alarms of the sequential test; written ``{value: 1, unit: 1/h}``."""
 
 
 class Baseline(Section):

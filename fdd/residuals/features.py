@@ -110,6 +110,11 @@ def window_features(
     force = abs(float(x[eha.THROT])) * VISCOUS_SPEED**2
     f["load_throttle"] = float(np.log1p(force / coulomb))
     f["load_unrest"] = float(np.log(max(float(records[:, layout.R_UNREST].mean()), 1e-2)))
+    # What the load hides: a throttled partner's force is modelled to some 15 %, and a load that moves by
+    # itself pushes the piston its own way, which looks like less friction.
+    hidden = (0.15 * force / coulomb) ** 2 + (0.2 * float(records[:, layout.R_UNREST].mean())) ** 2
+    for name in ("friction", "viscous"):
+        f[name] = shrink(f[name], hidden, prior=PRIOR_FRICTION)
     channels_used = max(float(records[:, layout.R_CHANNELS].mean()), 1.0)
     nis = float(records[:, layout.R_NIS].mean()) / channels_used
     f["innovation"] = float(np.log(max(nis, 1e-3)))
