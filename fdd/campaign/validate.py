@@ -115,7 +115,9 @@ def estimate_errors(
         for t in truth.time[changing]:
             settled &= (time < t - 0.1) | (time > t + SETTLED_S)
     area = profile.cylinder.area_1 / true.cylinder.area_1
-    volume = profile.cylinder.volume_1 / true.cylinder.volume_1
+    # One bulk modulus serves both chambers, so what scales it is the oil in both.
+    mine, theirs = profile.cylinder, true.cylinder
+    volume = (mine.volume_1 + mine.volume_2) / (theirs.volume_1 + theirs.volume_2)
     scale = {"leakage": area, "bulk_modulus": volume / area}
     out = {}
     for method, values in found.estimates.items():

@@ -25,6 +25,8 @@ RECENT = 8
 """Windows that the probabilities without an alarm are taken from."""
 HISTORY = 7200
 """Windows that a pipeline without trajectories remembers: an hour of them."""
+LEAST_SURE = 0.5
+"""Confidence of the leading family below which an alarm does not make a verdict."""
 STATE_VERSION = "1"
 
 
@@ -127,6 +129,9 @@ class Pipeline:
         if self._test.alarmed:
             fault, probabilities = self._finding(refine=True)
             found.append(fault)
+            if fault.confidence < LEAST_SURE:
+                verdict = "inconclusive"
+                quality.notes.insert(0, "something deviates, but no kind of fault is more likely than not")
         else:
             probabilities = family_probabilities(self.model, self._probabilities[-RECENT:], self._test)
             doubts = self._doubts(duration)

@@ -72,7 +72,7 @@ def train_model(logs: list[LabelledLog], *, data: str, data_sha256: str, seed: i
     classes = sorted({str(c) for log in logs for c in np.unique(log.labels) if c} | {"unknown"})
     if "healthy" not in classes or len(classes) < 3:
         raise InputError("training data without healthy windows or without faults")
-    usual = np.maximum(np.percentile([log.spread for log in logs], 95, axis=0), 1e-3)
+    usual = np.maximum(np.percentile([log.spread for log in logs], 75, axis=0), 1e-3)
     damped = {id(log): log.features * damping(log.spread, usual) for log in logs}
     healthy = np.concatenate([damped[id(log)][log.labels == "healthy"] for log in logs])
     centre = np.median(healthy, axis=0)

@@ -144,6 +144,10 @@ def evidence(model: Model, features: Array, spread: Array | None = None, most: i
     z = np.abs(model.standardise(features[None, :], spread)[0])
     n = len(WINDOW_FEATURES)
     strength = np.maximum(z[: len(RESIDUALS)], z[n:])
+    # The larger valve is one of the two, and a chamber that loses less than nothing is no evidence.
+    valves = [RESIDUALS.index(v) for v in ("valve_1", "valve_2")]
+    strength[RESIDUALS.index("valve_largest")] = 0.0
+    strength[[i for i in valves if features[i] <= 0.0]] = 0.0
     out: list[str] = []
     for i in np.argsort(-strength)[:most]:
         if strength[i] < 2.0 and out:
@@ -186,6 +190,8 @@ def finding(
     half = redundancy.size // 2
     drifting = half > 4 and abs(np.median(redundancy[half:])) > 1.4 * abs(np.median(redundancy[:half])) + 0.2
     name = leading_fault(family, mean, bool(drifting))
+    late = times[since] >= 0.5 * (onset + times[-1])  # ramps grow, and estimates settle
+    grown = np.asarray(weight[late] @ features[since][late] / weight[late].sum()) if late.any() else mean
     group = ambiguity_group(family, channels)
     group = [name, *(g for g in group if g != name)]
     for other, p in sorted(all_families.items(), key=lambda kv: -kv[1]):
@@ -196,7 +202,7 @@ def finding(
         FaultFinding(
             fault=name, family=family, ambiguity=group, confidence=round(all_families[family], 4),
             onset_s=round(onset, 2), detected_s=round(test.alarm_time, 2),
-            severity=_rounded(severity(name, mean, unit)), evidence=evidence(model, mean, spread),
+            severity=_rounded(severity(name, grown, unit)), evidence=evidence(model, mean, spread),
         ),
         all_families,
     )  # fmt: skip
