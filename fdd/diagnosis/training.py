@@ -21,7 +21,7 @@ from fdd.diagnosis.model import MODEL_SCHEMA, Manifest, Model, damping
 from fdd.diagnosis.sequential import AlarmTail, PageTest, excursion_peaks
 from fdd.diagnosis.verdict import family_probabilities
 from fdd.errors import InputError
-from fdd.residuals.features import CONTEXT, FEATURE_VERSION, FEATURES, HOP
+from fdd.residuals.features import FEATURE_VERSION, FEATURES, HOP, RESIDUALS, WINDOW_FEATURES
 
 if TYPE_CHECKING:
     from sklearn.ensemble import ExtraTreesClassifier
@@ -144,16 +144,19 @@ def _classifier(seed: int) -> ExtraTreesClassifier:
 
 
 def _unknown_windows(x: Array, y: NDArray[np.str_], rng: np.random.Generator) -> Array:
-    """Healthy windows with one to three features thrown 4 to 40 healthy deviations out."""
+    """Healthy windows with one to three residuals thrown 4 to 40 healthy deviations out.
+
+    Four in five since the log began, so that the change shows it too; the rest from its start.
+    """
     healthy = x[y == "healthy"]
     n = max(len(x) // 12, 200)
-    residual = np.flatnonzero(~np.isin(FEATURES, CONTEXT))
     out = healthy[rng.integers(len(healthy), size=n)].copy()
     for row in out:
-        chosen = rng.choice(residual, size=rng.integers(1, 4), replace=False)
-        row[chosen] += (
-            rng.choice([-1.0, 1.0], size=chosen.size) * 4.0 * 10.0 ** rng.uniform(0.0, 1.0, chosen.size)
-        )
+        chosen = rng.choice(len(RESIDUALS), size=rng.integers(1, 4), replace=False)
+        size = rng.choice([-1.0, 1.0], size=chosen.size) * 4.0 * 10.0 ** rng.uniform(0.0, 1.0, chosen.size)
+        row[chosen] += size
+        if rng.uniform() < 0.8:
+            row[len(WINDOW_FEATURES) + chosen] += size
     return out
 
 

@@ -150,7 +150,7 @@ def test_blocks_must_be_in_order(unit: Unit, healthy: Samples) -> None:
 def test_missing_channels_are_named(unit: Unit) -> None:
     time = np.arange(2_000) * 1e-3
     samples = Samples(time, {"position": np.zeros(2_000), "pump_speed": np.zeros(2_000)})
-    with pytest.raises(InputError, match="pressure_difference or pressure_1"):
+    with pytest.raises(InputError, match=r"pressure_difference \(or pressure_1"):
         Pipeline(unit).push(samples)
 
 
