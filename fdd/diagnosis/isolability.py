@@ -1,6 +1,6 @@
 """Which faults a set of sensors cannot tell apart: the ambiguity groups.
 
-From the structure of the axis (`Fault Diagnosis Toolbox`'s analysis in the project's notes, Yu 1997,
+From the structure of the axis (what a structural analysis of its equations gives; Yu 1997,
 doi 10.1016/S0967-0661(97)00130-1, for pump against piston leakage): pump and piston leakage
 join the same two nodes; case and outside leakage need the balance of each chamber, so both
 chamber pressures; drive faults need motor current.
