@@ -1,0 +1,69 @@
+"""Speed, side by side with a peer in one run: ``pytest tests/benchmarks --benchmark-enable``.
+
+Without that option every benchmark runs once, as a test that it still works.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+from filterpy.kalman import ExtendedKalmanFilter as FilterpyEKF
+
+from estimators import eha_model as eha
+from fdd.diagnosis.pipeline import Pipeline
+from fdd.plant.scenario import Scenario
+from fdd.plant.simulate import simulate
+from fdd.residuals.tracking import Channels, Tracking
+from fdd.samples import Samples
+from fdd.unit import Unit
+
+
+@pytest.fixture(scope="module")
+def samples() -> Samples:
+    return simulate(Unit.load("axis_a"), Scenario(duration=10.0, seed=1, load={"name": "spring"})).samples
+
+
+@pytest.mark.parametrize("method", ["ekf", "svsf"])
+def test_tracker(benchmark: Any, samples: Samples, method: str) -> None:
+    tracking = Tracking(Unit.load("axis_a"), Channels.of(samples), 1e-3)
+    block, tracker = tracking.block(samples), tracking.trackers[method]
+    start = tracker.state()
+    tracker.push(block)
+
+    def run() -> None:
+        tracker.restore(start)
+        tracker.push(block)
+
+    benchmark.extra_info["samples"] = len(samples)
+    benchmark(run)
+    assert np.isfinite(tracker.x).all()
+
+
+def test_filterpy_of_the_same_size(benchmark: Any) -> None:
+    """100 predictions and updates of filterpy's EKF with as many states and four channels, linear."""
+    peer = FilterpyEKF(dim_x=eha.STATES, dim_z=4)
+    H = np.eye(4, eha.STATES)
+    peer.R *= 0.1
+
+    def run() -> None:
+        for _ in range(100):
+            peer.predict()
+            peer.update(np.zeros((4, 1)), lambda x: H, lambda x: H @ x)
+
+    benchmark.extra_info["samples"] = 100
+    benchmark(run)
+    assert np.isfinite(peer.x).all()
+
+
+def test_pipeline(benchmark: Any, samples: Samples) -> None:
+    unit = Unit.load("axis_a")
+
+    def run() -> str:
+        pipeline = Pipeline(unit)
+        pipeline.push(samples)
+        return pipeline.finish().verdict
+
+    benchmark.extra_info["samples"] = len(samples)
+    assert benchmark(run) in ("healthy", "faulty", "inconclusive")
