@@ -83,7 +83,7 @@ def sections(diagnosis: Diagnosis, trajectories: Trajectories, samples: Samples)
         ),
         Section(
             "Estimated quantities",
-            "Tracked by two independent filters, each with its ±2σ band. Grey: the motion at that time does "
+            "Tracked by two filters on one model, each with its ±2σ band. Grey: the motion at that time does "
             "not show the quantity, and the value is only carried along.",
             [f for name in ESTIMATED for f in _estimate(name, diagnosis, trajectories)],
         ),

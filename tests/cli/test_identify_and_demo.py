@@ -17,7 +17,6 @@ from fdd.residuals.features import FEATURE_VERSION, FEATURES
 from fdd.unit import Unit
 
 STROKES = "constant_speed:amplitude=0.08,speeds=60/105,turn=5,dwell=0.3"
-SHIPPED_MODEL = resources.files("fdd") / "diagnosis" / "model" / "manifest.json"
 
 
 @pytest.fixture(scope="module")
@@ -72,7 +71,6 @@ def test_the_demo_finds_the_leak(run, tiny_model_folder, tmp_path: Path) -> None
     _says_leakage(run, tmp_path, "--model", tiny_model_folder)
 
 
-@pytest.mark.skipif(not SHIPPED_MODEL.is_file(), reason="this checkout has no shipped model")
 def test_the_demo_finds_the_leak_with_the_shipped_model(run, tmp_path: Path) -> None:
     _says_leakage(run, tmp_path)
 
