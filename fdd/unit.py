@@ -259,6 +259,12 @@ class Drive(Section):
     zero: Annotated[PerSecond, Field(gt=0)]
     torque_constant: Annotated[float, _si("N*m/A"), Field(gt=0)]
     winding_resistance: Annotated[float, _si("ohm"), Field(gt=0)]
+    winding_inductance: Annotated[float, _si("H"), Field(gt=0)] = 0.014
+    """Thesis Table 4.11."""
+    back_emf_constant: Annotated[float, _si("V*s/rad"), Field(gt=0)] = 0.98
+    """Thesis Table 4.11."""
+    voltage_limit: Annotated[float, _si("V"), Field(gt=0)] = 540.0
+    """Largest winding voltage; by default the direct-current link of a 400 V converter (assumption)."""
     inertia: Annotated[float, _si("kg*m^2"), Field(gt=0)]
     viscous_friction: Annotated[float, _si("N*m*s/rad"), Field(ge=0)]
     current_limit: Annotated[Ampere, Field(gt=0)]

@@ -47,8 +47,9 @@ Array = NDArray[np.float64]
     CONNECT_1,
     CONNECT_2,
     CHARGE,
-) = range(32)
-COLUMNS = 32
+    ENCODER_OFFSET,
+) = range(33)
+COLUMNS = 33
 
 MEANING: dict[int, str] = {
     SETPOINT: "m in position control, rad/s in speed control, unsigned rad/s for strokes at constant speed",
@@ -83,6 +84,7 @@ MEANING: dict[int, str] = {
     CONNECT_1: "valve between both axes' lines 1 (m³/s at 1 MPa); first axis only",
     CONNECT_2: "valve between both axes' lines 2 (m³/s at 1 MPa); first axis only",
     CHARGE: "flow of the charging pump into the inner circuit (m³/s)",
+    ENCODER_OFFSET: "what the position encoder has slipped by (m)",
 }
 """Column to meaning and unit."""
 

@@ -1,38 +1,39 @@
-"""The compiled loop: controller every millisecond, fixed steps in between.
+"""The compiled loop: controllers every millisecond, the plant in between.
 
-Each step is one of the classical fourth-order Runge-Kutta method. While the piston slides so fast that
-the bristle's equation is too quick for it, the bristle moves instead by that equation's exact solution for
-the stage's velocity. Everything else in the plant is slower than 4000 1/s. At 0.1 ms the position
-is within 0.05 µm of steps a tenth as long, over seconds of stick and slip (`tests/plant`).
-
-Numba keys its cache on each function's own file: after a change to `equations` or `conditions` alone, raise
-`EQUATIONS` here too, or the loop keeps the old ones (the comparison with the reference solver in the tests
-then fails).
+The loop takes a block of milliseconds and remembers in its arguments all that the next block needs, so
+that a run gives the same bits however it is cut.
 """
 
 from __future__ import annotations
 
-import math
 from typing import NamedTuple
 
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from fdd.plant.conditions import SETPOINT
-from fdd.plant.equations import DECAY, FINDINGS, SPEED, STATES, V, X, Z, right_hand_side
-from fdd.plant.parameters import Parameters
+from fdd.plant import conditions as c
+from fdd.plant.equations import right_hand_side
+from fdd.plant.laws import walther
+from fdd.plant.parameters import Constants
+from fdd.plant.state import AXIS_STATES, FINDINGS, SHARED, TEMPERATURE, X
+from fdd.plant.steps import STAGES, advance
 
 Array = NDArray[np.float64]
 
-EQUATIONS = 2
-"""Counts the changes of the equations; a new number makes Numba compile this file anew."""
+EQUATIONS = 3
+"""See `fdd.plant.steps.EQUATIONS`."""
 
-_STIFF = 0.5
-"""Bristle decay over one step from which its exact solution is taken."""
+PERIOD = 1e-3
+"""s, of controller and recording."""
+LATE_PARTS = 10
+"""Parts of a millisecond in which a sample's lateness is counted."""
+LONGEST_STEP = PERIOD
 
 POSITION, SPEED_COMMAND, SHUTTLE = 0, 1, 2
 """Modes of the controller: position loop, open speed command, constant speed between two positions."""
+SAME, STILL, OWN = 0, 1, 2
+"""What the second axis's drive follows: the first's command, rest, a set-point of its own."""
 
 
 class Controller(NamedTuple):
@@ -50,117 +51,185 @@ class Controller(NamedTuple):
     encoder_gain: float
     encoder_zero: float
     encoder_resolution: float
-    delay: int
-    """Delay of the drive, in steps."""
+    rate_gain: float
+    """Feedback of the filtered, differentiated encoder ((rad/s)/(m/s))."""
+    b1: float
+    b2: float
+    a1: float
+    a2: float
+    """Chatter filter of eq. 7.5: y = b1·u₋₁ + b2·u₋₂ - a1·y₋₁ - a2·y₋₂."""
+    follows: int
+    delay_1: float
+    delay_2: float
+    """Delays of the drives (s)."""
+    max_speed_2: float
+
+
+MEMORIES = 9
+(_DIRECTION, _REST, _LENGTH, _U1, _U2, _Y1, _Y2, _SEEN, _STEPS) = range(MEMORIES)
+STEPS = _STEPS
+"""Where the memory counts the integrator's steps."""
+
+
+def new_memory(control: Controller, seen: float) -> tuple[Array, Array]:
+    """What the loop remembers before its first block: controller (MEMORIES,) and past commands (2, depth).
+
+    Parameters
+    ----------
+    control : whose delays set how far back commands are kept.
+    seen : position (m) that the encoder shows at rest.
+    """
+    memory = np.zeros(MEMORIES)
+    memory[_DIRECTION], memory[_REST], memory[_LENGTH], memory[_SEEN] = 1.0, control.dwell, 2e-4, seen
+    depth = int(max(control.delay_1, control.delay_2) / PERIOD) + 2
+    return memory, np.zeros((2, depth))
 
 
 @njit(cache=True, error_model="numpy")
-def bristle(z: float, v: float, decay: float, h: float) -> float:
-    """Exact solution of dz/dt = v - decay·z after h, for constant v."""
-    a = decay * h
-    if a < 1e-6:
-        return z + h * (v - decay * z)
-    e = math.exp(-a)
-    return z * e + v / decay * (1.0 - e)
+def _thinned(now: Array, axis: int, temperature: float, viscosity: Array) -> None:
+    """Bring a row to the present viscosity, in place: thin oil leaks more and drags less."""
+    ratio = walther(temperature, viscosity[axis, 0], viscosity[axis, 1]) / viscosity[axis, 2]
+    ratio *= now[axis, c.VISCOSITY]
+    thin = 1.0 / ratio
+    now[axis, c.CROSS_LEAKAGE] *= thin
+    now[axis, c.SPEED_LEAKAGE] *= thin
+    now[axis, c.SEAL_LEAKAGE] *= thin
+    now[axis, c.CASE_LEAKAGE] *= thin
+    now[axis, c.SHAFT_LEAKAGE] *= thin
+    now[axis, c.OUTSIDE_1] *= thin
+    now[axis, c.OUTSIDE_2] *= thin
+    now[axis, c.VISCOUS] *= ratio
 
 
 @njit(cache=True, error_model="numpy")
-def step(y: Array, command: float, now: Array, par: Parameters, h: float, work: Array, found: Array) -> None:
-    """One step of h seconds, in place; `work` (3, STATES) and `found` (FINDINGS,) are scratch."""
-    stage, dy, total = work[0], work[1], work[2]
-    right_hand_side(y, command, now, par, dy, found)
-    v, decay = y[V], found[DECAY]
-    mean_v, mean_decay = v, decay
-    stiff = decay * h > _STIFF
-    for i in range(STATES):
-        total[i] = dy[i]
-    for part in range(3):
-        length = h if part == 2 else 0.5 * h
-        weight = 1.0 if part == 2 else 2.0
-        for i in range(STATES):
-            stage[i] = y[i] + length * dy[i]
-        stiff = stiff or decay * h > _STIFF
-        if stiff:
-            stage[Z] = bristle(y[Z], v, decay, length)
-        right_hand_side(stage, command, now, par, dy, found)
-        v, decay = stage[V], found[DECAY]
-        mean_v += weight * v
-        mean_decay += weight * decay
-        for i in range(STATES):
-            total[i] += weight * dy[i]
-    z = bristle(y[Z], mean_v / 6.0, mean_decay / 6.0, h)
-    for i in range(STATES):
-        y[i] += h / 6.0 * total[i]
-    if stiff:
-        y[Z] = z
+def _command(x: float, row: Array, control: Controller, memory: Array) -> float:
+    """Speed that the controller demands (rad/s); advances its memory by a millisecond."""
+    seen = control.encoder_gain * (x + row[c.ENCODER_OFFSET]) + control.encoder_zero
+    if control.encoder_resolution > 0.0:
+        seen = control.encoder_resolution * np.rint(seen / control.encoder_resolution)
+    wanted = row[c.SETPOINT]
+    if control.mode == POSITION:
+        wanted = control.gain * (wanted - seen)
+    elif control.mode == SHUTTLE:
+        direction = memory[_DIRECTION]
+        if memory[_REST] > 0.0:
+            memory[_REST] -= 1.0
+            wanted = 0.0
+        elif (direction > 0.0 and seen >= control.high) or (direction < 0.0 and seen <= control.low):
+            memory[_DIRECTION] = -direction
+            memory[_REST] = control.dwell
+            wanted = 0.0
+        else:
+            wanted *= direction
+    if control.rate_gain != 0.0:
+        rate = control.b1 * memory[_U1] + control.b2 * memory[_U2]
+        rate -= control.a1 * memory[_Y1] + control.a2 * memory[_Y2]
+        memory[_U2], memory[_U1] = memory[_U1], (seen - memory[_SEEN]) / PERIOD
+        memory[_Y2], memory[_Y1] = memory[_Y1], rate
+        memory[_SEEN] = seen
+        wanted -= control.rate_gain * rate
+    if control.mode != POSITION and (
+        (seen > control.limit and wanted > 0.0) or (seen < -control.limit and wanted < 0.0)
+    ):
+        wanted = 0.0
+    return min(max(wanted, -control.max_speed), control.max_speed)
 
 
 @njit(cache=True, error_model="numpy")
 def run(
     y: Array,
+    memory: Array,
+    past: Array,
     conditions: Array,
-    par: Parameters,
+    viscosity: Array,
+    first: Constants,
+    second: Constants,
     control: Controller,
-    lateness: NDArray[np.int64],
-    substeps: int,
+    late: NDArray[np.int64],
+    allowed: Array,
+    longest: float,
 ) -> tuple[Array, Array, Array]:
     """Run the plant for as many milliseconds as there are conditions.
 
     Parameters
     ----------
-    y : (STATES,) initial state; holds the last one afterwards.
-    conditions : (n, COLUMNS) one row per millisecond.
-    par, control : constants.
-    lateness : (n,) steps by which each sample is taken late, 0 to `substeps` - 1.
-    substeps : steps per millisecond.
+    y : state, one axis or two; holds the last one afterwards.
+    memory, past : from `new_memory`; hold what the next block needs afterwards.
+    conditions : (n, axes, COLUMNS) one row per millisecond, at the reference viscosity.
+    viscosity : (axes, 3) Walther's intercept and slope, and the reference viscosity (cSt).
+    first, second : constants of the axes; for one axis the second is not used.
+    control : constants of the controller.
+    late : (n,) parts of a millisecond by which each sample is taken late, 0 to `LATE_PARTS` - 1.
+    allowed : error allowed for each state over a step, see `fdd.plant.steps.tolerances`.
+    longest : longest step (s).
 
     Returns
     -------
-    states (n, STATES), findings (n, FINDINGS) and commands (n,) at the sampling times.
+    states (n, states), findings (n, axes·FINDINGS) and commands (n, 2) at the sampling times; NaN from
+    where the state has left all bounds.
     """
-    n = conditions.shape[0]
-    states = np.empty((n, STATES))
-    findings = np.empty((n, FINDINGS))
-    commands = np.zeros(n)
-    work = np.empty((3, STATES))
-    dy = np.empty(STATES)
-    found = np.empty(FINDINGS)
-    h = 1e-3 / substeps
-    direction = 1.0
-    rest = control.dwell
-    for k in range(n):
-        now = conditions[k]
-        seen = control.encoder_gain * y[X] + control.encoder_zero
-        if control.encoder_resolution > 0.0:
-            seen = control.encoder_resolution * np.rint(seen / control.encoder_resolution)
-        wanted = now[SETPOINT]
-        if control.mode == POSITION:
-            wanted = control.gain * (wanted - seen)
-        elif control.mode == SHUTTLE:
-            if rest > 0:
-                rest -= 1
-                wanted = 0.0
-            elif (direction > 0.0 and seen >= control.high) or (direction < 0.0 and seen <= control.low):
-                direction = -direction
-                rest = control.dwell
-                wanted = 0.0
+    n, axes, depth = conditions.shape[0], conditions.shape[1], past.shape[1]
+    states = np.empty((n, y.size))
+    findings = np.empty((n, axes * FINDINGS))
+    commands = np.zeros((depth + n, 2))  # with those of the past in front
+    for a in range(2):
+        for j in range(depth):
+            commands[j, a] = past[a, j]
+    k = np.empty((STAGES, y.size))
+    stage = np.empty(y.size)
+    found = np.empty(axes * FINDINGS)
+    now = np.empty((axes, c.COLUMNS))
+    whole_1, whole_2 = int(control.delay_1 / PERIOD + 1e-9), int(control.delay_2 / PERIOD + 1e-9)
+    part_1 = max(control.delay_1 - whole_1 * PERIOD, 0.0)
+    part_2 = max(control.delay_2 - whole_2 * PERIOD, 0.0) if axes > 1 else 0.0
+    part_1 = part_1 if part_1 > 1e-9 else 0.0
+    part_2 = part_2 if part_2 > 1e-9 else 0.0
+    for t in range(n):
+        for a in range(axes):
+            for j in range(c.COLUMNS):
+                now[a, j] = conditions[t, a, j]
+            _thinned(now, a, y[SHARED + a * AXIS_STATES + TEMPERATURE], viscosity)
+        m = depth + t
+        commands[m, 0] = _command(y[X], now[0], control, memory)
+        if axes > 1:
+            if control.follows == SAME:
+                wanted = commands[m, 0]
+            elif control.follows == OWN:
+                wanted = now[1, c.SETPOINT]
             else:
-                wanted *= direction
-        if control.mode != POSITION and (
-            (seen > control.limit and wanted > 0.0) or (seen < -control.limit and wanted < 0.0)
-        ):
-            wanted = 0.0
-        commands[k] = min(max(wanted, -control.max_speed), control.max_speed)
-        for i in range(substeps):
-            since = k * substeps + i - control.delay
-            command = commands[since // substeps] if since >= 0 else 0.0
-            if i == lateness[k]:
-                right_hand_side(y, command, now, par, dy, found)
-                states[k] = y
-                findings[k] = found
-            step(y, command, now, par, h, work, found)
-        if not math.isfinite(y[X] + y[SPEED]):
-            states[k:] = np.nan
-            findings[k:] = np.nan
-            break
-    return states, findings, commands
+                wanted = 0.0
+            commands[m, 1] = min(max(wanted, -control.max_speed_2), control.max_speed_2)
+        at, sample = 0.0, late[t] * (PERIOD / LATE_PARTS)
+        while at < PERIOD:
+            # Up to where a command arrives or the sample is taken.
+            end = PERIOD
+            if at < part_1:
+                end = min(end, part_1)
+            if at < part_2:
+                end = min(end, part_2)
+            if at < sample:
+                end = min(end, sample)
+            command_1 = commands[m - whole_1 - (1 if at < part_1 else 0), 0]
+            command_2 = commands[m - whole_2 - (1 if at < part_2 else 0), 1]
+            right_hand_side(y, command_1, command_2, now, first, second, k[0], found)
+            if at == sample:
+                for i in range(y.size):
+                    states[t, i] = y[i]
+                for i in range(found.size):
+                    findings[t, i] = found[i]
+            length, tried = advance(
+                y, end - at, memory[_LENGTH], longest, command_1, command_2, now, first, second, allowed, k, stage,
+                found,
+            )  # fmt: skip
+            memory[_STEPS] += tried
+            if length < 0.0:
+                states[t:] = np.nan
+                findings[t:] = np.nan
+                y[:] = np.nan
+                return states, findings, commands[depth:]
+            memory[_LENGTH] = length
+            at = end
+    for a in range(2):
+        for j in range(depth):
+            past[a, j] = commands[n + j, a]
+    return states, findings, commands[depth:]

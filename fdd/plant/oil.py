@@ -6,6 +6,8 @@ scalars or arrays of one shape.
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
@@ -17,6 +19,22 @@ ATMOSPHERE = 101_325.0
 
 _WALTHER_SHIFT = 0.7  # cSt, of ASTM D341
 _KELVIN = 273.15
+
+
+def walther_line(oil: Oil) -> tuple[float, float, float]:
+    """Intercept and slope of Walther's law through the oil's two data-sheet points, and the viscosity (cSt)
+    at its reference temperature.
+
+    ``log10 log10(ν + 0.7) = intercept + slope·log10 T``, ν in cSt and T in kelvin (ASTM D341).
+    """
+    ordinate = [
+        math.log10(math.log10(v * 1e6 + _WALTHER_SHIFT)) for v in (oil.viscosity_40, oil.viscosity_100)
+    ]
+    abscissa = [math.log10(40.0 + _KELVIN), math.log10(100.0 + _KELVIN)]
+    slope = (ordinate[1] - ordinate[0]) / (abscissa[1] - abscissa[0])
+    intercept = ordinate[0] - slope * abscissa[0]
+    inner = intercept + slope * math.log10(oil.reference_temperature + _KELVIN)
+    return intercept, slope, 10.0 ** (10.0**inner) - _WALTHER_SHIFT
 
 
 def viscosity(oil: Oil, temperature: ArrayLike) -> NDArray[np.float64]:
@@ -40,11 +58,9 @@ def viscosity(oil: Oil, temperature: ArrayLike) -> NDArray[np.float64]:
     >>> [round(float(v) * 1e6, 1) for v in viscosity(oil, [20.0, 40.0, 100.0])]
     [86.3, 32.0, 5.4]
     """
-    ordinate = [np.log10(np.log10(v * 1e6 + _WALTHER_SHIFT)) for v in (oil.viscosity_40, oil.viscosity_100)]
-    abscissa = [np.log10(40.0 + _KELVIN), np.log10(100.0 + _KELVIN)]
-    slope = (ordinate[1] - ordinate[0]) / (abscissa[1] - abscissa[0])
+    intercept, slope, _ = walther_line(oil)
     kelvin = np.asarray(temperature, dtype=np.float64) + _KELVIN
-    loglog = ordinate[0] + slope * (np.log10(kelvin) - abscissa[0])
+    loglog = intercept + slope * np.log10(kelvin)
     return np.asarray((10.0 ** (10.0**loglog) - _WALTHER_SHIFT) * 1e-6)
 
 

@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
+from typing import Any, NamedTuple
+
+import numpy as np
 
 from fdd.errors import InputError
+from fdd.plant.circuit import Circuit
 from fdd.plant.details import Details
 from fdd.plant.load import Load
 from fdd.plant.oil import ATMOSPHERE, stiff_bulk_modulus
-from fdd.unit import Unit
+from fdd.unit import Drive, Unit
 
 
 class Parameters(NamedTuple):
@@ -20,15 +23,23 @@ class Parameters(NamedTuple):
     area_2: float
     volume_1: float
     volume_2: float
+    cylinder_volume_1: float
+    cylinder_volume_2: float
+    line_volume_1: float
+    line_volume_2: float
+    blocked: float
+    """1 where the valve between pump and cylinder is shut, 0 where it is open."""
     half_stroke: float
     mass: float
     stop_stiffness: float
     stop_damping: float
+    cushion_length: float
+    cushion_damping: float
     # friction: LuGre, a curve for each direction, times the run's draw
     bristle_stiffness: float
     bristle_damping: float
     bristle_fade: float
-    friction_memory: float
+    friction_rate: float
     seal_damping: float
     coulomb_forward: float
     static_forward: float
@@ -49,9 +60,13 @@ class Parameters(NamedTuple):
     teeth: float
     ripple: float
     pump_compression: float
+    line_loss: float
+    coupling_stiffness: float
+    coupling_damping: float
     refeed_cracking: float
     refeed_gain: float
     case_cracking: float
+    case_gain: float
     check_width: float
     orifice_transition: float
     relief_pressure: float
@@ -60,13 +75,23 @@ class Parameters(NamedTuple):
     gas_pressure: float
     gas_volume: float
     store_density: float
+    charging_pressure: float
+    external_flow: float
+    external_pressure: float
+    external_volume: float
     # drive
     max_speed: float
-    pole_sum: float
-    pole_product: float
-    feedthrough: float
+    command_dead_band: float
+    loop_gain: float
+    loop_integral: float
+    loop_feed: float
+    current_rate: float
+    current_limit: float
+    voltage_limit: float
+    winding_resistance: float
+    winding_inductance: float
+    back_emf: float
     torque_constant: float
-    torque_limit: float
     inertia: float
     rotary_viscous: float
     rotary_coulomb: float
@@ -76,6 +101,48 @@ class Parameters(NamedTuple):
     throttle: float
     partner_area: float
     partner_compliance: float
+    # heat
+    heat_capacity: float
+    cooling: float
+    surroundings: float
+
+
+Constants = Any
+"""`Parameters` as the compiled functions take them, by reference: a NumPy record with the same names."""
+
+
+def as_record(parameters: Parameters) -> Constants:
+    """The parameters as a NumPy record, which compiled functions read by name without copying."""
+    kind = np.dtype([(name, np.float64) for name in Parameters._fields])
+    return np.rec.array([tuple(parameters)], dtype=kind)[0]
+
+
+def velocity_loop(drive: Drive, current_lag: float) -> tuple[float, float, float, float]:
+    """Gains of the velocity loop whose closed loop has the drive's poles and zero, and the current loop's rate.
+
+    With a current loop of lag τ the speed follows ω/c = (f·s + k2)/(τs³ + s² + k1·s + k2). Two of its poles
+    are the drive's; their sum is 1/τ, so the third lies at p3 = 1/τ - p1 - p2.
+
+    Parameters
+    ----------
+    drive : poles and zero of eq. 6.11 (1/s).
+    current_lag : τ wanted (s); shortened where the drive's own poles are nearly as fast.
+
+    Returns
+    -------
+    loop_gain k1 (1/s), loop_integral k2 (1/s²), loop_feed f (1/s), current_rate 1/τ (1/s).
+
+    Examples
+    --------
+    >>> k1, k2, f, rate = velocity_loop(Unit.load("axis_a").drive, 4e-4)
+    >>> sorted(round(-p.real, 1) for p in np.roots([1 / rate, 1.0, k1, k2]))[:2]
+    [242.9, 517.9]
+    """
+    total, product = drive.pole_1 + drive.pole_2, drive.pole_1 * drive.pole_2
+    rate = max(1.0 / current_lag, 3.0 * total)
+    third = rate - total
+    integral = product * third / rate
+    return (product + third * total) / rate, integral, integral / drive.zero, rate
 
 
 def plant_parameters(
@@ -83,9 +150,12 @@ def plant_parameters(
     details: Details,
     load: Load,
     *,
+    circuit: Circuit | None = None,
     charge_factor: float = 1.0,
     ambient: float = ATMOSPHERE,
     friction_draw: tuple[float, float] = (1.0, 1.0),
+    surroundings: float = 40.0,
+    joined_mass: float = 0.0,
 ) -> Parameters:
     """Everything constant over a run.
 
@@ -94,28 +164,36 @@ def plant_parameters(
     unit : the actuator.
     details : of the plant, beyond the unit.
     load : what the rod pushes against.
+    circuit : the rig's valves around it (section 4.6).
     charge_factor : accumulator charge (gauge) over the unit's.
     ambient : Pa, absolute pressure at gauge zero.
     friction_draw : this run's friction over the unit's, forward and reverse (Table 5.1's spread).
+    surroundings : °C around the actuator.
+    joined_mass : kg of another axis's piston on the same rod.
 
     Raises
     ------
     InputError : a chamber would be empty within the stroke, or the air alone too soft.
     """
     cylinder, pump, oil, drive = unit.cylinder, unit.pump, unit.oil, unit.drive
+    circuit = circuit or Circuit()
     half = 0.5 * cylinder.stroke
+    # The valve between pump and cylinder lies in the middle: V_o on either side of it (eqs 3.14 to 3.17).
+    share = 0.5 if circuit.blocked else 1.0
     for name, volume, area in (
         ("volume_1", cylinder.volume_1, cylinder.area_1),
         ("volume_2", cylinder.volume_2, cylinder.area_2),
     ):
-        if volume <= 1.05 * area * half:
+        if share * volume <= 1.05 * area * half:
             raise InputError(
                 f"{name} {volume * 1e6:.0f} cm³ is empty at the stroke's end ({area * half * 1e6:.0f} cm³)",
                 where=f"unit {unit.name} cylinder",
                 mend="enlarge it or shorten stroke",
             )
     charge = unit.accumulator.charge_pressure * charge_factor
-    mass = cylinder.moving_mass + load.mass
+    mass = cylinder.moving_mass + joined_mass + load.mass
+    gain, integral, feed, rate = velocity_loop(drive, details.current_lag)
+    external = circuit.accumulators
     n = oil.polytropic_index
     stiff = 1.0 / stiff_bulk_modulus(oil)
     # Oil in the accumulator is counted at the density it has at charge pressure.
@@ -129,16 +207,23 @@ def plant_parameters(
         area_2=cylinder.area_2,
         volume_1=cylinder.volume_1,
         volume_2=cylinder.volume_2,
+        cylinder_volume_1=0.5 * cylinder.volume_1,
+        cylinder_volume_2=0.5 * cylinder.volume_2,
+        line_volume_1=0.5 * cylinder.volume_1,
+        line_volume_2=0.5 * cylinder.volume_2,
+        blocked=float(circuit.blocked),
         half_stroke=half,
         mass=mass,
         stop_stiffness=details.stop_stiffness,
         stop_damping=details.stop_damping,
+        cushion_length=details.cushion_length,
+        cushion_damping=details.cushion_damping,
         bristle_stiffness=details.bristle_stiffness,
         bristle_damping=2.0
         * details.bristle_damping
         * math.sqrt(details.bristle_stiffness * cylinder.moving_mass),
         bristle_fade=details.bristle_fade,
-        friction_memory=details.friction_memory,
+        friction_rate=1.0 / details.friction_memory,
         seal_damping=details.seal_damping,
         coulomb_forward=forward.coulomb * ahead,
         static_forward=forward.static * ahead,
@@ -157,9 +242,13 @@ def plant_parameters(
         teeth=float(details.pump_teeth),
         ripple=details.pump_ripple,
         pump_compression=details.pump_compression,
+        line_loss=details.line_loss,
+        coupling_stiffness=details.coupling_stiffness,
+        coupling_damping=details.coupling_damping,
         refeed_cracking=unit.accumulator.refeed_cracking_pressure,
         refeed_gain=unit.accumulator.refeed_flow_gain,
         case_cracking=unit.accumulator.case_cracking_pressure,
+        case_gain=unit.accumulator.refeed_flow_gain,
         check_width=details.check_width,
         orifice_transition=details.orifice_transition,
         relief_pressure=unit.accumulator.relief_pressure,
@@ -168,12 +257,22 @@ def plant_parameters(
         gas_pressure=charge + ambient,
         gas_volume=unit.accumulator.gas_volume,
         store_density=math.exp(charge * stiff + free),
+        charging_pressure=circuit.charging_pressure,
+        external_flow=external.valve_flow if external else 0.0,
+        external_pressure=external.gas_charge + ambient if external else 1.0,
+        external_volume=external.gas_volume if external else 1.0,
         max_speed=drive.max_speed,
-        pole_sum=drive.pole_1 + drive.pole_2,
-        pole_product=drive.pole_1 * drive.pole_2,
-        feedthrough=drive.pole_1 * drive.pole_2 / drive.zero,
+        command_dead_band=details.command_dead_band,
+        loop_gain=gain,
+        loop_integral=integral,
+        loop_feed=feed,
+        current_rate=rate,
+        current_limit=drive.current_limit,
+        voltage_limit=drive.voltage_limit,
+        winding_resistance=drive.winding_resistance,
+        winding_inductance=drive.winding_inductance,
+        back_emf=drive.back_emf_constant,
         torque_constant=drive.torque_constant,
-        torque_limit=drive.torque_constant * drive.current_limit,
         inertia=drive.inertia,
         rotary_viscous=drive.viscous_friction,
         rotary_coulomb=details.pump_coulomb_torque,
@@ -183,4 +282,7 @@ def plant_parameters(
         throttle=load.throttle_pressure / (100.0 * pump.displacement) ** 2,
         partner_area=area if load.throttle_pressure > 0.0 else 0.0,
         partner_compliance=volume / oil.bulk_modulus,
+        heat_capacity=details.heat_capacity,
+        cooling=details.cooling,
+        surroundings=surroundings,
     )

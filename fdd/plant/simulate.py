@@ -1,7 +1,12 @@
-"""Run a scenario on a unit: samples as its log would show them, and the truth behind them."""
+"""Run a scenario on a unit: samples as its log would show them, and the truth behind them.
+
+A run is made block by block, so that an hour fits into the memory of a minute; the blocks together are the
+same bits however the run is cut.
+"""
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -9,35 +14,34 @@ from numpy.typing import NDArray
 
 from fdd.errors import InputError
 from fdd.plant import conditions as c
-from fdd.plant import equations as e
-from fdd.plant.duty import ConstantSpeed
-from fdd.plant.faults.injection import inject
-from fdd.plant.integrator import POSITION, SHUTTLE, SPEED_COMMAND, Controller, run
-from fdd.plant.oil import bulk_modulus, viscosity_ratio
-from fdd.plant.parameters import Parameters, plant_parameters
+from fdd.plant import state as s
+from fdd.plant.integrator import LATE_PARTS, PERIOD, run
+from fdd.plant.parameters import as_record
+from fdd.plant.prepare import Prepared, prepare
 from fdd.plant.scenario import Scenario
-from fdd.plant.sensors import blank_bursts, digitise, generator, kept_rows, lateness, measure_all
+from fdd.plant.sensors import Lateness, Recorder
 from fdd.plant.truth import Truth
+from fdd.plant.truth_columns import truth_columns
 from fdd.samples import Samples
 from fdd.unit import Unit
 
 Array = NDArray[np.float64]
 
-SUBSTEPS = 10
-"""Integration steps per millisecond: 0.1 ms each."""
-_LEAST_SUBSTEPS, _MOST_SUBSTEPS = 8, 1000
+BLOCK = 20_000
+"""Rows that are simulated at a time; about 20 MB for one axis."""
 
 
 @dataclass(frozen=True)
 class Simulation:
-    """What one scenario gave.
+    """What one scenario gave on one axis.
 
     Attributes
     ----------
     samples : the log.
     truth : what really was, aligned with the samples' rows.
-    labels : one per fault: fault, family, severity, onset_s, profile, side, variant.
+    labels : one per fault of this axis: fault, family, severity, onset_s, profile, side, variant, axis.
     unit, scenario : what it was made from.
+    partner : the same of the second axis, where there is one.
     """
 
     samples: Samples
@@ -45,66 +49,120 @@ class Simulation:
     labels: list[dict[str, str | float | int | None]]
     unit: Unit
     scenario: Scenario
+    partner: Simulation | None = None
 
 
 @dataclass(frozen=True)
-class Prepared:
-    """A scenario ready to run: what the compiled loop takes."""
+class AxisBlock:
+    """Some rows of one axis: its log and the truth beside it."""
 
-    state: Array
-    conditions: Array
-    parameters: Parameters
-    controller: Controller
-    temperature: Array
+    samples: Samples
+    truth: Truth
 
 
-def prepare(unit: Unit, scenario: Scenario, *, substeps: int = SUBSTEPS) -> Prepared:
-    """Turn unit and scenario into the compiled loop's arguments.
+@dataclass(frozen=True)
+class RawBlock:
+    """Some milliseconds as the compiled loop gave them.
+
+    Attributes
+    ----------
+    start : row of the run that they begin with.
+    time : (n,) s, when each sample was taken.
+    rows : (n, axes, COLUMNS) conditions.
+    states, found, commands : see `fdd.plant.integrator.run`.
+    """
+
+    start: int
+    time: Array
+    rows: Array
+    states: Array
+    found: Array
+    commands: Array
+
+
+def raw_blocks(ready: Prepared, block: int = BLOCK) -> Iterator[RawBlock]:
+    """Run what was prepared, `block` milliseconds at a time.
 
     Raises
     ------
-    InputError : the duty leaves the stroke, or the unit cannot be simulated.
+    InputError : the run left the range of the model.
     """
-    if not _LEAST_SUBSTEPS <= substeps <= _MOST_SUBSTEPS:
-        raise InputError(
-            f"substeps {substeps} is out of range", mend=f"use {_LEAST_SUBSTEPS} to {_MOST_SUBSTEPS}"
+    scenario = ready.scenario
+    lateness = Lateness(scenario.recording, LATE_PARTS, scenario.seed)
+    constants = [as_record(par) for par in ready.parameters]
+    for start in range(0, scenario.rows, block):
+        stop = min(start + block, scenario.rows)
+        rows = ready.conditions(start, stop)
+        late = lateness.steps(stop - start)
+        states, found, commands = run(
+            ready.state,
+            ready.memory,
+            ready.past,
+            rows,
+            ready.viscosity,
+            constants[0],
+            constants[-1],
+            ready.controller,
+            late,
+            ready.allowed,
+            ready.longest,
         )
-    _fits(unit, scenario)
-    n, seed = scenario.rows, scenario.seed
-    time = np.arange(n, dtype=np.float64) * 1e-3
-    position = scenario.control.mode == "position"
-    setpoint = scenario.duty.setpoint(n, position, generator(seed, "duty"))
-    temperature = scenario.oil_temperature + scenario.warming * time
-    force = scenario.load.force(n, generator(seed, "load"))
-    rows = c.healthy_conditions(unit, setpoint, temperature, force)
-    inject(rows, time, scenario.faults, viscosity_ratio(unit.oil, temperature), scenario.details)
-    spread = np.clip(generator(seed, "friction").standard_normal(2), -3.0, 3.0) * unit.friction.trial_spread
-    draw = np.maximum(1.0 + spread, 0.1)
-    parameters = plant_parameters(
-        unit,
-        scenario.details,
-        scenario.load,
-        charge_factor=scenario.charge_factor,
-        ambient=scenario.ambient,
-        friction_draw=(float(draw[0]), float(draw[1])),
-    )
-    return Prepared(
-        state=_at_rest(unit, scenario, parameters, float(force[0])),
-        conditions=rows,
-        parameters=parameters,
-        controller=_controller(unit, scenario, substeps),
-        temperature=temperature,
-    )
+        if not np.isfinite(states[-1]).all():
+            second = (start + float(np.flatnonzero(~np.isfinite(states).all(axis=1))[0])) * PERIOD
+            raise InputError(
+                f"the simulation left the range of the model at {second:.3f} s",
+                where=f"unit {ready.units[0].name}",
+                mend="check the unit's masses, volumes and drive poles",
+            )
+        time = (np.arange(start, stop) + late / LATE_PARTS) * PERIOD
+        yield RawBlock(start, time, rows, states, found, commands)
 
 
-def simulate(unit: Unit, scenario: Scenario, *, substeps: int = SUBSTEPS) -> Simulation:
-    """Simulate one run. The same unit, scenario and substeps give the same bits.
+def stream(
+    unit: Unit,
+    scenario: Scenario,
+    *,
+    partner: Unit | None = None,
+    refine: float = 1.0,
+    block: int = BLOCK,
+) -> Iterator[tuple[AxisBlock, ...]]:
+    """Simulate one run block by block, one `AxisBlock` for each axis at a time.
 
     Parameters
     ----------
-    unit : the actuator; all physics follow it.
+    unit, scenario, partner, refine : as `simulate` takes them.
+    block : milliseconds at a time; changes no bit of the result.
+
+    Raises
+    ------
+    InputError : as `simulate`.
+
+    Examples
+    --------
+    >>> blocks = stream(Unit.load("axis_a"), Scenario(duration=0.1, seed=7), block=40)
+    >>> sum(len(axes[0].samples) for axes in blocks)
+    100
+    """
+    ready = prepare(unit, scenario, partner=partner, refine=refine)
+    recorders = [
+        Recorder(each, _own(scenario, i), scenario.recording, scenario.seed, axis=i + 1)
+        for i, each in enumerate(ready.units)
+    ]
+    for raw in raw_blocks(ready, block):
+        yield tuple(_axis_block(ready, raw, i, recorder) for i, recorder in enumerate(recorders))
+
+
+def simulate(
+    unit: Unit, scenario: Scenario, *, partner: Unit | None = None, refine: float = 1.0
+) -> Simulation:
+    """Simulate one run. The same units, scenario and refinement give the same bits.
+
+    Parameters
+    ----------
+    unit : the actuator, or the first axis of a dual one; all physics follow it.
     scenario : the run.
-    substeps : integration steps per millisecond, 8 to 1000.
+    partner : unit of the second axis where the scenario has one; None loads the one that it names.
+    refine : 2 halves the integrator's steps, 0.25 to 64.
 
     Returns
     -------
@@ -120,119 +178,59 @@ def simulate(unit: Unit, scenario: Scenario, *, substeps: int = SUBSTEPS) -> Sim
     >>> len(out.truth) == len(out.samples), out.labels
     (True, [])
     """
-    ready = prepare(unit, scenario, substeps=substeps)
-    late = lateness(scenario.rows, scenario.recording, substeps, scenario.seed)
-    states, found, commands = run(
-        ready.state, ready.conditions, ready.parameters, ready.controller, late, substeps
-    )
-    if not np.isfinite(states[-1]).all():
-        second = float(np.flatnonzero(~np.isfinite(states).all(axis=1))[0]) * 1e-3
-        raise InputError(
-            f"the simulation left the range of the model at {second:.3f} s",
-            where=f"unit {unit.name}",
-            mend="check the unit's masses, volumes and drive poles",
+    units = (unit,)
+    if scenario.partner is not None:
+        partner = partner or Unit.load(scenario.partner.unit)
+        units = (unit, partner)
+    parts = list(stream(unit, scenario, partner=partner, refine=refine))
+    found: Simulation | None = None
+    for i in reversed(range(len(units))):
+        found = Simulation(
+            samples=_joined_samples([axes[i].samples for axes in parts]),
+            truth=_joined_truth([axes[i].truth for axes in parts]),
+            labels=[spec.label() for spec in _own(scenario, i)],
+            unit=units[i],
+            scenario=scenario,
+            partner=found,
         )
-    time = (np.arange(scenario.rows) + late / substeps) * 1e-3
-    everything = _truth_columns(unit, scenario, ready, states, found)
-    columns: dict[str, Array] = {
-        "command": digitise(unit.sensor("command"), commands),
-        **measure_all(unit, everything, time, scenario.faults, scenario.recording, scenario.seed),
-    }
-    if scenario.control.mode == "position":
-        columns["position_setpoint"] = ready.conditions[:, c.SETPOINT]
-    kept = kept_rows(scenario.rows, scenario.recording, scenario.seed)
-    columns = {name: values[kept] for name, values in columns.items()}
-    blank_bursts(columns, scenario.recording, scenario.seed)
+    assert found is not None
+    return found
+
+
+def _own(scenario: Scenario, axis: int) -> list:
+    return [spec for spec in scenario.faults if spec.axis == axis + 1]
+
+
+def _axis_block(ready: Prepared, raw: RawBlock, axis: int, recorder: Recorder) -> AxisBlock:
+    unit, scenario = ready.units[axis], ready.scenario
+    rows = raw.rows[:, axis]
+    everything = truth_columns(unit, ready.parameters[axis], rows, raw.states, raw.found, axis)
+    known = {"command": raw.commands[:, axis]}
+    if scenario.control.mode == "position" and axis == 0:
+        known["position_setpoint"] = rows[:, c.SETPOINT]
+    columns, stamps, kept = recorder.measure(everything, raw.time, known)
     truth = Truth(
-        time=time[kept],
+        time=stamps,
         columns={name: values[kept] for name, values in everything.items()},
-        severity={spec.fault: spec.over(time[kept]) for spec in scenario.faults},
+        severity={spec.fault: spec.over(raw.time)[kept] for spec in _own(scenario, axis)},
     )
-    labels = [spec.label() for spec in scenario.faults]
-    return Simulation(Samples(time[kept], columns), truth, labels, unit, scenario)
+    return AxisBlock(Samples(stamps, columns), truth)
 
 
-def _fits(unit: Unit, scenario: Scenario) -> None:
-    """Whether the duty stays within the stroke."""
-    duty, half = scenario.duty, 0.5 * unit.cylinder.stroke
-    moves = duty.amplitude if scenario.control.mode == "position" or isinstance(duty, ConstantSpeed) else 0.0
-    if abs(duty.offset) + moves > 0.95 * half:
-        raise InputError(
-            f"amplitude {moves:g} m around offset {duty.offset:g} m leaves the stroke of ±{half:g} m",
-            where="scenario duty",
-            mend=f"keep |offset| + amplitude within {0.95 * half:.3f} m",
-        )
+def _joined_samples(parts: list[Samples]) -> Samples:
+    if len(parts) == 1:
+        return parts[0]
+    time = np.concatenate([part.time for part in parts])
+    names = parts[0].columns
+    return Samples(time, {name: np.concatenate([part.columns[name] for part in parts]) for name in names})
 
 
-def _controller(unit: Unit, scenario: Scenario, substeps: int) -> Controller:
-    duty, encoder = scenario.duty, unit.sensor("position")
-    shuttle = isinstance(duty, ConstantSpeed)
-    if scenario.control.mode == "position":
-        mode = POSITION
-    else:
-        mode = SHUTTLE if shuttle else SPEED_COMMAND
-    return Controller(
-        mode=mode,
-        gain=scenario.control.gain,
-        max_speed=unit.drive.max_speed,
-        limit=0.45 * unit.cylinder.stroke,
-        low=duty.offset - duty.amplitude,
-        high=duty.offset + duty.amplitude,
-        dwell=round(duty.dwell * 1000.0) if isinstance(duty, ConstantSpeed) else 0,
-        encoder_gain=encoder.gain,
-        encoder_zero=encoder.zero,
-        encoder_resolution=encoder.resolution,
-        delay=round(unit.drive.delay * 1000.0 * substeps),
+def _joined_truth(parts: list[Truth]) -> Truth:
+    if len(parts) == 1:
+        return parts[0]
+    first = parts[0]
+    return Truth(
+        time=np.concatenate([part.time for part in parts]),
+        columns={name: np.concatenate([part.columns[name] for part in parts]) for name in first.columns},
+        severity={name: np.concatenate([part.severity[name] for part in parts]) for name in first.severity},
     )
-
-
-def _at_rest(unit: Unit, scenario: Scenario, par: Parameters, force: float) -> Array:
-    """The state at which nothing moves: chambers at charge pressure, the loaded one above it."""
-    y = np.zeros(e.STATES)
-    y[e.X] = scenario.duty.offset
-    charge = unit.accumulator.charge_pressure * scenario.charge_factor
-    area_1, area_2 = unit.cylinder.area_1, unit.cylinder.area_2
-    # The rod carries the load and, with unequal areas, the charge pressure's own push.
-    push = force + par.spring * (y[e.X] - par.spring_centre) - charge * (area_1 - area_2)
-    y[e.P1] = charge + max(push, 0.0) / area_1
-    y[e.P2] = charge + max(-push, 0.0) / area_2
-    return y
-
-
-def _truth_columns(
-    unit: Unit, scenario: Scenario, ready: Prepared, states: Array, found: Array
-) -> dict[str, Array]:
-    rows, par = ready.conditions, ready.parameters
-    oil, air = unit.oil, rows[:, c.AIR]
-    coulomb = 0.5 * (par.coulomb_forward + par.coulomb_reverse)
-    viscous = 0.5 * (par.viscous_forward + par.viscous_reverse)
-    p1, p2 = states[:, e.P1], states[:, e.P2]
-    return {
-        "leakage": rows[:, c.CROSS_LEAKAGE] + 0.5 * rows[:, c.CASE_LEAKAGE],
-        "bulk_modulus": bulk_modulus(oil, np.full(air.size, oil.reference_pressure), air),
-        "bulk_modulus_1": bulk_modulus(oil, p1, air, scenario.ambient),
-        "bulk_modulus_2": bulk_modulus(oil, p2, air, scenario.ambient),
-        "coulomb_friction": coulomb * rows[:, c.FRICTION],
-        "viscous_friction": viscous * rows[:, c.VISCOUS],
-        "position": states[:, e.X],
-        "velocity": states[:, e.V],
-        "pressure_1": p1,
-        "pressure_2": p2,
-        "pressure_difference": p1 - p2,
-        "pressure_accumulator": found[:, e.ACCUMULATOR],
-        "pump_angle": states[:, e.ANGLE],
-        "pump_speed": states[:, e.SPEED],
-        "motor_current": found[:, e.CURRENT],
-        "oil_temperature": ready.temperature,
-        "friction_force": found[:, e.FRICTION_FORCE],
-        "load_force": found[:, e.LOAD_FORCE],
-        "stop_force": found[:, e.STOP_FORCE],
-        "pump_flow": found[:, e.PUMP_FLOW],
-        "cross_flow": found[:, e.CROSS_FLOW],
-        "refeed_flow_1": found[:, e.REFEED_1],
-        "refeed_flow_2": found[:, e.REFEED_2],
-        "drain_flow": found[:, e.DRAIN_FLOW],
-        "relief_flow": found[:, e.RELIEF_FLOW],
-        "stuck_relief_flow": found[:, e.STUCK_RELIEF_FLOW],
-        "oil_mass": found[:, e.OIL_MASS],
-    }

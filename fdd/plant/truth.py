@@ -10,7 +10,10 @@ from numpy.typing import NDArray
 Array = NDArray[np.float64]
 
 TRUTH: dict[str, tuple[str, str]] = {
-    "leakage": ("m^3/(s*Pa)", "L_T = C_ep/2 + ξ at the present viscosity, faults included (eq. 3.50)"),
+    "leakage": (
+        "m^3/(s*Pa)",
+        "L_T = C_ep/2 + ξ at present viscosity, speed and pressure, faults included (eq. 3.50)",
+    ),
     "bulk_modulus": ("Pa", "effective bulk modulus of the present oil at the unit's reference pressure"),
     "bulk_modulus_1": ("Pa", "effective bulk modulus at the pressure in chamber 1"),
     "bulk_modulus_2": ("Pa", "effective bulk modulus at the pressure in chamber 2"),
@@ -22,21 +25,30 @@ TRUTH: dict[str, tuple[str, str]] = {
     "pressure_2": ("Pa", "chamber 2 pressure, gauge"),
     "pressure_difference": ("Pa", "chamber pressure difference P1 - P2"),
     "pressure_accumulator": ("Pa", "accumulator pressure, gauge"),
+    "pressure_case": ("Pa", "case drain pressure, gauge"),
+    "port_difference": ("Pa", "pressure difference at the pump's ports, line losses included"),
     "pump_angle": ("rad", "pump angle"),
     "pump_speed": ("rad/s", "pump speed"),
     "motor_current": ("A", "motor current"),
+    "motor_torque": ("N*m", "torque of the motor on its shaft"),
     "oil_temperature": ("°C", "oil temperature"),
     "friction_force": ("N", "friction on the piston, positive against extension"),
     "load_force": ("N", "external load on the rod, positive against extension"),
     "stop_force": ("N", "force of the end stops, positive against extension"),
     "pump_flow": ("m^3/s", "flow that the pump displaces, towards chamber 1"),
     "cross_flow": ("m^3/s", "leakage across the ports, from chamber 1 to 2"),
+    "bypass_flow": ("m^3/s", "flow over by-pass, throttle and piston seal, from chamber 1 to 2"),
     "refeed_flow_1": ("m^3/s", "flow from the accumulator into chamber 1, at atmospheric density"),
     "refeed_flow_2": ("m^3/s", "flow from the accumulator into chamber 2, at atmospheric density"),
     "drain_flow": ("m^3/s", "case leakage of both chambers into the accumulator, at atmospheric density"),
     "relief_flow": ("m^3/s", "flow over the relief valves, from chamber 1 to 2"),
     "stuck_relief_flow": ("m^3/s", "flow over a relief valve stuck open, from chamber 1 to 2"),
-    "oil_mass": ("m^3", "all oil inside, as its volume at atmospheric pressure"),
+    "outside_flow": ("m^3/s", "flow to the outside, at atmospheric density"),
+    "connect_flow_1": ("m^3/s", "flow from the other axis's line 1, at atmospheric density"),
+    "connect_flow_2": ("m^3/s", "flow from the other axis's line 2, at atmospheric density"),
+    "power_lost": ("W", "power that turns into heat in oil, seals and pump"),
+    "oil_lost": ("m^3", "oil gone to the outside less what was charged, at atmospheric density"),
+    "oil_mass": ("m^3", "all oil inside and lost, as its volume at atmospheric pressure"),
 }
 """Name to SI unit and meaning."""
 

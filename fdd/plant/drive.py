@@ -1,0 +1,64 @@
+"""Servomotor: velocity loop, current loop, winding and shaft (eqs 3.20 to 3.29), compiled.
+
+The velocity loop is the PI controller with feed-forward whose closed loop has the poles and the zero of
+eq. 6.11; behind it the drive's current loop is a lag of its own, for which the PI's gains make room (a third
+pole far to the left). Voltage and current are limited, the winding has resistance and inductance.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from fdd.plant.conditions import CURRENT_LIMIT, RESISTANCE, TORQUE
+from fdd.plant.parameters import Constants
+from fdd.plant.state import ANGLE, CURRENT, DRIVE, SPEED
+
+Array = NDArray[np.float64]
+
+
+@njit(cache=True, error_model="numpy", inline="always")
+def drive_rates(
+    o: int, y: Array, command: float, hydraulic_torque: float, now: Array, par: Constants, dy: Array
+) -> tuple[float, float]:
+    """Motor torque and the friction's (N·m); fills the rates of angle, speed, integrator and current."""
+    speed, integrator, current = y[o + SPEED], y[o + DRIVE], y[o + CURRENT]
+    # Dead band of the command's input (Table 6.1).
+    if command > par.command_dead_band:
+        command -= par.command_dead_band
+    elif command < -par.command_dead_band:
+        command += par.command_dead_band
+    else:
+        command = 0.0
+    # Accelerations that the loop asks for; it knows the healthy motor's constants and viscous friction.
+    wanted = integrator - par.loop_gain * speed + par.loop_feed * command
+    demand = (par.inertia * wanted + par.rotary_viscous * speed) / par.torque_constant
+    limit = par.current_limit * now[CURRENT_LIMIT]
+    allowed = min(max(demand, -limit), limit)
+    # Current loop: decoupled by the drive's own idea of winding and back EMF, within its voltage.
+    voltage = (
+        par.winding_resistance * current
+        + par.back_emf * speed
+        + par.winding_inductance * par.current_rate * (allowed - current)
+    )
+    voltage = min(max(voltage, -par.voltage_limit), par.voltage_limit)
+    share = now[TORQUE]
+    dy[o + CURRENT] = (
+        voltage - par.winding_resistance * now[RESISTANCE] * current - par.back_emf * share * speed
+    ) / par.winding_inductance
+    torque = par.torque_constant * share * current
+    turning = par.rotary_viscous * speed + par.rotary_coulomb * speed / math.sqrt(1.0 + speed * speed)
+    dy[o + ANGLE] = speed
+    dy[o + SPEED] = (torque - hydraulic_torque - turning) / par.inertia
+    # What the limit takes away does not wind the integrator up.
+    dy[o + DRIVE] = par.loop_integral * (command - speed) + par.loop_gain * par.torque_constant * (
+        allowed - demand
+    ) / par.inertia
+    if now[CURRENT_LIMIT] <= 0.0:
+        # Without power the drive's outputs are off: no current, and the loop is held at rest.
+        dy[o + CURRENT] = -par.current_rate * current
+        dy[o + DRIVE] = -par.loop_gain * integrator
+    return torque, turning

@@ -1,0 +1,237 @@
+"""A scenario made ready to run: constants, state at rest and controller, as the compiled loop takes them."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fdd.errors import InputError
+from fdd.plant import state as s
+from fdd.plant.circuit import Circuit
+from fdd.plant.duty import ConstantSpeed
+from fdd.plant.filters import chatter_filter
+from fdd.plant.integrator import (
+    LONGEST_STEP,
+    OWN,
+    PERIOD,
+    POSITION,
+    SAME,
+    SHUTTLE,
+    SPEED_COMMAND,
+    STILL,
+    Controller,
+    new_memory,
+)
+from fdd.plant.oil import walther_line
+from fdd.plant.parameters import Parameters, plant_parameters
+from fdd.plant.rows import axis_conditions, partner_setpoint
+from fdd.plant.scenario import Scenario
+from fdd.plant.sensors import generator
+from fdd.plant.steps import tolerances
+from fdd.unit import Unit
+
+Array = NDArray[np.float64]
+
+LEAST_REFINEMENT, MOST_REFINEMENT = 0.25, 64.0
+
+
+@dataclass
+class Prepared:
+    """A scenario ready to run: what the compiled loop takes, and what it changes on its way.
+
+    Attributes
+    ----------
+    units : of each axis.
+    scenario : the run.
+    state : of the plant at rest.
+    memory, past : of the controllers, see `fdd.plant.integrator.new_memory`.
+    parameters : of each axis.
+    controller : of the rig.
+    viscosity : (axes, 3), Walther's line and the reference viscosity (cSt).
+    allowed, longest : error of each state over a step, and the longest step (s).
+    setpoints, force : (axes, rows) what the controllers are asked for, and (rows,) N on the rod.
+    """
+
+    units: tuple[Unit, ...]
+    scenario: Scenario
+    state: Array
+    memory: Array
+    past: Array
+    parameters: tuple[Parameters, ...]
+    controller: Controller
+    viscosity: Array
+    allowed: Array
+    longest: float
+    setpoints: Array
+    force: Array
+
+    @property
+    def axes(self) -> int:
+        """How many axes there are."""
+        return len(self.units)
+
+    def conditions(self, start: int, stop: int) -> Array:
+        """Conditions of some milliseconds, (stop - start, axes, COLUMNS)."""
+        time = np.arange(start, stop) * PERIOD
+        rows = [
+            axis_conditions(
+                unit, self.scenario, time, self.setpoints[i, start:stop], self.force[start:stop], axis=i + 1
+            )
+            for i, unit in enumerate(self.units)
+        ]
+        return np.stack(rows, axis=1)
+
+
+def prepare(unit: Unit, scenario: Scenario, *, partner: Unit | None = None, refine: float = 1.0) -> Prepared:
+    """Turn units and scenario into the compiled loop's arguments.
+
+    Parameters
+    ----------
+    unit : the first axis.
+    scenario : the run.
+    partner : unit of the second axis where the scenario has one; None loads the one that it names.
+    refine : 2 halves the integrator's steps.
+
+    Raises
+    ------
+    InputError : the duty leaves the stroke, or a unit cannot be simulated.
+    """
+    if not LEAST_REFINEMENT <= refine <= MOST_REFINEMENT:
+        raise InputError(
+            f"refine {refine} is out of range", mend=f"use {LEAST_REFINEMENT} to {MOST_REFINEMENT:g}"
+        )
+    _fits(unit, scenario)
+    units: tuple[Unit, ...] = (unit,)
+    circuits: tuple[Circuit, ...] = (scenario.circuit,)
+    if scenario.partner is not None:
+        units = (unit, partner or Unit.load(scenario.partner.unit))
+        circuits = (scenario.circuit, scenario.partner.circuit)
+    elif partner is not None:
+        raise InputError("a second unit is given, but the scenario has no partner", mend="give it one")
+    n, seed = scenario.rows, scenario.seed
+    position = scenario.control.mode == "position"
+    setpoints = np.zeros((len(units), n))
+    setpoints[0] = scenario.duty.setpoint(n, position, generator(seed, "duty"))
+    if len(units) > 1:
+        setpoints[1] = partner_setpoint(scenario, n, generator(seed, "duty 2"))
+    force = scenario.load.force(n, generator(seed, "load"))
+    parameters = tuple(
+        plant_parameters(
+            each,
+            scenario.details,
+            scenario.load,
+            circuit=circuits[i],
+            charge_factor=scenario.charge_factor,
+            ambient=scenario.ambient,
+            friction_draw=_friction_draw(each, seed, i),
+            surroundings=scenario.oil_temperature,
+            joined_mass=sum(u.cylinder.moving_mass for u in units) - each.cylinder.moving_mass,
+        )
+        for i, each in enumerate(units)
+    )
+    state = _at_rest(units, scenario, parameters, float(force[0]))
+    controller = _controller(units, scenario)
+    memory, past = new_memory(controller, controller.encoder_gain * state[s.X] + controller.encoder_zero)
+    return Prepared(
+        units=units,
+        scenario=scenario,
+        state=state,
+        memory=memory,
+        past=past,
+        parameters=parameters,
+        controller=controller,
+        viscosity=np.array([walther_line(each.oil) for each in units]),
+        allowed=tolerances(len(units), refine),
+        longest=LONGEST_STEP / refine,
+        setpoints=setpoints,
+        force=force,
+    )
+
+
+def _friction_draw(unit: Unit, seed: int, axis: int) -> tuple[float, float]:
+    """This run's friction over the unit's, forward and reverse: Table 5.1's spread from trial to trial."""
+    rng = generator(seed, "friction" if axis == 0 else f"friction {axis + 1}")
+    spread = np.clip(rng.standard_normal(2), -3.0, 3.0) * unit.friction.trial_spread
+    draw = np.maximum(1.0 + spread, 0.1)
+    return float(draw[0]), float(draw[1])
+
+
+def _fits(unit: Unit, scenario: Scenario) -> None:
+    """Whether the duty stays within the stroke."""
+    duty, half = scenario.duty, 0.5 * unit.cylinder.stroke
+    moves = duty.amplitude if scenario.control.mode == "position" or isinstance(duty, ConstantSpeed) else 0.0
+    if abs(duty.offset) + moves > 0.95 * half:
+        raise InputError(
+            f"amplitude {moves:g} m around offset {duty.offset:g} m leaves the stroke of ±{half:g} m",
+            where="scenario duty",
+            mend=f"keep |offset| + amplitude within {0.95 * half:.3f} m",
+        )
+
+
+def _controller(units: tuple[Unit, ...], scenario: Scenario) -> Controller:
+    duty, control, unit = scenario.duty, scenario.control, units[0]
+    encoder, last = unit.sensor("position"), units[-1].drive
+    shuttle = isinstance(duty, ConstantSpeed)
+    if control.mode == "position":
+        mode = POSITION
+    else:
+        mode = SHUTTLE if shuttle else SPEED_COMMAND
+    follows = {"same": SAME, "still": STILL, "own": OWN}
+    b1, b2, a1, a2 = chatter_filter(control.filter_cutoff, PERIOD)
+    return Controller(
+        mode=mode,
+        gain=control.gain,
+        max_speed=unit.drive.max_speed,
+        limit=0.45 * unit.cylinder.stroke,
+        low=duty.offset - duty.amplitude,
+        high=duty.offset + duty.amplitude,
+        dwell=round(duty.dwell * 1000.0) if isinstance(duty, ConstantSpeed) else 0,
+        encoder_gain=encoder.gain,
+        encoder_zero=encoder.zero,
+        encoder_resolution=encoder.resolution,
+        rate_gain=control.rate_gain if mode == POSITION else 0.0,
+        b1=b1,
+        b2=b2,
+        a1=a1,
+        a2=a2,
+        follows=follows[scenario.partner.drive] if scenario.partner else STILL,
+        delay_1=unit.drive.delay,
+        delay_2=last.delay,
+        max_speed_2=last.max_speed,
+    )
+
+
+def _at_rest(
+    units: tuple[Unit, ...], scenario: Scenario, parameters: tuple[Parameters, ...], force: float
+) -> Array:
+    """The state at which nothing moves: chambers at charge pressure, the first axis's loaded one above it."""
+    y = np.zeros(s.SHARED + s.AXIS_STATES * len(units))
+    y[s.X] = scenario.duty.offset
+    for i, (unit, par) in enumerate(zip(units, parameters, strict=True)):
+        o = s.SHARED + i * s.AXIS_STATES
+        charge = unit.accumulator.charge_pressure * scenario.charge_factor
+        # The rod carries the load and, with unequal areas, the charge pressure's own push.
+        push = -charge * (par.area_1 - par.area_2)
+        if i == 0:
+            push += force + par.spring * (y[s.X] - par.spring_centre)
+        y[o + s.P1] = charge + max(push, 0.0) / par.area_1
+        y[o + s.P2] = charge + max(-push, 0.0) / par.area_2
+        y[o + s.LINE_1], y[o + s.LINE_2] = y[o + s.P1], y[o + s.P2]
+        if par.blocked:
+            y[o + s.LINE_1] = y[o + s.LINE_2] = charge
+        if par.external_flow > 0.0:
+            for held, pressure in ((s.EXTERNAL_1, y[o + s.P1]), (s.EXTERNAL_2, y[o + s.P2])):
+                left = par.external_pressure / max(pressure + par.ambient, 1.0)
+                y[o + held] = par.external_volume * max(1.0 - left, 0.0)
+        y[o + s.TEMPERATURE] = scenario.oil_temperature
+    return y
+
+
+def steps_taken(ready: Prepared) -> int:
+    """Integrator steps so far, those that were repeated included."""
+    from fdd.plant.integrator import STEPS
+
+    return math.floor(ready.memory[STEPS])
