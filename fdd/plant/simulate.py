@@ -16,7 +16,7 @@ from fdd.plant.integrator import POSITION, SHUTTLE, SPEED_COMMAND, Controller, r
 from fdd.plant.oil import bulk_modulus, viscosity_ratio
 from fdd.plant.parameters import Parameters, plant_parameters
 from fdd.plant.scenario import Scenario
-from fdd.plant.sensors import blank_bursts, digitise, generator, kept_rows, lateness, measure_all
+from fdd.plant.sensors import Lateness, Recorder, generator
 from fdd.plant.truth import Truth
 from fdd.samples import Samples
 from fdd.unit import Unit
@@ -121,7 +121,7 @@ def simulate(unit: Unit, scenario: Scenario, *, substeps: int = SUBSTEPS) -> Sim
     (True, [])
     """
     ready = prepare(unit, scenario, substeps=substeps)
-    late = lateness(scenario.rows, scenario.recording, substeps, scenario.seed)
+    late = Lateness(scenario.recording, substeps, scenario.seed).steps(scenario.rows)
     states, found, commands = run(
         ready.state, ready.conditions, ready.parameters, ready.controller, late, substeps
     )
@@ -134,22 +134,19 @@ def simulate(unit: Unit, scenario: Scenario, *, substeps: int = SUBSTEPS) -> Sim
         )
     time = (np.arange(scenario.rows) + late / substeps) * 1e-3
     everything = _truth_columns(unit, scenario, ready, states, found)
-    columns: dict[str, Array] = {
-        "command": digitise(unit.sensor("command"), commands),
-        **measure_all(unit, everything, time, scenario.faults, scenario.recording, scenario.seed),
-    }
+    seen = {**everything, "command": commands}
     if scenario.control.mode == "position":
-        columns["position_setpoint"] = ready.conditions[:, c.SETPOINT]
-    kept = kept_rows(scenario.rows, scenario.recording, scenario.seed)
-    columns = {name: values[kept] for name, values in columns.items()}
-    blank_bursts(columns, scenario.recording, scenario.seed)
+        seen["position_setpoint"] = ready.conditions[:, c.SETPOINT]
+    recorder = Recorder(unit, scenario.faults, scenario.recording, scenario.seed)
+    rows = recorder.measure(seen, time)
+    samples, kept = rows.samples(), rows.kept
     truth = Truth(
-        time=time[kept],
+        time=samples.time,
         columns={name: values[kept] for name, values in everything.items()},
         severity={spec.fault: spec.over(time[kept]) for spec in scenario.faults},
     )
     labels = [spec.label() for spec in scenario.faults]
-    return Simulation(Samples(time[kept], columns), truth, labels, unit, scenario)
+    return Simulation(samples, truth, labels, unit, scenario)
 
 
 def _fits(unit: Unit, scenario: Scenario) -> None:

@@ -43,10 +43,6 @@ THIN, THICK = -0.5, 1.0
 """Change of the oil's viscosity at severity 1, over what it has at the present temperature."""
 TORQUE_LOSS = 0.3
 """Share of the torque constant lost at severity 1."""
-SENSOR_BIAS = 250e3
-"""Pa on the differential pressure at severity 1."""
-SENSOR_DRIFT = 5e3
-"""Pa/s on the differential pressure at severity 1."""
 
 
 def _internal_leakage(rows: Array, severity: Array, spec: FaultSpec, ratio: Array, details: Details) -> None:
@@ -109,23 +105,6 @@ PLANT_FAULTS: dict[str, Callable[[Array, Array, FaultSpec, Array, Details], None
     "motor_degradation": _motor_degradation,
 }
 """Fault to what it does, in the order in which a scenario's faults take effect."""
-
-
-def _bias(measured: Array, severity: Array, time: Array) -> Array:
-    return measured + severity * SENSOR_BIAS
-
-
-def _drift(measured: Array, severity: Array, time: Array) -> Array:
-    # What has drifted stays: the rate follows the severity, the offset is its integral.
-    gained = np.concatenate([[0.0], np.cumsum(severity[:-1] * np.diff(time))])
-    return measured + SENSOR_DRIFT * gained
-
-
-SENSOR_FAULTS: dict[str, tuple[str, Callable[[Array, Array, Array], Array]]] = {
-    "pressure_sensor_bias": ("pressure_difference", _bias),
-    "pressure_sensor_drift": ("pressure_difference", _drift),
-}
-"""Fault to the channel whose measurement it falsifies, and how."""
 
 
 def inject(rows: Array, time: Array, specs: list[FaultSpec], ratio: Array, details: Details) -> None:
