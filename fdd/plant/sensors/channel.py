@@ -144,10 +144,9 @@ class ChannelSensor:
         self._state = np.zeros(_STATE)
         phases = [[a, b, rng.random()] for a, b in sensor.tones]
         self._tones = np.array(phases).reshape(-1, 3)
-        orders = [
-            [order / (2.0 * math.pi), amplitude, rng.random()] for order, amplitude in sensor.shaft_orders
-        ]
-        self._orders = np.array(orders).reshape(-1, 3)
+        # Of the angle in radians: turns of the wave per radian of the shaft.
+        phases = [[order / (2.0 * math.pi), b, rng.random()] for order, b in sensor.shaft_orders]
+        self._orders = np.array(phases).reshape(-1, 3)
         self._sections: Array | None = None
         if limited and limit is not None and sensor.noise > 0.0:
             self._sections, settled = band_limit(float(limit))

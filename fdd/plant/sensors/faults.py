@@ -101,8 +101,8 @@ class Slip(SensorFault):
 class Dropout(SensorFault):
     """A loose contact: the channel is lost for the share of time that the severity says.
 
-    Two states with the chances ``severity/m`` to be lost and ``(1 - severity)/m`` to come back in a row, m rows
-    being `CONTACT_TIME`: in the long run exactly that share is lost, in bursts.
+    Two states, with the chances in a row of ``severity/m`` to be lost and ``(1 - severity)/m`` to come back,
+    m rows being `CONTACT_TIME`: in the long run exactly that share is lost, in bursts.
 
     Raises
     ------

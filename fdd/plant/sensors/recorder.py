@@ -93,10 +93,9 @@ class Recorder:
         counts = unit.sensor("pump_angle").resolution / PERIOD
         # A difference of counts is on their grid already; rounding it to a printed one would shift it.
         own_grid = counts > 0.0 and abs(speed.resolution / counts - 1.0) < 0.01
+        step = 0.0 if own_grid else speed.resolution
         self._speed = ChannelSensor(
-            speed.model_copy(
-                update={"bandwidth_hz": None, "resolution": 0.0 if own_grid else speed.resolution}
-            ),
+            speed.model_copy(update={"bandwidth_hz": None, "resolution": step}),
             generator(seed, f"sensor pump_speed{stream}"),
         )
         self._faults: dict[str, list[SensorFault]] = {}
@@ -130,9 +129,7 @@ class Recorder:
         time = np.ascontiguousarray(time, dtype=np.float64)
         absent = [c for c in self._sensors if c not in truth]
         if absent:
-            raise InputError(
-                f"the truth lacks {', '.join(absent)}", mend="give a column of each measured channel"
-            )
+            raise InputError(f"the truth lacks {', '.join(absent)}", mend="give all measured channels")
         columns: dict[str, Array] = {}
         if "command" in truth:
             columns["command"] = digitise(self.unit.sensor("command"), truth["command"])

@@ -25,8 +25,7 @@ class PositionSlip:
     The reader head, or the rail that couples it to the rod (thesis A.1.2, figure A.4), slips in its clamp: at
     times of a Poisson process the zero jumps by ``severity·SLIP_STEP`` times 0.5 to 1.5, to either
     side, and stays where it then is; walls at ± `PLAY` reflect it. It depends on time and seed alone, not on
-    the motion, so that plant and log can each ask for it. (A fault is an assumption: the thesis has none of its
-    encoder.)
+    the motion, so that plant and log can each ask for it. An assumption: the thesis tells of no slip.
 
     Parameters
     ----------
@@ -58,12 +57,8 @@ class PositionSlip:
         return np.array(self._offsets)[at]
 
     def _slip(self) -> None:
-        gap, size, side = (
-            self._rng.exponential(1.0 / SLIPS_PER_SECOND),
-            self._rng.random(),
-            self._rng.random(),
-        )
-        self._time += gap
+        self._time += self._rng.exponential(1.0 / SLIPS_PER_SECOND)
+        size, side = self._rng.random(), self._rng.random()
         row = int(np.ceil(self._time / PERIOD))
         severity = float(self.spec.over(np.array([row * PERIOD]))[0])
         step = severity * SLIP_STEP * (0.5 + size)
