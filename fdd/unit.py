@@ -8,7 +8,6 @@ share nothing else.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from functools import lru_cache
 from importlib import resources
 from pathlib import Path
@@ -16,18 +15,33 @@ from typing import Annotated, Any, Literal
 
 import numpy as np
 import yaml
-from pydantic import (
-    BaseModel,
-    ConfigDict,
-    Field,
-    ValidationError,
-    ValidatorFunctionWrapHandler,
-    model_validator,
-)
+from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from fdd.errors import InputError
 from fdd.files import write_text
-from fdd.measures import measure
+from fdd.sections import (
+    Ampere,
+    AngularSpeed,
+    Celsius,
+    CubicMetre,
+    Density,
+    Displacement,
+    Kilogram,
+    KinematicViscosity,
+    LeakageCoefficient,
+    Metre,
+    MetrePerSecond,
+    Newton,
+    Number,
+    Pascal,
+    PerSecond,
+    Second,
+    Section,
+    SquareMetre,
+    ViscousFriction,
+)
+from fdd.sections import si as _si
+from fdd.sensor import Sensor
 from fdd.yaml_reading import yaml_mapping, yaml_text
 
 UNIT_SCHEMA = "fdd.unit/1"
@@ -35,144 +49,6 @@ MAX_UNIT_BYTES = 2_000_000
 _PARTS = (
     "cylinder", "pump", "oil", "accumulator", "friction", "drive", "sensors", "monitoring", "baseline",
 )  # fmt: skip
-
-
-@dataclass(frozen=True)
-class SI:
-    """Marks a field with its SI unit of measure and its dimension."""
-
-    unit: str
-    dimension: str
-
-
-def _si(unit: str) -> SI:
-    return SI(unit=unit, dimension=measure(unit).dimension)
-
-
-Metre = Annotated[float, _si("m")]
-SquareMetre = Annotated[float, _si("m^2")]
-CubicMetre = Annotated[float, _si("m^3")]
-Kilogram = Annotated[float, _si("kg")]
-Pascal = Annotated[float, _si("Pa")]
-Newton = Annotated[float, _si("N")]
-MetrePerSecond = Annotated[float, _si("m/s")]
-ViscousFriction = Annotated[float, _si("N*s/m")]
-LeakageCoefficient = Annotated[float, _si("m^3/(s*Pa)")]
-Displacement = Annotated[float, _si("m^3/rad")]
-AngularSpeed = Annotated[float, _si("rad/s")]
-Second = Annotated[float, _si("s")]
-PerSecond = Annotated[float, _si("1/s")]
-Hertz = Annotated[float, _si("Hz")]
-Celsius = Annotated[float, _si("degC")]
-KinematicViscosity = Annotated[float, _si("m^2/s")]
-Density = Annotated[float, _si("kg/m^3")]
-Ampere = Annotated[float, _si("A")]
-Number = Annotated[float, _si("1")]
-
-
-class Provenance(BaseModel):
-    """Where a number comes from and how well it is known (SI)."""
-
-    model_config = ConfigDict(extra="forbid")
-    source: str | None = None
-    std: float | None = None
-
-
-class Section(BaseModel):
-    """A part of a profile; its numbers carry their unit, source and spread."""
-
-    model_config = ConfigDict(extra="forbid", validate_assignment=True, allow_inf_nan=False)
-    provenance: dict[str, Provenance] = Field(default_factory=dict, exclude=True, repr=False)
-
-    @model_validator(mode="wrap")
-    @classmethod
-    def _take_provenance(cls, data: Any, handler: ValidatorFunctionWrapHandler) -> Any:
-        if not isinstance(data, dict):
-            return handler(data)
-        plain: dict[str, Any] = {}
-        given = data.get("provenance", {})
-        if not isinstance(given, dict):
-            raise InputError("is not a table", where="provenance", mend="write each source beside its number")
-        provenance: dict[str, Provenance] = dict(given)
-        for key, entry in data.items():
-            field = cls.model_fields.get(key)
-            if isinstance(entry, dict) and "value" in entry and field is not None:
-                try:
-                    plain[key], provenance[key] = _quantity(entry, _si_of(field))
-                except InputError as error:
-                    raise InputError(error.problem, where=key, mend=error.mend) from None
-            else:
-                plain[key] = entry
-        plain["provenance"] = provenance
-        return handler(plain)
-
-    def std_of(self, name: str) -> float | None:
-        """Standard deviation of a number, where the profile gives one (SI)."""
-        found = self.provenance.get(name)
-        return None if found is None else found.std
-
-    def to_plain(self) -> dict[str, Any]:
-        """The section as YAML would show it, numbers with unit, source and std."""
-        out: dict[str, Any] = {}
-        for name, field in type(self).model_fields.items():
-            if name == "provenance":
-                continue
-            value = getattr(self, name)
-            if value is None:
-                continue
-            si = _si_of(field)
-            if isinstance(value, Section):
-                out[name] = value.to_plain()
-            elif isinstance(value, dict) and value and all(isinstance(v, Section) for v in value.values()):
-                out[name] = {k: v.to_plain() for k, v in value.items()}
-            elif si is not None:
-                entry: dict[str, Any] = {"value": float(f"{float(value):.8g}"), "unit": si.unit}
-                known = self.provenance.get(name)
-                if known is not None and known.std is not None:
-                    entry["std"] = float(f"{known.std:.4g}")
-                if known is not None and known.source is not None:
-                    entry["source"] = known.source
-                out[name] = entry
-            else:
-                out[name] = value
-        return out
-
-
-def _quantity(entry: dict[str, Any], si: SI | None) -> tuple[float, Provenance]:
-    """A number written with its unit and provenance, in SI."""
-    unknown = set(entry) - {"value", "unit", "source", "std"}
-    if si is None:
-        raise InputError("takes no unit", mend="write the plain value")
-    if unknown:
-        raise InputError(f"unknown {sorted(map(str, unknown))}", mend="use value, unit, source and std")
-    m = measure(str(entry.get("unit", si.unit)), si.dimension)
-    value, std, source = _number(entry, "value"), entry.get("std"), entry.get("source")
-    if source is not None and not isinstance(source, str):
-        raise InputError(f"source {source!r} is not text", mend="put it in quotes")
-    if std is not None:
-        std = m.factor * _number(entry, "std")
-        if std < 0.0:
-            raise InputError("std is negative", mend="give the standard deviation, or leave it out")
-    return m.factor * value + m.offset, Provenance(source=source, std=std)
-
-
-def _number(entry: dict[str, Any], name: str) -> float:
-    # YAML 1.1 reads 1e-3 (no dot) as text, so text that is a number is taken too.
-    given = entry[name]
-    try:
-        number = float(given) if isinstance(given, int | float | str) else np.nan
-    except (ValueError, OverflowError):
-        number = np.nan
-    if isinstance(given, bool) or not np.isfinite(number):
-        raise InputError(f"{name} {given!r} is not a finite number", mend="correct that field")
-    return number
-
-
-def _si_of(field: Any) -> SI | None:
-    for item in field.metadata:
-        if isinstance(item, SI):
-            return item
-    return None
 
 
 class Cylinder(Section):
@@ -268,22 +144,6 @@ class Drive(Section):
     inertia: Annotated[float, _si("kg*m^2"), Field(gt=0)]
     viscous_friction: Annotated[float, _si("N*m*s/rad"), Field(ge=0)]
     current_limit: Annotated[Ampere, Field(gt=0)]
-
-
-class Sensor(Section):
-    """One channel as it is measured: value = gain·truth + zero, noise, then rounding."""
-
-    noise: Annotated[float, Field(ge=0)] = 0.0
-    """White noise, standard deviation in the channel's SI unit."""
-    resolution: Annotated[float, Field(ge=0)] = 0.0
-    zero: float = 0.0
-    gain: Annotated[float, Field(gt=0)] = 1.0
-    low: float | None = None
-    high: float | None = None
-    bandwidth_hz: Annotated[float | None, Field(gt=0)] = None
-    tones: list[tuple[float, float]] = Field(default_factory=list)
-    """Pairs of frequency (Hz) and amplitude (SI) that ride on the signal."""
-    source: str | None = None
 
 
 class Monitoring(Section):

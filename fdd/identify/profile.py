@@ -7,7 +7,8 @@ from dataclasses import dataclass, field
 from fdd.identify.balance import Estimate
 from fdd.identify.sensors import SensorFit
 from fdd.samples import CHANNELS
-from fdd.unit import Provenance, Section, Unit, _si_of
+from fdd.sections import Provenance, Section, si_of
+from fdd.unit import Unit
 
 
 @dataclass(frozen=True)
@@ -77,7 +78,7 @@ class ProfileWriter:
     def _row(
         self, path: str, section: Section, name: str, before: float, found: Estimate | None, note: str
     ) -> None:
-        si = _si_of(type(section).model_fields[name])
+        si = si_of(type(section).model_fields[name])
         self.result.table.append(
             TableRow(
                 path,

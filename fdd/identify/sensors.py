@@ -160,6 +160,8 @@ def _described(base: Sensor, channel: str, noise: float | None, step: float | No
     update: dict[str, object] = {}
     if step is not None:
         update["resolution"] = step
+        # The step found stands for itself: the base's counts or current loop are another unit's.
+        update["lines"] = update["loop"] = None
     if noise is not None:
         # Rounding adds its own noise to the measured density; the profile lists it apart.
         rounding = (step or 0.0) / np.sqrt(12.0)

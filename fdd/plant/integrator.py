@@ -104,7 +104,7 @@ def _thinned(now: Array, axis: int, temperature: float, viscosity: Array) -> Non
 @njit(cache=True, error_model="numpy")
 def _command(x: float, row: Array, control: Controller, memory: Array) -> float:
     """Speed that the controller demands (rad/s); advances its memory by a millisecond."""
-    seen = control.encoder_gain * (x + row[c.ENCODER_OFFSET]) + control.encoder_zero
+    seen = control.encoder_gain * x + control.encoder_zero + row[c.ENCODER_OFFSET]
     if control.encoder_resolution > 0.0:
         seen = control.encoder_resolution * np.rint(seen / control.encoder_resolution)
     wanted = row[c.SETPOINT]

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from fdd.errors import InputError
+from fdd.plant import conditions as c
 from fdd.plant import state as s
 from fdd.plant.circuit import Circuit
 from fdd.plant.duty import ConstantSpeed
@@ -29,7 +29,7 @@ from fdd.plant.oil import walther_line
 from fdd.plant.parameters import Parameters, plant_parameters
 from fdd.plant.rows import axis_conditions, partner_setpoint
 from fdd.plant.scenario import Scenario
-from fdd.plant.sensors import generator
+from fdd.plant.sensors import generator, position_offset
 from fdd.plant.steps import tolerances
 from fdd.unit import Unit
 
@@ -82,7 +82,14 @@ class Prepared:
             )
             for i, unit in enumerate(self.units)
         ]
+        first = [spec for spec in self.scenario.faults if spec.axis == 1]
+        rows[0][:, c.ENCODER_OFFSET] = position_offset(first, start, stop - start, self.scenario.seed)
         return np.stack(rows, axis=1)
+
+
+def stream_of(axis: int) -> str:
+    """What tells an axis's random streams from the other's: nothing for the first."""
+    return "" if axis == 0 else f" {axis + 1}"
 
 
 def prepare(unit: Unit, scenario: Scenario, *, partner: Unit | None = None, refine: float = 1.0) -> Prepared:
@@ -153,7 +160,7 @@ def prepare(unit: Unit, scenario: Scenario, *, partner: Unit | None = None, refi
 
 def _friction_draw(unit: Unit, seed: int, axis: int) -> tuple[float, float]:
     """This run's friction over the unit's, forward and reverse: Table 5.1's spread from trial to trial."""
-    rng = generator(seed, "friction" if axis == 0 else f"friction {axis + 1}")
+    rng = generator(seed, f"friction{stream_of(axis)}")
     spread = np.clip(rng.standard_normal(2), -3.0, 3.0) * unit.friction.trial_spread
     draw = np.maximum(1.0 + spread, 0.1)
     return float(draw[0]), float(draw[1])
@@ -229,9 +236,3 @@ def _at_rest(
         y[o + s.TEMPERATURE] = scenario.oil_temperature
     return y
 
-
-def steps_taken(ready: Prepared) -> int:
-    """Integrator steps so far, those that were repeated included."""
-    from fdd.plant.integrator import STEPS
-
-    return math.floor(ready.memory[STEPS])

@@ -16,6 +16,7 @@ from fdd.plant.load import AnyLoad, NoLoad
 from fdd.plant.oil import ATMOSPHERE
 from fdd.plant.partner import Partner
 from fdd.plant.programme import FULL, ShareProgramme
+from fdd.plant.sensors.recording import Recording
 from fdd.plant.validated import Validated
 from fdd.plant.valves import check_valves
 
@@ -39,30 +40,6 @@ class Control(Validated):
     gain: Annotated[float, Field(gt=0.0, le=30_000.0)] = 16_875.0
     rate_gain: Annotated[float, Field(ge=0.0, le=10_000.0)] = 0.0
     filter_cutoff: Annotated[float, Field(ge=1.0, le=3_000.0)] = 350.0
-
-
-class Recording(Validated):
-    """How the log is taken.
-
-    Attributes
-    ----------
-    dropped : probability that a row is missing.
-    late : probability that a row is taken late; its stamp says so.
-    latest : s, most that it is late.
-    nan_bursts_per_minute : bursts of NaN, 5 to 30 rows long, each in one to four channels.
-    load_force : whether the load is measured.
-    """
-
-    dropped: Annotated[float, Field(ge=0.0, le=0.5)] = 0.001
-    late: Annotated[float, Field(ge=0.0, le=0.5)] = 0.0005
-    latest: Annotated[float, Field(ge=0.0, le=0.9e-3)] = 0.9e-3
-    nan_bursts_per_minute: Annotated[float, Field(ge=0.0, le=60.0)] = 0.2
-    load_force: bool = False
-
-    @classmethod
-    def perfect(cls) -> Recording:
-        """Every row, on time, whole."""
-        return cls(dropped=0.0, late=0.0, nan_bursts_per_minute=0.0)
 
 
 class Scenario(Validated):

@@ -15,9 +15,10 @@ from numpy.typing import NDArray
 from fdd.errors import InputError
 from fdd.plant import conditions as c
 from fdd.plant import state as s
+from fdd.plant.faults.spec import FaultSpec
 from fdd.plant.integrator import LATE_PARTS, PERIOD, run
 from fdd.plant.parameters import as_record
-from fdd.plant.prepare import Prepared, prepare
+from fdd.plant.prepare import Prepared, prepare, stream_of
 from fdd.plant.scenario import Scenario
 from fdd.plant.sensors import Lateness, Recorder
 from fdd.plant.truth import Truth
@@ -145,7 +146,7 @@ def stream(
     """
     ready = prepare(unit, scenario, partner=partner, refine=refine)
     recorders = [
-        Recorder(each, _own(scenario, i), scenario.recording, scenario.seed, axis=i + 1)
+        Recorder(each, _own(scenario, i), scenario.recording, scenario.seed, stream_of(i))
         for i, each in enumerate(ready.units)
     ]
     for raw in raw_blocks(ready, block):
@@ -197,7 +198,7 @@ def simulate(
     return found
 
 
-def _own(scenario: Scenario, axis: int) -> list:
+def _own(scenario: Scenario, axis: int) -> list[FaultSpec]:
     return [spec for spec in scenario.faults if spec.axis == axis + 1]
 
 
@@ -208,13 +209,13 @@ def _axis_block(ready: Prepared, raw: RawBlock, axis: int, recorder: Recorder) -
     known = {"command": raw.commands[:, axis]}
     if scenario.control.mode == "position" and axis == 0:
         known["position_setpoint"] = rows[:, c.SETPOINT]
-    columns, stamps, kept = recorder.measure(everything, raw.time, known)
-    truth = Truth(
-        time=stamps,
-        columns={name: values[kept] for name, values in everything.items()},
-        severity={spec.fault: spec.over(raw.time)[kept] for spec in _own(scenario, axis)},
-    )
-    return AxisBlock(Samples(stamps, columns), truth)
+    recorded = recorder.measure({**everything, **known}, raw.time)
+    samples, kept = recorded.samples(), recorded.kept
+    severity = {spec.fault: spec.over(raw.time) for spec in _own(scenario, axis)}
+    if not kept.all():
+        everything = {name: values[kept] for name, values in everything.items()}
+        severity = {name: values[kept] for name, values in severity.items()}
+    return AxisBlock(samples, Truth(samples.time, everything, severity))
 
 
 def _joined_samples(parts: list[Samples]) -> Samples:

@@ -19,11 +19,6 @@ from fdd.plant.faults.spec import FaultSpec
 
 Array = NDArray[np.float64]
 
-SENSOR_BIAS = 250e3
-"""Pa on the differential pressure at severity 1."""
-SENSOR_DRIFT = 5e3
-"""Pa/s on the differential pressure at severity 1."""
-
 _MEGAPASCAL = 1e6
 _WEAR_SPEED = 100.0  # rad/s, at which the scale of pump wear is given
 
@@ -124,23 +119,6 @@ PLANT_FAULTS: dict[str, Effect] = {
     "coupling_wear": _coupling_wear,
 }
 """Fault to what it does, in the order in which a scenario's faults take effect."""
-
-
-def _bias(measured: Array, severity: Array, time: Array) -> Array:
-    return measured + severity * SENSOR_BIAS
-
-
-def _drift(measured: Array, severity: Array, time: Array) -> Array:
-    # What has drifted stays: the rate follows the severity, the offset is its integral.
-    gained = np.concatenate([[0.0], np.cumsum(severity[:-1] * np.diff(time))])
-    return measured + SENSOR_DRIFT * gained
-
-
-SENSOR_FAULTS: dict[str, tuple[str, Callable[[Array, Array, Array], Array]]] = {
-    "pressure_sensor_bias": ("pressure_difference", _bias),
-    "pressure_sensor_drift": ("pressure_difference", _drift),
-}
-"""Fault to the channel whose measurement it falsifies, and how."""
 
 
 def inject(

@@ -1,0 +1,204 @@
+"""One channel, block by block: lag, errors, noise, tones, vibration, then range and rounding."""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from fdd.plant.sensors.noise import HIGHEST_LIMIT, RATE, band_limit
+from fdd.sensor import Sensor
+
+Array = NDArray[np.float64]
+
+_NOTHING = np.empty(0)
+_STARTED, _LAG, _FILTER = 0, 1, 2
+_STATE = 6
+"""Whether rows have come, the lagged signal, two states of each of the noise filter's sections."""
+
+
+class Range(NamedTuple):
+    """Where a sensor ends and its grid: value = `origin` plus whole steps; `step` 0 does not round."""
+
+    low: float
+    high: float
+    step: float
+    origin: float
+
+
+class _Constants(NamedTuple):
+    gain: float
+    zero: float
+    noise: float
+    share: float
+    """Of the way to the signal that the lag goes in a row; 1 follows at once."""
+
+
+def range_of(sensor: Sensor) -> Range:
+    """A sensor's range and grid: those of its current loop, or `low`, `high` and `resolution`.
+
+    Examples
+    --------
+    >>> range_of(Sensor(resolution=0.5, low=-1.0))
+    Range(low=-1.0, high=inf, step=0.5, origin=0.0)
+    """
+    low = -math.inf if sensor.low is None else sensor.low
+    high = math.inf if sensor.high is None else sensor.high
+    loop = sensor.loop
+    if loop is None:
+        return Range(low, high, sensor.resolution, 0.0)
+    # 0 V is a code of the converter, 4 mA is none: the grid does not pass through zero pressure.
+    return Range(max(low, loop.smallest), min(high, loop.largest), loop.resolution, -loop.offset)
+
+
+@njit(cache=True, error_model="numpy")
+def _digitise(value: float, grid: Range) -> float:
+    value = min(max(value, grid.low), grid.high)
+    if grid.step > 0.0:
+        value = grid.origin + grid.step * np.rint((value - grid.origin) / grid.step)
+    return value
+
+
+@njit(cache=True, error_model="numpy")
+def _digitise_all(values: Array, grid: Range) -> Array:
+    out = np.empty_like(values)
+    for i in range(values.size):
+        out[i] = _digitise(values[i], grid)
+    return out
+
+
+@njit(cache=True, error_model="numpy")
+def _band(white: Array, sections: Array, state: Array) -> None:
+    """White noise through the sections (transposed direct form II), in place; `state` goes on."""
+    b0, b1, b2, a1, a2 = sections[0, 0], sections[0, 1], sections[0, 2], sections[0, 4], sections[0, 5]
+    c0, c1, c2, d1, d2 = sections[1, 0], sections[1, 1], sections[1, 2], sections[1, 4], sections[1, 5]
+    s0, s1, r0, r1 = state[_FILTER], state[_FILTER + 1], state[_FILTER + 2], state[_FILTER + 3]
+    for i in range(white.size):
+        x = white[i]
+        y = b0 * x + s0
+        s0 = b1 * x - a1 * y + s1
+        s1 = b2 * x - a2 * y
+        z = c0 * y + r0
+        r0 = c1 * y - d1 * z + r1
+        r1 = c2 * y - d2 * z
+        white[i] = z
+    state[_FILTER], state[_FILTER + 1], state[_FILTER + 2], state[_FILTER + 3] = s0, s1, r0, r1
+
+
+@njit(cache=True, error_model="numpy")
+def _waves(out: Array, against: Array, waves: Array) -> None:
+    """Add ``amplitude·sin(2π(rate·against + phase))`` of each row of `waves` (k, 3)."""
+    for k in range(waves.shape[0]):
+        rate, amplitude, phase = waves[k, 0], waves[k, 1], waves[k, 2]
+        for i in range(out.size):
+            turns = rate * against[i] + phase
+            out[i] += amplitude * math.sin(2.0 * math.pi * (turns - math.floor(turns)))
+
+
+@njit(cache=True, error_model="numpy")
+def _observe(truth: Array, noise: Array, constants: _Constants, state: Array) -> Array:
+    """Lag, gain, zero and noise of a block; `noise` is (n,) or empty."""
+    n = truth.size
+    out = np.empty(n)
+    lagged = state[_LAG]
+    if state[_STARTED] == 0.0 and n > 0:
+        lagged = truth[0]
+        state[_STARTED] = 1.0
+    follows, silent = constants.share >= 1.0, noise.size == 0
+    for i in range(n):
+        value = truth[i]
+        if not follows:
+            lagged += constants.share * (value - lagged)
+            value = lagged
+        value = constants.gain * value + constants.zero
+        if not silent:
+            value += constants.noise * noise[i]
+        out[i] = value
+    state[_LAG] = lagged
+    return out
+
+
+class ChannelSensor:
+    """What a sensor shows of a quantity; its state goes on from block to block.
+
+    A band limit is a first-order lag on the signal; the noise stops there steeply, as measured
+    on the prototype (Appendix A: white to 150 Hz), and keeps its standard deviation. Tones ride on
+    top: they come in behind the transducer. Shaft orders are waves locked to the pump's angle.
+
+    Parameters
+    ----------
+    sensor : gain, zero, noise, band, tones, orders, range, loop.
+    rng : the channel's stream.
+    """
+
+    def __init__(self, sensor: Sensor, rng: np.random.Generator) -> None:
+        self.sensor, self._rng = sensor, rng
+        self.range = range_of(sensor)
+        limit = sensor.bandwidth_hz
+        limited = limit is not None and limit < HIGHEST_LIMIT
+        share = -math.expm1(-2.0 * math.pi * limit / RATE) if limited and limit is not None else 1.0
+        self._constants = _Constants(sensor.gain, sensor.zero, sensor.noise, share)
+        self._state = np.zeros(_STATE)
+        phases = [[a, b, rng.random()] for a, b in sensor.tones]
+        self._tones = np.array(phases).reshape(-1, 3)
+        # Of the angle in radians: turns of the wave per radian of the shaft.
+        phases = [[order / (2.0 * math.pi), b, rng.random()] for order, b in sensor.shaft_orders]
+        self._orders = np.array(phases).reshape(-1, 3)
+        self._sections: Array | None = None
+        if limited and limit is not None and sensor.noise > 0.0:
+            self._sections, settled = band_limit(float(limit))
+            # Noise did not begin with the log.
+            _band(rng.standard_normal(settled), self._sections, self._state)
+
+    def observe(self, truth: Array, time: Array, angle: Array | None = None) -> Array:
+        """The next n rows before range and rounding.
+
+        Parameters
+        ----------
+        truth : (n,) one value per millisecond.
+        time : (n,) s, when each is taken.
+        angle : (n,) rad of the pump; without it nothing vibrates.
+
+        Returns
+        -------
+        (n,), in the channel's SI unit.
+        """
+        noise = _NOTHING
+        if self.sensor.noise > 0.0:
+            noise = self._rng.standard_normal(truth.size)
+            if self._sections is not None:
+                _band(noise, self._sections, self._state)
+        out = _observe(np.ascontiguousarray(truth, dtype=np.float64), noise, self._constants, self._state)
+        if self._tones.size:
+            _waves(out, time, self._tones)
+        if self._orders.size and angle is not None:
+            _waves(out, np.ascontiguousarray(angle), self._orders)
+        return out
+
+    def digitise(self, values: Array) -> Array:
+        """Clip to the range and round to the grid, (n,)."""
+        return _digitise_all(values, self.range)
+
+
+def digitise(sensor: Sensor, value: Array) -> Array:
+    """Clip to the sensor's range and round to its resolution, (n,).
+
+    Examples
+    --------
+    >>> digitise(Sensor(resolution=0.5, high=2.0), np.array([0.26, 9.0]))
+    array([0.5, 2. ])
+    """
+    return _digitise_all(np.ascontiguousarray(value, dtype=np.float64), range_of(sensor))
+
+
+def measure_channel(
+    sensor: Sensor, truth: Array, time: Array, rng: np.random.Generator, angle: Array | None = None
+) -> Array:
+    """What a sensor shows of a whole run, before faults of its own, range and rounding, (n,).
+
+    See `ChannelSensor`, of which it is one block.
+    """
+    return ChannelSensor(sensor, rng).observe(truth, time, angle)

@@ -1,0 +1,166 @@
+"""The recorder: blocks of the plant's truth in, blocks of the log out, the same bits however it is cut."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fdd.errors import InputError
+from fdd.plant.faults.spec import FaultSpec
+from fdd.plant.sensors.channel import ChannelSensor, digitise
+from fdd.plant.sensors.faults import SENSOR_FAULTS, SensorFault, struck_channel
+from fdd.plant.sensors.recording import PERIOD, Losses, NanBursts, Recording
+from fdd.plant.sensors.streams import generator
+from fdd.samples import Samples
+from fdd.unit import Unit
+
+Array = NDArray[np.float64]
+
+MEASURED = (
+    "pump_angle",
+    "position",
+    "pressure_difference",
+    "pressure_1",
+    "pressure_2",
+    "pressure_accumulator",
+    "motor_current",
+    "oil_temperature",
+    "load_force",
+)
+"""Channels that a sensor gives. Pump speed is the angle's count difference; set-points are known."""
+KNOWN = ("command", "position_setpoint")
+"""Channels that the controller itself gives: rounded, never missing."""
+
+
+@dataclass(frozen=True)
+class Rows:
+    """A block of what was recorded, all rows still there.
+
+    Attributes
+    ----------
+    time : (n,) s, the stamps.
+    columns : channel to (n,) values, NaN where a burst or a fault took them.
+    kept : (n,) whether the log has the row.
+    """
+
+    time: Array
+    columns: dict[str, Array]
+    kept: NDArray[np.bool_]
+
+    def samples(self) -> Samples:
+        """The rows that the log has."""
+        if self.kept.all():
+            return Samples(self.time, self.columns)
+        return Samples(self.time[self.kept], {c: v[self.kept] for c, v in self.columns.items()})
+
+
+class Recorder:
+    """Measures a run block by block: sensors, their faults, and what the recording loses.
+
+    Parameters
+    ----------
+    unit : its sensors.
+    faults : those of sensors act here, the others are left alone.
+    recording : how the log is taken; rows that are late come late from the plant (see `Lateness`).
+    seed : of the scenario.
+    stream : distinguishes the random streams of several axes of one scenario; "" for the only one.
+
+    Raises
+    ------
+    InputError : a fault that this unit's sensors cannot have.
+
+    Examples
+    --------
+    >>> recorder = Recorder(Unit.load("axis_a"), [], Recording.perfect(), seed=1)
+    >>> truth = {name: np.zeros(4) for name in MEASURED}
+    >>> rows = recorder.measure(truth, np.arange(4) * 1e-3)
+    >>> len(rows.samples()), "pump_speed" in rows.columns, "load_force" in rows.columns
+    (4, True, False)
+    """
+
+    def __init__(
+        self, unit: Unit, faults: list[FaultSpec], recording: Recording, seed: int, stream: str = ""
+    ) -> None:
+        self.unit, self.recording = unit, recording
+        channels = [c for c in MEASURED if c != "load_force" or recording.load_force]
+        self._sensors = {
+            c: ChannelSensor(unit.sensor(c), generator(seed, f"sensor {c}{stream}")) for c in channels
+        }
+        speed = unit.sensor("pump_speed")
+        counts = unit.sensor("pump_angle").resolution / PERIOD
+        # A difference of counts is on their grid already; rounding it to a printed one would shift it.
+        own_grid = counts > 0.0 and abs(speed.resolution / counts - 1.0) < 0.01
+        step = 0.0 if own_grid else speed.resolution
+        self._speed = ChannelSensor(
+            speed.model_copy(update={"bandwidth_hz": None, "resolution": step}),
+            generator(seed, f"sensor pump_speed{stream}"),
+        )
+        self._faults: dict[str, list[SensorFault]] = {}
+        for spec in faults:
+            channel = struck_channel(spec)
+            if channel in self._sensors:
+                effect = SENSOR_FAULTS[spec.fault](spec, unit.sensor(channel), seed, stream)
+                self._faults.setdefault(channel, []).append(effect)
+        self._losses = Losses(recording, seed, stream)
+        self._bursts = NanBursts(recording, seed, [*self._sensors, "pump_speed"], stream)
+        self._angle = 0.0
+        self.row = 0
+
+    def measure(self, truth: Mapping[str, Array], time: Array) -> Rows:
+        """Record the next n rows.
+
+        Parameters
+        ----------
+        truth : column (n,) of each channel of `MEASURED` (``load_force`` only where it is measured), and
+            of `KNOWN` where there are any.
+        time : (n,) s, when each row was taken.
+
+        Returns
+        -------
+        The n rows, with the channels in the order known, measured, known.
+
+        Raises
+        ------
+        InputError : a channel is missing from the truth.
+        """
+        time = np.ascontiguousarray(time, dtype=np.float64)
+        absent = [c for c in self._sensors if c not in truth]
+        if absent:
+            raise InputError(f"the truth lacks {', '.join(absent)}", mend="give all measured channels")
+        columns: dict[str, Array] = {}
+        if "command" in truth:
+            columns["command"] = digitise(self.unit.sensor("command"), truth["command"])
+        for channel, sensor in self._sensors.items():
+            columns[channel] = self._one(channel, sensor, truth, time)
+            if channel == "pump_angle":
+                columns["pump_speed"] = self._count_difference(columns[channel], time)
+        for channel, effects in self._faults.items():
+            for effect in effects:
+                columns[channel] = effect.replace(columns[channel], time)
+        self._bursts.blank(columns, time.size)
+        if "position_setpoint" in truth:
+            columns["position_setpoint"] = np.array(truth["position_setpoint"], dtype=np.float64)
+        stamps, kept = self._losses.next(time)
+        self.row += time.size
+        return Rows(stamps, columns, kept)
+
+    def _one(self, channel: str, sensor: ChannelSensor, truth: Mapping[str, Array], time: Array) -> Array:
+        """One channel before what is lost of it."""
+        value = sensor.observe(truth[channel], time, truth["pump_angle"])
+        for effect in self._faults.get(channel, ()):
+            offset = effect.offset(time, self.row)
+            if offset is not None:
+                value += offset
+        return sensor.digitise(value)
+
+    def _count_difference(self, angle: Array, time: Array) -> Array:
+        """Counts since the last sample over a nominal period: a late row shows too much speed."""
+        if not angle.size:
+            return angle.copy()
+        first = angle[0] if self.row == 0 else self._angle
+        speed = np.diff(angle, prepend=first) / PERIOD
+        self._angle = float(angle[-1])
+        return self._speed.digitise(self._speed.observe(speed, time))

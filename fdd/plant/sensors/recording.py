@@ -1,0 +1,145 @@
+"""How the log is taken: late, missing and blank rows, drawn row by row whatever the blocks."""
+
+from __future__ import annotations
+
+from typing import Annotated
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import Field
+
+from fdd.plant.sensors.streams import generator
+from fdd.plant.validated import Validated
+
+Array = NDArray[np.float64]
+
+PERIOD = 1e-3
+"""s, between rows."""
+SHORTEST_BURST, LONGEST_BURST = 5, 30
+MOST_CHANNELS = 4
+_CLIP = 4.0
+"""Standard deviations at which a stamp's error ends, so that stamps always increase."""
+
+
+class Recording(Validated):
+    """How the log is taken.
+
+    Attributes
+    ----------
+    dropped : probability that a row is missing.
+    late : probability that a row is taken late; its stamp says so.
+    latest : s, most that it is late.
+    jitter : s, standard deviation of the stamps' error: the row is taken on time, its stamp is a little off.
+    nan_bursts_per_minute : bursts of NaN, 5 to 30 rows long, each in one to four channels.
+    load_force : whether the load is measured.
+
+    Examples
+    --------
+    >>> Recording(late=0.01).dropped, Recording.perfect().dropped
+    (0.001, 0.0)
+    """
+
+    dropped: Annotated[float, Field(ge=0.0, le=0.5)] = 0.001
+    late: Annotated[float, Field(ge=0.0, le=0.5)] = 0.0005
+    latest: Annotated[float, Field(ge=0.0, le=0.9e-3)] = 0.9e-3
+    jitter: Annotated[float, Field(ge=0.0, le=1e-5)] = 0.0
+    nan_bursts_per_minute: Annotated[float, Field(ge=0.0, le=60.0)] = 0.2
+    load_force: bool = False
+
+    @classmethod
+    def perfect(cls) -> Recording:
+        """Every row, on time, whole."""
+        return cls(dropped=0.0, late=0.0, nan_bursts_per_minute=0.0)
+
+
+class Lateness:
+    """By how many integration steps each row is taken late; the first is on time.
+
+    Parameters
+    ----------
+    recording : late, latest. substeps : steps per millisecond. seed : of the scenario.
+    """
+
+    def __init__(self, recording: Recording, substeps: int, seed: int) -> None:
+        self.share = recording.late
+        self.most = min(int(recording.latest * substeps / PERIOD + 1e-9), substeps - 1)
+        self._rng = generator(seed, "late rows")
+        self._first = True
+
+    def steps(self, n: int) -> NDArray[np.int64]:
+        """Of the next n rows, (n,), each 0 to `most`."""
+        late = np.zeros(n, dtype=np.int64)
+        if self.share > 0.0 and self.most > 0:
+            # One draw a row: below the share it is late, and by how much within the share says by how many.
+            drawn = self._rng.random(n)
+            rows = np.flatnonzero(drawn < self.share)
+            late[rows] = 1 + (drawn[rows] / self.share * self.most).astype(np.int64)
+            np.minimum(late, self.most, out=late)
+        if self._first and n:
+            late[0], self._first = 0, False
+        return late
+
+
+class Losses:
+    """Which rows the log has, and by how much their stamps are off; the first row is there and exact."""
+
+    def __init__(self, recording: Recording, seed: int, stream: str = "") -> None:
+        self.recording = recording
+        self._drops = generator(seed, f"dropped rows{stream}")
+        self._stamps = generator(seed, f"stamps{stream}")
+        self._row = 0
+
+    def next(self, time: Array) -> tuple[Array, NDArray[np.bool_]]:
+        """Stamps (n,) s and whether each row is kept, (n,), of the next n rows, taken at `time` (n,)."""
+        n, recording = time.size, self.recording
+        kept = np.ones(n, dtype=np.bool_)
+        if recording.dropped > 0.0:
+            kept = self._drops.random(n) >= recording.dropped
+        stamps = time
+        if recording.jitter > 0.0:
+            error = np.clip(self._stamps.standard_normal(n), -_CLIP, _CLIP)
+            if self._row == 0 and n:
+                error[0] = 0.0
+            stamps = time + recording.jitter * error
+        if self._row == 0 and n:
+            kept[0] = True
+        self._row += n
+        return stamps, kept
+
+
+class NanBursts:
+    """Bursts of NaN in measured channels: a Poisson process over the rows.
+
+    Parameters
+    ----------
+    recording : bursts per minute. seed : of the scenario. names : channels that it may strike.
+    """
+
+    def __init__(self, recording: Recording, seed: int, names: list[str], stream: str = "") -> None:
+        self.names = names
+        self._rng = generator(seed, f"NaN bursts{stream}")
+        rate = recording.nan_bursts_per_minute * PERIOD / 60.0
+        self._gap = 1.0 / rate if rate > 0.0 and names else np.inf
+        self._row = 0
+        self._next = self._after(0.0)
+        self._open: list[tuple[int, int, list[str]]] = []
+
+    def _after(self, start: float) -> float:
+        return start + self._rng.exponential(self._gap) if np.isfinite(self._gap) else np.inf
+
+    def blank(self, columns: dict[str, Array], n: int) -> None:
+        """Put NaN into the next n rows of `columns` (each (n,)), in place."""
+        end = self._row + n
+        while self._next < end:
+            start = int(self._next)
+            stop = start + int(self._rng.integers(SHORTEST_BURST, LONGEST_BURST + 1))
+            struck = self._rng.permutation(len(self.names))[: int(self._rng.integers(1, MOST_CHANNELS + 1))]
+            self._open.append((start, stop, [self.names[k] for k in struck]))
+            self._next = self._after(self._next)
+        for start, stop, names in self._open:
+            rows = slice(max(start - self._row, 0), stop - self._row)
+            for name in names:
+                if name in columns:
+                    columns[name][rows] = np.nan
+        self._row = end
+        self._open = [burst for burst in self._open if burst[1] > end]

@@ -1,0 +1,163 @@
+"""Sections of a profile: numbers that carry their unit, source and spread.
+
+Every number may be written plain (then it is in the field's SI unit) or with its
+provenance: ``{value: 35, unit: bar, source: data sheet, std: 2}``. Provenance is
+kept and written back.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Annotated, Any
+
+import numpy as np
+from pydantic import BaseModel, ConfigDict, Field, ValidatorFunctionWrapHandler, model_validator
+
+from fdd.errors import InputError
+from fdd.measures import measure
+
+
+@dataclass(frozen=True)
+class SI:
+    """Marks a field with its SI unit of measure and its dimension."""
+
+    unit: str
+    dimension: str
+
+
+def si(unit: str) -> SI:
+    """Mark a field with its SI unit, as ``Annotated[float, si("ohm")]``.
+
+    Examples
+    --------
+    >>> si("Pa").dimension
+    'pressure'
+    """
+    return SI(unit=unit, dimension=measure(unit).dimension)
+
+
+Metre = Annotated[float, si("m")]
+SquareMetre = Annotated[float, si("m^2")]
+CubicMetre = Annotated[float, si("m^3")]
+Kilogram = Annotated[float, si("kg")]
+Pascal = Annotated[float, si("Pa")]
+Newton = Annotated[float, si("N")]
+MetrePerSecond = Annotated[float, si("m/s")]
+ViscousFriction = Annotated[float, si("N*s/m")]
+LeakageCoefficient = Annotated[float, si("m^3/(s*Pa)")]
+Displacement = Annotated[float, si("m^3/rad")]
+AngularSpeed = Annotated[float, si("rad/s")]
+Second = Annotated[float, si("s")]
+PerSecond = Annotated[float, si("1/s")]
+Hertz = Annotated[float, si("Hz")]
+Celsius = Annotated[float, si("degC")]
+KinematicViscosity = Annotated[float, si("m^2/s")]
+Density = Annotated[float, si("kg/m^3")]
+Ampere = Annotated[float, si("A")]
+Number = Annotated[float, si("1")]
+
+
+class Provenance(BaseModel):
+    """Where a number comes from and how well it is known (SI)."""
+
+    model_config = ConfigDict(extra="forbid")
+    source: str | None = None
+    std: float | None = None
+
+
+class Section(BaseModel):
+    """A part of a profile; its numbers carry their unit, source and spread."""
+
+    model_config = ConfigDict(extra="forbid", validate_assignment=True, allow_inf_nan=False)
+    provenance: dict[str, Provenance] = Field(default_factory=dict, exclude=True, repr=False)
+
+    @model_validator(mode="wrap")
+    @classmethod
+    def _take_provenance(cls, data: Any, handler: ValidatorFunctionWrapHandler) -> Any:
+        if not isinstance(data, dict):
+            return handler(data)
+        plain: dict[str, Any] = {}
+        given = data.get("provenance", {})
+        if not isinstance(given, dict):
+            raise InputError("is not a table", where="provenance", mend="write each source beside its number")
+        provenance: dict[str, Provenance] = dict(given)
+        for key, entry in data.items():
+            field = cls.model_fields.get(key)
+            if isinstance(entry, dict) and "value" in entry and field is not None:
+                try:
+                    plain[key], provenance[key] = _quantity(entry, si_of(field))
+                except InputError as error:
+                    raise InputError(error.problem, where=key, mend=error.mend) from None
+            else:
+                plain[key] = entry
+        plain["provenance"] = provenance
+        return handler(plain)
+
+    def std_of(self, name: str) -> float | None:
+        """Standard deviation of a number, where the profile gives one (SI)."""
+        found = self.provenance.get(name)
+        return None if found is None else found.std
+
+    def to_plain(self) -> dict[str, Any]:
+        """The section as YAML would show it, numbers with unit, source and std."""
+        out: dict[str, Any] = {}
+        for name, field in type(self).model_fields.items():
+            if name == "provenance":
+                continue
+            value = getattr(self, name)
+            if value is None:
+                continue
+            si = si_of(field)
+            if isinstance(value, Section):
+                out[name] = value.to_plain()
+            elif isinstance(value, dict) and value and all(isinstance(v, Section) for v in value.values()):
+                out[name] = {k: v.to_plain() for k, v in value.items()}
+            elif si is not None:
+                entry: dict[str, Any] = {"value": float(f"{float(value):.8g}"), "unit": si.unit}
+                known = self.provenance.get(name)
+                if known is not None and known.std is not None:
+                    entry["std"] = float(f"{known.std:.4g}")
+                if known is not None and known.source is not None:
+                    entry["source"] = known.source
+                out[name] = entry
+            else:
+                out[name] = value
+        return out
+
+
+def _quantity(entry: dict[str, Any], si: SI | None) -> tuple[float, Provenance]:
+    """A number written with its unit and provenance, in SI."""
+    unknown = set(entry) - {"value", "unit", "source", "std"}
+    if si is None:
+        raise InputError("takes no unit", mend="write the plain value")
+    if unknown:
+        raise InputError(f"unknown {sorted(map(str, unknown))}", mend="use value, unit, source and std")
+    m = measure(str(entry.get("unit", si.unit)), si.dimension)
+    value, std, source = _number(entry, "value"), entry.get("std"), entry.get("source")
+    if source is not None and not isinstance(source, str):
+        raise InputError(f"source {source!r} is not text", mend="put it in quotes")
+    if std is not None:
+        std = m.factor * _number(entry, "std")
+        if std < 0.0:
+            raise InputError("std is negative", mend="give the standard deviation, or leave it out")
+    return m.factor * value + m.offset, Provenance(source=source, std=std)
+
+
+def _number(entry: dict[str, Any], name: str) -> float:
+    # YAML 1.1 reads 1e-3 (no dot) as text, so text that is a number is taken too.
+    given = entry[name]
+    try:
+        number = float(given) if isinstance(given, int | float | str) else np.nan
+    except (ValueError, OverflowError):
+        number = np.nan
+    if isinstance(given, bool) or not np.isfinite(number):
+        raise InputError(f"{name} {given!r} is not a finite number", mend="correct that field")
+    return number
+
+
+def si_of(field: Any) -> SI | None:
+    """The SI unit that a pydantic field is marked with, None for a plain one."""
+    for item in field.metadata:
+        if isinstance(item, SI):
+            return item
+    return None
