@@ -1,0 +1,169 @@
+"""How fast the plant runs: over real time, and error over work beside peers."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from statistics import median
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fdd.performance.cases import Case
+from fdd.performance.peers import METHODS, integrate
+from fdd.plant import state as s
+from fdd.plant.integrator import STEPS
+from fdd.plant.simulate import raw_blocks, simulate
+
+Array = NDArray[np.float64]
+
+REFERENCE_REFINEMENT = 64.0
+REFINEMENTS = (0.25, 0.5, 1.0, 2.0, 4.0, 8.0)
+PEER_TOLERANCES = ((1e-3, 1e4), (1e-5, 1e2), (1e-7, 1.0), (1e-9, 1e-2))
+"""Relative tolerance, and absolute ones over the plant's own."""
+_STAGES = 6
+"""Evaluations of the right-hand side in a step: the seventh is the next one's first."""
+
+
+@dataclass(frozen=True)
+class RealTime:
+    """Simulated over processor time of a case.
+
+    Attributes
+    ----------
+    case : its name.
+    whole : of `simulate`, sensors and truth included.
+    integration : of the compiled loop and its conditions alone.
+    steps : of the integrator for each millisecond.
+    """
+
+    case: str
+    whole: float
+    integration: float
+    steps: float
+
+
+@dataclass(frozen=True)
+class Work:
+    """One point of error over work.
+
+    Attributes
+    ----------
+    solver, setting : who, and how tight.
+    position, pressure : rms error (m, Pa) against the reference.
+    cpu : s of processor time for each second simulated.
+    evaluations : of the right-hand side for each second simulated.
+    """
+
+    solver: str
+    setting: str
+    position: float
+    pressure: float
+    cpu: float
+    evaluations: float
+
+
+def real_time(case: Case, duration: float, repeats: int) -> RealTime:
+    """Measure a case: medians of repeated runs, on one core, after everything is compiled.
+
+    Parameters
+    ----------
+    case : sensors with noise, recording and all.
+    duration : s.
+    repeats : runs of each kind.
+    """
+    scenario = case.scenario(duration, whole=False)
+    simulate(case.unit, case.scenario(0.5, whole=False), partner=case.partner) if _begins(case) else None
+    whole = _median_cpu(lambda: simulate(case.unit, scenario, partner=case.partner), repeats)
+
+    steps = 0.0
+
+    def integrated() -> None:
+        nonlocal steps
+        ready = case.prepared(duration)
+        for _ in raw_blocks(ready):
+            pass
+        steps = float(ready.memory[STEPS]) / scenario.rows
+
+    alone = _median_cpu(integrated, repeats)
+    return RealTime(case.name, duration / whole, duration / alone, steps)
+
+
+def _begins(case: Case) -> bool:
+    """Whether every fault has begun within half a second, so that a short run may warm up."""
+    return all(fault.get("onset", 0.0) < 0.5 for fault in case.settings.get("faults", []))
+
+
+def work_precision(case: Case, duration: float, repeats: int) -> tuple[list[Work], float]:
+    """Error over work of the plant's integrator and of peers on the same equations.
+
+    Parameters
+    ----------
+    case : whose commands do not hang on its states, so that all solve the same problem.
+    duration : s.
+    repeats : runs, of which the median counts; the peers' slowest settings run once.
+
+    Returns
+    -------
+    points, and the rms of the pressure difference (Pa) between the reference and the tightest Radau: how far the
+    reference is to be trusted.
+    """
+    reference, _, commands = case.states(duration, REFERENCE_REFINEMENT)
+    points = []
+    for refine in REFINEMENTS:
+        steps = 0.0
+
+        def run(refine: float = refine) -> Array:
+            nonlocal steps
+            ready = case.prepared(duration, refine)
+            began = time.process_time()
+            states = next(iter(raw_blocks(ready, block=commands.shape[0]))).states
+            costs.append(time.process_time() - began)
+            steps = float(ready.memory[STEPS])
+            return states
+
+        costs: list[float] = []
+        for _ in range(repeats):
+            states = run()
+        points.append(
+            _point("this plant", f"refine {refine:g}", states, reference, median(costs), steps * _STAGES, duration)
+        )
+    trust = np.nan
+    for method in METHODS:
+        for rtol, factor in PEER_TOLERANCES:
+            peers = [integrate(case, commands, method, rtol, factor, duration) for _ in range(1)]
+            peer = peers[0]
+            if peer.states.shape[0] < commands.shape[0]:
+                continue
+            point = _point(
+                f"SciPy {method}", f"rtol {rtol:g}", peer.states, reference, peer.cpu, peer.evaluations, duration
+            )
+            points.append(point)
+            if method == "Radau":
+                trust = point.pressure
+    return points, trust
+
+
+def _point(
+    solver: str, setting: str, states: Array, reference: Array, cpu: float, evaluations: float, duration: float
+) -> Work:
+    difference = states - reference
+    pressure = difference[:, s.SHARED + s.P1] - difference[:, s.SHARED + s.P2]
+    return Work(
+        solver,
+        setting,
+        float(np.sqrt(np.mean(difference[:, s.X] ** 2))),
+        float(np.sqrt(np.mean(pressure**2))),
+        cpu / duration,
+        evaluations / duration,
+    )
+
+
+def _median_cpu(run: Callable[[], object], repeats: int) -> float:
+    costs = []
+    for _ in range(repeats):
+        began = time.process_time()
+        run()
+        costs.append(time.process_time() - began)
+    return median(costs)
