@@ -54,9 +54,10 @@ def drive_rates(
     dy[o + ANGLE] = speed
     dy[o + SPEED] = (torque - hydraulic_torque - turning) / par.inertia
     # What the limit takes away does not wind the integrator up.
-    dy[o + DRIVE] = par.loop_integral * (command - speed) + par.loop_gain * par.torque_constant * (
-        allowed - demand
-    ) / par.inertia
+    dy[o + DRIVE] = (
+        par.loop_integral * (command - speed)
+        + par.loop_gain * par.torque_constant * (allowed - demand) / par.inertia
+    )
     if now[CURRENT_LIMIT] <= 0.0:
         # Without power the drive's outputs are off: no current, and the loop is held at rest.
         dy[o + CURRENT] = -par.current_rate * current

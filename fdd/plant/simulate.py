@@ -179,7 +179,7 @@ def simulate(
     >>> len(out.truth) == len(out.samples), out.labels
     (True, [])
     """
-    units = (unit,)
+    units: tuple[Unit, ...] = (unit,)
     if scenario.partner is not None:
         partner = partner or Unit.load(scenario.partner.unit)
         units = (unit, partner)

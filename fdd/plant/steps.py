@@ -1,8 +1,9 @@
 """Steps of controlled error: the embedded Runge-Kutta pair of Dormand and Prince, compiled.
 
-The plant is oscillatory and has corners (reversals, valves), but hardly a stiff part: bristle, current loop, check
-valves and gear mesh all live between 200 and 4000 1/s, and the controller acts every millisecond. A pair of
-fifth order does most milliseconds in one step and shortens it where the estimate asks for that.
+The plant is oscillatory and has corners (reversals, valves), but hardly a stiff part: bristle, current
+loop, check valves and gear mesh all live between 200 and 4000 1/s, and the controller acts every
+millisecond. A pair of fifth order does most milliseconds in one step and shortens it where the estimate
+asks for that.
 
 J. R. Dormand, P. J. Prince, A family of embedded Runge-Kutta formulae, J. Comp. Appl. Math. 6 (1980),
 doi:10.1016/0771-050X(80)90013-3.
@@ -41,7 +42,8 @@ _TOLERANCES = {
 def tolerances(axes: int, refine: float = 1.0) -> Array:
     """Error allowed for each state over one step.
 
-    About a ten-thousandth of what the sensors resolve: errors at a reversal live on in where the piston sticks.
+    About a ten-thousandth of what the sensors resolve: errors at a reversal live on in where the piston
+    sticks.
 
     Parameters
     ----------
