@@ -48,36 +48,42 @@ CATALOGUE: dict[str, Fault] = {
     for f in (
         Fault(
             "internal_leakage", "leakage", "internal leakage", "4.6.8",
-            "more flow across the ports, laminar",
-            "cross-port leakage +12e-12 m³/(s·Pa)",
-            "about 2 to 3 times the healthy L_T of section 5.2; 0.7 L/min at 1 MPa", simulated=True,
+            "more flow across the ports, laminar plus orifice",
+            "cross-port leakage +12e-12 m³/(s·Pa) at 1 MPa, a quarter of it through an orifice",
+            "2 to 3 times the healthy L_T of section 5.2, 0.7 L/min at 1 MPa; assumption: the orifice's part",
+            simulated=True,
         ),
         Fault(
             "external_leakage", "leakage", "external leakage", "Table 4.1, 4.6.2",
             "flow from one chamber to the outside; the accumulator drains",
-            "6e-12 m³/(s·Pa) from one chamber to the outside", _ASSUMED, sides=(1, 2),
+            "6e-12 m³/(s·Pa) from one chamber to the outside", _ASSUMED, sides=(1, 2), simulated=True,
         ),
         Fault(
             "pump_wear", "leakage", "pump gear wear", "Table 4.1",
             "volumetric loss that grows with pressure and speed, more flow ripple",
-            "cross-port leakage +12e-12 m³/(s·Pa) at 100 rad/s, displacement -2 %", _ASSUMED,
+            "cross-port leakage +12e-12 m³/(s·Pa) at 100 rad/s, displacement -2 %, flow ripple +5 %",
+            _ASSUMED, simulated=True,
         ),
         Fault(
             "case_drain_seal_failure", "leakage", "case drain seal failure", "Table 4.1",
             "case drain flow into the accumulator, its pressure rises",
-            "case leakage +24e-12 m³/(s·Pa)", _ASSUMED,
+            "case leakage of each port +24e-12 m³/(s·Pa)", _ASSUMED, simulated=True,
         ),
         Fault(
             "shaft_seal_wear", "leakage", "pump shaft seal wear", "Table 4.1",
             "slow loss from the case drain to the outside",
-            "1 cm³/min from the case drain to the outside", _ASSUMED,
+            "1 cm³/min from the case drain to the outside, at 487 kPa in the case",
+            "assumption: a steady drip, which empties the 13 cm³ accumulator within minutes", simulated=True,
         ),
         Fault(
             "seal_wear", "seal_wear", "actuator seal wear", "Table 4.1",
             "the friction curve is scaled per direction; some rod leakage",
-            "loose: friction falls to 35 %; tight: friction rises to 200 %",
-            "assumption: a seal that lost its preload, or a swollen one",
-            variants=("loose", "tight"), simulated=True,
+            "loose: friction falls to 35 %, each rod leaks 1e-14 m³/(s·Pa); tight: friction rises to 200 %; "
+            "loose_forward: loose, friction of extension only; loose_reverse: of retraction only; "
+            "tight_forward: tight, extension only; tight_reverse: retraction only",
+            "assumption: a seal that lost its preload, or a swollen one, on both lips or one",
+            variants=("loose", "tight", "loose_forward", "loose_reverse", "tight_forward", "tight_reverse"),
+            simulated=True,
         ),
         Fault(
             "aeration", "aeration", "air in the oil", "4.6.3, 5.4",
@@ -111,12 +117,13 @@ CATALOGUE: dict[str, Fault] = {
         ),
         Fault(
             "motor_degradation", "motor", "motor degradation", "Table 4.1",
-            "torque constant down: more current for the same torque, less torque at the current limit",
-            "torque constant -30 %", _ASSUMED, simulated=True,
+            "torque constant down, winding resistance up, current limit down",
+            "torque constant -30 %, winding resistance +50 %, current limit -20 %", _ASSUMED, simulated=True,
         ),
         Fault(
             "coupling_wear", "motor", "coupling wear", "Table 4.1",
-            "torsional play, vibration at shaft frequency", "2 degrees of play", _ASSUMED,
+            "torsional play, vibration at shaft frequency",
+            "2 degrees of play, pump speed swings by 2 % once a turn", _ASSUMED, simulated=True,
         ),
         Fault(
             "pressure_sensor_bias", "sensor", "pressure sensor bias", "Appendix A",

@@ -11,10 +11,11 @@ from typing import Annotated, ClassVar, Literal
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import Field
+from pydantic import Field, model_validator
 from scipy.signal import butter, sosfilt
 
 from fdd.errors import InputError
+from fdd.plant.programme import AnyProgramme, Programme
 from fdd.plant.validated import Validated
 
 Array = NDArray[np.float64]
@@ -232,6 +233,99 @@ class ConstantSpeed(Duty):
         return np.where(time >= 0.0, levels[which], 0.0)
 
 
+class OneWay(Duty):
+    """Strokes out at constant velocity, back slowly, with a rest at each end: one direction at a time.
+
+    In position control the stroke runs from -`amplitude` to `amplitude`, at constant velocity each way;
+    in speed control at `speed` out, and back at the speed that undoes it.
+    """
+
+    usual: ClassVar[dict[str, tuple[float, float]]] = {
+        "amplitude": (0.02, 0.11),
+        "speed": (40.0, 250.0),
+        "out": (0.8, 3.0),
+        "back": (5.0, 15.0),
+        "dwell": (0.2, 1.0),
+    }
+    name: Literal["one_way"] = "one_way"
+    out: Seconds = 1.5
+    """s of the stroke out."""
+    back: Seconds = 10.0
+    """s of the way back."""
+    dwell: Annotated[float, Field(ge=0.0, le=60.0)] = 0.5
+    reverse: bool = False
+    """Strokes inwards instead."""
+
+    def shape(self, time: Array, rng: np.random.Generator) -> Array:
+        corners, levels = self._corners(time)
+        return np.asarray(np.interp(time, corners, levels))
+
+    def setpoint(self, n: int, position: bool, rng: np.random.Generator) -> Array:
+        if position:
+            return super().setpoint(n, position, rng)
+        rest = min(round(self.lead_in / TICK), n)
+        time = np.arange(n - rest, dtype=np.float64) * TICK
+        corners, levels = self._corners(time)
+        slopes = np.diff(levels) / np.maximum(np.diff(corners), 1e-9)
+        speeds = slopes / np.abs(slopes).max() * self.speed
+        speeds = speeds[np.searchsorted(corners, time, side="right") - 1]
+        return np.concatenate([np.zeros(rest), speeds])
+
+    def _corners(self, time: Array) -> tuple[Array, Array]:
+        """Corners of the position's shape: slowly to where the strokes begin, then strokes."""
+        count = int((time.size + 1) * TICK / (self.out + self.back)) + 2
+        lengths = [0.5 * self.back, *([self.dwell, self.out, self.dwell, self.back] * count)]
+        levels = [0.0, -1.0, *([-1.0, 1.0, 1.0, -1.0] * count)]
+        sign = -1.0 if self.reverse else 1.0
+        return np.cumsum([0.0, *lengths]), sign * np.array(levels)
+
+
+class Levels(Duty):
+    """Set-points as the user writes them: held, or linear in between.
+
+    Attributes
+    ----------
+    points : times (s after the rest) and set-points: m from `offset` in position control, rad/s in speed
+        control. The first one's set-point holds from the end of the rest.
+    linear : straight lines between the points instead of steps.
+    amplitude, speed : taken from the points.
+
+    Examples
+    --------
+    >>> duty = Levels(points="0:0.02/1:-0.05")
+    >>> duty.amplitude, duty.setpoint(1500, True, np.random.default_rng(0))[[0, 999, 1000]]
+    (0.05, array([ 0.02,  0.02, -0.05]))
+    """
+
+    name: Literal["levels"] = "levels"
+    points: AnyProgramme = Programme(points=((0.0, 0.0), (1.0, 0.03)))
+    linear: bool = False
+    amplitude: Annotated[float, Field(ge=0.0, le=2000.0)] = 0.0
+    speed: Annotated[float, Field(ge=0.0, le=2000.0)] = 0.0
+    lead_in: Annotated[float, Field(ge=0.0, le=600.0)] = 0.0
+
+    @model_validator(mode="after")
+    def _reach(self) -> Levels:
+        most = max(abs(self.points.least), abs(self.points.most))
+        if most > 2000.0:
+            raise InputError(f"set-point {most:g} is out of range", mend="use m, or up to 2000 rad/s")
+        object.__setattr__(self, "amplitude", most)
+        object.__setattr__(self, "speed", most)
+        return self
+
+    def setpoint(self, n: int, position: bool, rng: np.random.Generator) -> Array:
+        rest = min(round(self.lead_in / TICK), n)
+        time = np.arange(n - rest, dtype=np.float64) * TICK
+        if self.linear:
+            levels = self.points.over(time)
+        else:
+            times, values = np.array(self.points.points).T
+            # Half a tick of grace: 0.3 s is the 300th millisecond, whatever the rounding.
+            before = np.searchsorted(times, time + 0.5 * TICK, side="right") - 1
+            levels = values[np.maximum(before, 0)]
+        return np.concatenate([np.zeros(rest), levels]) + (self.offset if position else 0.0)
+
+
 def _held(time: Array, hold: float, rng: np.random.Generator, draw: object) -> Array:
     """Levels that `draw(k)` gives, each held for 0.5 to 1.5 of `hold`."""
     count = int(time.size * TICK / (0.5 * hold)) + 2
@@ -241,7 +335,7 @@ def _held(time: Array, hold: float, rng: np.random.Generator, draw: object) -> A
 
 
 AnyDuty = Annotated[
-    Standstill | Steps | Sines | Sweep | Prbs | Sawtooth | Strokes | Flight | ConstantSpeed,
+    Standstill | Steps | Sines | Sweep | Prbs | Sawtooth | Strokes | Flight | ConstantSpeed | OneWay | Levels,
     Field(discriminator="name"),
 ]
 
@@ -255,6 +349,8 @@ DUTIES: dict[str, type[Duty]] = {
     "strokes": Strokes,
     "flight": Flight,
     "constant_speed": ConstantSpeed,
+    "one_way": OneWay,
+    "levels": Levels,
 }
 
 

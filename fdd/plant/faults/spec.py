@@ -29,6 +29,7 @@ class FaultSpec(Validated):
     profile : step, ramp (linear over `ramp` s) or intermittent (on for the share
         `duty` of every `period` s).
     side, variant : what the catalogue lists for the fault; None takes the first.
+    axis : 1, or 2 for the partner of a dual rig.
 
     Raises
     ------
@@ -50,13 +51,14 @@ class FaultSpec(Validated):
     duty: Annotated[float, Field(gt=0.0, lt=1.0)] = 0.5
     side: int | None = None
     variant: str | None = None
+    axis: Literal[1, 2] = 1
 
     @model_validator(mode="after")
     def _known(self) -> FaultSpec:
         entry = fault(self.fault)
         if not entry.simulated:
             raise InputError(
-                f"fault {self.fault!r} is not simulated yet",
+                f"fault {self.fault!r} is not simulated",
                 mend=f"the simulated ones: {', '.join(SIMULATED)}",
             )
         for name, given, allowed in (
@@ -99,11 +101,12 @@ class FaultSpec(Validated):
             "profile": self.profile,
             "side": self.side,
             "variant": self.variant,
+            "axis": self.axis,
         }
 
 
 _NUMBERS = ("severity", "onset", "ramp", "period", "duty")
-_PARAMETERS = (*_NUMBERS, "profile", "side", "variant")
+_PARAMETERS = (*_NUMBERS, "profile", "side", "variant", "axis")
 
 
 def parse_fault(text: str) -> FaultSpec:
@@ -111,7 +114,7 @@ def parse_fault(text: str) -> FaultSpec:
 
     Parameters
     ----------
-    text : ``ID:severity=0.4,onset=20`` with optional profile, ramp, period, duty, side, variant.
+    text : ``ID:severity=0.4,onset=20`` with optional profile, ramp, period, duty, side, variant, axis.
 
     Raises
     ------
@@ -147,7 +150,7 @@ def _value(key: str, text: str) -> str | float | int:
     try:
         if key in _NUMBERS:
             return float(text)
-        if key == "side":
+        if key in ("side", "axis"):
             return int(text)
     except ValueError:
         raise InputError(f"{key}={text!r} is not a number", mend=f"write {key}=NUMBER") from None

@@ -1,0 +1,72 @@
+"""The conditions of an axis over a run, or any stretch of it: duty, load, power, valves and faults."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fdd.plant import circuit as valves
+from fdd.plant import conditions as c
+from fdd.plant.faults.injection import inject
+from fdd.plant.scenario import Scenario
+from fdd.plant.valves import check_charging
+from fdd.unit import Unit
+
+Array = NDArray[np.float64]
+
+
+def axis_conditions(
+    unit: Unit, scenario: Scenario, time: Array, setpoint: Array, force: Array, *, axis: int = 1
+) -> Array:
+    """Everything that changes with time about one axis.
+
+    Each row depends on its own time alone, so a run may be cut anywhere.
+
+    Parameters
+    ----------
+    unit : of that axis.
+    scenario : the run.
+    time : (n,) s.
+    setpoint : (n,) of that axis's controller, see `fdd.plant.conditions`.
+    force : (n,) N on the rod; goes with the first axis.
+    axis : 1, or 2 for the partner.
+
+    Returns
+    -------
+    (n, COLUMNS) conditions.
+
+    Raises
+    ------
+    InputError : charging that the unit's pressures rule out.
+
+    Examples
+    --------
+    >>> time = np.arange(3) * 1e-3
+    >>> rows = axis_conditions(Unit.load("axis_a"), Scenario(power=0.5), time, np.zeros(3), np.zeros(3))
+    >>> rows[:, c.CURRENT_LIMIT]
+    array([0.5, 0.5, 0.5])
+    """
+    rows = c.healthy_conditions(unit, setpoint, force)
+    rows[:, c.WARMING] = scenario.warming
+    partner = scenario.partner
+    circuit, power = scenario.circuit, scenario.power
+    if axis == 2 and partner is not None:
+        circuit, power = partner.circuit, partner.power
+    rows[:, c.CURRENT_LIMIT] *= power.over(time)
+    check_charging(circuit, unit, scenario.charge_factor)
+    valves.apply(circuit, rows, time)
+    if axis == 1:
+        valves.apply_connect(scenario.connect, rows, time)
+    inject(rows, time, scenario.faults, scenario.fault_scales, scenario.details, axis=axis)
+    return rows
+
+
+def partner_setpoint(scenario: Scenario, n: int, rng: np.random.Generator) -> Array:
+    """The partner's own speed command, (n,) rad/s for n ms; zeros where it has none.
+
+    With drive same the plant takes the first axis's command instead.
+    """
+    partner = scenario.partner
+    if partner is None or partner.duty is None:
+        return np.zeros(n)
+    return partner.duty.setpoint(n, False, rng)
