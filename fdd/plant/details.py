@@ -30,7 +30,8 @@ class Details(Validated):
     line_loss : K_pipe of eq. 3.33 (Pa·s²/m⁶); 6e11 gives 20 kPa at the pump's full flow.
     current_lag : of the drive's current loop (s).
     command_dead_band : of the drive's input (rad/s); Table 6.1 gives the motor 0.0011 V of ±10 V.
-    coupling_stiffness, coupling_damping : of a worn coupling's flanks (N·m/rad, N·m·s/rad); a sound one is rigid.
+    coupling_stiffness, coupling_damping : of a worn coupling's flanks (N·m/rad, N·m·s/rad); a sound one
+        is rigid.
     check_width, relief_width : pressure (Pa) over which these valves begin to open.
     orifice_transition : pressure (Pa) below which a stuck valve's orifice is laminar.
     stop_stiffness : of the cylinder's end stops (N/m).

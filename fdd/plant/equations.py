@@ -48,7 +48,7 @@ def axis_rates(
     o: int, f: int, y: Array, command: float, linked_1: float, linked_2: float, now: Array, par: Constants,
     dy: Array, found: Array,
 ) -> float:  # fmt: skip
-    """Force of one axis on the rod (N); fills the rates and findings of the axis that begins at `o` and `f`."""
+    """Force of one axis on the rod (N); fills its rates and findings, which begin at `o` and `f`."""
     v = y[V]
     resisting, heat = hydraulic_rates(o, f, y, linked_1, linked_2, now, par, dy, found)
     torque, turning = drive_rates(o, y, command, resisting, now, par, dy)

@@ -15,8 +15,8 @@ from fdd.plant.state import MEMORY, Z
 Array = NDArray[np.float64]
 
 _STILL = 1e-4
-"""m/s below which |v| is rounded off: a tenth of what the thesis could drive the piston at steadily. The corner
-would cost the integrator its order at each reversal."""
+"""m/s below which |v| is rounded off: a hundredth of the slowest steady motion in the thesis. The corner would
+cost the integrator its order at each reversal."""
 
 
 @njit(cache=True, error_model="numpy", inline="always")

@@ -103,8 +103,8 @@ def hydraulic_rates(
     )
     stuck = orifice(dp, now[c.RELIEF_OPEN], par.orifice_transition) if now[c.RELIEF_OPEN] != 0.0 else 0.0
 
-    # Case drain: fed by both ports, drained through its check valve into the accumulator, losing past
-    # the shaft's seal. Its volume is small and its check valve wide, so its pressure is the one that balances.
+    # Case drain: fed by both ports, drained through its check valve into the accumulator, losing past the
+    # shaft's seal. Its volume is small and its valve wide, so its pressure is the one that balances.
     leak, shaft = now[c.CASE_LEAKAGE], now[c.SHAFT_LEAKAGE]
     both = 2.0 * leak + shaft + _LEAST_CASE
     closed = leak * (a + b) / both

@@ -118,7 +118,7 @@ def as_record(parameters: Parameters) -> Constants:
 
 
 def velocity_loop(drive: Drive, current_lag: float) -> tuple[float, float, float, float]:
-    """Gains of the velocity loop whose closed loop has the drive's poles and zero, and the current loop's rate.
+    """Gains of the velocity loop that has the drive's poles and zero, and the current loop's rate.
 
     With a current loop of lag τ the speed follows ω/c = (f·s + k2)/(τs³ + s² + k1·s + k2). Two of its poles
     are the drive's; their sum is 1/τ, so the third lies at p3 = 1/τ - p1 - p2.

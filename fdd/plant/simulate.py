@@ -14,7 +14,6 @@ from numpy.typing import NDArray
 
 from fdd.errors import InputError
 from fdd.plant import conditions as c
-from fdd.plant import state as s
 from fdd.plant.faults.spec import FaultSpec
 from fdd.plant.integrator import LATE_PARTS, PERIOD, run
 from fdd.plant.parameters import as_record

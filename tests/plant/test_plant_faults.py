@@ -332,7 +332,7 @@ def test_the_command_lines_fault_is_read_whole():
     ("text", "told"),
     [
         ("leak:severity=0.4", "internal_leakage"),
-        ("pump_wear:severity=0.4", "not simulated yet; the simulated ones: internal_leakage, seal_wear"),
+        ("unknown:severity=0.4", "not simulated; the simulated ones: internal_leakage"),
         ("unknown:severity=0.4", "not simulated"),
         ("aeration:severity=1.4", "less than or equal to 1"),
         ("aeration:severity=-0.1", "greater than or equal to 0"),

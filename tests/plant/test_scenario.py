@@ -35,7 +35,7 @@ def _control(duty_name: str, mode: str) -> Control:
         ({"durations": 3.0}, "the parameters are: unit, duration"),
         ({"duration": 5.0, "faults": [{"fault": "aeration", "severity": 0.1, "onset": 5.0}]}, "past the end"),
         ({"faults": [{"fault": "aeration", "severity": 2.0}]}, "severity"),
-        ({"faults": [{"fault": "pump_wear", "severity": 0.2}]}, "not simulated yet"),
+        ({"faults": [{"fault": "unknown", "severity": 0.2}]}, "not simulated"),
         ({"faults": [{"fault": "aeration", "severity": 0.1}] * 2}, "twice"),
         ({"duty": {"name": "dance"}}, "steps"),
         ({"duty": {"name": "steps", "hold": 0.0}}, "hold"),
@@ -67,8 +67,8 @@ def test_scenarios_travel_as_json():
     assert Scenario.model_validate_json(scenario.model_dump_json()) == scenario
     with pytest.raises(InputError, match="duration"):
         Scenario.model_validate({"duration": -1.0})
-    with pytest.raises(InputError, match="not simulated yet"):
-        Scenario.model_validate_json('{"faults": [{"fault": "pump_wear", "severity": 0.1}]}')
+    with pytest.raises(InputError, match="not simulated"):
+        Scenario.model_validate_json('{"faults": [{"fault": "unknown", "severity": 0.1}]}')
 
 
 def test_a_duty_beyond_the_stroke_is_refused():
