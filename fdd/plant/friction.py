@@ -15,20 +15,20 @@ from fdd.plant.state import MEMORY, Z
 Array = NDArray[np.float64]
 
 _STILL = 1e-4
-"""m/s below which |v| is rounded off: a hundredth of the slowest steady motion in the thesis. The corner would
-cost the integrator its order at each reversal."""
+"""m/s below which |v| is rounded off: a hundredth of the slowest steady motion in the thesis. The corner
+would cost the integrator its order at each reversal."""
 
 
 @njit(cache=True, error_model="numpy", inline="always")
-def friction_rates(o: int, y: Array, v: float, now: Array, par: Constants, dy: Array) -> float:
+def friction_rates(y: Array, v: float, now: Array, par: Constants, dy: Array) -> float:
     """Friction force (N, against extension); fills the rates of bristle and memory.
 
     The lubricant's film, and with it the falling curve, follows the velocity with a lag, and the seal
     resists what is quicker. Without that the falling curve would drive the hydraulic resonance to
     its limit at any speed.
     """
-    z, memory = y[o + Z], y[o + MEMORY]
-    dy[o + MEMORY] = (v - memory) * par.friction_rate
+    z, memory = y[Z], y[MEMORY]
+    dy[MEMORY] = (v - memory) * par.friction_rate
     film = math.sqrt(memory * memory + _STILL * _STILL)
     size = v * v / math.sqrt(v * v + _STILL * _STILL)
     if v >= 0.0:
@@ -41,7 +41,7 @@ def friction_rates(o: int, y: Array, v: float, now: Array, par: Constants, dy: A
         scale = now[FRICTION_REVERSE]
     steady = scale * (coulomb + (static - coulomb) * math.exp(-((film / stribeck) ** exponent)))
     dz = v - par.bristle_stiffness * size / max(steady, 1e-3) * z
-    dy[o + Z] = dz
+    dy[Z] = dz
     fade = par.bristle_fade * par.bristle_fade
     return (
         par.bristle_stiffness * z

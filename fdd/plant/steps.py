@@ -23,7 +23,7 @@ from fdd.plant.parameters import Constants
 
 Array = NDArray[np.float64]
 
-EQUATIONS = 3
+EQUATIONS = 4
 """Counts the changes of the equations. Numba keys its cache on each function's own file, so after a change to
 a module that this one compiles in, a new number here and in `integrator` makes it compile anew (the
 comparison with the reference solver in the tests fails otherwise)."""
@@ -59,7 +59,7 @@ def tolerances(axes: int, refine: float = 1.0) -> Array:
     return np.concatenate([shared, *[axis] * axes]) * refine**-5.0
 
 
-@njit(cache=True, error_model="numpy")
+@njit(cache=True, error_model="numpy", _nrt=False)
 def step(
     y: Array, h: float, command_1: float, command_2: float, now: Array, first: Constants, second: Constants,
     allowed: Array, k: Array, stage: Array, found: Array,
@@ -121,7 +121,7 @@ def step(
     return worst
 
 
-@njit(cache=True, error_model="numpy")
+@njit(cache=True, error_model="numpy", _nrt=False)
 def advance(
     y: Array, span: float, length: float, longest: float, command_1: float, command_2: float, now: Array,
     first: Constants, second: Constants, allowed: Array, k: Array, stage: Array, found: Array,
