@@ -121,6 +121,7 @@ class MergedWriter:
         for name, values in metadata.items():
             self._writer.add_metadata(name, dict(values))
         self._queues: list[_Queue] = []
+        self.most_held = MOST_HELD
 
     def topic(self, name: str, title: str, columns: Columns, schema: bytes | None = None) -> int:
         """Add a topic whose messages have these columns (or that `schema`); its number for `push`."""
@@ -174,7 +175,7 @@ class MergedWriter:
         """Write what no topic can have anything before."""
         self._write_before(min((q.known for q in self._queues), default=-1))
         held = sum(s.size for q in self._queues for s, _ in q.waiting)
-        if held > MOST_HELD:
+        if held > self.most_held:
             slow = min(self._queues, key=lambda q: q.known).name
             raise InputError(
                 f"{slow} is {held} messages behind the other topics",

@@ -78,6 +78,9 @@ class RunWriter:
         if {a for a, _ in self._early} == set(self.axes):
             self._begin()
             self._merged.drain()
+        elif sum(c["time"].size for _, early in self._early for _, _, c in early) > self._merged.most_held:
+            absent = ", ".join(a for a in self.axes if a not in {b for b, _ in self._early})
+            raise InputError(f"no block of {absent} so far", mend="give the blocks of all axes in turn")
 
     def close(self) -> None:
         """Nothing more comes; an axis without a block has no topic."""

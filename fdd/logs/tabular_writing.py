@@ -56,7 +56,8 @@ class _Table:
 class _Csv(_Table):
     def __init__(self, path: str | Path, temporary: Path) -> None:
         super().__init__(path)
-        self._temporary, self._writer = temporary, None
+        self._temporary = temporary
+        self._writer: Any = None
 
     def add(self, time: ArrayLike, columns: Mapping[str, ArrayLike]) -> None:
         from pyarrow import csv
@@ -74,7 +75,8 @@ class _Csv(_Table):
 class _Parquet(_Table):
     def __init__(self, path: str | Path, temporary: Path) -> None:
         super().__init__(path)
-        self._temporary, self._writer = temporary, None
+        self._temporary = temporary
+        self._writer: Any = None
         self._waiting: list[Any] = []
         self._rows = 0
 
