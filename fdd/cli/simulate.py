@@ -153,7 +153,8 @@ def simulate(
         raise (error if scenario is None else error.at(scenario)) from None
     beside = out if second is None else _beside(out, second.axis)
     require_writable(beside)
-    from fdd.plant.simulate import simulate as run  # takes a second: not before everything is known to be right
+    # Its compiled code takes a second to load: not before everything is known to be right.
+    from fdd.plant.simulate import simulate as run
 
     with progress(f"simulating {whole.duration:g} s"):
         result = run(machine, whole, partner=second)
