@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 from fdd.errors import InputError
@@ -129,7 +129,7 @@ def set_valve(data: Data, text: str) -> None:
     section(data, *path, *(("accumulators",) if name in accumulators else ()))[name] = value
 
 
-def set_plain(data: Data, given: dict[str, object]) -> None:
+def set_plain(data: Data, given: Mapping[str, object]) -> None:
     """Take options that are fields of a scenario, where they are given (not None)."""
     data.update({name: value for name, value in given.items() if value is not None})
 
