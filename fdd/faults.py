@@ -49,7 +49,7 @@ CATALOGUE: dict[str, Fault] = {
         Fault(
             "internal_leakage", "leakage", "internal leakage", "4.6.8",
             "more flow across the ports, laminar plus orifice",
-            "cross-port leakage +12e-12 m³/(s·Pa) at 1 MPa, a quarter of it through an orifice",
+            "cross-port leakage +12e-12 m³/(s·Pa) at 1 MPa, a tenth of it through an orifice",
             "2 to 3 times the healthy L_T of section 5.2, 0.7 L/min at 1 MPa; assumption: the orifice's part",
             simulated=True,
         ),

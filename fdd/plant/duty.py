@@ -237,7 +237,7 @@ class OneWay(Duty):
     """Strokes out at constant velocity, back slowly, with a rest at each end: one direction at a time.
 
     In position control the stroke runs from -`amplitude` to `amplitude`, at constant velocity each way;
-    in speed control at `speed` out, and back at the speed that undoes it.
+    in speed control the quicker way is done at `speed`, the other at the speed that undoes it.
     """
 
     usual: ClassVar[dict[str, tuple[float, float]]] = {

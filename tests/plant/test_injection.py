@@ -31,7 +31,7 @@ CHOICES = [
 # Fault, side and variant to what column becomes at severity 1 of healthy value h: written down from
 # the catalogue's words, not from the code.
 ADDED: dict[tuple[str, object], dict[int, float]] = {
-    ("internal_leakage", None): {c.CROSS_LEAKAGE: 9e-12, c.CROSS_ORIFICE: 3e-6},
+    ("internal_leakage", None): {c.CROSS_LEAKAGE: 10.8e-12, c.CROSS_ORIFICE: 1.2e-6},
     ("external_leakage", 1): {c.OUTSIDE_1: 6e-12},
     ("external_leakage", 2): {c.OUTSIDE_2: 6e-12},
     ("pump_wear", None): {c.SPEED_LEAKAGE: 12e-14, c.DISPLACEMENT: -0.02, c.RIPPLE: 0.05},
