@@ -10,7 +10,12 @@ import typer
 from fdd.errors import InputError
 
 if TYPE_CHECKING:
-    from fdd.plant.simulate import Simulation
+    from collections.abc import Iterator
+
+    from fdd.cli.console import Advance
+    from fdd.logs.mcap_runs import RunBlock
+    from fdd.plant.scenario import Scenario
+    from fdd.unit import Unit
 
 SUFFIXES = (".mcap", ".parquet", ".csv")
 
@@ -108,7 +113,7 @@ def simulate(
 ) -> None:
     """Simulate an actuator, alone or as one of a dual rig, and write its log.
 
-    The partner's log is written beside it, with the partner's axis in its name.
+    A dual run's MCAP holds both axes; Parquet and CSV get a file for each, with the axis in its name.
     """
     if out.suffix.lower() not in SUFFIXES:
         raise InputError(
@@ -151,39 +156,57 @@ def simulate(
         whole = Scenario(**{**data, "unit": machine.name})
     except InputError as error:
         raise (error if scenario is None else error.at(scenario)) from None
-    beside = out if second is None else _beside(out, second.axis)
-    require_writable(beside)
-    # Its compiled code takes a second to load: not before everything is known to be right.
-    from fdd.plant.simulate import simulate as run
+    from fdd.logs.tabular_writing import axis_file
 
-    with progress(f"simulating {whole.duration:g} s"):
-        result = run(machine, whole, partner=second)
-    with progress(f"writing {out.name}"):
-        _write(out, result, truth)
-        if result.partner is not None:
-            _write(beside, result.partner, truth)
-
-
-def _beside(out: Path, axis: str) -> Path:
-    """Where the partner's log goes: ``run.mcap`` to ``run.axis_b.mcap``."""
-    return out.with_name(f"{out.stem}.{axis}{out.suffix}")
-
-
-def _write(out: Path, result: Simulation, truth: bool) -> None:
-    from fdd.logs.mcap_writing import write_run
-    from fdd.logs.tabular_writing import write_csv, write_parquet
-
-    if out.suffix.lower() == ".mcap":
-        write_run(
-            out,
-            result.samples,
-            axis=result.unit.axis,
-            truth={"time": result.truth.time, **result.truth.as_columns()} if truth else None,
-            unit_yaml=result.unit.to_yaml(),
-            scenario_json=result.scenario.model_dump_json(),
-            labels={"faults": result.labels},
+    axes = [machine.axis] if second is None else [machine.axis, second.axis]
+    if len(set(axes)) < len(axes):
+        raise InputError(
+            f"both units are of axis {axes[0]}", mend="give the partner's profile another axis name"
         )
-    elif out.suffix.lower() == ".parquet":
-        write_parquet(out, result.samples)
-    else:
-        write_csv(out, result.samples)
+    table = out.suffix.lower() != ".mcap"
+    for axis in axes if table else ():
+        require_writable(axis_file(out, axis, axes))
+    with progress(f"simulating {whole.duration:g} s", total=float(whole.rows)) as advance:
+        _write(out, _blocks(machine, whole, second, axes, truth, advance), axes, machine, second, whole)
+
+
+def _blocks(
+    machine: Unit, scenario: Scenario, second: Unit | None, axes: list[str], truth: bool, advance: Advance
+) -> Iterator[RunBlock]:
+    """The run's blocks as a log takes them; an hour passes through the memory of a minute."""
+    # Its compiled code takes a second to load: not before everything is known to be right.
+    from fdd.logs.mcap_runs import RunBlock
+    from fdd.plant.simulate import BLOCK, stream
+
+    for k, parts in enumerate(stream(machine, scenario, partner=second)):
+        for axis, part in zip(axes, parts, strict=True):
+            beside = {"time": part.truth.time, **part.truth.as_columns()} if truth else None
+            yield RunBlock(part.samples, beside, axis)
+        advance(float(min((k + 1) * BLOCK, scenario.rows)))
+
+
+def _write(
+    out: Path,
+    blocks: Iterator[RunBlock],
+    axes: list[str],
+    machine: Unit,
+    second: Unit | None,
+    scenario: Scenario,
+) -> None:
+    from fdd.logs.mcap_runs import write_blocks
+    from fdd.logs.tabular_writing import write_table_blocks
+
+    if out.suffix.lower() != ".mcap":
+        write_table_blocks(out, blocks, axes=axes)
+        return
+    units = {machine.axis: machine.to_yaml()}
+    if second is not None:
+        units[second.axis] = second.to_yaml()
+    write_blocks(
+        out,
+        blocks,
+        axes=axes,
+        units=units,
+        scenario_json=scenario.model_dump_json(),
+        labels={"faults": [spec.label() for spec in scenario.faults]},
+    )
