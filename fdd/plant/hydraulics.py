@@ -33,23 +33,19 @@ _EMPTY = 1e-8
 
 
 @njit(cache=True, error_model="numpy", inline="always")
-def pump_speed(y: Array, pressure: float, now: Array, par: Constants, dy: Array) -> float:
-    """Speed of the pump's shaft (rad/s); fills the rate of the gap.
+def coupling_slip(y: Array, torque: float, now: Array, par: Constants, dy: Array) -> float:
+    """Speed that the pump falls behind the motor's (rad/s), also as the rate of the gap.
 
     A sound coupling is rigid (7.6e4 N·m/rad). A worn one lets the pump, whose own inertia is small (1.6e-5
-    kg·m²), fall back through the play until its flanks carry the hydraulic torque; one out of line swings
-    the speed once a turn.
+    kg·m²), fall back through the play until its flanks carry the hydraulic torque.
     """
-    speed, gap = y[s.SPEED], y[s.GAP]
-    dy[s.GAP] = 0.0
+    gap, slip = y[s.GAP], 0.0
     if now[c.PLAY] > 0.0 or gap != 0.0:
         half = 0.5 * now[c.PLAY]
         excess = max(gap - half, 0.0) + min(gap + half, 0.0)
-        dy[s.GAP] = (par.displacement * pressure - par.coupling_stiffness * excess) / par.coupling_damping
-        speed -= dy[s.GAP]
-    if now[c.ECCENTRICITY] != 0.0:
-        speed *= 1.0 + now[c.ECCENTRICITY] * math.cos(y[s.ANGLE])
-    return speed
+        slip = (torque - par.coupling_stiffness * excess) / par.coupling_damping
+    dy[s.GAP] = slip
+    return slip
 
 
 @njit(cache=True, error_model="numpy", inline="always")
@@ -79,11 +75,17 @@ def hydraulic_rates(
     pa = gas_pressure(par.gas_pressure, par.gas_volume, y[s.STORE] / par.store_density) - ambient
 
     # The pump moves its displacement at the ports' mean density unless told otherwise.
-    turning = pump_speed(y, a - b, now, par, dy)
+    displacement = par.displacement * now[c.DISPLACEMENT]
     wave = par.ripple + now[c.RIPPLE]
-    pump = par.displacement * now[c.DISPLACEMENT] * turning
     if wave != 0.0:
-        pump *= 1.0 + wave * math.cos(par.teeth * (y[s.ANGLE] - y[s.GAP]))
+        displacement *= 1.0 + wave * math.cos(par.teeth * (y[s.ANGLE] - y[s.GAP]))
+    # A coupling out of line swings the speed once a turn.
+    swing = 1.0
+    if now[c.ECCENTRICITY] != 0.0:
+        swing += now[c.ECCENTRICITY] * math.cos(y[s.ANGLE])
+    lever = displacement * swing
+    turning = (y[s.SPEED] - coupling_slip(y, lever * (a - b), now, par, dy)) * swing
+    pump = displacement * turning
     # Line losses lie between pump and cylinder (eqs 3.33 to 3.36).
     loss = par.line_loss * pump * abs(pump)
     a += loss
@@ -195,4 +197,5 @@ def hydraulic_rates(
     found[s.PORT_DIFFERENCE] = dp
     found[s.OIL_MASS] = inside + y[s.STORE] + y[s.LOST] + y[s.EXTERNAL_1] + y[s.EXTERNAL_2]
     heat = (cross + relief + stuck) * dp + past * (p1 - p2) + 2.0 * abs(loss * pump)
-    return par.displacement * dp, heat
+    # The torque pulses and swings as the flow does: a pump that gave more than it takes would make energy.
+    return lever * dp, heat
