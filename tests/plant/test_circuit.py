@@ -151,6 +151,13 @@ REFUSED = {
         {"circuit": SHUT, "partner": {"drive": "still"}, "connect": BOTH},
         "hydraulic lock: the first axis",
     ),
+    "the partner's own pump over the connect valves": (
+        {
+            "power": 0, "connect": BOTH,
+            "partner": {"circuit": SHUT, "drive": "own", "duty": {"name": "steps"}},
+        },
+        "hydraulic lock: the partner",
+    ),
     "position loop without its cylinder": (
         {"circuit": OPEN, "partner": {"drive": "still"}},
         "position loop would not see",

@@ -61,6 +61,12 @@ def test_levels_change_in_exactly_their_millisecond(milliseconds) -> None:
         assert setpoint[max(k - 1, 0)] == max(i, 1)
 
 
+def test_levels_forgive_rounding_of_their_times() -> None:
+    """0.1 + 0.2 is a hair more than 0.3: still the 300th millisecond."""
+    setpoint = Levels(points=[[0.0, 1.0], [0.1 + 0.2, 2.0]]).setpoint(400, False, RNG)
+    assert setpoint[[299, 300]].tolist() == [1.0, 2.0]
+
+
 def test_levels_reach_is_theirs_and_travels() -> None:
     duty = duty_named("levels", points=["0:0.02", "3:-0.07"])
     assert duty.amplitude == 0.07
