@@ -42,6 +42,9 @@ from fdd.plant.state import (
 
 Array = NDArray[np.float64]
 
+EQUATIONS = 4
+"""See `fdd.plant.steps.EQUATIONS`: hydraulics, drive and friction are compiled into this module."""
+
 
 @njit(cache=True, error_model="numpy", inline="always")
 def axis_rates(

@@ -25,8 +25,8 @@ Array = NDArray[np.float64]
 
 EQUATIONS = 5
 """Counts the changes of the equations. Numba keys its cache on each function's own file, so after a change to
-a module that this one compiles in, a new number here and in `integrator` makes it compile anew (the
-comparison with the reference solver in the tests fails otherwise)."""
+a module that this one compiles in, a new number here, in `equations` and in `integrator` makes it compile
+anew (the balance of energy and the comparison with the reference solver in the tests fail otherwise)."""
 
 STAGES = 7
 _SHORTEST = 1e-7  # s; a step that short is taken whatever its estimate says
