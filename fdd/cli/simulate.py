@@ -40,15 +40,15 @@ def simulate(
     ] = None,
     unit: Annotated[
         str | None,
-        typer.Option(help="Unit profile: a YAML file or a shipped one [axis_a].", show_default=False),
+        typer.Option(help="Unit profile: a YAML file or a shipped one.", show_default="axis_a"),
     ] = None,
     profile: Annotated[
         str | None,
         typer.Option(
-            help="Duty [steps]: standstill, steps, sines, sweep, prbs, sawtooth, strokes, flight, "
+            help="Duty: standstill, steps, sines, sweep, prbs, sawtooth, strokes, flight, "
             "constant_speed, one_way or levels; with parameters as in steps:amplitude=0.03,hold=1 or "
             "levels:points=0:0.02/5:-0.02.",
-            show_default=False,
+            show_default="steps",
         ),
     ] = None,
     fault: Annotated[
@@ -59,19 +59,18 @@ def simulate(
             show_default=False,
         ),
     ] = None,
-    duration: Annotated[float | None, typer.Option(help="Seconds [60].", show_default=False)] = None,
-    seed: Annotated[int | None, typer.Option(help="Fixes everything random [0].", show_default=False)] = None,
+    duration: Annotated[float | None, typer.Option(help="Seconds.", show_default="60")] = None,
+    seed: Annotated[int | None, typer.Option(help="Fixes everything random.", show_default="0")] = None,
     load: Annotated[
         str | None,
         typer.Option(
-            help="none, constant, spring, inertia, gust or throttle [none]; with parameters as in "
-            "spring:rate=2e4.",
-            show_default=False,
+            help="none, constant, spring, inertia, gust or throttle; with parameters as in spring:rate=2e4.",
+            show_default="none",
         ),
     ] = None,
     control: Annotated[
         str | None,
-        typer.Option(help="position or speed [position; speed for constant_speed].", show_default=False),
+        typer.Option(help="position or speed.", show_default="position; speed for constant_speed"),
     ] = None,
     partner: Annotated[
         str | None,
@@ -90,16 +89,14 @@ def simulate(
         ),
     ] = None,
     temperature: Annotated[
-        float | None, typer.Option(help="Oil temperature at the start, °C [40].", show_default=False)
+        float | None, typer.Option(help="Oil temperature at the start, °C.", show_default="40")
     ] = None,
-    warming: Annotated[
-        float | None, typer.Option(help="Warming of the oil, °C/s [0].", show_default=False)
-    ] = None,
+    warming: Annotated[float | None, typer.Option(help="Warming of the oil, °C/s.", show_default="0")] = None,
     charge: Annotated[
-        float | None, typer.Option(help="Accumulator charge over the unit's [1].", show_default=False)
+        float | None, typer.Option(help="Accumulator charge over the unit's.", show_default="1")
     ] = None,
     ambient: Annotated[
-        float | None, typer.Option(help="Absolute ambient pressure, Pa.", show_default=False)
+        float | None, typer.Option(help="Absolute ambient pressure, Pa.", show_default="101325")
     ] = None,
     load_force: Annotated[bool, typer.Option("--load-force", help="Measure the load force as well.")] = False,
     perfect: Annotated[bool, typer.Option("--perfect", help="No dropped, late or missing samples.")] = False,
