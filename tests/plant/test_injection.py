@@ -13,7 +13,8 @@ from fdd.errors import InputError
 from fdd.faults import CATALOGUE
 from fdd.plant import conditions as c
 from fdd.plant.details import Details
-from fdd.plant.faults.injection import PLANT_FAULTS, SENSOR_FAULTS, inject
+from fdd.plant.faults.injection import PLANT_FAULTS, inject
+from fdd.plant.sensors import SENSOR_FAULTS
 from fdd.plant.faults.scales import FaultScales
 from fdd.plant.faults.spec import SIMULATED, FaultSpec, parse_fault
 from fdd.unit import Unit
