@@ -40,6 +40,7 @@ class Parameters(NamedTuple):
     bristle_damping: float
     bristle_fade: float
     friction_rate: float
+    breakaway: float
     seal_damping: float
     coulomb_forward: float
     static_forward: float
@@ -224,6 +225,7 @@ def plant_parameters(
         * math.sqrt(details.bristle_stiffness * cylinder.moving_mass),
         bristle_fade=details.bristle_fade,
         friction_rate=1.0 / details.friction_memory,
+        breakaway=details.breakaway,
         seal_damping=details.seal_damping,
         coulomb_forward=forward.coulomb * ahead,
         static_forward=forward.static * ahead,
