@@ -104,7 +104,7 @@ def raw_blocks(ready: Prepared, block: int = BLOCK) -> Iterator[RawBlock]:
             constants[-1],
             ready.controller,
             late,
-            ready.allowed,
+            1.0 / ready.allowed,
             ready.longest,
         )
         if not np.isfinite(states[-1]).all():
