@@ -218,8 +218,8 @@ def run(
                 for i in range(found.size):
                     findings[t, i] = found[i]
             length, tried = advance(
-                y, end - at, memory[_LENGTH], longest, command_1, command_2, now, first, second, per_allowed, k,
-                stage, found,
+                y, end - at, memory[_LENGTH], longest, command_1, command_2, now, first, second,
+                per_allowed, k, stage, found,
             )  # fmt: skip
             memory[_STEPS] += tried
             if length < 0.0:
