@@ -86,18 +86,18 @@ def new_memory(control: Controller, seen: float) -> tuple[Array, Array]:
 
 
 @njit(cache=True, error_model="numpy")
-def _thinned(now: Array, axis: int, temperature: float, viscosity: Array) -> None:
+def thin(now: Array, axis: int, temperature: float, viscosity: Array) -> None:
     """Bring a row to the present viscosity, in place: thin oil leaks more and drags less."""
     ratio = walther(temperature, viscosity[axis, 0], viscosity[axis, 1]) / viscosity[axis, 2]
     ratio *= now[axis, c.VISCOSITY]
-    thin = 1.0 / ratio
-    now[axis, c.CROSS_LEAKAGE] *= thin
-    now[axis, c.SPEED_LEAKAGE] *= thin
-    now[axis, c.SEAL_LEAKAGE] *= thin
-    now[axis, c.CASE_LEAKAGE] *= thin
-    now[axis, c.SHAFT_LEAKAGE] *= thin
-    now[axis, c.OUTSIDE_1] *= thin
-    now[axis, c.OUTSIDE_2] *= thin
+    thinner = 1.0 / ratio
+    now[axis, c.CROSS_LEAKAGE] *= thinner
+    now[axis, c.SPEED_LEAKAGE] *= thinner
+    now[axis, c.SEAL_LEAKAGE] *= thinner
+    now[axis, c.CASE_LEAKAGE] *= thinner
+    now[axis, c.SHAFT_LEAKAGE] *= thinner
+    now[axis, c.OUTSIDE_1] *= thinner
+    now[axis, c.OUTSIDE_2] *= thinner
     now[axis, c.VISCOUS] *= ratio
 
 
@@ -188,7 +188,7 @@ def run(
         for a in range(axes):
             for j in range(c.COLUMNS):
                 now[a, j] = conditions[t, a, j]
-            _thinned(now, a, y[SHARED + a * AXIS_STATES + TEMPERATURE], viscosity)
+            thin(now, a, y[SHARED + a * AXIS_STATES + TEMPERATURE], viscosity)
         m = depth + t
         commands[m, 0] = _command(y[X], now[0], control, memory)
         if axes > 1:

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from scipy.integrate import quad
 
 from fdd.errors import InputError
-from fdd.plant.equations import oil_at
+from fdd.plant.laws import oil_at
 from fdd.plant.oil import ATMOSPHERE, bulk_modulus, stiff_bulk_modulus, viscosity, viscosity_ratio
 from fdd.unit import Unit
 
@@ -42,8 +42,8 @@ def test_bulk_modulus_at_the_reference_pressure_is_the_units():
 def test_the_compiled_oil_is_the_bulk_modulus_law_and_its_integral(pressure, air, n, ambient):
     oil = OIL.model_copy(update={"polytropic_index": n})
     stiff = 1.0 / stiff_bulk_modulus(oil)
-    modulus, density = oil_at(pressure, air, ambient, stiff, 1.0 / n)
-    assert modulus == pytest.approx(float(bulk_modulus(oil, pressure, air, ambient)), rel=1e-10)
+    compliance, density = oil_at(pressure, air, ambient, stiff, 1.0 / n)
+    assert 1.0 / compliance == pytest.approx(float(bulk_modulus(oil, pressure, air, ambient)), rel=1e-10)
     start = ATMOSPHERE - ambient  # gauge pressure at which the air is counted
     dilation = quad(lambda p: 1.0 / float(bulk_modulus(oil, p, air, ambient)), start, pressure, epsrel=1e-10)[
         0

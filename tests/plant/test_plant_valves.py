@@ -1,0 +1,158 @@
+"""The inner circuit and the rig's valves: leakage and its modes, relief, cavitation, charging, draining."""
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+from fdd.plant.scenario import Scenario
+from fdd.plant.sensors.recording import Recording
+from fdd.plant.simulate import simulate
+from fdd.plant.truth import Truth
+from fdd.unit import Unit
+
+UNIT = Unit.load("axis_a")
+WHOLE = Recording.perfect()
+SPEED = {"mode": "speed"}
+DROPS = (0.5e6, 1e6, 2e6, 4e6)
+
+
+def _truth(unit: Unit = UNIT, **scenario: Any) -> Truth:
+    return simulate(unit, Scenario(recording=WHOLE, **scenario)).truth
+
+
+def _throttled(unit: Unit, pressure: float, **more: Any) -> tuple[float, float, float, float, float]:
+    # The long stroke back, to its end: the pressure needs seconds to settle.
+    duty = {"name": "constant_speed", "speeds": [105.0], "amplitude": 0.12, "dwell": 0.0, "lead_in": 0.1}
+    details = {"pump_ripple": 0.0, "line_loss": 0.0, "heat_capacity": 1e7, "cushion_damping": 0.0}
+    load = {"name": "throttle", "pressure": pressure}
+    truth = _truth(unit, duration=9.0, duty=duty, control=SPEED, load=load, details=details, **more)
+    steady = slice(8200, 9000)
+    lost = truth["pump_flow"] - unit.cylinder.area_1 * truth["velocity"]
+    refed = 0.5 * (truth["refeed_flow_2"] - truth["refeed_flow_1"])
+    low = np.minimum(truth["pressure_1"], truth["pressure_2"]) - truth["pressure_accumulator"]
+    columns = (truth["pressure_difference"], lost, refed, truth["leakage"], low)
+    mean = [float(np.mean(v[steady])) for v in columns]
+    return mean[0], mean[1], mean[2], mean[3], mean[4]
+
+
+@pytest.mark.parametrize("name", ["axis_a", "axis_b"])
+def test_throttled_strokes_show_the_leakage_coefficient(name):
+    """Section 5.2's experiment: flow lost over pressure is L_T, the refeeding counted (eq. 3.50)."""
+    unit = Unit.load(name)
+    drop, lost, refed, leakage, low = np.array([_throttled(unit, p) for p in DROPS]).T
+    assert 0.0 > drop[0] > -0.9e6 and drop[-1] < -2.2e6
+    assert leakage[0] == pytest.approx(unit.pump.total_leakage, rel=1e-3)
+    slope = np.polyfit(drop, lost - refed, 1)[0]
+    assert slope == pytest.approx(unit.pump.total_leakage, rel=0.01)
+    # Mode 2 has come by itself: the low side lies its check valve's cracking below the accumulator.
+    assert np.all(np.abs(low + unit.accumulator.refeed_cracking_pressure) < 1.5e3)
+
+
+def test_modes_of_section_3_2_1_arise_by_themselves():
+    """Loss of the driven chamber over pressure: half the case leakage while no valve refeeds, all of it then.
+
+    In mode 1 the chambers rise and fall about a mean that stays, each losing C_ep/2 of the difference. In
+    mode 2 the low side is held and the high one loses the whole. (The thesis takes C_ep as 0 there, eq.
+    3.63: the oil comes back through the case, which a flow of the high side alone does not see.)
+    """
+    leaky = UNIT.pump.model_copy(update={"case_leakage": 8e-12, "cross_port_leakage": 3e-12})
+    unit = UNIT.model_copy(update={"pump": leaky})
+    stiff = unit.accumulator.model_copy(update={"refeed_cracking_pressure": 2e6})
+    kept = unit.model_copy(update={"accumulator": stiff})
+    slopes = {}
+    for mode, machine in ((1, kept), (2, unit)):
+        drop, lost, refed, _, low = np.array([_throttled(machine, p, charge_factor=3.0) for p in DROPS]).T
+        slopes[mode] = np.polyfit(drop, lost, 1)[0]
+        if mode == 1:
+            assert np.abs(refed).max() < 1e-12
+            assert low.max() < -1e5 and np.ptp(low) > 5e5
+        else:
+            assert np.abs(refed).min() > 1e-7 and np.ptp(low) < 2e3
+    xi, case = leaky.cross_port_leakage, leaky.case_leakage
+    beta = UNIT.oil.bulk_modulus
+    compressed = leaky.displacement * 105.0 / (2.0 * beta)  # against the ports' mean density, most
+    assert slopes[1] == pytest.approx(xi + 0.5 * case, rel=0.03)
+    assert xi + case < slopes[2] < xi + case + 1.2 * compressed
+
+
+def test_relief_valves_hold_the_pressure():
+    duty = {"name": "constant_speed", "speeds": [150.0], "amplitude": 0.12}
+    truth = _truth(duration=2.0, duty=duty, control=SPEED, load={"name": "throttle", "pressure": 2e7})
+    highest = truth["pressure_difference"].max()
+    setting = UNIT.accumulator.relief_pressure
+    flow = truth["relief_flow"].max()
+    assert flow > 1e-5
+    # The valve's own law: full flow over its gain above the setting.
+    assert truth["port_difference"].max() == pytest.approx(
+        setting + flow / UNIT.accumulator.relief_flow_gain, rel=0.01
+    )
+    assert setting < highest < 1.15 * setting
+
+
+def test_cavitation_keeps_the_absolute_pressure_positive():
+    """A discharged accumulator and hard strokes against a throttle: the air carries the low side."""
+    duty = {"name": "constant_speed", "speeds": [250.0], "amplitude": 0.1, "dwell": 0.0}
+    truth = _truth(duration=4.0, duty=duty, control=SPEED, load={"name": "throttle"}, charge_factor=0.2)
+    lowest = min(truth["pressure_1"].min(), truth["pressure_2"].min()) + 101_325.0
+    assert 0.0 < lowest < 1e5
+    assert np.abs(truth["oil_mass"] / truth["oil_mass"][0] - 1.0).max() < 1e-6
+
+
+HELD = {"duty": {"name": "standstill"}, "load": {"name": "constant", "level": 1200.0}}
+
+
+def test_external_leakage_drains_the_accumulator():
+    """What has left through the valve, by the valve's own law, is gone from the gas's volume (eq. 3.19)."""
+    valve = {"external_leakage": "0:0/1:0/1.001:0.3", "external_leakage_coefficient": 4e-12}
+    truth = _truth(duration=12.0, circuit=valve, **HELD)
+    pressure = truth["pressure_accumulator"]
+    assert pressure[-1] < 0.7 * pressure[900]
+    through = 1.2e-12 * np.maximum(truth["pressure_1"], 0.0) * (truth.time > 1.0)
+    lost = np.cumsum(through) * 1e-3  # a hundredth more at atmospheric density
+    assert truth["oil_lost"][-1] == pytest.approx(lost[-1], rel=0.03)
+    absolute = UNIT.accumulator.charge_pressure + 101_325.0
+    gas = UNIT.accumulator.gas_volume * absolute / (pressure + 101_325.0)
+    grown = gas[-1] - UNIT.accumulator.gas_volume
+    # The chambers have given some of it, compressing less: V/β of each.
+    given = sum(
+        (truth[p][900] - truth[p][-1]) * UNIT.cylinder.volume_1 / UNIT.oil.bulk_modulus
+        for p in ("pressure_1", "pressure_2")
+    )
+    assert grown + given == pytest.approx(lost[-1], rel=0.06)
+
+
+def test_charging_refills_the_accumulator_up_to_its_setting():
+    """With the drain shut again the charging pump brings the pressure to the relief setting, and holds it."""
+    circuit = {
+        "external_leakage": "0:1/4:1/4.001:0",
+        "external_leakage_coefficient": 2e-12,
+        "charging": "0:0/6:0/6.001:0.02",
+        "charging_pressure": 6e5,
+    }
+    truth = _truth(duration=40.0, circuit=circuit, **HELD)
+    pressure = truth["pressure_accumulator"]
+    assert pressure[5900] < 0.8 * UNIT.accumulator.charge_pressure
+    assert pressure[-1] == pytest.approx(6e5, rel=2e-3)
+    assert pressure.max() < 6e5 + 100.0  # the loaded chamber's case leakage still comes in
+    rising = (truth.time > 6.2) & (pressure < 5e5)
+    # Full flow, a fiftieth of 2.83e-7·314.16 m³/s, until the relief valve's last 20 kPa.
+    charged = -np.gradient(truth["oil_lost"], truth.time)[rising]
+    assert np.median(charged) == pytest.approx(0.02 * 2.83e-7 * 314.16, rel=0.02)
+
+
+def test_a_shut_by_pass_holds_a_weight_and_an_open_one_lets_it_go():
+    """Against 2500 N: at its orifice's rate, while a motor that holds lets only leakage through."""
+    same = {"duty": {"name": "standstill"}, "control": SPEED, "duration": 0.4, "power": 0.0}
+    load = {"name": "constant", "level": 2500.0}
+    opened = _truth(load=load, circuit={"bypass": 0.1}, **same)
+    row = -1
+    drop = abs(opened["pressure_difference"][row])
+    orifice = 0.1 * 3.76e-4 * np.sqrt(drop / 1e6)
+    assert abs(opened["bypass_flow"][row]) == pytest.approx(orifice, rel=1e-3)
+    powered = _truth(load=load, **{**same, "power": 1.0})
+    creeping = UNIT.cylinder.area_1 * abs(powered["velocity"][row])
+    assert creeping == pytest.approx(
+        powered["leakage"][row] * abs(powered["pressure_difference"][row]), rel=0.15
+    )
+    assert creeping < 0.1 * UNIT.cylinder.area_1 * abs(opened["velocity"][row])
