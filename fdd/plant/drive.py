@@ -38,17 +38,13 @@ def drive_rates(
     demand = (par.inertia * wanted + par.rotary_viscous * speed) / par.torque_constant
     limit = par.current_limit * now[CURRENT_LIMIT]
     allowed = min(max(demand, -limit), limit)
-    # Current loop: decoupled by the drive's own idea of winding and back EMF, within its voltage.
-    voltage = (
-        par.winding_resistance * current
-        + par.back_emf * speed
-        + par.winding_inductance * par.current_rate * (allowed - current)
-    )
-    voltage = min(max(voltage, -par.voltage_limit), par.voltage_limit)
+    # Current loop: its integral part, quicker than all else here, has made up for resistance and back EMF
+    # whatever they have become, or a degraded motor would take more than the limit. Within its voltage.
     share = now[TORQUE]
-    dy[CURRENT] = (
-        voltage - par.winding_resistance * now[RESISTANCE] * current - par.back_emf * share * speed
-    ) / par.winding_inductance
+    opposing = par.winding_resistance * now[RESISTANCE] * current + par.back_emf * share * speed
+    voltage = opposing + par.winding_inductance * par.current_rate * (allowed - current)
+    voltage = min(max(voltage, -par.voltage_limit), par.voltage_limit)
+    dy[CURRENT] = (voltage - opposing) / par.winding_inductance
     torque = par.torque_constant * share * current
     turning = par.rotary_viscous * speed + par.rotary_coulomb * speed / math.sqrt(1.0 + speed * speed)
     dy[ANGLE] = speed
