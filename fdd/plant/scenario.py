@@ -24,11 +24,12 @@ class Control(Validated):
     Attributes
     ----------
     mode : position (a P loop on the encoder, thesis 7.2) or speed (no feedback).
-    gain : (rad/s)/m of the position loop; its command saturates at the drive's largest speed.
+    gain : (rad/s)/m of the position loop; its command saturates at the drive's largest speed. The
+        thesis's ultimate gain is 33750 (section 7.2), that of its linear models ten times as much.
     """
 
     mode: Literal["position", "speed"] = "position"
-    gain: Annotated[float, Field(gt=0.0, le=30_000.0)] = 16_875.0
+    gain: Annotated[float, Field(gt=0.0, le=1e6)] = 16_875.0
 
 
 class Recording(Validated):
