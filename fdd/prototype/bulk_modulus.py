@@ -76,7 +76,9 @@ def measure(axis_a: Unit, axis_b: Unit, seed: int) -> Finding:
     """Measure the bulk modulus over the range of charge pressures, with the unit's air and with more."""
     oil = axis_a.oil
     more = _air_at(MORE_AIR)
-    points = np.array([[pressurise(axis_a, c, seed + i) for c in CHARGES] for i in range(_TRIALS)]).mean(axis=0)
+    points = np.array([[pressurise(axis_a, c, seed + i) for c in CHARGES] for i in range(_TRIALS)]).mean(
+        axis=0
+    )
     airy = np.array([[pressurise(axis_a, c, seed + i, MORE_AIR) for c in CHARGES] for i in range(_TRIALS)])
     airy = airy.mean(axis=0)
     at_reference = float(np.interp(oil.reference_pressure, points[:, 0], points[:, 1]))
@@ -87,12 +89,12 @@ def measure(axis_a: Unit, axis_b: Unit, seed: int) -> Finding:
     rows = [
         Row(
             "effective bulk modulus at 482 kPa", "5.4", BULK_MODULUS / 1e6, at_reference / 1e6, "MPa",
-            why="Taken over from Chinniah et al.; the thesis did not measure it.",
+            note="Taken over from Chinniah et al.; the thesis did not measure it.",
         ),
         Row(
             f"the same with {100 * (oil.air_fraction + more):.1f} % air, mean over charges", "eq. 5.20",
             float(np.mean(law_airy)) / 1e6, float(np.mean(airy[:, 1])) / 1e6, "MPa",
-            why="Eq. 5.20 with the profile's oil, m in place of the printed n.",
+            note="Eq. 5.20 with the profile's oil, m in place of the printed n.",
         ),
     ]  # fmt: skip
 
@@ -110,7 +112,9 @@ def measure(axis_a: Unit, axis_b: Unit, seed: int) -> Finding:
                 1e-3 * fine, 1e-6 * equation_5_21(stiff, fraction, fine), ":", color=colour,
                 label=f"eq. 5.21, {label}",
             )  # fmt: skip
-        axes.plot(1e-3 * oil.reference_pressure, 1e-6 * BULK_MODULUS, "k*", markersize=12, label="thesis: 210 MPa")
+        axes.plot(
+            1e-3 * oil.reference_pressure, 1e-6 * BULK_MODULUS, "k*", markersize=12, label="thesis: 210 MPa"
+        )
         axes.set(xlabel="static pressure (kPa, gauge)", ylabel="effective bulk modulus (MPa)")
         axes.set_ylim(0.0, 260.0)
         axes.legend(fontsize=8, ncols=2, loc="lower right")
@@ -129,7 +133,9 @@ def measure(axis_a: Unit, axis_b: Unit, seed: int) -> Finding:
             f"The air itself, {100 * oil.air_fraction:.1f} %, is the profile's assumption; the thesis could not "
             "measure it."
         ],
-        pictures=[Picture("bulk_modulus", "Effective bulk modulus over static pressure, as figure 5.12.", draw)],
+        pictures=[
+            Picture("bulk_modulus", "Effective bulk modulus over static pressure, as figure 5.12.", draw)
+        ],
     )
 
 

@@ -25,7 +25,8 @@ class Row:
     thesis, plant : values in `unit`.
     unit : as it is to be shown.
     tolerance : allowed distance in `unit`; None for `READING` of the thesis's value.
-    why : one sentence where the row does not meet, and what else a reader must know; may be empty.
+    why : the reason, shown where the row does not meet.
+    note : what a reader must know in any case; may be empty.
     digits : significant ones to show.
 
     Examples
@@ -41,6 +42,7 @@ class Row:
     unit: str
     tolerance: float | None = None
     why: str = ""
+    note: str = ""
     digits: int = 3
 
     @property

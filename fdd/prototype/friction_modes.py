@@ -45,7 +45,11 @@ def _branch(
     coulomb: float, static: float, velocity: float, exponent: float, viscous: float
 ) -> FrictionBranch:
     return FrictionBranch(
-        coulomb=coulomb, static=static, stribeck_velocity=velocity, stribeck_exponent=exponent, viscous=viscous
+        coulomb=coulomb,
+        static=static,
+        stribeck_velocity=velocity,
+        stribeck_exponent=exponent,
+        viscous=viscous,
     )
 
 

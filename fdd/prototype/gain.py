@@ -55,7 +55,15 @@ def measure(axis_a: Unit, axis_b: Unit, seed: int) -> Finding:
     )
     rows = [
         Row("gain, axis A, measured", "5.1", MEASURED, slopes[0], "m/rad", why=why),
-        Row("gain, axis B, measured", "5.1", MEASURED, slopes[1], "m/rad", why="The thesis measured axis A."),
+        Row(
+            "gain, axis B, measured",
+            "5.1",
+            MEASURED,
+            slopes[1],
+            "m/rad",
+            why=why,
+            note="The thesis measured axis A.",
+        ),
         Row("gain, calculated Dp/A", "5.1, Table 4.21", CALCULATED, ratio, "m/rad", why=why),
     ]
 

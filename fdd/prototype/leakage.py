@@ -111,11 +111,11 @@ def measure(axis_a: Unit, axis_b: Unit, seed: int) -> Finding:
         Row("flow at 3.36 MPa, axis A", "5.2", 1e5 * END_FLOW, 1e5 * flow, "10⁻⁵ m³/s"),
         Row(
             "leakage, axis A, single end point", "5.2", 1e12 * end_thesis, 1e12 * end_plant, "10⁻¹² m³/(s·Pa)",
-            why="The thesis contradicts itself: its end point gives 7.05, its slope 6.52.",
+            note="The thesis contradicts itself: its end point gives 7.05, its slope 6.52.",
         ),
         Row(
             "flow demanded at 1000 rpm", "5.2", 1e5 * DEMANDED_FLOW, 1e5 * demanded, "10⁻⁵ m³/s",
-            why="Dp of Table 4.21, not the 5.50e-7 m³/rad behind the text's figure.",
+            note="Dp of Table 4.21, not the 5.50e-7 m³/rad behind the text's figure.",
         ),
     ]  # fmt: skip
 

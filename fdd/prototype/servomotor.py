@@ -12,6 +12,7 @@ from fdd.identify.frequency_response import (
     TransferFunction,
     empirical_response,
     fit_output_error,
+    held_input,
     velocity,
 )
 from fdd.prototype.findings import Finding, Picture, Row
@@ -31,7 +32,7 @@ BANDWIDTH, POLES = 33.3, (242.9, 517.9)
 SECONDS = 12.5
 """Of the test signal; the thesis names this interval for its verifying chirp."""
 _REST = 100
-_DELAYS = range(0, 6)
+_DELAYS = range(4)
 
 
 @dataclass(frozen=True)
@@ -55,7 +56,8 @@ def identify_motor(unit: Unit, seed: int, scale: float = 1.0) -> Identified:
     """
     command = np.concatenate([np.zeros(_REST), scale * VOLT * identification_volts(SECONDS, seed)])
     log = run_speed(unit, command, seed=seed).samples
-    given, caused = command[_REST:], velocity(log["pump_angle"], PERIOD)[_REST:]
+    given = held_input(command, PERIOD)[_REST:]
+    caused = velocity(log["pump_angle"], PERIOD)[_REST:]
     fits = [
         fit_output_error(given, caused, PERIOD, zeros=1, poles=2, delay=d * PERIOD, highest_hz=150.0)
         for d in _DELAYS
@@ -77,20 +79,20 @@ def measure(axis_a: Unit, axis_b: Unit, seed: int) -> Finding:
     free = identify_motor(without_current_limit(axis_a), seed)
     rates = np.sort(np.abs(found.model.poles))
     free_rates = np.sort(np.abs(free.model.poles))
-    why = (
-        f"At ±1.5 V up to 150 Hz the drive meets its current limit ({axis_a.drive.current_limit:g} A, an assumption; "
-        f"{found.largest_current:.1f} A seen). Without the limit the same fit gives -{free_rates[1]:.1f} and "
-        f"-{free_rates[0]:.1f} 1/s, {free.model.bandwidth_hz():.1f} Hz."
+    limited = (
+        f"The drive's current limit ({axis_a.drive.current_limit:g} A, an assumption) bounds what the signal can ask "
+        f"of it: {found.largest_current:.1f} A were seen. Without the limit the same fit gives "
+        f"-{free_rates[1]:.1f} and -{free_rates[0]:.1f} 1/s, {free.model.bandwidth_hz():.1f} Hz."
     )
     thesis_computed = SERVOMOTOR.bandwidth_hz()
     rows = [
         Row("delay", "eq. 6.11, Table 6.1", 1.0, 1e3 * found.model.delay, "ms"),
-        Row("faster pole", "6.3", -POLES[1], -float(rates[1]), "1/s", why=why, digits=4),
-        Row("slower pole", "6.3", -POLES[0], -float(rates[0]), "1/s", why=why, digits=4),
-        Row("bandwidth", "6.3", BANDWIDTH, found.model.bandwidth_hz(), "Hz", why=why),
+        Row("faster pole", "6.3", -POLES[1], -float(rates[1]), "1/s", why=limited, digits=4),
+        Row("slower pole", "6.3", -POLES[0], -float(rates[0]), "1/s", why=limited, digits=4),
+        Row("bandwidth", "6.3", BANDWIDTH, found.model.bandwidth_hz(), "Hz", why=limited),
         Row(
             "gain at rest", "eq. 6.11", SERVOMOTOR.gain, found.model.gain, "1",
-            why="Eq. 6.11's coefficients are 4 % short of unit gain; the velocity loop's is one.",
+            note="Eq. 6.11's coefficients are 4 % short of unit gain; the velocity loop's is one.",
         ),
     ]  # fmt: skip
 
@@ -118,10 +120,13 @@ def measure(axis_a: Unit, axis_b: Unit, seed: int) -> Finding:
         f"whole number of samples that fits best. The model explains {100 * found.fit:.1f} % of the speed.",
         rows,
         remarks=[
-            f"Eq. 6.11 itself has its -3 dB point, relative to its own gain at rest, at {thesis_computed:.1f} Hz."
+            limited,
+            f"Eq. 6.11 itself has its -3 dB point, relative to its own gain at rest, at {thesis_computed:.1f} Hz.",
         ],
         pictures=[
-            Picture("servomotor", "Response of the motor's speed to the demanded one, as figure 6.13.", draw, 5.6)
+            Picture(
+                "servomotor", "Response of the motor's speed to the demanded one, as figure 6.13.", draw, 5.6
+            )
         ],
     )
 

@@ -88,7 +88,9 @@ def fit_curve(speed: Array, friction: Array, static: float, *, viscous: bool) ->
 def at_speeds(speed: Array, friction: Array, grid: Array) -> Array:
     """Median friction near each speed of the grid, within 3 % or 2 mm/s, same shape."""
     near = np.maximum(0.03 * grid, 2e-3)
-    return np.array([float(np.median(friction[np.abs(speed - v) < w])) for v, w in zip(grid, near, strict=True)])
+    return np.array(
+        [float(np.median(friction[np.abs(speed - v) < w])) for v, w in zip(grid, near, strict=True)]
+    )
 
 
 def measure(axis_a: Unit, axis_b: Unit, seed: int) -> Finding:
@@ -109,7 +111,7 @@ def measure(axis_a: Unit, axis_b: Unit, seed: int) -> Finding:
                 Row(
                     f"friction at {v:g} m/s, {mode.name}", "eqs 5.12 to 5.18", float(expected[i]),
                     float(points[i]), "N",
-                    why=f"Trials scatter by {spread[i]:.0f} N, their mean by {spread[i] / np.sqrt(TRIALS):.1f} N.",
+                    note=f"Trials scatter by {spread[i]:.0f} N, their mean by {spread[i] / np.sqrt(TRIALS):.1f} N.",
                 )
             )  # fmt: skip
         thesis, cell = mode.branch, "{:.0f} / {:.0f}".format
@@ -133,7 +135,9 @@ def measure(axis_a: Unit, axis_b: Unit, seed: int) -> Finding:
                 grid[order], points[order], spread[order], fmt="o", markersize=3, linewidth=0.8,
                 label=f"plant, {TRIALS} trials ± standard deviation",
             )  # fmt: skip
-            axes.plot(fine, steady_friction(mode.branch, fine), "k--", linewidth=1.2, label="thesis, Table 5.2")
+            axes.plot(
+                fine, steady_friction(mode.branch, fine), "k--", linewidth=1.2, label="thesis, Table 5.2"
+            )
             if mode.other is not None:
                 axes.plot(fine, steady_friction(mode.other, fine), "C1:", label="thesis, Table 5.3")
             axes.set_title(f"axis {mode.name}", fontsize=10)

@@ -96,23 +96,21 @@ def measure(axis_a: Unit, axis_b: Unit, seed: int) -> Finding:
         in_plant_damped = fit_second_order(speed, v, damped)
         slope = (in_plant_damped.stiffness - in_plant.stiffness) / VISCOUS
         eq = "eq. 5.23" if name == "A" else "eqs 5.25, 5.26"
-        swapped = (
-            "Eqs 5.24 and 5.25 print the other axis's value." if name == "B" else ""
-        )
+        swapped = "Eqs 5.24 and 5.25 print the other axis's value." if name == "B" else ""
         rows += [
             Row(f"A·β·Dp/(V_o·M), axis {name}, profile", eq, NUMERATOR, free.numerator, "m/(rad·s²)", digits=4),
             Row(f"the same, plant's motion, axis {name}", eq, NUMERATOR, in_plant.numerator, "m/(rad·s²)", digits=4),
             Row(f"A²·β/(V_o·M), axis {name}, profile", eq, STIFFNESS, free.stiffness, "1/s²"),
             Row(f"the same, plant's motion, axis {name}", eq, STIFFNESS, in_plant.stiffness, "1/s²"),
-            Row(f"L_T·β/V_o, axis {name}, profile", eq, LEAKAGE_DAMPING[name], free.damping, "1/s", why=swapped),
+            Row(f"L_T·β/V_o, axis {name}, profile", eq, LEAKAGE_DAMPING[name], free.damping, "1/s", note=swapped),
             Row(f"the same, plant's motion, axis {name}", eq, LEAKAGE_DAMPING[name], in_plant.damping, "1/s",
                 tolerance=0.1 * LEAKAGE_DAMPING[name],
-                why="A tenth is allowed: damping this small is 0.2 % of critical."),
+                note="A tenth is allowed: damping this small is 0.2 % of critical."),
             Row(f"L_T·β/(V_o·M), axis {name}, profile", eq, LEAKAGE_STIFFNESS[name],
-                (damped.stiffness - free.stiffness) / VISCOUS, "1/(kg·s)", why=swapped),
+                (damped.stiffness - free.stiffness) / VISCOUS, "1/(kg·s)", note=swapped),
             Row(f"damping with B = 800 N·s/m, plant's motion, axis {name}", eq,
                 LEAKAGE_DAMPING[name] + VISCOUS / 3.688, in_plant_damped.damping, "1/s",
-                why=f"The stiffness term's change with B, {slope:.3f} 1/(kg·s), drowns in the {STIFFNESS:.3g} 1/s² "
+                note=f"The stiffness term's change with B, {slope:.3f} 1/(kg·s), drowns in the {STIFFNESS:.3g} 1/s² "
                 "it adds to."),
         ]  # fmt: skip
 
@@ -121,13 +119,21 @@ def measure(axis_a: Unit, axis_b: Unit, seed: int) -> Finding:
             time, speed, v = traces[name]
             c = from_profile(unit, VISCOUS)
             discrete = cont2discrete(
-                ([NUMERATOR], [1.0, c.damping, STIFFNESS + LEAKAGE_STIFFNESS[name] * VISCOUS]), PERIOD, method="foh"
+                ([NUMERATOR], [1.0, c.damping, STIFFNESS + LEAKAGE_STIFFNESS[name] * VISCOUS]),
+                PERIOD,
+                method="foh",
             )
             expected = lfilter(np.ravel(discrete[0]), discrete[1], speed)
             shown = (time > 0.09) & (time < 0.18)
             axes.plot(1e3 * (time - 0.1)[shown], 1e3 * v[shown], label="plant", linewidth=2.5)
-            axes.plot(1e3 * (time - 0.1)[shown], 1e3 * expected[shown], "k--", label="thesis, printed coefficients")
-            axes.set(xlabel="time since the step (ms)", ylabel="velocity (mm/s)", title=f"axis {name}, B = 800 N·s/m")
+            axes.plot(
+                1e3 * (time - 0.1)[shown], 1e3 * expected[shown], "k--", label="thesis, printed coefficients"
+            )
+            axes.set(
+                xlabel="time since the step (ms)",
+                ylabel="velocity (mm/s)",
+                title=f"axis {name}, B = 800 N·s/m",
+            )
             axes.legend()
 
     return Finding(

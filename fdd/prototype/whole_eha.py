@@ -13,6 +13,7 @@ from fdd.identify.frequency_response import (
     empirical_response,
     fit_output_error,
     half_power_frequency,
+    held_input,
     response_at,
     velocity,
 )
@@ -35,7 +36,7 @@ HIGH_MEAN = 8.375
 SINES = (0.5, 1.0, 1.5, 2.0, 3.0, 5.0, 8.0, 12.0, 16.8, 22.0, 27.0, 33.0, 40.0, 50.0, 60.0, 70.0)
 """Hz of the single sines."""
 _REST, _LEVEL = 100, 350
-_DELAYS = range(1, 15)
+_DELAYS = (1, 2, 3, 5, 7, 10)
 
 
 @dataclass(frozen=True)
@@ -89,7 +90,7 @@ def _drive(unit: Unit, region: Region, volts: Array, seed: int) -> tuple[Array, 
     first = _REST + lead.size
     speed = velocity(log["position"], PERIOD)
     before = float(np.mean(speed[first - 60 : first - 10])) if region.mean else 0.0
-    return command[first:] - VOLT * region.mean, speed[first:] - before
+    return held_input(command, PERIOD)[first:] - VOLT * region.mean, speed[first:] - before
 
 
 def single_sine(unit: Unit, region: Region, frequency: float, seed: int) -> complex:
@@ -109,9 +110,7 @@ def respond(unit: Unit, region: Region, seed: int, *, sines: tuple[float, ...] =
     """Third-order output-error model, ETFE and single sines of one axis in one region."""
     gain = unit.pump.displacement / unit.cylinder.area_1
     given, caused = _drive(unit, region, identification_volts(region.seconds, seed), seed)
-    fits = [
-        fit_output_error(given, caused, PERIOD, zeros=2, poles=3, delay=d * PERIOD) for d in _DELAYS
-    ]
+    fits = [fit_output_error(given, caused, PERIOD, zeros=2, poles=3, delay=d * PERIOD) for d in _DELAYS]
     model, fit = max(fits, key=lambda found: found[1])
     frequency, empirical = empirical_response(given, caused, PERIOD)
     single = np.array([single_sine(unit, region, f, seed) for f in sines])
@@ -188,7 +187,15 @@ def model_cells(label: str, model: TransferFunction, fit: float | None, sines: f
     )
 
 
-HEADS = ("case", "pole pair (1/s)", "third pole (1/s)", "delay", "-3 dB, model", "-3 dB, single sines", "explained")
+HEADS = (
+    "case",
+    "pole pair (1/s)",
+    "third pole (1/s)",
+    "delay",
+    "-3 dB, model",
+    "-3 dB, single sines",
+    "explained",
+)
 """Heads over `model_cells`."""
 
 
@@ -204,11 +211,13 @@ def response_picture(region: Region, found: Response, caption: str) -> Picture:
             axes.semilogx(
                 found.frequency[shown], part(found.empirical[shown]), color="0.65", label="plant, ETFE"
             )
+            axes.semilogx(fine, part(found.model.at(fine) / scale), label="plant, output-error model")
             axes.semilogx(
-                fine, part(found.model.at(fine) / scale), label="plant, output-error model"
+                SINES, part(found.sines), "C3o", markersize=4, label="plant, single sines of ±1.5 V"
             )
-            axes.semilogx(SINES, part(found.sines), "C3o", markersize=4, label="plant, single sines of ±1.5 V")
-            axes.semilogx(fine, part(region.thesis.at(fine) / scale), "k--", label=f"thesis, {region.equation}")
+            axes.semilogx(
+                fine, part(region.thesis.at(fine) / scale), "k--", label=f"thesis, {region.equation}"
+            )
             axes.axvline(region.bandwidth, color="k", linewidth=0.8, linestyle=":")
         upper.annotate(
             f"{region.bandwidth:.1f} Hz", (region.bandwidth, 0.0), (region.bandwidth * 1.04, 4.0), fontsize=9
@@ -237,7 +246,7 @@ def measure_low(axis_a: Unit, axis_b: Unit, seed: int) -> Finding:
     freed = {share: respond(with_friction(axis_a, share), LOW_SPEED, seed) for share in shares}
     tenth_pair, tenth_single = split_poles(freed[0.1].model)
     pressure = VOLT * AMPLITUDE * axis_a.pump.displacement * axis_a.oil.bulk_modulus
-    pressure /= axis_a.cylinder.volume_1 * 2.0 * np.pi * 16.8
+    pressure /= 0.5 * axis_a.cylinder.volume_1 * 2.0 * np.pi * 16.8
     force = pressure * axis_a.cylinder.area_1
     why = (
         f"±1.5 V at 16.8 Hz moves so little oil that it builds ±{force:.0f} N against a stuck piston, whose own "
@@ -249,7 +258,9 @@ def measure_low(axis_a: Unit, axis_b: Unit, seed: int) -> Finding:
     cells.append(model_cells("plant", found.model, found.fit, found.sines_bandwidth))
     for share in shares:
         r = freed[share]
-        cells.append(model_cells(f"plant, {100 * share:.0f} % of its dry friction", r.model, r.fit, r.sines_bandwidth))
+        cells.append(
+            model_cells(f"plant, {100 * share:.0f} % of its dry friction", r.model, r.fit, r.sines_bandwidth)
+        )
     return Finding(
         "Whole actuator, low speed",
         "Section 6.4 plays the signal of the servomotor's test about zero, without load, and fits a third-order "
@@ -264,7 +275,9 @@ def measure_low(axis_a: Unit, axis_b: Unit, seed: int) -> Finding:
             "shows no motion beyond 45 Hz for this reason.",
             "Eqs 6.14 and 6.15 in the thesis's review swap the names of the two models.",
         ],
-        pictures=[response_picture(LOW_SPEED, found, "Low speed: velocity over demanded speed, as figure 6.20.")],
+        pictures=[
+            response_picture(LOW_SPEED, found, "Low speed: velocity over demanded speed, as figure 6.20.")
+        ],
     )
 
 
@@ -289,7 +302,9 @@ def measure_high(axis_a: Unit, axis_b: Unit, seed: int) -> Finding:
     cells = [
         model_cells("thesis, eq. 6.13", HIGH, None, float("nan")),
         model_cells("plant", found.model, found.fit, found.sines_bandwidth),
-        model_cells(f"plant, bulk modulus {softer / 1e6:.0f} MPa", soft.model, soft.fit, soft.sines_bandwidth),
+        model_cells(
+            f"plant, bulk modulus {softer / 1e6:.0f} MPa", soft.model, soft.fit, soft.sines_bandwidth
+        ),
     ]
     return Finding(
         "Whole actuator, high speed",
