@@ -206,7 +206,7 @@ def empirical_response(
     frequency (n // 2 + 1,) in Hz and response (n // 2 + 1,).
     """
     n = given.size
-    frequency = np.fft.rfftfreq(n, period)
+    frequency = np.asarray(np.fft.rfftfreq(n, period), dtype=np.float64)
     u, y = np.fft.rfft(given - given.mean()), np.fft.rfft(caused - caused.mean())
     window = np.hamming(max(round(width_hz * n * period), 1) | 1)
     cross = fftconvolve(y * np.conj(u), window, mode="same")

@@ -122,16 +122,16 @@ def measure(axis_a: Unit, axis_b: Unit, seed: int) -> Finding:
     worst = float(np.max(np.abs(points[:, 1] / law - 1.0)))
     return Finding(
         "Bulk modulus",
-        "Section 5.4 takes 2.10e8 Pa from an earlier rig and relates it to static pressure and air by eqs 5.20 and "
-        "5.21. Here it is measured by eq. 5.19: the pump turns at 6 rad/s against a piston that still sticks, and "
-        "chamber 1's pressure is plotted over the oil that went in (encoders, leakage taken off), at six "
-        "accumulator charges of 275 to 689 kPa.",
+        "Section 5.4 takes 2.10e8 Pa from an earlier rig and relates it to static pressure and air by "
+        "eqs 5.20 and 5.21. Here it is measured by eq. 5.19: the pump turns at 6 rad/s against a piston "
+        "that still sticks, and chamber 1's pressure is plotted over the oil that went in (encoders, "
+        "leakage taken off), at six accumulator charges of 275 to 689 kPa.",
         rows,
         remarks=[
-            f"Over the charges the plant follows eq. 5.20 to within {100 * worst:.1f} %. Eq. 5.21 lies far below: "
-            "it takes δ as the share of air at the present pressure, eq. 5.20 as that at atmospheric pressure. "
-            f"The air itself, {100 * oil.air_fraction:.1f} %, is the profile's assumption; the thesis could not "
-            "measure it."
+            f"Over the charges the plant follows eq. 5.20 to within {100 * worst:.1f} %. Eq. 5.21 lies "
+            "far below: it takes δ as the share of air at the present pressure, eq. 5.20 as that at "
+            f"atmospheric pressure. The air itself, {100 * oil.air_fraction:.1f} %, is the profile's "
+            "assumption; the thesis could not measure it."
         ],
         pictures=[
             Picture("bulk_modulus", "Effective bulk modulus over static pressure, as figure 5.12.", draw)

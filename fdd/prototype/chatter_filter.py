@@ -73,7 +73,9 @@ def measure(axis_a: Unit, axis_b: Unit, seed: int) -> Finding:
         frequency = np.geomspace(1.0, 499.0, 500)
         printed = [0.0, 5.28e-2, 4.39e-2], [1.0, -1.514, 0.61]
         for label, (top, bottom), style in (
-            ("zero-order hold", by["zoh"], "C0-"), ("Tustin", by["tustin"], "C1-"), ("thesis, as printed", printed, "k--")
+            ("zero-order hold", by["zoh"], "C0-"),
+            ("Tustin", by["tustin"], "C1-"),
+            ("thesis, as printed", printed, "k--"),
         ):  # fmt: skip
             _, response = freqz(top, bottom, worN=frequency, fs=1.0 / PERIOD)
             axes.semilogx(frequency, 20.0 * np.log10(np.maximum(np.abs(response), 1e-6)), style, label=label)
@@ -84,8 +86,8 @@ def measure(axis_a: Unit, axis_b: Unit, seed: int) -> Finding:
 
     return Finding(
         "Chatter filter",
-        "Section 7.1.1 turns the Butterworth filter of eq. 7.3 (350 rad/s) into a discrete one for 1 kHz and says "
-        "that it does so by Tustin's rule (eq. 7.4). Both conversions are recomputed.",
+        "Section 7.1.1 turns the Butterworth filter of eq. 7.3 (350 rad/s) into a discrete one for 1 kHz "
+        "and says that it does so by Tustin's rule (eq. 7.4). Both conversions are recomputed.",
         rows,
         tables=[Table("Coefficients", ("power of z", "thesis, eq. 7.5", "zero-order hold", "Tustin"), cells)],
         remarks=["The printed coefficients are the zero-order hold's, not Tustin's as the text says."],

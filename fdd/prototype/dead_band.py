@@ -30,7 +30,7 @@ _MEAN = 2.0
 
 
 def staircase(unit: Unit, levels: Array, sign: float, seed: int) -> tuple[Array, Array]:
-    """Mean motor speed (rad/s) and actuator velocity (m/s) at each level (V), by the encoders, along `sign`."""
+    """Mean motor speed (rad/s) and actuator velocity (m/s) along `sign` at each level (V), from encoders."""
     rows = round(HOLD / PERIOD)
     command = sign * VOLT * np.repeat(levels, rows)
     log = run_speed(unit, command, start=-0.01 * sign, seed=seed).samples
@@ -95,9 +95,10 @@ def measure(axis_a: Unit, axis_b: Unit, seed: int) -> Finding:
     statics = axis_a.friction.forward.static, axis_a.friction.reverse.static
     predicted = [volt_per_newton * f for f in statics]
     why = (
-        f"To hold F newton the pump must make up the leakage, ω = L_T·F/(A·Dp): {statics[0]:.0f} and {statics[1]:.0f} N "
-        f"of Table 5.1 need {predicted[0]:.3f} and {predicted[1]:.3f} V before the piston slides; 0.06 V holds only "
-        f"{COMBINED / volt_per_newton:.0f} N, so the thesis's dead band, leakage and static friction exclude each other."
+        f"To hold F newton the pump must make up the leakage, ω = L_T·F/(A·Dp): {statics[0]:.0f} and "
+        f"{statics[1]:.0f} N of Table 5.1 need {predicted[0]:.3f} and {predicted[1]:.3f} V before the "
+        f"piston slides; 0.06 V holds only {COMBINED / volt_per_newton:.0f} N, so the thesis's dead band, "
+        "leakage and static friction exclude each other."
     )
     rows = [
         Row(
@@ -128,10 +129,10 @@ def measure(axis_a: Unit, axis_b: Unit, seed: int) -> Finding:
 
     return Finding(
         "Dead band",
-        "Table 6.1 gives the commands from which motor and actuator move, without saying how they were found. Here "
-        f"commands climb in steps of {HOLD:g} s, without load, both ways, {TRIALS} trials; the motor counts as turning "
-        "from half the demanded speed on, and the actuator's dead band is where the line through its sliding "
-        "velocities meets zero.",
+        "Table 6.1 gives the commands from which motor and actuator move, without saying how they were "
+        f"found. Here commands climb in steps of {HOLD:g} s, without load, both ways, {TRIALS} trials; "
+        "the motor counts as turning from half the demanded speed on, and the actuator's dead band is "
+        "where the line through its sliding velocities meets zero.",
         rows,
         pictures=[Picture("dead_band", "Speed of motor and actuator over small commands.", draw)],
     )

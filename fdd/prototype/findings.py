@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Literal
 
@@ -65,7 +65,8 @@ class Row:
         ratio = self.plant / self.thesis
         if ratio > 3.0 or 0.0 < ratio < 1.0 / 3.0:
             return f"× {ratio:.2g}"
-        return f"{100.0 * (ratio - 1.0):+.1f} %"
+        percent = round(100.0 * (ratio - 1.0), 1)
+        return f"{percent:+.1f} %" if percent else "0.0 %"
 
     def value(self, number: float) -> str:
         """A number as the tables show it."""
@@ -78,7 +79,7 @@ def number_text(number: float, digits: int = 3) -> str:
     Examples
     --------
     >>> number_text(33750.0), number_text(0.00110, 2), number_text(3.6e-12), number_text(105.64)
-    ('33750', '0.0011', '3.6e-12', '106')
+    ('33800', '0.0011', '3.6e-12', '106')
     """
     if number != number:
         return "none"
@@ -88,7 +89,7 @@ def number_text(number: float, digits: int = 3) -> str:
         places = max(digits - 1 - int(f"{number:e}".split("e")[1]), 0)
         return f"{number:.{places}f}"
     if 10.0**digits <= abs(number) < 1e6:
-        return f"{number:.0f}"
+        return f"{float(f'{number:.{digits}g}'):.0f}"
     return f"{number:.{digits}g}"
 
 
@@ -116,7 +117,7 @@ class Table:
 
     title: str
     heads: tuple[str, ...]
-    cells: list[tuple[str, ...]]
+    cells: Sequence[tuple[str, ...]]
 
 
 @dataclass(frozen=True)

@@ -50,37 +50,46 @@ def measure(axis_a: Unit, axis_b: Unit, seed: int) -> Finding:
     implied = float(np.polyfit(*speeds_of(smaller, seed), 1)[0])
     ratio = axis_a.pump.displacement / axis_a.cylinder.area_1
     why = (
-        "The profile's Dp is Table 4.21's 5.57e-7 m³/rad; the text's 3.62e-4 m/rad implies 5.50e-7, with which "
-        f"the same experiment gives {implied:.3g} m/rad."
+        "The profile's Dp is Table 4.21's 5.57e-7 m³/rad; the text's 3.62e-4 m/rad implies 5.50e-7, with "
+        f"which the same experiment gives {implied:.3g} m/rad."
     )
     rows = [
-        Row("gain, axis A, measured", "5.1", MEASURED, slopes[0], "m/rad", why=why),
+        Row("gain, axis A, measured", "5.1", 1e4 * MEASURED, 1e4 * slopes[0], "10⁻⁴ m/rad", why=why),
         Row(
             "gain, axis B, measured",
             "5.1",
-            MEASURED,
-            slopes[1],
-            "m/rad",
+            1e4 * MEASURED,
+            1e4 * slopes[1],
+            "10⁻⁴ m/rad",
             why=why,
             note="The thesis measured axis A.",
         ),
-        Row("gain, calculated Dp/A", "5.1, Table 4.21", CALCULATED, ratio, "m/rad", why=why),
+        Row("gain, calculated Dp/A", "5.1, Table 4.21", 1e4 * CALCULATED, 1e4 * ratio, "10⁻⁴ m/rad", why=why),
     ]
 
     def draw(figure: Figure) -> None:
-        axes = figure.subplots()
+        left, right = figure.subplots(1, 2)
         for (w, v), name, marker in zip(points, ("axis A", "axis B"), ("o", "x"), strict=True):
-            axes.plot(w, 1e3 * v, marker, label=f"plant, {name}: slope {np.polyfit(w, v, 1)[0]:.3g} m/rad")
+            left.plot(w, 1e3 * v, marker, label=f"plant, {name}")
+            right.plot(w, 1e4 * v / w, marker, label=f"plant, {name}")
         line = np.array([-330.0, 330.0])
-        axes.plot(line, 1e3 * MEASURED * line, "k--", linewidth=1.0, label=f"thesis: {MEASURED:.3g} m/rad")
-        axes.set(xlabel="pump speed (rad/s)", ylabel="actuator velocity (mm/s)")
-        axes.legend()
+        left.plot(line, 1e3 * MEASURED * line, "k--", linewidth=1.0, label="thesis, slope 3.57e-4 m/rad")
+        left.set(xlabel="pump speed (rad/s)", ylabel="actuator velocity (mm/s)")
+        right.axhline(1e4 * MEASURED, color="k", linestyle="--", linewidth=1.0, label="thesis, measured 3.57")
+        right.axhline(
+            1e4 * CALCULATED, color="k", linestyle=":", linewidth=1.0, label="thesis, calculated 3.62"
+        )
+        right.axhline(1e4 * ratio, color="C2", linewidth=1.0, label=f"Dp/A of Table 4.21: {1e4 * ratio:.2f}")
+        right.set(xlabel="pump speed (rad/s)", ylabel="velocity over pump speed (10⁻⁴ m/rad)")
+        left.legend()
+        right.legend(loc="lower left")
 
     return Finding(
         "Hydraulic gain",
-        "Section 5.1 commands pump speeds without load and takes the slope of actuator velocity over pump "
-        "speed. Here: twelve speeds of ±31 to ±314 rad/s (±1 to ±10 V), strokes of up to 200 mm, both velocities "
-        "from the encoders over the second half of each stroke, a straight line through all points.",
+        "Section 5.1 commands pump speeds without load and takes the slope of actuator velocity over "
+        "pump speed. Here: twelve speeds of ±31 to ±314 rad/s (±1 to ±10 V), strokes of up to 200 mm, "
+        "both velocities from the encoders over the second half of each stroke, a straight line through "
+        "all points.",
         rows,
         remarks=[
             "The slope is nearer to Dp/A than any single ratio: leakage under the friction's pressure "

@@ -96,10 +96,11 @@ def measure(axis_a: Unit, axis_b: Unit, seed: int) -> Finding:
     rows = []
     for name, unit in units.items():
         why = (
-            f"Eq. 5.3 counts oil that the low side gets back over its refeeding valve as arrived: it shows "
-            f"ξ + C_ep, where L_T is ξ + C_ep/2 (eq. 3.50). With all leakage from port to port the same strokes "
-            f"give {1e12 * sealed[name]:.2f}; the profile has L_T = {1e12 * unit.pump.total_leakage:.2f} and C_ep "
-            f"assumed as {100 * unit.pump.case_leakage / unit.pump.total_leakage:.0f} % of it."
+            "Eq. 5.3 counts oil that the low side gets back over its refeeding valve as arrived: it "
+            "shows ξ + C_ep, where L_T is ξ + C_ep/2 (eq. 3.50). With all leakage from port to port the "
+            f"same strokes give {1e12 * sealed[name]:.2f}; the profile has L_T = "
+            f"{1e12 * unit.pump.total_leakage:.2f} and C_ep assumed as "
+            f"{100 * unit.pump.case_leakage / unit.pump.total_leakage:.0f} % of it."
         )
         value = 1e12 * float(np.mean(slopes[name]))
         rows.append(
@@ -110,7 +111,8 @@ def measure(axis_a: Unit, axis_b: Unit, seed: int) -> Finding:
     rows += [
         Row("flow at 3.36 MPa, axis A", "5.2", 1e5 * END_FLOW, 1e5 * flow, "10⁻⁵ m³/s"),
         Row(
-            "leakage, axis A, single end point", "5.2", 1e12 * end_thesis, 1e12 * end_plant, "10⁻¹² m³/(s·Pa)",
+            "leakage, axis A, single end point", "5.2", 1e12 * end_thesis, 1e12 * end_plant,
+            "10⁻¹² m³/(s·Pa)",
             note="The thesis contradicts itself: its end point gives 7.05, its slope 6.52.",
         ),
         Row(
@@ -144,10 +146,11 @@ def measure(axis_a: Unit, axis_b: Unit, seed: int) -> Finding:
     spread = ", ".join(f"{name}: {1e12 * np.std(s):.3f}" for name, s in slopes.items())
     return Finding(
         "Leakage coefficient",
-        "Section 5.2 drives one axis at 1000 rpm; the other one's pump is shut off and its throttle valve closed "
-        "step by step, which raises the pressure up to 3.36 MPa. Leak flow is Dp·ω - A·v (eq. 5.3) in steady motion; "
-        f"its slope over pressure is L_T. Here: nine throttles, {TRIALS} trials, each point the last 0.4 s of a "
-        "260 mm stroke, by the encoders and the differential pressure sensor.",
+        "Section 5.2 drives one axis at 1000 rpm; the other one's pump is shut off and its throttle "
+        "valve closed step by step, which raises the pressure up to 3.36 MPa. Leak flow is Dp·ω - A·v "
+        f"(eq. 5.3) in steady motion; its slope over pressure is L_T. Here: nine throttles, {TRIALS} "
+        "trials, each point the last 0.4 s of a 260 mm stroke, by the encoders and the differential "
+        "pressure sensor.",
         rows,
         remarks=[f"Standard deviation of the slope over the trials, 10⁻¹² m³/(s·Pa): {spread}."],
         pictures=[

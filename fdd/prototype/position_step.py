@@ -31,8 +31,13 @@ _LIGHT = 0.48
 
 @dataclass(frozen=True)
 class Steps:
-    """Trials of one direction: time from the step (s), position and filtered velocity along the step, (n,) each
-    of the first trial; saturated velocity (m/s), its duration (s) and final error (m) of all, (trials,)."""
+    """Trials of one direction.
+
+    Attributes
+    ----------
+    time, position, velocity : (n,) of the first trial: s since the step, m and m/s (filtered) along it.
+    plateau, duration, error : (trials,) saturated velocity (m/s), for how long (s), final error (m).
+    """
 
     time: Array
     position: Array
@@ -115,13 +120,13 @@ def measure(axis_a: Unit, axis_b: Unit, seed: int) -> Finding:
         lower.axvspan(0.0, length, color="0.9", label=f"thesis, saturated for {length:.1f} s")
         lower.set(xlabel="time since the step (s)", ylabel="velocity (m/s)")
         upper.legend(loc="lower right")
-        lower.legend(loc="upper right")
+        lower.legend(loc="center right")
 
     return Finding(
         "Position step",
-        "Section 7.2 closes a proportional loop of 16875 (rad/s)/m around the linear encoder and steps it by 0.1 m; "
-        f"velocity is differenced and filtered by eq. 7.5. Here the same from mid-stroke, {TRIALS} trials each way; "
-        f"the error is that {_SECONDS:g} s after the step.",
+        "Section 7.2 closes a proportional loop of 16875 (rad/s)/m around the linear encoder and steps "
+        "it by 0.1 m; velocity is differenced and filtered by eq. 7.5. Here the same from mid-stroke, "
+        f"{TRIALS} trials each way; the error is that {_SECONDS:g} s after the step.",
         rows,
         tables=[
             Table(

@@ -19,7 +19,7 @@ from fdd.prototype import (
     ultimate_gain,
     whole_eha,
 )
-from fdd.prototype.findings import READING, Finding, Row, Table
+from fdd.prototype.findings import READING, Finding, Row, Table, number_text
 from fdd.unit import Unit
 
 Measure = Callable[[Unit, Unit, int], Finding]
@@ -53,7 +53,7 @@ def run_all(
     Parameters
     ----------
     axis_a, axis_b : the prototype's two axes.
-    seed : of all trials; 100 000 apart for each experiment, so that no two share a trial.
+    seed : of all trials; another one shares no trial with it.
     progress : told how many of how many experiments are done.
 
     Returns
@@ -86,16 +86,18 @@ def report_text(findings: list[Finding], axis_a: Unit, axis_b: Unit, seed: int) 
     lines = [
         "# The thesis's experiments on its simulated prototype",
         "",
-        "The prototype of this project's reference, a master's thesis on a dual electro-hydrostatic actuator with "
-        f"fault injection, is simulated by `fdd.plant` with the profiles `{axis_a.name}` and `{axis_b.name}`. Here "
-        "the experiments of its chapters 5, 6 and 7 are repeated on the simulated prototype as the thesis describes "
-        "them, through simulated sensors, and what they give stands beside what the thesis prints. Nothing was tuned "
-        "to these results: every parameter comes from the profiles, where its source is noted.",
+        "The prototype of this project's reference, a master's thesis on a dual electro-hydrostatic "
+        f"actuator with fault injection, is simulated by `fdd.plant` with the profiles `{axis_a.name}` "
+        f"and `{axis_b.name}`. Here the experiments of its chapters 5, 6 and 7 are repeated on the "
+        "simulated prototype as the thesis describes them, through simulated sensors, and what they give "
+        "stands beside what the thesis prints. Nothing was tuned to these results: every parameter comes "
+        "from the profiles, where its source is noted.",
         "",
-        f"**{met} of {len(rows)} numbers meet the thesis's.** A number meets where it lies within the thesis's own "
-        f"spread, or within {100 * READING:.0f} % where the thesis gives none, unless the row names another tolerance. "
-        "Where one does not, its section gives the reason and, where there is one, the experiment that shows it. "
-        "Where the thesis contradicts itself, both of its values are shown.",
+        f"**{met} of {len(rows)} numbers meet the thesis's.** A number meets where it lies within the "
+        f"thesis's own spread, or within {100 * READING:.0f} % where the thesis gives none, unless the "
+        "row names another tolerance. Where one does not, its section gives the reason and, where there "
+        "is one, the experiment that shows it. Where the thesis contradicts itself, both of its values "
+        "are shown.",
         "",
         f"Made by `fdd thesis --seed {seed}`.",
         "",
@@ -143,8 +145,7 @@ def _section(number: int, finding: Finding) -> list[str]:
         "| --- " * 8 + "|",
     ]
     for row in finding.rows:
-        allowed = f"± {row.allowed:.2g}" + ("" if row.unit == "1" else f" {row.unit}")
-        lines.append(f"| {_cells(row)} | {_marked(row)} | {allowed} |")
+        lines.append(f"| {_cells(row)} | {_marked(row)} | ± {number_text(row.allowed, 2)} |")
     lines.append("")
     lines += _said(finding.rows)
     for table in finding.tables:

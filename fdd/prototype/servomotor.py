@@ -37,7 +37,7 @@ _DELAYS = range(4)
 
 @dataclass(frozen=True)
 class Identified:
-    """A model, its fit (1 is all explained), the input and the output it was made from, and the largest current."""
+    """A model and its fit (1 explains all), input and output (n,) that it is from, largest current (A)."""
 
     model: TransferFunction
     fit: float
@@ -80,9 +80,9 @@ def measure(axis_a: Unit, axis_b: Unit, seed: int) -> Finding:
     rates = np.sort(np.abs(found.model.poles))
     free_rates = np.sort(np.abs(free.model.poles))
     limited = (
-        f"The drive's current limit ({axis_a.drive.current_limit:g} A, an assumption) bounds what the signal can ask "
-        f"of it: {found.largest_current:.1f} A were seen. Without the limit the same fit gives "
-        f"-{free_rates[1]:.1f} and -{free_rates[0]:.1f} 1/s, {free.model.bandwidth_hz():.1f} Hz."
+        f"The drive's current limit ({axis_a.drive.current_limit:g} A, an assumption) bounds what the "
+        f"signal can ask of it: {found.largest_current:.1f} A were seen. Without the limit the same fit "
+        f"gives -{free_rates[1]:.1f} and -{free_rates[0]:.1f} 1/s, {free.model.bandwidth_hz():.1f} Hz."
     )
     thesis_computed = SERVOMOTOR.bandwidth_hz()
     rows = [
@@ -114,14 +114,16 @@ def measure(axis_a: Unit, axis_b: Unit, seed: int) -> Finding:
 
     return Finding(
         "Servomotor",
-        "Sections 6.2 and 6.3 command a chirp of ±1.5 V, 0.1 to 150 Hz, with binary noise of ±0.25 V at 450 Hz, about "
-        "zero and without load, and fit a second-order output-error model with a delay to the motor's speed "
-        f"(encoder differences, zero-phase filter at 150 Hz). Here the same over {SECONDS:g} s; the delay is the "
-        f"whole number of samples that fits best. The model explains {100 * found.fit:.1f} % of the speed.",
+        "Sections 6.2 and 6.3 command a chirp of ±1.5 V, 0.1 to 150 Hz, with binary noise of ±0.25 V at "
+        "450 Hz, about zero and without load, and fit a second-order output-error model with a delay to "
+        "the motor's speed (encoder differences, zero-phase filter at 150 Hz). Here the same over "
+        f"{SECONDS:g} s; the delay is the whole number of samples that fits best. The model explains "
+        f"{100 * found.fit:.1f} % of the speed.",
         rows,
         remarks=[
             limited,
-            f"Eq. 6.11 itself has its -3 dB point, relative to its own gain at rest, at {thesis_computed:.1f} Hz.",
+            "Eq. 6.11 itself has its -3 dB point, relative to its own gain at rest, at "
+            f"{thesis_computed:.1f} Hz.",
         ],
         pictures=[
             Picture(

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
 Array = NDArray[np.float64]
 
-VOLTS = np.array([0.5, 0.75, 1.0, 1.5, 2.0, 2.5, 3.0, 3.5, 4.0, 4.5, 5.0, 5.5, 6.0, 6.5, 7.0, 7.5, 8.0, 8.5, 9.0, 10.0])  # fmt: skip
+VOLTS = np.array([0.5, 0.75, *np.arange(1.0, 9.01, 0.5), 10.0])
 """Step sizes; the thesis steps between 0.5 and 10 V."""
 LONG_MEMORY = 0.1
 """s, lag of the friction curve in the demonstration: five times the plant's."""
@@ -76,8 +76,9 @@ def measure(axis_a: Unit, axis_b: Unit, seed: int) -> Finding:
             Row(
                 f"its spread over trials, {mode.name}", "Table 5.1", mode.spread, spread, "N",
                 tolerance=_SURE * mode.spread,
-                why=f"Relative to the peak it is {100.0 * spread / values.mean():.1f} % where the thesis has "
-                f"{100.0 * mode.spread / mode.static:.1f} %: the plant draws a factor, and its peaks are lower.",
+                why=f"Relative to the peak it is {100.0 * spread / values.mean():.1f} % where the thesis "
+                f"has {100.0 * mode.spread / mode.static:.1f} %: the plant draws a factor, and its peaks "
+                "are lower.",
             )
         )  # fmt: skip
         cells.append(
@@ -106,9 +107,10 @@ def measure(axis_a: Unit, axis_b: Unit, seed: int) -> Finding:
     at_slowest = float(MODES[0].branch.coulomb + 359.1 * np.exp(-((0.011 / 0.026) ** 0.590)))
     return Finding(
         "Static friction",
-        "Section 5.3 steps both pumps, which drive one cylinder together, to 0.5 to 10 V (0.011 to 0.22 m/s) and "
-        "takes the highest pressure of each trial times the area as the static friction. Here: twenty steps in each "
-        "of the four modes, each a trial of its own, by the differential pressure sensor.",
+        "Section 5.3 steps both pumps, which drive one cylinder together, to 0.5 to 10 V (0.011 to 0.22 "
+        "m/s) and takes the highest pressure of each trial times the area as the static friction. Here: "
+        "twenty steps in each of the four modes, each a trial of its own, by the differential pressure "
+        "sensor.",
         rows,
         tables=[
             Table(
@@ -118,12 +120,13 @@ def measure(axis_a: Unit, axis_b: Unit, seed: int) -> Finding:
             )
         ],
         remarks=[
-            "The thesis's curve and its peaks exclude each other without a memory of rest: eq. 5.14 gives "
-            f"{at_slowest:.0f} N at 0.011 m/s, the slowest start, and less at every faster one, yet figure 5.8 shows "
-            "peaks near 510 N at all speeds. A friction that keeps its resting value for a while after the piston "
-            "has begun to move would join the two. The plant has such a lag of 20 ms, an assumption; with "
-            f"{1e3 * LONG_MEMORY:.0f} ms the starts of A forward peak at {lagging.mean():.0f} ± "
-            f"{np.std(lagging, ddof=1):.0f} N. The thesis gives no number for it, so nothing was tuned."
+            "The thesis's curve and its peaks exclude each other without a memory of rest: eq. 5.14 "
+            f"gives {at_slowest:.0f} N at 0.011 m/s, the slowest start, and less at every faster one, yet "
+            "figure 5.8 shows peaks near 510 N at all speeds. A friction that keeps its resting value "
+            "for a while after the piston has begun to move would join the two. The plant has such a lag "
+            f"of 20 ms, an assumption; with {1e3 * LONG_MEMORY:.0f} ms the starts of A forward peak at "
+            f"{lagging.mean():.0f} ± {np.std(lagging, ddof=1):.0f} N. The thesis gives no number for it, "
+            "so nothing was tuned."
         ],
         pictures=[
             Picture(

@@ -1,4 +1,4 @@
-"""Equations 5.22 to 5.26: the hydraulic transfer function, from the profile and from the plant's own motion."""
+"""Equations 5.22 to 5.26: the hydraulic transfer function, from the profile and from the plant's motion."""
 
 from __future__ import annotations
 
@@ -53,7 +53,7 @@ def from_profile(unit: Unit, viscous: float) -> Coefficients:
 
 
 def small_motion(unit: Unit, viscous: float, seed: int) -> tuple[Array, Array, Array]:
-    """Time (s), pump speed (rad/s) and velocity (m/s) of a step of 10 rad/s with viscous friction alone, (n,).
+    """Time (s), pump speed (rad/s) and velocity (m/s), (n,), of a small step with viscous friction alone.
 
     So small that neither refeeding valve opens: then both chambers work, as eq. 5.22 has it.
     """
@@ -95,14 +95,17 @@ def measure(axis_a: Unit, axis_b: Unit, seed: int) -> Finding:
         traces[name] = time, speed, v
         in_plant_damped = fit_second_order(speed, v, damped)
         slope = (in_plant_damped.stiffness - in_plant.stiffness) / VISCOUS
-        eq = "eq. 5.23" if name == "A" else "eqs 5.25, 5.26"
+        eq = "eq. 5.23" if name == "A" else "eq. 5.26"
         swapped = "Eqs 5.24 and 5.25 print the other axis's value." if name == "B" else ""
         rows += [
-            Row(f"A·β·Dp/(V_o·M), axis {name}, profile", eq, NUMERATOR, free.numerator, "m/(rad·s²)", digits=4),
-            Row(f"the same, plant's motion, axis {name}", eq, NUMERATOR, in_plant.numerator, "m/(rad·s²)", digits=4),
+            Row(f"A·β·Dp/(V_o·M), axis {name}, profile", eq, NUMERATOR, free.numerator, "m/(rad·s²)",
+                digits=4),
+            Row(f"the same, plant's motion, axis {name}", eq, NUMERATOR, in_plant.numerator, "m/(rad·s²)",
+                digits=4),
             Row(f"A²·β/(V_o·M), axis {name}, profile", eq, STIFFNESS, free.stiffness, "1/s²"),
             Row(f"the same, plant's motion, axis {name}", eq, STIFFNESS, in_plant.stiffness, "1/s²"),
-            Row(f"L_T·β/V_o, axis {name}, profile", eq, LEAKAGE_DAMPING[name], free.damping, "1/s", note=swapped),
+            Row(f"L_T·β/V_o, axis {name}, profile", eq, LEAKAGE_DAMPING[name], free.damping, "1/s",
+                note=swapped),
             Row(f"the same, plant's motion, axis {name}", eq, LEAKAGE_DAMPING[name], in_plant.damping, "1/s",
                 tolerance=0.1 * LEAKAGE_DAMPING[name],
                 note="A tenth is allowed: damping this small is 0.2 % of critical."),
@@ -110,8 +113,8 @@ def measure(axis_a: Unit, axis_b: Unit, seed: int) -> Finding:
                 (damped.stiffness - free.stiffness) / VISCOUS, "1/(kg·s)", note=swapped),
             Row(f"damping with B = 800 N·s/m, plant's motion, axis {name}", eq,
                 LEAKAGE_DAMPING[name] + VISCOUS / 3.688, in_plant_damped.damping, "1/s",
-                note=f"The stiffness term's change with B, {slope:.3f} 1/(kg·s), drowns in the {STIFFNESS:.3g} 1/s² "
-                "it adds to."),
+                note=f"The stiffness term's change with B, {slope:.3f} 1/(kg·s), drowns in the "
+                f"{STIFFNESS:.3g} 1/s² it adds to."),
         ]  # fmt: skip
 
     def draw(figure: Figure) -> None:
@@ -138,9 +141,10 @@ def measure(axis_a: Unit, axis_b: Unit, seed: int) -> Finding:
 
     return Finding(
         "Hydraulic transfer function",
-        "Eqs 5.23 to 5.26 are eq. 5.22 with the numbers of Table 4.21 and chapter 5. They are recomputed from the unit "
-        "profiles, and found a second time in the plant: its friction replaced by a viscous one (B = 0 and 800 N·s/m), "
-        "it answers a step of 10 rad/s from rest, and a second-order response to the pump's true speed is fitted.",
+        "Eqs 5.23 to 5.26 are eq. 5.22 with the numbers of Table 4.21 and chapter 5. They are recomputed "
+        "from the unit profiles, and found a second time in the plant: its friction replaced by a "
+        "viscous one (B = 0 and 800 N·s/m), it answers a step of 10 rad/s from rest, and a second-order "
+        "response to the pump's true speed is fitted.",
         rows,
         pictures=[Picture("transfer_function", "Small motion of the plant against eqs 5.23 and 5.26.", draw)],
     )

@@ -69,11 +69,12 @@ HIGH_SPEED = Region("high speed", HIGH_MEAN, "eq. 6.13", HIGH, 27.04, -50.9 + 14
 
 @dataclass(frozen=True)
 class Response:
-    """What one axis answered in one region: model with its fit, ETFE, single sines and their -3 dB point (Hz).
+    """What one axis answered in one region: model and fit, ETFE, single sines and their -3 dB point (Hz).
 
-    Responses are over the gain Dp/A; `sines` (len(SINES),) complex.
+    ETFE and `sines` (len(SINES),) are over `gain`, Dp/A (m/rad).
     """
 
+    gain: float
     model: TransferFunction
     fit: float
     frequency: Array
@@ -115,7 +116,7 @@ def respond(unit: Unit, region: Region, seed: int, *, sines: tuple[float, ...] =
     frequency, empirical = empirical_response(given, caused, PERIOD)
     single = np.array([single_sine(unit, region, f, seed) for f in sines])
     bandwidth = half_power_frequency(np.array(sines), np.abs(single), 1.0)
-    return Response(model, fit, frequency, empirical / gain, single, bandwidth)
+    return Response(gain, model, fit, frequency, empirical / gain, single, bandwidth)
 
 
 def with_friction(unit: Unit, share: float) -> Unit:
@@ -156,14 +157,14 @@ def region_rows(region: Region, found: Response, why: str) -> list[Row]:
     where = f"6.4, {region.equation}"
     own = found.model.bandwidth_hz()
     delay = (
-        "The plant's delay is the drive's 1 ms and what a third-order model cannot follow; nothing in the thesis's "
-        "equations of the actuator delays by 9 ms more."
+        "The plant's delay is the drive's 1 ms and what a third-order model cannot follow; nothing in "
+        "the thesis's equations of the actuator delays by 9 ms more."
     )
     return [
         Row(f"{region.name}: bandwidth, model", where, region.bandwidth, own, "Hz", why=why),
         Row(
-            f"{region.name}: bandwidth, single sines of ±1.5 V", where, region.bandwidth, found.sines_bandwidth,
-            "Hz", why=why,
+            f"{region.name}: bandwidth, single sines of ±1.5 V", where, region.bandwidth,
+            found.sines_bandwidth, "Hz", why=why,
         ),
         Row(f"{region.name}: pole pair, real part", where, region.pair.real, pair.real, "1/s", why=why),
         Row(f"{region.name}: pole pair, imaginary part", where, region.pair.imag, pair.imag, "1/s", why=why),
@@ -206,17 +207,16 @@ def response_picture(region: Region, found: Response, caption: str) -> Picture:
         upper, lower = figure.subplots(2, 1, sharex=True)
         fine = np.geomspace(0.5, 80.0, 400)
         shown = (found.frequency > 0.5) & (found.frequency < 80.0)
-        scale = 3.664e-4
         for axes, part in ((upper, _decibel), (lower, _degrees)):
             axes.semilogx(
                 found.frequency[shown], part(found.empirical[shown]), color="0.65", label="plant, ETFE"
             )
-            axes.semilogx(fine, part(found.model.at(fine) / scale), label="plant, output-error model")
+            axes.semilogx(fine, part(found.model.at(fine) / found.gain), label="plant, output-error model")
             axes.semilogx(
                 SINES, part(found.sines), "C3o", markersize=4, label="plant, single sines of ±1.5 V"
             )
             axes.semilogx(
-                fine, part(region.thesis.at(fine) / scale), "k--", label=f"thesis, {region.equation}"
+                fine, part(region.thesis.at(fine) / found.gain), "k--", label=f"thesis, {region.equation}"
             )
             axes.axvline(region.bandwidth, color="k", linewidth=0.8, linestyle=":")
         upper.annotate(
@@ -244,15 +244,15 @@ def measure_low(axis_a: Unit, axis_b: Unit, seed: int) -> Finding:
     found = respond(axis_a, LOW_SPEED, seed)
     shares = (0.3, 0.1)
     freed = {share: respond(with_friction(axis_a, share), LOW_SPEED, seed) for share in shares}
-    tenth_pair, tenth_single = split_poles(freed[0.1].model)
     pressure = VOLT * AMPLITUDE * axis_a.pump.displacement * axis_a.oil.bulk_modulus
     pressure /= 0.5 * axis_a.cylinder.volume_1 * 2.0 * np.pi * 16.8
     force = pressure * axis_a.cylinder.area_1
+    light = freed[0.1]
     why = (
-        f"±1.5 V at 16.8 Hz moves so little oil that it builds ±{force:.0f} N against a stuck piston, whose own "
-        f"friction on reversal (Table 5.1) is about 450 N; with a tenth of it the same test gives "
-        f"{tenth_pair.real:.0f} ± {abs(tenth_pair.imag):.0f}i and {tenth_single:.0f} 1/s, "
-        f"{freed[0.1].model.bandwidth_hz():.1f} Hz."
+        f"±1.5 V at 16.8 Hz moves so little oil that it builds ±{force:.0f} N against a stuck piston, "
+        "whose own friction on reversal (Table 5.1) is about 450 N; with a tenth of it the -3 dB point "
+        f"moves to {light.model.bandwidth_hz():.1f} Hz by the model and {light.sines_bandwidth:.1f} Hz by "
+        "sines."
     )
     cells = [model_cells("thesis, eq. 6.12", LOW, None, float("nan"))]
     cells.append(model_cells("plant", found.model, found.fit, found.sines_bandwidth))
@@ -263,16 +263,17 @@ def measure_low(axis_a: Unit, axis_b: Unit, seed: int) -> Finding:
         )
     return Finding(
         "Whole actuator, low speed",
-        "Section 6.4 plays the signal of the servomotor's test about zero, without load, and fits a third-order "
-        "output-error model with a delay to the actuator's velocity. Here the same, 12.5 s, axis A; beside it, single "
-        "sines of ±1.5 V at sixteen frequencies, whose fundamental needs no model.",
+        "Section 6.4 plays the signal of the servomotor's test about zero, without load, and fits a "
+        "third-order output-error model with a delay to the actuator's velocity. Here the same, 12.5 s, "
+        "axis A; beside it, single sines of ±1.5 V at sixteen frequencies, whose fundamental needs no "
+        "model.",
         region_rows(LOW_SPEED, found, why),
         tables=[Table("The model and what friction does to it", HEADS, cells)],
         remarks=[
-            "About rest the plant has no transfer function: what it answers depends on how large the signal is "
-            f"against the friction. A linear model explains {100 * found.fit:.0f} % of the velocity, and its poles are "
-            "those of the best straight line through a stuck and a sliding piston. The thesis's own figure 6.21 "
-            "shows no motion beyond 45 Hz for this reason.",
+            "About rest the plant has no transfer function: what it answers depends on how large the "
+            f"signal is against the friction. A linear model explains {100 * found.fit:.0f} % of the "
+            "velocity, and its poles are those of the best straight line through a stuck and a sliding "
+            "piston. The thesis's own figure 6.21 shows no motion beyond 45 Hz for this reason.",
             "Eqs 6.14 and 6.15 in the thesis's review swap the names of the two models.",
         ],
         pictures=[
@@ -289,15 +290,14 @@ def measure_high(axis_a: Unit, axis_b: Unit, seed: int) -> Finding:
     stiffness = axis_a.cylinder.area_1**2 * axis_a.oil.bulk_modulus
     stiffness /= 0.5 * axis_a.cylinder.volume_1 * axis_a.cylinder.moving_mass
     own = float(np.sqrt(stiffness))
-    # Both chambers carry in eq. 5.22; where one is refed, half the stiffness is left.
     softer = 4.0e7
     soft = respond(with_bulk_modulus(axis_a, softer), HIGH_SPEED, seed)
     soft_pair, _ = split_poles(soft.model)
     why = (
-        f"The thesis contradicts itself: its eq. 5.23 has its resonance at {own / (2 * np.pi):.1f} Hz whatever the "
-        f"damping, eq. 6.13 at {natural / (2 * np.pi):.1f} Hz, as if β were "
-        f"{2.1e8 * (natural / own) ** 2 / 1e6:.0f} MPa. With {softer / 1e6:.0f} MPa the plant's model falls to "
-        f"{soft.model.bandwidth_hz():.1f} Hz."
+        f"The thesis contradicts itself: its eq. 5.23 has its resonance at {own / (2 * np.pi):.1f} Hz "
+        f"whatever the damping, eq. 6.13 at {natural / (2 * np.pi):.1f} Hz, as if β were "
+        f"{2.1e8 * (natural / own) ** 2 / 1e6:.0f} MPa. With {softer / 1e6:.0f} MPa the plant's model "
+        f"falls to {soft.model.bandwidth_hz():.1f} Hz."
     )
     cells = [
         model_cells("thesis, eq. 6.13", HIGH, None, float("nan")),
@@ -308,16 +308,18 @@ def measure_high(axis_a: Unit, axis_b: Unit, seed: int) -> Finding:
     ]
     return Finding(
         "Whole actuator, high speed",
-        "As at low speed, about a mean of 8.375 V (95 mm/s), which the stroke allows for 2.75 s; here 2.2 s after the "
-        "piston has come to speed.",
+        "As at low speed, about a mean of 8.375 V (95 mm/s), which the stroke allows for 2.75 s; here "
+        "2.2 s after the piston has come to speed.",
         region_rows(HIGH_SPEED, found, why),
         tables=[Table("The model and what the bulk modulus does to it", HEADS, cells)],
         remarks=[
             "Without reversals the plant is as good as linear: the model explains "
             f"{100 * found.fit:.0f} % of the velocity, and sines, ETFE and model agree. As in the thesis the "
             "bandwidth rises from the low to the high speed, and for the thesis's reason, friction.",
-            f"The softer oil's resonance is at {abs(soft_pair) / (2 * np.pi):.1f} Hz. Section 5.4 did not measure the "
-            "bulk modulus but took it from an earlier rig.",
+            f"No single bulk modulus gives all of eq. 6.13: with {softer / 1e6:.0f} MPa the bandwidth is "
+            f"near the thesis's, but the pole pair is at {abs(soft_pair) / (2 * np.pi):.1f} Hz where eq. "
+            f"6.13 has {natural / (2 * np.pi):.1f} Hz. Section 5.4 did not measure the bulk modulus but "
+            "took it from an earlier rig.",
         ],
         pictures=[
             response_picture(HIGH_SPEED, found, "High speed: velocity over demanded speed, as figure 6.28.")
