@@ -38,7 +38,7 @@ def discrete_filter(method: str) -> tuple[Array, Array]:
     Examples
     --------
     >>> [round(float(x), 4) for x in (*discrete_filter("zoh")[0][1:], *discrete_filter("zoh")[1][1:])]
-    [0.0518, 0.0439, -1.514, 0.6096]
+    [0.0518, 0.0439, -1.5139, 0.6096]
     """
     numerator, denominator = butter(2, CUTOFF, analog=True)
     name = "bilinear" if method == "tustin" else method

@@ -69,8 +69,8 @@ def sliding_dead_band(levels: Array, velocity: Array, gain: float) -> float:
 
     Examples
     --------
-    >>> v = np.array([0.0, 0.0, 1.0, 2.0, 3.0]) * 1e-3
-    >>> round(sliding_dead_band(np.arange(1.0, 6.0), v, 1e-3 / VOLT), 6)
+    >>> v = np.array([0.0, 0.0, 1.0, 2.0, 3.0, 4.0]) * 1e-3
+    >>> round(sliding_dead_band(np.arange(1.0, 7.0), v, 1e-3 / VOLT), 6)
     2.0
     """
     slides = velocity > gain * VOLT * levels / 3.0

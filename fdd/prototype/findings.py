@@ -86,7 +86,7 @@ def number_text(number: float, digits: int = 3) -> str:
     if number == 0.0:
         return "0"
     if 1e-4 <= abs(number) < 10.0**digits:
-        places = max(digits - 1 - int(f"{number:e}".split("e")[1]), 0)
+        places = max(digits - 1 - int(f"{number:.{digits - 1}e}".split("e")[1]), 0)
         return f"{number:.{places}f}"
     if 10.0**digits <= abs(number) < 1e6:
         return f"{float(f'{number:.{digits}g}'):.0f}"

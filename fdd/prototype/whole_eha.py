@@ -141,8 +141,8 @@ def split_poles(model: TransferFunction) -> tuple[complex, float]:
     Examples
     --------
     >>> pair, single = split_poles(LOW)
-    >>> round(pair.real, 1), round(pair.imag, 1), round(single, 1)
-    (-44.5, 98.3, -55.8)
+    >>> round(pair.real, 1), round(pair.imag, 1), round(single)
+    (-44.5, 98.3, -56)
     """
     poles = model.poles
     if np.any(np.abs(poles.imag) > 1e-6):

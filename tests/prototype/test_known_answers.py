@@ -57,7 +57,7 @@ def test_second_order_coefficients_are_found_again():
     true = Coefficients(44.64, 30.0, 1.22e5)
     time = np.arange(400) * 1e-3
     solved = solve_ivp(
-        lambda t, y: [y[1], true.numerator * min(t / 0.02, 1.0) - true.damping * y[1] - true.stiffness * y[0]],
+        lambda t, y: [y[1], true.numerator * min(t / 0.02, 1) - true.damping * y[1] - true.stiffness * y[0]],
         (0.0, 0.4), [0.0, 0.0], t_eval=time, rtol=1e-9, atol=1e-13, max_step=1e-3,
     )  # fmt: skip
     speed = np.minimum(time / 0.02, 1.0)

@@ -19,8 +19,10 @@ QUICK = (bulk_modulus.measure, transfer_function.measure, chatter_filter.measure
 # Every row of what the plant must reproduce, as the thesis prints it.
 NUMBERS = {
     "gain": ["3.57", "3.62"],
-    "leakage": ["6.52", "4.27", "3.39"],
-    "static friction": ["510", "448", "468", "479", "41.5", "42.1", "48.0", "43.9"],
+    "leakage": ["6.52", "4.27", "7.05"],
+    "flow at": ["3.39"],
+    "static friction": ["510", "448", "468", "479"],
+    "spread over trials": ["41.5", "42.1", "48.0", "43.9"],
     "friction at": ["272", "132", "121", "150"],
     "bulk modulus": ["210"],
     "L_T·β": ["1.27", "0.830", "0.343", "0.225"],
@@ -61,7 +63,7 @@ def test_the_committed_report_has_every_number_of_the_thesis():
 
 def test_each_row_has_a_verdict_and_each_failure_a_reason():
     text = COMMITTED.read_text("utf-8")
-    summary, *sections = re.split(r"^## \d+\. ", text, flags=re.M)
+    _, *sections = re.split(r"^## \d+\. ", text, flags=re.M)
     assert len(sections) == len(EXPERIMENTS)
     for section in sections:
         rows = [r for r in table_rows(section) if len(r) == 8 and r[0] not in ("what", "---")]
