@@ -141,6 +141,6 @@ def measure(axis_a: Unit, axis_b: Unit, seed: int) -> Finding:
 
 def _air_at(severity: float) -> float:
     """Air that the aeration fault adds."""
-    from fdd.plant.faults.injection import FREE_AIR
+    from fdd.plant.faults.scales import FaultScales
 
-    return severity * FREE_AIR
+    return severity * FaultScales().free_air
