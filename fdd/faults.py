@@ -49,7 +49,7 @@ CATALOGUE: dict[str, Fault] = {
         Fault(
             "internal_leakage", "leakage", "internal leakage", "4.6.8",
             "more flow across the ports, laminar plus orifice",
-            "cross-port leakage +12e-12 m³/(s·Pa) at 1 MPa, a quarter of it through an orifice",
+            "cross-port leakage +12e-12 m³/(s·Pa) at 1 MPa, a tenth of it through an orifice",
             "2 to 3 times the healthy L_T of section 5.2, 0.7 L/min at 1 MPa; assumption: the orifice's part",
             simulated=True,
         ),
@@ -137,11 +137,14 @@ CATALOGUE: dict[str, Fault] = {
         ),
         Fault(
             "position_sensor_slip", "sensor", "position sensor slip", "Appendix A",
-            "the encoder loses counts while it moves", "1 % of the travel is lost", _ASSUMED,
+            "the encoder's head slips in its clamp: its zero walks, in the log and for the controller",
+            "about once a second by 0.5 to 1.5 mm to either side, within 5 mm", _ASSUMED, simulated=True,
         ),
         Fault(
             "sensor_dropout", "sensor", "sensor dropout", "Appendix A",
-            "samples of a channel are missing", "half of the samples are missing", _ASSUMED,
+            "a loose contact: a channel is missing, held, or reads a broken current loop, in bursts",
+            "the channel is lost all the time; 0.3: for 30 % of it, in bursts of about 0.1 s", _ASSUMED,
+            variants=("missing", "held", "broken_loop", "position_missing", "position_held"), simulated=True,
         ),
         Fault(
             "unknown", "unknown", "unknown fault", "",

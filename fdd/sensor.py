@@ -7,6 +7,7 @@ from typing import Annotated
 
 from pydantic import Field, model_validator
 
+from fdd.errors import InputError
 from fdd.sections import Section, si
 
 LIVE_ZERO, FULL_SCALE = 4e-3, 20e-3
@@ -35,6 +36,15 @@ class CurrentLoop(Section):
     reversible: bool = False
     """The transmitter is turned round for the other sign (quick couplings, thesis A.1.1), so the log
     holds both: the range ends at the converter's limit on either side, instead of at 0 mA below."""
+
+    @model_validator(mode="after")
+    def _rises(self) -> CurrentLoop:
+        if self.high <= self.low:
+            raise InputError(
+                f"high {self.high:g} (at 20 mA) is not above low {self.low:g} (at 4 mA)",
+                mend="give what the transmitter measures at both currents",
+            )
+        return self
 
     @property
     def sensitivity(self) -> float:

@@ -305,3 +305,23 @@ def test_a_channel_without_sensor_is_ideal() -> None:
     unit = Unit.load("axis_a")
     assert unit.sensor("load_force") == Sensor()
     assert unit.sensor("position").resolution == 1e-6
+
+
+def test_a_sensor_of_an_older_profile_reads_as_it_did() -> None:
+    old = {"noise": 7.0e3, "resolution": 263.5, "bandwidth_hz": 150.0, "tones": [[355.0, 1500.0]]}
+    sensor = Unit.from_yaml(edited("sensors.pressure_difference", old)).sensor("pressure_difference")
+    assert (sensor.noise, sensor.resolution, sensor.bandwidth_hz) == (7.0e3, 263.5, 150.0)
+    assert sensor.tones == [(355.0, 1500.0)] and sensor.loop is None and sensor.shaft_orders == []
+
+
+def test_a_current_loop_that_falls_is_refused() -> None:
+    loop = {"low": 6.895e6, "high": 0.0, "resistance": {"value": 499, "unit": "ohm"}}
+    line = refused(edited("sensors.pressure_difference.loop", loop))
+    assert "sensors.pressure_difference.loop" in line and "is not above low" in line
+
+
+def test_the_step_follows_from_the_loop() -> None:
+    loop = {"low": 0.0, "high": 6.895e6, "resistance": 499.0}
+    plain = Unit.from_yaml(edited("sensors.pressure_1", {"loop": loop})).sensor("pressure_1")
+    # 20 V over 65536 codes at 6.895 MPa over 7.984 V (thesis eqs A.1 to A.3).
+    assert plain.resolution == pytest.approx(20.0 / 65536.0 * 6.895e6 / 7.984, rel=1e-12)

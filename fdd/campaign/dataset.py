@@ -34,6 +34,7 @@ class Label(Validated):
     profile: str
     side: int | None = None
     variant: str | None = None
+    axis: int = 1
 
 
 class Conditions(Validated):

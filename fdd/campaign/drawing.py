@@ -18,6 +18,7 @@ from fdd.campaign.motion import fitting_duty
 from fdd.campaign.recipe import Range, Recipe
 from fdd.faults import CATALOGUE
 from fdd.plant.details import Details
+from fdd.plant.faults.scales import FaultScales
 from fdd.plant.faults.spec import FaultSpec
 from fdd.plant.load import LOADS, Load
 from fdd.plant.scenario import Scenario
@@ -207,11 +208,14 @@ def draw_scenario(recipe: Recipe, rig: Rig, rng: Rng, faults: tuple[str, ...] = 
         recording=recipe.recording,
         details=rig.details,
         seed=int(rng.integers(0, 2**62)),
+        # Last: what is drawn above does not depend on how many scales there are.
+        fault_scales=FaultScales(**_drawn(rng, recipe.fault_scales)),
     )
 
 
 def _fault(name: str, recipe: Recipe, duration: float, rng: Rng) -> FaultSpec:
     entry = CATALOGUE[name]
+    variants = recipe.faults[name].variants or entry.variants
     onset = _uniform(rng, recipe.onset) * duration
     if rng.random() < recipe.at_start_share:
         onset = 0.0
@@ -227,7 +231,7 @@ def _fault(name: str, recipe: Recipe, duration: float, rng: Rng) -> FaultSpec:
         period=round(_uniform(rng, (4.0, 10.0)), 3),
         duty=round(_uniform(rng, (0.4, 0.7)), 3),
         side=int(rng.choice(entry.sides)) if entry.sides else None,
-        variant=str(rng.choice(entry.variants)) if entry.variants else None,
+        variant=str(rng.choice(variants)) if variants else None,
     )
 
 

@@ -86,6 +86,8 @@ def _reachable(name: str, drawn: Mapping[str, Any], fastest: float, gain: float,
         return float(fastest / (2.0 * np.pi * np.sum(w * f) / np.sum(w)))
     if name == "sawtooth":
         return 0.5 * fastest * drawn["period"] * min(drawn["rise"], 1.0 - drawn["rise"])
+    if name == "one_way":
+        return 0.5 * fastest * min(drawn["out"], drawn["back"])
     if name in ("prbs", "sweep"):
         # The loop cannot follow; its command is about gain times the set-point.
         return 0.8 * max_speed / gain
@@ -100,6 +102,9 @@ def _seconds_one_way(name: str, drawn: Mapping[str, Any]) -> float:
         return 1.0 / (np.pi * 0.1)
     if name == "sawtooth":
         return 0.25 * float(drawn["period"])
+    if name == "one_way":
+        # The strokes run to both sides of the offset alike.
+        return 0.5 * float(drawn["out"])
     if name == "prbs":
         return 4.0 * float(drawn["bit"])
     return float(drawn.get("hold", 1.0))

@@ -15,8 +15,9 @@ import yaml
 from pydantic import AfterValidator, Field, model_validator
 
 from fdd.errors import InputError
-from fdd.faults import PROFILES
+from fdd.faults import CATALOGUE, PROFILES
 from fdd.plant.duty import DUTIES
+from fdd.plant.faults.scales import FaultScales
 from fdd.plant.faults.spec import SIMULATED
 from fdd.plant.load import LOADS
 from fdd.plant.scenario import Recording
@@ -43,6 +44,8 @@ DUTY_WEIGHTS = {
     "steps": 1.0, "sines": 1.0, "flight": 1.0, "sawtooth": 1.0, "strokes": 1.0, "prbs": 0.5, "sweep": 0.5,
     "constant_speed": 0.5,
 }  # fmt: skip
+DRAWN_DUTIES = tuple(name for name in DUTIES if name != "levels")
+"""Duties that a campaign draws; levels are for what a user writes down."""
 
 
 def _ordered(pair: tuple[float, float]) -> tuple[float, float]:
@@ -64,10 +67,12 @@ class FaultShare(Validated):
     ----------
     weight : relative to the recipe's other faults.
     severity : its own range; None takes the recipe's.
+    variants : of the catalogue's, those that are drawn; None draws them all.
     """
 
     weight: Weight = 1.0
     severity: Range | None = None
+    variants: tuple[str, ...] | None = None
 
 
 class SensorVariation(Validated):
@@ -101,6 +106,7 @@ class Recipe(Validated):
     healthy_share : share of logs without a fault.
     faults : id of the catalogue to its weight and severities.
     severity : range for faults without their own.
+    fault_scales : figures of severity 1 to the ranges that each log draws them from.
     second_fault_share : share of the faulty logs that carry a second fault.
     stuck_valve : chamber whose check valve sticks: any, or the one that the load presses on. On the
         other side the valve stands open anyway and nothing can be seen while the load keeps its sign.
@@ -141,6 +147,7 @@ class Recipe(Validated):
     healthy_share: Share = 0.3
     faults: dict[str, FaultShare] = Field(default_factory=dict)
     severity: Range = (0.15, 1.0)
+    fault_scales: dict[str, Range] = Field(default_factory=lambda: dict(FaultScales.usual))
     second_fault_share: Share = 0.0
     stuck_valve: Literal["any", "loaded"] = "any"
     onset: Range = (0.2, 0.6)
@@ -162,12 +169,18 @@ class Recipe(Validated):
     def _together(self) -> Recipe:
         _known("faults", self.faults, SIMULATED)
         _known("profiles", self.profiles, PROFILES)
-        _known("duties", self.duties, tuple(DUTIES))
+        _known("fault_scales", self.fault_scales, tuple(FaultScales.model_fields))
+        _known("duties", self.duties, DRAWN_DUTIES)
         _known("loads", self.loads, tuple(LOADS))
         _known("ranges", self.ranges, (*DUTIES, *LOADS))
         for name, bounds in self.ranges.items():
             kind = DUTIES[name] if name in DUTIES else LOADS[name]
             _known(f"ranges {name}", bounds, tuple(kind.usual))
+        for name, share in self.faults.items():
+            _known(f"faults {name} variants", dict.fromkeys(share.variants or ()), CATALOGUE[name].variants)
+        for name, ends in self.fault_scales.items():
+            for end in ends:
+                FaultScales(**{name: end})
         for field, weights in (("profiles", self.profiles), ("duties", self.duties), ("loads", self.loads)):
             if not sum(weights.values()) > 0.0:
                 raise InputError("all weights are 0", where=f"recipe {field}", mend="give one a weight")

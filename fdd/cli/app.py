@@ -7,7 +7,7 @@ from typing import Annotated
 import typer
 
 from fdd import __version__
-from fdd.cli import demo, diagnose, generate, identify, monitor, simulate, train, validate
+from fdd.cli import demo, diagnose, generate, identify, monitor, simulate, thesis, train, validate
 from fdd.cli.failures import USAGE, Commands
 
 app = typer.Typer(
@@ -48,4 +48,5 @@ app.command()(simulate.simulate)
 app.command()(generate.generate)
 app.command()(train.train)
 app.command()(validate.validate)
+app.command()(thesis.thesis)
 app.command()(demo.demo)

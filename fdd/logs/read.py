@@ -324,7 +324,17 @@ def _checked(path: Path, raw: _Raw, channel_map: ChannelMap | None, shortest: fl
     quality.notes = notes + quality.notes + infinite_notes
     quality.notes += [f"{name}: no value at all, taken as absent" for name in empty]
     quality.notes += suspicions(time, columns, quality.period)
-    return Log(Samples(time, columns), quality, path.name, raw.axis, raw.metadata, start_ns)
+    return Log(
+        Samples(time, columns), quality, path.name, raw.axis, _of_axis(raw.metadata, raw.axis), start_ns
+    )
+
+
+def _of_axis(metadata: dict[str, dict[str, str]], axis: str | None) -> dict[str, dict[str, str]]:
+    """The metadata with this axis's unit as the key yaml, where a run of several axes has one for each."""
+    units = metadata.get("unit", {})
+    if axis is None or "yaml" in units or axis not in units:
+        return metadata
+    return {**metadata, "unit": {**units, "yaml": units[axis]}}
 
 
 def _derived(

@@ -1,14 +1,189 @@
-"""CSV and Parquet out, with the contract's column names: what `read_log` reads without a map."""
+"""CSV and Parquet out, with the contract's column names: what `read_log` reads without a map.
+
+A table holds one axis. Of a run with several, each goes into a file of its own, ``<stem>.<axis>.<suffix>``.
+"""
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import ExitStack, contextmanager
 from pathlib import Path
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
+from numpy.typing import ArrayLike
 
+from fdd.errors import InputError
 from fdd.files import whole_file
+from fdd.logs.mcap_merging import require_axis
+from fdd.logs.mcap_runs import RunBlock
 from fdd.samples import Samples
+
+GROUP_ROWS = 100_000
+"""Rows of a Parquet row group: what is held in memory at most, 100 s at 1 kHz."""
+
+
+class TableWriter(Protocol):
+    """Takes a table's blocks."""
+
+    def add(self, time: ArrayLike, columns: Mapping[str, ArrayLike]) -> None:
+        """The next rows: (n,) s and the columns (n,), the same ones in every block."""
+
+
+class _Table:
+    """Blocks to Arrow tables of the same columns."""
+
+    def __init__(self, path: str | Path) -> None:
+        self.path = path
+        self._names: list[str] | None = None
+
+    def table(self, time: ArrayLike, columns: Mapping[str, ArrayLike]) -> Any:
+        import pyarrow as pa
+
+        arrays = {"time": np.asarray(time), **{n: np.asarray(v) for n, v in columns.items()}}
+        if self._names is None:
+            self._names = list(arrays)
+        if list(arrays) != self._names:
+            raise InputError(
+                f"a block has the columns {', '.join(arrays)}, the ones before {', '.join(self._names)}",
+                where=self.path,
+                mend="give all blocks the same columns",
+            )
+        # A missing value is null, which an empty cell is read as too.
+        return pa.table({n: pa.array(v, mask=np.isnan(v)) for n, v in arrays.items()})
+
+
+class _Csv(_Table):
+    def __init__(self, path: str | Path, temporary: Path) -> None:
+        super().__init__(path)
+        self._temporary = temporary
+        self._writer: Any = None
+
+    def add(self, time: ArrayLike, columns: Mapping[str, ArrayLike]) -> None:
+        from pyarrow import csv
+
+        table = self.table(time, columns)
+        if self._writer is None:
+            self._writer = csv.CSVWriter(self._temporary, table.schema)
+        self._writer.write_table(table)
+
+    def close(self) -> None:
+        if self._writer is not None:
+            self._writer.close()
+
+
+class _Parquet(_Table):
+    def __init__(self, path: str | Path, temporary: Path) -> None:
+        super().__init__(path)
+        self._temporary = temporary
+        self._writer: Any = None
+        self._waiting: list[Any] = []
+        self._rows = 0
+
+    def add(self, time: ArrayLike, columns: Mapping[str, ArrayLike]) -> None:
+        table = self.table(time, columns)
+        self._waiting.append(table)
+        self._rows += table.num_rows
+        if self._rows >= GROUP_ROWS:
+            self._write(self._rows - self._rows % GROUP_ROWS)
+
+    def close(self) -> None:
+        if self._waiting and (self._rows or self._writer is None):
+            self._write(self._rows)
+        if self._writer is not None:
+            self._writer.close()
+
+    def _write(self, rows: int) -> None:
+        """Row groups of exactly `GROUP_ROWS`, so that they do not depend on the blocks."""
+        import pyarrow as pa
+        from pyarrow import parquet
+
+        # Chunks that the blocks left would show in the pages.
+        joined = pa.concat_tables(self._waiting).combine_chunks()
+        if self._writer is None:
+            self._writer = parquet.ParquetWriter(self._temporary, joined.schema, compression="zstd")
+        self._writer.write_table(joined.slice(0, rows), row_group_size=GROUP_ROWS)
+        self._rows -= rows
+        # Copied: a slice would keep the whole block alive.
+        self._waiting = [joined.take(np.arange(rows, joined.num_rows))] if self._rows else []
+
+
+@contextmanager
+def table_file(path: str | Path, kind: str | None = None) -> Iterator[TableWriter]:
+    """A table's file to add blocks to; it appears whole or not at all.
+
+    Its bytes do not depend on how the rows are cut into blocks.
+
+    Parameters
+    ----------
+    path : the file. kind : csv or parquet; None takes it from the suffix (anything else is csv).
+
+    Raises
+    ------
+    InputError : it cannot be written, or the columns change from block to block.
+
+    Examples
+    --------
+    >>> with table_file("run.parquet") as out:  # doctest: +SKIP
+    ...     for block in blocks:
+    ...         out.add(block.time, block.columns)
+    """
+    parquet = (kind or Path(path).suffix.lower().lstrip(".")) == "parquet"
+    with whole_file(path) as temporary:
+        writer = _Parquet(path, temporary) if parquet else _Csv(path, temporary)
+        try:
+            yield writer
+        except BaseException:
+            # Closed all the same, or the system keeps the file open; what it then writes is thrown away.
+            writer.close()
+            raise
+        writer.close()
+
+
+def axis_file(path: str | Path, axis: str, axes: Sequence[str]) -> Path:
+    """Where an axis of a run goes: `path` itself if it is the only one, else ``<stem>.<axis>.<suffix>``.
+
+    Examples
+    --------
+    >>> axis_file("run.csv", "axis_b", ["axis_a", "axis_b"]).name
+    'run.axis_b.csv'
+    """
+    path = Path(path)
+    if axis not in axes:
+        raise InputError(f"axis {axis!r} is none of {', '.join(axes)}", where=path, mend="name one of these")
+    require_axis(axis)
+    return path if len(axes) == 1 else path.with_name(f"{path.stem}.{axis}{path.suffix}")
+
+
+def write_table_blocks(path: str | Path, blocks: Iterable[RunBlock], *, axes: Sequence[str]) -> list[Path]:
+    """Write the measurements of a run from an iterator of blocks, a file for each axis.
+
+    The files appear once all of them are whole. Truth and metadata have no place in a table.
+
+    Parameters
+    ----------
+    path : the file, or the name that each axis's is made of (see `axis_file`); csv or parquet by its suffix.
+    blocks : in time order for each axis. axes : names of all of them.
+
+    Returns
+    -------
+    The files.
+
+    Examples
+    --------
+    >>> write_table_blocks("run.parquet", blocks, axes=["axis_a"])  # doctest: +SKIP
+    """
+    paths = {axis: axis_file(path, axis, axes) for axis in axes}
+    with ExitStack() as stack:
+        files = {axis: stack.enter_context(table_file(p)) for axis, p in paths.items()}
+        for block in blocks:
+            axis = axes[0] if block.axis is None and len(axes) == 1 else block.axis
+            if axis not in files:
+                raise InputError(
+                    f"a block of axis {axis!r} in a run of {', '.join(axes)}", mend="name one of these axes"
+                )
+            files[axis].add(block.samples.time, block.samples.columns)
+    return list(paths.values())
 
 
 def write_csv(path: str | Path, samples: Samples) -> None:
@@ -18,10 +193,8 @@ def write_csv(path: str | Path, samples: Samples) -> None:
     --------
     >>> write_csv("run.csv", samples)  # doctest: +SKIP
     """
-    from pyarrow import csv
-
-    with whole_file(path) as temporary:
-        csv.write_csv(_table(samples), temporary)
+    with table_file(path, "csv") as out:
+        out.add(samples.time, samples.columns)
 
 
 def write_parquet(path: str | Path, samples: Samples) -> None:
@@ -31,14 +204,5 @@ def write_parquet(path: str | Path, samples: Samples) -> None:
     --------
     >>> write_parquet("run.parquet", samples)  # doctest: +SKIP
     """
-    from pyarrow import parquet
-
-    with whole_file(path) as temporary:
-        parquet.write_table(_table(samples), temporary, compression="zstd")
-
-
-def _table(samples: Samples) -> Any:
-    import pyarrow as pa
-
-    columns = {"time": samples.time, **samples.columns}
-    return pa.table({n: pa.array(v, mask=np.isnan(v)) for n, v in columns.items()})
+    with table_file(path, "parquet") as out:
+        out.add(samples.time, samples.columns)

@@ -18,6 +18,8 @@ class Details(Validated):
         elastomer seals do.
     bristle_damping : of the stuck piston on its bristles, relative to critical.
     bristle_fade : m/s, velocity at which the bristle damping has fallen to half.
+    breakaway : share of its steady deflection up to which a bristle holds without sliding; 0 is eq. 5.9,
+        0.9 lets the plant break away at the static friction of Table 5.1 at every speed (figure 5.8).
     friction_memory : s, lag of the friction curve behind the velocity (Hess and Soom; Armstrong-Hélouvry).
     seal_damping : N·s/m, of velocity changes quicker than that lag; steady friction is untouched.
         Together these two decide below which speed the piston sticks and slips; the thesis measured
@@ -30,7 +32,8 @@ class Details(Validated):
     line_loss : K_pipe of eq. 3.33 (Pa·s²/m⁶); 6e11 gives 20 kPa at the pump's full flow.
     current_lag : of the drive's current loop (s).
     command_dead_band : of the drive's input (rad/s); Table 6.1 gives the motor 0.0011 V of ±10 V.
-    coupling_stiffness, coupling_damping : of a worn coupling's flanks (N·m/rad, N·m·s/rad); a sound one is rigid.
+    coupling_stiffness, coupling_damping : of a worn coupling's flanks (N·m/rad, N·m·s/rad); a sound one
+        is rigid.
     check_width, relief_width : pressure (Pa) over which these valves begin to open.
     orifice_transition : pressure (Pa) below which a stuck valve's orifice is laminar.
     stop_stiffness : of the cylinder's end stops (N/m).
@@ -51,7 +54,8 @@ class Details(Validated):
         "bristle_stiffness": (4e5, 3e6),
         "bristle_damping": (0.3, 1.0),
         "bristle_fade": (0.003, 0.03),
-        "friction_memory": (0.005, 0.05),
+        "breakaway": (0.3, 0.9),
+        "friction_memory": (0.015, 0.06),
         "seal_damping": (200.0, 1000.0),
         "pump_teeth": (9, 14),
         "pump_ripple": (0.0, 0.02),
@@ -66,7 +70,8 @@ class Details(Validated):
     bristle_stiffness: Annotated[float, Field(ge=1e5, le=3e7)] = 1e6
     bristle_damping: Annotated[float, Field(ge=0.05, le=2.0)] = 0.5
     bristle_fade: Annotated[float, Field(gt=0.0, le=1.0)] = 0.01
-    friction_memory: Annotated[float, Field(ge=1e-3, le=1.0)] = 0.02
+    breakaway: Annotated[float, Field(ge=0.0, le=0.95)] = 0.9
+    friction_memory: Annotated[float, Field(ge=1e-3, le=1.0)] = 0.04
     seal_damping: Annotated[float, Field(ge=0.0, le=1e4)] = 500.0
     pump_teeth: Annotated[int, Field(ge=1, le=100)] = 12
     pump_ripple: Annotated[float, Field(ge=0.0, le=0.2)] = 0.01

@@ -22,10 +22,10 @@ Array = NDArray[np.float64]
 
 @njit(cache=True, error_model="numpy", inline="always")
 def drive_rates(
-    o: int, y: Array, command: float, hydraulic_torque: float, now: Array, par: Constants, dy: Array
+    y: Array, command: float, hydraulic_torque: float, now: Array, par: Constants, dy: Array
 ) -> tuple[float, float]:
     """Motor torque and the friction's (N·m); fills the rates of angle, speed, integrator and current."""
-    speed, integrator, current = y[o + SPEED], y[o + DRIVE], y[o + CURRENT]
+    speed, integrator, current = y[SPEED], y[DRIVE], y[CURRENT]
     # Dead band of the command's input (Table 6.1).
     if command > par.command_dead_band:
         command -= par.command_dead_band
@@ -38,27 +38,24 @@ def drive_rates(
     demand = (par.inertia * wanted + par.rotary_viscous * speed) / par.torque_constant
     limit = par.current_limit * now[CURRENT_LIMIT]
     allowed = min(max(demand, -limit), limit)
-    # Current loop: decoupled by the drive's own idea of winding and back EMF, within its voltage.
-    voltage = (
-        par.winding_resistance * current
-        + par.back_emf * speed
-        + par.winding_inductance * par.current_rate * (allowed - current)
-    )
-    voltage = min(max(voltage, -par.voltage_limit), par.voltage_limit)
+    # Current loop: its integral part, quicker than all else here, has made up for resistance and back EMF
+    # whatever they have become, or a degraded motor would take more than the limit. Within its voltage.
     share = now[TORQUE]
-    dy[o + CURRENT] = (
-        voltage - par.winding_resistance * now[RESISTANCE] * current - par.back_emf * share * speed
-    ) / par.winding_inductance
+    opposing = par.winding_resistance * now[RESISTANCE] * current + par.back_emf * share * speed
+    voltage = opposing + par.winding_inductance * par.current_rate * (allowed - current)
+    voltage = min(max(voltage, -par.voltage_limit), par.voltage_limit)
+    dy[CURRENT] = (voltage - opposing) / par.winding_inductance
     torque = par.torque_constant * share * current
     turning = par.rotary_viscous * speed + par.rotary_coulomb * speed / math.sqrt(1.0 + speed * speed)
-    dy[o + ANGLE] = speed
-    dy[o + SPEED] = (torque - hydraulic_torque - turning) / par.inertia
+    dy[ANGLE] = speed
+    dy[SPEED] = (torque - hydraulic_torque - turning) / par.inertia
     # What the limit takes away does not wind the integrator up.
-    dy[o + DRIVE] = par.loop_integral * (command - speed) + par.loop_gain * par.torque_constant * (
-        allowed - demand
-    ) / par.inertia
+    dy[DRIVE] = (
+        par.loop_integral * (command - speed)
+        + par.loop_gain * par.torque_constant * (allowed - demand) / par.inertia
+    )
     if now[CURRENT_LIMIT] <= 0.0:
         # Without power the drive's outputs are off: no current, and the loop is held at rest.
-        dy[o + CURRENT] = -par.current_rate * current
-        dy[o + DRIVE] = -par.loop_gain * integrator
+        dy[CURRENT] = -par.current_rate * current
+        dy[DRIVE] = -par.loop_gain * integrator
     return torque, turning

@@ -237,7 +237,7 @@ class OneWay(Duty):
     """Strokes out at constant velocity, back slowly, with a rest at each end: one direction at a time.
 
     In position control the stroke runs from -`amplitude` to `amplitude`, at constant velocity each way;
-    in speed control at `speed` out, and back at the speed that undoes it.
+    in speed control the quicker way is done at `speed`, the other at the speed that undoes it.
     """
 
     usual: ClassVar[dict[str, tuple[float, float]]] = {
@@ -326,6 +326,28 @@ class Levels(Duty):
         return np.concatenate([np.zeros(rest), levels]) + (self.offset if position else 0.0)
 
 
+class Replay(Duty):
+    """A given set-point, one value a millisecond, the last one held: signals that no other duty makes.
+
+    For test signals of one's own, as the thesis's chapters 5 to 7 use them. It has no usual ranges and no
+    form on the command line, so it is not in `DUTIES`.
+
+    Examples
+    --------
+    >>> Replay(values=(1.0, 2.0)).setpoint(4, False, np.random.default_rng(0)).tolist()
+    [1.0, 2.0, 2.0, 2.0]
+    """
+
+    name: Literal["replay"] = "replay"
+    values: Annotated[tuple[float, ...], Field(min_length=1, max_length=600_000)]
+    """m in position control, measured from mid-stroke; rad/s in speed control."""
+    amplitude: Annotated[float, Field(ge=0.0, le=2.0)] = 0.0
+
+    def setpoint(self, n: int, position: bool, rng: np.random.Generator) -> Array:
+        given = np.array(self.values[:n])
+        return np.concatenate([given, np.full(n - given.size, given[-1])])
+
+
 def _held(time: Array, hold: float, rng: np.random.Generator, draw: object) -> Array:
     """Levels that `draw(k)` gives, each held for 0.5 to 1.5 of `hold`."""
     count = int(time.size * TICK / (0.5 * hold)) + 2
@@ -335,7 +357,18 @@ def _held(time: Array, hold: float, rng: np.random.Generator, draw: object) -> A
 
 
 AnyDuty = Annotated[
-    Standstill | Steps | Sines | Sweep | Prbs | Sawtooth | Strokes | Flight | ConstantSpeed | OneWay | Levels,
+    Standstill
+    | Steps
+    | Sines
+    | Sweep
+    | Prbs
+    | Sawtooth
+    | Strokes
+    | Flight
+    | ConstantSpeed
+    | OneWay
+    | Levels
+    | Replay,
     Field(discriminator="name"),
 ]
 

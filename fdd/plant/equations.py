@@ -42,27 +42,26 @@ from fdd.plant.state import (
 
 Array = NDArray[np.float64]
 
-EQUATIONS = 4
+EQUATIONS = 9
 """See `fdd.plant.steps.EQUATIONS`: hydraulics, drive and friction are compiled into this module."""
 
 
 @njit(cache=True, error_model="numpy", inline="always")
 def axis_rates(
-    o: int, f: int, y: Array, command: float, linked_1: float, linked_2: float, now: Array, par: Constants,
-    dy: Array, found: Array,
+    y: Array, x: float, v: float, command: float, linked_1: float, linked_2: float, now: Array,
+    par: Constants, dy: Array, found: Array,
 ) -> float:  # fmt: skip
-    """Force of one axis on the rod (N); fills the rates and findings of the axis that begins at `o` and `f`."""
-    v = y[V]
-    resisting, heat = hydraulic_rates(o, f, y, linked_1, linked_2, now, par, dy, found)
-    torque, turning = drive_rates(o, y, command, resisting, now, par, dy)
-    friction = friction_rates(o, y, v, now, par, dy)
-    heat += abs(friction * v) + abs(turning * y[o + SPEED])
-    cooling = par.cooling * (y[o + TEMPERATURE] - par.surroundings)
-    dy[o + TEMPERATURE] = now[WARMING] + (heat - cooling) / par.heat_capacity
-    found[f + FRICTION_FORCE] = friction
-    found[f + MOTOR_TORQUE] = torque
-    found[f + LOSSES] = heat
-    return par.area_1 * y[o + P1] - par.area_2 * y[o + P2] - friction
+    """Force of one axis on the rod (N); fills its rates and findings."""
+    resisting, heat = hydraulic_rates(y, x, v, linked_1, linked_2, now, par, dy, found)
+    torque, turning = drive_rates(y, command, resisting, now, par, dy)
+    friction = friction_rates(y, v, now, par, dy)
+    heat += abs(friction * v) + abs(turning * y[SPEED])
+    cooling = par.cooling * (y[TEMPERATURE] - par.surroundings)
+    dy[TEMPERATURE] = now[WARMING] + (heat - cooling) / par.heat_capacity
+    found[FRICTION_FORCE] = friction
+    found[MOTOR_TORQUE] = torque
+    found[LOSSES] = heat
+    return par.area_1 * y[P1] - par.area_2 * y[P2] - friction
 
 
 @njit(cache=True, error_model="numpy", inline="always")
@@ -83,7 +82,8 @@ def end_stop(x: float, v: float, par: Constants) -> float:
     return force
 
 
-@njit(cache=True, error_model="numpy")
+# Its arrays are borrowed: without counting references to them (_nrt) it takes a quarter less time.
+@njit(cache=True, error_model="numpy", _nrt=False)
 def right_hand_side(
     y: Array,
     command_1: float,
@@ -118,9 +118,13 @@ def right_hand_side(
         _, rho_b = oil_at(0.5 * (b + b_2), 0.0, first.ambient, first.stiff_compliance, 1.0)
         linked_1 = rho_a * orifice(a_2 - a, row[CONNECT_1], first.orifice_transition)
         linked_2 = rho_b * orifice(b_2 - b, row[CONNECT_2], first.orifice_transition)
-    force = axis_rates(SHARED, 0, y, command_1, linked_1, linked_2, row, first, dy, found)
+    force = axis_rates(
+        y[SHARED:o], x, v, command_1, linked_1, linked_2, row, first, dy[SHARED:o], found[:FINDINGS]
+    )
     if dual:
-        force += axis_rates(o, FINDINGS, y, command_2, -linked_1, -linked_2, now[1], second, dy, found)
+        force += axis_rates(
+            y[o:], x, v, command_2, -linked_1, -linked_2, now[1], second, dy[o:], found[FINDINGS:]
+        )
 
     drop = y[DROP]
     load = row[FORCE] + first.spring * (x - first.spring_centre) + first.partner_area * drop

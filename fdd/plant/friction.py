@@ -15,21 +15,24 @@ from fdd.plant.state import MEMORY, Z
 Array = NDArray[np.float64]
 
 _STILL = 1e-4
-"""m/s below which |v| is rounded off: a tenth of what the thesis could drive the piston at steadily. The corner
+"""m/s below which |v| is rounded off: a hundredth of the slowest steady motion in the thesis. The corner
 would cost the integrator its order at each reversal."""
 
 
 @njit(cache=True, error_model="numpy", inline="always")
-def friction_rates(o: int, y: Array, v: float, now: Array, par: Constants, dy: Array) -> float:
+def friction_rates(y: Array, v: float, now: Array, par: Constants, dy: Array) -> float:
     """Friction force (N, against extension); fills the rates of bristle and memory.
 
-    The lubricant's film, and with it the falling curve, follows the velocity with a lag, and the seal
-    resists what is quicker. Without that the falling curve would drive the hydraulic resonance to
-    its limit at any speed.
+    Two things beyond eqs 5.8 to 5.12, which leave open what happens before the seal slides. The bristle
+    holds without sliding until the break-away share of its steady deflection, after Dupont, Hayward,
+    Armstrong and Altpeter (doi:10.1109/TAC.2002.1000274); share 0 is LuGre's own eq. 5.9. And the
+    lubricant's film, and with it the falling curve, follows the sliding with a lag, while the seal resists
+    what is quicker. Without the first the breaking-away force would fall with speed (the thesis's does
+    not, figure 5.8), without the second the falling curve would drive the hydraulic resonance to its
+    limit at any speed.
     """
-    z, memory = y[o + Z], y[o + MEMORY]
-    dy[o + MEMORY] = (v - memory) * par.friction_rate
-    film = math.sqrt(memory * memory + _STILL * _STILL)
+    z, memory = y[Z], y[MEMORY]
+    film = math.sqrt(memory * memory + _STILL * _STILL) - _STILL
     size = v * v / math.sqrt(v * v + _STILL * _STILL)
     if v >= 0.0:
         coulomb, static = par.coulomb_forward, par.static_forward
@@ -40,8 +43,17 @@ def friction_rates(o: int, y: Array, v: float, now: Array, par: Constants, dy: A
         stribeck, exponent, viscous = par.stribeck_reverse, par.exponent_reverse, par.viscous_reverse
         scale = now[FRICTION_REVERSE]
     steady = scale * (coulomb + (static - coulomb) * math.exp(-((film / stribeck) ** exponent)))
-    dz = v - par.bristle_stiffness * size / max(steady, 1e-3) * z
-    dy[o + Z] = dz
+    share = par.bristle_stiffness * z / max(steady, 1e-3)
+    slip = size * share
+    if par.breakaway > 0.0:
+        beyond = (abs(share) - par.breakaway) / (1.0 - par.breakaway)
+        if beyond <= 0.0 or share * v < 0.0:
+            slip = 0.0
+        elif beyond < 1.0:
+            slip *= beyond * beyond * (3.0 - 2.0 * beyond)
+    dz = v - slip
+    dy[Z] = dz
+    dy[MEMORY] = (slip - memory) * par.friction_rate
     fade = par.bristle_fade * par.bristle_fade
     return (
         par.bristle_stiffness * z

@@ -33,57 +33,58 @@ _EMPTY = 1e-8
 
 
 @njit(cache=True, error_model="numpy", inline="always")
-def coupling_slip(o: int, y: Array, torque: float, now: Array, par: Constants, dy: Array) -> float:
+def coupling_slip(y: Array, torque: float, now: Array, par: Constants, dy: Array) -> float:
     """Speed that the pump falls behind the motor's (rad/s), also as the rate of the gap.
 
     A sound coupling is rigid (7.6e4 N·m/rad). A worn one lets the pump, whose own inertia is small (1.6e-5
     kg·m²), fall back through the play until its flanks carry the hydraulic torque.
     """
-    gap, slip = y[o + s.GAP], 0.0
+    gap, slip = y[s.GAP], 0.0
     if now[c.PLAY] > 0.0 or gap != 0.0:
         half = 0.5 * now[c.PLAY]
         excess = max(gap - half, 0.0) + min(gap + half, 0.0)
         slip = (torque - par.coupling_stiffness * excess) / par.coupling_damping
-    dy[o + s.GAP] = slip
+    dy[s.GAP] = slip
     return slip
 
 
 @njit(cache=True, error_model="numpy", inline="always")
 def hydraulic_rates(
-    o: int, f: int, y: Array, linked_1: float, linked_2: float, now: Array, par: Constants,
+    y: Array, x: float, v: float, linked_1: float, linked_2: float, now: Array, par: Constants,
     dy: Array, found: Array,
 ) -> tuple[float, float]:  # fmt: skip
     """Hydraulic torque on the pump (N·m) and power lost in the oil (W); fills the rates of all pressures.
 
     Parameters
     ----------
-    o, f : where this axis begins in state and findings.
+    y, dy, found : this axis's part of the state, its rates and findings.
+    x, v : m and m/s of the piston.
     linked_1, linked_2 : m³/s at atmospheric density, into this axis's lines from the other's.
     """
-    p1, p2, x, v = y[o + s.P1], y[o + s.P2], y[s.X], y[s.V]
+    p1, p2 = y[s.P1], y[s.P2]
     air, ambient, stiff, inverse_n = now[c.AIR], par.ambient, par.stiff_compliance, par.polytropic_inverse
     soft_1, rho_1 = oil_at(p1, air, ambient, stiff, inverse_n)
     soft_2, rho_2 = oil_at(p2, air, ambient, stiff, inverse_n)
     a, b, rho_a, rho_b = p1, p2, rho_1, rho_2
     soft_a, soft_b = soft_1, soft_2
     if par.blocked > 0.0:
-        a, b = y[o + s.LINE_1], y[o + s.LINE_2]
+        a, b = y[s.LINE_1], y[s.LINE_2]
         soft_a, rho_a = oil_at(a, air, ambient, stiff, inverse_n)
         soft_b, rho_b = oil_at(b, air, ambient, stiff, inverse_n)
     rho = 0.5 * (rho_a + rho_b)
-    pa = gas_pressure(par.gas_pressure, par.gas_volume, y[o + s.STORE] / par.store_density) - ambient
+    pa = gas_pressure(par.gas_pressure, par.gas_volume, y[s.STORE] / par.store_density) - ambient
 
     # The pump moves its displacement at the ports' mean density unless told otherwise.
     displacement = par.displacement * now[c.DISPLACEMENT]
     wave = par.ripple + now[c.RIPPLE]
     if wave != 0.0:
-        displacement *= 1.0 + wave * math.cos(par.teeth * (y[o + s.ANGLE] - y[o + s.GAP]))
+        displacement *= 1.0 + wave * math.cos(par.teeth * (y[s.ANGLE] - y[s.GAP]))
     # A coupling out of line swings the speed once a turn.
     swing = 1.0
     if now[c.ECCENTRICITY] != 0.0:
-        swing += now[c.ECCENTRICITY] * math.cos(y[o + s.ANGLE])
+        swing += now[c.ECCENTRICITY] * math.cos(y[s.ANGLE])
     lever = displacement * swing
-    turning = (y[o + s.SPEED] - coupling_slip(o, y, lever * (a - b), now, par, dy)) * swing
+    turning = (y[s.SPEED] - coupling_slip(y, lever * (a - b), now, par, dy)) * swing
     pump = displacement * turning
     # Line losses lie between pump and cylinder (eqs 3.33 to 3.36).
     loss = par.line_loss * pump * abs(pump)
@@ -105,8 +106,8 @@ def hydraulic_rates(
     )
     stuck = orifice(dp, now[c.RELIEF_OPEN], par.orifice_transition) if now[c.RELIEF_OPEN] != 0.0 else 0.0
 
-    # Case drain: fed by both ports, drained through its check valve into the accumulator, losing past
-    # the shaft's seal. Its volume is small and its check valve wide, so its pressure is the one that balances.
+    # Case drain: fed by both ports, drained through its check valve into the accumulator, losing past the
+    # shaft's seal. Its volume is small and its valve wide, so its pressure is the one that balances.
     leak, shaft = now[c.CASE_LEAKAGE], now[c.SHAFT_LEAKAGE]
     both = 2.0 * leak + shaft + _LEAST_CASE
     closed = leak * (a + b) / both
@@ -144,16 +145,16 @@ def hydraulic_rates(
     out_2 = rho_2 * now[c.OUTSIDE_2] * max(p2, 0.0)
     to_1 = -past_mass - out_1
     to_2 = past_mass - out_2
-    dy[o + s.EXTERNAL_1] = 0.0
-    dy[o + s.EXTERNAL_2] = 0.0
+    dy[s.EXTERNAL_1] = 0.0
+    dy[s.EXTERNAL_2] = 0.0
     if par.external_flow > 0.0:
         for i in range(2):
-            held = y[o + s.EXTERNAL_1 + i]
+            held = y[s.EXTERNAL_1 + i]
             gas = gas_pressure(par.external_pressure, par.external_volume, held) - ambient
             flow = orifice((p1 if i == 0 else p2) - gas, par.external_flow, par.orifice_transition)
             if flow < 0.0:
                 flow *= min(max(held / _EMPTY, 0.0), 1.0)
-            dy[o + s.EXTERNAL_1 + i] = flow
+            dy[s.EXTERNAL_1 + i] = flow
             if i == 0:
                 to_1 -= flow
             else:
@@ -163,40 +164,38 @@ def hydraulic_rates(
     if par.blocked > 0.0:
         v1 = par.cylinder_volume_1 + par.area_1 * x
         v2 = par.cylinder_volume_2 - par.area_2 * x
-        dy[o + s.LINE_1] = to_a / (soft_a * rho_a * par.line_volume_1)
-        dy[o + s.LINE_2] = to_b / (soft_b * rho_b * par.line_volume_2)
-        dy[o + s.P1] = (to_1 - rho_1 * push_1) / (soft_1 * rho_1 * v1)
-        dy[o + s.P2] = (to_2 + rho_2 * push_2) / (soft_2 * rho_2 * v2)
+        dy[s.LINE_1] = to_a / (soft_a * rho_a * par.line_volume_1)
+        dy[s.LINE_2] = to_b / (soft_b * rho_b * par.line_volume_2)
+        dy[s.P1] = (to_1 - rho_1 * push_1) / (soft_1 * rho_1 * v1)
+        dy[s.P2] = (to_2 + rho_2 * push_2) / (soft_2 * rho_2 * v2)
         inside = v1 * rho_1 + v2 * rho_2 + par.line_volume_1 * rho_a + par.line_volume_2 * rho_b
     else:
         v1 = par.volume_1 + par.area_1 * x
         v2 = par.volume_2 - par.area_2 * x
-        dy[o + s.P1] = (to_a + to_1 - rho_1 * push_1) / (soft_1 * rho_1 * v1)
-        dy[o + s.P2] = (to_b + to_2 + rho_2 * push_2) / (soft_2 * rho_2 * v2)
-        dy[o + s.LINE_1] = dy[o + s.P1]
-        dy[o + s.LINE_2] = dy[o + s.P2]
+        dy[s.P1] = (to_a + to_1 - rho_1 * push_1) / (soft_1 * rho_1 * v1)
+        dy[s.P2] = (to_b + to_2 + rho_2 * push_2) / (soft_2 * rho_2 * v2)
+        dy[s.LINE_1] = dy[s.P1]
+        dy[s.LINE_2] = dy[s.P2]
         inside = v1 * rho_1 + v2 * rho_2
     outside = out_1 + out_2 + dripping
-    dy[o + s.STORE] = leak_a + leak_b - dripping - refeed_a - refeed_b + charge
-    dy[o + s.LOST] = outside - charge
+    dy[s.STORE] = leak_a + leak_b - dripping - refeed_a - refeed_b + charge
+    dy[s.LOST] = outside - charge
 
-    found[f + s.PUMP_FLOW] = pump
-    found[f + s.CROSS_FLOW] = cross
-    found[f + s.BYPASS_FLOW] = past
-    found[f + s.REFEED_FLOW_1] = refeed_a
-    found[f + s.REFEED_FLOW_2] = refeed_b
-    found[f + s.DRAIN_FLOW] = leak_a + leak_b
-    found[f + s.RELIEF_FLOW] = relief
-    found[f + s.STUCK_RELIEF_FLOW] = stuck
-    found[f + s.OUTSIDE_FLOW] = outside
-    found[f + s.CONNECT_FLOW_1] = linked_1
-    found[f + s.CONNECT_FLOW_2] = linked_2
-    found[f + s.ACCUMULATOR] = pa
-    found[f + s.CASE_PRESSURE] = case
-    found[f + s.PORT_DIFFERENCE] = dp
-    found[f + s.OIL_MASS] = (
-        inside + y[o + s.STORE] + y[o + s.LOST] + y[o + s.EXTERNAL_1] + y[o + s.EXTERNAL_2]
-    )
+    found[s.PUMP_FLOW] = pump
+    found[s.CROSS_FLOW] = cross
+    found[s.BYPASS_FLOW] = past
+    found[s.REFEED_FLOW_1] = refeed_a
+    found[s.REFEED_FLOW_2] = refeed_b
+    found[s.DRAIN_FLOW] = leak_a + leak_b
+    found[s.RELIEF_FLOW] = relief
+    found[s.STUCK_RELIEF_FLOW] = stuck
+    found[s.OUTSIDE_FLOW] = outside
+    found[s.CONNECT_FLOW_1] = linked_1
+    found[s.CONNECT_FLOW_2] = linked_2
+    found[s.ACCUMULATOR] = pa
+    found[s.CASE_PRESSURE] = case
+    found[s.PORT_DIFFERENCE] = dp
+    found[s.OIL_MASS] = inside + y[s.STORE] + y[s.LOST] + y[s.EXTERNAL_1] + y[s.EXTERNAL_2]
     heat = (cross + relief + stuck) * dp + past * (p1 - p2) + 2.0 * abs(loss * pump)
     # The torque pulses and swings as the flow does: a pump that gave more than it takes would make energy.
     return lever * dp, heat

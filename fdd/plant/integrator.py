@@ -21,7 +21,7 @@ from fdd.plant.steps import STAGES, advance
 
 Array = NDArray[np.float64]
 
-EQUATIONS = 4
+EQUATIONS = 9
 """See `fdd.plant.steps.EQUATIONS`."""
 
 PERIOD = 1e-3
@@ -146,7 +146,7 @@ def run(
     second: Constants,
     control: Controller,
     late: NDArray[np.int64],
-    allowed: Array,
+    per_allowed: Array,
     longest: float,
 ) -> tuple[Array, Array, Array]:
     """Run the plant for as many milliseconds as there are conditions.
@@ -160,7 +160,7 @@ def run(
     first, second : constants of the axes; for one axis the second is not used.
     control : constants of the controller.
     late : (n,) parts of a millisecond by which each sample is taken late, 0 to `LATE_PARTS` - 1.
-    allowed : error allowed for each state over a step, see `fdd.plant.steps.tolerances`.
+    per_allowed : one over the error allowed for each state over a step, see `fdd.plant.steps.tolerances`.
     longest : longest step (s).
 
     Returns
@@ -218,8 +218,8 @@ def run(
                 for i in range(found.size):
                     findings[t, i] = found[i]
             length, tried = advance(
-                y, end - at, memory[_LENGTH], longest, command_1, command_2, now, first, second, allowed, k, stage,
-                found,
+                y, end - at, memory[_LENGTH], longest, command_1, command_2, now, first, second,
+                per_allowed, k, stage, found,
             )  # fmt: skip
             memory[_STEPS] += tried
             if length < 0.0:

@@ -40,6 +40,7 @@ class Parameters(NamedTuple):
     bristle_damping: float
     bristle_fade: float
     friction_rate: float
+    breakaway: float
     seal_damping: float
     coulomb_forward: float
     static_forward: float
@@ -118,7 +119,7 @@ def as_record(parameters: Parameters) -> Constants:
 
 
 def velocity_loop(drive: Drive, current_lag: float) -> tuple[float, float, float, float]:
-    """Gains of the velocity loop whose closed loop has the drive's poles and zero, and the current loop's rate.
+    """Gains of the velocity loop that has the drive's poles and zero, and the current loop's rate.
 
     With a current loop of lag τ the speed follows ω/c = (f·s + k2)/(τs³ + s² + k1·s + k2). Two of its poles
     are the drive's; their sum is 1/τ, so the third lies at p3 = 1/τ - p1 - p2.
@@ -224,6 +225,7 @@ def plant_parameters(
         * math.sqrt(details.bristle_stiffness * cylinder.moving_mass),
         bristle_fade=details.bristle_fade,
         friction_rate=1.0 / details.friction_memory,
+        breakaway=details.breakaway,
         seal_damping=details.seal_damping,
         coulomb_forward=forward.coulomb * ahead,
         static_forward=forward.static * ahead,

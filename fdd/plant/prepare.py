@@ -75,7 +75,7 @@ class Prepared:
 
     def conditions(self, start: int, stop: int) -> Array:
         """Conditions of some milliseconds, (stop - start, axes, COLUMNS)."""
-        time = np.arange(start, stop) * PERIOD
+        time = np.arange(start, stop, dtype=np.float64) * PERIOD
         rows = [
             axis_conditions(
                 unit, self.scenario, time, self.setpoints[i, start:stop], self.force[start:stop], axis=i + 1
@@ -235,4 +235,3 @@ def _at_rest(
                 y[o + held] = par.external_volume * max(1.0 - left, 0.0)
         y[o + s.TEMPERATURE] = scenario.oil_temperature
     return y
-

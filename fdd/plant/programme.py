@@ -74,9 +74,10 @@ class Programme(Validated):
         left = np.clip(before, 0, times.size - 2)
         length = times[left + 1] - times[left]
         share = np.divide(time - times[left], length, out=np.ones(np.shape(time)), where=length > 0.0)
-        # Two products rather than a slope: both ends are met exactly.
         share = np.clip(share, 0.0, 1.0)
-        return np.asarray((1.0 - share) * values[left] + share * values[left + 1])
+        a, b = values[left], values[left + 1]
+        # Two products meet both ends exactly; rounding must not lead beyond them.
+        return np.clip((1.0 - share) * a + share * b, np.minimum(a, b), np.maximum(a, b))
 
     @property
     def least(self) -> float:

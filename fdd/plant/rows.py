@@ -9,6 +9,7 @@ from fdd.plant import circuit as valves
 from fdd.plant import conditions as c
 from fdd.plant.faults.injection import inject
 from fdd.plant.scenario import Scenario
+from fdd.plant.valves import check_charging
 from fdd.unit import Unit
 
 Array = NDArray[np.float64]
@@ -34,6 +35,10 @@ def axis_conditions(
     -------
     (n, COLUMNS) conditions.
 
+    Raises
+    ------
+    InputError : charging that the unit's pressures rule out.
+
     Examples
     --------
     >>> time = np.arange(3) * 1e-3
@@ -48,6 +53,7 @@ def axis_conditions(
     if axis == 2 and partner is not None:
         circuit, power = partner.circuit, partner.power
     rows[:, c.CURRENT_LIMIT] *= power.over(time)
+    check_charging(circuit, unit, scenario.charge_factor)
     valves.apply(circuit, rows, time)
     if axis == 1:
         valves.apply_connect(scenario.connect, rows, time)

@@ -30,14 +30,15 @@ class Control(Validated):
     Attributes
     ----------
     mode : position (a P loop on the encoder, thesis 7.2) or speed (no feedback).
-    gain : (rad/s)/m of the position loop; its command saturates at the drive's largest speed.
+    gain : (rad/s)/m of the position loop; its command saturates at the drive's largest speed. The
+        thesis's ultimate gain is 33750 (section 7.2), that of its linear models ten times as much.
     rate_gain : (rad/s)/(m/s) taken off the command in position mode, by the encoder differentiated and
         filtered; 0 is the thesis's controller.
     filter_cutoff : rad/s of that filter, a second-order Butterworth (eq. 7.5, `chatter_filter`).
     """
 
     mode: Literal["position", "speed"] = "position"
-    gain: Annotated[float, Field(gt=0.0, le=30_000.0)] = 16_875.0
+    gain: Annotated[float, Field(gt=0.0, le=1e6)] = 16_875.0
     rate_gain: Annotated[float, Field(ge=0.0, le=10_000.0)] = 0.0
     filter_cutoff: Annotated[float, Field(ge=1.0, le=3_000.0)] = 350.0
 

@@ -14,7 +14,6 @@ from numpy.typing import NDArray
 
 from fdd.errors import InputError
 from fdd.plant import conditions as c
-from fdd.plant import state as s
 from fdd.plant.faults.spec import FaultSpec
 from fdd.plant.integrator import LATE_PARTS, PERIOD, run
 from fdd.plant.parameters import as_record
@@ -105,7 +104,7 @@ def raw_blocks(ready: Prepared, block: int = BLOCK) -> Iterator[RawBlock]:
             constants[-1],
             ready.controller,
             late,
-            ready.allowed,
+            1.0 / ready.allowed,
             ready.longest,
         )
         if not np.isfinite(states[-1]).all():
@@ -179,7 +178,7 @@ def simulate(
     >>> len(out.truth) == len(out.samples), out.labels
     (True, [])
     """
-    units = (unit,)
+    units: tuple[Unit, ...] = (unit,)
     if scenario.partner is not None:
         partner = partner or Unit.load(scenario.partner.unit)
         units = (unit, partner)

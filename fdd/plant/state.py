@@ -5,7 +5,7 @@ from __future__ import annotations
 # Shared by all axes on the rod.
 X, V, DROP = range(3)
 SHARED = 3
-"""Piston position (m) and velocity (m/s); pressure drop (Pa) over the throttle of a lumped partner cylinder."""
+"""Piston position (m) and velocity (m/s); pressure drop (Pa) over the throttle of a lumped partner."""
 
 # Of each axis, from its offset on.
 (
@@ -59,6 +59,6 @@ pump's (rad); oil temperature (°C)."""
     OIL_MASS,
 ) = range(20)
 FINDINGS = 20
-"""Of each axis: forces (N), flows (m³/s; refeeding, drain, outside and connecting ones at atmospheric density),
-pressures of accumulator and case (Pa, gauge) and across the pump's ports (Pa), torque of the motor on its shaft
-(N·m), power turned into heat (W), all the oil inside and lost (m³ at atmospheric density)."""
+"""Of each axis: forces (N), flows (m³/s; refeeding, drain, outside and connecting ones at atmospheric
+density), pressures of accumulator and case (Pa, gauge) and across the pump's ports (Pa), torque of the motor
+on its shaft (N·m), power turned into heat (W), all the oil inside and lost (m³ at atmospheric density)."""

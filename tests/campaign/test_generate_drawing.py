@@ -13,9 +13,10 @@ from hypothesis import strategies as st
 
 from fdd.campaign.calibration import calibration_runs
 from fdd.campaign.drawing import VARIED, assign_faults, draw_scenario, draw_unit, stream
-from fdd.campaign.recipe import Recipe
+from fdd.campaign.recipe import DRAWN_DUTIES, Recipe
 from fdd.errors import InputError
-from fdd.plant.duty import DUTIES, ConstantSpeed
+from fdd.plant.duty import ConstantSpeed
+from fdd.plant.faults.scales import FaultScales
 from fdd.plant.faults.spec import SIMULATED
 from fdd.plant.load import LOADS
 from fdd.plant.simulate import prepare, simulate
@@ -51,8 +52,9 @@ def test_training_recipe_is_three_tenths_healthy_and_the_rest_follows_the_weight
     counts = Counter(assign_faults(recipe))
     assert counts.pop(()) == 240
     assert {name for (name,) in counts} == set(SIMULATED) and sum(counts.values()) == 560
+    total = sum(fault.weight for fault in recipe.faults.values())
     for (name,), count in counts.items():
-        share = recipe.faults[name].weight / (6 * 1.0 + 4 * 0.7)
+        share = recipe.faults[name].weight / total
         assert abs(count - 560 * share) < 1.0, name
 
 
@@ -129,7 +131,7 @@ def test_counting_sensors_keep_their_gain_and_analogue_ones_do_not() -> None:
         assert 0.5 - 1e-6 <= ratio <= 2.5 + 1e-6
 
 
-@pytest.mark.parametrize("duty", sorted(DUTIES))
+@pytest.mark.parametrize("duty", sorted(DRAWN_DUTIES))
 @pytest.mark.parametrize("load", sorted(LOADS))
 def test_every_duty_with_every_load_fits_the_unit(duty: str, load: str) -> None:
     recipe = recipe_with(duties={duty: 1.0}, loads={load: 1.0}, duration=(3.0, 4.0), speed_control_share=0.5)
@@ -153,7 +155,10 @@ def test_every_duty_with_every_load_fits_the_unit(duty: str, load: str) -> None:
 
 def test_faults_keep_to_the_recipe() -> None:
     recipe = recipe_with(
-        faults={"aeration": {"severity": [0.7, 0.8]}, "seal_wear": {}, "pressure_sensor_drift": {}},
+        faults={
+            "aeration": {"severity": [0.7, 0.8]}, "seal_wear": {"variants": ["loose", "tight_forward"]},
+            "pressure_sensor_drift": {},
+        },
         severity=(0.2, 0.3), onset=(0.5, 0.6), at_start_share=0.5,
     )  # fmt: skip
     rig = draw_unit(recipe, stream(recipe, "unit", 0), 0)
@@ -168,11 +173,26 @@ def test_faults_keep_to_the_recipe() -> None:
         variants.add(seal.variant)
         for spec in scenario.faults:
             onsets.append(spec.onset / scenario.duration)
-    assert variants == {"loose", "tight"}
+    assert variants == {"loose", "tight_forward"}
     late = np.array([o for o in onsets if o > 0.0])
     assert 0.3 < late.size / len(onsets) < 0.7
     assert late.min() >= 0.5 - 1e-4
     assert late.max() <= 0.6 + 1e-4
+
+
+def test_every_log_has_its_own_figures_of_what_comes_along_with_a_fault() -> None:
+    recipe = recipe_with(fault_scales={**FaultScales.usual, "free_air": [0.02, 0.03]})
+    rig = draw_unit(recipe, stream(recipe, "unit", 0), 0)
+    drawn = [draw_scenario(recipe, rig, stream(recipe, "log", 0, k, 0)) for k in range(40)]
+    for name, (low, high) in recipe.fault_scales.items():
+        values = np.array([getattr(s.fault_scales, name) for s in drawn])
+        assert values.min() >= low and values.max() <= high and np.ptp(values) > 0.5 * (high - low), name
+    assert {s.fault_scales.internal_leakage for s in drawn} == {FaultScales().internal_leakage}
+    plain = recipe_with(fault_scales={})
+    again = [draw_scenario(plain, rig, stream(plain, "log", 0, k, 0)) for k in range(3)]
+    for one, other in zip(again, drawn, strict=False):
+        assert one.fault_scales == FaultScales()
+        assert one == other.model_copy(update={"fault_scales": FaultScales()}), "nothing else moves"
 
 
 def test_a_stuck_valve_sits_on_the_loaded_side_if_so_wanted() -> None:
@@ -230,7 +250,12 @@ def test_calibration_covers_speeds_and_pressures_without_touching_the_limits() -
     ("field", "value", "told"),
     [
         ("faults", {"aerations": {}}, "aerations"),
-        ("faults", {"pump_wear": {}}, "pump_wear"),
+        ("faults", {"unknown": {}}, "unknown"),
+        ("faults", {"seal_wear": {"variants": ["wet"]}}, "use: loose, tight"),
+        ("faults", {"aeration": {"variants": ["loose"]}}, "use: none"),
+        ("fault_scales", {"free_air": [0.01, 0.5]}, "free_air"),
+        ("fault_scales", {"air": [0.01, 0.02]}, "unknown 'air'"),
+        ("duties", {"levels": 1.0}, "use: standstill"),
         ("faults", {}, "no fault has a weight"),
         ("duties", {"steps": 0.0}, "all weights are 0"),
         ("loads", {"anvil": 1.0}, "anvil"),

@@ -75,6 +75,8 @@ def test_sensors(case: Case) -> None:
     assert found["pressure_difference"].noise == pytest.approx(7.0e3 * np.sqrt(500.0 / 150.0), rel=0.2)
     for channel in ("position", "pump_angle", "pressure_1", "pressure_difference"):
         assert found[channel].resolution == pytest.approx(truth[channel].resolution, rel=1e-3)
+    # The step that was found stands for itself, not for the base's converter or encoder.
+    assert found["pressure_difference"].loop is None and found["pump_angle"].lines is None
 
 
 def test_charge_pressure_and_torque_constant(case: Case) -> None:

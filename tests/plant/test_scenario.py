@@ -35,7 +35,7 @@ def _control(duty_name: str, mode: str) -> Control:
         ({"durations": 3.0}, "the parameters are: unit, duration"),
         ({"duration": 5.0, "faults": [{"fault": "aeration", "severity": 0.1, "onset": 5.0}]}, "past the end"),
         ({"faults": [{"fault": "aeration", "severity": 2.0}]}, "severity"),
-        ({"faults": [{"fault": "pump_wear", "severity": 0.2}]}, "not simulated yet"),
+        ({"faults": [{"fault": "unknown", "severity": 0.2}]}, "not simulated"),
         ({"faults": [{"fault": "aeration", "severity": 0.1}] * 2}, "twice"),
         ({"duty": {"name": "dance"}}, "steps"),
         ({"duty": {"name": "steps", "hold": 0.0}}, "hold"),
@@ -45,6 +45,13 @@ def _control(duty_name: str, mode: str) -> Control:
         ({"oil_temperature": 400.0}, "oil_temperature"),
         ({"oil_temperature": 100.0, "warming": 0.5, "duration": 600.0}, "end at 400"),
         ({"control": {"mode": "force"}}, "position"),
+        ({"control": {"rate_gain": -1.0}}, "rate_gain"),
+        ({"control": {"filter_cutoff": 4000.0}}, "filter_cutoff"),
+        ({"power": 1.5}, "power"),
+        ({"fault_scales": {"free_air": 3.0}}, "free_air"),
+        ({"duty": {"name": "levels", "points": [[2.0, 0.0], [1.0, 0.0]]}}, "comes after"),
+        ({"duty": {"name": "levels", "points": 1e4}}, "2000 rad/s"),
+        ({"duty": {"name": "one_way", "out": 0.0}}, "out"),
         ({"recording": {"dropped": 2.0}}, "dropped"),
         ({"details": {"pump_teeth": 0}}, "pump_teeth"),
         ({"seed": -1}, "seed"),
@@ -67,8 +74,8 @@ def test_scenarios_travel_as_json():
     assert Scenario.model_validate_json(scenario.model_dump_json()) == scenario
     with pytest.raises(InputError, match="duration"):
         Scenario.model_validate({"duration": -1.0})
-    with pytest.raises(InputError, match="not simulated yet"):
-        Scenario.model_validate_json('{"faults": [{"fault": "pump_wear", "severity": 0.1}]}')
+    with pytest.raises(InputError, match="not simulated"):
+        Scenario.model_validate_json('{"faults": [{"fault": "unknown", "severity": 0.1}]}')
 
 
 def test_a_duty_beyond_the_stroke_is_refused():
@@ -107,9 +114,11 @@ def test_duties_stay_within_their_amplitude_and_rest_first(name, mode, seed, row
 @pytest.mark.parametrize("name", DUTIES)
 @pytest.mark.parametrize("mode", ["position", "speed"])
 def test_the_position_follows_every_duty_within_the_stroke(name, mode):
+    written = {"points": "0:60/3:-60"} if (name, mode) == ("levels", "speed") else {}
     scenario = Scenario(
-        duration=6.0, duty=DUTIES[name](), control=_control(name, mode), recording=Recording.perfect(), seed=2
-    )
+        duration=6.0, duty=DUTIES[name](**written), control=_control(name, mode),
+        recording=Recording.perfect(), seed=2,
+    )  # fmt: skip
     out = simulate(UNIT, scenario)
     moved = np.ptp(out.truth["position"])
     assert moved < 1e-3 if name == "standstill" else moved > 2e-3

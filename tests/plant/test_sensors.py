@@ -4,18 +4,22 @@ import numpy as np
 import pytest
 from scipy.signal import welch
 
+from fdd.errors import InputError
 from fdd.plant.load import ConstantLoad
 from fdd.plant.scenario import Recording, Scenario
-from fdd.plant.sensors import digitise, generator, measure_channel
+from fdd.plant.sensors import Recorder, digitise, generator, measure_channel
+from fdd.plant.sensors.recorder import MEASURED
 from fdd.plant.simulate import simulate
+from fdd.sensor import CurrentLoop
 from fdd.unit import Sensor, Unit
 
 UNIT = Unit.load("axis_a")
 TIME = np.arange(60_000) * 1e-3
+LOOP = CurrentLoop(low=0.0, high=6.895e6, resistance=499.0)
 
 
-def _measure(sensor: Sensor, truth: np.ndarray) -> np.ndarray:
-    return measure_channel(sensor, truth, TIME[: truth.size], np.random.default_rng(1))
+def _measure(sensor: Sensor, truth: np.ndarray, angle: np.ndarray | None = None) -> np.ndarray:
+    return measure_channel(sensor, truth, TIME[: truth.size], np.random.default_rng(1), angle)
 
 
 def test_gain_and_zero():
@@ -31,6 +35,14 @@ def test_noise_has_the_deviation_asked_for_within_its_band(bandwidth):
     frequency, power = welch(noise, 1000.0, nperseg=1024)
     low, high = power[(frequency > 5) & (frequency < 75)].mean(), power[frequency > 300].mean()
     assert (high < 1e-3 * low) if bandwidth else (high == pytest.approx(low, rel=0.1))
+
+
+def test_band_limited_noise_is_settled_from_the_first_row():
+    sensor = Sensor(noise=1.0, bandwidth_hz=5.0)
+    row = np.zeros(1)
+    first = [measure_channel(sensor, row, row, np.random.default_rng(k))[0] for k in range(800)]
+    # Standard error of a deviation from 800 draws: 2.5 %.
+    assert np.std(first) == pytest.approx(1.0, abs=0.1)
 
 
 def test_the_signal_lags_by_one_time_constant():
@@ -50,11 +62,72 @@ def test_tones_ride_on_the_signal():
         assert spectrum[np.argmin(np.abs(frequency - tone))] == pytest.approx(amplitude, rel=1e-3)
 
 
+def test_the_differentiated_encoder_peaks_near_165_hz_at_three_volts():
+    # Figure A.8: 3 V, 94.24 rad/s, 34.1 mm/s; here with a whole number of counts a row, since the rounding
+    # of any other speed makes lines of its own.
+    encoder = UNIT.sensor("position")
+    truth, angle = 34e-6 * np.arange(16_384) + 0.31e-6, 94.24e-3 * np.arange(16_384)
+    # As uneven as friction makes it: enough to blur the rounding into noise.
+    truth = truth + np.cumsum(np.random.default_rng(3).normal(0.0, 0.3e-6, truth.size))
+    shown = digitise(encoder, measure_channel(encoder, truth, TIME, np.random.default_rng(1), angle))
+    frequency, power = welch(np.diff(shown) / 1e-3, 1000.0, nperseg=2048)
+    band = (frequency > 100.0) & (frequency < 450.0)
+    assert frequency[band][np.argmax(power[band])] == pytest.approx(165.0, abs=1.0)
+    near = (frequency > 120.0) & (frequency < 150.0)
+    assert power[band].max() > 2.5 * power[near].mean()
+    # And yet the position is what the thesis calls free of noise: within a count of the truth.
+    assert np.abs(shown - truth).max() < 0.75e-6
+
+
+def test_at_rest_the_encoder_is_still():
+    encoder = UNIT.sensor("position")
+    shown = digitise(encoder, _measure(encoder, np.full(5000, 0.0123), np.full(5000, 7.0)))
+    assert np.unique(shown).size == 1
+
+
 def test_rounding_and_range():
     value = np.array([-9.0, 0.26, 0.74, 9.0])
     np.testing.assert_allclose(
         digitise(Sensor(resolution=0.5, low=-1.0, high=2.0), value), [-1.0, 0.5, 0.5, 2.0]
     )
+
+
+def test_the_current_loop_is_the_theses():
+    # Eqs A.1 to A.4: 1.996 V and 9.980 V, 8.636e5 Pa/V, 1.724e6 Pa; 20 V over 2^16 codes.
+    assert LOOP.sensitivity == pytest.approx(8.636e5, rel=1e-4)
+    assert LOOP.offset == pytest.approx(1.724e6, rel=2e-4)
+    assert LOOP.resolution == pytest.approx(8.636e5 * 20.0 / 65536, rel=1e-4)
+    for volts, pressure in ((1.996, 0.0), (9.980, 6.895e6), (0.0, -1.724e6)):
+        assert LOOP.sensitivity * volts - LOOP.offset == pytest.approx(pressure, abs=300.0)
+    for axis in ("axis_a", "axis_b"):
+        sensor = Unit.load(axis).sensor("pressure_difference")
+        assert sensor.loop is not None and sensor.resolution == sensor.loop.resolution
+
+
+def test_the_converter_rounds_to_codes_and_ends_at_its_range():
+    pressure = np.linspace(-9e6, 9e6, 20_001)
+    codes = (digitise(Sensor(loop=LOOP), pressure) + LOOP.offset) / LOOP.resolution
+    np.testing.assert_allclose(codes, np.rint(codes), atol=1e-6)
+    # From no current at all to the highest code of +10 V.
+    assert (codes.min(), codes.max()) == pytest.approx((0.0, 32767.0))
+    inside = (pressure > 0.0) & (pressure < 6.895e6)
+    shown = digitise(Sensor(loop=LOOP), pressure)
+    assert np.abs(shown - pressure)[inside].max() <= 0.5001 * LOOP.resolution
+    turned = digitise(Sensor(loop=LOOP.model_copy(update={"reversible": True})), pressure)
+    assert turned.min() == pytest.approx(-turned.max(), abs=LOOP.resolution)
+    assert np.abs(turned - pressure)[np.abs(pressure) < 6.895e6].max() <= 0.5001 * LOOP.resolution
+
+
+def test_a_smaller_resistor_widens_the_range_and_coarsens_the_step():
+    half = CurrentLoop(low=0.0, high=6.895e6, resistance=249.5)
+    assert half.resolution == pytest.approx(2.0 * LOOP.resolution)
+    assert half.largest > 1.9 * LOOP.largest
+    assert half.offset == pytest.approx(LOOP.offset)
+
+
+def test_quadrature_gives_four_counts_a_line():
+    assert Sensor(lines=16384).resolution == pytest.approx(2.0 * np.pi / 65536)
+    assert Sensor(lines=16384, resolution=0.5).resolution == 0.5
 
 
 def test_the_pump_speed_is_the_count_difference_over_a_nominal_millisecond():
@@ -84,6 +157,33 @@ def test_recordings_lose_what_they_are_told_to():
     assert np.isfinite(out.truth["position"]).all()
 
 
+def test_bursts_of_nan_come_at_their_rate_and_length():
+    recording = Recording(dropped=0.0, late=0.0, nan_bursts_per_minute=30.0)
+    n = 1_200_000
+    truth = {c: np.zeros(n) for c in MEASURED}
+    columns = Recorder(UNIT, [], recording, seed=5).measure(truth, np.arange(n) * 1e-3).columns
+    lost = np.array([np.isnan(columns[c]) for c in columns])
+    struck = np.diff(lost.any(axis=0).astype(int))
+    starts, ends = np.flatnonzero(struck == 1), np.flatnonzero(struck == -1)
+    # 600 expected: ±4 deviations of a Poisson count.
+    assert abs(starts.size - 600) < 100
+    lengths = ends - starts
+    assert lengths.min() >= 5 and np.mean(lengths) == pytest.approx(17.5, rel=0.05)
+    at_once = lost[:, starts + 1].sum(axis=0)
+    assert at_once.min() == 1 and at_once.mean() == pytest.approx(2.5, rel=0.08)
+
+
+def test_stamps_jitter_while_the_rows_are_taken_on_time():
+    recording = Recording(dropped=0.0, late=0.0, nan_bursts_per_minute=0.0, jitter=1e-5)
+    truth = {c: TIME.copy() for c in MEASURED}
+    rows = Recorder(UNIT, [], recording, seed=5).measure(truth, TIME)
+    error = rows.time - TIME
+    assert rows.time[0] == 0.0 and np.all(np.diff(rows.time) > 0.0)
+    assert np.std(error) == pytest.approx(1e-5, rel=0.02)
+    plain = Recorder(UNIT, [], Recording.perfect(), seed=5).measure(truth, TIME)
+    np.testing.assert_array_equal(rows.columns["pressure_1"], plain.columns["pressure_1"])
+
+
 def test_a_late_row_shows_the_plant_at_its_own_stamp():
     on_time = Recording.perfect()
     late = Recording(dropped=0.0, late=0.1, nan_bursts_per_minute=0.0)
@@ -99,9 +199,26 @@ def test_the_load_is_measured_only_when_asked():
     assert "load_force" not in simulate(UNIT, Scenario(duration=0.5)).samples
 
 
+def test_a_truth_without_a_measured_channel_is_refused():
+    with pytest.raises(InputError, match="lacks position, pressure_difference"):
+        Recorder(UNIT, [], Recording(), 1).measure({"pump_angle": TIME}, TIME)
+
+
 def test_streams_of_unlike_purpose_are_independent():
     draws = np.array(
         [generator(7, purpose).standard_normal(4000) for purpose in ("duty", "load", "sensor a")]
     )
     correlation = np.corrcoef(draws) - np.eye(3)
     assert np.abs(correlation).max() < 0.06
+
+
+def test_axes_of_one_scenario_have_noise_of_their_own_and_lose_the_same_rows():
+    truth = {c: np.zeros(4000) for c in MEASURED}
+    recording = Recording(dropped=0.1, nan_bursts_per_minute=0.0, jitter=1e-6)
+    one, other = (
+        Recorder(UNIT, [], recording, 7, stream).measure(truth, TIME[:4000]) for stream in ("", " axis_b")
+    )
+    noise = np.corrcoef(one.columns["pressure_1"], other.columns["pressure_1"])[0, 1]
+    assert abs(noise) < 0.06
+    np.testing.assert_array_equal(one.kept, other.kept)
+    np.testing.assert_array_equal(one.time, other.time)

@@ -1,7 +1,7 @@
-"""What each fault does: to the conditions of the plant, or to a measurement.
+"""What each fault does to the conditions of the plant.
 
-One function per fault and one table for each kind; a new fault is a catalogue entry and a
-line here. Severity 0 leaves every number as it was, bit for bit. Figures are those of
+One function per fault and one table; those of sensors are in `fdd.plant.sensors.faults`. A new fault is a
+catalogue entry and a line here. Severity 0 leaves every number as it was, bit for bit. Figures are those of
 `fdd.plant.faults.scales`; leakages go in at the oil's reference temperature, as all conditions do.
 """
 

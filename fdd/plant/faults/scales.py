@@ -24,7 +24,8 @@ class FaultScales(Validated):
     internal_leakage : m³/(s·Pa) across the ports at 1 MPa, orifice included; two to three times
         the healthy L_T of section 5.2.
     internal_leakage_orifice_share : part of that flow at 1 MPa which is turbulent; the rig injects
-        this leakage by a throttling valve (4.6.8), a worn clearance gives a laminar one.
+        this leakage by a throttling valve (4.6.8), a worn clearance gives a laminar one, and the thesis's own
+        leakage is straight over pressure (figure 5.4).
     external_leakage : m³/(s·Pa) from one chamber to the outside.
     pump_wear_leakage : m³/(s·Pa) across the ports at 100 rad/s; in proportion to speed.
     pump_wear_displacement_loss : share of the displacement.
@@ -56,7 +57,7 @@ class FaultScales(Validated):
     """
 
     usual: ClassVar[dict[str, tuple[float, float]]] = {
-        "internal_leakage_orifice_share": (0.0, 0.5),
+        "internal_leakage_orifice_share": (0.0, 0.25),
         "pump_wear_displacement_loss": (0.0, 0.04),
         "pump_wear_ripple": (0.01, 0.1),
         "loose_rod_leakage": (0.0, 3e-14),
@@ -68,7 +69,7 @@ class FaultScales(Validated):
     severity 1 is not drawn, or a severity would not mean the same in two logs of a data set."""
 
     internal_leakage: Leakage = 12e-12
-    internal_leakage_orifice_share: Share = 0.25
+    internal_leakage_orifice_share: Share = 0.1
     external_leakage: Leakage = 6e-12
     pump_wear_leakage: Leakage = 12e-12
     pump_wear_displacement_loss: Annotated[float, Field(ge=0.0, le=0.5)] = 0.02

@@ -66,7 +66,8 @@ class Recorder:
     faults : those of sensors act here, the others are left alone.
     recording : how the log is taken; rows that are late come late from the plant (see `Lateness`).
     seed : of the scenario.
-    stream : distinguishes the random streams of several axes of one scenario; "" for the only one.
+    stream : tells the axes of one scenario apart, as " axis_b"; "" for the only one. Noise, bursts and faults
+        are each axis's own; dropped rows and stamps are all axes' in common (one computer samples them).
 
     Raises
     ------
@@ -104,7 +105,7 @@ class Recorder:
             if channel in self._sensors:
                 effect = SENSOR_FAULTS[spec.fault](spec, unit.sensor(channel), seed, stream)
                 self._faults.setdefault(channel, []).append(effect)
-        self._losses = Losses(recording, seed, stream)
+        self._losses = Losses(recording, seed)
         self._bursts = NanBursts(recording, seed, [*self._sensors, "pump_speed"], stream)
         self._angle = 0.0
         self.row = 0

@@ -81,12 +81,19 @@ class Lateness:
 
 
 class Losses:
-    """Which rows the log has, and by how much their stamps are off; the first row is there and exact."""
+    """Which rows the log has, and by how much their stamps are off; the first row is there and exact.
 
-    def __init__(self, recording: Recording, seed: int, stream: str = "") -> None:
+    One computer samples all axes of a rig (thesis A.3), so of one scenario they all lose the same rows.
+
+    Parameters
+    ----------
+    recording : dropped, jitter. seed : of the scenario.
+    """
+
+    def __init__(self, recording: Recording, seed: int) -> None:
         self.recording = recording
-        self._drops = generator(seed, f"dropped rows{stream}")
-        self._stamps = generator(seed, f"stamps{stream}")
+        self._drops = generator(seed, "dropped rows")
+        self._stamps = generator(seed, "stamps")
         self._row = 0
 
     def next(self, time: Array) -> tuple[Array, NDArray[np.bool_]]:
@@ -113,6 +120,7 @@ class NanBursts:
     Parameters
     ----------
     recording : bursts per minute. seed : of the scenario. names : channels that it may strike.
+    stream : tells the axes of one scenario apart.
     """
 
     def __init__(self, recording: Recording, seed: int, names: list[str], stream: str = "") -> None:

@@ -17,6 +17,7 @@ SLIP_STEP = 1e-3
 """m, mean size of a slip at severity 1: with one a second, 1 % of the travel at 0.1 m/s."""
 PLAY = 5e-3
 """m; the reader head's clamp ends the walk on either side (assumption), so that strokes stay possible."""
+_AT_ONCE = 256
 
 
 class PositionSlip:
@@ -51,22 +52,26 @@ class PositionSlip:
     def offset(self, first_row: int, n: int) -> Array:
         """Metres that the encoder shows too much in rows ``first_row`` to ``first_row + n - 1``, (n,)."""
         while self._rows[-1] < first_row + n:
-            self._slip()
+            self._slip_on()
         rows = np.arange(first_row, first_row + n)
         at = np.searchsorted(np.array(self._rows), rows, side="right") - 1
         return np.array(self._offsets)[at]
 
-    def _slip(self) -> None:
-        self._time += self._rng.exponential(1.0 / SLIPS_PER_SECOND)
-        size, side = self._rng.random(), self._rng.random()
-        row = int(np.ceil(self._time / PERIOD))
-        severity = float(self.spec.over(np.array([row * PERIOD]))[0])
-        step = severity * SLIP_STEP * (0.5 + size)
-        offset = self._offsets[-1] + (step if side < 0.5 else -step)
-        if abs(offset) > PLAY:
-            offset = np.sign(offset) * (2.0 * PLAY - abs(offset))
-        self._rows.append(row)
-        self._offsets.append(float(offset))
+    def _slip_on(self) -> None:
+        """Draw the next slips; always as many, so that the walk does not depend on who asks for how much."""
+        times = np.cumsum(np.append(self._time, self._rng.exponential(1.0 / SLIPS_PER_SECOND, _AT_ONCE)))[1:]
+        sizes, sides = self._rng.random(_AT_ONCE), self._rng.random(_AT_ONCE)
+        rows = np.ceil(times / PERIOD).astype(np.int64)
+        severity = self.spec.over(np.asarray(rows * PERIOD, dtype=np.float64))
+        steps = severity * SLIP_STEP * (0.5 + sizes) * np.where(sides < 0.5, 1.0, -1.0)
+        offset = self._offsets[-1]
+        for step in steps.tolist():
+            offset += step
+            if abs(offset) > PLAY:
+                offset = (2.0 * PLAY - abs(offset)) * (1.0 if offset > 0.0 else -1.0)
+            self._offsets.append(offset)
+        self._rows += rows.tolist()
+        self._time = float(times[-1])
 
 
 def position_offset(faults: list[FaultSpec], first_row: int, n: int, seed: int, stream: str = "") -> Array:

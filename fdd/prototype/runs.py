@@ -1,0 +1,132 @@
+"""How the experiments drive the prototype: the one place here that writes scenarios.
+
+The thesis commands the pump in volt: ±10 V are ±3000 rpm. Every run starts at rest and is logged whole, at
+1 kHz, through the sensors of Appendix A.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fdd.plant.details import Details
+from fdd.plant.duty import Replay
+from fdd.plant.faults.spec import FaultSpec
+from fdd.plant.load import AnyLoad, NoLoad, ThrottleLoad
+from fdd.plant.scenario import Control, Recording, Scenario
+from fdd.plant.simulate import Simulation, simulate
+from fdd.unit import Unit
+
+Array = NDArray[np.float64]
+
+PERIOD = 1e-3
+"""Sampling interval of the thesis (s), section 6.1."""
+VOLT = 31.416
+"""Commanded pump speed per volt (rad/s): 3000 rpm at 10 V."""
+THOUSAND_RPM = 104.7
+"""Pump speed of section 5.2 (rad/s)."""
+
+
+def run_speed(
+    unit: Unit,
+    command: Array,
+    *,
+    start: float = 0.0,
+    load: AnyLoad | None = None,
+    details: Details | None = None,
+    charge_factor: float = 1.0,
+    faults: list[FaultSpec] | None = None,
+    seed: int = 0,
+) -> Simulation:
+    """Drive the pump with a commanded speed, without feedback of position.
+
+    Parameters
+    ----------
+    unit : the axis.
+    command : (n,) rad/s, one value a millisecond.
+    start : m from mid-stroke.
+    load, details, charge_factor, faults : of the scenario.
+    seed : draws the trial: friction, noise.
+
+    Returns
+    -------
+    The log and the truth, n rows.
+
+    Raises
+    ------
+    InputError : `start` is outside the stroke.
+    """
+    scenario = Scenario(
+        unit=unit.name,
+        duration=command.size * PERIOD,
+        duty=Replay(values=tuple(command.tolist()), offset=start),
+        control=Control(mode="speed"),
+        load=load or NoLoad(),
+        details=details or Details(),
+        charge_factor=charge_factor,
+        faults=faults or [],
+        recording=Recording.perfect(),
+        seed=seed,
+    )
+    return simulate(unit, scenario)
+
+
+def run_position(
+    unit: Unit, setpoint: Array, gain: float, *, start: float = 0.0, seed: int = 0
+) -> Simulation:
+    """Close the position loop of section 7.2 around the pump.
+
+    Parameters
+    ----------
+    unit : the axis.
+    setpoint : (n,) m from mid-stroke.
+    gain : (rad/s)/m.
+    start, seed : as in `run_speed`.
+
+    Returns
+    -------
+    The log and the truth, n rows.
+
+    Raises
+    ------
+    InputError : `start` is outside the stroke, or the gain out of range.
+    """
+    scenario = Scenario(
+        unit=unit.name,
+        duration=setpoint.size * PERIOD,
+        duty=Replay(values=tuple(setpoint.tolist()), offset=start),
+        control=Control(mode="position", gain=gain),
+        recording=Recording.perfect(),
+        seed=seed,
+    )
+    return simulate(unit, scenario)
+
+
+def throttled_partner(pressure: float) -> ThrottleLoad:
+    """The partner's cylinder, its pump shut off, pushing its oil through its throttle valve (figure 5.2).
+
+    Parameters
+    ----------
+    pressure : Pa over the throttle while the driving pump turns at 100 rad/s without leakage.
+    """
+    return ThrottleLoad(pressure=pressure)
+
+
+def both_pumps(unit: Unit, partner: Unit) -> Unit:
+    """One cylinder driven by both axes' pumps in parallel, as for the friction tests of section 5.3.
+
+    Flows add, and so do the torques and inertias on what counts here as one shaft.
+
+    Parameters
+    ----------
+    unit : the axis whose cylinder moves.
+    partner : the axis whose pump helps.
+    """
+    together = unit.model_copy(deep=True)
+    together.pump.displacement += partner.pump.displacement
+    together.pump.cross_port_leakage += partner.pump.cross_port_leakage
+    together.pump.case_leakage += partner.pump.case_leakage
+    together.drive.inertia += partner.drive.inertia
+    together.drive.viscous_friction += partner.drive.viscous_friction
+    together.drive.current_limit += partner.drive.current_limit
+    return together

@@ -1,0 +1,185 @@
+"""How ``fdd simulate`` makes a scenario: file and options, partner, valves, the list of faults."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import pytest
+import yaml
+
+from fdd.faults import CATALOGUE
+from fdd.plant.scenario import Scenario
+from fdd.plant.scenario_file import load_scenario, scenario_yaml
+from fdd.unit import Unit
+
+FILE: dict[str, Any] = {
+    "schema": "fdd.scenario/1",
+    "unit": "axis_b",
+    "duration": 12,
+    "seed": 3,
+    "control": {"gain": 9000},
+    "faults": [{"fault": "pump_wear", "severity": 0.3}],
+    "partner": {"unit": "axis_a", "drive": "still", "circuit": {"blocked": True, "throttle": "0:1/5:0.2"}},
+}
+
+
+class Rig:
+    """Stands for the plant: keeps what it was asked to run."""
+
+    def __init__(self) -> None:
+        self.asked: list[tuple[Unit, Scenario, Unit | None]] = []
+        self.written: list[Path] = []
+
+    def simulate(self, unit: Unit, scenario: Scenario, *, partner: Unit | None = None) -> SimpleNamespace:
+        self.asked.append((unit, scenario, partner))
+        return SimpleNamespace(partner=None if partner is None else SimpleNamespace(partner=None))
+
+
+@pytest.fixture
+def rig(monkeypatch: pytest.MonkeyPatch) -> Rig:
+    # What is tested here is what the plant is asked for; the plant itself has its own tests.
+    made = Rig()
+    monkeypatch.setitem(sys.modules, "fdd.plant.simulate", SimpleNamespace(simulate=made.simulate))
+    command = sys.modules["fdd.cli.simulate"]
+    monkeypatch.setattr(command, "_write", lambda out, result, truth: made.written.append(out))
+    return made
+
+
+@pytest.fixture
+def file(tmp_path: Path) -> Path:
+    path = tmp_path / "rig.yaml"
+    path.write_text(yaml.safe_dump(FILE), encoding="utf-8")
+    return path
+
+
+def asked(rig: Rig, run: Any, tmp_path: Path, *arguments: object) -> tuple[Unit, Scenario, Unit | None]:
+    result = run("simulate", "-o", tmp_path / "run.mcap", *arguments)
+    assert result.exit_code == 0, result.stderr
+    return rig.asked[-1]
+
+
+def test_without_options_it_is_a_scenarios_defaults(rig, run, tmp_path) -> None:
+    unit, scenario, partner = asked(rig, run, tmp_path)
+    assert unit.name == "axis_a" and partner is None and scenario == Scenario()
+    assert rig.written == [tmp_path / "run.mcap"]
+
+
+def test_a_scenario_from_a_file_is_run_as_it_stands(rig, run, tmp_path, file) -> None:
+    unit, scenario, partner = asked(rig, run, tmp_path, "--scenario", file)
+    assert (unit.name, partner.name) == ("axis_b", "axis_a")
+    assert scenario == load_scenario(file) == Scenario(**{k: v for k, v in FILE.items() if k != "schema"})
+    assert rig.written == [tmp_path / "run.mcap", tmp_path / "run.axis_a.mcap"]
+
+
+def test_options_override_the_file_and_leave_the_rest(rig, run, tmp_path, file) -> None:
+    unit, scenario, partner = asked(
+        rig, run, tmp_path, "--scenario", file, "--unit", "axis_a", "--seed", 8, "--control", "speed",
+        "--partner", "axis_b:power=0", "--valve", "b.throttle=0.5", "--valve", "bypass=0.1",
+        "--fault", "aeration:severity=0.2,axis=2", "--perfect",
+    )  # fmt: skip
+    assert (unit.name, partner.name, scenario.unit, scenario.partner.unit) == (
+        "axis_a", "axis_b", "axis_a", "axis_b",
+    )  # fmt: skip
+    assert (scenario.duration, scenario.seed) == (12.0, 8)
+    assert (scenario.control.mode, scenario.control.gain) == ("speed", 9000.0)
+    assert scenario.partner.drive == "still" and scenario.partner.power.most == 0.0
+    circuit = scenario.partner.circuit
+    assert circuit.blocked and circuit.throttle.points == ((0.0, 0.5),)
+    assert scenario.circuit.bypass.most == 0.1
+    assert [(f.fault, f.axis) for f in scenario.faults] == [("aeration", 2)]
+    assert scenario.recording.dropped == 0.0
+
+
+def test_a_scenario_can_be_kept_as_a_file(tmp_path, file) -> None:
+    scenario = load_scenario(file)
+    again = tmp_path / "again.yaml"
+    again.write_text(scenario_yaml(scenario), encoding="utf-8")
+    assert load_scenario(again) == scenario
+    again.write_text(scenario.model_dump_json(), encoding="utf-8")  # as it travels with a log
+    assert load_scenario(again) == scenario
+
+
+def test_valves_by_name_on_their_axis(rig, run, tmp_path) -> None:
+    _, scenario, _ = asked(
+        rig, run, tmp_path, "--partner", "axis_b", "--valve", "connect_1=1", "--valve", "connect_2=0:0/5:1",
+        "--valve", "a.throttle=0.25", "--valve", "b.external_leakage=0:0/3:0/3:1",
+        "--valve", "b.external_leakage_side=2", "--valve", "b.blocked=true", "--valve", "b.bypass=1",
+        "--valve", "gas_charge=3e5",
+    )  # fmt: skip
+    assert scenario.connect.line_1.least == 1.0 and scenario.connect.line_2.points == ((0, 0), (5, 1))
+    assert scenario.circuit.throttle.most == 0.25 and scenario.circuit.accumulators.gas_charge == 3e5
+    other = scenario.partner.circuit
+    assert other.external_leakage.points == ((0, 0), (3, 0), (3, 1)) and other.external_leakage_side == 2
+    assert other.blocked and other.bypass.most == 1.0 and other.accumulators is None
+
+
+def test_levels_are_written_on_the_command_line(rig, run, tmp_path) -> None:
+    _, scenario, _ = asked(rig, run, tmp_path, "--profile", "levels:points=0:0.02/5:-0.02")
+    assert scenario.duty.points.points == ((0.0, 0.02), (5.0, -0.02))
+    _, scenario, _ = asked(rig, run, tmp_path, "--profile", "constant_speed:speeds=60/120")
+    assert scenario.control.mode == "speed" and scenario.duty.speeds == (60.0, 120.0)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (["--valve", "connect_1=1"], ["no partner"]),
+        (["--valve", "b.throttle=1"], ["--valve b.throttle=1", "--partner"]),
+        (["--valve", "tap=1"], ["tap", "connect_1", "throttle", "gas_charge"]),
+        (["--valve", "b.connect_1=1", "--partner", "axis_b"], ["b.connect_1"]),
+        (["--valve", "c.throttle=1"], ["b.NAME=OPENING"]),
+        (["--valve", "throttle"], ["NAME=OPENING"]),
+        (["--valve", "throttle=2"], ["throttle", "0 (shut, off) to 1"]),
+        (["--valve", "throttle=wide"], ["throttle", "number"]),
+        (["--valve", "throttle=5:1/2:0"], ["comes after"]),
+        (["--valve", "blocked=perhaps"], ["blocked"]),
+        (["--partner", "axis_b", "--valve", "b.blocked=1"], ["hydraulic lock", "throttle or by-pass"]),
+        (["--partner", "axis_z"], ["axis_z", "axis_a"]),
+        (["--partner", "axis_b:drive=gently"], ["drive"]),
+        (["--partner", "axis_b:speed=3"], ["speed", "drive or power"]),
+        (["--partner", "axis_b", "--load", "throttle"], ["the partner's own throttle"]),
+        (["--fault", "aeration:severity=0.2,axis=2"], ["no axis 2"]),
+        (["--fault", "unknown:severity=0.2"], ["not simulated"]),
+    ],
+)
+def test_a_bad_rig_is_refused(run, one_line, tmp_path, arguments, words) -> None:
+    one_line(run("simulate", "-o", tmp_path / "x.mcap", *arguments), *words)
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("schema: fdd.recipe/1\n", ["fdd.recipe/1", "not a scenario"]),
+        ("- 1\n", ["not a scenario"]),
+        ("duration: [", ["not valid YAML"]),
+        ("durations: 3\n", ["unknown parameter"]),
+        ("duration: -3\n", ["duration"]),
+        ("partner: axis_b\n", ["partner", "fields"]),
+        ("control: fast\n", ["control"]),
+        ("faults: [{fault: leek, severity: 0.1}]\n", ["leek"]),
+        ("circuit: {throttle: [[1, 0], [0, 1]]}\n", ["throttle", "comes after"]),
+        ("circuit: {throttle: {a: 1}}\n", ["throttle", "no programme"]),
+        ("unit: axis_z\n", ["axis_z"]),
+    ],
+)
+def test_a_bad_scenario_file_is_refused(run, one_line, tmp_path, text, words) -> None:
+    path = tmp_path / "rig.yaml"
+    path.write_text(text, encoding="utf-8")
+    one_line(run("simulate", "-o", tmp_path / "x.mcap", "--scenario", path), *words)
+    one_line(run("simulate", "-o", tmp_path / "x.mcap", "--scenario", tmp_path / "none.yaml"), "none.yaml")
+    assert [p.name for p in tmp_path.iterdir()] == ["rig.yaml"]
+
+
+def test_the_list_of_faults_shows_the_whole_catalogue(run) -> None:
+    result = run("simulate", "--list-faults")
+    assert result.exit_code == 0
+    for entry in CATALOGUE.values():
+        (line,) = [row for row in result.stdout.splitlines() if row.split()[:1] == [entry.id]]
+        assert entry.family in line
+        assert ("1, 2" in line) == bool(entry.sides)
+    words = " ".join(result.stdout.split())
+    assert "12e-12" in words and "tight_reverse" in words and "(not simulated)" in words

@@ -1,0 +1,243 @@
+"""The rig's valves: what they write into the conditions, and which settings are refused."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from fdd.errors import InputError
+from fdd.plant import conditions as c
+from fdd.plant.circuit import Circuit, Connect, ExternalAccumulators, apply, apply_connect
+from fdd.plant.rows import axis_conditions, partner_setpoint
+from fdd.plant.scenario import Scenario
+from fdd.plant.valves import check_charging
+from fdd.unit import Unit
+
+UNIT = Unit.load("axis_a")
+TIME = np.arange(3000) * 1e-3
+
+
+def rows_of(scenario: Scenario, axis: int = 1, time: np.ndarray = TIME) -> np.ndarray:
+    zeros = np.zeros(time.size)
+    return axis_conditions(UNIT, scenario, time, zeros, zeros, axis=axis)
+
+
+def changed_by(circuit: Circuit) -> np.ndarray:
+    rows = np.zeros((TIME.size, c.COLUMNS))
+    apply(circuit, rows, TIME)
+    return rows
+
+
+def columns(rows: np.ndarray) -> set[int]:
+    return set(np.flatnonzero(rows.any(axis=0)).tolist())
+
+
+# What they write.
+
+
+def test_a_rig_as_it_stands_is_healthy_bit_for_bit() -> None:
+    zeros = np.zeros(TIME.size)
+    assert rows_of(Scenario()).tobytes() == c.healthy_conditions(UNIT, zeros, zeros).tobytes()
+
+
+def test_by_pass_and_throttle_add_across_the_cylinder() -> None:
+    rows = changed_by(Circuit(bypass="0:0/2:1", throttle=0.5, bypass_flow=2e-4, throttle_flow=1e-4))
+    assert columns(rows) == {c.BYPASS}
+    np.testing.assert_allclose(rows[[0, 1000, 2500], c.BYPASS], [5e-5, 1.5e-4, 2.5e-4])
+
+
+def test_the_by_pass_drops_what_the_thesis_says_at_full_flow() -> None:
+    """4.4: about 137 kPa at 1.39e-4 m³/s."""
+    flow_at_1_mpa = changed_by(Circuit(bypass=1))[0, c.BYPASS]
+    assert 1e6 * (1.39e-4 / flow_at_1_mpa) ** 2 == pytest.approx(137e3, rel=0.01)
+
+
+@pytest.mark.parametrize(("side", "column"), [(1, c.OUTSIDE_1), (2, c.OUTSIDE_2)])
+def test_the_external_leakage_valve_opens_to_the_outside_on_its_side(side, column) -> None:
+    rows = changed_by(
+        Circuit(
+            external_leakage=[[1, 0], [2, 1]], external_leakage_side=side, external_leakage_coefficient=2e-11
+        )
+    )
+    assert columns(rows) == {column}
+    np.testing.assert_allclose(rows[[500, 1500, 2500], column], [0.0, 1e-11, 2e-11], atol=1e-20)
+
+
+def test_the_charging_pump_delivers_its_displacement_times_speed() -> None:
+    rows = changed_by(Circuit(charging=0.5))
+    assert columns(rows) == {c.CHARGE}
+    # 2.83e-7 m³/rad (Table 4.16) at half of 3000 rpm.
+    np.testing.assert_allclose(rows[:, c.CHARGE], 2.83e-7 * 25.0 * 2.0 * np.pi, rtol=1e-4)
+
+
+def test_the_connect_valves_write_a_column_each_on_the_first_axis_only() -> None:
+    rows = np.zeros((TIME.size, c.COLUMNS))
+    apply_connect(Connect(line_1=1.0, line_2="0:0/1:0/1:0.2", flow=4e-4), rows, TIME)
+    assert columns(rows) == {c.CONNECT_1, c.CONNECT_2}
+    np.testing.assert_allclose(rows[:, c.CONNECT_1], 4e-4)
+    np.testing.assert_allclose(rows[[999, 1000], c.CONNECT_2], [0.0, 8e-5])
+    dual = Scenario(partner={}, connect={"line_1": 1, "line_2": 1})
+    assert rows_of(dual)[0, c.CONNECT_1] > 0.0 and rows_of(dual, axis=2)[0, c.CONNECT_1] == 0.0
+
+
+def test_power_and_valves_go_to_their_own_axis() -> None:
+    scenario = Scenario(
+        power=0.8,
+        circuit={"bypass": 0.1},
+        partner={"power": "0:1/2:0", "circuit": {"throttle": 1.0}},
+        warming=0.01,
+        faults=[{"fault": "motor_degradation", "severity": 1.0, "axis": 2}],
+    )
+    one, two = rows_of(scenario), rows_of(scenario, axis=2)
+    np.testing.assert_allclose(one[:, c.CURRENT_LIMIT], 0.8)
+    np.testing.assert_allclose(two[[0, 1000, 2500], c.CURRENT_LIMIT], [0.8, 0.4, 0.0])
+    assert one[0, c.BYPASS] == pytest.approx(0.1 * Circuit().bypass_flow)
+    assert two[0, c.BYPASS] == pytest.approx(Circuit().throttle_flow)
+    assert np.all(one[:, c.WARMING] == 0.01) and np.all(two[:, c.WARMING] == 0.01)
+
+
+@given(st.integers(1, 2999))
+def test_rows_do_not_depend_on_how_the_run_is_cut(cut) -> None:
+    scenario = Scenario(
+        circuit={"bypass": "0:0/1.3:0.7", "charging": "0.2:0/0.2:1/2:0"}, power="0:1/3:0.5",
+        faults=[{"fault": "aeration", "severity": 0.3, "onset": 1.1, "profile": "ramp", "ramp": 1.0}],
+    )  # fmt: skip
+    whole = rows_of(scenario)
+    parts = [rows_of(scenario, time=part) for part in (TIME[:cut], TIME[cut:])]
+    assert np.array_equal(np.concatenate(parts), whole)
+
+
+def test_the_partners_own_speeds() -> None:
+    own = Scenario(partner={"drive": "own", "duty": {"name": "levels", "points": "0:40/1:-60"}})
+    setpoint = partner_setpoint(own, 1500, np.random.default_rng(0))
+    assert setpoint[[0, 999, 1000, 1499]].tolist() == [40.0, 40.0, -60.0, -60.0]
+    for partner in ({"drive": "still"}, {"drive": "same"}, None):
+        assert not partner_setpoint(Scenario(partner=partner), 10, np.random.default_rng(0)).any()
+
+
+# What contradicts itself: one case for each line of the table in fdd.plant.valves.
+
+SHUT = {"blocked": True}
+OPEN = {"blocked": True, "throttle": 0.5}
+BOTH = {"line_1": 1, "line_2": 1}
+
+REFUSED = {
+    "connect without partner": ({"connect": {"line_1": 1}}, "no partner"),
+    "connect opened later without partner": ({"connect": {"line_2": "0:0/9:1"}}, "no partner"),
+    "two throttled partners": ({"partner": {}, "load": {"name": "throttle"}}, "the partner's own throttle"),
+    "both blocked": ({"circuit": OPEN, "partner": {"circuit": OPEN}}, "both axes are blocked"),
+    "both blocked, connected": (
+        {"circuit": OPEN, "partner": {"circuit": OPEN}, "connect": BOTH},
+        "both axes are blocked",
+    ),
+    "blocked alone": ({"circuit": OPEN}, "no partner moves its cylinder"),
+    "lock of the partner": ({"partner": {"circuit": SHUT}}, "hydraulic lock: the partner"),
+    "lock of the partner, still": (
+        {"partner": {"drive": "still", "circuit": SHUT}},
+        "open its throttle or by-pass",
+    ),
+    "lock although connected": ({"partner": {"circuit": SHUT}, "connect": BOTH}, "hydraulic lock"),
+    "lock of the first": ({"circuit": SHUT, "partner": {}}, "hydraulic lock: the first axis"),
+    "lock by the partner's own drive": (
+        {
+            "circuit": SHUT, "duty": {"name": "standstill"}, "control": {"mode": "speed"},
+            "partner": {"drive": "own", "duty": {"name": "steps"}},
+        },
+        "hydraulic lock: the first axis",
+    ),
+    "lock by the own pump over the connect valves": (
+        {"circuit": SHUT, "partner": {"drive": "still"}, "connect": BOTH},
+        "hydraulic lock: the first axis",
+    ),
+    "the partner's own pump over the connect valves": (
+        {
+            "power": 0, "connect": BOTH,
+            "partner": {"circuit": SHUT, "drive": "own", "duty": {"name": "steps"}},
+        },
+        "hydraulic lock: the partner",
+    ),
+    "position loop without its cylinder": (
+        {"circuit": OPEN, "partner": {"drive": "still"}},
+        "position loop would not see",
+    ),
+    "two charging pumps": (
+        {"circuit": {"charging": 1}, "partner": {"circuit": {"charging": "0:0/1:1"}}},
+        "one charging pump",
+    ),
+    "charging above its rating": ({"circuit": {"charging_pressure": 9.7e6}}, "9650000"),
+    "gas above its rating": ({"circuit": {"accumulators": {"gas_charge": 9.4e6}}}, "9300000"),
+    "half a ball valve": ({"circuit": {"blocked": 0.5}}, "blocked"),
+    "drive own without duty": ({"partner": {"drive": "own"}}, "needs a duty"),
+    "duty without drive own": ({"partner": {"duty": {"name": "steps"}}}, "takes no duty"),
+    "shuttle of the partner": (
+        {"partner": {"drive": "own", "duty": {"name": "constant_speed"}}},
+        "its own encoder",
+    ),
+    "fault of no partner": (
+        {"faults": [{"fault": "aeration", "severity": 0.1, "axis": 2}]},
+        "there is no axis 2",
+    ),
+    "fault twice on one axis": (
+        {"partner": {}, "faults": [{"fault": "aeration", "severity": 0.1, "axis": 2}] * 2},
+        "twice for axis 2",
+    ),
+    "unknown valve": ({"circuit": {"by_pass": 1}}, "the parameters are: blocked, bypass"),
+}  # fmt: skip
+
+ALLOWED = {
+    "leakage coefficient by throttling (5.2)": {"partner": {"drive": "still", "circuit": OPEN}},
+    "its mirror image": {"circuit": OPEN, "partner": {}},
+    "both pumps on one cylinder (4.6.7)": {"partner": {"circuit": OPEN}, "connect": BOTH},
+    "first pump on the partner's cylinder": {
+        "circuit": OPEN, "partner": {"drive": "still"}, "connect": BOTH,
+    },
+    "charging while leaking (4.6.4)": {"circuit": {"charging": 1, "external_leakage": 0.3}},
+    "by-pass on a driving axis (4.6.8)": {"circuit": {"bypass": 1}},
+    "one connect valve": {"partner": {}, "connect": {"line_1": 1}},
+    "axes that fight": {"partner": {"drive": "still"}},
+    "a way out that opens late": {"partner": {"circuit": {"blocked": True, "throttle": "0:0/5:1"}}},
+    "blocked partner, nothing moves": {
+        "duty": {"name": "standstill"}, "partner": {"circuit": SHUT},
+    },
+    "blocked partner, first axis without power": {"power": 0, "partner": {"circuit": SHUT}},
+    "a pump against its relief valve": {
+        "circuit": SHUT, "control": {"mode": "speed"}, "partner": {"drive": "still"},
+    },
+    "one fault on each axis": {
+        "partner": {}, "faults": [{"fault": "aeration", "severity": 0.1, "axis": k} for k in (1, 2)],
+    },
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", REFUSED)
+def test_contradictory_valves_are_told_in_one_line(name) -> None:
+    arguments, told = REFUSED[name]
+    with pytest.raises(InputError) as caught:
+        Scenario(**arguments)
+    assert told in str(caught.value) and "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize("name", ALLOWED)
+def test_what_the_rig_can_do_is_allowed_and_travels(name) -> None:
+    scenario = Scenario(**ALLOWED[name])
+    assert Scenario.model_validate_json(scenario.model_dump_json()) == scenario
+
+
+def test_charging_is_checked_against_the_units_pressures() -> None:
+    charge = UNIT.accumulator.charge_pressure
+    check_charging(Circuit(charging=1), UNIT)
+    check_charging(Circuit(charging_pressure=1.0), UNIT)  # the pump stands
+    with pytest.raises(InputError, match="adds nothing"):
+        check_charging(Circuit(charging=1, charging_pressure=0.9 * charge), UNIT)
+    with pytest.raises(InputError, match="adds nothing"):
+        check_charging(Circuit(charging=1), UNIT, charge_factor=2.0)
+    # 3.44 + 9.30 = 12.74 MPa exceed 10.34 MPa; the bulk-modulus circuit's relief valve protects (4.6.3).
+    high = {"charging": 1, "charging_pressure": 9.30e6}
+    with pytest.raises(InputError, match=r"exceeds the rated 10.34 MPa.*accumulators"):
+        check_charging(Circuit(**high), UNIT)
+    check_charging(Circuit(**high, accumulators=ExternalAccumulators()), UNIT)
+    check_charging(Circuit(charging=1, charging_pressure=6.8e6), UNIT)
+    with pytest.raises(InputError, match="exceeds the rated"):
+        rows_of(Scenario(partner={"circuit": high}), axis=2)
