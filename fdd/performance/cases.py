@@ -38,7 +38,9 @@ class Case:
     def scenario(self, duration: float, *, whole: bool = True) -> Scenario:
         """The run of `duration` s; `whole` keeps every sample at its millisecond."""
         recording = {"recording": Recording.perfect()} if whole else {}
-        return Scenario(**{"unit": self.unit.name, "seed": 4, **self.settings, **recording, "duration": duration})
+        return Scenario(
+            **{"unit": self.unit.name, "seed": 4, **self.settings, **recording, "duration": duration}
+        )
 
     def prepared(self, duration: float, refine: float = 1.0) -> Prepared:
         """The run, ready."""
@@ -72,9 +74,11 @@ class Cases:
     def numerics(self) -> list[Case]:
         """For step halving and the reference solver."""
         stiffest = Details(bristle_stiffness=Details.usual["bristle_stiffness"][1])
-        leak = {"fault": "internal_leakage", "severity": 0.6, "onset": 0.5}
+        leak = {"fault": "internal_leakage", "severity": 0.6, "onset": 0.02}
         return [
-            self._case("steps, constant load", duty={"name": "steps", "hold": 1.0}, load={"name": "constant"}),
+            self._case(
+                "steps, constant load", duty={"name": "steps", "hold": 1.0}, load={"name": "constant"}
+            ),
             self._case(
                 "sines, spring, leakage", duty={"name": "sines"}, load={"name": "spring"}, faults=[leak]
             ),
@@ -88,7 +92,7 @@ class Cases:
                 "flight, gust, aeration",
                 duty={"name": "flight", "lead_in": 0.1},
                 load={"name": "gust"},
-                faults=[{"fault": "aeration", "severity": 1.0, "onset": 0.5, "profile": "ramp"}],
+                faults=[{"fault": "aeration", "severity": 1.0, "onset": 0.02, "profile": "ramp"}],
             ),
             self._case(
                 "prbs, stiffest bristles",
@@ -136,7 +140,9 @@ class Cases:
         return [
             *cases,
             self._case("two axes, steps", faults=fault, partner={}, duty={"name": "steps"}),
-            self._case("two axes, sines", faults=fault, partner={}, duty={"name": "sines"}, load={"name": "spring"}),
+            self._case(
+                "two axes, sines", faults=fault, partner={}, duty={"name": "sines"}, load={"name": "spring"}
+            ),
         ]
 
     @property

@@ -1,8 +1,8 @@
 """Whether the steps are short enough: against steps half as long, and against a reference solver.
 
-A difference counts against what a sensor cannot see: the root mean square of its white noise and of its rounding,
-LSB/√12. For the encoders, which have no noise, that is LSB/√12 alone. Differences are those of the true
-quantities, before any sensor.
+A difference counts against what a sensor cannot see: the root mean square of its white noise and of its
+rounding, LSB/√12. For the encoders, which have no noise, that is LSB/√12 alone. Differences are those of the
+true quantities, before any sensor.
 """
 
 from __future__ import annotations
@@ -54,8 +54,8 @@ class Difference:
 
     @property
     def worst(self) -> float:
-        """Largest of the root mean squares, but for the accumulated angle's."""
-        return max(value for channel, value in self.rms.items() if channel != "pump_angle")
+        """Largest of the root mean squares, but for the angle's, which see."""
+        return max(value for channel, value in self.rms.items() if channel not in ("pump_angle", GAINED))
 
 
 def sensed(states: Array, found: Array | None, axis: int = 0) -> dict[str, Array]:

@@ -1,7 +1,7 @@
-"""Solvers of SciPy on the plant's own right-hand side, with commands and conditions held as the plant holds them.
+"""Solvers of SciPy on the plant's own right-hand side, with commands and conditions held as there.
 
-The right-hand side is the compiled one, called through a thin wrapper; a solver starts anew wherever a command
-arrives, as any solver must.
+The right-hand side is the compiled one, called through a thin wrapper; a solver starts anew wherever a
+command arrives, as any solver must.
 """
 
 from __future__ import annotations
@@ -9,6 +9,7 @@ from __future__ import annotations
 import time
 from collections.abc import Iterator
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -98,6 +99,6 @@ def _held(ready: Prepared, commands: Array, t: int) -> Iterator[tuple[float, flo
         rest = unit.drive.delay - whole[axis] * PERIOD
         part[axis] = rest if rest > 1e-9 else 0.0
     edges = sorted({0.0, PERIOD, *(p for p in part if p > 0.0)})
-    for start, stop in zip(edges[:-1], edges[1:], strict=True):
+    for start, stop in pairwise(edges):
         rows = [t - whole[axis] - (1 if start < part[axis] else 0) for axis in range(2)]
         yield start, stop, *(float(commands[row, axis]) if row >= 0 else 0.0 for axis, row in enumerate(rows))  # type: ignore[misc]

@@ -31,6 +31,7 @@ class Outcome:
     highest_share : highest gauge pressure over the bound of `pressure_bound`.
     beyond_stop : m that the piston went past its stroke.
     steps : of the integrator for each millisecond.
+    refused : draws that the rig's rules refused before.
     """
 
     seed: int
@@ -113,10 +114,11 @@ def _checked(seed: int, wild: Wild, ready: Prepared, raw: RawBlock) -> Outcome:
 def pressure_bound(ready: Prepared, raw: RawBlock) -> float:
     """Gauge pressure (Pa) that a run can explain, from what it is driven and loaded with.
 
-    The highest accumulator pressure, plus the relief valves' setting, plus the rise over their gain at all the
-    flow that pumps and pistons push, plus what external force, springs, friction and the momentum of rod and
-    load (v·√(M·k), on the springs of the oil) press on one piston. Relief valves lie across the ports: joined by
-    one line, or one axis blocked, a low side stands on the other axis's high one, and the settings add up.
+    The highest accumulator pressure, plus the relief valves' setting, plus the rise over their gain at all
+    the flow that pumps and pistons push, plus what external force, springs, friction and the momentum of rod
+    and load (v·√(M·k), on the springs of the oil) press on one piston. Relief valves lie across the ports:
+    joined by one line, or one axis blocked, a low side stands on the other axis's high one, and the settings
+    add up.
 
     Parameters
     ----------
@@ -143,7 +145,8 @@ def _motor_speed(ready: Prepared, raw: RawBlock) -> tuple[float, float]:
     """Fastest motor, and the speed that its command or the oil of pistons and the other pump explain."""
     v = float(np.abs(raw.states[:, s.V]).max())
     fastest = [
-        float(np.abs(raw.states[:, s.SHARED + axis * s.AXIS_STATES + s.SPEED]).max()) for axis in range(ready.axes)
+        float(np.abs(raw.states[:, s.SHARED + axis * s.AXIS_STATES + s.SPEED]).max())
+        for axis in range(ready.axes)
     ]
     worst = int(np.argmax(fastest))
     par = ready.parameters[worst]

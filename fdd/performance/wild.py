@@ -99,7 +99,9 @@ def _scenario(
         drive = str(rng.choice(["same", "still", "own"]))
         second["partner"] = {
             "drive": drive,
-            "duty": {"name": "prbs", "speed": float(rng.uniform(20, 200)), "bit": 0.2} if drive == "own" else None,
+            "duty": {"name": "prbs", "speed": float(rng.uniform(20, 200)), "bit": 0.2}
+            if drive == "own"
+            else None,
             "power": _power(rng),
             "circuit": _circuit(rng, may_block=True),
         }
