@@ -128,7 +128,7 @@ class Cases:
     def speed(self) -> list[Case]:
         """For the real-time factor: everything on, one fault injected."""
         fault = [{"fault": "internal_leakage", "severity": 0.5, "onset": 2.0}]
-        one = [
+        one: list[tuple[str, dict[str, Any]]] = [
             ("steps", {"duty": {"name": "steps"}, "load": {"name": "constant"}}),
             ("sines", {"duty": {"name": "sines"}, "load": {"name": "spring"}}),
             ("sawtooth", {"duty": {"name": "sawtooth"}, "load": {"name": "inertia"}}),

@@ -67,7 +67,7 @@ def draw_wild(seed: int, duration: float = 4.0) -> Wild:
         try:
             scenario = _scenario(first.unit, first.details.model_dump(), rng, duration, dual)
             wild = Wild(first.unit, second.unit if dual else None, scenario, refused)
-            wild.prepared()
+            wild.prepared().conditions(0, 1)
         except InputError:
             continue
         return wild
