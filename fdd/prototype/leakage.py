@@ -150,7 +150,7 @@ def measure(axis_a: Unit, axis_b: Unit, seed: int) -> Finding:
         "valve closed step by step, which raises the pressure up to 3.36 MPa. Leak flow is Dp·ω - A·v "
         f"(eq. 5.3) in steady motion; its slope over pressure is L_T. Here: nine throttles, {TRIALS} "
         "trials, each point the last 0.4 s of a 260 mm stroke, by the encoders and the differential "
-        "pressure sensor.",
+        "pressure sensor; the partner is a cylinder on the same rod whose ports are joined by a throttle.",
         rows,
         remarks=[f"Standard deviation of the slope over the trials, 10⁻¹² m³/(s·Pa): {spread}."],
         pictures=[
