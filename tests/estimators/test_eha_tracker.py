@@ -26,6 +26,9 @@ from fdd.samples import Samples
 from fdd.unit import Unit
 
 LEAK = {"fault": "internal_leakage", "severity": 0.5, "onset": 6.0}
+# The filters' L_T is a coefficient of laminar leakage. An orifice's has no such coefficient: its secant,
+# which the truth gives, grows without bound as the pressure passes zero.
+LAMINAR = {"internal_leakage_orifice_share": 0.0}
 WORN = {"dropped": 0.05, "late": 0.02, "nan_bursts_per_minute": 60.0}
 JITTERING = {"dropped": 0.0, "late": 0.3, "nan_bursts_per_minute": 0.0}
 PERFECT = {"dropped": 0.0, "late": 0.0, "nan_bursts_per_minute": 0.0}
@@ -49,6 +52,7 @@ def axis(
             duty={"name": "sines"},
             load={"name": "spring"},
             faults=[LEAK] if leaks else [],
+            fault_scales=LAMINAR,
             recording=Recording(**recordings[recording]),
             seed=seed,
         ),
