@@ -2,7 +2,8 @@
 
 import numpy as np
 import pytest
-from fault_checks import CHECKS, ONSET, UNITS, Case, port_pressure, run
+from fault_case import ONSET, UNITS, Case, port_pressure, run
+from fault_checks import CHECKS
 from hypothesis import given
 from hypothesis import strategies as st
 

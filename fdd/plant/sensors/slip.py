@@ -62,7 +62,8 @@ class PositionSlip:
         times = np.cumsum(np.append(self._time, self._rng.exponential(1.0 / SLIPS_PER_SECOND, _AT_ONCE)))[1:]
         sizes, sides = self._rng.random(_AT_ONCE), self._rng.random(_AT_ONCE)
         rows = np.ceil(times / PERIOD).astype(np.int64)
-        steps = self.spec.over(rows * PERIOD) * SLIP_STEP * (0.5 + sizes) * np.where(sides < 0.5, 1.0, -1.0)
+        severity = self.spec.over(rows.astype(np.float64) * PERIOD)
+        steps = severity * SLIP_STEP * (0.5 + sizes) * np.where(sides < 0.5, 1.0, -1.0)
         offset = self._offsets[-1]
         for step in steps.tolist():
             offset += step
