@@ -184,7 +184,7 @@ def test_one_seed_gives_one_run_bit_for_bit():
 
 
 def test_the_units_spread_of_friction_varies_from_run_to_run():
-    draws = [prepare(UNIT, Scenario(duration=0.01, seed=s)).parameters.coulomb_forward for s in range(300)]
+    draws = [prepare(UNIT, Scenario(duration=0.01, seed=s)).parameters[0].coulomb_forward for s in range(300)]
     assert np.mean(draws) == pytest.approx(UNIT.friction.forward.coulomb, rel=0.02)
     assert np.std(draws) == pytest.approx(
         UNIT.friction.forward.coulomb * UNIT.friction.trial_spread, rel=0.15
