@@ -143,7 +143,10 @@ CATALOGUE: dict[str, Fault] = {
         Fault(
             "sensor_dropout", "sensor", "sensor dropout", "Appendix A",
             "a loose contact: a channel is missing, held, or reads a broken current loop, in bursts",
-            "the channel is lost all the time; 0.3: for 30 % of it, in bursts of about 0.1 s", _ASSUMED,
+            "the channel is lost all the time; 0.3: for 30 % of it, in bursts of about 0.1 s; "
+            "missing: no value of the differential pressure; held: its last value again; "
+            "broken_loop: what 0 mA reads; position_missing: no value of the position; "
+            "position_held: its last value again", _ASSUMED,
             variants=("missing", "held", "broken_loop", "position_missing", "position_held"), simulated=True,
         ),
         Fault(

@@ -19,7 +19,7 @@ class Details(Validated):
     bristle_damping : of the stuck piston on its bristles, relative to critical.
     bristle_fade : m/s, velocity at which the bristle damping has fallen to half.
     breakaway : share of its steady deflection up to which a bristle holds without sliding; 0 is eq. 5.9,
-        0.9 lets the plant break away at the static friction of Table 5.1 at every speed (figure 5.8).
+        0.6 gives Table 5.1's static friction in the thesis's own experiment, at every speed (figure 5.8).
     friction_memory : s, lag of the friction curve behind the velocity (Hess and Soom; Armstrong-Hélouvry).
     seal_damping : N·s/m, of velocity changes quicker than that lag; steady friction is untouched.
         Together these two decide below which speed the piston sticks and slips; the thesis measured
@@ -70,7 +70,7 @@ class Details(Validated):
     bristle_stiffness: Annotated[float, Field(ge=1e5, le=3e7)] = 1e6
     bristle_damping: Annotated[float, Field(ge=0.05, le=2.0)] = 0.5
     bristle_fade: Annotated[float, Field(gt=0.0, le=1.0)] = 0.01
-    breakaway: Annotated[float, Field(ge=0.0, le=0.95)] = 0.9
+    breakaway: Annotated[float, Field(ge=0.0, le=0.95)] = 0.6
     friction_memory: Annotated[float, Field(ge=1e-3, le=1.0)] = 0.04
     seal_damping: Annotated[float, Field(ge=0.0, le=1e4)] = 500.0
     pump_teeth: Annotated[int, Field(ge=1, le=100)] = 12

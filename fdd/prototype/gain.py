@@ -82,6 +82,7 @@ def measure(axis_a: Unit, axis_b: Unit, seed: int) -> Finding:
         right.axhline(1e4 * ratio, color="C2", linewidth=1.0, label=f"Dp/A of Table 4.21: {1e4 * ratio:.2f}")
         right.set(xlabel="pump speed (rad/s)", ylabel="velocity over pump speed (10⁻⁴ m/rad)")
         left.legend()
+        right.set_ylim(3.1, 3.7)
         right.legend(loc="lower left")
 
     return Finding(

@@ -6,13 +6,16 @@ The thesis commands the pump in volt: ±10 V are ±3000 rpm. Every run starts at
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 from numpy.typing import NDArray
 
+from fdd.plant.circuit import Circuit
 from fdd.plant.details import Details
 from fdd.plant.duty import Replay
 from fdd.plant.faults.spec import FaultSpec
-from fdd.plant.load import AnyLoad, NoLoad, ThrottleLoad
+from fdd.plant.partner import Partner
 from fdd.plant.scenario import Control, Recording, Scenario
 from fdd.plant.simulate import Simulation, simulate
 from fdd.unit import Unit
@@ -32,7 +35,7 @@ def run_speed(
     command: Array,
     *,
     start: float = 0.0,
-    load: AnyLoad | None = None,
+    partner: tuple[Unit, Partner] | None = None,
     details: Details | None = None,
     charge_factor: float = 1.0,
     faults: list[FaultSpec] | None = None,
@@ -45,7 +48,8 @@ def run_speed(
     unit : the axis.
     command : (n,) rad/s, one value a millisecond.
     start : m from mid-stroke.
-    load, details, charge_factor, faults : of the scenario.
+    partner : the other axis and what it does; None leaves the cylinder alone.
+    details, charge_factor, faults : of the scenario.
     seed : draws the trial: friction, noise.
 
     Returns
@@ -61,14 +65,14 @@ def run_speed(
         duration=command.size * PERIOD,
         duty=Replay(values=tuple(command.tolist()), offset=start),
         control=Control(mode="speed"),
-        load=load or NoLoad(),
+        partner=partner[1] if partner else None,
         details=details or Details(),
         charge_factor=charge_factor,
         faults=faults or [],
         recording=Recording.perfect(),
         seed=seed,
     )
-    return simulate(unit, scenario)
+    return simulate(unit, scenario, partner=partner[0] if partner else None)
 
 
 def run_position(
@@ -102,14 +106,21 @@ def run_position(
     return simulate(unit, scenario)
 
 
-def throttled_partner(pressure: float) -> ThrottleLoad:
-    """The partner's cylinder, its pump shut off, pushing its oil through its throttle valve (figure 5.2).
+def throttled_partner(unit: Unit, partner: Unit, pressure: float) -> Partner:
+    """The other axis on the same rod, its pump shut off, pushing its oil through its throttle (figure 5.2).
 
     Parameters
     ----------
+    unit, partner : the driving axis and the other.
     pressure : Pa over the throttle while the driving pump turns at 100 rad/s without leakage.
     """
-    return ThrottleLoad(pressure=pressure)
+    flow = 100.0 * unit.pump.displacement * partner.cylinder.area_1 / unit.cylinder.area_1
+    opening = flow / (Circuit().throttle_flow * math.sqrt(1e-6 * pressure))
+    return Partner(
+        unit=partner.name,
+        drive="still",
+        circuit=Circuit.model_validate({"blocked": True, "throttle": opening}),
+    )
 
 
 def both_pumps(unit: Unit, partner: Unit) -> Unit:

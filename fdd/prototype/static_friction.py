@@ -117,7 +117,7 @@ def measure(axis_a: Unit, axis_b: Unit, seed: int) -> Finding:
         "Section 5.3 steps both pumps, which drive one cylinder together, to 0.5 to 10 V (0.011 to 0.22 "
         "m/s) and takes the highest pressure of each trial times the area as the static friction. Here: "
         "twenty steps in each of the four modes, each a trial of its own, by the differential pressure "
-        "sensor.",
+        "sensor; the two pumps count as one on one shaft.",
         rows,
         tables=[
             Table(

@@ -143,8 +143,8 @@ def measure(axis_a: Unit, axis_b: Unit, seed: int) -> Finding:
         "Hydraulic transfer function",
         "Eqs 5.23 to 5.26 are eq. 5.22 with the numbers of Table 4.21 and chapter 5. They are recomputed "
         "from the unit profiles, and found a second time in the plant: its friction replaced by a "
-        "viscous one (B = 0 and 800 N·s/m), it answers a step of 10 rad/s from rest, and a second-order "
-        "response to the pump's true speed is fitted.",
+        "viscous one (B = 0 and 800 N·s/m) and its check valves made to open sharply, it answers a step "
+        "of 10 rad/s from rest, and a second-order response to the pump's true speed is fitted.",
         rows,
         pictures=[Picture("transfer_function", "Small motion of the plant against eqs 5.23 and 5.26.", draw)],
     )

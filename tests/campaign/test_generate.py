@@ -16,6 +16,7 @@ from fdd.campaign.generate import generate
 from fdd.campaign.recipe import Recipe
 from fdd.errors import InputError
 from fdd.logs import read_log
+from fdd.plant.faults.scales import FaultScales
 from fdd.plant.oil import viscosity_ratio
 from fdd.unit import Unit
 
@@ -26,7 +27,9 @@ def small(**fields: object) -> Recipe:
     given = {
         "schema": "fdd.recipe/1", "name": "small", "seed": 11, "units": 2, "logs_per_unit": 2,
         "duration": [3.0, 4.0], "healthy_share": 0.25, "severity": [0.6, 1.0],
-        "faults": {f: {} for f in FOUR}, "baseline": False, **fields,
+        "faults": {f: {} for f in FOUR}, "baseline": False,
+        # An orifice's leakage coefficient grows without bound as the pressure passes zero.
+        "fault_scales": {**FaultScales.usual, "internal_leakage_orifice_share": [0.0, 0.0]}, **fields,
     }  # fmt: skip
     return Recipe(**given)
 

@@ -50,12 +50,15 @@ def test_validation_recipe_is_a_hundred_faults_in_four_equal_families_and_twenty
 def test_training_recipe_is_three_tenths_healthy_and_the_rest_follows_the_weights() -> None:
     recipe = Recipe.load(RECIPES / "training.yaml")
     counts = Counter(assign_faults(recipe))
-    assert counts.pop(()) == 240
-    assert {name for (name,) in counts} == set(SIMULATED) and sum(counts.values()) == 560
+    assert recipe.units * recipe.logs_per_unit == counts.total() == 190 * 5
+    assert counts.pop(()) == 285
+    # What a minute of log cannot show, or what its quality tells, is not taught.
+    taught = set(SIMULATED) - {"shaft_seal_wear", "sensor_dropout"}
+    assert {name for (name,) in counts} == taught and sum(counts.values()) == 665
     total = sum(fault.weight for fault in recipe.faults.values())
     for (name,), count in counts.items():
         share = recipe.faults[name].weight / total
-        assert abs(count - 560 * share) < 1.0, name
+        assert abs(count - 665 * share) < 1.0, name
 
 
 @settings(deadline=None, max_examples=40)
@@ -141,7 +144,7 @@ def test_every_duty_with_every_load_fits_the_unit(duty: str, load: str) -> None:
         assert scenario.duty.name == duty
         assert scenario.load.name == load
         ready = prepare(rig.unit, scenario)  # raises where the duty leaves the stroke
-        demand = ready.conditions[:, 0]
+        demand = ready.setpoints[0]
         if scenario.control.mode == "position":
             assert np.abs(demand).max() <= 0.4 * rig.unit.cylinder.stroke + 1e-9
         else:

@@ -1,5 +1,5 @@
-"""Assertions of the checks in `fault_checks` are to be explained as those of tests are."""
+"""Assertions of the checks of faults are to be explained as those of tests are."""
 
 import pytest
 
-pytest.register_assert_rewrite("fault_checks")
+pytest.register_assert_rewrite("fault_case", "fault_checks", "sensor_fault_checks")

@@ -14,9 +14,9 @@ from fdd.faults import CATALOGUE
 from fdd.plant import conditions as c
 from fdd.plant.details import Details
 from fdd.plant.faults.injection import PLANT_FAULTS, inject
-from fdd.plant.sensors import SENSOR_FAULTS
 from fdd.plant.faults.scales import FaultScales
 from fdd.plant.faults.spec import SIMULATED, FaultSpec, parse_fault
+from fdd.plant.sensors import SENSOR_FAULTS
 from fdd.unit import Unit
 
 UNIT = Unit.load("axis_a")

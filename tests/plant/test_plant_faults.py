@@ -2,7 +2,8 @@
 
 import numpy as np
 import pytest
-from fault_checks import CHECKS, ONSET, UNITS, Case, run
+from fault_case import ONSET, UNITS, Case, port_pressure, run
+from fault_checks import CHECKS
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -120,7 +121,9 @@ def test_a_clogged_valve_cavitates_above_vacuum_and_converges(air, side, load):
     for name in ("pressure_1", "pressure_2"):
         assert coarse[name].min() > -50e3
         assert np.sqrt(np.mean((coarse[name] - fine[name]) ** 2)) < 2e3
-    lowest = min(coarse["pressure_1"].min(), coarse["pressure_2"].min()) + 50e3
+    # At the pump's own port, which the line's losses put below the chamber.
+    lowest = port_pressure(coarse, side).min() + 50e3
+    assert lowest > 0.0
     # With little air as far as the pump starves; much air expands, but falls below ambient all the same.
     assert lowest < (18e3 if air == 0.0 else 50e3)
     assert np.abs(coarse["oil_mass"] / coarse["oil_mass"][0] - 1.0).max() < 1e-6

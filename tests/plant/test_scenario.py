@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 import fdd.plant
 from fdd.errors import InputError
 from fdd.plant.details import Details
-from fdd.plant.duty import DUTIES, duty_named
+from fdd.plant.duty import DUTIES, Replay, duty_named
 from fdd.plant.load import LOADS, GustLoad, load_named
 from fdd.plant.scenario import Control, Recording, Scenario
 from fdd.plant.simulate import prepare, simulate
@@ -184,7 +184,7 @@ def test_one_seed_gives_one_run_bit_for_bit():
 
 
 def test_the_units_spread_of_friction_varies_from_run_to_run():
-    draws = [prepare(UNIT, Scenario(duration=0.01, seed=s)).parameters.coulomb_forward for s in range(300)]
+    draws = [prepare(UNIT, Scenario(duration=0.01, seed=s)).parameters[0].coulomb_forward for s in range(300)]
     assert np.mean(draws) == pytest.approx(UNIT.friction.forward.coulomb, rel=0.02)
     assert np.std(draws) == pytest.approx(
         UNIT.friction.forward.coulomb * UNIT.friction.trial_spread, rel=0.15
@@ -248,3 +248,22 @@ def test_faster_than_real_time_by_far():
 @pytest.mark.parametrize("module", [m.name for m in pkgutil.walk_packages(fdd.plant.__path__, "fdd.plant.")])
 def test_documented_examples_run(module):
     assert doctest.testmod(importlib.import_module(module)).failed == 0
+
+
+@pytest.mark.parametrize("mode", ["position", "speed"])
+def test_replay_gives_each_value_for_a_millisecond_and_holds_the_last(mode):
+    values = (0.0, 0.01, -0.02)
+    scenario = Scenario(
+        duration=0.01, duty=Replay(values=values, offset=0.03), control=Control(mode=mode, gain=100.0),
+        recording=Recording.perfect(),
+    )  # fmt: skip
+    log = simulate(UNIT, scenario).samples
+    expected = np.array([*values, *[values[-1]] * 7])
+    if mode == "position":
+        assert np.array_equal(log["position_setpoint"], expected)
+    else:
+        assert np.allclose(log["command"], expected, atol=UNIT.sensor("command").resolution + 1e-12)
+    assert log["position"][0] == pytest.approx(0.03)
+    # Signals of one's own come by the library; the command line has no way to write them.
+    with pytest.raises(InputError, match="unknown profile"):
+        duty_named("replay", values=values)

@@ -1,0 +1,97 @@
+"""A run with a fault and the healthy one beside it, of either axis, and what the checks measure of them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from fdd.plant.duty import Steps
+from fdd.plant.faults.spec import FaultSpec
+from fdd.plant.load import ConstantLoad
+from fdd.plant.scenario import Scenario
+from fdd.plant.simulate import Simulation, simulate
+from fdd.plant.truth import Truth
+from fdd.unit import Unit
+
+ONSET = 2.0
+UNITS = {1: Unit.load("axis_a"), 2: Unit.load("axis_b")}
+Array = np.ndarray
+
+
+def run(*faults: FaultSpec, axis: int = 1, unit: Unit | None = None, **changes: Any) -> Simulation:
+    """The axis's part of a run; axis 2 is the second of a dual rig, both driven alike.
+
+    A circuit goes to both axes.
+    """
+    given: dict[str, Any] = {
+        "duration": 5.0,
+        "duty": Steps(amplitude=0.04, hold=0.8),
+        "load": ConstantLoad(level=600.0 * axis),
+        "seed": 5,
+        "oil_temperature": UNITS[1].oil.reference_temperature,
+        "faults": list(faults),
+    }
+    given |= changes
+    if axis == 1:
+        return simulate(unit or UNITS[1], Scenario(**given))
+    given["partner"] = {"circuit": given["circuit"]} if "circuit" in given else {}
+    out = simulate(UNITS[1], Scenario(**given), partner=unit or UNITS[2]).partner
+    assert out is not None
+    return out
+
+
+@dataclass(frozen=True)
+class Case:
+    """A faulty run, the healthy one beside it, and which rows come after the onset."""
+
+    spec: FaultSpec
+    faulty: Simulation
+    healthy: Simulation
+
+    @property
+    def axis(self) -> int:
+        return self.spec.axis
+
+    @property
+    def unit(self) -> Unit:
+        return UNITS[self.spec.axis]
+
+    @property
+    def truth(self) -> Truth:
+        return self.faulty.truth
+
+    @property
+    def after(self) -> Array:
+        # A late row at the onset may lie on either side of its millisecond.
+        return self.truth.time > ONSET + 2e-3
+
+    def again(self, **changes: Any) -> tuple[Truth, Truth]:
+        """Truths of faulty and healthy in another run, the fault there from the start."""
+        spec = self.spec.model_copy(update={"onset": 0.0})
+        return (run(spec, axis=self.axis, **changes).truth, run(axis=self.axis, **changes).truth)
+
+    def pressed(self, side: int) -> dict[str, Any]:
+        """The load that presses on a chamber."""
+        return {"load": ConstantLoad(level=600.0 * self.axis * (1.0 if side == 1 else -1.0))}
+
+
+def over_time(truth: Truth, values: Array, rows: Array) -> float:
+    return float(np.trapezoid(values[rows], truth.time[rows]))
+
+
+def lost(truth: Truth, rows: Array) -> float:
+    """Oil (m³ at atmospheric pressure) that went outside, from what is still inside."""
+    inside = (truth["oil_mass"] - truth["oil_lost"])[rows]
+    return float(inside[0] - inside[-1])
+
+
+def keeps_its_oil(truth: Truth) -> None:
+    assert np.abs(truth["oil_mass"] / truth["oil_mass"][0] - 1.0).max() < 1e-9
+
+
+def port_pressure(truth: Truth, side: int) -> Array:
+    """Pa at the pump's port; half of the line losses lie on each side."""
+    loss = 0.5 * (truth["port_difference"] - truth["pressure_difference"])
+    return np.asarray(truth[f"pressure_{side}"] + (loss if side == 1 else -loss))
