@@ -7,7 +7,18 @@ from typing import Annotated
 import typer
 
 from fdd import __version__
-from fdd.cli import demo, diagnose, generate, identify, monitor, simulate, thesis, train, validate
+from fdd.cli import (
+    demo,
+    diagnose,
+    generate,
+    identify,
+    monitor,
+    performance,
+    simulate,
+    thesis,
+    train,
+    validate,
+)
 from fdd.cli.failures import USAGE, Commands
 
 app = typer.Typer(
@@ -49,4 +60,5 @@ app.command()(generate.generate)
 app.command()(train.train)
 app.command()(validate.validate)
 app.command()(thesis.thesis)
+app.command()(performance.performance)
 app.command()(demo.demo)

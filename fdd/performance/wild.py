@@ -67,7 +67,7 @@ def draw_wild(seed: int, duration: float = 4.0) -> Wild:
         try:
             scenario = _scenario(first.unit, first.details.model_dump(), rng, duration, dual)
             wild = Wild(first.unit, second.unit if dual else None, scenario, refused)
-            wild.prepared()
+            wild.prepared().conditions(0, 1)
         except InputError:
             continue
         return wild
@@ -99,7 +99,9 @@ def _scenario(
         drive = str(rng.choice(["same", "still", "own"]))
         second["partner"] = {
             "drive": drive,
-            "duty": {"name": "prbs", "speed": float(rng.uniform(20, 200)), "bit": 0.2} if drive == "own" else None,
+            "duty": {"name": "prbs", "speed": float(rng.uniform(20, 200)), "bit": 0.2}
+            if drive == "own"
+            else None,
             "power": _power(rng),
             "circuit": _circuit(rng, may_block=True),
         }

@@ -96,6 +96,6 @@ def fine_run(
                 span = (points[i + 1] - points[i]) * PERIOD
                 length, _ = advance(
                     y, span, length, ready.longest, before[0], before[1], rows[t], first, second,
-                    ready.allowed, k, stage, found,
+                    1.0 / ready.allowed, k, stage, found,
                 )  # fmt: skip
     return FineRun(ready, states, slopes, findings, rows, weights * PERIOD)

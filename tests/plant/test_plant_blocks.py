@@ -87,7 +87,8 @@ def test_the_loop_forgets_nothing_between_uneven_cuts(case, cuts):
     for start, stop in pairwise(edges):
         block, _, asked = run(
             ready.state, ready.memory, ready.past, ready.conditions(start, stop), ready.viscosity,
-            constants[0], constants[-1], ready.controller, late[start:stop], ready.allowed, ready.longest,
+            constants[0], constants[-1], ready.controller, late[start:stop], 1.0 / ready.allowed,
+            ready.longest,
         )  # fmt: skip
         states.append(block)
         commands.append(asked)

@@ -29,7 +29,7 @@ def _truth(unit: Unit = UNIT, **scenario: Any) -> Truth:
 def test_forces_balance(load):
     """M·v gained = ∫(A1 p1 - A2 p2 - friction - load - stop) dt, each millisecond, from the findings."""
     duty = {"name": "sines", "amplitude": 0.04, "lead_in": 0.1}
-    run = fine_run(UNIT, Scenario(duration=1.0, duty=duty, load=load))
+    run = fine_run(UNIT, Scenario(duration=0.6, duty=duty, load=load), nodes=40)
     net = UNIT.cylinder.area_1 * run.at(s.P1) - UNIT.cylinder.area_2 * run.at(s.P2)
     net = net - run.finding(s.FRICTION_FORCE) - run.finding(s.LOAD_FORCE) - run.finding(s.STOP_FORCE)
     v = run.states[:, :, s.V]
@@ -42,7 +42,7 @@ def test_forces_balance(load):
     elif load["name"] == "spring":
         np.testing.assert_allclose(run.finding(s.LOAD_FORCE), 1.5e4 * x, atol=1e-9)
     assert np.abs(gained).max() > 3e-3  # N·s
-    # Where friction turns over within a millisecond the quadrature has a kink to get round.
+    # Where the rod turns round, friction has a corner that the quadrature must get round.
     np.testing.assert_allclose(net @ run.weights, gained, rtol=0.0, atol=1e-5 * np.abs(gained).max())
 
 

@@ -150,9 +150,9 @@ def test_a_shut_by_pass_holds_a_weight_and_an_open_one_lets_it_go():
     drop = abs(opened["pressure_difference"][row])
     orifice = 0.1 * 3.76e-4 * np.sqrt(drop / 1e6)
     assert abs(opened["bypass_flow"][row]) == pytest.approx(orifice, rel=1e-3)
-    powered = _truth(load=load, **{**same, "power": 1.0})
-    creeping = UNIT.cylinder.area_1 * abs(powered["velocity"][row])
-    assert creeping == pytest.approx(
-        powered["leakage"][row] * abs(powered["pressure_difference"][row]), rel=0.15
-    )
+    # It creeps by stick and slip, as fast as leakage lets it on the whole.
+    powered = _truth(load=load, **{**same, "power": 1.0, "duration": 4.0})
+    leaked = (powered["leakage"] * np.abs(powered["pressure_difference"]))[1000:].mean()
+    creeping = UNIT.cylinder.area_1 * (powered["position"][1000] - powered["position"][-1]) / 3.0
+    assert creeping == pytest.approx(leaked, rel=0.1)
     assert creeping < 0.1 * UNIT.cylinder.area_1 * abs(opened["velocity"][row])

@@ -1,0 +1,44 @@
+"""Speed of the plant: ``pytest tests/benchmarks --benchmark-enable``; peers: ``fdd performance``."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+from fdd.performance.cases import Cases
+from fdd.performance.peers import METHODS, integrate
+from fdd.plant.simulate import raw_blocks, simulate
+
+CASES = {case.name: case for case in Cases().speed}
+
+
+@pytest.mark.parametrize("name", CASES)
+def test_simulate(benchmark: Any, name: str) -> None:
+    case = CASES[name]
+    scenario = case.scenario(5.0, whole=False)
+    benchmark.extra_info["simulated_s"] = 5.0
+    out = benchmark(simulate, case.unit, scenario, partner=case.partner)
+    assert np.isfinite(out.truth["position"]).all()
+
+
+@pytest.mark.parametrize("name", ["sines", "two axes, sines"])
+def test_integration(benchmark: Any, name: str) -> None:
+    case = CASES[name]
+    benchmark.extra_info["simulated_s"] = 5.0
+
+    def run() -> bool:
+        return all(bool(np.isfinite(block.states).all()) for block in raw_blocks(case.prepared(5.0)))
+
+    assert benchmark(run)
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_peer(benchmark: Any, method: str) -> None:
+    """The same right-hand side, a tenth of a second."""
+    case = Cases().work
+    _, _, commands = case.states(0.1)
+    benchmark.extra_info["simulated_s"] = 0.1
+    run = benchmark(integrate, case, commands, method, 1e-6, 1.0, 0.1)
+    assert np.isfinite(run.states).all()

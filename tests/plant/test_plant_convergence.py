@@ -1,0 +1,67 @@
+"""The steps are short enough: against shorter ones, and against a reference solver of another kind."""
+
+from itertools import pairwise
+
+import numpy as np
+import pytest
+
+from fdd.performance.cases import Case, Cases
+from fdd.performance.convergence import against_half_steps, against_radau, unseen
+from fdd.plant import state as s
+from fdd.unit import Unit
+
+CASES = {case.name: case for case in Cases().numerics}
+
+
+@pytest.mark.parametrize("name", CASES)
+def test_half_the_step_changes_no_sensor_by_a_tenth_of_its_noise(name):
+    """The numerics alone, without the encoder's steps in the loop; `fdd performance` takes a minute."""
+    difference = against_half_steps(CASES[name].without_encoder_steps(), 4.0)
+    assert set(difference.rms) >= {"position", "pressure_difference", "pump_speed", "motor_current"}
+    assert difference.worst < 0.1
+    assert difference.rms["pressure_difference"] < 1e-3
+    # Far finer than noise: 65536 counts a turn, and nothing brings the angle back.
+    assert difference.rms["pump_angle"] < 1.0
+
+
+@pytest.mark.parametrize(
+    ("name", "duration"),
+    [
+        ("prbs, stiffest bristles", 0.25),
+        ("prbs of speed, coupling and check valve", 0.25),
+        ("flight, gust, aeration", 0.25),
+    ],
+)
+def test_radau_agrees_within_a_tenth_of_the_sensors(name, duration):
+    """SciPy's implicit solver on the same right-hand side and commands, tolerance 1e-10."""
+    case = CASES[name]
+    states, _, _ = case.states(duration)
+    assert np.ptp(states[:, s.X]) > 1e-4
+    difference = against_radau(case, duration)
+    assert difference.worst < 0.1
+    assert difference.rms["pump_angle"] < 0.5
+
+
+def _errors(case: Case, refinements: list[float]) -> list[float]:
+    reference = case.states(0.5, 32.0)[0]
+    pressure = s.SHARED + s.P1
+    return [
+        float(np.sqrt(np.mean((case.states(0.5, refine)[0] - reference)[:, pressure] ** 2)))
+        for refine in refinements
+    ]
+
+
+def test_refining_converges_fast():
+    """Each halving takes the error down by far more than a second-order rule's four, on the whole."""
+    errors = _errors(Cases().work, [0.5, 1.0, 2.0, 4.0, 8.0])
+    assert all(finer < coarser for coarser, finer in pairwise(errors))
+    assert errors[0] / errors[-1] > 8.0**4
+    assert errors[1] < 1.0
+
+
+def test_what_a_sensor_cannot_see():
+    unit = Unit.load("axis_a")
+    assert unseen(unit, "position") == pytest.approx(1e-6 / np.sqrt(12.0))
+    assert unseen(unit, "pump_angle") == pytest.approx(2.0 * np.pi / 65536 / np.sqrt(12.0))
+    pressure = unit.sensor("pressure_difference")
+    assert pressure.noise < unseen(unit, "pressure_difference") < 1.01 * pressure.noise
