@@ -161,9 +161,9 @@ def _halving(found: Measured) -> list[str]:
         "0.29 µm, and 28 µrad of angle.",
         "",
         "The numerics alone, with a loop that sees the position without the encoder's steps: the worst "
-        f"rms is {worst:.1e}. The motor encoder's 65536 counts a turn "
-        f"stand apart: {gained:.1e} of the angle gained in a second, {angle:.1e} of the accumulated one, an "
-        "integral over the whole run that no loop closes; each corner that a step runs over adds its error.",
+        f"rms is {worst:.1e}. The motor encoder's 65536 counts a turn stand apart: {gained:.1e} of the "
+        f"angle gained in a second, {angle:.1e} of the accumulated one, an integral over the whole run "
+        "that no loop closes; each corner that a step runs over adds its error.",
         "",
         *_differences(found.halved_alone),
         "With the encoder in the loop a position on the edge between two counts may round to another "
@@ -197,12 +197,12 @@ def _wild(outcomes: list[Outcome]) -> list[str]:
         "",
         f"{len(outcomes)} random scenarios of 4 s: units and details as campaigns draw them, every plant "
         "fault alone and together with severities up to 1, every load and duty, valves and by-passes "
-        "moving, one axis or two, motors without power, -20 to 110 °C, 0.3 to 2.5 of the charge, ambient "
-        f"pressures up to 13 km high. {refused} more draws were refused by the rig's own rules. Checked "
-        "of each: no NaN, absolute pressures above 0, pressures below what accumulator, relief valves "
-        "and their flow, load, friction and momentum explain "
-        "(`fdd.performance.robustness.pressure_bound`), the piston within its stops and their give, the "
-        "motor no faster than commands or oil drive it, oil kept to a millionth.",
+        "moving, one axis or two, motors without power, -20 to 110 °C, 0.3 to 2.5 of the charge, 20 to "
+        f"110 kPa around it. {refused} more draws were refused by the rig's own rules. Checked of each: "
+        "no NaN, absolute pressures above 0, pressures below what accumulator, relief valves and their "
+        "flow, load, friction and momentum explain (`fdd.performance.robustness.pressure_bound`), the "
+        "piston within its stops and their give, the motor no faster than commands or oil drive it, oil "
+        "kept to a millionth.",
         "",
         *_table(
             ["of all runs", "figure"],
