@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import re
+
 import numpy as np
 import pytest
 from healthy_units import TEMPERATURE, Case, calibration_logs, random_unit
@@ -294,4 +296,6 @@ def test_a_surprising_number_is_remarked(cases: dict[int, Case]) -> None:
     channels = ("pressure_1", "pressure_2", "pressure_difference", "pressure_accumulator")
     logs = [log.with_columns({c: 10.0 * log[c] for c in channels}) for log in case.logs]
     notes = " ".join(identify_unit(logs, case.base).notes)
-    assert "bulk modulus is 1" in notes and "unit of measure" in notes
+    # Ten times, as closely as the logs tell it.
+    times = re.search(r"bulk modulus is ([\d.]+) times", notes)
+    assert times and float(times[1]) == pytest.approx(10.0, rel=0.1) and "unit of measure" in notes
