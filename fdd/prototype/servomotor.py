@@ -80,8 +80,8 @@ def measure(axis_a: Unit, axis_b: Unit, seed: int) -> Finding:
     rates = np.sort(np.abs(found.model.poles))
     free_rates = np.sort(np.abs(free.model.poles))
     limited = (
-        f"The drive's current limit ({axis_a.drive.current_limit:g} A, an assumption) bounds what the "
-        f"signal can ask of it: {found.largest_current:.1f} A were seen. Without the limit the same fit "
+        f"The signal takes up to {found.largest_current:.1f} A by the current sensor, the drive's limit is "
+        f"{axis_a.drive.current_limit:g} A (an assumption). Without that limit the same fit "
         f"gives -{free_rates[1]:.1f} and -{free_rates[0]:.1f} 1/s, {free.model.bandwidth_hz():.1f} Hz."
     )
     thesis_computed = SERVOMOTOR.bandwidth_hz()
@@ -121,7 +121,8 @@ def measure(axis_a: Unit, axis_b: Unit, seed: int) -> Finding:
         f"{100 * found.fit:.1f} % of the speed.",
         rows,
         remarks=[
-            limited,
+            limited + " The drive's own current loop (a lag of 0.4 ms, assumed) and the dead band of its "
+            "input (Table 6.1) are in the plant.",
             "Eq. 6.11 itself has its -3 dB point, relative to its own gain at rest, at "
             f"{thesis_computed:.1f} Hz.",
         ],
