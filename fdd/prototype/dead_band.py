@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fdd.prototype.findings import Finding, Picture, Row
+from fdd.prototype.leakage import holding_leakage
 from fdd.prototype.runs import PERIOD, VOLT, run_speed
 from fdd.unit import Unit
 
@@ -146,8 +147,10 @@ def measure(axis_a: Unit, axis_b: Unit, seed: int) -> Finding:
             one.plot(LEVELS, free, "k:", linewidth=1.0, label="no dead band")
             one.axvline(COMBINED, color="k", linestyle="--", linewidth=1.0, label="thesis, 0.06 V")
             one.set(xlabel="command (V)", ylabel="velocity (mm/s)", title=f"motor and actuator, axis {name}")
+            one.set_ylim(-0.1, 5.0)
+        left.set_ylim(-3.0, 140.0)
         for one in (left, *right):
-            one.legend(fontsize=8)
+            one.legend(fontsize=8, loc="upper left")
 
     return Finding(
         "Dead band",
@@ -167,13 +170,13 @@ def measure(axis_a: Unit, axis_b: Unit, seed: int) -> Finding:
 
 def _balance(name: str, unit: Unit) -> str:
     """Why the pump needs more than the thesis's 0.06 V."""
-    per_newton = unit.pump.total_leakage / (unit.cylinder.area_1 * unit.pump.displacement * VOLT)
+    per_newton = holding_leakage(unit) / (unit.cylinder.area_1 * unit.pump.displacement * VOLT)
     statics = unit.friction.forward.static, unit.friction.reverse.static
     forces = " and ".join(f"{f:.0f}" for f in statics)
     volts = " and ".join(f"{MOTOR + per_newton * f:.3f}" for f in statics)
     return (
-        "To hold F newton the pump must make up the leakage, ω = L_T·F/(A·Dp), beyond the motor's own dead "
-        f"band: the {forces} N of Table 5.1 (axis {name}) need {volts} V before the piston slides; 0.06 V "
+        "To hold F newton the pump must make up the leakage, ω = (ξ + C_ep)·F/(A·Dp) with the low side refed "
+        f"(mode 2), beyond the motor's own dead band: the {forces} N of Table 5.1 (axis {name}) need {volts} V before the piston slides; 0.06 V "
         f"hold only {(COMBINED - MOTOR) / per_newton:.0f} N. So the thesis's dead band, leakage and static "
         "friction exclude each other."
     )

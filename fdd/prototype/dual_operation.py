@@ -127,12 +127,14 @@ def measure(axis_a: Unit, axis_b: Unit, seed: int) -> Finding:
         for k, (name, (out, setpoint)) in enumerate(runs.items()):
             assert out.partner is not None
             time = out.samples.time[second]
-            axes[0].plot(time, 1e3 * out.samples["position"][second], color=f"C{k}", label=name)
+            wide = 3.0 if k == 0 else 1.2  # the second lies on the first
+            position = 1e3 * out.samples["position"][second]
+            axes[0].plot(time, position, color=f"C{k}", linewidth=wide, label=name)
             error = (out.samples["position"] - setpoint)[second]
-            axes[1].plot(time, 1e3 * error, color=f"C{k}", linewidth=1.0)
+            axes[1].plot(time, 1e3 * error, color=f"C{k}", linewidth=wide)
             for axis, style in ((out, "-"), (out.partner, "--")):
                 pressure = 1e-6 * axis.truth["pressure_difference"][second]
-                axes[2].plot(time, pressure, style, color=f"C{k}", linewidth=1.0)
+                axes[2].plot(time, pressure, style, color=f"C{k}", linewidth=0.6 * wide)
             if k == 0:
                 axes[0].plot(time, 1e3 * setpoint[second], "k:", label="set-point")
         axes[2].plot([], [], "k-", label="axis A")
@@ -140,8 +142,9 @@ def measure(axis_a: Unit, axis_b: Unit, seed: int) -> Finding:
         axes[0].set(ylabel="position (mm)")
         axes[1].set(ylabel="error (mm)")
         axes[2].set(ylabel="P1 - P2 (MPa)", xlabel="time (s)")
+        axes[2].set_ylim(-4.2, 6.5)
         axes[0].legend(loc="upper right", fontsize=8)
-        axes[2].legend(loc="upper right", fontsize=8)
+        axes[2].legend(loc="upper right", fontsize=8, ncols=2)
 
     return Finding(
         "Dual operation",

@@ -12,6 +12,7 @@ from fdd.plant.details import Details
 from fdd.plant.partner import Partner
 from fdd.prototype.chatter_filter import filtered_velocity
 from fdd.prototype.findings import Finding, Picture, Row, Table
+from fdd.prototype.leakage import holding_leakage
 from fdd.prototype.runs import PERIOD, VOLT, riding_partner, run_position
 from fdd.prototype.whole_eha import with_friction
 from fdd.unit import Unit
@@ -95,7 +96,7 @@ def measure(axis_a: Unit, axis_b: Unit, seed: int) -> Finding:
         (command - Details().command_dead_band)
         * axis_a.pump.displacement
         * axis_a.cylinder.area_1
-        / axis_a.pump.total_leakage
+        / holding_leakage(axis_a)
     )
     rig_band = 0.06 * VOLT / GAIN
     changed = {

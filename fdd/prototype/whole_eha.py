@@ -296,7 +296,9 @@ def measure_low(axis_a: Unit, axis_b: Unit, seed: int) -> Finding:
             "About rest the plant has no transfer function: what it answers depends on how large the "
             f"signal is against the friction. A linear model explains {100 * found.fit:.0f} % of the "
             "velocity, and its poles are those of the best straight line through a stuck and a sliding "
-            "piston; its -3 dB point is no property of the plant (the single sines' is far from it). The "
+            "piston; its -3 dB point is against its own gain at rest, which lies "
+            f"{-20.0 * np.log10(abs(found.model.gain) / found.gain):.0f} dB below Dp/A: most of what it "
+            "describes is a stuck piston on its bending seals, as the sines from 2 Hz on show. The "
             "thesis reports the same state: no motion beyond 45 Hz in its figure 6.21, because the actuator "
             "cannot overcome its static friction there.",
             "Axis B's cylinder on the same rod makes this worse, not better: its seals' friction comes on "
