@@ -108,8 +108,8 @@ def measure(axis_a: Unit, axis_b: Unit, seed: int) -> Finding:
     own = linear_ultimate_gain(high_model)
     crossing = ULTIMATE * axis_a.pump.displacement / axis_a.cylinder.area_1
     why = (
-        f"33750 (rad/s)/m crosses over at {crossing / (2 * np.pi):.1f} Hz, where nothing in either of the "
-        f"thesis's models lags: they predict {number_text(models['eq. 6.12'])} and "
+        f"33750 (rad/s)/m crosses over at {crossing / (2 * np.pi):.1f} Hz, where neither of the thesis's "
+        f"models lags much: they predict {number_text(models['eq. 6.12'])} and "
         f"{number_text(models['eq. 6.13'])}. With their 10 ms of delay the plant oscillates from "
         f"{number_text(late)}, with axis B riding along besides from {number_text(late_riding)}, and with "
         f"oil of 40 MPa instead from {number_text(soft)}."
