@@ -136,7 +136,7 @@ def velocity_loop(drive: Drive, current_lag: float) -> tuple[float, float, float
     Examples
     --------
     >>> k1, k2, f, rate = velocity_loop(Unit.load("axis_a").drive, 4e-4)
-    >>> sorted(round(-p.real, 1) for p in np.roots([1 / rate, 1.0, k1, k2]))[:2]
+    >>> sorted(round(float(-p.real), 1) for p in np.roots([1 / rate, 1.0, k1, k2]))[:2]
     [242.9, 517.9]
     """
     total, product = drive.pole_1 + drive.pole_2, drive.pole_1 * drive.pole_2

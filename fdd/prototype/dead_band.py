@@ -177,8 +177,8 @@ def _balance(name: str, unit: Unit) -> str:
     return (
         "To hold F newton the pump must make up the leakage, ω = (ξ + C_ep)·F/(A·Dp) with the low side refed "
         f"(mode 2), beyond the motor's own dead band: {forces} N of Table 5.1 (axis {name}) "
-        f"need {volts} V before the piston slides; 0.06 V hold only {(COMBINED - MOTOR) / per_newton:.0f} N. So the "
-        "thesis's dead band, leakage and static friction exclude each other."
+        f"need {volts} V before the piston slides; 0.06 V hold only {(COMBINED - MOTOR) / per_newton:.0f} N. "
+        "So the thesis's dead band, leakage and static friction exclude each other."
     )
 
 

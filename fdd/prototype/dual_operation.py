@@ -163,8 +163,8 @@ def measure(axis_a: Unit, axis_b: Unit, seed: int) -> Finding:
             ),
             Table(
                 "Both cylinders on a sine, second cycle",
-                ("axis B", "rms error (mm)", "largest error (mm)", "A: largest |P1 - P2| (MPa)",
-                 "B: largest |P1 - P2| (MPa)", "A: rms current (A)", "B: turns of its pump"),
+                ("axis B", "rms error (mm)", "largest error (mm)", "A: largest P1 - P2 (MPa)",
+                 "B: largest P1 - P2 (MPa)", "A: rms current (A)", "B: turns of its pump"),
                 carry_cells,
             ),
         ],
