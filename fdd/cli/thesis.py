@@ -38,5 +38,6 @@ def thesis(
     write_text(out / REPORT, report_text(findings, axis_a, axis_b, seed))
     for finding in findings:
         met = sum(row.verdict == "meets" for row in finding.rows)
-        print(f"{finding.title}: {met} of {len(finding.rows)} numbers meet the thesis's")
+        if finding.rows:
+            print(f"{finding.title}: {met} of {len(finding.rows)} numbers meet the thesis's")
     print(f"Written to {out / REPORT}")

@@ -19,7 +19,8 @@ class Details(Validated):
     bristle_damping : of the stuck piston on its bristles, relative to critical.
     bristle_fade : m/s, velocity at which the bristle damping has fallen to half.
     breakaway : share of its steady deflection up to which a bristle holds without sliding; 0 is eq. 5.9,
-        0.6 gives Table 5.1's static friction in the thesis's own experiment, at every speed (figure 5.8).
+        0.6 gives the means of Table 5.1's static friction in the thesis's own experiment; the peaks still
+        rise with the step's size by 11 to 18 N/V, which figure 5.8 does not show.
     friction_memory : s, lag of the friction curve behind the velocity (Hess and Soom; Armstrong-Hélouvry).
     seal_damping : N·s/m, of velocity changes quicker than that lag; steady friction is untouched.
         Together these two decide below which speed the piston sticks and slips; the thesis measured

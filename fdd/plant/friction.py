@@ -27,9 +27,9 @@ def friction_rates(y: Array, v: float, now: Array, par: Constants, dy: Array) ->
     holds without sliding until the break-away share of its steady deflection, after Dupont, Hayward,
     Armstrong and Altpeter (doi:10.1109/TAC.2002.1000274); share 0 is LuGre's own eq. 5.9. And the
     lubricant's film, and with it the falling curve, follows the sliding with a lag, while the seal resists
-    what is quicker. Without the first the breaking-away force would fall with speed (the thesis's does
-    not, figure 5.8), without the second the falling curve would drive the hydraulic resonance to its
-    limit at any speed.
+    what is quicker. Without the first the seal would break away ever more easily the faster it is started
+    (in the thesis it does not, figure 5.8), without the second the falling curve would drive the hydraulic
+    resonance to its limit at any speed.
     """
     z, memory = y[Z], y[MEMORY]
     film = math.sqrt(memory * memory + _STILL * _STILL) - _STILL

@@ -23,7 +23,7 @@ from fdd.plant.parameters import Constants
 
 Array = NDArray[np.float64]
 
-EQUATIONS = 10
+EQUATIONS = 11
 """Counts the changes of the equations. Numba keys its cache on each function's own file, so after a change to
 a module that this one compiles in, a new number here, in `equations` and in `integrator` makes it compile
 anew (the balance of energy and the comparison with the reference solver in the tests fail otherwise)."""

@@ -128,7 +128,7 @@ class Finding:
     ----------
     title : of its section in the report.
     method : how the thesis did it and how it was done here, two or three sentences.
-    rows : the numbers, at least one.
+    rows : the numbers; none where the thesis gives none.
     tables, remarks, pictures : what else there is to show; a remark is one paragraph.
     """
 

@@ -93,8 +93,9 @@ def measure(axis_a: Unit, axis_b: Unit, seed: int) -> Finding:
         "all points.",
         rows,
         remarks=[
-            "The slope is nearer to Dp/A than any single ratio: leakage under the friction's pressure "
-            "takes away a flow that hardly depends on speed, and so shifts the line instead of tilting it."
+            "Single ratios fall short at low speed, the slope hardly does: leakage under the friction's "
+            "pressure takes away a flow that depends little on speed, and so shifts the line rather than "
+            "tilting it."
         ],
         pictures=[Picture("gain", "Actuator velocity over pump speed, as figure 5.1.", draw)],
     )

@@ -78,6 +78,11 @@ def _one(unit: Unit, partner: Unit, throttle: float, seed: int) -> Simulation:
     return run_speed(unit, command, start=_START, partner=beside, seed=seed)
 
 
+def holding_leakage(unit: Unit) -> float:
+    """ξ + C_ep (m³/(s·Pa)): what the pump makes up under pressure while the low side is refed (mode 2)."""
+    return unit.pump.cross_port_leakage + unit.pump.case_leakage
+
+
 def without_case_drain(unit: Unit) -> Unit:
     """The same leakage coefficient, all of it from port to port."""
     changed = unit.model_copy(deep=True)

@@ -11,7 +11,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from fdd.plant.circuit import Circuit
+from fdd.plant.circuit import Circuit, Connect
 from fdd.plant.details import Details
 from fdd.plant.duty import Replay
 from fdd.plant.faults.spec import FaultSpec
@@ -36,6 +36,7 @@ def run_speed(
     *,
     start: float = 0.0,
     partner: tuple[Unit, Partner] | None = None,
+    connect: Connect | None = None,
     details: Details | None = None,
     charge_factor: float = 1.0,
     faults: list[FaultSpec] | None = None,
@@ -49,6 +50,7 @@ def run_speed(
     command : (n,) rad/s, one value a millisecond.
     start : m from mid-stroke.
     partner : the other axis and what it does; None leaves the cylinder alone.
+    connect : valves between both axes, shut unless given.
     details, charge_factor, faults : of the scenario.
     seed : draws the trial: friction, noise.
 
@@ -66,6 +68,7 @@ def run_speed(
         duty=Replay(values=tuple(command.tolist()), offset=start),
         control=Control(mode="speed"),
         partner=partner[1] if partner else None,
+        connect=connect or Connect(),
         details=details or Details(),
         charge_factor=charge_factor,
         faults=faults or [],
@@ -76,7 +79,14 @@ def run_speed(
 
 
 def run_position(
-    unit: Unit, setpoint: Array, gain: float, *, start: float = 0.0, seed: int = 0
+    unit: Unit,
+    setpoint: Array,
+    gain: float,
+    *,
+    start: float = 0.0,
+    partner: tuple[Unit, Partner] | None = None,
+    details: Details | None = None,
+    seed: int = 0,
 ) -> Simulation:
     """Close the position loop of section 7.2 around the pump.
 
@@ -85,7 +95,7 @@ def run_position(
     unit : the axis.
     setpoint : (n,) m from mid-stroke.
     gain : (rad/s)/m.
-    start, seed : as in `run_speed`.
+    start, partner, details, seed : as in `run_speed`.
 
     Returns
     -------
@@ -100,10 +110,12 @@ def run_position(
         duration=setpoint.size * PERIOD,
         duty=Replay(values=tuple(setpoint.tolist()), offset=start),
         control=Control(mode="position", gain=gain),
+        partner=partner[1] if partner else None,
+        details=details or Details(),
         recording=Recording.perfect(),
         seed=seed,
     )
-    return simulate(unit, scenario)
+    return simulate(unit, scenario, partner=partner[0] if partner else None)
 
 
 def throttled_partner(unit: Unit, partner: Unit, pressure: float) -> Partner:
@@ -123,10 +135,23 @@ def throttled_partner(unit: Unit, partner: Unit, pressure: float) -> Partner:
     )
 
 
+def riding_partner(partner: Unit, *, throttle: bool = True) -> tuple[Unit, Partner]:
+    """The other axis carried along on the rod, its pump held, its oil free to go round.
+
+    Parameters
+    ----------
+    partner : the other axis.
+    throttle : whether its throttling valve is open beside its by-pass.
+    """
+    circuit = Circuit.model_validate({"bypass": 1, "throttle": int(throttle)})
+    return partner, Partner(unit=partner.name, drive="still", circuit=circuit)
+
+
 def both_pumps(unit: Unit, partner: Unit) -> Unit:
     """One cylinder driven by both axes' pumps in parallel, as for the friction tests of section 5.3.
 
-    Flows add, and so do the torques and inertias on what counts here as one shaft.
+    Flows add, and so do the torques and inertias on what counts here as one shaft. The dual rig with open
+    connect valves would carry the other cylinder, and its seals, along: see `fdd.prototype.dual_operation`.
 
     Parameters
     ----------

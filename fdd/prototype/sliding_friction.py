@@ -23,27 +23,28 @@ Array = NDArray[np.float64]
 TRIALS = 24
 LOWEST = 0.011
 """m/s from which the thesis has measured."""
-_RUN_UP = 2.0
+_RUN_UP, _SLOW_RUN_UP, _LONGEST = 2.0, 8.0, 4.2
 _ACCELERATION = 0.11
 _REST = 200
 _SMOOTHING = 21
-_SETTLED = 100
+_SETTLED = 70
+_FIT_FROM = 0.035
 _AT = (0.03, 0.05, 0.11)
 
 
-def run_up(mode: Mode, units: dict[str, Unit], seed: int) -> tuple[Array, Array]:
-    """Speed (m/s) and friction (N) while the cylinder goes from 0 to 0.22 m/s in 2 s, (n,) each.
+def run_up(mode: Mode, units: dict[str, Unit], seed: int, seconds: float = _RUN_UP) -> tuple[Array, Array]:
+    """Speed (m/s) and friction (N) while the cylinder goes from 0 towards 0.22 m/s, (n,) each.
 
     Friction is pressure force less mass times acceleration, both over 21 ms.
     """
-    ramp = np.linspace(0.0, 10.0 * VOLT, round(_RUN_UP / PERIOD))
+    ramp = np.linspace(0.0, 10.0 * VOLT, round(seconds / PERIOD))[: round(_LONGEST / PERIOD)]
     out = drive_both(mode, units, np.concatenate([np.zeros(_REST), ramp]), seed, Details())
     speed = mode.sign * velocity(out.samples["position"], PERIOD, 50.0)
     inertia = out.unit.cylinder.moving_mass * np.gradient(speed, PERIOD)
     window = np.full(_SMOOTHING, 1.0 / _SMOOTHING)
     friction = np.convolve(measured_force(mode, out) - inertia, window, mode="same")
     speed = np.convolve(speed, window, mode="same")
-    # Not the start itself: the piston breaks away with a jump that takes a tenth of a second to settle.
+    # Not the start itself: the piston breaks away with a jump that takes this long to settle.
     moving = int(np.flatnonzero(speed > LOWEST)[0])
     part = slice(moving + _SETTLED, -_SMOOTHING)
     return np.asarray(speed[part]), np.asarray(friction[part])
@@ -87,25 +88,27 @@ def fit_curve(speed: Array, friction: Array, static: float, *, viscous: bool) ->
 
 
 def at_speeds(speed: Array, friction: Array, grid: Array) -> Array:
-    """Median friction near each speed of the grid, within 3 % or 2 mm/s, same shape."""
+    """Median friction near each speed of the grid, within 3 % or 2 mm/s, same shape; NaN where none is."""
     near = np.maximum(0.03 * grid, 2e-3)
-    return np.array(
-        [float(np.median(friction[np.abs(speed - v) < w])) for v, w in zip(grid, near, strict=True)]
-    )
+    there = (np.abs(speed - v) < w for v, w in zip(grid, near, strict=True))
+    return np.array([float(np.median(friction[t])) if t.any() else float("nan") for t in there])
 
 
 def measure(axis_a: Unit, axis_b: Unit, seed: int) -> Finding:
     """Run up all four modes and fit their curves."""
     units = {"A": axis_a, "B": axis_b}
-    grid = np.concatenate([np.array(_AT), np.linspace(0.03, 0.20, 24)])
-    rows, cells, found, scatters = [], [], {}, []
+    grid = np.concatenate([np.array(_AT), np.linspace(_FIT_FROM, 0.20, 24)])
+    rows, cells, found, scatters, first = [], [], {}, [], []
     lag, seal = Details().friction_memory, Details().seal_damping
     for k, mode in enumerate(MODES):
         runs = [run_up(mode, units, seed + 1000 * k + i) for i in range(TRIALS)]
         table = np.array([at_speeds(*run, grid) for run in runs])
-        points, spread = table.mean(axis=0), table.std(axis=0, ddof=1)
+        points, spread = np.nanmean(table, axis=0), np.nanstd(table, axis=0, ddof=1)
         found[mode.name] = points, spread
         scatters += [float(x) for x in spread[: len(_AT)]]
+        slow = [run_up(mode, units, seed + 1000 * k + i, _SLOW_RUN_UP) for i in range(TRIALS)]
+        slow_points = np.nanmean([at_speeds(*run, np.array(_AT)) for run in slow], axis=0)
+        first += [float(speed[0]) for speed, _ in runs]
         static = mode.branch.static
         fit = fit_curve(grid[len(_AT) :], points[len(_AT) :], static, viscous=mode.branch.viscous > 0.0)
         expected = steady_friction(mode.branch, grid)
@@ -116,7 +119,8 @@ def measure(axis_a: Unit, axis_b: Unit, seed: int) -> Finding:
                     f"friction at {v:g} m/s, {mode.name}", "eqs 5.12 to 5.18", float(expected[i]),
                     float(points[i]), "N",
                     why=f"Friction lags the rising speed by {1e3 * lag:.0f} ms in the plant, where the "
-                    f"curve is steep: with that, eq. 5.12 gives {lagged[i]:.0f} N.",
+                    f"curve is steep: with that, eq. 5.12 gives {lagged[i]:.0f} N. The same trials with a "
+                    f"run-up of {_SLOW_RUN_UP:g} s give {slow_points[i]:.0f} N.",
                 )
             )  # fmt: skip
         thesis, cell = mode.branch, "{:.0f} / {:.0f}".format
@@ -155,7 +159,8 @@ def measure(axis_a: Unit, axis_b: Unit, seed: int) -> Finding:
         "Sliding friction",
         "Section 5.3 runs the cylinder, driven by both pumps, from 0 to 0.22 m/s in two seconds, takes "
         "pressure force less mass times acceleration as friction and fits eq. 5.12 with the static "
-        f"friction of Table 5.1. Here the same, {TRIALS} trials in each mode, friction read at 27 speeds.",
+        f"friction of Table 5.1. Here the same, {TRIALS} trials in each mode, friction read at 27 speeds; "
+        "the two pumps count as one on one shaft.",
         rows,
         tables=[
             Table(
@@ -167,6 +172,10 @@ def measure(axis_a: Unit, axis_b: Unit, seed: int) -> Finding:
             )
         ],
         remarks=[
+            f"The readings begin at {1e3 * min(first):.0f} to {1e3 * max(first):.0f} mm/s: first the pumps' "
+            "oil goes into raising the pressure to the static friction, then the piston jumps ahead, and "
+            f"{_SETTLED} ms pass until the jump has died away. The thesis plots from {1e3 * LOWEST:.0f} mm/s "
+            f"on. The fits take the points from {1e3 * _FIT_FROM:.0f} mm/s on.",
             f"The trials scatter by {min(scatters):.0f} to {max(scatters):.0f} N, their means by "
             f"{min(scatters) / np.sqrt(TRIALS):.1f} to {max(scatters) / np.sqrt(TRIALS):.1f} N.",
             "Table 5.3 lists other curves for three of the four modes (dotted); Table 5.2 agrees with "

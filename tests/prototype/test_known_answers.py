@@ -4,12 +4,12 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from fdd.prototype import bulk_modulus, dead_band, leakage, position_step, ultimate_gain
+from fdd.prototype import bulk_modulus, dead_band, dual_operation, leakage, position_step, ultimate_gain
 from fdd.prototype.chatter_filter import PRINTED, discrete_filter, filtered_velocity
 from fdd.prototype.findings import Row
 from fdd.prototype.friction_modes import MODES, steady_friction
 from fdd.prototype.gain import speeds_of
-from fdd.prototype.runs import VOLT, both_pumps
+from fdd.prototype.runs import VOLT, both_pumps, run_position
 from fdd.prototype.signals import binary_noise, chirp, identification_volts
 from fdd.prototype.sliding_friction import fit_curve, run_up
 from fdd.prototype.static_friction import creeping_peaks
@@ -114,13 +114,15 @@ def test_the_gain_follows_the_displacement(unit, share):
 def test_leakage_from_port_to_port_is_the_slope(unit, monkeypatch):
     """Without a case drain eq. 5.3 shows L_T, but for the pump's own compression, D·ω/(2β)."""
     monkeypatch.setattr(leakage, "_THROTTLES", (0.5e6, 1.6e6, 5e6))
-    sealed = leakage.without_case_drain(unit)
+    sealed, partner = leakage.without_case_drain(unit), Unit.load("axis_b")
     compression = unit.pump.displacement * 104.7 / (2.0 * unit.oil.bulk_modulus)
-    assert leakage.strokes(sealed, 1).slope == pytest.approx(unit.pump.total_leakage + compression, rel=0.02)
+    assert leakage.strokes(sealed, partner, 1).slope == pytest.approx(
+        unit.pump.total_leakage + compression, rel=0.02
+    )
     # With one, all of the case leakage shows, as the low side is refed.
     pump = unit.pump
     shown = pump.cross_port_leakage + pump.case_leakage + compression
-    assert leakage.strokes(unit, 1).slope == pytest.approx(shown, rel=0.02)
+    assert leakage.strokes(unit, partner, 1).slope == pytest.approx(shown, rel=0.02)
 
 
 def test_flat_friction_is_measured_flat(unit):
@@ -152,21 +154,24 @@ def test_equations_5_20_and_5_21_agree_where_they_must(unit):
 
 
 def test_the_dead_band_is_leakage_under_friction(unit):
-    """L_T·F/(A·Dp): half the friction halves it."""
+    """(ξ + C_ep)·F/(A·Dp), the low side refed, and the motor's own: half the friction halves it."""
     gain = unit.pump.displacement / unit.cylinder.area_1
     for force in (200.0, 400.0):
         changed = flat(unit, force)
-        expected = unit.pump.total_leakage * force / (unit.cylinder.area_1 * unit.pump.displacement * VOLT)
-        levels = expected * np.array([0.5, 1.4, 1.8, 2.2, 2.6])
+        holding = unit.pump.cross_port_leakage + unit.pump.case_leakage
+        expected = holding * force / (unit.cylinder.area_1 * unit.pump.displacement * VOLT) + dead_band.MOTOR
+        levels = expected * np.array([0.5, 1.8, 2.2, 2.6, 3.5])
         found = dead_band.sliding_dead_band(levels, dead_band.staircase(changed, levels, 1.0, 1)[1], gain)
-        assert found == pytest.approx(expected, rel=0.1)
+        assert found == pytest.approx(expected, rel=0.03)
 
 
 def test_a_sticking_motor_has_a_dead_band():
-    levels = np.array([0.0, 0.001, 0.002, 0.003])
-    assert dead_band.motor_dead_band(levels, VOLT * np.array([0.0, 0.0, 0.0015, 0.003])) == 0.001
-    assert dead_band.motor_dead_band(levels, VOLT * levels) == 0.0
-    assert np.isnan(dead_band.sliding_dead_band(levels, np.zeros(4), 3.6e-4))
+    levels = np.array([0.0, 0.001, 0.002, 0.003, 0.004])
+    turning = VOLT * np.maximum(levels - 0.0015, 0.0)
+    assert dead_band.motor_dead_band(levels, turning) == pytest.approx(0.0015)
+    assert dead_band.motor_dead_band(levels, VOLT * levels) == pytest.approx(0.0, abs=1e-12)
+    assert np.isnan(dead_band.motor_dead_band(levels, np.zeros(5)))
+    assert np.isnan(dead_band.sliding_dead_band(levels, np.zeros(5), 3.6e-4))
 
 
 def test_the_saturated_velocity_is_the_largest_pump_flow(unit):
@@ -222,3 +227,42 @@ def test_verdicts():
     none = Row("x", "1", 100.0, float("nan"), "N")
     assert none.verdict == "does not meet" and none.deviation == "none found"
     assert Row("x", "1", 2.0, 20.0, "N").deviation == "× 10"
+
+
+@pytest.mark.parametrize("share", [0.1, 1.0])
+def test_the_final_error_is_what_holds_the_friction(unit, share):
+    """Kp·e = (ξ + C_ep)·F/(A·Dp) + the drive's dead band, F the friction that still holds at the end."""
+    changed = position_step.with_leakage(unit, share)
+    setpoint = np.concatenate([np.zeros(100), np.full(6000, 0.1)])
+    out = run_position(changed, setpoint, position_step.GAIN, seed=3)
+    holding = leakage.holding_leakage(changed)
+    area, displacement = changed.cylinder.area_1, changed.pump.displacement
+    speed = holding * out.truth["friction_force"][-1] / (area * displacement) + VOLT * dead_band.MOTOR
+    error = 0.1 - float(np.mean(out.truth["position"][-50:]))
+    assert position_step.GAIN * error == pytest.approx(speed, rel=0.05)
+
+
+def test_two_pumps_on_one_cylinder_double_its_speed(unit):
+    """Open connect valves: flows add, and both pumps see the same pressure but for the valves' drop."""
+    other = Unit.load("axis_b")
+    one, two = (dual_operation.steady(unit, other, 2.5, both=b, seed=1) for b in (False, True))
+    assert two.velocity == pytest.approx(2.0 * one.velocity, rel=0.03)
+    single = VOLT * 2.5 * unit.pump.displacement / unit.cylinder.area_1
+    assert 0.9 * single < one.velocity < single
+
+
+def test_a_dead_axis_is_carried_if_its_bypass_is_open(unit):
+    other = Unit.load("axis_b")
+    runs = {
+        name: dual_operation.follow(unit, other, dual_operation.CASES[f"B without power, by-pass {name}"], 1)
+        for name in ("open", "shut")
+    }
+    second = slice(5000, None)
+    largest = {name: np.max(np.abs((out.samples["position"] - s)[second])) for name, (out, s) in runs.items()}
+    # The loop's own lag, speed over gain.
+    ratio = unit.pump.displacement / unit.cylinder.area_1
+    lag = 2.0 * np.pi * 0.2 * 0.05 / (position_step.GAIN * ratio)
+    assert largest["open"] == pytest.approx(lag, rel=0.05) and largest["shut"] > 1.3 * lag
+    turned = {name: np.ptp(out.partner.truth["pump_angle"][second]) for name, (out, _) in runs.items()}
+    # Shut, its oil goes through its pump: half of what the stroke displaces at least.
+    assert turned["shut"] > 0.5 * 0.1 / ratio > 50.0 * turned["open"]

@@ -66,6 +66,8 @@ def test_each_row_has_a_verdict_and_each_failure_a_reason():
     _, *sections = re.split(r"^## \d+\. ", text, flags=re.M)
     assert len(sections) == len(EXPERIMENTS)
     for section in sections:
+        if section.startswith("Dual operation"):  # the thesis has no numbers for it
+            continue
         rows = [r for r in table_rows(section) if len(r) == 8 and r[0] not in ("what", "---")]
         assert rows
         for row in rows:
