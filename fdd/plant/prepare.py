@@ -84,7 +84,7 @@ class Prepared:
         ]
         first = [spec for spec in self.scenario.faults if spec.axis == 1]
         rows[0][:, c.ENCODER_OFFSET] = position_offset(first, start, stop - start, self.scenario.seed)
-        return np.stack(rows, axis=1)
+        return rows[0][:, np.newaxis] if len(rows) == 1 else np.stack(rows, axis=1)
 
 
 def stream_of(axis: int) -> str:
