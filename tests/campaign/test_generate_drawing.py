@@ -47,18 +47,33 @@ def test_validation_recipe_is_a_hundred_faults_in_four_equal_families_and_twenty
     assert recipe.seed != Recipe.load(RECIPES / "training.yaml").seed
 
 
-def test_training_recipe_is_three_tenths_healthy_and_the_rest_follows_the_weights() -> None:
-    recipe = Recipe.load(RECIPES / "training.yaml")
+@pytest.mark.parametrize(
+    ("name", "units", "healthy", "faulty", "left_out"),
+    [
+        (
+            "training", 160, 240, 560,
+            {
+                "external_leakage", "pump_wear", "case_drain_seal_failure", "position_sensor_slip",
+                "shaft_seal_wear", "coupling_wear", "sensor_dropout",
+            },
+        ),
+        # What a minute of log cannot show, or what its quality tells, is not taught here either.
+        ("wide", 190, 285, 665, {"shaft_seal_wear", "coupling_wear", "sensor_dropout"}),
+    ],
+)  # fmt: skip
+def test_training_recipes_are_three_tenths_healthy_and_the_rest_follows_the_weights(
+    name, units, healthy, faulty, left_out
+) -> None:
+    recipe = Recipe.load(RECIPES / f"{name}.yaml")
     counts = Counter(assign_faults(recipe))
-    assert recipe.units * recipe.logs_per_unit == counts.total() == 190 * 5
-    assert counts.pop(()) == 285
-    # What a minute of log cannot show, or what its quality tells, is not taught.
-    taught = set(SIMULATED) - {"shaft_seal_wear", "coupling_wear", "sensor_dropout"}
-    assert {name for (name,) in counts} == taught and sum(counts.values()) == 665
+    assert recipe.units * recipe.logs_per_unit == counts.total() == units * 5
+    assert counts.pop(()) == healthy
+    assert {fault for (fault,) in counts} == set(SIMULATED) - left_out
+    assert sum(counts.values()) == faulty
     total = sum(fault.weight for fault in recipe.faults.values())
-    for (name,), count in counts.items():
-        share = recipe.faults[name].weight / total
-        assert abs(count - 665 * share) < 1.0, name
+    for (fault,), count in counts.items():
+        share = recipe.faults[fault].weight / total
+        assert abs(count - faulty * share) < 1.0, fault
 
 
 @settings(deadline=None, max_examples=40)
