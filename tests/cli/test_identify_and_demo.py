@@ -61,7 +61,7 @@ def _says_leakage(run, tmp_path: Path, *model: object) -> None:
     result = run("demo", "-o", out, *model)
     assert result.exit_code == 0, result.stderr
     onset = re.search(r"! Internal leakage, since (\d+\.\d) s", result.stdout)
-    assert onset is not None and abs(float(onset[1]) - 18.0) < 3.0
+    assert onset is not None and abs(float(onset[1]) - 16.0) < 3.0
     assert str(out) in result.stdout.replace("\n", "")
     assert "Internal leakage" in out.read_text(encoding="utf-8")
     assert [p.name for p in tmp_path.iterdir()] == ["report.html"]
