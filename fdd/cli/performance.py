@@ -31,7 +31,8 @@ def performance(
 
     require_writable(out, folder=True)
 
-    from fdd.performance.pictures import draw_work, require_matplotlib
+    from fdd.performance.pictures import draw_work
+    from fdd.prototype.pictures import require_matplotlib
 
     require_matplotlib()
 

@@ -4,26 +4,11 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from fdd.errors import InputError
 from fdd.files import whole_file
 from fdd.performance.speed import Work
+from fdd.prototype.pictures import require_matplotlib
 
 _MARKERS = {"this plant": "o", "SciPy RK45": "s", "SciPy LSODA": "^", "SciPy Radau": "D"}
-
-
-def require_matplotlib() -> None:
-    """Refuse before minutes are spent.
-
-    Raises
-    ------
-    InputError : says what to install.
-    """
-    try:
-        import matplotlib  # noqa: F401
-    except ImportError:
-        raise InputError(
-            "matplotlib, which draws the picture, is not installed", mend="install fdd[reports]"
-        ) from None
 
 
 def draw_work(work: list[Work], path: Path) -> None:
