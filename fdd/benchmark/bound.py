@@ -5,8 +5,8 @@ For ``x_k = f(x_{k-1}) + w``, ``z_k = h(x_k) + v`` with Gaussian noise the infor
     J_k = (Q + F J_{k-1}^-1 F')^-1 + H' R^-1 H
 
 with F and H taken at the true states (Tichavský, Muravchik and Nehorai 1998, doi 10.1109/78.668800; this is
-their eq. 21 by the matrix inversion lemma, which also holds where Q is singular, as here). On a linear model it
-is the Kalman filter's covariance.
+their eq. 21 by the matrix inversion lemma, which also holds where Q is singular, as here). On a linear model
+it is the Kalman filter's covariance.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from numba import njit
 from numpy.typing import NDArray
 
 from estimators import eha_model as eha
-from estimators.kernels import predict_covariance, scalar_update
+from estimators.kernels import scalar_update
 from fdd.benchmark.model import (
     FORCE_PERIOD,
     LOW_SIDE,
@@ -67,14 +67,15 @@ def posterior_bound(J: Array, F: Array, Q: Array, H: Array, R: Array) -> Array:
 
 
 def eha_bound(
-    truth: Trajectory, model: Array, prior: Assumed, *, pressures: bool, accumulator: bool, rows: NDArray[np.int64]
+    truth: Trajectory, model: Array, prior: Assumed, *, pressures: bool, accumulator: bool, rows:
+    NDArray[np.int64]
 ) -> Array:  # fmt: skip
     """Bound of every state's variance for the EHA estimators' model, on the data of one run.
 
     The same noise and the same statement of the model as the estimators': flow noise large where a chamber is
-    fed, friction known by 20 ms mean force balances while the piston has slid one way for 80 ms, each with the
-    standard deviation ``Noise.force_mean``, and not by the single samples. Their further caution, such as noise
-    that grows with the load's unrest, is not in the bound.
+    fed, friction known by 20 ms mean force balances while the piston has slid one way for 80 ms, each with
+    the standard deviation ``Noise.force_mean``, and not by the single samples. Their further caution, such as
+    noise that grows with the load's unrest, is not in the bound.
 
     Parameters
     ----------
@@ -98,12 +99,13 @@ def eha_bound(
 
 @njit(cache=True, error_model="numpy")
 def _eha_bound(
-    states: Array, p_acc: Array, viscosity: Array, q: Array, P: Array, walk: Array, sizes: Array, pressures: bool,
-    known: bool, rows: NDArray[np.int64], out: Array,
+    states: Array, p_acc: Array, viscosity: Array, q: Array, P: Array, walk: Array, sizes: Array, pressures:
+    bool, known: bool, rows: NDArray[np.int64], out: Array,
 ) -> None:  # fmt: skip
     n, motion = eha.STATES, eha.P2 + 1
     F, G = np.empty((n, n)), np.empty((n, 4))
     new, k_gain, scratch, diag, noise = np.empty(n), np.empty(n), np.empty(n), np.empty(n), np.empty(4)
+    moved = np.empty((motion, n))
     noise[0], noise[1] = sizes[N_FORCE] ** 2, sizes[N_ACCELERATION] ** 2
     for i in range(n):
         diag[i] = walk[i] ** 2 * 1e-3
@@ -129,13 +131,9 @@ def _eha_bound(
             for i in range(motion):
                 for j in range(eha.FRIC, n):
                     F[i, j] = 0.0
-            predict_covariance(P, F, diag, P)
             sd1, sd2 = chamber_noise(past[eha.P1], past[eha.P2], p_acc[k - 1], known, sizes)
             noise[2], noise[3] = sd1 * sd1, sd2 * sd2
-            for i in range(motion):
-                for j in range(motion):
-                    for c in range(4):
-                        P[i, j] += G[i, c] * noise[c] * G[j, c]
+            _predict(P, F, G, noise, diag, moved)
         if not pressures:
             low = 1.0 if x[eha.P1] <= x[eha.P2] else 0.0
             H[3, eha.P1], H[3, eha.P2] = low, 1.0 - low
@@ -163,3 +161,28 @@ def _eha_bound(
             for i in range(n):
                 out[wanted, i] = P[i, i]
             wanted += 1
+
+
+@njit(cache=True, error_model="numpy")
+def _predict(P: Array, F: Array, G: Array, noise: Array, diag: Array, moved: Array) -> None:
+    """``P = F P F' + G diag(noise) G' + diag``; only the motion rows of F differ from the identity."""
+    motion, n = moved.shape
+    moved[:] = 0.0
+    for i in range(motion):
+        for k in range(n):
+            f = F[i, k]
+            if f != 0.0:
+                for j in range(n):
+                    moved[i, j] += f * P[k, j]
+    for i in range(motion):
+        for j in range(i, motion):
+            total = 0.0
+            for k in range(n):
+                total += moved[i, k] * F[j, k]
+            for c in range(noise.size):
+                total += G[i, c] * noise[c] * G[j, c]
+            P[i, j] = P[j, i] = total
+        for j in range(motion, n):
+            P[i, j] = P[j, i] = moved[i, j]
+    for i in range(n):
+        P[i, i] += diag[i]

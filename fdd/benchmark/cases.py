@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any
 
-DURATION = 24.0
+DURATION = 20.0
 """s of a run."""
 WINDOW = 8.0
 """s: what least squares fits, and the last part of the run, over which errors are counted."""
@@ -25,7 +25,7 @@ LOADS: dict[str, dict[str, Any]] = {
     "none": {"name": "none"},
     "constant": {"name": "constant", "level": 1200.0},
     "spring": {"name": "spring", "rate": 1.5e4},
-    "throttle": {"name": "throttle", "pressure": 0.8e6},
+    "throttle": {"name": "throttle", "pressure": 0.3e6},
     "gust": {"name": "gust", "deviation": 300.0, "bandwidth_hz": 1.0, "rate": 8e3},
 }
 """Load of each name as `fdd.plant.load` takes it."""

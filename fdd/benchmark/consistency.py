@@ -17,8 +17,8 @@ LONGEST_LAG = 200
 def correlation_time(series: Array) -> float:
     """Integrated autocorrelation time of a series in samples: ``1 + 2 Σ ρ_k``, at least 1.
 
-    A mean over n samples is worth n over this many independent ones. The sum ends at the first pair of lags whose
-    autocorrelations add up to less than nothing (Geyer 1992, initial positive sequence, doi
+    A mean over n samples is worth n over this many independent ones. The sum ends at the first pair of lags
+    whose autocorrelations add up to less than nothing (Geyer 1992, initial positive sequence, doi
     10.1214/ss/1177011137).
 
     Examples
@@ -43,7 +43,9 @@ def correlation_time(series: Array) -> float:
     return max(1.0, 1.0 + 2.0 * total)
 
 
-def nis_of_run(records: Array, samples_per_record: int, channels: int) -> tuple[float, float, float, float]:
+def nis_of_run(
+    records: Array, samples_per_record: int, channels: int, driven: float = 0.0
+) -> tuple[float, float, float, float]:
     """Mean NIS of a run over its expectation, with the band that 95 % of consistent runs fall in.
 
     Parameters
@@ -51,16 +53,17 @@ def nis_of_run(records: Array, samples_per_record: int, channels: int) -> tuple[
     records : of the tracker, (n, RECORD).
     samples_per_record : its decimation.
     channels : degrees of freedom of a sample, `fdd.benchmark.model.tested_channels`.
+    driven : what the other channels add to the NIS, `fdd.benchmark.model.encoders_share`.
 
     Returns
     -------
-    mean over `channels`, low and high of the band, and the effective number of samples: how many there are over
-    the records' `correlation_time`.
+    mean over `channels`, low and high of the band, and the effective number of samples: how many there are
+    over the records' `correlation_time`.
     """
     series = records[:, layout.R_NIS]
     effective = series.size * samples_per_record / correlation_time(series)
     low, high = nis_band(channels, max(int(effective), 1))
-    return float(series.mean()) / channels, low / channels, high / channels, effective
+    return (float(series.mean()) - driven) / channels, low / channels, high / channels, effective
 
 
 def nees(error: Array, covariance: Array) -> float:

@@ -1,9 +1,9 @@
 """The plant world: runs of the faulty-plant simulator on units that differ from what the estimators think.
 
-The estimators get axis A's profile. The unit that is simulated differs from it as the filter's initial spread says:
-leakage, free air (and with it the bulk modulus), pump gain, the friction curve's height and viscous friction are
-drawn around the profile's; what no profile knows (bristles, ripple, line losses, …) is drawn from its usual range.
-Geometry and sensors are as the profile says.
+The estimators get axis A's profile. The unit that is simulated differs from it as the filter's initial spread
+says: leakage, free air (and with it the bulk modulus), pump gain, the friction curve's height and viscous
+friction are drawn around the profile's; what no profile knows (bristles, ripple, line losses, …) is drawn
+from its usual range. Geometry and sensors are as the profile says.
 """
 
 from __future__ import annotations
@@ -67,7 +67,9 @@ def _oil(profile: Unit, more_air: float) -> Any:
     oil = profile.oil
     air = max(oil.air_fraction + more_air, 2e-4)
     added = (air - oil.air_fraction) * float(air_compliance(oil.reference_pressure, oil.polytropic_index))
-    return oil.model_copy(update={"air_fraction": air, "bulk_modulus": 1.0 / (1.0 / oil.bulk_modulus + added)})
+    return oil.model_copy(
+        update={"air_fraction": air, "bulk_modulus": 1.0 / (1.0 / oil.bulk_modulus + added)}
+    )
 
 
 def _friction(profile: Unit, prior: Assumed, height: float, viscous: float) -> Any:

@@ -1,13 +1,14 @@
-"""The volume balance fitted by least squares over a window: the offline fit that an online filter must not lose to.
+"""The volume balance fitted by least squares over a window: the offline fit that an online filter must not
+lose to.
 
 Oil that the pump brings and the piston does not take has leaked or is compressed. For chamber 1, with D the
 pump's displacement, g its relative error, θ the pump's angle, x the position and A the area::
 
     D (1 + g) θ − A₁ x = L ∫ q₁ dt + ∫ V₁/β dp₁ + constant,    q₁ = c_x (p₁ − p₂) + c_e (p₁ − p_acc)
 
-and alike for chamber 2. With ``1/β = 1/β_stiff + α c(p)`` (thesis eqs 5.20 and 5.21) this is linear in leakage L
-(over the healthy), free air α, gain error g and a constant for each stretch in which no check valve fed the
-chamber. Nothing here is shared with the estimators but the unit's numbers.
+and alike for chamber 2. With ``1/β = 1/β_stiff + α c(p)`` (thesis eqs 5.20 and 5.21) this is linear in
+leakage L (over the healthy), free air α, gain error g and a constant for each stretch in which no check valve
+fed the chamber. Nothing here is shared with the estimators but the unit's numbers.
 """
 
 from __future__ import annotations
@@ -48,15 +49,20 @@ class Window:
     def of_difference(cls, position: Array, angle: Array, difference: Array, accumulator: float) -> Window:
         """Where only the difference is measured: the low side taken at the accumulator's charge."""
         high = np.full(position.size, accumulator)
-        return cls(position, angle, high + np.maximum(difference, 0.0), high - np.minimum(difference, 0.0), high)
+        return cls(
+            position, angle, high + np.maximum(difference, 0.0), high - np.minimum(difference, 0.0), high
+        )
 
 
-def fit_balance(window: Window, q: Array, *, sealed: bool = False) -> tuple[float, float]:
+def fit_balance(
+    window: Window, q: Array, *, relief: float = np.inf, sealed: bool = False
+) -> tuple[float, float]:
     """Leakage and free air that fit a window best.
 
     Parameters
     ----------
     window : signals. q : parameter array of `estimators.eha_model.parameters`.
+    relief : MPa of difference from which the relief valves may open: left out too.
     sealed : no chamber is ever fed; else stretches near the accumulator's pressure are left out.
 
     Returns
@@ -65,6 +71,7 @@ def fit_balance(window: Window, q: Array, *, sealed: bool = False) -> tuple[floa
     """
     area = 0.5 * (q[eha.Q_AREA1] + q[eha.Q_AREA2])
     drop = window.pressure_1 - window.pressure_2
+    shut = np.abs(drop) < relief
     parts = []
     for sign, volume, pressure, own_area in (
         (1.0, q[eha.Q_VOLUME1] + q[eha.Q_AREA1] * window.position, window.pressure_1, q[eha.Q_AREA1]),
@@ -76,7 +83,7 @@ def fit_balance(window: Window, q: Array, *, sealed: bool = False) -> tuple[floa
         stiff = q[eha.Q_STIFFNESS_INV] * _stored(volume, pressure)
         air = 1e-3 * _stored(volume, _air_integral(pressure, q[eha.Q_POLYTROPIC]))
         balance = pumped - sign * own_area * window.position - stiff
-        free = np.ones(pressure.size, bool) if sealed else pressure > window.accumulator + MARGIN
+        free = shut if sealed else shut & (pressure > window.accumulator + MARGIN)
         columns = np.column_stack([balance, leaked, air, -pumped])
         parts += [columns[a:b] - columns[a:b].mean(axis=0) for a, b in _stretches(free)]
     if not parts:
@@ -106,4 +113,6 @@ def _air_integral(pressure: Array, n: float) -> Array:
 
 def _stretches(free: NDArray[np.bool_]) -> list[tuple[int, int]]:
     edges = np.flatnonzero(np.diff(np.concatenate([[0], free.astype(np.int8), [0]])))
-    return [(a, b) for a, b in zip(edges[::2].tolist(), edges[1::2].tolist(), strict=True) if b - a >= SHORTEST]
+    return [
+        (a, b) for a, b in zip(edges[::2].tolist(), edges[1::2].tolist(), strict=True) if b - a >= SHORTEST
+    ]

@@ -1,15 +1,16 @@
 """The matched world: runs drawn from the estimators' own model with the noise that they assume.
 
-Here nothing is wrong with the filter's model, so what it claims must hold: consistency and the bound can be taken
-at their word. Parameters begin a draw of the filter's initial spread away from its first estimate and walk at
-random as it assumes; chamber volumes take the unmodelled flow; measurements have its noise, white and Gaussian.
+Here nothing is wrong with the filter's model, so what it claims must hold: consistency and the bound can be
+taken at their word. Parameters begin a draw of the filter's initial spread away from its first estimate and
+walk at random as it assumes; chamber volumes take the unmodelled flow; measurements have its noise, white and
+Gaussian.
 
 The one thing that cannot be drawn is motion. The filter lets velocity change by almost a metre per second
-and the pump's speed by 20 rad/s within a millisecond, so that encoders alone say how the axis moves; an axis that
-really did so would shake itself to pieces. So position follows a duty, the pump turns as the model's own
-equations then demand, and both enter as the noise that the model already has on velocity and speed. What pressures
-and parameters can be known from does not depend on where the motion came from. The circuit has no case
-leakage and an accumulator below both chambers: no check valve opens.
+and the pump's speed by 20 rad/s within a millisecond, so that encoders alone say how the axis moves; an axis
+that really did so would shake itself to pieces. So position follows a duty, the pump turns as the model's own
+equations then demand, and both enter as the noise that the model already has on velocity and speed. What
+pressures and parameters can be known from does not depend on where the motion came from. The circuit has no
+case leakage and an accumulator below both chambers: no check valve opens.
 """
 
 from __future__ import annotations
@@ -19,6 +20,7 @@ from dataclasses import dataclass
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
+from scipy.ndimage import gaussian_filter1d
 from scipy.signal import butter, sosfiltfilt
 
 from estimators import eha_layout as layout
@@ -43,18 +45,26 @@ Array = NDArray[np.float64]
 FASTEST = 0.1
 """m/s; the set-point is followed no faster."""
 SMOOTH_HZ = 4.0
-FRICTION_LAG = 30.0
-"""ms by which friction follows velocity (Armstrong-Hélouvry et al. 1994, doi 10.1016/0005-1098(94)90209-7)."""
-RESPONSE = 5.0
+SMOOTHING = 12.0
+"""ms, standard deviation of the Gaussian that forces are smoothed by: friction turns round with the motion,
+and no pump could follow that within a millisecond. Both ways in time, so that nothing of it is left 40 ms
+later.""" RESPONSE = 10.0
 """ms within which the pump corrects forces: at once it would have to jump with each millisecond's noise."""
 LOWEST = 0.4
-"""MPa, lowest pressure of a run in either chamber: near axis A's charge pressure, where the low side of a real
-one stays."""
+"""MPa, lowest pressure of a run in either chamber: near axis A's charge pressure, where the low side of a
+real one stays."""
 CLEARANCE = 0.1
 """MPa by which both chambers stay above the accumulator."""
+MOST_THROTTLE = 2.5e5
+"""N/(m/s)²: more would open the relief valves at the fastest motion."""
 LEAST = {eha.LEAK: 0.1, eha.FRIC: 0.1, eha.AIR: -1.5}
 """Where a walk is turned back: less is not physical, and the estimators' own limits lie there."""
-_LOADS = {"constant": (eha.LOAD,), "spring": (eha.LOAD, eha.STIF), "throttle": (eha.THROT,), "gust": (eha.LOAD,)}
+_LOADS = {
+    "constant": (eha.LOAD,),
+    "spring": (eha.LOAD, eha.STIF),
+    "throttle": (eha.THROT,),
+    "gust": (eha.LOAD,),
+}
 _OF_LOAD = (eha.LOAD, eha.STIF, eha.THROT, eha.INERT)
 
 
@@ -70,9 +80,7 @@ class Jump:
 
 def matched_unit(base: Unit) -> Unit:
     """The unit of the matched world: all of its leakage goes across the ports."""
-    pump = base.pump.model_copy(
-        update={"cross_port_leakage": base.pump.total_leakage, "case_leakage": 0.0}
-    )
+    pump = base.pump.model_copy(update={"cross_port_leakage": base.pump.total_leakage, "case_leakage": 0.0})
     return base.model_copy(update={"pump": pump})
 
 
@@ -84,7 +92,12 @@ def position_of(duty: str, n: int, rng: np.random.Generator) -> Array:
 
 
 def draw(
-    case: Case, duration: float, model: Array, prior: Assumed, rng: np.random.Generator, jump: Jump | None = None
+    case: Case,
+    duration: float,
+    model: Array,
+    prior: Assumed,
+    rng: np.random.Generator,
+    jump: Jump | None = None,
 ) -> tuple[Trajectory, Array]:
     """Draw one run.
 
@@ -113,13 +126,15 @@ def draw(
         parameters[row:, jump.state] += (jump.factor - 1.0) * changed + jump.shift
     for state, least in LEAST.items():
         parameters[:, state] = least + np.abs(parameters[:, state] - least)
-    nodes = rng.standard_normal(n // FORCE_PERIOD + 3) * prior.sizes[N_FORCE_MEAN]
-    disturbance = np.interp(np.arange(n + 1) / FORCE_PERIOD, np.arange(nodes.size), nodes)
+    errors = rng.standard_normal(n // FORCE_PERIOD + 2) * prior.sizes[N_FORCE_MEAN]
+    force = _force(position, parameters, model, errors)
     volumes = rng.standard_normal((n + 1, 2)) * prior.sizes[N_SMALL]
     states = np.empty((n, eha.STATES))
     accumulator, charged = LOWEST - CLEARANCE, 2.0 * LOWEST
-    for _ in range(4):  # charged until the lowest pressure is where it shall be: compression is not quite linear
-        _follow(position, parameters, disturbance, volumes, accumulator, charged, model, states)
+    for _ in range(
+        4
+    ):  # charged until the lowest pressure is where it shall be: compression is not quite linear
+        _follow(position, parameters, force, volumes, accumulator, charged, model, states)
         charged += LOWEST - float(states[:, [eha.P1, eha.P2]].min())
     truth = Trajectory(states, np.full(n, accumulator), np.ones(n))
     return truth, measured(truth, case, prior, rng)
@@ -152,7 +167,7 @@ def _start(case: Case, prior: Assumed, rng: np.random.Generator) -> Array:
     there = _LOADS.get(case.load, ())
     for i in _OF_LOAD:
         start[i] = start[i] if i in there else 0.0
-    start[eha.THROT] = abs(start[eha.THROT])
+    start[eha.THROT] = min(abs(start[eha.THROT]), MOST_THROTTLE)
     start[eha.STIF] = abs(start[eha.STIF])
     return start
 
@@ -167,9 +182,35 @@ def _limited(wanted: Array, most: float) -> Array:
     return out
 
 
+def _force(position: Array, parameters: Array, model: Array, errors: Array) -> Array:
+    """Force that the pressures must carry at each sample (N), (n + 1,).
+
+    The mean over each `FORCE_PERIOD` misses the filter's force balance by an independent error, one of
+    `errors`.
+    """
+    v = np.diff(position, prepend=position[0])
+    p = parameters
+    kinds = (
+        p[:, eha.FRIC] * _curve(v, model) + p[:, eha.VISC] * v + p[:, eha.LOAD] + p[:, eha.STIF] * position
+    )
+    kinds += p[:, eha.THROT] * v * np.abs(v)
+    kinds += np.repeat(errors, FORCE_PERIOD)[: v.size]
+    acceleration = np.diff(v, prepend=v[0]) * 1e3
+    smooth = gaussian_filter1d(kinds, SMOOTHING, mode="nearest")
+    return np.asarray(smooth + (model[eha.Q_MASS] + p[:, eha.INERT]) * acceleration)
+
+
+@njit(cache=True, error_model="numpy")
+def _curve(v: Array, q: Array) -> Array:
+    out = np.empty(v.size)
+    for i in range(v.size):
+        out[i] = eha.friction_curve(v[i], q)[0]
+    return out
+
+
 @njit(cache=True, error_model="numpy")
 def _follow(
-    position: Array, parameters: Array, disturbance: Array, volumes: Array, p_acc: float, charged: float, q: Array,
+    position: Array, parameters: Array, force: Array, volumes: Array, p_acc: float, charged: float, q: Array,
     states: Array,
 ) -> None:  # fmt: skip
     """Walk along the positions: the pump turns as pressures and forces demand."""
@@ -177,31 +218,20 @@ def _follow(
     n = states.shape[0]
     F, G = np.empty((eha.STATES, eha.STATES)), np.empty((eha.STATES, 4))
     x, new = np.zeros(eha.STATES), np.empty(eha.STATES)
-    x[eha.X], x[eha.P1], x[eha.P2] = position[0], charged, charged
-    resting = _resting_force(position[0], parameters[0])
-    x[eha.P1] += 0.5 * resting / q[eha.Q_AREA1]
-    x[eha.P2] -= 0.5 * resting / q[eha.Q_AREA2]
-    friction, load, wanted = 0.0, resting, resting
+    x[eha.X] = position[0]
+    x[eha.P1] = charged + 0.5 * force[0] / q[eha.Q_AREA1]
+    x[eha.P2] = charged - 0.5 * force[0] / q[eha.Q_AREA2]
     for k in range(n):
         for i in range(motion, eha.STATES):
             x[i] = parameters[k, i]
         states[k] = x
         eha.step(x, 1.0, 1.0, p_acc, np.nan, np.nan, q, new, F, G)
-        v = position[k + 1] - position[k]
-        dv = v - new[eha.V]
-        acceleration = (v - x[eha.V]) * 1e3
-        curve = x[eha.FRIC] * eha.friction_curve(v, q)[0]
-        friction += (curve - friction) / FRICTION_LAG
-        load += (_resting_force(position[k + 1], x) - load) / RESPONSE
-        force = friction + x[eha.VISC] * v + load + x[eha.THROT] * v * abs(v)
-        force += (q[eha.Q_MASS] + x[eha.INERT]) * acceleration + disturbance[k]
-        behind = q[eha.Q_AREA1] * x[eha.P1] - q[eha.Q_AREA2] * x[eha.P2] - wanted
-        wanted = force
+        dv = position[k + 1] - position[k] - new[eha.V]
+        behind = q[eha.Q_AREA1] * x[eha.P1] - q[eha.Q_AREA2] * x[eha.P2] - force[k]
         p1 = new[eha.P1] + G[eha.P1, 0] * dv
         p2 = new[eha.P2] + G[eha.P2, 0] * dv
-        per_speed = q[eha.Q_AREA1] * G[eha.P1, 1] - q[eha.Q_AREA2] * G[eha.P2, 1]
-        short = wanted + behind * (1.0 - 1.0 / RESPONSE) - q[eha.Q_AREA1] * p1 + q[eha.Q_AREA2] * p2
-        dw = short / per_speed
+        short = force[k + 1] + behind * (1.0 - 1.0 / RESPONSE) - q[eha.Q_AREA1] * p1 + q[eha.Q_AREA2] * p2
+        dw = short / (q[eha.Q_AREA1] * G[eha.P1, 1] - q[eha.Q_AREA2] * G[eha.P2, 1])
         x[:] = new
         x[eha.X] += G[eha.X, 0] * dv
         x[eha.V] += dv
@@ -209,8 +239,3 @@ def _follow(
         x[eha.W] += dw
         x[eha.P1] = p1 + G[eha.P1, 1] * dw + G[eha.P1, 2] * volumes[k, 0]
         x[eha.P2] = p2 + G[eha.P2, 1] * dw + G[eha.P2, 3] * volumes[k, 1]
-
-
-@njit(cache=True, error_model="numpy")
-def _resting_force(position: float, x: Array) -> float:
-    return float(x[eha.LOAD] + x[eha.STIF] * position)

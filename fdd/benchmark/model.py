@@ -26,7 +26,8 @@ LOW_SIDE, LOW_SIDE_TIME = 0.2, 1e4
 """MPa and ms: how near the low side stays to the accumulator, and for how long that is one and the same fact.
 What the estimators hold against not knowing the mean pressure where only the difference is measured."""
 MOTION_SPREAD = (1.0, 0.1, 1.0, 0.3, 0.3, 0.3)
-"""Standard deviations of the motion states at the start, model units: wide, encoders and pressures set them."""
+"""Standard deviations of the motion states at the start, model units: wide, encoders and pressures set
+them."""
 
 (N_FORCE, N_ACCELERATION, N_SMALL, N_LARGE, N_MARGIN, N_RELIEF, N_POSITION, N_ANGLE, N_PRESSURE, N_DIFFERENCE,
  N_FORCE_MEAN) = range(11)  # fmt: skip
@@ -39,7 +40,8 @@ class Assumed:
     Attributes
     ----------
     start, spread : (STATES,) its first estimate and standard deviations; wide for the motion states.
-    walk : (STATES,) standard deviation of each state's random walk over one second, from its parameters' noise.
+    walk : (STATES,) standard deviation of each state's random walk over one second, from its parameters'
+        noise.
     sizes : (11,) noise of motion and measurement for one millisecond, indices `N_…`.
     """
 
@@ -94,13 +96,31 @@ def tested_channels(sizes: Array, pressures: bool) -> int:
     """Channels whose innovations can be tested.
 
     Where the noise of motion lets a millisecond move position or angle by more than ten times what the
-    encoder resolves, that encoder drives the model like an input. Its innovations are then far smaller than their
-    variance whatever the filter does, add nothing to the NIS, and are not counted.
+    encoder resolves, that encoder drives the model like an input. Its innovations are then far smaller than
+    their variance whatever the filter does, add nothing to the NIS, and are not counted.
     """
     pressure_channels = 2 if pressures else 1
     position = sizes[N_FORCE] < 10.0 * sizes[N_POSITION]
     angle = sizes[N_ACCELERATION] < 10.0 * sizes[N_ANGLE]
     return pressure_channels + int(position) + int(angle)
+
+
+def encoders_share(states: Array, sizes: Array) -> float:
+    """What encoders that are not tested add to the NIS all the same, to be taken off: a per cent or two.
+
+    Their innovation is the true change of velocity or speed within a millisecond, its variance that of the
+    noise of motion.
+
+    Parameters
+    ----------
+    states : (n, STATES) true, model units. sizes : of `Assumed`.
+    """
+    share = 0.0
+    if sizes[N_FORCE] >= 10.0 * sizes[N_POSITION]:
+        share += float(np.mean(np.diff(states[:, eha.V]) ** 2)) / sizes[N_FORCE] ** 2
+    if sizes[N_ACCELERATION] >= 10.0 * sizes[N_ANGLE]:
+        share += float(np.mean(np.diff(states[:, eha.W]) ** 2)) / sizes[N_ACCELERATION] ** 2
+    return share
 
 
 @njit(cache=True, error_model="numpy")

@@ -12,7 +12,7 @@ from estimators import eha_model as eha
 from fdd.benchmark import bound, consistency, drawing, matched
 from fdd.benchmark.cases import DURATION, WINDOW, Case
 from fdd.benchmark.least_squares import Window, fit_balance
-from fdd.benchmark.model import Assumed, assumed, tested_channels
+from fdd.benchmark.model import N_RELIEF, Assumed, assumed, encoders_share, tested_channels
 from fdd.benchmark.trajectory import QUANTITIES, TRACKED, Trajectory, quantities
 from fdd.plant.simulate import simulate
 from fdd.residuals.tracking import METHODS, Channels, Tracking, estimates, observability
@@ -55,11 +55,13 @@ class Outcome:
     Attributes
     ----------
     truth : (quantities, checks).
-    errors, stds, flags : (methods, quantities, checks) estimate less truth, what the filter claims, whether it calls
+    errors, stds, flags : (methods, quantities, checks) estimate less truth, what the filter claims, whether
+        it calls
         the quantity observable.
     bound : (quantities, checks) standard deviation.
     fitted : (2, checks) error of least squares, leakage and bulk modulus.
-    nees : (methods,) of the four parameters at the end. scores : (methods, quantities) their errors in sigmas.
+    nees : (methods,) of the four parameters at the end. scores : (methods, quantities) their errors in
+        sigmas.
     nis : (methods, 4) mean over its expectation, band, effective samples.
     """
 
@@ -109,10 +111,15 @@ def evaluate(case: Case, data: Data) -> Outcome:
     ends = np.linspace(n - window, n, CHECKS).round().astype(np.int64) // decimation * decimation
     rows = ends - 1
     model = data.tracking.model
-    true, stds = _true_and_bound(case, data, rows)
+    true, stds = true_and_bound(case, data, rows)
     errors, claimed = np.empty((2, len(METHODS), len(QUANTITIES), CHECKS))
     flags = np.empty((len(METHODS), len(QUANTITIES), CHECKS), dtype=np.bool_)
-    nees, scores, nis = np.empty(len(METHODS)), np.empty((len(METHODS), len(TRACKED))), np.empty((len(METHODS), 4))
+    nees, scores, nis = (
+        np.empty(len(METHODS)),
+        np.empty((len(METHODS), len(TRACKED))),
+        np.empty((len(METHODS), 4)),
+    )
+    driven = encoders_share(data.truth.states, data.prior.sizes)
     channels = tested_channels(data.prior.sizes, not case.minimum)
     pushed = data.tracking.push(data.block)
     for m, method in enumerate(METHODS):
@@ -131,7 +138,9 @@ def evaluate(case: Case, data: Data) -> Outcome:
         covariance = _claimed(tracker.P, records[-1])
         nees[m] = consistency.nees(error, covariance)
         scores[m] = error / np.sqrt(np.diag(covariance))
-        nis[m] = consistency.nis_of_run(records[int(NIS_FROM * records.shape[0]) :], decimation, channels)
+        nis[m] = consistency.nis_of_run(
+            records[int(NIS_FROM * records.shape[0]) :], decimation, channels, driven
+        )
     return Outcome(true, errors, claimed, flags, stds, _fitted(case, data, ends, true), nees, scores, nis)
 
 
@@ -143,7 +152,8 @@ def _claimed(P: Array, record: Array) -> Array:
     return np.asarray(block * np.outer(factor, factor))
 
 
-def _true_and_bound(case: Case, data: Data, rows: NDArray[np.int64]) -> tuple[Array, Array]:
+def true_and_bound(case: Case, data: Data, rows: NDArray[np.int64]) -> tuple[Array, Array]:
+    """The true quantities at some rows and the bound of their standard deviations, (4, k) each, SI."""
     variances = bound.eha_bound(
         data.truth, data.tracking.model, data.prior, pressures=not case.minimum, accumulator=not case.minimum,
         rows=rows,
@@ -162,7 +172,9 @@ def _fitted(case: Case, data: Data, ends: NDArray[np.int64], true: Array) -> Arr
     for i, end in enumerate(ends):
         part = block[end - window : end]
         signals = _window(part, case.minimum, float(model[eha.Q_ACCUMULATOR]))
-        leak, air = fit_balance(signals, model, sealed=sealed and not case.minimum)
+        leak, air = fit_balance(
+            signals, model, relief=float(data.prior.sizes[N_RELIEF]), sealed=sealed and not case.minimum
+        )
         states = np.full((1, eha.STATES), np.nan)
         states[0, eha.LEAK], states[0, eha.AIR] = leak, air
         viscosity = data.truth.viscosity[end - 1 : end] if not case.minimum else np.ones(1)
