@@ -48,7 +48,8 @@ SMOOTH_HZ = 4.0
 SMOOTHING = 12.0
 """ms, standard deviation of the Gaussian that forces are smoothed by: friction turns round with the motion,
 and no pump could follow that within a millisecond. Both ways in time, so that nothing of it is left 40 ms
-later.""" RESPONSE = 10.0
+later."""
+RESPONSE = 10.0
 """ms within which the pump corrects forces: at once it would have to jump with each millisecond's noise."""
 LOWEST = 0.4
 """MPa, lowest pressure of a run in either chamber: near axis A's charge pressure, where the low side of a
