@@ -43,7 +43,7 @@ class Plan:
     runs : of each case, and of each change of a parameter.
     still, peers : runs of an hour at standstill in all, and runs of each case with filterpy.
     duration, still_duration : s.
-    cases : which.
+    cases : which. stepped : quantities that are changed.
     seed : fixes everything random.
     """
 
@@ -53,6 +53,7 @@ class Plan:
     duration: float = DURATION
     still_duration: float = HOUR
     cases: tuple[str, ...] = tuple(case.name for case in CASES)
+    stepped: tuple[str, ...] = STEPPED
     seed: int = 0
 
 
@@ -123,7 +124,7 @@ def _jobs(plan: Plan) -> list[str]:
     jobs += [f"peer|{w}|{name}|{i}|{i + 1}" for w in WORLDS for name in peer_cases for i in range(plan.peers)]
     parts = [(i, min(i + 10, plan.runs)) for i in range(0, plan.runs, 10)]
     jobs += [f"run|{w}|{name}|{a}|{b}" for w in WORLDS for name in plan.cases for a, b in parts]
-    jobs += [f"step|{w}|{name}|{a}|{b}" for w in WORLDS for name in STEPPED for a, b in parts]
+    jobs += [f"step|{w}|{name}|{a}|{b}" for w in WORLDS for name in plan.stepped for a, b in parts]
     return jobs
 
 

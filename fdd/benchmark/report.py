@@ -124,7 +124,7 @@ def _coverage(found: Measured, world: str) -> list[str]:
         "1.96 standard deviations. NIS: its mean over the last two thirds of a run; the encoders, which the "
         "filters use like inputs (their noise of motion is far above what these resolve), are not counted. "
         "The band is that of as many independent samples as there are over the integrated autocorrelation "
-        "time of its 10 ms means (Geyer 1992). *Mean NIS* is over its expectation. *Lost*: runs that ended "
+        "time of its 10 ms means (Sokal 1997). *Mean NIS* is over its expectation. *Lost*: runs that ended "
         "without a covariance.",
         "",
         f"![Coverage]({_picture('coverage')})" if world == WORLDS[0] else "",

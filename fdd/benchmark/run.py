@@ -178,7 +178,7 @@ def _fitted(case: Case, data: Data, ends: NDArray[np.int64], true: Array) -> Arr
         states = np.full((1, eha.STATES), np.nan)
         states[0, eha.LEAK], states[0, eha.AIR] = leak, air
         viscosity = data.truth.viscosity[end - 1 : end] if not case.minimum else np.ones(1)
-        values, _ = quantities(states, states, viscosity, data.unit, model)
+        values, _ = quantities(states, np.zeros_like(states), viscosity, data.unit, model)
         out[:, i] = values[:2, 0] - true[:2, i]
     return out
 
