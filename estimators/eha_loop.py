@@ -7,6 +7,7 @@ from numba import njit
 from numpy.typing import NDArray
 
 from estimators import eha_model as eha
+from estimators.eha_bounds import keep_in_bounds
 from estimators.eha_forces import ROBUST, balance_forces
 from estimators.eha_layout import (
     ACCUMULATOR,
@@ -151,20 +152,6 @@ def _start_motion(x: Array, P: Array, z: Array, p_acc: float, c: Array) -> None:
     P[eha.TH, eha.TH] = 1.0
     P[eha.W, eha.W] = 0.3**2
     P[eha.P1, eha.P1] = P[eha.P2, eha.P2] = 0.3**2
-
-
-@njit(cache=True)
-def _bound(x: Array) -> None:
-    """Keep parameters where the model means something."""
-    x[eha.LEAK] = min(max(x[eha.LEAK], 0.02), 300.0)
-    x[eha.VALVE1] = min(max(x[eha.VALVE1], -0.9), 300.0)
-    x[eha.VALVE2] = min(max(x[eha.VALVE2], -0.9), 300.0)
-    x[eha.AIR] = min(max(x[eha.AIR], -2.0), 100.0)
-    x[eha.GAIN] = min(max(x[eha.GAIN], -0.1), 0.1)
-    x[eha.FRIC] = min(max(x[eha.FRIC], 0.02), 10.0)
-    x[eha.VISC] = min(max(x[eha.VISC], -2e3), 5e4)
-    x[eha.THROT] = min(max(x[eha.THROT], -2e4), 1e7)
-    x[eha.INERT] = min(max(x[eha.INERT], -10.0), 3e3)
 
 
 @njit(cache=True)
@@ -334,7 +321,7 @@ def track(
             nis, loglik = kalman_update(x, P, y, H, r, mask)
         if not blind:
             balance_forces(x, P, max(steps, 1) * h0, q, c, memory)
-        _bound(x)
+        keep_in_bounds(x, P)
         memory[M_NIS] += nis
         memory[M_CHANNELS] += channels
         memory[M_LOGLIK] += loglik

@@ -37,7 +37,7 @@ class Noise:
     flow: float = 1e-7
     """m³/√s: unmodelled flow (gear ripple, line losses, leakage that is not laminar): half a percent
     of the pump's flow at a third of its speed, correlated over 0.1 s."""
-    flow_refeeding: float = 5e-6
+    flow_refeeding: float = 1e-4
     """m³/√s: a chamber that the accumulator feeds has no volume balance."""
     leakage: float = 0.05
     """1/√s relative: lets a step of 50 % be followed within two seconds under load."""
