@@ -13,6 +13,7 @@ from estimators.eha_layout import (
     ACCUMULATOR,
     ANGLE,
     DIFFERENCE,
+    FLOW_PARAMETERS,
     M_ACC,
     M_ANGLE,
     M_BLIND,
@@ -24,6 +25,7 @@ from estimators.eha_layout import (
     M_NIS,
     M_ORIGIN,
     M_OUT,
+    M_SCORE,
     M_SPEED,
     M_STARTED,
     M_VISC,
@@ -38,6 +40,7 @@ from estimators.eha_layout import (
     R_LOGLIK,
     R_NIS,
     R_OUTSIDE,
+    R_SCORE,
     R_STATE,
     R_TIME,
     R_UNREST,
@@ -55,26 +58,17 @@ from estimators.eha_layout import (
 )
 from estimators.eha_noise import (
     N_ACCEL,
-    N_AIR,
     N_DP,
     N_FLOW,
     N_FORCE,
-    N_FRIC,
-    N_GAIN,
-    N_INERT,
-    N_LEAK,
-    N_LOAD,
     N_MARGIN,
     N_P,
     N_REFEED,
     N_RELIEF,
-    N_STIF,
     N_TH,
-    N_THROT,
-    N_VALVE,
-    N_VISC,
     N_X,
 )
+from estimators.eha_walk import walk_parameters, watch_jumps
 from estimators.kernels import kalman_update, svsf_update
 
 Array = NDArray[np.float64]
@@ -96,6 +90,7 @@ def measurement(x: Array, q: Array, z: Array, y: Array) -> None:
 @njit(cache=True)
 def _process_noise(
     x: Array,
+    P: Array,
     h: float,
     p_acc: float,
     known_acc: bool,
@@ -119,18 +114,7 @@ def _process_noise(
     small, large = (c[N_FLOW] * 1e9) ** 2 * 1e-3 * h, (c[N_REFEED] * 1e9) ** 2 * 1e-3 * h
     out[2] = large if relieved or fed1 else small
     out[3] = large if relieved or fed2 else small
-    seconds = 1e-3 * h
-    diag[:] = 0.0
-    diag[eha.LEAK] = c[N_LEAK] ** 2 * seconds
-    diag[eha.VALVE1] = diag[eha.VALVE2] = c[N_VALVE] ** 2 * seconds
-    diag[eha.AIR] = (c[N_AIR] * 1e3) ** 2 * seconds
-    diag[eha.GAIN] = c[N_GAIN] ** 2 * seconds
-    diag[eha.FRIC] = c[N_FRIC] ** 2 * seconds
-    diag[eha.VISC] = c[N_VISC] ** 2 * seconds
-    diag[eha.LOAD] = c[N_LOAD] ** 2 * seconds * unrest
-    diag[eha.STIF] = (c[N_STIF] * 1e-3) ** 2 * seconds
-    diag[eha.THROT] = c[N_THROT] ** 2 * seconds
-    diag[eha.INERT] = c[N_INERT] ** 2 * seconds
+    walk_parameters(x, P, h, unrest, c, diag)
 
 
 @njit(cache=True)
@@ -188,6 +172,7 @@ def track(
     x_new = np.empty(eha.STATES)
     x_kalman = np.empty(eha.STATES)
     P_kalman = np.empty((eha.STATES, eha.STATES))
+    before = np.empty((2, FLOW_PARAMETERS))
     noise = np.empty(4)
     diag = np.empty(eha.STATES)
     z = np.empty(MEASUREMENTS)
@@ -266,7 +251,7 @@ def track(
             _start_motion(x, P, z, p_acc, c)
             memory[M_STARTED] = 1.0
         elif steps > LONGEST_GAP:
-            _process_noise(x, steps * h0, p_acc, known_acc, memory[M_FSCALE], q, c, noise, diag)
+            _process_noise(x, P, steps * h0, p_acc, known_acc, memory[M_FSCALE], q, c, noise, diag)
             _start_motion(x, P, z, p_acc, c)
             for i in range(eha.STATES):
                 P[i, i] += diag[i]
@@ -277,7 +262,7 @@ def track(
             v_at = x[eha.V] + trust * ((z[Z_X] - x[eha.X]) / span - x[eha.V])
             w_at = (z[Z_TH] - x[eha.TH]) / span
             for _ in range(steps):
-                _process_noise(x, h0, p_acc, known_acc, memory[M_FSCALE], q, c, noise, diag)
+                _process_noise(x, P, h0, p_acc, known_acc, memory[M_FSCALE], q, c, noise, diag)
                 eha.step(x, h0, viscosity, p_acc, v_at, w_at, q, x_new, F, G)
                 x[:] = x_new
                 # Friction and load learn from the mean force alone (see balance_forces).
@@ -305,6 +290,9 @@ def track(
                 if not svsf and sigmas > ROBUST:
                     r[i] += variance * ((sigmas / ROBUST) ** 2 - 1.0)
                 psi[i] = layer * np.sqrt(variance)
+        for i in range(FLOW_PARAMETERS):
+            before[0, i] = x[eha.LEAK + i]
+            before[1, i] = P[eha.LEAK + i, eha.LEAK + i]
         switched = False
         if svsf:
             x_kalman[:] = x
@@ -320,6 +308,7 @@ def track(
         else:
             nis, loglik = kalman_update(x, P, y, H, r, mask)
         if not blind:
+            watch_jumps(x, P, before, max(steps, 1) * h0, c, memory)
             balance_forces(x, P, max(steps, 1) * h0, q, c, memory)
         keep_in_bounds(x, P)
         memory[M_NIS] += nis
@@ -344,6 +333,8 @@ def track(
             rec[R_BETA1] = 1e6 / eha.compliance(x[eha.P1], x[eha.AIR], q)[0]
             rec[R_BETA2] = 1e6 / eha.compliance(x[eha.P2], x[eha.AIR], q)[0]
             rec[R_VISCOSITY] = viscosity
+            for i in range(FLOW_PARAMETERS):
+                rec[R_SCORE + i] = memory[M_SCORE + i]
             rec[R_UNREST] = memory[M_FSCALE]
             memory[M_NIS] = memory[M_CHANNELS] = memory[M_LOGLIK] = memory[M_OUT] = memory[M_COUNT] = 0.0
             written += 1

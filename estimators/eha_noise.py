@@ -68,6 +68,12 @@ class Noise:
     initial_stiffness: float = 1e4
     initial_throttle: float = 1e6
     initial_inertia: float = 30.0
+    jump_leakage: float = 1.0
+    """Relative to the healthy leakage: what a fault may add at once. Severity 1 of the catalogue is 1.8."""
+    jump_valve: float = 5.0
+    """Likewise; a valve stuck open passes 15."""
+    jump_air: float = 1e-2
+    """Severity 1 is 2.5 %."""
     refeed_margin: float = 3e4
     """Pa above the accumulator below which a chamber may be fed: cracking pressure and sensor zeros."""
     relief_pressure: float = 3.1e6
@@ -81,5 +87,5 @@ class Noise:
 (
     N_X, N_TH, N_P, N_DP, N_FORCE, N_FMEAN, N_ACCEL, N_FLOW, N_REFEED, N_LEAK, N_VALVE, N_AIR, N_GAIN, N_FRIC,
     N_VISC, N_LOAD, N_STIF, N_THROT, N_INERT, I_LEAK, I_VALVE, I_AIR, I_GAIN, I_FRIC, I_VISC, I_LOAD, I_STIF,
-    I_THROT, I_INERT, N_MARGIN, N_RELIEF,
-) = range(31)  # fmt: skip
+    I_THROT, I_INERT, J_LEAK, J_VALVE, J_AIR, N_MARGIN, N_RELIEF,
+) = range(34)  # fmt: skip
