@@ -29,6 +29,7 @@ for _state, _low, _high in (
     (eha.VALVE1, 0.0, 300.0),
     (eha.VALVE2, 0.0, 300.0),
     (eha.AIR, -2.0, 100.0),
+    (eha.SPLIT, -30.0, 30.0),
     (eha.GAIN, -0.1, 0.1),
     (eha.FRIC, 0.02, 10.0),
     (eha.VISC, -2e3, 5e4),

@@ -26,15 +26,17 @@ R_BETA2 = R_NIS + 6
 R_VISCOSITY = R_NIS + 7
 R_UNREST = R_NIS + 8
 R_SCORE = R_NIS + 9  # of the flow parameters, over the last complete window
-RECORD = R_SCORE + 5
+R_LEAK_VALVE1 = R_SCORE + 5  # covariances of leakage with the valves'
+R_LEAK_VALVE2 = R_SCORE + 6
+RECORD = R_SCORE + 7
 
 # Slots of the loop's memory.
 (
     M_ORIGIN, M_INDEX, M_ANGLE, M_SPEED, M_ACC, M_VISC, M_COUNT, M_STARTED, M_NIS, M_CHANNELS, M_LOGLIK,
     M_OUT, M_FORCE, M_VMEAN, M_XMEAN, M_VSTART, M_FSIGN, M_FCOUNT, M_CURVE, M_SQUARE, M_FSCALE, M_SLID,
-    M_BLIND, M_SPAN, M_WINDOWS, M_STREAK,
-) = range(26)  # fmt: skip
-# For each of the flow parameters, LEAK to GAIN: see `estimators.eha_walk`.
+    M_BLIND, M_SPAN, M_WINDOWS, M_STREAK, M_REDUNDANT, M_PAIRS,
+) = range(28)  # fmt: skip
+# For each of the flow parameters, LEAK to SPLIT: see `estimators.eha_walk`.
 FLOW_PARAMETERS = 5
-M_SHIFT, M_GAINED, M_SHIFT_LONG, M_GAINED_LONG, M_SCORE = range(26, 26 + 5 * FLOW_PARAMETERS, FLOW_PARAMETERS)
-MEMORY = 26 + 5 * FLOW_PARAMETERS
+M_SHIFT, M_GAINED, M_SHIFT_LONG, M_GAINED_LONG, M_SCORE = range(28, 28 + 5 * FLOW_PARAMETERS, FLOW_PARAMETERS)
+MEMORY = 28 + 5 * FLOW_PARAMETERS

@@ -37,6 +37,8 @@ from estimators.eha_layout import (
     R_BETA2,
     R_CHANNELS,
     R_LAYER,
+    R_LEAK_VALVE1,
+    R_LEAK_VALVE2,
     R_LOGLIK,
     R_NIS,
     R_OUTSIDE,
@@ -68,6 +70,7 @@ from estimators.eha_noise import (
     N_TH,
     N_X,
 )
+from estimators.eha_redundancy import compare_sensors
 from estimators.eha_walk import walk_parameters, watch_jumps
 from estimators.kernels import kalman_update, svsf_update
 
@@ -232,6 +235,7 @@ def track(
         z[Z_P2] = block[row, PRESSURE_2] * 1e-6
         z[Z_DP] = block[row, DIFFERENCE] * 1e-6
         z[Z_MEAN] = p_acc
+        gap = z[Z_DP] - (z[Z_P1] - z[Z_P2])  # NaN without redundancy
         if has_pressures:  # their difference is not new, and the redundancy is a sensor check of its own
             z[Z_DP] = np.nan
             z[Z_MEAN] = np.nan
@@ -309,6 +313,7 @@ def track(
             nis, loglik = kalman_update(x, P, y, H, r, mask)
         if not blind:
             watch_jumps(x, P, before, max(steps, 1) * h0, c, memory)
+            compare_sensors(x, P, gap, r0[Z_DP] + 2.0 * r0[Z_P1], memory)
             balance_forces(x, P, max(steps, 1) * h0, q, c, memory)
         keep_in_bounds(x, P)
         memory[M_NIS] += nis
@@ -325,13 +330,16 @@ def track(
             # Against a restless load the friction curve's misfit repeats itself: count it once.
             rec[R_VARIANCE + eha.FRIC] *= max(memory[M_FSCALE], 1.0) ** 2
             rec[R_VARIANCE + eha.VISC] *= max(memory[M_FSCALE], 1.0) ** 2
+            rec[R_VARIANCE + eha.SKEW] *= max(memory[M_FSCALE], 1.0) ** 2
             rec[R_NIS] = memory[M_NIS] / memory[M_COUNT]
             rec[R_CHANNELS] = memory[M_CHANNELS] / memory[M_COUNT]
             rec[R_LOGLIK] = memory[M_LOGLIK] / memory[M_COUNT]
             rec[R_OUTSIDE] = memory[M_OUT] / memory[M_COUNT]
             rec[R_LAYER] = psi_k[Z_P1] if svsf else np.nan
-            rec[R_BETA1] = 1e6 / eha.compliance(x[eha.P1], x[eha.AIR], q)[0]
-            rec[R_BETA2] = 1e6 / eha.compliance(x[eha.P2], x[eha.AIR], q)[0]
+            rec[R_BETA1] = 1e6 / eha.compliance(x[eha.P1], x[eha.AIR] + x[eha.SPLIT], q)[0]
+            rec[R_BETA2] = 1e6 / eha.compliance(x[eha.P2], x[eha.AIR] - x[eha.SPLIT], q)[0]
+            rec[R_LEAK_VALVE1] = P[eha.LEAK, eha.VALVE1]
+            rec[R_LEAK_VALVE2] = P[eha.LEAK, eha.VALVE2]
             rec[R_VISCOSITY] = viscosity
             for i in range(FLOW_PARAMETERS):
                 rec[R_SCORE + i] = memory[M_SCORE + i]

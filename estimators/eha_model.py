@@ -1,6 +1,6 @@
 """Reduced model of one electro-hydrostatic axis, for estimation.
 
-Seventeen states in units that keep them near one (mm, ms, MPa, N; volumes in mm³):
+Twenty states in units that keep them near one (mm, ms, MPa, N; volumes in mm³):
 
 =====  ==========================================================  ==========
 index  state                                                       unit
@@ -14,14 +14,22 @@ LEAK   leakage across the ports over its healthy value             1
 VALVE1 leakage of each chamber into the accumulator, over the
 VALVE2 healthy leakage across the ports: a check valve's           1
 AIR    free air, volume at atmosphere over volume of oil           ‰
+SPLIT  by how much chamber 1 has more of it than the mean, and
+       chamber 2 less; errors of the chambers' volumes too         ‰
 GAIN   relative error of the pump's displacement                   1
+ZERO   zero of the pressure difference against the chambers'       MPa
 FRIC   Coulomb and Stribeck friction over the healthy curve        1
-VISC   viscous friction                                            N·ms/mm
+VISC   viscous friction, mean of both directions                   N·ms/mm
+SKEW   by how much it is more when extending, less when retracting N·ms/mm
 LOAD   load force at position 0                                    N
 STIF   load stiffness                                              N/mm
 THROT  load quadratic in velocity, a throttled partner's           N/(mm/ms)²
 INERT  mass of the load (it acts in the mean force balance only)   kg
 =====  ==========================================================  ==========
+
+Which are free follows from the sensors (:func:`free_states`): without both chamber pressures the two
+bulk moduli are one (SPLIT stays 0), and without the difference beside them it has no ZERO. The friction scale
+has no direction of its own: its asymmetry is a constant load force, LOAD.
 
 The pump angle is a *measurement*. In one step ``C₁ Δp₁ = D Δθ − A₁ Δx − h·outflow`` holds to
 rounding (velocity and speed are means over the step), and process noise on speed and
@@ -44,12 +52,15 @@ from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
 
-X, V, TH, W, P1, P2, LEAK, VALVE1, VALVE2, AIR, GAIN, FRIC, VISC, LOAD, STIF, THROT, INERT = range(17)
-STATES = 17
+(
+    X, V, TH, W, P1, P2, LEAK, VALVE1, VALVE2, AIR, SPLIT, GAIN, ZERO, FRIC, VISC, SKEW, LOAD, STIF, THROT,
+    INERT,
+) = range(20)  # fmt: skip
+STATES = 20
 STATE_NAMES = (
     "position", "velocity", "pump_angle", "pump_speed", "pressure_1", "pressure_2",
-    "leakage", "valve_1", "valve_2", "air", "pump_gain", "friction", "viscous_friction",
-    "load_force", "load_stiffness", "load_throttle", "load_inertia",
+    "leakage", "valve_1", "valve_2", "air", "air_split", "pump_gain", "difference_zero", "friction",
+    "viscous_friction", "viscous_skew", "load_force", "load_stiffness", "load_throttle", "load_inertia",
 )  # fmt: skip
 
 # Parameters, one array: indices
@@ -118,6 +129,25 @@ def parameters(
     return q
 
 
+def free_states(*, pressures: bool, difference: bool) -> NDArray[np.bool_]:
+    """Which states the sensors can tell: (STATES,), True where free.
+
+    Parameters
+    ----------
+    pressures : both chambers' pressures are measured.
+    difference : their difference is measured by a sensor of its own.
+
+    Examples
+    --------
+    >>> [STATE_NAMES[i] for i in np.flatnonzero(~free_states(pressures=False, difference=True))]
+    ['air_split', 'difference_zero']
+    """
+    free = np.ones(STATES, dtype=np.bool_)
+    free[SPLIT] = pressures
+    free[ZERO] = pressures and difference
+    return free
+
+
 @njit(cache=True)
 def air_curve(p: float, n: float) -> float:
     """c(p), 1/MPa: compliance per free-air fraction at gauge pressure `p` (MPa)."""
@@ -182,12 +212,12 @@ def step(
 
     Parameters
     ----------
-    x : (17,) state. h : step, ms. viscosity : oil viscosity over the reference's.
+    x : (20,) state. h : step, ms. viscosity : oil viscosity over the reference's.
     p_acc : accumulator pressure, MPa. q : parameters.
     v_at, w_at : velocity and speed over the step to linearise at; NaN for the prediction's.
-    out : (17,) the state after the step.
-    F : (17, 17) ∂out/∂x.
-    G : (17, 4) what unit noise on velocity (mm/ms), pump speed (rad/ms) and on each chamber's
+    out : (20,) the state after the step.
+    F : (20, 20) ∂out/∂x.
+    G : (20, 4) what unit noise on velocity (mm/ms), pump speed (rad/ms) and on each chamber's
         volume (mm³) does to the state.
     """
     area1, area2, mu = q[Q_AREA1], q[Q_AREA2], 1e-3 / q[Q_MASS]
@@ -195,8 +225,8 @@ def step(
     pump = q[Q_DISPLACEMENT] * (1.0 + x[GAIN])
 
     # Chamber stiffness i = β/V and its logarithmic derivatives (to position, pressure, air).
-    b1, b1_p, b1_air = compliance(p1, x[AIR], q)
-    b2, b2_p, b2_air = compliance(p2, x[AIR], q)
+    b1, b1_p, b1_air = compliance(p1, x[AIR] + x[SPLIT], q)
+    b2, b2_p, b2_air = compliance(p2, x[AIR] - x[SPLIT], q)
     volume1 = max(q[Q_VOLUME1] + area1 * x[X], 0.05 * q[Q_VOLUME1])
     volume2 = max(q[Q_VOLUME2] - area2 * x[X], 0.05 * q[Q_VOLUME2])
     i1, i2 = 1.0 / (volume1 * b1), 1.0 / (volume2 * b2)
@@ -204,6 +234,7 @@ def step(
     d2 = np.zeros(STATES)
     d1[X], d1[P1], d1[AIR] = -i1 * area1 / volume1, -i1 * b1_p / b1, -i1 * b1_air / b1
     d2[X], d2[P2], d2[AIR] = i2 * area2 / volume2, -i2 * b2_p / b2, -i2 * b2_air / b2
+    d1[SPLIT], d2[SPLIT] = d1[AIR], -d2[AIR]
 
     # Leakage out of each chamber: across, to the case, and through its check valve. Thinner oil leaks more.
     drop, over1, over2 = p1 - p2, p1 - p_acc, p2 - p_acc
@@ -245,7 +276,9 @@ def step(
     implicit = x[FRIC] * stick
     force = area1 * p1 - area2 * p2 - x[FRIC] * curve - x[LOAD] - x[STIF] * x[X]
     throttle = x[THROT] * abs(v)
-    den = max(1.0 + mu * h * (x[VISC] + throttle + implicit), 0.5)
+    direction = 1.0 if v >= 0.0 else -1.0
+    viscous = x[VISC] + direction * x[SKEW]
+    den = max(1.0 + mu * h * (viscous + throttle + implicit), 0.5)
     v_new = (v * (1.0 + mu * h * implicit) + mu * h * force) / den
     dv = np.zeros(STATES)
     dv[X] = -mu * h * x[STIF]
@@ -253,8 +286,9 @@ def step(
     dv[P1] = mu * h * area1
     dv[P2] = -mu * h * area2
     dv[FRIC] = mu * h * (stick * (v - v_new) - curve)
-    dv[V] -= mu * h * x[THROT] * v_new * (1.0 if v >= 0.0 else -1.0)
+    dv[V] -= mu * h * x[THROT] * v_new * direction
     dv[VISC] = -mu * h * v_new
+    dv[SKEW] = direction * dv[VISC]
     dv[THROT] = -mu * h * abs(v) * v_new
     dv[LOAD] = -mu * h
     dv[STIF] = -mu * h * x[X]

@@ -44,10 +44,13 @@ from estimators.eha_noise import (
     I_GAIN,
     I_INERT,
     I_LEAK,
+    I_SKEW,
+    I_SPLIT,
     I_STIF,
     I_THROT,
     I_VALVE,
     I_VISC,
+    I_ZERO,
     J_AIR,
     J_LEAK,
     J_VALVE,
@@ -57,10 +60,13 @@ from estimators.eha_noise import (
     N_INERT,
     N_LEAK,
     N_LOAD,
+    N_SKEW,
+    N_SPLIT,
     N_STIF,
     N_THROT,
     N_VALVE,
     N_VISC,
+    N_ZERO,
 )
 
 Array = NDArray[np.float64]
@@ -74,7 +80,7 @@ MOST_STREAK = 5  # doublings of the step: a valve torn open is a hundred healthy
 @njit(cache=True)
 def _grown(rate: float, seconds: float, variance: float, initial: float) -> float:
     """Variance that a walk adds in `seconds`, none beyond the initial one."""
-    if variance >= initial * initial:
+    if initial <= 0.0 or variance >= initial * initial:
         return 0.0
     return rate * rate * seconds * (1.0 - variance / (initial * initial))
 
@@ -89,6 +95,7 @@ def walk_parameters(x: Array, P: Array, h: float, unrest: float, c: Array, diag:
     diag[:] = 0.0
     # What has grown beyond its healthy size is uncertain in proportion.
     size = max(1.0, x[eha.LEAK])
+    aerated = max(1.0, 0.3 * x[eha.AIR])
     diag[eha.LEAK] = _grown(c[N_LEAK] * size, seconds, P[eha.LEAK, eha.LEAK], c[I_LEAK] * size)
     rate = 0.5 * (c[N_VALVE] / c[I_VALVE]) ** 2 * seconds
     for j in (eha.VALVE1, eha.VALVE2):
@@ -102,6 +109,9 @@ def walk_parameters(x: Array, P: Array, h: float, unrest: float, c: Array, diag:
     diag[eha.AIR] = _grown(
         c[N_AIR] * 1e3, seconds, P[eha.AIR, eha.AIR], c[I_AIR] * 1e3 * max(1.0, x[eha.AIR] / 3.0)
     )
+    diag[eha.SPLIT] = _grown(c[N_SPLIT] * 1e3, seconds, P[eha.SPLIT, eha.SPLIT], c[I_SPLIT] * 1e3)
+    diag[eha.ZERO] = _grown(c[N_ZERO] * 1e-6, seconds, P[eha.ZERO, eha.ZERO], c[I_ZERO] * 1e-6)
+    diag[eha.SKEW] = _grown(c[N_SKEW], seconds, P[eha.SKEW, eha.SKEW], c[I_SKEW])
     diag[eha.GAIN] = _grown(c[N_GAIN], seconds, P[eha.GAIN, eha.GAIN], c[I_GAIN])
     diag[eha.FRIC] = _grown(c[N_FRIC], seconds, P[eha.FRIC, eha.FRIC], c[I_FRIC])
     diag[eha.VISC] = _grown(c[N_VISC], seconds, P[eha.VISC, eha.VISC], c[I_VISC])
