@@ -67,9 +67,9 @@ STATE_NAMES = (
 (
     Q_AREA1, Q_AREA2, Q_VOLUME1, Q_VOLUME2, Q_MASS, Q_DISPLACEMENT, Q_CROSS, Q_CASE, Q_STIFFNESS_INV,
     Q_POLYTROPIC, Q_COULOMB_F, Q_STATIC_F, Q_STRIBECK_F, Q_EXPONENT_F, Q_COULOMB_R, Q_STATIC_R,
-    Q_STRIBECK_R, Q_EXPONENT_R, Q_SLIDING, Q_ACCUMULATOR,
-) = range(20)  # fmt: skip
-PARAMETERS = 20
+    Q_STRIBECK_R, Q_EXPONENT_R, Q_SLIDING, Q_ACCUMULATOR, Q_SWEEP,
+) = range(21)  # fmt: skip
+PARAMETERS = 21
 
 ATMOSPHERE = 0.101325  # MPa
 STICTION_VELOCITY = 3e-3  # mm/ms: width of the sign change of friction
@@ -94,6 +94,7 @@ def parameters(
     friction_reverse: tuple[float, float, float, float],
     accumulator_pressure: float,
     sliding_velocity: float = 5e-3,
+    position_compliance: float = 1.0,
 ) -> Array:
     """Pack a unit's numbers, in SI, into the model's parameter array.
 
@@ -104,6 +105,7 @@ def parameters(
     bulk_modulus : Pa, effective, at `reference_pressure` (Pa gauge) with `air_fraction`.
     friction_forward, friction_reverse : Coulomb N, static N, Stribeck velocity m/s, exponent.
     accumulator_pressure : Pa, used where it is not measured.
+    position_compliance : how much more compliance changes with position than the volumes do.
     sliding_velocity : m/s below which the force balance carries no information.
 
     Returns
@@ -126,6 +128,7 @@ def parameters(
     q[Q_COULOMB_R], q[Q_STATIC_R], q[Q_STRIBECK_R], q[Q_EXPONENT_R] = friction_reverse
     q[Q_SLIDING] = sliding_velocity
     q[Q_ACCUMULATOR] = accumulator_pressure * 1e-6
+    q[Q_SWEEP] = position_compliance
     return q
 
 
@@ -227,13 +230,14 @@ def step(
     # Chamber stiffness i = β/V and its logarithmic derivatives (to position, pressure, air).
     b1, b1_p, b1_air = compliance(p1, x[AIR] + x[SPLIT], q)
     b2, b2_p, b2_air = compliance(p2, x[AIR] - x[SPLIT], q)
-    volume1 = max(q[Q_VOLUME1] + area1 * x[X], 0.05 * q[Q_VOLUME1])
-    volume2 = max(q[Q_VOLUME2] - area2 * x[X], 0.05 * q[Q_VOLUME2])
+    swept1, swept2 = q[Q_SWEEP] * area1, q[Q_SWEEP] * area2
+    volume1 = max(q[Q_VOLUME1] + swept1 * x[X], 0.05 * q[Q_VOLUME1])
+    volume2 = max(q[Q_VOLUME2] - swept2 * x[X], 0.05 * q[Q_VOLUME2])
     i1, i2 = 1.0 / (volume1 * b1), 1.0 / (volume2 * b2)
     d1 = np.zeros(STATES)  # ∂i1
     d2 = np.zeros(STATES)
-    d1[X], d1[P1], d1[AIR] = -i1 * area1 / volume1, -i1 * b1_p / b1, -i1 * b1_air / b1
-    d2[X], d2[P2], d2[AIR] = i2 * area2 / volume2, -i2 * b2_p / b2, -i2 * b2_air / b2
+    d1[X], d1[P1], d1[AIR] = -i1 * swept1 / volume1, -i1 * b1_p / b1, -i1 * b1_air / b1
+    d2[X], d2[P2], d2[AIR] = i2 * swept2 / volume2, -i2 * b2_p / b2, -i2 * b2_air / b2
     d1[SPLIT], d2[SPLIT] = d1[AIR], -d2[AIR]
 
     # Leakage out of each chamber: across, to the case, and through its check valve. Thinner oil leaks more.

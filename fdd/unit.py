@@ -61,6 +61,8 @@ class Cylinder(Section):
     volume_1: Annotated[CubicMetre, Field(gt=0)]
     """Oil of chamber 1 with its lines, at position 0."""
     volume_2: Annotated[CubicMetre, Field(gt=0)]
+    position_compliance: Annotated[Number, Field(gt=0, le=5)] = 1.0
+    """How much more the chambers' compliance changes with position than ``V ± A x`` says: hoses and walls."""
 
 
 class Pump(Section):

@@ -47,6 +47,7 @@ def model_parameters(unit: Unit) -> Array:
         polytropic_index=unit.oil.polytropic_index, reference_pressure=unit.oil.reference_pressure,
         friction_forward=branch(unit.friction.forward), friction_reverse=branch(unit.friction.reverse),
         accumulator_pressure=unit.accumulator.charge_pressure,
+        position_compliance=unit.cylinder.position_compliance,
     )  # fmt: skip
 
 
