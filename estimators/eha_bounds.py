@@ -49,4 +49,5 @@ def keep_in_bounds(x: Array, P: Array) -> None:
         if P[j, j] > 0.0:
             for i in range(eha.LEAK, eha.STATES):
                 x[i] += P[i, j] / P[j, j] * moved
+    for j in range(eha.LEAK, eha.STATES):  # one bound's correction may pass another's
         x[j] = min(max(x[j], LOWEST[j]), HIGHEST[j])

@@ -106,9 +106,7 @@ def walk_parameters(x: Array, P: Array, h: float, unrest: float, c: Array, diag:
             P[i, j] *= keep
             P[j, i] *= keep
         diag[j] = c[N_VALVE] ** 2 * seconds * openness
-    diag[eha.AIR] = _grown(
-        c[N_AIR] * 1e3, seconds, P[eha.AIR, eha.AIR], c[I_AIR] * 1e3 * max(1.0, x[eha.AIR] / 3.0)
-    )
+    diag[eha.AIR] = _grown(c[N_AIR] * 1e3, seconds, P[eha.AIR, eha.AIR], c[I_AIR] * 1e3 * aerated)
     diag[eha.SPLIT] = _grown(c[N_SPLIT] * 1e3, seconds, P[eha.SPLIT, eha.SPLIT], c[I_SPLIT] * 1e3)
     diag[eha.ZERO] = _grown(c[N_ZERO] * 1e-6, seconds, P[eha.ZERO, eha.ZERO], c[I_ZERO] * 1e-6)
     diag[eha.SKEW] = _grown(c[N_SKEW], seconds, P[eha.SKEW, eha.SKEW], c[I_SKEW])
