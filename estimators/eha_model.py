@@ -272,32 +272,3 @@ def step(
     G[P1, 1], G[P2, 1] = h * pump * i1, -h * pump * i2
     G[P1, 2] = i1
     G[P2, 3] = i2
-
-
-@njit(cache=True)
-def propagate(P: Array, F: Array, G: Array, noise: Array, Q_diag: Array, scratch: Array) -> None:
-    """``P = F P F' + G diag(noise) G' + diag(Q_diag)`` in place, using F's sparsity.
-
-    Only the first six rows of F differ from the identity (parameters walk at random).
-    """
-    moving = P2 + 1
-    for i in range(moving):
-        for j in range(STATES):
-            total = 0.0
-            for k in range(STATES):
-                total += F[i, k] * P[k, j]
-            scratch[i, j] = total
-    for i in range(moving):
-        for j in range(i, moving):
-            total = 0.0
-            for k in range(STATES):
-                total += scratch[i, k] * F[j, k]
-            for k in range(4):
-                total += G[i, k] * noise[k] * G[j, k]
-            P[i, j] = total
-            P[j, i] = total
-        for j in range(moving, STATES):
-            P[i, j] = scratch[i, j]
-            P[j, i] = scratch[i, j]
-    for i in range(STATES):
-        P[i, i] += Q_diag[i]
