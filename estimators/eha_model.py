@@ -118,14 +118,15 @@ def parameters(
     return q
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def air_curve(p: float, n: float) -> float:
     """c(p), 1/MPa: compliance per free-air fraction at gauge pressure `p` (MPa)."""
     absolute = max(p + ATMOSPHERE, 0.1 * ATMOSPHERE)
-    return ATMOSPHERE ** (1.0 / n) / (n * absolute ** ((n + 1.0) / n))
+    # The module's equation with one power: powers are most of what a step costs.
+    return (ATMOSPHERE / absolute) ** (1.0 + 1.0 / n) / (n * ATMOSPHERE)
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy", _nrt=False)
 def compliance(p: float, air: float, q: Array) -> tuple[float, float, float]:
     """1/β at gauge pressure `p` (MPa), and its derivatives to `p` and to `air` (‰)."""
     n = q[Q_POLYTROPIC]
@@ -138,7 +139,7 @@ def compliance(p: float, air: float, q: Array) -> tuple[float, float, float]:
     return value, 1e-3 * air * slope, 1e-3 * c
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy", _nrt=False)
 def friction_curve(v: float, q: Array) -> tuple[float, float, float, float]:
     """Healthy Coulomb and Stribeck friction (N) at `v` (mm/ms).
 
@@ -161,7 +162,7 @@ def friction_curve(v: float, q: Array) -> tuple[float, float, float, float]:
     return sign * level, stick + abs(sign) * stribeck_slope, stick, stick_slope
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy", _nrt=False)
 def step(
     x: Array, h: float, viscosity: float, p_acc: float, v_at: float, w_at: float, q: Array,
     out: Array, F: Array, G: Array,
@@ -187,6 +188,9 @@ def step(
     area1, area2, mu = q[Q_AREA1], q[Q_AREA2], 1e-3 / q[Q_MASS]
     v, p1, p2 = x[V], x[P1], x[P2]
     pump = q[Q_DISPLACEMENT] * (1.0 + x[GAIN])
+    # Until the end the rows of F hold derivatives of the parts that these rows are made of.
+    F[:, :] = 0.0
+    dv, da1, da2 = F[V], F[P1], F[P2]
 
     # Chamber stiffness i = β/V and its logarithmic derivatives (to position, pressure, air).
     b1, b1_p, b1_air = compliance(p1, x[AIR], q)
@@ -194,10 +198,8 @@ def step(
     volume1 = max(q[Q_VOLUME1] + area1 * x[X], 0.05 * q[Q_VOLUME1])
     volume2 = max(q[Q_VOLUME2] - area2 * x[X], 0.05 * q[Q_VOLUME2])
     i1, i2 = 1.0 / (volume1 * b1), 1.0 / (volume2 * b2)
-    d1 = np.zeros(STATES)  # ∂i1
-    d2 = np.zeros(STATES)
-    d1[X], d1[P1], d1[AIR] = -i1 * area1 / volume1, -i1 * b1_p / b1, -i1 * b1_air / b1
-    d2[X], d2[P2], d2[AIR] = i2 * area2 / volume2, -i2 * b2_p / b2, -i2 * b2_air / b2
+    d1_x, d1_p, d1_air = -i1 * area1 / volume1, -i1 * b1_p / b1, -i1 * b1_air / b1  # ∂i1
+    d2_x, d2_p, d2_air = i2 * area2 / volume2, -i2 * b2_p / b2, -i2 * b2_air / b2
 
     # Leakage out of each chamber: across, to the case, and through its check valve. Thinner oil leaks more.
     drop, over1, over2 = p1 - p2, p1 - p_acc, p2 - p_acc
@@ -208,8 +210,6 @@ def step(
     valve1, valve2 = total * x[VALVE1], total * x[VALVE2]
     a1 = pump * x[W] - rate * base1 - valve1 * over1  # net inflow of chamber 1 but for the piston's
     a2 = pump * x[W] + rate * base2 + valve2 * over2
-    da1 = np.zeros(STATES)
-    da2 = np.zeros(STATES)
     da1[W] = pump
     da2[W] = pump
     da1[GAIN] = q[Q_DISPLACEMENT] * (x[W] if math.isnan(w_at) else w_at)
@@ -229,7 +229,6 @@ def step(
     throttle = x[THROT] * abs(v)
     den = max(1.0 + mu * h * (x[VISC] + throttle + implicit), 0.5)
     v_new = (v * (1.0 + mu * h * implicit) + mu * h * force) / den
-    dv = np.zeros(STATES)
     dv[X] = -mu * h * x[STIF]
     dv[V] = 1.0 + mu * h * (implicit - x[FRIC] * slope + x[FRIC] * stick_v * (v - v_new))
     dv[P1] = mu * h * area1
@@ -243,10 +242,6 @@ def step(
 
     for i in range(STATES):
         out[i] = x[i]
-        for j in range(STATES):
-            F[i, j] = 1.0 if i == j else 0.0
-        for j in range(4):
-            G[i, j] = 0.0
     out[X] += h * v_new
     out[V] = v_new
     out[TH] += h * x[W]
@@ -258,14 +253,25 @@ def step(
     extra_v = 0.0 if math.isnan(v_at) else v_at - v_new
     at1 = inflow1 + extra_w - area1 * extra_v
     at2 = inflow2 - extra_w + area2 * extra_v
-    for j in range(STATES):
-        dvj = dv[j] / den
+    share1, share2, per_den = h * i1, h * i2, 1.0 / den
+    for j in range(x.shape[0]):
+        dvj = dv[j] * per_den
         F[V, j] = dvj
-        F[X, j] += h * dvj
-        F[P1, j] += h * (d1[j] * at1 + i1 * (da1[j] - area1 * dvj))
-        F[P2, j] += h * (d2[j] * at2 + i2 * (area2 * dvj - da2[j]))
+        F[X, j] = h * dvj
+        F[P1, j] = share1 * (da1[j] - area1 * dvj)
+        F[P2, j] = share2 * (area2 * dvj - da2[j])
+    for k in range(STATES):
+        if k != V:
+            F[k, k] += 1.0
+    F[P1, X] += h * d1_x * at1
+    F[P1, P1] += h * d1_p * at1
+    F[P1, AIR] += h * d1_air * at1
+    F[P2, X] += h * d2_x * at2
+    F[P2, P2] += h * d2_p * at2
+    F[P2, AIR] += h * d2_air * at2
     F[TH, W] = h
 
+    G[:, :] = 0.0
     G[X, 0], G[V, 0] = h, 1.0
     G[P1, 0], G[P2, 0] = -h * area1 * i1, h * area2 * i2
     G[TH, 1], G[W, 1] = h, 1.0
