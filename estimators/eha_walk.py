@@ -102,7 +102,7 @@ def walk_parameters(x: Array, P: Array, h: float, unrest: float, c: Array, diag:
         openness = 1.0 + (x[j] / (3.0 * c[I_VALVE])) ** 2
         keep = 1.0 - rate / openness
         x[j] *= keep
-        for i in range(eha.STATES):
+        for i in range(eha.FRIC):  # correlated with nothing beyond
             P[i, j] *= keep
             P[j, i] *= keep
         diag[j] = c[N_VALVE] ** 2 * seconds * openness

@@ -6,8 +6,9 @@ differ at one position, tells two more numbers::
 
     V1 = V0 ((1 + δ) / g + A1 x / V0),   V2 = V0 ((1 - δ) / g - A2 x / V0)
 
-g, the position gain, and δ, the split. They enter the balance nearly linearly: Gauss-Newton, with the columns by
-differences, a Cauchy loss (steps with an unmodelled event would otherwise decide) and a wide prior.
+g, the position gain, and δ, the split. They enter the balance nearly linearly: Gauss-Newton, with the
+columns by differences, a Cauchy loss (steps with an unmodelled event would otherwise decide) and a wide
+prior.
 
 A dead volume within three of the base's own standard deviations explains g; then the volumes are divided by
 it, and bulk modulus becomes absolute up to the area. A g farther off is no volume: hoses or walls then give
