@@ -204,10 +204,11 @@ def _extrapolated(function: Callable[[Array], ArrayLike], x: Array, scale: Array
             ahead, behind = x.copy(), x.copy()
             ahead[i] += step
             behind[i] -= step
+            width = ahead[i] - behind[i]
             with np.errstate(all="ignore"):  # a long step may leave the domain; a shorter one will not
                 upper = np.asarray(function(ahead), float).reshape(-1)
                 lower = np.asarray(function(behind), float).reshape(-1)
-                row = [(upper - lower) / (ahead[i] - behind[i])]
+                row = [(upper - lower) / width]
             if best is None or best_error is None:
                 best, best_error = row[0].copy(), np.full(row[0].shape, np.inf)
             for order, coarse in enumerate(previous, start=1):

@@ -91,7 +91,7 @@ class SVSF(ExtendedKalmanFilter):
     switched : True when the last update applied the SVSF's gain and not the Kalman gain.
     chattering, alternation, switching : (m,) shares so far, NaN before the first: updates with
         ``outside``; posterior errors of the other sign than the one before (1/2 for white
-        noise, 1 for a chattering channel); updates with ``exceeded``.
+        noise, 1 for a channel that chatters at every sample); updates with ``exceeded``.
     form_used, condition : form of the last update, ``"subspace"`` where the one asked for was not
         applicable (a channel missing, or ``condition``, of the matrix to be inverted, above 7e7).
     psi_k_y, outside_y, amplification : (n - m,) of the reduced form: optimal layer (for n = 2 m);
@@ -246,7 +246,7 @@ class SVSF(ExtendedKalmanFilter):
             return subspace_gain(problem)
         unseen = self.dim_x - self.dim_z
         if used.all():
-            picked = np.flatnonzero(~H.any(axis=0)) if self.unmeasured is None else np.array(self.unmeasured)
+            picked = self._unmeasured(H)
             if picked.size != unseen:
                 raise ValueError(
                     f"{picked.size} states are seen by no channel, not {unseen}; name them: unmeasured=[...]"
@@ -259,6 +259,11 @@ class SVSF(ExtendedKalmanFilter):
             gain.psi_k_y = gain.amplification = np.full(unseen, np.nan)
             gain.outside_y = np.zeros(unseen, dtype=bool)
         return gain
+
+    def _unmeasured(self, H: Array) -> NDArray[np.intp]:
+        if self.unmeasured is not None:
+            return np.array(self.unmeasured, dtype=np.intp)
+        return np.flatnonzero(~H.any(axis=0)).astype(np.intp)
 
     def _correct(
         self,
@@ -306,12 +311,14 @@ class SVSF(ExtendedKalmanFilter):
         self.updates = self.updates + used
         self.times_outside = self.times_outside + self.outside
         self.times_exceeded = self.times_exceeded + self.exceeded
-        signed = used.copy()
-        signed[used] = np.abs(after[used]) > SIGN_FLOOR * np.abs(e[used])
-        sign = np.where(signed, np.sign(np.where(signed, after, 0.0)), 0).astype(np.int64)
+        # Outside the layer the posterior error is -gamma |e_post| sgn(e), be it down to rounding.
+        e, after = np.where(used, e, 0.0), np.where(used, after, 0.0)
+        sign = np.where(np.abs(after) > SIGN_FLOOR * np.abs(e), np.sign(after), 0.0)
+        if self.switched:
+            sign = np.where(self.outside, -np.sign(e), sign)
         self.sign_pairs = self.sign_pairs + (sign * self.signs != 0)
         self.times_alternated = self.times_alternated + (sign * self.signs < 0)
-        self.signs = np.where(signed, sign, self.signs)
+        self.signs = np.where(sign != 0.0, sign, self.signs).astype(np.int64)
 
 
 def _share(part: Counts, whole: Counts) -> Array:

@@ -24,6 +24,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 
 import numpy as np
+from numpy.typing import NDArray
 
 from estimators.checks import Array, Mask
 from estimators.kernels import svsf_gain
@@ -92,12 +93,11 @@ def scaled_condition(A: Array) -> float:
     (1.0, inf)
     """
     balanced = np.array(A, float)
-    for _ in range(2):
-        for axis in (0, 1):
-            largest = np.abs(balanced).max(axis=axis, keepdims=True)
-            if not (largest > 0.0).all() or not np.isfinite(largest).all():
-                return float("inf")
-            balanced = balanced / largest
+    for axis in (0, 1) * 6:  # Sinkhorn's scaling: rows and columns of the same length
+        length = np.sqrt((balanced**2).sum(axis=axis, keepdims=True))
+        if not (length > 0.0).all() or not np.isfinite(length).all():
+            return float("inf")
+        balanced = balanced / length
     values = np.linalg.svd(balanced, compute_uv=False)
     return float(values[0] / values[-1]) if values[-1] > 0.0 else float("inf")
 
@@ -134,7 +134,7 @@ def full_gain(problem: Problem) -> Gain:
     return gain
 
 
-def reduced_gain(problem: Problem, F: Array, unmeasured: Array, psi_y: Array) -> Gain:
+def reduced_gain(problem: Problem, F: Array, unmeasured: NDArray[np.intp], psi_y: Array) -> Gain:
     """Luenberger-type transform for fewer channels than states; the blocks of the gain switch separately.
 
     Parameters
