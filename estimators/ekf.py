@@ -78,8 +78,9 @@ class ExtendedKalmanFilter:
         :func:`estimators.check_jacobian` tells whether your Jacobians are right.
     robust : Huber's limit in standard deviations of the innovation, > 0: a channel that is further
         off counts as if it were just there. 3 touches 0.3 % of good samples. None: no limit.
-    square_root : carry ``P`` as factors ``U diag(D) U'``. Needed where a nearly noise-free channel
-        measures a *sum* of states, ``R < 1e-13 H P H'``; units of states alone do not ask for it.
+    square_root : carry ``P`` as factors ``U diag(D) U'``. Needed where updates shrink the variance of
+        some combination of states by 13 decades or more: a nearly noise-free channel after a diffuse
+        ``P``, or one that sees a sum of states. Units alone do not ask for it.
 
     Attributes
     ----------

@@ -1,11 +1,12 @@
 """Covariances kept as factors, ``P = U diag(D) U'``: positive by construction, whatever the scales.
 
-A covariance in double precision cannot hold directions whose variances differ by more than
-sixteen decades: where a near-perfect channel measures a *sum* of states, the small variance
-along it is the difference of large entries of P, and rounding decides its sign, in Joseph form
-too. (Units of states and channels are no such case: they cancel.) The factors keep each
-direction to full relative precision, at twice the digits: ``U`` (n, n) unit upper triangular,
-``D`` (n,) never negative, because only sums and quotients of positive numbers are formed.
+In double precision an update cannot shrink a variance by more than some fifteen decades: what is
+left is the difference of large numbers, and rounding decides its sign, in the Joseph form too.
+That happens where a near-perfect channel sees a *sum* of states, or meets a diffuse prior: two exact
+positions then give the speed as a difference. (Units of states and channels are no such case:
+they cancel.) The factors resolve twice as many decades, and beyond those err on the positive side:
+``U`` (n, n) is unit upper triangular, ``D`` (n,) never negative, because only sums and quotients of
+positive numbers are formed.
 
 * update: Bierman 1976, Automatica 12(4), 375-382, doi 10.1016/0005-1098(76)90057-8
 * prediction: Thornton's modified weighted Gram-Schmidt, in Bierman 1977, Factorization Methods
