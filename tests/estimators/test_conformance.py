@@ -368,7 +368,8 @@ def test_examples_in_docstrings_hold(name: str) -> None:
 def test_the_guides_code_runs_and_does_what_the_guide_says() -> None:
     guide = Path(estimators.__file__).with_name("README.md").read_text(encoding="utf-8")
     blocks = re.findall(r"```python\n(.*?)```", guide, flags=re.DOTALL)
-    assert len(blocks) == 2
+    assert len(blocks) == 3
+    assert len([line for line in blocks[0].split("def run")[1].splitlines() if line.strip()]) <= 20
     shown: dict = {}
     exec(compile(blocks[0], "README.md", "exec"), shown)
     kalman, robust = shown["kalman"], shown["robust"]
@@ -381,7 +382,12 @@ def test_the_guides_code_runs_and_does_what_the_guide_says() -> None:
     rms = [np.sqrt(np.mean(part**2)) for part in (narrow[1000:, 0], narrow[500:1000, 0], robust[1000:, 0])]
     np.testing.assert_allclose(rms, [0.5e-3, 0.5e-3, 11e-3], atol=0.5e-3, rtol=0.1)
 
-    exec(compile(blocks[1].replace("@njit\n", ""), "README.md", "exec"), shown)
+    exec(compile(blocks[1], "README.md", "exec"), shown)
+    assert shown["ekf"].robust_weights[0] == pytest.approx(0.06, abs=0.005)
+    assert shown["ekf"].nis == pytest.approx(2475, abs=1)
+    assert eval(repr(shown["ekf"]).replace("<lambda>", "None"), shown).robust == 3.0
+
+    exec(compile(blocks[2].replace("@njit\n", ""), "README.md", "exec"), shown)
     F, H, rng = np.array([[1.0, 0.1], [0.0, 1.0]]), np.array([[1.0, 0.0]]), np.random.default_rng(0)
     z = np.where(rng.random((50, 1)) < 0.2, np.nan, rng.normal(size=(50, 1)))
     out = shown["filtered"](z, F, H, np.array([1e-3, 1e-3]), np.ones(1), np.zeros(2), np.eye(2))
