@@ -350,8 +350,10 @@ class ExtendedKalmanFilter:
         innovation: Callable[[Array], Array],
     ) -> Correction:
         """Result of an update from the prior; neither the arguments nor the filter are changed."""
-        y_used, H_used = y[used], np.ascontiguousarray(H[used])
-        R_used = np.ascontiguousarray(R[np.ix_(used, used)])
+        if used.all():
+            y_used, H_used, R_used = y, H, R
+        else:
+            y_used, H_used, R_used = y[used], H[used], np.ascontiguousarray(R[np.ix_(used, used)])
         result = self._kalman(x, P, y_used, H_used, R_used)
         weights = np.ones(y_used.size)
         if self.robust is not None:
@@ -365,10 +367,12 @@ class ExtendedKalmanFilter:
                 nis, log_likelihood = result.nis, result.log_likelihood
                 result = self._kalman(x, P, y_used, H_used, R_wide)
                 result.nis, result.log_likelihood = nis, log_likelihood
-        K, gain = np.zeros((self.dim_x, self.dim_z)), result.K
-        K[:, used] = gain
-        result.K, result.weights = K, np.full(self.dim_z, np.nan)
-        result.weights[used] = weights
+        result.weights = weights
+        if not used.all():
+            K, gain = np.zeros((self.dim_x, self.dim_z)), result.K
+            K[:, used] = gain
+            result.K, result.weights = K, np.full(self.dim_z, np.nan)
+            result.weights[used] = weights
         return result
 
     def _kalman(self, x: Array, P: Array, y: Array, H: Array, R: Array) -> Correction:

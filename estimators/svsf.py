@@ -277,14 +277,18 @@ class SVSF(ExtendedKalmanFilter):
     ) -> SVSFCorrection:
         kalman = super()._correct(x, P, y, H, R, used, innovation)
         result = SVSFCorrection(**vars(kalman), used=used, e=y)
-        H_used, R_used = np.ascontiguousarray(H[used]), np.ascontiguousarray(R[np.ix_(used, used)])
+        if used.all():
+            H_used, R_used = H, R
+        else:
+            H_used, R_used = H[used], np.ascontiguousarray(R[np.ix_(used, used)])
         gain = result.gain = self._gain(P, y[used], H_used, R_used, used)
         if gain.K is not None:
             K = np.ascontiguousarray(gain.K)
             result.x, result.P = x + K @ y[used], P.copy()
             if self.square_root:
                 U, D = self._factors(P)
-                ud_transform(U, D, np.eye(self.dim_x) - K @ H_used, K, R_used)
+                if not ud_transform(U, D, np.eye(self.dim_x) - K @ H_used, K, R_used):
+                    raise ValueError("R is not positive; give a covariance")
                 ud_covariance(U, D, result.P)
                 result.U, result.D = U, D
             else:
@@ -304,7 +308,7 @@ class SVSF(ExtendedKalmanFilter):
         self.e_post = np.where(used, after, self.e_post)
         self.psi_k, self.outside, self.exceeded = np.full(m, np.nan), np.zeros(m, bool), np.zeros(m, bool)
         self.psi_k[used], self.outside[used] = gain.psi_k, gain.outside
-        self.exceeded[used] = gain.psi_k > self._layers()[0][used]
+        self.exceeded[used] = gain.exceeded
         self.switched = gain.K is not None
         self.form_used, self.condition = gain.form, gain.condition
         self.psi_k_y, self.outside_y, self.amplification = gain.psi_k_y, gain.outside_y, gain.amplification
@@ -314,7 +318,7 @@ class SVSF(ExtendedKalmanFilter):
         # Outside the layer the posterior error is -gamma |e_post| sgn(e), be it down to rounding.
         e, after = np.where(used, e, 0.0), np.where(used, after, 0.0)
         sign = np.where(np.abs(after) > SIGN_FLOOR * np.abs(e), np.sign(after), 0.0)
-        if self.switched:
+        if gain.forced:
             sign = np.where(self.outside, -np.sign(e), sign)
         self.sign_pairs = self.sign_pairs + (sign * self.signs != 0)
         self.times_alternated = self.times_alternated + (sign * self.signs < 0)

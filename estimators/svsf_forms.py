@@ -41,7 +41,8 @@ class Gain:
     Attributes
     ----------
     K : (n, m) over the channels used; None: the Kalman gain is to be applied.
-    psi_k, outside : (m,) diagonal of the optimal layer, ``|e| > psi``.
+    psi_k, outside, exceeded : (m,) diagonal of the optimal layer, ``|e| > psi``, ``psi_k > psi``.
+    forced : True when the measured rows are the SVSF's, which contracts what is outside.
     form : the form that was applied; ``"subspace"`` where the one asked for was not applicable.
     condition : of the matrix that the form inverts, rows and columns scaled; 1 for the subspace form.
     psi_k_y, outside_y, amplification : (n - m,) of the reduced form: optimal layer, ``|w| > psi_y``,
@@ -51,6 +52,8 @@ class Gain:
     K: Array | None
     psi_k: Array
     outside: Mask
+    exceeded: Mask
+    forced: bool
     form: str = "subspace"
     condition: float = 1.0
     psi_k_y: Array = field(default_factory=lambda: np.empty(0))
@@ -112,7 +115,7 @@ def subspace_gain(problem: Problem) -> Gain:
     switched = m > 0 and svsf_gain(
         PHt, HPHt, p.R, p.e, p.e_post, p.gamma, p.psi, p.variable, K, psi_k, outside
     )
-    return Gain(K if switched else None, psi_k, outside)
+    return Gain(K if switched else None, psi_k, outside, psi_k > p.psi, switched)
 
 
 def full_gain(problem: Problem) -> Gain:
@@ -130,6 +133,7 @@ def full_gain(problem: Problem) -> Gain:
     # A fixed layer needs no covariance; the variable one says through the subspace gain when to switch.
     if gain.K is not None or not p.variable:
         size = np.abs(p.e) + p.gamma * np.abs(p.e_post)
+        gain.forced = True
         gain.K = np.asarray(np.linalg.solve(p.H, np.diag(correction_ratio(size, p.e, p.psi))), float)
     return gain
 
@@ -176,11 +180,13 @@ def reduced_gain(problem: Problem, F: Array, unmeasured: NDArray[np.intp], psi_y
         # As above: where no optimal layer exists, there is nothing to compare, and Kalman's gain stands.
         exists = bool(np.isfinite(gain.psi_k_y).all())
         switched_y = exists and bool((np.abs(gain.psi_k_y) > psi_y).any())
-        if gain.K is None and not switched_y:
+        if not gain.forced and not switched_y:
             return gain
         kalman: Array = np.asarray(np.linalg.solve(S, PHt.T).T, float)
-        upper = upper if gain.K is not None else kalman[:m]
+        upper = upper if gain.forced else kalman[:m]
         lower = lower if switched_y else kalman[m:]
+    else:
+        gain.forced = True
     gain.K = np.asarray(np.linalg.solve(T, np.vstack([upper, lower])), float)
     return gain
 
