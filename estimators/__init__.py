@@ -13,13 +13,16 @@ from estimators.consistency import (
     standardised,
     whiteness_test,
 )
-from estimators.ekf import ExtendedKalmanFilter, jacobian
+from estimators.ekf import ExtendedKalmanFilter
+from estimators.jacobians import JacobianCheck, check_jacobian, jacobian
 from estimators.svsf import SVSF
 
 __all__ = [
     "SVSF",
     "ExtendedKalmanFilter",
+    "JacobianCheck",
     "autocorrelation",
+    "check_jacobian",
     "jacobian",
     "nees_band",
     "nis_band",
