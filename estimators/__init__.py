@@ -14,17 +14,23 @@ from estimators.consistency import (
     whiteness_test,
 )
 from estimators.ekf import ExtendedKalmanFilter, jacobian
+from estimators.imm import IMM, transition_matrix
+from estimators.linear_bank import BankRun, run_bank
 from estimators.svsf import SVSF
 
 __all__ = [
+    "IMM",
     "SVSF",
+    "BankRun",
     "ExtendedKalmanFilter",
     "autocorrelation",
     "jacobian",
     "nees_band",
     "nis_band",
     "nis_test",
+    "run_bank",
     "squared_distance",
     "standardised",
+    "transition_matrix",
     "whiteness_test",
 ]
