@@ -341,7 +341,7 @@ def test_examples_in_docstrings_hold(name: str) -> None:
 def test_the_guides_code_runs_and_does_what_the_guide_says() -> None:
     guide = Path(estimators.__file__).with_name("README.md").read_text(encoding="utf-8")
     blocks = re.findall(r"```python\n(.*?)```", guide, flags=re.DOTALL)
-    assert len(blocks) == 4  # the last two: test_imm.py
+    assert len(blocks) == 4  # the last two: test_linear_bank.py
     shown: dict = {}
     exec(compile(blocks[0], "README.md", "exec"), shown)
     kalman, robust = shown["kalman"], shown["robust"]
