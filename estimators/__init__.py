@@ -14,8 +14,9 @@ from estimators.consistency import (
     whiteness_test,
 )
 from estimators.ekf import ExtendedKalmanFilter, jacobian
-from estimators.imm import IMM, transition_matrix
+from estimators.imm import IMM
 from estimators.linear_bank import BankRun, run_bank
+from estimators.mode_chain import transition_matrix
 from estimators.svsf import SVSF
 
 __all__ = [

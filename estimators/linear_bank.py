@@ -22,10 +22,10 @@ import numpy as np
 from numba import njit
 from numpy.typing import ArrayLike
 
-from estimators.imm import check_distribution, check_transitions
 from estimators.imm_kernels import mix, mixing_weights, moments, update_modes
 from estimators.kernels import kalman_update, kalman_update_correlated, predict_covariance
 from estimators.linalg import Array, balanced_covariance
+from estimators.mode_chain import check_distribution, check_transitions
 
 
 @dataclass(frozen=True)
@@ -222,7 +222,7 @@ def run_bank(
     z : (N, m) measurements, NaN where missing; (N,) for one channel.
     u : (N, k) inputs, ``u[i]`` acting on the step *to* sample i; (N,) for one.
     F, H, Q, R : (r, n, n), (r, m, n), (r, n, n), (r, m, m).
-    M : (r, r) mode transitions of one step, see :func:`estimators.imm.transition_matrix`.
+    M : (r, r) mode transitions of one step, see :func:`estimators.mode_chain.transition_matrix`.
     B : (r, n, k), with u.
     state_offset, output_offset : (r, n), (r, m); None: zero.
     x, P : (r, n), (r, n, n) before the first step; None: zero and the identity.

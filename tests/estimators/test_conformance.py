@@ -330,7 +330,8 @@ def test_documented_with_parameters_and_an_example(case: Case) -> None:
 
 
 @pytest.mark.parametrize(
-    "name", ["ekf", "svsf", "imm", "linear_bank", "consistency", "kernels", "imm_kernels", "linalg"]
+    "name",
+    ["ekf", "svsf", "imm", "mode_chain", "linear_bank", "consistency", "kernels", "imm_kernels", "linalg"],
 )
 def test_examples_in_docstrings_hold(name: str) -> None:
     outcome = doctest.testmod(importlib.import_module(f"estimators.{name}"))

@@ -15,7 +15,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from estimators import IMM, SVSF, ExtendedKalmanFilter, run_bank, transition_matrix
-from estimators.imm_kernels import mix, mixing_weights, moments, update_modes
+from estimators.imm_kernels import mix, mixing_weights, moments
 
 problem = {
     "seed": st.integers(0, 2**32 - 1), "r": st.integers(2, 4), "n": st.integers(1, 4), "m": st.integers(1, 3),
@@ -192,35 +192,6 @@ def test_order_of_modes_does_not_matter(seed, r, n, m) -> None:
         assert crossed.log_likelihood == pytest.approx(straight.log_likelihood)
 
 
-def test_mode_probabilities_survive_any_likelihood() -> None:
-    """Against logarithms throughout, over steps whose likelihoods no float can hold."""
-    rng = np.random.default_rng(4)
-    M = transition_matrix([5.0, 50.0, 1e9], 1e-3)
-    mu, cbar, omega = np.full(3, 1.0 / 3.0), np.empty(3), np.empty((3, 3))
-    log_mu = np.log(mu)
-    for _ in range(6000):
-        log_likelihood = rng.normal(size=3) * 10.0 ** rng.uniform(-2.0, 7.0)
-        mixing_weights(mu, M, cbar, omega)
-        gained = update_modes(cbar, log_likelihood, mu)
-        log_cbar = np.logaddexp.reduce(log_mu[:, None] + np.log(M), axis=0)
-        expected = np.logaddexp.reduce(log_cbar + log_likelihood)
-        log_mu = log_cbar + log_likelihood - expected
-        assert gained == pytest.approx(expected, rel=1e-11, abs=1e-9)
-        assert abs(mu.sum() - 1.0) < 1e-12
-        assert (mu > 0.0).all()
-    np.testing.assert_allclose(mu, np.exp(log_mu), rtol=1e-8, atol=1e-290)
-
-
-def test_ruled_out_modes_stay_out_and_an_impossible_measurement_decides_nothing() -> None:
-    mu = np.empty(2)
-    assert update_modes(np.array([0.5, 0.5]), np.array([-np.inf, 1.0]), mu) == pytest.approx(np.log(0.5) + 1)
-    np.testing.assert_allclose(mu, [0.0, 1.0], atol=1e-299)
-    assert update_modes(np.array([0.0, 1.0]), np.array([1e9, 0.0]), mu) == 0.0
-    assert mu.tolist() == [0.0, 1.0]
-    assert update_modes(np.array([0.3, 0.7]), np.full(2, -np.inf), mu) == -np.inf
-    assert mu.tolist() == [0.3, 0.7]
-
-
 def test_an_outlier_of_a_million_sigma_leaves_a_distribution() -> None:
     rng = np.random.default_rng(5)
     bank = IMM(bank_of(ExtendedKalmanFilter, models(rng, 3, 2, 2)), None, chain(rng, 3))
@@ -249,6 +220,25 @@ def test_without_transitions_it_is_bayes_rule_over_whole_logs() -> None:
             evidence[j] += f.log_likelihood
     assert total == pytest.approx(np.logaddexp.reduce(np.log(mu) + evidence), rel=1e-12)
     np.testing.assert_allclose(bank.mu, scipy.special.softmax(np.log(mu) + evidence), rtol=1e-9)
+
+
+def test_a_mode_that_cannot_be_reached_runs_on_alone() -> None:
+    rng = np.random.default_rng(13)
+    mode = models(rng, 2, 2, 2)
+    bank, alone = (
+        IMM(bank_of(ExtendedKalmanFilter, mode), [1.0, 0.0], np.eye(2)),
+        bank_of(ExtendedKalmanFilter, mode),
+    )
+    for _ in range(20):
+        z = rng.normal(size=2)
+        for f in (bank, *alone):
+            f.predict()
+            f.update(z)
+    for f, twin in zip(bank.filters, alone, strict=True):
+        np.testing.assert_array_equal(f.x, twin.x)
+        np.testing.assert_array_equal(f.P, twin.P)
+    np.testing.assert_array_equal(bank.x, alone[0].x)
+    assert bank.mu.tolist() == [1.0, 0.0]
 
 
 def test_gaps_move_the_modes_on_and_leave_the_filters_alone() -> None:

@@ -14,6 +14,7 @@ from hypothesis import strategies as st
 
 import estimators
 from estimators import IMM, ExtendedKalmanFilter, nees_band, run_bank, transition_matrix
+from estimators.imm_kernels import mixing_weights, update_modes
 
 problem = {
     "seed": st.integers(0, 2**32 - 1), "r": st.integers(2, 4), "n": st.integers(1, 4), "m": st.integers(1, 3),
@@ -43,6 +44,35 @@ def models(rng: np.random.Generator, r: int, n: int, m: int) -> dict[str, np.nda
         "Q": np.stack([covariance(rng, n) for _ in range(r)]),
         "R": np.stack([covariance(rng, m) for _ in range(r)]),
     }
+
+
+def test_mode_probabilities_survive_any_likelihood() -> None:
+    """Against logarithms throughout, over steps whose likelihoods no float can hold."""
+    rng = np.random.default_rng(4)
+    M = transition_matrix([5.0, 50.0, 1e9], 1e-3)
+    mu, cbar, omega = np.full(3, 1.0 / 3.0), np.empty(3), np.empty((3, 3))
+    log_mu = np.log(mu)
+    for _ in range(6000):
+        log_likelihood = rng.normal(size=3) * 10.0 ** rng.uniform(-2.0, 7.0)
+        mixing_weights(mu, M, cbar, omega)
+        gained = update_modes(cbar, log_likelihood, mu)
+        log_cbar = np.logaddexp.reduce(log_mu[:, None] + np.log(M), axis=0)
+        expected = np.logaddexp.reduce(log_cbar + log_likelihood)
+        log_mu = log_cbar + log_likelihood - expected
+        assert gained == pytest.approx(expected, rel=1e-11, abs=1e-9)
+        assert abs(mu.sum() - 1.0) < 1e-12
+        assert (mu > 0.0).all()
+    np.testing.assert_allclose(mu, np.exp(log_mu), rtol=1e-8, atol=1e-290)
+
+
+def test_ruled_out_modes_stay_out_and_an_impossible_measurement_decides_nothing() -> None:
+    mu = np.empty(2)
+    assert update_modes(np.array([0.5, 0.5]), np.array([-np.inf, 1.0]), mu) == pytest.approx(np.log(0.5) + 1)
+    np.testing.assert_allclose(mu, [0.0, 1.0], atol=1e-299)
+    assert update_modes(np.array([0.0, 1.0]), np.array([1e9, 0.0]), mu) == 0.0
+    assert mu.tolist() == [0.0, 1.0]
+    assert update_modes(np.array([0.3, 0.7]), np.full(2, -np.inf), mu) == -np.inf
+    assert mu.tolist() == [0.3, 0.7]
 
 
 def test_a_mode_without_transitions_comes_back_when_the_data_say_so() -> None:
