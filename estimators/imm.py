@@ -175,6 +175,7 @@ class IMM:
             log_likelihood = update_modes(check_distribution(self.mu, self.N), log_likelihoods, mu)
             combined = self._combined(mu)
         self.mu, self.log_likelihoods, self.log_likelihood = mu, log_likelihoods, log_likelihood
+        self.cbar, self.omega = np.empty_like(mu), np.empty_like(self._M)
         mixing_weights(mu, self._M, self.cbar, self.omega)
         self.x, self.P = combined
         self.x_post, self.P_post = self.x.copy(), self.P.copy()
