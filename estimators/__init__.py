@@ -14,11 +14,16 @@ from estimators.consistency import (
     whiteness_test,
 )
 from estimators.ekf import ExtendedKalmanFilter
+from estimators.imm import IMM
 from estimators.jacobians import JacobianCheck, check_jacobian, jacobian
+from estimators.linear_bank import BankRun, run_bank
+from estimators.mode_chain import transition_matrix
 from estimators.svsf import SVSF
 
 __all__ = [
+    "IMM",
     "SVSF",
+    "BankRun",
     "ExtendedKalmanFilter",
     "JacobianCheck",
     "autocorrelation",
@@ -27,7 +32,9 @@ __all__ = [
     "nees_band",
     "nis_band",
     "nis_test",
+    "run_bank",
     "squared_distance",
     "standardised",
+    "transition_matrix",
     "whiteness_test",
 ]
