@@ -372,7 +372,7 @@ def test_documented_with_parameters_and_an_example(case: Case) -> None:
         "jacobians",
         "robust",
         "square_root",
-    ],  # fmt: skip
+    ],
 )
 def test_examples_in_docstrings_hold(name: str) -> None:
     outcome = doctest.testmod(importlib.import_module(f"estimators.{name}"))
