@@ -101,7 +101,7 @@ def measurement(x: Array, q: Array, z: Array, y: Array) -> None:
 
 
 @njit(cache=True)
-def _random_walks(h: float, c: Array) -> Array:
+def random_walks(h: float, c: Array) -> Array:
     """Variances that the parameters gain over `h` ms, (STATES,); the load's while it is not restless."""
     seconds = 1e-3 * h
     walks = np.zeros(eha.STATES)
@@ -119,7 +119,7 @@ def _random_walks(h: float, c: Array) -> Array:
 
 
 @njit(cache=True, error_model="numpy", _nrt=False)
-def _motion_noise(x: Array, h: float, p_acc: float, known_acc: bool, q: Array, c: Array, out: Array) -> None:
+def motion_noise(x: Array, h: float, p_acc: float, known_acc: bool, q: Array, c: Array, out: Array) -> None:
     """Variances of velocity, speed and both chamber volumes over `h` ms."""
     mu = 1e-3 / q[eha.Q_MASS]
     out[0] = (mu * c[N_FORCE]) ** 2 * 1e3 * h
@@ -155,7 +155,7 @@ def _start_motion(x: Array, P: Array, z: Array, p_acc: float, c: Array) -> None:
 
 
 @njit(cache=True)
-def _bound(x: Array) -> None:
+def bound(x: Array) -> None:
     """Keep parameters where the model means something."""
     x[eha.LEAK] = min(max(x[eha.LEAK], 0.02), 300.0)
     x[eha.VALVE1] = min(max(x[eha.VALVE1], -0.9), 300.0)
@@ -223,7 +223,7 @@ def track(
     layer_work = np.empty((2 * MEASUREMENTS, MEASUREMENTS))
     x_new = np.empty(eha.STATES)
     noise = np.empty(4)
-    walks = _random_walks(h0, c)
+    walks = random_walks(h0, c)
     load_walk = walks[eha.LOAD]
     z = np.empty(MEASUREMENTS)
     y = np.empty(MEASUREMENTS)
@@ -310,7 +310,7 @@ def track(
             v_at = x[eha.V] + trust * ((z[Z_X] - x[eha.X]) / span - x[eha.V])
             w_at = (z[Z_TH] - x[eha.TH]) / span
             for _ in range(steps):
-                _motion_noise(x, h0, p_acc, known_acc, q, c, noise)
+                motion_noise(x, h0, p_acc, known_acc, q, c, noise)
                 # `unrest` is how much more than expected the load moves, see balance_forces.
                 walks[eha.LOAD] = load_walk * memory[M_FSCALE]
                 eha.step(x, h0, viscosity, p_acc, v_at, w_at, q, x_new, F, G)
@@ -348,7 +348,7 @@ def track(
                     e_post[i] = y[i]
         if not blind:
             balance_forces(x, P, max(steps, 1) * h0, q, c, memory)
-        _bound(x)
+        bound(x)
         memory[M_NIS] += nis
         memory[M_CHANNELS] += channels
         memory[M_LOGLIK] += loglik
