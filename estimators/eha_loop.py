@@ -99,7 +99,7 @@ def measurement(x: Array, q: Array, z: Array, y: Array) -> None:
 
 
 @njit(cache=True, error_model="numpy", _nrt=False)
-def _motion_noise(x: Array, h: float, p_acc: float, known_acc: bool, q: Array, c: Array, out: Array) -> None:
+def motion_noise(x: Array, h: float, p_acc: float, known_acc: bool, q: Array, c: Array, out: Array) -> None:
     """Variances of velocity, speed and both chamber volumes over `h` ms."""
     mu = 1e-3 / q[eha.Q_MASS]
     out[0] = (mu * c[N_FORCE]) ** 2 * 1e3 * h
@@ -277,7 +277,7 @@ def track(
             v_at = x[eha.V] + trust * ((z[Z_X] - x[eha.X]) / span - x[eha.V])
             w_at = (z[Z_TH] - x[eha.TH]) / span
             for _ in range(steps):
-                _motion_noise(x, h0, p_acc, known_acc, q, c, noise)
+                motion_noise(x, h0, p_acc, known_acc, q, c, noise)
                 walk_parameters(x, P, h0, memory[M_FSCALE], c, walks)
                 eha.step(x, h0, viscosity, p_acc, v_at, w_at, q, x_new, F, G)
                 for i in range(MOVING):
