@@ -48,9 +48,9 @@ from fdd.unit import Unit
 Array = NDArray[np.float64]
 
 RESIDUALS = (
-    "leakage", "valve_1", "valve_2", "valve_largest", "loss_1", "loss_2", "loss_largest", "jump", "compliance",
-    "friction", "viscous", "redundancy", "torque", "refeed_deficit", "low_side", "accumulator", "drive",
-    "innovation",
+    "leakage", "valve_1", "valve_2", "valve_largest", "loss_1", "loss_2", "loss_largest", "jump",
+    "compliance", "friction", "viscous", "redundancy", "torque", "refeed_deficit", "low_side", "accumulator",
+    "drive", "innovation",
 )  # fmt: skip
 CONTEXT = ("load_throttle", "load_unrest")
 """Features that describe the load and not the unit's health."""
