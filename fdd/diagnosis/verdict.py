@@ -132,12 +132,8 @@ _SENTENCES = {
         f"chamber 2 loses {math.exp(v) - 1.0:.2f} times the healthy leakage to the inner circuit"
     ),
     "valve_largest": lambda v: f"one chamber alone loses {math.exp(v) - 1.0:.2f} times the healthy leakage",
-    "loss_1": lambda v: (
-        f"chamber 1 loses {math.exp(v):.2f} times as much oil as when healthy, by whatever way"
-    ),
-    "loss_2": lambda v: (
-        f"chamber 2 loses {math.exp(v):.2f} times as much oil as when healthy, by whatever way"
-    ),
+    "loss_1": lambda v: f"chamber 1 loses {math.exp(v):.2f} times as much oil as when healthy, in all",
+    "loss_2": lambda v: f"chamber 2 loses {math.exp(v):.2f} times as much oil as when healthy, in all",
     "loss_largest": lambda v: f"one chamber loses {math.exp(v):.2f} times as much oil as when healthy",
     "jump": lambda v: (
         f"the flow balance changed at once, by {math.expm1(v) + USUAL_SCORE:.1f} standard deviations"
