@@ -48,7 +48,10 @@ def model_parameters(unit: Unit) -> Array:
 
 
 def noise_of(unit: Unit) -> Noise:
-    """Measurement noise from the profile's sensors; process noise as its defaults argue."""
+    """Measurement noise from the profile's sensors; process noise as its defaults argue.
+
+    What the profile's `estimation` gives (``fdd identify`` writes it) goes before both.
+    """
     noise = Noise()
     position = unit.sensor("position")
     noise.position = max(noise.position, float(np.hypot(position.noise, position.resolution / np.sqrt(12.0))))
@@ -59,6 +62,9 @@ def noise_of(unit: Unit) -> Noise:
     difference = unit.sensor("pressure_difference")
     noise.pressure_difference = difference.noise or noise.pressure_difference
     noise.relief_pressure = 0.9 * unit.accumulator.relief_pressure
+    if unit.estimation is not None:
+        for name, value in unit.estimation.known.items():
+            setattr(noise, name, value)
     return noise
 
 
