@@ -172,6 +172,6 @@ def noise_notes(fit: NoiseFit) -> list[str]:
     )
     return [
         f"noise: likelihood on {fit.likelihood_seconds:.0f} s of the logs, innovations over "
-        f"{fit.tested_seconds:.0f} s; how fast leakage, air and friction may change is a choice and not fitted",
+        f"{fit.tested_seconds:.0f} s; how fast leakage, air and friction may change is a choice, not fitted",
         f"{slow}, {after:.2f} times with the one used" if after != before else slow,
     ]

@@ -59,10 +59,12 @@ class Innovations:
     ----------
     channels : names, in the order in which they are made independent.
     period : s. time : (n,) s.
-    raw : (n, m) innovations, SI. std : (n, m) what the filter expects of them, SI.
+    raw : (n, m) innovations, SI.
+    std : (n, m) what the filter expects of each once the channels before it are known, SI.
     white : (n, m) in sigmas, each channel less what the channels before it told: N(0, 1) and
         white for a consistent filter. NaN where a channel is missing, where an outlier was weighed
         down, and for a pressure that the accumulator feeds (its volume balance is open by choice).
+    repeats : (m,) share of samples that read exactly as the one before.
     nis : (n,) normalised innovation squared over all channels; NaN where one is missing.
     states : (n, 6) position m, velocity m/s, angle rad, speed rad/s, pressures Pa.
     outliers : samples that were weighed down.
@@ -74,6 +76,7 @@ class Innovations:
     raw: Array
     std: Array
     white: Array
+    repeats: Array
     nis: Array
     states: Array
     outliers: int
@@ -170,8 +173,8 @@ def _reconstructed(prepared: Prepared, noise: Noise, block: Array, x: Array, P: 
     # In sigmas of the measurement noise: A = I − H P H' and S = A⁻¹.
     residual = (z - x @ H.T) / sigma
     A = np.eye(m) - (H @ P @ H.T) / np.outer(sigma, sigma)
-    whole = np.isfinite(residual).all(axis=1) & np.isfinite(A).all(axis=(1, 2))
-    sound = whole.copy()
+    whole: Flags = np.asarray(np.isfinite(residual).all(axis=1) & np.isfinite(A).all(axis=(1, 2)))
+    sound: Flags = whole.copy()
     # An outlier's noise was raised: then A is no covariance, or the residual impossibly large.
     sound[whole] = np.linalg.eigvalsh(A[whole])[:, 0] > 0.0
     S = np.full((n, m, m), np.nan)
@@ -181,16 +184,17 @@ def _reconstructed(prepared: Prepared, noise: Noise, block: Array, x: Array, P: 
     variance = np.diagonal(S, axis1=1, axis2=2)
     with np.errstate(invalid="ignore"):
         sound &= (np.abs(e) <= OUTLIER * np.sqrt(variance)).all(axis=1)
-    white = np.full((n, m), np.nan)
+    white, std = np.full((n, m), np.nan), np.full((n, m), np.nan)
     nis = np.full(n, np.nan)
     if sound.any():
         white[sound] = standardised(e[sound], S[sound])
         nis[sound] = (white[sound] ** 2).sum(axis=1)
+        std[sound] = np.diagonal(np.linalg.cholesky(S[sound]), axis1=1, axis2=2)
     white[_fed(names, block, x, noise, prepared.unit)] = np.nan
     e[~sound] = np.nan
     return Innovations(
         channels=names, period=prepared.period, time=block[:, layout.TIME], raw=e * sigma * si,
-        std=np.sqrt(np.where(variance > 0.0, variance, np.nan)) * sigma * si, white=white, nis=nis,
+        std=std * sigma * si, white=white, repeats=np.mean(np.diff(z, axis=0) == 0.0, axis=0), nis=nis,
         states=x * SI_OF_STATE, outliers=int(np.sum(whole & ~sound)),
     )  # fmt: skip
 

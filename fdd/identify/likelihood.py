@@ -20,6 +20,10 @@ FARTHEST = np.log(300.0)
 """Largest change of ln σ from where the search starts."""
 PRIOR = np.log(10.0)
 """Standard deviation of ln σ about its start: keeps what the data does not tell where it was."""
+HIDDEN = 3.0 * STEP
+"""How much higher a level is tried where a small rise changes nothing."""
+LEAST_MOVE = 0.3
+"""Log-likelihood that a move must gain: where nothing changes, nothing wanders."""
 LEAST_GAIN = 3.0
 """Log-likelihood between a level and half or twice of it, below which the data does not tell it."""
 
@@ -72,7 +76,7 @@ class _Search:
 def maximise(
     likelihoods: Callable[[Noise], Array], start: Noise, names: Sequence[str], sweeps: int = 3
 ) -> LogScaleFit:
-    """Coordinate search in ln σ with parabolas; deterministic, and robust to a filter that fails.
+    """Pattern search in ln σ with parabolas; deterministic, and robust to a filter that fails.
 
     Noise levels act on different channels and frequencies, so they are nearly independent of each
     other on a logarithmic scale, and a search along one after the other needs few evaluations.
@@ -95,19 +99,34 @@ def maximise(
     start_value = float(np.sum(search.parts(u)))
     active = list(range(len(u)))
     step = np.full(len(u), STEP)
-    for _ in range(sweeps):
-        moved = 0.0
+    for sweep in range(sweeps):
+        moved, begun = 0.0, u.copy()
         for i in list(active):
             before = u[i]
             u[i] = _along(search, u, i, float(step[i]))
             moved = max(moved, abs(u[i] - before))
-            if _flat(search, u, i):
+            # Not in the first sweep: a level that another one hides may show when that one is right.
+            if sweep > 0 and _flat(search, u, i):
                 active.remove(i)
             step[i] = max(0.4 * step[i], 2.0 * FINEST)
+        u = _onward(search, u, u - begun)
         if moved < FINEST or not active:
             break
     told = {search.names[i]: _deviation(search, u, i) for i in active if _tells(search, u, i)}
     return LogScaleFit(search.noise(u), told, float(np.sum(search.parts(u))), start_value, len(search.seen))
+
+
+def _onward(search: _Search, u: Array, way: Array) -> Array:
+    """As far again as the sweep went, while that helps: along a valley no single level finds the way
+    (Hooke and Jeeves 1961, doi 10.1145/321062.321069)."""
+    here = search.value(u) + LEAST_MOVE
+    for _ in range(4):
+        there = search.value(u + way)
+        if not there > here:
+            break
+        u, here = u + way, there
+        way = 2.0 * way
+    return u
 
 
 def _moved(u: Array, i: int, by: float) -> Array:
@@ -118,12 +137,16 @@ def _moved(u: Array, i: int, by: float) -> Array:
 
 def _along(search: _Search, u: Array, i: int, step: float) -> float:
     """The best level along coordinate `i`: bracketed by steps that double, then a parabola's top."""
-    centre, here = u[i], search.value(u)
+    centre, here = u[i], search.value(u) + LEAST_MOVE
 
     def at(level: float) -> float:
         return search.value(_moved(u, i, level - u[i]))
 
     up, down = at(centre + step), at(centre - step)
+    if here > up > here - 2.0 * LEAST_MOVE and at(centre + HIDDEN) > here:
+        # A sensor's noise that others hide until it is some times as large.
+        centre, here = centre + HIDDEN, at(centre + HIDDEN)
+        up, down = at(centre + step), at(centre - step)
     if max(up, down) > here:
         direction = 1.0 if up > down else -1.0
         behind, ahead = here, max(up, down)
@@ -161,8 +184,10 @@ def _tells(search: _Search, u: Array, i: int) -> bool:
 def _deviation(search: _Search, u: Array, i: int) -> float:
     by = 2.0 * FINEST
     here, up, down = (search.parts(_moved(u, i, d)) for d in (0.0, by, -by))
+    if not np.all(np.isfinite(up) & np.isfinite(down)):
+        return float("nan")
     bend = float(np.sum(2.0 * here - up - down)) / by**2
-    if not bend > 0.0:
+    if bend <= 0.0:
         return float("nan")
     slopes = (up - down) / (2.0 * by)
     k = slopes.size
