@@ -50,8 +50,8 @@ SETTLE = 3.0
 SKIP = 0.3
 """s at a stretch's start that do not count: until the covariance is that of the new noise."""
 DECIMATION = 10
-MOST_SECONDS = 60.0
-"""Of each log that the innovations are tested on."""
+MOST_SECONDS = 120.0
+"""Of all logs together that the innovations are tested on; of each at least `PIECE` and what settles."""
 PIECE = 15.0
 """s: the slow scatter is to be right in each piece of this length."""
 LEAST_MEANS = 15
@@ -147,7 +147,9 @@ def fit_noise(logs: Sequence[Samples], unit: Unit) -> NoiseFit | None:
     """
     plain = unit.model_copy(update={"estimation": None})
     argued = noise_of(plain)
-    prepared = [_cut(prepare(log, plain)) for log in logs if log.duration > SETTLE + STRETCH]
+    usable = [log for log in logs if log.duration > SETTLE + STRETCH]
+    seconds = max(MOST_SECONDS / max(len(usable), 1), SETTLE + PIECE)
+    prepared = [_cut(prepare(log, plain), seconds) for log in usable]
     if not prepared:
         return None
     chambers = prepared[0].tracking.channels.chambers
@@ -237,8 +239,8 @@ def likelihoods(pieces: Sequence[Stretch], noise: Noise) -> Array:
     return np.where(np.isfinite(out), out, -np.inf)
 
 
-def _cut(log: Prepared) -> Prepared:
-    return replace(log, block=log.block[: round(MOST_SECONDS / log.period)])
+def _cut(log: Prepared, seconds: float) -> Prepared:
+    return replace(log, block=log.block[: round(seconds / log.period)])
 
 
 def _slow(prepared: Sequence[Prepared], noise: Noise) -> tuple[float, list[Innovations]]:

@@ -88,11 +88,11 @@ def test_a_consistent_filter_passes_every_test(unit: Unit, truth: Noise, made: l
 
 def test_nis_of_a_consistent_filter_is_in_its_band_nineteen_times_in_twenty(unit: Unit, truth: Noise) -> None:
     inside = []
-    for seed in range(100, 115):
+    for seed in range(100, 110):
         found = [innovations(prepare(reduced_log(unit, truth, 2.0, seed).log, unit), truth, 1.0)]
         inside += [t.low <= t.nis <= t.high for t in channel_tests(found)]
-    # 60 tests at 95 %: 57 ± 1.7; below 52 in one of a thousand.
-    assert sum(inside) >= 52
+    # 40 tests at 95 %: 38 ± 1.4; below 33 in one of a thousand.
+    assert sum(inside) >= 33
 
 
 def test_too_much_and_too_little_noise_show_in_nis(unit: Unit, truth: Noise, made: list[Made]) -> None:
@@ -141,7 +141,7 @@ def test_quantisation_is_named() -> None:
     for channel in ("pressure_1", "pressure_2"):
         unit.sensors[channel] = unit.sensors[channel].model_copy(update={"noise": 0.0, "resolution": step})
     log = simulate(
-        unit, Scenario(duration=20.0, duty={"name": "steps"}, load={"name": "spring"}, seed=3)
+        unit, Scenario(duration=12.0, duty={"name": "steps"}, load={"name": "spring"}, seed=3)
     ).samples
     noise = replace(noise_of(unit), pressure=step / np.sqrt(12.0))
     test = pressure_test(unit, noise, [log], pressure_1=step)
@@ -155,7 +155,7 @@ def test_a_late_position_is_named_a_delay() -> None:
     run = simulate(
         unit,
         Scenario(
-            duration=14.0,
+            duration=10.0,
             duty={"name": "sines", "speed": 150.0, "low_hz": 1.0, "high_hz": 12.0},
             control={"mode": "speed"},
             load={"name": "none"},
@@ -196,7 +196,7 @@ def test_slow_excess_is_that_of_the_low_frequencies() -> None:
 
 def test_the_fit_recovers_the_noise_and_beats_the_truth(unit: Unit, truth: Noise, made: list[Made]) -> None:
     start = noise_of(unit)
-    pieces = stretches([prepare(m.log, unit) for m in made], truth)
+    pieces = stretches([prepare(m.log, unit) for m in made[:2]], truth)
     fit = maximise(lambda n: likelihoods(pieces, n), start, tuple(LEVELS), 5)
     assert fit.value >= float(np.sum(likelihoods(pieces, truth))) > fit.start_value
     for name, level in LEVELS.items():
