@@ -15,8 +15,8 @@ milliseconds; leakage and bulk modulus are learned from what lasts for seconds. 
 * Flow noise goes up until half-second means of the pressures' innovations scatter as the filter
   says (`fdd.identify.whiteness.slow_excess`), in the worst quarter minute of the logs; the likelihood's own
   flow noise is shown and not used. A pressure sensor of limited bandwidth has errors that last for
-  a few samples, and the likelihood of single steps takes those for flow: ten times too much on two rigs with
-  sensors of 150 Hz, and then no leakage is observable any more.
+  a few samples, and the likelihood of single steps takes those for flow: ten times too much on two rigs
+  whose pressures have next to no power above 320 Hz, and then hardly any leakage is observable.
 """
 
 from __future__ import annotations
