@@ -116,7 +116,7 @@ class NoiseFit:
             return None
         out = Estimation(**{r.name: float(f"{r.used:.4g}") for r in raised})
         for r in raised:
-            by_likelihood = r.likelihood is not None and r.used <= 1.001 * r.likelihood
+            by_likelihood = r.name != "flow"
             what, seconds = (
                 ("likelihood", self.likelihood_seconds)
                 if by_likelihood
@@ -272,7 +272,7 @@ def _row(name: str, argued: Noise, used: Noise, fit: LogScaleFit) -> NoiseRow:
                 else "the logs alone say less"
             )
         why = f"{said}; argued: {REASONS[name]}"
-    elif likelihood is not None and value <= 1.001 * likelihood:
+    elif name != "flow":
         why = "likelihood"
     else:
         why = "slow scatter of the pressures' innovations: flow errors that last"

@@ -251,6 +251,9 @@ def test_the_profile_keeps_what_was_raised_with_its_source(unit: Unit, fitted: N
     again = Unit.from_yaml(own.to_yaml())
     assert again.estimation is not None and again.estimation.known == fitted.estimation.known
     assert "likelihood on" in again.estimation.provenance["angle"].source
+    # The likelihood has as much flow noise, but it is not where the number comes from.
+    assert "slow scatter" in again.estimation.provenance["flow"].source
+    assert "slow scatter" in row(fitted, "flow").why and row(fitted, "angle").why == "likelihood"
     assert again.estimation.std_of("angle") == pytest.approx(row(fitted, "angle").std, rel=1e-3)
     noise, argued = noise_of(again), noise_of(unit)
     for r in fitted.rows:
