@@ -52,7 +52,10 @@ def model_parameters(unit: Unit) -> Array:
 
 
 def noise_of(unit: Unit) -> Noise:
-    """Measurement noise from the profile's sensors; process noise as its defaults argue."""
+    """Measurement noise from the profile's sensors; process noise as its defaults argue.
+
+    What the profile's `estimation` gives (``fdd identify`` writes it) goes before both.
+    """
     noise = Noise()
     position = unit.sensor("position")
     noise.position = max(noise.position, float(np.hypot(position.noise, position.resolution / np.sqrt(12.0))))
@@ -64,6 +67,9 @@ def noise_of(unit: Unit) -> Noise:
     noise.pressure_difference = difference.noise or noise.pressure_difference
     noise.initial_gain = gain_spread(unit)
     noise.relief_pressure = 0.9 * unit.accumulator.relief_pressure
+    if unit.estimation is not None:
+        for name, value in unit.estimation.known.items():
+            setattr(noise, name, value)
     return noise
 
 
