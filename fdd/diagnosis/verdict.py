@@ -161,7 +161,8 @@ def evidence(model: Model, features: Array, spread: Array | None = None, most: i
     strength = np.maximum(z[: len(RESIDUALS)], z[n:])
     # The larger valve is one of the two, and a chamber that loses less than nothing is no evidence.
     valves = [RESIDUALS.index(v) for v in ("valve_1", "valve_2")]
-    strength[[RESIDUALS.index(v) for v in ("valve_largest", "loss_largest")]] = 0.0
+    # A jump is zero on nearly every healthy window: its spread there is no measure.
+    strength[[RESIDUALS.index(v) for v in ("valve_largest", "loss_largest", "jump")]] = 0.0
     strength[[i for i in valves if features[i] <= 0.0]] = 0.0
     out: list[str] = []
     for i in np.argsort(-strength)[:most]:

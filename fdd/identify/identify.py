@@ -301,6 +301,9 @@ def _put_compressibility(writer: ProfileWriter, fit: BalanceFit, pressure: float
     writer.put("oil.reference_pressure", Estimate(pressure, 0.01 * pressure), "median of the logs")
     air = _wider(fit.air_fraction, 0.5 if hidden else 0.0)
     writer.put("oil.air_fraction", air, "" if fit.air_known else "little data: drawn to the base's")
+    cylinder = writer.result.unit.cylinder
+    if "volume_1" in cylinder.provenance and cylinder.provenance["volume_1"].source == writer.source:
+        return
     writer.note("only volume over bulk modulus is identifiable: the chambers' volumes stay the base's")
 
 
