@@ -13,18 +13,28 @@ from estimators.consistency import (
     standardised,
     whiteness_test,
 )
-from estimators.ekf import ExtendedKalmanFilter, jacobian
+from estimators.ekf import ExtendedKalmanFilter
+from estimators.imm import IMM
+from estimators.jacobians import JacobianCheck, check_jacobian, jacobian
+from estimators.linear_bank import BankRun, run_bank
+from estimators.mode_chain import transition_matrix
 from estimators.svsf import SVSF
 
 __all__ = [
+    "IMM",
     "SVSF",
+    "BankRun",
     "ExtendedKalmanFilter",
+    "JacobianCheck",
     "autocorrelation",
+    "check_jacobian",
     "jacobian",
     "nees_band",
     "nis_band",
     "nis_test",
+    "run_bank",
     "squared_distance",
     "standardised",
+    "transition_matrix",
     "whiteness_test",
 ]

@@ -35,9 +35,8 @@ ROBUST = 5.0  # innovations beyond this many sigmas are weighed down (Huber)
 def balance_forces(x: Array, P: Array, h: float, q: Array, c: Array, memory: Array) -> None:
     """Measure friction and load by the mean force over `FORCE_PERIOD`, where the piston slid one way.
 
-    ``A₁p₁ − A₂p₂ − M dv/dt = φ curve(v) + B v + F + k x + c v|v| + m dv/dt`` in the mean. The errors of a
-    friction
-    curve last for many samples, so they are averaged first and count once; step by step they
+    ``A₁p₁ − A₂p₂ − M dv/dt = φ curve(v) + B v + b |v| + F + k x + c v|v| + m dv/dt`` in the mean. The errors
+    of a friction curve last for many samples, so they are averaged first and count once; step by step they
     would be taken for white noise and make friction look far better known than it is.
     """
     v = x[eha.V]
@@ -67,6 +66,7 @@ def balance_forces(x: Array, P: Array, h: float, q: Array, c: Array, memory: Arr
     H = np.zeros((1, eha.STATES))
     H[0, eha.FRIC] = memory[M_CURVE] / span
     H[0, eha.VISC] = memory[M_VMEAN] / span
+    H[0, eha.SKEW] = abs(H[0, eha.VISC])
     H[0, eha.LOAD] = 1.0
     H[0, eha.STIF] = memory[M_XMEAN] / span
     H[0, eha.THROT] = memory[M_SQUARE] / span

@@ -25,12 +25,18 @@ R_BETA1 = R_NIS + 5
 R_BETA2 = R_NIS + 6
 R_VISCOSITY = R_NIS + 7
 R_UNREST = R_NIS + 8
-RECORD = R_NIS + 9
+R_SCORE = R_NIS + 9  # of the flow parameters, over the last complete window
+R_LEAK_VALVE1 = R_SCORE + 5  # covariances of leakage with the valves'
+R_LEAK_VALVE2 = R_SCORE + 6
+RECORD = R_SCORE + 7
 
 # Slots of the loop's memory.
 (
     M_ORIGIN, M_INDEX, M_ANGLE, M_SPEED, M_ACC, M_VISC, M_COUNT, M_STARTED, M_NIS, M_CHANNELS, M_LOGLIK,
     M_OUT, M_FORCE, M_VMEAN, M_XMEAN, M_VSTART, M_FSIGN, M_FCOUNT, M_CURVE, M_SQUARE, M_FSCALE, M_SLID,
-    M_BLIND,
-) = range(23)  # fmt: skip
-MEMORY = 23
+    M_BLIND, M_SPAN, M_WINDOWS, M_STREAK, M_REDUNDANT, M_PAIRS,
+) = range(28)  # fmt: skip
+# For each of the flow parameters, LEAK to SPLIT: see `estimators.eha_walk`.
+FLOW_PARAMETERS = 5
+M_SHIFT, M_GAINED, M_SHIFT_LONG, M_GAINED_LONG, M_SCORE = range(28, 28 + 5 * FLOW_PARAMETERS, FLOW_PARAMETERS)
+MEMORY = 28 + 5 * FLOW_PARAMETERS

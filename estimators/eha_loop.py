@@ -4,14 +4,15 @@ from __future__ import annotations
 
 import numpy as np
 from numba import njit
-from numpy.typing import NDArray
 
 from estimators import eha_model as eha
+from estimators.eha_bounds import keep_in_bounds
 from estimators.eha_forces import ROBUST, balance_forces
 from estimators.eha_layout import (
     ACCUMULATOR,
     ANGLE,
     DIFFERENCE,
+    FLOW_PARAMETERS,
     M_ACC,
     M_ANGLE,
     M_BLIND,
@@ -23,6 +24,7 @@ from estimators.eha_layout import (
     M_NIS,
     M_ORIGIN,
     M_OUT,
+    M_SCORE,
     M_SPEED,
     M_STARTED,
     M_VISC,
@@ -34,9 +36,12 @@ from estimators.eha_layout import (
     R_BETA2,
     R_CHANNELS,
     R_LAYER,
+    R_LEAK_VALVE1,
+    R_LEAK_VALVE2,
     R_LOGLIK,
     R_NIS,
     R_OUTSIDE,
+    R_SCORE,
     R_STATE,
     R_TIME,
     R_UNREST,
@@ -54,29 +59,30 @@ from estimators.eha_layout import (
 )
 from estimators.eha_noise import (
     N_ACCEL,
-    N_AIR,
     N_DP,
     N_FLOW,
     N_FORCE,
-    N_FRIC,
-    N_GAIN,
-    N_INERT,
-    N_LEAK,
-    N_LOAD,
     N_MARGIN,
     N_P,
     N_REFEED,
     N_RELIEF,
-    N_STIF,
     N_TH,
-    N_THROT,
-    N_VALVE,
-    N_VISC,
     N_X,
 )
-from estimators.kernels import kalman_update, svsf_update
-
-Array = NDArray[np.float64]
+from estimators.eha_redundancy import compare_sensors
+from estimators.eha_update import (
+    COUPLED,
+    MOVING,
+    Array,
+    Indices,
+    Mask,
+    channel_variance,
+    layers_exceeded,
+    propagate,
+    update,
+)
+from estimators.eha_walk import walk_parameters, watch_jumps
+from estimators.kernels import svsf_update
 
 LONGEST_GAP = 50  # periods that are bridged step by step; a longer gap restarts the motion states
 
@@ -92,22 +98,9 @@ def measurement(x: Array, q: Array, z: Array, y: Array) -> None:
     y[Z_MEAN] = z[Z_MEAN] - min(x[eha.P1], x[eha.P2])
 
 
-@njit(cache=True)
-def _process_noise(
-    x: Array,
-    h: float,
-    p_acc: float,
-    known_acc: bool,
-    unrest: float,
-    q: Array,
-    c: Array,
-    out: Array,
-    diag: Array,
-) -> None:
-    """Variances of velocity, speed and chamber volumes, and of the parameters, over `h` ms.
-
-    `unrest` is how much more than expected the load moves, see `balance_forces`.
-    """
+@njit(cache=True, error_model="numpy", _nrt=False)
+def motion_noise(x: Array, h: float, p_acc: float, known_acc: bool, q: Array, c: Array, out: Array) -> None:
+    """Variances of velocity, speed and both chamber volumes over `h` ms."""
     mu = 1e-3 / q[eha.Q_MASS]
     out[0] = (mu * c[N_FORCE]) ** 2 * 1e3 * h
     out[1] = (c[N_ACCEL] * 1e-3) ** 2 * 1e-3 * h
@@ -118,18 +111,6 @@ def _process_noise(
     small, large = (c[N_FLOW] * 1e9) ** 2 * 1e-3 * h, (c[N_REFEED] * 1e9) ** 2 * 1e-3 * h
     out[2] = large if relieved or fed1 else small
     out[3] = large if relieved or fed2 else small
-    seconds = 1e-3 * h
-    diag[:] = 0.0
-    diag[eha.LEAK] = c[N_LEAK] ** 2 * seconds
-    diag[eha.VALVE1] = diag[eha.VALVE2] = c[N_VALVE] ** 2 * seconds
-    diag[eha.AIR] = (c[N_AIR] * 1e3) ** 2 * seconds
-    diag[eha.GAIN] = c[N_GAIN] ** 2 * seconds
-    diag[eha.FRIC] = c[N_FRIC] ** 2 * seconds
-    diag[eha.VISC] = c[N_VISC] ** 2 * seconds
-    diag[eha.LOAD] = c[N_LOAD] ** 2 * seconds * unrest
-    diag[eha.STIF] = (c[N_STIF] * 1e-3) ** 2 * seconds
-    diag[eha.THROT] = c[N_THROT] ** 2 * seconds
-    diag[eha.INERT] = c[N_INERT] ** 2 * seconds
 
 
 @njit(cache=True)
@@ -154,37 +135,43 @@ def _start_motion(x: Array, P: Array, z: Array, p_acc: float, c: Array) -> None:
 
 
 @njit(cache=True)
-def _bound(x: Array) -> None:
-    """Keep parameters where the model means something."""
-    x[eha.LEAK] = min(max(x[eha.LEAK], 0.02), 300.0)
-    x[eha.VALVE1] = min(max(x[eha.VALVE1], -0.9), 300.0)
-    x[eha.VALVE2] = min(max(x[eha.VALVE2], -0.9), 300.0)
-    x[eha.AIR] = min(max(x[eha.AIR], -2.0), 100.0)
-    x[eha.GAIN] = min(max(x[eha.GAIN], -0.1), 0.1)
-    x[eha.FRIC] = min(max(x[eha.FRIC], 0.02), 10.0)
-    x[eha.VISC] = min(max(x[eha.VISC], -2e3), 5e4)
-    x[eha.THROT] = min(max(x[eha.THROT], -2e4), 1e7)
-    x[eha.INERT] = min(max(x[eha.INERT], -10.0), 3e3)
+def _svsf_motion(
+    x: Array, P: Array, y: Array, plus: Indices, minus: Indices, r: Array, mask: Mask, e_post: Array,
+    gamma: float, layer: float,
+) -> tuple[bool, Array, Array]:  # fmt: skip
+    """What the SVSF makes of the motion states: whether it switched, them, and their variances.
+
+    Seldom called: only where a boundary layer left its limit.
+    """
+    n, m = COUPLED, y.shape[0]
+    H = np.zeros((m, n))
+    psi = np.empty(m)
+    for i in range(m):
+        H[i, plus[i]] = 1.0
+        if minus[i] >= 0:
+            H[i, minus[i]] = -1.0
+        psi[i] = layer * np.sqrt(r[i] + channel_variance(P, plus[i], minus[i]))
+    state, covariance = x[:n].copy(), P[:n, :n].copy()
+    switched = svsf_update(
+        state, covariance, y, H, r, mask, e_post.copy(), gamma, psi, True, np.empty(m), np.empty(m, np.bool_)
+    )[2]
+    return switched, state[:MOVING], np.diag(covariance)[:MOVING].copy()
 
 
-@njit(cache=True)
-def _keep_parameters(x: Array, P: Array, x_kalman: Array, P_kalman: Array) -> None:
-    """After an SVSF gain: motion from the SVSF, parameters from the Kalman filter, in place.
+@njit(cache=True, error_model="numpy", _nrt=False)
+def _take_motion(x: Array, P: Array, motion: Array, variances: Array) -> None:
+    """Motion from the SVSF, parameters from the Kalman filter, in place.
 
     The SVSF's guarantee is for what is measured; carried over to the parameters, its gain throws
     them as far as the innovation is large. No gain has a smaller covariance than Kalman's: the
     surplus of the motion states' variances is added to Kalman's, which leaves it positive.
     """
-    motion = eha.P2 + 1
-    for i in range(motion):
-        if not np.isfinite(x[i]):
-            x[i] = x_kalman[i]
-        surplus = P[i, i] - P_kalman[i, i]
+    for i in range(MOVING):
+        if np.isfinite(motion[i]):
+            x[i] = motion[i]
+        surplus = variances[i] - P[i, i]
         if surplus > 0.0 and np.isfinite(surplus):
-            P_kalman[i, i] += surplus
-    for i in range(motion, eha.STATES):
-        x[i] = x_kalman[i]
-    P[:, :] = P_kalman
+            P[i, i] += surplus
 
 
 @njit(cache=True)
@@ -197,17 +184,16 @@ def track(
     h0 = period * 1e3
     F = np.empty((eha.STATES, eha.STATES))
     G = np.empty((eha.STATES, 4))
-    scratch = np.empty((eha.P2 + 1, eha.STATES))
+    scratch = np.empty((MOVING, eha.STATES))
+    work = np.empty((2, eha.STATES))
+    layer_work = np.empty((2 * MEASUREMENTS, MEASUREMENTS))
     x_new = np.empty(eha.STATES)
-    x_kalman = np.empty(eha.STATES)
-    P_kalman = np.empty((eha.STATES, eha.STATES))
     noise = np.empty(4)
-    diag = np.empty(eha.STATES)
+    walks = np.empty(eha.STATES)
+    before = np.empty((2, FLOW_PARAMETERS))
     z = np.empty(MEASUREMENTS)
     y = np.empty(MEASUREMENTS)
     mask = np.empty(MEASUREMENTS, dtype=np.bool_)
-    outside = np.empty(MEASUREMENTS, dtype=np.bool_)
-    psi = np.empty(MEASUREMENTS)
     psi_k = np.empty(MEASUREMENTS)
     r0 = np.empty(MEASUREMENTS)
     r = np.empty(MEASUREMENTS)
@@ -217,9 +203,9 @@ def track(
     r0[Z_DP] = (c[N_DP] * 1e-6) ** 2
     # The low side stays near the accumulator: 0.2 MPa, correlated over 10 s.
     r0[Z_MEAN] = 0.2**2 * 1e4 / h0
-    H = np.zeros((MEASUREMENTS, eha.STATES))
-    H[Z_X, eha.X] = H[Z_TH, eha.TH] = H[Z_P1, eha.P1] = H[Z_P2, eha.P2] = 1.0
-    H[Z_DP, eha.P1], H[Z_DP, eha.P2] = 1.0, -1.0
+    plus, minus = np.empty(MEASUREMENTS, dtype=np.int64), np.full(MEASUREMENTS, -1)
+    plus[Z_X], plus[Z_TH], plus[Z_P1], plus[Z_P2] = eha.X, eha.TH, eha.P1, eha.P2
+    plus[Z_DP], minus[Z_DP] = eha.P1, eha.P2
     written = 0
     for row in range(block.shape[0]):
         time = block[row, TIME]
@@ -260,6 +246,7 @@ def track(
         z[Z_P2] = block[row, PRESSURE_2] * 1e-6
         z[Z_DP] = block[row, DIFFERENCE] * 1e-6
         z[Z_MEAN] = p_acc
+        gap = z[Z_DP] - (z[Z_P1] - z[Z_P2])  # NaN without redundancy
         if has_pressures:  # their difference is not new, and the redundancy is a sensor check of its own
             z[Z_DP] = np.nan
             z[Z_MEAN] = np.nan
@@ -279,10 +266,10 @@ def track(
             _start_motion(x, P, z, p_acc, c)
             memory[M_STARTED] = 1.0
         elif steps > LONGEST_GAP:
-            _process_noise(x, steps * h0, p_acc, known_acc, memory[M_FSCALE], q, c, noise, diag)
             _start_motion(x, P, z, p_acc, c)
+            walk_parameters(x, P, steps * h0, memory[M_FSCALE], c, walks)
             for i in range(eha.STATES):
-                P[i, i] += diag[i]
+                P[i, i] += walks[i]
         else:
             span = steps * h0
             spread = (P[eha.V, eha.V] + (1e-3 / q[eha.Q_MASS] * c[N_FORCE]) ** 2 * 1e3 * h0) * span * span
@@ -290,51 +277,49 @@ def track(
             v_at = x[eha.V] + trust * ((z[Z_X] - x[eha.X]) / span - x[eha.V])
             w_at = (z[Z_TH] - x[eha.TH]) / span
             for _ in range(steps):
-                _process_noise(x, h0, p_acc, known_acc, memory[M_FSCALE], q, c, noise, diag)
+                motion_noise(x, h0, p_acc, known_acc, q, c, noise)
+                walk_parameters(x, P, h0, memory[M_FSCALE], c, walks)
                 eha.step(x, h0, viscosity, p_acc, v_at, w_at, q, x_new, F, G)
-                x[:] = x_new
-                # Friction and load learn from the mean force alone (see balance_forces).
-                for i in range(eha.P2 + 1):
-                    for j in range(eha.FRIC, eha.STATES):
-                        F[i, j] = 0.0
-                eha.propagate(P, F, G, noise, diag, scratch)
+                for i in range(MOVING):
+                    x[i] = x_new[i]
+                propagate(P, F, G, noise, walks, scratch)
         measurement(x, q, z, y)
         channels = 0
-        if x[eha.P1] <= x[eha.P2]:
-            H[Z_MEAN, eha.P1], H[Z_MEAN, eha.P2] = 1.0, 0.0
-        else:
-            H[Z_MEAN, eha.P1], H[Z_MEAN, eha.P2] = 0.0, 1.0
+        plus[Z_MEAN] = eha.P1 if x[eha.P1] <= x[eha.P2] else eha.P2
         for i in range(MEASUREMENTS):
             mask[i] = not blind and not np.isnan(y[i])
             r[i] = r0[i]
             if mask[i]:
                 channels += 1 if i != Z_MEAN else 0
-                variance = r[i]
-                for a in range(eha.STATES):
-                    if H[i, a] != 0.0:
-                        for b in range(eha.STATES):
-                            variance += H[i, a] * P[a, b] * H[i, b]
-                sigmas = abs(y[i]) / np.sqrt(variance)
-                if not svsf and sigmas > ROBUST:
-                    r[i] += variance * ((sigmas / ROBUST) ** 2 - 1.0)
-                psi[i] = layer * np.sqrt(variance)
-        switched = False
+                if not svsf:
+                    variance = r[i] + channel_variance(P, plus[i], minus[i])
+                    excess = y[i] * y[i] / ROBUST**2 - variance
+                    if excess > 0.0:
+                        r[i] += excess
+        for i in range(FLOW_PARAMETERS):
+            before[0, i] = x[eha.LEAK + i]
+            before[1, i] = P[eha.LEAK + i, eha.LEAK + i]
+        exceeded = False
         if svsf:
-            x_kalman[:] = x
-            P_kalman[:, :] = P
-            kalman_update(x_kalman, P_kalman, y, H, r, mask)
-            nis, loglik, switched = svsf_update(x, P, y, H, r, mask, e_post, gamma, psi, True, psi_k, outside)
+            exceeded = layers_exceeded(P, y, plus, minus, r, mask, e_post, gamma, layer, psi_k, layer_work)
+        if exceeded:
+            switched, motion, variances = _svsf_motion(x, P, y, plus, minus, r, mask, e_post, gamma, layer)
+            nis, loglik = update(x, P, y, plus, minus, r, mask, work)
             if switched:
-                _keep_parameters(x, P, x_kalman, P_kalman)
+                _take_motion(x, P, motion, variances)
+        else:
+            switched = False
+            nis, loglik = update(x, P, y, plus, minus, r, mask, work)
+        if svsf:
             measurement(x, q, z, y)
             for i in range(MEASUREMENTS):
                 if mask[i]:
                     e_post[i] = y[i]
-        else:
-            nis, loglik = kalman_update(x, P, y, H, r, mask)
         if not blind:
+            watch_jumps(x, P, before, max(steps, 1) * h0, c, memory)
+            compare_sensors(x, P, gap, r0[Z_DP] + 2.0 * r0[Z_P1], memory)
             balance_forces(x, P, max(steps, 1) * h0, q, c, memory)
-        _bound(x)
+        keep_in_bounds(x, P)
         memory[M_NIS] += nis
         memory[M_CHANNELS] += channels
         memory[M_LOGLIK] += loglik
@@ -349,14 +334,19 @@ def track(
             # Against a restless load the friction curve's misfit repeats itself: count it once.
             rec[R_VARIANCE + eha.FRIC] *= max(memory[M_FSCALE], 1.0) ** 2
             rec[R_VARIANCE + eha.VISC] *= max(memory[M_FSCALE], 1.0) ** 2
+            rec[R_VARIANCE + eha.SKEW] *= max(memory[M_FSCALE], 1.0) ** 2
             rec[R_NIS] = memory[M_NIS] / memory[M_COUNT]
             rec[R_CHANNELS] = memory[M_CHANNELS] / memory[M_COUNT]
             rec[R_LOGLIK] = memory[M_LOGLIK] / memory[M_COUNT]
             rec[R_OUTSIDE] = memory[M_OUT] / memory[M_COUNT]
             rec[R_LAYER] = psi_k[Z_P1] if svsf else np.nan
-            rec[R_BETA1] = 1e6 / eha.compliance(x[eha.P1], x[eha.AIR], q)[0]
-            rec[R_BETA2] = 1e6 / eha.compliance(x[eha.P2], x[eha.AIR], q)[0]
+            rec[R_BETA1] = 1e6 / eha.compliance(x[eha.P1], x[eha.AIR] + x[eha.SPLIT], q)[0]
+            rec[R_BETA2] = 1e6 / eha.compliance(x[eha.P2], x[eha.AIR] - x[eha.SPLIT], q)[0]
+            rec[R_LEAK_VALVE1] = P[eha.LEAK, eha.VALVE1]
+            rec[R_LEAK_VALVE2] = P[eha.LEAK, eha.VALVE2]
             rec[R_VISCOSITY] = viscosity
+            for i in range(FLOW_PARAMETERS):
+                rec[R_SCORE + i] = memory[M_SCORE + i]
             rec[R_UNREST] = memory[M_FSCALE]
             memory[M_NIS] = memory[M_CHANNELS] = memory[M_LOGLIK] = memory[M_OUT] = memory[M_COUNT] = 0.0
             written += 1

@@ -1,6 +1,6 @@
 """Reduced model of one electro-hydrostatic axis, for estimation.
 
-Seventeen states in units that keep them near one (mm, ms, MPa, N; volumes in mm³):
+Twenty states in units that keep them near one (mm, ms, MPa, N; volumes in mm³):
 
 =====  ==========================================================  ==========
 index  state                                                       unit
@@ -14,14 +14,22 @@ LEAK   leakage across the ports over its healthy value             1
 VALVE1 leakage of each chamber into the accumulator, over the
 VALVE2 healthy leakage across the ports: a check valve's           1
 AIR    free air, volume at atmosphere over volume of oil           ‰
+SPLIT  by how much chamber 1 has more of it than the mean, and
+       chamber 2 less; errors of the chambers' volumes too         ‰
 GAIN   relative error of the pump's displacement                   1
 FRIC   Coulomb and Stribeck friction over the healthy curve        1
-VISC   viscous friction                                            N·ms/mm
+VISC   viscous friction, mean of both directions                   N·ms/mm
+SKEW   by how much it is more when extending, less when retracting N·ms/mm
 LOAD   load force at position 0                                    N
 STIF   load stiffness                                              N/mm
 THROT  load quadratic in velocity, a throttled partner's           N/(mm/ms)²
 INERT  mass of the load (it acts in the mean force balance only)   kg
+ZERO   zero of the pressure difference against the chambers'       MPa
 =====  ==========================================================  ==========
+
+Which are free follows from the sensors (:func:`free_states`): without both chamber pressures the two
+bulk moduli are one (SPLIT stays 0), and without the difference beside them it has no ZERO. The friction scale
+has no direction of its own: its asymmetry is a constant load force, LOAD.
 
 The pump angle is a *measurement*. In one step ``C₁ Δp₁ = D Δθ − A₁ Δx − h·outflow`` holds to
 rounding (velocity and speed are means over the step), and process noise on speed and
@@ -44,21 +52,25 @@ from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
 
-X, V, TH, W, P1, P2, LEAK, VALVE1, VALVE2, AIR, GAIN, FRIC, VISC, LOAD, STIF, THROT, INERT = range(17)
-STATES = 17
+(
+    X, V, TH, W, P1, P2, LEAK, VALVE1, VALVE2, AIR, SPLIT, GAIN, FRIC, VISC, SKEW, LOAD, STIF, THROT, INERT,
+    ZERO,
+) = range(20)  # fmt: skip
+STATES = 20
 STATE_NAMES = (
     "position", "velocity", "pump_angle", "pump_speed", "pressure_1", "pressure_2",
-    "leakage", "valve_1", "valve_2", "air", "pump_gain", "friction", "viscous_friction",
-    "load_force", "load_stiffness", "load_throttle", "load_inertia",
+    "leakage", "valve_1", "valve_2", "air", "air_split", "pump_gain", "friction",
+    "viscous_friction", "viscous_skew", "load_force", "load_stiffness", "load_throttle", "load_inertia",
+    "difference_zero",
 )  # fmt: skip
 
 # Parameters, one array: indices
 (
     Q_AREA1, Q_AREA2, Q_VOLUME1, Q_VOLUME2, Q_MASS, Q_DISPLACEMENT, Q_CROSS, Q_CASE, Q_STIFFNESS_INV,
     Q_POLYTROPIC, Q_COULOMB_F, Q_STATIC_F, Q_STRIBECK_F, Q_EXPONENT_F, Q_COULOMB_R, Q_STATIC_R,
-    Q_STRIBECK_R, Q_EXPONENT_R, Q_SLIDING, Q_ACCUMULATOR,
-) = range(20)  # fmt: skip
-PARAMETERS = 20
+    Q_STRIBECK_R, Q_EXPONENT_R, Q_SLIDING, Q_ACCUMULATOR, Q_SWEEP,
+) = range(21)  # fmt: skip
+PARAMETERS = 21
 
 ATMOSPHERE = 0.101325  # MPa
 STICTION_VELOCITY = 3e-3  # mm/ms: width of the sign change of friction
@@ -83,6 +95,7 @@ def parameters(
     friction_reverse: tuple[float, float, float, float],
     accumulator_pressure: float,
     sliding_velocity: float = 5e-3,
+    position_compliance: float = 1.0,
 ) -> Array:
     """Pack a unit's numbers, in SI, into the model's parameter array.
 
@@ -93,6 +106,7 @@ def parameters(
     bulk_modulus : Pa, effective, at `reference_pressure` (Pa gauge) with `air_fraction`.
     friction_forward, friction_reverse : Coulomb N, static N, Stribeck velocity m/s, exponent.
     accumulator_pressure : Pa, used where it is not measured.
+    position_compliance : how much more compliance changes with position than the volumes do.
     sliding_velocity : m/s below which the force balance carries no information.
 
     Returns
@@ -115,17 +129,38 @@ def parameters(
     q[Q_COULOMB_R], q[Q_STATIC_R], q[Q_STRIBECK_R], q[Q_EXPONENT_R] = friction_reverse
     q[Q_SLIDING] = sliding_velocity
     q[Q_ACCUMULATOR] = accumulator_pressure * 1e-6
+    q[Q_SWEEP] = position_compliance
     return q
 
 
-@njit(cache=True)
+def free_states(*, pressures: bool, difference: bool) -> NDArray[np.bool_]:
+    """Which states the sensors can tell: (STATES,), True where free.
+
+    Parameters
+    ----------
+    pressures : both chambers' pressures are measured.
+    difference : their difference is measured by a sensor of its own.
+
+    Examples
+    --------
+    >>> [STATE_NAMES[i] for i in np.flatnonzero(~free_states(pressures=False, difference=True))]
+    ['air_split', 'difference_zero']
+    """
+    free = np.ones(STATES, dtype=np.bool_)
+    free[SPLIT] = pressures
+    free[ZERO] = pressures and difference
+    return free
+
+
+@njit(cache=True, error_model="numpy")
 def air_curve(p: float, n: float) -> float:
     """c(p), 1/MPa: compliance per free-air fraction at gauge pressure `p` (MPa)."""
     absolute = max(p + ATMOSPHERE, 0.1 * ATMOSPHERE)
-    return ATMOSPHERE ** (1.0 / n) / (n * absolute ** ((n + 1.0) / n))
+    # The module's equation with one power: powers are most of what a step costs.
+    return (ATMOSPHERE / absolute) ** (1.0 + 1.0 / n) / (n * ATMOSPHERE)
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy", _nrt=False)
 def compliance(p: float, air: float, q: Array) -> tuple[float, float, float]:
     """1/β at gauge pressure `p` (MPa), and its derivatives to `p` and to `air` (‰)."""
     n = q[Q_POLYTROPIC]
@@ -138,7 +173,7 @@ def compliance(p: float, air: float, q: Array) -> tuple[float, float, float]:
     return value, 1e-3 * air * slope, 1e-3 * c
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy", _nrt=False)
 def friction_curve(v: float, q: Array) -> tuple[float, float, float, float]:
     """Healthy Coulomb and Stribeck friction (N) at `v` (mm/ms).
 
@@ -161,7 +196,7 @@ def friction_curve(v: float, q: Array) -> tuple[float, float, float, float]:
     return sign * level, stick + abs(sign) * stribeck_slope, stick, stick_slope
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy", _nrt=False)
 def step(
     x: Array, h: float, viscosity: float, p_acc: float, v_at: float, w_at: float, q: Array,
     out: Array, F: Array, G: Array,
@@ -176,28 +211,30 @@ def step(
 
     Parameters
     ----------
-    x : (17,) state. h : step, ms. viscosity : oil viscosity over the reference's.
+    x : (20,) state. h : step, ms. viscosity : oil viscosity over the reference's.
     p_acc : accumulator pressure, MPa. q : parameters.
     v_at, w_at : velocity and speed over the step to linearise at; NaN for the prediction's.
-    out : (17,) the state after the step.
-    F : (17, 17) ∂out/∂x.
-    G : (17, 4) what unit noise on velocity (mm/ms), pump speed (rad/ms) and on each chamber's
+    out : (20,) the state after the step.
+    F : (20, 20) ∂out/∂x.
+    G : (20, 4) what unit noise on velocity (mm/ms), pump speed (rad/ms) and on each chamber's
         volume (mm³) does to the state.
     """
     area1, area2, mu = q[Q_AREA1], q[Q_AREA2], 1e-3 / q[Q_MASS]
     v, p1, p2 = x[V], x[P1], x[P2]
     pump = q[Q_DISPLACEMENT] * (1.0 + x[GAIN])
+    # Until the end the rows of F hold derivatives of the parts that these rows are made of.
+    F[:, :] = 0.0
+    dv, da1, da2 = F[V], F[P1], F[P2]
 
     # Chamber stiffness i = β/V and its logarithmic derivatives (to position, pressure, air).
-    b1, b1_p, b1_air = compliance(p1, x[AIR], q)
-    b2, b2_p, b2_air = compliance(p2, x[AIR], q)
-    volume1 = max(q[Q_VOLUME1] + area1 * x[X], 0.05 * q[Q_VOLUME1])
-    volume2 = max(q[Q_VOLUME2] - area2 * x[X], 0.05 * q[Q_VOLUME2])
+    b1, b1_p, b1_air = compliance(p1, x[AIR] + x[SPLIT], q)
+    b2, b2_p, b2_air = compliance(p2, x[AIR] - x[SPLIT], q)
+    swept1, swept2 = q[Q_SWEEP] * area1, q[Q_SWEEP] * area2
+    volume1 = max(q[Q_VOLUME1] + swept1 * x[X], 0.05 * q[Q_VOLUME1])
+    volume2 = max(q[Q_VOLUME2] - swept2 * x[X], 0.05 * q[Q_VOLUME2])
     i1, i2 = 1.0 / (volume1 * b1), 1.0 / (volume2 * b2)
-    d1 = np.zeros(STATES)  # ∂i1
-    d2 = np.zeros(STATES)
-    d1[X], d1[P1], d1[AIR] = -i1 * area1 / volume1, -i1 * b1_p / b1, -i1 * b1_air / b1
-    d2[X], d2[P2], d2[AIR] = i2 * area2 / volume2, -i2 * b2_p / b2, -i2 * b2_air / b2
+    d1_x, d1_p, d1_air = -i1 * swept1 / volume1, -i1 * b1_p / b1, -i1 * b1_air / b1  # ∂i1
+    d2_x, d2_p, d2_air = i2 * swept2 / volume2, -i2 * b2_p / b2, -i2 * b2_air / b2
 
     # Leakage out of each chamber: across, to the case, and through its check valve. Thinner oil leaks more.
     drop, over1, over2 = p1 - p2, p1 - p_acc, p2 - p_acc
@@ -206,20 +243,35 @@ def step(
     base1 = q[Q_CROSS] * drop + q[Q_CASE] * over1
     base2 = -q[Q_CROSS] * drop + q[Q_CASE] * over2
     valve1, valve2 = total * x[VALVE1], total * x[VALVE2]
-    a1 = pump * x[W] - rate * base1 - valve1 * over1  # net inflow of chamber 1 but for the piston's
-    a2 = pump * x[W] + rate * base2 + valve2 * over2
-    da1 = np.zeros(STATES)
-    da2 = np.zeros(STATES)
-    da1[W] = pump
-    da2[W] = pump
-    da1[GAIN] = q[Q_DISPLACEMENT] * (x[W] if math.isnan(w_at) else w_at)
-    da2[GAIN] = da1[GAIN]
+    # The pump moves its displacement at the ports' mean density, so the denser chamber gets less volume
+    # than the other loses. What that is at 100 rad/s and 2 MPa is 3 % of a healthy unit's leakage. The
+    # volume of a share of air over its volume at atmosphere is n (p + p_a) c(p).
+    n = q[Q_POLYTROPIC]
+    shrunk1 = n * max(p1 + ATMOSPHERE, 0.1 * ATMOSPHERE) * b1_air
+    shrunk2 = n * max(p2 + ATMOSPHERE, 0.1 * ATMOSPHERE) * b2_air
+    thinned = shrunk2 - shrunk1
+    denser = 0.5 * (q[Q_STIFFNESS_INV] * drop + x[AIR] * thinned)
+    into, out_of = pump * (1.0 - denser), pump * (1.0 + denser)
+    turning = x[W] if math.isnan(w_at) else w_at
+    a1 = into * x[W] - rate * base1 - valve1 * over1  # net inflow of chamber 1 but for the piston's
+    a2 = out_of * x[W] + rate * base2 + valve2 * over2
+    da1[W] = into
+    da2[W] = out_of
+    da1[GAIN] = q[Q_DISPLACEMENT] * (1.0 - denser) * turning
+    da2[GAIN] = q[Q_DISPLACEMENT] * (1.0 + denser) * turning
+    da1[AIR] = -0.5 * thinned * pump * turning
+    da2[AIR] = -da1[AIR]
     da1[LEAK] = -base1 / viscosity
     da2[LEAK] = base2 / viscosity
     da1[VALVE1] = -total * over1
     da2[VALVE2] = total * over2
     da1[P1], da1[P2] = -rate * (q[Q_CROSS] + q[Q_CASE]) - valve1, rate * q[Q_CROSS]
     da2[P1], da2[P2] = -rate * q[Q_CROSS], rate * (q[Q_CROSS] + q[Q_CASE]) + valve2
+    mean1 = q[Q_STIFFNESS_INV] + x[AIR] * b1_air
+    mean2 = q[Q_STIFFNESS_INV] + x[AIR] * b2_air
+    half1, half2 = 0.5 * mean1 * pump * turning, 0.5 * mean2 * pump * turning
+    da1[P1], da1[P2] = da1[P1] - half1, da1[P2] + half2
+    da2[P1], da2[P2] = da2[P1] + half1, da2[P2] - half2
 
     # Velocity: symplectic Euler for the hydraulic spring (stable far beyond its resonance at 1 ms),
     # implicit in viscous and stick friction: v⁺ = N/den.
@@ -227,26 +279,24 @@ def step(
     implicit = x[FRIC] * stick
     force = area1 * p1 - area2 * p2 - x[FRIC] * curve - x[LOAD] - x[STIF] * x[X]
     throttle = x[THROT] * abs(v)
-    den = max(1.0 + mu * h * (x[VISC] + throttle + implicit), 0.5)
+    direction = 1.0 if v >= 0.0 else -1.0
+    viscous = x[VISC] + direction * x[SKEW]
+    den = max(1.0 + mu * h * (viscous + throttle + implicit), 0.5)
     v_new = (v * (1.0 + mu * h * implicit) + mu * h * force) / den
-    dv = np.zeros(STATES)
     dv[X] = -mu * h * x[STIF]
     dv[V] = 1.0 + mu * h * (implicit - x[FRIC] * slope + x[FRIC] * stick_v * (v - v_new))
     dv[P1] = mu * h * area1
     dv[P2] = -mu * h * area2
     dv[FRIC] = mu * h * (stick * (v - v_new) - curve)
-    dv[V] -= mu * h * x[THROT] * v_new * (1.0 if v >= 0.0 else -1.0)
+    dv[V] -= mu * h * x[THROT] * v_new * direction
     dv[VISC] = -mu * h * v_new
+    dv[SKEW] = direction * dv[VISC]
     dv[THROT] = -mu * h * abs(v) * v_new
     dv[LOAD] = -mu * h
     dv[STIF] = -mu * h * x[X]
 
     for i in range(STATES):
         out[i] = x[i]
-        for j in range(STATES):
-            F[i, j] = 1.0 if i == j else 0.0
-        for j in range(4):
-            G[i, j] = 0.0
     out[X] += h * v_new
     out[V] = v_new
     out[TH] += h * x[W]
@@ -254,50 +304,34 @@ def step(
     inflow2 = area2 * v_new - a2
     out[P1] += h * i1 * inflow1
     out[P2] += h * i2 * inflow2
-    extra_w = 0.0 if math.isnan(w_at) else pump * (w_at - x[W])
+    extra_w = turning - x[W]
     extra_v = 0.0 if math.isnan(v_at) else v_at - v_new
-    at1 = inflow1 + extra_w - area1 * extra_v
-    at2 = inflow2 - extra_w + area2 * extra_v
-    for j in range(STATES):
-        dvj = dv[j] / den
+    at1 = inflow1 + into * extra_w - area1 * extra_v
+    at2 = inflow2 - out_of * extra_w + area2 * extra_v
+    share1, share2, per_den = h * i1, h * i2, 1.0 / den
+    for j in range(x.shape[0]):
+        dvj = dv[j] * per_den
         F[V, j] = dvj
-        F[X, j] += h * dvj
-        F[P1, j] += h * (d1[j] * at1 + i1 * (da1[j] - area1 * dvj))
-        F[P2, j] += h * (d2[j] * at2 + i2 * (area2 * dvj - da2[j]))
+        F[X, j] = h * dvj
+        F[P1, j] = share1 * (da1[j] - area1 * dvj)
+        F[P2, j] = share2 * (area2 * dvj - da2[j])
+    for k in range(STATES):
+        if k != V:
+            F[k, k] += 1.0
+    F[P1, X] += h * d1_x * at1
+    F[P1, P1] += h * d1_p * at1
+    F[P1, AIR] += h * d1_air * at1
+    F[P1, SPLIT] += h * d1_air * at1
+    F[P2, X] += h * d2_x * at2
+    F[P2, P2] += h * d2_p * at2
+    F[P2, AIR] += h * d2_air * at2
+    F[P2, SPLIT] -= h * d2_air * at2
     F[TH, W] = h
 
+    G[:, :] = 0.0
     G[X, 0], G[V, 0] = h, 1.0
     G[P1, 0], G[P2, 0] = -h * area1 * i1, h * area2 * i2
     G[TH, 1], G[W, 1] = h, 1.0
-    G[P1, 1], G[P2, 1] = h * pump * i1, -h * pump * i2
+    G[P1, 1], G[P2, 1] = h * into * i1, -h * out_of * i2
     G[P1, 2] = i1
     G[P2, 3] = i2
-
-
-@njit(cache=True)
-def propagate(P: Array, F: Array, G: Array, noise: Array, Q_diag: Array, scratch: Array) -> None:
-    """``P = F P F' + G diag(noise) G' + diag(Q_diag)`` in place, using F's sparsity.
-
-    Only the first six rows of F differ from the identity (parameters walk at random).
-    """
-    moving = P2 + 1
-    for i in range(moving):
-        for j in range(STATES):
-            total = 0.0
-            for k in range(STATES):
-                total += F[i, k] * P[k, j]
-            scratch[i, j] = total
-    for i in range(moving):
-        for j in range(i, moving):
-            total = 0.0
-            for k in range(STATES):
-                total += scratch[i, k] * F[j, k]
-            for k in range(4):
-                total += G[i, k] * noise[k] * G[j, k]
-            P[i, j] = total
-            P[j, i] = total
-        for j in range(moving, STATES):
-            P[i, j] = scratch[i, j]
-            P[j, i] = scratch[i, j]
-    for i in range(STATES):
-        P[i, i] += Q_diag[i]

@@ -37,7 +37,7 @@ class Noise:
     flow: float = 1e-7
     """m³/√s: unmodelled flow (gear ripple, line losses, leakage that is not laminar): half a percent
     of the pump's flow at a third of its speed, correlated over 0.1 s."""
-    flow_refeeding: float = 5e-6
+    flow_refeeding: float = 1e-4
     """m³/√s: a chamber that the accumulator feeds has no volume balance."""
     leakage: float = 0.05
     """1/√s relative: lets a step of 50 % be followed within two seconds under load."""
@@ -45,11 +45,17 @@ class Noise:
     """1/√s relative to the healthy leakage: a closed valve stays closed for long."""
     air: float = 5e-4
     """1/√s, of the oil's volume: a tenth of a percent of free air comes or goes within seconds."""
+    air_split: float = 1e-4
+    """1/√s; one chamber's oil is exchanged with the other's by the pump within a stroke or two."""
     gain: float = 1e-4
     """1/√s; the displacement changes with wear only, the rest is temperature."""
     friction: float = 0.05
     """1/√s relative to the healthy curve."""
     viscous_friction: float = 10.0
+    viscous_skew: float = 1.0
+    """N·s/m/√s; directions differ by how the seals were fitted, which does not change soon."""
+    zero: float = 300.0
+    """Pa/√s; temperature moves a sensor's zero by some kilopascals within minutes."""
     load: float = 100.0
     """N/√s to begin with; how restless the load really is follows from the force balance itself."""
     stiffness: float = 1e3
@@ -61,13 +67,24 @@ class Noise:
     initial_leakage: float = 0.3
     initial_valve: float = 0.03
     initial_air: float = 1e-3
+    initial_air_split: float = 1e-3
+    """A seventh of the usual compliance: the chambers' dead volumes are known to some 15 %."""
     initial_gain: float = 3e-3
+    initial_zero: float = 2e4
+    """Pa: zeros of two sensors of 0.1 % of 10 MPa each."""
     initial_friction: float = 0.3
     initial_viscous_friction: float = 100.0
+    initial_viscous_skew: float = 30.0
     initial_load: float = 1000.0
     initial_stiffness: float = 1e4
     initial_throttle: float = 1e6
     initial_inertia: float = 30.0
+    jump_leakage: float = 1.0
+    """Relative to the healthy leakage: what a fault may add at once. Severity 1 of the catalogue is 1.8."""
+    jump_valve: float = 5.0
+    """Likewise; a valve stuck open passes 15."""
+    jump_air: float = 1e-2
+    """Severity 1 is 2.5 %."""
     refeed_margin: float = 3e4
     """Pa above the accumulator below which a chamber may be fed: cracking pressure and sensor zeros."""
     relief_pressure: float = 3.1e6
@@ -79,7 +96,8 @@ class Noise:
 
 
 (
-    N_X, N_TH, N_P, N_DP, N_FORCE, N_FMEAN, N_ACCEL, N_FLOW, N_REFEED, N_LEAK, N_VALVE, N_AIR, N_GAIN, N_FRIC,
-    N_VISC, N_LOAD, N_STIF, N_THROT, N_INERT, I_LEAK, I_VALVE, I_AIR, I_GAIN, I_FRIC, I_VISC, I_LOAD, I_STIF,
-    I_THROT, I_INERT, N_MARGIN, N_RELIEF,
-) = range(31)  # fmt: skip
+    N_X, N_TH, N_P, N_DP, N_FORCE, N_FMEAN, N_ACCEL, N_FLOW, N_REFEED, N_LEAK, N_VALVE, N_AIR, N_SPLIT,
+    N_GAIN, N_FRIC, N_VISC, N_SKEW, N_ZERO, N_LOAD, N_STIF, N_THROT, N_INERT, I_LEAK, I_VALVE, I_AIR, I_SPLIT,
+    I_GAIN, I_ZERO, I_FRIC, I_VISC, I_SKEW, I_LOAD, I_STIF, I_THROT, I_INERT, J_LEAK, J_VALVE, J_AIR,
+    N_MARGIN, N_RELIEF,
+) = range(40)  # fmt: skip

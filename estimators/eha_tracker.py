@@ -28,10 +28,13 @@ from estimators.eha_noise import (
     I_INERT,
     I_LEAK,
     I_LOAD,
+    I_SKEW,
+    I_SPLIT,
     I_STIF,
     I_THROT,
     I_VALVE,
     I_VISC,
+    I_ZERO,
     Noise,
 )
 
@@ -52,7 +55,9 @@ class EhaTracker:
     period : s, nominal sample period.
     pressures : whether both chamber pressures are measured (else their difference).
     angle : whether the pump angle is measured (else the speed is summed up).
-    viscous_friction, air_fraction : N·s/m and volume fraction, healthy: where the filter starts.
+    difference : whether the pressure difference has a sensor of its own.
+    viscous_friction, viscous_skew : N·s/m, healthy: mean of both directions, and what extending has more.
+    air_fraction : volume fraction, healthy; with the former two where the filter starts.
     decimation : samples per record.
     gamma, layer : SVSF memory, and limit of the boundary layer in innovation sigmas: 1.5 times the
         99.9 % quantile of the optimal layer on healthy simulated duties and loads.
@@ -72,7 +77,9 @@ class EhaTracker:
         period: float = 1e-3,
         pressures: bool = True,
         angle: bool = True,
+        difference: bool = True,
         viscous_friction: float = 0.0,
+        viscous_skew: float = 0.0,
         air_fraction: float = 0.003,
         decimation: int = 10,
         gamma: float = 0.1,
@@ -94,14 +101,19 @@ class EhaTracker:
         self.x = np.zeros(eha.STATES)
         self.x[[eha.LEAK, eha.FRIC]] = 1.0
         self.x[eha.AIR] = air_fraction * 1e3
-        self.x[eha.VISC] = viscous_friction
+        self.x[eha.VISC], self.x[eha.SKEW] = viscous_friction, viscous_skew
         spread = np.zeros(eha.STATES)
         spread[eha.LEAK] = c[I_LEAK]
         spread[[eha.VALVE1, eha.VALVE2]] = c[I_VALVE]
         spread[eha.AIR], spread[eha.GAIN] = c[I_AIR] * 1e3, c[I_GAIN]
         spread[eha.FRIC], spread[eha.VISC] = c[I_FRIC], c[I_VISC]
         spread[eha.LOAD], spread[eha.STIF], spread[eha.THROT] = c[I_LOAD], c[I_STIF] * 1e-3, c[I_THROT]
-        spread[eha.INERT] = c[I_INERT]
+        spread[eha.INERT], spread[eha.SKEW] = c[I_INERT], c[I_SKEW]
+        free = eha.free_states(pressures=pressures, difference=difference)
+        for state, initial, scale in ((eha.SPLIT, I_SPLIT, 1e3), (eha.ZERO, I_ZERO, 1e-6)):
+            if not free[state]:
+                c[initial] = 0.0
+            spread[state] = c[initial] * scale
         self.P = np.diag(spread**2)
         self._memory = np.zeros(MEMORY)
         self._memory[M_ACC] = np.nan

@@ -8,7 +8,9 @@ Model, with process noise ``w ~ N(0, Q)`` and measurement noise ``v ~ N(0, R)``:
 Predict:  ``x <- f(x)``, ``P <- F P F' + Q`` with the Jacobian ``F = df/dx``.
 Update:   ``y = z - h(x)``, ``S = H P H' + R``, ``K = P H' S^-1``, ``x <- x + K y``,
 ``P <- (I - K H) P (I - K H)' + K R K'`` (Joseph form), done one decorrelated channel
-at a time (:func:`estimators.kernels.kalman_update_correlated`), so that nothing is inverted.
+at a time (:func:`estimators.kernels.kalman_update_correlated`), so that nothing is inverted; or
+on the factors ``P = U diag(D) U'`` (:mod:`estimators.square_root`), which stay positive whatever
+the scales. Outliers can be weighed down channel by channel (:mod:`estimators.robust`).
 
 Source: Bar-Shalom, Li and Kirubarajan 2001, Estimation with Applications to Tracking and
 Navigation, sections 5.2 and 10.3, doi 10.1002/0471221279.
@@ -16,19 +18,48 @@ Navigation, sections 5.2 and 10.3, doi 10.1002/0471221279.
 
 from __future__ import annotations
 
+import inspect
 import math
 import sys
 from collections.abc import Callable
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from estimators.checks import (
+    Array,
+    Mask,
+    evaluable,
+    matrix,
+    measured_channels,
+    require_finite,
+    square,
+    vector,
+    whole_number,
+)
+from estimators.jacobians import jacobian
 from estimators.kernels import kalman_update_correlated
-from estimators.linalg import balanced_covariance
+from estimators.robust import huber_weights, widen_noise
+from estimators.square_root import ud_covariance, ud_factors, ud_transform, ud_update_correlated
 
-Array = NDArray[np.float64]
 Model = Callable[..., ArrayLike]
+
+
+@dataclass
+class Correction:
+    """What an update gives: x (n,), P (n, n), gain (n, m), NIS, log likelihood; weights (m,) of the
+    channels; U (n, n) and D (n,) with a square root."""
+
+    x: Array
+    P: Array
+    K: Array
+    nis: float
+    log_likelihood: float
+    weights: Array
+    U: Array | None = None
+    D: Array | None = None
 
 
 class ExtendedKalmanFilter:
@@ -44,6 +75,12 @@ class ExtendedKalmanFilter:
         None: ``F`` as set, or with ``f`` central differences. Without ``f`` it makes a
         linear model whose ``F`` depends on the time step.
     H_jacobian : ``H_jacobian(x)`` gives dh/dx (m, n). None: ``H``, or with ``h`` central differences.
+        :func:`estimators.check_jacobian` tells whether your Jacobians are right.
+    robust : Huber's limit in standard deviations of the innovation, > 0: a channel that is further
+        off counts as if it were just there. 3 touches 0.3 % of good samples. None: no limit.
+    square_root : carry ``P`` as factors ``U diag(D) U'``. Needed where updates shrink the variance of
+        some combination of states by 13 decades or more: a nearly noise-free channel after a diffuse
+        ``P``, or one that sees a sum of states. Units alone do not ask for it.
 
     Attributes
     ----------
@@ -58,6 +95,10 @@ class ExtendedKalmanFilter:
     nis, channels_used : normalised innovation squared ``y' S^-1 y`` and its degrees of freedom.
     log_likelihood, likelihood : of the channels used; 0 and 1 when there are none.
     mahalanobis : square root of ``nis``.
+    robust_weights : (m,) Huber weight of each channel at the last update: 1 when it counted in full,
+        ``w < 1`` when its S was widened to ``S / w``, NaN when missing. ``S``, ``nis`` and the
+        likelihood are those of the noise as given; ``K`` and ``P`` are those applied.
+    U, D : (n, n), (n,) factors of P with ``square_root``, else None.
 
     Raises
     ------
@@ -87,11 +128,11 @@ class ExtendedKalmanFilter:
     ([0.287, -0.2], 1)
     """
 
-    _OPTIONS: tuple[str, ...] = ("dim_x", "dim_z", "dim_u", "f", "h", "F_jacobian", "H_jacobian")
     _STATE: tuple[str, ...] = (
         "x", "P", "Q", "R", "F", "B", "H", "x_prior", "P_prior", "x_post", "P_post",
-        "z", "y", "S", "K", "nis", "channels_used", "log_likelihood",
+        "z", "y", "S", "K", "nis", "channels_used", "log_likelihood", "robust_weights", "U", "D",
     )  # fmt: skip
+    _OPTIONAL: tuple[str, ...] = ("B", "U", "D")
 
     def __init__(
         self,
@@ -103,11 +144,17 @@ class ExtendedKalmanFilter:
         h: Model | None = None,
         F_jacobian: Model | None = None,
         H_jacobian: Model | None = None,
+        robust: float | None = None,
+        square_root: bool = False,
     ) -> None:
-        for name, size, least in (("dim_x", dim_x, 1), ("dim_z", dim_z, 1), ("dim_u", dim_u, 0)):
-            if int(size) != size or size < least:
-                raise ValueError(f"{name} is {size!r}; give a whole number of at least {least}")
-        self.dim_x, self.dim_z, self.dim_u = int(dim_x), int(dim_z), int(dim_u)
+        self.dim_x = whole_number(dim_x, 1, "dim_x")
+        self.dim_z = whole_number(dim_z, 1, "dim_z")
+        self.dim_u = whole_number(dim_u, 0, "dim_u")
+        if robust is not None and not robust > 0.0:
+            raise ValueError(
+                f"robust is {robust:g}; give a limit of more than 0 standard deviations, or None"
+            )
+        self.robust, self.square_root = robust, bool(square_root)
         self.f, self.h, self.F_jacobian, self.H_jacobian = f, h, F_jacobian, H_jacobian
         n, m = self.dim_x, self.dim_z
         self.x: Any = np.zeros((n, 1))
@@ -125,6 +172,9 @@ class ExtendedKalmanFilter:
         self.nis = 0.0
         self.channels_used = 0
         self.log_likelihood = 0.0
+        self.robust_weights: Array = np.ones(m)
+        self.U: Array | None = None
+        self.D: Array | None = None
 
     def predict(
         self,
@@ -146,22 +196,29 @@ class ExtendedKalmanFilter:
         n = self.dim_x
         x, P = self._state()
         shaped = x.reshape(np.shape(self.x))
-        noise = _square(self.Q if Q is None else Q, n, "Q")
+        noise = square(self.Q if Q is None else Q, n, "Q")
         if F is not None:
-            transition = _matrix(F, n, n, "F")
+            transition = matrix(F, n, n, "F")
         elif self.F_jacobian is not None:
-            transition = _matrix(self.F_jacobian(shaped.copy(), u, dt), n, n, "F_jacobian(x, u, dt)")
+            transition = matrix(self.F_jacobian(shaped.copy(), u, dt), n, n, "F_jacobian(x, u, dt)")
         elif self.f is not None:
             f = self.f
             transition = jacobian(lambda v: f(v.reshape(shaped.shape), u, dt), x, P)
         else:
-            transition = _matrix(self.F, n, n, "F")
+            transition = matrix(self.F, n, n, "F")
         if self.f is not None:
-            x = _vector(self.f(shaped.copy(), u, dt), n, "f(x, u, dt)")
+            x = vector(self.f(shaped.copy(), u, dt), n, "f(x, u, dt)")
         else:
             x = transition @ x + self._input(u, self.B if B is None else B)
-        P = transition @ P @ transition.T + noise
         require_finite(x, "the predicted state", "state")
+        if self.square_root:
+            U, D = self._factors(P)
+            if not ud_transform(U, D, transition, np.eye(n), noise):
+                raise ValueError("Q is not positive; give a covariance")
+            ud_covariance(U, D, P)
+            self.U, self.D = U, D
+        else:
+            P = transition @ P @ transition.T + noise
         self.x, self.P, self.F = x.reshape(shaped.shape), 0.5 * (P + P.T), transition
         self.x_prior, self.P_prior = self.x.copy(), self.P.copy()
 
@@ -174,6 +231,8 @@ class ExtendedKalmanFilter:
         args: Any = (),
         hx_args: Any = (),
         residual: Callable[[Any, Any], Any] = np.subtract,
+        *,
+        mask: ArrayLike | None = None,
     ) -> None:
         """Correct the state with a measurement.
 
@@ -184,16 +243,17 @@ class ExtendedKalmanFilter:
             called with the state and ``args``, ``hx_args``.
         R : (m, m), (m,) or scalar, for this update only.
         residual : ``residual(z, h(x))``, for channels that are angles.
+        mask : (m,) bools, False drops a channel whatever ``z`` holds there. None: NaN alone decides.
         """
         m = self.dim_z
         x, P = self._state()
         shape = np.shape(self.x)
         if z is None:
             z = np.full(m, np.nan)
-        measured = _vector(z, m, "z")
-        if np.isinf(measured).any():
-            raise ValueError(f"z is infinite in channel {_first(np.isinf(measured))}; mark a gap with NaN")
-        noise = _square(self.R if R is None else R, m, "R")
+        measured = vector(z, m, "z")
+        used = measured_channels(measured, mask)
+        measured[~used] = np.nan
+        noise = square(self.R if R is None else R, m, "R")
         args = args if isinstance(args, tuple) else (args,)
         hx_args = hx_args if isinstance(hx_args, tuple) else (hx_args,)
         H = self._output_jacobian(x, P, shape, HJacobian, Hx, args, hx_args)
@@ -201,19 +261,19 @@ class ExtendedKalmanFilter:
         def innovation(state: Array) -> Array:
             output = self._output(state.reshape(shape), H, Hx, hx_args)
             column = (m, 1) if len(shape) == 2 else (m,)
-            return _vector(residual(measured.reshape(column), output.reshape(column)), m, "residual(z, h(x))")
+            return vector(residual(measured.reshape(column), output.reshape(column)), m, "residual(z, h(x))")
 
         y = innovation(x)
-        used = ~np.isnan(measured)
         require_finite(y[used], "the innovation z - h(x)", "used channel")
         require_finite(H[used], "the Jacobian of h", "row")
         corrected = self._correct(x, P, y, H, noise, used, innovation)
-        require_finite(corrected[0], "the updated state", "state")
-        require_finite(corrected[1], "the updated covariance", "row")
+        require_finite(corrected.x, "the updated state", "state")
+        require_finite(corrected.P, "the updated covariance", "row")
         S = H @ P @ H.T + noise
         self.S, self.H = 0.5 * (S + S.T), H
-        x, self.P, self.K, self.nis, self.log_likelihood = corrected
-        self.x = x.reshape(shape)
+        self.x, self.P, self.K = corrected.x.reshape(shape), corrected.P, corrected.K
+        self.nis, self.log_likelihood = corrected.nis, corrected.log_likelihood
+        self._accept(corrected)
         column = (m, 1) if len(shape) == 2 else (m,)
         self.z, self.y = measured.reshape(column), np.where(used, y, np.nan).reshape(column)
         self.channels_used = int(used.sum())
@@ -258,8 +318,7 @@ class ExtendedKalmanFilter:
         ------
         ValueError : of another kind of filter or of another size; nothing is changed then.
         """
-        optional = {"B"}
-        wrong = (set(self._STATE) - optional - set(state)) | (set(state) - set(self._STATE))
+        wrong = (set(self._STATE) - set(self._OPTIONAL) - set(state)) | (set(state) - set(self._STATE))
         if wrong:
             kind = type(self).__name__
             raise ValueError(f"not the state of a {kind}: missing or unknown {', '.join(sorted(wrong))}")
@@ -273,11 +332,11 @@ class ExtendedKalmanFilter:
 
     def __repr__(self) -> str:
         shown = []
-        for name in self._OPTIONS:
+        for name, option in inspect.signature(type(self)).parameters.items():
             value = getattr(self, name)
-            if value is not None and not (name == "dim_u" and value == 0):
-                text = getattr(value, "__name__", None) or _short(value)
-                shown.append(f"{name}={text}")
+            if value is option.default or (np.isscalar(value) and value == option.default):
+                continue
+            shown.append(f"{name}={evaluable(value)}")
         return f"{type(self).__name__}({', '.join(shown)})"
 
     def _correct(
@@ -287,23 +346,66 @@ class ExtendedKalmanFilter:
         y: Array,
         H: Array,
         R: Array,
-        used: NDArray[np.bool_],
+        used: Mask,
         innovation: Callable[[Array], Array],
-    ) -> tuple[Array, Array, Array, float, float]:
-        """Posterior x, P, the gain, NIS and log likelihood; the arguments are not changed."""
-        x, P = x.copy(), P.copy()
-        K = np.zeros((self.dim_x, self.dim_z))
+    ) -> Correction:
+        """Result of an update from the prior; neither the arguments nor the filter are changed."""
         if used.all():
-            nis, log_likelihood = kalman_update_correlated(x, P, y, H, R, K)
+            y_used, H_used, R_used = y, H, R
         else:
-            gain = np.zeros((self.dim_x, int(used.sum())))
-            R_used = np.ascontiguousarray(R[np.ix_(used, used)])
-            nis, log_likelihood = kalman_update_correlated(x, P, y[used], H[used], R_used, gain)
+            y_used, H_used, R_used = y[used], H[used], np.ascontiguousarray(R[np.ix_(used, used)])
+        result = self._kalman(x, P, y_used, H_used, R_used)
+        weights = np.ones(y_used.size)
+        if self.robust is not None:
+            S_all = np.ones(y_used.size, dtype=bool)
+            variances = np.diag(R_used).copy()
+            if huber_weights(P, y_used, H_used, variances, S_all, float(self.robust), weights):
+                widened = np.empty_like(variances)
+                widen_noise(P, H_used, variances, weights, widened)
+                R_wide = R_used.copy()
+                np.fill_diagonal(R_wide, widened)
+                nis, log_likelihood = result.nis, result.log_likelihood
+                result = self._kalman(x, P, y_used, H_used, R_wide)
+                result.nis, result.log_likelihood = nis, log_likelihood
+        result.weights = weights
+        if not used.all():
+            K, gain = np.zeros((self.dim_x, self.dim_z)), result.K
             K[:, used] = gain
-        return x, P, K, nis, log_likelihood
+            result.K, result.weights = K, np.full(self.dim_z, np.nan)
+            result.weights[used] = weights
+        return result
+
+    def _kalman(self, x: Array, P: Array, y: Array, H: Array, R: Array) -> Correction:
+        """Kalman update of copies with the channels given, all of them used."""
+        x, K = x.copy(), np.zeros((self.dim_x, y.size))
+        if self.square_root:
+            U, D = self._factors(P)
+            nis, log_likelihood = ud_update_correlated(x, U, D, y, H, R, K)
+            P = np.empty_like(P)
+            ud_covariance(U, D, P)
+            return Correction(x, P, K, nis, log_likelihood, np.ones(y.size), U, D)
+        P = P.copy()
+        nis, log_likelihood = kalman_update_correlated(x, P, y, H, R, K)
+        return Correction(x, P, K, nis, log_likelihood, np.ones(y.size))
+
+    def _accept(self, correction: Correction) -> None:
+        """Take over what an update leaves besides the usual attributes; nothing can go wrong any more."""
+        self.robust_weights, self.U, self.D = correction.weights, correction.U, correction.D
+
+    def _factors(self, P: Array) -> tuple[Array, Array]:
+        """Copies of the factors of P: those carried along, unless P has been set since."""
+        if self.U is not None and self.D is not None:
+            formed = np.empty_like(P)
+            ud_covariance(self.U, self.D, formed)
+            if np.array_equal(formed, P):
+                return self.U.copy(), self.D.copy()
+        U, D = np.empty_like(P), np.empty(self.dim_x)
+        if not ud_factors(P, U, D):
+            raise ValueError("P is not positive; give a covariance")
+        return U, D
 
     def _state(self) -> tuple[Array, Array]:
-        return _vector(self.x, self.dim_x, "x"), _square(self.P, self.dim_x, "P")
+        return vector(self.x, self.dim_x, "x"), square(self.P, self.dim_x, "P")
 
     def _input(self, u: ArrayLike | None, B: ArrayLike | None) -> Array:
         if u is None or (B is None and not np.any(u)):
@@ -314,13 +416,13 @@ class ExtendedKalmanFilter:
         gain = np.asarray(B, float)
         if gain.ndim == 0:
             gain = gain * np.eye(self.dim_x)
-        return _matrix(gain, self.dim_x, values.size, "B") @ values
+        return matrix(gain, self.dim_x, values.size, "B") @ values
 
     def _output(self, x: Array, H: Array, Hx: Model | None, hx_args: tuple[Any, ...]) -> Array:
         h = self.h if Hx is None else Hx
         if h is None:
             return H @ x.reshape(-1)
-        return _vector(h(x.copy(), *hx_args), self.dim_z, "h(x)")
+        return vector(h(x.copy(), *hx_args), self.dim_z, "h(x)")
 
     def _output_jacobian(
         self,
@@ -337,89 +439,7 @@ class ExtendedKalmanFilter:
         if given is None and Hx is None:
             given = self.H_jacobian
         if given is not None:
-            return _matrix(given(x.reshape(shape), *args), m, n, "the Jacobian of h")
+            return matrix(given(x.reshape(shape), *args), m, n, "the Jacobian of h")
         if Hx is None and self.h is None:
-            return _matrix(self.H, m, n, "H")
+            return matrix(self.H, m, n, "H")
         return jacobian(lambda v: self._output(v.reshape(shape), self.H, Hx, hx_args), x, P)
-
-
-def jacobian(function: Callable[[Array], ArrayLike], x: Array, P: Array) -> Array:
-    """Derivative of ``function`` at ``x`` by central differences.
-
-    Parameters
-    ----------
-    function : takes a vector (n,), gives m values.
-    x : (n,) where.
-    P : (n, n) covariance of x; its standard deviations, or ``|x|`` where larger, set the steps.
-
-    Returns
-    -------
-    (m, n) array; error about 1e-10 of the scale for a smooth function.
-
-    Examples
-    --------
-    >>> import numpy as np
-    >>> jacobian(lambda x: [x[0] * x[1]], np.array([2.0, 3.0]), np.eye(2)).round(9).tolist()
-    [[3.0, 2.0]]
-    """
-    scale = np.maximum(np.abs(x), np.sqrt(np.maximum(np.diag(P), 0.0)))
-    scale[scale == 0.0] = 1.0
-    columns = []
-    for i, step in enumerate(np.cbrt(np.finfo(float).eps) * scale):
-        ahead, behind = x.copy(), x.copy()
-        ahead[i] += step
-        behind[i] -= step
-        width = ahead[i] - behind[i]
-        upper, lower = np.asarray(function(ahead), float), np.asarray(function(behind), float)
-        columns.append((upper.reshape(-1) - lower.reshape(-1)) / width)
-    return np.ascontiguousarray(np.stack(columns, axis=1))
-
-
-def _vector(value: ArrayLike, size: int, name: str) -> Array:
-    """A fresh (size,) array of whatever shape came in."""
-    array = np.array(value, dtype=float).reshape(-1)
-    if array.size != size:
-        raise ValueError(f"{name} has {array.size} values, the filter expects {size}")
-    return array
-
-
-def _matrix(value: ArrayLike, rows: int, columns: int, name: str) -> Array:
-    array = np.array(value, dtype=float, order="C")
-    if array.ndim == 3 and array.shape[2] == 1:  # a Jacobian built from the elements of a column state
-        array = array[:, :, 0]
-    if array.size == rows * columns and (array.ndim < 2 or array.shape == (rows, columns)):
-        return np.ascontiguousarray(array.reshape(rows, columns))
-    raise ValueError(f"{name} has shape {array.shape}, the filter expects {(rows, columns)}")
-
-
-def _square(value: ArrayLike, size: int, name: str) -> Array:
-    """A covariance (size, size) from a scalar, its diagonal or itself; a symmetric, finite copy."""
-    array = np.asarray(value, dtype=float)
-    if array.ndim == 0:
-        array = array * np.eye(size)
-    elif array.shape == (size,):
-        array = np.diag(array)
-    out = np.empty((size, size))
-    defect = balanced_covariance(_matrix(array, size, size, name), out)
-    if defect < 0:
-        raise ValueError(f"{name} has values that are not finite")
-    if defect > 0:
-        raise ValueError(f"{name} has a negative variance at {defect - 1}")
-    return out
-
-
-def require_finite(array: Array, what: str, place: str) -> None:
-    """Refuse an array with values that are not finite; names what it is and the first place."""
-    bad = ~np.isfinite(array)
-    if bad.any():
-        raise ValueError(
-            f"{what} is not finite in {place} {_first(bad)}; check the model and the covariances"
-        )
-
-
-def _first(bad: NDArray[np.bool_]) -> int:
-    return int(np.argwhere(bad)[0][0])
-
-
-def _short(value: Any) -> str:
-    return np.array2string(value, separator=", ") if isinstance(value, np.ndarray) else repr(value)

@@ -20,8 +20,9 @@ symbol      meaning                                        shape
 =========== ============================================== ==========
 
 Scalar updates and unpivoted Cholesky factors commute with a change of units of
-states or channels, so raw SI (metres beside pascals) costs no digits here. What
-spoils a covariance is scale *correlation*, and the Joseph form copes with that.
+states or channels, so raw SI (metres beside pascals) costs no digits here. The Joseph
+form holds as long as no update shrinks a variance by more than 13 decades; beyond that
+there are the factors of :mod:`estimators.square_root`.
 """
 
 from __future__ import annotations

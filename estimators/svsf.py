@@ -13,7 +13,8 @@ Outside the layer the posterior error becomes ``-gamma |e_post| sgn(e)``, whatev
 it contracts by ``gamma`` each step. Inside, the correction falls off with the square of ``e``.
 With fewer channels than states, ``H+`` carries the correction to the others through the
 covariance, as a Kalman filter would (:func:`estimators.kernels.svsf_gain` shows why no
-separate Kalman term is left over).
+separate Kalman term is left over). That is ``form="subspace"``; the published ``"full"`` and
+``"reduced"`` forms are in :mod:`estimators.svsf_forms`. The covariance is in Joseph form in all.
 
 With ``boundary_layer="variable"`` the layer that minimises the trace of P is computed,
 ``psi_k = S (H P H')^-1 diag(E)``. As long as its diagonal stays below the limit ``psi``, the
@@ -31,15 +32,34 @@ IEEE CDC, 7389-7394; optimal layer: Gadsden and Habibi 2013, doi 10.1115/1.40066
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from estimators.ekf import Array, ExtendedKalmanFilter, Model, require_finite
-from estimators.kernels import svsf_gain
-from estimators.linalg import joseph_update, project
+from estimators.checks import Array, Mask, layer_widths, require_finite
+from estimators.ekf import Correction, ExtendedKalmanFilter, Model
+from estimators.linalg import joseph_update
+from estimators.square_root import ud_covariance, ud_transform
+from estimators.svsf_forms import Gain, Problem, full_gain, reduced_gain, subspace_gain
+
+Counts = NDArray[np.int64]
+
+# A posterior error below this share of the innovation is rounding, and has no sign.
+SIGN_FLOOR = 1e-12
+
+
+@dataclass
+class SVSFCorrection(Correction):
+    """What an update of an :class:`SVSF` gives besides: the channels used, their innovation and
+    posterior error (m,), and the gain that was found."""
+
+    used: Mask | None = None
+    e: Array | None = None
+    after: Array | None = None
+    gain: Gain | None = None
 
 
 class SVSF(ExtendedKalmanFilter):
@@ -47,24 +67,39 @@ class SVSF(ExtendedKalmanFilter):
 
     Parameters
     ----------
-    dim_x, dim_z, dim_u, f, h, F_jacobian, H_jacobian : as in :class:`ExtendedKalmanFilter`.
+    dim_x, dim_z, dim_u, f, h, F_jacobian, H_jacobian, square_root : as in :class:`ExtendedKalmanFilter`.
+        There is no ``robust``: an SVSF follows what that would disbelieve.
     psi : boundary layer per channel (m,) or one for all, in the units of z, > 0. A few standard
         deviations of measurement noise plus expected model error; the limit of ``psi_k`` when
         the layer is variable, where infinity gives a plain Kalman filter.
     gamma : memory, 0 <= gamma < 1; smaller converges faster.
     boundary_layer : ``"fixed"``, or ``"variable"`` for the Kalman gain inside the limit.
+    form : ``"subspace"``: covariance-weighted, any m. ``"full"``: the original, for m = n.
+        ``"reduced"``: Luenberger-type transform, for m < n; with a variable layer for n = 2 m. It
+        divides by how far the unmeasured states move the measured ones in *one* step, and
+        so multiplies noise by the sample rate: see ``amplification``.
+    psi_y : reduced form: layer of the unmeasured states (n - m,) or one for all, in their units.
+    unmeasured : reduced form: indices of the n - m states that count as not measured. None: those
+        that no channel sees directly.
 
     Attributes
     ----------
     e_post : (m,) posterior error ``z - h(x)``; a missing channel keeps its last.
     psi_k : (m,) optimal boundary layer of the last update, NaN where a channel was missing.
-    outside : (m,) bool, ``|e| > psi`` at the last update.
+    layer_ratio : (m,) ``psi_k / psi``; above 1 a variable layer switches.
+    outside, exceeded : (m,) bool, ``|e| > psi`` and ``psi_k > psi`` at the last update.
     switched : True when the last update applied the SVSF's gain and not the Kalman gain.
-    chattering : (m,) share of updates so far with ``outside``; NaN before the first.
+    chattering, alternation, switching : (m,) shares so far, NaN before the first: updates with
+        ``outside``; posterior errors of the other sign than the one before (1/2 for white
+        noise, 1 for a channel that chatters at every sample); updates with ``exceeded``.
+    form_used, condition : form of the last update, ``"subspace"`` where the one asked for was not
+        applicable (a channel missing, or ``condition``, of the matrix to be inverted, above 7e7).
+    psi_k_y, outside_y, amplification : (n - m,) of the reduced form: optimal layer (for n = 2 m);
+        correction beyond ``psi_y``; its standard deviation under noise alone, in units of ``psi_y``.
 
     Raises
     ------
-    ValueError : as the base class, and for a psi, gamma or boundary_layer out of range.
+    ValueError : as the base class, and for a psi, gamma, boundary_layer or form that does not fit.
 
     Examples
     --------
@@ -82,11 +117,13 @@ class SVSF(ExtendedKalmanFilter):
     (0.83, 5.0, True, [0.17])
     """
 
-    _OPTIONS = (*ExtendedKalmanFilter._OPTIONS, "psi", "gamma", "boundary_layer")
     _STATE = (
         *ExtendedKalmanFilter._STATE,
-        "psi", "gamma", "e_post", "psi_k", "outside", "switched", "updates", "times_outside",
+        "psi", "psi_y", "gamma", "e_post", "psi_k", "outside", "exceeded", "switched", "form_used",
+        "condition", "psi_k_y", "outside_y", "amplification", "updates", "times_outside",
+        "times_exceeded", "signs", "sign_pairs", "times_alternated",
     )  # fmt: skip
+    _OPTIONAL = (*ExtendedKalmanFilter._OPTIONAL, "psi_y")
 
     def __init__(
         self,
@@ -97,48 +134,136 @@ class SVSF(ExtendedKalmanFilter):
         psi: ArrayLike,
         gamma: float = 0.1,
         boundary_layer: str = "fixed",
+        form: str = "subspace",
+        psi_y: ArrayLike | None = None,
+        unmeasured: Sequence[int] | None = None,
         f: Model | None = None,
         h: Model | None = None,
         F_jacobian: Model | None = None,
         H_jacobian: Model | None = None,
+        square_root: bool = False,
     ) -> None:
-        super().__init__(dim_x, dim_z, dim_u, f=f, h=h, F_jacobian=F_jacobian, H_jacobian=H_jacobian)
+        super().__init__(
+            dim_x,
+            dim_z,
+            dim_u,
+            f=f,
+            h=h,
+            F_jacobian=F_jacobian,
+            H_jacobian=H_jacobian,
+            square_root=square_root,
+        )
         self.psi: Any = psi
+        self.psi_y: Any = psi_y
         self.gamma = gamma
-        if boundary_layer not in ("fixed", "variable"):
-            raise ValueError(f"boundary_layer is {boundary_layer!r}; give 'fixed' or 'variable'")
-        self.boundary_layer = boundary_layer
-        m = self.dim_z
-        self._layer()
+        self.boundary_layer, self.form = boundary_layer, form
+        self.unmeasured = None if unmeasured is None else [int(i) for i in unmeasured]
+        self._check_form()
+        self._layers()
+        n, m = self.dim_x, self.dim_z
+        unseen = n - m if form == "reduced" else 0
         self.e_post = np.zeros(m)
         self.psi_k = np.full(m, np.nan)
-        self.outside = np.zeros(m, dtype=bool)
+        self.outside, self.exceeded = np.zeros(m, dtype=bool), np.zeros(m, dtype=bool)
         self.switched = False
-        self.updates = np.zeros(m, dtype=np.int64)
-        self.times_outside = np.zeros(m, dtype=np.int64)
+        self.form_used, self.condition = form, 1.0
+        self.psi_k_y, self.amplification = np.full(unseen, np.nan), np.full(unseen, np.nan)
+        self.outside_y = np.zeros(unseen, dtype=bool)
+        counts = [np.zeros(m, dtype=np.int64) for _ in range(6)]
+        self.updates, self.times_outside, self.times_exceeded = counts[:3]
+        self.signs, self.sign_pairs, self.times_alternated = counts[3:]
 
     @property
     def chattering(self) -> Array:
         """Share of the updates of each channel in which it was outside the layer (m,)."""
-        share = np.full(self.dim_z, np.nan)
-        np.divide(self.times_outside, self.updates, out=share, where=self.updates > 0)
-        return share
+        return _share(self.times_outside, self.updates)
 
-    def _layer(self) -> Array:
-        """The boundary layer as (m,), checked, with gamma: both are open to change between updates."""
-        psi = np.asarray(self.psi, float)
-        layer = np.full(self.dim_z, float(psi)) if psi.ndim == 0 else psi.reshape(-1)
-        if layer.size != self.dim_z:
+    @property
+    def alternation(self) -> Array:
+        """Share of the updates of each channel whose posterior error changed sign (m,)."""
+        return _share(self.times_alternated, self.sign_pairs)
+
+    @property
+    def switching(self) -> Array:
+        """Share of the updates of each channel whose optimal layer exceeded its limit (m,)."""
+        return _share(self.times_exceeded, self.updates)
+
+    @property
+    def layer_ratio(self) -> Array:
+        """Optimal layer over the layer, ``psi_k / psi`` (m,); NaN where a channel was missing."""
+        return np.asarray(self.psi_k / self._layers()[0])
+
+    def _check_form(self) -> None:
+        n, m = self.dim_x, self.dim_z
+        if self.boundary_layer not in ("fixed", "variable"):
+            raise ValueError(f"boundary_layer is {self.boundary_layer!r}; give 'fixed' or 'variable'")
+        if self.form not in ("subspace", "full", "reduced"):
+            raise ValueError(f"form is {self.form!r}; give 'subspace', 'full' or 'reduced'")
+        if self.form == "full" and m != n:
             raise ValueError(
-                f"psi has {layer.size} values; give one, or one for each of {self.dim_z} channels"
+                f"the full form needs a channel for each state, not {m} for {n}; give 'subspace'"
             )
-        if not (layer > 0.0).all():
-            raise ValueError(f"psi is {layer[~(layer > 0.0)][0]:g}; a boundary layer is more than 0")
+        if self.form != "reduced":
+            if self.psi_y is not None or self.unmeasured is not None:
+                raise ValueError(f"psi_y and unmeasured are for the reduced form, not {self.form!r}")
+            return
+        if not m < n:
+            raise ValueError(
+                f"the reduced form needs fewer channels than states, not {m} for {n}; give 'full'"
+            )
+        if self.psi_y is None:
+            raise ValueError(f"the reduced form needs psi_y, the layer of the {n - m} unmeasured states")
+        if self.boundary_layer == "variable" and n != 2 * m:
+            raise ValueError(
+                f"the reduced form has an optimal layer for n = 2 m only, not {m} channels for {n} states; "
+                "give boundary_layer='fixed', or form='subspace'"
+            )
+        picked = self.unmeasured
+        if picked is not None and (len(set(picked)) != n - m or not set(picked) <= set(range(n))):
+            raise ValueError(f"unmeasured is {picked}; give {n - m} different indices below {n}")
+
+    def _layers(self) -> tuple[Array, Array]:
+        """Both layers, (m,) and (n - m,), checked, with gamma: all are open to change between updates."""
+        layer = layer_widths(self.psi, self.dim_z, "psi", "channels")
+        unseen = 0 if self.psi_y is None else self.dim_x - self.dim_z
+        layer_y = (
+            np.empty(0) if not unseen else layer_widths(self.psi_y, unseen, "psi_y", "unmeasured states")
+        )
         if not 0.0 <= self.gamma < 1.0:
             raise ValueError(f"gamma is {self.gamma:g}; give 0 <= gamma < 1")
-        if np.isinf(layer).any() and self.boundary_layer == "fixed":
+        if np.isinf([*layer, *layer_y]).any() and self.boundary_layer == "fixed":
             raise ValueError("psi is infinite, which corrects nothing; give a width, or a variable layer")
-        return layer
+        return layer, layer_y
+
+    def _gain(self, P: Array, e: Array, H: Array, R: Array, used: Mask) -> Gain:
+        layer, layer_y = self._layers()
+        problem = Problem(
+            P, H, R, e, self.e_post[used], float(self.gamma), layer[used], self.boundary_layer == "variable"
+        )
+        if self.form == "full":
+            return full_gain(problem)
+        if self.form == "subspace":
+            return subspace_gain(problem)
+        unseen = self.dim_x - self.dim_z
+        if used.all():
+            picked = self._unmeasured(H)
+            if picked.size != unseen:
+                raise ValueError(
+                    f"{picked.size} states are seen by no channel, not {unseen}; name them: unmeasured=[...]"
+                )
+            gain = reduced_gain(problem, np.asarray(self.F, float), picked, layer_y)
+        else:  # T would be another one, with states in y that have no layer
+            gain = subspace_gain(problem)
+            gain.condition = float("inf")
+        if gain.form != "reduced":
+            gain.psi_k_y = gain.amplification = np.full(unseen, np.nan)
+            gain.outside_y = np.zeros(unseen, dtype=bool)
+        return gain
+
+    def _unmeasured(self, H: Array) -> NDArray[np.intp]:
+        if self.unmeasured is not None:
+            return np.array(self.unmeasured, dtype=np.intp)
+        return np.flatnonzero(~H.any(axis=0)).astype(np.intp)
 
     def _correct(
         self,
@@ -147,42 +272,60 @@ class SVSF(ExtendedKalmanFilter):
         y: Array,
         H: Array,
         R: Array,
-        used: NDArray[np.bool_],
+        used: Mask,
         innovation: Callable[[Array], Array],
-    ) -> tuple[Array, Array, Array, float, float]:
-        layer = self._layer()[used]
-        x_new, P_new, K, nis, log_likelihood = super()._correct(x, P, y, H, R, used, innovation)
-        n, m = self.dim_x, int(used.sum())
-        e, H_used, R_used = y[used], H[used], np.ascontiguousarray(R[np.ix_(used, used)])
-        PHt, HPHt, gain = np.empty((n, m)), np.empty((m, m)), np.empty((n, m))
-        psi_k, outside = np.empty(m), np.empty(m, dtype=bool)
-        project(P, H_used, PHt, HPHt)
-        variable = self.boundary_layer == "variable"
-        switched = m > 0 and svsf_gain(
-            PHt, HPHt, R_used, e, self.e_post[used], float(self.gamma), layer, variable, gain, psi_k, outside
-        )
-        if switched:
-            x_new, P_new = x + gain @ e, P.copy()
-            joseph_update(P_new, gain, H_used, R_used)
-            K[:, used] = gain
-        after = innovation(x_new)
-        # A refused update must leave the memory alone too.
-        for part, what in ((x_new, "the updated state"), (after[used], "the posterior error z - h(x)")):
-            require_finite(part, what, "place")
-        self._remember(used, after, psi_k, outside, bool(switched))
-        return x_new, P_new, K, nis, log_likelihood
+    ) -> SVSFCorrection:
+        kalman = super()._correct(x, P, y, H, R, used, innovation)
+        result = SVSFCorrection(**vars(kalman), used=used, e=y)
+        if used.all():
+            H_used, R_used = H, R
+        else:
+            H_used, R_used = H[used], np.ascontiguousarray(R[np.ix_(used, used)])
+        gain = result.gain = self._gain(P, y[used], H_used, R_used, used)
+        if gain.K is not None:
+            K = np.ascontiguousarray(gain.K)
+            result.x, result.P = x + K @ y[used], P.copy()
+            if self.square_root:
+                U, D = self._factors(P)
+                if not ud_transform(U, D, np.eye(self.dim_x) - K @ H_used, K, R_used):
+                    raise ValueError("R is not positive; give a covariance")
+                ud_covariance(U, D, result.P)
+                result.U, result.D = U, D
+            else:
+                joseph_update(result.P, K, H_used, R_used)
+            result.K[:, used] = K
+        result.after = innovation(result.x)
+        require_finite(result.x, "the updated state", "state")
+        require_finite(result.after[used], "the posterior error z - h(x)", "used channel")
+        return result
 
-    def _remember(
-        self,
-        used: NDArray[np.bool_],
-        after: Array,
-        psi_k: Array,
-        outside: NDArray[np.bool_],
-        switched: bool,
-    ) -> None:
+    def _accept(self, correction: Correction) -> None:
+        super()._accept(correction)
+        assert isinstance(correction, SVSFCorrection)
+        used, e, after, gain = correction.used, correction.e, correction.after, correction.gain
+        assert used is not None and e is not None and after is not None and gain is not None
+        m = self.dim_z
         self.e_post = np.where(used, after, self.e_post)
-        self.psi_k, self.outside = np.full(self.dim_z, np.nan), np.zeros(self.dim_z, dtype=bool)
-        self.psi_k[used], self.outside[used] = psi_k, outside
-        self.switched = switched
+        self.psi_k, self.outside, self.exceeded = np.full(m, np.nan), np.zeros(m, bool), np.zeros(m, bool)
+        self.psi_k[used], self.outside[used] = gain.psi_k, gain.outside
+        self.exceeded[used] = gain.exceeded
+        self.switched = gain.K is not None
+        self.form_used, self.condition = gain.form, gain.condition
+        self.psi_k_y, self.outside_y, self.amplification = gain.psi_k_y, gain.outside_y, gain.amplification
         self.updates = self.updates + used
         self.times_outside = self.times_outside + self.outside
+        self.times_exceeded = self.times_exceeded + self.exceeded
+        # Outside the layer the posterior error is -gamma |e_post| sgn(e), be it down to rounding.
+        e, after = np.where(used, e, 0.0), np.where(used, after, 0.0)
+        sign = np.where(np.abs(after) > SIGN_FLOOR * np.abs(e), np.sign(after), 0.0)
+        if gain.forced:
+            sign = np.where(self.outside, -np.sign(e), sign)
+        self.sign_pairs = self.sign_pairs + (sign * self.signs != 0)
+        self.times_alternated = self.times_alternated + (sign * self.signs < 0)
+        self.signs = np.where(sign != 0.0, sign, self.signs).astype(np.int64)
+
+
+def _share(part: Counts, whole: Counts) -> Array:
+    share = np.full(whole.shape, np.nan)
+    np.divide(part, whole, out=share, where=whole > 0)
+    return share

@@ -61,6 +61,9 @@ MEASURES: dict[str, Measure] = {
     "m^3/rad": Measure("displacement", 1.0), "cm^3/rev": Measure("displacement", 1e-6 / _TWO_PI),
     "m^3/s": Measure("flow", 1.0), "L/min": Measure("flow", 1e-3 / 60.0),
     "m^3/(s*Pa)": Measure("leakage_coefficient", 1.0),
+    # noise that is summed up: its integral's deviation after one second
+    "N*s^0.5": Measure("force_noise", 1.0), "rad/s^1.5": Measure("acceleration_noise", 1.0),
+    "m^3/s^0.5": Measure("flow_noise", 1.0),
     # numbers
     "1": Measure("number", 1.0), "": Measure("number", 1.0), "%": Measure("number", 1e-2),
     "bool": Measure("number", 1.0),

@@ -47,7 +47,8 @@ from fdd.yaml_reading import yaml_mapping, yaml_text
 UNIT_SCHEMA = "fdd.unit/1"
 MAX_UNIT_BYTES = 2_000_000
 _PARTS = (
-    "cylinder", "pump", "oil", "accumulator", "friction", "drive", "sensors", "monitoring", "baseline",
+    "cylinder", "pump", "oil", "accumulator", "friction", "drive", "sensors", "estimation", "monitoring",
+    "baseline",
 )  # fmt: skip
 
 
@@ -61,6 +62,8 @@ class Cylinder(Section):
     volume_1: Annotated[CubicMetre, Field(gt=0)]
     """Oil of chamber 1 with its lines, at position 0."""
     volume_2: Annotated[CubicMetre, Field(gt=0)]
+    position_compliance: Annotated[Number, Field(gt=0, le=5)] = 1.0
+    """How much more the chambers' compliance changes with position than ``V ± A x`` says: hoses and walls."""
 
 
 class Pump(Section):
@@ -153,6 +156,29 @@ class Monitoring(Section):
     """Wanted rate of false alarms of the sequential test; written ``{value: 1, unit: 1/h}``."""
 
 
+class Estimation(Section):
+    """Noise that this unit's healthy logs show, in place of the estimators' defaults.
+
+    Written by ``fdd identify`` for what a healthy log can tell; what is left out stays as
+    `estimators.eha_noise.Noise` argues. Measurement noise is a standard deviation per sample; process
+    noise that of its integral after one second.
+    """
+
+    position: Annotated[float | None, _si("m"), Field(gt=0)] = None
+    angle: Annotated[float | None, _si("rad"), Field(gt=0)] = None
+    pressure: Annotated[float | None, _si("Pa"), Field(gt=0)] = None
+    pressure_difference: Annotated[float | None, _si("Pa"), Field(gt=0)] = None
+    force: Annotated[float | None, _si("N*s^0.5"), Field(gt=0)] = None
+    acceleration: Annotated[float | None, _si("rad/s^1.5"), Field(gt=0)] = None
+    flow: Annotated[float | None, _si("m^3/s^0.5"), Field(gt=0)] = None
+
+    @property
+    def known(self) -> dict[str, float]:
+        """The numbers that are there, SI."""
+        values = {n: getattr(self, n) for n in type(self).model_fields if n != "provenance"}
+        return {n: float(v) for n, v in values.items() if v is not None}
+
+
 class Baseline(Section):
     """Healthy behaviour of this unit, written by ``fdd identify``.
 
@@ -194,6 +220,7 @@ class Unit(BaseModel):
     friction: Friction
     drive: Drive
     sensors: dict[str, Sensor]
+    estimation: Estimation | None = None
     monitoring: Monitoring = Field(default_factory=Monitoring)
     baseline: Baseline | None = None
 
@@ -225,17 +252,7 @@ class Unit(BaseModel):
         out: dict[str, Any] = {"schema": UNIT_SCHEMA, "name": self.name, "axis": self.axis}
         if self.description:
             out["description"] = self.description
-        for name in (
-            "cylinder",
-            "pump",
-            "oil",
-            "accumulator",
-            "friction",
-            "drive",
-            "sensors",
-            "monitoring",
-            "baseline",
-        ):
+        for name in _PARTS:
             part = getattr(self, name)
             if part is None:
                 continue

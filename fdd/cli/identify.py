@@ -17,6 +17,7 @@ if TYPE_CHECKING:
     from rich.table import Table
 
     from fdd.identify import Identification
+    from fdd.identify.noise import NoiseFit
 
 
 def identify(
@@ -31,6 +32,9 @@ def identify(
     map_: MapOption = None,
     axis: AxisOption = None,
     name: Annotated[str | None, typer.Option(help="Name of the new profile.", show_default=False)] = None,
+    noise: Annotated[
+        bool, typer.Option(help="Fit the filters' noise too, and show whether their innovations are white.")
+    ] = True,
 ) -> None:
     """Identify a unit from its healthy logs, so that its own spread is no fault."""
     from fdd.files import require_writable
@@ -43,6 +47,7 @@ def identify(
     from fdd.cli.console import output, progress
     from fdd.diagnosis.baseline import add_baseline
     from fdd.identify import identify_unit
+    from fdd.identify.noise import fit_noise
     from fdd.logs import ChannelMap, read_log
     from fdd.unit import Unit
 
@@ -61,12 +66,20 @@ def identify(
             advance(k + 1)
     with progress("identifying"):
         found = identify_unit(samples, profile, name)
+    fit = None
+    if noise:
+        with progress("fitting the filters' noise"):
+            fit = fit_noise(samples, found.unit)
+        found.unit.estimation = None if fit is None else fit.estimation
     with progress("measuring the healthy baseline"):
         unit = add_baseline(found.unit, samples)
     unit.save(out)
     console = output()
     console.print(identification_table(found, notes=console.width >= WIDE))
-    for note in found.notes:
+    if fit is not None:
+        console.print(noise_table(fit, notes=console.width >= WIDE))
+        console.print(innovation_table(fit))
+    for note in (*found.notes, *(() if fit is None else noise_notes(fit))):
         console.print(Text(f"• {note}"))
     windows = 0 if unit.baseline is None else unit.baseline.windows
     console.print(Text(f"Healthy baseline from {windows} windows. Profile {unit.name} written to {out}"))
@@ -97,3 +110,68 @@ def identification_table(found: Identification, *, notes: bool) -> Table:
             style="dim" if kept else "",
         )
     return table
+
+
+def noise_table(fit: NoiseFit, *, notes: bool) -> Table:
+    """The filters' noise: what is argued, what the likelihood of the logs says, and what is used."""
+    from rich import box
+    from rich.table import Table
+    from rich.text import Text
+
+    table = Table(box=box.SIMPLE_HEAD)
+    table.add_column("noise of", no_wrap=True)
+    for title in ("argued", "likelihood", "±", "used"):
+        table.add_column(title, justify="right", no_wrap=True)
+    table.add_column("unit", no_wrap=True)
+    if notes:
+        table.add_column("why")
+    for row in fit.rows:
+        table.add_row(
+            row.name.replace("_", " "),
+            f"{row.argued:.3g}",
+            "-" if row.likelihood is None else f"{row.likelihood:.3g}",
+            "" if row.std is None else f"{row.std:.1g}",
+            f"{row.used:.3g}",
+            row.unit,
+            *([Text(row.why)] if notes else []),
+            style="" if row.used > row.argued else "dim",
+        )
+    return table
+
+
+def innovation_table(fit: NoiseFit) -> Table:
+    """Are the innovations as large as the filter says, and white; if not, what they are made of."""
+    from rich import box
+    from rich.table import Table
+    from rich.text import Text
+
+    table = Table(box=box.SIMPLE_HEAD)
+    table.add_column("innovation", no_wrap=True)
+    for title in ("NIS", "95 % band", "inside", "autocorrelation 1, 2, 3", "slow"):
+        table.add_column(title, justify="right", no_wrap=True)
+    table.add_column("what remains")
+    for test in fit.tests:
+        table.add_row(
+            test.channel,
+            f"{test.nis:.2g}",
+            f"{test.low:.2f} … {test.high:.2f}",
+            f"{100 * test.inside:.1f} %",
+            " ".join(f"{rho:+.2f}" for rho in test.autocorrelation[:3]),
+            f"{test.slow:.2f}",
+            Text(test.words),
+        )
+    return table
+
+
+def noise_notes(fit: NoiseFit) -> list[str]:
+    """One sentence each on what the two tables rest on."""
+    before, after = fit.slow
+    slow = (
+        f"half-second means of the pressures' innovations scatter {before:.2f} times their 97.5 % bound with "
+        f"the argued noise"
+    )
+    return [
+        f"noise: likelihood on {fit.likelihood_seconds:.0f} s of the logs, innovations over "
+        f"{fit.tested_seconds:.0f} s; how fast leakage, air and friction may change is a choice, not fitted",
+        f"{slow}, {after:.2f} times with the one used" if after != before else slow,
+    ]

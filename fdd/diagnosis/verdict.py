@@ -12,7 +12,7 @@ from fdd.diagnosis.isolability import ambiguity_group, confusable_families
 from fdd.diagnosis.model import Model
 from fdd.diagnosis.sequential import PageTest
 from fdd.faults import FAMILIES
-from fdd.residuals.features import FEATURES, HOP, RESIDUALS, WINDOW, WINDOW_FEATURES
+from fdd.residuals.features import FEATURES, HOP, RESIDUALS, USUAL_SCORE, WINDOW, WINDOW_FEATURES
 from fdd.unit import Unit
 
 Array = NDArray[np.float64]
@@ -82,6 +82,12 @@ def leading_fault(family: str, features: Array, drifting: bool) -> str:
     if family == "relief_valve":
         return "relief_valve_stuck_open"
     if family == "leakage":
+        # Into the inner circuit from both chambers alike: through the case. From one of them while
+        # the accumulator loses oil: outside. Else across the ports.
+        if min(f["valve_1"], f["valve_2"]) > f["leakage"]:
+            return "case_drain_seal_failure"
+        if f["valve_largest"] > f["leakage"] and f["accumulator_change"] < 0.0:
+            return "external_leakage"
         return "internal_leakage"
     return family if family != "unknown" else "unknown"
 
@@ -91,7 +97,7 @@ def severity(name: str, features: Array, unit: Unit) -> float | None:
     f = dict(zip(FEATURES, features, strict=True))
     total = unit.pump.total_leakage
     if name == "internal_leakage":
-        value = (math.exp(f["leakage"]) - 1.0) * total / 12e-12
+        value = (math.exp(max(f["leakage"], f["loss_largest"])) - 1.0) * total / 12e-12
     elif name == "seal_wear":
         change = f["friction"]
         value = -change / 0.65 if change < 0.0 else change
@@ -101,7 +107,9 @@ def severity(name: str, features: Array, unit: Unit) -> float | None:
         value = (math.exp(f["compliance"]) - 1.0) / unit.oil.bulk_modulus / per_air / 0.025
     elif name in ("check_valve_stuck_open", "relief_valve_stuck_open"):
         # An orifice of 1e-4 m³/s at 1 MPa, linearised at the working pressure of some 0.5 MPa.
-        ratio = math.exp(f["valve_largest"] if name == "check_valve_stuck_open" else f["leakage"])
+        # While the load pushes one way, only a chamber's whole loss is known.
+        own = f["valve_largest"] if name == "check_valve_stuck_open" else f["leakage"]
+        ratio = math.exp(max(own, f["loss_largest"]))
         value = (ratio - 1.0) * total * 0.5e6 / (1e-4 * math.sqrt(0.5))
     elif name == "oil_degradation":
         ratio = math.exp(-f["leakage"])  # of viscosity: leakage goes with its inverse
@@ -124,6 +132,13 @@ _SENTENCES = {
         f"chamber 2 loses {math.exp(v) - 1.0:.2f} times the healthy leakage to the inner circuit"
     ),
     "valve_largest": lambda v: f"one chamber alone loses {math.exp(v) - 1.0:.2f} times the healthy leakage",
+    "loss_1": lambda v: f"chamber 1 loses {math.exp(v):.2f} times as much oil as when healthy, in all",
+    "loss_2": lambda v: f"chamber 2 loses {math.exp(v):.2f} times as much oil as when healthy, in all",
+    "loss_largest": lambda v: f"one chamber loses {math.exp(v):.2f} times as much oil as when healthy",
+    "jump": lambda v: (
+        f"the flow balance changed at once, by {math.expm1(v) + USUAL_SCORE:.1f} standard deviations"
+    ),
+    "accumulator": lambda v: f"the accumulator lies {100 * v:+.0f} kPa above its healthy pressure",
     "compliance": lambda v: f"the oil is {math.exp(v):.2f} times as compliant as when healthy",
     "friction": lambda v: f"Coulomb friction is {1.0 + v:.2f} times healthy",
     "viscous": lambda v: f"friction at 50 mm/s differs by {100 * v:+.0f} % of healthy Coulomb friction",
@@ -146,7 +161,8 @@ def evidence(model: Model, features: Array, spread: Array | None = None, most: i
     strength = np.maximum(z[: len(RESIDUALS)], z[n:])
     # The larger valve is one of the two, and a chamber that loses less than nothing is no evidence.
     valves = [RESIDUALS.index(v) for v in ("valve_1", "valve_2")]
-    strength[RESIDUALS.index("valve_largest")] = 0.0
+    # A jump is zero on nearly every healthy window: its spread there is no measure.
+    strength[[RESIDUALS.index(v) for v in ("valve_largest", "loss_largest", "jump")]] = 0.0
     strength[[i for i in valves if features[i] <= 0.0]] = 0.0
     out: list[str] = []
     for i in np.argsort(-strength)[:most]:

@@ -115,6 +115,17 @@ def fit_balance(
     return problem.report(solution, problem.jackknife(solution, free_area), free_area)
 
 
+def fit_theta(
+    steps: VolumeSteps, unit: Unit, reference_pressure: float, noise: tuple[float, float]
+) -> tuple[Array, float]:
+    """The bare solution of the balances, (6,) in units of `scales`, and its robust residual (m³).
+
+    Parameters as for `fit_balance`; the areas are free.
+    """
+    found = _Problem(steps, unit, reference_pressure, noise).solve(free_area=True)
+    return found.theta, found.sigma
+
+
 @dataclass(frozen=True)
 class _Solution:
     theta: Array

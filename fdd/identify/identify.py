@@ -2,19 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
 
 from fdd.errors import InputError
-from fdd.identify.balance import BalanceFit, Estimate, fit_balance
+from fdd.identify.balance import LEAST_ROWS, BalanceFit, Estimate, fit_balance
 from fdd.identify.friction import BranchFit, fit_friction
 from fdd.identify.motor import fit_torque_constant
 from fdd.identify.profile import Identification, ProfileWriter
 from fdd.identify.record import Record, even_record
 from fdd.identify.sensors import effective_noise, fit_sensors, gain_mismatch, redundancy_offset
 from fdd.identify.volume_steps import SMOOTHING, VolumeSteps, volume_steps
+from fdd.identify.volumes import fit_volumes
 from fdd.samples import Samples
 from fdd.unit import Unit
 
@@ -130,12 +131,19 @@ def _hydraulics(writer: ProfileWriter, records: list[Record]) -> None:
     pressure = float(np.median(np.concatenate([_reference(r) for r in records])))
     pressure = max(pressure, 0.0)
     noise = _smoothed_noise(records)
-    steps = VolumeSteps.join(
-        [
-            volume_steps(r, base, reference_temperature=temperature, reference_pressure=pressure, noise=noise)
-            for r in records
-        ]
-    )
+
+    def steps_of(unit: Unit) -> VolumeSteps:
+        return VolumeSteps.join(
+            [
+                volume_steps(
+                    r, unit, reference_temperature=temperature, reference_pressure=pressure, noise=noise
+                )
+                for r in records
+            ]
+        )
+
+    base = _with_volumes(writer, steps_of, base, pressure, noise)
+    steps = steps_of(base)
     fit = fit_balance(steps, base, pressure, noise)
     if fit is None:
         for path in ("pump.displacement", "pump.cross_port_leakage", "oil.bulk_modulus"):
@@ -175,6 +183,37 @@ def _with_relief(writer: ProfileWriter, records: list[Record]) -> Unit:
     base = writer.base.model_copy(deep=True)
     base.accumulator.relief_pressure = value
     return base
+
+
+def _with_volumes(
+    writer: ProfileWriter,
+    steps_of: Callable[[Unit], VolumeSteps],
+    base: Unit,
+    pressure: float,
+    noise: tuple[float, float],
+) -> Unit:
+    """The base with the chambers' volumes, where strokes with both pressures measured tell them."""
+    steps = steps_of(base)
+    if steps.y.size < LEAST_ROWS or len(np.unique(steps.chamber)) < 2:
+        return base
+    fit = fit_volumes(steps_of, base, pressure, noise)
+    if fit is None:
+        writer.note("the chambers' volumes stay the base's: the logs' strokes are too short to tell them")
+        return base
+    with_volumes = base.model_copy(deep=True)
+    fit.apply(with_volumes)
+    cylinder, gain = with_volumes.cylinder, fit.gain
+    share = float(np.hypot(gain.relative if fit.of_volume else 0.0, fit.split.std))
+    for name in ("volume_1", "volume_2"):
+        value = float(getattr(cylinder, name))
+        writer.put(f"cylinder.{name}", Estimate(value, share * value), "from compliance against position")
+    if not fit.of_volume:
+        writer.put(
+            "cylinder.position_compliance",
+            gain,
+            "no dead volume explains this: the mean volume stays the base's",
+        )
+    return with_volumes
 
 
 def _reference(record: Record) -> NDArray[np.float64]:
@@ -262,6 +301,9 @@ def _put_compressibility(writer: ProfileWriter, fit: BalanceFit, pressure: float
     writer.put("oil.reference_pressure", Estimate(pressure, 0.01 * pressure), "median of the logs")
     air = _wider(fit.air_fraction, 0.5 if hidden else 0.0)
     writer.put("oil.air_fraction", air, "" if fit.air_known else "little data: drawn to the base's")
+    cylinder = writer.result.unit.cylinder
+    if "volume_1" in cylinder.provenance and cylinder.provenance["volume_1"].source == writer.source:
+        return
     writer.note("only volume over bulk modulus is identifiable: the chambers' volumes stay the base's")
 
 

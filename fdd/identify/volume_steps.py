@@ -145,7 +145,8 @@ def volume_steps(
         (1, 1.0, record.pressure_1, smooth_1, cylinder.area_1, cylinder.volume_1),
         (2, -1.0, record.pressure_2, smooth_2, cylinder.area_2, cylinder.volume_2),
     ):
-        volume = np.maximum(at_centre + sign * area * x_smooth, 0.1 * at_centre)
+        moved = cylinder.position_compliance * area * x_smooth
+        volume = np.maximum(at_centre + sign * moved, 0.1 * at_centre)
         levels = np.column_stack(
             [
                 sign * area * x,

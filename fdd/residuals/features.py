@@ -11,6 +11,12 @@ feature                meaning
 leakage                log of leakage across the ports over healthy, at equal viscosity
 valve_1, valve_2       log of one plus a chamber's leakage into the accumulator over healthy leakage
 valve_largest          the larger of the two
+loss_1, loss_2         log of a chamber's whole loss over healthy: leakage and its valve's together, which
+                       stays known while the load pushes one way and neither of them is
+loss_largest           the larger of the two
+jump                   log of one plus how far the largest score of the flow parameters passes its usual
+                       size: something changed at once
+accumulator            accumulator pressure less the charge, per 100 kPa: oil that left the circuit
 compliance             log of oil compliance at reference pressure over healthy: air
 friction               Coulomb and Stribeck friction over healthy, less one
 viscous                change of viscous friction at 50 mm/s over healthy Coulomb friction
@@ -42,8 +48,9 @@ from fdd.unit import Unit
 Array = NDArray[np.float64]
 
 RESIDUALS = (
-    "leakage", "valve_1", "valve_2", "valve_largest", "compliance", "friction", "viscous", "redundancy",
-    "torque", "refeed_deficit", "low_side", "drive", "innovation",
+    "leakage", "valve_1", "valve_2", "valve_largest", "loss_1", "loss_2", "loss_largest", "jump",
+    "compliance", "friction", "viscous", "redundancy", "torque", "refeed_deficit", "low_side", "accumulator",
+    "drive", "innovation",
 )  # fmt: skip
 CONTEXT = ("load_throttle", "load_unrest")
 """Features that describe the load and not the unit's health."""
@@ -53,7 +60,7 @@ CHANGES = tuple(f"{name}_change" for name in RESIDUALS)
 """Residuals less their mean over the log's first `REFERENCE_WINDOWS` windows."""
 FEATURES = WINDOW_FEATURES + CHANGES
 REFERENCE_WINDOWS = 8
-FEATURE_VERSION = "1"
+FEATURE_VERSION = "2"
 """Goes up when a feature's meaning changes: models and baselines of another version do not fit."""
 
 WINDOW = 2.0
@@ -63,6 +70,8 @@ PRIOR_LOG = 0.3
 PRIOR_FRICTION = 0.5
 """Seals differ more, from trial to trial and with the load, than leakage and oil do."""
 VISCOUS_SPEED = 0.05
+USUAL_SCORE = 3.0
+"""Largest of some forty scores in a healthy window: N(0, 1) passes it in one of ten."""
 AVERAGING = 10
 """Samples averaged before a regression: takes tones and ripple out."""
 
@@ -97,6 +106,16 @@ def window_features(
     for name, i in (("valve_1", eha.VALVE1), ("valve_2", eha.VALVE2)):
         f[name] = shrink(float(np.log1p(x[i])), float(var[i] / (1.0 + x[i]) ** 2))
     f["valve_largest"] = max(f["valve_1"], f["valve_2"])
+    for name, i, column in (
+        ("loss_1", eha.VALVE1, layout.R_LEAK_VALVE1),
+        ("loss_2", eha.VALVE2, layout.R_LEAK_VALVE2),
+    ):
+        loss = float(x[eha.LEAK] + x[i])
+        spread = float(var[eha.LEAK] + var[i] + 2.0 * records[:, column].mean())
+        f[name] = shrink(float(np.log(loss)), spread / loss**2)
+    f["loss_largest"] = max(f["loss_1"], f["loss_2"])
+    scores = records[:, layout.R_SCORE : layout.R_SCORE + layout.FLOW_PARAMETERS]
+    f["jump"] = float(np.log1p(max(np.abs(scores).max() - USUAL_SCORE, 0.0)))
     pressure = unit.oil.reference_pressure * 1e-6
     healthy, _, slope = eha.compliance(pressure, unit.oil.air_fraction * 1e3, model)
     now, _, _ = eha.compliance(pressure, float(x[eha.AIR]), model)
@@ -125,6 +144,10 @@ def window_features(
 
 def _pressure_features(f: dict[str, float], rows: Array, unit: Unit, channels: Channels) -> None:
     """What the pressures say among themselves."""
+    if "pressure_accumulator" in channels.names:
+        store = rows[:, layout.ACCUMULATOR]
+        if np.isfinite(store).any():
+            f["accumulator"] = float((np.nanmean(store) - unit.accumulator.charge_pressure) / 100e3)
     if not channels.chambers:
         return
     p1, p2 = rows[:, layout.PRESSURE_1], rows[:, layout.PRESSURE_2]

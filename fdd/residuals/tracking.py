@@ -28,6 +28,9 @@ OBSERVABLE = {
     "viscous_friction": (0.20, 0.30),
 }
 
+THERMAL_GAIN = 5e-4
+"""Relative change of displacement over area within 30 K: metals grow by 1 to 2.5e-5 per kelvin."""
+
 
 def model_parameters(unit: Unit) -> Array:
     """The unit's numbers as the reduced model takes them."""
@@ -44,11 +47,15 @@ def model_parameters(unit: Unit) -> Array:
         polytropic_index=unit.oil.polytropic_index, reference_pressure=unit.oil.reference_pressure,
         friction_forward=branch(unit.friction.forward), friction_reverse=branch(unit.friction.reverse),
         accumulator_pressure=unit.accumulator.charge_pressure,
+        position_compliance=unit.cylinder.position_compliance,
     )  # fmt: skip
 
 
 def noise_of(unit: Unit) -> Noise:
-    """Measurement noise from the profile's sensors; process noise as its defaults argue."""
+    """Measurement noise from the profile's sensors; process noise as its defaults argue.
+
+    What the profile's `estimation` gives (``fdd identify`` writes it) goes before both.
+    """
     noise = Noise()
     position = unit.sensor("position")
     noise.position = max(noise.position, float(np.hypot(position.noise, position.resolution / np.sqrt(12.0))))
@@ -58,8 +65,20 @@ def noise_of(unit: Unit) -> Noise:
     noise.pressure = max(chambers) if chambers and max(chambers) > 0 else noise.pressure
     difference = unit.sensor("pressure_difference")
     noise.pressure_difference = difference.noise or noise.pressure_difference
+    noise.initial_gain = gain_spread(unit)
     noise.relief_pressure = 0.9 * unit.accumulator.relief_pressure
+    if unit.estimation is not None:
+        for name, value in unit.estimation.known.items():
+            setattr(noise, name, value)
     return noise
+
+
+def gain_spread(unit: Unit) -> float:
+    """Standard deviation of the pump's gain: the profile's own, or a shipped profile's for another unit."""
+    known = unit.pump.provenance.get("displacement")
+    if known is None or known.std is None:
+        return Noise().initial_gain
+    return float(np.hypot(known.std / unit.pump.displacement, THERMAL_GAIN))
 
 
 def healthy_viscous(unit: Unit) -> float:
@@ -112,7 +131,9 @@ class Tracking:
                 period=period,
                 pressures=channels.chambers,
                 angle="pump_angle" in channels.names,
+                difference="pressure_difference" in channels.names,
                 viscous_friction=healthy_viscous(unit),
+                viscous_skew=0.5 * (unit.friction.forward.viscous - unit.friction.reverse.viscous),
                 air_fraction=unit.oil.air_fraction,
                 decimation=decimation,
             )

@@ -51,7 +51,7 @@ class ResidualWindows:
     >>> windows = ResidualWindows(Unit.load("axis_a"))
     >>> times, features = windows.push(Samples([0.0], {"position": [0.0]}))
     >>> times.size, features.shape
-    (0, (0, 28))
+    (0, (0, 38))
     """
 
     def __init__(self, unit: Unit, *, keep: bool = False) -> None:

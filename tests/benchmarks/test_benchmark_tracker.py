@@ -1,6 +1,7 @@
-"""Speed, side by side with a peer in one run: ``pytest tests/benchmarks --benchmark-enable``.
+"""Speed, side by side with peers in one run: ``pytest tests/benchmarks --benchmark-enable``.
 
-Without that option every benchmark runs once, as a test that it still works.
+Without that option every benchmark runs once, as a test that it still works. The peers must do the same
+work: filterpy's filter and the C++ program end where the tracker does.
 """
 
 from __future__ import annotations
@@ -9,15 +10,20 @@ from typing import Any
 
 import numpy as np
 import pytest
-from filterpy.kalman import ExtendedKalmanFilter as FilterpyEKF
 
-from estimators import eha_model as eha
+from estimators import eha_layout
+from estimators.eha_tracker import EhaTracker
+from fdd.benchmark import speed
+from fdd.benchmark.speed.cpp import Program, Unavailable
+from fdd.benchmark.speed.peers import run_filterpy
 from fdd.diagnosis.pipeline import Pipeline
-from fdd.plant.scenario import Scenario
+from fdd.plant.scenario import Recording, Scenario
 from fdd.plant.simulate import simulate
 from fdd.residuals.tracking import Channels, Tracking
 from fdd.samples import Samples
 from fdd.unit import Unit
+
+METHODS = ["ekf", "svsf"]
 
 
 @pytest.fixture(scope="module")
@@ -25,7 +31,17 @@ def samples() -> Samples:
     return simulate(Unit.load("axis_a"), Scenario(duration=10.0, seed=1, load={"name": "spring"})).samples
 
 
-@pytest.mark.parametrize("method", ["ekf", "svsf"])
+@pytest.fixture(scope="module")
+def program() -> Program:
+    """The C++ peer, optimised a little: that is enough to compare results, and compiles faster."""
+    tracker = speed.log(1.0)[0]["ekf"]
+    try:
+        return Program(len(tracker.noise.array()), flags=("-std=c++17", "-O1"))
+    except Unavailable as missing:
+        pytest.skip(str(missing))
+
+
+@pytest.mark.parametrize("method", METHODS)
 def test_tracker(benchmark: Any, samples: Samples, method: str) -> None:
     tracking = Tracking(Unit.load("axis_a"), Channels.of(samples), 1e-3)
     block, tracker = tracking.block(samples), tracking.trackers[method]
@@ -42,19 +58,55 @@ def test_tracker(benchmark: Any, samples: Samples, method: str) -> None:
 
 
 def test_filterpy_of_the_same_size(benchmark: Any) -> None:
-    """100 predictions and updates of filterpy's EKF with as many states and four channels, linear."""
-    peer = FilterpyEKF(dim_x=eha.STATES, dim_z=4)
-    H = np.eye(4, eha.STATES)
-    peer.R *= 0.1
+    """It starts where the tracker is, does the same work, and ends where the tracker does."""
+    trackers, block = speed.log(3.0)
+    tracker = trackers["ekf"]
+    tracker.push(block[: speed.WARM_UP])
+    rest = block[speed.WARM_UP : speed.WARM_UP + 500]
+    benchmark.extra_info["samples"] = len(rest)
+    peer = benchmark(lambda: run_filterpy(tracker, rest))
+    tracker.push(rest)
+    spread = np.sqrt(np.diag(tracker.P))
+    np.testing.assert_allclose((peer.x - tracker.x) / spread, 0.0, atol=1e-6)
+    np.testing.assert_allclose(peer.variances, np.diag(tracker.P), rtol=1e-6)
 
-    def run() -> None:
-        for _ in range(100):
-            peer.predict()
-            peer.update(np.zeros((4, 1)), lambda x: H, lambda x: H @ x)
 
-    benchmark.extra_info["samples"] = 100
-    benchmark(run)
-    assert np.isfinite(peer.x).all()
+def missing_and_late(method: str) -> tuple[EhaTracker, np.ndarray]:
+    """A log with dropped, late and missing samples, and what tracks it."""
+    recording = Recording(dropped=0.05, late=0.02, nan_bursts_per_minute=60.0)
+    leak = {"fault": "internal_leakage", "severity": 0.5, "onset": 3.0}
+    scenario = Scenario(duration=10.0, duty={"name": "sines"}, faults=[leak], recording=recording)
+    samples = simulate(Unit.load("axis_a"), scenario).samples
+    tracking = Tracking(Unit.load("axis_a"), Channels.of(samples), 1e-3, decimation=1)
+    return tracking.trackers[method], tracking.block(samples)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("dense", [False, True])
+@pytest.mark.parametrize("method", METHODS)
+def test_cpp_ends_where_the_tracker_does(program: Program, method: str, dense: bool) -> None:
+    tracker, block = missing_and_late(method)
+    assert np.isnan(block[:, [eha_layout.POSITION, eha_layout.PRESSURE_1]]).any()
+    found = program.run(tracker, block, dense=dense)
+    records = tracker.push(block)
+    spread = np.sqrt(np.diag(tracker.P))
+    # To 1e-9 of themselves, or of their standard deviation where they are near zero.
+    np.testing.assert_array_less(np.abs(found.x - tracker.x), 1e-9 * np.abs(tracker.x) + 1e-8 * spread)
+    np.testing.assert_allclose(found.variances, np.diag(tracker.P), rtol=1e-8)
+    assert found.log_likelihood == pytest.approx(records[:, eha_layout.R_LOGLIK].sum(), rel=1e-8)
+
+
+def test_table_has_every_peer_or_says_why_not(monkeypatch: pytest.MonkeyPatch) -> None:
+    def absent(*_: object) -> Program:
+        raise Unavailable("no C++ compiler on this machine")
+
+    monkeypatch.setattr(speed, "Program", absent)
+    table = speed.measure(2.0, repeats=1, peer_samples=200, hour=False)
+    rows = {row.name: row for row in table.rows}
+    assert rows["EKF"].ratio == 1.0
+    assert rows["filterpy EKF"].ratio > 10.0
+    assert np.isnan(rows["C++ EKF"].microseconds)
+    assert rows["C++ EKF"].note == table.compiler == "no C++ compiler on this machine"
 
 
 def test_pipeline(benchmark: Any, samples: Samples) -> None:

@@ -37,6 +37,16 @@ def test_identify_writes_a_profile_with_baseline(run, healthy_strokes, tmp_path:
     assert unit.baseline is not None and unit.baseline.windows > 20
     assert unit.pump.std_of("cross_port_leakage") is not None
     assert "pump.cross_port_leakage" in result.stdout
+    # The filters' noise and what their innovations say, each with a table.
+    for word in ("argued", "likelihood", "acceleration", "NIS", "pressure_1", "not fitted"):
+        assert word in result.stdout
+
+
+def test_identify_without_noise_leaves_the_filters_as_they_are(run, healthy_strokes, tmp_path: Path) -> None:
+    out = tmp_path / "unit.yaml"
+    result = run("identify", healthy_strokes, "--no-noise", "-o", out)
+    assert result.exit_code == 0, result.stderr
+    assert Unit.load(out).estimation is None and "NIS" not in result.stdout
 
 
 def test_identify_refuses_what_it_cannot_use(run, one_line, healthy_strokes, logs, tmp_path) -> None:

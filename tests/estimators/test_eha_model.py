@@ -1,4 +1,4 @@
-"""The reduced model: its Jacobian, its volume balance, its compliance and its covariance step."""
+"""The reduced model: its Jacobian, its volume balance, its compliance and its friction."""
 
 from __future__ import annotations
 
@@ -244,17 +244,3 @@ def test_friction_curve_is_eq_5_12_with_a_smooth_reversal(v: float) -> None:
     d = 1e-3 * abs(v)
     expected = (eha.friction_curve(v + d, q)[0] - eha.friction_curve(v - d, q)[0]) / (2.0 * d)
     assert slope == pytest.approx(expected, rel=1e-3, abs=0.1)
-
-
-@given(st.integers(0, 2**32 - 1))
-def test_covariance_step_is_the_dense_one(seed: int) -> None:
-    rng = np.random.default_rng(seed)
-    F, G = stepped(state(rng), model())[1:]
-    root = rng.standard_normal((N, N)) * 10.0 ** rng.uniform(-4.0, 2.0, (N, 1))
-    P = root @ root.T
-    noise, diag = 10.0 ** rng.uniform(-6.0, 3.0, 4), 10.0 ** rng.uniform(-8.0, 0.0, N)
-    expected = F @ P @ F.T + G @ np.diag(noise) @ G.T + np.diag(diag)
-    eha.propagate(P, F, G, noise, diag, np.empty((eha.P2 + 1, N)))
-    np.testing.assert_array_equal(P, P.T)
-    spread = np.sqrt(np.diag(expected))
-    np.testing.assert_allclose(P / np.outer(spread, spread), expected / np.outer(spread, spread), atol=1e-9)

@@ -58,6 +58,41 @@ def test_linear_filter_equals_filterpy(column: bool) -> None:
             assert ours.mahalanobis == pytest.approx(peer.mahalanobis)
 
 
+@settings(max_examples=60, deadline=None)
+@given(seed=st.integers(0, 2**32 - 1), n=st.integers(1, 6), m=st.integers(1, 5), root=st.booleans())
+def test_random_linear_problems_equal_both_of_filterpys_filters(
+    seed: int, n: int, m: int, root: bool
+) -> None:
+    """KalmanFilter, and ExtendedKalmanFilter with h and its Jacobian handed to update."""
+    rng = np.random.default_rng(seed)
+    ours, peer = linear_pair(rng, n, m, column=True)
+    ours.square_root = root
+    extended, theirs = (
+        ExtendedKalmanFilter(n, m, square_root=root),
+        filterpy.kalman.ExtendedKalmanFilter(n, m),
+    )
+    for kf in (extended, theirs):
+        for name in ("x", "P", "Q", "R", "F"):
+            setattr(kf, name, getattr(ours, name).copy())
+    H = ours.H.copy()
+    extended.h, extended.H_jacobian = (lambda x: H @ x), (lambda x: H)
+    for _ in range(8):
+        z = rng.normal(size=(m, 1))
+        for kf in (ours, peer, extended, theirs):
+            kf.predict()
+        ours.update(z)
+        peer.update(z)
+        extended.update(z)
+        theirs.update(z, lambda x: H, lambda x: H @ x)
+    for one, other in ((ours, peer), (extended, theirs), (extended, peer)):
+        scale = np.sqrt(np.outer(np.diag(other.P), np.diag(other.P)))
+        spread = np.sqrt(np.diag(other.P))[:, None] + np.abs(other.x)
+        np.testing.assert_allclose(one.P / scale, other.P / scale, atol=1e-7)
+        np.testing.assert_allclose(one.x / spread, other.x / spread, atol=1e-7)
+        np.testing.assert_allclose(one.K, other.K, rtol=1e-6, atol=1e-7 * np.abs(other.K).max())
+        assert one.log_likelihood == pytest.approx(peer.log_likelihood, rel=1e-6, abs=1e-6)
+
+
 def radar(x):
     """Slant range and elevation of a target at height x[2] and ground distance x[0]."""
     return np.array([np.hypot(x[0], x[2]), np.arctan2(x[2], x[0])])

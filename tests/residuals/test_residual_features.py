@@ -17,9 +17,9 @@ from fdd.unit import Unit
 # What each simulated fault moves, and which way (0: either); severity 1 under a spring load.
 MOVES: dict[str, tuple[str, int]] = {
     "internal_leakage": ("leakage", 1),
-    "external_leakage": ("valve_largest", 1),
-    "pump_wear": ("leakage", 1),
-    "case_drain_seal_failure": ("leakage", 1),
+    "external_leakage": ("accumulator", -1),
+    "pump_wear": ("loss_largest", 1),
+    "case_drain_seal_failure": ("loss_largest", 1),
     "seal_wear": ("friction", -1),
     "aeration": ("compliance", 1),
     "check_valve_stuck_open": ("valve_largest", 1),

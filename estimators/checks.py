@@ -1,0 +1,110 @@
+"""What comes into a filter, as fresh float arrays of the right shape; what does not fit is refused.
+
+Each refusal is a ``ValueError`` of one line that names the thing, what is wrong and what fits.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from estimators.linalg import balanced_covariance
+
+Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+
+
+def whole_number(value: int, least: int, name: str) -> int:
+    """``value`` as an int, at least ``least``."""
+    if int(value) != value or value < least:
+        raise ValueError(f"{name} is {value!r}; give a whole number of at least {least}")
+    return int(value)
+
+
+def vector(value: ArrayLike, size: int, name: str) -> Array:
+    """A fresh (size,) array of whatever shape came in."""
+    array = np.array(value, dtype=float).reshape(-1)
+    if array.size != size:
+        raise ValueError(f"{name} has {array.size} values, the filter expects {size}")
+    return array
+
+
+def matrix(value: ArrayLike, rows: int, columns: int, name: str) -> Array:
+    """A fresh (rows, columns) array; a scalar or a flat list will do where the sizes agree."""
+    array = np.array(value, dtype=float, order="C")
+    if array.ndim == 3 and array.shape[2] == 1:  # a Jacobian built from the elements of a column state
+        array = array[:, :, 0]
+    if array.size == rows * columns and (array.ndim < 2 or array.shape == (rows, columns)):
+        return np.ascontiguousarray(array.reshape(rows, columns))
+    raise ValueError(f"{name} has shape {array.shape}, the filter expects {(rows, columns)}")
+
+
+def square(value: ArrayLike, size: int, name: str) -> Array:
+    """A covariance (size, size) from a scalar, its diagonal or itself; a symmetric, finite copy."""
+    array = np.asarray(value, dtype=float)
+    if array.ndim == 0:
+        array = array * np.eye(size)
+    elif array.shape == (size,):
+        array = np.diag(array)
+    out = np.empty((size, size))
+    defect = balanced_covariance(matrix(array, size, size, name), out)
+    if defect < 0:
+        raise ValueError(f"{name} has values that are not finite")
+    if defect > 0:
+        raise ValueError(f"{name} has a negative variance at {defect - 1}")
+    return out
+
+
+def layer_widths(value: ArrayLike, size: int, name: str, of: str) -> Array:
+    """Positive widths (size,) from one for all or one each; infinity is allowed."""
+    given = np.asarray(value, float)
+    widths = np.full(size, float(given)) if given.ndim == 0 else given.reshape(-1).copy()
+    if widths.size != size:
+        raise ValueError(f"{name} has {widths.size} values; give one, or one for each of {size} {of}")
+    if not (widths > 0.0).all():
+        raise ValueError(f"{name} is {widths[~(widths > 0.0)][0]:g}; a boundary layer is more than 0")
+    return widths
+
+
+def measured_channels(z: Array, mask: ArrayLike | None) -> Mask:
+    """True where ``z`` (m,) is a number and ``mask`` (m,), if given, says to use it."""
+    used = ~np.isnan(z)
+    if mask is not None:
+        wanted = np.asarray(mask)
+        if wanted.dtype != np.bool_ or wanted.size != z.size:
+            raise ValueError(
+                f"mask has {wanted.size} values of type {wanted.dtype}; give {z.size} bools, True to use"
+            )
+        used &= wanted.reshape(-1)
+    infinite = used & np.isinf(z)
+    if infinite.any():
+        raise ValueError(f"z is infinite in channel {first_place(infinite)}; mark a gap with NaN")
+    return used
+
+
+def require_finite(array: Array, what: str, place: str) -> None:
+    """Refuse an array with values that are not finite; names what it is and the first place."""
+    bad = ~np.isfinite(array)
+    if bad.any():
+        raise ValueError(
+            f"{what} is not finite in {place} {first_place(bad)}; check the model and the covariances"
+        )
+
+
+def first_place(bad: Mask) -> int:
+    """Index, along the first axis, of the first True."""
+    return int(np.argwhere(bad)[0][0])
+
+
+def evaluable(value: Any) -> str:
+    """Text that Python reads back: plain numbers and lists, functions by their name."""
+    if isinstance(value, np.ndarray | np.generic):
+        value = value.tolist()
+    if isinstance(value, list | tuple):
+        return f"[{', '.join(evaluable(v) for v in value)}]"
+    if isinstance(value, float) and not math.isfinite(value):
+        return f"float('{value}')"
+    return getattr(value, "__name__", None) or repr(value)

@@ -1,0 +1,41 @@
+"""Zero of a pressure difference sensor against the chambers' own sensors."""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from estimators import eha_model as eha
+from estimators.eha_forces import ROBUST
+from estimators.eha_layout import M_PAIRS, M_REDUNDANT
+
+Array = NDArray[np.float64]
+
+PAIRS = 20  # samples averaged before one update
+
+
+@njit(cache=True)
+def compare_sensors(x: Array, P: Array, gap: float, variance: float, memory: Array) -> None:
+    """Let `gap` = Δp − (p₁ − p₂), MPa, of white noise `variance`, tell the zero, `PAIRS` samples at a time.
+
+    The zero stands alone in the covariance: the redundant sensor is not let into the pressures, for its
+    gain error, one percent or so, would pull them about under load, and which of the sensors is
+    off nobody knows. Differences beyond five standard deviations are weighed down (Huber).
+    """
+    if np.isnan(gap):
+        return
+    memory[M_REDUNDANT] += gap
+    memory[M_PAIRS] += 1.0
+    if memory[M_PAIRS] < PAIRS:
+        return
+    error = memory[M_REDUNDANT] / memory[M_PAIRS] - x[eha.ZERO]
+    noise = variance / memory[M_PAIRS]
+    memory[M_REDUNDANT] = memory[M_PAIRS] = 0.0
+    prior = P[eha.ZERO, eha.ZERO]
+    s = prior + noise
+    if error * error > ROBUST * ROBUST * s:
+        noise += s * (error * error / (s * ROBUST * ROBUST) - 1.0)
+        s = prior + noise
+    x[eha.ZERO] += prior / s * error
+    P[eha.ZERO, eha.ZERO] = prior * noise / s

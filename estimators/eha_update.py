@@ -1,0 +1,273 @@
+"""Covariance step and measurement updates of the EHA tracker, for its structure.
+
+What makes them cheap, and exact:
+
+- Friction and load, the states from `eha.FRIC` on, learn from the mean force alone (see
+  `estimators.eha_forces`). They are never correlated with the others, so ``P`` has two
+  blocks. Everything here works on the first, the ``COUPLED`` states before `eha.FRIC`.
+- Only the first ``MOVING`` rows of ``F`` differ from the identity, and most of their
+  entries are zero.
+- A channel is one state, or the difference of two: ``P h'`` is a row of ``P``, or the
+  difference of two rows.
+
+The Joseph form ``(I - k h) P (I - k h)' + k r k'`` with ``k = P h' / s``, ``s = h P h' + r``,
+equals ``P - k s k'`` in exact arithmetic, and so ``P h' = k r`` after the update. In floating
+point the difference ``P - k s k'`` loses just this product, which is where a precise
+channel drives a variance negative; Joseph's form saves it. Here ``P - u u'`` with
+``u = P h' / √s`` is formed, which is symmetric to the bit, and then ``P h' = k r`` is *imposed*
+on the rows that `h` selects. What remains, the covariance given the measured state, is
+the same before and after: ``P`` stays positive as long as Joseph's would.
+(Bierman 1977, Factorization Methods for Discrete Sequential Estimation, ch. II and V.)
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from estimators import eha_model as eha
+from estimators.kernels import TIE_BREAK
+
+Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+Indices = NDArray[np.int64]
+
+MOVING = eha.P2 + 1
+"""States with dynamics; the others are random walks."""
+COUPLED = eha.FRIC
+"""States that measurements of motion and pressure inform."""
+# Columns worked on: up to a multiple of four, which saves the loops over remainders. Those beyond
+# COUPLED hold zeros, of the other block, and stay zero.
+_SPARE = eha.STATES - min(-(-COUPLED // 4) * 4, eha.STATES)
+LOG_2PI = math.log(2.0 * math.pi)
+
+
+@njit(cache=True, error_model="numpy", _nrt=False)
+def propagate(P: Array, F: Array, G: Array, noise: Array, Q_diag: Array, scratch: Array) -> None:
+    """``P = F P F' + G diag(noise) G' + diag(Q_diag)`` in place, in the block of coupled states.
+
+    Parameters
+    ----------
+    P : (STATES, STATES), with zeros between coupled and other states.
+    F : (STATES, STATES), of which the first `MOVING` rows and `COUPLED` columns are read: the
+        other rows are the identity's, and the effect of the other states is left out.
+    G, noise : (STATES, 4), (4,) effect and variances of the noise on the moving states.
+    Q_diag : (STATES,) variances added to all states.
+    scratch : (MOVING, STATES) overwritten.
+    """
+    # Not a constant: LLVM turns loops of known length into scalar code, others into vector code.
+    width = P.shape[0] - _SPARE
+    for i in range(MOVING):
+        for j in range(width):
+            scratch[i, j] = 0.0
+        for k in range(COUPLED):
+            f = F[i, k]
+            if f != 0.0:
+                for j in range(width):
+                    scratch[i, j] += f * P[k, j]
+    for i in range(MOVING):
+        g0, g1, g2, g3 = (
+            G[i, 0] * noise[0], G[i, 1] * noise[1], G[i, 2] * noise[2], G[i, 3] * noise[3],
+        )  # fmt: skip
+        for j in range(i, MOVING):
+            total = g0 * G[j, 0] + g1 * G[j, 1] + g2 * G[j, 2] + g3 * G[j, 3]
+            for k in range(COUPLED):
+                total += scratch[i, k] * F[j, k]
+            P[i, j] = total
+            P[j, i] = total
+        for j in range(MOVING, COUPLED):
+            P[i, j] = scratch[i, j]
+            P[j, i] = scratch[i, j]
+    for i in range(eha.STATES):
+        P[i, i] += Q_diag[i]
+
+
+@njit(cache=True, error_model="numpy", _nrt=False)
+def channel_variance(P: Array, plus: int, minus: int) -> float:
+    """``h P h'`` of a channel that measures state `plus`, less state `minus` unless that is negative."""
+    if minus < 0:
+        return P[plus, plus]
+    return P[plus, plus] - 2.0 * P[plus, minus] + P[minus, minus]
+
+
+@njit(cache=True, error_model="numpy", _nrt=False)
+def selected_update(P: Array, plus: int, minus: int, r: float, u: Array) -> float:
+    """Let a channel of variance `r` shrink `P`, in place; see the module's notes.
+
+    Parameters
+    ----------
+    P : (STATES, STATES). plus, minus : the states it measures, as in `channel_variance`.
+    r : > 0. u : (STATES,) filled with ``P h' / √s``, so that the gain is ``u / √s``.
+
+    Returns
+    -------
+    ``s = h P h' + r``.
+    """
+    width = P.shape[0] - _SPARE
+    if minus < 0:
+        s = P[plus, plus] + r
+        root = 1.0 / math.sqrt(s)
+        for j in range(width):
+            u[j] = P[plus, j] * root
+    else:
+        s = channel_variance(P, plus, minus) + r
+        root = 1.0 / math.sqrt(s)
+        for j in range(width):
+            u[j] = (P[plus, j] - P[minus, j]) * root
+    for i in range(COUPLED):
+        f = u[i]
+        for j in range(width):
+            P[i, j] -= f * u[j]
+    share = r * root
+    if minus < 0:  # the row of the measured state is k r
+        for j in range(COUPLED):
+            P[plus, j] = share * u[j]
+            P[j, plus] = P[plus, j]
+    else:  # the difference of two rows is: each takes half of what rounding left
+        for j in range(COUPLED):
+            if j != plus and j != minus:
+                half = 0.5 * (share * u[j] - (P[plus, j] - P[minus, j]))
+                P[plus, j] += half
+                P[minus, j] -= half
+                P[j, plus] = P[plus, j]
+                P[j, minus] = P[minus, j]
+        P[plus, plus] = share * u[plus] + P[plus, minus]
+        P[minus, minus] = P[minus, plus] - share * u[minus]
+    return s
+
+
+@njit(cache=True, error_model="numpy", _nrt=False)
+def update(
+    x: Array, P: Array, y: Array, plus: Indices, minus: Indices, r: Array, mask: Mask, work: Array
+) -> tuple[float, float]:
+    """Kalman update of the coupled states, one channel after the other, in place.
+
+    Parameters
+    ----------
+    x, P : (STATES,), (STATES, STATES). y, r, mask : (m,) innovations at the prior, variances, used or not.
+    plus, minus : (m,) the states that each channel measures, as in `channel_variance`.
+    work : (2, STATES) overwritten.
+
+    Returns
+    -------
+    As of `estimators.kernels.kalman_update`: NIS, and the logarithm of the likelihood.
+    """
+    width = P.shape[0] - _SPARE
+    shift, u = work[0], work[1]
+    for j in range(width):
+        shift[j] = 0.0
+    nis, log_likelihood, determinant, used = 0.0, 0.0, 1.0, 0
+    for c in range(y.shape[0]):
+        if not mask[c]:
+            continue
+        s = selected_update(P, plus[c], minus[c], r[c], u)
+        e = y[c] - shift[plus[c]]
+        if minus[c] >= 0:
+            e += shift[minus[c]]
+        e /= math.sqrt(s)
+        for j in range(width):
+            shift[j] += e * u[j]
+        nis += e * e
+        determinant *= s
+        used += 1
+    if used > 0:
+        log_likelihood = -0.5 * (used * LOG_2PI + math.log(determinant) + nis)
+    for i in range(COUPLED):
+        x[i] += shift[i]
+    return nis, log_likelihood
+
+
+@njit(cache=True, error_model="numpy", _nrt=False)
+def optimal_layers(
+    P: Array, y: Array, plus: Indices, minus: Indices, r: Array, mask: Mask, e_post: Array, gamma: float,
+    tie_break: float, psi_k: Array, work: Array,
+) -> bool:  # fmt: skip
+    """Optimal boundary layer of each channel; False where ``H P H'`` is singular.
+
+    The diagonal of ``S (H P H')⁻¹ diag(E)``, ``E = |y| + γ |e_post|`` (Gadsden and Habibi 2013,
+    doi 10.1115/1.4006628). With independent channels ``S (H P H')⁻¹ = I + R (H P H')⁻¹``, so
+    only the diagonal of that inverse is needed: the squared columns of the inverse Cholesky factor.
+
+    Parameters
+    ----------
+    P, y, plus, minus, r, mask : as in `update`. e_post : (m,) posterior errors of the step before.
+    gamma : memory. tie_break : share of `r` added to ``H P H'``, for channels that measure the same.
+    psi_k : (m,) filled; NaN where masked. work : (2 m, m) overwritten.
+    """
+    m = y.shape[0]
+    L, inverse = work[:m], work[m:]
+    used = 0
+    for c in range(m):
+        psi_k[c] = np.nan
+        if not mask[c]:
+            continue
+        # Row `used` of the factor: measured rows come in the order of the channels.
+        b = 0
+        a_plus, a_minus = plus[c], minus[c]
+        for d in range(c + 1):
+            if not mask[d]:
+                continue
+            total = P[a_plus, plus[d]]
+            if minus[d] >= 0:
+                total -= P[a_plus, minus[d]]
+            if a_minus >= 0:
+                total -= P[a_minus, plus[d]]
+                if minus[d] >= 0:
+                    total += P[a_minus, minus[d]]
+            if d == c:
+                total += tie_break * r[c]
+                floor = 1e-13 * total
+            for k in range(b):
+                total -= L[used, k] * L[b, k]
+            if d < c:
+                L[used, b] = total * inverse[b, b]
+            else:
+                if not total > floor:
+                    return False
+                inverse[used, used] = 1.0 / math.sqrt(total)
+            b += 1
+        for k in range(used):
+            total = 0.0
+            for i in range(k, used):
+                total -= L[used, i] * inverse[i, k]
+            inverse[used, k] = total * inverse[used, used]
+        used += 1
+    b = 0
+    for c in range(m):
+        if mask[c]:
+            total = 0.0
+            for i in range(b, used):
+                total += inverse[i, b] * inverse[i, b]
+            ratio = 1.0 + (1.0 - tie_break) * r[c] * total
+            psi_k[c] = ratio * (abs(y[c]) + gamma * abs(e_post[c]))
+            b += 1
+    return True
+
+
+@njit(cache=True, error_model="numpy", _nrt=False)
+def layers_exceeded(
+    P: Array, y: Array, plus: Indices, minus: Indices, r: Array, mask: Mask, e_post: Array, gamma: float,
+    layer: float, psi_k: Array, work: Array,
+) -> bool:  # fmt: skip
+    """Whether an optimal boundary layer is beyond its limit: `layer` standard deviations of innovation.
+
+    Inside the limit the SVSF's gain is the Kalman gain, and nothing else need be computed.
+    Parameters as in `optimal_layers`; where even the tie-break leaves no solution, the layers
+    are infinite and the Kalman gain holds.
+    """
+    solvable = optimal_layers(P, y, plus, minus, r, mask, e_post, gamma, 0.0, psi_k, work)
+    if not solvable:
+        solvable = optimal_layers(P, y, plus, minus, r, mask, e_post, gamma, TIE_BREAK, psi_k, work)
+    if not solvable:
+        for c in range(y.shape[0]):
+            psi_k[c] = np.inf if mask[c] else np.nan
+        return False
+    for c in range(y.shape[0]):
+        if mask[c]:
+            limit = layer * layer * (r[c] + channel_variance(P, plus[c], minus[c]))
+            if psi_k[c] * psi_k[c] > limit:
+                return True
+    return False

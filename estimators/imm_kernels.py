@@ -1,0 +1,222 @@
+"""Compiled arithmetic of interacting multiple models, on stacked arrays, for ``@njit`` loops.
+
+One step of a bank of r mode-matched filters (Blom and Bar-Shalom 1988, doi 10.1109/9.1299)::
+
+    predicted mode      cbar_j    = sum_i M_ij mu_i
+    mixing weights      omega_ij  = M_ij mu_i / cbar_j
+    mixed state         x0_j      = sum_i omega_ij x_i
+    mixed covariance    P0_j      = sum_i omega_ij (P_i + (x_i - x0_j)(x_i - x0_j)')
+    each filter         predicts and updates from x0_j, P0_j; log-likelihood l_j
+    mode probability    mu_j      = cbar_j exp(l_j) / sum_k cbar_k exp(l_k)
+    estimate            x         = sum_j mu_j x_j,  P likewise with the spread of the means
+
+=================== ======================================================= ============
+symbol              meaning                                                 shape
+=================== ======================================================= ============
+``mu``              probability of each mode                                (r,)
+``M``               ``M[i, j]``: probability of going from mode i to j      (r, r)
+``cbar``            mode probabilities before the measurement               (r,)
+``omega``           ``omega[i, j]``: share of filter i in what j starts at  (r, r)
+``x, P``            estimates of the filters and their covariances          (r, n), (r, n, n)
+``log_likelihood``  of the filters' last measurement                        (r,)
+=================== ======================================================= ============
+
+Nothing is checked here: :class:`estimators.imm.IMM` and :func:`estimators.linear_bank.run_bank` do,
+and they call these same functions. Likelihoods stay logarithms, relative to the largest, so
+none of them can underflow the sum.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numba import njit
+
+from estimators.linalg import Array
+
+# What a mode keeps when the data speak against it as strongly as a float can say: then later data
+# can bring it back, also where M has no transition that would.
+LEAST_PROBABILITY = 1e-300
+
+
+@njit(cache=True, error_model="numpy")
+def mixing_weights(mu: Array, M: Array, cbar: Array, omega: Array) -> None:
+    """Fill the predicted mode probabilities ``cbar`` (r,) and the mixing weights ``omega`` (r, r).
+
+    Each column of ``omega`` sums to 1; a mode that cannot be reached (``cbar_j = 0``) keeps its
+    own filter.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> cbar, omega = np.empty(2), np.empty((2, 2))
+    >>> mixing_weights(np.array([0.5, 0.5]), np.array([[0.75, 0.25], [0.0, 1.0]]), cbar, omega)
+    >>> cbar.tolist(), omega.tolist()
+    ([0.375, 0.625], [[1.0, 0.2], [0.0, 0.8]])
+    """
+    r = mu.shape[0]
+    for j in range(r):
+        total = 0.0
+        for i in range(r):
+            omega[i, j] = M[i, j] * mu[i]
+            total += omega[i, j]
+        cbar[j] = total
+        for i in range(r):
+            if total > 0.0:
+                omega[i, j] /= total
+            else:
+                omega[i, j] = 1.0 if i == j else 0.0
+
+
+@njit(cache=True, error_model="numpy")
+def moments(x: Array, P: Array, weights: Array, mean: Array, covariance: Array) -> None:
+    """Mean (n,) and covariance (n, n) of a Gaussian mixture, into the last two arguments.
+
+    The covariance is that within the components plus that between their means,
+    ``sum_i w_i (P_i + (x_i - mean)(x_i - mean)')``; exactly symmetric. Only the upper triangles
+    of ``P`` are read.
+
+    Parameters
+    ----------
+    x, P : (r, n), (r, n, n) the components.
+    weights : (r,) a distribution.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> mean, covariance = np.empty(1), np.empty((1, 1))
+    >>> moments(np.array([[0.0], [4.0]]), np.ones((2, 1, 1)), np.array([0.75, 0.25]), mean, covariance)
+    >>> mean.item(), covariance.item()
+    (1.0, 4.0)
+    """
+    r, n = x.shape
+    for a in range(n):
+        total = 0.0
+        for i in range(r):
+            total += weights[i] * x[i, a]
+        mean[a] = total
+    for a in range(n):
+        for b in range(a, n):
+            total = 0.0
+            for i in range(r):
+                total += weights[i] * (P[i, a, b] + (x[i, a] - mean[a]) * (x[i, b] - mean[b]))
+            covariance[a, b] = total
+            covariance[b, a] = total
+
+
+@njit(cache=True, error_model="numpy")
+def mix(x: Array, P: Array, omega: Array, x0: Array, P0: Array) -> None:
+    """What each filter starts its step from: mixture j of all filters with the weights ``omega[:, j]``.
+
+    Mean and covariance of the whole mixture are the same before and after:
+    ``sum_j cbar_j x0_j = sum_i mu_i x_i``, and the second moments likewise.
+
+    Parameters
+    ----------
+    x, P : (r, n), (r, n, n) posterior of each filter.
+    omega : (r, r) from :func:`mixing_weights`.
+    x0, P0 : (r, n), (r, n, n) results; not ``x`` and ``P`` themselves.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> x0, P0 = np.empty((2, 1)), np.empty((2, 1, 1))
+    >>> omega = np.array([[1.0, 0.5], [0.0, 0.5]])
+    >>> mix(np.array([[0.0], [2.0]]), np.ones((2, 1, 1)), omega, x0, P0)
+    >>> x0.ravel().tolist(), P0.ravel().tolist()
+    ([0.0, 1.0], [1.0, 2.0])
+    """
+    for j in range(x.shape[0]):
+        moments(x, P, omega[:, j], x0[j], P0[j])
+
+
+@njit(cache=True, error_model="numpy")
+def update_modes(cbar: Array, log_likelihood: Array, mu: Array) -> float:
+    """Bayes' rule for the modes: fill ``mu_j = cbar_j exp(l_j) / sum_k cbar_k exp(l_k)``.
+
+    Parameters
+    ----------
+    cbar : (r,) probabilities before the measurement; not ``mu`` itself.
+    log_likelihood : (r,) of the measurement under each mode; minus infinity rules a mode out.
+    mu : (r,) result, sums to 1. A mode that was possible keeps at least
+        :data:`LEAST_PROBABILITY`. When every mode is ruled out, the measurement decides
+        nothing and ``mu`` is ``cbar``.
+
+    Returns
+    -------
+    Log-likelihood of the measurement under the whole bank, ``log sum_j cbar_j exp(l_j)``.
+
+    Examples
+    --------
+    Far below what ``exp`` can represent:
+
+    >>> import numpy as np
+    >>> mu = np.empty(2)
+    >>> update_modes(np.array([0.5, 0.5]), np.array([-9000.0, -9000.0 - np.log(3.0)]), mu).__round__(4)
+    -9000.4055
+    >>> mu.round(12).tolist()
+    [0.75, 0.25]
+    """
+    r = cbar.shape[0]
+    peak = -np.inf
+    for j in range(r):
+        if cbar[j] > 0.0 and log_likelihood[j] > peak:
+            peak = log_likelihood[j]
+    if peak == -np.inf:
+        mu[:] = cbar
+        return peak
+    total = 0.0
+    for j in range(r):
+        mu[j] = cbar[j] * math.exp(log_likelihood[j] - peak) if cbar[j] > 0.0 else 0.0
+        total += mu[j]
+    for j in range(r):
+        mu[j] /= total
+        if cbar[j] > 0.0 and mu[j] < LEAST_PROBABILITY:
+            mu[j] = LEAST_PROBABILITY
+    return peak + math.log(total)
+
+
+@njit(cache=True, error_model="numpy")
+def transitions_over(rates: Array, dt: float, M: Array) -> None:
+    """Fill ``M = exp(rates dt)``: how modes move in ``dt`` seconds, when they move at constant rates.
+
+    Uniformisation of a short part of the step, ``sum_k Poisson(k) (I + rates / fastest)^k``, then
+    repeated squaring: only sums of non-negative terms, so rows are distributions to rounding.
+
+    Parameters
+    ----------
+    rates : (r, r) 1/s; ``rates[i, j]`` from mode i to j, the diagonal is minus the row's sum of the others.
+    dt : s.
+    M : (r, r) result.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> M = np.empty((2, 2))
+    >>> transitions_over(np.array([[-1.0, 1.0], [0.0, 0.0]]), 1.0, M)
+    >>> M.round(6).tolist()
+    [[0.367879, 0.632121], [0.0, 1.0]]
+    """
+    r = rates.shape[0]
+    fastest = 0.0
+    for i in range(r):
+        fastest = max(fastest, -rates[i, i])
+    moves = fastest * dt  # expected number of (possible) moves in the step
+    halvings = 0
+    while moves > 0.5:
+        moves *= 0.5
+        halvings += 1
+    jump = np.eye(r)
+    if fastest > 0.0:
+        jump += rates / fastest
+    M[:] = 0.0
+    term = math.exp(-moves) * np.eye(r)
+    for k in range(1, 20):  # 0.5**19 / 19! is 2e-23
+        M += term
+        term = (term @ jump) * (moves / k)
+    for done in range(halvings + 1):
+        if done > 0:
+            M[:] = M @ M
+        for i in range(r):  # each time, or squaring would double the rounding of the sums too
+            M[i] /= M[i].sum()

@@ -1,0 +1,105 @@
+"""filterpy's extended Kalman filter on the tracker's model, sample by sample.
+
+Model step, force balance and bounds are the tracker's compiled functions, called from Python: what is slow
+is filterpy itself. It has no channels that come and go, so it gets rows with all sensors.
+"""
+
+from __future__ import annotations
+
+import time
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from estimators import eha_forces, eha_layout, eha_loop, eha_model
+from estimators.eha_noise import N_P, N_TH, N_X
+from estimators.eha_tracker import EhaTracker
+from estimators.eha_update import MOVING
+
+Array = NDArray[np.float64]
+
+CHANNELS = (eha_model.X, eha_model.TH, eha_model.P1, eha_model.P2)
+"""States that the peer measures."""
+_COLUMNS = [eha_layout.POSITION, eha_layout.ANGLE, eha_layout.PRESSURE_1, eha_layout.PRESSURE_2]
+_UNITS = np.array([1e3, 1.0, 1e-6, 1e-6])
+
+
+@dataclass(frozen=True)
+class PeerRun:
+    """What filterpy made of a block.
+
+    Attributes
+    ----------
+    whole : processor time per sample, s, of all of it.
+    filterpy : of its `predict` and `update` alone, medians over the samples.
+    x, variances : (STATES,) final state and its variances, model units.
+    """
+
+    whole: float
+    filterpy: float
+    x: Array
+    variances: Array
+
+
+def run_filterpy(tracker: EhaTracker, block: Array) -> PeerRun:
+    """Track a block with filterpy's EKF, from a tracker's state after the block before.
+
+    Parameters
+    ----------
+    tracker : has been started; it is not changed.
+    block : (n, COLUMNS) what follows, evenly sampled, no gaps; chamber and accumulator pressures in it.
+
+    Raises
+    ------
+    ImportError : filterpy is not installed.
+    """
+    from filterpy.kalman import ExtendedKalmanFilter
+
+    start = tracker.state()
+    n, h, q, c = eha_model.STATES, tracker.period * 1e3, tracker.model, tracker.noise.array()
+    memory = start["memory"]
+    F, G, noise, out = np.eye(n), np.zeros((n, 4)), np.empty(4), np.empty(n)
+
+    class Peer(ExtendedKalmanFilter):
+        def predict_x(self, u: Any = 0) -> None:
+            self.x = out.copy()
+
+    peer = Peer(dim_x=n, dim_z=len(CHANNELS))
+    peer.x, peer.P = start["x"], start["P"]
+    H = np.zeros((len(CHANNELS), n))
+    H[np.arange(len(CHANNELS)), CHANNELS] = 1.0
+    r0 = np.array([c[N_X] * 1e3, c[N_TH], c[N_P] * 1e-6, c[N_P] * 1e-6]) ** 2
+    walks = eha_loop.random_walks(h, c)
+    load_walk = walks[eha_model.LOAD]
+    measured = block[:, _COLUMNS] * _UNITS
+    spent = np.empty(len(block))
+    begin = time.process_time()
+    for row, z in enumerate(measured):
+        x, P = peer.x, peer.P
+        p_acc, viscosity = block[row, eha_layout.ACCUMULATOR] * 1e-6, block[row, eha_layout.VISCOSITY]
+        eha_loop.motion_noise(x, h, p_acc, True, q, c, noise)
+        spread = (P[eha_model.V, eha_model.V] + noise[0]) * h * h
+        trust = spread / (spread + P[eha_model.X, eha_model.X] + r0[0])
+        v_at = x[eha_model.V] + trust * ((z[0] - x[eha_model.X]) / h - x[eha_model.V])
+        w_at = (z[1] - x[eha_model.TH]) / h
+        eha_model.step(x, h, viscosity, p_acc, v_at, w_at, q, out, F, G)
+        F[:MOVING, eha_model.FRIC :] = 0.0
+        walks[eha_model.LOAD] = load_walk * memory[eha_layout.M_FSCALE]
+        peer.F = F
+        peer.Q = (G * noise) @ G.T
+        peer.Q.flat[:: n + 1] += walks
+        tick = time.perf_counter()
+        peer.predict()
+        lap = time.perf_counter() - tick
+        innovation = z - peer.x[list(CHANNELS)]
+        variance = peer.P[CHANNELS, CHANNELS] + r0
+        r = r0 + np.maximum((innovation / eha_forces.ROBUST) ** 2 - variance, 0.0)
+        tick = time.perf_counter()
+        peer.update(z, lambda x: H, lambda x: H @ x, R=np.diag(r))
+        spent[row] = lap + time.perf_counter() - tick
+        eha_forces.balance_forces(peer.x, peer.P, h, q, c, memory)
+        eha_loop.bound(peer.x)
+    whole = (time.process_time() - begin) / len(block)
+    return PeerRun(whole, float(np.median(spent)), peer.x.copy(), np.diag(peer.P).copy())

@@ -1,0 +1,252 @@
+// The EHA tracker in plain C++ with Eigen: what `estimators.eha_loop.track` would be if an engineer wrote it by hand.
+//
+// The same algorithm, function by function and by the same names: time grid, missing and late samples, model step with
+// Jacobian, covariance step, robust scalar updates in Joseph form, likelihood, EKF-SVSF switching, force balance, bounds.
+//
+// Usage: tracker INPUT OUTPUT. INPUT is raw doubles: rows, repeats, dense, period, svsf, has_pressures, has_angle, gamma,
+// layer, then model parameters, noise, first state, its variances, and the block. OUTPUT takes the final state, its
+// variances and the summed log-likelihood; standard output the processor seconds per sample, one line a repeat.
+#include <cstdio>
+#include <ctime>
+#include <limits>
+#include <vector>
+
+#include "filter.hpp"
+
+constexpr double NaN = std::numeric_limits<double>::quiet_NaN();
+
+struct Settings {
+    double rows, repeats, dense, period, svsf, has_pressures, has_angle, gamma, layer;
+};
+
+template <int N>
+void start_motion(Filter<N>& f, const Channels& z, double p_acc) {
+    const auto known = [](double value, double other) { return std::isnan(value) ? other : value; };
+    f.A.template topRows<MOVING>().setZero();
+    f.A.template leftCols<MOVING>().setZero();
+    const double drop = known(z[Z_DP], 0.0);
+    f.x[X] = known(z[Z_X], 0.0);
+    f.x[TH] = known(z[Z_TH], 0.0);
+    f.x[V] = f.x[W] = 0.0;
+    f.x[P1] = known(z[Z_P1], p_acc + std::max(drop, 0.0));
+    f.x[P2] = known(z[Z_P2], p_acc + std::max(-drop, 0.0));
+    f.A(X, X) = f.A(TH, TH) = 1.0;
+    f.A(V, V) = 0.01;
+    f.A(W, W) = f.A(P1, P1) = f.A(P2, P2) = 0.09;
+}
+
+inline void bound(State& x) {
+    const auto keep = [&](int i, double low, double high) { x[i] = std::min(std::max(x[i], low), high); };
+    keep(LEAK, 0.02, 300.0);
+    keep(VALVE1, -0.9, 300.0);
+    keep(VALVE2, -0.9, 300.0);
+    keep(AIR, -2.0, 100.0);
+    keep(GAIN, -0.1, 0.1);
+    keep(FRIC, 0.02, 10.0);
+    keep(VISC, -2e3, 5e4);
+    keep(THROT, -2e4, 1e7);
+    keep(INERT, -10.0, 3e3);
+}
+
+inline State random_walks(double h, const double* c) {
+    State rate = State::Zero();
+    rate[LEAK] = c[N_LEAK];
+    rate[VALVE1] = rate[VALVE2] = c[N_VALVE];
+    rate[AIR] = c[N_AIR] * 1e3;
+    rate[GAIN] = c[N_GAIN];
+    rate[FRIC] = c[N_FRIC];
+    rate[VISC] = c[N_VISC];
+    rate[LOAD] = c[N_LOAD];
+    rate[STIF] = c[N_STIF] * 1e-3;
+    rate[THROT] = c[N_THROT];
+    rate[INERT] = c[N_INERT];
+    return rate.cwiseAbs2() * 1e-3 * h;
+}
+
+inline Eigen::Vector4d motion_noise(const State& x, double h, double p_acc, bool known, const double* q, const double* c) {
+    const double force = 1e-3 / q[Q_MASS] * c[N_FORCE], acceleration = c[N_ACCEL] * 1e-3, margin = c[N_MARGIN] * 1e-6;
+    const bool fed1 = known ? x[P1] < p_acc + margin : x[P1] <= x[P2], fed2 = known ? x[P2] < p_acc + margin : x[P2] < x[P1];
+    const bool relieved = std::abs(x[P1] - x[P2]) > c[N_RELIEF] * 1e-6;
+    const double few = c[N_FLOW] * 1e9, much = c[N_REFEED] * 1e9;
+    const double flow1 = relieved || fed1 ? much : few, flow2 = relieved || fed2 ? much : few;
+    return {force * force * 1e3 * h, acceleration * acceleration * 1e-3 * h, flow1 * flow1 * 1e-3 * h,
+            flow2 * flow2 * 1e-3 * h};
+}
+
+struct Balance {  // the force balance's memory
+    double count = 0, force = 0, velocity = 0, position = 0, start = 0, sign = 0, curve = 0, square = 0;
+    double unrest = 1, slid = 0;
+};
+
+template <int N>
+void balance_forces(Filter<N>& f, Balance& m, double h, const double* q, const double* c) {
+    const double v = f.x[V];
+    if (m.count == 0.0) {
+        m.force = m.velocity = m.position = m.curve = m.square = 0.0;
+        m.start = v;
+        const double direction = v > 0.0 ? 1.0 : -1.0;
+        if (direction != m.sign) m.slid = 0.0;
+        m.sign = direction;
+    }
+    if (v * m.sign < q[Q_SLIDING]) m.slid = -FORCE_PERIOD;
+    m.force += (q[Q_AREA1] * f.x[P1] - q[Q_AREA2] * f.x[P2]) * h;
+    m.velocity += v * h;
+    m.position += f.x[X] * h;
+    m.square += v * std::abs(v) * h;
+    m.curve += friction_curve(v, q).curve * h;
+    m.count += h;
+    if (m.count < FORCE_PERIOD - 0.5 * h) return;
+    const double span = m.count;
+    m.count = 0.0;
+    m.slid += span;
+    if (m.slid < FRICTION_SETTLES) return;
+    const double acceleration = (v - m.start) / span * 1e3;
+    Load out;
+    out[FRIC - FRIC] = m.curve / span;
+    out[VISC - FRIC] = m.velocity / span;
+    out[LOAD - FRIC] = 1.0;
+    out[STIF - FRIC] = m.position / span;
+    out[THROT - FRIC] = m.square / span;
+    out[INERT - FRIC] = acceleration;
+    const double y = m.force / span - q[Q_MASS] * acceleration - out.dot(f.x.template tail<LOADS>());
+    const double lag = FRICTION_LAG / span * (friction_curve(v, q).curve - friction_curve(m.start, q).curve);
+    const double partner = PARTNER_MISFIT * f.x[THROT] * m.square / span, unrest = std::max(m.unrest, 1.0);
+    double r = (c[N_FMEAN] * c[N_FMEAN] + lag * lag + partner * partner) * unrest * unrest;
+    const double s = r + f.force_variance(out), ratio = y * y / s;
+    m.unrest = std::min(std::max(m.unrest * std::exp(0.02 * (std::min(ratio, 9.0) - 1.0)), 0.01), 1e4);
+    if (ratio > ROBUST * ROBUST) r += s * (ratio / (ROBUST * ROBUST) - 1.0);
+    f.force_update(out, y, r);
+}
+
+template <int N>
+double track(Filter<N>& f, const double* block, const Settings& set, const double* q, const double* c) {
+    const double h0 = set.period * 1e3, r_mean = 0.04 * 1e4 / h0;
+    Channels r0;
+    r0[Z_X] = std::pow(c[N_X] * 1e3, 2);
+    r0[Z_TH] = std::pow(c[N_TH], 2);
+    r0[Z_P1] = r0[Z_P2] = std::pow(c[N_P] * 1e-6, 2);
+    r0[Z_DP] = std::pow(c[N_DP] * 1e-6, 2);
+    r0[Z_MEAN] = r_mean;
+    State walks = random_walks(h0, c);
+    const double load_walk = walks[LOAD];
+    Balance balance;
+    Jacobian F;
+    Effect G;
+    bool started = false;
+    double origin = 0, index = 0, angle = 0, last_speed = 0, accumulator = NaN, viscosity = 1.0, blind_steps = 0, total = 0;
+    for (long row = 0; row < static_cast<long>(set.rows); ++row, block += COLUMNS) {
+        const double time = block[TIME];
+        double steps = 0.0;
+        if (started) {
+            origin += 2e-5 * set.period;
+            steps = std::max(std::floor((time - origin) / set.period + 0.25) - index, 1.0);
+            index += steps;
+            origin -= std::max(origin + index * set.period - time, 0.0);
+        } else {
+            origin = time;
+            index = 0.0;
+        }
+        Channels z;
+        z[Z_TH] = block[ANGLE];
+        if (!set.has_angle) {
+            const double speed = std::isnan(block[SPEED]) ? last_speed : block[SPEED];
+            if (steps > 0.0) angle += set.period * (speed + (steps - 1.0) * 0.5 * (speed + last_speed));
+            last_speed = speed;
+            z[Z_TH] = angle;
+        }
+        if (!std::isnan(block[ACCUMULATOR])) accumulator = block[ACCUMULATOR] * 1e-6;
+        if (!std::isnan(block[VISCOSITY])) viscosity = block[VISCOSITY];
+        const bool known = !std::isnan(accumulator);
+        const double p_acc = known ? accumulator : q[Q_ACCUMULATOR];
+        z[Z_X] = block[POSITION] * 1e3;
+        z[Z_P1] = block[PRESSURE_1] * 1e-6;
+        z[Z_P2] = block[PRESSURE_2] * 1e-6;
+        z[Z_DP] = set.has_pressures ? NaN : block[DIFFERENCE] * 1e-6;
+        z[Z_MEAN] = set.has_pressures ? NaN : p_acc;
+
+        const bool blind = std::isnan(z[Z_X]) || std::isnan(z[Z_TH]);
+        if (blind) {
+            blind_steps += steps;
+            if (!started) continue;
+        } else {
+            steps += blind_steps;
+            blind_steps = 0.0;
+            if (!started) {
+                start_motion(f, z, p_acc);
+                started = true;
+            } else if (steps > LONGEST_GAP) {
+                start_motion(f, z, p_acc);
+                walks[LOAD] = load_walk * balance.unrest;
+                f.widen(steps * walks);
+            } else {
+                const double span = steps * h0, force = 1e-3 / q[Q_MASS] * c[N_FORCE];
+                const double spread = (f.A(V, V) + force * force * 1e3 * h0) * span * span;
+                const double trust = spread / (spread + f.A(X, X) + r0[Z_X]);
+                const double v_at = f.x[V] + trust * ((z[Z_X] - f.x[X]) / span - f.x[V]), w_at = (z[Z_TH] - f.x[TH]) / span;
+                for (int k = 0; k < static_cast<int>(steps); ++k) {
+                    const Eigen::Vector4d noise = motion_noise(f.x, h0, p_acc, known, q, c);
+                    walks[LOAD] = load_walk * balance.unrest;
+                    step(f.x, h0, viscosity, p_acc, v_at, w_at, q, F, G);
+                    f.propagate(F, G, noise, walks);
+                }
+            }
+        }
+        f.plus[Z_MEAN] = f.x[P1] <= f.x[P2] ? P1 : P2;
+        Channels y = f.innovation(z), r = r0;
+        bool mask[MEASUREMENTS];
+        for (int i = 0; i < MEASUREMENTS; ++i) {
+            mask[i] = !blind && !std::isnan(y[i]);
+            if (mask[i] && !set.svsf) r[i] += std::max(y[i] * y[i] / (ROBUST * ROBUST) - r[i] - f.channel_variance(i), 0.0);
+        }
+        Motion motion, variances;
+        const bool switched = set.svsf && f.svsf(y, r, mask, set.gamma, set.layer, motion, variances);
+        total += f.update(y, r, mask).second;
+        if (switched) f.take(motion, variances);
+        if (set.svsf) {
+            f.plus[Z_MEAN] = f.x[P1] <= f.x[P2] ? P1 : P2;
+            y = f.innovation(z);
+            for (int i = 0; i < MEASUREMENTS; ++i)
+                if (mask[i]) f.e_post[i] = y[i];
+        }
+        if (!blind) balance_forces(f, balance, std::max(steps, 1.0) * h0, q, c);
+        bound(f.x);
+    }
+    return total;
+}
+
+template <int N>
+void measure(const Settings& set, const double* rest, std::FILE* out) {
+    const double *q = rest, *c = q + PARAMETERS, *x = c + NOISE, *variances = x + STATES, *block = variances + STATES;
+    Filter<N> f;
+    double total = 0.0;
+    for (int repeat = 0; repeat < static_cast<int>(set.repeats); ++repeat) {
+        f = Filter<N>();
+        f.x = Eigen::Map<const State>(x);
+        f.widen(Eigen::Map<const State>(variances));
+        const std::clock_t start = std::clock();
+        total = track(f, block, set, q, c);
+        std::printf("%.6e\n", static_cast<double>(std::clock() - start) / CLOCKS_PER_SEC / set.rows);
+    }
+    std::fwrite(f.x.data(), sizeof(double), STATES, out);
+    for (int i = 0; i < STATES; ++i) {
+        const double variance = f.variance(i);
+        std::fwrite(&variance, sizeof(double), 1, out);
+    }
+    std::fwrite(&total, sizeof(double), 1, out);
+}
+
+int main(int count, char** names) {
+    std::FILE* in = count == 3 ? std::fopen(names[1], "rb") : nullptr;
+    std::FILE* out = in ? std::fopen(names[2], "wb") : nullptr;
+    if (!out) return 2;
+    std::vector<double> input;
+    double buffer[4096];
+    for (std::size_t n; (n = std::fread(buffer, sizeof(double), 4096, in)) > 0;)
+        input.insert(input.end(), buffer, buffer + n);
+    const double* s = input.data();
+    const Settings set{s[0], s[1], s[2], s[3], s[4], s[5], s[6], s[7], s[8]};
+    if (set.dense) measure<STATES>(set, s + 9, out);
+    else measure<COUPLED>(set, s + 9, out);
+    std::fclose(out);
+    return 0;
+}

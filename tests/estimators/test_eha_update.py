@@ -1,0 +1,132 @@
+"""The tracker's covariance step and updates: against dense algebra, extended precision and an exact layer."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from estimators import eha_model as eha
+from estimators.eha_update import COUPLED, MOVING, layers_exceeded, propagate, selected_update, update
+from estimators.kernels import kalman_update, svsf_update
+
+N = eha.STATES
+# States measured by each channel, added and subtracted: position, angle, both pressures, their difference.
+PLUS = np.array([eha.X, eha.TH, eha.P1, eha.P2, eha.P1])
+MINUS = np.array([-1, -1, -1, -1, eha.P2])
+M = PLUS.size
+
+
+def outputs() -> np.ndarray:
+    """The same as a matrix."""
+    H = np.zeros((M, N))
+    H[np.arange(M), PLUS] = 1.0
+    H[4, eha.P2] = -1.0
+    return H
+
+
+def covariance(rng: np.random.Generator, decades: float = 3.0) -> np.ndarray:
+    """Of two blocks, with the states' scales apart by up to twice `decades`."""
+    P = np.zeros((N, N))
+    for block in (slice(0, COUPLED), slice(COUPLED, N)):
+        size = len(range(N)[block])
+        root = rng.standard_normal((size, size)) * 10.0 ** rng.uniform(-decades, decades, (size, 1))
+        P[block, block] = root @ root.T
+    return 0.5 * (P + P.T)
+
+
+def correlations(P: np.ndarray, like: np.ndarray) -> np.ndarray:
+    """`P` in units of the standard deviations of `like`."""
+    spread = np.sqrt(np.diag(like))
+    return P / np.outer(spread, spread)
+
+
+@given(st.integers(0, 2**32 - 1))
+def test_covariance_step_is_the_dense_one(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    F = np.eye(N)
+    F[:MOVING] += rng.standard_normal((MOVING, N)) * (rng.random((MOVING, N)) < 0.5)
+    G = np.zeros((N, 4))
+    G[:MOVING] = rng.standard_normal((MOVING, 4))
+    P, noise, diag = covariance(rng), 10.0 ** rng.uniform(-6.0, 3.0, 4), 10.0 ** rng.uniform(-8.0, 0.0, N)
+    apart = F.copy()
+    apart[:MOVING, COUPLED:] = 0.0  # friction and load act on motion, but are no part of this
+    expected = apart @ P @ apart.T + G @ np.diag(noise) @ G.T + np.diag(diag)
+    propagate(P, F, G, noise, diag, np.empty((MOVING, N)))
+    np.testing.assert_array_equal(P, P.T)
+    np.testing.assert_allclose(correlations(P, expected), correlations(expected, expected), atol=1e-12)
+
+
+@given(st.integers(0, 2**32 - 1), st.lists(st.booleans(), min_size=M, max_size=M))
+def test_update_is_the_kalman_filters(seed: int, used: list[bool]) -> None:
+    rng, mask = np.random.default_rng(seed), np.array(used)
+    x, P = rng.standard_normal(N), covariance(rng, 1.5)
+    y, r = rng.standard_normal(M), 10.0 ** rng.uniform(-2.0, 2.0, M)
+    x_dense, P_dense = x.copy(), P.copy()
+    expected = kalman_update(x_dense, P_dense, y, outputs(), r, mask)
+    spread = np.sqrt(np.diag(P))
+    found = update(x, P, y, PLUS, MINUS, r, mask, np.empty((2, N)))
+    np.testing.assert_allclose(found, expected, rtol=1e-8, atol=1e-8)
+    np.testing.assert_allclose((x - x_dense) / spread, 0.0, atol=1e-8)
+    np.testing.assert_array_equal(P, P.T)
+    np.testing.assert_allclose(P / np.outer(spread, spread), P_dense / np.outer(spread, spread), atol=1e-10)
+
+
+@pytest.mark.parametrize("channel", range(M))
+@pytest.mark.parametrize("decades", range(2, 31, 4))
+def test_what_a_precise_channel_leaves_is_right_to_its_last_digits(channel: int, decades: int) -> None:
+    """Noise far below the rounding of the prior: the variance left is its own, which P - k s k' loses."""
+    rng = np.random.default_rng(channel)
+    P = covariance(rng, 0.5)
+    h = outputs()[channel]
+    prior = float(h @ P @ h)
+    r = prior * 10.0**-decades
+    selected_update(P, PLUS[channel], MINUS[channel], r, np.empty(N))
+    left = r * prior / (prior + r)
+    if MINUS[channel] < 0:
+        assert h @ P @ h == pytest.approx(left, rel=1e-12)
+    else:  # both pressures keep their variance: it is their difference that has to be this small
+        assert h @ P @ h == pytest.approx(left, rel=1e-12, abs=4e-16 * P[eha.P1, eha.P1])
+    np.testing.assert_array_equal(P, P.T)
+    scaled = correlations(P, P)
+    assert np.linalg.eigvalsh(scaled).min() > -1e-14
+
+
+def test_many_updates_of_worst_scaling_keep_it_positive() -> None:
+    """Channels with variances of 1e-20 to 1, and walks 12 decades apart, 200 000 times."""
+    rng = np.random.default_rng(3)
+    F, G = np.eye(N), np.zeros((N, 4))
+    F[eha.X, eha.V] = F[eha.TH, eha.W] = 1.0
+    F[eha.P1, :COUPLED] += rng.standard_normal(COUPLED) * 1e-2
+    F[eha.P2, :COUPLED] += rng.standard_normal(COUPLED) * 1e-2
+    F[:MOVING, :MOVING] *= 0.999
+    G[:4, :] = np.eye(4)
+    P, x, work, scratch = covariance(rng, 4.0), np.zeros(N), np.empty((2, N)), np.empty((MOVING, N))
+    walks = 10.0 ** rng.uniform(-12.0, 0.0, N)
+    masks = rng.random((1000, M)) < 0.7
+    r = 10.0 ** rng.uniform(-20.0, 0.0, (1000, M))
+    for i in range(200_000):
+        propagate(P, F, G, np.full(4, 1e-6), walks, scratch)
+        update(x, P, np.zeros(M), PLUS, MINUS, r[i % 1000], masks[i % 1000], work)
+    np.testing.assert_array_equal(P, P.T)
+    assert (np.diag(P) > 0.0).all()
+    assert np.linalg.eigvalsh(correlations(P, P)).min() > -1e-12
+
+
+@given(st.integers(0, 2**32 - 1), st.lists(st.booleans(), min_size=M, max_size=M), st.floats(0.5, 20.0))
+def test_layers_are_those_of_the_svsf(seed: int, used: list[bool], layer: float) -> None:
+    """Also with a difference beside both pressures, where H P H' is singular."""
+    rng, mask = np.random.default_rng(seed), np.array(used)
+    P, y, r = covariance(rng, 0.5), rng.standard_normal(M), 10.0 ** rng.uniform(-2.0, 0.0, M)
+    e_post, psi_k, expected = rng.standard_normal(M), np.empty(M), np.empty(M)
+    H = outputs()
+    psi = layer * np.sqrt(np.einsum("ci,ij,cj->c", H, P, H) + r)
+    exceeded = layers_exceeded(P, y, PLUS, MINUS, r, mask, e_post, 0.1, layer, psi_k, np.empty((2 * M, M)))
+    switched = svsf_update(
+        np.zeros(N), P.copy(), y, H, r, mask, e_post.copy(), 0.1, psi, True, expected, np.empty(M, np.bool_)
+    )[2]
+    np.testing.assert_allclose(psi_k, expected, rtol=1e-6)
+    assert exceeded == (mask & (psi_k > psi)).any()
+    if np.abs(psi_k / psi - 1.0)[mask].min(initial=1.0) > 1e-5:
+        assert exceeded == switched

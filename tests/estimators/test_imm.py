@@ -1,0 +1,434 @@
+"""The bank: filterpy's IMM to rounding, Bayes' rule where it is exact, and a plant that switches modes."""
+
+from __future__ import annotations
+
+import copy
+import io
+
+import filterpy.kalman
+import numpy as np
+import pytest
+import scipy.linalg
+import scipy.special
+import scipy.stats
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from estimators import IMM, SVSF, ExtendedKalmanFilter, run_bank, transition_matrix
+from estimators.imm_kernels import mix, mixing_weights, moments
+
+problem = {
+    "seed": st.integers(0, 2**32 - 1), "r": st.integers(2, 4), "n": st.integers(1, 4), "m": st.integers(1, 3),
+}  # fmt: skip
+# Attributes that mean the same in filterpy after an update.
+SHARED = ("x", "P", "x_post", "P_post", "mu", "cbar", "omega")
+
+
+def covariance(rng: np.random.Generator, size: int) -> np.ndarray:
+    A = rng.normal(size=(size, size))
+    return A @ A.T / size + 0.3 * np.eye(size)
+
+
+def chain(rng: np.random.Generator, r: int) -> np.ndarray:
+    """Transition probabilities without a pattern."""
+    M = rng.random((r, r)) + r * np.eye(r)
+    return M / M.sum(axis=1, keepdims=True)
+
+
+def models(rng: np.random.Generator, r: int, n: int, m: int) -> dict[str, np.ndarray]:
+    """Random stable linear modes with one input."""
+    F = rng.normal(size=(r, n, n))
+    F /= 1.1 * np.abs(np.linalg.eigvals(F)).max(axis=1)[:, None, None]
+    return {
+        "F": F,
+        "B": rng.normal(size=(r, n, 1)),
+        "H": rng.normal(size=(r, m, n)),
+        "Q": np.stack([covariance(rng, n) for _ in range(r)]),
+        "R": np.stack([covariance(rng, m) for _ in range(r)]),
+    }
+
+
+def bank_of(kind, mode: dict[str, np.ndarray], seed: int = 0, **options) -> list:
+    """A filter of ``kind`` for each mode, all with different states at the start."""
+    rng = np.random.default_rng(seed)
+    r, m, n = mode["H"].shape
+    filters = []
+    for j in range(r):
+        f = kind(n, m, dim_u=1, **options)
+        f.x, f.P = rng.normal(size=(n, 1)), covariance(rng, n)
+        for name, value in mode.items():
+            setattr(f, name, value[j].copy())
+        filters.append(f)
+    return filters
+
+
+def close(one, other, names=SHARED, rtol=1e-10) -> None:
+    """Equal to ``rtol`` of the largest element."""
+    for name in names:
+        expected = getattr(other, name)
+        np.testing.assert_allclose(
+            getattr(one, name), expected, 0.0, rtol * np.abs(expected).max(), err_msg=name
+        )
+
+
+@settings(max_examples=40, deadline=None)
+@given(**problem, peers=st.booleans())
+def test_equals_filterpys_imm_at_every_step(seed, r, n, m, peers) -> None:
+    """With our filters in ours, and with filterpy's filters in ours."""
+    rng = np.random.default_rng(seed)
+    mode, M, mu = models(rng, r, n, m), chain(rng, r), rng.random(r) + 0.1
+    kind = filterpy.kalman.KalmanFilter if peers else ExtendedKalmanFilter
+    ours = IMM(bank_of(kind, mode), mu, M)
+    peer = filterpy.kalman.IMMEstimator(bank_of(filterpy.kalman.KalmanFilter, mode), mu, M)
+    close(ours, peer)
+    for _ in range(20):
+        u = rng.normal(size=(1, 1))
+        weights = peer.cbar.copy()
+        ours.predict(u)
+        peer.predict(u)
+        close(ours, peer, ("cbar", "omega"))
+        np.testing.assert_allclose(ours.mu, weights, rtol=1e-9)
+        prior = sum(w * f.x for w, f in zip(weights, peer.filters, strict=True))
+        np.testing.assert_allclose(ours.x_prior, prior, rtol=1e-9, atol=1e-11)
+        # Moderate, as filterpy's own products of likelihoods underflow.
+        z = (peer.filters[0].H @ peer.filters[0].x) + rng.normal(size=(m, 1))
+        ours.update(z)
+        peer.update(z)
+        close(ours, peer)
+        np.testing.assert_allclose(ours.likelihood, peer.likelihood, rtol=1e-8)
+        assert ours.log_likelihood == pytest.approx(np.log(weights @ peer.likelihood), abs=1e-8)
+
+
+@pytest.mark.parametrize("layer", ["fixed", "variable"])
+def test_svsf_in_our_bank_and_in_filterpys_are_the_same(layer) -> None:
+    rng = np.random.default_rng(1)
+    mode, M = models(rng, 3, 3, 2), chain(rng, 3)
+    options = {"psi": 2.0, "gamma": 0.2, "boundary_layer": layer}
+    ours = IMM(bank_of(SVSF, mode, **options), None, M)
+    peer = filterpy.kalman.IMMEstimator(bank_of(SVSF, mode, **options), [1.0, 1.0, 1.0], M)
+    switched = 0
+    for _ in range(300):
+        z = 3.0 * rng.normal(size=2)
+        for bank in (ours, peer):
+            bank.predict()
+            bank.update(z)
+        close(ours, peer)
+        switched += ours.filters[0].switched
+        for f, twin in zip(ours.filters, peer.filters, strict=True):
+            np.testing.assert_allclose(f.e_post, twin.e_post, rtol=1e-8, atol=1e-10)
+            assert f.log_likelihood == pytest.approx(
+                scipy.stats.multivariate_normal.logpdf(f.y.ravel(), cov=f.H @ f.P_prior @ f.H.T + f.R)
+            )
+    assert switched > 50
+
+
+@pytest.mark.parametrize("kind", [ExtendedKalmanFilter, SVSF])
+def test_a_bank_of_one_is_the_filter_itself(kind) -> None:
+    rng = np.random.default_rng(2)
+    options = {} if kind is ExtendedKalmanFilter else {"psi": 1.0}
+    mode = models(rng, 1, 3, 2)
+    alone = bank_of(kind, mode, **options)[0]
+    bank = IMM(bank_of(kind, mode, **options), None, [[1.0]])
+    for _ in range(100):
+        u, z = rng.normal(size=1), np.where(rng.random(2) < 0.2, np.nan, rng.normal(size=2))
+        for f in (alone, bank):
+            f.predict(u)
+            f.update(z)
+        for name in ("x", "P", "x_prior", "P_prior", "x_post", "P_post", "log_likelihood"):
+            np.testing.assert_array_equal(getattr(bank, name), getattr(alone, name), err_msg=name)
+    assert bank.mu.tolist() == [1.0]
+    assert bank.mode == 0
+
+
+@settings(max_examples=80, deadline=None)
+@given(seed=problem["seed"], r=st.integers(1, 5), n=problem["n"])
+def test_mixing_conserves_probability_mean_and_second_moment(seed, r, n) -> None:
+    rng = np.random.default_rng(seed)
+    mu, M = rng.dirichlet(np.full(r, 0.3)), chain(rng, r)
+    x, P = 10.0 * rng.normal(size=(r, n)), np.stack([covariance(rng, n) for _ in range(r)])
+    cbar, omega, x0, P0 = np.empty(r), np.empty((r, r)), np.empty((r, n)), np.empty((r, n, n))
+    mixing_weights(mu, M, cbar, omega)
+    mix(x, P, omega, x0, P0)
+    np.testing.assert_allclose(cbar, mu @ M, rtol=1e-13)
+    np.testing.assert_allclose(omega.sum(axis=0), 1.0, rtol=1e-13)
+    np.testing.assert_allclose(omega @ cbar, mu, rtol=1e-12, atol=1e-300)
+    np.testing.assert_allclose(cbar @ x0, mu @ x, rtol=1e-10, atol=1e-11)
+
+    def second(weights, mean, cov):
+        return np.einsum("j,jab->ab", weights, cov + mean[:, :, None] * mean[:, None, :])
+
+    np.testing.assert_allclose(second(cbar, x0, P0), second(mu, x, P), rtol=1e-10, atol=1e-10)
+    np.testing.assert_array_equal(P0, P0.transpose(0, 2, 1))
+    assert (np.linalg.eigvalsh(P0) > 0.0).all()
+
+
+def test_moments_are_those_of_draws() -> None:
+    rng = np.random.default_rng(3)
+    x, P, weights = rng.normal(size=(3, 2)), np.stack([covariance(rng, 2) for _ in range(3)]), [0.5, 0.3, 0.2]
+    draws = np.concatenate(
+        [rng.multivariate_normal(x[i], P[i], size=round(200_000 * w)) for i, w in enumerate(weights)]
+    )
+    mean, spread = np.empty(2), np.empty((2, 2))
+    moments(x, P, np.array(weights), mean, spread)
+    np.testing.assert_allclose(mean, draws.mean(axis=0), atol=0.02)
+    np.testing.assert_allclose(spread, np.cov(draws.T), atol=0.03)
+
+
+@settings(max_examples=20, deadline=None)
+@given(**problem)
+def test_order_of_modes_does_not_matter(seed, r, n, m) -> None:
+    rng = np.random.default_rng(seed)
+    mode, M, mu, order = models(rng, r, n, m), chain(rng, r), rng.dirichlet(np.ones(r)), rng.permutation(r)
+    straight = IMM(bank_of(ExtendedKalmanFilter, mode), mu, M)
+    filters = bank_of(ExtendedKalmanFilter, mode)
+    crossed = IMM([filters[i] for i in order], mu[order], M[np.ix_(order, order)])
+    for _ in range(10):
+        z = rng.normal(size=m)
+        for bank in (straight, crossed):
+            bank.predict()
+            bank.update(z)
+        close(crossed, straight, ("x", "P"), rtol=1e-8)
+        np.testing.assert_allclose(crossed.mu, straight.mu[order], rtol=1e-8, atol=1e-250)
+        assert crossed.log_likelihood == pytest.approx(straight.log_likelihood)
+
+
+def test_an_outlier_of_a_million_sigma_leaves_a_distribution() -> None:
+    rng = np.random.default_rng(5)
+    bank = IMM(bank_of(ExtendedKalmanFilter, models(rng, 3, 2, 2)), None, chain(rng, 3))
+    for z in ([1e8, -1e8], [0.0, 0.0], [1e150, 0.0], [0.0, 0.0]):
+        bank.predict()
+        bank.update(z)
+        assert bank.mu.sum() == pytest.approx(1.0, abs=1e-12)
+        assert np.isfinite(bank.log_likelihood)
+        assert np.isfinite(bank.P).all()
+
+
+def test_without_transitions_it_is_bayes_rule_over_whole_logs() -> None:
+    """Static modes never mix, so mode probabilities and the log-likelihood of the log are exact."""
+    rng = np.random.default_rng(6)
+    mode, mu = models(rng, 3, 2, 2), np.array([0.2, 0.5, 0.3])
+    bank, alone = IMM(bank_of(ExtendedKalmanFilter, mode), mu, np.eye(3)), bank_of(ExtendedKalmanFilter, mode)
+    evidence, total = np.zeros(3), 0.0
+    for _ in range(40):
+        z = rng.normal(size=2)
+        bank.predict()
+        bank.update(z)
+        total += bank.log_likelihood
+        for j, f in enumerate(alone):
+            f.predict()
+            f.update(z)
+            evidence[j] += f.log_likelihood
+    assert total == pytest.approx(np.logaddexp.reduce(np.log(mu) + evidence), rel=1e-12)
+    np.testing.assert_allclose(bank.mu, scipy.special.softmax(np.log(mu) + evidence), rtol=1e-9)
+
+
+def test_a_mode_that_cannot_be_reached_runs_on_alone() -> None:
+    rng = np.random.default_rng(13)
+    mode = models(rng, 2, 2, 2)
+    bank, alone = (
+        IMM(bank_of(ExtendedKalmanFilter, mode), [1.0, 0.0], np.eye(2)),
+        bank_of(ExtendedKalmanFilter, mode),
+    )
+    for _ in range(20):
+        z = rng.normal(size=2)
+        for f in (bank, *alone):
+            f.predict()
+            f.update(z)
+    for f, twin in zip(bank.filters, alone, strict=True):
+        np.testing.assert_array_equal(f.x, twin.x)
+        np.testing.assert_array_equal(f.P, twin.P)
+    np.testing.assert_array_equal(bank.x, alone[0].x)
+    assert bank.mu.tolist() == [1.0, 0.0]
+
+
+def test_gaps_move_the_modes_on_and_leave_the_filters_alone() -> None:
+    rng = np.random.default_rng(9)
+    M = transition_matrix([2.0, 1.0], 0.01)
+    for gap in (None, [np.nan, np.nan]):
+        for kind in (ExtendedKalmanFilter, filterpy.kalman.KalmanFilter):
+            bank = IMM(bank_of(kind, models(rng, 2, 2, 2)), [0.9, 0.1], M)
+            bank.predict()
+            bank.update(rng.normal(size=(2, 1)))
+            before = bank.mu
+            bank.predict()
+            states = [f.x.copy() for f in bank.filters]
+            bank.update(gap)
+            np.testing.assert_allclose(bank.mu, before @ M, rtol=1e-12)
+            for f, x in zip(bank.filters, states, strict=True):
+                np.testing.assert_array_equal(f.x, x)
+            assert bank.log_likelihood == pytest.approx(0.0, abs=1e-15)
+            for _ in range(1000):
+                bank.predict()
+            np.testing.assert_allclose(bank.mu, [2.0 / 3.0, 1.0 / 3.0], rtol=1e-6)
+
+
+def test_uneven_steps_reach_model_and_transitions() -> None:
+    """A step of 0.3 s is three of 0.1 s, for the modes and for the states, when nothing is measured."""
+
+    def drifting(rate):
+        f = ExtendedKalmanFilter(1, 1, f=lambda x, u, dt: x + rate * dt, F_jacobian=lambda x, u, dt: [[1.0]])
+        f.x, f.H, f.Q = np.zeros(1), [[1.0]], 0.0
+        return f
+
+    def bank():
+        return IMM([drifting(1.0), drifting(1.0)], [1.0, 0.0], lambda dt: transition_matrix([1.0, 2.0], dt))
+
+    one, three = bank(), bank()
+    one.predict(dt=0.3)
+    for _ in range(3):
+        three.predict(dt=0.1)
+    np.testing.assert_allclose(one.mu, three.mu, rtol=1e-12)
+    np.testing.assert_allclose([one.x, three.x], 0.3, rtol=1e-12)
+    with pytest.raises(ValueError, match="give dt"):
+        one.predict()
+
+
+def test_filterpys_nonlinear_filters_work_in_the_bank() -> None:
+    """Its EKF takes functions in update, its UKF the time step in predict; on a linear model all agree."""
+    rng = np.random.default_rng(10)
+    F, H, Q, R = np.array([[1.0, 0.1], [0.0, 0.9]]), np.array([[1.0, 0.0]]), 0.01 * np.eye(2), np.eye(1)
+    M = chain(rng, 2)
+
+    def ukf():
+        points = filterpy.kalman.MerweScaledSigmaPoints(2, 0.5, 2.0, 1.0)
+        return filterpy.kalman.UnscentedKalmanFilter(
+            2, 1, 0.1, hx=lambda x: H @ x, fx=lambda x, dt: F @ x, points=points
+        )
+
+    makers = (
+        lambda: ExtendedKalmanFilter(2, 1), lambda: filterpy.kalman.ExtendedKalmanFilter(2, 1), ukf,
+    )  # fmt: skip
+    functions = {1: (lambda x: H, lambda x: H @ x)}
+    banks = []
+    for make in makers:
+        filters = [make(), make()]
+        for f, scale in zip(filters, (1.0, 10.0), strict=True):
+            f.x, f.F, f.H, f.Q, f.R = np.zeros(2), F, H, scale * Q, R
+        banks.append(IMM(filters, None, M))
+    for _ in range(30):
+        z = rng.normal(size=1)
+        for k, bank in enumerate(banks):
+            bank.predict(dt=None if k == 1 else 0.1)
+            bank.update(z, *functions.get(k, ()))
+        for bank in banks[1:]:
+            close(bank, banks[0], ("x", "P", "mu"), rtol=1e-7)
+
+
+def test_save_and_resume_in_mid_stream() -> None:
+    """Through a file that cannot carry code."""
+    rng = np.random.default_rng(11)
+    mode, M = models(rng, 2, 2, 2), chain(rng, 2)
+    for kind, options in (
+        (ExtendedKalmanFilter, {}), (SVSF, {"psi": 1.0}), (filterpy.kalman.KalmanFilter, {}),
+    ):  # fmt: skip
+        z = rng.normal(size=(40, 2, 1))
+        through, first = (IMM(bank_of(kind, mode, **options), None, M) for _ in range(2))
+        resumed = IMM(bank_of(kind, mode, seed=99, **options), [0.9, 0.1], M)
+        for bank, part in ((through, z[:17]), (first, z[:17])):
+            for measured in part:
+                bank.predict()
+                bank.update(measured)
+        first.predict()  # between predict and update, the harder place
+        through.predict()
+        file = io.BytesIO()
+        np.savez(file, **first.get_state())
+        file.seek(0)
+        with np.load(file, allow_pickle=False) as saved:
+            resumed.set_state({k: v if v.ndim else v.item() for k, v in saved.items()})
+        for bank in (through, resumed):
+            bank.update(z[17])
+            for measured in z[18:]:
+                bank.predict()
+                bank.update(measured)
+        for name, value in through.get_state().items():
+            np.testing.assert_array_equal(resumed.get_state()[name], value, err_msg=name)
+        before = resumed.get_state()
+        before["x"][...] = 7.0
+        assert not np.array_equal(resumed.get_state()["x"], before["x"])
+    other = IMM(bank_of(ExtendedKalmanFilter, models(rng, 3, 2, 2)), None, chain(rng, 3))
+    with pytest.raises(ValueError, match="2 modes of 2 states; this bank has 3 of 2"):
+        other.set_state(first.get_state())
+    with pytest.raises(ValueError, match="missing or unknown"):
+        other.set_state({"x": np.zeros(2)})
+
+
+def test_a_refused_call_changes_nothing() -> None:
+    """The second filter refuses after the first has moved."""
+    calm = ExtendedKalmanFilter(1, 1, f=lambda x, u, dt: x + 1.0, h=lambda x: x)
+    touchy = ExtendedKalmanFilter(
+        1, 1, f=lambda x, u, dt: x / (u - 1.0) if u != 1.0 else x * np.nan,
+        h=lambda x: x, H_jacobian=lambda x: [[np.nan if x[0] > 3.0 else 1.0]],
+    )  # fmt: skip
+    bank = IMM([calm, touchy], None, transition_matrix([1.0, 1.0], 0.1))
+    calm.x = touchy.x = np.array([5.0])
+    before = copy.deepcopy(bank).get_state()
+    for call in (lambda: bank.predict(1.0), lambda: bank.update(2.0)):
+        with pytest.raises(ValueError, match=r"^filter 1: ") as error:
+            call()
+        assert "\n" not in str(error.value)
+    for z in ([1.0, 2.0], np.inf):
+        with pytest.raises(ValueError):
+            bank.update(z)
+    after = bank.get_state()
+    for name, value in before.items():
+        np.testing.assert_array_equal(after[name], value, err_msg=name)
+
+
+M2 = np.array([[0.9, 0.1], [0.2, 0.8]])
+
+
+@pytest.mark.parametrize(
+    ("mu", "M", "message"),
+    [
+        ([1.0], M2, "mu has 1 values for 2"),
+        ([-1.0, 2.0], M2, "probabilities of at least 0"),
+        ([0.0, 0.0], M2, "not all of them 0"),
+        ([np.nan, 1.0], M2, "probabilities"),
+        (None, np.eye(3), r"M has shape \(3, 3\)"),
+        (None, M2.T, "each row sums to 1"),
+        (None, [[1.5, -0.5], [0.0, 1.0]], "least value -0.5"),
+        (None, [[np.nan, 1.0], [0.0, 1.0]], "each row sums to 1"),
+    ],
+)
+def test_what_is_no_probability_is_refused(mu, M, message) -> None:
+    with pytest.raises(ValueError, match=message):
+        IMM([ExtendedKalmanFilter(1, 1), ExtendedKalmanFilter(1, 1)], mu, M)
+    with pytest.raises(ValueError, match=r"mu|M has"):
+        run_bank([0.0], F=[[1.0]], H=[[1.0]], Q=[[1.0]], R=[[1.0]], M=M, mu=mu if mu else [0.5, -0.5])
+
+
+def test_filters_that_do_not_go_together_are_refused() -> None:
+    one, two = ExtendedKalmanFilter(1, 1), ExtendedKalmanFilter(2, 1)
+    peer = filterpy.kalman.KalmanFilter(1, 2)
+    for filters, M, message in (
+        ([], [[1.0]], "no filters"),
+        ([one, two], M2, "filter 1 has 2 states and filter 0 has 1"),
+        ([one, one], M2, "stands in the bank twice"),
+    ):
+        with pytest.raises(ValueError, match=message):
+            IMM(filters, None, M)
+    bank = IMM([peer], None, [[1.0]])
+    with pytest.raises(ValueError, match="cannot drop channels"):
+        bank.update([np.nan, 1.0])
+    with pytest.raises(ValueError, match="infinite in channel 1"):
+        bank.update([0.0, np.inf])
+    with pytest.raises(ValueError, match="takes a time step"):
+        bank.predict(dt=0.1)
+    one.P = [[np.nan]]
+    with pytest.raises(ValueError, match="filter 0 has a state or covariance that is not finite"):
+        IMM([one], None, [[1.0]])
+
+
+def test_repr_is_one_line_of_what_was_given() -> None:
+    filters = [ExtendedKalmanFilter(1, 1), SVSF(1, 1, psi=0.5)]
+    assert repr(IMM(filters, None, M2)) == (
+        "IMM(filters=[ExtendedKalmanFilter(dim_x=1, dim_z=1), SVSF(dim_x=1, dim_z=1, psi=0.5, gamma=0.1, "
+        "boundary_layer='fixed')], M=[[0.9, 0.1], [0.2, 0.8]])"
+    )
+
+    def wear(dt):
+        return M2
+
+    bank = IMM([filters[0], filterpy.kalman.KalmanFilter(1, 1)], [0.25, 0.75], wear)
+    assert repr(bank).endswith("mu=[0.25, 0.75], M=wear)")
+    assert "\n" not in repr(bank)
