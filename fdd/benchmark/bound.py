@@ -92,15 +92,15 @@ def eha_bound(
     out = np.empty((rows.size, eha.STATES))
     _eha_bound(
         truth.states, truth.accumulator, truth.viscosity, model, np.diag(prior.spread**2), prior.walk,
-        prior.sizes, pressures, accumulator, rows, out,
+        prior.pull, prior.sizes, pressures, accumulator, rows, out,
     )  # fmt: skip
     return out
 
 
 @njit(cache=True, error_model="numpy")
 def _eha_bound(
-    states: Array, p_acc: Array, viscosity: Array, q: Array, P: Array, walk: Array, sizes: Array, pressures:
-    bool, known: bool, rows: NDArray[np.int64], out: Array,
+    states: Array, p_acc: Array, viscosity: Array, q: Array, P: Array, walk: Array, pull: Array, sizes: Array,
+    pressures: bool, known: bool, rows: NDArray[np.int64], out: Array,
 ) -> None:  # fmt: skip
     n, motion = eha.STATES, eha.P2 + 1
     F, G = np.empty((n, n)), np.empty((n, 4))
@@ -133,7 +133,7 @@ def _eha_bound(
                     F[i, j] = 0.0
             sd1, sd2 = chamber_noise(past[eha.P1], past[eha.P2], p_acc[k - 1], known, sizes)
             noise[2], noise[3] = sd1 * sd1, sd2 * sd2
-            _predict(P, F, G, noise, diag, moved)
+            _predict(P, F, G, noise, diag, pull, moved)
         if not pressures:
             low = 1.0 if x[eha.P1] <= x[eha.P2] else 0.0
             H[3, eha.P1], H[3, eha.P2] = low, 1.0 - low
@@ -151,6 +151,7 @@ def _eha_bound(
             force[:] = 0.0
         force[eha.FRIC] += eha.friction_curve(v, q)[0] / FORCE_PERIOD
         force[eha.VISC] += v / FORCE_PERIOD
+        force[eha.SKEW] += abs(v) / FORCE_PERIOD
         force[eha.LOAD] = 1.0
         force[eha.STIF] += x[eha.X] / FORCE_PERIOD
         force[eha.THROT] += v * abs(v) / FORCE_PERIOD
@@ -164,7 +165,7 @@ def _eha_bound(
 
 
 @njit(cache=True, error_model="numpy")
-def _predict(P: Array, F: Array, G: Array, noise: Array, diag: Array, moved: Array) -> None:
+def _predict(P: Array, F: Array, G: Array, noise: Array, diag: Array, pull: Array, moved: Array) -> None:
     """``P = F P F' + G diag(noise) G' + diag``; only the motion rows of F differ from the identity."""
     motion, n = moved.shape
     moved[:] = 0.0
@@ -184,5 +185,11 @@ def _predict(P: Array, F: Array, G: Array, noise: Array, diag: Array, moved: Arr
             P[i, j] = P[j, i] = total
         for j in range(motion, n):
             P[i, j] = P[j, i] = moved[i, j]
+    for i in range(motion, n):
+        if pull[i] > 0.0:
+            keep = 1.0 - 1e-3 * pull[i]
+            for j in range(n):
+                P[i, j] *= keep
+                P[j, i] *= keep
     for i in range(n):
         P[i, i] += diag[i]

@@ -58,7 +58,7 @@ CLEARANCE = 0.1
 """MPa by which both chambers stay above the accumulator."""
 MOST_THROTTLE = 2.5e5
 """N/(m/s)²: more would open the relief valves at the fastest motion."""
-LEAST = {eha.LEAK: 0.1, eha.FRIC: 0.1, eha.AIR: -1.5}
+LEAST = {eha.LEAK: 0.1, eha.VALVE1: 0.0, eha.VALVE2: 0.0, eha.FRIC: 0.1, eha.AIR: -1.5}
 """Where a walk is turned back: less is not physical, and the estimators' own limits lie there."""
 _LOADS = {
     "constant": (eha.LOAD,),
@@ -117,10 +117,12 @@ def draw(
     n = round(duration * 1e3)
     position = position_of(case.duty, n, rng) * 1e3
     start = _start(case, prior, rng)
-    walk = prior.walk * np.sqrt(1e-3)
     held = [i for i in _OF_LOAD if start[i] == 0.0]
+    walk = prior.walk * np.sqrt(1e-3)
     walk[held] = 0.0
-    parameters = start + np.cumsum(rng.standard_normal((n + 1, eha.STATES)) * walk, axis=0)
+    parameters = _walked(
+        start, prior.start, walk, prior.pull * 1e-3, rng.standard_normal((n + 1, eha.STATES))
+    )
     if jump is not None:
         row = round(jump.onset * 1e3)
         changed = start[jump.state] if jump.factor == 1.0 else parameters[row, jump.state]
@@ -151,7 +153,7 @@ def measured(truth: Trajectory, case: Case, prior: Assumed, rng: np.random.Gener
     block[:, layout.TIME] = np.arange(n) * 1e-3
     block[:, layout.POSITION] = (x[:, eha.X] + noise[:, 0] * sizes[N_POSITION]) * 1e-3
     block[:, layout.SPEED] = np.diff(angle, prepend=angle[0]) * 1e3
-    difference = x[:, eha.P1] - x[:, eha.P2]
+    difference = x[:, eha.P1] - x[:, eha.P2] + x[:, eha.ZERO]
     block[:, layout.DIFFERENCE] = (difference + noise[:, 4] * sizes[N_DIFFERENCE]) * 1e6
     if not case.minimum:
         block[:, layout.ANGLE] = angle
@@ -171,6 +173,20 @@ def _start(case: Case, prior: Assumed, rng: np.random.Generator) -> Array:
     start[eha.THROT] = min(abs(start[eha.THROT]), MOST_THROTTLE)
     start[eha.STIF] = abs(start[eha.STIF])
     return start
+
+
+@njit(cache=True, error_model="numpy")
+def _walked(start: Array, centre: Array, walk: Array, pull: Array, normals: Array) -> Array:
+    """Walks of all parameters, drawn back to where the filter began; leakage walks in proportion once it has
+    grown."""
+    out = np.empty_like(normals)
+    out[0] = start
+    for k in range(1, normals.shape[0]):
+        for i in range(start.size):
+            at = out[k - 1, i]
+            size = max(1.0, at) if i == eha.LEAK else 1.0
+            out[k, i] = at - pull[i] * (at - centre[i]) + walk[i] * size * normals[k, i]
+    return out
 
 
 @njit(cache=True, error_model="numpy")
@@ -194,7 +210,7 @@ def _force(position: Array, parameters: Array, model: Array, errors: Array) -> A
     kinds = (
         p[:, eha.FRIC] * _curve(v, model) + p[:, eha.VISC] * v + p[:, eha.LOAD] + p[:, eha.STIF] * position
     )
-    kinds += p[:, eha.THROT] * v * np.abs(v)
+    kinds += (p[:, eha.THROT] * v + p[:, eha.SKEW]) * np.abs(v)
     kinds += np.repeat(errors, FORCE_PERIOD)[: v.size]
     acceleration = np.diff(v, prepend=v[0]) * 1e3
     smooth = gaussian_filter1d(kinds, SMOOTHING, mode="nearest")

@@ -7,7 +7,6 @@ import zlib
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from functools import partial
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,6 +15,7 @@ from threadpoolctl import threadpool_limits
 from fdd.benchmark.cases import CASES, DURATION, Case, case_named
 from fdd.benchmark.peers import PEERS, run_peer
 from fdd.benchmark.run import WORLDS, Outcome, evaluate, prepare, true_and_bound
+from fdd.benchmark.speed import SpeedTable
 from fdd.benchmark.standstill import HOUR, StillOutcome, still_run
 from fdd.benchmark.steps import STEPPED, StepOutcome, step_run
 from fdd.benchmark.trajectory import QUANTITIES, quantities
@@ -81,7 +81,7 @@ class Measured:
     ----------
     plan : how much was measured.
     runs, steps, still, peers : outcomes of the jobs, in their order.
-    speed : rows of `fdd.benchmark.speed_section.measure_speed`.
+    speed : of `fdd.benchmark.speed_section.measure_speed`, where it was measured.
     """
 
     plan: Plan
@@ -89,7 +89,7 @@ class Measured:
     steps: dict[tuple[str, str], list[StepOutcome]] = field(default_factory=dict)
     still: list[StillOutcome] = field(default_factory=list)
     peers: dict[tuple[str, str], list[PeerOutcome]] = field(default_factory=dict)
-    speed: list[Any] = field(default_factory=list)
+    speed: SpeedTable | None = None
 
 
 def measure(plan: Plan, workers: int = 1, progress: Progress = lambda share: None) -> Measured:

@@ -40,14 +40,16 @@ class Assumed:
     Attributes
     ----------
     start, spread : (STATES,) its first estimate and standard deviations; wide for the motion states.
-    walk : (STATES,) standard deviation of each state's random walk over one second, from its parameters'
-        noise.
+    walk : (STATES,) standard deviation of each state's noise over one second.
+    pull : (STATES,) 1/s, rate at which it is drawn back to its start: a walk never gets less certain than the
+        initial spread, which is the variance of an Ornstein-Uhlenbeck process with the rate q²/2σ₀².
     sizes : (11,) noise of motion and measurement for one millisecond, indices `N_…`.
     """
 
     start: Array
     spread: Array
     walk: Array
+    pull: Array
     sizes: Array
 
 
@@ -65,15 +67,19 @@ def assumed(tracker: EhaTracker) -> Assumed:
     noise = tracker.noise
     spread = np.sqrt(np.diag(tracker.P))
     spread[: eha.P2 + 1] = MOTION_SPREAD
-    return Assumed(tracker.x.copy(), spread, _walks(noise), _sizes(noise, tracker.model))
+    walk = np.where(spread > 0.0, _walks(noise), 0.0)
+    pull = np.divide(0.5 * walk**2, spread**2, out=np.zeros_like(walk), where=spread > 0.0)
+    pull[eha.LOAD] = 0.0  # a load goes where it likes
+    return Assumed(tracker.x.copy(), spread, walk, pull, _sizes(noise, tracker.model))
 
 
 def _walks(noise: Noise) -> Array:
     walk = np.zeros(eha.STATES)
     walk[eha.LEAK] = noise.leakage
     walk[[eha.VALVE1, eha.VALVE2]] = noise.valve
-    walk[eha.AIR], walk[eha.GAIN] = noise.air * 1e3, noise.gain
+    walk[eha.AIR], walk[eha.SPLIT], walk[eha.GAIN] = noise.air * 1e3, noise.air_split * 1e3, noise.gain
     walk[eha.FRIC], walk[eha.VISC] = noise.friction, noise.viscous_friction
+    walk[eha.SKEW], walk[eha.ZERO] = noise.viscous_skew, noise.zero * 1e-6
     walk[eha.LOAD], walk[eha.STIF] = noise.load, noise.stiffness * 1e-3
     walk[eha.THROT], walk[eha.INERT] = noise.throttle, noise.inertia
     return walk

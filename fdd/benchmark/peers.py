@@ -31,7 +31,7 @@ from fdd.benchmark.model import (
 Array = NDArray[np.float64]
 
 PEERS = ("filterpy EKF", "filterpy UKF")
-ALPHA, BETA, KAPPA = 0.1, 2.0, -14.0
+ALPHA, BETA, KAPPA = 0.1, 2.0, 3.0 - eha.STATES
 """Of the scaled sigma points (van der Merwe 2004): spread, Gaussian prior, and 3 - n."""
 
 

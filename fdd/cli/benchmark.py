@@ -50,10 +50,12 @@ def benchmark(
     from fdd.cli.console import progress
 
     plan = Plan(runs=runs, still=still, peers=peers, seed=seed)
+    # First, while nothing of this command runs beside it.
+    with progress("measuring speed"):
+        table = measure_speed() if speed else None
     with progress("measuring the estimators", 1.0) as advance:
         found = measure(plan, workers, advance)
-    if speed:
-        found.speed = measure_speed()
+    found.speed = table
     with written(out):
         (out / PICTURES).mkdir(parents=True, exist_ok=True)
     draw_pictures(found, out / PICTURES)

@@ -90,6 +90,7 @@ def test_the_compiled_bound_is_the_recursion_on_the_eha_model(sliding):
             at = x[k, [eha.V, eha.W]]
             eha.step(x[k - 1], 1.0, 1.0, truth.accumulator[0], at[0], at[1], model, new, F, G)
             F[: eha.P2 + 1, eha.FRIC :] = 0.0
+            F = F - np.diag(prior.pull * 1e-3)
             P = F @ P @ F.T + G @ noise @ G.T + np.diag(prior.walk**2 * 1e-3)
         K = P @ H.T @ np.linalg.inv(H @ P @ H.T + R)
         I_KH = np.eye(eha.STATES) - K @ H
@@ -99,6 +100,7 @@ def test_the_compiled_bound_is_the_recursion_on_the_eha_model(sliding):
             v = period[:, eha.V]
             h = np.zeros(eha.STATES)
             h[eha.FRIC] = np.mean([eha.friction_curve(value, model)[0] for value in v])
+            h[eha.SKEW] = np.abs(v).mean()
             h[eha.VISC], h[eha.LOAD], h[eha.STIF] = v.mean(), 1.0, period[:, eha.X].mean()
             h[eha.THROT], h[eha.INERT] = (v * np.abs(v)).mean(), (v[-1] - v[0]) / FORCE_PERIOD * 1e3
             gain = P @ h / (h @ P @ h + sizes[N_FORCE_MEAN] ** 2)

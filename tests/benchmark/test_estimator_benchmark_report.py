@@ -7,6 +7,7 @@ from fdd.benchmark.measure import Measured, Plan, measure
 from fdd.benchmark.pictures import PICTURES, draw_pictures
 from fdd.benchmark.report import report_text
 from fdd.benchmark.run import CHECKS, Outcome
+from fdd.benchmark.speed import Speed, SpeedTable
 from fdd.benchmark.speed_section import speed_lines
 from fdd.benchmark.standstill import StillOutcome
 from fdd.benchmark.steps import GRID, StepOutcome, time_to_half
@@ -116,11 +117,20 @@ def test_a_tiny_run_makes_the_whole_report(tmp_path):
     np.testing.assert_array_equal(again.runs["plant", NAME][1].errors, found.runs["plant", NAME][1].errors)
 
 
-def test_speed_is_told_where_it_was_measured():
-    from dataclasses import make_dataclass
-
-    Row = make_dataclass("Row", [("name", str), ("us_per_sample", float)])
-    assert "| EKF | 1.23 |" in speed_lines([Row("EKF", 1.2345)])
+def test_speed_is_told_with_its_verdicts():
+    rows = (
+        Speed("EKF", 1.5, 1.4, 1.0, "ours"), Speed("SVSF", 2.5, 2.4, 1.7, "ours"),
+        Speed("C++ EKF", 1.0, 0.9, 0.7, ""), Speed("C++ SVSF", np.nan, np.nan, np.nan, "no compiler"),
+        Speed("filterpy EKF", 60.0, 55.0, 40.0, "peer"),
+    )  # fmt: skip
+    lines = speed_lines(SpeedTable(rows, 60_000, {"ekf": 5.4}, "g++ -O3"))
+    for told in (
+        "- EKF within 2 µs a sample: **met**, 1.50 µs", "- SVSF within 2 µs a sample: **short**, 2.50 µs",
+        "- EKF within 2 times C++: **met**, 1.50 times", "- 25 times filterpy's speed: **met**, 40.00 times",
+        "| C++ SVSF |  |  |  | no compiler |",
+    ):  # fmt: skip
+        assert told in lines
+    assert not any("SVSF within 2 times" in line for line in lines)
 
 
 def test_the_command_needs_a_folder(tmp_path, capsys):
