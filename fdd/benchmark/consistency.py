@@ -10,6 +10,8 @@ from estimators.consistency import nis_band, squared_distance
 
 Array = NDArray[np.float64]
 
+LEAST_TESTED = 0.05
+"""Channels, mean over a run, below which its NIS says nothing."""
 LONGEST_LAG = 200
 """Records up to which an autocorrelation is followed."""
 
@@ -40,7 +42,7 @@ def correlation_time(series: Array) -> float:
 
 
 def nis_of_run(
-    records: Array, samples_per_record: int, channels: int, driven: float = 0.0
+    records: Array, samples_per_record: int, channels: float, driven: float = 0.0
 ) -> tuple[float, float, float, float]:
     """Mean NIS of a run over its expectation, with the band that 95 % of consistent runs fall in.
 
@@ -58,8 +60,11 @@ def nis_of_run(
     """
     series = records[:, layout.R_NIS]
     effective = series.size * samples_per_record / correlation_time(series)
-    low, high = nis_band(channels, max(int(effective), 1))
-    return (float(series.mean()) - driven) / channels, low / channels, high / channels, effective
+    if channels < LEAST_TESTED:
+        return float("nan"), float("nan"), float("nan"), effective
+    degrees = max(int(effective * channels), 1)
+    low, high = nis_band(1, degrees)
+    return (float(series.mean()) - driven) / channels, low, high, effective
 
 
 def nees(error: Array, covariance: Array) -> float:

@@ -98,17 +98,61 @@ def _sizes(noise: Noise, model: Array) -> Array:
     return out
 
 
-def tested_channels(sizes: Array, pressures: bool) -> int:
-    """Channels whose innovations can be tested.
+@njit(cache=True, error_model="numpy")
+def chamber_noise(
+    p1: float, p2: float, p_acc: float, known: bool, sizes: Array
+) -> tuple[float, float]:  # fmt: skip
+    """Standard deviation of each chamber's unmodelled volume (mm³) over one millisecond.
 
-    Where the noise of motion lets a millisecond move position or angle by more than ten times what the
-    encoder resolves, that encoder drives the model like an input. Its innovations are then far smaller than
-    their variance whatever the filter does, add nothing to the NIS, and are not counted.
+    Large where the accumulator may feed the chamber or the relief valve may open. Without a sensor of the
+    accumulator's pressure (`known`), the low side always counts as fed.
     """
-    pressure_channels = 2 if pressures else 1
-    position = sizes[N_FORCE] < 10.0 * sizes[N_POSITION]
-    angle = sizes[N_ACCELERATION] < 10.0 * sizes[N_ANGLE]
-    return pressure_channels + int(position) + int(angle)
+    fed1 = p1 < p_acc + sizes[N_MARGIN] if known else p1 <= p2
+    fed2 = p2 < p_acc + sizes[N_MARGIN] if known else p2 < p1
+    relieved = abs(p1 - p2) > sizes[N_RELIEF]
+    small, large = sizes[N_SMALL], sizes[N_LARGE]
+    return large if relieved or fed1 else small, large if relieved or fed2 else small
+
+
+def tested_channels(
+    states: Array, accumulator: Array, model: Array, sizes: Array, *, pressures: bool, known: bool
+) -> float:
+    """Channels whose innovations can be tested, mean over a run.
+
+    Where the process noise lets a channel move by more than ten times its own noise within a millisecond,
+    that channel drives the model like an input. Its innovation is then far smaller than its variance whatever
+    the filter does, adds nothing to the NIS, and is not counted. Such are the encoders, and the pressure of a
+    chamber that the accumulator may feed. Without a sensor of the accumulator's pressure one chamber always
+    is, so that the pressure difference tells nothing either.
+
+    Parameters
+    ----------
+    states : (n, STATES) true. accumulator : (n,) MPa. model : parameter array. sizes : of `Assumed`.
+    pressures, known : both chambers' pressures, and the accumulator's, are measured.
+
+    Returns
+    -------
+    0 to 4.
+    """
+    encoders = sum(
+        float(sizes[motion] < 10.0 * sizes[sensor])
+        for motion, sensor in ((N_FORCE, N_POSITION), (N_ACCELERATION, N_ANGLE))
+    )
+    channel = N_PRESSURE if pressures else N_DIFFERENCE
+    if sizes[N_LARGE] < 10.0 * sizes[channel] * model[eha.Q_VOLUME1] * model[eha.Q_STIFFNESS_INV]:
+        return encoders + (2.0 if pressures else 1.0)
+    fed = _fed_chambers(states, accumulator, known, sizes)
+    return encoders + (2.0 - fed if pressures else max(1.0 - fed, 0.0))
+
+
+@njit(cache=True, error_model="numpy")
+def _fed_chambers(states: Array, accumulator: Array, known: bool, sizes: Array) -> float:
+    """Chambers with the large noise, mean over a run."""
+    total = 0.0
+    for k in range(states.shape[0]):
+        sd1, sd2 = chamber_noise(states[k, eha.P1], states[k, eha.P2], accumulator[k], known, sizes)
+        total += (sd1 == sizes[N_LARGE]) + (sd2 == sizes[N_LARGE])
+    return total / states.shape[0]
 
 
 def encoders_share(states: Array, sizes: Array) -> float:
@@ -127,19 +171,3 @@ def encoders_share(states: Array, sizes: Array) -> float:
     if sizes[N_ACCELERATION] >= 10.0 * sizes[N_ANGLE]:
         share += float(np.mean(np.diff(states[:, eha.W]) ** 2)) / sizes[N_ACCELERATION] ** 2
     return share
-
-
-@njit(cache=True, error_model="numpy")
-def chamber_noise(
-    p1: float, p2: float, p_acc: float, known: bool, sizes: Array
-) -> tuple[float, float]:  # fmt: skip
-    """Standard deviation of each chamber's unmodelled volume (mm³) over one millisecond.
-
-    Large where the accumulator may feed the chamber or the relief valve may open. Without a sensor of the
-    accumulator's pressure (`known`), the low side always counts as fed.
-    """
-    fed1 = p1 < p_acc + sizes[N_MARGIN] if known else p1 <= p2
-    fed2 = p2 < p_acc + sizes[N_MARGIN] if known else p2 < p1
-    relieved = abs(p1 - p2) > sizes[N_RELIEF]
-    small, large = sizes[N_SMALL], sizes[N_LARGE]
-    return large if relieved or fed1 else small, large if relieved or fed2 else small

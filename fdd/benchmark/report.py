@@ -121,8 +121,10 @@ def _coverage(found: Measured, world: str) -> list[str]:
     lines = [
         "**Consistency**, share of runs inside the 95 % bands. NEES: squared error of the four parameters at "
         "the end over their covariance, χ² with four degrees of freedom; then each parameter's error within "
-        "1.96 standard deviations. NIS: its mean over the last two thirds of a run; the encoders, which the "
-        "filters use like inputs (their noise of motion is far above what these resolve), are not counted. "
+        "1.96 standard deviations. NIS: its mean over the last two thirds of a run. Channels that drive the "
+        "model like inputs are not counted, for their innovations are small whatever the filter does: "
+        "encoders, as the noise of motion is far above what they resolve, and the pressure of a chamber "
+        "that the accumulator may feed; with the minimum set nothing is left to test. "
         "The band is that of as many independent samples as there are over the integrated autocorrelation "
         "time of its 10 ms means (Sokal 1997). *Mean NIS* is over its expectation. *Lost*: runs that ended "
         "without a covariance.",
@@ -138,7 +140,7 @@ def _coverage(found: Measured, world: str) -> list[str]:
             c = coverage(outcomes, m)
             rows.append([
                 name if m == 0 else "", method.upper(), f"{c.nees:.0%}", *[f"{s:.0%}" for s in c.scores],
-                f"{c.nis:.0%}", f"{c.mean_nis:.2f}", f"{c.lost:.0%}",
+                _share(c.nis), f"{c.mean_nis:.2f}" if np.isfinite(c.mean_nis) else "", f"{c.lost:.0%}",
             ])  # fmt: skip
     head = ["case", "method", "NEES", *[q.replace("_", " ") for q in QUANTITIES], "NIS", "mean NIS", "lost"]
     return [*lines, *_table(head, rows)]
@@ -239,6 +241,10 @@ def _figure(a: Accuracy, value: float) -> str:
     if not np.isfinite(value):
         return "lost"
     return f"{value:.3g}" if a.counted else f"({value:.3g})"
+
+
+def _share(value: float) -> str:
+    return f"{value:.0%}" if np.isfinite(value) else ""
 
 
 def _seconds(value: float) -> str:

@@ -62,7 +62,7 @@ class Outcome:
     fitted : (2, checks) error of least squares, leakage and bulk modulus.
     nees : (methods,) of the four parameters at the end. scores : (methods, quantities) their errors in
         sigmas.
-    nis : (methods, 4) mean over its expectation, band, effective samples.
+    nis : (methods, 4) mean over its expectation, band, effective samples; NaN where no channel can be tested.
     """
 
     truth: Array
@@ -119,8 +119,12 @@ def evaluate(case: Case, data: Data) -> Outcome:
         np.empty((len(METHODS), len(TRACKED))),
         np.empty((len(METHODS), 4)),
     )
-    driven = encoders_share(data.truth.states, data.prior.sizes)
-    channels = tested_channels(data.prior.sizes, not case.minimum)
+    late = slice(int(NIS_FROM * n), None)
+    driven = encoders_share(data.truth.states[late], data.prior.sizes)
+    channels = tested_channels(
+        data.truth.states[late], data.truth.accumulator[late], model, data.prior.sizes, pressures=not
+        case.minimum, known=not case.minimum,
+    )  # fmt: skip
     pushed = data.tracking.push(data.block)
     for m, method in enumerate(METHODS):
         records = pushed[method]

@@ -64,7 +64,9 @@ class Coverage:
     ----------
     nees : share of runs whose NEES of the four parameters at the end is inside its 95 % band.
     scores : (quantities,) share of runs whose error at the end is within 1.96 standard deviations.
-    nis : share of runs whose mean NIS is inside its band. mean_nis : over its expectation, over all runs.
+    nis : share of runs whose mean NIS is inside its band. mean_nis : over its expectation, over all runs. NaN
+        where
+        no channel can be tested.
     lost : share of runs that ended without a covariance.
     """
 
@@ -107,11 +109,12 @@ def coverage(outcomes: Sequence[Outcome], method: int) -> Coverage:
     nis = np.array([o.nis[method] for o in outcomes])
     low, high = nees_band(len(TRACKED))
     inside = (nis[:, 0] >= nis[:, 1]) & (nis[:, 0] <= nis[:, 2])
+    tested = np.isfinite(nis[:, 1])
     whole = nis[np.isfinite(nis[:, 0]), 0]
     return Coverage(
         nees=float(((nees >= low) & (nees <= high)).mean()),
         scores=np.asarray((np.abs(scores) <= 1.96).mean(axis=0)),
-        nis=float(inside.mean()),
+        nis=float(inside[tested].mean()) if tested.any() else float("nan"),
         mean_nis=float(whole.mean()) if whole.size else float("nan"),
         lost=float((~np.isfinite(nees)).mean()),
     )
@@ -147,7 +150,8 @@ def goals(found: Measured, world: str) -> list[Goal]:
                     fitted.append((words, a.rmse / a.fitted, a.rmse <= a.fitted))
             c = coverage(outcomes, m)
             covered["NEES"].append((label, c.nees, c.nees >= COVERED))
-            covered["NIS"].append((label, c.nis, c.nis >= COVERED))
+            if np.isfinite(c.nis):
+                covered["NIS"].append((label, c.nis, c.nis >= COVERED))
     halves, still = [], []
     for (at, quantity), steps in found.steps.items():
         for m, method in enumerate(METHODS):
