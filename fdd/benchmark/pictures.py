@@ -141,4 +141,5 @@ def _standstill(figure: Any, found: Measured) -> None:
         axes.set_title(quantity.replace("_", " "))
         axes.set_ylabel("EKF moved (std)")
     for axes in panels[2:]:
-        axes.set_xlabel("minutes (red: minimum sensors; dotted: constant load)")
+        axes.set_xlabel("minutes")
+    figure.suptitle("blue: all sensors, red: minimum; dotted: constant load", fontsize=9)
