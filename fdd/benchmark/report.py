@@ -217,7 +217,10 @@ def _peers(found: Measured) -> list[str]:
             errors, bound = _scaled(outcomes, i)
             rms = np.sqrt(np.nanmean(errors**2, axis=(0, 2)))
             lost = np.isnan(errors).any(axis=2).sum(axis=0)
-            cells = [f"{r:.3g}" + (f" ({n} lost)" if n else "") for r, n in zip(rms, lost, strict=True)]
+            cells = [
+                (f"{r:.3g}" if np.isfinite(r) else "") + (f" ({n} lost)" if n else "")
+                for r, n in zip(rms, lost, strict=True)
+            ]
             rows.append([world if i == 0 else "", name if i == 0 else "", quantity.replace("_", " "), *cells,
                          f"{np.sqrt(np.mean(bound**2)):.3g}"])  # fmt: skip
     return [

@@ -142,7 +142,7 @@ def test_a_jump_is_there(axis):
 
 def exact_window(model, leakage, air, gain, n=6000):
     """Signals that keep both chambers' balances by fine sums of the differentials themselves."""
-    fine = 20
+    fine = 8
     t = np.arange(n * fine) / fine * 1e-3
     x = 30.0 * np.sin(2.0 * np.pi * 0.4 * t)
     p1 = 1.2 + 0.4 * np.sin(2.0 * np.pi * 0.9 * t + 1.0) + 0.2 * np.sin(2.0 * np.pi * 3.1 * t)
@@ -165,7 +165,7 @@ def exact_window(model, leakage, air, gain, n=6000):
         drop = middle1[k] - p2[k]
         leak1 = leakage * (model[eha.Q_CROSS] * drop + model[eha.Q_CASE] * (middle1[k] - accumulator)) * h
         leak2 = leakage * (-model[eha.Q_CROSS] * drop + model[eha.Q_CASE] * (p2[k] - accumulator)) * h
-        nodes = np.linspace(p2[k], middle1[k], 9)
+        nodes = np.linspace(p2[k], middle1[k], 5)
         denser = 0.5 * np.trapezoid(compliance(nodes), nodes)
         pumped = (model[eha.Q_AREA1] * dx[k] + leak1 + stored1[k]) / (1.0 - denser)
         angle[k + 1] = angle[k] + pumped / (model[eha.Q_DISPLACEMENT] * (1.0 + gain))
