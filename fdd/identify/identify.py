@@ -198,7 +198,7 @@ def _with_volumes(
         return base
     fit = fit_volumes(steps_of, base, pressure, noise)
     if fit is None:
-        writer.note("the chambers' volumes stay the base's: the logs' strokes are too short to tell them")
+        writer.note("the chambers' volumes stay the base's: compliance against position does not tell them")
         return base
     with_volumes = base.model_copy(deep=True)
     fit.apply(with_volumes)

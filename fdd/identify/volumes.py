@@ -79,7 +79,7 @@ def fit_volumes(
 
     Returns
     -------
-    The fit, or None where the logs do not tell the gain.
+    The fit, or None where the logs do not tell the gain, or would have it beyond what a volume can be.
     """
     gain, split = 1.0, 0.0
     std = np.array([PRIOR_GAIN, PRIOR_SPLIT])
@@ -110,7 +110,8 @@ def fit_volumes(
         std = (np.sqrt(np.maximum(np.diag(inverse), 0.0) * unit) / scale)[UNKNOWNS:]
         gain = float(np.clip(gain + change[UNKNOWNS], *GAIN_LIMITS))
         split = float(np.clip(split + change[UNKNOWNS + 1], -SPLIT_LIMIT, SPLIT_LIMIT))
-    if std[0] > TELLING:
+    inside = GAIN_LIMITS[0] < gain < GAIN_LIMITS[1] and abs(split) < SPLIT_LIMIT
+    if std[0] > TELLING or not inside:  # at a limit: something else than volume bends the balance
         return None
     return VolumeFit(
         Estimate(gain, float(np.hypot(std[0], FLOOR_GAIN * gain))),
