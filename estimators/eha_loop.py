@@ -81,7 +81,7 @@ from estimators.eha_update import (
     propagate,
     update,
 )
-from estimators.eha_walk import walk_parameters, watch_jumps
+from estimators.eha_walk import walk_parameters, walk_rates, watch_jumps
 from estimators.kernels import svsf_update
 
 LONGEST_GAP = 50  # periods that are bridged step by step; a longer gap restarts the motion states
@@ -182,14 +182,15 @@ def track(
 ) -> int:  # fmt: skip
     """Run the filter over the rows of `block`; returns the number of records written."""
     h0 = period * 1e3
-    F = np.empty((eha.STATES, eha.STATES))
-    G = np.empty((eha.STATES, 4))
+    F = np.zeros((eha.STATES, eha.STATES))
+    G = np.zeros((eha.STATES, 4))
     scratch = np.empty((MOVING, eha.STATES))
     work = np.empty((2, eha.STATES))
     layer_work = np.empty((2 * MEASUREMENTS, MEASUREMENTS))
     x_new = np.empty(eha.STATES)
     noise = np.empty(4)
     walks = np.empty(eha.STATES)
+    rates = walk_rates(c)
     before = np.empty((2, FLOW_PARAMETERS))
     z = np.empty(MEASUREMENTS)
     y = np.empty(MEASUREMENTS)
@@ -206,6 +207,7 @@ def track(
     plus, minus = np.empty(MEASUREMENTS, dtype=np.int64), np.full(MEASUREMENTS, -1)
     plus[Z_X], plus[Z_TH], plus[Z_P1], plus[Z_P2] = eha.X, eha.TH, eha.P1, eha.P2
     plus[Z_DP], minus[Z_DP] = eha.P1, eha.P2
+    friction = eha.friction_curve(x[eha.V], q)  # always that of the present estimate
     written = 0
     for row in range(block.shape[0]):
         time = block[row, TIME]
@@ -267,7 +269,7 @@ def track(
             memory[M_STARTED] = 1.0
         elif steps > LONGEST_GAP:
             _start_motion(x, P, z, p_acc, c)
-            walk_parameters(x, P, steps * h0, memory[M_FSCALE], c, walks)
+            walk_parameters(x, P, steps * h0, memory[M_FSCALE], c, rates, walks)
             for i in range(eha.STATES):
                 P[i, i] += walks[i]
         else:
@@ -276,10 +278,12 @@ def track(
             trust = spread / (spread + P[eha.X, eha.X] + r0[Z_X])
             v_at = x[eha.V] + trust * ((z[Z_X] - x[eha.X]) / span - x[eha.V])
             w_at = (z[Z_TH] - x[eha.TH]) / span
-            for _ in range(steps):
+            for k in range(steps):
+                if k > 0:
+                    friction = eha.friction_curve(x[eha.V], q)
                 motion_noise(x, h0, p_acc, known_acc, q, c, noise)
-                walk_parameters(x, P, h0, memory[M_FSCALE], c, walks)
-                eha.step(x, h0, viscosity, p_acc, v_at, w_at, q, x_new, F, G)
+                walk_parameters(x, P, h0, memory[M_FSCALE], c, rates, walks)
+                eha.advance(x, h0, viscosity, p_acc, v_at, w_at, q, friction, COUPLED, x_new, F, G)
                 for i in range(MOVING):
                     x[i] = x_new[i]
                 propagate(P, F, G, noise, walks, scratch)
@@ -316,9 +320,10 @@ def track(
                 if mask[i]:
                     e_post[i] = y[i]
         if not blind:
+            friction = eha.friction_curve(x[eha.V], q)
             watch_jumps(x, P, before, max(steps, 1) * h0, c, memory)
             compare_sensors(x, P, gap, r0[Z_DP] + 2.0 * r0[Z_P1], memory)
-            balance_forces(x, P, max(steps, 1) * h0, q, c, memory)
+            balance_forces(x, P, max(steps, 1) * h0, friction[0], q, c, memory)
         keep_in_bounds(x, P)
         memory[M_NIS] += nis
         memory[M_CHANNELS] += channels
