@@ -126,7 +126,7 @@ class EhaTracker:
 
     @property
     def noise_numbers(self) -> Array:
-        """`noise` as the loop takes it, a copy: `Noise.array` with the initial spread of fixed states zero."""
+        """`noise` as the loop takes it, a copy: `Noise.array`, fixed states with no initial spread."""
         return self._c.copy()
 
     def push(self, block: Array) -> Array:
