@@ -90,7 +90,7 @@ def test_jacobian_is_that_of_central_differences(area_2: float, h: float) -> Non
 
 
 def test_linearised_where_the_encoders_put_velocity_and_speed() -> None:
-    """Columns of air, its split and gain are those of the step that really moved at that velocity and speed."""
+    """Columns of air, split and gain are those of the step that really moved at that velocity and speed."""
     rng, q = np.random.default_rng(12), model()
     for _ in range(30):
         x = state(rng)
