@@ -303,16 +303,23 @@ def track(
         for i in range(FLOW_PARAMETERS):
             before[0, i] = x[eha.LEAK + i]
             before[1, i] = P[eha.LEAK + i, eha.LEAK + i]
-        exceeded = False
+        exceeded = switched = False
+        motion, variances = work[0, :MOVING], work[1, :MOVING]
         if svsf:
+            # That the low side stays near the accumulator is no measurement: so vague a channel has an
+            # optimal layer far wider than its innovations, and would be outside its limit all the time.
+            believed, mask[Z_MEAN] = mask[Z_MEAN], False
             exceeded = layers_exceeded(P, y, plus, minus, r, mask, e_post, gamma, layer, psi_k, layer_work)
+            if exceeded:
+                switched, motion, variances = _svsf_motion(
+                    x, P, y, plus, minus, r, mask, e_post, gamma, layer
+                )
+            mask[Z_MEAN] = believed
         if exceeded:
-            switched, motion, variances = _svsf_motion(x, P, y, plus, minus, r, mask, e_post, gamma, layer)
             nis, loglik = update(x, P, y, plus, minus, r, mask, work)
             if switched:
                 _take_motion(x, P, motion, variances)
         else:
-            switched = False
             nis, loglik = update(x, P, y, plus, minus, r, mask, work)
         if svsf:
             measurement(x, q, z, y)

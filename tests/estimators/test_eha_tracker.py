@@ -67,8 +67,10 @@ def tracked(samples: Samples) -> ResidualWindows:
     return windows
 
 
-def errors(run: Simulation, method: str, start: float) -> dict[str, tuple[np.ndarray, np.ndarray]]:
-    """Relative errors of leakage and bulk modulus from `start` on, and where they are observable."""
+def errors(
+    run: Simulation, method: str, start: float
+) -> dict[str, tuple[np.ndarray, np.ndarray, np.ndarray]]:
+    """Relative errors of leakage and bulk modulus from `start` on, where observable, and their own std."""
     windows = tracked(run.samples)
     records = windows.records()[method]
     values, stds = estimates(records, unit(), windows.model)
@@ -79,6 +81,7 @@ def errors(run: Simulation, method: str, start: float) -> dict[str, tuple[np.nda
         name: (
             np.abs(values[name] / np.interp(time, run.truth.time, run.truth[name]) - 1.0)[late],
             visible[name][late],
+            (stds[name] / np.interp(time, run.truth.time, run.truth[name]))[late],
         )
         for name in ("leakage", "bulk_modulus")
     }
@@ -100,23 +103,30 @@ def covariance_is_sound(P: np.ndarray) -> None:
 @pytest.mark.parametrize("method", METHODS)
 def test_healthy_axis_is_tracked_within_five_percent(method: str, seed: int) -> None:
     found = errors(axis(seed=seed), method, start=5.0)
-    error, visible = found["bulk_modulus"]
+    error, visible, _ = found["bulk_modulus"]
     assert visible.mean() > 0.9
     assert np.quantile(error[visible], 0.95) < 0.05
-    error, visible = found["leakage"]  # not always observable at such loads; where it is, it is right
+    error, visible, _ = found["leakage"]  # not always observable at such loads; where it is, it is right
     assert (error[visible] < 0.05).all()
     assert np.quantile(error, 0.9) < 0.15
 
 
 @pytest.mark.parametrize("seed", [0, 1, 2])
 @pytest.mark.parametrize("method", METHODS)
-def test_a_leak_is_followed_to_within_five_percent(method: str, seed: int) -> None:
+def test_a_leak_is_followed_to_within_its_standard_deviation(method: str, seed: int) -> None:
+    """And to within 5 % for bulk modulus, 8 % for leakage.
+
+    A spring makes the pressure's rate of change proportional to velocity, so what the pump's gain and the
+    compliance leave unexplained looks like each other, and partly like leakage: by itself the filter claims
+    no more than 4 to 5 % here. (It came nearer by chance while a valve was allowed to leak negatively.)
+    """
     run = axis(leaks=True, seed=seed)
     leakage = run.truth["leakage"]
     assert leakage[-1] > 1.8 * leakage[0]
-    for name, (error, visible) in errors(run, method, start=12.0).items():
+    for name, (error, visible, share) in errors(run, method, start=12.0).items():
         assert visible.mean() > 0.9, name
-        assert np.quantile(error[visible], 0.95) < 0.05, name
+        assert np.quantile((error / share)[visible], 0.95) < 2.5, name
+        assert np.quantile(error[visible], 0.95) < {"leakage": 0.08, "bulk_modulus": 0.05}[name], name
 
 
 @pytest.mark.parametrize("method", METHODS)
@@ -168,7 +178,7 @@ def test_late_stamps_dropped_rows_and_holes_do_little(method: str) -> None:
         assert len(run.samples) < 19_500
         records = tracked(run.samples).records()[method]
         assert np.isfinite(np.delete(records, layout.R_LAYER, axis=1)).all()
-        for name, (error, visible) in errors(run, method, start=14.0).items():
+        for name, (error, visible, _) in errors(run, method, start=14.0).items():
             assert visible.mean() > 0.5, (seed, name)
             assert np.quantile(error[visible], 0.95) < 0.10, (seed, name)
 
@@ -178,8 +188,11 @@ def test_many_late_stamps_are_survived(method: str) -> None:
     run = axis("jittering", leaks=True)
     records = tracked(run.samples).records()[method]
     assert np.isfinite(np.delete(records, layout.R_LAYER, axis=1)).all()
-    error, visible = errors(run, method, start=14.0)["leakage"]
-    assert np.quantile(error[visible], 0.95) < 0.10
+    error, visible, share = errors(run, method, start=14.0)["leakage"]
+    assert visible.mean() > 0.5
+    # The spring's confounding as above; a late stamp is speed that was not there besides.
+    assert np.quantile((error / share)[visible], 0.95) < 2.5
+    assert np.quantile(error[visible], 0.95) < 0.12
 
 
 @pytest.mark.parametrize("method", METHODS)
@@ -194,14 +207,20 @@ def test_pump_speed_does_for_a_missing_angle(method: str) -> None:
         np.testing.assert_allclose(b[name][late], a[name][late], rtol=0.03, err_msg=name)
 
 
-def test_a_measured_difference_does_for_chamber_pressures() -> None:
+@pytest.mark.parametrize("method", METHODS)
+def test_a_measured_difference_does_for_chamber_pressures(method: str) -> None:
+    """It does not tell the chambers apart: what would be theirs alone stays as it was, and certain."""
     run = axis(leaks=True)
     kept = ("position", "pump_angle", "pressure_difference", "pressure_accumulator")
     windows = tracked(Samples(run.samples.time, {n: run.samples[n] for n in kept}))
-    records = windows.records()["ekf"]
+    records = windows.records()[method]
     leakage = estimates(records, unit(), windows.model)[0]["leakage"]
     late = records[:, layout.R_TIME] > 14.0
     assert np.median(np.abs(leakage[late] / run.truth["leakage"][-1] - 1.0)) < 0.10
+    # Nothing is wrong with the axis, and the SVSF does not think so either.
+    assert records[:, layout.R_OUTSIDE].max() == 0.0
+    for state in (eha.SPLIT, eha.ZERO):
+        assert not records[:, [layout.R_STATE + state, layout.R_VARIANCE + state]].any()
 
 
 # Blocks and states
