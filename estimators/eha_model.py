@@ -232,7 +232,7 @@ def advance(
     x: Array, h: float, viscosity: float, p_acc: float, v_at: float, w_at: float, q: Array,
     friction: tuple[float, float, float, float], columns: int, out: Array, F: Array, G: Array,
 ) -> None:  # fmt: skip
-    """The part of :func:`step` that moves, up to P2: the loop over samples calls it with what it knows already.
+    """The part of :func:`step` that moves, up to P2; the loop over samples calls it with what it knows.
 
     Parameters
     ----------

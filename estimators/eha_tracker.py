@@ -126,7 +126,7 @@ class EhaTracker:
 
     @property
     def noise_numbers(self) -> Array:
-        """`noise` as the loop takes it, a copy: `Noise.array` with the initial spread of fixed states zero."""
+        """`Noise.array` as the loop takes it, with the initial spread of fixed states zero (a copy)."""
         return self._c.copy()
 
     def push(self, block: Array) -> Array:

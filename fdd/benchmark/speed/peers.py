@@ -1,7 +1,7 @@
 """filterpy's extended Kalman filter on the tracker's model, sample by sample.
 
-Model step, walks, jumps, force balance and bounds are the tracker's compiled functions, called from Python: what is slow
-is filterpy itself. It has no channels that come and go, so it gets rows with all sensors.
+Model step, walks, jumps, force balance and bounds are the tracker's compiled functions, called from Python:
+what is slow is filterpy itself. It has no channels that come and go, so it gets rows with all sensors.
 """
 
 from __future__ import annotations
