@@ -104,7 +104,13 @@ def walk_rates(c: Array) -> Array:
 
     Variances that the walks add per second, and the inverses of the initial ones; both are zero
     where a state is fixed or walks without that limit.
+
+    Raises
+    ------
+    ValueError : the valves have no initial spread to be drawn back to.
     """
+    if not c[I_VALVE] > 0.0:
+        raise ValueError("initial_valve must be above zero")
     rates = np.zeros((2, eha.STATES))
     for k in range(_WALKING.size):
         initial = c[_INITIAL[k]] * _UNIT[k]

@@ -14,7 +14,7 @@ from estimators import eha_layout as layout
 from estimators import eha_model as eha
 from estimators.eha_noise import Noise
 from estimators.eha_tracker import EhaTracker
-from estimators.eha_walk import JUMP_SIGMAS, LONG_WINDOWS, SCORE_WINDOW, walk_parameters
+from estimators.eha_walk import JUMP_SIGMAS, LONG_WINDOWS, SCORE_WINDOW, walk_parameters, walk_rates
 
 VALVES = (eha.VALVE1, eha.VALVE2)
 # Parameters that walk, as (state, field of the noise, factor from SI to the model's unit).
@@ -40,7 +40,7 @@ def walked(
     x, P, diag = x.copy(), P.copy(), np.empty(eha.STATES)
     c = (noise or Noise()).array()
     for _ in range(round(1e3 * seconds / h)):
-        walk_parameters(x, P, h, 1.0, c, diag)
+        walk_parameters(x, P, h, 1.0, c, walk_rates(c), diag)
         P[np.diag_indices(eha.STATES)] += diag
     return x, P
 
@@ -150,7 +150,8 @@ def test_the_pull_keeps_the_covariance_one() -> None:
     root = rng.standard_normal((eha.FRIC, eha.FRIC))
     P[: eha.FRIC, : eha.FRIC] = root @ root.T
     drawn, diag = P.copy(), np.empty(eha.STATES)
-    walk_parameters(typical_state(VALVE1=0.01), drawn, 1e4, 1.0, Noise().array(), diag)
+    noise = Noise().array()
+    walk_parameters(typical_state(VALVE1=0.01), drawn, 1e4, 1.0, noise, walk_rates(noise), diag)
     np.testing.assert_array_equal(drawn, drawn.T)
     inside = np.ix_(range(eha.FRIC), range(eha.FRIC))
     spread, before = np.sqrt(np.diag(drawn))[: eha.FRIC], np.sqrt(np.diag(P))[: eha.FRIC]
