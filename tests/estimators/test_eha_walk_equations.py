@@ -42,9 +42,9 @@ def estimate(rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
     return x, 0.5 * (P + P.T)
 
 
-@given(st.integers(0, 2**32 - 1), st.floats(0.1, 50.0), st.floats(0.01, 100.0))
+@given(st.integers(0, 2**32 - 1), st.floats(0.1, 4.0), st.floats(0.01, 100.0))
 def test_walks_are_those_of_the_equations(seed: int, h: float, unrest: float) -> None:
-    """``q² (1 − P/P₀²)`` for each, sizes of leakage and air in proportion, valves drawn back."""
+    """``q² (1 − P/P₀²)`` for each, leakage and air in proportion to their size, valves drawn back."""
     x, P = estimate(np.random.default_rng(seed))
     noise, seconds = Noise(), 1e-3 * h
     walked, widened, diag = x.copy(), P.copy(), np.empty(N)
@@ -112,7 +112,7 @@ def test_a_jump_sets_the_flow_parameters_free(parameter: int) -> None:
     widened = np.diag(P) - 1.0
     expected = np.zeros(N)
     expected[[eha.LEAK, eha.VALVE1, eha.VALVE2]] = [noise.jump_leakage, noise.jump_valve, noise.jump_valve]
-    expected[eha.AIR] = 1e3 * noise.jump_air
+    expected[[eha.AIR, eha.SPLIT]] = 1e3 * noise.jump_air, 1e3 * noise.initial_air_split
     np.testing.assert_allclose(widened, expected**2)
     assert memory[layout.M_SCORE + parameter] == pytest.approx(1.01 * JUMP_SIGMAS)
 

@@ -41,7 +41,7 @@ _NAMES = {
     eha_forces: ["FORCE_PERIOD", "FRICTION_LAG", "FRICTION_SETTLES", "PARTNER_MISFIT", "ROBUST"],
     eha_loop: ["LONGEST_GAP"],
     eha_redundancy: ["PAIRS"],
-    eha_walk: ["JUMP_SIGMAS", "SCORE_WINDOW", "LONG_WINDOWS", "MOST_STREAK"],
+    eha_walk: ["JUMP_SIGMAS", "SCORE_WINDOW", "LONG_WINDOWS", "MOST_STREAK", "SHORT"],
     kernels: ["TIE_BREAK"],
 }
 

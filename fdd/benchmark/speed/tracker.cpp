@@ -76,20 +76,23 @@ struct Walks {  // of the parameters: variance per second, and inverse of the in
 // Draws the valves back; returns the variances that `h` ms of walking add.
 template <int N>
 State walk_parameters(Filter<N>& f, double h, double unrest, const Walks& walks, const double* c) {
-    const double seconds = 1e-3 * h, size = std::pow(std::max(1.0, f.x[LEAK]), 2), aerated = 0.3 * f.x[AIR];
-    State added = State::Zero();
-    for (int i = LEAK; i < STATES; ++i)
-        added[i] = seconds * walks.rate[i] * std::max(1.0 - f.variance(i) * walks.inverse[i], 0.0);
+    const double seconds = 1e-3 * h, aerated = std::max(1.0, 0.3 * f.x[AIR]);
+    const double third = 1.0 / (3.0 * c[I_VALVE]), pull = 4.5 * third * third * seconds * walks.rate[VALVE1];
+    const bool gap = pull > SHORT;
+    State most = State::Ones(), added = State::Zero();  // times the initial variance
+    most[LEAK] = std::pow(std::max(1.0, f.x[LEAK]), 2);
+    most[AIR] = aerated * aerated;
+    for (int i = LEAK; i < STATES; ++i) {
+        const double fast = i == LEAK ? most[i] : 1.0, room = std::max(1.0 - f.variance(i) * walks.inverse[i] / most[i], 0.0);
+        added[i] = seconds * walks.rate[i] * fast * room;
+        if (gap && walks.inverse[i] > 0.0)
+            added[i] = -std::expm1(-seconds * walks.rate[i] * fast * walks.inverse[i] / most[i]) * room * most[i] / walks.inverse[i];
+    }
     added[LOAD] *= unrest;
-    added[LEAK] = seconds * walks.rate[LEAK] * std::max(size - f.variance(LEAK) * walks.inverse[LEAK], 0.0);
-    if (aerated > 1.0)
-        added[AIR] =
-            seconds * walks.rate[AIR] * std::max(1.0 - f.variance(AIR) * walks.inverse[AIR] / (aerated * aerated), 0.0);
-    const double third = 1.0 / (3.0 * c[I_VALVE]), pull = 4.5 * third * third * added[VALVE1];
     for (int j : {VALVE1, VALVE2}) {
-        const double openness = 1.0 + std::pow(f.x[j] * third, 2);
-        f.shrink(j, 1.0 - pull / openness);
-        added[j] *= openness;
+        const double openness = 1.0 + std::pow(f.x[j] * third, 2), keep = gap ? std::exp(-pull / openness) : 1.0 - pull / openness;
+        added[j] = gap ? std::pow(c[I_VALVE] * openness, 2) * (1.0 - keep * keep) : added[j] * openness;
+        f.shrink(j, keep);
     }
     return added;
 }
@@ -136,6 +139,7 @@ void watch_jumps(Filter<N>& f, const double* x, const double* variances, double 
     f.variance(VALVE1) += std::pow(c[J_VALVE] * size, 2);
     f.variance(VALVE2) += std::pow(c[J_VALVE] * size, 2);
     f.variance(AIR) += std::pow(c[J_AIR] * 1e3 * size, 2);
+    f.variance(SPLIT) += std::pow(c[I_SPLIT] * 1e3 * size, 2);
     m.windows = 0.0;
     for (int i = 0; i < FLOW_PARAMETERS; ++i) m.shift_long[i] = m.gained_long[i] = 0.0;
 }
@@ -307,7 +311,10 @@ double track(Filter<N>& f, const double* block, const Settings& set, const doubl
             spread[i] = f.variance(LEAK + i);
         }
         Motion motion, variances;
+        const bool believed = mask[Z_MEAN];
+        mask[Z_MEAN] = false;  // no measurement, so no layer
         const bool switched = set.svsf && f.svsf(y, r, mask, set.gamma, set.layer, motion, variances);
+        mask[Z_MEAN] = believed;
         total += f.update(y, r, mask).second;
         if (switched) f.take(motion, variances);
         if (set.svsf) {
