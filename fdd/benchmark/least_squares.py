@@ -4,11 +4,13 @@ lose to.
 Oil that the pump brings and the piston does not take has leaked or is compressed. For chamber 1, with D the
 pump's displacement, g its relative error, θ the pump's angle, x the position and A the area::
 
-    D (1 + g) θ − A₁ x = L ∫ q₁ dt + ∫ V₁/β dp₁ + constant,    q₁ = c_x (p₁ − p₂) + c_e (p₁ − p_acc)
+    D (1 + g) ∫ (1 − ε) dθ − A₁ x = L ∫ q₁ dt + ∫ V₁/β dp₁ + constant
+    q₁ = c_x (p₁ − p₂) + c_e (p₁ − p_acc),    ε = ½ ∫ dp/β from p₂ to p₁
 
-and alike for chamber 2. With ``1/β = 1/β_stiff + α c(p)`` (thesis eqs 5.20 and 5.21) this is linear in
-leakage L (over the healthy), free air α, gain error g and a constant for each stretch in which no check valve
-fed the chamber. Nothing here is shared with the estimators but the unit's numbers.
+and alike for chamber 2; ε is there because the pump moves its displacement at the ports' mean density. With
+``1/β = 1/β_stiff + α c(p)`` (thesis eqs 5.20 and 5.21) this is linear in leakage L (over the healthy), free
+air α, gain error g and a constant for each stretch in which no check valve fed the chamber. Nothing here is
+shared with the estimators but the unit's numbers.
 """
 
 from __future__ import annotations
@@ -72,6 +74,9 @@ def fit_balance(
     area = 0.5 * (q[eha.Q_AREA1] + q[eha.Q_AREA2])
     drop = window.pressure_1 - window.pressure_2
     shut = np.abs(drop) < relief
+    air_1, air_2 = (_air_integral(p, q[eha.Q_POLYTROPIC]) for p in (window.pressure_1, window.pressure_2))
+    denser = 0.5 * q[eha.Q_DISPLACEMENT] * q[eha.Q_STIFFNESS_INV] * _by_angle(drop, window.angle)
+    denser_air = 0.5e-3 * q[eha.Q_DISPLACEMENT] * _by_angle(air_1 - air_2, window.angle)
     parts = []
     for sign, volume, pressure, own_area in (
         (1.0, q[eha.Q_VOLUME1] + q[eha.Q_AREA1] * window.position, window.pressure_1, q[eha.Q_AREA1]),
@@ -82,9 +87,9 @@ def fit_balance(
         pumped = sign * q[eha.Q_DISPLACEMENT] * window.angle
         stiff = q[eha.Q_STIFFNESS_INV] * _stored(volume, pressure)
         air = 1e-3 * _stored(volume, _air_integral(pressure, q[eha.Q_POLYTROPIC]))
-        balance = pumped - sign * own_area * window.position - stiff
+        balance = pumped - denser - sign * own_area * window.position - stiff
         free = shut if sealed else shut & (pressure > window.accumulator + MARGIN)
-        columns = np.column_stack([balance, leaked, air, -pumped])
+        columns = np.column_stack([balance, leaked, air + denser_air, -pumped])
         parts += [columns[a:b] - columns[a:b].mean(axis=0) for a, b in _stretches(free)]
     if not parts:
         return np.nan, np.nan
@@ -97,6 +102,11 @@ def fit_balance(
         return np.nan, np.nan
     found = fit / scale
     return float(found[0]), float(found[1])
+
+
+def _by_angle(values: Array, angle: Array) -> Array:
+    """Integral over the pump's angle, (n,)."""
+    return np.concatenate([[0.0], np.cumsum(0.5 * (values[1:] + values[:-1]) * np.diff(angle))])
 
 
 def _stored(volume: Array, inner: Array) -> Array:

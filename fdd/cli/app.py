@@ -8,6 +8,7 @@ import typer
 
 from fdd import __version__
 from fdd.cli import (
+    benchmark,
     demo,
     diagnose,
     generate,
@@ -61,4 +62,5 @@ app.command()(train.train)
 app.command()(validate.validate)
 app.command()(thesis.thesis)
 app.command()(performance.performance)
+app.command()(benchmark.benchmark)
 app.command()(demo.demo)
