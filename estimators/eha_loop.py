@@ -8,6 +8,7 @@ from numba import njit
 from estimators import eha_model as eha
 from estimators.eha_bounds import keep_in_bounds
 from estimators.eha_forces import ROBUST, balance_forces
+from estimators.eha_gate import keep_compliance, pressures_rest
 from estimators.eha_layout import (
     ACCUMULATOR,
     ANGLE,
@@ -192,6 +193,7 @@ def track(
     walks = np.empty(eha.STATES)
     rates = walk_rates(c)
     before = np.empty((2, FLOW_PARAMETERS))
+    kept = np.empty((2, 3))
     z = np.empty(MEASUREMENTS)
     y = np.empty(MEASUREMENTS)
     mask = np.empty(MEASUREMENTS, dtype=np.bool_)
@@ -303,6 +305,9 @@ def track(
         for i in range(FLOW_PARAMETERS):
             before[0, i] = x[eha.LEAK + i]
             before[1, i] = P[eha.LEAK + i, eha.LEAK + i]
+        kept[0, 0], kept[0, 1] = x[eha.AIR], x[eha.SPLIT]
+        kept[1, 0], kept[1, 1] = P[eha.AIR, eha.AIR], P[eha.SPLIT, eha.SPLIT]
+        kept[1, 2] = P[eha.AIR, eha.SPLIT]
         exceeded = switched = False
         motion, variances = work[0, :MOVING], work[1, :MOVING]
         if svsf:
@@ -326,6 +331,8 @@ def track(
             for i in range(MEASUREMENTS):
                 if mask[i]:
                     e_post[i] = y[i]
+        if pressures_rest(x, max(steps, 1) * h0, c, memory):
+            keep_compliance(x, P, kept)
         if not blind:
             friction = eha.friction_curve(x[eha.V], q)
             watch_jumps(x, P, before, max(steps, 1) * h0, c, memory)
