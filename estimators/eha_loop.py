@@ -138,11 +138,13 @@ def _start_motion(x: Array, P: Array, z: Array, p_acc: float, c: Array) -> None:
 @njit(cache=True)
 def _svsf_motion(
     x: Array, P: Array, y: Array, plus: Indices, minus: Indices, r: Array, mask: Mask, e_post: Array,
-    gamma: float, layer: float,
+    gamma: float, layer: float, psi_k: Array,
 ) -> tuple[bool, Array, Array]:  # fmt: skip
     """What the SVSF makes of the motion states: whether it switched, them, and their variances.
 
-    Seldom called: only where a boundary layer left its limit.
+    Seldom called: only where a boundary layer left its limit. Each channel's layer is the optimal one up to
+    its own limit: with the limit for all, one pressure beyond its own would take a position
+    well within its ten standard deviations for a matter of no hurry, and the motion would run away.
     """
     n, m = COUPLED, y.shape[0]
     H = np.zeros((m, n))
@@ -152,6 +154,8 @@ def _svsf_motion(
         if minus[i] >= 0:
             H[i, minus[i]] = -1.0
         psi[i] = layer * np.sqrt(r[i] + channel_variance(P, plus[i], minus[i]))
+        if 0.0 < psi_k[i] < psi[i]:
+            psi[i] = psi_k[i]
     state, covariance = x[:n].copy(), P[:n, :n].copy()
     switched = svsf_update(
         state, covariance, y, H, r, mask, e_post.copy(), gamma, psi, True, np.empty(m), np.empty(m, np.bool_)
@@ -317,7 +321,7 @@ def track(
             exceeded = layers_exceeded(P, y, plus, minus, r, mask, e_post, gamma, layer, psi_k, layer_work)
             if exceeded:
                 switched, motion, variances = _svsf_motion(
-                    x, P, y, plus, minus, r, mask, e_post, gamma, layer
+                    x, P, y, plus, minus, r, mask, e_post, gamma, layer, psi_k
                 )
             mask[Z_MEAN] = believed
         if exceeded:
