@@ -211,8 +211,9 @@ def watch_jumps(x: Array, P: Array, before: Array, h: float, c: Array, memory: A
     P[eha.VALVE1, eha.VALVE1] += (c[J_VALVE] * size) ** 2
     P[eha.VALVE2, eha.VALVE2] += (c[J_VALVE] * size) ** 2
     P[eha.AIR, eha.AIR] += (c[J_AIR] * 1e3 * size) ** 2
-    # Before the alarm the split took up part of what happened.
+    # Before the alarm the split and the pump's gain took up part of what happened.
     P[eha.SPLIT, eha.SPLIT] += (c[I_SPLIT] * 1e3 * size) ** 2
+    P[eha.GAIN, eha.GAIN] += (c[I_GAIN] * size) ** 2
     memory[M_WINDOWS] = 0.0
     for i in range(FLOW_PARAMETERS):
         memory[M_SHIFT_LONG + i] = memory[M_GAINED_LONG + i] = 0.0

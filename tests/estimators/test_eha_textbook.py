@@ -144,6 +144,7 @@ class Textbook:
         for state, step in (
             (eha.LEAK, noise.jump_leakage), (eha.VALVE1, noise.jump_valve), (eha.VALVE2, noise.jump_valve),
             (eha.AIR, noise.jump_air * 1e3), (eha.SPLIT, noise.initial_air_split * 1e3),
+            (eha.GAIN, noise.initial_gain),
         ):  # fmt: skip
             P[state, state] += (step * size) ** 2
         self.kf.P = P

@@ -291,7 +291,7 @@ def test_one_load_direction_tells_the_sum_of_leakage_and_valve_only(leaked: dict
     assert (covariance < -0.99 * std[:, eha.LEAK] * std[:, eha.VALVE1]).all()
     total = x[:, eha.LEAK] + x[:, eha.VALVE1]
     spread = np.sqrt(variance[:, eha.LEAK] + variance[:, eha.VALVE1] + 2.0 * covariance)
-    assert (spread < 0.05).all()
+    assert (spread < 0.06).all()  # the open valve walks on
     assert (np.abs(total - 2.5) < 3.5 * spread).all()
     for state, before in ((eha.LEAK, 1.0), (eha.VALVE1, 0.0)):
         assert (np.abs(x[:, state] - before - leaked.get(state, 0.0)) < 3.0 * std[:, state]).all()

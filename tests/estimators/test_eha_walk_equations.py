@@ -113,6 +113,7 @@ def test_a_jump_sets_the_flow_parameters_free(parameter: int) -> None:
     expected = np.zeros(N)
     expected[[eha.LEAK, eha.VALVE1, eha.VALVE2]] = [noise.jump_leakage, noise.jump_valve, noise.jump_valve]
     expected[[eha.AIR, eha.SPLIT]] = 1e3 * noise.jump_air, 1e3 * noise.initial_air_split
+    expected[eha.GAIN] = noise.initial_gain
     np.testing.assert_allclose(widened, expected**2)
     assert memory[layout.M_SCORE + parameter] == pytest.approx(1.01 * JUMP_SIGMAS)
 

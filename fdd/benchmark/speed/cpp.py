@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from estimators import (
     eha_bounds,
     eha_forces,
+    eha_gate,
     eha_layout,
     eha_loop,
     eha_model,
@@ -39,6 +40,7 @@ _NAMES = {
     eha_noise: [name for name in vars(eha_noise) if name.startswith(("N_", "I_", "J_"))],
     eha_bounds: ["LOWEST", "HIGHEST"],
     eha_forces: ["FORCE_PERIOD", "FRICTION_LAG", "FRICTION_SETTLES", "PARTNER_MISFIT", "ROBUST"],
+    eha_gate: ["FAST", "SLOW", "REST"],
     eha_loop: ["LONGEST_GAP"],
     eha_redundancy: ["PAIRS"],
     eha_walk: ["JUMP_SIGMAS", "SCORE_WINDOW", "LONG_WINDOWS", "MOST_STREAK", "SHORT"],

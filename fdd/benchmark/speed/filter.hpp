@@ -178,8 +178,9 @@ struct Filter {  // friction and load states are in B where they are not in A
         bool exceeded = false;
         for (int i = 0; i < m; ++i) {
             const double e = std::abs(y[used[i]]), size = e + gamma * std::abs(e_post[used[i]]);
-            const double psi = layer * std::sqrt(HPH(i, i) + R(i, i));
-            exceeded = exceeded || optimal(i, i) * size > psi;
+            const double limit = layer * std::sqrt(HPH(i, i) + R(i, i)), best = optimal(i, i) * size;
+            exceeded = exceeded || best > limit;
+            const double psi = 0.0 < best && best < limit ? best : limit;
             weights(i, i) = e > psi ? size / e : size / psi;
         }
         if (!exceeded) return false;

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from estimators import (
     eha_bounds,
     eha_forces,
+    eha_gate,
     eha_layout,
     eha_loop,
     eha_model,
@@ -102,6 +103,8 @@ def run_filterpy(tracker: EhaTracker, block: Array) -> PeerRun:
         peer.predict()
         lap = time.perf_counter() - tick
         before = np.array([peer.x[flow], np.diag(peer.P)[flow]])
+        air, split = eha_model.AIR, eha_model.SPLIT
+        kept = np.array([[*peer.x[[air, split]], 0.0], [*np.diag(peer.P)[[air, split]], peer.P[air, split]]])
         innovation = z - peer.x[list(CHANNELS)]
         variance = peer.P[CHANNELS, CHANNELS] + r0
         r = r0 + np.maximum((innovation / eha_forces.ROBUST) ** 2 - variance, 0.0)
@@ -110,6 +113,8 @@ def run_filterpy(tracker: EhaTracker, block: Array) -> PeerRun:
         spent[row] = lap + time.perf_counter() - tick
         gap = block[row, eha_layout.DIFFERENCE] * 1e-6 - (z[2] - z[3])
         curve = eha_model.friction_curve(peer.x[eha_model.V], q)[0]
+        if eha_gate.pressures_rest(peer.x, h, c, memory):
+            eha_gate.keep_compliance(peer.x, peer.P, kept)
         eha_walk.watch_jumps(peer.x, peer.P, before, h, c, memory)
         eha_redundancy.compare_sensors(peer.x, peer.P, gap, c[N_DP] ** 2 * 1e-12 + 2.0 * r0[2], memory)
         eha_forces.balance_forces(peer.x, peer.P, h, curve, q, c, memory)

@@ -140,8 +140,24 @@ void watch_jumps(Filter<N>& f, const double* x, const double* variances, double 
     f.variance(VALVE2) += std::pow(c[J_VALVE] * size, 2);
     f.variance(AIR) += std::pow(c[J_AIR] * 1e3 * size, 2);
     f.variance(SPLIT) += std::pow(c[I_SPLIT] * 1e3 * size, 2);
+    f.variance(GAIN) += std::pow(c[I_GAIN] * size, 2);
     m.windows = 0.0;
     for (int i = 0; i < FLOW_PARAMETERS; ++i) m.shift_long[i] = m.gained_long[i] = 0.0;
+}
+
+struct Rest {  // of the pressures: averages that noise and motion part in, and ms without a change
+    double fast[2] = {}, slow[2] = {}, still = 0;
+};
+
+template <int N>
+bool pressures_rest(const Filter<N>& f, double h, const double* c, Rest& m) {
+    m.still += h;
+    for (int i = 0; i < 2; ++i) {
+        m.fast[i] += std::min(h / FAST, 1.0) * (f.x[P1 + i] - m.fast[i]);
+        m.slow[i] += std::min(h / SLOW, 1.0) * (f.x[P1 + i] - m.slow[i]);
+        if (std::abs(m.fast[i] - m.slow[i]) > c[N_P] * 1e-6) m.still = 0.0;
+    }
+    return m.still > REST;
 }
 
 struct Redundancy {
@@ -235,6 +251,7 @@ double track(Filter<N>& f, const double* block, const Settings& set, const doubl
     Balance balance;
     Scores scores;
     Redundancy redundancy;
+    Rest rest;
     Friction friction = friction_curve(f.x[V], q);  // always that of the present estimate
     Jacobian F;
     Effect G;
@@ -310,6 +327,7 @@ double track(Filter<N>& f, const double* block, const Settings& set, const doubl
             before[i] = f.x[LEAK + i];
             spread[i] = f.variance(LEAK + i);
         }
+        const double air[] = {f.x[AIR], f.x[SPLIT], f.A(AIR, AIR), f.A(SPLIT, SPLIT), f.A(AIR, SPLIT)};
         Motion motion, variances;
         const bool believed = mask[Z_MEAN];
         mask[Z_MEAN] = false;  // no measurement, so no layer
@@ -322,6 +340,13 @@ double track(Filter<N>& f, const double* block, const Settings& set, const doubl
             y = f.innovation(z);
             for (int i = 0; i < MEASUREMENTS; ++i)
                 if (mask[i]) f.e_post[i] = y[i];
+        }
+        if (pressures_rest(f, std::max(steps, 1.0) * h0, c, rest)) {
+            f.x[AIR] = air[0];
+            f.x[SPLIT] = air[1];
+            f.A(AIR, AIR) = air[2];
+            f.A(SPLIT, SPLIT) = air[3];
+            f.A(AIR, SPLIT) = f.A(SPLIT, AIR) = air[4];
         }
         if (!blind) {
             const double span = std::max(steps, 1.0) * h0;
