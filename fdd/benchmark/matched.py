@@ -10,7 +10,8 @@ and the pump's speed by 20 rad/s within a millisecond, so that encoders alone sa
 that really did so would shake itself to pieces. So position follows a duty, the pump turns as the model's own
 equations then demand, and both enter as the noise that the model already has on velocity and speed. What
 pressures and parameters can be known from does not depend on where the motion came from. The circuit has no
-case leakage and an accumulator below both chambers: no check valve opens.
+case leakage and, with all sensors, an accumulator below both chambers: no check valve opens. With the minimum
+set the filter takes the low side for fed and near the charge; there it is held so.
 """
 
 from __future__ import annotations
@@ -20,14 +21,17 @@ from dataclasses import dataclass
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
+from scipy.interpolate import CubicSpline
 from scipy.ndimage import gaussian_filter1d
-from scipy.signal import butter, sosfiltfilt
+from scipy.signal import butter, lfilter, sosfiltfilt
 
 from estimators import eha_layout as layout
 from estimators import eha_model as eha
 from fdd.benchmark.cases import MOTIONS, Case
 from fdd.benchmark.model import (
     FORCE_PERIOD,
+    LOW_SIDE,
+    LOW_SIDE_TIME,
     N_ANGLE,
     N_DIFFERENCE,
     N_FORCE_MEAN,
@@ -54,6 +58,8 @@ RESPONSE = 10.0
 LOWEST = 0.4
 """MPa, lowest pressure of a run in either chamber: near axis A's charge pressure, where the low side of a
 real one stays."""
+LOW_SMOOTHING, LEAST_PRESSURE = 100.0, 0.1
+"""ms of smoothing, and MPa, of the low side where it is fed."""
 CLEARANCE = 0.1
 """MPa by which both chambers stay above the accumulator."""
 MOST_THROTTLE = 2.5e5
@@ -133,12 +139,15 @@ def draw(
     force = _force(position, parameters, model, errors)
     volumes = rng.standard_normal((n + 1, 2)) * prior.sizes[N_SMALL]
     states = np.empty((n, eha.STATES))
-    accumulator, charged = LOWEST - CLEARANCE, 2.0 * LOWEST
-    for _ in range(
-        4
-    ):  # charged until the lowest pressure is where it shall be: compression is not quite linear
-        _follow(position, parameters, force, volumes, accumulator, charged, model, states)
-        charged += LOWEST - float(states[:, [eha.P1, eha.P2]].min())
+    if case.minimum:
+        accumulator = float(model[eha.Q_ACCUMULATOR])
+        low = _low_side(accumulator, rng.standard_normal(n + 1))
+        _follow_fed(position, parameters, force, volumes, accumulator, low, model, states)
+    else:
+        accumulator, charged = LOWEST - CLEARANCE, 2.0 * LOWEST
+        for _ in range(4):  # until the lowest pressure is where it shall be; compression is not quite linear
+            _follow_sealed(position, parameters, force, volumes, accumulator, charged, model, states)
+            charged += LOWEST - float(states[:, [eha.P1, eha.P2]].min())
     truth = Trajectory(states, np.full(n, accumulator), np.ones(n))
     return truth, measured(truth, case, prior, rng)
 
@@ -202,8 +211,8 @@ def _limited(wanted: Array, most: float) -> Array:
 def _force(position: Array, parameters: Array, model: Array, errors: Array) -> Array:
     """Force that the pressures must carry at each sample (N), (n + 1,).
 
-    The mean over each `FORCE_PERIOD` misses the filter's force balance by an independent error, one of
-    `errors`.
+    The mean over each `FORCE_PERIOD` misses the filter's force balance by one of `errors`, exactly and
+    without a jump: the errors' sum is interpolated by a cubic spline, whose slope is the error of the moment.
     """
     v = np.diff(position, prepend=position[0])
     p = parameters
@@ -211,10 +220,19 @@ def _force(position: Array, parameters: Array, model: Array, errors: Array) -> A
         p[:, eha.FRIC] * _curve(v, model) + p[:, eha.VISC] * v + p[:, eha.LOAD] + p[:, eha.STIF] * position
     )
     kinds += (p[:, eha.THROT] * v + p[:, eha.SKEW]) * np.abs(v)
-    kinds += np.repeat(errors, FORCE_PERIOD)[: v.size]
     acceleration = np.diff(v, prepend=v[0]) * 1e3
     smooth = gaussian_filter1d(kinds, SMOOTHING, mode="nearest")
-    return np.asarray(smooth + (model[eha.Q_MASS] + p[:, eha.INERT]) * acceleration)
+    sums = CubicSpline(np.arange(errors.size + 1), np.concatenate([[0.0], np.cumsum(errors)]))
+    error = sums((np.arange(v.size) + 0.5) / FORCE_PERIOD, 1)
+    return np.asarray(smooth + error + (model[eha.Q_MASS] + p[:, eha.INERT]) * acceleration)
+
+
+def _low_side(charge: float, normals: Array) -> Array:
+    """Pressure of the chamber that is fed: as near to the charge as the filter thinks, and as slow."""
+    pull = 1.0 / LOW_SIDE_TIME
+    walk = np.concatenate([[LOW_SIDE * normals[0]], LOW_SIDE * np.sqrt(2.0 * pull) * normals[1:]])
+    away = lfilter([1.0], [1.0, pull - 1.0], walk)
+    return np.maximum(charge + gaussian_filter1d(away, LOW_SMOOTHING, mode="nearest"), LEAST_PRESSURE)
 
 
 @njit(cache=True, error_model="numpy")
@@ -226,33 +244,62 @@ def _curve(v: Array, q: Array) -> Array:
 
 
 @njit(cache=True, error_model="numpy")
-def _follow(
+def _move(x: Array, new: Array, G: Array, dv: float, dw: float) -> None:
+    """The model's step with the noise `dv` on velocity and `dw` on speed, in place."""
+    x[:] = new
+    for i in range(eha.P2 + 1):
+        x[i] += G[i, 0] * dv + G[i, 1] * dw
+
+
+@njit(cache=True, error_model="numpy")
+def _follow_sealed(
     position: Array, parameters: Array, force: Array, volumes: Array, p_acc: float, charged: float, q: Array,
     states: Array,
 ) -> None:  # fmt: skip
-    """Walk along the positions: the pump turns as pressures and forces demand."""
-    motion = eha.P2 + 1
-    n = states.shape[0]
+    """Walk along the positions: the pump turns as pressures and forces demand; no check valve opens."""
     F, G = np.empty((eha.STATES, eha.STATES)), np.empty((eha.STATES, 4))
     x, new = np.zeros(eha.STATES), np.empty(eha.STATES)
     x[eha.X] = position[0]
     x[eha.P1] = charged + 0.5 * force[0] / q[eha.Q_AREA1]
     x[eha.P2] = charged - 0.5 * force[0] / q[eha.Q_AREA2]
-    for k in range(n):
-        for i in range(motion, eha.STATES):
-            x[i] = parameters[k, i]
+    for k in range(states.shape[0]):
+        x[eha.LEAK :] = parameters[k, eha.LEAK :]
         states[k] = x
         eha.step(x, 1.0, 1.0, p_acc, np.nan, np.nan, q, new, F, G)
         dv = position[k + 1] - position[k] - new[eha.V]
         behind = q[eha.Q_AREA1] * x[eha.P1] - q[eha.Q_AREA2] * x[eha.P2] - force[k]
-        p1 = new[eha.P1] + G[eha.P1, 0] * dv
-        p2 = new[eha.P2] + G[eha.P2, 0] * dv
-        short = force[k + 1] + behind * (1.0 - 1.0 / RESPONSE) - q[eha.Q_AREA1] * p1 + q[eha.Q_AREA2] * p2
+        short = force[k + 1] + behind * (1.0 - 1.0 / RESPONSE)
+        short -= q[eha.Q_AREA1] * (new[eha.P1] + G[eha.P1, 0] * dv)
+        short += q[eha.Q_AREA2] * (new[eha.P2] + G[eha.P2, 0] * dv)
         dw = short / (q[eha.Q_AREA1] * G[eha.P1, 1] - q[eha.Q_AREA2] * G[eha.P2, 1])
-        x[:] = new
-        x[eha.X] += G[eha.X, 0] * dv
-        x[eha.V] += dv
-        x[eha.TH] += G[eha.TH, 1] * dw
-        x[eha.W] += dw
-        x[eha.P1] = p1 + G[eha.P1, 1] * dw + G[eha.P1, 2] * volumes[k, 0]
-        x[eha.P2] = p2 + G[eha.P2, 1] * dw + G[eha.P2, 3] * volumes[k, 1]
+        _move(x, new, G, dv, dw)
+        x[eha.P1] += G[eha.P1, 2] * volumes[k, 0]
+        x[eha.P2] += G[eha.P2, 3] * volumes[k, 1]
+
+
+@njit(cache=True, error_model="numpy")
+def _follow_fed(
+    position: Array, parameters: Array, force: Array, volumes: Array, p_acc: float, low: Array, q: Array,
+    states: Array,
+) -> None:  # fmt: skip
+    """As `_follow_sealed`, with the low side held at `low` by whatever flows into it."""
+    F, G = np.empty((eha.STATES, eha.STATES)), np.empty((eha.STATES, 4))
+    x, new = np.zeros(eha.STATES), np.empty(eha.STATES)
+    x[eha.X] = position[0]
+    x[eha.P1] = low[0] + max(force[0], 0.0) / q[eha.Q_AREA1]
+    x[eha.P2] = low[0] - min(force[0], 0.0) / q[eha.Q_AREA2]
+    for k in range(states.shape[0]):
+        x[eha.LEAK :] = parameters[k, eha.LEAK :]
+        states[k] = x
+        eha.step(x, 1.0, 1.0, p_acc, np.nan, np.nan, q, new, F, G)
+        dv = position[k + 1] - position[k] - new[eha.V]
+        behind = q[eha.Q_AREA1] * x[eha.P1] - q[eha.Q_AREA2] * x[eha.P2] - force[k]
+        wanted = force[k + 1] + behind * (1.0 - 1.0 / RESPONSE)
+        extends = x[eha.P1] > x[eha.P2]
+        high, fed, side = (eha.P1, eha.P2, 0) if extends else (eha.P2, eha.P1, 1)
+        area = q[eha.Q_AREA1] if extends else -q[eha.Q_AREA2]
+        held = low[k + 1] * (q[eha.Q_AREA2] if extends else -q[eha.Q_AREA1])
+        dw = ((wanted + held) / area - new[high] - G[high, 0] * dv) / G[high, 1]
+        _move(x, new, G, dv, dw)
+        x[high] += G[high, 2 + side] * volumes[k, side]
+        x[fed] = low[k + 1]

@@ -95,8 +95,7 @@ def _accuracy(found: Measured, world: str) -> list[str]:
         "where it never (or in less than one of twenty) is. *Claimed*, *bias* and *spread* (standard "
         "deviation of the errors) are the EKF's.",
         "",
-        f"![RMSE over the bound]({_picture('bound')})" if world == WORLDS[0] else "",
-        "",
+        *([f"![RMSE over the bound]({_picture('bound')})", ""] if world == WORLDS[0] else []),
     ]
     rows = []
     for (at, name), outcomes in found.runs.items():
@@ -120,17 +119,16 @@ def _accuracy(found: Measured, world: str) -> list[str]:
 def _coverage(found: Measured, world: str) -> list[str]:
     lines = [
         "**Consistency**, share of runs inside the 95 % bands. NEES: squared error of the four parameters at "
-        "the end over their covariance, χ² with four degrees of freedom; then each parameter's error within "
-        "1.96 standard deviations. NIS: its mean over the last two thirds of a run. Channels that drive the "
-        "model like inputs are not counted, for their innovations are small whatever the filter does: "
-        "encoders, as the noise of motion is far above what they resolve, and the pressure of a chamber "
-        "that the accumulator may feed; with the minimum set nothing is left to test. "
-        "The band is that of as many independent samples as there are over the integrated autocorrelation "
-        "time of its 10 ms means (Sokal 1997). *Mean NIS* is over its expectation. *Lost*: runs that ended "
-        "without a covariance.",
+        "the end over their covariance, χ² with four degrees of freedom, and the share above it (too sure); "
+        "then each parameter's error within 1.96 standard deviations. NIS: its mean over the last two "
+        "thirds of a run. Channels that drive the model like inputs are not counted, for their innovations "
+        "are small whatever the filter does: encoders, as the noise of motion is far above what they "
+        "resolve, and the pressure of a chamber that the accumulator may feed; with the minimum set nothing "
+        "is left to test. The band is that of as many independent samples as there are over the integrated "
+        "autocorrelation time of its 10 ms means (Sokal 1997). *Mean NIS* is over its expectation. *Lost*: "
+        "runs that ended without a covariance.",
         "",
-        f"![Coverage]({_picture('coverage')})" if world == WORLDS[0] else "",
-        "",
+        *([f"![Coverage]({_picture('coverage')})", ""] if world == WORLDS[0] else []),
     ]
     rows = []
     for (at, name), outcomes in found.runs.items():
@@ -139,10 +137,20 @@ def _coverage(found: Measured, world: str) -> list[str]:
         for m, method in enumerate(METHODS):
             c = coverage(outcomes, m)
             rows.append([
-                name if m == 0 else "", method.upper(), f"{c.nees:.0%}", *[f"{s:.0%}" for s in c.scores],
+                name if m == 0 else "", method.upper(), f"{c.nees:.0%}", f"{c.too_sure:.0%}",
+                *[f"{s:.0%}" for s in c.scores],
                 _share(c.nis), f"{c.mean_nis:.2f}" if np.isfinite(c.mean_nis) else "", f"{c.lost:.0%}",
             ])  # fmt: skip
-    head = ["case", "method", "NEES", *[q.replace("_", " ") for q in QUANTITIES], "NIS", "mean NIS", "lost"]
+    head = [
+        "case",
+        "method",
+        "NEES",
+        "above",
+        *[q.replace("_", " ") for q in QUANTITIES],
+        "NIS",
+        "mean NIS",
+        "lost",
+    ]
     return [*lines, *_table(head, rows)]
 
 

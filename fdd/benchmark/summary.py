@@ -63,6 +63,7 @@ class Coverage:
     Attributes
     ----------
     nees : share of runs whose NEES of the four parameters at the end is inside its 95 % band.
+    too_sure : share above it.
     scores : (quantities,) share of runs whose error at the end is within 1.96 standard deviations.
     nis : share of runs whose mean NIS is inside its band. mean_nis : over its expectation, over all runs. NaN
         where
@@ -71,6 +72,7 @@ class Coverage:
     """
 
     nees: float
+    too_sure: float
     scores: Array
     nis: float
     mean_nis: float
@@ -113,6 +115,7 @@ def coverage(outcomes: Sequence[Outcome], method: int) -> Coverage:
     whole = nis[np.isfinite(nis[:, 0]), 0]
     return Coverage(
         nees=float(((nees >= low) & (nees <= high)).mean()),
+        too_sure=float((~(nees <= high)).mean()),
         scores=np.asarray((np.abs(scores) <= 1.96).mean(axis=0)),
         nis=float(inside[tested].mean()) if tested.any() else float("nan"),
         mean_nis=float(whole.mean()) if whole.size else float("nan"),

@@ -12,7 +12,10 @@ from fdd.benchmark.cases import CASES, Case
 from fdd.benchmark.least_squares import Window, fit_balance
 from fdd.benchmark.matched import CLEARANCE, LOWEST, Jump, draw, matched_unit
 from fdd.benchmark.model import (
+    FORCE_PERIOD,
+    LOW_SIDE,
     N_ANGLE,
+    N_FORCE_MEAN,
     N_POSITION,
     N_PRESSURE,
     N_SMALL,
@@ -86,6 +89,49 @@ def test_starting_errors_have_the_filters_spread(axis):
     expected = prior.spread[[eha.AIR, eha.GAIN, eha.VISC]]
     np.testing.assert_allclose(found.std(axis=0), expected, rtol=0.17)  # 4 sigma of 300
     assert (np.array(starts)[:, [eha.LOAD, eha.STIF, eha.THROT]] == 0.0).all()
+
+
+def test_with_few_sensors_the_low_side_is_fed_and_the_high_side_obeys_the_balance(axis):
+    """The high chamber takes flow noise of the usual size, the low one what keeps it near the charge."""
+    model, prior = axis
+    case = Case("sines", "spring", minimum=True)
+    truth, block = draw(case, 6.0, model, prior, np.random.default_rng(3))
+    x = truth.states
+    low = np.minimum(x[:, eha.P1], x[:, eha.P2])
+    # But where the sides change places, when the old high side may pass the other by a millisecond's change.
+    assert np.quantile(np.abs(np.diff(low)), 0.98) < 1e-3
+    assert 0.02 < np.sqrt(np.mean((low - model[eha.Q_ACCUMULATOR]) ** 2)) < 4.0 * LOW_SIDE
+    flows = np.empty(x.shape[0] - 1)
+    new, F, G = np.empty(eha.STATES), np.empty((eha.STATES,) * 2), np.empty((eha.STATES, 4))
+    for k in range(flows.size):
+        eha.step(x[k], 1.0, 1.0, truth.accumulator[0], np.nan, np.nan, model, new, F, G)
+        motion = np.array([x[k + 1, eha.V] - new[eha.V], x[k + 1, eha.W] - new[eha.W]])
+        left = x[k + 1] - new - G[:, :2] @ motion
+        high, column = (eha.P1, 2) if x[k, eha.P1] > x[k, eha.P2] else (eha.P2, 3)
+        flows[k] = left[high] / G[high, column]
+    assert flows.std() == pytest.approx(prior.sizes[N_SMALL], rel=0.04)
+    assert np.isnan(block[:, [layout.ANGLE, layout.PRESSURE_1, layout.ACCUMULATOR]]).all()
+
+
+def test_mean_forces_miss_by_independent_errors(axis):
+    """What the force balance leaves over 20 ms of settled sliding has the filter's standard deviation."""
+    model, prior = axis
+    left = []
+    for seed in range(4):
+        truth, _ = draw(Case("strokes", "none"), 20.0, model, prior, np.random.default_rng(seed))
+        x = truth.states
+        v = x[:, eha.V]
+        curve = np.array([eha.friction_curve(value, model)[0] for value in v])
+        force = model[eha.Q_AREA1] * x[:, eha.P1] - model[eha.Q_AREA2] * x[:, eha.P2]
+        known = x[:, eha.FRIC] * curve + x[:, eha.VISC] * v + x[:, eha.SKEW] * np.abs(v)
+        known += model[eha.Q_MASS] * np.gradient(v) * 1e3
+        means = (force - known).reshape(-1, FORCE_PERIOD).mean(axis=1)
+        steady = (np.abs(v) > 0.059).reshape(-1, FORCE_PERIOD).all(axis=1)
+        around = steady[2:-2] & steady[:-4] & steady[4:] & steady[1:-3] & steady[3:-1]
+        left += [means[2:-2][around]]
+    errors = np.concatenate(left)
+    assert errors.size > 400
+    assert errors.std() == pytest.approx(prior.sizes[N_FORCE_MEAN], rel=0.14)  # 4 sigma of 400
 
 
 def test_a_jump_is_there(axis):
