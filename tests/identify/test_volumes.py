@@ -86,7 +86,7 @@ def test_strokes_too_short_leave_the_bases_volumes() -> None:
     found = identify_unit([logs[1]], base)
     assert np.ptp(logs[1]["position"]) < 0.1 * np.ptp(logs[0]["position"]) + 0.05
     assert found.unit.cylinder == base.cylinder
-    assert any("strokes are too short to tell" in note for note in found.notes)
+    assert any("compliance against position does not tell" in note for note in found.notes)
     assert any("volumes stay the base's" in note for note in found.notes)
 
 
