@@ -84,6 +84,7 @@ from estimators.eha_update import (
 from estimators.eha_walk import walk_parameters, watch_jumps
 from estimators.kernels import svsf_update
 
+STILL_SIGMAS = 3.0  # of the encoders' noise: a net flow into a chamber below tells nothing of its oil
 LONGEST_GAP = 50  # periods that are bridged step by step; a longer gap restarts the motion states
 
 
@@ -276,10 +277,13 @@ def track(
             trust = spread / (spread + P[eha.X, eha.X] + r0[Z_X])
             v_at = x[eha.V] + trust * ((z[Z_X] - x[eha.X]) / span - x[eha.V])
             w_at = (z[Z_TH] - x[eha.TH]) / span
+            doubt_v = q[eha.Q_AREA1] * trust * np.sqrt(P[eha.X, eha.X] + r0[Z_X]) / span
+            doubt_w = q[eha.Q_DISPLACEMENT] * np.sqrt(P[eha.TH, eha.TH] + r0[Z_TH]) / span
+            least = STILL_SIGMAS * np.sqrt(doubt_v * doubt_v + doubt_w * doubt_w)
             for _ in range(steps):
                 _motion_noise(x, h0, p_acc, known_acc, q, c, noise)
                 walk_parameters(x, P, h0, memory[M_FSCALE], c, walks)
-                eha.step(x, h0, viscosity, p_acc, v_at, w_at, q, x_new, F, G)
+                eha.step(x, h0, viscosity, p_acc, v_at, w_at, q, x_new, F, G, least)
                 for i in range(MOVING):
                     x[i] = x_new[i]
                 propagate(P, F, G, noise, walks, scratch)

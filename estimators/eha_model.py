@@ -199,7 +199,7 @@ def friction_curve(v: float, q: Array) -> tuple[float, float, float, float]:
 @njit(cache=True, error_model="numpy", _nrt=False)
 def step(
     x: Array, h: float, viscosity: float, p_acc: float, v_at: float, w_at: float, q: Array,
-    out: Array, F: Array, G: Array,
+    out: Array, F: Array, G: Array, least_inflow: float = 0.0,
 ) -> None:  # fmt: skip
     """One step of the model with its Jacobian.
 
@@ -218,6 +218,9 @@ def step(
     F : (20, 20) ∂out/∂x.
     G : (20, 4) what unit noise on velocity (mm/ms), pump speed (rad/ms) and on each chamber's
         volume (mm³) does to the state.
+    least_inflow : mm³/ms into a chamber that the noise of `v_at` and `w_at` alone may make. A smaller one
+        tells nothing of the air, and its derivatives are left out: they would be made of the same noise as
+        the innovation, and at standstill the air would follow the product of both without end.
     """
     area1, area2, mu = q[Q_AREA1], q[Q_AREA2], 1e-3 / q[Q_MASS]
     v, p1, p2 = x[V], x[P1], x[P2]
@@ -308,6 +311,8 @@ def step(
     extra_v = 0.0 if math.isnan(v_at) else v_at - v_new
     at1 = inflow1 + into * extra_w - area1 * extra_v
     at2 = inflow2 - out_of * extra_w + area2 * extra_v
+    air1 = d1_air * at1 if abs(at1) >= least_inflow else 0.0
+    air2 = d2_air * at2 if abs(at2) >= least_inflow else 0.0
     share1, share2, per_den = h * i1, h * i2, 1.0 / den
     for j in range(x.shape[0]):
         dvj = dv[j] * per_den
@@ -320,12 +325,12 @@ def step(
             F[k, k] += 1.0
     F[P1, X] += h * d1_x * at1
     F[P1, P1] += h * d1_p * at1
-    F[P1, AIR] += h * d1_air * at1
-    F[P1, SPLIT] += h * d1_air * at1
+    F[P1, AIR] += h * air1
+    F[P1, SPLIT] += h * air1
     F[P2, X] += h * d2_x * at2
     F[P2, P2] += h * d2_p * at2
-    F[P2, AIR] += h * d2_air * at2
-    F[P2, SPLIT] -= h * d2_air * at2
+    F[P2, AIR] += h * air2
+    F[P2, SPLIT] -= h * air2
     F[TH, W] = h
 
     G[:, :] = 0.0
