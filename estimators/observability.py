@@ -4,12 +4,12 @@
 the variances alone, what the data brought is::
 
     gained_k = max(0, 1/P_k - 1/P_k|k-1),     P_k|k-1 = P_k-1 + what the walk added
-    I_k      = I_k-1 exp(-dt/memory) + gained_k
+    I_k      = sum of gained over the last seconds
 
 ``gained`` is what an information filter adds (Bar-Shalom, Li and Kirubarajan 2001, section 7.2,
 doi 10.1002/0471221279): of a single state ``h² / R`` for each measurement. Of a state among others it is
 what they tell about *it*: little, while only a sum that it is part of shows. ``1 / sqrt(I)`` is the standard
-deviation that the last `memory` seconds alone would give to someone who knows the other states as well
+deviation that the last `window` seconds alone would give to someone who knows the other states as well
 as the filter does. A variance that grows by more than the walk (a filter that was set free after a
 jump) counts as nothing gained.
 
@@ -17,7 +17,8 @@ jump) counts as nothing gained.
 and stays so until it exceeds a larger share: a filter near the limit does not flicker.
 
 **Holding.** While an estimate is not valid its last valid value is held. Its standard deviation
-grows with the walk, and is never below the filter's own.
+grows with the walk, and is never below the filter's own. Where the filter set itself free at once, it had
+been misled for some time before it noticed: then the value from before the last tenth of the window is held.
 """
 
 from __future__ import annotations
@@ -33,9 +34,15 @@ from numpy.typing import ArrayLike, NDArray
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 
-# What is carried from record to record, for each quantity.
-C_VARIANCE, C_SCALE, C_INFORMATION, C_VALID, C_HELD, C_HELD_VARIANCE, C_SINCE = range(7)
-CARRIED = 7
+# What is carried from record to record, for each quantity; then the window's information, in parts of it.
+C_VARIANCE, C_SCALE, C_VALID, C_HELD, C_HELD_VARIANCE, C_SINCE = range(6)
+C_EARLIER = 6  # what was held when this tenth of the window began: value, variance, since; not valid: NaN
+C_EARLIEST = 9  # and when the tenth before began
+C_PARTS = 12
+PARTS = 10
+SET_FREE = 1.5
+"""A variance that grows by more than this factor beyond the walk: the filter no longer believes itself."""
+CARRIED = C_PARTS + PARTS
 
 # What is given for each record and quantity, beside the flag.
 _INFORMATION_STD, _HELD, _HELD_STD, _AGE = range(4)
@@ -90,45 +97,46 @@ class Observability:
     Parameters
     ----------
     limits : ``{name: (valid_below, invalid_above)}``, standard deviation over value, 0 < first <= second.
-    memory : s, > 0, time constant with which information is forgotten.
+    window : s, > 0, over which information is counted. It moves on by tenths of itself, so the last nine
+        tenths of it count, and of the tenth before what there is since its begin.
 
     Raises
     ------
-    ValueError : limits in the wrong order, or a memory that is not positive.
+    ValueError : limits in the wrong order, or a window that is not positive.
 
     Examples
     --------
     A constant measured ten times a second with a standard deviation of 2, for 20 s; then no data, while
-    it may drift by 0.1 per root second. Five seconds alone would give 2/√50 = 0.28:
+    it may drift by 0.1 per root second. Five seconds alone gave 2/√50 = 0.28:
 
     >>> time = 0.1 * np.arange(1, 401)
     >>> variance = 4.0 / np.minimum(np.arange(1, 401), 200) + 0.01 * np.maximum(time - 20.0, 0.0)
     >>> watch = Observability({"gain": (0.05, 0.06)})
     >>> gain = watch.push(time, {"gain": np.full(400, 5.0)}, {"gain": np.sqrt(variance)},
     ...                   {"gain": Drift(rate=0.01 * (time > 20.05))})["gain"]
-    >>> gain.information_std[[199, 399]].round(2).tolist()
-    [0.28, 2.1]
+    >>> gain.information_std[[198, 399]].round(2).tolist()
+    [0.28, inf]
     >>> time[gain.valid][[0, -1]].round(1).tolist(), float(gain.age[-1].round(1))
     ([6.5, 26.9], 13.1)
     >>> watch
-    Observability({'gain': (0.05, 0.06)}, memory=5.0)
+    Observability({'gain': (0.05, 0.06)}, window=5.0)
     """
 
-    def __init__(self, limits: Mapping[str, tuple[float, float]], *, memory: float = 5.0) -> None:
+    def __init__(self, limits: Mapping[str, tuple[float, float]], *, window: float = 5.0) -> None:
         for name, (low, high) in limits.items():
             if not 0.0 < low <= high:
                 raise ValueError(f"limits of {name} are ({low:g}, {high:g}); give 0 < first <= second")
-        if not memory > 0.0:
-            raise ValueError(f"memory is {memory:g} s; give a positive time")
+        if not window > 0.0:
+            raise ValueError(f"window is {window:g} s; give a positive time")
         self.limits = dict(limits)
-        self.memory = float(memory)
+        self.window = float(window)
         self._bounds = np.array([self.limits[n] for n in self.limits], dtype=np.float64).reshape(-1, 2)
         self._time = np.full(1, np.nan)
         self._carried = np.full((len(self.limits), CARRIED), np.nan)
-        self._carried[:, [C_INFORMATION, C_VALID]] = 0.0
+        self._carried[:, C_PARTS:] = self._carried[:, [C_VALID]] = 0.0
 
     def __repr__(self) -> str:
-        return f"Observability({self.limits}, memory={self.memory})"
+        return f"Observability({self.limits}, window={self.window})"
 
     def push(
         self,
@@ -175,7 +183,7 @@ class Observability:
         valid = np.empty((len(self.limits), n), dtype=np.bool_)
         out = np.empty((4, len(self.limits), n))
         _observe(
-            t, value, std, rate, ceiling, scale, self._bounds, self.memory, self._time, self._carried,
+            t, value, std, rate, ceiling, scale, self._bounds, self.window, self._time, self._carried,
             valid, out,
         )  # fmt: skip
         return {
@@ -194,6 +202,18 @@ class Observability:
             if row.shape != (n,):
                 raise ValueError(f"{what} of {name}: shape {row.shape} where {(n,)} is wanted")
         return np.array(rows).reshape(len(rows), n)
+
+    def latest(self) -> dict[str, Observed]:
+        """What the last record showed, (1,) each, also after `restore`; nothing is valid before the first."""
+        c = self._carried
+        with np.errstate(divide="ignore"):
+            std = np.array([1.0 / np.sqrt(_total(row)) for row in c])
+        held_std, age = np.sqrt(c[:, C_HELD_VARIANCE]), self._time - c[:, C_SINCE]
+        return {
+            name: Observed(c[i : i + 1, C_VALID] > 0.0, std[i : i + 1], c[i : i + 1, C_HELD].copy(),
+                           held_std[i : i + 1], age[i : i + 1])
+            for i, name in enumerate(self.limits)
+        }  # fmt: skip
 
     def state(self) -> dict[str, Array]:
         """Everything that changes, as arrays (copies)."""
@@ -230,29 +250,53 @@ def _grown(variance: float, rate: float, ceiling: float, seconds: float) -> floa
 
 
 @njit(cache=True, error_model="numpy")
+def _total(carried: Array) -> float:
+    """Information within the window."""
+    total = 0.0
+    for i in range(C_PARTS, CARRIED):
+        total += carried[i]
+    return total
+
+
+@njit(cache=True, error_model="numpy")
 def _observe(
     time: Array, value: Array, std: Array, rate: Array, ceiling: Array, scale: Array, bounds: Array,
-    memory: float, last: Array, carried: Array, valid: Flags, out: Array,
+    window: float, last: Array, carried: Array, valid: Flags, out: Array,
 ) -> None:  # fmt: skip
     """Fill `valid` (q, n) and `out` (4, q, n), and bring `last` and `carried` up to date."""
     for k in range(time.size):
         seconds = 0.0 if math.isnan(last[0]) else time[k] - last[0]
-        keep = math.exp(-seconds / memory)
+        part = math.floor(time[k] * PARTS / window)
+        passed = 0 if math.isnan(last[0]) else min(part - math.floor(last[0] * PARTS / window), PARTS)
         last[0] = time[k]
         for j in range(value.shape[0]):
             c = carried[j]
             ratio = 1.0 if math.isnan(c[C_SCALE]) else (scale[j, k] / c[C_SCALE]) ** 2
             c[C_SCALE] = scale[j, k]
             prior = _grown(c[C_VARIANCE] * ratio, rate[j, k], ceiling[j, k], seconds)
-            c[C_INFORMATION] *= keep / ratio
+            for i in range(passed):
+                c[C_PARTS + (part - i) % PARTS] = 0.0
+            if ratio != 1.0:
+                for i in range(C_PARTS, CARRIED):
+                    c[i] /= ratio
             variance = std[j, k] * std[j, k]
             known = math.isfinite(variance) and math.isfinite(value[j, k])
             c[C_VARIANCE] = variance if known else prior
-            if known and 0.0 < variance < prior:  # false for the first record: its prior is NaN
-                c[C_INFORMATION] += 1.0 / variance - 1.0 / prior
+            # False for the first record, whose prior is NaN; a squared root's last bits tell nothing.
+            if known and 0.0 < variance < prior * (1.0 - 1e-12):
+                c[C_PARTS + part % PARTS] += 1.0 / variance - 1.0 / prior
             share = std[j, k] / max(abs(value[j, k]), 1e-300)
             limit = bounds[j, 1] if c[C_VALID] > 0.0 else bounds[j, 0]
+            if passed > 0:
+                for i in range(3):
+                    c[C_EARLIEST + i] = c[C_EARLIER + i] if passed == 1 else math.nan
+                    c[C_EARLIER + i] = c[C_HELD + i] if c[C_VALID] > 0.0 else math.nan
             good = known and (share <= limit if c[C_VALID] > 0.0 else share < limit)
+            if c[C_VALID] > 0.0 and not good and known and variance > SET_FREE * prior:
+                kept = C_EARLIEST if c[C_EARLIEST] == c[C_EARLIEST] else C_EARLIER
+                if c[kept] == c[kept]:
+                    for i in range(3):
+                        c[C_HELD + i] = c[kept + i]
             c[C_VALID] = 1.0 if good else 0.0
             if good:
                 c[C_HELD], c[C_HELD_VARIANCE], c[C_SINCE] = value[j, k], variance, time[k]
@@ -261,7 +305,7 @@ def _observe(
                 if known and variance > c[C_HELD_VARIANCE]:
                     c[C_HELD_VARIANCE] = variance
             valid[j, k] = good
-            out[_INFORMATION_STD, j, k] = 1.0 / math.sqrt(c[C_INFORMATION])
+            out[_INFORMATION_STD, j, k] = 1.0 / math.sqrt(_total(c))
             out[_HELD, j, k] = c[C_HELD]
             out[_HELD_STD, j, k] = math.sqrt(c[C_HELD_VARIANCE])
             out[_AGE, j, k] = time[k] - c[C_SINCE]

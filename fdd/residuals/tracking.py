@@ -30,6 +30,9 @@ OBSERVABLE = {
     "viscous_friction": (0.20, 0.30),
 }
 
+INFORMATION_S = 5.0
+"""s that information is counted over: a stroke or two."""
+
 THERMAL_GAIN = 5e-4
 """Relative change of displacement over area within 30 K: metals grow by 1 to 2.5e-5 per kelvin."""
 
@@ -224,6 +227,11 @@ def _compliance(records: Array, unit: Unit, model: Array) -> tuple[Array, float]
     return np.maximum(stiff + air_unit * air, eha.COMPLIANCE_FLOOR * stiff), air_unit
 
 
+def new_watch() -> Observability:
+    """Follows what is observable, before the first record."""
+    return Observability(OBSERVABLE, window=INFORMATION_S)
+
+
 def watched(
     watch: Observability, records: Array, unit: Unit, model: Array, noise: Noise
 ) -> dict[str, Observed]:
@@ -231,7 +239,7 @@ def watched(
 
     Parameters
     ----------
-    watch : ``Observability(OBSERVABLE)``, which goes on from the records before.
+    watch : of `new_watch`; it goes on from the records before.
     records : (n, RECORD) of one filter. model, noise : the filter's.
 
     Returns
@@ -249,6 +257,6 @@ def watched(
 
 def observability(values: dict[str, Array], stds: dict[str, Array]) -> dict[str, NDArray[np.bool_]]:
     """Where each quantity is observable: relative std with hysteresis (see `OBSERVABLE`)."""
-    watch = Observability(OBSERVABLE)
+    watch = new_watch()
     order = np.arange(values["leakage"].size, dtype=np.float64)
     return {name: seen.valid for name, seen in watch.push(order, values, stds).items()}
