@@ -31,8 +31,8 @@ def drifts(records: Array, noise: Noise, scales: dict[int, Array]) -> dict[int, 
     >>> record = np.zeros((1, layout.RECORD))
     >>> record[0, layout.R_STATE + eha.LEAK] = 2.0           # twice the healthy leakage
     >>> leak = drifts(record, Noise(), {eha.LEAK: np.array([6.5e-12])})[eha.LEAK]
-    >>> np.sqrt(leak.rate), np.sqrt(leak.ceiling)            # 2 * 5 % per root second, at most 2 * 30 %
-    (array([6.5e-13]), array([3.9e-12]))
+    >>> np.sqrt(leak.rate), np.sqrt(leak.ceiling)            # 2 * 2 % per root second, at most 2 * 30 %
+    (array([2.6e-13]), array([3.9e-12]))
     """
     c = noise.array()
     leak = np.maximum(records[:, layout.R_STATE + eha.LEAK], 1.0)

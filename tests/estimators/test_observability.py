@@ -15,7 +15,7 @@ from estimators import eha_layout as layout
 from estimators import eha_model as eha
 from estimators.eha_drifts import drifts
 from estimators.eha_noise import Noise
-from estimators.eha_walk import walk_parameters
+from estimators.eha_walk import walk_parameters, walk_rates
 from estimators.observability import Drift, Observability, Observed
 from fdd.plant.scenario import Recording, Scenario
 from fdd.plant.simulate import Simulation, simulate
@@ -276,7 +276,7 @@ def test_walks_told_from_records_are_the_trackers() -> None:
         found = drifts(record, noise, {s: np.full(1, 2.0) for s in states})
         for s in states:
             P[s, s] = share * found[s].ceiling[0] / found[s].scale[0] ** 2  # type: ignore[index]
-        walk_parameters(x, P, 2.0, unrest, noise.array(), diag)
+        walk_parameters(x, P, 2.0, unrest, noise.array(), walk_rates(noise.array()), diag)
         for s in states:
             grown = found[s].rate[0] * 2e-3 * max(0.0, 1.0 - share)  # type: ignore[index]
             assert grown == pytest.approx(diag[s] * found[s].scale[0] ** 2, rel=1e-9)  # type: ignore[index]
