@@ -18,14 +18,18 @@ from estimators.imm import IMM
 from estimators.jacobians import JacobianCheck, check_jacobian, jacobian
 from estimators.linear_bank import BankRun, run_bank
 from estimators.mode_chain import transition_matrix
+from estimators.observability import Drift, Observability, Observed
 from estimators.svsf import SVSF
 
 __all__ = [
     "IMM",
     "SVSF",
     "BankRun",
+    "Drift",
     "ExtendedKalmanFilter",
     "JacobianCheck",
+    "Observability",
+    "Observed",
     "autocorrelation",
     "check_jacobian",
     "jacobian",

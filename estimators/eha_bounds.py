@@ -42,6 +42,11 @@ for _state, _low, _high in (
 @njit(cache=True)
 def keep_in_bounds(x: Array, P: Array) -> None:
     """Bring parameters that left their bounds back, in place, and what is correlated with them along."""
+    inside = True
+    for j in range(eha.LEAK, eha.STATES):
+        inside = inside and LOWEST[j] <= x[j] <= HIGHEST[j]
+    if inside:
+        return
     for j in range(eha.LEAK, eha.STATES):
         moved = min(max(x[j], LOWEST[j]), HIGHEST[j]) - x[j]
         if moved == 0.0:

@@ -32,12 +32,18 @@ ROBUST = 5.0  # innovations beyond this many sigmas are weighed down (Huber)
 
 
 @njit(cache=True)
-def balance_forces(x: Array, P: Array, h: float, q: Array, c: Array, memory: Array) -> None:
+def balance_forces(x: Array, P: Array, h: float, curve: float, q: Array, c: Array, memory: Array) -> None:
     """Measure friction and load by the mean force over `FORCE_PERIOD`, where the piston slid one way.
 
     ``A₁p₁ − A₂p₂ − M dv/dt = φ curve(v) + B v + b |v| + F + k x + c v|v| + m dv/dt`` in the mean. The errors
     of a friction curve last for many samples, so they are averaged first and count once; step by step they
     would be taken for white noise and make friction look far better known than it is.
+
+    Parameters
+    ----------
+    x, P : posterior; friction and load states are corrected in place, once a period.
+    h : ms since the last sample. curve : healthy friction at the velocity of `x`, N.
+    q, c, memory : parameters, noise and memory of the tracker.
     """
     v = x[eha.V]
     if memory[M_FCOUNT] == 0.0:
@@ -53,7 +59,7 @@ def balance_forces(x: Array, P: Array, h: float, q: Array, c: Array, memory: Arr
     memory[M_VMEAN] += v * h
     memory[M_XMEAN] += x[eha.X] * h
     memory[M_SQUARE] += v * abs(v) * h
-    memory[M_CURVE] += eha.friction_curve(v, q)[0] * h
+    memory[M_CURVE] += curve * h
     memory[M_FCOUNT] += h
     if memory[M_FCOUNT] < FORCE_PERIOD - 0.5 * h:
         return
@@ -76,7 +82,7 @@ def balance_forces(x: Array, P: Array, h: float, q: Array, c: Array, memory: Arr
     # Friction follows velocity with a lag of some tens of milliseconds (Armstrong-Hélouvry et al. 1994,
     # doi 10.1016/0005-1098(94)90209-7), so where the curve changed within the period it fits worse.
     start = eha.friction_curve(memory[M_VSTART], q)[0]
-    lag = FRICTION_LAG / span * (eha.friction_curve(v, q)[0] - start)
+    lag = FRICTION_LAG / span * (curve - start)
     variance = np.empty(1)
     # A throttled partner answers through its own compressible oil: its force lags too.
     partner = PARTNER_MISFIT * x[eha.THROT] * memory[M_SQUARE] / span

@@ -8,6 +8,7 @@ from numba import njit
 from estimators import eha_model as eha
 from estimators.eha_bounds import keep_in_bounds
 from estimators.eha_forces import ROBUST, balance_forces
+from estimators.eha_gate import keep_compliance, pressures_rest
 from estimators.eha_layout import (
     ACCUMULATOR,
     ANGLE,
@@ -81,7 +82,7 @@ from estimators.eha_update import (
     propagate,
     update,
 )
-from estimators.eha_walk import walk_parameters, watch_jumps
+from estimators.eha_walk import walk_parameters, walk_rates, watch_jumps
 from estimators.kernels import svsf_update
 
 LONGEST_GAP = 50  # periods that are bridged step by step; a longer gap restarts the motion states
@@ -137,11 +138,13 @@ def _start_motion(x: Array, P: Array, z: Array, p_acc: float, c: Array) -> None:
 @njit(cache=True)
 def _svsf_motion(
     x: Array, P: Array, y: Array, plus: Indices, minus: Indices, r: Array, mask: Mask, e_post: Array,
-    gamma: float, layer: float,
+    gamma: float, layer: float, psi_k: Array,
 ) -> tuple[bool, Array, Array]:  # fmt: skip
     """What the SVSF makes of the motion states: whether it switched, them, and their variances.
 
-    Seldom called: only where a boundary layer left its limit.
+    Seldom called: only where a boundary layer left its limit. Each channel's layer is the optimal one up to
+    its own limit: with the limit for all, one pressure beyond its own would take a position
+    well within its ten standard deviations for a matter of no hurry, and the motion would run away.
     """
     n, m = COUPLED, y.shape[0]
     H = np.zeros((m, n))
@@ -151,6 +154,8 @@ def _svsf_motion(
         if minus[i] >= 0:
             H[i, minus[i]] = -1.0
         psi[i] = layer * np.sqrt(r[i] + channel_variance(P, plus[i], minus[i]))
+        if 0.0 < psi_k[i] < psi[i]:
+            psi[i] = psi_k[i]
     state, covariance = x[:n].copy(), P[:n, :n].copy()
     switched = svsf_update(
         state, covariance, y, H, r, mask, e_post.copy(), gamma, psi, True, np.empty(m), np.empty(m, np.bool_)
@@ -182,15 +187,17 @@ def track(
 ) -> int:  # fmt: skip
     """Run the filter over the rows of `block`; returns the number of records written."""
     h0 = period * 1e3
-    F = np.empty((eha.STATES, eha.STATES))
-    G = np.empty((eha.STATES, 4))
+    F = np.zeros((eha.STATES, eha.STATES))
+    G = np.zeros((eha.STATES, 4))
     scratch = np.empty((MOVING, eha.STATES))
     work = np.empty((2, eha.STATES))
     layer_work = np.empty((2 * MEASUREMENTS, MEASUREMENTS))
     x_new = np.empty(eha.STATES)
     noise = np.empty(4)
     walks = np.empty(eha.STATES)
+    rates = walk_rates(c)
     before = np.empty((2, FLOW_PARAMETERS))
+    kept = np.empty((2, 3))
     z = np.empty(MEASUREMENTS)
     y = np.empty(MEASUREMENTS)
     mask = np.empty(MEASUREMENTS, dtype=np.bool_)
@@ -206,6 +213,7 @@ def track(
     plus, minus = np.empty(MEASUREMENTS, dtype=np.int64), np.full(MEASUREMENTS, -1)
     plus[Z_X], plus[Z_TH], plus[Z_P1], plus[Z_P2] = eha.X, eha.TH, eha.P1, eha.P2
     plus[Z_DP], minus[Z_DP] = eha.P1, eha.P2
+    friction = eha.friction_curve(x[eha.V], q)  # always that of the present estimate
     written = 0
     for row in range(block.shape[0]):
         time = block[row, TIME]
@@ -267,7 +275,7 @@ def track(
             memory[M_STARTED] = 1.0
         elif steps > LONGEST_GAP:
             _start_motion(x, P, z, p_acc, c)
-            walk_parameters(x, P, steps * h0, memory[M_FSCALE], c, walks)
+            walk_parameters(x, P, steps * h0, memory[M_FSCALE], c, rates, walks)
             for i in range(eha.STATES):
                 P[i, i] += walks[i]
         else:
@@ -276,10 +284,12 @@ def track(
             trust = spread / (spread + P[eha.X, eha.X] + r0[Z_X])
             v_at = x[eha.V] + trust * ((z[Z_X] - x[eha.X]) / span - x[eha.V])
             w_at = (z[Z_TH] - x[eha.TH]) / span
-            for _ in range(steps):
+            for k in range(steps):
+                if k > 0:
+                    friction = eha.friction_curve(x[eha.V], q)
                 motion_noise(x, h0, p_acc, known_acc, q, c, noise)
-                walk_parameters(x, P, h0, memory[M_FSCALE], c, walks)
-                eha.step(x, h0, viscosity, p_acc, v_at, w_at, q, x_new, F, G)
+                walk_parameters(x, P, h0, memory[M_FSCALE], c, rates, walks)
+                eha.advance(x, h0, viscosity, p_acc, v_at, w_at, q, friction, COUPLED, x_new, F, G)
                 for i in range(MOVING):
                     x[i] = x_new[i]
                 propagate(P, F, G, noise, walks, scratch)
@@ -299,26 +309,39 @@ def track(
         for i in range(FLOW_PARAMETERS):
             before[0, i] = x[eha.LEAK + i]
             before[1, i] = P[eha.LEAK + i, eha.LEAK + i]
-        exceeded = False
+        kept[0, 0], kept[0, 1] = x[eha.AIR], x[eha.SPLIT]
+        kept[1, 0], kept[1, 1] = P[eha.AIR, eha.AIR], P[eha.SPLIT, eha.SPLIT]
+        kept[1, 2] = P[eha.AIR, eha.SPLIT]
+        exceeded = switched = False
+        motion, variances = work[0, :MOVING], work[1, :MOVING]
         if svsf:
+            # That the low side stays near the accumulator is no measurement: so vague a channel has an
+            # optimal layer far wider than its innovations, and would be outside its limit all the time.
+            believed, mask[Z_MEAN] = mask[Z_MEAN], False
             exceeded = layers_exceeded(P, y, plus, minus, r, mask, e_post, gamma, layer, psi_k, layer_work)
+            if exceeded:
+                switched, motion, variances = _svsf_motion(
+                    x, P, y, plus, minus, r, mask, e_post, gamma, layer, psi_k
+                )
+            mask[Z_MEAN] = believed
         if exceeded:
-            switched, motion, variances = _svsf_motion(x, P, y, plus, minus, r, mask, e_post, gamma, layer)
             nis, loglik = update(x, P, y, plus, minus, r, mask, work)
             if switched:
                 _take_motion(x, P, motion, variances)
         else:
-            switched = False
             nis, loglik = update(x, P, y, plus, minus, r, mask, work)
         if svsf:
             measurement(x, q, z, y)
             for i in range(MEASUREMENTS):
                 if mask[i]:
                     e_post[i] = y[i]
+        if pressures_rest(x, max(steps, 1) * h0, c, memory):
+            keep_compliance(x, P, kept)
         if not blind:
+            friction = eha.friction_curve(x[eha.V], q)
             watch_jumps(x, P, before, max(steps, 1) * h0, c, memory)
             compare_sensors(x, P, gap, r0[Z_DP] + 2.0 * r0[Z_P1], memory)
-            balance_forces(x, P, max(steps, 1) * h0, q, c, memory)
+            balance_forces(x, P, max(steps, 1) * h0, friction[0], q, c, memory)
         keep_in_bounds(x, P)
         memory[M_NIS] += nis
         memory[M_CHANNELS] += channels

@@ -219,12 +219,36 @@ def step(
     G : (20, 4) what unit noise on velocity (mm/ms), pump speed (rad/ms) and on each chamber's
         volume (mm³) does to the state.
     """
+    F[:, :] = 0.0
+    G[:, :] = 0.0
+    for i in range(P2 + 1, STATES):
+        out[i] = x[i]
+        F[i, i] = 1.0
+    advance(x, h, viscosity, p_acc, v_at, w_at, q, friction_curve(x[V], q), STATES, out, F, G)
+
+
+@njit(cache=True, error_model="numpy", _nrt=False)
+def advance(
+    x: Array, h: float, viscosity: float, p_acc: float, v_at: float, w_at: float, q: Array,
+    friction: tuple[float, float, float, float], columns: int, out: Array, F: Array, G: Array,
+) -> None:  # fmt: skip
+    """The part of :func:`step` that moves, up to P2; the loop over samples calls it with what it knows.
+
+    Parameters
+    ----------
+    friction : `friction_curve` at the velocity of `x`.
+    columns : how many columns of F are wanted.
+    out, F, G : as in `step`. Only rows up to P2 are written, of F in the first `columns` alone, and of G
+        only what is ever more than zero.
+    """
     area1, area2, mu = q[Q_AREA1], q[Q_AREA2], 1e-3 / q[Q_MASS]
     v, p1, p2 = x[V], x[P1], x[P2]
     pump = q[Q_DISPLACEMENT] * (1.0 + x[GAIN])
     # Until the end the rows of F hold derivatives of the parts that these rows are made of.
-    F[:, :] = 0.0
     dv, da1, da2 = F[V], F[P1], F[P2]
+    dv[:] = 0.0
+    da1[:] = 0.0
+    da2[:] = 0.0
 
     # Chamber stiffness i = β/V and its logarithmic derivatives (to position, pressure, air).
     b1, b1_p, b1_air = compliance(p1, x[AIR] + x[SPLIT], q)
@@ -275,7 +299,7 @@ def step(
 
     # Velocity: symplectic Euler for the hydraulic spring (stable far beyond its resonance at 1 ms),
     # implicit in viscous and stick friction: v⁺ = N/den.
-    curve, slope, stick, stick_v = friction_curve(v, q)
+    curve, slope, stick, stick_v = friction
     implicit = x[FRIC] * stick
     force = area1 * p1 - area2 * p2 - x[FRIC] * curve - x[LOAD] - x[STIF] * x[X]
     throttle = x[THROT] * abs(v)
@@ -295,29 +319,29 @@ def step(
     dv[LOAD] = -mu * h
     dv[STIF] = -mu * h * x[X]
 
-    for i in range(STATES):
-        out[i] = x[i]
-    out[X] += h * v_new
+    out[X] = x[X] + h * v_new
     out[V] = v_new
-    out[TH] += h * x[W]
+    out[TH] = x[TH] + h * x[W]
+    out[W] = x[W]
     inflow1 = a1 - area1 * v_new
     inflow2 = area2 * v_new - a2
-    out[P1] += h * i1 * inflow1
-    out[P2] += h * i2 * inflow2
+    out[P1] = p1 + h * i1 * inflow1
+    out[P2] = p2 + h * i2 * inflow2
     extra_w = turning - x[W]
     extra_v = 0.0 if math.isnan(v_at) else v_at - v_new
     at1 = inflow1 + into * extra_w - area1 * extra_v
     at2 = inflow2 - out_of * extra_w + area2 * extra_v
     share1, share2, per_den = h * i1, h * i2, 1.0 / den
-    for j in range(x.shape[0]):
+    for j in range(columns):
         dvj = dv[j] * per_den
         F[V, j] = dvj
         F[X, j] = h * dvj
         F[P1, j] = share1 * (da1[j] - area1 * dvj)
         F[P2, j] = share2 * (area2 * dvj - da2[j])
-    for k in range(STATES):
-        if k != V:
-            F[k, k] += 1.0
+    F[X, X] += 1.0
+    F[P1, P1] += 1.0
+    F[P2, P2] += 1.0
+    F[TH, TH] = F[W, W] = 1.0
     F[P1, X] += h * d1_x * at1
     F[P1, P1] += h * d1_p * at1
     F[P1, AIR] += h * d1_air * at1
@@ -328,7 +352,6 @@ def step(
     F[P2, SPLIT] -= h * d2_air * at2
     F[TH, W] = h
 
-    G[:, :] = 0.0
     G[X, 0], G[V, 0] = h, 1.0
     G[P1, 0], G[P2, 0] = -h * area1 * i1, h * area2 * i2
     G[TH, 1], G[W, 1] = h, 1.0

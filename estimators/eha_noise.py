@@ -39,8 +39,8 @@ class Noise:
     of the pump's flow at a third of its speed, correlated over 0.1 s."""
     flow_refeeding: float = 1e-4
     """m³/√s: a chamber that the accumulator feeds has no volume balance."""
-    leakage: float = 0.05
-    """1/√s relative: lets a step of 50 % be followed within two seconds under load."""
+    leakage: float = 0.02
+    """1/√s relative: a ramp of 10 % in 25 s. What is faster is a jump, see `estimators.eha_walk`."""
     valve: float = 0.02
     """1/√s relative to the healthy leakage: a closed valve stays closed for long."""
     air: float = 5e-4

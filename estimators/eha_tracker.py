@@ -124,6 +124,11 @@ class EhaTracker:
     def __repr__(self) -> str:
         return f"EhaTracker(method={self.method!r}, period={self.period}, pressures={self.pressures})"
 
+    @property
+    def noise_numbers(self) -> Array:
+        """`noise` as the loop takes it, a copy: `Noise.array`, fixed states with no initial spread."""
+        return self._c.copy()
+
     def push(self, block: Array) -> Array:
         """Process the rows of a block.
 

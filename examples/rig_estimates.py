@@ -49,9 +49,7 @@ def main() -> None:
     unit = identify_unit(healthy, Unit.load(options.base), options.rig).unit
     rows = pd.concat([compared(name, logs[name], unit, truth[truth.log == name]) for name in mine])
     rows["baseline"] = rows.log.map({name: label["baseline"] for name, label in mine.items()})
-    print(
-        "| log | load, faults | EKF leakage | SVSF | least squares | EKF bulk modulus | SVSF | least squares |"
-    )
+    print("| log | load, faults | leakage: EKF | SVSF | fit | bulk modulus: EKF | SVSF | fit |")
     print("| --- | --- | --- | --- | --- | --- | --- | --- |")
     for name, label in mine.items():
         told = ", ".join(f"{f['fault']} {f['severity']:.2f}" for f in label["faults"]) or "healthy"

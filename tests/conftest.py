@@ -24,7 +24,9 @@ DISPLACED: dict[str, dict[str, tuple[float, float]]] = {
 }
 
 
-SPREAD = np.where(np.isin(FEATURES, ["drive", "torque", "innovation"]), 0.5, 0.12)
+# What differs from one healthy axis to the next, as its charge pressure does, has a wide spread.
+_WIDE = ["drive", "torque", "innovation", "low_side", "accumulator", "jump", "load_unrest"]
+SPREAD = np.where(np.isin(FEATURES, _WIDE), 0.5, 0.12)
 
 
 def _windows(rng: np.random.Generator, family: str, count: int) -> NDArray[np.float64]:

@@ -78,8 +78,8 @@ def identify(
     console.print(identification_table(found, notes=console.width >= WIDE))
     if fit is not None:
         console.print(noise_table(fit, notes=console.width >= WIDE))
-        console.print(innovation_table(fit))
-    for note in (*found.notes, *(() if fit is None else noise_notes(fit))):
+        console.print(innovation_table(fit, notes=console.width >= WIDE))
+    for note in (*found.notes, *(() if fit is None else noise_notes(fit, innovations=console.width < WIDE))):
         console.print(Text(f"• {note}"))
     windows = 0 if unit.baseline is None else unit.baseline.windows
     console.print(Text(f"Healthy baseline from {windows} windows. Profile {unit.name} written to {out}"))
@@ -92,7 +92,8 @@ def identification_table(found: Identification, *, notes: bool) -> Table:
     from rich.text import Text
 
     table = Table(box=box.SIMPLE_HEAD)
-    table.add_column("quantity", no_wrap=True)
+    # In a narrow window long names go on in the next line: cut numbers would say something else.
+    table.add_column("quantity", no_wrap=notes, overflow="fold", max_width=None if notes else 29)
     for title in ("base", "identified", "±"):
         table.add_column(title, justify="right", no_wrap=True)
     table.add_column("unit", no_wrap=True)
@@ -139,7 +140,7 @@ def noise_table(fit: NoiseFit, *, notes: bool) -> Table:
     return table
 
 
-def innovation_table(fit: NoiseFit) -> Table:
+def innovation_table(fit: NoiseFit, *, notes: bool) -> Table:
     """Are the innovations as large as the filter says, and white; if not, what they are made of."""
     from rich import box
     from rich.table import Table
@@ -147,9 +148,10 @@ def innovation_table(fit: NoiseFit) -> Table:
 
     table = Table(box=box.SIMPLE_HEAD)
     table.add_column("innovation", no_wrap=True)
-    for title in ("NIS", "95 % band", "inside", "autocorrelation 1, 2, 3", "slow"):
+    for title in ("NIS", "95 % band", "inside", "lags 1, 2, 3", "slow"):
         table.add_column(title, justify="right", no_wrap=True)
-    table.add_column("what remains")
+    if notes:
+        table.add_column("what remains")
     for test in fit.tests:
         table.add_row(
             test.channel,
@@ -158,13 +160,13 @@ def innovation_table(fit: NoiseFit) -> Table:
             f"{100 * test.inside:.1f} %",
             " ".join(f"{rho:+.2f}" for rho in test.autocorrelation[:3]),
             f"{test.slow:.2f}",
-            Text(test.words),
+            *([Text(test.words)] if notes else []),
         )
     return table
 
 
-def noise_notes(fit: NoiseFit) -> list[str]:
-    """One sentence each on what the two tables rest on."""
+def noise_notes(fit: NoiseFit, *, innovations: bool) -> list[str]:
+    """What the two tables rest on, and on wish what each innovation is made of; one sentence each."""
     before, after = fit.slow
     slow = (
         f"half-second means of the pressures' innovations scatter {before:.2f} times their 97.5 % bound with "
@@ -174,4 +176,5 @@ def noise_notes(fit: NoiseFit) -> list[str]:
         f"noise: likelihood on {fit.likelihood_seconds:.0f} s of the logs, innovations over "
         f"{fit.tested_seconds:.0f} s; how fast leakage, air and friction may change is a choice, not fitted",
         f"{slow}, {after:.2f} times with the one used" if after != before else slow,
+        *(f"{test.channel}: {test.words}" for test in fit.tests if innovations),
     ]

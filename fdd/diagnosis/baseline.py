@@ -18,8 +18,9 @@ LEAST_WINDOWS = 5
 def add_baseline(unit: Unit, logs: Sequence[Samples]) -> Unit:
     """A copy of the unit with the baseline of these healthy logs.
 
-    The centre is the windows' median, the scale their median absolute deviation over
-    0.6745 (that of a normal distribution's standard deviation).
+    The centre is the windows' median. The scale is that of the bulk (median absolute deviation over 0.6745)
+    or of the tails (a quarter of the span from 2.3 to 97.7 %), whichever is wider: both are a
+    normal distribution's standard deviation, and what a healthy unit does now and then is no fault.
 
     Parameters
     ----------
@@ -42,7 +43,10 @@ def add_baseline(unit: Unit, logs: Sequence[Samples]) -> Unit:
             mend=f"record at least {WARM_UP_S + 5:.0f} s of healthy motion",
         )
     centre = np.median(windows, axis=0)
-    scale = np.median(np.abs(windows - centre), axis=0) / 0.6745
+    scale = np.maximum(
+        np.median(np.abs(windows - centre), axis=0) / 0.6745,
+        np.diff(np.percentile(windows, [2.275, 97.725], axis=0), axis=0)[0] / 4.0,
+    )
     context = np.isin(FEATURES, CONTEXT)  # the load of the calibration is no property of the unit
     centre[context] = scale[context] = 0.0
     centre[np.isin(FEATURES, CHANGES)] = 0.0

@@ -35,13 +35,26 @@ class FaultFinding(BaseModel):
 
 
 class Estimate(BaseModel):
-    """A tracked quantity at the end of the log, beside its healthy value (SI)."""
+    """A tracked quantity at the end of the log, beside its healthy value (SI).
+
+    Attributes
+    ----------
+    value, std : what the filter says, observable or not.
+    held, held_std : the last value while it was observable, and what its standard deviation has grown to
+        since; None where it never was.
+    age_s : s since then, 0 while it is observable.
+    information_std : standard deviation that the last five seconds alone would give; None without any data.
+    """
 
     unit: str
     baseline: float | None
     value: float | None
     std: float | None
     observable: bool
+    held: float | None = None
+    held_std: float | None = None
+    age_s: float | None = None
+    information_std: float | None = None
 
 
 class Quality(BaseModel):
@@ -82,6 +95,8 @@ class Trajectories:
     ----------
     estimates, stds : ``{"ekf": {"leakage": (n,), …}, "svsf": {…}}``, SI.
     observable : ``{"leakage": (n,) bool, …}``.
+    held, held_std, information_std : quantity to (n,), of the EKF: the last value while observable and its
+        standard deviation, NaN before; the standard deviation that the last seconds alone would give.
     nis : normalised innovation squared of each filter per sample kept, (n,).
     feature_names : (k,) names of the residual features.
     features : (m, k) residual features, in healthy standard deviations.
@@ -100,3 +115,6 @@ class Trajectories:
     statistic: NDArray[np.float64]
     threshold: float
     probabilities: dict[str, NDArray[np.float64]] = field(default_factory=dict)
+    held: dict[str, NDArray[np.float64]] = field(default_factory=dict)
+    held_std: dict[str, NDArray[np.float64]] = field(default_factory=dict)
+    information_std: dict[str, NDArray[np.float64]] = field(default_factory=dict)

@@ -14,7 +14,7 @@ from fdd.diagnosis.sequential import PageTest
 from fdd.diagnosis.verdict import family_probabilities, finding
 from fdd.errors import InputError
 from fdd.residuals.features import FEATURES, HOP, WINDOW
-from fdd.residuals.tracking import estimates, healthy_coulomb, healthy_viscous, observability
+from fdd.residuals.tracking import OBSERVABLE, estimates, healthy_coulomb, healthy_viscous
 from fdd.residuals.windows import WARM_UP_S, ResidualWindows, baseline_spread, packed, unpacked
 from fdd.samples import Samples
 from fdd.unit import Unit
@@ -27,7 +27,7 @@ HISTORY = 7200
 """Windows that a pipeline without trajectories remembers: an hour of them."""
 LEAST_SURE = 0.5
 """Confidence of the leading family below which an alarm does not make a verdict."""
-STATE_VERSION = "1"
+STATE_VERSION = "2"
 
 
 class Pipeline:
@@ -170,7 +170,7 @@ class Pipeline:
             empty = {"baseline": None, "value": None, "std": None, "observable": False}
             return {n: Estimate.model_validate({"unit": u, **empty}) for n, (u, _, _) in ESTIMATED.items()}
         values, stds = estimates(records, self.unit, self._windows.model)
-        flags = observability(values, stds)
+        seen = self._windows.observed()
         healthy = {
             "leakage": self.unit.pump.total_leakage / float(records[-1, layout.R_VISCOSITY]),
             "bulk_modulus": self.unit.oil.bulk_modulus,
@@ -183,7 +183,11 @@ class Pipeline:
                 baseline=_significant(healthy[name]),
                 value=_significant(float(values[name][-1])),
                 std=_significant(float(stds[name][-1])),
-                observable=bool(flags[name][-1]),
+                observable=bool(seen[name].valid[-1]),
+                held=_significant(float(seen[name].held[-1])),
+                held_std=_significant(float(seen[name].held_std[-1])),
+                age_s=_significant(float(seen[name].age[-1])),
+                information_std=_significant(float(seen[name].information_std[-1])),
             )
             for name, (si, _, _) in ESTIMATED.items()
         }
@@ -204,12 +208,15 @@ class Pipeline:
             else:
                 values[m] = {n: np.empty(0) for n in ESTIMATED}
                 stds[m] = {n: np.empty(0) for n in ESTIMATED}
+        seen = self._windows.observed_throughout()
         standard = (
             self.model.standardise(self._features, self._spread) if self._features.size else self._features
         )
         return Trajectories(
             time=records["ekf"][:, layout.R_TIME], estimates=values, stds=stds,
-            observable=observability(values["ekf"], stds["ekf"]),
+            observable={n: seen[n].valid for n in OBSERVABLE},
+            held={n: seen[n].held for n in OBSERVABLE}, held_std={n: seen[n].held_std for n in OBSERVABLE},
+            information_std={n: seen[n].information_std for n in OBSERVABLE},
             nis={m: r[:, layout.R_NIS] for m, r in records.items()}, window_time=self._time,
             feature_names=list(FEATURES), features=standard, statistic=self._statistic,
             threshold=self._test.threshold,

@@ -15,7 +15,7 @@ from fdd.identify.profile import Identification, ProfileWriter
 from fdd.identify.record import Record, even_record
 from fdd.identify.sensors import effective_noise, fit_sensors, gain_mismatch, redundancy_offset
 from fdd.identify.volume_steps import SMOOTHING, VolumeSteps, volume_steps
-from fdd.identify.volumes import fit_volumes
+from fdd.identify.volumes import VolumeFit, fit_volumes
 from fdd.samples import Samples
 from fdd.unit import Unit
 
@@ -50,7 +50,8 @@ def identify_unit(logs: Sequence[Samples], base: Unit, name: str | None = None) 
     logs : one or more healthy logs of the same unit, at least 5 s each, with position, pump_angle or
         pump_speed, and pressure_difference or both chamber pressures. Strokes at several speeds and
         some load tell most.
-    base : profile of a similar unit; its areas and volumes are taken as true.
+    base : profile of a similar unit; its area_1 is taken as true, and its volumes where strokes are too
+        short to tell them (see `fdd.identify.volumes`).
     name : of the new profile; by default the base's with ``_identified``.
 
     Returns
@@ -142,19 +143,21 @@ def _hydraulics(writer: ProfileWriter, records: list[Record]) -> None:
             ]
         )
 
-    base = _with_volumes(writer, steps_of, base, pressure, noise)
+    hidden = not all(r.chambers_measured for r in records)
+    volumes = None
+    if not hidden:  # a reconstructed pressure tells as much of its own model as of the volumes
+        base, volumes = _with_volumes(writer, steps_of, base, pressure, noise)
     steps = steps_of(base)
     fit = fit_balance(steps, base, pressure, noise)
     if fit is None:
         for path in ("pump.displacement", "pump.cross_port_leakage", "oil.bulk_modulus"):
             writer.keep(path, "too few steps in which a chamber stays above the accumulator while it moves")
         return
-    hidden = not all(r.chambers_measured for r in records)
     _put_gain(writer, fit)
     blurred = float(np.hypot(_zero_share(records), HIDDEN_LEAKAGE if hidden else 0.0))
     of_case = float(np.hypot(blurred, HIDDEN_CASE if hidden else 0.0))
     _put_leakage(writer, fit, temperature if temperatures else None, blurred, of_case)
-    _put_compressibility(writer, fit, pressure, hidden)
+    _put_compressibility(writer, fit, pressure, hidden, volumes)
     if hidden:
         writer.note(
             "chamber pressures are not measured: they were reconstructed from their difference and the "
@@ -191,15 +194,15 @@ def _with_volumes(
     base: Unit,
     pressure: float,
     noise: tuple[float, float],
-) -> Unit:
-    """The base with the chambers' volumes, where strokes with both pressures measured tell them."""
+) -> tuple[Unit, VolumeFit | None]:
+    """The base with the chambers' volumes, where strokes tell them; both pressures are measured."""
     steps = steps_of(base)
     if steps.y.size < LEAST_ROWS or len(np.unique(steps.chamber)) < 2:
-        return base
+        return base, None
     fit = fit_volumes(steps_of, base, pressure, noise)
     if fit is None:
-        writer.note("the chambers' volumes stay the base's: the logs' strokes are too short to tell them")
-        return base
+        writer.note("the chambers' volumes stay the base's: compliance against position does not tell them")
+        return base, None
     with_volumes = base.model_copy(deep=True)
     fit.apply(with_volumes)
     cylinder, gain = with_volumes.cylinder, fit.gain
@@ -210,10 +213,10 @@ def _with_volumes(
     if not fit.of_volume:
         writer.put(
             "cylinder.position_compliance",
-            gain,
+            Estimate(cylinder.position_compliance, gain.relative * cylinder.position_compliance),
             "no dead volume explains this: the mean volume stays the base's",
         )
-    return with_volumes
+    return with_volumes, fit
 
 
 def _reference(record: Record) -> NDArray[np.float64]:
@@ -287,8 +290,12 @@ def _put_leakage(
         writer.note("oil temperature is not measured: leakage holds for the logs' own temperature")
 
 
-def _put_compressibility(writer: ProfileWriter, fit: BalanceFit, pressure: float, hidden: bool) -> None:
-    beta = _wider(fit.bulk_modulus, HIDDEN_BULK if hidden else 0.0)
+def _put_compressibility(
+    writer: ProfileWriter, fit: BalanceFit, pressure: float, hidden: bool, volumes: VolumeFit | None
+) -> None:
+    # The balance knows volume over bulk modulus: what the volume is uncertain by, this is too.
+    of_volume = volumes.gain.relative if volumes is not None and volumes.of_volume else 0.0
+    beta = _wider(fit.bulk_modulus, float(np.hypot(HIDDEN_BULK if hidden else 0.0, of_volume)))
     if fit.signal_over_noise < 1.5 or not _better(beta, writer.base.oil.bulk_modulus, BULK_SHARP):
         writer.keep(
             "oil.bulk_modulus",
@@ -297,14 +304,15 @@ def _put_compressibility(writer: ProfileWriter, fit: BalanceFit, pressure: float
         )
         return
     _warn_if_far(writer, "bulk modulus", beta.value / writer.base.oil.bulk_modulus)
-    writer.put("oil.bulk_modulus", beta, f"at {pressure / 1e5:.2f} bar; volumes stay the base's")
+    level = "with the volumes found" if of_volume else "volumes stay the base's"
+    writer.put("oil.bulk_modulus", beta, f"at {pressure / 1e5:.2f} bar; {level}")
     writer.put("oil.reference_pressure", Estimate(pressure, 0.01 * pressure), "median of the logs")
-    air = _wider(fit.air_fraction, 0.5 if hidden else 0.0)
+    air = _wider(fit.air_fraction, float(np.hypot(0.5 if hidden else 0.0, of_volume)))
     writer.put("oil.air_fraction", air, "" if fit.air_known else "little data: drawn to the base's")
-    cylinder = writer.result.unit.cylinder
-    if "volume_1" in cylinder.provenance and cylinder.provenance["volume_1"].source == writer.source:
-        return
-    writer.note("only volume over bulk modulus is identifiable: the chambers' volumes stay the base's")
+    if of_volume:
+        writer.note("the chambers' volumes follow from how compliance changes with position, and area_1")
+    else:
+        writer.note("only volume over bulk modulus is identifiable: the chambers' volumes stay the base's")
 
 
 def _warn_if_far(writer: ProfileWriter, quantity: str, ratio: float) -> None:

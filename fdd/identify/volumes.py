@@ -38,6 +38,8 @@ VOLUME_SPREAD = 0.15
 VOLUME_SURE = 3.0
 STEP = 0.05
 GAIN_LIMITS, SPLIT_LIMIT = (0.3, 3.0), 0.4
+MOST_POSITION_COMPLIANCE = 5.0
+"""That a profile takes."""
 FLOOR_GAIN, FLOOR_SPLIT = 0.03, 0.005
 """What the model leaves out; on simulated units with known volumes g is off by 0.03, δ by 0.003 (median)."""
 TELLING = 0.15
@@ -64,7 +66,9 @@ class VolumeFit:
         shrink = g if self.of_volume else 1.0
         unit.cylinder.volume_1 *= (1.0 + d) / shrink
         unit.cylinder.volume_2 *= (1.0 - d) / shrink
-        unit.cylinder.position_compliance *= 1.0 if self.of_volume else g
+        if not self.of_volume:
+            swept = unit.cylinder.position_compliance * g
+            unit.cylinder.position_compliance = min(swept, MOST_POSITION_COMPLIANCE)
 
 
 def fit_volumes(
@@ -79,7 +83,7 @@ def fit_volumes(
 
     Returns
     -------
-    The fit, or None where the logs do not tell the gain.
+    The fit, or None where the logs do not tell the gain, or would have it beyond what a volume can be.
     """
     gain, split = 1.0, 0.0
     std = np.array([PRIOR_GAIN, PRIOR_SPLIT])
@@ -110,7 +114,8 @@ def fit_volumes(
         std = (np.sqrt(np.maximum(np.diag(inverse), 0.0) * unit) / scale)[UNKNOWNS:]
         gain = float(np.clip(gain + change[UNKNOWNS], *GAIN_LIMITS))
         split = float(np.clip(split + change[UNKNOWNS + 1], -SPLIT_LIMIT, SPLIT_LIMIT))
-    if std[0] > TELLING:
+    inside = GAIN_LIMITS[0] < gain < GAIN_LIMITS[1] and abs(split) < SPLIT_LIMIT
+    if std[0] > TELLING or not inside:  # at a limit: something else than volume bends the balance
         return None
     return VolumeFit(
         Estimate(gain, float(np.hypot(std[0], FLOOR_GAIN * gain))),

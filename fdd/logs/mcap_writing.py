@@ -78,7 +78,8 @@ def write_annotated(
     samples : the log, written as its measurement.
     trajectories : as `vars()` of a diagnosis's trajectories: ``time`` (n,) s;
         ``estimates`` and ``stds`` (filter to quantity to (n,)); ``observable``
-        (quantity to (n,) bool); ``nis`` (filter to (n,)); ``window_time`` (m,) s;
+        (quantity to (n,) bool); ``held``, ``held_std`` and ``information_std`` (quantity to
+        (n,)); ``nis`` (filter to (n,)); ``window_time`` (m,) s;
         ``statistic`` (m,), ``threshold`` (number), ``probabilities`` (family to
         (m,)); ``feature_names`` (k,) and ``features`` (m, k). What is absent is left out.
     diagnosis_json : the whole answer; the metadata record ``diagnosis`` (key json).
@@ -133,6 +134,9 @@ def _results(trajectories: Mapping[str, Any], axis: str) -> Iterator[tuple[str, 
             estimate[tracker] = members if nis is None else {**members, "nis": nis}
         if trajectories.get("observable"):
             estimate["observable"] = dict(trajectories["observable"])
+        for what in ("held", "held_std", "information_std"):
+            if trajectories.get(what):
+                estimate[what] = dict(trajectories[what])
         yield f"/eha/{axis}/estimate", "fdd.Estimate", estimate
     window = np.asarray(trajectories.get("window_time", ()), dtype=np.float64)
     if window.size:

@@ -211,6 +211,10 @@ def _estimate(name: str, diagnosis: Diagnosis, trajectories: Trajectories) -> li
         if seen.any():
             data.append(tr.line(time, np.where(seen, value, np.nan), called, colour))
         limits.append(np.where(seen, value, np.nan) if seen.any() else value)
+    held = trajectories.held.get(name)
+    if held is not None and seen.any() and not seen.all():
+        last = np.where(seen, np.nan, scale * held)
+        data.append(tr.line(time, last, "last observable value", tr.LINE_COLOURS[0], dash="dot", width=1.0))
     found = diagnosis.estimates.get(name)
     baseline = None if found is None or found.baseline is None else found.baseline * scale
     if baseline is not None:

@@ -8,7 +8,7 @@ from importlib import metadata
 
 import fdd
 from fdd.diagnosis.findings import DISPLAY_SCALE, ESTIMATED, Diagnosis, Estimate
-from fdd.report.words import family_title, percent
+from fdd.report.words import family_title, percent, span
 from fdd.unit import Unit
 
 NOTHING = "–"
@@ -44,7 +44,7 @@ def with_std(value: float | None, std: float | None) -> str:
 
 
 def estimate_rows(diagnosis: Diagnosis) -> list[dict[str, str]]:
-    """Rows of the table of estimates; keys quantity, unit, baseline, value, change, observable."""
+    """Rows of the table of estimates; keys quantity, unit, baseline, value, change, observable, held."""
     return [_estimate_row(name, e) for name, e in diagnosis.estimates.items()]
 
 
@@ -63,7 +63,16 @@ def _estimate_row(name: str, estimate: Estimate) -> dict[str, str]:
         "value": with_std(scaled[1], scaled[2]),
         "change": change,
         "observable": "yes" if estimate.observable else "no",
+        "held": _held(estimate, scale),
     }
+
+
+def _held(estimate: Estimate, scale: float) -> str:
+    """What it was when last observable, and when; empty while it is, and where it never was."""
+    if estimate.observable or estimate.held is None or estimate.age_s is None:
+        return ""
+    std = None if estimate.held_std is None else estimate.held_std * scale
+    return f"{with_std(estimate.held * scale, std)}, {span(estimate.age_s)} before the end"
 
 
 def probability_rows(diagnosis: Diagnosis) -> list[tuple[str, str, float]]:

@@ -10,8 +10,10 @@ from numpy.typing import NDArray
 
 from estimators import eha_layout as layout
 from estimators import eha_model as eha
+from estimators.eha_drifts import drifts
 from estimators.eha_noise import Noise
 from estimators.eha_tracker import EhaTracker
+from estimators.observability import Observability, Observed
 from fdd.residuals.viscosity import viscosity_ratio
 from fdd.samples import Samples
 from fdd.unit import FrictionBranch, Unit
@@ -27,6 +29,9 @@ OBSERVABLE = {
     "coulomb_friction": (0.10, 0.15),
     "viscous_friction": (0.20, 0.30),
 }
+
+INFORMATION_S = 5.0
+"""s that information is counted over: a stroke or two."""
 
 THERMAL_GAIN = 5e-4
 """Relative change of displacement over area within 30 K: metals grow by 1 to 2.5e-5 per kelvin."""
@@ -174,6 +179,15 @@ class Tracking:
             t.restore(state[method])
 
 
+QUANTITIES = {
+    "leakage": eha.LEAK,
+    "bulk_modulus": eha.AIR,
+    "coulomb_friction": eha.FRIC,
+    "viscous_friction": eha.VISC,
+}
+"""Tracked quantities and the states of the model that they follow from."""
+
+
 def estimates(records: Array, unit: Unit, model: Array) -> tuple[dict[str, Array], dict[str, Array]]:
     """Tracked quantities and their standard deviations, SI, from a filter's records.
 
@@ -182,34 +196,67 @@ def estimates(records: Array, unit: Unit, model: Array) -> tuple[dict[str, Array
     """
     x = records[:, layout.R_STATE : layout.R_STATE + eha.STATES]
     var = records[:, layout.R_VARIANCE : layout.R_VARIANCE + eha.STATES]
-    scale = unit.pump.total_leakage / records[:, layout.R_VISCOSITY]
+    scale = sensitivities(records, unit, model)
+    values = {
+        "leakage": scale["leakage"] * x[:, eha.LEAK],
+        "bulk_modulus": 1e6 / _compliance(records, unit, model)[0],
+        "coulomb_friction": scale["coulomb_friction"] * x[:, eha.FRIC],
+        "viscous_friction": x[:, eha.VISC],
+    }
+    return values, {name: scale[name] * np.sqrt(var[:, state]) for name, state in QUANTITIES.items()}
+
+
+def sensitivities(records: Array, unit: Unit, model: Array) -> dict[str, Array]:
+    """What one unit of its state is of each quantity, (n,) SI: magnitudes of the derivatives."""
+    compliance, air_unit = _compliance(records, unit, model)
+    one = np.ones(records.shape[0])
+    return {
+        "leakage": unit.pump.total_leakage / records[:, layout.R_VISCOSITY],
+        "bulk_modulus": 1e6 / compliance**2 * air_unit,
+        "coulomb_friction": healthy_coulomb(unit) * one,
+        "viscous_friction": one,
+    }
+
+
+def _compliance(records: Array, unit: Unit, model: Array) -> tuple[Array, float]:
+    """1/β at the reference pressure, 1/MPa, and what a permille of free air adds to it."""
     pressure = unit.oil.reference_pressure * 1e-6
     air_unit = 1e-3 * eha.air_curve(pressure, model[eha.Q_POLYTROPIC])
     stiff = model[eha.Q_STIFFNESS_INV]
-    c = np.maximum(stiff + air_unit * x[:, eha.AIR], eha.COMPLIANCE_FLOOR * stiff)
-    coulomb = healthy_coulomb(unit)
-    values = {
-        "leakage": scale * x[:, eha.LEAK],
-        "bulk_modulus": 1e6 / c,
-        "coulomb_friction": coulomb * x[:, eha.FRIC],
-        "viscous_friction": x[:, eha.VISC],
-    }
-    stds = {
-        "leakage": scale * np.sqrt(var[:, eha.LEAK]),
-        "bulk_modulus": 1e6 / c**2 * air_unit * np.sqrt(var[:, eha.AIR]),
-        "coulomb_friction": coulomb * np.sqrt(var[:, eha.FRIC]),
-        "viscous_friction": np.sqrt(var[:, eha.VISC]),
-    }
-    return values, stds
+    air = records[:, layout.R_STATE + eha.AIR]
+    return np.maximum(stiff + air_unit * air, eha.COMPLIANCE_FLOOR * stiff), air_unit
+
+
+def new_watch() -> Observability:
+    """Follows what is observable, before the first record."""
+    return Observability(OBSERVABLE, window=INFORMATION_S)
+
+
+def watched(
+    watch: Observability, records: Array, unit: Unit, model: Array, noise: Noise
+) -> dict[str, Observed]:
+    """What a filter's next records tell of each tracked quantity.
+
+    Parameters
+    ----------
+    watch : of `new_watch`; it goes on from the records before.
+    records : (n, RECORD) of one filter. model, noise : the filter's.
+
+    Returns
+    -------
+    Quantity to its flag, the information of the last seconds, the held value and its age.
+    """
+    scale = sensitivities(records, unit, model)
+    walks = drifts(records, noise, {state: scale[name] for name, state in QUANTITIES.items()})
+    return watch.push(
+        records[:, layout.R_TIME],
+        *estimates(records, unit, model),
+        {name: walks[state] for name, state in QUANTITIES.items()},
+    )
 
 
 def observability(values: dict[str, Array], stds: dict[str, Array]) -> dict[str, NDArray[np.bool_]]:
     """Where each quantity is observable: relative std with hysteresis (see `OBSERVABLE`)."""
-    flags = {}
-    for name, (low, high) in OBSERVABLE.items():
-        share = stds[name] / np.maximum(np.abs(values[name]), 1e-300)
-        state = np.where(share < low, 1.0, np.where(share > high, 0.0, np.nan))
-        # Between the two limits the last decision stands.
-        index = np.maximum.accumulate(np.where(np.isnan(state), -1, np.arange(state.size)))
-        flags[name] = np.where(index >= 0, state[np.maximum(index, 0)] == 1.0, False)
-    return flags
+    watch = new_watch()
+    order = np.arange(values["leakage"].size, dtype=np.float64)
+    return {name: seen.valid for name, seen in watch.push(order, values, stds).items()}

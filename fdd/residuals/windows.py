@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimators import eha_layout as layout
+from estimators.observability import Observability, Observed
 from fdd.errors import InputError
 from fdd.residuals.features import (
     FEATURE_VERSION,
@@ -26,7 +27,7 @@ from fdd.residuals.features import (
     WINDOW_FEATURES,
     window_features,
 )
-from fdd.residuals.tracking import METHODS, Channels, Tracking
+from fdd.residuals.tracking import METHODS, OBSERVABLE, Channels, Tracking, new_watch, watched
 from fdd.samples import CHANNELS, Samples, missing_required
 from fdd.unit import Unit
 
@@ -69,6 +70,8 @@ class ResidualWindows:
         self._records = {m: np.empty((0, layout.RECORD)) for m in METHODS}
         self._kept: dict[str, list[Array]] = {m: [] for m in METHODS}
         self.last_records = {m: np.empty((0, layout.RECORD)) for m in METHODS}
+        self._watch = new_watch()
+        self._unwatched: list[Array] = []
 
     @property
     def channels(self) -> tuple[str, ...]:
@@ -130,6 +133,10 @@ class ResidualWindows:
                 self.last_records[method] = records[-1:]
                 if self.keep:
                     self._kept[method].append(records)
+                if method == "ekf":
+                    self._unwatched.append(records)
+        if len(self._unwatched) > 30:  # single records, as they come live, cost as much as hundreds
+            self._catch_up()
         extra = np.column_stack([samples.get("command"), samples.get("motor_current")])
         self._rows = np.concatenate([self._rows, np.column_stack([block, extra])])
         return self._full_windows()
@@ -191,8 +198,37 @@ class ResidualWindows:
             raise ValueError("records were not kept: make it with keep=True")
         return {m: np.concatenate(p) if p else np.empty((0, layout.RECORD)) for m, p in self._kept.items()}
 
+    def observed(self) -> dict[str, Observed]:
+        """What the EKF's last record tells of each tracked quantity, (1,) each."""
+        self._catch_up()
+        return self._watch.latest()
+
+    def observed_throughout(self) -> dict[str, Observed]:
+        """What all records so far of the EKF told of each tracked quantity, (n,) each.
+
+        Raises
+        ------
+        ValueError : made with ``keep=False``.
+        """
+        records = self.records()["ekf"]
+        if not records.size:
+            nothing: dict[str, Array] = {name: np.empty(0) for name in OBSERVABLE}
+            return new_watch().push(np.empty(0), nothing, nothing)
+        return self._watched(new_watch(), records)
+
+    def _catch_up(self) -> None:
+        if self._unwatched:
+            self._watched(self._watch, np.concatenate(self._unwatched))
+            self._unwatched = []
+
+    def _watched(self, watch: Observability, records: Array) -> dict[str, Observed]:
+        assert self.tracking is not None
+        tracker = self.tracking.trackers["ekf"]
+        return watched(watch, records, self.unit, tracker.model, tracker.noise)
+
     def state(self) -> dict[str, Array]:
         """The whole state as flat named arrays."""
+        self._catch_up()
         scalars = {
             "first_time": self.first_time, "last_time": self.last_time, "count": self.count,
             "hops": self._hops, "keep": self.keep, "feature_version": FEATURE_VERSION,
@@ -209,6 +245,7 @@ class ResidualWindows:
             out[f"last/{m}"] = self.last_records[m]
             if self._kept[m]:
                 out[f"kept/{m}"] = np.concatenate(self._kept[m])
+        out.update({f"watch/{k}": v for k, v in self._watch.state().items()})
         if self.tracking is not None:
             for m, arrays in self.tracking.state().items():
                 out.update({f"tracker/{m}/{k}": v for k, v in arrays.items()})
@@ -237,6 +274,8 @@ class ResidualWindows:
             self._records[m] = state[f"records/{m}"].copy()
             self.last_records[m] = state[f"last/{m}"].copy()
             self._kept[m] = [state[f"kept/{m}"].copy()] if f"kept/{m}" in state else []
+        self._unwatched = []
+        self._watch.restore({k.removeprefix("watch/"): v for k, v in state.items() if k.startswith("watch/")})
         self.tracking = None
         if scalars["channels"] is not None:
             self.tracking = Tracking(self.unit, Channels(tuple(scalars["channels"])), scalars["period"])

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from estimators import eha_layout
+from estimators import eha_bounds, eha_layout, eha_model, eha_walk
 from estimators.eha_tracker import EhaTracker
 from fdd.benchmark import speed
 from fdd.benchmark.speed.cpp import Program, Unavailable
@@ -71,14 +71,29 @@ def test_filterpy_of_the_same_size(benchmark: Any) -> None:
     np.testing.assert_allclose(peer.variances, np.diag(tracker.P), rtol=1e-6)
 
 
-def missing_and_late(method: str) -> tuple[EhaTracker, np.ndarray]:
+def missing_and_late(method: str, without: tuple[str, ...] = ()) -> tuple[EhaTracker, np.ndarray]:
     """A log with dropped, late and missing samples, and what tracks it."""
     recording = Recording(dropped=0.05, late=0.02, nan_bursts_per_minute=60.0)
-    leak = {"fault": "internal_leakage", "severity": 0.5, "onset": 3.0}
+    leak = {"fault": "internal_leakage", "severity": 0.6, "onset": 3.0}
     scenario = Scenario(duration=10.0, duty={"name": "sines"}, faults=[leak], recording=recording)
     samples = simulate(Unit.load("axis_a"), scenario).samples
-    tracking = Tracking(Unit.load("axis_a"), Channels.of(samples), 1e-3, decimation=1)
+    channels = Channels(tuple(name for name in Channels.of(samples).names if name not in without))
+    tracking = Tracking(Unit.load("axis_a"), channels, 1e-3, decimation=1)
     return tracking.trackers[method], tracking.block(samples)
+
+
+def ends_where_the_tracker_does(
+    program: Program, tracker: EhaTracker, block: np.ndarray, dense: bool
+) -> np.ndarray:
+    """Records of the tracker, after comparing."""
+    found = program.run(tracker, block, dense=dense)
+    records = tracker.push(block)
+    spread = np.sqrt(np.diag(tracker.P))
+    # To 1e-9 of themselves, or of their standard deviation where they are near zero.
+    assert (np.abs(found.x - tracker.x) <= 1e-9 * np.abs(tracker.x) + 1e-8 * spread).all()
+    np.testing.assert_allclose(found.variances, np.diag(tracker.P), rtol=1e-8)
+    assert found.log_likelihood == pytest.approx(records[:, eha_layout.R_LOGLIK].sum(), rel=1e-8)
+    return records
 
 
 @pytest.mark.slow
@@ -87,13 +102,22 @@ def missing_and_late(method: str) -> tuple[EhaTracker, np.ndarray]:
 def test_cpp_ends_where_the_tracker_does(program: Program, method: str, dense: bool) -> None:
     tracker, block = missing_and_late(method)
     assert np.isnan(block[:, [eha_layout.POSITION, eha_layout.PRESSURE_1]]).any()
-    found = program.run(tracker, block, dense=dense)
-    records = tracker.push(block)
-    spread = np.sqrt(np.diag(tracker.P))
-    # To 1e-9 of themselves, or of their standard deviation where they are near zero.
-    np.testing.assert_array_less(np.abs(found.x - tracker.x), 1e-9 * np.abs(tracker.x) + 1e-8 * spread)
-    np.testing.assert_allclose(found.variances, np.diag(tracker.P), rtol=1e-8)
-    assert found.log_likelihood == pytest.approx(records[:, eha_layout.R_LOGLIK].sum(), rel=1e-8)
+    records = ends_where_the_tracker_does(program, tracker, block, dense)
+    scores = records[:, eha_layout.R_SCORE : eha_layout.R_SCORE + eha_layout.FLOW_PARAMETERS]
+    assert np.abs(scores).max() > eha_walk.JUMP_SIGMAS  # the leak set the parameters free
+    valves = records[:, eha_layout.R_STATE + eha_model.VALVE1]
+    assert (valves == eha_bounds.LOWEST[eha_model.VALVE1]).any()
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("method", METHODS)
+def test_cpp_follows_with_the_fewest_sensors(program: Program, method: str) -> None:
+    """Speed instead of the angle, the pressures' difference instead of both; fixed states stay."""
+    tracker, block = missing_and_late(
+        method, ("pump_angle", "pressure_1", "pressure_2", "pressure_accumulator")
+    )
+    ends_where_the_tracker_does(program, tracker, block, dense=False)
+    assert tracker.P[eha_model.SPLIT, eha_model.SPLIT] == 0.0
 
 
 def test_table_has_every_peer_or_says_why_not(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -71,7 +71,8 @@ def test_the_answer_is_the_contracts(answers) -> None:
     assert fault["fault"] == "internal_leakage" and "pump_wear" in fault["ambiguity"]
     assert abs(fault["onset_s"] - 8.0) < 2.5 and fault["detected_s"] > 8.0
     estimate = answer["estimates"]["leakage"]
-    assert list(estimate) == ["unit", "baseline", "value", "std", "observable"]
+    assert list(estimate)[:5] == ["unit", "baseline", "value", "std", "observable"]
+    assert list(estimate)[5:] == ["held", "held_std", "age_s", "information_std"]
     assert estimate["value"] - estimate["baseline"] == pytest.approx(0.8 * 12e-12, rel=0.15)
     assert answers["healthy"]["verdict"] == "healthy" and answers["healthy"]["faults"] == []
     Diagnosis.model_validate(answer)

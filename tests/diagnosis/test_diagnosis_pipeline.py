@@ -106,6 +106,20 @@ def test_goes_on_after_a_restart(unit: Unit, leaking: Samples, at: int) -> None:
     assert answer(after) == answer(whole)
 
 
+def test_the_answer_tells_what_the_trajectories_end_with(unit: Unit, leaking: Samples) -> None:
+    pipeline = pushed(unit, leaking, [])
+    found, over_time = pipeline.finish().estimates, pipeline.trajectories()
+    for name, estimate in found.items():
+        assert estimate.observable == bool(over_time.observable[name][-1])
+        for told, column in (
+            (estimate.held, over_time.held), (estimate.held_std, over_time.held_std),
+            (estimate.information_std, over_time.information_std),
+        ):  # fmt: skip
+            last = column[name][-1]
+            assert told == (pytest.approx(last, rel=1e-4) if np.isfinite(last) else None)
+    assert found["leakage"].held == found["leakage"].value and found["leakage"].age_s == 0.0
+
+
 def test_state_of_another_unit_is_refused(unit: Unit, healthy: Samples) -> None:
     pipeline = pushed(unit, healthy.rows(0, 3_000), [])
     with pytest.raises(InputError, match="axis_a"):

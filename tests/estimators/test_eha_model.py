@@ -12,11 +12,15 @@ from estimators import eha_model as eha
 N = eha.STATES
 AREA, VOLUME, DISPLACEMENT = 1520.0, 2.16e6, 557.0  # mm², mm³, mm³/rad
 CROSS, CASE, STEP, ACCUMULATOR, VISCOSITY = 6.031, 0.978, 1.0, 0.48, 0.9
+SWEEP = 1.4  # of compliance with position, over that of the volumes
 BULK, AIR_FRACTION, INDEX, REFERENCE = 2.10e8, 0.003, 1.4, 4.82e5
 
 
 def model(
-    area_2: float = 1.52e-3, bulk_modulus: float = BULK, air_fraction: float = AIR_FRACTION
+    area_2: float = 1.52e-3,
+    bulk_modulus: float = BULK,
+    air_fraction: float = AIR_FRACTION,
+    sweep: float = SWEEP,
 ) -> eha.Array:
     """Axis A of the thesis, in the model's own units; a smaller second area where wanted."""
     return eha.parameters(
@@ -25,6 +29,7 @@ def model(
         bulk_modulus=bulk_modulus, air_fraction=air_fraction, polytropic_index=INDEX,
         reference_pressure=REFERENCE, friction_forward=(151.1, 510.2, 0.026, 0.59),
         friction_reverse=(113.0, 448.0, 0.007, 0.776), accumulator_pressure=ACCUMULATOR * 1e6,
+        position_compliance=sweep,
     )  # fmt: skip
 
 
@@ -37,7 +42,9 @@ def state(rng: np.random.Generator) -> eha.Array:
     x[eha.P1], x[eha.P2] = rng.uniform(0.05, 3.4, 2)
     x[eha.LEAK], x[eha.VALVE1], x[eha.VALVE2] = rng.uniform(0.3, 5.0), *rng.uniform(-0.5, 20.0, 2)
     x[eha.AIR], x[eha.GAIN] = rng.uniform(0.5, 40.0), rng.uniform(-0.05, 0.05)
+    x[eha.SPLIT] = rng.uniform(-0.8, 0.8) * x[eha.AIR]
     x[eha.FRIC], x[eha.VISC] = rng.uniform(0.2, 3.0), rng.uniform(0.0, 1500.0)
+    x[eha.SKEW], x[eha.ZERO] = rng.uniform(-200.0, 200.0), rng.uniform(-0.1, 0.1)
     x[eha.LOAD], x[eha.STIF] = rng.uniform(-3000.0, 3000.0), rng.uniform(0.0, 40.0)
     x[eha.THROT], x[eha.INERT] = rng.uniform(0.0, 2e5), rng.uniform(0.0, 200.0)
     return x
@@ -71,7 +78,7 @@ def differences(x: eha.Array, q: eha.Array, h: float = STEP) -> eha.Array:
 def test_jacobian_is_that_of_central_differences(area_2: float, h: float) -> None:
     rng, q = np.random.default_rng(11), model(area_2)
     scale = np.array(
-        [50, 0.1, 100, 0.2, 1, 1, 1, 1, 1, 5, 1e-2, 1, 300, 1000, 10, 1e5, 50]
+        [50, 0.1, 100, 0.2, 1, 1, 1, 1, 1, 5, 2, 1e-2, 1, 300, 100, 1000, 10, 1e5, 50, 0.02]
     )  # a typical state
     for _ in range(60):
         x = state(rng)
@@ -83,7 +90,7 @@ def test_jacobian_is_that_of_central_differences(area_2: float, h: float) -> Non
 
 
 def test_linearised_where_the_encoders_put_velocity_and_speed() -> None:
-    """Columns of air and gain are those of the step that really moved at that velocity and speed."""
+    """Columns of air, its split and gain are those of the step that moved at that velocity and speed."""
     rng, q = np.random.default_rng(12), model()
     for _ in range(30):
         x = state(rng)
@@ -96,7 +103,7 @@ def test_linearised_where_the_encoders_put_velocity_and_speed() -> None:
         there[eha.LOAD] += (v_at - without) / (stepped(there, q)[0][eha.V] - without) - 1.0
         assert stepped(there, q)[0][eha.V] == pytest.approx(v_at, abs=1e-12)
         F, expected = stepped(x, q, v_at=v_at, w_at=w_at)[1], differences(there, q)
-        for column in (eha.AIR, eha.GAIN):
+        for column in (eha.AIR, eha.SPLIT, eha.GAIN):
             pressures = [eha.P1, eha.P2]
             np.testing.assert_allclose(
                 F[pressures, column], expected[pressures, column], rtol=1e-6, atol=1e-9
@@ -114,9 +121,34 @@ def test_linearising_at_the_prediction_is_the_plain_jacobian() -> None:
         np.testing.assert_array_equal(G_at, G)
 
 
+def gas_volume(p: float) -> float:
+    """Of a unit of free air, adiabatic or as its index says, over its volume at atmosphere."""
+    return (eha.ATMOSPHERE / (p + eha.ATMOSPHERE)) ** (1.0 / INDEX)
+
+
+def specific_volume(x: eha.Array, q: eha.Array, p: float) -> float:
+    """Of oil with the mean share of air, up to a constant, over that at atmosphere: falls with pressure."""
+    return 1e-3 * x[eha.AIR] * gas_volume(p) - q[eha.Q_STIFFNESS_INV] * p
+
+
+def capacities(x: eha.Array, q: eha.Array, area_2: float) -> list[float]:
+    """V/β of each chamber, mm³/MPa: eq. 5.20 with its own share of air, the sweep as the profile's."""
+    found = []
+    for sign, area, p in ((1.0, AREA, x[eha.P1]), (-1.0, area_2, x[eha.P2])):
+        curve = gas_volume(p) / (INDEX * (p + eha.ATMOSPHERE))
+        share = 1e-3 * (x[eha.AIR] + sign * x[eha.SPLIT])
+        volume = VOLUME + sign * SWEEP * area * x[eha.X]
+        found.append(volume * (q[eha.Q_STIFFNESS_INV] + share * curve))
+    return found
+
+
 @given(st.integers(0, 2**32 - 1), st.floats(0.1, 10.0))
 def test_volume_balance_holds_to_rounding(seed: int, h: float) -> None:
-    """C₁Δp₁ + A₁Δx + h·outflow = D Δθ and its mirror image, by sums made here from eqs 3.14 to 3.18."""
+    """C₁Δp₁ + A₁Δx + h·outflow = D Δθ ρ̄/ρ₁ and its mirror image, by sums made here from eqs 3.14 to 3.18.
+
+    The pump's teeth carry oil of the ports' mean density ρ̄; to first order in compressibility it takes up
+    ½ (v₁ - v₂)/v more or less volume in a chamber, v the specific volume there.
+    """
     area_2 = 1100.0
     q, x = model(area_2 * 1e-6), state(np.random.default_rng(seed))
     out = stepped(x, q, h)[0]
@@ -127,20 +159,38 @@ def test_volume_balance_holds_to_rounding(seed: int, h: float) -> None:
         (CROSS + CASE / 2.0) * x[v] * (x[p] - ACCUMULATOR)
         for v, p in ((eha.VALVE1, eha.P1), (eha.VALVE2, eha.P2))
     ]
-    delivered = DISPLACEMENT * (1.0 + x[eha.GAIN]) * change[eha.TH]
-    stiff = q[eha.Q_STIFFNESS_INV]
-    c = [eha.ATMOSPHERE ** (1 / INDEX) / (INDEX * (x[p] + eha.ATMOSPHERE) ** (1 + 1 / INDEX)) for p in (4, 5)]
-    stored = [
-        (VOLUME + sign * area * x[eha.X]) * (stiff + 1e-3 * x[eha.AIR] * air) * change[p]
-        for sign, area, air, p in ((1.0, AREA, c[0], eha.P1), (-1.0, area_2, c[1], eha.P2))
-    ]
+    swells = 0.5 * (specific_volume(x, q, x[eha.P1]) - specific_volume(x, q, x[eha.P2]))
+    displaced = DISPLACEMENT * (1.0 + x[eha.GAIN]) * change[eha.TH]
+    delivered = [displaced * (1.0 + swells), displaced * (1.0 - swells)]
+    stored = [c * change[p] for c, p in zip(capacities(x, q, area_2), (eha.P1, eha.P2), strict=True)]
     out_1 = h * (across + to_case[0] + valves[0]) / VISCOSITY
     out_2 = h * (-across + to_case[1] + valves[1]) / VISCOSITY
-    largest = max(abs(delivered), abs(out_1), abs(out_2), abs(AREA * change[eha.X]), 1.0)
+    largest = max(abs(displaced), abs(out_1), abs(out_2), abs(AREA * change[eha.X]), 1.0)
     # Differences of states near 400 rad carry rounding of 400 × 2⁻⁵² times the displacement.
     rounding = 1e-12 * largest + 1e-10 * DISPLACEMENT * h
-    assert stored[0] + AREA * change[eha.X] + out_1 == pytest.approx(delivered, abs=rounding)
-    assert stored[1] - area_2 * change[eha.X] + out_2 == pytest.approx(-delivered, abs=rounding)
+    assert stored[0] + AREA * change[eha.X] + out_1 == pytest.approx(delivered[0], abs=rounding)
+    assert stored[1] - area_2 * change[eha.X] + out_2 == pytest.approx(-delivered[1], abs=rounding)
+
+
+@pytest.mark.parametrize("high", [0.6, 2.0, 3.4])
+def test_the_pump_neither_makes_nor_destroys_oil(high: float) -> None:
+    """Mass that leaves one chamber arrives in the other, to second order in compressibility.
+
+    Pump alone: piston held, nothing leaks. Mass per chamber is volume over specific volume.
+    """
+    q, x = model(sweep=1.0), np.zeros(N)
+    x[[eha.P1, eha.P2, eha.AIR, eha.W]] = high, 0.5, 3.0, 0.1
+    out = stepped(x, q)[0]
+    # Chambers store C Δp of volume each, at their own density.
+    density = [1.0 / (1.0 + specific_volume(x, q, p) - specific_volume(x, q, 0.5)) for p in (high, 0.5)]
+    moved = DISPLACEMENT * STEP * x[eha.W]
+    piston = AREA * (out[eha.X] - x[eha.X])
+    gained = [c * (out[p] - x[p]) for c, p in zip(capacities(x, q, AREA), (eha.P1, eha.P2), strict=True)]
+    gained = [gained[0] + piston, gained[1] - piston]
+    mass = density[0] * gained[0] + density[1] * gained[1]
+    compressed = density[0] / density[1] - 1.0
+    assert abs(mass) < 0.6 * compressed**2 * moved
+    assert abs(gained[0] + gained[1]) > 0.9 * compressed * moved, "while volumes do differ"
 
 
 @given(st.integers(0, 2**32 - 1))
@@ -148,14 +198,13 @@ def test_noise_on_velocity_and_speed_keeps_the_balance(seed: int) -> None:
     """Columns of G for velocity and speed move position, angle and pressures together."""
     q, x = model(), state(np.random.default_rng(seed))
     G = stepped(x, q)[2]
-    capacity = [
-        (VOLUME + sign * AREA * x[eha.X]) * eha.compliance(x[p], x[eha.AIR], q)[0]
-        for sign, p in ((1.0, eha.P1), (-1.0, eha.P2))
-    ]
+    capacity = capacities(x, q, AREA)
+    swells = 0.5 * (specific_volume(x, q, x[eha.P1]) - specific_volume(x, q, x[eha.P2]))
     displaced = DISPLACEMENT * (1.0 + x[eha.GAIN]) * G[eha.TH, 1]
     for column, flow in ((0, 0.0), (1, displaced)):
-        assert capacity[0] * G[eha.P1, column] + AREA * G[eha.X, column] == pytest.approx(flow, abs=1e-6)
-        assert capacity[1] * G[eha.P2, column] - AREA * G[eha.X, column] == pytest.approx(-flow, abs=1e-6)
+        into, out_of = flow * (1.0 + swells), flow * (1.0 - swells)
+        assert capacity[0] * G[eha.P1, column] + AREA * G[eha.X, column] == pytest.approx(into, abs=1e-6)
+        assert capacity[1] * G[eha.P2, column] - AREA * G[eha.X, column] == pytest.approx(-out_of, abs=1e-6)
     # One mm³ into a chamber raises its pressure by the inverse of its capacity, and nothing else.
     for column, p, c in ((2, eha.P1, capacity[0]), (3, eha.P2, capacity[1])):
         assert G[p, column] * c == pytest.approx(1.0)
@@ -244,3 +293,40 @@ def test_friction_curve_is_eq_5_12_with_a_smooth_reversal(v: float) -> None:
     d = 1e-3 * abs(v)
     expected = (eha.friction_curve(v + d, q)[0] - eha.friction_curve(v - d, q)[0]) / (2.0 * d)
     assert slope == pytest.approx(expected, rel=1e-3, abs=0.1)
+
+
+@given(st.floats(1e-4, 0.3))
+def test_viscous_friction_has_a_direction(v: float) -> None:
+    """VISC + SKEW when extending, VISC - SKEW when retracting; of two velocities the mean is VISC's alone."""
+    q, x = model(), np.zeros(N)
+    x[[eha.P1, eha.P2, eha.AIR]] = ACCUMULATOR, ACCUMULATOR, 3.0
+    slowed = {}
+    for sign in (1.0, -1.0):
+        for skew in (0.0, 50.0):
+            x[[eha.V, eha.VISC, eha.SKEW]] = sign * v, 200.0, skew
+            after = stepped(x, q)[0][eha.V]
+            slowed[sign, skew] = (x[eha.V] - after) / after * q[eha.Q_MASS] * 1e3  # force over velocity
+    assert slowed[1.0, 0.0] == pytest.approx(200.0, rel=1e-9)
+    assert slowed[-1.0, 0.0] == pytest.approx(200.0, rel=1e-9)
+    assert slowed[1.0, 50.0] == pytest.approx(250.0, rel=1e-9)
+    assert slowed[-1.0, 50.0] == pytest.approx(150.0, rel=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("pressures", "difference", "fixed"),
+    [
+        (True, True, []),
+        (True, False, [eha.ZERO]),
+        (False, True, [eha.SPLIT, eha.ZERO]),
+    ],
+)
+def test_states_that_the_sensors_cannot_tell(pressures: bool, difference: bool, fixed: list[int]) -> None:
+    free = eha.free_states(pressures=pressures, difference=difference)
+    assert free.shape == (N,)
+    assert np.flatnonzero(~free).tolist() == fixed
+
+
+def test_states_and_names_agree() -> None:
+    assert len(eha.STATE_NAMES) == len(set(eha.STATE_NAMES)) == N == eha.ZERO + 1
+    for index, name in ((eha.SPLIT, "air_split"), (eha.SKEW, "viscous_skew"), (eha.INERT, "load_inertia")):
+        assert eha.STATE_NAMES[index] == name

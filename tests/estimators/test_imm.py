@@ -422,8 +422,8 @@ def test_filters_that_do_not_go_together_are_refused() -> None:
 def test_repr_is_one_line_of_what_was_given() -> None:
     filters = [ExtendedKalmanFilter(1, 1), SVSF(1, 1, psi=0.5)]
     assert repr(IMM(filters, None, M2)) == (
-        "IMM(filters=[ExtendedKalmanFilter(dim_x=1, dim_z=1), SVSF(dim_x=1, dim_z=1, psi=0.5, gamma=0.1, "
-        "boundary_layer='fixed')], M=[[0.9, 0.1], [0.2, 0.8]])"
+        "IMM(filters=[ExtendedKalmanFilter(dim_x=1, dim_z=1), SVSF(dim_x=1, dim_z=1, psi=0.5)], "
+        "M=[[0.9, 0.1], [0.2, 0.8]])"
     )
 
     def wear(dt):

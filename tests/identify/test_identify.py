@@ -45,8 +45,15 @@ def test_gain_leakage_and_bulk_modulus_are_those_of_the_unit(case: Case) -> None
     assert found.oil.reference_temperature == pytest.approx(TEMPERATURE, abs=0.1)
 
 
-def test_equal_areas_stay_the_bases(case: Case) -> None:
-    assert case.found.unit.cylinder == case.base.cylinder
+def test_areas_stay_the_bases_and_volumes_are_those_of_the_unit(case: Case) -> None:
+    """The units have their base's areas and volumes; that of the volumes had to be found."""
+    found, truth = case.found.unit.cylinder, case.truth.cylinder
+    for name in ("area_1", "area_2", "stroke", "moving_mass", "position_compliance"):
+        assert getattr(found, name) == getattr(case.base.cylinder, name)
+    for name in ("volume_1", "volume_2"):
+        assert getattr(found, name) == pytest.approx(getattr(truth, name), rel=0.05)
+        assert found.std_of(name) is not None
+    assert found.volume_1 / found.volume_2 == pytest.approx(truth.volume_1 / truth.volume_2, rel=0.01)
 
 
 def test_friction_is_that_of_the_unit_although_half_of_the_logs_are_loaded(case: Case) -> None:
@@ -295,7 +302,16 @@ def test_a_surprising_number_is_remarked(cases: dict[int, Case]) -> None:
     case = cases[1]
     channels = ("pressure_1", "pressure_2", "pressure_difference", "pressure_accumulator")
     logs = [log.with_columns({c: 10.0 * log[c] for c in channels}) for log in case.logs]
-    notes = " ".join(identify_unit(logs, case.base).notes)
-    # Ten times, as closely as the logs tell it.
+    found = identify_unit(logs, case.base)
+    notes = " ".join(found.notes)
     times = re.search(r"bulk modulus is ([\d.]+) times", notes)
-    assert times and float(times[1]) == pytest.approx(10.0, rel=0.1) and "unit of measure" in notes
+    assert times and "unit of measure" in notes
+    ratio = found.unit.oil.bulk_modulus / case.base.oil.bulk_modulus
+    assert float(times[1]) == pytest.approx(ratio, rel=0.05)
+
+    def stiffness(unit: Unit) -> float:
+        return unit.oil.bulk_modulus / unit.cylinder.volume_1
+
+    # Ten times, as closely as the logs tell it: of a gas at ten times its pressure the curve is another one,
+    # which moves the volumes too.
+    assert stiffness(found.unit) / stiffness(case.found.unit) == pytest.approx(10.0, rel=0.1)

@@ -39,6 +39,9 @@ def test_everything_of_a_diagnosis_is_there(tmp_path: Path) -> None:
         "estimates": {"ekf": {"leakage": np.full(250, 6e-12)}, "svsf": {"leakage": np.full(250, 7e-12)}},
         "stds": {"ekf": {"leakage": std}, "svsf": {}},
         "observable": {"leakage": np.arange(250) > 9},
+        "held": {"leakage": np.where(np.arange(250) > 9, 6e-12, np.nan)},
+        "held_std": {"leakage": np.where(np.arange(250) > 9, 2e-13, np.nan)},
+        "information_std": {"leakage": np.where(np.arange(250) > 0, 3e-13, np.inf)},
         "nis": {"ekf": np.ones(250)},
         "window_time": window,
         "feature_names": ["bias", "ripple"],
@@ -66,7 +69,12 @@ def test_everything_of_a_diagnosis_is_there(tmp_path: Path) -> None:
         "ekf": {"leakage": 6e-12, "leakage_std": 1e-13, "nis": 1.0},
         "svsf": {"leakage": 7e-12},
         "observable": {"leakage": False},
+        "held": {},
+        "held_std": {},
+        "information_std": {},
     }
+    assert estimate[10]["held"] == {"leakage": 6e-12} and estimate[10]["held_std"] == {"leakage": 2e-13}
+    assert estimate[1]["information_std"] == {"leakage": 3e-13}
     assert "leakage_std" not in estimate[3]["ekf"] and estimate[10]["observable"] == {"leakage": True}
     assert by_topic["/eha/axis_a/diagnosis"][1] == {
         "time": 2.0, "statistic": 1.0, "threshold": 12.0,

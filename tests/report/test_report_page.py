@@ -137,6 +137,24 @@ def test_what_is_not_observable_is_grey_and_has_no_band(case: Callable[..., Any]
     assert all(b.size > 100 for b in bands)
 
 
+def test_the_last_observable_value_is_drawn_on_and_told(case: Callable[..., Any]) -> None:
+    made = case("faulty")
+    name = "coulomb_friction"
+    seen = made.trajectories.observable[name]
+    last = np.maximum.accumulate(np.where(seen, np.arange(seen.size), 0))
+    made.trajectories.held[name] = made.trajectories.estimates["ekf"][name][last]
+    estimate = made.diagnosis.estimates[name]
+    estimate.observable, estimate.held, estimate.held_std, estimate.age_s = False, 131.5, 2.1, 12.0
+    html = render_report(*made.arguments())
+    figures = Page(html).figures
+    shown = trace(figures[f"estimate-{name}"], "last observable value")
+    y = decoded(shown["y"])
+    assert np.isfinite(y).any() and np.isnan(y).any()
+    assert np.isin(y[np.isfinite(y)], made.trajectories.held[name].astype(np.float32)).all()
+    assert "131.5 ± 2.1, 12 s before the end" in html
+    assert not any(t.get("name") == "last observable value" for t in figures["estimate-leakage"]["data"])
+
+
 def test_onset_and_detection_stand_in_every_plot(case: Callable[..., Any]) -> None:
     figures = Page(render_report(*case("faulty").arguments())).figures
     for figure in figures.values():

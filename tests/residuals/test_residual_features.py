@@ -18,7 +18,7 @@ from fdd.unit import Unit
 MOVES: dict[str, tuple[str, int]] = {
     "internal_leakage": ("leakage", 1),
     "external_leakage": ("accumulator", -1),
-    "pump_wear": ("loss_largest", 1),
+    "pump_wear": ("jump", 1),  # a loss that grows with speed fits none of the parameters for long
     "case_drain_seal_failure": ("loss_largest", 1),
     "seal_wear": ("friction", -1),
     "aeration": ("compliance", 1),

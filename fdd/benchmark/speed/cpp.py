@@ -13,7 +13,18 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from estimators import eha_forces, eha_layout, eha_loop, eha_model, eha_noise, kernels
+from estimators import (
+    eha_bounds,
+    eha_forces,
+    eha_gate,
+    eha_layout,
+    eha_loop,
+    eha_model,
+    eha_noise,
+    eha_redundancy,
+    eha_walk,
+    kernels,
+)
 from estimators.eha_tracker import EhaTracker
 
 Array = NDArray[np.float64]
@@ -26,9 +37,13 @@ _INCLUDES = ("/usr/include/eigen3", "/usr/local/include/eigen3", "/opt/homebrew/
 _NAMES = {
     eha_model: [name for name in vars(eha_model) if name.isupper()],
     eha_layout: [name for name in vars(eha_layout) if name.isupper() and not name.startswith(("R_", "M_"))],
-    eha_noise: [name for name in vars(eha_noise) if name.startswith("N_")],
+    eha_noise: [name for name in vars(eha_noise) if name.startswith(("N_", "I_", "J_"))],
+    eha_bounds: ["LOWEST", "HIGHEST"],
     eha_forces: ["FORCE_PERIOD", "FRICTION_LAG", "FRICTION_SETTLES", "PARTNER_MISFIT", "ROBUST"],
+    eha_gate: ["FAST", "SLOW", "REST"],
     eha_loop: ["LONGEST_GAP"],
+    eha_redundancy: ["PAIRS"],
+    eha_walk: ["JUMP_SIGMAS", "SCORE_WINDOW", "LONG_WINDOWS", "MOST_STREAK", "SHORT"],
     kernels: ["TIE_BREAK"],
 }
 
@@ -56,7 +71,7 @@ class Run:
 
 def header(noise: int) -> str:
     """C++ constants of the model's indices; `noise` is how many numbers a noise array has."""
-    lines = ["#pragma once", f"constexpr int NOISE = {noise};"]
+    lines = ["#pragma once", "#include <cmath>", f"constexpr int NOISE = {noise};"]
     for module, names in _NAMES.items():
         for name in names:
             value = getattr(module, name)
@@ -64,6 +79,9 @@ def header(noise: int) -> str:
                 lines.append(
                     f"constexpr {type(value).__name__.replace('float', 'double')} {name} = {value!r};"
                 )
+            elif isinstance(value, np.ndarray):
+                numbers = ", ".join(repr(float(v)).replace("inf", "HUGE_VAL") for v in value)
+                lines.append(f"constexpr double {name}[] = {{{numbers}}};")
     return "\n".join(lines) + "\n"
 
 
@@ -135,7 +153,6 @@ class Program:
         dense : products of whole matrices instead of the tracker's own structure.
         repeats : runs, each from the start.
         """
-        c = tracker.noise.array()
         settings = [
             len(block), repeats, dense, tracker.period, tracker.method == "svsf", tracker.pressures,
             tracker.angle, tracker.gamma, tracker.layer,
@@ -143,7 +160,7 @@ class Program:
         parts = [
             settings,
             tracker.model,
-            c,
+            tracker.noise_numbers,
             tracker.x,
             np.diag(tracker.P),
             np.ascontiguousarray(block).ravel(),

@@ -47,26 +47,43 @@ struct Filter {  // friction and load states are in B where they are not in A
         if constexpr (!DENSE) B.diagonal() += variances.template tail<LOADS>();
     }
 
-    double variance(int i) const {
+    double& variance(int i) {
         if constexpr (DENSE) return A(i, i);
-        return i < COUPLED ? A(i, i) : B(i - COUPLED, i - COUPLED);
+        else return i < COUPLED ? A(i, i) : B(i - COUPLED, i - COUPLED);
+    }
+
+    // A parameter shrinks towards zero, and what is correlated with it follows.
+    void shrink(int j, double keep) {
+        x[j] *= keep;
+        A.row(j) *= keep;
+        A.col(j) *= keep;
+    }
+
+    // State `j` is moved, and the other parameters along the covariance.
+    void move(int j, double by) {
+        if (!(variance(j) > 0.0)) return;
+        if (DENSE || j < COUPLED) {
+            const double share = by / A(j, j);
+            for (int i = LEAK; i < N; ++i) x[i] += A(i, j) * share;
+        } else {
+            x.template tail<LOADS>() += B.col(j - COUPLED) * (by / B(j - COUPLED, j - COUPLED));
+        }
     }
 
     void propagate(const Jacobian& F, const Effect& G, const Eigen::Vector4d& noise, const State& walks) {
         if constexpr (DENSE) {
             Matrix full = Matrix::Identity();
-            full.template topRows<MOVING>() = F;
+            full.template topLeftCorner<MOVING, COUPLED>() = F;
             Eigen::Matrix<double, N, 4> effect = Eigen::Matrix<double, N, 4>::Zero();
             effect.template topRows<MOVING>() = G;
             A = (full * A * full.transpose() + effect * noise.asDiagonal() * effect.transpose()).eval();
             A = (0.5 * (A + A.transpose())).eval();
         } else {
-            const auto motion = F.template leftCols<N>();
-            const Eigen::Matrix<double, MOVING, N> carried = motion * A;
+            const Eigen::Matrix<double, MOVING, N> carried = F * A;
             A.template topRows<MOVING>() = carried;
             A.template leftCols<MOVING>() = carried.transpose();
             const Eigen::Matrix<double, MOVING, MOVING> corner =
-                carried * motion.transpose() + G * noise.asDiagonal() * G.transpose();
+                carried * F.transpose() + G * noise.asDiagonal() * G.transpose();
             A.template topLeftCorner<MOVING, MOVING>() = 0.5 * (corner + corner.transpose());
         }
         widen(walks);
@@ -161,8 +178,9 @@ struct Filter {  // friction and load states are in B where they are not in A
         bool exceeded = false;
         for (int i = 0; i < m; ++i) {
             const double e = std::abs(y[used[i]]), size = e + gamma * std::abs(e_post[used[i]]);
-            const double psi = layer * std::sqrt(HPH(i, i) + R(i, i));
-            exceeded = exceeded || optimal(i, i) * size > psi;
+            const double limit = layer * std::sqrt(HPH(i, i) + R(i, i)), best = optimal(i, i) * size;
+            exceeded = exceeded || best > limit;
+            const double psi = 0.0 < best && best < limit ? best : limit;
             weights(i, i) = e > psi ? size / e : size / psi;
         }
         if (!exceeded) return false;

@@ -1,7 +1,7 @@
 """filterpy's extended Kalman filter on the tracker's model, sample by sample.
 
-Model step, force balance and bounds are the tracker's compiled functions, called from Python: what is slow
-is filterpy itself. It has no channels that come and go, so it gets rows with all sensors.
+Model step, walks, jumps, force balance and bounds are the tracker's compiled functions, called from Python:
+what is slow is filterpy itself. It has no channels that come and go, so it gets rows with all sensors.
 """
 
 from __future__ import annotations
@@ -13,8 +13,17 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from estimators import eha_forces, eha_layout, eha_loop, eha_model
-from estimators.eha_noise import N_P, N_TH, N_X
+from estimators import (
+    eha_bounds,
+    eha_forces,
+    eha_gate,
+    eha_layout,
+    eha_loop,
+    eha_model,
+    eha_redundancy,
+    eha_walk,
+)
+from estimators.eha_noise import N_DP, N_P, N_TH, N_X
 from estimators.eha_tracker import EhaTracker
 from estimators.eha_update import MOVING
 
@@ -58,7 +67,7 @@ def run_filterpy(tracker: EhaTracker, block: Array) -> PeerRun:
     from filterpy.kalman import ExtendedKalmanFilter
 
     start = tracker.state()
-    n, h, q, c = eha_model.STATES, tracker.period * 1e3, tracker.model, tracker.noise.array()
+    n, h, q, c = eha_model.STATES, tracker.period * 1e3, tracker.model, tracker.noise_numbers
     memory = start["memory"]
     F, G, noise, out = np.eye(n), np.zeros((n, 4)), np.empty(4), np.empty(n)
 
@@ -71,8 +80,8 @@ def run_filterpy(tracker: EhaTracker, block: Array) -> PeerRun:
     H = np.zeros((len(CHANNELS), n))
     H[np.arange(len(CHANNELS)), CHANNELS] = 1.0
     r0 = np.array([c[N_X] * 1e3, c[N_TH], c[N_P] * 1e-6, c[N_P] * 1e-6]) ** 2
-    walks = eha_loop.random_walks(h, c)
-    load_walk = walks[eha_model.LOAD]
+    rates, walks = eha_walk.walk_rates(c), np.empty(n)
+    flow = slice(eha_model.LEAK, eha_model.LEAK + eha_layout.FLOW_PARAMETERS)
     measured = block[:, _COLUMNS] * _UNITS
     spent = np.empty(len(block))
     begin = time.process_time()
@@ -84,22 +93,31 @@ def run_filterpy(tracker: EhaTracker, block: Array) -> PeerRun:
         trust = spread / (spread + P[eha_model.X, eha_model.X] + r0[0])
         v_at = x[eha_model.V] + trust * ((z[0] - x[eha_model.X]) / h - x[eha_model.V])
         w_at = (z[1] - x[eha_model.TH]) / h
+        eha_walk.walk_parameters(x, P, h, memory[eha_layout.M_FSCALE], c, rates, walks)
         eha_model.step(x, h, viscosity, p_acc, v_at, w_at, q, out, F, G)
         F[:MOVING, eha_model.FRIC :] = 0.0
-        walks[eha_model.LOAD] = load_walk * memory[eha_layout.M_FSCALE]
         peer.F = F
         peer.Q = (G * noise) @ G.T
         peer.Q.flat[:: n + 1] += walks
         tick = time.perf_counter()
         peer.predict()
         lap = time.perf_counter() - tick
+        before = np.array([peer.x[flow], np.diag(peer.P)[flow]])
+        air, split = eha_model.AIR, eha_model.SPLIT
+        kept = np.array([[*peer.x[[air, split]], 0.0], [*np.diag(peer.P)[[air, split]], peer.P[air, split]]])
         innovation = z - peer.x[list(CHANNELS)]
         variance = peer.P[CHANNELS, CHANNELS] + r0
         r = r0 + np.maximum((innovation / eha_forces.ROBUST) ** 2 - variance, 0.0)
         tick = time.perf_counter()
         peer.update(z, lambda x: H, lambda x: H @ x, R=np.diag(r))
         spent[row] = lap + time.perf_counter() - tick
-        eha_forces.balance_forces(peer.x, peer.P, h, q, c, memory)
-        eha_loop.bound(peer.x)
+        gap = block[row, eha_layout.DIFFERENCE] * 1e-6 - (z[2] - z[3])
+        curve = eha_model.friction_curve(peer.x[eha_model.V], q)[0]
+        if eha_gate.pressures_rest(peer.x, h, c, memory):
+            eha_gate.keep_compliance(peer.x, peer.P, kept)
+        eha_walk.watch_jumps(peer.x, peer.P, before, h, c, memory)
+        eha_redundancy.compare_sensors(peer.x, peer.P, gap, c[N_DP] ** 2 * 1e-12 + 2.0 * r0[2], memory)
+        eha_forces.balance_forces(peer.x, peer.P, h, curve, q, c, memory)
+        eha_bounds.keep_in_bounds(peer.x, peer.P)
     whole = (time.process_time() - begin) / len(block)
     return PeerRun(whole, float(np.median(spent)), peer.x.copy(), np.diag(peer.P).copy())

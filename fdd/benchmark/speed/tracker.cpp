@@ -1,7 +1,8 @@
 // The EHA tracker in plain C++ with Eigen: what `estimators.eha_loop.track` would be if an engineer wrote it by hand.
 //
 // The same algorithm, function by function and by the same names: time grid, missing and late samples, model step with
-// Jacobian, covariance step, robust scalar updates in Joseph form, likelihood, EKF-SVSF switching, force balance, bounds.
+// Jacobian, covariance step, parameters' walks, robust scalar updates in Joseph form, likelihood, EKF-SVSF switching, jumps,
+// redundant sensor, force balance, bounds.
 //
 // Usage: tracker INPUT OUTPUT. INPUT is raw doubles: rows, repeats, dense, period, svsf, has_pressures, has_angle, gamma,
 // layer, then model parameters, noise, first state, its variances, and the block. OUTPUT takes the final state, its
@@ -35,32 +36,150 @@ void start_motion(Filter<N>& f, const Channels& z, double p_acc) {
     f.A(W, W) = f.A(P1, P1) = f.A(P2, P2) = 0.09;
 }
 
-inline void bound(State& x) {
-    const auto keep = [&](int i, double low, double high) { x[i] = std::min(std::max(x[i], low), high); };
-    keep(LEAK, 0.02, 300.0);
-    keep(VALVE1, -0.9, 300.0);
-    keep(VALVE2, -0.9, 300.0);
-    keep(AIR, -2.0, 100.0);
-    keep(GAIN, -0.1, 0.1);
-    keep(FRIC, 0.02, 10.0);
-    keep(VISC, -2e3, 5e4);
-    keep(THROT, -2e4, 1e7);
-    keep(INERT, -10.0, 3e3);
+// Parameters back to their bounds, and what is correlated with them along.
+template <int N>
+void keep_in_bounds(Filter<N>& f) {
+    const auto kept = [&](int j) { return std::min(std::max(f.x[j], LOWEST[j]), HIGHEST[j]); };
+    bool inside = true;
+    for (int j = LEAK; j < STATES; ++j) inside = inside && LOWEST[j] <= f.x[j] && f.x[j] <= HIGHEST[j];
+    if (inside) return;
+    for (int j = LEAK; j < STATES; ++j)
+        if (kept(j) != f.x[j]) f.move(j, kept(j) - f.x[j]);
+    for (int j = LEAK; j < STATES; ++j) f.x[j] = kept(j);
 }
 
-inline State random_walks(double h, const double* c) {
-    State rate = State::Zero();
-    rate[LEAK] = c[N_LEAK];
-    rate[VALVE1] = rate[VALVE2] = c[N_VALVE];
-    rate[AIR] = c[N_AIR] * 1e3;
-    rate[GAIN] = c[N_GAIN];
-    rate[FRIC] = c[N_FRIC];
-    rate[VISC] = c[N_VISC];
-    rate[LOAD] = c[N_LOAD];
-    rate[STIF] = c[N_STIF] * 1e-3;
-    rate[THROT] = c[N_THROT];
-    rate[INERT] = c[N_INERT];
-    return rate.cwiseAbs2() * 1e-3 * h;
+struct Walks {  // of the parameters: variance per second, and inverse of the initial one; zero where there is none
+    State rate = State::Zero(), inverse = State::Zero();
+
+    explicit Walks(const double* c) {
+        const auto walk = [&](int state, int speed, int initial, double unit) {
+            if (!(c[initial] > 0.0)) return;
+            rate[state] = std::pow(c[speed] * unit, 2);
+            inverse[state] = 1.0 / std::pow(c[initial] * unit, 2);
+        };
+        walk(LEAK, N_LEAK, I_LEAK, 1.0);
+        walk(AIR, N_AIR, I_AIR, 1e3);
+        walk(SPLIT, N_SPLIT, I_SPLIT, 1e3);
+        walk(GAIN, N_GAIN, I_GAIN, 1.0);
+        walk(FRIC, N_FRIC, I_FRIC, 1.0);
+        walk(VISC, N_VISC, I_VISC, 1.0);
+        walk(SKEW, N_SKEW, I_SKEW, 1.0);
+        walk(STIF, N_STIF, I_STIF, 1e-3);
+        walk(THROT, N_THROT, I_THROT, 1.0);
+        walk(INERT, N_INERT, I_INERT, 1.0);
+        walk(ZERO, N_ZERO, I_ZERO, 1e-6);
+        rate[LOAD] = c[N_LOAD] * c[N_LOAD];
+        rate[VALVE1] = rate[VALVE2] = c[N_VALVE] * c[N_VALVE];
+    }
+};
+
+// Draws the valves back; returns the variances that `h` ms of walking add.
+template <int N>
+State walk_parameters(Filter<N>& f, double h, double unrest, const Walks& walks, const double* c) {
+    const double seconds = 1e-3 * h, aerated = std::max(1.0, 0.3 * f.x[AIR]);
+    const double third = 1.0 / (3.0 * c[I_VALVE]), pull = 4.5 * third * third * seconds * walks.rate[VALVE1];
+    const bool gap = pull > SHORT;
+    State most = State::Ones(), added = State::Zero();  // times the initial variance
+    most[LEAK] = std::pow(std::max(1.0, f.x[LEAK]), 2);
+    most[AIR] = aerated * aerated;
+    for (int i = LEAK; i < STATES; ++i) {
+        const double fast = i == LEAK ? most[i] : 1.0, room = std::max(1.0 - f.variance(i) * walks.inverse[i] / most[i], 0.0);
+        added[i] = seconds * walks.rate[i] * fast * room;
+        if (gap && walks.inverse[i] > 0.0)
+            added[i] = -std::expm1(-seconds * walks.rate[i] * fast * walks.inverse[i] / most[i]) * room * most[i] / walks.inverse[i];
+    }
+    added[LOAD] *= unrest;
+    for (int j : {VALVE1, VALVE2}) {
+        const double openness = 1.0 + std::pow(f.x[j] * third, 2), keep = gap ? std::exp(-pull / openness) : 1.0 - pull / openness;
+        added[j] = gap ? std::pow(c[I_VALVE] * openness, 2) * (1.0 - keep * keep) : added[j] * openness;
+        f.shrink(j, keep);
+    }
+    return added;
+}
+
+struct Scores {  // of the flow parameters, over a window and over several
+    double shift[FLOW_PARAMETERS] = {}, gained[FLOW_PARAMETERS] = {};
+    double shift_long[FLOW_PARAMETERS] = {}, gained_long[FLOW_PARAMETERS] = {};
+    double span = 0, windows = 0, streak = 0;
+};
+
+// A score beyond its limit sets the flow parameters free; `x`, `variances` are those before the update.
+template <int N>
+void watch_jumps(Filter<N>& f, const double* x, const double* variances, double h, const double* c, Scores& m) {
+    for (int i = 0; i < FLOW_PARAMETERS; ++i) {
+        m.shift[i] += f.x[LEAK + i] - x[i];
+        m.gained[i] += variances[i] - f.variance(LEAK + i);
+    }
+    m.span += h;
+    if (m.span < SCORE_WINDOW - 0.5 * h) return;
+    m.span = 0.0;
+    m.windows += 1.0;
+    bool jumped = false;
+    for (int i = 0; i < FLOW_PARAMETERS; ++i) {
+        m.shift_long[i] += m.shift[i];
+        m.gained_long[i] += m.gained[i];
+        jumped = jumped || (m.gained[i] > 0.0 && std::abs(m.shift[i]) > JUMP_SIGMAS * std::sqrt(m.gained[i]));
+        m.shift[i] = m.gained[i] = 0.0;
+    }
+    if (m.windows >= LONG_WINDOWS) {
+        m.windows = 0.0;
+        for (int i = 0; i < FLOW_PARAMETERS; ++i) {
+            jumped = jumped ||
+                     (m.gained_long[i] > 0.0 && std::abs(m.shift_long[i]) > JUMP_SIGMAS * std::sqrt(m.gained_long[i]));
+            m.shift_long[i] = m.gained_long[i] = 0.0;
+        }
+    }
+    if (!jumped) {
+        m.streak = 0.0;
+        return;
+    }
+    const double size = std::pow(2.0, m.streak);
+    m.streak = std::min<double>(m.streak + 1.0, MOST_STREAK);
+    f.variance(LEAK) += std::pow(c[J_LEAK] * size, 2);
+    f.variance(VALVE1) += std::pow(c[J_VALVE] * size, 2);
+    f.variance(VALVE2) += std::pow(c[J_VALVE] * size, 2);
+    f.variance(AIR) += std::pow(c[J_AIR] * 1e3 * size, 2);
+    f.variance(SPLIT) += std::pow(c[I_SPLIT] * 1e3 * size, 2);
+    f.variance(GAIN) += std::pow(c[I_GAIN] * size, 2);
+    m.windows = 0.0;
+    for (int i = 0; i < FLOW_PARAMETERS; ++i) m.shift_long[i] = m.gained_long[i] = 0.0;
+}
+
+struct Rest {  // of the pressures: averages that noise and motion part in, and ms without a change
+    double fast[2] = {}, slow[2] = {}, still = 0;
+};
+
+template <int N>
+bool pressures_rest(const Filter<N>& f, double h, const double* c, Rest& m) {
+    m.still += h;
+    for (int i = 0; i < 2; ++i) {
+        m.fast[i] += std::min(h / FAST, 1.0) * (f.x[P1 + i] - m.fast[i]);
+        m.slow[i] += std::min(h / SLOW, 1.0) * (f.x[P1 + i] - m.slow[i]);
+        if (std::abs(m.fast[i] - m.slow[i]) > c[N_P] * 1e-6) m.still = 0.0;
+    }
+    return m.still > REST;
+}
+
+struct Redundancy {
+    double sum = 0, pairs = 0;
+};
+
+// The zero of the difference sensor against the chambers' own; `gap` is NaN without one of them.
+template <int N>
+void compare_sensors(Filter<N>& f, double gap, double variance, Redundancy& m) {
+    if (std::isnan(gap)) return;
+    m.sum += gap;
+    m.pairs += 1.0;
+    if (m.pairs < PAIRS) return;
+    const double error = m.sum / m.pairs - f.x[ZERO], prior = f.variance(ZERO);
+    double noise = variance / m.pairs, s = prior + noise;
+    m.sum = m.pairs = 0.0;
+    if (error * error > ROBUST * ROBUST * s) {
+        noise += s * (error * error / (s * ROBUST * ROBUST) - 1.0);
+        s = prior + noise;
+    }
+    f.x[ZERO] += prior / s * error;
+    f.variance(ZERO) = prior * noise / s;
 }
 
 inline Eigen::Vector4d motion_noise(const State& x, double h, double p_acc, bool known, const double* q, const double* c) {
@@ -79,7 +198,7 @@ struct Balance {  // the force balance's memory
 };
 
 template <int N>
-void balance_forces(Filter<N>& f, Balance& m, double h, const double* q, const double* c) {
+void balance_forces(Filter<N>& f, Balance& m, double h, double curve, const double* q, const double* c) {
     const double v = f.x[V];
     if (m.count == 0.0) {
         m.force = m.velocity = m.position = m.curve = m.square = 0.0;
@@ -93,7 +212,7 @@ void balance_forces(Filter<N>& f, Balance& m, double h, const double* q, const d
     m.velocity += v * h;
     m.position += f.x[X] * h;
     m.square += v * std::abs(v) * h;
-    m.curve += friction_curve(v, q).curve * h;
+    m.curve += curve * h;
     m.count += h;
     if (m.count < FORCE_PERIOD - 0.5 * h) return;
     const double span = m.count;
@@ -101,15 +220,16 @@ void balance_forces(Filter<N>& f, Balance& m, double h, const double* q, const d
     m.slid += span;
     if (m.slid < FRICTION_SETTLES) return;
     const double acceleration = (v - m.start) / span * 1e3;
-    Load out;
+    Load out = Load::Zero();
     out[FRIC - FRIC] = m.curve / span;
     out[VISC - FRIC] = m.velocity / span;
+    out[SKEW - FRIC] = std::abs(out[VISC - FRIC]);
     out[LOAD - FRIC] = 1.0;
     out[STIF - FRIC] = m.position / span;
     out[THROT - FRIC] = m.square / span;
     out[INERT - FRIC] = acceleration;
     const double y = m.force / span - q[Q_MASS] * acceleration - out.dot(f.x.template tail<LOADS>());
-    const double lag = FRICTION_LAG / span * (friction_curve(v, q).curve - friction_curve(m.start, q).curve);
+    const double lag = FRICTION_LAG / span * (curve - friction_curve(m.start, q).curve);
     const double partner = PARTNER_MISFIT * f.x[THROT] * m.square / span, unrest = std::max(m.unrest, 1.0);
     double r = (c[N_FMEAN] * c[N_FMEAN] + lag * lag + partner * partner) * unrest * unrest;
     const double s = r + f.force_variance(out), ratio = y * y / s;
@@ -127,9 +247,12 @@ double track(Filter<N>& f, const double* block, const Settings& set, const doubl
     r0[Z_P1] = r0[Z_P2] = std::pow(c[N_P] * 1e-6, 2);
     r0[Z_DP] = std::pow(c[N_DP] * 1e-6, 2);
     r0[Z_MEAN] = r_mean;
-    State walks = random_walks(h0, c);
-    const double load_walk = walks[LOAD];
+    const Walks walks(c);
     Balance balance;
+    Scores scores;
+    Redundancy redundancy;
+    Rest rest;
+    Friction friction = friction_curve(f.x[V], q);  // always that of the present estimate
     Jacobian F;
     Effect G;
     bool started = false;
@@ -161,7 +284,8 @@ double track(Filter<N>& f, const double* block, const Settings& set, const doubl
         z[Z_X] = block[POSITION] * 1e3;
         z[Z_P1] = block[PRESSURE_1] * 1e-6;
         z[Z_P2] = block[PRESSURE_2] * 1e-6;
-        z[Z_DP] = set.has_pressures ? NaN : block[DIFFERENCE] * 1e-6;
+        const double difference = block[DIFFERENCE] * 1e-6, gap = difference - (z[Z_P1] - z[Z_P2]);
+        z[Z_DP] = set.has_pressures ? NaN : difference;
         z[Z_MEAN] = set.has_pressures ? NaN : p_acc;
 
         const bool blind = std::isnan(z[Z_X]) || std::isnan(z[Z_TH]);
@@ -176,18 +300,18 @@ double track(Filter<N>& f, const double* block, const Settings& set, const doubl
                 started = true;
             } else if (steps > LONGEST_GAP) {
                 start_motion(f, z, p_acc);
-                walks[LOAD] = load_walk * balance.unrest;
-                f.widen(steps * walks);
+                f.widen(walk_parameters(f, steps * h0, balance.unrest, walks, c));
             } else {
                 const double span = steps * h0, force = 1e-3 / q[Q_MASS] * c[N_FORCE];
                 const double spread = (f.A(V, V) + force * force * 1e3 * h0) * span * span;
                 const double trust = spread / (spread + f.A(X, X) + r0[Z_X]);
                 const double v_at = f.x[V] + trust * ((z[Z_X] - f.x[X]) / span - f.x[V]), w_at = (z[Z_TH] - f.x[TH]) / span;
                 for (int k = 0; k < static_cast<int>(steps); ++k) {
+                    if (k > 0) friction = friction_curve(f.x[V], q);
                     const Eigen::Vector4d noise = motion_noise(f.x, h0, p_acc, known, q, c);
-                    walks[LOAD] = load_walk * balance.unrest;
-                    step(f.x, h0, viscosity, p_acc, v_at, w_at, q, F, G);
-                    f.propagate(F, G, noise, walks);
+                    const State added = walk_parameters(f, h0, balance.unrest, walks, c);
+                    step(f.x, h0, viscosity, p_acc, v_at, w_at, q, friction, F, G);
+                    f.propagate(F, G, noise, added);
                 }
             }
         }
@@ -198,8 +322,17 @@ double track(Filter<N>& f, const double* block, const Settings& set, const doubl
             mask[i] = !blind && !std::isnan(y[i]);
             if (mask[i] && !set.svsf) r[i] += std::max(y[i] * y[i] / (ROBUST * ROBUST) - r[i] - f.channel_variance(i), 0.0);
         }
+        double before[FLOW_PARAMETERS], spread[FLOW_PARAMETERS];
+        for (int i = 0; i < FLOW_PARAMETERS; ++i) {
+            before[i] = f.x[LEAK + i];
+            spread[i] = f.variance(LEAK + i);
+        }
+        const double air[] = {f.x[AIR], f.x[SPLIT], f.A(AIR, AIR), f.A(SPLIT, SPLIT), f.A(AIR, SPLIT)};
         Motion motion, variances;
+        const bool believed = mask[Z_MEAN];
+        mask[Z_MEAN] = false;  // no measurement, so no layer
         const bool switched = set.svsf && f.svsf(y, r, mask, set.gamma, set.layer, motion, variances);
+        mask[Z_MEAN] = believed;
         total += f.update(y, r, mask).second;
         if (switched) f.take(motion, variances);
         if (set.svsf) {
@@ -208,8 +341,21 @@ double track(Filter<N>& f, const double* block, const Settings& set, const doubl
             for (int i = 0; i < MEASUREMENTS; ++i)
                 if (mask[i]) f.e_post[i] = y[i];
         }
-        if (!blind) balance_forces(f, balance, std::max(steps, 1.0) * h0, q, c);
-        bound(f.x);
+        if (pressures_rest(f, std::max(steps, 1.0) * h0, c, rest)) {
+            f.x[AIR] = air[0];
+            f.x[SPLIT] = air[1];
+            f.A(AIR, AIR) = air[2];
+            f.A(SPLIT, SPLIT) = air[3];
+            f.A(AIR, SPLIT) = f.A(SPLIT, AIR) = air[4];
+        }
+        if (!blind) {
+            const double span = std::max(steps, 1.0) * h0;
+            friction = friction_curve(f.x[V], q);
+            watch_jumps(f, before, spread, span, c, scores);
+            compare_sensors(f, gap, r0[Z_DP] + 2.0 * r0[Z_P1], redundancy);
+            balance_forces(f, balance, span, friction.curve, q, c);
+        }
+        keep_in_bounds(f);
     }
     return total;
 }

@@ -1,0 +1,54 @@
+"""How far the EHA tracker lets its parameters walk, for `estimators.observability`, from its records."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from estimators import eha_layout as layout
+from estimators import eha_model as eha
+from estimators.eha_noise import I_AIR, I_FRIC, I_LEAK, I_VISC, N_AIR, N_FRIC, N_LEAK, N_VISC, Noise
+from estimators.observability import Drift
+
+Array = NDArray[np.float64]
+
+
+def drifts(records: Array, noise: Noise, scales: dict[int, Array]) -> dict[int, Drift]:
+    """Walks of leakage, air and friction at each record, the laws of `estimators.eha_walk.walk_parameters`.
+
+    Parameters
+    ----------
+    records : (n, RECORD) of the tracker. noise : the tracker's.
+    scales : state (`eha.LEAK`, `eha.AIR`, `eha.FRIC` or `eha.VISC`) to (n,) what one of it is in the unit of
+        the quantity that is watched.
+
+    Returns
+    -------
+    State to its drift, in the quantity's unit.
+
+    Examples
+    --------
+    >>> record = np.zeros((1, layout.RECORD))
+    >>> record[0, layout.R_STATE + eha.LEAK] = 2.0           # twice the healthy leakage
+    >>> leak = drifts(record, Noise(), {eha.LEAK: np.array([6.5e-12])})[eha.LEAK]
+    >>> np.sqrt(leak.rate), np.sqrt(leak.ceiling)            # 2 * 2 % per root second, at most 2 * 30 %
+    (array([2.6e-13]), array([3.9e-12]))
+    """
+    c = noise.array()
+    leak = np.maximum(records[:, layout.R_STATE + eha.LEAK], 1.0)
+    air = np.maximum(0.3 * records[:, layout.R_STATE + eha.AIR], 1.0)
+    # A record gives friction's deviations times the load's unrest; the walk does not know of it.
+    unrest = np.maximum(records[:, layout.R_UNREST], 1.0)
+    one = np.ones(records.shape[0])
+    laws = {
+        eha.LEAK: (c[N_LEAK] * leak, c[I_LEAK] * leak, one),
+        eha.AIR: (c[N_AIR] * 1e3 * one, c[I_AIR] * 1e3 * air, one),
+        eha.FRIC: (c[N_FRIC] * one, c[I_FRIC] * one, unrest),
+        eha.VISC: (c[N_VISC] * one, c[I_VISC] * one, unrest),
+    }
+    found = {}
+    for state, scale in scales.items():
+        rate, most, wider = laws[state]
+        unit = scale * wider
+        found[state] = Drift(rate=(rate * unit) ** 2, ceiling=(most * unit) ** 2, scale=unit)
+    return found

@@ -1,0 +1,104 @@
+"""Zero of the pressure difference sensor against the chambers' own."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from consistent_axis import VISCOUS, model, quiet_noise, simulate, typical_state
+from hypothesis import given
+from hypothesis import strategies as st
+
+from estimators import eha_layout as layout
+from estimators import eha_model as eha
+from estimators.eha_noise import Noise
+from estimators.eha_redundancy import PAIRS, compare_sensors
+from estimators.eha_tracker import EhaTracker
+
+PRIOR = 4e-4  # MPa²: 20 kPa
+VARIANCE = 2.0 * 0.003**2 + 0.007**2
+
+
+def compared(gaps: np.ndarray) -> tuple[eha.Array, eha.Array]:
+    """State and covariance after these differences, MPa."""
+    x, P, memory = np.zeros(eha.STATES), np.full((eha.STATES, eha.STATES), 0.5), np.zeros(layout.MEMORY)
+    P[eha.ZERO, :] = P[:, eha.ZERO] = 0.0
+    P[eha.ZERO, eha.ZERO] = PRIOR
+    for gap in gaps:
+        compare_sensors(x, P, float(gap), VARIANCE, memory)
+    return x, P
+
+
+@given(st.integers(0, 2**32 - 1), st.floats(-0.05, 0.05), st.integers(1, 40))
+def test_the_zero_is_the_weighted_mean_of_prior_and_data(seed: int, zero: float, updates: int) -> None:
+    """Of n white differences: precision 1/P₀ + n/r, mean their sum over r by that (Bayes, in closed form)."""
+    n = updates * PAIRS
+    gaps = zero + np.sqrt(VARIANCE) * np.random.default_rng(seed).standard_normal(n)
+    x, P = compared(gaps)
+    precision = 1.0 / PRIOR + n / VARIANCE
+    assert P[eha.ZERO, eha.ZERO] == pytest.approx(1.0 / precision, rel=1e-9)
+    assert x[eha.ZERO] == pytest.approx(gaps.sum() / VARIANCE / precision, rel=1e-9, abs=1e-12)
+
+
+def test_its_standard_deviation_is_honest() -> None:
+    rng = np.random.default_rng(2)
+    ratios = []
+    for _ in range(300):
+        zero = np.sqrt(PRIOR) * rng.standard_normal()
+        x, P = compared(zero + np.sqrt(VARIANCE) * rng.standard_normal(5 * PAIRS))
+        ratios.append((x[eha.ZERO] - zero) / np.sqrt(P[eha.ZERO, eha.ZERO]))
+    assert np.std(ratios) == pytest.approx(1.0, abs=3.3 / np.sqrt(600))
+    assert abs(np.mean(ratios)) < 3.3 / np.sqrt(300)
+
+
+def test_missing_values_count_for_nothing() -> None:
+    gaps = 0.01 + 1e-3 * np.sin(np.arange(4.0 * PAIRS))
+    torn = np.insert(gaps, [3, 3, 17, 60], np.nan)
+    for a, b in zip(compared(gaps), compared(torn), strict=True):
+        np.testing.assert_array_equal(a, b)
+    assert compared(gaps[: PAIRS - 1])[1][eha.ZERO, eha.ZERO] == PRIOR, "not before a full count"
+
+
+def test_an_outlier_moves_it_by_no_more_than_its_share() -> None:
+    """A short circuit of 3 MPa for 20 samples, after half a second of good data."""
+    rng = np.random.default_rng(4)
+    good = 0.01 + np.sqrt(VARIANCE) * rng.standard_normal(25 * PAIRS)
+    before, P_before = compared(good)
+    after, P_after = compared(np.concatenate([good, np.full(PAIRS, 3.0)]))
+    # Huber at five standard deviations of the innovation: 5 √s K, with s = P + r, K = P/s.
+    prior, noise = P_before[eha.ZERO, eha.ZERO], VARIANCE / PAIRS
+    most = 5.0 * prior / np.sqrt(prior + noise)
+    assert 0.0 < after[eha.ZERO] - before[eha.ZERO] <= most * (1.0 + 1e-9)
+    assert 0.99 * prior < P_after[eha.ZERO, eha.ZERO] <= prior
+
+
+def test_the_rest_of_state_and_covariance_does_not_take_part() -> None:
+    x, P = compared(np.full(10 * PAIRS, 0.02))
+    others = [i for i in range(eha.STATES) if i != eha.ZERO]
+    np.testing.assert_array_equal(x[others], 0.0)
+    np.testing.assert_array_equal(P[np.ix_(others, others)], 0.5)
+    np.testing.assert_array_equal(P[eha.ZERO, others], 0.0)
+    np.testing.assert_array_equal(P[others, eha.ZERO], 0.0)
+
+
+@pytest.mark.parametrize("method", ["ekf", "svsf"])
+def test_a_bias_of_the_difference_is_followed_and_touches_nothing_else(method: str) -> None:
+    """In the tracker: the sensor jumps by 40 kPa at 4 s; chambers, leakage and air stay to the bit."""
+    noise, rng = quiet_noise(), np.random.default_rng(6)
+    block, truth = simulate(typical_state(LOAD=1000.0), noise, 8.0, rng)
+    block[:, layout.DIFFERENCE] = 1e6 * (truth[:, eha.P1] - truth[:, eha.P2]) + 7e3 * rng.standard_normal(
+        8000
+    )
+    biased = block.copy()
+    biased[4000:, layout.DIFFERENCE] += 40e3
+    records = {}
+    for name, rows in (("sound", block), ("biased", biased)):
+        filter_ = EhaTracker(model(), noise, method, viscous_friction=VISCOUS)  # type: ignore[arg-type]
+        records[name] = filter_.push(rows)
+    zero, variance = layout.R_STATE + eha.ZERO, layout.R_VARIANCE + eha.ZERO
+    found = records["biased"][:, zero] * 1e6
+    assert np.abs(found[350:399]).max() < 4.0 * 1e6 * np.sqrt(records["biased"][390, variance])
+    # A walk of 300 Pa/√s would take long; what it follows in four seconds is what its variance allows.
+    sound = np.delete(records["sound"], [zero, variance], axis=1)
+    np.testing.assert_array_equal(np.delete(records["biased"], [zero, variance], axis=1), sound)
+    gain = Noise().zero / np.sqrt((7e3**2 + 2.0 * noise.pressure**2) * 1e-3)  # per second, stationary
+    assert found[-1] == pytest.approx(40e3 * -np.expm1(-4.0 * gain), rel=0.15)
