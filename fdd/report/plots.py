@@ -247,9 +247,11 @@ def _features(trajectories: Trajectories) -> list[Figure]:
     magnitude = np.abs(np.where(np.isfinite(features), features, 0.0))
     # The strongest by what they reach for a tenth of the time, not by one spike.
     order = np.argsort(-np.percentile(magnitude, 90.0, axis=0), kind="stable")
+    # A jump is zero while healthy, so in healthy standard deviations it would leave no room for the others.
+    shown = [i for i in order if not names[i].startswith("jump")][:FEATURE_LINES]
     lines = [
         tr.line(time, features[:, i], _feature_title(names[i]), tr.LINE_COLOURS[rank])
-        for rank, i in enumerate(order[:FEATURE_LINES])
+        for rank, i in enumerate(shown)
     ]
     limit = [tr.level(time, s * 3.0, "±3", colour=tr.GREY, dash="dot") for s in (1.0, -1.0)]
     limit[1]["showlegend"] = False
