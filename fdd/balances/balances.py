@@ -1,0 +1,229 @@
+"""The balances of an EHA: what does not close says what is wrong.
+
+Each balance is a linear model ``y = X b + e`` in rows of 10 ms. Columns are scaled by the profile, so that a healthy unit's
+coefficients are near one, or near zero for what a healthy unit lacks.
+
+Symbols: D displacement, θ pump angle, A area, x position, p_i chamber, p_c accumulator, Δp = p_1 - p_2, ν viscosity over the
+reference's, ω speed, s_i = ±1 for chamber 1 and 2.
+
+=============  ==========================================================================================
+volume         s(D Δθ - A Δx) of each chamber that no valve feeds (thesis eqs 3.14 to 3.17), m³
+force          A_1 p_1 - A_2 p_2, by load and friction (eq. 3.30 and 5.12), over Coulomb friction
+torque         motor current by shaft torque, friction and inertia (eq. 4.10), over that at relief pressure
+coherence      measured Δp less p_1 - p_2: lines and sensors, over relief pressure
+refeed         p_c - p_i of the side that is fed: its check valve's drop, over relief pressure
+reservoir      gas of the accumulator and oil in the chambers: what left the circuit, in its gas volume
+=============  ==========================================================================================
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fdd.balances.quantities import ATMOSPHERE_PA, VALVE_MARGIN_PA, Quantities, change, middle
+
+from fdd.balances.rows import HOP_ROWS, ROW_S
+
+Array = NDArray[np.float64]
+Flags = NDArray[np.bool_]
+Strand = tuple[Array, Array, Flags]
+
+
+@dataclass(frozen=True)
+class Balance:
+    """One balance.
+
+    Attributes
+    ----------
+    name, unit : for people. columns : names of the coefficients. strands : quantities to one or two sets of
+    (y (n,), X (n, columns), valid (n,)) that share the coefficients. settle : rows left out after what was invalid.
+    """
+
+    name: str
+    unit: str
+    columns: tuple[str, ...]
+    strands: Callable[[Quantities], list[Strand]]
+    settle: int = 1
+    cumulative: bool = False
+    order: int = 0
+
+
+def _volume(q: Quantities) -> list[Strand]:
+    unit, scales = q.unit, q.scales
+    out = []
+    p_c = middle(q.accumulator)
+    weight = q.dt / q.viscosity
+    speed = np.abs(q.speed) / scales.speed
+    fed = {1: q.p1 < q.accumulator + VALVE_MARGIN_PA, 2: q.p2 < q.accumulator + VALVE_MARGIN_PA}
+    if not q.chambers_measured:
+        d = q.difference_measured
+        margin = 0.02 * scales.pressure
+        fed = {1: ~(d > margin), 2: ~(d < -margin)}
+    oil = unit.oil
+    stiff = 1.0 / oil.bulk_modulus - oil.air_fraction * float(_air(np.array([oil.reference_pressure]), oil.polytropic_index)[0])
+    stiff = max(stiff, 0.3 / oil.bulk_modulus)
+    for side, sign, p, area, volume in (
+        (1, 1.0, q.p1, unit.cylinder.area_1, unit.cylinder.volume_1),
+        (2, -1.0, q.p2, unit.cylinder.area_2, unit.cylinder.volume_2),
+    ):
+        mid = middle(p)
+        dp = change(p)
+        drop = sign * middle(q.drop)
+        oil_volume = volume + sign * area * middle(q.position)
+        above = np.sqrt(np.maximum(mid - p_c, 0.0))
+        free = _air(mid, oil.polytropic_index)
+        y = sign * (unit.pump.displacement * q.turn - area * q.travel)
+        lag = sign * unit.pump.displacement * change(q.turn)
+        s1, s2 = float(side == 1), float(side == 2)
+        x = np.column_stack([
+            sign * unit.pump.displacement * q.turn,
+            oil_volume * (stiff + oil.air_fraction * free) * dp,
+            oil_volume * 0.025 * free * dp,
+            lag,
+            oil_volume * stiff * change(dp),
+            unit.pump.displacement * q.turn * middle(q.drop) / oil.bulk_modulus,
+            scales.leakage * drop * weight,
+            scales.leakage * drop * np.abs(drop) / scales.pressure * weight,
+            scales.leakage * (mid - p_c) * weight,
+            scales.leakage * drop * speed * weight,
+            scales.orifice * np.sqrt(np.maximum(drop, 0.0)) * q.dt * s1,
+            scales.orifice * np.sqrt(np.maximum(drop, 0.0)) * q.dt * s2,
+            scales.orifice * above * q.dt * s1,
+            scales.orifice * above * q.dt * s2,
+            scales.leakage * mid * q.dt * s1,
+            scales.leakage * mid * q.dt * s2,
+        ])  # fmt: skip
+        ok = ~fed[side] & (mid > 3e4) & (np.abs(q.drop) < 0.9 * scales.pressure)
+        out.append((y, x, ok))
+    return out
+
+
+def _air(pressure: Array, index: float) -> Array:
+    """Compliance of free air, 1/Pa per volume share at atmospheric pressure (thesis eq. 5.21)."""
+    absolute = np.maximum(pressure + ATMOSPHERE_PA, 0.1 * ATMOSPHERE_PA)
+    return (ATMOSPHERE_PA / absolute) ** (1.0 / index) / (index * absolute)
+
+
+def _force(q: Quantities) -> list[Strand]:
+    unit = q.unit
+    y = (unit.cylinder.area_1 * q.p1 - unit.cylinder.area_2 * q.p2) / q.scales.friction
+    if not q.chambers_measured:
+        y = 0.5 * (unit.cylinder.area_1 + unit.cylinder.area_2) * q.difference_measured / q.scales.friction
+    v = q.velocity / 0.05
+    bristle = q.take["bristle"]
+    one = np.ones_like(y)
+    x = np.column_stack([
+        one,
+        q.position / (0.25 * unit.cylinder.stroke),
+        q.acceleration / 1.0,
+        v,
+        np.abs(v),
+        _delayed(v, 3),
+        _delayed(v, 10),
+        np.maximum(bristle, 0.0),
+        np.minimum(bristle, 0.0),
+    ])  # fmt: skip
+    return [(y, x, np.isfinite(y))]
+
+
+def _delayed(column: Array, rows: int) -> Array:
+    out = np.full_like(column, np.nan)
+    out[rows:] = column[:-rows]
+    return out
+
+
+def _torque(q: Quantities) -> list[Strand]:
+    unit, scales = q.unit, q.scales
+    drop = middle(q.drop if q.chambers_measured else q.difference_measured) / scales.pressure
+    sense = np.tanh(q.speed / (0.01 * scales.speed))
+    share = q.speed / scales.speed
+    turning = unit.drive.inertia * change(q.take["pump_speed"]) / (unit.drive.torque_constant * scales.current)
+    y = middle(q.take["motor_current"]) / scales.current * q.dt
+    x = np.column_stack([
+        q.dt, drop * q.dt, turning, sense * q.dt, share * q.viscosity * q.dt, np.abs(drop) * sense * q.dt,
+    ])  # fmt: skip
+    return [(y, x, np.isfinite(y))]
+
+
+def _shaft(q: Quantities) -> list[Strand]:
+    scales = q.scales
+    y = q.take["motor_current"] / scales.current
+    drop = (q.drop if q.chambers_measured else q.difference_measured) / scales.pressure
+    turning = np.full_like(y, np.nan)
+    turning[1:-1] = 0.5 * (q.speed[2:] - q.speed[:-2]) / ROW_S
+    turning *= q.unit.drive.inertia / (q.unit.drive.torque_constant * scales.current)
+    lines = [q.take[n] for n in ("cos1", "sin1", "cos2", "sin2")]
+    x = np.column_stack([*lines, np.ones_like(y), drop, turning, np.tanh(q.speed / (0.01 * scales.speed))])
+    # A line shows over whole turns only, and below the rate at which a row's mean swallows it.
+    angle = q.angle[-HOP_ROWS:]
+    whole = np.isfinite(angle).any() and np.nanmax(angle) - np.nanmin(angle) > 4.0 * np.pi
+    slow = np.abs(q.speed) * ROW_S < np.pi
+    return [(y, x, np.isfinite(y) & slow & bool(whole))]
+
+
+def _coherence(q: Quantities) -> list[Strand]:
+    y = (q.difference_measured - (q.take["pressure_1"] - q.take["pressure_2"])) / q.scales.pressure
+    share = q.speed / q.scales.speed
+    x = np.column_stack([
+        np.ones_like(y), q.take["pressure_1"] / q.scales.pressure, q.take["pressure_2"] / q.scales.pressure,
+        share * q.viscosity, share * np.abs(share),
+    ])  # fmt: skip
+    return [(y, x, np.isfinite(y) & (np.abs(y) > 1e-7))]  # not where Δp was made from them
+
+
+def _refeed(q: Quantities) -> list[Strand]:
+    out = []
+    if not q.chambers_measured:
+        return []
+    for side, sign, p, other, area in (
+        (1, 1.0, q.p1, q.p2, q.unit.cylinder.area_1),
+        (2, -1.0, q.p2, q.p1, q.unit.cylinder.area_2),
+    ):
+        y = (q.accumulator - p) / q.scales.pressure
+        rod = sign * (area - 0.5 * (q.unit.cylinder.area_1 + q.unit.cylinder.area_2))
+        inflow = np.maximum(rod * q.velocity, 0.0) / (q.unit.pump.displacement * q.scales.speed)
+        s1, s2 = float(side == 1), float(side == 2)
+        x = np.column_stack([np.ones_like(y) * s1, np.ones_like(y) * s2, inflow * s1, inflow * s2])
+        low = (p < other - 0.02 * q.scales.pressure) & (p < q.accumulator + VALVE_MARGIN_PA)
+        out.append((y, x, low))
+    return out
+
+
+def _reservoir(q: Quantities) -> list[Strand]:
+    if not q.accumulator_measured:
+        return []
+    unit = q.unit
+    charge = unit.accumulator.charge_pressure + ATMOSPHERE_PA
+    y = change(charge / (q.accumulator + ATMOSPHERE_PA))  # growth of the gas, in its volume at charge
+    gas = unit.accumulator.gas_volume
+    held = (unit.cylinder.volume_1 * q.p1 + unit.cylinder.volume_2 * q.p2) / unit.oil.bulk_modulus / gas
+    x = np.column_stack([
+        0.5 * q.scales.fault_leakage * 0.5 * q.scales.pressure * q.dt / gas,
+        change(held),
+        q.travel * (unit.cylinder.area_1 - unit.cylinder.area_2) / gas,
+        q.travel / (0.25 * unit.cylinder.stroke),
+    ])  # fmt: skip
+    return [(y, x, np.isfinite(y))]
+
+
+BALANCES: dict[str, Balance] = {
+    b.name: b
+    for b in (
+        Balance("volume", "m³", (
+            "gain", "compliance", "air", "lag", "sensor_lag", "density", "leak", "leak_square", "case", "wear", "relief_12", "relief_21",
+            "valve_1", "valve_2", "outside_1", "outside_2"), _volume, 8, cumulative=True),
+        Balance("force", "1", (
+            "load", "spring", "mass", "damping", "skew", "lag_30", "lag_100", "friction_forward",
+            "friction_reverse"), _force, order=6),
+        Balance("torque", "1", (
+            "zero", "pressure", "inertia", "dry", "viscous", "mesh"), _torque, cumulative=True),
+        Balance("shaft", "1", ("cos1", "sin1", "cos2", "sin2", "zero", "pressure", "inertia", "dry"), _shaft, order=6),
+        Balance("coherence", "1", ("zero", "gain_1", "gain_2", "line", "line_square"), _coherence, 1),
+        Balance("refeed", "1", ("drop_1", "drop_2", "flow_1", "flow_2"), _refeed, 8),
+        Balance("reservoir", "1", ("drift", "held", "rod", "stroke"), _reservoir, cumulative=True),
+    )
+}  # fmt: skip

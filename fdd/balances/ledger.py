@@ -1,0 +1,212 @@
+"""What each hop tells of each balance's coefficients, kept as normal equations.
+
+The information of a hop is that of its rows over their own variance, so a noisy sensor or a gusty minute speaks more quietly.
+Rows whose errors hang together in time are whitened by an autoregression that is learnt on the way.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.linalg import solve_toeplitz
+
+from fdd.balances.balances import BALANCES, Balance
+from fdd.balances.effects import Effects
+from fdd.balances.quantities import Quantities, Scales, settled
+from fdd.balances.rows import COLUMNS, HOP_ROWS, TAIL_ROWS
+from fdd.unit import Unit
+
+Array = NDArray[np.float64]
+Flags = NDArray[np.bool_]
+
+LEAST_ROWS = 12
+"""Rows below which a stretch of a hop says too little."""
+MEMORY = 0.95
+"""Share of the noise's statistics that is kept from hop to hop: ten seconds."""
+LEAST_SIGNAL = 0.1
+"""Share of a column's square that may be noise: beyond, its coefficient would come out too small."""
+LEAST_NOISE = 0.1
+"""Of the unit's usual noise: at standstill an encoder may seem to have none."""
+FIRST_WEIGHT = 100.0
+"""Rows that the first guess of a noise counts for."""
+
+
+def widened(information: Array, vector: Array, std: Array) -> tuple[Array, Array]:
+    """What normal equations tell when their coefficients differ by N(0, std²) from those sought; any leading axes.
+
+    ``M (I + Q M)⁻¹`` and ``(I + M Q)⁻¹ m``, the likelihood with the difference integrated out, by the eigenvalues of
+    ``√Q M √Q``: never negative, whatever the sizes of the columns.
+    """
+    values, vectors = np.linalg.eigh(information * std * std[:, None])
+    values = values.clip(0.0)[..., None, :]
+    turned = np.swapaxes(vectors, -1, -2)
+    wide = (vectors * (values / (1.0 + values))) @ turned / std / std[:, None]
+    kept = ((vectors / (1.0 + values)) @ turned @ (vector * std)[..., None])[..., 0] / std
+    return wide, kept
+
+
+class Account:
+    """One balance's bookkeeping: noise, colour and coefficients so far.
+
+    Parameters
+    ----------
+    balance : which. effects : its coefficients' prior mean and spread, and first guess of its noise.
+    """
+
+    def __init__(self, balance: Balance, effects: Effects) -> None:
+        self.balance = balance
+        self.wander = effects.wander
+        self.information = np.linalg.inv(effects.covariance)
+        self.vector = self.information @ effects.mean
+        self.weight = FIRST_WEIGHT
+        self.least = (LEAST_NOISE * effects.noise) ** 2
+        self.correlation = np.zeros(balance.order + 1)
+        self.correlation[0] = FIRST_WEIGHT * effects.noise**2
+        self.variance_sum = FIRST_WEIGHT * effects.noise**2
+
+    def hop(self, strands: list[tuple[Array, Array, Flags]], blur: Array | None) -> tuple[Array, Array, float, float]:
+        """Information (n, n), vector (n,), rows and variance that one hop gives.
+
+        Parameters
+        ----------
+        strands : rows of the hop with `TAIL_ROWS` before them. blur : (n, n) mean square of the columns' own noise,
+            taken off: else a pressure's noise would pass for motion that moves no oil.
+        """
+        n = self.vector.size
+        gram, free = np.zeros((n + 1, n + 1)), 0.0
+        rows = self._levels if self.balance.cumulative else self._white
+        for y, x, ok in strands:
+            for part in rows(y, x, ok):
+                gram += part.T @ part
+                free += part.shape[0]
+        if free < LEAST_ROWS:
+            return np.zeros((n, n)), np.zeros(n), 0.0, self.variance_sum / self.weight
+        variance = self._variance(gram, free)
+        if blur is not None:
+            self._unblur(gram, free * blur)
+        information, vector = gram[:n, :n] / variance, gram[:n, n] / variance
+        wide, wide_vector = widened(information, vector, self.wander)
+        self.information += wide
+        self.vector += wide_vector
+        return information, vector, free, variance
+
+    @property
+    def mean(self) -> Array:
+        """Coefficients by all hops so far, (n,)."""
+        scale = 1.0 / np.sqrt(np.diag(self.information).clip(1e-300))
+        scaled = self.information * scale * scale[:, None]
+        return np.asarray(scale * np.linalg.solve(scaled + 1e-9 * np.eye(scale.size), scale * self.vector))
+
+    def _unblur(self, gram: Array, blur: Array) -> None:
+        """Where a tenth of a column or more is its own noise, take out what the hop says of its coefficient.
+
+        A column's noise draws its coefficient to zero (errors in variables); where the signal is ten times the noise or
+        more, and such hops carry nearly all the information, by a few per cent at most.
+        """
+        noisy = np.flatnonzero(np.diag(blur) > LEAST_SIGNAL * np.diag(gram)[:-1])
+        n = blur.shape[0]
+        if noisy.size:
+            gram[:n, n] -= gram[:n, noisy] @ self.mean[noisy]
+            gram[noisy, :] = gram[:, noisy] = 0.0
+
+    def _variance(self, gram: Array, free: float) -> float:
+        """Mean square of what the best coefficients of the hop leave, or of the last ten seconds if that is more."""
+        n = self.vector.size
+        scale = 1.0 / np.sqrt(np.diag(gram)[:n].clip(1e-300))
+        seen = np.diag(gram)[:n] > 0.0
+        scaled = gram[:n, :n] * scale * scale[:, None] + 1e-6 * np.eye(n)
+        b = gram[:n, n] * scale
+        rest = max(gram[n, n] - b @ np.linalg.solve(scaled, b), 1e-12 * gram[n, n])
+        own = rest / max(free - seen.sum(), 0.3 * free)
+        self.variance_sum = MEMORY * self.variance_sum + rest
+        self.weight = MEMORY * self.weight + max(free - seen.sum(), 0.3 * free)
+        return float(max(own, self.variance_sum / self.weight, self.least))
+
+    def _levels(self, y: Array, x: Array, ok: Flags) -> list[Array]:
+        """Running sums over each unbroken stretch, less their mean: pressure noise does not add up in them."""
+        inside = np.flatnonzero(ok[-HOP_ROWS:]) + y.size - HOP_ROWS
+        out = []
+        for stretch in np.split(inside, np.flatnonzero(np.diff(inside) > 1) + 1):
+            if stretch.size >= LEAST_ROWS:
+                level = np.cumsum(np.column_stack([x[stretch], y[stretch]]), axis=0)
+                out.append((level - level.mean(axis=0))[1:])
+        return out
+
+    def _white(self, y: Array, x: Array, ok: Flags) -> list[Array]:
+        """Rows through the prediction error filter of the balance's own colour."""
+        joined = np.column_stack([x, y])
+        joined[~ok] = 0.0
+        order = self.balance.order
+        if order:
+            rest = (joined[:, -1] - joined[:, :-1] @ self.mean)[-HOP_ROWS - order :]
+            fresh = np.array([rest[order:] @ rest[order - k : rest.size - k] for k in range(order + 1)])
+            self.correlation = MEMORY * self.correlation + fresh
+            first = self.correlation[:order].copy()
+            first[0] *= 1.0 + 1e-6
+            taps = solve_toeplitz(first, self.correlation[1:])
+            white = joined[order:].copy()
+            for k, tap in enumerate(taps):
+                white -= tap * joined[order - 1 - k : joined.shape[0] - 1 - k]
+            joined, ok = white, settled(ok, order + 1)[order:]
+        inside = joined[-HOP_ROWS:][ok[-HOP_ROWS:]]
+        return [inside] if inside.shape[0] >= LEAST_ROWS else []
+
+
+class Ledger:
+    """All balances of an axis, hop by hop.
+
+    Parameters
+    ----------
+    unit : profile. effects : balance name to the effects of this unit.
+    """
+
+    def __init__(self, unit: Unit, effects: dict[str, Effects]) -> None:
+        self.unit = unit
+        self.scales = Scales.of(unit)
+        self.effects = effects
+        self.accounts = {name: Account(b, effects[name]) for name, b in BALANCES.items()}
+        self.tail = np.full((TAIL_ROWS, len(COLUMNS)), np.nan)
+        self.hops: list[int] = []
+        self.entries: dict[str, list[tuple[Array, Array, float, float]]] = {name: [] for name in BALANCES}
+        self._reservoir = np.nan
+        self._pressure_noise: list[float] = []
+
+    def push(self, first: int, rows: Array) -> None:
+        """Take the rows of complete hops (see `RowMaker.push`)."""
+        for k in range(len(rows) // HOP_ROWS):
+            here = np.concatenate([self.tail, rows[k * HOP_ROWS : (k + 1) * HOP_ROWS]])
+            self._hop(first + k, here)
+            self.tail = here[-TAIL_ROWS:]
+
+    def _hop(self, index: int, rows: Array) -> None:
+        q = Quantities(rows, self.unit, self.scales)
+        self.hops.append(index)
+        for name, balance in BALANCES.items():
+            strands = []
+            for y, x, ok in balance.strands(q):
+                good = ok & np.isfinite(y) & np.isfinite(x).all(axis=1)
+                strands.append((y, x, settled(good, balance.settle)))
+            blur = self._blur(q) if name == "volume" else None
+            self.entries[name].append(self.accounts[name].hop(strands, blur))
+
+    def _blur(self, q: Quantities) -> Array | None:
+        third = [np.diff(p[-HOP_ROWS:], 3) for p in (q.p1, q.p2)]
+        known = [t[np.isfinite(t)] for t in third]
+        now = [float(np.median(np.square(t))) / 0.455 / 20.0 for t in known if t.size > 10]
+        if now:
+            self._pressure_noise = [*self._pressure_noise[-39:], float(np.mean(now))]
+        if not self._pressure_noise:
+            return None
+        variance = float(np.quantile(self._pressure_noise, 0.3))
+        columns = BALANCES["volume"].columns
+        mean = float(np.nanmean(np.maximum(q.p1, q.p2))) if np.isfinite(q.p1).any() else 0.0
+        cylinder, oil = self.unit.cylinder, self.unit.oil
+        from fdd.balances.balances import _air
+
+        free = _air(np.array([mean, oil.reference_pressure]), oil.polytropic_index)
+        stiff = max(1.0 / oil.bulk_modulus - oil.air_fraction * free[1], 0.3 / oil.bulk_modulus)
+        size = 0.5 * (cylinder.volume_1 + cylinder.volume_2) * np.sqrt(variance)
+        column = np.zeros(len(columns))
+        column[columns.index("compliance")] = size * (stiff + oil.air_fraction * free[0])
+        column[columns.index("air")] = size * 0.025 * free[0]
+        return np.outer(column, column)

@@ -1,0 +1,118 @@
+"""What the balances are written in: pressures, flows and motion from a stretch of rows, whichever sensors there are."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fdd.balances.rows import COLUMNS, ROW_S
+from fdd.residuals.viscosity import viscosity_ratio
+from fdd.unit import Unit
+
+Array = NDArray[np.float64]
+Flags = NDArray[np.bool_]
+
+VALVE_MARGIN_PA = 5e3
+"""How far above the accumulator a chamber must be for its check valve to be surely shut."""
+ATMOSPHERE_PA = 101325.0
+
+
+@dataclass(frozen=True)
+class Scales:
+    """A unit's own sizes, in which all columns are written, so that coefficients compare between sizes.
+
+    Attributes
+    ----------
+    pressure : Pa, relief setting. leakage : m³/(s·Pa), healthy across the ports. friction : N, Coulomb, with what a seal
+    needs to break away in. current : A at relief pressure. speed : rad/s, the drive's. fault_leakage : m³/(s·Pa), of severity 1.
+    """
+
+    pressure: float
+    leakage: float
+    friction: float
+    current: float
+    speed: float
+    fault_leakage: float
+    orifice: float
+
+    @classmethod
+    def of(cls, unit: Unit) -> Scales:
+        """Those of a profile."""
+        pressure = unit.accumulator.relief_pressure
+        branches = (unit.friction.forward, unit.friction.reverse)
+        flow = unit.pump.displacement * unit.drive.max_speed
+        gross = 0.05 * flow / (0.5 * pressure)
+        gross = 12e-12 if 2e6 < pressure < 5e6 else gross
+        return cls(
+            pressure=pressure,
+            leakage=unit.pump.total_leakage,
+            friction=float(np.mean([b.coulomb for b in branches])),
+            current=unit.pump.displacement * pressure / unit.drive.torque_constant,
+            speed=unit.drive.max_speed,
+            fault_leakage=gross,
+            orifice=1e-4 / np.sqrt(1e6) * flow / 1.75e-4 * np.sqrt(3.44e6 / pressure),
+        )
+
+
+class Quantities:
+    """Rows, and what follows from them, (n,) each; NaN where a sensor is missing.
+
+    Parameters
+    ----------
+    rows : (n, len(COLUMNS)) of `RowMaker`, contiguous. unit : profile. charge : Pa, taken for a low side where no sensor tells.
+    """
+
+    def __init__(self, rows: Array, unit: Unit, scales: Scales) -> None:
+        self.unit = unit
+        self.scales = scales
+        take = {name: rows[:, i] for name, i in COLUMNS.items()}
+        self.take = take
+        self.position = take["position"]
+        self.angle = take["pump_angle"]
+        self.difference_measured = take["pressure_difference"]
+        accumulator = take["pressure_accumulator"]
+        charge = unit.accumulator.charge_pressure
+        self.accumulator_measured = bool(np.isfinite(accumulator).any())
+        self.accumulator = accumulator if self.accumulator_measured else np.full(len(rows), charge)
+        self.chambers_measured = bool((np.isfinite(take["pressure_1"]) & np.isfinite(take["pressure_2"])).any())
+        if self.chambers_measured:
+            self.p1, self.p2 = take["pressure_1"], take["pressure_2"]
+        else:  # the low side is fed from the accumulator, so the high side is that and the difference
+            d = take["pressure_difference"]
+            self.p1 = self.accumulator + np.maximum(d, 0.0)
+            self.p2 = self.accumulator + np.maximum(-d, 0.0)
+        self.drop = self.p1 - self.p2
+        self.turn = change(self.angle)
+        self.travel = change(self.position)
+        self.dt = change(take["time"])
+        self.speed = self.turn / self.dt
+        self.flow = unit.pump.displacement * self.speed
+        area = 0.5 * (unit.cylinder.area_1 + unit.cylinder.area_2)
+        self.velocity = self.flow / area  # of the pump's flow: the position's noise must not enter a column
+        self.acceleration = change(self.velocity) / ROW_S
+        celsius = take["temperature"]
+        ratio = viscosity_ratio(unit.oil, np.where(np.isfinite(celsius), celsius, unit.oil.reference_temperature))
+        self.viscosity = ratio
+
+
+def change(column: Array) -> Array:
+    """Change from the row before, (n,); NaN first."""
+    out = np.full(column.shape, np.nan)
+    out[1:] = column[1:] - column[:-1]
+    return out
+
+
+def middle(column: Array) -> Array:
+    """Mean of a row and the one before: what goes with a difference."""
+    out = np.full(column.shape, np.nan)
+    out[1:] = 0.5 * (column[1:] + column[:-1])
+    return out
+
+
+def settled(valid: Flags, rows: int) -> Flags:
+    """Where the last `rows` rows were all valid."""
+    count = np.arange(1, valid.size + 1)
+    last_bad = np.maximum.accumulate(np.where(valid, 0, count))
+    return count - last_bad >= rows

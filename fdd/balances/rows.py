@@ -1,0 +1,143 @@
+"""From samples to rows of 10 ms: every channel through one and the same linear filter.
+
+A balance is linear in what it sums up, so it holds as well between the means of a cell of 10 ms as between samples. All
+channels are averaged over the very same samples of a cell (those at which every channel that is there has a value), so that
+neither a missing value nor jitter shifts one against another. Cells lie on an absolute grid of time: nothing depends on
+how a log was cut, nor on its first row.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from fdd.residuals.viscosity import viscosity_ratio
+from fdd.samples import Samples
+from fdd.unit import Unit
+
+Array = NDArray[np.float64]
+
+ROW_S = 0.01
+"""s, length of a cell."""
+HOP_ROWS = 50
+"""Cells in a hop, the step in which evidence is gathered."""
+HOP_S = ROW_S * HOP_ROWS
+TAIL_ROWS = 50
+"""Rows before a hop that its filters and validity rules may look back at."""
+BRISTLE_M = 2e-4
+"""m, travel after which a seal slides: elastomer seals give 0.1 to 0.3 mm before they do."""
+
+FAST = (
+    "command", "pump_angle", "pump_speed", "position", "pressure_difference", "pressure_1", "pressure_2",
+    "pressure_accumulator", "motor_current",
+)  # fmt: skip
+DERIVED = ("bristle", "cos1", "sin1", "cos2", "sin2", "temperature", "time")
+COLUMNS = {name: i for i, name in enumerate((*FAST, *DERIVED))}
+
+
+@njit(cache=True)
+def _stop(step: Array, state: float, out: Array) -> float:
+    """Prandtl's stop operator: a spring of unit travel that slips at ±1."""
+    for k in range(step.size):
+        d = step[k]
+        if d == d:
+            state = min(1.0, max(-1.0, state + d))
+        out[k] = state
+    return state
+
+
+@dataclass
+class RowMaker:
+    """Samples in, rows of complete hops out.
+
+    Parameters
+    ----------
+    unit : its sensors' zeros and gains are taken out.
+    """
+
+    unit: Unit
+    hop: int = -1
+    """Index of the first hop not yet given."""
+    _waiting: list[Samples] = field(default_factory=list)
+    _bristle: float = 0.0
+    _last_angle: float = np.nan
+
+    def push(self, samples: Samples | None) -> tuple[int, Array]:
+        """Rows of all hops that the samples complete.
+
+        Parameters
+        ----------
+        samples : next block; None closes the log: what waits is given as a last hop.
+
+        Returns
+        -------
+        first hop's index, (hops * HOP_ROWS, len(COLUMNS)) means; NaN where a cell has no data.
+        """
+        if samples is not None and len(samples):
+            if self.hop < 0:
+                self.hop = int(np.floor(samples.time[0] / HOP_S + 1e-9))
+            self._waiting.append(samples)
+        if not self._waiting:
+            return self.hop, np.empty((0, len(COLUMNS)))
+        last = float(self._waiting[-1].time[-1])
+        until = int(np.floor(last / HOP_S + 1e-9)) + (1 if samples is None else 0)
+        if until <= self.hop:
+            return self.hop, np.empty((0, len(COLUMNS)))
+        joined = Samples.concatenate(self._waiting)
+        cut = int(np.searchsorted(joined.time, until * HOP_S - 1e-9 * HOP_S))
+        first = self.hop
+        rest = joined.rows(cut, len(joined))
+        self._waiting = [rest] if len(rest) and samples is not None else []
+        rows = self._rows(joined.rows(0, cut), first, until)
+        self.hop = until
+        return first, rows
+
+    def _rows(self, samples: Samples, first: int, until: int) -> Array:
+        n = len(samples)
+        out = np.full(((until - first) * HOP_ROWS, len(COLUMNS)), np.nan)
+        if not n:
+            return out
+        data = np.full((n, len(COLUMNS)), np.nan)
+        data[:, COLUMNS["time"]] = samples.time
+        for name in FAST:
+            if name in samples.channels:
+                sensor = self.unit.sensor(name)
+                data[:, COLUMNS[name]] = (samples[name] - sensor.zero) / sensor.gain
+        angle = data[:, COLUMNS["pump_angle"]]
+        with_angle = np.isfinite(angle)
+        if with_angle.any():
+            known = angle[with_angle]
+            step = np.diff(known, prepend=self._last_angle if np.isfinite(self._last_angle) else known[0])
+            self._last_angle = float(known[-1])
+            gain = self.unit.pump.displacement / self.unit.cylinder.area_1 / BRISTLE_M
+            bristle = np.empty(known.size)
+            self._bristle = _stop(step * gain, self._bristle, bristle)
+            data[with_angle, COLUMNS["bristle"]] = bristle
+            for order in (1, 2):
+                data[with_angle, COLUMNS[f"cos{order}"]] = np.cos(order * known)
+                data[with_angle, COLUMNS[f"sin{order}"]] = np.sin(order * known)
+        if np.isnan(data[:, COLUMNS["pump_speed"]]).all() and n > 2:
+            data[:, COLUMNS["pump_speed"]] = np.gradient(angle, samples.time)
+        cell = np.floor(samples.time / ROW_S + 1e-7).astype(np.int64) - first * HOP_ROWS
+        cell = np.clip(cell, 0, out.shape[0] - 1)
+        # A channel counts in a hop where it has values at all; then only samples with all of them are taken.
+        hop = cell // HOP_ROWS
+        starts = np.flatnonzero(np.diff(hop, prepend=-1))
+        fast = np.isfinite(data[:, : len(FAST)])
+        there = np.logical_or.reduceat(fast, starts, axis=0)
+        complete = (fast | ~there[np.repeat(np.arange(starts.size), np.diff(np.append(starts, n)))]).all(axis=1)
+        if complete.any():
+            taken = data[complete]
+            where = cell[complete]
+            begin = np.flatnonzero(np.diff(where, prepend=-1))
+            count = np.diff(np.append(begin, where.size)).astype(np.float64)
+            out[where[begin]] = np.add.reduceat(taken, begin, axis=0) / count[:, None]
+        if "oil_temperature" in samples.channels:  # slow, and comes when it likes
+            celsius = samples["oil_temperature"]
+            known = np.isfinite(celsius)
+            for h in np.unique(hop[known]):
+                out[h * HOP_ROWS : (h + 1) * HOP_ROWS, COLUMNS["temperature"]] = celsius[known & (hop == h)].mean()
+        return out
