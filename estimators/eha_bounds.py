@@ -15,10 +15,10 @@ covariance stays: nothing was measured.
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from estimators import eha_model as eha
+from estimators.compiled import njit
 
 Array = NDArray[np.float64]
 
@@ -39,7 +39,7 @@ for _state, _low, _high in (
     LOWEST[_state], HIGHEST[_state] = _low, _high
 
 
-@njit(cache=True)
+@njit()
 def keep_in_bounds(x: Array, P: Array) -> None:
     """Bring parameters that left their bounds back, in place, and what is correlated with them along."""
     inside = True

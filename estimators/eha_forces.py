@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from estimators import eha_model as eha
+from estimators.compiled import njit
 from estimators.eha_layout import (
     M_CURVE,
     M_FCOUNT,
@@ -31,7 +31,7 @@ PARTNER_MISFIT = 0.2  # share of a throttled partner's force that its compressib
 ROBUST = 5.0  # innovations beyond this many sigmas are weighed down (Huber)
 
 
-@njit(cache=True)
+@njit()
 def balance_forces(x: Array, P: Array, h: float, curve: float, q: Array, c: Array, memory: Array) -> None:
     """Measure friction and load by the mean force over `FORCE_PERIOD`, where the piston slid one way.
 

@@ -10,9 +10,8 @@ section 8.4, isbn 978-0-12-381550-7).
 
 from __future__ import annotations
 
-from numba import njit
-
 from estimators import eha_model as eha
+from estimators.compiled import njit
 from estimators.eha_layout import M_FAST1, M_SLOW1, M_STILL
 from estimators.eha_noise import N_P
 from estimators.eha_update import Array
@@ -21,7 +20,7 @@ FAST, SLOW = 20.0, 500.0  # ms: averages that noise and motion part in
 REST = 1000.0  # ms without a pressure change that close the gate
 
 
-@njit(cache=True, error_model="numpy", _nrt=False)
+@njit(error_model="numpy", _nrt=False)
 def pressures_rest(x: Array, h: float, c: Array, memory: Array) -> bool:
     """Whether neither chamber's pressure moved within the last second; `h` ms since the last call.
 
@@ -38,7 +37,7 @@ def pressures_rest(x: Array, h: float, c: Array, memory: Array) -> bool:
     return memory[M_STILL] > REST
 
 
-@njit(cache=True, error_model="numpy", _nrt=False)
+@njit(error_model="numpy", _nrt=False)
 def keep_compliance(x: Array, P: Array, kept: Array) -> None:
     """Put air and split back to `kept` (2, 3): values, then their variances and covariance."""
     x[eha.AIR], x[eha.SPLIT] = kept[0, 0], kept[0, 1]

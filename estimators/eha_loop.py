@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 
 from estimators import eha_model as eha
+from estimators.compiled import njit
 from estimators.eha_bounds import keep_in_bounds
 from estimators.eha_forces import ROBUST, balance_forces
 from estimators.eha_gate import keep_compliance, pressures_rest
@@ -88,7 +88,7 @@ from estimators.kernels import svsf_update
 LONGEST_GAP = 50  # periods that are bridged step by step; a longer gap restarts the motion states
 
 
-@njit(cache=True)
+@njit()
 def measurement(x: Array, q: Array, z: Array, y: Array) -> None:
     """Innovation ``y = z − h(x)`` of all channels, model units."""
     y[Z_X] = z[Z_X] - x[eha.X]
@@ -99,7 +99,7 @@ def measurement(x: Array, q: Array, z: Array, y: Array) -> None:
     y[Z_MEAN] = z[Z_MEAN] - min(x[eha.P1], x[eha.P2])
 
 
-@njit(cache=True, error_model="numpy", _nrt=False)
+@njit(error_model="numpy", _nrt=False)
 def motion_noise(x: Array, h: float, p_acc: float, known_acc: bool, q: Array, c: Array, out: Array) -> None:
     """Variances of velocity, speed and both chamber volumes over `h` ms."""
     mu = 1e-3 / q[eha.Q_MASS]
@@ -114,7 +114,7 @@ def motion_noise(x: Array, h: float, p_acc: float, known_acc: bool, q: Array, c:
     out[3] = large if relieved or fed2 else small
 
 
-@njit(cache=True)
+@njit()
 def _start_motion(x: Array, P: Array, z: Array, p_acc: float, c: Array) -> None:
     """Set the motion states from a measurement, with wide variances; keep the parameters."""
     for i in range(eha.P2 + 1):
@@ -135,7 +135,7 @@ def _start_motion(x: Array, P: Array, z: Array, p_acc: float, c: Array) -> None:
     P[eha.P1, eha.P1] = P[eha.P2, eha.P2] = 0.3**2
 
 
-@njit(cache=True)
+@njit()
 def _svsf_motion(
     x: Array, P: Array, y: Array, plus: Indices, minus: Indices, r: Array, mask: Mask, e_post: Array,
     gamma: float, layer: float, psi_k: Array,
@@ -163,7 +163,7 @@ def _svsf_motion(
     return switched, state[:MOVING], np.diag(covariance)[:MOVING].copy()
 
 
-@njit(cache=True, error_model="numpy", _nrt=False)
+@njit(error_model="numpy", _nrt=False)
 def _take_motion(x: Array, P: Array, motion: Array, variances: Array) -> None:
     """Motion from the SVSF, parameters from the Kalman filter, in place.
 
@@ -179,7 +179,7 @@ def _take_motion(x: Array, P: Array, motion: Array, variances: Array) -> None:
             P[i, i] += surplus
 
 
-@njit(cache=True)
+@njit()
 def track(
     block: Array, period: float, svsf: bool, has_pressures: bool, has_angle: bool,
     decimation: int, q: Array, c: Array, x: Array, P: Array, memory: Array, e_post: Array, gamma: float,

@@ -47,8 +47,9 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
+
+from estimators.compiled import njit
 
 Array = NDArray[np.float64]
 
@@ -152,7 +153,7 @@ def free_states(*, pressures: bool, difference: bool) -> NDArray[np.bool_]:
     return free
 
 
-@njit(cache=True, error_model="numpy")
+@njit(error_model="numpy")
 def air_curve(p: float, n: float) -> float:
     """c(p), 1/MPa: compliance per free-air fraction at gauge pressure `p` (MPa)."""
     absolute = max(p + ATMOSPHERE, 0.1 * ATMOSPHERE)
@@ -160,7 +161,7 @@ def air_curve(p: float, n: float) -> float:
     return (ATMOSPHERE / absolute) ** (1.0 + 1.0 / n) / (n * ATMOSPHERE)
 
 
-@njit(cache=True, error_model="numpy", _nrt=False)
+@njit(error_model="numpy", _nrt=False)
 def compliance(p: float, air: float, q: Array) -> tuple[float, float, float]:
     """1/β at gauge pressure `p` (MPa), and its derivatives to `p` and to `air` (‰)."""
     n = q[Q_POLYTROPIC]
@@ -173,7 +174,7 @@ def compliance(p: float, air: float, q: Array) -> tuple[float, float, float]:
     return value, 1e-3 * air * slope, 1e-3 * c
 
 
-@njit(cache=True, error_model="numpy", _nrt=False)
+@njit(error_model="numpy", _nrt=False)
 def friction_curve(v: float, q: Array) -> tuple[float, float, float, float]:
     """Healthy Coulomb and Stribeck friction (N) at `v` (mm/ms).
 
@@ -196,7 +197,7 @@ def friction_curve(v: float, q: Array) -> tuple[float, float, float, float]:
     return sign * level, stick + abs(sign) * stribeck_slope, stick, stick_slope
 
 
-@njit(cache=True, error_model="numpy", _nrt=False)
+@njit(error_model="numpy", _nrt=False)
 def step(
     x: Array, h: float, viscosity: float, p_acc: float, v_at: float, w_at: float, q: Array,
     out: Array, F: Array, G: Array,
@@ -227,7 +228,7 @@ def step(
     advance(x, h, viscosity, p_acc, v_at, w_at, q, friction_curve(x[V], q), STATES, out, F, G)
 
 
-@njit(cache=True, error_model="numpy", _nrt=False)
+@njit(error_model="numpy", _nrt=False)
 def advance(
     x: Array, h: float, viscosity: float, p_acc: float, v_at: float, w_at: float, q: Array,
     friction: tuple[float, float, float, float], columns: int, out: Array, F: Array, G: Array,

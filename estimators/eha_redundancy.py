@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from estimators import eha_model as eha
+from estimators.compiled import njit
 from estimators.eha_forces import ROBUST
 from estimators.eha_layout import M_PAIRS, M_REDUNDANT
 
@@ -15,7 +15,7 @@ Array = NDArray[np.float64]
 PAIRS = 20  # samples averaged before one update
 
 
-@njit(cache=True)
+@njit()
 def compare_sensors(x: Array, P: Array, gap: float, variance: float, memory: Array) -> None:
     """Let `gap` = Δp − (p₁ − p₂), MPa, of white noise `variance`, tell the zero, `PAIRS` samples at a time.
 

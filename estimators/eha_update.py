@@ -25,10 +25,10 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from estimators import eha_model as eha
+from estimators.compiled import njit
 from estimators.kernels import TIE_BREAK
 
 Array = NDArray[np.float64]
@@ -45,7 +45,7 @@ _SPARE = eha.STATES - min(-(-COUPLED // 4) * 4, eha.STATES)
 LOG_2PI = math.log(2.0 * math.pi)
 
 
-@njit(cache=True, error_model="numpy", _nrt=False)
+@njit(error_model="numpy", _nrt=False)
 def propagate(P: Array, F: Array, G: Array, noise: Array, Q_diag: Array, scratch: Array) -> None:
     """``P = F P F' + G diag(noise) G' + diag(Q_diag)`` in place, in the block of coupled states.
 
@@ -85,7 +85,7 @@ def propagate(P: Array, F: Array, G: Array, noise: Array, Q_diag: Array, scratch
         P[i, i] += Q_diag[i]
 
 
-@njit(cache=True, error_model="numpy", _nrt=False)
+@njit(error_model="numpy", _nrt=False)
 def channel_variance(P: Array, plus: int, minus: int) -> float:
     """``h P h'`` of a channel that measures state `plus`, less state `minus` unless that is negative."""
     if minus < 0:
@@ -93,7 +93,7 @@ def channel_variance(P: Array, plus: int, minus: int) -> float:
     return P[plus, plus] - 2.0 * P[plus, minus] + P[minus, minus]
 
 
-@njit(cache=True, error_model="numpy", _nrt=False)
+@njit(error_model="numpy", _nrt=False)
 def selected_update(P: Array, plus: int, minus: int, r: float, u: Array) -> float:
     """Let a channel of variance `r` shrink `P`, in place; see the module's notes.
 
@@ -139,7 +139,7 @@ def selected_update(P: Array, plus: int, minus: int, r: float, u: Array) -> floa
     return s
 
 
-@njit(cache=True, error_model="numpy", _nrt=False)
+@njit(error_model="numpy", _nrt=False)
 def update(
     x: Array, P: Array, y: Array, plus: Indices, minus: Indices, r: Array, mask: Mask, work: Array
 ) -> tuple[float, float]:
@@ -180,7 +180,7 @@ def update(
     return nis, log_likelihood
 
 
-@njit(cache=True, error_model="numpy", _nrt=False)
+@njit(error_model="numpy", _nrt=False)
 def optimal_layers(
     P: Array, y: Array, plus: Indices, minus: Indices, r: Array, mask: Mask, e_post: Array, gamma: float,
     tie_break: float, psi_k: Array, work: Array,
@@ -247,7 +247,7 @@ def optimal_layers(
     return True
 
 
-@njit(cache=True, error_model="numpy", _nrt=False)
+@njit(error_model="numpy", _nrt=False)
 def layers_exceeded(
     P: Array, y: Array, plus: Indices, minus: Indices, r: Array, mask: Mask, e_post: Array, gamma: float,
     layer: float, psi_k: Array, work: Array,

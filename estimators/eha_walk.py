@@ -25,10 +25,10 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from estimators import eha_model as eha
+from estimators.compiled import njit
 from estimators.eha_layout import (
     FLOW_PARAMETERS,
     M_GAINED,
@@ -98,7 +98,7 @@ _WALKING, _RATE, _INITIAL = (np.array([row[i] for row in _WALKS]) for i in range
 _UNIT = np.array([row[3] for row in _WALKS])
 
 
-@njit(cache=True, error_model="numpy")
+@njit(error_model="numpy")
 def walk_rates(c: Array) -> Array:
     """What `walk_parameters` needs of the noise `c`, once for many steps: (2, STATES).
 
@@ -122,7 +122,7 @@ def walk_rates(c: Array) -> Array:
     return rates
 
 
-@njit(cache=True, error_model="numpy", _nrt=False)
+@njit(error_model="numpy", _nrt=False)
 def walk_parameters(x: Array, P: Array, h: float, unrest: float, c: Array, rates: Array, diag: Array) -> None:
     """Draw the valves back in `x` and `P`, and fill `diag` with the variances that `h` ms add.
 
@@ -168,7 +168,7 @@ def walk_parameters(x: Array, P: Array, h: float, unrest: float, c: Array, rates
             P[i, j] = P[j, i]
 
 
-@njit(cache=True, error_model="numpy", _nrt=False)
+@njit(error_model="numpy", _nrt=False)
 def watch_jumps(x: Array, P: Array, before: Array, h: float, c: Array, memory: Array) -> None:
     """Add an update to the scores and, where one passes its limit, set the flow parameters free.
 

@@ -31,8 +31,8 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
 
+from estimators.compiled import njit
 from estimators.linalg import Array
 
 # What a mode keeps when the data speak against it as strongly as a float can say: then later data
@@ -40,7 +40,7 @@ from estimators.linalg import Array
 LEAST_PROBABILITY = 1e-300
 
 
-@njit(cache=True, error_model="numpy")
+@njit(error_model="numpy")
 def mixing_weights(mu: Array, M: Array, cbar: Array, omega: Array) -> None:
     """Fill the predicted mode probabilities ``cbar`` (r,) and the mixing weights ``omega`` (r, r).
 
@@ -69,7 +69,7 @@ def mixing_weights(mu: Array, M: Array, cbar: Array, omega: Array) -> None:
                 omega[i, j] = 1.0 if i == j else 0.0
 
 
-@njit(cache=True, error_model="numpy")
+@njit(error_model="numpy")
 def moments(x: Array, P: Array, weights: Array, mean: Array, covariance: Array) -> None:
     """Mean (n,) and covariance (n, n) of a Gaussian mixture, into the last two arguments.
 
@@ -105,7 +105,7 @@ def moments(x: Array, P: Array, weights: Array, mean: Array, covariance: Array) 
             covariance[b, a] = total
 
 
-@njit(cache=True, error_model="numpy")
+@njit(error_model="numpy")
 def mix(x: Array, P: Array, omega: Array, x0: Array, P0: Array) -> None:
     """What each filter starts its step from: mixture j of all filters with the weights ``omega[:, j]``.
 
@@ -131,7 +131,7 @@ def mix(x: Array, P: Array, omega: Array, x0: Array, P0: Array) -> None:
         moments(x, P, omega[:, j], x0[j], P0[j])
 
 
-@njit(cache=True, error_model="numpy")
+@njit(error_model="numpy")
 def update_modes(cbar: Array, log_likelihood: Array, mu: Array) -> float:
     """Bayes' rule for the modes: fill ``mu_j = cbar_j exp(l_j) / sum_k cbar_k exp(l_k)``.
 
@@ -177,7 +177,7 @@ def update_modes(cbar: Array, log_likelihood: Array, mu: Array) -> float:
     return peak + math.log(total)
 
 
-@njit(cache=True, error_model="numpy")
+@njit(error_model="numpy")
 def transitions_over(rates: Array, dt: float, M: Array) -> None:
     """Fill ``M = exp(rates dt)``: how modes move in ``dt`` seconds, when they move at constant rates.
 

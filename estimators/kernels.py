@@ -30,8 +30,8 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
 
+from estimators.compiled import njit
 from estimators.linalg import (
     Array,
     Mask,
@@ -48,7 +48,7 @@ LOG_2PI = math.log(2.0 * math.pi)
 TIE_BREAK = 1e-6
 
 
-@njit(cache=True)
+@njit()
 def predict_covariance(P: Array, F: Array, Q_diag: Array, out: Array) -> None:
     """Carry a covariance over one step: ``out = F P F' + diag(Q_diag)``.
 
@@ -81,7 +81,7 @@ def predict_covariance(P: Array, F: Array, Q_diag: Array, out: Array) -> None:
         out[i, i] += Q_diag[i]
 
 
-@njit(cache=True)
+@njit()
 def scalar_update(P: Array, h: Array, r: float, k: Array, Ph: Array) -> float:
     """Let one scalar channel ``h`` (n,) of variance ``r`` shrink ``P``, in place, in Joseph form.
 
@@ -112,7 +112,7 @@ def scalar_update(P: Array, h: Array, r: float, k: Array, Ph: Array) -> float:
     return s
 
 
-@njit(cache=True)
+@njit()
 def kalman_update(x: Array, P: Array, y: Array, H: Array, R_diag: Array, mask: Mask) -> tuple[float, float]:
     """Kalman update with independent channels, in place, one channel after the other.
 
@@ -172,7 +172,7 @@ def kalman_update(x: Array, P: Array, y: Array, H: Array, R_diag: Array, mask: M
     return nis, log_likelihood
 
 
-@njit(cache=True)
+@njit()
 def kalman_update_correlated(
     x: Array, P: Array, y: Array, H: Array, R: Array, K: Array
 ) -> tuple[float, float]:
@@ -229,7 +229,7 @@ def kalman_update_correlated(
     return nis, log_likelihood
 
 
-@njit(cache=True)
+@njit()
 def innovation_likelihood(y: Array, L: Array) -> tuple[float, float]:
     """``(nis, log N(y; 0, S))`` from the Cholesky factor ``L`` of ``S``.
 
@@ -254,7 +254,7 @@ def innovation_likelihood(y: Array, L: Array) -> tuple[float, float]:
     return nis, log_likelihood - 0.5 * nis
 
 
-@njit(cache=True)
+@njit()
 def svsf_gain(
     PHt: Array,
     HPHt: Array,
@@ -336,7 +336,7 @@ def svsf_gain(
     return True
 
 
-@njit(cache=True)
+@njit()
 def svsf_update(
     x: Array,
     P: Array,

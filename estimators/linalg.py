@@ -9,8 +9,9 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
+
+from estimators.compiled import njit
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -19,7 +20,7 @@ Mask = NDArray[np.bool_]
 PIVOT_FLOOR = 1e-13
 
 
-@njit(cache=True)
+@njit()
 def symmetrise(P: Array) -> None:
     """Average ``P`` with its transpose, in place."""
     n = P.shape[0]
@@ -30,7 +31,7 @@ def symmetrise(P: Array) -> None:
             P[j, i] = mean
 
 
-@njit(cache=True)
+@njit()
 def balanced_covariance(A: Array, out: Array) -> int:
     """Copy ``A``, averaged with its transpose, to ``out``; 0, or 1 + index of a bad diagonal element.
 
@@ -47,7 +48,7 @@ def balanced_covariance(A: Array, out: Array) -> int:
     return 0
 
 
-@njit(cache=True)
+@njit()
 def project(P: Array, H: Array, PHt: Array, HPHt: Array) -> None:
     """Fill ``PHt = P H'`` (n, m) and ``HPHt = H P H'`` (m, m), the latter exactly symmetric."""
     n = P.shape[0]
@@ -67,7 +68,7 @@ def project(P: Array, H: Array, PHt: Array, HPHt: Array) -> None:
             HPHt[d, c] = total
 
 
-@njit(cache=True)
+@njit()
 def joseph_update(P: Array, K: Array, H: Array, R: Array) -> None:
     """Posterior covariance of *any* gain, in place: ``(I - K H) P (I - K H)' + K R K'``.
 
@@ -104,7 +105,7 @@ def joseph_update(P: Array, K: Array, H: Array, R: Array) -> None:
     symmetrise(P)
 
 
-@njit(cache=True)
+@njit()
 def cholesky(A: Array, L: Array) -> bool:
     """Lower factor of ``A = L L'`` into ``L``; False when ``A`` is not positive to rounding."""
     n = A.shape[0]
@@ -122,7 +123,7 @@ def cholesky(A: Array, L: Array) -> bool:
     return True
 
 
-@njit(cache=True)
+@njit()
 def cholesky_solve(L: Array, b: Array) -> None:
     """Solve ``L L' w = b`` for each row of ``b`` (k, m), in place."""
     rows, m = b.shape
@@ -137,7 +138,7 @@ def cholesky_solve(L: Array, b: Array) -> None:
             b[row, i] /= L[i, i]
 
 
-@njit(cache=True)
+@njit()
 def decorrelate(y: Array, H: Array, R: Array, L: Array) -> None:
     """Make channels independent: with ``R = L D L'``, replace ``y, H`` by ``L^-1 y, L^-1 H``.
 

@@ -19,9 +19,9 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numba import njit
 from numpy.typing import ArrayLike
 
+from estimators.compiled import njit
 from estimators.imm_kernels import mix, mixing_weights, moments, update_modes
 from estimators.kernels import kalman_update, kalman_update_correlated, predict_covariance
 from estimators.linalg import Array, balanced_covariance
@@ -49,7 +49,7 @@ class BankRun:
     modes: tuple[Array, Array, Array]
 
 
-@njit(cache=True, error_model="numpy")
+@njit(error_model="numpy")
 def bank_step(
     x: Array,
     P: Array,
@@ -134,7 +134,7 @@ def bank_step(
     return gained if used > 0 else 0.0
 
 
-@njit(cache=True, error_model="numpy")
+@njit(error_model="numpy")
 def _correlated(x: Array, P: Array, y: Array, H: Array, R: Array, mask: Array, used: int) -> float:
     """Kalman update with a full R over the channels in ``mask``, in place; the log-likelihood."""
     ya, Ha, Ra = np.empty(used), np.empty((used, x.shape[0])), np.empty((used, used))
@@ -152,7 +152,7 @@ def _correlated(x: Array, P: Array, y: Array, H: Array, R: Array, mask: Array, u
     return log_likelihood
 
 
-@njit(cache=True, error_model="numpy")
+@njit(error_model="numpy")
 def _run(
     z: Array,
     u: Array,

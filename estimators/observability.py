@@ -28,8 +28,9 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 import numpy as np
-from numba import njit
 from numpy.typing import ArrayLike, NDArray
+
+from estimators.compiled import njit
 
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
@@ -239,7 +240,7 @@ def _columns(parts: list[ArrayLike], n: int) -> Array:
     return np.array(rows).reshape(len(parts), n)
 
 
-@njit(cache=True, error_model="numpy")
+@njit(error_model="numpy")
 def _grown(variance: float, rate: float, ceiling: float, seconds: float) -> float:
     """Variance after `seconds` of ``dP/dt = rate (1 - P/ceiling)``; what is above the ceiling stays."""
     if not (rate > 0.0 and variance < ceiling):
@@ -249,7 +250,7 @@ def _grown(variance: float, rate: float, ceiling: float, seconds: float) -> floa
     return variance - (ceiling - variance) * math.expm1(-rate * seconds / ceiling)
 
 
-@njit(cache=True, error_model="numpy")
+@njit(error_model="numpy")
 def _total(carried: Array) -> float:
     """Information within the window."""
     total = 0.0
@@ -258,7 +259,7 @@ def _total(carried: Array) -> float:
     return total
 
 
-@njit(cache=True, error_model="numpy")
+@njit(error_model="numpy")
 def _observe(
     time: Array, value: Array, std: Array, rate: Array, ceiling: Array, scale: Array, bounds: Array,
     window: float, last: Array, carried: Array, valid: Flags, out: Array,

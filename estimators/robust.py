@@ -22,13 +22,13 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
 
+from estimators.compiled import njit
 from estimators.kernels import kalman_update
 from estimators.linalg import Array, Mask
 
 
-@njit(cache=True, error_model="numpy")
+@njit(error_model="numpy")
 def huber_weights(P: Array, y: Array, H: Array, R_diag: Array, mask: Mask, limit: float, out: Array) -> bool:
     """Fill ``out`` (m,) with each channel's weight ``min(1, limit / t)``; NaN where masked.
 
@@ -69,7 +69,7 @@ def huber_weights(P: Array, y: Array, H: Array, R_diag: Array, mask: Mask, limit
     return any_down
 
 
-@njit(cache=True, error_model="numpy")
+@njit(error_model="numpy")
 def widen_noise(P: Array, H: Array, R_diag: Array, weights: Array, out: Array) -> None:
     """Noise variances ``out = R + S (1 / w - 1)`` (m,) that give each channel its weight; NaN counts as 1."""
     n = P.shape[0]
@@ -83,7 +83,7 @@ def widen_noise(P: Array, H: Array, R_diag: Array, weights: Array, out: Array) -
             out[c] += s * (1.0 / weights[c] - 1.0)
 
 
-@njit(cache=True, error_model="numpy")
+@njit(error_model="numpy")
 def robust_update(
     x: Array, P: Array, y: Array, H: Array, R_diag: Array, mask: Mask, limit: float, weights: Array
 ) -> tuple[float, float]:

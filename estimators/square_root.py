@@ -20,13 +20,13 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
 
+from estimators.compiled import njit
 from estimators.kernels import LOG_2PI
 from estimators.linalg import PIVOT_FLOOR, Array, Mask, decorrelate
 
 
-@njit(cache=True, error_model="numpy")
+@njit(error_model="numpy")
 def ud_factors(P: Array, U: Array, D: Array) -> bool:
     """Factor a covariance: ``P = U diag(D) U'``.
 
@@ -65,7 +65,7 @@ def ud_factors(P: Array, U: Array, D: Array) -> bool:
     return positive
 
 
-@njit(cache=True, error_model="numpy")
+@njit(error_model="numpy")
 def ud_covariance(U: Array, D: Array, P: Array) -> None:
     """Fill ``P = U diag(D) U'``, exactly symmetric."""
     n = D.shape[0]
@@ -78,7 +78,7 @@ def ud_covariance(U: Array, D: Array, P: Array) -> None:
             P[j, i] = total
 
 
-@njit(cache=True, error_model="numpy")
+@njit(error_model="numpy")
 def weighted_gram_schmidt(W: Array, weights: Array, U: Array, D: Array) -> None:
     """Factors of ``W diag(weights) W'``, without forming it: rows of ``W`` made orthogonal, last first.
 
@@ -116,7 +116,7 @@ def weighted_gram_schmidt(W: Array, weights: Array, U: Array, D: Array) -> None:
                 W[i, k] -= factor * W[j, k]
 
 
-@njit(cache=True, error_model="numpy")
+@njit(error_model="numpy")
 def ud_predict(U: Array, D: Array, F: Array, Q_diag: Array) -> None:
     """Carry the factors over one step: those of ``F P F' + diag(Q_diag)``, in place.
 
@@ -144,7 +144,7 @@ def ud_predict(U: Array, D: Array, F: Array, Q_diag: Array) -> None:
     weighted_gram_schmidt(W, weights, U, D)
 
 
-@njit(cache=True, error_model="numpy")
+@njit(error_model="numpy")
 def ud_scalar_update(U: Array, D: Array, h: Array, r: float, k: Array, f: Array) -> float:
     """Let one scalar channel ``h`` (n,) of variance ``r`` shrink the factors, in place (Bierman).
 
@@ -176,7 +176,7 @@ def ud_scalar_update(U: Array, D: Array, h: Array, r: float, k: Array, f: Array)
     return s
 
 
-@njit(cache=True, error_model="numpy")
+@njit(error_model="numpy")
 def ud_update(
     x: Array, U: Array, D: Array, y: Array, H: Array, R_diag: Array, mask: Mask
 ) -> tuple[float, float]:
@@ -218,7 +218,7 @@ def ud_update(
     return nis, log_likelihood
 
 
-@njit(cache=True, error_model="numpy")
+@njit(error_model="numpy")
 def ud_update_correlated(
     x: Array, U: Array, D: Array, y: Array, H: Array, R: Array, K: Array
 ) -> tuple[float, float]:
@@ -261,7 +261,7 @@ def ud_update_correlated(
     return nis, log_likelihood
 
 
-@njit(cache=True, error_model="numpy")
+@njit(error_model="numpy")
 def ud_transform(U: Array, D: Array, A: Array, B: Array, C: Array) -> bool:
     """Factors of ``A P A' + B C B'``, in place.
 

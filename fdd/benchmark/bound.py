@@ -12,11 +12,11 @@ it is the Kalman filter's covariance.
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from estimators import eha_model as eha
 from estimators.kernels import scalar_update
+from fdd.benchmark.compiled import njit
 from fdd.benchmark.model import (
     FORCE_PERIOD,
     LOW_SIDE,
@@ -97,7 +97,7 @@ def eha_bound(
     return out
 
 
-@njit(cache=True, error_model="numpy")
+@njit(error_model="numpy")
 def _eha_bound(
     states: Array, p_acc: Array, viscosity: Array, q: Array, P: Array, walk: Array, pull: Array, sizes: Array,
     pressures: bool, known: bool, rows: NDArray[np.int64], out: Array,
@@ -164,7 +164,7 @@ def _eha_bound(
             wanted += 1
 
 
-@njit(cache=True, error_model="numpy")
+@njit(error_model="numpy")
 def _predict(P: Array, F: Array, G: Array, noise: Array, diag: Array, pull: Array, moved: Array) -> None:
     """``P = F P F' + G diag(noise) G' + diag``; only the motion rows of F differ from the identity."""
     motion, n = moved.shape

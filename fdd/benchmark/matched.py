@@ -19,7 +19,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 from scipy.ndimage import gaussian_filter1d
@@ -28,6 +27,7 @@ from scipy.signal import butter, lfilter, sosfiltfilt
 from estimators import eha_layout as layout
 from estimators import eha_model as eha
 from fdd.benchmark.cases import MOTIONS, Case
+from fdd.benchmark.compiled import njit
 from fdd.benchmark.model import (
     FORCE_PERIOD,
     LOW_SIDE,
@@ -184,7 +184,7 @@ def _start(case: Case, prior: Assumed, rng: np.random.Generator) -> Array:
     return start
 
 
-@njit(cache=True, error_model="numpy")
+@njit(error_model="numpy")
 def _walked(start: Array, centre: Array, walk: Array, pull: Array, normals: Array) -> Array:
     """Walks of all parameters, drawn back to where the filter began; leakage walks in proportion once it has
     grown."""
@@ -198,7 +198,7 @@ def _walked(start: Array, centre: Array, walk: Array, pull: Array, normals: Arra
     return out
 
 
-@njit(cache=True, error_model="numpy")
+@njit(error_model="numpy")
 def _limited(wanted: Array, most: float) -> Array:
     out = np.empty(wanted.size)
     at = wanted[0]
@@ -235,7 +235,7 @@ def _low_side(charge: float, normals: Array) -> Array:
     return np.maximum(charge + gaussian_filter1d(away, LOW_SMOOTHING, mode="nearest"), LEAST_PRESSURE)
 
 
-@njit(cache=True, error_model="numpy")
+@njit(error_model="numpy")
 def _curve(v: Array, q: Array) -> Array:
     out = np.empty(v.size)
     for i in range(v.size):
@@ -243,7 +243,7 @@ def _curve(v: Array, q: Array) -> Array:
     return out
 
 
-@njit(cache=True, error_model="numpy")
+@njit(error_model="numpy")
 def _move(x: Array, new: Array, G: Array, dv: float, dw: float) -> None:
     """The model's step with the noise `dv` on velocity and `dw` on speed, in place."""
     x[:] = new
@@ -251,7 +251,7 @@ def _move(x: Array, new: Array, G: Array, dv: float, dw: float) -> None:
         x[i] += G[i, 0] * dv + G[i, 1] * dw
 
 
-@njit(cache=True, error_model="numpy")
+@njit(error_model="numpy")
 def _follow_sealed(
     position: Array, parameters: Array, force: Array, volumes: Array, p_acc: float, charged: float, q: Array,
     states: Array,
@@ -277,7 +277,7 @@ def _follow_sealed(
         x[eha.P2] += G[eha.P2, 3] * volumes[k, 1]
 
 
-@njit(cache=True, error_model="numpy")
+@njit(error_model="numpy")
 def _follow_fed(
     position: Array, parameters: Array, force: Array, volumes: Array, p_acc: float, low: Array, q: Array,
     states: Array,

@@ -9,12 +9,12 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from estimators import eha_model as eha
 from estimators.eha_noise import Noise
 from estimators.eha_tracker import EhaTracker
+from fdd.benchmark.compiled import njit
 
 Array = NDArray[np.float64]
 
@@ -98,7 +98,7 @@ def _sizes(noise: Noise, model: Array) -> Array:
     return out
 
 
-@njit(cache=True, error_model="numpy")
+@njit(error_model="numpy")
 def chamber_noise(
     p1: float, p2: float, p_acc: float, known: bool, sizes: Array
 ) -> tuple[float, float]:  # fmt: skip
@@ -145,7 +145,7 @@ def tested_channels(
     return encoders + (2.0 - fed if pressures else max(1.0 - fed, 0.0))
 
 
-@njit(cache=True, error_model="numpy")
+@njit(error_model="numpy")
 def _fed_chambers(states: Array, accumulator: Array, known: bool, sizes: Array) -> float:
     """Chambers with the large noise, mean over a run."""
     total = 0.0

@@ -11,16 +11,16 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from fdd.identify.compiled import njit
 from fdd.identify.oil import ATMOSPHERE
 from fdd.unit import Unit
 
 Array = NDArray[np.float64]
 
 
-@njit(cache=True)
+@njit()
 def _follow(
     difference: Array,
     compliance: Array,

@@ -10,9 +10,9 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from fdd.plant.compiled import njit
 from fdd.plant.conditions import CURRENT_LIMIT, RESISTANCE, TORQUE
 from fdd.plant.parameters import Constants
 from fdd.plant.state import ANGLE, CURRENT, DRIVE, SPEED
@@ -20,7 +20,7 @@ from fdd.plant.state import ANGLE, CURRENT, DRIVE, SPEED
 Array = NDArray[np.float64]
 
 
-@njit(cache=True, error_model="numpy", inline="always")
+@njit(error_model="numpy", inline="always")
 def drive_rates(
     y: Array, command: float, hydraulic_torque: float, now: Array, par: Constants, dy: Array
 ) -> tuple[float, float]:

@@ -10,9 +10,9 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from fdd.plant.compiled import njit
 from fdd.plant.conditions import CONNECT_1, CONNECT_2, FORCE, WARMING
 from fdd.plant.drive import drive_rates
 from fdd.plant.friction import friction_rates
@@ -42,11 +42,8 @@ from fdd.plant.state import (
 
 Array = NDArray[np.float64]
 
-EQUATIONS = 11
-"""See `fdd.plant.steps.EQUATIONS`: hydraulics, drive and friction are compiled into this module."""
 
-
-@njit(cache=True, error_model="numpy", inline="always")
+@njit(error_model="numpy", inline="always")
 def axis_rates(
     y: Array, x: float, v: float, command: float, linked_1: float, linked_2: float, now: Array,
     par: Constants, dy: Array, found: Array,
@@ -64,7 +61,7 @@ def axis_rates(
     return par.area_1 * y[P1] - par.area_2 * y[P2] - friction
 
 
-@njit(cache=True, error_model="numpy", inline="always")
+@njit(error_model="numpy", inline="always")
 def end_stop(x: float, v: float, par: Constants) -> float:
     """Force of stops and cushions, positive against extension (N).
 
@@ -83,7 +80,7 @@ def end_stop(x: float, v: float, par: Constants) -> float:
 
 
 # Its arrays are borrowed: without counting references to them (_nrt) it takes a quarter less time.
-@njit(cache=True, error_model="numpy", _nrt=False)
+@njit(error_model="numpy", _nrt=False)
 def right_hand_side(
     y: Array,
     command_1: float,

@@ -5,9 +5,9 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from fdd.plant.compiled import njit
 from fdd.plant.conditions import FRICTION_FORWARD, FRICTION_REVERSE, VISCOUS
 from fdd.plant.parameters import Constants
 from fdd.plant.state import MEMORY, Z
@@ -19,7 +19,7 @@ _STILL = 1e-4
 would cost the integrator its order at each reversal."""
 
 
-@njit(cache=True, error_model="numpy", inline="always")
+@njit(error_model="numpy", inline="always")
 def friction_rates(y: Array, v: float, now: Array, par: Constants, dy: Array) -> float:
     """Friction force (N, against extension); fills the rates of bristle and memory.
 

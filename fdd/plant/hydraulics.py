@@ -12,11 +12,11 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from fdd.plant import conditions as c
 from fdd.plant import state as s
+from fdd.plant.compiled import njit
 from fdd.plant.laws import gas_pressure, oil_at, opening, orifice
 from fdd.plant.parameters import Constants
 
@@ -32,7 +32,7 @@ _EMPTY = 1e-8
 """m³ of oil in an external accumulator below which it gives less and less."""
 
 
-@njit(cache=True, error_model="numpy", inline="always")
+@njit(error_model="numpy", inline="always")
 def coupling_slip(y: Array, torque: float, now: Array, par: Constants, dy: Array) -> float:
     """Speed that the pump falls behind the motor's (rad/s), also as the rate of the gap.
 
@@ -48,7 +48,7 @@ def coupling_slip(y: Array, torque: float, now: Array, par: Constants, dy: Array
     return slip
 
 
-@njit(cache=True, error_model="numpy", inline="always")
+@njit(error_model="numpy", inline="always")
 def hydraulic_rates(
     y: Array, x: float, v: float, linked_1: float, linked_2: float, now: Array, par: Constants,
     dy: Array, found: Array,

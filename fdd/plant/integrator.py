@@ -9,10 +9,10 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from fdd.plant import conditions as c
+from fdd.plant.compiled import njit
 from fdd.plant.equations import right_hand_side
 from fdd.plant.laws import walther
 from fdd.plant.parameters import Constants
@@ -20,9 +20,6 @@ from fdd.plant.state import AXIS_STATES, FINDINGS, SHARED, TEMPERATURE, X
 from fdd.plant.steps import STAGES, advance
 
 Array = NDArray[np.float64]
-
-EQUATIONS = 11
-"""See `fdd.plant.steps.EQUATIONS`."""
 
 PERIOD = 1e-3
 """s, of controller and recording."""
@@ -85,7 +82,7 @@ def new_memory(control: Controller, seen: float) -> tuple[Array, Array]:
     return memory, np.zeros((2, depth))
 
 
-@njit(cache=True, error_model="numpy")
+@njit(error_model="numpy")
 def thin(now: Array, axis: int, temperature: float, viscosity: Array) -> None:
     """Bring a row to the present viscosity, in place: thin oil leaks more and drags less."""
     ratio = walther(temperature, viscosity[axis, 0], viscosity[axis, 1]) / viscosity[axis, 2]
@@ -101,7 +98,7 @@ def thin(now: Array, axis: int, temperature: float, viscosity: Array) -> None:
     now[axis, c.VISCOUS] *= ratio
 
 
-@njit(cache=True, error_model="numpy")
+@njit(error_model="numpy")
 def _command(x: float, row: Array, control: Controller, memory: Array) -> float:
     """Speed that the controller demands (rad/s); advances its memory by a millisecond."""
     seen = control.encoder_gain * x + control.encoder_zero + row[c.ENCODER_OFFSET]
@@ -135,7 +132,7 @@ def _command(x: float, row: Array, control: Controller, memory: Array) -> float:
     return min(max(wanted, -control.max_speed), control.max_speed)
 
 
-@njit(cache=True, error_model="numpy")
+@njit(error_model="numpy")
 def run(
     y: Array,
     memory: Array,

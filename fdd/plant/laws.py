@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import math
 
-from numba import njit
-
+from fdd.plant.compiled import njit
 from fdd.plant.oil import ATMOSPHERE
 
 _LEAST_ABSOLUTE = 1.0  # Pa; guards the power law within a step, the air's compliance keeps the state above
@@ -13,7 +12,7 @@ _KELVIN = 273.15
 _WALTHER_SHIFT = 0.7  # cSt, of ASTM D341
 
 
-@njit(cache=True, error_model="numpy", inline="always")
+@njit(error_model="numpy", inline="always")
 def opening(excess: float, width: float) -> float:
     """Excess of pressure over a valve's setting, with a smooth start.
 
@@ -28,7 +27,7 @@ def opening(excess: float, width: float) -> float:
     return width * (0.1875 + u * (0.5 + u * (0.375 - 0.0625 * u * u)))
 
 
-@njit(cache=True, error_model="numpy", inline="always")
+@njit(error_model="numpy", inline="always")
 def orifice(drop: float, flow_at_1_mpa: float, transition: float) -> float:
     """Signed flow through an orifice, laminar below the transition: k·Δp/(Δp² + Δp_tr²)^¼.
 
@@ -37,7 +36,7 @@ def orifice(drop: float, flow_at_1_mpa: float, transition: float) -> float:
     return flow_at_1_mpa * 1e-3 * drop / math.sqrt(math.sqrt(drop * drop + transition * transition))
 
 
-@njit(cache=True, error_model="numpy", inline="always")
+@njit(error_model="numpy", inline="always")
 def oil_at(
     pressure: float, air: float, ambient: float, stiff: float, inverse_n: float
 ) -> tuple[float, float]:
@@ -47,14 +46,14 @@ def oil_at(
     return stiff + air * gas * inverse_n * inverse, math.exp(pressure * stiff + air * (1.0 - gas))
 
 
-@njit(cache=True, error_model="numpy", inline="always")
+@njit(error_model="numpy", inline="always")
 def walther(temperature: float, intercept: float, slope: float) -> float:
     """Kinematic viscosity (cSt) at a temperature (°C), ASTM D341: log10 log10(ν + 0.7) = a + b·log10 T."""
     inner = intercept + slope * math.log10(temperature + _KELVIN)
     return math.pow(10.0, math.pow(10.0, inner)) - _WALTHER_SHIFT
 
 
-@njit(cache=True, error_model="numpy", inline="always")
+@njit(error_model="numpy", inline="always")
 def gas_pressure(absolute: float, volume: float, oil: float) -> float:
     """Absolute pressure (Pa) of an accumulator's gas once `oil` m³ have come in, isothermal (eq. 3.19)."""
     return absolute * volume / (volume - oil)

@@ -14,19 +14,14 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from fdd.plant import state as s
+from fdd.plant.compiled import njit
 from fdd.plant.equations import right_hand_side
 from fdd.plant.parameters import Constants
 
 Array = NDArray[np.float64]
-
-EQUATIONS = 11
-"""Counts the changes of the equations. Numba keys its cache on each function's own file, so after a change to
-a module that this one compiles in, a new number here, in `equations` and in `integrator` makes it compile
-anew (the balance of energy and the comparison with the reference solver in the tests fail otherwise)."""
 
 STAGES = 7
 _SHORTEST = 1e-7  # s; a step that short is taken whatever its estimate says
@@ -59,7 +54,7 @@ def tolerances(axes: int, refine: float = 1.0) -> Array:
     return np.concatenate([shared, *[axis] * axes]) * refine**-5.0
 
 
-@njit(cache=True, error_model="numpy", _nrt=False)
+@njit(error_model="numpy", _nrt=False)
 def step(
     y: Array, h: float, command_1: float, command_2: float, now: Array, first: Constants, second: Constants,
     per_allowed: Array, k: Array, stage: Array, found: Array,
@@ -122,7 +117,7 @@ def step(
     return worst if math.isfinite(total) else math.inf
 
 
-@njit(cache=True, error_model="numpy", _nrt=False)
+@njit(error_model="numpy", _nrt=False)
 def advance(
     y: Array, span: float, length: float, longest: float, command_1: float, command_2: float, now: Array,
     first: Constants, second: Constants, per_allowed: Array, k: Array, stage: Array, found: Array,

@@ -6,9 +6,9 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from fdd.plant.compiled import njit
 from fdd.plant.sensors.noise import HIGHEST_LIMIT, RATE, band_limit
 from fdd.sensor import Sensor
 
@@ -54,7 +54,7 @@ def range_of(sensor: Sensor) -> Range:
     return Range(max(low, loop.smallest), min(high, loop.largest), loop.resolution, -loop.offset)
 
 
-@njit(cache=True, error_model="numpy")
+@njit(error_model="numpy")
 def _digitise(value: float, grid: Range) -> float:
     value = min(max(value, grid.low), grid.high)
     if grid.step > 0.0:
@@ -62,7 +62,7 @@ def _digitise(value: float, grid: Range) -> float:
     return value
 
 
-@njit(cache=True, error_model="numpy")
+@njit(error_model="numpy")
 def _digitise_all(values: Array, grid: Range) -> Array:
     out = np.empty_like(values)
     for i in range(values.size):
@@ -70,7 +70,7 @@ def _digitise_all(values: Array, grid: Range) -> Array:
     return out
 
 
-@njit(cache=True, error_model="numpy")
+@njit(error_model="numpy")
 def _band(white: Array, sections: Array, state: Array) -> None:
     """White noise through the sections (transposed direct form II), in place; `state` goes on."""
     b0, b1, b2, a1, a2 = sections[0, 0], sections[0, 1], sections[0, 2], sections[0, 4], sections[0, 5]
@@ -88,7 +88,7 @@ def _band(white: Array, sections: Array, state: Array) -> None:
     state[_FILTER], state[_FILTER + 1], state[_FILTER + 2], state[_FILTER + 3] = s0, s1, r0, r1
 
 
-@njit(cache=True, error_model="numpy")
+@njit(error_model="numpy")
 def _waves(out: Array, against: Array, waves: Array) -> None:
     """Add ``amplitude·sin(2π(rate·against + phase))`` of each row of `waves` (k, 3)."""
     for k in range(waves.shape[0]):
@@ -98,7 +98,7 @@ def _waves(out: Array, against: Array, waves: Array) -> None:
             out[i] += amplitude * math.sin(2.0 * math.pi * (turns - math.floor(turns)))
 
 
-@njit(cache=True, error_model="numpy")
+@njit(error_model="numpy")
 def _observe(truth: Array, noise: Array, constants: _Constants, state: Array) -> Array:
     """Lag, gain, zero and noise of a block; `noise` is (n,) or empty."""
     n = truth.size

@@ -7,10 +7,10 @@ leaves every number as it was, bit for bit.
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from fdd.errors import InputError
+from fdd.plant.compiled import njit
 from fdd.plant.faults.spec import FaultSpec
 from fdd.plant.sensors.slip import SLIP, PositionSlip
 from fdd.plant.sensors.streams import generator
@@ -132,7 +132,7 @@ class Dropout(SensorFault):
         return values
 
 
-@njit(cache=True, error_model="numpy")
+@njit(error_model="numpy")
 def _drop(
     values: Array, severity: Array, drawn: Array, rows: float, held: bool, instead: float, state: Array
 ) -> None:

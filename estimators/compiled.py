@@ -1,0 +1,118 @@
+"""Numba's ``njit``, whose compiled code is kept on disk until any source that may be part of it changes.
+
+Numba dates what it keeps by the function's own file. But a compiled function also holds the functions that it
+calls and the constants that it imports, and goes on with the old ones when their files change. Here each
+result is stored with a hash of all sources of its package, and is used only while that hash is the same.
+Where it is kept is left to Numba: beside the sources; where they cannot be written, below the user's cache
+folder; or in ``NUMBA_CACHE_DIR``. A new result replaces the old one, so edits do not fill the folder.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import sys
+import warnings
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numba
+import numpy as np
+from numba.core.caching import CompileResultCacheImpl, FunctionCache
+
+
+def sources_key(*folders: Path) -> str | None:
+    """Hash of all Python sources below some folders, and of what compiles them.
+
+    Parameters
+    ----------
+    folders : of packages. Their sources are named relative to the folder: a copy elsewhere has the same key.
+
+    Returns
+    -------
+    Hexadecimal, or None where there are no sources to be read (a zipped or frozen program).
+    """
+    found = [(path, path.relative_to(folder)) for folder in folders for path in sorted(folder.rglob("*.py"))]
+    total = hashlib.sha256(f"{sys.version} {numba.__version__} {np.__version__}".encode())
+    for path, name in found:
+        total.update(f"{name.as_posix()} ".encode())
+        total.update(hashlib.sha256(path.read_bytes()).digest())
+    return total.hexdigest() if found else None
+
+
+def compiler(*folders: Path) -> Callable[..., Any]:
+    """A decorator like ``numba.njit(cache=True)``, for functions whose code comes from these folders alone.
+
+    Parameters
+    ----------
+    folders : of the packages whose functions and constants end up in the compiled code; what is below counts.
+
+    Returns
+    -------
+    Called with the options of ``numba.njit`` (without ``cache``), it decorates a function.
+    """
+    key = sources_key(*folders)
+
+    def njit(**options: Any) -> Callable[[Callable[..., Any]], Any]:
+        """``numba.njit`` with these options, kept on disk."""
+
+        def decorated(function: Callable[..., Any]) -> Any:
+            compiled = numba.njit(**options)(function)
+            if key is not None and not numba.config.DISABLE_JIT:
+                _keep(compiled, key)
+            return compiled
+
+        return decorated
+
+    return njit
+
+
+def _keep(compiled: Any, key: str) -> None:
+    """Let a compiled function look for its code on disk, and leave it there."""
+    try:
+        cache = _Kept(compiled.py_func)
+    except RuntimeError:  # Numba's, where it finds no folder that can be written.
+        warnings.warn(
+            "compiled code cannot be kept and each start compiles anew: "
+            "set NUMBA_CACHE_DIR to a folder that can be written",
+            stacklevel=1,
+        )
+        return
+    cache._impl.key = key
+    compiled._cache = cache
+
+
+class _Stored(CompileResultCacheImpl):
+    """What Numba writes to a file and reads from it, with the key of the sources."""
+
+    key: str
+
+    def get_filename_base(self, fullname: str, abiflags: str) -> str:
+        """Numba's name has the function's line, which would leave a file behind whenever lines shift."""
+        if "<" in fullname:  # Local functions may share a name, those of a module do not.
+            return str(super().get_filename_base(fullname, abiflags))
+        return f"{fullname}.py{sys.version_info[0]}{sys.version_info[1]}{abiflags}"
+
+    def reduce(self, result: Any) -> tuple[str, Any]:
+        return self.key, super().reduce(result)
+
+    def rebuild(self, target_context: Any, stored: tuple[Any, ...]) -> Any:
+        """None, for which Numba compiles, if other sources made it."""
+        if stored[0] != self.key:
+            return None
+        return super().rebuild(target_context, stored[1])
+
+
+class _Kept(FunctionCache):
+    """Numba's cache of one function."""
+
+    _impl_class = _Stored
+
+    def load_overload(self, signature: Any, target_context: Any) -> Any:
+        """Two processes that first keep different signatures at once may take the same file for them."""
+        result = super().load_overload(signature, target_context)
+        return result if result is not None and result.signature.args == signature else None
+
+
+njit = compiler(Path(__file__).parent)
+"""For the functions of this package, which need nothing from others."""
