@@ -42,7 +42,7 @@ from fdd.plant.state import (
 
 Array = NDArray[np.float64]
 
-EQUATIONS = 11
+EQUATIONS = 13
 """See `fdd.plant.steps.EQUATIONS`: hydraulics, drive and friction are compiled into this module."""
 
 

@@ -21,7 +21,7 @@ from fdd.plant.steps import STAGES, advance
 
 Array = NDArray[np.float64]
 
-EQUATIONS = 11
+EQUATIONS = 13
 """See `fdd.plant.steps.EQUATIONS`."""
 
 PERIOD = 1e-3

@@ -11,6 +11,7 @@ from numba import njit
 from numpy.typing import NDArray
 
 from fdd.errors import InputError
+from fdd.plant.faults.scales import FaultScales
 from fdd.plant.faults.spec import FaultSpec
 from fdd.plant.sensors.slip import SLIP, PositionSlip
 from fdd.plant.sensors.streams import generator
@@ -18,10 +19,7 @@ from fdd.sensor import Sensor
 
 Array = NDArray[np.float64]
 
-SENSOR_BIAS = 250e3
-"""Pa on the differential pressure at severity 1."""
-SENSOR_DRIFT = 5e3
-"""Pa/s on the differential pressure at severity 1."""
+USUAL = FaultScales()
 CONTACT_TIME = 0.1
 """s, of a loose contact: it stays open for this time on average at small severity (assumption)."""
 DROPOUTS = {
@@ -41,12 +39,15 @@ class SensorFault:
     Parameters
     ----------
     spec : the fault. sensor : of the channel. seed : of the scenario. stream : tells axes apart.
+    scales : figures of severity 1.
     """
 
     channel = "pressure_difference"
 
-    def __init__(self, spec: FaultSpec, sensor: Sensor, seed: int, stream: str = "") -> None:
-        self.spec, self.sensor = spec, sensor
+    def __init__(
+        self, spec: FaultSpec, sensor: Sensor, seed: int, stream: str = "", scales: FaultScales = USUAL
+    ) -> None:
+        self.spec, self.sensor, self.scales = spec, sensor, scales
 
     def offset(self, time: Array, first_row: int) -> Array | None:
         """What is added to the rows taken at `time` (n,) s, (n,); None for nothing."""
@@ -62,14 +63,16 @@ class Bias(SensorFault):
 
     def offset(self, time: Array, first_row: int) -> Array:
         """See `SensorFault`."""
-        return SENSOR_BIAS * self.spec.over(time)
+        return self.scales.pressure_bias * self.spec.over(time)
 
 
 class Drift(SensorFault):
     """A ramp: the rate follows the severity, the offset is its integral, so what has drifted stays."""
 
-    def __init__(self, spec: FaultSpec, sensor: Sensor, seed: int, stream: str = "") -> None:
-        super().__init__(spec, sensor, seed, stream)
+    def __init__(
+        self, spec: FaultSpec, sensor: Sensor, seed: int, stream: str = "", scales: FaultScales = USUAL
+    ) -> None:
+        super().__init__(spec, sensor, seed, stream, scales)
         self._gained, self._severity, self._time = 0.0, 0.0, 0.0
 
     def offset(self, time: Array, first_row: int) -> Array:
@@ -81,7 +84,7 @@ class Drift(SensorFault):
         gained = np.cumsum(np.concatenate([[self._gained], gained]))[1:]
         if time.size:
             self._gained, self._severity, self._time = gained[-1], severity[-1], time[-1]
-        return SENSOR_DRIFT * gained
+        return self.scales.pressure_drift * gained
 
 
 class Slip(SensorFault):
@@ -89,8 +92,10 @@ class Slip(SensorFault):
 
     channel = "position"
 
-    def __init__(self, spec: FaultSpec, sensor: Sensor, seed: int, stream: str = "") -> None:
-        super().__init__(spec, sensor, seed, stream)
+    def __init__(
+        self, spec: FaultSpec, sensor: Sensor, seed: int, stream: str = "", scales: FaultScales = USUAL
+    ) -> None:
+        super().__init__(spec, sensor, seed, stream, scales)
         self._slip = PositionSlip(spec, seed, stream)
 
     def offset(self, time: Array, first_row: int) -> Array:
@@ -109,8 +114,10 @@ class Dropout(SensorFault):
     InputError : the variant's channel has no current loop, or the variant is unknown.
     """
 
-    def __init__(self, spec: FaultSpec, sensor: Sensor, seed: int, stream: str = "") -> None:
-        super().__init__(spec, sensor, seed, stream)
+    def __init__(
+        self, spec: FaultSpec, sensor: Sensor, seed: int, stream: str = "", scales: FaultScales = USUAL
+    ) -> None:
+        super().__init__(spec, sensor, seed, stream, scales)
         self.channel, self._shows = _dropout(spec)
         self._dead = np.nan
         if self._shows == "dead":
