@@ -217,8 +217,12 @@ def hydraulic_rates(
         dy[s.P1] += (air + p1 * stiff - math.log(rho_1)) * dy[s.FREE_1] / (y[s.FREE_1] * soft_1)
         dy[s.P2] += (air + p2 * stiff - math.log(rho_2)) * dy[s.FREE_2] / (y[s.FREE_2] * soft_2)
         if par.blocked > 0.0:
-            dy[s.LINE_1] += (air + y[s.LINE_1] * stiff - math.log(rho_a)) * dy[s.FREE_1] / (y[s.FREE_1] * soft_a)
-            dy[s.LINE_2] += (air + y[s.LINE_2] * stiff - math.log(rho_b)) * dy[s.FREE_2] / (y[s.FREE_2] * soft_b)
+            dy[s.LINE_1] += (
+                (air + y[s.LINE_1] * stiff - math.log(rho_a)) * dy[s.FREE_1] / (y[s.FREE_1] * soft_a)
+            )
+            dy[s.LINE_2] += (
+                (air + y[s.LINE_2] * stiff - math.log(rho_b)) * dy[s.FREE_2] / (y[s.FREE_2] * soft_b)
+            )
         else:
             dy[s.LINE_1] = dy[s.P1]
             dy[s.LINE_2] = dy[s.P2]

@@ -39,7 +39,14 @@ def orifice(drop: float, flow_at_1_mpa: float, transition: float) -> float:
 
 @njit(cache=True, error_model="numpy", inline="always")
 def lifted(
-    own: float, other: float, inner: float, cracking: float, width: float, ratio: float, pilot: float, band: float
+    own: float,
+    other: float,
+    inner: float,
+    cracking: float,
+    width: float,
+    ratio: float,
+    pilot: float,
+    band: float,
 ) -> float:
     """Opening (0 to 1) at which a refeeding valve's poppet would rest, of a spring's or a pilot's lift.
 

@@ -145,7 +145,9 @@ def stream(
     """
     ready = prepare(unit, scenario, partner=partner, refine=refine)
     recorders = [
-        Recorder(each, _own(scenario, i), scenario.recording, scenario.seed, stream_of(i))
+        Recorder(
+            each, _own(scenario, i), scenario.recording, scenario.seed, stream_of(i), scenario.fault_scales
+        )
         for i, each in enumerate(ready.units)
     ]
     for raw in raw_blocks(ready, block):

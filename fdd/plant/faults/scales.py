@@ -49,8 +49,8 @@ class FaultScales(Validated):
     current_limit_loss : share of the current limit, which a drive lowers for a winding that runs hot.
     coupling_play : rad between motor and pump; 2 degrees.
     coupling_eccentricity : pump speed's swing once a turn, over the speed.
-    pressure_bias, pressure_drift : Pa and Pa/s on the pressure measured; 3.6 % of the transducer's range, at once
-        or within 50 s.
+    pressure_bias, pressure_drift : Pa and Pa/s on the pressure measured; 3.6 % of the transducer's range, at
+        once or within 50 s.
 
     Examples
     --------

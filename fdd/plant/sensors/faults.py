@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from fdd.errors import InputError
 from fdd.plant.faults.scales import FaultScales
 from fdd.plant.faults.spec import FaultSpec
+from fdd.plant.sensors.recording import Recording
 from fdd.plant.sensors.slip import SLIP, PositionSlip
 from fdd.plant.sensors.streams import generator
 from fdd.sensor import Sensor
@@ -177,8 +178,10 @@ SENSOR_FAULTS: dict[str, type[SensorFault]] = {
 """Fault to what it does; faults that are not listed are the plant's."""
 
 
-def struck_channel(spec: FaultSpec) -> str | None:
+def struck_channel(spec: FaultSpec, recording: Recording | None = None) -> str | None:
     """The channel that a fault falsifies, None for a fault of the plant.
+
+    In a log without differential pressure its faults are those of chamber 1's transducer.
 
     Examples
     --------
@@ -186,6 +189,9 @@ def struck_channel(spec: FaultSpec) -> str | None:
     'pressure_difference'
     """
     kind = SENSOR_FAULTS.get(spec.fault)
-    if kind is Dropout:
-        return _dropout(spec)[0]
-    return None if kind is None else kind.channel
+    if kind is None:
+        return None
+    channel = _dropout(spec)[0] if kind is Dropout else kind.channel
+    if channel == "pressure_difference" and recording is not None and not recording.has(channel):
+        return "pressure_1"
+    return channel

@@ -9,9 +9,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fdd.errors import InputError
+from fdd.plant.faults.scales import FaultScales
 from fdd.plant.faults.spec import FaultSpec
 from fdd.plant.sensors.channel import ChannelSensor, digitise
-from fdd.plant.sensors.faults import SENSOR_FAULTS, SensorFault, struck_channel
+from fdd.plant.sensors.faults import SENSOR_FAULTS, USUAL, SensorFault, struck_channel
 from fdd.plant.sensors.recording import PERIOD, Losses, NanBursts, Recording
 from fdd.plant.sensors.streams import generator
 from fdd.samples import Samples
@@ -68,6 +69,7 @@ class Recorder:
     seed : of the scenario.
     stream : tells the axes of one scenario apart, as " axis_b"; "" for the only one. Noise, bursts and faults
         are each axis's own; dropped rows and stamps are all axes' in common (one computer samples them).
+    scales : figures of severity 1.
 
     Raises
     ------
@@ -83,7 +85,13 @@ class Recorder:
     """
 
     def __init__(
-        self, unit: Unit, faults: list[FaultSpec], recording: Recording, seed: int, stream: str = ""
+        self,
+        unit: Unit,
+        faults: list[FaultSpec],
+        recording: Recording,
+        seed: int,
+        stream: str = "",
+        scales: FaultScales = USUAL,
     ) -> None:
         self.unit, self.recording = unit, recording
         channels = [c for c in MEASURED if c != "load_force" or recording.load_force]
@@ -101,9 +109,9 @@ class Recorder:
         )
         self._faults: dict[str, list[SensorFault]] = {}
         for spec in faults:
-            channel = struck_channel(spec)
+            channel = struck_channel(spec, recording)
             if channel in self._sensors:
-                effect = SENSOR_FAULTS[spec.fault](spec, unit.sensor(channel), seed, stream)
+                effect = SENSOR_FAULTS[spec.fault](spec, unit.sensor(channel), seed, stream, scales)
                 self._faults.setdefault(channel, []).append(effect)
         self._losses = Losses(recording, seed)
         self._bursts = NanBursts(recording, seed, [*self._sensors, "pump_speed"], stream)
@@ -136,15 +144,20 @@ class Recorder:
             columns["command"] = digitise(self.unit.sensor("command"), truth["command"])
         for channel, sensor in self._sensors.items():
             columns[channel] = self._one(channel, sensor, truth, time)
-            if channel == "pump_angle":
+            if channel == "pump_angle" and self.recording.speed == "counts":
                 columns["pump_speed"] = self._count_difference(columns[channel], time)
+            elif channel == "pump_angle":
+                columns["pump_speed"] = self._speed.digitise(self._speed.observe(truth["pump_speed"], time))
         for channel, effects in self._faults.items():
             for effect in effects:
                 columns[channel] = effect.replace(columns[channel], time)
         self._bursts.blank(columns, time.size)
         if "position_setpoint" in truth:
             columns["position_setpoint"] = np.array(truth["position_setpoint"], dtype=np.float64)
+        columns = {name: values for name, values in columns.items() if self.recording.has(name)}
         stamps, kept = self._losses.next(time)
+        if self.recording.rate < 1000:
+            kept = kept & (np.arange(self.row, self.row + time.size) % (1000 // self.recording.rate) == 0)
         self.row += time.size
         return Rows(stamps, columns, kept)
 

@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
-from typing import Annotated
+from typing import Annotated, Literal
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import Field
+from pydantic import Field, model_validator
 
+from fdd.errors import InputError
 from fdd.plant.sensors.streams import generator
 from fdd.plant.validated import Validated
+from fdd.samples import CHANNELS, missing_required
 
 Array = NDArray[np.float64]
 
@@ -32,6 +34,10 @@ class Recording(Validated):
     jitter : s, standard deviation of the stamps' error: the row is taken on time, its stamp is a little off.
     nan_bursts_per_minute : bursts of NaN, 5 to 30 rows long, each in one to four channels.
     load_force : whether the load is measured.
+    rate : Hz of the log: of the rows that are taken each millisecond it keeps every first, second or fifth.
+    speed : how pump speed is had: ``counts`` of the angle's encoder since the millisecond before, or a
+        drive's own reading, ``sampled`` with the errors of the unit's sensor.
+    channels : those that the log has; None for all.
 
     Examples
     --------
@@ -45,6 +51,26 @@ class Recording(Validated):
     jitter: Annotated[float, Field(ge=0.0, le=1e-5)] = 0.0
     nan_bursts_per_minute: Annotated[float, Field(ge=0.0, le=60.0)] = 0.2
     load_force: bool = False
+    rate: Literal[200, 500, 1000] = 1000
+    speed: Literal["counts", "sampled"] = "counts"
+    channels: tuple[str, ...] | None = None
+
+    @model_validator(mode="after")
+    def _enough(self) -> Recording:
+        if self.channels is not None:
+            unknown = [name for name in self.channels if name not in CHANNELS or name == "time"]
+            if unknown:
+                raise InputError(f"unknown channel {unknown[0]!r}", where="recording channels")
+            absent = missing_required(self.channels)
+            if absent:
+                raise InputError(
+                    f"no diagnosis without {', '.join(absent)}", where="recording channels", mend="add these"
+                )
+        return self
+
+    def has(self, channel: str) -> bool:
+        """Whether the log has that channel, where it is measured at all."""
+        return self.channels is None or channel in self.channels
 
     @classmethod
     def perfect(cls) -> Recording:
