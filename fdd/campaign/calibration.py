@@ -94,7 +94,7 @@ def calibration_runs(recipe: Recipe, rig: Rig, rng: np.random.Generator) -> list
 
 
 def ordinary_strokes(rig: Rig, rng: np.random.Generator) -> Scenario:
-    """Strokes at several speeds under no load, as anybody can make them: about 50 s."""
+    """Strokes at several speeds under no load, as anybody can make them: at most 81 s."""
     unit = rig.unit
     reach = 0.65 * 0.5 * unit.cylinder.stroke
     per_rad = unit.pump.displacement / unit.cylinder.area_1

@@ -252,7 +252,11 @@ def _trouble(run: Simulation) -> str:
 
 def _label(recipe: Recipe, rig: Rig, run: Simulation, name: str, log: int | None) -> dict[str, Any]:
     scenario, unit = run.scenario, rig.unit.name
-    structure = {} if rig.structure is None else {"structure": rig.structure.name}
+    structure: dict[str, Any] = {}
+    if rig.structure is not None:
+        # What severity 1 was: of machines drawn as a whole it goes with their size.
+        figures = {n: float(f"{v:.6g}") for n, v in scenario.fault_scales.model_dump().items()}
+        structure = {"structure": rig.structure.name, "fault_scales": figures}
     struck = {f.fault: struck_channel(f, rig.recording) for f in scenario.faults}
     acting = np.ones(len(run.truth), dtype=bool)
     for severity in run.truth.severity.values():

@@ -95,7 +95,7 @@ class Structure(Departure):
     profile: dict[str, dict[str, Range]] = Field(default_factory=dict)
     details: dict[str, Range | str] = Field(default_factory=dict)
     sensors: dict[str, dict[str, Range]] = Field(default_factory=dict)
-    rate: Literal[200, 500, 1000] = 1000
+    rate: Literal[200, 500, 1000, 2000] = 1000
     speed: Literal["counts", "sampled"] = "counts"
     channels: tuple[str, ...] | None = None
     baseline_kind: Literal["identification", "ordinary"] | None = None

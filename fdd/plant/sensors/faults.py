@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from fdd.errors import InputError
 from fdd.plant.faults.scales import FaultScales
 from fdd.plant.faults.spec import FaultSpec
-from fdd.plant.sensors.recording import Recording
+from fdd.plant.sensors.recording import PERIOD, Recording
 from fdd.plant.sensors.slip import SLIP, PositionSlip
 from fdd.plant.sensors.streams import generator
 from fdd.sensor import Sensor
@@ -44,6 +44,8 @@ class SensorFault:
     """
 
     channel = "pressure_difference"
+    period = PERIOD
+    """s, between rows."""
 
     def __init__(
         self, spec: FaultSpec, sensor: Sensor, seed: int, stream: str = "", scales: FaultScales = USUAL
@@ -101,7 +103,9 @@ class Slip(SensorFault):
 
     def offset(self, time: Array, first_row: int) -> Array:
         """See `SensorFault`."""
-        return self._slip.offset(first_row, time.size)
+        # It slips from one millisecond to the next, as the controller sees it.
+        each = round(PERIOD / self.period)
+        return np.repeat(self._slip.offset(first_row // each, time.size // each), each)
 
 
 class Dropout(SensorFault):
@@ -135,7 +139,7 @@ class Dropout(SensorFault):
     def replace(self, values: Array, time: Array) -> Array:
         """See `SensorFault`."""
         severity, drawn = self.spec.over(time), self._rng.random(time.size)
-        rows = CONTACT_TIME / 1e-3
+        rows = CONTACT_TIME / self.period
         _drop(values, severity, drawn, rows, self._shows == "held", self._dead, self._state)
         return values
 
