@@ -40,8 +40,9 @@ def generate(
     from fdd.cli.console import progress
 
     campaign = Recipe.load(recipe)
-    asked = {"units": units, "logs_per_unit": logs}
-    campaign = campaign.model_copy(update={name: n for name, n in asked.items() if n is not None})
+    asked = {name: n for name, n in (("units", units), ("logs_per_unit", logs)) if n is not None}
+    if asked:
+        campaign = Recipe(**{**campaign.model_dump(by_alias=True), **asked})
     with progress(f"generating {out.name}", 1.0) as advance, written(out):
         run(
             campaign,

@@ -188,7 +188,11 @@ def test_labels_carry_structure_and_condition_and_the_data_sheet_lies_beside(tmp
         assert 0.85 <= ratio <= 1.15 and ratio != 1.0
         samples, baseline = data.samples(entry), data.baseline(entry.unit)
         assert len(baseline) == 3
-        assert {tuple(b.channels) for b in baseline[1:]} >= {tuple(baseline[1].channels)}
+        # Ordinary: strokes first, over 65 % of the travel and at four speeds, then work of half a minute.
+        assert np.nanmax(baseline[0]["position"]) > 0.6 * 0.5 * true.cylinder.stroke
+        speed = np.abs(baseline[0]["pump_speed"]) / true.drive.max_speed
+        assert all(np.nanmean(np.abs(speed - s) < 0.02) > 0.03 for s in (0.12, 0.25, 0.5, 0.75))
+        assert all(30.0 <= b.duration <= 40.0 for b in baseline[1:])
         period = float(np.median(np.diff(samples.time)))
         assert period == pytest.approx(2e-3 if entry.structure == "drawn" else 1e-3, rel=1e-6)
         if entry.structure == "drawn":
