@@ -23,7 +23,8 @@ class Fault:
     title : for people.
     thesis : where the thesis names or injects it.
     plant : what it does to the plant.
-    severity : what severity 1.0 means, in physical units.
+    severity : what severity 1.0 means, in physical units, on an actuator of the thesis's size; campaigns
+        scale it for machines of other sizes (`fdd.campaign.sizes.Scale.fault_scales`).
     source : where that scale comes from, or that it is an assumption.
     variants, sides : choices that the injection takes; the first is the default.
     simulated : whether `fdd.plant` injects it.

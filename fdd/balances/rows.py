@@ -11,7 +11,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 
 import numpy as np
-from numba import njit
+from fdd.balances.compiled import njit
 from numpy.typing import NDArray
 
 from fdd.residuals.viscosity import viscosity_ratio
@@ -38,7 +38,7 @@ DERIVED = ("bristle", "cos1", "sin1", "cos2", "sin2", "temperature", "time")
 COLUMNS = {name: i for i, name in enumerate((*FAST, *DERIVED))}
 
 
-@njit(cache=True)
+@njit
 def _stop(step: Array, state: float, out: Array) -> float:
     """Prandtl's stop operator: a spring of unit travel that slips at ±1."""
     for k in range(step.size):

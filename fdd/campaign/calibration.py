@@ -14,6 +14,8 @@ from fdd.unit import Unit
 SPEEDS = (50.0, 105.0, 200.0)
 """rad/s, of the free strokes."""
 MULTI_SINE_HZ = (0.3, 25.0)
+ORDINARY_SPEEDS = (0.12, 0.25, 0.5, 0.75)
+"""Of the drive's largest, of ordinary strokes."""
 THROTTLED_SPEEDS = (60.0, 85.0, 110.0)
 """rad/s, of the throttled strokes; the largest pressure comes with the last."""
 THROTTLED_PRESSURE = (2.1e6, 2.8e6)
@@ -27,7 +29,7 @@ def calibration_runs(recipe: Recipe, rig: Rig, rng: np.random.Generator) -> list
 
     Parameters
     ----------
-    recipe : recording of the logs.
+    recipe : of the data set.
     rig : its stroke, drive and relief valve bound the runs.
     rng : the unit's stream for this purpose.
 
@@ -39,10 +41,11 @@ def calibration_runs(recipe: Recipe, rig: Rig, rng: np.random.Generator) -> list
     reach = 0.65 * 0.5 * unit.cylinder.stroke
     per_rad = unit.pump.displacement / unit.cylinder.area_1
     speeds = tuple(min(s, 0.8 * unit.drive.max_speed) for s in SPEEDS)
+    scale = 1.0 if rig.scale is None else rig.scale.pressure
     # Two strokes each way at every speed, the slowest not more than once around.
     turn = max(8.0, 2.2 * reach / (speeds[0] * per_rad))
     drop = _throttle_for(
-        unit, min(float(rng.uniform(*THROTTLED_PRESSURE)), 0.85 * unit.accumulator.relief_pressure)
+        unit, min(scale * float(rng.uniform(*THROTTLED_PRESSURE)), 0.85 * unit.accumulator.relief_pressure)
     )
     temperature = float(rng.uniform(30.0, 42.0))
     charge = float(rng.uniform(0.9, 1.1))
@@ -81,13 +84,35 @@ def calibration_runs(recipe: Recipe, rig: Rig, rng: np.random.Generator) -> list
                 oil_temperature=temperature,
                 warming=0.02,
                 charge_factor=charge,
-                recording=recipe.recording,
+                recording=rig.recording,
                 details=rig.details,
                 seed=int(rng.integers(0, 2**62)),
             )
         )
         temperature += 0.02 * duration
     return runs
+
+
+def ordinary_strokes(rig: Rig, rng: np.random.Generator) -> Scenario:
+    """Strokes at several speeds under no load, as anybody can make them: at most 81 s."""
+    unit = rig.unit
+    reach = 0.65 * 0.5 * unit.cylinder.stroke
+    per_rad = unit.pump.displacement / unit.cylinder.area_1
+    speeds = tuple(share * unit.drive.max_speed for share in ORDINARY_SPEEDS)
+    turns = [float(np.clip(4.4 * reach / (s * per_rad), 6.0, 20.0)) for s in speeds]
+    turn = max(turns)
+    return Scenario(
+        unit=unit.name,
+        duration=round(len(speeds) * turn + 1.0, 3),
+        duty=ConstantSpeed(amplitude=reach, speeds=speeds, turn=turn, dwell=0.4, lead_in=1.0),
+        control=Control(mode="speed"),
+        oil_temperature=float(rng.uniform(30.0, 42.0)),
+        warming=0.01,
+        charge_factor=float(rng.uniform(0.9, 1.1)),
+        recording=rig.recording,
+        details=rig.details,
+        seed=int(rng.integers(0, 2**62)),
+    )
 
 
 def _throttle_for(unit: Unit, pressure: float) -> float:

@@ -10,7 +10,7 @@ from typing import Annotated, Any
 import numpy as np
 from pydantic import Field
 
-from fdd.campaign.layout import DATASET_SCHEMA, LABELS, MANIFEST, RECIPE, TRUE_UNIT, digest
+from fdd.campaign.layout import BASE_UNIT, DATASET_SCHEMA, LABELS, MANIFEST, RECIPE, TRUE_UNIT, digest
 from fdd.campaign.recipe import Recipe
 from fdd.errors import InputError
 from fdd.logs import read_log
@@ -35,6 +35,7 @@ class Label(Validated):
     side: int | None = None
     variant: str | None = None
     axis: int = 1
+    channel: str | None = None
 
 
 class Conditions(Validated):
@@ -55,6 +56,8 @@ class Entry(Validated):
     ----------
     file, truth : paths below the data set's folder.
     unit, base : its unit, and the profile that was varied from.
+    structure, condition : of the recipe; empty where it has none.
+    fault_scales : figures of severity 1, see `fdd.plant.faults.scales.FaultScales`; empty without structures.
     duration_s, samples : of the log.
     faults : empty for a healthy one.
     scenario : load, duty and conditions.
@@ -66,6 +69,9 @@ class Entry(Validated):
     truth: RelativePath
     unit: str
     base: str
+    structure: str = ""
+    condition: str = ""
+    fault_scales: dict[str, float] = Field(default_factory=dict)
     duration_s: float
     samples: int
     faults: tuple[Label, ...]
@@ -216,6 +222,13 @@ class Dataset:
                 mend=f"the units are {self.units[0]} to {self.units[-1]}",
             )  # fmt: skip
         return [self.directory / file for file in self.manifest.baselines[unit]]
+
+    def base_unit(self, unit: str) -> Unit:
+        """The profile that an identification of the unit may start from: its data sheet."""
+        path = self.directory / unit / BASE_UNIT
+        if path.is_file():
+            return Unit.load(path)
+        return Unit.load(next(e.base for e in self.logs if e.unit == unit))
 
     def true_unit(self, unit: str) -> Unit:
         """The profile that the unit was simulated with, sensors' errors included."""

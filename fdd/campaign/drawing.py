@@ -7,24 +7,25 @@ stream of its own, so that neither the number of workers nor the order of work c
 from __future__ import annotations
 
 import zlib
-from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, TypeVar
 
 import numpy as np
-from numpy.typing import NDArray
 
 from fdd.campaign.motion import fitting_duty
-from fdd.campaign.recipe import Range, Recipe
+from fdd.campaign.ranges import Rng, apportioned, chosen, drawn, log_uniform, uniform
+from fdd.campaign.recipe import Recipe
+from fdd.campaign.sizes import Scale
+from fdd.campaign.structures import EQUAL, Condition, Structure
 from fdd.faults import CATALOGUE
 from fdd.plant.details import Details
 from fdd.plant.faults.scales import FaultScales
 from fdd.plant.faults.spec import FaultSpec
 from fdd.plant.load import LOADS, Load
 from fdd.plant.scenario import Scenario
-from fdd.unit import Section, Unit
+from fdd.plant.sensors.recording import Recording
+from fdd.unit import Cylinder, Section, Unit
 
-Rng = np.random.Generator
 S = TypeVar("S", bound=Section)
 
 # Numbers of a profile that describe the rig; what is left out is a definition (reference pressure and
@@ -50,6 +51,9 @@ COUNTED = ("pump_angle", "pump_speed", "position", "command")
 GREATEST_FORCE = 0.65
 """Of relief pressure times area: most that a drawn load asks for, so that no valve relieves for long."""
 
+LEAST_ROOM = 1.2
+"""Volume of a drawn machine's chamber at mid-stroke, at least, over what half a stroke displaces."""
+
 ONE_SIDED_PRESSURE = 0.15e6
 """Pa, mean pressure by a load from which on friction no longer brings both chambers to pressure in turn."""
 
@@ -62,12 +66,20 @@ class Rig:
     ----------
     unit : its true profile.
     details : of its plant.
-    base : profile that it was varied from.
+    base : name of the profile that it was varied from.
+    sheet : that profile: all that anybody who identifies the unit may know.
+    recording : how its logs are taken.
+    structure : None without structures in the recipe.
+    scale : of a machine drawn as a whole; None for those whose base the recipe's ranges are made for.
     """
 
     unit: Unit
     details: Details
     base: str
+    sheet: Unit
+    recording: Recording
+    structure: Structure | None = None
+    scale: Scale | None = None
 
 
 def stream(recipe: Recipe, purpose: str, *indices: int) -> Rng:
@@ -97,7 +109,15 @@ def draw_unit(recipe: Recipe, rng: Rng, index: int) -> Rig:
     'unit_003'
     """
     base = recipe.bases[index % len(recipe.bases)]
-    unit = Unit.load(base).model_copy(deep=True)
+    structure, scale, recording = structure_of(recipe, index), None, recipe.recording
+    if structure is None:
+        unit = Unit.load(base)
+    else:
+        unit = structure.data_sheet(base, stream(recipe, "structure", index))
+        base = structure.base or (base if structure.size is None else structure.name)
+        scale = None if structure.size is None else Scale.of(unit)
+        recording = structure.recording(recording)
+    sheet = unit
 
     def varied(section: S, names: tuple[str, ...], **more: float) -> S:
         factors = 1.0 + recipe.variation * rng.uniform(-1.0, 1.0, len(names))
@@ -113,20 +133,50 @@ def draw_unit(recipe: Recipe, rng: Rng, index: int) -> Rig:
     for name in ("forward", "reverse"):
         branch = varied(getattr(unit.friction, name), VARIED_FRICTION)
         branches[name] = branch.model_copy(update={"static": max(branch.static, branch.coulomb)})
+    cylinder = cylinder.model_copy(update={"area_2": area_2})
+    if scale is not None:
+        cylinder = _with_room(cylinder)
     parts: dict[str, Any] = {
-        "cylinder": cylinder.model_copy(update={"area_2": area_2}),
+        "cylinder": cylinder,
         "friction": unit.friction.model_copy(update=branches),
-        "sensors": _sensors(recipe, unit, rng),
+        "sensors": _sensors(recipe, unit, rng, scale),
     }
     for name in ("pump", "oil", "accumulator", "drive"):
         parts[name] = varied(getattr(unit, name), VARIED[name])
     description = f"{base} varied by ±{recipe.variation:.0%}, drawn for {recipe.name}."
-    drawn = unit.model_copy(
+    made = unit.model_copy(
         update={**parts, "name": f"unit_{index:03d}", "description": description, "baseline": None}
     )
-    details = _drawn(rng, Details.usual)
+    details = drawn(rng, Details.usual)
     details["pump_teeth"] = round(details["pump_teeth"])
-    return Rig(Unit.from_yaml(drawn.to_yaml()), Details(**details), base)
+    if scale is not None:
+        details = scale.details(details)
+    if structure is not None:
+        details = structure.drawn_details(details, stream(recipe, "details", index))
+    made = Unit.from_yaml(made.to_yaml())
+    return Rig(made, Details(**details), base, sheet, recording, structure, scale)
+
+
+def structure_of(recipe: Recipe, index: int) -> Structure | None:
+    """The structure of unit `index`: numbers follow the weights, their order is random."""
+    named = {each.name: each for each in recipe.structures}
+    if not named:
+        return None
+    total = sum(each.weight for each in recipe.structures)
+    shares = {name: each.weight / total for name, each in named.items()}
+    order = stream(recipe, "structures").permutation(apportioned(shares, recipe.units))
+    return named[str(order[index])]
+
+
+def condition_of(recipe: Recipe, index: int, log: int) -> Condition | None:
+    """The condition of a unit's log, likewise."""
+    named = {each.name: each for each in recipe.conditions}
+    if not named:
+        return None
+    total = sum(each.weight for each in recipe.conditions)
+    shares = {name: each.weight / total for name, each in named.items()}
+    order = stream(recipe, "conditions").permutation(apportioned(shares, recipe.number))
+    return named[str(order[index * recipe.logs_per_unit + log])]
 
 
 def assign_faults(recipe: Recipe) -> list[tuple[str, ...]]:
@@ -146,13 +196,13 @@ def assign_faults(recipe: Recipe) -> list[tuple[str, ...]]:
     if recipe.healthy_share < 1.0:
         shares |= {n: (1.0 - recipe.healthy_share) * w / total for n, w in weights.items()}
     rng = stream(recipe, "assignment")
-    order = rng.permutation(_apportioned(shares, recipe.number))
+    order = rng.permutation(apportioned(shares, recipe.number))
     seconds = rng.random(recipe.number) < recipe.second_fault_share
     assigned: list[tuple[str, ...]] = []
     for first, second in zip(order.tolist(), seconds.tolist(), strict=True):
         if first and second:
             others = {n: w for n, w in weights.items() if n != first}
-            assigned.append((first, _chosen(rng, others)))
+            assigned.append((first, chosen(rng, others)))
         else:
             assigned.append((first,) if first else ())
     return assigned
@@ -176,60 +226,73 @@ def draw_scenario(recipe: Recipe, rig: Rig, rng: Rng, faults: tuple[str, ...] = 
     []
     """
     duration = round(float(rng.uniform(*recipe.duration)), 3)
-    load_name = _chosen(rng, recipe.loads)
-    duty_name = _chosen(rng, recipe.duties)
-    gain = _log_uniform(rng, recipe.position_gain)
+    load_name = chosen(rng, recipe.loads)
+    duty_name = chosen(rng, recipe.duties)
+    gain = log_uniform(rng, recipe.position_gain)
     # A throttled partner is a rig for measuring: it is mostly driven by speed.
     share = max(recipe.speed_control_share, 0.7) if load_name == "throttle" else recipe.speed_control_share
+    cylinder = rig.unit.cylinder
+    by_speed = bool(rng.random() < share)
     duty, control = fitting_duty(
         duty_name,
         rig.unit,
         rng,
         recipe.ranges.get(duty_name, {}),
-        speed=bool(rng.random() < share),
-        gain=gain,
+        # With unequal areas a speed to and fro does not come back.
+        speed=by_speed and cylinder.area_2 > EQUAL * cylinder.area_1,
+        gain=gain if rig.scale is None else gain * rig.scale.position_gain,
+        scale=rig.scale,
     )
     departs = duty.amplitude if control.mode == "position" else 0.4 * rig.unit.cylinder.stroke
     reach = abs(duty.offset) + departs
-    load = _load(load_name, recipe, rig.unit, rng, reach)
-    specs = [_fault(name, recipe, duration, rng) for name in faults]
+    load = _load(load_name, recipe, rig, rng, reach)
+    specs = [_fault(name, recipe, rig, duration, rng) for name in faults]
     if recipe.stuck_valve == "loaded":
         specs = [_on_loaded_side(spec, load, duty.offset, rig.unit) for spec in specs]
+    conditions: dict[str, Any] = {
+        "oil_temperature": uniform(rng, recipe.oil_temperature),
+        "warming": uniform(rng, recipe.warming),
+        "charge_factor": uniform(rng, recipe.charge_factor),
+        "seed": int(rng.integers(0, 2**62)),
+    }
+    # Last: what is drawn above does not depend on how many scales there are.
+    scales = drawn(rng, recipe.fault_scales)
+    if rig.scale is not None:
+        scales = rig.scale.fault_scales(scales)
     return Scenario(
         unit=rig.unit.name,
         duration=duration,
         duty=duty,
         control=control,
         load=load,
-        oil_temperature=_uniform(rng, recipe.oil_temperature),
-        warming=_uniform(rng, recipe.warming),
-        charge_factor=_uniform(rng, recipe.charge_factor),
         faults=specs,
-        recording=recipe.recording,
+        recording=rig.recording,
         details=rig.details,
-        seed=int(rng.integers(0, 2**62)),
-        # Last: what is drawn above does not depend on how many scales there are.
-        fault_scales=FaultScales(**_drawn(rng, recipe.fault_scales)),
+        fault_scales=FaultScales(**scales),
+        **conditions,
     )
 
 
-def _fault(name: str, recipe: Recipe, duration: float, rng: Rng) -> FaultSpec:
+def _fault(name: str, recipe: Recipe, rig: Rig, duration: float, rng: Rng) -> FaultSpec:
     entry = CATALOGUE[name]
     variants = recipe.faults[name].variants or entry.variants
-    onset = _uniform(rng, recipe.onset) * duration
+    if not rig.recording.has("pressure_difference"):
+        # Chamber 1's transducer is struck instead, and has no current loop.
+        variants = tuple(v for v in variants if v != "broken_loop")
+    onset = uniform(rng, recipe.onset) * duration
     if rng.random() < recipe.at_start_share:
         onset = 0.0
     # A drift grows by itself: ramped or interrupted it would be another fault.
-    profile = "step" if name == "pressure_sensor_drift" else _chosen(rng, recipe.profiles)
+    profile = "step" if name == "pressure_sensor_drift" else chosen(rng, recipe.profiles)
     left = duration - onset
     return FaultSpec(
         fault=name,
-        severity=round(_uniform(rng, recipe.faults[name].severity or recipe.severity), 3),
+        severity=round(uniform(rng, recipe.faults[name].severity or recipe.severity), 3),
         onset=round(onset, 3),
         profile=profile,
-        ramp=round(_uniform(rng, (0.15, 0.5)) * left, 3),
-        period=round(_uniform(rng, (4.0, 10.0)), 3),
-        duty=round(_uniform(rng, (0.4, 0.7)), 3),
+        ramp=round(uniform(rng, (0.15, 0.5)) * left, 3),
+        period=round(uniform(rng, (4.0, 10.0)), 3),
+        duty=round(uniform(rng, (0.4, 0.7)), 3),
         side=int(rng.choice(entry.sides)) if entry.sides else None,
         variant=str(rng.choice(variants)) if variants else None,
     )
@@ -245,68 +308,52 @@ def _on_loaded_side(spec: FaultSpec, load: Load, offset: float, unit: Unit) -> F
     return spec.model_copy(update={"side": 1 if force > 0.0 else 2})
 
 
-def _load(name: str, recipe: Recipe, unit: Unit, rng: Rng, reach: float) -> Load:
+def _load(name: str, recipe: Recipe, rig: Rig, rng: Rng, reach: float) -> Load:
     """A load of that kind which the unit can carry over a reach of ± `reach` metres."""
-    kind = LOADS[name]
-    drawn = _drawn(rng, {**kind.usual, **recipe.ranges.get(name, {})})
+    kind, unit = LOADS[name], rig.unit
+    ranges = {**kind.usual, **recipe.ranges.get(name, {})}
+    values = drawn(rng, ranges if rig.scale is None else rig.scale.load_ranges(name, ranges))
     most = GREATEST_FORCE * unit.accumulator.relief_pressure * min(unit.cylinder.area_1, unit.cylinder.area_2)
     if name == "throttle":
         # Its drop goes with the square of speed: bounded where the pump turns at 200 rad/s.
-        drawn["pressure"] = min(drawn["pressure"], GREATEST_FORCE * unit.accumulator.relief_pressure)
+        values["pressure"] = min(values["pressure"], GREATEST_FORCE * unit.accumulator.relief_pressure)
     elif name == "constant":
-        drawn["level"] = float(np.clip(drawn["level"], -most, most))
+        values["level"] = float(np.clip(values["level"], -most, most))
     elif name == "spring":
-        drawn["rate"] = min(drawn["rate"], most / (reach + abs(drawn["slack"])))
+        values["rate"] = min(values["rate"], most / (reach + abs(values["slack"])))
     elif name == "gust":
-        drawn["level"] = float(np.clip(drawn["level"], -0.3 * most, 0.3 * most))
-        drawn["deviation"] = min(drawn["deviation"], 0.25 * (most - abs(drawn["level"])))
-        drawn["rate"] = min(drawn["rate"], 0.3 * most / reach)
-    return kind(**drawn)
+        values["level"] = float(np.clip(values["level"], -0.3 * most, 0.3 * most))
+        values["deviation"] = min(values["deviation"], 0.25 * (most - abs(values["level"])))
+        values["rate"] = min(values["rate"], 0.3 * most / reach)
+    return kind(**values)
 
 
-def _sensors(recipe: Recipe, unit: Unit, rng: Rng) -> dict[str, Any]:
+def _sensors(recipe: Recipe, unit: Unit, rng: Rng, scale: Scale | None) -> dict[str, Any]:
     errors = recipe.sensors
-    drawn = {}
+    zeros = errors.zero_error if scale is None else scale.zero_errors(errors.zero_error)
+    varied = {}
     for channel, sensor in unit.sensors.items():
-        factor = _log_uniform(rng, errors.noise_factor)
+        factor = log_uniform(rng, errors.noise_factor)
         gain = 1.0 + errors.gain_error * rng.uniform(-1.0, 1.0)
-        zero = errors.zero_error.get(channel, 0.0) * rng.uniform(-1.0, 1.0)
-        drawn[channel] = sensor.model_copy(
+        zero = zeros.get(channel, 0.0) * rng.uniform(-1.0, 1.0)
+        # An encoder's reading is rounded, not noisy: a position sensor with noise is an analogue one.
+        counted = channel in COUNTED and not (channel == "position" and sensor.noise > 0.0)
+        varied[channel] = sensor.model_copy(
             update={
                 "noise": sensor.noise * factor,
-                "gain": sensor.gain if channel in COUNTED else sensor.gain * gain,
+                "gain": sensor.gain if counted else sensor.gain * gain,
                 "zero": sensor.zero + zero,
             }
         )
-    return drawn
+    return varied
 
 
-def _apportioned(shares: Mapping[str, float], number: int) -> NDArray[np.str_]:
-    """`number` names in their shares: whole parts first, then the largest remainders."""
-    names, wanted = list(shares), np.array(list(shares.values())) * number
-    counts = np.floor(wanted + 1e-9).astype(int)
-    left = number - int(counts.sum())
-    for k in np.argsort(-(wanted - counts), kind="stable")[:left]:
-        counts[k] += 1
-    return np.repeat(names, counts)
-
-
-def _chosen(rng: Rng, weights: Mapping[str, float]) -> str:
-    names, values = list(weights), np.array(list(weights.values()))
-    return names[int(rng.choice(len(names), p=values / values.sum()))]
-
-
-def _uniform(rng: Rng, bounds: Range) -> float:
-    return float(rng.uniform(*bounds))
-
-
-def _log_uniform(rng: Rng, bounds: Range) -> float:
-    return float(np.exp(rng.uniform(np.log(bounds[0]), np.log(bounds[1]))))
-
-
-def _drawn(rng: Rng, ranges: Mapping[str, Range]) -> dict[str, Any]:
-    """One value for each; log-uniform where a positive range spans a factor of four or more."""
-    return {
-        name: _log_uniform(rng, bounds) if 0.0 < 4.0 * bounds[0] <= bounds[1] else _uniform(rng, bounds)
-        for name, bounds in ranges.items()
-    }
+def _with_room(cylinder: Cylinder) -> Cylinder:
+    """The cylinder with some oil left in either chamber at the stroke's end."""
+    half = 0.5 * cylinder.stroke * LEAST_ROOM
+    return cylinder.model_copy(
+        update={
+            "volume_1": max(cylinder.volume_1, half * cylinder.area_1),
+            "volume_2": max(cylinder.volume_2, half * cylinder.area_2),
+        }
+    )

@@ -21,18 +21,31 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fdd import __version__
-from fdd.campaign.calibration import calibration_runs
-from fdd.campaign.drawing import Rig, assign_faults, draw_scenario, draw_unit, stream
-from fdd.campaign.layout import DATASET_SCHEMA, LABELS, MANIFEST, PARTS, RECIPE, TRUE_UNIT, digest
+from fdd.campaign.calibration import calibration_runs, ordinary_strokes
+from fdd.campaign.drawing import Rig, assign_faults, condition_of, draw_scenario, draw_unit, stream
+from fdd.campaign.layout import (
+    BASE_UNIT,
+    DATASET_SCHEMA,
+    LABELS,
+    MANIFEST,
+    PARTS,
+    RECIPE,
+    TRUE_UNIT,
+    digest,
+)
 from fdd.campaign.recipe import Recipe
+from fdd.campaign.structures import Condition
 from fdd.errors import InputError
 from fdd.files import whole_file, write_text
 from fdd.logs.mcap_writing import write_run
 from fdd.plant.scenario import Scenario
+from fdd.plant.sensors import struck_channel
 from fdd.plant.simulate import Simulation, simulate
 
-TRUTH_PERIOD = 50
-"""Rows per row of truth that is kept: 20 Hz."""
+TRUTH_RATE = 20
+"""Hz of the truth that is kept."""
+ORDINARY_WORK = (30.0, 40.0)
+"""s of each ordinary baseline run."""
 MOST_DRAWS = 8
 """Draws of a scenario until one is sane."""
 MOST_AT_STOP = 0.01
@@ -163,29 +176,52 @@ def make_run(
     folder.mkdir(exist_ok=True)
     log = None if name.startswith("baseline") else int(name.removeprefix("log_"))
     if log is None:
-        runs = calibration_runs(recipe, rig, stream(recipe, "baseline", index))
-        run = simulate(rig.unit, runs[int(name.removeprefix("baseline_")) - 1])
-        if name == "baseline_1":
-            rig.unit.save(folder / TRUE_UNIT)
+        run = _baseline_run(recipe, rig, index, int(name.removeprefix("baseline_")))
     else:
-        run = _sane_run(recipe, rig, index, log, faults[log])
+        run = _sane_run(recipe, rig, ("log", index, log), faults[log], condition_of(recipe, index, log))
+    if name == _names(recipe)[0]:
+        rig.unit.save(folder / TRUE_UNIT)
+        if rig.structure is not None:
+            rig.sheet.save(folder / BASE_UNIT)
     entry = _label(recipe, rig, run, name, log)
+    if log is not None and recipe.conditions:
+        entry["condition"] = getattr(condition_of(recipe, index, log), "name", "")
     _write_log(recipe, directory / entry["file"], run, rig, entry)
     if log is not None:
-        if not recipe.baseline and log == 0:
-            rig.unit.save(folder / TRUE_UNIT)
         _write_truth(directory / entry["truth"], run)
     write_text(part, json.dumps(entry, indent=1))
 
 
-def _sane_run(recipe: Recipe, rig: Rig, index: int, log: int, faults: tuple[str, ...]) -> Simulation:
+def _baseline_run(recipe: Recipe, rig: Rig, index: int, number: int) -> Simulation:
+    """One of the three healthy runs that a unit is identified by."""
+    kind = rig.structure.baseline_kind if rig.structure is not None else None
+    rng = stream(recipe, "baseline", index)
+    if (kind or recipe.baseline_kind) == "identification":
+        return simulate(rig.unit, calibration_runs(recipe, rig, rng)[number - 1])
+    if number == 1:
+        return simulate(rig.unit, ordinary_strokes(rig, rng))
+    work = recipe.model_copy(update={"duration": ORDINARY_WORK})
+    return _sane_run(work, rig, ("ordinary", index, number), ())
+
+
+def _sane_run(
+    recipe: Recipe,
+    rig: Rig,
+    purpose: tuple[str, int, int],
+    faults: tuple[str, ...],
+    condition: Condition | None = None,
+) -> Simulation:
     """Draw and simulate until the run neither rests at its limits nor relieves for long."""
-    problem = ""
+    problem, unit = "", rig.unit
+    for departure in (rig.structure, condition):
+        recipe = departure.applied(recipe) if departure is not None else recipe
+    if condition is not None:
+        unit = condition.changed(unit, stream(recipe, "condition", *purpose[1:]))
     for attempt in range(MOST_DRAWS):
-        rng = stream(recipe, "log", index, log, attempt)
+        rng = stream(recipe, *purpose, attempt)
         scenario = draw_scenario(recipe, rig, rng, faults)
         try:
-            run = simulate(rig.unit, scenario)
+            run = simulate(unit, scenario)
         except InputError as error:
             problem = str(error)
             continue
@@ -194,7 +230,7 @@ def _sane_run(recipe: Recipe, rig: Rig, index: int, log: int, faults: tuple[str,
             return run
     raise InputError(
         f"no sane scenario in {MOST_DRAWS} draws; the last: {problem}",
-        where=f"{rig.unit.name} log {log}",
+        where=f"{rig.unit.name} {purpose[0]} {purpose[2]}",
         mend="narrow the recipe's ranges of loads and duties",
     )
 
@@ -216,6 +252,12 @@ def _trouble(run: Simulation) -> str:
 
 def _label(recipe: Recipe, rig: Rig, run: Simulation, name: str, log: int | None) -> dict[str, Any]:
     scenario, unit = run.scenario, rig.unit.name
+    structure: dict[str, Any] = {}
+    if rig.structure is not None:
+        # What severity 1 was: of machines drawn as a whole it goes with their size.
+        figures = {n: float(f"{v:.6g}") for n, v in scenario.fault_scales.model_dump().items()}
+        structure = {"structure": rig.structure.name, "fault_scales": figures}
+    struck = {f.fault: struck_channel(f, rig.recording) for f in scenario.faults}
     acting = np.ones(len(run.truth), dtype=bool)
     for severity in run.truth.severity.values():
         acting &= severity > 0.0
@@ -226,10 +268,16 @@ def _label(recipe: Recipe, rig: Rig, run: Simulation, name: str, log: int | None
         "truth": None if log is None else f"{unit}/truth_{log:03d}.parquet",
         "unit": unit,
         "base": rig.base,
+        **structure,
         "baseline": log is None,
         "duration_s": round(run.samples.duration, 3),
         "samples": len(run.samples),
-        "faults": run.labels,
+        "faults": [
+            label
+            if struck[str(label["fault"])] is None
+            else {**label, "channel": struck[str(label["fault"])]}
+            for label in run.labels
+        ],
         "scenario": _summary(scenario),
         "truth_medians": {c: float(f"{np.median(run.truth[c][acting]):.6g}") for c in SUMMARISED},
     }
@@ -251,22 +299,29 @@ def _write_log(recipe: Recipe, path: Path, run: Simulation, rig: Rig, entry: dic
     if recipe.format == "parquet":
         _write_table(path, {"time": run.samples.time, **run.samples.columns})
         return
-    few = {k: v[::TRUTH_PERIOD] for k, v in run.truth.as_columns().items()}
+    every = _truth_period(run)
+    few = {k: v[::every] for k, v in run.truth.as_columns().items()}
     write_run(
         path,
         run.samples,
         axis=rig.unit.axis,
-        truth={"time": run.truth.time[::TRUTH_PERIOD], **few},
+        truth={"time": run.truth.time[::every], **few},
         unit_yaml=rig.unit.to_yaml(),
         scenario_json=run.scenario.model_dump_json(),
         labels={"faults": entry["faults"]},
     )
 
 
+def _truth_period(run: Simulation) -> int:
+    """Rows of the log for each row of truth."""
+    return max(run.scenario.recording.rate // TRUTH_RATE, 1)
+
+
 def _write_truth(path: Path, run: Simulation) -> None:
-    columns = {"time": run.truth.time[::TRUTH_PERIOD]}
+    every = _truth_period(run)
+    columns = {"time": run.truth.time[::every]}
     # Single precision is more than any use of the truth asks for, and half the size.
-    columns |= {k: v[::TRUTH_PERIOD].astype(np.float32) for k, v in run.truth.as_columns().items()}
+    columns |= {k: v[::every].astype(np.float32) for k, v in run.truth.as_columns().items()}
     _write_table(path, columns)
 
 

@@ -12,6 +12,8 @@ MANIFEST = "manifest.json"
 PARTS = ".parts"
 """Label of each finished run, until the data set is complete."""
 TRUE_UNIT = "true_unit.yaml"
+BASE_UNIT = "base_unit.yaml"
+"""The data sheet that the unit was varied from, where no shipped profile is it."""
 
 
 def digest(recipe_text: str, labels_text: str) -> str:

@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from fdd.campaign.sizes import Scale
 from fdd.plant.duty import DUTIES, Duty
 from fdd.plant.scenario import Control
 from fdd.unit import Unit
@@ -27,6 +28,7 @@ def fitting_duty(
     *,
     speed: bool,
     gain: float,
+    scale: Scale | None = None,
 ) -> tuple[Duty, Control]:
     """Draw a duty of that kind which the unit can do, and its control.
 
@@ -38,6 +40,7 @@ def fitting_duty(
     ranges : parameter to range, where the duty's usual ones are not wanted.
     speed : speed control is wanted; ignored where the duty leaves no choice.
     gain : of the position loop, (rad/s)/m.
+    scale : of a machine of another size than the ranges are made for.
 
     Examples
     --------
@@ -48,7 +51,8 @@ def fitting_duty(
     """
     kind = DUTIES[name]
     drawn: dict[str, Any] = {}
-    for key, (low, high) in {**kind.usual, **ranges}.items():
+    usual = {**kind.usual, **ranges}
+    for key, (low, high) in (usual if scale is None else scale.duty_ranges(usual)).items():
         # Rigs use their stroke and speed: only times and frequencies spread over decades.
         if key not in ("amplitude", "speed") and 0.0 < 4.0 * low <= high:
             drawn[key] = float(np.exp(rng.uniform(np.log(low), np.log(high))))

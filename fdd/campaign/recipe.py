@@ -12,8 +12,10 @@ from pathlib import Path
 from typing import Annotated, Any, Literal
 
 import yaml
-from pydantic import AfterValidator, Field, model_validator
+from pydantic import Field, model_validator
 
+from fdd.campaign.ranges import Range, Share, Weight
+from fdd.campaign.structures import Condition, Structure
 from fdd.errors import InputError
 from fdd.faults import CATALOGUE, PROFILES
 from fdd.plant.duty import DUTIES
@@ -46,18 +48,6 @@ DUTY_WEIGHTS = {
 }  # fmt: skip
 DRAWN_DUTIES = tuple(name for name in DUTIES if name != "levels")
 """Duties that a campaign draws; levels are for what a user writes down."""
-
-
-def _ordered(pair: tuple[float, float]) -> tuple[float, float]:
-    if not pair[0] <= pair[1]:
-        raise InputError(f"range [{pair[0]:g}, {pair[1]:g}] runs backwards", mend="write [low, high]")
-    return pair
-
-
-Finite = Annotated[float, Field(allow_inf_nan=False)]
-Range = Annotated[tuple[Finite, Finite], AfterValidator(_ordered)]
-Share = Annotated[float, Field(ge=0.0, le=1.0)]
-Weight = Annotated[float, Field(ge=0.0, allow_inf_nan=False)]
 
 
 class FaultShare(Validated):
@@ -120,6 +110,10 @@ class Recipe(Validated):
     ranges : duty or load to its parameters' ranges, where the plant's usual ones are not wanted.
     recording : dropped rows, late stamps, NaN.
     baseline : whether each unit also makes healthy calibration runs, for ``fdd identify``.
+    baseline_kind : what these are: strokes, multi-sine and throttled strokes that were made for
+        ``identification``, or ``ordinary`` ones: strokes at several speeds and two runs of work.
+    structures : machines that differ in kind, drawn by weight for each unit; none: the bases as they are.
+    conditions : what departs from the recipe in single logs, drawn by weight; never in a baseline.
     format : of the logs.
 
     Raises
@@ -163,6 +157,9 @@ class Recipe(Validated):
     ranges: dict[str, dict[str, Range]] = Field(default_factory=dict)
     recording: Recording = Recording()
     baseline: bool = True
+    baseline_kind: Literal["identification", "ordinary"] = "identification"
+    structures: tuple[Structure, ...] = ()
+    conditions: tuple[Condition, ...] = ()
     format: Literal["parquet", "mcap"] = "parquet"
 
     @model_validator(mode="after")
@@ -173,6 +170,15 @@ class Recipe(Validated):
         _known("duties", self.duties, DRAWN_DUTIES)
         _known("loads", self.loads, tuple(LOADS))
         _known("ranges", self.ranges, (*DUTIES, *LOADS))
+        for kind_of, listed in (("structures", self.structures), ("conditions", self.conditions)):
+            names = [each.name for each in listed]
+            if len(set(names)) < len(names):
+                raise InputError("a name is there twice", where=f"recipe {kind_of}", mend="name each anew")
+            if listed and not sum(each.weight for each in listed) > 0.0:
+                raise InputError("all weights are 0", where=f"recipe {kind_of}", mend="give one a weight")
+            for each in listed:
+                _known(f"{kind_of} {each.name} duties", each.duties or {}, DRAWN_DUTIES)
+                _known(f"{kind_of} {each.name} loads", each.loads or {}, tuple(LOADS))
         for name, bounds in self.ranges.items():
             kind = DUTIES[name] if name in DUTIES else LOADS[name]
             _known(f"ranges {name}", bounds, tuple(kind.usual))

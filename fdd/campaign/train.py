@@ -83,8 +83,7 @@ def identified_unit(data: Dataset, unit: str) -> Unit:
         raise InputError(
             "data set without baseline runs", where=data.directory, mend="set baseline: true in the recipe"
         )
-    base = next(e.base for e in data.logs if e.unit == unit)
-    return add_baseline(identify_unit(runs, Unit.load(base), unit).unit, runs)
+    return add_baseline(identify_unit(runs, data.base_unit(unit), unit).unit, runs)
 
 
 def _unit_logs(directory: str, unit: str) -> list[LabelledLog]:

@@ -19,6 +19,13 @@ def generate(
     workers: Annotated[
         int | None, typer.Option(min=1, help="Processes; one for each core else.", show_default=False)
     ] = None,
+    units: Annotated[
+        int | None, typer.Option(min=1, help="Units, instead of the recipe's.", show_default=False)
+    ] = None,
+    logs: Annotated[
+        int | None,
+        typer.Option(min=0, help="Logs of each unit, instead of the recipe's.", show_default=False),
+    ] = None,
     engine: Annotated[str, typer.Option(help="What runs the simulations: local.")] = "local",
 ) -> None:
     """Generate a labelled data set of simulated runs."""
@@ -33,6 +40,9 @@ def generate(
     from fdd.cli.console import progress
 
     campaign = Recipe.load(recipe)
+    asked = {name: n for name, n in (("units", units), ("logs_per_unit", logs)) if n is not None}
+    if asked:
+        campaign = Recipe(**{**campaign.model_dump(by_alias=True), **asked})
     with progress(f"generating {out.name}", 1.0) as advance, written(out):
         run(
             campaign,

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Annotated, ClassVar
+from typing import Annotated, ClassVar, Literal
 
 from pydantic import Field
 
@@ -44,6 +44,21 @@ class Details(Validated):
     heat_capacity : of oil and housing (J/K): 3.7 kg of oil and about 20 kg of steel.
     cooling : heat given to the surroundings (W/K): about 0.8 m² at 10 W/(m²·K).
     loose_seal_leakage : cross-port leakage that a fully loose seal adds (m³/(s·Pa)).
+    friction_law : of the seals: ``elastoplastic`` LuGre with a film that lags; plain ``lugre``, whose film
+        follows at once (eq. 5.9); ``dahl``, a bristle without the falling curve; ``smooth``, the Stribeck
+        curve through zero as a tanh, without any pre-sliding.
+    smooth_width : m/s of that tanh.
+    seal_pressure : rise of the seals' friction with the chambers' mean pressure, over pressure times area;
+        a lip that the pressure presses on gives 0.002 to 0.01 (assumption).
+    check_lag : s, by which a refeeding valve's poppet follows the pressure that moves it; 0 is at once. It
+        has all but closed after four or five of them.
+    pilot_ratio : of refeeding valves that the other chamber's pressure opens too, over their seat's area;
+        0 is a plain check valve. Unequal areas need them, for what the smaller chamber cannot take.
+    pilot_cracking, pilot_band : Pa beyond which that piston lifts the poppet, and over which it does so.
+    air_law : ``free`` air is compressed only; where it is ``dissolving`` pressure drives it into the oil.
+    dissolving_pressure : Pa, gauge, from which on all but a tenth of the air dissolves in the end.
+    dissolving_time, releasing_time : s; air comes out faster than it goes in, hence the hysteresis
+        (assumption: seconds in, tenths of a second out).
 
     Examples
     --------
@@ -68,28 +83,39 @@ class Details(Validated):
         "loose_seal_leakage": (0.0, 1e-12),
     }
 
-    bristle_stiffness: Annotated[float, Field(ge=1e5, le=3e7)] = 1e6
+    bristle_stiffness: Annotated[float, Field(ge=1e3, le=1e9)] = 1e6
     bristle_damping: Annotated[float, Field(ge=0.05, le=2.0)] = 0.5
     bristle_fade: Annotated[float, Field(gt=0.0, le=1.0)] = 0.01
     breakaway: Annotated[float, Field(ge=0.0, le=0.95)] = 0.6
     friction_memory: Annotated[float, Field(ge=1e-3, le=1.0)] = 0.04
-    seal_damping: Annotated[float, Field(ge=0.0, le=1e4)] = 500.0
+    seal_damping: Annotated[float, Field(ge=0.0, le=1e6)] = 500.0
     pump_teeth: Annotated[int, Field(ge=1, le=100)] = 12
     pump_ripple: Annotated[float, Field(ge=0.0, le=0.2)] = 0.01
     pump_compression: Annotated[float, Field(ge=0.0, le=1.0)] = 0.0
-    pump_coulomb_torque: Annotated[float, Field(ge=0.0, le=1.0)] = 0.045
-    line_loss: Annotated[float, Field(ge=0.0, le=1e14)] = 6e11
+    pump_coulomb_torque: Annotated[float, Field(ge=0.0, le=100.0)] = 0.045
+    line_loss: Annotated[float, Field(ge=0.0, le=1e16)] = 6e11
     current_lag: Annotated[float, Field(ge=1e-4, le=1e-3)] = 4e-4
     command_dead_band: Annotated[float, Field(ge=0.0, le=5.0)] = 0.0346
-    coupling_stiffness: Annotated[float, Field(ge=10.0, le=1e5)] = 500.0
-    coupling_damping: Annotated[float, Field(ge=0.01, le=10.0)] = 0.25
+    coupling_stiffness: Annotated[float, Field(ge=1.0, le=1e7)] = 500.0
+    coupling_damping: Annotated[float, Field(ge=1e-3, le=1e4)] = 0.25
     check_width: Annotated[float, Field(ge=200.0, le=1e5)] = 1e3
     relief_width: Annotated[float, Field(ge=1e3, le=1e6)] = 2e4
     orifice_transition: Annotated[float, Field(ge=1e3, le=1e5)] = 1e4
-    stop_stiffness: Annotated[float, Field(ge=1e5, le=1e8)] = 2e7
+    stop_stiffness: Annotated[float, Field(ge=1e5, le=1e11)] = 2e7
     stop_damping: Annotated[float, Field(ge=0.0, le=100.0)] = 5.0
     cushion_length: Annotated[float, Field(ge=1e-3, le=0.1)] = 12e-3
-    cushion_damping: Annotated[float, Field(ge=0.0, le=1e7)] = 1e5
-    heat_capacity: Annotated[float, Field(ge=100.0, le=1e7)] = 17e3
+    cushion_damping: Annotated[float, Field(ge=0.0, le=1e9)] = 1e5
+    heat_capacity: Annotated[float, Field(ge=100.0, le=1e8)] = 17e3
     cooling: Annotated[float, Field(ge=0.0, le=1e4)] = 8.0
-    loose_seal_leakage: Annotated[float, Field(ge=0.0, le=1e-11)] = 0.0
+    loose_seal_leakage: Annotated[float, Field(ge=0.0, le=1e-9)] = 0.0
+    friction_law: Literal["elastoplastic", "lugre", "dahl", "smooth"] = "elastoplastic"
+    smooth_width: Annotated[float, Field(ge=5e-4, le=0.1)] = 3e-3
+    seal_pressure: Annotated[float, Field(ge=0.0, le=0.1)] = 0.0
+    check_lag: Annotated[float, Field(ge=0.0, le=0.2)] = 0.0
+    pilot_ratio: Annotated[float, Field(ge=0.0, le=20.0)] = 0.0
+    pilot_cracking: Annotated[float, Field(ge=0.0, le=1e6)] = 2e4
+    pilot_band: Annotated[float, Field(ge=1e3, le=1e7)] = 1e5
+    air_law: Literal["free", "dissolving"] = "free"
+    dissolving_pressure: Annotated[float, Field(ge=1e5, le=1e8)] = 2e6
+    dissolving_time: Annotated[float, Field(ge=0.01, le=600.0)] = 2.0
+    releasing_time: Annotated[float, Field(ge=0.01, le=600.0)] = 0.2

@@ -9,8 +9,8 @@ from numpy.typing import NDArray
 
 from fdd.plant.compiled import njit
 from fdd.plant.conditions import FRICTION_FORWARD, FRICTION_REVERSE, VISCOUS
-from fdd.plant.parameters import Constants
-from fdd.plant.state import MEMORY, Z
+from fdd.plant.parameters import DAHL, ELASTOPLASTIC, SMOOTH, Constants
+from fdd.plant.state import MEMORY, P1, P2, Z
 
 Array = NDArray[np.float64]
 
@@ -30,9 +30,14 @@ def friction_rates(y: Array, v: float, now: Array, par: Constants, dy: Array) ->
     what is quicker. Without the first the seal would break away ever more easily the faster it is started
     (in the thesis it does not, figure 5.8), without the second the falling curve would drive the hydraulic
     resonance to its limit at any speed.
+
+    Other seals, other laws (`fdd.plant.details.Details.friction_law`): plain LuGre, Dahl's bristle, a smooth
+    Stribeck curve; and pressure that presses the lips on.
     """
     z, memory = y[Z], y[MEMORY]
-    film = math.sqrt(memory * memory + _STILL * _STILL) - _STILL
+    law = par.friction_law
+    seen = memory if law == ELASTOPLASTIC else v
+    film = math.sqrt(seen * seen + _STILL * _STILL) - _STILL
     size = v * v / math.sqrt(v * v + _STILL * _STILL)
     if v >= 0.0:
         coulomb, static = par.coulomb_forward, par.static_forward
@@ -42,10 +47,19 @@ def friction_rates(y: Array, v: float, now: Array, par: Constants, dy: Array) ->
         coulomb, static = par.coulomb_reverse, par.static_reverse
         stribeck, exponent, viscous = par.stribeck_reverse, par.exponent_reverse, par.viscous_reverse
         scale = now[FRICTION_REVERSE]
-    steady = scale * (coulomb + (static - coulomb) * math.exp(-((film / stribeck) ** exponent)))
+    if par.seal_area != 0.0:
+        pressed = 0.5 * par.seal_area * (max(y[P1], 0.0) + max(y[P2], 0.0))
+        coulomb += pressed
+        static += pressed
+    falling = 0.0 if law == DAHL else math.exp(-((film / stribeck) ** exponent))
+    steady = scale * (coulomb + (static - coulomb) * falling)
+    if law == SMOOTH:
+        dy[Z] = 0.0
+        dy[MEMORY] = 0.0
+        return steady * math.tanh(v / par.smooth_width) + now[VISCOUS] * viscous * v
     share = par.bristle_stiffness * z / max(steady, 1e-3)
     slip = size * share
-    if par.breakaway > 0.0:
+    if par.breakaway > 0.0 and law == ELASTOPLASTIC:
         beyond = (abs(share) - par.breakaway) / (1.0 - par.breakaway)
         if beyond <= 0.0 or share * v < 0.0:
             slip = 0.0
@@ -55,9 +69,13 @@ def friction_rates(y: Array, v: float, now: Array, par: Constants, dy: Array) ->
     dy[Z] = dz
     dy[MEMORY] = (slip - memory) * par.friction_rate
     fade = par.bristle_fade * par.bristle_fade
+    resisting = par.seal_damping * (v - memory)
+    if law != ELASTOPLASTIC:
+        dy[MEMORY] = 0.0
+        resisting = 0.0
     return (
         par.bristle_stiffness * z
         + par.bristle_damping * fade / (fade + v * v) * dz
-        + par.seal_damping * (v - memory)
+        + resisting
         + now[VISCOUS] * viscous * v
     )

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from fdd.plant import conditions as c
 from fdd.plant import state as s
 from fdd.plant.compiled import njit
-from fdd.plant.laws import gas_pressure, oil_at, opening, orifice
+from fdd.plant.laws import free_in_the_end, gas_pressure, lifted, oil_at, opening, orifice, poppet
 from fdd.plant.parameters import Constants
 
 Array = NDArray[np.float64]
@@ -28,6 +28,8 @@ would take more oil out of a chamber than is in it."""
 _CHARGE_BAND = 20e3
 """Pa below its relief valve's setting from which on the charging pump's flow goes over that valve."""
 _LEAST_CASE = 1e-30  # m³/(s·Pa); keeps the case's pressure defined where nothing leaks into it
+_KNEE = 5e4
+"""Pa over an open refeeding valve from which on its flow goes with the root of pressure (assumption)."""
 _EMPTY = 1e-8
 """m³ of oil in an external accumulator below which it gives less and less."""
 
@@ -49,6 +51,13 @@ def coupling_slip(y: Array, torque: float, now: Array, par: Constants, dy: Array
 
 
 @njit(error_model="numpy", inline="always")
+def coming_free(pressure: float, free: float, par: Constants) -> float:
+    """Rate (1/s) of the share of a chamber's air that is free, towards what its pressure leaves free."""
+    final = free_in_the_end(pressure, par.dissolving_pressure)
+    return (final - free) * (par.releasing_rate if final > free else par.dissolving_rate)
+
+
+@njit(error_model="numpy", inline="always")
 def hydraulic_rates(
     y: Array, x: float, v: float, linked_1: float, linked_2: float, now: Array, par: Constants,
     dy: Array, found: Array,
@@ -63,14 +72,23 @@ def hydraulic_rates(
     """
     p1, p2 = y[s.P1], y[s.P2]
     air, ambient, stiff, inverse_n = now[c.AIR], par.ambient, par.stiff_compliance, par.polytropic_inverse
-    soft_1, rho_1 = oil_at(p1, air, ambient, stiff, inverse_n)
-    soft_2, rho_2 = oil_at(p2, air, ambient, stiff, inverse_n)
+    air_1, air_2 = air, air
+    if par.dissolving > 0.0:
+        air_1, air_2 = air * y[s.FREE_1], air * y[s.FREE_2]
+    soft_1, rho_1 = oil_at(p1, air_1, ambient, stiff, inverse_n)
+    soft_2, rho_2 = oil_at(p2, air_2, ambient, stiff, inverse_n)
+    if par.dissolving > 0.0:
+        # Dissolved air takes no room: oil is counted with all its air free at atmospheric pressure.
+        rho_1 *= math.exp(air - air_1)
+        rho_2 *= math.exp(air - air_2)
     a, b, rho_a, rho_b = p1, p2, rho_1, rho_2
     soft_a, soft_b = soft_1, soft_2
     if par.blocked > 0.0:
         a, b = y[s.LINE_1], y[s.LINE_2]
-        soft_a, rho_a = oil_at(a, air, ambient, stiff, inverse_n)
-        soft_b, rho_b = oil_at(b, air, ambient, stiff, inverse_n)
+        soft_a, rho_a = oil_at(a, air_1, ambient, stiff, inverse_n)
+        soft_b, rho_b = oil_at(b, air_2, ambient, stiff, inverse_n)
+        rho_a *= math.exp(air - air_1)
+        rho_b *= math.exp(air - air_2)
     rho = 0.5 * (rho_a + rho_b)
     pa = gas_pressure(par.gas_pressure, par.gas_volume, y[s.STORE] / par.store_density) - ambient
 
@@ -119,8 +137,21 @@ def hydraulic_rates(
     dripping = rho * shaft * max(case, 0.0)
 
     # Refeeding through the check valves (eq. 3.18).
-    refeed_a = now[c.REFEED_1] * par.refeed_gain * opening(pa - a - par.refeed_cracking, par.check_width)
-    refeed_b = now[c.REFEED_2] * par.refeed_gain * opening(pa - b - par.refeed_cracking, par.check_width)
+    if par.check_rate == 0.0:
+        refeed_a = par.refeed_gain * opening(pa - a - par.refeed_cracking, par.check_width)
+        refeed_b = par.refeed_gain * opening(pa - b - par.refeed_cracking, par.check_width)
+        dy[s.VALVE_1] = 0.0
+        dy[s.VALVE_2] = 0.0
+    else:
+        # A poppet that takes its time lets oil back meanwhile; one that the other side lifts, all the time.
+        crack, width = par.refeed_cracking, par.check_width
+        ratio, pilot, band = par.pilot_ratio, par.pilot_cracking, par.pilot_band
+        dy[s.VALVE_1] = (lifted(a, b, pa, crack, width, ratio, pilot, band) - y[s.VALVE_1]) * par.check_rate
+        dy[s.VALVE_2] = (lifted(b, a, pa, crack, width, ratio, pilot, band) - y[s.VALVE_2]) * par.check_rate
+        refeed_a = poppet(pa - a, par.refeed_gain * max(y[s.VALVE_1], 0.0), _KNEE)
+        refeed_b = poppet(pa - b, par.refeed_gain * max(y[s.VALVE_2], 0.0), _KNEE)
+    refeed_a *= now[c.REFEED_1]
+    refeed_b *= now[c.REFEED_2]
     if now[c.OPEN_1] != 0.0:
         refeed_a += orifice(pa - a, now[c.OPEN_1], par.orifice_transition)
     if now[c.OPEN_2] != 0.0:
@@ -177,6 +208,24 @@ def hydraulic_rates(
         dy[s.LINE_1] = dy[s.P1]
         dy[s.LINE_2] = dy[s.P2]
         inside = v1 * rho_1 + v2 * rho_2
+    dy[s.FREE_1] = 0.0
+    dy[s.FREE_2] = 0.0
+    if par.dissolving > 0.0:
+        dy[s.FREE_1] = coming_free(p1, y[s.FREE_1], par)
+        dy[s.FREE_2] = coming_free(p2, y[s.FREE_2], par)
+        # Of the logarithm of volume over oil, what free air takes is in proportion to its share.
+        dy[s.P1] += (air + p1 * stiff - math.log(rho_1)) * dy[s.FREE_1] / (y[s.FREE_1] * soft_1)
+        dy[s.P2] += (air + p2 * stiff - math.log(rho_2)) * dy[s.FREE_2] / (y[s.FREE_2] * soft_2)
+        if par.blocked > 0.0:
+            dy[s.LINE_1] += (
+                (air + y[s.LINE_1] * stiff - math.log(rho_a)) * dy[s.FREE_1] / (y[s.FREE_1] * soft_a)
+            )
+            dy[s.LINE_2] += (
+                (air + y[s.LINE_2] * stiff - math.log(rho_b)) * dy[s.FREE_2] / (y[s.FREE_2] * soft_b)
+            )
+        else:
+            dy[s.LINE_1] = dy[s.P1]
+            dy[s.LINE_2] = dy[s.P2]
     outside = out_1 + out_2 + dripping
     dy[s.STORE] = leak_a + leak_b - dripping - refeed_a - refeed_b + charge
     dy[s.LOST] = outside - charge

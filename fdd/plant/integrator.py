@@ -24,7 +24,7 @@ Array = NDArray[np.float64]
 PERIOD = 1e-3
 """s, of controller and recording."""
 LATE_PARTS = 10
-"""Parts of a millisecond in which a sample's lateness is counted."""
+"""Parts of a sample's period in which its lateness is counted."""
 LONGEST_STEP = PERIOD
 
 POSITION, SPEED_COMMAND, SHUTTLE = 0, 1, 2
@@ -156,18 +156,21 @@ def run(
     viscosity : (axes, 3) Walther's intercept and slope, and the reference viscosity (cSt).
     first, second : constants of the axes; for one axis the second is not used.
     control : constants of the controller.
-    late : (n,) parts of a millisecond by which each sample is taken late, 0 to `LATE_PARTS` - 1.
+    late : (m,) parts of its period by which each sample is taken late, 0 to `LATE_PARTS` - 1; m is n, or a
+        multiple where more than one sample is taken each millisecond.
     per_allowed : one over the error allowed for each state over a step, see `fdd.plant.steps.tolerances`.
     longest : longest step (s).
 
     Returns
     -------
-    states (n, states), findings (n, axes·FINDINGS) and commands (n, 2) at the sampling times; NaN from
+    states (m, states), findings (m, axes·FINDINGS) at the sampling times and commands (n, 2); NaN from
     where the state has left all bounds.
     """
     n, axes, depth = conditions.shape[0], conditions.shape[1], past.shape[1]
-    states = np.empty((n, y.size))
-    findings = np.empty((n, axes * FINDINGS))
+    each = late.size // n if n > 0 else 1
+    period = PERIOD / each
+    states = np.empty((late.size, y.size))
+    findings = np.empty((late.size, axes * FINDINGS))
     commands = np.zeros((depth + n, 2))  # with those of the past in front
     for a in range(2):
         for j in range(depth):
@@ -196,9 +199,21 @@ def run(
             else:
                 wanted = 0.0
             commands[m, 1] = min(max(wanted, -control.max_speed_2), control.max_speed_2)
-        at, sample = 0.0, late[t] * (PERIOD / LATE_PARTS)
+        taken = t * each
+        at, sample = 0.0, late[taken] * (period / LATE_PARTS)
         while at < PERIOD:
-            # Up to where a command arrives or the sample is taken.
+            command_1 = commands[m - whole_1 - (1 if at < part_1 else 0), 0]
+            command_2 = commands[m - whole_2 - (1 if at < part_2 else 0), 1]
+            right_hand_side(y, command_1, command_2, now, first, second, k[0], found)
+            if at == sample:
+                for i in range(y.size):
+                    states[taken, i] = y[i]
+                for i in range(found.size):
+                    findings[taken, i] = found[i]
+                taken += 1
+                ahead = taken - t * each
+                sample = ahead * period + late[taken] * (period / LATE_PARTS) if ahead < each else 0.0
+            # Up to where a command arrives or a sample is taken.
             end = PERIOD
             if at < part_1:
                 end = min(end, part_1)
@@ -206,22 +221,14 @@ def run(
                 end = min(end, part_2)
             if at < sample:
                 end = min(end, sample)
-            command_1 = commands[m - whole_1 - (1 if at < part_1 else 0), 0]
-            command_2 = commands[m - whole_2 - (1 if at < part_2 else 0), 1]
-            right_hand_side(y, command_1, command_2, now, first, second, k[0], found)
-            if at == sample:
-                for i in range(y.size):
-                    states[t, i] = y[i]
-                for i in range(found.size):
-                    findings[t, i] = found[i]
             length, tried = advance(
                 y, end - at, memory[_LENGTH], longest, command_1, command_2, now, first, second,
                 per_allowed, k, stage, found,
             )  # fmt: skip
             memory[_STEPS] += tried
             if length < 0.0:
-                states[t:] = np.nan
-                findings[t:] = np.nan
+                states[t * each :] = np.nan
+                findings[t * each :] = np.nan
                 y[:] = np.nan
                 return states, findings, commands[depth:]
             memory[_LENGTH] = length

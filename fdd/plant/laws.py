@@ -37,6 +37,38 @@ def orifice(drop: float, flow_at_1_mpa: float, transition: float) -> float:
 
 
 @njit(error_model="numpy", inline="always")
+def lifted(
+    own: float,
+    other: float,
+    inner: float,
+    cracking: float,
+    width: float,
+    ratio: float,
+    pilot: float,
+    band: float,
+) -> float:
+    """Opening (0 to 1) at which a refeeding valve's poppet would rest, of a spring's or a pilot's lift.
+
+    Without pilot this times the drop is today's linear law beyond cracking. A pilot of that area ratio lifts
+    the poppet off its seat once the other chamber's pressure beats the own one's, fully over the band.
+    """
+    drop = inner - own
+    share = 0.0
+    if drop > 1.0:
+        share = opening(drop - cracking, width) / drop
+    if ratio > 0.0:
+        beyond = opening(ratio * (other - inner) - (own - inner) - pilot, width) / band
+        share = max(share, min(beyond, 1.0))
+    return share
+
+
+@njit(error_model="numpy", inline="always")
+def poppet(drop: float, gain: float, knee: float) -> float:
+    """Signed flow through an open poppet valve: linear with that gain, a square root beyond the knee."""
+    return gain * drop / math.sqrt(1.0 + abs(drop) / knee)
+
+
+@njit(error_model="numpy", inline="always")
 def oil_at(
     pressure: float, air: float, ambient: float, stiff: float, inverse_n: float
 ) -> tuple[float, float]:
@@ -44,6 +76,12 @@ def oil_at(
     inverse = 1.0 / max(pressure + ambient, _LEAST_ABSOLUTE)
     gas = math.exp(inverse_n * math.log(ATMOSPHERE * inverse))
     return stiff + air * gas * inverse_n * inverse, math.exp(pressure * stiff + air * (1.0 - gas))
+
+
+@njit(error_model="numpy", inline="always")
+def free_in_the_end(pressure: float, dissolving: float) -> float:
+    """Share of the air that stays free at a gauge pressure: Henry's line down to a tenth."""
+    return 1.0 - 0.9 * min(max(pressure / dissolving, 0.0), 1.0)
 
 
 @njit(error_model="numpy", inline="always")

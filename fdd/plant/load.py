@@ -59,7 +59,7 @@ class ConstantLoad(Load):
 
     usual: ClassVar[dict[str, tuple[float, float]]] = {"level": (-2500.0, 2500.0)}
     name: Literal["constant"] = "constant"
-    level: Annotated[float, Field(ge=-4500.0, le=4500.0)] = 1000.0
+    level: Annotated[float, Field(ge=-1e6, le=1e6)] = 1000.0
 
     def force(self, n: int, rng: np.random.Generator) -> Array:
         return np.full(n, self.level)
@@ -70,7 +70,7 @@ class SpringLoad(Load):
 
     usual: ClassVar[dict[str, tuple[float, float]]] = {"rate": (3e3, 4e4), "slack": (-0.03, 0.03)}
     name: Literal["spring"] = "spring"
-    rate: Annotated[float, Field(gt=0.0, le=1e6)] = 1.5e4
+    rate: Annotated[float, Field(gt=0.0, le=1e9)] = 1.5e4
     """N/m."""
     slack: Annotated[float, Field(ge=-1.0, le=1.0)] = 0.0
     """m, position without force."""
@@ -89,7 +89,7 @@ class InertiaLoad(Load):
 
     usual: ClassVar[dict[str, tuple[float, float]]] = {"added": (5.0, 100.0)}
     name: Literal["inertia"] = "inertia"
-    added: Annotated[float, Field(ge=0.0, le=2000.0)] = 30.0
+    added: Annotated[float, Field(ge=0.0, le=1e6)] = 30.0
     """kg."""
 
     @property
@@ -107,12 +107,12 @@ class GustLoad(Load):
         "rate": (0.0, 1.5e4),
     }
     name: Literal["gust"] = "gust"
-    deviation: Annotated[float, Field(ge=0.0, le=2000.0)] = 400.0
+    deviation: Annotated[float, Field(ge=0.0, le=1e6)] = 400.0
     """N, standard deviation of the force."""
     bandwidth_hz: Annotated[float, Field(gt=0.0, le=50.0)] = 2.0
-    level: Annotated[float, Field(ge=-4500.0, le=4500.0)] = 0.0
+    level: Annotated[float, Field(ge=-1e6, le=1e6)] = 0.0
     """N, mean."""
-    rate: Annotated[float, Field(ge=0.0, le=1e6)] = 0.0
+    rate: Annotated[float, Field(ge=0.0, le=1e9)] = 0.0
     """N/m, of the air stream."""
 
     @property
@@ -136,7 +136,7 @@ class ThrottleLoad(Load):
 
     usual: ClassVar[dict[str, tuple[float, float]]] = {"pressure": (0.2e6, 3.0e6)}
     name: Literal["throttle"] = "throttle"
-    pressure: Annotated[float, Field(gt=0.0, le=2e7)] = 1.0e6
+    pressure: Annotated[float, Field(gt=0.0, le=1e10)] = 1.0e6
     """Pa over the throttle when this axis's pump turns at 100 rad/s without leakage."""
 
     @property

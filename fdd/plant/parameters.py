@@ -52,10 +52,20 @@ class Parameters(NamedTuple):
     stribeck_reverse: float
     exponent_reverse: float
     viscous_reverse: float
+    friction_law: float
+    """Index into `FRICTION_LAWS`."""
+    smooth_width: float
+    seal_area: float
+    """m², by which the mean pressure of both chambers adds to the seals' friction."""
     # oil
     stiff_compliance: float
     polytropic_inverse: float
     ambient: float
+    dissolving: float
+    """1 where air dissolves, 0 where it does not."""
+    dissolving_pressure: float
+    dissolving_rate: float
+    releasing_rate: float
     # pump and inner circuit
     displacement: float
     teeth: float
@@ -69,6 +79,11 @@ class Parameters(NamedTuple):
     case_cracking: float
     case_gain: float
     check_width: float
+    check_rate: float
+    """1/s of the refeeding valves' poppets; 0 where they move at once."""
+    pilot_ratio: float
+    pilot_cracking: float
+    pilot_band: float
     orifice_transition: float
     relief_pressure: float
     relief_gain: float
@@ -107,6 +122,11 @@ class Parameters(NamedTuple):
     cooling: float
     surroundings: float
 
+
+FRICTION_LAWS = ("elastoplastic", "lugre", "dahl", "smooth")
+ELASTOPLASTIC, LUGRE, DAHL, SMOOTH = range(4)
+_SHORTEST_LAG = 2e-3
+"""s; a piloted valve that moved at once would chatter between its two states."""
 
 Constants = Any
 """`Parameters` as the compiled functions take them, by reference: a NumPy record with the same names."""
@@ -195,6 +215,7 @@ def plant_parameters(
     mass = cylinder.moving_mass + joined_mass + load.mass
     gain, integral, feed, rate = velocity_loop(drive, details.current_lag)
     external = circuit.accumulators
+    lag = max(details.check_lag, _SHORTEST_LAG) if details.pilot_ratio > 0.0 else details.check_lag
     n = oil.polytropic_index
     stiff = 1.0 / stiff_bulk_modulus(oil)
     # Oil in the accumulator is counted at the density it has at charge pressure.
@@ -237,9 +258,16 @@ def plant_parameters(
         stribeck_reverse=reverse.stribeck_velocity,
         exponent_reverse=reverse.stribeck_exponent,
         viscous_reverse=reverse.viscous,
+        friction_law=float(FRICTION_LAWS.index(details.friction_law)),
+        smooth_width=details.smooth_width,
+        seal_area=details.seal_pressure * area,
         stiff_compliance=stiff,
         polytropic_inverse=1.0 / n,
         ambient=ambient,
+        dissolving=float(details.air_law == "dissolving"),
+        dissolving_pressure=details.dissolving_pressure,
+        dissolving_rate=1.0 / details.dissolving_time,
+        releasing_rate=1.0 / details.releasing_time,
         displacement=pump.displacement,
         teeth=float(details.pump_teeth),
         ripple=details.pump_ripple,
@@ -252,6 +280,10 @@ def plant_parameters(
         case_cracking=unit.accumulator.case_cracking_pressure,
         case_gain=unit.accumulator.refeed_flow_gain,
         check_width=details.check_width,
+        check_rate=1.0 / lag if lag > 0.0 else 0.0,
+        pilot_ratio=details.pilot_ratio,
+        pilot_cracking=details.pilot_cracking,
+        pilot_band=details.pilot_band,
         orifice_transition=details.orifice_transition,
         relief_pressure=unit.accumulator.relief_pressure,
         relief_gain=unit.accumulator.relief_flow_gain,

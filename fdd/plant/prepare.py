@@ -25,6 +25,7 @@ from fdd.plant.integrator import (
     Controller,
     new_memory,
 )
+from fdd.plant.laws import free_in_the_end
 from fdd.plant.oil import walther_line
 from fdd.plant.parameters import Parameters, plant_parameters
 from fdd.plant.rows import axis_conditions, partner_setpoint
@@ -227,6 +228,9 @@ def _at_rest(
         y[o + s.P1] = charge + max(push, 0.0) / par.area_1
         y[o + s.P2] = charge + max(-push, 0.0) / par.area_2
         y[o + s.LINE_1], y[o + s.LINE_2] = y[o + s.P1], y[o + s.P2]
+        for share, held in ((s.FREE_1, s.P1), (s.FREE_2, s.P2)):
+            dissolves = par.dissolving > 0.0
+            y[o + share] = free_in_the_end(y[o + held], par.dissolving_pressure) if dissolves else 1.0
         if par.blocked:
             y[o + s.LINE_1] = y[o + s.LINE_2] = charge
         if par.external_flow > 0.0:

@@ -66,7 +66,7 @@ class RawBlock:
 
     Attributes
     ----------
-    start : row of the run that they begin with.
+    start : millisecond of the run that they begin with.
     time : (n,) s, when each sample was taken.
     rows : (n, axes, COLUMNS) conditions.
     states, found, commands : see `fdd.plant.integrator.run`.
@@ -90,10 +90,11 @@ def raw_blocks(ready: Prepared, block: int = BLOCK) -> Iterator[RawBlock]:
     scenario = ready.scenario
     lateness = Lateness(scenario.recording, LATE_PARTS, scenario.seed)
     constants = [as_record(par) for par in ready.parameters]
+    each, period = scenario.recording.each, scenario.recording.period
     for start in range(0, scenario.rows, block):
         stop = min(start + block, scenario.rows)
         rows = ready.conditions(start, stop)
-        late = lateness.steps(stop - start)
+        late = lateness.steps((stop - start) * each)
         states, found, commands = run(
             ready.state,
             ready.memory,
@@ -108,13 +109,16 @@ def raw_blocks(ready: Prepared, block: int = BLOCK) -> Iterator[RawBlock]:
             ready.longest,
         )
         if not np.isfinite(states[-1]).all():
-            second = (start + float(np.flatnonzero(~np.isfinite(states).all(axis=1))[0])) * PERIOD
+            lost = float(np.flatnonzero(~np.isfinite(states).all(axis=1))[0])
+            second = start * PERIOD + lost * period
             raise InputError(
                 f"the simulation left the range of the model at {second:.3f} s",
                 where=f"unit {ready.units[0].name}",
                 mend="check the unit's masses, volumes and drive poles",
             )
-        time = (np.arange(start, stop) + late / LATE_PARTS) * PERIOD
+        time = (np.arange(start * each, stop * each) + late / LATE_PARTS) * period
+        if each > 1:
+            rows, commands = np.repeat(rows, each, axis=0), np.repeat(commands, each, axis=0)
         yield RawBlock(start, time, rows, states, found, commands)
 
 
@@ -145,7 +149,9 @@ def stream(
     """
     ready = prepare(unit, scenario, partner=partner, refine=refine)
     recorders = [
-        Recorder(each, _own(scenario, i), scenario.recording, scenario.seed, stream_of(i))
+        Recorder(
+            each, _own(scenario, i), scenario.recording, scenario.seed, stream_of(i), scenario.fault_scales
+        )
         for i, each in enumerate(ready.units)
     ]
     for raw in raw_blocks(ready, block):
@@ -166,7 +172,7 @@ def simulate(
 
     Returns
     -------
-    samples, truth and labels; n = duration in ms, less the rows that the recording lost.
+    samples, truth and labels; as many rows as the recording's rate gives, less those that it lost.
 
     Raises
     ------

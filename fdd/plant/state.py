@@ -25,8 +25,12 @@ SHARED = 3
     CURRENT,
     GAP,
     TEMPERATURE,
-) = range(16)
-AXIS_STATES = 16
+    VALVE_1,
+    VALVE_2,
+    FREE_1,
+    FREE_2,
+) = range(20)
+AXIS_STATES = 20
 STATES = SHARED + AXIS_STATES
 """States of a single axis; a dual one has `AXIS_STATES` more.
 
@@ -34,7 +38,8 @@ p1, p2 (Pa, gauge) at the cylinder; the same at the pump, which differ where the
 by the accumulator since the start, and oil lost to the outside (m³ at atmospheric density); oil in the
 external accumulators (m³); mean bristle deflection (m); velocity as the seal remembers it (m/s); motor angle
 (rad) and speed (rad/s); integrator of the velocity loop (rad/s²); motor current (A); motor angle ahead of the
-pump's (rad); oil temperature (°C)."""
+pump's (rad); oil temperature (°C); opening of each refeeding valve (0 to 1), where its poppet takes time;
+share of each chamber's air that is free, where air dissolves."""
 
 (
     FRICTION_FORCE,

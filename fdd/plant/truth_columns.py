@@ -29,15 +29,17 @@ def truth_columns(
     """
     own = states[:, s.SHARED + axis * s.AXIS_STATES :]
     f = found[:, axis * s.FINDINGS :]
-    air = rows[:, c.AIR]
+    air_1 = rows[:, c.AIR] * own[:, s.FREE_1]
+    air_2 = rows[:, c.AIR] * own[:, s.FREE_2]
+    air = 0.5 * (air_1 + air_2)
     p1, p2, speed = own[:, s.P1], own[:, s.P2], own[:, s.SPEED]
     ratio = viscosity_ratio(unit.oil, own[:, s.TEMPERATURE]) * rows[:, c.VISCOSITY]
     cross = rows[:, c.CROSS_LEAKAGE] + rows[:, c.SPEED_LEAKAGE] * np.abs(speed) + rows[:, c.SEAL_LEAKAGE]
     return {
         "leakage": (cross + 0.5 * rows[:, c.CASE_LEAKAGE]) / ratio + _secant(rows, f, par),
         "bulk_modulus": bulk_modulus(unit.oil, np.full(air.size, unit.oil.reference_pressure), air),
-        "bulk_modulus_1": bulk_modulus(unit.oil, p1, air, par.ambient),
-        "bulk_modulus_2": bulk_modulus(unit.oil, p2, air, par.ambient),
+        "bulk_modulus_1": bulk_modulus(unit.oil, p1, air_1, par.ambient),
+        "bulk_modulus_2": bulk_modulus(unit.oil, p2, air_2, par.ambient),
         "coulomb_friction": 0.5
         * (
             par.coulomb_forward * rows[:, c.FRICTION_FORWARD]

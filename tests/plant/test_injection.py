@@ -128,7 +128,10 @@ def test_each_scale_can_be_overridden_and_is_used() -> None:
         (name, side, variant): faulty(FaultSpec(fault=name, severity=1.0, side=side, variant=variant))
         for name, side, variant in CHOICES
     }
+    measured = ("pressure_bias", "pressure_drift")  # not in the plant, see test_recorder_blocks
     for field, info in FaultScales.model_fields.items():
+        if field in measured:
+            continue
         value = 0.9 * info.default if field != "tight_friction" else 3.0
         value = 4.0 if field == "thick_viscosity" else value
         changed = [

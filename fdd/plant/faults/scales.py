@@ -9,7 +9,7 @@ from pydantic import Field
 from fdd.plant.validated import Validated
 
 Leakage = Annotated[float, Field(ge=0.0, le=1e-9)]
-OrificeFlow = Annotated[float, Field(ge=0.0, le=1e-3)]
+OrificeFlow = Annotated[float, Field(ge=0.0, le=1e-1)]
 Share = Annotated[float, Field(ge=0.0, le=1.0)]
 
 
@@ -49,6 +49,8 @@ class FaultScales(Validated):
     current_limit_loss : share of the current limit, which a drive lowers for a winding that runs hot.
     coupling_play : rad between motor and pump; 2 degrees.
     coupling_eccentricity : pump speed's swing once a turn, over the speed.
+    pressure_bias, pressure_drift : Pa and Pa/s on the pressure measured; 3.6 % of the transducer's range, at
+        once or within 50 s.
 
     Examples
     --------
@@ -91,3 +93,5 @@ class FaultScales(Validated):
     current_limit_loss: Share = 0.2
     coupling_play: Annotated[float, Field(ge=0.0, le=0.5)] = 0.0349
     coupling_eccentricity: Annotated[float, Field(ge=0.0, le=0.5)] = 0.02
+    pressure_bias: Annotated[float, Field(ge=0.0, le=1e8)] = 250e3
+    pressure_drift: Annotated[float, Field(ge=0.0, le=1e7)] = 5e3

@@ -132,14 +132,15 @@ class ChannelSensor:
     ----------
     sensor : gain, zero, noise, band, tones, orders, range, loop.
     rng : the channel's stream.
+    rate : Hz, rows per second.
     """
 
-    def __init__(self, sensor: Sensor, rng: np.random.Generator) -> None:
+    def __init__(self, sensor: Sensor, rng: np.random.Generator, rate: float = RATE) -> None:
         self.sensor, self._rng = sensor, rng
         self.range = range_of(sensor)
         limit = sensor.bandwidth_hz
         limited = limit is not None and limit < HIGHEST_LIMIT
-        share = -math.expm1(-2.0 * math.pi * limit / RATE) if limited and limit is not None else 1.0
+        share = -math.expm1(-2.0 * math.pi * limit / rate) if limited and limit is not None else 1.0
         self._constants = _Constants(sensor.gain, sensor.zero, sensor.noise, share)
         self._state = np.zeros(_STATE)
         phases = [[a, b, rng.random()] for a, b in sensor.tones]
@@ -149,7 +150,7 @@ class ChannelSensor:
         self._orders = np.array(phases).reshape(-1, 3)
         self._sections: Array | None = None
         if limited and limit is not None and sensor.noise > 0.0:
-            self._sections, settled = band_limit(float(limit))
+            self._sections, settled = band_limit(float(limit), rate)
             # Noise did not begin with the log.
             _band(rng.standard_normal(settled), self._sections, self._state)
 

@@ -11,17 +11,16 @@ from numpy.typing import NDArray
 
 from fdd.errors import InputError
 from fdd.plant.compiled import njit
+from fdd.plant.faults.scales import FaultScales
 from fdd.plant.faults.spec import FaultSpec
+from fdd.plant.sensors.recording import PERIOD, Recording
 from fdd.plant.sensors.slip import SLIP, PositionSlip
 from fdd.plant.sensors.streams import generator
 from fdd.sensor import Sensor
 
 Array = NDArray[np.float64]
 
-SENSOR_BIAS = 250e3
-"""Pa on the differential pressure at severity 1."""
-SENSOR_DRIFT = 5e3
-"""Pa/s on the differential pressure at severity 1."""
+USUAL = FaultScales()
 CONTACT_TIME = 0.1
 """s, of a loose contact: it stays open for this time on average at small severity (assumption)."""
 DROPOUTS = {
@@ -41,12 +40,17 @@ class SensorFault:
     Parameters
     ----------
     spec : the fault. sensor : of the channel. seed : of the scenario. stream : tells axes apart.
+    scales : figures of severity 1.
     """
 
     channel = "pressure_difference"
+    period = PERIOD
+    """s, between rows."""
 
-    def __init__(self, spec: FaultSpec, sensor: Sensor, seed: int, stream: str = "") -> None:
-        self.spec, self.sensor = spec, sensor
+    def __init__(
+        self, spec: FaultSpec, sensor: Sensor, seed: int, stream: str = "", scales: FaultScales = USUAL
+    ) -> None:
+        self.spec, self.sensor, self.scales = spec, sensor, scales
 
     def offset(self, time: Array, first_row: int) -> Array | None:
         """What is added to the rows taken at `time` (n,) s, (n,); None for nothing."""
@@ -62,14 +66,16 @@ class Bias(SensorFault):
 
     def offset(self, time: Array, first_row: int) -> Array:
         """See `SensorFault`."""
-        return SENSOR_BIAS * self.spec.over(time)
+        return self.scales.pressure_bias * self.spec.over(time)
 
 
 class Drift(SensorFault):
     """A ramp: the rate follows the severity, the offset is its integral, so what has drifted stays."""
 
-    def __init__(self, spec: FaultSpec, sensor: Sensor, seed: int, stream: str = "") -> None:
-        super().__init__(spec, sensor, seed, stream)
+    def __init__(
+        self, spec: FaultSpec, sensor: Sensor, seed: int, stream: str = "", scales: FaultScales = USUAL
+    ) -> None:
+        super().__init__(spec, sensor, seed, stream, scales)
         self._gained, self._severity, self._time = 0.0, 0.0, 0.0
 
     def offset(self, time: Array, first_row: int) -> Array:
@@ -81,7 +87,7 @@ class Drift(SensorFault):
         gained = np.cumsum(np.concatenate([[self._gained], gained]))[1:]
         if time.size:
             self._gained, self._severity, self._time = gained[-1], severity[-1], time[-1]
-        return SENSOR_DRIFT * gained
+        return self.scales.pressure_drift * gained
 
 
 class Slip(SensorFault):
@@ -89,13 +95,17 @@ class Slip(SensorFault):
 
     channel = "position"
 
-    def __init__(self, spec: FaultSpec, sensor: Sensor, seed: int, stream: str = "") -> None:
-        super().__init__(spec, sensor, seed, stream)
+    def __init__(
+        self, spec: FaultSpec, sensor: Sensor, seed: int, stream: str = "", scales: FaultScales = USUAL
+    ) -> None:
+        super().__init__(spec, sensor, seed, stream, scales)
         self._slip = PositionSlip(spec, seed, stream)
 
     def offset(self, time: Array, first_row: int) -> Array:
         """See `SensorFault`."""
-        return self._slip.offset(first_row, time.size)
+        # It slips from one millisecond to the next, as the controller sees it.
+        each = round(PERIOD / self.period)
+        return np.repeat(self._slip.offset(first_row // each, time.size // each), each)
 
 
 class Dropout(SensorFault):
@@ -109,8 +119,10 @@ class Dropout(SensorFault):
     InputError : the variant's channel has no current loop, or the variant is unknown.
     """
 
-    def __init__(self, spec: FaultSpec, sensor: Sensor, seed: int, stream: str = "") -> None:
-        super().__init__(spec, sensor, seed, stream)
+    def __init__(
+        self, spec: FaultSpec, sensor: Sensor, seed: int, stream: str = "", scales: FaultScales = USUAL
+    ) -> None:
+        super().__init__(spec, sensor, seed, stream, scales)
         self.channel, self._shows = _dropout(spec)
         self._dead = np.nan
         if self._shows == "dead":
@@ -127,7 +139,7 @@ class Dropout(SensorFault):
     def replace(self, values: Array, time: Array) -> Array:
         """See `SensorFault`."""
         severity, drawn = self.spec.over(time), self._rng.random(time.size)
-        rows = CONTACT_TIME / 1e-3
+        rows = CONTACT_TIME / self.period
         _drop(values, severity, drawn, rows, self._shows == "held", self._dead, self._state)
         return values
 
@@ -170,8 +182,10 @@ SENSOR_FAULTS: dict[str, type[SensorFault]] = {
 """Fault to what it does; faults that are not listed are the plant's."""
 
 
-def struck_channel(spec: FaultSpec) -> str | None:
+def struck_channel(spec: FaultSpec, recording: Recording | None = None) -> str | None:
     """The channel that a fault falsifies, None for a fault of the plant.
+
+    In a log without differential pressure its faults are those of chamber 1's transducer.
 
     Examples
     --------
@@ -179,6 +193,9 @@ def struck_channel(spec: FaultSpec) -> str | None:
     'pressure_difference'
     """
     kind = SENSOR_FAULTS.get(spec.fault)
-    if kind is Dropout:
-        return _dropout(spec)[0]
-    return None if kind is None else kind.channel
+    if kind is None:
+        return None
+    channel = _dropout(spec)[0] if kind is Dropout else kind.channel
+    if channel == "pressure_difference" and recording is not None and not recording.has(channel):
+        return "pressure_1"
+    return channel

@@ -11,7 +11,7 @@ from scipy.signal import butter, sosfilt
 Array = NDArray[np.float64]
 
 RATE = 1000.0
-"""Hz, rows per second."""
+"""Hz, rows per second, usually."""
 HIGHEST_LIMIT = 0.45 * RATE
 """Hz; a limit from here on is none."""
 _ORDER = 4
@@ -21,7 +21,7 @@ _LONGEST = 1_000_000
 
 
 @lru_cache(maxsize=64)
-def band_limit(limit_hz: float) -> tuple[Array, int]:
+def band_limit(limit_hz: float, rate: float = RATE) -> tuple[Array, int]:
     """Sections that let white noise of deviation 1 through up to a limit and leave it at deviation 1.
 
     Butterworth of fourth order: half the power at the limit, a thousandth from twice the limit on. Its gain
@@ -30,6 +30,7 @@ def band_limit(limit_hz: float) -> tuple[Array, int]:
     Parameters
     ----------
     limit_hz : below `HIGHEST_LIMIT`.
+    rate : Hz, rows per second.
 
     Returns
     -------
@@ -42,7 +43,7 @@ def band_limit(limit_hz: float) -> tuple[Array, int]:
     >>> round(float(np.sum(sosfilt(sections, impulse) ** 2)), 12), settled < 200
     (1.0, True)
     """
-    sections = np.array(butter(_ORDER, limit_hz, fs=RATE, output="sos"))
+    sections = np.array(butter(_ORDER, limit_hz, fs=rate, output="sos"))
     poles = np.abs(np.concatenate([np.roots(section[3:]) for section in sections]))
     settled = min(int(np.log(_LEFT) / np.log(poles.max())) + 1, _LONGEST)
     impulse = np.zeros(settled + 1)

@@ -9,10 +9,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fdd.errors import InputError
+from fdd.plant.faults.scales import FaultScales
 from fdd.plant.faults.spec import FaultSpec
 from fdd.plant.sensors.channel import ChannelSensor, digitise
-from fdd.plant.sensors.faults import SENSOR_FAULTS, SensorFault, struck_channel
-from fdd.plant.sensors.recording import PERIOD, Losses, NanBursts, Recording
+from fdd.plant.sensors.faults import SENSOR_FAULTS, USUAL, SensorFault, struck_channel
+from fdd.plant.sensors.noise import RATE
+from fdd.plant.sensors.recording import Losses, NanBursts, Recording
 from fdd.plant.sensors.streams import generator
 from fdd.samples import Samples
 from fdd.unit import Unit
@@ -68,6 +70,7 @@ class Recorder:
     seed : of the scenario.
     stream : tells the axes of one scenario apart, as " axis_b"; "" for the only one. Noise, bursts and faults
         are each axis's own; dropped rows and stamps are all axes' in common (one computer samples them).
+    scales : figures of severity 1.
 
     Raises
     ------
@@ -83,27 +86,36 @@ class Recorder:
     """
 
     def __init__(
-        self, unit: Unit, faults: list[FaultSpec], recording: Recording, seed: int, stream: str = ""
+        self,
+        unit: Unit,
+        faults: list[FaultSpec],
+        recording: Recording,
+        seed: int,
+        stream: str = "",
+        scales: FaultScales = USUAL,
     ) -> None:
         self.unit, self.recording = unit, recording
         channels = [c for c in MEASURED if c != "load_force" or recording.load_force]
+        rate = 1.0 / recording.period if recording.each > 1 else RATE
         self._sensors = {
-            c: ChannelSensor(unit.sensor(c), generator(seed, f"sensor {c}{stream}")) for c in channels
+            c: ChannelSensor(unit.sensor(c), generator(seed, f"sensor {c}{stream}"), rate) for c in channels
         }
         speed = unit.sensor("pump_speed")
-        counts = unit.sensor("pump_angle").resolution / PERIOD
+        counts = unit.sensor("pump_angle").resolution / recording.period
         # A difference of counts is on their grid already; rounding it to a printed one would shift it.
         own_grid = counts > 0.0 and abs(speed.resolution / counts - 1.0) < 0.01
         step = 0.0 if own_grid else speed.resolution
         self._speed = ChannelSensor(
             speed.model_copy(update={"bandwidth_hz": None, "resolution": step}),
             generator(seed, f"sensor pump_speed{stream}"),
+            rate,
         )
         self._faults: dict[str, list[SensorFault]] = {}
         for spec in faults:
-            channel = struck_channel(spec)
+            channel = struck_channel(spec, recording)
             if channel in self._sensors:
-                effect = SENSOR_FAULTS[spec.fault](spec, unit.sensor(channel), seed, stream)
+                effect = SENSOR_FAULTS[spec.fault](spec, unit.sensor(channel), seed, stream, scales)
+                effect.period = recording.period
                 self._faults.setdefault(channel, []).append(effect)
         self._losses = Losses(recording, seed)
         self._bursts = NanBursts(recording, seed, [*self._sensors, "pump_speed"], stream)
@@ -136,15 +148,20 @@ class Recorder:
             columns["command"] = digitise(self.unit.sensor("command"), truth["command"])
         for channel, sensor in self._sensors.items():
             columns[channel] = self._one(channel, sensor, truth, time)
-            if channel == "pump_angle":
+            if channel == "pump_angle" and self.recording.speed == "counts":
                 columns["pump_speed"] = self._count_difference(columns[channel], time)
+            elif channel == "pump_angle":
+                columns["pump_speed"] = self._speed.digitise(self._speed.observe(truth["pump_speed"], time))
         for channel, effects in self._faults.items():
             for effect in effects:
                 columns[channel] = effect.replace(columns[channel], time)
         self._bursts.blank(columns, time.size)
         if "position_setpoint" in truth:
             columns["position_setpoint"] = np.array(truth["position_setpoint"], dtype=np.float64)
+        columns = {name: values for name, values in columns.items() if self.recording.has(name)}
         stamps, kept = self._losses.next(time)
+        if self.recording.keeps_every > 1:
+            kept = kept & (np.arange(self.row, self.row + time.size) % self.recording.keeps_every == 0)
         self.row += time.size
         return Rows(stamps, columns, kept)
 
@@ -162,6 +179,6 @@ class Recorder:
         if not angle.size:
             return angle.copy()
         first = angle[0] if self.row == 0 else self._angle
-        speed = np.diff(angle, prepend=first) / PERIOD
+        speed = np.diff(angle, prepend=first) / self.recording.period
         self._angle = float(angle[-1])
         return self._speed.digitise(self._speed.observe(speed, time))

@@ -2,19 +2,21 @@
 
 from __future__ import annotations
 
-from typing import Annotated
+from typing import Annotated, Literal
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import Field
+from pydantic import Field, model_validator
 
+from fdd.errors import InputError
 from fdd.plant.sensors.streams import generator
 from fdd.plant.validated import Validated
+from fdd.samples import CHANNELS, missing_required
 
 Array = NDArray[np.float64]
 
 PERIOD = 1e-3
-"""s, between rows."""
+"""s, of controller and usual recording."""
 SHORTEST_BURST, LONGEST_BURST = 5, 30
 MOST_CHANNELS = 4
 _CLIP = 4.0
@@ -32,6 +34,11 @@ class Recording(Validated):
     jitter : s, standard deviation of the stamps' error: the row is taken on time, its stamp is a little off.
     nan_bursts_per_minute : bursts of NaN, 5 to 30 rows long, each in one to four channels.
     load_force : whether the load is measured.
+    rate : Hz of the log. Below 1000 it keeps every second or fifth of the rows that are taken each
+        millisecond, at 2000 two are taken; controller and faults go on once a millisecond.
+    speed : how pump speed is had: ``counts`` of the angle's encoder since the millisecond before, or a
+        drive's own reading, ``sampled`` with the errors of the unit's sensor.
+    channels : those that the log has; None for all.
 
     Examples
     --------
@@ -45,6 +52,41 @@ class Recording(Validated):
     jitter: Annotated[float, Field(ge=0.0, le=1e-5)] = 0.0
     nan_bursts_per_minute: Annotated[float, Field(ge=0.0, le=60.0)] = 0.2
     load_force: bool = False
+    rate: Literal[200, 500, 1000, 2000] = 1000
+    speed: Literal["counts", "sampled"] = "counts"
+    channels: tuple[str, ...] | None = None
+
+    @model_validator(mode="after")
+    def _enough(self) -> Recording:
+        if self.channels is not None:
+            unknown = [name for name in self.channels if name not in CHANNELS or name == "time"]
+            if unknown:
+                raise InputError(f"unknown channel {unknown[0]!r}", where="recording channels")
+            absent = missing_required(self.channels)
+            if absent:
+                raise InputError(
+                    f"no diagnosis without {', '.join(absent)}", where="recording channels", mend="add these"
+                )
+        return self
+
+    @property
+    def each(self) -> int:
+        """Rows taken each millisecond."""
+        return max(self.rate // 1000, 1)
+
+    @property
+    def period(self) -> float:
+        """s, between rows that are taken."""
+        return PERIOD / self.each
+
+    @property
+    def keeps_every(self) -> int:
+        """Rows taken for each that the log keeps."""
+        return max(1000 // self.rate, 1)
+
+    def has(self, channel: str) -> bool:
+        """Whether the log has that channel, where it is measured at all."""
+        return self.channels is None or channel in self.channels
 
     @classmethod
     def perfect(cls) -> Recording:
@@ -57,7 +99,7 @@ class Lateness:
 
     Parameters
     ----------
-    recording : late, latest. substeps : steps per millisecond. seed : of the scenario.
+    recording : late, latest. substeps : steps per row. seed : of the scenario.
     """
 
     def __init__(self, recording: Recording, substeps: int, seed: int) -> None:
@@ -126,7 +168,7 @@ class NanBursts:
     def __init__(self, recording: Recording, seed: int, names: list[str], stream: str = "") -> None:
         self.names = names
         self._rng = generator(seed, f"NaN bursts{stream}")
-        rate = recording.nan_bursts_per_minute * PERIOD / 60.0
+        rate = recording.nan_bursts_per_minute * recording.period / 60.0
         self._gap = 1.0 / rate if rate > 0.0 and names else np.inf
         self._row = 0
         self._next = self._after(0.0)

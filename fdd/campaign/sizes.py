@@ -1,0 +1,352 @@
+"""Machines of other sizes: a whole profile from rated pressure, displacement and ratio of areas.
+
+What a designer would choose in proportion is drawn in proportion, around the shares that data sheets of
+electro-hydrostatic actuators, servomotors and gear or piston pumps give; where no source is named it is an
+assumption. `Scale` then says by how much loads, duties, faults and the plant's details differ from those of
+the thesis's axis A, whose numbers the rest of the house is written in.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any, TypeVar
+
+import numpy as np
+
+from fdd.campaign.ranges import Range, Rng, log_uniform, scaled, uniform
+from fdd.plant.details import Details
+from fdd.plant.faults.scales import FaultScales
+from fdd.plant.oil import ATMOSPHERE
+from fdd.plant.validated import Validated
+from fdd.sensor import CurrentLoop, Sensor
+from fdd.unit import Section, Unit
+
+AXIS = "axis_a"
+RELIEF = 1.1
+"""Relief setting over rated pressure."""
+STEEL = 8000.0
+"""kg/m³: piston and rod weigh about what their swept volume of steel does."""
+SENSED = 1.5
+"""Range of the pressure transducers over the relief setting."""
+GROSS_LEAKAGE = 0.05
+"""Of the rated flow, at half the rated pressure: internal leakage of severity 1."""
+STUCK_FLOW = 0.7
+"""Of the rated flow, at half the rated pressure: through a valve that is stuck fully open."""
+_MEGAPASCAL = 1e6
+_GRADES = ((15e-6, 3.3e-6), (32e-6, 5.4e-6), (46e-6, 6.8e-6))
+"""m²/s at 40 and 100 °C of ISO VG 15, 32 and 46."""
+_DETAILS, _FAULTS = Details().model_dump(), FaultScales().model_dump()
+S = TypeVar("S", bound=Section)
+
+
+class Size(Validated):
+    """What a drawn machine is sized by.
+
+    Attributes
+    ----------
+    rated_pressure : Pa, drawn log-uniformly; the relief valves open a tenth above it.
+    displacement : m³/rad, drawn log-uniformly.
+    area_ratio : second area over the first. Below 1 the refeeding valves must be piloted.
+    """
+
+    rated_pressure: Range = (2e6, 30e6)
+    displacement: Range = (0.2e-6, 7e-6)
+    area_ratio: Range = (1.0, 1.0)
+
+
+def sized_unit(size: Size, rng: Rng) -> Unit:
+    """A data sheet of a machine of that size.
+
+    Parameters
+    ----------
+    size : ranges of what it is sized by.
+    rng : stream to draw from.
+
+    Returns
+    -------
+    A profile whose parts fit each other; `fdd.campaign.drawing` varies it as it varies any base.
+
+    Examples
+    --------
+    >>> unit = sized_unit(Size(), np.random.default_rng(1))
+    >>> unit.cylinder.volume_1 > 0.5 * unit.cylinder.area_1 * unit.cylinder.stroke
+    True
+    """
+    axis = Unit.load(AXIS)
+    rated, displacement = log_uniform(rng, size.rated_pressure), log_uniform(rng, size.displacement)
+    ratio, fastest = uniform(rng, size.area_ratio), log_uniform(rng, (220.0, 420.0))
+    flow, torque = displacement * fastest, displacement * rated
+    velocity = log_uniform(rng, (0.06, 0.25))
+    area_1 = flow / velocity
+    area_2 = ratio * area_1
+    stroke = float(np.clip(velocity * uniform(rng, (1.5, 4.0)), 0.08, 0.8))
+    swept = 0.5 * area_1 * stroke
+    dead = swept * log_uniform(rng, (0.5, 6.0))
+    cylinder = _changed(
+        axis.cylinder,
+        area_1=area_1,
+        area_2=area_2,
+        stroke=stroke,
+        moving_mass=STEEL * area_1 * stroke * log_uniform(rng, (0.7, 2.0)),
+        volume_1=swept + dead,
+        volume_2=ratio * swept + dead,
+    )
+    leakage, drained = log_uniform(rng, (0.01, 0.05)) * flow / rated, uniform(rng, (0.1, 0.3))
+    pump = _changed(
+        axis.pump,
+        displacement=displacement,
+        cross_port_leakage=(1.0 - drained) * leakage,
+        case_leakage=2.0 * drained * leakage,
+    )
+    charge = min(uniform(rng, (0.35e6, 1.0e6)), 0.2 * rated)
+    # What the oil, its walls and hoses give without air; then the air at charge pressure.
+    stiff, air = log_uniform(rng, (4e8, 1.4e9)), log_uniform(rng, (5e-4, 5e-3))
+    thick, thin = _GRADES[int(rng.integers(len(_GRADES)))]
+    oil = _changed(
+        axis.oil,
+        bulk_modulus=1.0 / (1.0 / stiff + air * _air_compliance(charge, axis.oil.polytropic_index)),
+        air_fraction=air,
+        reference_pressure=charge,
+        viscosity_40=thick,
+        viscosity_100=thin,
+    )
+    # Oil that the loaded chamber takes in, and that unequal areas shift over half a stroke.
+    taken, shifted = 0.65 * rated * (swept + dead) / (0.7 * stiff), (1.0 - ratio) * swept
+    accumulator = _changed(
+        axis.accumulator,
+        charge_pressure=charge,
+        gas_volume=max(log_uniform(rng, (1.2, 5.0)) * taken + 3.5 * shifted, 5e-6),
+        refeed_cracking_pressure=log_uniform(rng, (5e3, 50e3)),
+        refeed_flow_gain=flow / log_uniform(rng, (1e4, 4e4)),
+        relief_pressure=RELIEF * rated,
+        relief_flow_gain=flow / (0.1 * RELIEF * rated),
+    )
+    break_away = log_uniform(rng, (0.005, 0.02)) * rated * 0.5 * (area_1 + area_2)
+    shape, drag = uniform(rng, (0.35, 0.8)), uniform(rng, (0.0, 0.8))
+    falling, exponent = log_uniform(rng, (0.03, 0.2)) * velocity, uniform(rng, (0.6, 2.0))
+    branches = {}
+    for name in ("forward", "reverse"):
+        static = break_away * uniform(rng, (0.85, 1.15))
+        branches[name] = _changed(
+            getattr(axis.friction, name),
+            static=static,
+            coulomb=shape * static,
+            stribeck_velocity=falling,
+            stribeck_exponent=exponent,
+            viscous=drag * shape * static / velocity,
+        )
+    # Of a servomotor of that torque; the winding's voltages are the axis's.
+    stall = 1.6 * torque
+    motor, turns = stall / 8.0, axis.drive.max_speed / fastest
+    quick = uniform(rng, (0.5, 1.1))
+    drive = _changed(
+        axis.drive,
+        max_speed=fastest,
+        pole_1=quick * axis.drive.pole_1,
+        pole_2=quick * axis.drive.pole_2,
+        zero=quick * axis.drive.zero,
+        torque_constant=turns * axis.drive.torque_constant,
+        back_emf_constant=turns * axis.drive.back_emf_constant,
+        winding_resistance=axis.drive.winding_resistance * turns * turns / motor,
+        winding_inductance=axis.drive.winding_inductance * turns * turns / motor,
+        inertia=axis.drive.inertia * motor * uniform(rng, (0.7, 1.4)),
+        viscous_friction=axis.drive.viscous_friction * motor,
+        current_limit=2.0 * stall / (turns * axis.drive.torque_constant),
+    )
+    return axis.model_copy(
+        update={
+            "name": "sized",
+            "axis": "axis",
+            "description": f"{rated / 1e6:.3g} MPa, {displacement * 1e6:.3g} cm³/rad, areas 1 : {ratio:.2f}.",
+            "cylinder": cylinder,
+            "pump": pump,
+            "oil": oil,
+            "accumulator": accumulator,
+            "friction": axis.friction.model_copy(update=branches),
+            "drive": drive,
+            "sensors": _sensors(axis, SENSED * RELIEF * rated, drive.current_limit),
+        }
+    )
+
+
+@dataclass(frozen=True)
+class Scale:
+    """How much larger a machine is than axis A, as factors.
+
+    Attributes
+    ----------
+    unit : the machine itself.
+    pressure, flow, area, stroke, turning : relief setting, flow at the drive's largest speed, smaller area,
+        stroke, largest speed of the drive.
+    friction : break-away force. stiffness : of the oil on the piston. current : the drive's limit.
+    """
+
+    unit: Unit
+    pressure: float
+    flow: float
+    area: float
+    stroke: float
+    turning: float
+    friction: float
+    stiffness: float
+    current: float
+
+    @classmethod
+    def of(cls, unit: Unit) -> Scale:
+        """The scale of a profile."""
+        axis, mine = _sizes(Unit.load(AXIS)), _sizes(unit)
+        return cls(unit, *(m / a for m, a in zip(mine, axis, strict=True)))
+
+    @property
+    def force(self) -> float:
+        """Of pressure times area."""
+        return self.pressure * self.area
+
+    @property
+    def velocity(self) -> float:
+        """Of the piston at the drive's largest speed."""
+        return self.flow / self.area
+
+    @property
+    def leakage(self) -> float:
+        """Of flow over pressure."""
+        return self.flow / self.pressure
+
+    @property
+    def position_gain(self) -> float:
+        """Of a position loop that is as quick, (rad/s)/m."""
+        return self.turning / self.velocity
+
+    def load_ranges(self, name: str, ranges: Mapping[str, Range]) -> dict[str, Range]:
+        """Ranges of a load's parameters for this machine."""
+        per_stroke = self.force / self.stroke
+        factors = {
+            "constant": {"level": self.force},
+            "spring": {"rate": per_stroke, "slack": self.stroke},
+            # As slow on the oil's spring, and not more than the pump's pressure can brake.
+            "inertia": {"added": min(self.stiffness, self.force / self.velocity)},
+            "gust": {"deviation": self.force, "level": self.force, "rate": per_stroke},
+            "throttle": {"pressure": self.pressure},
+        }
+        return _scaled_by(ranges, factors.get(name, {}))
+
+    def duty_ranges(self, ranges: Mapping[str, Range]) -> dict[str, Range]:
+        """Ranges of a duty's parameters for this machine."""
+        return _scaled_by(ranges, {"amplitude": self.stroke, "speed": self.turning, "rate": self.velocity})
+
+    def details(self, drawn: Mapping[str, Any]) -> dict[str, Any]:
+        """All details of the plant for this machine, from those that were drawn for axis A."""
+        torque = self.pressure * self.flow / self.turning
+        bulk = (self.pressure * self.flow) ** 0.75  # what is larger is heavier, but less so than stronger
+        factors = {
+            "bristle_stiffness": self.friction,
+            "bristle_fade": self.velocity,
+            "seal_damping": self.friction / self.velocity,
+            "smooth_width": self.velocity,
+            "pump_coulomb_torque": torque,
+            "line_loss": self.pressure / self.flow**2,
+            "coupling_stiffness": torque,
+            "coupling_damping": torque,
+            "relief_width": self.pressure,
+            "stop_stiffness": self.force,
+            "cushion_damping": self.force / self.velocity**2,
+            "cushion_length": self.stroke,
+            "heat_capacity": bulk,
+            "cooling": bulk,
+            "loose_seal_leakage": self.leakage,
+        }
+        whole = {**_DETAILS, **drawn}
+        return {n: v * factors[n] if n in factors else v for n, v in whole.items()}
+
+    def fault_scales(self, drawn: Mapping[str, float]) -> dict[str, float]:
+        """Figures of severity 1 for this machine, around those that were drawn.
+
+        Internal leakage passes `GROSS_LEAKAGE` of the rated flow at half the rated pressure, a stuck valve
+        `STUCK_FLOW`; air brings the bulk modulus at charge pressure to 35 %, as 2.5 % does on axis A. The
+        other leakages keep their proportion to the internal one.
+        """
+        unit, axis = self.unit, _FAULTS
+        rated = unit.accumulator.relief_pressure / RELIEF
+        flow, half = unit.pump.displacement * unit.drive.max_speed, 0.5 * rated
+        turbulent = drawn.get("internal_leakage_orifice_share", axis["internal_leakage_orifice_share"])
+        laminar = (1.0 - turbulent) * half + turbulent * math.sqrt(_MEGAPASCAL * half)
+        leakage = GROSS_LEAKAGE * flow / laminar
+        times = leakage / axis["internal_leakage"]
+        stuck = STUCK_FLOW * flow * math.sqrt(_MEGAPASCAL / half)
+        soft = _air_compliance(unit.oil.reference_pressure, unit.oil.polytropic_index)
+        return {
+            **drawn,
+            "internal_leakage": leakage,
+            "external_leakage": times * axis["external_leakage"],
+            "pump_wear_leakage": times * axis["pump_wear_leakage"] / self.turning,
+            "case_leakage": times * axis["case_leakage"],
+            "shaft_leakage_flow": self.flow * axis["shaft_leakage_flow"],
+            "shaft_leakage_pressure": unit.accumulator.charge_pressure + 5e3,
+            "loose_rod_leakage": times * drawn.get("loose_rod_leakage", axis["loose_rod_leakage"]),
+            "free_air": min((1.0 / 0.35 - 1.0) / (unit.oil.bulk_modulus * soft), 0.2),
+            "check_valve_flow": stuck,
+            "relief_valve_flow": stuck,
+            "pressure_bias": self.pressure * axis["pressure_bias"],
+            "pressure_drift": self.pressure * axis["pressure_drift"],
+        }
+
+    def zero_errors(self, errors: Mapping[str, float]) -> dict[str, float]:
+        """Zero errors of axis A's sensors, for this machine's ranges."""
+        factors = {
+            **dict.fromkeys(("pressure_difference", "pressure_1", "pressure_2"), self.pressure),
+            "motor_current": self.current,
+            "position": min(self.stroke, 1.0),
+        }
+        return {channel: error * factors.get(channel, 1.0) for channel, error in errors.items()}
+
+
+def _sizes(unit: Unit) -> tuple[float, ...]:
+    cylinder, drive = unit.cylinder, unit.drive
+    springs = cylinder.area_1**2 / cylinder.volume_1 + cylinder.area_2**2 / cylinder.volume_2
+    return (
+        unit.accumulator.relief_pressure,
+        unit.pump.displacement * drive.max_speed,
+        min(cylinder.area_1, cylinder.area_2),
+        cylinder.stroke,
+        drive.max_speed,
+        0.5 * (unit.friction.forward.static + unit.friction.reverse.static),
+        unit.oil.bulk_modulus * springs,
+        drive.current_limit,
+    )
+
+
+def _air_compliance(pressure: float, index: float) -> float:
+    """Compliance (1/Pa) at a gauge pressure per free air at atmospheric pressure (eqs 5.20 and 5.21)."""
+    absolute = pressure + ATMOSPHERE
+    return float((ATMOSPHERE / absolute) ** (1.0 / index) / (index * absolute))
+
+
+def _sensors(axis: Unit, full: float, current: float) -> dict[str, Sensor]:
+    """Axis A's chain with transducers of that range (Pa) and a drive of that current limit (A)."""
+    sensors = dict(axis.sensors)
+    old = sensors["pressure_difference"]
+    assert old.loop is not None
+    wider = full / old.loop.high
+    loop = CurrentLoop(low=0.0, high=full, resistance=old.loop.resistance, reversible=True)
+    tones = [(hz, wider * amplitude) for hz, amplitude in old.tones]
+    sensors["pressure_difference"] = Sensor(
+        noise=wider * old.noise, bandwidth_hz=old.bandwidth_hz, tones=tones, loop=loop
+    )
+    for channel in ("pressure_1", "pressure_2"):
+        old = sensors[channel]
+        sensors[channel] = Sensor(
+            noise=wider * old.noise, resolution=wider * old.resolution, low=old.low, high=full
+        )
+    old, larger = sensors["motor_current"], current / axis.drive.current_limit
+    sensors["motor_current"] = Sensor(noise=larger * old.noise, resolution=larger * old.resolution)
+    return sensors
+
+
+def _changed(section: S, **values: float) -> S:
+    return section.model_copy(update={**values, "provenance": {}})
+
+
+def _scaled_by(ranges: Mapping[str, Range], factors: Mapping[str, float]) -> dict[str, Range]:
+    return {name: scaled(bounds, factors.get(name, 1.0)) for name, bounds in ranges.items()}

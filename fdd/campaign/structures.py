@@ -1,0 +1,161 @@
+"""Structures: kinds of machines that a recipe draws from; conditions: how single logs depart from it."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Annotated, Any, Literal
+
+from pydantic import Field, model_validator
+
+from fdd.campaign.ranges import Range, Rng, Weight, drawn, spread
+from fdd.campaign.sizes import Size, sized_unit
+from fdd.errors import InputError
+from fdd.plant.details import Details
+from fdd.plant.sensors.recording import Recording
+from fdd.plant.validated import Validated
+from fdd.sensor import Sensor
+from fdd.unit import Unit
+
+if TYPE_CHECKING:
+    from fdd.campaign.recipe import Recipe
+
+PARTS = ("cylinder", "pump", "oil", "accumulator", "drive")
+POLES = ("pole_1", "pole_2", "zero")
+EQUAL = 0.97
+"""Ratio of areas from which on a pump can feed both chambers without piloted valves."""
+
+
+class Departure(Validated):
+    """What differs from the recipe; None leaves it as it is there.
+
+    Attributes
+    ----------
+    name, weight : in labels; share among its likes.
+    duties, loads, oil_temperature, warming, charge_factor, position_gain, speed_control_share : as the
+        recipe's own.
+    loop : factor on the poles and the zero of the drive's velocity loop: a loop tuned anew.
+    noise : factor on the noise of all sensors.
+    """
+
+    name: Annotated[str, Field(pattern=r"^[A-Za-z0-9_.\-]{1,40}$")]
+    weight: Weight = 1.0
+    duties: dict[str, Weight] | None = None
+    loads: dict[str, Weight] | None = None
+    oil_temperature: Range | None = None
+    warming: Range | None = None
+    charge_factor: Range | None = None
+    position_gain: Range | None = None
+    speed_control_share: Annotated[float, Field(ge=0.0, le=1.0)] | None = None
+    loop: Range = (1.0, 1.0)
+    noise: Range = (1.0, 1.0)
+
+    def applied(self, recipe: Recipe) -> Recipe:
+        """The recipe with what this changes."""
+        names = (
+            "duties", "loads", "oil_temperature", "warming", "charge_factor", "position_gain",
+            "speed_control_share",
+        )  # fmt: skip
+        changed = {n: getattr(self, n) for n in names if getattr(self, n) is not None}
+        return recipe.model_copy(update=changed) if changed else recipe
+
+    def changed(self, unit: Unit, rng: Rng) -> Unit:
+        """The unit with its loop tuned anew and its sensors noisier."""
+        loop, noise = spread(rng, self.loop), spread(rng, self.noise)
+        if loop == 1.0 and noise == 1.0:
+            return unit
+        poles = {name: loop * getattr(unit.drive, name) for name in POLES}
+        sensors = {c: s.model_copy(update={"noise": noise * s.noise}) for c, s in unit.sensors.items()}
+        return unit.model_copy(update={"drive": unit.drive.model_copy(update=poles), "sensors": sensors})
+
+
+class Condition(Departure):
+    """How some logs depart from the recipe: warm, cold, little charge, a loop tuned anew, more noise."""
+
+
+class Structure(Departure):
+    """A kind of machine and of its instruments.
+
+    Attributes
+    ----------
+    base : shipped profile (or path) that is varied; None takes the recipe's, in turn. Not with `size`.
+    size : of a machine that is drawn as a whole instead.
+    profile : section to field to the range that it is drawn from, on top of base or size.
+    details : of the plant (`fdd.plant.details.Details`): a range, or the name of a law.
+    sensors : channel to field to range: noise, resolution, bandwidth_hz.
+    rate, speed, channels : of the log, see `fdd.plant.sensors.recording.Recording`.
+    baseline_kind : None takes the recipe's.
+
+    Examples
+    --------
+    >>> Structure(name="slow", details={"check_lag": [0.005, 0.02], "friction_law": "dahl"}).rate
+    1000
+    """
+
+    base: str | None = None
+    size: Size | None = None
+    profile: dict[str, dict[str, Range]] = Field(default_factory=dict)
+    details: dict[str, Range | str] = Field(default_factory=dict)
+    sensors: dict[str, dict[str, Range]] = Field(default_factory=dict)
+    rate: Literal[200, 500, 1000, 2000] = 1000
+    speed: Literal["counts", "sampled"] = "counts"
+    channels: tuple[str, ...] | None = None
+    baseline_kind: Literal["identification", "ordinary"] | None = None
+
+    @model_validator(mode="after")
+    def _possible(self) -> Structure:
+        where = f"structure {self.name}"
+        if self.base is not None and self.size is not None:
+            raise InputError("base and size are both given", where=where, mend="leave one out")
+        example = Unit.load("axis_a")
+        for part, fields in self.profile.items():
+            known = type(getattr(example, part)).model_fields if part in PARTS else {}
+            for field in fields:
+                if field not in known:
+                    raise InputError(
+                        f"unknown {part} {field}", where=f"{where} profile",
+                        mend=f"use fields of: {', '.join(PARTS)}",
+                    )  # fmt: skip
+        for channel, fields in self.sensors.items():
+            for field in fields:
+                if field not in ("noise", "resolution", "bandwidth_hz"):
+                    raise InputError(
+                        f"{channel} {field} cannot be drawn", where=f"{where} sensors",
+                        mend="use noise, resolution or bandwidth_hz",
+                    )  # fmt: skip
+        for end in (0, 1):
+            Details(**{n: v if isinstance(v, str) else v[end] for n, v in self.details.items()})
+        self.recording(Recording())
+        pilot = self.details.get("pilot_ratio", (0.0, 0.0))
+        piloted = not isinstance(pilot, str) and pilot[0] > 0.0
+        if self.size is not None and self.size.area_ratio[0] < EQUAL and not piloted:
+            raise InputError(
+                f"an area ratio of {self.size.area_ratio[0]:g} without piloted valves", where=where,
+                mend="give details a pilot_ratio, or the oil of the larger chamber has nowhere to go",
+            )  # fmt: skip
+        return self
+
+    def recording(self, recording: Recording) -> Recording:
+        """How the logs of these machines are taken."""
+        return Recording(
+            **{**recording.model_dump(), "rate": self.rate, "speed": self.speed, "channels": self.channels}
+        )
+
+    def data_sheet(self, base: str, rng: Rng) -> Unit:
+        """The profile that a unit is varied from: the base's or a drawn machine's, and what is on top."""
+        unit = Unit.load(self.base or base) if self.size is None else sized_unit(self.size, rng)
+        parts: dict[str, Any] = {}
+        for name, ranges in self.profile.items():
+            section = getattr(unit, name)
+            parts[name] = section.model_copy(update={**drawn(rng, ranges), "provenance": {}})
+        sensors = dict(unit.sensors)
+        for channel, ranges in self.sensors.items():
+            sensors[channel] = Sensor(
+                **{**sensors[channel].model_dump(exclude={"source", "lines"}), **drawn(rng, ranges)}
+            )
+        described = f"{unit.description} Structure {self.name}."
+        unit = unit.model_copy(update={**parts, "sensors": sensors, "description": described})
+        return Unit.from_yaml(self.changed(unit, rng).to_yaml())
+
+    def drawn_details(self, usual: dict[str, Any], rng: Rng) -> dict[str, Any]:
+        """Details of the plant: the usual draw, and what this structure has instead."""
+        own = {n: v if isinstance(v, str) else spread(rng, v) for n, v in self.details.items()}
+        return {**usual, **own}

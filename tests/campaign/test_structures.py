@@ -1,0 +1,242 @@
+"""Structures: machines of other sizes hold together, logs show what their instruments can, labels say so."""
+
+from __future__ import annotations
+
+from collections import Counter
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from fdd.campaign.dataset import Dataset
+from fdd.campaign.drawing import condition_of, draw_scenario, draw_unit, stream, structure_of
+from fdd.campaign.generate import generate
+from fdd.campaign.recipe import Recipe
+from fdd.campaign.sizes import RELIEF, Scale, Size, sized_unit
+from fdd.errors import InputError
+from fdd.plant.details import Details
+from fdd.plant.faults.scales import FaultScales
+from fdd.plant.faults.spec import SIMULATED
+from fdd.plant.scenario import Scenario
+from fdd.plant.sensors.recording import Recording
+from fdd.plant.simulate import simulate
+from fdd.unit import Unit
+
+RECIPES = Path(__file__).parents[2] / "datasets"
+SEEDS = range(25)
+MINIMUM = ["position", "pump_speed", "pressure_difference"]
+
+
+def recipe_with(**fields: Any) -> Recipe:
+    given = {"schema": "fdd.recipe/1", "healthy_share": 1.0, "units": 4, "logs_per_unit": 1, **fields}
+    return Recipe(**given)
+
+
+@pytest.mark.parametrize("name", ["structures", "healthy"])
+def test_shipped_recipes_read_back_and_all_their_units_can_be_drawn(name: str) -> None:
+    recipe = Recipe.load(RECIPES / f"{name}.yaml")
+    assert Recipe.from_yaml(recipe.to_yaml()) == recipe
+    kinds = Counter(getattr(structure_of(recipe, k), "name", "") for k in range(recipe.units))
+    assert set(kinds) == {each.name for each in recipe.structures}
+    for index in range(recipe.units):
+        rig = draw_unit(recipe, stream(recipe, "unit", index), index)
+        draw_scenario(recipe, rig, stream(recipe, "log", index, 0, 0))
+    if name == "structures":
+        assert set(recipe.faults) == set(SIMULATED)
+
+
+def test_machines_of_all_sizes_hold_together() -> None:
+    """Each by what its designer would check, from the profile alone."""
+    pressures, displacements = [], []
+    for seed in SEEDS:
+        unit = sized_unit(Size(area_ratio=(0.5, 1.0)), np.random.default_rng(seed))
+        cylinder, drive = unit.cylinder, unit.drive
+        rated = unit.accumulator.relief_pressure / RELIEF
+        flow = unit.pump.displacement * drive.max_speed
+        pressures.append(rated)
+        displacements.append(unit.pump.displacement)
+        assert 0.5 <= cylinder.area_2 / cylinder.area_1 <= 1.0
+        # The motor turns the pump against the relief valve, its voltage lets it reach its speed.
+        assert drive.current_limit * drive.torque_constant > unit.pump.displacement * rated * RELIEF
+        assert drive.back_emf_constant * drive.max_speed < drive.voltage_limit
+        assert 0.01 <= unit.pump.total_leakage * rated / flow <= 0.05 + 1e-9
+        for branch in (unit.friction.forward, unit.friction.reverse):
+            share = branch.static / (rated * 0.5 * (cylinder.area_1 + cylinder.area_2))
+            assert 0.85 * 0.005 <= share <= 1.15 * 0.02
+            assert branch.coulomb < branch.static
+        # The transducer reads beyond the relief valve's setting.
+        assert unit.sensors["pressure_1"].high == pytest.approx(1.5 * unit.accumulator.relief_pressure)
+        # Oil alone: the accumulator survives the piston's whole travel.
+        shifted = (cylinder.area_1 - cylinder.area_2) * 0.5 * cylinder.stroke
+        assert unit.accumulator.gas_volume > 2.0 * shifted
+    for values, low, high in ((pressures, 2e6, 30e6), (displacements, 0.2e-6, 7e-6)):
+        assert low <= min(values) < 2.0 * low
+        assert 0.5 * high < max(values) <= high
+
+
+@pytest.mark.parametrize("share", [0.0, 0.25])
+def test_severity_one_leaks_five_percent_of_the_rated_flow_at_half_the_rated_pressure(share: float) -> None:
+    """Measured: what crosses the ports more than in the healthy plant at that pressure."""
+    unit = sized_unit(Size(), np.random.default_rng(5))
+    scale = Scale.of(unit)
+    figures = FaultScales(**scale.fault_scales({"internal_leakage_orifice_share": share}))
+    half = 0.5 * unit.accumulator.relief_pressure / RELIEF
+    run = simulate(
+        unit,
+        Scenario(
+            duration=6.0,
+            duty={"name": "standstill"},
+            control={"gain": 1e4 * scale.position_gain},
+            load={"name": "constant", "level": half * unit.cylinder.area_1},
+            faults=[{"fault": "internal_leakage", "severity": 1.0}],
+            fault_scales=figures,
+            details=Details(**{**scale.details({}), "heat_capacity": 1e8}),
+            recording=Recording.perfect(),
+        ),
+    )
+    truth, last = run.truth, slice(4000, None)
+    drop = np.mean(truth["pressure_difference"][last])
+    assert drop == pytest.approx(half, rel=0.05)
+    added = np.mean(truth["cross_flow"][last]) - unit.pump.cross_port_leakage * drop
+    rated = unit.pump.displacement * unit.drive.max_speed
+    assert added / rated == pytest.approx(0.05, rel=0.06)
+
+
+def test_the_axis_is_of_its_own_size() -> None:
+    scale = Scale.of(Unit.load("axis_a"))
+    assert scale.force == scale.velocity == scale.leakage == scale.position_gain == 1.0
+    assert scale.details({}) == Details().model_dump()
+    ranges = {"level": (-2500.0, 2500.0)}
+    assert scale.load_ranges("constant", ranges) == ranges
+    # Of air, 2.5 % bring the bulk modulus to 35 %.
+    assert scale.fault_scales({})["free_air"] == pytest.approx(FaultScales().free_air, rel=0.03)
+
+
+def test_a_log_has_the_channels_rate_and_noise_of_its_instruments() -> None:
+    scenario = {"duration": 6.0, "seed": 3, "duty": {"name": "sines"}}
+    whole = simulate(Unit.load("axis_a"), Scenario(recording=Recording.perfect(), **scenario))
+    few = Recording(
+        **{**Recording.perfect().model_dump(), "rate": 200, "speed": "sampled", "channels": MINIMUM}
+    )
+    part = simulate(Unit.load("axis_a"), Scenario(recording=few, **scenario))
+    assert set(part.samples.channels) == set(MINIMUM)
+    np.testing.assert_array_equal(part.samples.time, whole.samples.time[::5])
+    np.testing.assert_array_equal(part.samples["position"], whole.samples["position"][::5])
+    np.testing.assert_allclose(part.samples["pump_speed"], whole.truth["pump_speed"][::5], atol=0.06)
+    assert len(part.truth) == len(part.samples)
+
+
+def test_two_kilohertz_shows_what_one_does_and_what_lies_between() -> None:
+    scenario = {"duration": 4.0, "seed": 3, "duty": {"name": "sines"}}
+    fault = {"fault": "position_sensor_slip", "severity": 1.0, "onset": 0.5}
+    runs = [
+        simulate(
+            Unit.load("axis_a"),
+            Scenario(
+                recording=Recording(**{**Recording.perfect().model_dump(), "rate": rate}),
+                faults=[fault],
+                **scenario,
+            ),
+        )
+        for rate in (1000, 2000)
+    ]
+    usual, quick = runs
+    np.testing.assert_allclose(quick.samples.time, np.arange(8000) * 5e-4, atol=1e-12)
+    # Between two rows lie steps of the integrator's own error.
+    np.testing.assert_allclose(quick.samples["position"][::2], usual.samples["position"], atol=2.1e-6)
+    np.testing.assert_allclose(quick.truth["pressure_1"][::2], usual.truth["pressure_1"], atol=500.0)
+    middle = 0.5 * (usual.truth["position"][1:] + usual.truth["position"][:-1])
+    np.testing.assert_allclose(quick.truth["position"][1:-1:2], middle, atol=1e-5)
+    speed = np.diff(quick.samples["pump_angle"]) / 5e-4
+    np.testing.assert_allclose(quick.samples["pump_speed"][1:], speed, atol=1e-3)
+
+
+def test_faults_of_a_missing_pressure_difference_strike_the_chambers_transducer() -> None:
+    channels = ("position", "pump_speed", "pressure_1", "pressure_2")
+    recording = Recording(**{**Recording.perfect().model_dump(), "channels": channels})
+    fault = {"fault": "pressure_sensor_bias", "severity": 1.0}
+    scales = FaultScales(pressure_bias=1e6)
+    runs = [
+        simulate(
+            Unit.load("axis_a"), Scenario(duration=1.0, recording=recording, faults=f, fault_scales=scales)
+        )
+        for f in ([], [fault])
+    ]
+    added = runs[1].samples["pressure_1"] - runs[0].samples["pressure_1"]
+    np.testing.assert_allclose(added, 1e6, atol=300.0)
+
+
+def test_labels_carry_structure_and_condition_and_the_data_sheet_lies_beside(tmp_path: Path) -> None:
+    small = {"rated_pressure": [3e6, 6e6], "displacement": [0.3e-6, 0.6e-6]}
+    recipe = recipe_with(
+        units=2,
+        duration=[4.0, 4.0],
+        baseline_kind="ordinary",
+        structures=[
+            {"name": "drawn", "size": small, "rate": 500, "speed": "sampled", "channels": MINIMUM},
+            {"name": "thesis"},
+        ],
+        conditions=[{"name": "noisy", "noise": [2, 2]}],
+    )
+    data = Dataset.load(generate(recipe, tmp_path / "set"))
+    assert {e.structure for e in data.logs} == {"drawn", "thesis"}
+    assert {e.condition for e in data.logs} == {"noisy"}
+    for entry in data.logs:
+        true, sheet = data.true_unit(entry.unit), data.base_unit(entry.unit)
+        ratio = true.cylinder.area_1 / sheet.cylinder.area_1
+        assert 0.85 <= ratio <= 1.15 and ratio != 1.0
+        samples, baseline = data.samples(entry), data.baseline(entry.unit)
+        assert len(baseline) == 3
+        # Ordinary: strokes first, over 65 % of the travel and at four speeds, then work of half a minute.
+        assert np.nanmax(baseline[0]["position"]) > 0.6 * 0.5 * true.cylinder.stroke
+        speed = np.abs(baseline[0]["pump_speed"]) / true.drive.max_speed
+        assert all(np.nanmean(np.abs(speed - s) < 0.02) > 0.03 for s in (0.12, 0.25, 0.5, 0.75))
+        assert all(30.0 <= b.duration <= 40.0 for b in baseline[1:])
+        period = float(np.median(np.diff(samples.time)))
+        assert period == pytest.approx(2e-3 if entry.structure == "drawn" else 1e-3, rel=1e-6)
+        if entry.structure == "drawn":
+            # The reader adds up the angle.
+            assert set(samples.channels) == {*MINIMUM, "pump_angle"}
+            assert entry.fault_scales["internal_leakage"] != FaultScales().internal_leakage
+            # Noise of the condition, which the profile does not know.
+            error = samples["pressure_difference"][:200]  # at rest
+            assert np.std(error) > 1.3 * true.sensors["pressure_difference"].noise
+
+
+def test_conditions_follow_their_weights_and_change_single_logs_only() -> None:
+    recipe = recipe_with(
+        units=10,
+        logs_per_unit=4,
+        conditions=[{"name": "usual", "weight": 3}, {"name": "retuned", "loop": [0.5, 0.6]}],
+    )
+    found = [condition_of(recipe, i, k) for i in range(10) for k in range(4)]
+    assert Counter(c.name for c in found if c) == {"usual": 30, "retuned": 10}
+    unit = Unit.load("axis_a")
+    retuned = recipe.conditions[1].changed(unit, np.random.default_rng(1))
+    assert 0.5 <= retuned.drive.pole_1 / unit.drive.pole_1 <= 0.6
+    assert retuned.cylinder == unit.cylinder
+    assert recipe.conditions[0].changed(unit, np.random.default_rng(1)) is unit
+
+
+@pytest.mark.parametrize(
+    ("structure", "told"),
+    [
+        ({"size": {"area_ratio": [0.6, 0.8]}}, "piloted"),
+        ({"size": {}, "base": "axis_a"}, "base and size"),
+        ({"channels": ["position", "pump_speed"]}, "pressure_difference"),
+        ({"channels": [*MINIMUM, "colour"]}, "colour"),
+        ({"rate": 300}, "rate"),
+        ({"details": {"friction_law": "rubber"}}, "friction_law"),
+        ({"details": {"softness": [0, 1]}}, "softness"),
+        ({"profile": {"oil": {"taste": [0, 1]}}}, "taste"),
+        ({"sensors": {"position": {"zero": [0, 1]}}}, "zero"),
+        ({"loads": {"whale": 1}}, "whale"),
+    ],
+)
+def test_what_no_machine_can_be_is_refused_in_one_line(structure: dict[str, Any], told: str) -> None:
+    with pytest.raises(InputError, match=told) as error:
+        recipe_with(structures=[{"name": "odd", **structure}])
+    assert "\n" not in str(error.value)
+    with pytest.raises(InputError, match="twice"):
+        recipe_with(structures=[{"name": "odd"}, {"name": "odd"}])

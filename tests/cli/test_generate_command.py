@@ -1,0 +1,28 @@
+"""``fdd generate``: numbers on the command line stand for the recipe's."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from fdd.campaign.dataset import Dataset
+
+RECIPE = """
+schema: fdd.recipe/1
+units: 40
+logs_per_unit: 9
+healthy_share: 1
+duration: [3, 3]
+baseline: false
+"""
+
+
+def test_units_and_logs_replace_those_of_the_recipe(run, one_line, tmp_path: Path) -> None:
+    recipe = tmp_path / "few.yaml"
+    recipe.write_text(RECIPE, encoding="utf-8")
+    common = ("generate", recipe, "-o", tmp_path / "few", "--workers", 1, "--units", 1, "--logs")
+    result = run(*common, 2)
+    assert result.exit_code == 0, result.stderr
+    data = Dataset.load(tmp_path / "few")
+    assert len(data.logs) == 2 and data.recipe.units == 1 and data.recipe.logs_per_unit == 2
+    one_line(run(*common, 3), "another recipe")
+    one_line(run("generate", recipe, "-o", tmp_path / "many", "--units", 100_000), "units")
