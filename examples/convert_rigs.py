@@ -72,7 +72,7 @@ def from_csv(log: Path) -> pd.DataFrame:
 
 def from_hdf5(log: Path) -> pd.DataFrame:
     """Groups of two rates, each with its stamps in ns of the day; the slower one is held."""
-    import h5py
+    import h5py  # type: ignore[import-untyped]
 
     with h5py.File(log) as file:
         fast, slow = (
@@ -89,9 +89,10 @@ def from_mdf(log: Path) -> pd.DataFrame:
     from asammdf import MDF
 
     with MDF(log) as file:
+        groups: list[Any] = file.groups
         signals = [
             file.get(c.name, group=i)
-            for i, group in enumerate(file.groups)
+            for i, group in enumerate(groups)
             for c in group.channels
             if c.name != "time"
         ]

@@ -111,7 +111,8 @@ def row(name: str, label: dict[str, Any], found: Diagnosis) -> str:
         onset = f"{onsets or '-'}; {first.onset_s:.1f} s (alarm {first.detected_s:.1f} s)"
     else:
         answer, onset = found.verdict, f"{onsets}; -" if onsets else ""
-    return f"| {name} | {label.get('load', '')}{condition} | {truth} | {answer} | {onset} | {judged(label, found)} |"
+    load = f"{label.get('load', '')}{condition}"
+    return f"| {name} | {load} | {truth} | {answer} | {onset} | {judged(label, found)} |"
 
 
 def judged(label: dict[str, Any], found: Diagnosis) -> str:

@@ -29,8 +29,8 @@ MEASURES: dict[str, Measure] = {
     "um": Measure("length", 1e-6), "µm": Measure("length", 1e-6), "in": Measure("length", 0.0254),
     "m/s": Measure("speed", 1.0), "mm/s": Measure("speed", 1e-3),
     "m^2": Measure("area", 1.0), "cm^2": Measure("area", 1e-4), "mm^2": Measure("area", 1e-6),
-    "m^3": Measure("volume", 1.0), "L": Measure("volume", 1e-3), "l": Measure("volume", 1e-3), "cm^3": Measure("volume", 1e-6),
-    "mL": Measure("volume", 1e-6),
+    "m^3": Measure("volume", 1.0), "L": Measure("volume", 1e-3), "l": Measure("volume", 1e-3),
+    "cm^3": Measure("volume", 1e-6), "mL": Measure("volume", 1e-6),
     # time
     "s": Measure("time", 1.0), "ms": Measure("time", 1e-3), "us": Measure("time", 1e-6),
     "ns": Measure("time", 1e-9), "1/s": Measure("rate", 1.0), "Hz": Measure("frequency", 1.0),

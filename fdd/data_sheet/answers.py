@@ -55,7 +55,9 @@ class Answers:
         known = (*TEXTS, *QUESTIONS)
         for key in given:
             if key not in known:
-                raise InputError(f"unknown key {key!r}", where=where, mend=f"the keys are: {', '.join(known)}")
+                raise InputError(
+                    f"unknown key {key!r}", where=where, mend=f"the keys are: {', '.join(known)}"
+                )
         if not isinstance(given.get("name"), str) or not given["name"].strip():
             raise InputError("missing: name", where=where, mend="write e.g. 'name: press 3'")
         out = cls(given["name"].strip(), str(given.get("description") or ""))
@@ -127,17 +129,17 @@ def parsed(question: Question, answer: object) -> tuple[str, float]:
     --------
     >>> parsed(QUESTIONS["rated_pressure"], "26 MPa")
     ('rated_pressure', 26000000.0)
-    >>> parsed(QUESTIONS["rated_pressure"], 260)
+    >>> parsed(QUESTIONS["stroke"], 64)
     Traceback (most recent call last):
     ...
-    fdd.errors.InputError: rated_pressure: 260 Pa is not between 5e+05 and 7e+07 Pa; did you mean 260 bar or 260 psi?
+    fdd.errors.InputError: stroke: 64 m is not between 0.005 and 5 m; did you mean 64 cm or 64 mm or 64 in?
     """
     found = None if isinstance(answer, bool) else _NUMBER.match(str(answer))
     if found is None:
         raise InputError(
             f"{str(answer)[:40]!r} is no number with a unit",
             where=question.key,
-            mend=f"write e.g. '{0.5 * (question.low + question.high):.3g} {question.unit}', with a decimal point",
+            mend=f"write e.g. '1.5 {question.unit}', with a decimal point",
         )
     number, unit = float(found[1]), found[2] or question.unit
     allowed = question.dimensions
@@ -164,9 +166,9 @@ def _meant(question: Question, number: float, unit: str) -> str:
     """Units in which the number would be in the range: bar given as Pa, and the like."""
     fitting: dict[float, str] = {}
     for name, m in MEASURES.items():
-        if m.dimension == question.dimensions[0] and name not in ("", unit):
-            if question.low <= m.factor * number + m.offset <= question.high:
-                fitting.setdefault(m.factor, f"{number:g} {name}")
+        other = m.dimension == question.dimensions[0] and name not in ("", unit)
+        if other and question.low <= m.factor * number + m.offset <= question.high:
+            fitting.setdefault(m.factor, f"{number:g} {name}")
     if not fitting:
         return "correct it"
     return f"did you mean {' or '.join(fitting.values())}?"

@@ -51,7 +51,7 @@ def derived(unit: Unit) -> list[Derived]:
     --------
     >>> rows = {r.quantity: r for r in derived(Unit.load("axis_a"))}
     >>> f"{rows['hydraulic resonance'].value:.0f} {rows['hydraulic resonance'].unit}"
-    '55 Hz'
+    '56 Hz'
     """
     c, pump, relief = unit.cylinder, unit.pump, unit.accumulator.relief_pressure
     flow = pump.displacement * unit.drive.max_speed
@@ -223,7 +223,11 @@ def _flow(values: dict[str, float]) -> Iterator[Remark]:
         )
 
 
-SLIPS = {"2π: turn or radian": 2.0 * math.pi, "60/2π: rpm or rad/s": 30.0 / math.pi, "60: minute or second": 60.0}
+SLIPS = {
+    "2π: turn or radian": 2.0 * math.pi,
+    "60/2π: rpm or rad/s": 30.0 / math.pi,
+    "60: minute or second": 60.0,
+}
 """Factors that a mistaken unit of measure makes."""
 
 
@@ -233,12 +237,13 @@ def _rated(values: dict[str, float]) -> Iterator[Remark]:
         problem = f"the relief setting, {_bar(values['relief_pressure'])}, is below the rated {_bar(rated)}"
         yield Remark(("relief_pressure", "rated_pressure"), problem, "check both units", impossible=True)
     elif values["relief_pressure"] > 2.0 * rated:
-        problem = f"the relief setting, {_bar(values['relief_pressure'])}, is far above the rated {_bar(rated)}"
+        problem = (
+            f"the relief setting, {_bar(values['relief_pressure'])}, is far above the rated {_bar(rated)}"
+        )
         yield Remark(("relief_pressure", "rated_pressure"), problem, "check both units of measure")
     if values["pressure_full_scale"] < rated:
-        problem = (
-            f"the pressure sensors end at {_bar(values['pressure_full_scale'])}, below the rated {_bar(rated)}"
-        )
+        end = _bar(values["pressure_full_scale"])
+        problem = f"the pressure sensors end at {end}, below the rated {_bar(rated)}"
         yield Remark(("pressure_full_scale", "rated_pressure"), problem, "check both units of measure")
     lost = values["leakage"] * rated / values["rated_flow"]
     if lost > 0.5:

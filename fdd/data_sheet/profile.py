@@ -6,7 +6,6 @@ from typing import Any
 
 from fdd.data_sheet.answers import Answers
 from fdd.data_sheet.questions import QUESTIONS
-from fdd.errors import InputError
 from fdd.unit import UNIT_SCHEMA, Unit
 
 LINES_SHARE = 4.0 / 3.0
@@ -17,7 +16,7 @@ CASE_SHARE = 0.15
 DRAG_SHARE = 0.03
 """Of the torque at rated pressure: the shaft's own drag at the largest speed, as in the thesis."""
 PRESSURE_NOISE, ACCUMULATOR_NOISE = 5e-4, 2e-4
-"""Of full scale: a tenth of the half per cent that industrial transmitters promise, and less at low pressure."""
+"""Of full scale: a tenth of the half per cent that industrial transmitters promise; less at low pressure."""
 SERVO = {"delay": 1e-3, "pole_1": 517.9, "pole_2": 242.9, "zero": 1762.0}
 WINDING_TIME = 14e-3 / 1.04
 """s, inductance over resistance of the thesis's motor (Tables 4.11 and 4.21)."""
@@ -121,7 +120,9 @@ def _pump(s: _Sheet) -> dict[str, Any]:
         "cross_port_leakage": _number(
             total - 0.5 * case, "m^3/(s*Pa)", f"{source}, less half the case leakage", spread
         ),
-        "case_leakage": _assumed(case, "m^3/(s*Pa)", "15 % of the leakage leaves through the case drain", 0.6),
+        "case_leakage": _assumed(
+            case, "m^3/(s*Pa)", "15 % of the leakage leaves through the case drain", 0.6
+        ),
     }
 
 
