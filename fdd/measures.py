@@ -29,8 +29,8 @@ MEASURES: dict[str, Measure] = {
     "um": Measure("length", 1e-6), "µm": Measure("length", 1e-6), "in": Measure("length", 0.0254),
     "m/s": Measure("speed", 1.0), "mm/s": Measure("speed", 1e-3),
     "m^2": Measure("area", 1.0), "cm^2": Measure("area", 1e-4), "mm^2": Measure("area", 1e-6),
-    "m^3": Measure("volume", 1.0), "L": Measure("volume", 1e-3), "cm^3": Measure("volume", 1e-6),
-    "mL": Measure("volume", 1e-6),
+    "m^3": Measure("volume", 1.0), "L": Measure("volume", 1e-3), "l": Measure("volume", 1e-3),
+    "cm^3": Measure("volume", 1e-6), "mL": Measure("volume", 1e-6),
     # time
     "s": Measure("time", 1.0), "ms": Measure("time", 1e-3), "us": Measure("time", 1e-6),
     "ns": Measure("time", 1e-9), "1/s": Measure("rate", 1.0), "Hz": Measure("frequency", 1.0),
@@ -56,10 +56,12 @@ MEASURES: dict[str, Measure] = {
     "degC": Measure("temperature", 1.0), "°C": Measure("temperature", 1.0),
     "K": Measure("temperature", 1.0, -273.15), "degF": Measure("temperature", 5.0 / 9.0, -160.0 / 9.0),
     "kg/m^3": Measure("density", 1.0), "m^2/s": Measure("kinematic_viscosity", 1.0),
-    "cSt": Measure("kinematic_viscosity", 1e-6),
+    "mm^2/s": Measure("kinematic_viscosity", 1e-6), "cSt": Measure("kinematic_viscosity", 1e-6),
     # hydraulics
     "m^3/rad": Measure("displacement", 1.0), "cm^3/rev": Measure("displacement", 1e-6 / _TWO_PI),
+    "cm^3/rad": Measure("displacement", 1e-6),
     "m^3/s": Measure("flow", 1.0), "L/min": Measure("flow", 1e-3 / 60.0),
+    "l/min": Measure("flow", 1e-3 / 60.0),
     "m^3/(s*Pa)": Measure("leakage_coefficient", 1.0),
     # noise that is summed up: its integral's deviation after one second
     "N*s^0.5": Measure("force_noise", 1.0), "rad/s^1.5": Measure("acceleration_noise", 1.0),

@@ -15,6 +15,7 @@ from fdd.cli import (
     identify,
     monitor,
     performance,
+    profile,
     simulate,
     thesis,
     train,
@@ -56,6 +57,7 @@ def fdd(
 app.command()(diagnose.diagnose)
 app.command()(monitor.monitor)
 app.command()(identify.identify)
+app.add_typer(profile.app, name="profile")
 app.command()(simulate.simulate)
 app.command()(generate.generate)
 app.command()(train.train)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -85,7 +85,12 @@ class BalanceFit:
 
 
 def fit_balance(
-    steps: VolumeSteps, unit: Unit, reference_pressure: float, noise: tuple[float, float]
+    steps: VolumeSteps,
+    unit: Unit,
+    reference_pressure: float,
+    noise: tuple[float, float],
+    *,
+    split: bool = True,
 ) -> BalanceFit | None:
     """Fit the balances.
 
@@ -98,6 +103,7 @@ def fit_balance(
     ----------
     steps : rows of all logs. unit : base profile. reference_pressure : Pa.
     noise : Pa, standard deviation of the two chamber pressures after smoothing.
+    split : whether the log can tell cross-port from case leakage; else they keep the base's proportion.
 
     Returns
     -------
@@ -105,7 +111,7 @@ def fit_balance(
     """
     if steps.y.size < LEAST_ROWS:
         return None
-    problem = _Problem(steps, unit, reference_pressure, noise)
+    problem = _Problem(steps, unit, reference_pressure, noise, split=split)
     with_area = problem.solve(free_area=True)
     spread = problem.jackknife(with_area, free_area=True)
     both = all(np.count_nonzero(steps.chamber == c) > LEAST_ROWS // 2 for c in (1, 2))
@@ -137,8 +143,21 @@ class _Problem:
     """The regression with its noise, prior and bounds."""
 
     def __init__(
-        self, steps: VolumeSteps, unit: Unit, reference_pressure: float, noise: tuple[float, float]
+        self,
+        steps: VolumeSteps,
+        unit: Unit,
+        reference_pressure: float,
+        noise: tuple[float, float],
+        *,
+        split: bool = True,
     ) -> None:
+        # Tied, case leakage is this many times the cross-port one and no unknown of its own.
+        cross_port = unit.pump.cross_port_leakage
+        self.tied = None if split or cross_port == 0.0 else unit.pump.case_leakage / cross_port
+        if self.tied is not None:
+            m = steps.m.copy()
+            m[:, CROSS] += self.tied * m[:, CASE]
+            steps = replace(steps, m=m)
         self.steps = steps
         self.unit = unit
         self.reference_pressure = reference_pressure
@@ -167,6 +186,7 @@ class _Problem:
     ) -> Array:
         free = np.ones(UNKNOWNS, dtype=bool)
         free[AREA_2] = free_area
+        free[CASE] = self.tied is None
         pull = OVERLAP * sigma**2 / self.prior_spread**2
         full = information + np.diag(pull)
         share = 1.0
@@ -228,7 +248,7 @@ class _Problem:
             total_leakage=estimates[4],
             bulk_modulus=estimates[5],
             air_fraction=estimates[6],
-            split_known=bool(spread_of[CASE] < 0.5 * self.prior_spread[CASE]),
+            split_known=self.tied is None and bool(spread_of[CASE] < 0.5 * self.prior_spread[CASE]),
             air_known=bool(spread_of[AIR] < 0.5 * self.prior_spread[AIR]),
             residual=solution.sigma,
             rows=int(self.steps.y.size),
@@ -238,6 +258,7 @@ class _Problem:
     def derive(self, theta: Array) -> tuple[float, ...]:
         """Physical numbers of a solution."""
         d, area, cross, case, excess, air = theta * scales(self.unit)
+        case = case if self.tied is None else self.tied * cross
         c = float(air_compliance(self.reference_pressure, self.unit.oil.polytropic_index))
         compliance = excess + 1.5 * air * c
         area_2 = self.unit.cylinder.area_2 + area

@@ -30,6 +30,11 @@ CLUSTER_REACH = 0.40
 LEAST_SHARE = 0.15
 """Of the motion in a direction that the unloaded cluster must hold."""
 LEAST_SECONDS = 0.5
+MOST_PUSHED = 0.1
+"""Of the motion that the load pushes, its constant and spring taken off or not: beyond it gusts hide the
+friction, and the lowest cluster of what resists is no friction curve."""
+THROUGH_GUSTS = 0.25
+"""Relative standard deviation up to which friction seen through gusts replaces the base's."""
 ASYMMETRY = 2.5
 """Change of the forward to reverse ratio beyond which a weight, not friction, is at work."""
 _BINS = np.geomspace(SLOWEST, 1.0, 22)
@@ -95,10 +100,12 @@ def fit_friction(
     """
     motions = [_motion(r, cylinder, 1000 * i) for i, r in enumerate(records)]
     notes: list[str] = []
+    freed = [_without_load(m, base) for m in motions]
+    if min(_pushed(motions), _pushed(freed)) > MOST_PUSHED:
+        return _through_gusts(motions, base, zero_force)
     found = _unloaded(motions, base)
     if found is None:
-        motions = [_without_load(m, base) for m in motions]
-        found = _unloaded(motions, base)
+        motions, found = freed, _unloaded(freed, base)
         if found is None:
             return FrictionFit(None, None)
         notes.append("friction: no unloaded strokes; a constant and a spring load were fitted and removed")
@@ -188,24 +195,71 @@ def _without_load(motion: _Motion, base: Friction) -> _Motion:
         return motion
     over = motion.force / np.maximum(np.abs(_ratio(motion, base)), 1e-9)
     signed = motion.direction * motion.force
-    m = np.column_stack(
-        [
-            motion.direction * np.abs(over),
-            np.ones_like(signed),
-            motion.position,
-            motion.direction * motion.speed**2,
-        ]
-    )
+    m = _with_loads(motion, np.abs(over))
+    load = m[:, 1:] @ _robust(m, signed)[1:]
+    return replace(motion, force=motion.direction * (signed - load))
+
+
+def _with_loads(motion: _Motion, friction: Array) -> Array:
+    """Columns of the force balance: friction, a constant, a spring, and drag of the flow."""
+    columns = [
+        motion.direction * friction,
+        np.ones_like(friction),
+        motion.position,
+        motion.direction * motion.speed**2,
+    ]
+    return np.column_stack(columns)
+
+
+def _robust(m: Array, y: Array) -> Array:
+    """Least squares with a Huber loss; (columns,)."""
     scale = np.maximum(np.abs(m).max(axis=0), 1e-12)
-    weights = np.ones(signed.size)
-    theta = np.zeros(4)
+    weights = np.ones(y.size)
+    theta = np.zeros(m.shape[1])
     for _ in range(10):
-        theta = np.linalg.lstsq((m / scale) * weights[:, None], signed * weights, rcond=1e-8)[0]
-        residual = signed - (m / scale) @ theta
+        theta = np.linalg.lstsq((m / scale) * weights[:, None], y * weights, rcond=1e-8)[0]
+        residual = y - (m / scale) @ theta
         sigma = 1.4826 * np.median(np.abs(residual)) + 1e-9
         weights = np.sqrt(np.minimum(1.0, 2.0 * sigma / np.maximum(np.abs(residual), 1e-9)))
-    load = (m / scale)[:, 1:] @ theta[1:]
-    return replace(motion, force=motion.direction * (signed - load))
+    return np.asarray(theta / scale)
+
+
+def _pushed(motions: list[_Motion]) -> float:
+    """Share of the motion that the load pushes."""
+    force = _join(motions).force
+    return float(np.mean(force < 0.0)) if force.size else 0.0
+
+
+def _through_gusts(motions: list[_Motion], base: Friction, zero_force: float) -> FrictionFit:
+    """Both directions' base curves times one factor: what turns with the motion, each log's load apart."""
+    joined = _join(motions)
+    force = joined.direction * joined.force
+    friction = np.where(
+        joined.direction > 0, curve(base.forward, joined.speed), curve(base.reverse, joined.speed)
+    )
+    m = _with_loads(joined, friction)
+    log = np.repeat(np.arange(len(motions)), [part.force.size for part in motions])
+    apart = [m[:, :1]] + [m[:, 1:] * (log == k)[:, None] for k in np.unique(log)]
+    m = np.concatenate(apart, axis=1)
+    factor = float(_robust(m, force)[0])
+    groups = joined.block % (2 * _GROUPS)
+    parts = np.array([_robust(m[groups != g], force[groups != g])[0] for g in np.unique(groups)])
+    std = float(np.sqrt(max(parts.size - 1, 0) * np.var(parts)))
+    told = f"friction seen through gusts is {factor:.2g} ± {std:.1g} times the base's"
+    if factor <= 0.0 or std > THROUGH_GUSTS * factor:
+        return FrictionFit(None, None, [f"{told}: not sharp enough"])
+    fits = []
+    for branch in (base.forward, base.reverse):
+        scaled = branch.model_copy(deep=True)
+        stds = {}
+        for name in ("coulomb", "static", "viscous"):
+            value = factor * float(getattr(branch, name))
+            setattr(scaled, name, value)
+            stds[name] = float(
+                np.hypot(max(std / factor, 0.15) * value, 0.0 if name == "viscous" else zero_force)
+            )
+        fits.append(BranchFit(scaled, stds, f"the base's curve times {factor:.2g}, through gusts"))
+    return FrictionFit(fits[0], fits[1], [f"{told}: its curves were scaled"])
 
 
 def _branch(

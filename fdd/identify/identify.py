@@ -148,7 +148,9 @@ def _hydraulics(writer: ProfileWriter, records: list[Record]) -> None:
     if not hidden:  # a reconstructed pressure tells as much of its own model as of the volumes
         base, volumes = _with_volumes(writer, steps_of, base, pressure, noise)
     steps = steps_of(base)
-    fit = fit_balance(steps, base, pressure, noise)
+    # Who measures two of the four pressures sees one loss, p1 - p2 or p1 - p_case: they hardly differ.
+    split = not hidden and all(r.accumulator_measured for r in records)
+    fit = fit_balance(steps, base, pressure, noise, split=split)
     if fit is None:
         for path in ("pump.displacement", "pump.cross_port_leakage", "oil.bulk_modulus"):
             writer.keep(path, "too few steps in which a chamber stays above the accumulator while it moves")
@@ -281,9 +283,7 @@ def _put_leakage(
     split = "" if fit.split_known else "split from cross-port as in the base"
     writer.put("pump.case_leakage", _wider(fit.case, extra_of_case), split)
     if not fit.split_known:
-        writer.note(
-            "cross-port and case leakage could not be told apart: they are split nearly as in the base"
-        )
+        writer.note("cross-port and case leakage could not be told apart: they are split as in the base")
     if temperature is not None:
         writer.put("oil.reference_temperature", Estimate(temperature, 0.5), "mean of the logs")
     else:

@@ -8,9 +8,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.signal import butter, sosfilt
 
-from fdd.identify.friction import curve
+from fdd.identify.friction import curve, fit_friction
 from fdd.identify.hidden_pressures import chambers_from_difference
 from fdd.identify.oil import air_compliance, air_shrinkage, viscosity
+from fdd.identify.record import Record
 from fdd.identify.sensors import effective_noise, resolution
 from fdd.plant import oil as plant_oil
 from fdd.plant.scenario import Recording, Scenario
@@ -89,3 +90,44 @@ def test_friction_curve_is_eq_5_12() -> None:
     speed = np.array([0.0, 0.007, 10.0])
     expected = [448.0, 113.0 + 335.0 * np.exp(-1.0) + 123.0 * 0.007, 113.0 + 1230.0]
     np.testing.assert_allclose(curve(branch, speed), expected, rtol=1e-6)
+
+
+def _gusty(seed: int, factor: float, gust: float) -> tuple[Record, Unit]:
+    """Two minutes of strokes at 10 to 80 mm/s against friction and gusts (N, lasting a fifth of a second)."""
+    unit, period, rng = Unit.load("axis_a"), 2e-3, np.random.default_rng(seed)
+    time = np.arange(0.0, 120.0, period)
+    strokes = np.cumsum(np.tile([4.0, 2.0, 1.0, 0.5], 16))  # s for 40 mm, there and back in turn
+    position = np.interp(time, np.append(0.0, strokes), np.arange(strokes.size + 1) % 2 * 0.04 - 0.02)
+    speed = np.gradient(position, period)
+    blows = sosfilt(butter(1, 1.0, fs=1.0 / period, output="sos"), rng.standard_normal(time.size))
+    blows *= gust / blows.std()
+    friction = np.where(
+        speed > 0, curve(unit.friction.forward, np.abs(speed)), curve(unit.friction.reverse, np.abs(speed))
+    )
+    p = (factor * friction * np.sign(speed) + blows + 400.0) / unit.cylinder.area_1
+    level = np.full(time.size, 5e5)
+    record = Record(
+        period=period, angle=position / 3.66e-4, position=position,
+        pressure_1=level + np.maximum(p, 0.0), pressure_2=level + np.maximum(-p, 0.0), accumulator=level,
+        difference=p, gap=np.zeros(time.size, dtype=bool), chambers_measured=True,
+        accumulator_measured=True, has_difference=False, current=None, temperature=None,
+    )  # fmt: skip
+    return record, unit
+
+
+def test_friction_is_seen_through_gusts_or_kept() -> None:
+    """Test: gusts as large as the friction and thirty times as large, on friction of twice the base's.
+
+    Expected: the weaker ones leave the factor within three standard deviations, at their size and not at
+    that of the gusts; the stronger ones hide it, and the base's friction stays.
+    """
+    coulomb = Unit.load("axis_a").friction.forward.coulomb
+    for seed in range(4):
+        record, unit = _gusty(seed, 2.0, 600.0)
+        fit = fit_friction([record], unit.cylinder, unit.friction)
+        assert fit.forward is not None and fit.reverse is not None
+        std = fit.forward.stds["coulomb"]
+        assert abs(fit.forward.branch.coulomb - 2.0 * coulomb) < 3.0 * std < 2.0 * coulomb
+    record, unit = _gusty(9, 2.0, 18_000.0)
+    fit = fit_friction([record], unit.cylinder, unit.friction)
+    assert fit.forward is None and fit.reverse is None and "not sharp enough" in fit.notes[0]

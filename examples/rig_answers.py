@@ -1,0 +1,133 @@
+"""Identify each rig from its baseline logs, diagnose every other log, and write the answers.
+
+    python examples/convert_rigs.py LOGS -o SI
+    python examples/rig_answers.py SI -o ANSWERS [--rigs rig0 rig6] [--labels LOGS/labels.json]
+
+SI holds a folder per rig with logs in the contract's own channels. ANSWERS/<rig>/<log>.json is what
+``fdd diagnose --json`` would write, ANSWERS/<rig>/unit.yaml the profile identified. A log that fails is
+told and left out; the others go on. With ``--labels`` a table is printed too: truth beside answer. There
+the family of the answer must be that of one of the log's faults, and the alarm not come before the first
+onset; a healthy log is right without an alarm.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import sys
+import time
+import traceback
+from pathlib import Path
+from typing import Any
+
+from fdd.diagnosis.baseline import add_baseline
+from fdd.diagnosis.findings import Diagnosis
+from fdd.diagnosis.pipeline import Pipeline
+from fdd.faults import fault
+from fdd.identify import identify_unit
+from fdd.logs import read_log
+from fdd.unit import Unit
+
+EXAMPLES = Path(__file__).parent
+AXES = {rig: "axis_a" if int(rig[3:]) % 2 == 0 else "axis_b" for rig in map("rig{}".format, range(6))}
+"""Rigs 0 to 5 are like the thesis's axes A and B; the others' bases are typed from their data sheets."""
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
+    parser.add_argument("logs", type=Path)
+    parser.add_argument("-o", "--output", type=Path, required=True)
+    parser.add_argument("--rigs", nargs="*", help="only these folders")
+    parser.add_argument("--labels", type=Path, help="print a table of truth and answer too")
+    options = parser.parse_args()
+    labels = json.loads(options.labels.read_text(encoding="utf-8")) if options.labels else {}
+    failures = 0
+    if labels:
+        print("| log | load | truth | answer | onset: truth, answer | verdict is |")
+        print("| --- | --- | --- | --- | --- | --- |", flush=True)
+    for rig in options.rigs or sorted(p.name for p in options.logs.iterdir() if p.is_dir()):
+        target = options.output / rig
+        target.mkdir(parents=True, exist_ok=True)
+        try:
+            unit = identified(options.logs / rig)
+        except Exception as error:
+            failures += told(f"{rig}: not identified", error)
+            continue
+        unit.save(target / "unit.yaml")
+        by_stem = {str(Path(n).with_suffix("")): label for n, label in labels.items()}
+        for path in sorted((options.logs / rig).glob("*.parquet")):
+            if path.stem.startswith("baseline"):
+                continue
+            name, started = f"{rig}/{path.stem}", time.perf_counter()
+            (target / f"{path.stem}.json").unlink(missing_ok=True)
+            try:
+                found = diagnosed(path, unit, rig)
+            except Exception as error:
+                failures += told(name, error)
+                continue
+            (target / f"{path.stem}.json").write_text(found.model_dump_json(by_alias=True, indent=1))
+            if name in by_stem:
+                print(row(name, by_stem[name], found), flush=True)
+            else:
+                leading = found.faults[0].fault if found.faults else found.verdict
+                print(f"{name}: {leading} ({time.perf_counter() - started:.1f} s)", flush=True)
+    if failures:
+        sys.exit(f"{failures} logs or rigs failed")
+
+
+def identified(folder: Path) -> Unit:
+    """The rig's own profile, with its healthy baseline."""
+    healthy = [read_log(path).samples for path in sorted(folder.glob("baseline*.parquet"))]
+    base = Unit.load(AXES.get(folder.name) or EXAMPLES / f"{folder.name}.base.yaml")
+    return add_baseline(identify_unit(healthy, base, folder.name).unit, healthy)
+
+
+def diagnosed(path: Path, unit: Unit, axis: str) -> Diagnosis:
+    """The answer for one log."""
+    pipeline = Pipeline(unit, axis=axis, log=path.name)
+    pipeline.push(read_log(path).samples)
+    return pipeline.finish()
+
+
+def told(what: str, error: Exception) -> int:
+    """Say what failed, and where, on standard error; counts as one."""
+    place = traceback.extract_tb(error.__traceback__)[-1]
+    where = f"{Path(place.filename).name}:{place.lineno}"
+    print(f"FAILED {what}: {type(error).__name__} in {where}: {error}", file=sys.stderr, flush=True)
+    return 1
+
+
+def row(name: str, label: dict[str, Any], found: Diagnosis) -> str:
+    """One line of the table."""
+    truth = ", ".join(f"{f['fault']} {f['severity']:.2f}" for f in label["faults"]) or "healthy"
+    plain = label.get("condition", "plain") == "plain"
+    condition = "" if plain else f", {label['condition']}"
+    onsets = ", ".join(f"{f['onset_s']:.1f}" for f in label["faults"])
+    if found.faults:
+        first = found.faults[0]
+        answer = f"{first.fault} ({100 * first.confidence:.0f} %)"
+        if len(first.ambiguity) > 1:
+            answer += f" or {', '.join(first.ambiguity[1:])}"
+        onset = f"{onsets or '-'}; {first.onset_s:.1f} s (alarm {first.detected_s:.1f} s)"
+    else:
+        answer, onset = found.verdict, f"{onsets}; -" if onsets else ""
+    load = f"{label.get('load', '')}{condition}"
+    return f"| {name} | {load} | {truth} | {answer} | {onset} | {judged(label, found)} |"
+
+
+def judged(label: dict[str, Any], found: Diagnosis) -> str:
+    """``right``, ``missed``, ``false alarm``, ``wrong family``, or ``detected`` for an honest unknown."""
+    if not label["faults"]:
+        return "false alarm" if found.faults else "right"
+    if not found.faults:
+        return "missed"
+    answer = found.faults[0]
+    if answer.detected_s < min(f["onset_s"] for f in label["faults"]):
+        return "false alarm"
+    if answer.family in {fault(f["fault"]).family for f in label["faults"]}:
+        return "right"
+    return "detected, not isolated" if answer.family == "unknown" else "wrong family"
+
+
+if __name__ == "__main__":
+    main()

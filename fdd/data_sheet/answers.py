@@ -1,0 +1,174 @@
+"""Answers from a data sheet: ``key: value with unit``, read from a flat file or typed one by one."""
+
+from __future__ import annotations
+
+import json
+import re
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from fdd.data_sheet.questions import QUESTIONS, Question
+from fdd.errors import InputError
+from fdd.measures import MEASURES, measure
+from fdd.yaml_reading import yaml_mapping, yaml_text
+
+MAX_ANSWER_BYTES = 100_000
+TEXTS = ("name", "description")
+_NUMBER = re.compile(r"\s*([+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?)\s*(.*?)\s*$")
+
+
+@dataclass(frozen=True)
+class Answers:
+    """What a data sheet says.
+
+    Attributes
+    ----------
+    name : of the profile. description : one line, may be empty.
+    values : question's key to its value in SI. Leakage given as a flow stands under ``leakage_flow``.
+    written : the same as it was typed, for the profile's sources.
+    """
+
+    name: str
+    description: str = ""
+    values: dict[str, float] = field(default_factory=dict)
+    written: dict[str, str] = field(default_factory=dict)
+
+    @classmethod
+    def of(cls, given: Mapping[str, Any], where: str | Path = "answers") -> Answers:
+        """Check and convert answers as they are typed.
+
+        Raises
+        ------
+        InputError : an unknown or missing key, or an answer that cannot be; one line names it.
+
+        Examples
+        --------
+        >>> Answers.of({"name": "rig", "stroke": "64 mm"})
+        Traceback (most recent call last):
+        ...
+        fdd.errors.InputError: answers: missing: piston_area_1 (m^2); write e.g. 'piston_area_1: 1 m^2'
+        """
+        known = (*TEXTS, *QUESTIONS)
+        for key in given:
+            if key not in known:
+                raise InputError(
+                    f"unknown key {key!r}", where=where, mend=f"the keys are: {', '.join(known)}"
+                )
+        if not isinstance(given.get("name"), str) or not given["name"].strip():
+            raise InputError("missing: name", where=where, mend="write e.g. 'name: press 3'")
+        out = cls(given["name"].strip(), str(given.get("description") or ""))
+        for question in QUESTIONS.values():
+            answer = given.get(question.key)
+            if answer is None:
+                if question.assumed is None:
+                    raise InputError(
+                        f"missing: {question.key} ({question.unit})",
+                        where=where,
+                        mend=f"write e.g. '{question.key}: 1 {question.unit}'",
+                    )
+                continue
+            try:
+                key, value = parsed(question, answer)
+            except InputError as error:
+                raise error.at(where) from None
+            out.values[key] = value
+            out.written[key] = str(answer).strip()
+        return out
+
+
+def read_answers(path: str | Path) -> Answers:
+    """Read a flat YAML or JSON file of answers.
+
+    Raises
+    ------
+    InputError : no such file, not flat, or an answer that cannot be.
+
+    Examples
+    --------
+    >>> read_answers("none.yaml")
+    Traceback (most recent call last):
+    ...
+    fdd.errors.InputError: none.yaml: no such file of answers; give a YAML or JSON file with one answer a line
+    """
+    path = Path(path)
+    mend = "give a YAML or JSON file with one answer a line"
+    text = yaml_text(path, "file of answers", MAX_ANSWER_BYTES, mend)
+    if path.suffix.lower() == ".json":
+        try:
+            data = json.loads(text)
+        except (ValueError, RecursionError) as error:
+            raise InputError(f"not valid JSON ({error})", where=path, mend=mend) from None
+        if not isinstance(data, dict):
+            raise InputError("not a file of answers", where=path, mend=mend)
+    else:
+        data = yaml_mapping(text, path, "file of answers", mend=mend)
+    return Answers.of({str(k): v for k, v in data.items()}, path)
+
+
+def parsed(question: Question, answer: object) -> tuple[str, float]:
+    """One answer in SI, with its unit checked and its size.
+
+    Parameters
+    ----------
+    answer : ``"26 MPa"``, or a plain number in the SI unit.
+
+    Returns
+    -------
+    Key (of leakage given as a flow: ``leakage_flow``) and value.
+
+    Raises
+    ------
+    InputError : no number, a unit that measures something else, or outside the question's range;
+        then the units in which the number would do are named.
+
+    Examples
+    --------
+    >>> parsed(QUESTIONS["rated_pressure"], "26 MPa")
+    ('rated_pressure', 26000000.0)
+    >>> parsed(QUESTIONS["stroke"], 64)
+    Traceback (most recent call last):
+    ...
+    fdd.errors.InputError: stroke: 64 m is not between 0.005 and 5 m; did you mean 64 cm or 64 mm or 64 in?
+    """
+    found = None if isinstance(answer, bool) else _NUMBER.match(str(answer))
+    if found is None:
+        raise InputError(
+            f"{str(answer)[:40]!r} is no number with a unit",
+            where=question.key,
+            mend=f"write e.g. '1.5 {question.unit}', with a decimal point",
+        )
+    number, unit = float(found[1]), found[2] or question.unit
+    allowed = question.dimensions
+    measured = MEASURES.get(unit)
+    if measured is None or measured.dimension not in allowed:
+        try:
+            measure(unit, allowed[0])
+        except InputError as error:
+            raise error.at(question.key) from None
+    assert measured is not None
+    value = measured.factor * number + measured.offset
+    if measured.dimension != allowed[0]:
+        return f"{question.key}_flow", value
+    if not (np.isfinite(value) and question.low <= value <= question.high):
+        raise InputError(
+            f"{number:g} {unit} is not between {question.low:g} and {question.high:g} {question.unit}",
+            where=question.key,
+            mend=_meant(question, number, unit),
+        )
+    return question.key, value
+
+
+def _meant(question: Question, number: float, unit: str) -> str:
+    """Units in which the number would be in the range: bar given as Pa, and the like."""
+    fitting: dict[float, str] = {}
+    for name, m in MEASURES.items():
+        other = m.dimension == question.dimensions[0] and name not in ("", unit)
+        if other and question.low <= m.factor * number + m.offset <= question.high:
+            fitting.setdefault(m.factor, f"{number:g} {name}")
+    if not fitting:
+        return "correct it"
+    return f"did you mean {' or '.join(fitting.values())}?"
