@@ -1,0 +1,137 @@
+"""Channels that stop changing: how many equal rows are too many.
+
+Noise of σ leaves a row at its predecessor's value with the chance ``p = q/(σ·√(4π))`` (q: one count), so n equal
+rows have the chance ``p^n``; `LOG_ODDS` asks for 1.4e-11, once in 5,000 hours of eight channels at 1 kHz. What the
+channel's own good hops showed counts as well: a log that repeats or rounds its values has a larger p. Without
+noise a value may stand for ever, and only its neighbours can tell (`standing_position`).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fdd.sensors.limits import INDEX, Limits
+from fdd.sensors.memory import Memory
+
+Array = NDArray[np.float64]
+
+LOG_ODDS = 25.0
+FEWEST_ROWS = 8
+LEARNT_HOPS = 4
+"""Hops of a class after which what they showed is believed."""
+FROM_START_S = 1.0
+"""A channel that never changed has shown no noise at all: the profile may be wrong, so it gets this time, in which
+the pump has to turn."""
+RAIL_S = 0.2
+EXCITED_HOPS = 2
+LIVE = ("pressure_1", "pressure_2", "pressure_difference", "pressure_accumulator", "motor_current", "load_force")
+"""Analogue channels, which noise keeps moving. Counts of an encoder and a slow thermocouple may stand."""
+LEAK_MARGIN = 10.0
+"""Leakage beyond the healthy that may let the pump turn while the piston stands."""
+LEAST_TRAVEL = 0.05
+"""Share of the stroke that the pump has to have displaced, as the position stood."""
+RELIEF_SHARE = 0.6
+"""Share of the relief setting from which flow may go over the valve."""
+
+
+@dataclass(frozen=True)
+class Run:
+    """Rows of one value: since when (s), until when (None: it lasts), how many rows."""
+
+    value: float
+    since: float
+    until: float | None
+    rows: int
+
+
+def runs_of(time: Array, values: Array, k: int, memory: Memory) -> tuple[list[Run], int]:
+    """Runs of equal values in a hop, the first joined with what came before; and the longest.
+
+    Only runs of `FEWEST_ROWS` and more are listed. `memory` then holds the last one.
+    """
+    edges = np.flatnonzero(values[1:] != values[:-1]) + 1
+    starts = np.concatenate(([0], edges))
+    lengths = np.diff(np.concatenate((starts, [values.size])))
+    joined = values[0] == memory.run_value[k]
+    carried, since = (int(memory.run_rows[k]), float(memory.run_since[k])) if joined else (0, float(time[0]))
+    lengths[0] += carried
+    found = []
+    for i in np.flatnonzero(lengths >= FEWEST_ROWS):
+        begun = since if i == 0 else float(time[starts[i]])
+        until = float(time[starts[i + 1]]) if i + 1 < starts.size else None
+        found.append(Run(float(values[starts[i]]), begun, until, int(lengths[i])))
+    if edges.size or (not joined and np.isfinite(memory.run_value[k])):
+        memory.changed[k] = 1.0
+    if edges.size:
+        memory.last_value[k] = values[edges[-1] - 1]
+    elif not joined:
+        memory.last_value[k] = memory.run_value[k]
+    memory.run_value[k] = values[-1]
+    memory.run_since[k] = since if starts.size == 1 else time[starts[-1]]
+    memory.run_rows[k] = lengths[-1]
+    return found, int(lengths.max())
+
+
+def rows_needed(k: int, kind: int, memory: Memory, limits: Limits) -> float:
+    """Equal rows from which on the channel is stuck; inf where that cannot be said."""
+    chance = limits.repeat[k]
+    if memory.hops[kind, k] >= LEARNT_HOPS:
+        own = memory.repeat[kind, k]
+        # Without noise in the profile the channel's own past has to show some.
+        chance = max(own, chance) if chance < 1.0 else own
+    if chance >= 0.9995:
+        return np.inf
+    return float(max(FEWEST_ROWS, LOG_ODDS / -np.log(max(chance, 1e-3))))
+
+
+def learn_repeats(k: int, kind: int, repeated: float, longest: int, rows: int, memory: Memory) -> None:
+    """Take a good hop's share of repeated rows, and its longest run, as what the channel may do."""
+    # The longest run that N rows have by chance is about ln N / ln(1/p).
+    by_run = float(rows) ** (-1.0 / max(longest, 1)) if rows > 1 else 0.0
+    memory.repeat[kind, k] = max(memory.repeat[kind, k], repeated, by_run)
+
+
+def is_stuck(run: Run, k: int, kind: int, now: float, memory: Memory, limits: Limits) -> bool:
+    """Whether a run of a live channel is too long."""
+    length = (now if run.until is None else run.until) - run.since
+    if not memory.changed[k]:
+        return bool(length >= FROM_START_S and memory.excited[k] >= EXCITED_HOPS)
+    return run.rows >= rows_needed(k, kind, memory, limits)
+
+
+def standing_position(
+    time: Array, swept: Array, pressure: Array | None, memory: Memory, limits: Limits
+) -> bool:
+    """Whether the pump has displaced far more than a standing piston lets it, since the position changed last.
+
+    Parameters
+    ----------
+    swept : (n,) m³, the pump's angle times its displacement. pressure : (n,) Pa, Δp; None if it is not known.
+    memory : its `volume` goes on: sum, least, most and leaked m³, from 0 when the position changes.
+
+    Notes
+    -----
+    Allowed are ten times the healthy leakage, and what the oil takes at `Limits.softness`; rows near the
+    relief setting do not count. Without a Δp nothing can be said.
+    """
+    k = INDEX["position"]
+    if pressure is None or swept.size < 2:
+        return False
+    after = time[1:] > memory.run_since[k]
+    if memory.run_since[k] >= time[0]:
+        memory.volume[:] = 0.0
+    level = np.abs(np.nan_to_num(pressure[1:], nan=limits.relief))
+    counts = after & (level < RELIEF_SHARE * limits.relief)
+    total = memory.volume[0] + np.cumsum(np.where(counts, np.diff(swept), 0.0))
+    leaked = LEAK_MARGIN * limits.leakage * float((level * np.diff(time))[counts].sum())
+    memory.volume[0] = total[-1]
+    memory.volume[1] = min(memory.volume[1], float(total.min()))
+    memory.volume[2] = max(memory.volume[2], float(total.max()))
+    memory.volume[3] += leaked
+    low, high = float(np.nanmin(pressure, initial=0.0)), float(np.nanmax(pressure, initial=0.0))
+    elastic = limits.softness * limits.area * (high - low)
+    least = limits.area * max(LEAST_TRAVEL * limits.stroke, 20.0 * limits.resolution[k])
+    return bool(memory.volume[2] - memory.volume[1] > memory.volume[3] + elastic + least)
