@@ -29,8 +29,8 @@ RAIL_S = 0.2
 EXCITED_HOPS = 2
 LIVE = ("pressure_1", "pressure_2", "pressure_difference", "pressure_accumulator", "motor_current", "load_force")
 """Analogue channels, which noise keeps moving. Counts of an encoder and a slow thermocouple may stand."""
-LEAK_MARGIN = 10.0
-"""Leakage beyond the healthy that may let the pump turn while the piston stands."""
+LEAK_MARGIN = 3.0
+"""Times the healthy leakage that may let the pump turn while the piston stands: internal leakage of severity 1."""
 LEAST_TRAVEL = 0.05
 """Share of the stroke that the pump has to have displaced, as the position stood."""
 RELIEF_SHARE = 0.6
@@ -114,7 +114,7 @@ def standing_position(
 
     Notes
     -----
-    Allowed are ten times the healthy leakage, and what the oil takes at `Limits.softness`; rows near the
+    Allowed are three times the healthy leakage, and what the oil takes at `Limits.softness`; rows near the
     relief setting do not count. Without a Δp nothing can be said.
     """
     k = INDEX["position"]

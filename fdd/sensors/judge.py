@@ -29,6 +29,8 @@ NOISE_FACTOR, NOISE_HOPS = 5.0, 4
 """The scale of a hop's noise, from some 500 second differences, scatters by a tenth: five is no chance."""
 FAINT_FACTOR = 0.1
 SAME_INSTANT_S = 0.05
+SILENT_S = 5.0
+"""Noise that is there shows within some rows; this leaves time for a converter that starts late."""
 GOOD_HOPS = 2
 """Hops without a complaint after which a channel is trusted again."""
 
@@ -62,11 +64,13 @@ class HopJudge:
         kind = MOVING if turned > 2.0 * np.pi else STILL
         failing: set[int] = set()
         for k in np.flatnonzero(memory.present > 0):
-            self._absent(k, time, finite[:, k], end, failing)
+            if not self._is_derived(k):
+                self._absent(k, time, finite[:, k], end, failing)
             if finite[:, k].any() and NAMES[k] not in NOT_MEASURED and not self._is_derived(k):
                 t, v = (time, values[:, k]) if finite[:, k].all() else (time[finite[:, k]], values[finite[:, k], k])
                 self._measured(k, kind, t, v, impossible[finite[:, k], k], rows, first, end, failing)
         self._jumps.hop(rows, end - HOP_S, end, failing)
+        self._silent_from_start(end, failing)
         self._supply(end, failing)
         self._recover(end, failing)
 
@@ -91,7 +95,7 @@ class HopJudge:
         held = self._constant(k, kind, runs, end, failing)
         if k == INDEX["position"] and rows.swept is not None and k not in failing:
             self._standing(rows, rows.swept, first, end, failing)
-        out = self._range(k, time, values, impossible, end, failing)
+        out = k in failing or self._range(k, time, values, impossible, end, failing)
         noise = float(rows.noise[k])
         odd = self._noise(k, kind, noise, end, failing)
         if kind == MOVING:
@@ -246,6 +250,21 @@ class HopJudge:
                 name, "dropout", float(memory.absent_first[k]), end, end, float(memory.absent_s[k]), told, adds=False
             )
 
+    def _silent_from_start(self, end: float, failing: set[int]) -> None:
+        """Two or more channels that the profile gives noise, and none of them ever showed any.
+
+        One alone may have a profile that is wrong; it is judged when the pump turns.
+        """
+        memory = self.memory
+        alive = (memory.present > 0) & (self.limits.repeat < 1.0)
+        alive[INDEX["pressure_difference"]] &= not self._is_derived(INDEX["pressure_difference"])
+        silent = alive & (memory.changed == 0.0) & (end - memory.run_since >= SILENT_S)
+        if alive.sum() < 2 or not (silent == alive).all():
+            return
+        for k in np.flatnonzero(silent):
+            told = f"{NAMES[k]} shows exactly {_figure(NAMES[k], memory.run_value[k])} since the log's first row"
+            self._fail(int(k), "dead", float(memory.run_since[k]), end, float(memory.run_value[k]), told, failing)
+
     def _supply(self, end: float, failing: set[int]) -> None:
         """Channels that fell silent at the same instant have lost what they share."""
         memory = self.memory
@@ -257,7 +276,7 @@ class HopJudge:
                 if NAMES[j] in NOT_MEASURED or self._is_derived(j):
                     continue
                 fell = j in failing and abs(memory.failed_since[j] - onset) <= SAME_INSTANT_S
-                zero = memory.run_value[j] == 0.0 and memory.last_value[j] != 0.0 and memory.run_rows[j] > 1
+                zero = memory.run_value[j] == 0.0 and abs(memory.last_value[j]) > 0.0 and memory.run_rows[j] > 1
                 fell |= bool(zero and abs(memory.run_since[j] - onset) <= SAME_INSTANT_S)
                 if fell:
                     silent.append(int(j))

@@ -149,13 +149,17 @@ def level_change(time: Array, values: Array, first: int, last: int) -> tuple[flo
     after = np.flatnonzero(there[last + 1 :])[:BESIDE] + last + 1
     if not before.size or not after.size:
         return 0.0, float(values[first])
-    rates = [
-        float(np.median(np.diff(values[part]) / np.diff(time[part]))) for part in (before, after) if part.size > 2
-    ]
+    # Over half the rows: of counts a median of single steps would be 0.
+    rates = [_rate(time[part], values[part]) for part in (before, after) if part.size > 2]
     rate = sum(rates) / len(rates) if rates else 0.0
     old = float(np.median(values[before] + rate * (time[last] - time[before])))
     new = float(np.median(values[after] + rate * (time[last] - time[after])))
     return new - old, float(np.median(values[before]))
+
+
+def _rate(time: Array, values: Array) -> float:
+    half = time.size // 2
+    return float(np.median((values[half:] - values[:-half]) / (time[half:] - time[:-half])))
 
 
 def cell_means(time: Array, values: Array, origin: float, cells: int) -> Array:

@@ -55,7 +55,8 @@ class Ledger:
         """The channel is good again since `at`."""
         for key, found in self._found.items():
             if channel in found.channels and found.kind in FAILING and found.until_s is None:
-                self._found[key] = replace(found, until_s=at)
+                lost = at - found.onset_s if found.kind == "dropout" and found.count == 1 else found.size
+                self._found[key] = replace(found, until_s=at, size=lost)
 
     def merge(self, channels: tuple[str, ...], onset: float, now: float, evidence: str) -> None:
         """Make one lost supply of what these channels' own findings since `onset` say."""

@@ -13,6 +13,7 @@ Mask = NDArray[np.bool_]
 
 BACK_S = 0.05
 """A value that does not come back within this time has jumped for good."""
+SPEED = INDEX["pump_speed"]
 RATED = ("position", "pump_angle")
 
 
@@ -28,6 +29,8 @@ class RowMasks:
         self.memory = memory
         reach = SIGMA * limits.noise + limits.resolution
         self._low, self._high = limits.low - reach, limits.high + reach
+        # A speed that is a difference of counts over the nominal period doubles where a row comes a period late.
+        self._low[SPEED], self._high[SPEED] = 2.0 * self._low[SPEED], 2.0 * self._high[SPEED]
         self._dead = limits.dead
         rates = {"position": limits.piston_speed, "pump_angle": 1.3 * limits.pump_speed}
         self._rated = [(INDEX[n], rates[n], 4.0 * reach[INDEX[n]]) for n in RATED]
