@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from fdd.sensors.limits import INDEX, Limits
+from fdd.sensors.limits import INDEX, STEADY_NOISE, Limits
 from fdd.sensors.memory import Memory
 
 Array = NDArray[np.float64]
@@ -26,8 +26,18 @@ FROM_START_S = 1.0
 """A channel that never changed has shown no noise at all: the profile may be wrong, so it gets this time, in which
 the pump has to turn."""
 RAIL_S = 0.2
-EXCITED_HOPS = 2
-LIVE = ("pressure_1", "pressure_2", "pressure_difference", "pressure_accumulator", "motor_current", "load_force")
+EXCITED_HOPS, NOISELESS_HOPS = 2, 8
+"""Hops of half a second with a turning pump, for a channel that should have noise, and for one that need not."""
+LEAST_NOISE = 1e-5
+"""Share of the range: no analogue sensor has less noise."""
+LIVE = (
+    "pressure_1",
+    "pressure_2",
+    "pressure_difference",
+    "pressure_accumulator",
+    "motor_current",
+    "load_force",
+)
 """Analogue channels, which noise keeps moving. Counts of an encoder and a slow thermocouple may stand."""
 LEAK_MARGIN = 3.0
 """Times the healthy leakage that may let the pump turn while the piston stands: internal leakage of severity 1."""
@@ -78,13 +88,22 @@ def runs_of(time: Array, values: Array, k: int, memory: Memory) -> tuple[list[Ru
 def rows_needed(k: int, kind: int, memory: Memory, limits: Limits) -> float:
     """Equal rows from which on the channel is stuck; inf where that cannot be said."""
     chance = limits.repeat[k]
+    if chance >= 1.0 and not _shows_noise(k, memory, limits):
+        return np.inf
     if memory.hops[kind, k] >= LEARNT_HOPS:
         own = memory.repeat[kind, k]
-        # Without noise in the profile the channel's own past has to show some.
         chance = max(own, chance) if chance < 1.0 else own
     if chance >= 0.9995:
         return np.inf
     return float(max(FEWEST_ROWS, LOG_ODDS / -np.log(max(chance, 1e-3))))
+
+
+def _shows_noise(k: int, memory: Memory, limits: Limits) -> bool:
+    """Whether a channel without noise in its profile had some in every good hop, at rest too."""
+    count = max(float(limits.resolution[k]), LEAST_NOISE * float(limits.high[k]))
+    return bool(
+        memory.hops[:, k].sum() >= LEARNT_HOPS and memory.quietest[:, k].min() >= STEADY_NOISE * count
+    )
 
 
 def learn_repeats(k: int, kind: int, repeated: float, longest: int, rows: int, memory: Memory) -> None:
@@ -98,7 +117,8 @@ def is_stuck(run: Run, k: int, kind: int, now: float, memory: Memory, limits: Li
     """Whether a run of a live channel is too long."""
     length = (now if run.until is None else run.until) - run.since
     if not memory.changed[k]:
-        return bool(length >= FROM_START_S and memory.excited[k] >= EXCITED_HOPS)
+        hops = EXCITED_HOPS if limits.repeat[k] < 1.0 else NOISELESS_HOPS
+        return bool(length >= FROM_START_S and memory.excited[k] >= hops)
     return run.rows >= rows_needed(k, kind, memory, limits)
 
 

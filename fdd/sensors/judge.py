@@ -23,6 +23,8 @@ LONG_GAP_S = 0.25
 """A gap in one channel is told from here on: eight times the longest burst that a healthy recorder loses."""
 LOST_SHARE, LOST_WINDOW_S = 0.05, 10.0
 """Shorter gaps are told when they make up this share of the last ten seconds."""
+BURST_S = 1.0
+"""A value that stood for less is a loose contact's; a sensor that fails stays failed."""
 SPARSE_SHARE = 0.8
 """A channel with fewer values than this is a slow one that stands between faster ones."""
 NOISE_FACTOR, NOISE_HOPS = 5.0, 4
@@ -60,14 +62,20 @@ class HopJudge:
         memory.present += finite.sum(axis=0)
         self._derived(values)
         swept = rows.swept
-        turned = 0.0 if swept is None else float(np.abs(np.diff(swept[first:])).sum() / self.limits.displacement)
+        turned = (
+            0.0 if swept is None else float(np.abs(np.diff(swept[first:])).sum() / self.limits.displacement)
+        )
         kind = MOVING if turned > 2.0 * np.pi else STILL
         failing: set[int] = set()
         for k in np.flatnonzero(memory.present > 0):
             if not self._is_derived(k):
                 self._absent(k, time, finite[:, k], end, failing)
             if finite[:, k].any() and NAMES[k] not in NOT_MEASURED and not self._is_derived(k):
-                t, v = (time, values[:, k]) if finite[:, k].all() else (time[finite[:, k]], values[finite[:, k], k])
+                t, v = (
+                    (time, values[:, k])
+                    if finite[:, k].all()
+                    else (time[finite[:, k]], values[finite[:, k], k])
+                )
                 self._measured(k, kind, t, v, impossible[finite[:, k], k], rows, first, end, failing)
         self._jumps.hop(rows, end - HOP_S, end, failing)
         self._silent_from_start(end, failing)
@@ -116,9 +124,7 @@ class HopJudge:
             self.memory.failed_since[k] = onset
             self.ledger.report(NAMES[k], kind, onset, None, now, size, evidence, adds=False)
 
-    def _constant(
-        self, k: int, kind: int, runs: list[constancy.Run], end: float, failing: set[int]
-    ) -> bool:
+    def _constant(self, k: int, kind: int, runs: list[constancy.Run], end: float, failing: set[int]) -> bool:
         memory, limits, name = self.memory, self.limits, NAMES[k]
         live = name in constancy.LIVE or limits.repeat[k] < 1.0
         held = False
@@ -132,13 +138,26 @@ class HopJudge:
                 continue
             held = True
             told = f"{name} shows exactly {_figure(name, run.value)} in {run.rows} rows, {length:.2f} s"
+            if run.until is not None and run.since == memory.failed_since[k]:
+                # The end of what was told while it lasted; so short, it was a loose contact.
+                if length < BURST_S:
+                    memory.held_until[k] = run.until + LOST_WINDOW_S
+                    self.ledger.rename(name, run.since, "dropout", length)
+                continue
             if run.until is not None:
                 memory.held_until[k] = run.until + LOST_WINDOW_S
-                self.ledger.report(name, "dropout", run.since, run.until, end, length, f"{told}, then goes on")
+                self.ledger.report(
+                    name, "dropout", run.since, run.until, end, length, f"{told}, then goes on"
+                )
+                continue
+            if memory.held_until[k] > run.since:
+                self._fail(k, "dropout", run.since, end, length, told, failing)
                 continue
             dead = abs(run.value) <= reach or abs(run.value - limits.dead[k]) <= reach
             if at_rail or (beyond and not dead):
-                self._fail(k, "saturated", run.since, end, run.value, f"{told}: the end of its range", failing)
+                self._fail(
+                    k, "saturated", run.since, end, run.value, f"{told}: the end of its range", failing
+                )
             elif dead:
                 self._fail(k, "dead", run.since, end, run.value, f"{told}: no signal", failing)
             else:
@@ -156,7 +175,9 @@ class HopJudge:
         if pressure is not None:
             # From the last row of the hop before, so that no step of the angle is lost.
             part = slice(max(first - 1, 0), None)
-            moved = constancy.standing_position(rows.time[part], swept[part], pressure[part], self.memory, self.limits)
+            moved = constancy.standing_position(
+                rows.time[part], swept[part], pressure[part], self.memory, self.limits
+            )
             if moved:
                 volume = self.memory.volume[2] - self.memory.volume[1]
                 told = (
@@ -165,7 +186,13 @@ class HopJudge:
                 )
                 kind: Kind = "dead" if self.memory.run_value[k] == 0.0 else "stuck"
                 self._fail(
-                    k, kind, float(self.memory.run_since[k]), end, float(self.memory.run_value[k]), told, failing
+                    k,
+                    kind,
+                    float(self.memory.run_since[k]),
+                    end,
+                    float(self.memory.run_value[k]),
+                    told,
+                    failing,
                 )
 
     def _range(
@@ -204,7 +231,10 @@ class HopJudge:
         least = memory.quietest[kind, k]
         loud = noise > NOISE_FACTOR * usual
         faint = least > 2.0 * limits.resolution[k] and noise < FAINT_FACTOR * least
-        for is_so, hops, since in ((loud, memory.loud, memory.loud_since), (faint, memory.faint, memory.faint_since)):
+        for is_so, hops, since in (
+            (loud, memory.loud, memory.loud_since),
+            (faint, memory.faint, memory.faint_since),
+        ):
             hops[k] = hops[k] + 1.0 if is_so else 0.0
             if hops[k] == 1.0:
                 since[k] = end - HOP_S
@@ -247,7 +277,14 @@ class HopJudge:
         if memory.absent_s[k] > LOST_SHARE * LOST_WINDOW_S and not sparse and k not in failing:
             told = f"{name} has no value for {memory.absent_s[k]:.1f} s of the last {LOST_WINDOW_S:g} s, in bursts"
             self.ledger.report(
-                name, "dropout", float(memory.absent_first[k]), end, end, float(memory.absent_s[k]), told, adds=False
+                name,
+                "dropout",
+                float(memory.absent_first[k]),
+                end,
+                end,
+                float(memory.absent_s[k]),
+                told,
+                adds=False,
             )
 
     def _silent_from_start(self, end: float, failing: set[int]) -> None:
@@ -262,8 +299,12 @@ class HopJudge:
         if alive.sum() < 2 or not (silent == alive).all():
             return
         for k in np.flatnonzero(silent):
-            told = f"{NAMES[k]} shows exactly {_figure(NAMES[k], memory.run_value[k])} since the log's first row"
-            self._fail(int(k), "dead", float(memory.run_since[k]), end, float(memory.run_value[k]), told, failing)
+            told = (
+                f"{NAMES[k]} shows exactly {_figure(NAMES[k], memory.run_value[k])} since the log's first row"
+            )
+            self._fail(
+                int(k), "dead", float(memory.run_since[k]), end, float(memory.run_value[k]), told, failing
+            )
 
     def _supply(self, end: float, failing: set[int]) -> None:
         """Channels that fell silent at the same instant have lost what they share."""
@@ -276,7 +317,9 @@ class HopJudge:
                 if NAMES[j] in NOT_MEASURED or self._is_derived(j):
                     continue
                 fell = j in failing and abs(memory.failed_since[j] - onset) <= SAME_INSTANT_S
-                zero = memory.run_value[j] == 0.0 and abs(memory.last_value[j]) > 0.0 and memory.run_rows[j] > 1
+                zero = (
+                    memory.run_value[j] == 0.0 and abs(memory.last_value[j]) > 0.0 and memory.run_rows[j] > 1
+                )
                 fell |= bool(zero and abs(memory.run_since[j] - onset) <= SAME_INSTANT_S)
                 if fell:
                     silent.append(int(j))
@@ -287,12 +330,18 @@ class HopJudge:
                 failing.add(j)
                 if np.isnan(memory.failed_since[j]):
                     memory.failed_since[j] = onset
-            told = f"{', '.join(names)} fall silent within {1e3 * SAME_INSTANT_S:.0f} ms: they lost their supply"
+            told = (
+                f"{', '.join(names)} fall silent within {1e3 * SAME_INSTANT_S:.0f} ms: they lost their supply"
+            )
             self.ledger.merge(names, onset, end, told)
 
     def _known_supply(self, silent: list[int]) -> bool:
         for f in self.ledger.findings():
-            if f.kind == "supply_loss" and f.until_s is None and {NAMES[j] for j in silent} <= set(f.channels):
+            if (
+                f.kind == "supply_loss"
+                and f.until_s is None
+                and {NAMES[j] for j in silent} <= set(f.channels)
+            ):
                 return True
         return False
 

@@ -27,6 +27,8 @@ STRIDES = (1, 2)
 CELL_REACH = 12.0
 """Standard deviations of a cell's mean: as `jumps.NOISE_REACH`, less since the history counts as well."""
 LEARNT_CELLS = 25
+HELD_ROWS = 8
+"""Rows of one position before a jump, from which on it may have been held."""
 PUMP_DOUBT = 0.5
 """Share of the pump's own change that the piston need not follow: leakage, unequal areas, an open valve."""
 
@@ -109,6 +111,9 @@ class JumpWatch:
 
     def _judged(self, k: int, rows: Rows, failing: set[int]) -> bool:
         if k in failing or (k == DIFFERENCE and self.memory.derived[0] == 1.0):
+            return False
+        if self.memory.held_until[k] > rows.time[0]:
+            # A loose contact: its jumps are told as that.
             return False
         # A biased pressure is still watched, for the step back.
         trusted = np.isnan(self.memory.failed_since[k]) or self.memory.biased[k] != 0.0
@@ -218,11 +223,25 @@ class JumpWatch:
         elif k == ANGLE:
             told += f", and stays {jump.net:.3g} rad off"
             self.ledger.report(name, "slip", jump.time, None, end, abs(jump.net), told)
+        elif k == POSITION and (held := self._held(jump, rows)) is not None:
+            told = f"position stood for {jump.time - held:.3f} s while the pump turned, then caught up by {1e3 * jump.net:.3f} mm"
+            self.ledger.report(name, "dropout", held, jump.time, end, jump.time - held, told)
         elif k == POSITION:
             told += f", and stays {scale * jump.net:.3f} mm off, which neither pump nor pressure explain"
             self.ledger.report(name, "slip", jump.time, None, end, abs(jump.net), told)
         elif jump.net != 0.0 and self._outside(k, rows, jump):
             self._tell_step(k, jump, end, failing)
+
+    def _held(self, jump: Jump, rows: Rows) -> float | None:
+        """Since when the position was held, if its jump is what the pump displaced meanwhile; else None."""
+        row = int(np.searchsorted(rows.time, jump.time))
+        position = rows.values[:row, POSITION]
+        other = np.flatnonzero(position != position[-1]) if row else np.empty(0, np.intp)
+        first = int(other[-1]) + 1 if other.size else 0
+        if rows.swept is None or row - first < HELD_ROWS:
+            return None
+        moved = float(rows.swept[row] - rows.swept[first]) / self.limits.area
+        return float(rows.time[first]) if abs(moved - jump.net) < 0.3 * abs(jump.net) else None
 
     def _outside(self, k: int, rows: Rows, jump: Jump) -> bool:
         """Whether a pressure's new level is beyond all that an opening valve could bring."""

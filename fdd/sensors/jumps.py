@@ -115,9 +115,7 @@ def widest(values: Array, reach: int) -> Array:
     return out
 
 
-def jumps(
-    time: Array, values: Array, over: Array, limit: Array, start: float, stop: float
-) -> list[Jump]:
+def jumps(time: Array, values: Array, over: Array, limit: Array, start: float, stop: float) -> list[Jump]:
     """Events whose first row lies in ``[start, stop)``.
 
     Parameters
@@ -134,7 +132,11 @@ def jumps(
             continue
         peak = over[group[np.argmax(np.abs(over[group]))]]
         net, before = level_change(time, values, first, last)
-        stays = abs(net) > max(limit[first], STAYS * abs(peak))
+        # A row that is off and comes back has an excess to either side, a step has one.
+        one_way = bool((np.sign(over[group]) == np.sign(peak)).all())
+        if one_way and abs(net - peak) > STAYS * abs(peak):
+            net = float(peak)
+        stays = one_way or abs(net) > max(limit[first], STAYS * abs(peak))
         found.append(Jump(float(time[first]), net if stays else 0.0, float(peak), before, group.size))
     return found
 

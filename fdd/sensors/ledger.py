@@ -39,7 +39,16 @@ class Ledger:
         known = self._found.get((channel, kind))
         if known is None:
             self._found[channel, kind] = SensorFinding(
-                channel, kind, onset, until, now, CONFIDENCE[kind], size, evidence, count, channels or (channel,)
+                channel,
+                kind,
+                onset,
+                until,
+                now,
+                CONFIDENCE[kind],
+                size,
+                evidence,
+                count,
+                channels or (channel,),
             )
             return
         again = known.until_s is not None or kind not in FAILING
@@ -57,6 +66,13 @@ class Ledger:
             if channel in found.channels and found.kind in FAILING and found.until_s is None:
                 lost = at - found.onset_s if found.kind == "dropout" and found.count == 1 else found.size
                 self._found[key] = replace(found, until_s=at, size=lost)
+
+    def rename(self, channel: str, onset: float, kind: Kind, size: float) -> None:
+        """What began at `onset` turned out to be of another kind."""
+        for key, found in list(self._found.items()):
+            if found.channel == channel and found.onset_s == onset and found.kind != kind:
+                del self._found[key]
+                self._found[channel, kind] = replace(found, kind=kind, size=size)
 
     def merge(self, channels: tuple[str, ...], onset: float, now: float, evidence: str) -> None:
         """Make one lost supply of what these channels' own findings since `onset` say."""

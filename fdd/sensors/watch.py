@@ -82,7 +82,8 @@ class SensorWatch:
         time = samples.time
         if time[0] <= self._last:
             raise InputError(
-                f"time {time[0]:.6f} s comes after {self._last:.6f} s", mend="push blocks in the order of time"
+                f"time {time[0]:.6f} s comes after {self._last:.6f} s",
+                mend="push blocks in the order of time",
             )
         if np.isnan(self._first):
             self._first = float(time[0])
@@ -197,4 +198,3 @@ class SensorWatch:
         time = state["sensors_hop_time"]
         hop = (time.copy(), state["sensors_hop"].copy(), state["sensors_hop_wild"].astype(np.bool_))
         self._parts = [hop] if time.size else []
-
