@@ -1,9 +1,9 @@
 """Channels that stop changing: how many equal rows are too many.
 
-Noise of σ leaves a row at its predecessor's value with the chance ``p = q/(σ·√(4π))`` (q: one count), so n equal
-rows have the chance ``p^n``; `LOG_ODDS` asks for 1.4e-11, once in 5,000 hours of eight channels at 1 kHz. What the
-channel's own good hops showed counts as well: a log that repeats or rounds its values has a larger p. Without
-noise a value may stand for ever, and only its neighbours can tell (`standing_position`).
+Noise of σ leaves a row at its predecessor's value with the chance ``p = q/(σ·√(4π))`` (q: one count), so n
+equal rows have the chance ``p^n``; `LOG_ODDS` asks for 1.4e-11, which eight channels at 1 kHz meet once in
+2,500 h. What the channel's own good hops showed counts as well: a log that repeats or rounds its values has a
+larger p. Without noise a value may stand for ever, and only its neighbours can tell (`standing_position`).
 """
 
 from __future__ import annotations
@@ -23,11 +23,11 @@ FEWEST_ROWS = 8
 LEARNT_HOPS = 4
 """Hops of a class after which what they showed is believed."""
 FROM_START_S = 1.0
-"""A channel that never changed has shown no noise at all: the profile may be wrong, so it gets this time, in which
-the pump has to turn."""
+"""A channel that never changed has shown no noise at all: the profile may be wrong, so it gets this time, in
+which the pump has to turn."""
 RAIL_S = 0.2
 EXCITED_HOPS, NOISELESS_HOPS = 2, 8
-"""Hops of half a second with a turning pump, for a channel that should have noise, and for one that need not."""
+"""Hops with a turning pump, for a channel that should have noise, and for one that need not."""
 LEAST_NOISE = 1e-5
 """Share of the range: no analogue sensor has less noise."""
 LIVE = (
@@ -40,7 +40,7 @@ LIVE = (
 )
 """Analogue channels, which noise keeps moving. Counts of an encoder and a slow thermocouple may stand."""
 LEAK_MARGIN = 3.0
-"""Times the healthy leakage that may let the pump turn while the piston stands: internal leakage of severity 1."""
+"""Times the healthy leakage that may let the pump turn while the piston stands: a gross leak."""
 LEAST_TRAVEL = 0.05
 """Share of the stroke that the pump has to have displaced, as the position stood."""
 RELIEF_SHARE = 0.6
@@ -125,7 +125,7 @@ def is_stuck(run: Run, k: int, kind: int, now: float, memory: Memory, limits: Li
 def standing_position(
     time: Array, swept: Array, pressure: Array | None, memory: Memory, limits: Limits
 ) -> bool:
-    """Whether the pump has displaced far more than a standing piston lets it, since the position changed last.
+    """Whether the pump displaced far more than a standing piston lets it, since the position changed.
 
     Parameters
     ----------

@@ -33,8 +33,8 @@ class SensorFinding:
         kind has no end (a slip stays).
     detected_s : end of the hop in which it was decided.
     confidence : see `CONFIDENCE`.
-    size : SI: metres or radians lost by an encoder (sum of magnitudes), pascals of a step, the value of a stuck
-        channel, the factor of a noise, seconds lost by a dropout, rows of spikes.
+    size : SI: metres or radians lost by an encoder (sum of magnitudes), pascals of a step, the value of a
+        stuck channel, the factor of a noise, seconds lost by a dropout, rows of spikes.
     evidence : one sentence with figures and units.
     count : how many events it sums up.
     channels : all that are concerned.

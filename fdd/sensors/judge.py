@@ -1,24 +1,22 @@
-"""The verdict on a hop of half a second: what each channel did in it, held against limits and its own past."""
+"""The verdict on a hop of half a second: each channel held against its limits and its own past."""
 
 from __future__ import annotations
 
 import numpy as np
 from numpy.typing import NDArray
 
-from fdd.samples import CHANNELS
 from fdd.sensors import constancy
 from fdd.sensors.finding import Kind
 from fdd.sensors.jumping import JumpWatch, Rows
 from fdd.sensors.jumps import median
 from fdd.sensors.ledger import Ledger
-from fdd.sensors.limits import CHAMBERS, INDEX, NAMES, Limits
+from fdd.sensors.limits import CHAMBERS, INDEX, NAMES, NOT_MEASURED, Limits, figure
 from fdd.sensors.memory import MOVING, STILL, Memory
+from fdd.sensors.supply import SAME_INSTANT_S, SupplyWatch
 
 Array = NDArray[np.float64]
 
 HOP_S = 0.5
-NOT_MEASURED = ("command", "position_setpoint")
-"""Numbers that a controller wrote: they may be anything, and only their absence is told."""
 LONG_GAP_S = 0.25
 """A gap in one channel is told from here on: eight times the longest burst that a healthy recorder loses."""
 LOST_SHARE, LOST_WINDOW_S = 0.05, 10.0
@@ -30,9 +28,6 @@ SPARSE_SHARE = 0.8
 NOISE_FACTOR, NOISE_HOPS = 5.0, 4
 """The scale of a hop's noise, from some 500 second differences, scatters by a tenth: five is no chance."""
 FAINT_FACTOR = 0.1
-SAME_INSTANT_S = 0.05
-SILENT_S = 5.0
-"""Noise that is there shows within some rows; this leaves time for a converter that starts late."""
 GOOD_HOPS = 2
 """Hops without a complaint after which a channel is trusted again."""
 
@@ -48,6 +43,7 @@ class HopJudge:
     def __init__(self, limits: Limits, memory: Memory, ledger: Ledger) -> None:
         self.limits, self.memory, self.ledger = limits, memory, ledger
         self._jumps = JumpWatch(limits, memory, ledger)
+        self._supply = SupplyWatch(limits, memory, ledger)
 
     def hop(self, rows: Rows, first: int, impossible: NDArray[np.bool_], end: float) -> None:
         """Judge rows ``first:`` of `rows`; those before are the tail of the hop before.
@@ -67,10 +63,10 @@ class HopJudge:
         )
         kind = MOVING if turned > 2.0 * np.pi else STILL
         failing: set[int] = set()
-        for k in np.flatnonzero(memory.present > 0):
-            if not self._is_derived(k):
+        for k in np.flatnonzero(memory.present > 0).tolist():
+            if not memory.is_derived(k):
                 self._absent(k, time, finite[:, k], end, failing)
-            if finite[:, k].any() and NAMES[k] not in NOT_MEASURED and not self._is_derived(k):
+            if finite[:, k].any() and NAMES[k] not in NOT_MEASURED and not memory.is_derived(k):
                 t, v = (
                     (time, values[:, k])
                     if finite[:, k].all()
@@ -78,12 +74,9 @@ class HopJudge:
                 )
                 self._measured(k, kind, t, v, impossible[finite[:, k], k], rows, first, end, failing)
         self._jumps.hop(rows, end - HOP_S, end, failing)
-        self._silent_from_start(end, failing)
-        self._supply(end, failing)
+        self._supply.silent_from_start(end, failing)
+        self._supply.lost_together(end, failing)
         self._recover(end, failing)
-
-    def _is_derived(self, k: int) -> bool:
-        return k == INDEX["pressure_difference"] and self.memory.derived[0] == 1.0
 
     def _derived(self, values: Array) -> None:
         """Whether Δp carries nothing of its own, so that it fails with the chambers' pressures."""
@@ -137,7 +130,7 @@ class HopJudge:
             if not (stuck or ((at_rail or beyond) and length >= constancy.RAIL_S)):
                 continue
             held = True
-            told = f"{name} shows exactly {_figure(name, run.value)} in {run.rows} rows, {length:.2f} s"
+            told = f"{name} shows exactly {figure(name, run.value)} in {run.rows} rows, {length:.2f} s"
             if run.until is not None and run.since == memory.failed_since[k]:
                 # The end of what was told while it lasted; so short, it was a loose contact.
                 if length < BURST_S:
@@ -203,8 +196,8 @@ class HopJudge:
         if not low <= middle <= high:
             beyond = (values < low) | (values > high)
             told = (
-                f"{name} is {_figure(name, middle)} (median of {HOP_S:g} s), beyond what the unit can reach, "
-                f"{_figure(name, low)} to {_figure(name, high)}"
+                f"{name} is {figure(name, middle)} (median of {HOP_S:g} s), beyond what the unit can reach, "
+                f"{figure(name, low)} to {figure(name, high)}"
             )
             self._fail(k, "out_of_range", float(time[np.argmax(beyond)]), end, middle, told, failing)
             return True
@@ -213,7 +206,7 @@ class HopJudge:
         wild = np.flatnonzero(((values < low) | (values > high)) & impossible)
         if wild.size:
             worst = float(values[wild][np.argmax(np.abs(values[wild]))])
-            told = f"single rows of {name} are impossible, the first {_figure(name, worst)}"
+            told = f"single rows of {name} are impossible, the first {figure(name, worst)}"
             self.ledger.report(
                 name, "spikes", float(time[wild[0]]), float(time[wild[-1]]), end, float(wild.size), told,
                 count=int(wild.size),
@@ -240,8 +233,8 @@ class HopJudge:
                 since[k] = end - HOP_S
             if hops[k] >= NOISE_HOPS:
                 told = (
-                    f"noise of {NAMES[k]} is {_figure(NAMES[k], noise)} rms for {hops[k] * HOP_S:g} s, "
-                    f"it was {_figure(NAMES[k], least)} to {_figure(NAMES[k], usual)}"
+                    f"noise of {NAMES[k]} is {figure(NAMES[k], noise)} rms for {hops[k] * HOP_S:g} s, "
+                    f"it was {figure(NAMES[k], least)} to {figure(NAMES[k], usual)}"
                 )
                 self._fail(k, "noisy", float(since[k]), end, noise / max(usual, 1e-300), told, failing)
         return bool(loud or faint)
@@ -275,81 +268,15 @@ class HopJudge:
             elif np.isnan(memory.failed_since[k]):
                 self.ledger.report(name, "dropout", since, until, end, length, told)
         if memory.absent_s[k] > LOST_SHARE * LOST_WINDOW_S and not sparse and k not in failing:
-            told = f"{name} has no value for {memory.absent_s[k]:.1f} s of the last {LOST_WINDOW_S:g} s, in bursts"
-            self.ledger.report(
-                name,
-                "dropout",
-                float(memory.absent_first[k]),
-                end,
-                end,
-                float(memory.absent_s[k]),
-                told,
-                adds=False,
-            )
-
-    def _silent_from_start(self, end: float, failing: set[int]) -> None:
-        """Two or more channels that the profile gives noise, and none of them ever showed any.
-
-        One alone may have a profile that is wrong; it is judged when the pump turns.
-        """
-        memory = self.memory
-        alive = (memory.present > 0) & (self.limits.repeat < 1.0)
-        alive[INDEX["pressure_difference"]] &= not self._is_derived(INDEX["pressure_difference"])
-        silent = alive & (memory.changed == 0.0) & (end - memory.run_since >= SILENT_S)
-        if alive.sum() < 2 or not (silent == alive).all():
-            return
-        for k in np.flatnonzero(silent):
-            told = (
-                f"{NAMES[k]} shows exactly {_figure(NAMES[k], memory.run_value[k])} since the log's first row"
-            )
-            self._fail(
-                int(k), "dead", float(memory.run_since[k]), end, float(memory.run_value[k]), told, failing
-            )
-
-    def _supply(self, end: float, failing: set[int]) -> None:
-        """Channels that fell silent at the same instant have lost what they share."""
-        memory = self.memory
-        new = [k for k in sorted(failing) if not self._is_derived(k)]
-        for k in new:
-            onset = float(memory.failed_since[k])
-            silent = []
-            for j in np.flatnonzero(memory.present > 0):
-                if NAMES[j] in NOT_MEASURED or self._is_derived(j):
-                    continue
-                fell = j in failing and abs(memory.failed_since[j] - onset) <= SAME_INSTANT_S
-                zero = (
-                    memory.run_value[j] == 0.0 and abs(memory.last_value[j]) > 0.0 and memory.run_rows[j] > 1
-                )
-                fell |= bool(zero and abs(memory.run_since[j] - onset) <= SAME_INSTANT_S)
-                if fell:
-                    silent.append(int(j))
-            if len(silent) < 2 or self._known_supply(silent):
-                continue
-            names = tuple(NAMES[j] for j in silent)
-            for j in silent:
-                failing.add(j)
-                if np.isnan(memory.failed_since[j]):
-                    memory.failed_since[j] = onset
-            told = (
-                f"{', '.join(names)} fall silent within {1e3 * SAME_INSTANT_S:.0f} ms: they lost their supply"
-            )
-            self.ledger.merge(names, onset, end, told)
-
-    def _known_supply(self, silent: list[int]) -> bool:
-        for f in self.ledger.findings():
-            if (
-                f.kind == "supply_loss"
-                and f.until_s is None
-                and {NAMES[j] for j in silent} <= set(f.channels)
-            ):
-                return True
-        return False
+            lost, began = float(memory.absent_s[k]), float(memory.absent_first[k])
+            told = f"{name} has no value for {lost:.1f} s of the last {LOST_WINDOW_S:g} s, in bursts"
+            self.ledger.report(name, "dropout", began, end, end, lost, told, adds=False)
 
     def _recover(self, end: float, failing: set[int]) -> None:
         """Trust again what had no complaint for some hops; the clean time counts from the first of them."""
         memory = self.memory
-        for k in np.flatnonzero(~np.isnan(memory.failed_since)):
-            lasting = abs(memory.biased[k]) > 0.0 or memory.run_rows[k] * 1.0 > 0 and self._still_silent(k)
+        for k in np.flatnonzero(~np.isnan(memory.failed_since)).tolist():
+            lasting = memory.biased[k] != 0.0 or self._still_silent(k)
             if k in failing or lasting or not np.isnan(memory.absent_since[k]):
                 memory.good[k] = 0.0
                 continue
@@ -361,10 +288,3 @@ class HopJudge:
     def _still_silent(self, k: int) -> bool:
         """Whether the value of the failure still stands."""
         return bool(self.memory.run_since[k] <= self.memory.failed_since[k] + SAME_INSTANT_S)
-
-
-def _figure(name: str, value: float) -> str:
-    """A value with its unit, as people say it."""
-    unit = CHANNELS[name].unit
-    scale, shown = {"Pa": (1e-6, "MPa"), "m": (1e3, "mm")}.get(unit, (1.0, unit))
-    return f"{value * scale:.4g} {shown}"

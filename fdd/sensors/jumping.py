@@ -1,4 +1,4 @@
-"""Where jumps are looked for: the position against the pump, the pump's angle, pressures against their circuit."""
+"""Jumps of position, pump angle and pressures, held against what pump, piston and oil can do."""
 
 from __future__ import annotations
 
@@ -88,7 +88,7 @@ class JumpWatch:
     def hop(self, rows: Rows, start: float, end: float, failing: set[int]) -> None:
         """Judge what came `DEFERRED_S` earlier than the hop from `start` to `end`."""
         span = start - DEFERRED_S, end - DEFERRED_S
-        there = np.isfinite(rows.values).any(axis=0)
+        there = np.any(np.isfinite(rows.values), axis=0)
         judged = [k for k in JUDGED if there[k] and self._judged(k, rows, failing)]
         if not judged or rows.time.size < 8:
             return
@@ -224,7 +224,8 @@ class JumpWatch:
             told += f", and stays {jump.net:.3g} rad off"
             self.ledger.report(name, "slip", jump.time, None, end, abs(jump.net), told)
         elif k == POSITION and (held := self._held(jump, rows)) is not None:
-            told = f"position stood for {jump.time - held:.3f} s while the pump turned, then caught up by {1e3 * jump.net:.3f} mm"
+            lost = f"position stood for {jump.time - held:.3f} s while the pump turned"
+            told = f"{lost}, then caught up by {1e3 * jump.net:.3f} mm"
             self.ledger.report(name, "dropout", held, jump.time, end, jump.time - held, told)
         elif k == POSITION:
             told += f", and stays {scale * jump.net:.3f} mm off, which neither pump nor pressure explain"

@@ -1,9 +1,9 @@
 """Jumps: a step of a channel within a row, or within some tens of milliseconds, that nothing answers.
 
-A quantity with inertia may change its rate, but its rate over one row lies between those of the rows beside it,
-unless the row is the sensor's doing. So of each row's step the *excess* over the range of its neighbours' steps is
-judged. A piston that breaks loose and stops again within one row goes at most ``F/m·(Δt/2)²``; late stamps and
-missing rows show in the pump's angle as well, and are taken off by it.
+A quantity with inertia may change its rate, but its rate over one row lies between those of the rows beside
+it, unless the row is the sensor's doing. So of each row's step the *excess* over the range of its
+neighbours' steps is judged. A piston that breaks loose and stops again within one row goes at most
+``F/m·(Δt/2)²``; late stamps and missing rows show in the pump's angle as well, and are taken off by it.
 """
 
 from __future__ import annotations
@@ -18,10 +18,11 @@ Array = NDArray[np.float64]
 GAUSS_75, GAUSS_90 = 1.1503, 1.6449
 """Quantiles of the absolute value of a standard normal variable at 75 and 90 %."""
 NOISE_REACH = 16.0
-"""Standard deviations of a row's noise. The excess is at most ``a + b + min(a, b)`` where a, b are the noise of two
-rows, so 16 asks for 5.3 of both at once: 3e-14 for a Gaussian, once in 1e7 h at 1 kHz."""
+"""Standard deviations of a row's noise. An excess beyond T needs ``a + 2b + c`` and ``2a + b + d`` beyond it,
+a to d being the noise of four rows: at 16 that has the chance 2e-13 for a Gaussian, which six channels at 1 kHz
+and two strides meet once in 1e5 h."""
 COUNTS = 6.0
-"""Counts: rounding alone gives an excess of up to 2, hysteresis and unevenness of a plain scale as much again each."""
+"""Counts: rounding gives an excess of up to 2, hysteresis and unevenness of a plain scale as much each."""
 EVENT_S = 0.05
 """What lies closer together is one event."""
 BESIDE = 12
@@ -83,10 +84,11 @@ def median(values: Array) -> float:
 
 
 def spread(values: Array) -> Array:
-    """Standard deviation of a row's noise in each column of (n, m), (m,); 0 where fewer than 8 rows have a value.
+    """Standard deviation of a row's noise in each column of (n, m), (m,); 0 of fewer than 8 values.
 
-    From second differences, robust to jumps in up to a tenth of the rows. The larger of two quantiles, so that it is
-    not 0 where values are rounded and mostly stand still, and covers a hop of which only a part is noisy.
+    From second differences, robust to jumps in up to a tenth of the rows. The larger of two quantiles, so
+    that it is not 0 where values are rounded and mostly stand still, and covers a hop of which only a part
+    is noisy.
     """
     out = np.zeros(values.shape[1])
     whole = np.isfinite(values).all(axis=0)

@@ -1,4 +1,4 @@
-"""The book of findings: events of one channel and kind are one finding, with a beginning, an end and a count."""
+"""The book of findings: events of one channel and kind are one finding, with their count."""
 
 from __future__ import annotations
 

@@ -18,20 +18,22 @@ Array = NDArray[np.float64]
 NAMES = tuple(c for c in CHANNELS if c != "time")
 INDEX = {name: k for k, name in enumerate(NAMES)}
 CHAMBERS = ("pressure_1", "pressure_2")
+NOT_MEASURED = ("command", "position_setpoint")
+"""Numbers that a controller wrote: they may be anything, and only their absence is told."""
 ATMOSPHERE = 101_325.0
 SIGMA = 8.0
-"""Standard deviations that noise does not reach: at 1 kHz and eight channels a Gaussian passes 8 once in 1e8 h;
-what is spent of that is for noise whose tails are heavier."""
+"""Standard deviations that noise does not reach: at 1 kHz and eight channels a Gaussian passes 8 once in
+3e7 h; what is spent of that is for noise whose tails are heavier."""
 PRESSURE_MARGIN = 1.5
 """A relief valve opens up to some tens of per cent above its setting (full flow, dynamics)."""
 LOW_MARGIN = 0.03
-"""Zero error of a plain transducer, as share of the relief setting that it was chosen for: 1 % of a range that
-is up to three times that setting."""
+"""Zero error of a plain transducer, as share of the relief setting that it was chosen for: 1 % of a range
+that is up to three times that setting."""
 STROKE_MARGIN = 1.1
 SPEED_MARGIN = 1.3
 """Above nominal speed: overshoot of the loop, and a load that drives the pump."""
 CURRENT_MARGIN = 3.0
-"""The peak of a servomotor is two to three times its continuous current, which a data sheet may give as limit."""
+"""A servomotor's peak is two to three times its continuous current, which may stand as the limit."""
 STEADY_NOISE = 2.0
 """Noise of so many counts changes nearly every row: P(same value again) is q/(σ·√(4π)), 14 % at 2."""
 COLOUR = 3.0
@@ -46,7 +48,8 @@ class Limits:
     ----------
     low, high : what a hop's median cannot be beyond; ±inf where nothing is known.
     noise, resolution : the profile's.
-    repeat : chance that noise alone leaves a row at the value of the row before; 1 where noise is below the counts.
+    repeat : chance that noise alone leaves a row at the value of the row before; 1 where noise is below the
+        counts.
     rail : the highest reading of the sensor or its converter, NaN unknown.
     dead : what a broken current loop reads, else 0.
     travel : m per rad of the pump, D/A.
@@ -121,3 +124,10 @@ class Limits:
             displacement=pump.displacement, area=min(areas), stroke=cylinder.stroke,
             leakage=pump.total_leakage, relief=relief,
         )  # fmt: skip
+
+
+def figure(name: str, value: float) -> str:
+    """A value with its unit, as people say it."""
+    unit = CHANNELS[name].unit
+    scale, shown = {"Pa": (1e-6, "MPa"), "m": (1e3, "mm")}.get(unit, (1.0, unit))
+    return f"{value * scale:.4g} {shown}"

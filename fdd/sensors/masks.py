@@ -29,7 +29,8 @@ class RowMasks:
         self.memory = memory
         reach = SIGMA * limits.noise + limits.resolution
         self._low, self._high = limits.low - reach, limits.high + reach
-        # A speed that is a difference of counts over the nominal period doubles where a row comes a period late.
+        # A speed that is a difference of counts over the nominal period doubles where a row comes a period
+        # late.
         self._low[SPEED], self._high[SPEED] = 2.0 * self._low[SPEED], 2.0 * self._high[SPEED]
         self._dead = limits.dead
         rates = {"position": limits.piston_speed, "pump_angle": 1.3 * limits.pump_speed}
@@ -43,8 +44,7 @@ class RowMasks:
         slack = steps[1:] + steps[:-1]
         with np.errstate(invalid="ignore"):
             out = (values < self._low) | (values > self._high)
-            held = np.flatnonzero(self.memory.held_until > time[0])
-            for k in held:
+            for k in np.flatnonzero(self.memory.held_until > time[0]).tolist():
                 previous = np.concatenate(([self.memory.previous[k]], values[:-1, k]))
                 out[:, k] |= (values[:, k] == previous) | (values[:, k] == self._dead[k])
         for k, rate, floor in self._rated:

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from fdd.sensors.limits import NAMES
+from fdd.sensors.limits import INDEX, NAMES
 
 Array = NDArray[np.float64]
 
@@ -39,8 +39,8 @@ class Memory:
     rows, present : rows that came, and those with a value.
     run_value, run_since, run_rows : the value that the channel shows, since when (s), in how many rows.
     changed : whether it ever changed.
-    hops, repeat, noisiest, quietest : hops judged good; the largest chance of a repeated value and the largest
-        and least noise that they showed.
+    hops, repeat, noisiest, quietest : hops judged good; the largest chance of a repeated value and the
+        largest and least noise that they showed.
     loud, loud_since, faint, faint_since : hops in a row with far more, or less, noise, and when they began.
     absent_since, absent_s, absent_first : a gap that is open; seconds missing lately; when that began.
     held_until : until when repeats are taken for a loose contact's.
@@ -86,3 +86,7 @@ class Memory:
     cells: Array = field(default_factory=lambda: np.zeros((COUNT, CELL_HISTORY)))
     cell_count: Array = field(default_factory=_zero)
     derived: Array = field(default_factory=lambda: np.array([np.nan]))
+
+    def is_derived(self, k: int) -> bool:
+        """Whether channel k is a Δp that was made of both chambers' pressures."""
+        return k == INDEX["pressure_difference"] and self.derived[0] == 1.0

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from dataclasses import fields
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -28,9 +29,9 @@ STATE_VERSION = "1"
 class SensorWatch:
     """Judge each channel before any hydraulics: which may be trusted, and since when not.
 
-    Verdicts fall at the ends of hops of half a second, counted from the first row, once a row after the hop came;
-    single rows that cannot be true are taken out as they come. So nothing depends on how the log was cut into
-    blocks, and nothing is held back: what was passed before a verdict stays passed.
+    Verdicts fall at the ends of hops of half a second, counted from the first row, once a row after the hop
+    came; single rows that cannot be true are taken out as they come. So nothing depends on how the log was
+    cut into blocks, and nothing is held back: what was passed before a verdict stays passed.
 
     Parameters
     ----------
@@ -93,11 +94,11 @@ class SensorWatch:
         masked = np.zeros(values.shape, dtype=np.bool_)
         hops = np.floor((time - self._first) / HOP_S + 1e-9).astype(np.int64)
         edges = np.concatenate(([0], np.flatnonzero(np.diff(hops)) + 1, [n]))
-        for a, b in zip(edges[:-1], edges[1:], strict=True):
+        for a, b in pairwise(edges.tolist()):
             if hops[a] != self._hop:
                 self._close_hop()
                 self._hop = int(hops[a])
-            part = slice(int(a), int(b))
+            part = slice(a, b)
             wild = self._masks.rows(time[part], values[part])
             self._parts.append((time[part].copy(), values[part].copy(), wild))
             masked[part] = wild | self._failed()

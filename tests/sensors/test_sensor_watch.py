@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from functools import cache
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -23,7 +24,10 @@ ONSET = 8.0
 DUTIES: dict[str, dict[str, Any]] = {
     "standstill": {"duty": {"name": "standstill"}},
     "standstill without control": {"duty": {"name": "standstill"}, "control": {"mode": "speed"}},
-    "steps against weight": {"duty": {"name": "steps", "amplitude": 0.1}, "load": {"name": "constant", "level": 900}},
+    "steps against weight": {
+        "duty": {"name": "steps", "amplitude": 0.1},
+        "load": {"name": "constant", "level": 900},
+    },
     "steps with a mass": {"duty": {"name": "steps", "amplitude": 0.1}, "load": {"name": "inertia"}},
     "noise": {"duty": {"name": "prbs"}, "load": {"name": "gust"}},
     "sweep": {"duty": {"name": "sweep"}, "load": {"name": "throttle"}},
@@ -118,8 +122,9 @@ def test_slip_in_a_noisy_position() -> None:
 @pytest.mark.parametrize(
     ("variant", "severity", "kind"),
     [
-        ("missing", 1.0, "dropout"), ("missing", 0.3, "dropout"), ("held", 1.0, "stuck"), ("held", 0.3, "dropout"),
-        ("broken_loop", 1.0, "dead"), ("broken_loop", 0.3, "dropout"), ("position_missing", 1.0, "dropout"),
+        ("missing", 1.0, "dropout"), ("missing", 0.3, "dropout"), ("held", 1.0, "stuck"),
+        ("held", 0.3, "dropout"), ("broken_loop", 1.0, "dead"), ("broken_loop", 0.3, "dropout"),
+        ("position_missing", 1.0, "dropout"),
     ],
 )  # fmt: skip
 @pytest.mark.parametrize("duty", ["standstill", "sweep"])
@@ -183,7 +188,7 @@ def answers(
 
 
 def spoilt() -> Samples:
-    """A run with nearly everything wrong with its sensors: slips, bursts, gaps, spikes, a dead and a biased one."""
+    """A run with nearly everything wrong: slips, bursts, gaps, spikes, a dead and a biased sensor."""
     samples = run("axis_a", "as shipped", "sweep", "position_sensor_slip", 0.5).samples
     rng = np.random.default_rng(4)
     columns = {n: v.copy() for n, v in samples.columns.items()}
@@ -204,7 +209,7 @@ def spoilt() -> Samples:
 def test_answers_do_not_depend_on_the_blocks(save: bool, cuts: list[int], ones: int) -> None:
     samples, unit = spoilt(), unit_with("axis_a", "as shipped")
     edges = sorted({0, len(samples), *(c for c in cuts if c < len(samples)), *range(ones, ones + 40)})
-    parts = [samples.rows(a, b) for a, b in zip(edges[:-1], edges[1:], strict=True)]
+    parts = [samples.rows(a, b) for a, b in pairwise(edges)]
     whole, parted = answers([samples], unit), answers(parts, unit, len(parts) // 2 if save else None)
     for name in samples.channels:
         assert np.array_equal(whole[0][name], parted[0][name], equal_nan=True), name
