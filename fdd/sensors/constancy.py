@@ -41,6 +41,12 @@ LIVE = (
 """Analogue channels, which noise keeps moving. Counts of an encoder and a slow thermocouple may stand."""
 LEAK_MARGIN = 3.0
 """Times the healthy leakage that may let the pump turn while the piston stands: a gross leak."""
+BYPASS_SHARE, BYPASS_PRESSURE = 0.57, 1e6
+"""Share of the pump's largest flow that goes over a valve stuck fully open at this Δp (Pa), as an orifice:
+what the catalogue's relief valve passes at severity 1. With it a piston may rest on its friction as the pump
+turns, but it comes to rest because the pump slows down."""
+FROZEN_S = 0.03
+"""Before and after the position stopped: did both move before, and does the pump go on as it did?"""
 LEAST_TRAVEL = 0.05
 """Share of the stroke that the pump has to have displaced, as the position stood."""
 RELIEF_SHARE = 0.6
@@ -123,30 +129,35 @@ def is_stuck(run: Run, k: int, kind: int, now: float, memory: Memory, limits: Li
 
 
 def standing_position(
-    time: Array, swept: Array, pressure: Array | None, memory: Memory, limits: Limits
+    time: Array, swept: Array, pressure: Array, in_motion: bool, memory: Memory, limits: Limits
 ) -> bool:
     """Whether the pump displaced far more than a standing piston lets it, since the position changed.
 
     Parameters
     ----------
-    swept : (n,) m³, the pump's angle times its displacement. pressure : (n,) Pa, Δp; None if it is not known.
-    memory : its `volume` goes on: sum, least, most and leaked m³, from 0 when the position changes.
+    swept : (n,) m³, the pump's angle times its displacement. pressure : (n,) Pa, Δp.
+    in_motion : what `stopped_in_motion` says.
+    memory : its `volume` goes on, from 0 when the position changes.
 
     Notes
     -----
-    Allowed are three times the healthy leakage, and what the oil takes at `Limits.softness`; rows near the
-    relief setting do not count. Without a Δp nothing can be said.
+    Allowed are three times the healthy leakage, what the oil takes at `Limits.softness` and, unless the
+    position stopped in mid-motion (`stopped_in_motion`), a valve that is stuck open. Rows near the relief
+    setting do not count.
     """
     k = INDEX["position"]
-    if pressure is None or swept.size < 2:
+    if swept.size < 2:
         return False
     after = time[1:] > memory.run_since[k]
     if memory.run_since[k] >= time[0]:
         memory.volume[:] = 0.0
+    memory.volume[4] = max(memory.volume[4], float(in_motion))
     level = np.abs(np.nan_to_num(pressure[1:], nan=limits.relief))
     counts = after & (level < RELIEF_SHARE * limits.relief)
     total = memory.volume[0] + np.cumsum(np.where(counts, np.diff(swept), 0.0))
-    leaked = LEAK_MARGIN * limits.leakage * float((level * np.diff(time))[counts].sum())
+    orifice = BYPASS_SHARE * limits.displacement * limits.pump_speed * np.sqrt(level / BYPASS_PRESSURE)
+    flow = LEAK_MARGIN * limits.leakage * level + (0.0 if memory.volume[4] else orifice)
+    leaked = float((flow * np.diff(time))[counts].sum())
     memory.volume[0] = total[-1]
     memory.volume[1] = min(memory.volume[1], float(total.min()))
     memory.volume[2] = max(memory.volume[2], float(total.max()))
@@ -155,3 +166,18 @@ def standing_position(
     elastic = limits.softness * limits.area * (high - low)
     least = limits.area * max(LEAST_TRAVEL * limits.stroke, 20.0 * limits.resolution[k])
     return bool(memory.volume[2] - memory.volume[1] > memory.volume[3] + elastic + least)
+
+
+def stopped_in_motion(time: Array, position: Array, moved: Array, since: float, count: float) -> bool:
+    """Whether position and pump moved together until `since`, and the pump then went on alone.
+
+    Parameters
+    ----------
+    moved : (n,) m, the pump's volume over the area. count : m, resolution of the position.
+    """
+    a, b, c = np.searchsorted(time, [since - FROZEN_S, since, since + FROZEN_S]).tolist()
+    if time[0] > since - FROZEN_S or c >= time.size or b - a < 2:
+        return False
+    travel, before, after = position[b] - position[a], moved[b] - moved[a], moved[c] - moved[b]
+    together = abs(travel) > max(0.5 * abs(before), 4.0 * count) and travel * before > 0.0
+    return bool(together and after * before > 0.0 and abs(after) > 0.5 * abs(before))

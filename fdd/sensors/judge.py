@@ -28,6 +28,8 @@ SPARSE_SHARE = 0.8
 NOISE_FACTOR, NOISE_HOPS = 5.0, 4
 """The scale of a hop's noise, from some 500 second differences, scatters by a tenth: five is no chance."""
 FAINT_FACTOR = 0.1
+WITHOUT_NOISE = ("oil_temperature", "motor_current")
+"""A slow channel shows its noise too seldom, and that of a current is the drive's as well."""
 GOOD_HOPS = 2
 """Hops without a complaint after which a channel is trusted again."""
 
@@ -166,10 +168,14 @@ class HopJudge:
         k = INDEX["position"]
         pressure = rows.difference()
         if pressure is not None:
+            since, count = float(self.memory.run_since[k]), float(self.limits.resolution[k])
+            moving = constancy.stopped_in_motion(
+                rows.time, rows.values[:, k], swept / self.limits.area, since, count
+            )
             # From the last row of the hop before, so that no step of the angle is lost.
             part = slice(max(first - 1, 0), None)
             moved = constancy.standing_position(
-                rows.time[part], swept[part], pressure[part], self.memory, self.limits
+                rows.time[part], swept[part], pressure[part], moving, self.memory, self.limits
             )
             if moved:
                 volume = self.memory.volume[2] - self.memory.volume[1]
@@ -215,7 +221,7 @@ class HopJudge:
 
     def _noise(self, k: int, kind: int, noise: float, end: float, failing: set[int]) -> bool:
         memory, limits = self.memory, self.limits
-        if memory.hops[kind, k] < constancy.LEARNT_HOPS or k in failing or NAMES[k] == "oil_temperature":
+        if memory.hops[kind, k] < constancy.LEARNT_HOPS or k in failing or NAMES[k] in WITHOUT_NOISE:
             return False
         usual = max(memory.noisiest[kind, k], limits.noise[k], limits.resolution[k])
         if NAMES[k] not in constancy.LIVE and limits.noise[k] == 0.0:

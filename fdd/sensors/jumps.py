@@ -19,8 +19,8 @@ GAUSS_75, GAUSS_90 = 1.1503, 1.6449
 """Quantiles of the absolute value of a standard normal variable at 75 and 90 %."""
 NOISE_REACH = 16.0
 """Standard deviations of a row's noise. An excess beyond T needs ``a + 2b + c`` and ``2a + b + d`` beyond it,
-a to d being the noise of four rows: at 16 that has the chance 2e-13 for a Gaussian, which six channels at 1 kHz
-and two strides meet once in 1e5 h."""
+a to d being the noise of four rows: at 16 that has the chance 2e-13 for a Gaussian, which six channels at
+1 kHz and two strides meet once in 1e5 h."""
 COUNTS = 6.0
 """Counts: rounding gives an excess of up to 2, hysteresis and unevenness of a plain scale as much each."""
 EVENT_S = 0.05

@@ -47,7 +47,8 @@ class Memory:
     failed_since, good : since when it is not to be trusted, NaN if it is; good hops since.
     biased : sum of steps that a pressure made.
     excited : hops with a turning pump since the channel changed last.
-    volume : (4,) m³ that the pump displaced since the position changed last: sum, least, most, leaked.
+    volume : (5,) m³ that the pump displaced since the position changed last: sum, least, most, what
+        leakage allows; and whether the position stopped in mid-motion.
     last_value : what the channel showed before `run_value`.
     good_value, good_time, doubtful_since, previous, stamps : for the masks of rows.
     cells, cell_count : the last excesses of cells, newest last, and how many there are.
@@ -76,7 +77,7 @@ class Memory:
     good: Array = field(default_factory=_zero)
     biased: Array = field(default_factory=_zero)
     excited: Array = field(default_factory=_zero)
-    volume: Array = field(default_factory=lambda: np.zeros(4))
+    volume: Array = field(default_factory=lambda: np.zeros(5))
     last_value: Array = field(default_factory=_nan)
     good_value: Array = field(default_factory=_nan)
     good_time: Array = field(default_factory=_nan)
