@@ -28,7 +28,15 @@ UNSAFE_KEYWORDS = {"allow_pickle", "shell"}
 # Readers of papers follow DOIs; anything else the product fetches or links is a decision to be taken here.
 HOSTS = {"doi.org", "filterpy.readthedocs.io", "www.w3.org"}
 # The plant simulates; what diagnoses may share a unit with it and nothing else.
-DIAGNOSING = ("estimators", "fdd/residuals", "fdd/diagnosis", "fdd/report", "fdd/identify", "fdd/monitor")
+DIAGNOSING = (
+    "estimators",
+    "fdd/sensors",
+    "fdd/residuals",
+    "fdd/diagnosis",
+    "fdd/report",
+    "fdd/identify",
+    "fdd/monitor",
+)
 
 
 def imported(tree: ast.AST) -> set[str]:

@@ -1,0 +1,133 @@
+"""What a unit's profile says that a channel can show: range, noise, counts, rates.
+
+Everything here is physics or a data sheet: nothing is learnt from logs.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fdd.samples import CHANNELS
+from fdd.unit import Unit
+
+Array = NDArray[np.float64]
+
+NAMES = tuple(c for c in CHANNELS if c != "time")
+INDEX = {name: k for k, name in enumerate(NAMES)}
+CHAMBERS = ("pressure_1", "pressure_2")
+NOT_MEASURED = ("command", "position_setpoint")
+"""Numbers that a controller wrote: they may be anything, and only their absence is told."""
+ATMOSPHERE = 101_325.0
+SIGMA = 8.0
+"""Standard deviations that noise does not reach: at 1 kHz and eight channels a Gaussian passes 8 once in
+3e7 h; what is spent of that is for noise whose tails are heavier."""
+PRESSURE_MARGIN = 1.5
+"""A relief valve opens up to some tens of per cent above its setting (full flow, dynamics)."""
+LOW_MARGIN = 0.03
+"""Zero error of a plain transducer, as share of the relief setting that it was chosen for: 1 % of a range
+that is up to three times that setting."""
+STROKE_MARGIN = 1.1
+SPEED_MARGIN = 1.3
+"""Above nominal speed: overshoot of the loop, and a load that drives the pump."""
+CURRENT_MARGIN = 3.0
+"""A servomotor's peak is two to three times its continuous current, which may stand as the limit."""
+STEADY_NOISE = 2.0
+"""Noise of so many counts changes nearly every row: P(same value again) is q/(σ·√(4π)), 14 % at 2."""
+COLOUR = 3.0
+"""Noise that is band-limited to a tenth of the sampling rate repeats so much more often."""
+
+
+@dataclass(frozen=True)
+class Limits:
+    """Per channel, in the order of `NAMES`, (12,) each, SI.
+
+    Attributes
+    ----------
+    low, high : what a hop's median cannot be beyond; ±inf where nothing is known.
+    noise, resolution : the profile's.
+    repeat : chance that noise alone leaves a row at the value of the row before; 1 where noise is below the
+        counts.
+    rail : the highest reading of the sensor or its converter, NaN unknown.
+    dead : what a broken current loop reads, else 0.
+    travel : m per rad of the pump, D/A.
+    pump_speed, acceleration : rad/s, rad/s², largest.
+    piston_speed : m/s, largest.
+    release : m/s², of the piston when its breakaway force is suddenly free.
+    softness : m/Pa of the piston against the oil, with room for air.
+    stiffness : Pa/m³ of the smaller chamber.
+    """
+
+    low: Array
+    high: Array
+    noise: Array
+    resolution: Array
+    repeat: Array
+    rail: Array
+    dead: Array
+    travel: float
+    pump_speed: float
+    acceleration: float
+    piston_speed: float
+    release: float
+    softness: float
+    stiffness: float
+    displacement: float
+    area: float
+    stroke: float
+    leakage: float
+    relief: float
+
+    @classmethod
+    def of(cls, unit: Unit) -> Limits:
+        """From a profile."""
+        cylinder, pump, drive, relief = unit.cylinder, unit.pump, unit.drive, unit.accumulator.relief_pressure
+        areas = (cylinder.area_1, cylinder.area_2)
+        # A blocked differential cylinder multiplies the pressure by its ratio of areas.
+        highest = PRESSURE_MARGIN * (relief * max(areas) / min(areas) + unit.accumulator.charge_pressure)
+        lowest = -ATMOSPHERE - LOW_MARGIN * relief
+        bounds = {
+            "pressure_1": (lowest, highest), "pressure_2": (lowest, highest),
+            "pressure_accumulator": (lowest, highest), "pressure_difference": (-highest, highest),
+            "position": (-STROKE_MARGIN * cylinder.stroke, STROKE_MARGIN * cylinder.stroke),
+            "pump_speed": (-SPEED_MARGIN * drive.max_speed, SPEED_MARGIN * drive.max_speed),
+            "motor_current": (-CURRENT_MARGIN * drive.current_limit, CURRENT_MARGIN * drive.current_limit),
+            "oil_temperature": (-60.0, 200.0), "load_force": (-highest * max(areas), highest * max(areas)),
+        }  # fmt: skip
+        sensors = [unit.sensor(n) for n in NAMES]
+        noise = np.array([s.noise for s in sensors])
+        counts = np.array([s.resolution for s in sensors])
+        steady = (noise > 0.0) & (noise >= STEADY_NOISE * counts)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            chance = COLOUR * counts / (noise * np.sqrt(4.0 * np.pi))
+        repeat = np.where(steady, np.clip(chance, 1e-3, 0.9), 1.0)
+        rail = [s.loop.largest if s.loop is not None else s.high for s in sensors]
+        volume = max(cylinder.volume_1, cylinder.volume_2) + 0.5 * max(areas) * cylinder.stroke
+        smaller = min(cylinder.volume_1, cylinder.volume_2)
+        travel = pump.displacement / (0.5 * sum(areas))
+        torque = drive.torque_constant * drive.current_limit + pump.displacement * relief
+        return cls(
+            low=np.array([bounds.get(n, (-np.inf, np.inf))[0] for n in NAMES]),
+            high=np.array([bounds.get(n, (-np.inf, np.inf))[1] for n in NAMES]),
+            noise=noise, resolution=counts, repeat=repeat,
+            rail=np.array([np.nan if r is None else r for r in rail]),
+            dead=np.array([0.0 if s.loop is None else -s.loop.offset for s in sensors]),
+            travel=travel, pump_speed=drive.max_speed, acceleration=torque / drive.inertia,
+            piston_speed=1.5 * pump.displacement * drive.max_speed / min(areas),
+            release=max(unit.friction.forward.static, unit.friction.reverse.static) / cylinder.moving_mass,
+            # Free air makes oil at low pressure some three times softer than the profile's value.
+            softness=3.0 * volume / (unit.oil.bulk_modulus * min(areas)),
+            # And at high pressure it is the oil's own, up to 1.5 GPa.
+            stiffness=max(unit.oil.bulk_modulus, 1.5e9) / smaller,
+            displacement=pump.displacement, area=min(areas), stroke=cylinder.stroke,
+            leakage=pump.total_leakage, relief=relief,
+        )  # fmt: skip
+
+
+def figure(name: str, value: float) -> str:
+    """A value with its unit, as people say it."""
+    unit = CHANNELS[name].unit
+    scale, shown = {"Pa": (1e-6, "MPa"), "m": (1e3, "mm")}.get(unit, (1.0, unit))
+    return f"{value * scale:.4g} {shown}"

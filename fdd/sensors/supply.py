@@ -1,0 +1,85 @@
+"""Lost supplies: channels that fall silent together have lost what they share."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from fdd.sensors.ledger import Ledger
+from fdd.sensors.limits import INDEX, NAMES, NOT_MEASURED, Limits, figure
+from fdd.sensors.memory import Memory
+
+SAME_INSTANT_S = 0.05
+SILENT_S = 5.0
+"""Noise that is there shows within some rows; this leaves time for a converter that starts late."""
+
+
+class SupplyWatch:
+    """Look for silence that several channels share.
+
+    Parameters
+    ----------
+    limits : of the unit. memory, ledger : what is kept, and where findings go.
+    """
+
+    def __init__(self, limits: Limits, memory: Memory, ledger: Ledger) -> None:
+        self.limits, self.memory, self.ledger = limits, memory, ledger
+
+    def silent_from_start(self, end: float, failing: set[int]) -> None:
+        """Two or more channels that the profile gives noise, and none of them ever showed any.
+
+        One alone may have a profile that is wrong; it is judged when the pump turns.
+        """
+        memory = self.memory
+        alive = (memory.present > 0) & (self.limits.repeat < 1.0)
+        alive[INDEX["pressure_difference"]] &= not self.memory.is_derived(INDEX["pressure_difference"])
+        silent = alive & (memory.changed == 0.0) & (end - memory.run_since >= SILENT_S)
+        if alive.sum() < 2 or not (silent == alive).all():
+            return
+        for k in np.flatnonzero(silent).tolist():
+            told = (
+                f"{NAMES[k]} shows exactly {figure(NAMES[k], memory.run_value[k])} since the log's first row"
+            )
+            failing.add(k)
+            if np.isnan(memory.failed_since[k]):
+                memory.failed_since[k] = memory.run_since[k]
+                since, value = float(memory.run_since[k]), float(memory.run_value[k])
+                self.ledger.report(NAMES[k], "dead", since, None, end, value, told, adds=False)
+
+    def lost_together(self, end: float, failing: set[int]) -> None:
+        """Channels that fell silent at the same instant have lost what they share."""
+        memory = self.memory
+        new = [k for k in sorted(failing) if not self.memory.is_derived(k)]
+        for k in new:
+            onset = float(memory.failed_since[k])
+            silent = []
+            for j in np.flatnonzero(memory.present > 0).tolist():
+                if NAMES[j] in NOT_MEASURED or self.memory.is_derived(j):
+                    continue
+                fell = j in failing and abs(memory.failed_since[j] - onset) <= SAME_INSTANT_S
+                zero = (
+                    memory.run_value[j] == 0.0 and abs(memory.last_value[j]) > 0.0 and memory.run_rows[j] > 1
+                )
+                fell |= bool(zero and abs(memory.run_since[j] - onset) <= SAME_INSTANT_S)
+                if fell:
+                    silent.append(j)
+            if len(silent) < 2 or self._known_supply(silent):
+                continue
+            names = tuple(NAMES[j] for j in silent)
+            for j in silent:
+                failing.add(j)
+                if np.isnan(memory.failed_since[j]):
+                    memory.failed_since[j] = onset
+            told = (
+                f"{', '.join(names)} fall silent within {1e3 * SAME_INSTANT_S:.0f} ms: they lost their supply"
+            )
+            self.ledger.merge(names, onset, end, told)
+
+    def _known_supply(self, silent: list[int]) -> bool:
+        for f in self.ledger.findings():
+            if (
+                f.kind == "supply_loss"
+                and f.until_s is None
+                and {NAMES[j] for j in silent} <= set(f.channels)
+            ):
+                return True
+        return False

@@ -1,0 +1,201 @@
+"""The watch over a unit's sensors: blocks of samples in, what may be trusted of them out."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import fields
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fdd.errors import InputError
+from fdd.samples import Samples
+from fdd.sensors.finding import FAILING, SensorFinding
+from fdd.sensors.judge import HOP_S, HopJudge
+from fdd.sensors.jumping import TAIL_S, Rows
+from fdd.sensors.ledger import Ledger
+from fdd.sensors.limits import CHAMBERS, INDEX, NAMES, Limits
+from fdd.sensors.masks import RowMasks
+from fdd.sensors.memory import Memory
+from fdd.unit import Unit
+
+Array = NDArray[np.float64]
+
+STATE_VERSION = "1"
+
+
+class SensorWatch:
+    """Judge each channel before any hydraulics: which may be trusted, and since when not.
+
+    Verdicts fall at the ends of hops of half a second, counted from the first row, once a row after the hop
+    came; single rows that cannot be true are taken out as they come. So nothing depends on how the log was
+    cut into blocks, and nothing is held back: what was passed before a verdict stays passed.
+
+    Parameters
+    ----------
+    unit : profile; ranges, counts, noise, stroke and speeds are taken from it.
+
+    Examples
+    --------
+    >>> watch = SensorWatch(Unit.load("axis_a"))
+    >>> time = np.arange(3000) * 1e-3
+    >>> pressure = np.where(time < 1.0, np.random.default_rng(1).normal(1e6, 7e3, 3000), 0.0)
+    >>> out = watch.push(Samples(time, {"pressure_1": pressure}))
+    >>> [(f.channel, f.kind, f.onset_s) for f in watch.findings()]
+    [('pressure_1', 'dead', 1.0)]
+    >>> bool(np.isnan(out["pressure_1"][-1]))
+    True
+    """
+
+    def __init__(self, unit: Unit) -> None:
+        self.unit = unit
+        self._limits = Limits.of(unit)
+        self._first = np.nan
+        self._last = -np.inf
+        self._hop = 0
+        self._tail: tuple[Array, Array] = np.empty(0), np.empty((0, len(NAMES)))
+        self._parts: list[tuple[Array, Array, NDArray[np.bool_]]] = []
+        self._set(Memory(), Ledger())
+
+    def __repr__(self) -> str:
+        return f"SensorWatch(unit={self.unit.name!r}, findings={len(self._ledger.findings())})"
+
+    def _set(self, memory: Memory, ledger: Ledger) -> None:
+        self._memory, self._ledger = memory, ledger
+        self._masks = RowMasks(self._limits, memory)
+        self._judge = HopJudge(self._limits, memory, ledger)
+
+    def push(self, samples: Samples) -> Samples:
+        """The same samples, with NaN where a value must not be trusted.
+
+        A failed channel is NaN from the verdict on, single impossible rows at once. Spikes and slips leave a
+        channel usable; a slip's step is in `findings`.
+
+        Raises
+        ------
+        InputError : time that does not go on from the last block.
+        """
+        n = len(samples)
+        if not n:
+            return samples
+        time = samples.time
+        if time[0] <= self._last:
+            raise InputError(
+                f"time {time[0]:.6f} s comes after {self._last:.6f} s",
+                mend="push blocks in the order of time",
+            )
+        if np.isnan(self._first):
+            self._first = float(time[0])
+        values = np.full((n, len(NAMES)), np.nan)
+        for name in samples.channels:
+            values[:, INDEX[name]] = samples[name]
+        masked = np.zeros(values.shape, dtype=np.bool_)
+        hops = np.floor((time - self._first) / HOP_S + 1e-9).astype(np.int64)
+        edges = np.concatenate(([0], np.flatnonzero(np.diff(hops)) + 1, [n]))
+        for a, b in pairwise(edges.tolist()):
+            if hops[a] != self._hop:
+                self._close_hop()
+                self._hop = int(hops[a])
+            part = slice(a, b)
+            wild = self._masks.rows(time[part], values[part])
+            self._parts.append((time[part].copy(), values[part].copy(), wild))
+            masked[part] = wild | self._failed()
+        self._last = float(time[-1])
+        columns = {}
+        for name in samples.channels:
+            out = masked[:, INDEX[name]]
+            columns[name] = np.where(out, np.nan, samples[name]) if out.any() else samples[name]
+        return samples.with_columns(columns)
+
+    def findings(self) -> list[SensorFinding]:
+        """So far, in the order of their onsets."""
+        return self._ledger.findings()
+
+    def states(self) -> list[dict[str, Any]]:
+        """Of each channel that was seen: channel, state ("trusted" or the kind of failure), since (s).
+
+        `since` is None for a channel that was good throughout; a channel that jumped or spiked, and is
+        usable, says so with the time of the last such finding's onset.
+        """
+        out = []
+        for name in (n for n, seen in zip(NAMES, self._memory.present, strict=True) if seen > 0):
+            mine = [f for f in self._ledger.findings() if name in f.channels]
+            lasting = [f for f in mine if f.kind in FAILING and f.until_s is None]
+            usable = [f for f in mine if f.kind not in FAILING]
+            told = (lasting or usable)[-1:]
+            out.append(
+                {
+                    "channel": name,
+                    "state": told[0].kind if told else "trusted",
+                    "since": told[0].onset_s if told else None,
+                }
+            )
+        return out
+
+    def _failed(self) -> NDArray[np.bool_]:
+        """Channels out now, (12,); a Δp that was made of both chambers' fails with either."""
+        failed = ~np.isnan(self._memory.failed_since)
+        if self._memory.derived[0] == 1.0 and any(failed[INDEX[n]] for n in CHAMBERS):
+            failed = failed.copy()
+            failed[INDEX["pressure_difference"]] = True
+        return failed
+
+    def _close_hop(self) -> None:
+        """Judge the rows of the hop that is over, with the tail of the one before."""
+        if not self._parts:
+            return
+        time = np.concatenate([p[0] for p in self._parts])
+        values = np.concatenate([p[1] for p in self._parts])
+        wild = np.concatenate([p[2] for p in self._parts])
+        end = self._first + (self._hop + 1) * HOP_S
+        before = self._tail
+        # A tail from before a gap belongs to another hop: nothing can be said across it.
+        kept = before[0] >= end - HOP_S - TAIL_S
+        rows = Rows.of(
+            np.concatenate((before[0][kept], time)), np.concatenate((before[1][kept], values)),
+            self._limits, self._memory,
+        )  # fmt: skip
+        self._judge.hop(rows, int(kept.sum()), wild, end)
+        late = rows.time >= end - TAIL_S
+        self._tail = rows.time[late], rows.values[late]
+        self._parts = []
+
+    def state(self) -> dict[str, Array]:
+        """Everything as flat named arrays; `restore` takes it back."""
+        scalars = {
+            "version": STATE_VERSION,
+            "unit": self.unit.name,
+            "findings": [f.to_plain() for f in self._ledger.findings()],
+        }
+        out = {f"sensors_{f.name}": getattr(self._memory, f.name).copy() for f in fields(Memory)}
+        parts = self._parts or [(np.empty(0), np.empty((0, len(NAMES))), np.empty((0, len(NAMES)), np.bool_))]
+        return out | {
+            "sensors": np.frombuffer(json.dumps(scalars).encode(), dtype=np.uint8),
+            "sensors_clock": np.array([self._first, self._last, self._hop]),
+            "sensors_tail_time": self._tail[0].copy(),
+            "sensors_tail": self._tail[1].copy(),
+            "sensors_hop_time": np.concatenate([p[0] for p in parts]),
+            "sensors_hop": np.concatenate([p[1] for p in parts]),
+            "sensors_hop_wild": np.concatenate([p[2] for p in parts]),
+        }
+
+    def restore(self, state: dict[str, Array]) -> None:
+        """Go on from a state that `state` gave, on the same unit.
+
+        Raises
+        ------
+        InputError : a state of another version or unit.
+        """
+        scalars = json.loads(bytes(np.asarray(state["sensors"], dtype=np.uint8)))
+        if scalars["version"] != STATE_VERSION or scalars["unit"] != self.unit.name:
+            raise InputError("saved state of another version or unit", mend="start anew")
+        memory = Memory(**{f.name: state[f"sensors_{f.name}"].copy() for f in fields(Memory)})
+        self._set(memory, Ledger(SensorFinding.from_plain(f) for f in scalars["findings"]))
+        self._first, self._last = (float(v) for v in state["sensors_clock"][:2])
+        self._hop = int(state["sensors_clock"][2])
+        self._tail = state["sensors_tail_time"].copy(), state["sensors_tail"].copy()
+        time = state["sensors_hop_time"]
+        hop = (time.copy(), state["sensors_hop"].copy(), state["sensors_hop_wild"].astype(np.bool_))
+        self._parts = [hop] if time.size else []

@@ -1,0 +1,261 @@
+"""The watch on simulated machines: quiet while healthy, right while not, whatever the blocks."""
+
+from __future__ import annotations
+
+from functools import cache
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from fdd.errors import InputError
+from fdd.faults import CATALOGUE
+from fdd.plant.scenario import Scenario
+from fdd.plant.simulate import Simulation, simulate
+from fdd.samples import Samples
+from fdd.sensor import Sensor
+from fdd.sensors import SensorWatch
+from fdd.unit import Unit
+
+ONSET = 8.0
+DUTIES: dict[str, dict[str, Any]] = {
+    "standstill": {"duty": {"name": "standstill"}},
+    "standstill without control": {"duty": {"name": "standstill"}, "control": {"mode": "speed"}},
+    "steps against weight": {
+        "duty": {"name": "steps", "amplitude": 0.1},
+        "load": {"name": "constant", "level": 900},
+    },
+    "steps with a mass": {"duty": {"name": "steps", "amplitude": 0.1}, "load": {"name": "inertia"}},
+    "noise": {"duty": {"name": "prbs"}, "load": {"name": "gust"}},
+    "sweep": {"duty": {"name": "sweep"}, "load": {"name": "throttle"}},
+    "end positions": {"duty": {"name": "strokes", "speed": 250}, "control": {"mode": "speed"}},
+}  # fmt: skip
+SENSORS: dict[str, dict[str, Sensor]] = {
+    "as shipped": {},
+    "noisy": {
+        "position": Sensor(noise=25e-6, resolution=1e-6),
+        **{n: Sensor(noise=1e5, resolution=6e3) for n in ("pressure_1", "pressure_2", "pressure_difference")},
+    },
+    "coarse": {
+        "position": Sensor(resolution=25e-6),
+        **{n: Sensor(resolution=6e3) for n in ("pressure_1", "pressure_2", "pressure_difference")},
+    },
+}
+
+
+@cache
+def unit_with(axis: str, sensors: str) -> Unit:
+    unit = Unit.load(axis)
+    unit.sensors = {**unit.sensors, **SENSORS[sensors]}
+    return unit
+
+
+@cache
+def run(
+    axis: str, sensors: str, duty: str, fault: str = "", severity: float = 0.0, variant: str = ""
+) -> Simulation:
+    faults = []
+    if fault:
+        faults = [{"fault": fault, "severity": severity, "onset": ONSET, "variant": variant or None}]
+    return simulate(unit_with(axis, sensors), Scenario(duration=20.0, faults=faults, seed=3, **DUTIES[duty]))
+
+
+def watched(simulation: Simulation) -> SensorWatch:
+    watch = SensorWatch(simulation.unit)
+    watch.push(simulation.samples)
+    return watch
+
+
+@pytest.mark.parametrize("duty", DUTIES)
+@pytest.mark.parametrize(
+    ("axis", "sensors"),
+    [("axis_a", "as shipped"), ("axis_b", "as shipped"), ("axis_a", "noisy"), ("axis_b", "coarse")],
+)
+def test_healthy_is_quiet(axis: str, sensors: str, duty: str) -> None:
+    simulation = run(axis, sensors, duty)
+    assert watched(simulation).findings() == []
+    assert {s["state"] for s in watched(simulation).states()} == {"trusted"}
+
+
+@pytest.mark.parametrize(
+    "fault", ["internal_leakage", "relief_valve_stuck_open", "aeration", "coupling_wear"]
+)
+def test_faults_of_the_machine_are_none_of_the_sensors(fault: str) -> None:
+    assert watched(run("axis_a", "as shipped", "steps with a mass", fault, 1.0)).findings() == []
+
+
+def slips_of(simulation: Simulation) -> tuple[np.ndarray, np.ndarray]:
+    """Times and sizes of the true slips, from what the encoder shows and what is true."""
+    error = simulation.samples["position"] - simulation.truth["position"]
+    there = np.isfinite(error)
+    steps = np.diff(error[there])
+    rows = np.flatnonzero(np.abs(steps) > 50e-6)
+    return simulation.samples.time[there][rows + 1], np.abs(steps[rows])
+
+
+@pytest.mark.parametrize("duty", ["standstill", "steps with a mass", "sweep"])
+@pytest.mark.parametrize("severity", [0.2, 0.8])
+def test_slips_of_the_encoder(duty: str, severity: float) -> None:
+    simulation = run("axis_b", "as shipped", duty, "position_sensor_slip", severity)
+    times, sizes = slips_of(simulation)
+    found = {f.kind: f for f in watched(simulation).findings()}
+    slip = found["slip"]
+    assert (slip.channel, slip.fault) == ("position", "position_sensor_slip")
+    assert np.abs(times - slip.onset_s).min() < 0.002, "the onset is one of the slips"
+    assert slip.onset_s < times[2], "and one of the first"
+    judged = times < 19.4
+    assert slip.size == pytest.approx(sizes[judged].sum(), rel=0.35)
+
+
+def test_slip_in_a_noisy_position() -> None:
+    simulation = run("axis_a", "noisy", "steps with a mass", "position_sensor_slip", 0.8)
+    times, _ = slips_of(simulation)
+    assert times.size
+    (found,) = watched(simulation).findings()
+    assert found.kind == "slip"
+    assert np.abs(times - found.onset_s).min() < 0.05
+
+
+@pytest.mark.parametrize(
+    ("variant", "severity", "kind"),
+    [
+        ("missing", 1.0, "dropout"), ("missing", 0.3, "dropout"), ("held", 1.0, "stuck"),
+        ("held", 0.3, "dropout"), ("broken_loop", 1.0, "dead"), ("broken_loop", 0.3, "dropout"),
+        ("position_missing", 1.0, "dropout"),
+    ],
+)  # fmt: skip
+@pytest.mark.parametrize("duty", ["standstill", "sweep"])
+def test_dropouts(variant: str, severity: float, kind: str, duty: str) -> None:
+    simulation = run("axis_a", "as shipped", duty, "sensor_dropout", severity, variant)
+    (found,) = watched(simulation).findings()
+    channel = "position" if variant.startswith("position") else "pressure_difference"
+    assert (found.channel, found.kind, found.fault) == (channel, kind, "sensor_dropout")
+    # At severity 0.3 the first burst comes when it comes, 0.33 s after the onset on average.
+    assert ONSET - 0.01 <= found.onset_s < ONSET + (1.0 if severity == 1.0 else 3.0)
+    assert found.detected_s - found.onset_s <= 5.0
+
+
+def test_position_that_stands_while_the_pump_turns() -> None:
+    simulation = run("axis_a", "as shipped", "noise", "sensor_dropout", 1.0, "position_held")
+    (found,) = watched(simulation).findings()
+    assert (found.channel, found.kind) == ("position", "stuck")
+    assert found.onset_s == pytest.approx(ONSET, abs=0.2)
+
+
+def test_a_failed_channel_is_trusted_again_after_it_came_back() -> None:
+    samples = run("axis_a", "as shipped", "sweep").samples
+    pressure = samples["pressure_1"].copy()
+    rows = (samples.time >= 6.0) & (samples.time < 9.0)
+    pressure[rows] = 0.0
+    watch = SensorWatch(unit_with("axis_a", "as shipped"))
+    out = watch.push(samples.with_columns({"pressure_1": pressure}))
+    (found,) = watch.findings()
+    assert (found.kind, found.onset_s) == ("dead", pytest.approx(6.0, abs=0.002))
+    assert found.until_s == pytest.approx(9.0, abs=0.51)
+    assert np.isnan(out["pressure_1"][(samples.time > 6.51) & (samples.time < 9.0)]).all()
+    assert np.array_equal(
+        out["pressure_1"][samples.time > 11.0], pressure[samples.time > 11.0], equal_nan=True
+    )
+
+
+def test_noise_that_grows_ten_times() -> None:
+    samples = run("axis_a", "as shipped", "standstill").samples
+    rows = samples.time >= 9.0
+    extra = np.random.default_rng(1).normal(0.0, 7e4, int(rows.sum()))
+    pressure = samples["pressure_2"].copy()
+    pressure[rows] += extra
+    watch = SensorWatch(unit_with("axis_a", "as shipped"))
+    watch.push(samples.with_columns({"pressure_2": pressure}))
+    (found,) = watch.findings()
+    assert (found.channel, found.kind) == ("pressure_2", "noisy")
+    assert found.onset_s == pytest.approx(9.0, abs=0.51)
+
+
+def answers(
+    parts: list[Samples], unit: Unit, save_after: int | None = None
+) -> tuple[Samples, list[Any], list[Any]]:
+    watch, out = SensorWatch(unit), []
+    for i, part in enumerate(parts):
+        out.append(watch.push(part))
+        if i == save_after:
+            kept = {k: v.copy() for k, v in watch.state().items()}
+            watch = SensorWatch(unit)
+            watch.restore(kept)
+    return Samples.concatenate(out), watch.findings(), watch.states()
+
+
+def spoilt() -> Samples:
+    """A run with nearly everything wrong: slips, bursts, gaps, spikes, a dead and a biased sensor."""
+    samples = run("axis_a", "as shipped", "sweep", "position_sensor_slip", 0.5).samples
+    rng = np.random.default_rng(4)
+    columns = {n: v.copy() for n, v in samples.columns.items()}
+    time = samples.time
+    columns["pump_angle"][rng.integers(0, len(samples), 12)] += 3.1
+    columns["pressure_accumulator"][(time > 5.0) & (time < 7.0)] = 0.0
+    columns["pressure_1"][time > 11.0] += 2e6
+    for start in np.arange(3.0, 15.0, 0.4):
+        columns["motor_current"][(time > start) & (time < start + 0.1)] = np.nan
+        columns["pressure_difference"][(time > start) & (time < start + 0.07)] = 1e6
+    kept = (time < 9.2) | (time > 10.9)
+    return Samples(time[kept], {n: v[kept] for n, v in columns.items()})
+
+
+@pytest.mark.parametrize("save", [False, True], ids=["through", "saved and restored"])
+@settings(max_examples=12)
+@given(cuts=st.lists(st.integers(1, 18_000), max_size=12), ones=st.integers(0, 17_000))
+def test_answers_do_not_depend_on_the_blocks(save: bool, cuts: list[int], ones: int) -> None:
+    samples, unit = spoilt(), unit_with("axis_a", "as shipped")
+    edges = sorted({0, len(samples), *(c for c in cuts if c < len(samples)), *range(ones, ones + 40)})
+    parts = [samples.rows(a, b) for a, b in pairwise(edges)]
+    whole, parted = answers([samples], unit), answers(parts, unit, len(parts) // 2 if save else None)
+    for name in samples.channels:
+        assert np.array_equal(whole[0][name], parted[0][name], equal_nan=True), name
+    assert whole[1:] == parted[1:]
+    assert {"slip", "spikes", "dropout", "dead", "step"} <= {f.kind for f in whole[1]}
+
+
+def test_a_row_is_nan_only_where_it_must_be_and_input_is_left_alone() -> None:
+    samples = spoilt()
+    before = {n: v.copy() for n, v in samples.columns.items()}
+    out = SensorWatch(unit_with("axis_a", "as shipped")).push(samples)
+    for name in samples.channels:
+        assert np.array_equal(samples[name], before[name], equal_nan=True)
+        same = np.isnan(out[name]) | (out[name] == samples[name])
+        assert same.all(), name
+
+
+def test_findings_are_of_the_catalogue_and_say_figures() -> None:
+    watch = SensorWatch(unit_with("axis_a", "as shipped"))
+    watch.push(spoilt())
+    for found in watch.findings():
+        assert found.fault in CATALOGUE
+        assert found.channel in found.channels
+        assert any(c.isdigit() for c in found.evidence)
+        assert found.onset_s <= found.detected_s
+
+
+def test_channels_may_come_and_go() -> None:
+    samples = run("axis_a", "as shipped", "standstill").samples
+    watch = SensorWatch(unit_with("axis_a", "as shipped"))
+    columns = samples.columns
+    del columns["pressure_2"]
+    watch.push(Samples(samples.time[:4000], {n: v[:4000] for n, v in samples.columns.items()}))
+    watch.push(Samples(samples.time[4000:], {n: v[4000:] for n, v in columns.items()}))
+    (found,) = watch.findings()
+    assert (found.channel, found.kind) == ("pressure_2", "dropout")
+
+
+def test_time_has_to_go_on() -> None:
+    watch = SensorWatch(unit_with("axis_a", "as shipped"))
+    watch.push(Samples([1.0], {"position": [0.0]}))
+    with pytest.raises(InputError, match="order of time"):
+        watch.push(Samples([1.0], {"position": [0.0]}))
+
+
+def test_state_of_another_unit_is_refused() -> None:
+    state = SensorWatch(Unit.load("axis_a")).state()
+    with pytest.raises(InputError, match="another version or unit"):
+        SensorWatch(Unit.load("axis_b")).restore(state)
