@@ -50,6 +50,7 @@ class Balance:
     settle: int = 1
     cumulative: bool = False
     order: int = 0
+    lines: int = 0
 
 
 def _volume(q: Quantities) -> list[Strand]:
@@ -122,18 +123,10 @@ def _force(q: Quantities) -> list[Strand]:
         q.acceleration / 1.0,
         v,
         np.abs(v),
-        _delayed(v, 3),
-        _delayed(v, 10),
         np.maximum(bristle, 0.0),
         np.minimum(bristle, 0.0),
     ])  # fmt: skip
     return [(y, x, np.isfinite(y))]
-
-
-def _delayed(column: Array, rows: int) -> Array:
-    out = np.full_like(column, np.nan)
-    out[rows:] = column[:-rows]
-    return out
 
 
 def _torque(q: Quantities) -> list[Strand]:
@@ -217,11 +210,10 @@ BALANCES: dict[str, Balance] = {
             "gain", "compliance", "air", "lag", "sensor_lag", "density", "leak", "leak_square", "case", "wear", "relief_12", "relief_21",
             "valve_1", "valve_2", "outside_1", "outside_2"), _volume, 8, cumulative=True),
         Balance("force", "1", (
-            "load", "spring", "mass", "damping", "skew", "lag_30", "lag_100", "friction_forward",
-            "friction_reverse"), _force, order=6),
+            "load", "spring", "mass", "damping", "skew", "friction_forward", "friction_reverse"), _force, order=3),
         Balance("torque", "1", (
             "zero", "pressure", "inertia", "dry", "viscous", "mesh"), _torque, cumulative=True),
-        Balance("shaft", "1", ("cos1", "sin1", "cos2", "sin2", "zero", "pressure", "inertia", "dry"), _shaft, order=6),
+        Balance("shaft", "1", ("order_1", "order_2"), _shaft, order=6, lines=2),
         Balance("coherence", "1", ("zero", "gain_1", "gain_2", "line", "line_square"), _coherence, 1),
         Balance("refeed", "1", ("drop_1", "drop_2", "flow_1", "flow_2"), _refeed, 8),
         Balance("reservoir", "1", ("drift", "held", "rod", "stroke"), _reservoir, cumulative=True),

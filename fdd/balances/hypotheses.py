@@ -16,6 +16,7 @@ class Hypothesis:
     signed: bool
     side: int | None = None
     variant: str | None = None
+    commonness: float = 1.0
 
 
 def _col(balance, **values):
@@ -42,8 +43,8 @@ def hypotheses(unit, effects: dict[str, Effects], scales: Scales):
         add("check_valve_stuck_open", f"valve {s}", _col("volume", **{f"valve_{s}": 1.0}), side=s)
         add("check_valve_clogged", f"clogged {s}", _col("refeed", **{f"drop_{s}": 0.05}), side=s)
     add("relief_valve_stuck_open", "relief", _col("volume", relief_12=1.0, relief_21=1.0))
-    for c in ("relief_12", "relief_21"):
-        add("relief_valve_stuck_open", c, _col("volume", **{c: 1.0}))
+    for c in ("relief_12", "relief_21"):  # one of the two; a check valve of either side sticks more often
+        add("relief_valve_stuck_open", c, _col("volume", **{c: 1.0}), commonness=0.5)
     fm = effects["force"].mean
     c = BALANCES["force"].columns
     i, j = c.index("friction_forward"), c.index("friction_reverse")
@@ -62,8 +63,8 @@ def hypotheses(unit, effects: dict[str, Effects], scales: Scales):
         k = 1.0 / ratio - 1.0
         vol = _col("volume", **{n: k * vl[ll.index(n)] for n in ("leak", "leak_square", "case", "wear")})
         add("oil_degradation", name, {**vol, **_col("torque", viscous=(ratio - 1.0) * visc)}, variant=name)
-    g = np.zeros((len(BALANCES["shaft"].columns), 4)); g[:4] = 0.1 * np.eye(4)
-    add("coupling_wear", "lines", {"shaft": g}, scale=[0.7] * 4, signed=False)
+    for c in ("order_1", "order_2"):
+        add("coupling_wear", f"lines {c}", _col("shaft", **{c: 0.1}))
     b = 0.073
     add("pressure_sensor_bias", "bias dp", _col("coherence", zero=b), signed=False)
     add("pressure_sensor_bias", "bias dp by torque", _col("torque", zero=-b * t[1]), signed=False)

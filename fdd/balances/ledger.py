@@ -72,7 +72,7 @@ class Account:
         strands : rows of the hop with `TAIL_ROWS` before them. blur : (n, n) mean square of the columns' own noise,
             taken off: else a pressure's noise would pass for motion that moves no oil.
         """
-        n = self.vector.size
+        n = strands[0][1].shape[1] if strands else self.vector.size
         gram, free = np.zeros((n + 1, n + 1)), 0.0
         rows = self._levels if self.balance.cumulative else self._white
         for y, x, ok in strands:
@@ -80,7 +80,10 @@ class Account:
                 gram += part.T @ part
                 free += part.shape[0]
         if free < LEAST_ROWS:
+            n = self.vector.size
             return np.zeros((n, n)), np.zeros(n), 0.0, self.variance_sum / self.weight
+        if self.balance.lines:
+            return self._amplitudes(gram, free)
         variance = self._variance(gram, free)
         if blur is not None:
             self._unblur(gram, free * blur)
@@ -96,6 +99,21 @@ class Account:
         scale = 1.0 / np.sqrt(np.diag(self.information).clip(1e-300))
         scaled = self.information * scale * scale[:, None]
         return np.asarray(scale * np.linalg.solve(scaled + 1e-9 * np.eye(scale.size), scale * self.vector))
+
+    def _amplitudes(self, gram: Array, free: float) -> tuple[Array, Array, float, float]:
+        """Amplitudes of lines, whatever their phase: a lost count turns the shaft's angle, but not them."""
+        lines = self.balance.lines
+        n = gram.shape[0] - 1
+        scale = 1.0 / np.sqrt(np.diag(gram)[:n].clip(1e-300))
+        inverse = np.linalg.inv(gram[:n, :n] * scale * scale[:, None] + 1e-6 * np.eye(n)) * scale * scale[:, None]
+        size = inverse @ gram[:n, n]
+        variance = max((gram[n, n] - size @ gram[:n, n]) / max(free - n, 0.3 * free), self.least)
+        spread = variance * np.diag(inverse)[: 2 * lines].reshape(lines, 2).mean(axis=1)
+        amplitude = np.hypot(size[0 : 2 * lines : 2], size[1 : 2 * lines : 2])
+        wide, wide_vector = widened(np.diag(1.0 / spread), amplitude / spread, self.wander)
+        self.information += wide
+        self.vector += wide_vector
+        return np.diag(1.0 / spread), amplitude / spread, free, variance
 
     def _unblur(self, gram: Array, blur: Array) -> None:
         """Where a tenth of a column or more is its own noise, take out what the hop says of its coefficient.
@@ -138,7 +156,8 @@ class Account:
         joined[~ok] = 0.0
         order = self.balance.order
         if order:
-            rest = (joined[:, -1] - joined[:, :-1] @ self.mean)[-HOP_ROWS - order :]
+            known = 0.0 if self.balance.lines else joined[:, :-1] @ self.mean
+            rest = (joined[:, -1] - known)[-HOP_ROWS - order :]
             fresh = np.array([rest[order:] @ rest[order - k : rest.size - k] for k in range(order + 1)])
             self.correlation = MEMORY * self.correlation + fresh
             first = self.correlation[:order].copy()

@@ -38,7 +38,7 @@ DERIVED = ("bristle", "cos1", "sin1", "cos2", "sin2", "temperature", "time")
 COLUMNS = {name: i for i, name in enumerate((*FAST, *DERIVED))}
 
 
-@njit
+@njit()
 def _stop(step: Array, state: float, out: Array) -> float:
     """Prandtl's stop operator: a spring of unit travel that slips at ±1."""
     for k in range(step.size):
