@@ -179,18 +179,22 @@ class Estimation(Section):
         return {n: float(v) for n, v in values.items() if v is not None}
 
 
+class BalanceBaseline(Section):
+    """One balance's coefficients on this unit's healthy logs: mean and covariance, and the noise of its rows."""
+
+    columns: list[str]
+    mean: list[float]
+    covariance: list[list[float]]
+    noise: Annotated[Number, Field(gt=0)]
+
+
 class Baseline(Section):
-    """Healthy behaviour of this unit, written by ``fdd identify``.
+    """Healthy behaviour of this unit, written by ``fdd identify`` (see `fdd.residuals.balances`)."""
 
-    `centre` and `scale` are the residual features' location and spread over the
-    windows of the healthy logs (see `fdd.residuals`); `windows` is their number.
-    """
-
-    features: list[str] = Field(default_factory=list)
-    centre: list[float] = Field(default_factory=list)
-    scale: list[float] = Field(default_factory=list)
-    windows: int = 0
-    feature_version: str = ""
+    version: str
+    seconds: float = 0.0
+    """s of healthy logs behind it."""
+    balances: dict[str, BalanceBaseline] = Field(default_factory=dict)
 
 
 class Unit(BaseModel):

@@ -1,26 +1,37 @@
-"""A unit's healthy baseline: where its residual features lie while nothing is wrong."""
+"""A unit's healthy balances: what its coefficients are, and how surely its healthy logs tell."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
 from fdd.errors import InputError
-from fdd.residuals.features import CHANGES, CONTEXT, FEATURE_VERSION, FEATURES
-from fdd.residuals.windows import WARM_UP_S, ResidualWindows
+from fdd.residuals.balances import BALANCES
+from fdd.residuals.effects import Effects, first_effects
+from fdd.residuals.ledger import Ledger, widened
+from fdd.residuals.rows import HOP_S, RowMaker
 from fdd.samples import Samples
-from fdd.unit import Baseline, Unit
+from fdd.unit import BalanceBaseline, Baseline, Unit
 
-LEAST_WINDOWS = 5
+LEAST_HOPS = 10
+BASELINE_VERSION = "3"
+
+
+def ledger_of(samples: Samples, unit: Unit, effects: dict[str, Effects]) -> Ledger:
+    """The balances of one whole log."""
+    maker, ledger = RowMaker(unit), Ledger(unit, effects)
+    ledger.push(*maker.push(samples))
+    ledger.push(*maker.push(None))
+    return ledger
 
 
 def add_baseline(unit: Unit, logs: Sequence[Samples]) -> Unit:
     """A copy of the unit with the baseline of these healthy logs.
 
-    The centre is the windows' median. The scale is that of the bulk (median absolute deviation over 0.6745)
-    or of the tails (a quarter of the span from 2.3 to 97.7 %), whichever is wider: both are a
-    normal distribution's standard deviation, and what a healthy unit does now and then is no fault.
+    Each log's coefficients are the unit's own and a draw of what differs from log to log (`Effects.between`), so three short
+    logs know a unit better than one long one.
 
     Parameters
     ----------
@@ -28,34 +39,57 @@ def add_baseline(unit: Unit, logs: Sequence[Samples]) -> Unit:
 
     Raises
     ------
-    InputError : the logs are too short for windows.
+    InputError : the logs are too short.
     """
     plain = unit.model_copy(deep=True)
     plain.baseline = None
-    parts = []
-    for log in logs:
-        _, features = ResidualWindows(plain).push(log)
-        parts.append(features)
-    windows = np.concatenate(parts) if parts else np.empty((0, len(FEATURES)))
-    if windows.shape[0] < LEAST_WINDOWS:
+    first = {name: first_effects(name) for name in BALANCES}
+    ledgers = [ledger_of(log, plain, first) for log in logs]
+    hops = sum(len(x.hops) for x in ledgers)
+    if hops < LEAST_HOPS:
         raise InputError(
-            f"healthy logs give {windows.shape[0]} windows where {LEAST_WINDOWS} are wanted",
-            mend=f"record at least {WARM_UP_S + 5:.0f} s of healthy motion",
+            f"healthy logs of {hops * HOP_S:.0f} s in all are too short",
+            mend=f"record at least {LEAST_HOPS * HOP_S:.0f} s of healthy motion",
         )
-    centre = np.median(windows, axis=0)
-    scale = np.maximum(
-        np.median(np.abs(windows - centre), axis=0) / 0.6745,
-        np.diff(np.percentile(windows, [2.275, 97.725], axis=0), axis=0)[0] / 4.0,
-    )
-    context = np.isin(FEATURES, CONTEXT)  # the load of the calibration is no property of the unit
-    centre[context] = scale[context] = 0.0
-    centre[np.isin(FEATURES, CHANGES)] = 0.0
+    found: dict[str, BalanceBaseline] = {}
+    for name, effects in first.items():
+        information = np.linalg.inv(effects.covariance)
+        vector = information @ effects.mean
+        noise = []
+        for ledger in ledgers:
+            m, v, rows, variance = ledger.sums()[name]
+            if not rows.any():
+                continue
+            m, v = widened(m, v, effects.wander)
+            m, v = widened(m.sum(axis=0), v.sum(axis=0), effects.between)
+            information, vector = information + m, vector + v
+            noise.append(float(np.median(variance[rows > 0])))
+        if not noise:
+            continue
+        covariance = np.linalg.inv(information)
+        found[name] = BalanceBaseline(
+            columns=list(BALANCES[name].columns),
+            mean=_rounded(covariance @ vector),
+            covariance=[_rounded(row) for row in 0.5 * (covariance + covariance.T)],
+            noise=float(f"{np.sqrt(np.mean(noise)):.5g}"),
+        )
     out = unit.model_copy(deep=True)
-    out.baseline = Baseline(
-        features=list(FEATURES),
-        centre=[float(f"{v:.6g}") for v in centre],
-        scale=[float(f"{v:.6g}") for v in scale],
-        windows=int(windows.shape[0]),
-        feature_version=FEATURE_VERSION,
-    )
+    out.baseline = Baseline(version=BASELINE_VERSION, seconds=round(hops * HOP_S, 1), balances=found)
+    return out
+
+
+def _rounded(values: np.ndarray) -> list[float]:  # type: ignore[type-arg]
+    return [float(f"{v:.8g}") for v in values]
+
+
+def effects_of(unit: Unit) -> dict[str, Effects]:
+    """The effects that a log of the unit is held against: of its baseline, or of its data sheet alone."""
+    out = {}
+    for name in BALANCES:
+        effects = first_effects(name)
+        known = None if unit.baseline is None else unit.baseline.balances.get(name)
+        if known is not None and known.columns == list(BALANCES[name].columns):
+            covariance = np.array(known.covariance) + np.diag(effects.between**2)
+            effects = replace(effects, mean=np.array(known.mean), covariance=covariance, noise=known.noise)
+        out[name] = effects
     return out

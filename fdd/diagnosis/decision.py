@@ -12,8 +12,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from fdd.balances.hypotheses import Hypothesis
 from fdd.diagnosis.evidence import Amplitude, Evidence
+from fdd.diagnosis.hypotheses import Hypothesis
 
 ALIKE = 0.5
 """Correlation of columns from which two hypotheses explain the same thing."""
@@ -37,11 +37,15 @@ class Found:
     def group(self) -> list[str]:
         """Faults of the ambiguity group, the leading one first."""
         lead = self.lead.hypothesis.fault
-        others = [f for f, s in sorted(self.shares.items(), key=lambda x: -x[1]) if s >= GROUP_SHARE and f != lead]
+        others = [
+            f for f, s in sorted(self.shares.items(), key=lambda x: -x[1]) if s >= GROUP_SHARE and f != lead
+        ]
         return [lead, *others]
 
 
-def decide(evidence: Evidence, hypotheses: Sequence[Hypothesis], threshold: float) -> tuple[list[Found], float]:
+def decide(
+    evidence: Evidence, hypotheses: Sequence[Hypothesis], threshold: float
+) -> tuple[list[Found], float]:
     """Findings above a threshold, the surest first, and the largest score that is left."""
     found: list[Found] = []
     known: list[Amplitude] = []
@@ -78,5 +82,8 @@ def _isolated(evidence: Evidence, seed: Amplitude, fits: list[Amplitude]) -> Fou
     for (f, _), w in zip(candidates, weight, strict=True):
         shares[f.hypothesis.fault] = shares.get(f.hypothesis.fault, 0.0) + float(w)
     fault = max(shares, key=lambda k: shares[k])
-    lead = max(((f, w) for (f, _), w in zip(candidates, weight, strict=True) if f.hypothesis.fault == fault), key=lambda x: x[1])[0]
+    lead = max(
+        ((f, w) for (f, _), w in zip(candidates, weight, strict=True) if f.hypothesis.fault == fault),
+        key=lambda x: x[1],
+    )[0]
     return Found(lead, seed.score, shares, [f for f, _ in candidates])

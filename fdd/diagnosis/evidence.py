@@ -22,9 +22,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import log_ndtr
 
-from fdd.balances.effects import Effects
-from fdd.balances.hypotheses import Hypothesis
-from fdd.balances.ledger import widened
+from fdd.diagnosis.hypotheses import Hypothesis
+from fdd.residuals.effects import Effects
+from fdd.residuals.ledger import widened
 
 Array = NDArray[np.float64]
 Sums = tuple[Array, Array, Array, Array]
@@ -89,10 +89,13 @@ class Evidence:
 
     Parameters
     ----------
-    entries : balance name to its hops' sums. effects : the unit's.
+    entries : balance name to its hops' sums. effects : what the first hop is held against. from_start : whether that is
+        the unit's baseline, so that a fault may have been there before the first hop.
     """
 
-    def __init__(self, entries: dict[str, Sums], effects: dict[str, Effects]) -> None:
+    def __init__(
+        self, entries: dict[str, Sums], effects: dict[str, Effects], *, from_start: bool = True
+    ) -> None:
         self.hops = 0
         self.balances: dict[str, Explained] = {}
         for name, (information, vector, rows, _) in entries.items():
@@ -103,9 +106,12 @@ class Evidence:
             m, v = widened(information, vector, e.wander)
             prior = np.linalg.inv(e.covariance)
             inverse = np.linalg.inv(prior + m.sum(axis=0))
-            self.balances[name] = Explained(m, v, inverse, inverse @ (prior @ e.mean + v.sum(axis=0)), e.within, e.between)
+            self.balances[name] = Explained(
+                m, v, inverse, inverse @ (prior @ e.mean + v.sum(axis=0)), e.within, e.between
+            )
         inside = np.arange(LEAST_BEFORE, self.hops - LEAST_AFTER)
-        self.onsets = np.concatenate([[0], inside]) if self.hops > LEAST_AFTER else np.empty(0, dtype=np.int64)
+        first = [0] if from_start and self.hops > LEAST_AFTER else []
+        self.onsets = np.concatenate([np.array(first, dtype=np.int64), inside])
         self._sums: dict[tuple[str, str], tuple[Array, Array]] = {}
         self._softened: dict[tuple[str, str], Array] = {}
 
@@ -144,7 +150,10 @@ class Evidence:
             return None
         found = None
         for kind in ("step", "ramp"):
-            lam, b = np.diag(1.0 / h.scale**2)[None].repeat(self.onsets.size, axis=0), np.zeros((self.onsets.size, h.scale.size))
+            lam, b = (
+                np.diag(1.0 / h.scale**2)[None].repeat(self.onsets.size, axis=0),
+                np.zeros((self.onsets.size, h.scale.size)),
+            )
             for name, g in self.shared(h):
                 s, sv = self._over_onsets(name, kind)
                 lam += g.T @ s @ g
@@ -203,7 +212,9 @@ class Evidence:
             rest = e.vector - e.information @ e.solution
             vector = np.einsum("hnq,hn->q", influence, rest)
             spread = e.between if onset == 0 else e.within
-            own = np.linalg.inv(both[total:, total:] + np.diag(1.0 / (START_DOUBT * spread if onset == 0 else spread) ** 2))
+            own = np.linalg.inv(
+                both[total:, total:] + np.diag(1.0 / (START_DOUBT * spread if onset == 0 else spread) ** 2)
+            )
             across = both[:total, total:] @ own
             lam += both[:total, :total] - across @ both[total:, :total]
             b += vector[:total] - across @ vector[total:]
@@ -238,7 +249,19 @@ class Evidence:
         occam = 0.5 * float(np.linalg.slogdet(np.eye(q) + np.diag(h.scale**2) @ own_information / kappa)[1])
         if h.signed:
             occam -= float(np.log(2.0) + log_ndtr(size[0] / np.sqrt(spread[0, 0])))
-        return Amplitude(h, course, kind, onset, size, spread, gain, kappa, blocks, score - occam, profile, self.onsets)
+        return Amplitude(
+            h, course, kind, onset, size, spread, gain, kappa, blocks, score - occam, profile, self.onsets
+        )
+
+    def sharpness(self, h: Hypothesis, onset: int) -> float | None:
+        """Standard deviation of a hypothesis's amplitude, were it a step from a hop on; None where no balance speaks of it."""
+        if not self.shared(h) or not self.onsets.size:
+            return None
+        k = int(np.argmin(np.abs(self.onsets - onset)))
+        lam = sum(
+            float((g.T @ self._over_onsets(name, "step")[0][k] @ g)[0, 0]) for name, g in self.shared(h)
+        )
+        return float(1.0 / np.sqrt(max(lam, 1e-12)))
 
     def correlation(self, one: Amplitude, other: Hypothesis) -> float:
         """How alike another hypothesis's columns are in this log, over the course of a fitted one: -1 to 1."""
@@ -250,7 +273,11 @@ class Evidence:
                 continue
             moved = np.tensordot(one.course, e.information, axes=1)
             s = np.tensordot(one.course**2, e.information, axes=1) - moved @ e.inverse @ moved
-            s = widened(0.5 * (s + s.T), np.zeros(e.within.size), START_DOUBT * e.between if one.onset == 0 else e.within)[0]
+            s = widened(
+                0.5 * (s + s.T),
+                np.zeros(e.within.size),
+                START_DOUBT * e.between if one.onset == 0 else e.within,
+            )[0]
             own += g.T @ s @ g if g is not None else 0.0
             others += f.T @ s @ f if f is not None else 0.0
             if g is not None and f is not None:
@@ -270,7 +297,9 @@ class Evidence:
                 for n in known:
                     g2 = n.hypothesis.columns.get(name)
                     if g2 is not None:
-                        base = base - e.inverse @ (np.tensordot(n.course, e.information, axes=1) @ (g2 @ n.size))
+                        base = base - e.inverse @ (
+                            np.tensordot(n.course, e.information, axes=1) @ (g2 @ n.size)
+                        )
                 rest = e.vector - e.information @ base
                 d = g @ a
                 gain += rest @ d - 0.5 * np.einsum("i,hij,j->h", d, e.information, d)

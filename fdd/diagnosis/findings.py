@@ -32,6 +32,15 @@ class FaultFinding(BaseModel):
     detected_s: float
     severity: float | None = None
     evidence: list[str] = Field(default_factory=list)
+    severity_interval: tuple[float, float] | None = None
+    """80 %."""
+    onset_interval: tuple[float, float] | None = None
+    """s, 80 %."""
+    channel: str | None = None
+    side: int | None = None
+    variant: str | None = None
+    next_check: str | None = None
+    """What a technician does to confirm it."""
 
 
 class Estimate(BaseModel):
@@ -66,6 +75,21 @@ class Quality(BaseModel):
     notes: list[str] = Field(default_factory=list)
 
 
+class SensorState(BaseModel):
+    """What a channel is worth, since when."""
+
+    channel: str
+    state: str
+    since: float | None = None
+
+
+class Invisible(BaseModel):
+    """A fault that this log would not have shown below a severity; None where it shows it at none."""
+
+    fault: str
+    severity: float | None
+
+
 class Diagnosis(BaseModel):
     """The answer for one log, as ``fdd diagnose --json`` prints it."""
 
@@ -82,6 +106,10 @@ class Diagnosis(BaseModel):
     probabilities: dict[str, float]
     estimates: dict[str, Estimate]
     quality: Quality
+    sensors: list[SensorState] = Field(default_factory=list)
+    not_visible: list[Invisible] = Field(default_factory=list)
+    versions: dict[str, str] = Field(default_factory=dict)
+    sha256: dict[str, str] = Field(default_factory=dict)
 
 
 @dataclass
@@ -99,7 +127,7 @@ class Trajectories:
         standard deviation, NaN before; the standard deviation that the last seconds alone would give.
     nis : normalised innovation squared of each filter per sample kept, (n,).
     feature_names : (k,) names of the residual features.
-    features : (m, k) residual features, in healthy standard deviations.
+    features : (m, k) how badly each balance closes, in what a healthy unit's does.
     statistic, threshold : the sequential test's statistic (m,) and its threshold.
     probabilities : family to (m,) probabilities.
     """

@@ -2,32 +2,41 @@
 
 from __future__ import annotations
 
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
+import fdd
 from estimators import eha_layout as layout
-from fdd.diagnosis.findings import ESTIMATED, Diagnosis, Estimate, FaultFinding, Quality, Trajectories
+from fdd.diagnosis.answering import estimates_of, fault_finding, invisible, probabilities_of, sensor_fault
+from fdd.diagnosis.baseline import effects_of
+from fdd.diagnosis.decision import Found, decide
+from fdd.diagnosis.evidence import Evidence
+from fdd.diagnosis.findings import Diagnosis, FaultFinding, Quality, SensorState, Trajectories
+from fdd.diagnosis.hypotheses import hypotheses
 from fdd.diagnosis.model import Model
-from fdd.diagnosis.sequential import PageTest
-from fdd.diagnosis.verdict import family_probabilities, finding
 from fdd.errors import InputError
-from fdd.residuals.features import FEATURES, HOP, WINDOW
-from fdd.residuals.tracking import OBSERVABLE, estimates, healthy_coulomb, healthy_viscous
-from fdd.residuals.windows import WARM_UP_S, ResidualWindows, baseline_spread, packed, unpacked
+from fdd.faults import FAMILIES
+from fdd.residuals.ledger import Ledger
+from fdd.residuals.rows import HOP_S, RowMaker
+from fdd.residuals.tracked import Tracked, packed, unpacked
+from fdd.residuals.tracking import OBSERVABLE, estimates
 from fdd.samples import Samples
+from fdd.sensors import SensorWatch
 from fdd.unit import Unit
 
 Array = NDArray[np.float64]
 
-RECENT = 8
-"""Windows that the probabilities without an alarm are taken from."""
-HISTORY = 7200
-"""Windows that a pipeline without trajectories remembers: an hour of them."""
-LEAST_SURE = 0.5
-"""Confidence of the leading family below which an alarm does not make a verdict."""
-STATE_VERSION = "2"
+SCAN_HOPS = 10
+"""Hops between two looks at the evidence: five seconds."""
+LEAST_HOPS = 16
+"""Hops before anything is said: eight seconds."""
+WINDOW_HOPS = 300
+"""Hops that onsets are looked for in; what is older has become the reference."""
+STATE_VERSION = "3"
+HELD_IN_DOUBT = 0.5
+"""Confidence of a fault below which it does not make a verdict."""
 
 
 class Pipeline:
@@ -36,7 +45,7 @@ class Pipeline:
     Parameters
     ----------
     unit : the axis's profile; best one that ``fdd identify`` made from its healthy logs.
-    model : classifier; None takes the shipped one.
+    model : learnt layer; None takes the shipped one.
     axis, log : names for the answer.
     keep_trajectories : keep all records for a report; False bounds the memory of a monitor.
 
@@ -60,26 +69,26 @@ class Pipeline:
         self.model = model or Model.load()
         self.axis = axis
         self.log = log
-        self._windows = ResidualWindows(unit, keep=keep_trajectories)
-        self._spread = baseline_spread(unit)
-        self._time = np.empty(0)
-        self._features = np.empty((0, len(FEATURES)))
-        self._probabilities = np.empty((0, len(self.model.classes)))
-        self._statistic = np.empty(0)
-        self._test = PageTest(self.model.tail.threshold(unit.monitoring.false_alarms_per_hour), HOP)
+        self.threshold = self.model.tail.threshold(unit.monitoring.false_alarms_per_hour * 3600.0)
+        self._effects = effects_of(unit)
+        self._sensors = SensorWatch(unit)
+        self._tracked = Tracked(unit, keep=keep_trajectories)
+        self._rows = RowMaker(unit)
+        self._ledger = Ledger(unit, self._effects)
+        self._hypotheses = hypotheses(unit, self._effects, self._ledger.scales)
+        self._first_time = self._last_time = np.nan
+        self._count = 0
+        self._alarms: dict[str, FaultFinding] = {}
+        self._sensor_faults = 0
+        self._scans: list[tuple[float, float]] = []
 
     def __repr__(self) -> str:
-        return f"Pipeline(unit={self.unit.name!r}, axis={self.axis!r}, samples={self._windows.count})"
-
-    @property
-    def threshold(self) -> float:
-        """Alarm level of the sequential test."""
-        return self._test.threshold
+        return f"Pipeline(unit={self.unit.name!r}, axis={self.axis!r}, samples={self._count})"
 
     @property
     def channels(self) -> tuple[str, ...]:
         """Channels that carry data; empty until enough samples came."""
-        return self._windows.channels
+        return self._tracked.channels
 
     def push(self, samples: Samples) -> list[FaultFinding]:
         """Take the next block; findings whose alarm it raised (usually none).
@@ -89,30 +98,60 @@ class Pipeline:
         InputError : time that does not go on from the last block, or channels that do not
             suffice for a diagnosis.
         """
-        ends, features = self._windows.push(samples)
-        if not ends.size:
+        if not len(samples):
             return []
-        probabilities = self.model.probabilities(features, self._spread)
-        ratios = self.model.log_ratios(probabilities)
-        found = []
-        for k, end in enumerate(ends):
-            alarm = self._test.step(ratios[k], float(end))
-            self._time = np.append(self._time, end)
-            self._features = np.concatenate([self._features, features[k : k + 1]])
-            self._probabilities = np.concatenate([self._probabilities, probabilities[k : k + 1]])
-            self._statistic = np.append(self._statistic, self._test.statistic)
-            if alarm:
-                found.append(self._finding(refine=False)[0])
-        if not self._windows.keep and self._time.size > HISTORY:
-            self._time, self._statistic = self._time[-HISTORY:], self._statistic[-HISTORY:]
-            self._features, self._probabilities = self._features[-HISTORY:], self._probabilities[-HISTORY:]
+        if samples.time[0] <= self._last_time:
+            raise InputError(
+                f"channel time: block starts at {samples.time[0]:.6f} s, after {self._last_time:.6f} s",
+                mend="push blocks in time order, each sample once",
+            )
+        if np.isnan(self._first_time):
+            self._first_time = float(samples.time[0])
+        self._last_time = float(samples.time[-1])
+        self._count += len(samples)
+        trusted = self._sensors.push(samples)
+        self._tracked.push(trusted)
+        found = self._sensor_alarms()
+        first, rows = self._rows.push(trusted)
+        # The ledger takes whole hops, a scan's worth at a time, so that looks fall on the same hops however a log was cut.
+        while len(rows):
+            due = SCAN_HOPS - len(self._ledger.hops) % SCAN_HOPS
+            part, rows = rows[: due * self._rows.hop_rows], rows[due * self._rows.hop_rows :]
+            self._ledger.push(first, part)
+            first += due
+            if len(self._ledger.hops) % SCAN_HOPS == 0 and len(self._ledger.hops) >= LEAST_HOPS:
+                found += self._scan()
         return found
 
-    def _finding(self, *, refine: bool) -> tuple[FaultFinding, dict[str, float]]:
-        return finding(
-            self.model, self.unit, self.channels, self._time, self._features, self._probabilities,
-            self._test, self._windows.first_time, self._spread, refine=refine,
-        )  # fmt: skip
+    def _sensor_alarms(self) -> list[FaultFinding]:
+        said = self._sensors.findings()
+        fresh = [sensor_fault(f) for f in said[self._sensor_faults :]]
+        self._sensor_faults = len(said)
+        return fresh
+
+    def _window(self) -> tuple[Evidence, int]:
+        """Evidence of the last hops and the first one's place; older ones are the reference."""
+        start = self._ledger.fold(WINDOW_HOPS)
+        return Evidence(
+            self._ledger.sums(), self._ledger.reference, from_start=start == 0
+        ), self._ledger.hops[0]
+
+    def _scan(self) -> list[FaultFinding]:
+        evidence, _ = self._window()
+        found, rest = decide(evidence, self._hypotheses, self.threshold)
+        now = (self._ledger.hops[-1] + 1) * HOP_S
+        self._scans.append((now, max([rest, *(f.score for f in found)])))
+        fresh = []
+        for f in found:
+            finding = self._finding(f, now)
+            if finding.family not in self._alarms:
+                self._alarms[finding.family] = finding
+                fresh.append(finding)
+        return fresh
+
+    def _finding(self, found: Found, now: float) -> FaultFinding:
+        onset = max(self._ledger.hops[found.lead.onset] * HOP_S, self._first_time)
+        return fault_finding(found, self.model, onset=onset, detected=now, first_hop=self._ledger.hops[0])
 
     def finish(self, quality: Quality | None = None) -> Diagnosis:
         """The answer on all samples pushed so far (more may follow).
@@ -122,75 +161,61 @@ class Pipeline:
         quality : what the reader noted about the data; reasons for the verdict are put first.
         """
         quality = (quality or Quality()).model_copy(deep=True)
-        windows = self._windows
-        duration = float(windows.last_time - windows.first_time) if windows.count else 0.0
-        found: list[FaultFinding] = []
+        duration = float(self._last_time - self._first_time) if self._count else 0.0
+        faults = [sensor_fault(f) for f in self._sensors.findings()]
+        hydraulic: list[FaultFinding] = []
+        unseen = []
+        score = 0.0
+        if len(self._ledger.hops) >= LEAST_HOPS:
+            evidence, _ = self._window()
+            found, score = decide(evidence, self._hypotheses, self.threshold)
+            now = (self._ledger.hops[-1] + 1) * HOP_S
+            hydraulic = [self._finding(f, now) for f in found]
+            unseen = invisible(evidence, self._hypotheses, self.threshold)
+        for finding in hydraulic:
+            first = self._alarms.get(finding.family)
+            if first is not None:
+                finding.detected_s = first.detected_s
+        # What alarmed while its onset was in sight stands, though the window may have gone past it.
+        seen = {f.family for f in hydraulic}
+        start = self._ledger.hops[0] * HOP_S if self._ledger.hops else 0.0
+        hydraulic += [f for name, f in self._alarms.items() if name not in seen and f.onset_s < start]
+        faults += hydraulic
+        faults.sort(key=lambda f: -f.confidence)
+        probabilities = probabilities_of(faults, self.model, score)
         verdict: Literal["healthy", "faulty", "inconclusive"] = "faulty"
-        if self._test.alarmed:
-            fault, probabilities = self._finding(refine=True)
-            found.append(fault)
-            if fault.confidence < LEAST_SURE:
-                verdict = "inconclusive"
-                quality.notes.insert(0, "something deviates, but no kind of fault is more likely than not")
-        else:
-            probabilities = family_probabilities(self.model, self._probabilities[-RECENT:], self._test)
+        if not faults:
             doubts = self._doubts(duration)
             verdict = "inconclusive" if doubts else "healthy"
             quality.notes = doubts + quality.notes
+        elif faults[0].confidence < HELD_IN_DOUBT:
+            verdict = "inconclusive"
+            quality.notes.insert(0, "something deviates, but no kind of fault is more likely than not")
+        if self._tracked.lost:
+            quality.notes.append(
+                "the estimators lost this log's motion: their values are not shown from there on"
+            )
         if self.unit.baseline is None:
             quality.notes.append(
                 f"profile {self.unit.name} was not identified from this unit's own healthy logs: "
-                "deviations of the unit count as faults (make a profile with fdd identify)"
+                "only what changes within the log is told (make a profile with fdd identify)"
             )
         return Diagnosis(
             log=self.log, axis=self.axis, unit=self.unit.name, duration_s=round(duration, 3),
-            samples=windows.count, verdict=verdict, faults=found,
-            probabilities={k: round(v, 4) for k, v in probabilities.items()},
-            estimates=self._estimates(), quality=quality,
+            samples=self._count, verdict=verdict, faults=faults, probabilities=probabilities,
+            estimates=estimates_of(self._tracked, self.unit), quality=quality,
+            sensors=[SensorState(**s) for s in self._sensors.states()], not_visible=unseen,
+            versions={"fdd": fdd.__version__}, sha256={"model": self.model.sha256},
         )  # fmt: skip
 
     def _doubts(self, duration: float) -> list[str]:
         """Why "healthy" would say too much."""
-        if not self._time.size:
-            return [f"{duration:.1f} s of data; a verdict needs {WARM_UP_S + WINDOW:.0f} s or more"]
-        if self._test.statistic > 0.5 * self._test.threshold:
-            return [
-                f"evidence for a fault is growing (test statistic {self._test.statistic:.1f} of "
-                f"{self._test.threshold:.1f}) but is not enough for an alarm"
-            ]
-        values, stds = estimates(self._windows.last_records["ekf"], self.unit, self._windows.model)
-        names = ("leakage", "bulk_modulus", "coulomb_friction")
-        if all(stds[n][-1] > abs(values[n][-1]) / 3.0 for n in names):
-            return ["the log excites neither leakage, bulk modulus nor friction: nothing can be said of them"]
+        if len(self._ledger.hops) < LEAST_HOPS:
+            return [f"{duration:.1f} s of data; a verdict needs {LEAST_HOPS * HOP_S:.0f} s or more"]
+        told = sum(float(e[2]) for e in self._ledger.entries["volume"])
+        if told < LEAST_HOPS * self._rows.hop_rows * 0.25:
+            return ["the log hardly moves or loads the actuator: its balances say nothing of its health"]
         return []
-
-    def _estimates(self) -> dict[str, Estimate]:
-        records = self._windows.last_records["ekf"]
-        if not records.size:
-            empty = {"baseline": None, "value": None, "std": None, "observable": False}
-            return {n: Estimate.model_validate({"unit": u, **empty}) for n, (u, _, _) in ESTIMATED.items()}
-        values, stds = estimates(records, self.unit, self._windows.model)
-        seen = self._windows.observed()
-        healthy = {
-            "leakage": self.unit.pump.total_leakage / float(records[-1, layout.R_VISCOSITY]),
-            "bulk_modulus": self.unit.oil.bulk_modulus,
-            "coulomb_friction": healthy_coulomb(self.unit),
-            "viscous_friction": healthy_viscous(self.unit),
-        }
-        return {
-            name: Estimate(
-                unit=si,
-                baseline=_significant(healthy[name]),
-                value=_significant(float(values[name][-1])),
-                std=_significant(float(stds[name][-1])),
-                observable=bool(seen[name].valid[-1]),
-                held=_significant(float(seen[name].held[-1])),
-                held_std=_significant(float(seen[name].held_std[-1])),
-                age_s=_significant(float(seen[name].age[-1])),
-                information_std=_significant(float(seen[name].information_std[-1])),
-            )
-            for name, (si, _, _) in ESTIMATED.items()
-        }
 
     def trajectories(self) -> Trajectories:
         """Everything over time, for the report and the annotated MCAP.
@@ -199,41 +224,52 @@ class Pipeline:
         ------
         ValueError : the pipeline was told not to keep trajectories.
         """
-        records = self._windows.records()
+        records = self._tracked.records()
         values: dict[str, dict[str, Array]] = {}
         stds: dict[str, dict[str, Array]] = {}
         for m, r in records.items():
-            if r.size:
-                values[m], stds[m] = estimates(r, self.unit, self._windows.model)
-            else:
-                values[m] = {n: np.empty(0) for n in ESTIMATED}
-                stds[m] = {n: np.empty(0) for n in ESTIMATED}
-        seen = self._windows.observed_throughout()
-        standard = (
-            self.model.standardise(self._features, self._spread) if self._features.size else self._features
-        )
+            empty: dict[str, Array] = {n: np.empty(0) for n in OBSERVABLE}
+            values[m], stds[m] = (
+                estimates(r, self.unit, self._tracked.model) if r.size else (dict(empty), dict(empty))
+            )
+        seen = self._tracked.observed_throughout()
+        time, names, misfit = self._ledger.misfits()
+        scans = np.array(self._scans).reshape(-1, 2)
+        statistic = np.interp(time, scans[:, 0], scans[:, 1], left=0.0) if len(scans) else np.zeros(time.size)
+        sure = np.array([self.model.calibration.probability(float(s)) for s in statistic])
         return Trajectories(
             time=records["ekf"][:, layout.R_TIME], estimates=values, stds=stds,
             observable={n: seen[n].valid for n in OBSERVABLE},
             held={n: seen[n].held for n in OBSERVABLE}, held_std={n: seen[n].held_std for n in OBSERVABLE},
             information_std={n: seen[n].information_std for n in OBSERVABLE},
-            nis={m: r[:, layout.R_NIS] for m, r in records.items()}, window_time=self._time,
-            feature_names=list(FEATURES), features=standard, statistic=self._statistic,
-            threshold=self._test.threshold,
-            probabilities={c: self._probabilities[:, i] for i, c in enumerate(self.model.classes)},
+            nis={m: r[:, layout.R_NIS] for m, r in records.items()}, window_time=time,
+            feature_names=names, features=misfit, statistic=statistic, threshold=self.threshold,
+            probabilities=self._probabilities_over(sure),
         )  # fmt: skip
+
+    def _probabilities_over(self, sure: Array) -> dict[str, Array]:
+        """Each family's probability over time: how sure it was that something is wrong, and what is said of it now."""
+        now = self.finish().probabilities
+        faulty = max(sum(p for k, p in now.items() if k != "healthy"), 1e-9)
+        out = {k: sure * (p / faulty) for k, p in now.items() if k != "healthy"}
+        return {"healthy": 1.0 - sure, **{k: out[k] for k in FAMILIES if k != "healthy"}}
 
     def state(self) -> dict[str, Array]:
         """The whole state as flat named arrays; `np.savez` writes it, `restore` takes it back."""
-        scalars = {
-            "version": STATE_VERSION, "axis": self.axis, "log": self.log, "classes": list(self.model.classes),
-            "test": {k: getattr(self._test, k) for k in ("statistic", "since", "alarm_time", "peak")},
+        scalars: dict[str, Any] = {
+            "version": STATE_VERSION, "axis": self.axis, "log": self.log, "unit": self.unit.name, "model": self.model.sha256,
+            "first": self._first_time, "last": self._last_time, "count": self._count,
+            "alarms": {k: f.model_dump() for k, f in self._alarms.items()}, "sensor_faults": self._sensor_faults,
+            "scans": self._scans[-720:],
         }  # fmt: skip
-        out = self._windows.state()
-        out |= {
-            "pipeline": packed(scalars), "window_time": self._time.copy(), "features": self._features.copy(),
-            "probabilities": self._probabilities.copy(), "statistic": self._statistic.copy(),
-        }  # fmt: skip
+        out = {"pipeline": packed(scalars)}
+        for prefix, part in (
+            ("tracked", self._tracked),
+            ("rows", self._rows),
+            ("ledger", self._ledger),
+            ("sensors", self._sensors),
+        ):
+            out.update({f"{prefix}:{k}": v for k, v in part.state().items()})
         return out
 
     def restore(self, state: dict[str, Array]) -> None:
@@ -243,16 +279,24 @@ class Pipeline:
         ------
         InputError : a state of another version, unit or model.
         """
-        scalars = unpacked(state["pipeline"])
-        if scalars["version"] != STATE_VERSION or scalars["classes"] != list(self.model.classes):
+        scalars = unpacked(state["pipeline"]) if "pipeline" in state else {}
+        if scalars.get("version") != STATE_VERSION or scalars.get("model") != self.model.sha256:
             raise InputError("saved state of another version or model", mend="start anew")
-        self._windows.restore(state)
+        if scalars["unit"] != self.unit.name:
+            raise InputError(
+                f"saved state of unit {scalars['unit']!r}, not {self.unit.name!r}", mend="start anew"
+            )
+        for prefix, part in (
+            ("tracked", self._tracked),
+            ("rows", self._rows),
+            ("ledger", self._ledger),
+            ("sensors", self._sensors),
+        ):
+            part.restore(
+                {k.removeprefix(f"{prefix}:"): v for k, v in state.items() if k.startswith(f"{prefix}:")}
+            )
         self.axis, self.log = scalars["axis"], scalars["log"]
-        for k, v in scalars["test"].items():
-            setattr(self._test, k, v)
-        self._time, self._features = state["window_time"].copy(), state["features"].copy()
-        self._probabilities, self._statistic = state["probabilities"].copy(), state["statistic"].copy()
-
-
-def _significant(value: float, digits: int = 5) -> float | None:
-    return float(f"{value:.{digits}g}") if np.isfinite(value) else None
+        self._first_time, self._last_time, self._count = scalars["first"], scalars["last"], scalars["count"]
+        self._alarms = {k: FaultFinding.model_validate(f) for k, f in scalars["alarms"].items()}
+        self._sensor_faults = scalars["sensor_faults"]
+        self._scans = [(float(a), float(b)) for a, b in scalars["scans"]]

@@ -24,9 +24,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from fdd.balances.quantities import ATMOSPHERE_PA, VALVE_MARGIN_PA, Quantities, change, middle
-
-from fdd.balances.rows import HOP_ROWS, ROW_S
+from fdd.residuals.quantities import ATMOSPHERE_PA, VALVE_MARGIN_PA, Quantities, change, middle
+from fdd.residuals.rows import HOP_ROWS, ROW_S
 
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
@@ -39,18 +38,21 @@ class Balance:
 
     Attributes
     ----------
-    name, unit : for people. columns : names of the coefficients. strands : quantities to one or two sets of
+    name, title : for people. columns : names of the coefficients. strands : quantities to one or two sets of
     (y (n,), X (n, columns), valid (n,)) that share the coefficients. settle : rows left out after what was invalid.
     """
 
     name: str
-    unit: str
+    title: str
     columns: tuple[str, ...]
     strands: Callable[[Quantities], list[Strand]]
     settle: int = 1
     cumulative: bool = False
+    """Rows are changes: they are summed up over each unbroken stretch of a hop."""
     order: int = 0
+    """Of the autoregression that whitens the rows."""
     lines: int = 0
+    """The columns are pairs of sine and cosine, and what counts is this many amplitudes."""
 
 
 def _volume(q: Quantities) -> list[Strand]:
@@ -65,7 +67,9 @@ def _volume(q: Quantities) -> list[Strand]:
         margin = 0.02 * scales.pressure
         fed = {1: ~(d > margin), 2: ~(d < -margin)}
     oil = unit.oil
-    stiff = 1.0 / oil.bulk_modulus - oil.air_fraction * float(_air(np.array([oil.reference_pressure]), oil.polytropic_index)[0])
+    stiff = 1.0 / oil.bulk_modulus - oil.air_fraction * float(
+        compliance_of_air(np.array([oil.reference_pressure]), oil.polytropic_index)[0]
+    )
     stiff = max(stiff, 0.3 / oil.bulk_modulus)
     for side, sign, p, area, volume in (
         (1, 1.0, q.p1, unit.cylinder.area_1, unit.cylinder.volume_1),
@@ -76,7 +80,7 @@ def _volume(q: Quantities) -> list[Strand]:
         drop = sign * middle(q.drop)
         oil_volume = volume + sign * area * middle(q.position)
         above = np.sqrt(np.maximum(mid - p_c, 0.0))
-        free = _air(mid, oil.polytropic_index)
+        free = compliance_of_air(mid, oil.polytropic_index)
         y = sign * (unit.pump.displacement * q.turn - area * q.travel)
         lag = sign * unit.pump.displacement * change(q.turn)
         s1, s2 = float(side == 1), float(side == 2)
@@ -103,7 +107,7 @@ def _volume(q: Quantities) -> list[Strand]:
     return out
 
 
-def _air(pressure: Array, index: float) -> Array:
+def compliance_of_air(pressure: Array, index: float) -> Array:
     """Compliance of free air, 1/Pa per volume share at atmospheric pressure (thesis eq. 5.21)."""
     absolute = np.maximum(pressure + ATMOSPHERE_PA, 0.1 * ATMOSPHERE_PA)
     return (ATMOSPHERE_PA / absolute) ** (1.0 / index) / (index * absolute)
@@ -134,7 +138,9 @@ def _torque(q: Quantities) -> list[Strand]:
     drop = middle(q.drop if q.chambers_measured else q.difference_measured) / scales.pressure
     sense = np.tanh(q.speed / (0.01 * scales.speed))
     share = q.speed / scales.speed
-    turning = unit.drive.inertia * change(q.take["pump_speed"]) / (unit.drive.torque_constant * scales.current)
+    turning = (
+        unit.drive.inertia * change(q.take["pump_speed"]) / (unit.drive.torque_constant * scales.current)
+    )
     y = middle(q.take["motor_current"]) / scales.current * q.dt
     x = np.column_stack([
         q.dt, drop * q.dt, turning, sense * q.dt, share * q.viscosity * q.dt, np.abs(drop) * sense * q.dt,
@@ -206,16 +212,16 @@ def _reservoir(q: Quantities) -> list[Strand]:
 BALANCES: dict[str, Balance] = {
     b.name: b
     for b in (
-        Balance("volume", "m³", (
+        Balance("volume", "the chambers' oil", (
             "gain", "compliance", "air", "lag", "sensor_lag", "density", "leak", "leak_square", "case", "wear", "relief_12", "relief_21",
             "valve_1", "valve_2", "outside_1", "outside_2"), _volume, 8, cumulative=True),
-        Balance("force", "1", (
+        Balance("force", "the piston's forces", (
             "load", "spring", "mass", "damping", "skew", "friction_forward", "friction_reverse"), _force, order=3),
-        Balance("torque", "1", (
+        Balance("torque", "the shaft's torque", (
             "zero", "pressure", "inertia", "dry", "viscous", "mesh"), _torque, cumulative=True),
-        Balance("shaft", "1", ("order_1", "order_2"), _shaft, order=6, lines=2),
-        Balance("coherence", "1", ("zero", "gain_1", "gain_2", "line", "line_square"), _coherence, 1),
-        Balance("refeed", "1", ("drop_1", "drop_2", "flow_1", "flow_2"), _refeed, 8),
-        Balance("reservoir", "1", ("drift", "held", "rod", "stroke"), _reservoir, cumulative=True),
+        Balance("shaft", "the shaft's vibration", ("order_1", "order_2"), _shaft, order=6, lines=2),
+        Balance("coherence", "the pressures among each other", ("zero", "gain_1", "gain_2", "line", "line_square"), _coherence, 1),
+        Balance("refeed", "the refeeding", ("drop_1", "drop_2", "flow_1", "flow_2"), _refeed, 8),
+        Balance("reservoir", "the accumulator's oil", ("drift", "held", "rod", "stroke"), _reservoir, cumulative=True),
     )
 }  # fmt: skip

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from fdd.balances.rows import COLUMNS, ROW_S
+from fdd.residuals.rows import COLUMNS, ROW_S
 from fdd.residuals.viscosity import viscosity_ratio
 from fdd.unit import Unit
 
@@ -76,7 +76,9 @@ class Quantities:
         charge = unit.accumulator.charge_pressure
         self.accumulator_measured = bool(np.isfinite(accumulator).any())
         self.accumulator = accumulator if self.accumulator_measured else np.full(len(rows), charge)
-        self.chambers_measured = bool((np.isfinite(take["pressure_1"]) & np.isfinite(take["pressure_2"])).any())
+        self.chambers_measured = bool(
+            (np.isfinite(take["pressure_1"]) & np.isfinite(take["pressure_2"])).any()
+        )
         if self.chambers_measured:
             self.p1, self.p2 = take["pressure_1"], take["pressure_2"]
         else:  # the low side is fed from the accumulator, so the high side is that and the difference
@@ -93,7 +95,9 @@ class Quantities:
         self.velocity = self.flow / area  # of the pump's flow: the position's noise must not enter a column
         self.acceleration = change(self.velocity) / ROW_S
         celsius = take["temperature"]
-        ratio = viscosity_ratio(unit.oil, np.where(np.isfinite(celsius), celsius, unit.oil.reference_temperature))
+        ratio = viscosity_ratio(
+            unit.oil, np.where(np.isfinite(celsius), celsius, unit.oil.reference_temperature)
+        )
         self.viscosity = ratio
 
 

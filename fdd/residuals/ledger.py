@@ -6,19 +6,23 @@ Rows whose errors hang together in time are whitened by an autoregression that i
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import solve_toeplitz
 
-from fdd.balances.balances import BALANCES, Balance
-from fdd.balances.effects import Effects
-from fdd.balances.quantities import Quantities, Scales, settled
-from fdd.balances.rows import COLUMNS, HOP_ROWS, TAIL_ROWS
+from fdd.residuals.balances import BALANCES, Balance, compliance_of_air
+from fdd.residuals.effects import Effects
+from fdd.residuals.quantities import Quantities, Scales, settled
+from fdd.residuals.rows import COLUMNS, HOP_ROWS, HOP_S, TAIL_ROWS
 from fdd.unit import Unit
 
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 
+HISTORY = 7200
+"""Hops whose misfit is remembered: an hour."""
 LEAST_ROWS = 12
 """Rows below which a stretch of a hop says too little."""
 MEMORY = 0.95
@@ -64,7 +68,9 @@ class Account:
         self.correlation[0] = FIRST_WEIGHT * effects.noise**2
         self.variance_sum = FIRST_WEIGHT * effects.noise**2
 
-    def hop(self, strands: list[tuple[Array, Array, Flags]], blur: Array | None) -> tuple[Array, Array, float, float]:
+    def hop(
+        self, strands: list[tuple[Array, Array, Flags]], blur: Array | None
+    ) -> tuple[Array, Array, float, float]:
         """Information (n, n), vector (n,), rows and variance that one hop gives.
 
         Parameters
@@ -105,7 +111,9 @@ class Account:
         lines = self.balance.lines
         n = gram.shape[0] - 1
         scale = 1.0 / np.sqrt(np.diag(gram)[:n].clip(1e-300))
-        inverse = np.linalg.inv(gram[:n, :n] * scale * scale[:, None] + 1e-6 * np.eye(n)) * scale * scale[:, None]
+        inverse = (
+            np.linalg.inv(gram[:n, :n] * scale * scale[:, None] + 1e-6 * np.eye(n)) * scale * scale[:, None]
+        )
         size = inverse @ gram[:n, n]
         variance = max((gram[n, n] - size @ gram[:n, n]) / max(free - n, 0.3 * free), self.least)
         spread = variance * np.diag(inverse)[: 2 * lines].reshape(lines, 2).mean(axis=1)
@@ -187,8 +195,23 @@ class Ledger:
         self.tail = np.full((TAIL_ROWS, len(COLUMNS)), np.nan)
         self.hops: list[int] = []
         self.entries: dict[str, list[tuple[Array, Array, float, float]]] = {name: [] for name in BALANCES}
-        self._reservoir = np.nan
+        self.reference = effects
+        """What the first of the hops kept is held against: the unit's baseline, or what older hops have made of it."""
+        self.folded = 0
+        self._misfits: list[list[float]] = []
         self._pressure_noise: list[float] = []
+
+    def sums(self, start: int = 0) -> dict[str, tuple[Array, Array, Array, Array]]:
+        """Information (h, n, n), vector (h, n), rows (h,) and variance (h,) of each balance, from a hop on."""
+        out = {}
+        for name, entries in self.entries.items():
+            n = len(BALANCES[name].columns)
+            kept = entries[start:]
+            out[name] = (
+                np.array([e[0] for e in kept]).reshape(-1, n, n), np.array([e[1] for e in kept]).reshape(-1, n),
+                np.array([e[2] for e in kept]), np.array([e[3] for e in kept]),
+            )  # fmt: skip
+        return out
 
     def push(self, first: int, rows: Array) -> None:
         """Take the rows of complete hops (see `RowMaker.push`)."""
@@ -208,6 +231,90 @@ class Ledger:
             blur = self._blur(q) if name == "volume" else None
             self.entries[name].append(self.accounts[name].hop(strands, blur))
 
+        self._misfits = [*self._misfits[-HISTORY + 1 :], [self._misfit(name) for name in BALANCES]]
+
+    def _misfit(self, name: str) -> float:
+        """How far the last hop is from the unit's baseline, in what healthy hops are: root mean square over coefficients."""
+        information, vector, rows, _ = self.entries[name][-1]
+        if not rows:
+            return float("nan")
+        e = self.effects[name]
+        wide, wide_vector = widened(information, vector, np.hypot(e.wander, np.sqrt(np.diag(e.covariance))))
+        rest = wide_vector - wide @ e.mean
+        spread = np.hypot(e.wander, np.sqrt(np.diag(e.covariance)))
+        return float(np.sqrt(np.mean(np.square(spread * rest))))
+
+    def misfits(self) -> tuple[Array, list[str], Array]:
+        """Ends of the last hops (m,), balances' names and how badly each closed (m, balances)."""
+        seen = np.array(self._misfits).reshape(-1, len(BALANCES))
+        ends = (self._last_hop - np.arange(len(seen))[::-1] + 1) * HOP_S if len(seen) else np.empty(0)
+        used = np.isfinite(seen).any(axis=0)
+        return ends, [n for n, u in zip(BALANCES, used, strict=True) if u], np.nan_to_num(seen[:, used])
+
+    @property
+    def _last_hop(self) -> int:
+        return self.hops[-1]
+
+    def fold(self, window: int) -> int:
+        """Let hops beyond a window become the reference, a fifth of it at a time; how many have in all.
+
+        A reference made of older hops is what the unit was like then; it may have moved since by what coefficients change
+        within a healthy log.
+        """
+        part = window // 5
+        while len(self.hops) > window + part:
+            for name, e in self.reference.items():
+                m, v = (np.array([x[i] for x in self.entries[name][:part]]) for i in (0, 1))
+                m, v = widened(m, v, e.wander)
+                prior = np.linalg.inv(e.covariance)
+                covariance = np.linalg.inv(prior + m.sum(axis=0))
+                mean = covariance @ (prior @ e.mean + v.sum(axis=0))
+                covariance = 0.5 * (covariance + covariance.T) + np.diag(np.square(e.within))
+                self.reference = {**self.reference, name: replace(e, mean=mean, covariance=covariance)}
+                self.entries[name] = self.entries[name][part:]
+            self.hops = self.hops[part:]
+            self.folded += part
+        return self.folded
+
+    def state(self) -> dict[str, Array]:
+        """Everything as flat named arrays."""
+        out: dict[str, Array] = {
+            "hops": np.array(self.hops), "tail": self.tail, "noise": np.array(self._pressure_noise),
+            "folded": np.array([self.folded]), "misfits": np.array(self._misfits).reshape(-1, len(BALANCES)),
+        }  # fmt: skip
+        for name, account in self.accounts.items():
+            for k, part in zip("mvrs", self.sums()[name], strict=True):
+                out[f"{name}/{k}"] = part
+            out[f"{name}/information"], out[f"{name}/vector"] = account.information, account.vector
+            out[f"{name}/noise"] = np.array([account.weight, account.variance_sum])
+            out[f"{name}/correlation"] = account.correlation
+            out[f"{name}/mean"], out[f"{name}/covariance"] = (
+                self.reference[name].mean,
+                self.reference[name].covariance,
+            )
+        return {k: np.array(v) for k, v in out.items()}
+
+    def restore(self, state: dict[str, Array]) -> None:
+        """Go on from what `state` gave for the same unit."""
+        self.hops = [int(h) for h in state["hops"]]
+        self.tail, self._pressure_noise = state["tail"].copy(), [float(x) for x in state["noise"]]
+        self.folded = int(state["folded"][0])
+        self._misfits = [[float(x) for x in row] for row in state["misfits"]]
+        for name, account in self.accounts.items():
+            m, v, r, s = (state[f"{name}/{k}"] for k in "mvrs")
+            self.entries[name] = [(m[i], v[i], float(r[i]), float(s[i])) for i in range(len(self.hops))]
+            account.information, account.vector = (
+                state[f"{name}/information"].copy(),
+                state[f"{name}/vector"].copy(),
+            )
+            account.weight, account.variance_sum = (float(x) for x in state[f"{name}/noise"])
+            account.correlation = state[f"{name}/correlation"].copy()
+            mean, covariance = state[f"{name}/mean"].copy(), state[f"{name}/covariance"].copy()
+            self.reference = {
+                **self.reference,
+                name: replace(self.effects[name], mean=mean, covariance=covariance),
+            }
+
     def _blur(self, q: Quantities) -> Array | None:
         third = [np.diff(p[-HOP_ROWS:], 3) for p in (q.p1, q.p2)]
         known = [t[np.isfinite(t)] for t in third]
@@ -220,9 +327,7 @@ class Ledger:
         columns = BALANCES["volume"].columns
         mean = float(np.nanmean(np.maximum(q.p1, q.p2))) if np.isfinite(q.p1).any() else 0.0
         cylinder, oil = self.unit.cylinder, self.unit.oil
-        from fdd.balances.balances import _air
-
-        free = _air(np.array([mean, oil.reference_pressure]), oil.polytropic_index)
+        free = compliance_of_air(np.array([mean, oil.reference_pressure]), oil.polytropic_index)
         stiff = max(1.0 / oil.bulk_modulus - oil.air_fraction * free[1], 0.3 / oil.bulk_modulus)
         size = 0.5 * (cylinder.volume_1 + cylinder.volume_2) * np.sqrt(variance)
         column = np.zeros(len(columns))

@@ -11,10 +11,9 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 
 import numpy as np
-from fdd.balances.compiled import njit
 from numpy.typing import NDArray
 
-from fdd.residuals.viscosity import viscosity_ratio
+from fdd.residuals.compiled import njit
 from fdd.samples import Samples
 from fdd.unit import Unit
 
@@ -95,6 +94,29 @@ class RowMaker:
         self.hop = until
         return first, rows
 
+    @property
+    def hop_rows(self) -> int:
+        """Rows in a hop."""
+        return HOP_ROWS
+
+    def state(self) -> dict[str, Array]:
+        """What waits, and the filters' memory, as flat named arrays."""
+        out: dict[str, Array] = {"scalars": np.array([float(self.hop), self._bristle, self._last_angle])}
+        if self._waiting:
+            joined = Samples.concatenate(self._waiting)
+            out["time"] = joined.time
+            out.update({f"channel/{n}": joined[n] for n in joined.channels})
+        return out
+
+    def restore(self, state: dict[str, Array]) -> None:
+        """Go on from what `state` gave."""
+        hop, self._bristle, self._last_angle = (float(v) for v in state["scalars"])
+        self.hop = int(hop)
+        self._waiting = []
+        if "time" in state:
+            columns = {k.removeprefix("channel/"): v for k, v in state.items() if k.startswith("channel/")}
+            self._waiting = [Samples(state["time"], columns)]
+
     def _rows(self, samples: Samples, first: int, until: int) -> Array:
         n = len(samples)
         out = np.full(((until - first) * HOP_ROWS, len(COLUMNS)), np.nan)
@@ -128,7 +150,9 @@ class RowMaker:
         starts = np.flatnonzero(np.diff(hop, prepend=-1))
         fast = np.isfinite(data[:, : len(FAST)])
         there = np.logical_or.reduceat(fast, starts, axis=0)
-        complete = (fast | ~there[np.repeat(np.arange(starts.size), np.diff(np.append(starts, n)))]).all(axis=1)
+        complete = (fast | ~there[np.repeat(np.arange(starts.size), np.diff(np.append(starts, n)))]).all(
+            axis=1
+        )
         if complete.any():
             taken = data[complete]
             where = cell[complete]
@@ -139,5 +163,7 @@ class RowMaker:
             celsius = samples["oil_temperature"]
             known = np.isfinite(celsius)
             for h in np.unique(hop[known]):
-                out[h * HOP_ROWS : (h + 1) * HOP_ROWS, COLUMNS["temperature"]] = celsius[known & (hop == h)].mean()
+                out[h * HOP_ROWS : (h + 1) * HOP_ROWS, COLUMNS["temperature"]] = celsius[
+                    known & (hop == h)
+                ].mean()
         return out

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from fdd.balances.balances import BALANCES
+from fdd.residuals.balances import BALANCES
 
 Array = NDArray[np.float64]
 

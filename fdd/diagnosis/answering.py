@@ -1,0 +1,159 @@
+"""From what was found to the words, figures and probabilities of the answer."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+
+from estimators import eha_layout as layout
+from fdd.diagnosis.decision import Found
+from fdd.diagnosis.evidence import Evidence
+from fdd.diagnosis.findings import ESTIMATED, Estimate, FaultFinding, Invisible
+from fdd.diagnosis.hypotheses import Hypothesis
+from fdd.diagnosis.model import Model
+from fdd.faults import CATALOGUE, FAMILIES, fault
+from fdd.residuals.balances import BALANCES
+from fdd.residuals.rows import HOP_S
+from fdd.residuals.tracked import Tracked
+from fdd.residuals.tracking import estimates, healthy_coulomb, healthy_viscous
+from fdd.sensors.finding import SensorFinding
+from fdd.unit import Unit
+
+Z80 = 1.2816
+"""Standard normal's 90 % quantile: an 80 % interval either way."""
+SCALE_DOUBT = 0.15
+"""Relative std of a severity by what no column knows: how turbulent a leak is, how a seal wears."""
+
+
+def fault_finding(
+    found: Found, model: Model, *, onset: float, detected: float, first_hop: int
+) -> FaultFinding:
+    """One finding as the answer carries it.
+
+    Parameters
+    ----------
+    onset, detected : s. first_hop : place of the evidence's first hop.
+    """
+    lead, h = found.lead, found.lead.hypothesis
+    size = float(lead.size[0]) if h.signed else float(np.linalg.norm(lead.size))
+    std = math.hypot(float(np.sqrt(lead.covariance[0, 0])), SCALE_DOUBT * size)
+    group = found.group
+    share = sum(found.shares.get(f, 0.0) for f in group)
+    where = [(first_hop + int(k)) * HOP_S for k in _likely(lead.profile / lead.kappa, lead.onsets)]
+    words = {"step": "from", "ramp": "growing from", "intermittent": "on and off from"}[lead.kind]
+    titles = [BALANCES[name].title for name in h.columns]
+    sentences = [
+        f"The balance of {' and '.join(titles)} does not close {words} {onset:.1f} s on; {fault(h.fault).title} of severity "
+        f"{size:.2f} ± {std:.2f} explains it (log likelihood ratio {found.score:.1f}, from {lead.blocks:.0f} stretches of 2 s)."
+    ]
+    if len(group) > 1:
+        sentences.append(
+            "In this log " + ", ".join(fault(f).title for f in group) + " would look alike: "
+            + ", ".join(f"{fault(f).title} {100 * found.shares[f] / max(share, 1e-9):.0f} %" for f in group) + "."
+        )  # fmt: skip
+    return FaultFinding(
+        fault=h.fault, family=fault(h.fault).family, ambiguity=group,
+        confidence=round(min(model.calibration.probability(found.score) * share, 0.9999), 4),
+        onset_s=round(onset, 2), detected_s=round(detected, 2), severity=round(size, 3), evidence=sentences,
+        severity_interval=(round(max(size - Z80 * std, 0.0), 3), round(size + Z80 * std, 3)),
+        onset_interval=(round(min([*where, onset]), 2), round(max([*where, onset]) + HOP_S, 2)),
+        side=h.side, variant=h.variant, channel=h.channel,
+        next_check=getattr(CATALOGUE[h.fault], "next_check", None),
+    )  # fmt: skip
+
+
+def _likely(gain: np.ndarray, onsets: np.ndarray) -> np.ndarray:  # type: ignore[type-arg]
+    """Onsets that hold the middle 80 % of the likelihood."""
+    weight = np.exp(np.clip(gain - gain.max(), -50.0, 0.0))
+    below = np.cumsum(weight) / weight.sum()
+    return np.asarray(onsets[(below > 0.1) & (below - weight / weight.sum() < 0.9)])
+
+
+def sensor_fault(found: SensorFinding) -> FaultFinding:
+    """A sensor's failure as a finding."""
+    return FaultFinding(
+        fault=found.fault, family=fault(found.fault).family, ambiguity=[found.fault],
+        confidence=found.confidence, onset_s=round(found.onset_s, 3), detected_s=round(found.detected_s, 3),
+        evidence=[found.evidence], channel=found.channel,
+        next_check=getattr(CATALOGUE[found.fault], "next_check", None),
+    )  # fmt: skip
+
+
+def probabilities_of(faults: Sequence[FaultFinding], model: Model, score: float) -> dict[str, float]:
+    """Probability of each family that it is the matter, and of none: they add up to one.
+
+    Parameters
+    ----------
+    faults : findings, the surest first. score : largest one that made no finding.
+    """
+    out = dict.fromkeys(FAMILIES, 0.0)
+    free = 1.0
+    for finding in faults:
+        families = sorted({fault(f).family for f in finding.ambiguity})
+        for family in families:
+            lead = 0.7 if family == finding.family and len(families) > 1 else 1.0
+            others = (
+                0.3 / max(len(families) - 1, 1) if len(families) > 1 and family != finding.family else lead
+            )
+            out[family] += free * finding.confidence * others
+        free *= 1.0 - finding.confidence
+    if not faults:
+        doubt = model.calibration.probability(score)
+        out["unknown"], free = doubt, 1.0 - doubt
+    out["healthy"] = free
+    total = sum(out.values())
+    return {k: round(v / total, 4) for k, v in out.items()}
+
+
+def invisible(evidence: Evidence, hypotheses: Sequence[Hypothesis], threshold: float) -> list[Invisible]:
+    """Faults, and the least severity that this log would have shown, had it begun a third into it.
+
+    A fault of severity a has a score of about ``a²/2 var(a)``; it shows where that passes the threshold and the doubt of one
+    amplitude among many.
+    """
+    best: dict[str, float] = {}
+    for h in hypotheses:
+        std = evidence.sharpness(h, evidence.hops // 3)
+        if std is not None:
+            best[h.fault] = min(best.get(h.fault, math.inf), std * math.sqrt(2.0 * (threshold + 2.0)))
+    return [
+        Invisible(fault=name, severity=round(best[name], 2) if best.get(name, math.inf) < 2.0 else None)
+        for name in CATALOGUE
+        if name in best or any(h.fault == name for h in hypotheses)
+    ]
+
+
+def estimates_of(tracked: Tracked, unit: Unit) -> dict[str, Estimate]:
+    """Tracked quantities at the end of what was pushed."""
+    records = tracked.last_records["ekf"]
+    if not records.size:
+        empty = {"baseline": None, "value": None, "std": None, "observable": False}
+        return {n: Estimate.model_validate({"unit": u, **empty}) for n, (u, _, _) in ESTIMATED.items()}
+    values, stds = estimates(records, unit, tracked.model)
+    seen = tracked.observed()
+    healthy = {
+        "leakage": unit.pump.total_leakage / float(records[-1, layout.R_VISCOSITY]),
+        "bulk_modulus": unit.oil.bulk_modulus,
+        "coulomb_friction": healthy_coulomb(unit),
+        "viscous_friction": healthy_viscous(unit),
+    }
+    return {
+        name: Estimate(
+            unit=si,
+            baseline=_significant(healthy[name]),
+            value=_significant(float(values[name][-1])),
+            std=_significant(float(stds[name][-1])),
+            observable=bool(seen[name].valid[-1]) and not tracked.lost,
+            held=_significant(float(seen[name].held[-1])),
+            held_std=_significant(float(seen[name].held_std[-1])),
+            age_s=_significant(float(seen[name].age[-1])),
+            information_std=_significant(float(seen[name].information_std[-1])),
+        )
+        for name, (si, _, _) in ESTIMATED.items()
+    }
+
+
+def _significant(value: float, digits: int = 5) -> float | None:
+    return float(f"{value:.{digits}g}") if np.isfinite(value) else None

@@ -1,0 +1,206 @@
+"""Both estimators over blocks of samples, and what they can be believed of.
+
+The first samples are held back to see which channels there are and how fast they come.
+"""
+
+from __future__ import annotations
+
+import json
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from estimators import eha_layout as layout
+from estimators.observability import Observability, Observed
+from fdd.errors import InputError
+from fdd.residuals.tracking import METHODS, OBSERVABLE, Channels, Tracking, new_watch, watched
+from fdd.samples import CHANNELS, Samples, missing_required
+from fdd.unit import Unit
+
+Array = NDArray[np.float64]
+
+HELD_BACK = 500
+"""Samples that tell channels and period: by number, so that one early row does not make them."""
+
+
+class Tracked:
+    """Run the estimators over blocks and keep what they say.
+
+    Parameters
+    ----------
+    unit : profile. keep : keep all records of both estimators for trajectories.
+
+    Examples
+    --------
+    >>> tracked = Tracked(Unit.load("axis_a"))
+    >>> tracked.push(Samples([0.0], {"position": [0.0]}))
+    >>> tracked.channels
+    ()
+    """
+
+    def __init__(self, unit: Unit, *, keep: bool = False) -> None:
+        self.unit = unit
+        self.keep = keep
+        self.tracking: Tracking | None = None
+        self._held: list[Samples] = []
+        self._kept: dict[str, list[Array]] = {m: [] for m in METHODS}
+        self.last_records = {m: np.empty((0, layout.RECORD)) for m in METHODS}
+        self._watch = new_watch()
+        self._unwatched: list[Array] = []
+        self.lost = False
+        """Whether a filter's state ran away: nothing of it is believed from then on."""
+
+    @property
+    def channels(self) -> tuple[str, ...]:
+        """Channels that carry data; empty until enough samples came."""
+        return () if self.tracking is None else self.tracking.channels.names
+
+    @property
+    def model(self) -> Array:
+        """Parameters of the reduced model."""
+        assert self.tracking is not None
+        return self.tracking.model
+
+    def push(self, samples: Samples) -> None:
+        """Take the next block.
+
+        Raises
+        ------
+        InputError : channels that do not suffice for a diagnosis.
+        """
+        if self.tracking is None:
+            self._held.append(samples)
+            samples = Samples.concatenate(self._held)
+            self._held = [samples]
+            if len(samples) < HELD_BACK:
+                return
+            head = samples.rows(0, HELD_BACK)  # the same rows, whatever block brought the last of them
+            self._start(head)
+            self._held = []
+        assert self.tracking is not None
+        for method, records in self.tracking.push(self.tracking.block(samples)).items():
+            sane = np.isfinite(records).all(axis=1)
+            self.lost |= not bool(sane.all())
+            records = records[sane]
+            if records.size:
+                self.last_records[method] = records[-1:]
+                if self.keep:
+                    self._kept[method].append(records)
+                if method == "ekf":
+                    self._unwatched.append(records)
+        if len(self._unwatched) > 30:  # single records, as they come live, cost as much as hundreds
+            self._catch_up()
+
+    def _start(self, head: Samples) -> None:
+        channels = Channels.of(head)
+        require_channels(channels.names)
+        self.tracking = Tracking(self.unit, channels, float(np.median(np.diff(head.time))))
+
+    def records(self) -> dict[str, Array]:
+        """All records so far of each estimator, (n, RECORD).
+
+        Raises
+        ------
+        ValueError : made with ``keep=False``.
+        """
+        if not self.keep:
+            raise ValueError("records were not kept: make it with keep=True")
+        return {m: np.concatenate(p) if p else np.empty((0, layout.RECORD)) for m, p in self._kept.items()}
+
+    def observed(self) -> dict[str, Observed]:
+        """What the EKF's last record tells of each tracked quantity, (1,) each."""
+        self._catch_up()
+        return self._watch.latest()
+
+    def observed_throughout(self) -> dict[str, Observed]:
+        """What all records so far of the EKF told of each tracked quantity, (n,) each.
+
+        Raises
+        ------
+        ValueError : made with ``keep=False``.
+        """
+        records = self.records()["ekf"]
+        if not records.size:
+            nothing: dict[str, Array] = {name: np.empty(0) for name in OBSERVABLE}
+            return new_watch().push(np.empty(0), nothing, nothing)
+        return self._watched(new_watch(), records)
+
+    def _catch_up(self) -> None:
+        if self._unwatched:
+            self._watched(self._watch, np.concatenate(self._unwatched))
+            self._unwatched = []
+
+    def _watched(self, watch: Observability, records: Array) -> dict[str, Observed]:
+        assert self.tracking is not None
+        tracker = self.tracking.trackers["ekf"]
+        return watched(watch, records, self.unit, tracker.model, tracker.noise)
+
+    def state(self) -> dict[str, Array]:
+        """The whole state as flat named arrays."""
+        self._catch_up()
+        scalars = {
+            "keep": self.keep, "lost": self.lost, "channels": list(self.channels) or None,
+            "period": None if self.tracking is None else self.tracking.period,
+        }  # fmt: skip
+        out: dict[str, Array] = {"tracked": packed(scalars)}
+        if self._held:
+            joined = Samples.concatenate(self._held)
+            out["held/time"] = joined.time
+            out.update({f"held/{n}": joined[n] for n in joined.channels})
+        for m in METHODS:
+            out[f"last/{m}"] = self.last_records[m]
+            if self._kept[m]:
+                out[f"kept/{m}"] = np.concatenate(self._kept[m])
+        out.update({f"watch/{k}": v for k, v in self._watch.state().items()})
+        if self.tracking is not None:
+            for m, arrays in self.tracking.state().items():
+                out.update({f"tracker/{m}/{k}": v for k, v in arrays.items()})
+        return {k: np.array(v) for k, v in out.items()}
+
+    def restore(self, state: dict[str, Array]) -> None:
+        """Go on from a state that `state` gave for the same unit."""
+        scalars = unpacked(state["tracked"])
+        self.keep, self.lost = scalars["keep"], scalars["lost"]
+        held = {k.removeprefix("held/"): v for k, v in state.items() if k.startswith("held/")}
+        self._held = [Samples(held.pop("time"), held)] if held else []
+        for m in METHODS:
+            self.last_records[m] = state[f"last/{m}"].copy()
+            self._kept[m] = [state[f"kept/{m}"].copy()] if f"kept/{m}" in state else []
+        self._unwatched = []
+        self._watch.restore({k.removeprefix("watch/"): v for k, v in state.items() if k.startswith("watch/")})
+        self.tracking = None
+        if scalars["channels"] is not None:
+            self.tracking = Tracking(self.unit, Channels(tuple(scalars["channels"])), scalars["period"])
+            self.tracking.restore(
+                {
+                    m: {k.split("/")[2]: v for k, v in state.items() if k.startswith(f"tracker/{m}/")}
+                    for m in METHODS
+                }
+            )
+
+
+def require_channels(names: tuple[str, ...]) -> None:
+    """Refuse a set of channels that no diagnosis can be made from.
+
+    Raises
+    ------
+    InputError : says which channel is missing.
+    """
+    missing = missing_required(names)
+    if missing:
+        raise InputError(
+            f"no usable data for {', '.join(missing)}",
+            mend=f"map a column to each (channels: {', '.join(CHANNELS)})",
+        )
+
+
+def unpacked(data: Array) -> dict[str, Any]:
+    """JSON scalars that a state carries as bytes."""
+    found: dict[str, Any] = json.loads(bytes(np.asarray(data, dtype=np.uint8)).decode())
+    return found
+
+
+def packed(scalars: dict[str, Any]) -> Array:
+    """JSON scalars as bytes, to travel among a state's arrays."""
+    return np.frombuffer(json.dumps(scalars).encode(), dtype=np.uint8)
