@@ -17,7 +17,9 @@ FAULT = Fault(
     source=ASSUMED,
     next_check="Lead the case drain into a measuring glass, run against a load and compare its flow with "
     "the pump's data sheet.",
-    figures=(Figure("case_leakage", 24e-12, LEAKAGE, "m³/(s·Pa), each port to the case drain"),),
+    figures=(
+        Figure("case_leakage", 24e-12, LEAKAGE, "m³/(s·Pa), each port to the case drain", grows="leakage"),
+    ),
     effects=(Effect("case_leakage", "add", "case_leakage"),),
     # Twice what severity 1 of internal leakage is.
     signatures=(Signature("case", lambda unit: {"volume": {"case": 2.0 * unit.leakage_ratio}}),),

@@ -31,6 +31,7 @@ FAULT = Fault(
             1e-4,
             ORIFICE_FLOW,
             "m³/s at 1 MPa backwards through a check valve stuck open; about its seat's area",
+            grows="orifice",
         ),
     ),
     effects=tuple(Effect(f"open_{side}", "add", "check_valve_flow", side=side) for side in (1, 2)),

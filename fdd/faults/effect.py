@@ -18,6 +18,8 @@ class Figure:
     meaning : with its unit; an assumption where no source is named.
     usual : range that a campaign draws from, for what comes along with a fault. What the catalogue gives as
         severity 1 is not drawn, or a severity would not mean the same in two logs of a data set.
+    grows : with what of a machine's size it goes in proportion, see `fdd.campaign.sizes.Scale.fault_scales`;
+        shares and angles do not.
     """
 
     name: str
@@ -25,6 +27,7 @@ class Figure:
     allowed: tuple[float, float]
     meaning: str
     usual: tuple[float, float] | None = None
+    grows: Literal["", "leakage", "speed_leakage", "orifice", "flow", "pressure"] = ""
 
 
 LEAKAGE = (0.0, 1e-9)

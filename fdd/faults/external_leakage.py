@@ -26,7 +26,11 @@ FAULT = Fault(
     next_check="Wipe that chamber's fittings, hoses and rod seal dry, hold pressure in it for some "
     "minutes and look for fresh oil.",
     sides=(1, 2),
-    figures=(Figure("external_leakage", 6e-12, LEAKAGE, "m³/(s·Pa) from one chamber to the outside"),),
+    figures=(
+        Figure(
+            "external_leakage", 6e-12, LEAKAGE, "m³/(s·Pa) from one chamber to the outside", grows="leakage"
+        ),
+    ),
     effects=tuple(Effect(f"outside_{side}", "add", "external_leakage", side=side) for side in (1, 2)),
     signatures=(
         *(Signature(f"outside {side}", partial(_chamber, side), side=side) for side in (1, 2)),

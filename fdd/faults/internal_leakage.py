@@ -23,6 +23,7 @@ FAULT = Fault(
             12e-12,
             LEAKAGE,
             "m³/(s·Pa) across the ports at 1 MPa, orifice included; 2 to 3 times L_T of section 5.2",
+            grows="leakage",
         ),
         # The rig injects this leakage by a throttling valve (4.6.8), a worn clearance gives a laminar one,
         # and the thesis's own leakage is straight over pressure (figure 5.4).

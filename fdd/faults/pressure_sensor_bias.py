@@ -26,7 +26,15 @@ FAULT = Fault(
     source="3.6 % of the transducer's range",
     next_check="Open the by-pass at rest and read all pressures: both chambers and the accumulator must "
     "agree, and their difference must be zero.",
-    figures=(Figure("pressure_bias", 250e3, (0.0, 1e8), "Pa on the pressure measured; 3.6 % of its range"),),
+    figures=(
+        Figure(
+            "pressure_bias",
+            250e3,
+            (0.0, 1e8),
+            "Pa on the pressure measured; 3.6 % of its range",
+            grows="pressure",
+        ),
+    ),
     in_measurement=True,
     signatures=(
         Signature(

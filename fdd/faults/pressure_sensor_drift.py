@@ -22,6 +22,7 @@ FAULT = Fault(
             5e3,
             (0.0, 1e7),
             "Pa/s on the pressure measured; 3.6 % of the transducer's range within 50 s",
+            grows="pressure",
         ),
     ),
     in_measurement=True,

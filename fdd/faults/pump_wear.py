@@ -25,6 +25,7 @@ FAULT = Fault(
             12e-12,
             LEAKAGE,
             "m³/(s·Pa) across the ports at 100 rad/s; in proportion to speed",
+            grows="speed_leakage",
         ),
         Figure(
             "pump_wear_displacement_loss",

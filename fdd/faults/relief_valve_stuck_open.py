@@ -18,7 +18,13 @@ FAULT = Fault(
     next_check="Block the rod, raise the pressure slowly and note where the pump begins to run away: this "
     "must be near the relief setting, both ways.",
     figures=(
-        Figure("relief_valve_flow", 1e-4, ORIFICE_FLOW, "m³/s at 1 MPa through a relief valve stuck open"),
+        Figure(
+            "relief_valve_flow",
+            1e-4,
+            ORIFICE_FLOW,
+            "m³/s at 1 MPa through a relief valve stuck open",
+            grows="orifice",
+        ),
     ),
     effects=(Effect("relief_open", "add", "relief_valve_flow"),),
     signatures=(

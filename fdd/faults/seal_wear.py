@@ -56,6 +56,7 @@ FAULT = Fault(
             "m³/(s·Pa) from each chamber past its rod to the outside, where the seals are loose (Table 4.1: "
             '"potential external leakage")',
             usual=(0.0, 3e-14),
+            grows="leakage",
         ),
     ),
     effects=(

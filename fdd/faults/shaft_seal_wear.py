@@ -22,6 +22,7 @@ FAULT = Fault(
             1e-6 / 60.0,
             (0.0, 1e-4),
             "m³/s to the outside at `shaft_leakage_pressure`; 1 cm³/min",
+            grows="flow",
         ),
         Figure(
             "shaft_leakage_pressure",
