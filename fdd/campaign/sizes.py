@@ -16,6 +16,7 @@ from typing import Any, TypeVar
 import numpy as np
 
 from fdd.campaign.ranges import Range, Rng, log_uniform, scaled, uniform
+from fdd.faults import CATALOGUE
 from fdd.plant.details import Details
 from fdd.plant.faults.scales import FaultScales
 from fdd.plant.oil import ATMOSPHERE
@@ -272,24 +273,22 @@ class Scale:
         flow, half = unit.pump.displacement * unit.drive.max_speed, 0.5 * rated
         turbulent = drawn.get("internal_leakage_orifice_share", axis["internal_leakage_orifice_share"])
         laminar = (1.0 - turbulent) * half + turbulent * math.sqrt(_MEGAPASCAL * half)
-        leakage = GROSS_LEAKAGE * flow / laminar
-        times = leakage / axis["internal_leakage"]
+        times = GROSS_LEAKAGE * flow / laminar / axis["internal_leakage"]
         stuck = STUCK_FLOW * flow * math.sqrt(_MEGAPASCAL / half)
         soft = _air_compliance(unit.oil.reference_pressure, unit.oil.polytropic_index)
+        factors = {
+            "leakage": times,
+            "speed_leakage": times / self.turning,
+            "orifice": stuck / axis["check_valve_flow"],
+            "flow": self.flow,
+            "pressure": self.pressure,
+        }
+        figures = [figure for entry in CATALOGUE.values() for figure in entry.figures if figure.grows]
         return {
             **drawn,
-            "internal_leakage": leakage,
-            "external_leakage": times * axis["external_leakage"],
-            "pump_wear_leakage": times * axis["pump_wear_leakage"] / self.turning,
-            "case_leakage": times * axis["case_leakage"],
-            "shaft_leakage_flow": self.flow * axis["shaft_leakage_flow"],
+            **{f.name: factors[f.grows] * drawn.get(f.name, f.value) for f in figures},
             "shaft_leakage_pressure": unit.accumulator.charge_pressure + 5e3,
-            "loose_rod_leakage": times * drawn.get("loose_rod_leakage", axis["loose_rod_leakage"]),
             "free_air": min((1.0 / 0.35 - 1.0) / (unit.oil.bulk_modulus * soft), 0.2),
-            "check_valve_flow": stuck,
-            "relief_valve_flow": stuck,
-            "pressure_bias": self.pressure * axis["pressure_bias"],
-            "pressure_drift": self.pressure * axis["pressure_drift"],
         }
 
     def zero_errors(self, errors: Mapping[str, float]) -> dict[str, float]:

@@ -1,0 +1,30 @@
+"""Air in the oil: it is softer, most of all at low pressure."""
+
+from __future__ import annotations
+
+from fdd.faults.effect import Effect, Figure
+from fdd.faults.entry import Fault
+from fdd.faults.signature import Signature
+
+FAULT = Fault(
+    id="aeration",
+    family="aeration",
+    rank=1,
+    title="air in the oil",
+    thesis="4.6.3, 5.4",
+    plant="entrained air: the effective bulk modulus falls, most at low pressure",
+    severity="2.5 % more free air (volume at atmospheric pressure over volume of oil)",
+    source="eqs 5.20 and 5.21: halves to thirds the bulk modulus at charge pressure",
+    next_check="Draw oil from the low side into a glass and look for bubbles, then bleed both chambers "
+    "and take the log again.",
+    figures=(
+        Figure(
+            "free_air",
+            0.025,
+            (0.0, 0.2),
+            "volume of free air added over that of oil; eqs 5.20 and 5.21 turn it into bulk modulus",
+        ),
+    ),
+    effects=(Effect("air", "add", "free_air"),),
+    signatures=(Signature("air", lambda unit: {"volume": {"air": 1.0}}),),
+)

@@ -1,0 +1,26 @@
+"""Case drain seal failure: oil goes from the ports into the case and so into the accumulator."""
+
+from __future__ import annotations
+
+from fdd.faults.effect import LEAKAGE, Effect, Figure
+from fdd.faults.entry import ASSUMED, Fault
+from fdd.faults.signature import Signature
+
+FAULT = Fault(
+    id="case_drain_seal_failure",
+    family="leakage",
+    rank=4,
+    title="case drain seal failure",
+    thesis="Table 4.1",
+    plant="case drain flow into the accumulator, its pressure rises",
+    severity="case leakage of each port +24e-12 m³/(s·Pa)",
+    source=ASSUMED,
+    next_check="Lead the case drain into a measuring glass, run against a load and compare its flow with "
+    "the pump's data sheet.",
+    figures=(
+        Figure("case_leakage", 24e-12, LEAKAGE, "m³/(s·Pa), each port to the case drain", grows="leakage"),
+    ),
+    effects=(Effect("case_leakage", "add", "case_leakage"),),
+    # Twice what severity 1 of internal leakage is.
+    signatures=(Signature("case", lambda unit: {"volume": {"case": 2.0 * unit.leakage_ratio}}),),
+)

@@ -1,0 +1,34 @@
+"""Check valve clogged: its chamber is not refed and cavitates."""
+
+from __future__ import annotations
+
+from functools import partial
+
+from fdd.faults.effect import SHARE, Effect, Figure
+from fdd.faults.entry import ASSUMED, Fault
+from fdd.faults.signature import Columns, Healthy, Signature
+
+
+def _columns(side: int, unit: Healthy) -> Columns:
+    # Pressure below the accumulator's, over the relief setting.
+    return {"refeed": {f"drop_{side}": 0.05}}
+
+
+FAULT = Fault(
+    id="check_valve_clogged",
+    family="check_valve",
+    rank=2,
+    title="check valve clogged",
+    thesis="Table 4.1",
+    plant="no refeeding: the low side cavitates",
+    severity="refeeding flow gain of that side's check valve falls to 0 %",
+    source=ASSUMED,
+    next_check="Take that side's refeeding valve out and blow through it in its free direction: look for "
+    "dirt and a poppet that sticks.",
+    sides=(1, 2),
+    figures=(
+        Figure("check_valve_clogging", 1.0, SHARE, "share of its flow gain that a clogged check valve loses"),
+    ),
+    effects=tuple(Effect(f"refeed_{side}", "lower", "check_valve_clogging", side=side) for side in (1, 2)),
+    signatures=tuple(Signature(f"clogged {side}", partial(_columns, side), side=side) for side in (1, 2)),
+)

@@ -1,0 +1,43 @@
+"""Coupling wear: play between motor and pump, and a speed that swings with the shaft."""
+
+from __future__ import annotations
+
+from fdd.faults.effect import Effect, Figure
+from fdd.faults.entry import ASSUMED, Fault
+from fdd.faults.signature import Signature
+
+FAULT = Fault(
+    id="coupling_wear",
+    family="motor",
+    rank=2,
+    title="coupling wear",
+    thesis="Table 4.1",
+    plant="torsional play, vibration at shaft frequency",
+    severity="2 degrees of play, pump speed swings by 2 % once a turn",
+    source=ASSUMED,
+    next_check="Lock the pump's shaft, turn the motor by hand to both sides and measure the play, then "
+    "check the coupling's insert and its alignment.",
+    figures=(
+        Figure("coupling_play", 0.0349, (0.0, 0.5), "rad between motor and pump; 2 degrees"),
+        Figure(
+            "coupling_eccentricity",
+            0.02,
+            (0.0, 0.5),
+            "pump speed's swing once a turn, over the speed",
+            usual=(0.005, 0.04),
+        ),
+    ),
+    effects=(
+        Effect("play", "add", "coupling_play"),
+        Effect("eccentricity", "add", "coupling_eccentricity"),
+    ),
+    signatures=(
+        # A line's phase is not known, and play shows at twice the shaft's order.
+        Signature(
+            "lines",
+            lambda unit: {"shaft": dict.fromkeys(("cos1", "sin1", "cos2", "sin2"), 0.1)},
+            signed=False,
+            lines=True,
+        ),
+    ),
+)

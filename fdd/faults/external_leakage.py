@@ -1,0 +1,39 @@
+"""External leakage: from one chamber to the outside, through a loose fitting or a hose."""
+
+from __future__ import annotations
+
+from functools import partial
+
+from fdd.faults.effect import LEAKAGE, Effect, Figure
+from fdd.faults.entry import ASSUMED, Fault
+from fdd.faults.signature import Columns, Healthy, Signature
+
+
+def _chamber(side: int, unit: Healthy) -> Columns:
+    # Half of what severity 1 of internal leakage is, from one chamber; the reservoir's drift has this unit.
+    return {"volume": {f"outside_{side}": 0.5 * unit.leakage_ratio}, "reservoir": {"drift": 1.0}}
+
+
+FAULT = Fault(
+    id="external_leakage",
+    family="leakage",
+    rank=2,
+    title="external leakage",
+    thesis="Table 4.1, 4.6.2",
+    plant="flow from one chamber to the outside; the accumulator drains",
+    severity="6e-12 m³/(s·Pa) from one chamber to the outside",
+    source=ASSUMED,
+    next_check="Wipe that chamber's fittings, hoses and rod seal dry, hold pressure in it for some "
+    "minutes and look for fresh oil.",
+    sides=(1, 2),
+    figures=(
+        Figure(
+            "external_leakage", 6e-12, LEAKAGE, "m³/(s·Pa) from one chamber to the outside", grows="leakage"
+        ),
+    ),
+    effects=tuple(Effect(f"outside_{side}", "add", "external_leakage", side=side) for side in (1, 2)),
+    signatures=(
+        *(Signature(f"outside {side}", partial(_chamber, side), side=side) for side in (1, 2)),
+        Signature("reservoir", lambda unit: {"reservoir": {"drift": 1.0}}),
+    ),
+)

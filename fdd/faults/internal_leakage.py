@@ -1,0 +1,44 @@
+"""Internal leakage: across the pump's ports, from one chamber to the other."""
+
+from __future__ import annotations
+
+from fdd.faults.effect import LEAKAGE, SHARE, Effect, Figure
+from fdd.faults.entry import Fault
+from fdd.faults.signature import Signature
+
+FAULT = Fault(
+    id="internal_leakage",
+    family="leakage",
+    rank=1,
+    title="internal leakage",
+    thesis="4.6.8",
+    plant="more flow across the ports, laminar plus orifice",
+    severity="cross-port leakage +12e-12 m³/(s·Pa) at 1 MPa, a tenth of it through an orifice",
+    source="2 to 3 times the healthy L_T of section 5.2, 0.7 L/min at 1 MPa; assumption: the orifice's part",
+    next_check="Block the rod, hold half the relief pressure and read the pump's speed: displacement "
+    "times speed over pressure is the leakage across the ports.",
+    figures=(
+        Figure(
+            "internal_leakage",
+            12e-12,
+            LEAKAGE,
+            "m³/(s·Pa) across the ports at 1 MPa, orifice included; 2 to 3 times L_T of section 5.2",
+            grows="leakage",
+        ),
+        # The rig injects this leakage by a throttling valve (4.6.8), a worn clearance gives a laminar one,
+        # and the thesis's own leakage is straight over pressure (figure 5.4).
+        Figure(
+            "internal_leakage_orifice_share",
+            0.1,
+            SHARE,
+            "part of that flow at 1 MPa which is turbulent",
+            usual=(0.0, 0.25),
+        ),
+    ),
+    effects=(
+        Effect("cross_leakage", "add", "internal_leakage", less="internal_leakage_orifice_share"),
+        # An orifice is given by its flow at 1 MPa.
+        Effect("cross_orifice", "add", "internal_leakage", times=("internal_leakage_orifice_share", 1e6)),
+    ),
+    signatures=(Signature("internal leakage", lambda unit: {"volume": {"leak": unit.leakage_ratio}}),),
+)

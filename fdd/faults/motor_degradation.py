@@ -1,0 +1,48 @@
+"""Motor degradation: a worn winding gives less torque for its current."""
+
+from __future__ import annotations
+
+from fdd.faults.effect import SHARE, Effect, Figure
+from fdd.faults.entry import ASSUMED, Fault
+from fdd.faults.signature import Columns, Healthy, Signature
+
+_MORE_CURRENT = 0.43
+"""1/0.7 - 1: what the same torque takes, of a motor with 70 % of its torque constant."""
+
+
+def _columns(unit: Healthy) -> Columns:
+    loads = ("pressure", "inertia", "dry", "viscous", "mesh")
+    return {"torque": {name: _MORE_CURRENT * unit.mean("torque", name) for name in loads}}
+
+
+FAULT = Fault(
+    id="motor_degradation",
+    family="motor",
+    rank=1,
+    title="motor degradation",
+    thesis="Table 4.1",
+    plant="torque constant down, winding resistance up, current limit down",
+    severity="torque constant -30 %, winding resistance +50 %, current limit -20 %",
+    source=ASSUMED,
+    next_check="Measure each phase's winding resistance cold and the back EMF at a known speed, and "
+    "compare both with the motor's data sheet.",
+    figures=(
+        Figure("torque_loss", 0.3, (0.0, 0.95), "share of the torque constant"),
+        Figure(
+            "resistance_gain", 0.5, (0.0, 10.0), "rise of the winding resistance, relative", usual=(0.2, 0.8)
+        ),
+        Figure(
+            "current_limit_loss",
+            0.2,
+            SHARE,
+            "share of the current limit, which a drive lowers for a winding that runs hot",
+            usual=(0.0, 0.4),
+        ),
+    ),
+    effects=(
+        Effect("torque", "lower", "torque_loss"),
+        Effect("resistance", "raise", "resistance_gain"),
+        Effect("current_limit", "lower", "current_limit_loss"),
+    ),
+    signatures=(Signature("motor", _columns),),
+)

@@ -1,0 +1,45 @@
+"""Oil degradation: viscous friction and leakage change with viscosity."""
+
+from __future__ import annotations
+
+from functools import partial
+
+from fdd.faults.effect import Effect, Figure
+from fdd.faults.entry import ASSUMED, Fault
+from fdd.faults.signature import Columns, Healthy, Signature
+
+_VISCOSITY = {"thin": 0.5, "thick": 2.0}
+
+
+def _columns(ratio: float, unit: Healthy) -> Columns:
+    laminar = ("leak", "leak_square", "case", "wear")
+    return {
+        "volume": {name: (1.0 / ratio - 1.0) * unit.mean("volume", name) for name in laminar},
+        "torque": {"viscous": (ratio - 1.0) * unit.mean("torque", "viscous")},
+    }
+
+
+FAULT = Fault(
+    id="oil_degradation",
+    family="friction",
+    rank=1,
+    title="oil degradation",
+    thesis="Table 4.1",
+    plant="viscous friction and leakage change with viscosity",
+    severity="thin: viscosity falls to 50 %; thick: it rises to 200 %",
+    source=ASSUMED,
+    next_check="Take an oil sample at working temperature and have its viscosity at 40 °C compared with "
+    "its grade.",
+    variants=tuple(_VISCOSITY),
+    figures=(
+        Figure("thin_viscosity", _VISCOSITY["thin"], (0.05, 1.0), "of the oil over that of sound oil"),
+        Figure("thick_viscosity", _VISCOSITY["thick"], (1.0, 20.0), "of the oil over that of sound oil"),
+    ),
+    # The plant itself takes viscosity into leakages and viscous friction.
+    effects=tuple(
+        Effect("viscosity", "towards", f"{variant}_viscosity", variants=(variant,)) for variant in _VISCOSITY
+    ),
+    signatures=tuple(
+        Signature(variant, partial(_columns, ratio), variant=variant) for variant, ratio in _VISCOSITY.items()
+    ),
+)

@@ -1,0 +1,60 @@
+"""Pressure sensor bias: a transducer's zero is off."""
+
+from __future__ import annotations
+
+from fdd.faults.effect import Figure
+from fdd.faults.entry import Fault
+from fdd.faults.signature import Columns, Healthy, Signature
+
+_BIAS = 0.073
+"""Of the relief setting: 250 kPa of 3.44 MPa."""
+
+
+def _by_torque(unit: Healthy) -> Columns:
+    # A pressure that is not there takes no current.
+    return {"torque": {"zero": -_BIAS * unit.mean("torque", "pressure")}}
+
+
+FAULT = Fault(
+    id="pressure_sensor_bias",
+    family="sensor",
+    rank=1,
+    title="pressure sensor bias",
+    thesis="Appendix A",
+    plant="a constant added to the pressure measured",
+    severity="250 kPa on the differential pressure",
+    source="3.6 % of the transducer's range",
+    next_check="Open the by-pass at rest and read all pressures: both chambers and the accumulator must "
+    "agree, and their difference must be zero.",
+    figures=(
+        Figure(
+            "pressure_bias",
+            250e3,
+            (0.0, 1e8),
+            "Pa on the pressure measured; 3.6 % of its range",
+            grows="pressure",
+        ),
+    ),
+    in_measurement=True,
+    signatures=(
+        Signature(
+            "bias dp",
+            lambda unit: {"coherence": {"zero": _BIAS}},
+            signed=False,
+            channel="pressure_difference",
+        ),
+        Signature("bias dp by torque", _by_torque, signed=False, channel="pressure_difference"),
+        Signature(
+            "bias p1",
+            lambda unit: {"coherence": {"zero": -_BIAS}, "refeed": {"drop_1": -_BIAS}},
+            signed=False,
+            channel="pressure_1",
+        ),
+        Signature(
+            "bias p2",
+            lambda unit: {"coherence": {"zero": _BIAS}, "refeed": {"drop_2": -_BIAS}},
+            signed=False,
+            channel="pressure_2",
+        ),
+    ),
+)

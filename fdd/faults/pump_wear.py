@@ -1,0 +1,58 @@
+"""Pump gear wear: the pump loses the more the faster it turns, and its flow ripples."""
+
+from __future__ import annotations
+
+from fdd.faults.effect import LEAKAGE, Effect, Figure
+from fdd.faults.entry import ASSUMED, Fault
+from fdd.faults.signature import Signature
+
+_DISPLACEMENT_LOSS = 0.02
+
+FAULT = Fault(
+    id="pump_wear",
+    family="leakage",
+    rank=3,
+    title="pump gear wear",
+    thesis="Table 4.1",
+    plant="volumetric loss that grows with pressure and speed, more flow ripple",
+    severity="cross-port leakage +12e-12 m³/(s·Pa) at 100 rad/s, displacement -2 %, flow ripple +5 %",
+    source=ASSUMED,
+    next_check="Measure the leakage across the ports at one pressure, at low and at full speed: only a "
+    "worn gear loses more as it turns faster.",
+    figures=(
+        Figure(
+            "pump_wear_leakage",
+            12e-12,
+            LEAKAGE,
+            "m³/(s·Pa) across the ports at 100 rad/s; in proportion to speed",
+            grows="speed_leakage",
+        ),
+        Figure(
+            "pump_wear_displacement_loss",
+            _DISPLACEMENT_LOSS,
+            (0.0, 0.5),
+            "share of the displacement",
+            usual=(0.0, 0.04),
+        ),
+        Figure(
+            "pump_wear_ripple",
+            0.05,
+            (0.0, 0.5),
+            "amplitude of the flow ripple added, over the mean flow; Table 4.1: more noise",
+            usual=(0.01, 0.1),
+        ),
+    ),
+    effects=(
+        Effect("speed_leakage", "add", "pump_wear_leakage", over=100.0),  # rad/s
+        Effect("displacement", "lower", "pump_wear_displacement_loss"),
+        Effect("ripple", "add", "pump_wear_ripple"),
+    ),
+    signatures=(
+        Signature(
+            "pump wear",
+            lambda unit: {
+                "volume": {"wear": unit.leakage_ratio * unit.speed_ratio, "gain": -_DISPLACEMENT_LOSS}
+            },
+        ),
+    ),
+)

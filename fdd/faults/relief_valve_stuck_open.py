@@ -1,0 +1,35 @@
+"""Relief valve stuck open: oil goes over it far below its setting."""
+
+from __future__ import annotations
+
+from fdd.faults.effect import ORIFICE_FLOW, Effect, Figure
+from fdd.faults.entry import ASSUMED, Fault
+from fdd.faults.signature import Signature
+
+FAULT = Fault(
+    id="relief_valve_stuck_open",
+    family="relief_valve",
+    rank=1,
+    title="relief valve stuck open",
+    thesis="Table 4.1",
+    plant="flow over the relief valve far below its setting",
+    severity="passes 1e-4 m³/s at 1 MPa from the chamber of higher pressure to the other (orifice)",
+    source=ASSUMED,
+    next_check="Block the rod, raise the pressure slowly and note where the pump begins to run away: this "
+    "must be near the relief setting, both ways.",
+    figures=(
+        Figure(
+            "relief_valve_flow",
+            1e-4,
+            ORIFICE_FLOW,
+            "m³/s at 1 MPa through a relief valve stuck open",
+            grows="orifice",
+        ),
+    ),
+    effects=(Effect("relief_open", "add", "relief_valve_flow"),),
+    signatures=(
+        Signature("relief", lambda unit: {"volume": {"relief_12": 1.0, "relief_21": 1.0}}),
+        Signature("relief_12", lambda unit: {"volume": {"relief_12": 1.0}}),
+        Signature("relief_21", lambda unit: {"volume": {"relief_21": 1.0}}),
+    ),
+)

@@ -1,0 +1,35 @@
+"""Pump shaft seal wear: the case drips to the outside."""
+
+from __future__ import annotations
+
+from fdd.faults.effect import Effect, Figure
+from fdd.faults.entry import Fault
+
+FAULT = Fault(
+    id="shaft_seal_wear",
+    family="leakage",
+    rank=5,
+    title="pump shaft seal wear",
+    thesis="Table 4.1",
+    plant="slow loss from the case drain to the outside",
+    severity="1 cm³/min from the case drain to the outside, at 487 kPa in the case",
+    source="assumption: a steady drip, which empties the 13 cm³ accumulator within minutes",
+    next_check="Look for oil on the shaft between motor and pump, and compare the accumulator's pressure "
+    "at rest with that of the last visit.",
+    figures=(
+        Figure(
+            "shaft_leakage_flow",
+            1e-6 / 60.0,
+            (0.0, 1e-4),
+            "m³/s to the outside at `shaft_leakage_pressure`; 1 cm³/min",
+            grows="flow",
+        ),
+        Figure(
+            "shaft_leakage_pressure",
+            4.87e5,
+            (1e3, 1e7),
+            "Pa, the case's at rest: the thesis's mid charge pressure, 482 kPa, and 5 of its valve",
+        ),
+    ),
+    effects=(Effect("shaft_leakage", "add", "shaft_leakage_flow", over="shaft_leakage_pressure"),),
+)

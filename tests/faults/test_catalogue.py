@@ -1,0 +1,139 @@
+"""The catalogue: what the contract promises, and that each entry says what it means."""
+
+from __future__ import annotations
+
+import ast
+import re
+import sys
+from pathlib import Path
+
+import pytest
+
+import fdd.faults
+from fdd.errors import InputError
+from fdd.faults import CATALOGUE, FAMILIES, Fault, fault, faults_of
+from fdd.plant.details import Details
+from fdd.plant.faults.injection import PARAMETERS
+from fdd.plant.sensors import SENSOR_FAULTS
+
+# The contract's table, in its order; nothing may be renamed or moved to another family.
+PROMISED = {
+    "internal_leakage": "leakage",
+    "external_leakage": "leakage",
+    "pump_wear": "leakage",
+    "case_drain_seal_failure": "leakage",
+    "shaft_seal_wear": "leakage",
+    "seal_wear": "seal_wear",
+    "aeration": "aeration",
+    "check_valve_stuck_open": "check_valve",
+    "check_valve_clogged": "check_valve",
+    "relief_valve_stuck_open": "relief_valve",
+    "oil_degradation": "friction",
+    "motor_degradation": "motor",
+    "coupling_wear": "motor",
+    "pressure_sensor_bias": "sensor",
+    "pressure_sensor_drift": "sensor",
+    "position_sensor_slip": "sensor",
+    "sensor_dropout": "sensor",
+    "unknown": "unknown",
+}
+ENTRIES = [f for f in CATALOGUE.values() if f.id != "unknown"]
+
+
+def test_ids_and_families_are_the_promised_ones() -> None:
+    # Others may be added.
+    known = {f.id: f.family for f in CATALOGUE.values() if f.id in PROMISED}
+    assert known == PROMISED
+    assert list(known) == list(PROMISED)
+
+
+def test_families_are_the_keys_of_an_answers_probabilities() -> None:
+    assert FAMILIES == (
+        "healthy", "leakage", "seal_wear", "aeration", "check_valve", "relief_valve", "friction", "motor",
+        "sensor", "unknown",
+    )  # fmt: skip
+    assert {f.family for f in CATALOGUE.values()} == set(FAMILIES) - {"healthy"}
+
+
+@pytest.mark.parametrize("entry", ENTRIES, ids=lambda f: f.id)
+def test_each_entry_says_what_severity_one_means(entry: Fault) -> None:
+    # A figure with its unit; of sensors that drop out, when.
+    unit = r"(%|m³/\(s·Pa\)|m³/s|cm³/min|kPa|kPa/s|mm|degrees|s)"
+    assert re.search(rf"\d {unit}(?=[\s,;.)]|$)", entry.severity), entry.severity
+    assert entry.source, "where does that scale come from?"
+    assert entry.plant and entry.thesis and entry.title
+    for variant in entry.variants:
+        assert f"{variant}:" in entry.severity, f"severity of variant {variant}"
+
+
+@pytest.mark.parametrize("entry", CATALOGUE.values(), ids=lambda f: f.id)
+def test_each_entry_says_in_one_sentence_what_a_technician_does(entry: Fault) -> None:
+    assert re.fullmatch(r"[A-Z][^.\n]*(\d\.\d[^.\n]*)*\.", entry.next_check), entry.next_check
+    assert len(entry.next_check.split()) >= 10, "what with, and what is looked for?"
+
+
+@pytest.mark.parametrize("entry", ENTRIES, ids=lambda f: f.id)
+def test_effects_name_what_there_is(entry: Fault) -> None:
+    assert entry.simulated
+    assert entry.in_measurement == (entry.id in SENSOR_FAULTS) == (not entry.effects)
+    figures = {f.name for f in entry.figures}
+    used = set()
+    for effect in entry.effects:
+        assert effect.parameter in PARAMETERS
+        assert effect.side is None or effect.side in entry.sides
+        assert set(effect.variants) <= set(entry.variants)
+        used |= {n for n in effect.numbers if isinstance(n, str)}
+    assert used <= figures | set(Details.model_fields)
+    assert figures <= used or entry.in_measurement, "a figure without effect"
+
+
+@pytest.mark.parametrize("entry", ENTRIES, ids=lambda f: f.id)
+def test_each_choice_of_side_and_variant_differs_from_the_others(entry: Fault) -> None:
+    choices = [(side, variant) for side in entry.sides or (None,) for variant in entry.variants or (None,)]
+    if entry.effects:
+        assert len({tuple(e for e in entry.effects if e.goes_with(*choice)) for choice in choices}) == len(
+            choices
+        )
+        assert all(any(e.goes_with(*choice) for e in entry.effects) for choice in choices)
+
+
+def test_figures_have_one_name_and_are_within_what_is_allowed() -> None:
+    figures = [f for entry in CATALOGUE.values() for f in entry.figures]
+    names = [f.name for f in figures]
+    assert len(set(names)) == len(names)
+    assert not set(names) & set(Details.model_fields), "an effect could not tell them apart"
+    for figure in figures:
+        low, high = figure.allowed
+        assert low <= figure.value <= high
+        if figure.usual:
+            assert low <= figure.usual[0] <= figure.value <= figure.usual[1] <= high
+
+
+@pytest.mark.parametrize("path", sorted(Path(fdd.faults.__file__).parent.glob("*.py")), ids=lambda p: p.stem)
+def test_the_catalogue_needs_nothing_but_the_standard_library(path: Path) -> None:
+    """Plant and diagnosis both read it, so it may know neither."""
+    for node in ast.walk(ast.parse(path.read_text("utf-8"))):
+        names = [a.name for a in node.names] if isinstance(node, ast.Import) else []
+        names += [str(node.module)] if isinstance(node, ast.ImportFrom) else []
+        for name in names:
+            ours = name == "fdd.errors" or name.startswith("fdd.faults")
+            assert ours or name.split(".")[0] in sys.stdlib_module_names, name
+
+
+@pytest.mark.parametrize("entry", CATALOGUE.values(), ids=lambda f: f.id)
+def test_key_is_the_id(entry: Fault) -> None:
+    assert fault(entry.id) is entry
+    assert entry.id in faults_of(entry.family)
+
+
+def test_every_family_lists_its_faults_once() -> None:
+    listed = [name for family in FAMILIES for name in faults_of(family)]
+    assert listed == list(CATALOGUE)
+
+
+def test_unknown_id_lists_the_catalogue() -> None:
+    with pytest.raises(InputError) as caught:
+        fault("leek")
+    line = str(caught.value)
+    assert line.startswith("unknown fault 'leek'; the catalogue has: internal_leakage, ")
+    assert all(name in line for name in PROMISED)

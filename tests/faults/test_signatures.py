@@ -1,0 +1,119 @@
+"""Signatures: every name exists, and severity 1 means the same as by the plant's figures."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import pytest
+
+from fdd.balances.balances import BALANCES
+from fdd.balances.effects import first_effects
+from fdd.balances.quantities import Scales
+from fdd.faults import CATALOGUE, Fault, Signature
+from fdd.samples import CHANNELS
+from fdd.unit import Unit
+
+UNITS = ("axis_a", "axis_b")
+SIGNATURES = [(entry, signature) for entry in CATALOGUE.values() for signature in entry.signatures]
+FIGURES = {figure.name: figure.value for entry in CATALOGUE.values() for figure in entry.figures}
+# A drip takes hours to show; what these sensors do is told by the sensors' own checks.
+WITHOUT = {
+    "shaft_seal_wear", "pressure_sensor_drift", "position_sensor_slip", "sensor_dropout", "unknown",
+}  # fmt: skip
+
+
+@dataclass(frozen=True)
+class TypicalUnit:
+    """A healthy unit of which only the data sheet is known."""
+
+    scales: Scales
+
+    @property
+    def leakage_ratio(self) -> float:
+        return self.scales.fault_leakage / self.scales.leakage
+
+    @property
+    def speed_ratio(self) -> float:
+        return self.scales.speed / 100.0
+
+    def mean(self, balance: str, column: str) -> float:
+        return float(first_effects(balance).mean[BALANCES[balance].columns.index(column)])
+
+
+def typical(name: str) -> TypicalUnit:
+    return TypicalUnit(Scales.of(Unit.load(name)))
+
+
+def test_every_fault_has_a_signature_or_a_reason() -> None:
+    assert {entry.id for entry in CATALOGUE.values() if not entry.signatures} == WITHOUT
+
+
+@pytest.mark.parametrize(
+    ("entry", "signature"), SIGNATURES, ids=lambda x: getattr(x, "id", getattr(x, "label", ""))
+)
+@pytest.mark.parametrize("unit", UNITS)
+def test_names_exist_and_columns_are_finite(entry: Fault, signature: Signature, unit: str) -> None:
+    found = signature.columns(typical(unit))
+    assert found
+    for balance, columns in found.items():
+        assert set(columns) <= set(BALANCES[balance].columns)
+        values = np.array(list(columns.values()))
+        assert np.isfinite(values).all() and values.any()
+    assert signature.side is None or signature.side in entry.sides
+    assert signature.variant is None or signature.variant in entry.variants
+    assert signature.channel is None or signature.channel in CHANNELS
+    assert not signature.lines or not signature.signed, "a line has a phase"
+    assert (signature.channel is not None) == entry.in_measurement
+
+
+@pytest.mark.parametrize("entry", CATALOGUE.values(), ids=lambda f: f.id)
+def test_labels_tell_the_signatures_of_a_fault_apart(entry: Fault) -> None:
+    labels = [signature.label for signature in entry.signatures]
+    assert len(set(labels)) == len(labels)
+
+
+@pytest.mark.parametrize("entry", [e for e in CATALOGUE.values() if e.signatures and not e.in_measurement])
+def test_each_side_and_variant_can_be_named(entry: Fault) -> None:
+    assert {s.side for s in entry.signatures} >= set(entry.sides)
+    assert {s.variant for s in entry.signatures} >= set(entry.variants)
+
+
+@pytest.mark.parametrize("name", UNITS)
+def test_severity_one_is_the_same_in_the_plant_and_in_the_balances(name: str) -> None:
+    """Coefficients in the units of their columns (`fdd.balances.balances`) against the plant's figures."""
+    unit = typical(name)
+    scales = unit.scales
+
+    def change(fault: str, balance: str, column: str, index: int = 0) -> float:
+        return CATALOGUE[fault].signatures[index].columns(unit)[balance][column]
+
+    leak, orifice = (
+        scales.leakage,
+        scales.orifice * np.sqrt(1e6),
+    )  # orifices' columns are per root of pressure
+    drop = 0.5 * scales.pressure
+    expected = {
+        "internal_leakage": leak * change("internal_leakage", "volume", "leak"),
+        "case_leakage": leak * change("case_drain_seal_failure", "volume", "case"),
+        "external_leakage": leak * change("external_leakage", "volume", "outside_1"),
+        # The column is per full speed, the figure per 100 rad/s.
+        "pump_wear_leakage": leak * change("pump_wear", "volume", "wear") * 100.0 / scales.speed,
+        "pump_wear_displacement_loss": -change("pump_wear", "volume", "gain"),
+        "free_air": 0.025 * change("aeration", "volume", "air"),
+        "check_valve_flow": orifice * change("check_valve_stuck_open", "volume", "valve_1"),
+        "relief_valve_flow": orifice * change("relief_valve_stuck_open", "volume", "relief_12"),
+        "pressure_bias": scales.pressure * change("pressure_sensor_bias", "coherence", "zero"),
+        # The same pressure takes 1/(1 - loss) of the current.
+        "torque_loss": 1.0 - 1.0 / (1.0 + change("motor_degradation", "torque", "pressure")),
+        "thin_viscosity": 1.0
+        + change("oil_degradation", "torque", "viscous") / unit.mean("torque", "viscous"),
+        "thick_viscosity": 1.0 / (1.0 + change("oil_degradation", "volume", "leak", 1)),
+        "loose_friction": 1.0 + change("seal_wear", "force", "friction_forward"),
+        "tight_friction": 1.0 + change("seal_wear", "force", "friction_reverse", 3),
+    }
+    for figure, value in expected.items():
+        assert value == pytest.approx(FIGURES[figure], rel=0.01), figure
+    # What leaves one chamber at half the relief pressure also leaves the reservoir.
+    lost = 0.5 * scales.fault_leakage * drop * change("external_leakage", "reservoir", "drift")
+    assert lost == pytest.approx(FIGURES["external_leakage"] * drop)
