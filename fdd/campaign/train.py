@@ -1,58 +1,49 @@
-"""From a generated data set to a model: identify each unit, track each log, train, and say how good it is."""
+"""From a generated data set to a model: what healthy logs' scores reach, and what a score is worth."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import Any
 
 import numpy as np
+from sklearn.linear_model import LogisticRegression
 
 from fdd.campaign.dataset import Dataset, Entry
 from fdd.campaign.units import Progress, for_each_unit
 from fdd.diagnosis.baseline import add_baseline
-from fdd.diagnosis.model import Model
-from fdd.diagnosis.training import LabelledLog, data_digest, run_test, train_model, verdict_of
+from fdd.diagnosis.model import AlarmTail, Calibration, Model
+from fdd.diagnosis.pipeline import Pipeline
 from fdd.errors import InputError
 from fdd.identify import identify_unit
-from fdd.residuals.features import FEATURES, WINDOW
-from fdd.residuals.windows import ResidualWindows, baseline_spread
 from fdd.unit import Unit
 
-ACTING, ABSENT = 0.1, 0.02
-"""Mean severity within a window from which it counts as faulty, and below which as healthy."""
+LEAST_LOGS = 8
+"""Healthy, and faulty, logs below which nothing is learnt."""
 
 
 @dataclass(frozen=True)
-class TrainingReport:
-    """Cross-validated results over logs.
+class ScoredLog:
+    """What one log's evidence came to.
 
     Attributes
     ----------
-    families : families of the logs, then answers that no log has: the columns of `confusion`.
-    confusion : (true families, families + 1) logs by true family and answer, the last column not detected.
-    false_alarms, healthy_hours : alarms before any fault acts, and the hours looked at.
-    delays : s from onset to alarm of the detected logs.
+    structure : of its unit, where the recipe has several. family : true one. answer : leading one, "" for none.
+    score : the largest. healthy_s : s before a fault acts.
     """
 
-    families: list[str]
-    confusion: np.ndarray[Any, np.dtype[np.int64]]
-    false_alarms: int
-    healthy_hours: float
-    delays: np.ndarray[Any, np.dtype[np.float64]]
-
-    @property
-    def isolated(self) -> float:
-        """Share of faulty logs whose family is the answer."""
-        faulty = [i for i in range(self.confusion.shape[0]) if self.families[i] != "healthy"]
-        return float(sum(self.confusion[i, i] for i in faulty) / max(self.confusion[faulty].sum(), 1))
+    unit: str
+    structure: str
+    family: str
+    answer: str
+    score: float
+    healthy_s: float
 
 
 def train(
     directory: str | Path, *, workers: int = 2, progress: Progress | None = None
-) -> tuple[Model, TrainingReport]:
-    """Train a model on a data set.
+) -> tuple[Model, list[ScoredLog]]:
+    """Learn a model from a data set.
 
     Parameters
     ----------
@@ -63,17 +54,37 @@ def train(
     InputError : not a data set, without baselines, or too small.
     """
     data = Dataset.load(directory)
-    logs = labelled_logs(data, workers=workers, progress=progress)
-    sha = data_digest(logs)
+    logs = for_each_unit(partial(_scored, str(data.directory)), data.units, workers=workers, progress=progress)
     name = f"{data.recipe.name} (seed {data.recipe.seed}, {len(data.units)} units, {len(data.logs)} logs)"
-    model = train_model(logs, data=name, data_sha256=sha)
-    return model, cross_validated(logs, model)
+    return learnt(logs, name), logs
 
 
-def labelled_logs(data: Dataset, *, workers: int = 2, progress: Progress | None = None) -> list[LabelledLog]:
-    """Windows and labels of every log, on profiles identified from each unit's own baseline."""
-    work = partial(_unit_logs, str(data.directory))
-    return for_each_unit(work, data.units, workers=workers, progress=progress)
+def learnt(logs: list[ScoredLog], data: str) -> Model:
+    """Tail and calibration of scored logs.
+
+    Raises
+    ------
+    InputError : too few healthy or faulty logs.
+    """
+    peaks = np.array([x.score for x in logs if x.family == "healthy"])
+    faulty = np.array([x.score for x in logs if x.family != "healthy"])
+    if min(peaks.size, faulty.size) < LEAST_LOGS:
+        raise InputError(
+            f"{peaks.size} healthy and {faulty.size} faulty logs",
+            mend=f"at least {LEAST_LOGS} of each are needed",
+        )
+    hours = sum(x.healthy_s for x in logs if x.family == "healthy") / 3600.0
+    height = float(np.median(peaks))
+    over = peaks[peaks > height] - height
+    tail = AlarmTail(
+        height=round(height, 3), rate_per_hour=round(over.size / hours, 4),
+        scale=round(float(over.mean()), 4), hours=round(hours, 2),
+    )  # fmt: skip
+    x = np.concatenate([peaks, faulty])[:, None]
+    fit = LogisticRegression().fit(x, np.repeat([0, 1], [peaks.size, faulty.size]))
+    slope = float(fit.coef_[0, 0])
+    calibration = Calibration(midpoint=round(float(-fit.intercept_[0] / slope), 3), slope=round(slope, 4))
+    return Model(data=data, tail=tail, calibration=calibration)
 
 
 def identified_unit(data: Dataset, unit: str) -> Unit:
@@ -86,57 +97,20 @@ def identified_unit(data: Dataset, unit: str) -> Unit:
     return add_baseline(identify_unit(runs, data.base_unit(unit), unit).unit, runs)
 
 
-def _unit_logs(directory: str, unit: str) -> list[LabelledLog]:
+def _scored(directory: str, unit: str) -> list[ScoredLog]:
     data = Dataset.load(directory)
     profile = identified_unit(data, unit)
-    out = []
-    for entry in data.logs_of(unit):
-        times, features = ResidualWindows(profile).push(data.samples(entry))
-        log = _labelled(data, entry, times, features)
-        log.spread = baseline_spread(profile)
-        out.append(log)
-    return out
+    return [_score(data, entry, profile) for entry in data.logs_of(unit)]
 
 
-def _labelled(data: Dataset, entry: Entry, times: Any, features: Any) -> LabelledLog:
-    family = entry.faults[0].family if entry.faults else "healthy"
-    labels = np.full(len(times), "healthy", dtype="U20")
-    onset = np.nan
-    if entry.faults:
-        onset = entry.faults[0].onset_s
-        truth = data.truth(entry)
-        severity = np.max([truth.severity[f.fault] for f in entry.faults], axis=0)
-        ever = False
-        for k, end in enumerate(times):
-            within = (truth.time > end - WINDOW) & (truth.time <= end)
-            mean = float(severity[within].mean()) if within.any() else 0.0
-            ever = ever or mean > ABSENT
-            # In between, and while an intermittent fault pauses, neither label would be right.
-            labels[k] = family if mean >= ACTING else ("" if ever else "healthy")
-    return LabelledLog(entry.unit, family, times, features.reshape(-1, len(FEATURES)), labels, onset)
-
-
-def cross_validated(logs: list[LabelledLog], model: Model) -> TrainingReport:
-    """Detection and isolation over logs from out-of-fold probabilities."""
-    families = sorted({log.family for log in logs})
-    columns = [*families, *sorted(set(model.classes) - set(families))]
-    confusion = np.zeros((len(families), len(columns) + 1), dtype=np.int64)
-    false_alarms, hours, delays = 0, 0.0, []
-    for log in logs:
-        if not log.features.shape[0]:
-            continue
-        test = run_test(log, model)
-        row = families.index(log.family)
-        healthy_s = (log.times[-1] if np.isnan(log.onset) else log.onset) - log.times[0]
-        hours += max(float(healthy_s), 0.0) / 3600.0
-        early = test.alarmed and (np.isnan(log.onset) or test.alarm_time < log.onset)
-        false_alarms += int(early)
-        if not test.alarmed:
-            confusion[row, -1] += 1
-            continue
-        shares = verdict_of(log, model, test)
-        answer = max((c for c in model.classes if c != "healthy"), key=lambda c: shares[c])
-        confusion[row, columns.index(answer)] += 1
-        if not np.isnan(log.onset) and not early:
-            delays.append(test.alarm_time - log.onset)
-    return TrainingReport(columns, confusion, false_alarms, hours, np.array(delays))
+def _score(data: Dataset, entry: Entry, profile: Unit) -> ScoredLog:
+    pipeline = Pipeline(profile, log=entry.file, keep_trajectories=False)
+    pipeline.push(data.samples(entry))
+    found = pipeline.finish()
+    hydraulic = [f for f in found.faults if f.family != "sensor" or f.severity is not None]
+    onset = min((f.onset_s for f in entry.faults), default=found.duration_s)
+    return ScoredLog(
+        unit=entry.unit, structure=getattr(entry, "structure", "") or "",
+        family=entry.faults[0].family if entry.faults else "healthy",
+        answer=hydraulic[0].family if hydraulic else "", score=pipeline.largest_score, healthy_s=onset,
+    )  # fmt: skip

@@ -42,7 +42,12 @@ def fault_finding(
     group = found.group
     share = sum(found.shares.get(f, 0.0) for f in group)
     where = [(first_hop + int(k)) * HOP_S for k in _likely(lead.profile / lead.kappa, lead.onsets)]
-    words = {"step": "from", "ramp": "growing from", "intermittent": "on and off from"}[lead.kind]
+    words = {
+        "step": "from",
+        "ramp": "growing from",
+        "drift": "drifting from",
+        "intermittent": "on and off from",
+    }[lead.kind]
     titles = [BALANCES[name].title for name in h.columns]
     sentences = [
         f"The balance of {' and '.join(titles)} does not close {words} {onset:.1f} s on; {fault(h.fault).title} of severity "
@@ -51,7 +56,8 @@ def fault_finding(
     if len(group) > 1:
         sentences.append(
             "In this log " + ", ".join(fault(f).title for f in group) + " would look alike: "
-            + ", ".join(f"{fault(f).title} {100 * found.shares[f] / max(share, 1e-9):.0f} %" for f in group) + "."
+            + ", ".join(f"{fault(f).title} {100 * found.shares[f] / max(share, 1e-9):.0f} %" for f in group)
+            + "."
         )  # fmt: skip
     return FaultFinding(
         fault=h.fault, family=fault(h.fault).family, ambiguity=group,
@@ -60,7 +66,7 @@ def fault_finding(
         severity_interval=(round(max(size - Z80 * std, 0.0), 3), round(size + Z80 * std, 3)),
         onset_interval=(round(min([*where, onset]), 2), round(max([*where, onset]) + HOP_S, 2)),
         side=h.side, variant=h.variant, channel=h.channel,
-        next_check=getattr(CATALOGUE[h.fault], "next_check", None),
+        next_check=fault(h.fault).next_check,
     )  # fmt: skip
 
 
@@ -77,7 +83,7 @@ def sensor_fault(found: SensorFinding) -> FaultFinding:
         fault=found.fault, family=fault(found.fault).family, ambiguity=[found.fault],
         confidence=found.confidence, onset_s=round(found.onset_s, 3), detected_s=round(found.detected_s, 3),
         evidence=[found.evidence], channel=found.channel,
-        next_check=getattr(CATALOGUE[found.fault], "next_check", None),
+        next_check=fault(found.fault).next_check,
     )  # fmt: skip
 
 
@@ -110,7 +116,8 @@ def probabilities_of(faults: Sequence[FaultFinding], model: Model, score: float)
 def invisible(evidence: Evidence, hypotheses: Sequence[Hypothesis], threshold: float) -> list[Invisible]:
     """Faults, and the least severity that this log would have shown, had it begun a third into it.
 
-    A fault of severity a has a score of about ``a²/2 var(a)``; it shows where that passes the threshold and the doubt of one
+    A fault of severity a has a score of about ``a²/2 var(a)``; it shows where that passes the threshold and
+    the doubt of one
     amplitude among many.
     """
     best: dict[str, float] = {}

@@ -30,7 +30,8 @@ def ledger_of(samples: Samples, unit: Unit, effects: dict[str, Effects]) -> Ledg
 def add_baseline(unit: Unit, logs: Sequence[Samples]) -> Unit:
     """A copy of the unit with the baseline of these healthy logs.
 
-    Each log's coefficients are the unit's own and a draw of what differs from log to log (`Effects.between`), so three short
+    Each log's coefficients are the unit's own and a draw of what differs from log to log
+    (`Effects.between`), so three short
     logs know a unit better than one long one.
 
     Parameters

@@ -1,7 +1,10 @@
-"""From evidence to findings: is something wrong, which of the faults that would explain it, and is there a second one.
+"""From evidence to findings: is something wrong, which of the faults that would explain it, and is there a
+second one.
 
-Detection goes by the robust score of the best hypothesis. Which fault it is goes by likelihood among those whose columns are alike
-in this log, over the scatter that the best one leaves. Where two faults' columns agree to `SAME`, no likelihood tells them apart, as
+Detection goes by the robust score of the best hypothesis. Which fault it is goes by likelihood among those
+whose columns are alike
+in this log, over the scatter that the best one leaves. Where two faults' columns agree to `SAME`, no
+likelihood tells them apart, as
 what is left between them is model error: they are one ambiguity group, and what parts are commonest leads.
 """
 
@@ -62,7 +65,7 @@ def decide(
 
 def _fit(evidence: Evidence, h: Hypothesis, known: list[Amplitude]) -> Amplitude | None:
     fit = evidence.best(h, known)
-    if fit is None or fit.gain < 3.0 * fit.kappa or fit.kappa < 2.0:
+    if fit is None or fit.gain < 3.0 * fit.kappa or fit.kappa < 2.0 or "step" not in h.courses:
         return fit
     on_off = evidence.intermittent(fit, known)
     return on_off if on_off.score > fit.score + 3.0 else fit

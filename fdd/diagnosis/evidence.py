@@ -1,17 +1,22 @@
 """How strongly the balances speak for each fault, over every onset.
 
-A fault adds its amplitude ``a`` times its columns ``G`` times its course ``φ`` to the balances' coefficients. With what held before
+A fault adds its amplitude ``a`` times its columns ``G`` times its course ``φ`` to the balances'
+coefficients. With what held before
 integrated out, its amplitude has information ``λ`` and score ``b``, and by sums over hops every onset costs the same:
 
     λ = Gᵀ[Σφ²M - (ΣφM) T (ΣφM)]G,   b = Gᵀ[Σφm - (ΣφM) T (P⁻¹μ + Σm)],   T = (P⁻¹ + ΣM)⁻¹
 
 P and μ are the unit's own prior. Three things keep ``a² λ`` from passing for evidence that it is not:
 
-- The hops' own scores about the fitted model say how far the amplitude really scatters: the sandwich (or cluster robust) factor
-  κ, from blocks of two seconds (Liang and Zeger 1986, doi 10.1093/biomet/73.1.13). It is measured in the log itself, whatever the
+- The hops' own scores about the fitted model say how far the amplitude really scatters: the sandwich (or
+cluster robust) factor
+  κ, from blocks of two seconds (Liang and Zeger 1986, doi 10.1093/biomet/73.1.13). It is measured in the
+  log itself, whatever the
   load, the noise and the structure of the machine.
-- That factor rests on few blocks, so the ratio of likelihoods is that of Student's t with as many degrees of freedom.
-- A healthy unit's coefficients change as well, by N(0, R): that part of the amplitude's variance does not fall with time.
+- That factor rests on few blocks, so the ratio of likelihoods is that of Student's t with as many degrees
+of freedom.
+- A healthy unit's coefficients change as well, by N(0, R): that part of the amplitude's variance does not
+fall with time.
 """
 
 from __future__ import annotations
@@ -31,6 +36,8 @@ Sums = tuple[Array, Array, Array, Array]
 
 RAMP_HOPS = 24
 """Hops over which a ramp grows to its full size: 12 s."""
+DRIFT_HOPS = 100
+"""Hops in which a drift grows by one: 50 s."""
 BLOCK_HOPS = 4
 """Hops of a block whose errors may hang together: 2 s."""
 LEAST_BEFORE, LEAST_AFTER = 6, 6
@@ -40,15 +47,18 @@ SWITCH_COST = 6.0
 
 
 GREATEST = 2.0
-"""Severity beyond which no fault goes: 1.0 is gross, and a scale may be off by a factor of two on another machine."""
+"""Severity beyond which no fault goes: 1.0 is gross, and a scale may be off by a factor of two on another
+machine."""
 START_DOUBT = 2.0
-"""Times `between`: a fault that was there from the start rests on the unit's baseline alone, whose few logs know little of
+"""Times `between`: a fault that was there from the start rests on the unit's baseline alone, whose few logs
+know little of
 how logs differ."""
 
 
 @dataclass
 class Explained:
-    """One balance as evidence sees it: its hops' sums, widened by what wanders, and the solution of all of them."""
+    """One balance as evidence sees it: its hops' sums, widened by what wanders, and the solution of all of
+    them."""
 
     information: Array  # (h, n, n)
     vector: Array  # (h, n)
@@ -77,10 +87,12 @@ class Amplitude:
 
 
 def course_of(kind: str, hops: int, onset: int) -> Array:
-    """φ of a step or a ramp from a hop on, (hops,)."""
+    """φ of a step, ramp or drift from a hop on, (hops,)."""
     since = np.arange(hops) - onset
     if kind == "ramp":
         return np.clip((since + 0.5) / RAMP_HOPS, 0.0, 1.0)
+    if kind == "drift":
+        return np.maximum((since + 0.5) / DRIFT_HOPS, 0.0)
     return (since >= 0).astype(np.float64)
 
 
@@ -89,7 +101,8 @@ class Evidence:
 
     Parameters
     ----------
-    entries : balance name to its hops' sums. effects : what the first hop is held against. from_start : whether that is
+    entries : balance name to its hops' sums. effects : what the first hop is held against. from_start :
+        whether that is
         the unit's baseline, so that a fault may have been there before the first hop.
     """
 
@@ -116,7 +129,8 @@ class Evidence:
         self._softened: dict[tuple[str, str], Array] = {}
 
     def _over_onsets(self, name: str, kind: str) -> tuple[Array, Array]:
-        """Information (k, n, n) and score (k, n) of a balance's change at every onset, a healthy unit's own change let in."""
+        """Information (k, n, n) and score (k, n) of a balance's change at every onset, a healthy unit's own
+        change let in."""
         if (name, kind) not in self._sums:
             b = self.balances[name]
             rest = b.vector - b.information @ b.solution
@@ -149,7 +163,7 @@ class Evidence:
         if not self.shared(h) or not self.onsets.size:
             return None
         found = None
-        for kind in ("step", "ramp"):
+        for kind in h.courses:
             lam, b = (
                 np.diag(1.0 / h.scale**2)[None].repeat(self.onsets.size, axis=0),
                 np.zeros((self.onsets.size, h.scale.size)),
@@ -254,7 +268,8 @@ class Evidence:
         )
 
     def sharpness(self, h: Hypothesis, onset: int) -> float | None:
-        """Standard deviation of a hypothesis's amplitude, were it a step from a hop on; None where no balance speaks of it."""
+        """Standard deviation of a hypothesis's amplitude, were it a step from a hop on; None where no
+        balance speaks of it."""
         if not self.shared(h) or not self.onsets.size:
             return None
         k = int(np.argmin(np.abs(self.onsets - onset)))
@@ -264,7 +279,8 @@ class Evidence:
         return float(1.0 / np.sqrt(max(lam, 1e-12)))
 
     def correlation(self, one: Amplitude, other: Hypothesis) -> float:
-        """How alike another hypothesis's columns are in this log, over the course of a fitted one: -1 to 1."""
+        """How alike another hypothesis's columns are in this log, over the course of a fitted one: -1 to
+        1."""
         cross = np.zeros((one.size.size, other.scale.size))
         own, others = np.eye(one.size.size) * 1e-12, np.eye(other.scale.size) * 1e-12
         for name, e in self.balances.items():

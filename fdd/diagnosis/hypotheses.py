@@ -1,101 +1,94 @@
-"""What each fault does to the balances' coefficients."""
+"""The catalogue's signatures as columns of this unit's balances."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
+from fdd.faults import CATALOGUE
 from fdd.residuals.balances import BALANCES
 from fdd.residuals.effects import Effects
 from fdd.residuals.quantities import Scales
+from fdd.unit import Unit
+
+Array = NDArray[np.float64]
+
+USUAL_SEVERITY = 0.7
+"""Standard deviation of a severity before any log is seen: most lie below the gross one."""
 
 
-@dataclass
+@dataclass(frozen=True)
 class Hypothesis:
+    """One way in which one fault shows on this unit.
+
+    Attributes
+    ----------
+    fault, label : of the catalogue. columns : balance to (n, q) change of its coefficients per severity.
+    scale : (q,) prior standard deviation of the amplitudes. signed : the amplitude cannot be negative.
+    courses : of `fdd.diagnosis.evidence.course_of`, that the fault may take. commonness : prior weight
+        among alike ones.
+    """
+
     fault: str
     label: str
-    columns: dict  # balance -> (n,q)
-    scale: np.ndarray  # (q,) prior std of the amplitudes, in severities
+    columns: dict[str, Array]
+    scale: Array
     signed: bool
+    courses: tuple[str, ...] = ("step", "ramp")
+    commonness: float = 1.0
     side: int | None = None
     variant: str | None = None
-    commonness: float = 1.0
     channel: str | None = None
 
 
-def _col(balance, **values):
-    c = BALANCES[balance].columns
-    out = np.zeros((len(c), 1))
-    for k, v in values.items():
-        out[c.index(k), 0] = v
-    return {balance: out}
+@dataclass(frozen=True)
+class HealthyUnit:
+    """What signatures may ask (see `fdd.faults.signature.Healthy`)."""
+
+    effects: dict[str, Effects]
+    scales: Scales
+
+    @property
+    def leakage_ratio(self) -> float:
+        """Internal leakage of severity 1 over the healthy one."""
+        return self.scales.fault_leakage / self.scales.leakage
+
+    @property
+    def speed_ratio(self) -> float:
+        """Largest speed of the drive over 100 rad/s."""
+        return self.scales.speed / 100.0
+
+    def mean(self, balance: str, column: str) -> float:
+        """Coefficient of that column while the unit is healthy."""
+        return float(self.effects[balance].mean[BALANCES[balance].columns.index(column)])
 
 
-def hypotheses(unit, effects: dict[str, Effects], scales: Scales):
-    f = scales.fault_leakage / scales.leakage
+def hypotheses(unit: Unit, effects: dict[str, Effects]) -> list[Hypothesis]:
+    """All signatures of the catalogue for a unit."""
+    healthy = HealthyUnit(effects, Scales.of(unit))
     out = []
-
-    def add(fault, label, columns, scale=0.7, signed=True, **kw):
-        out.append(Hypothesis(fault, label, columns, np.atleast_1d(np.asarray(scale, float)), signed, **kw))
-
-    add("internal_leakage", "internal leakage", _col("volume", leak=f))
-    add("pump_wear", "pump wear", _col("volume", wear=f * scales.speed / 100.0 * 1.0, gain=-0.02))
-    add("case_drain_seal_failure", "case", _col("volume", case=2 * f))
-    for s in (1, 2):
-        add(
-            "external_leakage",
-            f"outside {s}",
-            {**_col("volume", **{f"outside_{s}": 0.5 * f}), **_col("reservoir", drift=1.0)},
-            side=s,
-        )
-    add("external_leakage", "reservoir", _col("reservoir", drift=1.0))
-    add("aeration", "air", _col("volume", air=1.0))
-    for s in (1, 2):
-        add("check_valve_stuck_open", f"valve {s}", _col("volume", **{f"valve_{s}": 1.0}), side=s)
-        add("check_valve_clogged", f"clogged {s}", _col("refeed", **{f"drop_{s}": 0.05}), side=s)
-    add("relief_valve_stuck_open", "relief", _col("volume", relief_12=1.0, relief_21=1.0))
-    for c in ("relief_12", "relief_21"):  # one of the two; a check valve of either side sticks more often
-        add("relief_valve_stuck_open", c, _col("volume", **{c: 1.0}), commonness=0.5)
-    fm = effects["force"].mean
-    c = BALANCES["force"].columns
-    i, j = c.index("friction_forward"), c.index("friction_reverse")
-    fwd, rev = max(fm[i], 0.2), max(fm[j], 0.2)
-    for name, k in (("loose", -0.65), ("tight", 1.0)):
-        add(
-            "seal_wear", name, _col("force", friction_forward=k * fwd, friction_reverse=k * rev), variant=name
-        )
-        add(
-            "seal_wear", name + " forward", _col("force", friction_forward=k * fwd), variant=name + "_forward"
-        )
-        add(
-            "seal_wear", name + " reverse", _col("force", friction_reverse=k * rev), variant=name + "_reverse"
-        )
-    t = effects["torque"].mean
-    ct = BALANCES["torque"].columns
-    motor = {n: 0.43 * t[ct.index(n)] for n in ct if n != "zero"}
-    add("motor_degradation", "motor", _col("torque", **motor))
-    vl, ll = effects["volume"].mean, BALANCES["volume"].columns
-    visc = t[ct.index("viscous")]
-    for name, ratio in (("thin", 0.5), ("thick", 2.0)):
-        k = 1.0 / ratio - 1.0
-        vol = _col("volume", **{n: k * vl[ll.index(n)] for n in ("leak", "leak_square", "case", "wear")})
-        add("oil_degradation", name, {**vol, **_col("torque", viscous=(ratio - 1.0) * visc)}, variant=name)
-    for c in ("order_1", "order_2"):
-        add("coupling_wear", f"lines {c}", _col("shaft", **{c: 0.1}))
-    b = 0.073
-    add("pressure_sensor_bias", "bias dp", _col("coherence", zero=b), signed=False)
-    add("pressure_sensor_bias", "bias dp by torque", _col("torque", zero=-b * t[1]), signed=False)
-    add(
-        "pressure_sensor_bias",
-        "bias p1",
-        {**_col("coherence", zero=-b), **_col("refeed", drop_1=-b)},
-        signed=False,
-    )
-    add(
-        "pressure_sensor_bias",
-        "bias p2",
-        {**_col("coherence", zero=b), **_col("refeed", drop_2=-b)},
-        signed=False,
-    )
+    for entry in CATALOGUE.values():
+        for s in entry.signatures:
+            columns = {}
+            for balance, changes in s.columns(healthy).items():
+                names = BALANCES[balance].columns
+                columns[balance] = np.zeros((len(names), 1))
+                for name, change in changes.items():
+                    columns[balance][names.index(name), 0] = change
+            out.append(
+                Hypothesis(
+                    entry.id,
+                    s.label,
+                    columns,
+                    np.array([USUAL_SEVERITY]),
+                    s.signed,
+                    s.courses,
+                    s.commonness,
+                    s.side,
+                    s.variant,
+                    s.channel,
+                )  # fmt: skip
+            )
     return out

@@ -1,6 +1,8 @@
-"""What was learnt about the balances' evidence: how often healthy hours reach a score, and what a score is worth.
+"""What was learnt about the balances' evidence: how often healthy hours reach a score, and what a score is
+worth.
 
-It is data, small and to be read: two curves, with where they come from. ``fdd train`` makes it from a data set.
+It is data, small and to be read: two curves, with where they come from. ``fdd train`` makes it from a data
+set.
 """
 
 from __future__ import annotations
@@ -28,7 +30,8 @@ class AlarmTail(BaseModel):
 
     Attributes
     ----------
-    height : score that it was fitted above. rate_per_hour : of healthy hours' peaks above it. scale : their mean excess.
+    height : score that it was fitted above. rate_per_hour : of healthy hours' peaks above it. scale : their
+        mean excess.
     hours : of healthy logs behind it.
     """
 

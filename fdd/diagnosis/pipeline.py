@@ -75,7 +75,7 @@ class Pipeline:
         self._tracked = Tracked(unit, keep=keep_trajectories)
         self._rows = RowMaker(unit)
         self._ledger = Ledger(unit, self._effects)
-        self._hypotheses = hypotheses(unit, self._effects, self._ledger.scales)
+        self._hypotheses = hypotheses(unit, self._effects)
         self._first_time = self._last_time = np.nan
         self._count = 0
         self._alarms: dict[str, FaultFinding] = {}
@@ -89,6 +89,11 @@ class Pipeline:
     def channels(self) -> tuple[str, ...]:
         """Channels that carry data; empty until enough samples came."""
         return self._tracked.channels
+
+    @property
+    def largest_score(self) -> float:
+        """Largest score that any look at the evidence gave."""
+        return max((score for _, score in self._scans), default=0.0)
 
     def push(self, samples: Samples) -> list[FaultFinding]:
         """Take the next block; findings whose alarm it raised (usually none).
@@ -113,7 +118,8 @@ class Pipeline:
         self._tracked.push(trusted)
         found = self._sensor_alarms()
         first, rows = self._rows.push(trusted)
-        # The ledger takes whole hops, a scan's worth at a time, so that looks fall on the same hops however a log was cut.
+        # The ledger takes whole hops, a scan's worth at a time, so that looks fall on the same hops however
+        # a log was cut.
         while len(rows):
             due = SCAN_HOPS - len(self._ledger.hops) % SCAN_HOPS
             part, rows = rows[: due * self._rows.hop_rows], rows[due * self._rows.hop_rows :]
@@ -248,7 +254,8 @@ class Pipeline:
         )  # fmt: skip
 
     def _probabilities_over(self, sure: Array) -> dict[str, Array]:
-        """Each family's probability over time: how sure it was that something is wrong, and what is said of it now."""
+        """Each family's probability over time: how sure it was that something is wrong, and what is said of
+        it now."""
         now = self.finish().probabilities
         faulty = max(sum(p for k, p in now.items() if k != "healthy"), 1e-9)
         out = {k: sure * (p / faulty) for k, p in now.items() if k != "healthy"}

@@ -32,12 +32,9 @@ FAULT = Fault(
         Effect("eccentricity", "add", "coupling_eccentricity"),
     ),
     signatures=(
-        # A line's phase is not known, and play shows at twice the shaft's order.
-        Signature(
-            "lines",
-            lambda unit: {"shaft": dict.fromkeys(("cos1", "sin1", "cos2", "sin2"), 0.1)},
-            signed=False,
-            lines=True,
-        ),
+        # A bent or worn coupling shows once a turn, play twice: 0.1 of the current at relief pressure
+        # (assumption).
+        Signature("line once a turn", lambda unit: {"shaft": {"order_1": 0.1}}),
+        Signature("line twice a turn", lambda unit: {"shaft": {"order_2": 0.1}}),
     ),
 )

@@ -41,19 +41,24 @@ FAULT = Fault(
             "bias dp",
             lambda unit: {"coherence": {"zero": _BIAS}},
             signed=False,
+            courses=("step",),
             channel="pressure_difference",
         ),
-        Signature("bias dp by torque", _by_torque, signed=False, channel="pressure_difference"),
+        Signature(
+            "bias dp by torque", _by_torque, signed=False, courses=("step",), channel="pressure_difference"
+        ),
         Signature(
             "bias p1",
             lambda unit: {"coherence": {"zero": -_BIAS}, "refeed": {"drop_1": -_BIAS}},
             signed=False,
+            courses=("step",),
             channel="pressure_1",
         ),
         Signature(
             "bias p2",
             lambda unit: {"coherence": {"zero": _BIAS}, "refeed": {"drop_2": -_BIAS}},
             signed=False,
+            courses=("step",),
             channel="pressure_2",
         ),
     ),

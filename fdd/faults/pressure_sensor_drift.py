@@ -4,6 +4,10 @@ from __future__ import annotations
 
 from fdd.faults.effect import Figure
 from fdd.faults.entry import Fault
+from fdd.faults.signature import Signature
+
+_BIAS = 0.073
+"""Bias of severity 1 over the relief pressure."""
 
 FAULT = Fault(
     id="pressure_sensor_drift",
@@ -26,4 +30,28 @@ FAULT = Fault(
         ),
     ),
     in_measurement=True,
+    # Severity 1 reaches the bias of severity 1 within 50 s: the drift's course is that time's unit.
+    signatures=(
+        Signature(
+            "drift dp",
+            lambda unit: {"coherence": {"zero": _BIAS}},
+            signed=False,
+            channel="pressure_difference",
+            courses=("drift",),
+        ),
+        Signature(
+            "drift p1",
+            lambda unit: {"coherence": {"zero": -_BIAS}, "refeed": {"drop_1": -_BIAS}},
+            signed=False,
+            channel="pressure_1",
+            courses=("drift",),
+        ),
+        Signature(
+            "drift p2",
+            lambda unit: {"coherence": {"zero": _BIAS}, "refeed": {"drop_2": -_BIAS}},
+            signed=False,
+            channel="pressure_2",
+            courses=("drift",),
+        ),
+    ),
 )

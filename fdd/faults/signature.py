@@ -36,8 +36,9 @@ class Signature:
     side, variant : of the fault, where the signature tells them.
     signed : the amplitude is a severity and cannot be negative.
     channel : the sensor at fault.
-    lines : each column has an amplitude of its own, as the parts of a spectral line have; else all have one
-        in common.
+    courses : in time, of step, ramp and drift; a step may also come and go.
+    commonness : weight among faults that look alike in a log: how often the part fails, with how many there
+        are.
     """
 
     label: str
@@ -46,4 +47,5 @@ class Signature:
     variant: str | None = None
     signed: bool = True
     channel: str | None = None
-    lines: bool = False
+    courses: tuple[str, ...] = ("step", "ramp")
+    commonness: float = 1.0

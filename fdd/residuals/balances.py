@@ -1,9 +1,11 @@
 """The balances of an EHA: what does not close says what is wrong.
 
-Each balance is a linear model ``y = X b + e`` in rows of 10 ms. Columns are scaled by the profile, so that a healthy unit's
+Each balance is a linear model ``y = X b + e`` in rows of 10 ms. Columns are scaled by the profile, so that
+a healthy unit's
 coefficients are near one, or near zero for what a healthy unit lacks.
 
-Symbols: D displacement, θ pump angle, A area, x position, p_i chamber, p_c accumulator, Δp = p_1 - p_2, ν viscosity over the
+Symbols: D displacement, θ pump angle, A area, x position, p_i chamber, p_c accumulator, Δp = p_1 - p_2, ν
+viscosity over the
 reference's, ω speed, s_i = ±1 for chamber 1 and 2.
 
 =============  ==========================================================================================
@@ -39,7 +41,8 @@ class Balance:
     Attributes
     ----------
     name, title : for people. columns : names of the coefficients. strands : quantities to one or two sets of
-    (y (n,), X (n, columns), valid (n,)) that share the coefficients. settle : rows left out after what was invalid.
+    (y (n,), X (n, columns), valid (n,)) that share the coefficients. settle : rows left out after what was
+    invalid.
     """
 
     name: str

@@ -1,4 +1,5 @@
-"""How a healthy unit's coefficients lie, and how they err: random effects between logs, within a log, and from hop to hop."""
+"""How a healthy unit's coefficients lie, and how they err: random effects between logs, within a log, and
+from hop to hop."""
 
 from __future__ import annotations
 
@@ -18,8 +19,10 @@ class Effects:
 
     Attributes
     ----------
-    mean : of the healthy unit. covariance : (n, n), of a log about the mean, and of the mean itself. between : std from
-    log to log. within : std of a change within a healthy log, between the time before and after any moment. wander : std
+    mean : of the healthy unit. covariance : (n, n), of a log about the mean, and of the mean itself.
+        between : std from
+    log to log. within : std of a change within a healthy log, between the time before and after any moment.
+    wander : std
     from hop to hop. noise : std of a row, a first guess.
     """
 
@@ -69,4 +72,4 @@ def first_effects(name: str) -> Effects:
     """Effects of a unit of which only the data sheet is known."""
     noise, table = _PRIOR[name]
     mean, spread, between, within, wander = np.array([table[c] for c in BALANCES[name].columns]).T
-    return Effects(mean, np.diag(spread**2 + between**2), between, within, wander, noise)
+    return Effects(mean, np.diag(spread**2 + between**2), between, 0.3 * within, wander, noise)

@@ -1,6 +1,7 @@
 """What each hop tells of each balance's coefficients, kept as normal equations.
 
-The information of a hop is that of its rows over their own variance, so a noisy sensor or a gusty minute speaks more quietly.
+The information of a hop is that of its rows over their own variance, so a noisy sensor or a gusty minute
+speaks more quietly.
 Rows whose errors hang together in time are whitened by an autoregression that is learnt on the way.
 """
 
@@ -36,9 +37,11 @@ FIRST_WEIGHT = 100.0
 
 
 def widened(information: Array, vector: Array, std: Array) -> tuple[Array, Array]:
-    """What normal equations tell when their coefficients differ by N(0, std²) from those sought; any leading axes.
+    """What normal equations tell when their coefficients differ by N(0, std²) from those sought; any
+    leading axes.
 
-    ``M (I + Q M)⁻¹`` and ``(I + M Q)⁻¹ m``, the likelihood with the difference integrated out, by the eigenvalues of
+    ``M (I + Q M)⁻¹`` and ``(I + M Q)⁻¹ m``, the likelihood with the difference integrated out, by the
+    eigenvalues of
     ``√Q M √Q``: never negative, whatever the sizes of the columns.
     """
     values, vectors = np.linalg.eigh(information * std * std[:, None])
@@ -126,7 +129,8 @@ class Account:
     def _unblur(self, gram: Array, blur: Array) -> None:
         """Where a tenth of a column or more is its own noise, take out what the hop says of its coefficient.
 
-        A column's noise draws its coefficient to zero (errors in variables); where the signal is ten times the noise or
+        A column's noise draws its coefficient to zero (errors in variables); where the signal is ten times
+        the noise or
         more, and such hops carry nearly all the information, by a few per cent at most.
         """
         noisy = np.flatnonzero(np.diag(blur) > LEAST_SIGNAL * np.diag(gram)[:-1])
@@ -136,7 +140,8 @@ class Account:
             gram[noisy, :] = gram[:, noisy] = 0.0
 
     def _variance(self, gram: Array, free: float) -> float:
-        """Mean square of what the best coefficients of the hop leave, or of the last ten seconds if that is more."""
+        """Mean square of what the best coefficients of the hop leave, or of the last ten seconds if that is
+        more."""
         n = self.vector.size
         scale = 1.0 / np.sqrt(np.diag(gram)[:n].clip(1e-300))
         seen = np.diag(gram)[:n] > 0.0
@@ -149,7 +154,8 @@ class Account:
         return float(max(own, self.variance_sum / self.weight, self.least))
 
     def _levels(self, y: Array, x: Array, ok: Flags) -> list[Array]:
-        """Running sums over each unbroken stretch, less their mean: pressure noise does not add up in them."""
+        """Running sums over each unbroken stretch, less their mean: pressure noise does not add up in
+        them."""
         inside = np.flatnonzero(ok[-HOP_ROWS:]) + y.size - HOP_ROWS
         out = []
         for stretch in np.split(inside, np.flatnonzero(np.diff(inside) > 1) + 1):
@@ -196,13 +202,15 @@ class Ledger:
         self.hops: list[int] = []
         self.entries: dict[str, list[tuple[Array, Array, float, float]]] = {name: [] for name in BALANCES}
         self.reference = effects
-        """What the first of the hops kept is held against: the unit's baseline, or what older hops have made of it."""
+        """What the first of the hops kept is held against: the unit's baseline, or what older hops have
+        made of it."""
         self.folded = 0
         self._misfits: list[list[float]] = []
         self._pressure_noise: list[float] = []
 
     def sums(self, start: int = 0) -> dict[str, tuple[Array, Array, Array, Array]]:
-        """Information (h, n, n), vector (h, n), rows (h,) and variance (h,) of each balance, from a hop on."""
+        """Information (h, n, n), vector (h, n), rows (h,) and variance (h,) of each balance, from a hop
+        on."""
         out = {}
         for name, entries in self.entries.items():
             n = len(BALANCES[name].columns)
@@ -234,7 +242,8 @@ class Ledger:
         self._misfits = [*self._misfits[-HISTORY + 1 :], [self._misfit(name) for name in BALANCES]]
 
     def _misfit(self, name: str) -> float:
-        """How far the last hop is from the unit's baseline, in what healthy hops are: root mean square over coefficients."""
+        """How far the last hop is from the unit's baseline, in what healthy hops are: root mean square over
+        coefficients."""
         information, vector, rows, _ = self.entries[name][-1]
         if not rows:
             return float("nan")
@@ -258,7 +267,8 @@ class Ledger:
     def fold(self, window: int) -> int:
         """Let hops beyond a window become the reference, a fifth of it at a time; how many have in all.
 
-        A reference made of older hops is what the unit was like then; it may have moved since by what coefficients change
+        A reference made of older hops is what the unit was like then; it may have moved since by what
+        coefficients change
         within a healthy log.
         """
         part = window // 5

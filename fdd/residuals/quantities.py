@@ -1,4 +1,5 @@
-"""What the balances are written in: pressures, flows and motion from a stretch of rows, whichever sensors there are."""
+"""What the balances are written in: pressures, flows and motion from a stretch of rows, whichever sensors
+there are."""
 
 from __future__ import annotations
 
@@ -25,8 +26,10 @@ class Scales:
 
     Attributes
     ----------
-    pressure : Pa, relief setting. leakage : m³/(s·Pa), healthy across the ports. friction : N, Coulomb, with what a seal
-    needs to break away in. current : A at relief pressure. speed : rad/s, the drive's. fault_leakage : m³/(s·Pa), of severity 1.
+    pressure : Pa, relief setting. leakage : m³/(s·Pa), healthy across the ports. friction : N, Coulomb,
+        with what a seal
+    needs to break away in. current : A at relief pressure. speed : rad/s, the drive's. fault_leakage :
+    m³/(s·Pa), of severity 1.
     """
 
     pressure: float
@@ -61,7 +64,8 @@ class Quantities:
 
     Parameters
     ----------
-    rows : (n, len(COLUMNS)) of `RowMaker`, contiguous. unit : profile. charge : Pa, taken for a low side where no sensor tells.
+    rows : (n, len(COLUMNS)) of `RowMaker`, contiguous. unit : profile. charge : Pa, taken for a low side
+        where no sensor tells.
     """
 
     def __init__(self, rows: Array, unit: Unit, scales: Scales) -> None:

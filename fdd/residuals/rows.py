@@ -1,8 +1,11 @@
 """From samples to rows of 10 ms: every channel through one and the same linear filter.
 
-A balance is linear in what it sums up, so it holds as well between the means of a cell of 10 ms as between samples. All
-channels are averaged over the very same samples of a cell (those at which every channel that is there has a value), so that
-neither a missing value nor jitter shifts one against another. Cells lie on an absolute grid of time: nothing depends on
+A balance is linear in what it sums up, so it holds as well between the means of a cell of 10 ms as between
+samples. All
+channels are averaged over the very same samples of a cell (those at which every channel that is there has a
+value), so that
+neither a missing value nor jitter shifts one against another. Cells lie on an absolute grid of time:
+nothing depends on
 how a log was cut, nor on its first row.
 """
 

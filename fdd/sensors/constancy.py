@@ -94,7 +94,7 @@ def runs_of(time: Array, values: Array, k: int, memory: Memory) -> tuple[list[Ru
 def rows_needed(k: int, kind: int, memory: Memory, limits: Limits) -> float:
     """Equal rows from which on the channel is stuck; inf where that cannot be said."""
     chance = limits.repeat[k]
-    if chance >= 1.0 and not _shows_noise(k, memory, limits):
+    if chance >= 1.0 and not shows_noise(k, memory, limits):
         return np.inf
     if memory.hops[kind, k] >= LEARNT_HOPS:
         own = memory.repeat[kind, k]
@@ -104,7 +104,7 @@ def rows_needed(k: int, kind: int, memory: Memory, limits: Limits) -> float:
     return float(max(FEWEST_ROWS, LOG_ODDS / -np.log(max(chance, 1e-3))))
 
 
-def _shows_noise(k: int, memory: Memory, limits: Limits) -> bool:
+def shows_noise(k: int, memory: Memory, limits: Limits) -> bool:
     """Whether a channel without noise in its profile had some in every good hop, at rest too."""
     count = max(float(limits.resolution[k]), LEAST_NOISE * float(limits.high[k]))
     return bool(
