@@ -50,6 +50,7 @@ class Balance:
     settle: int = 1
     cumulative: bool = False
     order: int = 0
+    cell: int = 1
     lines: int = 0
 
 
@@ -115,16 +116,18 @@ def _force(q: Quantities) -> list[Strand]:
     if not q.chambers_measured:
         y = 0.5 * (unit.cylinder.area_1 + unit.cylinder.area_2) * q.difference_measured / q.scales.friction
     v = q.velocity / 0.05
-    bristle = q.take["bristle"]
-    one = np.ones_like(y)
+    # Viscous friction is a part of the seal's curve: it is worn with it.
+    f = unit.friction
+    viscous = np.where(q.velocity > 0.0, f.forward.viscous, f.reverse.viscous) * q.velocity
+    friction = (q.take["friction"] + viscous) / q.scales.friction
     x = np.column_stack([
-        one,
+        np.ones_like(y),
         q.position / (0.25 * unit.cylinder.stroke),
         q.acceleration / 1.0,
         v,
-        np.abs(v),
-        np.maximum(bristle, 0.0),
-        np.minimum(bristle, 0.0),
+        v * np.abs(v),
+        np.maximum(friction, 0.0),
+        np.minimum(friction, 0.0),
     ])  # fmt: skip
     return [(y, x, np.isfinite(y))]
 
@@ -210,7 +213,7 @@ BALANCES: dict[str, Balance] = {
             "gain", "compliance", "air", "lag", "sensor_lag", "density", "leak", "leak_square", "case", "wear", "relief_12", "relief_21",
             "valve_1", "valve_2", "outside_1", "outside_2"), _volume, 8, cumulative=True),
         Balance("force", "1", (
-            "load", "spring", "mass", "damping", "skew", "friction_forward", "friction_reverse"), _force, order=3),
+            "load", "spring", "mass", "damping", "throttle", "friction_forward", "friction_reverse"), _force, cell=5),
         Balance("torque", "1", (
             "zero", "pressure", "inertia", "dry", "viscous", "mesh"), _torque, cumulative=True),
         Balance("shaft", "1", ("order_1", "order_2"), _shaft, order=6, lines=2),

@@ -45,6 +45,15 @@ def widened(information: Array, vector: Array, std: Array) -> tuple[Array, Array
     return wide, kept
 
 
+def _left(gram: Array) -> float:
+    """Sum of squares that the best coefficients leave of the last column."""
+    n = gram.shape[0] - 1
+    scale = 1.0 / np.sqrt(np.diag(gram)[:n].clip(1e-300))
+    b = gram[:n, n] * scale
+    scaled = gram[:n, :n] * scale * scale[:, None] + 1e-6 * np.eye(n)
+    return float(max(gram[n, n] - b @ np.linalg.solve(scaled, b), 1e-12 * gram[n, n]))
+
+
 class Account:
     """One balance's bookkeeping: noise, colour and coefficients so far.
 
@@ -63,6 +72,8 @@ class Account:
         self.correlation = np.zeros(balance.order + 1)
         self.correlation[0] = FIRST_WEIGHT * effects.noise**2
         self.variance_sum = FIRST_WEIGHT * effects.noise**2
+        self.recent = np.zeros((effects.mean.size + 1, effects.mean.size + 1))
+        self.recent[-1, -1] = self.variance_sum
 
     def hop(self, strands: list[tuple[Array, Array, Flags]], blur: Array | None) -> tuple[Array, Array, float, float]:
         """Information (n, n), vector (n,), rows and variance that one hop gives.
@@ -79,12 +90,18 @@ class Account:
             for part in rows(y, x, ok):
                 gram += part.T @ part
                 free += part.shape[0]
-        if free < LEAST_ROWS:
+        if free < LEAST_ROWS // self.balance.cell:
             n = self.vector.size
             return np.zeros((n, n)), np.zeros(n), 0.0, self.variance_sum / self.weight
         if self.balance.lines:
             return self._amplitudes(gram, free)
-        variance = self._variance(gram, free)
+        if self.balance.cell > 1:
+            # Too few cells in a hop to tell its coefficients from its noise: ten seconds of them, and their best coefficients.
+            self.recent = MEMORY * self.recent + gram
+            self.weight = MEMORY * self.weight + free
+            variance = max(_left(self.recent) / self.weight, self.least)
+        else:
+            variance = self._variance(gram, free)
         if blur is not None:
             self._unblur(gram, free * blur)
         information, vector = gram[:n, :n] / variance, gram[:n, n] / variance
@@ -130,11 +147,8 @@ class Account:
     def _variance(self, gram: Array, free: float) -> float:
         """Mean square of what the best coefficients of the hop leave, or of the last ten seconds if that is more."""
         n = self.vector.size
-        scale = 1.0 / np.sqrt(np.diag(gram)[:n].clip(1e-300))
         seen = np.diag(gram)[:n] > 0.0
-        scaled = gram[:n, :n] * scale * scale[:, None] + 1e-6 * np.eye(n)
-        b = gram[:n, n] * scale
-        rest = max(gram[n, n] - b @ np.linalg.solve(scaled, b), 1e-12 * gram[n, n])
+        rest = _left(gram)
         own = rest / max(free - seen.sum(), 0.3 * free)
         self.variance_sum = MEMORY * self.variance_sum + rest
         self.weight = MEMORY * self.weight + max(free - seen.sum(), 0.3 * free)
@@ -154,10 +168,15 @@ class Account:
         """Rows through the prediction error filter of the balance's own colour."""
         joined = np.column_stack([x, y])
         joined[~ok] = 0.0
+        cell = self.balance.cell
+        if cell > 1:  # a law that holds over tens of milliseconds, not within them, must not be whitened up to where it fails
+            joined, ok = joined.reshape(-1, cell, joined.shape[1]).mean(axis=1), ok.reshape(-1, cell).all(axis=1)
+            joined[~ok] = 0.0
+        hop, least = HOP_ROWS // cell, max(LEAST_ROWS // cell, 1)
         order = self.balance.order
         if order:
             known = 0.0 if self.balance.lines else joined[:, :-1] @ self.mean
-            rest = (joined[:, -1] - known)[-HOP_ROWS - order :]
+            rest = (joined[:, -1] - known)[-hop - order :]
             fresh = np.array([rest[order:] @ rest[order - k : rest.size - k] for k in range(order + 1)])
             self.correlation = MEMORY * self.correlation + fresh
             first = self.correlation[:order].copy()
@@ -167,8 +186,8 @@ class Account:
             for k, tap in enumerate(taps):
                 white -= tap * joined[order - 1 - k : joined.shape[0] - 1 - k]
             joined, ok = white, settled(ok, order + 1)[order:]
-        inside = joined[-HOP_ROWS:][ok[-HOP_ROWS:]]
-        return [inside] if inside.shape[0] >= LEAST_ROWS else []
+        inside = joined[-hop:][ok[-hop:]]
+        return [inside] if inside.shape[0] >= least else []
 
 
 class Ledger:
