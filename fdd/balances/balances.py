@@ -110,6 +110,10 @@ def _air(pressure: Array, index: float) -> Array:
     return (ATMOSPHERE_PA / absolute) ** (1.0 / index) / (index * absolute)
 
 
+SLIDING_M_S = 5e-3
+"""m/s from which a seal surely slides: in one cell of 50 ms it passes half of what it gives before."""
+
+
 def _force(q: Quantities) -> list[Strand]:
     unit = q.unit
     y = (unit.cylinder.area_1 * q.p1 - unit.cylinder.area_2 * q.p2) / q.scales.friction
@@ -129,7 +133,9 @@ def _force(q: Quantities) -> list[Strand]:
         np.maximum(friction, 0.0),
         np.minimum(friction, 0.0),
     ])  # fmt: skip
-    return [(y, x, np.isfinite(y))]
+    # While the seal sticks or turns about, its force is anywhere below break-away: only sliding tells how hard it rubs.
+    sliding = np.abs(q.take["sliding"]) > SLIDING_M_S
+    return [(y, x, np.isfinite(y) & sliding & (q.take["sliding"] * friction > 0.0))]
 
 
 def _torque(q: Quantities) -> list[Strand]:

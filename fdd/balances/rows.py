@@ -27,7 +27,7 @@ HOP_ROWS = 50
 HOP_S = ROW_S * HOP_ROWS
 TAIL_ROWS = 50
 """Rows before a hop that its filters and validity rules may look back at."""
-BRISTLE_M = 3e-4
+BRISTLE_M = 5e-4
 """m, travel in which a seal breaks away: elastomer seals give 0.1 to 0.5 mm before they slide."""
 FILM_S = 0.03
 """s, by which a lubricating film, and with it the falling part of friction, follows the sliding: Hess and Soom 1990
@@ -37,18 +37,20 @@ FAST = (
     "command", "pump_angle", "pump_speed", "position", "pressure_difference", "pressure_1", "pressure_2",
     "pressure_accumulator", "motor_current",
 )  # fmt: skip
-DERIVED = ("friction", "cos1", "sin1", "cos2", "sin2", "temperature", "time")
+DERIVED = ("friction", "sliding", "cos1", "sin1", "cos2", "sin2", "temperature", "time")
 COLUMNS = {name: i for i, name in enumerate((*FAST, *DERIVED))}
 
 
 @njit()
-def _friction(step: Array, dt: Array, state: Array, forward: Array, reverse: Array, stiffness: float, out: Array) -> None:
+def _friction(
+    step: Array, dt: Array, state: Array, forward: Array, reverse: Array, stiffness: float, out: Array, film: Array
+) -> None:
     """Prandtl's stop operator whose yield is Stribeck's curve (thesis eq. 5.12): the seal's friction but for its size.
 
     Parameters
     ----------
     step : (n,) m of the piston. dt : (n,) s. state : (2,) N and m/s, the seal's force and its film's speed; kept for the
-    next call. forward, reverse : (4,) Coulomb, static, Stribeck's speed and exponent. out : (n,) N, against extension.
+    next call. forward, reverse : (4,) Coulomb, static, Stribeck's speed and exponent. out : (n,) N, against extension. film : (n,) m/s, of sliding.
     """
     for k in range(step.size):
         tried = state[0] + stiffness * step[k]
@@ -57,7 +59,7 @@ def _friction(step: Array, dt: Array, state: Array, forward: Array, reverse: Arr
         state[0] = min(most, max(-most, tried))
         slid = (tried - state[0]) / stiffness
         state[1] += (slid - state[1] * dt[k]) / (FILM_S + dt[k])
-        out[k] = state[0]
+        out[k], film[k] = state[0], state[1]
 
 
 @dataclass
@@ -164,6 +166,6 @@ class RowMaker:
         forward, reverse = (
             np.array([b.coulomb, b.static, b.stribeck_velocity, b.stribeck_exponent]) for b in (f.forward, f.reverse)
         )
-        out = np.empty(step.size)
-        _friction(step, dt, self._seal, forward, reverse, 0.5 * (forward[1] + reverse[1]) / BRISTLE_M, out)
-        data[known, COLUMNS["friction"]] = out
+        out, film = np.empty(step.size), np.empty(step.size)
+        _friction(step, dt, self._seal, forward, reverse, 0.5 * (forward[1] + reverse[1]) / BRISTLE_M, out, film)
+        data[known, COLUMNS["friction"]], data[known, COLUMNS["sliding"]] = out, film
