@@ -34,5 +34,5 @@ def own_effects(logs, unit, ledgers=None, first=None):
             info += m; vec += v
             noise.append(np.median([e[3] for e in l.entries[name] if e[2]]))
         cov = np.linalg.inv(info)
-        out[name] = replace(effects, mean=cov @ vec, covariance=cov + np.diag(between**2), noise=float(np.sqrt(np.mean(noise))) if noise else effects.noise)
+        out[name] = replace(effects, mean=cov @ vec, covariance=cov + np.diag(between**2), noise=float(np.sqrt(np.median(noise))) if noise else effects.noise)
     return out

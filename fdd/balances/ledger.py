@@ -25,6 +25,10 @@ MEMORY = 0.95
 """Share of the noise's statistics that is kept from hop to hop: ten seconds."""
 LEAST_SIGNAL = 0.1
 """Share of a column's square that may be noise: beyond, its coefficient would come out too small."""
+RECENT_HOPS = 20
+"""Hops of that memory where rows themselves are kept."""
+MOST_COLOUR = 0.95
+"""Correlation of neighbouring rows beyond which ten seconds do not tell it."""
 LEAST_NOISE = 0.1
 """Of the unit's usual noise: at standstill an encoder may seem to have none."""
 FIRST_WEIGHT = 100.0
@@ -45,15 +49,6 @@ def widened(information: Array, vector: Array, std: Array) -> tuple[Array, Array
     return wide, kept
 
 
-def _left(gram: Array) -> float:
-    """Sum of squares that the best coefficients leave of the last column."""
-    n = gram.shape[0] - 1
-    scale = 1.0 / np.sqrt(np.diag(gram)[:n].clip(1e-300))
-    b = gram[:n, n] * scale
-    scaled = gram[:n, :n] * scale * scale[:, None] + 1e-6 * np.eye(n)
-    return float(max(gram[n, n] - b @ np.linalg.solve(scaled, b), 1e-12 * gram[n, n]))
-
-
 class Account:
     """One balance's bookkeeping: noise, colour and coefficients so far.
 
@@ -72,8 +67,7 @@ class Account:
         self.correlation = np.zeros(balance.order + 1)
         self.correlation[0] = FIRST_WEIGHT * effects.noise**2
         self.variance_sum = FIRST_WEIGHT * effects.noise**2
-        self.recent = np.zeros((effects.mean.size + 1, effects.mean.size + 1))
-        self.recent[-1, -1] = self.variance_sum
+        self.recent: list[Array] = []
 
     def hop(self, strands: list[tuple[Array, Array, Flags]], blur: Array | None) -> tuple[Array, Array, float, float]:
         """Information (n, n), vector (n,), rows and variance that one hop gives.
@@ -96,10 +90,7 @@ class Account:
         if self.balance.lines:
             return self._amplitudes(gram, free)
         if self.balance.cell > 1:
-            # Too few cells in a hop to tell its coefficients from its noise: ten seconds of them, and their best coefficients.
-            self.recent = MEMORY * self.recent + gram
-            self.weight = MEMORY * self.weight + free
-            variance = max(_left(self.recent) / self.weight, self.least)
+            variance = self._coloured(part)
         else:
             variance = self._variance(gram, free)
         if blur is not None:
@@ -147,12 +138,32 @@ class Account:
     def _variance(self, gram: Array, free: float) -> float:
         """Mean square of what the best coefficients of the hop leave, or of the last ten seconds if that is more."""
         n = self.vector.size
+        scale = 1.0 / np.sqrt(np.diag(gram)[:n].clip(1e-300))
         seen = np.diag(gram)[:n] > 0.0
-        rest = _left(gram)
+        scaled = gram[:n, :n] * scale * scale[:, None] + 1e-6 * np.eye(n)
+        b = gram[:n, n] * scale
+        rest = max(gram[n, n] - b @ np.linalg.solve(scaled, b), 1e-12 * gram[n, n])
         own = rest / max(free - seen.sum(), 0.3 * free)
         self.variance_sum = MEMORY * self.variance_sum + rest
         self.weight = MEMORY * self.weight + max(free - seen.sum(), 0.3 * free)
         return float(max(own, self.variance_sum / self.weight, self.least))
+
+    def _coloured(self, rows: Array) -> float:
+        """Variance that the rows would have if they erred independently: mean square of what the best coefficients of the
+        last ten seconds leave, times (1 + ρ)/(1 - ρ) of a first-order autoregression.
+
+        What a law leaves out (a load's own dynamics) hangs together over many cells, and a hop has too few to tell.
+        """
+        self.recent = [*self.recent[-RECENT_HOPS + 1 :], rows]
+        joined = np.concatenate(self.recent)
+        x, y = joined[:, :-1], joined[:, -1]
+        scale = 1.0 / np.sqrt(np.square(x).sum(axis=0).clip(1e-300))
+        scaled = x * scale
+        left = y - scaled @ np.linalg.solve(scaled.T @ scaled + 1e-6 * np.eye(scale.size), scaled.T @ y)
+        square = max(float(left @ left), 1e-300)
+        rho = min(max(float(left[1:] @ left[:-1]) / square, 0.0), MOST_COLOUR)
+        free = max(y.size - scale.size, 0.3 * y.size)
+        return max(square / free * (1.0 + rho) / (1.0 - rho), self.least)
 
     def _levels(self, y: Array, x: Array, ok: Flags) -> list[Array]:
         """Running sums over each unbroken stretch, less their mean: pressure noise does not add up in them."""
