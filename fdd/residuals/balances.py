@@ -54,6 +54,8 @@ class Balance:
     """Rows are changes: they are summed up over each unbroken stretch of a hop."""
     order: int = 0
     """Of the autoregression that whitens the rows."""
+    cell: int = 1
+    """Rows of a cell, whose means are the balance's rows."""
     lines: int = 0
     """The columns are pairs of sine and cosine, and what counts is this many amplitudes."""
 
@@ -69,6 +71,9 @@ def _volume(q: Quantities) -> list[Strand]:
         d = q.difference_measured
         margin = 0.02 * scales.pressure
         fed = {1: ~(d > margin), 2: ~(d < -margin)}
+    elif not q.accumulator_measured:  # what the low side is fed from is not known: only the high side is surely shut
+        margin = 0.02 * scales.pressure
+        fed = {1: q.drop < margin, 2: q.drop > -margin}
     oil = unit.oil
     stiff = 1.0 / oil.bulk_modulus - oil.air_fraction * float(
         compliance_of_air(np.array([oil.reference_pressure]), oil.polytropic_index)[0]
@@ -116,24 +121,32 @@ def compliance_of_air(pressure: Array, index: float) -> Array:
     return (ATMOSPHERE_PA / absolute) ** (1.0 / index) / (index * absolute)
 
 
+SLIDING_M_S = 5e-3
+"""m/s from which a seal surely slides: in one cell of 50 ms it passes half of what it gives before."""
+
+
 def _force(q: Quantities) -> list[Strand]:
     unit = q.unit
     y = (unit.cylinder.area_1 * q.p1 - unit.cylinder.area_2 * q.p2) / q.scales.friction
     if not q.chambers_measured:
         y = 0.5 * (unit.cylinder.area_1 + unit.cylinder.area_2) * q.difference_measured / q.scales.friction
     v = q.velocity / 0.05
-    bristle = q.take["bristle"]
-    one = np.ones_like(y)
+    # Viscous friction is a part of the seal's curve: it is worn with it.
+    f = unit.friction
+    viscous = np.where(q.velocity > 0.0, f.forward.viscous, f.reverse.viscous) * q.velocity
+    friction = (q.take["friction"] + viscous) / q.scales.friction
     x = np.column_stack([
-        one,
+        np.ones_like(y),
         q.position / (0.25 * unit.cylinder.stroke),
         q.acceleration / 1.0,
         v,
-        np.abs(v),
-        np.maximum(bristle, 0.0),
-        np.minimum(bristle, 0.0),
+        v * np.abs(v),
+        np.maximum(friction, 0.0),
+        np.minimum(friction, 0.0),
     ])  # fmt: skip
-    return [(y, x, np.isfinite(y))]
+    # While the seal sticks or turns about, its force is anywhere below break-away: only sliding tells how hard it rubs.
+    sliding = np.abs(q.take["sliding"]) > SLIDING_M_S
+    return [(y, x, np.isfinite(y) & sliding & (q.take["sliding"] * friction > 0.0))]
 
 
 def _torque(q: Quantities) -> list[Strand]:
@@ -219,7 +232,7 @@ BALANCES: dict[str, Balance] = {
             "gain", "compliance", "air", "lag", "sensor_lag", "density", "leak", "leak_square", "case", "wear", "relief_12", "relief_21",
             "valve_1", "valve_2", "outside_1", "outside_2"), _volume, 8, cumulative=True),
         Balance("force", "the piston's forces", (
-            "load", "spring", "mass", "damping", "skew", "friction_forward", "friction_reverse"), _force, order=3),
+            "load", "spring", "mass", "damping", "throttle", "friction_forward", "friction_reverse"), _force, cell=5),
         Balance("torque", "the shaft's torque", (
             "zero", "pressure", "inertia", "dry", "viscous", "mesh"), _torque, cumulative=True),
         Balance("shaft", "the shaft's vibration", ("order_1", "order_2"), _shaft, order=6, lines=2),

@@ -30,6 +30,10 @@ MEMORY = 0.95
 """Share of the noise's statistics that is kept from hop to hop: ten seconds."""
 LEAST_SIGNAL = 0.1
 """Share of a column's square that may be noise: beyond, its coefficient would come out too small."""
+RECENT_HOPS = 20
+"""Hops of that memory where rows themselves are kept."""
+MOST_COLOUR = 0.95
+"""Correlation of neighbouring rows beyond which ten seconds do not tell it."""
 LEAST_NOISE = 0.1
 """Of the unit's usual noise: at standstill an encoder may seem to have none."""
 FIRST_WEIGHT = 100.0
@@ -70,6 +74,7 @@ class Account:
         self.correlation = np.zeros(balance.order + 1)
         self.correlation[0] = FIRST_WEIGHT * effects.noise**2
         self.variance_sum = FIRST_WEIGHT * effects.noise**2
+        self.recent: list[Array] = []
 
     def hop(
         self, strands: list[tuple[Array, Array, Flags]], blur: Array | None
@@ -88,12 +93,15 @@ class Account:
             for part in rows(y, x, ok):
                 gram += part.T @ part
                 free += part.shape[0]
-        if free < LEAST_ROWS:
+        if free < LEAST_ROWS // self.balance.cell:
             n = self.vector.size
             return np.zeros((n, n)), np.zeros(n), 0.0, self.variance_sum / self.weight
         if self.balance.lines:
             return self._amplitudes(gram, free)
-        variance = self._variance(gram, free)
+        if self.balance.cell > 1:
+            variance = self._coloured(part)
+        else:
+            variance = self._variance(gram, free)
         if blur is not None:
             self._unblur(gram, free * blur)
         information, vector = gram[:n, :n] / variance, gram[:n, n] / variance
@@ -153,6 +161,23 @@ class Account:
         self.weight = MEMORY * self.weight + max(free - seen.sum(), 0.3 * free)
         return float(max(own, self.variance_sum / self.weight, self.least))
 
+    def _coloured(self, rows: Array) -> float:
+        """Variance that the rows would have if they erred independently: mean square of what the best coefficients of the
+        last ten seconds leave, times (1 + ρ)/(1 - ρ) of a first-order autoregression.
+
+        What a law leaves out (a load's own dynamics) hangs together over many cells, and a hop has too few to tell.
+        """
+        self.recent = [*self.recent[-RECENT_HOPS + 1 :], rows]
+        joined = np.concatenate(self.recent)
+        x, y = joined[:, :-1], joined[:, -1]
+        scale = 1.0 / np.sqrt(np.square(x).sum(axis=0).clip(1e-300))
+        scaled = x * scale
+        left = y - scaled @ np.linalg.solve(scaled.T @ scaled + 1e-6 * np.eye(scale.size), scaled.T @ y)
+        square = max(float(left @ left), 1e-300)
+        rho = min(max(float(left[1:] @ left[:-1]) / square, 0.0), MOST_COLOUR)
+        free = max(y.size - scale.size, 0.3 * y.size)
+        return max(square / free * (1.0 + rho) / (1.0 - rho), self.least)
+
     def _levels(self, y: Array, x: Array, ok: Flags) -> list[Array]:
         """Running sums over each unbroken stretch, less their mean: pressure noise does not add up in
         them."""
@@ -168,10 +193,15 @@ class Account:
         """Rows through the prediction error filter of the balance's own colour."""
         joined = np.column_stack([x, y])
         joined[~ok] = 0.0
+        cell = self.balance.cell
+        if cell > 1:  # a law that holds over tens of milliseconds, not within them, must not be whitened up to where it fails
+            joined, ok = joined.reshape(-1, cell, joined.shape[1]).mean(axis=1), ok.reshape(-1, cell).all(axis=1)
+            joined[~ok] = 0.0
+        hop, least = HOP_ROWS // cell, max(LEAST_ROWS // cell, 1)
         order = self.balance.order
         if order:
             known = 0.0 if self.balance.lines else joined[:, :-1] @ self.mean
-            rest = (joined[:, -1] - known)[-HOP_ROWS - order :]
+            rest = (joined[:, -1] - known)[-hop - order :]
             fresh = np.array([rest[order:] @ rest[order - k : rest.size - k] for k in range(order + 1)])
             self.correlation = MEMORY * self.correlation + fresh
             first = self.correlation[:order].copy()
@@ -181,8 +211,8 @@ class Account:
             for k, tap in enumerate(taps):
                 white -= tap * joined[order - 1 - k : joined.shape[0] - 1 - k]
             joined, ok = white, settled(ok, order + 1)[order:]
-        inside = joined[-HOP_ROWS:][ok[-HOP_ROWS:]]
-        return [inside] if inside.shape[0] >= LEAST_ROWS else []
+        inside = joined[-hop:][ok[-hop:]]
+        return [inside] if inside.shape[0] >= least else []
 
 
 class Ledger:

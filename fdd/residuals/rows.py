@@ -29,26 +29,39 @@ HOP_ROWS = 50
 HOP_S = ROW_S * HOP_ROWS
 TAIL_ROWS = 50
 """Rows before a hop that its filters and validity rules may look back at."""
-BRISTLE_M = 2e-4
-"""m, travel after which a seal slides: elastomer seals give 0.1 to 0.3 mm before they do."""
+BRISTLE_M = 5e-4
+"""m, travel in which a seal breaks away: elastomer seals give 0.1 to 0.5 mm before they slide."""
+FILM_S = 0.03
+"""s, by which a lubricating film, and with it the falling part of friction, follows the sliding: Hess and Soom 1990
+(doi 10.1115/1.2920240) and Armstrong-Helouvry et al. 1994 (doi 10.1016/0005-1098(94)90209-7) give 5 to 60 ms."""
 
 FAST = (
     "command", "pump_angle", "pump_speed", "position", "pressure_difference", "pressure_1", "pressure_2",
     "pressure_accumulator", "motor_current",
 )  # fmt: skip
-DERIVED = ("bristle", "cos1", "sin1", "cos2", "sin2", "temperature", "time")
+DERIVED = ("friction", "sliding", "cos1", "sin1", "cos2", "sin2", "temperature", "time")
 COLUMNS = {name: i for i, name in enumerate((*FAST, *DERIVED))}
 
 
 @njit()
-def _stop(step: Array, state: float, out: Array) -> float:
-    """Prandtl's stop operator: a spring of unit travel that slips at ±1."""
+def _friction(
+    step: Array, dt: Array, state: Array, forward: Array, reverse: Array, stiffness: float, out: Array, film: Array
+) -> None:
+    """Prandtl's stop operator whose yield is Stribeck's curve (thesis eq. 5.12): the seal's friction but for its size.
+
+    Parameters
+    ----------
+    step : (n,) m of the piston. dt : (n,) s. state : (2,) N and m/s, the seal's force and its film's speed; kept for the
+    next call. forward, reverse : (4,) Coulomb, static, Stribeck's speed and exponent. out : (n,) N, against extension. film : (n,) m/s, of sliding.
+    """
     for k in range(step.size):
-        d = step[k]
-        if d == d:
-            state = min(1.0, max(-1.0, state + d))
-        out[k] = state
-    return state
+        tried = state[0] + stiffness * step[k]
+        branch = forward if tried >= 0.0 else reverse
+        most = branch[0] + (branch[1] - branch[0]) * np.exp(-((abs(state[1]) / branch[2]) ** branch[3]))
+        state[0] = min(most, max(-most, tried))
+        slid = (tried - state[0]) / stiffness
+        state[1] += (slid - state[1] * dt[k]) / (FILM_S + dt[k])
+        out[k], film[k] = state[0], state[1]
 
 
 @dataclass
@@ -64,8 +77,8 @@ class RowMaker:
     hop: int = -1
     """Index of the first hop not yet given."""
     _waiting: list[Samples] = field(default_factory=list)
-    _bristle: float = 0.0
-    _last_angle: float = np.nan
+    _seal: Array = field(default_factory=lambda: np.zeros(2))
+    _last: tuple[float, float] = (np.nan, np.nan)
 
     def push(self, samples: Samples | None) -> tuple[int, Array]:
         """Rows of all hops that the samples complete.
@@ -135,15 +148,10 @@ class RowMaker:
         with_angle = np.isfinite(angle)
         if with_angle.any():
             known = angle[with_angle]
-            step = np.diff(known, prepend=self._last_angle if np.isfinite(self._last_angle) else known[0])
-            self._last_angle = float(known[-1])
-            gain = self.unit.pump.displacement / self.unit.cylinder.area_1 / BRISTLE_M
-            bristle = np.empty(known.size)
-            self._bristle = _stop(step * gain, self._bristle, bristle)
-            data[with_angle, COLUMNS["bristle"]] = bristle
             for order in (1, 2):
                 data[with_angle, COLUMNS[f"cos{order}"]] = np.cos(order * known)
                 data[with_angle, COLUMNS[f"sin{order}"]] = np.sin(order * known)
+        self._rub(data)
         if np.isnan(data[:, COLUMNS["pump_speed"]]).all() and n > 2:
             data[:, COLUMNS["pump_speed"]] = np.gradient(angle, samples.time)
         cell = np.floor(samples.time / ROW_S + 1e-7).astype(np.int64) - first * HOP_ROWS
@@ -170,3 +178,23 @@ class RowMaker:
                     known & (hop == h)
                 ].mean()
         return out
+
+    def _rub(self, data: Array) -> None:
+        """Fill the friction that a healthy seal would give to the measured travel, at the samples' own rate.
+
+        By the position, not by the pump: compression and leakage between the two are many times what a seal gives.
+        """
+        known = np.isfinite(data[:, COLUMNS["position"]])
+        if not known.any():
+            return
+        time, position = data[known, COLUMNS["time"]], data[known, COLUMNS["position"]]
+        before = self._last if np.isfinite(self._last[0]) else (time[0] - 1e-3, position[0])
+        self._last = (float(time[-1]), float(position[-1]))
+        dt, step = np.diff(time, prepend=before[0]), np.diff(position, prepend=before[1])
+        f = self.unit.friction
+        forward, reverse = (
+            np.array([b.coulomb, b.static, b.stribeck_velocity, b.stribeck_exponent]) for b in (f.forward, f.reverse)
+        )
+        out, film = np.empty(step.size), np.empty(step.size)
+        _friction(step, dt, self._seal, forward, reverse, 0.5 * (forward[1] + reverse[1]) / BRISTLE_M, out, film)
+        data[known, COLUMNS["friction"]], data[known, COLUMNS["sliding"]] = out, film
