@@ -1,4 +1,4 @@
-"""``fdd train``: a classifier from a data set."""
+"""``fdd train``: what a data set's healthy and faulty logs teach of the evidence."""
 
 from __future__ import annotations
 
@@ -13,66 +13,56 @@ from fdd.errors import InputError
 if TYPE_CHECKING:
     from rich.table import Table
 
-    from fdd.campaign.train import TrainingReport
+    from fdd.campaign.train import ScoredLog
 
 
 def train(
     dataset: Annotated[Path, typer.Argument(help="Folder that fdd generate made.", show_default=False)],
-    out: Annotated[Path, typer.Option("--out", "-o", help="Folder of the model.", show_default=False)],
+    out: Annotated[Path, typer.Option("--out", "-o", help="Model file (JSON).", show_default=False)],
     workers: Annotated[
         int | None, typer.Option(min=1, help="Processes; one for each core else.", show_default=False)
     ] = None,
 ) -> None:
-    """Train a classifier and tell how it does on units that it has not seen."""
-    from fdd.files import require_writable, written
+    """Learn how often healthy logs reach a score, and what a score is worth."""
+    from fdd.files import require_writable
 
-    require_writable(out, folder=True)
+    require_writable(out)
 
     from fdd.campaign.train import train as fit
     from fdd.cli.console import output, progress
 
     try:
         with progress(f"training on {dataset.name}", 1.0) as advance:
-            model, report = fit(
+            model, logs = fit(
                 dataset,
                 workers=workers or os.cpu_count() or 1,
                 progress=lambda done, total: advance(done / max(total, 1)),
             )
     except InputError as error:
         raise (error if error.where else error.at(dataset)) from None
-    with written(out):
-        model.save(out)
-    console = output()
-    console.print(confusion_table(report))
-    for line in figures(report):
-        print(line)
+    model.save(out)
+    output().print(confusion_table(logs))
+    tail = model.tail
+    print(
+        f"Healthy: {tail.hours:.2f} h; scores pass {tail.height:.2f} {tail.rate_per_hour:.2f} times an hour, "
+        f"and {tail.threshold(1.0):.2f} once."
+    )
+    print(f"A score of {model.calibration.midpoint:.2f} is a fault as likely as not.")
     print(f"Model written to {out}")
 
 
-def confusion_table(report: TrainingReport) -> Table:
-    """Logs by true family (rows) and answer (columns), over units left out of training."""
+def confusion_table(logs: list[ScoredLog]) -> Table:
+    """Logs by true family (rows) and answer (columns)."""
     from rich import box
     from rich.table import Table
 
-    table = Table(title="Cross-validated over units: logs by true family and answer", box=box.SIMPLE_HEAD)
+    families = sorted({x.family for x in logs})
+    answers = [*sorted({x.answer for x in logs if x.answer}), ""]
+    table = Table(title="Logs by true family and answer", box=box.SIMPLE_HEAD)
     table.add_column("true family")
-    for name in report.families:
-        table.add_column(name.replace("_", " "), justify="right")
-    table.add_column("no alarm", justify="right")
-    for name, row in zip(report.families, report.confusion, strict=False):
-        table.add_row(name.replace("_", " "), *(str(count) if count else "·" for count in row))
+    for name in answers:
+        table.add_column(name.replace("_", " ") or "no alarm", justify="right")
+    for family in families:
+        counts = [sum(x.family == family and x.answer == a for x in logs) for a in answers]
+        table.add_row(family.replace("_", " "), *(str(c) if c else "·" for c in counts))
     return table
-
-
-def figures(report: TrainingReport) -> list[str]:
-    """The summary below the table, a sentence each."""
-    import numpy as np
-
-    lines = [
-        f"Isolated: {100.0 * report.isolated:.1f} % of faulty logs got the right family.",
-        f"False alarms: {report.false_alarms} in {report.healthy_hours:.2f} h without a fault.",
-    ]
-    if report.delays.size:
-        half, most = np.percentile(report.delays, [50.0, 90.0])
-        lines.append(f"Delay from onset to alarm: {half:.1f} s median, {most:.1f} s for nine in ten.")
-    return lines

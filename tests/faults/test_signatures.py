@@ -7,9 +7,9 @@ from dataclasses import dataclass
 import numpy as np
 import pytest
 
-from fdd.balances.balances import BALANCES
-from fdd.balances.effects import first_effects
-from fdd.balances.quantities import Scales
+from fdd.residuals.balances import BALANCES
+from fdd.residuals.effects import first_effects
+from fdd.residuals.quantities import Scales
 from fdd.faults import CATALOGUE, Fault, Signature
 from fdd.samples import CHANNELS
 from fdd.unit import Unit
@@ -81,7 +81,7 @@ def test_each_side_and_variant_can_be_named(entry: Fault) -> None:
 
 @pytest.mark.parametrize("name", UNITS)
 def test_severity_one_is_the_same_in_the_plant_and_in_the_balances(name: str) -> None:
-    """Coefficients in the units of their columns (`fdd.balances.balances`) against the plant's figures."""
+    """Coefficients in the units of their columns (`fdd.residuals.balances`) against the plant's figures."""
     unit = typical(name)
     scales = unit.scales
 
