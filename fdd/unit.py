@@ -180,7 +180,8 @@ class Estimation(Section):
 
 
 class BalanceBaseline(Section):
-    """One balance's coefficients on this unit's healthy logs: mean and covariance, and the noise of its rows."""
+    """One balance's coefficients on this unit's healthy logs: mean and covariance, and the noise of its
+    rows."""
 
     columns: list[str]
     mean: list[float]

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from fdd.errors import InputError
 from fdd.residuals.balances import BALANCES
@@ -79,7 +80,7 @@ def add_baseline(unit: Unit, logs: Sequence[Samples]) -> Unit:
     return out
 
 
-def _rounded(values: np.ndarray) -> list[float]:  # type: ignore[type-arg]
+def _rounded(values: NDArray[np.float64]) -> list[float]:
     return [float(f"{v:.8g}") for v in values]
 
 

@@ -164,10 +164,8 @@ class Evidence:
             return None
         found = None
         for kind in h.courses:
-            lam, b = (
-                np.diag(1.0 / h.scale**2)[None].repeat(self.onsets.size, axis=0),
-                np.zeros((self.onsets.size, h.scale.size)),
-            )
+            lam = np.repeat(np.diag(1.0 / h.scale**2)[None], self.onsets.size, axis=0)
+            b = np.zeros((self.onsets.size, h.scale.size))
             for name, g in self.shared(h):
                 s, sv = self._over_onsets(name, kind)
                 lam += g.T @ s @ g
@@ -247,7 +245,7 @@ class Evidence:
             weights += np.swapaxes(seen, 1, 2) @ e.information @ seen
         inverse = np.linalg.inv(lam)
         own_information = np.linalg.inv(inverse[:q, :q])
-        size = a[:q]
+        size = np.asarray(a[:q], dtype=np.float64)
         along = inverse[:, :q] @ (own_information @ size)  # direction of h's own amplitude, the others free
         block = np.arange(self.hops) // BLOCK_HOPS
         u = np.bincount(block, scores @ along)

@@ -71,7 +71,9 @@ def _volume(q: Quantities) -> list[Strand]:
         d = q.difference_measured
         margin = 0.02 * scales.pressure
         fed = {1: ~(d > margin), 2: ~(d < -margin)}
-    elif not q.accumulator_measured:  # what the low side is fed from is not known: only the high side is surely shut
+    elif (
+        not q.accumulator_measured
+    ):  # what the low side is fed from is not known: only the high side is surely shut
         margin = 0.02 * scales.pressure
         fed = {1: q.drop < margin, 2: q.drop > -margin}
     oil = unit.oil
@@ -144,7 +146,8 @@ def _force(q: Quantities) -> list[Strand]:
         np.maximum(friction, 0.0),
         np.minimum(friction, 0.0),
     ])  # fmt: skip
-    # While the seal sticks or turns about, its force is anywhere below break-away: only sliding tells how hard it rubs.
+    # While the seal sticks or turns about, its force is anywhere below break-away: only sliding tells how
+    # hard it rubs.
     sliding = np.abs(q.take["sliding"]) > SLIDING_M_S
     return [(y, x, np.isfinite(y) & sliding & (q.take["sliding"] * friction > 0.0))]
 
@@ -228,16 +231,30 @@ def _reservoir(q: Quantities) -> list[Strand]:
 BALANCES: dict[str, Balance] = {
     b.name: b
     for b in (
-        Balance("volume", "the chambers' oil", (
-            "gain", "compliance", "air", "lag", "sensor_lag", "density", "leak", "leak_square", "case", "wear", "relief_12", "relief_21",
-            "valve_1", "valve_2", "outside_1", "outside_2"), _volume, 8, cumulative=True),
-        Balance("force", "the piston's forces", (
-            "load", "spring", "mass", "damping", "throttle", "friction_forward", "friction_reverse"), _force, cell=5),
-        Balance("torque", "the shaft's torque", (
-            "zero", "pressure", "inertia", "dry", "viscous", "mesh"), _torque, cumulative=True),
+        Balance(
+            "volume", "the chambers' oil",
+            ("gain", "compliance", "air", "lag", "sensor_lag", "density", "leak", "leak_square", "case", "wear",
+             "relief_12", "relief_21", "valve_1", "valve_2", "outside_1", "outside_2"),
+            _volume, settle=8, cumulative=True,
+        ),
+        Balance(
+            "force", "the piston's forces",
+            ("load", "spring", "mass", "damping", "throttle", "friction_forward", "friction_reverse"),
+            _force, cell=5,
+        ),
+        Balance(
+            "torque", "the shaft's torque", ("zero", "pressure", "inertia", "dry", "viscous", "mesh"),
+            _torque, cumulative=True,
+        ),
         Balance("shaft", "the shaft's vibration", ("order_1", "order_2"), _shaft, order=6, lines=2),
-        Balance("coherence", "the pressures among each other", ("zero", "gain_1", "gain_2", "line", "line_square"), _coherence, 1),
-        Balance("refeed", "the refeeding", ("drop_1", "drop_2", "flow_1", "flow_2"), _refeed, 8),
-        Balance("reservoir", "the accumulator's oil", ("drift", "held", "rod", "stroke"), _reservoir, cumulative=True),
+        Balance(
+            "coherence", "the pressures among each other",
+            ("zero", "gain_1", "gain_2", "line", "line_square"), _coherence,
+        ),
+        Balance("refeed", "the refeeding", ("drop_1", "drop_2", "flow_1", "flow_2"), _refeed, settle=8),
+        Balance(
+            "reservoir", "the accumulator's oil", ("drift", "held", "rod", "stroke"), _reservoir,
+            cumulative=True,
+        ),
     )
 }  # fmt: skip

@@ -83,8 +83,8 @@ class Account:
 
         Parameters
         ----------
-        strands : rows of the hop with `TAIL_ROWS` before them. blur : (n, n) mean square of the columns' own noise,
-            taken off: else a pressure's noise would pass for motion that moves no oil.
+        strands : rows of the hop with `TAIL_ROWS` before them.
+        blur : (n, n) mean square of the columns' own noise: a pressure's noise is no motion.
         """
         n = strands[0][1].shape[1] if strands else self.vector.size
         gram, free = np.zeros((n + 1, n + 1)), 0.0
@@ -137,9 +137,8 @@ class Account:
     def _unblur(self, gram: Array, blur: Array) -> None:
         """Where a tenth of a column or more is its own noise, take out what the hop says of its coefficient.
 
-        A column's noise draws its coefficient to zero (errors in variables); where the signal is ten times
-        the noise or
-        more, and such hops carry nearly all the information, by a few per cent at most.
+        A column's noise draws its coefficient to zero (errors in variables). Where the signal is ten times
+        the noise or more, and such hops carry nearly all the information, it does so by a few per cent at most.
         """
         noisy = np.flatnonzero(np.diag(blur) > LEAST_SIGNAL * np.diag(gram)[:-1])
         n = blur.shape[0]
@@ -148,8 +147,7 @@ class Account:
             gram[noisy, :] = gram[:, noisy] = 0.0
 
     def _variance(self, gram: Array, free: float) -> float:
-        """Mean square of what the best coefficients of the hop leave, or of the last ten seconds if that is
-        more."""
+        """Mean square of what the hop's best coefficients leave, or the last ten seconds', if that is more."""
         n = self.vector.size
         scale = 1.0 / np.sqrt(np.diag(gram)[:n].clip(1e-300))
         seen = np.diag(gram)[:n] > 0.0
@@ -162,10 +160,13 @@ class Account:
         return float(max(own, self.variance_sum / self.weight, self.least))
 
     def _coloured(self, rows: Array) -> float:
-        """Variance that the rows would have if they erred independently: mean square of what the best coefficients of the
-        last ten seconds leave, times (1 + ρ)/(1 - ρ) of a first-order autoregression.
+        """Variance that rows would have that err independently and tell as much.
 
-        What a law leaves out (a load's own dynamics) hangs together over many cells, and a hop has too few to tell.
+        It is the mean square of what the best coefficients of the last ten seconds leave, times
+        (1 + ρ)/(1 - ρ) of a first-order autoregression.
+
+        What a law leaves out (a load's own dynamics) hangs together over many cells, and a hop has too few
+        to tell.
         """
         self.recent = [*self.recent[-RECENT_HOPS + 1 :], rows]
         joined = np.concatenate(self.recent)
@@ -179,8 +180,7 @@ class Account:
         return max(square / free * (1.0 + rho) / (1.0 - rho), self.least)
 
     def _levels(self, y: Array, x: Array, ok: Flags) -> list[Array]:
-        """Running sums over each unbroken stretch, less their mean: pressure noise does not add up in
-        them."""
+        """Running sums over each unbroken stretch, less their mean: in them pressure noise does not add up."""
         inside = np.flatnonzero(ok[-HOP_ROWS:]) + y.size - HOP_ROWS
         out = []
         for stretch in np.split(inside, np.flatnonzero(np.diff(inside) > 1) + 1):
@@ -194,8 +194,9 @@ class Account:
         joined = np.column_stack([x, y])
         joined[~ok] = 0.0
         cell = self.balance.cell
-        if cell > 1:  # a law that holds over tens of milliseconds, not within them, must not be whitened up to where it fails
-            joined, ok = joined.reshape(-1, cell, joined.shape[1]).mean(axis=1), ok.reshape(-1, cell).all(axis=1)
+        if cell > 1:  # a law that holds over tens of milliseconds must not be whitened up to where it fails
+            joined = joined.reshape(-1, cell, joined.shape[1]).mean(axis=1)
+            ok = np.asarray(ok.reshape(-1, cell).all(axis=1))
             joined[~ok] = 0.0
         hop, least = HOP_ROWS // cell, max(LEAST_ROWS // cell, 1)
         order = self.balance.order
@@ -288,7 +289,8 @@ class Ledger:
         seen = np.array(self._misfits).reshape(-1, len(BALANCES))
         ends = (self._last_hop - np.arange(len(seen))[::-1] + 1) * HOP_S if len(seen) else np.empty(0)
         used = np.isfinite(seen).any(axis=0)
-        return ends, [n for n, u in zip(BALANCES, used, strict=True) if u], np.nan_to_num(seen[:, used])
+        names = [n for n, u in zip(BALANCES, used, strict=True) if u]
+        return np.asarray(ends, dtype=np.float64), names, np.asarray(np.nan_to_num(seen[:, used]))
 
     @property
     def _last_hop(self) -> int:
@@ -328,6 +330,8 @@ class Ledger:
             out[f"{name}/information"], out[f"{name}/vector"] = account.information, account.vector
             out[f"{name}/noise"] = np.array([account.weight, account.variance_sum])
             out[f"{name}/correlation"] = account.correlation
+            out[f"{name}/lengths"] = np.array([len(r) for r in account.recent])
+            out[f"{name}/recent"] = np.concatenate(account.recent) if account.recent else np.empty((0, 0))
             out[f"{name}/mean"], out[f"{name}/covariance"] = (
                 self.reference[name].mean,
                 self.reference[name].covariance,
@@ -349,6 +353,8 @@ class Ledger:
             )
             account.weight, account.variance_sum = (float(x) for x in state[f"{name}/noise"])
             account.correlation = state[f"{name}/correlation"].copy()
+            ends = np.cumsum(state[f"{name}/lengths"]).astype(np.int64)
+            account.recent = np.split(state[f"{name}/recent"], ends[:-1]) if ends.size else []
             mean, covariance = state[f"{name}/mean"].copy(), state[f"{name}/covariance"].copy()
             self.reference = {
                 **self.reference,

@@ -32,8 +32,10 @@ TAIL_ROWS = 50
 BRISTLE_M = 5e-4
 """m, travel in which a seal breaks away: elastomer seals give 0.1 to 0.5 mm before they slide."""
 FILM_S = 0.03
-"""s, by which a lubricating film, and with it the falling part of friction, follows the sliding: Hess and Soom 1990
-(doi 10.1115/1.2920240) and Armstrong-Helouvry et al. 1994 (doi 10.1016/0005-1098(94)90209-7) give 5 to 60 ms."""
+"""s, by which a lubricating film, and with it the falling part of friction, follows the sliding: Hess and
+Soom 1990
+(doi 10.1115/1.2920240) and Armstrong-Helouvry et al. 1994 (doi 10.1016/0005-1098(94)90209-7) give 5 to 60
+ms."""
 
 FAST = (
     "command", "pump_angle", "pump_speed", "position", "pressure_difference", "pressure_1", "pressure_2",
@@ -45,14 +47,24 @@ COLUMNS = {name: i for i, name in enumerate((*FAST, *DERIVED))}
 
 @njit()
 def _friction(
-    step: Array, dt: Array, state: Array, forward: Array, reverse: Array, stiffness: float, out: Array, film: Array
+    step: Array,
+    dt: Array,
+    state: Array,
+    forward: Array,
+    reverse: Array,
+    stiffness: float,
+    out: Array,
+    film: Array,
 ) -> None:
-    """Prandtl's stop operator whose yield is Stribeck's curve (thesis eq. 5.12): the seal's friction but for its size.
+    """Prandtl's stop operator whose yield is Stribeck's curve (thesis eq. 5.12): the seal's friction but
+    for its size.
 
     Parameters
     ----------
-    step : (n,) m of the piston. dt : (n,) s. state : (2,) N and m/s, the seal's force and its film's speed; kept for the
-    next call. forward, reverse : (4,) Coulomb, static, Stribeck's speed and exponent. out : (n,) N, against extension. film : (n,) m/s, of sliding.
+    step : (n,) m of the piston. dt : (n,) s. state : (2,) N and m/s, the seal's force and its film's speed;
+        kept for the
+    next call. forward, reverse : (4,) Coulomb, static, Stribeck's speed and exponent. out : (n,) N, against
+    extension. film : (n,) m/s, of sliding.
     """
     for k in range(step.size):
         tried = state[0] + stiffness * step[k]
@@ -182,7 +194,8 @@ class RowMaker:
     def _rub(self, data: Array) -> None:
         """Fill the friction that a healthy seal would give to the measured travel, at the samples' own rate.
 
-        By the position, not by the pump: compression and leakage between the two are many times what a seal gives.
+        By the position, not by the pump: compression and leakage between the two are many times what a seal
+        gives.
         """
         known = np.isfinite(data[:, COLUMNS["position"]])
         if not known.any():
@@ -193,8 +206,11 @@ class RowMaker:
         dt, step = np.diff(time, prepend=before[0]), np.diff(position, prepend=before[1])
         f = self.unit.friction
         forward, reverse = (
-            np.array([b.coulomb, b.static, b.stribeck_velocity, b.stribeck_exponent]) for b in (f.forward, f.reverse)
+            np.array([b.coulomb, b.static, b.stribeck_velocity, b.stribeck_exponent])
+            for b in (f.forward, f.reverse)
         )
         out, film = np.empty(step.size), np.empty(step.size)
-        _friction(step, dt, self._seal, forward, reverse, 0.5 * (forward[1] + reverse[1]) / BRISTLE_M, out, film)
+        _friction(
+            step, dt, self._seal, forward, reverse, 0.5 * (forward[1] + reverse[1]) / BRISTLE_M, out, film
+        )
         data[known, COLUMNS["friction"]], data[known, COLUMNS["sliding"]] = out, film
