@@ -10,6 +10,7 @@ reference's, ω speed, s_i = ±1 for chamber 1 and 2.
 volume         s(D Δθ - A Δx) of each chamber that no valve feeds (thesis eqs 3.14 to 3.17), m³
 force          A_1 p_1 - A_2 p_2, by load and friction (eq. 3.30 and 5.12), over Coulomb friction
 torque         motor current by shaft torque, friction and inertia (eq. 4.10), over that at relief pressure
+spin           pump speed by its command: lines at the shaft's orders, over the drive's speed
 coherence      measured Δp less p_1 - p_2: lines and sensors, over relief pressure
 refeed         p_c - p_i of the side that is fed: its check valve's drop, over relief pressure
 reservoir      gas of the accumulator and oil in the chambers: what left the circuit, in its gas volume
@@ -40,7 +41,9 @@ class Balance:
     Attributes
     ----------
     name, unit : for people. columns : names of the coefficients. strands : quantities to one or two sets of
-    (y (n,), X (n, columns), valid (n,)) that share the coefficients. settle : rows left out after what was invalid.
+    (y (n,), X (n, columns), valid (n,)) that share the coefficients. settle : rows left out after what was invalid. cumulative : rows
+    are summed up. order : of the autoregression that whitens them. cell : rows whose mean is one. floor : least noise of a
+    row. lines : orders of the shaft whose amplitudes are kept.
     """
 
     name: str
@@ -51,6 +54,7 @@ class Balance:
     cumulative: bool = False
     order: int = 0
     cell: int = 1
+    floor: float = 0.0
     lines: int = 0
 
 
@@ -160,11 +164,23 @@ def _shaft(q: Quantities) -> list[Strand]:
     turning *= q.unit.drive.inertia / (q.unit.drive.torque_constant * scales.current)
     lines = [q.take[n] for n in ("cos1", "sin1", "cos2", "sin2")]
     x = np.column_stack([*lines, np.ones_like(y), drop, turning, np.tanh(q.speed / (0.01 * scales.speed))])
-    # A line shows over whole turns only, and below the rate at which a row's mean swallows it.
+    return [(y, x, np.isfinite(y) & _turning(q))]
+
+
+def _turning(q: Quantities) -> Flags:
+    """Where a line shows: over whole turns only, and below the rate at which a row's mean swallows it."""
     angle = q.angle[-HOP_ROWS:]
     whole = np.isfinite(angle).any() and np.nanmax(angle) - np.nanmin(angle) > 4.0 * np.pi
-    slow = np.abs(q.speed) * ROW_S < np.pi
-    return [(y, x, np.isfinite(y) & slow & bool(whole))]
+    return (np.abs(q.speed) * ROW_S < np.pi) & bool(whole)
+
+
+def _spin(q: Quantities) -> list[Strand]:
+    # The drive's loop gives way a little to a torque that swings once a turn, the more the slower the loop.
+    command = q.take["command"] / q.scales.speed
+    y = q.take["pump_speed"] / q.scales.speed - command
+    lines = [q.take[n] for n in ("cos1", "sin1", "cos2", "sin2")]
+    x = np.column_stack([*lines, np.ones_like(y), command, change(command), change(change(command))])
+    return [(y, x, np.isfinite(y) & _turning(q))]
 
 
 def _coherence(q: Quantities) -> list[Strand]:
@@ -219,10 +235,11 @@ BALANCES: dict[str, Balance] = {
             "gain", "compliance", "air", "lag", "sensor_lag", "density", "leak", "leak_square", "case", "wear", "relief_12", "relief_21",
             "valve_1", "valve_2", "outside_1", "outside_2"), _volume, 8, cumulative=True),
         Balance("force", "1", (
-            "load", "spring", "mass", "damping", "throttle", "friction_forward", "friction_reverse"), _force, cell=5),
+            "load", "spring", "mass", "damping", "throttle", "friction_forward", "friction_reverse"), _force, cell=5, floor=0.1),  # thesis Table 5.1: trials scatter by 9 %
         Balance("torque", "1", (
             "zero", "pressure", "inertia", "dry", "viscous", "mesh"), _torque, cumulative=True),
         Balance("shaft", "1", ("order_1", "order_2"), _shaft, order=6, lines=2),
+        Balance("spin", "1", ("order_1", "order_2"), _spin, order=6, lines=2),
         Balance("coherence", "1", ("zero", "gain_1", "gain_2", "line", "line_square"), _coherence, 1),
         Balance("refeed", "1", ("drop_1", "drop_2", "flow_1", "flow_2"), _refeed, 8),
         Balance("reservoir", "1", ("drift", "held", "rod", "stroke"), _reservoir, cumulative=True),
