@@ -10,7 +10,6 @@ reference's, ω speed, s_i = ±1 for chamber 1 and 2.
 volume         s(D Δθ - A Δx) of each chamber that no valve feeds (thesis eqs 3.14 to 3.17), m³
 force          A_1 p_1 - A_2 p_2, by load and friction (eq. 3.30 and 5.12), over Coulomb friction
 torque         motor current by shaft torque, friction and inertia (eq. 4.10), over that at relief pressure
-spin           pump speed by its command: lines at the shaft's orders, over the drive's speed
 coherence      measured Δp less p_1 - p_2: lines and sensors, over relief pressure
 refeed         p_c - p_i of the side that is fed: its check valve's drop, over relief pressure
 reservoir      gas of the accumulator and oil in the chambers: what left the circuit, in its gas volume
@@ -174,15 +173,6 @@ def _turning(q: Quantities) -> Flags:
     return (np.abs(q.speed) * ROW_S < np.pi) & bool(whole)
 
 
-def _spin(q: Quantities) -> list[Strand]:
-    # The drive's loop gives way a little to a torque that swings once a turn, the more the slower the loop.
-    command = q.take["command"] / q.scales.speed
-    y = q.take["pump_speed"] / q.scales.speed - command
-    lines = [q.take[n] for n in ("cos1", "sin1", "cos2", "sin2")]
-    x = np.column_stack([*lines, np.ones_like(y), command, change(command), change(change(command))])
-    return [(y, x, np.isfinite(y) & _turning(q))]
-
-
 def _coherence(q: Quantities) -> list[Strand]:
     y = (q.difference_measured - (q.take["pressure_1"] - q.take["pressure_2"])) / q.scales.pressure
     share = q.speed / q.scales.speed
@@ -239,7 +229,6 @@ BALANCES: dict[str, Balance] = {
         Balance("torque", "1", (
             "zero", "pressure", "inertia", "dry", "viscous", "mesh"), _torque, cumulative=True),
         Balance("shaft", "1", ("order_1", "order_2"), _shaft, order=6, lines=2),
-        Balance("spin", "1", ("order_1", "order_2"), _spin, order=6, lines=2),
         Balance("coherence", "1", ("zero", "gain_1", "gain_2", "line", "line_square"), _coherence, 1),
         Balance("refeed", "1", ("drop_1", "drop_2", "flow_1", "flow_2"), _refeed, 8),
         Balance("reservoir", "1", ("drift", "held", "rod", "stroke"), _reservoir, cumulative=True),

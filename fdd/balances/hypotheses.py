@@ -65,7 +65,6 @@ def hypotheses(unit, effects: dict[str, Effects], scales: Scales):
         add("oil_degradation", name, {**vol, **_col("torque", viscous=(ratio - 1.0) * visc)}, variant=name)
     for c in ("order_1", "order_2"):
         add("coupling_wear", f"lines {c}", _col("shaft", **{c: 0.1}))
-        add("coupling_wear", f"swing {c}", _col("spin", **{c: 3e-4}))
     b = 0.073
     add("pressure_sensor_bias", "bias dp", _col("coherence", zero=b), signed=False)
     add("pressure_sensor_bias", "bias dp by torque", _col("torque", zero=-b * t[1]), signed=False)
