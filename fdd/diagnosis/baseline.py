@@ -73,7 +73,7 @@ def add_baseline(unit: Unit, logs: Sequence[Samples]) -> Unit:
             columns=list(BALANCES[name].columns),
             mean=_rounded(covariance @ vector),
             covariance=[_rounded(row) for row in 0.5 * (covariance + covariance.T)],
-            noise=float(f"{np.sqrt(np.mean(noise)):.5g}"),
+            noise=float(f"{np.sqrt(np.median(noise)):.5g}"),
         )
     out = unit.model_copy(deep=True)
     out.baseline = Baseline(version=BASELINE_VERSION, seconds=round(hops * HOP_S, 1), balances=found)

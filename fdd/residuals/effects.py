@@ -48,7 +48,7 @@ _PRIOR: dict[str, tuple[float, dict[str, tuple[float, float, float, float, float
     "force": (0.1, {
         "load": (0.0, 50.0, 30.0, 10.0, 0.3), "spring": (0.0, 50.0, 50.0, 5.0, 0.3), "mass": (0.05, 0.3, 1.0, 0.02, 0.05),
         "damping": (0.0, 0.3, 0.3, 0.05, 0.1), "throttle": (0.0, 0.3, 10.0, 0.05, 0.1),
-        "friction_forward": (1.0, 0.5, 0.15, 0.05, 0.3), "friction_reverse": (1.0, 0.5, 0.15, 0.05, 0.3)}),
+        "friction_forward": (1.0, 0.5, 0.15, 0.05, 0.1), "friction_reverse": (1.0, 0.5, 0.15, 0.05, 0.1)}),
     "torque": (1e-4, {
         "zero": (0.0, 0.01, 0.001, 0.0005, 0.003), "pressure": (1.0, 0.3, 0.02, 0.005, 0.02),
         "inertia": (1.0, 0.3, 0.01, 0.01, 0.02), "dry": (0.02, 0.03, 0.004, 0.001, 0.003),

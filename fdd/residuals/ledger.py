@@ -70,7 +70,7 @@ class Account:
         self.information = np.linalg.inv(effects.covariance)
         self.vector = self.information @ effects.mean
         self.weight = FIRST_WEIGHT
-        self.least = (LEAST_NOISE * effects.noise) ** 2
+        self.least = max(LEAST_NOISE * effects.noise, balance.floor) ** 2
         self.correlation = np.zeros(balance.order + 1)
         self.correlation[0] = FIRST_WEIGHT * effects.noise**2
         self.variance_sum = FIRST_WEIGHT * effects.noise**2
