@@ -1,22 +1,20 @@
 """How strongly the balances speak for each fault, over every onset.
 
-A fault adds its amplitude ``a`` times its columns ``G`` times its course ``φ`` to the balances'
-coefficients. With what held before
-integrated out, its amplitude has information ``λ`` and score ``b``, and by sums over hops every onset costs the same:
+A fault adds its amplitude ``a`` times its columns ``G`` times its course ``φ`` to the balances' coefficients.
+With what held before integrated out, its amplitude has information ``λ`` and score ``b``, and by sums over
+hops every onset costs the same:
 
     λ = Gᵀ[Σφ²M - (ΣφM) T (ΣφM)]G,   b = Gᵀ[Σφm - (ΣφM) T (P⁻¹μ + Σm)],   T = (P⁻¹ + ΣM)⁻¹
 
 P and μ are the unit's own prior. Three things keep ``a² λ`` from passing for evidence that it is not:
 
+- A healthy unit's coefficients change as well, by N(0, R), at the same moment: that change is integrated out,
+  alike for all hypotheses.
 - The hops' own scores about the fitted model say how far the amplitude really scatters: the sandwich (or
-cluster robust) factor
-  κ, from blocks of two seconds (Liang and Zeger 1986, doi 10.1093/biomet/73.1.13). It is measured in the
-  log itself, whatever the
-  load, the noise and the structure of the machine.
-- That factor rests on few blocks, so the ratio of likelihoods is that of Student's t with as many degrees
-of freedom.
-- A healthy unit's coefficients change as well, by N(0, R): that part of the amplitude's variance does not
-fall with time.
+  cluster robust) factor κ, from blocks of two seconds (Liang and Zeger 1986, doi 10.1093/biomet/73.1.13). It
+  is measured in the log itself, whatever the load, the noise and the structure of the machine.
+- That factor rests on few blocks, so the ratio of likelihoods is that of Student's t with as many degrees of
+  freedom.
 """
 
 from __future__ import annotations
@@ -149,9 +147,8 @@ class Evidence:
             eye = np.eye(b.within.size)
             soft = np.linalg.inv(eye + std[:, :, None] * s * std[:, None, :])
             self._softened[name, kind] = soft * std[:, None, :] / std[:, :, None]
-            self._sums[name, kind] = (
-                (eye - soft) / std[:, :, None] / std[:, None, :], (self._softened[name, kind] @ one_v[..., None])[..., 0],
-            )  # fmt: skip
+            heard = (eye - soft) / std[:, :, None] / std[:, None, :]
+            self._sums[name, kind] = heard, (self._softened[name, kind] @ one_v[..., None])[..., 0]
         return self._sums[name, kind]
 
     def shared(self, h: Hypothesis) -> list[tuple[str, Array]]:

@@ -89,6 +89,6 @@ def hypotheses(unit: Unit, effects: dict[str, Effects]) -> list[Hypothesis]:
                     s.side,
                     s.variant,
                     s.channel,
-                )  # fmt: skip
+                )
             )
     return out

@@ -28,7 +28,8 @@ FAULT = Fault(
     plant="viscous friction and leakage change with viscosity",
     severity="thin: viscosity falls to 50 %; thick: it rises to 200 %",
     source=ASSUMED,
-    next_check="Take an oil sample at working temperature and have its viscosity at 40 °C compared with its grade.",
+    next_check="Take an oil sample at working temperature and have its viscosity at 40 °C compared with "
+    "its grade.",
     variants=tuple(_VISCOSITY),
     figures=(
         Figure("thin_viscosity", _VISCOSITY["thin"], (0.05, 1.0), "of the oil over that of sound oil"),

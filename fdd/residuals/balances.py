@@ -238,7 +238,8 @@ BALANCES: dict[str, Balance] = {
     for b in (
         Balance(
             "volume", "the chambers' oil",
-            ("gain", "compliance", "air", "lag", "sensor_lag", "density", "leak", "leak_square", "case", "wear",
+            ("gain", "compliance", "air", "lag", "sensor_lag", "density", "leak", "leak_square", "case",
+             "wear",
              "relief_12", "relief_21", "valve_1", "valve_2", "outside_1", "outside_2"),
             _volume, settle=8, cumulative=True,
         ),

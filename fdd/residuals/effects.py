@@ -46,7 +46,8 @@ _PRIOR: dict[str, tuple[float, dict[str, tuple[float, float, float, float, float
         "valve_1": (0.0, 0.005, 0.002, 0.002, 0.004), "valve_2": (0.0, 0.005, 0.002, 0.002, 0.004),
         "outside_1": (0.0, 0.05, 0.02, 0.02, 0.04), "outside_2": (0.0, 0.05, 0.02, 0.02, 0.04)}),
     "force": (0.1, {
-        "load": (0.0, 50.0, 30.0, 10.0, 0.3), "spring": (0.0, 50.0, 50.0, 5.0, 0.3), "mass": (0.05, 0.3, 1.0, 0.02, 0.05),
+        "load": (0.0, 50.0, 30.0, 10.0, 0.3), "spring": (0.0, 50.0, 50.0, 5.0, 0.3),
+        "mass": (0.05, 0.3, 1.0, 0.02, 0.05),
         "damping": (0.0, 0.3, 0.3, 0.05, 0.1), "throttle": (0.0, 0.3, 10.0, 0.05, 0.1),
         "friction_forward": (1.0, 0.5, 0.15, 0.05, 0.1), "friction_reverse": (1.0, 0.5, 0.15, 0.05, 0.1)}),
     "torque": (1e-4, {
@@ -63,7 +64,8 @@ _PRIOR: dict[str, tuple[float, dict[str, tuple[float, float, float, float, float
         "drop_1": (0.003, 0.005, 0.0005, 0.0005, 0.001), "drop_2": (0.003, 0.005, 0.0005, 0.0005, 0.001),
         "flow_1": (0.0, 0.01, 0.002, 0.002, 0.004), "flow_2": (0.0, 0.01, 0.002, 0.002, 0.004)}),
     "reservoir": (1e-3, {
-        "drift": (0.0, 0.03, 0.02, 0.01, 0.03), "held": (1.0, 0.5, 0.1, 0.03, 0.2), "rod": (1.0, 0.3, 0.1, 0.03, 0.2),
+        "drift": (0.0, 0.03, 0.02, 0.01, 0.03), "held": (1.0, 0.5, 0.1, 0.03, 0.2),
+        "rod": (1.0, 0.3, 0.1, 0.03, 0.2),
         "stroke": (0.0, 0.1, 0.04, 0.02, 0.06)}),
 }  # fmt: skip
 
@@ -72,4 +74,5 @@ def first_effects(name: str) -> Effects:
     """Effects of a unit of which only the data sheet is known."""
     noise, table = _PRIOR[name]
     mean, spread, between, within, wander = np.array([table[c] for c in BALANCES[name].columns]).T
+    # Within a log a healthy unit changes less than it differs between logs: the sandwich sees the rest.
     return Effects(mean, np.diag(spread**2 + between**2), between, 0.3 * within, wander, noise)

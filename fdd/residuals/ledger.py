@@ -138,7 +138,7 @@ class Account:
         """Where a tenth of a column or more is its own noise, take out what the hop says of its coefficient.
 
         A column's noise draws its coefficient to zero (errors in variables). Where the signal is ten times
-        the noise or more, and such hops carry nearly all the information, it does so by a few per cent at most.
+        the noise or more, and such hops carry nearly all the information, it does so by some per cent.
         """
         noisy = np.flatnonzero(np.diag(blur) > LEAST_SIGNAL * np.diag(gram)[:-1])
         n = blur.shape[0]
@@ -147,7 +147,7 @@ class Account:
             gram[noisy, :] = gram[:, noisy] = 0.0
 
     def _variance(self, gram: Array, free: float) -> float:
-        """Mean square of what the hop's best coefficients leave, or the last ten seconds', if that is more."""
+        """Mean square of what the hop's best coefficients leave, or the last ten seconds', if more."""
         n = self.vector.size
         scale = 1.0 / np.sqrt(np.diag(gram)[:n].clip(1e-300))
         seen = np.diag(gram)[:n] > 0.0
@@ -180,7 +180,7 @@ class Account:
         return max(square / free * (1.0 + rho) / (1.0 - rho), self.least)
 
     def _levels(self, y: Array, x: Array, ok: Flags) -> list[Array]:
-        """Running sums over each unbroken stretch, less their mean: in them pressure noise does not add up."""
+        """Running sums of each unbroken stretch, less their mean: pressure noise does not add up in them."""
         inside = np.flatnonzero(ok[-HOP_ROWS:]) + y.size - HOP_ROWS
         out = []
         for stretch in np.split(inside, np.flatnonzero(np.diff(inside) > 1) + 1):
@@ -247,7 +247,8 @@ class Ledger:
             n = len(BALANCES[name].columns)
             kept = entries[start:]
             out[name] = (
-                np.array([e[0] for e in kept]).reshape(-1, n, n), np.array([e[1] for e in kept]).reshape(-1, n),
+                np.array([e[0] for e in kept]).reshape(-1, n, n),
+                np.array([e[1] for e in kept]).reshape(-1, n),
                 np.array([e[2] for e in kept]), np.array([e[3] for e in kept]),
             )  # fmt: skip
         return out

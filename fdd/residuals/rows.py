@@ -32,10 +32,9 @@ TAIL_ROWS = 50
 BRISTLE_M = 5e-4
 """m, travel in which a seal breaks away: elastomer seals give 0.1 to 0.5 mm before they slide."""
 FILM_S = 0.03
-"""s, by which a lubricating film, and with it the falling part of friction, follows the sliding: Hess and
-Soom 1990
-(doi 10.1115/1.2920240) and Armstrong-Helouvry et al. 1994 (doi 10.1016/0005-1098(94)90209-7) give 5 to 60
-ms."""
+"""s, by which a lubricating film, and with it the falling part of friction, follows the sliding: 5 to 60 ms
+by Hess and Soom 1990 (doi 10.1115/1.2920240) and Armstrong-Helouvry et al. 1994 (doi
+10.1016/0005-1098(94)90209-7)."""
 
 FAST = (
     "command", "pump_angle", "pump_speed", "position", "pressure_difference", "pressure_1", "pressure_2",
@@ -56,15 +55,14 @@ def _friction(
     out: Array,
     film: Array,
 ) -> None:
-    """Prandtl's stop operator whose yield is Stribeck's curve (thesis eq. 5.12): the seal's friction but
-    for its size.
+    """Prandtl's stop operator whose yield is Stribeck's curve (thesis eq. 5.12): a healthy seal's friction.
 
     Parameters
     ----------
-    step : (n,) m of the piston. dt : (n,) s. state : (2,) N and m/s, the seal's force and its film's speed;
-        kept for the
-    next call. forward, reverse : (4,) Coulomb, static, Stribeck's speed and exponent. out : (n,) N, against
-    extension. film : (n,) m/s, of sliding.
+    step : (n,) m of the piston. dt : (n,) s.
+    state : (2,) N and m/s, the seal's force and its film's speed; kept for the next call.
+    forward, reverse : (4,) Coulomb, static, Stribeck's speed and exponent.
+    out : (n,) N, against extension. film : (n,) m/s, of sliding.
     """
     for k in range(step.size):
         tried = state[0] + stiffness * step[k]
@@ -91,6 +89,8 @@ class RowMaker:
     _waiting: list[Samples] = field(default_factory=list)
     _seal: Array = field(default_factory=lambda: np.zeros(2))
     _last: tuple[float, float] = (np.nan, np.nan)
+    _turned: Array = field(default_factory=lambda: np.full(3, np.nan))
+    """Time, angle and speed of the last sample: what the pump's missing signal goes on from."""
 
     def push(self, samples: Samples | None) -> tuple[int, Array]:
         """Rows of all hops that the samples complete.
@@ -129,7 +129,10 @@ class RowMaker:
 
     def state(self) -> dict[str, Array]:
         """What waits, and the filters' memory, as flat named arrays."""
-        out: dict[str, Array] = {"scalars": np.array([float(self.hop), self._bristle, self._last_angle])}
+        out: dict[str, Array] = {
+            "hop": np.array([self.hop]), "seal": self._seal.copy(), "last": np.array(self._last),
+            "turned": self._turned.copy(),
+        }  # fmt: skip
         if self._waiting:
             joined = Samples.concatenate(self._waiting)
             out["time"] = joined.time
@@ -138,8 +141,9 @@ class RowMaker:
 
     def restore(self, state: dict[str, Array]) -> None:
         """Go on from what `state` gave."""
-        hop, self._bristle, self._last_angle = (float(v) for v in state["scalars"])
-        self.hop = int(hop)
+        self.hop = int(state["hop"][0])
+        self._seal, self._turned = state["seal"].copy(), state["turned"].copy()
+        self._last = (float(state["last"][0]), float(state["last"][1]))
         self._waiting = []
         if "time" in state:
             columns = {k.removeprefix("channel/"): v for k, v in state.items() if k.startswith("channel/")}
@@ -156,6 +160,7 @@ class RowMaker:
             if name in samples.channels:
                 sensor = self.unit.sensor(name)
                 data[:, COLUMNS[name]] = (samples[name] - sensor.zero) / sensor.gain
+        self._turn(data)
         angle = data[:, COLUMNS["pump_angle"]]
         with_angle = np.isfinite(angle)
         if with_angle.any():
@@ -164,8 +169,6 @@ class RowMaker:
                 data[with_angle, COLUMNS[f"cos{order}"]] = np.cos(order * known)
                 data[with_angle, COLUMNS[f"sin{order}"]] = np.sin(order * known)
         self._rub(data)
-        if np.isnan(data[:, COLUMNS["pump_speed"]]).all() and n > 2:
-            data[:, COLUMNS["pump_speed"]] = np.gradient(angle, samples.time)
         cell = np.floor(samples.time / ROW_S + 1e-7).astype(np.int64) - first * HOP_ROWS
         cell = np.clip(cell, 0, out.shape[0] - 1)
         # A channel counts in a hop where it has values at all; then only samples with all of them are taken.
@@ -190,6 +193,20 @@ class RowMaker:
                     known & (hop == h)
                 ].mean()
         return out
+
+    def _turn(self, data: Array) -> None:
+        """Where one of the pump's angle and speed is not there, make it from the other."""
+        time, angle, speed = (data[:, COLUMNS[n]] for n in ("time", "pump_angle", "pump_speed"))
+        before = self._turned
+        dt = np.diff(time, prepend=before[0] if np.isfinite(before[0]) else time[0])
+        if np.isnan(angle).all() and np.isfinite(speed).any():
+            held = np.where(np.isfinite(speed), speed, 0.0)
+            mean = 0.5 * (held + np.concatenate([[np.nan_to_num(before[2], nan=held[0])], held[:-1]]))
+            angle[:] = np.nan_to_num(before[1]) + np.cumsum(mean * dt)
+        elif np.isnan(speed).all() and np.isfinite(angle).any():
+            with np.errstate(divide="ignore", invalid="ignore"):
+                speed[:] = np.diff(angle, prepend=before[1]) / dt
+        self._turned = np.array([time[-1], angle[-1], speed[-1]])
 
     def _rub(self, data: Array) -> None:
         """Fill the friction that a healthy seal would give to the measured travel, at the samples' own rate.
