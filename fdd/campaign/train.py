@@ -82,7 +82,8 @@ def learnt(logs: list[ScoredLog], data: str) -> Model:
         scale=round(float(over.mean()), 4), hours=round(hours, 2),
     )  # fmt: skip
     x = np.concatenate([peaks, faulty])[:, None]
-    fit = LogisticRegression().fit(x, np.repeat([0, 1], [peaks.size, faulty.size]))
+    # Balanced: how many of a recipe's logs are faulty says nothing of how often an actuator is.
+    fit = LogisticRegression(class_weight="balanced").fit(x, np.repeat([0, 1], [peaks.size, faulty.size]))
     slope = float(fit.coef_[0, 0])
     calibration = Calibration(midpoint=round(float(-fit.intercept_[0] / slope), 3), slope=round(slope, 4))
     return Model(data=data, tail=tail, calibration=calibration)
