@@ -328,6 +328,8 @@ class Ledger:
             out[f"{name}/information"], out[f"{name}/vector"] = account.information, account.vector
             out[f"{name}/noise"] = np.array([account.weight, account.variance_sum])
             out[f"{name}/correlation"] = account.correlation
+            out[f"{name}/recent"] = np.concatenate([*account.recent, np.empty((0, account.vector.size + 1))])
+            out[f"{name}/recent_sizes"] = np.array([len(rows) for rows in account.recent], dtype=np.int64)
             out[f"{name}/mean"], out[f"{name}/covariance"] = (
                 self.reference[name].mean,
                 self.reference[name].covariance,
@@ -349,6 +351,8 @@ class Ledger:
             )
             account.weight, account.variance_sum = (float(x) for x in state[f"{name}/noise"])
             account.correlation = state[f"{name}/correlation"].copy()
+            ends = np.cumsum(state[f"{name}/recent_sizes"])
+            account.recent = np.split(state[f"{name}/recent"], ends)[: ends.size]
             mean, covariance = state[f"{name}/mean"].copy(), state[f"{name}/covariance"].copy()
             self.reference = {
                 **self.reference,

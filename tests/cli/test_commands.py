@@ -23,11 +23,11 @@ KEYS = [
 
 
 @pytest.fixture(scope="module")
-def answers(run, logs, tiny_model_folder) -> dict[str, dict]:
+def answers(run, logs, tiny_model_file) -> dict[str, dict]:
     """JSON answers by log."""
     out = {}
     for name, path in logs.items():
-        result = run("diagnose", path, "--model", tiny_model_folder, "--unit", "axis_a", "--json", "-")
+        result = run("diagnose", path, "--model", tiny_model_file, "--unit", "axis_a", "--json", "-")
         assert result.exit_code == 0 and result.stderr == ""
         out[name] = json.loads(result.stdout)
     return out
@@ -84,9 +84,9 @@ def test_formats_give_one_answer(answers) -> None:
         assert answers[kind]["estimates"] == answers["leaking"]["estimates"]
 
 
-def test_several_logs_give_a_list_and_exit_code(run, logs, tiny_model_folder, tmp_path: Path) -> None:
+def test_several_logs_give_a_list_and_exit_code(run, logs, tiny_model_file, tmp_path: Path) -> None:
     out = tmp_path / "answers.json"
-    model = ["--model", tiny_model_folder]
+    model = ["--model", tiny_model_file]
     result = run("diagnose", logs["healthy"], logs["leaking"], *model, "--json", out, "--exit-code")
     assert result.exit_code == 1
     assert [a["verdict"] for a in json.loads(out.read_text())] == ["healthy", "faulty"]
@@ -95,8 +95,8 @@ def test_several_logs_give_a_list_and_exit_code(run, logs, tiny_model_folder, tm
     assert run("diagnose", logs["leaking"], *model).exit_code == 0
 
 
-def test_people_are_told_verdict_evidence_and_estimates(run, logs, tiny_model_folder) -> None:
-    shown = run("diagnose", logs["leaking"], "--model", tiny_model_folder).stdout
+def test_people_are_told_verdict_evidence_and_estimates(run, logs, tiny_model_file) -> None:
+    shown = run("diagnose", logs["leaking"], "--model", tiny_model_file).stdout
     text = " ".join(re.sub(r"[│•]", " ", shown).split())
     assert re.search(r"! Internal leakage, since [5-9]\.\d s, severity 0\.\d\d, \S+ ?\d+ % sure", text)
     assert "times healthy at equal viscosity" in text and "pump gear wear" in text
@@ -104,10 +104,10 @@ def test_people_are_told_verdict_evidence_and_estimates(run, logs, tiny_model_fo
     assert "22 rows are missing" in text or "rows are missing" in text
 
 
-def test_report_and_annotated_mcap(run, logs, tiny_model_folder, tmp_path: Path) -> None:
+def test_report_and_annotated_mcap(run, logs, tiny_model_file, tmp_path: Path) -> None:
     report, annotated = tmp_path / "r.html", tmp_path / "a.mcap"
     result = run(
-        "diagnose", logs["leaking"], "--model", tiny_model_folder, "--report", report, "--mcap", annotated
+        "diagnose", logs["leaking"], "--model", tiny_model_file, "--report", report, "--mcap", annotated
     )
     assert result.exit_code == 0, result.stderr
     assert "Internal leakage" in report.read_text(encoding="utf-8")
@@ -133,17 +133,17 @@ def test_outputs_for_several_logs(tmp_path: Path) -> None:
             output_paths(pattern, many, ".html", "--report")
 
 
-def test_the_profile_in_the_log_is_used_unless_one_is_given(run, tiny_model_folder, tmp_path: Path) -> None:
+def test_the_profile_in_the_log_is_used_unless_one_is_given(run, tiny_model_file, tmp_path: Path) -> None:
     path = tmp_path / "b.mcap"
     assert run("simulate", "-o", path, "--unit", "axis_b", "--duration", 6, "--no-truth").exit_code == 0
-    model = ["--model", tiny_model_folder, "--json", "-"]
+    model = ["--model", tiny_model_file, "--json", "-"]
     assert json.loads(run("diagnose", path, *model).stdout)["unit"] == "axis_b"
     assert json.loads(run("diagnose", path, "--unit", "axis_a", *model).stdout)["unit"] == "axis_a"
     assert read_topics(path, lambda t: None).topics == ["/eha/axis_b/measurement"]
 
 
-def test_without_any_profile_it_says_which_was_taken(run, logs, tiny_model_folder) -> None:
-    answer = json.loads(run("diagnose", logs["csv"], "--model", tiny_model_folder, "--json", "-").stdout)
+def test_without_any_profile_it_says_which_was_taken(run, logs, tiny_model_file) -> None:
+    answer = json.loads(run("diagnose", logs["csv"], "--model", tiny_model_file, "--json", "-").stdout)
     assert answer["unit"] == "axis_a"
     assert any("no unit profile given: taken for axis_a" in n for n in answer["quality"]["notes"])
 
@@ -172,23 +172,23 @@ def test_simulation_is_repeatable(run, tmp_path: Path) -> None:
     assert contents[0] == contents[1]
 
 
-def test_a_log_cut_short_is_diagnosed_as_far_as_it_goes(run, logs, tiny_model_folder, tmp_path) -> None:
+def test_a_log_cut_short_is_diagnosed_as_far_as_it_goes(run, logs, tiny_model_file, tmp_path) -> None:
     content = logs["leaking"].read_bytes()
     path = tmp_path / "cut.mcap"
     path.write_bytes(content[: int(len(content) * 0.8)])
-    result = run("diagnose", path, "--model", tiny_model_folder, "--json", "-")
+    result = run("diagnose", path, "--model", tiny_model_file, "--json", "-")
     assert result.exit_code == 0
     answer = json.loads(result.stdout)
     assert 10.0 < answer["duration_s"] < 19.9
     assert any("truncated" in n for n in answer["quality"]["notes"])
 
 
-def test_a_constant_channel_is_noted(run, logs, tiny_model_folder, tmp_path: Path) -> None:
+def test_a_constant_channel_is_noted(run, logs, tiny_model_file, tmp_path: Path) -> None:
     import pandas as pd
 
     table = pd.read_csv(logs["csv"])
     table["pressure_difference"] = 3.0e5
     table.to_csv(tmp_path / "stuck.csv", index=False)
-    result = run("diagnose", tmp_path / "stuck.csv", "--model", tiny_model_folder, "--json", "-")
+    result = run("diagnose", tmp_path / "stuck.csv", "--model", tiny_model_file, "--json", "-")
     assert result.exit_code == 0
     assert any("looks stuck" in n for n in json.loads(result.stdout)["quality"]["notes"])
