@@ -18,7 +18,7 @@ from fdd.logs.mcap_reading import read_topics
 
 KEYS = [
     "schema", "log", "axis", "unit", "duration_s", "samples", "verdict", "faults", "probabilities",
-    "estimates", "quality",
+    "estimates", "quality", "sensors", "not_visible", "versions", "sha256",
 ]  # fmt: skip
 
 
@@ -68,8 +68,15 @@ def test_the_answer_is_the_contracts(answers) -> None:
     assert list(answer) == KEYS and answer["schema"] == "fdd.diagnosis/1"
     assert answer["log"] == "leaking.mcap" and answer["axis"] == "axis_a"
     fault = answer["faults"][0]
-    assert fault["fault"] == "internal_leakage" and "pump_wear" in fault["ambiguity"]
-    assert abs(fault["onset_s"] - 8.0) < 2.5 and fault["detected_s"] > 8.0
+    assert fault["fault"] == "internal_leakage" and fault["ambiguity"][0] == "internal_leakage"
+    assert abs(fault["onset_s"] - 8.0) < 1.0 and fault["detected_s"] > 8.0
+    low, high = fault["severity_interval"]
+    assert low < fault["severity"] < high and fault["severity"] == pytest.approx(0.8, abs=0.2)
+    assert fault["onset_interval"][0] <= fault["onset_s"] <= fault["onset_interval"][1]
+    assert fault["next_check"] and fault["channel"] is None
+    assert {s["channel"]: s["state"] for s in answer["sensors"]}["pressure_1"] == "trusted"
+    hidden = {i["fault"]: i["severity"] for i in answer["not_visible"]}
+    assert hidden["internal_leakage"] < 0.8, "it was seen"
     estimate = answer["estimates"]["leakage"]
     assert list(estimate)[:5] == ["unit", "baseline", "value", "std", "observable"]
     assert list(estimate)[5:] == ["held", "held_std", "age_s", "information_std"]
@@ -99,7 +106,10 @@ def test_people_are_told_verdict_evidence_and_estimates(run, logs, tiny_model_fi
     shown = run("diagnose", logs["leaking"], "--model", tiny_model_file).stdout
     text = " ".join(re.sub(r"[│•]", " ", shown).split())
     assert re.search(r"! Internal leakage, since [5-9]\.\d s, severity 0\.\d\d, \S+ ?\d+ % sure", text)
-    assert "times healthy at equal viscosity" in text and "pump gear wear" in text
+    assert "The balance of the chambers' oil does not close from" in text
+    assert re.search(r"Severity between 0\.\d\d and \d\.\d\d \(80 %\)", text)
+    assert "To confirm it: Block the rod" in text
+    assert re.search(r"Would have been invisible here: .+ below severity", text)
     assert re.search(r"Leakage coefficient 6\.5\d+ 1\d\.\d+ ± 0\.\d+ \+1\d\d % 1e-12 m³/\(s·Pa\)", text)
     assert "22 rows are missing" in text or "rows are missing" in text
 
@@ -110,7 +120,8 @@ def test_report_and_annotated_mcap(run, logs, tiny_model_file, tmp_path: Path) -
         "diagnose", logs["leaking"], "--model", tiny_model_file, "--report", report, "--mcap", annotated
     )
     assert result.exit_code == 0, result.stderr
-    assert "Internal leakage" in report.read_text(encoding="utf-8")
+    page = report.read_text(encoding="utf-8")
+    assert "Internal leakage" in page and "Would have been invisible" in page
     log = read_log(annotated)
     assert len(log.samples) == len(read_log(logs["leaking"]).samples)
     answer = json.loads(log.metadata["diagnosis"]["json"])
