@@ -223,9 +223,7 @@ def test_what_nobody_thought_of_is_one_line(run, monkeypatch, logs, tiny_model_f
 
 
 @pytest.mark.parametrize(("raised", "status"), [(KeyboardInterrupt, 130), (MemoryError, 70)])
-def test_an_interrupted_command_ends_quietly(
-    run, monkeypatch, logs, tiny_model_file, raised, status
-) -> None:
+def test_an_interrupted_command_ends_quietly(run, monkeypatch, logs, tiny_model_file, raised, status) -> None:
     import fdd.logs
 
     def interrupted(*_: object) -> None:

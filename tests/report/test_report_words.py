@@ -25,7 +25,9 @@ def test_a_fault_in_one_line(case: Callable[..., Any]) -> None:
     assert "pump gear wear" in words.findings[0].alternatives
     assert "internal leakage" not in words.findings[0].alternatives
     assert words.findings[0].detection == "Detected at 20.9 s, 0.6 s after its onset."
-    assert words.findings[0].severity.startswith("Severity between 0.35 and 0.47 (80 %). Severity 1.0 means: ")
+    assert words.findings[0].severity.startswith(
+        "Severity between 0.35 and 0.47 (80 %). Severity 1.0 means: "
+    )
     assert "12e-12" in words.findings[0].severity
     assert words.findings[0].check == "To confirm it: Block the rod and read the pump's speed."
     assert words.findings[0].place == ""
