@@ -81,8 +81,8 @@ def identify(
         console.print(innovation_table(fit, notes=console.width >= WIDE))
     for note in (*found.notes, *(() if fit is None else noise_notes(fit, innovations=console.width < WIDE))):
         console.print(Text(f"• {note}"))
-    windows = 0 if unit.baseline is None else unit.baseline.windows
-    console.print(Text(f"Healthy baseline from {windows} windows. Profile {unit.name} written to {out}"))
+    seconds = 0.0 if unit.baseline is None else unit.baseline.seconds
+    console.print(Text(f"Healthy baseline from {seconds:.0f} s. Profile {unit.name} written to {out}"))
 
 
 def identification_table(found: Identification, *, notes: bool) -> Table:

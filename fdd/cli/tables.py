@@ -17,6 +17,8 @@ from fdd.report.words import FindingWords, verdict_words
 if TYPE_CHECKING:
     from fdd.diagnosis.findings import Diagnosis
 
+HARDEST = 5
+"""Faults named of those that the log would not have shown; the report has them all."""
 COLOURS = {"healthy": "green", "faulty": "red", "inconclusive": "yellow"}
 
 
@@ -38,6 +40,9 @@ def diagnosis_view(diagnosis: Diagnosis) -> RenderableType:
     parts.append(_estimates(diagnosis))
     parts.append(Padding(_families(diagnosis), (0, 2)))
     parts.append(Padding(_quality(diagnosis), (0, 2)))
+    hidden = "; ".join(f"{fault} {severity}" for fault, severity in tables.invisible_rows(diagnosis)[:HARDEST])
+    if hidden:
+        parts.append(Padding(Text(f"Would have been invisible here: {hidden}", style="dim"), (0, 2)))
     return Group(*parts)
 
 
@@ -47,8 +52,12 @@ def _finding(finding: FindingWords, *, named: bool) -> Text:
         text.append(f"{finding.headline}\n", style="bold")
     for sentence in finding.evidence:
         text.append(f"• {sentence}\n")
-    rest = " ".join(s for s in (finding.detection, finding.alternatives, finding.severity) if s)
+    rest = " ".join(
+        s for s in (finding.detection, finding.place, finding.alternatives, finding.severity) if s
+    )
     text.append(f"{rest}\n")
+    if finding.check:
+        text.append(f"{finding.check}\n")
     return text
 
 
@@ -79,6 +88,9 @@ def _quality(diagnosis: Diagnosis) -> Text:
         f"{diagnosis.unit}, axis {diagnosis.axis}; {q.dropped_samples} dropped, {q.nan_samples} with missing "
         f"values, {q.time_jumps} jumps in time"
     )
+    untrusted = "; ".join(f"{name}: {state}" for name, state in tables.sensor_rows(diagnosis))
+    if untrusted:
+        text.append(f"\n• sensors not trusted: {untrusted}", style="yellow")
     for note in q.notes:
         text.append(f"\n• {note}", style="yellow")
     return text

@@ -65,6 +65,8 @@ def render_report(
         probabilities=tables.probability_rows(diagnosis),
         estimates=tables.estimate_rows(diagnosis),
         quality=tables.quality_rows(diagnosis),
+        sensors=tables.sensor_rows(diagnosis),
+        invisible=tables.invisible_rows(diagnosis),
         unit_rows=tables.unit_rows(unit),
         versions=tables.version_rows(),
         settings=sorted(settings.items()),

@@ -12,6 +12,7 @@ from fdd.diagnosis.findings import DISPLAY_SCALE, ESTIMATED, Diagnosis, FaultFin
 from fdd.report import traces as tr
 from fdd.report.decimate import bucket_means, intervals, strongest
 from fdd.report.words import family_title
+from fdd.residuals.balances import BALANCES
 from fdd.samples import Samples
 
 Column = NDArray[np.float64]
@@ -22,8 +23,9 @@ FAMILY_COLOURS = {
     "check_valve": tr.PURPLE, "relief_valve": tr.YELLOW, "friction": tr.ORANGE, "motor": tr.GREEN,
     "sensor": "#6A4C93", "unknown": "#6B6F76",
 }  # fmt: skip
-# Blue to white to vermillion: signed, and the same for all kinds of colour vision.
-SIGNED_COLOURS = [[0.0, tr.BLUE], [0.5, "#F4F4F2"], [1.0, tr.VERMILLION]]
+# White to vermillion: the same for all kinds of colour vision.
+MISFIT_COLOURS = [[0.0, "#F4F4F2"], [1.0, tr.VERMILLION]]
+MISFIT = "healthy: about 1"
 FEATURE_LINES = 6
 FEATURE_LIMIT = 8.0
 TO_RPM = 60.0 / (2.0 * np.pi)
@@ -88,8 +90,9 @@ def sections(diagnosis: Diagnosis, trajectories: Trajectories, samples: Samples)
             [f for name in ESTIMATED for f in _estimate(name, diagnosis, trajectories)],
         ),
         Section(
-            "Residual features",
-            "How far the unit is from its healthy behaviour, in healthy standard deviations; ±3 is usual.",
+            "Balances",
+            "How badly each balance of the actuator closes, half a second at a time, against what a healthy "
+            "unit's does: about 1 while healthy.",
             _features(trajectories),
         ),
         Section("Measured signals", "", _measured(samples)),
@@ -247,17 +250,14 @@ def _features(trajectories: Trajectories) -> list[Figure]:
     magnitude = np.abs(np.where(np.isfinite(features), features, 0.0))
     # The strongest by what they reach for a tenth of the time, not by one spike.
     order = np.argsort(-np.percentile(magnitude, 90.0, axis=0), kind="stable")
-    # A jump is zero while healthy, so in healthy standard deviations it would leave no room for the others.
-    shown = [i for i in order if not names[i].startswith("jump")][:FEATURE_LINES]
+    shown = order[:FEATURE_LINES]
     lines = [
         tr.line(time, features[:, i], _feature_title(names[i]), tr.LINE_COLOURS[rank])
         for rank, i in enumerate(shown)
     ]
-    limit = [tr.level(time, s * 3.0, "±3", colour=tr.GREY, dash="dot") for s in (1.0, -1.0)]
-    limit[1]["showlegend"] = False
-    unit = "healthy standard deviations"
-    title = "Residual features" if len(names) <= FEATURE_LINES else f"The {FEATURE_LINES} strongest features"
-    out = [Figure("features", title, lines + limit, _layout(), unit, wide=True, height=320)]
+    limit = [tr.level(time, 1.0, "healthy", colour=tr.GREY, dash="dot")]
+    title = "Misfit of balances" if len(names) <= FEATURE_LINES else f"The {FEATURE_LINES} worst balances"
+    out = [Figure("features", title, lines + limit, _layout(), MISFIT, wide=True, height=320)]
     if len(names) > FEATURE_LINES:
         out.append(_feature_map(time, features, names, order))
     return out
@@ -271,8 +271,8 @@ def _feature_map(time: Column, features: Column, names: list[str], order: NDArra
     data = [{
         "type": "heatmap", "x": tr.packed(middle),
         "y": [tr.label(_feature_title(names[i])) for i in from_below],
-        "z": tr.packed(np.clip(table, -1e6, 1e6).T), "zmin": -FEATURE_LIMIT, "zmax": FEATURE_LIMIT, "zmid": 0,
-        "colorscale": SIGNED_COLOURS, "hoverongaps": False,
+        "z": tr.packed(np.clip(table, -1e6, 1e6).T), "zmin": 0.0, "zmax": FEATURE_LIMIT,
+        "colorscale": MISFIT_COLOURS, "hoverongaps": False,
         "hovertemplate": "%{y}: %{z:.1f} at %{x:.1f} s<extra></extra>",
         "colorbar": {"thickness": 10, "len": 1.0, "outlinewidth": 0},
     }]  # fmt: skip
@@ -280,13 +280,12 @@ def _feature_map(time: Column, features: Column, names: list[str], order: NDArra
     layout["yaxis"] = {"automargin": True, "tickfont": {"size": 10}, "dtick": 1, "ticks": ""}
     layout["hovermode"] = "closest"
     height = int(min(140 + 17 * len(names), 900))
-    return Figure(
-        "feature-map", "All features", data, layout, "healthy standard deviations", wide=True, height=height
-    )
+    return Figure("feature-map", "All balances", data, layout, MISFIT, wide=True, height=height)
 
 
 def _feature_title(name: str) -> str:
-    return name.replace("_", " ")
+    known = BALANCES.get(name)
+    return name.replace("_", " ") if known is None else known.title
 
 
 def _measured(samples: Samples) -> list[Figure]:

@@ -8,7 +8,7 @@ from importlib import metadata
 
 import fdd
 from fdd.diagnosis.findings import DISPLAY_SCALE, ESTIMATED, Diagnosis, Estimate
-from fdd.report.words import family_title, percent, span
+from fdd.report.words import family_title, fault_title, percent, seconds, span
 from fdd.unit import Unit
 
 NOTHING = "–"
@@ -82,6 +82,30 @@ def probability_rows(diagnosis: Diagnosis) -> list[tuple[str, str, float]]:
     return [(family_title(k), percent(p), min(max(p, 0.0), 1.0)) for k, p in ordered if p >= 0.005]
 
 
+def sensor_rows(diagnosis: Diagnosis) -> list[tuple[str, str]]:
+    """Channels that are not, or not always, to be trusted: name, and what is wrong since when."""
+    return [
+        (
+            s.channel.replace("_", " "),
+            s.state.replace("_", " ") + ("" if s.since is None else f", since {seconds(s.since)}"),
+        )
+        for s in diagnosis.sensors
+        if s.state != "trusted"
+    ]
+
+
+def invisible_rows(diagnosis: Diagnosis) -> list[tuple[str, str]]:
+    """What this log would not have shown: fault, and below which severity; the hardest to see first."""
+    ordered = sorted(diagnosis.not_visible, key=lambda i: -math.inf if i.severity is None else -i.severity)
+    return [
+        (
+            fault_title(i.fault),
+            "at any severity" if i.severity is None else f"below severity {i.severity:.2f}",
+        )
+        for i in ordered
+    ]
+
+
 def quality_rows(diagnosis: Diagnosis) -> list[tuple[str, str]]:
     """What was missing in the data, as counts and shares."""
     q = diagnosis.quality
@@ -131,7 +155,7 @@ def unit_rows(unit: Unit) -> list[tuple[str, str]]:
     if unit.baseline is None:
         rows.append(("Healthy baseline", "none in the profile"))
     else:
-        rows.append(("Healthy baseline", f"from {unit.baseline.windows} windows of healthy logs"))
+        rows.append(("Healthy baseline", f"from {span(unit.baseline.seconds)} of healthy logs"))
     return rows
 
 

@@ -33,6 +33,10 @@ class FindingWords:
     severity: str
     detection: str
     evidence: list[str]
+    place: str = ""
+    """Where, and of which kind: chamber, channel, variant."""
+    check: str = ""
+    """What a technician does to confirm it."""
 
 
 @dataclass(frozen=True)
@@ -113,11 +117,30 @@ def finding_words(finding: FaultFinding) -> FindingWords:
         )
     scale = CATALOGUE[finding.fault].severity if finding.fault in CATALOGUE else ""
     severity = f"Severity 1.0 means: {scale}." if scale and finding.severity is not None else ""
+    if severity and finding.severity_interval is not None:
+        low, high = finding.severity_interval
+        severity = f"Severity between {low:.2f} and {high:.2f} (80 %). {severity}"
     delay = finding.detected_s - finding.onset_s
     detection = f"Detected at {seconds(finding.detected_s)}"
     if math.isfinite(delay) and delay >= 0.0:
         detection += f", {delay:.1f} s after its onset"
-    return FindingWords(", ".join(parts), alternatives, severity, f"{detection}.", list(finding.evidence))
+    check = f"To confirm it: {finding.next_check}" if finding.next_check else ""
+    return FindingWords(
+        ", ".join(parts),
+        alternatives,
+        severity,
+        f"{detection}.",
+        list(finding.evidence),
+        _place(finding),
+        check,
+    )
+
+
+def _place(finding: FaultFinding) -> str:
+    """Which chamber, channel or variant the finding names, or an empty string."""
+    parts = [] if finding.side is None else [f"chamber {finding.side}"]
+    parts += [name.replace("_", " ") for name in (finding.channel, finding.variant) if name]
+    return f"Where and how: {', '.join(parts)}." if parts else ""
 
 
 def verdict_words(diagnosis: Diagnosis) -> VerdictWords:

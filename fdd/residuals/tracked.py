@@ -80,7 +80,7 @@ class Tracked:
             self._held = []
         assert self.tracking is not None
         for method, records in self.tracking.push(self.tracking.block(samples)).items():
-            sane = np.isfinite(records).all(axis=1)
+            sane = np.isfinite(np.delete(records, layout.R_LAYER, axis=1)).all(axis=1)  # the EKF has no layer
             self.lost |= not bool(sane.all())
             records = records[sane]
             if records.size:

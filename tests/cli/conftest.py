@@ -8,6 +8,7 @@ import pytest
 from typer.testing import CliRunner, Result
 
 from fdd.cli.app import app
+from fdd.diagnosis.model import Model
 
 
 @pytest.fixture(scope="session")
@@ -37,6 +38,14 @@ def logs(run, tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
         result = run("simulate", "-o", path, *common, *more)
         assert result.exit_code == 0, result.stderr
     return {name: path for name, (path, _) in made.items()}
+
+
+@pytest.fixture(scope="session")
+def tiny_model_file(tiny_model: Model, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """`tiny_model` as ``fdd train`` would write it."""
+    path = tmp_path_factory.mktemp("model") / "model.json"
+    tiny_model.save(path)
+    return path
 
 
 def one_line(result: Result, *words: str) -> None:

@@ -18,16 +18,16 @@ from fdd.logs.mcap_reading import read_topics
 
 KEYS = [
     "schema", "log", "axis", "unit", "duration_s", "samples", "verdict", "faults", "probabilities",
-    "estimates", "quality",
+    "estimates", "quality", "sensors", "not_visible", "versions", "sha256",
 ]  # fmt: skip
 
 
 @pytest.fixture(scope="module")
-def answers(run, logs, tiny_model_folder) -> dict[str, dict]:
+def answers(run, logs, tiny_model_file) -> dict[str, dict]:
     """JSON answers by log."""
     out = {}
     for name, path in logs.items():
-        result = run("diagnose", path, "--model", tiny_model_folder, "--unit", "axis_a", "--json", "-")
+        result = run("diagnose", path, "--model", tiny_model_file, "--unit", "axis_a", "--json", "-")
         assert result.exit_code == 0 and result.stderr == ""
         out[name] = json.loads(result.stdout)
     return out
@@ -68,8 +68,15 @@ def test_the_answer_is_the_contracts(answers) -> None:
     assert list(answer) == KEYS and answer["schema"] == "fdd.diagnosis/1"
     assert answer["log"] == "leaking.mcap" and answer["axis"] == "axis_a"
     fault = answer["faults"][0]
-    assert fault["fault"] == "internal_leakage" and "pump_wear" in fault["ambiguity"]
-    assert abs(fault["onset_s"] - 8.0) < 2.5 and fault["detected_s"] > 8.0
+    assert fault["fault"] == "internal_leakage" and fault["ambiguity"][0] == "internal_leakage"
+    assert abs(fault["onset_s"] - 8.0) < 1.0 and fault["detected_s"] > 8.0
+    low, high = fault["severity_interval"]
+    assert low < fault["severity"] < high and fault["severity"] == pytest.approx(0.8, abs=0.2)
+    assert fault["onset_interval"][0] <= fault["onset_s"] <= fault["onset_interval"][1]
+    assert fault["next_check"] and fault["channel"] is None
+    assert {s["channel"]: s["state"] for s in answer["sensors"]}["pressure_1"] == "trusted"
+    hidden = {i["fault"]: i["severity"] for i in answer["not_visible"]}
+    assert hidden["internal_leakage"] < 0.8, "it was seen"
     estimate = answer["estimates"]["leakage"]
     assert list(estimate)[:5] == ["unit", "baseline", "value", "std", "observable"]
     assert list(estimate)[5:] == ["held", "held_std", "age_s", "information_std"]
@@ -84,9 +91,9 @@ def test_formats_give_one_answer(answers) -> None:
         assert answers[kind]["estimates"] == answers["leaking"]["estimates"]
 
 
-def test_several_logs_give_a_list_and_exit_code(run, logs, tiny_model_folder, tmp_path: Path) -> None:
+def test_several_logs_give_a_list_and_exit_code(run, logs, tiny_model_file, tmp_path: Path) -> None:
     out = tmp_path / "answers.json"
-    model = ["--model", tiny_model_folder]
+    model = ["--model", tiny_model_file]
     result = run("diagnose", logs["healthy"], logs["leaking"], *model, "--json", out, "--exit-code")
     assert result.exit_code == 1
     assert [a["verdict"] for a in json.loads(out.read_text())] == ["healthy", "faulty"]
@@ -95,22 +102,26 @@ def test_several_logs_give_a_list_and_exit_code(run, logs, tiny_model_folder, tm
     assert run("diagnose", logs["leaking"], *model).exit_code == 0
 
 
-def test_people_are_told_verdict_evidence_and_estimates(run, logs, tiny_model_folder) -> None:
-    shown = run("diagnose", logs["leaking"], "--model", tiny_model_folder).stdout
+def test_people_are_told_verdict_evidence_and_estimates(run, logs, tiny_model_file) -> None:
+    shown = run("diagnose", logs["leaking"], "--model", tiny_model_file).stdout
     text = " ".join(re.sub(r"[│•]", " ", shown).split())
     assert re.search(r"! Internal leakage, since [5-9]\.\d s, severity 0\.\d\d, \S+ ?\d+ % sure", text)
-    assert "times healthy at equal viscosity" in text and "pump gear wear" in text
+    assert "The balance of the chambers' oil does not close from" in text
+    assert re.search(r"Severity between 0\.\d\d and \d\.\d\d \(80 %\)", text)
+    assert "To confirm it: Block the rod" in text
+    assert re.search(r"Would have been invisible here: .+ below severity", text)
     assert re.search(r"Leakage coefficient 6\.5\d+ 1\d\.\d+ ± 0\.\d+ \+1\d\d % 1e-12 m³/\(s·Pa\)", text)
     assert "22 rows are missing" in text or "rows are missing" in text
 
 
-def test_report_and_annotated_mcap(run, logs, tiny_model_folder, tmp_path: Path) -> None:
+def test_report_and_annotated_mcap(run, logs, tiny_model_file, tmp_path: Path) -> None:
     report, annotated = tmp_path / "r.html", tmp_path / "a.mcap"
     result = run(
-        "diagnose", logs["leaking"], "--model", tiny_model_folder, "--report", report, "--mcap", annotated
+        "diagnose", logs["leaking"], "--model", tiny_model_file, "--report", report, "--mcap", annotated
     )
     assert result.exit_code == 0, result.stderr
-    assert "Internal leakage" in report.read_text(encoding="utf-8")
+    page = report.read_text(encoding="utf-8")
+    assert "Internal leakage" in page and "Would have been invisible" in page
     log = read_log(annotated)
     assert len(log.samples) == len(read_log(logs["leaking"]).samples)
     answer = json.loads(log.metadata["diagnosis"]["json"])
@@ -133,17 +144,17 @@ def test_outputs_for_several_logs(tmp_path: Path) -> None:
             output_paths(pattern, many, ".html", "--report")
 
 
-def test_the_profile_in_the_log_is_used_unless_one_is_given(run, tiny_model_folder, tmp_path: Path) -> None:
+def test_the_profile_in_the_log_is_used_unless_one_is_given(run, tiny_model_file, tmp_path: Path) -> None:
     path = tmp_path / "b.mcap"
     assert run("simulate", "-o", path, "--unit", "axis_b", "--duration", 6, "--no-truth").exit_code == 0
-    model = ["--model", tiny_model_folder, "--json", "-"]
+    model = ["--model", tiny_model_file, "--json", "-"]
     assert json.loads(run("diagnose", path, *model).stdout)["unit"] == "axis_b"
     assert json.loads(run("diagnose", path, "--unit", "axis_a", *model).stdout)["unit"] == "axis_a"
     assert read_topics(path, lambda t: None).topics == ["/eha/axis_b/measurement"]
 
 
-def test_without_any_profile_it_says_which_was_taken(run, logs, tiny_model_folder) -> None:
-    answer = json.loads(run("diagnose", logs["csv"], "--model", tiny_model_folder, "--json", "-").stdout)
+def test_without_any_profile_it_says_which_was_taken(run, logs, tiny_model_file) -> None:
+    answer = json.loads(run("diagnose", logs["csv"], "--model", tiny_model_file, "--json", "-").stdout)
     assert answer["unit"] == "axis_a"
     assert any("no unit profile given: taken for axis_a" in n for n in answer["quality"]["notes"])
 
@@ -172,23 +183,23 @@ def test_simulation_is_repeatable(run, tmp_path: Path) -> None:
     assert contents[0] == contents[1]
 
 
-def test_a_log_cut_short_is_diagnosed_as_far_as_it_goes(run, logs, tiny_model_folder, tmp_path) -> None:
+def test_a_log_cut_short_is_diagnosed_as_far_as_it_goes(run, logs, tiny_model_file, tmp_path) -> None:
     content = logs["leaking"].read_bytes()
     path = tmp_path / "cut.mcap"
     path.write_bytes(content[: int(len(content) * 0.8)])
-    result = run("diagnose", path, "--model", tiny_model_folder, "--json", "-")
+    result = run("diagnose", path, "--model", tiny_model_file, "--json", "-")
     assert result.exit_code == 0
     answer = json.loads(result.stdout)
     assert 10.0 < answer["duration_s"] < 19.9
     assert any("truncated" in n for n in answer["quality"]["notes"])
 
 
-def test_a_constant_channel_is_noted(run, logs, tiny_model_folder, tmp_path: Path) -> None:
+def test_a_constant_channel_is_noted(run, logs, tiny_model_file, tmp_path: Path) -> None:
     import pandas as pd
 
     table = pd.read_csv(logs["csv"])
     table["pressure_difference"] = 3.0e5
     table.to_csv(tmp_path / "stuck.csv", index=False)
-    result = run("diagnose", tmp_path / "stuck.csv", "--model", tiny_model_folder, "--json", "-")
+    result = run("diagnose", tmp_path / "stuck.csv", "--model", tiny_model_file, "--json", "-")
     assert result.exit_code == 0
     assert any("looks stuck" in n for n in json.loads(result.stdout)["quality"]["notes"])

@@ -14,8 +14,8 @@ from fdd.logs import read_log
 
 
 @pytest.fixture(scope="module")
-def offline(run, logs, tiny_model_folder) -> dict:
-    return json.loads(run("diagnose", logs["leaking"], "--model", tiny_model_folder, "--json", "-").stdout)
+def offline(run, logs, tiny_model_file) -> dict:
+    return json.loads(run("diagnose", logs["leaking"], "--model", tiny_model_file, "--json", "-").stdout)
 
 
 def events(text: str) -> list[dict]:
@@ -30,8 +30,8 @@ def stream_of(path: Path) -> bytes:
 
 
 @pytest.mark.parametrize("kind", ["leaking", "parquet"])
-def test_a_replay_gives_the_diagnosis(run, logs, tiny_model_folder, offline, kind) -> None:
-    result = run("monitor", logs[kind], "--model", tiny_model_folder, "--speed", "max", "--json")
+def test_a_replay_gives_the_diagnosis(run, logs, tiny_model_file, offline, kind) -> None:
+    result = run("monitor", logs[kind], "--model", tiny_model_file, "--speed", "max", "--json")
     assert result.exit_code == 0, result.stderr
     found = events(result.stdout)
     assert [e["event"] for e in found] == ["finding", "summary"]
@@ -40,11 +40,11 @@ def test_a_replay_gives_the_diagnosis(run, logs, tiny_model_folder, offline, kin
     assert found[0]["time_s"] == offline["faults"][0]["detected_s"]
 
 
-def test_json_lines_on_standard_input_give_the_diagnosis(run, logs, tiny_model_folder, offline) -> None:
+def test_json_lines_on_standard_input_give_the_diagnosis(run, logs, tiny_model_file, offline) -> None:
     stream = stream_of(logs["leaking"])
     half = stream.index(b"\n", len(stream) // 2) + 1
     dirty = stream[:half] + b'{"time": oops\n' + stream[half:]
-    result = run("monitor", "-", "--unit", "axis_a", "--model", tiny_model_folder, "--json", input=dirty)
+    result = run("monitor", "-", "--unit", "axis_a", "--model", tiny_model_file, "--json", input=dirty)
     assert result.exit_code == 0, result.stderr
     found = events(result.stdout)
     assert sorted(e["event"] for e in found) == ["finding", "note", "summary"]
@@ -52,17 +52,17 @@ def test_json_lines_on_standard_input_give_the_diagnosis(run, logs, tiny_model_f
     assert "malformed lines left out: 1" in found[-1]["diagnosis"]["quality"]["notes"]
 
 
-def test_people_get_a_line_per_finding_and_a_summary(run, logs, tiny_model_folder, offline) -> None:
-    result = run("monitor", logs["leaking"], "--model", tiny_model_folder, "--speed", "max")
+def test_people_get_a_line_per_finding_and_a_summary(run, logs, tiny_model_file, offline) -> None:
+    result = run("monitor", logs["leaking"], "--model", tiny_model_file, "--speed", "max")
     first = result.stdout.splitlines()[0]
     detected = offline["faults"][0]["detected_s"]
     assert first.startswith(f"[{detected:8.2f} s] Internal leakage, since ")
     assert "Leakage coefficient" in result.stdout
 
 
-def test_state_goes_on_where_it_was(run, logs, tiny_model_folder, offline, tmp_path: Path) -> None:
+def test_state_goes_on_where_it_was(run, logs, tiny_model_file, offline, tmp_path: Path) -> None:
     state = tmp_path / "axis.npz"
-    common = [logs["leaking"], "--model", tiny_model_folder, "--speed", "max", "--json", "--state", state]
+    common = [logs["leaking"], "--model", tiny_model_file, "--speed", "max", "--json", "--state", state]
     first = events(run("monitor", *common, "--duration", 9).stdout)[-1]["diagnosis"]
     assert first["duration_s"] == pytest.approx(9.0, abs=0.01)
     second = events(run("monitor", *common).stdout)
@@ -75,26 +75,26 @@ def test_a_speed_that_is_none_is_refused(run, one_line, logs, speed) -> None:
     one_line(run("monitor", logs["leaking"], "--speed", speed), "--speed", "max")
 
 
-def test_a_stream_without_the_channels_is_refused(run, one_line, tiny_model_folder) -> None:
+def test_a_stream_without_the_channels_is_refused(run, one_line, tiny_model_file) -> None:
     lines = b"".join(b'{"time": %f, "position": 0.0}\n' % (0.001 * k) for k in range(1000))
-    result = run("monitor", "-", "--model", tiny_model_folder, "--json", input=lines)
+    result = run("monitor", "-", "--model", tiny_model_file, "--json", input=lines)
     assert result.exit_code == 2
     assert result.stderr.splitlines()[-1].startswith(
         "fdd: error: standard input: no usable data for pump_angle"
     )
 
 
-def test_an_empty_stream_is_inconclusive(run, tiny_model_folder) -> None:
-    result = run("monitor", "-", "--model", tiny_model_folder, "--json", input=b"")
+def test_an_empty_stream_is_inconclusive(run, tiny_model_file) -> None:
+    result = run("monitor", "-", "--model", tiny_model_file, "--json", input=b"")
     assert result.exit_code == 0
     assert events(result.stdout)[-1]["diagnosis"]["verdict"] == "inconclusive"
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
-def test_a_signal_ends_it_with_the_summary(logs, tiny_model_folder, number) -> None:
+def test_a_signal_ends_it_with_the_summary(logs, tiny_model_file, number) -> None:
     command = [sys.executable, "-c", "from fdd.cli import main; main()", "monitor", "-", "--unit", "axis_a"]
     process = subprocess.Popen(
-        [*command, "--model", str(tiny_model_folder), "--json"],
+        [*command, "--model", str(tiny_model_file), "--json"],
         stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.PIPE,
     )  # fmt: skip
     assert process.stdin is not None and process.stdout is not None

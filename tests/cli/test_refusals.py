@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 import json
 import os
 import shutil
@@ -13,6 +12,8 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import pytest
+
+from fdd.diagnosis.model import MAX_MODEL_BYTES
 
 MAIN = [sys.executable, "-c", "from fdd.cli import main; main()"]
 
@@ -66,15 +67,15 @@ def _bad_log(kind: str, folder: Path, table: pd.DataFrame) -> Path:
         ("folder", ["folder"]),
     ],
 )
-def test_a_bad_log_is_refused(run, one_line, table, tiny_model_folder, tmp_path, kind, words) -> None:
+def test_a_bad_log_is_refused(run, one_line, table, tiny_model_file, tmp_path, kind, words) -> None:
     path = _bad_log(kind, tmp_path, table)
     out = tmp_path / "out"
     out.mkdir()
     outputs = ["--json", out / "a.json", "--report", out / "r.html", "--mcap", out / "a.mcap"]
-    result = run("diagnose", path, "--model", tiny_model_folder, *outputs)
+    result = run("diagnose", path, "--model", tiny_model_file, *outputs)
     one_line(result, str(path), *words)
     assert result.stdout == "" and list(out.iterdir()) == []
-    one_line(run("monitor", path, "--model", tiny_model_folder, "--speed", "max"), str(path), *words)
+    one_line(run("monitor", path, "--model", tiny_model_file, "--speed", "max"), str(path), *words)
 
 
 @pytest.mark.parametrize(
@@ -90,54 +91,55 @@ def test_a_bad_log_is_refused(run, one_line, table, tiny_model_folder, tmp_path,
         ("{", ["not valid YAML"]),
     ],
 )
-def test_a_bad_map_is_refused(run, one_line, logs, tiny_model_folder, tmp_path, text, words) -> None:
+def test_a_bad_map_is_refused(run, one_line, logs, tiny_model_file, tmp_path, text, words) -> None:
     path = tmp_path / "map.yaml"
     path.write_text(text)
-    one_line(run("diagnose", logs["csv"], "--map", path, "--model", tiny_model_folder), *words)
+    one_line(run("diagnose", logs["csv"], "--map", path, "--model", tiny_model_file), *words)
 
 
-def _bad_model(kind: str, folder: Path) -> None:
-    manifest = folder / "manifest.json"
-    data = json.loads(manifest.read_text())
+def _bad_model(kind: str, path: Path, good: str) -> None:
+    data = json.loads(good)
     if kind == "version":
-        data["schema_name"] = "fdd.model/99"
-    elif kind == "features":
-        data["feature_version"] = "0"
-    elif kind == "hash":
-        data["classifier_sha256"] = hashlib.sha256(b"other").hexdigest()
-    elif kind == "no json":
-        manifest.write_text("{")
-        return
-    elif kind == "gone":
-        (folder / "classifier.skops").unlink()
-    manifest.write_text(json.dumps(data))
+        data["schema"] = "fdd.model/99"
+    elif kind == "rate":
+        data["tail"]["rate_per_hour"] = -1.0
+    elif kind == "strange":
+        data["classifier"] = "x"
+    text = "{" if kind == "no json" else json.dumps(data)
+    if kind == "large":
+        text = " " * MAX_MODEL_BYTES + text
+    if kind == "folder":
+        path.mkdir()
+    elif kind != "gone":
+        path.write_text(text)
 
 
 @pytest.mark.parametrize(
     ("kind", "words"),
     [
-        ("version", ["fdd.model/99"]),
-        ("features", ["features of version 0"]),
-        ("hash", ["SHA-256"]),
-        ("no json", ["not JSON"]),
-        ("gone", ["no model here"]),
+        ("version", ["schema", "fdd.model/2"]),
+        ("rate", ["tail.rate_per_hour", "greater than 0"]),
+        ("strange", ["classifier"]),
+        ("no json", ["line 1: not JSON"]),
+        ("large", ["larger than"]),
+        ("folder", ["no such model file"]),
+        ("gone", ["no such model file"]),
     ],
 )
-def test_a_bad_model_is_refused(run, one_line, logs, tiny_model_folder, tmp_path, kind, words) -> None:
-    folder = tmp_path / "model"
-    shutil.copytree(tiny_model_folder, folder)
-    _bad_model(kind, folder)
+def test_a_bad_model_is_refused(run, one_line, logs, tiny_model_file, tmp_path, kind, words) -> None:
+    path = tmp_path / "model.json"
+    _bad_model(kind, path, tiny_model_file.read_text())
     for command in ("diagnose", "monitor"):
-        one_line(run(command, logs["healthy"], "--model", folder), str(folder), *words)
+        one_line(run(command, logs["healthy"], "--model", path), str(path), *words)
 
 
 @pytest.mark.parametrize("option", ["--json", "--report", "--mcap"])
 def test_an_output_that_cannot_be_written_is_refused_first(
-    run, one_line, logs, tiny_model_folder, tmp_path, option
+    run, one_line, logs, tiny_model_file, tmp_path, option
 ) -> None:
     (tmp_path / "file").write_text("")
     for target in (tmp_path / "nowhere" / "x", tmp_path / "file" / "x"):
-        result = run("diagnose", logs["healthy"], "--model", tiny_model_folder, option, target)
+        result = run("diagnose", logs["healthy"], "--model", tiny_model_file, option, target)
         one_line(result, str(target), "cannot be written")
         assert result.stdout == ""
     one_line(run("diagnose", logs["healthy"], option, logs["healthy"]), "would be written over")
@@ -189,10 +191,10 @@ def test_a_bad_recipe_is_refused(run, one_line, tmp_path, text) -> None:
     one_line(run("generate", tmp_path / "none.yaml", "-o", tmp_path / "out"), "none.yaml")
 
 
-def test_a_bad_unit_is_refused(run, one_line, logs, tiny_model_folder, tmp_path) -> None:
+def test_a_bad_unit_is_refused(run, one_line, logs, tiny_model_file, tmp_path) -> None:
     path = tmp_path / "unit.yaml"
     path.write_text("schema: fdd.unit/1\nname: x\n")
-    one_line(run("diagnose", logs["healthy"], "--unit", path, "--model", tiny_model_folder), str(path))
+    one_line(run("diagnose", logs["healthy"], "--unit", path, "--model", tiny_model_file), str(path))
 
 
 @pytest.mark.parametrize(
@@ -206,31 +208,29 @@ def test_wrong_usage_has_status_2(run, arguments) -> None:
         assert len(result.stderr.splitlines()) == 1 and "--help" in result.stderr
 
 
-def test_what_nobody_thought_of_is_one_line(run, monkeypatch, logs, tiny_model_folder) -> None:
+def test_what_nobody_thought_of_is_one_line(run, monkeypatch, logs, tiny_model_file) -> None:
     import fdd.logs
 
     def broken(*_: object) -> None:
         raise ZeroDivisionError("oops\nover two lines")
 
     monkeypatch.setattr(fdd.logs, "read_log", broken)
-    result = run("diagnose", logs["healthy"], "--model", tiny_model_folder)
+    result = run("diagnose", logs["healthy"], "--model", tiny_model_file)
     assert result.exit_code == 70
     assert result.stderr == "fdd: internal error: ZeroDivisionError: oops over two lines\n"
     monkeypatch.setenv("FDD_DEBUG", "1")
-    assert "Traceback" in run("diagnose", logs["healthy"], "--model", tiny_model_folder).stderr
+    assert "Traceback" in run("diagnose", logs["healthy"], "--model", tiny_model_file).stderr
 
 
 @pytest.mark.parametrize(("raised", "status"), [(KeyboardInterrupt, 130), (MemoryError, 70)])
-def test_an_interrupted_command_ends_quietly(
-    run, monkeypatch, logs, tiny_model_folder, raised, status
-) -> None:
+def test_an_interrupted_command_ends_quietly(run, monkeypatch, logs, tiny_model_file, raised, status) -> None:
     import fdd.logs
 
     def interrupted(*_: object) -> None:
         raise raised
 
     monkeypatch.setattr(fdd.logs, "read_log", interrupted)
-    result = run("diagnose", logs["healthy"], "--model", tiny_model_folder)
+    result = run("diagnose", logs["healthy"], "--model", tiny_model_file)
     assert result.exit_code == status
     assert "Traceback" not in result.stderr and len(result.stderr.splitlines()) <= 1
 
@@ -247,11 +247,11 @@ def test_help_imports_nothing_heavy() -> None:
         assert done.returncode == 0 and done.stderr.splitlines()[-1] == "[]"
 
 
-def test_a_reader_that_goes_away_is_no_error(logs, tiny_model_folder) -> None:
+def test_a_reader_that_goes_away_is_no_error(logs, tiny_model_file) -> None:
     read, write = os.pipe()
     os.close(read)
     done = subprocess.run(
-        [*MAIN, "diagnose", str(logs["healthy"]), "--model", str(tiny_model_folder)],
+        [*MAIN, "diagnose", str(logs["healthy"]), "--model", str(tiny_model_file)],
         stdout=write, stderr=subprocess.PIPE,
     )  # fmt: skip
     os.close(write)
@@ -266,13 +266,13 @@ def test_a_full_disk_is_told_in_one_line() -> None:
     assert done.returncode == 70 and len(done.stderr.splitlines()) == 1 and "space" in done.stderr
 
 
-def test_names_and_notes_from_a_log_are_no_markup(run, logs, tiny_model_folder, tmp_path) -> None:
+def test_names_and_notes_from_a_log_are_no_markup(run, logs, tiny_model_file, tmp_path) -> None:
     path = tmp_path / "[red]x[bold].csv"
     shutil.copy(logs["csv"], path)
-    result = run("diagnose", path, "--model", tiny_model_folder)
+    result = run("diagnose", path, "--model", tiny_model_file)
     assert result.exit_code == 0 and "[red]x[bold].csv" in result.stdout
 
 
-def test_columns_of_nothing_but_nan_are_refused(run, one_line, table, tiny_model_folder, tmp_path) -> None:
+def test_columns_of_nothing_but_nan_are_refused(run, one_line, table, tiny_model_file, tmp_path) -> None:
     path = _csv(tmp_path / "nan.csv", table.assign(position=np.nan))
-    one_line(run("diagnose", path, "--model", tiny_model_folder), "position")
+    one_line(run("diagnose", path, "--model", tiny_model_file), "position")

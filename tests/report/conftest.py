@@ -8,16 +8,20 @@ from dataclasses import dataclass
 import numpy as np
 import pytest
 
-from fdd.diagnosis.findings import Diagnosis, Estimate, FaultFinding, Quality, Trajectories
+from fdd.diagnosis.findings import (
+    Diagnosis,
+    Estimate,
+    FaultFinding,
+    Invisible,
+    Quality,
+    SensorState,
+    Trajectories,
+)
 from fdd.faults import FAMILIES
 from fdd.samples import Samples
 from fdd.unit import Unit
 
-FEATURES = [
-    "leakage_ekf", "leakage_svsf", "bulk_modulus_ekf", "bulk_modulus_svsf", "coulomb_ekf", "viscous_ekf",
-    "flow_residual_mean", "flow_residual_std", "force_residual_mean", "force_residual_std", "asymmetry",
-    "ripple_1x", "ripple_2x", "accumulator_drift", "current_per_pressure", "nis_ekf", "nis_svsf", "bias",
-]  # fmt: skip
+FEATURES = ["volume", "force", "torque", "shaft", "coherence", "refeed", "reservoir"]
 BASELINES = {"leakage": 6.52e-12, "bulk_modulus": 2.1e8, "coulomb_friction": 132.0, "viscous_friction": 61.0}
 SI_UNITS = {
     "leakage": "m^3/(s*Pa)",
@@ -107,6 +111,8 @@ def made_up(verdict: str = "faulty", rows: int = 60_000, seed: int = 1, log: str
             "Both estimators agree within 4 %.",
             "Bulk modulus and friction stayed within 2 standard deviations of their healthy values.",
         ],
+        severity_interval=(0.35, 0.47),
+        next_check="Block the rod and read the pump's speed.",
     )
     diagnosis = Diagnosis(
         log=log,
@@ -123,6 +129,14 @@ def made_up(verdict: str = "faulty", rows: int = 60_000, seed: int = 1, log: str
             nan_samples=int(np.isnan(samples["motor_current"]).sum()),
             notes=["Motor current is missing from 20.0 to 22.0 s."] if faulty else [],
         ),
+        sensors=[
+            SensorState(channel="position", state="trusted"),
+            SensorState(channel="motor_current", state="missing", since=20.0),
+        ],
+        not_visible=[
+            Invisible(fault="internal_leakage", severity=0.07),
+            Invisible(fault="coupling_wear", severity=None),
+        ],
     )
     settings = {"model": "shipped", "false alarms per hour": "0.1", "block": "10000 samples"}
     return Case(diagnosis, trajectories, samples, Unit.load("axis_a"), settings)
@@ -156,11 +170,9 @@ def _trajectories(
     }
     window_time = np.arange(0.5, duration, 0.25)
     after = (window_time > onset) & (verdict == "faulty")
-    features = rng.normal(size=(window_time.size, len(FEATURES)))
+    features = np.sqrt(rng.chisquare(4, size=(window_time.size, len(FEATURES))) / 4.0)
     features[after, 0] += 24.0
-    features[after, 1] += 19.0
-    features[after, 6] -= 9.0
-    features[after, 12] += 5.0
+    features[after, 6] += 5.0
     walk = np.where(after, 2.2, -0.6) + rng.normal(0.0, 0.8, window_time.size)
     statistic = np.empty(window_time.size)
     level = 0.0

@@ -100,6 +100,11 @@ def test_everything_that_was_asked_for_is_there(case: Callable[..., Any]) -> Non
         "axis_a",
         "numpy",
         "false alarms per hour",
+        "Sensors not trusted",
+        "missing, since 20.0 s",
+        "Would have been invisible",
+        "below severity 0.07",
+        "To confirm it: Block the rod",
         "10000 samples",
     ):
         assert words in page.text

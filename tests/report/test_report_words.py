@@ -8,8 +8,15 @@ from typing import Any
 import pytest
 
 from fdd.diagnosis.findings import FaultFinding, Quality
-from fdd.report.tables import estimate_rows, number, quality_rows, with_std
-from fdd.report.words import headline, percent, span, verdict_words
+from fdd.report.tables import (
+    estimate_rows,
+    invisible_rows,
+    number,
+    quality_rows,
+    sensor_rows,
+    with_std,
+)
+from fdd.report.words import finding_words, headline, percent, span, verdict_words
 
 
 def test_a_fault_in_one_line(case: Callable[..., Any]) -> None:
@@ -18,7 +25,12 @@ def test_a_fault_in_one_line(case: Callable[..., Any]) -> None:
     assert "pump gear wear" in words.findings[0].alternatives
     assert "internal leakage" not in words.findings[0].alternatives
     assert words.findings[0].detection == "Detected at 20.9 s, 0.6 s after its onset."
+    assert words.findings[0].severity.startswith(
+        "Severity between 0.35 and 0.47 (80 %). Severity 1.0 means: "
+    )
     assert "12e-12" in words.findings[0].severity
+    assert words.findings[0].check == "To confirm it: Block the rod and read the pump's speed."
+    assert words.findings[0].place == ""
 
 
 def test_a_fault_that_stands_alone_names_no_other(case: Callable[..., Any]) -> None:
@@ -115,6 +127,23 @@ def test_estimates_are_shown_in_everyday_units_with_their_change(case: Callable[
     assert rows["Effective bulk modulus"]["baseline"] == "210"
     assert rows["Effective bulk modulus"]["value"] == "–"
     assert rows["Viscous friction"]["observable"] == "no"
+
+
+def test_a_place_is_told_where_it_is_known(case: Callable[..., Any]) -> None:
+    finding = case("faulty", rows=6_000).diagnosis.faults[0]
+    finding.side, finding.variant = 2, "loose_forward"
+    assert finding_words(finding).place == "Where and how: chamber 2, loose forward."
+    finding.side, finding.variant, finding.channel = None, None, "pressure_1"
+    assert finding_words(finding).place == "Where and how: pressure 1."
+
+
+def test_what_the_log_could_not_tell(case: Callable[..., Any]) -> None:
+    diagnosis = case("healthy", rows=6_000).diagnosis
+    assert sensor_rows(diagnosis) == [("motor current", "missing, since 20.0 s")]
+    assert invisible_rows(diagnosis) == [
+        ("coupling wear", "at any severity"),
+        ("internal leakage", "below severity 0.07"),
+    ]
 
 
 def test_dropped_samples_are_counted_against_all_that_were_sent(case: Callable[..., Any]) -> None:
