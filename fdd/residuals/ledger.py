@@ -328,6 +328,9 @@ class Ledger:
             out[f"{name}/information"], out[f"{name}/vector"] = account.information, account.vector
             out[f"{name}/noise"] = np.array([account.weight, account.variance_sum])
             out[f"{name}/correlation"] = account.correlation
+            if account.recent:
+                out[f"{name}/recent"] = np.concatenate(account.recent)
+                out[f"{name}/recent_rows"] = np.array([len(r) for r in account.recent])
             out[f"{name}/mean"], out[f"{name}/covariance"] = (
                 self.reference[name].mean,
                 self.reference[name].covariance,
@@ -349,6 +352,8 @@ class Ledger:
             )
             account.weight, account.variance_sum = (float(x) for x in state[f"{name}/noise"])
             account.correlation = state[f"{name}/correlation"].copy()
+            ends = np.cumsum(state.get(f"{name}/recent_rows", np.zeros(0, dtype=np.int64)))
+            account.recent = np.split(state[f"{name}/recent"], ends[:-1]) if ends.size else []
             mean, covariance = state[f"{name}/mean"].copy(), state[f"{name}/covariance"].copy()
             self.reference = {
                 **self.reference,

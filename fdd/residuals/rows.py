@@ -117,7 +117,7 @@ class RowMaker:
 
     def state(self) -> dict[str, Array]:
         """What waits, and the filters' memory, as flat named arrays."""
-        out: dict[str, Array] = {"scalars": np.array([float(self.hop), self._bristle, self._last_angle])}
+        out: dict[str, Array] = {"scalars": np.array([float(self.hop), *self._seal, *self._last])}
         if self._waiting:
             joined = Samples.concatenate(self._waiting)
             out["time"] = joined.time
@@ -126,8 +126,9 @@ class RowMaker:
 
     def restore(self, state: dict[str, Array]) -> None:
         """Go on from what `state` gave."""
-        hop, self._bristle, self._last_angle = (float(v) for v in state["scalars"])
-        self.hop = int(hop)
+        scalars = state["scalars"]
+        self.hop, self._seal = int(scalars[0]), scalars[1:3].copy()
+        self._last = (float(scalars[3]), float(scalars[4]))
         self._waiting = []
         if "time" in state:
             columns = {k.removeprefix("channel/"): v for k, v in state.items() if k.startswith("channel/")}
