@@ -153,13 +153,16 @@ class RowMaker:
                 data[with_angle, COLUMNS[f"cos{order}"]] = np.cos(order * known)
                 data[with_angle, COLUMNS[f"sin{order}"]] = np.sin(order * known)
         self._rub(data)
-        if np.isnan(data[:, COLUMNS["pump_speed"]]).all() and n > 2:
-            data[:, COLUMNS["pump_speed"]] = np.gradient(angle, samples.time)
         cell = np.floor(samples.time / ROW_S + 1e-7).astype(np.int64) - first * HOP_ROWS
         cell = np.clip(cell, 0, out.shape[0] - 1)
         # A channel counts in a hop where it has values at all; then only samples with all of them are taken.
         hop = cell // HOP_ROWS
         starts = np.flatnonzero(np.diff(hop, prepend=-1))
+        speed = data[:, COLUMNS["pump_speed"]]
+        for a, b in zip(starts, np.append(starts[1:], n), strict=True):
+            # Within the hop, so that it does not matter what came in the same block.
+            if b - a > 2 and np.isnan(speed[a:b]).all():
+                speed[a:b] = np.gradient(angle[a:b], samples.time[a:b])
         fast = np.isfinite(data[:, : len(FAST)])
         there = np.logical_or.reduceat(fast, starts, axis=0)
         complete = (fast | ~there[np.repeat(np.arange(starts.size), np.diff(np.append(starts, n)))]).all(
