@@ -124,11 +124,9 @@ class Evidence:
         first = [0] if from_start and self.hops > LEAST_AFTER else []
         self.onsets = np.concatenate([np.array(first, dtype=np.int64), inside])
         self._sums: dict[tuple[str, str], tuple[Array, Array]] = {}
-        self._softened: dict[tuple[str, str], Array] = {}
 
     def _over_onsets(self, name: str, kind: str) -> tuple[Array, Array]:
-        """Information (k, n, n) and score (k, n) of a balance's change at every onset, a healthy unit's own
-        change let in."""
+        """Information (k, n, n) and score (k, n) of a balance's change at every onset."""
         if (name, kind) not in self._sums:
             b = self.balances[name]
             rest = b.vector - b.information @ b.solution
@@ -141,22 +139,25 @@ class Evidence:
                 flat = b.information.reshape(self.hops, -1)
                 one, two = ((p @ flat).reshape(-1, n, n) for p in (phi, phi**2))
                 one_v = phi @ rest
-            s = two - one @ b.inverse @ one
-            std = np.repeat(b.within[None], self.onsets.size, axis=0)
-            std[self.onsets == 0] = START_DOUBT * b.between
-            eye = np.eye(b.within.size)
-            soft = np.linalg.inv(eye + std[:, :, None] * s * std[:, None, :])
-            self._softened[name, kind] = soft * std[:, None, :] / std[:, :, None]
-            heard = (eye - soft) / std[:, :, None] / std[:, None, :]
-            self._sums[name, kind] = heard, (self._softened[name, kind] @ one_v[..., None])[..., 0]
+            self._sums[name, kind] = two - one @ b.inverse @ one, one_v
         return self._sums[name, kind]
+
+    def _softened(self, name: str, information: Array, onset: int) -> Array:
+        """Information (n, n) of a change from an onset on, with a healthy unit's own change let in."""
+        e = self.balances[name]
+        std = START_DOUBT * e.between if onset == 0 else e.within
+        return widened(0.5 * (information + information.T), np.zeros(std.size), std)[0]
 
     def shared(self, h: Hypothesis) -> list[tuple[str, Array]]:
         """Balances that speak of a hypothesis, with its columns."""
         return [(name, g) for name, g in h.columns.items() if name in self.balances]
 
     def best(self, h: Hypothesis, known: list[Amplitude]) -> Amplitude | None:
-        """The hypothesis at its likeliest onset and course, beside faults that are known already."""
+        """The hypothesis at its likeliest onset and course, beside faults that are known already.
+
+        The onset goes by the evidence as it is: with a healthy unit's own change let in, a long stretch tells no
+        more than a short one, and the onset of the largest amplitude would win, not the likeliest one.
+        """
         if not self.shared(h) or not self.onsets.size:
             return None
         found = None
@@ -194,7 +195,7 @@ class Evidence:
                 moved = np.cumsum(rest[::-1], axis=0)[::-1][self.onsets]
             else:
                 moved = np.array([course_of(kind, self.hops, int(t)) for t in self.onsets]) @ rest
-            total = total + (self._softened[name, kind] @ moved[..., None])[..., 0]
+            total = total + moved
         return total
 
     def fitted(
@@ -268,9 +269,10 @@ class Evidence:
         if not self.shared(h) or not self.onsets.size:
             return None
         k = int(np.argmin(np.abs(self.onsets - onset)))
-        lam = sum(
-            float((g.T @ self._over_onsets(name, "step")[0][k] @ g)[0, 0]) for name, g in self.shared(h)
-        )
+        lam = 0.0
+        for name, g in self.shared(h):
+            s, _ = self._over_onsets(name, "step")
+            lam += float((g.T @ self._softened(name, s[k], int(self.onsets[k])) @ g)[0, 0])
         return float(1.0 / np.sqrt(max(lam, 1e-12)))
 
     def correlation(self, one: Amplitude, other: Hypothesis) -> float:
@@ -284,11 +286,7 @@ class Evidence:
                 continue
             moved = np.tensordot(one.course, e.information, axes=1)
             s = np.tensordot(one.course**2, e.information, axes=1) - moved @ e.inverse @ moved
-            s = widened(
-                0.5 * (s + s.T),
-                np.zeros(e.within.size),
-                START_DOUBT * e.between if one.onset == 0 else e.within,
-            )[0]
+            s = self._softened(name, s, one.onset)
             own += g.T @ s @ g if g is not None else 0.0
             others += f.T @ s @ f if f is not None else 0.0
             if g is not None and f is not None:

@@ -174,6 +174,11 @@ class RowMaker:
         # A channel counts in a hop where it has values at all; then only samples with all of them are taken.
         hop = cell // HOP_ROWS
         starts = np.flatnonzero(np.diff(hop, prepend=-1))
+        speed = data[:, COLUMNS["pump_speed"]]
+        for a, b in zip(starts, np.append(starts[1:], n), strict=True):
+            # Within the hop, so that it does not matter what came in the same block.
+            if b - a > 2 and np.isnan(speed[a:b]).all():
+                speed[a:b] = np.gradient(angle[a:b], samples.time[a:b])
         fast = np.isfinite(data[:, : len(FAST)])
         there = np.logical_or.reduceat(fast, starts, axis=0)
         complete = (fast | ~there[np.repeat(np.arange(starts.size), np.diff(np.append(starts, n)))]).all(

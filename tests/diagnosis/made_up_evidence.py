@@ -1,0 +1,68 @@
+"""Hops drawn from the very model that evidence assumes: Gaussian, with known coefficients, wander and faults."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fdd.diagnosis.evidence import Evidence, course_of
+from fdd.diagnosis.hypotheses import Hypothesis
+from fdd.residuals.effects import Effects
+
+Array = NDArray[np.float64]
+NAME = "volume"
+HOPS = 80
+EFFECTS = Effects(
+    mean=np.array([1.0, 0.0, 0.5]),
+    covariance=np.diag([0.3, 0.2, 0.4]) ** 2,
+    between=np.array([0.05, 0.04, 0.06]),
+    within=np.array([0.02, 0.02, 0.03]),
+    wander=np.array([0.05, 0.08, 0.05]),
+    noise=1.0,
+)
+
+
+def hypothesis(fault: str, column: Sequence[float], *, signed: bool = True) -> Hypothesis:
+    return Hypothesis(fault, fault, {NAME: np.array(column)[:, None]}, np.array([0.7]), signed)
+
+
+LEAK = hypothesis("leak", [1.0, 0.0, 0.0])
+DRIFT = hypothesis("drift", [0.0, 1.0, 0.2])
+THIRD = hypothesis("third", [0.3, -0.4, 1.0], signed=False)
+
+
+def drawn(
+    seed: int, faults: Sequence[tuple[Hypothesis, float, int]] = (), *, colour: float = 0.0, hops: int = HOPS
+) -> Evidence:
+    """Evidence of one made-up log.
+
+    Parameters
+    ----------
+    faults : hypothesis, amplitude and first hop of steps. colour : share of a hop's error that the whole
+        two-second block has in common.
+    """
+    rng = np.random.default_rng(seed)
+    n = EFFECTS.mean.size
+    start = EFFECTS.mean + np.sqrt(np.diag(EFFECTS.covariance)) * rng.normal(size=n)
+    change = {onset: EFFECTS.within * rng.normal(size=n) for _, _, onset in faults}
+    information, vector = np.empty((hops, n, n)), np.empty((hops, n))
+    common = np.repeat(rng.normal(size=(hops // 4 + 1, n)), 4, axis=0)[:hops]
+    for h in range(hops):
+        b = start + EFFECTS.wander * rng.normal(size=n)
+        for fault, amplitude, onset in faults:
+            if h >= onset:
+                b = b + amplitude * fault.columns[NAME][:, 0] + change[onset]
+        x = rng.normal(size=(25, n)) * np.array([3.0, 2.0, 1.5])
+        information[h] = x.T @ x
+        own = np.linalg.cholesky(information[h]) @ (
+            np.sqrt(1.0 - colour) * rng.normal(size=n) + np.sqrt(4.0 * colour) * common[h]
+        )
+        vector[h] = information[h] @ b + own
+    rows = np.full(hops, 25.0)
+    return Evidence({NAME: (information, vector, rows, np.ones(hops))}, {NAME: EFFECTS})
+
+
+def step(onset: int, hops: int = HOPS) -> Array:
+    return course_of("step", hops, onset)

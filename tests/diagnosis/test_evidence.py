@@ -1,0 +1,130 @@
+"""Evidence and decision on hops drawn from the assumed model: coverage, onsets, false alarms, groups, pairs."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from made_up_evidence import DRIFT, EFFECTS, HOPS, LEAK, NAME, THIRD, drawn, hypothesis, step
+
+from fdd.diagnosis.decision import decide
+from fdd.diagnosis.evidence import Amplitude
+
+Z80 = 1.2816
+ALL = [LEAK, DRIFT, THIRD]
+
+
+def fit(seed: int, amplitude: float, onset: int = 40, **more: float) -> Amplitude:
+    found = drawn(seed, [(LEAK, amplitude, onset)], **more).best(LEAK, [])
+    assert found is not None
+    return found
+
+
+def test_amplitude_covers_and_onset_is_met() -> None:
+    """200 logs with a step of ten times what a healthy unit changes by, the onset unknown."""
+    fits = [fit(seed, 0.3) for seed in range(200)]
+    inside = np.mean([abs(f.size[0] - 0.3) < Z80 * np.sqrt(f.covariance[0, 0]) for f in fits])
+    assert 0.72 <= inside <= 0.88
+    off = np.array([(f.size[0] - 0.3) / np.sqrt(f.covariance[0, 0]) for f in fits])
+    assert abs(off.mean()) < 3.0 / np.sqrt(len(fits)), "no bias"
+    assert np.mean([abs(f.onset - 40) <= 1 for f in fits]) >= 0.9
+    assert all(f.kind == "step" for f in fits if f.onset == 40)
+
+
+def test_no_fault_seldom_passes_six() -> None:
+    highest = np.array([decide(drawn(10_000 + seed), ALL, 6.0) for seed in range(300)], dtype=object)
+    alarmed = np.mean([bool(found) for found, _ in highest])
+    assert alarmed <= 0.02, f"false alarm rate {alarmed:.3f}"
+
+
+def test_a_fault_from_the_start_is_told_by_the_baseline_alone() -> None:
+    """Nothing changes within the log, so the amplitude cannot be surer than the prior of the log's coefficients."""
+    found = fit(3, 1.2, onset=0)
+    std = np.sqrt(found.covariance[0, 0])
+    assert std > 0.9 * np.sqrt(0.5 / (1.0 / EFFECTS.covariance[0, 0] + 1.0 / 0.7**2))
+    assert found.score < fit(3, 1.2, onset=40).score / 2.0
+
+
+def test_errors_that_hang_together_raise_the_sandwich_factor() -> None:
+    plain, coloured, heavy = (
+        np.mean([fit(seed, 0.5, colour=c).kappa for seed in range(20)]) for c in (0.0, 0.3, 0.6)
+    )
+    assert plain < 1.5
+    assert coloured > 2.0 * plain
+    assert heavy > 1.3 * coloured
+    assert fit(1, 0.3, colour=0.6).score < fit(1, 0.3).score
+
+
+def test_the_sandwich_keeps_coverage_where_errors_hang_together() -> None:
+    fits = [fit(seed, 0.5, colour=0.5) for seed in range(100)]
+    inside = np.mean([abs(f.size[0] - 0.5) < Z80 * np.sqrt(f.covariance[0, 0]) for f in fits])
+    naive = np.mean([abs(f.size[0] - 0.5) < Z80 * np.sqrt(f.covariance[0, 0] / f.kappa) for f in fits])
+    assert inside >= 0.7
+    assert inside > naive + 0.1
+
+
+def test_equal_columns_are_one_group() -> None:
+    twin = hypothesis("twin", [2.0, 0.0, 0.0])
+    evidence = drawn(5, [(LEAK, 0.6, 40)])
+    (found,), _ = decide(evidence, [LEAK, twin, DRIFT], 6.0)
+    assert evidence.correlation(found.lead, LEAK) == pytest.approx(1.0, abs=1e-6)
+    assert evidence.correlation(found.lead, twin) == pytest.approx(1.0, abs=1e-6)
+    assert abs(evidence.correlation(found.lead, DRIFT)) < 0.5
+    assert set(found.group) == {"leak", "twin"}
+    assert found.shares["leak"] == pytest.approx(found.shares["twin"], rel=0.05)
+
+
+def test_of_two_that_look_alike_the_commoner_leads() -> None:
+    rare = hypothesis("rare", [1.0, 0.0, 0.0])
+    common = hypothesis("common", [1.0, 0.0, 0.0])
+    object.__setattr__(common, "commonness", 5.0)
+    (found,), _ = decide(drawn(5, [(LEAK, 0.6, 40)]), [rare, common], 6.0)
+    assert found.group == ["common", "rare"]
+    assert found.shares["common"] / found.shares["rare"] == pytest.approx(5.0, rel=0.05)
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_a_second_fault_is_found_beside_the_first(seed: int) -> None:
+    found, rest = decide(drawn(seed, [(LEAK, 0.7, 25), (DRIFT, 0.5, 55)]), [LEAK, DRIFT], 6.0)
+    assert {f.lead.hypothesis.fault: round(float(f.lead.onset), -1) for f in found}.keys() == {"leak", "drift"}
+    for f in found:
+        true, onset = (0.7, 25) if f.lead.hypothesis is LEAK else (0.5, 55)
+        assert f.lead.size[0] == pytest.approx(true, abs=0.15)
+        assert abs(f.lead.onset - onset) <= 2
+    assert rest < 6.0
+
+
+def test_a_signed_fault_is_never_negative() -> None:
+    for seed in range(10):
+        found = drawn(seed, [(LEAK, -0.4, 40)]).best(LEAK, [])
+        assert found is None or (found.size[0] >= 0.0 and found.score < 6.0)
+    both = hypothesis("both", [1.0, 0.0, 0.0], signed=False)
+    found = drawn(0, [(LEAK, -0.4, 40)]).best(both, [])
+    assert found is not None and found.size[0] == pytest.approx(-0.4, abs=0.1) and found.score > 6.0
+
+
+def test_an_on_and_off_fault_beats_its_step() -> None:
+    """On for six seconds in every twelve: the course by dynamic programming is that of the draw."""
+    evidence = drawn(2)
+    on = (np.arange(HOPS) // 12 % 2 == 1).astype(float)
+    balance = evidence.balances[NAME]
+    g = LEAK.columns[NAME][:, 0]
+    pulled = 0.6 * on[:, None] * (balance.information @ g)
+    balance.vector += pulled
+    balance.solution += balance.inverse @ pulled.sum(axis=0)
+    start = evidence.best(LEAK, [])
+    assert start is not None
+    found = evidence.intermittent(start, [])
+    assert found.kind == "intermittent"
+    assert np.mean(found.course == on) > 0.95
+    assert found.size[0] == pytest.approx(0.6, abs=0.1)
+    assert found.score > start.score
+
+
+def test_step_course_is_the_unit_step() -> None:
+    course = step(40)
+    assert course[:40].sum() == 0.0 and (course[40:] == 1.0).all()
+
+
+def test_nothing_seen_nothing_found() -> None:
+    evidence = drawn(1, hops=5)
+    assert decide(evidence, ALL, 6.0) == ([], 0.0)

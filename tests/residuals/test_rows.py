@@ -1,0 +1,205 @@
+"""Rows: one filter for all channels, whatever is missing and however a log was cut."""
+
+from __future__ import annotations
+
+import itertools
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from numpy.typing import NDArray
+
+from fdd.residuals.rows import BRISTLE_M, COLUMNS, FAST, FILM_S, HOP_ROWS, HOP_S, ROW_S, RowMaker
+from fdd.samples import Samples
+from fdd.unit import Unit
+
+Array = NDArray[np.float64]
+UNIT = Unit.load("axis_a")
+RATE_HZ = 1000
+SECONDS = 3.2
+EVERY = tuple(c for c in FAST if c != "pressure_difference")
+
+
+def moving(seconds: float = SECONDS, seed: int = 3) -> Samples:
+    """A rigid actuator in smooth motion, with made-up noise on what is not motion."""
+    rng = np.random.default_rng(seed)
+    time = np.arange(int(seconds * RATE_HZ)) / RATE_HZ
+    angle = 90.0 * np.sin(2.0 * time) + 3.0 * time
+    area = UNIT.cylinder.area_1
+    columns = {name: rng.normal(size=time.size) for name in FAST}
+    columns |= {
+        "pump_angle": angle, "pump_speed": np.gradient(angle, time), "position": UNIT.pump.displacement * angle / area,
+        "oil_temperature": np.full(time.size, 41.0),
+    }  # fmt: skip
+    return Samples(time, columns)
+
+
+def without(samples: Samples, keep: NDArray[np.bool_]) -> Samples:
+    return Samples(samples.time[keep], {c: samples[c][keep] for c in samples.channels})
+
+
+def rows_of(samples: Samples, cuts: list[int] | None = None, unit: Unit = UNIT) -> Array:
+    maker = RowMaker(unit)
+    parts = [
+        maker.push(samples.rows(a, b))[1]
+        for a, b in itertools.pairwise([0, *sorted(cuts or []), len(samples)])
+    ]
+    return np.concatenate([*parts, maker.push(None)[1]])
+
+
+def column(rows: Array, name: str) -> Array:
+    return rows[:, COLUMNS[name]]
+
+
+def test_a_row_is_the_mean_of_its_cell() -> None:
+    samples = moving()
+    rows = rows_of(samples)
+    assert rows.shape == (int(np.ceil(SECONDS / HOP_S)) * HOP_ROWS, len(COLUMNS))
+    for name in FAST:
+        sensor = UNIT.sensor(name)
+        for k in range(int(SECONDS / ROW_S)):
+            cell = [
+                (samples[name][i] - sensor.zero) / sensor.gain
+                for i in range(len(samples))
+                if round(samples.time[i] * 1e6) // round(ROW_S * 1e6) == k
+            ] if k % 37 == 0 else []  # fmt: skip
+            if cell:
+                assert rows[k, COLUMNS[name]] == pytest.approx(sum(cell) / len(cell), rel=1e-9), (name, k)
+    k = 111
+    angle = samples["pump_angle"][10 * k : 10 * k + 10]
+    assert column(rows, "cos2")[k] == pytest.approx(np.cos(2.0 * angle).mean())
+    assert column(rows, "sin1")[k] == pytest.approx(np.sin(angle).mean())
+    assert column(rows, "temperature")[k] == 41.0
+
+
+def test_a_sensors_zero_and_gain_are_taken_out() -> None:
+    samples = moving(1.0)
+    bent = UNIT.model_copy(deep=True)
+    channel = "pressure_1"
+    bent.sensors[channel] = bent.sensor(channel).model_copy(update={"zero": 0.5, "gain": 2.0})
+    plain, found = column(rows_of(samples), channel), column(rows_of(samples, unit=bent), channel)
+    own = UNIT.sensor(channel)
+    np.testing.assert_allclose(found, (plain * own.gain + own.zero - 0.5) / 2.0, rtol=1e-9)
+
+
+@settings(max_examples=30)
+@given(cuts=st.lists(st.integers(1, int(SECONDS * RATE_HZ) - 1), max_size=8))
+def test_any_cut_gives_the_same_rows(cuts: list[int]) -> None:
+    samples = moving()
+    np.testing.assert_array_equal(rows_of(samples, cuts), rows_of(samples))
+
+
+@settings(max_examples=15)
+@given(cuts=st.lists(st.integers(1, int(SECONDS * RATE_HZ) - 1), max_size=4))
+def test_any_cut_gives_the_same_rows_without_a_speed_sensor(cuts: list[int]) -> None:
+    samples = moving()
+    bare = Samples(samples.time, {c: samples[c] for c in samples.channels if c != "pump_speed"})
+    np.testing.assert_array_equal(rows_of(bare, cuts), rows_of(bare))
+
+
+@settings(max_examples=20)
+@given(
+    lost=st.sets(st.integers(0, int(SECONDS * RATE_HZ) - 1), max_size=300),
+    blank=st.sets(st.integers(0, int(SECONDS * RATE_HZ) - 1), max_size=300),
+    jitter=st.integers(0, 5),
+)
+def test_what_is_missing_shifts_no_channel_against_another(lost: set[int], blank: set[int], jitter: int) -> None:
+    """A rigid motion closes the volume balance to rounding, whatever is lost of it."""
+    samples = moving()
+    keep = np.ones(len(samples), dtype=bool)
+    keep[list(lost)] = False
+    position = samples["position"].copy()
+    position[list(blank)] = np.nan
+    time = samples.time + 1e-5 * jitter * np.random.default_rng(jitter).uniform(-1.0, 1.0, len(samples))
+    holed = without(
+        Samples(time, {**{c: samples[c] for c in samples.channels}, "position": position}), keep
+    )
+    rows = rows_of(holed)
+    sensors = {c: UNIT.sensor(c) for c in ("pump_angle", "position")}
+    assert all(s.zero == 0.0 and s.gain == 1.0 for s in sensors.values())
+    closes = UNIT.pump.displacement * np.diff(column(rows, "pump_angle"))
+    closes -= UNIT.cylinder.area_1 * np.diff(column(rows, "position"))
+    known = np.isfinite(closes)
+    assert known.sum() > 200
+    assert np.abs(closes[known]).max() < 1e-9 * UNIT.pump.displacement
+
+
+def test_a_channel_that_is_never_there_hides_no_other() -> None:
+    samples = moving()
+    bare = Samples(samples.time, {c: samples[c] for c in ("pump_angle", "position")})
+    rows = rows_of(bare)
+    full = int(SECONDS / ROW_S)
+    assert np.isfinite(column(rows, "pump_angle")[:full]).all()
+    assert np.isnan(column(rows, "motor_current")).all()
+    np.testing.assert_allclose(column(rows, "position"), column(rows_of(samples), "position"), rtol=1e-12)
+
+
+def test_an_early_row_changes_no_later_one() -> None:
+    samples = moving()
+    late = samples.rows(600, len(samples))
+    early = Samples(
+        np.concatenate([[0.0], late.time]),
+        {c: np.concatenate([samples[c][:1], late[c]]) for c in late.channels},
+    )
+    one, other = rows_of(late), rows_of(early)
+    one = one[-len(other) :]
+    other = other[-len(one) :]
+    for name in (*FAST, "cos1", "sin2", "temperature", "time"):
+        np.testing.assert_array_equal(column(other, name), column(one, name), err_msg=name)
+    # A seal knows where it came from until it has slid: twice its give.
+    travel = np.nancumsum(np.abs(np.diff(column(one, "position"), prepend=np.nan)))
+    slid = (travel > 4.0 * BRISTLE_M) & (column(one, "time") > late.time[0] + 10.0 * FILM_S)
+    assert slid.sum() > 100
+    for name in ("friction", "sliding"):
+        np.testing.assert_allclose(column(other, name)[slid], column(one, name)[slid], rtol=0.02)
+
+
+@pytest.mark.parametrize("cut", [None, [700, 701, 1900]])
+def test_the_seal_is_a_stop_operator_whose_yield_is_the_stribeck_curve(cut: list[int] | None) -> None:
+    """Against a loop written from the operator's definition: play in the give, and a yield that follows the film."""
+    samples = moving()
+    f = UNIT.friction
+    stiffness = 0.5 * (f.forward.static + f.reverse.static) / BRISTLE_M
+    force, film = 0.0, 0.0
+    forces, films = [], []
+    before_x, before_t = samples["position"][0], samples.time[0] - 1e-3
+    for t, x in zip(samples.time, samples["position"], strict=True):
+        free = force + stiffness * (x - before_x)
+        curve = f.forward if free >= 0.0 else f.reverse
+        weight = float(np.exp(-((abs(film) / curve.stribeck_velocity) ** curve.stribeck_exponent)))
+        most = curve.coulomb * (1.0 - weight) + curve.static * weight
+        force = float(np.clip(free, -most, most))
+        speed = (free - force) / stiffness / (t - before_t)
+        share = (t - before_t) / (FILM_S + t - before_t)  # backward Euler of a first-order lag
+        film = film + share * (speed - film)
+        forces.append(force)
+        films.append(film)
+        before_x, before_t = x, t
+    cells = int(SECONDS / ROW_S)
+    rows = rows_of(samples, cut)
+    per_cell = RATE_HZ * ROW_S
+    for name, expected in (("friction", forces), ("sliding", films)):
+        means = np.reshape(expected, (cells, int(per_cell))).mean(axis=1)
+        np.testing.assert_allclose(column(rows, name)[:cells], means, rtol=1e-7, atol=1e-9, err_msg=name)
+    slides = np.abs(films) > 0.05
+    assert slides.any()
+    sign = np.sign(films)[slides]
+    assert (np.sign(forces)[slides] == sign).mean() > 0.95, "friction acts against the motion"
+
+
+def test_state_goes_on_in_mid_hop() -> None:
+    samples = moving()
+    whole = rows_of(samples)
+    first = RowMaker(UNIT)
+    parts = [first.push(samples.rows(0, 1_234))[1]]
+    second = RowMaker(UNIT)
+    second.restore({k: v.copy() for k, v in first.state().items()})
+    parts += [second.push(samples.rows(1_234, len(samples)))[1], second.push(None)[1]]
+    np.testing.assert_array_equal(np.concatenate(parts), whole)
+
+
+def test_no_sample_no_row() -> None:
+    maker = RowMaker(UNIT)
+    assert len(maker.push(None)[1]) == 0
+    assert len(maker.push(moving().rows(0, 100))[1]) == 0
