@@ -14,7 +14,7 @@ settings.load_profile("repeatable")
 
 @pytest.fixture(scope="session")
 def tiny_model() -> Model:
-    """A model of round numbers for tests of what stands around the evidence; it says nothing about accuracy."""
+    """A model of round numbers for tests of what stands around the evidence; no word on accuracy."""
     return Model(
         data="made up for tests",
         tail=AlarmTail(height=3.0, rate_per_hour=4.0, scale=1.0, hours=1.0),

@@ -6,6 +6,7 @@ import math
 from collections.abc import Sequence
 
 import numpy as np
+from numpy.typing import NDArray
 
 from estimators import eha_layout as layout
 from fdd.diagnosis.decision import Found
@@ -50,8 +51,9 @@ def fault_finding(
     }[lead.kind]
     titles = [BALANCES[name].title for name in h.columns]
     sentences = [
-        f"The balance of {' and '.join(titles)} does not close {words} {onset:.1f} s on; {fault(h.fault).title} of severity "
-        f"{size:.2f} ± {std:.2f} explains it (log likelihood ratio {found.score:.1f}, from {lead.blocks:.0f} stretches of 2 s)."
+        f"The balance of {' and '.join(titles)} does not close {words} {onset:.1f} s on; "
+        f"{fault(h.fault).title} of severity {size:.2f} ± {std:.2f} explains it "
+        f"(log likelihood ratio {found.score:.1f}, from {lead.blocks:.0f} stretches of 2 s)."
     ]
     if len(group) > 1:
         sentences.append(
@@ -70,7 +72,7 @@ def fault_finding(
     )  # fmt: skip
 
 
-def _likely(gain: np.ndarray, onsets: np.ndarray) -> np.ndarray:  # type: ignore[type-arg]
+def _likely(gain: NDArray[np.float64], onsets: NDArray[np.float64]) -> NDArray[np.float64]:
     """Onsets that hold the middle 80 % of the likelihood."""
     weight = np.exp(np.clip(gain - gain.max(), -50.0, 0.0))
     below = np.cumsum(weight) / weight.sum()

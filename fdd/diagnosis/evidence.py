@@ -155,8 +155,8 @@ class Evidence:
     def best(self, h: Hypothesis, known: list[Amplitude]) -> Amplitude | None:
         """The hypothesis at its likeliest onset and course, beside faults that are known already.
 
-        The onset goes by the evidence as it is: with a healthy unit's own change let in, a long stretch tells no
-        more than a short one, and the onset of the largest amplitude would win, not the likeliest one.
+        The onset goes by the evidence as it is: with a healthy unit's own change let in, a long stretch tells
+        no more than a short one, and the onset of the largest amplitude would win, not the likeliest one.
         """
         if not self.shared(h) or not self.onsets.size:
             return None

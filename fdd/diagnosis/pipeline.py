@@ -264,9 +264,11 @@ class Pipeline:
     def state(self) -> dict[str, Array]:
         """The whole state as flat named arrays; `np.savez` writes it, `restore` takes it back."""
         scalars: dict[str, Any] = {
-            "version": STATE_VERSION, "axis": self.axis, "log": self.log, "unit": self.unit.name, "model": self.model.sha256,
+            "version": STATE_VERSION, "axis": self.axis, "log": self.log, "unit": self.unit.name,
+            "model": self.model.sha256,
             "first": self._first_time, "last": self._last_time, "count": self._count,
-            "alarms": {k: f.model_dump() for k, f in self._alarms.items()}, "sensor_faults": self._sensor_faults,
+            "alarms": {k: f.model_dump() for k, f in self._alarms.items()},
+            "sensor_faults": self._sensor_faults,
             "scans": self._scans[-720:],
         }  # fmt: skip
         out = {"pipeline": packed(scalars)}

@@ -328,9 +328,12 @@ class Ledger:
         for name, account in self.accounts.items():
             for k, part in zip("mvrs", self.sums()[name], strict=True):
                 out[f"{name}/{k}"] = part
-            out[f"{name}/information"], out[f"{name}/vector"] = account.information, account.vector
+            out |= {
+                f"{name}/information": account.information.copy(),
+                f"{name}/vector": np.array(account.vector),
+            }
             out[f"{name}/noise"] = np.array([account.weight, account.variance_sum])
-            out[f"{name}/correlation"] = account.correlation
+            out[f"{name}/correlation"] = np.asarray(account.correlation, dtype=np.float64)
             out[f"{name}/lengths"] = np.array([len(r) for r in account.recent])
             out[f"{name}/recent"] = np.concatenate(account.recent) if account.recent else np.empty((0, 0))
             out[f"{name}/mean"], out[f"{name}/covariance"] = (

@@ -1,4 +1,4 @@
-"""What is learnt from scored logs, against the distributions they were drawn from; the metrics on a tiny set."""
+"""What is learnt from scored logs, against the distributions they were drawn from; metrics on a tiny set."""
 
 from __future__ import annotations
 

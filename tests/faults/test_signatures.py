@@ -7,10 +7,10 @@ from dataclasses import dataclass
 import numpy as np
 import pytest
 
+from fdd.faults import CATALOGUE, Fault, Signature
 from fdd.residuals.balances import BALANCES
 from fdd.residuals.effects import first_effects
 from fdd.residuals.quantities import Scales
-from fdd.faults import CATALOGUE, Fault, Signature
 from fdd.samples import CHANNELS
 from fdd.unit import Unit
 

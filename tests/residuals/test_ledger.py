@@ -146,9 +146,7 @@ def test_a_line_has_its_amplitude_whatever_its_phase(swing: float) -> None:
         y = 0.2 * np.cos(angle + phase) + 0.05 * np.sin(2 * angle) + 0.3 + 0.01 * rng.normal(size=angle.size)
         for hop in range(20):
             here = slice(hop * HOP_ROWS, hop * HOP_ROWS + ROWS)
-            information, vector, rows, _ = account.hop(
-                [(y[here], x[here], np.ones(ROWS, dtype=bool))], None
-            )
+            information, vector, rows, _ = account.hop([(y[here], x[here], np.ones(ROWS, dtype=bool))], None)
             assert rows
         found.append(least_squares(information, vector))
     np.testing.assert_allclose(found, np.tile([0.2, 0.05], (7, 1)), atol=0.015)
@@ -167,7 +165,7 @@ def test_too_few_rows_say_nothing() -> None:
 
 
 def test_a_column_that_is_its_own_noise_does_not_draw_its_coefficient_to_zero() -> None:
-    """At standstill a compliance that is known to be 1 must not come out as 0, nor pull another column along."""
+    """At standstill a compliance known to be 1 must not come out as 0, nor pull another column along."""
     balance, rng = BALANCES["volume"], np.random.default_rng(9)
     n, k = len(balance.columns), BALANCES["volume"].columns.index("compliance")
     effects = first_effects("volume")
@@ -181,7 +179,7 @@ def test_a_column_that_is_its_own_noise_does_not_draw_its_coefficient_to_zero() 
     y -= x[:, k] * true[k]
     blur = np.zeros((n, n))
     blur[k, k] = 1e-4
-    information, vector, rows, _ = account.hop([(y, seen, ok)], blur)
+    information, _vector, rows, _ = account.hop([(y, seen, ok)], blur)
     assert rows == HOP_ROWS - 1
     assert not information[k].any() and not information[:, k].any(), "it says nothing of compliance"
     assert account.mean[k] == pytest.approx(true[k], abs=1e-6)
@@ -220,7 +218,8 @@ def test_fold_is_batch_regression(within: float) -> None:
             np.testing.assert_allclose(
                 reference.mean / std, np.linalg.solve(information, vector) / std, rtol=1e-6, atol=1e-6
             )
-            np.testing.assert_allclose(reference.covariance, np.linalg.inv(information), rtol=1e-5, atol=1e-12)
+            expected = np.linalg.inv(information)
+            np.testing.assert_allclose(reference.covariance, expected, rtol=1e-5, atol=1e-12)
         else:  # older hops tell where the unit was, not where it is
             assert (np.diag(ledger.reference[name].covariance) > within**2).all()
 

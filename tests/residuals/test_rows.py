@@ -29,7 +29,8 @@ def moving(seconds: float = SECONDS, seed: int = 3) -> Samples:
     area = UNIT.cylinder.area_1
     columns = {name: rng.normal(size=time.size) for name in FAST}
     columns |= {
-        "pump_angle": angle, "pump_speed": np.gradient(angle, time), "position": UNIT.pump.displacement * angle / area,
+        "pump_angle": angle, "pump_speed": np.gradient(angle, time),
+        "position": UNIT.pump.displacement * angle / area,
         "oil_temperature": np.full(time.size, 41.0),
     }  # fmt: skip
     return Samples(time, columns)
@@ -104,7 +105,9 @@ def test_any_cut_gives_the_same_rows_without_a_speed_sensor(cuts: list[int]) -> 
     blank=st.sets(st.integers(0, int(SECONDS * RATE_HZ) - 1), max_size=300),
     jitter=st.integers(0, 5),
 )
-def test_what_is_missing_shifts_no_channel_against_another(lost: set[int], blank: set[int], jitter: int) -> None:
+def test_what_is_missing_shifts_no_channel_against_another(
+    lost: set[int], blank: set[int], jitter: int
+) -> None:
     """A rigid motion closes the volume balance to rounding, whatever is lost of it."""
     samples = moving()
     keep = np.ones(len(samples), dtype=bool)
@@ -112,9 +115,7 @@ def test_what_is_missing_shifts_no_channel_against_another(lost: set[int], blank
     position = samples["position"].copy()
     position[list(blank)] = np.nan
     time = samples.time + 1e-5 * jitter * np.random.default_rng(jitter).uniform(-1.0, 1.0, len(samples))
-    holed = without(
-        Samples(time, {**{c: samples[c] for c in samples.channels}, "position": position}), keep
-    )
+    holed = without(Samples(time, {**{c: samples[c] for c in samples.channels}, "position": position}), keep)
     rows = rows_of(holed)
     sensors = {c: UNIT.sensor(c) for c in ("pump_angle", "position")}
     assert all(s.zero == 0.0 and s.gain == 1.0 for s in sensors.values())
@@ -157,7 +158,7 @@ def test_an_early_row_changes_no_later_one() -> None:
 
 @pytest.mark.parametrize("cut", [None, [700, 701, 1900]])
 def test_the_seal_is_a_stop_operator_whose_yield_is_the_stribeck_curve(cut: list[int] | None) -> None:
-    """Against a loop written from the operator's definition: play in the give, and a yield that follows the film."""
+    """Against a loop written from the operator's definition: play, and a yield that follows the film."""
     samples = moving()
     f = UNIT.friction
     stiffness = 0.5 * (f.forward.static + f.reverse.static) / BRISTLE_M
