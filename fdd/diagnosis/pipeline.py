@@ -192,6 +192,11 @@ class Pipeline:
         verdict: Literal["healthy", "faulty", "inconclusive"] = "faulty"
         if not faults:
             doubts = self._doubts(duration)
+            if not doubts and probabilities["healthy"] < HELD_IN_DOUBT:
+                doubts = [
+                    f"evidence for a fault (score {score:.1f} of {self.threshold:.1f}) is not enough for an alarm, "
+                    "but as logs go it is more likely than none"
+                ]
             verdict = "inconclusive" if doubts else "healthy"
             quality.notes = doubts + quality.notes
         elif faults[0].confidence < HELD_IN_DOUBT:
