@@ -54,7 +54,8 @@ def train(
     InputError : not a data set, without baselines, or too small.
     """
     data = Dataset.load(directory)
-    logs = for_each_unit(partial(_scored, str(data.directory)), data.units, workers=workers, progress=progress)
+    work = partial(_scored, str(data.directory))
+    logs = for_each_unit(work, data.units, workers=workers, progress=progress)
     name = f"{data.recipe.name} (seed {data.recipe.seed}, {len(data.units)} units, {len(data.logs)} logs)"
     return learnt(logs, name), logs
 

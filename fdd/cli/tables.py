@@ -40,7 +40,7 @@ def diagnosis_view(diagnosis: Diagnosis) -> RenderableType:
     parts.append(_estimates(diagnosis))
     parts.append(Padding(_families(diagnosis), (0, 2)))
     parts.append(Padding(_quality(diagnosis), (0, 2)))
-    hidden = "; ".join(f"{fault} {severity}" for fault, severity in tables.invisible_rows(diagnosis)[:HARDEST])
+    hidden = "; ".join(" ".join(row) for row in tables.invisible_rows(diagnosis)[:HARDEST])
     if hidden:
         parts.append(Padding(Text(f"Would have been invisible here: {hidden}", style="dim"), (0, 2)))
     return Group(*parts)

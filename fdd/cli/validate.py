@@ -12,7 +12,8 @@ import typer
 def validate(
     dataset: Annotated[Path, typer.Argument(help="Folder that fdd generate made.", show_default=False)],
     model: Annotated[
-        str | None, typer.Option(help="Model file that fdd train wrote; the shipped one else.", show_default=False)
+        str | None,
+        typer.Option(help="Model file that fdd train wrote; the shipped one else.", show_default=False),
     ] = None,
     out: Annotated[
         Path | None,
