@@ -70,7 +70,7 @@ def fault_finding(
     )  # fmt: skip
 
 
-def _likely(gain: np.ndarray, onsets: np.ndarray) -> np.ndarray:  # type: ignore[type-arg]
+def _likely(gain: np.ndarray, onsets: np.ndarray) -> np.ndarray:
     """Onsets that hold the middle 80 % of the likelihood."""
     weight = np.exp(np.clip(gain - gain.max(), -50.0, 0.0))
     below = np.cumsum(weight) / weight.sum()

@@ -79,7 +79,7 @@ def add_baseline(unit: Unit, logs: Sequence[Samples]) -> Unit:
     return out
 
 
-def _rounded(values: np.ndarray) -> list[float]:  # type: ignore[type-arg]
+def _rounded(values: np.ndarray) -> list[float]:
     return [float(f"{v:.8g}") for v in values]
 
 

@@ -67,11 +67,11 @@ class Account:
     def __init__(self, balance: Balance, effects: Effects) -> None:
         self.balance = balance
         self.wander = effects.wander
-        self.information = np.linalg.inv(effects.covariance)
-        self.vector = self.information @ effects.mean
+        self.information: Array = np.linalg.inv(effects.covariance)
+        self.vector: Array = self.information @ effects.mean
         self.weight = FIRST_WEIGHT
         self.least = (LEAST_NOISE * effects.noise) ** 2
-        self.correlation = np.zeros(balance.order + 1)
+        self.correlation: Array = np.zeros(balance.order + 1)
         self.correlation[0] = FIRST_WEIGHT * effects.noise**2
         self.variance_sum = FIRST_WEIGHT * effects.noise**2
         self.recent: list[Array] = []
@@ -194,8 +194,11 @@ class Account:
         joined = np.column_stack([x, y])
         joined[~ok] = 0.0
         cell = self.balance.cell
-        if cell > 1:  # a law that holds over tens of milliseconds, not within them, must not be whitened up to where it fails
-            joined, ok = joined.reshape(-1, cell, joined.shape[1]).mean(axis=1), ok.reshape(-1, cell).all(axis=1)
+        if (
+            cell > 1
+        ):  # a law that holds over tens of milliseconds, not within them, must not be whitened up to where it fails
+            joined = joined.reshape(-1, cell, joined.shape[1]).mean(axis=1)
+            ok = np.asarray(ok.reshape(-1, cell).all(axis=1))
             joined[~ok] = 0.0
         hop, least = HOP_ROWS // cell, max(LEAST_ROWS // cell, 1)
         order = self.balance.order
@@ -286,9 +289,15 @@ class Ledger:
     def misfits(self) -> tuple[Array, list[str], Array]:
         """Ends of the last hops (m,), balances' names and how badly each closed (m, balances)."""
         seen = np.array(self._misfits).reshape(-1, len(BALANCES))
-        ends = (self._last_hop - np.arange(len(seen))[::-1] + 1) * HOP_S if len(seen) else np.empty(0)
+        ends = np.empty(0)
+        if len(seen):
+            ends = np.asarray((self._last_hop - np.arange(len(seen))[::-1] + 1) * HOP_S, dtype=np.float64)
         used = np.isfinite(seen).any(axis=0)
-        return ends, [n for n, u in zip(BALANCES, used, strict=True) if u], np.nan_to_num(seen[:, used])
+        return (
+            ends,
+            [n for n, u in zip(BALANCES, used, strict=True) if u],
+            np.asarray(np.nan_to_num(seen[:, used])),
+        )
 
     @property
     def _last_hop(self) -> int:
@@ -328,7 +337,8 @@ class Ledger:
             out[f"{name}/information"], out[f"{name}/vector"] = account.information, account.vector
             out[f"{name}/noise"] = np.array([account.weight, account.variance_sum])
             out[f"{name}/correlation"] = account.correlation
-            out[f"{name}/recent"] = np.concatenate([*account.recent, np.empty((0, account.vector.size + 1))])
+            none = np.empty((0, account.vector.size + 1))
+            out[f"{name}/recent"] = np.asarray(np.concatenate([*account.recent, none]), dtype=np.float64)
             out[f"{name}/recent_sizes"] = np.array([len(rows) for rows in account.recent], dtype=np.int64)
             out[f"{name}/mean"], out[f"{name}/covariance"] = (
                 self.reference[name].mean,
