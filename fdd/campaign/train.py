@@ -28,7 +28,8 @@ class ScoredLog:
 
     Attributes
     ----------
-    structure : of its unit, where the recipe has several. family : true one. answer : leading one, "" for none.
+    structure : of its unit, where the recipe has several. family : true one. answer : leading one, ""
+        for none.
     score : the largest. healthy_s : s before a fault acts.
     """
 

@@ -67,7 +67,7 @@ class Account:
     def __init__(self, balance: Balance, effects: Effects) -> None:
         self.balance = balance
         self.wander = effects.wander
-        self.information: Array = np.linalg.inv(effects.covariance)
+        self.information: Array = np.asarray(np.linalg.inv(effects.covariance), dtype=np.float64)
         self.vector: Array = self.information @ effects.mean
         self.weight = FIRST_WEIGHT
         self.least = (LEAST_NOISE * effects.noise) ** 2
