@@ -20,6 +20,7 @@ COMPILING = {
     "fdd.benchmark": ["fdd.benchmark", "estimators"],
     "fdd.identify": ["fdd.identify"],
     "fdd.plant": ["fdd.plant"],
+    "fdd.residuals": ["fdd.residuals"],
 }
 MODULES = sorted(p for package in ("fdd", "estimators") for p in (ROOT / package).rglob("*.py"))
 

@@ -7,7 +7,6 @@ from functools import partial
 from pathlib import Path
 
 import numpy as np
-from sklearn.linear_model import LogisticRegression
 
 from fdd.campaign.dataset import Dataset, Entry
 from fdd.campaign.units import Progress, for_each_unit
@@ -81,11 +80,14 @@ def learnt(logs: list[ScoredLog], data: str) -> Model:
         height=round(height, 3), rate_per_hour=round(over.size / hours, 4),
         scale=round(float(over.mean()), 4), hours=round(hours, 2),
     )  # fmt: skip
-    x = np.concatenate([peaks, faulty])[:, None]
-    # Balanced: how many of a recipe's logs are faulty says nothing of how often an actuator is.
-    fit = LogisticRegression(class_weight="balanced").fit(x, np.repeat([0, 1], [peaks.size, faulty.size]))
-    slope = float(fit.coef_[0, 0])
-    calibration = Calibration(midpoint=round(float(-fit.intercept_[0] / slope), 3), slope=round(slope, 4))
+    # Beyond that height both kinds thin out exponentially, faulty logs far more slowly: the odds of the two
+    # tails are a logistic of the score. Even odds before it: how many of a recipe's logs are faulty says
+    # nothing of how often an actuator is.
+    beyond = faulty[faulty > height] - height
+    slope = max(1.0 / tail.scale - 1.0 / max(float(beyond.mean()), 1.01 * tail.scale), 1e-3)
+    shares = (over.size / peaks.size / tail.scale, beyond.size / faulty.size / float(beyond.mean()))
+    midpoint = height + np.log(shares[0] / shares[1]) / slope
+    calibration = Calibration(midpoint=round(float(midpoint), 3), slope=round(slope, 4))
     return Model(data=data, tail=tail, calibration=calibration)
 
 

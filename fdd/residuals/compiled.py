@@ -1,4 +1,4 @@
-"""The compiler of the identification: what it keeps on disk is made anew when a source beside it changes."""
+"""The compiler of the balances: what it keeps on disk is made anew when a source beside it changes."""
 
 from __future__ import annotations
 

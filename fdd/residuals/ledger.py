@@ -67,8 +67,8 @@ class Account:
     def __init__(self, balance: Balance, effects: Effects) -> None:
         self.balance = balance
         self.wander = effects.wander
-        self.information = np.linalg.inv(effects.covariance)
-        self.vector = self.information @ effects.mean
+        self.information: Array = np.asarray(np.linalg.inv(effects.covariance), dtype=np.float64)
+        self.vector: Array = self.information @ effects.mean
         self.weight = FIRST_WEIGHT
         self.least = max(LEAST_NOISE * effects.noise, balance.floor) ** 2
         self.correlation = np.zeros(balance.order + 1)
@@ -288,7 +288,9 @@ class Ledger:
     def misfits(self) -> tuple[Array, list[str], Array]:
         """Ends of the last hops (m,), balances' names and how badly each closed (m, balances)."""
         seen = np.array(self._misfits).reshape(-1, len(BALANCES))
-        ends = (self._last_hop - np.arange(len(seen))[::-1] + 1) * HOP_S if len(seen) else np.empty(0)
+        ends = np.empty(0)
+        if len(seen):
+            ends = np.asarray((self._last_hop - np.arange(len(seen))[::-1] + 1) * HOP_S, dtype=np.float64)
         used = np.isfinite(seen).any(axis=0)
         names = [n for n, u in zip(BALANCES, used, strict=True) if u]
         return np.asarray(ends, dtype=np.float64), names, np.asarray(np.nan_to_num(seen[:, used]))
@@ -329,7 +331,7 @@ class Ledger:
             for k, part in zip("mvrs", self.sums()[name], strict=True):
                 out[f"{name}/{k}"] = part
             out |= {
-                f"{name}/information": account.information.copy(),
+                f"{name}/information": np.array(account.information, dtype=np.float64),
                 f"{name}/vector": np.array(account.vector),
             }
             out[f"{name}/noise"] = np.array([account.weight, account.variance_sum])

@@ -27,6 +27,9 @@ units: 1
 logs_per_unit: 2
 faults: {internal_leakage: {}}
 healthy_share: 0.5
+profiles: {step: 1}
+duties: {steps: 1}
+loads: {spring: 1}
 severity: [0.9, 1.0]
 duration: [40, 41]
 onset: [0.3, 0.4]
