@@ -1,46 +1,19 @@
-"""One unit with a baseline, and a few simulated logs of it that all tests of the pipeline share."""
+"""One unit with a baseline, and what the pipeline says of its logs: shared by all tests of the pipeline."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
-from functools import cache
-from typing import Any
 
 import pytest
+from simulated_logs import HEALTHY, simulated
 
 from fdd.diagnosis.baseline import add_baseline
 from fdd.diagnosis.findings import Diagnosis
 from fdd.diagnosis.pipeline import Pipeline
-from fdd.plant.scenario import Scenario
-from fdd.plant.simulate import simulate
 from fdd.samples import Samples
 from fdd.unit import Unit
 
-LOADS: dict[str, dict[str, Any]] = {
-    "spring": {"name": "spring"}, "push": {"name": "constant"}, "pull": {"name": "constant", "level": -1000.0},
-    "gust": {"name": "gust"},
-}  # fmt: skip
-ONSET_S = 17.3
-DURATION_S = 32.0
-HEALTHY = ((1, "spring"), (2, "push"), (3, "pull"))
-
-Log = Callable[..., Samples]
 Answer = Callable[[Samples], Diagnosis]
-
-
-@cache
-def simulated(seed: int, load: str, fault: str = "", severity: float = 0.7, side: int | None = None) -> Samples:
-    """One log of axis A; from `ONSET_S` on with a fault."""
-    faults = (
-        [{"fault": fault, "severity": severity, "onset": ONSET_S, "side": side}] if fault else []
-    )
-    scenario = Scenario(duration=DURATION_S, load=LOADS[load], seed=seed, faults=faults)
-    return simulate(Unit.load("axis_a"), scenario).samples
-
-
-@pytest.fixture(scope="session")
-def log() -> Log:
-    return simulated
 
 
 @pytest.fixture(scope="session")
