@@ -18,11 +18,12 @@ ONSET_S = 17.3
 DURATION_S = 32.0
 HEALTHY = ((1, "spring"), (2, "push"), (3, "pull"))
 
+
 @cache
-def simulated(seed: int, load: str, fault: str = "", severity: float = 0.7, side: int | None = None) -> Samples:
+def simulated(
+    seed: int, load: str, fault: str = "", severity: float = 0.7, side: int | None = None
+) -> Samples:
     """One log of axis A; from `ONSET_S` on with a fault."""
-    faults = (
-        [{"fault": fault, "severity": severity, "onset": ONSET_S, "side": side}] if fault else []
-    )
+    faults = [{"fault": fault, "severity": severity, "onset": ONSET_S, "side": side}] if fault else []
     scenario = Scenario(duration=DURATION_S, load=LOADS[load], seed=seed, faults=faults)
     return simulate(Unit.load("axis_a"), scenario).samples

@@ -85,7 +85,10 @@ def test_of_two_that_look_alike_the_commoner_leads() -> None:
 @pytest.mark.parametrize("seed", range(5))
 def test_a_second_fault_is_found_beside_the_first(seed: int) -> None:
     found, rest = decide(drawn(seed, [(LEAK, 0.7, 25), (DRIFT, 0.5, 55)]), [LEAK, DRIFT], 6.0)
-    assert {f.lead.hypothesis.fault: round(float(f.lead.onset), -1) for f in found}.keys() == {"leak", "drift"}
+    assert {f.lead.hypothesis.fault: round(float(f.lead.onset), -1) for f in found}.keys() == {
+        "leak",
+        "drift",
+    }
     for f in found:
         true, onset = (0.7, 25) if f.lead.hypothesis is LEAK else (0.5, 55)
         assert f.lead.size[0] == pytest.approx(true, abs=0.15)

@@ -86,7 +86,9 @@ def test_a_rarer_alarm_has_a_higher_threshold(one: float, other: float) -> None:
     assert math.isfinite(rare) and math.isfinite(often)
     assert rare >= often >= tail.height
     if max(one, other) < 35.0 and one != other:
-        assert tail.rate_per_hour * math.exp(-(rare - tail.height) / tail.scale) == pytest.approx(min(one, other))
+        assert tail.rate_per_hour * math.exp(-(rare - tail.height) / tail.scale) == pytest.approx(
+            min(one, other)
+        )
 
 
 def test_one_alarm_in_a_century_has_a_threshold() -> None:
@@ -100,4 +102,6 @@ def test_a_higher_score_is_a_likelier_fault(one: float, other: float) -> None:
     calibration = Calibration(midpoint=2.7, slope=0.33)
     low, high = (calibration.probability(x) for x in sorted((one, other)))
     assert 0.0 <= low <= high <= 1.0
-    assert calibration.probability(2.7 + one) == pytest.approx(1.0 - calibration.probability(2.7 - one), abs=1e-12)
+    assert calibration.probability(2.7 + one) == pytest.approx(
+        1.0 - calibration.probability(2.7 - one), abs=1e-12
+    )

@@ -146,9 +146,7 @@ def test_a_line_has_its_amplitude_whatever_its_phase(swing: float) -> None:
         y = 0.2 * np.cos(angle + phase) + 0.05 * np.sin(2 * angle) + 0.3 + 0.01 * rng.normal(size=angle.size)
         for hop in range(20):
             here = slice(hop * HOP_ROWS, hop * HOP_ROWS + ROWS)
-            information, vector, rows, _ = account.hop(
-                [(y[here], x[here], np.ones(ROWS, dtype=bool))], None
-            )
+            information, vector, rows, _ = account.hop([(y[here], x[here], np.ones(ROWS, dtype=bool))], None)
             assert rows
         found.append(least_squares(information, vector))
     np.testing.assert_allclose(found, np.tile([0.2, 0.05], (7, 1)), atol=0.015)
@@ -220,7 +218,9 @@ def test_fold_is_batch_regression(within: float) -> None:
             np.testing.assert_allclose(
                 reference.mean / std, np.linalg.solve(information, vector) / std, rtol=1e-6, atol=1e-6
             )
-            np.testing.assert_allclose(reference.covariance, np.linalg.inv(information), rtol=1e-5, atol=1e-12)
+            np.testing.assert_allclose(
+                reference.covariance, np.linalg.inv(information), rtol=1e-5, atol=1e-12
+            )
         else:  # older hops tell where the unit was, not where it is
             assert (np.diag(ledger.reference[name].covariance) > within**2).all()
 

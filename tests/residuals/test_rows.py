@@ -104,7 +104,9 @@ def test_any_cut_gives_the_same_rows_without_a_speed_sensor(cuts: list[int]) -> 
     blank=st.sets(st.integers(0, int(SECONDS * RATE_HZ) - 1), max_size=300),
     jitter=st.integers(0, 5),
 )
-def test_what_is_missing_shifts_no_channel_against_another(lost: set[int], blank: set[int], jitter: int) -> None:
+def test_what_is_missing_shifts_no_channel_against_another(
+    lost: set[int], blank: set[int], jitter: int
+) -> None:
     """A rigid motion closes the volume balance to rounding, whatever is lost of it."""
     samples = moving()
     keep = np.ones(len(samples), dtype=bool)
@@ -112,9 +114,7 @@ def test_what_is_missing_shifts_no_channel_against_another(lost: set[int], blank
     position = samples["position"].copy()
     position[list(blank)] = np.nan
     time = samples.time + 1e-5 * jitter * np.random.default_rng(jitter).uniform(-1.0, 1.0, len(samples))
-    holed = without(
-        Samples(time, {**{c: samples[c] for c in samples.channels}, "position": position}), keep
-    )
+    holed = without(Samples(time, {**{c: samples[c] for c in samples.channels}, "position": position}), keep)
     rows = rows_of(holed)
     sensors = {c: UNIT.sensor(c) for c in ("pump_angle", "position")}
     assert all(s.zero == 0.0 and s.gain == 1.0 for s in sensors.values())
