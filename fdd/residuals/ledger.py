@@ -353,7 +353,8 @@ class Ledger:
             account.weight, account.variance_sum = (float(x) for x in state[f"{name}/noise"])
             account.correlation = state[f"{name}/correlation"].copy()
             ends = np.cumsum(state.get(f"{name}/recent_rows", np.zeros(0, dtype=np.int64)))
-            account.recent = np.split(state[f"{name}/recent"], ends[:-1]) if ends.size else []
+            parts = np.split(state[f"{name}/recent"], ends[:-1]) if ends.size else []
+            account.recent = [np.asarray(part) for part in parts]
             mean, covariance = state[f"{name}/mean"].copy(), state[f"{name}/covariance"].copy()
             self.reference = {
                 **self.reference,

@@ -11,7 +11,8 @@ from fdd.samples import Samples
 from fdd.unit import Unit
 
 LOADS: dict[str, dict[str, Any]] = {
-    "spring": {"name": "spring"}, "push": {"name": "constant"}, "pull": {"name": "constant", "level": -1000.0},
+    "spring": {"name": "spring"},
+    "push": {"name": "constant"}, "pull": {"name": "constant", "level": -1000.0},
     "gust": {"name": "gust"},
 }  # fmt: skip
 ONSET_S = 17.3

@@ -1,4 +1,4 @@
-"""Evidence and decision on hops drawn from the assumed model: coverage, onsets, false alarms, groups, pairs."""
+"""Evidence on hops drawn from the assumed model: coverage, onsets, false alarms, groups, pairs."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ def test_no_fault_seldom_passes_six() -> None:
 
 
 def test_a_fault_from_the_start_is_told_by_the_baseline_alone() -> None:
-    """Nothing changes within the log, so the amplitude cannot be surer than the prior of the log's coefficients."""
+    """Nothing changes within the log, so the amplitude is no surer than the prior."""
     found = fit(3, 1.2, onset=0)
     std = np.sqrt(found.covariance[0, 0])
     assert std > 0.9 * np.sqrt(0.5 / (1.0 / EFFECTS.covariance[0, 0] + 1.0 / 0.7**2))

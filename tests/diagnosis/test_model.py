@@ -35,7 +35,8 @@ BROKEN = {
     "not JSON": ("{", "line 1: not JSON"),
     "another schema": ({"schema": "fdd.model/1"}, "schema"),
     "no tail": ({"tail": None}, "tail"),
-    "a negative rate": ({"tail": {"height": 1, "rate_per_hour": -1, "scale": 1, "hours": 1}}, "tail.rate_per_hour"),
+    "a negative rate": (
+        {"tail": {"height": 1, "rate_per_hour": -1, "scale": 1, "hours": 1}}, "tail.rate_per_hour"),
     "no scale": ({"tail": {"height": 1, "rate_per_hour": 1, "hours": 1}}, "tail.scale"),
     "a scale of zero": ({"tail": {"height": 1, "rate_per_hour": 1, "scale": 0, "hours": 1}}, "tail.scale"),
     "words for figures": ({"calibration": {"midpoint": "x", "slope": 1}}, "calibration.midpoint"),

@@ -1,4 +1,4 @@
-"""The pipeline's promises: how a log was cut, lost a piece or was mirrored changes nothing of what it says."""
+"""The pipeline's promises: how a log was cut, lost a piece or was mirrored changes nothing of the answer."""
 
 from __future__ import annotations
 
@@ -46,7 +46,7 @@ def chosen(samples: Samples, keep: Any) -> Samples:
         ("internal_leakage", 0.7, "spring", None),
         ("internal_leakage", 0.7, "push", None),
         pytest.param("check_valve_stuck_open", 0.7, "spring", 1, marks=pytest.mark.xfail(
-            strict=True, reason="fifteen seconds under a light load that works both ways do not reach the threshold",
+            strict=True, reason="fifteen seconds under a light load do not reach the threshold",
         )),
         ("check_valve_stuck_open", 0.7, "gust", 1),
         ("check_valve_stuck_open", 0.7, "gust", 2),

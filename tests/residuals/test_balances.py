@@ -51,7 +51,7 @@ def test_leakage_is_the_profiles(unit: Unit) -> None:
 
 
 def test_all_leaks_together_are_the_units(unit: Unit) -> None:
-    """At the pressure that the loads make; columns that are alike there share it, and the model's error with it."""
+    """At the pressure that the loads make; columns that are alike there share it."""
     scales = Scales.of(unit)
     drop = 1000.0 / (0.5 * (unit.cylinder.area_1 + unit.cylinder.area_2))
     pressure = drop + unit.accumulator.charge_pressure
@@ -81,14 +81,15 @@ def test_the_pressures_agree(unit: Unit) -> None:
 
 
 def test_the_volume_balance_closes_to_a_hundred_cubic_millimetres(unit: Unit) -> None:
-    """Levels of a usual stretch within a hop, on logs that the baseline was not made of; air and temperature are each log's own."""
+    """Levels of a usual stretch within a hop, on logs that the baseline was not made of."""
     for seed, load in enumerate(LOADS, 61):
         fresh = simulate(Unit.load("axis_a"), Scenario(duration=20.0, load=load, seed=seed)).samples
         mean = ledger_of(fresh, unit, effects_of(unit)).accounts["volume"].mean
         maker = RowMaker(unit)
         rows = np.concatenate([maker.push(fresh)[1], maker.push(None)[1]])
         q = Quantities(rows, unit, Scales.of(unit))
-        levels, raw = [], []
+        levels: list[np.ndarray] = []
+        raw: list[np.ndarray] = []
         for y, x, ok in BALANCES["volume"].strands(q):
             good = settled(ok & np.isfinite(y) & np.isfinite(x).all(axis=1), BALANCES["volume"].settle)
             for hop in range(len(rows) // HOP_ROWS):
@@ -105,7 +106,7 @@ def test_the_volume_balance_closes_to_a_hundred_cubic_millimetres(unit: Unit) ->
 
 
 def test_a_leak_is_in_the_leaks_column(unit: Unit) -> None:
-    """Twice the unit's leakage, by no fault of the diagnosis: its coefficient doubles and the oil stays as stiff."""
+    """Twice the leakage across the ports: its coefficient doubles and the oil stays as stiff."""
     more = unit.model_copy(deep=True)
     more.pump.cross_port_leakage *= 2.0
     found = {}

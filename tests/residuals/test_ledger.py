@@ -165,7 +165,7 @@ def test_too_few_rows_say_nothing() -> None:
 
 
 def test_a_column_that_is_its_own_noise_does_not_draw_its_coefficient_to_zero() -> None:
-    """At standstill a compliance that is known to be 1 must not come out as 0, nor pull another column along."""
+    """At standstill a compliance that is known to be 1 must not come out as 0, nor pull another along."""
     balance, rng = BALANCES["volume"], np.random.default_rng(9)
     n, k = len(balance.columns), BALANCES["volume"].columns.index("compliance")
     effects = first_effects("volume")
@@ -179,7 +179,7 @@ def test_a_column_that_is_its_own_noise_does_not_draw_its_coefficient_to_zero() 
     y -= x[:, k] * true[k]
     blur = np.zeros((n, n))
     blur[k, k] = 1e-4
-    information, vector, rows, _ = account.hop([(y, seen, ok)], blur)
+    information, _, rows, _ = account.hop([(y, seen, ok)], blur)
     assert rows == HOP_ROWS - 1
     assert not information[k].any() and not information[:, k].any(), "it says nothing of compliance"
     assert account.mean[k] == pytest.approx(true[k], abs=1e-6)
