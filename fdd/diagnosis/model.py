@@ -35,7 +35,7 @@ class AlarmTail(BaseModel):
     hours : of healthy logs behind it.
     """
 
-    model_config = ConfigDict(extra="forbid")
+    model_config = ConfigDict(extra="forbid", allow_inf_nan=False)
     height: float
     rate_per_hour: float = Field(gt=0)
     scale: float = Field(gt=0)
@@ -57,7 +57,7 @@ class AlarmTail(BaseModel):
 class Calibration(BaseModel):
     """Probability that something is wrong, as a logistic of the score."""
 
-    model_config = ConfigDict(extra="forbid")
+    model_config = ConfigDict(extra="forbid", allow_inf_nan=False)
     midpoint: float
     slope: float = Field(gt=0)
 
@@ -85,7 +85,7 @@ class Model(BaseModel):
     True
     """
 
-    model_config = ConfigDict(populate_by_name=True, extra="forbid")
+    model_config = ConfigDict(populate_by_name=True, extra="forbid", allow_inf_nan=False)
     schema_: Literal["fdd.model/2"] = Field(default="fdd.model/2", alias="schema")
     data: str
     """The data set that it was learnt on."""
@@ -118,6 +118,8 @@ class Model(BaseModel):
             first = error.errors()[0]
             place = ".".join(str(p) for p in first["loc"])
             raise InputError(f"{place}: {first['msg']}", where=where, mend="train the model anew") from None
+        except (ValueError, RecursionError):  # a figure of thousands of digits, or nested without end
+            raise InputError("not a model", where=where, mend="give a file that fdd train wrote") from None
 
     def save(self, path: str | Path) -> None:
         """Write the model whole or not at all."""

@@ -194,8 +194,8 @@ class Pipeline:
             doubts = self._doubts(duration)
             if not doubts and probabilities["healthy"] < HELD_IN_DOUBT:
                 doubts = [
-                    f"evidence for a fault (score {score:.1f} of {self.threshold:.1f}) is not enough for an alarm, "
-                    "but as logs go it is more likely than none"
+                    f"evidence for a fault (score {score:.1f} of {self.threshold:.1f}) is growing, "
+                    "but is not enough for an alarm"
                 ]
             verdict = "inconclusive" if doubts else "healthy"
             quality.notes = doubts + quality.notes

@@ -1,4 +1,4 @@
-"""Hops drawn from the very model that evidence assumes: Gaussian, known coefficients, wander and faults."""
+"""Hops drawn from the model that evidence assumes: Gaussian, with known coefficients, wander and faults."""
 
 from __future__ import annotations
 

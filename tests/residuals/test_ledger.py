@@ -165,7 +165,7 @@ def test_too_few_rows_say_nothing() -> None:
 
 
 def test_a_column_that_is_its_own_noise_does_not_draw_its_coefficient_to_zero() -> None:
-    """At standstill a compliance known to be 1 must not come out as 0, nor pull another column along."""
+    """At standstill a compliance that is known to be 1 must not come out as 0, nor pull another along."""
     balance, rng = BALANCES["volume"], np.random.default_rng(9)
     n, k = len(balance.columns), BALANCES["volume"].columns.index("compliance")
     effects = first_effects("volume")
@@ -179,7 +179,7 @@ def test_a_column_that_is_its_own_noise_does_not_draw_its_coefficient_to_zero() 
     y -= x[:, k] * true[k]
     blur = np.zeros((n, n))
     blur[k, k] = 1e-4
-    information, _vector, rows, _ = account.hop([(y, seen, ok)], blur)
+    information, _, rows, _ = account.hop([(y, seen, ok)], blur)
     assert rows == HOP_ROWS - 1
     assert not information[k].any() and not information[:, k].any(), "it says nothing of compliance"
     assert account.mean[k] == pytest.approx(true[k], abs=1e-6)
@@ -218,8 +218,9 @@ def test_fold_is_batch_regression(within: float) -> None:
             np.testing.assert_allclose(
                 reference.mean / std, np.linalg.solve(information, vector) / std, rtol=1e-6, atol=1e-6
             )
-            expected = np.linalg.inv(information)
-            np.testing.assert_allclose(reference.covariance, expected, rtol=1e-5, atol=1e-12)
+            np.testing.assert_allclose(
+                reference.covariance, np.linalg.inv(information), rtol=1e-5, atol=1e-12
+            )
         else:  # older hops tell where the unit was, not where it is
             assert (np.diag(ledger.reference[name].covariance) > within**2).all()
 

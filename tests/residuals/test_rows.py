@@ -26,11 +26,10 @@ def moving(seconds: float = SECONDS, seed: int = 3) -> Samples:
     rng = np.random.default_rng(seed)
     time = np.arange(int(seconds * RATE_HZ)) / RATE_HZ
     angle = 90.0 * np.sin(2.0 * time) + 3.0 * time
-    area = UNIT.cylinder.area_1
+    position = UNIT.pump.displacement * angle / UNIT.cylinder.area_1
     columns = {name: rng.normal(size=time.size) for name in FAST}
     columns |= {
-        "pump_angle": angle, "pump_speed": np.gradient(angle, time),
-        "position": UNIT.pump.displacement * angle / area,
+        "pump_angle": angle, "pump_speed": np.gradient(angle, time), "position": position,
         "oil_temperature": np.full(time.size, 41.0),
     }  # fmt: skip
     return Samples(time, columns)
@@ -158,7 +157,7 @@ def test_an_early_row_changes_no_later_one() -> None:
 
 @pytest.mark.parametrize("cut", [None, [700, 701, 1900]])
 def test_the_seal_is_a_stop_operator_whose_yield_is_the_stribeck_curve(cut: list[int] | None) -> None:
-    """Against a loop written from the operator's definition: play, and a yield that follows the film."""
+    """Against a loop written from its definition: play in the give, and a yield that follows the film."""
     samples = moving()
     f = UNIT.friction
     stiffness = 0.5 * (f.forward.static + f.reverse.static) / BRISTLE_M

@@ -1,0 +1,108 @@
+"""The model file: what it says, what is refused, and how its curves run."""
+
+from __future__ import annotations
+
+import json
+import math
+from pathlib import Path
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from fdd.diagnosis.model import MAX_MODEL_BYTES, AlarmTail, Calibration, Model
+from fdd.errors import InputError
+
+
+def test_round_trip(tmp_path: Path, tiny_model: Model) -> None:
+    path = tmp_path / "model.json"
+    tiny_model.save(path)
+    found = Model.load(path)
+    assert found == tiny_model
+    assert found.sha256 == tiny_model.sha256
+    other = tiny_model.model_copy(update={"calibration": Calibration(midpoint=3.1, slope=1.0)})
+    assert other.sha256 != tiny_model.sha256
+    assert json.loads(path.read_text())["schema"] == "fdd.model/2"
+
+
+def test_the_shipped_model_is_sound() -> None:
+    shipped = Model.load()
+    assert shipped.tail.threshold(0.2) > shipped.tail.height
+    assert shipped.calibration.probability(shipped.tail.threshold(0.2)) > 0.5
+
+
+BROKEN = {
+    "not JSON": ("{", "line 1: not JSON"),
+    "another schema": ({"schema": "fdd.model/1"}, "schema"),
+    "no tail": ({"tail": None}, "tail"),
+    "a negative rate": (
+        {"tail": {"height": 1, "rate_per_hour": -1, "scale": 1, "hours": 1}}, "tail.rate_per_hour"),
+    "no scale": ({"tail": {"height": 1, "rate_per_hour": 1, "hours": 1}}, "tail.scale"),
+    "a scale of zero": ({"tail": {"height": 1, "rate_per_hour": 1, "scale": 0, "hours": 1}}, "tail.scale"),
+    "words for figures": ({"calibration": {"midpoint": "x", "slope": 1}}, "calibration.midpoint"),
+    "a falling calibration": ({"calibration": {"midpoint": 1, "slope": -1}}, "calibration.slope"),
+    "not a number": ({"calibration": {"midpoint": math.nan, "slope": 1}}, "calibration.midpoint"),
+    "endless": ({"tail": {"height": math.inf, "rate_per_hour": 1, "scale": 1, "hours": 1}}, "tail.height"),
+    "an unknown field": ({"colour": 3}, "colour"),
+    "a list": ([1, 2], ""),
+    "a number": (3, ""),
+    "nested beyond reading": ("[" * 100_000, ""),
+    "a figure beyond reading": ('{"data": 1' + "0" * 5_000 + "}", ""),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("case", BROKEN)
+def test_a_broken_file_is_refused_in_one_line(case: str, tmp_path: Path, tiny_model: Model) -> None:
+    change, place = BROKEN[case]
+    path = tmp_path / "broken.json"
+    if isinstance(change, str):
+        path.write_text(change)
+    elif isinstance(change, dict):
+        path.write_text(json.dumps({**json.loads(tiny_model.model_dump_json(by_alias=True)), **change}))
+    else:
+        path.write_text(json.dumps(change))
+    with pytest.raises(InputError) as caught:
+        Model.load(path)
+    line = str(caught.value)
+    assert "\n" not in line
+    assert str(path) in line
+    assert place in line
+
+
+def test_a_missing_or_huge_file_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="no such model file"):
+        Model.load(tmp_path / "none.json")
+    (tmp_path / "huge.json").write_bytes(b" " * (MAX_MODEL_BYTES + 1))
+    with pytest.raises(InputError, match="larger than"):
+        Model.load(tmp_path / "huge.json")
+
+
+RATES = st.floats(1e-12, 1e6)
+
+
+@given(one=RATES, other=RATES)
+def test_a_rarer_alarm_has_a_higher_threshold(one: float, other: float) -> None:
+    tail = AlarmTail(height=1.6, rate_per_hour=35.0, scale=1.7, hours=1.0)
+    rare, often = tail.threshold(min(one, other)), tail.threshold(max(one, other))
+    assert math.isfinite(rare) and math.isfinite(often)
+    assert rare >= often >= tail.height
+    if max(one, other) < 35.0 and one != other:
+        assert tail.rate_per_hour * math.exp(-(rare - tail.height) / tail.scale) == pytest.approx(
+            min(one, other)
+        )
+
+
+def test_one_alarm_in_a_century_has_a_threshold() -> None:
+    tail = Model.load().tail
+    assert math.isfinite(tail.threshold(1e-6))
+    assert tail.threshold(1e-6) - tail.threshold(1e-5) == pytest.approx(tail.scale * math.log(10.0))
+
+
+@given(one=st.floats(-1e6, 1e6), other=st.floats(-1e6, 1e6))
+def test_a_higher_score_is_a_likelier_fault(one: float, other: float) -> None:
+    calibration = Calibration(midpoint=2.7, slope=0.33)
+    low, high = (calibration.probability(x) for x in sorted((one, other)))
+    assert 0.0 <= low <= high <= 1.0
+    assert calibration.probability(2.7 + one) == pytest.approx(
+        1.0 - calibration.probability(2.7 - one), abs=1e-12
+    )

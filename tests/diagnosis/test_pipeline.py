@@ -1,0 +1,223 @@
+"""The pipeline's promises: how a log was cut, lost a piece or was mirrored changes nothing of the answer."""
+
+from __future__ import annotations
+
+import io
+import itertools
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+from simulated_logs import DURATION_S, HEALTHY, ONSET_S, simulated
+
+from fdd.diagnosis.baseline import add_baseline
+from fdd.diagnosis.findings import Diagnosis
+from fdd.diagnosis.pipeline import Pipeline
+from fdd.errors import InputError
+from fdd.samples import Samples
+from fdd.unit import Unit
+
+Answer = Callable[[Samples], Diagnosis]
+SHARED = settings(max_examples=5, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+MIRRORED = ("command", "pump_angle", "pump_speed", "position", "pressure_difference", "motor_current")
+
+
+def pushed(unit: Unit, samples: Samples, cuts: list[int]) -> Pipeline:
+    pipeline = Pipeline(unit, keep_trajectories=False)
+    for start, stop in itertools.pairwise([0, *sorted(set(cuts)), len(samples)]):
+        pipeline.push(samples.rows(start, stop))
+    return pipeline
+
+
+def said(pipeline: Pipeline) -> str:
+    return pipeline.finish().model_dump_json(by_alias=True)
+
+
+def chosen(samples: Samples, keep: Any) -> Samples:
+    return Samples(samples.time[keep], {c: samples[c][keep] for c in samples.channels})
+
+
+@pytest.mark.parametrize(
+    ("fault", "severity", "load", "side"),
+    [
+        ("internal_leakage", 0.7, "spring", None),
+        ("internal_leakage", 0.7, "push", None),
+        pytest.param("check_valve_stuck_open", 0.7, "spring", 1, marks=pytest.mark.xfail(
+            strict=True, reason="fifteen seconds under a light load do not reach the threshold",
+        )),
+        ("check_valve_stuck_open", 0.7, "gust", 1),
+        ("check_valve_stuck_open", 0.7, "gust", 2),
+        ("motor_degradation", 0.7, "spring", None),
+        ("motor_degradation", 0.7, "push", None),
+        ("pressure_sensor_bias", 0.6, "spring", None),
+    ],
+)  # fmt: skip
+def test_names_a_fault_and_its_onset(
+    answer: Answer, fault: str, severity: float, load: str, side: int | None
+) -> None:
+    found = answer(simulated(21, load, fault, severity, side))
+    assert found.verdict == "faulty"
+    leading = found.faults[0]
+    assert leading.fault == fault
+    assert abs(leading.onset_s - ONSET_S) <= 1.0
+    assert leading.onset_s <= leading.detected_s <= DURATION_S
+    assert leading.severity == pytest.approx(severity, abs=0.25)
+    assert side is None or leading.side == side
+    assert found.probabilities[leading.family] > 0.5
+    assert sum(found.probabilities.values()) == pytest.approx(1.0, abs=1e-3)
+    assert leading.evidence
+
+
+def test_under_a_one_way_load_a_stuck_check_valve_is_in_the_group(answer: Answer) -> None:
+    """The valve that feeds the loaded chamber and the relief valve pass the same oil then."""
+    leading = answer(simulated(21, "push", "check_valve_stuck_open", 0.7, 1)).faults[0]
+    assert {"check_valve_stuck_open", "relief_valve_stuck_open"} <= set(leading.ambiguity)
+    assert abs(leading.onset_s - ONSET_S) <= 1.0
+
+
+@pytest.mark.parametrize(("seed", "load"), [(31, "spring"), (32, "push"), (33, "pull"), (34, "gust")])
+def test_a_healthy_log_has_no_fault(answer: Answer, seed: int, load: str) -> None:
+    found = answer(simulated(seed, load))
+    assert found.verdict == "healthy"
+    assert found.faults == []
+    assert max(found.probabilities, key=lambda k: found.probabilities[k]) == "healthy"
+
+
+@SHARED
+@given(cuts=st.lists(st.integers(1, 31_000), max_size=12))
+def test_any_cut_gives_the_same_answer(unit: Unit, leaking: Samples, cuts: list[int]) -> None:
+    assert said(pushed(unit, leaking, cuts)) == said(pushed(unit, leaking, []))
+
+
+def test_small_blocks_give_the_same_answer(unit: Unit, leaking: Samples) -> None:
+    short = leaking.rows(0, 21_000)
+    assert said(pushed(unit, short, list(range(0, 1_000, 7))[1:])) == said(pushed(unit, short, []))
+
+
+@SHARED
+@given(at=st.integers(1_000, 30_000))
+def test_fifty_lost_milliseconds_change_nothing(
+    unit: Unit, answer: Answer, leaking: Samples, at: int
+) -> None:
+    keep = np.ones(len(leaking), dtype=bool)
+    keep[at : at + 50] = False
+    whole, holed = answer(leaking), pushed(unit, chosen(leaking, keep), []).finish()
+    assert holed.verdict == whole.verdict
+    assert holed.faults[0].family == whole.faults[0].family
+    assert abs(holed.faults[0].onset_s - whole.faults[0].onset_s) <= 1.0
+
+
+def test_one_early_row_changes_nothing(unit: Unit, leaking: Samples) -> None:
+    start = leaking.rows(600, len(leaking))
+    early = Samples(
+        np.concatenate([leaking.time[:1], start.time]),
+        {c: np.concatenate([leaking[c][:1], start[c]]) for c in leaking.channels},
+    )
+    one, other = (pushed(unit, s, []).finish() for s in (start, early))
+    assert [f.fault for f in one.faults] == [f.fault for f in other.faults]
+    assert [f.onset_s for f in one.faults] == [f.onset_s for f in other.faults]
+    assert other.faults[0].severity == pytest.approx(one.faults[0].severity, abs=0.05)
+
+
+def test_without_its_first_five_seconds_a_log_says_the_same(
+    unit: Unit, answer: Answer, leaking: Samples
+) -> None:
+    whole, late = answer(leaking), pushed(unit, leaking.rows(5_000, len(leaking)), []).finish()
+    assert late.verdict == whole.verdict
+    assert [f.fault for f in late.faults] == [f.fault for f in whole.faults]
+    assert abs(late.faults[0].onset_s - whole.faults[0].onset_s) <= 1.0
+    assert late.faults[0].severity == pytest.approx(whole.faults[0].severity, rel=0.2)
+
+
+def mirrored(samples: Samples) -> Samples:
+    """The same actuator looked at from its other end."""
+    columns = {c: -samples[c] if c in MIRRORED else samples[c] for c in samples.channels}
+    columns["pressure_1"], columns["pressure_2"] = samples["pressure_2"], samples["pressure_1"]
+    return Samples(samples.time, columns)
+
+
+def mirrored_unit(logs: list[Samples]) -> Unit:
+    unit = Unit.load("axis_a").model_copy(deep=True)
+    f, c = unit.friction, unit.cylinder
+    f.forward, f.reverse = f.reverse, f.forward
+    c.area_1, c.area_2, c.volume_1, c.volume_2 = c.area_2, c.area_1, c.volume_2, c.volume_1
+    assert all(unit.sensor(name).zero == 0.0 for name in MIRRORED)
+    return add_baseline(unit, [mirrored(x) for x in logs])
+
+
+@pytest.mark.parametrize(
+    ("fault", "load", "side"), [("internal_leakage", "spring", None), ("check_valve_stuck_open", "gust", 2)]
+)
+def test_a_mirrored_unit_says_the_same(answer: Answer, fault: str, load: str, side: int | None) -> None:
+    samples = simulated(21, load, fault, 0.7, side)
+    one = answer(samples).faults[0]
+    unit = mirrored_unit([simulated(seed, load) for seed, load in HEALTHY])
+    (other, *_) = pushed(unit, mirrored(samples), []).finish().faults
+    assert other.fault == one.fault
+    assert other.onset_s == pytest.approx(one.onset_s, abs=1.0)
+    assert other.severity == pytest.approx(one.severity, rel=0.2)
+    assert other.side == (None if side is None else 3 - side)
+
+
+@pytest.mark.parametrize("at", [3_210, 16_000, 25_700])
+def test_goes_on_after_a_restart(unit: Unit, leaking: Samples, at: int) -> None:
+    before = Pipeline(unit, keep_trajectories=False)
+    before.push(leaking.rows(0, at))
+    file = io.BytesIO()
+    np.savez(file, **before.state())
+    file.seek(0)
+    after = Pipeline(unit, keep_trajectories=False)
+    with np.load(file, allow_pickle=False) as saved:
+        after.restore(dict(saved))
+    after.push(leaking.rows(at, len(leaking)))
+    assert said(after) == said(pushed(unit, leaking, []))
+
+
+@pytest.mark.parametrize("count", [0, 1, 3, 100, 3_000, 7_000])
+def test_little_data_is_inconclusive(unit: Unit, leaking: Samples, count: int) -> None:
+    found = pushed(unit, leaking.rows(0, count), []).finish()
+    assert found.verdict == "inconclusive"
+    assert found.faults == [] and found.samples == count
+    assert "a verdict needs" in found.quality.notes[0]
+
+
+def test_an_alarm_is_told_live_once(unit: Unit, leaking: Samples) -> None:
+    pipeline = Pipeline(unit, keep_trajectories=False)
+    live = [f for block in leaking.blocks(1_000) for f in pipeline.push(block)]
+    assert [f.fault for f in live] == ["internal_leakage"]
+    assert pipeline.finish().faults[0].detected_s == live[0].detected_s
+    assert pipeline.largest_score > pipeline.threshold
+
+
+def test_state_of_another_unit_or_version_is_refused(unit: Unit, leaking: Samples) -> None:
+    state = pushed(unit, leaking.rows(0, 3_000), []).state()
+    with pytest.raises(InputError, match="axis_a"):
+        Pipeline(Unit.load("axis_b")).restore(state)
+    with pytest.raises(InputError, match="another version"):
+        Pipeline(unit).restore({})
+
+
+def test_blocks_out_of_order_are_refused(unit: Unit, leaking: Samples) -> None:
+    pipeline = pushed(unit, leaking.rows(0, 2_000), [])
+    with pytest.raises(InputError, match="time order"):
+        pipeline.push(leaking.rows(1_000, 3_000))
+
+
+def test_missing_channels_are_named(unit: Unit) -> None:
+    time = np.arange(2_000) * 1e-3
+    samples = Samples(time, {"position": np.zeros(2_000), "pump_speed": np.zeros(2_000)})
+    with pytest.raises(InputError, match=r"pressure_difference \(or pressure_1"):
+        Pipeline(unit).push(samples)
+
+
+def test_inputs_are_not_changed(unit: Unit, leaking: Samples) -> None:
+    short = leaking.rows(0, 9_000)
+    before = {n: short[n].copy() for n in short.channels}
+    text = unit.to_yaml()
+    pushed(unit, short, [1_000])
+    assert unit.to_yaml() == text
+    for name, values in before.items():
+        np.testing.assert_array_equal(short[name], values)

@@ -1,0 +1,120 @@
+"""The balances close on the plant: a healthy axis's coefficients are what its profile says."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+from fdd.diagnosis.baseline import add_baseline, effects_of, ledger_of
+from fdd.plant.scenario import Scenario
+from fdd.plant.simulate import simulate
+from fdd.residuals.balances import BALANCES
+from fdd.residuals.quantities import Quantities, Scales, settled
+from fdd.residuals.rows import HOP_ROWS, RowMaker
+from fdd.samples import Samples
+from fdd.unit import Unit
+
+LOADS: tuple[dict[str, Any], ...] = (
+    {"name": "spring"}, {"name": "constant"}, {"name": "constant", "level": -1000.0},
+)  # fmt: skip
+
+
+@pytest.fixture(scope="module")
+def logs() -> list[Samples]:
+    return [
+        simulate(Unit.load("axis_a"), Scenario(duration=40.0, load=load, seed=seed)).samples
+        for seed, load in enumerate(LOADS, 51)
+    ]
+
+
+@pytest.fixture(scope="module")
+def unit(logs: list[Samples]) -> Unit:
+    return add_baseline(Unit.load("axis_a"), logs)
+
+
+def coefficient(unit: Unit, balance: str, column: str) -> float:
+    return float(effects_of(unit)[balance].mean[BALANCES[balance].columns.index(column)])
+
+
+def test_the_pump_moves_what_the_piston_takes(unit: Unit) -> None:
+    assert abs(coefficient(unit, "volume", "gain")) < 0.01
+
+
+def test_oil_is_as_stiff_as_the_profile_says(unit: Unit) -> None:
+    assert coefficient(unit, "volume", "compliance") == pytest.approx(1.0, abs=0.25)
+
+
+def test_leakage_is_the_profiles(unit: Unit) -> None:
+    assert coefficient(unit, "volume", "leak") == pytest.approx(1.0, abs=0.15)
+
+
+def test_all_leaks_together_are_the_units(unit: Unit) -> None:
+    """At the pressure that the loads make; columns that are alike there share it."""
+    scales = Scales.of(unit)
+    drop = 1000.0 / (0.5 * (unit.cylinder.area_1 + unit.cylinder.area_2))
+    pressure = drop + unit.accumulator.charge_pressure
+    c = {name: coefficient(unit, "volume", name) for name in BALANCES["volume"].columns}
+    for side, relief in ((1, "relief_12"), (2, "relief_21")):
+        flow = scales.leakage * (c["leak"] + c["leak_square"] * drop / scales.pressure + c["case"]) * drop
+        flow += scales.orifice * (c[relief] + c[f"valve_{side}"]) * np.sqrt(drop)
+        flow += scales.leakage * c[f"outside_{side}"] * pressure
+        true = (unit.pump.cross_port_leakage + unit.pump.case_leakage) * drop
+        assert flow == pytest.approx(true, rel=0.3), side
+
+
+def test_the_shafts_torque_is_the_drives(unit: Unit) -> None:
+    assert coefficient(unit, "torque", "pressure") == pytest.approx(1.0, abs=0.03)
+    assert coefficient(unit, "torque", "inertia") == pytest.approx(1.0, abs=0.03)
+    assert abs(coefficient(unit, "torque", "zero")) < 0.005
+
+
+def test_the_seal_rubs_as_the_profile_says(unit: Unit) -> None:
+    for way in ("forward", "reverse"):
+        assert coefficient(unit, "force", f"friction_{way}") == pytest.approx(1.0, abs=0.15)
+
+
+def test_the_pressures_agree(unit: Unit) -> None:
+    for column in BALANCES["coherence"].columns:
+        assert abs(coefficient(unit, "coherence", column)) < 0.02
+
+
+def test_the_volume_balance_closes_to_a_hundred_cubic_millimetres(unit: Unit) -> None:
+    """Levels of a usual stretch within a hop, on logs that the baseline was not made of."""
+    for seed, load in enumerate(LOADS, 61):
+        fresh = simulate(Unit.load("axis_a"), Scenario(duration=20.0, load=load, seed=seed)).samples
+        mean = ledger_of(fresh, unit, effects_of(unit)).accounts["volume"].mean
+        maker = RowMaker(unit)
+        rows = np.concatenate([maker.push(fresh)[1], maker.push(None)[1]])
+        q = Quantities(rows, unit, Scales.of(unit))
+        levels: list[np.ndarray] = []
+        raw: list[np.ndarray] = []
+        for y, x, ok in BALANCES["volume"].strands(q):
+            good = settled(ok & np.isfinite(y) & np.isfinite(x).all(axis=1), BALANCES["volume"].settle)
+            for hop in range(len(rows) // HOP_ROWS):
+                inside = np.flatnonzero(good[hop * HOP_ROWS : (hop + 1) * HOP_ROWS]) + hop * HOP_ROWS
+                for stretch in np.split(inside, np.flatnonzero(np.diff(inside) > 1) + 1):
+                    if stretch.size >= 12:
+                        for left, into in ((y[stretch] - x[stretch] @ mean, levels), (y[stretch], raw)):
+                            level = np.cumsum(left)
+                            into.append(level - level.mean())
+        typical = np.median([np.sqrt(np.mean(level**2)) for level in levels])
+        assert typical < 100e-9, f"{load}: {1e9 * typical:.0f} mm³"
+        rest, whole = (np.sqrt(np.mean(np.concatenate(x) ** 2)) for x in (levels, raw))
+        assert rest < 0.3 * whole
+
+
+def test_a_leak_is_in_the_leaks_column(unit: Unit) -> None:
+    """Twice the leakage across the ports: its coefficient doubles and the oil stays as stiff."""
+    more = unit.model_copy(deep=True)
+    more.pump.cross_port_leakage *= 2.0
+    found = {}
+    for name, leaking in (("healthy", unit), ("leaking", more)):
+        scenario = Scenario(duration=30.0, load={"name": "spring"}, seed=71)
+        ledger = ledger_of(simulate(leaking, scenario).samples, unit, effects_of(unit))
+        found[name] = dict(zip(BALANCES["volume"].columns, ledger.accounts["volume"].mean, strict=True))
+    extra = unit.pump.cross_port_leakage / Scales.of(unit).leakage
+    added = sum(found["leaking"][c] - found["healthy"][c] for c in ("leak", "case"))
+    assert added == pytest.approx(extra, rel=0.3)
+    assert found["leaking"]["compliance"] == pytest.approx(found["healthy"]["compliance"], abs=0.1)
