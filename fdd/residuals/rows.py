@@ -211,6 +211,8 @@ class RowMaker:
         elif np.isnan(speed).all() and np.isfinite(angle).any():
             with np.errstate(divide="ignore", invalid="ignore"):
                 speed[:] = np.diff(angle, prepend=before[1]) / dt
+            if np.isnan(before[1]) and speed.size > 1:  # the log's first sample has none before it
+                speed[0] = speed[1]
         self._turned = np.array([time[-1], angle[-1], speed[-1]])
 
     def _rub(self, data: Array) -> None:

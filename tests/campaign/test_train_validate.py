@@ -43,10 +43,10 @@ def scored(family: str, score: float) -> ScoredLog:
 
 
 def drawn(seed: int = 0) -> list[ScoredLog]:
-    """A peak each tenth of an hour, healthy ones exponential with mean 2, faulty ones normal around 6."""
+    """A peak each tenth of an hour; exponential, with mean 2 for healthy logs and 12 for faulty ones."""
     rng = np.random.default_rng(seed)
-    healthy = [scored("healthy", s) for s in rng.exponential(2.0, 2000)]
-    return healthy + [scored("leakage", s) for s in rng.normal(6.0, 2.0, 1000)]
+    healthy = [scored("healthy", s) for s in rng.exponential(2.0, 4000)]
+    return healthy + [scored("leakage", s) for s in rng.exponential(12.0, 1000)]
 
 
 @pytest.mark.parametrize("rate", [2.0, 0.5, 0.05])
@@ -54,17 +54,16 @@ def test_the_threshold_is_passed_at_the_rate_asked_for(rate: float) -> None:
     model = learnt(drawn(), "made up")
     # Ten peaks an hour above 0, each above s with exp(-s/2).
     assert model.tail.threshold(rate) == pytest.approx(2.0 * np.log(10.0 / rate), rel=0.1)
-    assert model.tail.hours == pytest.approx(200.0)
+    assert model.tail.hours == pytest.approx(400.0)
 
 
-def test_probabilities_agree_with_the_shares_that_are_faulty() -> None:
-    logs = drawn()
-    calibration = learnt(logs, "made up").calibration
-    said = np.array([calibration.probability(x.score) for x in logs])
-    faulty = np.array([x.family != "healthy" for x in logs])
-    for low, high in ((0.0, 0.2), (0.2, 0.5), (0.5, 0.8), (0.8, 1.0)):
-        part = (said >= low) & (said < high)
-        assert said[part].mean() == pytest.approx(faulty[part].mean(), abs=0.12)
+def test_probabilities_are_those_of_even_odds_before_the_log() -> None:
+    """Bayes on the densities drawn from: a log of either kind is as likely before its score is known."""
+    calibration = learnt(drawn(), "made up").calibration
+    for score in (2.0, 4.0, 6.0, 10.0):
+        healthy, faulty = np.exp(-score / 2.0) / 2.0, np.exp(-score / 12.0) / 12.0
+        right = faulty / (healthy + faulty)
+        assert calibration.probability(score) == pytest.approx(right, abs=0.08), score
 
 
 def test_too_few_logs_teach_nothing() -> None:

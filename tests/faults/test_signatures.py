@@ -19,7 +19,7 @@ SIGNATURES = [(entry, signature) for entry in CATALOGUE.values() for signature i
 FIGURES = {figure.name: figure.value for entry in CATALOGUE.values() for figure in entry.figures}
 # A drip takes hours to show; what these sensors do is told by the sensors' own checks.
 WITHOUT = {
-    "shaft_seal_wear", "pressure_sensor_drift", "position_sensor_slip", "sensor_dropout", "unknown",
+    "shaft_seal_wear", "position_sensor_slip", "sensor_dropout", "unknown",
 }  # fmt: skip
 
 
@@ -63,7 +63,8 @@ def test_names_exist_and_columns_are_finite(entry: Fault, signature: Signature, 
     assert signature.side is None or signature.side in entry.sides
     assert signature.variant is None or signature.variant in entry.variants
     assert signature.channel is None or signature.channel in CHANNELS
-    assert not signature.lines or not signature.signed, "a line has a phase"
+    assert set(signature.courses) <= {"step", "ramp", "drift"} and signature.courses
+    assert 0.0 < signature.commonness <= 1.0
     assert (signature.channel is not None) == entry.in_measurement
 
 
