@@ -34,7 +34,6 @@ class Found:
     lead: Amplitude
     score: float
     shares: dict[str, float]
-    candidates: list[Amplitude]
 
     @property
     def group(self) -> list[str]:
@@ -89,4 +88,4 @@ def _isolated(evidence: Evidence, seed: Amplitude, fits: list[Amplitude]) -> Fou
         ((f, w) for (f, _), w in zip(candidates, weight, strict=True) if f.hypothesis.fault == fault),
         key=lambda x: x[1],
     )[0]
-    return Found(lead, seed.score, shares, [f for f, _ in candidates])
+    return Found(lead, seed.score, shares)

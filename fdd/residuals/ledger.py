@@ -239,17 +239,15 @@ class Ledger:
         self._misfits: list[list[float]] = []
         self._pressure_noise: list[float] = []
 
-    def sums(self, start: int = 0) -> dict[str, tuple[Array, Array, Array, Array]]:
-        """Information (h, n, n), vector (h, n), rows (h,) and variance (h,) of each balance, from a hop
-        on."""
+    def sums(self) -> dict[str, tuple[Array, Array, Array, Array]]:
+        """Information (h, n, n), vector (h, n), rows (h,) and variance (h,) of each balance."""
         out = {}
         for name, entries in self.entries.items():
             n = len(BALANCES[name].columns)
-            kept = entries[start:]
             out[name] = (
-                np.array([e[0] for e in kept]).reshape(-1, n, n),
-                np.array([e[1] for e in kept]).reshape(-1, n),
-                np.array([e[2] for e in kept]), np.array([e[3] for e in kept]),
+                np.array([e[0] for e in entries]).reshape(-1, n, n),
+                np.array([e[1] for e in entries]).reshape(-1, n),
+                np.array([e[2] for e in entries]), np.array([e[3] for e in entries]),
             )  # fmt: skip
         return out
 
