@@ -180,12 +180,20 @@ class Estimation(Section):
 
 
 class BalanceBaseline(Section):
-    """One balance's coefficients on this unit's healthy logs: mean and covariance, and the noise of its
-    rows."""
+    """One balance on this unit's healthy logs.
+
+    Attributes
+    ----------
+    columns, mean, covariance : of its coefficients. noise : std of a row.
+    information : of all hops. scatter : sum of squares of the scores of stretches of 2 s, which the
+    information would equal if all errors were independent.
+    """
 
     columns: list[str]
     mean: list[float]
     covariance: list[list[float]]
+    information: list[list[float]]
+    scatter: list[list[float]]
     noise: Annotated[Number, Field(gt=0)]
 
 

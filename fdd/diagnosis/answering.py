@@ -38,8 +38,8 @@ def fault_finding(
     onset, detected : s. first_hop : place of the evidence's first hop.
     """
     lead, h = found.lead, found.lead.hypothesis
-    size = float(lead.size[0]) if h.signed else float(np.linalg.norm(lead.size))
-    std = math.hypot(float(np.sqrt(lead.covariance[0, 0])), SCALE_DOUBT * size)
+    size = abs(lead.size)
+    std = math.hypot(math.sqrt(lead.variance), SCALE_DOUBT * size)
     group = found.group
     share = sum(found.shares.get(f, 0.0) for f in group)
     where = [(first_hop + int(k)) * HOP_S for k in _likely(lead.profile / lead.kappa, lead.onsets)]
@@ -47,7 +47,6 @@ def fault_finding(
         "step": "from",
         "ramp": "growing from",
         "drift": "drifting from",
-        "intermittent": "on and off from",
     }[lead.kind]
     titles = [BALANCES[name].title for name in h.columns]
     sentences = [

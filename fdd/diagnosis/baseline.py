@@ -12,12 +12,14 @@ from fdd.errors import InputError
 from fdd.residuals.balances import BALANCES
 from fdd.residuals.effects import Effects, first_effects
 from fdd.residuals.ledger import Ledger, widened
-from fdd.residuals.rows import HOP_S, RowMaker
+from fdd.residuals.rows import BLOCK_HOPS, HOP_S, RowMaker
 from fdd.samples import Samples
 from fdd.unit import BalanceBaseline, Baseline, Unit
 
+Array = NDArray[np.float64]
+
 LEAST_HOPS = 10
-BASELINE_VERSION = "3"
+BASELINE_VERSION = "4"
 
 
 def ledger_of(samples: Samples, unit: Unit, effects: dict[str, Effects]) -> Ledger:
@@ -58,11 +60,14 @@ def add_baseline(unit: Unit, logs: Sequence[Samples]) -> Unit:
         information = np.linalg.inv(effects.covariance)
         vector = information @ effects.mean
         noise = []
+        told, scatter = np.zeros_like(information), np.zeros_like(information)
         for ledger in ledgers:
             m, v, rows, variance = ledger.sums()[name]
             if not rows.any():
                 continue
             m, v = widened(m, v, effects.wander)
+            told += m.sum(axis=0)
+            scatter += scattered(m, v, effects)
             m, v = widened(m.sum(axis=0), v.sum(axis=0), effects.between)
             information, vector = information + m, vector + v
             noise.append(float(np.median(variance[rows > 0])))
@@ -73,11 +78,23 @@ def add_baseline(unit: Unit, logs: Sequence[Samples]) -> Unit:
             columns=list(BALANCES[name].columns),
             mean=_rounded(covariance @ vector),
             covariance=[_rounded(row) for row in 0.5 * (covariance + covariance.T)],
+            information=[_rounded(row) for row in told],
+            scatter=[_rounded(row) for row in scatter],
             noise=float(f"{np.sqrt(np.median(noise)):.5g}"),
         )
     out = unit.model_copy(deep=True)
     out.baseline = Baseline(version=BASELINE_VERSION, seconds=round(hops * HOP_S, 1), balances=found)
     return out
+
+
+def scattered(information: Array, vector: Array, effects: Effects) -> Array:
+    """Sum of squares (n, n) of the scores of a log's stretches about its own coefficients."""
+    prior = np.linalg.inv(effects.covariance)
+    solution = np.linalg.solve(prior + information.sum(axis=0), prior @ effects.mean + vector.sum(axis=0))
+    rest = vector - information @ solution
+    starts = np.arange(0, len(rest), BLOCK_HOPS)
+    scores = np.add.reduceat(rest, starts, axis=0)
+    return np.asarray(scores.T @ scores)
 
 
 def _rounded(values: NDArray[np.float64]) -> list[float]:
@@ -92,6 +109,13 @@ def effects_of(unit: Unit) -> dict[str, Effects]:
         known = None if unit.baseline is None else unit.baseline.balances.get(name)
         if known is not None and known.columns == list(BALANCES[name].columns):
             covariance = np.array(known.covariance) + np.diag(effects.between**2)
-            effects = replace(effects, mean=np.array(known.mean), covariance=covariance, noise=known.noise)
+            effects = replace(
+                effects,
+                mean=np.array(known.mean),
+                covariance=covariance,
+                noise=known.noise,
+                information=np.array(known.information),
+                scatter=np.array(known.scatter),
+            )
         out[name] = effects
     return out

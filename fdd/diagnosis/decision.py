@@ -2,10 +2,9 @@
 second one.
 
 Detection goes by the robust score of the best hypothesis. Which fault it is goes by likelihood among those
-whose columns are alike
-in this log, over the scatter that the best one leaves. Where two faults' columns agree to `SAME`, no
-likelihood tells them apart, as
-what is left between them is model error: they are one ambiguity group, and what parts are commonest leads.
+whose columns are alike in this log. No law of a fault holds better than `LAW_DOUBT`, so a gain that falls
+short by as little says nothing: such faults are one ambiguity group, and what is commonest, at the size that
+it would have, leads.
 """
 
 from __future__ import annotations
@@ -20,11 +19,14 @@ from fdd.diagnosis.hypotheses import Hypothesis
 
 ALIKE = 0.5
 """Correlation of columns from which two hypotheses explain the same thing."""
-SAME = 0.97
-"""Correlation from which nothing in this log tells them apart."""
 GROUP_SHARE = 0.05
 """Share of the posterior from which a fault belongs to the answer's ambiguity group."""
 MOST_FAULTS = 3
+USUAL_SIZE = 0.5
+"""Severity that is the likeliest before a log is seen (Rayleigh's distribution)."""
+LAW_DOUBT = 0.25
+"""Of a fault's effect: how far its law may be from the machine's. Flow by the root of pressure and flow by
+pressure part by that much over a range from none to full (4 to 6 % of the energy)."""
 
 
 @dataclass
@@ -52,33 +54,38 @@ def decide(
     found: list[Found] = []
     known: list[Amplitude] = []
     while True:
-        fits = [f for f in (_fit(evidence, h, known) for h in hypotheses) if f is not None]
-        if not fits:
-            return found, 0.0
-        seed = max(fits, key=lambda f: f.score)
-        if seed.score < threshold or len(found) == MOST_FAULTS:
-            return found, seed.score
-        found.append(_isolated(evidence, seed, fits))
+        fits = [f for f in (evidence.best(h, known) for h in hypotheses) if f is not None]
+        fits = [f for f in fits if f.gain > _owed(f, known)]
+        score = max((f.score for f in fits), default=0.0)
+        if score < threshold or len(found) == MOST_FAULTS:
+            return found, score
+        # What leads is what explains most, and well: a part of a large deviation may look surer than all.
+        sure = [f for f in fits if f.score >= threshold]
+        found.append(_isolated(evidence, max(sure, key=lambda f: f.gain / np.sqrt(f.misfit)), fits, score))
         known.append(found[-1].lead)
 
 
-def _fit(evidence: Evidence, h: Hypothesis, known: list[Amplitude]) -> Amplitude | None:
-    fit = evidence.best(h, known)
-    if fit is None or fit.gain < 3.0 * fit.kappa or fit.kappa < 2.0 or "step" not in h.courses:
-        return fit
-    on_off = evidence.intermittent(fit, known)
-    return on_off if on_off.score > fit.score + 3.0 else fit
+def _owed(fit: Amplitude, known: list[Amplitude]) -> float:
+    """Gain that a further fault might owe to the laws of those found before, which hold only so well."""
+    shared = [n.gain for n in known if set(n.hypothesis.columns) & set(fit.hypothesis.columns)]
+    return float(LAW_DOUBT**2 * max(shared, default=0.0))
 
 
-def _isolated(evidence: Evidence, seed: Amplitude, fits: list[Amplitude]) -> Found:
+def _usual(fit: Amplitude) -> float:
+    """How usual a fault of that size is, before a log is seen: neither next to nothing, nor beyond gross."""
+    if not fit.hypothesis.signed:
+        return fit.hypothesis.commonness
+    return fit.hypothesis.commonness * fit.size * float(np.exp(-0.5 * np.square(fit.size / USUAL_SIZE)))
+
+
+def _isolated(evidence: Evidence, seed: Amplitude, fits: list[Amplitude], score: float) -> Found:
     """Which faults explain what the best hypothesis saw."""
     alike = [(f, evidence.correlation(seed, f.hypothesis)) for f in fits]
     candidates = [(f, c) for f, c in alike if c > ALIKE and f.gain > 0.0]
-    gains = np.array([f.gain / seed.kappa for f, _ in candidates])
-    top = candidates[int(np.argmax(gains))][0]
-    same = np.array([evidence.correlation(top, f.hypothesis) for f, _ in candidates]) > SAME
-    gains = np.where(same & (gains > 0.5 * gains.max()), gains.max(), gains)
-    weight = np.exp(gains - gains.max()) * np.array([f.hypothesis.commonness for f, _ in candidates])
+    gains = np.array([f.gain for f, _ in candidates])
+    # What laws leave unexplained is no evidence for one fault against another.
+    weight = np.exp((gains - gains.max()) / (seed.misfit + LAW_DOUBT**2 * gains.max()))
+    weight *= np.array([_usual(f) for f, _ in candidates])
     weight /= weight.sum()
     shares: dict[str, float] = {}
     for (f, _), w in zip(candidates, weight, strict=True):
@@ -88,4 +95,4 @@ def _isolated(evidence: Evidence, seed: Amplitude, fits: list[Amplitude]) -> Fou
         ((f, w) for (f, _), w in zip(candidates, weight, strict=True) if f.hypothesis.fault == fault),
         key=lambda x: x[1],
     )[0]
-    return Found(lead, seed.score, shares)
+    return Found(lead, score, shares)

@@ -25,8 +25,8 @@ class Hypothesis:
 
     Attributes
     ----------
-    fault, label : of the catalogue. columns : balance to (n, q) change of its coefficients per severity.
-    scale : (q,) prior standard deviation of the amplitudes. signed : the amplitude cannot be negative.
+    fault, label : of the catalogue. columns : balance to (n,) change of its coefficients per severity.
+    scale : prior standard deviation of the amplitudes. signed : the amplitude cannot be negative.
     courses : of `fdd.diagnosis.evidence.course_of`, that the fault may take. commonness : prior weight
         among alike ones.
     """
@@ -34,7 +34,7 @@ class Hypothesis:
     fault: str
     label: str
     columns: dict[str, Array]
-    scale: Array
+    scale: float
     signed: bool
     courses: tuple[str, ...] = ("step", "ramp")
     commonness: float = 1.0
@@ -74,15 +74,15 @@ def hypotheses(unit: Unit, effects: dict[str, Effects]) -> list[Hypothesis]:
             columns = {}
             for balance, changes in s.columns(healthy).items():
                 names = BALANCES[balance].columns
-                columns[balance] = np.zeros((len(names), 1))
+                columns[balance] = np.zeros(len(names))
                 for name, change in changes.items():
-                    columns[balance][names.index(name), 0] = change
+                    columns[balance][names.index(name)] = change
             out.append(
                 Hypothesis(
                     entry.id,
                     s.label,
                     columns,
-                    np.array([USUAL_SEVERITY]),
+                    USUAL_SEVERITY,
                     s.signed,
                     s.courses,
                     s.commonness,

@@ -22,5 +22,8 @@ FAULT = Fault(
     ),
     effects=(Effect("case_leakage", "add", "case_leakage"),),
     # Twice what severity 1 of internal leakage is.
-    signatures=(Signature("case", lambda unit: {"volume": {"case": 2.0 * unit.leakage_ratio}}),),
+    # One seal, of the many gaps that lead across the ports.
+    signatures=(
+        Signature("case", lambda unit: {"volume": {"case": 2.0 * unit.leakage_ratio}}, commonness=0.5),
+    ),
 )

@@ -10,8 +10,11 @@ from fdd.faults.signature import Columns, Healthy, Signature
 
 
 def _chamber(side: int, unit: Healthy) -> Columns:
-    # Half of what severity 1 of internal leakage is, from one chamber; the reservoir's drift has this unit.
-    return {"volume": {f"outside_{side}": 0.5 * unit.leakage_ratio}, "reservoir": {"drift": 1.0}}
+    # Half of severity 1 of internal leakage, from one chamber; the reservoir's columns have this unit.
+    return {
+        "volume": {f"outside_{side}": 0.5 * unit.leakage_ratio},
+        "reservoir": {f"outside_{side}": 1.0},
+    }
 
 
 FAULT = Fault(
@@ -32,8 +35,5 @@ FAULT = Fault(
         ),
     ),
     effects=tuple(Effect(f"outside_{side}", "add", "external_leakage", side=side) for side in (1, 2)),
-    signatures=(
-        *(Signature(f"outside {side}", partial(_chamber, side), side=side) for side in (1, 2)),
-        Signature("reservoir", lambda unit: {"reservoir": {"drift": 1.0}}),
-    ),
+    signatures=tuple(Signature(f"outside {side}", partial(_chamber, side), side=side) for side in (1, 2)),
 )

@@ -40,6 +40,8 @@ FAULT = Fault(
         Effect("viscosity", "towards", f"{variant}_viscosity", variants=(variant,)) for variant in _VISCOSITY
     ),
     signatures=tuple(
-        Signature(variant, partial(_columns, ratio), variant=variant) for variant, ratio in _VISCOSITY.items()
+        # Oil ages over hundreds of hours, a clearance or a seal gives within minutes.
+        Signature(variant, partial(_columns, ratio), variant=variant, commonness=0.3)
+        for variant, ratio in _VISCOSITY.items()
     ),
 )

@@ -28,10 +28,10 @@ FAULT = Fault(
     ),
     effects=(Effect("relief_open", "add", "relief_valve_flow"),),
     signatures=(
-        Signature("relief", lambda unit: {"volume": {"relief_12": 1.0, "relief_21": 1.0}}),
-        # One of the two alone; a check valve, of which each chamber has one that works all the time, sticks
-        # more often.
-        Signature("relief_12", lambda unit: {"volume": {"relief_12": 1.0}}, commonness=0.5),
-        Signature("relief_21", lambda unit: {"volume": {"relief_21": 1.0}}, commonness=0.5),
+        # A relief valve stays shut in ordinary duty; a check valve moves at every reversal: it sticks more
+        # often.
+        Signature("relief", lambda unit: {"volume": {"relief_12": 1.0, "relief_21": 1.0}}, commonness=0.3),
+        Signature("relief_12", lambda unit: {"volume": {"relief_12": 1.0}}, commonness=0.15),
+        Signature("relief_21", lambda unit: {"volume": {"relief_21": 1.0}}, commonness=0.15),
     ),
 )

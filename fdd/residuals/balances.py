@@ -69,15 +69,13 @@ def _volume(q: Quantities) -> list[Strand]:
     weight = q.dt / q.viscosity
     speed = np.abs(q.speed) / scales.speed
     fed = {1: q.p1 < q.accumulator + VALVE_MARGIN_PA, 2: q.p2 < q.accumulator + VALVE_MARGIN_PA}
-    if not q.chambers_measured:
-        d = q.difference_measured
-        margin = 0.02 * scales.pressure
-        fed = {1: ~(d > margin), 2: ~(d < -margin)}
-    elif (
-        not q.accumulator_measured
-    ):  # what the low side is fed from is not known: only the high side is surely shut
-        margin = 0.02 * scales.pressure
-        fed = {1: q.drop < margin, 2: q.drop > -margin}
+    if not (q.chambers_measured and q.accumulator_measured):
+        # The low side is fed, or as high as what feeds it; where one of them is not measured, only the high
+        # side is surely shut.
+        margin = max(
+            VALVE_MARGIN_PA + unit.accumulator.refeed_cracking_pressure, LEAST_DROP * scales.pressure
+        )
+        fed = {1: ~(q.drop > margin), 2: ~(q.drop < -margin)}
     oil = unit.oil
     stiff = 1.0 / oil.bulk_modulus - oil.air_fraction * float(
         compliance_of_air(np.array([oil.reference_pressure]), oil.polytropic_index)[0]
@@ -125,8 +123,10 @@ def compliance_of_air(pressure: Array, index: float) -> Array:
     return (ATMOSPHERE_PA / absolute) ** (1.0 / index) / (index * absolute)
 
 
-SLIDING_M_S = 5e-3
-"""m/s from which a seal surely slides: in one cell of 50 ms it passes half of what it gives before."""
+SLIDING_M_S = 1e-3
+"""m/s of plastic travel from which a seal slides: what it gave before is taken up (see `_friction`)."""
+LEAST_DROP = 3e-3
+"""Of relief pressure: drop between the chambers that a pressure sensor's noise does not turn round."""
 
 
 def _force(q: Quantities) -> list[Strand]:
@@ -176,16 +176,25 @@ def _shaft(q: Quantities) -> list[Strand]:
     turning = np.full_like(y, np.nan)
     turning[1:-1] = 0.5 * (q.speed[2:] - q.speed[:-2]) / ROW_S
     turning *= q.unit.drive.inertia / (q.unit.drive.torque_constant * scales.current)
-    lines = [q.take[n] for n in ("cos1", "sin1", "cos2", "sin2")]
+    lines = []
+    for order in ORDERS:
+        # A row is a mean over 10 ms: a fast line is lower in it.
+        seen = np.sinc(order * q.speed * ROW_S / (2.0 * np.pi))
+        lines += [seen * np.cos(order * q.angle), seen * np.sin(order * q.angle)]
     x = np.column_stack([*lines, np.ones_like(y), drop, turning, np.tanh(q.speed / (0.01 * scales.speed))])
     return [(y, x, np.isfinite(y) & _turning(q))]
+
+
+ORDERS = (1.0, 2.0, 0.5, 1.5, 2.5)
+"""Orders of the shaft: those of a coupling out of line, and those beside them, at which nothing turns: they
+tell how much of an amplitude is a load's or a loop's own unrest."""
 
 
 def _turning(q: Quantities) -> Flags:
     """Where a line shows: over whole turns only, and below the rate at which a row's mean swallows it."""
     angle = q.angle[-HOP_ROWS:]
     whole = np.isfinite(angle).any() and np.nanmax(angle) - np.nanmin(angle) > 4.0 * np.pi
-    return (np.abs(q.speed) * ROW_S < np.pi) & bool(whole)
+    return (np.abs(q.speed) * ROW_S * max(ORDERS) < np.pi) & bool(whole)
 
 
 def _coherence(q: Quantities) -> list[Strand]:
@@ -226,6 +235,8 @@ def _reservoir(q: Quantities) -> list[Strand]:
     held = (unit.cylinder.volume_1 * q.p1 + unit.cylinder.volume_2 * q.p2) / unit.oil.bulk_modulus / gas
     x = np.column_stack([
         0.5 * q.scales.fault_leakage * 0.5 * q.scales.pressure * q.dt / gas,
+        0.5 * q.scales.fault_leakage * middle(q.p1) * q.dt / gas,
+        0.5 * q.scales.fault_leakage * middle(q.p2) * q.dt / gas,
         change(held),
         q.travel * (unit.cylinder.area_1 - unit.cylinder.area_2) / gas,
         q.travel / (0.25 * unit.cylinder.stroke),
@@ -259,8 +270,8 @@ BALANCES: dict[str, Balance] = {
         ),
         Balance("refeed", "the refeeding", ("drop_1", "drop_2", "flow_1", "flow_2"), _refeed, settle=8),
         Balance(
-            "reservoir", "the accumulator's oil", ("drift", "held", "rod", "stroke"), _reservoir,
-            cumulative=True,
+            "reservoir", "the accumulator's oil",
+            ("drift", "outside_1", "outside_2", "held", "rod", "stroke"), _reservoir, cumulative=True,
         ),
     )
 }  # fmt: skip

@@ -23,7 +23,8 @@ class Effects:
         between : std from
     log to log. within : std of a change within a healthy log, between the time before and after any moment.
     wander : std
-    from hop to hop. noise : std of a row, a first guess.
+    from hop to hop. noise : std of a row, a first guess. information, scatter : (n, n), of healthy logs,
+    and of the scores of their stretches of 2 s.
     """
 
     mean: Array
@@ -32,6 +33,8 @@ class Effects:
     within: Array
     wander: Array
     noise: float
+    information: Array
+    scatter: Array
 
 
 _PRIOR: dict[str, tuple[float, dict[str, tuple[float, float, float, float, float]]]] = {
@@ -64,8 +67,9 @@ _PRIOR: dict[str, tuple[float, dict[str, tuple[float, float, float, float, float
         "drop_1": (0.003, 0.005, 0.0005, 0.0005, 0.001), "drop_2": (0.003, 0.005, 0.0005, 0.0005, 0.001),
         "flow_1": (0.0, 0.01, 0.002, 0.002, 0.004), "flow_2": (0.0, 0.01, 0.002, 0.002, 0.004)}),
     "reservoir": (1e-3, {
-        "drift": (0.0, 0.03, 0.02, 0.01, 0.03), "held": (1.0, 0.5, 0.1, 0.03, 0.2),
-        "rod": (1.0, 0.3, 0.1, 0.03, 0.2),
+        "drift": (0.0, 0.03, 0.02, 0.01, 0.03),
+        "outside_1": (0.0, 0.03, 0.02, 0.01, 0.03), "outside_2": (0.0, 0.03, 0.02, 0.01, 0.03),
+        "held": (1.0, 0.5, 0.1, 0.03, 0.2), "rod": (1.0, 0.3, 0.1, 0.03, 0.2),
         "stroke": (0.0, 0.1, 0.04, 0.02, 0.06)}),
 }  # fmt: skip
 
@@ -75,4 +79,5 @@ def first_effects(name: str) -> Effects:
     noise, table = _PRIOR[name]
     mean, spread, between, within, wander = np.array([table[c] for c in BALANCES[name].columns]).T
     # Within a log a healthy unit changes less than it differs between logs: the sandwich sees the rest.
-    return Effects(mean, np.diag(spread**2 + between**2), between, 0.3 * within, wander, noise)
+    none = np.zeros((mean.size, mean.size))
+    return Effects(mean, np.diag(spread**2 + between**2), between, 0.3 * within, wander, noise, none, none)

@@ -127,8 +127,15 @@ class Account:
         )
         size = inverse @ gram[:n, n]
         variance = max((gram[n, n] - size @ gram[:n, n]) / max(free - n, 0.3 * free), self.least)
+        pairs = np.hypot(size[0 : 4 * lines + 2 : 2], size[1 : 4 * lines + 2 : 2])
+        # A line's own height over those half an order beside it, which are as high as unrest alone makes it.
+        lower, upper = pairs[lines:-1], pairs[lines + 1 :]
+        amplitude = pairs[:lines] - 0.5 * (lower + upper)
+        beside = 0.25 * (np.square(lower) + np.square(upper))
+        self.variance_sum = MEMORY * self.variance_sum + float(beside.mean())
+        self.weight = MEMORY * self.weight + 1.0
         spread = variance * np.diag(inverse)[: 2 * lines].reshape(lines, 2).mean(axis=1)
-        amplitude = np.hypot(size[0 : 2 * lines : 2], size[1 : 2 * lines : 2])
+        spread = np.maximum(spread, np.maximum(beside, self.variance_sum / self.weight))
         wide, wide_vector = widened(np.diag(1.0 / spread), amplitude / spread, self.wander)
         self.information += wide
         self.vector += wide_vector

@@ -27,6 +27,8 @@ ROW_S = 0.01
 HOP_ROWS = 50
 """Cells in a hop, the step in which evidence is gathered."""
 HOP_S = ROW_S * HOP_ROWS
+BLOCK_HOPS = 4
+"""Hops of a block whose errors may hang together: 2 s."""
 TAIL_ROWS = 50
 """Rows before a hop that its filters and validity rules may look back at."""
 BRISTLE_M = 5e-4
@@ -40,7 +42,7 @@ FAST = (
     "command", "pump_angle", "pump_speed", "position", "pressure_difference", "pressure_1", "pressure_2",
     "pressure_accumulator", "motor_current",
 )  # fmt: skip
-DERIVED = ("friction", "sliding", "cos1", "sin1", "cos2", "sin2", "temperature", "time")
+DERIVED = ("friction", "sliding", "temperature", "time")
 COLUMNS = {name: i for i, name in enumerate((*FAST, *DERIVED))}
 
 
@@ -162,12 +164,6 @@ class RowMaker:
                 data[:, COLUMNS[name]] = (samples[name] - sensor.zero) / sensor.gain
         self._turn(data)
         angle = data[:, COLUMNS["pump_angle"]]
-        with_angle = np.isfinite(angle)
-        if with_angle.any():
-            known = angle[with_angle]
-            for order in (1, 2):
-                data[with_angle, COLUMNS[f"cos{order}"]] = np.cos(order * known)
-                data[with_angle, COLUMNS[f"sin{order}"]] = np.sin(order * known)
         self._rub(data)
         cell = np.floor(samples.time / ROW_S + 1e-7).astype(np.int64) - first * HOP_ROWS
         cell = np.clip(cell, 0, out.shape[0] - 1)

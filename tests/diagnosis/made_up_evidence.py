@@ -21,11 +21,13 @@ EFFECTS = Effects(
     within=np.array([0.02, 0.02, 0.03]),
     wander=np.array([0.05, 0.08, 0.05]),
     noise=1.0,
+    information=np.eye(3),  # a baseline whose errors are independent
+    scatter=np.eye(3),
 )
 
 
 def hypothesis(fault: str, column: Sequence[float], *, signed: bool = True) -> Hypothesis:
-    return Hypothesis(fault, fault, {NAME: np.array(column)[:, None]}, np.array([0.7]), signed)
+    return Hypothesis(fault, fault, {NAME: np.array(column)}, 0.7, signed)
 
 
 LEAK = hypothesis("leak", [1.0, 0.0, 0.0])
@@ -53,7 +55,7 @@ def drawn(
         b = start + EFFECTS.wander * rng.normal(size=n)
         for fault, amplitude, onset in faults:
             if h >= onset:
-                b = b + amplitude * fault.columns[NAME][:, 0] + change[onset]
+                b = b + amplitude * fault.columns[NAME] + change[onset]
         x = rng.normal(size=(25, n)) * np.array([3.0, 2.0, 1.5])
         information[h] = x.T @ x
         own = np.linalg.cholesky(information[h]) @ (

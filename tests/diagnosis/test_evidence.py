@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from made_up_evidence import DRIFT, EFFECTS, HOPS, LEAK, NAME, THIRD, drawn, hypothesis, step
+from made_up_evidence import DRIFT, EFFECTS, LEAK, THIRD, drawn, hypothesis, step
 
-from fdd.diagnosis.decision import decide
+from fdd.diagnosis.decision import USUAL_SIZE, decide
 from fdd.diagnosis.evidence import Amplitude
 
 Z80 = 1.2816
@@ -22,9 +22,9 @@ def fit(seed: int, amplitude: float, onset: int = 40, **more: float) -> Amplitud
 def test_amplitude_covers_and_onset_is_met() -> None:
     """200 logs with a step of ten times what a healthy unit changes by, the onset unknown."""
     fits = [fit(seed, 0.3) for seed in range(200)]
-    inside = np.mean([abs(f.size[0] - 0.3) < Z80 * np.sqrt(f.covariance[0, 0]) for f in fits])
+    inside = np.mean([abs(f.size - 0.3) < Z80 * np.sqrt(f.variance) for f in fits])
     assert 0.72 <= inside <= 0.88
-    off = np.array([(f.size[0] - 0.3) / np.sqrt(f.covariance[0, 0]) for f in fits])
+    off = np.array([(f.size - 0.3) / np.sqrt(f.variance) for f in fits])
     assert abs(off.mean()) < 3.0 / np.sqrt(len(fits)), "no bias"
     assert np.mean([abs(f.onset - 40) <= 1 for f in fits]) >= 0.9
     assert all(f.kind == "step" for f in fits if f.onset == 40)
@@ -39,7 +39,7 @@ def test_no_fault_seldom_passes_six() -> None:
 def test_a_fault_from_the_start_is_told_by_the_baseline_alone() -> None:
     """Nothing changes within the log, so the amplitude is no surer than the prior."""
     found = fit(3, 1.2, onset=0)
-    std = np.sqrt(found.covariance[0, 0])
+    std = np.sqrt(found.variance)
     assert std > 0.9 * np.sqrt(0.5 / (1.0 / EFFECTS.covariance[0, 0] + 1.0 / 0.7**2))
     assert found.score < fit(3, 1.2, onset=40).score / 2.0
 
@@ -56,8 +56,8 @@ def test_errors_that_hang_together_raise_the_sandwich_factor() -> None:
 
 def test_the_sandwich_keeps_coverage_where_errors_hang_together() -> None:
     fits = [fit(seed, 0.5, colour=0.5) for seed in range(100)]
-    inside = np.mean([abs(f.size[0] - 0.5) < Z80 * np.sqrt(f.covariance[0, 0]) for f in fits])
-    naive = np.mean([abs(f.size[0] - 0.5) < Z80 * np.sqrt(f.covariance[0, 0] / f.kappa) for f in fits])
+    inside = np.mean([abs(f.size - 0.5) < Z80 * np.sqrt(f.variance) for f in fits])
+    naive = np.mean([abs(f.size - 0.5) < Z80 * np.sqrt(f.variance / max(f.kappa, f.misfit)) for f in fits])
     assert inside >= 0.7
     assert inside > naive + 0.1
 
@@ -70,7 +70,9 @@ def test_equal_columns_are_one_group() -> None:
     assert evidence.correlation(found.lead, twin) == pytest.approx(1.0, abs=1e-6)
     assert abs(evidence.correlation(found.lead, DRIFT)) < 0.5
     assert set(found.group) == {"leak", "twin"}
-    assert found.shares["leak"] == pytest.approx(found.shares["twin"], rel=0.05)
+    # Nothing but their usual sizes parts them: 0.6 and half as much, by Rayleigh's distribution.
+    odds = 0.6 / 0.3 * np.exp(-0.5 * (0.6**2 - 0.3**2) / USUAL_SIZE**2)
+    assert found.shares["leak"] / found.shares["twin"] == pytest.approx(odds, rel=0.15)
 
 
 def test_of_two_that_look_alike_the_commoner_leads() -> None:
@@ -91,7 +93,7 @@ def test_a_second_fault_is_found_beside_the_first(seed: int) -> None:
     }
     for f in found:
         true, onset = (0.7, 25) if f.lead.hypothesis is LEAK else (0.5, 55)
-        assert f.lead.size[0] == pytest.approx(true, abs=0.15)
+        assert f.lead.size == pytest.approx(true, abs=0.15)
         assert abs(f.lead.onset - onset) <= 2
     assert rest < 6.0
 
@@ -99,32 +101,10 @@ def test_a_second_fault_is_found_beside_the_first(seed: int) -> None:
 def test_a_signed_fault_is_never_negative() -> None:
     for seed in range(10):
         found = drawn(seed, [(LEAK, -0.4, 40)]).best(LEAK, [])
-        assert found is None or (found.size[0] >= 0.0 and found.score < 6.0)
+        assert found is None or (found.size >= 0.0 and found.score < 6.0)
     both = hypothesis("both", [1.0, 0.0, 0.0], signed=False)
     found = drawn(0, [(LEAK, -0.4, 40)]).best(both, [])
-    assert found is not None and found.size[0] == pytest.approx(-0.4, abs=0.1) and found.score > 6.0
-
-
-@pytest.mark.xfail(
-    strict=True,
-    reason="what the step leaves counts as colour (kappa 16), and by that factor no switch earns its cost",
-)
-def test_an_on_and_off_fault_beats_its_step() -> None:
-    """On for six seconds in every twelve: the course by dynamic programming is that of the draw."""
-    evidence = drawn(2)
-    on = (np.arange(HOPS) // 12 % 2 == 1).astype(float)
-    balance = evidence.balances[NAME]
-    g = LEAK.columns[NAME][:, 0]
-    pulled = 0.6 * on[:, None] * (balance.information @ g)
-    balance.vector += pulled
-    balance.solution += balance.inverse @ pulled.sum(axis=0)
-    start = evidence.best(LEAK, [])
-    assert start is not None
-    found = evidence.intermittent(start, [])
-    assert found.kind == "intermittent"
-    assert np.mean(found.course == on) > 0.95
-    assert found.size[0] == pytest.approx(0.6, abs=0.1)
-    assert found.score > start.score
+    assert found is not None and found.size == pytest.approx(-0.4, abs=0.1) and found.score > 6.0
 
 
 def test_step_course_is_the_unit_step() -> None:

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from fdd.residuals.balances import BALANCES
+from fdd.residuals.balances import BALANCES, ORDERS
 from fdd.residuals.effects import Effects, first_effects
 from fdd.residuals.ledger import Account, Ledger, widened
 from fdd.residuals.rows import HOP_ROWS, TAIL_ROWS
@@ -138,11 +138,9 @@ def test_a_line_has_its_amplitude_whatever_its_phase(swing: float) -> None:
     for phase in np.linspace(0.0, 6.0, 7):
         account = Account(balance, first_effects("shaft"))
         k = np.arange(20 * HOP_ROWS + TAIL_ROWS)
-        angle = 0.9 * k + swing / 0.07 * np.sin(0.07 * k)
-        x = np.column_stack([
-            np.cos(angle), np.sin(angle), np.cos(2 * angle), np.sin(2 * angle), np.ones_like(angle),
-            *rng.normal(size=(3, angle.size)),
-        ])  # fmt: skip
+        angle = 0.8 * k + swing / 0.07 * np.sin(0.07 * k)
+        lines = [turn(order * angle) for order in ORDERS for turn in (np.cos, np.sin)]
+        x = np.column_stack([*lines, np.ones_like(angle), *rng.normal(size=(3, angle.size))])
         y = 0.2 * np.cos(angle + phase) + 0.05 * np.sin(2 * angle) + 0.3 + 0.01 * rng.normal(size=angle.size)
         for hop in range(20):
             here = slice(hop * HOP_ROWS, hop * HOP_ROWS + ROWS)

@@ -67,9 +67,6 @@ def test_a_row_is_the_mean_of_its_cell() -> None:
             if cell:
                 assert rows[k, COLUMNS[name]] == pytest.approx(sum(cell) / len(cell), rel=1e-9), (name, k)
     k = 111
-    angle = samples["pump_angle"][10 * k : 10 * k + 10]
-    assert column(rows, "cos2")[k] == pytest.approx(np.cos(2.0 * angle).mean())
-    assert column(rows, "sin1")[k] == pytest.approx(np.sin(angle).mean())
     assert column(rows, "temperature")[k] == 41.0
 
 
@@ -145,7 +142,7 @@ def test_an_early_row_changes_no_later_one() -> None:
     one, other = rows_of(late), rows_of(early)
     one = one[-len(other) :]
     other = other[-len(one) :]
-    for name in (*FAST, "cos1", "sin2", "temperature", "time"):
+    for name in (*FAST, "temperature", "time"):
         np.testing.assert_array_equal(column(other, name), column(one, name), err_msg=name)
     # A seal knows where it came from until it has slid: twice its give.
     travel = np.nancumsum(np.abs(np.diff(column(one, "position"), prepend=np.nan)))
