@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -17,6 +18,8 @@ from fdd.errors import InputError
 from fdd.identify import identify_unit
 from fdd.unit import Unit
 
+TAIL_FROM = 0.7
+"""Quantile of healthy logs' peaks from which on they are their tail."""
 LEAST_LOGS = 8
 """Healthy, and faulty, logs below which nothing is learnt."""
 
@@ -40,23 +43,26 @@ class ScoredLog:
 
 
 def train(
-    directory: str | Path, *, workers: int = 2, progress: Progress | None = None
+    directories: Sequence[str | Path], *, workers: int = 2, progress: Progress | None = None
 ) -> tuple[Model, list[ScoredLog]]:
-    """Learn a model from a data set.
+    """Learn a model from data sets.
 
     Parameters
     ----------
-    directory : of a data set with baselines. workers : processes. progress : (done, total) units.
+    directories : of data sets with baselines. workers : processes. progress : (done, total) units.
 
     Raises
     ------
     InputError : not a data set, without baselines, or too small.
     """
-    data = Dataset.load(directory)
-    work = partial(_scored, str(data.directory))
-    logs = for_each_unit(work, data.units, workers=workers, progress=progress)
-    name = f"{data.recipe.name} (seed {data.recipe.seed}, {len(data.units)} units, {len(data.logs)} logs)"
-    return learnt(logs, name), logs
+    sets = [Dataset.load(d) for d in directories]
+    units = [f"{k}/{unit}" for k, data in enumerate(sets) for unit in data.units]
+    work = partial(_scored, [str(data.directory) for data in sets])
+    logs = for_each_unit(work, units, workers=workers, progress=progress)
+    names = [
+        f"{d.recipe.name} (seed {d.recipe.seed}, {len(d.units)} units, {len(d.logs)} logs)" for d in sets
+    ]
+    return learnt(logs, ", ".join(names)), logs
 
 
 def learnt(logs: list[ScoredLog], data: str) -> Model:
@@ -74,7 +80,7 @@ def learnt(logs: list[ScoredLog], data: str) -> Model:
             mend=f"at least {LEAST_LOGS} of each are needed",
         )
     hours = sum(x.healthy_s for x in logs if x.family == "healthy") / 3600.0
-    height = float(np.median(peaks))
+    height = float(np.quantile(peaks, TAIL_FROM))
     over = peaks[peaks > height] - height
     tail = AlarmTail(
         height=round(height, 3), rate_per_hour=round(over.size / hours, 4),
@@ -101,8 +107,9 @@ def identified_unit(data: Dataset, unit: str) -> Unit:
     return add_baseline(identify_unit(runs, data.base_unit(unit), unit).unit, runs)
 
 
-def _scored(directory: str, unit: str) -> list[ScoredLog]:
-    data = Dataset.load(directory)
+def _scored(directories: list[str], place: str) -> list[ScoredLog]:
+    k, _, unit = place.partition("/")
+    data = Dataset.load(directories[int(k)])
     profile = identified_unit(data, unit)
     return [_score(data, entry, profile) for entry in data.logs_of(unit)]
 

@@ -17,13 +17,15 @@ if TYPE_CHECKING:
 
 
 def train(
-    dataset: Annotated[Path, typer.Argument(help="Folder that fdd generate made.", show_default=False)],
+    datasets: Annotated[
+        list[Path], typer.Argument(help="Folders that fdd generate made.", show_default=False)
+    ],
     out: Annotated[Path, typer.Option("--out", "-o", help="Model file (JSON).", show_default=False)],
     workers: Annotated[
         int | None, typer.Option(min=1, help="Processes; one for each core else.", show_default=False)
     ] = None,
 ) -> None:
-    """Learn how often healthy logs reach a score, and what a score is worth."""
+    """Learn from data sets how often healthy logs reach a score, and what a score is worth."""
     from fdd.files import require_writable
 
     require_writable(out)
@@ -32,14 +34,14 @@ def train(
     from fdd.cli.console import output, progress
 
     try:
-        with progress(f"training on {dataset.name}", 1.0) as advance:
+        with progress("training", 1.0) as advance:
             model, logs = fit(
-                dataset,
+                datasets,
                 workers=workers or os.cpu_count() or 1,
                 progress=lambda done, total: advance(done / max(total, 1)),
             )
     except InputError as error:
-        raise (error if error.where else error.at(dataset)) from None
+        raise (error if error.where else error.at(datasets[0])) from None
     model.save(out)
     output().print(confusion_table(logs))
     tail = model.tail

@@ -1,0 +1,193 @@
+"""One fault's amplitude in a log, and how far it really scatters.
+
+A fault adds its amplitude ``a`` times its columns ``G`` times its course ``φ`` to the balances' coefficients.
+Two things keep ``a² λ`` from passing for evidence that it is not:
+
+- A healthy unit's coefficients change as well, by N(0, R), at the same moment: that change is integrated
+  out, alike for all hypotheses.
+- Scores of healthy stretches of two seconds, of the log and of the unit's baseline, say how far an amplitude
+  really scatters: the sandwich (or cluster robust) factor κ (Liang and Zeger 1986, doi
+  10.1093/biomet/73.1.13). It is measured on the unit itself, whatever its load, noise and structure. It
+  widens R and the unit's prior as well: a unit whose balances close badly also changes more.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.special import log_ndtr
+
+from fdd.residuals.effects import Effects
+from fdd.residuals.rows import BLOCK_HOPS
+
+Array = NDArray[np.float64]
+
+PRIOR_FREEDOM = 4.0
+"""Stretches of 2 s that the baseline's scatter counts for: how far one log's is from another's."""
+UNKNOWN_SCATTER = 3.0
+"""Scatter of a unit without baseline."""
+LEAST_SCATTER = 0.2
+"""Least factor: what coefficients wander by, and noises' floors, are assumed with care."""
+LOUDEST = 3.0
+"""Standard deviations of healthy stretches that one stretch of 2 s may count for: bounded influence (Huber
+1981, doi 10.1002/0471725250)."""
+START_FREEDOM = 2.0
+"""Degrees of freedom of how logs differ, as three healthy ones tell it: all that a fault from the start
+has."""
+GREATEST = 2.0
+"""Severity beyond which no fault goes: 1.0 is gross, and a scale may be off by a factor of two on another
+machine."""
+
+
+class Explained:
+    """One balance as evidence sees it.
+
+    Parameters
+    ----------
+    information, vector : (h, n, n) and (h, n) of its hops, widened by what wanders. healthy : effects of the
+        unit, with the scatter of its own healthy logs.
+    """
+
+    def __init__(self, information: Array, vector: Array, healthy: Effects) -> None:
+        self.information, self.healthy = information, healthy
+        self.total: Array = information.sum(axis=0)
+        prior = np.linalg.inv(healthy.covariance)
+        self.inverse: Array = np.asarray(np.linalg.inv(prior + self.total), dtype=np.float64)
+        self.solution: Array = self.inverse @ (prior @ healthy.mean + vector.sum(axis=0))
+        self.rest = vector - information @ self.solution
+
+
+class Joint:
+    """Faults in one balance, and the change that a healthy unit makes with the first one's course.
+
+    Parameters
+    ----------
+    columns : (p, n). courses : (p, h). spread : (n,) std of the healthy change.
+
+    Attributes
+    ----------
+    information, vector : (p, p) and (p,) of the amplitudes a. change, drawn : the healthy change is
+        ``change - drawn a``, (n,) and (n, p).
+    """
+
+    def __init__(self, balance: Explained, columns: Array, courses: Array, spread: Array) -> None:
+        self.balance, self.columns, self.courses = balance, columns, courses
+        self.moved = np.tensordot(courses, balance.information, axes=1)
+        crossed = np.tensordot(courses[:, None] * courses, balance.information, axes=1)
+        g, pushed = columns, np.einsum("pij,pj->pi", self.moved, columns)
+        drawn = pushed @ balance.inverse
+        among = np.einsum("pi,pqij,qj->pq", g, crossed, g) - drawn @ pushed.T
+        beside = np.einsum("pi,pij->pj", g, crossed[:, 0]) - drawn @ self.moved[0]
+        own = crossed[0, 0] - self.moved[0] @ balance.inverse @ self.moved[0]
+        eased = np.linalg.inv(own + np.diag(1.0 / spread**2))
+        vectors = courses @ balance.rest
+        self.change: Array = eased @ vectors[0]
+        self.drawn: Array = eased @ beside.T
+        self.information: Array = among - beside @ self.drawn
+        self.vector: Array = np.einsum("pi,pi->p", g, vectors) - vectors[0] @ self.drawn
+
+    def off(self, a: Array, own: Array) -> Array:
+        """How far each hop's coefficients lie off the log's own solution with these amplitudes, (h, n)."""
+        changes = self.columns * a[:, None]
+        drawn = self.moved[0] @ own + np.einsum("pij,pj->i", self.moved, changes)
+        return np.asarray(
+            self.courses.T @ changes + np.outer(self.courses[0], own) - self.balance.inverse @ drawn
+        )
+
+
+@dataclass
+class Fit:
+    """A fault's amplitude.
+
+    Attributes
+    ----------
+    size, variance : of the amplitude, as far as its own time scatters. gain : half the quadratic form,
+        without any correction. kappa, misfit : how healthy stretches scatter, over what their information
+        says, and how those of the fault's own time do. blocks : stretches of 2 s behind it. score : log of
+        the robust likelihood ratio.
+    """
+
+    size: float
+    variance: float
+    gain: float
+    kappa: float
+    misfit: float
+    blocks: float
+    score: float
+
+
+def fit(joints: Sequence[Joint], scales: Sequence[float], *, signed: bool, from_start: bool) -> Fit:
+    """Fit the first of some faults beside the others.
+
+    Parameters
+    ----------
+    joints : in all balances that speak of one of them. scales : prior std of each amplitude. signed : the
+        first one is a severity. from_start : it was there before the first hop.
+    """
+    information = np.diag([1.0 / s**2 for s in scales]) + sum(j.information for j in joints)
+    vector = np.sum([j.vector for j in joints], axis=0)
+    a: Array = np.asarray(np.linalg.solve(information, vector), dtype=np.float64)
+    free = float(a[0])
+    if signed and not 0.0 <= free <= GREATEST:
+        a[0] = min(max(free, 0.0), GREATEST)
+        a[1:] = np.linalg.solve(information[1:, 1:], vector[1:] - information[1:, 0] * a[0])
+    size = float(a[0])
+    inverse = np.linalg.inv(information)
+    told = 1.0 / float(inverse[0, 0])
+    gain = 0.5 * told * (free**2 - (free - size) ** 2)  # at its bounds less than the free amplitude's
+    along = size * told * inverse[:, 0]  # the amplitudes' direction for the first one, the others free
+    hops = joints[0].courses.shape[1]
+    scores, weights = np.zeros(hops), np.zeros(hops)
+    directions = []
+    for j in joints:
+        e = j.balance
+        left = e.rest - np.einsum("hij,hj->hi", e.information, j.off(a, j.change - j.drawn @ a))
+        seen = j.off(along, -j.drawn @ along)
+        scores += np.einsum("hn,hn->h", seen, left)
+        weights += np.einsum("hi,hij,hj->h", seen, e.information, seen)
+        directions.append(along @ j.columns - j.drawn @ along)
+    block = np.arange(hops) // BLOCK_HOPS
+    u: Array = np.bincount(block, scores).astype(np.float64)
+    w: Array = np.bincount(block, weights).clip(1e-100)
+    blocks = float(w.sum() ** 2 / np.sum(w**2))
+    misfit = max(1.0, float(np.sum(u**2) / w.sum()) * blocks / max(blocks - 2.0, 1.0))
+    kappa, freedom = _scatter(u, w, joints, directions)
+    # No stretch speaks louder than three standard deviations of healthy ones: a fault is there in many.
+    z = (u + w) / np.sqrt(kappa * w)
+    heard = float(np.sqrt(w) @ np.clip(z, -LOUDEST, LOUDEST)) / max(float(np.sqrt(w) @ z), 1e-300)
+    square = 2.0 * gain / kappa * min(max(heard, 0.0), 1.0) ** 2
+    freedom = START_FREEDOM if from_start else freedom
+    score = 0.5 * (freedom + 1.0) * np.log1p(square / freedom)
+    score -= 0.5 * np.log1p(scales[0] ** 2 * told / kappa)
+    if signed:
+        score += np.log(2.0) + log_ndtr(size * np.sqrt(told / kappa))
+    return Fit(size, max(kappa, misfit) / told, gain, kappa, misfit, blocks, float(score))
+
+
+def _scatter(u: Array, w: Array, joints: Sequence[Joint], directions: Sequence[Array]) -> tuple[float, float]:
+    """Factor by which scores scatter more than their information says, and its degrees of freedom.
+
+    It is that of healthy time: of the unit's baseline in the direction at hand, and of the log's stretches
+    in which the fault does not act (of all, where it always acts). How badly a fault's own time is
+    explained must not make the fault look like chance. The baseline counts as `PRIOR_FREEDOM` stretches
+    (moderated variance: Smyth 2004, doi 10.2202/1544-6115.1027).
+    """
+    course = joints[0].courses[0]
+    block = np.arange(course.size) // BLOCK_HOPS
+    acts = np.bincount(block, np.minimum(course, 1.0)) / np.bincount(block)
+    quiet = (1.0 - acts) * w if course[0] < 0.5 else w
+    stretches = max(float(quiet.sum() ** 2 / max(np.sum(quiet**2), 1e-300)) - 1.0, 0.0)
+    own = float(np.sum(quiet * u**2 / w)) / max(float(quiet.sum()), 1e-300)
+    weight, known = 0.0, 0.0
+    for j, d in zip(joints, directions, strict=True):
+        healthy = j.balance.healthy
+        before = float(d @ healthy.information @ d)
+        seen = float(d @ healthy.scatter @ d) / before if before > 0.0 else UNKNOWN_SCATTER
+        told = float(d @ j.balance.total @ d)
+        weight, known = weight + told, known + told * seen
+    freedom = PRIOR_FREEDOM + stretches
+    kappa = (PRIOR_FREEDOM * known / max(weight, 1e-300) + stretches * own) / freedom
+    return max(kappa, LEAST_SCATTER), freedom
