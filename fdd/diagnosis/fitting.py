@@ -138,14 +138,16 @@ def fit(joints: Sequence[Joint], scales: Sequence[float], *, signed: bool, from_
     inverse = np.linalg.inv(information)
     told = 1.0 / float(inverse[0, 0])
     gain = 0.5 * told * (free**2 - (free - size) ** 2)  # at its bounds less than the free amplitude's
-    along = size * told * inverse[:, 0]  # the amplitudes' direction for the first one, the others free
+    along: Array = np.asarray(
+        size * told * inverse[:, 0], dtype=np.float64
+    )  # the amplitudes' direction for the first one, the others free
     hops = joints[0].courses.shape[1]
     scores, weights = np.zeros(hops), np.zeros(hops)
     directions = []
     for j in joints:
         e = j.balance
         left = e.rest - np.einsum("hij,hj->hi", e.information, j.off(a, j.change - j.drawn @ a))
-        seen = j.off(along, -j.drawn @ along)
+        seen = j.off(along, np.asarray(-j.drawn @ along, dtype=np.float64))
         scores += np.einsum("hn,hn->h", seen, left)
         weights += np.einsum("hi,hij,hj->h", seen, e.information, seen)
         directions.append(along @ j.columns - j.drawn @ along)

@@ -41,7 +41,7 @@ FAULT = Fault(
     ),
     signatures=tuple(
         # Oil ages over hundreds of hours, a clearance or a seal gives within minutes.
-        Signature(variant, partial(_columns, ratio), variant=variant, commonness=0.3)
+        Signature(variant, partial(_columns, ratio), variant=variant, commonness=0.1)
         for variant, ratio in _VISCOSITY.items()
     ),
 )

@@ -53,6 +53,7 @@ FAULT = Fault(
             lambda unit: {
                 "volume": {"wear": unit.leakage_ratio * unit.speed_ratio, "gain": -_DISPLACEMENT_LOSS}
             },
+            commonness=0.5,  # gears wear slowly
         ),
     ),
 )

@@ -16,7 +16,7 @@ from scipy.linalg import solve_toeplitz
 from fdd.residuals.balances import BALANCES, Balance, compliance_of_air
 from fdd.residuals.effects import Effects
 from fdd.residuals.quantities import Quantities, Scales, settled
-from fdd.residuals.rows import COLUMNS, HOP_ROWS, HOP_S, TAIL_ROWS
+from fdd.residuals.rows import COLUMNS, HOP_ROWS, HOP_S, ROW_S, TAIL_ROWS
 from fdd.unit import Unit
 
 Array = NDArray[np.float64]
@@ -36,6 +36,8 @@ MOST_COLOUR = 0.95
 """Correlation of neighbouring rows beyond which ten seconds do not tell it."""
 LEAST_NOISE = 0.1
 """Of the unit's usual noise: at standstill an encoder may seem to have none."""
+LOAD_S = 1.0
+"""s in which a load changes as much as friction does when the piston turns round."""
 FIRST_WEIGHT = 100.0
 """Rows that the first guess of a noise counts for."""
 
@@ -75,6 +77,7 @@ class Account:
         self.correlation[0] = FIRST_WEIGHT * effects.noise**2
         self.variance_sum = FIRST_WEIGHT * effects.noise**2
         self.recent: list[Array] = []
+        self.level = np.zeros(effects.mean.size + 1)
 
     def hop(
         self, strands: list[tuple[Array, Array, Flags]], blur: Array | None
@@ -220,7 +223,21 @@ class Account:
                 white -= tap * joined[order - 1 - k : joined.shape[0] - 1 - k]
             joined, ok = white, settled(ok, order + 1)[order:]
         inside = joined[-hop:][ok[-hop:]]
+        if cell > 1:
+            inside = self._passed(inside)
         return [inside] if inside.shape[0] >= least else []
+
+    def _passed(self, rows: Array) -> Array:
+        """Cells over what went before them: a load that changes slowly is no friction.
+
+        The prediction error of a random walk under white noise, in which all columns take part alike.
+        """
+        share = self.balance.cell * ROW_S / LOAD_S
+        out = np.empty_like(rows)
+        for k, row in enumerate(rows):
+            out[k] = row - self.level if self.level.any() else 0.0
+            self.level = self.level + (share * out[k] if self.level.any() else row)
+        return out
 
 
 class Ledger:
@@ -341,6 +358,7 @@ class Ledger:
             }
             out[f"{name}/noise"] = np.array([account.weight, account.variance_sum])
             out[f"{name}/correlation"] = np.asarray(account.correlation, dtype=np.float64)
+            out[f"{name}/level"] = account.level
             out[f"{name}/lengths"] = np.array([len(r) for r in account.recent])
             out[f"{name}/recent"] = np.concatenate(account.recent) if account.recent else np.empty((0, 0))
             out[f"{name}/mean"], out[f"{name}/covariance"] = (
@@ -364,6 +382,7 @@ class Ledger:
             )
             account.weight, account.variance_sum = (float(x) for x in state[f"{name}/noise"])
             account.correlation = state[f"{name}/correlation"].copy()
+            account.level = state[f"{name}/level"].copy()
             ends = np.cumsum(state[f"{name}/lengths"]).astype(np.int64)
             account.recent = np.split(state[f"{name}/recent"], ends[:-1]) if ends.size else []
             mean, covariance = state[f"{name}/mean"].copy(), state[f"{name}/covariance"].copy()

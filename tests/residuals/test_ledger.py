@@ -5,13 +5,14 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
+import pandas as pd
 import pytest
 from numpy.typing import NDArray
 
 from fdd.residuals.balances import BALANCES, ORDERS
 from fdd.residuals.effects import Effects, first_effects
-from fdd.residuals.ledger import Account, Ledger, widened
-from fdd.residuals.rows import HOP_ROWS, TAIL_ROWS
+from fdd.residuals.ledger import LOAD_S, Account, Ledger, widened
+from fdd.residuals.rows import HOP_ROWS, ROW_S, TAIL_ROWS
 from fdd.unit import Unit
 
 Array = NDArray[np.float64]
@@ -107,7 +108,7 @@ def test_a_hop_of_changes_is_least_squares_on_levels(name: str) -> None:
     np.testing.assert_allclose(least_squares(information, vector), expected, atol=0.05)
 
 
-def test_a_hop_of_cells_is_least_squares_on_their_means() -> None:
+def test_a_hop_of_cells_is_least_squares_on_their_means_over_the_load_before() -> None:
     balance, rng = BALANCES["force"], np.random.default_rng(6)
     n, cell = len(balance.columns), BALANCES["force"].cell
     y, x, ok = of_hop(rng, n)
@@ -117,7 +118,9 @@ def test_a_hop_of_cells_is_least_squares_on_their_means() -> None:
     information, vector, rows, _ = account.hop([(y, x, ok)], None)
     means = np.column_stack([x, y])[TAIL_ROWS:].reshape(-1, cell, n + 1).mean(axis=1)
     means = np.delete(means, 13 // cell, axis=0)
-    expected = np.linalg.lstsq(means[:, :n], means[:, n], rcond=None)[0]
+    before = pd.DataFrame(means).ewm(alpha=cell * ROW_S / LOAD_S, adjust=False).mean().shift(1)
+    over = (means - before.to_numpy())[1:]
+    expected = np.linalg.lstsq(over[:, :n], over[:, n], rcond=None)[0]
     assert rows == HOP_ROWS // cell - 1
     np.testing.assert_allclose(least_squares(information, vector), expected, rtol=1e-5)
 
