@@ -4,19 +4,22 @@ from __future__ import annotations
 
 import csv
 import io
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
+from scipy.stats import binomtest
 
-from fdd.campaign.dataset import Dataset
+from fdd.campaign.dataset import Conditions, Dataset, Entry, Label
 from fdd.campaign.generate import generate
 from fdd.campaign.recipe import Recipe
+from fdd.campaign.scores import Outcome, calibration_error, figures, macro_f1, wilson
 from fdd.campaign.train import LEAST_LOGS, ScoredLog, learnt
-from fdd.campaign.validate import Outcome, outcomes_csv, report_text, summary, validate
+from fdd.campaign.validate import outcomes_csv, report_text, summary, validate
+from fdd.diagnosis.findings import Diagnosis, FaultFinding, Quality
 from fdd.diagnosis.model import Model
 from fdd.errors import InputError
+from fdd.faults import CATALOGUE
 
 RECIPE = """
 schema: fdd.recipe/1
@@ -72,32 +75,72 @@ def test_too_few_logs_teach_nothing() -> None:
         learnt(few, "made up")
 
 
-def test_the_metrics_of_made_up_outcomes() -> None:
-    nothing = {(m, n): (0.02, 0.5) for m in ("ekf", "svsf") for n in ("leakage", "bulk_modulus")}
-    right = Outcome(
-        "a",
-        "leakage",
-        0.5,
-        10.0,
-        "spring",
-        "steps",
-        "faulty",
-        "leakage",
-        "pump_wear",
-        0.9,
-        10.5,
-        12.0,
-        0.4,
-        nothing,
-    )
-    nan = float("nan")
-    quiet = replace(right, file="b", family="healthy", onset_s=nan, severity=nan, answer="", detected_s=nan)
-    wrong, early = replace(right, answer="friction"), replace(right, detected_s=9.0)
-    text = summary([right, wrong, early, quiet])
-    assert "right family: **33 %** of 3 faulty logs" in text
-    assert "alarms on 1 healthy logs: **0**; before the onset of 3 faulty ones: 1" in text
-    assert "| leakage | 3 | 2 | 1 (33 %) | 1 | 2 | 2.0 s | 0.5 s |" in text
-    assert "| 80 to 95 % | 3 | 90 % | 67 % |" in text
+def outcome(true: list[Label], said: list[FaultFinding], healthy: float = 0.0) -> Outcome:
+    entry = Entry(
+        file="logs/a.parquet", truth="logs/t.parquet", unit="u", base="axis_a", duration_s=1800.0, samples=1,
+        faults=tuple(true), scenario=CONDITIONS, truth_medians={},
+    )  # fmt: skip
+    found = Diagnosis(
+        log="a", axis="axis", unit="u", duration_s=1800.0, samples=1,
+        verdict="faulty" if said else "healthy", faults=said, probabilities={"healthy": healthy},
+        estimates={}, quality=Quality(),
+    )  # fmt: skip
+    return Outcome(entry, found, NOTHING)
+
+
+def label(fault: str, onset: float = 10.0) -> Label:
+    return Label(fault=fault, family=family_of(fault), severity=0.5, onset_s=onset, profile="step")
+
+
+def finding(fault: str, onset: float = 10.5, confidence: float = 0.9, *others: str) -> FaultFinding:
+    return FaultFinding(
+        fault=fault, family=family_of(fault), ambiguity=[fault, *others], confidence=confidence,
+        onset_s=onset, detected_s=onset + 2.0, severity=0.4, severity_interval=(0.3, 0.6),
+    )  # fmt: skip
+
+
+def family_of(kind: str) -> str:
+    return CATALOGUE[kind].family
+
+
+CONDITIONS = Conditions(
+    load="spring", duty="steps", control="speed", oil_temperature=40.0, charge_factor=1.0, seed=1
+)
+NOTHING = {(m, n): (0.02, 0.5) for m in ("ekf", "svsf") for n in ("leakage", "bulk_modulus")}
+
+
+def test_the_figures_of_made_up_outcomes() -> None:
+    leak, worn, air = "internal_leakage", "pump_wear", "aeration"
+    outcomes = [
+        outcome([label(leak)], [finding(leak)]),
+        outcome([label(leak)], [finding(worn, 10.5, 0.9, leak)]),  # the group names it
+        outcome([label(air)], [finding(leak, 11.5)]),  # another class
+        outcome([label(air)], [finding(air, 7.0)]),  # before anything was wrong
+        outcome([label(air)], [finding(air, 10.0, 0.4)]),  # less likely than not
+        outcome([label(leak), label(air, 20.0)], [finding(leak), finding(air, 20.0)]),
+        outcome([], [], healthy=0.8),
+        outcome([], [finding(air)]),
+    ]
+    mean, each = macro_f1(outcomes)
+    # Leakage: 3 right, 1 too many; aeration: 2 right, 2 missed, 1 too many; healthy: 1, 1, 1.
+    assert each == pytest.approx({"healthy": 2 / 4, "leakage": 6 / 7, "aeration": 4 / 7})
+    assert mean == pytest.approx(np.mean(list(each.values())))
+    text = figures(outcomes)
+    assert "faulty logs found: 0.67 (0.30 to 0.90) of 6" in text
+    assert "class right: 0.67 (0.21 to 0.94) of 3" in text
+    assert "group that is named: 0.67 (0.21 to 0.94) of 3" in text
+    assert "both named: 1.00" in text
+    assert "median 0.50 s, 90 % below 1.3 s" in text
+    assert "healthy logs alarmed: 0.50" in text and "1 in 1.0 h: 1.00 (0.03 to 5.57) an hour" in text
+    assert "hold the true one: 1.00 (0.21 to 1.00) of 1" in text
+    # 0.9 is said six times and holds three times; 0.8 once, rightly; 0 once, wrongly.
+    assert calibration_error(outcomes) == pytest.approx((abs(6 * 0.9 - 3) + 0.2 + 0.0) / 8)
+
+
+@pytest.mark.parametrize(("hits", "n"), [(0, 5), (3, 10), (50, 60)])
+def test_intervals_are_scipys(hits: int, n: int) -> None:
+    low, high = binomtest(hits, n).proportion_ci(method="wilson")
+    assert f"({low:.2f} to {high:.2f})" in wilson(hits, n)
 
 
 @pytest.fixture(scope="module")
@@ -113,15 +156,15 @@ def test_validation_compares_each_log_with_its_truth(
 ) -> None:
     tiny_model.save(tmp_path / "model.json")
     outcomes = validate(tiny_set, str(tmp_path / "model.json"), workers=1)
-    healthy, leaking = sorted(outcomes, key=lambda o: o.family == "leakage")
-    assert healthy.family == "healthy" and healthy.verdict == "healthy" and healthy.answer == ""
-    assert leaking.family == "leakage" == leaking.answer and not leaking.early
-    assert abs(leaking.answered_onset_s - leaking.onset_s) < 1.0
-    for outcome in outcomes:
-        for key, (error, share) in outcome.errors.items():
+    healthy, leaking = sorted(outcomes, key=lambda o: bool(o.entry.faults))
+    assert healthy.found.verdict == "healthy" and not healthy.said
+    assert leaking.classes == ({"leakage"}, {"leakage"})
+    assert abs(leaking.timely[0].onset_s - leaking.entry.faults[0].onset_s) < 1.0
+    for each in outcomes:
+        for key, (error, share) in each.errors.items():
             assert not share or error < 0.05, key
     rows = list(csv.DictReader(io.StringIO(outcomes_csv(outcomes))))
-    assert [r["file"] for r in rows] == [o.file for o in outcomes]
+    assert [r["file"] for r in rows] == [o.entry.file for o in outcomes]
     assert summary(outcomes) in report_text(outcomes, Dataset.load(tiny_set))
 
 

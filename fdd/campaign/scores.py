@@ -1,0 +1,153 @@
+"""Answers against truth: what is found, named and dated, how sure, and how often wrongly."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.stats import chi2, norm
+
+from fdd.campaign.dataset import Entry
+from fdd.diagnosis.findings import Diagnosis, FaultFinding
+from fdd.faults import fault
+
+CLASSES = ("healthy", "leakage", "seal_wear", "check_valve", "aeration", "other")
+EARLY_S = 2.0
+"""How long before the true onset an answered one may lie."""
+SAID = 0.5
+"""Confidence from which on a fault counts as answered."""
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """One log of a data set with its answer.
+
+    Attributes
+    ----------
+    errors : ``{(method, quantity): (median relative error, share of time observable)}`` of the estimates,
+        against the truth in units of the profile's own geometry.
+    """
+
+    entry: Entry
+    found: Diagnosis
+    errors: dict[tuple[str, str], tuple[float, float]]
+
+    @property
+    def said(self) -> list[FaultFinding]:
+        """Faults that the answer holds for more likely than not, the surest first."""
+        return [f for f in self.found.faults if f.confidence >= SAID]
+
+    @property
+    def timely(self) -> list[FaultFinding]:
+        """Those whose onset is not before anything was wrong."""
+        first = min((f.onset_s for f in self.entry.faults), default=np.inf)
+        return [f for f in self.said if f.onset_s >= first - EARLY_S]
+
+    @property
+    def classes(self) -> tuple[set[str], set[str]]:
+        """True and answered classes."""
+        true = {class_of(f.fault) for f in self.entry.faults} or {"healthy"}
+        return true, {class_of(f.fault) for f in self.said} or {"healthy"}
+
+    @property
+    def sureness(self) -> tuple[float, bool]:
+        """What the leading statement gives itself, and whether it holds."""
+        if not self.said:
+            return self.found.probabilities["healthy"], not self.entry.faults
+        lead = self.said[0]
+        return lead.confidence, bool(self.timely) and any(
+            f.fault in (lead.fault, *lead.ambiguity) for f in self.entry.faults
+        )
+
+
+def class_of(kind: str) -> str:
+    """One of `CLASSES`."""
+    family = fault(kind).family
+    return family if family in CLASSES else "other"
+
+
+def wilson(hits: int, n: int) -> str:
+    """A share with its 95 % interval (Wilson 1927, doi 10.1080/01621459.1927.10502953).
+
+    Examples
+    --------
+    >>> wilson(8, 10)
+    '0.80 (0.49 to 0.94) of 10'
+    """
+    if not n:
+        return "- of 0"
+    z, p = float(norm.ppf(0.975)), hits / n
+    middle, half = p + z * z / (2 * n), z * np.sqrt(p * (1 - p) / n + z * z / (4 * n * n))
+    low, high = (max((middle + s * half) / (1 + z * z / n), 0.0) for s in (-1, 1))
+    return f"{p:.2f} ({low:.2f} to {min(high, 1.0):.2f}) of {n}"
+
+
+def rate(count: int, hours: float) -> str:
+    """Events per hour with Poisson's 95 % interval.
+
+    Examples
+    --------
+    >>> rate(0, 10.0)
+    '0 in 10.0 h: 0.00 (0.00 to 0.37) an hour'
+    """
+    low = chi2.ppf(0.025, 2 * count) / 2 if count else 0.0
+    high = chi2.ppf(0.975, 2 * count + 2) / 2
+    per = 1.0 / max(hours, 1e-9)
+    return f"{count} in {hours:.1f} h: {count * per:.2f} ({low * per:.2f} to {high * per:.2f}) an hour"
+
+
+def macro_f1(outcomes: Sequence[Outcome]) -> tuple[float, dict[str, float]]:
+    """Mean F1 over those of `CLASSES` that occur, and each."""
+    each = {}
+    for c in CLASSES:
+        seen = [(c in true, c in said) for true, said in (o.classes for o in outcomes)]
+        total = sum(t + s for t, s in seen)
+        if total:
+            each[c] = 2.0 * sum(t and s for t, s in seen) / total
+    return float(np.mean(list(each.values()))), each
+
+
+def calibration_error(outcomes: Sequence[Outcome], bins: int = 10) -> float:
+    """Expected calibration error of all leading statements (Naeini et al. 2015, AAAI)."""
+    p, right = (np.array(x, dtype=np.float64) for x in zip(*(o.sureness for o in outcomes), strict=True))
+    place = np.minimum((p * bins).astype(int), bins - 1)
+    return float(sum(abs((p - right)[place == b].sum()) for b in range(bins)) / p.size)
+
+
+def figures(outcomes: Sequence[Outcome]) -> str:
+    """All of it as a list (Markdown)."""
+    healthy = [o for o in outcomes if not o.entry.faults]
+    faulty = [o for o in outcomes if o.entry.faults]
+    single = [o for o in faulty if len(o.entry.faults) == 1]
+    pairs = [o for o in faulty if len(o.entry.faults) > 1]
+    hits = [(o.entry.faults[0], o.timely[0]) for o in single if o.timely]
+    named = [sum(any(f.fault in a.ambiguity for a in o.timely) for f in o.entry.faults) for o in pairs]
+    steps = [abs(a.onset_s - t.onset_s) for t, a in hits if t.profile == "step" and t.onset_s > 0.0]
+    sized = [
+        a.severity_interval[0] <= t.severity <= a.severity_interval[1]
+        for t, a in hits
+        if t.fault == a.fault and a.severity_interval is not None
+    ]
+    mean, each = macro_f1(outcomes)
+    lines = [
+        f"macro-F1 **{mean:.2f}**: " + ", ".join(f"{c.replace('_', ' ')} {v:.2f}" for c, v in each.items()),
+        f"faulty logs found: {wilson(sum(bool(o.timely) for o in faulty), len(faulty))}",
+        "of single faults found, class right: "
+        + wilson(sum(class_of(t.fault) == class_of(a.fault) for t, a in hits), len(hits)),
+        "kind right or in the group that is named: "
+        + wilson(sum(t.fault in a.ambiguity for t, a in hits), len(hits)),
+        f"two faults at once, both named: {wilson(sum(n > 1 for n in named), len(named))}; "
+        f"one of them: {wilson(sum(n > 0 for n in named), len(named))}",
+        f"healthy logs alarmed: {wilson(sum(bool(o.found.faults) for o in healthy), len(healthy))}; "
+        + rate(sum(len(o.found.faults) for o in healthy), sum(o.entry.duration_s for o in healthy) / 3600.0),
+        f"80 % intervals of severity hold the true one: {wilson(sum(sized), len(sized))}",
+        f"calibration error of all leading statements: {calibration_error(outcomes):.3f}",
+    ]
+    if steps:
+        lines.insert(
+            5,
+            f"onset error of {len(steps)} steps: median {np.median(steps):.2f} s, "
+            f"90 % below {np.quantile(steps, 0.9):.1f} s",
+        )
+    return "".join(f"- {line}\n" for line in lines)
