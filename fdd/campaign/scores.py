@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from scipy.stats import chi2, norm
+from sklearn.linear_model import LogisticRegression
 
 from fdd.campaign.dataset import Entry
 from fdd.diagnosis.findings import Diagnosis, FaultFinding
@@ -15,6 +16,8 @@ from fdd.faults import fault
 CLASSES = ("healthy", "leakage", "seal_wear", "check_valve", "aeration", "other")
 EARLY_S = 2.0
 """How long before the true onset an answered one may lie."""
+LEAST_FOR_CURVE = 30
+"""Logs of a fault from which on a curve of finding it over its severity is drawn."""
 SAID = 0.5
 """Confidence from which on a fault counts as answered."""
 
@@ -115,6 +118,20 @@ def calibration_error(outcomes: Sequence[Outcome], bins: int = 10) -> float:
     return float(sum(abs((p - right)[place == b].sum()) for b in range(bins)) / p.size)
 
 
+def visible_from(outcomes: Sequence[Outcome], kind: str, share: float = 0.9) -> float:
+    """Severity from which on a share of a fault's logs is found, by logistic regression; NaN where it is not
+    bracketed."""
+    seen = [(o.entry.faults[0].severity, bool(o.timely)) for o in outcomes if len(o.entry.faults) == 1
+            and o.entry.faults[0].fault == kind]  # fmt: skip
+    severity, found = np.array([s for s, _ in seen]), np.array([f for _, f in seen])
+    if found.size < LEAST_FOR_CURVE or found.all() or not found.any():
+        return float("nan")
+    fitted = LogisticRegression(C=1e6).fit(np.log(severity)[:, None], found)
+    slope, offset = float(fitted.coef_[0, 0]), float(fitted.intercept_[0])
+    at = float(np.exp((np.log(share / (1.0 - share)) - offset) / slope)) if slope > 0.0 else np.nan
+    return at if at <= severity.max() else float("nan")
+
+
 def figures(outcomes: Sequence[Outcome]) -> str:
     """All of it as a list (Markdown)."""
     healthy = [o for o in outcomes if not o.entry.faults]
@@ -150,4 +167,7 @@ def figures(outcomes: Sequence[Outcome]) -> str:
             f"onset error of {len(steps)} steps: median {np.median(steps):.2f} s, "
             f"90 % below {np.quantile(steps, 0.9):.1f} s",
         )
+    for kind in sorted({f.fault for o in single for f in o.entry.faults}):
+        if np.isfinite(at := visible_from(outcomes, kind)):
+            lines.append(f"{kind.replace('_', ' ')}: 90 % are found from severity {at:.2f} on")
     return "".join(f"- {line}\n" for line in lines)

@@ -32,9 +32,11 @@ SCAN_HOPS = 10
 """Hops between two looks at the evidence: five seconds."""
 LEAST_HOPS = 16
 """Hops before anything is said: eight seconds."""
+LOOKS = 3
+"""Looks running that must see a fault: an on-delay of ten seconds (ISA-18.2), as passing oddities pass."""
 WINDOW_HOPS = 300
 """Hops that onsets are looked for in; what is older has become the reference."""
-STATE_VERSION = "3"
+STATE_VERSION = "4"
 HELD_IN_DOUBT = 0.5
 """Confidence of a fault below which it does not make a verdict."""
 
@@ -80,6 +82,7 @@ class Pipeline:
         self._count = 0
         self._alarms: dict[str, FaultFinding] = {}
         self._sensor_faults = 0
+        self._looks: list[float] = []
         self._scans: list[tuple[float, float]] = []
 
     def __repr__(self) -> str:
@@ -92,8 +95,8 @@ class Pipeline:
 
     @property
     def largest_score(self) -> float:
-        """Largest score that any look at the evidence gave."""
-        return max((score for _, score in self._scans), default=0.0)
+        """Largest score that stood for `LOOKS` looks at the evidence."""
+        return max((s for _, s in self._scans), default=0.0)
 
     def push(self, samples: Samples) -> list[FaultFinding]:
         """Take the next block; findings whose alarm it raised (usually none).
@@ -146,16 +149,19 @@ class Pipeline:
         evidence, _ = self._window()
         found, rest = decide(evidence, self._hypotheses, self.threshold)
         now = (self._ledger.hops[-1] + 1) * HOP_S
-        self._scans.append((now, max([rest, *(f.score for f in found)])))
+        self._looks = [*self._looks[1 - LOOKS :], max([rest, *(f.score for f in found)])]
+        stands = min(self._looks) if len(self._looks) == LOOKS else 0.0
+        self._scans.append((now, stands))
         fresh = []
-        for f in found:
-            finding = self._finding(f, now)
+        for f in found if stands >= self.threshold else ():
+            finding = self._finding(f, now, stands)
             if finding.family not in self._alarms:
                 self._alarms[finding.family] = finding
                 fresh.append(finding)
         return fresh
 
-    def _finding(self, found: Found, now: float) -> FaultFinding:
+    def _finding(self, found: Found, now: float, stands: float) -> FaultFinding:
+        found.score = min(found.score, stands)
         onset = max(self._ledger.hops[found.lead.onset] * HOP_S, self._first_time)
         return fault_finding(found, self.model, onset=onset, detected=now, first_hop=self._ledger.hops[0])
 
@@ -176,7 +182,12 @@ class Pipeline:
             evidence, _ = self._window()
             found, score = decide(evidence, self._hypotheses, self.threshold)
             now = (self._ledger.hops[-1] + 1) * HOP_S
-            hydraulic = [self._finding(f, now) for f in found]
+            # The last look was at these very hops, or this is one more.
+            looked = bool(self._scans) and self._scans[-1][0] == now
+            before = self._looks[-LOOKS:] if looked else self._looks[1 - LOOKS :]
+            stands = min([max([score, *(f.score for f in found)]), *before])
+            hydraulic = [self._finding(f, now, stands) for f in found if stands >= self.threshold]
+            score = min(score, stands)
             unseen = invisible(evidence, self._hypotheses, self.threshold)
         for finding in hydraulic:
             first = self._alarms.get(finding.family)
@@ -274,7 +285,7 @@ class Pipeline:
             "first": self._first_time, "last": self._last_time, "count": self._count,
             "alarms": {k: f.model_dump() for k, f in self._alarms.items()},
             "sensor_faults": self._sensor_faults,
-            "scans": self._scans[-720:],
+            "scans": self._scans[-720:], "looks": self._looks,
         }  # fmt: skip
         out = {"pipeline": packed(scalars)}
         for prefix, part in (
@@ -314,3 +325,4 @@ class Pipeline:
         self._alarms = {k: FaultFinding.model_validate(f) for k, f in scalars["alarms"].items()}
         self._sensor_faults = scalars["sensor_faults"]
         self._scans = [(float(a), float(b)) for a, b in scalars["scans"]]
+        self._looks = [float(s) for s in scalars["looks"]]

@@ -13,7 +13,7 @@ from scipy.stats import binomtest
 from fdd.campaign.dataset import Conditions, Dataset, Entry, Label
 from fdd.campaign.generate import generate
 from fdd.campaign.recipe import Recipe
-from fdd.campaign.scores import Outcome, calibration_error, figures, macro_f1, wilson
+from fdd.campaign.scores import Outcome, calibration_error, figures, macro_f1, visible_from, wilson
 from fdd.campaign.train import LEAST_LOGS, ScoredLog, learnt
 from fdd.campaign.validate import outcomes_csv, report_text, summary, validate
 from fdd.diagnosis.findings import Diagnosis, FaultFinding, Quality
@@ -135,6 +135,18 @@ def test_the_figures_of_made_up_outcomes() -> None:
     assert "hold the true one: 1.00 (0.21 to 1.00) of 1" in text
     # 0.9 is said six times and holds three times; 0.8 once, rightly; 0 once, wrongly.
     assert calibration_error(outcomes) == pytest.approx((abs(6 * 0.9 - 3) + 0.2 + 0.0) / 8)
+
+
+def test_the_severity_from_which_nine_tenths_are_found_is_that_of_the_draw() -> None:
+    """Found with the logistic probability of log severity that is a half at 0.2, 0.9 at 0.2 * 9^(1/4)."""
+    rng = np.random.default_rng(4)
+    outcomes = []
+    for severity in rng.uniform(0.05, 1.0, 1500):
+        true = label("internal_leakage").model_copy(update={"severity": float(severity)})
+        seen = rng.random() < 1.0 / (1.0 + (0.2 / severity) ** 4)
+        outcomes.append(outcome([true], [finding("internal_leakage")] if seen else []))
+    assert visible_from(outcomes, "internal_leakage") == pytest.approx(0.2 * 9.0**0.25, rel=0.12)
+    assert np.isnan(visible_from(outcomes, "aeration"))
 
 
 @pytest.mark.parametrize(("hits", "n"), [(0, 5), (3, 10), (50, 60)])
