@@ -52,8 +52,6 @@ class Balance:
     settle: int = 1
     cumulative: bool = False
     """Rows are changes: they are summed up over each unbroken stretch of a hop."""
-    order: int = 0
-    """Of the autoregression that whitens the rows."""
     cell: int = 1
     """Rows of a cell, whose means are the balance's rows."""
     floor: float = 0.0
@@ -263,7 +261,7 @@ BALANCES: dict[str, Balance] = {
             "torque", "the shaft's torque", ("zero", "pressure", "inertia", "dry", "viscous", "mesh"),
             _torque, cumulative=True,
         ),
-        Balance("shaft", "the shaft's vibration", ("order_1", "order_2"), _shaft, order=6, lines=2),
+        Balance("shaft", "the shaft's vibration", ("order_1", "order_2"), _shaft, lines=2),
         Balance(
             "coherence", "the pressures among each other",
             ("zero", "gain_1", "gain_2", "line", "line_square"), _coherence,

@@ -2,7 +2,7 @@
 
 The information of a hop is that of its rows over their own variance, so a noisy sensor or a gusty minute
 speaks more quietly.
-Rows whose errors hang together in time are whitened by an autoregression that is learnt on the way.
+What hangs together in time, a load or a slow current, is taken out of rows and columns alike.
 """
 
 from __future__ import annotations
@@ -11,7 +11,6 @@ from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg import solve_toeplitz
 
 from fdd.residuals.balances import BALANCES, Balance, compliance_of_air
 from fdd.residuals.effects import Effects
@@ -73,8 +72,6 @@ class Account:
         self.vector: Array = self.information @ effects.mean
         self.weight = FIRST_WEIGHT
         self.least = max(LEAST_NOISE * effects.noise, balance.floor) ** 2
-        self.correlation = np.zeros(balance.order + 1)
-        self.correlation[0] = FIRST_WEIGHT * effects.noise**2
         self.variance_sum = FIRST_WEIGHT * effects.noise**2
         self.recent: list[Array] = []
         self.level = np.zeros(effects.mean.size + 1)
@@ -91,7 +88,7 @@ class Account:
         """
         n = strands[0][1].shape[1] if strands else self.vector.size
         gram, free = np.zeros((n + 1, n + 1)), 0.0
-        rows = self._levels if self.balance.cumulative else self._white
+        rows = self._levels if self.balance.cumulative else self._cells
         for y, x, ok in strands:
             for part in rows(y, x, ok):
                 gram += part.T @ part
@@ -199,8 +196,8 @@ class Account:
                 out.append((level - level.mean(axis=0))[1:])
         return out
 
-    def _white(self, y: Array, x: Array, ok: Flags) -> list[Array]:
-        """Rows through the prediction error filter of the balance's own colour."""
+    def _cells(self, y: Array, x: Array, ok: Flags) -> list[Array]:
+        """Rows of the hop, or the means of cells of them, less what changes slowly."""
         joined = np.column_stack([x, y])
         joined[~ok] = 0.0
         cell = self.balance.cell
@@ -209,19 +206,10 @@ class Account:
             ok = np.asarray(ok.reshape(-1, cell).all(axis=1))
             joined[~ok] = 0.0
         hop, least = HOP_ROWS // cell, max(LEAST_ROWS // cell, 1)
-        order = self.balance.order
-        if order:
-            known = 0.0 if self.balance.lines else joined[:, :-1] @ self.mean
-            rest = (joined[:, -1] - known)[-hop - order :]
-            fresh = np.array([rest[order:] @ rest[order - k : rest.size - k] for k in range(order + 1)])
-            self.correlation = MEMORY * self.correlation + fresh
-            first = self.correlation[:order].copy()
-            first[0] *= 1.0 + 1e-6
-            taps = solve_toeplitz(first, self.correlation[1:])
-            white = joined[order:].copy()
-            for k, tap in enumerate(taps):
-                white -= tap * joined[order - 1 - k : joined.shape[0] - 1 - k]
-            joined, ok = white, settled(ok, order + 1)[order:]
+        if (
+            self.balance.lines
+        ):  # slow currents are no vibration; a line keeps its amplitude, as its columns do
+            joined, ok = np.diff(joined, axis=0), ok[1:] & ok[:-1]
         inside = joined[-hop:][ok[-hop:]]
         if cell > 1:
             inside = self._passed(inside)
@@ -357,7 +345,6 @@ class Ledger:
                 f"{name}/vector": np.array(account.vector),
             }
             out[f"{name}/noise"] = np.array([account.weight, account.variance_sum])
-            out[f"{name}/correlation"] = np.asarray(account.correlation, dtype=np.float64)
             out[f"{name}/level"] = account.level
             out[f"{name}/lengths"] = np.array([len(r) for r in account.recent])
             out[f"{name}/recent"] = np.concatenate(account.recent) if account.recent else np.empty((0, 0))
@@ -381,7 +368,6 @@ class Ledger:
                 state[f"{name}/vector"].copy(),
             )
             account.weight, account.variance_sum = (float(x) for x in state[f"{name}/noise"])
-            account.correlation = state[f"{name}/correlation"].copy()
             account.level = state[f"{name}/level"].copy()
             ends = np.cumsum(state[f"{name}/lengths"]).astype(np.int64)
             account.recent = np.split(state[f"{name}/recent"], ends[:-1]) if ends.size else []
