@@ -12,11 +12,12 @@ from estimators import eha_layout as layout
 from fdd.diagnosis.decision import Found
 from fdd.diagnosis.evidence import Evidence
 from fdd.diagnosis.findings import ESTIMATED, Estimate, FaultFinding, Invisible
+from fdd.diagnosis.fitting import PRIOR_FREEDOM
 from fdd.diagnosis.hypotheses import Hypothesis
 from fdd.diagnosis.model import Model
 from fdd.faults import CATALOGUE, FAMILIES, fault
 from fdd.residuals.balances import BALANCES
-from fdd.residuals.rows import HOP_S
+from fdd.residuals.rows import BLOCK_HOPS, HOP_S
 from fdd.residuals.tracked import Tracked
 from fdd.residuals.tracking import estimates, healthy_coulomb, healthy_viscous
 from fdd.sensors.finding import SensorFinding
@@ -117,15 +118,16 @@ def probabilities_of(faults: Sequence[FaultFinding], model: Model, score: float)
 def invisible(evidence: Evidence, hypotheses: Sequence[Hypothesis], threshold: float) -> list[Invisible]:
     """Faults, and the least severity that this log would have shown, had it begun a third into it.
 
-    A fault of severity a has a score of about ``a²/2 var(a)``; it shows where that passes the threshold and
-    the doubt of one
-    amplitude among many.
+    Its score is that of Student's t (`fdd.diagnosis.fitting`); it shows where that passes the threshold and
+    the doubt of one amplitude among many.
     """
+    freedom = PRIOR_FREEDOM + evidence.hops / BLOCK_HOPS / 3.0
+    least = math.sqrt(freedom * math.expm1(2.0 * (threshold + 2.0) / (freedom + 1.0)))
     best: dict[str, float] = {}
     for h in hypotheses:
         std = evidence.sharpness(h, evidence.hops // 3)
         if std is not None:
-            best[h.fault] = min(best.get(h.fault, math.inf), std * math.sqrt(2.0 * (threshold + 2.0)))
+            best[h.fault] = min(best.get(h.fault, math.inf), std * least)
     return [
         Invisible(fault=name, severity=round(best[name], 2) if best.get(name, math.inf) < 2.0 else None)
         for name in CATALOGUE

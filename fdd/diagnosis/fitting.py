@@ -183,13 +183,16 @@ def _scatter(u: Array, w: Array, joints: Sequence[Joint], directions: Sequence[A
     quiet = (1.0 - acts) * w if course[0] < 0.5 else w
     stretches = max(float(quiet.sum() ** 2 / max(np.sum(quiet**2), 1e-300)) - 1.0, 0.0)
     own = float(np.sum(quiet * u**2 / w)) / max(float(quiet.sum()), 1e-300)
-    weight, known = 0.0, 0.0
-    for j, d in zip(joints, directions, strict=True):
-        healthy = j.balance.healthy
-        before = float(d @ healthy.information @ d)
-        seen = float(d @ healthy.scatter @ d) / before if before > 0.0 else UNKNOWN_SCATTER
-        told = float(d @ j.balance.total @ d)
-        weight, known = weight + told, known + told * seen
+    known = known_scatter([(j.balance, d) for j, d in zip(joints, directions, strict=True)])
     freedom = PRIOR_FREEDOM + stretches
-    kappa = (PRIOR_FREEDOM * known / max(weight, 1e-300) + stretches * own) / freedom
-    return max(kappa, LEAST_SCATTER), freedom
+    return max((PRIOR_FREEDOM * known + stretches * own) / freedom, LEAST_SCATTER), freedom
+
+
+def known_scatter(directions: Sequence[tuple[Explained, Array]]) -> float:
+    """That factor by the unit's baseline alone, for a change (n,) of each balance's coefficients."""
+    told = [float(d @ e.total @ d) for e, d in directions]
+    seen = []
+    for e, d in directions:
+        before = float(d @ e.healthy.information @ d)
+        seen.append(float(d @ e.healthy.scatter @ d) / before if before > 0.0 else UNKNOWN_SCATTER)
+    return float(np.dot(told, seen) / max(sum(told), 1e-300))

@@ -11,7 +11,7 @@ import fdd
 from estimators import eha_layout as layout
 from fdd.diagnosis.answering import estimates_of, fault_finding, invisible, probabilities_of, sensor_fault
 from fdd.diagnosis.baseline import effects_of
-from fdd.diagnosis.decision import Found, decide
+from fdd.diagnosis.decision import decide
 from fdd.diagnosis.evidence import Evidence
 from fdd.diagnosis.findings import Diagnosis, FaultFinding, Quality, SensorState, Trajectories
 from fdd.diagnosis.hypotheses import hypotheses
@@ -34,6 +34,8 @@ LEAST_HOPS = 16
 """Hops before anything is said: eight seconds."""
 LOOKS = 3
 """Looks running that must see a fault: an on-delay of ten seconds (ISA-18.2), as passing oddities pass."""
+LOOK_MARGIN = 1.5
+"""By how much more one look alone must see it."""
 WINDOW_HOPS = 300
 """Hops that onsets are looked for in; what is older has become the reference."""
 STATE_VERSION = "4"
@@ -145,25 +147,28 @@ class Pipeline:
             self._ledger.sums(), self._ledger.reference, from_start=start == 0
         ), self._ledger.hops[0]
 
-    def _scan(self) -> list[FaultFinding]:
-        evidence, _ = self._window()
+    def _look(self) -> tuple[Evidence, list[FaultFinding], list[float], float]:
+        """Evidence now, findings that stand, the last looks' scores with this one, and what stands."""
+        evidence, first = self._window()
         found, rest = decide(evidence, self._hypotheses, self.threshold)
         now = (self._ledger.hops[-1] + 1) * HOP_S
-        self._looks = [*self._looks[1 - LOOKS :], max([rest, *(f.score for f in found)])]
-        stands = min(self._looks) if len(self._looks) == LOOKS else 0.0
-        self._scans.append((now, stands))
-        fresh = []
+        again = bool(self._scans) and self._scans[-1][0] == now
+        before = self._looks[:-1] if again else self._looks
+        looks = [*before[1 - LOOKS :], max([rest, *(f.score for f in found)])]
+        stands = max(min(looks) if len(looks) == LOOKS else 0.0, looks[-1] - LOOK_MARGIN)
+        findings = []
         for f in found if stands >= self.threshold else ():
-            finding = self._finding(f, now, stands)
-            if finding.family not in self._alarms:
-                self._alarms[finding.family] = finding
-                fresh.append(finding)
-        return fresh
+            f.score = min(f.score, stands)
+            onset = max(self._ledger.hops[f.lead.onset] * HOP_S, self._first_time)
+            findings.append(fault_finding(f, self.model, onset=onset, detected=now, first_hop=first))
+        return evidence, findings, looks, stands
 
-    def _finding(self, found: Found, now: float, stands: float) -> FaultFinding:
-        found.score = min(found.score, stands)
-        onset = max(self._ledger.hops[found.lead.onset] * HOP_S, self._first_time)
-        return fault_finding(found, self.model, onset=onset, detected=now, first_hop=self._ledger.hops[0])
+    def _scan(self) -> list[FaultFinding]:
+        _, findings, self._looks, stands = self._look()
+        self._scans.append(((self._ledger.hops[-1] + 1) * HOP_S, stands))
+        fresh = [f for f in findings if f.family not in self._alarms]
+        self._alarms |= {f.family: f for f in reversed(fresh)}
+        return fresh
 
     def finish(self, quality: Quality | None = None) -> Diagnosis:
         """The answer on all samples pushed so far (more may follow).
@@ -179,15 +184,7 @@ class Pipeline:
         unseen = []
         score = 0.0
         if len(self._ledger.hops) >= LEAST_HOPS:
-            evidence, _ = self._window()
-            found, score = decide(evidence, self._hypotheses, self.threshold)
-            now = (self._ledger.hops[-1] + 1) * HOP_S
-            # The last look was at these very hops, or this is one more.
-            looked = bool(self._scans) and self._scans[-1][0] == now
-            before = self._looks[-LOOKS:] if looked else self._looks[1 - LOOKS :]
-            stands = min([max([score, *(f.score for f in found)]), *before])
-            hydraulic = [self._finding(f, now, stands) for f in found if stands >= self.threshold]
-            score = min(score, stands)
+            evidence, hydraulic, _, score = self._look()
             unseen = invisible(evidence, self._hypotheses, self.threshold)
         for finding in hydraulic:
             first = self._alarms.get(finding.family)
