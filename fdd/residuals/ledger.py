@@ -12,7 +12,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from fdd.residuals.balances import BALANCES, Balance, compliance_of_air
+from fdd.residuals.balances import BALANCES, Balance
 from fdd.residuals.effects import Effects
 from fdd.residuals.quantities import Quantities, Scales, settled
 from fdd.residuals.rows import COLUMNS, HOP_ROWS, HOP_S, ROW_S, TAIL_ROWS
@@ -27,8 +27,6 @@ LEAST_ROWS = 12
 """Rows below which a stretch of a hop says too little."""
 MEMORY = 0.95
 """Share of the noise's statistics that is kept from hop to hop: ten seconds."""
-LEAST_SIGNAL = 0.1
-"""Share of a column's square that may be noise: beyond, its coefficient would come out too small."""
 RECENT_HOPS = 20
 """Hops of that memory where rows themselves are kept."""
 MOST_COLOUR = 0.95
@@ -76,15 +74,12 @@ class Account:
         self.recent: list[Array] = []
         self.level = np.zeros(effects.mean.size + 1)
 
-    def hop(
-        self, strands: list[tuple[Array, Array, Flags]], blur: Array | None
-    ) -> tuple[Array, Array, float, float]:
+    def hop(self, strands: list[tuple[Array, Array, Flags]]) -> tuple[Array, Array, float, float]:
         """Information (n, n), vector (n,), rows and variance that one hop gives.
 
         Parameters
         ----------
         strands : rows of the hop with `TAIL_ROWS` before them.
-        blur : (n, n) mean square of the columns' own noise: a pressure's noise is no motion.
         """
         n = strands[0][1].shape[1] if strands else self.vector.size
         gram, free = np.zeros((n + 1, n + 1)), 0.0
@@ -102,8 +97,6 @@ class Account:
             variance = self._coloured(part)
         else:
             variance = self._variance(gram, free)
-        if blur is not None:
-            self._unblur(gram, free * blur)
         information, vector = gram[:n, :n] / variance, gram[:n, n] / variance
         wide, wide_vector = widened(information, vector, self.wander)
         self.information += wide
@@ -140,18 +133,6 @@ class Account:
         self.information += wide
         self.vector += wide_vector
         return np.diag(1.0 / spread), amplitude / spread, free, variance
-
-    def _unblur(self, gram: Array, blur: Array) -> None:
-        """Where a tenth of a column or more is its own noise, take out what the hop says of its coefficient.
-
-        A column's noise draws its coefficient to zero (errors in variables). Where the signal is ten times
-        the noise or more, and such hops carry nearly all the information, it does so by some per cent.
-        """
-        noisy = np.flatnonzero(np.diag(blur) > LEAST_SIGNAL * np.diag(gram)[:-1])
-        n = blur.shape[0]
-        if noisy.size:
-            gram[:n, n] -= gram[:n, noisy] @ self.mean[noisy]
-            gram[noisy, :] = gram[:, noisy] = 0.0
 
     def _variance(self, gram: Array, free: float) -> float:
         """Mean square of what the hop's best coefficients leave, or the last ten seconds', if more."""
@@ -249,7 +230,6 @@ class Ledger:
         made of it."""
         self.folded = 0
         self._misfits: list[list[float]] = []
-        self._pressure_noise: list[float] = []
 
     def sums(self) -> dict[str, tuple[Array, Array, Array, Array]]:
         """Information (h, n, n), vector (h, n), rows (h,) and variance (h,) of each balance."""
@@ -278,8 +258,7 @@ class Ledger:
             for y, x, ok in balance.strands(q):
                 good = ok & np.isfinite(y) & np.isfinite(x).all(axis=1)
                 strands.append((y, x, settled(good, balance.settle)))
-            blur = self._blur(q) if name == "volume" else None
-            self.entries[name].append(self.accounts[name].hop(strands, blur))
+            self.entries[name].append(self.accounts[name].hop(strands))
 
         self._misfits = [*self._misfits[-HISTORY + 1 :], [self._misfit(name) for name in BALANCES]]
 
@@ -334,7 +313,7 @@ class Ledger:
     def state(self) -> dict[str, Array]:
         """Everything as flat named arrays."""
         out: dict[str, Array] = {
-            "hops": np.array(self.hops), "tail": self.tail, "noise": np.array(self._pressure_noise),
+            "hops": np.array(self.hops), "tail": self.tail,
             "folded": np.array([self.folded]), "misfits": np.array(self._misfits).reshape(-1, len(BALANCES)),
         }  # fmt: skip
         for name, account in self.accounts.items():
@@ -357,7 +336,7 @@ class Ledger:
     def restore(self, state: dict[str, Array]) -> None:
         """Go on from what `state` gave for the same unit."""
         self.hops = [int(h) for h in state["hops"]]
-        self.tail, self._pressure_noise = state["tail"].copy(), [float(x) for x in state["noise"]]
+        self.tail = state["tail"].copy()
         self.folded = int(state["folded"][0])
         self._misfits = [[float(x) for x in row] for row in state["misfits"]]
         for name, account in self.accounts.items():
@@ -376,23 +355,3 @@ class Ledger:
                 **self.reference,
                 name: replace(self.effects[name], mean=mean, covariance=covariance),
             }
-
-    def _blur(self, q: Quantities) -> Array | None:
-        third = [np.diff(p[-HOP_ROWS:], 3) for p in (q.p1, q.p2)]
-        known = [t[np.isfinite(t)] for t in third]
-        now = [float(np.median(np.square(t))) / 0.455 / 20.0 for t in known if t.size > 10]
-        if now:
-            self._pressure_noise = [*self._pressure_noise[-39:], float(np.mean(now))]
-        if not self._pressure_noise:
-            return None
-        variance = float(np.quantile(self._pressure_noise, 0.3))
-        columns = BALANCES["volume"].columns
-        mean = float(np.nanmean(np.maximum(q.p1, q.p2))) if np.isfinite(q.p1).any() else 0.0
-        cylinder, oil = self.unit.cylinder, self.unit.oil
-        free = compliance_of_air(np.array([mean, oil.reference_pressure]), oil.polytropic_index)
-        stiff = max(1.0 / oil.bulk_modulus - oil.air_fraction * free[1], 0.3 / oil.bulk_modulus)
-        size = 0.5 * (cylinder.volume_1 + cylinder.volume_2) * np.sqrt(variance)
-        column = np.zeros(len(columns))
-        column[columns.index("compliance")] = size * (stiff + oil.air_fraction * free[0])
-        column[columns.index("air")] = size * 0.025 * free[0]
-        return np.outer(column, column)
