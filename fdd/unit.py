@@ -186,14 +186,14 @@ class BalanceBaseline(Section):
     ----------
     columns, mean, covariance : of its coefficients. noise : std of a row.
     information : of all hops. scatter : sum of squares of the scores of stretches of 2 s, which the
-    information would equal if all errors were independent.
+    information would equal if all errors were independent; empty in profiles of before 2026-11-22.
     """
 
     columns: list[str]
     mean: list[float]
     covariance: list[list[float]]
-    information: list[list[float]]
-    scatter: list[list[float]]
+    information: list[list[float]] = Field(default_factory=list)
+    scatter: list[list[float]] = Field(default_factory=list)
     noise: Annotated[Number, Field(gt=0)]
 
 

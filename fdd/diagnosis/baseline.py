@@ -114,8 +114,8 @@ def effects_of(unit: Unit) -> dict[str, Effects]:
                 mean=np.array(known.mean),
                 covariance=covariance,
                 noise=known.noise,
-                information=np.array(known.information),
-                scatter=np.array(known.scatter),
+                information=np.array(known.information) if known.information else effects.information,
+                scatter=np.array(known.scatter) if known.scatter else effects.scatter,
             )
         out[name] = effects
     return out
