@@ -186,7 +186,7 @@ class BalanceBaseline(Section):
     ----------
     columns, mean, covariance : of its coefficients. noise : std of a row.
     information : of all hops. scatter : sum of squares of the scores of stretches of 2 s, which the
-    information would equal if all errors were independent; empty in profiles of before 2026-11-22.
+    information would equal if all errors were independent; empty in older profiles.
     """
 
     columns: list[str]

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.stats import chi2, norm
+from scipy.stats import binomtest, chi2
 from sklearn.linear_model import LogisticRegression
 
 from fdd.campaign.dataset import Entry
@@ -80,10 +80,8 @@ def wilson(hits: int, n: int) -> str:
     """
     if not n:
         return "- of 0"
-    z, p = float(norm.ppf(0.975)), hits / n
-    middle, half = p + z * z / (2 * n), z * np.sqrt(p * (1 - p) / n + z * z / (4 * n * n))
-    low, high = (max((middle + s * half) / (1 + z * z / n), 0.0) for s in (-1, 1))
-    return f"{p:.2f} ({low:.2f} to {min(high, 1.0):.2f}) of {n}"
+    low, high = binomtest(hits, n).proportion_ci(method="wilson")
+    return f"{hits / n:.2f} ({low:.2f} to {high:.2f}) of {n}"
 
 
 def rate(count: int, hours: float) -> str:

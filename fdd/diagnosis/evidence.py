@@ -188,8 +188,7 @@ class Evidence:
         return float(np.sqrt(max(scatter, LEAST_SCATTER) / max(lam, 1e-12)))
 
     def correlation(self, one: Amplitude, other: Hypothesis) -> float:
-        """How alike another hypothesis's columns are in this log, over the course of a fitted one: -1 to
-        1."""
+        """How alike another hypothesis's columns are in this log, over the course of a fitted one: 0 to 1."""
         cross, own, others = 0.0, 1e-12, 1e-12
         for name, e in self.balances.items():
             g, f = one.hypothesis.columns.get(name), other.columns.get(name)

@@ -138,9 +138,8 @@ def fit(joints: Sequence[Joint], scales: Sequence[float], *, signed: bool, from_
     inverse = np.linalg.inv(information)
     told = 1.0 / float(inverse[0, 0])
     gain = 0.5 * told * (free**2 - (free - size) ** 2)  # at its bounds less than the free amplitude's
-    along: Array = np.asarray(
-        size * told * inverse[:, 0], dtype=np.float64
-    )  # the amplitudes' direction for the first one, the others free
+    # The amplitudes' direction for the first one, the others free.
+    along: Array = np.asarray(size * told * inverse[:, 0], dtype=np.float64)
     hops = joints[0].courses.shape[1]
     scores, weights = np.zeros(hops), np.zeros(hops)
     directions = []

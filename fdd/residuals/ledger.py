@@ -11,6 +11,7 @@ from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.signal import lfilter
 
 from fdd.residuals.balances import BALANCES, Balance
 from fdd.residuals.effects import Effects
@@ -72,7 +73,7 @@ class Account:
         self.least = max(LEAST_NOISE * effects.noise, balance.floor) ** 2
         self.variance_sum = FIRST_WEIGHT * effects.noise**2
         self.recent: list[Array] = []
-        self.level = np.zeros(effects.mean.size + 1)
+        self.level: Array = np.zeros((1, effects.mean.size + 1))
 
     def hop(self, strands: list[tuple[Array, Array, Flags]]) -> tuple[Array, Array, float, float]:
         """Information (n, n), vector (n,), rows and variance that one hop gives.
@@ -201,12 +202,13 @@ class Account:
 
         The prediction error of a random walk under white noise, in which all columns take part alike.
         """
-        share = self.balance.cell * ROW_S / LOAD_S
-        out = np.empty_like(rows)
-        for k, row in enumerate(rows):
-            out[k] = row - self.level if self.level.any() else 0.0
-            self.level = self.level + (share * out[k] if self.level.any() else row)
-        return out
+        if not rows.size:  # lfilter keeps no state over an empty stretch
+            return rows
+        if not self.level.any():
+            self.level = -rows[:1]  # as if it had always been so
+        decay = 1.0 - self.balance.cell * ROW_S / LOAD_S
+        out, self.level = lfilter([1.0, -1.0], [1.0, -decay], rows, axis=0, zi=self.level)
+        return np.asarray(out)
 
 
 class Ledger:

@@ -79,9 +79,13 @@ class Tracked:
             self._start(head)
             self._held = []
         assert self.tracking is not None
-        for method, records in self.tracking.push(self.tracking.block(samples)).items():
-            sane = np.isfinite(np.delete(records, layout.R_LAYER, axis=1)).all(axis=1)  # the EKF has no layer
-            self.lost |= not bool(sane.all())
+        fresh = self.tracking.push(self.tracking.block(samples))
+        # The EKF has no layer. Both keep the same times: where one lost the motion, neither is believed.
+        sane = np.logical_and.reduce(
+            [np.isfinite(np.delete(r, layout.R_LAYER, axis=1)).all(axis=1) for r in fresh.values()]
+        )
+        self.lost |= not bool(sane.all())
+        for method, records in fresh.items():
             records = records[sane]
             if records.size:
                 self.last_records[method] = records[-1:]

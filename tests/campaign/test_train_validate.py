@@ -8,12 +8,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from scipy.stats import binomtest
 
 from fdd.campaign.dataset import Conditions, Dataset, Entry, Label
 from fdd.campaign.generate import generate
 from fdd.campaign.recipe import Recipe
-from fdd.campaign.scores import Outcome, calibration_error, figures, macro_f1, visible_from, wilson
+from fdd.campaign.scores import Outcome, calibration_error, figures, macro_f1, visible_from
 from fdd.campaign.train import LEAST_LOGS, ScoredLog, learnt
 from fdd.campaign.validate import outcomes_csv, report_text, summary, validate
 from fdd.diagnosis.findings import Diagnosis, FaultFinding, Quality
@@ -147,12 +146,6 @@ def test_the_severity_from_which_nine_tenths_are_found_is_that_of_the_draw() -> 
         outcomes.append(outcome([true], [finding("internal_leakage")] if seen else []))
     assert visible_from(outcomes, "internal_leakage") == pytest.approx(0.2 * 9.0**0.25, rel=0.12)
     assert np.isnan(visible_from(outcomes, "aeration"))
-
-
-@pytest.mark.parametrize(("hits", "n"), [(0, 5), (3, 10), (50, 60)])
-def test_intervals_are_scipys(hits: int, n: int) -> None:
-    low, high = binomtest(hits, n).proportion_ci(method="wilson")
-    assert f"({low:.2f} to {high:.2f})" in wilson(hits, n)
 
 
 @pytest.fixture(scope="module")
