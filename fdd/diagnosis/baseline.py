@@ -59,20 +59,18 @@ def add_baseline(unit: Unit, logs: Sequence[Samples]) -> Unit:
     for name, effects in first.items():
         information = np.linalg.inv(effects.covariance)
         vector = information @ effects.mean
-        noise = []
         told, scatter = np.zeros_like(information), np.zeros_like(information)
-        for ledger in ledgers:
-            m, v, rows, variance = ledger.sums()[name]
-            if not rows.any():
-                continue
-            m, v = widened(m, v, effects.wander)
+        sums = [s for s in (ledger.sums()[name] for ledger in ledgers) if s[2].any()]
+        if not sums:
+            continue
+        noise = structural_variance(sums, effects)
+        for m, v, _, variance in sums:
+            share = np.minimum(variance / noise, 1.0)
+            m, v = widened(m * share[:, None, None], v * share[:, None], effects.wander)
             told += m.sum(axis=0)
             scatter += scattered(m, v, effects)
             m, v = widened(m.sum(axis=0), v.sum(axis=0), effects.between)
             information, vector = information + m, vector + v
-            noise.append(float(np.median(variance[rows > 0])))
-        if not noise:
-            continue
         covariance = np.linalg.inv(information)
         found[name] = BalanceBaseline(
             columns=list(BALANCES[name].columns),
@@ -80,11 +78,41 @@ def add_baseline(unit: Unit, logs: Sequence[Samples]) -> Unit:
             covariance=[_rounded(row) for row in 0.5 * (covariance + covariance.T)],
             information=[_rounded(row) for row in told],
             scatter=[_rounded(row) for row in scatter],
-            noise=float(f"{np.sqrt(np.median(noise)):.5g}"),
+            noise=float(f"{np.sqrt(noise):.5g}"),
         )
     out = unit.model_copy(deep=True)
     out.baseline = Baseline(version=BASELINE_VERSION, seconds=round(hops * HOP_S, 1), balances=found)
     return out
+
+
+def structural_variance(sums: Sequence[tuple[Array, Array, Array, Array]], effects: Effects) -> float:
+    """Variance of a row as coefficients see it: what a law leaves out hangs together over a hop.
+
+    A hop's own best coefficients follow such errors and leave next to nothing. How far they lie from those
+    of the whole log, in rows' units and per coefficient, is what a row is worth: the mean square between
+    groups, as an analysis of variance takes it, as its median over hops.
+
+    Parameters
+    ----------
+    sums : of each log, as `Ledger.sums` gives them. effects : before any log was seen.
+    """
+    std = np.sqrt(np.diag(effects.covariance))
+    prior = 1.0 / np.square(std)
+    seen = [(m[r > 0], v[r > 0], s[r > 0]) for m, v, r, s in sums]
+    found = float(np.median(np.concatenate([s for _, _, s in seen])))
+    for _ in range(3):
+        squares = []
+        for m, v, s in seen:
+            gram, moment = m * s[:, None, None], v * s[:, None]
+            total = gram.sum(axis=0) / found + np.diag(prior)
+            solution = np.linalg.solve(total, moment.sum(axis=0) / found + prior * effects.mean)
+            values, vectors = np.linalg.eigh(gram * std * std[:, None])
+            turned = (np.swapaxes(vectors, -1, -2) @ ((moment - gram @ solution) * std)[..., None])[..., 0]
+            told = values > 1e-6 * values.max(axis=1, keepdims=True)
+            square = np.where(told, np.square(turned) / np.where(told, values, 1.0), 0.0)
+            squares.append(square.sum(axis=1) / told.sum(axis=1).clip(1))
+        found = float(np.median(np.concatenate(squares)))
+    return found
 
 
 def scattered(information: Array, vector: Array, effects: Effects) -> Array:

@@ -158,7 +158,10 @@ def fit(joints: Sequence[Joint], scales: Sequence[float], *, signed: bool, from_
     kappa, freedom = _scatter(u, w, joints, directions)
     # No stretch speaks louder than three standard deviations of healthy ones: a fault is there in many.
     z = (u + w) / np.sqrt(kappa * w)
-    heard = float(np.sqrt(w) @ np.clip(z, -LOUDEST, LOUDEST)) / max(float(np.sqrt(w) @ z), 1e-300)
+    order = np.argsort(z)
+    middle = z[order[np.searchsorted(np.cumsum(w[order]), 0.5 * w.sum())]]
+    loudest = LOUDEST * max(1.0, float(middle)) if from_start else LOUDEST
+    heard = float(np.sqrt(w) @ np.clip(z, -loudest, loudest)) / max(float(np.sqrt(w) @ z), 1e-300)
     square = 2.0 * gain / kappa * min(max(heard, 0.0), 1.0) ** 2
     freedom = START_FREEDOM if from_start else freedom
     score = 0.5 * (freedom + 1.0) * np.log1p(square / freedom)
