@@ -63,7 +63,9 @@ def add_baseline(unit: Unit, logs: Sequence[Samples]) -> Unit:
         sums = [s for s in (ledger.sums()[name] for ledger in ledgers) if s[2].any()]
         if not sums:
             continue
-        noise = structural_variance(sums, effects)
+        noise = float(np.median(np.concatenate([s[r > 0] for _, _, r, s in sums])))
+        if BALANCES[name].cumulative:  # a load's errors are those of its log, a chamber's those of the unit
+            noise = structural_variance(sums, effects, noise)
         for m, v, _, variance in sums:
             share = np.minimum(variance / noise, 1.0)
             m, v = widened(m * share[:, None, None], v * share[:, None], effects.wander)
@@ -85,7 +87,9 @@ def add_baseline(unit: Unit, logs: Sequence[Samples]) -> Unit:
     return out
 
 
-def structural_variance(sums: Sequence[tuple[Array, Array, Array, Array]], effects: Effects) -> float:
+def structural_variance(
+    sums: Sequence[tuple[Array, Array, Array, Array]], effects: Effects, found: float
+) -> float:
     """Variance of a row as coefficients see it: what a law leaves out hangs together over a hop.
 
     A hop's own best coefficients follow such errors and leave next to nothing. How far they lie from those
@@ -94,12 +98,12 @@ def structural_variance(sums: Sequence[tuple[Array, Array, Array, Array]], effec
 
     Parameters
     ----------
-    sums : of each log, as `Ledger.sums` gives them. effects : before any log was seen.
+    sums : of each log, as `Ledger.sums` gives them. effects : before any log was seen. found : variance to
+        start from.
     """
     std = np.sqrt(np.diag(effects.covariance))
     prior = 1.0 / np.square(std)
     seen = [(m[r > 0], v[r > 0], s[r > 0]) for m, v, r, s in sums]
-    found = float(np.median(np.concatenate([s for _, _, s in seen])))
     for _ in range(3):
         squares = []
         for m, v, s in seen:

@@ -30,10 +30,6 @@ DRIFT_HOPS = 100
 """Hops in which a drift grows by one: 50 s."""
 LEAST_BEFORE, LEAST_AFTER = 6, 6
 """Hops before and after an onset that is looked for inside a log."""
-START_DOUBT = 2.0
-"""Times `between`: a fault that was there from the start rests on the unit's baseline alone, whose few logs
-know little of
-how logs differ."""
 
 
 @dataclass
@@ -101,26 +97,12 @@ class Evidence:
             self._sums[name, kind] = two - one @ b.inverse @ one, one_v
         return self._sums[name, kind]
 
-    def _softened(self, name: str, information: Array, onset: int) -> Array:
-        """Information (n, n) of a change from an onset on, with a healthy unit's own change let in."""
-        std = self._spread(self.balances[name], onset)
-        return widened(0.5 * (information + information.T), np.zeros(std.size), std)[0]
-
-    @staticmethod
-    def _spread(e: Explained, onset: int) -> Array:
-        """What a healthy unit's coefficients change by at a hop, std (n,)."""
-        return START_DOUBT * e.healthy.between if onset == 0 else e.healthy.within
-
     def shared(self, h: Hypothesis) -> list[tuple[str, Array]]:
         """Balances that speak of a hypothesis, with its columns."""
         return [(name, g) for name, g in h.columns.items() if name in self.balances]
 
     def best(self, h: Hypothesis, known: list[Amplitude]) -> Amplitude | None:
-        """The hypothesis at its likeliest onset and course, beside faults that are known already.
-
-        The onset goes by the evidence as it is: with a healthy unit's own change let in, a long stretch tells
-        no more than a short one, and the onset of the largest amplitude would win, not the likeliest one.
-        """
+        """The hypothesis at its likeliest onset and course, beside faults that are known already."""
         if not self.shared(h) or not self.onsets.size:
             return None
         found = None
@@ -168,7 +150,7 @@ class Evidence:
         for name, e in self.balances.items():
             if any(name in p.columns for p in parts):
                 columns = np.array([p.columns.get(name, np.zeros(e.solution.size)) for p in parts])
-                joints.append(Joint(e, columns, courses, self._spread(e, onset)))
+                joints.append(Joint(e, columns, courses))
         found = fit(joints, [p.scale for p in parts], signed=h.signed, from_start=onset == 0)
         found.score += float(np.log(h.commonness))
         return Amplitude(**vars(found), hypothesis=h, course=course, kind=kind, onset=onset, profile=profile,
@@ -183,7 +165,7 @@ class Evidence:
         lam = 0.0
         for name, g in self.shared(h):
             s, _ = self._over_onsets(name, "step")
-            lam += float(g @ self._softened(name, s[k], int(self.onsets[k])) @ g)
+            lam += float(g @ s[k] @ g)
         scatter = known_scatter([(self.balances[name], g) for name, g in self.shared(h)])
         return float(np.sqrt(max(scatter, LEAST_SCATTER) / max(lam, 1e-12)))
 
@@ -196,7 +178,6 @@ class Evidence:
                 continue
             moved = np.tensordot(one.course, e.information, axes=1)
             s = np.tensordot(one.course**2, e.information, axes=1) - moved @ e.inverse @ moved
-            s = self._softened(name, s, one.onset)
             own += float(g @ s @ g) if g is not None else 0.0
             others += float(f @ s @ f) if f is not None else 0.0
             cross += float(g @ s @ f) if g is not None and f is not None else 0.0

@@ -1,14 +1,11 @@
 """One fault's amplitude in a log, and how far it really scatters.
 
 A fault adds its amplitude ``a`` times its columns ``G`` times its course ``φ`` to the balances' coefficients.
-Two things keep ``a² λ`` from passing for evidence that it is not:
-
-- A healthy unit's coefficients change as well, by N(0, R), at the same moment: that change is integrated
-  out, alike for all hypotheses.
-- Scores of healthy stretches of two seconds, of the log and of the unit's baseline, say how far an amplitude
-  really scatters: the sandwich (or cluster robust) factor κ (Liang and Zeger 1986, doi
-  10.1093/biomet/73.1.13). It is measured on the unit itself, whatever its load, noise and structure. It
-  widens R and the unit's prior as well: a unit whose balances close badly also changes more.
+What keeps ``a² λ`` from passing for evidence that it is not are scores of healthy stretches of two seconds,
+of the log and of the unit's baseline: they say how far an amplitude really scatters, the sandwich (or cluster
+robust) factor κ (Liang and Zeger 1986, doi 10.1093/biomet/73.1.13). It is measured on the unit itself,
+whatever its load, noise and structure. It widens the unit's prior as well: a unit whose balances close badly
+also differs more from log to log.
 """
 
 from __future__ import annotations
@@ -25,8 +22,9 @@ from fdd.residuals.rows import BLOCK_HOPS
 
 Array = NDArray[np.float64]
 
-PRIOR_FREEDOM = 4.0
-"""Stretches of 2 s that the baseline's scatter counts for: how far one log's is from another's."""
+PRIOR_FREEDOM = 2.0
+"""Degrees of freedom of the baseline's scatter: how far one log's is from another's. A fault from the start
+has no others."""
 UNKNOWN_SCATTER = 3.0
 """Scatter of a unit without baseline."""
 LEAST_SCATTER = 0.2
@@ -34,9 +32,6 @@ LEAST_SCATTER = 0.2
 LOUDEST = 3.0
 """Standard deviations of healthy stretches that one stretch of 2 s may count for: bounded influence (Huber
 1981, doi 10.1002/0471725250)."""
-START_FREEDOM = 2.0
-"""Degrees of freedom of how logs differ, as three healthy ones tell it: all that a fault from the start
-has."""
 GREATEST = 2.0
 """Severity beyond which no fault goes: 1.0 is gross, and a scale may be off by a factor of two on another
 machine."""
@@ -61,41 +56,31 @@ class Explained:
 
 
 class Joint:
-    """Faults in one balance, and the change that a healthy unit makes with the first one's course.
+    """Faults in one balance.
 
     Parameters
     ----------
-    columns : (p, n). courses : (p, h). spread : (n,) std of the healthy change.
+    columns : (p, n). courses : (p, h).
 
     Attributes
     ----------
-    information, vector : (p, p) and (p,) of the amplitudes a. change, drawn : the healthy change is
-        ``change - drawn a``, (n,) and (n, p).
+    information, vector : (p, p) and (p,) of the amplitudes.
     """
 
-    def __init__(self, balance: Explained, columns: Array, courses: Array, spread: Array) -> None:
+    def __init__(self, balance: Explained, columns: Array, courses: Array) -> None:
         self.balance, self.columns, self.courses = balance, columns, courses
         self.moved = np.tensordot(courses, balance.information, axes=1)
         crossed = np.tensordot(courses[:, None] * courses, balance.information, axes=1)
-        g, pushed = columns, np.einsum("pij,pj->pi", self.moved, columns)
-        drawn = pushed @ balance.inverse
-        among = np.einsum("pi,pqij,qj->pq", g, crossed, g) - drawn @ pushed.T
-        beside = np.einsum("pi,pij->pj", g, crossed[:, 0]) - drawn @ self.moved[0]
-        own = crossed[0, 0] - self.moved[0] @ balance.inverse @ self.moved[0]
-        eased = np.linalg.inv(own + np.diag(1.0 / spread**2))
-        vectors = courses @ balance.rest
-        self.change: Array = eased @ vectors[0]
-        self.drawn: Array = eased @ beside.T
-        self.information: Array = among - beside @ self.drawn
-        self.vector: Array = np.einsum("pi,pi->p", g, vectors) - vectors[0] @ self.drawn
+        pushed = np.einsum("pij,pj->pi", self.moved, columns)
+        self.information: Array = np.einsum("pi,pqij,qj->pq", columns, crossed, columns)
+        self.information -= pushed @ balance.inverse @ pushed.T
+        self.vector: Array = np.einsum("pi,pi->p", columns, courses @ balance.rest)
 
-    def off(self, a: Array, own: Array) -> Array:
+    def off(self, a: Array) -> Array:
         """How far each hop's coefficients lie off the log's own solution with these amplitudes, (h, n)."""
         changes = self.columns * a[:, None]
-        drawn = self.moved[0] @ own + np.einsum("pij,pj->i", self.moved, changes)
-        return np.asarray(
-            self.courses.T @ changes + np.outer(self.courses[0], own) - self.balance.inverse @ drawn
-        )
+        drawn = np.einsum("pij,pj->i", self.moved, changes)
+        return np.asarray(self.courses.T @ changes - self.balance.inverse @ drawn)
 
 
 @dataclass
@@ -145,25 +130,24 @@ def fit(joints: Sequence[Joint], scales: Sequence[float], *, signed: bool, from_
     directions = []
     for j in joints:
         e = j.balance
-        left = e.rest - np.einsum("hij,hj->hi", e.information, j.off(a, j.change - j.drawn @ a))
-        seen = j.off(along, np.asarray(-j.drawn @ along, dtype=np.float64))
+        left = e.rest - np.einsum("hij,hj->hi", e.information, j.off(a))
+        seen = j.off(along)
         scores += np.einsum("hn,hn->h", seen, left)
         weights += np.einsum("hi,hij,hj->h", seen, e.information, seen)
-        directions.append(along @ j.columns - j.drawn @ along)
+        directions.append(along @ j.columns)
     block = np.arange(hops) // BLOCK_HOPS
     u: Array = np.bincount(block, scores).astype(np.float64)
     w: Array = np.bincount(block, weights).clip(1e-100)
     blocks = float(w.sum() ** 2 / np.sum(w**2))
     misfit = max(1.0, float(np.sum(u**2) / w.sum()) * blocks / max(blocks - 2.0, 1.0))
     kappa, freedom = _scatter(u, w, joints, directions)
-    # No stretch speaks louder than three standard deviations of healthy ones: a fault is there in many.
+    # No stretch speaks louder than three standard deviations of healthy ones: a fault is there in many. One
+    # that was always there is there in all, and none may speak three times louder than the others.
     z = (u + w) / np.sqrt(kappa * w)
-    order = np.argsort(z)
-    middle = z[order[np.searchsorted(np.cumsum(w[order]), 0.5 * w.sum())]]
-    loudest = LOUDEST * max(1.0, float(middle)) if from_start else LOUDEST
+    loudest = LOUDEST * max(1.0, _median(z, w)) if from_start else LOUDEST
     heard = float(np.sqrt(w) @ np.clip(z, -loudest, loudest)) / max(float(np.sqrt(w) @ z), 1e-300)
     square = 2.0 * gain / kappa * min(max(heard, 0.0), 1.0) ** 2
-    freedom = START_FREEDOM if from_start else freedom
+    freedom = PRIOR_FREEDOM if from_start else freedom
     score = 0.5 * (freedom + 1.0) * np.log1p(square / freedom)
     score -= 0.5 * np.log1p(scales[0] ** 2 * told / kappa)
     if signed:
@@ -171,12 +155,17 @@ def fit(joints: Sequence[Joint], scales: Sequence[float], *, signed: bool, from_
     return Fit(size, max(kappa, misfit) / told, gain, kappa, misfit, blocks, float(score))
 
 
+def _median(values: Array, weights: Array) -> float:
+    order = np.argsort(values)
+    return float(values[order[np.searchsorted(np.cumsum(weights[order]), 0.5 * weights.sum())]])
+
+
 def _scatter(u: Array, w: Array, joints: Sequence[Joint], directions: Sequence[Array]) -> tuple[float, float]:
     """Factor by which scores scatter more than their information says, and its degrees of freedom.
 
     It is that of healthy time: of the unit's baseline in the direction at hand, and of the log's stretches
     in which the fault does not act (of all, where it always acts). How badly a fault's own time is
-    explained must not make the fault look like chance. The baseline counts as `PRIOR_FREEDOM` stretches
+    explained must not make the fault look like chance. The baseline counts as `PRIOR_FREEDOM` of them
     (moderated variance: Smyth 2004, doi 10.2202/1544-6115.1027).
     """
     course = joints[0].courses[0]

@@ -70,7 +70,8 @@ class Account:
         self.information: Array = np.asarray(np.linalg.inv(effects.covariance), dtype=np.float64)
         self.vector: Array = self.information @ effects.mean
         self.weight = FIRST_WEIGHT
-        self.least = max(effects.noise if effects.information.any() else LEAST_NOISE * effects.noise, balance.floor) ** 2
+        known = balance.cumulative and effects.information.any()
+        self.least = max((1.0 if known else LEAST_NOISE) * effects.noise, balance.floor) ** 2
         self.variance_sum = FIRST_WEIGHT * effects.noise**2
         self.recent: list[Array] = []
         self.level: Array = np.zeros((1, effects.mean.size + 1))
