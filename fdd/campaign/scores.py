@@ -110,10 +110,17 @@ def macro_f1(outcomes: Sequence[Outcome]) -> tuple[float, dict[str, float]]:
 
 
 def calibration_error(outcomes: Sequence[Outcome], bins: int = 10) -> float:
-    """Expected calibration error of all leading statements (Naeini et al. 2015, AAAI)."""
+    """Expected calibration error of all leading statements (Naeini et al. 2015, AAAI).
+
+    Healthy and faulty logs weigh the same in all: the odds before a log is seen are even, and how many of a
+    recipe's logs are faulty says nothing of how often an actuator is.
+    """
     p, right = (np.array(x, dtype=np.float64) for x in zip(*(o.sureness for o in outcomes), strict=True))
+    faulty = np.array([bool(o.entry.faults) for o in outcomes])
+    weight = np.where(faulty, 1.0 / max(faulty.sum(), 1), 1.0 / max((~faulty).sum(), 1))
     place = np.minimum((p * bins).astype(int), bins - 1)
-    return float(sum(abs((p - right)[place == b].sum()) for b in range(bins)) / p.size)
+    wrong = np.abs(np.bincount(place, weight * (p - right), bins))
+    return float(wrong.sum() / weight.sum())
 
 
 def visible_from(outcomes: Sequence[Outcome], kind: str, share: float = 0.9) -> float:

@@ -11,7 +11,9 @@ import numpy as np
 
 from fdd.campaign.dataset import Dataset, Entry
 from fdd.campaign.units import Progress, for_each_unit
+from fdd.diagnosis.answering import Z80
 from fdd.diagnosis.baseline import add_baseline
+from fdd.diagnosis.findings import FaultFinding
 from fdd.diagnosis.model import AlarmTail, Calibration, Model
 from fdd.diagnosis.pipeline import Pipeline
 from fdd.errors import InputError
@@ -31,7 +33,9 @@ class ScoredLog:
     Attributes
     ----------
     structure : of its unit, where the recipe has several. family : true one.
-    answer : leading one, "" for none. score : the largest. healthy_s : s before a fault acts.
+    answer : leading one, "" for none. score : the largest. healthy_s : s before a fault acts. doubt :
+        relative std that the severity's 80 % interval lacked to hold the true one; NaN where another fault
+        was answered.
     """
 
     unit: str
@@ -40,6 +44,7 @@ class ScoredLog:
     answer: str
     score: float
     healthy_s: float
+    doubt: float = float("nan")
 
 
 def train(
@@ -93,7 +98,13 @@ def learnt(logs: list[ScoredLog], data: str) -> Model:
     slope = max(1.0 / tail.scale - 1.0 / max(float(beyond.mean()), 1.01 * tail.scale), 1e-3)
     shares = (over.size / peaks.size / tail.scale, beyond.size / faulty.size / float(beyond.mean()))
     midpoint = height + np.log(shares[0] / shares[1]) / slope
-    calibration = Calibration(midpoint=round(float(midpoint), 3), slope=round(slope, 4))
+    # Half of the healthy logs lie below their median, and so do faults that leave no trace.
+    unseen = min(2.0 * float(np.mean(faulty < np.median(peaks))), 1.0)
+    doubts = np.array([x.doubt for x in logs if np.isfinite(x.doubt)])
+    calibration = Calibration(
+        midpoint=round(float(midpoint), 3), slope=round(slope, 4), unseen=round(unseen, 3),
+        severity_doubt=round(float(np.quantile(doubts, 0.8)), 3) if doubts.size >= LEAST_LOGS else 0.15,
+    )  # fmt: skip
     return Model(data=data, tail=tail, calibration=calibration)
 
 
@@ -124,4 +135,22 @@ def _score(data: Dataset, entry: Entry, profile: Unit) -> ScoredLog:
         unit=entry.unit, structure=getattr(entry, "structure", "") or "",
         family=entry.faults[0].family if entry.faults else "healthy",
         answer=hydraulic[0].family if hydraulic else "", score=pipeline.largest_score, healthy_s=onset,
+        doubt=_doubt(entry, hydraulic, pipeline.model.calibration.severity_doubt),
     )  # fmt: skip
+
+
+def _doubt(entry: Entry, found: list[FaultFinding], known: float) -> float:
+    """What the leading severity's relative std must be for its 80 % interval to reach the true one.
+
+    Parameters
+    ----------
+    known : what the interval allows for already.
+    """
+    if len(entry.faults) != 1 or not found or found[0].fault != entry.faults[0].fault:
+        return float("nan")
+    size, interval = found[0].severity, found[0].severity_interval
+    if not size or interval is None:
+        return float("nan")
+    own = ((interval[1] - size) / Z80) ** 2 - (known * size) ** 2
+    missing = ((size - entry.faults[0].severity) / Z80) ** 2 - max(own, 0.0)
+    return float(np.sqrt(max(missing, 0.0)) / size)

@@ -25,8 +25,6 @@ from fdd.unit import Unit
 
 Z80 = 1.2816
 """Standard normal's 90 % quantile: an 80 % interval either way."""
-SCALE_DOUBT = 0.15
-"""Relative std of a severity by what no column knows: how turbulent a leak is, how a seal wears."""
 
 
 def fault_finding(
@@ -40,7 +38,7 @@ def fault_finding(
     """
     lead, h = found.lead, found.lead.hypothesis
     size = abs(lead.size)
-    std = math.hypot(math.sqrt(lead.variance), SCALE_DOUBT * size)
+    std = math.hypot(math.sqrt(lead.variance), model.calibration.severity_doubt * size)
     group = found.group
     share = sum(found.shares.get(f, 0.0) for f in group)
     where = [(first_hop + int(k)) * HOP_S for k in _likely(lead.profile / lead.kappa, lead.onsets)]

@@ -55,11 +55,20 @@ class AlarmTail(BaseModel):
 
 
 class Calibration(BaseModel):
-    """Probability that something is wrong, as a logistic of the score."""
+    """Probability that something is wrong, were that as likely as not before the log was seen.
+
+    Attributes
+    ----------
+    midpoint, slope : logistic of the score, for faults that show. unseen : share of faults that leave no
+        trace in a log: a quiet one does not rule them out. severity_doubt : relative std of a severity by
+        what no column knows, as how turbulent a leak is or how a seal wears.
+    """
 
     model_config = ConfigDict(extra="forbid", allow_inf_nan=False)
     midpoint: float
     slope: float = Field(gt=0)
+    unseen: float = Field(default=0.0, ge=0.0, le=1.0)
+    severity_doubt: float = Field(default=0.15, ge=0.0)
 
     def probability(self, score: float) -> float:
         """Of a fault, given the largest score.
@@ -68,8 +77,11 @@ class Calibration(BaseModel):
         --------
         >>> round(Calibration(midpoint=4.0, slope=1.0).probability(4.0), 2)
         0.5
+        >>> round(Calibration(midpoint=4.0, slope=1.0, unseen=0.25).probability(-9.0), 2)
+        0.2
         """
-        return 1.0 / (1.0 + math.exp(-min(max(self.slope * (score - self.midpoint), -50.0), 50.0)))
+        odds = max(math.exp(min(max(self.slope * (score - self.midpoint), -50.0), 50.0)), self.unseen)
+        return odds / (1.0 + odds)
 
 
 class Model(BaseModel):

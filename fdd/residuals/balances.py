@@ -60,6 +60,10 @@ class Balance:
     """The columns are pairs of sine and cosine, and what counts is this many amplitudes."""
 
 
+LEAST_INLET_PA = -3e4
+"""Pa gauge at its inlet, below which a gear pump no longer fills: data sheets ask for 0.7 to 0.8 bar absolute."""
+
+
 def _volume(q: Quantities) -> list[Strand]:
     unit, scales = q.unit, q.scales
     out = []
@@ -74,6 +78,7 @@ def _volume(q: Quantities) -> list[Strand]:
             VALVE_MARGIN_PA + unit.accumulator.refeed_cracking_pressure, LEAST_DROP * scales.pressure
         )
         fed = {1: ~(q.drop > margin), 2: ~(q.drop < -margin)}
+    starved = np.minimum(q.p1, q.p2) < LEAST_INLET_PA
     oil = unit.oil
     stiff = 1.0 / oil.bulk_modulus - oil.air_fraction * float(
         compliance_of_air(np.array([oil.reference_pressure]), oil.polytropic_index)[0]
@@ -110,7 +115,7 @@ def _volume(q: Quantities) -> list[Strand]:
             scales.leakage * mid * q.dt * s1,
             scales.leakage * mid * q.dt * s2,
         ])  # fmt: skip
-        ok = ~fed[side] & (mid > 3e4) & (np.abs(q.drop) < 0.9 * scales.pressure)
+        ok = ~fed[side] & (mid > 3e4) & (np.abs(q.drop) < 0.9 * scales.pressure) & ~starved
         out.append((y, x, ok))
     return out
 
