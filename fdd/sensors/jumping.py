@@ -125,10 +125,12 @@ class JumpWatch:
         steps = np.diff(time, prepend=time[0])
         period = jumps.median(steps[1:])
         if k == ANGLE:
-            # A row that came a whole period late shows no step and then two.
+            # A row that came a whole period late shows no step and then two; one between two late ones is
+            # short before and after, and seems to want three.
+            late = jumps.widest(np.abs(steps - period), 2 * stride) > 0.25 * period
             turn = np.abs(np.diff(rows.values[:, k], prepend=rows.values[0, k]))
             usual = np.minimum(_middle_of_five(np.nan_to_num(turn)), limits.pump_speed * period)
-            out = 2.0 * stride * usual + limits.acceleration * (stride * period) ** 2
+            out = np.where(late, 3.0, 2.0) * stride * usual + limits.acceleration * (stride * period) ** 2
         elif k == POSITION and rows.swept is not None:
             out = np.full(time.size, 0.25 * limits.release * (stride * period) ** 2)
             # Late and missing rows are late and missing in the pump's angle too.

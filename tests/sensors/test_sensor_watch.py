@@ -259,3 +259,16 @@ def test_state_of_another_unit_is_refused() -> None:
     state = SensorWatch(Unit.load("axis_a")).state()
     with pytest.raises(InputError, match="another version or unit"):
         SensorWatch(Unit.load("axis_b")).restore(state)
+
+
+@pytest.mark.parametrize("rate", [500.0, 1000.0])
+def test_stamps_that_come_late_are_no_slip_of_the_angle(rate: float) -> None:
+    """One row in fifty is late by up to nine tenths of a period, so that some late ones stand close by."""
+    rng = np.random.default_rng(5)
+    time = np.arange(int(300 * rate)) / rate
+    late = (rng.random(time.size) < 0.02) * rng.uniform(0.1, 0.9, time.size) / rate
+    assert np.any((late[:-2] > 0.5 / rate) & (late[1:-1] == 0.0) & (late[2:] > 0.5 / rate))
+    speed = 180.0 + 20.0 * np.sin(time)
+    watch = SensorWatch(unit_with("axis_a", "as shipped"))
+    watch.push(Samples(time + late, {"pump_angle": np.cumsum(speed) / rate}))
+    assert not watch.findings()
