@@ -25,6 +25,8 @@ from fdd.unit import Unit
 
 Z80 = 1.2816
 """Standard normal's 90 % quantile: an 80 % interval either way."""
+COMES_AND_GOES = 0.7
+"""Mean amplitude, over that while it acts, below which a fault is told to come and go."""
 
 
 def fault_finding(
@@ -37,7 +39,7 @@ def fault_finding(
     onset, detected : s. first_hop : place of the evidence's first hop.
     """
     lead, h = found.lead, found.lead.hypothesis
-    size = abs(lead.size)
+    size = abs(lead.level)
     std = math.hypot(math.sqrt(lead.variance), model.calibration.severity_doubt * size)
     group = found.group
     share = sum(found.shares.get(f, 0.0) for f in group)
@@ -53,6 +55,8 @@ def fault_finding(
         f"{fault(h.fault).title} of severity {size:.2f} ± {std:.2f} explains it "
         f"(log likelihood ratio {found.score:.1f}, from {lead.blocks:.0f} stretches of 2 s)."
     ]
+    if abs(lead.size) < COMES_AND_GOES * size:
+        sentences.append(f"It comes and goes: on average {100 * abs(lead.size) / size:.0f} % of that.")
     if len(group) > 1:
         sentences.append(
             "In this log " + ", ".join(fault(f).title for f in group) + " would look alike: "

@@ -75,7 +75,7 @@ def _usual(fit: Amplitude) -> float:
     """How usual a fault of that size is, before a log is seen: neither next to nothing, nor beyond gross."""
     if not fit.hypothesis.signed:
         return fit.hypothesis.commonness
-    return fit.hypothesis.commonness * fit.size * float(np.exp(-0.5 * np.square(fit.size / USUAL_SIZE)))
+    return fit.hypothesis.commonness * fit.level * float(np.exp(-0.5 * np.square(fit.level / USUAL_SIZE)))
 
 
 def _isolated(evidence: Evidence, seed: Amplitude, fits: list[Amplitude], score: float) -> Found:

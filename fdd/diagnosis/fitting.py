@@ -89,7 +89,8 @@ class Fit:
 
     Attributes
     ----------
-    size, variance : of the amplitude, as far as its own time scatters. gain : half the quadratic form,
+    size, variance : of the amplitude, as far as its own time scatters. level : of the amplitude while it
+        acts, where it comes and goes. gain : half the quadratic form,
         without any correction. kappa, misfit : how healthy stretches scatter, over what their information
         says, and how those of the fault's own time do. blocks : stretches of 2 s behind it. score : log of
         the robust likelihood ratio.
@@ -97,6 +98,7 @@ class Fit:
 
     size: float
     variance: float
+    level: float
     gain: float
     kappa: float
     misfit: float
@@ -152,7 +154,11 @@ def fit(joints: Sequence[Joint], scales: Sequence[float], *, signed: bool, from_
     score -= 0.5 * np.log1p(scales[0] ** 2 * told / kappa)
     if signed:
         score += np.log(2.0) + log_ndtr(size * np.sqrt(told / kappa))
-    return Fit(size, max(kappa, misfit) / told, gain, kappa, misfit, blocks, float(score))
+    # Amplitudes of stretches, each weighed by itself: of a fault that acts half the time the mean is half.
+    shares = 1.0 + u / w
+    level = (float(w @ np.square(shares)) - kappa * blocks) / max(float(w @ shares), 1e-300)
+    level = size * min(max(level, 1.0), max(GREATEST / max(abs(size), 1e-9), 1.0))
+    return Fit(size, max(kappa, misfit) / told, level, gain, kappa, misfit, blocks, float(score))
 
 
 def _median(values: Array, weights: Array) -> float:
