@@ -128,7 +128,7 @@ def fit(joints: Sequence[Joint], scales: Sequence[float], *, signed: bool, from_
     # The amplitudes' direction for the first one, the others free.
     along: Array = np.asarray(size * told * inverse[:, 0], dtype=np.float64)
     hops = joints[0].courses.shape[1]
-    scores, weights = np.zeros(hops), np.zeros(hops)
+    scores, weights, pulls, pushes = (np.zeros(hops) for _ in range(4))
     directions = []
     for j in joints:
         e = j.balance
@@ -136,6 +136,9 @@ def fit(joints: Sequence[Joint], scales: Sequence[float], *, signed: bool, from_
         seen = j.off(along)
         scores += np.einsum("hn,hn->h", seen, left)
         weights += np.einsum("hi,hij,hj->h", seen, e.information, seen)
+        acting = size * np.outer(j.courses[0], j.columns[0])
+        pulls += np.einsum("hn,hn->h", acting, left)
+        pushes += np.einsum("hi,hij,hj->h", acting, e.information, acting)
         directions.append(along @ j.columns)
     block = np.arange(hops) // BLOCK_HOPS
     u: Array = np.bincount(block, scores).astype(np.float64)
@@ -154,11 +157,20 @@ def fit(joints: Sequence[Joint], scales: Sequence[float], *, signed: bool, from_
     score -= 0.5 * np.log1p(scales[0] ** 2 * told / kappa)
     if signed:
         score += np.log(2.0) + log_ndtr(size * np.sqrt(told / kappa))
-    # Amplitudes of stretches, each weighed by itself: of a fault that acts half the time the mean is half.
-    shares = 1.0 + u / w
-    level = (float(w @ np.square(shares)) - kappa * blocks) / max(float(w @ shares), 1e-300)
-    level = size * min(max(level, 1.0), max(GREATEST / max(abs(size), 1e-9), 1.0))
+    level = size * _while_acting(pulls, pushes, kappa)
+    level = min(max(level, -GREATEST), GREATEST)
     return Fit(size, max(kappa, misfit) / told, level, gain, kappa, misfit, blocks, float(score))
+
+
+def _while_acting(u: Array, w: Array, kappa: float) -> float:
+    """Amplitude of a fault while it acts, over its mean: 2 where it acts half the time.
+
+    Of the hops' amplitudes, each is weighed by itself; what their errors add to their squares is taken off.
+    """
+    acts = w > 1e-3 * w.max(initial=1e-300)
+    u, w = u[acts], w[acts]
+    square = float(np.sum(np.square(u + w) / w)) - kappa * w.size
+    return max(square / max(float(np.sum(u + w)), 1e-300), 1.0)
 
 
 def _median(values: Array, weights: Array) -> float:

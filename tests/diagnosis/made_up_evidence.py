@@ -48,14 +48,13 @@ def drawn(
     rng = np.random.default_rng(seed)
     n = EFFECTS.mean.size
     start = EFFECTS.mean + np.sqrt(np.diag(EFFECTS.covariance)) * rng.normal(size=n)
-    change = {onset: EFFECTS.within * rng.normal(size=n) for _, _, onset in faults}
     information, vector = np.empty((hops, n, n)), np.empty((hops, n))
     common = np.repeat(rng.normal(size=(hops // 4 + 1, n)), 4, axis=0)[:hops]
     for h in range(hops):
         b = start + EFFECTS.wander * rng.normal(size=n)
         for fault, amplitude, onset in faults:
             if h >= onset:
-                b = b + amplitude * fault.columns[NAME] + change[onset]
+                b = b + amplitude * fault.columns[NAME]
         x = rng.normal(size=(25, n)) * np.array([3.0, 2.0, 1.5])
         information[h] = x.T @ x
         own = np.linalg.cholesky(information[h]) @ (

@@ -20,7 +20,7 @@ def fit(seed: int, amplitude: float, onset: int = 40, **more: float) -> Amplitud
 
 
 def test_amplitude_covers_and_onset_is_met() -> None:
-    """200 logs with a step of ten times what a healthy unit changes by, the onset unknown."""
+    """200 logs with a step, the onset unknown."""
     fits = [fit(seed, 0.3) for seed in range(200)]
     inside = np.mean([abs(f.size - 0.3) < Z80 * np.sqrt(f.variance) for f in fits])
     assert 0.72 <= inside <= 0.88
@@ -42,6 +42,17 @@ def test_a_fault_from_the_start_is_told_by_the_baseline_alone() -> None:
     std = np.sqrt(found.variance)
     assert std > 0.9 * np.sqrt(0.5 / (1.0 / EFFECTS.covariance[0, 0] + 1.0 / 0.7**2))
     assert found.score < fit(3, 1.2, onset=40).score / 2.0
+
+
+def test_a_fault_that_comes_and_goes_is_as_severe_as_while_it_acts() -> None:
+    """Four seconds on and four off: the mean is half."""
+    edges = [(LEAK, 0.8 if k % 2 == 0 else -0.8, onset) for k, onset in enumerate(range(16, 80, 8))]
+    fits = [drawn(seed, edges).best(LEAK, []) for seed in range(20)]
+    found = [f for f in fits if f is not None]
+    assert np.mean([f.size for f in found]) == pytest.approx(0.4, abs=0.1)
+    assert np.mean([f.level for f in found]) == pytest.approx(0.8, abs=0.1)
+    steady = [fit(seed, 0.8) for seed in range(20)]
+    assert np.mean([f.level for f in steady]) == pytest.approx(0.8, abs=0.05)
 
 
 def test_errors_that_hang_together_raise_the_sandwich_factor() -> None:

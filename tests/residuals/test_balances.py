@@ -12,7 +12,7 @@ from fdd.plant.scenario import Scenario
 from fdd.plant.simulate import simulate
 from fdd.residuals.balances import BALANCES
 from fdd.residuals.quantities import Quantities, Scales, settled
-from fdd.residuals.rows import HOP_ROWS, RowMaker
+from fdd.residuals.rows import COLUMNS, HOP_ROWS, RowMaker
 from fdd.samples import Samples
 from fdd.unit import Unit
 
@@ -118,3 +118,15 @@ def test_a_leak_is_in_the_leaks_column(unit: Unit) -> None:
     added = sum(found["leaking"][c] - found["healthy"][c] for c in ("leak", "case"))
     assert added == pytest.approx(extra, rel=0.3)
     assert found["leaking"]["compliance"] == pytest.approx(found["healthy"]["compliance"], abs=0.1)
+
+
+def test_a_starved_pump_tells_nothing_of_its_chambers(unit: Unit, logs: list[Samples]) -> None:
+    """It no longer displaces what it turns: chambers are judged only with their pump full."""
+    rows = RowMaker(unit).push(logs[0])[1]
+    full = Quantities(rows, unit, Scales.of(unit))
+    assert any(ok.any() for _, _, ok in BALANCES["volume"].strands(full))
+    low = np.argmin([np.nanmean(full.p1), np.nanmean(full.p2)]) + 1
+    for name in (f"pressure_{low}", "pressure_accumulator"):
+        rows[:, COLUMNS[name]] = -5e4
+    starved = Quantities(rows, unit, Scales.of(unit))
+    assert not any(ok.any() for _, _, ok in BALANCES["volume"].strands(starved))
