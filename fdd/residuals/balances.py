@@ -61,7 +61,8 @@ class Balance:
 
 
 LEAST_INLET_PA = -3e4
-"""Pa gauge at its inlet, below which a gear pump no longer fills: data sheets ask for 0.7 to 0.8 bar absolute."""
+"""Pa gauge at its inlet, below which a gear pump no longer fills: data sheets ask for 0.7 to 0.8 bar
+absolute."""
 
 
 def _volume(q: Quantities) -> list[Strand]:
