@@ -149,7 +149,7 @@ def fit(joints: Sequence[Joint], scales: Sequence[float], *, signed: bool, from_
     # No stretch speaks louder than three standard deviations of healthy ones: a fault is there in many. One
     # that was always there is there in all, and none may speak three times louder than the others.
     z = (u + w) / np.sqrt(kappa * w)
-    loudest = LOUDEST * max(1.0, _median(z, w)) if from_start else LOUDEST
+    loudest = LOUDEST * max(1.0, float(np.median(z))) if from_start else LOUDEST
     heard = float(np.sqrt(w) @ np.clip(z, -loudest, loudest)) / max(float(np.sqrt(w) @ z), 1e-300)
     square = 2.0 * gain / kappa * min(max(heard, 0.0), 1.0) ** 2
     freedom = PRIOR_FREEDOM if from_start else freedom
@@ -171,11 +171,6 @@ def _while_acting(u: Array, w: Array, kappa: float) -> float:
     u, w = u[acts], w[acts]
     square = float(np.sum(np.square(u + w) / w)) - kappa * w.size
     return max(square / max(float(np.sum(u + w)), 1e-300), 1.0)
-
-
-def _median(values: Array, weights: Array) -> float:
-    order = np.argsort(values)
-    return float(values[order[np.searchsorted(np.cumsum(weights[order]), 0.5 * weights.sum())]])
 
 
 def _scatter(u: Array, w: Array, joints: Sequence[Joint], directions: Sequence[Array]) -> tuple[float, float]:
