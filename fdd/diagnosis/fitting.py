@@ -30,8 +30,8 @@ UNKNOWN_SCATTER = 3.0
 LEAST_SCATTER = 0.2
 """Least factor: what coefficients wander by, and noises' floors, are assumed with care."""
 LOUDEST = 3.0
-"""Standard deviations of healthy stretches that one stretch of 2 s may count for: bounded influence (Huber
-1981, doi 10.1002/0471725250)."""
+"""Standard deviations of healthy stretches, or times the median one, that one stretch of 2 s may count for:
+bounded influence (Huber 1981, doi 10.1002/0471725250)."""
 GREATEST = 2.0
 """Severity beyond which no fault goes: 1.0 is gross, and a scale may be off by a factor of two on another
 machine."""
@@ -146,10 +146,10 @@ def fit(joints: Sequence[Joint], scales: Sequence[float], *, signed: bool, from_
     blocks = float(w.sum() ** 2 / np.sum(w**2))
     misfit = max(1.0, float(np.sum(u**2) / w.sum()) * blocks / max(blocks - 2.0, 1.0))
     kappa, freedom = _scatter(u, w, joints, directions)
-    # No stretch speaks louder than three standard deviations of healthy ones: a fault is there in many. One
-    # that was always there is there in all, and none may speak three times louder than the others.
+    # No stretch speaks louder than three standard deviations of healthy ones, or than three times the median
+    # one: a fault is there in many.
     z = (u + w) / np.sqrt(kappa * w)
-    loudest = LOUDEST * max(1.0, float(np.median(z))) if from_start else LOUDEST
+    loudest = LOUDEST * max(1.0, float(np.median(z)))
     heard = float(np.sqrt(w) @ np.clip(z, -loudest, loudest)) / max(float(np.sqrt(w) @ z), 1e-300)
     square = 2.0 * gain / kappa * min(max(heard, 0.0), 1.0) ** 2
     freedom = PRIOR_FREEDOM if from_start else freedom
