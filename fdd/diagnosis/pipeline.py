@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 import fdd
 from estimators import eha_layout as layout
 from fdd.diagnosis.answering import estimates_of, fault_finding, invisible, probabilities_of, sensor_fault
-from fdd.diagnosis.baseline import effects_of
+from fdd.diagnosis.baseline import BASELINE_VERSION, effects_of
 from fdd.diagnosis.decision import decide
 from fdd.diagnosis.evidence import Evidence
 from fdd.diagnosis.findings import Diagnosis, FaultFinding, Quality, SensorState, Trajectories
@@ -218,6 +218,11 @@ class Pipeline:
             quality.notes.append(
                 f"profile {self.unit.name} was not identified from this unit's own healthy logs: "
                 "only what changes within the log is told (make a profile with fdd identify)"
+            )
+        elif self.unit.baseline.version != BASELINE_VERSION:
+            quality.notes.append(
+                f"profile {self.unit.name}'s healthy balances are of another version of fdd: "
+                "how they err is known less well (make it anew with fdd identify)"
             )
         return Diagnosis(
             log=self.log, axis=self.axis, unit=self.unit.name, duration_s=round(duration, 3),
