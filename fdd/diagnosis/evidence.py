@@ -44,8 +44,8 @@ class Amplitude(Fit):
     onsets: Array  # (k,)
 
 
-def course_of(kind: str, hops: int, onset: int) -> Array:
-    """φ of a step, ramp or drift from a hop on, (hops,)."""
+def course_of(kind: str, hops: int, onset: int | NDArray[np.int64]) -> Array:
+    """φ of a step, ramp or drift from a hop on, (hops,), or from each of (k, 1), (k, hops)."""
     since = np.arange(hops) - onset
     if kind == "ramp":
         return np.clip((since + 0.5) / RAMP_HOPS, 0.0, 1.0)
@@ -89,7 +89,7 @@ class Evidence:
                 one = two = np.cumsum(b.information[::-1], axis=0)[::-1][self.onsets]
                 one_v = np.cumsum(b.rest[::-1], axis=0)[::-1][self.onsets]
             else:
-                phi = np.array([course_of(kind, self.hops, int(t)) for t in self.onsets])
+                phi = course_of(kind, self.hops, self.onsets[:, None])
                 n = b.rest.shape[1]
                 flat = b.information.reshape(self.hops, -1)
                 one, two = ((p @ flat).reshape(-1, n, n) for p in (phi, phi**2))
@@ -136,7 +136,7 @@ class Evidence:
             if kind == "step":
                 moved = np.cumsum(rest[::-1], axis=0)[::-1][self.onsets]
             else:
-                moved = np.array([course_of(kind, self.hops, int(t)) for t in self.onsets]) @ rest
+                moved = course_of(kind, self.hops, self.onsets[:, None]) @ rest
             total = total + moved
         return total
 
