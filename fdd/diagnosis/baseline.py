@@ -104,6 +104,7 @@ def structural_variance(
     std = np.sqrt(np.diag(effects.covariance))
     prior = 1.0 / np.square(std)
     seen = [(m[r > 0], v[r > 0], s[r > 0]) for m, v, r, s in sums]
+    least = 0.01 * found  # a log without noise leaves nothing between its hops either
     for _ in range(3):
         squares = []
         for m, v, s in seen:
@@ -115,7 +116,7 @@ def structural_variance(
             told = values > 1e-6 * values.max(axis=1, keepdims=True)
             square = np.where(told, np.square(turned) / np.where(told, values, 1.0), 0.0)
             squares.append(square.sum(axis=1) / told.sum(axis=1).clip(1))
-        found = float(np.median(np.concatenate(squares)))
+        found = max(float(np.median(np.concatenate(squares))), least)
     return found
 
 

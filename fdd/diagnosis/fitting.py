@@ -157,8 +157,8 @@ def fit(joints: Sequence[Joint], scales: Sequence[float], *, signed: bool, from_
     score -= 0.5 * np.log1p(scales[0] ** 2 * told / kappa)
     if signed:
         score += np.log(2.0) + log_ndtr(size * np.sqrt(told / kappa))
-    level = size * _while_acting(pulls, pushes, kappa)
-    level = min(max(level, -GREATEST), GREATEST)
+    most = max(GREATEST, abs(size))
+    level = float(np.clip(size * _while_acting(pulls, pushes, kappa), -most, most))
     return Fit(size, max(kappa, misfit) / told, level, gain, kappa, misfit, blocks, float(score))
 
 
