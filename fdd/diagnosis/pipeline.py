@@ -273,10 +273,13 @@ class Pipeline:
 
     def _probabilities_over(self, sure: Array) -> dict[str, Array]:
         """Each family's probability over time: how sure it was that something is wrong, and what is said of
-        it now."""
+        it now. What may be there and leave no trace is unknown."""
         now = self.finish().probabilities
         faulty = max(sum(p for k, p in now.items() if k != "healthy"), 1e-9)
-        out = {k: sure * (p / faulty) for k, p in now.items() if k != "healthy"}
+        quiet = self.model.calibration.probability(0.0)
+        shown = np.maximum(sure - quiet, 0.0) / (1.0 - quiet)
+        out = {k: shown * (p / faulty) for k, p in now.items() if k != "healthy"}
+        out["unknown"] = out["unknown"] + sure - shown
         return {"healthy": 1.0 - sure, **{k: out[k] for k in FAMILIES if k != "healthy"}}
 
     def state(self) -> dict[str, Array]:

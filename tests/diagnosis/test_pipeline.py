@@ -71,6 +71,18 @@ def test_names_a_fault_and_its_onset(
     assert leading.evidence
 
 
+def test_before_a_leak_what_may_be_hidden_is_unknown_not_a_leak(unit: Unit, leaking: Samples) -> None:
+    pipeline = Pipeline(unit)
+    pipeline.push(leaking)
+    over = pipeline.trajectories()
+    quiet = over.window_time < ONSET_S - 5.0
+    assert quiet.any() and (over.probabilities["leakage"][quiet] < 0.05).all()
+    hidden = pipeline.model.calibration.probability(0.0)
+    assert over.probabilities["unknown"][quiet] == pytest.approx(hidden, abs=0.05)
+    assert over.probabilities["leakage"][-1] > 0.9
+    assert np.sum(list(over.probabilities.values()), axis=0) == pytest.approx(1.0)
+
+
 def test_under_a_one_way_load_a_stuck_check_valve_is_in_the_group(answer: Answer) -> None:
     """The valve that feeds the loaded chamber and the relief valve pass the same oil then."""
     leading = answer(simulated(21, "push", "check_valve_stuck_open", 0.7, 1)).faults[0]
