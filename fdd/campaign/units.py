@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Callable, Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
+from functools import partial
 from multiprocessing import get_context
 from typing import TypeVar
+
+from fdd.errors import InputError
 
 Progress = Callable[[int, int], None]
 Result = TypeVar("Result")
@@ -27,25 +31,38 @@ def for_each_unit(
     workers : processes; with one, the work is done in this one.
     progress : called with (done, total) units.
 
+    Raises
+    ------
+    InputError : the last unit's, where all refuse. A unit that refuses alone, as a baseline that cannot be
+        identified, is left out with a warning.
+
     Examples
     --------
     >>> for_each_unit(list, ["ab", "c"])
     ['a', 'b', 'c']
     """
     found: dict[str, list[Result]] = {}
+    refused: list[InputError] = []
 
-    def keep(unit: str, results: list[Result]) -> None:
-        found[unit] = results
+    def keep(unit: str, get: Callable[[], list[Result]]) -> None:
+        try:
+            found[unit] = get()
+        except InputError as error:
+            refused.append(error)
+            warnings.warn(f"{unit} left out: {error}", stacklevel=2)
+            found[unit] = []
         if progress is not None:
             progress(len(found), len(units))
 
     if workers <= 1:
         for unit in units:
-            keep(unit, work(unit))
+            keep(unit, partial(work, unit))
     else:
         # Spawned: the parent may have threads (a progress bar, numba's), which a fork would break.
         with ProcessPoolExecutor(workers, mp_context=get_context("spawn")) as pool:
             futures = {pool.submit(work, unit): unit for unit in units}
             for future in as_completed(futures):
-                keep(futures[future], future.result())
+                keep(futures[future], future.result)
+    if len(refused) == len(units) and refused:
+        raise refused[-1]
     return [result for unit in units for result in found[unit]]

@@ -17,8 +17,20 @@ def validate(
     ] = None,
     out: Annotated[
         Path | None,
-        typer.Option("--out", "-o", help="Folder for validation.md and outcomes.csv.", show_default=False),
+        typer.Option(
+            "--out",
+            "-o",
+            help="Folder for validation.md and outcomes.csv, or disturbed.md.",
+            show_default=False,
+        ),
     ] = None,
+    disturbed: Annotated[
+        bool,
+        typer.Option(
+            "--disturbed",
+            help="Compare instead the answers on logs that are cut, holed, mirrored or kept in other units.",
+        ),
+    ] = False,
     workers: Annotated[
         int | None, typer.Option(min=1, help="Processes; one for each core else.", show_default=False)
     ] = None,
@@ -29,6 +41,7 @@ def validate(
     if out is not None:
         require_writable(out, folder=True)
 
+    from fdd.campaign import disturb
     from fdd.campaign.dataset import Dataset
     from fdd.campaign.validate import outcomes_csv, report_text, summary
     from fdd.campaign.validate import validate as run
@@ -36,19 +49,22 @@ def validate(
 
     data = Dataset.load(dataset)
     with progress(f"validating on {data.recipe.name}", 1.0) as advance:
-        outcomes = run(
-            dataset,
-            model,
-            workers=workers or os.cpu_count() or 1,
-            progress=lambda done, total: advance(done / max(total, 1)),
-        )
-    print(summary(outcomes), end="")
+
+        def step(done: int, total: int) -> None:
+            advance(done / max(total, 1))
+
+        workers = workers or os.cpu_count() or 1
+        if disturbed:
+            told = disturb.table(disturb.compare(dataset, model, workers=workers, progress=step))
+            files = {"disturbed.md": told}
+        else:
+            outcomes = run(dataset, model, workers=workers, progress=step)
+            told = summary(outcomes)
+            files = {"validation.md": report_text(outcomes, data), "outcomes.csv": outcomes_csv(outcomes)}
+    print(told, end="")
     if out is not None:
         with written(out):
             out.mkdir(parents=True, exist_ok=True)
-        for name, text in (
-            ("validation.md", report_text(outcomes, data)),
-            ("outcomes.csv", outcomes_csv(outcomes)),
-        ):
+        for name, text in files.items():
             write_text(out / name, text)
         print(f"Written to {out}")

@@ -39,19 +39,32 @@ def fault_finding(
     onset, detected : s. first_hop : place of the evidence's first hop.
     """
     lead, h = found.lead, found.lead.hypothesis
+    where = [(first_hop + int(k)) * HOP_S for k in _likely(lead.profile / lead.kappa, lead.onsets)]
+    interval = (round(min([*where, onset]), 2), round(max([*where, onset]) + HOP_S, 2))
+    titles = " and ".join(BALANCES[name].title for name in h.columns)
+    sure = model.calibration.probability(found.score)
+    if not found.known:
+        return FaultFinding(
+            fault="unknown", family="unknown", ambiguity=["unknown"], confidence=round(min(sure, 0.9999), 4),
+            onset_s=round(onset, 2), detected_s=round(detected, 2), onset_interval=interval,
+            evidence=[
+                f"The balance of {titles} does not close from {onset:.1f} s on, and no fault of the "
+                f"catalogue explains it: the nearest, {fault(h.fault).title}, no more than "
+                f"{100 * found.explained:.0f} % of what changed."
+            ],
+            next_check=fault("unknown").next_check,
+        )  # fmt: skip
     size = abs(lead.level)
     std = math.hypot(math.sqrt(lead.variance), model.calibration.severity_doubt * size)
     group = found.group
     share = sum(found.shares.get(f, 0.0) for f in group)
-    where = [(first_hop + int(k)) * HOP_S for k in _likely(lead.profile / lead.kappa, lead.onsets)]
     words = {
         "step": "from",
         "ramp": "growing from",
         "drift": "drifting from",
     }[lead.kind]
-    titles = [BALANCES[name].title for name in h.columns]
     sentences = [
-        f"The balance of {' and '.join(titles)} does not close {words} {onset:.1f} s on; "
+        f"The balance of {titles} does not close {words} {onset:.1f} s on; "
         f"{fault(h.fault).title} of severity {size:.2f} ± {std:.2f} explains it "
         f"(log likelihood ratio {found.score:.1f}, from {lead.blocks:.0f} stretches of 2 s)."
     ]
@@ -65,10 +78,10 @@ def fault_finding(
         )  # fmt: skip
     return FaultFinding(
         fault=h.fault, family=fault(h.fault).family, ambiguity=group,
-        confidence=round(min(model.calibration.probability(found.score) * share, 0.9999), 4),
+        confidence=round(min(sure * share, 0.9999), 4),
         onset_s=round(onset, 2), detected_s=round(detected, 2), severity=round(size, 3), evidence=sentences,
         severity_interval=(round(max(size - Z80 * std, 0.0), 3), round(size + Z80 * std, 3)),
-        onset_interval=(round(min([*where, onset]), 2), round(max([*where, onset]) + HOP_S, 2)),
+        onset_interval=interval,
         side=h.side, variant=h.variant, channel=h.channel,
         next_check=fault(h.fault).next_check,
     )  # fmt: skip

@@ -19,7 +19,7 @@ from fdd.unit import BalanceBaseline, Baseline, Unit
 Array = NDArray[np.float64]
 
 LEAST_HOPS = 10
-BASELINE_VERSION = "5"
+BASELINE_VERSION = "6"
 
 
 def ledger_of(samples: Samples, unit: Unit, effects: dict[str, Effects]) -> Ledger:

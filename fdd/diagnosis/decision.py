@@ -24,6 +24,10 @@ GROUP_SHARE = 0.05
 MOST_FAULTS = 3
 USUAL_SIZE = 0.5
 """Severity that is the likeliest before a log is seen (Rayleigh's distribution)."""
+SECOND_FAULT = 2.0
+"""Log odds against a further fault beside one that was found: one in seven units with a fault has another."""
+TOGETHER_HOPS = 4
+"""Hops within which two onsets are one."""
 LAW_DOUBT = 0.25
 """Of a fault's effect: how far its law may be from the machine's. Flow by the root of pressure and flow by
 pressure part by that much over a range from none to full (4 to 6 % of the energy)."""
@@ -31,15 +35,28 @@ pressure part by that much over a range from none to full (4 to 6 % of the energ
 
 @dataclass
 class Found:
-    """One finding: its leading hypothesis, and the share of each fault that would explain it as well."""
+    """One finding: its leading hypothesis, and the share of each fault that would explain it as well.
+
+    Attributes
+    ----------
+    explained : share of what changed in its balances that it explains, beside the other findings.
+    """
 
     lead: Amplitude
     score: float
     shares: dict[str, float]
+    explained: float = 1.0
+
+    @property
+    def known(self) -> bool:
+        """Whether it is one of the catalogue's: what explains less than half of a change is not its cause."""
+        return self.explained >= 0.5
 
     @property
     def group(self) -> list[str]:
         """Faults of the ambiguity group, the leading one first."""
+        if not self.known:
+            return ["unknown"]
         lead = self.lead.hypothesis.fault
         others = [
             f for f, s in sorted(self.shares.items(), key=lambda x: -x[1]) if s >= GROUP_SHARE and f != lead
@@ -55,20 +72,33 @@ def decide(
     known: list[Amplitude] = []
     while True:
         fits = [f for f in (evidence.best(h, known) for h in hypotheses) if f is not None]
-        fits = [f for f in fits if f.gain > _owed(f, known)]
-        score = max((f.score for f in fits), default=0.0)
+        fits = [f for f in fits if not _comes_along(f, known)]
+        against = SECOND_FAULT if found else 0.0
+        score = max((f.score for f in fits), default=against) - against
         if score < threshold or len(found) == MOST_FAULTS:
+            for f in found:
+                left = max(evidence.unexplained(f.lead, known), 0.0)
+                f.explained = f.lead.gain / (f.lead.gain + left)
             return found, score
         # What leads is what explains most, and well: a part of a large deviation may look surer than all.
-        sure = [f for f in fits if f.score >= threshold]
+        sure = [f for f in fits if f.score - against >= threshold]
         found.append(_isolated(evidence, max(sure, key=lambda f: f.gain / np.sqrt(f.misfit)), fits, score))
         known.append(found[-1].lead)
 
 
-def _owed(fit: Amplitude, known: list[Amplitude]) -> float:
-    """Gain that a further fault might owe to the laws of those found before, which hold only so well."""
-    shared = [n.gain for n in known if set(n.hypothesis.columns) & set(fit.hypothesis.columns)]
-    return float(LAW_DOUBT**2 * max(shared, default=0.0))
+def _comes_along(fit: Amplitude, known: list[Amplitude]) -> bool:
+    """Whether what begins with a fault that was found before is no more than a part of it.
+
+    It may be owed to that fault's law, which holds only so well, or be a small effect that no signature
+    tells of: a loose seal leaks, a stuck valve shifts the pressure in a sensor's line.
+    """
+    for n in known:
+        if abs(n.onset - fit.onset) > TOGETHER_HOPS:
+            continue
+        shared = set(n.hypothesis.columns) & set(fit.hypothesis.columns)
+        if (shared and fit.gain <= LAW_DOUBT**2 * n.gain) or abs(fit.level) < LAW_DOUBT * abs(n.level):
+            return True
+    return False
 
 
 def _usual(fit: Amplitude) -> float:

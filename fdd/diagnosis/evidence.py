@@ -28,6 +28,8 @@ RAMP_HOPS = 24
 """Hops over which a ramp grows to its full size: 12 s."""
 DRIFT_HOPS = 100
 """Hops in which a drift grows by one: 50 s."""
+FREE_SPREAD = 10.0
+"""Of what a unit's healthy logs differ by, how far a fault that nobody knows may change a coefficient."""
 LEAST_BEFORE, LEAST_AFTER = 6, 6
 """Hops before and after an onset that is looked for inside a log."""
 
@@ -138,6 +140,21 @@ class Evidence:
             else:
                 moved = course_of(kind, self.hops, self.onsets[:, None]) @ rest
             total = total + moved
+        return total
+
+    def unexplained(self, found: Amplitude, known: list[Amplitude]) -> float:
+        """What any change of a finding's balances would gain from its onset on, beside all that was found.
+
+        What chance alone would make of as many free coefficients is taken off.
+        """
+        k = int(np.flatnonzero(self.onsets == found.onset)[0])
+        total = 0.0
+        for name, _ in self.shared(found.hypothesis):
+            s, sv = self._over_onsets(name, found.kind)
+            left = (sv - self._moved_by(name, found.kind, known))[k]
+            spread = np.diag(np.diag(self.balances[name].healthy.covariance)) * FREE_SPREAD**2
+            inside = np.linalg.solve(np.eye(left.size) + spread @ s[k], spread)
+            total += 0.5 * float(left @ inside @ left - max(found.misfit, 1.0) * np.trace(inside @ s[k]))
         return total
 
     def fitted(

@@ -11,6 +11,7 @@ also differs more from log to log.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from copy import copy
 from dataclasses import dataclass
 
 import numpy as np
@@ -53,6 +54,23 @@ class Explained:
         self.inverse: Array = np.asarray(np.linalg.inv(prior + self.total), dtype=np.float64)
         self.solution: Array = self.inverse @ (prior @ healthy.mean + vector.sum(axis=0))
         self.rest = vector - information @ self.solution
+
+    def beside(self, change: Array) -> Explained:
+        """The same hops as stretches see a change (n,) of coefficients that was there from the start.
+
+        The log's own coefficients and such a change are one to all of its hops, so what the unit's prior
+        allows along the change is taken from it: what is left differs from stretch to stretch.
+        """
+        if not change.any():
+            return self
+        prior: Array = np.asarray(np.linalg.inv(self.healthy.covariance), dtype=np.float64)
+        across = self.healthy.covariance - np.outer(change, change) / float(change @ prior @ change)
+        other = copy(self)
+        other.inverse = np.asarray(np.linalg.solve(np.eye(change.size) + across @ self.total, across))
+        pulled = self.rest.sum(axis=0) + self.total @ (self.solution - self.healthy.mean)
+        other.solution = self.healthy.mean + other.inverse @ pulled
+        other.rest = self.rest + self.information @ (self.solution - other.solution)
+        return other
 
 
 class Joint:
@@ -127,6 +145,12 @@ def fit(joints: Sequence[Joint], scales: Sequence[float], *, signed: bool, from_
     gain = 0.5 * told * (free**2 - (free - size) ** 2)  # at its bounds less than the free amplitude's
     # The amplitudes' direction for the first one, the others free.
     along: Array = np.asarray(size * told * inverse[:, 0], dtype=np.float64)
+    if from_start:
+        joints = [Joint(j.balance.beside(j.columns[0]), j.columns, j.courses) for j in joints]
+        seen_alone = np.diag([0.0, *(1.0 / s**2 for s in scales[1:])]) + sum(j.information for j in joints)
+        a = np.asarray(np.linalg.solve(seen_alone, np.sum([j.vector for j in joints], axis=0)))
+        inverse = np.linalg.inv(seen_alone)
+        along = np.asarray(a[0] / inverse[0, 0] * inverse[:, 0], dtype=np.float64)
     hops = joints[0].courses.shape[1]
     scores, weights, pulls, pushes = (np.zeros(hops) for _ in range(4))
     directions = []
@@ -151,9 +175,13 @@ def fit(joints: Sequence[Joint], scales: Sequence[float], *, signed: bool, from_
     z = (u + w) / np.sqrt(kappa * w)
     loudest = LOUDEST * max(1.0, float(np.median(z)))
     heard = float(np.sqrt(w) @ np.clip(z, -loudest, loudest)) / max(float(np.sqrt(w) @ z), 1e-300)
-    square = 2.0 * gain / kappa * min(max(heard, 0.0), 1.0) ** 2
+    share = told / kappa * min(max(heard, 0.0), 1.0) ** 2
     freedom = PRIOR_FREEDOM if from_start else freedom
-    score = 0.5 * (freedom + 1.0) * np.log1p(square / freedom)
+    # Student's t of the free amplitude about the fault's and about none: what lies beyond a fault's bounds
+    # is no fault, and says how far amplitudes scatter.
+    score = (
+        0.5 * (freedom + 1.0) * np.log((freedom + share * free**2) / (freedom + share * (free - size) ** 2))
+    )
     score -= 0.5 * np.log1p(scales[0] ** 2 * told / kappa)
     if signed:
         score += np.log(2.0) + log_ndtr(size * np.sqrt(told / kappa))

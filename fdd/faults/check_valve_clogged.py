@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from functools import partial
 
-from fdd.faults.effect import SHARE, Effect, Figure
-from fdd.faults.entry import ASSUMED, Fault
+from fdd.faults.effect import DECADES, Effect, Figure
+from fdd.faults.entry import Fault
 from fdd.faults.signature import Columns, Healthy, Signature
 
 
@@ -21,14 +21,19 @@ FAULT = Fault(
     title="check valve clogged",
     thesis="Table 4.1",
     plant="no refeeding: the low side cavitates",
-    severity="refeeding flow gain of that side's check valve falls to 0 %",
-    source=ASSUMED,
+    severity="refeeding flow gain of that side's check valve falls by powers of ten, to 0.01 %",
+    source="assumption: these valves are so wide that half or a tenth of their flow gain is still plenty",
     next_check="Take that side's refeeding valve out and blow through it in its free direction: look for "
     "dirt and a poppet that sticks.",
     sides=(1, 2),
     figures=(
-        Figure("check_valve_clogging", 1.0, SHARE, "share of its flow gain that a clogged check valve loses"),
+        Figure(
+            "check_valve_clogging",
+            4.0,
+            DECADES,
+            "powers of ten by which a clogged check valve's flow gain falls",
+        ),
     ),
-    effects=tuple(Effect(f"refeed_{side}", "lower", "check_valve_clogging", side=side) for side in (1, 2)),
+    effects=tuple(Effect(f"refeed_{side}", "decades", "check_valve_clogging", side=side) for side in (1, 2)),
     signatures=tuple(Signature(f"clogged {side}", partial(_columns, side), side=side) for side in (1, 2)),
 )

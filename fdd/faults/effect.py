@@ -35,6 +35,8 @@ LEAKAGE = (0.0, 1e-9)
 ORIFICE_FLOW = (0.0, 1e-1)
 """m³/s at 1 MPa, allowed for orifices."""
 SHARE = (0.0, 1.0)
+DECADES = (0.0, 9.0)
+"""Powers of ten, allowed for what closes."""
 
 
 @dataclass(frozen=True)
@@ -48,14 +50,15 @@ class Effect:
     ----------
     parameter : a column of `fdd.plant.conditions`, in small letters.
     change : ``add`` the amount; ``raise`` or ``lower`` by it, as a share of what the parameter was;
-        ``towards`` scales the parameter by `by` at severity 1.
+        ``towards`` scales the parameter by `by` at severity 1; ``decades`` lets it fall by as many powers of
+        ten, for what has to be nearly gone before anything shows.
     by : figure or number.
     less, times, over : further figures or numbers.
     side, variants : which of the fault's it goes with; left out, it goes with all.
     """
 
     parameter: str
-    change: Literal["add", "raise", "lower", "towards"]
+    change: Literal["add", "raise", "lower", "towards", "decades"]
     by: str | float
     less: str | float = 0.0
     times: tuple[str | float, ...] = ()

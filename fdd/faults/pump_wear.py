@@ -7,6 +7,8 @@ from fdd.faults.entry import ASSUMED, Fault
 from fdd.faults.signature import Signature
 
 _DISPLACEMENT_LOSS = 0.02
+_WORN_OUT = 0.1
+"""Share of a pump's flow at no pressure that it has lost when it is done for: 10 to 20 % in the trade."""
 
 FAULT = Fault(
     id="pump_wear",
@@ -47,13 +49,16 @@ FAULT = Fault(
         Effect("displacement", "lower", "pump_wear_displacement_loss"),
         Effect("ripple", "add", "pump_wear_ripple"),
     ),
+    # Gears wear slowly. What a worn one loses goes by pressure and speed, or by speed alone: how much of
+    # either differs from pump to pump.
     signatures=(
         Signature(
             "pump wear",
             lambda unit: {
-                "volume": {"wear": unit.leakage_ratio * unit.speed_ratio, "gain": -_DISPLACEMENT_LOSS}
+                "volume": {"wear": unit.leakage_ratio * unit.speed_ratio, "gain": _DISPLACEMENT_LOSS}
             },
-            commonness=0.5,  # gears wear slowly
+            commonness=0.5,
         ),
+        Signature("worn displacement", lambda unit: {"volume": {"gain": _WORN_OUT}}, commonness=0.5),
     ),
 )

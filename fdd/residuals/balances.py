@@ -98,6 +98,7 @@ def _volume(q: Quantities) -> list[Strand]:
         y = sign * (unit.pump.displacement * q.turn - area * q.travel)
         lag = sign * unit.pump.displacement * change(q.turn)
         s1, s2 = float(side == 1), float(side == 2)
+        orifice = scales.orifice * np.sign(drop) * np.sqrt(np.abs(drop)) * q.dt
         x = np.column_stack([
             sign * unit.pump.displacement * q.turn,
             oil_volume * (stiff + oil.air_fraction * free) * dp,
@@ -109,8 +110,8 @@ def _volume(q: Quantities) -> list[Strand]:
             scales.leakage * drop * np.abs(drop) / scales.pressure * weight,
             scales.leakage * (mid - p_c) * weight,
             scales.leakage * drop * speed * weight,
-            scales.orifice * np.sqrt(np.maximum(drop, 0.0)) * q.dt * s1,
-            scales.orifice * np.sqrt(np.maximum(drop, 0.0)) * q.dt * s2,
+            np.where(q.drop > 0.0, orifice, 0.0),
+            np.where(q.drop < 0.0, orifice, 0.0),
             scales.orifice * above * q.dt * s1,
             scales.orifice * above * q.dt * s2,
             scales.leakage * mid * q.dt * s1,

@@ -7,6 +7,7 @@ import os
 import pytest
 
 from fdd.campaign.units import for_each_unit
+from fdd.errors import InputError
 
 UNITS = ["unit_000", "unit_001", "unit_002"]
 
@@ -40,3 +41,17 @@ def test_one_worker_is_this_process_and_more_are_others() -> None:
 def test_an_error_in_the_work_is_the_callers(workers: int) -> None:
     with pytest.raises(ValueError, match="unit_000 is broken"):
         for_each_unit(fails, UNITS[:1], workers=workers)
+
+
+@pytest.mark.parametrize("workers", [1, 2])
+def test_a_unit_that_refuses_is_left_out_with_a_warning(workers: int) -> None:
+    with pytest.warns(UserWarning, match=f"{UNITS[1]} left out: too short"):
+        assert for_each_unit(one_refuses, UNITS, workers=workers) == [u for u in UNITS if u != UNITS[1]]
+    with pytest.raises(InputError, match="too short"), pytest.warns(UserWarning, match="left out"):
+        for_each_unit(one_refuses, UNITS[1:2], workers=workers)
+
+
+def one_refuses(unit: str) -> list[str]:
+    if unit == UNITS[1]:
+        raise InputError("too short", mend="record more")
+    return [unit]

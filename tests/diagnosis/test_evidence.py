@@ -8,6 +8,7 @@ from made_up_evidence import DRIFT, EFFECTS, LEAK, THIRD, drawn, hypothesis, ste
 
 from fdd.diagnosis.decision import USUAL_SIZE, decide
 from fdd.diagnosis.evidence import Amplitude
+from fdd.diagnosis.fitting import Joint
 
 Z80 = 1.2816
 ALL = [LEAK, DRIFT, THIRD]
@@ -42,6 +43,51 @@ def test_a_fault_from_the_start_is_told_by_the_baseline_alone() -> None:
     std = np.sqrt(found.variance)
     assert std > 0.9 * np.sqrt(0.5 / (1.0 / EFFECTS.covariance[0, 0] + 1.0 / 0.7**2))
     assert found.score < fit(3, 1.2, onset=40).score / 2.0
+
+
+def test_a_fault_from_the_start_is_weighed_by_what_each_stretch_says_of_it() -> None:
+    """Against normal equations of its own, and coefficients that the unit's prior holds across it."""
+    e = drawn(3, [(LEAK, 1.2, 0)], colour=0.3).balances["volume"]
+    g = np.array([1.0, 0.3, -0.2])
+    beside = Joint(e.beside(g), g[None], np.ones((1, 80)))
+    prior = np.linalg.inv(EFFECTS.covariance)
+    basis = np.linalg.svd((prior @ g)[None])[2][1:].T  # changes with nothing along g, as the prior measures
+    vector = (e.rest + e.information @ e.solution - e.information @ EFFECTS.mean).sum(axis=0)
+    both = np.column_stack([basis, g])
+    held = both.T @ e.total @ both
+    held[:2, :2] += basis.T @ prior @ basis
+    expected = np.linalg.solve(held, both.T @ vector)[2]
+    a = beside.vector / beside.information[0]
+    assert a == pytest.approx(expected, rel=1e-8)
+
+
+def test_what_lies_beyond_a_faults_bounds_is_no_fault() -> None:
+    """Four times more than gross is an error of another kind."""
+    for seed in range(10):
+        gross, beyond = fit(seed, 2.0), fit(seed, 8.0)
+        assert beyond.gain > gross.gain
+        assert beyond.size == pytest.approx(2.0)
+        assert beyond.score < 0.5 * gross.score
+
+
+def test_what_no_fault_explains_is_unknown() -> None:
+    """A change across all hypotheses but for a part that the leak's column takes up."""
+    other = hypothesis("other", [0.2, 0.8, 0.0])
+    (found, *_), _ = decide(drawn(1, [(other, 1.0, 40)]), [LEAK], 4.0)
+    assert found.lead.hypothesis is LEAK and found.explained < 0.3
+    assert found.group == ["unknown"] and not found.known
+    (found, *_), _ = decide(drawn(1, [(LEAK, 1.0, 40)]), [LEAK], 4.0)
+    assert found.known and found.explained > 0.9
+
+
+def test_what_is_small_and_comes_along_with_a_fault_is_a_part_of_it() -> None:
+    def told(onset: int, amplitude: float) -> set[str]:
+        found, _ = decide(drawn(4, [(LEAK, 0.9, 30), (DRIFT, amplitude, onset)]), [LEAK, DRIFT], 5.0)
+        return {f.lead.hypothesis.fault for f in found}
+
+    assert told(30, 0.18) == {"leak"}
+    assert told(30, 0.6) == told(52, 0.6) == {"leak", "drift"}
+    assert told(52, 0.18) == {"leak", "drift"}, "what comes later is a fault of its own"
 
 
 def test_a_fault_that_comes_and_goes_is_as_severe_as_while_it_acts() -> None:

@@ -99,7 +99,8 @@ def test_severity_one_is_the_same_in_the_plant_and_in_the_balances(name: str) ->
         "external_leakage": leak * change("external_leakage", "volume", "outside_1"),
         # The column is per full speed, the figure per 100 rad/s.
         "pump_wear_leakage": leak * change("pump_wear", "volume", "wear") * 100.0 / scales.speed,
-        "pump_wear_displacement_loss": -change("pump_wear", "volume", "gain"),
+        # A pump that displaces less leaves flow over in D Δθ - A Δx.
+        "pump_wear_displacement_loss": change("pump_wear", "volume", "gain"),
         "free_air": 0.025 * change("aeration", "volume", "air"),
         "check_valve_flow": orifice * change("check_valve_stuck_open", "volume", "valve_1"),
         "relief_valve_flow": orifice * change("relief_valve_stuck_open", "volume", "relief_12"),

@@ -200,7 +200,7 @@ def check_valve_clogged(case: Case) -> None:
     side = case.spec.side or 1
     # Only the chamber that the load leaves low is refed at all.
     truth, healthy = case.again(**case.pressed(3 - side))
-    assert not truth[f"refeed_flow_{side}"].any()
+    assert truth[f"refeed_flow_{side}"].max() < 0.05 * healthy[f"refeed_flow_{side}"].max()
     assert healthy[f"refeed_flow_{side}"].max() > 1e-6
     low, usual = truth[f"pressure_{side}"].min(), healthy[f"pressure_{side}"].min()
     # Below the accumulator less cracking as never when healthy, yet never below vacuum.

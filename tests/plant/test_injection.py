@@ -54,8 +54,8 @@ ADDED: dict[tuple[str, object], dict[int, float]] = {
     ("aeration", None): {c.AIR: 0.025},
     ("check_valve_stuck_open", 1): {c.OPEN_1: 1e-4},
     ("check_valve_stuck_open", 2): {c.OPEN_2: 1e-4},
-    ("check_valve_clogged", 1): {c.REFEED_1: -1.0},
-    ("check_valve_clogged", 2): {c.REFEED_2: -1.0},
+    ("check_valve_clogged", 1): {c.REFEED_1: 1e-4 - 1.0},
+    ("check_valve_clogged", 2): {c.REFEED_2: 1e-4 - 1.0},
     ("relief_valve_stuck_open", None): {c.RELIEF_OPEN: 1e-4},
     ("oil_degradation", "thin"): {c.VISCOSITY: -0.5},
     ("oil_degradation", "thick"): {c.VISCOSITY: 1.0},
@@ -99,8 +99,8 @@ def by_figures(f: FaultScales, d: Details) -> dict[tuple[str, object], dict[int,
         ("aeration", None): {c.AIR: f.free_air},
         ("check_valve_stuck_open", 1): {c.OPEN_1: f.check_valve_flow},
         ("check_valve_stuck_open", 2): {c.OPEN_2: f.check_valve_flow},
-        ("check_valve_clogged", 1): {c.REFEED_1: -f.check_valve_clogging},
-        ("check_valve_clogged", 2): {c.REFEED_2: -f.check_valve_clogging},
+        ("check_valve_clogged", 1): {c.REFEED_1: 10.0**-f.check_valve_clogging - 1.0},
+        ("check_valve_clogged", 2): {c.REFEED_2: 10.0**-f.check_valve_clogging - 1.0},
         ("relief_valve_stuck_open", None): {c.RELIEF_OPEN: f.relief_valve_flow},
         ("oil_degradation", "thin"): {c.VISCOSITY: f.thin_viscosity - 1.0},
         ("oil_degradation", "thick"): {c.VISCOSITY: f.thick_viscosity - 1.0},
@@ -147,7 +147,8 @@ def test_a_fault_changes_its_columns_from_its_onset_on_as_the_catalogue_says(
     assert not change[~acting].any()
     expected = np.zeros(c.COLUMNS)
     for column, value in ADDED[name, side or variant].items():
-        expected[column] = severity * value
+        by_decades = column in (c.REFEED_1, c.REFEED_2)
+        expected[column] = (1.0 + value) ** severity - 1.0 if by_decades else severity * value
     np.testing.assert_allclose(change[acting], np.tile(expected, (acting.sum(), 1)), rtol=2e-4, atol=1e-18)
     moved = {c.MEANING[k].split(" (")[0] for k in range(c.COLUMNS) if change[:, k].any()}
     assert len(moved) == len(ADDED[name, side or variant])
@@ -264,6 +265,9 @@ def test_any_faults_with_any_figures_change_any_conditions_as_by_hand(seed) -> N
     for spec in sorted(specs, key=lambda spec: list(CATALOGUE).index(spec.fault)):
         for column, value in by_figures(scales, details)[spec.fault, spec.side or spec.variant].items():
             change = spec.over(TIME) * value
+            if spec.fault == "check_valve_clogged":
+                expected[:, column] *= 10.0 ** (-scales.check_valve_clogging * spec.over(TIME))
+                continue
             expected[:, column] += change * expected[:, column] if is_share[column] else change
     assert not np.array_equal(rows, before)
     np.testing.assert_allclose(rows, expected, rtol=1e-13, atol=1e-26)

@@ -130,3 +130,19 @@ def test_a_starved_pump_tells_nothing_of_its_chambers(unit: Unit, logs: list[Sam
         rows[:, COLUMNS[name]] = -5e4
     starved = Quantities(rows, unit, Scales.of(unit))
     assert not any(ok.any() for _, _, ok in BALANCES["volume"].strands(starved))
+
+
+def test_what_a_relief_valve_passes_leaves_one_chamber_and_comes_into_the_other(unit: Unit) -> None:
+    """Without a load a gross one keeps both chambers above the accumulator: neither is refed."""
+    fault = {"fault": "relief_valve_stuck_open", "severity": 0.9}
+    scenario = Scenario(duration=30.0, load={"name": "none"}, faults=[fault], seed=72)
+    samples = simulate(unit, scenario).samples
+    q = Quantities(RowMaker(unit).push(samples)[1], unit, Scales.of(unit))
+    low = np.minimum(q.p1, q.p2) > q.accumulator + 1e4
+    assert low.mean() > 0.2, "else this shows nothing"
+    for y, x, ok in BALANCES["volume"].strands(q):
+        taken = ok & low & np.isfinite(x).all(axis=1) & np.isfinite(y)
+        flow = x[taken][:, [BALANCES["volume"].columns.index(c) for c in ("relief_12", "relief_21")]]
+        assert (flow.sum(axis=1) < 0.0).mean() > 0.1, "oil comes in"
+        size = np.linalg.lstsq(np.cumsum(flow, axis=0), np.cumsum(y[taken]), rcond=None)[0]
+        np.testing.assert_allclose(size, 0.9, rtol=0.2)

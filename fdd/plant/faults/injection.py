@@ -69,5 +69,7 @@ def _change(column: Array, severity: Array, effect: Effect, figures: Mapping[str
         column += amount
     elif effect.change == "lower":
         column *= 1.0 - amount
+    elif effect.change == "decades":
+        column *= 10.0**-amount
     else:
         column *= 1.0 + amount

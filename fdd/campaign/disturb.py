@@ -1,0 +1,174 @@
+"""Whether answers depend on what must not matter: how a log was cut, a hole in it, which end is forward."""
+
+from __future__ import annotations
+
+import zlib
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+
+import numpy as np
+
+from fdd.campaign.dataset import Dataset
+from fdd.campaign.scores import wilson
+from fdd.campaign.train import identified_unit
+from fdd.campaign.units import Progress, for_each_unit
+from fdd.diagnosis.baseline import add_baseline
+from fdd.diagnosis.findings import Diagnosis
+from fdd.diagnosis.model import Model
+from fdd.diagnosis.pipeline import Pipeline
+from fdd.samples import PRESSURES, Samples
+from fdd.unit import Unit
+
+HOLE_S, EARLY_S, HEAD_S, BLOCK = 0.05, 0.6, 5.0, 97
+NEAR_S = 1.0
+"""s within which two onsets are the same: two hops."""
+TURNED = ("command", "pump_angle", "pump_speed", "position", "pressure_difference", "motor_current",
+          "position_setpoint", "load_force")  # fmt: skip
+SWAPPED = {"pressure_1": "pressure_2", "pressure_2": "pressure_1"}
+
+
+def holed(log: Samples, rng: np.random.Generator) -> Samples:
+    """A log without 50 ms somewhere."""
+    start = rng.uniform(log.time[0], log.time[-1] - HOLE_S)
+    return _chosen(log, (log.time < start) | (log.time >= start + HOLE_S))
+
+
+def early(log: Samples, rng: np.random.Generator) -> Samples:
+    """A log whose first row came 0.6 s before the rest."""
+    return _chosen(log, (log.time == log.time[0]) | (log.time >= log.time[0] + EARLY_S))
+
+
+def beheaded(log: Samples, rng: np.random.Generator) -> Samples:
+    """A log without its first five seconds."""
+    return _chosen(log, log.time >= log.time[0] + HEAD_S)
+
+
+def converted(log: Samples, rng: np.random.Generator) -> Samples:
+    """A log that was kept in psi, inches and degrees."""
+    factor = dict.fromkeys(PRESSURES, 6894.757293168) | {"position": 0.0254, "pump_angle": np.pi / 180.0}
+    return Samples(log.time, {c: log[c] / factor.get(c, 1.0) * factor.get(c, 1.0) for c in log.channels})
+
+
+def mirrored(log: Samples, rng: np.random.Generator | None = None) -> Samples:
+    """The same actuator looked at from its other end."""
+    other = {c: SWAPPED[c] if SWAPPED.get(c) in log.channels else c for c in log.channels}
+    return Samples(log.time, {c: -log[c] if c in TURNED else log[other[c]] for c in log.channels})
+
+
+def mirrored_unit(unit: Unit, healthy: list[Samples]) -> Unit:
+    """Its profile."""
+    out = unit.model_copy(deep=True)
+    f, c = out.friction, out.cylinder
+    f.forward, f.reverse = f.reverse, f.forward
+    c.area_1, c.area_2, c.volume_1, c.volume_2 = c.area_2, c.area_1, c.volume_2, c.volume_1
+    sensors = {SWAPPED.get(n, n): s.model_copy(deep=True) for n, s in unit.sensors.items()}
+    for name in TURNED:
+        if name in sensors:
+            sensors[name].zero = -sensors[name].zero
+    out.sensors = sensors
+    return add_baseline(out, [mirrored(log) for log in healthy])
+
+
+DISTURBANCES: dict[str, Callable[[Samples, np.random.Generator], Samples]] = {
+    f"pushed in blocks of {BLOCK} samples": lambda log, rng: log,
+    "50 ms missing": holed,
+    "first row 0.6 s early": early,
+    "first 5 s left out": beheaded,
+    "kept in psi, inches and degrees": converted,
+    "the other end forward": mirrored,
+}
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """One log's answers, plain and disturbed.
+
+    Attributes
+    ----------
+    unit : which. disturbance : of `DISTURBANCES`. healthy : so it was. verdict, fault, onset : whether these
+        are the same: the leading fault or one of its ambiguity group, the onset to a second.
+    """
+
+    unit: str
+    disturbance: str
+    healthy: bool
+    verdict: bool
+    fault: bool
+    onset: bool
+
+
+def compare(
+    directory: str | Path, model: str | None = None, *, workers: int = 2, progress: Progress | None = None
+) -> list[Comparison]:
+    """Diagnose each unit's first faulty and first healthy log under every disturbance.
+
+    Raises
+    ------
+    InputError : not a data set, or an unusable model.
+    """
+    Model.load(model)
+    data = Dataset.load(directory)
+    work = partial(_compared, str(data.directory), model)
+    return for_each_unit(work, data.units, workers=workers, progress=progress)
+
+
+def _compared(directory: str, model: str | None, unit: str) -> list[Comparison]:
+    data = Dataset.load(directory)
+    profile = identified_unit(data, unit)
+    turned = mirrored_unit(profile, data.baseline(unit))
+    loaded = Model.load(model)
+    logs = data.logs_of(unit)
+    out = []
+    for wanted in (False, True):
+        entry = next((e for e in logs if e.healthy is wanted), None)
+        if entry is None:
+            continue
+        log = data.samples(entry)
+        plain = _answer(profile, loaded, log)
+        for name, disturbed in DISTURBANCES.items():
+            rng = np.random.default_rng(zlib.crc32(f"{entry.file} {name}".encode()))
+            other = disturbed(log, rng)
+            block = BLOCK if other is log else len(other)
+            found = _answer(turned if disturbed is mirrored else profile, loaded, other, block)
+            out.append(Comparison(unit, name, wanted, *_same(plain, found)))
+    return out
+
+
+def _answer(unit: Unit, model: Model, log: Samples, block: int = 10**9) -> Diagnosis:
+    pipeline = Pipeline(unit, model, keep_trajectories=False)
+    for start in range(0, len(log), block):
+        pipeline.push(log.rows(start, min(start + block, len(log))))
+    return pipeline.finish()
+
+
+def _same(one: Diagnosis, other: Diagnosis) -> tuple[bool, bool, bool]:
+    verdict = one.verdict == other.verdict
+    if not (one.faults and other.faults):
+        both = not one.faults and not other.faults
+        return verdict, both, both
+    a, b = one.faults[0], other.faults[0]
+    fault = a.fault in b.ambiguity or b.fault in a.ambiguity
+    return verdict, fault, abs(a.onset_s - b.onset_s) <= NEAR_S
+
+
+def _chosen(log: Samples, keep: np.ndarray[tuple[int], np.dtype[np.bool_]]) -> Samples:
+    return Samples(log.time[keep], {c: log[c][keep] for c in log.channels})
+
+
+def table(compared: list[Comparison]) -> str:
+    """What ``disturbed.md`` says (Markdown)."""
+    lines = [
+        f"\n## What must not matter\n\n{len({c.unit for c in compared})} units, of each a healthy and a "
+        "faulty log; the share of logs (95 % interval) that say the same as the log as it was.\n",
+        "| disturbance | logs | verdict | leading fault or its group | onset within 1 s |",
+        "| --- | --- | --- | --- | --- |",
+    ]
+    for name in DISTURBANCES:
+        mine = [c for c in compared if c.disturbance == name]
+        told = (
+            wilson(sum(getattr(c, what) for c in mine), len(mine)) for what in ("verdict", "fault", "onset")
+        )
+        lines.append(f"| {name} | {len(mine)} | " + " | ".join(told) + " |")
+    return "\n".join(lines) + "\n"
