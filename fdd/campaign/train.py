@@ -11,7 +11,7 @@ import numpy as np
 
 from fdd.campaign.dataset import Dataset, Entry
 from fdd.campaign.units import Progress, for_each_unit
-from fdd.diagnosis.answering import Z80
+from fdd.diagnosis.answering import Z80, hidden_share
 from fdd.diagnosis.baseline import add_baseline
 from fdd.diagnosis.findings import FaultFinding
 from fdd.diagnosis.model import AlarmTail, Calibration, Model
@@ -35,7 +35,7 @@ class ScoredLog:
     structure : of its unit, where the recipe has several. family : true one.
     answer : leading one, "" for none. score : the largest. healthy_s : s before a fault acts. doubt :
         relative std that the severity's 80 % interval lacked to hold the true one; NaN where another fault
-        was answered.
+        was answered. hidden : share of faults that it could not have shown.
     """
 
     unit: str
@@ -45,6 +45,7 @@ class ScoredLog:
     score: float
     healthy_s: float
     doubt: float = float("nan")
+    hidden: float = 0.0
 
 
 def train(
@@ -98,8 +99,11 @@ def learnt(logs: list[ScoredLog], data: str) -> Model:
     slope = max(1.0 / tail.scale - 1.0 / max(float(beyond.mean()), 1.01 * tail.scale), 1e-3)
     shares = (over.size / peaks.size / tail.scale, beyond.size / faulty.size / float(beyond.mean()))
     midpoint = height + np.log(shares[0] / shares[1]) / slope
-    # Half of the healthy logs lie below their median, and so do faults that leave no trace.
-    unseen = min(2.0 * float(np.mean(faulty < np.median(peaks))), 1.0)
+    # Half of the healthy logs lie below their median, and so do faults that leave no trace. Some of these the
+    # log could not have shown: what is learnt are the others.
+    missed = min(2.0 * float(np.mean(faulty < np.median(peaks))), 1.0)
+    hidden = float(np.mean([x.hidden for x in logs if x.family != "healthy"]))
+    unseen = max(1.0 - (1.0 - missed) / max(1.0 - hidden, 1e-3), 0.0)
     doubts = np.array([x.doubt for x in logs if np.isfinite(x.doubt)])
     calibration = Calibration(
         midpoint=round(float(midpoint), 3), slope=round(slope, 4), unseen=round(unseen, 3),
@@ -136,6 +140,7 @@ def _score(data: Dataset, entry: Entry, profile: Unit) -> ScoredLog:
         family=entry.faults[0].family if entry.faults else "healthy",
         answer=hydraulic[0].family if hydraulic else "", score=pipeline.largest_score, healthy_s=onset,
         doubt=_doubt(entry, hydraulic, pipeline.model.calibration.severity_doubt),
+        hidden=hidden_share(found.not_visible),
     )  # fmt: skip
 
 

@@ -20,7 +20,7 @@ def validate(
         typer.Option(
             "--out",
             "-o",
-            help="Folder for validation.md and outcomes.csv, or disturbed.md.",
+            help="Folder for validation.md, disturbed.md or left_out.md.",
             show_default=False,
         ),
     ] = None,
@@ -29,6 +29,12 @@ def validate(
         typer.Option(
             "--disturbed",
             help="Compare instead the answers on logs that are cut, holed, mirrored or kept in other units.",
+        ),
+    ] = False,
+    without_each: Annotated[
+        bool,
+        typer.Option(
+            "--without-each", help="Say instead what is made of faults that the catalogue does not have."
         ),
     ] = False,
     workers: Annotated[
@@ -41,7 +47,7 @@ def validate(
     if out is not None:
         require_writable(out, folder=True)
 
-    from fdd.campaign import disturb
+    from fdd.campaign import disturb, left_out
     from fdd.campaign.dataset import Dataset
     from fdd.campaign.validate import outcomes_csv, report_text, summary
     from fdd.campaign.validate import validate as run
@@ -57,6 +63,9 @@ def validate(
         if disturbed:
             told = disturb.table(disturb.compare(dataset, model, workers=workers, progress=step))
             files = {"disturbed.md": told}
+        elif without_each:
+            told = left_out.table(left_out.left_out(dataset, model, workers=workers, progress=step))
+            files = {"left_out.md": told}
         else:
             outcomes = run(dataset, model, workers=workers, progress=step)
             told = summary(outcomes)

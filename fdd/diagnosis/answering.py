@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimators import eha_layout as layout
-from fdd.diagnosis.decision import Found
+from fdd.diagnosis.decision import USUAL_SIZE, Found
 from fdd.diagnosis.evidence import Evidence
 from fdd.diagnosis.findings import ESTIMATED, Estimate, FaultFinding, Invisible
 from fdd.diagnosis.fitting import PRIOR_FREEDOM
@@ -104,12 +104,15 @@ def sensor_fault(found: SensorFinding) -> FaultFinding:
     )  # fmt: skip
 
 
-def probabilities_of(faults: Sequence[FaultFinding], model: Model, score: float) -> dict[str, float]:
+def probabilities_of(
+    faults: Sequence[FaultFinding], model: Model, score: float, hidden: float
+) -> dict[str, float]:
     """Probability of each family that it is the matter, and of none: they add up to one.
 
     Parameters
     ----------
-    faults : findings, the surest first. score : largest one that made no finding.
+    faults : findings, the surest first. score : largest one that made no finding. hidden : see
+        `hidden_share`.
     """
     out = dict.fromkeys(FAMILIES, 0.0)
     free = 1.0
@@ -123,7 +126,7 @@ def probabilities_of(faults: Sequence[FaultFinding], model: Model, score: float)
             out[family] += free * finding.confidence * others
         free *= 1.0 - finding.confidence
     if not faults:
-        doubt = model.calibration.probability(score)
+        doubt = model.calibration.probability(score, hidden)
         out["unknown"], free = doubt, 1.0 - doubt
     out["healthy"] = free
     total = sum(out.values())
@@ -148,6 +151,20 @@ def invisible(evidence: Evidence, hypotheses: Sequence[Hypothesis], threshold: f
         for name in CATALOGUE
         if name in best or any(h.fault == name for h in hypotheses)
     ]
+
+
+def hidden_share(unseen: Sequence[Invisible]) -> float:
+    """Share of faults that a log could not have shown, were all kinds as likely and severities as usual.
+
+    Examples
+    --------
+    >>> round(hidden_share([Invisible(fault="aeration", severity=0.25)]), 2)
+    0.12
+    >>> hidden_share([])
+    1.0
+    """
+    least = np.array([math.inf if x.severity is None else x.severity for x in unseen])
+    return float(np.mean(-np.expm1(-0.5 * np.square(least / USUAL_SIZE)))) if least.size else 1.0
 
 
 def estimates_of(tracked: Tracked, unit: Unit) -> dict[str, Estimate]:

@@ -96,9 +96,13 @@ class Joint:
 
     def off(self, a: Array) -> Array:
         """How far each hop's coefficients lie off the log's own solution with these amplitudes, (h, n)."""
-        changes = self.columns * a[:, None]
-        drawn = np.einsum("pij,pj->i", self.moved, changes)
-        return np.asarray(self.courses.T @ changes - self.balance.inverse @ drawn)
+        return np.asarray(self.courses.T @ (self.columns * a[:, None]) - self.drawn(a))
+
+    def drawn(self, a: Array) -> Array:
+        """How far these amplitudes draw the log's own solution, (n,)."""
+        return np.asarray(
+            self.balance.inverse @ np.einsum("pij,pj->i", self.moved, self.columns * a[:, None])
+        )
 
 
 @dataclass
@@ -145,6 +149,8 @@ def fit(joints: Sequence[Joint], scales: Sequence[float], *, signed: bool, from_
     gain = 0.5 * told * (free**2 - (free - size) ** 2)  # at its bounds less than the free amplitude's
     # The amplitudes' direction for the first one, the others free.
     along: Array = np.asarray(size * told * inverse[:, 0], dtype=np.float64)
+    drawn = [(j.balance, j.drawn(along)) for j in joints]
+    held = sum(float(d @ np.linalg.solve(b.healthy.covariance, d)) for b, d in drawn)
     if from_start:
         joints = [Joint(j.balance.beside(j.columns[0]), j.columns, j.courses) for j in joints]
         seen_alone = np.diag([0.0, *(1.0 / s**2 for s in scales[1:])]) + sum(j.information for j in joints)
@@ -169,14 +175,15 @@ def fit(joints: Sequence[Joint], scales: Sequence[float], *, signed: bool, from_
     w: Array = np.bincount(block, weights).clip(1e-100)
     blocks = float(w.sum() ** 2 / np.sum(w**2))
     misfit = max(1.0, float(np.sum(u**2) / w.sum()) * blocks / max(blocks - 2.0, 1.0))
-    kappa, freedom = _scatter(u, w, joints, directions)
+    kappa, freedom, quiet = _scatter(u, w, joints, directions)
     # No stretch speaks louder than three standard deviations of healthy ones, or than three times the median
     # one: a fault is there in many.
     z = (u + w) / np.sqrt(kappa * w)
     loudest = LOUDEST * max(1.0, float(np.median(z)))
     heard = float(np.sqrt(w) @ np.clip(z, -loudest, loudest)) / max(float(np.sqrt(w) @ z), 1e-300)
     share = told / kappa * min(max(heard, 0.0), 1.0) ** 2
-    freedom = PRIOR_FREEDOM if from_start else freedom
+    # What a change is held against is what the log showed before it, and what the unit's prior allows.
+    freedom = PRIOR_FREEDOM + (freedom - PRIOR_FREEDOM) * quiet / max(quiet + held, 1e-300)
     # Student's t of the free amplitude about the fault's and about none: what lies beyond a fault's bounds
     # is no fault, and says how far amplitudes scatter.
     score = (
@@ -201,8 +208,11 @@ def _while_acting(u: Array, w: Array, kappa: float) -> float:
     return max(square / max(float(np.sum(u + w)), 1e-300), 1.0)
 
 
-def _scatter(u: Array, w: Array, joints: Sequence[Joint], directions: Sequence[Array]) -> tuple[float, float]:
-    """Factor by which scores scatter more than their information says, and its degrees of freedom.
+def _scatter(
+    u: Array, w: Array, joints: Sequence[Joint], directions: Sequence[Array]
+) -> tuple[float, float, float]:
+    """Factor by which scores scatter more than their information says, its degrees of freedom, and the
+    information of the time before the fault.
 
     It is that of healthy time: of the unit's baseline in the direction at hand, and of the log's stretches
     in which the fault does not act (of all, where it always acts). How badly a fault's own time is
@@ -217,7 +227,8 @@ def _scatter(u: Array, w: Array, joints: Sequence[Joint], directions: Sequence[A
     own = float(np.sum(quiet * u**2 / w)) / max(float(quiet.sum()), 1e-300)
     known = known_scatter([(j.balance, d) for j, d in zip(joints, directions, strict=True)])
     freedom = PRIOR_FREEDOM + stretches
-    return max((PRIOR_FREEDOM * known + stretches * own) / freedom, LEAST_SCATTER), freedom
+    kappa = max((PRIOR_FREEDOM * known + stretches * own) / freedom, LEAST_SCATTER)
+    return kappa, freedom, float(np.sum((1.0 - acts) * w))
 
 
 def known_scatter(directions: Sequence[tuple[Explained, Array]]) -> float:

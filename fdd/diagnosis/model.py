@@ -60,8 +60,8 @@ class Calibration(BaseModel):
     Attributes
     ----------
     midpoint, slope : logistic of the score, for faults that show. unseen : share of faults that leave no
-        trace in a log: a quiet one does not rule them out. severity_doubt : relative std of a severity by
-        what no column knows, as how turbulent a leak is or how a seal wears.
+        trace in a log though they should: a quiet one does not rule them out. severity_doubt : relative std
+        of a severity by what no column knows, as how turbulent a leak is or how a seal wears.
     """
 
     model_config = ConfigDict(extra="forbid", allow_inf_nan=False)
@@ -70,8 +70,12 @@ class Calibration(BaseModel):
     unseen: float = Field(default=0.0, ge=0.0, le=1.0)
     severity_doubt: float = Field(default=0.15, ge=0.0)
 
-    def probability(self, score: float) -> float:
+    def probability(self, score: float, hidden: float = 0.0) -> float:
         """Of a fault, given the largest score.
+
+        Parameters
+        ----------
+        hidden : share of faults that this log could not have shown.
 
         Examples
         --------
@@ -80,7 +84,8 @@ class Calibration(BaseModel):
         >>> round(Calibration(midpoint=4.0, slope=1.0, unseen=0.25).probability(-9.0), 2)
         0.2
         """
-        odds = max(math.exp(min(max(self.slope * (score - self.midpoint), -50.0), 50.0)), self.unseen)
+        shows = math.exp(min(max(self.slope * (score - self.midpoint), -50.0), 50.0))
+        odds = max(shows, 1.0 - (1.0 - self.unseen) * (1.0 - hidden))
         return odds / (1.0 + odds)
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Collection
 from typing import Any, Literal
 
 import numpy as np
@@ -9,7 +10,14 @@ from numpy.typing import NDArray
 
 import fdd
 from estimators import eha_layout as layout
-from fdd.diagnosis.answering import estimates_of, fault_finding, invisible, probabilities_of, sensor_fault
+from fdd.diagnosis.answering import (
+    estimates_of,
+    fault_finding,
+    hidden_share,
+    invisible,
+    probabilities_of,
+    sensor_fault,
+)
 from fdd.diagnosis.baseline import BASELINE_VERSION, effects_of
 from fdd.diagnosis.decision import decide
 from fdd.diagnosis.evidence import Evidence
@@ -52,6 +60,7 @@ class Pipeline:
     model : learnt layer; None takes the shipped one.
     axis, log : names for the answer.
     keep_trajectories : keep all records for a report; False bounds the memory of a monitor.
+    without : faults of the catalogue that are not considered.
 
     Examples
     --------
@@ -68,6 +77,7 @@ class Pipeline:
         axis: str = "axis",
         log: str = "",
         keep_trajectories: bool = True,
+        without: Collection[str] = (),
     ) -> None:
         self.unit = unit
         self.model = model or Model.load()
@@ -79,7 +89,7 @@ class Pipeline:
         self._tracked = Tracked(unit, keep=keep_trajectories)
         self._rows = RowMaker(unit)
         self._ledger = Ledger(unit, self._effects)
-        self._hypotheses = hypotheses(unit, self._effects)
+        self._hypotheses = [h for h in hypotheses(unit, self._effects) if h.fault not in without]
         self._first_time = self._last_time = np.nan
         self._count = 0
         self._alarms: dict[str, FaultFinding] = {}
@@ -196,7 +206,7 @@ class Pipeline:
         hydraulic += [f for name, f in self._alarms.items() if name not in seen and f.onset_s < start]
         faults += hydraulic
         faults.sort(key=lambda f: -f.confidence)
-        probabilities = probabilities_of(faults, self.model, score)
+        probabilities = probabilities_of(faults, self.model, score, hidden_share(unseen))
         verdict: Literal["healthy", "faulty", "inconclusive"] = "faulty"
         if not faults:
             doubts = self._doubts(duration)
@@ -260,7 +270,9 @@ class Pipeline:
         time, names, misfit = self._ledger.misfits()
         scans = np.array(self._scans).reshape(-1, 2)
         statistic = np.interp(time, scans[:, 0], scans[:, 1], left=0.0) if len(scans) else np.zeros(time.size)
-        sure = np.array([self.model.calibration.probability(float(s)) for s in statistic])
+        now = self.finish()
+        hidden = hidden_share(now.not_visible)
+        sure = np.array([self.model.calibration.probability(float(s), hidden) for s in statistic])
         return Trajectories(
             time=records["ekf"][:, layout.R_TIME], estimates=values, stds=stds,
             observable={n: seen[n].valid for n in OBSERVABLE},
@@ -268,15 +280,14 @@ class Pipeline:
             information_std={n: seen[n].information_std for n in OBSERVABLE},
             nis={m: r[:, layout.R_NIS] for m, r in records.items()}, window_time=time,
             feature_names=names, features=misfit, statistic=statistic, threshold=self.threshold,
-            probabilities=self._probabilities_over(sure),
+            probabilities=self._probabilities_over(sure, now.probabilities, hidden),
         )  # fmt: skip
 
-    def _probabilities_over(self, sure: Array) -> dict[str, Array]:
+    def _probabilities_over(self, sure: Array, now: dict[str, float], hidden: float) -> dict[str, Array]:
         """Each family's probability over time: how sure it was that something is wrong, and what is said of
         it now. What may be there and leave no trace is unknown."""
-        now = self.finish().probabilities
         faulty = max(sum(p for k, p in now.items() if k != "healthy"), 1e-9)
-        quiet = self.model.calibration.probability(0.0)
+        quiet = self.model.calibration.probability(0.0, hidden)
         shown = np.maximum(sure - quiet, 0.0) / (1.0 - quiet)
         out = {k: shown * (p / faulty) for k, p in now.items() if k != "healthy"}
         out["unknown"] = out["unknown"] + sure - shown

@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from fdd.campaign import disturb
+from fdd.campaign import disturb, left_out
 from fdd.campaign.dataset import Conditions, Dataset, Entry, Label
 from fdd.campaign.generate import generate
 from fdd.campaign.recipe import Recipe
@@ -211,3 +211,12 @@ def test_what_must_not_matter_does_not(tiny_set: Path) -> None:
 def test_a_difference_is_told() -> None:
     other = disturb.Comparison("u", "50 ms missing", healthy=False, verdict=True, fault=False, onset=False)
     assert "0.00 (0.00 to 0.79) of 1" in disturb.table([other])
+
+
+def test_a_kind_that_the_catalogue_does_not_have_is_told_as_what_it_is_taken_for(tiny_set: Path) -> None:
+    said = left_out.left_out(tiny_set, workers=1)
+    assert {kind for kind, _ in said} == {"internal_leakage"}
+    assert {what for _, what in said} <= {"unknown", "a neighbour", "another"}, "gross: something is said"
+    told = left_out.table([("aeration", "unknown"), ("aeration", "another"), ("pump_wear", "nothing")])
+    assert "| aeration | 0 | 1 | 0 | 1 |" in told and "| pump wear | 1 | 0 | 0 | 0 |" in told
+    assert "0.50" in told and "of 2" in told
