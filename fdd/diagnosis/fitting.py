@@ -175,15 +175,14 @@ def fit(joints: Sequence[Joint], scales: Sequence[float], *, signed: bool, from_
     w: Array = np.bincount(block, weights).clip(1e-100)
     blocks = float(w.sum() ** 2 / np.sum(w**2))
     misfit = max(1.0, float(np.sum(u**2) / w.sum()) * blocks / max(blocks - 2.0, 1.0))
-    kappa, freedom, quiet = _scatter(u, w, joints, directions)
+    kappa, freedom = _scatter(u, w, joints, directions, held)
     # No stretch speaks louder than three standard deviations of healthy ones, or than three times the median
     # one: a fault is there in many.
     z = (u + w) / np.sqrt(kappa * w)
     loudest = LOUDEST * max(1.0, float(np.median(z)))
     heard = float(np.sqrt(w) @ np.clip(z, -loudest, loudest)) / max(float(np.sqrt(w) @ z), 1e-300)
     share = told / kappa * min(max(heard, 0.0), 1.0) ** 2
-    # What a change is held against is what the log showed before it, and what the unit's prior allows.
-    freedom = PRIOR_FREEDOM + (freedom - PRIOR_FREEDOM) * quiet / max(quiet + held, 1e-300)
+    freedom = PRIOR_FREEDOM if from_start else freedom
     # Student's t of the free amplitude about the fault's and about none: what lies beyond a fault's bounds
     # is no fault, and says how far amplitudes scatter.
     score = (
@@ -209,10 +208,9 @@ def _while_acting(u: Array, w: Array, kappa: float) -> float:
 
 
 def _scatter(
-    u: Array, w: Array, joints: Sequence[Joint], directions: Sequence[Array]
-) -> tuple[float, float, float]:
-    """Factor by which scores scatter more than their information says, its degrees of freedom, and the
-    information of the time before the fault.
+    u: Array, w: Array, joints: Sequence[Joint], directions: Sequence[Array], held: float
+) -> tuple[float, float]:
+    """Factor by which scores scatter more than their information says, and its degrees of freedom.
 
     It is that of healthy time: of the unit's baseline in the direction at hand, and of the log's stretches
     in which the fault does not act (of all, where it always acts). How badly a fault's own time is
@@ -224,11 +222,12 @@ def _scatter(
     acts = np.bincount(block, np.minimum(course, 1.0)) / np.bincount(block)
     quiet = (1.0 - acts) * w if course[0] < 0.5 else w
     stretches = max(float(quiet.sum() ** 2 / max(np.sum(quiet**2), 1e-300)) - 1.0, 0.0)
+    if course[0] < 0.5:  # what the unit's prior holds, stretches of the log do not
+        stretches *= float(quiet.sum() / max(quiet.sum() + held, 1e-300))
     own = float(np.sum(quiet * u**2 / w)) / max(float(quiet.sum()), 1e-300)
     known = known_scatter([(j.balance, d) for j, d in zip(joints, directions, strict=True)])
     freedom = PRIOR_FREEDOM + stretches
-    kappa = max((PRIOR_FREEDOM * known + stretches * own) / freedom, LEAST_SCATTER)
-    return kappa, freedom, float(np.sum((1.0 - acts) * w))
+    return max((PRIOR_FREEDOM * known + stretches * own) / freedom, LEAST_SCATTER), freedom
 
 
 def known_scatter(directions: Sequence[tuple[Explained, Array]]) -> float:

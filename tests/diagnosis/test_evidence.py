@@ -7,8 +7,8 @@ import pytest
 from made_up_evidence import DRIFT, EFFECTS, LEAK, THIRD, drawn, hypothesis, step
 
 from fdd.diagnosis.decision import USUAL_SIZE, decide
-from fdd.diagnosis.evidence import Amplitude
-from fdd.diagnosis.fitting import Joint
+from fdd.diagnosis.evidence import Amplitude, Evidence
+from fdd.diagnosis.fitting import Explained, Joint
 
 Z80 = 1.2816
 ALL = [LEAK, DRIFT, THIRD]
@@ -59,6 +59,19 @@ def test_a_fault_from_the_start_is_weighed_by_what_each_stretch_says_of_it() -> 
     expected = np.linalg.solve(held, both.T @ vector)[2]
     a = beside.vector / beside.information[0]
     assert a == pytest.approx(expected, rel=1e-8)
+
+
+def test_a_change_that_nothing_came_before_is_as_sure_as_one_from_the_start() -> None:
+    """Both are held against the unit's prior alone, with its few degrees of freedom."""
+    for seed in range(10):
+        whole = drawn(seed, [(LEAK, 1.2, 0)]).balances["volume"]
+        share = np.where(np.arange(80) < 40, 1e-4, 1.0)
+        m = whole.information * share[:, None, None]
+        v = (whole.rest + whole.information @ whole.solution) * share[:, None]
+        late = Evidence({"volume": (m, v, np.full(80, 25.0), np.ones(80))}, {"volume": EFFECTS})
+        late.balances["volume"] = Explained(m, v, EFFECTS)  # as drawn: not widened twice
+        start, change = (late.fitted(LEAK, step(k), "step", k, np.zeros(1), []) for k in (0, 40))
+        assert change.score == pytest.approx(start.score, abs=1.2)
 
 
 def test_what_lies_beyond_a_faults_bounds_is_no_fault() -> None:
