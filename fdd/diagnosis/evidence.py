@@ -16,7 +16,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from fdd.diagnosis.fitting import GREATEST, LEAST_SCATTER, Explained, Fit, Joint, fit, known_scatter
+from fdd.diagnosis.fitting import GREATEST, LEAST_SCATTER, Explained, Fit, Joint, drift, fit, known_scatter
 from fdd.diagnosis.hypotheses import Hypothesis
 from fdd.residuals.effects import Effects
 from fdd.residuals.ledger import widened
@@ -184,7 +184,8 @@ class Evidence:
             s, _ = self._over_onsets(name, "step")
             lam += float(g @ s[k] @ g)
         scatter = known_scatter([(self.balances[name], g) for name, g in self.shared(h)])
-        return float(np.sqrt(max(scatter, LEAST_SCATTER) / max(lam, 1e-12)))
+        changes = drift([(self.balances[name], g) for name, g in self.shared(h)])
+        return float(np.sqrt(max(scatter, LEAST_SCATTER) / max(lam, 1e-12) + changes))
 
     def correlation(self, one: Amplitude, other: Hypothesis) -> float:
         """How alike another hypothesis's columns are in this log, over the course of a fitted one: 0 to 1."""

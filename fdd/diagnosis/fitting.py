@@ -33,6 +33,8 @@ LEAST_SCATTER = 0.2
 LOUDEST = 3.0
 """Standard deviations of healthy stretches, or times the median one, that one stretch of 2 s may count for:
 bounded influence (Huber 1981, doi 10.1002/0471725250)."""
+DRIFT_HOPS = 300.0
+"""Hops in which a healthy unit's coefficients wander off by `Effects.within`: two minutes and a half."""
 GREATEST = 2.0
 """Severity beyond which no fault goes: 1.0 is gross, and a scale may be off by a factor of two on another
 machine."""
@@ -176,24 +178,35 @@ def fit(joints: Sequence[Joint], scales: Sequence[float], *, signed: bool, from_
     blocks = float(w.sum() ** 2 / np.sum(w**2))
     misfit = max(1.0, float(np.sum(u**2) / w.sum()) * blocks / max(blocks - 2.0, 1.0))
     kappa, freedom = _scatter(u, w, joints, directions, held)
-    # No stretch speaks louder than three standard deviations of healthy ones, or than three times the median
-    # one: a fault is there in many.
-    z = (u + w) / np.sqrt(kappa * w)
-    loudest = LOUDEST * max(1.0, float(np.median(z)))
-    heard = float(np.sqrt(w) @ np.clip(z, -loudest, loudest)) / max(float(np.sqrt(w) @ z), 1e-300)
-    share = told / kappa * min(max(heard, 0.0), 1.0) ** 2
+    changes = drift([(j.balance, j.columns[0]) for j in joints])
+    precision = 1.0 / (kappa / told + changes)
+    share = precision * _heard(u, w, kappa) ** 2
     freedom = PRIOR_FREEDOM if from_start else freedom
     # Student's t of the free amplitude about the fault's and about none: what lies beyond a fault's bounds
     # is no fault, and says how far amplitudes scatter.
-    score = (
-        0.5 * (freedom + 1.0) * np.log((freedom + share * free**2) / (freedom + share * (free - size) ** 2))
-    )
-    score -= 0.5 * np.log1p(scales[0] ** 2 * told / kappa)
+    odds = (freedom + share * free**2) / (freedom + share * (free - size) ** 2)
+    score = 0.5 * (freedom + 1.0) * np.log(odds) - 0.5 * np.log1p(scales[0] ** 2 * precision)
     if signed:
-        score += np.log(2.0) + log_ndtr(size * np.sqrt(told / kappa))
+        score += np.log(2.0) + log_ndtr(size * np.sqrt(precision))
     most = max(GREATEST, abs(size))
     level = float(np.clip(size * _while_acting(pulls, pushes, kappa), -most, most))
-    return Fit(size, max(kappa, misfit) / told, level, gain, kappa, misfit, blocks, float(score))
+    variance = max(kappa, misfit) / told + changes
+    return Fit(size, variance, level, gain, kappa, misfit, blocks, float(score))
+
+
+def drift(columns: Sequence[tuple[Explained, Array]]) -> float:
+    """Variance of an amplitude by what a healthy unit itself changes over a log: nothing less is a fault."""
+    told = sum(float(np.sum(np.square(g / e.healthy.within))) for e, g in columns)
+    return len(columns[0][0].information) / DRIFT_HOPS / max(told, 1e-300)
+
+
+def _heard(u: Array, w: Array, kappa: float) -> float:
+    """Share of an amplitude that stands when no stretch speaks louder than three standard deviations of
+    healthy ones, or than three times the median one: a fault is there in many."""
+    z = (u + w) / np.sqrt(kappa * w)
+    loudest = LOUDEST * max(1.0, float(np.median(z)))
+    heard = float(np.sqrt(w) @ np.clip(z, -loudest, loudest)) / max(float(np.sqrt(w) @ z), 1e-300)
+    return min(max(heard, 0.0), 1.0)
 
 
 def _while_acting(u: Array, w: Array, kappa: float) -> float:

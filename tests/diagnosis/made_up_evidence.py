@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -36,33 +37,39 @@ THIRD = hypothesis("third", [0.3, -0.4, 1.0], signed=False)
 
 
 def drawn(
-    seed: int, faults: Sequence[tuple[Hypothesis, float, int]] = (), *, colour: float = 0.0, hops: int = HOPS
+    seed: int,
+    faults: Sequence[tuple[Hypothesis, float, int]] = (),
+    *,
+    colour: float = 0.0,
+    hops: int = HOPS,
+    steady: bool = False,
 ) -> Evidence:
     """Evidence of one made-up log.
 
     Parameters
     ----------
     faults : hypothesis, amplitude and first hop of steps. colour : share of a hop's error that the whole
-        two-second block has in common.
+        two-second block has in common. steady : coefficients do not wander, and rows have hardly any noise.
     """
     rng = np.random.default_rng(seed)
     n = EFFECTS.mean.size
+    effects = replace(EFFECTS, wander=1e-4 * EFFECTS.wander) if steady else EFFECTS
     start = EFFECTS.mean + np.sqrt(np.diag(EFFECTS.covariance)) * rng.normal(size=n)
     information, vector = np.empty((hops, n, n)), np.empty((hops, n))
     common = np.repeat(rng.normal(size=(hops // 4 + 1, n)), 4, axis=0)[:hops]
     for h in range(hops):
-        b = start + EFFECTS.wander * rng.normal(size=n)
+        b = start + effects.wander * rng.normal(size=n)
         for fault, amplitude, onset in faults:
             if h >= onset:
                 b = b + amplitude * fault.columns[NAME]
         x = rng.normal(size=(25, n)) * np.array([3.0, 2.0, 1.5])
-        information[h] = x.T @ x
+        information[h] = x.T @ x * (1e6 if steady else 1.0)
         own = np.linalg.cholesky(information[h]) @ (
             np.sqrt(1.0 - colour) * rng.normal(size=n) + np.sqrt(4.0 * colour) * common[h]
         )
         vector[h] = information[h] @ b + own
     rows = np.full(hops, 25.0)
-    return Evidence({NAME: (information, vector, rows, np.ones(hops))}, {NAME: EFFECTS})
+    return Evidence({NAME: (information, vector, rows, np.ones(hops))}, {NAME: effects})
 
 
 def step(onset: int, hops: int = HOPS) -> Array:
