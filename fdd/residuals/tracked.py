@@ -1,6 +1,7 @@
 """Both estimators over blocks of samples, and what they can be believed of.
 
-The first samples are held back to see which channels there are and how fast they come.
+The first samples are held back to see which channels there are and how fast they come; what comes before all
+that are needed have values is passed over.
 """
 
 from __future__ import annotations
@@ -70,14 +71,18 @@ class Tracked:
         InputError : channels that do not suffice for a diagnosis.
         """
         if self.tracking is None:
-            self._held.append(samples)
-            samples = Samples.concatenate(self._held)
-            self._held = [samples]
-            if len(samples) < HELD_BACK:
+            samples = Samples.concatenate([*self._held, samples])
+            while self.tracking is None and len(samples) >= HELD_BACK:
+                require_channels(samples.channels)
+                head = samples.rows(0, HELD_BACK)  # by number, whatever block brought the last of them
+                channels = Channels.of(head)
+                if missing_required(channels.names):  # not yet, or not to be trusted
+                    samples = samples.rows(HELD_BACK, len(samples))
+                else:
+                    self.tracking = Tracking(self.unit, channels, float(np.median(np.diff(head.time))))
+            self._held = [samples] if self.tracking is None else []
+            if self.tracking is None:
                 return
-            head = samples.rows(0, HELD_BACK)  # the same rows, whatever block brought the last of them
-            self._start(head)
-            self._held = []
         assert self.tracking is not None
         fresh = self.tracking.push(self.tracking.block(samples))
         # The EKF has no layer. Both keep the same times: where one lost the motion, neither is believed.
@@ -95,11 +100,6 @@ class Tracked:
                     self._unwatched.append(records)
         if len(self._unwatched) > 30:  # single records, as they come live, cost as much as hundreds
             self._catch_up()
-
-    def _start(self, head: Samples) -> None:
-        channels = Channels.of(head)
-        require_channels(channels.names)
-        self.tracking = Tracking(self.unit, channels, float(np.median(np.diff(head.time))))
 
     def records(self) -> dict[str, Array]:
         """All records so far of each estimator, (n, RECORD).

@@ -218,6 +218,17 @@ def test_blocks_out_of_order_are_refused(unit: Unit, leaking: Samples) -> None:
         pipeline.push(leaking.rows(1_000, 3_000))
 
 
+@pytest.mark.parametrize("cuts", [[], [300, 1_700, 9_000]])
+def test_a_channel_that_comes_late_is_waited_for(
+    unit: Unit, answer: Answer, leaking: Samples, cuts: list[int]
+) -> None:
+    columns = {c: leaking[c].copy() for c in leaking.channels}
+    columns["position"][:2_345] = np.nan
+    late, whole = pushed(unit, Samples(leaking.time, columns), cuts).finish(), answer(leaking)
+    assert [f.fault for f in late.faults if f.family != "sensor"] == [f.fault for f in whole.faults]
+    assert late.estimates["leakage"].value == pytest.approx(whole.estimates["leakage"].value, rel=0.1)
+
+
 def test_missing_channels_are_named(unit: Unit) -> None:
     time = np.arange(2_000) * 1e-3
     samples = Samples(time, {"position": np.zeros(2_000), "pump_speed": np.zeros(2_000)})
