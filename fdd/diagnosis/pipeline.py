@@ -269,7 +269,8 @@ class Pipeline:
         seen = self._tracked.observed_throughout()
         time, names, misfit = self._ledger.misfits()
         scans = np.array(self._scans).reshape(-1, 2)
-        statistic = np.interp(time, scans[:, 0], scans[:, 1], left=0.0) if len(scans) else np.zeros(time.size)
+        looked = np.searchsorted(scans[:, 0], time, side="right")  # nothing is known before it was looked at
+        statistic = np.concatenate([[0.0], scans[:, 1]])[looked]
         now = self.finish()
         hidden = hidden_share(now.not_visible)
         sure = np.array([self.model.calibration.probability(float(s), hidden) for s in statistic])

@@ -203,7 +203,8 @@ def estimates(records: Array, unit: Unit, model: Array) -> tuple[dict[str, Array
         "coulomb_friction": scale["coulomb_friction"] * x[:, eha.FRIC],
         "viscous_friction": x[:, eha.VISC],
     }
-    return values, {name: scale[name] * np.sqrt(var[:, state].clip(0.0)) for name, state in QUANTITIES.items()}
+    stds = {name: scale[name] * np.sqrt(var[:, state].clip(0.0)) for name, state in QUANTITIES.items()}
+    return values, stds
 
 
 def sensitivities(records: Array, unit: Unit, model: Array) -> dict[str, Array]:
