@@ -13,7 +13,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from simulated_logs import DURATION_S, HEALTHY, ONSET_S, simulated
 
-from fdd.diagnosis.baseline import add_baseline
+from fdd.campaign.disturb import mirrored, mirrored_unit
 from fdd.diagnosis.findings import Diagnosis
 from fdd.diagnosis.pipeline import Pipeline
 from fdd.errors import InputError
@@ -22,7 +22,6 @@ from fdd.unit import Unit
 
 Answer = Callable[[Samples], Diagnosis]
 SHARED = settings(max_examples=5, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
-MIRRORED = ("command", "pump_angle", "pump_speed", "position", "pressure_difference", "motor_current")
 
 
 def pushed(unit: Unit, samples: Samples, cuts: list[int]) -> Pipeline:
@@ -146,30 +145,16 @@ def test_without_its_first_five_seconds_a_log_says_the_same(
     assert late.faults[0].severity == pytest.approx(whole.faults[0].severity, rel=0.2)
 
 
-def mirrored(samples: Samples) -> Samples:
-    """The same actuator looked at from its other end."""
-    columns = {c: -samples[c] if c in MIRRORED else samples[c] for c in samples.channels}
-    columns["pressure_1"], columns["pressure_2"] = samples["pressure_2"], samples["pressure_1"]
-    return Samples(samples.time, columns)
-
-
-def mirrored_unit(logs: list[Samples]) -> Unit:
-    unit = Unit.load("axis_a").model_copy(deep=True)
-    f, c = unit.friction, unit.cylinder
-    f.forward, f.reverse = f.reverse, f.forward
-    c.area_1, c.area_2, c.volume_1, c.volume_2 = c.area_2, c.area_1, c.volume_2, c.volume_1
-    assert all(unit.sensor(name).zero == 0.0 for name in MIRRORED)
-    return add_baseline(unit, [mirrored(x) for x in logs])
-
-
 @pytest.mark.parametrize(
     ("fault", "load", "side"), [("internal_leakage", "spring", None), ("check_valve_stuck_open", "gust", 2)]
 )
-def test_a_mirrored_unit_says_the_same(answer: Answer, fault: str, load: str, side: int | None) -> None:
+def test_a_mirrored_unit_says_the_same(
+    unit: Unit, answer: Answer, fault: str, load: str, side: int | None
+) -> None:
     samples = simulated(21, load, fault, 0.7, side)
     one = answer(samples).faults[0]
-    unit = mirrored_unit([simulated(seed, load) for seed, load in HEALTHY])
-    (other, *_) = pushed(unit, mirrored(samples), []).finish().faults
+    turned = mirrored_unit(unit, [simulated(seed, load) for seed, load in HEALTHY])
+    (other, *_) = pushed(turned, mirrored(samples), []).finish().faults
     assert other.fault == one.fault
     assert other.onset_s == pytest.approx(one.onset_s, abs=1.0)
     assert other.severity == pytest.approx(one.severity, rel=0.2)
