@@ -155,7 +155,8 @@ def fit(joints: Sequence[Joint], scales: Sequence[float], *, signed: bool, from_
     held = sum(float(d @ np.linalg.solve(b.healthy.covariance, d)) for b, d in drawn)
     if from_start:
         joints = [Joint(j.balance.beside(j.columns[0]), j.columns, j.courses) for j in joints]
-        seen_alone = np.diag([0.0, *(1.0 / s**2 for s in scales[1:])]) + sum(j.information for j in joints)
+        vague = [1e-9 / scales[0] ** 2, *(1.0 / s**2 for s in scales[1:])]  # not none: a log may tell nothing
+        seen_alone = np.diag(vague) + sum(j.information for j in joints)
         a = np.asarray(np.linalg.solve(seen_alone, np.sum([j.vector for j in joints], axis=0)))
         inverse = np.linalg.inv(seen_alone)
         along = np.asarray(a[0] / inverse[0, 0] * inverse[:, 0], dtype=np.float64)

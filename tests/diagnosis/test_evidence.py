@@ -84,6 +84,16 @@ def test_what_a_healthy_unit_drifts_by_is_no_fault_however_much_a_log_tells() ->
     assert told.size > 3.0 * drift and told.score < 6.0
 
 
+def test_a_fault_that_a_log_tells_nothing_of_is_not_found_in_it() -> None:
+    whole = drawn(1, [(LEAK, 1.0, 0)]).balances["volume"]
+    m, v = whole.information.copy(), whole.rest + whole.information @ whole.solution
+    m[:, 0, :] = m[:, :, 0] = v[:, 0] = 0.0
+    blind = Evidence({"volume": (m, v, np.full(80, 25.0), np.ones(80))}, {"volume": EFFECTS})
+    for k in (0, 40):
+        assert blind.fitted(LEAK, step(k), "step", k, np.zeros(1), []).score < 1.0
+    assert decide(blind, [LEAK], 4.0)[0] == []
+
+
 def test_what_lies_beyond_a_faults_bounds_is_no_fault() -> None:
     """Four times more than gross is an error of another kind."""
     for seed in range(10):
