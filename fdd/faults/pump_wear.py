@@ -17,7 +17,8 @@ FAULT = Fault(
     title="pump gear wear",
     thesis="Table 4.1",
     plant="volumetric loss that grows with pressure and speed, more flow ripple",
-    severity="cross-port leakage +12e-12 m³/(s·Pa) at 100 rad/s, displacement -2 %, flow ripple +5 %",
+    severity="cross-port leakage +12e-12 m³/(s·Pa) at 100 rad/s, displacement -2 %, flow ripple +5 %; "
+    "or a tenth of the displacement, where what is lost goes by speed alone",
     source=ASSUMED,
     next_check="Measure the leakage across the ports at one pressure, at low and at full speed: only a "
     "worn gear loses more as it turns faster.",
