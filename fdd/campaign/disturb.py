@@ -5,7 +5,6 @@ from __future__ import annotations
 import zlib
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -13,7 +12,7 @@ import numpy as np
 from fdd.campaign.dataset import Dataset
 from fdd.campaign.scores import wilson
 from fdd.campaign.train import identified_unit
-from fdd.campaign.units import Progress, for_each_unit
+from fdd.campaign.units import Progress, over_units
 from fdd.diagnosis.baseline import add_baseline
 from fdd.diagnosis.findings import Diagnosis
 from fdd.diagnosis.model import Model
@@ -108,10 +107,7 @@ def compare(
     ------
     InputError : not a data set, or an unusable model.
     """
-    Model.load(model)
-    data = Dataset.load(directory)
-    work = partial(_compared, str(data.directory), model)
-    return for_each_unit(work, data.units, workers=workers, progress=progress)
+    return over_units(_compared, directory, model, workers=workers, progress=progress)
 
 
 def _compared(directory: str, model: str | None, unit: str) -> list[Comparison]:

@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 from collections import Counter
-from functools import partial
 from pathlib import Path
 
 from fdd.campaign.dataset import Dataset
 from fdd.campaign.scores import wilson
 from fdd.campaign.train import identified_unit
-from fdd.campaign.units import Progress, for_each_unit
+from fdd.campaign.units import Progress, over_units
 from fdd.diagnosis.model import Model
 from fdd.diagnosis.pipeline import Pipeline
 from fdd.faults import CATALOGUE
@@ -28,15 +27,12 @@ def left_out(
     ------
     InputError : not a data set, or an unusable model.
     """
-    Model.load(model)
-    data = Dataset.load(directory)
-    work = partial(_said, str(data.directory), model)
-    return for_each_unit(work, data.units, workers=workers, progress=progress)
+    return over_units(_said, directory, model, workers=workers, progress=progress)
 
 
 def _said(directory: str, model: str | None, unit: str) -> list[tuple[str, str]]:
     data = Dataset.load(directory)
-    profile = identified_unit(data, unit)
+    profile, loaded = identified_unit(data, unit), Model.load(model)
     out = []
     for entry in data.logs_of(unit):
         if len(entry.faults) != 1 or not CATALOGUE[entry.faults[0].fault].signatures:
@@ -45,7 +41,7 @@ def _said(directory: str, model: str | None, unit: str) -> list[tuple[str, str]]
         log = data.samples(entry)
         named = []
         for without in ((), (true,)):
-            pipeline = Pipeline(profile, Model.load(model), keep_trajectories=False, without=without)
+            pipeline = Pipeline(profile, loaded, keep_trajectories=False, without=without)
             pipeline.push(log)
             named.append(pipeline.finish().faults[:1])
         whole, rest = named

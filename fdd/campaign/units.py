@@ -7,12 +7,39 @@ from collections.abc import Callable, Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from functools import partial
 from multiprocessing import get_context
+from pathlib import Path
 from typing import TypeVar
 
+from fdd.campaign.dataset import Dataset
+from fdd.diagnosis.model import Model
 from fdd.errors import InputError
 
 Progress = Callable[[int, int], None]
 Result = TypeVar("Result")
+
+
+def over_units(
+    work: Callable[[str, str | None, str], list[Result]],
+    directory: str | Path,
+    model: str | None,
+    *,
+    workers: int,
+    progress: Progress | None,
+) -> list[Result]:
+    """Join what `work` gives for the units of a data set, after a look at both data set and model.
+
+    Parameters
+    ----------
+    work : data set's folder, model file and unit's name to its results; a function of a module.
+
+    Raises
+    ------
+    InputError : not a data set, or an unusable model.
+    """
+    Model.load(model)
+    data = Dataset.load(directory)
+    bound = partial(work, str(data.directory), model)
+    return for_each_unit(bound, data.units, workers=workers, progress=progress)
 
 
 def for_each_unit(

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections import Counter
-from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -13,7 +12,7 @@ from numpy.typing import NDArray
 from fdd.campaign.dataset import Dataset, Entry
 from fdd.campaign.scores import Outcome, figures
 from fdd.campaign.train import identified_unit
-from fdd.campaign.units import Progress, for_each_unit
+from fdd.campaign.units import Progress, over_units
 from fdd.diagnosis.findings import Trajectories
 from fdd.diagnosis.model import Model
 from fdd.diagnosis.pipeline import Pipeline
@@ -33,10 +32,7 @@ def validate(
     ------
     InputError : not a data set, or an unusable model.
     """
-    Model.load(model)
-    data = Dataset.load(directory)
-    work = partial(_unit_outcomes, str(data.directory), model)
-    return for_each_unit(work, data.units, workers=workers, progress=progress)
+    return over_units(_unit_outcomes, directory, model, workers=workers, progress=progress)
 
 
 def _unit_outcomes(directory: str, model: str | None, unit: str) -> list[Outcome]:

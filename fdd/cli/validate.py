@@ -42,8 +42,11 @@ def validate(
     ] = None,
 ) -> None:
     """Diagnose every log of a data set and compare with its truth."""
+    from fdd.errors import InputError
     from fdd.files import require_writable, write_text, written
 
+    if disturbed and without_each:
+        raise InputError("--disturbed and --without-each are two questions", mend="ask one of them")
     if out is not None:
         require_writable(out, folder=True)
 

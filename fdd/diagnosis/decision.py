@@ -25,7 +25,7 @@ MOST_FAULTS = 3
 USUAL_SIZE = 0.5
 """Severity that is the likeliest before a log is seen (Rayleigh's distribution)."""
 SECOND_FAULT = 2.0
-"""Log odds against a further fault beside one that was found: one in seven units with a fault has another."""
+"""Log odds against a further fault beside one that was found; assumed: one faulty unit in eight has two."""
 TOGETHER_HOPS = 4
 """Hops within which two onsets are one."""
 LAW_DOUBT = 0.25

@@ -33,7 +33,7 @@ LEAST_SCATTER = 0.2
 LOUDEST = 3.0
 """Standard deviations of healthy stretches, or times the median one, that one stretch of 2 s may count for:
 bounded influence (Huber 1981, doi 10.1002/0471725250)."""
-DRIFT_HOPS = 300.0
+WITHIN_HOPS = 300.0
 """Hops in which a healthy unit's coefficients wander off by `Effects.within`: two minutes and a half."""
 GREATEST = 2.0
 """Severity beyond which no fault goes: 1.0 is gross, and a scale may be off by a factor of two on another
@@ -198,7 +198,7 @@ def fit(joints: Sequence[Joint], scales: Sequence[float], *, signed: bool, from_
 def drift(columns: Sequence[tuple[Explained, Array]]) -> float:
     """Variance of an amplitude by what a healthy unit itself changes over a log: nothing less is a fault."""
     told = sum(float(np.sum(np.square(g / e.healthy.within))) for e, g in columns)
-    return len(columns[0][0].information) / DRIFT_HOPS / max(told, 1e-300)
+    return len(columns[0][0].information) / WITHIN_HOPS / max(told, 1e-300)
 
 
 def _heard(u: Array, w: Array, kappa: float) -> float:

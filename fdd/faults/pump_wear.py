@@ -8,7 +8,7 @@ from fdd.faults.signature import Signature
 
 _DISPLACEMENT_LOSS = 0.02
 _WORN_OUT = 0.1
-"""Share of a pump's flow at no pressure that it has lost when it is done for: 10 to 20 % in the trade."""
+"""Assumption: share of its flow at no pressure that a pump has lost when it is done for."""
 
 FAULT = Fault(
     id="pump_wear",

@@ -21,9 +21,10 @@ class Effects:
     ----------
     mean : of the healthy unit. covariance : (n, n), of a log about the mean, and of the mean itself.
         between : std from log to log. within : std of what changes in some minutes of a healthy log and no
-        sensor tells: a magnet loses 0.1 % of its torque a kelvin, a position transducer 0.01 to 0.03 % of its
-        gain. wander : std from hop to hop. noise : std of a row, a first guess. information, scatter :
-        (n, n), of healthy logs, and of the scores of their stretches of 2 s.
+        sensor tells; assumed: a magnet loses 0.1 % of its torque a kelvin and warms by 20, a position
+        transducer 0.01 to 0.03 % of its gain a kelvin. wander : std from hop to hop. noise : std of a row, a
+        first guess. information, scatter : (n, n), of healthy logs, and of the scores of their stretches of
+        2 s.
     """
 
     mean: Array

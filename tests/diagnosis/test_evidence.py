@@ -8,7 +8,7 @@ from made_up_evidence import DRIFT, EFFECTS, LEAK, THIRD, drawn, hypothesis, ste
 
 from fdd.diagnosis.decision import USUAL_SIZE, decide
 from fdd.diagnosis.evidence import Amplitude, Evidence
-from fdd.diagnosis.fitting import DRIFT_HOPS, Explained, Joint
+from fdd.diagnosis.fitting import WITHIN_HOPS, Explained, Joint
 
 Z80 = 1.2816
 ALL = [LEAK, DRIFT, THIRD]
@@ -76,7 +76,7 @@ def test_a_change_that_nothing_came_before_is_as_sure_as_one_from_the_start() ->
 
 def test_what_a_healthy_unit_drifts_by_is_no_fault_however_much_a_log_tells() -> None:
     quiet = drawn(1, [(LEAK, 0.05, 40)], steady=True)
-    drift = EFFECTS.within[0] * np.sqrt(80 / DRIFT_HOPS)
+    drift = EFFECTS.within[0] * np.sqrt(80 / WITHIN_HOPS)
     sharpness = quiet.sharpness(LEAK, 40)
     assert sharpness is not None and drift < sharpness < 1.2 * drift
     told = quiet.best(LEAK, [])
