@@ -70,14 +70,15 @@ def fault_finding(
     ]
     if abs(lead.size) < COMES_AND_GOES * size:
         sentences.append(f"It comes and goes: on average {100 * abs(lead.size) / size:.0f} % of that.")
-    if len(group) > 1:
+    alike = {f: round(found.shares[f] / share, 4) for f in group} if len(group) > 1 else {}
+    if alike:
         sentences.append(
             "In this log " + ", ".join(fault(f).title for f in group) + " would look alike: "
-            + ", ".join(f"{fault(f).title} {100 * found.shares[f] / max(share, 1e-9):.0f} %" for f in group)
+            + ", ".join(f"{fault(f).title} {100 * part:.0f} %" for f, part in alike.items())
             + "."
         )  # fmt: skip
     return FaultFinding(
-        fault=h.fault, family=fault(h.fault).family, ambiguity=group,
+        fault=h.fault, family=fault(h.fault).family, ambiguity=group, shares=alike,
         confidence=round(min(sure * share, 0.9999), 4),
         onset_s=round(onset, 2), detected_s=round(detected, 2), severity=round(size, 3), evidence=sentences,
         severity_interval=(round(max(size - Z80 * std, 0.0), 3), round(size + Z80 * std, 3)),
@@ -117,13 +118,8 @@ def probabilities_of(
     out = dict.fromkeys(FAMILIES, 0.0)
     free = 1.0
     for finding in faults:
-        families = sorted({fault(f).family for f in finding.ambiguity})
-        for family in families:
-            lead = 0.7 if family == finding.family and len(families) > 1 else 1.0
-            others = (
-                0.3 / max(len(families) - 1, 1) if len(families) > 1 and family != finding.family else lead
-            )
-            out[family] += free * finding.confidence * others
+        for name, part in (finding.shares or {finding.fault: 1.0}).items():
+            out[fault(name).family] += free * finding.confidence * part
         free *= 1.0 - finding.confidence
     if not faults:
         doubt = model.calibration.probability(score, hidden)

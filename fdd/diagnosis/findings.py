@@ -27,6 +27,8 @@ class FaultFinding(BaseModel):
     fault: str
     family: str
     ambiguity: list[str]
+    shares: dict[str, float] = Field(default_factory=dict)
+    """How likely each of the ambiguity group is, were it one of them; empty where there is but one."""
     confidence: float = Field(ge=0, le=1)
     onset_s: float
     detected_s: float

@@ -86,8 +86,14 @@ def test_before_a_leak_what_may_be_hidden_is_unknown_not_a_leak(unit: Unit, leak
 
 def test_under_a_one_way_load_a_stuck_check_valve_is_in_the_group(answer: Answer) -> None:
     """The valve that feeds the loaded chamber and the relief valve pass the same oil then."""
-    leading = answer(simulated(21, "push", "check_valve_stuck_open", 0.7, 1)).faults[0]
+    found = answer(simulated(21, "push", "check_valve_stuck_open", 0.7, 1))
+    leading = found.faults[0]
     assert {"check_valve_stuck_open", "relief_valve_stuck_open"} <= set(leading.ambiguity)
+    assert list(leading.shares) == leading.ambiguity and sum(leading.shares.values()) == pytest.approx(
+        1.0, abs=1e-3
+    )
+    relief = leading.confidence * leading.shares["relief_valve_stuck_open"]
+    assert found.probabilities["relief_valve"] == pytest.approx(relief, abs=0.01)
     assert abs(leading.onset_s - ONSET_S) <= 1.0
 
 
