@@ -1,13 +1,16 @@
 """Units of measure: what a profile or a channel map may write, and its factor to SI.
 
-One table for both, so that ``unit: bar`` means the same wherever it stands. Oil
-temperature stays in °C, as the contract's channel list has it.
+One table for both, so that ``unit: bar`` means the same wherever it stands; what it does not have, pint
+knows. Oil temperature stays in °C, as the contract's channel list has it.
 """
 
 from __future__ import annotations
 
 import math
+import re
 from dataclasses import dataclass
+from functools import lru_cache
+from typing import Any
 
 from fdd.errors import InputError
 
@@ -72,13 +75,97 @@ MEASURES: dict[str, Measure] = {
 }  # fmt: skip
 
 
+ATMOSPHERE_PA = 101_325.0
+"""Standard atmosphere, ISO 2533: what an absolute pressure is more than a gauge pressure."""
+_SI = {
+    "length": "m", "speed": "m/s", "area": "m**2", "volume": "m**3", "time": "s", "angle": "rad",
+    "angular_speed": "rad/s", "pressure": "Pa", "force": "N", "mass": "kg", "inertia": "kg*m**2",
+    "torque": "N*m", "current": "A", "voltage": "V", "resistance": "ohm", "inductance": "H",
+    "temperature": "degC", "density": "kg/m**3", "kinematic_viscosity": "m**2/s", "flow": "m**3/s",
+    "frequency": "Hz", "displacement": "m**3/rad",
+}  # fmt: skip
+"""What pint converts to, by dimension."""
+_SPELLED = {
+    "u/min": "rpm", "umdr/min": "rpm", "tr/min": "rpm", "1/min": "rpm", "min^-1": "rpm", "min-1": "rpm",
+    "r/min": "rpm", "rev/min": "rpm", "u/s": "rev/s", "1/s": "rev/s", "s^-1": "rev/s", "s-1": "rev/s",
+    "hz": "rev/s", "grad": "deg", "°": "deg", "grad/s": "deg/s", "°/s": "deg/s", "u": "rev", "umdr": "rev",
+    "turn": "rev", "tr": "rev", "c": "degC", "f": "degF", "°f": "degF", "grad c": "degC", "deg c": "degC",
+    "celsius": "degC", "fahrenheit": "degF", "kelvin": "K", "inch": "in", '"': "in", "zoll": "in",
+    "sec": "s", "sek": "s", "seconds": "s", "msec": "ms", "usec": "us", "µs": "us", "micron": "um",
+    "mikrometer": "um", "ampere": "A", "amp": "A", "amps": "A", "newton": "N",
+}  # fmt: skip
+"""How rigs write units, in small letters, where a letter alone or a rate is meant as this field means it."""
+_OF_DIMENSION = {"u": ("angle",), "c": ("temperature",), "f": ("temperature",), "tr": ("angle",)}
+_ABSOLUTE = re.compile(r"[ _(\[]*(?:abs(?:olute?)?|a)\.?[)\]]*$", re.IGNORECASE)
+_GAUGE = re.compile(r"[ _(\[]*(?:gauge|rel|ü|g)\.?[)\]]*$", re.IGNORECASE)
+
+
+def find_measure(text: str, dimension: str) -> Measure | None:
+    """A unit of measure as a rig's maker wrote it; None where it measures something else or nothing.
+
+    Takes what `MEASURES` and pint know (``1/min``, ``inH2O``, ``kgf/cm²``), German and French spellings
+    (``U/min``, ``tr/min``) and absolute pressures (``bar abs``, ``psia``), less `ATMOSPHERE_PA`.
+
+    Parameters
+    ----------
+    dimension : what it has to measure. Rates of an ``angular_speed`` count revolutions.
+
+    Examples
+    --------
+    >>> round(find_measure("U/min", "angular_speed").factor, 6), find_measure("kPa abs", "pressure").offset
+    (0.10472, -101325.0)
+    >>> round(find_measure("kgf/cm²", "pressure").factor, 1), find_measure("kgf/cm²", "length")
+    (98066.5, None)
+    """
+    plain = (
+        text.strip().strip("[]() ").replace("**", "^").replace("²", "^2").replace("³", "^3").replace("·", "*")
+    )
+    found = _plain_measure(plain, dimension)
+    if found is None and dimension == "pressure":
+        for pattern, offset in ((_ABSOLUTE, -ATMOSPHERE_PA), (_GAUGE, 0.0)):
+            shorter = pattern.sub("", plain)
+            if shorter and shorter != plain and (of := _plain_measure(shorter, dimension)) is not None:
+                return Measure(of.dimension, of.factor, of.offset + offset)
+    return found
+
+
+@lru_cache(maxsize=512)
+def _plain_measure(text: str, dimension: str) -> Measure | None:
+    spelled = _SPELLED.get(text.lower())
+    for name in (text, spelled if dimension in _OF_DIMENSION.get(text.lower(), (dimension,)) else None):
+        if name in MEASURES and MEASURES[name].dimension == dimension:
+            return MEASURES[name]
+    if not text or len(text) > 40 or dimension not in _SI or not re.fullmatch(r"[\w µ°%/*^().\-]+", text):
+        return None
+    try:
+        return _by_pint(text, dimension)
+    except Exception:  # pint's own errors, and those of tokenize, for text that is no unit
+        return None
+
+
+def _by_pint(text: str, dimension: str) -> Measure | None:
+    registry = _registry()
+    unit, si = registry.Unit(text), registry.Unit(_SI[dimension])
+    if unit.dimensionality != si.dimensionality:
+        return None
+    at_zero, at_one = (registry.Quantity(v, unit).to(si).magnitude for v in (0.0, 1.0))
+    return Measure(dimension, float(at_one - at_zero), float(at_zero))
+
+
+@lru_cache(maxsize=1)
+def _registry() -> Any:
+    import pint
+
+    return pint.UnitRegistry(autoconvert_offset_to_baseunit=True)
+
+
 def measure(name: str, dimension: str | None = None) -> Measure:
     """Look a unit of measure up.
 
     Parameters
     ----------
     name : as written in a profile or a map, e.g. ``"bar"``.
-    dimension : what it must measure; None accepts any.
+    dimension : what it must measure; None accepts any of `MEASURES`.
 
     Raises
     ------
@@ -90,13 +177,14 @@ def measure(name: str, dimension: str | None = None) -> Measure:
     100000.0
     """
     found = MEASURES.get(name.strip())
+    if found is not None and dimension in (None, found.dimension):
+        return found
+    spelled = None if dimension is None else find_measure(name, dimension)
+    if spelled is not None:
+        return spelled
+    fitting = ", ".join(n for n, m in MEASURES.items() if n and dimension in (None, m.dimension))
     if found is None:
-        of_dimension = [n for n, m in MEASURES.items() if m.dimension == dimension and n]
-        known = of_dimension or [n for n in MEASURES if n]
-        raise InputError(f"unknown unit {name!r}", mend=f"use one of: {', '.join(known)}")
-    if dimension is not None and found.dimension != dimension:
-        fitting = ", ".join(n for n, m in MEASURES.items() if m.dimension == dimension and n)
-        raise InputError(
-            f"unit {name!r} measures {found.dimension}, not {dimension}", mend=f"use one of: {fitting}"
-        )
-    return found
+        raise InputError(f"unknown unit {name!r}", mend=f"use one of: {fitting}")
+    raise InputError(
+        f"unit {name!r} measures {found.dimension}, not {dimension}", mend=f"use one of: {fitting}"
+    )

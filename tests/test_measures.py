@@ -81,9 +81,9 @@ def test_spaces_around_a_name_do_not_matter() -> None:
 
 def test_unknown_name_lists_those_of_the_dimension() -> None:
     with pytest.raises(InputError) as caught:
-        measure("furlong", "length")
+        measure("blurp", "length")
     line = str(caught.value)
-    assert line.startswith("unknown unit 'furlong'; use one of: m, cm, mm")
+    assert line.startswith("unknown unit 'blurp'; use one of: m, cm, mm")
     assert "bar" not in line
 
 

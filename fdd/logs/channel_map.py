@@ -31,6 +31,7 @@ from fdd.samples import CHANNELS
 from fdd.yaml_reading import yaml_mapping, yaml_text
 
 MAX_MAP_BYTES = 1_000_000
+_MADE = {("pump_angle", "pump_speed"), ("pump_speed", "command")}
 _HEAD = {"schema", "name", "axis", "csv", "channels", "description"}
 
 Finite = Annotated[float, Field(allow_inf_nan=False)]
@@ -51,8 +52,8 @@ class ChannelSource(BaseModel):
     sign_of : a second column (or field of the same topic) whose sign is the
         direction, where a pump turns one way and a valve chooses the direction.
         An angle is accumulated with it, anything else multiplied by it.
-    from_ : written ``from``; only ``pump_angle: {from: pump_speed}``: the
-        angle is accumulated from the speed.
+    from_ : written ``from``: ``pump_angle: {from: pump_speed}`` accumulates the angle from the speed,
+        ``pump_speed: {from: command}`` takes the demanded speed for the measured one.
     period : s; with `from`, the sampling period that one speed sample stands
         for. Without it, the log's own nominal period.
     """
@@ -68,7 +69,7 @@ class ChannelSource(BaseModel):
     sign: Literal[-1, 1] = 1
     wrap: Annotated[float, Field(gt=0, allow_inf_nan=False)] | None = None
     sign_of: str | None = None
-    from_: Literal["pump_speed"] | None = Field(default=None, alias="from")
+    from_: Literal["pump_speed", "command"] | None = Field(default=None, alias="from")
     period: Annotated[float, Field(gt=0, le=1)] | None = None
 
     @model_validator(mode="after")
@@ -146,10 +147,12 @@ class ChannelMap(BaseModel):
                 )
             source.measure_of(channel)
             if source.from_ is not None:
-                if channel != "pump_angle":
-                    raise ValueError(f"{channel}: 'from: pump_speed' makes a pump_angle only")
-                if "pump_speed" not in self.channels:
-                    raise ValueError("pump_angle: is made from pump_speed, which the map does not give")
+                if (channel, source.from_) not in _MADE:
+                    raise ValueError(
+                        f"{channel}: 'from' makes pump_angle of pump_speed, or pump_speed of command"
+                    )
+                if source.from_ not in self.channels:
+                    raise ValueError(f"{channel}: is made from {source.from_}, which the map does not give")
                 continue
             kinds.add("column" if source.column else "topic")
             if source.topic and source.field is None and channel != "time":
@@ -158,8 +161,6 @@ class ChannelMap(BaseModel):
                 raise ValueError(f"{channel}: wrap is for an angle")
         if len(kinds) > 1:
             raise ValueError("columns (CSV, Parquet) and topics (MCAP) are mixed")
-        if kinds == {"column"} and "time" not in self.channels:
-            raise ValueError("no time channel; add e.g. time: {column: t, unit: s}")
         return self
 
     @property

@@ -62,30 +62,6 @@ def checked_finite(columns: Mapping[str, Column]) -> tuple[dict[str, Column], li
     return out, notes
 
 
-def held(at: NDArray[np.int64], stamps: NDArray[np.int64], values: Column, longest: float) -> Column:
-    """A slower series on a faster time base: the last value that had arrived.
-
-    Parameters
-    ----------
-    at : (n,) ns, increasing; where values are wanted.
-    stamps : (m,) ns, increasing; when they arrived.
-    values : (m,).
-    longest : s; an older value than this is missing (NaN), and so is what comes
-        before the first.
-
-    Examples
-    --------
-    >>> held(np.array([0, 1, 2]), np.array([1]), np.array([7.0]), 5.0).tolist()
-    [nan, 7.0, 7.0]
-    """
-    if stamps.size == 0:
-        return np.full(at.size, np.nan)
-    index = np.searchsorted(stamps, at, side="right") - 1
-    taken = np.maximum(index, 0)
-    stale = (index < 0) | ((at - stamps[taken]) > int(longest * 1e9))
-    return np.where(stale, np.nan, values[taken])
-
-
 def with_values(columns: Mapping[str, Column]) -> tuple[dict[str, Column], list[str]]:
     """Leave out channels without a single value.
 

@@ -25,6 +25,9 @@ COUNTED_GAP = 1.0
 """s; the rows that a longer gap would have held are not counted as dropped."""
 LATE_SHARE = 0.01
 """Above this share of rows out of order, the clock is not just late."""
+BURST_SHARE = 0.2
+STOPPED_S = 4 * 3600.0
+"""A log that stands still for longer is two logs, or has a stamp from before its clock was set."""
 STUCK_SECONDS = 5.0
 HIGHEST_PRESSURE = 2e8
 RECOMMENDED_SECONDS = 5.0
@@ -104,6 +107,60 @@ def ordered_time(
     stamps = np.interp(index, index[~late], stamps[~late])
     notes.append(f"{int(late.sum())} late time stamps were put between their neighbours")
     return stamps, rows, notes
+
+
+def spread_bursts(time: Column) -> tuple[Column, list[str]]:
+    """Rows that share a stamp because they came in one packet, spread evenly up to the next one.
+
+    A stamp that is repeated now and then is a row that is there twice (see `ordered_time`); where more than
+    `BURST_SHARE` of all rows repeat the one before, the logger stamps packets.
+
+    Parameters
+    ----------
+    time : (n,) s, as read.
+
+    Examples
+    --------
+    >>> spread_bursts(np.array([0.0, 0.0, 0.5, 0.5, 1.0, 1.0]))[0].tolist()
+    [0.0, 0.25, 0.5, 0.75, 1.0, 1.25]
+    """
+    steps = np.diff(time)
+    if time.size < 4 or not np.isfinite(time).all() or float((steps == 0.0).mean()) < BURST_SHARE:
+        return time, []
+    starts = np.flatnonzero(np.concatenate(([True], steps != 0.0)))
+    counts = np.diff(np.append(starts, time.size))
+    if starts.size < 3:
+        return time, []
+    lengths = np.diff(time[starts])
+    lengths = np.append(lengths, np.median(lengths) * counts[-1] / max(float(np.median(counts)), 1.0))
+    # Over a gap a packet is as long as usual.
+    lengths = np.minimum(lengths, 2.0 * np.median(lengths / counts) * counts)
+    place = np.arange(time.size) - np.repeat(starts, counts)
+    spread = time + place * np.repeat(lengths / counts, counts)
+    return spread, [
+        f"stamps come in packets of {float(np.median(counts)):g} rows; the rows were spread evenly"
+    ]
+
+
+def longest_part(time: Column) -> tuple[slice, list[str]]:
+    """Rows of the longest part of a log that was stopped for more than `STOPPED_S`; one early row, say, goes.
+
+    Examples
+    --------
+    >>> longest_part(np.array([0.0, 1e9, 1e9 + 1.0]))[0]
+    slice(1, 3, None)
+    """
+    cuts = np.flatnonzero(np.diff(time) > STOPPED_S) + 1
+    if cuts.size == 0:
+        return slice(0, time.size), []
+    edges = np.concatenate(([0], cuts, [time.size]))
+    longest = int(np.argmax(np.diff(edges)))
+    a, b = int(edges[longest]), int(edges[longest + 1])
+    note = (
+        f"the log stands still for more than {STOPPED_S / 3600:g} h: "
+        f"{time.size - (b - a)} rows before or after its longest part were left out"
+    )
+    return slice(a, b), [note]
 
 
 def nominal_period(time: Column) -> float:

@@ -1,8 +1,7 @@
-"""Read a log of any kind: by what is in it, not by what it is called."""
+"""Read a log of any format into the house's currency: channels in SI on one time base, and what was odd."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -11,36 +10,34 @@ from numpy.typing import NDArray
 
 from fdd.errors import InputError
 from fdd.logs.angles import accumulate_speed
-from fdd.logs.channel_map import ChannelMap, ChannelSource
-from fdd.logs.conversion import checked_finite, held, to_si, with_values
-from fdd.logs.mcap_reading import (
-    MEASUREMENT_TOPIC,
-    Recording,
-    contract_fields,
-    fields_of,
-    read_topics,
-    require_field,
-)
-from fdd.logs.mcap_records import MAGIC
-from fdd.logs.near_misses import listed
+from fdd.logs.channel_map import ChannelMap
+from fdd.logs.conversion import checked_finite, to_si, with_values
+from fdd.logs.formats import LogFile, open_log
+from fdd.logs.formats.mcap import McapFile
 from fdd.logs.quality import (
     DataQuality,
     check_magnitudes,
     check_time,
     count_missing,
+    longest_part,
     ordered_time,
+    spread_bursts,
     suspicions,
 )
-from fdd.logs.tabular import CsvTable, ParquetTable, Table
-from fdd.samples import CHANNELS, Samples, missing_required
+from fdd.logs.rates import aligned, own_period, without_held
+from fdd.logs.sources import Feed, feeds_of
+from fdd.samples import Samples, missing_required
 
 Column = NDArray[np.float64]
 
-MAX_LOG_BYTES = 8 << 30
-LONGEST_HOLD = 5.0
-"""s, or five of its own periods: as long a value of a slower topic stands for what follows."""
-EPOCH_SECONDS = 1e6
-"""A log that starts later than this (11 days) carries the time of day; it is counted from its start."""
+TIME_OF_DAY_S = 3600.0
+"""A log that starts later than this, and than ten times its length, carries the time of day or of a long
+recording; it is counted from its start."""
+_REQUIRED = (
+    "position", "pump_speed", "pump_angle", "pressure_difference", "pressure_1", "pressure_2", "command",
+)  # fmt: skip
+_HOLDS = ("command", "position_setpoint")
+"""Channels that stand still between two demands, whatever they were sampled at."""
 
 
 @dataclass
@@ -55,7 +52,7 @@ class Log:
     axis : of the topic, the map, or the caller; None where nothing tells.
     metadata : of an MCAP file: record name to its key-value pairs. A run of
         ours has ``metadata["unit"]["yaml"]`` and ``metadata["scenario"]["json"]``.
-    start_ns : ns; log time of t = 0 in an MCAP file, else 0.
+    start_ns : ns since 1970, of t = 0; 0 where the file has no date.
     """
 
     samples: Samples
@@ -68,16 +65,14 @@ class Log:
 
 @dataclass
 class _Raw:
-    """Columns in SI before they are checked."""
+    """Columns in SI before they are checked; `of_file` tells that the time is the file's own clock."""
 
     time: Column
     columns: dict[str, Column]
     notes: list[str]
-    place: Callable[[int], str]
-    axis: str | None = None
-    metadata: dict[str, dict[str, str]] = field(default_factory=dict)
-    first_stamp: int | None = None
-    truncated: bool = False
+    file: LogFile
+    axis: str | None
+    of_file: bool
 
 
 def read_log(
@@ -87,7 +82,7 @@ def read_log(
     *,
     shortest: float = 2.0,
 ) -> Log:
-    """Read a CSV, Parquet or MCAP log.
+    """Read a log of any format of `fdd.logs.formats`.
 
     Parameters
     ----------
@@ -114,204 +109,81 @@ def read_log(
     path = Path(path)
     if channel_map is not None and not isinstance(channel_map, ChannelMap):
         channel_map = ChannelMap.load(channel_map)
-    kind = _kind_of(path)
     try:
-        if kind == "mcap":
-            raw = _from_mcap(path, channel_map, axis)
-        else:
-            table: Table = (
-                ParquetTable.open(path)
-                if kind == "parquet"
-                else CsvTable.open(path, channel_map.csv if channel_map else None)
-            )
-            raw = _from_table(path, table, channel_map)
-            raw.axis = axis or raw.axis
-        return _checked(path, raw, channel_map, shortest)
+        file = open_log(path, channel_map.csv if channel_map else None)
+        feeds, chosen = feeds_of(file, channel_map, axis)
+        return _checked(_on_one_time_base(file, feeds, chosen), channel_map, shortest)
     except InputError as error:
         raise (error if error.where == str(path) else error.at(path)) from None
     except OSError as error:
         raise InputError(f"cannot be read ({error.strerror or error})", where=path) from None
 
 
-def _kind_of(path: Path) -> str:
-    if path.is_dir():
-        raise InputError("is a folder, not a log", where=path, mend="give the files in it")
-    if not path.is_file():
-        raise InputError("no such file", where=path, mend="check the path")
-    try:
-        size = path.stat().st_size
-        with path.open("rb") as source:
-            head = source.read(8)
-    except OSError as error:
-        raise InputError(f"cannot be read ({error.strerror})", where=path) from None
-    if size == 0:
-        raise InputError("the file is empty", where=path, mend="record or copy it again")
-    if size > MAX_LOG_BYTES:
-        raise InputError(f"{size} bytes, at most {MAX_LOG_BYTES} are read", where=path, mend="split the log")
-    if head == MAGIC:
-        return "mcap"
-    if head[:4] == b"PAR1":
-        return "parquet"
-    for magic, what in ((b"\x1f\x8b", "gzip"), (b"PK\x03\x04", "zip"), (b"\x28\xb5\x2f\xfd", "zstd")):
-        if head.startswith(magic):
-            raise InputError(f"is compressed ({what})", where=path, mend="unpack it first")
-    suffix = path.suffix.lower()
-    if suffix in (".mcap", ".parquet"):
-        kind = "an MCAP" if suffix == ".mcap" else "a Parquet"
-        raise InputError(f"not {kind} file (wrong first bytes)", where=path, mend="record or copy it again")
-    return "csv"
-
-
-def _from_table(path: Path, table: Table, channel_map: ChannelMap | None) -> _Raw:
-    if channel_map is None:
-        sources = {n: ChannelSource(column=n) for n in CHANNELS if n in table.names}
-        if "time" not in sources and len(sources) > 1:
-            raise InputError("no column 'time'", where=path, mend="say with --map which column is the time")
-        if len(sources) < 2:
-            raise InputError(
-                "no usable channels", where=path,
-                mend=f"say with --map what its columns are: {listed(n for n in table.names if n)}",
-            )  # fmt: skip
-    else:
-        if channel_map.reads_mcap:
-            raise InputError("the map names topics, but this is a table", where=path, mend="map columns")
-        sources = channel_map.channels
-    read = {n: s for n, s in sources.items() if s.from_ is None}
-    wanted = [str(s.column) for s in read.values()] + [s.sign_of for s in read.values() if s.sign_of]
-    raw = table.read(wanted)
+def _on_one_time_base(file: LogFile, feeds: dict[str, Feed], axis: str | None) -> _Raw:
+    """Channels in SI on the time base of the mapped time, or of the fastest signal that a diagnosis needs."""
+    asked = [s.name for f in feeds.values() for s in (f.signal, f.direction) if s is not None]
+    raw = file.read(n for n in dict.fromkeys(asked) if n in file.signals)
+    timed = feeds.get("time")
     columns = {
-        name: to_si(name, source, raw[str(source.column)], raw[source.sign_of] if source.sign_of else None)
-        for name, source in read.items()
+        channel: to_si(
+            channel,
+            feed.source,
+            raw[feed.signal.name],
+            None if feed.direction is None else raw[feed.direction.name],
+        )
+        for channel, feed in feeds.items()
+        if feed.signal.name in raw
     }
-    time = columns.pop("time")
-    return _Raw(time, columns, list(table.notes), table.place, channel_map.axis if channel_map else None)
-
-
-def _from_mcap(path: Path, channel_map: ChannelMap | None, axis: str | None) -> _Raw:
-    if channel_map is None:
-        return _from_own_mcap(path, axis)
-    if not channel_map.reads_mcap:
-        raise InputError("the map names columns, but this is an MCAP file", where=path, mend="map topics")
-    read = {n: s for n, s in channel_map.channels.items() if s.from_ is None}
-    paths: dict[str, list[str]] = {}
-    for source in read.values():
-        mine = paths.setdefault(str(source.topic), [])
-        mine.extend(f for f in (source.field, source.sign_of) if f is not None and f not in mine)
-    recording = read_topics(path, paths.get)
-    main = next((read[n].topic for n in ("position", "time", *read) if n in read), None)
-    columns: dict[str, Column] = {}
-    time: Column | None = None
-    stamps: NDArray[np.int64] | None = None
-    for name, source in sorted(read.items(), key=lambda item: item[1].topic != main):
-        topic = str(source.topic)
-        if source.field is None:
-            _require_topic(path, recording, topic)
-            continue
-        raw = require_field(path, recording, topic, source.field)
-        direction = require_field(path, recording, topic, source.sign_of) if source.sign_of else None
-        values = to_si(name, source, raw, direction)
-        own = recording.series[topic].stamps
-        if topic == main:
-            stamps = own
-            if name == "time":
-                time = values
-                continue
-        elif stamps is not None:
-            if name == "time":
-                raise InputError(
-                    f"time is mapped to {topic}, position to {main}", mend="map both to one topic"
-                )
-            slow = 5.0 * float(np.median(np.diff(own))) * 1e-9 if own.size > 1 else 0.0
-            values = held(stamps, own, values, max(LONGEST_HOLD, slow))
-        columns[name] = values
-    if stamps is None:
-        raise InputError("the map gives no channel of a topic", where=path)
-    return _mcap_raw(recording, stamps, time, columns, axis or channel_map.axis)
-
-
-def _require_topic(path: Path, recording: Recording, topic: str) -> None:
-    """Refuse a map's time topic that the file does not have."""
-    if topic not in recording.series:
-        raise InputError(
-            f"no message on topic {topic}",
-            where=path,
-            mend=f"the file has: {listed(recording.topics) or 'none'}",
-        )
-
-
-def _from_own_mcap(path: Path, axis: str | None) -> _Raw:
-    def wanted(topic: str) -> Sequence[str] | None:
-        found = MEASUREMENT_TOPIC.match(topic)
-        return contract_fields(topic) if found and axis in (None, found["axis"]) else None
-
-    recording = read_topics(path, wanted)
-    axes = [found["axis"] for t in recording.topics if (found := MEASUREMENT_TOPIC.match(t))]
-    if not axes:
-        there = f"it has: {listed(recording.topics)}" if recording.topics else "it has no topics"
-        raise InputError(
-            "no usable channels: no topic /eha/<axis>/measurement", where=path,
-            mend=f"say with --map what its topics are ({there})",
-        )  # fmt: skip
-    if axis is not None and axis not in axes:
-        raise InputError(f"no axis {axis!r}", where=path, mend=f"the file has: {listed(axes)}")
-    if axis is None and len(axes) > 1:
-        raise InputError(f"{len(axes)} axes: {listed(axes)}", where=path, mend="choose one with --axis")
-    chosen = axis or axes[0]
-    series = recording.series.get(f"/eha/{chosen}/measurement")
-    if series is None:
-        raise InputError(
-            "no message could be read", where=path, mend="the file may be cut off: record or copy it again"
-        )
-    columns = {n: v for n, v in series.fields.items() if np.isfinite(v).any()}
-    time = columns.pop("time", None)
+    mapped = columns.pop("time", None)
     if not columns:
-        there = listed(fields_of(path, f"/eha/{chosen}/measurement"))
-        raise InputError(
-            "no usable channels", where=path, mend=f"say with --map what its fields are: {there}"
-        )
-    # One message without its time would be lost; the log times serve all of them.
-    time = None if time is not None and not np.isfinite(time).all() else time
-    return _mcap_raw(recording, series.stamps, time, columns, chosen)
-
-
-def _mcap_raw(
-    recording: Recording,
-    stamps: NDArray[np.int64],
-    time: Column | None,
-    columns: dict[str, Column],
-    axis: str | None,
-) -> _Raw:
-    first = int(stamps[0])
-    since_start: Column = (stamps - first).astype(np.float64) * 1e-9 if time is None else time
+        raise InputError("no usable channels: the map gives a time alone", where=file.path)
+    # One row without its time would be lost; the file's own stamps serve all of them.
+    if mapped is not None and isinstance(file, McapFile) and not np.isfinite(mapped).all():
+        mapped = None
+    rows = {f.signal.clock: columns[c].size for c, f in feeds.items() if c in columns}
+    needed = [feeds[c].signal.clock for c in _REQUIRED if c in columns] or list(rows)
+    main = timed.signal.clock if timed is not None else max(needed, key=lambda clock: rows[clock])
+    at = file.stamps(main)
+    if at is None and mapped is None:
+        raise InputError("no time", where=file.path, mend="say with --map which column is the time")
     notes = []
-    if recording.damaged:
-        notes.append(f"{recording.damaged} damaged chunks were left out (checksum or compression is wrong)")
-    return _Raw(
-        since_start,
-        columns,
-        notes,
-        "message {}".format,
-        axis,
-        recording.metadata,
-        first,
-        recording.truncated,
-    )
+    for channel, feed in feeds.items():
+        if channel not in columns or feed.signal.clock == main:
+            continue
+        own = file.stamps(feed.signal.clock)
+        if own is None or at is None:
+            raise InputError(
+                f"channel {channel} has {columns[channel].size} rows, the time has {rows.get(main, 0)}",
+                where=file.path,
+                mend="map channels of one rate, or a file that has a time for each",
+            )
+        columns[channel] = aligned(at, own, columns[channel])
+    time = at if mapped is None else mapped
+    assert time is not None
+    if isinstance(file, McapFile) and file.damaged:
+        notes.append(f"{file.damaged} damaged chunks were left out (checksum or compression is wrong)")
+    return _Raw(time, columns, [*file.notes, *notes], file, axis, mapped is None)
 
 
-def _checked(path: Path, raw: _Raw, channel_map: ChannelMap | None, shortest: float) -> Log:
-    time, rows, time_notes = ordered_time(raw.time, raw.place)
+def _checked(raw: _Raw, channel_map: ChannelMap | None, shortest: float) -> Log:
+    file = raw.file
+    spread, burst_notes = spread_bursts(raw.time)
+    time, rows, time_notes = ordered_time(spread, file.place)
+    kept, cut_notes = longest_part(time)
+    time, rows = time[kept], rows[kept]
     columns = {n: v[rows] for n, v in raw.columns.items()} if rows.size < raw.time.size else raw.columns
-    notes = raw.notes + time_notes
-    if time[0] > EPOCH_SECONDS:
-        notes.append(f"the clock starts at {time[0]:.3f} s; times are counted from there")
-        time = time - time[0]
-    if raw.truncated:
+    notes = raw.notes + burst_notes + time_notes + cut_notes
+    first = float(time[0])
+    if first > max(TIME_OF_DAY_S, 10.0 * float(time[-1] - time[0])):
+        notes.append(f"the clock starts at {first:.3f} s; times are counted from there")
+        time = time - first
+    if file.truncated:
         notes.insert(0, f"file is truncated: read up to t={time[-1]:.3f} s")
-    start_ns = 0 if raw.first_stamp is None else raw.first_stamp - round(float(time[0]) * 1e9)
+    start_ns = file.start_ns - (0 if raw.of_file or not file.start_ns else round(float(time[0]) * 1e9))
     quality = check_time(time, shortest)
     columns, infinite_notes = checked_finite(columns)
     columns, empty = with_values(columns)
-    absent = missing_required(columns)
+    absent = missing_required(_with_stand_ins(columns, channel_map))
     if absent:
         silent = f" ({', '.join(empty)} without a single value)" if empty else ""
         raise InputError(
@@ -319,14 +191,38 @@ def _checked(path: Path, raw: _Raw, channel_map: ChannelMap | None, shortest: fl
             mend="record them, or name their columns with --map",
         )
     check_magnitudes(columns)
-    count_missing(columns, quality)
-    columns = _derived(time, columns, channel_map, quality.period)
-    quality.notes = notes + quality.notes + infinite_notes
+    columns, slow, slow_notes = _measurements(time, columns, quality.period)
+    count_missing({n: v for n, v in columns.items() if n not in slow}, quality)
+    quality.notes = notes + quality.notes + infinite_notes + slow_notes
     quality.notes += [f"{name}: no value at all, taken as absent" for name in empty]
+    columns = _derived(time, columns, channel_map, quality)
     quality.notes += suspicions(time, columns, quality.period)
     return Log(
-        Samples(time, columns), quality, path.name, raw.axis, _of_axis(raw.metadata, raw.axis), start_ns
+        Samples(time, columns), quality, file.path.name, raw.axis, _of_axis(file.metadata, raw.axis), start_ns
     )
+
+
+def _measurements(
+    time: Column, columns: dict[str, Column], period: float
+) -> tuple[dict[str, Column], set[str], list[str]]:
+    """The channels with nothing but measurements in them, those that are slower than the rows, and notes."""
+    out, slow, notes = {}, set(), []
+    for name, values in columns.items():
+        found = None if name in _HOLDS else without_held(time, values, period)
+        out[name], own = found or (values, own_period(time, values, period))
+        if own is not None:
+            slow.add(name)
+            held = ", held in between: taken as missing there" if found else ""
+            notes.append(
+                f"{name}: measured every {own * 1e3:.4g} ms, the rows every {period * 1e3:.4g} ms{held}"
+            )
+    return out, slow, notes
+
+
+def _with_stand_ins(columns: dict[str, Column], channel_map: ChannelMap | None) -> set[str]:
+    """The channels that are there or that the map has made from others."""
+    made = {} if channel_map is None else channel_map.channels
+    return set(columns) | {n for n, s in made.items() if s.from_ is not None and s.from_ in columns}
 
 
 def _of_axis(metadata: dict[str, dict[str, str]], axis: str | None) -> dict[str, dict[str, str]]:
@@ -338,13 +234,20 @@ def _of_axis(metadata: dict[str, dict[str, str]], axis: str | None) -> dict[str,
 
 
 def _derived(
-    time: Column, columns: dict[str, Column], channel_map: ChannelMap | None, period: float
+    time: Column, columns: dict[str, Column], channel_map: ChannelMap | None, quality: DataQuality
 ) -> dict[str, Column]:
-    """Add the pump angle and the pressure difference where the log has only what makes them."""
+    """Add the pump's speed and angle and the pressure difference where the log has only what makes them."""
     out = dict(columns)
+    made = channel_map.channels if channel_map else {}
+    if "pump_speed" not in out and "pump_speed" in made and made["pump_speed"].from_ == "command":
+        out["pump_speed"] = out["command"]
+        quality.notes.append(
+            "pump_speed: not measured, the command stands in for it: "
+            "what the drive does not follow looks like a leak"
+        )
     if "pump_angle" not in out:
-        source = channel_map.channels.get("pump_angle") if channel_map else None
-        stands_for = source.period if source is not None and source.period else period
+        source = made.get("pump_angle")
+        stands_for = source.period if source is not None and source.period else quality.period
         out["pump_angle"] = accumulate_speed(time, out["pump_speed"], stands_for)
     if "pressure_difference" not in out:
         out["pressure_difference"] = out["pressure_1"] - out["pressure_2"]

@@ -12,8 +12,8 @@ from fdd.diagnosis.findings import Quality
 from fdd.errors import InputError
 from fdd.logs.channel_map import ChannelMap, ChannelSource
 from fdd.logs.conversion import to_si
-from fdd.logs.mcap_reading import objects_at_once
 from fdd.logs.quality import COUNTED_GAP, JUMP_PERIODS, check_magnitudes
+from fdd.logs.wire.json_messages import objects_at_once
 from fdd.samples import CHANNELS, Samples
 
 Array = NDArray[np.float64]

@@ -93,6 +93,8 @@ class RowMaker:
     _last: tuple[float, float] = (np.nan, np.nan)
     _turned: Array = field(default_factory=lambda: np.full(3, np.nan))
     """Time, angle and speed of the last sample: what the pump's missing signal goes on from."""
+    _celsius: float = np.nan
+    """The oil's last known temperature: it changes slowly, and is measured seldom."""
 
     def push(self, samples: Samples | None) -> tuple[int, Array]:
         """Rows of all hops that the samples complete.
@@ -133,7 +135,7 @@ class RowMaker:
         """What waits, and the filters' memory, as flat named arrays."""
         out: dict[str, Array] = {
             "hop": np.array([self.hop]), "seal": self._seal.copy(), "last": np.array(self._last),
-            "turned": self._turned.copy(),
+            "turned": self._turned.copy(), "celsius": np.array([self._celsius]),
         }  # fmt: skip
         if self._waiting:
             joined = Samples.concatenate(self._waiting)
@@ -146,6 +148,7 @@ class RowMaker:
         self.hop = int(state["hop"][0])
         self._seal, self._turned = state["seal"].copy(), state["turned"].copy()
         self._last = (float(state["last"][0]), float(state["last"][1]))
+        self._celsius = float(state["celsius"][0])
         self._waiting = []
         if "time" in state:
             columns = {k.removeprefix("channel/"): v for k, v in state.items() if k.startswith("channel/")}
@@ -176,23 +179,30 @@ class RowMaker:
             if b - a > 2 and np.isnan(speed[a:b]).all():
                 speed[a:b] = np.gradient(angle[a:b], samples.time[a:b])
         fast = np.isfinite(data[:, : len(FAST)])
-        there = np.logical_or.reduceat(fast, starts, axis=0)
-        complete = (fast | ~there[np.repeat(np.arange(starts.size), np.diff(np.append(starts, n)))]).all(
-            axis=1
-        )
+        lengths = np.diff(np.append(starts, n))
+        # What comes less than once in a cell is not waited for: it has a value in the cells where it comes.
+        cells = np.add.reduceat(np.diff(cell, prepend=-1) > 0, starts)
+        there = np.add.reduceat(fast, starts, axis=0) >= 0.9 * cells[:, None]
+        dense = np.repeat(there, lengths, axis=0)
+        complete = (fast | ~dense).all(axis=1)
         if complete.any():
             taken = data[complete]
             where = cell[complete]
             begin = np.flatnonzero(np.diff(where, prepend=-1))
             count = np.diff(np.append(begin, where.size)).astype(np.float64)
             out[where[begin]] = np.add.reduceat(taken, begin, axis=0) / count[:, None]
+            seldom = fast & ~dense
+            for k in np.flatnonzero(seldom.any(axis=0)):
+                mine = np.flatnonzero(seldom[:, k])
+                out[cell[mine], k] = data[mine, k]
         if "oil_temperature" in samples.channels:  # slow, and comes when it likes
             celsius = samples["oil_temperature"]
             known = np.isfinite(celsius)
-            for h in np.unique(hop[known]):
-                out[h * HOP_ROWS : (h + 1) * HOP_ROWS, COLUMNS["temperature"]] = celsius[
-                    known & (hop == h)
-                ].mean()
+            seen = np.unique(hop[known])
+            means = {int(h): float(celsius[known & (hop == h)].mean()) for h in seen}
+            for h in range(until - first):
+                self._celsius = means.get(h, self._celsius)
+                out[h * HOP_ROWS : (h + 1) * HOP_ROWS, COLUMNS["temperature"]] = self._celsius
         return out
 
     def _turn(self, data: Array) -> None:

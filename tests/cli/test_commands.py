@@ -14,7 +14,7 @@ from fdd.cli.diagnose import output_paths
 from fdd.diagnosis.findings import Diagnosis
 from fdd.errors import InputError
 from fdd.logs import read_log
-from fdd.logs.mcap_reading import read_topics
+from fdd.logs.formats import open_log
 
 KEYS = [
     "schema", "log", "axis", "unit", "duration_s", "samples", "verdict", "faults", "probabilities",
@@ -48,8 +48,8 @@ def test_simulated_mcap_carries_truth_unit_and_scenario(logs) -> None:
     assert scenario["faults"][0]["fault"] == "internal_leakage" and scenario["seed"] == 4
     labels = json.loads(log.metadata["labels"]["json"])
     assert labels["faults"][0]["onset_s"] == 8.0
-    truth = read_topics(logs["leaking"], lambda t: ["leakage"] if t.endswith("/truth") else None)
-    leakage = truth.series["/eha/axis_a/truth"].fields["leakage"]
+    name = "/eha/axis_a/truth.leakage"
+    leakage = open_log(logs["leaking"]).read([name])[name]
     assert leakage.size == len(log.samples)
     assert leakage[-1] - leakage[0] == pytest.approx(0.8 * 12e-12, rel=0.01)
 
@@ -126,7 +126,7 @@ def test_report_and_annotated_mcap(run, logs, tiny_model_file, tmp_path: Path) -
     assert len(log.samples) == len(read_log(logs["leaking"]).samples)
     answer = json.loads(log.metadata["diagnosis"]["json"])
     assert list(answer) == KEYS and answer["verdict"] == "faulty"
-    topics = read_topics(annotated, lambda t: None).topics
+    topics = open_log(annotated).topics
     assert "/eha/axis_a/estimate" in topics and "/eha/axis_a/diagnosis" in topics
     assert sorted(p.name for p in tmp_path.iterdir()) == ["a.mcap", "r.html"]
 
@@ -150,7 +150,7 @@ def test_the_profile_in_the_log_is_used_unless_one_is_given(run, tiny_model_file
     model = ["--model", tiny_model_file, "--json", "-"]
     assert json.loads(run("diagnose", path, *model).stdout)["unit"] == "axis_b"
     assert json.loads(run("diagnose", path, "--unit", "axis_a", *model).stdout)["unit"] == "axis_a"
-    assert read_topics(path, lambda t: None).topics == ["/eha/axis_b/measurement"]
+    assert open_log(path).topics == ["/eha/axis_b/measurement"]
 
 
 def test_without_any_profile_it_says_which_was_taken(run, logs, tiny_model_file) -> None:

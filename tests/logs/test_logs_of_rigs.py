@@ -80,7 +80,7 @@ def test_mcap_rig_against_the_mcap_library(shared: Path) -> None:
         assert samples.time[row] == pytest.approx((stamp - messages[0][0]) * 1e-9, abs=1e-9)
         assert samples["position"][row] == pytest.approx(message["enc_um"] * 1e-6)
         assert samples["pressure_1"][row] == pytest.approx(message["p"]["a"] * 1e3)
-    assert np.isfinite(samples["oil_temperature"]).all()
+    assert np.isfinite(samples["oil_temperature"]).sum() == pytest.approx(samples.duration, abs=1.5)
 
 
 @pytest.fixture

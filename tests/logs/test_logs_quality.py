@@ -118,7 +118,7 @@ def test_a_hole_in_the_log_makes_no_speed_wrong(tmp_path: Path, hole: float) -> 
     fastest = int(odd["pump_speed"].abs().to_numpy().argmax())
     odd.loc[fastest:, "time"] += hole
     notes = read_frame(tmp_path, odd).quality.notes
-    assert any("time jumps 1 times" in n for n in notes)
+    assert any("time jumps 1 times" in n if hole < 1e4 else "stands still" in n for n in notes)
     assert not any("pump_speed" in n for n in notes), notes
     odd["pump_speed"] *= 30.0 / np.pi
     noted(read_frame(tmp_path, odd).quality, "pump_speed is 9.55 times")
@@ -150,8 +150,8 @@ def test_backwards_time_names_the_row() -> None:
     assert "at row 10: 0.000000 s after 9.000000 s" in refused(lambda: ordered_time(time))
 
 
-def test_a_slower_topic_is_held_and_goes_stale(tmp_path: Path) -> None:
-    """Test: oil at 2 Hz from 0.4 s to 5 s. Expected: the last value that had come, for 5 s at most."""
+def test_a_slower_topic_has_values_when_they_come(tmp_path: Path) -> None:
+    """Test: oil at 2 Hz from 0.4 s to 5 s. Expected: these ten values and none between."""
     samples = strokes(12_000)
     start = 1_700_000_000 * 10**9
     with (tmp_path / "a.mcap").open("wb") as stream:
@@ -176,9 +176,8 @@ def test_a_slower_topic_is_held_and_goes_stale(tmp_path: Path) -> None:
     log = read_log(tmp_path / "a.mcap", channel_map)
     oil_read = log.samples["oil_temperature"]
     np.testing.assert_allclose(log.samples.time, samples.time, atol=1e-12)
-    assert np.isnan(oil_read[:400]).all()
-    for k in (400, 899, 900, 4899, 4900, 9900):
-        came = 0.4 + 0.5 * min((k - 400) // 500, 9)
-        assert oil_read[k] == pytest.approx(40.0 + came)
-    assert np.isnan(oil_read[9901:]).all()
+    came = np.flatnonzero(np.isfinite(oil_read))
+    np.testing.assert_array_equal(came, 400 + 500 * np.arange(10))
+    np.testing.assert_allclose(oil_read[came], 40.4 + 0.5 * np.arange(10))
+    assert log.quality.nan_samples == 0
     assert log.start_ns == start

@@ -1,0 +1,130 @@
+"""Parquet and Feather (Arrow IPC): flat columns of numbers."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fdd.errors import InputError
+from fdd.logs.formats.signals import LogFile, Signal, require_size, seconds_since
+
+Column = NDArray[np.float64]
+
+
+@dataclass
+class ArrowFile(LogFile):
+    """A file that pyarrow reads by column."""
+
+    kind: str = "Parquet"
+
+    def read(self, names: Iterable[str]) -> dict[str, Column]:
+        """See `LogFile.read`."""
+        import pyarrow as pa
+        from pyarrow import feather, parquet
+
+        wanted = list(dict.fromkeys(names))
+        try:
+            if self.kind == "Parquet":
+                with parquet.ParquetFile(self.path) as source:
+                    table = source.read(columns=wanted)
+            else:
+                table = feather.read_table(self.path, columns=wanted)
+        except (pa.ArrowException, OSError, MemoryError) as error:
+            brief = " ".join(str(error).split())[:120]
+            raise InputError(
+                f"damaged {self.kind} file ({brief})", where=self.path, mend="copy it again"
+            ) from None
+        return {name: self._numbers(table.column(name), name) for name in wanted}
+
+    def _numbers(self, column: Any, name: str) -> Column:
+        """Null becomes NaN, dates become seconds since the first."""
+        import pyarrow as pa
+
+        try:
+            if pa.types.is_timestamp(column.type):
+                stamps = column.cast(pa.timestamp("ns", column.type.tz)).cast(pa.timestamp("ns"))
+                values, first = seconds_since(stamps.to_numpy().astype("datetime64[ns]"))
+                self.start_ns = self.start_ns or first
+                return values
+            if pa.types.is_duration(column.type):
+                counts = column.cast(pa.duration("ns")).cast(pa.int64())
+                return np.asarray(counts.cast(pa.float64()).to_numpy(), dtype=np.float64) * 1e-9
+            if not (
+                pa.types.is_integer(column.type)
+                or pa.types.is_floating(column.type)
+                or pa.types.is_boolean(column.type)
+                or pa.types.is_decimal(column.type)
+            ):
+                raise InputError(
+                    f"column {name!r} holds {'text' if 'string' in str(column.type) else column.type}, "
+                    "not numbers",
+                    where=self.path,
+                    mend="store it as numbers",
+                )
+            if pa.types.is_boolean(column.type):
+                column = column.cast(pa.int8())
+            return np.array(column.cast(pa.float64(), safe=False).to_numpy(), dtype=np.float64)
+        except pa.ArrowException:
+            raise InputError(f"column {name!r} holds {column.type}, not numbers", where=self.path) from None
+
+
+def open_parquet(path: Path) -> ArrowFile:
+    """Read the schema of a Parquet file.
+
+    Raises
+    ------
+    InputError : damaged, no rows, or far too many.
+    """
+    import pyarrow as pa
+    from pyarrow import parquet
+
+    try:
+        with parquet.ParquetFile(path) as source:
+            schema, rows = source.schema_arrow, source.metadata.num_rows
+    except (pa.ArrowException, OSError) as error:
+        raise _unreadable("Parquet", path, error) from None
+    return _opened(path, "Parquet", schema, rows)
+
+
+def open_feather(path: Path) -> ArrowFile:
+    """Read the schema of a Feather (version 2, Arrow IPC) file.
+
+    Raises
+    ------
+    InputError : damaged, no rows, or far too many.
+    """
+    import pyarrow as pa
+
+    try:
+        with pa.memory_map(str(path)) as source, pa.ipc.open_file(source) as reader:
+            schema = reader.schema
+            rows = sum(reader.get_batch(k).num_rows for k in range(reader.num_record_batches))
+    except (pa.ArrowException, OSError) as error:
+        raise _unreadable("Feather", path, error) from None
+    return _opened(path, "Feather", schema, rows)
+
+
+def _unreadable(kind: str, path: Path, error: Exception) -> InputError:
+    brief = " ".join(str(error).split())[:120]
+    return InputError(f"not readable as {kind} ({brief})", where=path, mend="copy it again")
+
+
+def _opened(path: Path, kind: str, schema: Any, rows: int) -> ArrowFile:
+    if rows == 0:
+        raise InputError("no rows", where=path, mend="record at least 5 s")
+    require_size(rows, len(schema), path)
+    signals = {f.name: Signal(f.name, unit=_unit_of(f)) for f in schema}
+    return ArrowFile(path, signals, kind=kind)
+
+
+def _unit_of(field: Any) -> str | None:
+    """The unit in a field's metadata, by the keys that writers use."""
+    for key, value in (field.metadata or {}).items():
+        if key.decode("utf-8", "replace").lower() in ("unit", "units"):
+            return str(value.decode("utf-8", "replace"))
+    return None

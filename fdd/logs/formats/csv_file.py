@@ -1,0 +1,337 @@
+"""CSV in all its habits: any separator, decimal comma, thousands marks, titles, units row, dates, gzip."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import IO, TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fdd.errors import InputError
+from fdd.logs.channel_map import CsvLayout
+from fdd.logs.formats.dates import has_clock, has_day, is_stamp, stamps_to_seconds
+from fdd.logs.formats.signals import MAX_LOG_BYTES, LogFile, Signal, require_size
+from fdd.logs.formats.text_layout import MISSING, find_layout, is_number
+
+if TYPE_CHECKING:
+    import pyarrow
+
+Column = NDArray[np.float64]
+
+SNIFFED_BYTES = 262_144
+_MARKS = (",", ".", "'", " ", "\u00a0", "\u202f")
+
+
+class _Bounded:
+    """A stream that says so when more comes out of a packed file than is read."""
+
+    def __init__(self, stream: IO[bytes], path: Path) -> None:
+        self._stream, self._path, self._given = stream, path, 0
+        self.closed = False
+
+    def read(self, size: int = -1) -> bytes:
+        data = self._stream.read(size)
+        self._given += len(data)
+        if self._given > MAX_LOG_BYTES:
+            raise InputError(
+                f"more than {MAX_LOG_BYTES} bytes when unpacked", where=self._path, mend="split the log"
+            )
+        return data
+
+    def close(self) -> None:
+        self._stream.close()
+        self.closed = True
+
+
+@dataclass
+class CsvFile(LogFile):
+    """A CSV file whose layout is known.
+
+    Attributes
+    ----------
+    separator, decimal, encoding : of the text.
+    keys : the columns in the order of the file; a name that stands twice has its number behind it.
+    first_line : lines above the first row of numbers.
+    first_row : its cells.
+    packed : by gzip.
+    dated : name of a joint column to those of its date and clock.
+    """
+
+    separator: str = ","
+    decimal: str = "."
+    encoding: str = "utf-8"
+    keys: list[str] = field(default_factory=list)
+    first_line: int = 1
+    first_row: list[str] = field(default_factory=list)
+    packed: bool = False
+    dated: dict[str, tuple[str, str]] = field(default_factory=dict)
+
+    def place(self, row: int) -> str:
+        """The line of row `row`."""
+        return f"line {self.first_line + 1 + row}"
+
+    def read(self, names: Iterable[str]) -> dict[str, Column]:
+        """See `LogFile.read`: a cell that is no number is named by line and column."""
+        import pyarrow as pa
+
+        wanted = list(dict.fromkeys(names))
+        stamped = {n for n in wanted if n in self.dated or is_stamp(self._first(n))}
+        columns = list(dict.fromkeys(c for n in wanted for c in self.dated.get(n, (n,))))
+        texts = {c for n in stamped for c in self.dated.get(n, (n,))}
+        try:
+            table = self._parsed(columns, texts)
+        except pa.ArrowInvalid:
+            table = self._parsed_as_text(columns)
+            texts = set(columns)
+        except (pa.ArrowException, UnicodeError, MemoryError) as error:
+            raise InputError(f"cannot be read ({str(error)[:120]})", where=self.path) from None
+        if table.num_rows == 0:
+            raise InputError("no rows below the header", where=self.path, mend="record at least 5 s")
+        require_size(table.num_rows, len(columns), self.path)
+        out: dict[str, Column] = {}
+        for name in wanted:
+            if name in stamped:
+                out[name] = self._dates(table, name)
+            elif name in texts:
+                out[name] = self._cleaned(table.column(name), name)
+            else:
+                out[name] = np.array(table.column(name).to_numpy(), dtype=np.float64)
+        return out
+
+    def _first(self, name: str) -> str:
+        at = self.keys.index(name) if name in self.keys else -1
+        return self.first_row[at] if 0 <= at < len(self.first_row) else ""
+
+    def _parsed_as_text(self, columns: list[str]) -> pyarrow.Table:
+        import pyarrow as pa
+
+        try:
+            return self._parsed(columns, set(columns))
+        except (pa.ArrowException, UnicodeError, MemoryError) as error:
+            brief = " ".join(str(error).split())[:160]
+            raise InputError(
+                f"not a table of numbers ({brief})", where=self.path, mend="repair that row"
+            ) from None
+
+    def _parsed(self, columns: list[str], texts: set[str]) -> pyarrow.Table:
+        import pyarrow as pa
+        from pyarrow import csv as arrow_csv
+
+        odd: list[Any] = []
+
+        def count_odd(row: Any) -> str:
+            odd.append(row)
+            return "skip" if len(odd) <= 1 else "error"
+
+        table = arrow_csv.read_csv(
+            self._stream() if self.packed else self.path,
+            read_options=arrow_csv.ReadOptions(
+                column_names=self.keys,
+                skip_rows=self.first_line,
+                encoding=self.encoding,
+                use_threads=False,
+                block_size=4 << 20,
+            ),
+            parse_options=arrow_csv.ParseOptions(delimiter=self.separator, invalid_row_handler=count_odd),
+            convert_options=arrow_csv.ConvertOptions(
+                include_columns=columns,
+                column_types={c: pa.string() if c in texts else pa.float64() for c in columns},
+                null_values=list(MISSING),
+                strings_can_be_null=True,
+                decimal_point=self.decimal,
+            ),
+        )
+        if odd:
+            # One odd row is forgiven where it is the last: the logger was cut off while it wrote.
+            row = odd[0]
+            if row.number is not None and row.number != self.first_line + table.num_rows + 1:
+                counts = f"{row.actual_columns} cells where the header has {row.expected_columns}"
+                raise InputError(
+                    f"line {row.number}: {counts}", where=self.path, mend="repair or remove that line"
+                )
+            note = f"the last line is incomplete and was left out (line {row.number})"
+            if note not in self.notes:
+                self.notes.append(note)
+        return table
+
+    def _stream(self) -> Any:
+        import gzip
+
+        import pyarrow as pa
+
+        return pa.PythonFile(_Bounded(gzip.open(self.path, "rb"), self.path), mode="r")  # type: ignore[arg-type]
+
+    def _dates(self, table: pyarrow.Table, name: str) -> Column:
+        parts = [table.column(c).to_pylist() for c in self.dated.get(name, (name,))]
+        texts = (
+            parts[0]
+            if len(parts) == 1
+            else [None if a is None or b is None else f"{a} {b}" for a, b in zip(*parts, strict=True)]
+        )
+        seconds, start, notes = stamps_to_seconds(texts)
+        odd = np.flatnonzero(np.isnan(seconds))
+        for row in odd[:1]:
+            if texts[row]:
+                raise self._no_number(int(row), name, str(texts[row]), "write all stamps alike")
+        self.start_ns = self.start_ns or start
+        self.notes += [n for n in notes if n not in self.notes]
+        return seconds
+
+    def _cleaned(self, column: Any, name: str) -> Column:
+        """Numbers with thousands marks, or with blanks around them."""
+        import pyarrow as pa
+        import pyarrow.compute as pc
+
+        text = pc.utf8_trim_whitespace(column)
+        for mark in _MARKS:
+            if mark != self.decimal:
+                quoted = f"[{mark}]"
+                grouped = pc.match_substring_regex(
+                    text, f"^[-+]?\\d{{1,3}}({quoted}\\d{{3}})+([{self.decimal}]\\d*)?$"
+                )
+                text = pc.if_else(pc.fill_null(grouped, False), pc.replace_substring(text, mark, ""), text)
+        if self.decimal != ".":
+            text = pc.replace_substring(text, self.decimal, ".")
+        missing = pc.is_in(text, value_set=pa.array(MISSING))
+        text = pc.if_else(missing, pa.scalar(None, pa.string()), text)
+        try:
+            return np.array(text.cast(pa.float64()).to_numpy(), dtype=np.float64)
+        except pa.ArrowException:
+            for row, cell in enumerate(text.to_pylist()):
+                if cell is not None and not _floats(cell):
+                    raise self._no_number(
+                        row,
+                        name,
+                        str(column[row]),
+                        "write numbers, and leave the cell empty where one is missing",
+                    ) from None
+            raise InputError(f"column {name!r}: not numbers", where=self.path) from None
+
+    def _no_number(self, row: int, name: str, cell: str, mend: str) -> InputError:
+        return InputError(
+            f"{self.place(row)}, column {name!r}: {cell[:40]!r} is not a number", where=self.path, mend=mend
+        )
+
+
+def _floats(cell: str) -> bool:
+    try:
+        float(cell)
+    except ValueError:
+        return False
+    return True
+
+
+def open_csv(path: Path, layout: CsvLayout | None = None) -> CsvFile:
+    """Detect encoding, separator, decimal mark, title lines, names and units of a CSV file.
+
+    Raises
+    ------
+    InputError : binary content, no header row, or too many columns.
+    """
+    layout = layout or CsvLayout()
+    head, packed, whole = _head_of(path)
+    text, encoding = _decoded(head, path, whole)
+    lines = text.splitlines() if whole else text.splitlines()[:-1]
+    lines = lines[: layout.skip_rows + 400]
+    found = find_layout(lines, layout.delimiter, layout.decimal, layout.skip_rows)
+    if found is None:
+        raise _no_table(lines, layout, path)
+    names = [n or f"column {k + 1}" for k, n in enumerate(found.names)]
+    if names and not found.names[-1] and not found.first_row[-1]:
+        names[-1] = ""  # a separator after the last cell of each row
+    require_size(0, len(names), path)
+    doubled = {n for n in names if names.count(n) > 1}
+    keys = [n if n not in doubled else f"{n}\0{k}" for k, n in enumerate(names)]
+    signals = {
+        key: Signal(key, unit=unit or None)
+        for key, name, unit in zip(keys, names, found.units, strict=True)
+        if name and name not in doubled
+    }
+    log = CsvFile(
+        path, signals, separator=found.separator, decimal=found.decimal, encoding=encoding, keys=keys,
+        doubled=doubled, first_line=found.first_line, first_row=found.first_row, packed=packed,
+    )  # fmt: skip
+    _join_dates(log)
+    return log
+
+
+def _join_dates(log: CsvFile) -> None:
+    """A column of dates and one of clock times make one of stamps."""
+    cells = dict(zip(log.keys, log.first_row, strict=False))
+    days = [k for k, c in cells.items() if is_stamp(c) and has_day(c) and not has_clock(c)]
+    clocks = [k for k, c in cells.items() if is_stamp(c) and not has_day(c)]
+    if len(days) == 1 and len(clocks) == 1:
+        name = f"{days[0]} {clocks[0]}"
+        log.dated[name] = (days[0], clocks[0])
+        log.signals = {name: Signal(name), **log.signals}
+
+
+def _head_of(path: Path) -> tuple[bytes, bool, bool]:
+    """The first bytes, unpacked; whether the file is packed; whether these are all."""
+    import gzip
+    import zlib
+
+    with path.open("rb") as source:
+        head = source.read(SNIFFED_BYTES + 1)
+    if not head.startswith(b"\x1f\x8b"):
+        return head[:SNIFFED_BYTES], False, len(head) <= SNIFFED_BYTES
+    try:
+        with gzip.open(path, "rb") as packed:
+            head = packed.read(SNIFFED_BYTES + 1)
+    except (OSError, EOFError, zlib.error) as error:
+        raise InputError(f"damaged gzip file ({error})", where=path, mend="copy it again") from None
+    return head[:SNIFFED_BYTES], True, len(head) <= SNIFFED_BYTES
+
+
+def _decoded(head: bytes, where: Path, whole: bool) -> tuple[str, str]:
+    if head[:2] in (b"\xff\xfe", b"\xfe\xff"):
+        return head.decode("utf-16", errors="replace").lstrip("\ufeff"), "utf-16"
+    if b"\0" in head:
+        raise InputError(
+            "of no known format, and no text",
+            where=where,
+            mend="give a log of a format that the README lists",
+        )
+    try:
+        # A character may be cut in two at the end of what was read.
+        return head.decode("utf-8-sig", errors="strict" if whole else "ignore") if whole else _utf8(
+            head
+        ), "utf-8"
+    except UnicodeDecodeError:
+        pass
+    try:
+        return head.decode("cp1252"), "cp1252"
+    except UnicodeDecodeError:
+        return head.decode("latin-1"), "latin-1"
+
+
+def _utf8(head: bytes) -> str:
+    """Text whose last character may be cut."""
+    for cut in range(4):
+        try:
+            return head[: len(head) - cut].decode("utf-8-sig")
+        except UnicodeDecodeError:
+            if cut == 3:
+                raise
+    return ""
+
+
+def _no_table(lines: list[str], layout: CsvLayout, path: Path) -> InputError:
+    filled = [(k, line) for k, line in enumerate(lines[layout.skip_rows :], layout.skip_rows) if line.strip()]
+    filled = [(k, line) for k, line in filled if not line.lstrip().startswith("#")]
+    if not filled:
+        return InputError("no header row", where=path, mend="the first row must name the columns")
+    at, line = filled[0]
+    first = line.split(layout.delimiter or ";" if ";" in line else ",")
+    if all(is_number(c) for c in first):
+        return InputError(
+            f"line {at + 1}: no header row, it starts with numbers ({line[:40].strip()})",
+            where=path,
+            mend="put the column names into the first line",
+        )
+    return InputError(
+        "no rows of numbers below a header", where=path, mend="give a table with names in one row"
+    )

@@ -1,0 +1,103 @@
+"""Excel workbooks: each sheet with a row of names above numbers is a group of signals."""
+
+from __future__ import annotations
+
+from datetime import date, datetime, time, timedelta
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fdd.errors import InputError
+from fdd.logs.formats.signals import require_size
+from fdd.logs.formats.text_layout import find_table, is_number
+from fdd.logs.formats.trees import Leaf, TreeFile, tree_file
+
+_HEAD_ROWS = 200
+MAX_PACKED = 256 << 20
+"""Bytes of a workbook: it is held in memory as a whole."""
+
+
+def open_excel(path: Path) -> TreeFile:
+    """Signals of a workbook: the column's name, with the sheet's before it where there are several.
+
+    Raises
+    ------
+    InputError : damaged, too large, or without a table of numbers.
+    """
+    import python_calamine
+
+    if path.stat().st_size > MAX_PACKED:
+        raise InputError(f"larger than {MAX_PACKED} bytes", where=path, mend="save it as CSV")
+    sheets: dict[str, list[list[Any]]] = {}
+    try:
+        book = python_calamine.CalamineWorkbook.from_path(str(path))
+        for name in book.sheet_names:
+            sheets[name] = book.get_sheet_by_name(name).to_python(skip_empty_area=False)
+    except BaseException as error:  # the library's panics are no Exception
+        if isinstance(error, KeyboardInterrupt | SystemExit):
+            raise
+        brief = " ".join(str(error).split())[:120] or type(error).__name__
+        raise InputError(f"not readable as Excel ({brief})", where=path, mend="save it again") from None
+    tables = {name: found for name, rows in sheets.items() if (found := _table(path, rows)) is not None}
+    if not tables:
+        raise InputError(
+            "no sheet has a row of names above rows of numbers", where=path, mend="put the names into one row"
+        )
+    alone = len(tables) == 1
+    return tree_file(path, {"" if alone else name: leaves for name, leaves in tables.items()})
+
+
+def _table(path: Path, rows: list[list[Any]]) -> dict[str, Leaf] | None:
+    texts = [[_text(c) for c in row] for row in rows[:_HEAD_ROWS]]
+    texts = [row if any(row) else [] for row in texts]
+    found = find_table(texts)
+    if found is None:
+        return None
+    names, units, first = found
+    data = rows[first:]
+    while data and not any(c not in ("", None) for c in data[-1]):
+        data.pop()
+    require_size(len(data), len(names), path)
+    leaves = {}
+    for k, (name, unit) in enumerate(zip(names, units, strict=True)):
+        if name:
+            values = [row[k] if k < len(row) else "" for row in data]
+            leaves[name] = Leaf(len(values), partial(_numbers, values), unit or None)
+    return leaves
+
+
+def _text(cell: Any) -> str:
+    if isinstance(cell, bool | int | float):
+        return repr(float(cell))
+    if isinstance(cell, datetime | date | time | timedelta):
+        return "2000-01-01 00:00:00"
+    return str(cell).strip()
+
+
+def _numbers(values: list[Any]) -> NDArray[np.generic]:
+    first = next((v for v in values if v not in ("", None)), "")
+    if isinstance(first, datetime | date):
+        return np.array(
+            [v if isinstance(v, datetime | date) else "NaT" for v in values], dtype="datetime64[ns]"
+        )
+    if isinstance(first, time):
+        return np.array([_seconds(v) for v in values])
+    if isinstance(first, timedelta):
+        return np.array([v.total_seconds() if isinstance(v, timedelta) else np.nan for v in values])
+    return np.array([_number(v) for v in values])
+
+
+def _seconds(value: Any) -> float:
+    if not isinstance(value, time):
+        return np.nan
+    return value.hour * 3600.0 + value.minute * 60.0 + value.second + value.microsecond * 1e-6
+
+
+def _number(value: Any) -> float:
+    if isinstance(value, bool | int | float):
+        return float(value)
+    text = str(value).strip().replace(",", ".")
+    return float(text) if text and is_number(text) and text[0] in "+-.0123456789" else np.nan

@@ -1,0 +1,128 @@
+"""HDF5, and MATLAB 7.3, which is HDF5 with structs as groups and every vector as a matrix."""
+
+from __future__ import annotations
+
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fdd.errors import InputError
+from fdd.logs.formats.trees import Leaf, TreeFile, tree_file
+
+_UNITS = ("unit", "units")
+_MOST_COLUMNS = 64
+_NUMBERS = "fiub"
+
+
+def open_hdf5(path: Path) -> TreeFile:
+    """Signals of an HDF5 file: the dataset ``/daq/fast/p_1`` is ``daq/fast/p_1``.
+
+    Vectors, columns of matrices and members of compound types are signals. Links to other files are not
+    followed.
+
+    Raises
+    ------
+    InputError : damaged, or without arrays.
+    """
+    import h5py
+
+    groups: dict[str, dict[str, Leaf]] = {}
+    scalars: dict[str, dict[str, float]] = {}
+    try:
+        with h5py.File(path) as file:
+            for group, own in [("", file), *_groups(file)]:
+                for key, value in own.attrs.items():
+                    if np.ndim(value) == 0 and isinstance(value, int | float | np.number):
+                        scalars.setdefault(group, {})[key] = float(value)
+                _take_group(path, group, own, groups, scalars)
+    except InputError:
+        raise
+    except Exception as error:  # h5py turns the C library's errors into many kinds
+        brief = " ".join(str(error).split())[:120]
+        raise InputError(f"damaged HDF5 file ({brief})", where=path, mend="copy it again") from None
+    return tree_file(path, groups, scalars)
+
+
+def _groups(file: Any) -> list[tuple[str, Any]]:
+    import h5py
+
+    found: list[tuple[str, Any]] = []
+    # visititems follows neither soft nor external links. What MATLAB keeps for itself begins with #.
+    file.visititems(
+        lambda name, node: (
+            found.append((name, node)) if isinstance(node, h5py.Group) and not name.startswith("#") else None
+        )
+    )
+    return found
+
+
+def _take_group(
+    path: Path,
+    group: str,
+    own: Any,
+    groups: dict[str, dict[str, Leaf]],
+    scalars: dict[str, dict[str, float]],
+) -> None:
+    import h5py
+
+    unit = None
+    leaves = groups.setdefault(group, {})
+    for name in own:
+        if not isinstance(own.get(name, getlink=True), h5py.HardLink):
+            continue
+        node = own[name]
+        if not isinstance(node, h5py.Dataset):
+            continue
+        if name.lower() in _UNITS and node.dtype.kind == "u" and node.size < 64:
+            unit = "".join(chr(c) for c in node[()].reshape(-1))  # MATLAB's text
+        elif node.size == 1 and node.dtype.kind in _NUMBERS:
+            scalars.setdefault(group, {})[name] = float(node[()].reshape(-1)[0])
+        else:
+            leaves.update(_leaves(path, name, node))
+    if unit is not None:
+        for name, leaf in leaves.items():
+            if name.lower() not in ("time", "t"):
+                leaves[name] = Leaf(leaf.size, leaf.load, leaf.unit or unit)
+
+
+def _leaves(path: Path, name: str, node: Any) -> dict[str, Leaf]:
+    full, unit = node.name, _text_attribute(node)
+    if node.dtype.names:
+        return {
+            f"{name}/{member}": Leaf(node.size, partial(_load, path, full, member))
+            for member in node.dtype.names
+            if node.dtype[member].kind in _NUMBERS and node.ndim == 1
+        }
+    if node.dtype.kind not in _NUMBERS or node.ndim > 2 or node.ndim == 0:
+        return {}
+    rows, columns = max(node.shape), (min(node.shape) if node.ndim == 2 else 1)
+    if columns == 1:
+        return {name: Leaf(rows, partial(_load, path, full, ()), unit)}
+    if columns > _MOST_COLUMNS:
+        return {}
+    by_row = node.shape[0] == columns  # MATLAB's matrices lie on their side
+    return {
+        f"{name}[{k}]": Leaf(rows, partial(_load, path, full, np.s_[k, :] if by_row else np.s_[:, k]), unit)
+        for k in range(columns)
+    }
+
+
+def _load(path: Path, name: str, part: Any) -> NDArray[np.generic]:
+    import h5py
+
+    try:
+        with h5py.File(path) as file:
+            return np.asarray(file[name][part])
+    except (OSError, KeyError, MemoryError) as error:
+        brief = " ".join(str(error).split())[:120]
+        raise InputError(f"{name} cannot be read ({brief})", where=path, mend="copy it again") from None
+
+
+def _text_attribute(node: Any) -> str | None:
+    for key, value in node.attrs.items():
+        if key.lower() in _UNITS:
+            return value.decode("utf-8", "replace") if isinstance(value, bytes) else str(value)
+    return None

@@ -1,0 +1,249 @@
+"""MCAP: topics of JSON, Protobuf or ROS messages, each field of a message a signal."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fdd.errors import InputError
+from fdd.logs.formats.signals import MAX_SIGNALS, LogFile, Signal, require_size
+from fdd.logs.near_misses import did_you_mean, listed
+from fdd.logs.wire.chunks import Batch, ChunkWalk
+from fdd.logs.wire.fields import Decoder, written
+from fdd.logs.wire.fields import Path as FieldPath
+
+Column = NDArray[np.float64]
+
+_NANOSECONDS = {"sec": ("nanosec", "nsec"), "seconds": ("nanos", "nanoseconds"), "secs": ("nsecs",)}
+
+
+@dataclass
+class McapFile(LogFile):
+    """An MCAP file whose topics and fields are known.
+
+    Attributes
+    ----------
+    topics : all topics, with messages or without.
+    paths : signal to its field's path, or to those of the seconds and nanoseconds of a stamp.
+    reasons : topic to why its messages cannot be read.
+    """
+
+    topics: list[str] = field(default_factory=list)
+    paths: dict[str, tuple[FieldPath, ...]] = field(default_factory=dict)
+    reasons: dict[str, str] = field(default_factory=dict)
+    damaged: int = 0
+    _stamps: dict[str, NDArray[np.int64]] = field(default_factory=dict)
+
+    def read(self, names: Iterable[str]) -> dict[str, Column]:
+        """See `LogFile.read`. The rows are in the order of the log times."""
+        wanted: dict[str, list[str]] = {}
+        for name in dict.fromkeys(names):
+            wanted.setdefault(str(self.signals[name].topic), []).append(name)
+        return self._columns(wanted)
+
+    def stamps(self, clock: str) -> Column | None:
+        """(n,) s since the first message of the file's topics that were read."""
+        if clock not in self._stamps:
+            self._columns({clock: []})
+        stamps = self._stamps[clock]
+        if not self.start_ns:
+            self.start_ns = int(stamps[0]) if stamps.size else 0
+        return (stamps - self.start_ns).astype(np.float64) * 1e-9
+
+    def place(self, row: int) -> str:
+        """The message of row `row`."""
+        return f"message {row}"
+
+    def field(self, topic: str, path: str | None) -> Signal:
+        """The signal of a topic's field.
+
+        Raises
+        ------
+        InputError : no such topic, no message that can be read on it, or no such field.
+        """
+        if topic not in self.topics:
+            raise InputError(
+                f"no topic {topic}{did_you_mean(topic, self.topics)}",
+                where=self.path,
+                mend=f"the file has: {listed(self.topics) or 'none'}",
+            )
+        there = {s.field: s for s in self.signals.values() if s.topic == topic}
+        if topic in self.reasons:
+            raise InputError(
+                f"topic {topic} {self.reasons[topic]}",
+                where=self.path,
+                mend="record JSON, Protobuf or ROS messages, or export the log as CSV",
+            )
+        if path is None:
+            return Signal(topic, topic, topic=topic)
+        if path not in there:
+            if not there:
+                raise InputError(
+                    f"no message on topic {topic}", where=self.path, mend="record it, or map another topic"
+                )
+            if f"{path}[0]" in there:
+                raise InputError(
+                    f"topic {topic}, field {path!r}: a list is not a number",
+                    where=self.path,
+                    mend=f"name one of its elements, {path}[0] for the first",
+                )
+            raise InputError(
+                f"topic {topic}: no field {path!r}{did_you_mean(path, [str(f) for f in there])}",
+                where=self.path,
+                mend=f"the messages have: {listed(str(f) for f in there)}",
+            )
+        return there[path]
+
+    def _columns(self, wanted: dict[str, list[str]]) -> dict[str, Column]:
+        """Columns of signals by topic; the topics' stamps are kept."""
+        walk = ChunkWalk(self.path)
+        decoders: dict[int, Decoder] = {}
+        parts: dict[str, list[list[Column]]] = {t: [] for t in wanted}
+        stamps: dict[str, list[NDArray[np.int64]]] = {t: [] for t in wanted}
+        paths = {
+            t: list(dict.fromkeys(p for n in names for p in self.paths[n])) for t, names in wanted.items()
+        }
+        rows = 0
+        for batch in walk:
+            channel = walk.channels.get(batch.channel)
+            if channel is None or channel.topic not in wanted:
+                continue
+            topic = channel.topic
+            rows += batch.stamps.size
+            require_size(rows, sum(len(p) for p in paths.values()), self.path)
+            if paths[topic]:
+                if batch.channel not in decoders:
+                    decoders[batch.channel] = decoder_of(channel, walk.schemas.get(channel.schema_id))
+                try:
+                    parts[topic].append(decoders[batch.channel].columns(batch, paths[topic]))
+                except ValueError as error:
+                    raise InputError(f"topic {topic}: {error}", where=self.path) from None
+            stamps[topic].append(batch.stamps)
+        self.truncated, self.damaged = walk.truncated, walk.damaged
+        out: dict[str, Column] = {}
+        for topic, names in wanted.items():
+            joined = np.concatenate([np.empty(0, np.int64), *stamps[topic]])
+            # The log time is the order of an MCAP file, whatever order the messages were written in.
+            order = np.argsort(joined, kind="stable") if (np.diff(joined) < 0).any() else None
+            self._stamps[topic] = joined if order is None else joined[order]
+            by_path = {}
+            for k, path in enumerate(paths[topic]):
+                column = np.concatenate([np.empty(0), *(part[k] for part in parts[topic])])
+                by_path[path] = column if order is None else column[order]
+            for name in names:
+                whole, *nanoseconds = (by_path[p] for p in self.paths[name])
+                out[name] = whole + nanoseconds[0] * 1e-9 if nanoseconds else whole
+        return out
+
+
+def decoder_of(channel: Any, schema: Any) -> Decoder:
+    """What reads the messages of a channel.
+
+    Parameters
+    ----------
+    channel, schema : the library's records; the schema may be None.
+
+    Raises
+    ------
+    ValueError : says why the messages cannot be read.
+    """
+    encoding, data = channel.message_encoding, b"" if schema is None else bytes(schema.data)
+    kind = "" if schema is None else schema.encoding
+    if encoding == "json":
+        from fdd.logs.wire.json_messages import JsonMessages
+
+        return JsonMessages(data if kind == "jsonschema" else b"")
+    if encoding == "protobuf" and kind == "protobuf":
+        from fdd.logs.wire.protobuf_messages import ProtobufMessages
+
+        return ProtobufMessages(schema.name, data)
+    if (encoding, kind) in (("cdr", "ros2msg"), ("ros1", "ros1msg")):
+        from fdd.logs.wire.ros_messages import RosMessages
+
+        return RosMessages(schema.name, data, aligned=encoding == "cdr")
+    raise ValueError(f"carries {encoding or 'unnamed'} messages{f' with a schema in {kind}' if kind else ''}")
+
+
+def open_mcap(path: Path) -> McapFile:
+    """Topics and fields of an MCAP file, which may end early.
+
+    The walk ends where all channels of the file's summary have shown a message.
+
+    Raises
+    ------
+    InputError : no MCAP file.
+    """
+    known = _channels_of_summary(path)
+    log = McapFile(path)
+    walk = ChunkWalk(path)
+    seen: set[int] = set()
+    for batch in walk:
+        if batch.channel in seen or batch.channel not in walk.channels:
+            continue
+        seen.add(batch.channel)
+        _add_fields(log, walk, batch)
+        if known and known <= seen:
+            break
+    log.topics = list(dict.fromkeys(c.topic for c in walk.channels.values()))
+    log.metadata = dict(walk.metadata)
+    if known:
+        log.metadata.update(_metadata_of(path))
+    if len(log.signals) > MAX_SIGNALS:
+        raise InputError(f"{len(log.signals)} fields, at most {MAX_SIGNALS} are read", where=path)
+    return log
+
+
+def _add_fields(log: McapFile, walk: ChunkWalk, batch: Batch) -> None:
+    channel = walk.channels[batch.channel]
+    topic = channel.topic
+    try:
+        fields = decoder_of(channel, walk.schemas.get(channel.schema_id)).fields(batch)
+    except ValueError as error:
+        log.reasons.setdefault(topic, str(error))
+        return
+    by_path = {f.path: f for f in fields}
+    offered: list[tuple[str, tuple[FieldPath, ...], str | None]] = []
+    for whole, unit in ((f.path, f.unit) for f in fields):
+        offered.append((written(whole), (whole,), unit))
+        if len(whole) > 1:
+            for name in _NANOSECONDS.get(str(whole[-1]), ()):
+                if (*whole[:-1], name) in by_path:
+                    offered.append((written(whole[:-1]), (whole, (*whole[:-1], name)), "s"))
+    for text, paths, unit in offered:
+        name = f"{topic}.{text}"
+        log.signals.setdefault(name, Signal(name, topic, unit, topic, text))
+        log.paths.setdefault(name, paths)
+
+
+def _channels_of_summary(path: Path) -> set[int]:
+    """Channels with messages by the file's own summary; none where it has no whole one."""
+    from mcap.reader import SeekingReader
+
+    try:
+        with path.open("rb") as stream:
+            summary = SeekingReader(stream).get_summary()
+    except Exception:  # whatever a damaged or unfinished file provokes: it is walked instead
+        return set()
+    if summary is None or summary.statistics is None:
+        return set()
+    return {c for c, n in summary.statistics.channel_message_counts.items() if n and c in summary.channels}
+
+
+def _metadata_of(path: Path) -> dict[str, dict[str, str]]:
+    from mcap.reader import SeekingReader
+
+    try:
+        with path.open("rb") as stream:
+            return {m.name: dict(m.metadata) for m in SeekingReader(stream).iter_metadata()}
+    except Exception:  # as above
+        return {}
+
+
+AXIS_TOPIC = re.compile(r"^/eha/(?P<axis>[^/]+)/measurement$")
+"""The contract's topic of measurements."""

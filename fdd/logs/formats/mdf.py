@@ -1,0 +1,74 @@
+"""MDF 3 and 4 (ASAM), as measurement and calibration tools write them: a channel group a rate."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fdd.errors import InputError
+from fdd.logs.formats.trees import Leaf, TreeFile, tree_file
+
+
+def open_mdf(path: Path) -> TreeFile:
+    """Signals of an MDF file; where two channels have one name, the group's number stands before it.
+
+    Raises
+    ------
+    InputError : damaged, or without channels of numbers.
+    ImportError : asammdf, an extra, is not installed.
+    """
+    from asammdf import MDF
+    from asammdf.blocks import mdf_v3, mdf_v4
+
+    # A file that breaks off while it is opened would complain on standard error when it is thrown away.
+    for kind in (mdf_v3.MDF3, mdf_v4.MDF4):
+        if not hasattr(kind, "_file"):
+            kind._file = None
+
+    groups: dict[str, dict[str, Leaf]] = {}
+    try:
+        file = MDF(path)
+        start = file.header.start_time
+        inner: list[Any] = list(file.groups)
+        rates = [int(g.channel_group.cycles_nr) for g in inner]
+        several = sum(r > 1 for r in rates) > 1
+        for number, (group, rows) in enumerate(zip(inner, rates, strict=True)):
+            master = file.masters_db.get(number)
+            own = groups.setdefault(str(number) if several else "", {})
+            if master is not None:
+                own["time"] = Leaf(rows, _loader(path, file, number, None), "s")
+            for index, channel in enumerate(group.channels):
+                if index != master:
+                    own[channel.name] = Leaf(rows, _loader(path, file, number, index), channel.unit or None)
+    except Exception as error:  # asammdf lets whatever a damaged file provokes through
+        raise _damaged(path, "damaged MDF file", error) from None
+    found = tree_file(path, groups)
+    found.start_ns = int(start.timestamp() * 1e9) if start is not None and start.year > 1970 else 0
+    return found
+
+
+def _loader(path: Path, file: Any, group: int, index: int | None) -> Callable[[], NDArray[Any]]:
+    """Reads a channel, or the group's stamps, of the file that stays open as long as this is held."""
+
+    def load() -> NDArray[Any]:
+        try:
+            if index is None:
+                return np.asarray(file.get_master(group))
+            signal = file.get(group=group, index=index)
+            values = np.asarray(signal.samples)
+            if signal.invalidation_bits is not None and values.dtype.kind in "fiub":
+                values = np.where(np.asarray(signal.invalidation_bits), np.nan, values)
+            return values
+        except Exception as error:  # as above
+            raise _damaged(path, "a channel cannot be read", error) from None
+
+    return load
+
+
+def _damaged(path: Path, what: str, error: Exception) -> InputError:
+    brief = " ".join(str(error).split())[:120] or type(error).__name__
+    return InputError(f"{what} ({brief})", where=path, mend="copy it again")

@@ -1,0 +1,148 @@
+"""Which format a file has: by what is in it, not by what it is called."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from importlib import import_module
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from fdd.errors import InputError
+from fdd.logs.formats.signals import MAX_LOG_BYTES, LogFile
+
+if TYPE_CHECKING:
+    from fdd.logs.channel_map import CsvLayout
+
+SNIFFED = 1024
+
+
+@dataclass(frozen=True)
+class Format:
+    """One format.
+
+    Attributes
+    ----------
+    name : for people.
+    suffixes : what its files are usually called.
+    sniff : tells it by a file's first `SNIFFED` bytes.
+    opener : ``module:function`` that takes a path (and a `CsvLayout`) and gives a `LogFile`.
+    extra : of fdd, that installs what it needs; None where it is always there.
+    """
+
+    name: str
+    suffixes: tuple[str, ...]
+    sniff: Callable[[bytes], bool]
+    opener: str
+    extra: str | None = None
+
+
+def _starts(*magic: bytes) -> Callable[[bytes], bool]:
+    return lambda head: head.startswith(magic)
+
+
+FORMATS: tuple[Format, ...] = (
+    Format("MCAP", (".mcap",), _starts(b"\x89MCAP0\r\n"), "mcap:open_mcap"),
+    Format("Parquet", (".parquet", ".pq"), _starts(b"PAR1"), "arrow:open_parquet"),
+    Format("Feather", (".feather", ".arrow"), _starts(b"ARROW1"), "arrow:open_feather"),
+    # A MATLAB 7.3 file is HDF5 behind 512 bytes of its own.
+    Format(
+        "HDF5",
+        (".h5", ".hdf5", ".hdf"),
+        lambda head: b"\x89HDF\r\n\x1a\n" in (head[:8], head[512:520]),
+        "hdf5:open_hdf5",
+    ),
+    Format("MATLAB", (".mat",), _starts(b"MATLAB 5.0 MAT-file"), "matlab:open_matlab"),
+    Format("MDF", (".mf4", ".mdf", ".dat"), _starts(b"MDF     ", b"UnFinMF "), "mdf:open_mdf", "mdf"),
+    Format("TDMS", (".tdms",), _starts(b"TDSm"), "tdms:open_tdms"),
+    Format("Excel", (".xlsx", ".xlsm"), _starts(b"PK\x03\x04"), "excel:open_excel"),
+    Format(
+        "CSV", (".csv", ".txt", ".tsv", ".asc", ".csv.gz", ".txt.gz"), lambda head: True, "csv_file:open_csv"
+    ),
+)
+"""In the order in which they are tried: text is whatever is none of the others."""
+_OTHERS = ((b"PK\x03\x04", "zip"), (b"\x28\xb5\x2f\xfd", "zstd"), (b"BZh", "bzip2"), (b"\xfd7zXZ", "xz"))
+
+
+def suffixes() -> tuple[str, ...]:
+    """What logs are called, of all formats.
+
+    Examples
+    --------
+    >>> ".mcap" in suffixes()
+    True
+    """
+    return tuple(s for f in FORMATS for s in f.suffixes)
+
+
+def open_log(path: str | Path, layout: CsvLayout | None = None) -> LogFile:
+    """Open a log of any format.
+
+    Parameters
+    ----------
+    layout : how a CSV file is written, where that is known.
+
+    Raises
+    ------
+    InputError : one line: no such file, damaged, of no known format, or what it needs is not installed.
+
+    Examples
+    --------
+    >>> list(open_log("run.mf4").signals)  # doctest: +SKIP
+    ['MotSpd', 'RamPos']
+    """
+    path = Path(path)
+    found = format_of(path)
+    module, function = found.opener.split(":")
+    try:
+        opener = getattr(import_module(f"fdd.logs.formats.{module}"), function)
+        return opener(path, layout) if found.name == "CSV" else opener(path)
+    except ImportError as error:
+        if found.extra is None:
+            raise
+        raise InputError(
+            f"{found.name} files need {error.name}", where=path, mend=f"pip install 'fdd[{found.extra}]'"
+        ) from None
+    except InputError as error:
+        raise (error if error.where == str(path) else error.at(path)) from None
+    except OSError as error:
+        raise InputError(f"cannot be read ({_brief(error)})", where=path) from None
+
+
+def format_of(path: Path) -> Format:
+    """The format of a file by its first bytes.
+
+    Raises
+    ------
+    InputError : no file, an empty one, one that is too large, or packed.
+    """
+    if path.is_dir():
+        raise InputError("is a folder, not a log", where=path, mend="give the files in it")
+    if not path.is_file():
+        raise InputError("no such file", where=path, mend="check the path")
+    try:
+        size = path.stat().st_size
+        with path.open("rb") as source:
+            head = source.read(SNIFFED)
+    except OSError as error:
+        raise InputError(f"cannot be read ({_brief(error)})", where=path) from None
+    if size == 0:
+        raise InputError("the file is empty", where=path, mend="record or copy it again")
+    if size > MAX_LOG_BYTES:
+        raise InputError(f"{size} bytes, at most {MAX_LOG_BYTES} are read", where=path, mend="split the log")
+    found = next(f for f in FORMATS if f.sniff(head))
+    for magic, what in _OTHERS:
+        if head.startswith(magic) and path.suffix.lower() not in (".xlsx", ".xlsm"):
+            raise InputError(f"is compressed ({what})", where=path, mend="unpack it first")
+    # What is called a binary log and does not begin like one would only be told to be odd text.
+    named = next((f for f in FORMATS if path.suffix.lower() in f.suffixes), None)
+    if found.name == "CSV" and named is not None and named is not found and path.suffix.lower() != ".dat":
+        article = "an" if named.name in ("MCAP", "HDF5", "MDF", "Excel") else "a"
+        raise InputError(
+            f"not {article} {named.name} file (wrong first bytes)", where=path, mend="record or copy it again"
+        )
+    return found
+
+
+def _brief(error: OSError) -> str:
+    return " ".join(str(error.strerror or error).split())[:120]

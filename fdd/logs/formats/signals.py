@@ -1,0 +1,156 @@
+"""An opened log: its signals, the unit that the file declares for each, and the clock that stamped them."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Iterable
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fdd.errors import InputError
+from fdd.logs.near_misses import did_you_mean, listed
+
+Column = NDArray[np.float64]
+
+MAX_LOG_BYTES = 8 << 30
+"""Bytes of a log, packed or not."""
+MAX_VALUES = 1 << 30
+"""Numbers (rows times columns) that are held at once: 8 GiB."""
+MAX_SIGNALS = 4096
+
+
+@dataclass(frozen=True)
+class Signal:
+    """One signal of a log.
+
+    Attributes
+    ----------
+    name : as a channel map writes it; parts of a path are joined by ``/``, fields of a message by dots.
+    clock : signals of one clock have the same rows.
+    unit : as the file declares it; None where it says nothing.
+    topic, field : of a message; None elsewhere.
+    """
+
+    name: str
+    clock: str = ""
+    unit: str | None = None
+    topic: str | None = None
+    field: str | None = None
+
+
+@dataclass
+class LogFile(ABC):
+    """A file of signals, opened: what it holds is known, the numbers are read when they are asked for.
+
+    Attributes
+    ----------
+    path : the file.
+    signals : by name, in the order of the file.
+    notes : what was odd, one line each.
+    start_ns : ns since 1970, of t = 0 of its clocks; 0 where the file has no date.
+    metadata : record name to key-value pairs (MCAP).
+    truncated : whether the file ends before its data does.
+    doubled : names that stand twice; nobody can say which is meant.
+    """
+
+    path: Path
+    signals: dict[str, Signal] = field(default_factory=dict)
+    notes: list[str] = field(default_factory=list)
+    start_ns: int = 0
+    metadata: dict[str, dict[str, str]] = field(default_factory=dict)
+    truncated: bool = False
+    doubled: set[str] = field(default_factory=set)
+
+    @abstractmethod
+    def read(self, names: Iterable[str]) -> dict[str, Column]:
+        """Columns of signals by their whole names, NaN where a value is missing.
+
+        Raises
+        ------
+        InputError : a value is no number, or the file is damaged.
+        """
+
+    def stamps(self, clock: str) -> Column | None:
+        """(n,) s of a clock's rows; None where the file does not tell: then a column has to be the time."""
+        return None
+
+    def clock_column(self, clock: str) -> str | None:
+        """The signal that `stamps` are made of, where there is one."""
+        return None
+
+    def place(self, row: int) -> str:
+        """How a user finds row `row` (from 0) in the file."""
+        return f"row {row}"
+
+    def find(self, name: str) -> Signal:
+        """The signal of this name; the last part of its path is enough where only one ends so.
+
+        Raises
+        ------
+        InputError : no such signal, or several.
+        """
+        if name in self.doubled:
+            raise InputError(
+                f"column {name!r} stands twice in the header", where=self.path, mend="rename one"
+            )
+        found = self.signals.get(name)
+        if found is not None:
+            return found
+        ends = [s for s in self.signals.values() if s.name.endswith(f"/{name}")]
+        if len(ends) == 1:
+            return ends[0]
+        if ends:
+            raise InputError(
+                f"{len(ends)} columns are called {name!r}",
+                where=self.path,
+                mend=f"write one of: {listed(s.name for s in ends)}",
+            )
+        raise InputError(
+            f"no column {name!r}{did_you_mean(name, self.signals)}",
+            where=self.path,
+            mend=f"the file has: {listed(self.signals) or 'none'}",
+        )
+
+
+def require_size(rows: int, columns: int, where: Path) -> None:
+    """Refuse more numbers than `MAX_VALUES`, before they are read.
+
+    Raises
+    ------
+    InputError : names both figures.
+
+    Examples
+    --------
+    >>> require_size(3_600_000, 10, Path("run.mat"))
+    """
+    if columns > MAX_SIGNALS or rows * max(columns, 1) > MAX_VALUES:
+        raise InputError(
+            f"{rows} rows and {columns} columns, at most {MAX_VALUES} numbers in {MAX_SIGNALS} columns",
+            where=where,
+            mend="split it",
+        )
+
+
+def seconds_since(stamps: NDArray[np.datetime64]) -> tuple[Column, int]:
+    """Seconds since the first stamp, and that stamp in ns since 1970 (0 where there is none).
+
+    The nanoseconds are subtracted before the floats lose them.
+
+    Parameters
+    ----------
+    stamps : (n,) datetime64; NaT where one is missing.
+
+    Examples
+    --------
+    >>> seconds_since(np.array(["1970-01-01T00:00:01.5", "1970-01-01T00:00:02"], "datetime64[ns]"))
+    (array([0. , 0.5]), 1500000000)
+    """
+    counted = stamps.astype("datetime64[ns]").astype(np.int64)
+    missing = np.isnat(stamps)
+    if missing.all():
+        return np.full(stamps.size, np.nan), 0
+    first = int(counted[~missing].min())
+    return np.where(missing, np.nan, (counted - first) * 1e-9), first

@@ -1,0 +1,193 @@
+"""How a table of text is laid out: separator, decimal mark, titles, names, units, first row of numbers."""
+
+from __future__ import annotations
+
+import csv
+import re
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from fdd.logs.formats.dates import is_stamp
+from fdd.measures import MEASURES, find_measure
+
+MISSING = ("", "nan", "NaN", "NAN", "-nan", "NA", "N/A", "#N/A", "null", "NULL", "None", "--", "-")
+_SEPARATORS = (";", "\t", ",", "|")
+_SEP_LINE = re.compile(r"^\"?sep=(.)\"?$", re.IGNORECASE)
+_NUMBER = re.compile(r"[-+]?(\d[\d.,' \u00a0\u202f]*|[.,]\d+)([eE][-+]?\d+)?|[-+]?(inf|Inf|INF)(inity)?")
+_GROUPED = {
+    ",": re.compile(r"[-+]?\d{1,3}(,\d{3})+\.\d*|[-+]?\d{1,3}(,\d{3}){2,}"),
+    ".": re.compile(r"[-+]?\d{1,3}(\.\d{3})+,\d*|[-+]?\d{1,3}(\.\d{3}){2,}"),
+}
+_UNIT_CELL = re.compile(r"^\s*[\[(].{0,20}[\])]\s*$")
+
+
+@dataclass(frozen=True)
+class Layout:
+    """Where a table's parts stand.
+
+    Attributes
+    ----------
+    separator, decimal : one character each.
+    names, units : of the columns; a unit is "" where there is none.
+    first_line : index of the first line of numbers, from 0.
+    first_row : its cells.
+    """
+
+    separator: str
+    decimal: str
+    names: list[str]
+    units: list[str]
+    first_line: int
+    first_row: list[str]
+
+
+def is_number(cell: str) -> bool:
+    """Whether a cell is a number, with whatever marks, or says that one is missing.
+
+    Examples
+    --------
+    >>> [is_number(c) for c in ("1.234,5", "-3e-4", "", "NaN", "Druck", "1/min")]
+    [True, True, True, True, False, False]
+    """
+    bare = cell.strip()
+    return bare in MISSING or _NUMBER.fullmatch(bare) is not None
+
+
+def cells_of(line: str, separator: str) -> list[str]:
+    """The cells of one line, without the blanks and quotes around them.
+
+    Examples
+    --------
+    >>> cells_of('a, "b,c" ,d', ",")
+    ['a', 'b,c', 'd']
+    """
+    try:
+        return [c.strip() for c in next(csv.reader([line], delimiter=separator, skipinitialspace=True))]
+    except (csv.Error, StopIteration):
+        return [c.strip() for c in line.split(separator)]
+
+
+def find_layout(
+    lines: Sequence[str], separator: str | None = None, decimal: str | None = None, skip: int = 0
+) -> Layout | None:
+    """The layout of a text file by its first lines; None where no row of numbers stands below a row of names.
+
+    Parameters
+    ----------
+    lines : the first some hundred lines. separator, decimal : where they are known.
+    skip : lines that are no part of the table.
+
+    Examples
+    --------
+    >>> found = find_layout(["Bench 3", "t;Druck A", "s;bar", "0,0;1,5", "0,1;1,6"])
+    >>> found.names, found.units, found.decimal, found.first_line
+    (['t', 'Druck A'], ['s', 'bar'], ',', 3)
+    """
+    start = skip
+    if separator is None:
+        for k in range(start, min(start + 3, len(lines))):
+            if (declared := _SEP_LINE.match(lines[k].strip())) is not None:
+                separator, start = declared.group(1), k + 1
+                break
+    tried = [separator] if separator else _SEPARATORS
+    best: tuple[int, Layout] | None = None
+    for one in tried:
+        rows = [
+            [] if not line.strip() or line.lstrip().startswith("#") else cells_of(line, one) for line in lines
+        ]
+        found = find_table(rows, start)
+        if found is None:
+            continue
+        names, units, first = found
+        mark = decimal or _decimal_of([c for row in rows[first : first + 50] for c in row], one)
+        layout = Layout(one, mark, names, units, first, rows[first])
+        if best is None or len(names) > best[0]:
+            best = (len(names), layout)
+    return None if best is None else best[1]
+
+
+def find_table(rows: Sequence[Sequence[str]], start: int = 0) -> tuple[list[str], list[str], int] | None:
+    """Names, units and the index of the first row of numbers of a sheet of cells.
+
+    Parameters
+    ----------
+    rows : cells; an empty list is a line without any.
+    start : rows before are no part of the table.
+
+    Examples
+    --------
+    >>> find_table([["t", "p [bar]"], ["0", "1"], ["1", "2"]])
+    (['t', 'p [bar]'], ['', ''], 1)
+    """
+    for k in range(start, len(rows)):
+        if _is_data(rows[k]):
+            above = [i for i in range(start, k) if rows[i]]
+            found = _header(rows, above, len(rows[k]))
+            if found is not None:
+                return (*found, k)
+            if above or _looks_whole(rows, k):
+                return None
+    return None
+
+
+def _is_data(row: Sequence[str]) -> bool:
+    filled = [c for c in row if c.strip()]
+    return bool(filled) and sum(is_number(c) or is_stamp(c) for c in filled) >= max(1, (len(filled) + 1) // 2)
+
+
+def _looks_whole(rows: Sequence[Sequence[str]], k: int) -> bool:
+    """Whether the rows after `k` are alike: numbers without a header, and no title that happens to be one."""
+    after = [r for r in rows[k + 1 : k + 4] if r]
+    return all(len(r) == len(rows[k]) and _is_data(r) for r in after)
+
+
+def _header(
+    rows: Sequence[Sequence[str]], above: Sequence[int], width: int
+) -> tuple[list[str], list[str]] | None:
+    fitting = [i for i in above if abs(len(rows[i]) - width) <= 1 and not _is_data(rows[i])]
+    if width == 1:
+        fitting = fitting[-1:]
+    if not fitting or fitting[-1] != above[-1]:
+        return None
+    last = list(rows[fitting[-1]])
+    if len(fitting) > 1 and _is_units(last):
+        names = _to_width(rows[fitting[-2]], width)
+        return names, _to_width([c.strip("[]() ") for c in last], len(names))[: len(names)]
+    if not any(c.strip() for c in last):
+        return None
+    names = _to_width(last, width)
+    return names, [""] * len(names)
+
+
+def _to_width(row: Sequence[str], width: int) -> list[str]:
+    whole = [*row, *[""] * (width - len(row))]
+    return whole if any(whole[width:]) else whole[:width]
+
+
+def _is_units(row: Sequence[str]) -> bool:
+    """Whether all cells that say anything are units, as no row of names is."""
+    said = [c.strip() for c in row if c.strip() not in ("", "-")]
+    known = [c for c in said if _UNIT_CELL.match(c) or _is_unit(c.strip("[]() "))]
+    return bool(said) and len(known) >= 0.7 * len(said)
+
+
+def _is_unit(cell: str) -> bool:
+    dimensions = ("pressure", "length", "angular_speed", "temperature", "current", "time", "voltage", "force")
+    return cell in MEASURES or any(find_measure(cell, d) is not None for d in dimensions)
+
+
+def _decimal_of(cells: Sequence[str], separator: str) -> str:
+    votes: Counter[str] = Counter()
+    for cell in cells:
+        if is_stamp(cell):
+            continue
+        if _GROUPED[","].fullmatch(cell):
+            votes["."] += 2
+        elif _GROUPED["."].fullmatch(cell) or (
+            separator != "," and re.fullmatch(r"[-+]?\d*,\d+([eE][-+]?\d+)?", cell)
+        ):
+            votes[","] += 1
+        elif "." in cell:
+            votes["."] += 1
+    return "," if votes[","] > votes["."] else "."

@@ -1,0 +1,169 @@
+"""Arrays in groups (HDF5, MATLAB, TDMS, MDF, sheets of a workbook) as signals with clocks.
+
+Arrays of one length in one group share the clock that stands beside them under a name like ``time`` or
+``stamp``. A group that holds nothing but a value, its time and its unit is one signal, called as the group.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fdd.errors import InputError
+from fdd.logs.formats.signals import LogFile, Signal, require_size, seconds_since
+from fdd.logs.names import is_time_name, unit_in_name
+from fdd.measures import MEASURES, find_measure
+
+Column = NDArray[np.float64]
+
+_VALUES = ("value", "values", "data", "y", "signal", "samples")
+_PERIODS, _RATES = (
+    ("dt", "ts", "period", "sample_time", "sampletime"),
+    ("fs", "rate", "sample_rate", "samplerate"),
+)
+SLOWEST_STEP_S = 0.02
+"""s; 50 Hz is the slowest rate that the fastest clock of a log may have."""
+
+
+@dataclass(frozen=True)
+class Leaf:
+    """An array of a group: its length, how it is loaded, and its unit."""
+
+    size: int
+    load: Callable[[], NDArray[np.generic]]
+    unit: str | None = None
+
+
+@dataclass
+class TreeFile(LogFile):
+    """Signals that are loaded one by one.
+
+    Attributes
+    ----------
+    leaves : by the signals' names, and the clocks' columns too.
+    clocks : clock to the name of the leaf of its stamps.
+    periods : clock to (s, rows), where the file gives a rate in place of stamps.
+    """
+
+    leaves: dict[str, Leaf] = field(default_factory=dict)
+    clocks: dict[str, str] = field(default_factory=dict)
+    periods: dict[str, tuple[float, int]] = field(default_factory=dict)
+
+    def read(self, names: Iterable[str]) -> dict[str, Column]:
+        """See `LogFile.read`."""
+        return {name: self._loaded(name) for name in dict.fromkeys(names)}
+
+    def stamps(self, clock: str) -> Column | None:
+        """See `LogFile.stamps`."""
+        if clock in self.periods:
+            period, rows = self.periods[clock]
+            return np.arange(rows, dtype=np.float64) * period
+        if clock not in self.clocks:
+            return None
+        name = self.clocks[clock]
+        values = self._loaded(name)
+        unit = self.leaves[name].unit or unit_in_name(name)
+        found = find_measure(unit, "time") if unit else None
+        if found is not None:
+            return values * found.factor
+        # Several rates count in one unit: the fastest tells which, as a log is not slower than 50 Hz.
+        last = name.rsplit("/", 1)[-1]
+        alike = {n for n in self.clocks.values() if n.rsplit("/", 1)[-1] == last}
+        return values * _time_factor(min(_step(self._loaded(n)) for n in alike))
+
+    def clock_column(self, clock: str) -> str | None:
+        """See `LogFile.clock_column`."""
+        return self.clocks.get(clock)
+
+    def _loaded(self, name: str) -> Column:
+        raw = np.asarray(self.leaves[name].load()).reshape(-1)
+        if raw.dtype.kind == "M":
+            values, first = seconds_since(raw)
+            self.start_ns = self.start_ns or first
+            return values
+        if raw.dtype.kind not in "fiub":
+            raise InputError(f"column {name!r} holds text, not numbers", where=self.path)
+        return raw.astype(np.float64)
+
+
+def _step(stamps: Column) -> float:
+    return float(np.median(np.diff(stamps))) if stamps.size > 1 else np.inf
+
+
+def _time_factor(step: float) -> float:
+    for unit in ("s", "ms", "us", "ns"):
+        factor = MEASURES[unit].factor
+        if step * factor <= SLOWEST_STEP_S:
+            return factor
+    return 1.0
+
+
+def tree_file(
+    path: Path,
+    groups: Mapping[str, Mapping[str, Leaf]],
+    scalars: Mapping[str, Mapping[str, float]] | None = None,
+) -> TreeFile:
+    """Signals of arrays by group.
+
+    Parameters
+    ----------
+    groups : path of the group ("" for the top) to its arrays by name.
+    scalars : path of the group to single numbers in it, among which a rate or a period may stand.
+
+    Raises
+    ------
+    InputError : no arrays of more than one number, or more than is read.
+
+    Examples
+    --------
+    >>> log = tree_file(Path("a.mat"), {"pos": {
+    ...     "time": Leaf(2, lambda: np.array([0.0, 0.1])), "value": Leaf(2, lambda: np.ones(2), "mm")}})
+    >>> log.signals["pos"].unit, log.stamps("pos").tolist()
+    ('mm', [0.0, 0.1])
+    """
+    log = TreeFile(path)
+    for group, leaves in groups.items():
+        _add_group(log, group, leaves, (scalars or {}).get(group, {}))
+    if not log.signals:
+        raise InputError("no signals (arrays of numbers with more than one value)", where=path)
+    rows = max(leaf.size for leaf in log.leaves.values())
+    require_size(rows, len(log.leaves), path)
+    return log
+
+
+def _add_group(log: TreeFile, group: str, leaves: Mapping[str, Leaf], scalars: Mapping[str, float]) -> None:
+    prefix = f"{group}/" if group else ""
+    by_size: dict[int, list[str]] = {}
+    for name, leaf in leaves.items():
+        if leaf.size > 1:
+            by_size.setdefault(leaf.size, []).append(name)
+    for size, names in by_size.items():
+        times = [n for n in names if is_time_name(n)]
+        values = [n for n in names if n not in times]
+        clock = group if len(by_size) == 1 else f"{group}#{size}"
+        for n in names:
+            log.leaves[prefix + n] = leaves[n]
+        if times:
+            log.clocks[clock] = prefix + times[0]
+        elif (period := _period_of(scalars)) is not None:
+            log.periods[clock] = (period, size)
+        alone = group and len(values) == 1 and times and values[0].lower() in _VALUES
+        if alone:
+            log.leaves[group] = leaves[values[0]]
+            log.signals[group] = Signal(group, clock, leaves[values[0]].unit)
+            continue
+        for n in (*times, *values):
+            log.signals[prefix + n] = Signal(prefix + n, clock, leaves[n].unit)
+
+
+def _period_of(scalars: Mapping[str, float]) -> float | None:
+    for name, value in scalars.items():
+        if name.lower() in _PERIODS and 0.0 < value < 1e3:
+            return value
+        if name.lower() in _RATES and 1e-3 < value < 1e9:
+            return 1.0 / value
+    return None

@@ -1,0 +1,138 @@
+"""Signals of several rates on one time base: a slow one has a value when it is measured, and none between."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fdd.logs.angles import sample_numbers
+
+Column = NDArray[np.float64]
+
+LEAST_CHANGES = 50
+"""So many changes of value tell whether a channel changes at a rhythm of its own."""
+RHYTHM_SHARE = 0.98
+"""Of the steps between measurements; the rest are lost rows."""
+_SLOWER = 0.75
+"""A series of fewer than this times the rows' rate is a slow one; of more than its inverse, a fast one."""
+
+
+def aligned(at: Column, stamps: Column, values: Column) -> Column:
+    """A series on another time base.
+
+    Each measurement of a slower series goes to the row nearest to it, moved there along the line to its
+    neighbour; the rows between have none. A faster series is averaged over the rows' periods.
+
+    Parameters
+    ----------
+    at : (n,) s, increasing; the rows.
+    stamps : (m,) s, of the series. values : (m,); NaN where one is missing.
+
+    Returns
+    -------
+    (n,) values, NaN where no measurement belongs to the row.
+
+    Examples
+    --------
+    >>> aligned(np.arange(5.0), np.array([0.0, 2.0, 4.1]), np.array([0.0, 2.0, 4.1])).tolist()
+    [0.0, nan, 2.0, nan, 4.0]
+    >>> aligned(np.arange(3.0), np.arange(-0.25, 2.5, 0.5), np.arange(6.0)).tolist()
+    [0.5, 2.5, 4.5]
+    """
+    if stamps.size == at.size and np.array_equal(stamps, at):
+        return values
+    there = np.isfinite(values) & np.isfinite(stamps)
+    stamps, values = stamps[there], values[there]
+    if (np.diff(stamps) <= 0.0).any():
+        order = np.argsort(stamps, kind="stable")
+        stamps, values = stamps[order], values[order]
+        single = np.concatenate(([True], np.diff(stamps) > 0.0))
+        stamps, values = stamps[single], values[single]
+    out = np.full(at.size, np.nan)
+    if stamps.size == 0 or at.size < 2:
+        return out
+    period = float(np.median(np.diff(at)))
+    own = float(np.median(np.diff(stamps))) if stamps.size > 1 else np.inf
+    middle = np.concatenate(([at[0] - 0.5 * period], 0.5 * (at[1:] + at[:-1]), [at[-1] + 0.5 * period]))
+    row = np.searchsorted(middle, stamps, side="right") - 1
+    # Over a hole in the rows there is nobody to give a measurement to.
+    near = (row >= 0) & (row < at.size)
+    near[near] = np.abs(at[row[near]] - stamps[near]) <= 0.75 * period
+    if own < _SLOWER * period:
+        count = np.bincount(row[near], minlength=at.size)
+        total = np.bincount(row[near], weights=values[near], minlength=at.size)
+        return np.asarray(np.divide(total, count, out=out, where=count > 0))
+    # A measurement that stands alone stays as it is: its neighbours are too far to tell a slope.
+    between = np.interp(at[row[near]], stamps, values)
+    before = np.diff(stamps, prepend=-np.inf)[near]
+    after = np.diff(stamps, append=np.inf)[near]
+    shifted = at[row[near]] - stamps[near]
+    gap = np.where(shifted < 0.0, before, after)
+    out[row[near]] = np.where(gap < 1.5 * own, between, values[near])
+    return out
+
+
+def without_held(time: Column, values: Column, period: float) -> tuple[Column, float] | None:
+    """A channel whose values are held from one measurement of its own to the next, with these alone.
+
+    It changes only at a rhythm of two rows or more, throughout the log; noise changes at any row, and what
+    moves slowly changes at no fixed rhythm.
+
+    Parameters
+    ----------
+    time : (n,) s. values : (n,); NaN where one is missing. period : s, of the rows.
+
+    Returns
+    -------
+    (n,) measurements with NaN between, and their period in s; None where the values are all its own.
+
+    Examples
+    --------
+    >>> time = 0.001 * np.arange(1000)
+    >>> found = without_held(time, np.repeat(np.random.default_rng(1).normal(size=200), 5), 0.001)
+    >>> int(np.isfinite(found[0]).sum()), round(found[1], 6)
+    (200, 0.005)
+    """
+    there = np.flatnonzero(np.isfinite(values))
+    if there.size < 2 * LEAST_CHANGES:
+        return None
+    changed = np.concatenate(([True], np.diff(values[there]) != 0.0))
+    if changed.sum() < LEAST_CHANGES or changed.mean() > 0.6:
+        return None
+    steps = np.diff(sample_numbers(time[there[changed]], period))
+    usual = float(np.median(steps))
+    if usual < 2.0:
+        return None
+    # Twice or three times the rhythm where two measurements happen to be equal; a rate that is no whole
+    # number of rows alternates between two steps.
+    times = np.maximum(np.rint(steps / usual), 1.0)
+    in_rhythm = np.abs(steps - times * usual) <= np.where(times > 1.0, times, 1.0) * (
+        0.0 if usual < 3 else 1.0
+    )
+    if in_rhythm.mean() < RHYTHM_SHARE or (times == 1.0).mean() < 0.5:
+        return None
+    out = np.full(values.size, np.nan)
+    fresh = there[changed]
+    out[fresh] = values[fresh]
+    return out, float(np.median(np.diff(time[fresh])))
+
+
+def own_period(time: Column, values: Column, period: float) -> float | None:
+    """The period at which a channel has values, where it is a slow one between faster ones; s.
+
+    Parameters
+    ----------
+    time : (n,) s. values : (n,); NaN where one is missing. period : s, of the rows.
+
+    Examples
+    --------
+    >>> own_period(np.arange(60.0), np.tile([1.0, np.nan], 30), 1.0)
+    2.0
+    """
+    there = np.flatnonzero(np.isfinite(values))
+    if there.size < 2 or values.size < LEAST_CHANGES or there.size > _SLOWER * values.size:
+        return None
+    steps = np.diff(sample_numbers(time[there], period))
+    usual = float(np.median(steps))
+    regular = float((np.abs(steps - usual) <= 1.0).mean())
+    return usual * period if usual >= 2.0 and regular >= 0.9 else None

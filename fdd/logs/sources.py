@@ -1,0 +1,134 @@
+"""Which signals of a file make which channels: by a map, or because they carry the contract's names."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+from fdd.errors import InputError
+from fdd.logs.channel_map import ChannelMap, ChannelSource
+from fdd.logs.formats.mcap import AXIS_TOPIC, McapFile
+from fdd.logs.formats.signals import LogFile, Signal
+from fdd.logs.near_misses import listed
+from fdd.measures import find_measure
+from fdd.samples import CHANNELS
+
+
+@dataclass(frozen=True)
+class Feed:
+    """A channel's source in an opened file.
+
+    Attributes
+    ----------
+    source : how its numbers are converted.
+    signal : where they stand; of a time without a column, the clock alone counts.
+    direction : the signal whose sign is the direction, where there is one.
+    """
+
+    source: ChannelSource
+    signal: Signal
+    direction: Signal | None = None
+
+
+def feeds_of(
+    log: LogFile, channel_map: ChannelMap | None, axis: str | None
+) -> tuple[dict[str, Feed], str | None]:
+    """The feeds by channel, and the axis.
+
+    Raises
+    ------
+    InputError : nothing that the map or the contract names is in the file, or the file has several axes.
+    """
+    if channel_map is not None:
+        return _mapped(log, channel_map), axis or channel_map.axis
+    return _measurement(log, axis) if isinstance(log, McapFile) else (_named(log), axis)
+
+
+def _mapped(log: LogFile, channel_map: ChannelMap) -> dict[str, Feed]:
+    topics = isinstance(log, McapFile)
+    if topics and not channel_map.reads_mcap:
+        raise InputError("the map names columns, but this is an MCAP file", where=log.path, mend="map topics")
+    if not topics and channel_map.reads_mcap:
+        raise InputError("the map names topics, but this is a table", where=log.path, mend="map columns")
+    out = {}
+    for channel, source in channel_map.channels.items():
+        if source.from_ is not None:
+            continue
+        signal, direction = (
+            (
+                _field(log, source, source.field),
+                _field(log, source, source.sign_of) if source.sign_of else None,
+            )
+            if topics
+            else (log.find(str(source.column)), log.find(source.sign_of) if source.sign_of else None)
+        )
+        out[channel] = Feed(_with_unit(channel, source, signal), signal, direction)
+    return out
+
+
+def _field(log: LogFile, source: ChannelSource, field: str | None) -> Signal:
+    assert isinstance(log, McapFile)
+    return log.field(str(source.topic), field)
+
+
+def _with_unit(channel: str, source: ChannelSource, signal: Signal) -> ChannelSource:
+    """The source with the file's own unit where the map gives none."""
+    if source.unit is not None or not signal.unit or (source.scale, source.offset) != (1.0, 0.0):
+        return source
+    if find_measure(signal.unit, CHANNELS[channel].dimension) is None:
+        return source
+    return source.model_copy(update={"unit": signal.unit})
+
+
+def _named(log: LogFile) -> dict[str, Feed]:
+    """Signals that are called as the contract's channels."""
+    found: dict[str, Signal] = {}
+    for channel in CHANNELS:
+        if channel in log.doubled:
+            log.find(channel)
+        ends = [s for s in log.signals.values() if s.name.rsplit("/", 1)[-1] == channel]
+        if channel in log.signals or len(ends) == 1:
+            found[channel] = log.find(channel)
+    fed = {c: s for c, s in found.items() if c != "time"}
+    if not fed:
+        raise InputError(
+            "no usable channels", where=log.path,
+            mend=f"make a map with fdd map and give it with --map; its columns are: {listed(log.signals)}",
+        )  # fmt: skip
+    if "time" not in found and log.stamps(next(iter(fed.values())).clock) is None:
+        raise InputError("no column 'time'", where=log.path, mend="say with --map which column is the time")
+    return {c: Feed(_with_unit(c, ChannelSource(column=s.name), s), s) for c, s in found.items()}
+
+
+def _measurement(log: McapFile, axis: str | None) -> tuple[dict[str, Feed], str]:
+    """The contract's topic of one axis."""
+    axes = [found["axis"] for t in log.topics if (found := AXIS_TOPIC.match(t))]
+    if not axes:
+        there = f"it has: {listed(log.topics)}" if log.topics else "it has no topics"
+        raise InputError(
+            "no usable channels: no topic /eha/<axis>/measurement", where=log.path,
+            mend=f"make a map with fdd map and give it with --map ({there})",
+        )  # fmt: skip
+    if axis is not None and axis not in axes:
+        raise InputError(f"no axis {axis!r}", where=log.path, mend=f"the file has: {listed(axes)}")
+    if axis is None and len(axes) > 1:
+        raise InputError(f"{len(axes)} axes: {listed(axes)}", where=log.path, mend="choose one with --axis")
+    chosen = axis or axes[0]
+    topic = f"/eha/{chosen}/measurement"
+    if topic in log.reasons:
+        log.field(topic, "position")
+    fields: Mapping[str | None, Signal] = {s.field: s for s in log.signals.values() if s.topic == topic}
+    if not fields:
+        raise InputError(
+            "no message could be read",
+            where=log.path,
+            mend="the file may be cut off: record or copy it again",
+        )
+    feeds = {c: Feed(ChannelSource(topic=topic, field=c), fields[c]) for c in CHANNELS if c in fields}
+    if not set(feeds) - {"time"}:
+        its = listed(str(f) for f in fields)
+        raise InputError(
+            "no usable channels", where=log.path,
+            mend=f"make a map with fdd map and give it with --map; its fields are: {its}",
+        )  # fmt: skip
+    return feeds, chosen

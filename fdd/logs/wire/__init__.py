@@ -1,0 +1,1 @@
+"""Messages as bytes to columns of numbers: MCAP's chunks, Protobuf, ROS's CDR, JSON."""

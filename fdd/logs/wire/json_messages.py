@@ -1,0 +1,167 @@
+"""JSON messages to columns: all of a chunk at once by Arrow, one by one where that does not take them."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator, Mapping, Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fdd.logs.wire.chunks import Batch
+from fdd.logs.wire.fields import DEEPEST, MOST_ELEMENTS, Field, Path
+
+Column = NDArray[np.float64]
+_LOOKED_AT = 20
+_UNIT_KEYS = ("unit", "units", "x-unit")
+
+
+class JsonMessages:
+    """See `fdd.logs.wire.fields.Decoder`.
+
+    Parameters
+    ----------
+    schema : JSON Schema of the messages; b"" where there is none.
+    """
+
+    def __init__(self, schema: bytes = b"") -> None:
+        self._units = dict(_schema_units(schema))
+
+    def fields(self, first: Batch) -> list[Field]:
+        """The numbers in the first messages."""
+        found: dict[Path, None] = {}
+        for text in first.payloads(_LOOKED_AT):
+            for path in _paths(_object(text)):
+                found[path] = None
+        return [Field(p, self._units.get(p)) for p in found]
+
+    def columns(self, batch: Batch, paths: Sequence[Path]) -> list[Column]:
+        """See `Decoder.columns`."""
+        payloads = batch.payloads()
+        fast = _by_arrow(payloads, paths)
+        if fast is not None:
+            return fast
+        messages = objects_at_once(payloads) or [_object(p) for p in payloads]
+        return [_numbers(messages, path) for path in paths]
+
+
+def objects_at_once(payloads: Sequence[bytes]) -> list[dict[str, Any]] | None:
+    """Parse one JSON object from each payload in a single call; None where any is something else.
+
+    Examples
+    --------
+    >>> objects_at_once([b'{"x": 1}', b'{"x": 2}']), objects_at_once([b'{"x": 1}', b"2"])
+    ([{'x': 1}, {'x': 2}], None)
+    """
+    try:
+        found = json.loads(b"[" + b",".join(payloads) + b"]")
+    except (ValueError, RecursionError):
+        return None
+    # One payload may hold two objects with a comma between them.
+    whole = len(found) == len(payloads) and all(type(one) is dict for one in found)
+    return list(found) if whole else None
+
+
+def _object(text: bytes) -> dict[str, Any]:
+    try:
+        found = json.loads(text)
+    except (ValueError, RecursionError) as error:
+        raise ValueError(f"not JSON ({type(error).__name__}): {text[:40]!r}") from None
+    if not isinstance(found, dict):
+        raise ValueError(f"not a JSON object: {text[:40]!r}")
+    return found
+
+
+def _paths(value: Any, before: Path = ()) -> Iterator[Path]:
+    if isinstance(value, dict) and len(before) < DEEPEST:
+        for key, inner in value.items():
+            yield from _paths(inner, (*before, key))
+    elif isinstance(value, list) and len(before) < DEEPEST:
+        for k, inner in enumerate(value[:MOST_ELEMENTS]):
+            yield from _paths(inner, (*before, k))
+    elif isinstance(value, bool | int | float) and before:
+        yield before
+
+
+def _numbers(messages: Sequence[Mapping[str, Any]], path: Path) -> Column:
+    values: list[Any] = list(messages)
+    for part in path:
+        if isinstance(part, int):
+            values = [v[part] if isinstance(v, list) and part < len(v) else None for v in values]
+        else:
+            values = [v.get(part) if isinstance(v, dict) else None for v in values]
+    try:
+        return np.array(values, dtype=np.float64).reshape(len(messages))
+    except (TypeError, ValueError, OverflowError):
+        odd = next((v for v in values if v is not None and not isinstance(v, int | float)), values[0])
+        raise ValueError(f"{str(odd)[:40]!r} is not a number") from None
+
+
+def _by_arrow(payloads: Sequence[bytes], paths: Sequence[Path]) -> list[Column] | None:
+    """The columns, or None where a message is more than Arrow reads as numbers of these paths."""
+    import pyarrow as pa
+    import pyarrow.compute as pc
+    from pyarrow import json as arrow_json
+
+    joined = b"\n".join(payloads)
+    # One object a line, or rows and messages would not be the same.
+    if (
+        not payloads
+        or joined.count(b"\n") != len(payloads) - 1
+        or any(isinstance(k, int) for p in paths for k in p)
+    ):
+        return None
+    try:
+        table = arrow_json.read_json(
+            pa.BufferReader(joined),
+            read_options=arrow_json.ReadOptions(use_threads=False, block_size=max(len(joined) + 1, 1024)),
+            parse_options=arrow_json.ParseOptions(
+                explicit_schema=_schema_of(paths), unexpected_field_behavior="ignore"
+            ),
+        )
+        if table.num_rows != len(payloads):
+            return None
+        out = []
+        for path in paths:
+            column = table.column(str(path[0])).combine_chunks()
+            if len(path) > 1:
+                column = pc.struct_field(column, [str(k) for k in path[1:]])
+            out.append(np.array(column.to_numpy(zero_copy_only=False), dtype=np.float64))
+        return out
+    except (pa.ArrowException, KeyError, ValueError):
+        return None
+
+
+def _schema_of(paths: Sequence[Path]) -> Any:
+    import pyarrow as pa
+
+    tree: dict[str, Any] = {}
+    for path in paths:
+        node = tree
+        for key in path[:-1]:
+            node = node.setdefault(str(key), {})
+        node[str(path[-1])] = None
+
+    def typed(inner: dict[str, Any]) -> list[Any]:
+        return [pa.field(k, pa.float64() if v is None else pa.struct(typed(v))) for k, v in inner.items()]
+
+    return pa.schema(typed(tree))
+
+
+def _schema_units(schema: bytes) -> Iterator[tuple[Path, str]]:
+    try:
+        yield from _units_below(json.loads(schema), ())
+    except (ValueError, RecursionError):
+        return
+
+
+def _units_below(node: Any, path: Path) -> Iterator[tuple[Path, str]]:
+    if not isinstance(node, dict) or len(path) > DEEPEST:
+        return
+    unit = next((node[k] for k in _UNIT_KEYS if isinstance(node.get(k), str)), None)
+    if unit and path:
+        yield path, unit
+    members = node.get("properties")
+    for key, inner in members.items() if isinstance(members, dict) else ():
+        yield from _units_below(inner, (*path, str(key)))

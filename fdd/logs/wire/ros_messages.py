@@ -1,0 +1,255 @@
+"""ROS messages (ROS 2's CDR, ROS 1) to columns, by one compiled walk over the bytes of a chunk.
+
+A definition becomes a list of operations that are carried out in order: skip or take a number, a text, an
+array; go through a sequence. Layout: OMG DDSI-RTPS 2.5, chapter 10 (plain CDR, both byte orders); ROS 1 is
+the same without alignment.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fdd.logs.wire.chunks import Batch
+from fdd.logs.wire.compiled import njit
+from fdd.logs.wire.fields import DEEPEST, MOST_ELEMENTS, MOST_FIELDS, Field, Path
+
+Column = NDArray[np.float64]
+
+_NUMBER, _TEXT, _SEQUENCE, _LOOP, _END = range(5)
+_FLOAT, _INT, _UINT = range(3)
+_PRIMITIVES = {
+    "bool": (1, _UINT), "byte": (1, _UINT), "char": (1, _UINT), "uint8": (1, _UINT), "int8": (1, _INT),
+    "uint16": (2, _UINT), "int16": (2, _INT), "uint32": (4, _UINT), "int32": (4, _INT),
+    "uint64": (8, _UINT), "int64": (8, _INT), "float32": (4, _FLOAT), "float64": (8, _FLOAT),
+}  # fmt: skip
+_STAMP = [("sec", "int32"), ("nanosec", "uint32")]
+_BUILT_IN = {
+    "builtin_interfaces/Time": _STAMP, "builtin_interfaces/Duration": _STAMP,
+    "time": [("sec", "uint32"), ("nsec", "uint32")], "duration": [("sec", "int32"), ("nsec", "int32")],
+}  # fmt: skip
+_LINE = re.compile(
+    r"^(?P<type>[A-Za-z][\w/]*)(?P<text><=\d+)?(?P<array>\[(?:<=)?(?P<count>\d*)\])?\s+(?P<name>[A-Za-z]\w*)"
+    r"(?P<rest>\s*=.*|\s.*)?$"
+)
+_ARRAY = re.compile(r"\[(<=)?(\d*)\]$")
+_MOST_OPERATIONS = 20_000
+
+Operation = tuple[int, int, int, int]
+"""What, bytes of a number, kind, and how many in a row (0: as many as a count before them says)."""
+
+
+class RosMessages:
+    """See `fdd.logs.wire.fields.Decoder`.
+
+    Parameters
+    ----------
+    name : of the message type, ``package/msg/Type``. schema : definitions as ``ros2msg`` or ``ros1msg``.
+    aligned : whether this is CDR, as ROS 2 has it.
+
+    Raises
+    ------
+    ValueError : a definition is not there or cannot be read.
+    """
+
+    def __init__(self, name: str, schema: bytes, *, aligned: bool = True) -> None:
+        self._aligned = aligned
+        self._definitions = _definitions(name, schema.decode("utf-8", "replace"))
+        self._operations: list[Operation] = []
+        self._places: dict[Path, int] = {}
+        self._sequences: set[Path] = set()
+        self._add(_short(name), (), 0, inside_loop=False)
+
+    def fields(self, first: Batch) -> list[Field]:
+        """All numbers of the type; of a sequence as many elements as the first message has."""
+        paths = [p for p in self._places if p not in self._sequences][:MOST_FIELDS]
+        open_ended = [(*p, k) for p in sorted(self._sequences, key=str) for k in range(MOST_ELEMENTS)]
+        if open_ended and first.stamps.size:
+            one = Batch(first.channel, first.stamps[:1], first.data, first.starts[:1], first.ends[:1])
+            there = self.columns(one, open_ended)
+            paths += [p for p, v in zip(open_ended, there, strict=True) if np.isfinite(v).any()]
+        return [Field(p) for p in paths]
+
+    def columns(self, batch: Batch, paths: Sequence[Path]) -> list[Column]:
+        """See `Decoder.columns`."""
+        takes = []
+        for column, path in enumerate(paths):
+            if path in self._places:
+                takes.append((self._places[path], 0, column))
+            elif path[:-1] in self._places:
+                takes.append((self._places[path[:-1]], int(path[-1]), column))
+            else:
+                raise ValueError("not a number of this message type")
+        out = np.full((len(paths), batch.stamps.size), np.nan)
+        operations = np.array(self._operations, dtype=np.int64).reshape(-1, 4)
+        takes_array = np.array(sorted(takes), dtype=np.int64).reshape(-1, 3)
+        if _walk(batch.data, batch.starts, batch.ends, operations, takes_array, self._aligned, out):
+            raise ValueError("a ROS message is damaged, or in another encoding than plain CDR")
+        return list(out)
+
+    def _add(self, name: str, path: Path, depth: int, *, inside_loop: bool) -> None:
+        if depth > DEEPEST or len(self._operations) > _MOST_OPERATIONS:
+            raise ValueError("a ROS message type is too deep")
+        definition = self._definitions.get(name) or _BUILT_IN.get(name)
+        if definition is None:
+            raise ValueError(f"no definition of the ROS type {name}")
+        for field, kind in definition:
+            found = _ARRAY.search(kind)
+            element = kind[: found.start()] if found else kind
+            many = found is not None
+            count = int(found[2]) if found and found[2] and not found[1] else 0
+            own: Path = (*path, field)
+            primitive = _PRIMITIVES.get(element)
+            if primitive is not None:
+                for k in range(count if many and count else 1):
+                    if not inside_loop:
+                        place = (*own, k) if many and count else own
+                        self._places[place] = len(self._operations)
+                        if many and not count:
+                            self._sequences.add(place)
+                    operation = _SEQUENCE if many and not count else _NUMBER
+                    self._operations.append((operation, primitive[0], primitive[1], 1))
+                continue
+            if many and not count:
+                self._operations.append((_LOOP, 0, 0, 0))
+            for k in range(count if count else 1):
+                if element in ("string", "wstring"):
+                    self._operations.append((_TEXT, 2 if element == "wstring" else 1, 0, 0))
+                else:
+                    inner: Path = (*own, k) if many else own
+                    loops = inside_loop or (many and not count)
+                    self._add(_short(element, name), inner, depth + 1, inside_loop=loops)
+            if many and not count:
+                self._operations.append((_END, 0, 0, 0))
+
+
+def _short(name: str, of: str = "") -> str:
+    """``package/Type`` of a type's name, which may leave its own package out.
+
+    Examples
+    --------
+    >>> _short("std_msgs/msg/Header"), _short("Point", "geometry_msgs/Pose")
+    ('std_msgs/Header', 'geometry_msgs/Point')
+    """
+    parts = name.split("/")
+    if len(parts) > 1:
+        return f"{parts[0]}/{parts[-1]}"
+    if name in ("time", "duration"):
+        return name
+    return f"std_msgs/{name}" if name == "Header" else f"{of.split('/')[0]}/{name}"
+
+
+def _definitions(name: str, text: str) -> dict[str, list[tuple[str, str]]]:
+    """Fields and their types of each type in a schema of several definitions."""
+    found: dict[str, list[tuple[str, str]]] = {}
+    for block in re.split(r"^=+\s*$", text, flags=re.MULTILINE):
+        lines = [line.split("#", 1)[0].strip() for line in block.splitlines()]
+        own = next((line for line in lines if line.startswith("MSG:")), None)
+        fields = []
+        for line in lines:
+            parsed = _LINE.match(line)
+            if parsed is None or (parsed["rest"] or "").lstrip().startswith("="):
+                continue  # an empty line, the type's name, or a constant
+            fields.append((parsed["name"], parsed["type"] + (parsed["array"] or "")))
+        found.setdefault(_short(name if own is None else own.removeprefix("MSG:").strip()), fields)
+    return found
+
+
+@njit()
+def _integer(data, at, size, big):  # type: ignore[no-untyped-def]
+    value = np.uint64(0)
+    for b in range(size):
+        shift = np.uint64(8 * (size - 1 - b if big else b))
+        value |= np.uint64(data[at + b]) << shift
+    return value
+
+
+@njit()
+def _number(bits, size, kind, as_bits, as_double, as_single, as_float):  # type: ignore[no-untyped-def]
+    if kind == _FLOAT:
+        if size == 8:
+            as_bits[0] = bits
+            return as_double[0]
+        as_single[0] = np.uint32(bits)
+        return np.float64(as_float[0])
+    if kind == _INT:
+        return np.float64(np.int64(bits << np.uint64(64 - 8 * size)) >> (64 - 8 * size))
+    return np.float64(bits)
+
+
+@njit()
+def _walk(data, starts, ends, operations, takes, aligned, out):  # type: ignore[no-untyped-def]
+    """Fill `out`; True where a message is damaged."""
+    as_bits, as_single = np.empty(1, np.uint64), np.empty(1, np.uint32)
+    as_double, as_float = as_bits.view(np.float64), as_single.view(np.float32)
+    back, left = np.empty(32, np.int64), np.empty(32, np.int64)
+    for m in range(starts.size):
+        at, end, big = starts[m], ends[m], False
+        if aligned:
+            if end - at < 4 or data[at] != 0 or data[at + 1] > 1:
+                return True
+            big = data[at + 1] == 0
+            at += 4
+        zero, depth, take, k = at, 0, 0, 0
+        while k < operations.shape[0] and (take < takes.shape[0]):
+            what, size, kind = operations[k, 0], operations[k, 1], operations[k, 2]
+            if what == _NUMBER:
+                if aligned:
+                    at += (zero - at) % size
+                if at + size > end:
+                    return True
+                while take < takes.shape[0] and takes[take, 0] == k:
+                    bits = _integer(data, at, size, big)
+                    out[takes[take, 2], m] = _number(
+                        bits, size, kind, as_bits, as_double, as_single, as_float
+                    )
+                    take += 1
+                at += size
+            elif what == _END:
+                left[depth - 1] -= 1
+                if left[depth - 1] > 0:
+                    k = back[depth - 1]
+                else:
+                    depth -= 1
+            else:
+                if aligned:
+                    at += (zero - at) % 4
+                if at + 4 > end:
+                    return True
+                count = np.int64(_integer(data, at, 4, big))
+                at += 4
+                if what == _TEXT:
+                    at += count * size
+                elif what == _SEQUENCE:
+                    if aligned and count > 0:
+                        at += (zero - at) % size
+                    if at + count * size > end:
+                        return True
+                    while take < takes.shape[0] and takes[take, 0] == k:
+                        if takes[take, 1] < count:
+                            bits = _integer(data, at + takes[take, 1] * size, size, big)
+                            out[takes[take, 2], m] = _number(
+                                bits, size, kind, as_bits, as_double, as_single, as_float
+                            )
+                        take += 1
+                    at += count * size
+                elif count == 0:  # over the loop's body
+                    nested = 1
+                    while nested > 0:
+                        k += 1
+                        if operations[k, 0] == _LOOP:
+                            nested += 1
+                        elif operations[k, 0] == _END:
+                            nested -= 1
+                else:
+                    if depth >= 30 or count > end - at:
+                        return True
+                    back[depth], left[depth] = k, count
+                    depth += 1
+                if at > end:
+                    return True
+            k += 1
+    return False

@@ -1,0 +1,220 @@
+"""Files that other projects' own writers make, in every format, are equal after reading to 1e-12 of range."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+import pytest
+from made_up_logs import refused_log, strokes
+
+from fdd.logs import ChannelMap, read_log
+from fdd.logs.formats import open_log
+from fdd.samples import Samples
+
+SAMPLES = strokes(3000)
+FOREIGN = {
+    "position": ("s_rod", "mm", 1e-3),
+    "pump_speed": ("n_pump", "rpm", np.pi / 30.0),
+    "pressure_1": ("p_1", "bar", 1e5),
+    "pressure_2": ("p_2", "bar", 1e5),
+}
+MAP = ChannelMap.from_yaml("\n".join(f"{c}: {{column: {n}, unit: {u}}}" for c, (n, u, _) in FOREIGN.items()))
+OIL_T = np.arange(0.0, 3.0, 0.5)
+
+
+def foreign() -> dict[str, np.ndarray]:
+    return {n: SAMPLES[c] / factor for c, (n, _, factor) in FOREIGN.items()}
+
+
+def hdf5(path: Path) -> None:
+    import h5py
+
+    with h5py.File(path, "w") as file:
+        group = file.create_group("daq/fast")
+        for name, values in foreign().items():
+            data = group.create_dataset(name, data=values, compression="gzip", chunks=True)
+            data.attrs["unit"] = next(u for n, u, _ in FOREIGN.values() if n == name)
+        stamps = group.create_dataset("stamp", data=np.rint(SAMPLES.time * 1e9).astype(np.int64))
+        stamps.attrs["units"] = b"ns"
+        slow = file.create_group("daq/slow")
+        slow["stamp"] = np.rint(OIL_T * 1e9).astype(np.int64)
+        slow["oil_temperature"] = 40.0 + OIL_T
+
+
+def hdf5_compound(path: Path) -> None:
+    import h5py
+
+    columns = {"time": SAMPLES.time, **foreign()}
+    table = np.zeros(len(SAMPLES), dtype=[(n, "f8") for n in columns])
+    for name, values in columns.items():
+        table[name] = values
+    with h5py.File(path, "w") as file:
+        file["table"] = table
+
+
+def matlab5(path: Path) -> None:
+    from scipy.io import savemat
+
+    signals = {n: {"time": SAMPLES.time, "value": v, "unit": "?"} for n, v in foreign().items()}
+    savemat(path, {"rec": {**signals, "toil": {"time": OIL_T, "value": 40.0 + OIL_T}}}, do_compression=True)
+
+
+def matlab5_flat(path: Path) -> None:
+    from scipy.io import savemat
+
+    savemat(path, {"Ts": 0.001, **foreign()})
+
+
+def matlab73(path: Path) -> None:
+    """As MATLAB writes: HDF5 behind a block of its own, every vector a 1 x n matrix, text as numbers."""
+    import h5py
+
+    with h5py.File(path, "w", userblock_size=512) as file:
+        group = file.create_group("log")
+        for name, values in {"t": SAMPLES.time, **foreign()}.items():
+            group.create_dataset(name, data=values[:, None].T).attrs["MATLAB_class"] = np.bytes_("double")
+        text = group.create_dataset("note", data=np.array([[ord(c)] for c in "rig"], dtype=np.uint16))
+        text.attrs["MATLAB_class"] = np.bytes_("char")
+    with path.open("r+b") as file_:
+        file_.write(b"MATLAB 7.3 MAT-file, Platform: GLNXA64".ljust(116))
+
+
+def tdms(path: Path) -> None:
+    from nptdms import ChannelObject, TdmsWriter
+
+    with TdmsWriter(path) as writer:
+        writer.write_segment(
+            [
+                ChannelObject("daq", n, v, properties={"wf_increment": 0.001, "unit_string": "?"})
+                for n, v in foreign().items()
+            ]
+        )
+
+
+def mdf4(path: Path) -> None:
+    asammdf = pytest.importorskip("asammdf", reason="MDF files need the extra fdd[mdf]")
+    with asammdf.MDF(version="4.10") as file:
+        units = {n: u for n, u, _ in FOREIGN.values()}
+        file.append([asammdf.Signal(v, SAMPLES.time, name=n, unit=units[n]) for n, v in foreign().items()])
+        file.append([asammdf.Signal(40.0 + OIL_T, OIL_T, name="oil_temperature", unit="degC")])
+        file.save(path, overwrite=True)
+
+
+def mdf3(path: Path) -> None:
+    asammdf = pytest.importorskip("asammdf", reason="MDF files need the extra fdd[mdf]")
+    with asammdf.MDF(version="3.30") as file:
+        file.append([asammdf.Signal(v, SAMPLES.time, name=n) for n, v in foreign().items()])
+        file.save(path, overwrite=True)
+
+
+def frame() -> pd.DataFrame:
+    return pd.DataFrame({"time": SAMPLES.time, **foreign()})
+
+
+WRITERS: dict[str, tuple[str, Callable[[Path], Any]]] = {
+    "HDF5": ("a.h5", hdf5),
+    "HDF5, compound": ("b.h5", hdf5_compound),
+    "MATLAB 5": ("c.mat", matlab5),
+    "MATLAB 5, flat": ("d.mat", matlab5_flat),
+    "MATLAB 7.3": ("e.mat", matlab73),
+    "TDMS": ("f.tdms", tdms),
+    "MDF 4": ("g.mf4", mdf4),
+    "MDF 3": ("h.mdf", mdf3),
+    "Feather": ("i.feather", lambda p: frame().to_feather(p)),
+    "Parquet": ("j.parquet", lambda p: frame().to_parquet(p)),
+    "Excel": ("k.xlsx", lambda p: frame().to_excel(p, index=False)),
+    "Excel, second sheet, titles": (
+        "l.xlsx",
+        lambda p: _two_sheets(p),
+    ),
+    "CSV, gzip": ("m.csv.gz", lambda p: frame().to_csv(p, index=False)),
+    "CSV, semicolons": ("n.txt", lambda p: frame().to_csv(p, index=False, sep=";", decimal=",")),
+    "CSV, tabs, UTF-16": ("o.tsv", lambda p: frame().to_csv(p, index=False, sep="\t", encoding="utf-16")),
+}
+
+
+def _two_sheets(path: Path) -> None:
+    with pd.ExcelWriter(path) as book:
+        pd.DataFrame({"about": ["rig 3", "a note"]}).to_excel(book, sheet_name="cover", index=False)
+        frame().to_excel(book, sheet_name="data", startrow=4, index=False)
+
+
+def assert_equal(read: Samples, wanted: Samples = SAMPLES) -> None:
+    np.testing.assert_allclose(read.time - read.time[0], wanted.time, atol=1e-9)
+    for channel in FOREIGN:
+        bound = 1e-12 * float(np.ptp(wanted[channel]))
+        np.testing.assert_allclose(read[channel], wanted[channel], rtol=0, atol=bound, err_msg=channel)
+
+
+@pytest.mark.parametrize("kind", WRITERS)
+def test_a_file_of_every_format_is_read(kind: str, tmp_path: Path) -> None:
+    name, write = WRITERS[kind]
+    write(tmp_path / name)
+    log = read_log(tmp_path / name, _with_time(tmp_path / name))
+    assert_equal(log.samples)
+
+
+def _with_time(path: Path) -> ChannelMap:
+    """The map, with the time column where the file has one and does not say what it is."""
+    named = [s for s in open_log(path).signals if s.rsplit("/", 1)[-1] in ("time", "t")]
+    if named and open_log(path).stamps(open_log(path).signals[named[0]].clock) is None:
+        times = {"time": {"column": named[0]}}
+    else:
+        times = {}
+    return ChannelMap.model_validate(
+        {"channels": {**MAP.model_dump(by_alias=True, exclude_defaults=True)["channels"], **times}}
+    )
+
+
+@pytest.mark.parametrize(("name", "write"), [WRITERS["HDF5"], WRITERS["MDF 4"]])
+def test_a_slow_signal_has_its_own_stamps(name: str, write: Callable[[Path], Any], tmp_path: Path) -> None:
+    write(tmp_path / name)
+    text = "\n".join(f"{c}: {{column: {n}}}" for c, (n, _, _) in FOREIGN.items())
+    log = read_log(
+        tmp_path / name, ChannelMap.from_yaml(text + "\noil_temperature: {column: oil_temperature}")
+    )
+    assert_equal(log.samples)  # the units are the file's own
+    there = np.flatnonzero(np.isfinite(log.samples["oil_temperature"]))
+    np.testing.assert_allclose(log.samples.time[there], OIL_T, atol=1e-9)
+    np.testing.assert_allclose(log.samples["oil_temperature"][there], 40.0 + OIL_T)
+
+
+@pytest.mark.parametrize("kind", WRITERS)
+@pytest.mark.parametrize("share", [0.02, 0.3, 0.9])
+def test_a_cut_file_is_read_as_far_as_it_goes_or_refused_in_one_line(
+    kind: str, share: float, tmp_path: Path
+) -> None:
+    name, write = WRITERS[kind]
+    write(tmp_path / name)
+    content = (tmp_path / name).read_bytes()
+    (tmp_path / name).write_bytes(content[: int(share * len(content))])
+    try:
+        log = read_log(tmp_path / name, _with_time(tmp_path / name))
+    except ValueError as error:
+        assert str(error).startswith(str(tmp_path / name)) and "\n" not in str(error)
+    else:
+        rows = len(log.samples)
+        assert rows <= len(SAMPLES)
+        np.testing.assert_allclose(log.samples["position"], SAMPLES["position"][:rows], atol=1e-9)
+
+
+def test_a_name_that_two_groups_have(tmp_path: Path) -> None:
+    import h5py
+
+    with h5py.File(tmp_path / "a.h5", "w") as file:
+        for group in ("left", "right"):
+            file[f"{group}/position"] = np.arange(10.0)
+    line = refused_log(tmp_path / "a.h5", ChannelMap.from_yaml("position: {column: position}"))
+    assert "2 columns are called 'position'" in line and "left/position, right/position" in line
+
+
+def test_what_an_extra_reads_names_the_extra(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    import sys
+
+    (tmp_path / "a.mf4").write_bytes(b"MDF     4.10    " + bytes(200))
+    monkeypatch.setitem(sys.modules, "asammdf", None)
+    assert "pip install 'fdd[mdf]'" in refused_log(tmp_path / "a.mf4")
