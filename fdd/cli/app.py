@@ -13,6 +13,7 @@ from fdd.cli import (
     diagnose,
     generate,
     identify,
+    inspect,
     monitor,
     performance,
     profile,
@@ -21,6 +22,7 @@ from fdd.cli import (
     train,
     validate,
 )
+from fdd.cli import map as map_command
 from fdd.cli.failures import USAGE, Commands
 
 app = typer.Typer(
@@ -55,6 +57,8 @@ def fdd(
 
 
 app.command()(diagnose.diagnose)
+app.command("inspect")(inspect.inspect_log)
+app.command("map")(map_command.propose_map)
 app.command()(monitor.monitor)
 app.command()(identify.identify)
 app.add_typer(profile.app, name="profile")

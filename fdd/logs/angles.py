@@ -5,6 +5,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from fdd.logs.wire.grid import grid_numbers
+
 Column = NDArray[np.float64]
 
 LONGEST_BRIDGE = 1.0
@@ -30,11 +32,12 @@ def sample_numbers(time: Column, period: float) -> NDArray[np.int64]:
     --------
     >>> sample_numbers(np.array([0.0, 1.0, 2.9, 3.0, 5.0]), 1.0).tolist()
     [0, 1, 2, 3, 5]
+    >>> sample_numbers(np.array([0.0, 1.0, 2.4999, 2.9998, 4.0]), 1.0).tolist()
+    [0, 1, 2, 3, 4]
     """
     if time.size == 0:
         return np.empty(0, dtype=np.int64)
-    steps = np.rint(np.diff(time) / period).astype(np.int64)
-    numbers = np.concatenate(([0], np.cumsum(steps)))
+    numbers = grid_numbers(np.diff(time) / period)
     row = np.arange(time.size)
     # A late row shares its number with the next one: step back to make room for it.
     slack = np.minimum.accumulate((numbers - row)[::-1])[::-1]

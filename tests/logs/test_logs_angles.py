@@ -99,3 +99,21 @@ def test_a_valve_gives_each_step_its_sign(rows: list[tuple[int, float]]) -> None
 def test_an_unknown_valve_keeps_its_last_direction() -> None:
     valve = np.array([np.nan, 1.0, np.nan, -1.0, np.nan])
     np.testing.assert_array_equal(directed(np.full(5, 2.0), valve, accumulate=False), [0, 2, 2, -2, -2])
+
+
+@given(
+    st.lists(st.integers(1, 4), min_size=2, max_size=60),
+    st.lists(st.floats(-0.5, 0.5), min_size=60, max_size=60),
+    st.floats(-1e-4, 1e-4),
+)
+def test_late_stamps_neither_lose_nor_make_rows(gaps: list[int], late: list[float], drift: float) -> None:
+    """Test: rows on a grid with gaps, every third one late or early by up to half a period, a clock that drifts.
+
+    Expected: the rows that are not late have their own numbers.
+    """
+    wanted = np.concatenate(([0], np.cumsum(gaps)))
+    lateness = np.array([0.0 if k % 3 else late[k % 60] for k in range(wanted.size)])
+    lateness[0] = 0.0
+    numbers = sample_numbers((1.0 + drift) * wanted + 0.99 * lateness, 1.0)
+    on_time = lateness == 0.0
+    np.testing.assert_array_equal(numbers[on_time], wanted[on_time])

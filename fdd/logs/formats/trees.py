@@ -121,7 +121,7 @@ def tree_file(
     Examples
     --------
     >>> log = tree_file(Path("a.mat"), {"pos": {
-    ...     "time": Leaf(2, lambda: np.array([0.0, 0.1])), "value": Leaf(2, lambda: np.ones(2), "mm")}})
+    ...     "time": Leaf(2, lambda: np.array([0.0, 0.1]), "s"), "value": Leaf(2, lambda: np.ones(2), "mm")}})
     >>> log.signals["pos"].unit, log.stamps("pos").tolist()
     ('mm', [0.0, 0.1])
     """

@@ -1,0 +1,123 @@
+"""What a log holds: each signal's rate, range, gaps and shape."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fdd.logs.formats.signals import LogFile
+from fdd.logs.names import is_time_name
+
+Column = NDArray[np.float64]
+
+_BARS = "▁▂▃▄▅▆▇█"
+PICTURE_COLUMNS = 32
+
+
+@dataclass(frozen=True)
+class SignalView:
+    """One signal.
+
+    Attributes
+    ----------
+    name, unit : as the file has them; unit "" where it says nothing.
+    rows : of the signal. missing : of these, without a value.
+    rate : Hz, NaN where the file does not tell its time.
+    longest_gap : s, NaN likewise.
+    low, middle, high : least, median and greatest value.
+    values : (n,) numbers; empty where it holds none. stamps : (n,) s, or None.
+    problem : why it cannot be read, or "".
+    """
+
+    name: str
+    unit: str
+    rows: int
+    missing: int
+    rate: float
+    longest_gap: float
+    low: float
+    middle: float
+    high: float
+    values: Column
+    stamps: Column | None
+    problem: str = ""
+
+
+def inspect(log: LogFile) -> list[SignalView]:
+    """All signals of an opened log, in the order of the file.
+
+    Parameters
+    ----------
+    log : opened.
+    """
+    stamps: dict[str, Column | None] = {}
+    out = []
+    for signal in log.signals.values():
+        try:
+            values = log.read([signal.name])[signal.name]
+            if signal.clock not in stamps:
+                stamps[signal.clock] = _stamps_of(log, signal.clock)
+            out.append(_view(signal.name, signal.unit or "", values, stamps[signal.clock]))
+        except ValueError as error:
+            text = str(error).removeprefix(f"{log.path}: ")
+            out.append(replace(_view(signal.name, signal.unit or "", np.empty(0), None), problem=text))
+    return out
+
+
+def _stamps_of(log: LogFile, clock: str) -> Column | None:
+    """The file's own stamps, or a column that is called a time and grows."""
+    own = log.stamps(clock)
+    if own is not None:
+        return own
+    for signal in log.signals.values():
+        if signal.clock == clock and is_time_name(signal.name):
+            values = log.read([signal.name])[signal.name]
+            steps = np.diff(values[np.isfinite(values)])
+            if steps.size and (steps >= 0.0).mean() > 0.95:
+                return values
+    return None
+
+
+def _view(name: str, unit: str, values: Column, stamps: Column | None) -> SignalView:
+    there = values[np.isfinite(values)]
+    rate = gap = np.nan
+    if stamps is not None and stamps.size > 1:
+        steps = np.diff(stamps[np.isfinite(stamps)])
+        usual = float(np.median(steps)) if steps.size else np.nan
+        rate = 1.0 / usual if usual > 0.0 else np.nan
+        gap = float(steps.max()) if steps.size else np.nan
+    low, middle, high = np.percentile(there, [0, 50, 100]) if there.size else (np.nan,) * 3
+    return SignalView(
+        name,
+        unit,
+        values.size,
+        values.size - there.size,
+        rate,
+        gap,
+        float(low),
+        float(middle),
+        float(high),
+        values,
+        stamps,
+    )
+
+
+def picture(values: Column, columns: int = PICTURE_COLUMNS) -> str:
+    """A line of bars: the mean of each part between the least and the greatest.
+
+    Examples
+    --------
+    >>> picture(np.arange(8.0), 8), picture(np.full(4, 3.0), 4)
+    ('▁▂▃▄▅▆▇█', '▁▁▁▁')
+    """
+    if values.size == 0:
+        return ""
+    parts = [p[np.isfinite(p)] for p in np.array_split(values, min(columns, values.size))]
+    means = np.array([p.mean() if p.size else np.nan for p in parts])
+    if not np.isfinite(means).any():
+        return " " * means.size
+    low, spread = np.nanmin(means), np.nanmax(means) - np.nanmin(means)
+    level = np.zeros(means.size) if spread == 0.0 else (means - low) / spread
+    return "".join(" " if np.isnan(v) else _BARS[min(int(v * 8), 7)] for v in level)

@@ -1,0 +1,6 @@
+"""Channel maps that write themselves: from names, units, and what the signals do."""
+
+from fdd.logs.mapping.concepts import Words
+from fdd.logs.mapping.proposal import Proposal, Question, propose
+
+__all__ = ["Proposal", "Question", "Words", "propose"]

@@ -1,0 +1,185 @@
+"""What signals do, whatever they are called: who is whose integral, whose difference, and who leads.
+
+The physics is the volume balance of a cylinder that a pump moves (thesis, eq. 3.2): the piston follows the
+pump's angle, what leaks and compresses rises with the pressure difference, and the side that is pumped into
+is the one whose pressure rises. It holds in any unit of measure, so units follow from it, too.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from itertools import combinations
+
+import numpy as np
+from numpy.typing import NDArray
+
+Column = NDArray[np.float64]
+
+WINDOW_S = 0.1
+"""s, over which motion is summed up: longer than the pressures' build-up, shorter than a stroke."""
+LEAST_WINDOWS = 50
+
+
+@dataclass(frozen=True)
+class Signals:
+    """Signals on one time base.
+
+    Attributes
+    ----------
+    time : (n,) s. columns : name to (n,) raw values; NaN where one is missing.
+    """
+
+    time: Column
+    columns: dict[str, Column]
+
+    def changes(self, name: str) -> Column:
+        """(k,) changes of a signal over each window."""
+        at = self._edges()
+        return np.diff(_filled(self.columns[name])[at])
+
+    def sums(self, name: str) -> Column:
+        """(k,) integrals of a signal over each window, its unit times s."""
+        at = self._edges()
+        values = _filled(self.columns[name])
+        steps = np.diff(self.time)
+        # Over a hole in the log a sample says nothing about what came between.
+        steps = np.minimum(steps, 10.0 * float(np.median(steps)))
+        total = np.concatenate(([0.0], np.cumsum(0.5 * (values[1:] + values[:-1]) * steps)))
+        return np.diff(total[at])
+
+    def means(self, name: str) -> Column:
+        """(k,) means over each window."""
+        at = self._edges()
+        total = np.concatenate(([0.0], np.cumsum(_filled(self.columns[name]))))
+        return np.diff(total[at]) / np.diff(at)
+
+    def _edges(self) -> NDArray[np.intp]:
+        count = max(2, int((self.time[-1] - self.time[0]) / WINDOW_S))
+        return np.unique(np.searchsorted(self.time, np.linspace(self.time[0], self.time[-1], count)))
+
+
+def _filled(values: Column) -> Column:
+    """Missing values on the line between their neighbours; zeros where there are none."""
+    there = np.isfinite(values)
+    if there.all():
+        return values
+    if not there.any():
+        return np.zeros_like(values)
+    at = np.arange(values.size)
+    return np.interp(at, at[there], values[there])
+
+
+def correlation(a: Column, b: Column) -> float:
+    """Pearson's, or 0 where one of them stands still.
+
+    Examples
+    --------
+    >>> round(correlation(np.array([0.0, 1.0, 2.0]), np.array([0.0, -1.0, -2.0])), 6)
+    -1.0
+    """
+    if a.size < 3 or np.ptp(a) == 0.0 or np.ptp(b) == 0.0:
+        return 0.0
+    return float(np.corrcoef(a, b)[0, 1])
+
+
+def follows(signals: Signals, integral: str, rate: str) -> float:
+    """How well one signal is the other's integral: their correlation over windows; its sign tells the way."""
+    return correlation(signals.changes(integral), signals.sums(rate))
+
+
+def gain(signals: Signals, integral: str, rate: str) -> tuple[float, float]:
+    """Units of `integral` per unit of `rate` and s, and its standard error."""
+    x, w = signals.changes(integral), signals.sums(rate)
+    slope = float(w @ x / max(float(w @ w), 1e-300))
+    rest = x - slope * w
+    return slope, float(np.sqrt(rest @ rest / max(x.size - 1, 1) / max(float(w @ w), 1e-300)))
+
+
+def slope_of(signals: Signals, wanted: str, of: str) -> tuple[float, float]:
+    """Slope and standard error of one signal's window means over another's, with a constant beside it.
+
+    Windows in which the second changes little are enough where there are some: a drive follows a fast
+    demand with less than its amplitude.
+    """
+    y, x = signals.means(wanted), signals.means(of)
+    moved = np.abs(signals.changes(of))
+    calm = moved < 0.02 * float(np.ptp(x)) if x.size else np.zeros(0, dtype=bool)
+    calm &= np.concatenate(([True], moved[:-1] < 0.02 * float(np.ptp(x)))) if x.size else calm
+    if calm.sum() >= LEAST_WINDOWS and float(np.ptp(x[calm])) > 0.3 * float(np.ptp(x)):
+        y, x = y[calm], x[calm]
+    x0, y0 = x - x.mean(), y - y.mean()
+    slope = float(x0 @ y0 / max(float(x0 @ x0), 1e-300))
+    rest = y0 - slope * x0
+    return slope, float(np.sqrt(rest @ rest / max(x.size - 2, 1) / max(float(x0 @ x0), 1e-300)))
+
+
+def differences(signals: Signals, names: list[str]) -> list[tuple[str, str, str, float]]:
+    """Triples of which one is the second less the third, and how much of its variation that leaves open.
+
+    Parameters
+    ----------
+    names : signals that may be pressures in one unit.
+
+    Returns
+    -------
+    Rows of difference, first, second, share of the standard deviation that remains; the best first.
+    """
+    found = []
+    for d in names:
+        others = [n for n in names if n != d]
+        spread = float(np.std(signals.means(d)))
+        for a, b in combinations(others, 2):
+            for one, two in ((a, b), (b, a)):
+                rest = signals.means(d) - (signals.means(one) - signals.means(two))
+                if spread > 0.0 and float(np.std(rest)) < 0.2 * spread:
+                    found.append((d, one, two, float(np.std(rest)) / spread))
+    return sorted(found, key=lambda row: row[3])
+
+
+def rises_with_pumping(signals: Signals, drop: Column, position: str, pump: str, *, rate: bool) -> float:
+    """Student's t of the rise of a pressure difference with the oil that the pump gives beyond the motion.
+
+    The flow that does not go into motion leaks and compresses: ``theta - x / k = L * integral of drop +
+    C * change of drop``, with both L and C above zero for the difference of the side that a positive pump
+    motion fills. Gain, leakage and compliance are fitted together, so that no load can mislead it.
+
+    Parameters
+    ----------
+    drop : (n,) pressure difference in any unit. rate : whether `pump` is a speed, not an angle.
+    """
+    theta = signals.sums(pump) if rate else signals.changes(pump)
+    both = Signals(signals.time, {**signals.columns, "drop": drop})
+    x = signals.changes(position)
+    leak, rise = both.sums("drop"), both.changes("drop")
+    columns = np.column_stack([x, leak, rise])
+    scale = np.maximum(np.abs(columns).max(axis=0), 1e-300)
+    scaled = columns / scale
+    gram = scaled.T @ scaled
+    if theta.size < LEAST_WINDOWS or np.linalg.cond(gram) > 1e12:
+        return 0.0
+    solved = np.linalg.solve(gram, scaled.T @ theta)
+    rest = theta - scaled @ solved
+    sigma = float(rest @ rest) / max(theta.size - 3, 1)
+    spread = np.sqrt(np.maximum(np.diag(np.linalg.inv(gram)), 0.0) * sigma)
+    t = solved / np.maximum(spread, 1e-300)
+    return float(np.sign(t[1] + t[2]) * max(abs(t[1]), abs(t[2])))
+
+
+def leads(signals: Signals, first: str, second: str) -> float:
+    """Rows by which the first signal comes before the second, at their best correlation."""
+    a, b = (_filled(signals.columns[n]) for n in (first, second))
+    a, b = a - a.mean(), b - b.mean()
+    n = min(a.size, 60_000)
+    a, b = np.diff(a[:n]), np.diff(b[:n])
+    size = 1 << (2 * n - 1).bit_length()
+    cross = np.fft.irfft(np.conj(np.fft.rfft(a, size)) * np.fft.rfft(b, size), size)
+    near = np.concatenate([cross[-50:], cross[:51]])
+    return float(np.argmax(np.abs(near)) - 50)
+
+
+def roughness(signals: Signals, name: str) -> float:
+    """Share of a signal's steps from row to row that are no motion: its noise, relative to its range."""
+    values = _filled(signals.columns[name])
+    second = np.diff(values, 2)
+    spread = float(np.ptp(values))
+    return float(np.median(np.abs(second)) / spread) if spread > 0.0 and second.size else 0.0

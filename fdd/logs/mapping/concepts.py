@@ -1,0 +1,238 @@
+"""What a signal is by its name and unit: words to concepts, concepts to channels."""
+
+from __future__ import annotations
+
+import re
+import unicodedata
+from dataclasses import dataclass, field
+from functools import lru_cache
+from importlib import resources
+from pathlib import Path
+
+from fdd.errors import InputError
+from fdd.logs.formats.signals import Signal
+from fdd.logs.names import bare_name, unit_in_name
+from fdd.measures import find_measure
+from fdd.samples import CHANNELS
+from fdd.yaml_reading import yaml_mapping, yaml_text
+
+MAX_WORDS_BYTES = 200_000
+_UNIT_CONCEPTS = {
+    "pressure": "pressure", "angular_speed": "speed", "angle": "angle", "length": "position",
+    "current": "current", "temperature": "temperature", "force": "force", "voltage": "voltage", "time": "time",
+}  # fmt: skip
+_DIMENSIONS = tuple(_UNIT_CONCEPTS)
+
+
+@dataclass(frozen=True)
+class Rule:
+    """What a channel's name has to say: all of one of `needs`, none of `never`; `helps` makes it surer."""
+
+    needs: tuple[frozenset[str], ...]
+    helps: frozenset[str] = field(default_factory=frozenset)
+    never: frozenset[str] = field(default_factory=frozenset)
+
+
+def _rule(needs: str, helps: str = "", never: str = "") -> Rule:
+    return Rule(
+        tuple(frozenset(one.split("+")) for one in needs.split()),
+        frozenset(helps.split()),
+        frozenset(never.split()),
+    )
+
+
+RULES: dict[str, Rule] = {
+    "time": _rule("time", never="temperature oil"),
+    "command": _rule(
+        "command+speed command+pump command+voltage command pump+voltage",
+        "speed pump voltage", "position pressure measured current temperature",
+    ),
+    "position_setpoint": _rule("command+position", "", "speed pump pressure current"),
+    "pump_speed": _rule("speed+pump speed", "measured", "command position pressure current temperature flow"),
+    "pump_angle": _rule("angle+pump angle pump+position", "measured", "command speed pressure temperature"),
+    "position": _rule("position", "measured", "command speed pump pressure current temperature angle force"),
+    "pressure_difference": _rule("pressure+difference", "", "command accumulator temperature flow"),
+    "pressure_1": _rule("pressure+chamber_1", "measured", "command accumulator difference temperature"),
+    "pressure_2": _rule("pressure+chamber_2", "measured", "command accumulator difference temperature"),
+    "pressure_accumulator": _rule("pressure+accumulator accumulator", "measured", "command temperature speed"),
+    "motor_current": _rule("current+pump current", "measured", "command temperature pressure"),
+    "oil_temperature": _rule("temperature+oil temperature", "measured", "pump pressure command current"),
+    "load_force": _rule("force", "measured", "command pressure temperature speed"),
+}  # fmt: skip
+RAW_UNITS = ("voltage", "number")
+"""Dimensions of a sensor's or a demand's raw signal, which a scale makes a channel of."""
+
+
+class Words:
+    """Words and the concepts that each may stand for.
+
+    Parameters
+    ----------
+    more : a file of a user's own words (``fdd.words/1``), added to the shipped ones.
+
+    Examples
+    --------
+    >>> sorted(Words().concepts("Speicherdruck"))
+    ['accumulator', 'pressure']
+    """
+
+    def __init__(self, more: str | Path | None = None) -> None:
+        self._meanings: dict[str, set[str]] = {}
+        text = resources.files("fdd.logs.mapping").joinpath("words.yaml").read_text(encoding="utf-8")
+        self._add(text, "words.yaml")
+        if more is not None:
+            path = Path(more)
+            self._add(yaml_text(path, "file of words", MAX_WORDS_BYTES, "give a YAML file"), path)
+
+    def _add(self, text: str, where: str | Path) -> None:
+        data = yaml_mapping(text, where, "file of words", schema="fdd.words/1").get("words")
+        if not isinstance(data, dict):
+            raise InputError("no words", where=where, mend="write words: and a list for each meaning")
+        known = {c for r in RULES.values() for n in r.needs for c in n} | {"flow", "measured", "voltage"}
+        for concept, words in data.items():
+            if concept not in known or not isinstance(words, list):
+                raise InputError(
+                    f"{concept!r} is no meaning", where=where, mend=f"use: {', '.join(sorted(known))}"
+                )
+            for word in words:
+                self._meanings.setdefault(_plain(str(word)), set()).add(str(concept))
+
+    def concepts(self, name: str) -> set[str]:
+        """The concepts of all words in a name."""
+        out: set[str] = set()
+        for word in self.taken_apart(name):
+            out |= self._meanings.get(word, set())
+        return out
+
+    def taken_apart(self, name: str) -> list[str]:
+        """The words of a name; what is in no list stays as it is.
+
+        Examples
+        --------
+        >>> Words().taken_apart("PrExt"), Words().taken_apart("pumpspeed"), Words().taken_apart("p_1")
+        (['pr', 'ext'], ['pump', 'speed'], ['p', '1'])
+        """
+        spaced = re.sub(r"(?<=[a-zäöü])(?=[A-ZÄÖÜ])|(?<=[A-Z])(?=[A-Z][a-z])", " ", name)
+        spaced = re.sub(r"(?<=[A-Za-z])(?=\d)|(?<=\d)(?=[A-Za-z])", " ", spaced)
+        out: list[str] = []
+        for word in re.split(r"[^a-z0-9]+", _plain(spaced)):
+            if word:
+                out += self._parts(word)
+        return out
+
+    def _parts(self, word: str) -> list[str]:
+        """A word, or the fewest known words that make it up."""
+        if word in self._meanings:
+            return [word]
+        best: list[list[str] | None] = [[]] + [None] * len(word)
+        for end in range(1, len(word) + 1):
+            for start in range(max(0, end - 20), end):
+                before = best[start]
+                if before is None or word[start:end] not in self._meanings:
+                    continue
+                one = best[end]
+                if one is None or len(before) + 1 < len(one):
+                    best[end] = [*before, word[start:end]]
+        whole = best[len(word)]
+        return whole if whole is not None and len(whole) <= max(2, len(word) // 3) else [word]
+
+
+@lru_cache(maxsize=4096)
+def _plain(text: str) -> str:
+    """Small letters without accents; German's umlauts as two letters."""
+    for umlaut, two in (
+        ("ä", "ae"),
+        ("ö", "oe"),
+        ("ü", "ue"),
+        ("Ä", "ae"),
+        ("Ö", "oe"),
+        ("Ü", "ue"),
+        ("ß", "ss"),
+    ):
+        text = text.replace(umlaut, two)
+    return unicodedata.normalize("NFKD", text).encode("ascii", "ignore").decode().lower()
+
+
+def dimension_of(unit: str | None) -> str | None:
+    """What a unit measures, of the dimensions that channels have; None where it says nothing.
+
+    Examples
+    --------
+    >>> dimension_of("kPa abs"), dimension_of("1/min"), dimension_of("?")
+    ('pressure', 'angular_speed', None)
+    """
+    if unit is None or not unit.strip("-? []()"):
+        return None
+    if unit.strip().lower() in ("v", "mv", "volt", "volts", "%", "counts", "count", "lsb", "digits"):
+        return "voltage" if unit.strip().lower() in ("v", "mv", "volt", "volts") else "number"
+    return next((d for d in _DIMENSIONS if find_measure(unit, d) is not None), None)
+
+
+def said_and_unit(signal: Signal, words: Words) -> tuple[set[str], str | None]:
+    """The concepts of a signal's own words, and its unit: the file's, or else the one that ends its name.
+
+    One letter behind a name is a unit only where the name does not measure something else: ``i_A`` is in
+    ampere, ``p_A`` is the pressure at port A.
+
+    Examples
+    --------
+    >>> said_and_unit(Signal("i_A"), Words()), said_and_unit(Signal("p_A"), Words())[1]
+    (({'current'}, 'A'), None)
+    """
+    own = signal.field if signal.field is not None else signal.name.rsplit("/", 1)[-1]
+    context = (signal.topic or signal.name.rpartition("/")[0]).rsplit("/", 1)[-1]
+    file_unit = signal.unit if dimension_of(signal.unit) is not None else None
+    rest, unit = bare_name(own), unit_in_name(own)
+    rest = own[: len(rest)] if own.lower().startswith(rest) else rest
+    last = own.rsplit(".", 1)[-1]
+    if file_unit is None and unit is None and len(last) > 1 and dimension_of(last) is not None:
+        rest, unit = context, last
+    if unit is not None:
+        measured = {c for c in words.concepts(rest) if c in _UNIT_CONCEPTS.values()}
+        means = _UNIT_CONCEPTS.get(dimension_of(unit) or "")
+        if means is None or (len(unit) == 1 and measured and means not in measured):
+            rest, unit = (own, None) if means not in ("voltage",) else (rest, unit)
+    said = words.concepts(rest)
+    if not said or len(rest) == 1:
+        said |= words.concepts(context) - {"command"}
+    return said, file_unit or unit
+
+
+def name_scores(signal: Signal, words: Words) -> dict[str, float]:
+    """Evidence in nats that the signal is each of the channels that its name and unit allow.
+
+    Parameters
+    ----------
+    signal : of a log.
+
+    Returns
+    -------
+    Channel to score; a channel that the unit excludes is not there.
+
+    Examples
+    --------
+    >>> scores = name_scores(Signal("Druck A", unit="bar"), Words())
+    >>> max(scores, key=scores.get)
+    'pressure_1'
+    """
+    said, unit = said_and_unit(signal, words)
+    own = signal.field or signal.name.rsplit("/", 1)[-1]
+    if own in CHANNELS and dimension_of(unit) in (None, CHANNELS[own].dimension):
+        return {own: 10.0}
+    dimension = dimension_of(unit)
+    heard = said | ({_UNIT_CONCEPTS[dimension]} if dimension in _UNIT_CONCEPTS else set())
+    out: dict[str, float] = {}
+    for channel, rule in RULES.items():
+        fits = dimension is None or dimension == CHANNELS[channel].dimension
+        raw = dimension in RAW_UNITS and channel != "time"
+        if not fits and not raw:
+            continue
+        met = [need for need in rule.needs if need <= heard]
+        score = 0.0 if dimension is None or raw else 1.0
+        if met:
+            score += 2.0 + max(len(need & said) for need in met) + 0.5 * len(rule.helps & said)
+        score -= 2.0 * len(rule.never & said)
+        if raw and channel != "command":
+            score -= 1.0
+        out[channel] = score
+    return out

@@ -1,0 +1,214 @@
+"""Scores of signals for channels: what their names and units say, and what they do."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from fdd.logs.formats.signals import LogFile, Signal
+from fdd.logs.mapping.behaviour import (
+    Signals,
+    correlation,
+    differences,
+    follows,
+    leads,
+    roughness,
+)
+from fdd.logs.mapping.concepts import Words, dimension_of, name_scores, said_and_unit
+from fdd.logs.names import is_time_name
+from fdd.logs.rates import aligned
+from fdd.measures import MEASURES, find_measure
+from fdd.samples import CHANNELS
+
+MOST_ROWS = 300_000
+"""Rows that the behaviour is looked at: five minutes at 1 kHz."""
+CLOSE = 0.9
+"""Correlation above which one signal's motion is another's."""
+
+
+@dataclass
+class Evidence:
+    """What is known of a log's signals.
+
+    Attributes
+    ----------
+    signals : by name, without those of clocks.
+    data : on one time base.
+    scores : signal to channel to nats.
+    reasons : (signal, channel) to what spoke for it.
+    units : signal to the unit that the file or its name gives.
+    time : the column of the time and its unit, where the file does not tell by itself.
+    period : s, of the rows.
+    """
+
+    signals: dict[str, Signal]
+    data: Signals
+    scores: dict[str, dict[str, float]]
+    units: dict[str, str | None]
+    reasons: dict[tuple[str, str], list[str]] = field(default_factory=dict)
+    time: tuple[str, str] | None = None
+
+    def add(self, signal: str, channel: str, nats: float, reason: str) -> None:
+        """Take up evidence, where the unit allows the channel at all."""
+        if channel in self.scores[signal]:
+            self.scores[signal][channel] += nats
+            self.reasons.setdefault((signal, channel), []).append(reason)
+
+    def allowing(self, *channels: str) -> list[str]:
+        """Signals that move and may be one of these channels."""
+        return [
+            n
+            for n, scores in self.scores.items()
+            if any(scores.get(c, -9.0) >= 0.0 for c in channels) and np.ptp(self.data.columns[n]) > 0.0
+        ]
+
+    def named_as(self, signal: str, concept: str) -> bool:
+        """Whether a signal's name says a thing, whatever its unit."""
+        return any(
+            self.scores[signal].get(c, -9.0) >= 2.0 for c in self.scores[signal] if c.startswith(concept)
+        )
+
+    def named(self, channel: str) -> str | None:
+        """The signal of which most speaks for a channel, where anything does."""
+        best = max(self.scores, key=lambda n: self.scores[n].get(channel, -9.0), default=None)
+        return best if best is not None and self.scores[best].get(channel, -9.0) >= 2.0 else None
+
+
+def gather(log: LogFile, words: Words) -> Evidence | None:
+    """Read a log's signals and score them; None where nothing in it can be the time.
+
+    Parameters
+    ----------
+    log : opened. words : to read names by.
+    """
+    sizes: dict[str, int] = {}
+    raw = log.read(log.signals)
+    for signal in log.signals.values():
+        sizes[signal.clock] = max(sizes.get(signal.clock, 0), raw[signal.name].size)
+    main = max(sizes, key=lambda clock: sizes[clock])
+    stamps = {clock: log.stamps(clock) for clock in sizes}
+    time, at = None, stamps[main]
+    if at is None:
+        time = _time_column(log, raw, main)
+        if time is None:
+            return None
+        at = raw[time[0]] * MEASURES[time[1]].factor
+    clocks = {log.clock_column(clock) for clock in sizes} | {time[0] if time else None}
+    good = np.flatnonzero(np.isfinite(at) & (np.diff(at, prepend=-np.inf) > 0.0))[:MOST_ROWS]
+    columns = {}
+    for name, signal in log.signals.items():
+        if name in clocks or is_time_name(name):
+            continue
+        own = stamps[signal.clock]
+        if signal.clock != main and own is None:
+            continue
+        values = raw[name] if signal.clock == main or own is None else aligned(at, own, raw[name])
+        if np.isfinite(values[good]).any():
+            columns[name] = values[good]
+    known = {n: log.signals[n] for n in columns}
+    data = Signals(at[good], columns)
+    scores = {n: name_scores(s, words) for n, s in known.items()}
+    units = {n: said_and_unit(s, words)[1] or _own_unit(s) for n, s in known.items()}
+    found = Evidence(known, data, scores, units, time=time)
+    for name, channels in scores.items():
+        best = max(channels.values(), default=0.0)
+        for channel, score in channels.items():
+            if score >= 2.0 and score == best:
+                found.reasons[(name, channel)] = ["its name" + (" and unit" if units[name] else "")]
+    _pressures(found)
+    _motion(found)
+    _torque(found)
+    return found
+
+
+def _time_column(log: LogFile, raw: dict[str, np.ndarray], clock: str) -> tuple[str, str] | None:
+    """The column that grows from row to row as a clock does, and its unit."""
+    best: tuple[float, str, str] | None = None
+    for signal in log.signals.values():
+        values = raw[signal.name]
+        steps = np.diff(values[np.isfinite(values)])
+        if signal.clock != clock or steps.size < 10 or np.median(steps) <= 0.0:
+            continue
+        growing = float((steps >= 0.0).mean())
+        even = float((np.abs(steps - np.median(steps)) < 0.5 * np.median(steps)).mean())
+        if growing < 0.95:
+            continue
+        score = even + 2.0 * is_time_name(signal.name)
+        if (best is None or score > best[0]) and score > 0.9:
+            best = (score, signal.name, _time_unit(signal, float(np.median(steps))))
+    return None if best is None else best[1:]
+
+
+def _own_unit(signal: Signal) -> str | None:
+    """SI, where a signal carries the contract's own name."""
+    own = signal.field or signal.name.rsplit("/", 1)[-1]
+    return CHANNELS[own].unit if own in CHANNELS else None
+
+
+def _time_unit(signal: Signal, step: float) -> str:
+    from fdd.logs.names import unit_in_name
+
+    for unit in (signal.unit, unit_in_name(signal.name)):
+        if unit is not None and find_measure(unit, "time") is not None and unit in MEASURES:
+            return unit
+    return next((u for u in ("s", "ms", "us", "ns") if step * MEASURES[u].factor <= 0.0201), "s")
+
+
+def _pressures(found: Evidence) -> None:
+    """Δp is what two others differ by; the accumulator's is the quietest of the rest."""
+    may = found.allowing("pressure_difference", "pressure_1", "pressure_2", "pressure_accumulator")
+    sure = [n for n in may if dimension_of(found.units[n]) == "pressure"] or [
+        n for n in may if found.named_as(n, "pressure")
+    ]
+    triples = differences(found.data, sure[:12])
+    if triples:
+        d, one, two, _ = triples[0]
+        for name, channel in ((d, "pressure_difference"), (one, "pressure_1"), (two, "pressure_2")):
+            found.add(name, channel, 3.0, f"{d} = {one} - {two}")
+        # Nothing but its name and the pumping tell the two chambers apart, so each may be the other.
+        for name, channel in ((one, "pressure_2"), (two, "pressure_1")):
+            found.add(name, channel, 2.0, f"{d} = {one} - {two}")
+        rest = [n for n in sure if n not in (d, one, two)]
+        if rest:
+            quiet = min(rest, key=lambda n: float(np.std(found.data.means(n))))
+            found.add(quiet, "pressure_accumulator", 1.0, "it changes least")
+
+
+def _motion(found: Evidence) -> None:
+    """The position follows the pump's speed; a demand is smooth and comes first."""
+    rates = found.allowing("pump_speed", "command")
+    places = found.allowing("position", "position_setpoint")
+    for x in places:
+        for w in rates:
+            if x == w:
+                continue
+            r = follows(found.data, x, w)
+            if abs(r) > CLOSE:
+                found.add(x, "position", 2.0 * abs(r) - 1.0, f"it follows {w} ({abs(r):.2f})")
+                found.add(w, "pump_speed", 2.0 * abs(r) - 1.0, f"{x} follows it ({abs(r):.2f})")
+    for group, demand, measured in (
+        (rates, "command", "pump_speed"),
+        (places, "position_setpoint", "position"),
+    ):
+        for a in group:
+            for b in group:
+                alike = correlation(found.data.means(a), found.data.means(b))
+                if a == b or abs(alike) < CLOSE:
+                    continue
+                smooth = roughness(found.data, a) < 0.5 * roughness(found.data, b)
+                first = leads(found.data, a, b) > 0.0
+                if smooth and first:
+                    found.add(a, demand, 1.0, f"it is smooth and comes before {b}")
+                    found.add(b, measured, 1.0, f"it comes after {a}")
+
+
+def _torque(found: Evidence) -> None:
+    """The motor's current goes with the pressure difference."""
+    drop = found.named("pressure_difference")
+    if drop is None:
+        return
+    for name in found.allowing("motor_current"):
+        r = correlation(found.data.means(name), found.data.means(drop))
+        if name != drop and abs(r) > 0.7 and dimension_of(found.units[name]) in ("current", None):
+            found.add(name, "motor_current", 1.0, f"it goes with {drop} ({abs(r):.2f})")

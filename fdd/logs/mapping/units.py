@@ -1,0 +1,165 @@
+"""Units that neither file nor name gives: by physics where that tells, else asked."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from fdd.logs.channel_map import ChannelSource
+from fdd.logs.mapping.behaviour import gain, slope_of
+from fdd.logs.mapping.evidence import Evidence
+from fdd.measures import find_measure
+from fdd.samples import CHANNELS
+
+USUAL = {"ratio": (3e-4, 4.0), "pressure": (5e6, 4.0), "pump_speed": (200.0, 3.0)}
+"""Middle and factor within which two thirds of EHAs lie: displacement over area, m/rad (0.05 to 2 mm/rad: the
+thesis 0.37, flight controls 0.1 to 0.4, lifts 1 to 2); largest pressure, Pa; largest speed, rad/s."""
+_UNITS = {
+    "pump_speed": ("rad/s", "rpm", "rev/s", "deg/s"),
+    "position": ("m", "cm", "mm", "um", "in"),
+    "pressure": ("Pa", "kPa", "bar", "MPa", "psi"),
+    "motor_current": ("A", "mA"),
+    "oil_temperature": ("degC", "K", "degF"),
+}
+_BY_SYMBOL = {"w": "rad/s", "omega": "rad/s", "n": "rpm", "rpm": "rpm", "drehzahl": "rpm"}
+"""What a speed's symbol stands for in this field: omega in radians, n in revolutions a minute."""
+CLEAR_NATS = 2.2
+"""Nine to one."""
+_SYMBOL_NATS = 1.5
+
+
+@dataclass(frozen=True)
+class Question:
+    """What the log does not tell.
+
+    Attributes
+    ----------
+    text : one sentence. options : answer to the sources that it sets; the likeliest first.
+    """
+
+    channel: str
+    text: str
+    options: dict[str, dict[str, ChannelSource]]
+
+
+def scale_of(found: Evidence, speed: str | None, channel: str, name: str) -> dict[str, object]:
+    """Unit of a signal as a channel; a scale where it is in volts or counts, by what it has to be like.
+
+    Parameters
+    ----------
+    speed : the signal of the pump's speed, which a demand in volts is held against.
+    """
+    unit = found.units[name]
+    if unit is not None and find_measure(unit, CHANNELS[channel].dimension) is not None:
+        return {"unit": unit}
+    if channel == "command" and speed is not None:
+        measured = find_measure(found.units[speed] or "rad/s", "angular_speed")
+        slope, spread = slope_of(found.data, speed, name)
+        if measured is not None and abs(slope) > 20.0 * spread:
+            return {"scale": _rounded_to_rpm(abs(slope) * measured.factor), "unit": "rad/s"}
+    if channel == "pump_angle":
+        values = found.data.columns[name]
+        top = float(np.nanmax(values)) + 1.0
+        steps = np.abs(np.diff(values[np.isfinite(values)]))
+        if steps.size and float(steps.max()) > 0.5 * top and np.log2(top) % 1.0 < 0.02:
+            wrap = float(2 ** round(np.log2(top)))
+            return {"wrap": wrap, "scale": 1.0 / wrap, "unit": "rev"}
+    return {}
+
+
+def _rounded_to_rpm(per_volt: float) -> float:
+    """A drive's scale is a whole hundred of revolutions a minute at 10 V; within 2 % of one, it is that.
+
+    Examples
+    --------
+    >>> round(_rounded_to_rpm(31.3), 3), _rounded_to_rpm(0.5)
+    (31.416, 0.5)
+    """
+    at_ten_volts = 10.0 * per_volt * 30.0 / np.pi
+    whole = 100.0 * round(at_ten_volts / 100.0)
+    if whole >= 500.0 and abs(at_ten_volts / whole - 1.0) < 0.02:
+        return float(whole * np.pi / 300.0)
+    return float(f"{per_volt:.5g}")
+
+
+def unit_questions(
+    found: Evidence, names: dict[str, str], sources: dict[str, ChannelSource]
+) -> list[tuple[Question | None, dict[str, ChannelSource]]]:
+    """Units of channels that have none: what is likeliest, and a question where that is not clear.
+
+    Parameters
+    ----------
+    names : channel to signal. sources : channel to its source so far.
+
+    Returns
+    -------
+    Rows of a question (None where the unit is clear) and the sources with the likeliest unit.
+    """
+    out: list[tuple[Question | None, dict[str, ChannelSource]]] = []
+    known = dict(sources)
+    for kind, units in _UNITS.items():
+        members = [c for c in known if c.startswith(kind) and c != "position_setpoint"]
+        unknown = [c for c in members if known[c].unit is None]
+        told = [known[c].unit for c in members if known[c].unit is not None]
+        if not unknown:
+            continue
+        nats = _nats(found, names, known, kind, units)
+        likely = sorted(units, key=lambda u: -nats[u])
+        if told:
+            likely = [str(told[0]), *(u for u in likely if u != told[0])]
+        clear = bool(told) or len(likely) == 1 or nats[likely[0]] - nats[likely[1]] > CLEAR_NATS
+        options = {u: {c: known[c].model_copy(update={"unit": u}) for c in unknown} for u in likely}
+        known.update(options[likely[0]])
+        text = f"In which unit {'are' if len(unknown) > 1 else 'is'} {', '.join(names[c] for c in unknown)}?"
+        out.append((None if clear else Question(kind, text, options), options[likely[0]]))
+    return out
+
+
+def _nats(
+    found: Evidence, names: dict[str, str], known: dict[str, ChannelSource], kind: str, units: tuple[str, ...]
+) -> dict[str, float]:
+    """How likely each unit is, by what actuators usually are."""
+    columns = found.data.columns
+
+    def top(channels: list[str]) -> float:
+        return max(float(np.nanpercentile(np.abs(columns[names[c]]), 99.0)) for c in channels)
+
+    def factor(unit: str | None, dimension: str) -> float:
+        measured = None if unit is None else find_measure(unit, dimension)
+        return 1.0 if measured is None else measured.factor
+
+    if kind == "motor_current":
+        return {"A": 0.0, "mA": -5.0 if top([kind]) < 300.0 else 3.0}
+    if kind == "oil_temperature":
+        middle = float(np.nanmedian(columns[names[kind]]))
+        return {
+            "degC": 0.0 if -50.0 < middle < 140.0 else -9.0,
+            "K": 0.0 if 220.0 < middle < 420.0 else -9.0,
+            "degF": -2.5 if -60.0 < middle < 280.0 else -9.0,
+        }
+    if kind == "pressure":
+        highest = top([c for c in known if c.startswith("pressure")])
+        return {u: _nearness("pressure", highest * factor(u, "pressure")) for u in units}
+    rates = [c for c in ("pump_speed", "position") if c in known]
+    per = abs(gain(found.data, names["position"], names["pump_speed"])[0]) if len(rates) == 2 else 0.0
+    if kind == "position":
+        speed = factor(known["pump_speed"].unit, "angular_speed") if per else 1.0
+        return {u: _nearness("ratio", per * factor(u, "length") / speed) if per else 0.0 for u in units}
+    symbol = next(
+        (s for w, s in _BY_SYMBOL.items() if w in names[kind].lower().replace(".", "/").split("/")), None
+    )
+    out = {}
+    for unit in units:
+        out[unit] = _nearness("pump_speed", top([kind]) * factor(unit, "angular_speed"))
+        if per and known["position"].unit is not None:
+            length = factor(known["position"].unit, "length")
+            out[unit] += _nearness("ratio", per * length / factor(unit, "angular_speed"))
+        out[unit] += _SYMBOL_NATS if unit == symbol else 0.0
+    return out
+
+
+def _nearness(kind: str, value: float) -> float:
+    """Log density of a quantity among actuators, less a constant."""
+    middle, spread = USUAL[kind]
+    return float(-0.5 * (np.log(max(value, 1e-300) / middle) / np.log(spread)) ** 2)

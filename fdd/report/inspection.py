@@ -1,0 +1,46 @@
+"""The page of ``fdd inspect --html``: a table of signals with a drawn course each; no script."""
+
+from __future__ import annotations
+
+from importlib import resources
+
+import jinja2
+import numpy as np
+
+from fdd.logs.inspection import SignalView
+
+_WIDTH, _HEIGHT, _POINTS = 320, 48, 240
+
+
+def inspection_page(name: str, kind: str, views: list[SignalView]) -> str:
+    """The page as HTML.
+
+    Parameters
+    ----------
+    name : of the log. kind : its format. views : of its signals.
+    """
+    template = (resources.files("fdd.report") / "inspection.html.j2").read_text(encoding="utf-8")
+    environment = jinja2.Environment(autoescape=True, undefined=jinja2.StrictUndefined, trim_blocks=True)
+    return environment.from_string(template).render(
+        name=name,
+        kind=kind,
+        views=views,
+        lines={v.name: course(v) for v in views},
+        width=_WIDTH,
+        height=_HEIGHT,
+    )
+
+
+def course(view: SignalView) -> str:
+    """Points of an SVG line: the least and greatest value of each part of the signal."""
+    values = view.values
+    if values.size < 2 or not np.isfinite(values).any() or view.high == view.low:
+        return f"0,{_HEIGHT / 2} {_WIDTH},{_HEIGHT / 2}" if values.size else ""
+    points = []
+    for k, part in enumerate(np.array_split(values, min(_POINTS // 2, values.size))):
+        there = part[np.isfinite(part)]
+        if there.size:
+            x = _WIDTH * k / (_POINTS // 2)
+            for v in dict.fromkeys((float(there.min()), float(there.max()))):
+                points.append(f"{x:.1f},{_HEIGHT * (1 - (v - view.low) / (view.high - view.low)):.1f}")
+    return " ".join(points)
