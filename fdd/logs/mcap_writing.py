@@ -63,7 +63,8 @@ def write_annotated(
         f"/eha/{axis}/diagnosis": _windows(trajectories),
     }
     with mcap_file(path, metadata, start_ns) as out:
-        _add_events(out, json.loads(diagnosis_json).get("faults", []), axis)
+        if faults := json.loads(diagnosis_json).get("faults"):
+            _add_events(out, faults, axis)
         out.add_columns({name: columns for name, columns in topics.items() if np.size(columns["time"])})
 
 

@@ -179,7 +179,9 @@ def test_indexes_checksums_and_statistics_fit_the_records(tmp_path: Path, small_
 def test_readers_can_begin_anywhere(tmp_path: Path, small_chunks: None) -> None:
     write_run(tmp_path / "a.mcap", A, axis="a", truth={"leakage": np.ones(ROWS)})
     later = messages(tmp_path / "a.mcap", start=777_000_000)
-    assert [m["time"] for _, _, m in later[::2]] == A.time[777:].tolist() and len(later) == 2 * (ROWS - 777)
+    assert [m["time"] for _, _, m in later[::2]] == A.time[777:].tolist()
+    assert [stamp for stamp, _, _ in later[::2]] == [1_000_000 * k for k in range(777, ROWS)], "to the ns"
+    assert len(later) == 2 * (ROWS - 777)
 
 
 def test_topics_of_a_whole_run_lie_side_by_side(tmp_path: Path, small_chunks: None) -> None:
