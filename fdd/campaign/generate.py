@@ -37,7 +37,7 @@ from fdd.campaign.recipe import Recipe
 from fdd.campaign.structures import Condition
 from fdd.errors import InputError
 from fdd.files import whole_file, write_text
-from fdd.logs.mcap_writing import write_run
+from fdd.logs.mcap_runs import write_run
 from fdd.plant.scenario import Scenario
 from fdd.plant.sensors import struck_channel
 from fdd.plant.simulate import Simulation, simulate

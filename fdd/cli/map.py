@@ -36,7 +36,7 @@ def propose_map(
             "--set",
             metavar="CHANNEL=SIGNAL[:UNIT]",
             show_default=False,
-            help="What you know: a channel's signal, its unit (position=:mm gives the unit alone), or no signal.",
+            help="What you know: a channel's signal, its unit (position=:mm for the unit alone), or none.",
         ),
     ] = None,
     words: Annotated[
@@ -147,11 +147,11 @@ def _answered(question: Question, log: Path, *, ask: bool) -> str:
     if not ask:
         return options[0]
     if not sys.stdin.isatty():
+        likeliest = f":{options[0]}" if "unit" in question.text else options[0]
         raise InputError(
             f"{question.text} Likeliest: {options[0]}, or else {', '.join(options[1:])}",
             where=log,
-            mend=f"answer with --set {question.channel}={':' + options[0] if 'unit' in question.text else options[0]}, "
-            "or --yes",
+            mend=f"answer with --set {question.channel}={likeliest}, or --yes",
         )
     from fdd.cli.console import messages
 
@@ -159,10 +159,5 @@ def _answered(question: Question, log: Path, *, ask: bool) -> str:
     console.print(question.text, markup=False)
     for k, option in enumerate(options, 1):
         console.print(f"  {k}  {option}", markup=False)
-    chosen = typer.prompt(
-        "Number",
-        default=1,
-        type=typer.IntRange(1, len(options)) if hasattr(typer, "IntRange") else int,
-        err=True,
-    )
+    chosen = typer.prompt("Number", default=1, type=int, err=True)
     return options[min(max(int(chosen), 1), len(options)) - 1]

@@ -1,63 +1,33 @@
 """MCAP out: logs with their diagnosis beside them (runs of the plant: `fdd.logs.mcap_runs`).
 
-Topics are the contract's: ``/eha/<axis>/measurement``, ``/truth``, ``/estimate`` and
-``/diagnosis``, and ``/events`` with `foxglove.Log` messages. Truth never stands in
-the measurement.
+Topics are the contract's: ``/eha/<axis>/measurement``, ``/estimate`` and ``/diagnosis``, and ``/events`` with
+`foxglove.Log` messages in JSON.
 """
 
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from fdd.logs.json_rows import Columns
-from fdd.logs.mcap_merging import Messages, merged_file, nanoseconds, require_axis
-from fdd.logs.mcap_runs import run_metadata, write_run, write_whole
+from fdd.logs.mcap_chunks import ColumnWriter, mcap_file
+from fdd.logs.mcap_runs import require_axis, write_run
 from fdd.samples import Samples
 
-__all__ = ["Event", "events_of", "write_annotated", "write_run"]
+__all__ = ["write_annotated", "write_run"]
 
-_LEVELS = {"info": 2, "warning": 3, "error": 4}
-
+_WARNING, _ERROR = 3, 4
+_NUMBER, _TEXT = {"type": "integer"}, {"type": "string"}
 _LOG_SCHEMA = {
-    "title": "foxglove.Log",
-    "type": "object",
+    "title": "foxglove.Log", "type": "object",
     "properties": {
-        "timestamp": {
-            "type": "object",
-            "title": "time",
-            "properties": {
-                "sec": {"type": "integer", "minimum": 0},
-                "nsec": {"type": "integer", "minimum": 0},
-            },
-        },
-        "level": {
-            "type": "integer",
-            "oneOf": [
-                {"title": title, "const": number}
-                for number, title in enumerate(("UNKNOWN", "DEBUG", "INFO", "WARNING", "ERROR", "FATAL"))
-            ],
-        },
-        "message": {"type": "string"},
-        "name": {"type": "string"},
-        "file": {"type": "string"},
-        "line": {"type": "integer", "minimum": 0},
+        "timestamp": {"type": "object", "title": "time", "properties": {"sec": _NUMBER, "nsec": _NUMBER}},
+        "level": _NUMBER, "message": _TEXT, "name": _TEXT, "file": _TEXT, "line": _NUMBER,
     },
-}
-
-
-@dataclass(frozen=True)
-class Event:
-    """Something to show at a time: ``level`` is info, warning or error."""
-
-    time: float
-    message: str
-    level: str = "info"
+}  # fmt: skip
 
 
 def write_annotated(
@@ -67,7 +37,6 @@ def write_annotated(
     diagnosis_json: str,
     *,
     axis: str,
-    events: Sequence[Event] = (),
     unit_yaml: str | None = None,
     start_ns: int = 0,
 ) -> None:
@@ -76,15 +45,9 @@ def write_annotated(
     Parameters
     ----------
     samples : the log, written as its measurement.
-    trajectories : as `vars()` of a diagnosis's trajectories: ``time`` (n,) s;
-        ``estimates`` and ``stds`` (filter to quantity to (n,)); ``observable``
-        (quantity to (n,) bool); ``held``, ``held_std`` and ``information_std`` (quantity to
-        (n,)); ``nis`` (filter to (n,)); ``window_time`` (m,) s;
-        ``statistic`` (m,), ``threshold`` (number), ``probabilities`` (family to
-        (m,)); ``feature_names`` (k,) and ``features`` (m, k). What is absent is left out.
-    diagnosis_json : the whole answer; the metadata record ``diagnosis`` (key json).
-    events : shown as `foxglove.Log` messages. Without any, they are made of the
-        answer's faults: an error at each onset and detection.
+    trajectories : `vars()` of a diagnosis's `Trajectories`; what is absent is left out.
+    diagnosis_json : the whole answer: the metadata record ``diagnosis`` (key json), and a message at onset
+        and detection of each of its faults.
     start_ns : ns; log time of t = 0.
 
     Examples
@@ -92,86 +55,62 @@ def write_annotated(
     >>> write_annotated("out.mcap", samples, vars(t), answer, axis="axis_a")  # doctest: +SKIP
     """
     require_axis(axis)
-    metadata = run_metadata([axis], None if unit_yaml is None else {axis: unit_yaml}, None)
+    metadata = {} if unit_yaml is None else {"unit": {"yaml": unit_yaml}}
     metadata["diagnosis"] = {"json": diagnosis_json}
-    columns: Columns = {"time": samples.time, **samples.columns}
-    topics = [(f"/eha/{axis}/measurement", "fdd.Measurement", columns), *_results(trajectories, axis)]
-    shown = list(events) or events_of(diagnosis_json)
-    with merged_file(path, metadata) as merged:
-        write_whole(merged, topics, start_ns, _log_messages(shown, axis, start_ns))
+    topics = {
+        f"/eha/{axis}/measurement": {"time": samples.time, **samples.columns},
+        f"/eha/{axis}/estimate": _estimate(trajectories),
+        f"/eha/{axis}/diagnosis": _windows(trajectories),
+    }
+    with mcap_file(path, metadata, start_ns) as out:
+        if faults := json.loads(diagnosis_json).get("faults"):
+            _add_events(out, faults, axis)
+        out.add_columns({name: columns for name, columns in topics.items() if np.size(columns["time"])})
 
 
-def events_of(diagnosis_json: str) -> list[Event]:
-    """Onset and detection of each fault in an answer, as events.
+def _estimate(t: Mapping[str, Any]) -> dict[str, Any]:
+    """Columns of the estimate: of each filter its quantities, their ``_std`` and its ``nis``."""
+    columns = {"time": t.get("time", ())}
+    for tracker, quantities in t.get("estimates", {}).items():
+        stds = t.get("stds", {}).get(tracker, {})
+        for name, values in quantities.items():
+            columns[f"{tracker}.{name}"] = values
+            if name in stds:
+                columns[f"{tracker}.{name}_std"] = stds[name]
+        if tracker in t.get("nis", {}):
+            columns[f"{tracker}.nis"] = t["nis"][tracker]
+    for group in ("observable", "held", "held_std", "information_std"):
+        columns |= {f"{group}.{name}": values for name, values in t.get(group, {}).items()}
+    return columns
 
-    Examples
-    --------
-    >>> events_of('{"faults": [{"fault": "aeration", "confidence": 0.9, "onset_s": 3, "detected_s": 4}]}')[0]
-    Event(time=3.0, message='aeration begins (confidence 0.90)', level='warning')
-    """
-    events = []
-    for fault in json.loads(diagnosis_json).get("faults", []):
+
+def _windows(t: Mapping[str, Any]) -> dict[str, Any]:
+    """Columns of the diagnosis, a row for each window."""
+    columns = {"time": t.get("window_time", ())}
+    if "statistic" in t:
+        columns["statistic"] = t["statistic"]
+    if "threshold" in t:
+        columns["threshold"] = np.full(np.size(columns["time"]), t["threshold"])
+    columns |= {f"probabilities.{name}": values for name, values in t.get("probabilities", {}).items()}
+    features = np.transpose(t.get("features", ()))
+    return columns | {f"features.{n}": f for n, f in zip(t.get("feature_names", ()), features, strict=True)}
+
+
+def _add_events(out: ColumnWriter, faults: list[dict[str, Any]], axis: str) -> None:
+    schema = out.register_schema("foxglove.Log", "jsonschema", json.dumps(_LOG_SCHEMA).encode())
+    channel = out.register_channel(f"/eha/{axis}/events", "json", schema)
+    for fault in faults:
         names = " or ".join(fault.get("ambiguity") or [fault["fault"]])
-        confidence = f"confidence {fault['confidence']:.2f}"
-        events.append(Event(float(fault["onset_s"]), f"{names} begins ({confidence})", "warning"))
-        said = "; ".join([confidence, *fault.get("evidence", [])])
-        events.append(Event(float(fault["detected_s"]), f"{names} detected ({said})", "error"))
-    return sorted(events, key=lambda e: e.time)
-
-
-def _results(trajectories: Mapping[str, Any], axis: str) -> Iterator[tuple[str, str, Columns]]:
-    time = np.asarray(trajectories.get("time", ()), dtype=np.float64)
-    if time.size:
-        estimate: dict[str, Any] = {"time": time}
-        for tracker, quantities in trajectories.get("estimates", {}).items():
-            stds = trajectories.get("stds", {}).get(tracker, {})
-            members: dict[str, Any] = {}
-            for name, value in quantities.items():
-                members[name] = value
-                if stds.get(name) is not None:
-                    members[f"{name}_std"] = stds[name]
-            nis = trajectories.get("nis", {}).get(tracker)
-            estimate[tracker] = members if nis is None else {**members, "nis": nis}
-        if trajectories.get("observable"):
-            estimate["observable"] = dict(trajectories["observable"])
-        for what in ("held", "held_std", "information_std"):
-            if trajectories.get(what):
-                estimate[what] = dict(trajectories[what])
-        yield f"/eha/{axis}/estimate", "fdd.Estimate", estimate
-    window = np.asarray(trajectories.get("window_time", ()), dtype=np.float64)
-    if window.size:
-        verdict: dict[str, Any] = {"time": window}
-        if trajectories.get("statistic") is not None:
-            verdict["statistic"] = trajectories["statistic"]
-        if trajectories.get("threshold") is not None:
-            verdict["threshold"] = np.full(window.size, float(trajectories["threshold"]))
-        if trajectories.get("probabilities"):
-            verdict["probabilities"] = dict(trajectories["probabilities"])
-        names = trajectories.get("feature_names") or ()
-        if len(names):
-            features = np.asarray(trajectories["features"], dtype=np.float64)
-            verdict["features"] = {name: features[:, k] for k, name in enumerate(names)}
-        yield f"/eha/{axis}/diagnosis", "fdd.Diagnosis", verdict
-
-
-def _log_messages(events: Sequence[Event], axis: str, start_ns: int) -> Messages | None:
-    if not events:
-        return None
-    stamps = nanoseconds(np.array([e.time for e in events]), start_ns)
-    texts = [_log_message(e, int(s), axis) for e, s in zip(events, stamps, strict=True)]
-    return Messages(f"/eha/{axis}/events", "foxglove.Log", json.dumps(_LOG_SCHEMA).encode(), stamps, texts)
-
-
-def _log_message(event: Event, stamp: int, axis: str) -> bytes:
-    second, nanosecond = divmod(stamp, 1_000_000_000)
-    return json.dumps(
-        {
-            "timestamp": {"sec": second, "nsec": nanosecond},
-            "level": _LEVELS.get(event.level, 2),
-            "message": event.message,
-            "name": axis,
-            "file": "",
-            "line": 0,
-        },
-        ensure_ascii=False,
-    ).encode()
+        sure = f"confidence {fault['confidence']:.2f}"
+        said = "; ".join([sure, *fault.get("evidence", [])])
+        for time, level, text in (
+            (fault["onset_s"], _WARNING, f"{names} begins ({sure})"),
+            (fault["detected_s"], _ERROR, f"{names} detected ({said})"),
+        ):
+            stamp = int(out.log_times([time])[0])
+            second, nanosecond = divmod(stamp, 1_000_000_000)
+            message = {
+                "timestamp": {"sec": second, "nsec": nanosecond}, "level": level, "message": text,
+                "name": axis, "file": "", "line": 0,
+            }  # fmt: skip
+            out.add_message(channel, stamp, json.dumps(message, ensure_ascii=False).encode(), stamp)

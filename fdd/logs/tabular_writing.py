@@ -15,8 +15,7 @@ from numpy.typing import ArrayLike
 
 from fdd.errors import InputError
 from fdd.files import whole_file
-from fdd.logs.mcap_merging import require_axis
-from fdd.logs.mcap_runs import RunBlock
+from fdd.logs.mcap_runs import RunBlock, require_axis
 from fdd.samples import Samples
 
 GROUP_ROWS = 100_000
@@ -177,12 +176,7 @@ def write_table_blocks(path: str | Path, blocks: Iterable[RunBlock], *, axes: Se
     with ExitStack() as stack:
         files = {axis: stack.enter_context(table_file(p)) for axis, p in paths.items()}
         for block in blocks:
-            axis = axes[0] if block.axis is None and len(axes) == 1 else block.axis
-            if axis not in files:
-                raise InputError(
-                    f"a block of axis {axis!r} in a run of {', '.join(axes)}", mend="name one of these axes"
-                )
-            files[axis].add(block.samples.time, block.samples.columns)
+            files[block.axis_of(axes)].add(block.samples.time, block.samples.columns)
     return list(paths.values())
 
 

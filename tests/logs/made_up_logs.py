@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
+from mcap.reader import make_reader
+from mcap_protobuf.decoder import DecoderFactory
 
 from fdd.errors import InputError
 from fdd.logs import Log, read_log
@@ -57,3 +61,29 @@ def assert_same(log: Log, samples: Samples) -> None:
     np.testing.assert_array_equal(log.samples.time, samples.time)
     for name in samples.channels:
         np.testing.assert_array_equal(log.samples.get(name), samples[name], err_msg=name)
+
+
+def as_dict(message: Any) -> dict[str, Any]:
+    """A decoded Protobuf message's fields that are there, in the order of their numbers."""
+    return {
+        field.name: as_dict(value) if field.message_type else value for field, value in message.ListFields()
+    }
+
+
+def messages(path: Path, start: int | None = None) -> list[tuple[int, str, dict[str, Any]]]:
+    """Log time, topic and fields of each message, as the MCAP and Protobuf libraries read them through the
+    index, in the order of time; checksums are checked. `start`: only from this log time on."""
+    protobuf, decoders, found = DecoderFactory(), {}, []
+    with path.open("rb") as stream:
+        reader = make_reader(stream, validate_crcs=True)
+        for schema, channel, message in reader.iter_messages(starting_at=start):
+            if channel.id not in decoders:
+                decoded = protobuf.decoder_for(channel.message_encoding, schema)
+                decoders[channel.id] = json.loads if decoded is None else lambda d, f=decoded: as_dict(f(d))
+            found.append((message.log_time, channel.topic, decoders[channel.id](message.data)))
+    return found
+
+
+def of_topic(path: Path, topic: str) -> list[dict[str, Any]]:
+    """The messages of one topic."""
+    return [fields for _, name, fields in messages(path) if name == topic]

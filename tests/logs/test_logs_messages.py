@@ -153,7 +153,8 @@ def test_protobuf_messages_of_every_kind(tmp_path: Path) -> None:
     for k in range(N):
         values = {
             "d": 0.1 * k, "f": 0.5 * k, "i64": -(2**40) * (k % 3), "u64": 2**40 + k, "i32": -k, "fx64": k,
-            "fx32": 7 * k, "flag": k % 2 == 0, "u32": k, "sfx32": -k, "sfx64": -(2**35) + k, "s32": -k * 3, "s64": k - 150,
+            "fx32": 7 * k, "flag": k % 2 == 0, "u32": k, "sfx32": -k, "sfx64": -(2**35) + k, "s32": -k * 3,
+            "s64": k - 150,
         }  # fmt: skip
         one = kind(text="ü" * (k % 7), list=[k, -k], **values)
         one.motor.w = 2.0 * k

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
@@ -13,8 +14,7 @@ from made_up_logs import refused_log, strokes
 from mcap.writer import CompressionType, Writer
 
 from fdd.errors import InputError
-from fdd.logs import Log, mcap_merging, read_log
-from fdd.logs.json_rows import json_rows
+from fdd.logs import Log, mcap_chunks, read_log
 from fdd.logs.mcap_writing import write_run
 
 SAMPLES = strokes(2500)
@@ -25,7 +25,7 @@ def whole(tmp_path_factory: pytest.TempPathFactory) -> bytes:
     """A run in many small chunks, with metadata."""
     path = tmp_path_factory.mktemp("whole") / "run.mcap"
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(mcap_merging, "CHUNK_BYTES", 40_000)
+        patch.setattr(mcap_chunks, "CHUNK_BYTES", 40_000)
         write_run(path, SAMPLES, axis="a", unit_yaml="x: 1", scenario_json="{}")
     return path.read_bytes()
 
@@ -96,9 +96,10 @@ def test_unfinished_files_of_every_compression(
         writer = Writer(stream, chunk_size=40_000, compression=compression, use_chunking=chunked)
         writer.start()
         channel = writer.register_channel("/eha/a/measurement", "json", 0)
-        rows = json_rows({"time": SAMPLES.time, **SAMPLES.columns})
-        for row, stamp in zip(rows, (SAMPLES.time * 1e9).tolist(), strict=True):
-            writer.add_message(channel, int(stamp), row, int(stamp))
+        columns = {"time": SAMPLES.time, **SAMPLES.columns}
+        for values in zip(*(v.tolist() for v in columns.values()), strict=True):
+            row, stamp = json.dumps(dict(zip(columns, values, strict=True))), int(values[0] * 1e9)
+            writer.add_message(channel, stamp, row.encode(), stamp)
         # Never finished: the recorder was switched off.
     log = read_log(path, shortest=0.5)
     assert_prefix(log)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -22,12 +23,6 @@ def open_mdf(path: Path) -> TreeFile:
     ImportError : asammdf, an extra, is not installed.
     """
     from asammdf import MDF
-    from asammdf.blocks import mdf_v3, mdf_v4
-
-    # A file that breaks off while it is opened would complain on standard error when it is thrown away.
-    for kind in (mdf_v3.MDF3, mdf_v4.MDF4):
-        if not hasattr(kind, "_file"):
-            kind._file = None
 
     groups: dict[str, dict[str, Leaf]] = {}
     try:
@@ -45,6 +40,7 @@ def open_mdf(path: Path) -> TreeFile:
                 if index != master:
                     own[channel.name] = Leaf(rows, _loader(path, file, number, index), channel.unit or None)
     except Exception as error:  # asammdf lets whatever a damaged file provokes through
+        _quieten()
         raise _damaged(path, "damaged MDF file", error) from None
     found = tree_file(path, groups)
     found.start_ns = int(start.timestamp() * 1e9) if start is not None and start.year > 1970 else 0
@@ -67,6 +63,17 @@ def _loader(path: Path, file: Any, group: int, index: int | None) -> Callable[[]
             raise _damaged(path, "a channel cannot be read", error) from None
 
     return load
+
+
+def _quieten() -> None:
+    """Let what is left of a file that broke off while it was opened be thrown away without a word."""
+    from asammdf.blocks import mdf_v3, mdf_v4
+
+    def close(half_open: Any) -> None:
+        with suppress(Exception):
+            half_open.close()
+
+    mdf_v3.MDF3.__del__ = mdf_v4.MDF4.__del__ = close
 
 
 def _damaged(path: Path, what: str, error: Exception) -> InputError:

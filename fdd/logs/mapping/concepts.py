@@ -19,7 +19,8 @@ from fdd.yaml_reading import yaml_mapping, yaml_text
 MAX_WORDS_BYTES = 200_000
 _UNIT_CONCEPTS = {
     "pressure": "pressure", "angular_speed": "speed", "angle": "angle", "length": "position",
-    "current": "current", "temperature": "temperature", "force": "force", "voltage": "voltage", "time": "time",
+    "current": "current", "temperature": "temperature", "force": "force", "voltage": "voltage",
+    "time": "time",
 }  # fmt: skip
 _DIMENSIONS = tuple(_UNIT_CONCEPTS)
 
@@ -54,7 +55,7 @@ RULES: dict[str, Rule] = {
     "pressure_difference": _rule("pressure+difference", "", "command accumulator temperature flow"),
     "pressure_1": _rule("pressure+chamber_1", "measured", "command accumulator difference temperature"),
     "pressure_2": _rule("pressure+chamber_2", "measured", "command accumulator difference temperature"),
-    "pressure_accumulator": _rule("pressure+accumulator accumulator", "measured", "command temperature speed"),
+    "pressure_accumulator": _rule("pressure+accumulator accumulator", "measured", "command speed"),
     "motor_current": _rule("current+pump current", "measured", "command temperature pressure"),
     "oil_temperature": _rule("temperature+oil temperature", "measured", "pump pressure command current"),
     "load_force": _rule("force", "measured", "command pressure temperature speed"),

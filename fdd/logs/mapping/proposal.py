@@ -16,7 +16,7 @@ from fdd.logs.near_misses import listed
 from fdd.samples import CHANNELS, missing_required
 
 SURE = 0.9
-"""Below it a channel that a diagnosis needs is asked for; what it can do without is left out below `LIKELY`."""
+"""Below it a channel that a diagnosis needs is asked for; below `LIKELY` any other is left out."""
 LIKELY = 0.75
 CLEAR_T = 5.0
 """Student's t above which the pumping tells which chamber is filled."""
@@ -71,7 +71,7 @@ class Proposal:
         if absent:
             raise InputError(
                 f"found no {', no '.join(absent)}",
-                mend=f"name it with --set, e.g. --set position=SIGNAL; unused: {listed(self.unused) or 'none'}",
+                mend=f"name it, e.g. --set position=SIGNAL; not used: {listed(self.unused) or 'none'}",
             )
         return ChannelMap(name=name, axis=axis, channels=channels)
 

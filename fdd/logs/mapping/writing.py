@@ -61,7 +61,7 @@ def balance_words(samples: Samples) -> list[str]:
     if rate:
         verdict = "as it should" if along > 0.8 else "which is not how a pump moves a cylinder"
         words.append(
-            f"the position follows the pump with {ratio * 1e3:.3g} mm/rad (correlation {along:.2f}), {verdict}"
+            f"the piston moves {ratio * 1e3:.3g} mm a radian of the pump (correlation {along:.2f}), {verdict}"
         )
     if abs(t) > 5.0:
         verdict = "as it should" if t > 0 else "so chambers or signs are the wrong way round"

@@ -6,7 +6,7 @@ import numpy as np
 
 from fdd.logs.wire.compiled import njit
 
-_KEPT = 0.9
+_KEPT = 0.99
 """Share of what rounding left over that the next row takes up: a late stamp is made good by the row after it,
 and a clock that runs a little faster than its nominal rate gains no rows."""
 

@@ -1,0 +1,161 @@
+"""Columns into an MCAP file by the chunk: the message records of a chunk are one NumPy array.
+
+A chunk holds one topic; those of several topics overlap in time, and readers go by the index's log times.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+from mcap.data_stream import RecordBuilder
+from mcap.opcode import Opcode
+from mcap.records import MessageIndex
+from mcap.writer import Writer
+from numpy.typing import ArrayLike, NDArray
+
+from fdd import __version__
+from fdd.errors import InputError
+from fdd.files import whole_file
+from fdd.logs.protobuf_rows import layout
+from fdd.samples import CHANNELS
+
+CHUNK_BYTES = 1 << 20
+_HEAD = np.dtype("u1, <u8, <u2, <u4, <u8, <u8")
+"""Of a message record: opcode, length, channel, sequence, log time, publish time."""
+
+
+class _Topic(NamedTuple):
+    """Columns (whether boolean), channel, and message record: one of zeros, and where its values stand."""
+
+    columns: dict[str, bool]
+    channel: int
+    record: bytes
+    places: np.dtype[np.void]
+
+
+class _Index(MessageIndex):
+    """A message index of (n, 2) log times and offsets; the library's writes them number by number."""
+
+    def write(self, stream: RecordBuilder) -> None:
+        entries = np.asarray(self.records, dtype="<u8").tobytes()
+        stream.start_record(Opcode.MESSAGE_INDEX)
+        stream.write2(self.channel_id)
+        stream.write4(len(entries))
+        stream.write(entries)
+        stream.finish_record()
+
+
+class ColumnWriter(Writer):
+    """The library's writer (chunks of `CHUNK_BYTES`, zstd, checksums, indexes), which takes columns too.
+
+    Parameters
+    ----------
+    stream : open for writing bytes. start_ns : ns; log time of t = 0.
+
+    Examples
+    --------
+    >>> with mcap_file("run.mcap") as writer:
+    ...     writer.add_columns({"/eha/axis_a/truth": {"time": np.zeros(1), "leakage": np.ones(1)}})
+    """
+
+    def __init__(self, stream: Any, start_ns: int) -> None:
+        super().__init__(stream, chunk_size=CHUNK_BYTES)
+        self._start_ns = start_ns
+        self._topics: dict[str, _Topic] = {}
+
+    def log_times(self, time: ArrayLike) -> NDArray[np.int64]:
+        """Log times (ns) of (n,) seconds; InputError before 0, which MCAP cannot hold."""
+        stamps = self._start_ns + np.rint(np.asarray(time, dtype=np.float64) * 1e9).astype(np.int64)
+        if stamps.size and stamps.min() < 0:
+            raise InputError(
+                f"time starts at {np.min(time):.3f} s, MCAP has no negative times", mend="give a start_ns"
+            )
+        return np.asarray(stamps)
+
+    def add_columns(self, topics: Mapping[str, Mapping[str, ArrayLike]]) -> None:
+        """Write the next messages of some topics, their chunks in the order of time.
+
+        Parameters
+        ----------
+        topics : name to columns (n,), with a ``time``, s; ``ekf.leakage`` is a field of a nested message.
+
+        Raises
+        ------
+        InputError : columns of several lengths, or other ones than the topic's; a time before 0.
+        """
+        chunks = []
+        for name, columns in topics.items():
+            stamps, values = self.log_times(columns["time"]), {f: np.asarray(v) for f, v in columns.items()}
+            kinds = {field: column.dtype == np.bool_ for field, column in values.items()}
+            topic = self._topics.get(name) or self._register(name, kinds)
+            if kinds != topic.columns:
+                told = f"{name}: columns {', '.join(kinds)} after blocks with {', '.join(topic.columns)}"
+                raise InputError(told, mend="give all blocks the same columns")
+            for field, column in values.items():
+                if column.shape != stamps.shape:
+                    raise InputError(f"{name} {field}: {column.size} values for {stamps.size} time stamps")
+            rows = max(1, CHUNK_BYTES // len(topic.record))
+            for k in range(0, stamps.size, rows):
+                chunks.append((int(stamps[k]), topic, stamps, values, slice(k, k + rows)))
+        for _, topic, stamps, values, part in sorted(chunks, key=lambda chunk: chunk[0]):
+            self._add_chunk(topic, stamps[part], {f: column[part] for f, column in values.items()})
+
+    def _register(self, name: str, kinds: dict[str, bool]) -> _Topic:
+        title = f"fdd.{name.rpartition('/')[2].title()}"
+        schema, message, places = layout(title, kinds)
+        about = {f: f"{CHANNELS[f].unit}: {CHANNELS[f].meaning}" for f in kinds if f in CHANNELS}
+        number = self.register_schema(title, "protobuf", schema)
+        channel = self.register_channel(name, "protobuf", number, about)
+        # The length leaves out the opcode and itself.
+        head = np.array((Opcode.MESSAGE, _HEAD.itemsize - 9 + len(message), channel, 0, 0, 0), _HEAD)
+        whole = np.dtype([("head", _HEAD), ("message", places)])
+        return self._topics.setdefault(name, _Topic(kinds, channel, head.tobytes() + message, whole))
+
+    def _add_chunk(
+        self, topic: _Topic, stamps: NDArray[np.int64], values: Mapping[str, NDArray[Any]]
+    ) -> None:
+        self.flush()
+        n, body = stamps.size, bytearray(topic.record) * stamps.size
+        records = np.frombuffer(body, topic.places)
+        records["head"]["f4"] = records["head"]["f5"] = stamps
+        for field, column in values.items():
+            # Foxglove shows an absent number as 0 and leaves NaN out, but scales its axis to an infinity.
+            records["message"][field] = np.where(np.isinf(column), np.nan, column)
+        # What the library notes of messages that come one by one; it has no way in for many.
+        chunk, counts = vars(self)["_Writer__chunk_builder"], vars(self)["_Writer__statistics"]
+        entries: Any = np.stack([stamps, chunk.count + len(topic.record) * np.arange(n)], axis=1)
+        first, last = int(stamps.min()), int(stamps.max())
+        chunk.message_indices[topic.channel] = _Index(topic.channel, entries)
+        chunk.message_start_time, chunk.message_end_time, chunk.num_messages = first, last, n
+        chunk.record_writer.write(body)
+        counts.message_start_time = min(first, counts.message_start_time) if counts.message_count else first
+        counts.message_end_time = max(last, counts.message_end_time)
+        counts.message_count += n
+        counts.channel_message_counts[topic.channel] += n
+        self.flush()
+
+
+@contextmanager
+def mcap_file(
+    path: str | Path, metadata: Mapping[str, Mapping[str, str]] | None = None, start_ns: int = 0
+) -> Iterator[ColumnWriter]:
+    """A file to write columns into; it appears whole or not at all.
+
+    `metadata`, records of name to texts, come first: a file that is cut off later still tells what it was.
+
+    Examples
+    --------
+    >>> with mcap_file("run.mcap", {"unit": {"yaml": "name: x"}}) as writer:
+    ...     writer.add_columns({"/eha/axis_a/truth": {"time": np.arange(9.0)}})
+    """
+    with whole_file(path) as temporary, temporary.open("wb") as stream:
+        writer = ColumnWriter(stream, start_ns)
+        writer.start(library=f"fdd {__version__}")
+        for name, values in (metadata or {}).items():
+            writer.add_metadata(name, dict(values))
+        yield writer
+        writer.finish()

@@ -1,0 +1,323 @@
+"""What is written as MCAP, as the libraries of MCAP and Protobuf read it."""
+
+from __future__ import annotations
+
+import struct
+import zlib
+from collections.abc import Iterator
+from itertools import pairwise
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any
+
+import numpy as np
+import pytest
+import zstandard
+from google.protobuf.descriptor_pb2 import FileDescriptorSet
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from made_up_logs import messages, of_topic, refused, strokes
+from mcap.exceptions import EndOfFile
+from mcap.reader import make_reader
+from mcap.records import Channel, Chunk, ChunkIndex, Message, MessageIndex, Schema
+from mcap.stream_reader import StreamReader, get_chunk_data_stream
+from mcap_protobuf.decoder import DecoderFactory
+
+from fdd.logs import mcap_chunks
+from fdd.logs.mcap_chunks import mcap_file
+from fdd.logs.mcap_runs import RunBlock, write_blocks, write_run
+from fdd.samples import CHANNELS, Samples
+
+ROWS = 1200
+A, B = strokes(ROWS, seed=1), strokes(ROWS, seed=2)
+# The axes are sampled together, but B loses rows of its own.
+B = Samples(B.time[np.arange(ROWS) % 7 > 0], {c: v[np.arange(ROWS) % 7 > 0] for c, v in B.columns.items()})
+cuts = st.lists(st.integers(0, ROWS), max_size=8)
+any_double = st.floats(allow_infinity=False)  # subnormal, huge, -0.0 and NaN too
+
+
+@pytest.fixture
+def small_chunks(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(mcap_chunks, "CHUNK_BYTES", 20_000)
+
+
+def parts(samples: Samples, edges: list[int], axis: str | None, thin: int = 10) -> list[RunBlock]:
+    """Blocks between the edges, with every `thin`-th row's truth; 0 for none."""
+    bounds = [0, *sorted(min(e, len(samples)) for e in edges), len(samples)]
+    blocks = []
+    for start, stop in pairwise(bounds):
+        truth = None
+        if thin:
+            rows = np.arange(start, stop)[np.arange(start, stop) % thin == 0]
+            truth = {"time": samples.time[rows], "leakage": 1e-12 * rows, "stuck": rows % 2 == 0}
+        blocks.append(RunBlock(samples.rows(start, stop), truth, axis))
+    return blocks
+
+
+def bits(values: object) -> list[int]:
+    """Doubles as their bits, so that NaN and the sign of zero count."""
+    return np.array(values, dtype=np.float64).view(np.uint64).tolist()
+
+
+@given(
+    st.lists(any_double, min_size=1, max_size=30), st.lists(any_double, min_size=1, max_size=3),
+    st.integers(1, 300), st.integers(0, 2**62),
+)  # fmt: skip
+@settings(max_examples=60, deadline=None)
+def test_every_value_comes_back_to_the_bit(
+    values: list[float], others: list[float], fields: int, start_ns: int
+) -> None:
+    n = len(values)
+    columns = {f"c{k}": np.roll(np.resize([*values, *others], n), k) for k in range(fields)}
+    columns |= {"g.x": np.array(values), "g.h.y": np.array(values)[::-1], "g.h.up": np.array(values) > 0.0}
+    with TemporaryDirectory() as folder:
+        path = Path(folder) / "a.mcap"
+        with mcap_file(path, start_ns=start_ns) as out:
+            out.add_columns({"/eha/a/truth": {"time": np.arange(n) * 0.25, **columns}})
+        found = messages(path)
+    assert [stamp for stamp, _, _ in found] == [start_ns + 250_000_000 * k for k in range(n)]
+    read = [fields for _, _, fields in found]
+    assert list(read[0]) == ["time", *(f"c{k}" for k in range(fields)), "g"], "every field is there, NaN too"
+    for k in range(fields):
+        assert bits([m[f"c{k}"] for m in read]) == bits(columns[f"c{k}"])
+    assert bits([m["g"]["x"] for m in read]) == bits(values)
+    assert bits([m["g"]["h"]["y"] for m in read]) == bits(values[::-1])
+    assert [m["g"]["h"]["up"] for m in read] == [v > 0.0 for v in values]
+
+
+def test_an_infinity_is_written_as_nan(tmp_path: Path) -> None:
+    with mcap_file(tmp_path / "a.mcap") as out:
+        out.add_columns({"/t": {"time": [0, 1, 2], "std": [np.inf, 1.5, -np.inf], "count": [3, 4, 5]}})
+    read = of_topic(tmp_path / "a.mcap", "/t")
+    assert bits([m["std"] for m in read]) == bits([np.nan, 1.5, np.nan])
+    assert [m["count"] for m in read] == [3.0, 4.0, 5.0]
+
+
+@given(edges=cuts, thin=st.sampled_from([0, 1, 10]))
+@settings(max_examples=25, deadline=None)
+def test_blocks_of_any_size_give_the_same_messages(edges: list[int], thin: int) -> None:
+    with TemporaryDirectory() as folder:
+        whole, cut = Path(folder) / "whole.mcap", Path(folder) / "cut.mcap"
+        about = {"scenario_json": "{}", "labels": {"x": 1}, "start_ns": 5}
+        write_run(whole, A, axis="a", truth=parts(A, [], "a", thin)[0].truth, unit_yaml="u", **about)
+        write_blocks(cut, parts(A, edges, "a", thin), axes=["a"], units={"a": "u"}, **about)
+        assert sorted(messages(cut), key=lambda m: m[:2]) == sorted(messages(whole), key=lambda m: m[:2])
+        with cut.open("rb") as stream:
+            metadata = {m.name: m.metadata for m in make_reader(stream).iter_metadata()}
+    assert metadata == {"unit": {"yaml": "u"}, "scenario": {"json": "{}"}, "labels": {"json": '{"x": 1}'}}
+
+
+def mixed(seed: int, *queues: list[RunBlock]) -> Iterator[RunBlock]:
+    """The blocks of several axes in a random order, each axis's in its own."""
+    choice = np.random.default_rng(seed)
+    left = [list(q) for q in queues]
+    while any(left):
+        queue = left[choice.integers(len(left))]
+        if queue:
+            yield queue.pop(0)
+
+
+@given(first=cuts, second=cuts, order=st.integers(0, 2**32))
+@settings(max_examples=25, deadline=None)
+def test_two_axes_in_any_blocks_and_any_order(first: list[int], second: list[int], order: int) -> None:
+    with TemporaryDirectory() as folder:
+        path = Path(folder) / "dual.mcap"
+        write_blocks(path, mixed(order, parts(A, first, "a"), parts(B, second, "b")), axes=["a", "b"])
+        found = messages(path)
+    stamps = [stamp for stamp, _, _ in found]
+    assert stamps == sorted(stamps)
+    for axis, samples in (("a", A), ("b", B)):
+        measured = [fields for _, topic, fields in found if topic == f"/eha/{axis}/measurement"]
+        assert bits([m["time"] for m in measured]) == bits(samples.time)
+        for channel in samples.channels:
+            assert bits([m[channel] for m in measured]) == bits(samples[channel])
+        true = [fields for _, topic, fields in found if topic == f"/eha/{axis}/truth"]
+        assert [t["leakage"] for t in true] == [1e-12 * k for k in range(0, len(samples), 10)]
+
+
+def test_indexes_checksums_and_statistics_fit_the_records(tmp_path: Path, small_chunks: None) -> None:
+    """Against a walk through the records in the order in which they stand in the file."""
+    path = tmp_path / "dual.mcap"
+    every = [b for pair in zip(parts(A, [500], "a"), parts(B, [400], "b"), strict=True) for b in pair]
+    write_blocks(path, every, axes=["a", "b"], units={"a": "of a", "b": "of b"}, start_ns=10**18)
+    content = path.read_bytes()
+    with path.open("rb") as stream:
+        walked = list(StreamReader(stream, validate_crcs=True).records)
+    with path.open("rb") as stream:
+        summary = make_reader(stream).get_summary()
+        chunks = [r for r in StreamReader(path.open("rb"), emit_chunks=True).records if isinstance(r, Chunk)]
+    assert summary is not None and summary.statistics is not None
+    said, found = summary.statistics, [r for r in walked if isinstance(r, Message)]
+    assert (said.message_count, said.chunk_count, said.metadata_count) == (len(found), len(chunks), 1)
+    assert said.channel_count == said.schema_count == len(summary.channels) == 4
+    stamps = [m.log_time for m in found]
+    assert (said.message_start_time, said.message_end_time) == (min(stamps), max(stamps))
+    topics = {number: c.topic for number, c in summary.channels.items()}
+    assert {topics[n]: count for n, count in said.channel_message_counts.items()} == {
+        "/eha/a/measurement": len(A), "/eha/a/truth": 120,
+        "/eha/b/measurement": len(B), "/eha/b/truth": -(-len(B) // 10),
+    }  # fmt: skip
+    assert all(m.publish_time == m.log_time for m in found)
+    indexes = [r for r in walked if isinstance(r, ChunkIndex)]
+    message_indexes = [r for r in walked if isinstance(r, MessageIndex)]
+    assert len(indexes) == len(chunks) == len(message_indexes) > 10
+    for index, chunk, entries in zip(indexes, chunks, message_indexes, strict=True):
+        assert content[index.chunk_start_offset] == 0x06 and chunk.compression == "zstd"
+        assert list(index.message_index_offsets) == [entries.channel_id]
+        assert content[index.message_index_offsets[entries.channel_id]] == 0x07
+        body = get_chunk_data_stream(chunk)[0].read(chunk.uncompressed_size)
+        assert zlib.crc32(body) == chunk.uncompressed_crc != 0 and len(body) < 25_000
+        times = [time for time, _ in entries.records]
+        assert (min(times), max(times)) == (chunk.message_start_time, chunk.message_end_time)
+        assert (min(times), max(times)) == (index.message_start_time, index.message_end_time)
+        for time, offset in entries.records:
+            assert body[offset] == 0x05
+            assert int.from_bytes(body[offset + 9 : offset + 11], "little") == entries.channel_id
+            assert int.from_bytes(body[offset + 15 : offset + 23], "little") == time
+
+
+def test_readers_can_begin_anywhere(tmp_path: Path, small_chunks: None) -> None:
+    write_run(tmp_path / "a.mcap", A, axis="a", truth={"leakage": np.ones(ROWS)})
+    later = messages(tmp_path / "a.mcap", start=777_000_000)
+    assert [m["time"] for _, _, m in later[::2]] == A.time[777:].tolist()
+    assert [stamp for stamp, _, _ in later[::2]] == [1_000_000 * k for k in range(777, ROWS)], "to the ns"
+    assert len(later) == 2 * (ROWS - 777)
+
+
+def test_topics_of_a_whole_run_lie_side_by_side(tmp_path: Path, small_chunks: None) -> None:
+    """A reader holds a chunk of each topic, not all of one."""
+    write_run(tmp_path / "a.mcap", A, axis="a", truth={"leakage": np.ones(ROWS), "x": np.ones(ROWS)})
+    starts = [c.message_start_time for c in chunk_indexes(tmp_path / "a.mcap")]
+    assert starts == sorted(starts) and len(starts) > 6
+
+
+def chunk_indexes(path: Path) -> list[ChunkIndex]:
+    with path.open("rb") as stream:
+        summary = make_reader(stream).get_summary()
+    assert summary is not None
+    return sorted(summary.chunk_indexes, key=lambda c: c.chunk_start_offset)
+
+
+def test_the_schema_says_what_the_messages_hold(tmp_path: Path) -> None:
+    write_run(
+        tmp_path / "a.mcap", A, axis="a", truth={"leakage": np.ones(ROWS), "stuck": np.ones(ROWS, bool)}
+    )
+    with (tmp_path / "a.mcap").open("rb") as stream:
+        summary = make_reader(stream).get_summary()
+    assert summary is not None
+    for channel in summary.channels.values():
+        schema = summary.schemas[channel.schema_id]
+        assert (channel.message_encoding, schema.encoding) == ("protobuf", "protobuf")
+        (file,) = FileDescriptorSet.FromString(schema.data).file
+        (message,) = file.message_type
+        assert schema.name == f"{file.package}.{message.name}"
+        kinds = {f.name: (f.type, f.label) for f in message.field}
+        if channel.topic == "/eha/a/measurement":
+            assert schema.name == "fdd.Measurement" and set(kinds) == {"time", *A.channels}
+            assert channel.metadata["pressure_1"] == f"Pa: {CHANNELS['pressure_1'].meaning}"
+        else:
+            assert schema.name == "fdd.Truth" and list(kinds) == ["time", "leakage", "stuck"]
+            assert kinds["leakage"] == (1, 1) and kinds["stuck"] == (8, 1), "optional double, optional bool"
+
+
+def test_empty_blocks_and_empty_runs(tmp_path: Path) -> None:
+    path, none = tmp_path / "a.mcap", A.rows(0, 0)
+    write_blocks(path, [RunBlock(none, {"leakage": []}), *parts(A, [0, 600, 600], None, 0)], axes=["a"])
+    assert bits([m["time"] for _, _, m in messages(path)]) == bits(A.time)
+    for blocks in ([], [RunBlock(none)]):
+        write_blocks(path, blocks, axes=["a"])
+        assert messages(path) == []
+
+
+def test_a_file_cut_off_anywhere_holds_its_whole_chunks(tmp_path: Path, small_chunks: None) -> None:
+    path = tmp_path / "a.mcap"
+    write_run(path, A, axis="a", unit_yaml="x: 1", truth={"leakage": np.arange(ROWS)})
+    content, indexes = path.read_bytes(), chunk_indexes(path)
+    ends = [c.chunk_start_offset + c.chunk_length for c in indexes]
+    for cut in [*ends, *np.random.default_rng(3).integers(ends[0], len(content), 40).tolist()]:
+        path.write_bytes(content[:cut])
+        found, errors = walked_as_far_as_it_goes(path), (EndOfFile, struct.error, zstandard.ZstdError)
+        assert isinstance(found.pop(), errors)
+        assert found[1].metadata == {"yaml": "x: 1"}
+        decoder = DecoderFactory()
+        channels = {c.id: c for c in found if isinstance(c, Channel)}
+        schemas = {s.id: s for s in found if isinstance(s, Schema)}
+        for number, channel in channels.items():
+            decode = decoder.decoder_for(channel.message_encoding, schemas[channel.schema_id])
+            times = [decode(m.data).time for m in found if isinstance(m, Message) and m.channel_id == number]
+            whole = [c for c, end in zip(indexes, ends, strict=True) if end <= cut]
+            assert (
+                times
+                == A.time[: sum(entries_of(c) for c in whole if number in c.message_index_offsets)].tolist()
+            )
+        assert channels[1].topic == "/eha/a/measurement"
+
+
+def walked_as_far_as_it_goes(path: Path) -> list[Any]:
+    """The records of a file that is cut off, and the error that the library ends with."""
+    found: list[Any] = []
+    with path.open("rb") as stream:
+        try:
+            for record in StreamReader(stream, validate_crcs=True).records:
+                found.append(record)
+        except Exception as error:
+            found.append(error)
+    return found
+
+
+def entries_of(index: ChunkIndex) -> int:
+    """Messages of a chunk, by the length of its only message index."""
+    return (index.message_index_length - (1 + 8 + 2 + 4)) // 16
+
+
+def test_the_same_run_makes_the_same_file(tmp_path: Path) -> None:
+    for name in ("a.mcap", "b.mcap"):
+        write_run(tmp_path / name, strokes(500), axis="a", truth={"leakage": np.ones(500)})
+    assert (tmp_path / "a.mcap").read_bytes() == (tmp_path / "b.mcap").read_bytes()
+
+
+def test_memory_does_not_grow_with_the_run(tmp_path: Path) -> None:
+    import tracemalloc
+
+    block = strokes(5000)
+    peaks = []
+    for count in (4, 40):
+        blocks = (RunBlock(Samples(block.time + 5.0 * k, block.columns)) for k in range(count))
+        tracemalloc.start()
+        write_blocks(tmp_path / "a.mcap", blocks, axes=["a"])
+        peaks.append(tracemalloc.get_traced_memory()[1])
+        tracemalloc.stop()
+    assert peaks[1] < 1.1 * peaks[0]
+
+
+def failing(blocks: list[RunBlock]) -> Iterator[RunBlock]:
+    yield from blocks
+    raise RuntimeError("the plant stopped")
+
+
+def test_a_run_that_breaks_off_leaves_no_file(tmp_path: Path) -> None:
+    for axes in (["a"], ["a", "b"]):
+        with pytest.raises(RuntimeError):
+            write_blocks(tmp_path / "a.mcap", failing(parts(A, [500], "a", 0)), axes=axes)
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_blocks_that_do_not_fit_are_refused_in_one_line(tmp_path: Path) -> None:
+    first, second = parts(A, [600], "a", 0)
+    other = RunBlock(Samples(second.samples.time, {"position": second.samples["position"]}), None, "a")
+    number = RunBlock(second.samples, {"stuck": np.ones(600)}, "a")
+
+    def write(blocks: list[RunBlock], axes: tuple[str, ...] = ("a",)) -> str:
+        return refused(lambda: write_blocks(tmp_path / "a.mcap", blocks, axes=axes))
+
+    assert "same columns" in write([first, other])
+    assert "same columns" in write([RunBlock(first.samples, {"stuck": np.ones(600, bool)}), number])
+    assert "'b'" in write([RunBlock(A, None, "b")])
+    assert "None" in write([RunBlock(A)], ("a", "b"))
+    for n in (1, 3, ROWS + 1):
+        assert f"{n} values for 1200" in write([RunBlock(A, {"leakage": np.ones(n)}, "a")])
+    assert "cannot name a field" in write([RunBlock(A, {"leak age": np.ones(ROWS)}, "a")])
+    assert "start_ns" in write([RunBlock(A, {"time": A.time - 1.0, "leakage": A.time}, "a")])
+    assert "name each axis once" in write([], ("a", "a"))
+    assert "topic" in write([], ("a/b",))
+    assert list(tmp_path.iterdir()) == []
