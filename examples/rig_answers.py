@@ -1,9 +1,10 @@
 """Identify each rig from its baseline logs, diagnose every other log, and write the answers.
 
-    python examples/convert_rigs.py LOGS -o SI
-    python examples/rig_answers.py SI -o ANSWERS [--rigs rig0 rig6] [--labels LOGS/labels.json]
+    python examples/rig_answers.py LOGS -o ANSWERS [--rigs rig0 rig6] [--labels LOGS/labels.json]
 
-SI holds a folder per rig with logs in the contract's own channels. ANSWERS/<rig>/<log>.json is what
+LOGS holds a folder per rig, its logs in any format; ``<rig>.map.yaml`` beside this file says what is what in
+those that do not carry the contract's own names (each made by ``fdd map`` from the rig's baseline).
+ANSWERS/<rig>/<log>.json is what
 ``fdd diagnose --json`` would write, ANSWERS/<rig>/unit.yaml the profile identified. A log that fails is
 told and left out; the others go on. With ``--labels`` a table is printed too: truth beside answer. There
 the family of the answer must be that of one of the log's faults, and the alarm not come before the first
@@ -26,6 +27,7 @@ from fdd.diagnosis.pipeline import Pipeline
 from fdd.faults import fault
 from fdd.identify import identify_unit
 from fdd.logs import read_log
+from fdd.samples import Samples
 from fdd.unit import Unit
 
 EXAMPLES = Path(__file__).parent
@@ -55,9 +57,7 @@ def main() -> None:
             continue
         unit.save(target / "unit.yaml")
         by_stem = {str(Path(n).with_suffix("")): label for n, label in labels.items()}
-        for path in sorted((options.logs / rig).glob("*.parquet")):
-            if path.stem.startswith("baseline"):
-                continue
+        for path in sorted((options.logs / rig).glob("run*")):
             name, started = f"{rig}/{path.stem}", time.perf_counter()
             (target / f"{path.stem}.json").unlink(missing_ok=True)
             try:
@@ -77,7 +77,7 @@ def main() -> None:
 
 def identified(folder: Path) -> Unit:
     """The rig's own profile, with its healthy baseline."""
-    healthy = [read_log(path).samples for path in sorted(folder.glob("baseline*.parquet"))]
+    healthy = [samples_of(path) for path in sorted(folder.glob("baseline*"))]
     base = Unit.load(AXES.get(folder.name) or EXAMPLES / f"{folder.name}.base.yaml")
     return add_baseline(identify_unit(healthy, base, folder.name).unit, healthy)
 
@@ -85,8 +85,14 @@ def identified(folder: Path) -> Unit:
 def diagnosed(path: Path, unit: Unit, axis: str) -> Diagnosis:
     """The answer for one log."""
     pipeline = Pipeline(unit, axis=axis, log=path.name)
-    pipeline.push(read_log(path).samples)
+    pipeline.push(samples_of(path))
     return pipeline.finish()
+
+
+def samples_of(path: Path) -> Samples:
+    """A log by its rig's map, where there is one."""
+    map_file = EXAMPLES / f"{path.parent.name}.map.yaml"
+    return read_log(path, map_file if map_file.exists() else None).samples
 
 
 def told(what: str, error: Exception) -> int:

@@ -12,7 +12,7 @@ from mcap.reader import make_reader
 from fdd.logs import ChannelMap, read_log
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
-REQUIRED = {"position", "pump_angle", "pressure_difference", "pressure_1", "pressure_2"}
+REQUIRED = {"position", "pressure_difference", "pressure_1", "pressure_2"}
 
 
 @pytest.mark.parametrize("path", sorted(EXAMPLES.glob("*.map.yaml")), ids=lambda p: p.name)

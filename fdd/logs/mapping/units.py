@@ -69,7 +69,7 @@ def scale_of(found: Evidence, speed: str | None, channel: str, name: str) -> dic
 
 
 def _rounded_to_rpm(per_volt: float) -> float:
-    """A drive's scale is a whole hundred of revolutions a minute at 10 V; within 2 % of one, it is that.
+    """A drive's scale is a multiple of 500 revolutions a minute at 10 V; within 1.5 % of one, it is that.
 
     Examples
     --------
@@ -77,8 +77,8 @@ def _rounded_to_rpm(per_volt: float) -> float:
     (31.416, 0.5)
     """
     at_ten_volts = 10.0 * per_volt * 30.0 / np.pi
-    whole = 100.0 * round(at_ten_volts / 100.0)
-    if whole >= 500.0 and abs(at_ten_volts / whole - 1.0) < 0.02:
+    whole = 500.0 * round(at_ten_volts / 500.0)
+    if whole >= 500.0 and abs(at_ten_volts / whole - 1.0) < 0.015:
         return float(whole * np.pi / 300.0)
     return float(f"{per_volt:.5g}")
 
