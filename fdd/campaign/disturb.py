@@ -6,8 +6,10 @@ import zlib
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
+from tempfile import TemporaryDirectory
 
 import numpy as np
+import pandas as pd
 
 from fdd.campaign.dataset import Dataset
 from fdd.campaign.scores import wilson
@@ -17,8 +19,12 @@ from fdd.diagnosis.baseline import add_baseline
 from fdd.diagnosis.findings import Diagnosis
 from fdd.diagnosis.model import Model
 from fdd.diagnosis.pipeline import Pipeline
+from fdd.logs import ChannelMap, read_log
 from fdd.samples import PRESSURES, Samples
 from fdd.unit import Unit
+
+Disturbance = Callable[[Samples, np.random.Generator], Samples | None]
+"""A disturbed log; None where it cannot be disturbed so."""
 
 HOLE_S, EARLY_S, HEAD_S, BLOCK = 0.05, 0.6, 5.0, 97
 NEAR_S = 1.0
@@ -50,6 +56,64 @@ def converted(log: Samples, rng: np.random.Generator) -> Samples:
     return Samples(log.time, {c: log[c] / factor.get(c, 1.0) * factor.get(c, 1.0) for c in log.channels})
 
 
+def sampled(log: Samples, time: np.ndarray[tuple[int], np.dtype[np.float64]]) -> Samples:
+    """A log whose recorder took its samples at other times: speeds are means since the sample before."""
+    out = {}
+    for channel in log.channels:
+        there = np.isfinite(log[channel])
+        known, values = log.time[there], log[channel][there]
+        if channel == "pump_speed":
+            turned = np.concatenate(([0.0], np.cumsum(values[1:] * np.diff(known))))
+            steps = np.diff(np.interp(time, known, turned)) / np.diff(time)
+            out[channel] = np.concatenate((values[:1], steps))
+        else:
+            out[channel] = np.interp(time, known, values)
+    return Samples(time, out)
+
+
+def at_rate(rate: float) -> Disturbance:
+    """A log that was recorded at another rate (Hz), of no more than twice its own."""
+
+    def resampled(log: Samples, rng: np.random.Generator) -> Samples | None:
+        own = 1.0 / float(np.median(np.diff(log.time)))
+        same = abs(rate - own) < 1.0 or rate > 2.1 * own
+        return None if same else sampled(log, np.arange(log.time[0], log.time[-1], 1.0 / rate))
+
+    return resampled
+
+
+def changing(log: Samples, rng: np.random.Generator) -> Samples:
+    """A log whose second half was recorded at half the rate."""
+    middle, step = 0.5 * (log.time[0] + log.time[-1]), 2.0 * float(np.median(np.diff(log.time)))
+    first = log.time[log.time < middle]
+    return sampled(log, np.concatenate((first, np.arange(first[-1] + step, log.time[-1], step))))
+
+
+def slow_pressures(log: Samples, rng: np.random.Generator) -> Samples | None:
+    """A log whose pressures come at 200 Hz, held in between, as the reader takes it."""
+    every = round(0.005 / float(np.median(np.diff(log.time))))
+    if every < 2:
+        return None
+    held = (np.arange(len(log)) // every) * every
+    return as_read(Samples(log.time, {c: log[c][held] if c in PRESSURES else log[c] for c in log.channels}))
+
+
+def in_milliseconds(log: Samples, rng: np.random.Generator) -> Samples:
+    """A log in ms that began an hour after its clock."""
+    return as_read(log, offset=3600.0)
+
+
+def as_read(log: Samples, offset: float = 0.0) -> Samples:
+    """What `read_log` makes of a log that was kept with its time in ms."""
+    with TemporaryDirectory() as folder:
+        path = Path(folder) / "log.parquet"
+        columns = {"t": 1e3 * (log.time + offset), **log.columns}
+        pd.DataFrame(columns).to_parquet(path, index=False)
+        sources = {"time": {"column": "t", "unit": "ms"}, **{c: {"column": c} for c in log.channels}}
+        read = read_log(path, ChannelMap.model_validate({"channels": sources})).samples
+    return Samples(read.time - read.time[0] + log.time[0], read.columns)
+
+
 def mirrored(log: Samples, rng: np.random.Generator | None = None) -> Samples:
     """The same actuator looked at from its other end."""
     other = {c: SWAPPED[c] if SWAPPED.get(c) in log.channels else c for c in log.channels}
@@ -70,12 +134,18 @@ def mirrored_unit(unit: Unit, healthy: list[Samples]) -> Unit:
     return add_baseline(out, [mirrored(log) for log in healthy])
 
 
-DISTURBANCES: dict[str, Callable[[Samples, np.random.Generator], Samples]] = {
+DISTURBANCES: dict[str, Disturbance] = {
     f"pushed in blocks of {BLOCK} samples": lambda log, rng: log,
     "50 ms missing": holed,
     "first row 0.6 s early": early,
     "first 5 s left out": beheaded,
     "kept in psi, inches and degrees": converted,
+    "200 Hz": at_rate(200.0),
+    "500 Hz": at_rate(500.0),
+    "2 kHz": at_rate(2000.0),
+    "the second half at half the rate": changing,
+    "pressures at 200 Hz, held in between": slow_pressures,
+    "time in ms, an hour late": in_milliseconds,
     "the other end forward": mirrored,
 }
 
@@ -126,6 +196,8 @@ def _compared(directory: str, model: str | None, unit: str) -> list[Comparison]:
         for name, disturbed in DISTURBANCES.items():
             rng = np.random.default_rng(zlib.crc32(f"{entry.file} {name}".encode()))
             other = disturbed(log, rng)
+            if other is None:
+                continue
             block = BLOCK if other is log else len(other)
             found = _answer(turned if disturbed is mirrored else profile, loaded, other, block)
             out.append(Comparison(unit, name, wanted, *_same(plain, found)))

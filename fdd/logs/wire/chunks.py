@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass, field
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -65,11 +66,10 @@ class ChunkWalk:
     def __iter__(self) -> Iterator[Batch]:
         from mcap.exceptions import EndOfFile, InvalidMagic, McapError, RecordLengthLimitExceeded
         from mcap.records import Channel, Chunk, Message, Metadata, Schema
-        from mcap.stream_reader import StreamReader
 
         loose: list[Any] = []
         with self.path.open("rb") as stream:
-            records = StreamReader(stream, emit_chunks=True, record_size_limit=MAX_RECORD_BYTES).records
+            records = _reader()(stream, emit_chunks=True, record_size_limit=MAX_RECORD_BYTES).records
             first = True
             while True:
                 try:
@@ -157,6 +157,19 @@ class ChunkWalk:
             except Exception:  # the library lets struct's and the codec's errors through
                 return False
         return True
+
+
+@cache
+def _reader() -> Any:
+    """The library's reader, which passes over message indexes: it would unpack them number by number."""
+    from mcap.opcode import Opcode
+    from mcap.stream_reader import StreamReader
+
+    class Reader(StreamReader):
+        def _read_record(self, opcode: int, length: int) -> Any:
+            return None if opcode == Opcode.MESSAGE_INDEX else super()._read_record(opcode, length)
+
+    return Reader
 
 
 def _inflated(chunk: Any, size: int) -> bytes | None:

@@ -1,4 +1,4 @@
-"""JSON messages to columns: all of a chunk at once by Arrow, one by one where that does not take them."""
+"""JSON messages to columns: all of a chunk parsed in one call, one by one where that does not take them."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
 import numpy as np
+import orjson
 from numpy.typing import NDArray
 
 from fdd.logs.wire.chunks import Batch
@@ -39,9 +40,6 @@ class JsonMessages:
     def columns(self, batch: Batch, paths: Sequence[Path]) -> list[Column]:
         """See `Decoder.columns`."""
         payloads = batch.payloads()
-        fast = _by_arrow(payloads, paths)
-        if fast is not None:
-            return fast
         messages = objects_at_once(payloads) or [_object(p) for p in payloads]
         return [_numbers(messages, path) for path in paths]
 
@@ -54,10 +52,15 @@ def objects_at_once(payloads: Sequence[bytes]) -> list[dict[str, Any]] | None:
     >>> objects_at_once([b'{"x": 1}', b'{"x": 2}']), objects_at_once([b'{"x": 1}', b"2"])
     ([{'x': 1}, {'x': 2}], None)
     """
+    joined = b"[" + b",".join(payloads) + b"]"
     try:
-        found = json.loads(b"[" + b",".join(payloads) + b"]")
-    except (ValueError, RecursionError):
-        return None
+        found = orjson.loads(joined)
+    except orjson.JSONDecodeError:
+        # Python's own takes NaN and integers of any size, at several times the cost.
+        try:
+            found = json.loads(joined)
+        except (ValueError, RecursionError):
+            return None
     # One payload may hold two objects with a comma between them.
     whole = len(found) == len(payloads) and all(type(one) is dict for one in found)
     return list(found) if whole else None
@@ -85,8 +88,8 @@ def _paths(value: Any, before: Path = ()) -> Iterator[Path]:
 
 
 def _numbers(messages: Sequence[Mapping[str, Any]], path: Path) -> Column:
-    values: list[Any] = list(messages)
-    for part in path:
+    values: list[Any] = [m.get(str(path[0])) for m in messages]
+    for part in path[1:]:
         if isinstance(part, int):
             values = [v[part] if isinstance(v, list) and part < len(v) else None for v in values]
         else:
@@ -96,57 +99,6 @@ def _numbers(messages: Sequence[Mapping[str, Any]], path: Path) -> Column:
     except (TypeError, ValueError, OverflowError):
         odd = next((v for v in values if v is not None and not isinstance(v, int | float)), values[0])
         raise ValueError(f"{str(odd)[:40]!r} is not a number") from None
-
-
-def _by_arrow(payloads: Sequence[bytes], paths: Sequence[Path]) -> list[Column] | None:
-    """The columns, or None where a message is more than Arrow reads as numbers of these paths."""
-    import pyarrow as pa
-    import pyarrow.compute as pc
-    from pyarrow import json as arrow_json
-
-    joined = b"\n".join(payloads)
-    # One object a line, or rows and messages would not be the same.
-    if (
-        not payloads
-        or joined.count(b"\n") != len(payloads) - 1
-        or any(isinstance(k, int) for p in paths for k in p)
-    ):
-        return None
-    try:
-        table = arrow_json.read_json(
-            pa.BufferReader(joined),
-            read_options=arrow_json.ReadOptions(use_threads=False, block_size=max(len(joined) + 1, 1024)),
-            parse_options=arrow_json.ParseOptions(
-                explicit_schema=_schema_of(paths), unexpected_field_behavior="ignore"
-            ),
-        )
-        if table.num_rows != len(payloads):
-            return None
-        out = []
-        for path in paths:
-            column = table.column(str(path[0])).combine_chunks()
-            if len(path) > 1:
-                column = pc.struct_field(column, [str(k) for k in path[1:]])
-            out.append(np.array(column.to_numpy(zero_copy_only=False), dtype=np.float64))
-        return out
-    except (pa.ArrowException, KeyError, ValueError):
-        return None
-
-
-def _schema_of(paths: Sequence[Path]) -> Any:
-    import pyarrow as pa
-
-    tree: dict[str, Any] = {}
-    for path in paths:
-        node = tree
-        for key in path[:-1]:
-            node = node.setdefault(str(key), {})
-        node[str(path[-1])] = None
-
-    def typed(inner: dict[str, Any]) -> list[Any]:
-        return [pa.field(k, pa.float64() if v is None else pa.struct(typed(v))) for k, v in inner.items()]
-
-    return pa.schema(typed(tree))
 
 
 def _schema_units(schema: bytes) -> Iterator[tuple[Path, str]]:
