@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 from typing import TYPE_CHECKING
 
 from fdd.cli.console import progress
@@ -11,6 +12,7 @@ from fdd.errors import InputError
 if TYPE_CHECKING:
     from fdd.diagnosis.findings import Diagnosis, Quality, Trajectories
     from fdd.diagnosis.model import Model
+    from fdd.diagnosis.pipeline import Pipeline
     from fdd.logs import DataQuality, Log
     from fdd.unit import Unit
 
@@ -18,14 +20,19 @@ DEFAULT_UNIT = "axis_a"
 BLOCK_ROWS = 50_000
 
 
-@dataclass(frozen=True)
+@dataclass
 class Diagnosed:
     """A diagnosed log with everything that its outputs need."""
 
     log: Log
     unit: Unit
     diagnosis: Diagnosis
-    trajectories: Trajectories
+    pipeline: Pipeline
+
+    @cached_property
+    def trajectories(self) -> Trajectories:
+        """What is behind the answer over time; worked out where an output shows it."""
+        return self.pipeline.trajectories()
 
 
 def unit_of(log: Log | None, given: str | None) -> tuple[Unit, str | None]:
@@ -80,7 +87,7 @@ def diagnose_log(log: Log, unit: Unit, model: Model, *, name: str, notes: tuple[
             diagnosis = pipeline.finish(quality_of(log.quality, notes))
     except InputError as error:
         raise error.at(name) from None
-    return Diagnosed(log, unit, diagnosis, pipeline.trajectories())
+    return Diagnosed(log, unit, diagnosis, pipeline)
 
 
 def quality_of(found: DataQuality, notes: tuple[str, ...] = ()) -> Quality:
