@@ -22,7 +22,6 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.special import gammaincc, gammaincinv  # scipy.stats would take a third of a second to import
 
 Array = NDArray[np.float64]
 
@@ -54,6 +53,8 @@ def nis_band(dim: int, n: int = 1, probability: float = 0.95) -> tuple[float, fl
         raise ValueError(f"dim is {dim} and n is {n}; give at least 1 of each")
     if not 0.0 < probability < 1.0:
         raise ValueError(f"probability is {probability:g}; give a value between 0 and 1")
+    from scipy.special import gammaincinv  # a quarter of a second that a diagnosis need not wait for
+
     shape = 0.5 * dim * n
     tail = 0.5 * (1.0 - probability)
     return float(2.0 * gammaincinv(shape, tail) / n), float(2.0 * gammaincinv(shape, 1.0 - tail) / n)
@@ -253,6 +254,8 @@ def whiteness_test(series: ArrayLike, lags: int = 20) -> Whiteness:
     >>> whiteness_test(noise).white(), whiteness_test(np.cumsum(noise)).white()
     (True, False)
     """
+    from scipy.special import gammaincc
+
     rho = np.atleast_2d(autocorrelation(series, lags).T)
     n = np.asarray(series).shape[0]
     statistic = n * (n + 2.0) * (rho**2 / (n - np.arange(1, lags + 1))).sum(axis=1)

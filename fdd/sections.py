@@ -11,7 +11,15 @@ from dataclasses import dataclass
 from typing import Annotated, Any
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict, Field, ValidatorFunctionWrapHandler, model_validator
+from pydantic import (
+    BaseModel,
+    ConfigDict,
+    Field,
+    GetJsonSchemaHandler,
+    ValidatorFunctionWrapHandler,
+    model_validator,
+)
+from pydantic_core import CoreSchema
 
 from fdd.errors import InputError
 from fdd.measures import measure
@@ -65,6 +73,20 @@ class Provenance(BaseModel):
     std: float | None = None
 
 
+QUANTITY = {
+    "type": "object",
+    "properties": {
+        "value": {"type": "number"},
+        "unit": {"type": "string"},
+        "source": {"type": "string"},
+        "std": {"type": "number", "minimum": 0},
+    },
+    "required": ["value"],
+    "additionalProperties": False,
+}
+"""JSON Schema of a number with its provenance."""
+
+
 class Section(BaseModel):
     """A part of a profile; its numbers carry their unit, source and spread."""
 
@@ -92,6 +114,20 @@ class Section(BaseModel):
                 plain[key] = entry
         plain["provenance"] = provenance
         return handler(plain)
+
+    @classmethod
+    def __get_pydantic_json_schema__(
+        cls, core_schema: CoreSchema, handler: GetJsonSchemaHandler
+    ) -> dict[str, Any]:
+        """As pydantic's, with numbers that are plain or carry their unit, source and spread."""
+        schema = handler(core_schema)
+        properties = handler.resolve_ref_schema(schema)["properties"]
+        del properties["provenance"]
+        for name, plain in properties.items():
+            marked = si_of(cls.model_fields[name])
+            if marked is not None:
+                properties[name] = {"anyOf": [plain, QUANTITY], "description": f"in {marked.unit}"}
+        return schema
 
     def std_of(self, name: str) -> float | None:
         """Standard deviation of a number, where the profile gives one (SI)."""

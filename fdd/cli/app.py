@@ -17,6 +17,7 @@ from fdd.cli import (
     monitor,
     performance,
     profile,
+    schema,
     simulate,
     thesis,
     train,
@@ -49,7 +50,8 @@ def fdd(
 ) -> None:
     """Fault detection and diagnosis for electro-hydrostatic actuators.
 
-    Exit status: 0 done, 1 a fault was found (with --exit-code), 2 wrong usage or unusable input.
+    Exit status: 0 done, 2 wrong usage or unusable input; with --exit-code 1 a fault was found, 3 a verdict
+    is inconclusive.
     """
     if context.invoked_subcommand is None:
         print(context.get_help())
@@ -69,4 +71,5 @@ app.command()(validate.validate)
 app.command()(thesis.thesis)
 app.command()(performance.performance)
 app.command()(benchmark.benchmark)
+app.command()(schema.schema)
 app.command()(demo.demo)

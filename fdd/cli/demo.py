@@ -24,18 +24,14 @@ def demo(
     from importlib import resources
 
     from fdd.cli.console import output
-    from fdd.cli.diagnose import write_report_of
-    from fdd.cli.diagnosing import diagnose_log
+    from fdd.cli.diagnosing import Diagnoser, Job, Settings
     from fdd.cli.tables import diagnosis_view
-    from fdd.diagnosis.model import Model
-    from fdd.logs import read_log
-    from fdd.unit import Unit
 
-    classifier = Model.load(model)
     with resources.as_file(resources.files("fdd") / "demo") as folder:
-        log, unit = read_log(folder / LOG), Unit.load(folder / UNIT)
-    found = diagnose_log(log, unit, classifier, name=LOG)
-    write_report_of(out, found, str(model or "shipped"))
+        job = Job(folder / LOG, LOG, report=out)
+        diagnoser = Diagnoser(Settings(unit=str(folder / UNIT), model=model))
+        found = diagnoser.diagnose(job, diagnoser.read(job))
+    diagnoser.write(job, found)
     output().print(diagnosis_view(found.diagnosis))
     print(f"Report with all plots: {out.resolve()}")
     print(f"The same by hand: fdd diagnose {folder / LOG} --unit {folder / UNIT} --report report.html")

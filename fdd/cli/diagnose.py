@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import sys
+import time
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -11,14 +14,24 @@ from fdd.cli.options import AxisOption, MapOption, ModelOption, UnitOption
 from fdd.errors import InputError
 
 if TYPE_CHECKING:
-    from fdd.cli.diagnosing import Diagnosed
+    from collections.abc import Sequence
 
-FAULT_STATUS = 1
+    from fdd.cli.answers import AnswersFolder
+    from fdd.cli.diagnosing import Diagnoser, Job, Settings
+    from fdd.diagnosis.findings import Diagnosis
+
+FAULT_STATUS, UNREADABLE_STATUS, INCONCLUSIVE_STATUS = 1, 2, 3
+SAVE_EVERY_S = 5.0
 
 
 def diagnose(
     logs: Annotated[
-        list[Path], typer.Argument(metavar="LOG...", help="MCAP, Parquet or CSV.", show_default=False)
+        list[Path],
+        typer.Argument(
+            metavar="LOG...",
+            help="Files, folders (all logs below), quoted patterns such as 'runs/*.csv', or @list.txt.",
+            show_default=False,
+        ),
     ],
     unit: UnitOption = None,
     map_: MapOption = None,
@@ -42,45 +55,67 @@ def diagnose(
         ),
     ] = None,
     axis: AxisOption = None,
+    output_: Annotated[
+        Path | None,
+        typer.Option(
+            "--output",
+            "-o",
+            metavar="DIR",
+            help="Folder for everything: index.html, summary.csv, answers.jsonl, reports.",
+            show_default=False,
+        ),
+    ] = None,
+    resume: Annotated[
+        bool, typer.Option("--resume", help="Keep what --output holds of unchanged logs and settings.")
+    ] = False,
+    workers: Annotated[
+        int | None,
+        typer.Option(
+            min=1, max=256, help="Processes for several logs; one for each core else.", show_default=False
+        ),
+    ] = None,
     exit_code: Annotated[
-        bool, typer.Option("--exit-code", help="Exit with status 1 where any log shows a fault.")
+        bool,
+        typer.Option(
+            "--exit-code",
+            help="Exit with 1 for a fault, else 2 for an unreadable log, else 3 if inconclusive.",
+        ),
     ] = False,
 ) -> None:
     """Diagnose logs: is there a fault, since when, which one, and how severe."""
-    reports = output_paths(report, logs, ".html", "--report")
-    mcaps = output_paths(mcap, logs, ".mcap", "--mcap")
-    _require_outputs(json_, [*reports, *mcaps], logs)
+    from fdd.cli.answers import AnswersFolder
+    from fdd.cli.diagnosing import Diagnoser, Settings
+    from fdd.cli.which_logs import find_logs
 
-    from fdd.cli.console import output, progress
-    from fdd.cli.diagnosing import diagnose_log, unit_of
-    from fdd.cli.tables import diagnosis_view
-    from fdd.diagnosis.model import Model
-    from fdd.logs import ChannelMap, read_log
-    from fdd.unit import Unit
-
-    if unit is not None:
-        Unit.load(unit)
-    channel_map = None if map_ is None else ChannelMap.load(map_)
-    classifier = Model.load(model)
-    answers: list[str] = []
-    faulty = False
-    for k, path in enumerate(logs):
-        with progress(f"reading {path.name}"):
-            log = read_log(path, channel_map, axis)
-        profile, note = unit_of(log, unit)
-        found = diagnose_log(log, profile, classifier, name=path.name, notes=(note,) if note else ())
-        faulty = faulty or found.diagnosis.verdict == "faulty"
-        answers.append(found.diagnosis.model_dump_json(by_alias=True))
-        if reports:
-            write_report_of(reports[k], found, str(model or "shipped"))
-        if mcaps:
-            _write_mcap(mcaps[k], found, answers[-1])
-        if json_ != "-":
-            output().print(diagnosis_view(found.diagnosis))
+    if resume and output_ is None:
+        raise InputError("--resume needs --output", mend="name the folder of the earlier run")
+    folder = None if output_ is None else AnswersFolder(output_)
+    paths = find_logs(logs, leave_out=output_)
+    jobs = _jobs(paths, output_paths(report, paths, ".html", "--report"),
+                 output_paths(mcap, paths, ".mcap", "--mcap"), folder)  # fmt: skip
+    _require_outputs(json_, jobs)
+    settings = Settings(unit, map_, model, axis)
+    diagnoser = Diagnoser(settings)
+    answers = folder.earlier(jobs, diagnoser) if folder and resume else {}
+    try:
+        if len(jobs) == 1:
+            if not answers:
+                answers[0] = _alone(jobs[0], diagnoser, folder)
+        else:
+            if folder:
+                folder.begin()
+            _together(jobs, settings, workers, answers, folder)
+    finally:
+        if answers:
+            if folder:
+                folder.write(jobs, answers)
+            _tell(jobs, answers, folder, quiet=json_ == "-")
+    found = [answers[k] for k in range(len(jobs))]
     if json_ is not None:
-        _write_json(json_, answers)
-    if exit_code and faulty:
-        raise typer.Exit(FAULT_STATUS)
+        _write_json(json_, found)
+    status = status_of(found) if exit_code else UNREADABLE_STATUS if any(a.error for a in found) else 0
+    if status:
+        raise typer.Exit(status)
 
 
 def output_paths(pattern: str | None, logs: list[Path], suffix: str, option: str) -> list[Path]:
@@ -115,34 +150,46 @@ def output_paths(pattern: str | None, logs: list[Path], suffix: str, option: str
     return paths
 
 
-def write_report_of(path: Path, found: Diagnosed, model: str) -> None:
-    """Write the HTML report of a diagnosed log."""
-    from fdd.report import write_report
+def status_of(answers: Sequence[Diagnosis]) -> int:
+    """Exit status that tells the worst of the answers.
 
-    settings = {"model": model, "profile": found.unit.name, "log": found.log.name}
-    write_report(path, found.diagnosis, found.trajectories, found.log.samples, found.unit, settings)
-
-
-def _write_mcap(path: Path, found: Diagnosed, answer: str) -> None:
-    from fdd.logs.mcap_writing import write_annotated
-
-    write_annotated(
-        path,
-        found.log.samples,
-        vars(found.trajectories),
-        answer,
-        axis=found.diagnosis.axis,
-        unit_yaml=found.unit.to_yaml(),
-        start_ns=found.log.start_ns,
-    )
+    Examples
+    --------
+    >>> from fdd.diagnosis.findings import Diagnosis
+    >>> status_of([Diagnosis.unreadable("a.csv", "the file is empty", {})])
+    2
+    """
+    if any(a.verdict == "faulty" for a in answers):
+        return FAULT_STATUS
+    if any(a.error for a in answers):
+        return UNREADABLE_STATUS
+    return INCONCLUSIVE_STATUS if any(a.verdict == "inconclusive" for a in answers) else 0
 
 
-def _require_outputs(json_: str | None, others: list[Path], logs: list[Path]) -> None:
+def _jobs(
+    logs: list[Path], reports: list[Path], mcaps: list[Path], folder: AnswersFolder | None
+) -> list[Job]:
+    from fdd.cli.diagnosing import Job
+    from fdd.cli.which_logs import file_names, names_of
+
+    names = names_of(logs)
+    jobs = [Job(path, name) for path, name in zip(logs, names, strict=True)]
+    for k, name in enumerate(file_names(names)):
+        jobs[k] = replace(
+            jobs[k],
+            report=reports[k] if reports else None,
+            mcap=mcaps[k] if mcaps else None,
+            page=folder.page(name) if folder else None,
+        )
+    return jobs
+
+
+def _require_outputs(json_: str | None, jobs: list[Job]) -> None:
     from fdd.files import require_writable
 
-    outputs = [*others, *([Path(json_)] if json_ not in (None, "-") else [])]
-    inputs = {log.resolve() for log in logs}
-    for path in outputs:
+    wanted = [p for job in jobs for p in (job.report, job.mcap) if p is not None]
+    inputs = {job.path.resolve() for job in jobs}
+    for path in [*wanted, *([Path(json_)] if json_ not in (None, "-") else [])]:
         require_writable(path)
         if path.resolve() in inputs:
             raise InputError(
@@ -150,12 +197,72 @@ def _require_outputs(json_: str | None, others: list[Path], logs: list[Path]) ->
             )
 
 
-def _write_json(target: str, answers: list[str]) -> None:
+def _alone(job: Job, diagnoser: Diagnoser, folder: AnswersFolder | None) -> Diagnosis:
+    """The answer of the only log; nothing is written where it cannot be read."""
+    from fdd.cli.console import progress
+
+    with progress(f"reading {job.name}"):
+        log = diagnoser.read(job)
+    with progress(f"diagnosing {job.name}", max(len(log.samples), 1)) as advance:
+        found = diagnoser.diagnose(job, log, advance)
+    if folder:
+        folder.begin()
+    diagnoser.write(job, found)
+    return found.diagnosis
+
+
+def _together(
+    jobs: list[Job],
+    settings: Settings,
+    workers: int | None,
+    answers: dict[int, Diagnosis],
+    folder: AnswersFolder | None,
+) -> None:
+    """Fill in the answers that are missing, and keep them as they come."""
+    import os
+
+    from fdd.cli.batch import worked
+    from fdd.cli.console import progress
+
+    todo = [(k, job) for k, job in enumerate(jobs) if k not in answers]
+    saved = time.monotonic()
+    with progress(f"diagnosing {len(jobs)} logs", len(jobs)) as advance:
+        advance(len(answers))
+        for k, answer in worked(todo, settings, min(workers or os.cpu_count() or 1, len(todo))):
+            answers[k] = answer
+            advance(len(answers))
+            if folder and time.monotonic() - saved > SAVE_EVERY_S:
+                folder.write(jobs, answers, pages=False)
+                saved = time.monotonic()
+
+
+def _tell(
+    jobs: list[Job], answers: dict[int, Diagnosis], folder: AnswersFolder | None, *, quiet: bool
+) -> None:
+    """Answers for people, in the order of the logs; what could not be read goes to standard error."""
+    from fdd.cli.console import output
+    from fdd.cli.tables import diagnosis_view
+    from fdd.report import headline
+
+    console = output()
+    for k in sorted(answers):
+        if answers[k].error:
+            print(f"fdd: error: {answers[k].error}", file=sys.stderr)
+        elif not quiet and folder and len(jobs) > 1:
+            console.print(f"{answers[k].log}: {headline(answers[k])}", markup=False, soft_wrap=True)
+        elif not quiet:
+            console.print(diagnosis_view(answers[k]))
+    if folder and not quiet:
+        console.print(f"{len(answers)} of {len(jobs)} logs, written to {folder.path / 'index.html'}",
+                      markup=False, soft_wrap=True)  # fmt: skip
+
+
+def _write_json(target: str, answers: list[Diagnosis]) -> None:
     import json
 
     from fdd.files import write_text
 
-    plain = [json.loads(a) for a in answers]
+    plain = [json.loads(a.model_dump_json(by_alias=True)) for a in answers]
     text = json.dumps(plain[0] if len(plain) == 1 else plain, indent=2, ensure_ascii=False) + "\n"
     if target == "-":
         print(text, end="")

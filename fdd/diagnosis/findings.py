@@ -9,6 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import BaseModel, ConfigDict, Field
 
+import fdd
+from fdd.faults import FAMILIES
+
 SCHEMA = "fdd.diagnosis/1"
 ESTIMATED: dict[str, tuple[str, str, str]] = {
     "leakage": ("m^3/(s*Pa)", "1e-12 m³/(s·Pa)", "Leakage coefficient"),
@@ -92,10 +95,21 @@ class Invisible(BaseModel):
     severity: float | None
 
 
-class Diagnosis(BaseModel):
-    """The answer for one log, as ``fdd diagnose --json`` prints it."""
+def _is_none(value: object) -> bool:
+    return value is None
 
-    model_config = ConfigDict(populate_by_name=True)
+
+class Diagnosis(BaseModel):
+    """The answer for one log, as ``fdd diagnose --json`` prints it.
+
+    Attributes
+    ----------
+    started_at : when the log's time was 0 (ISO 8601, UTC), where the log tells.
+    versions : fdd and model. sha256 : of the files log, map, profile and model, as far as they were given.
+    error : of a log among several that could not be read, why; the rest of the answer is empty then.
+    """
+
+    model_config = ConfigDict(populate_by_name=True, json_schema_serialization_defaults_required=True)
 
     schema_: Literal["fdd.diagnosis/1"] = Field(default="fdd.diagnosis/1", alias="schema")
     log: str
@@ -112,6 +126,28 @@ class Diagnosis(BaseModel):
     not_visible: list[Invisible] = Field(default_factory=list)
     versions: dict[str, str] = Field(default_factory=dict)
     sha256: dict[str, str] = Field(default_factory=dict)
+    started_at: str | None = Field(default=None, exclude_if=_is_none)
+    error: str | None = Field(default=None, exclude_if=_is_none)
+
+    @classmethod
+    def unreadable(cls, log: str, error: str, sha256: dict[str, str]) -> Diagnosis:
+        """The answer for a log that could not be read: whole, and without anything in it.
+
+        Examples
+        --------
+        >>> answer = Diagnosis.unreadable("a.csv", "a.csv: the file is empty; record or copy it again", {})
+        >>> answer.verdict, answer.samples, answer.estimates["leakage"].observable
+        ('inconclusive', 0, False)
+        """
+        return cls(
+            log=log, axis="", unit="", duration_s=0.0, samples=0, verdict="inconclusive", faults=[],
+            probabilities=dict.fromkeys(FAMILIES, 0.0),
+            estimates={
+                name: Estimate(unit=unit, baseline=None, value=None, std=None, observable=False)
+                for name, (unit, _, _) in ESTIMATED.items()
+            },
+            quality=Quality(notes=[error]), versions={"fdd": fdd.__version__}, sha256=sha256, error=error,
+        )  # fmt: skip
 
 
 @dataclass

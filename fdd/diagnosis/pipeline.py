@@ -239,7 +239,8 @@ class Pipeline:
             samples=self._count, verdict=verdict, faults=faults, probabilities=probabilities,
             estimates=estimates_of(self._tracked, self.unit), quality=quality,
             sensors=[SensorState(**s) for s in self._sensors.states()], not_visible=unseen,
-            versions={"fdd": fdd.__version__}, sha256={"model": self.model.sha256},
+            versions={"fdd": fdd.__version__, "model": self.model.schema_},
+            sha256={"model": self.model.sha256},
         )  # fmt: skip
 
     def _doubts(self, duration: float) -> list[str]:

@@ -7,8 +7,8 @@ from numpy.typing import NDArray
 
 Column = NDArray[np.float64]
 
-BUCKETS = 1000
-"""Buckets per signal: about one per pixel of a wide screen."""
+BUCKETS = 500
+"""Buckets per signal: about one per pixel of a plot; those over the whole page have twice as many pixels."""
 KEPT_PER_BUCKET = 6
 """First, last, lowest, highest, and the first and last missing value."""
 

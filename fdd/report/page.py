@@ -2,26 +2,26 @@
 
 from __future__ import annotations
 
-import base64
-import hashlib
 import json
 import re
 from datetime import UTC, datetime
 from functools import lru_cache
 from importlib import resources
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING
 
-import jinja2
 from markupsafe import Markup
 
 from fdd.diagnosis.findings import Diagnosis, Trajectories
-from fdd.files import whole_file
-from fdd.report import tables
+from fdd.files import write_text
+from fdd.report import plotly, tables
 from fdd.report.plots import sections
 from fdd.report.words import span, verdict_words
 from fdd.samples import Samples
 from fdd.unit import Unit
+
+if TYPE_CHECKING:
+    import jinja2
 
 
 def render_report(
@@ -31,6 +31,7 @@ def render_report(
     unit: Unit,
     settings: dict[str, str],
     *,
+    alone: bool = True,
     made: datetime | None = None,
 ) -> str:
     """The report of one diagnosis as HTML.
@@ -42,20 +43,24 @@ def render_report(
     samples : the log that was diagnosed.
     unit : the profile it was diagnosed with.
     settings : what the diagnosis was run with, name to value, shown as they are.
+    alone : the page holds plotly.js (0.7 MB); else it loads the one beside it, see `plotly.write_bundle`.
     made : when; now, where None.
 
     Returns
     -------
-    One self-contained page, plotly.js included (about 5 MB). Text from the log is
-    escaped, and the page's own policy lets nothing but its two scripts run.
+    One page. Text from the log is escaped, and the page's own policy lets nothing but its own script and
+    plotly.js run.
     """
     found = sections(diagnosis, trajectories, samples)
     figures = [
         {"id": f.id, "data": f.data, "layout": f.layout, "height": f.height} for s in found for f in s.figures
     ]
-    bundle, bundle_hash = _bundle()
-    script = _part("page.js")
-    return _template().render(
+    bundle, bundle_hash = plotly.bundle() if alone else ("", "")
+    script = part("page.js")
+    # No browser checks the hash of a script that it loads from disk: what the page's own script loads may
+    # run, and nothing else that stands in the page.
+    others = bundle_hash if alone else "'strict-dynamic'"
+    return template("page.html").render(
         verdict=verdict_words(diagnosis),
         diagnosis=diagnosis,
         duration=span(diagnosis.duration_s),
@@ -70,11 +75,11 @@ def render_report(
         unit_rows=tables.unit_rows(unit),
         versions=tables.version_rows(),
         settings=sorted(settings.items()),
-        figures=_embedded_json(figures),
-        style=Markup(_part("page.css")),
+        figures=plotly.packed(json.dumps(figures, allow_nan=False, separators=(",", ":")).encode("ascii")),
+        style=Markup(part("page.css")),
         bundle=bundle,
         script=Markup(script),
-        script_hashes=f"'sha256-{bundle_hash}' 'sha256-{_sha256(script)}'",
+        script_sources=Markup(f"{plotly.source_hash(script.encode())} {others}"),
     )
 
 
@@ -85,6 +90,8 @@ def write_report(
     samples: Samples,
     unit: Unit,
     settings: dict[str, str],
+    *,
+    alone: bool = True,
 ) -> None:
     """Write the report whole or not at all; see `render_report`.
 
@@ -96,15 +103,7 @@ def write_report(
     --------
     >>> write_report("run.html", diagnosis, trajectories, samples, unit, {})  # doctest: +SKIP
     """
-    page = render_report(diagnosis, trajectories, samples, unit, settings).encode("utf-8")
-    with whole_file(path) as temporary:
-        temporary.write_bytes(page)
-
-
-def _embedded_json(figures: list[dict[str, Any]]) -> Markup:
-    """JSON that cannot end the script element that holds it."""
-    text = json.dumps(figures, ensure_ascii=True, allow_nan=False, separators=(",", ":"))
-    return Markup(text.replace("<", "\\u003c").replace(">", "\\u003e").replace("&", "\\u0026"))
+    write_text(path, render_report(diagnosis, trajectories, samples, unit, settings, alone=alone))
 
 
 def _unbroken(text: str) -> str:
@@ -112,29 +111,19 @@ def _unbroken(text: str) -> str:
     return re.sub(r"(?<=\d) (?=(?:%|s|min|h)\b|%)", "\u00a0", text)
 
 
-@lru_cache(maxsize=1)
-def _template() -> jinja2.Template:
+@lru_cache
+def template(name: str) -> jinja2.Template:
+    """A page's template, e.g. ``"page.html"``: what is put into it is escaped."""
+    import jinja2
+
     environment = jinja2.Environment(
         autoescape=True, undefined=jinja2.StrictUndefined, trim_blocks=True, lstrip_blocks=True
     )
     environment.filters["unbroken"] = _unbroken
-    return environment.from_string(_part("page.html.j2"))
+    return environment.from_string(part(name))
 
 
-@lru_cache(maxsize=4)
-def _part(name: str) -> str:
-    suffix = "" if name.endswith(".j2") else ".j2"
-    return (resources.files("fdd.report") / f"{name}{suffix}").read_text(encoding="utf-8")
-
-
-@lru_cache(maxsize=1)
-def _bundle() -> tuple[Markup, str]:
-    """plotly.js and its hash. `plotly.offline` would import the figure classes, which takes a second."""
-    text = (resources.files("plotly") / "package_data" / "plotly.min.js").read_text(encoding="utf-8")
-    # As HTML defines scripts, only these can change where one ends; both stand in strings or comments.
-    text = text.replace("</script", "<\\/script").replace("<!--", "<\\!--").replace("\r", "")
-    return Markup(text), _sha256(text)
-
-
-def _sha256(text: str) -> str:
-    return base64.b64encode(hashlib.sha256(text.encode("utf-8")).digest()).decode("ascii")
+@lru_cache
+def part(name: str) -> str:
+    """The text of a part of a page, e.g. ``"page.css"``."""
+    return (resources.files("fdd.report") / f"{name}.j2").read_text(encoding="utf-8")

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from fdd.diagnosis.findings import DISPLAY_SCALE, ESTIMATED, Diagnosis, FaultFinding, Trajectories
 from fdd.report import traces as tr
-from fdd.report.decimate import bucket_means, intervals, strongest
+from fdd.report.decimate import BUCKETS, bucket_means, intervals, strongest
 from fdd.report.words import family_title
 from fdd.residuals.balances import BALANCES
 from fdd.samples import Samples
@@ -252,7 +252,7 @@ def _features(trajectories: Trajectories) -> list[Figure]:
     order = np.argsort(-np.percentile(magnitude, 90.0, axis=0), kind="stable")
     shown = order[:FEATURE_LINES]
     lines = [
-        tr.line(time, features[:, i], _feature_title(names[i]), tr.LINE_COLOURS[rank])
+        tr.line(time, features[:, i], _feature_title(names[i]), tr.LINE_COLOURS[rank], buckets=BUCKETS // 2)
         for rank, i in enumerate(shown)
     ]
     limit = [tr.level(time, 1.0, "healthy", colour=tr.GREY, dash="dot")]

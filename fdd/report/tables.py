@@ -8,6 +8,7 @@ from importlib import metadata
 
 import fdd
 from fdd.diagnosis.findings import DISPLAY_SCALE, ESTIMATED, Diagnosis, Estimate
+from fdd.report import plotly
 from fdd.report.words import family_title, fault_title, percent, seconds, span
 from fdd.unit import Unit
 
@@ -162,9 +163,9 @@ def unit_rows(unit: Unit) -> list[tuple[str, str]]:
 def version_rows() -> list[tuple[str, str]]:
     """Versions of what computed the diagnosis."""
     rows = [("fdd", fdd.__version__), ("Python", platform.python_version())]
-    for name in ("numpy", "scipy", "numba", "scikit-learn", "plotly"):
+    for name in ("numpy", "scipy", "numba", "scikit-learn"):
         try:
             rows.append((name, metadata.version(name)))
         except metadata.PackageNotFoundError:
             continue
-    return rows
+    return [*rows, ("plotly.js", plotly.VERSION)]

@@ -11,7 +11,6 @@ from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.signal import lfilter
 
 from fdd.residuals.balances import BALANCES, Balance
 from fdd.residuals.effects import Effects
@@ -203,13 +202,16 @@ class Account:
 
         The prediction error of a random walk under white noise, in which all columns take part alike.
         """
-        if not rows.size:  # lfilter keeps no state over an empty stretch
+        if not rows.size:
             return rows
         if not self.level.any():
             self.level = -rows[:1]  # as if it had always been so
         decay = 1.0 - self.balance.cell * ROW_S / LOAD_S
-        out, self.level = lfilter([1.0, -1.0], [1.0, -decay], rows, axis=0, zi=self.level)
-        return np.asarray(out)
+        out = np.empty_like(rows)
+        for k in range(rows.shape[0]):  # ten rows a hop: importing scipy.signal would take as long as a log
+            out[k] = rows[k] + self.level[0]
+            self.level = decay * out[k : k + 1] - rows[k : k + 1]
+        return out
 
 
 class Ledger:

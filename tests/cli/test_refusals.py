@@ -243,7 +243,7 @@ def test_help_imports_nothing_heavy() -> None:
     code = (
         "import sys; from fdd.cli import main\n"
         "try: main()\n"
-        "finally: print([m for m in ('numpy', 'numba', 'pandas', 'scipy', 'sklearn', 'plotly', 'yaml', "
+        "finally: print([m for m in ('numpy', 'numba', 'pandas', 'scipy', 'sklearn', 'yaml', "
         "'pyarrow', 'mcap', 'fdd.unit') if m in sys.modules], file=sys.stderr)"
     )
     for arguments in (["--help"], ["diagnose", "--help"], ["--version"]):

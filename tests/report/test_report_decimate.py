@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import base64
 import itertools
 
 import numpy as np
@@ -19,6 +20,7 @@ from fdd.report.decimate import (
     intervals,
     strongest,
 )
+from fdd.report.traces import on_grid, packed
 
 signals = arrays(
     np.float64,
@@ -136,3 +138,24 @@ def test_intervals_cover_the_mask_and_are_few(mask: np.ndarray, at_most: int) ->
     assert all(a[1] < b[0] for a, b in itertools.pairwise(found))
     if not mask.any():
         assert found == []
+
+
+def test_packed_numbers_keep_six_digits() -> None:
+    rng = np.random.default_rng(3)
+    values = rng.normal(size=10_000) * 10.0 ** rng.uniform(-6, 6, 10_000)
+    values[::100] = np.nan
+    values[1::100] = np.inf
+    out = packed(values)
+    back = np.frombuffer(base64.b64decode(out["bdata"]), f"<{out['dtype']}")
+    np.testing.assert_allclose(back, values, rtol=6e-7)
+    epoch = 1.7e9 + np.arange(1000) * 1e-3
+    out = packed(epoch)
+    back = np.frombuffer(base64.b64decode(out["bdata"]), f"<{out['dtype']}")
+    np.testing.assert_array_equal(back, epoch)
+
+
+def test_times_keep_their_order_and_ends() -> None:
+    time = np.sort(np.random.default_rng(4).uniform(5.0, 3600.0, 5_000))
+    drawn = on_grid(time)
+    assert (np.diff(drawn) >= 0.0).all()
+    assert np.abs(drawn - time).max() < np.ptp(time) * 1e-5

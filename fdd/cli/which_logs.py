@@ -1,0 +1,124 @@
+"""Which logs are meant: files, folders, patterns and lists."""
+
+from __future__ import annotations
+
+import glob
+import os
+from collections import Counter
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+
+from fdd.errors import InputError
+from fdd.logs.formats import suffixes
+
+
+def find_logs(given: Sequence[Path], leave_out: Path | None = None) -> list[Path]:
+    """The logs that a command line means, each once.
+
+    Parameters
+    ----------
+    given : files; folders, for all logs below them in order of their names, hidden ones left out; patterns
+        such as ``runs/*.csv`` or ``runs/**/*.mcap``; and ``@list.txt``, a text file with one of these a line
+        (blank lines and those that begin with # are skipped). A file is taken whether it is there or not.
+    leave_out : a folder to skip in folders: that of the answers.
+
+    Raises
+    ------
+    InputError : nothing matches, or a list that cannot be read.
+
+    Examples
+    --------
+    >>> [p.name for p in find_logs([Path("b.csv"), Path("a.mcap"), Path("b.csv")])]
+    ['b.csv', 'a.mcap']
+    """
+    found: dict[str, Path] = {}
+    for argument in given:
+        for path in _listed(argument) if str(argument).startswith("@") else [argument]:
+            for log in _logs_of(path, leave_out):
+                found.setdefault(os.path.realpath(log), log)
+    return list(found.values())
+
+
+def names_of(logs: Sequence[Path]) -> list[str]:
+    """What each log is called: its file name; with folders where two would have the same.
+
+    Examples
+    --------
+    >>> names_of([Path("x/day1/a.csv"), Path("x/day2/a.csv"), Path("x/day2/b.csv")])
+    ['day1/a.csv', 'day2/a.csv', 'b.csv']
+    """
+    count = Counter(log.name for log in logs)
+    twins = [log.absolute() for log in logs if count[log.name] > 1]
+    if not twins:
+        return [log.name for log in logs]
+    try:
+        common = Path(os.path.commonpath([log.parent for log in twins]))
+    except ValueError:  # on several drives
+        return [log.absolute().as_posix() if count[log.name] > 1 else log.name for log in logs]
+    return [
+        log.absolute().relative_to(common).as_posix() if count[log.name] > 1 else log.name for log in logs
+    ]
+
+
+def file_names(names: Sequence[str]) -> list[str]:
+    """A name for a file of each log, without folders, no two alike (nor on systems that ignore case).
+
+    Examples
+    --------
+    >>> file_names(["day1/a.csv", "day1-a.csv", "b.csv"])
+    ['day1-a.csv', 'day1-a.csv-2', 'b.csv']
+    """
+    taken: set[str] = set()
+    out = []
+    for name in names:
+        plain = base = "".join("-" if c in '/\\:*?"<>|' or ord(c) < 32 else c for c in name)
+        number = 1
+        while plain.lower() in taken:
+            number += 1
+            plain = f"{base}-{number}"
+        taken.add(plain.lower())
+        out.append(plain)
+    return out
+
+
+def _listed(argument: Path) -> Iterator[Path]:
+    path = Path(str(argument)[1:])
+    try:
+        text = path.read_text(encoding="utf-8-sig", errors="surrogateescape")
+    except OSError as error:
+        raise InputError(
+            f"cannot be read ({error.strerror or error})", where=path, mend="give a text file, one log a line"
+        ) from None
+    lines = [line.strip() for line in text.splitlines()]
+    wanted = [Path(line) for line in lines if line and not line.startswith("#")]
+    if not wanted:
+        raise InputError("names no log", where=path, mend="write one log a line")
+    yield from wanted
+
+
+def _logs_of(path: Path, leave_out: Path | None) -> list[Path]:
+    if path.is_dir():
+        logs = _below(path, leave_out)
+        if not logs:
+            raise InputError(
+                "no log below this folder", where=path,
+                mend=f"logs are taken by their suffix: {' '.join(suffixes())}",
+            )  # fmt: skip
+        return logs
+    if path.exists() or not glob.has_magic(str(path)):
+        return [path]
+    matching = [Path(match) for match in sorted(glob.glob(str(path), recursive=True))]  # noqa: PTH207
+    if not matching:
+        raise InputError("no file has such a name", where=path, mend="correct the pattern, or name a folder")
+    return [log for match in matching for log in (_below(match, leave_out) if match.is_dir() else [match])]
+
+
+def _below(folder: Path, leave_out: Path | None) -> list[Path]:
+    skipped = None if leave_out is None else os.path.realpath(leave_out)
+    found = []
+    for here, folders, files in os.walk(folder):
+        folders[:] = sorted(
+            f for f in folders if not f.startswith(".") and os.path.realpath(Path(here, f)) != skipped
+        )
+        found += [Path(here, f) for f in files if not f.startswith(".") and f.lower().endswith(suffixes())]
+    return sorted(found, key=lambda path: path.parts)

@@ -1,0 +1,139 @@
+"""Many answers at a glance: a page and a table."""
+
+from __future__ import annotations
+
+import csv
+import io
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from urllib.parse import quote
+
+from markupsafe import Markup
+
+import fdd
+from fdd.diagnosis.findings import Diagnosis, FaultFinding
+from fdd.report.page import part, template
+from fdd.report.plotly import source_hash
+from fdd.report.words import MARKS, fault_title, percent, seconds
+
+COLUMNS = (
+    "log", "unit", "axis", "started_at", "duration_s", "samples", "verdict", "fault", "family", "ambiguity",
+    "confidence", "onset_s", "detected_s", "severity", "severity_low", "severity_high", "channel", "side",
+    "next_check", "quality_notes", "error", "report",
+)  # fmt: skip
+"""Of summary.csv: one row a log and fault, one for a log without faults; contract's names and SI units."""
+ORDER = ("faulty", "unreadable", "inconclusive", "healthy")
+
+
+@dataclass(frozen=True)
+class Row:
+    """One log: its answer, and its page relative to the folder or an empty string."""
+
+    answer: Diagnosis
+    page: str
+
+    @property
+    def state(self) -> str:
+        """The verdict, or ``unreadable``."""
+        return "unreadable" if self.answer.error else self.answer.verdict
+
+    @property
+    def surest(self) -> FaultFinding | None:
+        """The fault that the log is listed with."""
+        return max(self.answer.faults, key=lambda f: f.confidence, default=None)
+
+
+def worst_first(row: Row) -> tuple[int, float, float]:
+    """Key that sorts rows: by verdict, then the severest, then the surest; what has no severity is severe."""
+    fault = row.surest
+    if fault is None:
+        return ORDER.index(row.state), 0.0, row.answer.probabilities.get("healthy", 0.0)
+    severity = 1.0 if fault.severity is None else fault.severity
+    return ORDER.index(row.state), -severity, -fault.confidence
+
+
+def render_index(rows: Sequence[Row], *, missing: int = 0, made: datetime | None = None) -> str:
+    """The page that lists the logs, worst first.
+
+    Parameters
+    ----------
+    missing : logs that were not reached.
+    made : when; now, where None.
+
+    Returns
+    -------
+    HTML that needs no network and runs its one script only. Text from logs is escaped.
+    """
+    counts = Counter(row.state for row in rows)
+    script = part("index.js")
+    return template("index.html").render(
+        title=f"Diagnosis of {len(rows)} logs",
+        counts=[(state, counts[state]) for state in ORDER if counts[state]],
+        missing=missing,
+        rows=[_shown(rank, row) for rank, row in enumerate(sorted(rows, key=worst_first))],
+        made=(made or datetime.now(UTC)).strftime("%Y-%m-%d %H:%M UTC"),
+        version=fdd.__version__,
+        style=Markup(part("page.css") + part("index.css")),
+        script=Markup(script),
+        script_sources=Markup(source_hash(script.encode())),
+    )
+
+
+def _shown(rank: int, row: Row) -> dict[str, object]:
+    """A row's texts, and the keys that its columns sort by."""
+    answer, fault = row.answer, row.surest
+    texts = {"fault": "", "since": "", "confidence": "", "severity": ""}
+    keys: dict[str, float | str] = {"since": "", "confidence": "", "severity": ""}
+    if fault is not None:
+        more = len(answer.faults) - 1
+        texts["fault"] = fault_title(fault.fault) + (f" and {more} more" if more else "")
+        texts["since"], keys["since"] = seconds(fault.onset_s), fault.onset_s
+        texts["confidence"], keys["confidence"] = percent(fault.confidence), fault.confidence
+        if fault.severity is not None:
+            texts["severity"], keys["severity"] = f"{fault.severity:.2f}", fault.severity
+    return {
+        **texts,
+        "keys": keys,
+        "rank": rank,
+        "log": answer.log,
+        "unit": answer.unit,
+        "state": row.state,
+        "mark": MARKS.get(row.state, "×"),
+        "error": answer.error or "",
+        "notes": len(answer.quality.notes),
+        "page": quote(row.page),
+    }
+
+
+def summary_csv(rows: Sequence[Row]) -> str:
+    """The table for spreadsheets and pandas: comma, point, UTF-8 with a byte order mark; see `COLUMNS`."""
+    out = io.StringIO()
+    writer = csv.DictWriter(out, COLUMNS, lineterminator="\r\n")
+    writer.writeheader()
+    for row in rows:
+        answer = row.answer
+        common = {
+            "log": answer.log, "unit": answer.unit, "axis": answer.axis, "started_at": answer.started_at,
+            "duration_s": answer.duration_s, "samples": answer.samples, "verdict": answer.verdict,
+            "quality_notes": len(answer.quality.notes), "error": answer.error, "report": row.page,
+        }  # fmt: skip
+        for found in [_fault_columns(fault) for fault in answer.faults] or [{}]:
+            writer.writerow({k: _cell(v) for k, v in {**common, **found}.items()})
+    return "\ufeff" + out.getvalue()
+
+
+def _fault_columns(fault: FaultFinding) -> dict[str, object]:
+    low, high = fault.severity_interval or (None, None)
+    same = ("fault", "family", "onset_s", "detected_s", "severity", "channel", "side", "next_check")
+    return {
+        **{name: getattr(fault, name) for name in same},
+        "ambiguity": " ".join(fault.ambiguity), "confidence": round(fault.confidence, 6),
+        "severity_low": low, "severity_high": high,
+    }  # fmt: skip
+
+
+def _cell(value: object) -> object:
+    """Text that a spreadsheet would take for a formula is marked as text."""
+    return f"'{value}" if isinstance(value, str) and value.startswith(("=", "+", "-", "@")) else value

@@ -1,0 +1,297 @@
+"""Many logs at once: which are meant, what is written, what one bad log does, and going on after a break."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import os
+import shutil
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pandas as pd
+import pytest
+
+from fdd.cli.diagnosing import utc
+from fdd.cli.which_logs import file_names, find_logs, log_suffixes, names_of
+from fdd.errors import InputError
+
+MAIN = [sys.executable, "-c", "from fdd.cli import main; main()"]
+
+
+def sha256(path: Path) -> str:
+    return hashlib.sha256(path.read_bytes()).hexdigest()
+
+
+@pytest.fixture
+def folder(logs, tmp_path: Path) -> Path:
+    """Two logs of one name in two folders, one that cannot be read, and what is no log."""
+    base = tmp_path / "runs"
+    for day, name in (("day1", "healthy"), ("day2", "csv")):
+        (base / day).mkdir(parents=True)
+        shutil.copy(logs[name], base / day / f"run{logs[name].suffix}")
+    shutil.copy(logs["parquet"], base / "day1" / "run.csv")
+    (base / "bad.csv").write_text("nothing,of,use\n1,2,3\n")
+    (base / "notes.md").write_text("not a log")
+    (base / ".hidden.csv").write_text("hidden")
+    return base
+
+
+@pytest.fixture
+def one_folder(folder: Path, run, tiny_model_file, tmp_path: Path) -> Path:
+    out = tmp_path / "out"
+    result = run("diagnose", folder, "-o", out, "--model", tiny_model_file, "--workers", 1)
+    assert result.exit_code == 2
+    assert result.stderr.splitlines() == [
+        line for line in result.stderr.splitlines() if line.startswith("fdd: error: ") and "bad.csv" in line
+    ]
+    return out
+
+
+def answers_of(out: Path) -> list[dict]:
+    return [json.loads(line) for line in (out / "answers.jsonl").read_text("utf-8").splitlines()]
+
+
+def test_folders_patterns_and_lists(tmp_path: Path) -> None:
+    names = [
+        "b/2.csv",
+        "b/1.MCAP",
+        "a.csv.gz",
+        "z.txt",
+        "b/.x/3.csv",
+        ".4.csv",
+        "notes.md",
+        "out/summary.csv",
+    ]
+    for name in names:
+        (tmp_path / name).parent.mkdir(parents=True, exist_ok=True)
+        (tmp_path / name).touch()
+
+    def found(*given: Path) -> list[str]:
+        paths = find_logs(list(given), leave_out=tmp_path / "out")
+        return [p.relative_to(tmp_path).as_posix() for p in paths]
+
+    assert found(tmp_path) == ["a.csv.gz", "b/1.MCAP", "b/2.csv", "z.txt"]
+    assert found(tmp_path / "*.txt", tmp_path / "**/*.csv") == ["z.txt", "b/2.csv", "out/summary.csv"]
+    assert found(tmp_path / "b/2.csv", tmp_path / "b") == ["b/2.csv", "b/1.MCAP"], "each once"
+    listed = tmp_path / "list.lst"
+    listed.write_text(f"# two\n\n{tmp_path / 'z.txt'}\n{tmp_path / 'b'}\n")
+    assert found(Path(f"@{listed}")) == ["z.txt", "b/1.MCAP", "b/2.csv"]
+    assert found(tmp_path / "missing.csv") == ["missing.csv"], "refused when it is read"
+    (tmp_path / "odd[1].csv").touch()
+    assert found(tmp_path / "odd[1].csv") == ["odd[1].csv"], "a file may be called like a pattern"
+    (tmp_path / "empty").mkdir()
+    for given, words in (
+        (tmp_path / "empty", "no log below"),
+        (tmp_path / "*.mat", "no file has such a name"),
+        (Path(f"@{tmp_path / 'none'}"), "cannot be read"),
+    ):
+        with pytest.raises(InputError, match=words):
+            find_logs([given])
+    assert {".mcap", ".csv.gz", ".mf4"} <= set(log_suffixes())
+
+
+def test_names_that_collide_are_kept_apart(tmp_path: Path) -> None:
+    logs = [tmp_path / "a" / "x" / "r.csv", tmp_path / "b" / "x" / "r.csv", tmp_path / "b" / "s.csv"]
+    assert names_of(logs) == ["a/x/r.csv", "b/x/r.csv", "s.csv"]
+    names = file_names(["a/r.csv", "A-r.csv", 'q"?.csv'])
+    assert len({n.lower() for n in names}) == 3 and not any(c in n for n in names for c in '/\\"?')
+
+
+def test_a_folder_of_logs_makes_a_folder_of_answers(one_folder: Path, folder: Path) -> None:
+    answers = answers_of(one_folder)
+    assert [a["log"] for a in answers] == ["bad.csv", "day1/run.csv", "run.mcap", "day2/run.csv"]
+    assert [a["verdict"] for a in answers] == ["inconclusive", "faulty", "healthy", "faulty"]
+    assert answers[1]["faults"] == answers[3]["faults"], "one run as Parquet and as CSV"
+    bad = answers[0]
+    assert "bad.csv" in bad["error"] and "\n" not in bad["error"]
+    assert set(bad) == {*answers[1], "error"} and set(bad["estimates"]) == set(answers[1]["estimates"])
+    assert set(bad["probabilities"]) == set(answers[1]["probabilities"])
+    pages = {p.name for p in (one_folder / "reports").iterdir()}
+    assert pages == {"day1-run.csv.html", "run.mcap.html", "day2-run.csv.html", "plotly.min.js"}
+    for page in (one_folder / "reports").glob("*.html"):
+        assert page.stat().st_size < 500_000
+    table = pd.read_csv(one_folder / "summary.csv")
+    assert set(table["log"]) == {a["log"] for a in answers}
+    for link in table["report"].dropna():
+        assert (one_folder / link).is_file()
+    index = (one_folder / "index.html").read_text("utf-8")
+    assert all(f'href="reports/{name}"' in index for name in pages if name.endswith(".html"))
+
+
+def test_answers_tell_what_they_were_made_of(one_folder: Path, folder: Path, tiny_model) -> None:
+    answers = answers_of(one_folder)
+    files = [folder / "bad.csv", folder / "day1/run.csv", folder / "day1/run.mcap", folder / "day2/run.csv"]
+    assert [a["sha256"]["log"] for a in answers] == [sha256(f) for f in files]
+    assert {a["sha256"]["model"] for a in answers} == {tiny_model.sha256}
+    assert all(set(a["sha256"]) == {"log", "model"} for a in answers)
+    assert answers[1]["versions"] == {"fdd": "0.1.0", "model": "fdd.model/2"}
+
+
+def test_map_profile_and_start_are_told(run, logs, tiny_model_file, tmp_path: Path) -> None:
+    from mcap.writer import Writer
+
+    from fdd.logs import read_log
+    from fdd.unit import Unit
+
+    samples = read_log(logs["leaking"]).samples
+    start = 1_700_000_000_250_000_000
+    with (tmp_path / "abs.mcap").open("wb") as stream:
+        writer = Writer(stream)
+        writer.start()
+        schema = writer.register_schema("m", "jsonschema", b'{"type":"object"}')
+        channel = writer.register_channel("/rig", "json", schema)
+        for k, t in enumerate(samples.time):
+            row = {n: float(samples[n][k]) for n in ("position", "pump_angle", "pressure_difference")}
+            text = json.dumps(row).replace("NaN", "null").encode()
+            writer.add_message(channel, start + round(t * 1e9), text, start + round(t * 1e9))
+        writer.finish()
+    names = ("position", "pump_angle", "pressure_difference")
+    lines = [f"{n}: {{topic: /rig, field: {n}}}\n" for n in names]
+    (tmp_path / "map.yaml").write_text("".join(lines))
+    Unit.load("axis_a").save(tmp_path / "unit.yaml")
+    out = tmp_path / "answer.json"
+    result = run("diagnose", tmp_path / "abs.mcap", "--map", tmp_path / "map.yaml", "--unit",
+                 tmp_path / "unit.yaml", "--model", tiny_model_file, "--json", out)  # fmt: skip
+    assert result.exit_code == 0, result.stderr
+    answer = json.loads(out.read_text())
+    assert answer["started_at"] == utc(start + round(samples.time[0] * 1e9))
+    assert answer["started_at"].startswith("2023-11-14T22:13:20.25")
+    for key, file in (("log", "abs.mcap"), ("map", "map.yaml"), ("profile", "unit.yaml")):
+        assert answer["sha256"][key] == sha256(tmp_path / file)
+
+
+def test_workers_change_nothing(run, folder: Path, one_folder: Path, tiny_model_file, tmp_path: Path) -> None:
+    out, page, mcaps = tmp_path / "two", tmp_path / "pages", tmp_path / "mcaps"
+    page.mkdir()
+    mcaps.mkdir()
+    shutil.copy(folder / "day1" / "run.mcap", folder / "other.mcap")
+    given = [folder / "day2", folder / "bad.csv", folder / "other.mcap"]
+    result = run("diagnose", *given, "-o", out, "--model", tiny_model_file, "--workers", 2, "--json",
+                 tmp_path / "all.json", "--report", page, "--mcap", mcaps)  # fmt: skip
+    assert result.exit_code == 2
+    assert [p.name for p in sorted(page.iterdir())] == ["other.html", "run.html"]
+    assert [p.name for p in sorted(mcaps.iterdir())] == ["other.mcap", "run.mcap"]
+    leaking, bad, healthy = found = answers_of(out)
+    assert json.loads((tmp_path / "all.json").read_text("utf-8")) == found
+    wanted = {a["log"]: a for a in answers_of(one_folder)}
+    assert leaking == {**wanted["day2/run.csv"], "log": "run.csv"}, "as they were given"
+    assert bad == wanted["bad.csv"]
+    assert healthy == {**wanted["run.mcap"], "log": "other.mcap"}
+
+
+def test_a_batch_needs_names_apart_for_single_reports(run, one_line, folder: Path, tmp_path: Path) -> None:
+    one_line(run("diagnose", folder, "--report", f"{tmp_path}/"), "two logs would be written to one file")
+
+
+def test_a_single_bad_log_writes_nothing(run, one_line, folder: Path, tmp_path: Path) -> None:
+    out = tmp_path / "none"
+    one_line(run("diagnose", folder / "bad.csv", "-o", out, "--exit-code"), "bad.csv")
+    assert not out.exists()
+
+
+def test_a_folder_of_something_else_is_left_alone(run, one_line, folder: Path, tmp_path: Path) -> None:
+    one_line(run("diagnose", folder, "-o", folder / "day1"), "not empty")
+    one_line(run("diagnose", folder, "--resume"), "--output")
+
+
+def test_resume_works_only_what_is_new(
+    run, one_folder: Path, folder: Path, tiny_model_file, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    import fdd.logs
+
+    read = fdd.logs.read_log
+    worked: list[str] = []
+
+    def counted(path: Path, *rest: object) -> object:
+        worked.append(Path(path).relative_to(folder).as_posix())
+        return read(path, *rest)
+
+    monkeypatch.setattr(fdd.logs, "read_log", counted)
+
+    def again(*more: object) -> list[str]:
+        worked.clear()
+        result = run("diagnose", folder, "-o", one_folder, "--model", tiny_model_file, "--resume",
+                     "--workers", 1, *more)  # fmt: skip
+        assert result.exit_code == 2 and "bad.csv" in result.stderr, "told again"
+        return list(worked)
+
+    before = answers_of(one_folder)
+    assert again() == []
+    assert answers_of(one_folder) == before
+    (one_folder / "reports" / "run.mcap.html").unlink()
+    assert again() == ["day1/run.mcap"]
+    shutil.copy(folder / "day1" / "run.mcap", folder / "day2" / "new.mcap")
+    assert again() == ["day2/new.mcap"]
+    with (folder / "day2" / "run.csv").open("a") as log:
+        log.write("\n")
+    assert again() == ["day2/run.csv"]
+    assert len(again("--unit", "axis_b")) == 5, "another profile"
+    assert again("--unit", "axis_b") == []
+    changed = (one_folder / "answers.jsonl").read_text("utf-8").replace('"fdd":"0.1.0"', '"fdd":"0.0.9"', 1)
+    (one_folder / "answers.jsonl").write_text(changed + '{"cut o', "utf-8")
+    assert again("--unit", "axis_b") == ["bad.csv"], "another version"
+
+
+@pytest.mark.parametrize(
+    ("given", "status"),
+    [
+        (["healthy"], 0),
+        (["short"], 3),
+        (["healthy", "short"], 3),
+        (["healthy", "short", "bad"], 2),
+        (["healthy", "short", "bad", "leaking"], 1),
+    ],
+)
+def test_exit_codes(run, logs, tiny_model_file, tmp_path: Path, given: list[str], status: int) -> None:
+    pd.read_csv(logs["csv"]).iloc[:4000].to_csv(tmp_path / "short.csv", index=False)
+    (tmp_path / "bad.csv").write_text("a,b\n1,2\n")
+    paths = [logs.get(name) or tmp_path / f"{name}.csv" for name in given]
+    common = ["--model", tiny_model_file, "--workers", 1]
+    assert run("diagnose", *paths, *common, "--exit-code").exit_code == status
+    assert run("diagnose", *paths, *common).exit_code == (2 if "bad" in given else 0)
+
+
+def test_an_error_of_our_own_ends_one_log_only(run, logs, tiny_model_file, monkeypatch) -> None:
+    import fdd.logs
+
+    read = fdd.logs.read_log
+
+    def broken(path: Path, *rest: object) -> object:
+        if "healthy" in str(path):
+            raise ZeroDivisionError("for a test")
+        return read(path, *rest)
+
+    monkeypatch.setattr(fdd.logs, "read_log", broken)
+    result = run("diagnose", logs["healthy"], logs["leaking"], "--model", tiny_model_file, "--workers", 1)
+    assert result.exit_code == 2
+    assert "internal error: ZeroDivisionError: for a test" in result.stderr
+    assert "Internal leakage" in result.stdout and "Traceback" not in result.stderr
+
+
+@pytest.mark.skipif(os.name == "nt", reason="sends a signal to a group of processes")
+@pytest.mark.slow
+def test_what_was_finished_survives_an_interrupt(run, logs, tiny_model_file, tmp_path: Path) -> None:
+    runs, out = tmp_path / "runs", tmp_path / "out"
+    runs.mkdir()
+    for k in range(60):
+        shutil.copy(logs["healthy"], runs / f"{k:02d}.mcap")
+    command = [*MAIN, "diagnose", runs, "-o", out, "--model", tiny_model_file, "--workers", "2"]
+    process = subprocess.Popen(
+        [str(c) for c in command], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
+        start_new_session=True,
+    )  # fmt: skip
+    until = time.monotonic() + 120.0
+    while len(list((out / "reports").glob("*.html"))) < 3 and time.monotonic() < until:
+        time.sleep(0.05)
+    os.killpg(process.pid, signal.SIGINT)
+    _, stderr = process.communicate(timeout=60)
+    assert process.returncode == 130 and "Traceback" not in stderr
+    answers = answers_of(out)
+    assert 1 <= len(answers) < 60
+    assert not list(out.glob("**/*.part"))
+    assert f"{60 - len(answers)} more logs were not worked" in (out / "index.html").read_text("utf-8")
+    assert len(pd.read_csv(out / "summary.csv")) == len(answers)
