@@ -15,7 +15,7 @@ from typing import Annotated, Any, Literal
 
 import numpy as np
 import yaml
-from pydantic import BaseModel, ConfigDict, Field, ValidationError
+from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 
 from fdd.errors import InputError
 from fdd.files import write_text
@@ -46,6 +46,10 @@ from fdd.yaml_reading import yaml_mapping, yaml_text
 
 UNIT_SCHEMA = "fdd.unit/1"
 MAX_UNIT_BYTES = 2_000_000
+MOST = 1e30
+"""Of any figure of a baseline: squares of it still are numbers."""
+Finite = Annotated[float, Field(ge=-MOST, le=MOST)]
+_ANEW = "identify the unit anew"
 _PARTS = (
     "cylinder", "pump", "oil", "accumulator", "friction", "drive", "sensors", "estimation", "monitoring",
     "baseline",
@@ -189,19 +193,38 @@ class BalanceBaseline(Section):
     information would equal if all errors were independent; empty in older profiles.
     """
 
-    columns: list[str]
-    mean: list[float]
-    covariance: list[list[float]]
-    information: list[list[float]] = Field(default_factory=list)
-    scatter: list[list[float]] = Field(default_factory=list)
-    noise: Annotated[Number, Field(gt=0)]
+    columns: Annotated[list[str], Field(min_length=1, max_length=64)]
+    mean: list[Finite]
+    covariance: list[list[Finite]]
+    information: list[list[Finite]] = Field(default_factory=list)
+    scatter: list[list[Finite]] = Field(default_factory=list)
+    noise: Annotated[Number, Field(gt=0, le=MOST)]
+
+    @model_validator(mode="after")
+    def _fits_together(self) -> BalanceBaseline:
+        n = len(self.columns)
+        if len(self.mean) != n:
+            raise InputError(f"{len(self.mean)} figures for {n} columns", where="mean", mend=_ANEW)
+        for name in ("covariance", "information", "scatter"):
+            rows = getattr(self, name)
+            if not rows and name != "covariance":
+                continue
+            if len(rows) != n or any(len(row) != n for row in rows):
+                raise InputError(f"is not {n} by {n}", where=name, mend=_ANEW)
+            matrix = np.array(rows)
+            std = np.sqrt(np.maximum(np.diag(matrix), 0.0)) + 1e-30
+            scaled = matrix / std / std[:, None]
+            # Figures are rounded to eight places.
+            if np.abs(scaled - scaled.T).max() > 1e-6 or np.linalg.eigvalsh(scaled)[0] < -1e-6:
+                raise InputError("is not that of any coefficients", where=name, mend=_ANEW)
+        return self
 
 
 class Baseline(Section):
     """Healthy behaviour of this unit, written by ``fdd identify`` (see `fdd.residuals.balances`)."""
 
     version: str
-    seconds: float = 0.0
+    seconds: Annotated[float, Field(ge=0)] = 0.0
     """s of healthy logs behind it."""
     balances: dict[str, BalanceBaseline] = Field(default_factory=dict)
 
