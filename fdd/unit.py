@@ -52,7 +52,7 @@ Finite = Annotated[float, Field(ge=-MOST, le=MOST)]
 _ANEW = "identify the unit anew"
 _PARTS = (
     "cylinder", "pump", "oil", "accumulator", "friction", "drive", "sensors", "estimation", "monitoring",
-    "baseline",
+    "origin", "baseline",
 )  # fmt: skip
 
 
@@ -229,6 +229,27 @@ class Baseline(Section):
     balances: dict[str, BalanceBaseline] = Field(default_factory=dict)
 
 
+class Origin(Section):
+    """What an identified profile was made from, and what was said of it.
+
+    Attributes
+    ----------
+    base, base_sha256 : profile that was started from: its name and what it said.
+    date : ISO 8601, of the making. fdd : version. map_sha256 : of the channel map.
+    logs : SHA-256 of each healthy log's file to its name.
+    limits : what a user must know. accepted : why it would have been refused, had nobody accepted it.
+    """
+
+    base: str
+    base_sha256: str = ""
+    date: str = ""
+    fdd: str = ""
+    map_sha256: str | None = None
+    logs: Annotated[dict[str, str], Field(max_length=10_000)] = Field(default_factory=dict)
+    limits: list[str] = Field(default_factory=list)
+    accepted: list[str] = Field(default_factory=list)
+
+
 class Unit(BaseModel):
     """Profile of one actuator.
 
@@ -258,6 +279,7 @@ class Unit(BaseModel):
     sensors: dict[str, Sensor]
     estimation: Estimation | None = None
     monitoring: Monitoring = Field(default_factory=Monitoring)
+    origin: Origin | None = None
     baseline: Baseline | None = None
 
     @classmethod
