@@ -70,16 +70,14 @@ def identify(
     samples, labels = [log.samples for log in read], [str(path) for path in logs]
     if add is None:
         found, unit, fit = _identified(read, labels, profile, noise=noise)
-        name = name or origin.name_for(profile, read[0].start_ns)
         unit.description = unit.description.removesuffix(".") + f", fdd {origin.section.fdd}."
     else:
         found, unit, fit = *_added(read, labels, profile), None
-        name = name or profile.name
     with progress("judging"):
         judged = judge(found, unit, profile, samples, labels, more=add is not None)
     if judged.refusals and not accept:
         raise InputError(judged.sentence, mend="--accept makes the profile all the same")
-    unit = named(unit, name)
+    unit = named(unit, name or origin.name_for(profile, read[0].start_ns))
     unit.origin = origin.section.model_copy(update={"limits": judged.limits, "accepted": judged.refusals})
     unit.save(out)
     data = json.dumps(as_data(found, judged, unit), indent=1, ensure_ascii=False)

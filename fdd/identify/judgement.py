@@ -94,7 +94,7 @@ def judge(
     ratios = against_base(found, base)
     for samples, label in zip(logs, labels, strict=True):
         out.refusals += [f"{label}: {text}" for text in _temperature(samples)]
-    slip = pressure_slip(ratios)
+    slip = pressure_slip(ratios, _push(logs, base))
     if slip is not None:
         out.refusals.append(slip)
     else:
@@ -171,15 +171,20 @@ def _ratio(row: TableRow, expected: float, base: Unit) -> Ratio:
     return Ratio(max(row.identified / expected, 1e-12), row.std / max(row.identified, 1e-300), own)
 
 
-def pressure_slip(ratios: dict[str, Ratio]) -> str | None:
+def pressure_slip(ratios: dict[str, Ratio], push: float = 1.0) -> str | None:
     """The unit of measure in which the pressures were read by mistake, in words; None where none was.
 
     All that goes with the pressures' size is weighed together: a slip's factor against what units of one kind
-    differ by.
+    differ by. A piston that moves both ways needs its friction's force at least, whatever the load.
+
+    Parameters
+    ----------
+    ratios : of `against_base`. push : force of the pressures, root mean square, over the base's friction.
     """
 
     def misfit(factor: float) -> float:
-        return sum(
+        lacking = min(log(push) - log(factor), 0.0) / SCALES["friction"][1]
+        return lacking**2 + sum(
             (log(ratios[n].value) - sign * log(factor)) ** 2 / (spread**2 + ratios[n].std ** 2)
             for n, (sign, spread) in SCALES.items()
             if n in ratios
@@ -189,11 +194,23 @@ def pressure_slip(ratios: dict[str, Ratio]) -> str | None:
     best = min((a / b for a in sizes for b in sizes if a != b), key=misfit)
     if misfit(1.0) - misfit(best) < ODDS:
         return None
-    told = ", ".join(f"{WORDS[n]} {_times(ratios[n].value)}" for n in SCALES if n in ratios)
+    told = [f"{WORDS[n]} {_times(ratios[n].value)} the base's" for n in SCALES if n in ratios]
+    told += [f"their force {_times(push)} the friction"] if push < 1.0 else []
     return (
         f"the pressures look {_times(best)} what they should be, as {slips(best, 'pressure')} are "
-        f"({told} the base's); check their unit in the channel map"
+        f"({', '.join(told)}); check their unit in the channel map"
     )
+
+
+def _push(logs: Sequence[Samples], base: Unit) -> float:
+    squares = []
+    for each in logs:
+        both = {"pressure_1", "pressure_2"} <= set(each.channels)
+        drop = each["pressure_1"] - each["pressure_2"] if both else each["pressure_difference"]
+        squares.append(float(np.nanmean(np.square(drop))))
+    friction = 0.5 * (base.friction.forward.coulomb + base.friction.reverse.coulomb)
+    force = base.cylinder.area_1 * np.sqrt(np.mean(squares))
+    return max(float(force), 1e-9) / friction if friction > 0.0 else 1.0
 
 
 WORDS = {

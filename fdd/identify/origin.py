@@ -28,12 +28,21 @@ class Made:
 
     section: Origin
 
-    def name_for(self, base: Unit, start_ns: int) -> str:
-        """``<base>-<date of the log, or today>-<8 hex of the hash of the logs>``."""
+    def name_for(self, profile: Unit, start_ns: int) -> str:
+        """``<base>-<date of the log, or today>-<8 hex of the hash of the logs>``.
+
+        Parameters
+        ----------
+        profile : base, or profile that logs were added to; a name that a person gave it stays.
+        start_ns : log time of the first log.
+        """
+        start = f"{self.section.base[:44].strip()}-"
+        if profile.name != self.section.base and not profile.name.startswith(start):
+            return profile.name
         stamp = start_ns / 1e9 if start_ns > FIRST_STAMP_NS else datetime.now(UTC).timestamp()
         day = datetime.fromtimestamp(stamp, UTC).date().isoformat()
         together = hashlib.sha256("".join(sorted(self.section.logs)).encode()).hexdigest()
-        return f"{base.name[:44].strip()}-{day}-{together[:8]}"
+        return f"{start}{day}-{together[:8]}"
 
 
 def origin_of(profile: Unit, logs: Sequence[Path], channel_map: ChannelMap | None, *, more: bool) -> Made:
