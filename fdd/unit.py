@@ -191,6 +191,8 @@ class BalanceBaseline(Section):
     columns, mean, covariance : of its coefficients. noise : std of a row.
     information : of all hops. scatter : sum of squares of the scores of stretches of 2 s, which the
     information would equal if all errors were independent; empty in older profiles.
+    hops, hop_noise : how many hops told something, and quantiles of their rows' std from the least to the
+    largest in even steps, for logs that are added later; empty in older profiles.
     """
 
     columns: Annotated[list[str], Field(min_length=1, max_length=64)]
@@ -199,6 +201,10 @@ class BalanceBaseline(Section):
     information: list[list[Finite]] = Field(default_factory=list)
     scatter: list[list[Finite]] = Field(default_factory=list)
     noise: Annotated[Number, Field(gt=0, le=MOST)]
+    hops: Annotated[int, Field(ge=0, le=10**9)] = 0
+    hop_noise: Annotated[list[Annotated[float, Field(gt=0, le=MOST)]], Field(max_length=100)] = Field(
+        default_factory=list
+    )
 
     @model_validator(mode="after")
     def _fits_together(self) -> BalanceBaseline:

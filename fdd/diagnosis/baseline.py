@@ -20,6 +20,8 @@ Array = NDArray[np.float64]
 
 LEAST_HOPS = 10
 BASELINE_VERSION = "6"
+QUANTILES = 21
+"""Of the hops' noise that a baseline keeps: a median of all can still be told when logs are added."""
 
 
 def ledger_of(samples: Samples, unit: Unit, effects: dict[str, Effects]) -> Ledger:
@@ -65,7 +67,8 @@ def baseline_of(ledgers: Sequence[Ledger], known: Baseline | None = None) -> Bas
     ----------
     ledgers : of logs, by `ledgers_of`.
     known : baseline of other logs of the unit on the same profile, which these are added to: normal
-        equations add up; the variance of a row is then the geometric mean, by time.
+        equations add up, and so do the hops' noises; where a law's own errors are the noise, its variance is
+        the geometric mean by time.
 
     Raises
     ------
@@ -97,14 +100,23 @@ def _balance(
     information = np.linalg.inv(effects.covariance)
     vector = information @ effects.mean
     told, scatter = np.zeros_like(information), np.zeros_like(information)
-    noise = float(np.median(np.concatenate([s[r > 0] for _, _, r, s in sums])))
-    if BALANCES[name].cumulative:  # a load's errors are those of its log, a chamber's those of the unit
-        noise = structural_variance(sums, effects, noise)
+    hops = np.sqrt(np.concatenate([s[r > 0] for _, _, r, s in sums]))
+    levels, weights = hops, np.ones(hops.size)
     if old is not None:
         information = np.linalg.inv(np.array(old.covariance))
         vector = information @ np.array(old.mean)
         told, scatter = (told + np.array(x) if x else told for x in (old.information, old.scatter))
-        noise = float(noise ** (1.0 - share_old) * old.noise ** (2.0 * share_old))
+        known = old.hop_noise or [old.noise]
+        share_each = max(old.hops, 1) / len(known)
+        levels, weights = np.append(hops, known), np.append(weights, np.full(len(known), share_each))
+    order = np.argsort(levels)
+    place = (np.cumsum(weights[order]) - 0.5 * weights[order]) / weights.sum()
+    quantiles = np.interp(np.linspace(0.0, 1.0, QUANTILES), place, levels[order])
+    noise = float(np.median(hops) if old is None else np.interp(0.5, place, levels[order])) ** 2
+    if BALANCES[name].cumulative:  # a load's errors are those of its log, a chamber's those of the unit
+        noise = structural_variance(sums, effects, noise)
+        if old is not None:
+            noise = float(noise ** (1.0 - share_old) * old.noise ** (2.0 * share_old))
     for m, v, _, variance in sums:
         share = np.minimum(variance / noise, 1.0)
         m, v = widened(m * share[:, None, None], v * share[:, None], effects.wander)
@@ -120,6 +132,8 @@ def _balance(
         information=[_rounded(row) for row in told],
         scatter=[_rounded(row) for row in scatter],
         noise=float(f"{np.sqrt(noise):.5g}"),
+        hops=round(float(weights.sum())),
+        hop_noise=[float(f"{q:.4g}") for q in quantiles],
     )
 
 
