@@ -70,13 +70,13 @@ def identify(
     samples, labels = [log.samples for log in read], [str(path) for path in logs]
     if add is None:
         found, unit, fit = _identified(read, labels, profile, noise=noise)
-        unit.description = unit.description.removesuffix(".") + f", fdd {origin.section.fdd}."
     else:
         found, unit, fit = *_added(read, labels, profile), None
     with progress("judging"):
         judged = judge(found, unit, profile, samples, labels, more=add is not None)
     if judged.refusals and not accept:
-        raise InputError(judged.sentence, mend="--accept makes the profile all the same")
+        mend = "mend or leave out what is named, or --accept makes the profile all the same"
+        raise InputError(judged.sentence, mend=mend)
     unit = named(unit, name or origin.name_for(profile, read[0].start_ns))
     unit.origin = origin.section.model_copy(update={"limits": judged.limits, "accepted": judged.refusals})
     unit.save(out)
