@@ -38,7 +38,7 @@ def print_result(
     wide = console.width >= WIDE
     accepted = " (accepted)" if judged.refusals else ""
     console.print(Text(judged.sentence + accepted), soft_wrap=True)
-    console.print(physics_table(found, verbose=verbose))
+    console.print(physics_table(found, sensors=verbose, notes=verbose and wide))
     if verbose:
         if fit is not None:
             console.print(noise_table(fit, notes=wide))
@@ -69,15 +69,15 @@ def as_data(found: Identification, judged: Judgement, unit: Unit) -> dict[str, A
     }  # fmt: skip
 
 
-def physics_table(found: Identification, *, verbose: bool) -> Table:
-    """Quantity, before, after, its 95 % uncertainty, unit, and a plain word; sensors only with `verbose`."""
+def physics_table(found: Identification, *, sensors: bool, notes: bool) -> Table:
+    """Quantity, before, after, its 95 % uncertainty, unit, and a plain word."""
     table = Table(box=box.SIMPLE_HEAD, show_edge=False, pad_edge=False)
     table.add_column("quantity", overflow="fold")
     for title in ("before", "after", "± (95 %)"):
         table.add_column(title, justify="right", no_wrap=True)
     table.add_column("unit", no_wrap=True)
     table.add_column("")
-    rows = found.balances or [r for r in found.table if verbose or not r.quantity.startswith("sensors.")]
+    rows = found.balances or [r for r in found.table if sensors or not r.quantity.startswith("sensors.")]
     for row in rows:
         factor, unit = SHOWN.get(row.unit, (1.0, row.unit))
         table.add_row(
@@ -86,7 +86,7 @@ def physics_table(found: Identification, *, verbose: bool) -> Table:
             f"{factor * (row.base if row.identified is None else row.identified):.4g}",
             "" if row.std is None else f"{float(f'{SPREAD_95 * factor * row.std:.2g}'):g}",
             unit,
-            Text(word(row) + (f" ({row.note})" if row.note and (verbose or found.balances) else "")),
+            Text(word(row) + (f" ({row.note})" if row.note and (notes or found.balances) else "")),
             style="dim" if row.identified is None else "",
         )
     return table

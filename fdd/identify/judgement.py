@@ -205,9 +205,12 @@ def pressure_slip(ratios: dict[str, Ratio], push: float = 1.0) -> str | None:
 def _push(logs: Sequence[Samples], base: Unit) -> float:
     squares = []
     for each in logs:
-        both = {"pressure_1", "pressure_2"} <= set(each.channels)
-        drop = each["pressure_1"] - each["pressure_2"] if both else each["pressure_difference"]
-        squares.append(float(np.nanmean(np.square(drop))))
+        drops = [each["pressure_difference"]] if "pressure_difference" in each else []
+        if "pressure_1" in each and "pressure_2" in each:
+            drops.append(each["pressure_1"] - each["pressure_2"])
+        # A column may be there and empty: the largest of what is told.
+        told = [float(np.mean(d[np.isfinite(d)] ** 2)) for d in drops if np.isfinite(d).any()]
+        squares.append(max(told, default=0.0))
     friction = 0.5 * (base.friction.forward.coulomb + base.friction.reverse.coulomb)
     force = base.cylinder.area_1 * np.sqrt(np.mean(squares))
     return max(float(force), 1e-9) / friction if friction > 0.0 else 1.0
