@@ -68,7 +68,7 @@ Number = Annotated[float, si("1")]
 class Provenance(BaseModel):
     """Where a number comes from and how well it is known (SI)."""
 
-    model_config = ConfigDict(extra="forbid")
+    model_config = ConfigDict(extra="forbid", allow_inf_nan=False)
     source: str | None = None
     std: float | None = None
 

@@ -15,7 +15,7 @@ from typing import Annotated, Any, Literal
 
 import numpy as np
 import yaml
-from pydantic import BaseModel, ConfigDict, Field, ValidationError
+from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 
 from fdd.errors import InputError
 from fdd.files import write_text
@@ -46,9 +46,13 @@ from fdd.yaml_reading import yaml_mapping, yaml_text
 
 UNIT_SCHEMA = "fdd.unit/1"
 MAX_UNIT_BYTES = 2_000_000
+MOST = 1e30
+"""Of any figure of a baseline: squares of it still are numbers."""
+Finite = Annotated[float, Field(ge=-MOST, le=MOST)]
+_ANEW = "identify the unit anew"
 _PARTS = (
     "cylinder", "pump", "oil", "accumulator", "friction", "drive", "sensors", "estimation", "monitoring",
-    "baseline",
+    "origin", "baseline",
 )  # fmt: skip
 
 
@@ -187,23 +191,69 @@ class BalanceBaseline(Section):
     columns, mean, covariance : of its coefficients. noise : std of a row.
     information : of all hops. scatter : sum of squares of the scores of stretches of 2 s, which the
     information would equal if all errors were independent; empty in older profiles.
+    hops, hop_noise : how many hops told something, and quantiles of their rows' std from the least to the
+    largest in even steps, for logs that are added later; empty in older profiles.
     """
 
-    columns: list[str]
-    mean: list[float]
-    covariance: list[list[float]]
-    information: list[list[float]] = Field(default_factory=list)
-    scatter: list[list[float]] = Field(default_factory=list)
-    noise: Annotated[Number, Field(gt=0)]
+    columns: Annotated[list[str], Field(min_length=1, max_length=64)]
+    mean: list[Finite]
+    covariance: list[list[Finite]]
+    information: list[list[Finite]] = Field(default_factory=list)
+    scatter: list[list[Finite]] = Field(default_factory=list)
+    noise: Annotated[Number, Field(gt=0, le=MOST)]
+    hops: Annotated[int, Field(ge=0, le=10**9)] = 0
+    hop_noise: Annotated[list[Annotated[float, Field(gt=0, le=MOST)]], Field(max_length=100)] = Field(
+        default_factory=list
+    )
+
+    @model_validator(mode="after")
+    def _fits_together(self) -> BalanceBaseline:
+        n = len(self.columns)
+        if len(self.mean) != n:
+            raise InputError(f"{len(self.mean)} figures for {n} columns", where="mean", mend=_ANEW)
+        for name in ("covariance", "information", "scatter"):
+            rows = getattr(self, name)
+            if not rows and name != "covariance":
+                continue
+            if len(rows) != n or any(len(row) != n for row in rows):
+                raise InputError(f"is not {n} by {n}", where=name, mend=_ANEW)
+            matrix = np.array(rows)
+            std = np.sqrt(np.maximum(np.diag(matrix), 0.0)) + 1e-30
+            scaled = matrix / std / std[:, None]
+            # Figures are rounded to eight places.
+            if np.abs(scaled - scaled.T).max() > 1e-6 or np.linalg.eigvalsh(scaled)[0] < -1e-6:
+                raise InputError("is not that of any coefficients", where=name, mend=_ANEW)
+        return self
 
 
 class Baseline(Section):
     """Healthy behaviour of this unit, written by ``fdd identify`` (see `fdd.residuals.balances`)."""
 
     version: str
-    seconds: float = 0.0
+    seconds: Annotated[float, Field(ge=0)] = 0.0
     """s of healthy logs behind it."""
     balances: dict[str, BalanceBaseline] = Field(default_factory=dict)
+
+
+class Origin(Section):
+    """What an identified profile was made from, and what was said of it.
+
+    Attributes
+    ----------
+    base, base_sha256 : profile that was started from: its name and what it said.
+    date : ISO 8601, of the making. fdd : version. map_sha256 : of the channel map.
+    logs : SHA-256 of each healthy log's file to its name.
+    limits : what a user must know. accepted : why it would have been refused, had nobody accepted it.
+    """
+
+    base: str
+    base_sha256: str = ""
+    date: str = ""
+    fdd: str = ""
+    map_sha256: str | None = None
+    logs: Annotated[dict[str, str], Field(max_length=10_000)] = Field(default_factory=dict)
+    limits: list[str] = Field(default_factory=list)
+    accepted: list[str] = Field(default_factory=list)
 
 
 class Unit(BaseModel):
@@ -235,6 +285,7 @@ class Unit(BaseModel):
     sensors: dict[str, Sensor]
     estimation: Estimation | None = None
     monitoring: Monitoring = Field(default_factory=Monitoring)
+    origin: Origin | None = None
     baseline: Baseline | None = None
 
     @classmethod

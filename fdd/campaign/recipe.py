@@ -11,7 +11,6 @@ import hashlib
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
-import yaml
 from pydantic import Field, model_validator
 
 from fdd.campaign.ranges import Range, Share, Weight
@@ -24,7 +23,7 @@ from fdd.plant.faults.spec import SIMULATED
 from fdd.plant.load import LOADS
 from fdd.plant.scenario import Recording
 from fdd.plant.validated import Validated
-from fdd.yaml_reading import yaml_mapping, yaml_text
+from fdd.yaml_reading import yaml_mapping, yaml_of, yaml_text
 
 RECIPE_SCHEMA = "fdd.recipe/1"
 MAX_RECIPE_BYTES = 1_000_000
@@ -243,14 +242,14 @@ class Recipe(Validated):
         """Parse YAML text; `where` is named in errors."""
         data = yaml_mapping(text, where, "recipe", schema=RECIPE_SCHEMA)
         try:
-            return cls(**{str(key): value for key, value in data.items()})
+            return cls(**data)
         except InputError as error:
             raise error.at(where) from None
 
     def to_yaml(self) -> str:
         """The whole recipe, defaults filled in; `from_yaml` gives the same recipe back."""
         plain = self.model_dump(mode="json", by_alias=True)
-        return yaml.safe_dump(plain, sort_keys=False, allow_unicode=True)
+        return yaml_of(plain)
 
     @property
     def sha256(self) -> str:

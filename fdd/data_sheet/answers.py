@@ -106,7 +106,7 @@ def read_answers(path: str | Path) -> Answers:
             raise InputError("not a file of answers", where=path, mend=mend)
     else:
         data = yaml_mapping(text, path, "file of answers", mend=mend)
-    return Answers.of({str(k): v for k, v in data.items()}, path)
+    return Answers.of(data, path)
 
 
 def parsed(question: Question, answer: object) -> tuple[str, float]:

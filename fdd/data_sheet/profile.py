@@ -7,6 +7,7 @@ from typing import Any
 from fdd.data_sheet.answers import Answers
 from fdd.data_sheet.questions import QUESTIONS
 from fdd.unit import UNIT_SCHEMA, Unit
+from fdd.yaml_reading import yaml_of
 
 LINES_SHARE = 4.0 / 3.0
 """Volume with lines over what the piston sweeps from mid-stroke."""
@@ -47,9 +48,7 @@ def typed_unit(answers: Answers) -> Unit:
     sheet = _Sheet(v, answers)
     for name, make in sections.items():
         profile[name] = make(sheet)
-    import yaml
-
-    return Unit.from_yaml(yaml.safe_dump(profile, allow_unicode=True), where=f"answers of {answers.name}")
+    return Unit.from_yaml(yaml_of(profile), where=f"answers of {answers.name}")
 
 
 def completed(values: dict[str, float]) -> dict[str, float]:
@@ -212,14 +211,14 @@ def _sensors(s: _Sheet) -> dict[str, Any]:
     pressure = {"noise": PRESSURE_NOISE * full, "low": -101325.0, "high": full, "source": noise}
     told = s.answers.written.get("position_noise")
     return {
+        "motor_current": {"noise": 2e-3 * s["current_limit"], "source": "assumption: 0.2 % of the limit"},
+        "oil_temperature": {"noise": 0.1, "resolution": 0.1, "source": "assumption"},
         "position": {
             "noise": s["position_noise"],
             "source": f"data sheet: {told}" if told else "assumption: 10 µm",
         },
-        "pressure_difference": {**pressure, "low": -full},
         "pressure_1": pressure,
-        "pressure_2": dict(pressure),
+        "pressure_2": pressure,
         "pressure_accumulator": {"noise": ACCUMULATOR_NOISE * full, "source": "assumption"},
-        "motor_current": {"noise": 2e-3 * s["current_limit"], "source": "assumption: 0.2 % of the limit"},
-        "oil_temperature": {"noise": 0.1, "resolution": 0.1, "source": "assumption"},
+        "pressure_difference": {**pressure, "low": -full},
     }

@@ -20,6 +20,8 @@ Array = NDArray[np.float64]
 
 LEAST_HOPS = 10
 BASELINE_VERSION = "6"
+QUANTILES = 21
+"""Of the hops' noise that a baseline keeps: a median of all can still be told when logs are added."""
 
 
 def ledger_of(samples: Samples, unit: Unit, effects: dict[str, Effects]) -> Ledger:
@@ -30,12 +32,16 @@ def ledger_of(samples: Samples, unit: Unit, effects: dict[str, Effects]) -> Ledg
     return ledger
 
 
+def ledgers_of(unit: Unit, logs: Sequence[Samples]) -> list[Ledger]:
+    """The balances of healthy logs, as the data sheet has them, for `baseline_of`."""
+    plain = unit.model_copy(deep=True)
+    plain.baseline = None
+    first = {name: first_effects(name) for name in BALANCES}
+    return [ledger_of(log, plain, first) for log in logs]
+
+
 def add_baseline(unit: Unit, logs: Sequence[Samples]) -> Unit:
     """A copy of the unit with the baseline of these healthy logs.
-
-    Each log's coefficients are the unit's own and a draw of what differs from log to log
-    (`Effects.between`), so three short
-    logs know a unit better than one long one.
 
     Parameters
     ----------
@@ -45,46 +51,90 @@ def add_baseline(unit: Unit, logs: Sequence[Samples]) -> Unit:
     ------
     InputError : the logs are too short.
     """
-    plain = unit.model_copy(deep=True)
-    plain.baseline = None
-    first = {name: first_effects(name) for name in BALANCES}
-    ledgers = [ledger_of(log, plain, first) for log in logs]
+    out = unit.model_copy(deep=True)
+    out.baseline = baseline_of(ledgers_of(unit, logs))
+    return out
+
+
+def baseline_of(ledgers: Sequence[Ledger], known: Baseline | None = None) -> Baseline:
+    """The baseline of the ledgers of healthy logs.
+
+    Each log's coefficients are the unit's own and a draw of what differs from log to log
+    (`Effects.between`), so three short
+    logs know a unit better than one long one.
+
+    Parameters
+    ----------
+    ledgers : of logs, by `ledgers_of`.
+    known : baseline of other logs of the unit on the same profile, which these are added to: normal
+        equations add up, and so do the hops' noises; where a law's own errors are the noise, its variance is
+        the geometric mean by time.
+
+    Raises
+    ------
+    InputError : the logs are too short.
+    """
     hops = sum(len(x.hops) for x in ledgers)
-    if hops < LEAST_HOPS:
+    before = 0.0 if known is None else known.seconds
+    if hops * HOP_S + before < LEAST_HOPS * HOP_S:
         raise InputError(
             f"healthy logs of {hops * HOP_S:.0f} s in all are too short",
             mend=f"record at least {LEAST_HOPS * HOP_S:.0f} s of healthy motion",
         )
     found: dict[str, BalanceBaseline] = {}
-    for name, effects in first.items():
-        information = np.linalg.inv(effects.covariance)
-        vector = information @ effects.mean
-        told, scatter = np.zeros_like(information), np.zeros_like(information)
+    for name in BALANCES:
+        old = None if known is None else known.balances.get(name)
         sums = [s for s in (ledger.sums()[name] for ledger in ledgers) if s[2].any()]
-        if not sums:
-            continue
-        noise = float(np.median(np.concatenate([s[r > 0] for _, _, r, s in sums])))
-        if BALANCES[name].cumulative:  # a load's errors are those of its log, a chamber's those of the unit
-            noise = structural_variance(sums, effects, noise)
-        for m, v, _, variance in sums:
-            share = np.minimum(variance / noise, 1.0)
-            m, v = widened(m * share[:, None, None], v * share[:, None], effects.wander)
-            told += m.sum(axis=0)
-            scatter += scattered(m, v, effects)
-            m, v = widened(m.sum(axis=0), v.sum(axis=0), effects.between)
-            information, vector = information + m, vector + v
-        covariance = np.linalg.inv(information)
-        found[name] = BalanceBaseline(
-            columns=list(BALANCES[name].columns),
-            mean=_rounded(covariance @ vector),
-            covariance=[_rounded(row) for row in 0.5 * (covariance + covariance.T)],
-            information=[_rounded(row) for row in told],
-            scatter=[_rounded(row) for row in scatter],
-            noise=float(f"{np.sqrt(noise):.5g}"),
-        )
-    out = unit.model_copy(deep=True)
-    out.baseline = Baseline(version=BASELINE_VERSION, seconds=round(hops * HOP_S, 1), balances=found)
-    return out
+        if sums:
+            share = 0.0 if old is None else before / (before + hops * HOP_S)
+            found[name] = _balance(name, sums, old, share)
+        elif old is not None:
+            found[name] = old
+    return Baseline(version=BASELINE_VERSION, seconds=round(before + hops * HOP_S, 1), balances=found)
+
+
+def _balance(
+    name: str, sums: list[tuple[Array, Array, Array, Array]], old: BalanceBaseline | None, share_old: float
+) -> BalanceBaseline:
+    effects = first_effects(name)
+    information = np.linalg.inv(effects.covariance)
+    vector = information @ effects.mean
+    told, scatter = np.zeros_like(information), np.zeros_like(information)
+    hops = np.sqrt(np.concatenate([s[r > 0] for _, _, r, s in sums]))
+    levels, weights = hops, np.ones(hops.size)
+    if old is not None:
+        information = np.linalg.inv(np.array(old.covariance))
+        vector = information @ np.array(old.mean)
+        told, scatter = (told + np.array(x) if x else told for x in (old.information, old.scatter))
+        known = old.hop_noise or [old.noise]
+        share_each = max(old.hops, 1) / len(known)
+        levels, weights = np.append(hops, known), np.append(weights, np.full(len(known), share_each))
+    order = np.argsort(levels)
+    place = (np.cumsum(weights[order]) - 0.5 * weights[order]) / weights.sum()
+    quantiles = np.interp(np.linspace(0.0, 1.0, QUANTILES), place, levels[order])
+    noise = float(np.median(hops) if old is None else np.interp(0.5, place, levels[order])) ** 2
+    if BALANCES[name].cumulative:  # a load's errors are those of its log, a chamber's those of the unit
+        noise = structural_variance(sums, effects, noise)
+        if old is not None:
+            noise = float(noise ** (1.0 - share_old) * old.noise ** (2.0 * share_old))
+    for m, v, _, variance in sums:
+        share = np.minimum(variance / noise, 1.0)
+        m, v = widened(m * share[:, None, None], v * share[:, None], effects.wander)
+        told = told + m.sum(axis=0)
+        scatter = scatter + scattered(m, v, effects)
+        m, v = widened(m.sum(axis=0), v.sum(axis=0), effects.between)
+        information, vector = information + m, vector + v
+    covariance = np.linalg.inv(information)
+    return BalanceBaseline(
+        columns=list(BALANCES[name].columns),
+        mean=_rounded(covariance @ vector),
+        covariance=[_rounded(row) for row in 0.5 * (covariance + covariance.T)],
+        information=[_rounded(row) for row in told],
+        scatter=[_rounded(row) for row in scatter],
+        noise=float(f"{np.sqrt(noise):.5g}"),
+        hops=round(float(weights.sum())),
+        hop_noise=[float(f"{q:.4g}") for q in quantiles],
+    )
 
 
 def structural_variance(

@@ -21,6 +21,8 @@ from fdd.files import write_text
 
 SHIPPED = "model.json"
 MAX_MODEL_BYTES = 1_000_000
+MOST = 1e6
+"""Of a score, an hour or a rate; beyond it no data set reaches."""
 
 
 class AlarmTail(BaseModel):
@@ -35,11 +37,11 @@ class AlarmTail(BaseModel):
     hours : of healthy logs behind it.
     """
 
-    model_config = ConfigDict(extra="forbid", allow_inf_nan=False)
-    height: float
-    rate_per_hour: float = Field(gt=0)
-    scale: float = Field(gt=0)
-    hours: float = Field(ge=0)
+    model_config = ConfigDict(extra="forbid", allow_inf_nan=False, strict=True)
+    height: float = Field(ge=-MOST, le=MOST)
+    rate_per_hour: float = Field(gt=0, le=MOST)
+    scale: float = Field(gt=0, le=MOST)
+    hours: float = Field(ge=0, le=MOST)
 
     def threshold(self, false_alarms_per_hour: float) -> float:
         """Score that healthy logs pass at the wanted rate (1/h).
@@ -64,11 +66,11 @@ class Calibration(BaseModel):
         of a severity by what no column knows, as how turbulent a leak is or how a seal wears.
     """
 
-    model_config = ConfigDict(extra="forbid", allow_inf_nan=False)
-    midpoint: float
-    slope: float = Field(gt=0)
+    model_config = ConfigDict(extra="forbid", allow_inf_nan=False, strict=True)
+    midpoint: float = Field(ge=-MOST, le=MOST)
+    slope: float = Field(gt=0, le=MOST)
     unseen: float = Field(default=0.0, ge=0.0, le=1.0)
-    severity_doubt: float = Field(default=0.15, ge=0.0)
+    severity_doubt: float = Field(default=0.15, ge=0.0, le=10.0)
 
     def probability(self, score: float, hidden: float = 0.0) -> float:
         """Of a fault, given the largest score.
@@ -102,7 +104,7 @@ class Model(BaseModel):
     True
     """
 
-    model_config = ConfigDict(populate_by_name=True, extra="forbid", allow_inf_nan=False)
+    model_config = ConfigDict(populate_by_name=True, extra="forbid", allow_inf_nan=False, strict=True)
     schema_: Literal["fdd.model/2"] = Field(default="fdd.model/2", alias="schema")
     data: str
     """The data set that it was learnt on."""

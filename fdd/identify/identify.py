@@ -14,17 +14,17 @@ from fdd.identify.motor import fit_torque_constant
 from fdd.identify.profile import Identification, ProfileWriter
 from fdd.identify.record import Record, even_record
 from fdd.identify.sensors import effective_noise, fit_sensors, gain_mismatch, redundancy_offset
+from fdd.identify.signs import MOST_GAIN_CHANGE, check_gain, check_pressure_sign, check_pump
 from fdd.identify.volume_steps import SMOOTHING, VolumeSteps, volume_steps
 from fdd.identify.volumes import VolumeFit, fit_volumes
 from fdd.samples import Samples
 from fdd.unit import Unit
 
-MOST_GAIN_CHANGE = 3.0
-"""Factor between identified and base displacement beyond which one of the two is wrong."""
 LEAST_REST = 0.5
 """s of standstill that a charge pressure needs."""
-RELIEF_EXCEEDED, RELIEF_CLEARANCE = 1.15, 1.2
-"""Times the base's relief setting: it cannot be this unit's; times the pressure reached: where it is put."""
+RELIEF_EXCEEDED, RELIEF_CLEARANCE, RELIEF_IMPOSSIBLE = 1.15, 1.2, 30.0
+"""Times the base's relief setting: it cannot be this unit's; times the pressure reached: where it is put;
+times the setting again: no valve of any such actuator, from 1 to 35 MPa, holds that."""
 GAIN_SHARP, LEAKAGE_SHARP, BULK_SHARP = 0.02, 0.25, 0.25
 """Relative standard deviation up to which an estimate replaces the base's number."""
 LEAST_LEAKAGE = 5e-3
@@ -37,7 +37,9 @@ HIDDEN_BULK, HIDDEN_LEAKAGE, HIDDEN_CASE = 0.10, 0.03, 0.25
 """Relative standard deviations to add where the chambers' pressures are reconstructed."""
 
 
-def identify_unit(logs: Sequence[Samples], base: Unit, name: str | None = None) -> Identification:
+def identify_unit(
+    logs: Sequence[Samples], base: Unit, name: str | None = None, labels: Sequence[str] | None = None
+) -> Identification:
     """Identify a unit's own numbers from healthy logs.
 
     Volume balances of the chambers give pump gain, leakage and bulk modulus (thesis 5.1, 5.2, 5.4; see
@@ -53,6 +55,7 @@ def identify_unit(logs: Sequence[Samples], base: Unit, name: str | None = None) 
     base : profile of a similar unit; its area_1 is taken as true, and its volumes where strokes are too
         short to tell them (see `fdd.identify.volumes`).
     name : of the new profile; by default the base's with ``_identified``.
+    labels : what errors call the logs, one each.
 
     Returns
     -------
@@ -71,13 +74,16 @@ def identify_unit(logs: Sequence[Samples], base: Unit, name: str | None = None) 
     """
     if not logs:
         raise InputError("no healthy log given", mend="give at least one")
-    labels = ["healthy log" if len(logs) == 1 else f"healthy log {i + 1}" for i in range(len(logs))]
+    if labels is None:
+        labels = ["healthy log" if len(logs) == 1 else f"healthy log {i + 1}" for i in range(len(logs))]
     records = [even_record(log, base, label) for log, label in zip(logs, labels, strict=True)]
-    for record, label in zip(records, labels, strict=True):
-        _check_gain(record, base, label)
+    for log, record, label in zip(logs, records, labels, strict=True):
+        check_gain(record, base, label)
+        check_pump(log, label)
+        check_pressure_sign(record, base, label)
     jumps = sum(r.angle_jumps for r in records)
     unit = base.model_copy(deep=True)
-    unit.baseline = None
+    unit.baseline = unit.origin = None
     unit.name = name if name is not None else f"{base.name[:53]}_identified"
     source = f"identified from {len(logs)} healthy log(s)"
     seconds = sum(len(r) * r.period for r in records)
@@ -102,27 +108,6 @@ def identify_unit(logs: Sequence[Samples], base: Unit, name: str | None = None) 
     else:
         writer.put("drive.torque_constant", constant, why)
     return writer.result
-
-
-def _check_gain(record: Record, base: Unit, label: str) -> None:
-    """Refuse a log whose gain is nowhere near the base's."""
-    step = record.rows(0.2)
-    dx, dtheta = np.diff(record.position[::step]), np.diff(record.angle[::step])
-    moving = np.abs(dtheta) > 0.2 * np.max(np.abs(dtheta))
-    gain = float(np.sum(dx[moving] * dtheta[moving]) / max(np.sum(dtheta[moving] ** 2), 1e-30))
-    expected = base.pump.displacement / base.cylinder.area_1
-    ratio = gain / expected
-    if ratio < 0.0:
-        raise InputError(
-            f"the piston retracts while the pump turns forward ({gain * 1e3:.3g} mm/rad)", where=label,
-            mend="turn the sign of position or pump in the channel map",
-        )  # fmt: skip
-    if not 1.0 / MOST_GAIN_CHANGE < ratio < MOST_GAIN_CHANGE:
-        raise InputError(
-            f"{gain * 1e3:.3g} mm of travel per rad of the pump where base {base.name} has "
-            f"{expected * 1e3:.3g}", where=label,
-            mend="check the units of position and pump in the channel map, or give a fitting base profile",
-        )  # fmt: skip
 
 
 def _hydraulics(writer: ProfileWriter, records: list[Record]) -> None:
@@ -175,6 +160,12 @@ def _with_relief(writer: ProfileWriter, records: list[Record]) -> Unit:
     setting = writer.base.accumulator.relief_pressure
     if reached < RELIEF_EXCEEDED * setting:
         return writer.base
+    if reached > RELIEF_IMPOSSIBLE * setting:
+        raise InputError(
+            f"pressure differences reach {reached / 1e5:.3g} bar, the relief valve of base "
+            f"{writer.base.name} opens at {setting / 1e5:.3g} bar",
+            mend="check the pressures' unit in the channel map",
+        )
     value = RELIEF_CLEARANCE * reached
     writer.put(
         "accumulator.relief_pressure",

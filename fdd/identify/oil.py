@@ -47,3 +47,20 @@ def air_shrinkage(pressure: ArrayLike, index: float) -> Array:
     """∫c dp: share of the free air's volume that gauge `pressure` (Pa) takes away, but for a constant."""
     absolute = np.maximum(np.asarray(pressure, dtype=np.float64) + ATMOSPHERE, _LOWEST)
     return np.asarray(-((ATMOSPHERE / absolute) ** (1.0 / index)))
+
+
+def modulus_at(oil: Oil, pressure: float) -> float:
+    """Effective bulk modulus (Pa) at gauge `pressure` (Pa), where air is compressed as much as it is there.
+
+    Examples
+    --------
+    >>> from fdd.unit import Unit
+    >>> oil = Unit.load("axis_a").oil
+    >>> round(modulus_at(oil, oil.reference_pressure) / 1e6), round(modulus_at(oil, 2e6) / 1e6)
+    (210, 261)
+    """
+    more = air_compliance(pressure, oil.polytropic_index) - air_compliance(
+        oil.reference_pressure, oil.polytropic_index
+    )
+    # A profile typed from a sheet may have more air at its high reference pressure than leaves oil any give.
+    return 1.0 / max(1.0 / oil.bulk_modulus + oil.air_fraction * float(more), 0.2 / oil.bulk_modulus)

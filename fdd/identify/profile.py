@@ -35,11 +35,13 @@ class Identification:
     unit : the base's copy with the identified numbers, each with source and standard deviation.
     table : what changed and what did not.
     notes : one sentence each: what was kept and why, what the numbers rest on.
+    balances : of logs that were added to a profile: its healthy balances before and after.
     """
 
     unit: Unit
     table: list[TableRow] = field(default_factory=list)
     notes: list[str] = field(default_factory=list)
+    balances: list[TableRow] = field(default_factory=list)
 
 
 class ProfileWriter:

@@ -160,7 +160,6 @@ def even_record(log: Samples, unit: Unit, where: str) -> Record:
         angle_jumps=jumps,
     )  # fmt: skip
     _check_motion(record, where)
-    _check_work(record, unit, where)
     return record
 
 
@@ -182,18 +181,6 @@ def _check_motion(record: Record, where: str) -> None:
         raise InputError(
             f"the pump turns by {turned:.2g} rad only", where=where, mend="check the pump channel's unit"
         )
-
-
-def _check_work(record: Record, unit: Unit, where: str) -> None:
-    """Over a healthy log the pressures push the piston on; where they hold it back, a sign is wrong."""
-    force = unit.cylinder.area_1 * record.pressure_1 - unit.cylinder.area_2 * record.pressure_2
-    travel = np.gradient(record.smooth(record.position, 0.05))
-    work = record.smooth(force, 0.05) * travel
-    if np.sum(work) < -0.3 * np.sum(np.abs(work)):
-        raise InputError(
-            "the pressures push against the motion all along", where=where,
-            mend="swap pressure_1 and pressure_2, or turn the sign of pressure_difference, in the map",
-        )  # fmt: skip
 
 
 def _mark_gaps(gap: NDArray[np.bool_], rows: NDArray[np.int64], n: int) -> None:

@@ -5,11 +5,9 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
-import yaml
-
 from fdd.errors import InputError
 from fdd.plant.scenario import Scenario
-from fdd.yaml_reading import yaml_mapping, yaml_text
+from fdd.yaml_reading import yaml_mapping, yaml_of, yaml_text
 
 SCENARIO_SCHEMA = "fdd.scenario/1"
 """First line of the files that `scenario_yaml` writes; may be left out in others."""
@@ -27,7 +25,7 @@ def scenario_data(path: str | Path) -> dict[str, Any]:
     """
     path = Path(path)
     text = yaml_text(path, "scenario", MAX_SCENARIO_BYTES, _MEND)
-    data = {str(k): v for k, v in yaml_mapping(text, path, "scenario", mend=_MEND).items()}
+    data = yaml_mapping(text, path, "scenario", mend=_MEND)
     schema = data.pop("schema", SCENARIO_SCHEMA)
     if schema != SCENARIO_SCHEMA:
         raise InputError(f"schema {schema!r:.60} is not a scenario", where=path, mend=_MEND)
@@ -57,4 +55,4 @@ def scenario_yaml(scenario: Scenario) -> str:
     ['schema: fdd.scenario/1', 'unit: axis_a']
     """
     plain = {"schema": SCENARIO_SCHEMA, **scenario.model_dump(mode="json")}
-    return yaml.safe_dump(plain, sort_keys=False, allow_unicode=True)
+    return yaml_of(plain)

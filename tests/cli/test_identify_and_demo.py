@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import hashlib
 import io
+import json
+import math
 import re
 from importlib import resources
 from pathlib import Path
@@ -27,34 +30,85 @@ def healthy_strokes(run, tmp_path_factory: pytest.TempPathFactory) -> Path:
     return path
 
 
-def test_identify_writes_a_profile_with_baseline(run, healthy_strokes, tmp_path: Path) -> None:
-    out = tmp_path / "unit.yaml"
-    result = run("identify", healthy_strokes, "--name", "rig 7", "-o", out)
+@pytest.fixture(scope="module")
+def made(run, healthy_strokes, tmp_path_factory: pytest.TempPathFactory):
+    out = tmp_path_factory.mktemp("made") / "unit.yaml"
+    return run("identify", healthy_strokes, "--json", out.with_suffix(".json"), "-o", out), out
+
+
+def test_identify_says_first_whether_the_profile_is_usable(run, made, healthy_strokes) -> None:
+    result, out = made
     assert result.exit_code == 0, result.stderr
     unit, truth = Unit.load(out), Unit.load("axis_a")
-    assert unit.name == "rig 7" and f"Profile rig 7 written to {out}" in result.stdout.replace("\n", "")
+    assert result.stdout.splitlines()[0].startswith("usable with limits: one log")
     assert unit.pump.total_leakage == pytest.approx(truth.pump.total_leakage, rel=0.3)
     assert unit.baseline is not None and 15.0 < unit.baseline.seconds <= 21.0
     assert unit.pump.std_of("cross_port_leakage") is not None
-    assert "pump.cross_port_leakage" in result.stdout
-    # The filters' noise and what their innovations say, each with a table.
-    for word in ("argued", "likelihood", "acceleration", "NIS", "pressure_1", "not fitted"):
+    for word in ("before", "± (95 %)", "cm³/turn", "identified"):
+        assert word in result.stdout
+    for word in ("NIS", "likelihood", "resolution"):
+        assert word not in result.stdout
+
+
+def test_a_profile_says_where_it_comes_from(made, healthy_strokes) -> None:
+    _, out = made
+    unit, digest = Unit.load(out), hashlib.sha256(healthy_strokes.read_bytes()).hexdigest()
+    assert unit.origin is not None and unit.origin.logs == {digest: healthy_strokes.name}
+    assert unit.origin.base == "axis_a" and unit.origin.limits
+    hashed = hashlib.sha256(digest.encode()).hexdigest()[:8]
+    assert re.fullmatch(rf"axis_a-\d{{4}}-\d\d-\d\d-{hashed}", unit.name)
+
+
+def test_the_data_say_what_the_table_says(made) -> None:
+    result, out = made
+    data = json.loads(out.with_suffix(".json").read_text())
+    assert data["schema"] == "fdd.identification/1" and data["verdict"] == "usable with limits"
+    assert result.stdout.splitlines()[0] == data["sentence"]
+    unit = Unit.load(out)
+    row = next(r for r in data["table"] if r["quantity"] == "pump.displacement")
+    assert row["after"] == pytest.approx(unit.pump.displacement, rel=1e-6) and row["word"] == "identified"
+    shown = re.search(r"pump displacement +3\.5 +([\d.]+)", result.stdout)
+    assert shown and float(shown[1]) == pytest.approx(row["after"] * 2e6 * math.pi, rel=1e-3)
+
+
+def test_verbose_shows_the_filters_noise(run, healthy_strokes, tmp_path: Path) -> None:
+    result = run("identify", healthy_strokes, "--name", "rig 7", "--verbose", "-o", tmp_path / "unit.yaml")
+    assert result.exit_code == 0 and Unit.load(tmp_path / "unit.yaml").name == "rig 7"
+    for word in ("argued", "likelihood", "acceleration", "NIS", "pressure_1", "not fitted", "resolution"):
         assert word in result.stdout
 
 
 def test_identify_without_noise_leaves_the_filters_as_they_are(run, healthy_strokes, tmp_path: Path) -> None:
     out = tmp_path / "unit.yaml"
-    result = run("identify", healthy_strokes, "--no-noise", "-o", out)
+    result = run("identify", healthy_strokes, "--no-noise", "--verbose", "-o", out)
     assert result.exit_code == 0, result.stderr
     assert Unit.load(out).estimation is None and "NIS" not in result.stdout
 
 
-def test_identify_refuses_what_it_cannot_use(run, one_line, healthy_strokes, logs, tmp_path) -> None:
+def test_a_leaking_log_is_added_only_where_it_is_accepted(run, one_line, made, tmp_path: Path) -> None:
+    _, profile = made
+    log, out = tmp_path / "leak.mcap", tmp_path / "more.yaml"
+    arguments = ["--profile", STROKES, "--load", "throttle:pressure=1.5e6", "--duration", 21, "--seed", 7]
+    fault = ["--fault", "internal_leakage:severity=0.5,onset=0"]
+    assert run("simulate", "-o", log, *arguments, *fault).exit_code == 0
+    one_line(run("identify", "--add", profile, log, "-o", out), "not usable, because", "leakage", "--accept")
+    assert not out.exists()
+    result = run("identify", "--add", profile, log, "--accept", "-o", out)
+    assert result.exit_code == 0 and result.stdout.startswith("not usable, because")
+    unit, before = Unit.load(out), Unit.load(profile)
+    assert unit.origin is not None and before.origin is not None and unit.origin.accepted
+    assert len(unit.origin.logs) == 2 and unit.name != before.name
+    assert unit.pump == before.pump
+
+
+def test_identify_refuses_what_it_cannot_use(run, one_line, healthy_strokes, made, logs, tmp_path) -> None:
     out = tmp_path / "unit.yaml"
     one_line(run("identify", tmp_path / "none.mcap", "-o", out), "none.mcap", "no such file")
     one_line(run("identify", healthy_strokes, "--base", "axis_z", "-o", out), "axis_z")
     one_line(run("identify", healthy_strokes, "--name", "a/b", "-o", out), "a/b")
     one_line(run("identify", healthy_strokes, "-o", tmp_path / "no" / "unit.yaml"), "cannot be written")
+    one_line(run("identify", healthy_strokes, healthy_strokes, "-o", out), "give each log once")
+    one_line(run("identify", "--add", made[1], healthy_strokes, "-o", out), "counts already")
     assert list(tmp_path.iterdir()) == []
 
 
