@@ -45,6 +45,8 @@ def print_result(
             console.print(innovation_table(fit, notes=wide))
         for note in (*found.notes, *(() if fit is None else noise_notes(fit, innovations=not wide))):
             console.print(Text(f"• {note}"))
+    for remark in judged.remarks:
+        console.print(Text(f"• {remark}"), soft_wrap=True)
     seconds = 0.0 if unit.baseline is None else unit.baseline.seconds
     console.print(
         Text(f"Healthy baseline from {seconds:.0f} s. Profile {unit.name} written to {out}"), soft_wrap=True
@@ -56,7 +58,7 @@ def as_data(found: Identification, judged: Judgement, unit: Unit) -> dict[str, A
     return {
         "schema": "fdd.identification/1",
         "verdict": judged.verdict, "sentence": judged.sentence,
-        "refusals": judged.refusals, "limits": judged.limits,
+        "refusals": judged.refusals, "limits": judged.limits, "remarks": judged.remarks,
         "profile": unit.name,
         "baseline_seconds": 0.0 if unit.baseline is None else unit.baseline.seconds,
         "origin": None if unit.origin is None else unit.origin.to_plain(),

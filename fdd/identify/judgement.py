@@ -49,11 +49,12 @@ class Judgement:
 
     Attributes
     ----------
-    refusals : why not, one clause each. limits : what a user must know of it.
+    refusals : why not, one clause each. limits : what a user must know of it. remarks : what would help.
     """
 
     refusals: list[str] = field(default_factory=list)
     limits: list[str] = field(default_factory=list)
+    remarks: list[str] = field(default_factory=list)
 
     @property
     def verdict(self) -> str:
@@ -103,7 +104,8 @@ def judge(
     if not out.refusals:  # of a wrong unit or base the rest only follows
         compared = disagreement(base if more else found.unit, logs, labels, more=more)
         out.refusals += [c.sentence for c in compared if c.refused]
-        out.refusals += unhealthy(base if more else unit, logs, labels)
+        for doubt in unhealthy(base if more else unit, logs, labels):
+            (out.refusals if doubt.sure else out.limits).append(doubt.text)
     _open_questions(out, found, ratios, compared, len(logs) + more, base)
     return out
 
@@ -271,7 +273,7 @@ def _open_questions(
             f"{which} one; compare with the maker's sheet"
         )
     if logs == 1:
-        out.limits.append("one log: whether this unit's logs agree cannot be told; add others with --add")
+        out.remarks.append("one log: whether this unit's logs agree cannot be told; more go in by --add")
     elif not any(c.logs > 1 for c in compared):
         out.limits.append("no quantity is sharp in two logs: whether they agree cannot be told")
     kept = {r.quantity for r in found.table if r.identified is None}

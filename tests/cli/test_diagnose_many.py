@@ -16,8 +16,9 @@ import pandas as pd
 import pytest
 
 from fdd.cli.diagnosing import utc
-from fdd.cli.which_logs import file_names, find_logs, log_suffixes, names_of
+from fdd.cli.which_logs import file_names, find_logs, names_of
 from fdd.errors import InputError
+from fdd.logs.formats import suffixes
 
 MAIN = [sys.executable, "-c", "from fdd.cli import main; main()"]
 
@@ -91,7 +92,7 @@ def test_folders_patterns_and_lists(tmp_path: Path) -> None:
     ):
         with pytest.raises(InputError, match=words):
             find_logs([given])
-    assert {".mcap", ".csv.gz", ".mf4"} <= set(log_suffixes())
+    assert {".mcap", ".csv.gz", ".mf4"} <= set(suffixes())
 
 
 def test_names_that_collide_are_kept_apart(tmp_path: Path) -> None:

@@ -152,7 +152,7 @@ def test_one_log_cannot_tell_a_leak_from_a_leaky_unit() -> None:
     leaking = work(Unit.load("axis_a"), 79, duty="steps", load="spring", fault=fault)
     result = judged([leaking])
     assert result.verdict == "usable with limits"
-    assert "one log" in result.sentence
+    assert "one log" in " ".join(result.remarks)
     found = identify_unit([leaking], Unit.load("axis_a")).unit
     times = float(result.sentence.split("leakage is ")[1].split(" times")[0])
     assert times > 1.5 and found.pump.total_leakage > 1.5 * Unit.load("axis_a").pump.total_leakage
