@@ -19,6 +19,7 @@ COMPILING = {
     "estimators": ["estimators"],
     "fdd.benchmark": ["fdd.benchmark", "estimators"],
     "fdd.identify": ["fdd.identify"],
+    "fdd.logs.wire": ["fdd.logs.wire"],
     "fdd.plant": ["fdd.plant"],
     "fdd.residuals": ["fdd.residuals"],
 }

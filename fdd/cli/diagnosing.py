@@ -123,7 +123,10 @@ class Diagnoser:
         ------
         InputError : its channels do not suffice, or the profile in it cannot be used.
         """
+        from fdd.identify.signs import check_senses
+
         unit, note = (self.unit, None) if self.unit is not None else unit_of(log, None)
+        check_senses(log.samples, unit, str(job.path))
         found = diagnose_log(log, unit, self.model, job.name, (note,) if note else (), advance)
         found.diagnosis.sha256 = self.hashes(job.path)
         return found
@@ -172,7 +175,7 @@ def unit_of(log: Log | None, given: str | None) -> tuple[Unit, str | None]:
     ------
     InputError : no such profile, or an unusable one.
     """
-    from fdd.unit import MAX_UNIT_BYTES, Unit
+    from fdd.unit import MAX_UNIT_BYTES, Unit, shipped_units
 
     if given is not None:
         return Unit.load(given), None
@@ -185,8 +188,10 @@ def unit_of(log: Log | None, given: str | None) -> tuple[Unit, str | None]:
             return _parsed(text), None
         except InputError as error:
             raise InputError(error.problem, where=where, mend=error.mend) from None
-    note = f"no unit profile given: taken for {DEFAULT_UNIT} (give --unit, or make one with fdd identify)"
-    return Unit.load(DEFAULT_UNIT), note
+    axis = None if log is None else log.axis
+    taken = axis if axis in shipped_units() else DEFAULT_UNIT
+    note = f"no unit profile given: taken for {taken} (give --unit, or make one with fdd identify)"
+    return Unit.load(taken), note
 
 
 @lru_cache(maxsize=4)

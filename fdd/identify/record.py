@@ -23,6 +23,9 @@ LONGEST_GAP = 3
 """Rows that a straight line may bridge without a mark."""
 MOST_ROWS = 5_000_000
 """Of one log: 80 minutes at 1 kHz, for which some 1.5 GB of memory are needed."""
+NEEDED = ("position", "pump_angle", "pump_speed", "pressure_difference", "pressure_1", "pressure_2")
+LEAST_SHARE, SLOWER = 0.01, 0.75
+"""A channel with fewer values than this is empty; one with fewer than this times the others' is slower."""
 LEAST_TRAVEL = 2e-3
 """m of travel, below which nothing about gain, leakage or friction can be said."""
 STANDSTILL_SPEED = 0.02
@@ -86,6 +89,27 @@ class Record:
         return np.asarray((np.abs(w) < slow_pump) & (np.abs(v) < slow_piston) & ~self.gap)
 
 
+def measured_rows(log: Samples) -> Samples:
+    """The rows in which all of motion and pressures was measured, where some of it comes at a slower rate.
+
+    The oil's temperature, measured once a second or so, stands on the line between its values.
+
+    Parameters
+    ----------
+    log : NaN where a channel was not measured.
+    """
+    share = {c: float(np.isfinite(log[c]).mean()) for c in log.channels}
+    if 0.0 < share.get("oil_temperature", 0.0) < 1.0:
+        there = np.isfinite(log["oil_temperature"])
+        warm = np.interp(log.time, log.time[there], log["oil_temperature"][there])
+        log = log.with_columns({"oil_temperature": warm})
+    needed = [c for c in NEEDED if share.get(c, 0.0) > LEAST_SHARE]
+    if not needed or min(share[c] for c in needed) > SLOWER * max(share[c] for c in needed):
+        return log
+    keep = np.logical_and.reduce([np.isfinite(log[c]) for c in needed])
+    return Samples(log.time[keep], {c: log[c][keep] for c in log.channels})
+
+
 def even_record(log: Samples, unit: Unit, where: str) -> Record:
     """Check a healthy log and lay it on an even grid.
 
@@ -99,6 +123,7 @@ def even_record(log: Samples, unit: Unit, where: str) -> Record:
     ------
     InputError : a channel is missing or empty, the log is shorter than 5 s, or nothing moves.
     """
+    log = measured_rows(log)
     present = {c for c in log.channels if np.isfinite(log[c]).mean() > 0.2}
     _require(present, where)
     if log.duration < SHORTEST:

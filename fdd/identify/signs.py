@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from scipy.special import stdtrit
 
 from fdd.errors import InputError
-from fdd.identify.record import Record
+from fdd.identify.record import Record, even_record
 from fdd.identify.slips import NEAR, slips
 from fdd.samples import Samples
 from fdd.unit import Unit
@@ -19,6 +19,8 @@ Array = NDArray[np.float64]
 
 MOST_GAIN_CHANGE = 3.0
 """Factor between the logs' and the base's gain beyond which one of the two is wrong."""
+ENOUGH_S = 120.0
+"""s of a log that tell its signs."""
 STEP = 0.2
 """s of a step: some millimetres of travel, and leakage beside compression."""
 GROUPS = 12
@@ -85,8 +87,10 @@ def gain_slips(ratio: float) -> str:
     return f" (it looks like {', or '.join(found)})" if found else ""
 
 
-def check_pressure_sign(record: Record, unit: Unit, where: str) -> None:
+def check_pressure_sign(record: Record, unit: Unit, where: str, *, own: bool = False) -> None:
     """Refuse a log in which oil leaks towards the higher pressure.
+
+    `own` tells that the profile is this unit's, whose gain is known.
 
     The work that the pressures do on the piston does not tell: a gust drives it against the pump for
     minutes.
@@ -102,13 +106,20 @@ def check_pressure_sign(record: Record, unit: Unit, where: str) -> None:
             looks = slips(ratio, "pressure")
             units = f"check their units in the map{f' (it looks like {looks})' if looks else ''}"
             raise InputError(problem, where=where, mend=TURN if ratio < 0.0 else units)
-    found = oil_loss(record, unit)
-    if found is None:
-        return
-    together = (found.leakage + found.compression) / np.sqrt(2.0)  # Stouffer's: one of them may hardly show
-    if together < -found.sure:
+    step = record.rows(STEP)
+    dx, dtheta = np.diff(record.position[::step]), np.diff(record.angle[::step])
+    throughout = float(np.sum(dx * dtheta) / max(float(np.sum(dtheta**2)), 1e-30))
+    gains = (unit.pump.displacement / unit.cylinder.area_1,) if own else (None, throughout)
+    against = []
+    for gain in gains:
+        found = oil_loss(record, unit, gain)
+        if found is None:
+            return
+        # Stouffer's sum: one of the two may hardly show.
+        against.append(-(found.leakage + found.compression) / np.sqrt(2.0) / found.sure)
+    if min(against) > 1.0:
         raise InputError(
-            f"oil flows against the pressure difference (by {-together:.0f} standard deviations)",
+            f"oil flows against the pressure difference ({min(against):.1f} times what chance gives)",
             where=where,
             mend=TURN,
         )
@@ -137,11 +148,12 @@ def check_pump(log: Samples, where: str) -> None:
         )  # fmt: skip
 
 
-def oil_loss(record: Record, unit: Unit) -> OilLoss | None:
+def oil_loss(record: Record, unit: Unit, gain: float | None = None) -> OilLoss | None:
     """Leakage and compression of a log, in standard deviations; both are positive by physics.
 
     ``Δx = g± Δθ - l ∫Δp dt - c Δ(Δp) + d Δt`` over steps; g of its own for either sign of Δp, because the
-    chamber under load meters the motion. d takes up the zero of the pressures.
+    chamber under load meters the motion. d takes up the zero of the pressures. Where a load goes with the
+    speed, as a throttle's does, g and l can hardly be told apart: then `gain` (m/rad) is better known before.
 
     Returns
     -------
@@ -161,6 +173,9 @@ def oil_loss(record: Record, unit: Unit) -> OilLoss | None:
     m = np.column_stack(
         [turned * (mean > 0), turned * (mean <= 0), -mean, drop[starts] - drop[starts + n], np.ones(y.size)]
     )
+    if gain is not None:
+        y, m = y - gain * turned, m[:, 2:]
+    leak = m.shape[1] - 3
     group = (starts * record.period / BLOCK).astype(np.int64) % GROUPS
     groups = np.unique(group)
     if groups.size < GROUPS // 2 or y.size < 5 * m.shape[1]:
@@ -170,7 +185,7 @@ def oil_loss(record: Record, unit: Unit) -> OilLoss | None:
     left_out = np.array([_robust(m[group != g], y[group != g]) for g in groups])
     std = np.sqrt((len(left_out) - 1) * np.mean((left_out - left_out.mean(axis=0)) ** 2, axis=0))
     over = found / np.maximum(std, 1e-12)
-    return OilLoss(float(over[2]), float(over[3]), float(stdtrit(groups.size - 1, 1.0 - BY_CHANCE)))
+    return OilLoss(float(over[leak]), float(over[leak + 1]), float(stdtrit(groups.size - 1, 1.0 - BY_CHANCE)))
 
 
 def _slope(record: Record, x: Array, y: Array) -> float | None:
@@ -193,3 +208,25 @@ def _robust(m: Array, y: Array) -> Array:
         rest = np.abs(y - m @ theta)
         weights = np.sqrt(np.minimum(1.0, 2.5 * (1.4826 * np.median(rest) + 1e-12) / np.maximum(rest, 1e-15)))
     return theta
+
+
+def check_senses(log: Samples, unit: Unit, where: str) -> None:
+    """Refuse a log whose signs and units are not those of the unit; a log that hardly moves tells nothing.
+
+    Parameters
+    ----------
+    log : to be diagnosed; its first two minutes are enough. unit : its profile.
+
+    Raises
+    ------
+    InputError : the piston goes against the pump, the gain is of another unit of measure, or oil flows
+        against the pressure difference.
+    """
+    log = log.rows(0, int(np.searchsorted(log.time, log.time[0] + ENOUGH_S)))
+    try:
+        record = even_record(log, unit, where)
+    except InputError:
+        return
+    check_gain(record, unit, where)
+    check_pump(log, where)
+    check_pressure_sign(record, unit, where, own=unit.baseline is not None)

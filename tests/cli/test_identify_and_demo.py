@@ -55,7 +55,7 @@ def test_a_profile_says_where_it_comes_from(made, healthy_strokes) -> None:
     _, out = made
     unit, digest = Unit.load(out), hashlib.sha256(healthy_strokes.read_bytes()).hexdigest()
     assert unit.origin is not None and unit.origin.logs == {digest: healthy_strokes.name}
-    assert unit.origin.base == "axis_a" and unit.origin.limits
+    assert unit.origin.base == "axis_a" and not unit.origin.accepted
     hashed = hashlib.sha256(digest.encode()).hexdigest()[:8]
     assert re.fullmatch(rf"axis_a-\d{{4}}-\d\d-\d\d-{hashed}", unit.name)
 
@@ -63,7 +63,7 @@ def test_a_profile_says_where_it_comes_from(made, healthy_strokes) -> None:
 def test_the_data_say_what_the_table_says(made) -> None:
     result, out = made
     data = json.loads(out.with_suffix(".json").read_text())
-    assert data["schema"] == "fdd.identification/1" and data["verdict"] == "usable with limits"
+    assert data["schema"] == "fdd.identification/1" and data["verdict"] == "usable"
     assert result.stdout.splitlines()[0] == data["sentence"]
     unit = Unit.load(out)
     row = next(r for r in data["table"] if r["quantity"] == "pump.displacement")

@@ -11,6 +11,7 @@ from fdd.diagnosis.baseline import add_baseline
 from fdd.errors import InputError
 from fdd.identify import identify_unit
 from fdd.identify.judgement import Judgement, judge
+from fdd.identify.signs import check_senses
 from fdd.identify.slips import slips
 from fdd.plant.scenario import Scenario
 from fdd.plant.simulate import simulate
@@ -73,9 +74,16 @@ def test_the_leaking_log_among_healthy_ones_is_named(healthy: list[Samples], sev
 
 
 def test_a_fault_that_comes_within_a_log_is_named(healthy: list[Samples]) -> None:
-    fault = {"fault": "pressure_sensor_bias", "severity": 0.6, "onset": 15.0}
-    biased = work(spread_unit(1), 78, duty="steps", load="spring", fault=fault)
-    assert "log1 does not look healthy: pressure sensor bias" in refused([healthy[0], biased, healthy[2]])
+    """Test: a leak that begins within a log, and a sensor's bias. Expected: the leak shows in what each half
+    identifies, and is refused; the bias shows in the balances alone, and is a limit."""
+    leak = {"fault": "internal_leakage", "severity": 0.8, "onset": 15.0}
+    leaking = work(spread_unit(1), 78, duty="steps", load="spring", fault=leak)
+    assert "log1 does" in refused([healthy[0], leaking, healthy[2]])
+    bias = {"fault": "pressure_sensor_bias", "severity": 0.6, "onset": 15.0}
+    biased = work(spread_unit(1), 78, duty="steps", load="spring", fault=bias)
+    result = judged([healthy[0], biased, healthy[2]])
+    assert "log1 does not look healthy: pressure sensor bias" in result.sentence
+    assert result.verdict == "usable with limits"
 
 
 @pytest.mark.parametrize(
@@ -174,3 +182,23 @@ def test_every_named_slip_makes_its_factor() -> None:
         assert " read as " in slips(factor, dimension)
     for factor in (-10.0, 0.0, 1.0, 1.3):
         assert slips(factor, "pressure") == ""
+
+
+def test_a_throttled_load_is_no_turned_sign() -> None:
+    """Test: a load that goes with the speed, whose force a free gain takes for oil flowing backwards.
+
+    Expected: the log passes, with its pressures swapped it does not.
+    """
+    unit = Unit.load("axis_a")
+    log = work(unit, 5, duty="steps", load="throttle")
+    own = add_baseline(identify_unit([log], unit).unit, [log])
+    check_senses(log, own, "log")
+    swapped = log.with_columns(
+        {
+            "pressure_difference": -log["pressure_difference"],
+            "pressure_1": log["pressure_2"],
+            "pressure_2": log["pressure_1"],
+        }
+    )
+    with pytest.raises(InputError, match="oil flows against"):
+        check_senses(swapped, own, "log")
