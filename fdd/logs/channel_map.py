@@ -54,6 +54,7 @@ class ChannelSource(BaseModel):
         An angle is accumulated with it, anything else multiplied by it.
     from_ : written ``from``: ``pump_angle: {from: pump_speed}`` accumulates the angle from the speed,
         ``pump_speed: {from: command}`` takes the demanded speed for the measured one.
+    delay : s by which the channel comes late in the log; it is taken out.
     period : s; with `from`, the sampling period that one speed sample stands
         for. Without it, the log's own nominal period.
     """
@@ -71,6 +72,7 @@ class ChannelSource(BaseModel):
     sign_of: str | None = None
     from_: Literal["pump_speed", "command"] | None = Field(default=None, alias="from")
     period: Annotated[float, Field(gt=0, le=1)] | None = None
+    delay: Annotated[float, Field(ge=-10, le=10)] = 0.0
 
     @model_validator(mode="after")
     def _one_source(self) -> ChannelSource:

@@ -147,17 +147,19 @@ def _on_one_time_base(file: LogFile, feeds: dict[str, Feed], axis: str | None) -
     if at is None and mapped is None:
         raise InputError("no time", where=file.path, mend="say with --map which column is the time")
     notes = []
+    rows_at = mapped if at is None else at
     for channel, feed in feeds.items():
-        if channel not in columns or feed.signal.clock == main:
+        late = feed.source.delay
+        if channel not in columns or (feed.signal.clock == main and late == 0.0):
             continue
-        own = file.stamps(feed.signal.clock)
-        if own is None or at is None:
+        own = rows_at if feed.signal.clock == main else file.stamps(feed.signal.clock)
+        if own is None or rows_at is None or (feed.signal.clock != main and at is None):
             raise InputError(
                 f"channel {channel} has {columns[channel].size} rows, the time has {rows.get(main, 0)}",
                 where=file.path,
                 mend="map channels of one rate, or a file that has a time for each",
             )
-        columns[channel] = aligned(at, own, columns[channel])
+        columns[channel] = aligned(rows_at, own - late, columns[channel])
     time = at if mapped is None else mapped
     assert time is not None
     if isinstance(file, McapFile) and file.damaged:

@@ -4,12 +4,16 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 
+import numpy as np
+
 from fdd.errors import InputError
+from fdd.logs.angles import accumulate_speed
 from fdd.logs.channel_map import ChannelMap, ChannelSource
 from fdd.logs.formats.signals import LogFile, Signal
 from fdd.logs.mapping.assignment import Choice, assign
 from fdd.logs.mapping.behaviour import correlation, follows, rises_with_pumping
 from fdd.logs.mapping.concepts import RULES, Words
+from fdd.logs.mapping.delays import delays
 from fdd.logs.mapping.evidence import Evidence, gather
 from fdd.logs.mapping.units import Question, scale_of, unit_questions
 from fdd.logs.near_misses import listed
@@ -143,12 +147,44 @@ def _signs_and_units(log: LogFile, found: Evidence, chosen: dict[str, Choice], o
                 )
             )
     names = {c: chosen[c].signal for c in chosen}
+    _delays(found, chosen, out)
     asked = unit_questions(found, names, {c: r.source for c, r in out.rows.items() if c in names})
     for question, sources in asked:
         for channel, source in sources.items():
             out.rows[channel].source = source
         if question is not None:
             out.questions.append(question)
+
+
+def _delays(found: Evidence, chosen: dict[str, Choice], out: Proposal) -> None:
+    """Delays of motion and pressures against the pump, where the volume balance closes better with them."""
+    name = {c: chosen[c].signal for c in chosen}
+    one, two, drop = (name.get(c) for c in ("pressure_1", "pressure_2", "pressure_difference"))
+    columns, time = found.data.columns, found.data.time
+    if "position" not in name or not {"pump_speed", "pump_angle"} & set(name):
+        return
+    if "pump_angle" in name:
+        turned = columns[name["pump_angle"]]
+    else:
+        turned = accumulate_speed(time, columns[name["pump_speed"]], float(np.median(np.diff(time))))
+    difference = columns[one] - columns[two] if one and two else columns[drop] if drop else None
+    if difference is None:
+        return
+    of_position, of_pressure = delays(time, turned, columns[name["position"]], difference)
+    groups = (
+        (of_position, ("position",)),
+        (of_pressure, ("pressure_difference", "pressure_1", "pressure_2")),
+    )
+    for late, channels in groups:
+        if late == 0.0:
+            continue
+        out.notes.append(
+            f"{channels[0].split('_')[0]} comes {1e3 * late:.3g} ms later than the pump's motion"
+        )
+        for channel in channels:
+            if channel in out.rows:
+                row = out.rows[channel]
+                row.source = row.source.model_copy(update={"delay": float(f"{late:.3g}")})
 
 
 def _signs(found: Evidence, chosen: dict[str, Choice], out: Proposal) -> dict[str, int]:
