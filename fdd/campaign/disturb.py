@@ -77,7 +77,7 @@ def at_rate(rate: float) -> Disturbance:
     def resampled(log: Samples, rng: np.random.Generator) -> Samples | None:
         own = 1.0 / float(np.median(np.diff(log.time)))
         same = abs(rate - own) < 1.0 or rate > 2.1 * own
-        return None if same else sampled(log, np.arange(log.time[0], log.time[-1], 1.0 / rate))
+        return None if same else as_read(sampled(log, np.arange(log.time[0], log.time[-1], 1.0 / rate)))
 
     return resampled
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -13,6 +15,10 @@ LEAST_CHANGES = 50
 """So many changes of value tell whether a channel changes at a rhythm of its own."""
 RHYTHM_SHARE = 0.98
 """Of the steps between measurements; the rest are lost rows."""
+MEETING = 0.8
+"""Share of the slowest channel's rows in which the others are measured too, where they keep step."""
+ROUNDING = 1e-9
+"""Of a channel's range: a bend below it is the rounding of an interpolation."""
 _SLOWER = 0.75
 """A series of fewer than this times the rows' rate is a slow one; of more than its inverse, a fast one."""
 
@@ -72,11 +78,11 @@ def aligned(at: Column, stamps: Column, values: Column) -> Column:
     return out
 
 
-def without_held(time: Column, values: Column, period: float) -> tuple[Column, float] | None:
-    """A channel whose values are held from one measurement of its own to the next, with these alone.
+def own_measurements(time: Column, values: Column, period: float) -> tuple[Column, float] | None:
+    """A channel that is held, or interpolated, between measurements of its own, with these alone.
 
-    It changes only at a rhythm of two rows or more, throughout the log; noise changes at any row, and what
-    moves slowly changes at no fixed rhythm.
+    What is held changes only at a rhythm of two rows or more, throughout the log; what is interpolated bends
+    only at such a rhythm. Noise changes and bends at any row, and what moves slowly at no fixed rhythm.
 
     Parameters
     ----------
@@ -88,33 +94,78 @@ def without_held(time: Column, values: Column, period: float) -> tuple[Column, f
 
     Examples
     --------
-    >>> time = 0.001 * np.arange(1000)
-    >>> found = without_held(time, np.repeat(np.random.default_rng(1).normal(size=200), 5), 0.001)
-    >>> int(np.isfinite(found[0]).sum()), round(found[1], 6)
-    (200, 0.005)
+    >>> time, rng = 0.001 * np.arange(1000), np.random.default_rng(1)
+    >>> held = own_measurements(time, np.repeat(rng.normal(size=200), 5), 0.001)
+    >>> between = own_measurements(time, np.interp(time, time[::2], rng.normal(size=500)), 0.001)
+    >>> [int(np.isfinite(found[0]).sum()) for found in (held, between)]
+    [200, 500]
     """
     there = np.flatnonzero(np.isfinite(values))
     if there.size < 2 * LEAST_CHANGES:
         return None
-    changed = np.concatenate(([True], np.diff(values[there]) != 0.0))
-    if changed.sum() < LEAST_CHANGES or changed.mean() > 0.6:
-        return None
-    steps = np.diff(sample_numbers(time[there[changed]], period))
+    known = values[there]
+    steps = np.diff(known)
+    changed = np.concatenate(([True], steps != 0.0))
+    spread = float(np.max(known) - np.min(known))
+    bends = np.concatenate(([True], np.abs(np.diff(steps)) > ROUNDING * spread, [True]))
+    for own in (changed, bends):
+        if LEAST_CHANGES <= own.sum() <= 0.6 * own.size and _in_rhythm(time[there[own]], period):
+            out = np.full(values.size, np.nan)
+            out[there[own]] = known[own]
+            return out, float(np.median(np.diff(time[there[own]])))
+    return None
+
+
+def _in_rhythm(time: Column, period: float) -> bool:
+    """Whether rows come at a rhythm of two periods or more."""
+    steps = np.diff(sample_numbers(time, period))
     usual = float(np.median(steps))
     if usual < 2.0:
-        return None
+        return False
     # Twice or three times the rhythm where two measurements happen to be equal; a rate that is no whole
     # number of rows alternates between two steps.
     times = np.maximum(np.rint(steps / usual), 1.0)
-    in_rhythm = np.abs(steps - times * usual) <= np.where(times > 1.0, times, 1.0) * (
-        0.0 if usual < 3 else 1.0
-    )
-    if in_rhythm.mean() < RHYTHM_SHARE or (times == 1.0).mean() < 0.5:
+    slack = np.where(times > 1.0, times, 1.0) * (0.0 if usual < 3 else 1.0)
+    regular = np.abs(steps - times * usual) <= slack
+    return bool(regular.mean() >= RHYTHM_SHARE and (times == 1.0).mean() >= 0.5)
+
+
+def on_common_rows(
+    time: Column, columns: Mapping[str, Column], needed: Sequence[str]
+) -> NDArray[np.intp] | None:
+    """Rows of the slowest of some channels, where they are seldom measured in the same rows.
+
+    Else those in which any was measured, where these are few; else None.
+
+    Two slow channels that take turns never meet; then the others have to be read between their measurements
+    (`between`).
+
+    Parameters
+    ----------
+    time : (n,) s. columns : (n,) each; NaN where not measured. needed : channels that have to meet.
+    """
+    there = {c: np.isfinite(columns[c]) for c in needed if c in columns and np.isfinite(columns[c]).any()}
+    if not there or time.size < LEAST_CHANGES:
         return None
-    out = np.full(values.size, np.nan)
-    fresh = there[changed]
-    out[fresh] = values[fresh]
-    return out, float(np.median(np.diff(time[fresh])))
+    share = {c: float(t.mean()) for c, t in there.items()}
+    together = float(np.logical_and.reduce(list(there.values())).mean())
+    slowest = min(share, key=lambda c: share[c])
+    if share[slowest] <= _SLOWER and together <= MEETING * share[slowest]:
+        return np.flatnonzero(there[slowest])
+    some = np.logical_or.reduce(list(there.values()))
+    return np.flatnonzero(some) if some.mean() <= _SLOWER else None
+
+
+def between(time: Column, values: Column, rows: NDArray[np.intp]) -> Column:
+    """A channel at some rows, on the line between its measurements; NaN where these are far apart."""
+    known = np.flatnonzero(np.isfinite(values))
+    if known.size < 2:
+        return values[rows]
+    out = np.interp(time[rows], time[known], values[known])
+    after = np.clip(np.searchsorted(known, rows), 1, known.size - 1)
+    gap = time[known[after]] - time[known[after - 1]]
+    far = gap > 2.5 * float(np.median(np.diff(time[known])))
+    return np.where(np.isfinite(values[rows]), values[rows], np.where(far, np.nan, out))
 
 
 def own_period(time: Column, values: Column, period: float) -> float | None:

@@ -20,11 +20,12 @@ from fdd.logs.quality import (
     check_time,
     count_missing,
     longest_part,
+    nominal_period,
     ordered_time,
     spread_bursts,
     suspicions,
 )
-from fdd.logs.rates import aligned, own_period, without_held
+from fdd.logs.rates import aligned, between, on_common_rows, own_measurements, own_period
 from fdd.logs.sources import Feed, feeds_of
 from fdd.samples import Samples, missing_required
 
@@ -193,11 +194,21 @@ def _checked(raw: _Raw, channel_map: ChannelMap | None, shortest: float) -> Log:
             mend="record them, or name their columns with --map",
         )
     check_magnitudes(columns)
-    columns, slow, slow_notes = _measurements(time, columns, quality.period)
-    count_missing({n: v for n, v in columns.items() if n not in slow}, quality)
+    recorded = set(columns)
+    columns = _derived(time, columns, channel_map, quality)
+    columns, slow, slow_notes = _measurements(time, columns, quality.period, set(columns) - recorded)
+    meeting = on_common_rows(time, columns, _REQUIRED[:-1])
+    if meeting is not None:
+        columns = {
+            n: v[meeting] if n in ("oil_temperature", *_HOLDS) else between(time, v, meeting)
+            for n, v in columns.items()
+        }
+        time = time[meeting]
+        quality.period = nominal_period(time)
+        slow_notes.append(f"rows are those that were measured, every {quality.period * 1e3:.4g} ms")
+    count_missing({n: v for n, v in columns.items() if n in recorded - slow}, quality)
     quality.notes = notes + quality.notes + infinite_notes + slow_notes
     quality.notes += [f"{name}: no value at all, taken as absent" for name in empty]
-    columns = _derived(time, columns, channel_map, quality)
     quality.notes += suspicions(time, columns, quality.period)
     return Log(
         Samples(time, columns), quality, file.path.name, raw.axis, _of_axis(file.metadata, raw.axis), start_ns
@@ -205,16 +216,18 @@ def _checked(raw: _Raw, channel_map: ChannelMap | None, shortest: float) -> Log:
 
 
 def _measurements(
-    time: Column, columns: dict[str, Column], period: float
+    time: Column, columns: dict[str, Column], period: float, made: set[str]
 ) -> tuple[dict[str, Column], set[str], list[str]]:
     """The channels with nothing but measurements in them, those that are slower than the rows, and notes."""
     out, slow, notes = {}, set(), []
     for name, values in columns.items():
-        found = None if name in _HOLDS else without_held(time, values, period)
+        found = None if name in _HOLDS else own_measurements(time, values, period)
         out[name], own = found or (values, own_period(time, values, period))
         if own is not None:
             slow.add(name)
-            held = ", held in between: taken as missing there" if found else ""
+            if name in made:
+                continue
+            held = ", held or interpolated in between: taken as missing there" if found else ""
             notes.append(
                 f"{name}: measured every {own * 1e3:.4g} ms, the rows every {period * 1e3:.4g} ms{held}"
             )

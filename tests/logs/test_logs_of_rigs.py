@@ -60,7 +60,7 @@ def test_parquet_rig_against_pandas(shared: Path) -> None:
     np.testing.assert_allclose(samples.time, frame["t"])
     np.testing.assert_allclose(samples["position"], frame["cyl_mm"] / 1000)
     np.testing.assert_allclose(samples["pressure_2"], frame["pB_bar"] * 1e5, rtol=1e-6)
-    np.testing.assert_allclose(samples["command"], frame["drive_V"] * 31.416, rtol=1e-6)
+    np.testing.assert_allclose(samples["command"], frame["drive_V"] * 10 * np.pi, rtol=1e-6)
     assert int(frame.isna().any(axis=1).sum()) == 79
 
 

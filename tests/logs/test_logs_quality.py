@@ -181,3 +181,56 @@ def test_a_slower_topic_has_values_when_they_come(tmp_path: Path) -> None:
     np.testing.assert_allclose(oil_read[came], 40.4 + 0.5 * np.arange(10))
     assert log.quality.nan_samples == 0
     assert log.start_ns == start
+
+
+def through(tmp_path: Path, columns: dict[str, np.ndarray], time: np.ndarray) -> Log:
+    pd.DataFrame({"time": time, **columns}).to_parquet(tmp_path / "a.parquet", index=False)
+    return read_log(tmp_path / "a.parquet")
+
+
+def test_channels_that_take_turns_meet(tmp_path: Path) -> None:
+    """Test: pressures every fifth row, the position every fifth row too, never in the same.
+
+    Expected: rows at their rate with all of them, some between their measurements.
+    """
+    samples = strokes(8000)
+    columns = {n: v.copy() for n, v in samples.columns.items() if n != "pressure_difference"}
+    row = np.arange(8000)
+    for name in ("pressure_1", "pressure_2"):
+        columns[name][row % 5 != 0] = np.nan
+    columns["position"][row % 5 != 2] = np.nan
+    log = through(tmp_path, columns, samples.time)
+    at = np.flatnonzero(np.isin(np.round(samples.time, 6), np.round(log.samples.time, 6)))
+    np.testing.assert_array_equal(at, row[row % 5 == at[0] % 5])
+    inner = slice(10, -10)
+    np.testing.assert_allclose(log.samples["position"][inner], samples["position"][at][inner], atol=2e-6)
+    assert np.isfinite(log.samples["pressure_difference"][inner]).all()
+    bound = np.abs(np.diff(samples["pump_angle"])).max()
+    turned = log.samples["pump_angle"] - log.samples["pump_angle"][0]
+    np.testing.assert_allclose(turned, samples["pump_angle"][at] - samples["pump_angle"][at[0]], atol=bound)
+
+
+@pytest.mark.parametrize("how", ["held", "interpolated"])
+def test_rows_that_were_made_up_are_taken_out(how: str, tmp_path: Path) -> None:
+    """Test: a log at 500 Hz that was exported at 1 kHz. Expected: the 500 Hz log."""
+    samples = strokes(8000)
+    fresh, time = samples.time[::2], samples.time
+    columns = {}
+    for name, values in samples.columns.items():
+        held = values[(np.arange(8000) // 2) * 2]
+        columns[name] = held if how == "held" else np.interp(time, fresh, values[::2])
+    log = through(tmp_path, columns, time)
+    assert log.quality.period == pytest.approx(0.002) and len(log.samples) == pytest.approx(4000, abs=2)
+    shared = np.isin(np.round(fresh, 6), np.round(log.samples.time, 6))
+    assert shared.sum() > 3990
+    read = np.isin(np.round(log.samples.time, 6), np.round(fresh, 6))
+    for name in ("position", "pressure_1"):
+        np.testing.assert_allclose(log.samples[name][read], samples[name][::2][shared], rtol=1e-9, atol=1e-12)
+
+
+def test_packets_of_rows_with_one_stamp_are_spread(tmp_path: Path) -> None:
+    odd = frame()
+    odd["time"] = np.floor(np.arange(8000) / 10) * 0.01
+    log = read_frame(tmp_path, odd)
+    np.testing.assert_allclose(log.samples.time, np.arange(8000) * 1e-3, atol=1e-9)
+    noted(log.quality, "packets of 10 rows")
