@@ -106,6 +106,9 @@ def own_measurements(time: Column, values: Column, period: float) -> tuple[Colum
     known = values[there]
     steps = np.diff(known)
     changed = np.concatenate(([True], steps != 0.0))
+    sizes = np.abs(steps[steps != 0.0])
+    if sizes.size and float((sizes < 1.5 * sizes.min()).mean()) > 0.5:
+        return None  # one count at a time: an encoder at a steady speed has a rhythm, too
     spread = float(np.max(known) - np.min(known))
     bends = np.concatenate(([True], np.abs(np.diff(steps)) > ROUNDING * spread, [True]))
     for own in (changed, bends):
