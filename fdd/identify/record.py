@@ -7,7 +7,6 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.ndimage import percentile_filter, uniform_filter1d
 
 from fdd.errors import InputError
 from fdd.identify.hidden_pressures import chambers_from_difference
@@ -73,7 +72,7 @@ class Record:
 
     def smooth(self, values: Array, seconds: float) -> Array:
         """Mean over a window centred on each row: no phase."""
-        return np.asarray(uniform_filter1d(values, self.rows(seconds) | 1, mode="nearest"))
+        return centred_mean(values, self.rows(seconds) | 1)
 
     def speeds(self, seconds: float) -> tuple[Array, Array]:
         """Velocity (m/s) and pump speed (rad/s), each averaged over `seconds`."""
@@ -87,6 +86,21 @@ class Record:
         slow_pump = STANDSTILL_SPEED * unit.drive.max_speed
         slow_piston = slow_pump * unit.pump.displacement / unit.cylinder.area_1
         return np.asarray((np.abs(w) < slow_pump) & (np.abs(v) < slow_piston) & ~self.gap)
+
+
+def centred_mean(values: Array, width: int) -> Array:
+    """Mean over `width` rows (odd) around each; beyond the ends the first and last value go on.
+
+    Examples
+    --------
+    >>> centred_mean(np.array([0.0, 3.0, 6.0]), 3).tolist()
+    [1.0, 3.0, 5.0]
+    """
+    half = width // 2
+    padded = np.concatenate((np.full(half + 1, values[0]), values, np.full(half, values[-1])))
+    level = float(values[0])  # sums of what is left keep their digits
+    total = np.cumsum(padded - level)
+    return np.asarray(level + (total[2 * half + 1 :] - total[: values.size]) / (2 * half + 1))
 
 
 def measured_rows(log: Samples) -> Samples:
@@ -167,7 +181,7 @@ def even_record(log: Samples, unit: Unit, where: str) -> Record:
     accumulator = even(log["pressure_accumulator"]) if "pressure_accumulator" in present else None
     if chambers is None:
         difference = measured["pressure_difference"]
-        smoothed = np.asarray(uniform_filter1d(difference, max(round(0.025 / period), 1) | 1, mode="nearest"))
+        smoothed = centred_mean(difference, max(round(0.025 / period), 1) | 1)
         mean, tank = chambers_from_difference(smoothed, position, period, unit, accumulator)
         p1, p2 = mean + 0.5 * difference, mean - 0.5 * difference
         accumulator_used = tank if accumulator is None else accumulator
@@ -244,8 +258,10 @@ def _lower_chamber(p1: Array, p2: Array, period: float) -> Array:
     The refeeding valve holds the lower chamber just below the accumulator; where
     both are above it this is too high, and so only more careful.
     """
-    block = max(round(0.1 / period), 1)
-    lower = np.minimum(uniform_filter1d(p1, block), uniform_filter1d(p2, block))
+    from scipy.ndimage import percentile_filter  # half a second to import, where it is not needed
+
+    block = max(round(0.1 / period), 1) | 1
+    lower = np.minimum(centred_mean(p1, block), centred_mean(p2, block))
     coarse = lower[block // 2 :: block]
     low = percentile_filter(coarse, 25, size=min(41, coarse.size), mode="nearest")
     return np.interp(np.arange(p1.size), block // 2 + block * np.arange(coarse.size), low)

@@ -111,26 +111,42 @@ def own_measurements(time: Column, values: Column, period: float) -> tuple[Colum
         return None  # one count at a time: an encoder at a steady speed has a rhythm, too
     spread = float(np.max(known) - np.min(known))
     bends = np.concatenate(([True], np.abs(np.diff(steps)) > ROUNDING * spread, [True]))
+    numbers = sample_numbers(time[there], period)
     for own in (changed, bends):
-        if LEAST_CHANGES <= own.sum() <= 0.6 * own.size and _in_rhythm(time[there[own]], period):
+        if not LEAST_CHANGES <= own.sum() <= 0.6 * own.size:
+            continue
+        rhythm = _rhythm(numbers[own])
+        if rhythm is not None:
+            # What stands still is measured at the same rhythm, and gives the same value again.
+            taken = np.isin(numbers, _with_repeats(numbers[own], rhythm))
             out = np.full(values.size, np.nan)
-            out[there[own]] = known[own]
-            return out, float(np.median(np.diff(time[there[own]])))
+            out[there[taken]] = known[taken]
+            return out, rhythm * period
     return None
 
 
-def _in_rhythm(time: Column, period: float) -> bool:
-    """Whether rows come at a rhythm of two periods or more."""
-    steps = np.diff(sample_numbers(time, period))
+def _with_repeats(numbers: NDArray[np.int64], rhythm: float) -> NDArray[np.int64]:
+    """Row numbers with those between that the rhythm gives."""
+    times = np.maximum(np.rint(np.diff(numbers) / rhythm), 1.0).astype(np.int64)
+    first = np.repeat(np.cumsum(times) - times, times)
+    place = np.arange(first.size) - first
+    return np.append(np.repeat(numbers[:-1], times) + np.rint(place * rhythm).astype(np.int64), numbers[-1])
+
+
+def _rhythm(numbers: NDArray[np.int64]) -> float | None:
+    """Rows from one to the next where they come at a rhythm of two or more, else None."""
+    steps = np.diff(numbers)
     usual = float(np.median(steps))
     if usual < 2.0:
-        return False
+        return None
     # Twice or three times the rhythm where two measurements happen to be equal; a rate that is no whole
     # number of rows alternates between two steps.
     times = np.maximum(np.rint(steps / usual), 1.0)
     slack = np.where(times > 1.0, times, 1.0) * (0.0 if usual < 3 else 1.0)
     regular = np.abs(steps - times * usual) <= slack
-    return bool(regular.mean() >= RHYTHM_SHARE and (times == 1.0).mean() >= 0.5)
+    if regular.mean() < RHYTHM_SHARE or (times == 1.0).mean() < 0.5:
+        return None
+    return float(np.mean(steps[times == 1.0]))
 
 
 def on_common_rows(

@@ -9,7 +9,7 @@ from spread_units import PRESSURES, only, scaled, spread_unit, work
 
 from fdd.diagnosis.baseline import add_baseline
 from fdd.errors import InputError
-from fdd.identify import identify_unit
+from fdd.identify import identify_unit, signs
 from fdd.identify.judgement import Judgement, judge
 from fdd.identify.signs import check_senses
 from fdd.identify.slips import slips
@@ -202,3 +202,10 @@ def test_a_throttled_load_is_no_turned_sign() -> None:
     )
     with pytest.raises(InputError, match="oil flows against"):
         check_senses(swapped, own, "log")
+
+
+def test_quantiles_are_students() -> None:
+    from scipy.stats import t
+
+    for freedom, value in signs.SURE.items():
+        assert value == pytest.approx(t.ppf(1.0 - signs.BY_CHANCE, freedom), rel=1e-4)

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from fdd.errors import InputError
 from fdd.logs.channel_map import CsvLayout
+from fdd.logs.formats.arrow import doubles
 from fdd.logs.formats.dates import has_clock, has_day, is_stamp, stamps_to_seconds
 from fdd.logs.formats.signals import MAX_LOG_BYTES, LogFile, Signal, require_size
 from fdd.logs.formats.text_layout import MISSING, find_layout, is_number
@@ -98,7 +99,7 @@ class CsvFile(LogFile):
             elif name in texts:
                 out[name] = self._cleaned(table.column(name), name)
             else:
-                out[name] = np.array(table.column(name).to_numpy(), dtype=np.float64)
+                out[name] = doubles(table.column(name))
         return out
 
     def _first(self, name: str) -> str:
@@ -198,7 +199,7 @@ class CsvFile(LogFile):
         missing = pc.is_in(text, value_set=pa.array(MISSING))
         text = pc.if_else(missing, pa.scalar(None, pa.string()), text)
         try:
-            return np.array(text.cast(pa.float64()).to_numpy(), dtype=np.float64)
+            return doubles(text.cast(pa.float64()))
         except pa.ArrowException:
             for row, cell in enumerate(text.to_pylist()):
                 if cell is not None and not _floats(cell):
