@@ -37,10 +37,11 @@ def course(view: SignalView) -> str:
     if values.size < 2 or not np.isfinite(values).any() or view.high == view.low:
         return f"0,{_HEIGHT / 2} {_WIDTH},{_HEIGHT / 2}" if values.size else ""
     points = []
-    for k, part in enumerate(np.array_split(values, min(_POINTS // 2, values.size))):
+    parts = np.array_split(values, min(_POINTS // 2, values.size))
+    for k, part in enumerate(parts):
         there = part[np.isfinite(part)]
         if there.size:
-            x = _WIDTH * k / (_POINTS // 2)
+            x = _WIDTH * k / (len(parts) - 1)
             for v in dict.fromkeys((float(there.min()), float(there.max()))):
                 points.append(f"{x:.1f},{_HEIGHT * (1 - (v - view.low) / (view.high - view.low)):.1f}")
     return " ".join(points)
