@@ -3,12 +3,12 @@
 ``y_i = X_i b + u_i + e_i`` with ``e_i ~ N(0, s_i²)`` and ``u_i ~ N(0, τ²)`` from log to log. τ² is found by
 restricted maximum likelihood. Intervals are those of Knapp and Hartung (doi:10.1002/sim.2514): Student's t,
 scaled by how the logs scatter about the line. A filter's s_i also holds what all logs of a unit have in
-common (its pump's gain), which moves no slope: then they scatter by less.
+common (its pump's gain); then they scatter by less, and `Line.of_one_scale` puts it back.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -73,6 +73,14 @@ class Line:
             return None
         low, high = (-linear - np.sqrt(root)) / square, (-linear + np.sqrt(root)) / square
         return (level - b0) / b1, float(low), float(high)
+
+    def of_one_scale(self, relative: float) -> Line:
+        """The line where all values share a scale that is uncertain by `relative` (one standard deviation).
+
+        A slope of 0 is one on any scale: its test is what it was.
+        """
+        shared = relative**2 * np.outer(self.coefficients, self.coefficients)
+        return replace(self, covariance=self.covariance + shared)
 
     def _std(self, place: int) -> float:
         return float(np.sqrt(self.covariance[place, place]))

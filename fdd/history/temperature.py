@@ -58,20 +58,26 @@ def fit_over_time(time: Array, factors: Array, stds: Array, warmth: Array, *, le
     """
     n = time.size
     plain = np.column_stack([np.ones(n), time])
-    known = bool(np.ptp(warmth) > 0.0)
-    law = Fitted(fit_line(factors, stds, plain), factors, stds, "viscosity law", None)
-    if not leaks or not known:
-        law = Fitted(law.line, factors, stds, "not taken out", None)
+    line = fit_line(factors, stds, plain)
+    way: Way = "viscosity law" if leaks and np.ptp(warmth) > 0.0 else "not taken out"
     if n < LEAST_LOGS or float(np.std(warmth)) < LEAST_SPREAD:
-        return law
+        return Fitted(_scaled(line, factors, stds, plain), factors, stds, way, None)
     scale = np.exp(warmth) if leaks else np.ones(n)
-    raw, raw_stds = factors * scale, stds * scale
-    line = fit_line(raw, raw_stds, np.column_stack([plain, warmth]))
+    raw, raw_stds, design = factors * scale, stds * scale, np.column_stack([plain, warmth])
+    other = fit_line(raw, raw_stds, design)
     # The law's likelihood of the raw values: a density stretched by the scale. Scale and τ count in both.
-    gain = line.log_likelihood - (law.line.log_likelihood - float(np.log(scale).sum()))
+    gain = other.log_likelihood - (line.log_likelihood - float(np.log(scale).sum()))
     if gain > _penalty(n, 5) - _penalty(n, 4):
-        return Fitted(line, raw - line.coefficients[2] * warmth, raw_stds, "regression", gain)
-    return Fitted(law.line, factors, stds, law.way, -gain)
+        values = raw - other.coefficients[2] * warmth
+        return Fitted(_scaled(other, raw, raw_stds, design), values, raw_stds, "regression", gain)
+    return Fitted(_scaled(line, factors, stds, plain), factors, stds, way, -gain)
+
+
+def _scaled(line: Line, values: Array, stds: Array, design: Array) -> Line:
+    """The line, with the scale that all logs share: what their filters say, less what they scatter by."""
+    rest = (values - design @ line.coefficients) / stds
+    scatter = float(rest @ rest) / line.freedom
+    return line.of_one_scale(float(np.sqrt(np.median(np.square(stds / values)) * max(1.0 - scatter, 0.0))))
 
 
 def _penalty(n: int, parameters: int) -> float:

@@ -77,7 +77,7 @@ def trend_tables(life: Life) -> list[Table]:
             ("Quantity", "Logs", "Temperature", "Std of logs", "First", "Last", "p (Holm)", "Trend"),
             trends,
             "Weighted least squares with scatter between logs (REML, Knapp and Hartung); a trend is told at "
-            "5 % over all quantities together (Holm). Limits: severity 1 of the fault catalogue, unless given.",
+            "5 % over all quantities together (Holm). Limits are severity 1, unless given.",
             numbers=False,
             marked={k for k, t in enumerate(life.trends) if t.direction},
         ),
