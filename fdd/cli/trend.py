@@ -173,6 +173,8 @@ def _read_answers(files: list[Path], settings: Settings) -> tuple[list[Diagnosis
                     where=path,
                     mend="make it anew with fdd diagnose -o",
                 ) from None
+            if len(files) > 1:  # the logs of each month may have the same names
+                answer.log = f"{path.parent.name}/{answer.log}"
             wanted = settings.axis in (None, answer.axis) and (unit is None or answer.unit == unit.name)
             if wanted or answer.error is not None:
                 found.append(answer)

@@ -42,13 +42,15 @@ def estimate_changes(a: Diagnosis, b: Diagnosis, unit: Unit, *, measured: bool) 
 
 
 def seen(estimate: Estimate) -> tuple[float, float] | None:
-    """The value that may be used, and its standard deviation: at the end, or when it was last observable."""
-    value, std = estimate.value, estimate.std
-    if not estimate.observable:
-        value, std = estimate.held, estimate.held_std
-    if value is None or std is None or not std > 0.0:
+    """The value that may be used, and its standard deviation; None of what the log never showed.
+
+    While it is not observable: that at the end or the last observable one, whichever is known better.
+    """
+    if not estimate.observable and estimate.held is None:
         return None
-    return value, std
+    pairs = [(estimate.value, estimate.std), (estimate.held, estimate.held_std)]
+    known = [(v, s) for v, s in pairs if v is not None and s is not None and s > 0.0]
+    return min(known[:1] if estimate.observable else known, key=lambda pair: pair[1], default=None)
 
 
 def _row(name: str, a: Estimate, b: Estimate, unit: Unit, measured: bool) -> EstimateChange:

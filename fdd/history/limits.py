@@ -24,7 +24,7 @@ def severity_one(unit: Unit) -> Limits:
     --------
     >>> limits = severity_one(Unit.load("axis_a"))
     >>> round(limits["leakage"][1], 2), round(limits["bulk_modulus"][0], 2), limits["coulomb_friction"]
-    (2.84, 0.41, (0.35, 2.0))
+    (2.84, 0.35, (0.35, 2.0))
     """
     rubbing = {f.name: f.value for f in CATALOGUE["seal_wear"].figures}
     friction = (rubbing["loose_friction"], rubbing["tight_friction"])

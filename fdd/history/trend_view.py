@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import io
 from collections.abc import Sequence
+from datetime import datetime, timedelta
 from typing import Any
 
 import numpy as np
@@ -133,8 +134,8 @@ def _figure(course: Course, life: Life) -> Figure:
         """Dates, or the logs' numbers."""
         if start is None:
             return (at + 1.0).tolist()
-        first = np.datetime64(start.removesuffix("Z").partition("+")[0], "ms")
-        return [str(first + np.timedelta64(round(float(d) * 86_400_000.0), "ms")) for d in at]
+        first = datetime.fromisoformat(start)
+        return [f"{first + timedelta(days=float(d)):%Y-%m-%d %H:%M:%S}" for d in at]
 
     data: list[dict[str, Any]] = []
     if course.time.size:

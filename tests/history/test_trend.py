@@ -9,9 +9,11 @@ from lives import DAYS, alarmed, life
 from fdd.diagnosis.findings import Diagnosis
 from fdd.errors import InputError
 from fdd.history.answers import Life, Trend
+from fdd.history.changes import seen
 from fdd.history.limits import given_limits, severity_one
 from fdd.history.trend import trend_of
-from fdd.history.trend_view import trend_csv
+from fdd.history.trend_view import trend_csv, trend_sheet
+from fdd.report.sheet import render_sheet
 from fdd.unit import Unit
 
 REPEATS = 200
@@ -112,3 +114,30 @@ def test_a_limit_that_is_passed_is_told_so_and_other_limits_come_from_the_catalo
     for text in ("leakage", "leakage=x", "leakage=1", "leakage=-2", "leakage=nan", "speed=2"):
         with pytest.raises(InputError, match="--limit"):
             given_limits([text])
+
+
+def test_what_is_not_observable_at_the_end_is_taken_as_it_is_known_best() -> None:
+    plain = life(6)[0].estimates["leakage"]
+    assert seen(plain) == (plain.value, plain.std)
+    late = plain.model_copy(
+        update={"observable": False, "value": 2.0, "std": 0.2, "held": 1.0, "held_std": 0.1}
+    )
+    assert seen(late) == (1.0, 0.1)
+    assert seen(late.model_copy(update={"held_std": 0.5})) == (2.0, 0.2)
+    assert seen(late.model_copy(update={"held": None, "held_std": None})) is None
+    assert seen(late.model_copy(update={"observable": True})) == (2.0, 0.2)
+
+
+def test_the_page_marks_alarms_and_keeps_text_of_logs_text() -> None:
+    answers = life(7, growth=1.0)
+    answers[0].started_at = "2026-01-01T00:00:00.120000007Z"
+    answers[5] = alarmed(answers[5], "internal_leakage", "leakage")
+    answers[6].log = "<script>alert(1)</script>"
+    found, courses = trend_of(answers, LIMITS)
+    sheet = trend_sheet(found, courses)
+    marked = next(d for d in sheet.sections[0].figures[0].data if d.get("name") == "log with an alarm")
+    assert marked["text"] == ["run05.mcap"] and marked["x"][0][:10] == (answers[5].started_at or "")[:10]
+    html = render_sheet(sheet)
+    assert "<script>alert" not in html and html.count('class="plot"') == 4
+    undated = life(7, dated=False)
+    assert render_sheet(trend_sheet(*trend_of(undated, LIMITS)))
