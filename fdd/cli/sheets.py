@@ -28,6 +28,8 @@ def print_tables(console: Console, tables: Sequence[Table], notes: Sequence[str]
         for k, row in enumerate(table.rows):
             grid.add_row(*(Text(cell) for cell in row), style="bold" if k in table.marked else "")
         console.print(grid)
+        if table.note:
+            console.print(Text(f"  {table.note}\n", style="dim"))
     for note in notes:
         console.print(Text(f"• {note}", style="yellow"))
 

@@ -15,7 +15,7 @@ from fdd.unit import Unit
 LEVEL = 0.05
 TEST = (
     "two-sided z test of each difference over its standard deviation, 95 % over all rows together (Holm); "
-    "that is of both filters and of what healthy logs differ by"
+    "which is made of both filters' own and of what healthy logs differ by"
 )
 BETWEEN = {"leakage": 0.05, "bulk_modulus": 0.03}
 """Relative std from healthy log to healthy log: 1 to 2 K between the gap and the temperature's sensor, at
@@ -62,8 +62,6 @@ def _row(name: str, a: Estimate, b: Estimate, unit: Unit, measured: bool) -> Est
         conditions = f"at {unit.oil.reference_temperature:g} °C" if measured else "temperature not measured"
     elif name == "bulk_modulus":
         conditions = f"at {unit.oil.reference_pressure * 1e-5:.3g} bar"
-    elif name.endswith("friction"):
-        conditions = "mean of both directions"
     found = [
         None if (pair := seen(e)) is None else (pair[0] * k, pair[1] * k)
         for e, k in zip((a, b), scales, strict=True)

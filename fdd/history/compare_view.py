@@ -69,9 +69,9 @@ def compare_tables(found: Comparison) -> list[Table]:
         ),
         Table(
             "Duty",
-            ("Signal", "Unit", "A: 5, 50, 95 %", "B: 5, 50, 95 %"),
+            ("Signal", "Unit", "A", "B"),
             [_duty(r.signal, r.unit, r.a, r.b) for r in found.duty],
-            "Percentiles, of speeds, pressures, current and load as magnitudes. "
+            "5th, 50th and 95th percentile, of speeds, pressures, current and load as magnitudes. "
             "Another duty explains much that differs.",
         ),
         Table(
@@ -125,8 +125,13 @@ def _duty(
     signal: str, si: str, a: tuple[float, float, float] | None, b: tuple[float, float, float] | None
 ) -> tuple[str, ...]:
     factor, unit = SHOWN.get(si, (1.0, si))
-    texts = [NOTHING if x is None else ", ".join(number(v * factor, 3) for v in x) for x in (a, b)]
+    texts = [NOTHING if x is None else ", ".join(_figure_of(v * factor) for v in x) for x in (a, b)]
     return signal.replace("_", " "), unit, texts[0], texts[1]
+
+
+def _figure_of(value: float) -> str:
+    """Three digits, whole numbers beyond a thousand."""
+    return number(value, 3) if abs(value) < 1e3 else number(round(value), 9)
 
 
 def verdict_lines(found: Comparison) -> list[str]:
