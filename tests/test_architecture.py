@@ -35,6 +35,7 @@ DIAGNOSING = (
     "fdd/diagnosis",
     "fdd/report",
     "fdd/identify",
+    "fdd/history",
     "fdd/monitor",
 )
 

@@ -9,6 +9,7 @@ import typer
 from fdd import __version__
 from fdd.cli import (
     benchmark,
+    compare,
     demo,
     diagnose,
     generate,
@@ -21,6 +22,7 @@ from fdd.cli import (
     simulate,
     thesis,
     train,
+    trend,
     validate,
 )
 from fdd.cli import map as map_command
@@ -59,6 +61,8 @@ def fdd(
 
 
 app.command()(diagnose.diagnose)
+app.command()(compare.compare)
+app.command()(trend.trend)
 app.command("inspect")(inspect.inspect_log)
 app.command("map")(map_command.propose_map)
 app.command()(monitor.monitor)

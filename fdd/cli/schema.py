@@ -12,13 +12,15 @@ class Kind(StrEnum):
     """What there is a schema of."""
 
     DIAGNOSIS = "diagnosis"
+    COMPARISON = "comparison"
+    TREND = "trend"
     MAP = "map"
     PROFILE = "profile"
     RECIPE = "recipe"
 
 
 def schema(kind: Annotated[Kind, typer.Argument(help="Of what.", show_default=False)]) -> None:
-    """Print the JSON Schema of an answer, a channel map, a unit profile or a recipe."""
+    """Print the JSON Schema of an answer, a comparison, a trend, a channel map, a profile or a recipe."""
     import json
 
     print(json.dumps(schema_of(kind), indent=2, ensure_ascii=False))
@@ -39,6 +41,11 @@ def schema_of(kind: Kind) -> dict[str, Any]:
         from fdd.diagnosis.findings import Diagnosis
 
         made = Diagnosis.model_json_schema(mode="serialization")
+    elif kind in (Kind.COMPARISON, Kind.TREND):
+        from fdd.history.answers import Comparison, Life
+
+        model = Comparison if kind is Kind.COMPARISON else Life
+        made = model.model_json_schema(mode="serialization")
     elif kind is Kind.MAP:
         made = _map_schema()
     elif kind is Kind.PROFILE:

@@ -120,7 +120,7 @@ def summary_csv(rows: Sequence[Row]) -> str:
             "quality_notes": len(answer.quality.notes), "error": answer.error, "report": row.page,
         }  # fmt: skip
         for found in [_fault_columns(fault) for fault in answer.faults] or [{}]:
-            writer.writerow({k: _cell(v) for k, v in {**common, **found}.items()})
+            writer.writerow({k: cell(v) for k, v in {**common, **found}.items()})
     return "\ufeff" + out.getvalue()
 
 
@@ -134,6 +134,6 @@ def _fault_columns(fault: FaultFinding) -> dict[str, object]:
     }  # fmt: skip
 
 
-def _cell(value: object) -> object:
+def cell(value: object) -> object:
     """Text that a spreadsheet would take for a formula is marked as text."""
     return f"'{value}" if isinstance(value, str) and value.startswith(("=", "+", "-", "@")) else value

@@ -1,0 +1,66 @@
+"""``fdd compare``: what changed between two logs of a unit."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from fdd.cli.options import AxisOption, MapOption, UnitOption
+
+
+def compare(
+    a: Annotated[Path, typer.Argument(metavar="A", help="The log before.", show_default=False)],
+    b: Annotated[Path, typer.Argument(metavar="B", help="The log after.", show_default=False)],
+    unit: UnitOption = None,
+    map_: MapOption = None,
+    axis: AxisOption = None,
+    json_: Annotated[
+        str | None,
+        typer.Option("--json", metavar="FILE|-", help="Write the answer as JSON; - is standard output."),
+    ] = None,
+    report: Annotated[
+        Path | None,
+        typer.Option("--report", metavar="FILE.html", help="Write a page.", show_default=False),
+    ] = None,
+) -> None:
+    """Tell what changed between two logs of a unit: estimates, balances, duty and spectra."""
+    from fdd.cli.console import output, progress
+    from fdd.cli.diagnosing import Diagnoser, Job, Settings, unit_of
+    from fdd.cli.sheets import print_tables, require_outputs, write_json
+    from fdd.cli.which_logs import names_of
+    from fdd.files import write_text
+    from fdd.history.compare import Side
+    from fdd.history.compare import compare as compared
+    from fdd.history.compare_view import compare_sheet, compare_tables, verdict_lines
+
+    require_outputs(json_, report)
+    diagnoser = Diagnoser(Settings(unit, map_, None, axis))
+    jobs = [Job(path, name) for path, name in zip((a, b), names_of([a, b]), strict=True)]
+    logs = [diagnoser.read(job) for job in jobs]
+    notes = []
+    if diagnoser.unit is None:  # the profile in log A, or the default, is for both
+        diagnoser.unit, note = unit_of(logs[0], None)
+        notes = [note] if note else []
+        if note is None and len({log.metadata.get("unit", {}).get("yaml") for log in logs}) > 1:
+            notes = ["the logs carry different profiles: both are diagnosed on that in A"]
+    sides = []
+    with progress("diagnosing 2 logs", 2) as advance:
+        for job, log in zip(jobs, logs, strict=True):
+            found = diagnoser.diagnose(job, log)
+            sides.append(Side(found.diagnosis, found.trajectories, log.samples))
+            advance(float(len(sides)))
+    answer, spectra = compared(sides[0], sides[1], diagnoser.unit)
+    answer.notes += notes
+    write_json(json_, answer)
+    if report is not None:
+        from fdd.report.sheet import render_sheet
+
+        write_text(report, render_sheet(compare_sheet(answer, spectra)))
+    if json_ != "-":
+        console = output()
+        console.print(answer.headline, markup=False, soft_wrap=True)
+        for line in verdict_lines(answer):
+            console.print(line, markup=False, soft_wrap=True)
+        print_tables(console, compare_tables(answer), answer.notes)

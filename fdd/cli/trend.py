@@ -1,0 +1,194 @@
+"""``fdd trend``: a unit over its life."""
+
+from __future__ import annotations
+
+import os
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from fdd.cli.options import AxisOption, MapOption, UnitOption
+from fdd.errors import InputError
+
+if TYPE_CHECKING:
+    from fdd.cli.diagnosing import Settings
+    from fdd.diagnosis.findings import Diagnosis
+    from fdd.history.limits import Limits
+    from fdd.unit import Unit
+
+UNREADABLE_STATUS = 2
+ANSWERS_SUFFIX = ".jsonl"
+PAGE, TABLE, DATA = "index.html", "trend.csv", "trend.json"
+
+
+def trend(
+    logs: Annotated[
+        list[Path],
+        typer.Argument(
+            metavar="LOG...",
+            help="Logs as fdd diagnose takes them, or the answers.jsonl that it wrote.",
+            show_default=False,
+        ),
+    ],
+    unit: UnitOption = None,
+    map_: MapOption = None,
+    axis: AxisOption = None,
+    limit: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--limit",
+            metavar="QUANTITY=FACTOR",
+            help="How far a quantity may go, as factor of the profile's; what severity 1 makes of it else.",
+            show_default=False,
+        ),
+    ] = None,
+    output_: Annotated[
+        Path | None,
+        typer.Option(
+            "--output",
+            "-o",
+            metavar="DIR",
+            help=f"Folder for {PAGE}, {TABLE} and {DATA}.",
+            show_default=False,
+        ),
+    ] = None,
+    json_: Annotated[
+        str | None,
+        typer.Option("--json", metavar="FILE|-", help="Write the answer as JSON; - is standard output."),
+    ] = None,
+    report: Annotated[
+        Path | None, typer.Option("--report", metavar="FILE.html", help="Write a page.", show_default=False)
+    ] = None,
+    workers: Annotated[
+        int | None,
+        typer.Option(min=1, max=256, help="Processes; one for each core else.", show_default=False),
+    ] = None,
+) -> None:
+    """Tell where a unit is going: each estimate over its logs, and when it comes to its limit."""
+    from fdd.cli.console import output
+    from fdd.cli.diagnosing import Settings
+    from fdd.cli.sheets import print_tables, require_outputs, write_json
+    from fdd.files import require_writable, write_text, written
+    from fdd.history.limits import given_limits
+    from fdd.history.trend import trend_of
+    from fdd.history.trend_view import trend_csv, trend_lines, trend_sheet, trend_tables
+    from fdd.report.sheet import render_sheet
+
+    chosen = given_limits(limit or [])
+    require_outputs(json_, report)
+    if output_ is not None:
+        require_writable(output_, folder=True)
+    settings = Settings(unit, map_, None, axis)
+    answers, known = _answers(logs, settings, workers, output_)
+    for answer in answers:
+        if answer.error:
+            print(f"fdd: error: {answer.error}", file=sys.stderr)
+    limits = {**_limits(known), **chosen}
+    life, courses = trend_of(answers, limits)
+    if not limits:
+        life.notes.append(f"No limits: profile {life.unit} is not at hand (give --unit, or --limit).")
+    write_json(json_, life)
+    sheet = trend_sheet(life, courses)
+    if report is not None:
+        write_text(report, render_sheet(sheet))
+    if output_ is not None:
+        from fdd.report.plotly import write_bundle
+
+        with written(output_):
+            output_.mkdir(parents=True, exist_ok=True)
+        write_bundle(output_)
+        write_json(str(output_ / DATA), life)
+        write_text(output_ / TABLE, trend_csv(life))
+        write_text(output_ / PAGE, render_sheet(sheet, alone=False))
+    if json_ != "-":
+        console = output()
+        console.print(life.headline, markup=False, soft_wrap=True)
+        for line in trend_lines(life):
+            console.print(line, markup=False, soft_wrap=True)
+        print_tables(console, trend_tables(life)[1:], life.notes)
+    if any(a.error for a in answers):
+        raise typer.Exit(UNREADABLE_STATUS)
+
+
+def _answers(
+    logs: list[Path], settings: Settings, workers: int | None, leave_out: Path | None
+) -> tuple[list[Diagnosis], Unit | None]:
+    """The logs' answers, and the profile that they were given on where it is at hand."""
+    files = [path for path in logs if path.suffix.lower() == ANSWERS_SUFFIX]
+    if files and len(files) < len(logs):
+        raise InputError(
+            "answers and logs in one command",
+            where=files[0],
+            mend=f"give either, or a {ANSWERS_SUFFIX} of all",
+        )
+    if files:
+        return _read_answers(files, settings)
+    from fdd.cli.batch import worked
+    from fdd.cli.console import progress
+    from fdd.cli.diagnosing import Diagnoser, Job
+    from fdd.cli.which_logs import find_logs, names_of
+
+    paths = find_logs(logs, leave_out=leave_out)
+    jobs = [Job(path, name) for path, name in zip(paths, names_of(paths), strict=True)]
+    diagnoser = Diagnoser(settings)
+    found: dict[int, Diagnosis] = {}
+    with progress(f"diagnosing {len(jobs)} logs", len(jobs)) as advance:
+        for k, answer in worked(
+            list(enumerate(jobs)), settings, min(workers or os.cpu_count() or 1, len(jobs))
+        ):
+            found[k] = answer
+            advance(len(found))
+    first = next((k for k in sorted(found) if found[k].error is None), None)
+    if diagnoser.unit is None and first is not None:
+        from fdd.cli.diagnosing import unit_of
+
+        return [found[k] for k in sorted(found)], unit_of(diagnoser.read(jobs[first]), None)[0]
+    return [found[k] for k in sorted(found)], diagnoser.unit
+
+
+def _read_answers(files: list[Path], settings: Settings) -> tuple[list[Diagnosis], Unit | None]:
+    """What `fdd diagnose -o` wrote; of the axis and profile that the command line names, if it does."""
+    from pydantic import ValidationError
+
+    from fdd.diagnosis.findings import Diagnosis
+    from fdd.unit import Unit, shipped_units
+
+    if settings.map is not None:
+        raise InputError("--map is for logs", where=files[0], mend="leave it out: nothing is diagnosed anew")
+    unit = None if settings.unit is None else Unit.load(settings.unit)
+    found = []
+    for path in files:
+        try:
+            lines = path.read_text(encoding="utf-8", errors="replace").splitlines()
+        except OSError as error:
+            raise InputError(f"cannot be read ({error.strerror or error})", where=path) from None
+        for number, line in enumerate(lines, 1):
+            try:
+                answer = Diagnosis.model_validate_json(line)
+            except ValidationError:
+                raise InputError(
+                    f"line {number}: no answer of fdd diagnose",
+                    where=path,
+                    mend="make it anew with fdd diagnose -o",
+                ) from None
+            if len(files) > 1:  # the logs of each month may have the same names
+                answer.log = f"{path.parent.name}/{answer.log}"
+            wanted = settings.axis in (None, answer.axis) and (unit is None or answer.unit == unit.name)
+            if wanted or answer.error is not None:
+                found.append(answer)
+    named = {a.unit for a in found if a.error is None}
+    if unit is not None and not named:
+        raise InputError(
+            f"no answer on profile {unit.name}", where=files[0], mend="name the profile it was made with"
+        )
+    if unit is None and len(named) == 1 and (name := min(named)) in shipped_units():
+        unit = Unit.load(name)
+    return found, unit
+
+
+def _limits(unit: Unit | None) -> Limits:
+    from fdd.history.limits import severity_one
+
+    return {} if unit is None else severity_one(unit)

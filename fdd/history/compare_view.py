@@ -1,0 +1,168 @@
+"""A comparison for people: tables for terminal and page, and the spectra's plots."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from fdd.diagnosis.findings import DISPLAY_SCALE, ESTIMATED
+from fdd.history.answers import Comparison, EstimateChange, LogSaid
+from fdd.history.compare import NO_CHANGE
+from fdd.history.spectra import Spectrum
+from fdd.report import traces as tr
+from fdd.report.plots import TO_RPM, Figure, Section
+from fdd.report.sheet import Sheet, Table
+from fdd.report.tables import NOTHING, number, with_std
+from fdd.report.words import fault_title, percent, seconds, span
+from fdd.residuals.balances import BALANCES
+
+SHOWN = {"m": (1e3, "mm"), "Pa": (1e-5, "bar"), "rad/s": (TO_RPM, "rpm"), "N": (1e-3, "kN")}
+"""SI unit of a signal to factor and unit for people."""
+
+
+def compare_sheet(found: Comparison, spectra: Sequence[Spectrum]) -> Sheet:
+    """The page of a comparison."""
+    quiet = found.headline == NO_CHANGE
+    blind = all(c.changed is None for c in found.estimates)
+    return Sheet(
+        kicker=f"{found.a.log} (A) and {found.b.log} (B), unit {found.unit}, axis {found.axis}",
+        headline=found.headline[:1].upper() + found.headline[1:],
+        kind="inconclusive" if quiet and blind else "healthy" if quiet else "faulty",
+        remarks=[*verdict_lines(found), *found.notes],
+        tables=compare_tables(found),
+        sections=[
+            Section(
+                "Spectra",
+                "Welch's power density of what both logs measure, segments of 2 s.",
+                [_figure(s) for s in spectra],
+            )
+        ],
+    )
+
+
+def compare_tables(found: Comparison) -> list[Table]:
+    """Estimates, balances, duty and spectral lines."""
+    changed = {k for k, c in enumerate(found.estimates) if c.changed}
+    tables = [
+        Table(
+            "Estimates at the end",
+            ("Quantity", "A ± std", "B ± std", "B − A ± std", "Changed, p"),
+            [_estimate(c) for c in found.estimates],
+            f"{_conditions(found)}. Test: {found.test}.",
+            marked=changed,
+        ),
+        Table(
+            "How well the balances close",
+            ("Balance", "A", "B", "B over A"),
+            [
+                (
+                    BALANCES[c.balance].title if c.balance in BALANCES else c.balance,
+                    number(c.a, 3),
+                    number(c.b, 3),
+                    number(c.b / c.a if c.a and c.b else None, 3),
+                )
+                for c in found.balances
+            ],
+            "Root mean square of each balance's misfit over the log, in what the profile's healthy one is: "
+            "about 1, or less, while healthy.",
+        ),
+        Table(
+            "Duty",
+            ("Signal", "Unit", "A", "B"),
+            [_duty(r.signal, r.unit, r.a, r.b) for r in found.duty],
+            "5th, 50th and 95th percentile, of speeds, pressures, current and load as magnitudes. "
+            "Another duty explains much that differs.",
+        ),
+        Table(
+            "Spectral lines that changed most",
+            ("Channel", "Frequency", "Shaft order", "B over A", "Beyond chance"),
+            [
+                (
+                    x.channel.replace("_", " "),
+                    f"{x.frequency_hz:.1f} Hz",
+                    number(x.order),
+                    _times(x.ratio),
+                    "yes" if x.beyond_chance else "no",
+                )
+                for x in found.lines
+            ],
+            "Against the frequencies around, 1 % over all of them (F test). No order where the speed varies.",
+            marked={k for k, x in enumerate(found.lines) if x.beyond_chance},
+        ),
+    ]
+    return [t for t in tables if t.rows]
+
+
+def _times(ratio: float) -> str:
+    return f"{number(ratio, 3)} times ({10.0 * np.log10(ratio):+.0f} dB)".replace("-", "−")
+
+
+def _estimate(change: EstimateChange) -> tuple[str, ...]:
+    _, unit, title = ESTIMATED[change.quantity]
+    k = DISPLAY_SCALE[change.quantity]
+    texts = [
+        with_std(value * k, std * k) if value is not None and std is not None else NOTHING
+        for value, std in (
+            (change.a, change.a_std),
+            (change.b, change.b_std),
+            (change.difference, change.std),
+        )
+    ]
+    told = {True: "yes, ", False: "no, ", None: "not shown"}[change.changed]
+    p = "" if change.p_holm is None else number(change.p_holm, 2)
+    return f"{title} ({unit})", texts[0], texts[1], texts[2], told + p
+
+
+def _conditions(found: Comparison) -> str:
+    """What the estimates are given at."""
+    given = [f"{ESTIMATED[c.quantity][2].lower()} {c.conditions}" for c in found.estimates if c.conditions]
+    text = "; ".join(given)
+    return text[:1].upper() + text[1:]
+
+
+def _duty(
+    signal: str, si: str, a: tuple[float, float, float] | None, b: tuple[float, float, float] | None
+) -> tuple[str, ...]:
+    factor, unit = SHOWN.get(si, (1.0, si))
+    texts = [NOTHING if x is None else ", ".join(_figure_of(v * factor) for v in x) for x in (a, b)]
+    return signal.replace("_", " "), unit, texts[0], texts[1]
+
+
+def _figure_of(value: float) -> str:
+    """Three digits, whole numbers beyond a thousand."""
+    return number(value, 3) if abs(value) < 1e3 else number(round(value), 9)
+
+
+def verdict_lines(found: Comparison) -> list[str]:
+    """What was found in either log, in a line each."""
+    return [f"{name}: {said.log}, {_verdict(said)}" for name, said in (("A", found.a), ("B", found.b))]
+
+
+def _verdict(said: LogSaid) -> str:
+    found = [
+        f"{fault_title(f.fault)} since {seconds(f.onset_s)}"
+        + ("" if f.severity is None else f", severity {f.severity:.2f}")
+        + f", {percent(f.confidence)} sure"
+        for f in said.faults
+    ]
+    return f"{said.verdict} in {span(said.duration_s)}" + (f": {'; '.join(found)}" if found else "")
+
+
+def _figure(spectrum: Spectrum) -> Figure:
+    from fdd.samples import CHANNELS
+
+    si = CHANNELS[spectrum.channel].unit
+    factor, unit = SHOWN.get(si, (1.0, si))
+    data = [
+        tr.line(spectrum.frequency, factor**2 * values, name, colour, width=1.2)
+        for values, name, colour in ((spectrum.a, "A", tr.BLUE), (spectrum.b, "B", tr.VERMILLION))
+    ]
+    layout = {
+        "xaxis": {"title": {"text": "frequency (Hz)"}, "hoverformat": ".1f"},
+        "yaxis": {"type": "log", "hoverformat": ".3~g", "exponentformat": "power"},
+        "shapes": [],
+        "annotations": [],
+    }
+    title = spectrum.channel.replace("_", " ").capitalize()
+    return Figure(f"spectrum-{spectrum.channel}", title, data, layout, f"{unit}²/Hz")

@@ -1,0 +1,229 @@
+"""A life for people: tables for terminal and page, a CSV table, and the plots over time."""
+
+from __future__ import annotations
+
+import csv
+import io
+from collections.abc import Sequence
+from datetime import datetime, timedelta
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fdd.diagnosis.findings import ESTIMATED
+from fdd.history.answers import Life
+from fdd.history.trend import Course
+from fdd.report import traces as tr
+from fdd.report.overview import cell
+from fdd.report.plots import Figure, Section
+from fdd.report.sheet import Sheet, Table
+from fdd.report.tables import NOTHING, number, with_std
+from fdd.report.words import fault_title
+
+Z95 = 1.96
+
+
+def trend_sheet(life: Life, courses: Sequence[Course]) -> Sheet:
+    """The page of a unit's life."""
+    told = any(t.direction for t in life.trends)
+    fitted = any(t.slope is not None for t in life.trends)
+    return Sheet(
+        kicker=f"Unit {life.unit}, axis {life.axis}, {len(life.logs)} logs",
+        headline=life.headline[:1].upper() + life.headline[1:],
+        kind="faulty" if told else "healthy" if fitted else "inconclusive",
+        remarks=life.notes,
+        tables=trend_tables(life),
+        sections=[
+            Section(
+                "Estimates over time",
+                "As factors of the profile's healthy value, temperature taken out as told. Bars: 95 % of "
+                "each log alone, with what all logs of the unit err by together. Band: 95 % of the line. "
+                "Diamonds: logs with an alarm.",
+                [_figure(c, life) for c in courses],
+            )
+        ],
+    )
+
+
+def trend_tables(life: Life) -> list[Table]:
+    """A row a quantity, and a row a log."""
+    trends: list[tuple[str, ...]] = [
+        (
+            ESTIMATED[t.quantity][2],
+            str(len(t.points)),
+            t.temperature,
+            number(t.between, 2),
+            number(t.first, 3),
+            number(t.last, 3),
+            number(t.p_holm, 2),
+            t.sentence,
+        )
+        for t in life.trends
+    ]
+    values = {t.quantity: {p.log: with_std(p.value, p.std) for p in t.points} for t in life.trends}
+    titles = [ESTIMATED[name][2] for name in values]
+    logs = [
+        (
+            x.log,
+            _minute(x.started_at),
+            x.left_out or ": ".join([x.verdict, *filter(None, [", ".join(map(fault_title, x.faults))])]),
+            *(v.get(x.log, NOTHING) for v in values.values()),
+        )
+        for x in life.logs
+    ]
+    return [
+        Table(
+            "Trends",
+            ("Quantity", "Logs", "Temperature", "Std of logs", "First", "Last", "p (Holm)", "Trend"),
+            trends,
+            "Weighted least squares with scatter between logs (REML, Knapp and Hartung); a trend is told at "
+            "5 % over all quantities together (Holm). Limits are severity 1, unless given.",
+            numbers=False,
+            marked={k for k, t in enumerate(life.trends) if t.direction},
+        ),
+        Table(
+            "Logs",
+            ("Log", "Began", "Verdict", *titles),
+            logs,
+            "Estimates as factors of the profile's, ± standard deviation.",
+            numbers=False,
+        ),
+    ]
+
+
+def trend_lines(life: Life) -> list[str]:
+    """A line a quantity, for a terminal that is too narrow for the table."""
+    return [
+        f"{ESTIMATED[t.quantity][2]} ({len(t.points)} logs, temperature: {t.temperature}): {t.sentence}"
+        for t in life.trends
+    ]
+
+
+def _minute(started_at: str | None) -> str:
+    """A log's beginning, to the minute."""
+    return NOTHING if started_at is None else started_at[:16].replace("T", " ")
+
+
+def trend_csv(life: Life) -> str:
+    """trend.csv: one row a log; comma, point, UTF-8 with a byte order mark."""
+    names = [t.quantity for t in life.trends]
+    points = {t.quantity: {p.log: p for p in t.points} for t in life.trends}
+    out = io.StringIO()
+    writer = csv.writer(out, lineterminator="\r\n")
+    columns = [f"{n}{end}" for n in names for end in ("", "_std")]
+    writer.writerow(["log", "started_at", f"{life.per}s", "verdict", "faults", *columns, "left_out"])
+    for x in life.logs:
+        found = [points[n].get(x.log) for n in names]
+        figures = [v for p in found for v in ((None, None) if p is None else (p.value, p.std))]
+        plain = [None if v is None else float(f"{v:.6g}") for v in (x.at, *figures)]
+        writer.writerow(
+            [cell(x.log), x.started_at, plain[0], x.verdict, " ".join(x.faults), *plain[1:], cell(x.left_out)]
+        )
+    return "\ufeff" + out.getvalue()
+
+
+def _figure(course: Course, life: Life) -> Figure:
+    trend = course.trend
+    alarmed = {x.log for x in life.logs if x.faults}
+    start = (
+        next((x.started_at for x in life.logs if x.at == 0.0), None) if life.order == "started_at" else None
+    )
+
+    def places(at: NDArray[np.float64]) -> Any:
+        """Dates, or the logs' numbers."""
+        if start is None:
+            return (at + 1.0).tolist()
+        first = datetime.fromisoformat(start)
+        return [f"{first + timedelta(days=float(d)):%Y-%m-%d %H:%M:%S}" for d in at]
+
+    data: list[dict[str, Any]] = []
+    if course.time.size:
+        x = places(course.time)
+        low, high = course.line - course.half, course.line + course.half
+        data = [
+            {
+                "type": "scatter",
+                "mode": "lines",
+                "x": x + x[::-1],
+                "y": [*high.tolist(), *low[::-1].tolist()],
+                "fill": "toself",
+                "fillcolor": tr.faded(tr.BLUE, 0.16),
+                "line": {"width": 0},
+                "hoverinfo": "skip",
+                "showlegend": False,
+            },
+            {
+                "type": "scatter",
+                "mode": "lines",
+                "name": "line, 95 %",
+                "x": x,
+                "y": course.line.tolist(),
+                "line": {"color": tr.BLUE, "width": 1.6, "dash": "solid" if trend.direction else "dot"},
+            },
+        ]
+    for name, colour, symbol, chosen in (
+        ("log", tr.BLUE, "circle", [p for p in trend.points if p.log not in alarmed]),
+        ("log with an alarm", tr.VERMILLION, "diamond", [p for p in trend.points if p.log in alarmed]),
+    ):
+        if chosen:
+            data.append(
+                {
+                    "type": "scatter",
+                    "mode": "markers",
+                    "name": name,
+                    "x": places(np.array([p.at for p in chosen])),
+                    "y": [p.value for p in chosen],
+                    "text": [tr.label(p.log) for p in chosen],
+                    "error_y": {
+                        "type": "data",
+                        "array": [Z95 * p.std for p in chosen],
+                        "thickness": 1,
+                        "width": 3,
+                    },
+                    "marker": {"color": colour, "size": 8, "symbol": symbol},
+                    "hovertemplate": "%{text}: %{y:.3f}<extra></extra>",
+                }
+            )
+    if trend.direction and trend.limit is not None and _near(course):
+        ends = places(np.array([min(p.at for p in trend.points), max(p.at for p in trend.points)]))
+        data.append(
+            {
+                "type": "scatter",
+                "mode": "lines",
+                "name": f"limit {trend.limit:.3g}",
+                "x": ends,
+                "y": [trend.limit] * 2,
+                "line": {"color": tr.VERMILLION, "width": 1.6, "dash": "dash"},
+                "hoverinfo": "skip",
+            }
+        )
+    layout: dict[str, Any] = {
+        "xaxis": {"title": {"text": "log, in the order of names"}} if start is None else {"type": "date"},
+        "yaxis": {"hoverformat": ".3f", "range": _view(course)},
+        "hovermode": "closest",
+        "shapes": [],
+        "annotations": [],
+    }
+    title = ESTIMATED[trend.quantity][2]
+    return Figure(
+        f"trend-{trend.quantity}", title, data, layout, "over the healthy one", trend.sentence, height=320
+    )
+
+
+def _view(course: Course) -> list[float]:
+    """A y range for the values and usual bars; one log that hardly knows must not flatten the others."""
+    points = course.trend.points
+    bar = Z95 * min(2.0 * float(np.median([p.std for p in points])), max(p.std for p in points))
+    low = min([p.value - min(bar, Z95 * p.std) for p in points] + [*(course.line - course.half)])
+    high = max([p.value + min(bar, Z95 * p.std) for p in points] + [*(course.line + course.half)])
+    if course.trend.direction and course.trend.limit is not None and _near(course):
+        low, high = min(low, course.trend.limit), max(high, course.trend.limit)
+    pad = 0.06 * (high - low)
+    return [float(f"{low - pad:.5g}"), float(f"{high + pad:.5g}")]
+
+
+def _near(course: Course) -> bool:
+    """Whether the limit may be drawn: far off it would flatten what is to be seen."""
+    values = [1.0, *(p.value for p in course.trend.points)]
+    return course.trend.limit is not None and abs(course.trend.limit - 1.0) < 4.0 * float(np.ptp(values))

@@ -1,0 +1,156 @@
+"""``fdd compare`` and ``fdd trend`` on simulated logs, end to end."""
+
+from __future__ import annotations
+
+import csv
+import json
+import shutil
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from jsonschema import Draft202012Validator
+
+from fdd.logs.mcap_runs import RunBlock, write_blocks
+from fdd.plant.scenario import Scenario
+from fdd.plant.simulate import simulate
+from fdd.unit import Unit
+
+UNIT = Unit.load("axis_a")
+GROWTH = 0.04 * 12e-12 / UNIT.pump.total_leakage
+"""Of the healthy leakage, from log to log."""
+EVERY_DAYS = 30
+DUTIES = ({"name": "steps"}, {"name": "sines"}, {"name": "steps", "amplitude": 0.03, "hold": 1.0})
+LOADS = ({"name": "spring"}, {"name": "constant"}, {"name": "constant", "level": -1000.0})
+
+
+@pytest.fixture(scope="module")
+def life(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Twelve logs, a month apart, of other duty and temperature; the laminar leakage grows straight. Their
+    names are in another order than their dates."""
+    folder, rng = tmp_path_factory.mktemp("life"), np.random.default_rng(5)
+    for k in range(12):
+        leak = {"fault": "internal_leakage", "severity": 0.04 * k, "onset": 0.0}
+        scenario = Scenario(
+            duration=20, duty=DUTIES[k % 3], load=LOADS[k // 4], oil_temperature=float(rng.uniform(20, 60)),
+            seed=100 + k, faults=[leak] if k else [], fault_scales={"internal_leakage_orifice_share": 0.0},
+        )  # fmt: skip
+        write_blocks(
+            folder / f"run{7 * k % 12:02d}.mcap",
+            [RunBlock(simulate(UNIT, scenario).samples, None, "axis_a")],
+            axes=["axis_a"],
+            units={"axis_a": UNIT.to_yaml()},
+            scenario_json="{}",
+            labels={},
+            start_ns=1_767_225_600_000_000_000 + k * EVERY_DAYS * 86_400_000_000_000,
+        )
+    return folder
+
+
+@pytest.fixture(scope="module")
+def told(run, life: Path, tmp_path_factory: pytest.TempPathFactory) -> tuple[Any, Path]:
+    out = tmp_path_factory.mktemp("told") / "trend"
+    return run("trend", life, "-o", out, "--workers", 1), out
+
+
+def valid(run, kind: str, answer: dict[str, Any]) -> None:
+    schema = json.loads(run("schema", kind).stdout)
+    Draft202012Validator.check_schema(schema)
+    of = Draft202012Validator(schema)
+    assert [e.message for e in of.iter_errors(answer)] == []
+    for key in answer:
+        assert not of.is_valid({k: v for k, v in answer.items() if k != key}), key
+
+
+def test_a_leakage_that_grows_over_twelve_logs(run, told) -> None:
+    result, out = told
+    assert result.exit_code == 0, result.stderr
+    answer = json.loads((out / "trend.json").read_text("utf-8"))
+    valid(run, "trend", answer)
+    assert result.stdout.splitlines()[0] == answer["headline"]
+    leakage, *others = answer["trends"]
+    low, high = leakage["slope_interval"]
+    assert leakage["quantity"] == "leakage" and leakage["direction"] == "rises"
+    assert low < GROWTH / EVERY_DAYS < high and high - low < 0.25 * GROWTH / EVERY_DAYS
+    assert leakage["first"] == pytest.approx(1.0, abs=0.03)
+    assert leakage["last"] == pytest.approx(1.0 + 11 * GROWTH, abs=0.05)
+    assert leakage["limit"] == pytest.approx(1.0 + 12e-12 / UNIT.pump.total_leakage)
+    least, most = leakage["until_limit_interval"]
+    assert least < (1.0 / 0.04 - 11) * EVERY_DAYS < most
+    assert [t["direction"] for t in others] == [None] * len(others)
+
+
+def test_the_folder_has_a_table_and_a_page(told, life: Path) -> None:
+    _, out = told
+    assert sorted(p.name for p in out.iterdir()) == ["index.html", "plotly.min.js", "trend.csv", "trend.json"]
+    with (out / "trend.csv").open(encoding="utf-8-sig", newline="") as file:
+        rows = list(csv.DictReader(file))
+    assert [r["log"] for r in rows] == [f"run{7 * k % 12:02d}.mcap" for k in range(12)]
+    assert [float(r["days"]) for r in rows] == pytest.approx([EVERY_DAYS * k for k in range(12)])
+    assert float(rows[-1]["leakage"]) == pytest.approx(1.0 + 11 * GROWTH, abs=0.1)
+    page = (out / "index.html").read_text("utf-8")
+    assert page.count('class="plot"') >= 2 and "run07.mcap" in page and len(page) < 200_000
+
+
+def test_answers_of_diagnose_say_the_same_and_nothing_is_diagnosed_anew(
+    run, told, life: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    assert run("diagnose", life, "-o", tmp_path / "answers", "--workers", 1).exit_code == 0
+    monkeypatch.setattr("fdd.cli.diagnosing.diagnose_log", None)
+    answers = tmp_path / "answers" / "answers.jsonl"
+    report = tmp_path / "trend.html"
+    result = run("trend", answers, "--json", "-", "--report", report)
+    assert result.exit_code == 0, result.stderr
+    answer = json.loads(result.stdout)
+    leakage = answer["trends"][0]
+    assert answer == json.loads((told[1] / "trend.json").read_text("utf-8"))
+    assert "complete in itself" in report.read_text("utf-8")
+    near = json.loads(run("trend", answers, "--limit", "leakage=2.0", "--json", "-").stdout)["trends"][0]
+    assert near["limit"] == 2.0
+    least, most = near["until_limit_interval"]
+    assert least < (1.0 / GROWTH - 11) * EVERY_DAYS < most < leakage["until_limit_interval"][0]
+
+
+def test_a_log_that_cannot_be_read_is_left_out_and_told(run, life: Path, tmp_path: Path) -> None:
+    for k in (0, 7, 2, 9):
+        shutil.copy(life / f"run{k:02d}.mcap", tmp_path)
+    (tmp_path / "bad.csv").write_text("nothing,of,use\n1,2,3\n")
+    out = tmp_path / "out.json"
+    result = run("trend", tmp_path, "--json", out, "--workers", 1)
+    assert result.exit_code == 2
+    assert len(result.stderr.splitlines()) == 1 and "bad.csv" in result.stderr
+    answer = json.loads(out.read_text("utf-8"))
+    assert answer["logs"][-1]["log"] == "bad.csv" and "bad.csv" in answer["logs"][-1]["left_out"]
+    assert {p["log"] for p in answer["trends"][0]["points"]} == {f"run{k:02d}.mcap" for k in (0, 7, 2, 9)}
+
+
+def test_two_logs_compared(run, life: Path, tmp_path: Path) -> None:
+    a, b, report = life / "run00.mcap", life / "run05.mcap", tmp_path / "compare.html"
+    out = tmp_path / "compare.json"
+    result = run("compare", a, b, "--json", out, "--report", report)
+    assert result.exit_code == 0, result.stderr
+    answer = json.loads(out.read_text("utf-8"))
+    valid(run, "comparison", answer)
+    assert result.stdout.splitlines()[0] == answer["headline"]
+    assert answer["headline"].startswith("leakage coefficient rose by")
+    for word in ("chambers' oil", "pump speed", "Spectral lines", "axis_a was not identified"):
+        assert word in result.stdout
+    assert "run05.mcap (B)" in report.read_text("utf-8")
+    same = run("compare", a, a)
+    assert same.stdout.splitlines()[0] == "no change beyond uncertainty"
+
+
+def test_wrong_input_is_one_line(run, one_line, life: Path, tmp_path: Path) -> None:
+    log, answers = life / "run00.mcap", tmp_path / "answers.jsonl"
+    answers.write_text("{}\n")
+    one_line(run("compare", log, tmp_path / "none.mcap"), "none.mcap")
+    one_line(run("compare", log, log, "--report", tmp_path), "a file is wanted")
+    one_line(run("trend", answers), "answers.jsonl", "line 1")
+    one_line(run("trend", answers, log), "answers and logs")
+    one_line(run("trend", tmp_path / "none.jsonl"), "none.jsonl", "cannot be read")
+    one_line(run("trend", log, "--limit", "leakage=one"), "--limit", "leakage=2.0")
+    one_line(run("trend", answers, "--map", tmp_path / "map.yaml"), "--map")
+    answers.write_text("")
+    one_line(run("trend", answers), "no log")
+    one_line(run("trend", log, "-o", log), "a folder is wanted")
