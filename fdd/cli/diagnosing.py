@@ -172,7 +172,8 @@ def unit_of(log: Log | None, given: str | None) -> tuple[Unit, str | None]:
     ------
     InputError : no such profile, or an unusable one.
     """
-    from fdd.unit import MAX_UNIT_BYTES, Unit
+    from fdd.bounds import MAX_UNIT_BYTES
+    from fdd.unit import Unit
 
     if given is not None:
         return Unit.load(given), None

@@ -11,12 +11,12 @@ from typing import Any
 
 import numpy as np
 
+from fdd.bounds import MAX_ANSWER_BYTES
 from fdd.data_sheet.questions import QUESTIONS, Question
 from fdd.errors import InputError
 from fdd.measures import MEASURES, measure
 from fdd.yaml_reading import yaml_mapping, yaml_text
 
-MAX_ANSWER_BYTES = 100_000
 TEXTS = ("name", "description")
 _NUMBER = re.compile(r"\s*([+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?)\s*(.*?)\s*$")
 
