@@ -113,7 +113,7 @@ MOST_MATRIX_DEPTH = _bound(
     "MOST_MATRIX_DEPTH",
     100,
     "levels of cells and structs in a MATLAB file",
-    "the library calls itself for each",
+    "the reader calls itself for each",
 )
 LONGEST_NAME = _bound(
     "LONGEST_NAME", 200, "characters of a signal's name that are looked at", "patterns take time squared"

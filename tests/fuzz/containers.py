@@ -155,8 +155,11 @@ def _payload_changed(payload: bytes, rng: random.Random) -> bytes:
 
 def _schema_changed(body: bytes, rng: random.Random) -> bytes:
     """The text of the schema changed, its length right again."""
-    (name,) = struct.unpack_from("<I", body, 2)
-    (encoding,) = struct.unpack_from("<I", body, 6 + name)
+    try:
+        (name,) = struct.unpack_from("<I", body, 2)
+        (encoding,) = struct.unpack_from("<I", body, 6 + name)
+    except struct.error:  # changed before
+        return bytes_changed(body, rng)
     head = body[: 10 + name + encoding]
     data = body[len(head) + 4 :]
     change = bytes_changed if b"protobuf" in head or not data else text_changed

@@ -222,7 +222,8 @@ def texts(folder: Path) -> None:
     )
     answer = {
         "schema": "fdd.diagnosis/1", "log": "run.mcap", "axis": "axis_a", "unit": "axis_a",
-        "duration_s": 60.0, "samples": 60000, "verdict": "faulty", "probabilities": {"healthy": 0.1, "leakage": 0.9},
+        "duration_s": 60.0, "samples": 60000, "verdict": "faulty",
+        "probabilities": {"healthy": 0.1, "leakage": 0.9},
         "faults": [{
             "fault": "internal_leakage", "family": "leakage", "ambiguity": ["internal_leakage"],
             "confidence": 0.97, "onset_s": 20.3, "detected_s": 20.9, "severity": 0.41, "evidence": ["a leak"],

@@ -116,7 +116,7 @@ class _Walk:
             if kind == _OBJECT:
                 at = self._element(at, _TEXTS)[2]
             length, at = self._words(at, 1)
-            begin, size, at = self._element(at, _TEXTS)
+            _, size, at = self._element(at, _TEXTS)
             if len(length) != 1 or length[0] <= 0:
                 raise _Odd("a struct without the length of its names")
             count *= size // length[0]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Callable
 from contextlib import redirect_stdout, suppress
 from io import StringIO
@@ -28,6 +29,7 @@ def open_mdf(path: Path) -> TreeFile:
     """
     from asammdf import MDF
 
+    logging.getLogger("asammdf").setLevel(logging.CRITICAL)  # it tells of each oddity on standard error
     groups: dict[str, dict[str, Leaf]] = {}
     try:
         with redirect_stdout(StringIO()):  # it prints what it cannot make sense of
