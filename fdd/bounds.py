@@ -116,7 +116,10 @@ MOST_MATRIX_DEPTH = _bound(
     "the reader calls itself for each",
 )
 LONGEST_NAME = _bound(
-    "LONGEST_NAME", 200, "characters of a signal's name that are looked at", "patterns take time squared"
+    "LONGEST_NAME",
+    200,
+    "characters of a signal's name, or of an answer, that are looked at",
+    "patterns take time squared",
 )
 MAX_WORKBOOK_BYTES = _bound(
     "MAX_WORKBOOK_BYTES",

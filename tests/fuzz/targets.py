@@ -13,7 +13,7 @@ import numpy as np
 
 from fdd.errors import InputError
 from fdd.logs import ChannelMap, read_log
-from fdd.logs.formats import open_log
+from fdd.logs.formats import LogFile, open_log
 from fdd.logs.mapping.concepts import Words
 from fdd.logs.mapping.proposal import propose
 from tests.fuzz.containers import gzip_changed, mcap_changed, zip_changed
@@ -63,8 +63,7 @@ def _check(error: InputError) -> None:
     assert len(text.splitlines()) == 1 and len(text) <= MOST_LINE, f"no single line: {text[:300]!r}"
 
 
-def _read_all(path: Path) -> None:
-    log = open_log(path)
+def _read_all(log: LogFile) -> None:
     columns = log.read(log.signals)
     for signal in log.signals.values():
         size = columns[signal.name].size
@@ -77,22 +76,18 @@ def _map_of_topics() -> ChannelMap:
     return ChannelMap.load(SEEDS / "map/topics.yaml")
 
 
-def _log(path: Path) -> None:
+def _log(path: Path, channel_map: ChannelMap | None = None) -> None:
     with np.errstate(all="ignore"):
+        log = open_log(path)
         _each(
-            lambda: _read_all(path),
-            lambda: read_log(path, shortest=0.1),
-            lambda: propose(open_log(path)).channel_map(),
+            lambda: _read_all(log),
+            lambda: read_log(path, channel_map, shortest=0.1),
+            lambda: propose(log).channel_map(),
         )
 
 
 def _messages(path: Path) -> None:
-    with np.errstate(all="ignore"):
-        _each(
-            lambda: _read_all(path),
-            lambda: read_log(path, _map_of_topics(), shortest=0.1),
-            lambda: propose(open_log(path)).channel_map(),
-        )
+    _log(path, _map_of_topics())
 
 
 def _unit(path: Path) -> None:

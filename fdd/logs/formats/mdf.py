@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fdd.errors import InputError
+from fdd.logs.formats.signals import require_stored
 from fdd.logs.formats.trees import Leaf, TreeFile, tree_file
 
 _IN_RECORD = (0, 1, 2, 4, 5)
@@ -39,6 +40,7 @@ def open_mdf(path: Path) -> TreeFile:
         rates = [int(g.channel_group.cycles_nr) for g in inner]
         several = sum(r > 1 for r in rates) > 1
         for number, (group, rows) in enumerate(zip(inner, rates, strict=True)):
+            require_stored(rows * group.channel_group.samples_byte_nr, path.stat().st_size, path)
             master = file.masters_db.get(number)
             own = groups.setdefault(str(number) if several else "", {})
             if master is not None:
