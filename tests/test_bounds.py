@@ -78,7 +78,7 @@ def test_a_bound_that_is_no_number_is_told(
     text: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setenv("FDD_MAX_VALUES", text)
-    with pytest.raises(InputError, match="FDD_MAX_VALUES: .* is no whole number above 0"):
+    with pytest.raises(InputError, match=r"FDD_MAX_VALUES: .* is no whole number above 0"):
         open_log(log_of(tmp_path / "a.parquet", 5))
 
 

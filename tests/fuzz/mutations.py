@@ -44,6 +44,8 @@ def torn(text: str, rng: random.Random) -> str:
     """A few bytes of a text changed, taken out, or a piece of it repeated elsewhere."""
     raw = bytearray(text.encode())
     for _ in range(rng.randint(1, 4)):
+        if not raw:
+            break
         start = rng.randrange(len(raw))
         kind, stop = rng.randrange(3), start + rng.randint(1, 40)
         if kind == 0:

@@ -115,11 +115,11 @@ class _Walk:
         if kind in (_STRUCT, _OBJECT):
             if kind == _OBJECT:
                 at = self._element(at, _TEXTS)[2]
-            length, at = self._words(at, 1)
+            widths, at = self._words(at, 1)
             _, size, at = self._element(at, _TEXTS)
-            if len(length) != 1 or length[0] <= 0:
+            if len(widths) != 1 or widths[0] <= 0:
                 raise _Odd("a struct without the length of its names")
-            count *= size // length[0]
+            count *= size // widths[0]
         if kind in (_CELL, _STRUCT, _OBJECT, _FUNCTION):
             for _ in range(1 if kind == _FUNCTION else count):
                 at = self.matrix(at, depth + 1)
