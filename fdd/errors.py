@@ -4,6 +4,9 @@ from __future__ import annotations
 
 from pathlib import Path
 
+LONGEST_WORD, LONGEST_TEXT = 300, 2000
+"""Characters: what a damaged file says in place of a name is not repeated in full."""
+
 
 class InputError(ValueError):
     """Unusable input: one line that names the place, the problem and the mend.
@@ -24,13 +27,19 @@ class InputError(ValueError):
     """
 
     def __init__(self, problem: str, *, where: str | Path | None = None, mend: str | None = None) -> None:
-        self.problem = problem
+        self.problem = _shortened(problem)
         self.where = None if where is None else str(where)
-        self.mend = mend
-        text = problem if self.where is None else f"{self.where}: {problem}"
-        super().__init__(" ".join((text if mend is None else f"{text}; {mend}").split()))
+        self.mend = None if mend is None else _shortened(mend)
+        text = self.problem if self.where is None else f"{self.where}: {self.problem}"
+        super().__init__(" ".join((text if mend is None else f"{text}; {self.mend}").split()))
 
     def at(self, where: str | Path) -> InputError:
         """The same error, told with the file that it came from."""
         inner = self.problem if self.where is None else f"{self.where}: {self.problem}"
         return InputError(inner, where=where, mend=self.mend)
+
+
+def _shortened(text: str) -> str:
+    words = (w if len(w) <= LONGEST_WORD else f"{w[:LONGEST_WORD]}…" for w in text.split())
+    joined = " ".join(words)
+    return joined if len(joined) <= LONGEST_TEXT else f"{joined[:LONGEST_TEXT]}…"

@@ -17,6 +17,7 @@ import numpy as np
 import yaml
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 
+from fdd.bounds import MAX_UNIT_BYTES
 from fdd.errors import InputError
 from fdd.files import write_text
 from fdd.sections import (
@@ -45,7 +46,6 @@ from fdd.sensor import Sensor
 from fdd.yaml_reading import yaml_mapping, yaml_text
 
 UNIT_SCHEMA = "fdd.unit/1"
-MAX_UNIT_BYTES = 2_000_000
 MOST = 1e30
 """Of any figure of a baseline: squares of it still are numbers."""
 Finite = Annotated[float, Field(ge=-MOST, le=MOST)]

@@ -11,19 +11,13 @@ from typing import Any
 
 import yaml
 
+from fdd.bounds import LONGEST_BASE_60, LONGEST_NUMBER, MOST_DEPTH, MOST_NODES
 from fdd.errors import InputError
 
 try:
     from yaml import CSafeLoader as _Loader  # ten times as fast
 except ImportError:  # a PyYAML without libyaml
     from yaml import SafeLoader as _Loader  # type: ignore[assignment]
-
-MOST_DEPTH = 30
-"""Levels of mappings and lists in one another; a profile has seven."""
-MOST_NODES = 200_000
-"""Keys, values and items; a profile with its baseline has some two thousand."""
-LONGEST_NUMBER, LONGEST_BASE_60 = 1000, 40
-"""Characters; a figure such as 1:20:30 of a million places would take hours."""
 
 
 class _Refused(yaml.MarkedYAMLError):

@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-import copy
 import json
 import math
 import random
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from importlib import resources
 from pathlib import Path
 from typing import Any
@@ -20,27 +19,10 @@ from fdd.diagnosis.baseline import effects_of
 from fdd.diagnosis.model import Model
 from fdd.errors import InputError
 from fdd.unit import Unit
+from tests.fuzz.mutations import VALUES, changed, places, torn
 
-VALUES = [-1, 0, 1e9, 1e300, math.nan, math.inf, "x", "", None, [], [1], {}, {"value": "x"}, True, 10**400]
 PROFILE = (resources.files("fdd.demo") / "unit.yaml").read_text(encoding="utf-8")
 RECIPES = Path(__file__).parents[1] / "datasets"
-
-
-def places(data: Any, path: tuple[Any, ...] = ()) -> Iterator[tuple[Any, ...]]:
-    """The path of every value in nested lists and mappings."""
-    for key, value in data.items() if isinstance(data, dict) else enumerate(data):
-        yield (*path, key)
-        if isinstance(value, dict | list):
-            yield from places(value, (*path, key))
-
-
-def changed(data: Any, path: tuple[Any, ...], value: Any) -> Any:
-    out = copy.deepcopy(data)
-    inner = out
-    for key in path[:-1]:
-        inner = inner[key]
-    inner[path[-1]] = copy.deepcopy(value)
-    return out
 
 
 def read(parse: Callable[[], Any]) -> Any:
@@ -79,21 +61,6 @@ def test_a_profile_with_values_replaced(seed: int) -> None:
             for effects in effects_of(unit).values():
                 assert np.isfinite(np.linalg.inv(effects.covariance)).all()
     assert 0 < kept < 100
-
-
-def torn(text: str, rng: random.Random) -> str:
-    """A few bytes of a text changed, taken out, or a piece of it repeated elsewhere."""
-    raw = bytearray(text.encode())
-    for _ in range(rng.randint(1, 4)):
-        start = rng.randrange(len(raw))
-        kind, stop = rng.randrange(3), start + rng.randint(1, 40)
-        if kind == 0:
-            raw[start] = rng.choice(b"0-:{}[]&*!<'\"\n\t%@|> eE.\x00\xff")
-        elif kind == 1:
-            del raw[start:stop]
-        else:
-            raw[start:start] = raw[(at := rng.randrange(len(raw))) : at + stop - start]
-    return raw.decode("utf-8", errors="replace")
 
 
 @pytest.mark.parametrize("seed", range(3))

@@ -10,9 +10,10 @@ import yaml
 from hypothesis import given
 from hypothesis import strategies as st
 
+from fdd.bounds import MAX_UNIT_BYTES
 from fdd.errors import InputError
 from fdd.sections import Provenance
-from fdd.unit import MAX_UNIT_BYTES, Sensor, Unit, shipped_units
+from fdd.unit import Sensor, Unit, shipped_units
 
 AXES = ("axis_a", "axis_b")
 # Thesis, in SI: Table 4.21, section 5.2 (leakage), 5.4 (bulk modulus), eq 6.11 (servomotor).

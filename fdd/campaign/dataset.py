@@ -10,6 +10,7 @@ from typing import Annotated, Any
 import numpy as np
 from pydantic import Field
 
+from fdd.bounds import MAX_JSON_BYTES
 from fdd.campaign.layout import BASE_UNIT, DATASET_SCHEMA, LABELS, MANIFEST, RECIPE, TRUE_UNIT, digest
 from fdd.campaign.recipe import Recipe
 from fdd.errors import InputError
@@ -18,8 +19,6 @@ from fdd.plant.truth import TRUTH, Truth
 from fdd.plant.validated import Validated
 from fdd.samples import Samples
 from fdd.unit import Unit
-
-MAX_JSON_BYTES = 200_000_000
 
 RelativePath = Annotated[str, Field(pattern=r"^[A-Za-z0-9_.\-]+/[A-Za-z0-9_.\-]+$", max_length=200)]
 

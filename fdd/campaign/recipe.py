@@ -13,6 +13,7 @@ from typing import Annotated, Any, Literal
 
 from pydantic import Field, model_validator
 
+from fdd.bounds import MAX_RECIPE_BYTES
 from fdd.campaign.ranges import Range, Share, Weight
 from fdd.campaign.structures import Condition, Structure
 from fdd.errors import InputError
@@ -26,7 +27,6 @@ from fdd.plant.validated import Validated
 from fdd.yaml_reading import yaml_mapping, yaml_of, yaml_text
 
 RECIPE_SCHEMA = "fdd.recipe/1"
-MAX_RECIPE_BYTES = 1_000_000
 MIN_DURATION = 3.0
 """s; readers of logs refuse shorter ones."""
 

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from fdd.bounds import MAX_ANSWERS_BYTES
 from fdd.cli.diagnosing import Diagnoser, Job, printable
 from fdd.errors import InputError
 from fdd.files import require_writable, write_text, written
@@ -60,7 +61,7 @@ class AnswersFolder:
         import fdd
         from fdd.diagnosis.findings import Diagnosis
 
-        if not (self.path / ANSWERS).is_file():
+        if not (self.path / ANSWERS).is_file() or (self.path / ANSWERS).stat().st_size > MAX_ANSWERS_BYTES:
             return {}
         known: dict[str, Diagnosis] = {}
         for line in (self.path / ANSWERS).read_text(encoding="utf-8", errors="replace").splitlines():

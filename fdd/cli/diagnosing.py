@@ -175,7 +175,8 @@ def unit_of(log: Log | None, given: str | None) -> tuple[Unit, str | None]:
     ------
     InputError : no such profile, or an unusable one.
     """
-    from fdd.unit import MAX_UNIT_BYTES, Unit, shipped_units
+    from fdd.bounds import MAX_UNIT_BYTES
+    from fdd.unit import Unit, shipped_units
 
     if given is not None:
         return Unit.load(given), None

@@ -11,12 +11,12 @@ from typing import Any
 
 import numpy as np
 
+from fdd.bounds import LONGEST_NAME, MAX_ANSWER_BYTES
 from fdd.data_sheet.questions import QUESTIONS, Question
 from fdd.errors import InputError
 from fdd.measures import MEASURES, measure
 from fdd.yaml_reading import yaml_mapping, yaml_text
 
-MAX_ANSWER_BYTES = 100_000
 TEXTS = ("name", "description")
 _NUMBER = re.compile(r"\s*([+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?)\s*(.*?)\s*$")
 
@@ -134,10 +134,11 @@ def parsed(question: Question, answer: object) -> tuple[str, float]:
     ...
     fdd.errors.InputError: stroke: 64 m is not between 0.005 and 5 m; did you mean 64 cm or 64 mm or 64 in?
     """
-    found = None if isinstance(answer, bool) else _NUMBER.match(str(answer))
+    text = str(answer)
+    found = None if isinstance(answer, bool) or len(text) > LONGEST_NAME else _NUMBER.match(text)
     if found is None:
         raise InputError(
-            f"{str(answer)[:40]!r} is no number with a unit",
+            f"{text[:40]!r} is no number with a unit",
             where=question.key,
             mend=f"write e.g. '1.5 {question.unit}', with a decimal point",
         )
@@ -145,11 +146,10 @@ def parsed(question: Question, answer: object) -> tuple[str, float]:
     allowed = question.dimensions
     measured = MEASURES.get(unit)
     if measured is None or measured.dimension not in allowed:
-        try:
-            measure(unit, allowed[0])
+        try:  # units that the table lacks, as N/mm^2
+            measured = measure(unit, allowed[0])
         except InputError as error:
             raise error.at(question.key) from None
-    assert measured is not None
     value = measured.factor * number + measured.offset
     if measured.dimension != allowed[0]:
         return f"{question.key}_flow", value

@@ -16,11 +16,11 @@ from typing import Literal
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
+from fdd.bounds import MAX_MODEL_BYTES
 from fdd.errors import InputError
 from fdd.files import write_text
 
 SHIPPED = "model.json"
-MAX_MODEL_BYTES = 1_000_000
 MOST = 1e6
 """Of a score, an hour or a rate; beyond it no data set reaches."""
 

@@ -24,13 +24,13 @@ from typing import Annotated, Any, Literal
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 
+from fdd.bounds import MAX_MAP_BYTES
 from fdd.errors import InputError
 from fdd.logs.near_misses import did_you_mean
 from fdd.measures import Measure, measure
 from fdd.samples import CHANNELS
 from fdd.yaml_reading import yaml_mapping, yaml_text
 
-MAX_MAP_BYTES = 1_000_000
 _MADE = {("pump_angle", "pump_speed"), ("pump_speed", "command")}
 _HEAD = {"schema", "name", "axis", "csv", "channels", "description"}
 

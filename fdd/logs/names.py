@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import re
 
+from fdd.bounds import LONGEST_NAME
+
 _TIMES = {
     "time", "times", "t", "zeit", "temps", "stamp", "stamps", "timestamp", "timestamps", "zeitstempel",
     "zeitpunkt", "uhrzeit", "elapsed", "seconds", "sec", "sekunden", "clock", "datetime", "date", "datum",
@@ -33,6 +35,7 @@ def bare_name(name: str) -> str:
     last = name.rsplit("/", 1)[-1]
     if name.startswith("/") and "." in last:
         last = last.split(".", 1)[1]
+    last = last[-LONGEST_NAME:]
     last = _BRACKETED.sub("", last).strip() or last
     return (_SUFFIX.sub("", last).strip() or last).lower()
 
@@ -46,6 +49,7 @@ def unit_in_name(name: str) -> str | None:
     ['bar', 'mm', 'rad/s', None]
     """
     last = name.rsplit("/", 1)[-1] if "[" not in name and "(" not in name else name
+    last = last[-LONGEST_NAME:]
     found = _BRACKETED.search(last)
     if found is not None and "[" in last + "[" and (text := found.group(1)):
         return text

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from fdd.bounds import MAX_LINE_BYTES
 from fdd.diagnosis.findings import Quality
 from fdd.errors import InputError
 from fdd.logs.channel_map import ChannelMap, ChannelSource
@@ -18,7 +19,6 @@ from fdd.samples import CHANNELS, Samples
 
 Array = NDArray[np.float64]
 
-MAX_LINE_BYTES = 1 << 16
 CLOCK_BACK_S, CLOCK_AHEAD_S = 1.0, 3600.0
 """s; stamps that go back or ahead by more mean that the clock was set, not that a row came late."""
 CLOCK_GAP_S = 1.0

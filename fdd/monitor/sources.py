@@ -14,6 +14,7 @@ from typing import Protocol
 
 import numpy as np
 
+from fdd.bounds import MOST_PENDING
 from fdd.diagnosis.findings import Quality
 from fdd.monitor.clock import Clock
 from fdd.monitor.lines import LineParser, split_lines
@@ -22,8 +23,6 @@ from fdd.samples import Samples
 BLOCK_S = 0.1
 REPLAY_ROWS = 50_000
 READ_BYTES = 1 << 16
-MOST_PENDING = 4096
-"""Lines after which a block is made without waiting for its time."""
 
 
 class Source(Protocol):

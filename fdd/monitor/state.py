@@ -9,13 +9,13 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from fdd.bounds import MAX_STATE_BYTES
 from fdd.diagnosis.pipeline import Pipeline
 from fdd.errors import InputError
 from fdd.files import whole_file
 
 Array = NDArray[np.float64]
 
-MAX_STATE_BYTES = 256 << 20
 CLOCK = "monitor/clock"
 """Last time given and the stream's clock offset, (2,) s."""
 

@@ -5,13 +5,13 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
+from fdd.bounds import MAX_SCENARIO_BYTES
 from fdd.errors import InputError
 from fdd.plant.scenario import Scenario
 from fdd.yaml_reading import yaml_mapping, yaml_of, yaml_text
 
 SCENARIO_SCHEMA = "fdd.scenario/1"
 """First line of the files that `scenario_yaml` writes; may be left out in others."""
-MAX_SCENARIO_BYTES = 5_000_000
 
 _MEND = "give a YAML file with a scenario's fields: duration, duty, faults, partner, …"
 

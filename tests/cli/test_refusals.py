@@ -13,7 +13,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from fdd.diagnosis.model import MAX_MODEL_BYTES
+from fdd.bounds import MAX_MODEL_BYTES
 
 MAIN = [sys.executable, "-c", "from fdd.cli import main; main()"]
 

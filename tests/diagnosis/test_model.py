@@ -10,7 +10,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from fdd.diagnosis.model import MAX_MODEL_BYTES, AlarmTail, Calibration, Model
+from fdd.bounds import MAX_MODEL_BYTES
+from fdd.diagnosis.model import AlarmTail, Calibration, Model
 from fdd.errors import InputError
 
 

@@ -10,9 +10,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from fdd.bounds import MAX_LINE_BYTES
 from fdd.errors import InputError
 from fdd.logs.channel_map import ChannelMap
-from fdd.monitor.lines import CLOCK_GAP_S, MAX_LINE_BYTES, LineParser, split_lines
+from fdd.monitor.lines import CLOCK_GAP_S, LineParser, split_lines
 from fdd.samples import Samples
 
 

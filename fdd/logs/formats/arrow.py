@@ -105,10 +105,11 @@ def open_parquet(path: Path) -> ArrowFile:
 
     try:
         with parquet.ParquetFile(path) as source:
-            schema, rows = source.schema_arrow, source.metadata.num_rows
-    except (pa.ArrowException, OSError) as error:
+            rows = source.metadata.num_rows
+            signals = _signals(source.schema_arrow)
+    except (pa.ArrowException, OSError, UnicodeError) as error:
         raise _unreadable("Parquet", path, error) from None
-    return _opened(path, "Parquet", schema, rows)
+    return _opened(path, "Parquet", signals, rows)
 
 
 def open_feather(path: Path) -> ArrowFile:
@@ -122,11 +123,11 @@ def open_feather(path: Path) -> ArrowFile:
 
     try:
         with pa.memory_map(str(path)) as source, pa.ipc.open_file(source) as reader:
-            schema = reader.schema
+            signals = _signals(reader.schema)
             rows = sum(reader.get_batch(k).num_rows for k in range(reader.num_record_batches))
-    except (pa.ArrowException, OSError) as error:
+    except (pa.ArrowException, OSError, UnicodeError) as error:
         raise _unreadable("Feather", path, error) from None
-    return _opened(path, "Feather", schema, rows)
+    return _opened(path, "Feather", signals, rows)
 
 
 def _unreadable(kind: str, path: Path, error: Exception) -> InputError:
@@ -134,11 +135,15 @@ def _unreadable(kind: str, path: Path, error: Exception) -> InputError:
     return InputError(f"not readable as {kind} ({brief})", where=path, mend="copy it again")
 
 
-def _opened(path: Path, kind: str, schema: Any, rows: int) -> ArrowFile:
+def _signals(schema: Any) -> dict[str, Signal]:
+    """By name; a damaged one is no text, and raises."""
+    return {f.name: Signal(f.name, unit=_unit_of(f)) for f in schema}
+
+
+def _opened(path: Path, kind: str, signals: dict[str, Signal], rows: int) -> ArrowFile:
     if rows == 0:
         raise InputError("no rows", where=path, mend="record at least 5 s")
-    require_size(rows, len(schema), path)
-    signals = {f.name: Signal(f.name, unit=_unit_of(f)) for f in schema}
+    require_size(rows, len(signals), path)
     return ArrowFile(path, signals, kind=kind)
 
 

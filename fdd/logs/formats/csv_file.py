@@ -10,11 +10,12 @@ from typing import IO, TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from fdd.bounds import SNIFFED_BYTES, limit, raised
 from fdd.errors import InputError
 from fdd.logs.channel_map import CsvLayout
 from fdd.logs.formats.arrow import doubles
 from fdd.logs.formats.dates import has_clock, has_day, is_stamp, stamps_to_seconds
-from fdd.logs.formats.signals import MAX_LOG_BYTES, LogFile, Signal, require_size
+from fdd.logs.formats.signals import LogFile, Signal, require_size
 from fdd.logs.formats.text_layout import MISSING, find_layout, is_number
 
 if TYPE_CHECKING:
@@ -22,7 +23,6 @@ if TYPE_CHECKING:
 
 Column = NDArray[np.float64]
 
-SNIFFED_BYTES = 262_144
 _MARKS = (",", ".", "'", " ", "\u00a0", "\u202f")
 
 
@@ -31,14 +31,17 @@ class _Bounded:
 
     def __init__(self, stream: IO[bytes], path: Path) -> None:
         self._stream, self._path, self._given = stream, path, 0
+        self._most = limit("MAX_LOG_BYTES")
         self.closed = False
 
     def read(self, size: int = -1) -> bytes:
         data = self._stream.read(size)
         self._given += len(data)
-        if self._given > MAX_LOG_BYTES:
+        if self._given > self._most:
             raise InputError(
-                f"more than {MAX_LOG_BYTES} bytes when unpacked", where=self._path, mend="split the log"
+                f"more than {self._most} bytes when unpacked",
+                where=self._path,
+                mend=f"split the log, {raised('MAX_LOG_BYTES', 2 * self._most)}",
             )
         return data
 

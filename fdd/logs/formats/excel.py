@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import re
+import zipfile
 from datetime import date, datetime, time, timedelta
 from functools import partial
 from pathlib import Path
@@ -10,14 +12,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from fdd.bounds import HEAD_ROWS, MAX_CELLS, MAX_WORKBOOK_BYTES, MAX_WORKBOOK_UNPACKED
 from fdd.errors import InputError
 from fdd.logs.formats.signals import require_size
 from fdd.logs.formats.text_layout import find_table, is_number
 from fdd.logs.formats.trees import Leaf, TreeFile, tree_file
 
-_HEAD_ROWS = 200
-MAX_PACKED = 256 << 20
-"""Bytes of a workbook: it is held in memory as a whole."""
+_PLACE = re.compile(rb"""\br\s*=\s*["']([A-Za-z]{0,4})(\d{0,9})["']""")
+"""Where a cell or row stands."""
 
 
 def open_excel(path: Path) -> TreeFile:
@@ -29,13 +31,16 @@ def open_excel(path: Path) -> TreeFile:
     """
     import python_calamine
 
-    if path.stat().st_size > MAX_PACKED:
-        raise InputError(f"larger than {MAX_PACKED} bytes", where=path, mend="save it as CSV")
+    if path.stat().st_size > MAX_WORKBOOK_BYTES:
+        raise InputError(f"larger than {MAX_WORKBOOK_BYTES} bytes", where=path, mend="save it as CSV")
     sheets: dict[str, list[list[Any]]] = {}
     try:
+        _require_bounded(path)
         book = python_calamine.CalamineWorkbook.from_path(str(path))
         for name in book.sheet_names:
             sheets[name] = book.get_sheet_by_name(name).to_python(skip_empty_area=False)
+    except InputError:
+        raise
     except BaseException as error:  # the library's panics are no Exception
         if isinstance(error, KeyboardInterrupt | SystemExit):
             raise
@@ -50,8 +55,45 @@ def open_excel(path: Path) -> TreeFile:
     return tree_file(path, {"" if alone else name: leaves for name, leaves in tables.items()})
 
 
+def _require_bounded(path: Path) -> None:
+    """Refuse what would take all memory: the library lays a sheet out in full up to its last cell."""
+    with zipfile.ZipFile(path) as archive:
+        left = MAX_WORKBOOK_UNPACKED
+        for entry in archive.infolist():
+            with archive.open(entry) as part:
+                rows = columns = 0
+                tail = b""
+                while block := part.read(1 << 20):
+                    left -= len(block)
+                    if left < 0:
+                        raise InputError(
+                            f"more than {MAX_WORKBOOK_UNPACKED} bytes unpacked",
+                            where=path,
+                            mend="save it as CSV",
+                        )
+                    if "sheet" not in entry.filename.lower():
+                        continue
+                    for letters, digits in _PLACE.findall(tail + block):
+                        rows = max(rows, int(digits or 0))
+                        columns = max(columns, _column_number(letters))
+                    tail = block[-40:]
+                if rows * columns > MAX_CELLS:
+                    raise InputError(
+                        f"a sheet of {rows} rows and {columns} columns, at most {MAX_CELLS} cells are read",
+                        where=path,
+                        mend="remove stray cells, or save it as CSV",
+                    )
+
+
+def _column_number(letters: bytes) -> int:
+    number = 0
+    for letter in letters.upper():
+        number = 26 * number + letter - 64
+    return number
+
+
 def _table(path: Path, rows: list[list[Any]]) -> dict[str, Leaf] | None:
-    texts = [[_text(c) for c in row] for row in rows[:_HEAD_ROWS]]
+    texts = [[_text(c) for c in row] for row in rows[:HEAD_ROWS]]
     texts = [row if any(row) else [] for row in texts]
     found = find_table(texts)
     if found is None:

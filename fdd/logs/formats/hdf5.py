@@ -9,11 +9,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from fdd.bounds import MOST_MATRIX_COLUMNS
 from fdd.errors import InputError
+from fdd.logs.formats.signals import require_stored
 from fdd.logs.formats.trees import Leaf, TreeFile, tree_file
 
 _UNITS = ("unit", "units")
-_MOST_COLUMNS = 64
 _NUMBERS = "fiub"
 
 
@@ -78,10 +79,15 @@ def _take_group(
             continue
         if name.lower() in _UNITS and node.dtype.kind == "u" and node.size < 64:
             unit = "".join(chr(c) for c in node[()].reshape(-1))  # MATLAB's text
+        elif node.size is None:  # no shape at all
+            continue
         elif node.size == 1 and node.dtype.kind in _NUMBERS:
             scalars.setdefault(group, {})[name] = float(node[()].reshape(-1)[0])
         else:
-            leaves.update(_leaves(path, name, node))
+            found = _leaves(path, name, node)
+            if found:
+                require_stored(node.size * node.dtype.itemsize, node.id.get_storage_size(), path)
+            leaves.update(found)
     if unit is not None:
         for name, leaf in leaves.items():
             if name.lower() not in ("time", "t"):
@@ -101,7 +107,7 @@ def _leaves(path: Path, name: str, node: Any) -> dict[str, Leaf]:
     rows, columns = max(node.shape), (min(node.shape) if node.ndim == 2 else 1)
     if columns == 1:
         return {name: Leaf(rows, partial(_load, path, full, ()), unit)}
-    if columns > _MOST_COLUMNS:
+    if columns > MOST_MATRIX_COLUMNS:
         return {}
     by_row = node.shape[0] == columns  # MATLAB's matrices lie on their side
     return {

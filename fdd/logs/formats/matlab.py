@@ -8,13 +8,10 @@ from typing import Any
 
 import numpy as np
 
+from fdd.bounds import DEEPEST_STRUCT, MOST_MATRIX_COLUMNS, limit, raised
 from fdd.errors import InputError
-from fdd.logs.formats.signals import MAX_VALUES
+from fdd.logs.formats.matlab_check import check_matlab
 from fdd.logs.formats.trees import Leaf, TreeFile, tree_file
-
-DEEPEST = 12
-_MOST_COLUMNS = 64
-"""A matrix of more columns is no table of signals."""
 
 
 def open_matlab(path: Path) -> TreeFile:
@@ -27,9 +24,14 @@ def open_matlab(path: Path) -> TreeFile:
     from scipy.io import loadmat, whosmat
 
     try:
+        check_matlab(path)
         sizes = [int(np.prod(shape, dtype=np.float64)) for _, shape, _ in whosmat(path)]
-        if sum(sizes) > MAX_VALUES:
-            raise InputError(f"{sum(sizes)} numbers, at most {MAX_VALUES} are read", where=path)
+        if sum(sizes) > (most := limit("MAX_VALUES")):
+            raise InputError(
+                f"{sum(sizes)} numbers, at most {most} are read",
+                where=path,
+                mend=f"split it, {raised('MAX_VALUES', sum(sizes))}",
+            )
         content = loadmat(path, simplify_cells=True)
     except InputError:
         raise
@@ -51,7 +53,7 @@ def _walk(
 ) -> None:
     unit = next((v for k, v in struct.items() if k.lower() in ("unit", "units") and isinstance(v, str)), None)
     for name, value in struct.items():
-        if isinstance(value, dict) and depth < DEEPEST:
+        if isinstance(value, dict) and depth < DEEPEST_STRUCT:
             _walk(value, f"{group}/{name}" if group else name, groups, scalars, depth + 1)
         elif isinstance(value, np.ndarray) and value.dtype.kind in "fiub":
             for own, column in columns_of(name, value):
@@ -73,6 +75,6 @@ def columns_of(name: str, values: np.ndarray) -> list[tuple[str, np.ndarray]]:
     flat = values.squeeze()
     if flat.ndim == 1:
         return [(name, flat)]
-    if flat.ndim != 2 or flat.shape[0] < flat.shape[1] or flat.shape[1] > _MOST_COLUMNS:
+    if flat.ndim != 2 or flat.shape[0] < flat.shape[1] or flat.shape[1] > MOST_MATRIX_COLUMNS:
         return []
     return [(f"{name}[{k}]", flat[:, k]) for k in range(flat.shape[1])]

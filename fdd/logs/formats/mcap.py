@@ -11,8 +11,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from fdd.bounds import MAX_SIGNALS
 from fdd.errors import InputError
-from fdd.logs.formats.signals import MAX_SIGNALS, LogFile, Signal, require_size
+from fdd.logs.formats.signals import LogFile, Signal, require_size
 from fdd.logs.near_misses import did_you_mean, listed
 from fdd.logs.wire.chunks import Batch, ChunkWalk
 from fdd.logs.wire.fields import Decoder, written

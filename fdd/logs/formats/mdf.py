@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Callable
-from contextlib import suppress
+from contextlib import redirect_stdout, suppress
+from io import StringIO
 from pathlib import Path
 from typing import Any
 
@@ -11,7 +13,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fdd.errors import InputError
+from fdd.logs.formats.signals import require_stored
 from fdd.logs.formats.trees import Leaf, TreeFile, tree_file
+
+_IN_RECORD = (0, 1, 2, 4, 5)
+"""Kinds of an MDF 4 channel that stand in the record; the others (3, 6) are counted."""
 
 
 def open_mdf(path: Path) -> TreeFile:
@@ -24,21 +30,28 @@ def open_mdf(path: Path) -> TreeFile:
     """
     from asammdf import MDF
 
+    logging.getLogger("asammdf").setLevel(logging.CRITICAL)  # it tells of each oddity on standard error
     groups: dict[str, dict[str, Leaf]] = {}
     try:
-        file = MDF(path)
+        with redirect_stdout(StringIO()):  # it prints what it cannot make sense of
+            file = MDF(path)
         start = file.header.start_time
         inner: list[Any] = list(file.groups)
         rates = [int(g.channel_group.cycles_nr) for g in inner]
         several = sum(r > 1 for r in rates) > 1
         for number, (group, rows) in enumerate(zip(inner, rates, strict=True)):
+            require_stored(rows * group.channel_group.samples_byte_nr, path.stat().st_size, path)
             master = file.masters_db.get(number)
             own = groups.setdefault(str(number) if several else "", {})
             if master is not None:
                 own["time"] = Leaf(rows, _loader(path, file, number, None), "s")
             for index, channel in enumerate(group.channels):
+                _require_inside(path, group.channel_group, channel)
                 if index != master:
                     own[channel.name] = Leaf(rows, _loader(path, file, number, index), channel.unit or None)
+    except InputError:
+        _quieten()
+        raise
     except Exception as error:  # asammdf lets whatever a damaged file provokes through
         _quieten()
         raise _damaged(path, "damaged MDF file", error) from None
@@ -47,14 +60,32 @@ def open_mdf(path: Path) -> TreeFile:
     return found
 
 
+def _require_inside(path: Path, group: Any, channel: Any) -> None:
+    """Refuse a channel that reaches beyond its record: the library would copy what lies behind."""
+    if hasattr(channel, "byte_offset"):  # MDF 4
+        bits = 8 * channel.byte_offset + channel.bit_offset + channel.bit_count
+        whole = group.samples_byte_nr + group.invalidation_bytes_nr
+        inside = channel.channel_type not in _IN_RECORD or bits <= 8 * whole
+    else:
+        bits = 8 * getattr(channel, "additional_byte_offset", 0) + channel.start_offset + channel.bit_count
+        inside = bits <= 8 * group.samples_byte_nr
+    if not inside:
+        raise InputError(
+            f"damaged MDF file (channel {channel.name[:40]!r} reaches beyond its record)",
+            where=path,
+            mend="copy it again",
+        )
+
+
 def _loader(path: Path, file: Any, group: int, index: int | None) -> Callable[[], NDArray[Any]]:
     """Reads a channel, or the group's stamps, of the file that stays open as long as this is held."""
 
     def load() -> NDArray[Any]:
         try:
-            if index is None:
-                return np.asarray(file.get_master(group))
-            signal = file.get(group=group, index=index)
+            with redirect_stdout(StringIO()):
+                if index is None:
+                    return np.asarray(file.get_master(group))
+                signal = file.get(group=group, index=index)
             values = np.asarray(signal.samples)
             if signal.invalidation_bits is not None and values.dtype.kind in "fiub":
                 values = np.where(np.asarray(signal.invalidation_bits), np.nan, values)

@@ -8,8 +8,9 @@ from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from fdd.bounds import limit, raised
 from fdd.errors import InputError
-from fdd.logs.formats.signals import MAX_LOG_BYTES, LogFile
+from fdd.logs.formats.signals import LogFile
 
 if TYPE_CHECKING:
     from fdd.logs.channel_map import CsvLayout
@@ -128,8 +129,12 @@ def format_of(path: Path) -> Format:
         raise InputError(f"cannot be read ({_brief(error)})", where=path) from None
     if size == 0:
         raise InputError("the file is empty", where=path, mend="record or copy it again")
-    if size > MAX_LOG_BYTES:
-        raise InputError(f"{size} bytes, at most {MAX_LOG_BYTES} are read", where=path, mend="split the log")
+    if size > (most := limit("MAX_LOG_BYTES")):
+        raise InputError(
+            f"{size} bytes, at most {most} are read",
+            where=path,
+            mend=f"split the log, {raised('MAX_LOG_BYTES', size)}",
+        )
     found = next(f for f in FORMATS if f.sniff(head))
     for magic, what in _OTHERS:
         if head.startswith(magic) and path.suffix.lower() not in (".xlsx", ".xlsm"):

@@ -10,16 +10,11 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from fdd.bounds import FREELY_DECLARED_BYTES, MAX_SIGNALS, MOST_PACKING, limit, raised
 from fdd.errors import InputError
 from fdd.logs.near_misses import did_you_mean, listed
 
 Column = NDArray[np.float64]
-
-MAX_LOG_BYTES = 8 << 30
-"""Bytes of a log, packed or not."""
-MAX_VALUES = 1 << 30
-"""Numbers (rows times columns) that are held at once: 8 GiB."""
-MAX_SIGNALS = 4096
 
 
 @dataclass(frozen=True)
@@ -116,7 +111,7 @@ class LogFile(ABC):
 
 
 def require_size(rows: int, columns: int, where: Path) -> None:
-    """Refuse more numbers than `MAX_VALUES`, before they are read.
+    """Refuse more numbers than are held (`fdd.bounds`), before they are read.
 
     Raises
     ------
@@ -126,11 +121,37 @@ def require_size(rows: int, columns: int, where: Path) -> None:
     --------
     >>> require_size(3_600_000, 10, Path("run.mat"))
     """
-    if columns > MAX_SIGNALS or rows * max(columns, 1) > MAX_VALUES:
+    most, needed = limit("MAX_VALUES"), rows * max(columns, 1)
+    if columns > MAX_SIGNALS:
+        raise InputError(f"{columns} columns, at most {MAX_SIGNALS} are read", where=where, mend="split it")
+    if needed > most:
         raise InputError(
-            f"{rows} rows and {columns} columns, at most {MAX_VALUES} numbers in {MAX_SIGNALS} columns",
+            f"{rows} rows and {columns} columns, at most {most} numbers are read",
             where=where,
-            mend="split it",
+            mend=f"split it, {raised('MAX_VALUES', needed)}",
+        )
+
+
+def require_stored(declared: int, stored: int, where: Path) -> None:
+    """Refuse arrays that a damaged head declares far larger than what the file holds could unpack to.
+
+    Parameters
+    ----------
+    declared : bytes of all arrays. stored : bytes that they take in the file.
+
+    Raises
+    ------
+    InputError : names both figures.
+
+    Examples
+    --------
+    >>> require_stored(80_000_000, 1_000_000, Path("run.h5"))
+    """
+    if declared > max(FREELY_DECLARED_BYTES, MOST_PACKING * stored):
+        raise InputError(
+            f"damaged: declares {declared} bytes of numbers and holds {stored}",
+            where=where,
+            mend="copy it again",
         )
 
 

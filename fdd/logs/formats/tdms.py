@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -9,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from fdd.errors import InputError
+from fdd.logs.formats.signals import require_stored
 from fdd.logs.formats.trees import Leaf, TreeFile, tree_file
 
 
@@ -20,10 +22,13 @@ def open_tdms(path: Path) -> TreeFile:
     InputError : damaged, or without channels of numbers.
     """
     from nptdms import TdmsFile
+    from nptdms.log import log_manager
 
+    log_manager.set_level(logging.CRITICAL)  # it tells of each oddity on standard error
     groups: dict[str, dict[str, Leaf]] = {}
     scalars: dict[str, dict[str, float]] = {}
     start: Any = None
+    declared = 0
     try:
         with TdmsFile.read_metadata(path) as file:
             for group in file.groups():
@@ -32,6 +37,7 @@ def open_tdms(path: Path) -> TreeFile:
                     if kind not in ("f", "i", "u", "b", "M"):
                         continue
                     unit = channel.properties.get("unit_string") or channel.properties.get("unit")
+                    declared += len(channel) * np.dtype(channel.dtype).itemsize
                     groups.setdefault(group.name, {})[channel.name] = Leaf(
                         len(channel),
                         partial(_load, path, group.name, channel.name),
@@ -43,6 +49,7 @@ def open_tdms(path: Path) -> TreeFile:
     except Exception as error:  # npTDMS lets struct, index and key errors of a damaged file through
         brief = " ".join(str(error).split())[:120] or type(error).__name__
         raise InputError(f"damaged TDMS file ({brief})", where=path, mend="copy it again") from None
+    require_stored(declared, path.stat().st_size, path)
     found = tree_file(path, groups, scalars)
     if isinstance(start, np.datetime64):
         found.start_ns = int(start.astype("datetime64[ns]").astype(np.int64))

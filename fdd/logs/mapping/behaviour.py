@@ -54,8 +54,10 @@ class Signals:
         return np.diff(total[at]) / np.diff(at)
 
     def _edges(self) -> NDArray[np.intp]:
-        count = max(2, int((self.time[-1] - self.time[0]) / WINDOW_S))
-        return np.unique(np.searchsorted(self.time, np.linspace(self.time[0], self.time[-1], count)))
+        # Not more than rows, whatever a damaged stamp says; nor beyond the last, where a span overflows.
+        count = max(2, int(min((self.time[-1] - self.time[0]) / WINDOW_S, self.time.size)))
+        at = np.searchsorted(self.time, np.linspace(self.time[0], self.time[-1], count))
+        return np.unique(np.minimum(at, self.time.size - 1))
 
 
 def _filled(values: Column) -> Column:
@@ -151,11 +153,13 @@ def rises_with_pumping(signals: Signals, drop: Column, position: str, pump: str,
     both = Signals(signals.time, {**signals.columns, "drop": drop})
     x = signals.changes(position)
     leak, rise = both.sums("drop"), both.changes("drop")
+    if theta.size < LEAST_WINDOWS:
+        return 0.0
     columns = np.column_stack([x, leak, rise])
     scale = np.maximum(np.abs(columns).max(axis=0), 1e-300)
     scaled = columns / scale
     gram = scaled.T @ scaled
-    if theta.size < LEAST_WINDOWS or np.linalg.cond(gram) > 1e12:
+    if np.linalg.cond(gram) > 1e12:
         return 0.0
     solved = np.linalg.solve(gram, scaled.T @ theta)
     rest = theta - scaled @ solved

@@ -9,6 +9,7 @@ from functools import lru_cache
 from importlib import resources
 from pathlib import Path
 
+from fdd.bounds import MAX_WORDS_BYTES
 from fdd.errors import InputError
 from fdd.logs.formats.signals import Signal
 from fdd.logs.names import bare_name, unit_in_name
@@ -16,7 +17,6 @@ from fdd.measures import find_measure
 from fdd.samples import CHANNELS
 from fdd.yaml_reading import yaml_mapping, yaml_text
 
-MAX_WORDS_BYTES = 200_000
 _UNIT_CONCEPTS = {
     "pressure": "pressure", "angular_speed": "speed", "angle": "angle", "length": "position",
     "current": "current", "temperature": "temperature", "force": "force", "voltage": "voltage",

@@ -15,6 +15,8 @@ COARSE_S = 0.004
 STEP_S = 0.02
 """s over which motion and flow are summed up; delays are looked for in steps of `COARSE_S` first."""
 LEAST_STEPS = 200
+MOST_HOLES = 10
+"""Periods a row that a log may span: one with more holes than that tells no delay."""
 BETTER = 0.8
 """A delay explains at least a fifth of what the balance leaves open without it."""
 SETTLED_ROWS = 2
@@ -42,8 +44,11 @@ def delays(time: Column, turned: Column, position: Column, drop: Column) -> tupl
     [0.012, 0.0]
     """
     period = float(np.median(np.diff(time)))
+    span = float(time[-1] - time[0])
+    if not (period > 0.0 and span < MOST_HOLES * period * time.size):
+        return 0.0, 0.0
     grid = np.arange(time[0], time[-1], period)
-    if grid.size < LEAST_STEPS or period <= 0.0:
+    if grid.size < LEAST_STEPS:
         return 0.0, 0.0
     theta, x, p = (_even(grid, time, values) for values in (turned, position, drop))
     balance = _Balance(theta, x, p, period)

@@ -6,6 +6,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from fdd.bounds import MOST_ROWS_LOOKED_AT
 from fdd.logs.formats.signals import LogFile, Signal
 from fdd.logs.mapping.behaviour import (
     Signals,
@@ -21,8 +22,6 @@ from fdd.logs.rates import aligned
 from fdd.measures import MEASURES, find_measure
 from fdd.samples import CHANNELS
 
-MOST_ROWS = 300_000
-"""Rows that the behaviour is looked at: five minutes at 1 kHz."""
 CLOSE = 0.9
 """Correlation above which one signal's motion is another's."""
 
@@ -95,7 +94,7 @@ def gather(log: LogFile, words: Words) -> Evidence | None:
             return None
         at = raw[time[0]] * MEASURES[time[1]].factor
     clocks = {log.clock_column(clock) for clock in sizes} | {time[0] if time else None}
-    good = np.flatnonzero(np.isfinite(at) & (np.diff(at, prepend=-np.inf) > 0.0))[:MOST_ROWS]
+    good = np.flatnonzero(np.isfinite(at) & (np.diff(at, prepend=-np.inf) > 0.0))[:MOST_ROWS_LOOKED_AT]
     columns = {}
     for name, signal in log.signals.items():
         if name in clocks or is_time_name(name):

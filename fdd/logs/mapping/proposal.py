@@ -96,6 +96,8 @@ def propose(log: LogFile, words: Words | None = None, given: dict[str, str] | No
     --------
     >>> propose(open_log("run.mf4")).channel_map()  # doctest: +SKIP
     """
+    if not log.signals:
+        raise InputError("no signals in it", where=log.path, mend="see fdd inspect what it holds")
     found = gather(log, words or Words())
     if found is None:
         raise InputError(

@@ -11,12 +11,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from fdd.bounds import MAX_CHUNK_BYTES, MAX_RECORD_BYTES
 from fdd.errors import InputError
 from fdd.logs.wire.compiled import njit
 
-MAX_RECORD_BYTES = 1 << 30
-MAX_CHUNK_BYTES = 1 << 30
-"""Of a record, and of a chunk when unpacked."""
 _SCHEMA, _CHANNEL, _MESSAGE = 0x03, 0x04, 0x05
 _FRAME_BYTES = 9
 _HEAD = np.dtype([("channel", "<u2"), ("sequence", "<u4"), ("log_time", "<u8"), ("publish_time", "<u8")])
@@ -132,6 +130,8 @@ class ChunkWalk:
         heads = np.ascontiguousarray(data[starts[:, None] + np.arange(_HEAD.itemsize)]).view(_HEAD)[:, 0]
         stamps = heads["log_time"].astype(np.int64)
         for channel in np.unique(heads["channel"]).tolist():
+            if channel not in self.channels:  # a damaged number; there may be thousands
+                continue
             mine = heads["channel"] == channel
             begins = starts[mine] + _HEAD.itemsize
             yield Batch(channel, stamps[mine], data, begins, starts[mine] + lengths[mine])
@@ -181,7 +181,12 @@ def _inflated(chunk: Any, size: int) -> bytes | None:
             import zstandard
 
             reader = zstandard.ZstdDecompressor(max_window_size=1 << 27).stream_reader(chunk.data)
-            return bytes(reader.read(size))
+            # In pieces: each call makes room for what it is asked for, however little comes.
+            parts, left = [], size
+            while left > 0 and (part := reader.read(min(left, 16 << 20))):
+                parts.append(part)
+                left -= len(part)
+            return b"".join(parts)
         if chunk.compression == "lz4":
             import lz4.frame  # type: ignore[import-untyped]
 

@@ -15,11 +15,6 @@ Column = NDArray[np.float64]
 Path = tuple[str | int, ...]
 """Keys and indices from the message down to a number."""
 
-MOST_ELEMENTS = 64
-"""Of an array whose length is not fixed, the elements that are offered as signals."""
-MOST_FIELDS = 4096
-DEEPEST = 16
-
 
 @dataclass(frozen=True)
 class Field:

@@ -10,8 +10,9 @@ import numpy as np
 import orjson
 from numpy.typing import NDArray
 
+from fdd.bounds import DEEPEST_MESSAGE, MOST_ELEMENTS
 from fdd.logs.wire.chunks import Batch
-from fdd.logs.wire.fields import DEEPEST, MOST_ELEMENTS, Field, Path
+from fdd.logs.wire.fields import Field, Path
 
 Column = NDArray[np.float64]
 _LOOKED_AT = 20
@@ -77,10 +78,10 @@ def _object(text: bytes) -> dict[str, Any]:
 
 
 def _paths(value: Any, before: Path = ()) -> Iterator[Path]:
-    if isinstance(value, dict) and len(before) < DEEPEST:
+    if isinstance(value, dict) and len(before) < DEEPEST_MESSAGE:
         for key, inner in value.items():
             yield from _paths(inner, (*before, key))
-    elif isinstance(value, list) and len(before) < DEEPEST:
+    elif isinstance(value, list) and len(before) < DEEPEST_MESSAGE:
         for k, inner in enumerate(value[:MOST_ELEMENTS]):
             yield from _paths(inner, (*before, k))
     elif isinstance(value, bool | int | float) and before:
@@ -109,7 +110,7 @@ def _schema_units(schema: bytes) -> Iterator[tuple[Path, str]]:
 
 
 def _units_below(node: Any, path: Path) -> Iterator[tuple[Path, str]]:
-    if not isinstance(node, dict) or len(path) > DEEPEST:
+    if not isinstance(node, dict) or len(path) > DEEPEST_MESSAGE:
         return
     unit = next((node[k] for k in _UNIT_KEYS if isinstance(node.get(k), str)), None)
     if unit and path:

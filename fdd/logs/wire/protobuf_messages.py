@@ -13,9 +13,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from fdd.bounds import DEEPEST_MESSAGE, MOST_ELEMENTS, MOST_FIELDS, MOST_SCHEMA_FILES, MOST_VISITED
 from fdd.logs.wire.chunks import Batch
 from fdd.logs.wire.compiled import njit
-from fdd.logs.wire.fields import DEEPEST, MOST_ELEMENTS, MOST_FIELDS, Field, Path
+from fdd.logs.wire.fields import Field, Path
 
 Column = NDArray[np.float64]
 
@@ -47,7 +48,8 @@ class ProtobufMessages:
 
     def fields(self, first: Batch) -> list[Field]:
         """All numbers of the type; of an array as many elements as the first message has."""
-        paths = list(islice(_paths(self._type, ()), MOST_FIELDS))
+        looked_at = islice(_paths(self._type, ()), MOST_VISITED)
+        paths = list(islice((p for p in looked_at if p is not None), MOST_FIELDS))
         scalar = [p for p in paths if not any(isinstance(k, int) for k in p)]
         arrays = [p for p in paths if p not in set(scalar)]
         if arrays and first.stamps.size:
@@ -72,6 +74,8 @@ def _descriptor(name: str, schema: bytes) -> Any:
     pool = descriptor_pool.DescriptorPool()
     try:
         files.ParseFromString(schema)
+        if len(files.file) > MOST_SCHEMA_FILES:
+            raise ValueError(f"{len(files.file)} files in the schema")
         waiting = {f.name: f for f in files.file}
         while waiting:
             ready = [f for f in waiting.values() if not any(d in waiting for d in f.dependency)]
@@ -89,8 +93,10 @@ def _repeated(field: Any) -> bool:
     return bool(field.is_repeated) if hasattr(field, "is_repeated") else field.label == 3
 
 
-def _paths(kind: Any, before: Path) -> Iterator[Path]:
-    if len(before) >= DEEPEST:
+def _paths(kind: Any, before: Path) -> Iterator[Path | None]:
+    """Numbers of a type, and a None for each message: a type that holds itself has messages without end."""
+    yield None
+    if len(before) >= DEEPEST_MESSAGE:
         return
     for field in kind.fields:
         path: Path = (*before, field.name)

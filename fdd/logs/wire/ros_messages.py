@@ -13,9 +13,10 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from fdd.bounds import DEEPEST_MESSAGE, MOST_ELEMENTS, MOST_FIELDS, MOST_OPERATIONS, MOST_VISITED
 from fdd.logs.wire.chunks import Batch
 from fdd.logs.wire.compiled import njit
-from fdd.logs.wire.fields import DEEPEST, MOST_ELEMENTS, MOST_FIELDS, Field, Path
+from fdd.logs.wire.fields import Field, Path
 
 Column = NDArray[np.float64]
 
@@ -36,7 +37,6 @@ _LINE = re.compile(
     r"(?P<rest>\s*=.*|\s.*)?$"
 )
 _ARRAY = re.compile(r"\[(<=)?(\d*)\]$")
-_MOST_OPERATIONS = 20_000
 
 Operation = tuple[int, int, int, int]
 """What, bytes of a number, kind, and how many in a row (0: as many as a count before them says)."""
@@ -61,12 +61,15 @@ class RosMessages:
         self._operations: list[Operation] = []
         self._places: dict[Path, int] = {}
         self._sequences: set[Path] = set()
+        self._types = 0
         self._add(_short(name), (), 0, inside_loop=False)
 
     def fields(self, first: Batch) -> list[Field]:
         """All numbers of the type; of a sequence as many elements as the first message has."""
         paths = [p for p in self._places if p not in self._sequences][:MOST_FIELDS]
-        open_ended = [(*p, k) for p in sorted(self._sequences, key=str) for k in range(MOST_ELEMENTS)]
+        open_ended = [(*p, k) for p in sorted(self._sequences, key=str) for k in range(MOST_ELEMENTS)][
+            :MOST_VISITED
+        ]
         if open_ended and first.stamps.size:
             one = Batch(first.channel, first.stamps[:1], first.data, first.starts[:1], first.ends[:1])
             there = self.columns(one, open_ended)
@@ -91,16 +94,21 @@ class RosMessages:
         return list(out)
 
     def _add(self, name: str, path: Path, depth: int, *, inside_loop: bool) -> None:
-        if depth > DEEPEST or len(self._operations) > _MOST_OPERATIONS:
-            raise ValueError("a ROS message type is too deep")
+        self._types += 1
+        if depth > DEEPEST_MESSAGE or self._types > MOST_OPERATIONS:
+            raise ValueError("a ROS message type is too deep or too large")
         definition = self._definitions.get(name) or _BUILT_IN.get(name)
         if definition is None:
             raise ValueError(f"no definition of the ROS type {name}")
         for field, kind in definition:
+            if len(self._operations) > MOST_OPERATIONS:
+                raise ValueError("a ROS message type is too large")
             found = _ARRAY.search(kind)
             element = kind[: found.start()] if found else kind
             many = found is not None
-            count = int(found[2]) if found and found[2] and not found[1] else 0
+            count = int(found[2][:9]) if found and found[2] and not found[1] else 0
+            if count > MOST_OPERATIONS:
+                raise ValueError(f"a ROS message type has an array of {count} elements")
             own: Path = (*path, field)
             primitive = _PRIMITIVES.get(element)
             if primitive is not None:
@@ -113,6 +121,7 @@ class RosMessages:
                     operation = _SEQUENCE if many and not count else _NUMBER
                     self._operations.append((operation, primitive[0], primitive[1], 1))
                 continue
+            begin = len(self._operations)
             if many and not count:
                 self._operations.append((_LOOP, 0, 0, 0))
             for k in range(count if count else 1):
@@ -122,7 +131,10 @@ class RosMessages:
                     inner: Path = (*own, k) if many else own
                     loops = inside_loop or (many and not count)
                     self._add(_short(element, name), inner, depth + 1, inside_loop=loops)
-            if many and not count:
+            if many and not count and len(self._operations) == begin + 1:
+                # Elements without anything in them take no bytes: their count alone would set the time.
+                self._operations[begin] = (_TEXT, 0, 0, 0)
+            elif many and not count:
                 self._operations.append((_END, 0, 0, 0))
 
 
