@@ -22,6 +22,8 @@ from fdd.logs.rates import aligned
 from fdd.measures import MEASURES, find_measure
 from fdd.samples import CHANNELS
 
+LARGEST = 1e100
+"""No signal has such a value; its square would be infinite."""
 CLOSE = 0.9
 """Correlation above which one signal's motion is another's."""
 
@@ -103,8 +105,9 @@ def gather(log: LogFile, words: Words) -> Evidence | None:
         if signal.clock != main and own is None:
             continue
         values = raw[name] if signal.clock == main or own is None else aligned(at, own, raw[name])
-        if np.isfinite(values[good]).any():
-            columns[name] = values[good]
+        values = np.where(np.abs(values[good]) < LARGEST, values[good], np.nan)
+        if np.isfinite(values).any():
+            columns[name] = values
     known = {n: log.signals[n] for n in columns}
     data = Signals(at[good], columns)
     scores = {n: name_scores(s, words) for n, s in known.items()}
