@@ -25,7 +25,6 @@ LEAST_WINDOWS = 5
 LEAST_BINS = 3
 REPEATS = 100
 """Of the bootstrap over blocks of 2 s."""
-FREE = ("coulomb", "static", "stribeck_velocity", "viscous")
 SHARP = 0.5
 """Half width of an interval over its value up to which a coefficient counts as told."""
 SLOW, FAST = 1.0, 3.0
@@ -134,7 +133,8 @@ def _direction(
     if v.size < LEAST_BINS:
         out.not_told.append(f"Friction {name}: steady motion at fewer than {LEAST_BINS} speeds.")
         return
-    fit = fit_curve(v, f, base, FREE)
+    free = _free(v, base)
+    fit = fit_curve(v, f, base, free)
     rng = np.random.default_rng(0)
     names, where = np.unique(block, return_inverse=True)
     rows = [np.flatnonzero(where == k) for k in range(names.size)]
@@ -143,24 +143,21 @@ def _direction(
         drawn = np.concatenate([rows[k] for k in rng.integers(0, names.size, names.size)])
         vb, fb = binned(speed[drawn], force[drawn])
         if vb.size >= LEAST_BINS:
-            again = fit_curve(vb, fb, fit, FREE)
-            coefficients.append([getattr(again, n) for n in FREE])
+            again = fit_curve(vb, fb, fit, free)
+            coefficients.append([getattr(again, n) for n in free])
             curves.append(curve(again, v))
     zero = ZERO_PRESSURE * area
     wide = float(student.ppf(0.975, max(names.size - 1, 1))) * np.sqrt(names.size / max(names.size - 1, 1))
     half = wide * np.hypot(np.std(curves, axis=0), zero)
     on_curve = curve(fit, v)
-    shifts = np.array([zero, zero, 0.0, 0.0])
     vague = []
-    for n, std, shift in zip(FREE, np.std(coefficients, axis=0), shifts, strict=True):
-        value, reach = float(getattr(fit, n)), wide * float(np.hypot(std, shift))
-        if reach < SHARP * value:
-            low = (
-                f"profile {getattr(base, n):.3g}"
-                if UNITS[n] != "m/s"
-                else f"profile {1e3 * getattr(base, n):.3g} mm/s"
-            )
-            out.told.append(Told(f"{WORDS[n]}, {name}", value, value - reach, value + reach, UNITS[n], low))
+    for n, std in zip(free, np.std(coefficients, axis=0), strict=True):
+        shift = zero if UNITS[n] == "N" else 0.0
+        told = Told.normal(
+            f"{WORDS[n]}, {name}", getattr(fit, n), wide / 1.96 * float(np.hypot(std, shift)), UNITS[n]
+        )
+        if told.high - told.value < SHARP * told.value:
+            out.told.append(replace(told, note=f"profile {told.of(getattr(base, n))}"))
         else:
             vague.append(WORDS[n])
     _not_told(out, name, v, base, vague)
@@ -181,8 +178,14 @@ def _direction(
             points(1e3 * v, f, f - half, f + half, "medians, 95 %", colour),
             curve_line(1e3 * fine, curve(fit, fine), "fitted", colour),
             curve_line(1e3 * fine, curve(base, fine), "profile", tr.GREY, "dash")]  # fmt: skip
-    layout = axes("speed (mm/s)") | {"yaxis": {"rangemode": "tozero"}}
+    layout = axes("speed (mm/s)", rangemode="tozero") | {"yaxis": {"rangemode": "tozero"}}
     out.figures.append(Figure(name, f"Friction, {name}", data, layout, "N", "", 340))
+
+
+def _free(v: Array, base: FrictionBranch) -> tuple[str, ...]:
+    """The coefficients that these speeds can tell; the profile's stand in for the rest."""
+    slow, fast = v[0] <= SLOW * base.stribeck_velocity, v[-1] >= FAST * base.stribeck_velocity
+    return ("coulomb", *(("static", "stribeck_velocity") if slow else ()), *(("viscous",) if fast else ()))
 
 
 def _not_told(out: Outcome, name: str, v: Array, base: FrictionBranch, vague: list[str]) -> None:

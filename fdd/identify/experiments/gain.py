@@ -32,6 +32,8 @@ SLOW = 0.12
 """Of the drive's largest speed, below which windows tell the dead band."""
 SPEEDS = np.array([0.0, 0.02, 0.05, 0.1, 0.2, 0.35, 0.5, 0.75, 1.5])
 """Edges over the drive's largest speed."""
+SLIP_MODEL = 0.03
+"""Of the slip, likewise: density and compression, which `fdd.identify.experiments.leakage` balances."""
 MODEL = 5e-4
 """Of the gain: encoders, cylinder, and what the windows leave out (standard deviation)."""
 LEAST_WINDOWS = 5
@@ -171,6 +173,8 @@ def _direction(
         holding = unit.pump.cross_port_leakage + unit.pump.case_leakage
         # Where no load tells the slip, the profile's leakage takes it off, a third of it left open.
         slipped = np.zeros(pump.size) if loaded else holding * pressure / unit.cylinder.area_1
+        # The pump moves oil, not volume: its ports' mean density is less than the driven chamber's.
+        slipped = slipped + profile * pump * pressure / (2.0 * unit.oil.bulk_modulus)
         m = np.column_stack([pump, *([-pressure] if loaded else [])])
         scale = np.abs(m[fast]).max(axis=0)
 
@@ -187,7 +191,8 @@ def _direction(
         beside = f"profile {2e3 * np.pi * profile:.4g} mm/turn, this is {100 * (value / profile - 1):+.2f} %"
         out.told.append(Told(f"gain, {name}", value, value - reach, value + reach, "m/rad", beside))
         if loaded:
-            slip, slip_reach = whole[1] * unit.cylinder.area_1, half[1] * unit.cylinder.area_1
+            slip = whole[1] * unit.cylinder.area_1
+            slip_reach = float(np.hypot(half[1] * unit.cylinder.area_1, 1.96 * SLIP_MODEL * slip))
             out.told.append(Told(f"slip, {name}", slip, slip - slip_reach, slip + slip_reach, "m^3/(s*Pa)",
                                  f"profile's ξ + C_ep: {6e12 * holding:.3g} mL/min/bar"))  # fmt: skip
         else:
@@ -214,8 +219,8 @@ def _table(
         inside = moving & (pump >= a) & (pump < b)
         if np.count_nonzero(inside) < LEAST_WINDOWS:
             continue
-        middle = np.median(pressure[inside])
-        wide = np.ptp(np.quantile(pressure[inside], [0.1, 0.9])) > 4e5
+        low, high = np.quantile(pressure[inside], [0.1, 0.9])
+        middle, wide = 0.5 * (low + high), high - low > 4e5
         for rows in (inside & (pressure <= middle), inside & (pressure > middle)) if wide else (inside,):
             means = np.array([np.mean(ratio[rows & (w.block == k)]) for k in np.unique(w.block[rows])])
             if np.count_nonzero(rows) < LEAST_WINDOWS or means.size < 2:

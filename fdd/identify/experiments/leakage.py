@@ -128,7 +128,7 @@ def leakage(records: list[Record], unit: Unit) -> Outcome:
         "in the profile; leakage beside it, pump displacement was fitted: it is "
         f"{100 * gain[0]:.2f} % of the profile's. Intervals hold the pressure sensors' zeros."
     )
-    _draw(out, rows, np.append(gain, 0.0) if both is None else both, profile, high)
+    _draw(out, rows, np.append(gain, 0.0) if both is None else both, profile)
     return out
 
 
@@ -216,8 +216,14 @@ def _over_temperature(out: Outcome, rows: _Rows, unit: Unit, reference: float, r
         )
 
 
-def _draw(out: Outcome, rows: _Rows, gain: Array, profile: float, high: float) -> None:
+def _draw(out: Outcome, rows: _Rows, gain: Array, profile: float) -> None:
     leak = gain[0] * rows.pumped - rows.arrived
+
+    def fitted(p: Array) -> Array:
+        return np.asarray(gain[1] * p + gain[2] * np.sign(p) * np.sqrt(np.abs(p)))
+
+    # Means of what the fit leaves, put back on it: pressures differ within a group.
+    beside = leak - fitted(rows.pressure)
     edges = np.quantile(rows.pressure, np.linspace(0.0, 1.0, PRESSURES + 1))
     which = np.clip(np.searchsorted(edges, rows.pressure) - 1, 0, PRESSURES - 1)
     p, q, half = [], [], []
@@ -225,26 +231,24 @@ def _draw(out: Outcome, rows: _Rows, gain: Array, profile: float, high: float) -
         inside = which == k
         if np.count_nonzero(inside) < 5:
             continue
-        means = [np.mean(leak[inside & (rows.block == b)]) for b in np.unique(rows.block[inside])]
+        means = [np.mean(beside[inside & (rows.block == b)]) for b in np.unique(rows.block[inside])]
         p.append(np.median(rows.pressure[inside]))
-        q.append(np.mean(means))
+        q.append(fitted(p[-1]) + np.mean(means))
         half.append(
             student.ppf(0.975, max(len(means) - 1, 1)) * np.std(means) / np.sqrt(max(len(means) - 1, 1))
         )
     pressure, flow, reach = (np.array(x) for x in (p, q, half))
     out.curves["leak_flow"] = {"pressure": pressure, "flow": flow, "low": flow - reach, "high": flow + reach}
-    line = np.linspace(min(float(pressure.min()), 0.0), max(high, float(pressure.max())), 60)
-    fitted = gain[1] * line + gain[2] * np.sign(line) * np.sqrt(np.abs(line))
+    line = np.linspace(min(float(rows.pressure.min()), 0.0), float(rows.pressure.max()), 60)
     data = [
         cloud(1e-5 * rows.pressure, 6e7 * leak, "steps of 0.2 s", tr.GREY),
         points(
             1e-5 * pressure, 6e7 * flow, 6e7 * (flow - reach), 6e7 * (flow + reach), "means, 95 %", tr.BLUE
         ),
-        curve_line(1e-5 * line, 6e7 * fitted, "fitted", tr.BLUE),
+        curve_line(1e-5 * line, 6e7 * fitted(line), "fitted", tr.BLUE),
         curve_line(1e-5 * line, 6e7 * profile * line, "profile", tr.VERMILLION, "dash"),
     ]
-    span = [float(6e7 * np.min(flow - 3 * reach)) - 5.0, float(6e7 * np.max(flow + 3 * reach)) + 5.0]
-    layout = axes("pressure that drives it (bar)") | {"yaxis": {"range": span}}
+    layout = axes("pressure that drives it (bar)")
     out.figures.append(
         Figure(
             "leakage",

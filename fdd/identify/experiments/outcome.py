@@ -43,6 +43,11 @@ class Told:
         """With an interval of so many standard deviations."""
         return Told(quantity, value, value - NORMAL_95 * std, value + NORMAL_95 * std, unit, note)
 
+    def of(self, value: float) -> str:
+        """Another value of the same quantity, as people read it."""
+        factor, unit = SHOWN.get(self.unit, (1.0, self.unit))
+        return f"{factor * value:.4g} {unit}".rstrip()
+
     def shown(self) -> tuple[str, str, str, str]:
         """Value, both ends of the interval, and unit, as people read them.
 

@@ -34,6 +34,8 @@ LONGEST_DELAY = 0.02
 """s."""
 COHERENT = 0.6
 """Squared coherence from which the response counts as told."""
+SEEN = 0.3
+"""Squared coherence from which points set the plots' ranges."""
 ALIKE = 0.01
 """Of the output's variance: of models whose fits are closer the one of fewest poles is taken, then by BIC."""
 LAGS = 20
@@ -223,6 +225,11 @@ def _row(t: Tested, best: Tested, unit: str) -> tuple[str, ...]:
     )
 
 
+def shade(frequency: Array, low: Array, high: Array) -> dict[str, Any]:
+    """A band of its own: grouped with its line it would stack the legend."""
+    return {**tr.band(frequency, low, high, "", tr.BLUE), "legendgroup": ""}
+
+
 def _draw(
     out: Outcome,
     spectra: Spectra,
@@ -243,10 +250,9 @@ def _draw(
     fine_divisor = 2j * np.pi * fine if integrate else np.ones_like(fine)
     colours = dict(zip(STRUCTURES, tr.LINE_COLOURS[1:], strict=False))
     phase = degrees(measured)
-    magnitude: list[Any] = [tr.band(f, decibel(low), decibel(high), "measured", tr.BLUE),
+    magnitude: list[Any] = [shade(f, decibel(low), decibel(high)),
                             curve_line(f, decibel(measured), "measured", tr.BLUE)]  # fmt: skip
-    angle: list[Any] = [tr.band(f, phase - spread, phase + spread, "measured", tr.BLUE),
-                        curve_line(f, phase, "measured", tr.BLUE)]  # fmt: skip
+    angle: list[Any] = [shade(f, phase - spread, phase + spread), curve_line(f, phase, "measured", tr.BLUE)]
     for t in tested:
         modelled = t.model.at(fine) / fine_divisor
         turned = degrees(modelled)
@@ -267,13 +273,25 @@ def _draw(
     note = (
         f"shaded: 95 % of the measured one; dotted upright: the profile's natural frequency, {natural:.3g} Hz"
     )
-    seen = (
-        decibel(measured[spectra.coherence > 0.3]) if np.any(spectra.coherence > 0.3) else decibel(measured)
-    )
-    floor = {"yaxis": {"range": [float(seen.min()) - 10.0, float(seen.max()) + 8.0]}}
+    seen = spectra.coherence > SEEN if np.any(spectra.coherence > SEEN) else np.ones(f.size, dtype=bool)
+
+    def reach(values: Array, margin: float) -> dict[str, Any]:
+        return layout | {
+            "yaxis": {"range": [float(values[seen].min() - margin), float(values[seen].max() + margin)]}
+        }
+
     out.figures = [
-        Figure("magnitude", f"Magnitude of {name}", magnitude, layout | floor, "dB", note, 340, True),
-        Figure("phase", "Phase", angle, layout, "°", "", 300, True),
+        Figure(
+            "magnitude",
+            f"Magnitude of {name}",
+            magnitude,
+            reach(decibel(measured), 10.0),
+            "dB",
+            note,
+            340,
+            True,
+        ),
+        Figure("phase", "Phase", angle, reach(phase, 45.0), "°", "", 300, True),
         Figure(
             "coherence",
             "Squared coherence",

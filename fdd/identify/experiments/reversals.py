@@ -1,4 +1,4 @@
-"""Lost motion: what the pump turns after a reversal before the piston follows, and how much of it is backlash."""
+"""Lost motion: what the pump turns after a reversal before the piston follows, backlash among it."""
 
 from __future__ import annotations
 
