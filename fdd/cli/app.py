@@ -12,6 +12,7 @@ from fdd.cli import (
     compare,
     demo,
     diagnose,
+    experiment,
     generate,
     identify,
     inspect,
@@ -67,6 +68,7 @@ app.command("inspect")(inspect.inspect_log)
 app.command("map")(map_command.propose_map)
 app.command()(monitor.monitor)
 app.command()(identify.identify)
+app.command()(experiment.experiment)
 app.add_typer(profile.app, name="profile")
 app.command()(simulate.simulate)
 app.command()(generate.generate)

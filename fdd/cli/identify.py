@@ -7,13 +7,16 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from fdd.cli.experiment import Experiment
+from fdd.cli.experiment import experiment as run_experiment
 from fdd.cli.options import AxisOption, MapOption
+from fdd.cli.which_logs import read_logs
 from fdd.errors import InputError
 
 if TYPE_CHECKING:
     from fdd.identify import Identification
     from fdd.identify.noise import NoiseFit
-    from fdd.logs import ChannelMap, Log
+    from fdd.logs import Log
     from fdd.unit import Unit
 
 
@@ -22,7 +25,12 @@ def identify(
         list[Path],
         typer.Argument(metavar="HEALTHY_LOG...", help="Logs of this unit while healthy.", show_default=False),
     ],
-    out: Annotated[Path, typer.Option("--out", "-o", help="Profile to write (YAML).", show_default=False)],
+    out: Annotated[
+        Path | None,
+        typer.Option(
+            "--out", "-o", help="Profile to write (YAML); of an experiment its page.", show_default=False
+        ),
+    ] = None,
     base: Annotated[
         str, typer.Option(help="Profile of a similar unit: a YAML file or a shipped one.")
     ] = "axis_a",
@@ -47,6 +55,12 @@ def identify(
         bool, typer.Option(help="Sensors, filters' noise, innovation tests and notes too.")
     ] = False,
     noise: Annotated[bool, typer.Option(help="Fit the filters' noise too.")] = True,
+    experiment: Annotated[
+        Experiment | None,
+        typer.Option(
+            help="Make no profile but `fdd experiment` of this kind, against --base.", show_default=False
+        ),
+    ] = None,
 ) -> None:
     """Identify a unit from its healthy logs, so that its own spread is no fault."""
     import json
@@ -59,6 +73,11 @@ def identify(
     from fdd.logs import ChannelMap
     from fdd.unit import Unit
 
+    if experiment is not None:
+        run_experiment(experiment, logs, base, map_, axis, html=out, json_=json_)
+        return
+    if out is None:
+        raise InputError("no profile to write to", mend="name it with -o, e.g. -o unit.yaml")
     require_writable(out)
     if json_ not in (None, "-"):
         require_writable(Path(json_))
@@ -66,7 +85,7 @@ def identify(
     named(profile, name)
     channel_map = None if map_ is None else ChannelMap.load(map_)
     origin = origin_of(profile, logs, channel_map, more=add is not None)
-    read = _read(logs, channel_map, axis)
+    read = read_logs(logs, channel_map, axis)
     samples, labels = [log.samples for log in read], [str(path) for path in logs]
     if add is None:
         found, unit, fit = _identified(read, labels, profile, noise=noise)
@@ -87,18 +106,6 @@ def identify(
     if json_ is not None:
         write_text(json_, data + "\n")
     print_result(found, judged, unit, fit, out, verbose=verbose)
-
-
-def _read(paths: list[Path], channel_map: ChannelMap | None, axis: str | None) -> list[Log]:
-    from fdd.cli.console import progress
-    from fdd.logs import read_log
-
-    read = []
-    with progress("reading", len(paths)) as advance:
-        for k, path in enumerate(paths):
-            read.append(read_log(path, channel_map, axis))
-            advance(k + 1)
-    return read
 
 
 def _identified(

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from math import pi
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -11,6 +10,7 @@ from rich.table import Table
 from rich.text import Text
 
 from fdd.cli.console import output
+from fdd.identify.experiments.outcome import NORMAL_95, SHOWN
 
 if TYPE_CHECKING:
     from fdd.identify import Identification
@@ -21,13 +21,6 @@ if TYPE_CHECKING:
 
 WIDE = 120
 """Columns of a terminal that has room for notes."""
-SPREAD_95 = 1.96
-"""Standard deviations either side that hold 95 %."""
-SHOWN = {
-    "m^3/rad": (2e6 * pi, "cm³/turn"), "m^3/(s*Pa)": (6e12, "mL/min/bar"), "Pa": (1e-5, "bar"),
-    "m^3": (1e6, "cm³"), "m^2": (1e4, "cm²"), "degC": (1.0, "°C"), "1": (1.0, ""),
-}  # fmt: skip
-"""SI unit to factor and unit for people."""
 
 
 def print_result(
@@ -86,7 +79,7 @@ def physics_table(found: Identification, *, sensors: bool, notes: bool) -> Table
             Text(row.quantity.replace(".", " ").replace("_", " ")),
             f"{factor * row.base:.4g}",
             f"{factor * (row.base if row.identified is None else row.identified):.4g}",
-            "" if row.std is None else f"{float(f'{SPREAD_95 * factor * row.std:.2g}'):g}",
+            "" if row.std is None else f"{float(f'{NORMAL_95 * factor * row.std:.2g}'):g}",
             unit,
             Text(word(row) + (f" ({row.note})" if row.note and (notes or found.balances) else "")),
             style="dim" if row.identified is None else "",

@@ -7,9 +7,13 @@ import os
 from collections import Counter
 from collections.abc import Iterator, Sequence
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from fdd.errors import InputError
 from fdd.logs.formats import suffixes
+
+if TYPE_CHECKING:
+    from fdd.logs import ChannelMap, Log
 
 
 def find_logs(given: Sequence[Path], leave_out: Path | None = None) -> list[Path]:
@@ -122,3 +126,16 @@ def _below(folder: Path, leave_out: Path | None) -> list[Path]:
         )
         found += [Path(here, f) for f in files if not f.startswith(".") and f.lower().endswith(suffixes())]
     return sorted(found, key=lambda path: path.parts)
+
+
+def read_logs(paths: list[Path], channel_map: ChannelMap | None, axis: str | None) -> list[Log]:
+    """All of them, in order; the first that cannot be read is an `InputError`."""
+    from fdd.cli.console import progress
+    from fdd.logs import read_log
+
+    read = []
+    with progress("reading", len(paths)) as advance:
+        for k, path in enumerate(paths):
+            read.append(read_log(path, channel_map, axis))
+            advance(k + 1)
+    return read

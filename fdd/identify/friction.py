@@ -63,7 +63,7 @@ class FrictionFit:
 
 
 @dataclass(frozen=True)
-class _Motion:
+class Motion:
     """Windows of steady motion: force along the motion, speed, direction, where, and in which 2 s block.
 
     Break-aways are left out: the pump starts too fast for the peak to be the static friction.
@@ -98,25 +98,49 @@ def fit_friction(
     -------
     Curves with standard deviations, and why something was kept.
     """
-    motions = [_motion(r, cylinder, 1000 * i) for i, r in enumerate(records)]
-    notes: list[str] = []
-    freed = [_without_load(m, base) for m in motions]
-    if min(_pushed(motions), _pushed(freed)) > MOST_PUSHED:
+    motions = [steady_motion(r, cylinder, 1000 * i) for i, r in enumerate(records)]
+    if gusty(motions, base):
         return _through_gusts(motions, base, zero_force)
-    found = _unloaded(motions, base)
-    if found is None:
-        motions, found = freed, _unloaded(freed, base)
-        if found is None:
-            return FrictionFit(None, None)
-        notes.append("friction: no unloaded strokes; a constant and a spring load were fitted and removed")
-    all_of = _join(motions)
+    free = unloaded_motion(motions, base)
+    if free is None:
+        return FrictionFit(None, None)
+    motion, found, notes = free
     fits = []
     for sign, branch, centre in ((1.0, base.forward, found[0]), (-1.0, base.reverse, found[1])):
-        fits.append(_branch(all_of, sign, branch, centre, zero_force))
+        fits.append(_branch(motion, sign, branch, centre, zero_force))
     return FrictionFit(fits[0], fits[1], notes)
 
 
-def _motion(record: Record, cylinder: Cylinder, first_block: int) -> _Motion:
+def gusty(motions: list[Motion], base: Friction) -> bool:
+    """Whether loads push the piston so often that no unloaded motion can be told."""
+    return min(_pushed(motions), _pushed([_without_load(m, base) for m in motions])) > MOST_PUSHED
+
+
+def unloaded_motion(
+    motions: list[Motion], base: Friction
+) -> tuple[Motion, tuple[float, float], list[str]] | None:
+    """All logs' motion, its unloaded force over the base's friction forward and reverse, and notes.
+
+    None where the unloaded strokes cannot be told from loaded ones.
+    """
+    notes: list[str] = []
+    found = _unloaded(motions, base)
+    if found is None:
+        motions = [_without_load(m, base) for m in motions]
+        found = _unloaded(motions, base)
+        notes.append("friction: no unloaded strokes; a constant and a spring load were fitted and removed")
+    return None if found is None else (_join(motions), found, notes)
+
+
+def near_curve(motion: Motion, sign: float, branch: FrictionBranch, centre: float) -> NDArray[np.bool_]:
+    """Windows of one direction whose force is near `centre` times the base's curve: those without load."""
+    near, expected = np.exp(CLUSTER_REACH), centre * curve(branch, motion.speed)
+    inside = (motion.force < near * expected) & (motion.force > expected / near)
+    return np.asarray((motion.direction == sign) & inside)
+
+
+def steady_motion(record: Record, cylinder: Cylinder, first_block: int) -> Motion:
+    """The windows of one log; its blocks are counted from `first_block`."""
     step, h = record.rows(WINDOW), record.period
     v, _ = record.speeds(0.02)
     v = record.smooth(v, 0.02)
@@ -135,7 +159,7 @@ def _motion(record: Record, cylinder: Cylinder, first_block: int) -> _Motion:
         & ~record.gap[:n].reshape(shape).any(axis=1)
     )
     direction = np.sign(vw.mean(axis=1))
-    return _Motion(
+    return Motion(
         force=(direction * fw.mean(axis=1))[steady],
         speed=speed[steady],
         direction=direction[steady],
@@ -144,19 +168,19 @@ def _motion(record: Record, cylinder: Cylinder, first_block: int) -> _Motion:
     )
 
 
-def _join(motions: list[_Motion]) -> _Motion:
-    names = list(_Motion.__dataclass_fields__)
-    return _Motion(**{n: np.concatenate([getattr(m, n) for m in motions]) for n in names})
+def _join(motions: list[Motion]) -> Motion:
+    names = list(Motion.__dataclass_fields__)
+    return Motion(**{n: np.concatenate([getattr(m, n) for m in motions]) for n in names})
 
 
-def _ratio(motion: _Motion, base: Friction) -> Array:
+def _ratio(motion: Motion, base: Friction) -> Array:
     over = np.where(
         motion.direction > 0, curve(base.forward, motion.speed), curve(base.reverse, motion.speed)
     )
     return motion.force / np.maximum(over, 1.0)
 
 
-def _unloaded(motions: list[_Motion], base: Friction) -> tuple[float, float] | None:
+def _unloaded(motions: list[Motion], base: Friction) -> tuple[float, float] | None:
     """Force over the base's friction in unloaded motion, forward and reverse."""
     motion = _join(motions)
     ratio = _ratio(motion, base)
@@ -189,7 +213,7 @@ def _lowest_cluster(ratio: Array) -> float | None:
     return None
 
 
-def _without_load(motion: _Motion, base: Friction) -> _Motion:
+def _without_load(motion: Motion, base: Friction) -> Motion:
     """Take a constant and a spring load off, with the base's friction in proportion beside them."""
     if motion.force.size < 20:
         return motion
@@ -200,7 +224,7 @@ def _without_load(motion: _Motion, base: Friction) -> _Motion:
     return replace(motion, force=motion.direction * (signed - load))
 
 
-def _with_loads(motion: _Motion, friction: Array) -> Array:
+def _with_loads(motion: Motion, friction: Array) -> Array:
     """Columns of the force balance: friction, a constant, a spring, and drag of the flow."""
     columns = [
         motion.direction * friction,
@@ -224,13 +248,13 @@ def _robust(m: Array, y: Array) -> Array:
     return np.asarray(theta / scale)
 
 
-def _pushed(motions: list[_Motion]) -> float:
+def _pushed(motions: list[Motion]) -> float:
     """Share of the motion that the load pushes."""
     force = _join(motions).force
     return float(np.mean(force < 0.0)) if force.size else 0.0
 
 
-def _through_gusts(motions: list[_Motion], base: Friction, zero_force: float) -> FrictionFit:
+def _through_gusts(motions: list[Motion], base: Friction, zero_force: float) -> FrictionFit:
     """Both directions' base curves times one factor: what turns with the motion, each log's load apart."""
     joined = _join(motions)
     force = joined.direction * joined.force
@@ -263,12 +287,10 @@ def _through_gusts(motions: list[_Motion], base: Friction, zero_force: float) ->
 
 
 def _branch(
-    motion: _Motion, sign: float, base: FrictionBranch, centre: float, zero_force: float
+    motion: Motion, sign: float, base: FrictionBranch, centre: float, zero_force: float
 ) -> BranchFit | None:
     """One direction's curve: non-negative least squares over speed bins, drawn to the scaled base."""
-    near = np.exp(CLUSTER_REACH)
-    expected = centre * curve(base, motion.speed)
-    kept = (motion.direction == sign) & (motion.force < near * expected) & (motion.force > expected / near)
+    kept = near_curve(motion, sign, base, centre)
     speed, force, block = motion.speed[kept], motion.force[kept], motion.block[kept]
     if force.size * WINDOW < LEAST_SECONDS:
         return None

@@ -114,9 +114,9 @@ def _hydraulics(writer: ProfileWriter, records: list[Record]) -> None:
     base = _with_relief(writer, records)
     temperatures = [float(np.mean(r.temperature)) for r in records if r.temperature is not None]
     temperature = float(np.mean(temperatures)) if temperatures else base.oil.reference_temperature
-    pressure = float(np.median(np.concatenate([_reference(r) for r in records])))
+    pressure = float(np.median(np.concatenate([reference_level(r) for r in records])))
     pressure = max(pressure, 0.0)
-    noise = _smoothed_noise(records)
+    noise = smoothed_noise(records)
 
     def steps_of(unit: Unit) -> VolumeSteps:
         return VolumeSteps.join(
@@ -141,7 +141,7 @@ def _hydraulics(writer: ProfileWriter, records: list[Record]) -> None:
             writer.keep(path, "too few steps in which a chamber stays above the accumulator while it moves")
         return
     _put_gain(writer, fit)
-    blurred = float(np.hypot(_zero_share(records), HIDDEN_LEAKAGE if hidden else 0.0))
+    blurred = float(np.hypot(zero_share(records), HIDDEN_LEAKAGE if hidden else 0.0))
     of_case = float(np.hypot(blurred, HIDDEN_CASE if hidden else 0.0))
     _put_leakage(writer, fit, temperature if temperatures else None, blurred, of_case)
     _put_compressibility(writer, fit, pressure, hidden, volumes)
@@ -212,13 +212,14 @@ def _with_volumes(
     return with_volumes, fit
 
 
-def _reference(record: Record) -> NDArray[np.float64]:
+def reference_level(record: Record) -> NDArray[np.float64]:
+    """(n,) Pa at which the oil's compressibility is referred: the accumulator's, else the chambers' mean."""
     if record.accumulator_measured or not record.chambers_measured:
         return record.accumulator
     return 0.5 * (record.pressure_1 + record.pressure_2)
 
 
-def _smoothed_noise(records: list[Record]) -> tuple[float, float]:
+def smoothed_noise(records: list[Record]) -> tuple[float, float]:
     """Pa: white noise of the chamber pressures that is left after the balance's window."""
     left = []
     for channel in ("pressure_1", "pressure_2"):
@@ -228,7 +229,7 @@ def _smoothed_noise(records: list[Record]) -> tuple[float, float]:
     return left[0], left[1]
 
 
-def _zero_share(records: list[Record]) -> float:
+def zero_share(records: list[Record]) -> float:
     """Relative error of the leakage that the pressure sensors' zeros may make: less under load."""
     offset = redundancy_offset(records)
     zero = max(USUAL_ZERO, 0.0 if offset is None else 0.5 * abs(offset.value))

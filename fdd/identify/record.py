@@ -45,6 +45,7 @@ class Record:
     chambers_measured : False where the chambers' pressures are reconstructed from their difference.
     accumulator_measured, has_difference : which sensors there are.
     current : (n,) A, or None. temperature : (n,) °C, or None.
+    command : (n,) rad/s, or None. load : (n,) N, or None.
     angle_jumps : impossible jumps of the pump angle, marked as gaps.
     """
 
@@ -61,6 +62,8 @@ class Record:
     has_difference: bool
     current: Array | None
     temperature: Array | None
+    command: Array | None = None
+    load: Array | None = None
     angle_jumps: int = 0
 
     def __len__(self) -> int:
@@ -189,14 +192,17 @@ def even_record(log: Samples, unit: Unit, where: str) -> Record:
         p1, p2 = chambers
         difference = measured.get("pressure_difference", p1 - p2)
         accumulator_used = accumulator if accumulator is not None else _lower_chamber(p1, p2, period)
+
+    def measured_if(channel: str) -> Array | None:
+        return even(log[channel], marks=False) if channel in present else None
+
     record = Record(
         period=period, angle=angle, position=position, pressure_1=p1, pressure_2=p2,
         accumulator=accumulator_used, difference=difference, gap=gap,
         chambers_measured=chambers is not None, accumulator_measured=accumulator is not None,
         has_difference="pressure_difference" in measured,
-        current=even(log["motor_current"], marks=False) if "motor_current" in present else None,
-        temperature=even(log["oil_temperature"], marks=False) if "oil_temperature" in present else None,
-        angle_jumps=jumps,
+        current=measured_if("motor_current"), temperature=measured_if("oil_temperature"),
+        command=measured_if("command"), load=measured_if("load_force"), angle_jumps=jumps,
     )  # fmt: skip
     _check_motion(record, where)
     return record

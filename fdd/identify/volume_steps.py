@@ -56,7 +56,8 @@ class VolumeSteps:
     ----------
     m : (r, 6) regressors. y : (r,) m³.
     noise : (r, 2, 6) what white pressure noise of one pascal at either end of the step adds to m.
-    chamber : (r,) 1 or 2. block : (r,) number of the 2 s block the step lies in, over all logs.
+    chamber : (r,) 1 or 2. seconds : (r,) length of the step.
+    block : (r,) number of the 2 s block the step lies in, over all logs.
     """
 
     m: Array
@@ -64,6 +65,7 @@ class VolumeSteps:
     noise: Array
     chamber: NDArray[np.int64]
     block: NDArray[np.int64]
+    seconds: Array
 
     @staticmethod
     def join(parts: list[VolumeSteps]) -> VolumeSteps:
@@ -78,6 +80,7 @@ class VolumeSteps:
             noise=np.concatenate([p.noise for p in parts]),
             chamber=np.concatenate([p.chamber for p in parts]),
             block=np.concatenate(blocks),
+            seconds=np.concatenate([p.seconds for p in parts]),
         )
 
 
@@ -168,7 +171,10 @@ def volume_steps(
             parts.append(_differences(record, seconds, levels, slopes, usable, chamber))
     scale = scales(unit)
     m, y, ends, of_chamber, block = (np.concatenate([p[i] for p in parts]) for i in range(5))
-    return VolumeSteps(m * scale, y, ends * scale, of_chamber.astype(np.int64), block.astype(np.int64))
+    lengths = np.repeat(STEPS * 2, [p[1].size for p in parts])
+    return VolumeSteps(
+        m * scale, y, ends * scale, of_chamber.astype(np.int64), block.astype(np.int64), lengths
+    )
 
 
 def _turned(angle: Array, denser: Array) -> Array:

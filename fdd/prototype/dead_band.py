@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from fdd.identify.experiments.gain import SLIDING, dead_band
 from fdd.prototype.findings import Finding, Picture, Row
 from fdd.prototype.leakage import holding_leakage
 from fdd.prototype.runs import PERIOD, VOLT, run_speed
@@ -28,6 +29,8 @@ HOLD = 5.0
 """s per level; the mean over the last 2 s counts, when the pressure has followed (L_T·β/V_o is about 1/s)."""
 TRIALS = 3
 _MEAN = 2.0
+TURNING = 1e-4
+"""rad/s: more than two counts of the encoder in 2 s."""
 
 
 def staircase(unit: Unit, levels: Array, sign: float, seed: int) -> tuple[Array, Array]:
@@ -41,61 +44,15 @@ def staircase(unit: Unit, levels: Array, sign: float, seed: int) -> tuple[Array,
     return np.asarray(motor), np.asarray(actuator)
 
 
-def motor_dead_band(levels: Array, speed: Array) -> float:
-    """Where the line through the turning motor's speeds meets zero (V).
-
-    Parameters
-    ----------
-    levels, speed : (n,) V and rad/s; it turns where its encoder moves by more than two counts in 2 s.
-
-    Returns
-    -------
-    V; NaN where it turns at fewer than three levels.
-
-    Examples
-    --------
-    >>> round(motor_dead_band(np.arange(6.0), VOLT * np.array([0.0, 0.0, 0.0, 1.0, 2.0, 3.0])), 6)
-    2.0
-    """
-    turns = speed > 1e-4
-    if np.count_nonzero(turns) < 3:
-        return float("nan")
-    slope, offset = np.polyfit(levels[turns], speed[turns], 1)
-    return float(-offset / slope)
-
-
-def sliding_dead_band(levels: Array, velocity: Array, gain: float) -> float:
-    """Where the line through the sliding piston's velocity meets zero (V).
-
-    Below break-away the piston creeps as its seals bend; it counts as sliding from a third of the velocity
-    that the pump's gain would give.
-
-    Parameters
-    ----------
-    levels, velocity : (n,) V and m/s.
-    gain : m/rad.
-
-    Returns
-    -------
-    V; NaN where it slides at fewer than three levels.
-
-    Examples
-    --------
-    >>> v = np.array([0.0, 0.0, 1.0, 2.0, 3.0, 4.0]) * 1e-3
-    >>> round(sliding_dead_band(np.arange(1.0, 7.0), v, 1e-3 / VOLT), 6)
-    2.0
-    """
-    slides = velocity > gain * VOLT * levels / 3.0
-    if np.count_nonzero(slides) < 3:
-        return float("nan")
-    slope, offset = np.polyfit(levels[slides], velocity[slides], 1)
-    return float(-offset / slope)
+def sliding(levels: Array, velocity: Array, unit: Unit) -> float:
+    """Dead band (V) of motor and actuator; below break-away the piston creeps as its seals bend."""
+    return dead_band(levels, velocity, velocity > SLIDING * hydraulic_gain(unit) * VOLT * levels)
 
 
 def measure(axis_a: Unit, axis_b: Unit, seed: int) -> Finding:
     """Climb small commands on both axes, both ways."""
     turns = np.mean([staircase(axis_a, MOTOR_LEVELS, s, seed)[0] for s in (1.0, -1.0)], axis=0)
-    motor = motor_dead_band(MOTOR_LEVELS, turns)
+    motor = dead_band(MOTOR_LEVELS, turns, turns > TURNING)
     axes = {"A": axis_a, "B": axis_b}
     climbs = {
         (name, sign): np.array([staircase(unit, LEVELS, sign, seed + i)[1] for i in range(TRIALS)])
@@ -103,13 +60,11 @@ def measure(axis_a: Unit, axis_b: Unit, seed: int) -> Finding:
         for sign in (1.0, -1.0)
     }
     bands = {
-        key: float(np.mean([sliding_dead_band(LEVELS, v, hydraulic_gain(axes[key[0]])) for v in climb]))
+        key: float(np.mean([sliding(LEVELS, v, axes[key[0]]) for v in climb]))
         for key, climb in climbs.items()
     }
     falls = {
-        (name, sign): sliding_dead_band(
-            LEVELS[::-1], staircase(axes[name], LEVELS[::-1], sign, seed)[1], hydraulic_gain(axes[name])
-        )
+        (name, sign): sliding(LEVELS[::-1], staircase(axes[name], LEVELS[::-1], sign, seed)[1], axes[name])
         for name, sign in bands
     }
     rows = [

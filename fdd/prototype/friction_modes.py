@@ -1,4 +1,4 @@
-"""What sections 5.3's friction tests share: the four operating modes, the drive by both pumps, eq. 5.12."""
+"""What sections 5.3's friction tests share: the four operating modes and the drive by both pumps."""
 
 from __future__ import annotations
 
@@ -7,7 +7,6 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from fdd.identify.friction import curve
 from fdd.plant.details import Details
 from fdd.plant.simulate import Simulation
 from fdd.prototype.runs import both_pumps, run_speed
@@ -92,8 +91,3 @@ def measured_force(mode: Mode, out: Simulation) -> Array:
     """Force of the pressures along the motion (N), by the differential sensor, (n,)."""
     area = 0.5 * (out.unit.cylinder.area_1 + out.unit.cylinder.area_2)
     return np.asarray(mode.sign * area * out.samples["pressure_difference"])
-
-
-def steady_friction(branch: FrictionBranch, speed: Array) -> Array:
-    """Eq. 5.12 (N) at `speed` ≥ 0 (m/s), same shape."""
-    return curve(branch, speed)

@@ -10,6 +10,8 @@ from numpy.typing import NDArray
 
 from fdd.identify.frequency_response import (
     TransferFunction,
+    decibel,
+    degrees,
     empirical_response,
     fit_output_error,
     held_input,
@@ -106,7 +108,7 @@ def measure(axis_a: Unit, axis_b: Unit, seed: int) -> Finding:
         frequency, response = empirical_response(found.given, found.caused, PERIOD)
         fine = np.geomspace(0.5, 150.0, 400)
         shown = (frequency > 0.5) & (frequency < 150.0)
-        for axes, part in ((upper, _decibel), (lower, _degrees)):
+        for axes, part in ((upper, decibel), (lower, degrees)):
             axes.semilogx(frequency[shown], part(response[shown]), color="0.6", label="plant, ETFE")
             axes.semilogx(fine, part(found.model.at(fine)), label="plant, output-error model")
             axes.semilogx(fine, part(SERVOMOTOR.at(fine)), "k--", label="thesis, eq. 6.11")
@@ -146,11 +148,3 @@ def _degrees_behind(model: TransferFunction) -> float:
     """How far its phase lies behind eq. 6.11's at `_HIGH` (°)."""
     high = np.array([_HIGH])
     return float(np.degrees(np.angle(SERVOMOTOR.at(high) / model.at(high)))[0])
-
-
-def _decibel(response: NDArray[np.complex128]) -> Array:
-    return np.asarray(20.0 * np.log10(np.maximum(np.abs(response), 1e-9)))
-
-
-def _degrees(response: NDArray[np.complex128]) -> Array:
-    return np.asarray(np.degrees(np.unwrap(np.angle(response))))

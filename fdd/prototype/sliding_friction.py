@@ -6,12 +6,13 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.optimize import least_squares
 
+from fdd.identify.experiments.friction import fit_curve
 from fdd.identify.frequency_response import velocity
+from fdd.identify.friction import curve
 from fdd.plant.details import Details
 from fdd.prototype.findings import Finding, Picture, Row, Table
-from fdd.prototype.friction_modes import MODES, Mode, drive_both, measured_force, steady_friction
+from fdd.prototype.friction_modes import MODES, Mode, drive_both, measured_force
 from fdd.prototype.runs import PERIOD, VOLT
 from fdd.unit import FrictionBranch, Unit
 
@@ -50,41 +51,15 @@ def run_up(mode: Mode, units: dict[str, Unit], seed: int, seconds: float = _RUN_
     return np.asarray(speed[part]), np.asarray(friction[part])
 
 
-def fit_curve(speed: Array, friction: Array, static: float, *, viscous: bool) -> FrictionBranch:
-    """Least squares of eq. 5.12 with the static friction given, as section 5.3 does.
-
-    Parameters
-    ----------
-    speed, friction : (n,) m/s and N.
-    static : N.
-    viscous : whether the curve has a viscous part; axis A forward has none.
-
-    Examples
-    --------
-    >>> v = np.linspace(0.01, 0.2, 50)
-    >>> found = fit_curve(v, 100.0 + 300.0 * np.exp(-((v / 0.02) ** 0.7)), 400.0, viscous=False)
-    >>> round(found.coulomb, 3), round(found.stribeck_velocity, 5), round(found.stribeck_exponent, 3)
-    (100.0, 0.02, 0.7)
-    """
-
-    def branch(theta: Array) -> FrictionBranch:
-        return FrictionBranch.model_construct(
-            coulomb=theta[0], static=static, stribeck_velocity=theta[1], stribeck_exponent=theta[2],
-            viscous=theta[3] if viscous else 0.0,
-        )  # fmt: skip
-
-    start = [0.5 * float(np.min(friction)), 0.02, 0.7, 100.0][: 4 if viscous else 3]
-    low, high = [0.0, 1e-4, 0.1, 0.0][: len(start)], [np.inf, 0.2, 3.0, 5e3][: len(start)]
-    scale = [100.0, 0.01, 1.0, 100.0][: len(start)]
-    solved = least_squares(
-        lambda theta: steady_friction(branch(theta), speed) - friction,
-        start, bounds=(low, high), x_scale=scale, max_nfev=2000, xtol=1e-12, ftol=1e-12,
+def start_of(mode: Mode, friction: Array) -> tuple[FrictionBranch, tuple[str, ...]]:
+    """Where the fit of section 5.3 starts, static friction given, and what it frees."""
+    viscous = mode.branch.viscous > 0.0
+    start = FrictionBranch(
+        coulomb=0.5 * float(np.min(friction)), static=mode.branch.static, stribeck_velocity=0.02,
+        stribeck_exponent=0.7, viscous=100.0 if viscous else 0.0,
     )  # fmt: skip
-    theta = [float(x) for x in solved.x]
-    return FrictionBranch(
-        coulomb=theta[0], static=static, stribeck_velocity=theta[1], stribeck_exponent=theta[2],
-        viscous=theta[3] if viscous else 0.0,
-    )  # fmt: skip
+    free = ("coulomb", "stribeck_velocity", "stribeck_exponent")
+    return start, (*free, "viscous") if viscous else free
 
 
 def at_speeds(speed: Array, friction: Array, grid: Array) -> Array:
@@ -109,10 +84,9 @@ def measure(axis_a: Unit, axis_b: Unit, seed: int) -> Finding:
         slow = [run_up(mode, units, seed + 1000 * k + i, _SLOW_RUN_UP) for i in range(TRIALS)]
         slow_points = np.nanmean([at_speeds(*run, np.array(_AT)) for run in slow], axis=0)
         first += [float(speed[0]) for speed, _ in runs]
-        static = mode.branch.static
-        fit = fit_curve(grid[len(_AT) :], points[len(_AT) :], static, viscous=mode.branch.viscous > 0.0)
-        expected = steady_friction(mode.branch, grid)
-        lagged = steady_friction(mode.branch, grid - _ACCELERATION * lag) + seal * _ACCELERATION * lag
+        fit = fit_curve(grid[len(_AT) :], points[len(_AT) :], *start_of(mode, points[len(_AT) :]))
+        expected = curve(mode.branch, grid)
+        lagged = curve(mode.branch, grid - _ACCELERATION * lag) + seal * _ACCELERATION * lag
         for i, v in enumerate(_AT):
             rows.append(
                 Row(
@@ -130,7 +104,7 @@ def measure(axis_a: Unit, axis_b: Unit, seed: int) -> Finding:
                 f"{thesis.stribeck_velocity:.3f} / {fit.stribeck_velocity:.3f}",
                 f"{thesis.stribeck_exponent:.3f} / {fit.stribeck_exponent:.3f}",
                 cell(thesis.viscous, fit.viscous),
-                f"{np.sqrt(np.mean((points - steady_friction(fit, grid)) ** 2)):.1f}",
+                f"{np.sqrt(np.mean((points - curve(fit, grid)) ** 2)):.1f}",
                 f"{np.sqrt(np.mean((points - expected) ** 2)):.1f}",
             )
         )  # fmt: skip
@@ -144,11 +118,9 @@ def measure(axis_a: Unit, axis_b: Unit, seed: int) -> Finding:
                 grid[order], points[order], spread[order], fmt="o", markersize=3, linewidth=0.8,
                 label=f"plant, {TRIALS} trials ± standard deviation",
             )  # fmt: skip
-            axes.plot(
-                fine, steady_friction(mode.branch, fine), "k--", linewidth=1.2, label="thesis, Table 5.2"
-            )
+            axes.plot(fine, curve(mode.branch, fine), "k--", linewidth=1.2, label="thesis, Table 5.2")
             if mode.other is not None:
-                axes.plot(fine, steady_friction(mode.other, fine), "C1:", label="thesis, Table 5.3")
+                axes.plot(fine, curve(mode.other, fine), "C1:", label="thesis, Table 5.3")
             axes.set_title(f"axis {mode.name}", fontsize=10)
             axes.set_ylim(0.0, 520.0)
             axes.legend(fontsize=8)

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import least_squares
-from scipy.signal import cont2discrete, lfilter
 
+from fdd.identify.experiments.hydraulic import Coefficients, from_profile
+from fdd.identify.frequency_response import TransferFunction
 from fdd.plant.details import Details
 from fdd.prototype.findings import Finding, Picture, Row
 from fdd.prototype.runs import PERIOD, run_speed
@@ -28,28 +28,6 @@ LEAKAGE_STIFFNESS = {"A": 0.343, "B": 0.225}
 VISCOUS = 800.0
 """N·s/m, for the check with damping."""
 _STEP, _REST, _SECONDS = 10.0, 100, 0.6
-
-
-@dataclass(frozen=True)
-class Coefficients:
-    """v/ω = numerator / (s² + damping·s + stiffness), as eq. 5.22 without its integrator."""
-
-    numerator: float
-    damping: float
-    stiffness: float
-
-
-def from_profile(unit: Unit, viscous: float) -> Coefficients:
-    """Eq. 5.22 with the unit's numbers and friction `viscous` (N·s/m)."""
-    cylinder = unit.cylinder
-    area, mass, leakage = cylinder.area_1, cylinder.moving_mass, unit.pump.total_leakage
-    # Each side holds 2 V_o.
-    stiffness = unit.oil.bulk_modulus / (0.25 * (cylinder.volume_1 + cylinder.volume_2))
-    return Coefficients(
-        numerator=area * stiffness * unit.pump.displacement / mass,
-        damping=viscous / mass + leakage * stiffness,
-        stiffness=(area**2 + leakage * viscous) * stiffness / mass,
-    )
 
 
 def small_motion(unit: Unit, viscous: float, seed: int) -> tuple[Array, Array, Array]:
@@ -72,9 +50,7 @@ def fit_second_order(pump_speed: Array, velocity: Array, start: Coefficients) ->
     """Coefficients whose response to the pump speed comes nearest to the velocity, both (n,) from rest."""
 
     def response(theta: Array) -> Array:
-        numerator, damping, stiffness = theta
-        discrete = cont2discrete(([numerator], [1.0, damping, stiffness]), PERIOD, method="foh")
-        return np.asarray(lfilter(np.ravel(discrete[0]), discrete[1], pump_speed))
+        return TransferFunction((theta[0],), (1.0, theta[1], theta[2]), 0.0).simulate(pump_speed, PERIOD)
 
     guess = np.array([start.numerator, max(start.damping, 1.0), start.stiffness])
     solved = least_squares(
@@ -121,12 +97,10 @@ def measure(axis_a: Unit, axis_b: Unit, seed: int) -> Finding:
         for axes, (name, unit) in zip(figure.subplots(1, 2), (("A", axis_a), ("B", axis_b)), strict=True):
             time, speed, v = traces[name]
             c = from_profile(unit, VISCOUS)
-            discrete = cont2discrete(
-                ([NUMERATOR], [1.0, c.damping, STIFFNESS + LEAKAGE_STIFFNESS[name] * VISCOUS]),
-                PERIOD,
-                method="foh",
+            stiffness = STIFFNESS + LEAKAGE_STIFFNESS[name] * VISCOUS
+            expected = TransferFunction((NUMERATOR,), (1.0, c.damping, stiffness), 0.0).simulate(
+                speed, PERIOD
             )
-            expected = lfilter(np.ravel(discrete[0]), discrete[1], speed)
             shown = (time > 0.09) & (time < 0.18)
             axes.plot(1e3 * (time - 0.1)[shown], 1e3 * v[shown], label="plant", linewidth=2.5)
             axes.plot(

@@ -8,8 +8,11 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from fdd.identify.experiments.hydraulic import from_profile
 from fdd.identify.frequency_response import (
     TransferFunction,
+    decibel,
+    degrees,
     empirical_response,
     fit_output_error,
     half_power_frequency,
@@ -223,7 +226,7 @@ def response_picture(region: Region, found: Response, caption: str) -> Picture:
         upper, lower = figure.subplots(2, 1, sharex=True)
         fine = np.geomspace(0.5, 80.0, 400)
         shown = (found.frequency > 0.5) & (found.frequency < 80.0)
-        for axes, part in ((upper, _decibel), (lower, _degrees)):
+        for axes, part in ((upper, decibel), (lower, degrees)):
             axes.semilogx(
                 found.frequency[shown], part(found.empirical[shown]), color="0.65", label="plant, ETFE"
             )
@@ -245,14 +248,6 @@ def response_picture(region: Region, found: Response, caption: str) -> Picture:
 
     name = "whole_eha_" + region.name.replace(" ", "_")
     return Picture(name, caption, draw, height=5.8)
-
-
-def _decibel(response: NDArray[np.complex128]) -> Array:
-    return np.asarray(20.0 * np.log10(np.maximum(np.abs(response), 1e-9)))
-
-
-def _degrees(response: NDArray[np.complex128]) -> Array:
-    return np.asarray(np.degrees(np.unwrap(np.angle(response))))
 
 
 def measure_low(axis_a: Unit, axis_b: Unit, seed: int) -> Finding:
@@ -316,9 +311,7 @@ def measure_high(axis_a: Unit, axis_b: Unit, seed: int) -> Finding:
     found = respond(axis_a, HIGH_SPEED, seed)
     pair = HIGH_SPEED.pair
     natural = abs(pair)
-    stiffness = axis_a.cylinder.area_1**2 * axis_a.oil.bulk_modulus
-    stiffness /= 0.5 * axis_a.cylinder.volume_1 * axis_a.cylinder.moving_mass
-    own = float(np.sqrt(stiffness))
+    own = 2.0 * np.pi * from_profile(axis_a, 0.0).natural_hz
     softer = 4.0e7
     soft = respond(with_bulk_modulus(axis_a, softer), HIGH_SPEED, seed)
     soft_pair, _ = split_poles(soft.model)

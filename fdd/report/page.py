@@ -15,7 +15,7 @@ from markupsafe import Markup
 from fdd.diagnosis.findings import Diagnosis, Trajectories
 from fdd.files import write_text
 from fdd.report import plotly, tables
-from fdd.report.plots import sections
+from fdd.report.plots import Figure, sections
 from fdd.report.words import span, verdict_words
 from fdd.samples import Samples
 from fdd.unit import Unit
@@ -52,14 +52,6 @@ def render_report(
     plotly.js run.
     """
     found = sections(diagnosis, trajectories, samples)
-    figures = [
-        {"id": f.id, "data": f.data, "layout": f.layout, "height": f.height} for s in found for f in s.figures
-    ]
-    bundle, bundle_hash = plotly.bundle() if alone else ("", "")
-    script = part("page.js")
-    # No browser checks the hash of a script that it loads from disk: what the page's own script loads may
-    # run, and nothing else that stands in the page.
-    others = bundle_hash if alone else "'strict-dynamic'"
     return template("page.html").render(
         verdict=verdict_words(diagnosis),
         diagnosis=diagnosis,
@@ -75,12 +67,25 @@ def render_report(
         unit_rows=tables.unit_rows(unit),
         versions=tables.version_rows(),
         settings=sorted(settings.items()),
-        figures=plotly.packed(json.dumps(figures, allow_nan=False, separators=(",", ":")).encode("ascii")),
         style=Markup(part("page.css")),
-        bundle=bundle,
-        script=Markup(script),
-        script_sources=Markup(f"{plotly.source_hash(script.encode())} {others}"),
+        **drawn([f for s in found for f in s.figures], alone=alone),
     )
+
+
+def drawn(figures: list[Figure], *, alone: bool = True) -> dict[str, str]:
+    """What a page needs to draw its figures: them, plotly.js where it stands `alone`, script and policy."""
+    plain = [{"id": f.id, "data": f.data, "layout": f.layout, "height": f.height} for f in figures]
+    bundle, bundle_hash = plotly.bundle() if alone else ("", "")
+    script = part("page.js")
+    # No browser checks the hash of a script that it loads from disk: what the page's own script loads may
+    # run, and nothing else that stands in the page.
+    others = bundle_hash if alone else "'strict-dynamic'"
+    return {
+        "figures": plotly.packed(json.dumps(plain, allow_nan=False, separators=(",", ":")).encode("ascii")),
+        "bundle": bundle,
+        "script": Markup(script),
+        "script_sources": Markup(f"{plotly.source_hash(script.encode())} {others}"),
+    }
 
 
 def write_report(

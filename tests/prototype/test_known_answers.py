@@ -4,14 +4,18 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
+from fdd.identify.experiments.friction import fit_curve
+from fdd.identify.experiments.gain import dead_band as find_dead_band
+from fdd.identify.experiments.hydraulic import from_profile
+from fdd.identify.friction import curve
 from fdd.prototype import bulk_modulus, dead_band, dual_operation, leakage, position_step, ultimate_gain
 from fdd.prototype.chatter_filter import PRINTED, discrete_filter, filtered_velocity
 from fdd.prototype.findings import Row
-from fdd.prototype.friction_modes import MODES, steady_friction
+from fdd.prototype.friction_modes import MODES
 from fdd.prototype.gain import speeds_of
 from fdd.prototype.runs import VOLT, both_pumps, run_position
 from fdd.prototype.signals import binary_noise, chirp, identification_volts
-from fdd.prototype.sliding_friction import fit_curve, run_up
+from fdd.prototype.sliding_friction import run_up, start_of
 from fdd.prototype.static_friction import creeping_peaks
 from fdd.prototype.transfer_function import (
     LEAKAGE_DAMPING,
@@ -20,7 +24,6 @@ from fdd.prototype.transfer_function import (
     STIFFNESS,
     Coefficients,
     fit_second_order,
-    from_profile,
 )
 from fdd.prototype.whole_eha import HIGH, HIGH_SPEED, LOW, LOW_SPEED, split_poles
 from fdd.unit import Unit
@@ -86,9 +89,9 @@ def test_the_filtered_velocity_of_a_ramp_is_its_slope():
 def test_the_thesis_curve_is_fitted_back(mode):
     """Table 5.2 from points on its own curve, with noise of 1 N: the curve returns, where it was measured."""
     speed = np.linspace(0.011, 0.22, 200)
-    friction = steady_friction(mode.branch, speed) + np.random.default_rng(3).standard_normal(200)
-    found = fit_curve(speed, friction, mode.branch.static, viscous=mode.branch.viscous > 0.0)
-    assert np.max(np.abs(steady_friction(found, speed) - steady_friction(mode.branch, speed))) < 1.5
+    friction = curve(mode.branch, speed) + np.random.default_rng(3).standard_normal(200)
+    found = fit_curve(speed, friction, *start_of(mode, friction))
+    assert np.max(np.abs(curve(found, speed) - curve(mode.branch, speed))) < 1.5
     assert found.stribeck_exponent == pytest.approx(mode.branch.stribeck_exponent, abs=0.1)
 
 
@@ -155,23 +158,21 @@ def test_equations_5_20_and_5_21_agree_where_they_must(unit):
 
 def test_the_dead_band_is_leakage_under_friction(unit):
     """(ξ + C_ep)·F/(A·Dp), the low side refed, and the motor's own: half the friction halves it."""
-    gain = unit.pump.displacement / unit.cylinder.area_1
     for force in (200.0, 400.0):
         changed = flat(unit, force)
         holding = unit.pump.cross_port_leakage + unit.pump.case_leakage
         expected = holding * force / (unit.cylinder.area_1 * unit.pump.displacement * VOLT) + dead_band.MOTOR
         levels = expected * np.array([0.5, 1.8, 2.2, 2.6, 3.5])
-        found = dead_band.sliding_dead_band(levels, dead_band.staircase(changed, levels, 1.0, 1)[1], gain)
+        found = dead_band.sliding(levels, dead_band.staircase(changed, levels, 1.0, 1)[1], changed)
         assert found == pytest.approx(expected, rel=0.03)
 
 
 def test_a_sticking_motor_has_a_dead_band():
     levels = np.array([0.0, 0.001, 0.002, 0.003, 0.004])
     turning = VOLT * np.maximum(levels - 0.0015, 0.0)
-    assert dead_band.motor_dead_band(levels, turning) == pytest.approx(0.0015)
-    assert dead_band.motor_dead_band(levels, VOLT * levels) == pytest.approx(0.0, abs=1e-12)
-    assert np.isnan(dead_band.motor_dead_band(levels, np.zeros(5)))
-    assert np.isnan(dead_band.sliding_dead_band(levels, np.zeros(5), 3.6e-4))
+    assert find_dead_band(levels, turning, turning > 0.0) == pytest.approx(0.0015)
+    assert find_dead_band(levels, VOLT * levels, levels > 0.0) == pytest.approx(0.0, abs=1e-12)
+    assert np.isnan(find_dead_band(levels, np.zeros(5), np.zeros(5, dtype=bool)))
 
 
 def test_the_saturated_velocity_is_the_largest_pump_flow(unit):

@@ -1,0 +1,161 @@
+"""What an experiment hands back: figures with intervals, what the log does not tell, and what to draw."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from math import pi
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fdd.report import traces as tr
+from fdd.report.plots import Figure
+
+Array = NDArray[np.float64]
+
+NORMAL_95 = 1.96
+"""Standard deviations either side that hold 95 %."""
+SHOWN = {
+    "m^3/rad": (2e6 * pi, "cm³/turn"), "m^3/(s*Pa)": (6e12, "mL/min/bar"), "Pa": (1e-5, "bar"),
+    "m^3": (1e6, "cm³"), "m^2": (1e4, "cm²"), "degC": (1.0, "°C"), "1": (1.0, ""),
+    "m^3/s": (6e7, "mL/min"), "m/s": (1e3, "mm/s"), "m/rad": (2e3 * pi, "mm/turn"), "N*s/m": (1.0, "N·s/m"),
+    "rad": (180.0 / pi, "°"), "rad/s": (30.0 / pi, "rpm"), "Pa*s/rad": (1e-5 * pi / 30.0, "bar/rpm"),
+    "m^3/(s*Pa^0.5)": (6e7 * 1e5**0.5, "mL/min/√bar"),
+}  # fmt: skip
+"""SI unit to factor and unit for people."""
+
+
+@dataclass(frozen=True)
+class Told:
+    """One figure with its 95 % interval, SI, and a remark such as what the profile says."""
+
+    quantity: str
+    value: float
+    low: float
+    high: float
+    unit: str
+    note: str = ""
+
+    @staticmethod
+    def normal(quantity: str, value: float, std: float, unit: str, note: str = "") -> Told:
+        """With an interval of so many standard deviations."""
+        return Told(quantity, value, value - NORMAL_95 * std, value + NORMAL_95 * std, unit, note)
+
+    def of(self, value: float) -> str:
+        """Another value of the same quantity, as people read it."""
+        factor, unit = SHOWN.get(self.unit, (1.0, self.unit))
+        return f"{factor * value:.4g} {unit}".rstrip()
+
+    def shown(self) -> tuple[str, str, str, str]:
+        """Value, both ends of the interval, and unit, as people read them.
+
+        Examples
+        --------
+        >>> Told.normal("leakage", 6.5e-12, 1e-13, "m^3/(s*Pa)").shown()
+        ('39', '37.82 … 40.18', 'mL/min/bar', '')
+        """
+        factor, unit = SHOWN.get(self.unit, (1.0, self.unit))
+        return (
+            f"{factor * self.value:.4g}",
+            f"{factor * self.low:.4g} … {factor * self.high:.4g}",
+            unit,
+            self.note,
+        )
+
+
+@dataclass
+class Outcome:
+    """The answer of one experiment.
+
+    Attributes
+    ----------
+    kind, title : of the experiment. told : its figures.
+    not_told : what the log does not excite, one sentence each. notes : what else to know.
+    heads, rows : a table beside the figures, as text. figures : of the page.
+    curves : what the figures show, for ``--json``: name to columns, SI.
+    """
+
+    kind: str
+    title: str
+    told: list[Told] = field(default_factory=list)
+    not_told: list[str] = field(default_factory=list)
+    notes: list[str] = field(default_factory=list)
+    heads: tuple[str, ...] = ()
+    rows: list[tuple[str, ...]] = field(default_factory=list)
+    figures: list[Figure] = field(default_factory=list)
+    curves: dict[str, dict[str, Any]] = field(default_factory=dict)
+
+    def as_data(self) -> dict[str, Any]:
+        """What ``--json`` writes."""
+        return {
+            "schema": "fdd.experiment/1",
+            "experiment": self.kind,
+            "told": [
+                {"quantity": t.quantity, "value": t.value, "interval": [t.low, t.high], "unit": t.unit,
+                 "note": t.note}
+                for t in self.told
+            ],
+            "not_told": self.not_told,
+            "notes": self.notes,
+            "table": [dict(zip(self.heads, row, strict=True)) for row in self.rows],
+            "curves": {name: {k: _plain(v) for k, v in c.items()} for name, c in self.curves.items()},
+        }  # fmt: skip
+
+
+def _plain(values: Any) -> Any:
+    """Lists without NaN, which JSON lacks."""
+    if isinstance(values, np.ndarray):
+        return [float(v) if np.isfinite(v) else None for v in values]
+    return values
+
+
+def points(x: Array, y: Array, low: Array, high: Array, name: str, colour: str) -> tr.Trace:
+    """Points with their intervals, already in the units of the figure."""
+    bars = {
+        "type": "data",
+        "symmetric": False,
+        "array": tr.packed(high - y),
+        "arrayminus": tr.packed(y - low),
+        "thickness": 1.2,
+        "width": 3,
+    }
+    return {"type": "scatter", "mode": "markers", "name": name, "x": tr.packed(x), "y": tr.packed(y),
+            "error_y": bars, "marker": {"color": colour, "size": 6}}  # fmt: skip
+
+
+def cloud(x: Array, y: Array, name: str, colour: str, most: int = 3000) -> tr.Trace:
+    """Many small points, at most `most` of them."""
+    kept = slice(None, None, max(-(-x.size // most), 1))
+    return {
+        "type": "scatter",
+        "mode": "markers",
+        "name": name,
+        "x": tr.packed(x[kept]),
+        "y": tr.packed(y[kept]),
+        "marker": {"color": colour, "size": 3, "opacity": 0.35},
+        "hoverinfo": "skip",
+    }
+
+
+def curve_line(x: Array, y: Array, name: str, colour: str, dash: str = "solid") -> tr.Trace:
+    """A line through all its points."""
+    return {"type": "scatter", "mode": "lines", "name": name, "x": tr.packed(x), "y": tr.packed(y),
+            "line": {"color": colour, "width": 1.8, "dash": dash}}  # fmt: skip
+
+
+def axes(x: str, **more: Any) -> dict[str, Any]:
+    """Layout with the abscissa's title; `more` goes into its axis."""
+    return {"xaxis": {"title": {"text": x, "standoff": 4}, **more}, "hovermode": "closest"}
+
+
+def joined(parts: Sequence[str]) -> str:
+    """Words with commas and a last "and".
+
+    Examples
+    --------
+    >>> joined(["a", "b", "c"]), joined(["a"])
+    ('a, b and c', 'a')
+    """
+    return parts[0] if len(parts) == 1 else f"{', '.join(parts[:-1])} and {parts[-1]}"
