@@ -14,19 +14,10 @@ from fdd.logs.channel_map import ChannelMap
 from fdd.logs.conversion import checked_finite, to_si, with_values
 from fdd.logs.formats import LogFile, open_log
 from fdd.logs.formats.mcap import McapFile
-from fdd.logs.quality import (
-    DataQuality,
-    check_magnitudes,
-    check_time,
-    count_missing,
-    longest_part,
-    nominal_period,
-    ordered_time,
-    spread_bursts,
-    suspicions,
-)
+from fdd.logs.quality import DataQuality, check_magnitudes, check_time, count_missing, suspicions
 from fdd.logs.rates import aligned, between, on_common_rows, own_measurements, own_period
 from fdd.logs.sources import Feed, feeds_of
+from fdd.logs.stamps import longest_part, nominal_period, ordered_time, spread_bursts
 from fdd.samples import Samples, missing_required
 
 Column = NDArray[np.float64]

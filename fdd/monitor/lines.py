@@ -13,7 +13,8 @@ from fdd.diagnosis.findings import Quality
 from fdd.errors import InputError
 from fdd.logs.channel_map import ChannelMap, ChannelSource
 from fdd.logs.conversion import to_si
-from fdd.logs.quality import COUNTED_GAP, JUMP_PERIODS, check_magnitudes
+from fdd.logs.quality import COUNTED_GAP, check_magnitudes
+from fdd.logs.stamps import JUMP_PERIODS
 from fdd.logs.wire.json_messages import objects_at_once
 from fdd.samples import CHANNELS, Samples
 

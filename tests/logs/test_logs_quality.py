@@ -12,7 +12,7 @@ from made_up_logs import refused, strokes
 from mcap.writer import Writer
 
 from fdd.logs import ChannelMap, DataQuality, Log, read_log
-from fdd.logs.quality import ordered_time
+from fdd.logs.stamps import ordered_time
 
 
 def read_frame(folder: Path, frame: pd.DataFrame) -> Log:

@@ -10,12 +10,13 @@ from typing import IO, TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from fdd.bounds import SNIFFED_BYTES, limit, raised
+from fdd.bounds import limit, raised
 from fdd.errors import InputError
 from fdd.logs.channel_map import CsvLayout
 from fdd.logs.formats.arrow import doubles
 from fdd.logs.formats.dates import has_clock, has_day, is_stamp, stamps_to_seconds
 from fdd.logs.formats.signals import LogFile, Signal, require_size
+from fdd.logs.formats.text_head import decoded, head_of
 from fdd.logs.formats.text_layout import MISSING, find_layout, is_number
 
 if TYPE_CHECKING:
@@ -236,8 +237,8 @@ def open_csv(path: Path, layout: CsvLayout | None = None) -> CsvFile:
     InputError : binary content, no header row, or too many columns.
     """
     layout = layout or CsvLayout()
-    head, packed, whole = _head_of(path)
-    text, encoding = _decoded(head, path, whole)
+    head, packed, whole = head_of(path)
+    text, encoding = decoded(head, path, whole)
     lines = text.splitlines() if whole else text.splitlines()[:-1]
     lines = lines[: layout.skip_rows + 400]
     found = find_layout(lines, layout.delimiter, layout.decimal, layout.skip_rows)
@@ -271,56 +272,6 @@ def _join_dates(log: CsvFile) -> None:
         name = f"{days[0]} {clocks[0]}"
         log.dated[name] = (days[0], clocks[0])
         log.signals = {name: Signal(name), **log.signals}
-
-
-def _head_of(path: Path) -> tuple[bytes, bool, bool]:
-    """The first bytes, unpacked; whether the file is packed; whether these are all."""
-    import gzip
-    import zlib
-
-    with path.open("rb") as source:
-        head = source.read(SNIFFED_BYTES + 1)
-    if not head.startswith(b"\x1f\x8b"):
-        return head[:SNIFFED_BYTES], False, len(head) <= SNIFFED_BYTES
-    try:
-        with gzip.open(path, "rb") as packed:
-            head = packed.read(SNIFFED_BYTES + 1)
-    except (OSError, EOFError, zlib.error) as error:
-        raise InputError(f"damaged gzip file ({error})", where=path, mend="copy it again") from None
-    return head[:SNIFFED_BYTES], True, len(head) <= SNIFFED_BYTES
-
-
-def _decoded(head: bytes, where: Path, whole: bool) -> tuple[str, str]:
-    if head[:2] in (b"\xff\xfe", b"\xfe\xff"):
-        return head.decode("utf-16", errors="replace").lstrip("\ufeff"), "utf-16"
-    if b"\0" in head:
-        raise InputError(
-            "of no known format, and no text",
-            where=where,
-            mend="give a log of a format that the README lists",
-        )
-    try:
-        # A character may be cut in two at the end of what was read.
-        return head.decode("utf-8-sig", errors="strict" if whole else "ignore") if whole else _utf8(
-            head
-        ), "utf-8"
-    except UnicodeDecodeError:
-        pass
-    try:
-        return head.decode("cp1252"), "cp1252"
-    except UnicodeDecodeError:
-        return head.decode("latin-1"), "latin-1"
-
-
-def _utf8(head: bytes) -> str:
-    """Text whose last character may be cut."""
-    for cut in range(4):
-        try:
-            return head[: len(head) - cut].decode("utf-8-sig")
-        except UnicodeDecodeError:
-            if cut == 3:
-                raise
-    return ""
 
 
 def _no_table(lines: list[str], layout: CsvLayout, path: Path) -> InputError:
