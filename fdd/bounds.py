@@ -156,7 +156,7 @@ DEEPEST_MESSAGE = _bound(
     "DEEPEST_MESSAGE", 16, "levels of messages or JSON objects", "ROS types have some six"
 )
 MOST_OPERATIONS = _bound(
-    "MOST_OPERATIONS", 20_000, "steps that read a ROS message, and types that it consists of",
+    "MOST_OPERATIONS", 20_000, "steps that read a ROS message",
     "a fixed array has one for each element; definitions can multiply without end",
 )  # fmt: skip
 MOST_VISITED = _bound(

@@ -90,7 +90,7 @@ class Sensor(Section):
     """Pairs of frequency (Hz) and amplitude (SI) that ride on the signal."""
     shaft_orders: list[tuple[float, float]] = Field(default_factory=list)
     """Pairs of order (waves per turn of the pump) and amplitude (SI): vibration that the sensor picks up."""
-    lines: Annotated[int | None, Field(gt=0)] = None
+    lines: Annotated[int | None, Field(gt=0, le=10**9)] = None
     """Lines per turn of a rotary encoder; in quadrature each gives four counts (thesis A.1.2)."""
     loop: CurrentLoop | None = None
     source: str | None = None

@@ -137,7 +137,7 @@ def _unreadable(kind: str, path: Path, error: Exception) -> InputError:
 
 def _signals(schema: Any) -> dict[str, Signal]:
     """By name; a damaged one is no text, and raises."""
-    return {f.name: Signal(f.name, unit=_unit_of(f)) for f in schema}
+    return {f.name: Signal(f.name, unit=_unit_of(f)) for f in schema if f.name}
 
 
 def _opened(path: Path, kind: str, signals: dict[str, Signal], rows: int) -> ArrowFile:

@@ -139,7 +139,7 @@ def _add_group(log: TreeFile, group: str, leaves: Mapping[str, Leaf], scalars: M
     prefix = f"{group}/" if group else ""
     by_size: dict[int, list[str]] = {}
     for name, leaf in leaves.items():
-        if leaf.size > 1:
+        if leaf.size > 1 and name:
             by_size.setdefault(leaf.size, []).append(name)
     for size, names in by_size.items():
         times = [n for n in names if is_time_name(n)]

@@ -61,7 +61,6 @@ class RosMessages:
         self._operations: list[Operation] = []
         self._places: dict[Path, int] = {}
         self._sequences: set[Path] = set()
-        self._types = 0
         self._add(_short(name), (), 0, inside_loop=False)
 
     def fields(self, first: Batch) -> list[Field]:
@@ -94,9 +93,8 @@ class RosMessages:
         return list(out)
 
     def _add(self, name: str, path: Path, depth: int, *, inside_loop: bool) -> None:
-        self._types += 1
-        if depth > DEEPEST_MESSAGE or self._types > MOST_OPERATIONS:
-            raise ValueError("a ROS message type is too deep or too large")
+        if depth > DEEPEST_MESSAGE:
+            raise ValueError("a ROS message type is too deep")
         definition = self._definitions.get(name) or _BUILT_IN.get(name)
         if definition is None:
             raise ValueError(f"no definition of the ROS type {name}")
@@ -121,7 +119,6 @@ class RosMessages:
                     operation = _SEQUENCE if many and not count else _NUMBER
                     self._operations.append((operation, primitive[0], primitive[1], 1))
                 continue
-            begin = len(self._operations)
             if many and not count:
                 self._operations.append((_LOOP, 0, 0, 0))
             for k in range(count if count else 1):
@@ -131,10 +128,7 @@ class RosMessages:
                     inner: Path = (*own, k) if many else own
                     loops = inside_loop or (many and not count)
                     self._add(_short(element, name), inner, depth + 1, inside_loop=loops)
-            if many and not count and len(self._operations) == begin + 1:
-                # Elements without anything in them take no bytes: their count alone would set the time.
-                self._operations[begin] = (_TEXT, 0, 0, 0)
-            elif many and not count:
+            if many and not count:
                 self._operations.append((_END, 0, 0, 0))
 
 
