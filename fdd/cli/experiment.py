@@ -9,7 +9,6 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from fdd.cli.options import AxisOption, MapOption
-from fdd.cli.which_logs import read_logs
 
 if TYPE_CHECKING:
     from fdd.identify.experiments.outcome import Outcome
@@ -80,6 +79,7 @@ def experiment(
     import json
 
     from fdd.cli.console import progress
+    from fdd.cli.which_logs import read_logs
     from fdd.files import require_writable, write_text
     from fdd.logs import ChannelMap
     from fdd.unit import Unit

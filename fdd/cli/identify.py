@@ -10,7 +10,6 @@ import typer
 from fdd.cli.experiment import Experiment
 from fdd.cli.experiment import experiment as run_experiment
 from fdd.cli.options import AxisOption, MapOption
-from fdd.cli.which_logs import read_logs
 from fdd.errors import InputError
 
 if TYPE_CHECKING:
@@ -67,6 +66,7 @@ def identify(
 
     from fdd.cli.console import progress
     from fdd.cli.identify_tables import as_data, print_result
+    from fdd.cli.which_logs import read_logs
     from fdd.files import require_writable, write_text
     from fdd.identify.judgement import judge
     from fdd.identify.origin import named, origin_of
