@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from fdd.cli.options import AxisOption, MapOption, UnitOption
+from fdd.cli.options import AxisOption, JsonOption, MapOption, UnitOption
 
 
 def compare(
@@ -16,10 +16,7 @@ def compare(
     unit: UnitOption = None,
     map_: MapOption = None,
     axis: AxisOption = None,
-    json_: Annotated[
-        str | None,
-        typer.Option("--json", metavar="FILE|-", help="Write the answer as JSON; - is standard output."),
-    ] = None,
+    json_: JsonOption = None,
     report: Annotated[
         Path | None,
         typer.Option("--report", metavar="FILE.html", help="Write a page.", show_default=False),

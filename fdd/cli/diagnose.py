@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from fdd.cli.options import AxisOption, MapOption, ModelOption, UnitOption
+from fdd.cli.options import AxisOption, JsonOption, MapOption, ModelOption, UnitOption
 from fdd.errors import InputError
 
 if TYPE_CHECKING:
@@ -36,10 +36,7 @@ def diagnose(
     unit: UnitOption = None,
     map_: MapOption = None,
     model: ModelOption = None,
-    json_: Annotated[
-        str | None,
-        typer.Option("--json", metavar="FILE|-", help="Write the answer as JSON; - is standard output."),
-    ] = None,
+    json_: JsonOption = None,
     report: Annotated[
         str | None,
         typer.Option(

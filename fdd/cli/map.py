@@ -49,10 +49,10 @@ def propose_map(
     """Propose a channel map from names, units and what the signals do; ask where that is not enough."""
     from fdd.cli.console import output, progress, remark
     from fdd.files import require_writable, write_text
-    from fdd.logs import read_log
+    from fdd.logs import ChannelMap, read_log
     from fdd.logs.formats import open_log
     from fdd.logs.mapping import Words, propose
-    from fdd.logs.mapping.writing import balance_words, map_text, parsed_again
+    from fdd.logs.mapping.writing import balance_words, map_text
 
     require_writable(out)
     signals, units = _given(given or [])
@@ -64,7 +64,7 @@ def propose_map(
     for question in list(found.questions):
         found.answer(question, _answered(question, logs[0], ask=not yes))
     text = map_text(found, name or logs[0].parent.resolve().name, axis, logs[0].name)
-    channel_map = parsed_again(text)
+    channel_map = ChannelMap.from_yaml(text)  # what is written is what is read
     read = [read_log(path, channel_map) for path in logs]
     write_text(out, text)
     console.print(proposal_table(found))
@@ -122,7 +122,7 @@ def _given(options: list[str]) -> tuple[dict[str, str], dict[str, str]]:
         channel, equals, value = option.partition("=")
         if not equals or (channel not in CHANNELS and channel != "pressure"):
             raise InputError(
-                f"--set {option}: no channel {channel!r}{did_you_mean(channel, CHANNELS)}",
+                f"--set {option}: no channel {channel!r}{did_you_mean(channel, ('pressure', *CHANNELS))}",
                 mend=f"write CHANNEL=SIGNAL[:UNIT], with one of: {', '.join(CHANNELS)}",
             )
         signal, colon, unit = value.rpartition(":") if ":" in value else (value, "", "")

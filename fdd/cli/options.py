@@ -19,6 +19,10 @@ MapOption = Annotated[
 ModelOption = Annotated[
     Path | None, typer.Option("--model", help="Trained model; the shipped one else.", show_default=False)
 ]
+JsonOption = Annotated[
+    str | None,
+    typer.Option("--json", metavar="FILE|-", help="Write the answer as JSON; - is standard output."),
+]
 AxisOption = Annotated[
     str | None, typer.Option("--axis", help="Axis of an MCAP file with several.", show_default=False)
 ]

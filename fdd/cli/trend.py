@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from fdd.cli.options import AxisOption, MapOption, UnitOption
+from fdd.cli.options import AxisOption, JsonOption, MapOption, UnitOption
 from fdd.errors import InputError
 
 if TYPE_CHECKING:
@@ -54,10 +54,7 @@ def trend(
             show_default=False,
         ),
     ] = None,
-    json_: Annotated[
-        str | None,
-        typer.Option("--json", metavar="FILE|-", help="Write the answer as JSON; - is standard output."),
-    ] = None,
+    json_: JsonOption = None,
     report: Annotated[
         Path | None, typer.Option("--report", metavar="FILE.html", help="Write a page.", show_default=False)
     ] = None,

@@ -54,9 +54,13 @@ def inspect(log: LogFile) -> list[SignalView]:
     """
     stamps: dict[str, Column | None] = {}
     out = []
+    try:
+        read = log.read(log.signals)  # once: a file of messages is walked as a whole
+    except ValueError:
+        read = {}  # one by one, to tell which
     for signal in log.signals.values():
         try:
-            values = log.read([signal.name])[signal.name]
+            values = read[signal.name] if read else log.read([signal.name])[signal.name]
             if signal.clock not in stamps:
                 stamps[signal.clock] = _stamps_of(log, signal.clock)
             out.append(_view(signal.name, signal.unit or "", values, stamps[signal.clock]))

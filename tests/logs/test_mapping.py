@@ -16,7 +16,7 @@ from fdd.logs.formats import open_log
 from fdd.logs.formats.signals import Signal
 from fdd.logs.mapping import Words, propose
 from fdd.logs.mapping.concepts import name_scores
-from fdd.logs.mapping.writing import map_text, parsed_again
+from fdd.logs.mapping.writing import map_text
 from fdd.plant.scenario import Scenario
 from fdd.plant.simulate import simulate
 from fdd.samples import Samples
@@ -89,7 +89,7 @@ def test_a_log_of_any_maker_is_read_by_its_proposed_map(style: str, log: Samples
     found = propose(open_log(tmp_path / "log.csv"))
     assert not found.questions, found.questions
     assert {c: r.source.column for c, r in found.rows.items()} == names
-    channel_map = parsed_again(map_text(found, "rig", "axis_x", "log.csv"))
+    channel_map = ChannelMap.from_yaml(map_text(found, "rig", "axis_x", "log.csv"))
     read = read_log(tmp_path / "log.csv", channel_map).samples
     for channel in names:
         if channel not in ("time", "command"):
@@ -206,3 +206,14 @@ def test_a_constant_delay_is_found_and_taken_out(
     both = np.isfinite(read[channel]) & np.isfinite(log[channel])
     bound = 0.06 * float(np.nanmax(log[channel]) - np.nanmin(log[channel]))  # a row at full speed
     np.testing.assert_allclose(read[channel][both][200:-200], log[channel][both][200:-200], atol=bound)
+
+
+def test_a_sensors_name_is_no_side_of_the_cylinder(log: Samples, tmp_path: Path) -> None:
+    """Test: "capteur", French for sensor, begins like "cap". Expected: swapped chambers, motion as it was."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setitem(STYLES, "sensors", STYLES["sides"].replace("PrExt", "capteur pression A").replace(
+            "PrRet", "capteur pression B"))  # fmt: skip
+        written(tmp_path / "log.csv", log, "sensors", dict.fromkeys(TURNED["pump and position"], -1))
+    found = propose(open_log(tmp_path / "log.csv"))
+    assert found.rows["pressure_1"].source.column == "capteur pression B"
+    assert found.rows["position"].source.sign == 1

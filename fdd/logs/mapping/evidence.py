@@ -40,13 +40,14 @@ class Evidence:
     reasons : (signal, channel) to what spoke for it.
     units : signal to the unit that the file or its name gives.
     time : the column of the time and its unit, where the file does not tell by itself.
-    period : s, of the rows.
+    words : that names were read by.
     """
 
     signals: dict[str, Signal]
     data: Signals
     scores: dict[str, dict[str, float]]
     units: dict[str, str | None]
+    words: Words
     reasons: dict[tuple[str, str], list[str]] = field(default_factory=dict)
     time: tuple[str, str] | None = None
 
@@ -112,7 +113,7 @@ def gather(log: LogFile, words: Words) -> Evidence | None:
     data = Signals(at[good], columns)
     scores = {n: name_scores(s, words) for n, s in known.items()}
     units = {n: said_and_unit(s, words)[1] or _own_unit(s) for n, s in known.items()}
-    found = Evidence(known, data, scores, units, time=time)
+    found = Evidence(known, data, scores, units, words, time=time)
     for name, channels in scores.items():
         best = max(channels.values(), default=0.0)
         for channel, score in channels.items():

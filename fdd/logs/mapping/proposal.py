@@ -24,7 +24,11 @@ SURE = 0.9
 LIKELY = 0.75
 CLEAR_T = 5.0
 """Student's t above which the pumping tells which chamber is filled."""
-_NAMED_SIDES = ("ext", "ret", "head", "rod", "bore", "cap", "stange", "kolben", "boden", "tige", "fond")
+_NAMED_SIDES = {
+    "ext", "extend", "ret", "retract", "head", "rod", "bore", "cap", "kolbenseite", "stangenseite",
+    "bodenseite", "ringseite", "stange", "kolben", "tige", "fond",
+}  # fmt: skip
+"""Words that tell which end of the cylinder a chamber is at, and not only A and B."""
 
 
 @dataclass
@@ -230,7 +234,7 @@ def _signs(found: Evidence, chosen: dict[str, Choice], out: Proposal) -> dict[st
         flip = pumped
         out.notes.append("the pump counts against position and pressures: its sign is turned")
     elif (motion, pressures) == (1, -1):
-        if one and two and not _sides_named(one, two):
+        if one and two and not _sides_named(found.words, one, two):
             chosen["pressure_1"], chosen["pressure_2"] = chosen["pressure_2"], chosen["pressure_1"]
             signs["pressure_difference"] = -signs.get("pressure_difference", 1)
             out.notes.append(f"a positive pump motion raises {two}: it is chamber 1")
@@ -270,9 +274,9 @@ def _like(
         signs[demand] = signs[measured] * (1 if alike > 0 else -1)
 
 
-def _sides_named(*names: str) -> bool:
+def _sides_named(words: Words, *names: str) -> bool:
     """Whether names say extending and retracting side, and not only A and B."""
-    return any(side in n.lower() for n in names for side in _NAMED_SIDES)
+    return any(_NAMED_SIDES & set(words.taken_apart(n)) for n in names)
 
 
 def _source(log: LogFile, signal: Signal, **more: object) -> ChannelSource:

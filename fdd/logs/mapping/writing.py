@@ -5,7 +5,6 @@ from __future__ import annotations
 import numpy as np
 import yaml
 
-from fdd.logs.channel_map import ChannelMap
 from fdd.logs.mapping.behaviour import Signals, follows, gain, rises_with_pumping
 from fdd.logs.mapping.proposal import Proposal
 from fdd.samples import CHANNELS, Samples
@@ -35,11 +34,6 @@ def map_text(proposal: Proposal, name: str, axis: str | None, made_of: str) -> s
         )
         lines.append(f"  {channel}: {flow.strip()}  # {100 * row.confidence:.0f} %: {row.why}")
     return "\n".join(lines) + "\n"
-
-
-def parsed_again(text: str) -> ChannelMap:
-    """The map of a text that `map_text` made: what is written is what is read."""
-    return ChannelMap.from_yaml(text)
 
 
 def balance_words(samples: Samples) -> list[str]:

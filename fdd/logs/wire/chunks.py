@@ -47,7 +47,6 @@ class ChunkWalk:
     metadata : record name to key-value pairs.
     truncated : after the walk, whether the file ends before its data does.
     damaged : chunks whose checksum or compression is wrong; they are left out.
-    ended : whether the summary section began, where all channels are repeated.
 
     Raises
     ------
