@@ -17,9 +17,12 @@ def foreign(logs, tmp_path_factory: pytest.TempPathFactory) -> Path:
     samples = read_log(logs["healthy"]).samples
     path = tmp_path_factory.mktemp("foreign") / "rig.csv"
     columns = {
-        "t": samples.time, "pump_rpm": samples["pump_speed"] * 30 / np.pi,
-        "cyl_mm": 1e3 * samples["position"], "p1": samples["pressure_1"] / 1e3, "p2": samples["pressure_2"] / 1e3,
-    }  # fmt: skip
+        "t": samples.time,
+        "pump_rpm": samples["pump_speed"] * 30 / np.pi,
+        "cyl_mm": 1e3 * samples["position"],
+        "p1": samples["pressure_1"] / 1e3,
+        "p2": samples["pressure_2"] / 1e3,
+    }
     pd.DataFrame(columns).to_csv(path, index=False)
     return path
 
