@@ -11,6 +11,7 @@ from fdd.diagnosis.baseline import add_baseline
 from fdd.errors import InputError
 from fdd.identify import identify_unit, signs
 from fdd.identify.judgement import Judgement, judge
+from fdd.identify.record import centred_mean
 from fdd.identify.signs import check_senses
 from fdd.identify.slips import slips
 from fdd.plant.scenario import Scenario
@@ -209,3 +210,10 @@ def test_quantiles_are_students() -> None:
 
     for freedom, value in signs.SURE.items():
         assert value == pytest.approx(t.ppf(1.0 - signs.BY_CHANCE, freedom), rel=1e-4)
+
+
+@pytest.mark.parametrize("width", [1, 3, 51, 201])
+def test_the_centred_mean_is_scipys(width: int) -> None:
+    values = 3e6 + np.random.default_rng(width).normal(size=500).cumsum()
+    wanted = uniform_filter1d(values, width, mode="nearest")
+    np.testing.assert_allclose(centred_mean(values, width), wanted, rtol=1e-12)
