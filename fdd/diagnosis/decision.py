@@ -71,8 +71,7 @@ def decide(
     found: list[Found] = []
     known: list[Amplitude] = []
     while True:
-        fits = [f for f in (evidence.best(h, known) for h in hypotheses) if f is not None]
-        fits = [f for f in fits if not _comes_along(f, known)]
+        fits = [f for f in evidence.fits(hypotheses, known) if not _comes_along(f, known)]
         against = SECOND_FAULT if found else 0.0
         score = max((f.score for f in fits), default=against) - against
         if score < threshold or len(found) == MOST_FAULTS:
@@ -110,19 +109,19 @@ def _usual(fit: Amplitude) -> float:
 
 def _isolated(evidence: Evidence, seed: Amplitude, fits: list[Amplitude], score: float) -> Found:
     """Which faults explain what the best hypothesis saw."""
-    alike = [(f, evidence.correlation(seed, f.hypothesis)) for f in fits]
-    candidates = [(f, c) for f, c in alike if c > ALIKE and f.gain > 0.0]
-    gains = np.array([f.gain for f, _ in candidates])
+    alike = evidence.correlations(seed, [f.hypothesis for f in fits])
+    candidates = [f for f, c in zip(fits, alike.tolist(), strict=True) if c > ALIKE and f.gain > 0.0]
+    gains = np.array([f.gain for f in candidates])
     # What laws leave unexplained is no evidence for one fault against another.
     weight = np.exp((gains - gains.max()) / (seed.misfit + LAW_DOUBT**2 * gains.max()))
-    weight *= np.array([_usual(f) for f, _ in candidates])
+    weight *= np.array([_usual(f) for f in candidates])
     weight /= weight.sum()
     shares: dict[str, float] = {}
-    for (f, _), w in zip(candidates, weight, strict=True):
+    for f, w in zip(candidates, weight, strict=True):
         shares[f.hypothesis.fault] = shares.get(f.hypothesis.fault, 0.0) + float(w)
     fault = max(shares, key=lambda k: shares[k])
     lead = max(
-        ((f, w) for (f, _), w in zip(candidates, weight, strict=True) if f.hypothesis.fault == fault),
+        ((f, w) for f, w in zip(candidates, weight, strict=True) if f.hypothesis.fault == fault),
         key=lambda x: x[1],
     )[0]
     return Found(lead, score, shares)

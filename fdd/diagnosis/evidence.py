@@ -11,18 +11,27 @@ P and μ are the unit's own prior. What such an amplitude is worth says `fdd.dia
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from fdd.diagnosis.fitting import GREATEST, LEAST_SCATTER, Explained, Fit, Joint, drift, fit, known_scatter
+from fdd.diagnosis.fitting import (
+    GREATEST,
+    LEAST_SCATTER,
+    Explained,
+    Fit,
+    Parts,
+    drift,
+    fit,
+    known_scatter,
+)
 from fdd.diagnosis.hypotheses import Hypothesis
 from fdd.residuals.effects import Effects
-from fdd.residuals.ledger import widened
 
 Array = NDArray[np.float64]
-Sums = tuple[Array, Array, Array, Array]
+Indices = NDArray[np.int64]
 
 RAMP_HOPS = 24
 """Hops over which a ramp grows to its full size: 12 s."""
@@ -30,6 +39,7 @@ DRIFT_HOPS = 100
 """Hops in which a drift grows by one: 50 s."""
 FREE_SPREAD = 10.0
 """Of what a unit's healthy logs differ by, how far a fault that nobody knows may change a coefficient."""
+KINDS = ("step", "ramp", "drift")
 LEAST_BEFORE, LEAST_AFTER = 6, 6
 """Hops before and after an onset that is looked for inside a log."""
 
@@ -46,8 +56,8 @@ class Amplitude(Fit):
     onsets: Array  # (k,)
 
 
-def course_of(kind: str, hops: int, onset: int | NDArray[np.int64]) -> Array:
-    """φ of a step, ramp or drift from a hop on, (hops,), or from each of (k, 1), (k, hops)."""
+def course_of(kind: str, hops: int, onset: int) -> Array:
+    """φ of a step, ramp or drift from a hop on, (hops,)."""
     since = np.arange(hops) - onset
     if kind == "ramp":
         return np.clip((since + 0.5) / RAMP_HOPS, 0.0, 1.0)
@@ -56,147 +66,211 @@ def course_of(kind: str, hops: int, onset: int | NDArray[np.int64]) -> Array:
     return (since >= 0).astype(np.float64)
 
 
+class Sums:
+    """Sums over hops of (h, …) times a course or its square, for a course from every onset on, (k, …).
+
+    They are sums of sums, so that every onset costs the same.
+    """
+
+    def __init__(self, x: Array) -> None:
+        self.one = _from_here(x)
+        self.two = _from_here(self.one)
+
+    def over(self, kind: str, onsets: Indices) -> Array:
+        """Σ φ x."""
+        if kind == "step":
+            return self.one[onsets]
+        grown = self.two - 0.5 * self.one
+        if kind == "drift":
+            return grown[onsets] / DRIFT_HOPS
+        return (grown[onsets] - _later(grown, onsets)) / RAMP_HOPS
+
+    def squared(self, kind: str, onsets: Indices) -> Array:
+        """Σ φ² x."""
+        if kind == "step":
+            return self.one[onsets]
+        grown = self.two - 0.5 * self.one
+        square = 2.0 * (_from_here(self.two) - self.two) + 0.25 * self.one
+        if kind == "drift":
+            return square[onsets] / DRIFT_HOPS**2
+        # Past its end a ramp has grown by its whole length l: (k + l)² - l² = k² + 2 l k is too much.
+        past = _later(square + 2.0 * RAMP_HOPS * grown, onsets)
+        return (square[onsets] - past) / RAMP_HOPS**2
+
+
+def _from_here(x: Array) -> Array:
+    """Sums of (h, …) from each hop to the last."""
+    return np.asarray(np.cumsum(x[::-1], axis=0)[::-1])
+
+
+def _later(x: Array, onsets: Indices) -> Array:
+    """Values a ramp's length after onsets; none after the last hop."""
+    at = onsets + RAMP_HOPS
+    out = np.zeros((at.size, *x.shape[1:]))
+    inside = at < len(x)
+    out[inside] = x[at[inside]]
+    return out
+
+
 class Evidence:
     """All balances of one axis over the hops at hand.
 
     Parameters
     ----------
-    entries : balance name to its hops' sums. effects : what the first hop is held against. from_start :
-        whether that is
-        the unit's baseline, so that a fault may have been there before the first hop.
+    hops : balance name to its hops' information (h, n, n) and vector (h, n), widened by what wanders; those
+        that tell nothing are left out. effects : what the first hop is held against. from_start : whether
+        that is the unit's baseline, so that a fault may have been there before the first hop.
     """
 
     def __init__(
-        self, entries: dict[str, Sums], effects: dict[str, Effects], *, from_start: bool = True
+        self,
+        hops: Mapping[str, tuple[Array, Array]],
+        effects: Mapping[str, Effects],
+        *,
+        from_start: bool = True,
     ) -> None:
-        self.hops = 0
-        self.balances: dict[str, Explained] = {}
-        for name, (information, vector, rows, _) in entries.items():
-            self.hops = len(rows)
-            if not rows.any():
-                continue
-            e = effects[name]
-            m, v = widened(information, vector, e.wander)
-            self.balances[name] = Explained(m, v, e)
+        self.balances = {name: Explained(m, v, effects[name]) for name, (m, v) in hops.items()}
+        self.hops = max((len(m) for m, _ in hops.values()), default=0)
         inside = np.arange(LEAST_BEFORE, self.hops - LEAST_AFTER)
         first = [0] if from_start and self.hops > LEAST_AFTER else []
         self.onsets = np.concatenate([np.array(first, dtype=np.int64), inside])
-        self._sums: dict[tuple[str, str], tuple[Array, Array]] = {}
 
-    def _over_onsets(self, name: str, kind: str) -> tuple[Array, Array]:
-        """Information (k, n, n) and score (k, n) of a balance's change at every onset."""
-        if (name, kind) not in self._sums:
-            b = self.balances[name]
-            if kind == "step":  # suffix sums
-                one = two = np.cumsum(b.information[::-1], axis=0)[::-1][self.onsets]
-                one_v = np.cumsum(b.rest[::-1], axis=0)[::-1][self.onsets]
-            else:
-                phi = course_of(kind, self.hops, self.onsets[:, None])
-                n = b.rest.shape[1]
-                flat = b.information.reshape(self.hops, -1)
-                one, two = ((p @ flat).reshape(-1, n, n) for p in (phi, phi**2))
-                one_v = phi @ b.rest
-            self._sums[name, kind] = two - one @ b.inverse @ one, one_v
-        return self._sums[name, kind]
+    def shared(self, h: Hypothesis) -> bool:
+        """Whether a balance speaks of a hypothesis."""
+        return any(name in self.balances for name in h.columns)
 
-    def shared(self, h: Hypothesis) -> list[tuple[str, Array]]:
-        """Balances that speak of a hypothesis, with its columns."""
-        return [(name, g) for name, g in h.columns.items() if name in self.balances]
+    def fits(self, hypotheses: Sequence[Hypothesis], known: Sequence[Amplitude]) -> list[Amplitude]:
+        """Hypotheses at their likeliest onsets and courses, beside faults that are known already; those that
+        would explain nothing are left out."""
+        told = [h for h in hypotheses if self.shared(h)]
+        if not told or not self.onsets.size:
+            return []
+        best: list[tuple[float, str, Array]] = [(0.0, "", self.onsets)] * len(told)
+        for kind, (mine, gains) in self._gains(told, known).items():
+            for i, gain in zip(mine, gains, strict=True):
+                if gain.max() > (1.0 + 1e-9) * best[i][0]:  # of two that tell the same, the simpler one
+                    best[i] = float(gain.max()), kind, gain
+        found = [
+            (h, kind, int(self.onsets[int(np.argmax(gain))]), gain)
+            for h, (most, kind, gain) in zip(told, best, strict=True)
+            if most > 0.0
+        ]
+        early = self.fitted([x for x in found if x[2] == 0], known)
+        late = self.fitted([x for x in found if x[2] > 0], known)
+        order = {id(h): i for i, h in enumerate(told)}
+        return sorted([*early, *late], key=lambda f: order[id(f.hypothesis)])
 
-    def best(self, h: Hypothesis, known: list[Amplitude]) -> Amplitude | None:
-        """The hypothesis at its likeliest onset and course, beside faults that are known already."""
-        if not self.shared(h) or not self.onsets.size:
-            return None
-        found = None
-        for kind in h.courses:
-            lam, b = np.full(self.onsets.size, 1.0 / h.scale**2), np.zeros(self.onsets.size)
-            for name, g in self.shared(h):
-                s, sv = self._over_onsets(name, kind)
-                lam += np.einsum("i,kij,j->k", g, s, g)
-                b += (sv - self._moved_by(name, kind, known)) @ g
-            size = np.clip(b / lam, 0.0, GREATEST) if h.signed else b / lam
-            gain = size * (b - 0.5 * lam * size)
-            k = int(np.argmax(gain))
-            if gain[k] > 0.0 and (found is None or gain[k] > found[0]):
-                found = float(gain[k]), kind, k, gain
-        if found is None:
-            return None
-        _, kind, k, gain = found
-        course = course_of(kind, self.hops, int(self.onsets[k]))
-        return self.fitted(h, course, kind, int(self.onsets[k]), gain, known)
-
-    def _moved_by(self, name: str, kind: str, known: list[Amplitude]) -> Array | float:
-        """What faults that are known add to a balance's scores at every onset, (k, n)."""
-        total: Array | float = 0.0
-        e = self.balances[name]
-        for n in known:
-            g = n.hypothesis.columns.get(name)
-            if g is None:
+    def _gains(
+        self, hypotheses: Sequence[Hypothesis], known: Sequence[Amplitude]
+    ) -> dict[str, tuple[Indices, Array]]:
+        """Which hypotheses may take each course, and what they would gain from every onset on, (f, k)."""
+        scale, signed = (np.array([getattr(h, x) for h in hypotheses]) for x in ("scale", "signed"))
+        takes = {kind: np.array([kind in h.courses for h in hypotheses]) for kind in KINDS}
+        lam = {kind: np.tile(1.0 / scale**2, (self.onsets.size, 1)) for kind in KINDS}
+        b = {kind: np.zeros_like(lam[kind]) for kind in KINDS}
+        for name, e in self.balances.items():
+            mine = np.flatnonzero([name in h.columns for h in hypotheses])
+            if not mine.size:
                 continue
-            pulled = n.course[:, None] * (e.information @ (g * n.size))
-            rest = pulled - (e.information @ (e.inverse @ pulled.sum(axis=0)))
-            if kind == "step":
-                moved = np.cumsum(rest[::-1], axis=0)[::-1][self.onsets]
-            else:
-                moved = course_of(kind, self.hops, self.onsets[:, None]) @ rest
-            total = total + moved
-        return total
+            columns = np.array([h.columns[name] for h in hypotheses if name in h.columns])
+            pulled = np.moveaxis(e.pulled(columns), 0, 1)  # (h, f, n)
+            own = Sums(np.einsum("hfn,fn->hf", pulled, columns))
+            # The log's own solution gives way: the square root of its covariance goes in before the sums.
+            given = Sums(pulled @ e.root)
+            scores = Sums((e.rest - self._moved(name, known)) @ columns.T)
+            for kind in KINDS:
+                k = takes[kind][mine]
+                if k.any():
+                    lam[kind][:, mine[k]] += own.squared(kind, self.onsets)[:, k]
+                    lam[kind][:, mine[k]] -= np.square(given.over(kind, self.onsets)[:, k]).sum(axis=2)
+                    b[kind][:, mine[k]] += scores.over(kind, self.onsets)[:, k]
+        out = {}
+        for kind, k in takes.items():
+            size = b[kind] / lam[kind]
+            size = np.where(signed, np.clip(size, 0.0, GREATEST), size)
+            gain = size * (b[kind] - 0.5 * lam[kind] * size)
+            out[kind] = np.flatnonzero(k), gain[:, k].T
+        return out
 
-    def unexplained(self, found: Amplitude, known: list[Amplitude]) -> float:
+    def _moved(self, name: str, known: Sequence[Amplitude]) -> Array | float:
+        """What known faults add to a balance's hops, less what the log's solution takes up, (h, n)."""
+        e = self.balances[name]
+        pulled = sum(
+            n.course[:, None] * e.pulled(n.hypothesis.columns[name] * n.size)
+            for n in known
+            if name in n.hypothesis.columns
+        )
+        return pulled if isinstance(pulled, int) else pulled - e.pulled(e.inverse @ pulled.sum(axis=0))
+
+    def unexplained(self, found: Amplitude, known: Sequence[Amplitude]) -> float:
         """What any change of a finding's balances would gain from its onset on, beside all that was found.
 
         What chance alone would make of as many free coefficients is taken off.
         """
-        k = int(np.flatnonzero(self.onsets == found.onset)[0])
         total = 0.0
-        for name, _ in self.shared(found.hypothesis):
-            s, sv = self._over_onsets(name, found.kind)
-            left = (sv - self._moved_by(name, found.kind, known))[k]
-            spread = np.diag(np.diag(self.balances[name].healthy.covariance)) * FREE_SPREAD**2
-            inside = np.linalg.solve(np.eye(left.size) + spread @ s[k], spread)
-            total += 0.5 * float(left @ inside @ left - max(found.misfit, 1.0) * np.trace(inside @ s[k]))
+        for name in found.hypothesis.columns:
+            if name not in self.balances:
+                continue
+            e = self.balances[name]
+            s = e.told(found.course)
+            left = found.course @ (e.rest - self._moved(name, known))
+            spread = np.diag(np.diag(e.healthy.covariance)) * FREE_SPREAD**2
+            inside = np.linalg.solve(np.eye(left.size) + spread @ s, spread)
+            total += 0.5 * float(left @ inside @ left - max(found.misfit, 1.0) * np.trace(inside @ s))
         return total
 
     def fitted(
-        self, h: Hypothesis, course: Array, kind: str, onset: int, profile: Array, known: list[Amplitude]
-    ) -> Amplitude:
-        """A hypothesis with a given course, beside faults that are known."""
-        parts = [h, *(n.hypothesis for n in known)]
-        courses = np.array([course, *(n.course for n in known)])
-        joints = []
+        self, found: Sequence[tuple[Hypothesis, str, int, Array]], known: Sequence[Amplitude]
+    ) -> list[Amplitude]:
+        """Hypotheses with given courses, beside faults that are known.
+
+        Parameters
+        ----------
+        found : hypothesis, kind of course, onset (0 for all, or for none) and gain over onsets.
+        """
+        if not found:
+            return []
+        others = [n.hypothesis for n in known]
+        first = np.array([course_of(kind, self.hops, onset) for _, kind, onset, _ in found])
+        courses = np.stack([first, *(np.tile(n.course, (len(found), 1)) for n in known)], axis=1)
+        columns = {}
         for name, e in self.balances.items():
-            if any(name in p.columns for p in parts):
-                columns = np.array([p.columns.get(name, np.zeros(e.solution.size)) for p in parts])
-                joints.append(Joint(e, columns, courses))
-        found = fit(joints, [p.scale for p in parts], signed=h.signed, from_start=onset == 0)
-        found.score += float(np.log(h.commonness))
-        return Amplitude(**vars(found), hypothesis=h, course=course, kind=kind, onset=onset, profile=profile,
-                         onsets=self.onsets)  # fmt: skip
+            none = np.zeros(e.solution.size)
+            rows = [[p.columns.get(name, none) for p in (h, *others)] for h, *_ in found]
+            if np.any(rows):
+                columns[name] = np.array(rows)
+        scales = np.array([[p.scale for p in (h, *others)] for h, *_ in found])
+        parts = Parts(columns, courses, scales, np.array([h.signed for h, *_ in found]))
+        out = []
+        fits = fit(self.balances, parts, from_start=found[0][2] == 0)
+        for (h, kind, onset, gain), course, f in zip(found, first, fits, strict=True):
+            f.score += float(np.log(h.commonness))
+            out.append(Amplitude(**vars(f), hypothesis=h, course=course, kind=kind, onset=onset, profile=gain,
+                                 onsets=self.onsets))  # fmt: skip
+        return out
 
     def sharpness(self, h: Hypothesis, onset: int) -> float | None:
         """Standard deviation of a hypothesis's amplitude, were it a step from a hop on; None where no
         balance speaks of it."""
         if not self.shared(h) or not self.onsets.size:
             return None
-        k = int(np.argmin(np.abs(self.onsets - onset)))
-        lam = 0.0
-        for name, g in self.shared(h):
-            s, _ = self._over_onsets(name, "step")
-            lam += float(g @ s[k] @ g)
-        scatter = known_scatter([(self.balances[name], g) for name, g in self.shared(h)])
-        changes = drift([(self.balances[name], g) for name, g in self.shared(h)])
+        onset = int(self.onsets[np.argmin(np.abs(self.onsets - onset))])
+        course = course_of("step", self.hops, onset)
+        columns = {name: g[None] for name, g in h.columns.items() if name in self.balances}
+        lam = sum(float(g[0] @ self.balances[name].told(course) @ g[0]) for name, g in columns.items())
+        scatter = float(known_scatter(self.balances, columns)[0])
+        changes = float(drift(self.balances, columns)[0])
         return float(np.sqrt(max(scatter, LEAST_SCATTER) / max(lam, 1e-12) + changes))
 
-    def correlation(self, one: Amplitude, other: Hypothesis) -> float:
-        """How alike another hypothesis's columns are in this log, over the course of a fitted one: 0 to 1."""
-        cross, own, others = 0.0, 1e-12, 1e-12
+    def correlations(self, one: Amplitude, others: Sequence[Hypothesis]) -> Array:
+        """How alike other hypotheses' columns are over the course of a fitted one: 0 to 1, (f,)."""
+        cross, own, theirs = np.zeros(len(others)), 1e-12, np.full(len(others), 1e-12)
         for name, e in self.balances.items():
-            g, f = one.hypothesis.columns.get(name), other.columns.get(name)
-            if g is None and f is None:
-                continue
-            moved = np.tensordot(one.course, e.information, axes=1)
-            s = np.tensordot(one.course**2, e.information, axes=1) - moved @ e.inverse @ moved
-            own += float(g @ s @ g) if g is not None else 0.0
-            others += float(f @ s @ f) if f is not None else 0.0
-            cross += float(g @ s @ f) if g is not None and f is not None else 0.0
-        return abs(cross) / float(np.sqrt(own * others))
+            none = np.zeros(e.solution.size)
+            g = one.hypothesis.columns.get(name, none)
+            f = np.array([h.columns.get(name, none) for h in others])
+            s = e.told(one.course)
+            own += float(g @ s @ g)
+            theirs += np.einsum("fi,ij,fj->f", f, s, f)
+            cross += f @ s @ g
+        return np.asarray(np.abs(cross) / np.sqrt(own * theirs))

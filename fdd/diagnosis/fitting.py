@@ -1,4 +1,4 @@
-"""One fault's amplitude in a log, and how far it really scatters.
+"""Faults' amplitudes in a log, and how far they really scatter.
 
 A fault adds its amplitude ``a`` times its columns ``G`` times its course ``φ`` to the balances' coefficients.
 What keeps ``a² λ`` from passing for evidence that it is not are scores of healthy stretches of two seconds,
@@ -11,8 +11,7 @@ also differs more from log to log.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
-from copy import copy
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -22,6 +21,8 @@ from fdd.residuals.effects import Effects
 from fdd.residuals.rows import BLOCK_HOPS
 
 Array = NDArray[np.float64]
+Flags = NDArray[np.bool_]
+Indices = NDArray[np.int64]
 
 PRIOR_FREEDOM = 2.0
 """Degrees of freedom of the baseline's scatter: how far one log's is from another's. A fault from the start
@@ -47,6 +48,11 @@ class Explained:
     ----------
     information, vector : (h, n, n) and (h, n) of its hops, widened by what wanders. healthy : effects of the
         unit, with the scatter of its own healthy logs.
+
+    Attributes
+    ----------
+    solution, inverse, root : (n,), (n, n) and (n, n), the log's own coefficients, their covariance and a
+        square root of it. rest : (h, n), of the vectors beside the solution.
     """
 
     def __init__(self, information: Array, vector: Array, healthy: Effects) -> None:
@@ -57,54 +63,82 @@ class Explained:
         self.solution: Array = self.inverse @ (prior @ healthy.mean + vector.sum(axis=0))
         self.rest = vector - information @ self.solution
 
-    def beside(self, change: Array) -> Explained:
-        """The same hops as stretches see a change (n,) of coefficients that was there from the start.
+        values, vectors = np.linalg.eigh(0.5 * (self.inverse + self.inverse.T))
+        self.root: Array = vectors * np.sqrt(values.clip(0.0))
+
+    def told(self, course: Array) -> Array:
+        """Information (n, n) of a change of the coefficients over a course (h,), the log's own free."""
+        n = course.size
+        flat = self.information.reshape(n, -1)
+        moved, squared = (c @ flat for c in (course, course**2))
+        shape = self.information.shape[1:]
+        moved = moved.reshape(shape)
+        return np.asarray(squared.reshape(shape) - moved @ self.inverse @ moved)
+
+    def beside(self, changes: Array) -> tuple[Array, Array]:
+        """The same hops as stretches see changes (f, n) of coefficients that were there from the start.
 
         The log's own coefficients and such a change are one to all of its hops, so what the unit's prior
         allows along the change is taken from it: what is left differs from stretch to stretch.
+
+        Returns
+        -------
+        (f, n, n) and (f, h, n): `inverse` and `rest` for each of them.
         """
-        if not change.any():
-            return self
-        prior: Array = np.asarray(np.linalg.inv(self.healthy.covariance), dtype=np.float64)
-        across = self.healthy.covariance - np.outer(change, change) / float(change @ prior @ change)
-        other = copy(self)
-        other.inverse = np.asarray(np.linalg.solve(np.eye(change.size) + across @ self.total, across))
+        covariance = self.healthy.covariance
+        along = np.einsum("fi,ij,fj->f", changes, np.linalg.inv(covariance), changes)
+        outer = changes[:, :, None] * changes[:, None, :]
+        across = covariance - outer / np.where(along > 0.0, along, 1.0)[:, None, None]
+        inverse: Array = np.asarray(np.linalg.solve(np.eye(changes.shape[1]) + across @ self.total, across))
         pulled = self.rest.sum(axis=0) + self.total @ (self.solution - self.healthy.mean)
-        other.solution = self.healthy.mean + other.inverse @ pulled
-        other.rest = self.rest + self.information @ (self.solution - other.solution)
-        return other
+        moved = self.solution - self.healthy.mean - inverse @ pulled
+        return inverse, self.rest + self.pulled(moved)
+
+    def pulled(self, changes: Array) -> Array:
+        """What changes (…, n) of coefficients add to the hops' vectors, (…, h, n)."""
+        n = changes.shape[-1]
+        return (changes @ self.information.reshape(-1, n).T).reshape(*changes.shape[:-1], -1, n)
 
 
 class Joint:
-    """Faults in one balance.
+    """Faults in one balance, each beside those that are known.
 
     Parameters
     ----------
-    columns : (p, n). courses : (p, h).
+    mine : (f,) of these faults among all. columns : (f, p, n), of a fault and of the known ones. courses :
+        (f, p, h). from_start : as stretches see a fault that was there before the first hop.
 
     Attributes
     ----------
-    information, vector : (p, p) and (p,) of the amplitudes.
+    information, vector : (f, p, p) and (f, p) of the amplitudes.
     """
 
-    def __init__(self, balance: Explained, columns: Array, courses: Array) -> None:
-        self.balance, self.columns, self.courses = balance, columns, courses
-        self.moved = np.tensordot(courses, balance.information, axes=1)
-        crossed = np.tensordot(courses[:, None] * courses, balance.information, axes=1)
-        pushed = np.einsum("pij,pj->pi", self.moved, columns)
-        self.information: Array = np.einsum("pi,pqij,qj->pq", columns, crossed, columns)
-        self.information -= pushed @ balance.inverse @ pushed.T
-        self.vector: Array = np.einsum("pi,pi->p", columns, courses @ balance.rest)
-
-    def off(self, a: Array) -> Array:
-        """How far each hop's coefficients lie off the log's own solution with these amplitudes, (h, n)."""
-        return np.asarray(self.courses.T @ (self.columns * a[:, None]) - self.drawn(a))
+    def __init__(
+        self, balance: Explained, mine: Indices, columns: Array, courses: Array, *, from_start: bool = False
+    ) -> None:
+        self.balance, self.mine, self.columns, self.courses = balance, mine, columns, courses
+        self.inverse, self.rest = balance.inverse[None], balance.rest[None]
+        if from_start:
+            self.inverse, self.rest = balance.beside(columns[:, 0])
+        self.acting = courses[..., None] * columns[:, :, None, :]
+        self.pulled = courses[..., None] * balance.pulled(columns)
+        self.pushed = self.pulled.sum(axis=2)
+        f, p = columns.shape[:2]
+        acting = self.acting.reshape(f, p, -1)
+        self.information: Array = acting @ np.swapaxes(self.pulled.reshape(f, p, -1), 1, 2)
+        self.information -= self.pushed @ self.inverse @ np.swapaxes(self.pushed, 1, 2)
+        self.vector: Array = (acting @ self.rest.reshape(len(self.rest), -1, 1))[..., 0]
 
     def drawn(self, a: Array) -> Array:
-        """How far these amplitudes draw the log's own solution, (n,)."""
-        return np.asarray(
-            self.balance.inverse @ np.einsum("pij,pj->i", self.moved, self.columns * a[:, None])
-        )
+        """How far amplitudes (f, p) draw the log's own solution, (f, n)."""
+        return np.asarray((self.inverse @ np.einsum("fpn,fp->fn", self.pushed, a)[..., None])[..., 0])
+
+    def off(self, a: Array) -> tuple[Array, Array]:
+        """How far each hop's coefficients lie off the log's own solution with these amplitudes, and what that
+        adds to its vector, (f, h, n) each."""
+        drawn = self.drawn(a)
+        off = np.einsum("fphn,fp->fhn", self.acting, a) - drawn[:, None]
+        return off, np.einsum("fphn,fp->fhn", self.pulled, a) - self.balance.pulled(drawn)
 
 
 @dataclass
@@ -130,69 +164,114 @@ class Fit:
     score: float
 
 
-def fit(joints: Sequence[Joint], scales: Sequence[float], *, signed: bool, from_start: bool) -> Fit:
-    """Fit the first of some faults beside the others.
+@dataclass(frozen=True)
+class Parts:
+    """Faults to be fitted, each beside those that are known.
+
+    Attributes
+    ----------
+    columns : balance to (f, p, n), of a fault and of the known ones; of balances that speak of any.
+    courses : (f, p, h). scales : (f, p) prior std of each amplitude. signed : (f,), the fault is a severity.
+    """
+
+    columns: dict[str, Array]
+    courses: Array
+    scales: Array
+    signed: Flags
+
+    def joints(self, balances: Mapping[str, Explained], *, from_start: bool = False) -> list[Joint]:
+        """In every balance that speaks of them."""
+        out = []
+        for name, columns in self.columns.items():
+            mine = np.flatnonzero(columns.any(axis=(1, 2)))
+            out.append(Joint(balances[name], mine, columns[mine], self.courses[mine], from_start=from_start))
+        return out
+
+
+def fit(balances: Mapping[str, Explained], parts: Parts, *, from_start: bool) -> list[Fit]:
+    """Fit each fault beside the known ones.
 
     Parameters
     ----------
-    joints : in all balances that speak of one of them. scales : prior std of each amplitude. signed : the
-        first one is a severity. from_start : it was there before the first hop.
+    from_start : they were there before the first hop.
     """
-    information = np.diag([1.0 / s**2 for s in scales]) + sum(j.information for j in joints)
-    vector = np.sum([j.vector for j in joints], axis=0)
-    a: Array = np.asarray(np.linalg.solve(information, vector), dtype=np.float64)
-    free = float(a[0])
-    if signed and not 0.0 <= free <= GREATEST:
-        a[0] = min(max(free, 0.0), GREATEST)
-        a[1:] = np.linalg.solve(information[1:, 1:], vector[1:] - information[1:, 0] * a[0])
-    size = float(a[0])
+    joints = parts.joints(balances)
+    scales, courses = parts.scales, parts.courses
+    information, vector = _summed(joints, 1.0 / scales**2)
+    a: Array = _solved(information, vector)
+    free = a[:, 0].copy()
+    size = np.where(parts.signed, np.clip(free, 0.0, GREATEST), free)
+    for f in np.flatnonzero(size != free):
+        a[f, 0] = size[f]
+        others = vector[f, 1:] - information[f, 1:, 0] * size[f]
+        a[f, 1:] = np.linalg.solve(information[f, 1:, 1:], others)
     inverse = np.linalg.inv(information)
-    told = 1.0 / float(inverse[0, 0])
+    told = 1.0 / inverse[:, 0, 0]
     gain = 0.5 * told * (free**2 - (free - size) ** 2)  # at its bounds less than the free amplitude's
     # The amplitudes' direction for the first one, the others free.
-    along: Array = np.asarray(size * told * inverse[:, 0], dtype=np.float64)
-    drawn = [(j.balance, j.drawn(along)) for j in joints]
-    held = sum(float(d @ np.linalg.solve(b.healthy.covariance, d)) for b, d in drawn)
-    if from_start:
-        joints = [Joint(j.balance.beside(j.columns[0]), j.columns, j.courses) for j in joints]
-        vague = [1e-9 / scales[0] ** 2, *(1.0 / s**2 for s in scales[1:])]  # not none: a log may tell nothing
-        seen_alone = np.diag(vague) + sum(j.information for j in joints)
-        a = np.asarray(np.linalg.solve(seen_alone, np.sum([j.vector for j in joints], axis=0)))
-        inverse = np.linalg.inv(seen_alone)
-        along = np.asarray(a[0] / inverse[0, 0] * inverse[:, 0], dtype=np.float64)
-    hops = joints[0].courses.shape[1]
-    scores, weights, pulls, pushes = (np.zeros(hops) for _ in range(4))
-    directions = []
+    along = (size * told)[:, None] * inverse[:, :, 0]
+    held = np.zeros(size.size)
     for j in joints:
-        e = j.balance
-        left = e.rest - np.einsum("hij,hj->hi", e.information, j.off(a))
-        seen = j.off(along)
-        scores += np.einsum("hn,hn->h", seen, left)
-        weights += np.einsum("hi,hij,hj->h", seen, e.information, seen)
-        acting = size * np.outer(j.courses[0], j.columns[0])
-        pulls += np.einsum("hn,hn->h", acting, left)
-        pushes += np.einsum("hi,hij,hj->h", acting, e.information, acting)
-        directions.append(along @ j.columns)
-    block = np.arange(hops) // BLOCK_HOPS
-    u: Array = np.bincount(block, scores).astype(np.float64)
-    w: Array = np.bincount(block, weights).clip(1e-100)
-    blocks = float(w.sum() ** 2 / np.sum(w**2))
-    misfit = max(1.0, float(np.sum(u**2) / w.sum()) * blocks / max(blocks - 2.0, 1.0))
-    kappa, freedom = _scatter(u, w, joints, directions, held)
-    changes = drift([(j.balance, j.columns[0]) for j in joints])
+        d = j.drawn(along[j.mine])
+        held[j.mine] += np.einsum("fn,fn->f", d, np.linalg.solve(j.balance.healthy.covariance, d.T).T)
+    if from_start:
+        joints = parts.joints(balances, from_start=True)
+        vague = 1.0 / scales**2
+        vague[:, 0] *= 1e-9  # not none: a log may tell nothing
+        information, vector = _summed(joints, vague)
+        a = _solved(information, vector)
+        inverse = np.linalg.inv(information)
+        along = (a[:, 0] / inverse[:, 0, 0])[:, None] * inverse[:, :, 0]
+    hops = courses.shape[2]
+    scores, weights, pulls, pushes = np.zeros((4, size.size, hops))
+    for j in joints:
+        k = j.mine
+        seen, pulled = j.off(a[k])
+        left = j.rest - pulled
+        if scales.shape[1] > 1:  # else the amplitude is its own direction
+            seen, pulled = j.off(along[k])
+        scores[k] += np.einsum("fhn,fhn->fh", seen, left)
+        weights[k] += np.einsum("fhn,fhn->fh", seen, pulled)
+        acting = size[k, None, None] * j.acting[:, 0]
+        pulls[k] += np.einsum("fhn,fhn->fh", acting, left)
+        pushes[k] += size[k, None] * np.einsum("fhn,fhn->fh", acting, j.pulled[:, 0])
+    blocks = np.arange(0, hops, BLOCK_HOPS)
+    u = np.add.reduceat(scores, blocks, axis=1)
+    w = np.add.reduceat(weights, blocks, axis=1).clip(1e-100)
+    count = w.sum(axis=1) ** 2 / np.sum(w**2, axis=1)
+    misfit = np.sum(u**2, axis=1) / w.sum(axis=1) * count / np.maximum(count - 2.0, 1.0)
+    misfit = np.maximum(misfit, 1.0)
+    directions = {n: np.einsum("fp,fpn->fn", along, c) for n, c in parts.columns.items()}
+    kappa, freedom = _scatter(u, w, courses[:, 0], known_scatter(balances, directions), held)
+    changes = drift(balances, {n: c[:, 0] for n, c in parts.columns.items()})
     precision = 1.0 / (kappa / told + changes)
     share = precision * _heard(u, w, kappa) ** 2
-    freedom = PRIOR_FREEDOM if from_start else freedom
+    freedom = np.full(size.size, PRIOR_FREEDOM) if from_start else freedom
     # Student's t of the free amplitude about the fault's and about none: what lies beyond a fault's bounds
     # is no fault, and says how far amplitudes scatter.
     odds = (freedom + share * free**2) / (freedom + share * (free - size) ** 2)
-    score = 0.5 * (freedom + 1.0) * np.log(odds) - 0.5 * np.log1p(scales[0] ** 2 * precision)
-    if signed:
-        score += np.log(2.0) + log_normal(float(size * np.sqrt(precision)))
-    most = max(GREATEST, abs(size))
-    level = float(np.clip(size * _while_acting(pulls, pushes, kappa), -most, most))
-    variance = max(kappa, misfit) / told + changes
-    return Fit(size, variance, level, gain, kappa, misfit, blocks, float(score))
+    score = 0.5 * (freedom + 1.0) * np.log(odds) - 0.5 * np.log1p(scales[:, 0] ** 2 * precision)
+    likely = np.array([np.log(2.0) + log_normal(z) for z in (size * np.sqrt(precision)).tolist()])
+    score += np.where(parts.signed, likely, 0.0)
+    most = np.maximum(GREATEST, np.abs(size))
+    level = np.clip(size * _while_acting(pulls, pushes, kappa), -most, most)
+    variance = np.maximum(kappa, misfit) / told + changes
+    found = np.column_stack([size, variance, level, gain, kappa, misfit, count, score])
+    return [Fit(*row) for row in found.tolist()]
+
+
+def _summed(joints: Sequence[Joint], precision: Array) -> tuple[Array, Array]:
+    """Information (f, p, p) and vector (f, p) of all balances, and of a prior's precision (f, p)."""
+    information = precision[:, :, None] * np.eye(precision.shape[1])
+    vector = np.zeros(precision.shape)
+    for j in joints:
+        information[j.mine] += j.information
+        vector[j.mine] += j.vector
+    return information, vector
+
+
+def _solved(information: Array, vector: Array) -> Array:
+    return np.asarray(np.linalg.solve(information, vector[..., None])[..., 0])
 
 
 def log_normal(z: float) -> float:
@@ -211,60 +290,72 @@ def log_normal(z: float) -> float:
     return -0.5 * z**2 - math.log(-z * math.sqrt(2.0 * math.pi)) + math.log1p(-r * (1 - r * (3 - 15 * r)))
 
 
-def drift(columns: Sequence[tuple[Explained, Array]]) -> float:
-    """Variance of an amplitude by what a healthy unit itself changes over a log: nothing less is a fault."""
-    told = sum(float(np.sum(np.square(g / e.healthy.within))) for e, g in columns)
-    return len(columns[0][0].information) / WITHIN_HOPS / max(told, 1e-300)
+def drift(balances: Mapping[str, Explained], columns: Mapping[str, Array]) -> Array:
+    """Variance (f,) of amplitudes by what a healthy unit itself changes over a log: nothing less is a fault.
+
+    Parameters
+    ----------
+    columns : balance to (f, n), of each fault.
+    """
+    told = sum(np.sum(np.square(g / balances[name].healthy.within), axis=1) for name, g in columns.items())
+    hops = len(next(iter(balances.values())).information)
+    return np.asarray(hops / WITHIN_HOPS / np.maximum(told, 1e-300))
 
 
-def _heard(u: Array, w: Array, kappa: float) -> float:
-    """Share of an amplitude that stands when no stretch speaks louder than three standard deviations of
+def _heard(u: Array, w: Array, kappa: Array) -> Array:
+    """Share (f,) of amplitudes that stands when no stretch speaks louder than three standard deviations of
     healthy ones, or than three times the median one: a fault is there in many."""
-    z = (u + w) / np.sqrt(kappa * w)
-    loudest = LOUDEST * max(1.0, float(np.median(z)))
-    heard = float(np.sqrt(w) @ np.clip(z, -loudest, loudest)) / max(float(np.sqrt(w) @ z), 1e-300)
-    return min(max(heard, 0.0), 1.0)
+    z = (u + w) / np.sqrt(kappa[:, None] * w)
+    loudest = LOUDEST * np.maximum(1.0, np.median(z, axis=1))[:, None]
+    heard = np.sum(np.sqrt(w) * np.clip(z, -loudest, loudest), axis=1)
+    return np.asarray(np.clip(heard / np.maximum(np.sum(np.sqrt(w) * z, axis=1), 1e-300), 0.0, 1.0))
 
 
-def _while_acting(u: Array, w: Array, kappa: float) -> float:
-    """Amplitude of a fault while it acts, over its mean: 2 where it acts half the time.
+def _while_acting(u: Array, w: Array, kappa: Array) -> Array:
+    """Amplitudes (f,) of faults while they act, over their means: 2 for one that acts half the time.
 
     Of the hops' amplitudes, each is weighed by itself; what their errors add to their squares is taken off.
     """
-    acts = w > 1e-3 * w.max(initial=1e-300)
-    u, w = u[acts], w[acts]
-    square = float(np.sum(np.square(u + w) / w)) - kappa * w.size
-    return max(square / max(float(np.sum(u + w)), 1e-300), 1.0)
+    acts = w > 1e-3 * w.max(axis=1, initial=1e-300, keepdims=True)
+    square = np.sum(np.where(acts, np.square(u + w) / np.where(acts, w, 1.0), 0.0), axis=1)
+    square -= kappa * acts.sum(axis=1)
+    return np.asarray(np.maximum(square / np.maximum(np.sum(u + w, axis=1, where=acts), 1e-300), 1.0))
 
 
-def _scatter(
-    u: Array, w: Array, joints: Sequence[Joint], directions: Sequence[Array], held: float
-) -> tuple[float, float]:
-    """Factor by which scores scatter more than their information says, and its degrees of freedom.
+def _scatter(u: Array, w: Array, courses: Array, known: Array, held: Array) -> tuple[Array, Array]:
+    """Factor by which scores scatter more than their information says, and its degrees of freedom, (f,) each.
 
-    It is that of healthy time: of the unit's baseline in the direction at hand, and of the log's stretches
-    in which the fault does not act (of all, where it always acts). How badly a fault's own time is
-    explained must not make the fault look like chance. The baseline counts as `PRIOR_FREEDOM` of them
-    (moderated variance: Smyth 2004, doi 10.2202/1544-6115.1027).
+    It is that of healthy time: of the unit's baseline in the direction at hand (`known_scatter`), and of the
+    log's stretches in which the fault does not act (of all, where it always acts). How badly a fault's own
+    time is explained must not make the fault look like chance. The baseline counts as `PRIOR_FREEDOM` of
+    them (moderated variance: Smyth 2004, doi 10.2202/1544-6115.1027).
+
+    Parameters
+    ----------
+    courses : (f, h) of the faults. held : (f,), what the unit's prior holds of each.
     """
-    course = joints[0].courses[0]
-    block = np.arange(course.size) // BLOCK_HOPS
-    acts = np.bincount(block, np.minimum(course, 1.0)) / np.bincount(block)
-    quiet = (1.0 - acts) * w if course[0] < 0.5 else w
-    stretches = max(float(quiet.sum() ** 2 / max(np.sum(quiet**2), 1e-300)) - 1.0, 0.0)
-    if course[0] < 0.5:  # what the unit's prior holds, stretches of the log do not
-        stretches *= float(quiet.sum() / max(quiet.sum() + held, 1e-300))
-    own = float(np.sum(quiet * u**2 / w)) / max(float(quiet.sum()), 1e-300)
-    known = known_scatter([(j.balance, d) for j, d in zip(joints, directions, strict=True)])
+    blocks = np.arange(0, courses.shape[1], BLOCK_HOPS)
+    lengths = np.diff(np.append(blocks, courses.shape[1]))
+    acts = np.add.reduceat(np.minimum(courses, 1.0), blocks, axis=1) / lengths
+    later = courses[:, :1] < 0.5
+    quiet = np.where(later, (1.0 - acts) * w, w)
+    told = quiet.sum(axis=1)
+    stretches = np.maximum(told**2 / np.maximum(np.sum(quiet**2, axis=1), 1e-300) - 1.0, 0.0)
+    # What the unit's prior holds, stretches of the log do not.
+    stretches *= np.where(later[:, 0], told / np.maximum(told + held, 1e-300), 1.0)
+    own = np.sum(quiet * u**2 / w, axis=1) / np.maximum(told, 1e-300)
     freedom = PRIOR_FREEDOM + stretches
-    return max((PRIOR_FREEDOM * known + stretches * own) / freedom, LEAST_SCATTER), freedom
+    return np.maximum((PRIOR_FREEDOM * known + stretches * own) / freedom, LEAST_SCATTER), freedom
 
 
-def known_scatter(directions: Sequence[tuple[Explained, Array]]) -> float:
-    """That factor by the unit's baseline alone, for a change (n,) of each balance's coefficients."""
-    told = [float(d @ e.total @ d) for e, d in directions]
-    seen = []
-    for e, d in directions:
-        before = float(d @ e.healthy.information @ d)
-        seen.append(float(d @ e.healthy.scatter @ d) / before if before > 0.0 else UNKNOWN_SCATTER)
-    return float(np.dot(told, seen) / max(sum(told), 1e-300))
+def known_scatter(balances: Mapping[str, Explained], directions: Mapping[str, Array]) -> Array:
+    """That factor by the unit's baseline alone, (f,), for changes (f, n) of each balance's coefficients."""
+    told, spread = 0.0, 0.0
+    for name, d in directions.items():
+        e = balances[name]
+        here, before, seen = (
+            np.einsum("fi,ij,fj->f", d, m, d) for m in (e.total, e.healthy.information, e.healthy.scatter)
+        )
+        known = np.where(before > 0.0, seen / np.where(before > 0.0, before, 1.0), UNKNOWN_SCATTER)
+        told, spread = told + here, spread + here * known
+    return np.asarray(spread / np.maximum(told, 1e-300))

@@ -46,7 +46,7 @@ LOOK_MARGIN = 1.5
 """By how much more one look alone must see it."""
 WINDOW_HOPS = 300
 """Hops that onsets are looked for in; what is older has become the reference."""
-STATE_VERSION = "5"
+STATE_VERSION = "6"
 HELD_IN_DOUBT = 0.5
 """Confidence of a fault below which it does not make a verdict."""
 
@@ -87,7 +87,7 @@ class Pipeline:
         self._effects = effects_of(unit)
         self._sensors = SensorWatch(unit)
         self._tracked = Tracked(unit, keep=keep_trajectories)
-        self._rows = RowMaker(unit)
+        self._rows = RowMaker(unit, SCAN_HOPS)
         self._ledger = Ledger(unit, self._effects)
         self._hypotheses = [h for h in hypotheses(unit, self._effects) if h.fault not in without]
         self._first_time = self._last_time = np.nan
@@ -154,7 +154,7 @@ class Pipeline:
         """Evidence of the last hops and the first one's place; older ones are the reference."""
         start = self._ledger.fold(WINDOW_HOPS)
         return Evidence(
-            self._ledger.sums(), self._ledger.reference, from_start=start == 0
+            self._ledger.widened(), self._ledger.reference, from_start=start == 0
         ), self._ledger.hops[0]
 
     def _look(self) -> tuple[Evidence, list[FaultFinding], list[float], float]:
@@ -193,6 +193,7 @@ class Pipeline:
         hydraulic: list[FaultFinding] = []
         unseen = []
         score = 0.0
+        self._ledger.push(*self._rows.rest())
         if len(self._ledger.hops) >= LEAST_HOPS:
             evidence, hydraulic, _, score = self._look()
             unseen = invisible(evidence, self._hypotheses, self.threshold)

@@ -72,13 +72,11 @@ def _volume(q: Quantities) -> list[Strand]:
     weight = q.dt / q.viscosity
     speed = np.abs(q.speed) / scales.speed
     fed = {1: q.p1 < q.accumulator + VALVE_MARGIN_PA, 2: q.p2 < q.accumulator + VALVE_MARGIN_PA}
-    if not (q.chambers_measured and q.accumulator_measured):
-        # The low side is fed, or as high as what feeds it; where one of them is not measured, only the high
-        # side is surely shut.
-        margin = max(
-            VALVE_MARGIN_PA + unit.accumulator.refeed_cracking_pressure, LEAST_DROP * scales.pressure
-        )
-        fed = {1: ~(q.drop > margin), 2: ~(q.drop < -margin)}
+    # The low side is fed, or as high as what feeds it; where one of them is not measured, only the high side
+    # is surely shut.
+    margin = max(VALVE_MARGIN_PA + unit.accumulator.refeed_cracking_pressure, LEAST_DROP * scales.pressure)
+    known = q.chambers_measured & q.accumulator_measured
+    fed = {side: np.where(known, fed[side], ~(s * q.drop > margin)) for side, s in ((1, 1.0), (2, -1.0))}
     starved = np.minimum(q.p1, q.p2) < LEAST_INLET_PA
     oil = unit.oil
     stiff = 1.0 / oil.bulk_modulus - oil.air_fraction * float(
@@ -136,9 +134,13 @@ LEAST_DROP = 3e-3
 
 def _force(q: Quantities) -> list[Strand]:
     unit = q.unit
-    y = (unit.cylinder.area_1 * q.p1 - unit.cylinder.area_2 * q.p2) / q.scales.friction
-    if not q.chambers_measured:
-        y = 0.5 * (unit.cylinder.area_1 + unit.cylinder.area_2) * q.difference_measured / q.scales.friction
+    mean_area = 0.5 * (unit.cylinder.area_1 + unit.cylinder.area_2)
+    y = np.where(
+        q.chambers_measured,
+        unit.cylinder.area_1 * q.p1 - unit.cylinder.area_2 * q.p2,
+        mean_area * q.difference_measured,
+    )
+    y /= q.scales.friction
     v = q.velocity / 0.05
     # Viscous friction is a part of the seal's curve: it is worn with it.
     f = unit.friction
@@ -161,7 +163,7 @@ def _force(q: Quantities) -> list[Strand]:
 
 def _torque(q: Quantities) -> list[Strand]:
     unit, scales = q.unit, q.scales
-    drop = middle(q.drop if q.chambers_measured else q.difference_measured) / scales.pressure
+    drop = middle(np.where(q.chambers_measured, q.drop, q.difference_measured)) / scales.pressure
     sense = np.tanh(q.speed / (0.01 * scales.speed))
     share = q.speed / scales.speed
     turning = (
@@ -177,7 +179,7 @@ def _torque(q: Quantities) -> list[Strand]:
 def _shaft(q: Quantities) -> list[Strand]:
     scales = q.scales
     y = q.take["motor_current"] / scales.current
-    drop = (q.drop if q.chambers_measured else q.difference_measured) / scales.pressure
+    drop = np.where(q.chambers_measured, q.drop, q.difference_measured) / scales.pressure
     turning = np.full_like(y, np.nan)
     turning[1:-1] = 0.5 * (q.speed[2:] - q.speed[:-2]) / ROW_S
     turning *= q.unit.drive.inertia / (q.unit.drive.torque_constant * scales.current)
@@ -197,9 +199,9 @@ tell how much of an amplitude is a load's or a loop's own unrest."""
 
 def _turning(q: Quantities) -> Flags:
     """Where a line shows: over whole turns only, and below the rate at which a row's mean swallows it."""
-    angle = q.angle[-HOP_ROWS:]
-    whole = np.isfinite(angle).any() and np.nanmax(angle) - np.nanmin(angle) > 4.0 * np.pi
-    return (np.abs(q.speed) * ROW_S * max(ORDERS) < np.pi) & bool(whole)
+    angle = q.angle.reshape(-1, HOP_ROWS)
+    whole = np.fmax.reduce(angle, axis=1) - np.fmin.reduce(angle, axis=1) > 4.0 * np.pi
+    return (np.abs(q.speed) * ROW_S * max(ORDERS) < np.pi) & np.repeat(whole, HOP_ROWS)
 
 
 def _coherence(q: Quantities) -> list[Strand]:
@@ -214,8 +216,6 @@ def _coherence(q: Quantities) -> list[Strand]:
 
 def _refeed(q: Quantities) -> list[Strand]:
     out = []
-    if not q.chambers_measured:
-        return []
     for side, sign, p, other, area in (
         (1, 1.0, q.p1, q.p2, q.unit.cylinder.area_1),
         (2, -1.0, q.p2, q.p1, q.unit.cylinder.area_2),
@@ -226,13 +226,11 @@ def _refeed(q: Quantities) -> list[Strand]:
         s1, s2 = float(side == 1), float(side == 2)
         x = np.column_stack([np.ones_like(y) * s1, np.ones_like(y) * s2, inflow * s1, inflow * s2])
         low = (p < other - 0.02 * q.scales.pressure) & (p < q.accumulator + VALVE_MARGIN_PA)
-        out.append((y, x, low))
+        out.append((y, x, low & q.chambers_measured))
     return out
 
 
 def _reservoir(q: Quantities) -> list[Strand]:
-    if not q.accumulator_measured:
-        return []
     unit = q.unit
     charge = unit.accumulator.charge_pressure + ATMOSPHERE_PA
     y = change(charge / (q.accumulator + ATMOSPHERE_PA))  # growth of the gas, in its volume at charge
@@ -246,7 +244,7 @@ def _reservoir(q: Quantities) -> list[Strand]:
         q.travel * (unit.cylinder.area_1 - unit.cylinder.area_2) / gas,
         q.travel / (0.25 * unit.cylinder.stroke),
     ])  # fmt: skip
-    return [(y, x, np.isfinite(y))]
+    return [(y, x, np.isfinite(y) & q.accumulator_measured)]
 
 
 BALANCES: dict[str, Balance] = {

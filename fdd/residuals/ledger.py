@@ -8,6 +8,7 @@ What hangs together in time, a load or a slow current, is taken out of rows and 
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,6 +24,8 @@ Flags = NDArray[np.bool_]
 
 HISTORY = 7200
 """Hops whose misfit is remembered: an hour."""
+MOST_HOPS = 20
+"""Hops whose quantities are worked out at a time: their columns still fit the processor's memory."""
 LEAST_ROWS = 12
 """Rows below which a stretch of a hop says too little."""
 MEMORY = 0.95
@@ -55,6 +58,15 @@ def widened(information: Array, vector: Array, std: Array) -> tuple[Array, Array
     return wide, kept
 
 
+class Entry(NamedTuple):
+    """What a hop tells of a balance: information (n, n), vector (n,), rows behind it, and their variance."""
+
+    information: Array
+    vector: Array
+    rows: float
+    variance: float
+
+
 class Account:
     """One balance's bookkeeping: noise, colour and coefficients so far.
 
@@ -65,9 +77,7 @@ class Account:
 
     def __init__(self, balance: Balance, effects: Effects) -> None:
         self.balance = balance
-        self.wander = effects.wander
-        self.information: Array = np.asarray(np.linalg.inv(effects.covariance), dtype=np.float64)
-        self.vector: Array = self.information @ effects.mean
+        self.size = effects.mean.size
         self.weight = FIRST_WEIGHT
         known = balance.cumulative and effects.information.any()
         self.least = max((1.0 if known else LEAST_NOISE) * effects.noise, balance.floor) ** 2
@@ -75,14 +85,14 @@ class Account:
         self.recent: list[Array] = []
         self.level: Array = np.zeros((1, effects.mean.size + 1))
 
-    def hop(self, strands: list[tuple[Array, Array, Flags]]) -> tuple[Array, Array, float, float]:
-        """Information (n, n), vector (n,), rows and variance that one hop gives.
+    def hop(self, strands: list[tuple[Array, Array, Flags]]) -> Entry:
+        """What one hop tells.
 
         Parameters
         ----------
         strands : rows of the hop with `TAIL_ROWS` before them.
         """
-        n = strands[0][1].shape[1] if strands else self.vector.size
+        n = strands[0][1].shape[1]
         gram, free = np.zeros((n + 1, n + 1)), 0.0
         rows = self._levels if self.balance.cumulative else self._cells
         for y, x, ok in strands:
@@ -90,28 +100,17 @@ class Account:
                 gram += part.T @ part
                 free += part.shape[0]
         if free < LEAST_ROWS // self.balance.cell:
-            n = self.vector.size
-            return np.zeros((n, n)), np.zeros(n), 0.0, self.variance_sum / self.weight
+            none = np.zeros((self.size, self.size))
+            return Entry(none, np.zeros(self.size), 0.0, self.variance_sum / self.weight)
         if self.balance.lines:
             return self._amplitudes(gram, free)
         if self.balance.cell > 1:
             variance = self._coloured(part)
         else:
             variance = self._variance(gram, free)
-        information, vector = gram[:n, :n] / variance, gram[:n, n] / variance
-        wide, wide_vector = widened(information, vector, self.wander)
-        self.information += wide
-        self.vector += wide_vector
-        return information, vector, free, variance
+        return Entry(gram[:n, :n] / variance, gram[:n, n] / variance, free, variance)
 
-    @property
-    def mean(self) -> Array:
-        """Coefficients by all hops so far, (n,)."""
-        scale = 1.0 / np.sqrt(np.diag(self.information).clip(1e-300))
-        scaled = self.information * scale * scale[:, None]
-        return np.asarray(scale * np.linalg.solve(scaled + 1e-9 * np.eye(scale.size), scale * self.vector))
-
-    def _amplitudes(self, gram: Array, free: float) -> tuple[Array, Array, float, float]:
+    def _amplitudes(self, gram: Array, free: float) -> Entry:
         """Amplitudes of lines, whatever their phase: a lost count turns the shaft's angle, but not them."""
         lines = self.balance.lines
         n = gram.shape[0] - 1
@@ -130,14 +129,11 @@ class Account:
         self.weight = MEMORY * self.weight + 1.0
         spread = variance * np.diag(inverse)[: 2 * lines].reshape(lines, 2).mean(axis=1)
         spread = np.maximum(spread, np.maximum(beside, self.variance_sum / self.weight))
-        wide, wide_vector = widened(np.diag(1.0 / spread), amplitude / spread, self.wander)
-        self.information += wide
-        self.vector += wide_vector
-        return np.diag(1.0 / spread), amplitude / spread, free, variance
+        return Entry(np.diag(1.0 / spread), amplitude / spread, free, variance)
 
     def _variance(self, gram: Array, free: float) -> float:
         """Mean square of what the hop's best coefficients leave, or the last ten seconds', if more."""
-        n = self.vector.size
+        n = self.size
         scale = 1.0 / np.sqrt(np.diag(gram)[:n].clip(1e-300))
         seen = np.diag(gram)[:n] > 0.0
         scaled = gram[:n, :n] * scale * scale[:, None] + 1e-6 * np.eye(n)
@@ -229,7 +225,8 @@ class Ledger:
         self.accounts = {name: Account(b, effects[name]) for name, b in BALANCES.items()}
         self.tail = np.full((TAIL_ROWS, len(COLUMNS)), np.nan)
         self.hops: list[int] = []
-        self.entries: dict[str, list[tuple[Array, Array, float, float]]] = {name: [] for name in BALANCES}
+        self.entries: dict[str, list[Entry]] = {name: [] for name in BALANCES}
+        self._wide: dict[str, list[tuple[Array, Array]]] = {name: [] for name in BALANCES}
         self.reference = effects
         """What the first of the hops kept is held against: the unit's baseline, or what older hops have
         made of it."""
@@ -241,57 +238,73 @@ class Ledger:
         out = {}
         for name, entries in self.entries.items():
             n = len(BALANCES[name].columns)
-            out[name] = (
-                np.array([e[0] for e in entries]).reshape(-1, n, n),
-                np.array([e[1] for e in entries]).reshape(-1, n),
-                np.array([e[2] for e in entries]), np.array([e[3] for e in entries]),
-            )  # fmt: skip
+            m, v, rows, variance = (np.array([e[i] for e in entries]) for i in range(4))
+            out[name] = m.reshape(-1, n, n), v.reshape(-1, n), rows, variance
         return out
 
+    def widened(self) -> dict[str, tuple[Array, Array]]:
+        """Information (h, n, n) and vector (h, n), widened by what wanders from hop to hop, of each balance
+        that tells anything."""
+        out = {}
+        for name in BALANCES:
+            wide = self._widened(name)
+            if any(e.rows for e in self.entries[name]):
+                out[name] = np.array([m for m, _ in wide]), np.array([v for _, v in wide])
+        return out
+
+    def _widened(self, name: str) -> list[tuple[Array, Array]]:
+        """Of every hop, worked out once."""
+        wide = self._wide[name]
+        fresh = self.entries[name][len(wide) :]
+        if fresh:
+            information, vector = np.array([e[0] for e in fresh]), np.array([e[1] for e in fresh])
+            wide.extend(zip(*widened(information, vector, self.reference[name].wander), strict=True))
+        return wide
+
     def push(self, first: int, rows: Array) -> None:
-        """Take the rows of complete hops (see `RowMaker.push`)."""
-        for k in range(len(rows) // HOP_ROWS):
-            here = np.concatenate([self.tail, rows[k * HOP_ROWS : (k + 1) * HOP_ROWS]])
-            self._hop(first + k, here)
+        """Take the rows of complete hops (see `RowMaker.push`); nothing depends on how many at a time."""
+        for start in range(0, len(rows), MOST_HOPS * HOP_ROWS):
+            here = np.concatenate([self.tail, rows[start : start + MOST_HOPS * HOP_ROWS]])
+            self._take(first + start // HOP_ROWS, here)
             self.tail = here[-TAIL_ROWS:]
 
-    def _hop(self, index: int, rows: Array) -> None:
+    def _take(self, first: int, rows: Array) -> None:
+        """Hops from an index on: rows with `TAIL_ROWS` before them."""
         q = Quantities(rows, self.unit, self.scales)
-        self.hops.append(index)
-        for name, balance in BALANCES.items():
+        count = (len(rows) - TAIL_ROWS) // HOP_ROWS
+        self.hops += range(first, first + count)
+        misfits = np.full((count, len(BALANCES)), np.nan)
+        for b, (name, balance) in enumerate(BALANCES.items()):
             strands = []
             for y, x, ok in balance.strands(q):
                 good = ok & np.isfinite(y) & np.isfinite(x).all(axis=1)
                 strands.append((y, x, settled(good, balance.settle)))
-            self.entries[name].append(self.accounts[name].hop(strands))
+            account = self.accounts[name]
+            for k in range(0, count * HOP_ROWS, HOP_ROWS):
+                hop = slice(k, k + TAIL_ROWS + HOP_ROWS)
+                self.entries[name].append(account.hop([(y[hop], x[hop], ok[hop]) for y, x, ok in strands]))
+            misfits[:, b] = self._misfit(name, self.entries[name][-count:])
+        self._misfits = [*self._misfits, *misfits.tolist()][-HISTORY:]
 
-        self._misfits = [*self._misfits[-HISTORY + 1 :], [self._misfit(name) for name in BALANCES]]
-
-    def _misfit(self, name: str) -> float:
-        """How far the last hop is from the unit's baseline, in what healthy hops are: root mean square over
-        coefficients."""
-        information, vector, rows, _ = self.entries[name][-1]
-        if not rows:
-            return float("nan")
+    def _misfit(self, name: str, entries: list[Entry]) -> Array:
+        """How far hops are from the unit's baseline, in what healthy hops are: root mean square over
+        coefficients, (h,); NaN of those that tell nothing."""
         e = self.effects[name]
-        wide, wide_vector = widened(information, vector, np.hypot(e.wander, np.sqrt(np.diag(e.covariance))))
-        rest = wide_vector - wide @ e.mean
         spread = np.hypot(e.wander, np.sqrt(np.diag(e.covariance)))
-        return float(np.sqrt(np.mean(np.square(spread * rest))))
+        information, vector, rows = (np.array([x[i] for x in entries]) for i in range(3))
+        wide, kept = widened(information, vector, spread)
+        rest = spread * (kept - wide @ e.mean)
+        return np.where(rows > 0.0, np.sqrt(np.mean(np.square(rest), axis=1)), np.nan)
 
     def misfits(self) -> tuple[Array, list[str], Array]:
         """Ends of the last hops (m,), balances' names and how badly each closed (m, balances)."""
         seen = np.array(self._misfits).reshape(-1, len(BALANCES))
         ends = np.empty(0)
         if len(seen):
-            ends = np.asarray((self._last_hop - np.arange(len(seen))[::-1] + 1) * HOP_S, dtype=np.float64)
+            ends = np.asarray((self.hops[-1] - np.arange(len(seen))[::-1] + 1) * HOP_S, dtype=np.float64)
         used = np.isfinite(seen).any(axis=0)
         names = [n for n, u in zip(BALANCES, used, strict=True) if u]
         return np.asarray(ends, dtype=np.float64), names, np.asarray(np.nan_to_num(seen[:, used]))
-
-    @property
-    def _last_hop(self) -> int:
-        return self.hops[-1]
 
     def fold(self, window: int) -> int:
         """Let hops beyond a window become the reference, a fifth of it at a time; how many have in all.
@@ -303,14 +316,13 @@ class Ledger:
         part = window // 5
         while len(self.hops) > window + part:
             for name, e in self.reference.items():
-                m, v = (np.array([x[i] for x in self.entries[name][:part]]) for i in (0, 1))
-                m, v = widened(m, v, e.wander)
+                wide = self._widened(name)
                 prior = np.linalg.inv(e.covariance)
-                covariance = np.linalg.inv(prior + m.sum(axis=0))
-                mean = covariance @ (prior @ e.mean + v.sum(axis=0))
+                covariance = np.linalg.inv(prior + sum(m for m, _ in wide[:part]))
+                mean = covariance @ (prior @ e.mean + sum(v for _, v in wide[:part]))
                 covariance = 0.5 * (covariance + covariance.T) + np.diag(np.square(e.within))
                 self.reference = {**self.reference, name: replace(e, mean=mean, covariance=covariance)}
-                self.entries[name] = self.entries[name][part:]
+                self.entries[name], self._wide[name] = self.entries[name][part:], wide[part:]
             self.hops = self.hops[part:]
             self.folded += part
         return self.folded
@@ -324,10 +336,6 @@ class Ledger:
         for name, account in self.accounts.items():
             for k, part in zip("mvrs", self.sums()[name], strict=True):
                 out[f"{name}/{k}"] = part
-            out |= {
-                f"{name}/information": np.array(account.information, dtype=np.float64),
-                f"{name}/vector": np.array(account.vector),
-            }
             out[f"{name}/noise"] = np.array([account.weight, account.variance_sum])
             out[f"{name}/level"] = account.level
             out[f"{name}/lengths"] = np.array([len(r) for r in account.recent])
@@ -346,11 +354,8 @@ class Ledger:
         self._misfits = [[float(x) for x in row] for row in state["misfits"]]
         for name, account in self.accounts.items():
             m, v, r, s = (state[f"{name}/{k}"] for k in "mvrs")
-            self.entries[name] = [(m[i], v[i], float(r[i]), float(s[i])) for i in range(len(self.hops))]
-            account.information, account.vector = (
-                state[f"{name}/information"].copy(),
-                state[f"{name}/vector"].copy(),
-            )
+            self.entries[name] = [Entry(m[i], v[i], float(r[i]), float(s[i])) for i in range(len(self.hops))]
+            self._wide[name] = []
             account.weight, account.variance_sum = (float(x) for x in state[f"{name}/noise"])
             account.level = state[f"{name}/level"].copy()
             ends = np.cumsum(state[f"{name}/lengths"]).astype(np.int64)

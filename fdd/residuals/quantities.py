@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from fdd.residuals.rows import COLUMNS, ROW_S
+from fdd.residuals.rows import COLUMNS, HOP_ROWS, ROW_S
 from fdd.residuals.viscosity import viscosity_ratio
 from fdd.unit import Unit
 
@@ -64,8 +64,11 @@ class Quantities:
 
     Parameters
     ----------
-    rows : (n, len(COLUMNS)) of `RowMaker`, contiguous. unit : profile. charge : Pa, taken for a low side
-        where no sensor tells.
+    rows : (n, len(COLUMNS)) of `RowMaker`, whole hops. unit : profile.
+
+    Attributes
+    ----------
+    chambers_measured, accumulator_measured : (n,), whether both are, in the row's hop or the one before.
     """
 
     def __init__(self, rows: Array, unit: Unit, scales: Scales) -> None:
@@ -78,17 +81,14 @@ class Quantities:
         self.difference_measured = take["pressure_difference"]
         accumulator = take["pressure_accumulator"]
         charge = unit.accumulator.charge_pressure
-        self.accumulator_measured = bool(np.isfinite(accumulator).any())
-        self.accumulator = accumulator if self.accumulator_measured else np.full(len(rows), charge)
-        self.chambers_measured = bool(
-            (np.isfinite(take["pressure_1"]) & np.isfinite(take["pressure_2"])).any()
-        )
-        if self.chambers_measured:
-            self.p1, self.p2 = take["pressure_1"], take["pressure_2"]
-        else:  # the low side is fed from the accumulator, so the high side is that and the difference
-            d = take["pressure_difference"]
-            self.p1 = self.accumulator + np.maximum(d, 0.0)
-            self.p2 = self.accumulator + np.maximum(-d, 0.0)
+        self.accumulator_measured = _of_late(np.isfinite(accumulator))
+        self.accumulator = np.where(self.accumulator_measured, accumulator, charge)
+        self.p1, self.p2 = take["pressure_1"], take["pressure_2"]
+        self.chambers_measured = _of_late(np.isfinite(self.p1) & np.isfinite(self.p2))
+        # Else the low side is fed from the accumulator, so the high side is that and the difference.
+        for name, sign in (("p1", 1.0), ("p2", -1.0)):
+            high = self.accumulator + np.maximum(sign * self.difference_measured, 0.0)
+            setattr(self, name, np.where(self.chambers_measured, getattr(self, name), high))
         self.drop = self.p1 - self.p2
         self.turn = change(self.angle)
         self.travel = change(self.position)
@@ -103,6 +103,13 @@ class Quantities:
             unit.oil, np.where(np.isfinite(celsius), celsius, unit.oil.reference_temperature)
         )
         self.viscosity = ratio
+
+
+def _of_late(there: Flags) -> Flags:
+    """Whether anything is there in a row's hop or in the one before, (n,)."""
+    hops: Flags = np.asarray(there.reshape(-1, HOP_ROWS).any(axis=1))
+    hops[1:] |= hops[:-1].copy()
+    return np.repeat(hops, HOP_ROWS)
 
 
 def change(column: Array) -> Array:

@@ -82,12 +82,14 @@ class RowMaker:
 
     Parameters
     ----------
-    unit : its sensors' zeros and gains are taken out.
+    unit : its sensors' zeros and gains are taken out. together : hops that are given at a time.
     """
 
     unit: Unit
+    together: int = 1
     hop: int = -1
     """Index of the first hop not yet given."""
+    _first: int = 0
     _waiting: list[Samples] = field(default_factory=list)
     _seal: Array = field(default_factory=lambda: np.zeros(2))
     _last: tuple[float, float] = (np.nan, np.nan)
@@ -97,7 +99,7 @@ class RowMaker:
     """The oil's last known temperature: it changes slowly, and is measured seldom."""
 
     def push(self, samples: Samples | None) -> tuple[int, Array]:
-        """Rows of all hops that the samples complete.
+        """Rows of the hops that the samples complete, `together` at a time.
 
         Parameters
         ----------
@@ -109,22 +111,33 @@ class RowMaker:
         """
         if samples is not None and len(samples):
             if self.hop < 0:
-                self.hop = int(np.floor(samples.time[0] / HOP_S + 1e-9))
+                self.hop = self._first = int(np.floor(samples.time[0] / HOP_S + 1e-9))
             self._waiting.append(samples)
+        complete = self._complete()
+        if samples is None:
+            return self._given(complete + bool(self._waiting))
+        return self._given(complete - (complete - self._first) % self.together)
+
+    def rest(self) -> tuple[int, Array]:
+        """Rows of all complete hops that wait; `push` goes on in the same steps as without."""
+        return self._given(self._complete())
+
+    def _complete(self) -> int:
+        """Index of the first hop that is not complete."""
         if not self._waiting:
-            return self.hop, np.empty((0, len(COLUMNS)))
-        last = float(self._waiting[-1].time[-1])
-        until = int(np.floor(last / HOP_S + 1e-9)) + (1 if samples is None else 0)
-        if until <= self.hop:
-            return self.hop, np.empty((0, len(COLUMNS)))
+            return self.hop
+        return int(np.floor(float(self._waiting[-1].time[-1]) / HOP_S + 1e-9))
+
+    def _given(self, until: int) -> tuple[int, Array]:
+        first = self.hop
+        if until <= first:
+            return first, np.empty((0, len(COLUMNS)))
         joined = Samples.concatenate(self._waiting)
         cut = int(np.searchsorted(joined.time, until * HOP_S - 1e-9 * HOP_S))
-        first = self.hop
         rest = joined.rows(cut, len(joined))
-        self._waiting = [rest] if len(rest) and samples is not None else []
-        rows = self._rows(joined.rows(0, cut), first, until)
+        self._waiting = [rest] if len(rest) else []
         self.hop = until
-        return first, rows
+        return first, self._rows(joined.rows(0, cut), first, until)
 
     @property
     def hop_rows(self) -> int:
@@ -134,7 +147,7 @@ class RowMaker:
     def state(self) -> dict[str, Array]:
         """What waits, and the filters' memory, as flat named arrays."""
         out: dict[str, Array] = {
-            "hop": np.array([self.hop]), "seal": self._seal.copy(), "last": np.array(self._last),
+            "hop": np.array([self.hop, self._first]), "seal": self._seal.copy(), "last": np.array(self._last),
             "turned": self._turned.copy(), "celsius": np.array([self._celsius]),
         }  # fmt: skip
         if self._waiting:
@@ -145,7 +158,7 @@ class RowMaker:
 
     def restore(self, state: dict[str, Array]) -> None:
         """Go on from what `state` gave."""
-        self.hop = int(state["hop"][0])
+        self.hop, self._first = (int(x) for x in state["hop"])
         self._seal, self._turned = state["seal"].copy(), state["turned"].copy()
         self._last = (float(state["last"][0]), float(state["last"][1]))
         self._celsius = float(state["celsius"][0])

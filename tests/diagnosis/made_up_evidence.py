@@ -8,9 +8,10 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from fdd.diagnosis.evidence import Evidence, course_of
+from fdd.diagnosis.evidence import Amplitude, Evidence, course_of
 from fdd.diagnosis.hypotheses import Hypothesis
 from fdd.residuals.effects import Effects
+from fdd.residuals.ledger import widened
 
 Array = NDArray[np.float64]
 NAME = "volume"
@@ -68,8 +69,13 @@ def drawn(
             np.sqrt(1.0 - colour) * rng.normal(size=n) + np.sqrt(4.0 * colour) * common[h]
         )
         vector[h] = information[h] @ b + own
-    rows = np.full(hops, 25.0)
-    return Evidence({NAME: (information, vector, rows, np.ones(hops))}, {NAME: effects})
+    return Evidence({NAME: widened(information, vector, effects.wander)}, {NAME: effects})
+
+
+def best(evidence: Evidence, h: Hypothesis) -> Amplitude | None:
+    """One hypothesis at its likeliest, alone."""
+    found = evidence.fits([h], [])
+    return found[0] if found else None
 
 
 def step(onset: int, hops: int = HOPS) -> Array:

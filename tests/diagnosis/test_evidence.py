@@ -4,18 +4,19 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from made_up_evidence import DRIFT, EFFECTS, LEAK, THIRD, drawn, hypothesis, step
+from made_up_evidence import DRIFT, EFFECTS, LEAK, THIRD, best, drawn, hypothesis, step
 
 from fdd.diagnosis.decision import USUAL_SIZE, decide
-from fdd.diagnosis.evidence import Amplitude, Evidence
-from fdd.diagnosis.fitting import WITHIN_HOPS, Explained, Joint
+from fdd.diagnosis.evidence import KINDS, Amplitude, Evidence, Sums, course_of
+from fdd.diagnosis.fitting import WITHIN_HOPS, Joint
+from fdd.residuals.ledger import widened
 
 Z80 = 1.2816
 ALL = [LEAK, DRIFT, THIRD]
 
 
 def fit(seed: int, amplitude: float, onset: int = 40, **more: float) -> Amplitude:
-    found = drawn(seed, [(LEAK, amplitude, onset)], **more).best(LEAK, [])
+    found = best(drawn(seed, [(LEAK, amplitude, onset)], **more), LEAK)
     assert found is not None
     return found
 
@@ -49,7 +50,7 @@ def test_a_fault_from_the_start_is_weighed_by_what_each_stretch_says_of_it() -> 
     """Against normal equations of its own, and coefficients that the unit's prior holds across it."""
     e = drawn(3, [(LEAK, 1.2, 0)], colour=0.3).balances["volume"]
     g = np.array([1.0, 0.3, -0.2])
-    beside = Joint(e.beside(g), g[None], np.ones((1, 80)))
+    beside = Joint(e, np.array([0]), g[None, None], np.ones((1, 1, 80)), from_start=True)
     prior = np.linalg.inv(EFFECTS.covariance)
     basis = np.linalg.svd((prior @ g)[None])[2][1:].T  # changes with nothing along g, as the prior measures
     vector = (e.rest + e.information @ e.solution - e.information @ EFFECTS.mean).sum(axis=0)
@@ -57,7 +58,7 @@ def test_a_fault_from_the_start_is_weighed_by_what_each_stretch_says_of_it() -> 
     held = both.T @ e.total @ both
     held[:2, :2] += basis.T @ prior @ basis
     expected = np.linalg.solve(held, both.T @ vector)[2]
-    a = beside.vector / beside.information[0]
+    a = float(beside.vector[0, 0] / beside.information[0, 0, 0])
     assert a == pytest.approx(expected, rel=1e-8)
 
 
@@ -68,9 +69,8 @@ def test_a_change_that_nothing_came_before_is_as_sure_as_one_from_the_start() ->
         share = np.where(np.arange(80) < 40, 1e-4, 1.0)
         m = whole.information * share[:, None, None]
         v = (whole.rest + whole.information @ whole.solution) * share[:, None]
-        late = Evidence({"volume": (m, v, np.full(80, 25.0), np.ones(80))}, {"volume": EFFECTS})
-        late.balances["volume"] = Explained(m, v, EFFECTS)  # as drawn: not widened twice
-        start, change = (late.fitted(LEAK, step(k), "step", k, np.zeros(1), []) for k in (0, 40))
+        late = Evidence({"volume": (m, v)}, {"volume": EFFECTS})
+        start, change = (late.fitted([(LEAK, "step", k, np.zeros(1))], [])[0] for k in (0, 40))
         assert change.score == pytest.approx(start.score, abs=1.2)
 
 
@@ -79,7 +79,7 @@ def test_what_a_healthy_unit_drifts_by_is_no_fault_however_much_a_log_tells() ->
     drift = EFFECTS.within[0] * np.sqrt(80 / WITHIN_HOPS)
     sharpness = quiet.sharpness(LEAK, 40)
     assert sharpness is not None and drift < sharpness < 1.2 * drift
-    told = quiet.best(LEAK, [])
+    told = best(quiet, LEAK)
     assert told is not None and told.variance == pytest.approx(drift**2, rel=0.3)
     assert told.size > 3.0 * drift and told.score < 6.0
 
@@ -88,9 +88,9 @@ def test_a_fault_that_a_log_tells_nothing_of_is_not_found_in_it() -> None:
     whole = drawn(1, [(LEAK, 1.0, 0)]).balances["volume"]
     m, v = whole.information.copy(), whole.rest + whole.information @ whole.solution
     m[:, 0, :] = m[:, :, 0] = v[:, 0] = 0.0
-    blind = Evidence({"volume": (m, v, np.full(80, 25.0), np.ones(80))}, {"volume": EFFECTS})
+    blind = Evidence({"volume": widened(m, v, EFFECTS.wander)}, {"volume": EFFECTS})
     for k in (0, 40):
-        assert blind.fitted(LEAK, step(k), "step", k, np.zeros(1), []).score < 1.0
+        assert blind.fitted([(LEAK, "step", k, np.zeros(1))], [])[0].score < 1.0
     assert decide(blind, [LEAK], 4.0)[0] == []
 
 
@@ -126,7 +126,7 @@ def test_what_is_small_and_comes_along_with_a_fault_is_a_part_of_it() -> None:
 def test_a_fault_that_comes_and_goes_is_as_severe_as_while_it_acts() -> None:
     """Four seconds on and four off: the mean is half."""
     edges = [(LEAK, 0.8 if k % 2 == 0 else -0.8, onset) for k, onset in enumerate(range(16, 80, 8))]
-    fits = [drawn(seed, edges).best(LEAK, []) for seed in range(20)]
+    fits = [best(drawn(seed, edges), LEAK) for seed in range(20)]
     found = [f for f in fits if f is not None]
     assert np.mean([f.size for f in found]) == pytest.approx(0.4, abs=0.1)
     assert np.mean([f.level for f in found]) == pytest.approx(0.8, abs=0.1)
@@ -156,9 +156,9 @@ def test_equal_columns_are_one_group() -> None:
     twin = hypothesis("twin", [2.0, 0.0, 0.0])
     evidence = drawn(5, [(LEAK, 0.6, 40)])
     (found,), _ = decide(evidence, [LEAK, twin, DRIFT], 6.0)
-    assert evidence.correlation(found.lead, LEAK) == pytest.approx(1.0, abs=1e-6)
-    assert evidence.correlation(found.lead, twin) == pytest.approx(1.0, abs=1e-6)
-    assert abs(evidence.correlation(found.lead, DRIFT)) < 0.5
+    same, other, apart = evidence.correlations(found.lead, [LEAK, twin, DRIFT])
+    assert [same, other] == pytest.approx([1.0, 1.0], abs=1e-6)
+    assert apart < 0.5
     assert set(found.group) == {"leak", "twin"}
     # Nothing but their usual sizes parts them: 0.6 and half as much, by Rayleigh's distribution.
     odds = 0.6 / 0.3 * np.exp(-0.5 * (0.6**2 - 0.3**2) / USUAL_SIZE**2)
@@ -190,10 +190,10 @@ def test_a_second_fault_is_found_beside_the_first(seed: int) -> None:
 
 def test_a_signed_fault_is_never_negative() -> None:
     for seed in range(10):
-        found = drawn(seed, [(LEAK, -0.4, 40)]).best(LEAK, [])
+        found = best(drawn(seed, [(LEAK, -0.4, 40)]), LEAK)
         assert found is None or (found.size >= 0.0 and found.score < 6.0)
     both = hypothesis("both", [1.0, 0.0, 0.0], signed=False)
-    found = drawn(0, [(LEAK, -0.4, 40)]).best(both, [])
+    found = best(drawn(0, [(LEAK, -0.4, 40)]), both)
     assert found is not None and found.size == pytest.approx(-0.4, abs=0.1) and found.score > 6.0
 
 
@@ -205,3 +205,22 @@ def test_step_course_is_the_unit_step() -> None:
 def test_nothing_seen_nothing_found() -> None:
     evidence = drawn(1, hops=5)
     assert decide(evidence, ALL, 6.0) == ([], 0.0)
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_sums_of_sums_are_plain_sums_over_a_course(kind: str) -> None:
+    x, onsets = np.random.default_rng(1).normal(size=(90, 4)), np.array([0, 6, 40, 66, 83, 89])
+    courses = np.array([course_of(kind, 90, int(onset)) for onset in onsets])
+    np.testing.assert_allclose(Sums(x).over(kind, onsets), courses @ x, atol=1e-10)
+    np.testing.assert_allclose(Sums(x).squared(kind, onsets), courses**2 @ x, atol=1e-9)
+
+
+def test_faults_fitted_together_are_as_each_alone() -> None:
+    evidence = drawn(3, [(LEAK, 0.7, 25), (THIRD, 0.5, 55)])
+    known = [best(evidence, LEAK)]
+    for beside in ([], [k for k in known if k]):
+        together = evidence.fits(ALL, beside)
+        alone = [f for h in ALL for f in evidence.fits([h], beside)]
+        for one, other in zip(together, alone, strict=True):
+            assert (one.hypothesis, one.kind, one.onset) == (other.hypothesis, other.kind, other.onset)
+            assert [one.size, one.score, one.kappa] == pytest.approx([other.size, other.score, other.kappa])
