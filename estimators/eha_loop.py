@@ -179,7 +179,7 @@ def _take_motion(x: Array, P: Array, motion: Array, variances: Array) -> None:
             P[i, i] += surplus
 
 
-@njit()
+@njit(nogil=True)
 def track(
     block: Array, period: float, svsf: bool, has_pressures: bool, has_angle: bool,
     decimation: int, q: Array, c: Array, x: Array, P: Array, memory: Array, e_post: Array, gamma: float,

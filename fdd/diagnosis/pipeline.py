@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Collection
+from concurrent.futures import ThreadPoolExecutor
 from typing import Any, Literal
 
 import numpy as np
@@ -49,6 +50,12 @@ WINDOW_HOPS = 300
 STATE_VERSION = "6"
 HELD_IN_DOUBT = 0.5
 """Confidence of a fault below which it does not make a verdict."""
+
+
+_BESIDE = ThreadPoolExecutor(1, "tracking")
+"""The filters' compiled loops leave the interpreter to the balances meanwhile."""
+WORTH_A_THREAD = 2000
+"""Samples from which on handing a block over costs less than it saves."""
 
 
 class Pipeline:
@@ -130,8 +137,18 @@ class Pipeline:
         self._last_time = float(samples.time[-1])
         self._count += len(samples)
         trusted = self._sensors.push(samples)
-        self._tracked.push(trusted)
-        found = self._sensor_alarms()
+        if len(trusted) < WORTH_A_THREAD:
+            self._tracked.push(trusted)
+            return self._sensor_alarms() + self._weighed(trusted)
+        tracked = _BESIDE.submit(self._tracked.push, trusted)
+        try:
+            return self._sensor_alarms() + self._weighed(trusted)
+        finally:
+            tracked.result()
+
+    def _weighed(self, trusted: Samples) -> list[FaultFinding]:
+        """The balances of a block; findings whose alarm it raised."""
+        found: list[FaultFinding] = []
         first, rows = self._rows.push(trusted)
         # The ledger takes whole hops, a scan's worth at a time, so that looks fall on the same hops however
         # a log was cut.
