@@ -160,6 +160,7 @@ def test_a_restored_pipeline_is_the_one_that_went_on(unit, tiny_model, leaking) 
     """Every array of the state, not the answer alone, at cuts within a hop and within a look."""
     whole = Pipeline(unit, tiny_model, keep_trajectories=False)
     whole.push(leaking)
+    whole.finish()  # takes the hops that wait for the next look
     first, found = Pipeline(unit, tiny_model, keep_trajectories=False), []
     edges = [0, 320, 4711, 10_333, len(leaking)]
     for a, b in pairwise(edges):
