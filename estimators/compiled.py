@@ -19,6 +19,7 @@ from typing import Any
 import numba
 import numpy as np
 from numba.core.caching import CompileResultCacheImpl, FunctionCache
+from numba.core.runtime.nrt import rtsys
 
 
 def sources_key(*folders: Path) -> str | None:
@@ -109,8 +110,15 @@ class _Kept(FunctionCache):
     _impl_class = _Stored
 
     def load_overload(self, signature: Any, target_context: Any) -> Any:
-        """Two processes that first keep different signatures at once may take the same file for them."""
-        result = super().load_overload(signature, target_context)
+        """The code kept for a signature, or None.
+
+        Numba would first import all that compiling needs, scipy.linalg included, which takes longer than to
+        load all the code of a diagnosis. Kept code needs the runtime alone; compiling looks after itself.
+        """
+        rtsys.initialize(target_context)
+        with self._guard_against_spurious_io_errors():
+            result = self._load_overload(signature, target_context)
+        # Two processes that first keep different signatures at once may take the same file for them.
         return result if result is not None and result.signature.args == signature else None
 
 

@@ -178,6 +178,27 @@ def test_a_file_of_another_signature_is_not_used(installed: Path, tmp_path: Path
     assert run(installed, program, NUMBA_CACHE_DIR=str(kept))[:2] == (2.5, 0)
 
 
+def test_kept_code_runs_without_the_compiler_and_new_code_finds_it(installed: Path, tmp_path: Path) -> None:
+    (installed / "solved.py").write_text(
+        "from pathlib import Path\n"
+        "import numpy as np\n"
+        "from estimators.compiled import compiler\n"
+        "@compiler(Path(__file__).parent / 'estimators')()\n"
+        "def called(a, b):\n    return np.linalg.solve(a, b @ np.ones(2))\n"
+    )
+    program = (
+        "import sys, numba, numpy as np\n"
+        "from solved import called\n"
+        "a = np.diag([2.0, 4.0])\n"
+        "result = called(a, np.ones((2, 2))).sum()\n"
+        "result += 10.0 * ('numba.np.arraymath' not in sys.modules)\n"
+        "result += numba.njit(lambda x: np.linalg.inv(x)[0, 0])(a)\n"
+    )
+    kept = str(tmp_path / "kept")
+    assert run(installed, program, NUMBA_CACHE_DIR=kept)[:2] == (1.5 + 0.5, 0)
+    assert run(installed, program, NUMBA_CACHE_DIR=kept)[:2] == (1.5 + 10.0 + 0.5, 1)
+
+
 def test_the_key_is_of_names_and_contents(tmp_path: Path) -> None:
     for copy in ("one", "two"):
         (tmp_path / copy / "below").mkdir(parents=True)

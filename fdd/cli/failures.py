@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import atexit
+import gc
 import os
 import signal
 import sys
@@ -109,6 +111,9 @@ def prepare_process() -> None:
     if not os.environ.get("FDD_DEBUG"):
         warnings.simplefilter("ignore")
     signal.signal(signal.SIGTERM, _terminated)
+    # On its way out the interpreter collects garbage several times over. All of it goes with the process:
+    # looking for it takes a twentieth of the time of a minute's log.
+    atexit.register(gc.freeze)
 
 
 def _terminated(number: int, frame: FrameType | None) -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import platform
+from functools import cache
 from importlib import metadata
 
 import fdd
@@ -160,6 +161,7 @@ def unit_rows(unit: Unit) -> list[tuple[str, str]]:
     return rows
 
 
+@cache  # a batch's pages all tell the same, and a package's version is looked up in its files
 def version_rows() -> list[tuple[str, str]]:
     """Versions of what computed the diagnosis."""
     rows = [("fdd", fdd.__version__), ("Python", platform.python_version())]
