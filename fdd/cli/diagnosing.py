@@ -38,7 +38,7 @@ class Diagnosed:
     @cached_property
     def trajectories(self) -> Trajectories:
         """What is behind the answer over time; worked out where an output shows it."""
-        return self.pipeline.trajectories()
+        return self.pipeline.trajectories(self.diagnosis)
 
 
 @dataclass(frozen=True)

@@ -270,8 +270,12 @@ class Pipeline:
             return ["the log hardly moves or loads the actuator: its balances say nothing of its health"]
         return []
 
-    def trajectories(self) -> Trajectories:
+    def trajectories(self, answer: Diagnosis | None = None) -> Trajectories:
         """Everything over time, for the report and the annotated MCAP.
+
+        Parameters
+        ----------
+        answer : what `finish` gave after the last block, where it is at hand.
 
         Raises
         ------
@@ -290,7 +294,7 @@ class Pipeline:
         scans = np.array(self._scans).reshape(-1, 2)
         looked = np.searchsorted(scans[:, 0], time, side="right")  # nothing is known before it was looked at
         statistic = np.concatenate([[0.0], scans[:, 1]])[looked]
-        now = self.finish()
+        now = answer or self.finish()
         hidden = hidden_share(now.not_visible)
         sure = np.array([self.model.calibration.probability(float(s), hidden) for s in statistic])
         return Trajectories(
