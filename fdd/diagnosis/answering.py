@@ -30,16 +30,16 @@ COMES_AND_GOES = 0.7
 
 
 def fault_finding(
-    found: Found, model: Model, *, onset: float, detected: float, first_hop: int
+    found: Found, model: Model, *, onset: float, detected: float, hops: Sequence[int]
 ) -> FaultFinding:
     """One finding as the answer carries it.
 
     Parameters
     ----------
-    onset, detected : s. first_hop : place of the evidence's first hop.
+    onset, detected : s. hops : those of the evidence.
     """
     lead, h = found.lead, found.lead.hypothesis
-    where = [(first_hop + int(k)) * HOP_S for k in _likely(lead.profile / lead.kappa, lead.onsets)]
+    where = [hops[int(k)] * HOP_S for k in _likely(lead.profile / lead.kappa, lead.onsets)]
     interval = (round(min([*where, onset]), 2), round(max([*where, onset]) + HOP_S, 2))
     titles = " and ".join(BALANCES[name].title for name in h.columns)
     sure = model.calibration.probability(found.score)

@@ -20,19 +20,20 @@ from fdd.diagnosis.answering import (
     sensor_fault,
 )
 from fdd.diagnosis.baseline import BASELINE_VERSION, effects_of
-from fdd.diagnosis.decision import decide
+from fdd.diagnosis.decision import Found, decide
 from fdd.diagnosis.evidence import Evidence
 from fdd.diagnosis.findings import Diagnosis, FaultFinding, Quality, SensorState, Trajectories
 from fdd.diagnosis.hypotheses import hypotheses
 from fdd.diagnosis.model import Model
 from fdd.errors import InputError
-from fdd.faults import FAMILIES
+from fdd.faults import FAMILIES, fault
 from fdd.residuals.ledger import Ledger
 from fdd.residuals.rows import HOP_S, RowMaker
 from fdd.residuals.tracked import Tracked, packed, unpacked
 from fdd.residuals.tracking import OBSERVABLE, estimates
 from fdd.samples import Samples
 from fdd.sensors import SensorWatch
+from fdd.sensors.finding import FAILING
 from fdd.unit import Unit
 
 Array = NDArray[np.float64]
@@ -100,6 +101,11 @@ class Pipeline:
         self._first_time = self._last_time = np.nan
         self._count = 0
         self._alarms: dict[str, FaultFinding] = {}
+        """The first of each family."""
+        self._standing: dict[str, tuple[FaultFinding, int]] = {}
+        """Families whose evidence stands, and how many looks have not seen it."""
+        self._sick: list[tuple[float, float]] = []
+        """s, when findings began that stand no more, and until when they did."""
         self._sensor_faults = 0
         self._looks: list[float] = []
         self._scans: list[tuple[float, float]] = []
@@ -153,11 +159,11 @@ class Pipeline:
         # The ledger takes whole hops, a scan's worth at a time, so that looks fall on the same hops however
         # a log was cut.
         while len(rows):
-            due = SCAN_HOPS - len(self._ledger.hops) % SCAN_HOPS
+            due = SCAN_HOPS - self._ledger.taken % SCAN_HOPS
             part, rows = rows[: due * self._rows.hop_rows], rows[due * self._rows.hop_rows :]
             self._ledger.push(first, part)
             first += due
-            if len(self._ledger.hops) % SCAN_HOPS == 0 and len(self._ledger.hops) >= LEAST_HOPS:
+            if self._ledger.taken % SCAN_HOPS == 0 and len(self._ledger.hops) >= LEAST_HOPS:
                 found += self._scan()
         return found
 
@@ -167,16 +173,21 @@ class Pipeline:
         self._sensor_faults = len(said)
         return fresh
 
-    def _window(self) -> tuple[Evidence, int]:
-        """Evidence of the last hops and the first one's place; older ones are the reference."""
-        start = self._ledger.fold(WINDOW_HOPS)
-        return Evidence(
-            self._ledger.widened(), self._ledger.reference, from_start=start == 0
-        ), self._ledger.hops[0]
+    @property
+    def standing(self) -> list[FaultFinding]:
+        """Findings whose evidence stands now, and sensors that have not recovered."""
+        failed = (f for f in self._sensors.findings() if f.kind in FAILING and f.until_s is None)
+        return [*(f for f, _ in self._standing.values()), *map(sensor_fault, failed)]
+
+    def _evidence(self) -> Evidence:
+        """That of the last hops; older ones are the reference."""
+        sick = [*self._sick, *((f.onset_s, np.inf) for f, _ in self._standing.values())]
+        start = self._ledger.fold(WINDOW_HOPS, sick)
+        return Evidence(self._ledger.widened(), self._ledger.reference, from_start=start == 0)
 
     def _look(self) -> tuple[Evidence, list[FaultFinding], list[float], float]:
         """Evidence now, findings that stand, the last looks' scores with this one, and what stands."""
-        evidence, first = self._window()
+        evidence = self._evidence()
         found, rest = decide(evidence, self._hypotheses, self.threshold)
         now = (self._ledger.hops[-1] + 1) * HOP_S
         again = bool(self._scans) and self._scans[-1][0] == now
@@ -186,15 +197,32 @@ class Pipeline:
         findings = []
         for f in found if stands >= self.threshold else ():
             f.score = min(f.score, stands)
-            onset = max(self._ledger.hops[f.lead.onset] * HOP_S, self._first_time)
-            findings.append(fault_finding(f, self.model, onset=onset, detected=now, first_hop=first))
+            findings.append(
+                fault_finding(f, self.model, onset=self._onset(f), detected=now, hops=self._ledger.hops)
+            )
         return evidence, findings, looks, stands
+
+    def _onset(self, found: Found) -> float:
+        """s; where the hops after it are no longer kept, as it was told before."""
+        k, hops = found.lead.onset, self._ledger.hops
+        onset = max(hops[k] * HOP_S, self._first_time)
+        told = self._standing.get(fault(found.group[0]).family)
+        lost = k == 0 or hops[k] - hops[k - 1] > 1
+        return min(onset, told[0].onset_s) if lost and told is not None else onset
 
     def _scan(self) -> list[FaultFinding]:
         _, findings, self._looks, stands = self._look()
-        self._scans.append(((self._ledger.hops[-1] + 1) * HOP_S, stands))
-        fresh = [f for f in findings if f.family not in self._alarms]
-        self._alarms |= {f.family: f for f in reversed(fresh)}
+        now = (self._ledger.hops[-1] + 1) * HOP_S
+        self._scans.append((now, stands))
+        seen = {f.family: f for f in reversed(findings)}
+        fresh = [f for family, f in seen.items() if family not in self._standing]
+        missed = {k: (f, n + 1) for k, (f, n) in self._standing.items() if k not in seen}
+        self._sick = [(a, b) for a, b in self._sick if b > self._ledger.hops[0] * HOP_S]
+        self._sick += [(f.onset_s, now) for f, n in missed.values() if n >= LOOKS]
+        self._standing = {k: (f, 0) for k, f in seen.items()} | {
+            k: (f, n) for k, (f, n) in missed.items() if n < LOOKS
+        }
+        self._alarms = {f.family: f for f in fresh} | self._alarms
         return fresh
 
     def finish(self, quality: Quality | None = None) -> Diagnosis:
@@ -324,6 +352,7 @@ class Pipeline:
             "model": self.model.sha256,
             "first": self._first_time, "last": self._last_time, "count": self._count,
             "alarms": {k: f.model_dump() for k, f in self._alarms.items()},
+            "standing": {k: (f.model_dump(), n) for k, (f, n) in self._standing.items()}, "sick": self._sick,
             "sensor_faults": self._sensor_faults,
             "scans": self._scans[-720:], "looks": self._looks,
         }  # fmt: skip
@@ -363,6 +392,8 @@ class Pipeline:
         self.axis, self.log = scalars["axis"], scalars["log"]
         self._first_time, self._last_time, self._count = scalars["first"], scalars["last"], scalars["count"]
         self._alarms = {k: FaultFinding.model_validate(f) for k, f in scalars["alarms"].items()}
+        self._standing = {k: (FaultFinding.model_validate(f), n) for k, (f, n) in scalars["standing"].items()}
+        self._sick = [(float(a), float(b)) for a, b in scalars["sick"]]
         self._sensor_faults = scalars["sensor_faults"]
         self._scans = [(float(a), float(b)) for a, b in scalars["scans"]]
         self._looks = [float(s) for s in scalars["looks"]]

@@ -7,6 +7,7 @@ What hangs together in time, a load or a slow current, is taken out of rows and 
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import NamedTuple
 
@@ -230,7 +231,8 @@ class Ledger:
         self.reference = effects
         """What the first of the hops kept is held against: the unit's baseline, or what older hops have
         made of it."""
-        self.folded = 0
+        self.folded = self.taken = 0
+        """Hops that became the reference, and all that ever came."""
         self._misfits: list[list[float]] = []
 
     def sums(self) -> dict[str, tuple[Array, Array, Array, Array]]:
@@ -273,6 +275,7 @@ class Ledger:
         q = Quantities(rows, self.unit, self.scales)
         count = (len(rows) - TAIL_ROWS) // HOP_ROWS
         self.hops += range(first, first + count)
+        self.taken += count
         misfits = np.full((count, len(BALANCES)), np.nan)
         for b, (name, balance) in enumerate(BALANCES.items()):
             strands = []
@@ -306,32 +309,58 @@ class Ledger:
         names = [n for n, u in zip(BALANCES, used, strict=True) if u]
         return np.asarray(ends, dtype=np.float64), names, np.asarray(np.nan_to_num(seen[:, used]))
 
-    def fold(self, window: int) -> int:
+    def fold(self, window: int, sick: Sequence[tuple[float, float]] = ()) -> int:
         """Let hops beyond a window become the reference, a fifth of it at a time; how many have in all.
 
         A reference made of older hops is what the unit was like then; it may have moved since by what
-        coefficients change
-        within a healthy log.
+        coefficients change within a healthy log. What came while a fault stood is no reference: of that the
+        latest hops are kept, and some from before it to hold them against.
+
+        Parameters
+        ----------
+        sick : s, when faults began and ended; inf for those that stand.
         """
         part = window // 5
         while len(self.hops) > window + part:
-            for name, e in self.reference.items():
-                wide = self._widened(name)
-                prior = np.linalg.inv(e.covariance)
-                covariance = np.linalg.inv(prior + sum(m for m, _ in wide[:part]))
-                mean = covariance @ (prior @ e.mean + sum(v for _, v in wide[:part]))
-                covariance = 0.5 * (covariance + covariance.T) + np.diag(np.square(e.within))
-                self.reference = {**self.reference, name: replace(e, mean=mean, covariance=covariance)}
-                self.entries[name], self._wide[name] = self.entries[name][part:], wide[part:]
-            self.hops = self.hops[part:]
-            self.folded += part
+            at = HOP_S * np.array(self.hops)
+            faulty, before = np.zeros((2, at.size), dtype=np.bool_)
+            for onset, end in sick:
+                faulty |= (onset <= at) & (at < end)
+                before |= np.isinf(end) & (onset - part * HOP_S <= at) & (at < onset)
+            healthy = np.flatnonzero(~before & ~faulty)[:part]
+            if healthy.size and not faulty[: healthy[0]].any():
+                self._learn(healthy)
+                self.folded += healthy.size
+            else:
+                healthy = np.flatnonzero(~before)[:part]
+            self._drop(healthy if healthy.size else np.arange(part))
         return self.folded
+
+    def _learn(self, places: NDArray[np.int64]) -> None:
+        """Take hops into the reference."""
+        for name, e in self.reference.items():
+            wide = self._widened(name)
+            prior = np.linalg.inv(e.covariance)
+            covariance = np.linalg.inv(prior + sum(wide[k][0] for k in places))
+            mean = covariance @ (prior @ e.mean + sum(wide[k][1] for k in places))
+            covariance = 0.5 * (covariance + covariance.T) + np.diag(np.square(e.within))
+            self.reference = {**self.reference, name: replace(e, mean=mean, covariance=covariance)}
+
+    def _drop(self, places: NDArray[np.int64]) -> None:
+        gone = set(places.tolist())
+        kept = [k for k in range(len(self.hops)) if k not in gone]
+        for name in BALANCES:
+            wide = self._widened(name)
+            self.entries[name] = [self.entries[name][k] for k in kept]
+            self._wide[name] = [wide[k] for k in kept]
+        self.hops = [self.hops[k] for k in kept]
 
     def state(self) -> dict[str, Array]:
         """Everything as flat named arrays."""
         out: dict[str, Array] = {
             "hops": np.array(self.hops), "tail": self.tail,
-            "folded": np.array([self.folded]), "misfits": np.array(self._misfits).reshape(-1, len(BALANCES)),
+            "folded": np.array([self.folded, self.taken]),
+            "misfits": np.array(self._misfits).reshape(-1, len(BALANCES)),
         }  # fmt: skip
         for name, account in self.accounts.items():
             for k, part in zip("mvrs", self.sums()[name], strict=True):
@@ -350,7 +379,7 @@ class Ledger:
         """Go on from what `state` gave for the same unit."""
         self.hops = [int(h) for h in state["hops"]]
         self.tail = state["tail"].copy()
-        self.folded = int(state["folded"][0])
+        self.folded, self.taken = (int(x) for x in state["folded"])
         self._misfits = [[float(x) for x in row] for row in state["misfits"]]
         for name, account in self.accounts.items():
             m, v, r, s = (state[f"{name}/{k}"] for k in "mvrs")
