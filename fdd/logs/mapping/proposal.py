@@ -15,6 +15,7 @@ from fdd.logs.mapping.behaviour import correlation, follows, rises_with_pumping
 from fdd.logs.mapping.concepts import RULES, Words
 from fdd.logs.mapping.delays import delays
 from fdd.logs.mapping.evidence import Evidence, gather
+from fdd.logs.mapping.given import Given
 from fdd.logs.mapping.units import Question, scale_of, unit_questions
 from fdd.logs.near_misses import listed
 from fdd.samples import CHANNELS, missing_required
@@ -67,6 +68,15 @@ class Proposal:
             self.rows[channel] = Proposed(channel, source, 1.0, "answered")
         self.questions.remove(question)
 
+    def assume(self, question: Question) -> None:
+        """Take the likeliest answer, and say that it was nobody's."""
+        option, sources = next(iter(question.options.items()))
+        for channel, source in sources.items():
+            self.rows[channel].source = source
+            self.rows[channel].why += f"; {option} assumed"
+        self.notes.append(f"{question.text} Assumed: {option}")
+        self.questions.remove(question)
+
     def channel_map(self, name: str = "", axis: str | None = None) -> ChannelMap:
         """The map as it stands.
 
@@ -84,13 +94,13 @@ class Proposal:
         return ChannelMap(name=name, axis=axis, channels=channels)
 
 
-def propose(log: LogFile, words: Words | None = None, given: dict[str, str] | None = None) -> Proposal:
+def propose(log: LogFile, words: Words | None = None, given: dict[str, Given] | None = None) -> Proposal:
     """Propose a map for a log.
 
     Parameters
     ----------
     log : opened. words : to read names by; the shipped ones.
-    given : channel to signal, as the user knows it; "" for none.
+    given : what the user knows, by channel; see `given_of`.
 
     Raises
     ------
@@ -102,19 +112,19 @@ def propose(log: LogFile, words: Words | None = None, given: dict[str, str] | No
     """
     if not log.signals:
         raise InputError("no signals in it", where=log.path, mend="see fdd inspect what it holds")
-    found = gather(log, words or Words())
+    given = given or {}
+    signals = {
+        channel: log.find(known.signal).name if known.signal else ""
+        for channel, known in given.items()
+        if known.signal is not None and channel in CHANNELS
+    }
+    found = gather(log, words or Words(), signals)
     if found is None:
         raise InputError(
             "nothing in it grows as a time does",
             where=log.path,
             mend="add a column with the time of each row",
         )
-    for channel, name in (given or {}).items():
-        signal = None if name == "" else log.find(name)
-        for scores in found.scores.values():
-            scores.pop(channel, None)
-        if signal is not None and signal.name in found.scores:
-            found.scores[signal.name] = {channel: 50.0}
     channels = [c for c in RULES if c != "time"]
     chosen = assign(found.scores, channels)
     out = Proposal()
@@ -122,12 +132,15 @@ def propose(log: LogFile, words: Words | None = None, given: dict[str, str] | No
         name, unit = found.time
         source = ChannelSource(column=_short(log, log.signals[name]), unit=unit)
         out.rows["time"] = Proposed("time", source, 1.0, "it grows evenly")
-    _signs_and_units(log, found, chosen, out)
-    out.unused = [n for n in found.signals if n not in {c.signal for c in chosen.values()}]
+    _signs_and_units(log, found, chosen, out, given)
+    used = {c.signal for c in chosen.values()} | ({found.shaft.direction} if found.shaft is not None else set())
+    out.unused = [n for n in found.signals if n not in used]
     return out
 
 
-def _signs_and_units(log: LogFile, found: Evidence, chosen: dict[str, Choice], out: Proposal) -> None:
+def _signs_and_units(
+    log: LogFile, found: Evidence, chosen: dict[str, Choice], out: Proposal, given: dict[str, Given]
+) -> None:
     needed = {"position", "pressure_difference", "pressure_1", "pressure_2"}
     needed |= {"pump_speed"} if "pump_angle" not in chosen else {"pump_angle"}
     for channel in [c for c in chosen if c not in needed and chosen[c].confidence < LIKELY]:
@@ -140,6 +153,10 @@ def _signs_and_units(log: LogFile, found: Evidence, chosen: dict[str, Choice], o
     for channel, choice in sorted(chosen.items(), key=lambda item: list(CHANNELS).index(item[0])):
         signal = found.signals[choice.signal]
         scaled = scale_of(found, speed, channel, choice.signal)
+        if found.shaft is not None and found.shaft.signal == choice.signal and found.shaft.direction is not None:
+            valve = found.signals[found.shaft.direction]
+            scaled["sign_of"] = valve.field if valve.topic is not None else _short(log, valve)
+            out.notes.append(f"the pump turns one way: {valve.name} has the sign of its direction")
         reasons = found.reasons.get((choice.signal, channel), ["nothing else fits better"])
         source = _source(log, signal, **{**scaled, **({"sign": -1} if signs.get(channel) == -1 else {})})
         out.rows[channel] = Proposed(channel, source, choice.confidence, "; ".join(reasons[:3]))
@@ -150,9 +167,16 @@ def _signs_and_units(log: LogFile, found: Evidence, chosen: dict[str, Choice], o
                     channel,
                     f"Which signal is {channel} ({CHANNELS[channel].meaning})?",
                     {choice.signal: {channel: source}, choice.other: {channel: other}},
+                    f"--set {channel}={choice.signal}",
                 )
             )
     names = {c: chosen[c].signal for c in chosen}
+    for channel, known in given.items():
+        signal_name = log.find(known.signal).name if known.signal else None
+        for c, row in out.rows.items():
+            mine = names.get(c) == signal_name if signal_name else c == channel
+            if mine or (signal_name is None and channel == "pressure" and c.startswith("pressure")):
+                row.source = known.applied(row.source)
     _delays(found, chosen, out)
     asked = unit_questions(found, names, {c: r.source for c, r in out.rows.items() if c in names})
     for question, sources in asked:
@@ -173,8 +197,12 @@ def _delays(found: Evidence, chosen: dict[str, Choice], out: Proposal) -> None:
         turned = columns[name["pump_angle"]]
     else:
         turned = accumulate_speed(time, columns[name["pump_speed"]], float(np.median(np.diff(time))))
-    difference = columns[one] - columns[two] if one and two else columns[drop] if drop else None
-    if difference is None:
+    if one and two:
+        scales = [out.rows[c].source.scale for c in ("pressure_1", "pressure_2")]
+        difference = scales[0] * columns[one] - scales[1] * columns[two]
+    elif drop:
+        difference = columns[drop]
+    else:
         return
     of_position, of_pressure = delays(time, turned, columns[name["position"]], difference)
     groups = (
@@ -247,6 +275,9 @@ def _signs(found: Evidence, chosen: dict[str, Choice], out: Proposal) -> dict[st
     for channel in flip:
         signs[channel] = -1
     _like(found, chosen, signs, "command", pump)
+    if "pump_angle" in chosen and pump == "pump_speed":
+        alike = follows(data, name["pump_angle"], name[pump])
+        signs["pump_angle"] = signs[pump] * (-1 if alike < -0.5 else 1)
     _like(found, chosen, signs, "position_setpoint", "position")
     if "motor_current" in chosen and drop:
         torque = correlation(data.means(name["motor_current"]), data.means(drop))
