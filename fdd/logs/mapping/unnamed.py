@@ -21,8 +21,8 @@ CONTROL = 0.95
 """Share of a signal that the speeds explain, above which it is made of them: a loop's error or output."""
 SAME_NUMBERS = 0.1
 """A demanded position whose slope over the measured one is so near to 1 is in the same numbers."""
-COPY = 0.9999
-"""Correlation of means over a tenth of a second above which two signals are one, at most some rows apart."""
+COPY = 0.99
+"""Share of equal values above which two signals are one."""
 VACUUM = 0.1
 """No pressure is more than 1 bar below the atmosphere's, a tenth of what moves any cylinder under load."""
 CLEAR_T = 2.0
@@ -42,10 +42,17 @@ def without_copies(unnamed: list[str], data: Signals) -> tuple[list[str], list[s
     """
     kept: list[str] = []
     for name in sorted(unnamed, key=lambda n: (-float(np.nanmean(data.columns[n])), n)):
-        mean = data.means(name)
-        if not any(abs(correlation(mean, data.means(other))) > COPY for other in kept):
+        if not any(_copied(data.columns[name], data.columns[other]) for other in kept):
             kept.append(name)
     return [n for n in unnamed if n in kept], [n for n in unnamed if n not in kept]
+
+
+def _copied(one: np.ndarray, other: np.ndarray) -> bool:
+    """Whether a signal or its mirror image is the other one but for the last digit, read a little later."""
+    steps = np.abs(np.diff(one))
+    digit = float(np.min(steps[steps > 0.0], initial=np.inf))
+    digit = digit if digit < 0.01 * float(np.ptp(one)) else 0.0  # a switch has no last digit
+    return any(float(np.mean(np.abs(one - k * other) <= digit)) > COPY for k in (1.0, -1.0))
 
 
 def around_shaft(found: Evidence, shaft: Shaft) -> None:
@@ -118,9 +125,12 @@ def chambers(found: Evidence) -> None:
     for name in may:
         values = data.columns[name] - float(np.nanmedian(data.columns[name]))
         t[name] = way * rises_with_pumping(data, values, x, pump, rate=rate)
-        side, word = ("pressure_1", "raises") if t[name] > 0.0 else ("pressure_2", "lowers")
-        nats = min(0.5 * t[name] ** 2, SURE_NATS)
-        found.add(name, side, nats, f"pumping {word} it (t = {abs(t[name]):.0f})")
+    for side, sense, word in (("pressure_1", 1.0, "raises"), ("pressure_2", -1.0, "lowers")):
+        best = max((sense * t[n] for n in may), default=0.0)
+        for name in may:
+            if sense * t[name] > 0.0:  # what explains less than half of what the best does is none beside it
+                nats = min(0.5 * t[name] ** 2, SURE_NATS) * min(2.0 * (t[name] / best) ** 2, 1.0)
+                found.add(name, side, nats, f"pumping {word} it (t = {abs(t[name]):.0f})")
     clear = [n for n in may if abs(t[n]) > CLEAR_T]
     pairs = [(_rest(data, a, b), a, b) for a, b in combinations(clear, 2) if t[a] * t[b] < 0.0]
     if pairs and min(pairs)[0] < RESTS:
