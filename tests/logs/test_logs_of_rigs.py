@@ -91,23 +91,24 @@ def bench(shared: Path) -> Path:
     return folder
 
 
-def test_every_bench_recording_is_read_and_the_angle_sensor_of_one_session_is_told(bench: Path) -> None:
-    channel_map = ChannelMap.load(EXAMPLES / "bench.map.yaml")
+def test_every_bench_recording_is_read_and_the_angle_sensor_of_one_session_is_told(
+    bench: Path, bench_map: ChannelMap
+) -> None:
     paths = sorted(bench.glob("*/*.csv"))
     assert len(paths) >= 29
     told = {
-        p.parent.name for p in paths if "impossible speed" in " ".join(read_log(p, channel_map).quality.notes)
+        p.parent.name for p in paths if "impossible speed" in " ".join(read_log(p, bench_map).quality.notes)
     }
     assert told == {"session_15oct"}
 
 
-def test_bench_signs_and_gains(bench: Path) -> None:
+def test_bench_signs_and_gains(bench: Path, bench_map: ChannelMap) -> None:
     """Test: the unloaded 50 mm run.
 
     Expected: out with positive pump motion and pressure in chamber 1, back with negative motion and
     pressure in chamber 2; retracting 1.35 to 1.55 times as far per radian.
     """
-    samples = read_log(bench / "session_18oct" / "exp_data_1_4.csv", EXAMPLES / "bench.map.yaml").samples
+    samples = read_log(bench / "session_18oct" / "exp_data_1_4.csv", bench_map).samples
     out = (samples.time > 4.5) & (samples.time < 7.0)
     back = (samples.time > 12.5) & (samples.time < 15.0)
     gain = {}
