@@ -29,7 +29,7 @@ def tiny_model() -> Model:
 
 @pytest.fixture(scope="session")
 def bench_map() -> ChannelMap:
-    """The real bench's map as `fdd map` proposes it; tests that use it skip where the recordings are absent."""
+    """The real bench's map as `fdd map` proposes it; tests with it skip where the recordings are absent."""
     root = Path(__file__).resolve().parents[1]
     recordings = Path(os.environ.get("FDD_SHARED", root.parent / "shared")) / "real" / "eha_bench"
     if not recordings.is_dir():

@@ -36,8 +36,9 @@ def propose_map(
             "--set",
             metavar="CHANNEL=[SIGNAL][*SCALE[+OFFSET]][:UNIT]",
             show_default=False,
-            help="What you know: a channel's signal, its unit (position=:mm for the unit alone), the scale of "
-            "raw counts (pressure_1=adc2*0.0625-0.625:bar), or that there is none (motor_current=).",
+            help="What you know: a channel's signal, its unit (position=:mm for the unit alone), "
+            "the scale of raw counts (pressure_1=adc2*0.0625-0.625:bar), "
+            "or that there is none (motor_current=).",
         ),
     ] = None,
     words: Annotated[

@@ -78,7 +78,9 @@ def test_counts_without_names_are_read_but_for_their_scales(rig: str, one_way: b
     columns = {c: r.source.column for c, r in found.rows.items() if c != "time"}
     assert columns.pop("position") in (names["position"], names["mirrored"])
     assert columns == {c: names[c] for c in columns}
-    assert {"pump_angle", "pump_speed", "command", "position_setpoint", "pressure_1", "pressure_2"} == set(columns)
+    assert {"pump_angle", "pump_speed", "command", "position_setpoint", "pressure_1", "pressure_2"} == set(
+        columns
+    )
 
     scales = [
         f"position={names['position']}*0.01-50:mm",
@@ -89,7 +91,13 @@ def test_counts_without_names_are_read_but_for_their_scales(rig: str, one_way: b
     assert not found.questions
     read = read_log(path, ChannelMap.from_yaml(map_text(found, "rig", None, "log.csv"))).samples
     # Of the angle a count is lost or won at a reversal.
-    count = {"pump_angle": 0.05, "position": 1e-5, "position_setpoint": 1e-5, "pressure_1": 2e3, "pressure_2": 2.5e3}
+    count = {
+        "pump_angle": 0.05,
+        "position": 1e-5,
+        "position_setpoint": 1e-5,
+        "pressure_1": 2e3,
+        "pressure_2": 2.5e3,
+    }
     late = max(found.rows["position"].source.delay, found.rows["pressure_1"].source.delay)
     assert late < 0.01
     for channel, digit in count.items():
@@ -138,7 +146,7 @@ def test_what_a_user_says_is_read_strictly(option: str, said: str | None) -> Non
 
 
 def test_a_scale_keeps_the_sign_that_was_found(tmp_path: Path) -> None:
-    """Test: a position that counts backwards, with its scale. Expected: the sign of pumping, the offset with it."""
+    """Test: a position that counts backwards, scaled. Expected: pumping's sign, the offset with it."""
     log = simulate(Unit.load("axis_a"), Scenario(duration=20.0, seed=3, load={"name": "spring"})).samples
     columns = {"time_s": log.time, "speed_rpm": log["pump_speed"] * 30.0 / np.pi,
                "position": np.round(-1e5 * log["position"]) + 5000.0,

@@ -40,7 +40,9 @@ def test_healthy_runs_are_quiet(bench_folder: Path, bench_unit: Unit, bench_map:
     assert not loud
 
 
-def test_bursts_of_the_angle_sensor_are_spikes(bench_folder: Path, bench_unit: Unit, bench_map: ChannelMap) -> None:
+def test_bursts_of_the_angle_sensor_are_spikes(
+    bench_folder: Path, bench_unit: Unit, bench_map: ChannelMap
+) -> None:
     for path in sorted((bench_folder / "session_15oct").glob("*.csv")):
         samples = bench_run(path, bench_map)
         found, out = watched(samples, bench_unit)
@@ -118,7 +120,9 @@ def test_bias_of_30_bar_is_a_step_of_the_loaded_chamber(
 
 @pytest.mark.parametrize("run", RUNS)
 @pytest.mark.parametrize("at", [6.3, AT_REST])
-def test_lost_supply_is_one_finding(bench_folder: Path, bench_unit: Unit, bench_map: ChannelMap, run: str, at: float) -> None:
+def test_lost_supply_is_one_finding(
+    bench_folder: Path, bench_unit: Unit, bench_map: ChannelMap, run: str, at: float
+) -> None:
     def lost(columns: Columns, rows: slice) -> None:
         for name in ("pressure_1", "pressure_2", "position", "pump_angle"):
             columns[name][rows] = 0.0

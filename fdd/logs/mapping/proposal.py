@@ -11,11 +11,11 @@ from fdd.logs.angles import accumulate_speed
 from fdd.logs.channel_map import ChannelMap, ChannelSource
 from fdd.logs.formats.signals import LogFile, Signal
 from fdd.logs.mapping.assignment import Choice, assign
-from fdd.logs.mapping.behaviour import correlation, follows, rises_with_pumping
 from fdd.logs.mapping.concepts import RULES, Words
 from fdd.logs.mapping.delays import delays
 from fdd.logs.mapping.evidence import Evidence, gather
 from fdd.logs.mapping.given import Given
+from fdd.logs.mapping.signs import signs_of
 from fdd.logs.mapping.units import Question, scale_of, unit_questions
 from fdd.logs.near_misses import listed
 from fdd.samples import CHANNELS, missing_required
@@ -23,13 +23,6 @@ from fdd.samples import CHANNELS, missing_required
 SURE = 0.9
 """Below it a channel that a diagnosis needs is asked for; below `LIKELY` any other is left out."""
 LIKELY = 0.75
-CLEAR_T = 5.0
-"""Student's t above which the pumping tells which chamber is filled."""
-_NAMED_SIDES = {
-    "ext", "extend", "ret", "retract", "head", "rod", "bore", "cap", "kolbenseite", "stangenseite",
-    "bodenseite", "ringseite", "stange", "kolben", "tige", "fond",
-}  # fmt: skip
-"""Words that tell which end of the cylinder a chamber is at, and not only A and B."""
 
 
 @dataclass
@@ -133,7 +126,9 @@ def propose(log: LogFile, words: Words | None = None, given: dict[str, Given] | 
         source = ChannelSource(column=_short(log, log.signals[name]), unit=unit)
         out.rows["time"] = Proposed("time", source, 1.0, "it grows evenly")
     _signs_and_units(log, found, chosen, out, given)
-    used = {c.signal for c in chosen.values()} | ({found.shaft.direction} if found.shaft is not None else set())
+    used = {c.signal for c in chosen.values()} | (
+        {found.shaft.direction} if found.shaft is not None else set()
+    )
     out.unused = [n for n in found.signals if n not in used]
     return out
 
@@ -148,12 +143,17 @@ def _signs_and_units(
             f"{chosen[channel].signal} may be {channel}; left out, say --set {channel}=… if it is"
         )
         del chosen[channel]
-    signs = _signs(found, chosen, out)
+    signs, told = signs_of(found, chosen)
+    out.notes += told
     speed = chosen["pump_speed"].signal if "pump_speed" in chosen else None
     for channel, choice in sorted(chosen.items(), key=lambda item: list(CHANNELS).index(item[0])):
         signal = found.signals[choice.signal]
         scaled = scale_of(found, speed, channel, choice.signal)
-        if found.shaft is not None and found.shaft.signal == choice.signal and found.shaft.direction is not None:
+        if (
+            found.shaft is not None
+            and found.shaft.signal == choice.signal
+            and found.shaft.direction is not None
+        ):
             valve = found.signals[found.shaft.direction]
             scaled["sign_of"] = valve.field if valve.topic is not None else _short(log, valve)
             out.notes.append(f"the pump turns one way: {valve.name} has the sign of its direction")
@@ -219,95 +219,6 @@ def _delays(found: Evidence, chosen: dict[str, Choice], out: Proposal) -> None:
             if channel in out.rows:
                 row = out.rows[channel]
                 row.source = row.source.model_copy(update={"delay": float(f"{late:.3g}")})
-
-
-def _signs(found: Evidence, chosen: dict[str, Choice], out: Proposal) -> dict[str, int]:
-    """Signs by physics: a positive pump motion extends the cylinder and raises the pressure of chamber 1."""
-    data = found.data
-    signs: dict[str, int] = dict.fromkeys(chosen, 1)
-    pump = next((c for c in ("pump_speed", "pump_angle", "command") if c in chosen), None)
-    if pump is None or "position" not in chosen:
-        return signs
-    name = {c: chosen[c].signal for c in chosen}
-    columns = data.columns
-    one, two, drop = (name.get(c) for c in ("pressure_1", "pressure_2", "pressure_difference"))
-    if one and two and drop:
-        between = correlation(data.means(drop), data.means(one) - data.means(two))
-        if between < -0.5:
-            signs["pressure_difference"] = -1
-    rate = pump != "pump_angle"
-    along = (
-        follows(data, name["position"], name[pump])
-        if rate
-        else correlation(data.changes(name["position"]), data.changes(name[pump]))
-    )
-    difference = columns[one] - columns[two] if one and two else columns[drop] if drop else None
-    if difference is None:
-        return signs
-    t = rises_with_pumping(data, difference, name["position"], name[pump], rate=rate)
-    motion, pressures = 1 if along > 0 else -1, 1 if t > 0 else -1
-    if abs(along) < 0.5:
-        out.notes.append("the position does not follow the pump in this log: signs are taken as they are")
-        return signs
-    if abs(t) < CLEAR_T:
-        out.notes.append("this log does not tell which chamber the pump fills: chambers are taken as named")
-        pressures = 1
-    pumped: list[str] = [c for c in ("pump_speed", "pump_angle", "command") if c in chosen]
-    moved: list[str] = [c for c in ("position", "position_setpoint") if c in chosen]
-    flip: list[str] = []
-    if (motion, pressures) == (-1, 1):
-        flip = moved
-        out.notes.append("the position counts against the pump: its sign is turned")
-    elif (motion, pressures) == (-1, -1):
-        flip = pumped
-        out.notes.append("the pump counts against position and pressures: its sign is turned")
-    elif (motion, pressures) == (1, -1):
-        if one and two and not _sides_named(found.words, one, two):
-            chosen["pressure_1"], chosen["pressure_2"] = chosen["pressure_2"], chosen["pressure_1"]
-            signs["pressure_difference"] = -signs.get("pressure_difference", 1)
-            out.notes.append(f"a positive pump motion raises {two}: it is chamber 1")
-        elif one and two:
-            flip = [*pumped, *moved]
-            out.notes.append(f"a positive pump motion raises {two}: retracting counts as positive, turned")
-        else:
-            signs["pressure_difference"] = -1
-            out.notes.append(f"a positive pump motion lowers {drop}: its sign is turned")
-    for channel in flip:
-        signs[channel] = -1
-    _like(found, chosen, signs, "command", pump)
-    if "pump_angle" in chosen and pump == "pump_speed":
-        alike = follows(data, name["pump_angle"], name[pump])
-        signs["pump_angle"] = signs[pump] * (-1 if alike < -0.5 else 1)
-    _like(found, chosen, signs, "position_setpoint", "position")
-    if "motor_current" in chosen and drop:
-        torque = correlation(data.means(name["motor_current"]), data.means(drop))
-        sense = signs["pressure_difference"] * (1 if torque > 0 else -1)
-        if abs(torque) > 0.5 and sense < 0:
-            signs["motor_current"] = -1
-            out.notes.append(
-                "the current is negative where the pump works against pressure: its sign is turned"
-            )
-    return signs
-
-
-def _like(
-    found: Evidence, chosen: dict[str, Choice], signs: dict[str, int], demand: str, measured: str
-) -> None:
-    """Give a demand the sign of what follows it."""
-    if demand not in chosen or demand == measured:
-        return
-    alike = (
-        correlation(found.data.means(chosen[demand].signal), found.data.means(chosen[measured].signal))
-        if measured != "pump_angle"
-        else 0.0
-    )
-    if abs(alike) > 0.5:
-        signs[demand] = signs[measured] * (1 if alike > 0 else -1)
-
-
-def _sides_named(words: Words, *names: str) -> bool:
-    """Whether names say extending and retracting side, and not only A and B."""
-    return any(_NAMED_SIDES & set(words.taken_apart(n)) for n in names)
 
 
 def _source(log: LogFile, signal: Signal, **more: object) -> ChannelSource:

@@ -79,7 +79,7 @@ def counts_a_turn(values: Column) -> float | None:
 
 
 def find_shaft(data: Signals, angles: list[str], positions: list[str], valves: list[str]) -> Shaft | None:
-    """The saw-tooth among the signals that may be angles, with the direction without which nothing follows it.
+    """The saw-tooth among signals that may be angles, with the direction without which nothing follows it.
 
     Parameters
     ----------
@@ -92,7 +92,7 @@ def find_shaft(data: Signals, angles: list[str], positions: list[str], valves: l
         turned = unwrap_counts(data.columns[name], wrap)
         places = [data.changes(n) for n in positions if n != name]
         plain = _followed(data, turned, places)
-        best = (max(plain + MORE, FOLLOWS), None, turned)
+        best: tuple[float, str | None, Column] = (max(plain + MORE, FOLLOWS), None, turned)
         for valve in valves:
             states = np.unique(data.columns[valve][np.isfinite(data.columns[valve])])
             if not (states.size <= MOST_STATES and states.min() < 0.0 < states.max()):

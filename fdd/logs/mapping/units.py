@@ -145,7 +145,8 @@ def unit_questions(
         text = f"In which unit {'are' if len(unknown) > 1 else 'is'} {asked}?"
         hint = f"--set {kind}=:{likely[0]}"
         if counts:
-            text = f"Which scale {'have' if len(unknown) > 1 else 'has'} {asked} ({kind}, raw counts by the look of it)?"
+            have = "have" if len(unknown) > 1 else "has"
+            text = f"Which scale {have} {asked} ({kind}, raw counts by the look of it)?"
             hint = " ".join(f"--set {c}={names[c]}*SCALE+OFFSET:{likely[0]}" for c in unknown)
         question = None if clear and not counts else Question(kind, text, options, hint)
         out.append((question, options[likely[0]]))

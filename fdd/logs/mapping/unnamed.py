@@ -28,11 +28,11 @@ VACUUM = 0.1
 CLEAR_T = 2.0
 SURE_NATS, LIKELY_NATS = 4.0, 3.0
 RESTS = 0.6
-"""Share of its scatter that a chamber's pressure keeps while the other's is high; above it nothing is told."""
+"""Share of its scatter that a chamber's pressure keeps while the other's is high; above it none rests."""
 
 
 def without_copies(unnamed: list[str], data: Signals) -> tuple[list[str], list[str]]:
-    """Signals that are not another's copy or mirror image, and those that are; of a mirrored pair the higher stays.
+    """Signals that are no copy or mirror image, and those that are; of a mirrored pair the higher stays.
 
     Examples
     --------
@@ -56,7 +56,7 @@ def _copied(one: np.ndarray, other: np.ndarray) -> bool:
 
 
 def around_shaft(found: Evidence, shaft: Shaft) -> None:
-    """Speeds are what adds up to the shaft's angle, the position what it moves, a demand what comes before."""
+    """A speed adds up to the shaft's angle, the position is what it moves, a demand comes before either."""
     data = found.data
     found.add(shaft.signal, "pump_angle", SURE_NATS, f"it begins again each {shaft.wrap:g} counts")
     others = [n for n in found.unnamed if n not in (shaft.signal, shaft.direction)]
@@ -96,7 +96,7 @@ def _explained(wanted: np.ndarray, columns: np.ndarray) -> float:
 
 
 def chambers(found: Evidence) -> None:
-    """The two chambers' pressures: oil that does not move the piston fills them, and one rests while the other works.
+    """The chambers' pressures: oil that moves no piston fills them, and one rests while the other works.
 
     Check valves or a directional valve keep the side that is emptied near the accumulator's pressure. A
     motor's current, which grows with either, does not rest so.
