@@ -54,7 +54,7 @@ def counts_a_turn(values: Column) -> float | None:
 
     Examples
     --------
-    >>> counts_a_turn(np.arange(0.0, 20_000.0, 37.0) % 4096.0), counts_a_turn(np.arange(0.0, 9.0, 0.01))
+    >>> counts_a_turn(np.arange(0.0, 30_000.0, 37.0) % 4096.0), counts_a_turn(np.arange(0.0, 9.0, 0.01))
     (4096.0, None)
     """
     there = values[np.isfinite(values)]
