@@ -37,7 +37,7 @@ def propose_map(
             metavar="CHANNEL=[SIGNAL][*SCALE[+OFFSET]][:UNIT]",
             show_default=False,
             help="What you know: a channel's signal, its unit (position=:mm for the unit alone), "
-            "the scale of raw counts (pressure_1=adc2*0.0625-0.625:bar), "
+            "the scale of raw counts (position=raw*0.025-5:mm), "
             "or that there is none (motor_current=).",
         ),
     ] = None,
