@@ -2,7 +2,9 @@
 
     python examples/bench_runs.py RECORDINGS [--draws 6] [--seed 1]
 
-RECORDINGS holds session_17oct and session_18oct of the bench's public recordings. For each draw three runs
+RECORDINGS holds session_17oct and session_18oct of the bench's public recordings. Their columns have neither
+names nor units: the map is proposed from one of the runs, and the authors' calibration sheet gives the scales
+that no recording tells. For each draw three runs
 of one session make the profile, and all runs of the other session are diagnosed: they are healthy, so
 every fault that is answered is a false one.
 """
@@ -21,10 +23,24 @@ from fdd.diagnosis.pipeline import Pipeline
 from fdd.errors import InputError
 from fdd.identify import identify_unit
 from fdd.logs import ChannelMap, read_log
+from fdd.logs.formats import open_log
+from fdd.logs.mapping import given_of, propose
 from fdd.unit import Unit
 
 EXAMPLES = Path(__file__).parent
 SESSIONS = ("session_17oct", "session_18oct")
+SCALES = (
+    "position=ADC1_Channel_14*0.025:mm",
+    "pressure_1=ADC1_Channel_2*0.0625-0.625:bar",
+    "pressure_2=ADC1_Channel_3*0.07576-18.333:bar",
+)
+"""As after --set of fdd map."""
+
+
+def bench_map(recordings: Path) -> ChannelMap:
+    """The bench's map as `fdd map` proposes it from one healthy run."""
+    run = recordings / "session_18oct" / "exp_data_3_3.csv"
+    return propose(open_log(run), given=given_of(SCALES)).channel_map("laboratory EHA bench", "bench")
 
 
 def main() -> None:
@@ -34,7 +50,7 @@ def main() -> None:
     parser.add_argument("--seed", type=int, default=1)
     options = parser.parse_args()
     base = Unit.load(EXAMPLES / "bench.base.yaml")
-    channels = ChannelMap.load(EXAMPLES / "bench.map.yaml")
+    channels = bench_map(options.recordings)
     runs = {
         s: {p.name: read_log(p, channels).samples for p in sorted((options.recordings / s).glob("*.csv"))}
         for s in SESSIONS

@@ -2,10 +2,15 @@
 
 from __future__ import annotations
 
+import os
+import runpy
+from pathlib import Path
+
 import pytest
 from hypothesis import settings
 
 from fdd.diagnosis.model import AlarmTail, Calibration, Model
+from fdd.logs import ChannelMap
 
 # The same examples on every run, and no deadlines: the first call of a compiled function takes seconds.
 settings.register_profile("repeatable", derandomize=True, deadline=None)
@@ -20,3 +25,14 @@ def tiny_model() -> Model:
         tail=AlarmTail(height=3.0, rate_per_hour=4.0, scale=1.0, hours=1.0),
         calibration=Calibration(midpoint=3.0, slope=1.0),
     )
+
+
+@pytest.fixture(scope="session")
+def bench_map() -> ChannelMap:
+    """The real bench's map as `fdd map` proposes it; tests with it skip where the recordings are absent."""
+    root = Path(__file__).resolve().parents[1]
+    recordings = Path(os.environ.get("FDD_SHARED", root.parent / "shared")) / "real" / "eha_bench"
+    if not recordings.is_dir():
+        pytest.skip("the recordings of the real bench (shared/real/eha_bench) are not here")
+    found: ChannelMap = runpy.run_path(str(root / "examples" / "bench_runs.py"))["bench_map"](recordings)
+    return found

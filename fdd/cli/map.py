@@ -34,9 +34,11 @@ def propose_map(
         list[str] | None,
         typer.Option(
             "--set",
-            metavar="CHANNEL=SIGNAL[:UNIT]",
+            metavar="CHANNEL=[SIGNAL][*SCALE[+OFFSET]][:UNIT]",
             show_default=False,
-            help="What you know: a channel's signal, its unit (position=:mm for the unit alone), or none.",
+            help="What you know: a channel's signal, its unit (position=:mm for the unit alone), "
+            "the scale of raw counts (position=raw*0.025-5:mm), "
+            "or that there is none (motor_current=).",
         ),
     ] = None,
     words: Annotated[
@@ -51,18 +53,27 @@ def propose_map(
     from fdd.files import require_writable, write_text
     from fdd.logs import ChannelMap, read_log
     from fdd.logs.formats import open_log
-    from fdd.logs.mapping import Words, propose
+    from fdd.logs.mapping import Words, given_of, propose
     from fdd.logs.mapping.writing import balance_words, map_text
 
     require_writable(out)
-    signals, units = _given(given or [])
+    known = given_of(given or [])
     with progress(f"reading {logs[0].name}"):
         log = open_log(logs[0])
-        found = propose(log, Words(words), signals)
-    _set_units(found, units)
+        found = propose(log, Words(words), known)
     console = output()
+    if found.questions and not yes and not sys.stdin.isatty():
+        asked = (f"{q.text} Likeliest: {', or else '.join(q.options)}" for q in found.questions)
+        raise InputError(
+            ". ".join(asked),
+            where=logs[0],
+            mend=f"answer with {' '.join(q.hint for q in found.questions)}, or --yes",
+        )
     for question in list(found.questions):
-        found.answer(question, _answered(question, logs[0], ask=not yes))
+        if yes:
+            found.assume(question)
+        else:
+            found.answer(question, _answered(question))
     text = map_text(found, name or logs[0].parent.resolve().name, axis, logs[0].name)
     channel_map = ChannelMap.from_yaml(text)  # what is written is what is read
     read = [read_log(path, channel_map) for path in logs]
@@ -110,54 +121,14 @@ def proposal_table(found: Proposal) -> Table:
     return table
 
 
-def _given(options: list[str]) -> tuple[dict[str, str], dict[str, str]]:
-    """Signals and units by channel."""
-    from fdd.logs.near_misses import did_you_mean
-    from fdd.measures import measure
-    from fdd.samples import CHANNELS
-
-    signals: dict[str, str] = {}
-    units: dict[str, str] = {}
-    for option in options:
-        channel, equals, value = option.partition("=")
-        if not equals or (channel not in CHANNELS and channel != "pressure"):
-            raise InputError(
-                f"--set {option}: no channel {channel!r}{did_you_mean(channel, ('pressure', *CHANNELS))}",
-                mend=f"write CHANNEL=SIGNAL[:UNIT], with one of: {', '.join(CHANNELS)}",
-            )
-        signal, colon, unit = value.rpartition(":") if ":" in value else (value, "", "")
-        if colon:
-            measure(unit, CHANNELS["pressure_1" if channel == "pressure" else channel].dimension)
-            units[channel] = unit
-        if signal or not colon:
-            signals[channel] = signal
-    return signals, units
-
-
-def _set_units(found: Proposal, units: dict[str, str]) -> None:
-    for channel, unit in units.items():
-        for name, row in found.rows.items():
-            if name == channel or (channel == "pressure" and name.startswith("pressure")):
-                row.source = row.source.model_copy(update={"unit": unit})
-        found.questions = [q for q in found.questions if not (q.channel == channel and unit)]
-
-
-def _answered(question: Question, log: Path, *, ask: bool) -> str:
-    options = list(question.options)
-    if not ask:
-        return options[0]
-    if not sys.stdin.isatty():
-        likeliest = f":{options[0]}" if "unit" in question.text else options[0]
-        raise InputError(
-            f"{question.text} Likeliest: {options[0]}, or else {', '.join(options[1:])}",
-            where=log,
-            mend=f"answer with --set {question.channel}={likeliest}, or --yes",
-        )
+def _answered(question: Question) -> str:
     from fdd.cli.console import messages
 
+    options = list(question.options)
     console = messages()
     console.print(question.text, markup=False)
     for k, option in enumerate(options, 1):
         console.print(f"  {k}  {option}", markup=False)
+    console.print(f"or start again with {question.hint}", markup=False)
     chosen = typer.prompt("Number", default=1, type=int, err=True)
     return options[min(max(int(chosen), 1), len(options)) - 1]

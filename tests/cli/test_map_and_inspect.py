@@ -44,6 +44,8 @@ def test_an_open_question_is_told_and_nothing_written(run, foreign: Path, tmp_pa
     assert result.exit_code == 2 and "--set pressure=:" in result.stderr and "--yes" in result.stderr
     assert not (tmp_path / "map.yaml").exists()
     assert run("map", foreign, "-o", tmp_path / "map.yaml", "--yes").exit_code == 0
+    text = (tmp_path / "map.yaml").read_text()
+    assert "In which unit are p1, p2? Assumed: " in text and " assumed" in text
 
 
 @pytest.mark.parametrize(
@@ -52,6 +54,7 @@ def test_an_open_question_is_told_and_nothing_written(run, foreign: Path, tmp_pa
         ("pressur=:kPa", "did you mean 'pressure"),
         ("position=x", "no column 'x'"),
         ("position=:bar", "measures"),
+        ("pressure_1=p1*0.1", "a scale without a unit"),
     ],
 )
 def test_wrong_answers_are_told(run, foreign: Path, tmp_path: Path, given: str, said: str) -> None:

@@ -9,7 +9,7 @@ import pandas as pd
 import pytest
 
 from fdd.identify import identify_unit
-from fdd.logs.read import read_log
+from fdd.logs import ChannelMap, read_log
 from fdd.unit import Unit
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -51,14 +51,11 @@ def test_another_makers_rig_from_its_data_sheet(rig: str) -> None:
 
 
 @pytest.mark.skipif(not BENCH.is_dir(), reason="the bench's logs are not here")
-def test_bench() -> None:
+def test_bench(bench_map: ChannelMap) -> None:
     base = Unit.load("axis_a")
     base.cylinder.area_1, base.cylinder.area_2, base.cylinder.stroke = 1963.5e-6, 1649.3e-6, 0.075
     base.pump.displacement = 2.5e-7
-    logs = [
-        read_log(path, ROOT / "examples" / "bench.map.yaml").samples
-        for path in sorted(BENCH.glob("exp_data_[13]_*.csv"))
-    ]
+    logs = [read_log(path, bench_map).samples for path in sorted(BENCH.glob("exp_data_[13]_*.csv"))]
     result = identify_unit(logs, base)
     found = result.unit
     # Measured in steady strokes: 0.125 mm/rad out, 1.45 to 1.49 times that back, slip included.

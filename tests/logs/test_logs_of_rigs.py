@@ -10,6 +10,8 @@ import pytest
 from mcap.reader import make_reader
 
 from fdd.logs import ChannelMap, read_log
+from fdd.logs.formats import open_log
+from fdd.logs.mapping import propose
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
 REQUIRED = {"position", "pressure_difference", "pressure_1", "pressure_2"}
@@ -91,23 +93,49 @@ def bench(shared: Path) -> Path:
     return folder
 
 
-def test_every_bench_recording_is_read_and_the_angle_sensor_of_one_session_is_told(bench: Path) -> None:
-    channel_map = ChannelMap.load(EXAMPLES / "bench.map.yaml")
+def test_every_bench_recording_is_read_and_the_angle_sensor_of_one_session_is_told(
+    bench: Path, bench_map: ChannelMap
+) -> None:
     paths = sorted(bench.glob("*/*.csv"))
     assert len(paths) >= 29
     told = {
-        p.parent.name for p in paths if "impossible speed" in " ".join(read_log(p, channel_map).quality.notes)
+        p.parent.name for p in paths if "impossible speed" in " ".join(read_log(p, bench_map).quality.notes)
     }
     assert told == {"session_15oct"}
 
 
-def test_bench_signs_and_gains(bench: Path) -> None:
+def test_the_map_of_every_healthy_bench_run_has_the_same_channels_and_signs(bench: Path) -> None:
+    """Test: columns without names or units. Expected: the firmware's meaning; scales of counts are open.
+
+    The angle counts down, and the loop's rpm are 1.136 times those that the encoder's counts make.
+    """
+    columns = {"pump_angle": 6, "pump_speed": 10, "position": 14, "pressure_1": 2, "pressure_2": 3}
+    paths = sorted(p for s in ("session_17oct", "session_18oct") for p in (bench / s).glob("*.csv"))
+    for path in paths:
+        found = propose(open_log(path))
+        assert [q.channel for q in found.questions][-2:] == ["position", "pressure"], path.name
+        sources = {c: found.rows[c].source for c in columns}
+        assert {c: s.column for c, s in sources.items()} == {
+            c: f"ADC1_Channel_{k}" for c, k in columns.items()
+        }, path.name
+        angle, speed = sources["pump_angle"], sources["pump_speed"]
+        assert (angle.sign, angle.wrap, angle.sign_of) == (-1, 4096.0, "ADC1_Channel_16"), path.name
+        assert (speed.sign, speed.unit) == (1, "rpm") and speed.scale == pytest.approx(1.0 / 1.136, rel=2e-3)
+        signs = {c: s.sign for c, s in sources.items() if c != "pump_angle"}
+        assert set(signs.values()) == {1} and not any(s.delay for s in sources.values()), path.name
+        for channel, column in (("command", 9), ("position_setpoint", 13)):
+            if channel in found.rows:
+                assert found.rows[channel].source.column == f"ADC1_Channel_{column}", path.name
+    assert len(paths) == 26
+
+
+def test_bench_signs_and_gains(bench: Path, bench_map: ChannelMap) -> None:
     """Test: the unloaded 50 mm run.
 
     Expected: out with positive pump motion and pressure in chamber 1, back with negative motion and
     pressure in chamber 2; retracting 1.35 to 1.55 times as far per radian.
     """
-    samples = read_log(bench / "session_18oct" / "exp_data_1_4.csv", EXAMPLES / "bench.map.yaml").samples
+    samples = read_log(bench / "session_18oct" / "exp_data_1_4.csv", bench_map).samples
     out = (samples.time > 4.5) & (samples.time < 7.0)
     back = (samples.time > 12.5) & (samples.time < 15.0)
     gain = {}

@@ -14,7 +14,7 @@ from fdd.logs import read_log
 from fdd.logs.channel_map import ChannelMap
 from fdd.logs.formats import open_log
 from fdd.logs.formats.signals import Signal
-from fdd.logs.mapping import Words, propose
+from fdd.logs.mapping import Words, given_of, propose
 from fdd.logs.mapping.concepts import name_scores
 from fdd.logs.mapping.writing import map_text
 from fdd.plant.scenario import Scenario
@@ -149,8 +149,8 @@ def test_what_no_unit_tells_is_asked_with_the_likeliest_first(log: Samples, tmp_
 
 def test_what_the_user_knows_goes_first(log: Samples, tmp_path: Path) -> None:
     written(tmp_path / "log.csv", log, "French")
-    given_ = {"pressure_1": "pression B", "pressure_2": "pression A", "motor_current": ""}
-    found = propose(open_log(tmp_path / "log.csv"), None, given_)
+    options = ["pressure_1=pression B", "pressure_2=pression A", "motor_current="]
+    found = propose(open_log(tmp_path / "log.csv"), None, given_of(options))
     assert "motor_current" not in found.rows
     chambers = {found.rows[c].source.column for c in ("pressure_1", "pressure_2")}
     assert chambers == {"pression A", "pression B"}

@@ -10,6 +10,7 @@ import pytest
 from bench_runs import bench_run
 from numpy.typing import NDArray
 
+from fdd.logs import ChannelMap
 from fdd.samples import Samples
 from fdd.sensors import SensorFinding, SensorWatch
 from fdd.unit import Unit
@@ -32,16 +33,18 @@ def broken(samples: Samples, change: Callable[[Columns, slice], None], at: float
     return Samples(samples.time, columns)
 
 
-def test_healthy_runs_are_quiet(bench_folder: Path, bench_unit: Unit) -> None:
+def test_healthy_runs_are_quiet(bench_folder: Path, bench_unit: Unit, bench_map: ChannelMap) -> None:
     runs = sorted(p for s in ("session_17oct", "session_18oct") for p in (bench_folder / s).glob("*.csv"))
     assert len(runs) == 26
-    loud = {p.name: f for p in runs if (f := watched(bench_run(p), bench_unit)[0])}
+    loud = {p.name: f for p in runs if (f := watched(bench_run(p, bench_map), bench_unit)[0])}
     assert not loud
 
 
-def test_bursts_of_the_angle_sensor_are_spikes(bench_folder: Path, bench_unit: Unit) -> None:
+def test_bursts_of_the_angle_sensor_are_spikes(
+    bench_folder: Path, bench_unit: Unit, bench_map: ChannelMap
+) -> None:
     for path in sorted((bench_folder / "session_15oct").glob("*.csv")):
-        samples = bench_run(path)
+        samples = bench_run(path, bench_map)
         found, out = watched(samples, bench_unit)
         spikes = [f for f in found if (f.channel, f.kind) == ("pump_angle", "spikes")]
         assert len(spikes) == 1, path.name
@@ -70,10 +73,10 @@ def saturated(columns: Columns, rows: slice) -> None:
     [(dead, "pressure_1", "dead"), (stuck, "pressure_2", "stuck"), (saturated, "pressure_1", "saturated")],
 )
 def test_silent_pressure_is_named_and_taken_out(
-    bench_folder: Path, bench_unit: Unit, run: str, at: float,
+    bench_folder: Path, bench_unit: Unit, bench_map: ChannelMap, run: str, at: float,
     change: Callable[[Columns, slice], None], channel: str, kind: str,
 ) -> None:  # fmt: skip
-    samples = broken(bench_run(bench_folder / run), change, at)
+    samples = broken(bench_run(bench_folder / run, bench_map), change, at)
     found, out = watched(samples, bench_unit)
     assert [(f.channel, f.kind, f.fault) for f in found] == [(channel, kind, "sensor_dropout")]
     assert found[0].onset_s == pytest.approx(at, abs=0.05)
@@ -89,12 +92,12 @@ def test_silent_pressure_is_named_and_taken_out(
 @pytest.mark.parametrize("at", [6.3, AT_REST])
 @pytest.mark.parametrize("step", [1.05e-3, -0.55e-3, 1e-3])
 def test_encoder_step_is_a_slip(
-    bench_folder: Path, bench_unit: Unit, run: str, at: float, step: float
+    bench_folder: Path, bench_unit: Unit, bench_map: ChannelMap, run: str, at: float, step: float
 ) -> None:
     def slip(columns: Columns, rows: slice) -> None:
         columns["position"][rows] += step
 
-    found, _ = watched(broken(bench_run(bench_folder / run), slip, at), bench_unit)
+    found, _ = watched(broken(bench_run(bench_folder / run, bench_map), slip, at), bench_unit)
     assert [(f.channel, f.kind, f.fault) for f in found] == [("position", "slip", "position_sensor_slip")]
     assert found[0].onset_s == pytest.approx(at, abs=0.05)
     assert found[0].size == pytest.approx(abs(step), abs=50e-6), "two counts of 25 µm"
@@ -103,12 +106,12 @@ def test_encoder_step_is_a_slip(
 @pytest.mark.parametrize("run", RUNS)
 @pytest.mark.parametrize("at", [6.3, AT_REST])
 def test_bias_of_30_bar_is_a_step_of_the_loaded_chamber(
-    bench_folder: Path, bench_unit: Unit, run: str, at: float
+    bench_folder: Path, bench_unit: Unit, bench_map: ChannelMap, run: str, at: float
 ) -> None:
     def bias(columns: Columns, rows: slice) -> None:
         columns["pressure_1"][rows] += 3e6
 
-    found, _ = watched(broken(bench_run(bench_folder / run), bias, at), bench_unit)
+    found, _ = watched(broken(bench_run(bench_folder / run, bench_map), bias, at), bench_unit)
     assert [(f.channel, f.kind, f.fault) for f in found] == [("pressure_1", "step", "pressure_sensor_bias")]
     assert found[0].onset_s == pytest.approx(at, abs=0.05)
     # The pressure has 0.65 bar of noise, and more while the pump turns.
@@ -117,12 +120,14 @@ def test_bias_of_30_bar_is_a_step_of_the_loaded_chamber(
 
 @pytest.mark.parametrize("run", RUNS)
 @pytest.mark.parametrize("at", [6.3, AT_REST])
-def test_lost_supply_is_one_finding(bench_folder: Path, bench_unit: Unit, run: str, at: float) -> None:
+def test_lost_supply_is_one_finding(
+    bench_folder: Path, bench_unit: Unit, bench_map: ChannelMap, run: str, at: float
+) -> None:
     def lost(columns: Columns, rows: slice) -> None:
         for name in ("pressure_1", "pressure_2", "position", "pump_angle"):
             columns[name][rows] = 0.0
 
-    found, out = watched(broken(bench_run(bench_folder / run), lost, at), bench_unit)
+    found, out = watched(broken(bench_run(bench_folder / run, bench_map), lost, at), bench_unit)
     assert [f.kind for f in found] == ["supply_loss"]
     assert set(found[0].channels) == {"pressure_1", "pressure_2", "position", "pump_angle"}
     assert found[0].onset_s == pytest.approx(at, abs=0.05)

@@ -143,11 +143,13 @@ def rises_with_pumping(signals: Signals, drop: Column, position: str, pump: str,
 
     The flow that does not go into motion leaks and compresses: ``theta - x / k = L * integral of drop +
     C * change of drop``, with both L and C above zero for the difference of the side that a positive pump
-    motion fills. Gain, leakage and compliance are fitted together, so that no load can mislead it.
+    motion fills. Gain, leakage and compliance are fitted together, so that no load can mislead it; out and
+    back have a gain each, as the two sides of a piston may differ in area.
 
     Parameters
     ----------
-    drop : (n,) pressure difference in any unit. rate : whether `pump` is a speed, not an angle.
+    drop : (n,) pressure difference in any unit, or one chamber's pressure (less than zero for the side that
+        is emptied). rate : whether `pump` is a speed, not an angle.
     """
     theta = signals.sums(pump) if rate else signals.changes(pump)
     both = Signals(signals.time, {**signals.columns, "drop": drop})
@@ -155,7 +157,7 @@ def rises_with_pumping(signals: Signals, drop: Column, position: str, pump: str,
     leak, rise = both.sums("drop"), both.changes("drop")
     if theta.size < LEAST_WINDOWS:
         return 0.0
-    columns = np.column_stack([x, leak, rise])
+    columns = np.column_stack([np.maximum(x, 0.0), np.minimum(x, 0.0), leak, rise])
     scale = np.maximum(np.abs(columns).max(axis=0), 1e-300)
     scaled = columns / scale
     gram = scaled.T @ scaled
@@ -163,10 +165,10 @@ def rises_with_pumping(signals: Signals, drop: Column, position: str, pump: str,
         return 0.0
     solved = np.linalg.solve(gram, scaled.T @ theta)
     rest = theta - scaled @ solved
-    sigma = float(rest @ rest) / max(theta.size - 3, 1)
+    sigma = float(rest @ rest) / max(theta.size - 4, 1)
     spread = np.sqrt(np.maximum(np.diag(np.linalg.inv(gram)), 0.0) * sigma)
     t = solved / np.maximum(spread, 1e-300)
-    return float(np.sign(t[1] + t[2]) * max(abs(t[1]), abs(t[2])))
+    return float(np.sign(t[2] + t[3]) * max(abs(t[2]), abs(t[3])))
 
 
 def leads(signals: Signals, first: str, second: str) -> float:

@@ -18,7 +18,7 @@ LEAST_STEPS = 200
 MOST_HOLES = 10
 """Periods a row that a log may span: one with more holes than that tells no delay."""
 BETTER = 0.8
-"""A delay explains at least a fifth of what the balance leaves open without it."""
+"""A delay explains at least a fifth of what the balance leaves open without it, and with the farthest one."""
 SETTLED_ROWS = 2
 
 
@@ -65,9 +65,12 @@ def delays(time: Column, turned: Column, position: Column, drop: Column) -> tupl
         best = lower
     out = []
     for k in range(2):
-        without = (0, best[1]) if k == 0 else (best[0], 0)
-        clear = abs(best[k]) > SETTLED_ROWS and balance.open(best) < BETTER * balance.open(without)
-        out.append(best[k] * period if clear and abs(best[k]) < balance.reach else 0.0)
+        # A piston that follows late, as a soft circuit or a dead band lets it, fits ever better farther out;
+        # a delay of the recorder fits worse again beyond it.
+        farthest = balance.reach if best[k] > 0 else -balance.reach
+        less = [(s, best[1]) if k == 0 else (best[0], s) for s in (0, farthest)]
+        clear = abs(best[k]) > SETTLED_ROWS and balance.open(best) < BETTER * min(map(balance.open, less))
+        out.append(best[k] * period if clear else 0.0)
     return out[0], out[1]
 
 
@@ -85,9 +88,10 @@ class _Balance:
     def _open(self, shift: tuple[int, int]) -> float:
         a, b, n = self.starts + shift[0], self.starts + shift[1], self.step
         moved, leaked = self._x[a + n] - self._x[a], self._total[b + n] - self._total[b]
-        columns = np.column_stack([moved, leaked, self._p[b + n] - self._p[b]])
+        out, back = np.maximum(moved, 0.0), np.minimum(moved, 0.0)  # a side of the piston each
+        columns = np.column_stack([out, back, leaked, self._p[b + n] - self._p[b]])
         columns /= np.maximum(np.abs(columns).max(axis=0), 1e-300)
-        gram = columns.T @ columns + 1e-9 * np.eye(3)
+        gram = columns.T @ columns + 1e-9 * np.eye(4)
         pull = columns.T @ self._y
         return float(self._y @ self._y - pull @ np.linalg.solve(gram, pull))
 

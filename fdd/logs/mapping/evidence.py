@@ -17,6 +17,8 @@ from fdd.logs.mapping.behaviour import (
     roughness,
 )
 from fdd.logs.mapping.concepts import Words, dimension_of, name_scores, said_and_unit
+from fdd.logs.mapping.shaft import Shaft, find_shaft
+from fdd.logs.mapping.unnamed import around_shaft, chambers, without_copies
 from fdd.logs.names import is_time_name
 from fdd.logs.rates import aligned
 from fdd.measures import MEASURES, find_measure
@@ -24,6 +26,7 @@ from fdd.samples import CHANNELS
 
 LARGEST = 1e100
 """No signal has such a value; its square would be infinite."""
+GIVEN_NATS = 50.0
 CLOSE = 0.9
 """Correlation above which one signal's motion is another's."""
 
@@ -41,6 +44,8 @@ class Evidence:
     units : signal to the unit that the file or its name gives.
     time : the column of the time and its unit, where the file does not tell by itself.
     words : that names were read by.
+    unnamed : signals of which neither name nor unit says anything.
+    shaft : the pump's, where an angle begins again each turn; its column in `data` is unwrapped and directed.
     """
 
     signals: dict[str, Signal]
@@ -50,6 +55,8 @@ class Evidence:
     words: Words
     reasons: dict[tuple[str, str], list[str]] = field(default_factory=dict)
     time: tuple[str, str] | None = None
+    unnamed: list[str] = field(default_factory=list)
+    shaft: Shaft | None = None
 
     def add(self, signal: str, channel: str, nats: float, reason: str) -> None:
         """Take up evidence, where the unit allows the channel at all."""
@@ -77,12 +84,12 @@ class Evidence:
         return best if best is not None and self.scores[best].get(channel, -9.0) >= 2.0 else None
 
 
-def gather(log: LogFile, words: Words) -> Evidence | None:
+def gather(log: LogFile, words: Words, given: dict[str, str] | None = None) -> Evidence | None:
     """Read a log's signals and score them; None where nothing in it can be the time.
 
     Parameters
     ----------
-    log : opened. words : to read names by.
+    log : opened. words : to read names by. given : channel to signal, as the user knows it; "" for none.
     """
     sizes: dict[str, int] = {}
     raw = log.read(log.signals)
@@ -119,8 +126,21 @@ def gather(log: LogFile, words: Words) -> Evidence | None:
         for channel, score in channels.items():
             if score >= 2.0 and score == best:
                 found.reasons[(name, channel)] = ["its name" + (" and unit" if units[name] else "")]
+    for channel, name in (given or {}).items():
+        for channels in scores.values():
+            channels.pop(channel, None)
+        if name in scores:
+            scores[name] = {channel: GIVEN_NATS}
+    silent = [n for n, s in scores.items() if units[n] is None and max(s.values(), default=0.0) <= 0.0]
+    found.unnamed, copies = without_copies(silent, data)
+    for copy in copies:
+        scores[copy].clear()
+    _shaft(found)
     _pressures(found)
     _motion(found)
+    if found.shaft is not None:
+        around_shaft(found, found.shaft)
+    chambers(found)
     _torque(found)
     return found
 
@@ -158,6 +178,18 @@ def _time_unit(signal: Signal, step: float) -> str:
     return next((u for u in ("s", "ms", "us", "ns") if step * MEASURES[u].factor <= 0.0201), "s")
 
 
+def _shaft(found: Evidence) -> None:
+    """An angle that begins again each turn is the pump's; no other shaft is there to turn."""
+    angles = found.allowing("pump_angle")
+    shaft = find_shaft(found.data, angles, found.allowing("position"), found.unnamed)
+    if shaft is None:
+        return
+    found.shaft = shaft
+    found.data.columns[shaft.signal] = shaft.turned
+    if shaft.direction is not None:
+        found.scores[shaft.direction].clear()
+
+
 def _pressures(found: Evidence) -> None:
     """Δp is what two others differ by; the accumulator's is the quietest of the rest."""
     may = found.allowing("pressure_difference", "pressure_1", "pressure_2", "pressure_accumulator")
@@ -180,8 +212,10 @@ def _pressures(found: Evidence) -> None:
 
 def _motion(found: Evidence) -> None:
     """The position follows the pump's speed; a demand is smooth and comes first."""
-    rates = found.allowing("pump_speed", "command")
-    places = found.allowing("position", "position_setpoint")
+    # Beside a shaft's angle nothing has to be guessed from an integral alone.
+    told = set(found.unnamed) if found.shaft is not None else set()
+    rates = [n for n in found.allowing("pump_speed", "command") if n not in told]
+    places = [n for n in found.allowing("position", "position_setpoint") if n not in told]
     for x in places:
         for w in rates:
             if x == w:

@@ -11,10 +11,11 @@ from fdd.logs.angles import accumulate_speed
 from fdd.logs.channel_map import ChannelMap, ChannelSource
 from fdd.logs.formats.signals import LogFile, Signal
 from fdd.logs.mapping.assignment import Choice, assign
-from fdd.logs.mapping.behaviour import correlation, follows, rises_with_pumping
 from fdd.logs.mapping.concepts import RULES, Words
 from fdd.logs.mapping.delays import delays
 from fdd.logs.mapping.evidence import Evidence, gather
+from fdd.logs.mapping.given import Given
+from fdd.logs.mapping.signs import signs_of
 from fdd.logs.mapping.units import Question, scale_of, unit_questions
 from fdd.logs.near_misses import listed
 from fdd.samples import CHANNELS, missing_required
@@ -22,13 +23,6 @@ from fdd.samples import CHANNELS, missing_required
 SURE = 0.9
 """Below it a channel that a diagnosis needs is asked for; below `LIKELY` any other is left out."""
 LIKELY = 0.75
-CLEAR_T = 5.0
-"""Student's t above which the pumping tells which chamber is filled."""
-_NAMED_SIDES = {
-    "ext", "extend", "ret", "retract", "head", "rod", "bore", "cap", "kolbenseite", "stangenseite",
-    "bodenseite", "ringseite", "stange", "kolben", "tige", "fond",
-}  # fmt: skip
-"""Words that tell which end of the cylinder a chamber is at, and not only A and B."""
 
 
 @dataclass
@@ -67,6 +61,15 @@ class Proposal:
             self.rows[channel] = Proposed(channel, source, 1.0, "answered")
         self.questions.remove(question)
 
+    def assume(self, question: Question) -> None:
+        """Take the likeliest answer, and say that it was nobody's."""
+        option, sources = next(iter(question.options.items()))
+        for channel, source in sources.items():
+            self.rows[channel].source = source
+            self.rows[channel].why += f"; {option} assumed"
+        self.notes.append(f"{question.text} Assumed: {option}")
+        self.questions.remove(question)
+
     def channel_map(self, name: str = "", axis: str | None = None) -> ChannelMap:
         """The map as it stands.
 
@@ -84,13 +87,13 @@ class Proposal:
         return ChannelMap(name=name, axis=axis, channels=channels)
 
 
-def propose(log: LogFile, words: Words | None = None, given: dict[str, str] | None = None) -> Proposal:
+def propose(log: LogFile, words: Words | None = None, given: dict[str, Given] | None = None) -> Proposal:
     """Propose a map for a log.
 
     Parameters
     ----------
     log : opened. words : to read names by; the shipped ones.
-    given : channel to signal, as the user knows it; "" for none.
+    given : what the user knows, by channel; see `given_of`.
 
     Raises
     ------
@@ -102,19 +105,19 @@ def propose(log: LogFile, words: Words | None = None, given: dict[str, str] | No
     """
     if not log.signals:
         raise InputError("no signals in it", where=log.path, mend="see fdd inspect what it holds")
-    found = gather(log, words or Words())
+    given = given or {}
+    signals = {
+        channel: log.find(known.signal).name if known.signal else ""
+        for channel, known in given.items()
+        if known.signal is not None and channel in CHANNELS
+    }
+    found = gather(log, words or Words(), signals)
     if found is None:
         raise InputError(
             "nothing in it grows as a time does",
             where=log.path,
             mend="add a column with the time of each row",
         )
-    for channel, name in (given or {}).items():
-        signal = None if name == "" else log.find(name)
-        for scores in found.scores.values():
-            scores.pop(channel, None)
-        if signal is not None and signal.name in found.scores:
-            found.scores[signal.name] = {channel: 50.0}
     channels = [c for c in RULES if c != "time"]
     chosen = assign(found.scores, channels)
     out = Proposal()
@@ -122,12 +125,17 @@ def propose(log: LogFile, words: Words | None = None, given: dict[str, str] | No
         name, unit = found.time
         source = ChannelSource(column=_short(log, log.signals[name]), unit=unit)
         out.rows["time"] = Proposed("time", source, 1.0, "it grows evenly")
-    _signs_and_units(log, found, chosen, out)
-    out.unused = [n for n in found.signals if n not in {c.signal for c in chosen.values()}]
+    _signs_and_units(log, found, chosen, out, given)
+    used = {c.signal for c in chosen.values()} | (
+        {found.shaft.direction} if found.shaft is not None else set()
+    )
+    out.unused = [n for n in found.signals if n not in used]
     return out
 
 
-def _signs_and_units(log: LogFile, found: Evidence, chosen: dict[str, Choice], out: Proposal) -> None:
+def _signs_and_units(
+    log: LogFile, found: Evidence, chosen: dict[str, Choice], out: Proposal, given: dict[str, Given]
+) -> None:
     needed = {"position", "pressure_difference", "pressure_1", "pressure_2"}
     needed |= {"pump_speed"} if "pump_angle" not in chosen else {"pump_angle"}
     for channel in [c for c in chosen if c not in needed and chosen[c].confidence < LIKELY]:
@@ -135,11 +143,20 @@ def _signs_and_units(log: LogFile, found: Evidence, chosen: dict[str, Choice], o
             f"{chosen[channel].signal} may be {channel}; left out, say --set {channel}=… if it is"
         )
         del chosen[channel]
-    signs = _signs(found, chosen, out)
+    signs, told = signs_of(found, chosen)
+    out.notes += told
     speed = chosen["pump_speed"].signal if "pump_speed" in chosen else None
     for channel, choice in sorted(chosen.items(), key=lambda item: list(CHANNELS).index(item[0])):
         signal = found.signals[choice.signal]
         scaled = scale_of(found, speed, channel, choice.signal)
+        if (
+            found.shaft is not None
+            and found.shaft.signal == choice.signal
+            and found.shaft.direction is not None
+        ):
+            valve = found.signals[found.shaft.direction]
+            scaled["sign_of"] = valve.field if valve.topic is not None else _short(log, valve)
+            out.notes.append(f"the pump turns one way: {valve.name} has the sign of its direction")
         reasons = found.reasons.get((choice.signal, channel), ["nothing else fits better"])
         source = _source(log, signal, **{**scaled, **({"sign": -1} if signs.get(channel) == -1 else {})})
         out.rows[channel] = Proposed(channel, source, choice.confidence, "; ".join(reasons[:3]))
@@ -150,9 +167,16 @@ def _signs_and_units(log: LogFile, found: Evidence, chosen: dict[str, Choice], o
                     channel,
                     f"Which signal is {channel} ({CHANNELS[channel].meaning})?",
                     {choice.signal: {channel: source}, choice.other: {channel: other}},
+                    f"--set {channel}={choice.signal}",
                 )
             )
     names = {c: chosen[c].signal for c in chosen}
+    for channel, known in given.items():
+        signal_name = log.find(known.signal).name if known.signal else None
+        for c, row in out.rows.items():
+            mine = names.get(c) == signal_name if signal_name else c == channel
+            if mine or (signal_name is None and channel == "pressure" and c.startswith("pressure")):
+                row.source = known.applied(row.source)
     _delays(found, chosen, out)
     asked = unit_questions(found, names, {c: r.source for c, r in out.rows.items() if c in names})
     for question, sources in asked:
@@ -173,8 +197,12 @@ def _delays(found: Evidence, chosen: dict[str, Choice], out: Proposal) -> None:
         turned = columns[name["pump_angle"]]
     else:
         turned = accumulate_speed(time, columns[name["pump_speed"]], float(np.median(np.diff(time))))
-    difference = columns[one] - columns[two] if one and two else columns[drop] if drop else None
-    if difference is None:
+    if one and two:
+        scales = [out.rows[c].source.scale for c in ("pressure_1", "pressure_2")]
+        difference = scales[0] * columns[one] - scales[1] * columns[two]
+    elif drop:
+        difference = columns[drop]
+    else:
         return
     of_position, of_pressure = delays(time, turned, columns[name["position"]], difference)
     groups = (
@@ -191,92 +219,6 @@ def _delays(found: Evidence, chosen: dict[str, Choice], out: Proposal) -> None:
             if channel in out.rows:
                 row = out.rows[channel]
                 row.source = row.source.model_copy(update={"delay": float(f"{late:.3g}")})
-
-
-def _signs(found: Evidence, chosen: dict[str, Choice], out: Proposal) -> dict[str, int]:
-    """Signs by physics: a positive pump motion extends the cylinder and raises the pressure of chamber 1."""
-    data = found.data
-    signs: dict[str, int] = dict.fromkeys(chosen, 1)
-    pump = next((c for c in ("pump_speed", "pump_angle", "command") if c in chosen), None)
-    if pump is None or "position" not in chosen:
-        return signs
-    name = {c: chosen[c].signal for c in chosen}
-    columns = data.columns
-    one, two, drop = (name.get(c) for c in ("pressure_1", "pressure_2", "pressure_difference"))
-    if one and two and drop:
-        between = correlation(data.means(drop), data.means(one) - data.means(two))
-        if between < -0.5:
-            signs["pressure_difference"] = -1
-    rate = pump != "pump_angle"
-    along = (
-        follows(data, name["position"], name[pump])
-        if rate
-        else correlation(data.changes(name["position"]), data.changes(name[pump]))
-    )
-    difference = columns[one] - columns[two] if one and two else columns[drop] if drop else None
-    if difference is None:
-        return signs
-    t = rises_with_pumping(data, difference, name["position"], name[pump], rate=rate)
-    motion, pressures = 1 if along > 0 else -1, 1 if t > 0 else -1
-    if abs(along) < 0.5:
-        out.notes.append("the position does not follow the pump in this log: signs are taken as they are")
-        return signs
-    if abs(t) < CLEAR_T:
-        out.notes.append("this log does not tell which chamber the pump fills: chambers are taken as named")
-        pressures = 1
-    pumped: list[str] = [c for c in ("pump_speed", "pump_angle", "command") if c in chosen]
-    moved: list[str] = [c for c in ("position", "position_setpoint") if c in chosen]
-    flip: list[str] = []
-    if (motion, pressures) == (-1, 1):
-        flip = moved
-        out.notes.append("the position counts against the pump: its sign is turned")
-    elif (motion, pressures) == (-1, -1):
-        flip = pumped
-        out.notes.append("the pump counts against position and pressures: its sign is turned")
-    elif (motion, pressures) == (1, -1):
-        if one and two and not _sides_named(found.words, one, two):
-            chosen["pressure_1"], chosen["pressure_2"] = chosen["pressure_2"], chosen["pressure_1"]
-            signs["pressure_difference"] = -signs.get("pressure_difference", 1)
-            out.notes.append(f"a positive pump motion raises {two}: it is chamber 1")
-        elif one and two:
-            flip = [*pumped, *moved]
-            out.notes.append(f"a positive pump motion raises {two}: retracting counts as positive, turned")
-        else:
-            signs["pressure_difference"] = -1
-            out.notes.append(f"a positive pump motion lowers {drop}: its sign is turned")
-    for channel in flip:
-        signs[channel] = -1
-    _like(found, chosen, signs, "command", pump)
-    _like(found, chosen, signs, "position_setpoint", "position")
-    if "motor_current" in chosen and drop:
-        torque = correlation(data.means(name["motor_current"]), data.means(drop))
-        sense = signs["pressure_difference"] * (1 if torque > 0 else -1)
-        if abs(torque) > 0.5 and sense < 0:
-            signs["motor_current"] = -1
-            out.notes.append(
-                "the current is negative where the pump works against pressure: its sign is turned"
-            )
-    return signs
-
-
-def _like(
-    found: Evidence, chosen: dict[str, Choice], signs: dict[str, int], demand: str, measured: str
-) -> None:
-    """Give a demand the sign of what follows it."""
-    if demand not in chosen or demand == measured:
-        return
-    alike = (
-        correlation(found.data.means(chosen[demand].signal), found.data.means(chosen[measured].signal))
-        if measured != "pump_angle"
-        else 0.0
-    )
-    if abs(alike) > 0.5:
-        signs[demand] = signs[measured] * (1 if alike > 0 else -1)
-
-
-def _sides_named(words: Words, *names: str) -> bool:
-    """Whether names say extending and retracting side, and not only A and B."""
-    return any(_NAMED_SIDES & set(words.taken_apart(n)) for n in names)
 
 
 def _source(log: LogFile, signal: Signal, **more: object) -> ChannelSource:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from fdd.logs.channel_map import ChannelSource
 from fdd.logs.mapping.behaviour import gain, slope_of
@@ -24,6 +25,8 @@ _UNITS = {
 }
 _BY_SYMBOL = {"w": "rad/s", "omega": "rad/s", "n": "rpm", "rpm": "rpm", "drehzahl": "rpm"}
 """What a speed's symbol stands for in this field: omega in radians, n in revolutions a minute."""
+SAME_NUMBERS = 0.1
+"""A demand whose slope over what follows it is so near to 1 differs by the loop's error, and not in scale."""
 CLEAR_NATS = 2.2
 """Nine to one."""
 _SYMBOL_NATS = 1.5
@@ -36,11 +39,13 @@ class Question:
     Attributes
     ----------
     text : one sentence. options : answer to the sources that it sets; the likeliest first.
+    hint : the options of the command that answer it.
     """
 
     channel: str
     text: str
     options: dict[str, dict[str, ChannelSource]]
+    hint: str
 
 
 def scale_of(found: Evidence, speed: str | None, channel: str, name: str) -> dict[str, object]:
@@ -53,19 +58,38 @@ def scale_of(found: Evidence, speed: str | None, channel: str, name: str) -> dic
     unit = found.units[name]
     if unit is not None and find_measure(unit, CHANNELS[channel].dimension) is not None:
         return {"unit": unit}
+    shaft = found.shaft
+    if channel == "pump_angle" and shaft is not None and shaft.signal == name:
+        return {"wrap": shaft.wrap, "scale": 1.0 / shaft.wrap, "unit": "rev"}
+    if channel in ("pump_speed", "command") and shaft is not None:
+        slope, spread = gain(found.data, shaft.signal, name)
+        if speed is not None:
+            measured = gain(found.data, shaft.signal, speed)[0]
+            ratios = (slope_of(found.data, speed, name)[0], slope / measured)
+            slope = measured if min(abs(r - 1.0) for r in ratios) < SAME_NUMBERS else slope
+        if abs(slope) > 20.0 * spread:
+            return _rate_unit(abs(slope) * 2.0 * np.pi / shaft.wrap)
     if channel == "command" and speed is not None:
-        measured = find_measure(found.units[speed] or "rad/s", "angular_speed")
+        unit_of_speed = find_measure(found.units[speed] or "rad/s", "angular_speed")
         slope, spread = slope_of(found.data, speed, name)
-        if measured is not None and abs(slope) > 20.0 * spread:
-            return {"scale": _rounded_to_rpm(abs(slope) * measured.factor), "unit": "rad/s"}
-    if channel == "pump_angle":
-        values = found.data.columns[name]
-        top = float(np.nanmax(values)) + 1.0
-        steps = np.abs(np.diff(values[np.isfinite(values)]))
-        if steps.size and float(steps.max()) > 0.5 * top and np.log2(top) % 1.0 < 0.02:
-            wrap = float(2 ** round(np.log2(top)))
-            return {"wrap": wrap, "scale": 1.0 / wrap, "unit": "rev"}
+        if unit_of_speed is not None and abs(slope) > 20.0 * spread:
+            return {"scale": _rounded_to_rpm(abs(slope) * unit_of_speed.factor), "unit": "rad/s"}
     return {}
+
+
+def _rate_unit(per: float) -> dict[str, object]:
+    """Unit of a speed of which one is so many rad/s; a scale of rpm where it is none.
+
+    Examples
+    --------
+    >>> _rate_unit(0.1047), _rate_unit(0.0922)
+    ({'unit': 'rpm'}, {'scale': 0.8804, 'unit': 'rpm'})
+    """
+    for unit in _UNITS["pump_speed"]:
+        measured = find_measure(unit, "angular_speed")
+        if measured is not None and abs(per / measured.factor - 1.0) < 0.015:
+            return {"unit": unit}
+    return {"scale": float(f"{per * 30.0 / np.pi:.4g}"), "unit": "rpm"}
 
 
 def _rounded_to_rpm(per_volt: float) -> float:
@@ -103,17 +127,49 @@ def unit_questions(
         unknown = [c for c in members if known[c].unit is None]
         told = [known[c].unit for c in members if known[c].unit is not None]
         if not unknown:
+            if kind == "position" and (demand := _demand_like(found, names, known, {})):
+                out.append((None, demand))
             continue
         nats = _nats(found, names, known, kind, units)
         likely = sorted(units, key=lambda u: -nats[u])
         if told:
             likely = [str(told[0]), *(u for u in likely if u != told[0])]
         clear = bool(told) or len(likely) == 1 or nats[likely[0]] - nats[likely[1]] > CLEAR_NATS
+        # Whole numbers without a unit are a converter's, and no physics knows its scale.
+        counts = [c for c in unknown if names[c] in found.unnamed and _whole(found.data.columns[names[c]])]
         options = {u: {c: known[c].model_copy(update={"unit": u}) for c in unknown} for u in likely}
+        if kind == "position":
+            options = {u: _demand_like(found, names, known, one) for u, one in options.items()}
         known.update(options[likely[0]])
-        text = f"In which unit {'are' if len(unknown) > 1 else 'is'} {', '.join(names[c] for c in unknown)}?"
-        out.append((None if clear else Question(kind, text, options), options[likely[0]]))
+        asked = ", ".join(names[c] for c in unknown)
+        text = f"In which unit {'are' if len(unknown) > 1 else 'is'} {asked}?"
+        hint = f"--set {kind}=:{likely[0]}"
+        if counts:
+            have = "have" if len(unknown) > 1 else "has"
+            text = f"Which scale {have} {asked} ({kind}, raw counts by the look of it)?"
+            hint = " ".join(f"--set {c}={names[c]}*SCALE+OFFSET:{likely[0]}" for c in unknown)
+        question = None if clear and not counts else Question(kind, text, options, hint)
+        out.append((question, options[likely[0]]))
     return out
+
+
+def _whole(values: NDArray[np.float64]) -> bool:
+    there = values[np.isfinite(values)]
+    return bool(np.all(there == np.round(there)))
+
+
+def _demand_like(
+    found: Evidence,
+    names: dict[str, str],
+    known: dict[str, ChannelSource],
+    sources: dict[str, ChannelSource],
+) -> dict[str, ChannelSource]:
+    """The sources, and with them the demanded position, which is in the measured one's numbers."""
+    measured, demand = sources.get("position", known.get("position")), known.get("position_setpoint")
+    if measured is None or demand is None or demand.unit or names["position_setpoint"] not in found.unnamed:
+        return sources
+    same = {"unit": measured.unit, "scale": measured.scale, "offset": measured.offset}
+    return {**sources, "position_setpoint": demand.model_copy(update=same)}
 
 
 def _nats(
@@ -144,7 +200,7 @@ def _nats(
     rates = [c for c in ("pump_speed", "position") if c in known]
     per = abs(gain(found.data, names["position"], names["pump_speed"])[0]) if len(rates) == 2 else 0.0
     if kind == "position":
-        speed = factor(known["pump_speed"].unit, "angular_speed") if per else 1.0
+        speed = factor(known["pump_speed"].unit, "angular_speed") * known["pump_speed"].scale if per else 1.0
         return {u: _nearness("ratio", per * factor(u, "length") / speed) if per else 0.0 for u in units}
     symbol = next(
         (s for w, s in _BY_SYMBOL.items() if w in names[kind].lower().replace(".", "/").split("/")), None

@@ -95,9 +95,11 @@ class RosMessages:
     def _add(self, name: str, path: Path, depth: int, *, inside_loop: bool) -> None:
         if depth > DEEPEST_MESSAGE:
             raise ValueError("a ROS message type is too deep")
-        definition = self._definitions.get(name) or _BUILT_IN.get(name)
+        definition = self._definitions.get(name, _BUILT_IN.get(name))
         if definition is None:
             raise ValueError(f"no definition of the ROS type {name}")
+        if not definition and self._aligned:  # ROS 2 fills a type without fields with one byte
+            self._operations.append((_NUMBER, 1, _UINT, 1))
         for field, kind in definition:
             if len(self._operations) > MOST_OPERATIONS:
                 raise ValueError("a ROS message type is too large")

@@ -1,0 +1,111 @@
+"""Which way signals count, by the oil: what is pumped moves the piston, leaks, or is compressed."""
+
+from __future__ import annotations
+
+from fdd.logs.mapping.assignment import Choice
+from fdd.logs.mapping.behaviour import correlation, follows, rises_with_pumping
+from fdd.logs.mapping.concepts import Words
+from fdd.logs.mapping.evidence import Evidence
+
+CLEAR_T = 5.0
+"""Student's t above which the pumping tells which chamber is filled."""
+_NAMED_SIDES = {
+    "ext", "extend", "ret", "retract", "head", "rod", "bore", "cap", "kolbenseite", "stangenseite",
+    "bodenseite", "ringseite", "stange", "kolben", "tige", "fond",
+}  # fmt: skip
+"""Words that tell which end of the cylinder a chamber is at, and not only A and B."""
+
+
+def signs_of(found: Evidence, chosen: dict[str, Choice]) -> tuple[dict[str, int], list[str]]:
+    """Signs by physics: a positive pump motion extends the cylinder and raises the pressure of chamber 1.
+
+    Chambers that turn out the wrong way round are swapped in `chosen`.
+
+    Returns
+    -------
+    Sign by channel, and what was found out, one line each.
+    """
+    notes: list[str] = []
+    data = found.data
+    signs: dict[str, int] = dict.fromkeys(chosen, 1)
+    pump = next((c for c in ("pump_speed", "pump_angle", "command") if c in chosen), None)
+    if pump is None or "position" not in chosen:
+        return signs, notes
+    name = {c: chosen[c].signal for c in chosen}
+    columns = data.columns
+    one, two, drop = (name.get(c) for c in ("pressure_1", "pressure_2", "pressure_difference"))
+    if one and two and drop:
+        between = correlation(data.means(drop), data.means(one) - data.means(two))
+        if between < -0.5:
+            signs["pressure_difference"] = -1
+    rate = pump != "pump_angle"
+    along = (
+        follows(data, name["position"], name[pump])
+        if rate
+        else correlation(data.changes(name["position"]), data.changes(name[pump]))
+    )
+    difference = columns[one] - columns[two] if one and two else columns[drop] if drop else None
+    if difference is None:
+        return signs, notes
+    t = rises_with_pumping(data, difference, name["position"], name[pump], rate=rate)
+    motion, pressures = 1 if along > 0 else -1, 1 if t > 0 else -1
+    if abs(along) < 0.5:
+        notes.append("the position does not follow the pump in this log: signs are taken as they are")
+        return signs, notes
+    if abs(t) < CLEAR_T:
+        notes.append("this log does not tell which chamber the pump fills: chambers are taken as named")
+        pressures = 1
+    pumped: list[str] = [c for c in ("pump_speed", "pump_angle", "command") if c in chosen]
+    moved: list[str] = [c for c in ("position", "position_setpoint") if c in chosen]
+    flip: list[str] = []
+    if (motion, pressures) == (-1, 1):
+        flip = moved
+        notes.append("the position counts against the pump: its sign is turned")
+    elif (motion, pressures) == (-1, -1):
+        flip = pumped
+        notes.append("the pump counts against position and pressures: its sign is turned")
+    elif (motion, pressures) == (1, -1):
+        if one and two and not _sides_named(found.words, one, two):
+            chosen["pressure_1"], chosen["pressure_2"] = chosen["pressure_2"], chosen["pressure_1"]
+            signs["pressure_difference"] = -signs.get("pressure_difference", 1)
+            notes.append(f"a positive pump motion raises {two}: it is chamber 1")
+        elif one and two:
+            flip = [*pumped, *moved]
+            notes.append(f"a positive pump motion raises {two}: retracting counts as positive, turned")
+        else:
+            signs["pressure_difference"] = -1
+            notes.append(f"a positive pump motion lowers {drop}: its sign is turned")
+    for channel in flip:
+        signs[channel] = -1
+    _like(found, chosen, signs, "command", pump)
+    if "pump_angle" in chosen and pump == "pump_speed":
+        alike = follows(data, name["pump_angle"], name[pump])
+        signs["pump_angle"] = signs[pump] * (-1 if alike < -0.5 else 1)
+    _like(found, chosen, signs, "position_setpoint", "position")
+    if "motor_current" in chosen and drop:
+        torque = correlation(data.means(name["motor_current"]), data.means(drop))
+        sense = signs["pressure_difference"] * (1 if torque > 0 else -1)
+        if abs(torque) > 0.5 and sense < 0:
+            signs["motor_current"] = -1
+            notes.append("the current is negative where the pump works against pressure: its sign is turned")
+    return signs, notes
+
+
+def _like(
+    found: Evidence, chosen: dict[str, Choice], signs: dict[str, int], demand: str, measured: str
+) -> None:
+    """Give a demand the sign of what follows it."""
+    if demand not in chosen or demand == measured:
+        return
+    alike = (
+        correlation(found.data.means(chosen[demand].signal), found.data.means(chosen[measured].signal))
+        if measured != "pump_angle"
+        else 0.0
+    )
+    if abs(alike) > 0.5:
+        signs[demand] = signs[measured] * (1 if alike > 0 else -1)
+
+
+def _sides_named(words: Words, *names: str) -> bool:
+    """Whether names say extending and retracting side, and not only A and B."""
+    return any(_NAMED_SIDES & set(words.taken_apart(n)) for n in names)
