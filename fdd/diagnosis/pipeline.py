@@ -22,7 +22,7 @@ from fdd.diagnosis.answering import (
 from fdd.diagnosis.baseline import BASELINE_VERSION, effects_of
 from fdd.diagnosis.decision import Found, decide
 from fdd.diagnosis.evidence import Evidence
-from fdd.diagnosis.findings import Diagnosis, FaultFinding, Quality, SensorState, Trajectories
+from fdd.diagnosis.findings import Diagnosis, Estimate, FaultFinding, Quality, SensorState, Trajectories
 from fdd.diagnosis.hypotheses import hypotheses
 from fdd.diagnosis.model import Model
 from fdd.errors import InputError
@@ -49,6 +49,8 @@ LOOK_MARGIN = 1.5
 WINDOW_HOPS = 300
 """Hops that onsets are looked for in; what is older has become the reference."""
 STATE_VERSION = "6"
+SCANS_A_MINUTE, SCANS_KEPT = 12, 720
+"""Looks in a minute, and those that a monitor remembers: an hour."""
 HELD_IN_DOUBT = 0.5
 """Confidence of a fault below which it does not make a verdict."""
 
@@ -104,6 +106,8 @@ class Pipeline:
         """The first of each family."""
         self._standing: dict[str, tuple[FaultFinding, int]] = {}
         """Families whose evidence stands, and how many looks have not seen it."""
+        self._hidden = 1.0
+        """Share of faults that could not be seen, by the look of the last minute."""
         self._sick: list[tuple[float, float]] = []
         """s, when findings began that stand no more, and until when they did."""
         self._sensor_faults = 0
@@ -179,6 +183,22 @@ class Pipeline:
         failed = (f for f in self._sensors.findings() if f.kind in FAILING and f.until_s is None)
         return [*(f for f, _ in self._standing.values()), *map(sensor_fault, failed)]
 
+    @property
+    def looks(self) -> int:
+        """How often the evidence was looked at: every five seconds of data, from the eighth on."""
+        return self._ledger.taken // SCAN_HOPS
+
+    def now(self) -> tuple[dict[str, float], dict[str, Estimate], dict[str, float]]:
+        """By the last look: each family's probability, tracked quantities, and how badly balances close."""
+        standing = sorted(self.standing, key=lambda f: -f.confidence)
+        score = self._scans[-1][1] if self._scans else 0.0
+        _, names, misfits = self._ledger.misfits()
+        return (
+            probabilities_of(standing, self.model, score, self._hidden),
+            estimates_of(self._tracked, self.unit),
+            dict(zip(names, misfits[-1].tolist(), strict=True)) if len(misfits) else {},
+        )
+
     def _evidence(self) -> Evidence:
         """That of the last hops; older ones are the reference."""
         sick = [*self._sick, *((f.onset_s, np.inf) for f, _ in self._standing.values())]
@@ -211,8 +231,12 @@ class Pipeline:
         return min(onset, told[0].onset_s) if lost and told is not None else onset
 
     def _scan(self) -> list[FaultFinding]:
-        _, findings, self._looks, stands = self._look()
+        evidence, findings, self._looks, stands = self._look()
         now = (self._ledger.hops[-1] + 1) * HOP_S
+        if not self._tracked.keep:
+            del self._scans[: -SCANS_KEPT + 1]
+        if self.looks % SCANS_A_MINUTE == 1 or not self._scans:
+            self._hidden = hidden_share(invisible(evidence, self._hypotheses, self.threshold))
         self._scans.append((now, stands))
         seen = {f.family: f for f in reversed(findings)}
         fresh = [f for family, f in seen.items() if family not in self._standing]
@@ -353,8 +377,9 @@ class Pipeline:
             "first": self._first_time, "last": self._last_time, "count": self._count,
             "alarms": {k: f.model_dump() for k, f in self._alarms.items()},
             "standing": {k: (f.model_dump(), n) for k, (f, n) in self._standing.items()}, "sick": self._sick,
+            "hidden": self._hidden,
             "sensor_faults": self._sensor_faults,
-            "scans": self._scans[-720:], "looks": self._looks,
+            "scans": self._scans[-SCANS_KEPT:], "looks": self._looks,
         }  # fmt: skip
         out = {"pipeline": packed(scalars)}
         for prefix, part in (
@@ -394,6 +419,7 @@ class Pipeline:
         self._alarms = {k: FaultFinding.model_validate(f) for k, f in scalars["alarms"].items()}
         self._standing = {k: (FaultFinding.model_validate(f), n) for k, (f, n) in scalars["standing"].items()}
         self._sick = [(float(a), float(b)) for a, b in scalars["sick"]]
+        self._hidden = scalars["hidden"]
         self._sensor_faults = scalars["sensor_faults"]
         self._scans = [(float(a), float(b)) for a, b in scalars["scans"]]
         self._looks = [float(s) for s in scalars["looks"]]
