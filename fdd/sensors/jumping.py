@@ -128,14 +128,16 @@ class JumpWatch:
             # A row that came a whole period late shows no step and then two; one between two late ones is
             # short before and after, and seems to want three.
             late = jumps.widest(np.abs(steps - period), 2 * stride) > 0.25 * period
-            turn = np.abs(np.diff(rows.values[:, k], prepend=rows.values[0, k]))
-            usual = np.minimum(_middle_of_five(np.nan_to_num(turn)), limits.pump_speed * period)
+            usual = np.minimum(_usual_step(time, rows.values[:, k]), limits.pump_speed * period)
             out = np.where(late, 3.0, 2.0) * stride * usual + limits.acceleration * (stride * period) ** 2
         elif k == POSITION and rows.swept is not None:
             out = np.full(time.size, 0.25 * limits.release * (stride * period) ** 2)
             # Late and missing rows are late and missing in the pump's angle too.
             over = jumps.excess(time, rows.swept / limits.area, stride)
             out += 1.5 * jumps.widest(np.abs(over), 2 * stride)
+            # A piston that its load moves while the pump stands: what it goes in the time that a row is late.
+            late = jumps.widest(np.abs(steps - period), 2 * stride) / period
+            out += late.clip(max=1.0) * stride * _usual_step(time, rows.values[:, k])
         else:
             out = limits.stiffness * stride * jumps.widest(self._moved_oil(rows), 3 * stride)
         out[jumps.widest(steps, stride) > 3.5 * period] = np.inf
@@ -277,8 +279,13 @@ class JumpWatch:
         self.ledger.report(name, "step", jump.time, None, end, jump.net, told)
 
 
-def _middle_of_five(values: Array) -> Array:
-    """Median of each row and two on either side, (n,): two wild rows cannot raise it."""
-    padded = np.pad(values, 2, mode="edge")
+def _usual_step(time: Array, values: Array) -> Array:
+    """Median size of a row's step and two on either side, (n,): two wild rows cannot raise it.
+
+    Between the measurements of a channel that is slower than the rows, its steps are those of a line.
+    """
+    there = np.isfinite(values)
+    known = values if there.all() else np.interp(time, time[there], values[there])
+    padded = np.pad(np.abs(np.diff(known, prepend=known[0])), 2, mode="edge")
     windows = np.lib.stride_tricks.sliding_window_view(padded, 5)
     return np.asarray(np.partition(windows, 2, axis=1)[:, 2])
