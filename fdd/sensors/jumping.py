@@ -29,6 +29,9 @@ CELL_REACH = 12.0
 LEARNT_CELLS = 25
 HELD_ROWS = 8
 """Rows of one position before a jump, from which on it may have been held."""
+BREAKS_LOOSE = 0.75
+"""Of a·w², what the mean rate over w can be beyond those before and after, where a piston speeds up and slows
+down at a: at the peak, (V w - a w²/4) - (V w - a w²). Less than a quarter where it all happens within w."""
 PUMP_DOUBT = 0.5
 """Share of the pump's own change that the piston need not follow: leakage, unequal areas, an open valve."""
 
@@ -131,13 +134,13 @@ class JumpWatch:
             usual = np.minimum(_usual_step(time, rows.values[:, k]), limits.pump_speed * period)
             out = np.where(late, 3.0, 2.0) * stride * usual + limits.acceleration * (stride * period) ** 2
         elif k == POSITION and rows.swept is not None:
-            out = np.full(time.size, 0.25 * limits.release * (stride * period) ** 2)
+            out = np.full(time.size, BREAKS_LOOSE * limits.release * (stride * period) ** 2)
             # Late and missing rows are late and missing in the pump's angle too.
             over = jumps.excess(time, rows.swept / limits.area, stride)
             out += 1.5 * jumps.widest(np.abs(over), 2 * stride)
             # A piston that its load moves while the pump stands: what it goes in the time that a row is late.
-            late = jumps.widest(np.abs(steps - period), 2 * stride) / period
-            out += late.clip(max=1.0) * stride * _usual_step(time, rows.values[:, k])
+            waited = jumps.widest(np.abs(steps - period), 2 * stride) / period
+            out += waited.clip(max=1.0) * stride * _usual_step(time, rows.values[:, k])
         else:
             out = limits.stiffness * stride * jumps.widest(self._moved_oil(rows), 3 * stride)
         out[jumps.widest(steps, stride) > 3.5 * period] = np.inf
