@@ -46,7 +46,7 @@ LOOK_MARGIN = 1.5
 """By how much more one look alone must see it."""
 WINDOW_HOPS = 300
 """Hops that onsets are looked for in; what is older has become the reference."""
-STATE_VERSION = "5"
+STATE_VERSION = "6"
 HELD_IN_DOUBT = 0.5
 """Confidence of a fault below which it does not make a verdict."""
 

@@ -89,6 +89,8 @@ class Quantities:
             d = take["pressure_difference"]
             self.p1 = self.accumulator + np.maximum(d, 0.0)
             self.p2 = self.accumulator + np.maximum(-d, 0.0)
+        named = ("pressure_1", "pressure_2") if self.chambers_measured else ("pressure_difference",) * 2
+        self.noise = {side: take[f"{name}_noise"] for side, name in enumerate(named, 1)}
         self.drop = self.p1 - self.p2
         self.turn = change(self.angle)
         self.travel = change(self.position)
