@@ -48,7 +48,7 @@ LOOK_MARGIN = 1.5
 """By how much more one look alone must see it."""
 WINDOW_HOPS = 300
 """Hops that onsets are looked for in; what is older has become the reference."""
-STATE_VERSION = "6"
+STATE_VERSION = "7"
 SCANS_A_MINUTE, SCANS_KEPT = 12, 720
 """Looks in a minute, and those that a monitor remembers: an hour."""
 HELD_IN_DOUBT = 0.5

@@ -188,7 +188,8 @@ def _checked(raw: _Raw, channel_map: ChannelMap | None, shortest: float) -> Log:
     recorded = set(columns)
     columns = _derived(time, columns, channel_map, quality)
     columns, slow, slow_notes = _measurements(time, columns, quality.period, set(columns) - recorded)
-    meeting = on_common_rows(time, columns, _REQUIRED[:-1])
+    # Rows with a speed alone tell nothing that its angle does not.
+    meeting = on_common_rows(time, columns, [n for n in _REQUIRED[:-1] if n != "pump_speed"])
     if meeting is not None:
         columns = {
             n: v[meeting] if n in ("oil_temperature", *_HOLDS) else between(time, v, meeting)

@@ -22,6 +22,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -31,7 +32,27 @@ from fdd.residuals.rows import HOP_ROWS, ROW_S
 
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
-Strand = tuple[Array, Array, Flags]
+
+
+class Strand(NamedTuple):
+    """Rows of a balance.
+
+    Attributes
+    ----------
+    y : (n,). x : (n, columns). valid : (n,).
+    noise : (n, 2, columns) what one standard deviation of a row's pressure noise adds to the columns' running
+        sums, in its own row and in the next one; None where noise does not matter.
+    """
+
+    y: Array
+    x: Array
+    valid: Flags
+    noise: Array | None = None
+
+    def part(self, rows: slice) -> Strand:
+        """Some of its rows."""
+        noise = None if self.noise is None else self.noise[rows]
+        return Strand(self.y[rows], self.x[rows], self.valid[rows], noise)
 
 
 @dataclass(frozen=True)
@@ -116,7 +137,12 @@ def _volume(q: Quantities) -> list[Strand]:
             scales.leakage * mid * q.dt * s2,
         ])  # fmt: skip
         ok = ~fed[side] & (mid > 3e4) & (np.abs(q.drop) < 0.9 * scales.pressure) & ~starved
-        out.append((y, x, ok))
+        noise = np.zeros((y.size, 2, x.shape[1]))
+        noise[:, 0, 1] = oil_volume * (stiff + oil.air_fraction * free) * q.noise[side]
+        noise[:, 0, 2] = oil_volume * 0.025 * free * q.noise[side]
+        noise[:, 0, 4] = oil_volume * stiff * q.noise[side]
+        noise[:, 1, 4] = -noise[:, 0, 4]
+        out.append(Strand(y, x, ok, np.nan_to_num(noise)))
     return out
 
 
@@ -158,7 +184,7 @@ def _force(q: Quantities) -> list[Strand]:
     # While the seal sticks or turns about, its force is anywhere below break-away: only sliding tells how
     # hard it rubs.
     sliding = np.abs(q.take["sliding"]) > SLIDING_M_S
-    return [(y, x, np.isfinite(y) & sliding & (q.take["sliding"] * friction > 0.0))]
+    return [Strand(y, x, np.isfinite(y) & sliding & (q.take["sliding"] * friction > 0.0))]
 
 
 def _torque(q: Quantities) -> list[Strand]:
@@ -173,7 +199,7 @@ def _torque(q: Quantities) -> list[Strand]:
     x = np.column_stack([
         q.dt, drop * q.dt, turning, sense * q.dt, share * q.viscosity * q.dt, np.abs(drop) * sense * q.dt,
     ])  # fmt: skip
-    return [(y, x, np.isfinite(y))]
+    return [Strand(y, x, np.isfinite(y))]
 
 
 def _shaft(q: Quantities) -> list[Strand]:
@@ -189,7 +215,7 @@ def _shaft(q: Quantities) -> list[Strand]:
         seen = np.sinc(order * q.speed * ROW_S / (2.0 * np.pi))
         lines += [seen * np.cos(order * q.angle), seen * np.sin(order * q.angle)]
     x = np.column_stack([*lines, np.ones_like(y), drop, turning, np.tanh(q.speed / (0.01 * scales.speed))])
-    return [(y, x, np.isfinite(y) & _turning(q))]
+    return [Strand(y, x, np.isfinite(y) & _turning(q))]
 
 
 ORDERS = (1.0, 2.0, 0.5, 1.5, 2.5)
@@ -211,7 +237,7 @@ def _coherence(q: Quantities) -> list[Strand]:
         np.ones_like(y), q.take["pressure_1"] / q.scales.pressure, q.take["pressure_2"] / q.scales.pressure,
         share * q.viscosity, share * np.abs(share),
     ])  # fmt: skip
-    return [(y, x, np.isfinite(y) & (np.abs(y) > 1e-7))]  # not where Δp was made from them
+    return [Strand(y, x, np.isfinite(y) & (np.abs(y) > 1e-7))]  # not where Δp was made from them
 
 
 def _refeed(q: Quantities) -> list[Strand]:
@@ -226,7 +252,7 @@ def _refeed(q: Quantities) -> list[Strand]:
         s1, s2 = float(side == 1), float(side == 2)
         x = np.column_stack([np.ones_like(y) * s1, np.ones_like(y) * s2, inflow * s1, inflow * s2])
         low = (p < other - 0.02 * q.scales.pressure) & (p < q.accumulator + VALVE_MARGIN_PA)
-        out.append((y, x, low & q.chambers_measured))
+        out.append(Strand(y, x, low & q.chambers_measured))
     return out
 
 
@@ -244,7 +270,7 @@ def _reservoir(q: Quantities) -> list[Strand]:
         q.travel * (unit.cylinder.area_1 - unit.cylinder.area_2) / gas,
         q.travel / (0.25 * unit.cylinder.stroke),
     ])  # fmt: skip
-    return [(y, x, np.isfinite(y) & q.accumulator_measured)]
+    return [Strand(y, x, np.isfinite(y) & q.accumulator_measured)]
 
 
 BALANCES: dict[str, Balance] = {

@@ -14,7 +14,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from fdd.residuals.balances import BALANCES, Balance
+from fdd.residuals.balances import BALANCES, Balance, Strand
 from fdd.residuals.effects import Effects
 from fdd.residuals.quantities import Quantities, Scales, settled
 from fdd.residuals.rows import COLUMNS, HOP_ROWS, HOP_S, ROW_S, TAIL_ROWS
@@ -68,6 +68,30 @@ class Entry(NamedTuple):
     variance: float
 
 
+def calibration(gram: Array, noise: Array) -> Array:
+    """What to multiply columns (rows, n) with to have the best guess of them without their noise, (n, n).
+
+    Noise in a column draws its coefficient to zero, the more the fewer samples a row has. ``G⁻¹(G - N)``
+    takes that back (regression calibration: Carroll et al. 2006, doi 10.1201/9781420010138). What noise
+    alone moves becomes 0, and tells nothing.
+
+    Parameters
+    ----------
+    gram : (n, n), products G of the columns. noise : (n, n), what noise has added to them.
+
+    Examples
+    --------
+    >>> calibration(np.diag([4.0, 2.0]), np.diag([1.0, 3.0])).round(3).tolist()
+    [[0.75, 0.0], [0.0, 0.0]]
+    """
+    size = np.sqrt(np.diag(gram).clip(1e-300))
+    root = np.linalg.cholesky(gram / size / size[:, None] + 1e-9 * np.eye(size.size))
+    half = np.linalg.solve(root, noise / size / size[:, None])
+    share, turned = np.linalg.eigh(np.linalg.solve(root, half.T))
+    lost = np.linalg.solve(root.T, turned * share.clip(0.0, 1.0)) @ (root @ turned).T
+    return np.asarray(np.eye(size.size) - lost / size[:, None] * size)
+
+
 class Account:
     """One balance's bookkeeping: noise, colour and coefficients so far.
 
@@ -86,20 +110,24 @@ class Account:
         self.recent: list[Array] = []
         self.level: Array = np.zeros((1, effects.mean.size + 1))
 
-    def hop(self, strands: list[tuple[Array, Array, Flags]]) -> Entry:
+    def hop(self, strands: Sequence[Strand]) -> Entry:
         """What one hop tells.
 
         Parameters
         ----------
         strands : rows of the hop with `TAIL_ROWS` before them.
         """
-        n = strands[0][1].shape[1]
-        gram, free = np.zeros((n + 1, n + 1)), 0.0
+        n = strands[0].x.shape[1]
+        gram, noise, free = np.zeros((n + 1, n + 1)), np.zeros((n, n)), 0.0
         rows = self._levels if self.balance.cumulative else self._cells
-        for y, x, ok in strands:
+        for y, x, ok, noisy in strands:
+            before = free
             for part in rows(y, x, ok):
                 gram += part.T @ part
                 free += part.shape[0]
+            if noisy is not None and free > before:
+                inside = noisy[-HOP_ROWS:][ok[-HOP_ROWS:]].reshape(-1, n)
+                noise += 2.0 * (free - before) / len(inside) * (inside.T @ inside)
         if free < LEAST_ROWS // self.balance.cell:
             none = np.zeros((self.size, self.size))
             return Entry(none, np.zeros(self.size), 0.0, self.variance_sum / self.weight)
@@ -109,6 +137,9 @@ class Account:
             variance = self._coloured(part)
         else:
             variance = self._variance(gram, free)
+        if noise.any():
+            turn = calibration(gram[:n, :n], noise)
+            gram[:n, :n], gram[:n, n] = turn.T @ gram[:n, :n] @ turn, turn.T @ gram[:n, n]
         return Entry(gram[:n, :n] / variance, gram[:n, n] / variance, free, variance)
 
     def _amplitudes(self, gram: Array, free: float) -> Entry:
@@ -279,13 +310,13 @@ class Ledger:
         misfits = np.full((count, len(BALANCES)), np.nan)
         for b, (name, balance) in enumerate(BALANCES.items()):
             strands = []
-            for y, x, ok in balance.strands(q):
-                good = ok & np.isfinite(y) & np.isfinite(x).all(axis=1)
-                strands.append((y, x, settled(good, balance.settle)))
+            for s in balance.strands(q):
+                good = s.valid & np.isfinite(s.y) & np.isfinite(s.x).all(axis=1)
+                strands.append(s._replace(valid=settled(good, balance.settle)))
             account = self.accounts[name]
             for k in range(0, count * HOP_ROWS, HOP_ROWS):
                 hop = slice(k, k + TAIL_ROWS + HOP_ROWS)
-                self.entries[name].append(account.hop([(y[hop], x[hop], ok[hop]) for y, x, ok in strands]))
+                self.entries[name].append(account.hop([s.part(hop) for s in strands]))
             misfits[:, b] = self._misfit(name, self.entries[name][-count:])
         self._misfits = [*self._misfits, *misfits.tolist()][-HISTORY:]
 

@@ -84,11 +84,16 @@ class Quantities:
         self.accumulator_measured = _of_late(np.isfinite(accumulator))
         self.accumulator = np.where(self.accumulator_measured, accumulator, charge)
         self.p1, self.p2 = take["pressure_1"], take["pressure_2"]
+        self.noise = {1: take["pressure_1_noise"], 2: take["pressure_2_noise"]}
         self.chambers_measured = _of_late(np.isfinite(self.p1) & np.isfinite(self.p2))
-        # Else the low side is fed from the accumulator, so the high side is that and the difference.
-        for name, sign in (("p1", 1.0), ("p2", -1.0)):
-            high = self.accumulator + np.maximum(sign * self.difference_measured, 0.0)
-            setattr(self, name, np.where(self.chambers_measured, getattr(self, name), high))
+        if not self.chambers_measured.all():
+            # The low side is fed from the accumulator, so the high side is that and the difference.
+            both = self.chambers_measured
+            difference = self.difference_measured
+            self.p1 = np.where(both, self.p1, self.accumulator + np.maximum(difference, 0.0))
+            self.p2 = np.where(both, self.p2, self.accumulator + np.maximum(-difference, 0.0))
+            own = take["pressure_difference_noise"]
+            self.noise = {side: np.where(both, noise, own) for side, noise in self.noise.items()}
         self.drop = self.p1 - self.p2
         self.turn = change(self.angle)
         self.travel = change(self.position)

@@ -43,7 +43,12 @@ FAST = (
     "pressure_accumulator", "motor_current",
 )  # fmt: skip
 DERIVED = ("friction", "sliding", "temperature", "time")
-COLUMNS = {name: i for i, name in enumerate((*FAST, *DERIVED))}
+NOISY = ("pressure_difference", "pressure_1", "pressure_2")
+COLUMNS = {name: i for i, name in enumerate((*FAST, *DERIVED, *(f"{n}_noise" for n in NOISY)))}
+NOISE_HOPS, LEAST_SAMPLES = 20, 20
+"""Hops whose noise is remembered; samples of a hop that tell it."""
+GAUSS_50 = 0.6745
+"""Median of the absolute value of a standard normal variable."""
 
 
 @njit()
@@ -97,6 +102,8 @@ class RowMaker:
     """Time, angle and speed of the last sample: what the pump's missing signal goes on from."""
     _celsius: float = np.nan
     """The oil's last known temperature: it changes slowly, and is measured seldom."""
+    _noise: Array = field(default_factory=lambda: np.full((NOISE_HOPS, len(NOISY)), np.nan))
+    """Noise of a pressure's samples in the last hops, Pa."""
 
     def push(self, samples: Samples | None) -> tuple[int, Array]:
         """Rows of the hops that the samples complete, `together` at a time.
@@ -149,6 +156,7 @@ class RowMaker:
         out: dict[str, Array] = {
             "hop": np.array([self.hop, self._first]), "seal": self._seal.copy(), "last": np.array(self._last),
             "turned": self._turned.copy(), "celsius": np.array([self._celsius]),
+            "noise": self._noise.copy(),
         }  # fmt: skip
         if self._waiting:
             joined = Samples.concatenate(self._waiting)
@@ -160,6 +168,7 @@ class RowMaker:
         """Go on from what `state` gave."""
         self.hop, self._first = (int(x) for x in state["hop"])
         self._seal, self._turned = state["seal"].copy(), state["turned"].copy()
+        self._noise = state["noise"].copy()
         self._last = (float(state["last"][0]), float(state["last"][1]))
         self._celsius = float(state["celsius"][0])
         self._waiting = []
@@ -204,6 +213,7 @@ class RowMaker:
             begin = np.flatnonzero(np.diff(where, prepend=-1))
             count = np.diff(np.append(begin, where.size)).astype(np.float64)
             out[where[begin]] = np.add.reduceat(taken, begin, axis=0) / count[:, None]
+            self._hiss(taken, where // HOP_ROWS, where[begin], count, out)
             seldom = fast & ~dense
             for k in np.flatnonzero(seldom.any(axis=0)):
                 mine = np.flatnonzero(seldom[:, k])
@@ -217,6 +227,27 @@ class RowMaker:
                 self._celsius = means.get(h, self._celsius)
                 out[h * HOP_ROWS : (h + 1) * HOP_ROWS, COLUMNS["temperature"]] = self._celsius
         return out
+
+    def _hiss(
+        self, taken: Array, hop: NDArray[np.int64], cells: NDArray[np.int64], count: Array, out: Array
+    ) -> None:
+        """Fill the noise (standard deviation, Pa) that the mean of a cell's samples has, at this log's rate.
+
+        A hop's noise is that of second differences: of samples, to which what a mean takes out adds, or of
+        the means, to which fast motion adds; the lesser. Motion only adds, so the lower quartile of the last
+        ten seconds' counts.
+        """
+        pressures = [COLUMNS[n] for n in NOISY]
+        for h in np.unique(hop):
+            mine = cells // HOP_ROWS == h
+            samples = taken[slice(*np.searchsorted(hop, [h, h + 1])), :][:, pressures]
+            if len(samples) >= LEAST_SAMPLES:
+                means = out[np.ix_(cells[mine], pressures)] * np.sqrt(np.median(count[mine]))
+                own = np.minimum(_hiss_of(samples), _hiss_of(means))
+                self._noise = np.vstack([self._noise[1:], own])
+            known = np.isfinite(self._noise).sum(axis=0)
+            quiet = np.sort(self._noise, axis=0)[known // 4, np.arange(len(NOISY))]
+            out[cells[mine], -len(NOISY) :] = quiet / np.sqrt(count[mine, None])
 
     def _turn(self, data: Array) -> None:
         """Where one of the pump's angle and speed is not there, make it from the other."""
@@ -257,3 +288,9 @@ class RowMaker:
             step, dt, self._seal, forward, reverse, 0.5 * (forward[1] + reverse[1]) / BRISTLE_M, out, film
         )
         data[known, COLUMNS["friction"]], data[known, COLUMNS["sliding"]] = out, film
+
+
+def _hiss_of(values: Array) -> Array:
+    """Standard deviation of white noise on what moves smoothly, (columns,) of (n, columns)."""
+    second = np.median(np.abs(np.diff(values, 2, axis=0)), axis=0)
+    return np.asarray(second / (GAUSS_50 * np.sqrt(6.0)))

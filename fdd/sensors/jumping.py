@@ -29,6 +29,9 @@ CELL_REACH = 12.0
 LEARNT_CELLS = 25
 HELD_ROWS = 8
 """Rows of one position before a jump, from which on it may have been held."""
+BREAKS_LOOSE = 0.75
+"""Of a·w², what the mean rate over w can be beyond those before and after, where a piston speeds up and slows
+down at a: at the peak, (V w - a w²/4) - (V w - a w²). Less than a quarter where it all happens within w."""
 PUMP_DOUBT = 0.5
 """Share of the pump's own change that the piston need not follow: leakage, unequal areas, an open valve."""
 
@@ -128,14 +131,16 @@ class JumpWatch:
             # A row that came a whole period late shows no step and then two; one between two late ones is
             # short before and after, and seems to want three.
             late = jumps.widest(np.abs(steps - period), 2 * stride) > 0.25 * period
-            turn = np.abs(np.diff(rows.values[:, k], prepend=rows.values[0, k]))
-            usual = np.minimum(_middle_of_five(np.nan_to_num(turn)), limits.pump_speed * period)
+            usual = np.minimum(_usual_step(time, rows.values[:, k]), limits.pump_speed * period)
             out = np.where(late, 3.0, 2.0) * stride * usual + limits.acceleration * (stride * period) ** 2
         elif k == POSITION and rows.swept is not None:
-            out = np.full(time.size, 0.25 * limits.release * (stride * period) ** 2)
+            out = np.full(time.size, BREAKS_LOOSE * limits.release * (stride * period) ** 2)
             # Late and missing rows are late and missing in the pump's angle too.
             over = jumps.excess(time, rows.swept / limits.area, stride)
             out += 1.5 * jumps.widest(np.abs(over), 2 * stride)
+            # A piston that its load moves while the pump stands: what it goes in the time that a row is late.
+            waited = jumps.widest(np.abs(steps - period), 2 * stride) / period
+            out += waited.clip(max=1.0) * stride * _usual_step(time, rows.values[:, k])
         else:
             out = limits.stiffness * stride * jumps.widest(self._moved_oil(rows), 3 * stride)
         out[jumps.widest(steps, stride) > 3.5 * period] = np.inf
@@ -277,8 +282,13 @@ class JumpWatch:
         self.ledger.report(name, "step", jump.time, None, end, jump.net, told)
 
 
-def _middle_of_five(values: Array) -> Array:
-    """Median of each row and two on either side, (n,): two wild rows cannot raise it."""
-    padded = np.pad(values, 2, mode="edge")
+def _usual_step(time: Array, values: Array) -> Array:
+    """Median size of a row's step and two on either side, (n,): two wild rows cannot raise it.
+
+    Between the measurements of a channel that is slower than the rows, its steps are those of a line.
+    """
+    there = np.isfinite(values)
+    known = values if there.all() else np.interp(time, time[there], values[there])
+    padded = np.pad(np.abs(np.diff(known, prepend=known[0])), 2, mode="edge")
     windows = np.lib.stride_tricks.sliding_window_view(padded, 5)
     return np.asarray(np.partition(windows, 2, axis=1)[:, 2])

@@ -228,6 +228,18 @@ def test_rows_that_were_made_up_are_taken_out(how: str, tmp_path: Path) -> None:
         np.testing.assert_allclose(log.samples[name][read], samples[name][::2][shared], rtol=1e-9, atol=1e-12)
 
 
+def test_rows_that_hold_a_speed_alone_are_left_out(tmp_path: Path) -> None:
+    """Test: 500 Hz on rows of 1 kHz, the speed but for its rounding held. Expected: the 500 Hz log."""
+    samples, rng = strokes(8000), np.random.default_rng(3)
+    columns = {n: np.interp(samples.time, samples.time[::2], v[::2]) for n, v in samples.columns.items()}
+    columns["pump_speed"] = samples["pump_speed"] * (1.0 + 1e-14 * rng.normal(size=8000))
+    log = through(tmp_path, columns, samples.time)
+    assert log.quality.period == pytest.approx(0.002)
+    assert np.isfinite(log.samples["position"]).mean() > 0.99
+    np.testing.assert_allclose(np.interp(log.samples.time, samples.time, columns["pump_speed"]),
+                               log.samples["pump_speed"], rtol=1e-9, atol=1e-9)  # fmt: skip
+
+
 def test_packets_of_rows_with_one_stamp_are_spread(tmp_path: Path) -> None:
     odd = frame()
     odd["time"] = np.floor(np.arange(8000) / 10) * 0.01

@@ -99,7 +99,7 @@ def test_the_volume_balance_closes_to_a_hundred_cubic_millimetres(unit: Unit) ->
         q = Quantities(rows, unit, Scales.of(unit))
         levels: list[np.ndarray] = []
         raw: list[np.ndarray] = []
-        for y, x, ok in BALANCES["volume"].strands(q):
+        for y, x, ok, _ in BALANCES["volume"].strands(q):
             good = settled(ok & np.isfinite(y) & np.isfinite(x).all(axis=1), BALANCES["volume"].settle)
             for hop in range(len(rows) // HOP_ROWS):
                 inside = np.flatnonzero(good[hop * HOP_ROWS : (hop + 1) * HOP_ROWS]) + hop * HOP_ROWS
@@ -133,12 +133,12 @@ def test_a_starved_pump_tells_nothing_of_its_chambers(unit: Unit, logs: list[Sam
     """It no longer displaces what it turns: chambers are judged only with their pump full."""
     rows = RowMaker(unit).push(logs[0])[1]
     full = Quantities(rows, unit, Scales.of(unit))
-    assert any(ok.any() for _, _, ok in BALANCES["volume"].strands(full))
+    assert any(s.valid.any() for s in BALANCES["volume"].strands(full))
     low = np.argmin([np.nanmean(full.p1), np.nanmean(full.p2)]) + 1
     for name in (f"pressure_{low}", "pressure_accumulator"):
         rows[:, COLUMNS[name]] = -5e4
     starved = Quantities(rows, unit, Scales.of(unit))
-    assert not any(ok.any() for _, _, ok in BALANCES["volume"].strands(starved))
+    assert not any(s.valid.any() for s in BALANCES["volume"].strands(starved))
 
 
 def test_what_a_relief_valve_passes_leaves_one_chamber_and_comes_into_the_other(unit: Unit) -> None:
@@ -149,7 +149,7 @@ def test_what_a_relief_valve_passes_leaves_one_chamber_and_comes_into_the_other(
     q = Quantities(RowMaker(unit).push(samples)[1], unit, Scales.of(unit))
     low = np.minimum(q.p1, q.p2) > q.accumulator + 1e4
     assert low.mean() > 0.2, "else this shows nothing"
-    for y, x, ok in BALANCES["volume"].strands(q):
+    for y, x, ok, _ in BALANCES["volume"].strands(q):
         taken = ok & low & np.isfinite(x).all(axis=1) & np.isfinite(y)
         flow = x[taken][:, [BALANCES["volume"].columns.index(c) for c in ("relief_12", "relief_21")]]
         assert (flow.sum(axis=1) < 0.0).mean() > 0.1, "oil comes in"

@@ -9,9 +9,9 @@ import pandas as pd
 import pytest
 from numpy.typing import NDArray
 
-from fdd.residuals.balances import BALANCES, ORDERS
+from fdd.residuals.balances import BALANCES, ORDERS, Strand
 from fdd.residuals.effects import Effects, first_effects
-from fdd.residuals.ledger import LOAD_S, Account, Entry, Ledger, widened
+from fdd.residuals.ledger import LOAD_S, Account, Entry, Ledger, calibration, widened
 from fdd.residuals.rows import HOP_ROWS, ROW_S, TAIL_ROWS
 from fdd.unit import Unit
 
@@ -81,7 +81,7 @@ def test_a_hop_of_plain_rows_is_least_squares(name: str) -> None:
     balance, rng = BALANCES[name], np.random.default_rng(4)
     y, x, ok = of_hop(rng, len(balance.columns))
     ok[TAIL_ROWS + 5 : TAIL_ROWS + 12] = False
-    information, vector, rows, variance = Account(balance, first_effects(name)).hop([(y, x, ok)])
+    information, vector, rows, variance = Account(balance, first_effects(name)).hop([Strand(y, x, ok)])
     x, y = x[TAIL_ROWS:][ok[TAIL_ROWS:]], y[TAIL_ROWS:][ok[TAIL_ROWS:]]
     expected, rest, *_ = np.linalg.lstsq(x, y, rcond=None)
     assert rows == len(y) == HOP_ROWS - 7
@@ -97,7 +97,7 @@ def test_a_hop_of_changes_is_least_squares_on_levels(name: str) -> None:
     n = len(balance.columns)
     y, x, ok = of_hop(rng, n)
     ok[TAIL_ROWS + 20] = False
-    information, vector, _, _ = Account(balance, first_effects(name)).hop([(y, x, ok)])
+    information, vector, _, _ = Account(balance, first_effects(name)).hop([Strand(y, x, ok)])
     stretches = [slice(TAIL_ROWS, TAIL_ROWS + 20), slice(TAIL_ROWS + 21, ROWS)]
     levels_x = [np.cumsum(x[s], axis=0) for s in stretches]
     levels_y = [np.cumsum(y[s]) for s in stretches]
@@ -115,7 +115,7 @@ def test_a_hop_of_cells_is_least_squares_on_their_means_over_the_load_before() -
     y, x = np.cumsum(y), np.cumsum(x, axis=0)
     ok[TAIL_ROWS + 13] = False
     account = Account(balance, first_effects("force"))
-    information, vector, rows, _ = account.hop([(y, x, ok)])
+    information, vector, rows, _ = account.hop([Strand(y, x, ok)])
     means = np.column_stack([x, y])[TAIL_ROWS:].reshape(-1, cell, n + 1).mean(axis=1)
     means = np.delete(means, 13 // cell, axis=0)
     before = pd.DataFrame(means).ewm(alpha=cell * ROW_S / LOAD_S, adjust=False).mean().shift(1)
@@ -138,10 +138,44 @@ def test_a_line_has_its_amplitude_whatever_its_phase(swing: float) -> None:
         y = 0.2 * np.cos(angle + phase) + 0.05 * np.sin(2 * angle) + 0.3 + 0.01 * rng.normal(size=angle.size)
         for hop in range(20):
             here = slice(hop * HOP_ROWS, hop * HOP_ROWS + ROWS)
-            information, vector, rows, _ = account.hop([(y[here], x[here], np.ones(ROWS, dtype=bool))])
+            information, vector, rows, _ = account.hop([Strand(y[here], x[here], np.ones(ROWS, dtype=bool))])
             assert rows
         found.append(least_squares(information, vector))
     np.testing.assert_allclose(found, np.tile([0.2, 0.05], (7, 1)), atol=0.015)
+
+
+@pytest.mark.parametrize("share", [0.1, 0.5, 1.0])
+def test_noise_in_a_column_draws_its_coefficient_no_nearer_to_zero(share: float) -> None:
+    """A pressure with noise in compliance and sensor lag."""
+    balance, rng, hops = BALANCES["volume"], np.random.default_rng(11), 400
+    n, noise = len(balance.columns), np.sqrt(share)
+    compliance, lag = balance.columns.index("compliance"), balance.columns.index("sensor_lag")
+    account, plain = (Account(balance, first_effects("volume")) for _ in range(2))
+    told = np.zeros((ROWS, 2, n))
+    told[:, 0, [compliance, lag]], told[:, 1, lag] = noise, -noise
+    sums = {True: [np.zeros((n, n)), np.zeros(n)], False: [np.zeros((n, n)), np.zeros(n)]}
+    for _ in range(hops):
+        truth = np.cumsum(rng.normal(size=ROWS + 2)) * 0.3 + rng.normal(size=ROWS + 2)
+        seen = truth + noise * rng.normal(size=truth.size)
+        x = np.zeros((ROWS, n))
+        x[:, compliance], x[:, lag] = np.diff(seen)[1:], np.diff(seen, 2)
+        y = 0.9 * np.diff(truth)[1:] + 0.4 * np.diff(truth, 2) + np.diff(rng.normal(size=ROWS + 1))
+        for known, of in ((True, account), (False, plain)):
+            m, v, rows, variance = of.hop([Strand(y, x, np.ones(ROWS, dtype=bool), told if known else None)])
+            assert rows
+            sums[known][0] += m * variance
+            sums[known][1] += v * variance
+    pair = [compliance, lag]
+    found, drawn = (least_squares(m[np.ix_(pair, pair)], v[pair]) for m, v in (sums[True], sums[False]))
+    np.testing.assert_allclose(found, [0.9, 0.4], atol=0.06)
+    assert np.abs(drawn - [0.9, 0.4]).max() > 0.02 + 0.2 * share, "else this shows nothing"
+
+
+def test_a_column_that_noise_alone_moves_tells_nothing() -> None:
+    """Of two columns that go together one is nothing but noise: the other is what is left of both."""
+    gram = np.array([[50.0, 0.0, 3.0], [0.0, 20.0, 0.0], [3.0, 0.0, 7.0]])
+    turn = calibration(gram, np.diag([50.0 - 9.0 / 7.0, 0.0, 0.0]))
+    np.testing.assert_allclose(turn, [[0, 0, 0], [0, 1, 0], [3 / 7, 0, 1]], atol=1e-6)
 
 
 def test_too_few_rows_say_nothing() -> None:
@@ -150,7 +184,7 @@ def test_too_few_rows_say_nothing() -> None:
     ok[:] = False
     ok[-5:] = True
     account = Account(balance, first_effects("coherence"))
-    information, vector, rows, variance = account.hop([(y, x, ok)])
+    information, vector, rows, variance = account.hop([Strand(y, x, ok)])
     assert rows == 0.0 and not information.any() and not vector.any() and variance > 0.0
 
 
@@ -205,7 +239,7 @@ def test_state_goes_on_with_the_same_hops() -> None:
         for name, balance in BALANCES.items():
             for _ in range(4):
                 y, x, ok = of_hop(rng, _design(name))
-                ledger.entries[name].append(ledger.accounts[name].hop([(y, x, ok)]))
+                ledger.entries[name].append(ledger.accounts[name].hop([Strand(y, x, ok)]))
             assert balance.name == name
         ledger.hops += [len(ledger.hops) + k for k in range(4)]
 

@@ -200,3 +200,17 @@ def test_no_sample_no_row() -> None:
     maker = RowMaker(UNIT)
     assert len(maker.push(None)[1]) == 0
     assert len(maker.push(moving().rows(0, 100))[1]) == 0
+
+
+@pytest.mark.parametrize("rate", [1000, 200])
+def test_the_noise_of_a_rows_pressure_is_that_of_its_samples_mean(rate: int) -> None:
+    """Whatever the pressure does: it swings by a hundred times its noise, and steps."""
+    rng, time = np.random.default_rng(9), np.arange(20 * rate) / rate
+    samples = moving(20.0).rows(0, 1)
+    columns = {c: np.interp(time, samples.time, samples[c]) for c in samples.channels}
+    swing = 5e5 * np.sin(9.0 * time) + 2e6 * (np.mod(time, 4.0) < 2.0)
+    columns |= {f"pressure_{k}": swing + rng.normal(scale=k * 5e3, size=time.size) for k in (1, 2)}
+    rows = rows_of(Samples(time, columns))
+    for k in (1, 2):
+        alone = column(rows, f"pressure_{k}_noise")[HOP_ROWS:] * np.sqrt(rate * ROW_S)
+        assert np.median(alone) == pytest.approx(k * 5e3, rel=0.2)

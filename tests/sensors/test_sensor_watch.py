@@ -18,6 +18,8 @@ from fdd.plant.simulate import Simulation, simulate
 from fdd.samples import Samples
 from fdd.sensor import Sensor
 from fdd.sensors import SensorWatch
+from fdd.sensors.jumping import BREAKS_LOOSE, _usual_step
+from fdd.sensors.jumps import excess
 from fdd.unit import Unit
 
 ONSET = 8.0
@@ -272,3 +274,41 @@ def test_stamps_that_come_late_are_no_slip_of_the_angle(rate: float) -> None:
     watch = SensorWatch(unit_with("axis_a", "as shipped"))
     watch.push(Samples(time + late, {"pump_angle": np.cumsum(speed) / rate}))
     assert not watch.findings()
+
+
+def test_the_usual_step_of_an_angle_that_is_measured_at_some_rows_is_that_of_all() -> None:
+    rng, time = np.random.default_rng(5), np.arange(400) / 1000.0
+    angle = 200.0 * time
+    angle[(np.arange(400) % 2 == 1) & (rng.random(400) < 0.8)] = np.nan
+    np.testing.assert_allclose(_usual_step(time, angle)[2:-2], 0.2)
+
+
+@pytest.mark.parametrize("rate", [500.0, 1000.0])
+def test_a_piston_that_its_load_swings_goes_on_while_a_row_is_late(rate: float) -> None:
+    """Eight swings a second with the pump at rest; one row in fifty is measured late, and stamped so."""
+    rng = np.random.default_rng(6)
+    time = np.arange(int(60 * rate)) / rate
+    time += (rng.random(time.size) < 0.02) * rng.uniform(0.1, 0.9, time.size) / rate
+    swing = np.sin(2.0 * np.pi * 8.0 * time)
+    columns = {
+        "position": np.round(0.01 * swing, 6), "pump_angle": 1e-3 * np.round(30.0 * np.sin(time)),
+        "pressure_difference": 1e6 * swing + rng.normal(scale=7e3, size=time.size),
+    }  # fmt: skip
+    watch = SensorWatch(unit_with("axis_a", "as shipped"))
+    watch.push(Samples(time, columns))
+    assert not watch.findings()
+
+
+@pytest.mark.parametrize("stride", [1, 2])
+@pytest.mark.parametrize("half", [0.0005, 0.002, 0.005, 0.02])
+def test_a_leap_of_a_freed_piston_is_within_what_is_allowed_for_it(half: float, stride: int) -> None:
+    """It speeds up at a for some time and slows down at a for as long; rows of 2 ms at any phase."""
+    period, acceleration, worst = 0.002, 90.0, 0.0
+    for phase in np.linspace(0.0, period, 41):
+        time = np.arange(0.0, 0.1, period)
+        since = np.clip(time - 0.05 - phase, -half, half)
+        leap = acceleration * (half * since - 0.5 * np.sign(since) * since**2)
+        worst = max(worst, float(np.abs(excess(time, leap, stride)).max()))
+    allowed = BREAKS_LOOSE * acceleration * (stride * period) ** 2
+    assert worst <= 1.0001 * allowed
+    assert worst > 0.9 * allowed or half < 1.4 * stride * period
