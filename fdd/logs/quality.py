@@ -187,9 +187,12 @@ def _speed_notes(time: Column, columns: Mapping[str, Column]) -> list[str]:
     notes = []
     angle, speed = columns.get("pump_angle"), columns.get("pump_speed")
     if angle is not None:
-        rate = _steps(angle, there := np.flatnonzero(np.isfinite(angle)))
-        rate /= _steps(time, there)
-        np.abs(rate, out=rate)
+        there = np.flatnonzero(np.isfinite(angle))
+        rate = np.empty(max(there.size - 1, 0))
+        for part in stretches(there.size):
+            rows = there[part]
+            rate[part.start : part.stop - 1] = np.abs(np.diff(angle[rows]) / np.diff(time[rows]))
+        del there
         if rate.size:
             usual = float(np.percentile(rate, 99.0, overwrite_input=True))
             bursts = rate > max(1000.0, 4.0 * usual)
@@ -198,10 +201,13 @@ def _speed_notes(time: Column, columns: Mapping[str, Column]) -> list[str]:
                     f"pump_angle: {int(bursts.sum())} steps of impossible speed "
                     f"(up to {rate.max():.0f} rad/s), the angle sensor slips or is disturbed"
                 )
-        del rate, there
+        del rate
     if angle is not None and speed is not None:
         both = np.flatnonzero(np.isfinite(angle) & np.isfinite(speed))
-        usual = float(np.median(_steps(time, both), overwrite_input=True)) if both.size > 1 else 0.0
+        steps = np.empty(max(both.size - 1, 0))
+        for part in stretches(both.size):
+            steps[part.start : part.stop - 1] = np.diff(time[both[part]])
+        usual = float(np.median(steps, overwrite_input=True)) if steps.size else 0.0
         turned = expected = 0.0
         for part in stretches(both.size):
             rows = both[part]
@@ -216,14 +222,6 @@ def _speed_notes(time: Column, columns: Mapping[str, Column]) -> list[str]:
                 "the unit or scale of one of them is wrong"
             )
     return notes
-
-
-def _steps(values: Column, rows: NDArray[np.intp]) -> Column:
-    """(n - 1,) differences between n rows."""
-    out = np.empty(max(rows.size - 1, 0))
-    for part in stretches(rows.size):
-        out[part.start : part.stop - 1] = np.diff(values[rows[part]])
-    return out
 
 
 def _range(values: Column) -> float:
