@@ -227,7 +227,7 @@ def diagnose_log(
     name : of the log in the answer.
     notes : for the answer's quality, beside the reader's.
     advance : told how many samples are done.
-    keep_trajectories : for outputs that show them; they take as much memory as half the log.
+    keep_trajectories : for outputs that show them; they take a third of the memory of the log.
 
     Raises
     ------
