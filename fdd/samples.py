@@ -97,7 +97,7 @@ class Samples:
         if n and not np.isfinite(self.time).all():
             row = int(np.flatnonzero(~np.isfinite(self.time))[0])
             raise InputError(f"channel time, row {row}: not a finite number")
-        backwards = np.flatnonzero(np.diff(self.time) <= 0.0)
+        backwards = np.flatnonzero(self.time[1:] <= self.time[:-1])
         if backwards.size:
             row = int(backwards[0]) + 1
             raise InputError(

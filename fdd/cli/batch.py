@@ -56,7 +56,7 @@ def answer_of(diagnoser: Diagnoser, job: Job) -> Diagnosis:
     from fdd.diagnosis.findings import Diagnosis
 
     try:
-        found = diagnoser.diagnose(job, diagnoser.read(job))
+        found = diagnoser.diagnose(job, diagnoser.read(job), keep_trajectories=job.shows_trajectories)
         diagnoser.write(job, found)
         return found.diagnosis
     except InputError as error:

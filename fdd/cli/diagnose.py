@@ -201,7 +201,7 @@ def _alone(job: Job, diagnoser: Diagnoser, folder: AnswersFolder | None) -> Diag
     with progress(f"reading {job.name}"):
         log = diagnoser.read(job)
     with progress(f"diagnosing {job.name}", max(len(log.samples), 1)) as advance:
-        found = diagnoser.diagnose(job, log, advance)
+        found = diagnoser.diagnose(job, log, advance, keep_trajectories=job.shows_trajectories)
     if folder:
         folder.begin()
     diagnoser.write(job, found)

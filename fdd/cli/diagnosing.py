@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from fdd.unit import Unit
 
 DEFAULT_UNIT = "axis_a"
-BLOCK_ROWS = 50_000
+BLOCK_ROWS = 10_000
 
 Advance = Callable[[float], None]
 
@@ -66,6 +66,11 @@ class Job:
     report: Path | None = None
     page: Path | None = None
     mcap: Path | None = None
+
+    @property
+    def shows_trajectories(self) -> bool:
+        """Whether any of its outputs does."""
+        return any(path is not None for path in (self.report, self.page, self.mcap))
 
 
 class Diagnoser:
@@ -116,8 +121,10 @@ class Diagnoser:
 
         return read_log(job.path, self.map, self.settings.axis)
 
-    def diagnose(self, job: Job, log: Log, advance: Advance = lambda done: None) -> Diagnosed:
-        """Diagnose the log; `advance` is told how many of its samples are done.
+    def diagnose(
+        self, job: Job, log: Log, advance: Advance = lambda done: None, *, keep_trajectories: bool = True
+    ) -> Diagnosed:
+        """Diagnose the log; see `diagnose_log`.
 
         Raises
         ------
@@ -127,7 +134,8 @@ class Diagnoser:
 
         unit, note = (self.unit, None) if self.unit is not None else unit_of(log, None)
         check_senses(log.samples, unit, str(job.path))
-        found = diagnose_log(log, unit, self.model, job.name, (note,) if note else (), advance)
+        notes = (note,) if note else ()
+        found = diagnose_log(log, unit, self.model, job.name, notes, advance, keep_trajectories)
         found.diagnosis.sha256 = self.hashes(job.path)
         return found
 
@@ -210,6 +218,7 @@ def diagnose_log(
     name: str,
     notes: tuple[str, ...] = (),
     advance: Advance = lambda done: None,
+    keep_trajectories: bool = True,
 ) -> Diagnosed:
     """Diagnose one log.
 
@@ -218,6 +227,7 @@ def diagnose_log(
     name : of the log in the answer.
     notes : for the answer's quality, beside the reader's.
     advance : told how many samples are done.
+    keep_trajectories : for outputs that show them; they take a third of the memory of the log.
 
     Raises
     ------
@@ -225,7 +235,9 @@ def diagnose_log(
     """
     from fdd.diagnosis.pipeline import Pipeline
 
-    pipeline = Pipeline(unit, model, axis=log.axis or unit.axis, log=printable(name))
+    pipeline = Pipeline(
+        unit, model, axis=log.axis or unit.axis, log=printable(name), keep_trajectories=keep_trajectories
+    )
     try:
         done = 0
         for block in log.samples.blocks(BLOCK_ROWS):

@@ -37,11 +37,7 @@ def sample_numbers(time: Column, period: float) -> NDArray[np.int64]:
     """
     if time.size == 0:
         return np.empty(0, dtype=np.int64)
-    numbers = grid_numbers(np.diff(time) / period)
-    row = np.arange(time.size)
-    # A late row shares its number with the next one: step back to make room for it.
-    slack = np.minimum.accumulate((numbers - row)[::-1])[::-1]
-    return np.asarray(slack + row, dtype=np.int64)
+    return np.asarray(grid_numbers(time, period))
 
 
 def accumulate_speed(time: Column, speed: Column, period: float) -> Column:
@@ -73,9 +69,11 @@ def accumulate_speed(time: Column, speed: Column, period: float) -> Column:
     numbers = sample_numbers(time, period)[there]
     present = speed[there]
     missed = np.diff(numbers) - 1
+    del numbers
     missed[missed * period > LONGEST_BRIDGE] = 0
     turned = period * (present[1:] + missed * 0.5 * (present[1:] + present[:-1]))
-    angle[there] = np.concatenate(([0.0], np.cumsum(turned)))
+    del missed, present
+    angle[there] = np.concatenate(([0.0], np.cumsum(turned, out=turned)))
     return angle
 
 

@@ -52,7 +52,7 @@ def inspect(log: LogFile) -> list[SignalView]:
     ----------
     log : opened.
     """
-    stamps: dict[str, Column | None] = {}
+    clocks: dict[str, tuple[Column | None, float, float]] = {}
     out = []
     try:
         read = log.read(log.signals)  # once: a file of messages is walked as a whole
@@ -61,12 +61,12 @@ def inspect(log: LogFile) -> list[SignalView]:
     for signal in log.signals.values():
         try:
             values = read[signal.name] if read else log.read([signal.name])[signal.name]
-            if signal.clock not in stamps:
-                stamps[signal.clock] = _stamps_of(log, signal.clock)
-            out.append(_view(signal.name, signal.unit or "", values, stamps[signal.clock]))
+            if signal.clock not in clocks:
+                clocks[signal.clock] = _clock(_stamps_of(log, signal.clock))
+            out.append(_view(signal.name, signal.unit or "", values, *clocks[signal.clock]))
         except ValueError as error:
             text = str(error).removeprefix(f"{log.path}: ")
-            out.append(replace(_view(signal.name, signal.unit or "", np.empty(0), None), problem=text))
+            out.append(replace(_view(signal.name, signal.unit or "", np.empty(0)), problem=text))
     return out
 
 
@@ -84,15 +84,29 @@ def _stamps_of(log: LogFile, clock: str) -> Column | None:
     return None
 
 
-def _view(name: str, unit: str, values: Column, stamps: Column | None) -> SignalView:
-    there = values[np.isfinite(values)]
+def _clock(stamps: Column | None) -> tuple[Column | None, float, float]:
+    """Stamps with their rate (Hz) and longest gap (s), NaN where they do not tell."""
     rate = gap = np.nan
     if stamps is not None and stamps.size > 1:
         steps = np.diff(stamps[np.isfinite(stamps)])
-        usual = float(np.median(steps)) if steps.size else np.nan
-        rate = 1.0 / usual if usual > 0.0 else np.nan
         gap = float(steps.max()) if steps.size else np.nan
-    low, middle, high = np.percentile(there, [0, 50, 100]) if there.size else (np.nan,) * 3
+        usual = float(np.median(steps, overwrite_input=True)) if steps.size else np.nan
+        rate = 1.0 / usual if usual > 0.0 else np.nan
+    return stamps, rate, gap
+
+
+def _view(
+    name: str,
+    unit: str,
+    values: Column,
+    stamps: Column | None = None,
+    rate: float = np.nan,
+    gap: float = np.nan,
+) -> SignalView:
+    there = values[np.isfinite(values)]
+    low, middle, high = (
+        np.percentile(there, [0, 50, 100], overwrite_input=True) if there.size else (np.nan,) * 3
+    )
     return SignalView(
         name,
         unit,

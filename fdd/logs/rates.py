@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
 
 from fdd.logs.angles import sample_numbers
+from fdd.logs.stretches import stretches
 
 Column = NDArray[np.float64]
 
@@ -100,29 +101,54 @@ def own_measurements(time: Column, values: Column, period: float) -> tuple[Colum
     >>> [int(np.isfinite(found[0]).sum()) for found in (held, between)]
     [200, 501]
     """
-    there = np.flatnonzero(np.isfinite(values))
-    if there.size < 2 * LEAST_CHANGES:
+    there = np.isfinite(values)
+    if np.count_nonzero(there) < 2 * LEAST_CHANGES:
         return None
-    known = values[there]
-    steps = np.diff(known)
-    changed = np.concatenate(([True], steps != 0.0))
-    sizes = np.abs(steps[steps != 0.0])
-    if sizes.size and float((sizes < 1.5 * sizes.min()).mean()) > 0.5:
-        return None  # one count at a time: an encoder at a steady speed has a rhythm, too
-    spread = float(np.max(known) - np.min(known))
-    bends = np.concatenate(([True], np.abs(np.diff(steps)) > ROUNDING * spread, [True]))
-    numbers = sample_numbers(time[there], period)
-    for own in (changed, bends):
-        if not LEAST_CHANGES <= own.sum() <= 0.6 * own.size:
-            continue
-        rhythm = _rhythm(numbers[own])
+    whole = bool(there.all())
+    known = values if whole else values[there]
+    own = [rows for rows in _changes_and_bends(known) if LEAST_CHANGES <= rows.sum() <= 0.6 * rows.size]
+    if not own or _one_count_at_a_time(known):
+        return None  # an encoder at a steady speed has a rhythm, too
+    del known
+    numbers = sample_numbers(time if whole else time[there], period)
+    for rows in own:
+        rhythm = _rhythm(numbers[rows])
         if rhythm is not None:
             # What stands still is measured at the same rhythm, and gives the same value again.
-            taken = np.isin(numbers, _with_repeats(numbers[own], rhythm))
-            out = np.full(values.size, np.nan)
-            out[there[taken]] = known[taken]
-            return out, rhythm * period
+            wanted = _with_repeats(numbers[rows], rhythm)
+            at = np.searchsorted(numbers, wanted)
+            measured = np.zeros(numbers.size, dtype=bool)
+            measured[at[numbers[at] == wanted]] = True
+            there[there] = measured
+            return np.where(there, values, np.nan), rhythm * period
     return None
+
+
+def _changes_and_bends(known: Column) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
+    """Rows that differ from the one before them, and those at which a line through them bends."""
+    changed, bends = np.ones(known.size, dtype=bool), np.ones(known.size, dtype=bool)
+    tolerance = ROUNDING * float(np.max(known) - np.min(known))
+    for part in stretches(known.size, 2):
+        steps = np.diff(known[part])
+        changed[part.start + 1 : part.stop] = steps != 0.0
+        bends[part.start + 1 : part.stop - 1] = np.abs(np.diff(steps)) > tolerance
+    return changed, bends
+
+
+def _one_count_at_a_time(known: Column) -> bool:
+    """Whether most changes are as small as the smallest."""
+
+    def sizes() -> Iterator[Column]:
+        for part in stretches(known.size):
+            steps = np.abs(np.diff(known[part]))
+            yield steps[steps != 0.0]
+
+    smallest = min((float(s.min()) for s in sizes() if s.size), default=np.inf)
+    changes = small = 0
+    for s in sizes():
+        changes += s.size
+        small += int(np.count_nonzero(s < 1.5 * smallest))
+    return small > 0.5 * changes
 
 
 def _with_repeats(numbers: NDArray[np.int64], rhythm: float) -> NDArray[np.int64]:
@@ -135,18 +161,22 @@ def _with_repeats(numbers: NDArray[np.int64], rhythm: float) -> NDArray[np.int64
 
 def _rhythm(numbers: NDArray[np.int64]) -> float | None:
     """Rows from one to the next where they come at a rhythm of two or more, else None."""
-    steps = np.diff(numbers)
-    usual = float(np.median(steps))
+    usual = float(np.median(np.diff(numbers), overwrite_input=True))
     if usual < 2.0:
         return None
-    # Twice or three times the rhythm where two measurements happen to be equal; a rate that is no whole
-    # number of rows alternates between two steps.
-    times = np.maximum(np.rint(steps / usual), 1.0)
-    slack = np.where(times > 1.0, times, 1.0) * (0.0 if usual < 3 else 1.0)
-    regular = np.abs(steps - times * usual) <= slack
-    if regular.mean() < RHYTHM_SHARE or (times == 1.0).mean() < 0.5:
+    regular = single = rows = 0
+    for part in stretches(numbers.size):
+        # Twice or three times the rhythm where two measurements happen to be equal; a rate that is no whole
+        # number of rows alternates between two steps.
+        steps = np.diff(numbers[part])
+        times = np.maximum(np.rint(steps / usual), 1.0)
+        regular += int(np.count_nonzero(np.abs(steps - times * usual) <= (0.0 if usual < 3 else times)))
+        single += int(np.count_nonzero(times == 1.0))
+        rows += int(steps[times == 1.0].sum())
+    count = numbers.size - 1
+    if regular / count < RHYTHM_SHARE or single / count < 0.5:
         return None
-    return float(np.mean(steps[times == 1.0]))
+    return rows / single
 
 
 def on_common_rows(
@@ -163,10 +193,13 @@ def on_common_rows(
     ----------
     time : (n,) s. columns : (n,) each; NaN where not measured. needed : channels that have to meet.
     """
-    there = {c: np.isfinite(columns[c]) for c in needed if c in columns and np.isfinite(columns[c]).any()}
-    if not there or time.size < LEAST_CHANGES:
+    if time.size < LEAST_CHANGES:
         return None
-    share = {c: float(t.mean()) for c, t in there.items()}
+    share = {c: np.count_nonzero(np.isfinite(columns[c])) / time.size for c in needed if c in columns}
+    share = {c: s for c, s in share.items() if s > 0.0}
+    if min(share.values(), default=1.0) > _SLOWER:
+        return None
+    there = {c: np.isfinite(columns[c]) for c in share}
     together = float(np.logical_and.reduce(list(there.values())).mean())
     slowest = min(share, key=lambda c: share[c])
     if share[slowest] <= _SLOWER and together <= MEETING * share[slowest]:
@@ -199,9 +232,10 @@ def own_period(time: Column, values: Column, period: float) -> float | None:
     >>> own_period(np.arange(60.0), np.tile([1.0, np.nan], 30), 1.0)
     2.0
     """
-    there = np.flatnonzero(np.isfinite(values))
-    if there.size < 2 or values.size < LEAST_CHANGES or there.size > _SLOWER * values.size:
+    known = np.isfinite(values)
+    if values.size < LEAST_CHANGES or not 2 <= np.count_nonzero(known) <= _SLOWER * values.size:
         return None
+    there = np.flatnonzero(known)
     steps = np.diff(sample_numbers(time[there], period))
     usual = float(np.median(steps))
     regular = float((np.abs(steps - usual) <= 1.0).mean())

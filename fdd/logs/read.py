@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -14,6 +15,7 @@ from fdd.logs.channel_map import ChannelMap
 from fdd.logs.conversion import checked_finite, to_si, with_values
 from fdd.logs.formats import LogFile, open_log
 from fdd.logs.formats.mcap import McapFile
+from fdd.logs.formats.signals import Signal
 from fdd.logs.quality import DataQuality, check_magnitudes, check_time, count_missing, suspicions
 from fdd.logs.rates import aligned, between, on_common_rows, own_measurements, own_period
 from fdd.logs.sources import Feed, feeds_of
@@ -113,15 +115,21 @@ def read_log(
 
 def _on_one_time_base(file: LogFile, feeds: dict[str, Feed], axis: str | None) -> _Raw:
     """Channels in SI on the time base of the mapped time, or of the fastest signal that a diagnosis needs."""
-    asked = [s.name for f in feeds.values() for s in (f.signal, f.direction) if s is not None]
-    raw = file.read(n for n in dict.fromkeys(asked) if n in file.signals)
+    asked = Counter(s.name for f in feeds.values() for s in (f.signal, f.direction) if s is not None)
+    raw = file.read(n for n in asked if n in file.signals)
+
+    def taken(signal: Signal) -> Column:
+        """A signal's numbers, held no longer than a feed still needs them."""
+        asked[signal.name] -= 1
+        return raw[signal.name] if asked[signal.name] else raw.pop(signal.name)
+
     timed = feeds.get("time")
     columns = {
         channel: to_si(
             channel,
             feed.source,
-            raw[feed.signal.name],
-            None if feed.direction is None else raw[feed.direction.name],
+            taken(feed.signal),
+            None if feed.direction is None else taken(feed.direction),
         )
         for channel, feed in feeds.items()
         if feed.signal.name in raw
@@ -160,12 +168,14 @@ def _on_one_time_base(file: LogFile, feeds: dict[str, Feed], axis: str | None) -
 
 
 def _checked(raw: _Raw, channel_map: ChannelMap | None, shortest: float) -> Log:
-    file = raw.file
+    file, columns = raw.file, raw.columns
     spread, burst_notes = spread_bursts(raw.time)
     time, rows, time_notes = ordered_time(spread, file.place)
     kept, cut_notes = longest_part(time)
     time, rows = time[kept], rows[kept]
-    columns = {n: v[rows] for n, v in raw.columns.items()} if rows.size < raw.time.size else raw.columns
+    for name in columns if rows.size < raw.time.size else ():
+        columns[name] = columns[name][rows]
+    del rows, spread
     notes = raw.notes + burst_notes + time_notes + cut_notes
     first = float(time[0])
     if first > max(TIME_OF_DAY_S, 10.0 * float(time[-1] - time[0])):
@@ -186,15 +196,14 @@ def _checked(raw: _Raw, channel_map: ChannelMap | None, shortest: float) -> Log:
         )
     check_magnitudes(columns)
     recorded = set(columns)
-    columns = _derived(time, columns, channel_map, quality)
-    columns, slow, slow_notes = _measurements(time, columns, quality.period, set(columns) - recorded)
+    _derive(time, columns, channel_map, quality)
+    slow, slow_notes = _keep_measurements(time, columns, quality.period, set(columns) - recorded)
     # Rows with a speed alone tell nothing that its angle does not.
     meeting = on_common_rows(time, columns, [n for n in _REQUIRED[:-1] if n != "pump_speed"])
     if meeting is not None:
-        columns = {
-            n: v[meeting] if n in ("oil_temperature", *_HOLDS) else between(time, v, meeting)
-            for n, v in columns.items()
-        }
+        for name, values in columns.items():
+            held = name in ("oil_temperature", *_HOLDS)
+            columns[name] = values[meeting] if held else between(time, values, meeting)
         time = time[meeting]
         quality.period = nominal_period(time)
         slow_notes.append(f"rows are those that were measured, every {quality.period * 1e3:.4g} ms")
@@ -207,14 +216,14 @@ def _checked(raw: _Raw, channel_map: ChannelMap | None, shortest: float) -> Log:
     )
 
 
-def _measurements(
+def _keep_measurements(
     time: Column, columns: dict[str, Column], period: float, made: set[str]
-) -> tuple[dict[str, Column], set[str], list[str]]:
-    """The channels with nothing but measurements in them, those that are slower than the rows, and notes."""
-    out, slow, notes = {}, set(), []
+) -> tuple[set[str], list[str]]:
+    """Leave the channels nothing but measurements; those that are slower than the rows, and notes."""
+    slow, notes = set(), []
     for name, values in columns.items():
         found = None if name in _HOLDS else own_measurements(time, values, period)
-        out[name], own = found or (values, own_period(time, values, period))
+        columns[name], own = found or (values, own_period(time, values, period))
         if own is not None:
             slow.add(name)
             if name in made:
@@ -223,7 +232,7 @@ def _measurements(
             notes.append(
                 f"{name}: measured every {own * 1e3:.4g} ms, the rows every {period * 1e3:.4g} ms{held}"
             )
-    return out, slow, notes
+    return slow, notes
 
 
 def _with_stand_ins(columns: dict[str, Column], channel_map: ChannelMap | None) -> set[str]:
@@ -240,22 +249,20 @@ def _of_axis(metadata: dict[str, dict[str, str]], axis: str | None) -> dict[str,
     return {**metadata, "unit": {**units, "yaml": units[axis]}}
 
 
-def _derived(
+def _derive(
     time: Column, columns: dict[str, Column], channel_map: ChannelMap | None, quality: DataQuality
-) -> dict[str, Column]:
+) -> None:
     """Add the pump's speed and angle and the pressure difference where the log has only what makes them."""
-    out = dict(columns)
     made = channel_map.channels if channel_map else {}
-    if "pump_speed" not in out and "pump_speed" in made and made["pump_speed"].from_ == "command":
-        out["pump_speed"] = out["command"]
+    if "pump_speed" not in columns and "pump_speed" in made and made["pump_speed"].from_ == "command":
+        columns["pump_speed"] = columns["command"]
         quality.notes.append(
             "pump_speed: not measured, the command stands in for it: "
             "what the drive does not follow looks like a leak"
         )
-    if "pump_angle" not in out:
+    if "pump_angle" not in columns:
         source = made.get("pump_angle")
         stands_for = source.period if source is not None and source.period else quality.period
-        out["pump_angle"] = accumulate_speed(time, out["pump_speed"], stands_for)
-    if "pressure_difference" not in out:
-        out["pressure_difference"] = out["pressure_1"] - out["pressure_2"]
-    return out
+        columns["pump_angle"] = accumulate_speed(time, columns["pump_speed"], stands_for)
+    if "pressure_difference" not in columns:
+        columns["pressure_difference"] = columns["pressure_1"] - columns["pressure_2"]

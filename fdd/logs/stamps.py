@@ -51,12 +51,12 @@ def ordered_time(
         raise InputError("channel time: no value at all")
     if rows.size < time.size:
         notes.append(f"{time.size - rows.size} rows without a time stamp were left out")
-    stamps = time[rows]
-    repeated = np.concatenate(([False], np.diff(stamps) == 0.0))
+    stamps = time if rows.size == time.size else time[rows]
+    repeated = np.concatenate(([False], stamps[1:] == stamps[:-1]))
     if repeated.any():
         notes.append(f"{int(repeated.sum())} rows repeat the time stamp before them and were left out")
         rows, stamps = rows[~repeated], stamps[~repeated]
-    back = np.flatnonzero(np.diff(stamps) < 0.0)
+    back = np.flatnonzero(stamps[1:] < stamps[:-1])
     if back.size == 0:
         return stamps, rows, notes
     period = float(np.median(np.abs(np.diff(stamps))))
@@ -91,10 +91,12 @@ def spread_bursts(time: Column) -> tuple[Column, list[str]]:
     >>> spread_bursts(np.array([0.0, 0.0, 0.5, 0.5, 1.0, 1.0]))[0].tolist()
     [0.0, 0.25, 0.5, 0.75, 1.0, 1.25]
     """
-    steps = np.diff(time)
-    if time.size < 4 or not np.isfinite(time).all() or float((steps == 0.0).mean()) < BURST_SHARE:
+    if time.size < 4 or not np.isfinite(time).all():
         return time, []
-    starts = np.flatnonzero(np.concatenate(([True], steps != 0.0)))
+    changed = time[1:] != time[:-1]
+    if 1.0 - float(changed.mean()) < BURST_SHARE:
+        return time, []
+    starts = np.flatnonzero(np.concatenate(([True], changed)))
     counts = np.diff(np.append(starts, time.size))
     if starts.size < 3:
         return time, []
@@ -133,4 +135,4 @@ def longest_part(time: Column) -> tuple[slice, list[str]]:
 def nominal_period(time: Column) -> float:
     """Median step of the stamps, s."""
     # To the nanosecond: stamps carry rounding of their own.
-    return round(float(np.median(np.diff(time))), 9) if time.size > 1 else float("nan")
+    return round(float(np.median(np.diff(time), overwrite_input=True)), 9) if time.size > 1 else float("nan")

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -15,31 +15,62 @@ from fdd.logs.formats.signals import LogFile, Signal, require_size, seconds_sinc
 
 Column = NDArray[np.float64]
 
+BATCH_ROWS = 1 << 16
+"""Rows that are held by Arrow and as columns at once."""
+
 
 @dataclass
 class ArrowFile(LogFile):
-    """A file that pyarrow reads by column."""
+    """A file that pyarrow reads by column; `rows` as it declares them."""
 
     kind: str = "Parquet"
+    rows: int = 0
 
     def read(self, names: Iterable[str]) -> dict[str, Column]:
         """See `LogFile.read`."""
         import pyarrow as pa
-        from pyarrow import feather, parquet
 
         wanted = list(dict.fromkeys(names))
+        dated: dict[str, list[Any]] = {}
+        rows = 0
         try:
-            if self.kind == "Parquet":
-                with parquet.ParquetFile(self.path) as source:
-                    table = source.read(columns=wanted)
-            else:
-                table = feather.read_table(self.path, columns=wanted)
+            out = {name: np.empty(self.rows) for name in wanted}
+            for batch in self._batches(wanted):
+                batch.validate()  # columns of several lengths, for one
+                start, rows = rows, rows + batch.num_rows
+                if rows > self.rows:
+                    raise pa.ArrowInvalid("more rows than it declares")
+                for name in wanted:
+                    column = batch.column(name)
+                    if pa.types.is_timestamp(column.type):  # counted from the first of all
+                        dated.setdefault(name, []).append(column)
+                    else:
+                        out[name][start:rows] = self._numbers(pa.chunked_array([column]), name)
         except (pa.ArrowException, OSError, MemoryError) as error:
             brief = " ".join(str(error).split())[:120]
             raise InputError(
                 f"damaged {self.kind} file ({brief})", where=self.path, mend="copy it again"
             ) from None
-        return {name: self._numbers(table.column(name), name) for name in wanted}
+        for name, parts in dated.items():
+            out[name] = self._numbers(pa.chunked_array(parts), name)
+        pa.default_memory_pool().release_unused()
+        return {name: values[:rows] for name, values in out.items()}
+
+    def _batches(self, names: list[str]) -> Iterator[Any]:
+        """Record batches of these columns: never the whole file at once, beside the columns made of it."""
+        import pyarrow as pa
+        from pyarrow import parquet
+
+        if self.kind == "Parquet":
+            # Buffered ahead, the whole file would stand in memory; threads keep what they have freed.
+            with parquet.ParquetFile(self.path, pre_buffer=False) as source:
+                yield from source.iter_batches(BATCH_ROWS, columns=names, use_threads=False)
+            return
+        with pa.memory_map(str(self.path)) as mapped:
+            fields = [pa.ipc.open_file(mapped).schema.get_field_index(name) for name in names]
+            with pa.ipc.open_file(mapped, options=pa.ipc.IpcReadOptions(included_fields=fields)) as source:
+                for k in range(source.num_record_batches):
+                    yield source.get_batch(k)
 
     def _numbers(self, column: Any, name: str) -> Column:
         """Null becomes NaN, dates become seconds since the first."""
@@ -68,7 +99,9 @@ class ArrowFile(LogFile):
                 )
             if pa.types.is_boolean(column.type):
                 column = column.cast(pa.int8())
-            return doubles(column.cast(pa.float64(), safe=False))
+            # A cast imports Arrow's functions, some megabytes.
+            plain = column.type == pa.float64()
+            return doubles(column if plain else column.cast(pa.float64(), safe=False))
         except pa.ArrowException:
             raise InputError(f"column {name!r} holds {column.type}, not numbers", where=self.path) from None
 
@@ -82,15 +115,16 @@ def doubles(column: Any) -> Column:
     >>> doubles(pa.chunked_array([[1.0, None], [2.0]])).tolist()
     [1.0, nan, 2.0]
     """
-    parts = []
+    out = np.empty(len(column))
+    end = 0
     for chunk in column.chunks:
+        start, end = end, end + len(chunk)
         validity, data = chunk.buffers()
-        values = np.frombuffer(data, np.float64)[chunk.offset : chunk.offset + len(chunk)].copy()
+        out[start:end] = np.frombuffer(data, np.float64)[chunk.offset : chunk.offset + len(chunk)]
         if chunk.null_count:
             bits = np.unpackbits(np.frombuffer(validity, np.uint8), bitorder="little")
-            values[bits[chunk.offset : chunk.offset + len(chunk)] == 0] = np.nan
-        parts.append(values)
-    return np.concatenate(parts) if parts else np.empty(0)
+            out[start:end][bits[chunk.offset : chunk.offset + len(chunk)] == 0] = np.nan
+    return out
 
 
 def open_parquet(path: Path) -> ArrowFile:
@@ -144,7 +178,7 @@ def _opened(path: Path, kind: str, signals: dict[str, Signal], rows: int) -> Arr
     if rows == 0:
         raise InputError("no rows", where=path, mend="record at least 5 s")
     require_size(rows, len(signals), path)
-    return ArrowFile(path, signals, kind=kind)
+    return ArrowFile(path, signals, kind=kind, rows=rows)
 
 
 def _unit_of(field: Any) -> str | None:

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from fdd.bounds import MOST_MATRIX_COLUMNS
 from fdd.errors import InputError
+from fdd.logs.formats.hdf5_check import check_hdf5
 from fdd.logs.formats.signals import require_stored
 from fdd.logs.formats.trees import Leaf, TreeFile, tree_file
 
@@ -30,6 +31,7 @@ def open_hdf5(path: Path) -> TreeFile:
     """
     import h5py
 
+    check_hdf5(path)
     groups: dict[str, dict[str, Leaf]] = {}
     scalars: dict[str, dict[str, float]] = {}
     try:

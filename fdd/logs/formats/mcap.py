@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable
+from collections.abc import Collection, Iterable
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -33,13 +33,16 @@ class McapFile(LogFile):
     topics : all topics, with messages or without.
     paths : signal to its field's path, or to those of the seconds and nanoseconds of a stamp.
     reasons : topic to why its messages cannot be read.
+    counts : topic to its messages by the file's summary; what it says may be wrong.
     """
 
     topics: list[str] = field(default_factory=list)
     paths: dict[str, tuple[FieldPath, ...]] = field(default_factory=dict)
     reasons: dict[str, str] = field(default_factory=dict)
+    counts: dict[str, int] = field(default_factory=dict)
     damaged: int = 0
     _stamps: dict[str, NDArray[np.int64]] = field(default_factory=dict)
+    _seconds: dict[str, Column] = field(default_factory=dict)
 
     def read(self, names: Iterable[str]) -> dict[str, Column]:
         """See `LogFile.read`. The rows are in the order of the log times."""
@@ -50,12 +53,15 @@ class McapFile(LogFile):
 
     def stamps(self, clock: str) -> Column | None:
         """(n,) s since the first message of the file's topics that were read."""
-        if clock not in self._stamps:
-            self._columns({clock: []})
-        stamps = self._stamps[clock]
-        if not self.start_ns:
-            self.start_ns = int(stamps[0]) if stamps.size else 0
-        return (stamps - self.start_ns).astype(np.float64) * 1e-9
+        if clock not in self._seconds:
+            if clock not in self._stamps:
+                self._columns({clock: []})
+            stamps = self._stamps.pop(clock)
+            if not self.start_ns:
+                self.start_ns = int(stamps[0]) if stamps.size else 0
+            stamps -= self.start_ns
+            self._seconds[clock] = stamps * np.float64(1e-9)
+        return self._seconds[clock]
 
     def place(self, row: int) -> str:
         """The message of row `row`."""
@@ -105,11 +111,10 @@ class McapFile(LogFile):
         """Columns of signals by topic; the topics' stamps are kept."""
         walk = ChunkWalk(self.path)
         decoders: dict[int, Decoder] = {}
-        parts: dict[str, list[list[Column]]] = {t: [] for t in wanted}
-        stamps: dict[str, list[NDArray[np.int64]]] = {t: [] for t in wanted}
         paths = {
             t: list(dict.fromkeys(p for n in names for p in self.paths[n])) for t, names in wanted.items()
         }
+        parts = {t: _Rows(paths[t], self._likely_rows(t)) for t in wanted}
         rows = 0
         for batch in walk:
             channel = walk.channels.get(batch.channel)
@@ -118,29 +123,58 @@ class McapFile(LogFile):
             topic = channel.topic
             rows += batch.stamps.size
             require_size(rows, sum(len(p) for p in paths.values()), self.path)
+            values: list[Column] = []
             if paths[topic]:
                 if batch.channel not in decoders:
                     decoders[batch.channel] = decoder_of(channel, walk.schemas.get(channel.schema_id))
                 try:
-                    parts[topic].append(decoders[batch.channel].columns(batch, paths[topic]))
+                    values = decoders[batch.channel].columns(batch, paths[topic])
                 except ValueError as error:
                     raise InputError(f"topic {topic}: {error}", where=self.path) from None
-            stamps[topic].append(batch.stamps)
+            parts[topic].append(batch.stamps, values)
         self.truncated, self.damaged = walk.truncated, walk.damaged
         out: dict[str, Column] = {}
         for topic, names in wanted.items():
-            joined = np.concatenate([np.empty(0, np.int64), *stamps[topic]])
-            # The log time is the order of an MCAP file, whatever order the messages were written in.
-            order = np.argsort(joined, kind="stable") if (np.diff(joined) < 0).any() else None
-            self._stamps[topic] = joined if order is None else joined[order]
-            by_path = {}
-            for k, path in enumerate(paths[topic]):
-                column = np.concatenate([np.empty(0), *(part[k] for part in parts[topic])])
-                by_path[path] = column if order is None else column[order]
+            self._stamps[topic], by_path = parts.pop(topic).in_order()
             for name in names:
                 whole, *nanoseconds = (by_path[p] for p in self.paths[name])
                 out[name] = whole + nanoseconds[0] * 1e-9 if nanoseconds else whole
         return out
+
+    def _likely_rows(self, topic: str) -> int:
+        """How many rows there is room made for; a message takes a byte of the file, if not more."""
+        return min(self.counts.get(topic, 0), self.path.stat().st_size)
+
+
+class _Rows:
+    """Stamps and columns of a topic, which grow where they stand: a second copy would double the memory."""
+
+    def __init__(self, paths: Collection[FieldPath], room: int) -> None:
+        self._size, self._stamps = 0, np.empty(room, np.int64)
+        self._columns = {path: np.empty(room) for path in paths}
+
+    def append(self, stamps: NDArray[np.int64], values: Iterable[Column]) -> None:
+        """The next rows: (n,) ns and, of each path, (n,)."""
+        end = self._size + stamps.size
+        if end > self._stamps.size:
+            room = max(end, 2 * self._stamps.size)
+            self._stamps = np.concatenate([self._stamps[: self._size], np.empty(room - self._size, np.int64)])
+            for path, column in self._columns.items():
+                self._columns[path] = np.concatenate([column[: self._size], np.empty(room - self._size)])
+        self._stamps[self._size : end] = stamps
+        for column, new in zip(self._columns.values(), values, strict=True):
+            column[self._size : end] = new
+        self._size = end
+
+    def in_order(self) -> tuple[NDArray[np.int64], dict[FieldPath, Column]]:
+        """Stamps and columns by path, in the order of the stamps."""
+        stamps = self._stamps[: self._size]
+        columns = {path: column[: self._size] for path, column in self._columns.items()}
+        # The log time is the order of an MCAP file, whatever order the messages were written in.
+        if (stamps[1:] < stamps[:-1]).any():
+            order = np.argsort(stamps, kind="stable")
+            return stamps[order], {path: column[order] for path, column in columns.items()}
+        return stamps, columns
 
 
 def decoder_of(channel: Any, schema: Any) -> Decoder:
@@ -180,7 +214,7 @@ def open_mcap(path: Path) -> McapFile:
     ------
     InputError : no MCAP file.
     """
-    known = _channels_of_summary(path)
+    known = _messages_of_summary(path)
     log = McapFile(path)
     walk = ChunkWalk(path)
     seen: set[int] = set()
@@ -189,9 +223,13 @@ def open_mcap(path: Path) -> McapFile:
             continue
         seen.add(batch.channel)
         _add_fields(log, walk, batch)
-        if known and known <= seen:
+        if known and known.keys() <= seen:
             break
     log.topics = list(dict.fromkeys(c.topic for c in walk.channels.values()))
+    for number, count in known.items():
+        if number in walk.channels:
+            topic = walk.channels[number].topic
+            log.counts[topic] = log.counts.get(topic, 0) + count
     log.metadata = dict(walk.metadata)
     if known:
         log.metadata.update(_metadata_of(path))
@@ -222,18 +260,19 @@ def _add_fields(log: McapFile, walk: ChunkWalk, batch: Batch) -> None:
         log.paths.setdefault(name, paths)
 
 
-def _channels_of_summary(path: Path) -> set[int]:
-    """Channels with messages by the file's own summary; none where it has no whole one."""
+def _messages_of_summary(path: Path) -> dict[int, int]:
+    """Messages of each channel that has any, by the file's own summary; none where it has no whole one."""
     from mcap.reader import SeekingReader
 
     try:
         with path.open("rb") as stream:
             summary = SeekingReader(stream).get_summary()
     except Exception:  # whatever a damaged or unfinished file provokes: it is walked instead
-        return set()
+        return {}
     if summary is None or summary.statistics is None:
-        return set()
-    return {c for c, n in summary.statistics.channel_message_counts.items() if n and c in summary.channels}
+        return {}
+    counts = summary.statistics.channel_message_counts.items()
+    return {c: n for c, n in counts if n and c in summary.channels}
 
 
 def _metadata_of(path: Path) -> dict[str, dict[str, str]]:

@@ -40,7 +40,7 @@ def open_mdf(path: Path) -> TreeFile:
         rates = [int(g.channel_group.cycles_nr) for g in inner]
         several = sum(r > 1 for r in rates) > 1
         for number, (group, rows) in enumerate(zip(inner, rates, strict=True)):
-            require_stored(rows * group.channel_group.samples_byte_nr, path.stat().st_size, path)
+            require_stored(_declared(group, rows), path.stat().st_size, path)
             master = file.masters_db.get(number)
             own = groups.setdefault(str(number) if several else "", {})
             if master is not None:
@@ -58,6 +58,12 @@ def open_mdf(path: Path) -> TreeFile:
     found = tree_file(path, groups)
     found.start_ns = int(start.timestamp() * 1e9) if start is not None and start.year > 1970 else 0
     return found
+
+
+def _declared(group: Any, rows: int) -> int:
+    """Bytes of a group's records, or of its blocks, whatever is more: the library makes room for either."""
+    one = group.channel_group.samples_byte_nr + getattr(group.channel_group, "invalidation_bytes_nr", 0)
+    return max(rows * int(one), sum(int(block.original_size or 0) for block in group.get_data_blocks()))
 
 
 def _require_inside(path: Path, group: Any, channel: Any) -> None:

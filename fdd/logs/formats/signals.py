@@ -169,9 +169,11 @@ def seconds_since(stamps: NDArray[np.datetime64]) -> tuple[Column, int]:
     >>> seconds_since(np.array(["1970-01-01T00:00:01.5", "1970-01-01T00:00:02"], "datetime64[ns]"))
     (array([0. , 0.5]), 1500000000)
     """
-    counted = stamps.astype("datetime64[ns]").astype(np.int64)
+    counted = stamps.astype("datetime64[ns]", copy=False).view(np.int64)
     missing = np.isnat(stamps)
     if missing.all():
         return np.full(stamps.size, np.nan), 0
-    first = int(counted[~missing].min())
-    return np.where(missing, np.nan, (counted - first) * 1e-9), first
+    first = int(counted.min(where=~missing, initial=np.iinfo(np.int64).max))
+    seconds: Column = (counted - first) * np.float64(1e-9)
+    seconds[missing] = np.nan
+    return seconds, first

@@ -45,7 +45,7 @@ def delays(time: Column, turned: Column, position: Column, drop: Column) -> tupl
     """
     period = float(np.median(np.diff(time)))
     span = float(time[-1] - time[0])
-    if not (period > 0.0 and span < MOST_HOLES * period * time.size):
+    if not (period > 0.0 and 0.0 < span < MOST_HOLES * period * time.size):  # or a clock that was reset
         return 0.0, 0.0
     grid = np.arange(time[0], time[-1], period)
     if grid.size < LEAST_STEPS:

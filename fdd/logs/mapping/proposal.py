@@ -234,4 +234,4 @@ def _short(log: LogFile, signal: Signal) -> str:
     """The last part of a signal's path where it alone ends so."""
     last = signal.name.rsplit("/", 1)[-1]
     alone = sum(n == last or n.endswith(f"/{last}") for n in log.signals) == 1
-    return last if alone else signal.name
+    return last if alone and last else signal.name

@@ -11,23 +11,28 @@ _KEPT = 0.99
 and a clock that runs a little faster than its nominal rate gains no rows."""
 
 
-@njit()
-def grid_numbers(steps):  # type: ignore[no-untyped-def]
-    """Whole numbers that add up to the steps, which are in periods.
+@njit(error_model="numpy")
+def grid_numbers(time, period):  # type: ignore[no-untyped-def]
+    """Whole numbers that add up to the steps of time in periods, and grow from row to row.
 
     Parameters
     ----------
-    steps : (n,) periods from row to row.
+    time : (n,) s, one row or more. period : s, nominal.
 
     Returns
     -------
-    (n + 1,) integers, the first 0.
+    (n,) integers.
     """
-    numbers = np.empty(steps.size + 1, np.int64)
+    numbers = np.empty(time.size, np.int64)
     numbers[0], rest = 0, 0.0
-    for k in range(steps.size):
-        wanted = steps[k] + rest
+    for k in range(time.size - 1):
+        wanted = (time[k + 1] - time[k]) / period + rest
         whole = np.floor(wanted + 0.5)
         rest = _KEPT * (wanted - whole)
         numbers[k + 1] = numbers[k] + np.int64(whole)
+    # A late row shares its number with the next one: step back to make room for it.
+    slack = numbers[-1] - (time.size - 1)
+    for k in range(time.size - 1, -1, -1):
+        slack = min(slack, numbers[k] - k)
+        numbers[k] = slack + k
     return numbers
