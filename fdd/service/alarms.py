@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterable, Mapping
 from dataclasses import asdict, dataclass, field, fields, replace
 from typing import Any
@@ -136,7 +135,9 @@ class AlarmBook:
         surest: dict[str, FaultFinding] = {}
         for finding in sorted(standing, key=lambda f: -f.confidence):
             surest.setdefault(_key(finding), finding)
-        mine = {a.id: _on_clock(a, time) for a in self.alarms(axis)}
+        mine = {a.id: _at(a, time) for a in self.alarms(axis)}
+        for alarm in [a for a in mine.values() if self._over(a)]:
+            del mine[alarm.id], self._alarms[alarm.id]
         live = {a.key for a in mine.values() if a.state != NORMAL}
         out = []
         # Those first whose own alarm is not over: else a fault that looks alike would take it from them.
@@ -166,10 +167,10 @@ class AlarmBook:
         priority = max(alarm.priority, priority_of(finding), key=PRIORITIES.index)
         escalated = (level, priority) != (alarm.level, alarm.priority)
         again = not alarm.standing
-        recent = tuple(t for t in alarm.reraised if time - t < QUIET_S) + (time,) * again
+        recent = alarm.reraised + (time,) * again
         alarm = replace(
             alarm, seen=time, standing=True, level=level, priority=priority, reraised=recent,
-            count=alarm.count + again, chattering=len(recent) > MOST_RERAISES or (chattered and bool(recent)),
+            count=alarm.count + again, chattering=chattered or len(recent) > MOST_RERAISES,
             **_words(finding),
         )  # fmt: skip
         if again:
@@ -185,19 +186,19 @@ class AlarmBook:
 
     def _unseen(self, alarm: Alarm, time: float, wall: float) -> list[Transition]:
         before = alarm.state
-        if alarm.chattering and not any(time - t < QUIET_S for t in alarm.reraised):
-            alarm = replace(alarm, chattering=False)
         if alarm.standing and time - alarm.seen >= self.off_delay:
             alarm = replace(alarm, standing=False, returned_time=time, returned_wall=wall)
             if before in (UNACK, ACKED):
                 alarm = replace(alarm, state=RTNUN if before == UNACK else NORMAL)
                 return [self._moved(RETURNED, alarm, before, wall, notify=not alarm.chattering)]
         self._alarms[alarm.id] = alarm
-        # One that chatters is the same alarm until it has been quiet, however long the pauses.
-        since = -math.inf if alarm.returned_time is None else alarm.returned_time
-        if alarm.state == NORMAL and not alarm.chattering and time - since > self.chatter:
-            del self._alarms[alarm.id]
         return []
+
+    def _over(self, alarm: Alarm) -> bool:
+        """Whether it is normal for so long that another one would be a new alarm."""
+        # One that chatters is the same alarm until it has been quiet, however long the pauses.
+        kept = alarm.state != NORMAL or alarm.chattering or alarm.returned_time is None
+        return not kept and alarm.time - (alarm.returned_time or 0.0) > self.chatter
 
     def acknowledge(self, id: int, who: str, note: str, wall: float) -> Transition:
         """Somebody has seen it.
@@ -208,7 +209,7 @@ class AlarmBook:
         """
         alarm = self._alarm(id, "acknowledged", UNACK, RTNUN)
         state = ACKED if alarm.state == UNACK else NORMAL
-        alarm = replace(alarm, acked_by=_told(who), acked_wall=wall)
+        alarm = replace(alarm, acked_by=readable(who), acked_wall=wall)
         return self._acted(ACKNOWLEDGED, alarm, state, who, note, wall)
 
     def shelve(self, id: int, who: str, until: float, note: str, wall: float) -> Transition:
@@ -216,7 +217,7 @@ class AlarmBook:
         alarm = self._alarm(id, "shelved", NORMAL, UNACK, ACKED, RTNUN)
         if not 0.0 < until - wall <= LONGEST_SHELF_S:
             raise InputError("a shelf ends after now and within a week", mend="give another time")
-        alarm = replace(alarm, shelved_by=_told(who), shelved_until=until)
+        alarm = replace(alarm, shelved_by=readable(who), shelved_until=until)
         return self._acted(SHELVED, alarm, SHELVED, who, note, wall)
 
     def unshelve(self, id: int, who: str, note: str, wall: float) -> Transition:
@@ -264,8 +265,8 @@ class AlarmBook:
         return self._acted(action, alarm, UNACK if alarm.standing else NORMAL, who, note, wall)
 
     def _acted(self, action: str, alarm: Alarm, state: str, who: str, note: str, wall: float) -> Transition:
-        after = replace(alarm, state=state, note=_told(note))
-        return self._moved(action, after, alarm.state, wall, who=_told(who), note=after.note)
+        after = replace(alarm, state=state, note=readable(note))
+        return self._moved(action, after, alarm.state, wall, who=readable(who), note=after.note)
 
     def _moved(self, action: str, alarm: Alarm, before: str, wall: float, **said: Any) -> Transition:
         self._alarms[alarm.id] = alarm
@@ -297,19 +298,23 @@ def _words(finding: FaultFinding) -> dict[str, Any]:
     return {k: body[k] for k in ("fault", "channel", "severity", "confidence")} | {"body": body}
 
 
-def _on_clock(alarm: Alarm, time: float) -> Alarm:
+def _at(alarm: Alarm, time: float) -> Alarm:
     """The alarm at a new look. Where the clock was set back its times move along, so that all spans end."""
     back = min(time - alarm.time, 0.0)
-    if not back:
-        return replace(alarm, time=time)
     returned = None if alarm.returned_time is None else alarm.returned_time + back
-    again = tuple(t + back for t in alarm.reraised)
-    raised = alarm.raised_time + back
+    again = tuple(t + back for t in alarm.reraised if time - t - back < QUIET_S)
     return replace(
-        alarm, time=time, seen=alarm.seen + back, raised_time=raised, returned_time=returned, reraised=again
-    )
+        alarm, time=time, seen=alarm.seen + back, raised_time=alarm.raised_time + back,
+        returned_time=returned, reraised=again, chattering=alarm.chattering and bool(again),
+    )  # fmt: skip
 
 
-def _told(text: str) -> str:
-    """What a person wrote, without characters that no database or page takes."""
+def readable(text: str) -> str:
+    """What somebody wrote, without characters that no database or page takes, and not without end.
+
+    Examples
+    --------
+    >>> readable("on my\\x00 way")
+    'on my way'
+    """
     return "".join(c for c in text if c.isprintable() or c == "\n")[:LONGEST_NOTE]

@@ -15,6 +15,8 @@ BUSY_TIMEOUT_S = 5.0
 """For which a writer waits for another one."""
 WRITES = "fdd_writes"
 """Option of a connection whose transactions write."""
+_LOCK = 0x666464
+"""Any number that no other program's lock in the database has; "fdd"."""
 _URLS = "sqlite:///fdd.db or postgresql://user@host/database"
 
 
@@ -88,5 +90,12 @@ def _postgres(url: URL, options: dict[str, Any]) -> tuple[Engine, str]:
         engine = create_engine(url, pool_pre_ping=True, connect_args={"connect_timeout": 10}, **options)
     except ModuleNotFoundError:
         raise InputError("needs the package psycopg", where=where, mend="install fdd[postgres]") from None
+    event.listen(engine, "begin", _alone)
     with told(where), engine.connect():
         return engine, where
+
+
+def _alone(connection: Connection) -> None:
+    # One writer at a time, as with SQLite: sums are read, added to and written.
+    if connection.get_execution_options().get(WRITES):
+        connection.exec_driver_sql(f"SELECT pg_advisory_xact_lock({_LOCK})")

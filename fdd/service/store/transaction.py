@@ -11,7 +11,7 @@ from sqlalchemy import ColumnElement, Connection, Executable, Table, delete, ins
 from sqlalchemy.dialects import postgresql, sqlite
 
 from fdd.diagnosis.findings import FaultFinding
-from fdd.service.alarms import Alarm, Transition
+from fdd.service.alarms import Alarm, Transition, readable
 from fdd.service.store.checkpoints import Checkpoint, packed
 from fdd.service.store.rollups import SPANS_S, Rollup, merged
 from fdd.service.store.schema import (
@@ -100,8 +100,8 @@ class Transaction:
         body: Body | None = None,
     ) -> int:
         """Put something done on record, for ever; the record's id."""
-        said = {"time": time, "alarm_id": alarm_id, "axis": axis, "note": note, "body": body or {}}
-        return self._add(AUDIT, wall=wall, who=who, action=action, **said)
+        said = {"who": readable(who), "note": readable(note), "body": body or {}}
+        return self._add(AUDIT, wall=wall, time=time, action=action, alarm_id=alarm_id, axis=axis, **said)
 
     def rollup(self, *parts: Rollup) -> None:
         """Add parts of minutes to their minutes, hours and days."""
