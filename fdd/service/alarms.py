@@ -136,8 +136,8 @@ class AlarmBook:
         for finding in sorted(standing, key=lambda f: -f.confidence):
             surest.setdefault(_key(finding), finding)
         mine = {a.id: _at(a, time) for a in self.alarms(axis)}
-        for alarm in [a for a in mine.values() if self._over(a)]:
-            del mine[alarm.id], self._alarms[alarm.id]
+        for id in [a.id for a in mine.values() if self._over(a)]:
+            del mine[id], self._alarms[id]
         live = {a.key for a in mine.values() if a.state != NORMAL}
         out = []
         # Those first whose own alarm is not over: else a fault that looks alike would take it from them.
@@ -148,8 +148,8 @@ class AlarmBook:
             else:
                 del mine[alarm.id]
                 out += self._seen(alarm, finding, time, wall)
-        for alarm in mine.values():
-            out += self._unseen(alarm, time, wall)
+        for unseen in mine.values():
+            out += self._unseen(unseen, time, wall)
         return out
 
     def _raised(self, axis: str, key: str, finding: FaultFinding, time: float, wall: float) -> Transition:

@@ -105,11 +105,27 @@ class Plant(RuleBasedStateMachine):
     )
     def look(self, axis: str, stands: dict[str, tuple[float | None, float]], looks: int, gap: float) -> None:
         for k in range(looks):
-            self.time[axis] += gap if k == 0 else LOOK
-            self.wall += LOOK
-            found = [finding(**KINDS[key], low=low, confidence=c) for key, (low, c) in stands.items()]
-            args = axis, self.time[axis], self.wall, found
-            self.judge(axis, set(stands), self.told(self.book.update(*args), self.twin.update(*args)))
+            self.see(axis, stands, gap if k == 0 else LOOK)
+
+    @rule(
+        axis=st.sampled_from(["A1", "A2"]),
+        key=st.sampled_from(sorted(KINDS)),
+        times=st.integers(1, 8),
+        gap=st.sampled_from([60.0, 65.0, 65.0, 595.0, 600.0, 605.0, 3000.0]),
+    )
+    def flutter(self, axis: str, key: str, times: int, gap: float) -> None:
+        """It comes for one look and goes, again and again."""
+        for _ in range(times):
+            self.see(axis, {key: (0.1, 0.9)}, gap)
+            for _ in range(12):
+                self.see(axis, {}, LOOK)
+
+    def see(self, axis: str, stands: dict[str, tuple[float | None, float]], passed: float) -> None:
+        self.time[axis] += passed
+        self.wall += LOOK
+        found = [finding(**KINDS[key], low=low, confidence=c) for key, (low, c) in stands.items()]
+        args = axis, self.time[axis], self.wall, found
+        self.judge(axis, set(stands), self.told(self.book.update(*args), self.twin.update(*args)))
 
     def judge(self, axis: str, stands: set[str], transitions: list[Transition]) -> None:
         """One look: what must have become of every key of the axis."""
@@ -163,9 +179,10 @@ class Plant(RuleBasedStateMachine):
         assert history.id is not None
         again = history.raised[1:]
         often = len([t for t in again if now - t < 3600.0]) > 5
-        before = self.chatters.get(history.id, False)
-        quiet = not again or now - again[-1] >= 3600.0
-        self.chatters[history.id] = expected = often or (before and not quiet)
+        earlier = [t for t in again if t < now]
+        quiet = not earlier or now - earlier[-1] >= 3600.0
+        before = self.chatters.get(history.id, False) and not quiet
+        self.chatters[history.id] = expected = often or before
         assert chattering == expected
         if happened is not None and happened.action in ("RERAISED", "RETURNED"):
             assert happened.notify == (not before if happened.action == "RERAISED" else not expected)

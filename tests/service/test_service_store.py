@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import os
 import sqlite3
 import threading
 from collections.abc import Iterator
@@ -15,6 +14,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from sqlalchemy import create_engine, text
+from stores import LEAK, WALL, postgres_url
 
 from fdd.diagnosis.findings import FaultFinding
 from fdd.errors import InputError
@@ -22,26 +22,7 @@ from fdd.service.alarms import AlarmBook
 from fdd.service.store import Checkpoint, Rollup, Store
 from fdd.service.store.rollups import merged
 
-WALL = 1_700_000_000.0
 DAY = 86400.0
-LEAK = FaultFinding(
-    fault="pump_wear", family="leakage", ambiguity=["pump_wear"], confidence=0.9, onset_s=3.0,
-    detected_s=15.0, severity=0.6, severity_interval=(0.5, 0.7),
-)  # fmt: skip
-
-
-def postgres_url() -> str:
-    """An emptied PostgreSQL database, or the test is skipped."""
-    url = os.environ.get("FDD_TEST_POSTGRES")
-    if not url:
-        pytest.skip("no server: FDD_TEST_POSTGRES=postgresql://… names an empty database")
-    pytest.importorskip("psycopg", reason="psycopg is not installed")
-    engine = create_engine(url.replace("postgresql://", "postgresql+psycopg://"))
-    with engine.begin() as connection:
-        connection.execute(text("DROP SCHEMA public CASCADE"))
-        connection.execute(text("CREATE SCHEMA public"))
-    engine.dispose()
-    return url
 
 
 @pytest.fixture(params=["sqlite", "postgresql"])

@@ -16,6 +16,7 @@ from pathlib import Path
 import pytest
 from alembic.autogenerate import compare_metadata
 from alembic.runtime.migration import MigrationContext
+from stores import LEAK, WALL, postgres_url
 
 from fdd.diagnosis.findings import FaultFinding
 from fdd.errors import InputError
@@ -24,7 +25,6 @@ from fdd.service.store import Checkpoint, Rollup, Store, StoreTrouble
 from fdd.service.store.connecting import connect
 from fdd.service.store.migrating import VERSION_TABLE, migrate
 from fdd.service.store.schema import METADATA
-from tests.service.test_service_store import LEAK, WALL, postgres_url
 
 KILLS = 50
 
