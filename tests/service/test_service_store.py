@@ -138,9 +138,9 @@ def test_a_checkpoint_takes_the_blocks_that_it_holds_out_of_the_journal(store: S
         return Checkpoint("A1", 3.0, WALL, sequence, "profile", "model", "5", body)
 
     with store.transaction() as t:
+        t.accept("A2", [b"4"])
         second = t.accept("A1", [b"1", b"2"])
         third = t.accept("A1", [b"3"])
-        t.accept("A2", [b"4"])
         t.checkpoint(at(second, b"state"))
     assert store.journal("A1") == [(third, b"3")]
     assert [payload for _, payload in store.journal("A2")] == [b"4"]
@@ -150,7 +150,7 @@ def test_a_checkpoint_takes_the_blocks_that_it_holds_out_of_the_journal(store: S
     assert store.checkpoint("A1") == at(third, state)
     assert store.journal("A1") == [] and store.checkpoint("A2") is None
     with store.transaction() as t:
-        assert t.accept("A1", [b"5"]) > third + 1, "an id of a row that is gone must not come again"
+        assert t.accept("A1", [b"5"]) > third, "an id of a row that is gone must not come again"
 
 
 def test_outbox_in_order_until_it_is_delivered_or_given_up(store: Store) -> None:

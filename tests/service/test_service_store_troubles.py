@@ -112,6 +112,18 @@ def test_a_writer_waits_for_another_one(tmp_path: Path) -> None:
     store.close()
 
 
+def test_a_transaction_that_only_read_so_far_keeps_other_writers_out(tmp_path: Path) -> None:
+    path = filled(tmp_path / "fdd.db")
+    store, other = Store(url_of(path)), Store(url_of(path), busy_timeout=0.1)
+    with store.transaction() as t:
+        with pytest.raises(StoreTrouble, match="is locked"), other.transaction():
+            raise AssertionError("what the first one reads would be old when it writes")
+        t.audit(WALL, "ann", "LOGOUT")
+    assert len(other.audit()) == 2
+    store.close()
+    other.close()
+
+
 def test_a_full_disk_is_a_trouble_that_passes(tmp_path: Path) -> None:
     path = filled(tmp_path / "fdd.db")
     store = Store(url_of(path))
