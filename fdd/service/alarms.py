@@ -1,0 +1,320 @@
+"""Alarms by ISA-18.2 (IEC 62682): a pure state machine that is handed all times."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from dataclasses import asdict, dataclass, field, fields, replace
+from typing import Any
+
+from fdd.diagnosis.findings import FaultFinding
+from fdd.errors import InputError
+from fdd.service.priority import PRIORITIES, priority_of, severity_level
+
+NORMAL, UNACK, ACKED, RTNUN = "NORMAL", "UNACK", "ACKED", "RTNUN"
+SHELVED, OUT_OF_SERVICE = "SHELVED", "OUT_OF_SERVICE"
+STATES = (NORMAL, UNACK, ACKED, RTNUN, SHELVED, OUT_OF_SERVICE)
+RAISED, RERAISED, ESCALATED, RETURNED = "RAISED", "RERAISED", "ESCALATED", "RETURNED"
+ACKNOWLEDGED, UNSHELVED, IN_SERVICE = "ACKNOWLEDGED", "UNSHELVED", "IN_SERVICE"
+"""What happens to an alarm; `SHELVED` and `OUT_OF_SERVICE` are named like the states that they lead to."""
+
+ITSELF = "fdd"
+"""Who did what no person did."""
+QUIET_S = 3600.0
+"""Span in which re-raises are counted, and after which an alarm without any no longer chatters."""
+MOST_RERAISES = 5
+"""In `QUIET_S`; one more and the alarm chatters."""
+LONGEST_SHELF_S = 7 * 86400.0
+LONGEST_NOTE = 2000
+"""Characters of a name or note."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Alarm:
+    """One alarm as it stands; JSON-able by `dataclasses.asdict`.
+
+    Attributes
+    ----------
+    key : family and fault or channel that it was raised with; one alarm at a time has it on an axis.
+    fault, channel, severity, confidence, body : of the last finding; body is the whole of it.
+    priority : low, medium, high or urgent. level : quarters of gross that the severity passed. Neither falls.
+    standing : whether the evidence is there, or has not been gone for the off-delay.
+    count : how often it was raised. reraised : s, when again within the last hour. chattering : too often.
+    time, seen : s of the stream's clock, last look at the axis and last one that saw the evidence.
+    raised_time, raised_wall, returned_time, returned_wall : last raised, last returned to normal; s of the
+        stream's clock and Unix seconds. acked_wall, shelved_until : Unix seconds.
+    """
+
+    id: int
+    axis: str
+    key: str
+    family: str
+    fault: str
+    state: str
+    priority: str
+    level: int
+    time: float
+    seen: float
+    raised_time: float
+    raised_wall: float
+    channel: str | None = None
+    standing: bool = True
+    count: int = 1
+    reraised: tuple[float, ...] = ()
+    chattering: bool = False
+    returned_time: float | None = None
+    returned_wall: float | None = None
+    acked_by: str | None = None
+    acked_wall: float | None = None
+    shelved_by: str | None = None
+    shelved_until: float | None = None
+    note: str = ""
+    severity: float | None = None
+    confidence: float | None = None
+    body: dict[str, Any] = field(default_factory=dict)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Transition:
+    """What happened to an alarm; each is a record of the audit.
+
+    Attributes
+    ----------
+    before : state before; the one after is `alarm.state`. time : s of the stream's clock, of the last look.
+    wall : Unix seconds. notify : whether people are told; not of what a chattering alarm does.
+    """
+
+    action: str
+    alarm: Alarm
+    before: str
+    time: float
+    wall: float
+    who: str = ITSELF
+    note: str = ""
+    notify: bool = True
+
+
+class AlarmBook:
+    """All alarms of all axes that are not over.
+
+    Parameters
+    ----------
+    off_delay : s of data without evidence after which an alarm has returned to normal.
+    chatter : s of data after that, within which it is raised again and no new alarm made.
+
+    Examples
+    --------
+    >>> book = AlarmBook()
+    >>> leak = FaultFinding(fault="pump_wear", family="leakage", ambiguity=["pump_wear"], confidence=0.9,
+    ...                     onset_s=3.0, detected_s=15.0, severity=0.6)
+    >>> [(t.action, t.alarm.state, t.alarm.priority) for t in book.update("A1", 15.0, 1.7e9, [leak])]
+    [('RAISED', 'UNACK', 'high')]
+    >>> book.acknowledge(1, "ann", "on my way", 1.7e9 + 60.0).alarm.state
+    'ACKED'
+    """
+
+    def __init__(self, off_delay: float = 60.0, chatter: float = 600.0) -> None:
+        self.off_delay, self.chatter = off_delay, chatter
+        self._alarms: dict[int, Alarm] = {}
+        self._next_id = 1
+
+    def alarms(self, axis: str | None = None) -> list[Alarm]:
+        """Alarms of an axis, or of all, in the order of their ids; those that are normal for a while too."""
+        return [a for a in self._alarms.values() if axis in (None, a.axis)]
+
+    def update(
+        self, axis: str, time: float, wall: float, standing: Iterable[FaultFinding]
+    ) -> list[Transition]:
+        """One look at an axis.
+
+        Parameters
+        ----------
+        time : s of the stream's clock; where it was set back, what ran goes on from there.
+        wall : Unix seconds.
+        standing : all findings that stand now.
+        """
+        surest: dict[str, FaultFinding] = {}
+        for finding in sorted(standing, key=lambda f: -f.confidence):
+            surest.setdefault(_key(finding), finding)
+        mine = {a.id: _at(a, time) for a in self.alarms(axis)}
+        for id in [a.id for a in mine.values() if self._over(a)]:
+            del mine[id], self._alarms[id]
+        live = {a.key for a in mine.values() if a.state != NORMAL}
+        out = []
+        # Those first whose own alarm is not over: else a fault that looks alike would take it from them.
+        for key, finding in sorted(surest.items(), key=lambda item: item[0] not in live):
+            alarm = _alarm_of(key, finding, mine.values())
+            if alarm is None:
+                out.append(self._raised(axis, key, finding, time, wall))
+            else:
+                del mine[alarm.id]
+                out += self._seen(alarm, finding, time, wall)
+        for unseen in mine.values():
+            out += self._unseen(unseen, time, wall)
+        return out
+
+    def _raised(self, axis: str, key: str, finding: FaultFinding, time: float, wall: float) -> Transition:
+        alarm = Alarm(
+            id=self._next_id, axis=axis, key=key, family=finding.family, state=UNACK,
+            time=time, seen=time, raised_time=time, raised_wall=wall, level=severity_level(finding),
+            priority=priority_of(finding), **_words(finding),
+        )  # fmt: skip
+        self._next_id += 1
+        return self._moved(RAISED, alarm, NORMAL, wall)
+
+    def _seen(self, alarm: Alarm, finding: FaultFinding, time: float, wall: float) -> list[Transition]:
+        before, chattered = alarm.state, alarm.chattering
+        level = max(alarm.level, severity_level(finding))
+        priority = max(alarm.priority, priority_of(finding), key=PRIORITIES.index)
+        escalated = (level, priority) != (alarm.level, alarm.priority)
+        again = not alarm.standing
+        recent = alarm.reraised + (time,) * again
+        alarm = replace(
+            alarm, seen=time, standing=True, level=level, priority=priority, reraised=recent,
+            count=alarm.count + again, chattering=chattered or len(recent) > MOST_RERAISES,
+            **_words(finding),
+        )  # fmt: skip
+        if again:
+            alarm = replace(alarm, raised_time=time, raised_wall=wall)
+        if before in (SHELVED, OUT_OF_SERVICE) or not (again or escalated):
+            self._alarms[alarm.id] = alarm
+            return []
+        alarm = replace(alarm, state=UNACK, acked_by=None, acked_wall=None)
+        if again:
+            return [self._moved(RERAISED, alarm, before, wall, notify=not chattered)]
+        # Told of a chattering alarm too: it comes once a level at most.
+        return [self._moved(ESCALATED, alarm, before, wall)]
+
+    def _unseen(self, alarm: Alarm, time: float, wall: float) -> list[Transition]:
+        before = alarm.state
+        if alarm.standing and time - alarm.seen >= self.off_delay:
+            alarm = replace(alarm, standing=False, returned_time=time, returned_wall=wall)
+            if before in (UNACK, ACKED):
+                alarm = replace(alarm, state=RTNUN if before == UNACK else NORMAL)
+                return [self._moved(RETURNED, alarm, before, wall, notify=not alarm.chattering)]
+        self._alarms[alarm.id] = alarm
+        return []
+
+    def _over(self, alarm: Alarm) -> bool:
+        """Whether it is normal for so long that another one would be a new alarm."""
+        # One that chatters is the same alarm until it has been quiet, however long the pauses.
+        kept = alarm.state != NORMAL or alarm.chattering or alarm.returned_time is None
+        return not kept and alarm.time - (alarm.returned_time or 0.0) > self.chatter
+
+    def acknowledge(self, id: int, who: str, note: str, wall: float) -> Transition:
+        """Somebody has seen it.
+
+        Raises
+        ------
+        InputError : no such alarm, or not one to be acknowledged; so for all that people do.
+        """
+        alarm = self._alarm(id, "acknowledged", UNACK, RTNUN)
+        state = ACKED if alarm.state == UNACK else NORMAL
+        alarm = replace(alarm, acked_by=readable(who), acked_wall=wall)
+        return self._acted(ACKNOWLEDGED, alarm, state, who, note, wall)
+
+    def shelve(self, id: int, who: str, until: float, note: str, wall: float) -> Transition:
+        """Silence it until a time (Unix seconds), a week ahead at most."""
+        alarm = self._alarm(id, "shelved", NORMAL, UNACK, ACKED, RTNUN)
+        if not 0.0 < until - wall <= LONGEST_SHELF_S:
+            raise InputError("a shelf ends after now and within a week", mend="give another time")
+        alarm = replace(alarm, shelved_by=readable(who), shelved_until=until)
+        return self._acted(SHELVED, alarm, SHELVED, who, note, wall)
+
+    def unshelve(self, id: int, who: str, note: str, wall: float) -> Transition:
+        """End its shelf: an alarm again where the evidence stands, else normal."""
+        return self._back(self._alarm(id, "unshelved", SHELVED), UNSHELVED, who, note, wall)
+
+    def out_of_service(self, id: int, who: str, note: str, wall: float) -> Transition:
+        """Take it out of service, for maintenance, until somebody puts it back."""
+        alarm = self._alarm(id, "taken out of service", NORMAL, UNACK, ACKED, RTNUN)
+        return self._acted(OUT_OF_SERVICE, alarm, OUT_OF_SERVICE, who, note, wall)
+
+    def in_service(self, id: int, who: str, note: str, wall: float) -> Transition:
+        """Put it back in service."""
+        return self._back(self._alarm(id, "put in service", OUT_OF_SERVICE), IN_SERVICE, who, note, wall)
+
+    def tick(self, wall: float) -> list[Transition]:
+        """End the shelves whose time (Unix seconds) has come."""
+        due = [a for a in self.alarms() if a.state == SHELVED and (a.shelved_until or 0.0) <= wall]
+        return [self._back(a, UNSHELVED, ITSELF, "its time is over", wall) for a in due]
+
+    def state(self) -> dict[str, Any]:
+        """Everything, JSON-able; `restore` takes it back."""
+        return {"next_id": self._next_id, "alarms": [asdict(a) for a in self._alarms.values()]}
+
+    def restore(self, state: Mapping[str, Any]) -> None:
+        """Go on from what `state` (or `Store.book`) gave; keys of other versions are left out."""
+        known = {f.name for f in fields(Alarm)}
+        kept = [{k: v for k, v in a.items() if k in known} for a in state["alarms"]]
+        self._alarms = {a["id"]: Alarm(**{**a, "reraised": tuple(a["reraised"])}) for a in kept}
+        self._next_id = state["next_id"]
+
+    def _alarm(self, id: int, done: str, *states: str) -> Alarm:
+        alarm = self._alarms.get(id)
+        if alarm is None:
+            raise InputError(f"alarm {id} is over, or there was none", mend="look at the list anew")
+        if alarm.state not in states:
+            raise InputError(
+                f"alarm {id} cannot be {done}: it is {alarm.state}",
+                mend=f"that is for alarms that are {', '.join(states)}",
+            )
+        return alarm
+
+    def _back(self, alarm: Alarm, action: str, who: str, note: str, wall: float) -> Transition:
+        alarm = replace(alarm, shelved_by=None, shelved_until=None)
+        return self._acted(action, alarm, UNACK if alarm.standing else NORMAL, who, note, wall)
+
+    def _acted(self, action: str, alarm: Alarm, state: str, who: str, note: str, wall: float) -> Transition:
+        after = replace(alarm, state=state, note=readable(note))
+        return self._moved(action, after, alarm.state, wall, who=readable(who), note=after.note)
+
+    def _moved(self, action: str, alarm: Alarm, before: str, wall: float, **said: Any) -> Transition:
+        self._alarms[alarm.id] = alarm
+        return Transition(action=action, alarm=alarm, before=before, time=alarm.time, wall=wall, **said)
+
+
+def _key(finding: FaultFinding) -> str:
+    return f"{finding.family}/{finding.channel or finding.fault}"
+
+
+def _alarm_of(key: str, finding: FaultFinding, alarms: Iterable[Alarm]) -> Alarm | None:
+    """The alarm that a finding speaks of: its own, or one that is not over of a fault that looks alike.
+
+    Which of an ambiguity group leads may change from look to look, and that is no new alarm.
+    """
+
+    def alike(alarm: Alarm) -> bool:
+        same = alarm.family == finding.family and not (alarm.channel or finding.channel)
+        grouped = finding.fault in alarm.body["ambiguity"] or alarm.fault in finding.ambiguity
+        return alarm.state != NORMAL and same and grouped
+
+    fitting = [a for a in alarms if a.key == key or alike(a)]
+    return min(fitting, key=lambda a: (a.state == NORMAL, a.key != key, a.id), default=None)
+
+
+def _words(finding: FaultFinding) -> dict[str, Any]:
+    """What an alarm takes over of its last finding."""
+    body = finding.model_dump(mode="json")
+    return {k: body[k] for k in ("fault", "channel", "severity", "confidence")} | {"body": body}
+
+
+def _at(alarm: Alarm, time: float) -> Alarm:
+    """The alarm at a new look. Where the clock was set back its times move along, so that all spans end."""
+    back = min(time - alarm.time, 0.0)
+    returned = None if alarm.returned_time is None else alarm.returned_time + back
+    again = tuple(t + back for t in alarm.reraised if time - t - back < QUIET_S)
+    return replace(
+        alarm, time=time, seen=alarm.seen + back, raised_time=alarm.raised_time + back,
+        returned_time=returned, reraised=again, chattering=alarm.chattering and bool(again),
+    )  # fmt: skip
+
+
+def readable(text: str) -> str:
+    """What somebody wrote, without characters that no database or page takes, and not without end.
+
+    Examples
+    --------
+    >>> readable("on my\\x00 way")
+    'on my way'
+    """
+    return "".join(c for c in text if c.isprintable() or c == "\n")[:LONGEST_NOTE]

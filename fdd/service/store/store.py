@@ -1,0 +1,236 @@
+"""The store: one writer at a time, any number of readers, from any thread."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Collection, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from typing import Any
+
+from sqlalchemy import Select, delete, func, or_, select, update
+
+from fdd.service.alarms import ITSELF, NORMAL
+from fdd.service.store.checkpoints import Checkpoint, unpacked
+from fdd.service.store.connecting import BUSY_TIMEOUT_S, WRITES, connect
+from fdd.service.store.migrating import migrate
+from fdd.service.store.schema import (
+    ALARM,
+    AUDIT,
+    AXIS,
+    CHECKPOINT,
+    FINDING,
+    JOURNAL,
+    META,
+    OUTBOX,
+    QUALITY,
+    ROLLUP,
+)
+from fdd.service.store.transaction import Transaction
+from fdd.service.store.troubles import told
+
+DAY_S = 86400.0
+Row = dict[str, Any]
+
+
+@dataclass(frozen=True)
+class Parcel:
+    """Something that must arrive at a target.
+
+    Attributes
+    ----------
+    next_wall : Unix seconds, before which it is not tried again.
+    """
+
+    id: int
+    kind: str
+    body: Mapping[str, Any]
+    target: str
+    attempts: int
+    next_wall: float
+
+
+class Store:
+    """Open a store, and bring its tables to this version.
+
+    Rows that it gives are dicts that JSON takes, with the columns' names; times are `time`, s of the stream's
+    clock, and `wall`, Unix seconds. Whatever reads or writes raises `StoreTrouble` (locked, full, server
+    away: try again, nothing was written) or `InputError` (damaged, read-only: somebody must mend it).
+
+    Parameters
+    ----------
+    url : ``sqlite:///fdd.db`` or ``postgresql://user@host/database``.
+    busy_timeout : s for which SQLite waits for another writer.
+
+    Raises
+    ------
+    InputError : wrong URL, damaged, of a newer fdd, of another program.
+
+    Examples
+    --------
+    >>> store = Store("sqlite:///fdd.db")
+    >>> with store.transaction() as t:
+    ...     t.axis("A1", wall=1.7e9, unit="axis_a")
+    >>> [axis["name"] for axis in store.axes()]
+    ['A1']
+    >>> store.close()
+    """
+
+    def __init__(self, url: str, busy_timeout: float = BUSY_TIMEOUT_S) -> None:
+        self._engine, self.where = connect(url, busy_timeout)
+        migrate(self._engine, self.where)
+
+    def close(self) -> None:
+        """Close all connections."""
+        self._engine.dispose()
+
+    @contextmanager
+    def transaction(self) -> Iterator[Transaction]:
+        """Write: all of the block, on the disk when it ends, or nothing if it raises."""
+        with (
+            told(self.where),
+            self._engine.connect().execution_options(**{WRITES: True}) as connection,
+            connection.begin(),
+        ):
+            yield Transaction(connection)
+
+    def _rows(self, statement: Select[Any]) -> list[Row]:
+        with told(self.where), self._engine.connect() as connection:
+            return [dict(row._mapping) for row in connection.execute(statement)]
+
+    def _change(self, *statements: Any) -> list[int]:
+        """Rows that each statement changed."""
+        with self.transaction() as t:
+            return [int(t._connection.execute(statement).rowcount) for statement in statements]
+
+    def axes(self) -> list[Row]:
+        """All axes, by name."""
+        return self._rows(select(AXIS).order_by(AXIS.c.name))
+
+    def alarms(self, states: Collection[str] | None = None, limit: int = 1000) -> list[Row]:
+        """`Alarm`s as dicts, the newest first: those in some states, or all."""
+        chosen = select(ALARM.c.body).order_by(ALARM.c.id.desc()).limit(limit)
+        return _bodies(self._rows(chosen if states is None else chosen.where(ALARM.c.state.in_(states))))
+
+    def alarm(self, id: int) -> Row | None:
+        """One `Alarm` as a dict; None where there is none."""
+        return next(iter(_bodies(self._rows(select(ALARM.c.body).where(ALARM.c.id == id)))), None)
+
+    def book(self) -> Row:
+        """What `AlarmBook.restore` takes: alarms that are not over, each key's last one, and the next id."""
+        c = ALARM.c
+        last = select(func.max(c.id)).group_by(c.axis, c.key)
+        kept = self._rows(select(c.id, c.body).where(or_(c.state != NORMAL, c.id.in_(last))).order_by(c.id))
+        return {"next_id": kept[-1]["id"] + 1 if kept else 1, "alarms": _bodies(kept)}
+
+    def findings(self, axis: str | None = None, since: float = 0.0, limit: int = 1000) -> list[Row]:
+        """Findings of an axis, or of all, from a wall time on, the newest first."""
+        chosen = select(FINDING).where(FINDING.c.wall >= since).order_by(FINDING.c.id.desc()).limit(limit)
+        return self._rows(chosen if axis is None else chosen.where(FINDING.c.axis == axis))
+
+    def audit(
+        self, alarm_id: int | None = None, axis: str | None = None, since: float = 0.0, limit: int = 1000
+    ) -> list[Row]:
+        """The audit's records from a wall time on, the newest first: of an alarm, of an axis, or all."""
+        chosen = select(AUDIT).where(AUDIT.c.wall >= since).order_by(AUDIT.c.id.desc()).limit(limit)
+        if alarm_id is not None:
+            chosen = chosen.where(AUDIT.c.alarm_id == alarm_id)
+        return self._rows(chosen if axis is None else chosen.where(AUDIT.c.axis == axis))
+
+    def rollups(self, axis: str, quantity: str, level: str, since: float = 0.0) -> list[Row]:
+        """A quantity over the minutes, hours or days (`level`) that begin from a wall time on."""
+        c = ROLLUP.c
+        mine = (c.axis == axis) & (c.quantity == quantity) & (c.level == level) & (c.start_wall >= since)
+        return self._rows(select(ROLLUP).where(mine).order_by(c.start_wall))
+
+    def quality(self, axis: str, since: float = 0.0) -> list[Row]:
+        """Counts of what was missing or odd, by minutes from a wall time on."""
+        c = QUALITY.c
+        return self._rows(select(QUALITY).where(c.axis == axis, c.start_wall >= since).order_by(c.start_wall))
+
+    def checkpoint(self, axis: str) -> Checkpoint | None:
+        """The last state of an axis; None where there is none.
+
+        Raises
+        ------
+        InputError : it is damaged; the axis must start anew.
+        """
+        found = self._rows(select(CHECKPOINT).where(CHECKPOINT.c.axis == axis))
+        if not found:
+            return None
+        row = found[0]
+        row["body"] = unpacked(row["body"], row.pop("sha256"), self.where)
+        return Checkpoint(**row)
+
+    def journal(self, axis: str) -> list[tuple[int, bytes]]:
+        """Blocks (id, payload) that came after an axis's checkpoint, in their order."""
+        c = JOURNAL.c
+        rows = self._rows(select(c.id, c.payload).where(c.axis == axis).order_by(c.id))
+        return [(row["id"], row["payload"]) for row in rows]
+
+    def meta(self, key: str) -> str | None:
+        """A word about the store itself."""
+        return next((r["value"] for r in self._rows(select(META.c.value).where(META.c.key == key))), None)
+
+    def outbox(self, limit: int, target: str) -> list[Parcel]:
+        """The oldest parcels for a target that did not arrive yet, due or not, in their order."""
+        c = OUTBOX.c
+        fields = [column for column in c if column is not c.done]
+        waiting = select(*fields).where(~c.done, c.target == target).order_by(c.id).limit(limit)
+        return [Parcel(**row) for row in self._rows(waiting)]
+
+    def delivered(self, id: int) -> None:
+        """A parcel arrived."""
+        self._change(update(OUTBOX).where(OUTBOX.c.id == id).values(done=True))
+
+    def put_off(self, id: int, next_wall: float) -> None:
+        """A parcel did not arrive: count the attempt, and set when it is tried again."""
+        c = OUTBOX.c
+        self._change(update(OUTBOX).where(c.id == id).values(attempts=c.attempts + 1, next_wall=next_wall))
+
+    def give_up(self, id: int, note: str) -> None:
+        """A parcel will never arrive: it is done with, and put on record."""
+        with self.transaction() as t:
+            t._connection.execute(update(OUTBOX).where(OUTBOX.c.id == id).values(done=True))
+            t.audit(time.time(), ITSELF, "GIVEN_UP", note=note, body={"outbox": id})
+
+    def compact(
+        self,
+        now: float,
+        minutes: float = 30 * DAY_S,
+        hours: float = 730 * DAY_S,
+        findings: float | None = None,
+    ) -> dict[str, int]:
+        """Forget what is old, and give its room on the disk back.
+
+        Days are kept for ever, so are alarms and the audit.
+
+        Parameters
+        ----------
+        now : Unix seconds. minutes, hours, findings : s for which each is kept; None is for ever. Counts of
+            the data's quality go with the minutes.
+
+        Returns
+        -------
+        How many rows of each went.
+        """
+        c = ROLLUP.c
+        old = {
+            "minutes": delete(ROLLUP).where(c.level == "minute", c.start_wall < now - minutes),
+            "hours": delete(ROLLUP).where(c.level == "hour", c.start_wall < now - hours),
+            "quality": delete(QUALITY).where(QUALITY.c.start_wall < now - minutes),
+            "outbox": delete(OUTBOX).where(OUTBOX.c.done),
+        }
+        if findings is not None:
+            old["findings"] = delete(FINDING).where(FINDING.c.wall < now - findings)
+        gone = dict(zip(old, self._change(*old.values()), strict=True))
+        if self._engine.dialect.name == "sqlite":
+            with told(self.where), self._engine.connect() as connection:
+                driver: Any = connection.connection.driver_connection
+                # As a script: it gives one page back at a step, and the driver else takes the first alone.
+                driver.executescript("PRAGMA incremental_vacuum; PRAGMA wal_checkpoint(TRUNCATE)")
+        return gone
+
+
+def _bodies(rows: Sequence[Row]) -> list[Row]:
+    return [row["body"] for row in rows]

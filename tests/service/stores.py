@@ -1,0 +1,30 @@
+"""What tests of the store share: a finding, a time, and an emptied server."""
+
+from __future__ import annotations
+
+import os
+
+import pytest
+from sqlalchemy import create_engine, text
+
+from fdd.diagnosis.findings import FaultFinding
+
+WALL = 1_700_000_000.0
+LEAK = FaultFinding(
+    fault="pump_wear", family="leakage", ambiguity=["pump_wear"], confidence=0.9, onset_s=3.0,
+    detected_s=15.0, severity=0.6, severity_interval=(0.5, 0.7),
+)  # fmt: skip
+
+
+def postgres_url() -> str:
+    """An emptied PostgreSQL database, or the test is skipped."""
+    url = os.environ.get("FDD_TEST_POSTGRES")
+    if not url:
+        pytest.skip("no server: FDD_TEST_POSTGRES=postgresql://… names an empty database")
+    pytest.importorskip("psycopg", reason="psycopg is not installed")
+    engine = create_engine(url.replace("postgresql://", "postgresql+psycopg://"))
+    with engine.begin() as connection:
+        connection.execute(text("DROP SCHEMA public CASCADE"))
+        connection.execute(text("CREATE SCHEMA public"))
+    engine.dispose()
+    return url

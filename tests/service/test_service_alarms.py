@@ -1,0 +1,399 @@
+"""The alarm book against the rules of ISA-18.2 as written here, by random histories and by single cases."""
+
+from __future__ import annotations
+
+import json
+import math
+from typing import Any
+
+import pytest
+from hypothesis import Phase, settings
+from hypothesis import strategies as st
+from hypothesis.stateful import RuleBasedStateMachine, invariant, rule
+
+from fdd.diagnosis.findings import FaultFinding
+from fdd.errors import InputError
+from fdd.service.alarms import AlarmBook, Transition
+
+# The diagram of the standard, arc by arc: what happens, from, to. Re-alarm of an acknowledged alarm is
+# optional there. A shelf or service ends in an alarm or in normal, never in acknowledged. An escalation of an
+# unacknowledged alarm is told and leaves the state.
+N, U, A, R, S, O = "NORMAL", "UNACK", "ACKED", "RTNUN", "SHELVED", "OUT_OF_SERVICE"  # noqa: E741
+DIAGRAM = {
+    ("RAISED", N, U), ("RERAISED", N, U), ("RERAISED", R, U), ("ESCALATED", A, U), ("ESCALATED", U, U),
+    ("RETURNED", U, R), ("RETURNED", A, N), ("ACKNOWLEDGED", U, A), ("ACKNOWLEDGED", R, N),
+    *(("SHELVED", state, S) for state in (N, U, A, R)), ("UNSHELVED", S, N), ("UNSHELVED", S, U),
+    *(("OUT_OF_SERVICE", state, O) for state in (N, U, A, R)), ("IN_SERVICE", O, N), ("IN_SERVICE", O, U),
+}  # fmt: skip
+BY_PEOPLE = {
+    "acknowledge": "ACKNOWLEDGED",
+    "shelve": "SHELVED",
+    "unshelve": "UNSHELVED",
+    "out_of_service": "OUT_OF_SERVICE",
+    "in_service": "IN_SERVICE",
+}
+ORDER = ["low", "medium", "high", "urgent"]
+LOOK = 5.0
+WALL = 1.7e9
+
+
+def finding(
+    fault: str = "pump_wear",
+    family: str = "leakage",
+    low: float | None = 0.1,
+    confidence: float = 0.9,
+    ambiguity: tuple[str, ...] = (),
+    channel: str | None = None,
+) -> FaultFinding:
+    return FaultFinding(
+        fault=fault, family=family, ambiguity=[fault, *ambiguity], confidence=confidence, onset_s=1.0,
+        detected_s=2.0, channel=channel, severity=None if low is None else low + 0.1,
+        severity_interval=None if low is None else (low, low + 0.2),
+    )  # fmt: skip
+
+
+KINDS: dict[str, dict[str, Any]] = {
+    "leakage/pump_wear": {},
+    "relief_valve/relief_valve_stuck_open": {"fault": "relief_valve_stuck_open", "family": "relief_valve"},
+    "sensor/pressure_1": {"fault": "sensor_dropout", "family": "sensor", "channel": "pressure_1"},
+    "sensor/pressure_2": {"fault": "sensor_dropout", "family": "sensor", "channel": "pressure_2"},
+}
+
+
+class History:
+    """What the rules ask of one key on one axis, kept as plain lists."""
+
+    def __init__(self) -> None:
+        self.seen: list[float] = []
+        self.raised: list[float] = []
+        self.ended: float | None = None
+        self.id: int | None = None
+
+    @property
+    def stands(self) -> bool:
+        return bool(self.raised) and self.ended is None
+
+
+class Plant(RuleBasedStateMachine):
+    """Random looks and actions; a second book is restored from JSON again and again and must do the same."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.book, self.twin = AlarmBook(), AlarmBook()
+        self.time = {"A1": 0.0, "A2": 1e6}
+        self.wall = WALL
+        self.audit: list[Transition] = []
+        self.histories: dict[tuple[str, str], History] = {}
+        self.chatters: dict[int, bool] = {}
+        self.worst: dict[int, int] = {}
+
+    def told(self, transitions: list[Transition], twins: list[Transition]) -> list[Transition]:
+        assert twins == transitions
+        self.audit += transitions
+        return transitions
+
+    @rule(
+        axis=st.sampled_from(["A1", "A2"]),
+        stands=st.dictionaries(
+            st.sampled_from(sorted(KINDS)),
+            st.tuples(
+                st.none() | st.sampled_from([0.0, 0.24, 0.25, 0.5, 0.75, 1.2]), st.sampled_from([0.3, 0.9])
+            ),
+        ),
+        looks=st.sampled_from([1, 1, 2, 11, 12, 13, 130]),
+        gap=st.sampled_from([LOOK, LOOK, 70.0, 700.0, 4000.0]),
+    )
+    def look(self, axis: str, stands: dict[str, tuple[float | None, float]], looks: int, gap: float) -> None:
+        for k in range(looks):
+            self.see(axis, stands, gap if k == 0 else LOOK)
+
+    @rule(
+        axis=st.sampled_from(["A1", "A2"]),
+        key=st.sampled_from(sorted(KINDS)),
+        times=st.integers(1, 8),
+        gap=st.sampled_from([60.0, 65.0, 65.0, 595.0, 600.0, 605.0, 3000.0]),
+    )
+    def flutter(self, axis: str, key: str, times: int, gap: float) -> None:
+        """It comes for one look and goes, again and again."""
+        for _ in range(times):
+            self.see(axis, {key: (0.1, 0.9)}, gap)
+            for _ in range(12):
+                self.see(axis, {}, LOOK)
+
+    def see(self, axis: str, stands: dict[str, tuple[float | None, float]], passed: float) -> None:
+        self.time[axis] += passed
+        self.wall += LOOK
+        found = [finding(**KINDS[key], low=low, confidence=c) for key, (low, c) in stands.items()]
+        args = axis, self.time[axis], self.wall, found
+        self.judge(axis, set(stands), self.told(self.book.update(*args), self.twin.update(*args)))
+
+    def judge(self, axis: str, stands: set[str], transitions: list[Transition]) -> None:
+        """One look: what must have become of every key of the axis."""
+        now = self.time[axis]
+        happened = {t.alarm.key: t for t in transitions}
+        assert len(happened) == len(transitions)
+        for key in KINDS:
+            history = self.histories.setdefault((axis, key), History())
+            alarms = [a for a in self.book.alarms(axis) if a.key == key]
+            assert len(alarms) <= 1
+            again = key in stands and not history.stands
+            if again:
+                pause = math.inf if history.ended is None else now - history.ended
+                state = next((t.alarm.state for t in reversed(self.audit[: -len(transitions) or None])
+                              if t.alarm.id == history.id), N)  # fmt: skip
+                over = state == N and pause > (math.inf if self.chattered(history, now) else 600.0)
+                if history.id is None or over:
+                    assert happened[key].action == "RAISED"
+                    assert alarms[0].id not in self.worst
+                    self.histories[axis, key] = history = History()
+                    history.id = alarms[0].id
+                else:
+                    assert alarms[0].id == history.id
+                    assert key not in happened or happened[key].action == "RERAISED"
+                history.raised.append(now)
+                history.ended = None
+            if key in stands:
+                history.seen.append(now)
+                assert alarms[0].state in (U, A, S, O)
+                assert alarms[0].standing
+            elif history.stands:
+                if now - history.seen[-1] >= 60.0:
+                    history.ended = now
+                    assert alarms[0].state in (N, R, S, O)
+                else:
+                    assert alarms[0].state in (U, A, S, O)
+                    assert key not in happened
+            elif key in happened:
+                raise AssertionError("something happened to what neither stands nor stood")
+            if alarms:
+                assert alarms[0].count == len(history.raised)
+                assert alarms[0].standing == history.stands
+                self.hear(history, alarms[0].chattering, now, happened.get(key))
+
+    def chattered(self, history: History, now: float) -> bool:
+        """Whether it chattered before this look and has not been quiet for an hour."""
+        return self.chatters.get(history.id or 0, False) and now - history.raised[-1] < 3600.0
+
+    def hear(self, history: History, chattering: bool, now: float, happened: Transition | None) -> None:
+        """Notifications: six re-raises within an hour make it chatter, until there was none for an hour."""
+        assert history.id is not None
+        again = history.raised[1:]
+        often = len([t for t in again if now - t < 3600.0]) > 5
+        earlier = [t for t in again if t < now]
+        quiet = not earlier or now - earlier[-1] >= 3600.0
+        before = self.chatters.get(history.id, False) and not quiet
+        self.chatters[history.id] = expected = often or before
+        assert chattering == expected
+        if happened is not None and happened.action in ("RERAISED", "RETURNED"):
+            assert happened.notify == (not before if happened.action == "RERAISED" else not expected)
+
+    @rule(
+        data=st.data(), action=st.sampled_from(sorted(BY_PEOPLE)), passed=st.sampled_from([0.0, 40.0, 4000.0])
+    )
+    def act(self, data: st.DataObject, action: str, passed: float) -> None:
+        self.wall += passed
+        ids = sorted({a.id for a in self.book.alarms()} | {999})
+        id = data.draw(st.sampled_from(ids))
+        until = (self.wall + 300.0,) if action == "shelve" else ()
+        args = (id, "ann", *until, "a note", self.wall)
+        state = {a.id: a.state for a in self.book.alarms()}.get(id)
+        if not any(a == BY_PEOPLE[action] and before == state for a, before, _ in DIAGRAM):
+            before_it = json.dumps(self.book.state())
+            for book in (self.book, self.twin):
+                with pytest.raises(InputError):
+                    getattr(book, action)(*args)
+            assert json.dumps(self.book.state()) == before_it
+            return
+        (done,) = self.told([getattr(self.book, action)(*args)], [getattr(self.twin, action)(*args)])
+        assert (done.action, done.who, done.note, done.wall) == (
+            BY_PEOPLE[action],
+            "ann",
+            "a note",
+            self.wall,
+        )
+        assert done.notify
+
+    @rule(passed=st.sampled_from([1.0, 299.0, 300.0, 9000.0]))
+    def clock(self, passed: float) -> None:
+        self.wall += passed
+        due = {a.id for a in self.book.alarms() if a.state == S and (a.shelved_until or 0.0) <= self.wall}
+        over = self.told(self.book.tick(self.wall), self.twin.tick(self.wall))
+        assert {t.alarm.id for t in over} == due
+        assert {t.action for t in over} <= {"UNSHELVED"}
+
+    @rule()
+    def restart(self) -> None:
+        state = json.loads(json.dumps(self.twin.state()))
+        self.twin = AlarmBook()
+        self.twin.restore(state)
+
+    @invariant()
+    def every_transition_is_an_arc_and_on_record(self) -> None:
+        states: dict[int, str] = {}
+        for t in self.audit:
+            assert (t.action, t.before, t.alarm.state) in DIAGRAM
+            assert t.before == states.get(t.alarm.id, N)
+            states[t.alarm.id] = t.alarm.state
+        for alarm in self.book.alarms():
+            assert states[alarm.id] == alarm.state
+        gone = set(states) - {a.id for a in self.book.alarms()}
+        assert {states[id] for id in gone} <= {N}
+
+    @invariant()
+    def priorities_never_fall(self) -> None:
+        for alarm in self.book.alarms():
+            place = ORDER.index(alarm.priority)
+            assert place >= self.worst.get(alarm.id, 0)
+            self.worst[alarm.id] = place
+
+
+# A history is not shortened when it fails: that takes many minutes, and its last steps tell enough.
+Plant.TestCase.settings = settings(
+    max_examples=60, stateful_step_count=30, phases=[Phase.explicit, Phase.generate]
+)
+TestPlant = Plant.TestCase
+
+
+class Looks:
+    """One axis, a look each five seconds."""
+
+    def __init__(self) -> None:
+        self.book, self.time = AlarmBook(), 0.0
+
+    def __call__(self, *found: FaultFinding, seconds: float = LOOK) -> list[tuple[str, str]]:
+        out = []
+        for _ in range(round(seconds / LOOK)):
+            self.time += LOOK
+            out += self.book.update("A1", self.time, WALL + self.time, found)
+        return [(t.action, t.alarm.fault) for t in out]
+
+
+def test_a_whole_life() -> None:
+    look = Looks()
+    assert look(finding()) == [("RAISED", "pump_wear")]
+    assert look.book.acknowledge(1, "ann", "on my way", WALL).alarm.acked_by == "ann"
+    assert look(seconds=55.0) == []
+    assert look() == [("RETURNED", "pump_wear")]
+    assert look.book.alarms()[0].state == N
+    assert look(seconds=600.0) == []
+    assert look.book.alarms() != []
+    assert look() == []
+    assert look.book.alarms() == []
+    assert look(finding()) == [("RAISED", "pump_wear")]
+    assert look.book.alarms()[0].id == 2
+
+
+def test_a_second_fault_on_an_axis_in_alarm_has_an_alarm_of_its_own() -> None:
+    look = Looks()
+    look(finding())
+    assert look(finding(), finding("aeration", "aeration")) == [("RAISED", "aeration")]
+    assert look(finding(), finding("internal_leakage")) == [("RAISED", "internal_leakage")]
+
+
+def test_another_fault_of_the_ambiguity_group_in_the_lead_is_no_new_alarm() -> None:
+    look = Looks()
+    look(finding(ambiguity=("internal_leakage",)))
+    assert look(finding("internal_leakage", ambiguity=("pump_wear",))) == []
+    (alarm,) = look.book.alarms()
+    assert (alarm.key, alarm.fault) == ("leakage/pump_wear", "internal_leakage")
+    # Both at once are two, and the one that was there keeps its own.
+    both = finding("internal_leakage", ambiguity=("pump_wear",), confidence=0.99), finding()
+    assert look(*both) == [("RAISED", "internal_leakage")]
+    assert [(a.id, a.fault) for a in look.book.alarms()] == [(1, "pump_wear"), (2, "internal_leakage")]
+
+
+def test_two_sides_of_one_fault_are_one_alarm() -> None:
+    look = Looks()
+    sure, less = finding(confidence=0.9, low=0.1), finding(confidence=0.6, low=0.8)
+    assert look(less, sure) == [("RAISED", "pump_wear")]
+    assert look.book.alarms()[0].confidence == 0.9
+
+
+@pytest.mark.parametrize(
+    ("found", "priority"),
+    [
+        (finding(low=0.24), "low"),
+        (finding(low=0.25), "medium"),
+        (finding(low=0.5), "high"),
+        (finding(low=0.75), "urgent"),
+        (finding(low=0.5, confidence=0.49), "medium"),
+        (finding("external_leakage", low=0.1), "medium"),
+        (finding(low=0.1, ambiguity=("external_leakage",)), "medium"),
+        (finding("check_valve_clogged", "check_valve", low=0.9), "urgent"),
+        (finding("sensor_dropout", "sensor", low=None), "medium"),
+        (finding(low=0.0, confidence=0.3), "low"),
+    ],
+)
+def test_priority(found: FaultFinding, priority: str) -> None:
+    look = Looks()
+    look(found)
+    assert look.book.alarms()[0].priority == priority
+
+
+def test_a_growing_fault_asks_for_attention_again_once_a_level() -> None:
+    look = Looks()
+    look(finding(low=0.2))
+    look.book.acknowledge(1, "ann", "", WALL)
+    assert look(finding(low=0.3), seconds=60.0) == [("ESCALATED", "pump_wear")]
+    assert look.book.alarms()[0].state == U
+    # Wavering about the limit is not told again.
+    assert [look(finding(low=low)) for low in (0.2, 0.3, 0.24, 0.26)] == [[], [], [], []]
+    assert look(finding(low=0.8)) == [("ESCALATED", "pump_wear")]
+    assert look.book.alarms()[0].priority == "urgent"
+
+
+def test_a_clock_that_is_set_back_neither_ends_an_alarm_nor_holds_it_for_ever() -> None:
+    book = AlarmBook()
+    book.update("A1", 1e6, WALL, [finding()])
+    book.update("A1", 1e6 + 50.0, WALL + 50.0, [])
+    assert book.update("A1", 0.0, WALL + 51.0, []) == []
+    assert [t.action for t in book.update("A1", 10.0, WALL + 61.0, [])] == ["RETURNED"]
+
+
+@pytest.mark.parametrize("ahead", [0.0, -1.0, 7 * 86400.0 + 1.0, math.inf, math.nan])
+def test_a_shelf_ends_within_a_week(ahead: float) -> None:
+    look = Looks()
+    look(finding())
+    with pytest.raises(InputError, match="within a week"):
+        look.book.shelve(1, "ann", WALL + ahead, "", WALL)
+    assert look.book.alarms()[0].state == U
+
+
+def test_what_people_write_is_kept_as_text_and_no_more() -> None:
+    look = Looks()
+    look(finding())
+    said = look.book.acknowledge(1, "ann\x00\ud800", "naïve 油\nsecond line\x1b[31m" + "x" * 3000, WALL)
+    assert said.who == "ann"
+    assert said.note.startswith("naïve 油\nsecond line[31mxx")
+    assert len(said.note) == 2000
+
+
+def test_state_of_another_version_is_read_as_far_as_it_is_known() -> None:
+    look = Looks()
+    look(finding())
+    state = look.book.state()
+    state["alarms"][0]["colour"] = "red"
+    book = AlarmBook()
+    book.restore(state)
+    assert book.alarms() == look.book.alarms()
+
+
+def test_a_chattering_alarm_stays_one_alarm_and_is_silent_until_it_was_quiet_for_an_hour() -> None:
+    book, time, told = AlarmBook(), 0.0, []
+    for _ in range(9):
+        for found, until in (([finding()], 5.0), ([], 65.0)):
+            for _ in range(round(until / LOOK)):
+                time += LOOK
+                told += [(t.action, t.notify) for t in book.update("A1", time, WALL, found)]
+    assert [action for action, _ in told] == ["RAISED", "RETURNED", *["RERAISED", "RETURNED"] * 8]
+    # The sixth re-raise is told still, and that it chatters with it; nothing is from there on.
+    assert [notify for _, notify in told] == [True] * 13 + [False] * 5
+    (alarm,) = book.alarms()
+    assert (alarm.count, alarm.chattering) == (9, True)
+    # Raised again after more than the usual ten minutes: the same alarm, as it was not quiet for an hour.
+    assert [t.notify for t in book.update("A1", time + 3000.0, WALL, [finding()])] == [False]
+    book.update("A1", time + 6599.0, WALL, [finding()])
+    assert book.alarms()[0].chattering
+    book.update("A1", time + 6600.0, WALL, [finding()])
+    assert not book.alarms()[0].chattering
+    assert [t.notify for t in book.update("A1", time + 6660.0, WALL, [])] == [True]

@@ -1,0 +1,324 @@
+"""What the store keeps, on SQLite and, where FDD_TEST_POSTGRES names an empty database, on PostgreSQL."""
+
+from __future__ import annotations
+
+import json
+import sqlite3
+import threading
+from collections.abc import Iterator
+from dataclasses import asdict
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from sqlalchemy import create_engine, text
+from stores import LEAK, WALL, postgres_url
+
+from fdd.diagnosis.findings import FaultFinding
+from fdd.errors import InputError
+from fdd.service.alarms import AlarmBook
+from fdd.service.store import Checkpoint, Rollup, Store
+from fdd.service.store.rollups import merged
+
+DAY = 86400.0
+
+
+@pytest.fixture(params=["sqlite", "postgresql"])
+def url(request: pytest.FixtureRequest, tmp_path: Path) -> str:
+    return f"sqlite:///{tmp_path}/fdd.db" if request.param == "sqlite" else postgres_url()
+
+
+@pytest.fixture
+def store(url: str) -> Iterator[Store]:
+    store = Store(url)
+    yield store
+    store.close()
+
+
+def values_of(name: str, values: np.ndarray, start: float = WALL) -> Rollup:
+    few = float(values.min()), float(values.max())
+    return Rollup("A1", name, start, values.size, float(values.mean()), float(values.std()), *few)
+
+
+def test_everything_comes_back_as_it_was_written(store: Store, url: str) -> None:
+    book = AlarmBook()
+    (raised,) = book.update("A1", 15.0, WALL, [LEAK])
+    with store.transaction() as t:
+        t.axis("A1", wall=WALL, unit="axis_a", profile_sha256="p", model_sha256="m")
+        t.axis("A1", wall=WALL + 5.0, last_time=20.0, state="in alarm")
+        t.found("A1", 15.0, WALL, LEAK)
+        t.transition(raised)
+        t.audit(WALL + 1.0, "ann", "LOGIN", note='naïve "油"\x00\udcff', body={"value": float("nan")})
+        t.meta("name", "rig")
+        t.meta("name", "rig 7")
+        t.quality("A1", WALL + 1.0, dropped=3)
+        t.quality("A1", WALL + 2.0, dropped=4, gaps=1)
+    store.close()
+    again = Store(url)
+    assert again.axes() == [
+        {"name": "A1", "unit": "axis_a", "profile_sha256": "p", "model_sha256": "m", "first_wall": WALL,
+         "last_wall": WALL + 5.0, "last_time": 20.0, "state": "in alarm"}
+    ]  # fmt: skip
+    (found,) = again.findings("A1")
+    assert FaultFinding.model_validate(found["body"]) == LEAK
+    assert (found["low"], found["high"], found["onset"]) == (0.5, 0.7, 3.0)
+    login, audited = again.audit()
+    assert (login["note"], login["body"]) == ('naïve "油"', {"value": None})
+    assert (audited["action"], audited["body"]["before"], audited["time"]) == ("RAISED", "NORMAL", 15.0)
+    assert [r["id"] for r in again.audit(alarm_id=1)] == [audited["id"]]
+    assert json.loads(json.dumps(again.alarm(1))) == json.loads(json.dumps(asdict(raised.alarm)))
+    assert [a["id"] for a in again.alarms(["UNACK"])] == [1]
+    assert again.alarms(["ACKED"]) == [] and again.alarm(2) is None
+    assert again.meta("name") == "rig 7" and again.meta("none") is None
+    assert again.quality("A1") == [
+        {"axis": "A1", "start_wall": WALL // 60 * 60, "dropped": 7, "late": 0, "repeated": 0, "gaps": 1,
+         "nan": 0}
+    ]  # fmt: skip
+    again.close()
+
+
+def test_a_book_goes_on_from_the_store_as_if_it_had_never_stopped(store: Store) -> None:
+    book, time = AlarmBook(), 0.0
+    for look in range(400):
+        time += 5.0
+        stands = [LEAK] * (look % 40 < 10)
+        if look % 7 == 0:
+            restored = AlarmBook()
+            restored.restore(store.book())
+            assert restored.state()["next_id"] == book.state()["next_id"]
+            book = restored
+        twin = AlarmBook()
+        twin.restore(book.state())
+        transitions = book.update("A1", time, WALL + time, stands)
+        assert twin.update("A1", time, WALL + time, stands) == transitions
+        with store.transaction() as t:
+            t.alarm(*book.alarms("A1"))
+            for transition in transitions:
+                t.transition(transition)
+    # Raised for 50 s each 200 s, never acknowledged: one alarm, whoever restarts.
+    (row,) = store.alarms()
+    assert (row["count"], row["chattering"]) == (10, True)
+    assert [r["action"] for r in reversed(store.audit())] == [
+        "RAISED",
+        *["RETURNED", "RERAISED"] * 9,
+        "RETURNED",
+    ]
+
+
+def test_the_book_knows_an_alarm_that_has_just_ended_and_gives_no_id_twice(store: Store) -> None:
+    book = AlarmBook()
+    for time, stands in ((5.0, [LEAK]), (65.0, []), (800.0, []), (805.0, [LEAK])):
+        with store.transaction() as t:
+            for transition in book.update("A1", time, WALL + time, stands):
+                t.transition(transition)
+    with store.transaction() as t:
+        t.transition(book.acknowledge(1, "ann", "", WALL))
+        for time in (865.0, 1500.0):
+            for transition in book.update("A1", time, WALL + time, []):
+                t.transition(transition)
+    assert [a["state"] for a in store.alarms()] == ["NORMAL"]
+    restored = AlarmBook()
+    restored.restore(store.book())
+    assert [t.alarm.id for t in restored.update("A1", 2000.0, WALL, [LEAK])] == [2]
+
+
+def test_a_block_that_fails_leaves_nothing(store: Store) -> None:
+    with pytest.raises(ZeroDivisionError), store.transaction() as t:
+        t.accept("A1", [b"1"])
+        t.audit(WALL, "ann", "LOGIN")
+        t.send("alarm", {}, "webhook", WALL)
+        _ = 1 / 0
+    assert (store.journal("A1"), store.audit(), store.outbox(9, "webhook")) == ([], [], [])
+
+
+def test_a_checkpoint_takes_the_blocks_that_it_holds_out_of_the_journal(store: Store) -> None:
+    def at(sequence: int, body: bytes) -> Checkpoint:
+        return Checkpoint("A1", 3.0, WALL, sequence, "profile", "model", "5", body)
+
+    with store.transaction() as t:
+        t.accept("A2", [b"4"])
+        second = t.accept("A1", [b"1", b"2"])
+        third = t.accept("A1", [b"3"])
+        t.checkpoint(at(second, b"state"))
+    assert store.journal("A1") == [(third, b"3")]
+    assert [payload for _, payload in store.journal("A2")] == [b"4"]
+    state = np.random.default_rng(1).bytes(100_000) + bytes(100_000)
+    with store.transaction() as t:
+        t.checkpoint(at(third, state))
+    assert store.checkpoint("A1") == at(third, state)
+    assert store.journal("A1") == [] and store.checkpoint("A2") is None
+    with store.transaction() as t:
+        assert t.accept("A1", [b"5"]) > third, "an id of a row that is gone must not come again"
+
+
+def test_outbox_in_order_until_it_is_delivered_or_given_up(store: Store) -> None:
+    with store.transaction() as t:
+        ids = [t.send("alarm", {"n": n}, "webhook", WALL) for n in range(3)]
+        t.send("alarm", {}, "mqtt", WALL)
+    assert [(p.id, p.body, p.attempts) for p in store.outbox(2, "webhook")] == [
+        (ids[0], {"n": 0}, 0),
+        (ids[1], {"n": 1}, 0),
+    ]
+    store.delivered(ids[0])
+    store.put_off(ids[1], WALL + 60.0)
+    store.put_off(ids[1], WALL + 90.0)
+    store.give_up(ids[2], "410 Gone")
+    assert [(p.id, p.attempts, p.next_wall) for p in store.outbox(9, "webhook")] == [(ids[1], 2, WALL + 90.0)]
+    assert [(r["action"], r["note"]) for r in store.audit()] == [("GIVEN_UP", "410 Gone")]
+    assert store.compact(WALL)["outbox"] == 2
+    assert len(store.outbox(9, "webhook")) == len(store.outbox(9, "mqtt")) == 1
+
+
+floats = st.floats(-1e6, 1e6)
+
+
+@given(st.lists(st.lists(floats, min_size=1, max_size=20), min_size=1, max_size=8))
+def test_merged_parts_are_what_numpy_says_of_the_whole(parts: list[list[float]]) -> None:
+    whole = np.array([v for part in parts for v in part])
+    total = values_of("q", np.array(parts[0]))
+    for part in parts[1:]:
+        total = merged(total, values_of("q", np.array(part)))
+    size = np.abs(whole).max()
+    assert total.n == whole.size
+    assert (total.min, total.max) == (whole.min(), whole.max())
+    assert total.mean == pytest.approx(whole.mean(), rel=1e-12, abs=1e-12 * size)
+    assert total.std == pytest.approx(whole.std(), rel=1e-9, abs=1e-12 * size)
+
+
+def test_std_of_small_changes_on_a_large_mean_keeps_its_digits() -> None:
+    values = 1e9 + np.random.default_rng(2).normal(size=1000)
+    total = values_of("q", values[:1])
+    for value in values[1:]:
+        total = merged(total, values_of("q", np.array([value])))
+    assert total.std == pytest.approx(values.std(), rel=1e-6)
+
+
+def test_minutes_hours_and_days_are_each_the_whole(store: Store) -> None:
+    random = np.random.default_rng(3)
+    start = WALL // DAY * DAY
+    stamps = start + np.sort(random.uniform(0.0, 2 * DAY, 3000))
+    values = random.normal(6e-12, 1e-13, 3000)
+    for some in np.array_split(random.permutation(3000), 20):
+        with store.transaction() as t:
+            t.rollup(*(values_of("leakage", values[[k]], float(stamps[k])) for k in some))
+            t.rollup(*(values_of("friction", values[[k]] * 2.0, float(stamps[k])) for k in some[:3]))
+    for level, span in (("minute", 60.0), ("hour", 3600.0), ("day", DAY)):
+        rows = store.rollups("A1", "leakage", level)
+        starts = stamps // span * span
+        assert [r["start_wall"] for r in rows] == sorted(set(starts))
+        for row in rows:
+            mine = values[starts == row["start_wall"]]
+            assert row["n"] == mine.size
+            assert row["mean"] == pytest.approx(mine.mean(), rel=1e-12)
+            assert row["std"] == pytest.approx(mine.std(), rel=1e-9, abs=1e-26)
+            assert (row["min"], row["max"]) == (mine.min(), mine.max())
+    assert len(store.rollups("A1", "leakage", "hour", since=start + DAY)) == len(
+        {s for s in stamps // 3600 if s * 3600 >= start + DAY}
+    )
+    assert sum(r["n"] for r in store.rollups("A1", "friction", "day")) == 60
+
+
+def test_what_is_old_goes_and_the_rest_stays(store: Store) -> None:
+    ages = np.array([1.0, 29.0, 31.0, 729.0, 731.0, 4000.0])
+    with store.transaction() as t:
+        for age in ages:
+            wall = WALL - age * DAY
+            t.rollup(values_of("leakage", np.array([age]), wall))
+            t.quality("A1", wall, nan=1)
+            t.found("A1", 1.0, wall, LEAK)
+            t.audit(wall, "ann", "LOGIN")
+    gone = store.compact(WALL)
+    assert gone == {"minutes": 4, "hours": 2, "quality": 4, "outbox": 0}
+    assert [len(store.rollups("A1", "leakage", level)) for level in ("minute", "hour", "day")] == [2, 4, 6]
+    assert len(store.findings()) == len(store.audit()) == 6
+    assert store.compact(WALL, findings=30 * DAY)["findings"] == 4
+    assert len(store.audit()) == 6
+    assert store.compact(WALL)["minutes"] == 0
+
+
+def test_room_on_the_disk_is_given_back(tmp_path: Path) -> None:
+    path = tmp_path / "fdd.db"
+    store = Store(f"sqlite:///{path}")
+    with store.transaction() as t:
+        last = t.accept("A1", [bytes(8000)] * 500)
+    with store.transaction() as t:
+        t.checkpoint(Checkpoint("A1", 1.0, WALL, last, "", "", "", b""))
+    store.compact(WALL)
+    assert path.stat().st_size < 500_000
+    store.close()
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        "UPDATE audit SET who = 'eve'",
+        "UPDATE audit SET note = note",
+        "DELETE FROM audit",
+        "DELETE FROM audit WHERE id = 1",
+        "INSERT OR REPLACE INTO audit (id, wall, who, action, note, body) VALUES (1, 0, 'eve', '', '', '')",
+        "REPLACE INTO audit SELECT * FROM audit",
+    ],
+)
+def test_the_audit_only_grows_whoever_opens_the_file(change: str, tmp_path: Path) -> None:
+    store = Store(f"sqlite:///{tmp_path}/fdd.db")
+    with store.transaction() as t:
+        t.audit(WALL, "ann", "LOGIN")
+    before = store.audit()
+    with (
+        sqlite3.connect(tmp_path / "fdd.db") as other,
+        pytest.raises(sqlite3.IntegrityError, match="only grows"),
+    ):
+        other.execute(change)
+    assert store.audit() == before
+    store.close()
+
+
+@pytest.mark.parametrize("change", ["UPDATE audit SET who = 'eve'", "DELETE FROM audit", "TRUNCATE audit"])
+def test_the_audit_only_grows_on_a_server(change: str) -> None:
+    url = postgres_url()
+    store = Store(url)
+    with store.transaction() as t:
+        t.audit(WALL, "ann", "LOGIN")
+    engine = create_engine(url.replace("postgresql://", "postgresql+psycopg://"))
+    with pytest.raises(Exception, match="only grows"), engine.begin() as connection:
+        connection.execute(text(change))
+    assert len(store.audit()) == 1
+    store.close()
+
+
+def test_readers_and_writers_of_many_threads_do_not_disturb_each_other(store: Store) -> None:
+    troubles: list[BaseException] = []
+
+    def write(axis: str) -> None:
+        try:
+            for n in range(25):
+                with store.transaction() as t:
+                    t.accept(axis, [b"%d" % n])
+                    t.rollup(Rollup("all", "n", WALL, 1, float(n), 0.0, float(n), float(n)))
+                assert len(store.journal(axis)) == n + 1
+        except BaseException as error:
+            troubles.append(error)
+
+    threads = [threading.Thread(target=write, args=(f"A{k}",)) for k in range(4)]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    assert troubles == []
+    (minute,) = store.rollups("all", "n", "minute")
+    assert minute["n"] == 100 and minute["mean"] == pytest.approx(12.0)
+
+
+def test_a_damaged_checkpoint_is_refused(tmp_path: Path) -> None:
+    store = Store(f"sqlite:///{tmp_path}/fdd.db")
+    with store.transaction() as t:
+        t.checkpoint(Checkpoint("A1", 1.0, WALL, 0, "", "", "", b"state" * 100))
+    with sqlite3.connect(tmp_path / "fdd.db") as other:
+        body = bytearray(other.execute("SELECT body FROM checkpoint").fetchone()[0])
+        body[5] ^= 1
+        other.execute("UPDATE checkpoint SET body = ?", (bytes(body),))
+    with pytest.raises(InputError, match="a checkpoint is damaged; the axis must start anew"):
+        store.checkpoint("A1")
+    store.close()
