@@ -1,0 +1,1 @@
+"""Many axes watched in one process: sources, alarms, store, HTTP, outputs."""
