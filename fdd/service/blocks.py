@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import re
 import time
 from collections.abc import Callable, Mapping
@@ -19,6 +18,7 @@ from fdd.logs.channel_map import ChannelMap, ChannelSource
 from fdd.monitor.mapping import channels_in_si, keys_of, stream_sources
 from fdd.samples import Samples
 from fdd.service.arrow import ARROW_START, arrow_columns, arrow_payload
+from fdd.service.json_form import json_numbers, json_object, json_times
 
 Array = NDArray[np.float64]
 
@@ -119,13 +119,14 @@ class Decoder:
         self.sources = {"time": ChannelSource(column="time"), **stream_sources(channel_map)}
         self.keys = keys_of(self.sources)
 
-    def decode(self, payload: bytes, source: str = "", **more: Any) -> Block:
+    def decode(self, payload: bytes, source: str = "", *, axis: str | None = None, **more: Any) -> Block:
         """The block that a message holds.
 
         Parameters
         ----------
         payload : JSON text or an Arrow IPC stream.
-        source : name of the source. more : further attributes of the `Block`.
+        source : name of the source. axis : as the topic says, where it does.
+        more : further attributes of the `Block`.
 
         Raises
         ------
@@ -137,8 +138,9 @@ class Decoder:
             )
         if payload.startswith(ARROW_START):
             columns, head = arrow_columns(payload)
-            return self._block(columns, head, source, more, tuple(k for k in columns if k not in self.keys))
-        return self.decode_object(_object(payload), source, **more)
+            ignored = tuple(k for k in columns if k not in self.keys)
+            return self._block(columns, _of_axis(head, axis), source, more, ignored)
+        return self.decode_object(_of_axis(json_object(payload), axis), source, **more)
 
     def decode_object(self, message: Mapping[str, Any], source: str = "", **more: Any) -> Block:
         """The block that a message's parsed JSON object holds; see `decode`."""
@@ -151,9 +153,9 @@ class Decoder:
                 f"columns is no object of at most {MOST_BLOCK_COLUMNS} lists",
                 mend='write "columns": {"position": [0.01, 0.02], ...}',
             )
-        columns = {name: _numbers(name, given[name]) for name in self.keys if name in given}
+        columns = {name: json_numbers(name, given[name]) for name in self.keys if name in given}
         if "time" not in columns and message.get("time") is not None:
-            columns["time"] = _times(message["time"])
+            columns["time"] = json_times(message["time"])
         ignored = tuple(k for k in given if k not in self.keys) if len(columns) < len(given) else ()
         return self._block(columns, message, source, more, ignored)
 
@@ -240,54 +242,17 @@ def _head(block: Block) -> dict[str, Any]:
     return {k: v for k, v in head.items() if v is not None}
 
 
+def _of_axis(head: dict[str, Any], axis: str | None) -> dict[str, Any]:
+    if axis is None:
+        return head
+    if head.get("axis") not in (None, axis):
+        # Who may publish to one axis's topic must not speak for another.
+        raise InputError(
+            f"the message says axis {str(head['axis'])[:80]!r}, its topic {axis!r}", mend="leave axis out"
+        )
+    return {**head, "axis": axis}
+
+
 def _finite(values: Array) -> Array:
     infinite = np.isinf(values)
     return np.where(infinite, np.nan, values) if infinite.any() else values
-
-
-def _object(payload: bytes) -> dict[str, Any]:
-    try:
-        found = orjson.loads(payload)
-    except orjson.JSONDecodeError:
-        # Python's own takes NaN and integers of any size, at several times the cost.
-        try:
-            found = json.loads(payload)
-        except (ValueError, RecursionError):
-            found = None
-    if not isinstance(found, dict):
-        raise InputError(
-            f"neither a JSON object nor an Arrow stream: {payload[:40]!r}", mend=f"send messages of {SCHEMA}"
-        )
-    return found
-
-
-def _numbers(name: str, values: object) -> Array:
-    if isinstance(values, list) and len(values) <= MOST_BLOCK_ROWS:
-        try:
-            column = np.array(values)
-            if column.dtype == object and not any(isinstance(v, str) for v in values):
-                column = np.array(values, dtype=np.float64)  # null becomes NaN
-            if column.ndim == 1 and (column.dtype.kind in "fiu" or not column.size):
-                return column.astype(np.float64, copy=False)
-        except (TypeError, ValueError, OverflowError):
-            pass
-    raise InputError(
-        f"column {name[:40]!r} is no list of at most {MOST_BLOCK_ROWS} numbers",
-        mend="write null for missing ones",
-    )
-
-
-def _times(given: object) -> Array:
-    if not isinstance(given, dict):
-        return _numbers("time", given)
-    start, period, n = given.get("start"), given.get("period"), given.get("n")
-    fit = type(start) in (int, float) and type(period) in (int, float) and type(n) is int
-    if not fit or given.keys() != {"start", "period", "n"} or not 1 <= n <= MOST_BLOCK_ROWS:
-        raise InputError(
-            f"time is no object of start, period and n (1 to {MOST_BLOCK_ROWS})",
-            mend='write "time": {"start": 12.3, "period": 0.001, "n": 100}',
-        )
-    try:
-        return float(start) + float(period) * np.arange(n)
-    except OverflowError:
-        raise InputError("time starts, or goes on, beyond any number") from None

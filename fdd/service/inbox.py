@@ -93,7 +93,7 @@ class Inbox:
         ----------
         timeout : s to wait for the first.
         """
-        end, taken = time.monotonic() + timeout, []
+        end, taken = time.monotonic() + timeout, list[Block]()
         with self._changed:
             while not self._waiting:
                 left = end - time.monotonic()
