@@ -15,7 +15,7 @@ import pytest
 
 from fdd.bounds import MAX_BLOCK_BYTES
 from fdd.errors import InputError
-from fdd.service.blocks import encode_arrow, encode_json
+from fdd.service.blocks import decode, encode_arrow, encode_json
 from fdd.service.config_sources import StdinSource, TcpSource, UdpSource
 from fdd.service.sources import open_source
 from fdd.service.sources.intake import Intake
@@ -197,3 +197,16 @@ def test_a_map_that_a_stream_cannot_use_is_refused(tmp_path: Path) -> None:
     (tmp_path / "map.yaml").write_text("position: {topic: /a, field: b}")
     with pytest.raises(InputError, match="a stream takes plain columns only"):
         open_source(UdpSource(type="udp", port=0, map=tmp_path / "map.yaml"))
+
+
+def test_the_sender_of_the_manual_sends(taker: Taker, stop: threading.Event) -> None:
+    page = (Path(__file__).parents[2] / "docs" / "serve-blocks.md").read_text("utf-8")
+    sender = page.split("```python\n")[1].split("```")[0]
+    source = tcp()
+    source.start(taker.put, stop)
+    assert "9001" in sender and "0.1)" in sender
+    exec(sender.replace("9001", str(source.port)).replace("time.sleep(0.1)", "time.sleep(0.0)"), {})
+    until(lambda: taker.numbers() == list(range(20)))
+    assert source.status()["refused"] == 0 and len(taker.blocks[0].samples) == 100
+    example = page.split("```json\n")[1].split("```")[0]
+    assert decode(example.encode()).samples.time.tolist() == pytest.approx([12.3, 12.301, 12.302])

@@ -6,6 +6,7 @@ import sys
 import threading
 from typing import Any, Protocol
 
+from fdd.errors import InputError
 from fdd.logs.channel_map import ChannelMap
 from fdd.service.blocks import Decoder
 from fdd.service.config_sources import (
@@ -42,7 +43,7 @@ def open_source(config: AnySource) -> Source:
 
     Raises
     ------
-    InputError : its map cannot be read, or has what a stream cannot use.
+    InputError : its map cannot be read, or has what a stream cannot use; MQTT without its package.
 
     Examples
     --------
@@ -63,8 +64,12 @@ def open_source(config: AnySource) -> Source:
         return Replays(config, Intake(name, unit=config.unit), channel_map)
     intake = Intake(name, Decoder(channel_map), unit=config.unit)
     if isinstance(config, MqttSource):
-        from fdd.service.sources.mqtt import Mqtt
-
+        try:
+            from fdd.service.sources.mqtt import Mqtt
+        except ModuleNotFoundError as error:
+            raise InputError(
+                f"source {name}: MQTT needs the package {error.name}", mend="install fdd[serve]"
+            ) from None
         return Mqtt(config, intake)
     from fdd.service.sources.listening import Datagrams, StandardInput, TcpLines
 

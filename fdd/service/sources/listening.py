@@ -17,6 +17,7 @@ from fdd.service.sources.intake import Intake, Put, Window
 from fdd.service.sources.lines import GATHERED_S, LineFeed
 
 _READ = 1 << 16
+_RECEIVED_BYTES = 8 << 20
 _ON_THEIR_WAY = 32
 """Blocks of one connection that may wait for the fleet."""
 
@@ -186,6 +187,8 @@ class Datagrams:
         InputError : the port cannot be listened on.
         """
         bound = _bound(socket.SOCK_DGRAM, self._config)
+        # A hundred axes may send in one instant; the system grants what it allows.
+        bound.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, _RECEIVED_BYTES)
         self.port = bound.getsockname()[1]
         self._intake.set(connected=True)
         self._intake.start(put, self._receive, bound, stop)
