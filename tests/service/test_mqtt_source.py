@@ -247,3 +247,27 @@ def test_files_that_are_missing_are_told_at_once(
         source_of(broker, user="rig", password_file=missing).start(lambda block: None, stop)
     with pytest.raises(InputError, match="TLS cannot be set up"):
         source_of(broker, tls={"ca": missing}).start(lambda block: None, stop)
+
+
+@pytest.mark.skipif(shutil.which("openssl") is None, reason="no openssl here")
+def test_tls_is_spoken_with_the_authority_that_is_named_and_no_other(
+    tmp_path: Path, taker: Taker, stop: threading.Event
+) -> None:
+    for name in ("ours", "other"):
+        subprocess.run(
+            ["openssl", "req", "-x509", "-newkey", "rsa:2048", "-nodes", "-days", "2", "-subj", f"/CN={name}",
+             "-addext", "subjectAltName=IP:127.0.0.1", "-keyout", f"{name}.key", "-out", f"{name}.pem"],
+            check=True, capture_output=True, cwd=tmp_path,
+        )  # fmt: skip
+    files = (f"certfile {tmp_path / 'ours.pem'}", f"keyfile {tmp_path / 'ours.key'}")
+    broker = Broker(tmp_path, *files, "allow_anonymous true")
+    try:
+        connected(source_of(broker, tls={"ca": tmp_path / "ours.pem"}), taker, stop)
+        for wrong in ({"tls": {"ca": tmp_path / "other.pem"}}, {}):
+            source = source_of(broker, client_id="wrong", **wrong)
+            source.start(taker.put, stop)
+            until(lambda source=source: source.status()["last_error"] is not None)
+            time.sleep(0.3)
+            assert not source.status()["connected"] and "\n" not in source.status()["last_error"]
+    finally:
+        broker.kill()

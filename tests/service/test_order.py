@@ -142,6 +142,26 @@ def test_rows_after_newer_ones_are_late_and_known_ones_repeated() -> None:
     assert order.counts["repeated"] == 20
 
 
+def test_rows_sent_again_in_other_cuts_are_passed_on_once() -> None:
+    time, value = PERIOD * np.arange(100), np.arange(100.0)
+    cuts = [(0, 30), (20, 50), (10, 45), (45, 60), (50, 100)]
+    order = Order()
+    parts = [order.push(block(time[a:b], value[a:b], None)) for a, b in cuts]
+    assert np.array_equal(Samples.concatenate([*parts, order.flush()])["position"], value)
+    assert order.counts["repeated"] == sum(b - a for a, b in cuts) - 100 and order.counts["late"] == 0
+
+
+def test_a_restored_order_knows_what_was_given_up() -> None:
+    before, after = Order(hold=0.05), Order()
+    for n in (0, 2, 3, 4):
+        before.push(steady(n, 0.1 * n))
+    after.restore(before.state())
+    assert before.counts["missing_blocks"] == 1
+    for order in (before, after):
+        assert len(order.push(steady(1, 0.1))) == 0 and len(order.push(steady(5, 0.5))) == 10
+        assert order.counts["late"] == 10 and order.clock.resets == 0
+
+
 @pytest.mark.parametrize("start", [0.0, 9.0])
 def test_a_sender_that_starts_anew_is_followed(start: float) -> None:
     order = Order()

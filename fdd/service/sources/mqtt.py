@@ -55,7 +55,7 @@ class Mqtt:
         self._patterns = [_pattern(topic) for topic in config.topics]
         # Numbers of messages belong to one connection; an acknowledgement of an earlier one is not sent.
         self._connection = 0
-        self._was_connected = False
+        self._was_connected = self._was_refused = False
         self._client: paho.Client
 
     def start(self, put: Put, stop: threading.Event) -> None:
@@ -129,6 +129,7 @@ class Mqtt:
     def _connected(
         self, client: paho.Client, data: object, flags: object, reason: ReasonCode, properties: object
     ) -> None:
+        self._was_refused = reason.is_failure
         if reason.is_failure:
             self._intake.told(
                 InputError(
@@ -173,8 +174,14 @@ class Mqtt:
     ) -> None:
         self._connection += 1
         self._intake.set(connected=False)
-        if self._was_connected and reason.is_failure:
-            self._intake.told(f"{self._where}: the connection was lost ({reason.getName()})")
+        if reason.is_failure and not self._was_refused:
+            self._intake.told(
+                InputError(
+                    f"the connection was lost ({reason.getName()})",
+                    where=self._where,
+                    mend="it is tried again; if it never holds, check port, tls and client_id",
+                )
+            )
 
     def _message(self, client: paho.Client, data: object, message: paho.MQTTMessage) -> None:
         done = partial(self._acknowledge, self._connection, message.mid, message.qos)
