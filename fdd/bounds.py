@@ -199,3 +199,20 @@ MOST_PENDING = _bound("MOST_PENDING", 4096, "lines that wait for the pipeline", 
 MAX_STATE_BYTES = _bound(
     "MAX_STATE_BYTES", 256 << 20, "bytes of a monitor's state, unpacked", "one has some MiB"
 )
+
+# The service
+MAX_BLOCK_BYTES = _bound(
+    "MAX_BLOCK_BYTES", 16 << 20, "bytes of a block message", "100 rows of all channels have some 20,000"
+)
+MOST_BLOCK_ROWS = _bound("MOST_BLOCK_ROWS", 100_000, "rows of a block", "100 s at 1 kHz")
+MOST_BLOCK_COLUMNS = _bound("MOST_BLOCK_COLUMNS", 256, "columns of a block", "a map picks the channels")
+MOST_SEQUENCE = _bound("MOST_SEQUENCE", (1 << 53) - 1, "sequence number of a block", "exact in JSON")
+MOST_AXES = _bound("MOST_AXES", 1000, "axes of a service", "each holds a pipeline of some MiB")
+MOST_HELD_BLOCKS = _bound(
+    "MOST_HELD_BLOCKS", 1000, "blocks of an axis that wait for one before them", "half a second has some 5"
+)
+MOST_CONNECTIONS = _bound("MOST_CONNECTIONS", 256, "TCP connections of a source", "a thread each")
+MAX_SERVE_BYTES = _bound("MAX_SERVE_BYTES", 1_000_000, "bytes of `serve.yaml`", "one has a page")
+MAX_DONE_BYTES = _bound(
+    "MAX_DONE_BYTES", 64 << 20, "bytes of a folder's note of what is done", "some 200 a log"
+)

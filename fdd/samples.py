@@ -113,10 +113,10 @@ class Samples:
             column = _column(name, values)
             if column.size != n:
                 raise InputError(f"channel {name}: {column.size} values for {n} time stamps")
-            infinite = np.flatnonzero(np.isinf(column))
-            if infinite.size:
+            infinite = np.isinf(column)
+            if infinite.any():
                 raise InputError(
-                    f"channel {name}, row {int(infinite[0])}: infinite value",
+                    f"channel {name}, row {int(infinite.argmax())}: infinite value",
                     mend="mark missing values as NaN",
                 )
             self._columns[name] = column

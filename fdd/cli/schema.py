@@ -17,10 +17,11 @@ class Kind(StrEnum):
     MAP = "map"
     PROFILE = "profile"
     RECIPE = "recipe"
+    SERVE = "serve"
 
 
 def schema(kind: Annotated[Kind, typer.Argument(help="Of what.", show_default=False)]) -> None:
-    """Print the JSON Schema of an answer, a comparison, a trend, a channel map, a profile or a recipe."""
+    """Print the JSON Schema of an answer, a comparison, a trend, a map, a profile, a recipe or serve.yaml."""
     import json
 
     print(json.dumps(schema_of(kind), indent=2, ensure_ascii=False))
@@ -52,6 +53,10 @@ def schema_of(kind: Kind) -> dict[str, Any]:
         from fdd.unit import Unit
 
         made = Unit.model_json_schema()
+    elif kind is Kind.SERVE:
+        from fdd.service.config import Serve
+
+        made = Serve.model_json_schema()
     else:
         from fdd.campaign.recipe import Recipe
 

@@ -18,6 +18,7 @@ FILES = [
     ("profile", "fdd/demo/unit.yaml"),
     ("profile", "examples/*.base.yaml"),
     ("recipe", "datasets/*.yaml"),
+    ("serve", "examples/serve.yaml"),
 ]
 
 

@@ -13,7 +13,8 @@ from hypothesis import strategies as st
 from fdd.bounds import MAX_LINE_BYTES
 from fdd.errors import InputError
 from fdd.logs.channel_map import ChannelMap
-from fdd.monitor.lines import CLOCK_GAP_S, LineParser, split_lines
+from fdd.monitor.lines import LineParser, split_lines
+from fdd.monitor.stream_clock import CLOCK_GAP_S
 from fdd.samples import Samples
 
 

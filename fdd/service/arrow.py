@@ -1,0 +1,123 @@
+"""The Arrow form of a block: one record batch of floats, its head in the schema's metadata."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from struct import error as StructError
+from struct import unpack_from
+from typing import Any
+
+import numpy as np
+import pyarrow as pa
+from numpy.typing import NDArray
+
+from fdd.bounds import MOST_BLOCK_COLUMNS, MOST_BLOCK_ROWS
+from fdd.errors import InputError
+
+Array = NDArray[np.float64]
+
+ARROW_START = b"\xff\xff\xff\xff"
+"""First bytes of an Arrow IPC stream."""
+_DAMAGE = (pa.ArrowException, OSError, StructError, StopIteration, UnicodeDecodeError, MemoryError)
+_MEND = "send one record batch of float64 or float32 columns as an IPC stream, not compressed"
+
+
+def arrow_columns(payload: bytes) -> tuple[dict[str, Array], dict[str, Any]]:
+    """Columns (n,) and head of a message.
+
+    Raises
+    ------
+    InputError : no Arrow stream of one bounded batch of floats.
+
+    Examples
+    --------
+    >>> payload = arrow_payload({"time": np.array([0.5])}, {"axis": "A1", "sequence": 3})
+    >>> columns, head = arrow_columns(payload)
+    >>> columns["time"].tolist(), head
+    ([0.5], {'axis': 'A1', 'sequence': 3})
+    """
+    try:
+        messages = pa.ipc.MessageReader.open_stream(payload)
+        schema = pa.ipc.read_schema(messages.read_next_message())
+        if len(schema) > MOST_BLOCK_COLUMNS or len(set(schema.names)) < len(schema):
+            raise InputError(f"more than {MOST_BLOCK_COLUMNS} columns, or one twice", mend=_MEND)
+        odd = [f.name for f in schema if f.type not in (pa.float64(), pa.float32())]
+        if odd:
+            raise InputError(f"column {odd[0][:40]!r} is not of float64 or float32", mend=_MEND)
+        message = messages.read_next_message()
+        if _is_packed(message.metadata.to_pybytes()):
+            # A few bytes could unpack to more than memory holds.
+            raise InputError("compressed Arrow is not taken", mend=_MEND)
+        batch = pa.ipc.read_record_batch(message, schema)
+        if batch.num_rows > MOST_BLOCK_ROWS:
+            raise InputError(
+                f"a block of {batch.num_rows} rows, at most {MOST_BLOCK_ROWS}", mend="send shorter ones"
+            )
+        batch.validate(full=True)
+        more = _more(messages)
+        columns = {
+            name: np.asarray(column.to_numpy(zero_copy_only=False), dtype=np.float64)
+            for name, column in zip(schema.names, batch.columns, strict=True)
+        }
+    except _DAMAGE as error:
+        raise InputError(f"no Arrow stream ({type(error).__name__})", mend=_MEND) from None
+    if more:
+        raise InputError("more than one record batch", mend=_MEND)
+    return columns, _head(schema.metadata or {})
+
+
+def arrow_payload(columns: Mapping[str, Array], head: Mapping[str, Any]) -> bytes:
+    """An Arrow IPC stream of one record batch.
+
+    Parameters
+    ----------
+    columns : (n,) each. head : what stands in the schema's metadata.
+
+    Examples
+    --------
+    >>> arrow_payload({"time": np.array([0.5])}, {}).startswith(ARROW_START)
+    True
+    """
+    fields = [pa.field(name, pa.float64()) for name in columns]
+    schema = pa.schema(fields, metadata={k: str(v) for k, v in head.items()})
+    out = pa.BufferOutputStream()
+    with pa.ipc.new_stream(out, schema) as writer:
+        writer.write_batch(pa.record_batch([pa.array(v) for v in columns.values()], schema=schema))
+    return bytes(out.getvalue())
+
+
+def _more(messages: pa.ipc.MessageReader) -> bool:
+    try:
+        messages.read_next_message()
+    except StopIteration:
+        return False
+    return True
+
+
+def _head(metadata: Mapping[bytes, bytes]) -> dict[str, Any]:
+    head: dict[str, Any] = {}
+    for key in (b"schema", b"axis", b"sequence", b"unit"):
+        if key in metadata:
+            head[key.decode()] = metadata[key].decode(errors="replace")
+    text = head.get("sequence")
+    if text is not None and text.isascii() and text.isdigit() and len(text) < 20:
+        head["sequence"] = int(text)
+    return head
+
+
+def _is_packed(flatbuffer: bytes) -> bool:
+    """Whether a record batch's metadata (Message.fbs of Arrow's format) name a compression."""
+    message = unpack_from("<I", flatbuffer)[0]
+    header = _field(flatbuffer, message, 2)
+    return (
+        header is not None
+        and _field(flatbuffer, header + unpack_from("<I", flatbuffer, header)[0], 3) is not None
+    )
+
+
+def _field(flatbuffer: bytes, table: int, number: int) -> int | None:
+    """Where a field of a flatbuffer's table stands; None where it is not given."""
+    names = table - unpack_from("<i", flatbuffer, table)[0]
+    size, at = unpack_from("<H", flatbuffer, names)[0], 4 + 2 * number
+    offset = unpack_from("<H", flatbuffer, names + at)[0] if at < size else 0
+    return table + offset if offset else None

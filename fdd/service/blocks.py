@@ -1,0 +1,258 @@
+"""A block of one axis's samples, and the message `fdd.block/1` that carries it as JSON or Arrow."""
+
+from __future__ import annotations
+
+import re
+import time
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import orjson
+from numpy.typing import NDArray
+
+from fdd.bounds import MAX_BLOCK_BYTES, MOST_BLOCK_COLUMNS, MOST_BLOCK_ROWS, MOST_SEQUENCE
+from fdd.errors import InputError
+from fdd.logs.channel_map import ChannelMap, ChannelSource
+from fdd.monitor.mapping import channels_in_si, keys_of, stream_sources
+from fdd.samples import Samples
+from fdd.service.arrow import ARROW_START, arrow_columns, arrow_payload
+from fdd.service.json_form import json_numbers, json_object, json_times
+
+Array = NDArray[np.float64]
+
+SCHEMA = "fdd.block/1"
+_NAME = re.compile(r"(?!\.{1,2}(/|$))[A-Za-z0-9_.-]+(/(?!\.{1,2}(/|$))[A-Za-z0-9_.-]+)*")
+_LONGEST_AXIS, _LONGEST_UNIT, _MOST_TOLD = 64, 200, 8
+_KEYS = "schema, axis, sequence, time, columns, unit"
+
+
+def nothing() -> None:
+    """What a block without a sender to answer calls when it is accepted."""
+
+
+@dataclass(frozen=True, eq=False)
+class Block:
+    """Samples of one axis that came together.
+
+    Attributes
+    ----------
+    axis : its name.
+    samples : channels of the contract in SI; `time` in s of the sender's clock.
+    sequence : number of the block, one more than the block's before; None where they are not counted.
+    source : name of the source that it came by.
+    received : s since 1970.
+    unit : name of the profile, where the sender says it.
+    ignored : names of columns that are no channels.
+    patient : the sender keeps what is not accepted: the inbox does not drop it for being late.
+    accepted : called once by the fleet when the block is stored, or given up and counted as dropped.
+
+    Examples
+    --------
+    >>> Block("A1", Samples([0.0], {"position": [0.1]}), 17, "test", 0.0).nbytes
+    16
+    """
+
+    axis: str
+    samples: Samples
+    sequence: int | None
+    source: str
+    received: float
+    unit: str | None = None
+    ignored: tuple[str, ...] = ()
+    patient: bool = False
+    accepted: Callable[[], None] = nothing
+
+    @property
+    def nbytes(self) -> int:
+        """Bytes of the numbers in it."""
+        return 8 * len(self.samples) * (1 + len(self.samples.channels))
+
+    @property
+    def seconds(self) -> float:
+        """s of data in it, the last row's own period included; 0 for one row."""
+        rows = len(self.samples)
+        return self.samples.duration * rows / (rows - 1) if rows > 1 else 0.0
+
+
+def axis_name(name: object) -> str:
+    """The name, if it is one of an axis: 1 to 64 of letters, digits and ``_ - . /``, no part ``..``.
+
+    Raises
+    ------
+    InputError : it is none.
+
+    Examples
+    --------
+    >>> axis_name("line_3/A1")
+    'line_3/A1'
+    """
+    if not isinstance(name, str) or len(name) > _LONGEST_AXIS or not _NAME.fullmatch(name):
+        raise InputError(
+            f"{str(name)[:80]!r} is no name of an axis", mend="use 1 to 64 of letters, digits, _ - . and /"
+        )
+    return name
+
+
+class Decoder:
+    """Messages to blocks, by one source's channel map.
+
+    Parameters
+    ----------
+    channel_map : names and units of measure of the messages' columns; the contract's in SI without one.
+        Without an entry for `time` the message's own times are taken, in s.
+
+    Raises
+    ------
+    InputError : the map has what a stream cannot use.
+
+    Examples
+    --------
+    >>> rig = Decoder(ChannelMap.from_yaml("position: {column: x, unit: mm}"))
+    >>> message = {"schema": "fdd.block/1", "axis": "A1", "time": [0.0, 0.1], "columns": {"x": [5, None]}}
+    >>> rig.decode(orjson.dumps(message)).samples["position"]
+    array([0.005,   nan])
+    """
+
+    def __init__(self, channel_map: ChannelMap | None = None) -> None:
+        self.sources = {"time": ChannelSource(column="time"), **stream_sources(channel_map)}
+        self.keys = keys_of(self.sources)
+
+    def decode(self, payload: bytes, source: str = "", *, axis: str | None = None, **more: Any) -> Block:
+        """The block that a message holds.
+
+        Parameters
+        ----------
+        payload : JSON text or an Arrow IPC stream.
+        source : name of the source. axis : as the topic says, where it does.
+        more : further attributes of the `Block`.
+
+        Raises
+        ------
+        InputError : one line that says what is wrong with the message.
+        """
+        if len(payload) > MAX_BLOCK_BYTES:
+            raise InputError(
+                f"a block of {len(payload)} bytes, at most {MAX_BLOCK_BYTES}", mend="send shorter blocks"
+            )
+        if payload.startswith(ARROW_START):
+            columns, head = arrow_columns(payload)
+            ignored = tuple(k for k in columns if k not in self.keys)
+            return self._block(columns, _of_axis(head, axis), source, more, ignored)
+        return self.decode_object(_of_axis(json_object(payload), axis), source, **more)
+
+    def decode_object(self, message: Mapping[str, Any], source: str = "", **more: Any) -> Block:
+        """The block that a message's parsed JSON object holds; see `decode`."""
+        stray = message.keys() - set(_KEYS.split(", "))
+        if stray:
+            raise InputError(f"unknown key {min(stray)[:40]!r} in a block", mend=f"use {_KEYS}")
+        given = message.get("columns")
+        if not isinstance(given, dict) or len(given) > MOST_BLOCK_COLUMNS:
+            raise InputError(
+                f"columns is no object of at most {MOST_BLOCK_COLUMNS} lists",
+                mend='write "columns": {"position": [0.01, 0.02], ...}',
+            )
+        columns = {name: json_numbers(name, given[name]) for name in self.keys if name in given}
+        if "time" not in columns and message.get("time") is not None:
+            columns["time"] = json_times(message["time"])
+        ignored = tuple(k for k in given if k not in self.keys) if len(columns) < len(given) else ()
+        return self._block(columns, message, source, more, ignored)
+
+    def _block(
+        self,
+        columns: dict[str, Array],
+        head: Mapping[str, Any],
+        source: str,
+        more: dict[str, Any],
+        ignored: tuple[str, ...],
+    ) -> Block:
+        if head.get("schema") != SCHEMA:
+            raise InputError(f"not a block: its schema is not {SCHEMA}", mend=f'write "schema": "{SCHEMA}"')
+        axis, sequence, unit = axis_name(head.get("axis")), head.get("sequence"), head.get("unit")
+        if sequence is not None and (type(sequence) is not int or not 0 <= sequence <= MOST_SEQUENCE):
+            raise InputError(f"axis {axis}: sequence {str(sequence)[:40]!r} is no whole number from 0 on")
+        if unit is not None and (not isinstance(unit, str) or not 0 < len(unit) <= _LONGEST_UNIT):
+            raise InputError(f"axis {axis}: unit is no name of a profile")
+        try:
+            samples = self._samples(columns)
+        except InputError as error:
+            raise InputError(error.problem, where=f"axis {axis}", mend=error.mend) from None
+        received = more.pop("received", None) or time.time()
+        return Block(axis, samples, sequence, source, received, unit, ignored[:_MOST_TOLD], **more)
+
+    def _samples(self, columns: dict[str, Array]) -> Samples:
+        with np.errstate(over="ignore"):  # beyond any number is missing, as infinity is
+            found = channels_in_si(self.sources, columns.get)
+        stamps = found.pop("time", None)
+        if stamps is None:
+            raise InputError(
+                "no time in the block", mend="give its times in s: a list, or start, period and n"
+            )
+        if not 1 <= stamps.size <= MOST_BLOCK_ROWS:
+            raise InputError(f"a block of {stamps.size} rows, 1 to {MOST_BLOCK_ROWS} are taken")
+        if not found:
+            raise InputError(
+                "no channel in the block", mend="name its columns as the channels, or give a map"
+            )
+        return Samples(stamps, {n: _finite(v) for n, v in found.items()})
+
+
+def decode(payload: bytes, channel_map: ChannelMap | None = None, source: str = "", **more: Any) -> Block:
+    """The block that one message holds; a source keeps a `Decoder` instead.
+
+    Raises
+    ------
+    InputError : one line that says what is wrong with the message.
+
+    Examples
+    --------
+    >>> block = Block("A1", Samples([0.0, 0.1], {"position": [0.1, float("nan")]}), 17, "", 0.0)
+    >>> decode(encode_json(block)).samples["position"], decode(encode_arrow(block)).sequence
+    (array([0.1, nan]), 17)
+    """
+    return Decoder(channel_map).decode(payload, source, **more)
+
+
+def encode_json(block: Block) -> bytes:
+    """The block as JSON of `fdd.block/1`; what is missing becomes null.
+
+    Examples
+    --------
+    >>> encode_json(Block("A1", Samples([0.5], {"position": [0.1]}), 1, "", 0.0))[:51]
+    b'{"schema":"fdd.block/1","axis":"A1","sequence":1,"t'
+    """
+    message = {**_head(block), "time": block.samples.time, "columns": block.samples.columns}
+    return orjson.dumps(message, option=orjson.OPT_SERIALIZE_NUMPY)
+
+
+def encode_arrow(block: Block) -> bytes:
+    """The block as an Arrow IPC stream of `fdd.block/1`, float64; what is missing is NaN.
+
+    Examples
+    --------
+    >>> encode_arrow(Block("A1", Samples([0.5], {"position": [0.1]}), 1, "", 0.0))[:4]
+    b'\\xff\\xff\\xff\\xff'
+    """
+    return arrow_payload({"time": block.samples.time, **block.samples.columns}, _head(block))
+
+
+def _head(block: Block) -> dict[str, Any]:
+    head = {"schema": SCHEMA, "axis": block.axis, "sequence": block.sequence, "unit": block.unit}
+    return {k: v for k, v in head.items() if v is not None}
+
+
+def _of_axis(head: dict[str, Any], axis: str | None) -> dict[str, Any]:
+    if axis is None:
+        return head
+    if head.get("axis") not in (None, axis):
+        # Who may publish to one axis's topic must not speak for another.
+        raise InputError(
+            f"the message says axis {str(head['axis'])[:80]!r}, its topic {axis!r}", mend="leave axis out"
+        )
+    return {**head, "axis": axis}
+
+
+def _finite(values: Array) -> Array:
+    infinite = np.isinf(values)
+    return np.where(infinite, np.nan, values) if infinite.any() else values

@@ -1,0 +1,217 @@
+"""The file `serve.yaml`: what `fdd serve` watches, where it keeps its state and whom it tells."""
+
+from __future__ import annotations
+
+import ipaddress
+from pathlib import Path
+from typing import Annotated, Any, Literal, Self
+from urllib.parse import urlsplit
+
+from pydantic import Field, ValidationError, model_validator
+
+from fdd.bounds import MAX_SERVE_BYTES
+from fdd.errors import InputError
+from fdd.service.config_sources import (
+    AnySource,
+    AxisName,
+    Broker,
+    ConfigPath,
+    Part,
+    Port,
+    Seconds,
+    source_name,
+)
+from fdd.yaml_reading import yaml_mapping, yaml_text
+
+
+class Tls(Part):
+    """A server's certificate and key, PEM files."""
+
+    cert: ConfigPath
+    key: ConfigPath
+
+
+class Listen(Part):
+    """Where the page and the API are served."""
+
+    host: str = "127.0.0.1"
+    port: Port = 8080
+    tls: Tls | None = None
+
+    @property
+    def is_local(self) -> bool:
+        """Whether only this machine can reach it."""
+        try:
+            return ipaddress.ip_address(self.host).is_loopback
+        except ValueError:
+            return self.host == "localhost"
+
+
+class MqttOutput(Broker):
+    """States, alarms and findings published to a broker, on topics below `prefix`."""
+
+    prefix: Annotated[str, Field(min_length=1, max_length=200, pattern=r"^[^+#\x00]+$")] = "fdd"
+
+
+EventKind = Literal["finding", "alarm", "status", "quality", "axis"]
+
+
+class Webhook(Part):
+    """An address that is told; the first line of `secret_file` signs what is sent."""
+
+    url: str
+    secret_file: ConfigPath | None = None
+    kinds: tuple[EventKind, ...] = ("finding", "alarm")
+
+    @model_validator(mode="after")
+    def _http(self) -> Self:
+        parts = urlsplit(self.url)
+        if parts.scheme not in ("http", "https") or not parts.hostname:
+            raise ValueError(f"url {self.url!r} is no address of http or https")
+        return self
+
+
+class Recording(Part):
+    """Annotated MCAP files of what was around an alarm.
+
+    Attributes
+    ----------
+    before, after : s of data. most_bytes : of the folder; the oldest go first.
+    """
+
+    folder: ConfigPath
+    before: Annotated[float, Field(ge=0, le=600)] = 60.0
+    after: Annotated[float, Field(ge=0, le=600)] = 60.0
+    most_bytes: Annotated[int, Field(ge=1 << 20)] = 10 << 30
+
+
+class Outputs(Part):
+    """Whom the service tells."""
+
+    metrics: bool = True
+    mqtt: MqttOutput | None = None
+    webhooks: tuple[Webhook, ...] = ()
+    jsonl: ConfigPath | None = None
+    recording: Recording | None = None
+
+
+class Retention(Part):
+    """Days that rollups are kept; those by the day, findings and audit are kept for ever.
+
+    Attributes
+    ----------
+    findings : days; None keeps them for ever.
+    """
+
+    minutes: Annotated[int, Field(ge=1)] = 30
+    hours: Annotated[int, Field(ge=1)] = 730
+    findings: Annotated[int, Field(ge=1)] | None = None
+
+
+class Limits(Part):
+    """What may wait.
+
+    Attributes
+    ----------
+    inbox_seconds : s of data of one axis. inbox_bytes : of all axes.
+    hold : s of data that wait for a block before them.
+    """
+
+    inbox_seconds: Seconds = 10.0
+    inbox_bytes: Annotated[int, Field(ge=1 << 20)] = 256 << 20
+    hold: Annotated[float, Field(ge=0, le=1)] = 0.5
+
+
+class Serve(Part):
+    """The whole file.
+
+    Attributes
+    ----------
+    state : folder of what the service keeps.
+    store : URL of a database; a file in `state` where none is given.
+    units : folder of profiles, or profile by axis.
+    model : of the decision; the shipped one where none is given.
+    tokens : file of lines ``NAME ROLE SHA256(TOKEN)``. Without it only this machine may be listened on.
+
+    Examples
+    --------
+    >>> text = "schema: fdd.serve/1\\nsources: [{type: udp, port: 9000}]"
+    >>> Serve.from_yaml(text).sources[0].host
+    '127.0.0.1'
+    """
+
+    schema_: Literal["fdd.serve/1"] = Field(alias="schema")
+    state: ConfigPath = Path("fdd-state")
+    store: str | None = None
+    units: ConfigPath | dict[AxisName, str] | None = None
+    model: ConfigPath | None = None
+    listen: Listen = Listen()
+    tokens: ConfigPath | None = None
+    sources: Annotated[list[AnySource], Field(min_length=1)]
+    outputs: Outputs = Outputs()
+    retention: Retention = Retention()
+    limits: Limits = Limits()
+
+    @model_validator(mode="after")
+    def _consistent(self) -> Self:
+        if self.tokens is None and not self.listen.is_local:
+            raise ValueError(
+                f"listen: {self.listen.host} is open to others and needs tokens: give a tokens file"
+            )
+        names = [source_name(s) for s in self.sources]
+        twice = next((n for n in names if names.count(n) > 1), None)
+        if twice is not None:
+            raise ValueError(f"sources: {twice!r} twice; give each a name of its own")
+        return self
+
+    @property
+    def store_url(self) -> str:
+        """The database's URL."""
+        return self.store or f"sqlite:///{self.state / 'fdd.db'}"
+
+    @classmethod
+    def load(cls, path: str | Path) -> Serve:
+        """Read the file; its relative paths become those from here.
+
+        Raises
+        ------
+        InputError : names the file, the key and what is allowed.
+        """
+        path = Path(path)
+        text = yaml_text(path, "configuration of fdd serve", MAX_SERVE_BYTES, "see fdd schema serve")
+        return cls.from_yaml(text, where=path, folder=path.parent)
+
+    @classmethod
+    def from_yaml(cls, text: str, where: str | Path = "serve.yaml", folder: Path = Path()) -> Serve:
+        """Parse YAML text; relative paths are below `folder`, `where` is named in errors.
+
+        Raises
+        ------
+        InputError : names the key and what is allowed.
+        """
+        data = yaml_mapping(text, where, "configuration of fdd serve", schema="fdd.serve/1")
+        try:
+            return _below(folder, cls.model_validate(data))
+        except ValidationError as error:
+            first = error.errors()[0]
+            # The tag of the union stands in the place, as in sources.0.mqtt.port.
+            place = ".".join(str(p) for p in first["loc"])
+            message = str(first["msg"]).removeprefix("Value error, ")
+            raise InputError(
+                f"{place}: {message}" if place else message, where=where, mend="see fdd schema serve"
+            ) from None
+
+
+def _below(folder: Path, value: Any) -> Any:
+    """The same with relative paths from `folder`."""
+    if isinstance(value, Path):
+        return folder / value
+    if isinstance(value, Part):
+        return value.model_copy(
+            update={n: _below(folder, getattr(value, n)) for n in type(value).model_fields}
+        )
+    if isinstance(value, dict):
+        return {k: _below(folder, v) for k, v in value.items()}
+    if isinstance(value, list | tuple):
+        return type(value)(_below(folder, v) for v in value)
+    return value

@@ -1,0 +1,187 @@
+"""The parts of `serve.yaml` that say where samples come from."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated, Literal, Self
+
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field, model_validator
+
+from fdd.bounds import MOST_CONNECTIONS
+from fdd.service.blocks import axis_name
+
+Port = Annotated[int, Field(ge=1, le=65535)]
+Seconds = Annotated[float, Field(gt=0, le=86400, allow_inf_nan=False)]
+Name = Annotated[str, Field(min_length=1, max_length=64)]
+ConfigPath = Annotated[Path, Field(description="relative to the folder that serve.yaml stands in")]
+
+
+AxisName = Annotated[str, AfterValidator(axis_name)]
+
+
+class Part(BaseModel):
+    """A part of the file; unknown keys are refused."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+
+class ClientTls(Part):
+    """How a broker is known, and this client to it; the system's authorities where nothing is given.
+
+    Attributes
+    ----------
+    ca : PEM file of the authority. cert, key : PEM files of this client's own certificate.
+    """
+
+    ca: ConfigPath | None = None
+    cert: ConfigPath | None = None
+    key: ConfigPath | None = None
+
+    @model_validator(mode="after")
+    def _both(self) -> Self:
+        if (self.cert is None) != (self.key is None):
+            raise ValueError("cert and key go together")
+        return self
+
+
+class Broker(Part):
+    """How an MQTT broker is reached.
+
+    Attributes
+    ----------
+    port : 1883, or 8883 with TLS, where none is given.
+    version : of the protocol. password_file : its first line is the password.
+    client_id : names the session at the broker; each process needs its own.
+    """
+
+    host: str
+    port: Port | None = None
+    version: Literal["3.1.1", "5"] = "5"
+    user: str | None = None
+    password_file: ConfigPath | None = None
+    tls: ClientTls | None = None
+    client_id: Annotated[str, Field(min_length=1, max_length=128)] | None = None
+    keepalive: Annotated[int, Field(ge=5, le=3600)] = 30
+
+    @model_validator(mode="after")
+    def _password_of_a_user(self) -> Self:
+        if self.password_file is not None and self.user is None:
+            raise ValueError("password_file needs a user")
+        return self
+
+    @property
+    def chosen_port(self) -> int:
+        """The port, or the protocol's own."""
+        return self.port or (1883 if self.tls is None else 8883)
+
+
+class _Source(Part):
+    name: Name | None = None
+    """In status and logs; the type where none is given."""
+    map: ConfigPath | None = None
+    """Channel map: names and units of measure of the columns."""
+    unit: str | None = None
+    """Profile of this source's axes, where a block names none."""
+
+
+class MqttSource(Broker, _Source):
+    """Blocks published to a broker.
+
+    Attributes
+    ----------
+    topics : to subscribe to, with wildcards. A level ``{axis}`` stands for the axis's name, which the
+        message may then leave out.
+    session_hours : how long the broker keeps what was not acknowledged while fdd is away (MQTT 5).
+    """
+
+    type: Literal["mqtt"]
+    topics: Annotated[list[Annotated[str, Field(min_length=1, max_length=1000)]], Field(min_length=1)]
+    session_hours: Annotated[float, Field(gt=0, le=8760)] = 24.0
+
+    @model_validator(mode="after")
+    def _topics_are_filters(self) -> Self:
+        for topic in self.topics:
+            levels = topic.split("/")
+            if any(("+" in x and x != "+") or ("#" in x and x != "#") for x in levels) or "#" in levels[:-1]:
+                raise ValueError(f"topic {topic!r}: + and # stand for whole levels, # for the last ones")
+            if levels.count("{axis}") > 1 or any("{" in x and x != "{axis}" for x in levels):
+                raise ValueError(f"topic {topic!r}: {{axis}} stands for one whole level")
+        return self
+
+
+class _Listening(_Source):
+    host: str = "127.0.0.1"
+    port: Annotated[int, Field(ge=0, le=65535)]
+    axis: AxisName | None = None
+    """Of samples that name none."""
+
+
+class TcpSource(_Listening):
+    """JSON lines, each a block or a sample, on TCP connections.
+
+    Attributes
+    ----------
+    connections : at once, further ones are closed. idle : s of silence after which one is closed.
+    """
+
+    type: Literal["tcp"]
+    connections: Annotated[int, Field(ge=1, le=MOST_CONNECTIONS)] = 64
+    idle: Seconds = 300.0
+
+
+class UdpSource(_Listening):
+    """A block or a sample in each UDP datagram."""
+
+    type: Literal["udp"]
+
+
+class StdinSource(_Source):
+    """JSON lines on standard input."""
+
+    type: Literal["stdin"]
+    axis: AxisName | None = None
+
+
+class FolderSource(_Source):
+    """Logs that drop into a folder.
+
+    Attributes
+    ----------
+    axis : of all logs; where none is given, what the log says, or else the name of its subfolder.
+    every : s between looks.
+    """
+
+    type: Literal["folder"]
+    folder: ConfigPath
+    axis: AxisName | None = None
+    every: Seconds = 1.0
+
+
+class ReplaySource(_Source):
+    """Logs replayed as live axes.
+
+    Attributes
+    ----------
+    logs : axis to log. speed : times real time; ``max`` is as fast as taken.
+    """
+
+    type: Literal["replay"]
+    logs: Annotated[dict[AxisName, ConfigPath], Field(min_length=1)]
+    speed: Annotated[float, Field(gt=0, allow_inf_nan=False)] | Literal["max"] = 1.0
+
+
+AnySource = Annotated[
+    MqttSource | TcpSource | UdpSource | StdinSource | FolderSource | ReplaySource,
+    Field(discriminator="type"),
+]
+
+
+def source_name(source: AnySource) -> str:
+    """How status and logs call a source.
+
+    Examples
+    --------
+    >>> source_name(StdinSource(type="stdin")), source_name(StdinSource(type="stdin", name="rig"))
+    ('stdin', 'rig')
+    """
+    return source.name or source.type

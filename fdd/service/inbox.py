@@ -1,0 +1,138 @@
+"""Where blocks of all axes wait for the fleet: bounded, fair, and what is dropped is counted."""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections import deque
+from dataclasses import dataclass, field
+
+from fdd.bounds import MOST_AXES
+from fdd.errors import InputError
+from fdd.service.blocks import Block
+
+MOST_BYTES = 256 << 20
+_TAKEN = 256
+"""Blocks that are taken at once: some tenths of a second of work."""
+_BLOCK_BYTES = 1000
+"""What a block takes besides its numbers."""
+
+
+@dataclass
+class _Queue:
+    blocks: deque[Block] = field(default_factory=deque)
+    seconds: float = 0.0
+    accepted: int = 0
+    dropped_blocks: int = 0
+    dropped_samples: int = 0
+
+
+class Inbox:
+    """Blocks that sources put in from any thread and the fleet takes out.
+
+    Parameters
+    ----------
+    most_seconds : s of data that may wait of one axis. Beyond it the axis's oldest block is dropped, unless
+        its sender keeps it until it is accepted (`Block.patient`); the newest block always stays.
+    most_bytes : of all that waits. Beyond it the oldest block of the axis that lags most is dropped.
+
+    Examples
+    --------
+    >>> from fdd.samples import Samples
+    >>> inbox = Inbox()
+    >>> inbox.put(Block("A1", Samples([0.0, 0.1], {"position": [0.0, 0.0]}), 0, "test", 0.0))
+    >>> [block.axis for block in inbox.take(timeout=0.0)], inbox.counters()["A1"]["accepted"]
+    (['A1'], 1)
+    """
+
+    def __init__(self, most_seconds: float = 10.0, most_bytes: int = MOST_BYTES) -> None:
+        self._most_seconds, self._most_bytes = most_seconds, most_bytes
+        self._queues: dict[str, _Queue] = {}
+        self._waiting: deque[str] = deque()
+        self._bytes = 0
+        self._changed = threading.Condition()
+
+    def put(self, block: Block) -> None:
+        """Add a block; it never waits.
+
+        Raises
+        ------
+        InputError : it is of one axis more than a service watches.
+        """
+        dropped = []
+        with self._changed:
+            queue = self._queues.get(block.axis)
+            if queue is None:
+                if len(self._queues) >= MOST_AXES:
+                    raise InputError(
+                        f"axis {block.axis}: more than {MOST_AXES} axes",
+                        mend="start another fdd serve for it",
+                    )
+                queue = self._queues[block.axis] = _Queue()
+            if not queue.blocks:
+                self._waiting.append(block.axis)
+            queue.blocks.append(block)
+            queue.accepted += 1
+            queue.seconds += block.seconds
+            self._bytes += block.nbytes + _BLOCK_BYTES
+            while (
+                queue.seconds > self._most_seconds and len(queue.blocks) > 1 and not queue.blocks[0].patient
+            ):
+                dropped.append(self._drop(block.axis))
+            while self._bytes > self._most_bytes and len(self._waiting) > 0:
+                lagging = max(self._waiting, key=lambda axis: self._queues[axis].seconds)
+                dropped.append(self._drop(lagging))
+            self._changed.notify()
+        for lost in dropped:
+            lost.accepted()  # else its sender would wait for ever
+
+    def take(self, timeout: float) -> list[Block]:
+        """Blocks in the order they came, in turn of each axis that has any; [] where none came in time.
+
+        Parameters
+        ----------
+        timeout : s to wait for the first.
+        """
+        end, taken = time.monotonic() + timeout, list[Block]()
+        with self._changed:
+            while not self._waiting:
+                left = end - time.monotonic()
+                if left <= 0.0:
+                    return []
+                self._changed.wait(left)
+            while self._waiting and len(taken) < _TAKEN:
+                axis = self._waiting.popleft()
+                taken.append(self._out(axis))
+                if self._queues[axis].blocks:
+                    self._waiting.append(axis)
+        return taken
+
+    def counters(self) -> dict[str, dict[str, float]]:
+        """By axis: blocks accepted, blocks and samples dropped, and s of data that wait."""
+        with self._changed:
+            return {
+                axis: {
+                    "accepted": q.accepted,
+                    "dropped_blocks": q.dropped_blocks,
+                    "dropped_samples": q.dropped_samples,
+                    "lag_s": q.seconds,
+                }
+                for axis, q in self._queues.items()
+            }
+
+    def _out(self, axis: str) -> Block:
+        queue = self._queues[axis]
+        block = queue.blocks.popleft()
+        # Exactly 0 where nothing waits: differences of sums would drift over years.
+        queue.seconds = queue.seconds - block.seconds if queue.blocks else 0.0
+        self._bytes -= block.nbytes + _BLOCK_BYTES
+        return block
+
+    def _drop(self, axis: str) -> Block:
+        block = self._out(axis)
+        queue = self._queues[axis]
+        if not queue.blocks:
+            self._waiting.remove(axis)
+        queue.dropped_blocks += 1
+        queue.dropped_samples += len(block.samples)
+        return block

@@ -1,0 +1,305 @@
+"""Blocks of one axis as they arrive, to samples in the order of time: repeated, late, reordered ones told."""
+
+from __future__ import annotations
+
+import zlib
+from bisect import insort
+from collections.abc import Mapping
+from dataclasses import dataclass
+from math import isnan, nan
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fdd.bounds import MOST_HELD_BLOCKS
+from fdd.errors import InputError
+from fdd.monitor.stream_clock import CLOCK_AHEAD_S, CLOCK_BACK_S, Gaps, StreamClock
+from fdd.samples import CHANNELS, Samples
+from fdd.service.blocks import Block
+
+Array = NDArray[np.float64]
+
+_REMEMBERED = 1024
+"""Blocks by which a repeated one is known: more than any sender has on its way."""
+_MOST_MISSING = 1_000_000
+"""A number farther ahead is that of a sender that counts anew."""
+_MOST_GIVEN_UP = 64
+_RECENT = 4096
+"""Stamps that were passed on, by which a row that comes after newer ones is known as repeated."""
+_COUNTS = ("received", "repeated", "late", "reordered", "missing_blocks")
+_CHANNELS = [name for name in CHANNELS if name != "time"]
+
+
+@dataclass(frozen=True, eq=False)
+class _Held:
+    """Rows that wait; sorted by sequence number, or by stamps where the sender does not count."""
+
+    key: float
+    samples: Samples
+
+    @property
+    def first(self) -> float:
+        return float(self.samples.time[0])
+
+    @property
+    def last(self) -> float:
+        return float(self.samples.time[-1])
+
+
+class Order:
+    """Put one axis's blocks in order and follow its clock.
+
+    With sequence numbers a block is passed on at once when the ones before it were, and else waits until they
+    come or `hold` s of data are held. Without, each row waits until one `hold` s newer has come. A block
+    known by number and content is *repeated*. Rows at or before one that was passed on are *late*, or
+    *repeated* where a row with their stamp was passed on. A number that goes back, with other content and
+    not among those given up as missing, means that the sender started anew. Stamps that go back by more than
+    1 s or ahead by more than an hour mean that its clock was set: times go on after a gap of 1 s. A stream
+    that starts with the time of day is counted from its start.
+
+    Parameters
+    ----------
+    hold : s of data, at most 1.
+
+    Attributes
+    ----------
+    clock : `offset` (s) is what is added to the sender's stamps, `resets` how often it was set.
+    gaps : of what was passed on: rows missing on the grid of the period (`dropped`), longer holes (`jumps`).
+    counts : samples received, repeated, late; blocks reordered; sequence numbers that never came in time.
+
+    Examples
+    --------
+    >>> order = Order()
+    >>> def block(n): return Block("A1", Samples([n * 0.1], {"position": [0.01 * n]}), n, "test", 0.0)
+    >>> [order.push(block(n)).time.tolist() for n in (0, 2, 1, 1)]
+    [[0.0], [], [0.1, 0.2], []]
+    >>> order.counts["repeated"], order.counts["reordered"]
+    (1, 1)
+    """
+
+    def __init__(self, hold: float = 0.5) -> None:
+        self._hold = min(hold, CLOCK_BACK_S)
+        self.clock, self.gaps = StreamClock(), Gaps()
+        self.counts: dict[str, int] = dict.fromkeys(_COUNTS, 0)
+        self._held: list[_Held] = []
+        # Sequence number (-1 without), checksum and first stamp of the latest blocks; where the next goes.
+        self._known, self._known_next = np.full((3, _REMEMBERED), nan), 0
+        self._recent = np.empty(0)
+        self._start_anew(counted=False)
+
+    def _start_anew(self, *, counted: bool) -> None:
+        self._counted = counted
+        # Number that comes next; newest stamp that came and newest that was passed on, by the sender.
+        self._expected = self._newest = self._passed = nan
+        self._given_up: list[tuple[float, float]] = []
+
+    def push(self, block: Block) -> Samples:
+        """Take a block, and give what is in order now, perhaps nothing.
+
+        Returns
+        -------
+        Samples with times that go on from the ones given before, s.
+        """
+        samples, number = block.samples, block.sequence
+        self.counts["received"] += len(samples)
+        if not len(samples) or self._is_known(samples, number):
+            self.counts["repeated"] += len(samples)
+            return Samples([], {})
+        out = []
+        if self._is_new_start(samples, number):
+            out = self._released(everything=True)
+            self._start_anew(counted=number is not None)
+        first, last = float(samples.time[0]), float(samples.time[-1])
+        if number is not None and number < self._expected:
+            self.counts["late"] += len(samples)
+            return self._passed_on(out)
+        if number is None:
+            self.counts["reordered"] += int(first < self._newest)
+            self._hold_by_stamps(samples)
+            self._newest = last if isnan(self._newest) else max(self._newest, last)
+        else:
+            self.counts["reordered"] += int(bool(self._held) and number < self._held[-1].key)
+            insort(self._held, _Held(float(number), samples), key=_key)
+            self._newest = last
+        return self._passed_on([*out, *self._released()])
+
+    def flush(self) -> Samples:
+        """Give all that is held: at the end of a stream, or when it has fallen silent."""
+        return self._passed_on(self._released(everything=True))
+
+    @property
+    def held_samples(self) -> int:
+        """Samples that wait for ones before them."""
+        return sum(len(h.samples) for h in self._held)
+
+    def _is_known(self, samples: Samples, number: int | None) -> bool:
+        """Whether the very same block came before; it is remembered where not."""
+        checksum = zlib.crc32(samples.time.data)
+        for name in samples.channels:
+            checksum = zlib.crc32(samples[name].data, checksum)
+        key = -1.0 if number is None else float(number)
+        numbers, checksums, firsts = self._known
+        if ((numbers == key) & (checksums == checksum) & (firsts == samples.time[0])).any():
+            return True
+        self._known[:, self._known_next] = key, checksum, samples.time[0]
+        self._known_next = (self._known_next + 1) % _REMEMBERED
+        return False
+
+    def _is_new_start(self, samples: Samples, number: int | None) -> bool:
+        first, last = float(samples.time[0]), float(samples.time[-1])
+        if isnan(self._newest) or self._counted != (number is not None):
+            return True
+        if number is not None:
+            back = number < self._expected and not any(a <= number < b for a, b in self._given_up)
+            return back or number > self._expected + _MOST_MISSING
+        if first > self._newest + CLOCK_AHEAD_S:
+            return True
+        if first >= self._newest - CLOCK_BACK_S:
+            return False
+        # A long block that was overtaken begins far back, yet ends where the newer ones begin.
+        fits = first > self._passed if not isnan(self._passed) else last >= self._held[0].first - self._hold
+        return not (fits and last - first > self._hold)
+
+    def _hold_by_stamps(self, samples: Samples) -> None:
+        """Hold rows that are newer than what was passed on, merged with held ones that they overlap."""
+        stale = samples.time <= self._passed
+        if stale.any():
+            self._count_stale(samples.time[stale])
+            samples = samples.rows(int(stale.sum()), len(samples))
+        if not len(samples):
+            return
+        first, last = float(samples.time[0]), float(samples.time[-1])
+        touching = [h for h in self._held if h.first <= last and h.last >= first]
+        if touching:
+            self._held = [h for h in self._held if h not in touching]
+            samples, twice = _merged([*(h.samples for h in touching), samples])
+            self.counts["repeated"] += twice
+        insort(self._held, _Held(float(samples.time[0]), samples), key=_key)
+
+    def _count_stale(self, stamps: Array) -> None:
+        """Rows that come after newer ones: repeated where their stamp was passed on, else late."""
+        repeated = int(np.isin(stamps, self._recent).sum())
+        self.counts["repeated"] += repeated
+        self.counts["late"] += stamps.size - repeated
+
+    def _released(self, *, everything: bool = False) -> list[Samples]:
+        """What need not wait any longer, and is not held any more."""
+        out = []
+        while self._held and (everything or self._is_due()):
+            head = self._held.pop(0)
+            if self._counted:
+                self._count_missing(head.key)
+                self._expected = head.key + 1.0
+            else:
+                self._recent = np.concatenate([self._recent, head.samples.time])[-_RECENT:]
+            self._passed = head.last
+            out.append(head.samples)
+        return out
+
+    def _is_due(self) -> bool:
+        head = self._held[0]
+        if not self._counted:
+            return self._newest - head.last >= self._hold
+        if head.key == self._expected or (isnan(self._expected) and head.key == 0.0):
+            return True
+        return len(self._held) > MOST_HELD_BLOCKS or self._held_seconds() > self._hold
+
+    def _held_seconds(self) -> float:
+        """Data held, s, in the order of numbers; a clock that was set in between does not count."""
+        steps = np.diff([h.first for h in self._held])
+        plain = (steps > 0.0) & (steps < CLOCK_AHEAD_S)
+        return float(steps[plain].sum()) + self._held[-1].samples.duration
+
+    def _count_missing(self, number: float) -> None:
+        if number > self._expected:
+            self.counts["missing_blocks"] += int(number - self._expected)
+            self._given_up = [*self._given_up, (self._expected, number)][-_MOST_GIVEN_UP:]
+
+    def _passed_on(self, parts: list[Samples]) -> Samples:
+        """The parts as one, with times that go on."""
+        if not parts:
+            return Samples([], {})
+        time, columns = _joined(parts)
+        time, kept = self.clock.follow(time)
+        if not kept.all():
+            self.counts["late"] += int((~kept).sum())
+            time, columns = time[kept], {n: v[kept] for n, v in columns.items()}
+        self.gaps.count(time)
+        return Samples(time, columns)
+
+    def state(self) -> dict[str, Array]:
+        """All of it as named arrays, for `restore`."""
+        held = [h.samples for h in self._held]
+        return {
+            "order/numbers": np.array([getattr(o, name) for o, name in self._numbers()], dtype=np.float64),
+            "order/counts": np.array([self.counts[name] for name in _COUNTS], dtype=np.float64),
+            "order/known": self._known.copy(),
+            "order/recent": self._recent,
+            "order/given_up": np.array(self._given_up, dtype=np.float64).reshape(-1, 2),
+            "order/early": self.gaps.early,
+            "order/last": self.gaps.last,
+            "order/held": np.array([(h.key, len(h.samples)) for h in self._held]).reshape(-1, 2),
+            "order/held_time": np.concatenate([np.empty(0), *(s.time for s in held)]),
+            "order/held_there": np.array([[n in s for n in _CHANNELS] for s in held], dtype=np.float64),
+            "order/held_columns": np.concatenate(
+                [np.empty((len(_CHANNELS), 0)), *(np.stack([s.get(n) for n in _CHANNELS]) for s in held)],
+                axis=1,
+            ),
+        }
+
+    def restore(self, state: Mapping[str, Array]) -> None:
+        """Go on from a state.
+
+        Raises
+        ------
+        InputError : it is no state of an `Order`.
+        """
+        try:
+            for (owner, name), value in zip(self._numbers(), state["order/numbers"], strict=True):
+                setattr(owner, name, type(getattr(owner, name))(value))
+            self.counts = {n: int(v) for n, v in zip(_COUNTS, state["order/counts"], strict=True)}
+            self._known = np.array(state["order/known"]).reshape(3, _REMEMBERED)
+            self._recent = state["order/recent"]
+            self._given_up = [(float(a), float(b)) for a, b in state["order/given_up"]]
+            self.gaps.early, self.gaps.last = state["order/early"], state["order/last"]
+            self._held, start = [], 0
+            for (key, rows), there in zip(state["order/held"], state["order/held_there"], strict=True):
+                part = slice(start, start := start + int(rows))
+                columns = dict(zip(_CHANNELS, state["order/held_columns"][:, part], strict=True))
+                samples = Samples(
+                    state["order/held_time"][part],
+                    {n: columns[n] for n, t in zip(_CHANNELS, there, strict=True) if t},
+                )
+                self._held.append(_Held(float(key), samples))
+        except (KeyError, ValueError, TypeError, IndexError) as error:
+            raise InputError(f"no state of an order ({type(error).__name__})", mend="start anew") from None
+
+    def _numbers(self) -> list[tuple[object, str]]:
+        own = ("_known_next", "_counted", "_expected", "_newest", "_passed")
+        clock, gaps = ("last_time", "offset", "late", "resets"), ("dropped", "jumps", "period")
+        return [
+            *((self, name) for name in own),
+            *((self.clock, name) for name in clock),
+            *((self.gaps, name) for name in gaps),
+        ]
+
+
+def _key(held: _Held) -> float:
+    return held.key
+
+
+def _joined(parts: list[Samples]) -> tuple[Array, dict[str, Array]]:
+    """Rows of all parts one after the other; a channel that a part lacks is missing there."""
+    if len(parts) == 1:
+        return parts[0].time, parts[0].columns
+    names = dict.fromkeys(name for p in parts for name in p.channels)
+    return np.concatenate([p.time for p in parts]), {
+        n: np.concatenate([p.get(n) for p in parts]) for n in names
+    }
+
+
+def _merged(parts: list[Samples]) -> tuple[Samples, int]:
+    """Rows of all parts in the order of time, and how many stamps came twice."""
+    time, columns = _joined(parts)
+    stamps, rows = np.unique(time, return_index=True)
+    return Samples(stamps, {n: v[rows] for n, v in columns.items()}), time.size - stamps.size

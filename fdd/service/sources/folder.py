@@ -1,0 +1,234 @@
+"""A folder that logs drop into: each is read once it is whole, streamed as blocks and noted as done."""
+
+from __future__ import annotations
+
+import json
+import os
+import threading
+import time
+from pathlib import Path
+from typing import Any, Literal
+
+from pydantic import BaseModel, ConfigDict, Field, ValidationError
+
+from fdd.bounds import MAX_DONE_BYTES
+from fdd.errors import InputError
+from fdd.files import require_writable, write_text
+from fdd.logs import ChannelMap, read_log
+from fdd.samples import Samples
+from fdd.service.blocks import Block, axis_name
+from fdd.service.config_sources import FolderSource
+from fdd.service.sources.intake import Intake, Put, Window
+from fdd.service.sources.replay import ON_THEIR_WAY, rows_of
+
+NOTE = ".fdd-done.json"
+AT_REST_S = 2.0
+"""s for which a file's size and time of change stay before it is taken for whole."""
+_NOTED_S = 5.0
+
+
+class Done(BaseModel):
+    """What became of one file.
+
+    Attributes
+    ----------
+    size, changed_ns : of the file that was read; another one of the same name is read again.
+    accepted : blocks that were stored. whole : whether these are all. error : why it cannot be read.
+    """
+
+    model_config = ConfigDict(extra="forbid")
+
+    size: int
+    changed_ns: int
+    accepted: int = 0
+    whole: bool = False
+    error: str | None = None
+
+
+class _Note(BaseModel):
+    model_config = ConfigDict(extra="forbid")
+
+    schema_: Literal["fdd.done/1"] = Field(default="fdd.done/1", alias="schema")
+    files: dict[str, Done] = {}
+
+
+class Folder:
+    """Logs of a folder and its direct subfolders, oldest first; nothing is moved.
+
+    The file ``.fdd-done.json`` in the folder notes what was read and what could not be, so that a restart
+    goes on where it was. A log with a date keeps it (seconds since 1970), else its times start at 0.
+
+    Parameters
+    ----------
+    config : folder, axis. intake : takes the blocks. channel_map : of all logs.
+
+    Examples
+    --------
+    >>> source = Folder(FolderSource(type="folder", folder="drop"), Intake("drop"), None)
+    >>> source.start(inbox.put, stop)  # doctest: +SKIP
+    """
+
+    def __init__(self, config: FolderSource, intake: Intake, channel_map: ChannelMap | None) -> None:
+        self._config, self._intake, self._map = config, intake, channel_map
+        self._note_path = config.folder / NOTE
+        self._note = _Note()
+        # Size and time of change of files that are not known to be whole, and since when (s).
+        self._seen: dict[Path, tuple[int, int, float]] = {}
+
+    def start(self, put: Put, stop: threading.Event) -> None:
+        """Watch in a thread of its own.
+
+        Raises
+        ------
+        InputError : no such folder, or its note is damaged or cannot be written.
+        """
+        if not self._config.folder.is_dir():
+            raise InputError(
+                "no such folder", where=self._config.folder, mend="make it, or correct the source"
+            )
+        require_writable(self._note_path)
+        self._note = _read_note(self._note_path)
+        self._intake.set(connected=True)
+        self._intake.start(put, self._watch, stop)
+
+    def status(self) -> dict[str, Any]:
+        """How it stands; `files` read whole, `bad_files` that could not be."""
+        files = list(self._note.files.values())
+        return {
+            **self._intake.status(),
+            "files": sum(f.whole for f in files),
+            "bad_files": sum(f.error is not None for f in files),
+        }
+
+    def _watch(self, stop: threading.Event) -> None:
+        while not stop.is_set():
+            try:
+                for path, found in self._whole_files():
+                    if stop.is_set():
+                        return
+                    self._work(path, found, stop)
+                self._intake.set(connected=True)
+            except OSError as error:  # a network folder that went away comes back
+                self._intake.told(f"{self._config.folder}: {error.strerror or error}")
+                self._intake.set(connected=False)
+            stop.wait(self._config.every)
+
+    def _whole_files(self) -> list[tuple[Path, os.stat_result]]:
+        """New files at rest, the longest unchanged first."""
+        now, seen, found = time.monotonic(), {}, []
+        for path in _files(self._config.folder):
+            try:
+                self._key(path).encode()
+                stat = path.stat()
+            except FileNotFoundError:  # it went away meanwhile
+                continue
+            except UnicodeEncodeError:
+                self._intake.told(InputError("a name that is not UTF-8, passed over", where=ascii(path.name)))
+                continue
+            known = self._note.files.get(self._key(path))
+            if known is not None and (known.whole or known.error is not None) and _same(known, stat):
+                continue
+            size, changed, since = self._seen.get(path, (-1, -1, now))
+            if (size, changed) != (stat.st_size, stat.st_mtime_ns):
+                since = now
+            seen[path] = stat.st_size, stat.st_mtime_ns, since
+            # One that was moved in whole has not changed for long by its own time.
+            if now - since >= AT_REST_S or time.time() - max(stat.st_mtime, stat.st_ctime) >= AT_REST_S:
+                found.append((path, stat))
+        self._seen = seen
+        return sorted(found, key=lambda f: (f[1].st_mtime_ns, f[0].name))
+
+    def _work(self, path: Path, found: os.stat_result, stop: threading.Event) -> None:
+        key = self._key(path)
+        done = self._note.files.get(key)
+        if done is None or not _same(done, found):
+            done = self._note.files[key] = Done(size=found.st_size, changed_ns=found.st_mtime_ns)
+        try:
+            log = read_log(path, self._map)
+            axis = axis_name(self._config.axis or log.axis or self._subfolder(path))
+            if not _same(done, path.stat()):
+                return  # it was written to while it was read
+            samples = log.samples
+            if log.start_ns:
+                samples = Samples(samples.time + log.start_ns * 1e-9, samples.columns)
+            done.whole = self._stream(axis, samples, done, stop)
+        except InputError as error:
+            told = error if error.where == str(path) else error.at(path)
+            done.error = str(told)
+            self._intake.refuse(told)
+        self._write_note()
+
+    def _stream(self, axis: str, samples: Samples, done: Done, stop: threading.Event) -> bool:
+        """Put the blocks that were not accepted yet; True when all of them are."""
+        rows, first, window = rows_of(samples), done.accepted, Window(ON_THEIR_WAY)
+        sent, noted = 0, time.monotonic()
+        for number in range(first, -(-len(samples) // rows)):
+            if not window.wait(stop):
+                break
+            block = samples.rows(number * rows, (number + 1) * rows)
+            self._intake.take(
+                Block(
+                    axis,
+                    block,
+                    number,
+                    self._intake.name,
+                    time.time(),
+                    patient=True,
+                    accepted=window.accepted,
+                )
+            )
+            sent += 1
+            # Blocks are accepted in order: all but those on their way were.
+            done.accepted = first + sent - window.waiting
+            if time.monotonic() - noted > _NOTED_S:
+                self._write_note()
+                noted = time.monotonic()
+        window.drained(stop)
+        done.accepted = first + sent - window.waiting
+        return done.accepted >= -(-len(samples) // rows)
+
+    def _subfolder(self, path: Path) -> str | None:
+        return None if path.parent == self._config.folder else path.parent.name
+
+    def _key(self, path: Path) -> str:
+        return path.relative_to(self._config.folder).as_posix()
+
+    def _write_note(self) -> None:
+        # Of files that are gone nothing need be known.
+        files = {k: v for k, v in self._note.files.items() if (self._config.folder / k).exists()}
+        self._note = _Note(files=files)
+        try:
+            write_text(self._note_path, self._note.model_dump_json(by_alias=True, indent=1))
+        except InputError as error:  # a full disk: told, and tried again with the next file
+            self._intake.told(error)
+
+
+def _files(folder: Path) -> list[Path]:
+    """Plain files of the folder and its direct subfolders, hidden ones left out."""
+    found = []
+    for entry in os.scandir(folder):
+        if entry.name.startswith("."):
+            continue
+        if entry.is_file():
+            found.append(Path(entry.path))
+        elif entry.is_dir(follow_symlinks=False):
+            found += [Path(e.path) for e in os.scandir(entry) if e.is_file() and not e.name.startswith(".")]
+    return found
+
+
+def _same(done: Done, stat: os.stat_result) -> bool:
+    return (done.size, done.changed_ns) == (stat.st_size, stat.st_mtime_ns)
+
+
+def _read_note(path: Path) -> _Note:
+    if not path.exists():
+        return _Note()
+    mend = "remove it, and all logs of the folder are read again"
+    try:
+        if path.stat().st_size > MAX_DONE_BYTES:
+            raise InputError(f"more than {MAX_DONE_BYTES} bytes", where=path, mend=mend)
+        return _Note.model_validate(json.loads(path.read_bytes()))
+    except (OSError, ValueError, ValidationError, RecursionError) as error:
+        if isinstance(error, InputError):
+            raise
+        raise InputError("not a note of what is done", where=path, mend=mend) from None

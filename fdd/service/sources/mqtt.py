@@ -1,0 +1,246 @@
+"""Blocks from an MQTT broker, acknowledged when they are stored: a restart of either side loses none."""
+
+from __future__ import annotations
+
+import random
+import re
+import socket
+import threading
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import paho.mqtt.client as paho
+from paho.mqtt.packettypes import PacketTypes
+from paho.mqtt.properties import Properties
+from paho.mqtt.reasoncodes import ReasonCode
+from paho.mqtt.subscribeoptions import SubscribeOptions
+
+from fdd.bounds import MAX_BLOCK_BYTES
+from fdd.errors import InputError
+from fdd.service.blocks import Block, axis_name
+from fdd.service.config_sources import MqttSource
+from fdd.service.sources.intake import Intake, Put
+
+_LONGEST_WAIT_S = 60
+"""s between attempts to connect; they begin with some 1 s and double."""
+_ON_THEIR_WAY = 100
+"""Messages that the broker may send before the first is acknowledged (MQTT 5; else it decides itself)."""
+_TOPIC_BYTES = 65_600
+"""Of a message besides its payload."""
+_NO_RETAINED = 2
+_MOST_PASSWORD_BYTES = 4096
+
+
+class Mqtt:
+    """Blocks of the topics that are subscribed to, at QoS 1 in a session that the broker keeps.
+
+    A message is acknowledged when the fleet calls `Block.accepted`, or at once where it is no block. What was
+    not acknowledged comes again after a reconnection, and the axis's `Order` knows it. A retained message is
+    a copy of the past and is passed over.
+
+    Parameters
+    ----------
+    config : broker, topics. intake : takes the blocks.
+
+    Examples
+    --------
+    >>> source = Mqtt(MqttSource(type="mqtt", host="broker", topics=["rigs/{axis}/blocks"]), Intake("rig"))
+    >>> source.start(inbox.put, stop)  # doctest: +SKIP
+    """
+
+    def __init__(self, config: MqttSource, intake: Intake) -> None:
+        self._config, self._intake = config, intake
+        self._where = f"mqtt {config.host}:{config.chosen_port}"
+        self._patterns = [_pattern(topic) for topic in config.topics]
+        # Numbers of messages belong to one connection; an acknowledgement of an earlier one is not sent.
+        self._connection = 0
+        self._was_connected = self._was_refused = False
+        self._client: paho.Client
+
+    def start(self, put: Put, stop: threading.Event) -> None:
+        """Connect, and go on connecting, in paho's thread.
+
+        Raises
+        ------
+        InputError : password file, certificate or key cannot be read.
+        """
+        config = self._config
+        self._intake.put = put
+        self._client = client = paho.Client(
+            paho.CallbackAPIVersion.VERSION2,
+            client_id=config.client_id or f"fdd-{socket.gethostname()}-{self._intake.name}",
+            protocol=paho.MQTTv5 if config.version == "5" else paho.MQTTv311,
+            clean_session=None if config.version == "5" else False,
+            manual_ack=True,
+        )
+        if config.user is not None:
+            client.username_pw_set(config.user, _password(config.password_file))
+        if config.tls is not None:
+            try:
+                client.tls_set(
+                    ca_certs=_text(config.tls.ca),
+                    certfile=_text(config.tls.cert),
+                    keyfile=_text(config.tls.key),
+                )
+            except (OSError, ValueError) as error:  # ssl's own errors are OSErrors
+                raise InputError(
+                    f"TLS cannot be set up ({error})", where=self._where, mend="check ca, cert and key"
+                ) from None
+        client.on_connect = self._connected
+        client.on_subscribe = self._subscribed
+        client.on_connect_fail = self._not_connected
+        client.on_disconnect = self._disconnected
+        client.on_message = self._message
+        self._back_off()
+        client.connect_async(
+            config.host,
+            config.chosen_port,
+            config.keepalive,
+            clean_start=False if config.version == "5" else paho.MQTT_CLEAN_START_FIRST_ONLY,
+            properties=self._session(),
+        )
+        client.loop_start()
+        self._intake.spawn(self._until, stop)
+
+    def status(self) -> dict[str, Any]:
+        """How it stands; `retained` messages were passed over."""
+        return self._intake.status()
+
+    def _until(self, stop: threading.Event) -> None:
+        stop.wait()
+        self._client.disconnect()
+        self._client.loop_stop()
+        self._intake.set(connected=False)
+
+    def _session(self) -> Properties | None:
+        if self._config.version != "5":
+            return None
+        session = Properties(PacketTypes.CONNECT)
+        session.SessionExpiryInterval = round(3600 * self._config.session_hours)
+        session.ReceiveMaximum = _ON_THEIR_WAY
+        session.MaximumPacketSize = MAX_BLOCK_BYTES + _TOPIC_BYTES
+        return session
+
+    def _back_off(self) -> None:
+        # Many clients that lost one broker must not come back in the same instant.
+        self._client.reconnect_delay_set(random.uniform(0.5, 1.5), _LONGEST_WAIT_S)  # type: ignore[arg-type]
+
+    def _connected(
+        self, client: paho.Client, data: object, flags: object, reason: ReasonCode, properties: object
+    ) -> None:
+        self._was_refused = reason.is_failure
+        if reason.is_failure:
+            self._intake.told(
+                InputError(
+                    f"the broker refuses the connection ({reason.getName()})",
+                    where=self._where,
+                    mend="check user, password_file and client_id",
+                )
+            )
+            return
+        self._connection += 1
+        if self._was_connected:
+            self._intake.count("reconnects")
+        self._was_connected = True
+        if self._config.version == "5":
+            options = SubscribeOptions(qos=1, retainHandling=_NO_RETAINED)
+            client.subscribe([(topic, options) for topic, _ in self._patterns])
+        else:
+            client.subscribe([(topic, 1) for topic, _ in self._patterns])
+
+    def _subscribed(
+        self, client: paho.Client, data: object, number: int, reasons: list[ReasonCode], properties: object
+    ) -> None:
+        for topic, reason in zip(self._config.topics, reasons, strict=False):
+            if reason.is_failure:
+                self._intake.told(
+                    InputError(
+                        f"the broker refuses the topic {topic[:100]} ({reason.getName()})",
+                        where=self._where,
+                        mend="give this user the right to read it",
+                    )
+                )
+        self._intake.set(connected=not all(reason.is_failure for reason in reasons))
+
+    def _not_connected(self, client: paho.Client, data: object) -> None:
+        self._intake.told(
+            InputError("the broker cannot be reached", where=self._where, mend="check host, port and tls")
+        )
+        self._intake.set(connected=False)
+
+    def _disconnected(
+        self, client: paho.Client, data: object, flags: object, reason: ReasonCode, properties: object
+    ) -> None:
+        self._connection += 1
+        self._intake.set(connected=False)
+        if reason.is_failure and not self._was_refused:
+            self._intake.told(
+                InputError(
+                    f"the connection was lost ({reason.getName()})",
+                    where=self._where,
+                    mend="it is tried again; if it never holds, check port, tls and client_id",
+                )
+            )
+
+    def _message(self, client: paho.Client, data: object, message: paho.MQTTMessage) -> None:
+        done = partial(self._acknowledge, self._connection, message.mid, message.qos)
+        if message.retain:
+            self._intake.count("retained")
+            done()
+            return
+        try:
+            topic = message.topic
+        except UnicodeDecodeError:
+            topic = ""
+        try:
+            self._intake.take(self._block(topic, bytes(message.payload), done))
+        except InputError as error:
+            self._intake.refuse(error.at(f"topic {topic[:100]}"))
+            done()
+        except Exception as error:  # a fault of fdd; paho's thread must go on
+            self._intake.told(f"internal error: {type(error).__name__}: {error}")
+
+    def _block(self, topic: str, payload: bytes, done: Any) -> Block:
+        axis = next(
+            (m["axis"] for _, p in self._patterns if p.groupindex and (m := p.fullmatch(topic))), None
+        )
+        return self._intake.decoder.decode(
+            payload,
+            self._intake.name,
+            axis=None if axis is None else axis_name(axis),
+            patient=True,
+            accepted=done,
+        )
+
+    def _acknowledge(self, connection: int, number: int, qos: int) -> None:
+        if connection == self._connection:
+            self._client.ack(number, qos)
+
+
+def _pattern(topic: str) -> tuple[str, re.Pattern[str]]:
+    """The filter to subscribe to, and what tells the axis in a topic."""
+    plain = "/".join("+" if level == "{axis}" else level for level in topic.split("/"))
+    words = {"+": "[^/]*", "{axis}": "(?P<axis>[^/]*)"}
+    levels = [words.get(level, re.escape(level)) for level in topic.removesuffix("#").split("/")]
+    # a/# is a as well.
+    whole = "/".join(levels) if not topic.endswith("#") else "/".join(levels[:-1]) + "(/.*)?"
+    return plain, re.compile(whole if topic != "#" else ".*", re.DOTALL)
+
+
+def _text(path: Path | None) -> str | None:
+    return None if path is None else str(path)
+
+
+def _password(path: Path | None) -> str | None:
+    if path is None:
+        return None
+    try:
+        with path.open("rb") as file:
+            lines = file.read(_MOST_PASSWORD_BYTES).splitlines()
+        return lines[0].decode() if lines else ""
+    except (OSError, UnicodeDecodeError) as error:
+        reason = getattr(error, "strerror", None) or "not UTF-8"
+        raise InputError(
+            f"the password cannot be read ({reason})", where=path, mend="correct password_file"
+        ) from None

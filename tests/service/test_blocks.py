@@ -1,0 +1,212 @@
+"""The message fdd.block/1: what goes in comes out, and anything else is refused in one line."""
+
+from __future__ import annotations
+
+import json
+
+import numpy as np
+import orjson
+import pyarrow as pa
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from hypothesis.extra.numpy import arrays
+
+from fdd.bounds import MOST_BLOCK_ROWS
+from fdd.errors import InputError
+from fdd.logs.channel_map import ChannelMap
+from fdd.samples import Samples
+from fdd.service.blocks import Block, Decoder, decode, encode_arrow, encode_json
+
+GOOD = {
+    "schema": "fdd.block/1",
+    "axis": "A1",
+    "sequence": 1,
+    "time": [0.0, 0.1],
+    "columns": {"position": [1, None]},
+}
+
+
+def message(**changed: object) -> bytes:
+    return json.dumps({**GOOD, **changed}).encode()
+
+
+def arrow(columns: dict[str, object], head: dict[str, str] | None = None, **options: object) -> bytes:
+    metadata = {"schema": "fdd.block/1", "axis": "A1"} if head is None else head
+    batch = pa.record_batch(columns).replace_schema_metadata(metadata)
+    out = pa.BufferOutputStream()
+    with pa.ipc.new_stream(out, batch.schema, options=pa.ipc.IpcWriteOptions(**options)) as writer:
+        writer.write_batch(batch)
+    return out.getvalue().to_pybytes()
+
+
+values = st.integers(1, 30).flatmap(
+    lambda n: arrays(np.float64, (3, n), elements=st.floats(allow_infinity=False, width=64))
+)
+
+
+@given(values=values, number=st.none() | st.integers(0, 2**53 - 1), unit=st.none() | st.just("rig_3"))
+def test_a_block_comes_back_as_it_was(values: np.ndarray, number: int | None, unit: str | None) -> None:
+    time = 1.7e9 + np.arange(values.shape[1]) * 1e-3
+    columns = dict(zip(("position", "pump_speed", "pressure_1"), values, strict=True))
+    block = Block("line/A-1", Samples(time, columns), number, "", 0.0, unit)
+    for payload in (encode_json(block), encode_arrow(block)):
+        found = decode(payload)
+        assert (found.axis, found.sequence, found.unit) == (block.axis, number, unit)
+        assert np.array_equal(found.samples.time, time)
+        for name, column in columns.items():
+            assert np.array_equal(found.samples[name], column, equal_nan=True)
+
+
+SEEDS = [message(), encode_arrow(decode(message()))]
+json_values = st.recursive(
+    st.none() | st.booleans() | st.integers() | st.floats() | st.text(max_size=5),
+    lambda inner: st.lists(inner, max_size=4) | st.dictionaries(st.text(max_size=5), inner, max_size=3),
+    max_leaves=8,
+)
+
+
+def block_or_refusal(payload: bytes) -> None:
+    try:
+        found = decode(payload)
+    except InputError as error:
+        assert "\n" not in str(error)
+    else:
+        assert isinstance(found, Block) and len(found.samples) >= 1
+
+
+@settings(max_examples=300)
+@given(payload=st.binary(max_size=300))
+def test_any_bytes_are_a_block_or_refused(payload: bytes) -> None:
+    block_or_refusal(payload)
+    block_or_refusal(b"\xff\xff\xff\xff" + payload)
+
+
+@settings(max_examples=600, deadline=None)
+@given(data=st.data())
+def test_damaged_messages_are_a_block_or_refused(data: st.DataObject) -> None:
+    payload = bytearray(data.draw(st.sampled_from(SEEDS)))
+    for _ in range(data.draw(st.integers(1, 6))):
+        at = data.draw(st.integers(0, len(payload) - 1))
+        payload[at : at + data.draw(st.integers(0, 3))] = data.draw(st.binary(max_size=3))
+        if not payload:
+            break
+    block_or_refusal(bytes(payload))
+
+
+@settings(max_examples=300)
+@given(data=st.data())
+def test_any_json_is_a_block_or_refused(data: st.DataObject) -> None:
+    inner = st.dictionaries(st.sampled_from(["position", "x"]), json_values, max_size=2)
+    time = st.fixed_dictionaries({"start": json_values, "period": json_values, "n": json_values})
+    changed = data.draw(
+        st.fixed_dictionaries(
+            {}, optional=dict.fromkeys(GOOD, json_values) | {"columns": inner, "time": time | json_values}
+        )
+    )
+    block_or_refusal(json.dumps({**GOOD, **changed}).encode(errors="replace"))
+
+
+def test_missing_and_infinite_values_are_missing() -> None:
+    text = message(time=[0, 1, 2, 3], columns={"position": [None, float("nan"), float("inf"), 2]})
+    assert np.array_equal(decode(text).samples["position"], [np.nan, np.nan, np.nan, 2], equal_nan=True)
+    nulls = arrow({"time": [0.0, 1.0], "position": pa.array([None, 0.5], pa.float32())})
+    assert np.array_equal(decode(nulls).samples["position"], [np.nan, 0.5], equal_nan=True)
+
+
+def test_times_by_start_and_period() -> None:
+    time = {"start": 12.3, "period": 0.001, "n": 2}
+    assert decode(message(time=time)).samples.time.tolist() == [12.3, 12.301]
+
+
+def test_a_map_names_columns_and_units() -> None:
+    rig = Decoder(
+        ChannelMap.from_yaml("time: {column: ms, unit: ms}\nposition: {column: x, unit: mm, sign: -1}")
+    )
+    columns = {"x": [5, 6], "ms": [1000, 1500], "odd": ["a", {}]}
+    found = rig.decode(orjson.dumps({"schema": "fdd.block/1", "axis": "A1", "columns": columns}))
+    assert found.samples.time.tolist() == [1.0, 1.5]
+    assert found.samples["position"].tolist() == [-0.005, -0.006] and found.ignored == ("odd",)
+    same = rig.decode(arrow({"x": [5.0, 6.0], "ms": [1000.0, 1500.0], "odd": [0.0, 0.0]}))
+    assert np.array_equal(same.samples["position"], found.samples["position"]) and same.ignored == ("odd",)
+
+
+@pytest.mark.parametrize(
+    ("changed", "told"),
+    [
+        ({"schema": "fdd.block/2"}, "its schema is not fdd.block/1"),
+        ({"sequnce": 3}, "unknown key 'sequnce'"),
+        ({"axis": ""}, "no name of an axis"),
+        ({"axis": "../etc"}, "no name of an axis"),
+        ({"axis": "a/./b"}, "no name of an axis"),
+        ({"axis": "<script>"}, "no name of an axis"),
+        ({"axis": "x" * 65}, "no name of an axis"),
+        ({"axis": "Ä"}, "no name of an axis"),
+        ({"axis": "A\n"}, "no name of an axis"),
+        ({"sequence": -1}, "sequence"),
+        ({"sequence": 1.5}, "sequence"),
+        ({"sequence": True}, "sequence"),
+        ({"sequence": 2**53}, "sequence"),
+        ({"unit": 3}, "unit is no name"),
+        ({"time": None}, "no time"),
+        ({"time": [0.1, 0.0]}, "axis A1: channel time, row 1"),
+        ({"time": [0.0, None]}, "not a finite number"),
+        ({"time": [0.0]}, "2 values for 1 time stamps"),
+        ({"time": {"start": 0, "period": 0.1, "n": MOST_BLOCK_ROWS + 1}}, "time is no object of"),
+        ({"time": {"start": 0, "period": -0.1, "n": 2}}, "time must increase"),
+        ({"time": {"start": 10**400, "period": 0.1, "n": 2}}, "beyond any number"),
+        ({"time": {"start": 0, "period": 0.1, "n": True}}, "time is no object of"),
+        ({"columns": {}}, "no channel in the block"),
+        ({"columns": {"positon": [1, 2]}}, "no channel in the block"),
+        ({"columns": [1]}, "columns is no object"),
+        ({"columns": {"position": ["1", "2"]}}, "'position' is no list"),
+        ({"columns": {"position": [None, "2"]}}, "'position' is no list"),
+        ({"columns": {"position": [True, False]}}, "'position' is no list"),
+        ({"columns": {"position": [[1], [2]]}}, "'position' is no list"),
+        ({"time": [], "columns": {"position": []}}, "a block of 0 rows"),
+        ({"columns": {f"c{k}": [1, 2] for k in range(300)}}, "at most 256 lists"),
+    ],
+)
+def test_what_is_wrong_is_told(changed: dict[str, object], told: str) -> None:
+    with pytest.raises(InputError, match=told) as caught:
+        decode(message(**changed))
+    assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("payload", "told"),
+    [
+        (arrow({"time": [0.0], "position": [1]}), "'position' is not of float64 or float32"),
+        (arrow({"time": np.zeros(5000), "position": np.zeros(5000)}, compression="zstd"), "compressed"),
+        (arrow({"time": np.arange(MOST_BLOCK_ROWS + 1.0)}), "rows, at most"),
+        (arrow({"time": [0.0], "position": [1.0]}, {"axis": "A"}), "its schema is not"),
+        (arrow({"time": [0.0], "position": [1.0]}) * 2, ""),
+        (arrow({"time": [0.0], "position": [1.0]})[:-60], "no Arrow stream"),
+    ],
+)
+def test_what_is_wrong_with_arrow_is_told(payload: bytes, told: str) -> None:
+    if not told:  # what follows the stream's end is not read
+        assert len(decode(payload).samples) == 1
+        return
+    with pytest.raises(InputError, match=told):
+        decode(payload)
+
+
+def test_a_second_batch_is_refused() -> None:
+    batch = pa.record_batch({"time": [0.0], "position": [1.0]}).replace_schema_metadata(
+        {"schema": "fdd.block/1", "axis": "A1"}
+    )
+    out = pa.BufferOutputStream()
+    with pa.ipc.new_stream(out, batch.schema) as writer:
+        writer.write_batch(batch)
+        writer.write_batch(batch)
+    with pytest.raises(InputError, match="more than one"):
+        decode(out.getvalue().to_pybytes())
+
+
+def test_the_topic_says_which_axis() -> None:
+    rig = Decoder()
+    without = json.dumps({k: v for k, v in GOOD.items() if k != "axis"}).encode()
+    assert rig.decode(without, axis="B2").axis == "B2"
+    with pytest.raises(InputError, match="says axis 'A1', its topic 'B2'"):
+        rig.decode(message(), axis="B2")

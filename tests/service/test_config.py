@@ -1,0 +1,86 @@
+"""serve.yaml: what may stand in it, and one line for what may not."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from fdd.errors import InputError
+from fdd.service.config import Serve
+from fdd.service.config_sources import FolderSource, MqttSource, ReplaySource
+
+EXAMPLE = Path(__file__).parents[2] / "examples" / "serve.yaml"
+UDP = "sources: [{type: udp, port: 9000}]"
+
+
+def of(text: str) -> Serve:
+    return Serve.from_yaml("schema: fdd.serve/1\n" + text)
+
+
+def test_the_example_is_read_with_paths_from_its_folder() -> None:
+    found = Serve.load(EXAMPLE)
+    here = EXAMPLE.parent
+    mqtt, folder, replay = found.sources[0], found.sources[3], found.sources[4]
+    assert isinstance(mqtt, MqttSource) and isinstance(folder, FolderSource)
+    assert isinstance(replay, ReplaySource)
+    assert mqtt.password_file == here / "mqtt.password" and mqtt.chosen_port == 8883
+    assert mqtt.tls is not None and mqtt.tls.ca == here / "ca.pem"
+    assert folder.folder == here / "drop" and replay.logs == {"demo": here / "run.mcap"}
+    assert found.outputs.recording is not None and found.outputs.recording.folder == here / "recordings"
+    assert found.outputs.webhooks[0].secret_file == here / "webhook.secret"
+    assert found.store_url == f"sqlite:///{here / 'state' / 'fdd.db'}"
+
+
+def test_absolute_paths_and_other_databases_stay() -> None:
+    found = Serve.from_yaml(
+        f"schema: fdd.serve/1\nstore: postgresql://db/fdd\nstate: /var/lib/fdd\n{UDP}", folder=Path("etc")
+    )
+    assert found.store_url == "postgresql://db/fdd" and found.state == Path("/var/lib/fdd")
+
+
+@pytest.mark.parametrize(
+    ("text", "told"),
+    [
+        ("sources: []", "sources: "),
+        ("sources: [{type: modbus}]", "sources.0: .*'modbus'"),
+        ("sources: [{type: udp, port: 70000}]", "sources.0.udp.port"),
+        ("sources: [{type: udp, port: 1, axis: ../x}]", "no name of an axis"),
+        ("sources: [{type: udp, port: 1}, {type: udp, port: 2}]", "'udp' twice; give each a name"),
+        ("sources: [{type: udp, port: 1, prot: 2}]", "sources.0.udp.prot: Extra inputs"),
+        ("sources: [{type: mqtt, host: b, topics: ['a/#/b']}]", "stand for whole levels"),
+        ("sources: [{type: mqtt, host: b, topics: ['a+/b']}]", "stand for whole levels"),
+        ("sources: [{type: mqtt, host: b, topics: ['x{axis}/b']}]", "one whole level"),
+        ("sources: [{type: mqtt, host: b, topics: [a], password_file: p}]", "needs a user"),
+        ("sources: [{type: mqtt, host: b, topics: [a], tls: {cert: c}}]", "go together"),
+        ("sources: [{type: replay, logs: {}}]", "sources.0.replay.logs"),
+        ("sources: [{type: replay, logs: {A1: a.csv}, speed: .inf}]", "sources.0.replay.speed"),
+        (f"{UDP}\nlisten: {{host: 0.0.0.0}}", "0.0.0.0 is open to others and needs tokens"),
+        (f"{UDP}\nlisten: {{host: '::'}}", "needs tokens"),
+        (f"{UDP}\noutputs: {{webhooks: [{{url: 'file:///etc/passwd'}}]}}", "no address of http or https"),
+        (f"{UDP}\nlimits: {{hold: 2}}", "limits.hold"),
+        (f"{UDP}\nstoer: x", "stoer: Extra inputs"),
+        (f"{UDP}\n{UDP}", "twice"),
+    ],
+)
+def test_what_is_wrong_is_told_in_one_line(text: str, told: str) -> None:
+    with pytest.raises(InputError, match=told) as caught:
+        of(text)
+    assert str(caught.value).startswith("serve.yaml: ") and "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize("host", ["127.0.0.1", "::1", "localhost", "127.8.8.8"])
+def test_without_tokens_only_this_machine_is_listened_on(host: str) -> None:
+    assert of(f"{UDP}\nlisten: {{host: '{host}'}}").listen.is_local
+
+
+def test_with_tokens_others_may_come() -> None:
+    assert not of(f"{UDP}\nlisten: {{host: 0.0.0.0}}\ntokens: tokens").listen.is_local
+
+
+def test_another_file_is_no_configuration(tmp_path: Path) -> None:
+    (tmp_path / "a.yaml").write_text("schema: fdd.map/1")
+    with pytest.raises(InputError, match=r"a.yaml: not a configuration of fdd serve; its first line"):
+        Serve.load(tmp_path / "a.yaml")
+    with pytest.raises(InputError, match="no such configuration of fdd serve"):
+        Serve.load(tmp_path / "none.yaml")

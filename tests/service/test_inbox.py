@@ -1,0 +1,102 @@
+"""The inbox: bounded, fair, and nothing is lost without being counted."""
+
+from __future__ import annotations
+
+import threading
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from fdd.bounds import MOST_AXES
+from fdd.errors import InputError
+from fdd.samples import Samples
+from fdd.service.blocks import Block
+from fdd.service.inbox import Inbox
+
+
+def block(axis: str, number: int, seconds: float = 1.0, **more: object) -> Block:
+    time = number * seconds + np.linspace(0.0, seconds, 10, endpoint=False)
+    return Block(axis, Samples(time, {"position": time}), number, "test", 0.0, **more)  # type: ignore[arg-type]
+
+
+def test_blocks_come_out_oldest_first_and_in_turn() -> None:
+    inbox = Inbox()
+    for number in range(5):
+        inbox.put(block("busy", number))
+    inbox.put(block("calm", 0))
+    taken = inbox.take(0.0)
+    assert [b.axis for b in taken[:3]] == ["busy", "calm", "busy"]
+    assert [b.sequence for b in taken if b.axis == "busy"] == list(range(5))
+    assert inbox.take(0.0) == []
+
+
+def test_an_axis_that_lags_loses_its_oldest_and_no_other() -> None:
+    inbox, told = Inbox(most_seconds=3.0), []
+    for number in range(8):
+        inbox.put(block("slow", number, accepted=lambda n=number: told.append(n)))
+    inbox.put(block("fine", 0))
+    counters = inbox.counters()
+    assert counters["slow"]["dropped_blocks"] == 5 and counters["slow"]["dropped_samples"] == 50
+    assert counters["slow"]["lag_s"] == pytest.approx(3.0) and counters["fine"]["dropped_blocks"] == 0
+    assert [b.sequence for b in inbox.take(0.0) if b.axis == "slow"] == [5, 6, 7]
+    assert told == [0, 1, 2, 3, 4]
+    assert inbox.counters()["slow"]["lag_s"] == 0.0
+
+
+def test_one_block_longer_than_the_bound_stays() -> None:
+    inbox = Inbox(most_seconds=1.0)
+    inbox.put(block("A1", 0, seconds=50.0))
+    assert len(inbox.take(0.0)) == 1
+
+
+def test_a_patient_sender_loses_nothing() -> None:
+    inbox = Inbox(most_seconds=3.0)
+    for number in range(20):
+        inbox.put(block("A1", number, patient=True))
+    assert [b.sequence for b in inbox.take(0.0)] == list(range(20))
+
+
+def test_beyond_the_bytes_the_axis_that_lags_most_loses() -> None:
+    one = block("x", 0)
+    inbox = Inbox(most_bytes=6 * (one.nbytes + 1000))
+    for number in range(2):
+        inbox.put(block("short", number, seconds=0.1))
+    for number in range(6):
+        inbox.put(block("long", number))
+    assert inbox.counters()["short"]["dropped_blocks"] == 0
+    assert inbox.counters()["long"]["dropped_blocks"] == 2
+
+
+def test_more_axes_than_a_service_watches_are_refused() -> None:
+    inbox = Inbox()
+    one = block("A", 0)
+    for number in range(MOST_AXES):
+        inbox.put(replace(one, axis=f"A{number}"))
+    with pytest.raises(InputError, match="more than 1000 axes"):
+        inbox.put(replace(one, axis="one-more"))
+    inbox.put(replace(one, axis="A7"))
+
+
+def test_many_threads_put_and_all_is_taken_or_counted() -> None:
+    inbox, senders, each = Inbox(most_seconds=5.0), 6, 200
+
+    def send(name: str) -> None:
+        for number in range(each):
+            inbox.put(block(name, number, seconds=0.1))
+
+    threads = [threading.Thread(target=send, args=(f"A{k}",)) for k in range(senders)]
+    for thread in threads:
+        thread.start()
+    taken: list[Block] = []
+    while True:
+        alive = any(t.is_alive() for t in threads)
+        found = inbox.take(0.2)
+        taken += found
+        if not found and not alive:
+            break
+    counters = inbox.counters()
+    for k in range(senders):
+        own = [b.sequence for b in taken if b.axis == f"A{k}"]
+        assert own == sorted(own)  # type: ignore[type-var]
+        assert len(own) + counters[f"A{k}"]["dropped_blocks"] == each == counters[f"A{k}"]["accepted"]

@@ -1,0 +1,273 @@
+"""The MQTT source against a real broker: killed, with passwords, garbage, retained and repeated messages."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import signal
+import socket
+import subprocess
+import threading
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import numpy as np
+import paho.mqtt.client as paho
+import pytest
+
+from fdd.errors import InputError
+from fdd.samples import Samples
+from fdd.service.blocks import Block, encode_arrow, encode_json
+from fdd.service.config_sources import MqttSource
+from fdd.service.order import Order
+from fdd.service.sources import Source, open_source
+from tests.service.senders import Taker, a_block, until
+
+MOSQUITTO = shutil.which("mosquitto", path=f"{os.environ.get('PATH', '')}:/usr/sbin")
+pytestmark = pytest.mark.skipif(MOSQUITTO is None, reason="no mosquitto here")
+VERSIONS = ("3.1.1", "5")
+
+
+class Broker:
+    """A mosquitto that keeps its sessions on disk."""
+
+    def __init__(self, folder: Path, *settings: str) -> None:
+        with socket.socket() as free:
+            free.bind(("127.0.0.1", 0))
+            self.port = free.getsockname()[1]
+        self._config = folder / "mosquitto.conf"
+        self._config.write_text(
+            "\n".join(
+                (f"listener {self.port} 127.0.0.1", "persistence true", f"persistence_location {folder}/",
+                 "autosave_interval 1", "autosave_on_changes true", "user root", "max_queued_messages 10000",
+                 *(settings or ("allow_anonymous true",)), "")
+            )
+        )  # fmt: skip
+        self.start()
+
+    def start(self) -> None:
+        """Start it, and wait until it listens."""
+        assert MOSQUITTO is not None
+        self._process = subprocess.Popen([MOSQUITTO, "-c", str(self._config)], stderr=subprocess.DEVNULL)
+        until(self._listens)
+
+    def kill(self) -> None:
+        """End it at once."""
+        self._process.send_signal(signal.SIGKILL)
+        self._process.wait()
+
+    def _listens(self) -> bool:
+        with socket.socket() as probe:
+            return probe.connect_ex(("127.0.0.1", self.port)) == 0
+
+
+@pytest.fixture
+def broker(tmp_path: Path) -> Iterator[Broker]:
+    made = Broker(tmp_path)
+    yield made
+    made.kill()
+
+
+@pytest.fixture
+def taker() -> Taker:
+    return Taker()
+
+
+@pytest.fixture
+def stop() -> Iterator[threading.Event]:
+    event = threading.Event()
+    yield event
+    event.set()
+
+
+def source_of(broker: Broker, version: str = "5", **more: object) -> Source:
+    given = {
+        "type": "mqtt",
+        "host": "127.0.0.1",
+        "port": broker.port,
+        "version": version,
+        "topics": ["rigs/#"],
+    }
+    return open_source(MqttSource.model_validate({**given, "client_id": "fdd-test", **more}))
+
+
+@pytest.fixture
+def publish(broker: Broker) -> Iterator[Callable[..., None]]:
+    client = paho.Client(paho.CallbackAPIVersion.VERSION2, client_id="sender", clean_session=False)
+    client.reconnect_delay_set(0.1, 0.2)  # type: ignore[arg-type]
+    client.max_inflight_messages_set(10)
+    client.connect("127.0.0.1", broker.port)
+    client.loop_start()
+    yield lambda topic, payload, **more: client.publish(topic, payload, **{"qos": 1, **more})
+    client.disconnect()
+    client.loop_stop()
+
+
+def connected(source: Source, taker: Taker, stop: threading.Event) -> Source:
+    source.start(taker.put, stop)
+    until(lambda: source.status()["connected"])
+    return source
+
+
+def ordered(blocks: list[Block]) -> tuple[Samples, Order]:
+    order = Order()
+    return Samples.concatenate([*(order.push(b) for b in blocks), order.flush()]), order
+
+
+@pytest.mark.parametrize("version", VERSIONS)
+def test_topics_with_wildcards_name_the_axis_or_the_message_does(
+    version: str, broker: Broker, taker: Taker, stop: threading.Event, publish: Callable[..., None]
+) -> None:
+    source = connected(source_of(broker, version, topics=["rigs/{axis}/x/#", "all/+"]), taker, stop)
+    without = encode_json(a_block(0)).replace(b'"axis":"A1",', b"")
+    publish("rigs/R1/x/deep/er", without)
+    publish("rigs/R2/x", encode_arrow(a_block(0, "R2")))
+    publish("rigs/R5/x", without)
+    publish("rigs/R3/x", encode_json(a_block(0, "R9")))
+    publish("rigs/R4/y", without)
+    publish("all/one", encode_json(a_block(0, "A7")))
+    publish("all/two", without)
+    until(lambda: source.status()["received"] == 4 and source.status()["refused"] == 2)
+    assert sorted(b.axis for b in taker.blocks) == ["A7", "R1", "R2", "R5"]
+    assert np.array_equal(taker.joined("R2")["position"], a_block(0).samples["position"])
+
+
+@pytest.mark.parametrize("version", VERSIONS)
+def test_garbage_and_retained_messages_are_counted_and_leave_the_session(
+    version: str, broker: Broker, taker: Taker, stop: threading.Event, publish: Callable[..., None]
+) -> None:
+    publish("rigs/A1", encode_json(a_block(99)), retain=True)
+    source = connected(source_of(broker, version), taker, stop)
+    for k in range(150):  # more than may be on their way unacknowledged
+        publish("rigs/A1", (b"", b"garbage", b"\xff\xff\xff\xff\x10", b'{"schema": 3}')[k % 4])
+    for k in range(5):
+        publish("rigs/A1", encode_json(a_block(k)))
+    until(lambda: taker.numbers() == [0, 1, 2, 3, 4])
+    status = source.status()
+    assert status["refused"] == 150 and status["last_error"].startswith("topic rigs/A1: ")
+    assert status.get("retained", 0) == (version == "3.1.1")
+
+
+@pytest.mark.parametrize("version", VERSIONS)
+def test_nothing_is_acknowledged_before_it_is_accepted(
+    version: str, broker: Broker, taker: Taker, publish: Callable[..., None]
+) -> None:
+    taker.accepting, stop = False, threading.Event()
+    source = connected(source_of(broker, version), taker, stop)
+    for k in range(12):
+        publish("rigs/A1", encode_json(a_block(k)))
+    until(lambda: len(taker.blocks) == 12)
+    for block in taker.blocks[:7]:
+        block.accepted()
+    time.sleep(0.5)
+    stop.set()
+    until(lambda: not source.status()["connected"])
+    # As after a crash of the service: what was not stored comes again, what was stored does not.
+    again, stop = Taker(), threading.Event()
+    for k in range(12, 15):
+        publish("rigs/A1", encode_json(a_block(k)))
+    connected(source_of(broker, version), again, stop)
+    until(lambda: set(again.numbers()) >= set(range(7, 15)))
+    stop.set()
+    # The last acknowledgements may have been on their way.
+    assert 0 not in again.numbers() and len(again.blocks) < 15
+    found, _ = ordered([*taker.blocks[:7], *again.blocks])
+    assert np.array_equal(
+        found["position"], np.concatenate([a_block(k).samples["position"] for k in range(15)])
+    )
+
+
+@pytest.mark.parametrize("version", VERSIONS)
+def test_a_broker_that_is_killed_loses_nothing_and_tells_nothing_twice(
+    version: str, broker: Broker, taker: Taker, stop: threading.Event, publish: Callable[..., None]
+) -> None:
+    source = connected(source_of(broker, version), taker, stop)
+    for k in range(40):
+        publish("rigs/A1", encode_json(a_block(k)))
+        if k == 20:
+            until(lambda: len(taker.blocks) >= 10)
+            taker.accepting = False
+        if k == 30:
+            until(lambda: len(set(taker.numbers())) >= 25)
+            broker.kill()
+            until(lambda: not source.status()["connected"])
+            taker.accept()  # of a connection that is gone: acknowledges nothing
+            broker.start()
+            taker.accepting = True
+    until(lambda: set(taker.numbers()) == set(range(40)), 60.0)
+    assert source.status()["reconnects"] >= 1 and "connection was lost" in source.status()["last_error"]
+    assert len(taker.blocks) > 40, "some came again"
+    found, order = ordered(taker.blocks)
+    wanted = np.concatenate([a_block(k).samples["position"] for k in range(40)])
+    assert np.array_equal(found["position"], wanted)
+    assert order.counts["repeated"] == 10 * (len(taker.blocks) - 40) and order.counts["late"] == 0
+
+
+def test_a_broker_that_comes_later_is_found(broker: Broker, taker: Taker, stop: threading.Event) -> None:
+    broker.kill()
+    source = source_of(broker)
+    source.start(taker.put, stop)
+    until(lambda: source.status()["last_error"] is not None)
+    assert source.status()["last_error"] == (
+        f"mqtt 127.0.0.1:{broker.port}: the broker cannot be reached; check host, port and tls"
+    )
+    broker.start()
+    until(lambda: source.status()["connected"])
+
+
+@pytest.mark.parametrize("version", VERSIONS)
+def test_a_wrong_password_is_told_in_one_line(
+    version: str, tmp_path: Path, taker: Taker, stop: threading.Event
+) -> None:
+    (tmp_path / "users").write_text("rig:right\n")
+    subprocess.run(["mosquitto_passwd", "-U", str(tmp_path / "users")], check=True)
+    broker = Broker(tmp_path, "allow_anonymous false", f"password_file {tmp_path / 'users'}")
+    try:
+        (tmp_path / "password").write_text("wrong\n")
+        given = {"user": "rig", "password_file": tmp_path / "password"}
+        source = source_of(broker, version, **given)
+        source.start(taker.put, stop)
+        until(lambda: source.status()["last_error"] is not None)
+        told = source.status()["last_error"]
+        assert told.startswith(f"mqtt 127.0.0.1:{broker.port}: the broker refuses the connection (")
+        assert told.endswith("check user, password_file and client_id") and "wrong" not in told
+        assert not source.status()["connected"]
+        (tmp_path / "password").write_text("right\n")
+        connected(source_of(broker, version, **given, client_id="other"), taker, stop)
+    finally:
+        broker.kill()
+
+
+def test_files_that_are_missing_are_told_at_once(
+    broker: Broker, tmp_path: Path, stop: threading.Event
+) -> None:
+    missing = tmp_path / "none"
+    with pytest.raises(InputError, match="none: the password cannot be read"):
+        source_of(broker, user="rig", password_file=missing).start(lambda block: None, stop)
+    with pytest.raises(InputError, match="TLS cannot be set up"):
+        source_of(broker, tls={"ca": missing}).start(lambda block: None, stop)
+
+
+@pytest.mark.skipif(shutil.which("openssl") is None, reason="no openssl here")
+def test_tls_is_spoken_with_the_authority_that_is_named_and_no_other(
+    tmp_path: Path, taker: Taker, stop: threading.Event
+) -> None:
+    for name in ("ours", "other"):
+        subprocess.run(
+            ["openssl", "req", "-x509", "-newkey", "rsa:2048", "-nodes", "-days", "2", "-subj", f"/CN={name}",
+             "-addext", "subjectAltName=IP:127.0.0.1", "-keyout", f"{name}.key", "-out", f"{name}.pem"],
+            check=True, capture_output=True, cwd=tmp_path,
+        )  # fmt: skip
+    files = (f"certfile {tmp_path / 'ours.pem'}", f"keyfile {tmp_path / 'ours.key'}")
+    broker = Broker(tmp_path, *files, "allow_anonymous true")
+    try:
+        connected(source_of(broker, tls={"ca": tmp_path / "ours.pem"}), taker, stop)
+        for wrong in ({"tls": {"ca": tmp_path / "other.pem"}}, {}):
+            source = source_of(broker, client_id="wrong", **wrong)
+            source.start(taker.put, stop)
+            until(lambda source=source: source.status()["last_error"] is not None)
+            time.sleep(0.3)
+            assert not source.status()["connected"] and "\n" not in source.status()["last_error"]
+    finally:
+        broker.kill()

@@ -1,0 +1,195 @@
+"""However a stream is cut, repeated, reordered and its clock set: the same samples; the counts add up."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from fdd.errors import InputError
+from fdd.samples import Samples
+from fdd.service.blocks import Block
+from fdd.service.order import Order
+
+PERIOD = 0.01
+
+
+def block(time: np.ndarray, value: np.ndarray, number: int | None) -> Block:
+    return Block("A1", Samples(time, {"position": value, "pump_speed": -value}), number, "test", 0.0)
+
+
+def blocks_of(draw: st.DrawFn, *, counted: bool) -> tuple[list[Block], np.ndarray, np.ndarray]:
+    """A stream of several spans, between which the clock was set: blocks in order, true times and values."""
+    rng = np.random.default_rng(draw(st.integers(0, 2**32 - 1)))
+    start = draw(st.sampled_from([0.0, 5.0, 1.7e9]))
+    spans = draw(st.lists(st.integers(70, 300), min_size=1, max_size=3))
+    steps = [draw(st.sampled_from([-3600.0, -20.0, -1.5, 3700.0, 1e6])) for _ in spans]
+    blocks, times, clock, t = [], [], start, 0.0
+    for rows, step in zip(spans, steps, strict=True):
+        # Jitter that stays below the period, and rows that the sender itself lost.
+        own = PERIOD * (np.arange(rows) + rng.uniform(0, 0.5, rows))
+        own = own[np.sort(rng.choice(rows, rows - 5, replace=False))]
+        raw = clock + own - own[0]
+        times.append(t + raw - raw[0])
+        cuts = np.cumsum(rng.integers(1, 25, rows))
+        for part in np.split(raw, cuts[cuts < raw.size]):
+            blocks.append((part, rng.standard_normal(part.size)))
+        t, clock = times[-1][-1] + 1.0, raw[-1] + step
+    made = [block(time, value, k if counted else None) for k, (time, value) in enumerate(blocks)]
+    first = 0.0 if start > 1e6 else start
+    return made, first + np.concatenate(times), np.concatenate([v for _, v in blocks])
+
+
+def disturbed(draw: st.DrawFn, blocks: list[Block], *, fixed: frozenset[int]) -> list[Block]:
+    """Neighbours overtaken by less than the hold, never across a block of `fixed`; any block again, later."""
+    rng = np.random.default_rng(draw(st.integers(0, 2**32 - 1)))
+    order, k = [], 0
+    while k < len(blocks):
+        stop = k + 1
+        while stop < len(blocks) and stop not in fixed and stop < k + 3:
+            rows = sum(len(b.samples) for b in blocks[k : stop + 1])
+            if rows * PERIOD * 1.5 > 0.45:
+                break
+            stop += 1
+        group = list(range(k, stop))
+        rng.shuffle(group)
+        order += group
+        k = stop
+    out: list[Block] = []
+    for k in order:
+        out.append(blocks[k])
+        if rng.random() < 0.3:
+            out.append(out[rng.integers(max(0, len(out) - 20), len(out))])
+    return out
+
+
+def passed(order: Order, blocks: list[Block], *, restart: int | None = None) -> Samples:
+    parts = []
+    for k, one in enumerate(blocks):
+        if k == restart:
+            state = order.state()
+            order = Order()
+            order.restore({name: array.copy() for name, array in state.items()})
+        parts.append(order.push(one))
+        held = order.held_samples
+        given = sum(len(p) for p in parts)
+        counts = order.counts
+        assert counts["received"] == given + counts["repeated"] + counts["late"] + held
+    parts.append(order.flush())
+    passed.order = order  # type: ignore[attr-defined]
+    return Samples.concatenate(parts)
+
+
+@settings(max_examples=120, deadline=None)
+@given(data=st.data(), counted=st.booleans())
+def test_disturbed_streams_give_the_undisturbed_samples(data: st.DataObject, counted: bool) -> None:
+    blocks, times, values = blocks_of(data.draw, counted=counted)  # type: ignore[arg-type]
+    # Without numbers nothing tells on which side of a set clock a block belongs.
+    set_at = {
+        k
+        for k in range(1, len(blocks))
+        if not 0.0 < blocks[k].samples.time[0] - blocks[k - 1].samples.time[-1] < 0.5
+    }
+    coming = disturbed(data.draw, blocks, fixed=frozenset() if counted else frozenset(set_at))  # type: ignore[arg-type]
+    restart = data.draw(st.none() | st.integers(0, len(coming)))
+    found = passed(Order(), coming, restart=restart)
+    order: Order = passed.order  # type: ignore[attr-defined]
+    assert np.allclose(found.time, times, rtol=0, atol=2e-6)
+    assert np.array_equal(found["position"], values) and np.array_equal(found["pump_speed"], -values)
+    twice = sum(len(b.samples) for b in coming) - values.size
+    assert order.counts["repeated"] == twice and order.counts["late"] == 0
+    assert order.counts["missing_blocks"] == 0 and order.clock.resets == len(set_at)
+    overtaken = sum(
+        min(coming.index(later) for later in blocks[k + 1 :]) < coming.index(one)
+        for k, one in enumerate(blocks[:-1])
+    )
+    assert order.counts["reordered"] == overtaken
+
+
+def steady(number: int | None, start: float, rows: int = 10, seed: int = 0) -> Block:
+    value = np.random.default_rng(seed).standard_normal(rows)
+    return block(PERIOD * (round(start / PERIOD) + np.arange(rows)), value, number)
+
+
+def test_a_block_that_never_comes_is_given_up_after_the_hold() -> None:
+    order = Order(hold=0.5)
+    got = [len(order.push(steady(n, 0.1 * n))) for n in (0, 1, *range(3, 10))]
+    # 0.5 s are held with the blocks 3 to 7, more with 8.
+    assert got == [10, 10, 0, 0, 0, 0, 0, 60, 10]
+    assert order.counts["missing_blocks"] == 1 and order.gaps.jumps == 0
+    late = order.push(steady(2, 0.2))
+    assert len(late) == 0 and order.counts["late"] == 10
+    order.push(steady(2, 0.2))
+    assert order.counts["late"] == 10 and order.counts["repeated"] == 10
+
+
+def test_rows_that_interleave_are_put_between_each_other() -> None:
+    order = Order()
+    odd, even = (block(PERIOD * np.arange(k, 200, 2), np.arange(k, 200, 2.0), None) for k in (1, 0))
+    parts = [order.push(odd), order.push(even), order.flush()]
+    assert np.array_equal(Samples.concatenate(parts)["position"], np.arange(200.0))
+
+
+def test_rows_after_newer_ones_are_late_and_known_ones_repeated() -> None:
+    order = Order(hold=0.2)
+    for n in (0, 1, 2, 4, 5, 6, 7):
+        order.push(steady(None, 0.1 * n))
+    assert len(order.push(steady(None, 0.3))) == 0
+    assert order.counts["late"] == 10 and order.counts["repeated"] == 0
+    # Sent again, cut otherwise.
+    order.push(steady(None, 0.0, rows=20, seed=1))
+    assert order.counts["repeated"] == 20
+
+
+def test_rows_sent_again_in_other_cuts_are_passed_on_once() -> None:
+    time, value = PERIOD * np.arange(100), np.arange(100.0)
+    cuts = [(0, 30), (20, 50), (10, 45), (45, 60), (50, 100)]
+    order = Order()
+    parts = [order.push(block(time[a:b], value[a:b], None)) for a, b in cuts]
+    assert np.array_equal(Samples.concatenate([*parts, order.flush()])["position"], value)
+    assert order.counts["repeated"] == sum(b - a for a, b in cuts) - 100 and order.counts["late"] == 0
+
+
+def test_a_restored_order_knows_what_was_given_up() -> None:
+    before, after = Order(hold=0.05), Order()
+    for n in (0, 2, 3, 4):
+        before.push(steady(n, 0.1 * n))
+    after.restore(before.state())
+    assert before.counts["missing_blocks"] == 1
+    for order in (before, after):
+        assert len(order.push(steady(1, 0.1))) == 0 and len(order.push(steady(5, 0.5))) == 10
+        assert order.counts["late"] == 10 and order.clock.resets == 0
+
+
+@pytest.mark.parametrize("start", [0.0, 9.0])
+def test_a_sender_that_starts_anew_is_followed(start: float) -> None:
+    order = Order()
+    before = [order.push(steady(n, 0.1 * n)) for n in range(50)]
+    after = [order.push(steady(n, start + 0.1 * n, seed=1)) for n in range(50)]
+    found = Samples.concatenate([*before, *after])
+    assert len(found) == 1000 and order.counts["repeated"] == order.counts["late"] == 0
+    assert order.clock.resets == (start == 0.0)
+
+
+def test_joining_in_the_middle_waits_only_at_the_start() -> None:
+    order = Order(hold=0.25)
+    got = [len(order.push(steady(n, 0.1 * n))) for n in (18, 17, 19, 20, 21)]
+    assert got == [0, 0, 40 - 10, 10, 10] and order.counts["missing_blocks"] == 0
+
+
+def test_silence_passes_on_what_is_held() -> None:
+    order = Order()
+    assert len(order.push(steady(None, 0.0))) == 0 and len(order.flush()) == 10
+    assert len(order.push(steady(None, 0.1))) == 0 and len(order.flush()) == 10
+    assert order.held_samples == 0
+
+
+@pytest.mark.parametrize("damage", ["order/known", "order/numbers", "order/held_time"])
+def test_a_damaged_state_is_refused_in_one_line(damage: str) -> None:
+    order = Order()
+    order.push(steady(None, 0.0))
+    state = order.state()
+    for broken in ({k: v for k, v in state.items() if k != damage}, {**state, damage: state[damage][:2]}):
+        with pytest.raises(InputError):
+            Order().restore(broken)
