@@ -98,17 +98,19 @@ class Courier:
             try:
                 self._deliver(parcel)
             except Undelivered as error:
-                if self._failed(parcel, error):
+                if self._put_off(parcel, error):
+                    held.add(about)
+                if error.down:
                     return
-                held.add(about)
                 continue
             self._store.delivered(parcel.id)
             self.delivered += 1
             self.pending -= 1
+        if not held:
             self.last_error = ""
 
-    def _failed(self, parcel: Parcel, error: Undelivered) -> bool:
-        """Put off or give up; whether the target is down."""
+    def _put_off(self, parcel: Parcel, error: Undelivered) -> bool:
+        """Put off, or give up; which of them."""
         self.failed += 1
         self.last_error = str(error)
         attempts = parcel.attempts + 1
@@ -116,13 +118,13 @@ class Courier:
             note = f"{parcel.kind} {parcel.id} never arrived at {self.target} ({attempts} attempts: {error})"
             self._store.give_up(parcel.id, note)
             self.given_up += 1
-            return error.down
+            return False
         wait = min(LONGEST_WAIT_S, 2.0 ** min(attempts, 30)) * (0.5 + 0.5 * self._chance())
         until = self._wall() + max(wait, error.wait_s)
         self._store.put_off(parcel.id, until)
         if error.down:
             self._down_until = until
-        return error.down
+        return True
 
 
 def topic_of(parcel: Parcel) -> str:
