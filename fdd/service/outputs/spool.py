@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping
+from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -104,8 +105,9 @@ class Spool:
         self._write([np.empty(0)] * len(_SCHEMA), {kind: json.dumps(dict(what))})
 
     def close(self) -> None:
-        """Close the file, as it is."""
-        self._file.close()
+        """Close the file, as it is; what a full disk did not take is lost."""
+        with suppress(OSError):
+            self._file.close()
 
     def _write(self, columns: list[NDArray[np.float64]], happened: dict[str, str]) -> None:
         batch = pa.record_batch(columns, schema=_SCHEMA)
