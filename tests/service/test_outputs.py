@@ -27,7 +27,7 @@ def settings_of(**given: Any) -> Any:
     return SimpleNamespace(**{"mqtt": None, "webhooks": [], "jsonl": None, "recording": None, **given})
 
 
-def hook(url: str, *kinds: str, secret_file: str | None = None) -> Any:
+def hook(url: str, *kinds: str, secret_file: Path | None = None) -> Any:
     return SimpleNamespace(url=url, kinds=kinds or ("alarm", "finding"), secret_file=secret_file)
 
 
@@ -39,8 +39,10 @@ def stop() -> Iterator[threading.Event]:
 
 
 def test_who_is_told_what(tmp_path: Path) -> None:
-    path = str(tmp_path / "events.jsonl")
-    made = Outputs(settings_of(jsonl=path, webhooks=[hook(SLOW, "alarm"), hook(QUICK)]), FakeStore(), FakeBus())
+    path = tmp_path / "events.jsonl"
+    made = Outputs(
+        settings_of(jsonl=path, webhooks=[hook(SLOW, "alarm"), hook(QUICK)]), FakeStore(), FakeBus()
+    )
     slow, quick = Webhook(SLOW).name, Webhook(QUICK).name
     assert made.targets("alarm") == ["jsonl", slow, quick]
     assert made.targets("finding") == ["jsonl", quick]
@@ -59,7 +61,7 @@ def test_one_that_hangs_holds_up_no_other(
 
     monkeypatch.setattr(Webhook, "deliver", deliver)
     store, bus, path = FakeStore(), FakeBus(), tmp_path / "events.jsonl"
-    made = Outputs(settings_of(jsonl=str(path), webhooks=[hook(SLOW), hook(QUICK)]), store, bus)
+    made = Outputs(settings_of(jsonl=path, webhooks=[hook(SLOW), hook(QUICK)]), store, bus)
     made.start(stop)
     until(lambda: len(bus.subscriptions) == 3)
     begun = time.monotonic()
@@ -81,7 +83,7 @@ def test_a_store_in_trouble_is_waited_for(
 ) -> None:
     monkeypatch.setattr(outputs, "TROUBLE_S", 0.05)
     store, path = FakeStore(trouble=OSError("the database is locked")), tmp_path / "events.jsonl"
-    made = Outputs(settings_of(jsonl=str(path)), store, FakeBus())
+    made = Outputs(settings_of(jsonl=path), store, FakeBus())
     store.send("finding", {"axis": "A1", **finding()}, "jsonl")
     made.start(stop)
     until(lambda: "locked" in made.status()["jsonl"]["last_error"])
@@ -94,7 +96,7 @@ def test_live_states_that_cannot_be_written_are_counted(
     tmp_path: Path, stop: threading.Event, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     bus, path = FakeBus(), tmp_path / "events.jsonl"
-    made = Outputs(settings_of(jsonl=str(path)), FakeStore(), bus)
+    made = Outputs(settings_of(jsonl=path), FakeStore(), bus)
     made.start(stop)
     until(lambda: bus.subscriptions)
     bus.publish(FakeEvent("status", "A1", 1.0, {"state": "healthy"}))
@@ -109,7 +111,7 @@ def test_live_states_that_cannot_be_written_are_counted(
 
 def test_the_recorder_takes_samples(tmp_path: Path, stop: threading.Event) -> None:
     bus = FakeBus()
-    recording = SimpleNamespace(folder=str(tmp_path / "rec"), before=10.0, after=10.0, most_bytes=1 << 30)
+    recording = SimpleNamespace(folder=tmp_path / "rec", before=10.0, after=10.0, most_bytes=1 << 30)
     made = Outputs(settings_of(recording=recording), FakeStore(), bus)
     assert made.recorder is not None and made.targets("alarm") == []
     made.start(stop)
@@ -127,8 +129,8 @@ def test_the_recorder_takes_samples(tmp_path: Path, stop: threading.Event) -> No
 def test_settings_that_cannot_work_are_refused_at_once(tmp_path: Path) -> None:
     for given in (
         {"webhooks": [hook("ftp://x")]},
-        {"webhooks": [hook(QUICK, secret_file=str(tmp_path / "none"))]},
-        {"jsonl": str(tmp_path / "none" / "x.jsonl")},
+        {"webhooks": [hook(QUICK, secret_file=tmp_path / "none")]},
+        {"jsonl": tmp_path / "none" / "x.jsonl"},
     ):
         with pytest.raises(InputError):
             Outputs(settings_of(**given), FakeStore(), FakeBus())
@@ -136,11 +138,11 @@ def test_settings_that_cannot_work_are_refused_at_once(tmp_path: Path) -> None:
 
 def test_a_broker_that_is_away_stops_nothing(tmp_path: Path, stop: threading.Event) -> None:
     broker = SimpleNamespace(
-        host="127.0.0.1", port=free_port(), prefix="fdd", username=None, password_file=None, tls=False,
-        ca_file=None,
+        host="127.0.0.1", chosen_port=free_port(), prefix="fdd", user=None, password_file=None, tls=None,
+        version="5", client_id=None, keepalive=30,
     )  # fmt: skip
     store = FakeStore()
-    made = Outputs(settings_of(mqtt=broker, jsonl=str(tmp_path / "x.jsonl")), store, FakeBus())
+    made = Outputs(settings_of(mqtt=broker, jsonl=tmp_path / "x.jsonl"), store, FakeBus())
     for target in made.targets("alarm"):
         store.send("alarm", transition(), target)
     made.start(stop)

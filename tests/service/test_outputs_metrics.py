@@ -179,7 +179,9 @@ def test_the_dashboard_asks_for_metrics_that_exist() -> None:
         assert names and names <= set(labels), expression
         used |= names
         for name, inside in re.findall(r"\b((?:fdd|process)_\w+)\{([^}]*)\}", expression):
-            assert set(re.findall(r"(\w+)\s*(?:=|!)", inside)) <= labels[name] | {"job", "instance"}, expression
+            assert set(re.findall(r"(\w+)\s*(?:=|!)", inside)) <= labels[name] | {"job", "instance"}, (
+                expression
+            )
         for inside in re.findall(r"\bby\s*\(([^)]*)\)", expression):
             words = {word.strip() for word in inside.split(",")}
             assert words <= set().union(*(labels[n] for n in names)) | {"job", "instance"}, expression

@@ -98,7 +98,7 @@ def publish(broker: Broker) -> Iterator[Callable[..., MqttPublisher]]:
     made: list[MqttPublisher] = []
 
     def publisher(standing: Any = lambda: (), **settings: Any) -> MqttPublisher:
-        made.append(MqttPublisher(settings_of(port=broker.port, **settings), standing))
+        made.append(MqttPublisher(settings_of(chosen_port=broker.port, **settings), standing))
         made[-1].start()
         return made[-1]
 
@@ -109,8 +109,8 @@ def publish(broker: Broker) -> Iterator[Callable[..., MqttPublisher]]:
 
 def settings_of(**given: Any) -> Any:
     usual = {
-        "host": "127.0.0.1", "port": 1883, "prefix": "plant/fdd", "username": None, "password_file": None,
-        "tls": False, "ca_file": None,
+        "host": "127.0.0.1", "chosen_port": 1883, "prefix": "plant/fdd", "user": None, "password_file": None,
+        "tls": None, "version": "5", "client_id": None, "keepalive": 30,
     }  # fmt: skip
     return SimpleNamespace(**{**usual, **given})
 
@@ -123,8 +123,12 @@ def connected(publisher: MqttPublisher) -> None:
     until(lambda: publisher.status()["connected"] and publisher.connections)
 
 
-def test_what_is_retained_and_what_is_not(publish: Any, listen: Any) -> None:
-    live, publisher = listen(), publish()
+VERSIONS = pytest.mark.parametrize("version", ["3.1.1", "5"])
+
+
+@VERSIONS
+def test_what_is_retained_and_what_is_not(publish: Any, listen: Any, version: str) -> None:
+    live, publisher = listen(), publish(version=version)
     connected(publisher)
     publisher.note("hall/A1", {"state": "in alarm"})
     publisher.tick()
@@ -173,11 +177,12 @@ def test_a_link_that_breaks_is_told_by_the_broker(publish: Any, listen: Any) -> 
     until(lambda: live.of("plant/fdd/status")[-1][0] == b"offline")
 
 
+@VERSIONS
 def test_a_broker_that_was_killed_is_told_everything_again(
-    broker: Broker, publish: Any, listen: Any
+    broker: Broker, publish: Any, listen: Any, version: str
 ) -> None:
     store = FakeStore()
-    publisher = publish(lambda: store.alarms(("UNACK", "ACKED")))
+    publisher = publish(lambda: store.alarms(("UNACK", "ACKED")), version=version)
     courier = Courier("mqtt", store, publisher.deliver, chance=lambda: 0.0)
     connected(publisher)
     publisher.note("A1", {"state": "healthy"})
@@ -226,12 +231,12 @@ def test_a_wrong_password_is_told_in_a_line(broker: Broker, publish: Any, tmp_pa
     right, wrong = tmp_path / "right", tmp_path / "wrong"
     right.write_text("right\n")
     wrong.write_text("wrong\n")
-    refused = publish(username="fdd", password_file=str(wrong))
+    refused = publish(user="fdd", password_file=wrong)
     until(lambda: "refuses" in refused.status()["link_error"])
     assert "Not authorized" in refused.status()["link_error"]
     with pytest.raises(Undelivered, match="refuses the connection"):
         refused.deliver(parcel("alarm", transition()))
-    publisher = publish(username="fdd", password_file=str(right))
+    publisher = publish(user="fdd", password_file=right)
     connected(publisher)
     publisher.deliver(parcel("alarm", transition()))
 
@@ -248,8 +253,10 @@ def test_secrets_that_are_missing_empty_or_endless(tmp_path: Path) -> None:
         if content is not None:
             path.write_bytes(content)
         with pytest.raises(InputError) as caught:
-            MqttPublisher(settings_of(username="fdd", password_file=str(path)))
+            MqttPublisher(settings_of(user="fdd", password_file=path))
         assert str(path) in str(caught.value)
     path.write_text("no certificate")
-    with pytest.raises(InputError, match="PEM"):
-        MqttPublisher(settings_of(tls=True, ca_file=str(path)))
+    for files in ({"ca": path}, {"cert": path, "key": path}, {"ca": tmp_path / "none"}):
+        tls = SimpleNamespace(**{"ca": None, "cert": None, "key": None, **files})
+        with pytest.raises(InputError, match="PEM"):
+            MqttPublisher(settings_of(tls=tls))

@@ -50,7 +50,7 @@ class Rig:
     """A recorder that is worked by hand, and its bus."""
 
     def __init__(self, folder: Path, **given: Any) -> None:
-        usual = {"folder": str(folder), "before": 20.0, "after": 20.0, "most_bytes": 1 << 30}
+        usual = {"folder": folder, "before": 20.0, "after": 20.0, "most_bytes": 1 << 30}
         self.folder, self.bus = folder, FakeBus()
         self.recorder = Recorder(SimpleNamespace(**{**usual, **given}), self.bus, lambda axis: "name: x\n")
         self.alarms, self.statuses = (self.bus.subscribe([kind]) for kind in ("alarm", "status"))
@@ -94,7 +94,12 @@ def same(samples: Samples, first: float, last: float) -> None:
     wanted = signal(first, last)
     assert len(samples) == len(wanted)
     np.testing.assert_allclose(samples.time, wanted.time - wanted.time[0], atol=2e-9)
-    for name, tolerance in (("position", 1e-8), ("pump_angle", 1e-5), ("pressure_1", 0.1), ("pressure_2", 0.1)):
+    for name, tolerance in (
+        ("position", 1e-8),
+        ("pump_angle", 1e-5),
+        ("pressure_1", 0.1),
+        ("pressure_2", 0.1),
+    ):
         np.testing.assert_allclose(samples[name], wanted[name], rtol=0, atol=tolerance, err_msg=name)
 
 
@@ -212,7 +217,7 @@ def test_a_restart_leaves_what_there_is(tmp_path: Path) -> None:
     (tmp_path / "A9_20260101T000000Z_4.spool").write_bytes(b"nothing that is whole")
     del rig  # killed: nothing is closed or finished
     stop, bus = threading.Event(), FakeBus()
-    settings_ = SimpleNamespace(folder=str(tmp_path), before=20.0, after=20.0, most_bytes=1 << 30)
+    settings_ = SimpleNamespace(folder=tmp_path, before=20.0, after=20.0, most_bytes=1 << 30)
     again = Recorder(settings_, bus)
     thread = threading.Thread(target=again.run, args=(stop,))
     thread.start()

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Mapping, Sequence
+from pathlib import Path
 from typing import Any, Literal, Protocol
 
 from fdd.errors import InputError
@@ -100,8 +101,8 @@ class Store(Protocol):
         """Alarms in these states."""
 
 
-def read_secret(path: str) -> str:
-    """A password or key: the file's text without the blanks around it.
+def read_secret(path: Path) -> str:
+    """A password or key: the file's first line, without the blanks around it.
 
     Raises
     ------
@@ -109,12 +110,12 @@ def read_secret(path: str) -> str:
 
     Examples
     --------
-    >>> read_secret("mqtt.password")  # doctest: +SKIP
+    >>> read_secret(Path("mqtt.password"))  # doctest: +SKIP
     'open sesame'
     """
     try:
-        with open(path, encoding="utf-8") as file:  # noqa: PTH123
-            text = file.read(MOST_SECRET_BYTES + 1).strip()
+        with path.open(encoding="utf-8") as file:
+            text = file.readline(MOST_SECRET_BYTES + 1).strip()
     except (OSError, UnicodeDecodeError) as error:
         told = getattr(error, "strerror", None) or "not text"
         raise InputError(f"cannot be read ({told})", where=path, mend="write the secret into it") from None

@@ -35,13 +35,13 @@ class JsonLines:
 
     Examples
     --------
-    >>> JsonLines("events.jsonl").append({"kind": "status", "axis": "A1"})
+    >>> JsonLines(Path("events.jsonl")).append({"kind": "status", "axis": "A1"})
     >>> Path("events.jsonl").read_text()
     '{"kind":"status","axis":"A1"}\\n'
     """
 
-    def __init__(self, path: str | Path, most_bytes: int = MOST_BYTES) -> None:
-        self._path, self._most_bytes = Path(path), most_bytes
+    def __init__(self, path: Path, most_bytes: int = MOST_BYTES) -> None:
+        self._path, self._most_bytes = path, most_bytes
         require_writable(self._path)
         self._file: int | None = None
         self._noted: dict[str, float] = {}

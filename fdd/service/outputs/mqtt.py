@@ -5,11 +5,12 @@ from __future__ import annotations
 import ssl
 import time
 from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
 from typing import Any, Protocol
 
 import orjson
 from paho.mqtt.client import Client, MQTTMessageInfo
-from paho.mqtt.enums import CallbackAPIVersion
+from paho.mqtt.enums import CallbackAPIVersion, MQTTProtocolVersion
 
 from fdd.errors import InputError
 from fdd.service.outputs.courier import Undelivered
@@ -24,16 +25,38 @@ OVER = "NORMAL"
 """State of an alarm that is over."""
 
 
-class MqttSettings(Protocol):
-    """Of the configuration, `outputs: mqtt`: TLS with the system's authorities, or with those of a file."""
+class TlsSettings(Protocol):
+    """PEM files: the authority's certificate (None: the system's), this client's own and its key."""
 
-    host: str
-    port: int
-    prefix: str
-    username: str | None
-    password_file: str | None
-    tls: bool
-    ca_file: str | None
+    @property
+    def ca(self) -> Path | None: ...
+    @property
+    def cert(self) -> Path | None: ...
+    @property
+    def key(self) -> Path | None: ...
+
+
+class MqttSettings(Protocol):
+    """Of the configuration, `outputs: mqtt`."""
+
+    @property
+    def host(self) -> str: ...
+    @property
+    def chosen_port(self) -> int: ...
+    @property
+    def version(self) -> str: ...
+    @property
+    def user(self) -> str | None: ...
+    @property
+    def password_file(self) -> Path | None: ...
+    @property
+    def tls(self) -> TlsSettings | None: ...
+    @property
+    def client_id(self) -> str | None: ...
+    @property
+    def keepalive(self) -> int: ...
+    @property
+    def prefix(self) -> str: ...
 
 
 class MqttPublisher:
@@ -68,13 +91,16 @@ class MqttPublisher:
         self._sent: dict[str, tuple[float, bytes]] = {}
         self._refreshed = 0
         self.connections, self.last_error = 0, ""
-        self._broker = settings.host, settings.port
-        self._client = client = Client(CallbackAPIVersion.VERSION2)
-        if settings.username is not None:
+        self._broker = settings.host, settings.chosen_port, settings.keepalive
+        protocol = MQTTProtocolVersion.MQTTv5 if settings.version == "5" else MQTTProtocolVersion.MQTTv311
+        self._client = client = Client(
+            CallbackAPIVersion.VERSION2, settings.client_id or "", protocol=protocol
+        )
+        if settings.user is not None:
             password = read_secret(settings.password_file) if settings.password_file else None
-            client.username_pw_set(settings.username, password)
-        if settings.tls:
-            client.tls_set_context(_tls(settings.ca_file))
+            client.username_pw_set(settings.user, password)
+        if settings.tls is not None:
+            client.tls_set_context(_tls(settings.tls))
         client.will_set(f"{self._prefix}/status", b"offline", qos=1, retain=True)
         client.max_queued_messages_set(MOST_QUEUED)
         client.reconnect_delay_set(1, 60)
@@ -83,7 +109,7 @@ class MqttPublisher:
 
     def start(self) -> None:
         """Connect, now or as soon as the broker is there."""
-        self._client.connect_async(*self._broker, keepalive=30)
+        self._client.connect_async(*self._broker)
         self._client.loop_start()
 
     def stop(self) -> None:
@@ -164,9 +190,14 @@ class MqttPublisher:
             self.last_error = f"disconnected: {reason}"
 
 
-def _tls(ca_file: str | None) -> ssl.SSLContext:
+def _tls(files: TlsSettings) -> ssl.SSLContext:
     try:
-        return ssl.create_default_context(cafile=ca_file)
-    except (OSError, ssl.SSLError) as error:
+        context = ssl.create_default_context(cafile=files.ca)
+        if files.cert is not None:
+            context.load_cert_chain(files.cert, files.key)
+    except OSError as error:  # those of ssl too
         told = error.strerror or "not a certificate"
-        raise InputError(f"cannot be used ({told})", where=ca_file, mend="name a PEM file") from None
+        raise InputError(
+            f"TLS cannot be set up ({told})", where="outputs: mqtt: tls", mend="name PEM files"
+        ) from None
+    return context

@@ -6,6 +6,7 @@ import threading
 import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any, Protocol
 
 from fdd.service.outputs.courier import Courier, Undelivered
@@ -27,18 +28,25 @@ KINDS: tuple[Kind, ...] = ("alarm", "finding")
 class WebhookSettings(Protocol):
     """Of the configuration, one of `outputs: webhooks`; `kinds` out of alarm and finding."""
 
-    url: str
-    secret_file: str | None
-    kinds: Sequence[Kind]
+    @property
+    def url(self) -> str: ...
+    @property
+    def secret_file(self) -> Path | None: ...
+    @property
+    def kinds(self) -> Sequence[Kind]: ...
 
 
 class Settings(Protocol):
     """Of the configuration, `outputs`; None where an output is not wanted."""
 
-    mqtt: MqttSettings | None
-    webhooks: Sequence[WebhookSettings]
-    jsonl: str | None
-    recording: RecordingSettings | None
+    @property
+    def mqtt(self) -> MqttSettings | None: ...
+    @property
+    def webhooks(self) -> Sequence[WebhookSettings]: ...
+    @property
+    def jsonl(self) -> Path | None: ...
+    @property
+    def recording(self) -> RecordingSettings | None: ...
 
 
 @dataclass

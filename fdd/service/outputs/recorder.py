@@ -36,10 +36,14 @@ PIECE_S = 1.0
 class RecordingSettings(Protocol):
     """Of the configuration, `outputs: recording`."""
 
-    folder: str
-    before: float
-    after: float
-    most_bytes: int
+    @property
+    def folder(self) -> Path: ...
+    @property
+    def before(self) -> float: ...
+    @property
+    def after(self) -> float: ...
+    @property
+    def most_bytes(self) -> int: ...
 
 
 @dataclass
@@ -83,7 +87,7 @@ class Recorder:
         profile_of: Callable[[str], str | None] = lambda axis: None,
     ) -> None:
         self._settings, self._bus, self._profile_of = settings, bus, profile_of
-        self._folder = Path(settings.folder)
+        self._folder = settings.folder
         require_writable(self._folder, folder=True)
         with written(self._folder):
             self._folder.mkdir(parents=True, exist_ok=True)
