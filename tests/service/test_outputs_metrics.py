@@ -33,8 +33,8 @@ def axis(name: str = "A1", **given: Any) -> SimpleNamespace:
         "viscous_friction": {"unit": "N*s/m", "value": 2.1e3, "std": math.nan, "observable": True},
     }
     usual = {
-        "name": name, "state": "healthy", "last_wall": 1.7e9, "lag_s": 0.3, "samples": 60000, "rate_hz": 1000.0,
-        "probabilities": {"healthy": 0.9, "leakage": 0.1}, "estimates": estimates,
+        "name": name, "state": "healthy", "last_wall": 1.7e9, "lag_s": 0.3, "samples": 60000,
+        "rate_hz": 1000.0, "probabilities": {"healthy": 0.9, "leakage": 0.1}, "estimates": estimates,
         "quality": {"dropped_samples": 3},
     }  # fmt: skip
     return SimpleNamespace(**{**usual, **given})
@@ -179,12 +179,10 @@ def test_the_dashboard_asks_for_metrics_that_exist() -> None:
         assert names and names <= set(labels), expression
         used |= names
         for name, inside in re.findall(r"\b((?:fdd|process)_\w+)\{([^}]*)\}", expression):
-            assert set(re.findall(r"(\w+)\s*(?:=|!)", inside)) <= labels[name] | {"job", "instance"}, (
-                expression
-            )
+            assert set(re.findall(r"(\w+)\s*(?:=|!)", inside)) <= labels[name], expression
         for inside in re.findall(r"\bby\s*\(([^)]*)\)", expression):
             words = {word.strip() for word in inside.split(",")}
-            assert words <= set().union(*(labels[n] for n in names)) | {"job", "instance"}, expression
+            assert words <= set().union(*(labels[n] for n in names)), expression
     wanted = {f"fdd_{q}{part}_{unit}" for q, unit in UNITS.items() for part in ("", "_stddev")}
     wanted |= {"fdd_alarms", "fdd_axis_state", "fdd_block_lag_seconds", "fdd_dropped_samples_total"}
     assert wanted <= used

@@ -6,6 +6,7 @@ import json
 import os
 import resource
 import threading
+from itertools import pairwise
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from types import SimpleNamespace
@@ -57,7 +58,7 @@ class Rig:
 
     def stream(self, first: float, last: float, axis: str = "A1", block: float = 0.3) -> None:
         edges = [*np.arange(first, last, block), last]
-        for a, b in zip(edges, edges[1:], strict=False):
+        for a, b in pairwise(edges):
             self.recorder.push(axis, signal(a, b))
             self.work()
 
