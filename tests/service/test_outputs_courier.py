@@ -97,6 +97,16 @@ def test_what_will_never_arrive_is_given_up_at_once_and_the_next_goes_on() -> No
     assert "400 not like this" in store.audited[0]
 
 
+def test_one_that_no_target_can_take_stops_no_other() -> None:
+    store = FakeStore()
+    first, second = (store.send("finding", {"axis": "A1"}, "t") for _ in range(2))
+    target = Target({first: [KeyError("axis")]})  # type: ignore[list-item]
+    carrier = courier(store, target, Clock())
+    carrier.once()
+    assert [p.id for p in target.taken] == [second]
+    assert store.rows[first].attempts == 1 and carrier.last_error == "KeyError: 'axis'"
+
+
 def test_a_clock_that_is_set_back_delays_nothing_for_years() -> None:
     store, clock = FakeStore(), Clock()
     store.rows[1] = FakeParcel(1, "alarm", transition(), "t", 1, clock.now + 3e7)

@@ -188,6 +188,12 @@ def test_the_dashboard_asks_for_metrics_that_exist() -> None:
     assert wanted <= used
 
 
+def test_the_page_names_every_metric() -> None:
+    page = (Path(__file__).parents[2] / "docs" / "serve-outputs.md").read_text("utf-8")
+    ours = {sample.name for family in families() for sample in family.samples if "fdd_" in sample.name}
+    assert {name for name in ours if f"`{name}`" not in page and "_stddev" not in name} == set()
+
+
 def test_the_dashboards_panels_stand_apart() -> None:
     panels = json.loads(DASHBOARD.read_text("utf-8"))["panels"]
     assert len({panel["id"] for panel in panels}) == len(panels)

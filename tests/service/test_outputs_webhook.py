@@ -10,6 +10,7 @@ import time
 from collections.abc import Iterator
 from email.utils import formatdate
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
+from pathlib import Path
 from typing import Any
 
 import pytest
@@ -189,3 +190,12 @@ def test_names_differ_and_tell_no_secrets() -> None:
     names = {Webhook(f"https://hooks.example.com/{path}").name for path in ("token-1", "token-2")}
     assert len(names) == 2
     assert all(n.startswith("webhook:hooks.example.com-") and "token" not in n for n in names)
+
+
+def test_receivers_are_told_what_is_tested_here(receiver: Receiver) -> None:
+    page = (Path(__file__).parents[2] / "docs" / "serve-outputs.md").read_text("utf-8")
+    names: dict[str, Any] = {"hmac": hmac, "hashlib": hashlib, "time": time}
+    exec(page.split("```python\n")[1].split("```")[0], names)
+    Webhook(receiver.url, SECRET).deliver(PARCEL)
+    [(_, headers, body)] = receiver.came
+    assert names["verified"](headers, body, SECRET) and not names["verified"](headers, body + b" ", SECRET)

@@ -95,19 +95,27 @@ class Courier:
             if now < parcel.next_wall <= now + LONGEST_ASKED_S:
                 held.add(about)
                 continue
-            try:
-                self._deliver(parcel)
-            except Undelivered as error:
-                if self._put_off(parcel, error):
-                    held.add(about)
-                if error.down:
-                    return
+            error = self._tried(parcel)
+            if error is None:
+                self._store.delivered(parcel.id)
+                self.delivered += 1
+                self.pending -= 1
                 continue
-            self._store.delivered(parcel.id)
-            self.delivered += 1
-            self.pending -= 1
+            if self._put_off(parcel, error):
+                held.add(about)
+            if error.down:
+                return
         if not held:
             self.last_error = ""
+
+    def _tried(self, parcel: Parcel) -> Undelivered | None:
+        try:
+            self._deliver(parcel)
+        except Undelivered as error:
+            return error
+        except Exception as error:  # one that no target can take must not stop all others for ever
+            return Undelivered(f"{type(error).__name__}: {error}")
+        return None
 
     def _put_off(self, parcel: Parcel, error: Undelivered) -> bool:
         """Put off, or give up; which of them."""
