@@ -1,0 +1,208 @@
+"""Metrics for Prometheus, read from the fleet when they are asked for: between scrapes they cost nothing."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from contextlib import suppress
+from functools import partial
+from typing import Any, Protocol
+
+from prometheus_client import CollectorRegistry, ProcessCollector
+from prometheus_client.exposition import choose_encoder
+from prometheus_client.metrics_core import CounterMetricFamily, GaugeMetricFamily, Metric
+from prometheus_client.registry import Collector
+
+from fdd import __version__
+from fdd.faults import FAMILIES
+
+MOST_AXES = 1000
+"""With metrics of their own; a label's every value is a series that Prometheus keeps."""
+STATES = ("learning", "healthy", "in alarm", "unacknowledged", "silent", "failed")
+"""Of an axis."""
+ALARM_STATES = ("UNACK", "ACKED", "RTNUN", "SHELVED", "OUT_OF_SERVICE")
+PRIORITIES = ("low", "medium", "high", "urgent")
+UNITS = {
+    "leakage": "cubic_meters_per_pascal_second",
+    "bulk_modulus": "pascals",
+    "coulomb_friction": "newtons",
+    "viscous_friction": "newton_seconds_per_meter",
+}
+"""Estimated quantities and their units, as names of metrics spell them."""
+
+
+class AxisStatus(Protocol):
+    """What is read of an axis; see the fleet's own."""
+
+    name: str
+    state: str
+    last_wall: float | None
+    lag_s: float | None
+    samples: int
+    rate_hz: float | None
+    probabilities: Mapping[str, float]
+    estimates: Mapping[str, Mapping[str, Any]]
+    quality: Mapping[str, Any]
+
+
+class Metrics:
+    """What `GET /metrics` answers.
+
+    Parameters
+    ----------
+    axes : the fleet's `axes`. alarms : gives the alarms that stand.
+    outputs : `Outputs.status`. store_errors : how often the store failed so far.
+
+    Examples
+    --------
+    >>> body, content_type = Metrics(lambda: [], lambda: [], dict, lambda: 0)()
+    >>> "fdd_axes 0.0" in body.decode(), content_type.split(";")[0]
+    (True, 'text/plain')
+    """
+
+    def __init__(
+        self,
+        axes: Callable[[], Sequence[AxisStatus]],
+        alarms: Callable[[], Sequence[Mapping[str, Any]]],
+        outputs: Callable[[], Mapping[str, Mapping[str, Any]]],
+        store_errors: Callable[[], float],
+    ) -> None:
+        self._registry = CollectorRegistry()
+        ProcessCollector(registry=self._registry)
+        self._registry.register(_Reader(axes, alarms, outputs, store_errors))
+
+    def __call__(self, accept: str = "") -> tuple[bytes, str]:
+        """The text and its content type, in the format that the scraper accepts."""
+        encode, content_type = choose_encoder(accept)
+        return encode(self._registry), content_type
+
+
+class _Reader(Collector):
+    def __init__(
+        self,
+        axes: Callable[[], Sequence[AxisStatus]],
+        alarms: Callable[[], Sequence[Mapping[str, Any]]],
+        outputs: Callable[[], Mapping[str, Mapping[str, Any]]],
+        store_errors: Callable[[], float],
+    ) -> None:
+        self._axes, self._alarms = axes, alarms
+        self._outputs, self._store_errors = outputs, store_errors
+
+    def describe(self) -> Iterable[Metric]:
+        """Nothing is read before the first scrape."""
+        return ()
+
+    def collect(self) -> Iterable[Metric]:
+        """All metrics, as things stand."""
+        axes = sorted(self._axes(), key=lambda axis: axis.name)
+        yield GaugeMetricFamily("fdd_axes", "Axes that are watched.", len(axes))
+        omitted = max(0, len(axes) - MOST_AXES)
+        yield GaugeMetricFamily("fdd_axes_omitted", "Axes beyond the bound, without metrics.", omitted)
+        build = GaugeMetricFamily("fdd_build_info", "Version of fdd.", labels=["version"])
+        build.add_metric([__version__], 1)
+        yield build
+        yield CounterMetricFamily("fdd_store_errors", "Failures of the store.", self._store_errors())
+        yield from _of_axes(axes[:MOST_AXES])
+        # A store in trouble must not take the other metrics away, nor tell of no alarms.
+        with suppress(Exception):
+            yield _alarms(self._alarms(), {axis.name for axis in axes[:MOST_AXES]})
+        yield from _of_outputs(self._outputs())
+
+
+_Value = Callable[[AxisStatus], float | None]
+
+
+def _of_axes(axes: Sequence[AxisStatus]) -> Iterable[Metric]:
+    def gauge(name: str, help: str, value: _Value) -> Metric:
+        return _filled(GaugeMetricFamily(name, help, labels=["axis"]), axes, value)
+
+    def counter(name: str, help: str, value: _Value) -> Metric:
+        return _filled(CounterMetricFamily(name, help, labels=["axis"]), axes, value)
+
+    yield gauge("fdd_axis_up", "1 while an axis sends and is diagnosed.", _up)
+    state = GaugeMetricFamily("fdd_axis_state", "1 for the state an axis is in.", labels=["axis", "state"])
+    probability = GaugeMetricFamily(
+        "fdd_fault_probability", "Probability of a family of faults.", labels=["axis", "family"]
+    )
+    for axis in axes:
+        for name in STATES:
+            state.add_metric([axis.name, name], axis.state == name)
+        for family in FAMILIES:
+            if math.isfinite(value := axis.probabilities.get(family, math.nan)):
+                probability.add_metric([axis.name, family], value)
+    yield state
+    yield probability
+    yield counter("fdd_samples", "Samples taken.", lambda axis: axis.samples)
+    yield counter(
+        "fdd_dropped_samples", "Samples lost on the way.", lambda axis: axis.quality.get("dropped_samples")
+    )
+    yield gauge("fdd_block_lag_seconds", "How far the diagnosis is behind.", lambda axis: axis.lag_s)
+    yield gauge("fdd_sample_rate_hertz", "Samples a second.", lambda axis: axis.rate_hz)
+    yield gauge(
+        "fdd_last_sample_timestamp_seconds", "Unix time of the last sample.", lambda axis: axis.last_wall
+    )
+    for quantity, unit in UNITS.items():
+        title = quantity.replace("_", " ").capitalize()
+        for part, key, of in (("", "value", ""), ("_stddev", "std", ", standard deviation")):
+            yield gauge(f"fdd_{quantity}{part}_{unit}", f"{title}{of}.", partial(_estimate, quantity, key))
+    observable = GaugeMetricFamily(
+        "fdd_estimate_observable", "1 while a quantity can be estimated.", labels=["axis", "quantity"]
+    )
+    for axis in axes:
+        for quantity in UNITS:
+            if quantity in axis.estimates:
+                observable.add_metric([axis.name, quantity], bool(axis.estimates[quantity].get("observable")))
+    yield observable
+
+
+def _estimate(quantity: str, key: str, axis: AxisStatus) -> float | None:
+    return axis.estimates.get(quantity, {}).get(key)
+
+
+def _up(axis: AxisStatus) -> float:
+    return float(axis.state not in ("silent", "failed"))
+
+
+def _filled(
+    metric: GaugeMetricFamily | CounterMetricFamily, axes: Sequence[AxisStatus], value: _Value
+) -> Metric:
+    for axis in axes:
+        found = value(axis)
+        if found is not None and math.isfinite(found):
+            metric.add_metric([axis.name], found)
+    return metric
+
+
+def _alarms(alarms: Sequence[Mapping[str, Any]], axes: set[str]) -> Metric:
+    """Counts; what is no known word is `other`, so that the series stay few."""
+    labels = {"family": FAMILIES, "state": ALARM_STATES, "priority": PRIORITIES}
+    counts: dict[tuple[str, ...], int] = {}
+    for alarm in alarms:
+        if alarm["axis"] in axes:
+            words = (alarm.get(label) for label in labels)
+            known = (w if w in some else "other" for w, some in zip(words, labels.values(), strict=True))
+            key = (alarm["axis"], *known)
+            counts[key] = counts.get(key, 0) + 1
+    metric = GaugeMetricFamily("fdd_alarms", "Alarms that stand.", labels=["axis", *labels])
+    for key, count in counts.items():
+        metric.add_metric(list(key), count)
+    return metric
+
+
+def _of_outputs(outputs: Mapping[str, Mapping[str, Any]]) -> Iterable[Metric]:
+    counted: dict[str, GaugeMetricFamily | CounterMetricFamily] = {
+        "delivered": CounterMetricFamily("fdd_output_delivered", "Messages delivered.", labels=["target"]),
+        "failed": CounterMetricFamily("fdd_output_failures", "Attempts that failed.", labels=["target"]),
+        "given_up": CounterMetricFamily("fdd_output_given_up", "Messages given up.", labels=["target"]),
+        "lost": CounterMetricFamily("fdd_output_lost_events", "Live events lost.", labels=["target"]),
+        "pending": GaugeMetricFamily("fdd_output_pending", "Messages that wait.", labels=["target"]),
+        "files": CounterMetricFamily("fdd_output_recordings", "Recordings written.", labels=["target"]),
+        "lost_blocks": CounterMetricFamily(
+            "fdd_output_lost_blocks", "Blocks the recorder lost.", labels=["target"]
+        ),
+    }
+    for target, status in outputs.items():
+        for key, metric in counted.items():
+            if key in status:
+                metric.add_metric([target], status[key])
+    return counted.values()

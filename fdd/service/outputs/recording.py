@@ -1,0 +1,153 @@
+"""From a spool to an annotated MCAP, and the bound on the folder that holds them."""
+
+from __future__ import annotations
+
+import json
+import re
+from collections.abc import Collection, Mapping
+from contextlib import suppress
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fdd.logs.mcap_writing import write_annotated
+from fdd.samples import Samples
+from fdd.service.outputs.spool import Recorded, read_spool
+
+SPOOLED = ".spool"
+OURS = re.compile(r".+_\d{8}T\d{6}Z_\w+(\.mcap|\.spool)")
+"""Only files with such a name are ever removed."""
+
+
+def name_of(axis: str, wall: float, alarm: object) -> str:
+    """A recording's name.
+
+    Examples
+    --------
+    >>> name_of("hall/A1", 0.0, 7)
+    'hall_A1_19700101T000000Z_7.mcap'
+    """
+    stamp = datetime.fromtimestamp(max(wall, 0.0), UTC).strftime("%Y%m%dT%H%M%SZ")
+    return f"{plain(axis)}_{stamp}_{re.sub('[^A-Za-z0-9]', '', str(alarm))[:40]}.mcap"
+
+
+def plain(axis: str) -> str:
+    """An axis's name as it can stand in a topic and a file's name.
+
+    Examples
+    --------
+    >>> plain("../A 1")
+    '_._A_1'
+    """
+    return re.sub(r"[^A-Za-z0-9_.\-]|^\.", "_", axis)[:64]
+
+
+def begins(transition: Mapping[str, Any]) -> bool:
+    """Whether an alarm's transition is one that is recorded: it is raised, or raised again.
+
+    Examples
+    --------
+    >>> begins({"action": "ACKNOWLEDGED"})
+    False
+    """
+    return transition["action"] in ("RAISED", "RERAISED")
+
+
+def finish(spool: Path) -> bool:
+    """Make the MCAP of a spool and remove the spool; False where it held no sample.
+
+    Raises
+    ------
+    InputError : it cannot be written.
+
+    Examples
+    --------
+    >>> finish(Path("A1_20260101T000000Z_7.spool"))
+    False
+    """
+    recorded = read_spool(spool)
+    if recorded is not None:
+        _write(spool.with_suffix(".mcap"), recorded)
+    with suppress(OSError):
+        spool.unlink()
+    return recorded is not None
+
+
+def _write(path: Path, recorded: Recorded) -> None:
+    # The file's time begins at 0 with its first sample; the log times are Unix time.
+    start = float(recorded.samples.time[0])
+    samples = Samples(recorded.samples.time - start, recorded.samples.columns)
+    offset = float(recorded.about.get("offset", "0"))
+    wall = max(0.0, start + offset)
+    answer = {
+        "schema": "fdd.recording/1", "axis": recorded.about["axis"],
+        "faults": _faults(recorded.alarms, start, wall), "alarms": recorded.alarms,
+    }  # fmt: skip
+    write_annotated(
+        path, samples, _trajectories(recorded.statuses, start), json.dumps(answer),
+        axis=plain(recorded.about["axis"]), unit_yaml=recorded.about.get("unit") or None,
+        start_ns=round(wall * 1e9),
+    )  # fmt: skip
+
+
+def _faults(alarms: list[dict[str, Any]], start: float, wall: float) -> list[dict[str, Any]]:
+    """The alarms' findings, as a diagnosis lists them, in the file's time."""
+    found = []
+    for alarm in alarms:
+        finding = alarm["alarm"]["body"]
+        if begins(alarm):
+            # MCAP has no times before 1970.
+            times = {name: max(finding[name] - start, -wall) for name in ("onset_s", "detected_s")}
+            if finding.get("onset_interval"):
+                times["onset_interval"] = [t - start for t in finding["onset_interval"]]
+            found.append({**finding, **times})
+    return found
+
+
+def _trajectories(statuses: list[dict[str, Any]], start: float) -> dict[str, Any]:
+    """Estimates and probabilities over the statuses' times, as `write_annotated` takes them."""
+    rows = sorted((s for s in statuses if s["time"] >= start), key=lambda s: s["time"])
+    time = np.array([row["time"] - start for row in rows])
+
+    def column(group: str, name: str, key: str | None) -> NDArray[np.float64]:
+        cells = [row.get(group, {}).get(name) for row in rows]
+        values = [cell.get(key) if key and cell is not None else cell for cell in cells]
+        return np.array([np.nan if v is None else v for v in values], dtype=np.float64)
+
+    quantities, families = (
+        list(dict.fromkeys(name for row in rows for name in row.get(group, {})))
+        for group in ("estimates", "probabilities")
+    )
+    return {
+        "time": time,
+        "estimates": {"ekf": {name: column("estimates", name, "value") for name in quantities}},
+        "stds": {"ekf": {name: column("estimates", name, "std") for name in quantities}},
+        "window_time": time,
+        "probabilities": {name: column("probabilities", name, None) for name in families},
+    }
+
+
+def keep_within(folder: Path, most_bytes: int, sparing: Collection[Path] = ()) -> None:
+    """Remove the oldest recordings, but for those spared, until the folder holds at most so many bytes.
+
+    Examples
+    --------
+    >>> keep_within(Path("."), 1 << 30)
+    """
+    files = []
+    for path in folder.iterdir():
+        with suppress(OSError):
+            if OURS.fullmatch(path.name):
+                about = path.stat()
+                files.append((about.st_mtime_ns, about.st_size, path))
+    size = sum(bytes_ for _, bytes_, _ in files)
+    for _, bytes_, path in sorted(files):
+        if size <= most_bytes:
+            return
+        if path not in sparing:
+            with suppress(OSError):
+                path.unlink()
+                size -= bytes_

@@ -1,0 +1,161 @@
+"""Webhooks: an HTTP POST of JSON for each alarm transition and finding, signed."""
+
+from __future__ import annotations
+
+import hashlib
+import hmac
+import http.client
+import re
+import socket
+import ssl
+import threading
+import time
+from contextlib import closing, suppress
+from email.utils import parsedate_to_datetime
+from urllib.parse import SplitResult, urlsplit
+
+import orjson
+
+from fdd import __version__
+from fdd.errors import InputError
+from fdd.service.outputs.courier import Undelivered
+from fdd.service.outputs.doors import Parcel
+
+SCHEMA = "fdd.event/1"
+TIMEOUT_S, WHOLE_S = 5.0, 15.0
+"""For each answer of the network, and for the whole exchange, however slowly it drips."""
+MOST_ANSWER_BYTES = 1024
+"""Of the body of a refusal, for the log; the rest is not read."""
+
+
+class Webhook:
+    """One receiver.
+
+    Parameters
+    ----------
+    url : http or https; redirects are not followed, so that what is signed goes nowhere else.
+    secret : key of the signature; None leaves it out.
+
+    Attributes
+    ----------
+    name : target in the outbox: host and first characters of the URL's SHA-256, as a URL may hold secrets.
+
+    Raises
+    ------
+    InputError : no such URL.
+
+    Examples
+    --------
+    >>> Webhook(url, b"key").name  # doctest: +SKIP
+    'webhook:hooks.example.com-beb3e2a4'
+    """
+
+    def __init__(self, url: str, secret: bytes | None = None) -> None:
+        parts = _checked(url)
+        self._secret = secret
+        self._tls = ssl.create_default_context() if parts.scheme == "https" else None
+        self._host, self._port = str(parts.hostname), parts.port
+        self._path = (parts.path or "/") + (f"?{parts.query}" if parts.query else "")
+        self.name = f"webhook:{self._host}-{hashlib.sha256(url.encode()).hexdigest()[:8]}"
+
+    def deliver(self, parcel: Parcel) -> None:
+        """POST a parcel.
+
+        Raises
+        ------
+        Undelivered : no connection, no answer in time, or an answer other than 2xx.
+        """
+        body = encode(parcel)
+        headers = {
+            "Content-Type": "application/json",
+            "User-Agent": f"fdd/{__version__}",
+            "Idempotency-Key": hashlib.sha256(body).hexdigest()[:32],
+        }
+        if self._secret is not None:
+            stamp = str(int(time.time()))
+            headers |= {"X-Fdd-Timestamp": stamp, "X-Fdd-Signature": signature(self._secret, stamp, body)}
+        try:
+            status, reason, wait_s = self._post(body, headers)
+        except (OSError, http.client.HTTPException) as error:
+            # A request that was cut off because it took too long fails in many ways; all mean the same.
+            raise Undelivered(f"{type(error).__name__}: {error}", down=True) from None
+        if 200 <= status < 300:
+            return
+        down = status in (429, 503)
+        final = not (down or status in (408, 425) or status >= 500)
+        raise Undelivered(reason, wait_s=wait_s, final=final, down=down)
+
+    def _post(self, body: bytes, headers: dict[str, str]) -> tuple[int, str, float]:
+        """Status, a line about it, and how many seconds the receiver asks to wait."""
+        if self._tls is None:
+            link = http.client.HTTPConnection(self._host, self._port, timeout=TIMEOUT_S)
+        else:
+            link = http.client.HTTPSConnection(self._host, self._port, timeout=TIMEOUT_S, context=self._tls)
+        with closing(link):
+            link.connect()
+            over = threading.Timer(WHOLE_S, _cut, [link.sock])
+            over.daemon = True
+            over.start()
+            try:
+                link.request("POST", self._path, body, headers)
+                answer = link.getresponse()
+                said = b"" if answer.status < 300 else answer.read(MOST_ANSWER_BYTES)
+            finally:
+                over.cancel()
+        reason = f"{answer.status} {answer.reason} {said.decode('utf-8', 'replace')}"
+        return answer.status, reason, _asked(answer.headers.get("Retry-After", ""))
+
+
+def encode(parcel: Parcel) -> bytes:
+    """The message: the same bytes at every attempt.
+
+    Examples
+    --------
+    >>> from types import SimpleNamespace
+    >>> encode(SimpleNamespace(kind="finding", id=7, body={"fault": "aeration"}))
+    b'{"schema":"fdd.event/1","id":7,"kind":"finding","data":{"fault":"aeration"}}'
+    """
+    message = {"schema": SCHEMA, "id": parcel.id, "kind": parcel.kind, "data": dict(parcel.body)}
+    return orjson.dumps(message)
+
+
+def signature(secret: bytes, stamp: str, body: bytes) -> str:
+    """HMAC-SHA256 over ``stamp.body``, as X-Fdd-Signature carries it.
+
+    Examples
+    --------
+    >>> signature(b"key", "1700000000", b"{}")[:20]
+    'sha256=9d713ed406bb7'
+    """
+    return "sha256=" + hmac.new(secret, stamp.encode() + b"." + body, hashlib.sha256).hexdigest()
+
+
+def _cut(link: socket.socket | None) -> None:
+    with suppress(OSError):
+        if link is not None:
+            link.shutdown(socket.SHUT_RDWR)
+
+
+def _asked(text: str) -> float:
+    """s that Retry-After asks for, given in seconds or as a date; 0 where it is neither."""
+    if re.fullmatch(r"[0-9]{1,9}", text.strip()):
+        return float(text)
+    try:
+        return max(0.0, parsedate_to_datetime(text).timestamp() - time.time())
+    except (TypeError, ValueError, OverflowError):
+        return 0.0
+
+
+def _checked(url: str) -> SplitResult:
+    try:
+        parts = urlsplit(url)
+        usable = parts.scheme in ("http", "https") and parts.hostname and parts.port != 0
+    except ValueError:
+        usable = False
+    if not usable or parts.username or parts.fragment or re.search(r"[^\x21-\x7e]", url):
+        raise InputError(
+            "the URL of a webhook is http or https with a host, without user, fragment and blanks",
+            where="outputs: webhooks",
+            mend="e.g. https with hooks.example.com/fdd; a secret belongs into secret_file",
+        )
+    return parts

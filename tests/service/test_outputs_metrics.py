@@ -1,0 +1,205 @@
+"""Metrics as Prometheus's own parser reads them, and as `promtool check metrics` wants them."""
+
+from __future__ import annotations
+
+import json
+import math
+import re
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import pytest
+from outputs_fakes import transition
+from prometheus_client.openmetrics.parser import text_string_to_metric_families as parse_open
+from prometheus_client.parser import text_string_to_metric_families as parse
+
+from fdd.diagnosis.findings import ESTIMATED
+from fdd.faults import FAMILIES
+from fdd.service.outputs.metrics import MOST_AXES, UNITS, Metrics
+
+DASHBOARD = Path(__file__).parents[2] / "deploy" / "grafana" / "fdd.json"
+OUTPUTS = {
+    "mqtt": {"delivered": 5, "failed": 2, "given_up": 1, "pending": 3, "lost": 4, "last_error": "away"},
+    "recording": {"files": 2, "running": 1, "lost_blocks": 6, "last_error": ""},
+}
+
+
+def axis(name: str = "A1", **given: Any) -> SimpleNamespace:
+    estimates = {
+        "leakage": {"unit": "m^3/(s*Pa)", "value": 9.8e-12, "std": 1e-13, "observable": True},
+        "bulk_modulus": {"unit": "Pa", "value": 8.5e8, "std": 2e7, "observable": False},
+        "coulomb_friction": {"unit": "N", "value": None, "std": None, "observable": False},
+        "viscous_friction": {"unit": "N*s/m", "value": 2.1e3, "std": math.nan, "observable": True},
+    }
+    usual = {
+        "name": name, "state": "healthy", "last_wall": 1.7e9, "lag_s": 0.3, "samples": 60000,
+        "rate_hz": 1000.0, "probabilities": {"healthy": 0.9, "leakage": 0.1}, "estimates": estimates,
+        "quality": {"dropped_samples": 3},
+    }  # fmt: skip
+    return SimpleNamespace(**{**usual, **given})
+
+
+def scraped(axes: list[Any], alarms: Any = (), errors: float = 2.0) -> dict[tuple[str, ...], float]:
+    """Name and label values to value."""
+    body, _ = Metrics(lambda: axes, lambda: alarms, lambda: OUTPUTS, lambda: errors)()
+    found = {}
+    for family in parse(body.decode()):
+        for sample in family.samples:
+            found[(sample.name, *(value for _, value in sorted(sample.labels.items())))] = sample.value
+    return found
+
+
+def families() -> list[Any]:
+    alarms = [transition()["alarm"]]
+    body, _ = Metrics(lambda: [axis()], lambda: alarms, lambda: OUTPUTS, lambda: 2.0)()
+    return list(parse(body.decode()))
+
+
+def test_values_arrive() -> None:
+    found = scraped([axis()])
+    assert found["fdd_samples_total", "A1"] == 60000
+    assert found["fdd_dropped_samples_total", "A1"] == 3
+    assert found["fdd_block_lag_seconds", "A1"] == 0.3
+    assert found["fdd_axis_up", "A1"] == 1
+    assert found["fdd_axis_state", "A1", "healthy"] == 1 and found["fdd_axis_state", "A1", "silent"] == 0
+    assert found["fdd_leakage_cubic_meters_per_pascal_second", "A1"] == 9.8e-12
+    assert found["fdd_bulk_modulus_stddev_pascals", "A1"] == 2e7
+    assert found["fdd_estimate_observable", "A1", "bulk_modulus"] == 0
+    assert found["fdd_fault_probability", "A1", "leakage"] == 0.1
+    assert found["fdd_store_errors_total",] == 2
+    assert found["fdd_output_failures_total", "mqtt"] == 2
+    assert found["fdd_output_pending", "mqtt"] == 3
+    assert found["fdd_output_lost_blocks_total", "recording"] == 6
+    assert found["process_resident_memory_bytes",] > 1e6
+
+
+def test_what_is_not_known_is_not_told() -> None:
+    found = scraped([axis(lag_s=None, rate_hz=None, last_wall=None, quality={}, estimates={})])
+    names = {key[0] for key in found}
+    assert not names & {"fdd_block_lag_seconds", "fdd_sample_rate_hertz", "fdd_dropped_samples_total"}
+    assert not any("leakage" in name for name in names)
+    found = scraped([axis()])
+    assert ("fdd_coulomb_friction_newtons", "A1") not in found
+    assert ("fdd_viscous_friction_stddev_newton_seconds_per_meter", "A1") not in found
+
+
+@pytest.mark.parametrize(("state", "up"), [("healthy", 1), ("in alarm", 1), ("silent", 0), ("failed", 0)])
+def test_up(state: str, up: float) -> None:
+    assert scraped([axis(state=state)])["fdd_axis_up", "A1"] == up
+
+
+def test_alarms_are_counted_by_words_that_are_known() -> None:
+    odd = {**transition(id=3)["alarm"], "family": "made up", "priority": None}
+    alarms = [transition(id=1)["alarm"], transition(id=2)["alarm"], odd, transition(axis="gone")["alarm"]]
+    found = scraped([axis()], alarms)
+    counts = {key[1:]: value for key, value in found.items() if key[0] == "fdd_alarms"}
+    # Labels in the order of their names: axis, family, priority, state.
+    assert counts == {("A1", "leakage", "high", "UNACK"): 2, ("A1", "other", "other", "UNACK"): 1}
+
+
+def test_a_store_in_trouble_takes_only_the_alarms_away() -> None:
+    def fail() -> Any:
+        raise RuntimeError("locked")
+
+    body, _ = Metrics(lambda: [axis()], fail, lambda: OUTPUTS, lambda: 9.0)()
+    names = {family.name for family in parse(body.decode())}
+    assert "fdd_alarms" not in names and {"fdd_store_errors", "fdd_samples"} <= names
+
+
+def test_series_are_bounded() -> None:
+    found = scraped([axis(f"axis-{k:05}") for k in range(MOST_AXES + 50)])
+    assert found["fdd_axes",] == MOST_AXES + 50 and found["fdd_axes_omitted",] == 50
+    assert len({key[1] for key in found if key[0] == "fdd_samples_total"}) == MOST_AXES
+    per_axis = sum("axis-00001" in key for key in found)
+    assert per_axis <= 40
+    assert len(found) <= MOST_AXES * per_axis + 60
+
+
+def test_names_cannot_break_out_of_their_label() -> None:
+    name = 'x"} 1\nfdd_axis_up{axis="y\\'
+    assert scraped([axis(name)])["fdd_axis_up", name] == 1
+
+
+def test_openmetrics_is_answered_where_it_is_asked_for() -> None:
+    answer = Metrics(lambda: [axis()], lambda: (), lambda: OUTPUTS, lambda: 0.0)
+    body, kind = answer("application/openmetrics-text; version=1.0.0")
+    assert kind.startswith("application/openmetrics-text") and body.endswith(b"# EOF\n")
+    assert "fdd_axis_up" in {family.name for family in parse_open(body.decode())}
+
+
+def test_every_estimated_quantity_has_its_metric() -> None:
+    assert set(UNITS) == set(ESTIMATED)
+    assert {UNITS[name].count("pascal") for name in ("leakage", "bulk_modulus")} == {1}
+    assert "unknown" in FAMILIES
+
+
+def test_the_linter_of_prometheus_would_be_content() -> None:
+    """The rules of promlint: help, suffixes, base units, no types or abbreviations in names."""
+    units = "milliseconds|minutes|hours|days|kelvin|kilo|bar|percent|celsius_degrees|grams|feet|inches"
+    abbreviated = {"s", "ms", "us", "ns", "sec", "b", "kb", "mb", "gb", "tb", "pb", "m", "h", "d"}
+    ours = [family for family in families() if family.name.startswith("fdd_")]
+    assert len(ours) >= 28
+    for family in ours:
+        names = {sample.name for sample in family.samples} or {family.name}
+        assert family.documentation.strip(), family.name
+        for name in names:
+            assert re.fullmatch(r"[a-z][a-z0-9_]*", name), name
+            assert name.endswith("_total") == (family.type == "counter"), name
+            assert not name.endswith(("_count", "_sum", "_bucket")), name
+            assert not set(name.split("_")) & {"gauge", "counter", "histogram", "summary"}, name
+            assert not set(name.split("_")) & abbreviated, name
+            assert not re.search(rf"_({units})(_|$)", name), name
+        for sample in family.samples:
+            assert not set(sample.labels) & {"le", "quantile"}
+            assert all(re.fullmatch(r"[a-z]+", label) for label in sample.labels)
+
+
+def expressions(node: Any) -> list[str]:
+    if isinstance(node, dict):
+        own = [node["expr"]] if "expr" in node else []
+        own += [node["query"]["query"]] if isinstance(node.get("query"), dict) else []
+        return own + [e for value in node.values() for e in expressions(value)]
+    return [e for item in node for e in expressions(item)] if isinstance(node, list) else []
+
+
+def test_the_dashboard_asks_for_metrics_that_exist() -> None:
+    known = {name: {"value": 1.0, "std": 1.0, "observable": True} for name in UNITS}
+    alarms, labels = [transition()["alarm"]], dict[str, set[str]]()
+    body, _ = Metrics(lambda: [axis(estimates=known)], lambda: alarms, lambda: OUTPUTS, lambda: 2.0)()
+    for family in parse(body.decode()):
+        for sample in family.samples:
+            labels.setdefault(sample.name, set()).update(sample.labels)
+    dashboard = json.loads(DASHBOARD.read_text("utf-8"))
+    asked = expressions(dashboard)
+    assert len(asked) >= 15
+    used = set()
+    for expression in asked:
+        names = set(re.findall(r"\b(?:fdd|process)_\w+", expression))
+        assert names and names <= set(labels), expression
+        used |= names
+        for name, inside in re.findall(r"\b((?:fdd|process)_\w+)\{([^}]*)\}", expression):
+            assert set(re.findall(r"(\w+)\s*(?:=|!)", inside)) <= labels[name], expression
+        for inside in re.findall(r"\bby\s*\(([^)]*)\)", expression):
+            words = {word.strip() for word in inside.split(",")}
+            assert words <= set().union(*(labels[n] for n in names)), expression
+    wanted = {f"fdd_{q}{part}_{unit}" for q, unit in UNITS.items() for part in ("", "_stddev")}
+    wanted |= {"fdd_alarms", "fdd_axis_state", "fdd_block_lag_seconds", "fdd_dropped_samples_total"}
+    assert wanted <= used
+
+
+def test_the_page_names_every_metric() -> None:
+    page = (Path(__file__).parents[2] / "docs" / "serve-outputs.md").read_text("utf-8")
+    ours = {sample.name for family in families() for sample in family.samples if "fdd_" in sample.name}
+    assert {name for name in ours if f"`{name}`" not in page and "_stddev" not in name} == set()
+
+
+def test_the_dashboards_panels_stand_apart() -> None:
+    panels = json.loads(DASHBOARD.read_text("utf-8"))["panels"]
+    assert len({panel["id"] for panel in panels}) == len(panels)
+    taken: set[tuple[int, int]] = set()
+    for place in (panel["gridPos"] for panel in panels):
+        cells = {(x, y) for x in range(place["x"], place["x"] + place["w"])
+                 for y in range(place["y"], place["y"] + place["h"])}  # fmt: skip
+        assert not cells & taken and max(x for x, _ in cells) < 24
+        taken |= cells

@@ -1,0 +1,262 @@
+"""MQTT against a real broker, which forgets, refuses, dies and comes back."""
+
+from __future__ import annotations
+
+import json
+import shutil
+import socket
+import subprocess
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import pytest
+from outputs_fakes import FakeParcel, FakeStore, finding, free_port, transition, until
+from paho.mqtt.client import Client
+from paho.mqtt.enums import CallbackAPIVersion
+
+from fdd.errors import InputError
+from fdd.service.outputs import mqtt
+from fdd.service.outputs.courier import Courier, Undelivered
+from fdd.service.outputs.mqtt import MqttPublisher
+
+MOSQUITTO = shutil.which("mosquitto", path="/usr/sbin:/usr/bin:/usr/local/sbin:/usr/local/bin")
+
+
+class Broker:
+    """A mosquitto of our own, which keeps nothing on the disk."""
+
+    def __init__(self, folder: Path) -> None:
+        self.port, self._folder = free_port(), folder
+        self._settings = "allow_anonymous true"
+        self.start()
+
+    def start(self, settings: str | None = None) -> None:
+        self._settings = settings or self._settings
+        path = self._folder / "mosquitto.conf"
+        path.write_text(f"listener {self.port} 127.0.0.1\npersistence false\nuser root\n{self._settings}\n")
+        self._process = subprocess.Popen(
+            [str(MOSQUITTO), "-c", str(path)], stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL
+        )
+        until(self._listens)
+
+    def _listens(self) -> bool:
+        with socket.socket() as one:
+            return one.connect_ex(("127.0.0.1", self.port)) == 0
+
+    def kill(self) -> None:
+        self._process.kill()
+        self._process.wait(10)
+
+
+class Listener:
+    """A client that notes what comes, and whether it was retained."""
+
+    def __init__(self, port: int) -> None:
+        self.came: list[tuple[str, bytes, bool]] = []
+        self._client = Client(CallbackAPIVersion.VERSION2)
+        self._client.reconnect_delay_set(1, 1)
+        self._client.on_connect = lambda client, *_: client.subscribe("#", qos=1)
+        self._client.on_message = lambda c, u, m: self.came.append((m.topic, m.payload, m.retain))
+        self._client.connect("127.0.0.1", port)
+        self._client.loop_start()
+
+    def of(self, topic: str) -> list[tuple[bytes, bool]]:
+        return [(payload, retained) for to, payload, retained in self.came if to == topic]
+
+    def close(self) -> None:
+        self._client.disconnect()
+        self._client.loop_stop()
+
+
+@pytest.fixture
+def broker(tmp_path: Path) -> Iterator[Broker]:
+    if MOSQUITTO is None:
+        pytest.skip("mosquitto is not installed")
+    one = Broker(tmp_path)
+    yield one
+    one.kill()
+
+
+@pytest.fixture
+def listen(broker: Broker) -> Iterator[Callable[[], Listener]]:
+    made: list[Listener] = []
+
+    def listener() -> Listener:
+        made.append(Listener(broker.port))
+        return made[-1]
+
+    yield listener
+    for one in made:
+        one.close()
+
+
+@pytest.fixture
+def publish(broker: Broker) -> Iterator[Callable[..., MqttPublisher]]:
+    made: list[MqttPublisher] = []
+
+    def publisher(standing: Any = lambda: (), **settings: Any) -> MqttPublisher:
+        made.append(MqttPublisher(settings_of(chosen_port=broker.port, **settings), standing))
+        made[-1].start()
+        return made[-1]
+
+    yield publisher
+    for one in made:
+        one.stop()
+
+
+def settings_of(**given: Any) -> Any:
+    usual = {
+        "host": "127.0.0.1", "chosen_port": 1883, "prefix": "plant/fdd", "user": None, "password_file": None,
+        "tls": None, "version": "5", "client_id": None, "keepalive": 30,
+    }  # fmt: skip
+    return SimpleNamespace(**{**usual, **given})
+
+
+def parcel(kind: str, body: dict[str, Any]) -> FakeParcel:
+    return FakeParcel(1, kind, body, "mqtt")
+
+
+def connected(publisher: MqttPublisher) -> None:
+    until(lambda: publisher.status()["connected"] and publisher.connections)
+
+
+VERSIONS = pytest.mark.parametrize("version", ["3.1.1", "5"])
+
+
+@VERSIONS
+def test_what_is_retained_and_what_is_not(publish: Any, listen: Any, version: str) -> None:
+    live, publisher = listen(), publish(version=version)
+    connected(publisher)
+    publisher.note("hall/A1", {"state": "in alarm"})
+    publisher.tick()
+    publisher.deliver(parcel("alarm", transition(axis="hall/A1")))
+    publisher.deliver(parcel("finding", {"axis": "hall/A1", **finding()}))
+    state, alarm, found = (f"plant/fdd/axis/hall/A1/{end}" for end in ("state", "alarm/1", "finding"))
+    until(lambda: live.of(found) and live.of(state))
+    assert json.loads(live.of(found)[0][0])["fault"] == "pump_wear"
+    late = listen()
+    until(lambda: late.of("plant/fdd/status") and late.of(alarm) and late.of(state))
+    assert late.of("plant/fdd/status") == [(b"online", True)]
+    assert json.loads(late.of(alarm)[0][0]) == transition(axis="hall/A1")["alarm"]
+    assert json.loads(late.of(state)[0][0]) == {"state": "in alarm"}
+    publisher.deliver(parcel("alarm", transition("ACKNOWLEDGED", "NORMAL", axis="hall/A1")))
+    until(lambda: live.of(alarm)[-1:] == [(b"", False)])
+    later = listen()
+    until(lambda: later.of(state))
+    assert not later.of(alarm) and not later.of(found)
+
+
+def test_a_state_is_told_when_it_changed_and_not_too_often(
+    publish: Any, listen: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    live, publisher = listen(), publish()
+    connected(publisher)
+    monkeypatch.setattr(mqtt, "EVERY_S", 0.4)
+    begun = time.monotonic()
+    while time.monotonic() - begun < 1.0:
+        publisher.note("A1", {"n": int((time.monotonic() - begun) * 50)})
+        publisher.note("A2", {"n": 0})
+        publisher.tick()
+        time.sleep(0.01)
+    until(lambda: len(live.of("plant/fdd/axis/A1/state")) >= 2)
+    time.sleep(0.2)
+    assert len(live.of("plant/fdd/axis/A1/state")) <= 3
+    assert len(live.of("plant/fdd/axis/A2/state")) == 1
+
+
+def test_a_link_that_breaks_is_told_by_the_broker(publish: Any, listen: Any) -> None:
+    live, publisher = listen(), publish()
+    connected(publisher)
+    until(lambda: live.of("plant/fdd/status"))
+    publisher._client.socket().shutdown(socket.SHUT_RDWR)
+    until(lambda: [payload for payload, _ in live.of("plant/fdd/status")][-2:] == [b"offline", b"online"])
+    publisher.stop()
+    until(lambda: live.of("plant/fdd/status")[-1][0] == b"offline")
+
+
+@VERSIONS
+def test_a_broker_that_was_killed_is_told_everything_again(
+    broker: Broker, publish: Any, listen: Any, version: str
+) -> None:
+    store = FakeStore()
+    publisher = publish(lambda: store.alarms(("UNACK", "ACKED")), version=version)
+    courier = Courier("mqtt", store, publisher.deliver, chance=lambda: 0.0)
+    connected(publisher)
+    publisher.note("A1", {"state": "healthy"})
+    publisher.tick()
+    broker.kill()
+    until(lambda: not publisher.status()["connected"])
+    store.standing = [transition(id=k, state=s)["alarm"] for k, s in ((1, "ACKED"), (2, "NORMAL"))]
+    id = store.send("alarm", transition(id=3), "mqtt")
+    courier.once()
+    assert store.rows[id].attempts == 1 and courier.last_error
+    broker.start()
+    until(lambda: publisher.connections == 2)
+    until(lambda: publisher.tick() or courier.once() or not store.rows)
+    late = listen()
+    base = "plant/fdd/axis/A1"
+    until(lambda: late.of(f"{base}/alarm/3") and late.of(f"{base}/alarm/1") and late.of(f"{base}/state"))
+    assert not late.of(f"{base}/alarm/2"), "it is over"
+    assert json.loads(late.of(f"{base}/state")[0][0]) == {"state": "healthy"}
+
+
+def test_a_store_in_trouble_is_asked_again_what_stands(publish: Any, listen: Any) -> None:
+    store = FakeStore(standing=[transition()["alarm"]])
+    asked: list[int] = []
+
+    def standing() -> list[dict[str, Any]]:
+        asked.append(1)
+        if len(asked) == 1:
+            raise RuntimeError("locked")
+        return store.alarms(("UNACK",))
+
+    live, publisher = listen(), publish(standing)
+    connected(publisher)
+    with pytest.raises(RuntimeError):
+        publisher.tick()
+    publisher.tick()
+    until(lambda: live.of("plant/fdd/axis/A1/alarm/1"))
+
+
+def test_a_wrong_password_is_told_in_a_line(broker: Broker, publish: Any, tmp_path: Path) -> None:
+    secrets = tmp_path / "users"
+    secrets.write_text("fdd:right\n")
+    if subprocess.run(["mosquitto_passwd", "-U", str(secrets)], check=False).returncode:
+        pytest.skip("mosquitto_passwd does not work here")
+    broker.kill()
+    broker.start(f"allow_anonymous false\npassword_file {secrets}")
+    right, wrong = tmp_path / "right", tmp_path / "wrong"
+    right.write_text("right\n")
+    wrong.write_text("wrong\n")
+    refused = publish(user="fdd", password_file=wrong)
+    until(lambda: "refuses" in refused.status()["link_error"])
+    assert "Not authorized" in refused.status()["link_error"]
+    with pytest.raises(Undelivered, match="refuses the connection"):
+        refused.deliver(parcel("alarm", transition()))
+    publisher = publish(user="fdd", password_file=right)
+    connected(publisher)
+    publisher.deliver(parcel("alarm", transition()))
+
+
+@pytest.mark.parametrize("prefix", ["", "a/+", "#", "/a", "$SYS", "a\0"])
+def test_prefixes_that_are_no_topics(prefix: str) -> None:
+    with pytest.raises(InputError, match="prefix"):
+        MqttPublisher(settings_of(prefix=prefix))
+
+
+def test_secrets_that_are_missing_empty_or_endless(tmp_path: Path) -> None:
+    path = tmp_path / "password"
+    for content in (None, b"", b" \n", b"x" * 5000, b"\xff"):
+        if content is not None:
+            path.write_bytes(content)
+        with pytest.raises(InputError) as caught:
+            MqttPublisher(settings_of(user="fdd", password_file=path))
+        assert str(path) in str(caught.value)
+    path.write_text("no certificate")
+    for files in ({"ca": path}, {"cert": path, "key": path}, {"ca": tmp_path / "none"}):
+        tls = SimpleNamespace(**{"ca": None, "cert": None, "key": None, **files})
+        with pytest.raises(InputError, match="PEM"):
+            MqttPublisher(settings_of(tls=tls))

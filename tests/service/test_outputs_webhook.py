@@ -1,0 +1,201 @@
+"""Webhooks against a server that fails, delays, drips, redirects and repeats."""
+
+from __future__ import annotations
+
+import hashlib
+import hmac
+import json
+import threading
+import time
+from collections.abc import Iterator
+from email.utils import formatdate
+from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
+from pathlib import Path
+from typing import Any
+
+import pytest
+from outputs_fakes import FakeParcel, FakeStore, free_port, transition
+
+from fdd.errors import InputError
+from fdd.service.outputs import webhook
+from fdd.service.outputs.courier import Courier, Undelivered
+from fdd.service.outputs.webhook import Webhook
+
+PARCEL = FakeParcel(7, "alarm", transition(), "t")
+SECRET = b"a key of thirty-two characters..."
+
+
+class Receiver(ThreadingHTTPServer):
+    """Answers each request by the next of `answers`: status and headers; notes what came."""
+
+    daemon_threads = True
+
+    def __init__(self) -> None:
+        super().__init__(("127.0.0.1", 0), Handler)
+        self.answers: list[tuple[int, dict[str, str], bytes]] = []
+        self.came: list[tuple[str, dict[str, str], bytes]] = []
+        self.delay_s = self.drip_s = 0.0
+
+    @property
+    def url(self) -> str:
+        return f"http://127.0.0.1:{self.server_port}"
+
+
+class Handler(BaseHTTPRequestHandler):
+    server: Any
+
+    def do_POST(self) -> None:
+        body = self.rfile.read(int(self.headers["Content-Length"]))
+        self.server.came.append((self.path, dict(self.headers), body))
+        time.sleep(self.server.delay_s)
+        status, headers, said = self.server.answers.pop(0) if self.server.answers else (204, {}, b"")
+        try:
+            if self.server.drip_s:
+                for byte in b"HTTP/1.1 200 OK\r\n" + b"X-Slow: yes\r\n" * 100:
+                    self.wfile.write(bytes([byte]))
+                    time.sleep(self.server.drip_s)
+            self.send_response(status)
+            for name, value in headers.items():
+                self.send_header(name, value)
+            self.end_headers()
+            self.wfile.write(said)
+        except OSError:
+            pass
+
+    do_GET = do_POST
+
+    def log_message(self, *_: object) -> None:
+        pass
+
+
+@pytest.fixture
+def receiver() -> Iterator[Receiver]:
+    server = Receiver()
+    threading.Thread(target=server.serve_forever, args=(0.01,), daemon=True).start()
+    yield server
+    server.shutdown()
+    server.server_close()
+
+
+def verified(headers: dict[str, str], body: bytes, secret: bytes) -> bool:
+    """As docs/serve-outputs.md tells receivers to do it."""
+    stamp = headers["X-Fdd-Timestamp"]
+    wanted = hmac.new(secret, stamp.encode() + b"." + body, hashlib.sha256).hexdigest()
+    fresh = abs(time.time() - int(stamp)) < 300
+    return fresh and hmac.compare_digest("sha256=" + wanted, headers["X-Fdd-Signature"])
+
+
+def test_a_message_is_signed_and_whole(receiver: Receiver) -> None:
+    Webhook(f"{receiver.url}/in?to=fdd", SECRET).deliver(PARCEL)
+    [(path, headers, body)] = receiver.came
+    assert path == "/in?to=fdd"
+    assert headers["Content-Type"] == "application/json"
+    assert json.loads(body) == {"schema": "fdd.event/1", "id": 7, "kind": "alarm", "data": transition()}
+    assert verified(headers, body, SECRET)
+    assert not verified(headers, body + b" ", SECRET)
+    assert not verified(headers, body, SECRET[:-1])
+    assert not verified({**headers, "X-Fdd-Timestamp": str(int(time.time()) - 9)}, body, SECRET)
+
+
+def test_without_a_secret_nothing_is_signed(receiver: Receiver) -> None:
+    Webhook(receiver.url).deliver(PARCEL)
+    assert not any(name.startswith("X-Fdd") for name in receiver.came[0][1])
+
+
+def test_it_comes_again_with_the_same_key_until_it_is_taken(receiver: Receiver) -> None:
+    receiver.answers = [(500, {}, b"broken"), (429, {"Retry-After": "7"}, b""), (200, {}, b"thanks")]
+    store, clock = FakeStore(), [1.7e9]
+    hook = Webhook(receiver.url, SECRET)
+    store.send("alarm", transition(), hook.name)
+    other = store.send("alarm", transition(id=2), hook.name)
+    courier = Courier(hook.name, store, hook.deliver, wall=lambda: clock[0], chance=lambda: 1.0)
+    receiver.answers.insert(1, (204, {}, b""))  # of the other alarm, which a 500 does not hold up
+    courier.once()
+    assert "500 Internal Server Error broken" in courier.last_error
+    clock[0] += 2.5
+    courier.once()
+    assert store.rows[1].next_wall == pytest.approx(clock[0] + 7.0), "Retry-After is longer than the wait"
+    clock[0] += 7.5
+    courier.once()
+    assert [row.id for row in store.arrived] == [other, 1]
+    keys = [headers["Idempotency-Key"] for _, headers, _ in receiver.came]
+    assert keys[0] == keys[2] == keys[3] != keys[1]
+    assert receiver.came[0][2] == receiver.came[3][2]
+
+
+@pytest.mark.parametrize(
+    ("status", "final", "down"),
+    [(400, True, False), (401, True, False), (404, True, False), (410, True, False), (408, False, False),
+     (429, False, True), (500, False, False), (502, False, False), (503, False, True)],
+)  # fmt: skip
+def test_which_answers_are_final(receiver: Receiver, status: int, final: bool, down: bool) -> None:
+    receiver.answers = [(status, {}, b"x" * 100_000)]
+    with pytest.raises(Undelivered) as caught:
+        Webhook(receiver.url).deliver(PARCEL)
+    assert (caught.value.final, caught.value.down) == (final, down)
+    assert str(status) in str(caught.value) and len(str(caught.value)) <= 300
+
+
+@pytest.mark.parametrize("status", [301, 302, 307, 308])
+def test_redirects_are_not_followed(receiver: Receiver, status: int) -> None:
+    receiver.answers = [(status, {"Location": f"{receiver.url}/elsewhere"}, b"")]
+    with pytest.raises(Undelivered) as caught:
+        Webhook(receiver.url).deliver(PARCEL)
+    assert caught.value.final
+    assert [path for path, _, _ in receiver.came] == ["/"]
+
+
+def test_retry_after_may_be_a_date(receiver: Receiver) -> None:
+    for text, low, high in (
+        (formatdate(time.time() + 60, usegmt=True), 57.0, 61.0),
+        (formatdate(time.time() - 60, usegmt=True), 0.0, 0.0),
+        ("soon", 0.0, 0.0), ("-5", 0.0, 0.0), ("9" * 9, 86400.0, 86400.0), ("9" * 400, 0.0, 0.0),
+    ):  # fmt: skip
+        receiver.answers = [(503, {"Retry-After": text}, b"")]
+        with pytest.raises(Undelivered) as caught:
+            Webhook(receiver.url).deliver(PARCEL)
+        assert low <= caught.value.wait_s <= high, text
+
+
+def test_a_receiver_that_is_away_silent_or_drips_takes_a_bounded_time(
+    receiver: Receiver, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(webhook, "TIMEOUT_S", 0.3)
+    monkeypatch.setattr(webhook, "WHOLE_S", 0.8)
+    away = Webhook(f"http://127.0.0.1:{free_port()}")
+    with pytest.raises(Undelivered, match="refused") as caught:
+        away.deliver(PARCEL)
+    assert caught.value.down and not caught.value.final
+    for name, value, longest in (("delay_s", 2.0, 1.0), ("drip_s", 0.1, 2.5)):
+        monkeypatch.setattr(receiver, name, value)
+        begun = time.monotonic()
+        with pytest.raises(Undelivered) as caught:
+            Webhook(receiver.url).deliver(PARCEL)
+        assert time.monotonic() - begun < longest
+        assert caught.value.down
+        monkeypatch.setattr(receiver, name, 0.0)
+
+
+@pytest.mark.parametrize(
+    "url",
+    ["ftp://a/b", "file:///etc/passwd", "https://", "http:///x", "http://u:p@a/", "http://a/ b", "x", "",
+     "http://a:99999/", "http://a:0/", "http://[::1", "http://a/#b", "http://a/\r\nX: y", "http://a/ü"],
+)  # fmt: skip
+def test_no_other_urls(url: str) -> None:
+    with pytest.raises(InputError, match="webhooks: the URL"):
+        Webhook(url)
+
+
+def test_names_differ_and_tell_no_secrets() -> None:
+    names = {Webhook(f"https://hooks.example.com/{path}").name for path in ("token-1", "token-2")}
+    assert len(names) == 2
+    assert all(n.startswith("webhook:hooks.example.com-") and "token" not in n for n in names)
+
+
+def test_receivers_are_told_what_is_tested_here(receiver: Receiver) -> None:
+    page = (Path(__file__).parents[2] / "docs" / "serve-outputs.md").read_text("utf-8")
+    names: dict[str, Any] = {"hmac": hmac, "hashlib": hashlib, "time": time}
+    exec(page.split("```python\n")[1].split("```")[0], names)
+    Webhook(receiver.url, SECRET).deliver(PARCEL)
+    [(_, headers, body)] = receiver.came
+    assert names["verified"](headers, body, SECRET) and not names["verified"](headers, body + b" ", SECRET)
