@@ -1,0 +1,1 @@
+"""Many axes in one process: sources, fleet, alarms, store, HTTP and outputs."""
