@@ -212,7 +212,9 @@ _bound(
 MAX_HEAD_BYTES = _bound(
     "MAX_HEAD_BYTES", 1 << 14, "bytes of a request's line and headers", "browsers send some 1000"
 )
-MOST_HTTP_CONNECTIONS = _bound("MOST_HTTP_CONNECTIONS", 512, "HTTP connections", "open files are bounded by the system")
+MOST_HTTP_CONNECTIONS = _bound(
+    "MOST_HTTP_CONNECTIONS", 512, "HTTP connections", "open files are bounded by the system"
+)
 MOST_IDLE_HTTP_CONNECTIONS = _bound(
     "MOST_IDLE_HTTP_CONNECTIONS", 128, "HTTP connections that owe their next request, or the rest of it",
     "beyond it the one that waits longest is closed: slow clients keep nobody out",

@@ -16,11 +16,21 @@ import pytest
 
 CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
 FLAGS = (
-    "--headless", "--no-sandbox", "--disable-gpu", "--disable-quic", "--no-first-run", "--disable-sync",
-    "--disable-background-networking", "--disable-component-update", "--disable-dev-shm-usage",
-    "--remote-debugging-port=0", "--remote-allow-origins=*", "--hide-scrollbars",
-)  # fmt: skip
+    "--headless",
+    "--no-sandbox",
+    "--disable-gpu",
+    "--disable-quic",
+    "--no-first-run",
+    "--disable-sync",
+    "--disable-background-networking",
+    "--disable-component-update",
+    "--disable-dev-shm-usage",
+    "--remote-debugging-port=0",
+    "--remote-allow-origins=*",
+    "--hide-scrollbars",
+)
 KEYS = {"Enter": ("\r", 13), "Escape": ("", 27), "Tab": ("", 9), "ArrowDown": ("", 40)}
+TOLD = ("Runtime.exceptionThrown", "Log.entryAdded", "Page.javascriptDialogOpening")
 
 
 class Browser:
@@ -33,8 +43,9 @@ class Browser:
         self._folder = tempfile.TemporaryDirectory(ignore_cleanup_errors=True)
         self._process = subprocess.Popen(
             [CHROMIUM, *FLAGS, f"--user-data-dir={self._folder.name}", "about:blank"],
-            stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL,
-        )  # fmt: skip
+            stdout=subprocess.DEVNULL,
+            stderr=subprocess.DEVNULL,
+        )
         told = Path(self._folder.name) / "DevToolsActivePort"
         until = time.monotonic() + 60
         while not (told.exists() and told.read_text().count("\n")):
@@ -50,12 +61,20 @@ class Browser:
             self.call(f"{domain}.enable")
         scheme = [{"name": "prefers-color-scheme", "value": "dark" if dark else "light"}]
         self.call("Emulation.setEmulatedMedia", features=scheme)
-        self.call("Emulation.setDeviceMetricsOverride", width=width, height=height, deviceScaleFactor=1, mobile=width < 600)
+        self.call(
+            "Emulation.setDeviceMetricsOverride",
+            width=width,
+            height=height,
+            deviceScaleFactor=1,
+            mobile=width < 600,
+        )
 
     def __enter__(self) -> Browser:
         return self
 
-    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None) -> None:  # fmt: skip
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
         self._line.close()
         self._process.terminate()
         self._process.wait(20)
@@ -69,7 +88,8 @@ class Browser:
         self._line.send(json.dumps(message))
         while True:
             heard = json.loads(self._line.recv(timeout=60))
-            if heard.get("method") in ("Runtime.exceptionThrown", "Log.entryAdded", "Page.javascriptDialogOpening"):
+            advice = heard.get("params", {}).get("entry", {}).get("level") in ("verbose", "info")
+            if heard.get("method") in TOLD and not advice:
                 self.said.append(json.dumps(heard["params"])[:600])
             if heard.get("id") == self._number:
                 assert "error" not in heard, heard
@@ -87,14 +107,22 @@ class Browser:
     def wait(self, script: str, seconds: float = 30.0) -> Any:
         """Until an expression gives something true."""
         until = time.monotonic() + seconds
-        while not (found := self.run(f"!!({script})")):
-            assert time.monotonic() < until, f"never true: {script}; the page says {self.run('document.body.innerText')[:600]!r}, {self.said}"
+        # While a page loads there may be no document yet.
+        while not (
+            found := self.run(f"(() => {{ try {{ return !!({script}) }} catch {{ return false }} }})()")
+        ):
+            says = self.run("document.body?.innerText") or ""
+            assert time.monotonic() < until, f"never true: {script}; it says {says[:600]!r}, {self.said}"
             time.sleep(0.1)
         return found
 
     def press(self, key: str) -> None:
         text, code = KEYS.get(key, (key, ord(key[0].upper())))
-        named = {"key": key, "windowsVirtualKeyCode": code, "code": key if key in KEYS else f"Key{key.upper()}"}
+        named = {
+            "key": key,
+            "windowsVirtualKeyCode": code,
+            "code": key if key in KEYS else f"Key{key.upper()}",
+        }
         self.call("Input.dispatchKeyEvent", type="keyDown", text=text, **named)
         self.call("Input.dispatchKeyEvent", type="keyUp", **named)
 

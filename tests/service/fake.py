@@ -92,9 +92,16 @@ class FakeStore:
 
     def record(self, who: str, action: str, row: dict[str, Any], note: str = "") -> None:
         self.records.append(
-            {"id": len(self.records) + 1, "wall": time.time(), "who": who, "action": action,
-             "alarm_id": row["id"], "axis": row["axis"], "note": note}
-        )  # fmt: skip
+            {
+                "id": len(self.records) + 1,
+                "wall": time.time(),
+                "who": who,
+                "action": action,
+                "alarm_id": row["id"],
+                "axis": row["axis"],
+                "note": note,
+            }
+        )
 
 
 class FakeFleet:
@@ -119,9 +126,18 @@ class FakeFleet:
     def raise_alarm(self, axis: str, fault: str, family: str, priority: str, **given: Any) -> int:
         id = len(self.store.rows) + 1
         row = {
-            "id": id, "axis": axis, "fault": fault, "family": family, "priority": priority, "state": "UNACK",
-            "raised_wall": time.time(), "raised_time": 412.0, "severity": 0.41, "confidence": 0.97, **given,
-        }  # fmt: skip
+            "id": id,
+            "axis": axis,
+            "fault": fault,
+            "family": family,
+            "priority": priority,
+            "state": "UNACK",
+            "raised_wall": time.time(),
+            "raised_time": 412.0,
+            "severity": 0.41,
+            "confidence": 0.97,
+            **given,
+        }
         self.store.rows[id] = row
         self.store.record("fdd", "raised", row)
         self._count(axis)
@@ -134,10 +150,12 @@ class FakeFleet:
         with self._lock:
             row = self.store.rows[action.alarm_id]
             moves = {
-                "acknowledge": ("UNACK", "RTNUN"), "shelve": ("UNACK", "ACKED", "RTNUN"),
-                "unshelve": ("SHELVED",), "in_service": ("OUT_OF_SERVICE",),
+                "acknowledge": ("UNACK", "RTNUN"),
+                "shelve": ("UNACK", "ACKED", "RTNUN"),
+                "unshelve": ("SHELVED",),
+                "in_service": ("OUT_OF_SERVICE",),
                 "out_of_service": ("UNACK", "ACKED", "RTNUN", "SHELVED"),
-            }  # fmt: skip
+            }
             if row["state"] not in moves[action.kind]:
                 raise InputError(
                     f"cannot {action.kind} what is {row['state']}", where=f"alarm {action.alarm_id}"
@@ -168,10 +186,16 @@ class FakeFleet:
 
 
 def _detail(
-    name: str, *, state: str = "healthy", headline: str = "Healthy: no fault found in 6.2 h",
-    factors: dict[str, float] | None = None, family: str = "healthy", findings: Sequence[Any] = (),
-    misfit: str = "", points: int = SPAN_S,
-) -> AxisDetail:  # fmt: skip
+    name: str,
+    *,
+    state: str = "healthy",
+    headline: str = "Healthy: no fault found in 6.2 h",
+    factors: dict[str, float] | None = None,
+    family: str = "healthy",
+    findings: Sequence[Any] = (),
+    misfit: str = "",
+    points: int = SPAN_S,
+) -> AxisDetail:
     random = np.random.default_rng(sum(name.encode()))
     factors = factors or {}
     when = np.linspace(0.0, SPAN_S, points)
@@ -183,36 +207,61 @@ def _detail(
         std = base * (0.012 + 0.05 * np.exp(-when / 40.0))
         values[k], stds[k] = path.tolist(), std.tolist()
         estimates[k] = {
-            "unit": UNITS[k], "baseline": base, "value": path[-1], "std": std[-1], "observable": True,
-        }  # fmt: skip
+            "unit": UNITS[k],
+            "baseline": base,
+            "value": path[-1],
+            "std": std[-1],
+            "observable": True,
+        }
     hops = np.arange(0.0, SPAN_S, 5.0)
     misfits = {
-        b: (np.abs(random.standard_normal(hops.size)) * 0.6 + (4.0 if b == misfit else 0.0) * (hops > 415)).tolist()
+        b: (
+            np.abs(random.standard_normal(hops.size)) * 0.6 + (4.0 if b == misfit else 0.0) * (hops > 415)
+        ).tolist()
         for b in BALANCES
     }
     sure = 1.0 / (1.0 + np.exp(-(hops - 430.0) / 8.0)) * (0.96 if family != "healthy" else 0.02)
-    chances = {"healthy": (1.0 - sure).tolist(), (family if family != "healthy" else "leakage"): sure.tolist()}
+    chances = {
+        "healthy": (1.0 - sure).tolist(),
+        (family if family != "healthy" else "leakage"): sure.tolist(),
+    }
     t = np.arange(0.0, SPAN_S, 1.0 / HZ)
     motion = 0.04 * np.sin(0.35 * t) * np.sign(np.sin(0.05 * t)) + 0.004 * random.standard_normal(t.size)
     press = 2.1e6 * np.cos(0.35 * t) + 6e4 * random.standard_normal(t.size)
-    signals = {"position": motion, "pressure_difference": press, "pump_speed": 80 * np.cos(0.35 * t) + 2 * random.standard_normal(t.size)}
+    signals = {
+        "position": motion,
+        "pressure_difference": press,
+        "pump_speed": 80 * np.cos(0.35 * t) + 2 * random.standard_normal(t.size),
+    }
     now = {f: round(v[-1], 4) for f, v in chances.items()}
-    status = AxisStatus.model_validate({
-        "name": name, "unit": "axis_a", "state": state, "last_wall": time.time() - (0.2 if state != "silent" else 754.0),
-        "lag_s": 0.3, "samples": 22_320_000, "rate_hz": 1000.0 if state != "silent" else 0.0,
-        "verdict": {"healthy": "healthy", "learning": "inconclusive"}.get(state, "faulty"), "headline": headline,
-        "probabilities": now, "estimates": estimates, "quality": {"dropped": 3, "late": 0, "repeated": 0},
-    })  # fmt: skip
+    status = AxisStatus.model_validate(
+        {
+            "name": name,
+            "unit": "axis_a",
+            "state": state,
+            "last_wall": time.time() - (0.2 if state != "silent" else 754.0),
+            "lag_s": 0.3,
+            "samples": 22_320_000,
+            "rate_hz": 1000.0 if state != "silent" else 0.0,
+            "verdict": {"healthy": "healthy", "learning": "inconclusive"}.get(state, "faulty"),
+            "headline": headline,
+            "probabilities": now,
+            "estimates": estimates,
+            "quality": {"dropped": 3, "late": 0, "repeated": 0},
+        }
+    )
     return AxisDetail(
-        status=status, findings=list(findings),
+        status=status,
+        findings=list(findings),
         estimates=Series(time=when.tolist(), values=values, std=stds),
         misfits=Series(time=hops.tolist(), values=misfits),
         probabilities=Series(time=hops.tolist(), values=chances),
         signals=Bands(
-            time=t.tolist(), low={k: (v - 0.02 * np.ptp(v)).tolist() for k, v in signals.items()},
+            time=t.tolist(),
+            low={k: (v - 0.02 * np.ptp(v)).tolist() for k, v in signals.items()},
             high={k: (v + 0.02 * np.ptp(v)).tolist() for k, v in signals.items()},
         ),
-    )  # fmt: skip
+    )
 
 
 def fake(axes: int = 0) -> tuple[FakeFleet, FakeStore, FakeBus]:

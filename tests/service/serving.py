@@ -58,4 +58,14 @@ def on_a_port(world: tuple[FakeFleet, FakeStore, FakeBus], **given: Any) -> Iter
         assert not any(thread.is_alive() for thread in threads)
 
 
-__all__ = ["HEALTH", "METRICS", "PAGE", "Folders", "app_of", "bearer", "client_of", "on_a_port", "three_tokens"]
+__all__ = [
+    "HEALTH",
+    "METRICS",
+    "PAGE",
+    "Folders",
+    "app_of",
+    "bearer",
+    "client_of",
+    "on_a_port",
+    "three_tokens",
+]

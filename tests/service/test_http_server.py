@@ -21,6 +21,7 @@ from fdd.service.http import Listen, Server, connections
 from tests.service.fake import FakeBus, FakeFleet, FakeStore, fake
 from tests.service.serving import PAGE, app_of, on_a_port
 
+POST = b"POST /api/%s HTTP/1.1\r\nHost: 127.0.0.1\r\nX-Fdd: 1\r\n"
 World = tuple[FakeFleet, FakeStore, FakeBus]
 
 
@@ -135,8 +136,8 @@ def test_hundreds_of_slow_clients_keep_nobody_out(server: Server) -> None:
         b"GET /api/axes HTTP/1.1\r\nHost: 127.0.0.1\r\nX-",
         b"",
         b"GET /api/health HTTP/1.1\r\nHost: 127.0.0.1\r\n\r\nGET /api",
-        b"POST /api/alarms/1/acknowledge HTTP/1.1\r\nHost: 127.0.0.1\r\nX-Fdd: 1\r\nContent-Length: 100\r\n\r\n{",
-        b"POST /api/login HTTP/1.1\r\nHost: 127.0.0.1\r\nX-Fdd: 1\r\nTransfer-Encoding: chunked\r\n\r\n1\r\n{\r\n",
+        POST % b"alarms/1/acknowledge" + b"Content-Length: 100\r\n\r\n{",
+        POST % b"login" + b"Transfer-Encoding: chunked\r\n\r\n1\r\n{\r\n",
     ]
     slow = []
     for k in range(600):
@@ -190,7 +191,7 @@ def test_a_body_that_never_ends_has_its_time(monkeypatch: pytest.MonkeyPatch, se
 
     monkeypatch.setattr(guard, "BODY_S", 0.5)
     with connected(server) as one:
-        one.sendall(b"POST /api/alarms/1/shelve HTTP/1.1\r\nHost: 127.0.0.1\r\nX-Fdd: 1\r\nContent-Length: 99\r\n\r\n{")
+        one.sendall(POST % b"alarms/1/shelve" + b"Content-Length: 99\r\n\r\n{")
         assert b" 408 " in one.recv(4096)
 
 
@@ -222,11 +223,11 @@ def test_who_does_not_read_is_let_go(monkeypatch: pytest.MonkeyPatch, server: Se
         (b"GET / HTTP/1.1\r\nHost: 127.0.0.1\r\nHost: evil.example\r\n\r\n", b" 400 "),
         (b"GET / HTTP/1.0\r\n\r\n", b" 421 "),
         (b"\x16\x03\x01\x02\x00\x01\x00", b" 400 "),
-        (b"POST /api/logout HTTP/1.1\r\nHost: 127.0.0.1\r\nX-Fdd: 1\r\nContent-Length: 1\r\nTransfer-Encoding: chunked\r\n\r\n0\r\n\r\n", None),
+        (POST % b"logout" + b"Content-Length: 1\r\nTransfer-Encoding: chunked\r\n\r\n0\r\n\r\n", None),
         (b"OPTIONS /api/axes HTTP/1.1\r\nHost: 127.0.0.1\r\nOrigin: http://evil.example\r\n\r\n", b" 403 "),
         (b"TRACE / HTTP/1.1\r\nHost: 127.0.0.1\r\n\r\n", b" 403 "),
     ],
-)  # fmt: skip
+)
 def test_what_is_no_proper_request_is_refused(server: Server, sent: bytes, status: bytes | None) -> None:
     with connected(server) as one:
         one.sendall(sent)
@@ -243,10 +244,29 @@ def test_tls_by_certificate_and_key(world: World, tmp_path: Path) -> None:
         pytest.skip("needs openssl to make a certificate")
     cert, key = tmp_path / "cert.pem", tmp_path / "key.pem"
     subprocess.run(
-        ["openssl", "req", "-x509", "-newkey", "ec", "-pkeyopt", "ec_paramgen_curve:prime256v1", "-nodes", "-days", "2",
-         "-subj", "/CN=localhost", "-addext", "subjectAltName=IP:127.0.0.1", "-keyout", key, "-out", cert],
-        check=True, capture_output=True,
-    )  # fmt: skip
+        [
+            "openssl",
+            "req",
+            "-x509",
+            "-newkey",
+            "ec",
+            "-pkeyopt",
+            "ec_paramgen_curve:prime256v1",
+            "-nodes",
+            "-days",
+            "2",
+            "-subj",
+            "/CN=localhost",
+            "-addext",
+            "subjectAltName=IP:127.0.0.1",
+            "-keyout",
+            key,
+            "-out",
+            cert,
+        ],
+        check=True,
+        capture_output=True,
+    )
     app, _ = app_of(*world, secure=True)
     server, stop = Server(app, Listen(port=0, cert=cert, key=key), has_tokens=False), threading.Event()
     thread = server.start(stop)

@@ -116,7 +116,7 @@ class Guard:
         caller = self._caller(headers, token, now)
         if token is not None and caller is None:
             return self._unknown(client)
-        # Another site's page cannot send a token in a header; a cookie, or the mere reach of this port, it can.
+        # Another site's page cannot send a token in a header; a cookie, or what needs none, it can.
         if scope["method"] not in ("GET", "HEAD") and token is None and not _is_same_origin(headers, host[0]):
             return problem(403, f"not sent by this page; give a token, or the header {MARK}: 1")
         length = headers.get("content-length", "0")
