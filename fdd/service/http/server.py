@@ -115,8 +115,11 @@ class Server:
 def _bound(listen: Listen) -> socket.socket:
     where = f"listen {listen.host}:{listen.port}"
     try:
-        family, kind, _, _, address = socket.getaddrinfo(listen.host, listen.port, type=socket.SOCK_STREAM)[0]
-        made = socket.socket(family, kind)
+        family, kind, protocol, _, address = socket.getaddrinfo(
+            listen.host, listen.port, type=socket.SOCK_STREAM
+        )[0]
+        # asyncio sends small answers at once on sockets that say that they are TCP.
+        made = socket.socket(family, kind, protocol)
         made.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
         made.bind(address)
         made.listen(1024)
