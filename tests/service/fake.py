@@ -20,6 +20,13 @@ BASE = {"leakage": 6.5e-12, "bulk_modulus": 1.16e9, "coulomb_friction": 310.0, "
 UNITS = {"leakage": "m^3/(s*Pa)", "bulk_modulus": "Pa", "coulomb_friction": "N", "viscous_friction": "N*s/m"}
 BALANCES = ("volume", "force", "torque", "coherence", "reservoir")
 SPAN_S, HZ = 600, 10
+DONE = {
+    "acknowledge": "ACKNOWLEDGED",
+    "shelve": "SHELVED",
+    "unshelve": "UNSHELVED",
+    "out_of_service": "OUT_OF_SERVICE",
+    "in_service": "IN_SERVICE",
+}
 
 
 @dataclass
@@ -139,7 +146,7 @@ class FakeFleet:
             **given,
         }
         self.store.rows[id] = row
-        self.store.record("fdd", "raised", row)
+        self.store.record("fdd", "RAISED", row)
         self._count(axis)
         self.bus.publish("alarm", axis, transition="RAISED", alarm=id, fault=fault, priority=priority)
         return id
@@ -169,7 +176,7 @@ class FakeFleet:
                 row["note"] = action.note
             else:
                 row["state"] = "OUT_OF_SERVICE" if action.kind == "out_of_service" else "UNACK"
-            self.store.record(action.who, action.kind, row, action.note)
+            self.store.record(action.who, DONE[action.kind], row, action.note)
             self._count(row["axis"])
         self.bus.publish("alarm", row["axis"], transition=action.kind.upper(), alarm=row["id"])
 

@@ -13,6 +13,7 @@ import pytest
 from jsonschema import Draft202012Validator
 from starlette.testclient import TestClient
 
+from fdd.errors import InputError
 from fdd.service.http.answers import Bands
 from fdd.service.http.api import thinned
 from tests.service.fake import FakeBus, FakeFleet, FakeStore, fake
@@ -107,7 +108,7 @@ def test_acts_reach_the_fleet_with_who_and_note(client: TestClient, world: World
     back = client.post(f"/api/alarms/{id}/out-of-service", json={"back": True}, headers=PAGE)
     assert back.json()["state"] == "UNACK"
     actions = [r["action"] for r in client.get(f"/api/audit?alarm={id}").json()["records"]]
-    assert actions == ["in_service", "out_of_service", "unshelve", "shelve", "acknowledge", "raised"]
+    assert actions == ["IN_SERVICE", "OUT_OF_SERVICE", "UNSHELVED", "SHELVED", "ACKNOWLEDGED", "RAISED"]
 
 
 @pytest.mark.parametrize(
@@ -132,6 +133,16 @@ def test_a_body_that_is_not_as_documented_is_refused_in_one_line(client: TestCli
 def test_a_shelf_ends_within_a_week(client: TestClient, minutes: object) -> None:
     text = json.dumps({"minutes": minutes, "note": ""})
     assert client.post("/api/alarms/4/shelve", content=text, headers=PAGE).status_code == 400
+
+
+def test_a_store_that_somebody_must_mend_is_told(client: TestClient, world: World) -> None:
+    def damaged(*args: object, **more: object) -> list[dict]:
+        raise InputError("the store is damaged", where="fdd.db", mend="put a backup in its place")
+
+    world[1].alarms = damaged  # type: ignore[method-assign]
+    found = client.get("/api/alarms")
+    assert found.status_code == 500
+    assert found.json() == {"error": "fdd.db: the store is damaged; put a backup in its place"}
 
 
 def test_the_stores_trouble_is_told_and_passes(client: TestClient, world: World) -> None:

@@ -17,6 +17,7 @@ from starlette.responses import Response
 from starlette.routing import Route
 
 from fdd.diagnosis.findings import DISPLAY_SCALE, ESTIMATED
+from fdd.errors import InputError
 from fdd.faults import CATALOGUE
 from fdd.report.words import FAMILY_TITLES
 from fdd.residuals.balances import BALANCES
@@ -74,7 +75,12 @@ def web(
     inner = Starlette(
         routes=[*api.routes(), Route("/openapi.json", openapi), *_page()],
         middleware=[Middleware(GZipMiddleware, minimum_size=2000, compresslevel=4)],
-        exception_handlers={HTTPException: _told, trouble: _troubled, Exception: _failed},
+        exception_handlers={
+            HTTPException: _told,
+            InputError: _unusable,
+            trouble: _troubled,
+            Exception: _failed,
+        },
     )
     return Guard(inner, tokens=tokens, sessions=sessions, hosts=hosts, secure=secure)
 
@@ -86,6 +92,10 @@ async def _told(request: Request, error: Exception) -> Response:
 
 async def _failed(request: Request, error: Exception) -> Response:
     return problem(500, "internal error")
+
+
+async def _unusable(request: Request, error: Exception) -> Response:
+    return problem(500, str(error))
 
 
 async def _troubled(request: Request, error: Exception) -> Response:

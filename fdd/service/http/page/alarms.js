@@ -97,8 +97,6 @@ export function alarmsView(app) {
   };
 }
 
-const DONE = { acknowledge: "acknowledged", shelve: "shelved", unshelve: "took off the shelf", out_of_service: "took out of service", in_service: "put back in service" };
-
 export function historyView(app) {
   const past = h("div"), audit = h("div");
   return {
@@ -109,7 +107,7 @@ export function historyView(app) {
       showIfNew(past, alarms, () => table(["Raised", "Axis", "Fault", "Priority", "State", "Times", "Note"], alarms.map((a) => [
         clock(a.raised_wall), axisLink(a.axis), faultTitle(a), h("span", { class: "with-mark" }, priority(a.priority), a.priority), STATES[a.state], a.count, a.note])));
       showIfNew(audit, records, () => table(["When", "Who", "What", "Alarm", "Axis", "Note"], records.map((r) => [
-        clock(r.wall), r.who, DONE[r.action] ?? r.action.toLowerCase().replaceAll("_", " "), byId.has(r.alarm_id) ? faultTitle(byId.get(r.alarm_id)) : r.alarm_id ?? "", r.axis ?? "", r.note])));
+        clock(r.wall), r.who, r.action.toLowerCase().replaceAll("_", " "), byId.has(r.alarm_id) ? faultTitle(byId.get(r.alarm_id)) : r.alarm_id ?? "", r.axis ?? "", r.note])));
     },
   };
 }
