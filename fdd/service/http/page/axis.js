@@ -1,0 +1,103 @@
+// One axis: the verdict, its alarms, and what it rests on.
+
+import { alarmList } from "./alarms.js";
+import { get } from "./api.js";
+import { bars, chart, dates, days, minutesAgo } from "./charts.js";
+import { ago, capital, figure, h, now, percent, showIfNew, unbroken } from "./dom.js";
+import { chip, stateMark } from "./marks.js";
+import words from "./words.js";
+
+const SIGNALS = {
+  position: ["Position", "mm", 1e3], pressure_difference: ["Pressure difference", "MPa", 1e-6], pressure_1: ["Pressure 1", "MPa", 1e-6],
+  pressure_2: ["Pressure 2", "MPa", 1e-6], pressure_accumulator: ["Accumulator", "MPa", 1e-6], pump_speed: ["Pump speed", "rad/s", 1],
+  pump_angle: ["Pump angle", "rad", 1], command: ["Command", "rad/s", 1], motor_current: ["Motor current", "A", 1],
+  oil_temperature: ["Oil temperature", "°C", 1], load_force: ["Load", "kN", 1e-3], position_setpoint: ["Set point", "mm", 1e3],
+};
+const quantityOf = (name) => words.quantities[name] ?? { title: capital(name.replaceAll("_", " ")), unit: "", scale: 1 };
+
+function verdict(status) {
+  const facts = [
+    ["Profile", status.unit], ["Samples", status.samples.toLocaleString("en")], ["Rate", status.rate_hz === null ? "–" : `${figure(status.rate_hz, 4)} Hz`],
+    ["Behind by", status.lag_s === null ? "–" : `${figure(status.lag_s, 2)} s`], ["Last data", status.last_wall === null ? "none yet" : ago(status.last_wall)],
+    ...Object.entries(status.quality).map(([name, n]) => [capital(name.replaceAll("_", " ")), n.toLocaleString("en")]),
+  ];
+  return [
+    h("div", { class: "headline" }, stateMark(status), h("div", {}, h("p", { class: "big" }, unbroken(status.headline || capital(status.verdict))), chip(capital(status.state), status.unacknowledged ? "strong" : ""))),
+    h("div", { class: "two" }, h("dl", { class: "facts" }, facts.map(([t, v]) => h("div", {}, h("dt", {}, t), h("dd", {}, v)))),
+      h("div", {}, h("h3", {}, "What it is, by probability"), bars(status.probabilities, words.families))),
+  ];
+}
+
+function finding(f) {
+  return h("article", { class: "panel finding" },
+    h("h3", {}, `${capital(words.faults[f.fault] ?? f.fault)}, ${percent(f.confidence)} sure`),
+    h("ul", {}, f.evidence.map((text) => h("li", {}, unbroken(text)))),
+    f.next_check && h("p", {}, h("b", {}, "To confirm it: "), f.next_check));
+}
+
+function estimateCharts({ estimates, status }) {
+  const end = estimates.time.at(-1);
+  return Object.entries(estimates.values).map(([name, values]) => {
+    const { title, unit, scale } = quantityOf(name), std = estimates.std[name] ?? [];
+    const beside = (sign) => values.map((v, k) => (v === null || std[k] === null || std[k] === undefined ? null : v + sign * 2 * std[k]));
+    return chart({ title, unit, scale, time: estimates.time, stamp: minutesAgo(end), at: tens(estimates.time), mark: status.estimates[name]?.baseline, rows: [{ label: title, values, low: beside(-1), high: beside(1) }] });
+  });
+}
+
+// Whole minutes before the end, every second one or so.
+function tens(time) {
+  const end = time.at(-1), long = (end - time[0]) / 60, step = long > 6 ? 2 : long > 2 ? 1 : 0.5, out = [];
+  for (let m = 0; m <= long + 0.01; m += step) out.unshift(end - 60 * m);
+  return out;
+}
+
+function others({ probabilities, misfits, signals }) {
+  const stamp = (time) => ({ time, stamp: minutesAgo(time.at(-1)), at: tens(time) });
+  const families = Object.entries(probabilities.values).filter(([, p]) => p.some((v) => v >= 0.05)).slice(0, 4);
+  return [
+    families.length && [h("h2", {}, "Probabilities and balances"), h("p", { class: "soft" }, "A balance that does not close stands above 3, in what a healthy one does."),
+      h("div", { class: "plots" },
+        chart({ title: "Probability", unit: "%", scale: 100, floor: 100, ...stamp(probabilities.time), rows: families.map(([name, values]) => ({ label: words.families[name] ?? name, values })) }),
+        Object.entries(misfits.values).map(([name, values]) => chart({ title: capital((words.balances[name] ?? name).replace(/^the /, "")), floor: 4, mark: 3, ...stamp(misfits.time), rows: [{ label: name, values }] })))],
+    signals.time.length && [h("h2", {}, "Signals"), h("div", { class: "plots" }, Object.keys(signals.low).map((name) => {
+      const [title, unit, scale] = SIGNALS[name] ?? [capital(name.replaceAll("_", " ")), "", 1];
+      return chart({ title, unit, scale, ...stamp(signals.time), rows: [{ label: title, low: signals.low[name], high: signals.high[name] }] });
+    }))],
+  ];
+}
+
+function trend(name) {
+  const choice = (key, options) => h("select", { "aria-label": key, "data-key": key, onchange: () => guarded() }, Object.entries(options).map(([v, t]) => h("option", { value: v }, t)));
+  const what = choice("Quantity", Object.fromEntries(Object.entries(words.quantities).map(([k, q]) => [k, q.title])));
+  const level = choice("Resolution", { hour: "by hour, 30 days", day: "by day, whole life", minute: "by minute, a day" });
+  const holder = h("div");
+  async function load() {
+    const { title, unit, scale } = quantityOf(what.value);
+    const { points } = await get(`/api/axes/${encodeURIComponent(name)}/trend?quantity=${what.value}&level=${level.value}`);
+    const column = (key) => points.map((p) => p[key]);
+    showIfNew(holder, [what.value, level.value, points], () => [chart({ title: `${title}, mean and range`, unit, scale, height: 190, time: column("start_wall"), stamp: dates, at: days(column("start_wall")), rows: [{ label: title, values: column("mean"), low: column("min"), high: column("max") }] })]);
+  }
+  const guarded = () => load().catch((error) => holder.replaceChildren(h("p", { class: "soft" }, error.message)));
+  return { node: [h("div", { class: "bar" }, h("h2", {}, "Trend"), h("div", { class: "choices" }, what, level)), h("div", { class: "plots one" }, holder)], update: guarded };
+}
+
+export function axisView(app, name) {
+  const parts = Object.fromEntries(["top", "alarms", "findings", "estimates", "others"].map((k) => [k, h("section")]));
+  const life = trend(name);
+  let trendDue = 0;
+  return {
+    title: name,
+    node: [h("nav", { class: "crumbs", "aria-label": "Where" }, h("a", { href: "#/" }, "Fleet"), " / "), h("h1", {}, name), parts.top, parts.alarms, parts.findings, parts.estimates, h("section", {}, life.node), parts.others],
+    update: async () => {
+      const detail = await get(`/api/axes/${encodeURIComponent(name)}?points=500`);
+      const alarms = app.alarms.filter((a) => a.axis === name), soon = Math.floor(now() / 20);
+      parts.top.className = `panel verdict ${detail.status.priority ?? "calm"}`;
+      showIfNew(parts.top, detail.status, () => verdict(detail.status));
+      showIfNew(parts.alarms, [alarms, soon], () => [h("h2", {}, "Alarms"), alarmList(app, alarms, false)]);
+      showIfNew(parts.findings, detail.findings, () => detail.findings.length && [h("h2", {}, "What was found"), detail.findings.map(finding)]);
+      showIfNew(parts.estimates, [detail.estimates, detail.status.estimates], () => detail.estimates.time.length && [h("h2", {}, "Live estimates"), h("p", { class: "soft" }, "With two standard deviations; the dashed line is this unit's healthy value."), h("div", { class: "plots" }, estimateCharts(detail))]);
+      showIfNew(parts.others, [detail.probabilities, detail.misfits, detail.signals], () => others(detail));
+      if (now() > trendDue) { trendDue = now() + 60; life.update(); }
+    },
+  };
+}

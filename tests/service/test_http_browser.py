@@ -1,0 +1,190 @@
+"""The page in a real Chromium: alarms come in, are acknowledged by keyboard, and names stay text."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterator
+
+import pytest
+
+from fdd.service.http import Server
+from tests.service.browser import Browser
+from tests.service.fake import FakeBus, FakeFleet, FakeStore
+from tests.service.fake_page import made_up
+from tests.service.serving import on_a_port, three_tokens
+
+World = tuple[FakeFleet, FakeStore, FakeBus]
+EVIL = """<script>window.evil=1</script><img src=x onerror="window.evil=1">"""
+
+
+@pytest.fixture
+def world() -> World:
+    return made_up()
+
+
+@pytest.fixture
+def server(world: World) -> Iterator[Server]:
+    with on_a_port(world) as made:
+        yield made
+
+
+@pytest.fixture
+def browser() -> Iterator[Browser]:
+    with Browser() as made:
+        yield made
+        assert made.said == [], "errors in the page"
+
+
+def text(selector: str) -> str:
+    return f"document.querySelector('{selector}')?.innerText"
+
+
+def test_an_alarm_comes_in_and_is_acknowledged_by_keyboard(
+    browser: Browser, server: Server, world: World
+) -> None:
+    fleet, store, _ = world
+    browser.open(f"{server.address}#/alarms")
+    browser.wait(f"{text('#live')} === 'Live' && {text('#badge')} === '2'")
+    count = "performance.getEntriesByType('resource').filter((e) => e.name.endsWith('/api/axes')).length"
+    # Far from the next time that the page asks by itself: what comes now came by the event.
+    browser.run(f"window.asked = {count}")
+    browser.wait(f"{count} > window.asked")
+    begun = time.monotonic()
+    id = fleet.raise_alarm("F3/rudder", "check_valve_clogged", "check_valve", "urgent")
+    browser.wait(f"{text('#badge')} === '3'")
+    assert time.monotonic() - begun < 3.0, "by the event, not by asking every five seconds"
+    assert "New urgent alarm on F3/rudder" in browser.run(text("#news"))
+    assert browser.run("document.querySelector('#news').getAttribute('aria-live')") == "assertive"
+    assert browser.run("document.title").startswith("(3)")
+    assert browser.run("document.querySelector('[data-alarm]').dataset.alarm") == str(id), (
+        "the worst comes first"
+    )
+    browser.press("ArrowDown")
+    browser.wait(f"document.activeElement.dataset.alarm === '{id}'")
+    browser.press("a")
+    browser.wait("document.querySelector('dialog')?.open")
+    browser.type("Checked on the rig")
+    assert store.rows[id]["state"] == "UNACK", "asked for confirmation first"
+    browser.press("Enter")
+    browser.wait("!document.querySelector('dialog')")
+    browser.wait(f"{text('#badge')} === '2'")
+    assert (store.rows[id]["state"], store.rows[id]["note"]) == ("ACKED", "Checked on the rig")
+    assert browser.run("document.activeElement.dataset.alarm") == str(id), "the focus comes back"
+
+
+def test_escape_closes_without_doing_anything(browser: Browser, server: Server, world: World) -> None:
+    browser.open(f"{server.address}#/alarms")
+    browser.wait("document.querySelector('[data-alarm]')")
+    browser.press("a")
+    browser.wait("document.querySelector('dialog')?.open")
+    browser.press("Escape")
+    browser.wait("!document.querySelector('dialog')")
+    assert world[1].rows[4]["state"] == "UNACK"
+
+
+def test_search_and_filters(browser: Browser, server: Server) -> None:
+    browser.open(server.address)
+    rows = "document.querySelectorAll('.fleet tbody tr').length"
+    browser.wait(f"{rows} === 14")
+    assert browser.run(text(".fleet tbody tr th a")) == "F7/aileron-R", "worst first"
+    browser.press("/")
+    browser.wait("document.activeElement.id === 'search'")
+    browser.type("rig-2")
+    browser.wait(f"{rows} === 2")
+    browser.press("Escape")
+    browser.wait(f"{rows} === 14")
+    browser.run(
+        "[...document.querySelectorAll('.counts button')].find((b) => b.innerText.includes('Silent')).click()"
+    )
+    browser.wait(f"{rows} === 1")
+
+
+@pytest.mark.parametrize("view", ["", "#/alarms", "#/axis/F7%2Faileron-R", "#/history"])
+def test_everything_is_reached_by_tab_and_shows_the_focus(
+    browser: Browser, server: Server, view: str
+) -> None:
+    browser.open(f"{server.address}{view}")
+    browser.wait("document.querySelector('main h1')")
+    time.sleep(1.0)
+    wanted = browser.run("""[...document.querySelectorAll('a[href], button, input, select, [tabindex="0"]')]
+        .filter((e) => e.checkVisibility() && !e.disabled).length""")
+    seen = set()
+    for _ in range(wanted):
+        browser.press("Tab")
+        at = browser.run("""(() => { const e = document.activeElement;
+            const all = [...document.querySelectorAll('*')];
+            return [all.indexOf(e), getComputedStyle(e).outlineStyle, e.tagName]; })()""")
+        assert at[1] != "none", at
+        seen.add(at[0])
+    assert len(seen) == wanted
+
+
+def test_markup_in_names_and_notes_runs_nothing(browser: Browser, server: Server, world: World) -> None:
+    fleet, store, bus = world
+    fleet.add(EVIL, points=60, headline=EVIL, state="in alarm", family=EVIL)
+    id = fleet.raise_alarm(EVIL, EVIL, EVIL, "urgent", channel=EVIL, note=EVIL)
+    store.record(EVIL, EVIL, store.rows[id], EVIL)
+    for view in ("#/", "#/alarms", "#/history", "#/axis/" + browser.run(f"encodeURIComponent({EVIL!r})")):
+        browser.open(f"{server.address}{view}")
+        browser.wait(f"document.querySelector('main').innerText.includes({EVIL!r})")
+        bus.publish("alarm", EVIL, note=EVIL)
+        time.sleep(0.5)
+    assert browser.run("window.evil") is None
+    assert browser.run("document.querySelectorAll('main script, main img').length") == 0
+
+
+def test_what_the_policy_forbids_does_not_run(server: Server) -> None:
+    with Browser() as browser:
+        browser.open(server.address)
+        browser.wait("document.querySelector('.fleet')")
+        browser.run("""(() => { const s = document.createElement('div');
+            try { s.innerHTML = '<img src=x onerror="window.evil=1">'; }
+            catch (e) { window.stopped = e.name; } })()""")
+        assert browser.run("window.stopped") == "TypeError", "markup from text is refused as a whole"
+
+
+def test_a_lost_connection_and_a_store_in_trouble_are_told(browser: Browser, world: World) -> None:
+    health = {"status": "degraded", "problems": ["fdd.db: the store is locked"], "axes": 14}
+    with on_a_port(world, health=lambda: health) as server:
+        browser.open(server.address)
+        browser.wait(f"{text('#banner')}?.includes('the store is locked')")
+        health.update(status="ok", problems=[])
+        browser.wait(f"!{text('#banner')}")
+    browser.wait(f"{text('#live')} === 'Not live' && {text('#banner')}?.includes('does not answer')")
+    browser.said = [
+        line for line in browser.said if "ERR_CONNECTION_REFUSED" not in line and "ERR_" not in line
+    ]
+
+
+def test_a_token_is_asked_for_and_view_may_not_act(browser: Browser, world: World) -> None:
+    tokens, secret = three_tokens()
+    with on_a_port(world, tokens=tokens) as server:
+        browser.open(server.address)
+        browser.wait("document.activeElement.name === 'token'")
+        browser.type("guess")
+        browser.press("Enter")
+        browser.wait(f"{text('.problem')} === 'unknown token'")
+        browser.type(secret["view"])
+        browser.press("Enter")
+        browser.wait("document.querySelectorAll('.fleet tbody tr').length === 14")
+        assert browser.run(text("#who")) == "view-person (view)"
+        assert browser.run("document.cookie") == "", "scripts never see it"
+        browser.run("location.hash = '#/alarms'")
+        browser.wait("document.querySelector('[data-alarm]')")
+        assert browser.run("document.querySelectorAll('.actions button').length") == 0
+        browser.press("a")
+        time.sleep(0.3)
+        assert not browser.run("!!document.querySelector('dialog')")
+        browser.run("document.querySelector('#logout').click()")
+        browser.wait("document.activeElement.name === 'token'")
+    browser.said = [line for line in browser.said if '"source": "network"' not in line]
+
+
+@pytest.mark.parametrize("width", [390, 1280])
+def test_nothing_is_wider_than_the_window(server: Server, width: int) -> None:
+    with Browser(width, 844) as browser:
+        for view in ("", "#/alarms", "#/axis/F7%2Faileron-R", "#/history"):
+            browser.open(f"{server.address}{view}")
+            browser.wait("document.querySelector('main h1')")
+            time.sleep(1.0)
+            assert browser.run("document.documentElement.scrollWidth") <= width
