@@ -184,9 +184,9 @@ class Pipeline:
         return [*(f for f, _ in self._standing.values()), *map(sensor_fault, failed)]
 
     @property
-    def looks(self) -> int:
-        """How often the evidence was looked at: every five seconds of data, from the eighth on."""
-        return self._ledger.taken // SCAN_HOPS
+    def looked_at(self) -> float:
+        """s, end of the data at the last look at the evidence, every five seconds; 0 before the first one."""
+        return self._scans[-1][0] if self._scans else 0.0
 
     def now(self) -> tuple[dict[str, float], dict[str, Estimate], dict[str, float]]:
         """By the last look: each family's probability, tracked quantities, and how badly balances close."""
@@ -235,7 +235,7 @@ class Pipeline:
         now = (self._ledger.hops[-1] + 1) * HOP_S
         if not self._tracked.keep:
             del self._scans[: -SCANS_KEPT + 1]
-        if self.looks % SCANS_A_MINUTE == 1 or not self._scans:
+        if self._ledger.taken // SCAN_HOPS % SCANS_A_MINUTE == 1 or not self._scans:
             self._hidden = hidden_share(invisible(evidence, self._hypotheses, self.threshold))
         self._scans.append((now, stands))
         seen = {f.family: f for f in reversed(findings)}

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 from dataclasses import asdict, dataclass, field, fields, replace
-from typing import Any
+from typing import Any, Literal
 
 from fdd.diagnosis.findings import FaultFinding
 from fdd.errors import InputError
@@ -91,6 +91,31 @@ class Transition:
     who: str = ITSELF
     note: str = ""
     notify: bool = True
+
+
+Doing = Literal["acknowledge", "shelve", "unshelve", "out_of_service", "in_service"]
+"""What people do."""
+
+
+@dataclass(frozen=True)
+class Action:
+    """What a person does to an alarm.
+
+    Attributes
+    ----------
+    who : name that the token carries. until : Unix seconds, where a shelf ends.
+
+    Examples
+    --------
+    >>> Action("acknowledge", 7, "ann", "on my way").kind
+    'acknowledge'
+    """
+
+    kind: Doing
+    alarm_id: int
+    who: str
+    note: str = ""
+    until: float | None = None
 
 
 class AlarmBook:

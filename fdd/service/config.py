@@ -17,7 +17,6 @@ from fdd.service.config_sources import (
     Broker,
     ConfigPath,
     Part,
-    Port,
     Seconds,
     source_name,
 )
@@ -32,11 +31,17 @@ class Tls(Part):
 
 
 class Listen(Part):
-    """Where the page and the API are served."""
+    """Where the page and the API are served.
+
+    Attributes
+    ----------
+    port : 0 takes a free one. names : of this machine, beside its address, that the page is opened by.
+    """
 
     host: str = "127.0.0.1"
-    port: Port = 8080
+    port: Annotated[int, Field(ge=0, le=65535)] = 8080
     tls: Tls | None = None
+    names: tuple[str, ...] = ()
 
     @property
     def is_local(self) -> bool:
@@ -129,7 +134,9 @@ class Serve(Part):
     ----------
     state : folder of what the service keeps.
     store : URL of a database; a file in `state` where none is given.
-    units : folder of profiles, or profile by axis.
+    units : folder of profiles, or profile by axis. fallback : profile of axes that have none.
+    maps : folder of channel maps that a log sent for a diagnosis may name.
+    learn_minutes : of work by which the baseline of a profile without one is learnt.
     model : of the decision; the shipped one where none is given.
     tokens : file of lines ``NAME ROLE SHA256(TOKEN)``. Without it only this machine may be listened on.
 
@@ -144,6 +151,9 @@ class Serve(Part):
     state: ConfigPath = Path("fdd-state")
     store: str | None = None
     units: ConfigPath | dict[AxisName, str] | None = None
+    fallback: str | None = None
+    maps: ConfigPath | None = None
+    learn_minutes: Annotated[float, Field(ge=5, le=10080)] = 60.0
     model: ConfigPath | None = None
     listen: Listen = Listen()
     tokens: ConfigPath | None = None

@@ -20,6 +20,7 @@ from starlette.routing import Route
 import fdd
 from fdd.errors import InputError
 from fdd.report.decimate import envelope
+from fdd.service.alarms import Action, Doing
 from fdd.service.http.answers import (
     Alarm,
     AuditRecord,
@@ -35,7 +36,7 @@ from fdd.service.http.answers import (
     Trend,
 )
 from fdd.service.http.callers import Caller, Sessions, Tokens
-from fdd.service.http.doors import Action, Fleet, Kind, Store
+from fdd.service.http.doors import Fleet, Store
 from fdd.service.http.events import Hub
 from fdd.service.http.guard import COOKIE, cookie_of
 from fdd.service.http.uploads import Uploads
@@ -141,7 +142,7 @@ class Api:
         rows = await run_in_threadpool(lambda: self.store.alarms(states, limit=limit))
         return {"alarms": [Alarm.model_validate(r) for r in rows]}
 
-    def acting(self, kind: Kind, model: type[Note]) -> Handler:
+    def acting(self, kind: Doing, model: type[Note]) -> Handler:
         """The address that does `kind` to an alarm."""
 
         async def act(request: Request) -> Any:
@@ -150,7 +151,7 @@ class Api:
             if id >= 1 << 63 or await run_in_threadpool(self.store.alarm, id) is None:
                 raise HTTPException(404, "no such alarm")
             until = time.time() + 60.0 * body.minutes if isinstance(body, Shelf) else None
-            done: Kind = "in_service" if isinstance(body, OutOfService) and body.back else kind
+            done: Doing = "in_service" if isinstance(body, OutOfService) and body.back else kind
             action = Action(done, id, request.state.caller.name, body.note, until)
             try:
                 await run_in_threadpool(self.fleet.act, action)

@@ -3,31 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
-from typing import Any, Literal, Protocol
+from typing import Any, Protocol
 
-Kind = Literal["acknowledge", "shelve", "unshelve", "out_of_service", "in_service"]
-
-
-@dataclass(frozen=True)
-class Action:
-    """What a person does to an alarm.
-
-    Attributes
-    ----------
-    who : name that the token carries. until : Unix seconds, where a shelf ends.
-
-    Examples
-    --------
-    >>> Action("acknowledge", 7, "ann", "on my way").kind
-    'acknowledge'
-    """
-
-    kind: Kind
-    alarm_id: int
-    who: str
-    note: str = ""
-    until: float | None = None
+from fdd.service.alarms import Action
 
 
 class Fleet(Protocol):
@@ -71,7 +49,7 @@ class Store(Protocol):
         """A quantity over minutes, hours or days, from a Unix time on."""
         ...
 
-    def audit(self, alarm_id: int | None = None, limit: int = 1000) -> Sequence[Any]:
+    def audit(self, alarm_id: int | None = None, *, limit: int = 1000) -> Sequence[Any]:
         """What was done, the newest first."""
         ...
 

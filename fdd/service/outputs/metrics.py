@@ -6,7 +6,7 @@ import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import suppress
 from functools import partial
-from typing import Any, Protocol
+from typing import Any
 
 from prometheus_client import CollectorRegistry, ProcessCollector
 from prometheus_client.exposition import choose_encoder
@@ -15,13 +15,16 @@ from prometheus_client.registry import Collector
 
 from fdd import __version__
 from fdd.faults import FAMILIES
+from fdd.service.alarms import STATES as ALL_STATES
+from fdd.service.priority import PRIORITIES
+from fdd.service.status import AxisStatus
 
 MOST_AXES = 1000
 """With metrics of their own; a label's every value is a series that Prometheus keeps."""
 STATES = ("learning", "healthy", "in alarm", "unacknowledged", "silent", "failed")
 """Of an axis."""
-ALARM_STATES = ("UNACK", "ACKED", "RTNUN", "SHELVED", "OUT_OF_SERVICE")
-PRIORITIES = ("low", "medium", "high", "urgent")
+ALARM_STATES = ALL_STATES[1:]
+"""All but NORMAL."""
 UNITS = {
     "leakage": "cubic_meters_per_pascal_second",
     "bulk_modulus": "pascals",
@@ -29,20 +32,6 @@ UNITS = {
     "viscous_friction": "newton_seconds_per_meter",
 }
 """Estimated quantities and their units, as names of metrics spell them."""
-
-
-class AxisStatus(Protocol):
-    """What is read of an axis; see the fleet's own."""
-
-    name: str
-    state: str
-    last_wall: float | None
-    lag_s: float | None
-    samples: int
-    rate_hz: float | None
-    probabilities: Mapping[str, float]
-    estimates: Mapping[str, Mapping[str, Any]]
-    quality: Mapping[str, Any]
 
 
 class Metrics:

@@ -1,0 +1,271 @@
+"""One axis under watch: its blocks in order, its pipeline, and what it looked like lately."""
+
+from __future__ import annotations
+
+import hashlib
+import io
+import json
+import logging
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fdd.diagnosis.findings import Estimate, FaultFinding
+from fdd.diagnosis.model import Model
+from fdd.diagnosis.pipeline import Pipeline
+from fdd.errors import InputError
+from fdd.logs.quality import check_magnitudes
+from fdd.samples import Samples
+from fdd.service.blocks import Block
+from fdd.service.learning import Learning
+from fdd.service.order import Order
+from fdd.service.recent import LOOK_S, Recent
+from fdd.service.store import Checkpoint, Rollup
+from fdd.unit import Unit
+
+Array = NDArray[np.float64]
+
+LOG = logging.getLogger("fdd.service")
+VERSION = "1"
+"""Of a checkpoint's form."""
+TOGETHER_S = 0.49
+"""s of data that are worked together: half a hop more or less is no delay for a look every five seconds."""
+CHECKED_S = 5.0
+"""s of data by which the units of measure are checked, once."""
+
+
+@dataclass(frozen=True)
+class Look:
+    """What one look at the evidence gave.
+
+    Attributes
+    ----------
+    time : s of the stream's clock. fresh : findings that began with it. standing : all that stand.
+    """
+
+    time: float
+    fresh: list[FaultFinding]
+    standing: list[FaultFinding]
+
+
+class AxisWatch:
+    """Watch one axis.
+
+    Parameters
+    ----------
+    unit : profile. One without a baseline is learnt while nothing is found. hold : s, see `Order`.
+    learn_s : s of work after which a baseline is learnt. record : takes its samples in the order of time.
+
+    Attributes
+    ----------
+    failed : why it cannot be watched; None while it can.
+    rollups : parts of minutes that are not stored yet.
+    """
+
+    def __init__(
+        self, name: str, unit: Unit, model: Model, hold: float = 0.5, learn_s: float = 3600.0,
+        record: Callable[[str, Samples], None] = lambda axis, samples: None,
+    ) -> None:  # fmt: skip
+        self.name, self.model, self._record = name, model, record
+        self.order = Order(hold)
+        self.recent = Recent()
+        self.failed: str | None = None
+        self.rollups: list[Rollup] = []
+        self.samples = 0
+        self.rate_hz: float | None = None
+        self.last_wall: float | None = None
+        self.estimates: dict[str, Estimate] = {}
+        self.probabilities: dict[str, float] = {}
+        self.standing: list[FaultFinding] = []
+        self._unchecked: list[Samples] | None = []
+        self._told = self._quality()
+        self._waiting: list[Samples] = []
+        self._learnt: str | None = None
+        self.profile_sha256 = hashlib.sha256(unit.model_dump_json().encode()).hexdigest()
+        self._take_over(unit, Learning(unit, learn_s) if unit.baseline is None else None)
+
+    def _take_over(self, unit: Unit, learning: Learning | None) -> None:
+        self.unit, self.learning = unit, learning
+        self.pipeline = Pipeline(unit, self.model, axis=self.name, keep_trajectories=False)
+
+    def push(self, block: Block) -> list[Look]:
+        """Take a block; what the looks that fell due gave."""
+        self.last_wall = block.received
+        self._wait(self.order.push(block))
+        waited = self._waiting and self._waiting[-1].time[-1] - self._waiting[0].time[0] >= TOGETHER_S
+        return self._taken(block.received) if waited else []
+
+    def flush(self, wall: float) -> list[Look]:
+        """Take what waits now, for blocks before it or for more (Unix seconds)."""
+        self._wait(self.order.flush())
+        return self._taken(wall)
+
+    @property
+    def waits(self) -> bool:
+        """Whether samples are in no state yet."""
+        return bool(self._waiting)
+
+    def _wait(self, samples: Samples) -> None:
+        if len(samples) and self.failed is None:
+            self._waiting.append(samples)
+
+    def _taken(self, wall: float) -> list[Look]:
+        """The looks of what waits: some blocks at a time cost little more than one."""
+        if not self._waiting:
+            return []
+        samples, self._waiting = Samples.concatenate(self._waiting), []
+        self.samples += len(samples)
+        self._record(self.name, samples)
+        if len(samples) > 1:
+            self.rate_hz = float((len(samples) - 1) / samples.duration)
+        looks: list[Look] = []
+        try:
+            self._check(samples)
+            for part in _parts(samples):
+                looks += self._worked(part, wall)
+        except InputError as error:
+            self.failed = str(error)
+        except Exception as error:  # a fault of fdd: the other axes go on
+            LOG.exception("axis %s", self.name)
+            self.failed = f"internal error: {type(error).__name__}: {error}"
+        return looks
+
+    def _check(self, samples: Samples) -> None:
+        """Refuse channels in a wrong unit of measure, by the first seconds."""
+        if self._unchecked is not None:
+            self._unchecked.append(samples)
+            if samples.time[-1] - self._unchecked[0].time[0] >= CHECKED_S:
+                check_magnitudes(Samples.concatenate(self._unchecked).columns)
+                self._unchecked = None
+
+    def _worked(self, samples: Samples, wall: float) -> Iterator[Look]:
+        before = self.pipeline.looked_at
+        fresh = self.pipeline.push(samples)
+        self.recent.add(samples)
+        if self.learning is not None:
+            self.learning.push(samples)
+        looked = self.pipeline.looked_at > before
+        if not fresh and not looked:
+            return
+        # The same however the stream was cut into blocks.
+        time = self.pipeline.looked_at if looked else max(f.detected_s for f in fresh)
+        self.standing = self.pipeline.standing
+        self.probabilities, self.estimates, misfits = self.pipeline.now()
+        self.recent.look(time, self.estimates, misfits, self.probabilities)
+        self._roll_up(wall)
+        yield Look(time, fresh, self.standing)
+        self._learn()
+
+    def _learn(self) -> None:
+        if self.learning is None:
+            return
+        if self.standing:
+            self.learning.forget()
+        elif (unit := self.learning.learnt()) is not None:
+            self._learnt = unit.to_yaml()
+            self._take_over(unit, None)
+
+    def _roll_up(self, wall: float) -> None:
+        values = {n: e.value for n, e in self.estimates.items() if e.observable}
+        values["probability_of_a_fault"] = 1.0 - self.probabilities.get("healthy", 1.0)
+        for name, value in values.items():
+            if value is not None:
+                self.rollups.append(Rollup(self.name, name, wall, 1, value, 0.0, value, value))
+
+    def _quality(self) -> dict[str, int]:
+        order = self.order
+        return {
+            "dropped": order.gaps.dropped, "late": order.counts["late"],
+            "repeated": order.counts["repeated"], "gaps": order.gaps.jumps,
+        }  # fmt: skip
+
+    def quality(self) -> dict[str, int]:
+        """Counts since the axis began."""
+        return self._quality() | {k: self.order.counts[k] for k in ("reordered", "missing_blocks")}
+
+    def fresh_quality(self) -> dict[str, int]:
+        """Counts since the last call."""
+        now = self._quality()
+        before, self._told = self._told, now
+        return {k: n - before[k] for k, n in now.items() if n > before[k]}
+
+    def checkpoint(self, wall: float, sequence: int) -> Checkpoint:
+        """All that it takes to go on; while nothing `waits`.
+
+        Parameters
+        ----------
+        wall : Unix seconds. sequence : id of the last journal row that was taken.
+        """
+        scalars = {
+            "version": VERSION, "samples": self.samples, "rate_hz": self.rate_hz, "failed": self.failed,
+            "last_wall": self.last_wall, "told": self._told,
+            "learnt": self._learnt,
+        }  # fmt: skip
+        arrays: dict[str, NDArray[Any]] = {
+            "axis": np.frombuffer(json.dumps(scalars).encode(), dtype=np.uint8)
+        }
+        parts = {"order": self.order.state(), "pipeline": self.pipeline.state()}
+        if self.learning is not None:
+            parts["learning"] = self.learning.state()
+        for prefix, state in parts.items():
+            arrays |= {f"{prefix}|{k}": v for k, v in state.items()}
+        body = io.BytesIO()
+        np.savez(body, **arrays)  # type: ignore[arg-type]
+        time = float(self.order.clock.last_time)
+        return Checkpoint(
+            axis=self.name, time=time if np.isfinite(time) else 0.0, wall=wall, sequence=sequence,
+            profile_sha256=self.profile_sha256, model_sha256=self.model.sha256, version=VERSION,
+            body=body.getvalue(),
+        )  # fmt: skip
+
+    def restore(self, checkpoint: Checkpoint) -> None:
+        """Go on from a checkpoint.
+
+        Raises
+        ------
+        InputError : of another profile, model or version.
+        """
+        ours = (self.profile_sha256, self.model.sha256, VERSION)
+        if (checkpoint.profile_sha256, checkpoint.model_sha256, checkpoint.version) != ours:
+            raise InputError(
+                "its saved state is of another profile, model or version of fdd",
+                where=f"axis {self.name}", mend="it starts anew",
+            )  # fmt: skip
+        try:
+            with np.load(io.BytesIO(checkpoint.body), allow_pickle=False) as stored:
+                arrays = {name: stored[name] for name in stored.files}
+            scalars = json.loads(bytes(arrays["axis"]))
+            self._learnt = scalars["learnt"]
+            if self._learnt is not None:
+                self._take_over(Unit.from_yaml(self._learnt, where=f"axis {self.name}"), None)
+            self.order.restore(_below(arrays, "order"))
+            self.pipeline.restore(_below(arrays, "pipeline"))
+            if self.learning is not None:
+                self.learning.restore(_below(arrays, "learning"))
+        except (OSError, ValueError, KeyError, TypeError, EOFError) as error:
+            raise InputError(
+                f"its saved state is damaged ({type(error).__name__})",
+                where=f"axis {self.name}", mend="it starts anew",
+            ) from None  # fmt: skip
+        self.samples, self.rate_hz, self.failed = (scalars[k] for k in ("samples", "rate_hz", "failed"))
+        self.last_wall, self._told = scalars["last_wall"], scalars["told"]
+        self._unchecked = None
+        self.standing = self.pipeline.standing
+        self.probabilities, self.estimates, _ = self.pipeline.now()
+
+
+def _parts(samples: Samples) -> Iterator[Samples]:
+    """No longer than a look each, so that what a look finds is told at its own time."""
+    edges = np.arange(samples.time[0] + LOOK_S, samples.time[-1], LOOK_S)
+    places = [0, *np.searchsorted(samples.time, edges).tolist(), len(samples)]
+    for a, b in pairwise(places):
+        if b > a:
+            yield samples.rows(a, b)
+
+
+def _below(arrays: Mapping[str, Array], prefix: str) -> dict[str, Array]:
+    return {k.removeprefix(f"{prefix}|"): v for k, v in arrays.items() if k.startswith(f"{prefix}|")}

@@ -1,0 +1,406 @@
+"""All axes of one process: blocks in, findings and alarms stored and told, state kept."""
+
+from __future__ import annotations
+
+import logging
+import queue
+import threading
+import time
+from collections.abc import Callable, Sequence
+from concurrent.futures import Future
+from concurrent.futures import TimeoutError as TooLate
+from dataclasses import asdict, replace
+from functools import partial
+from typing import Any, Literal
+
+from fdd.diagnosis.model import Model
+from fdd.errors import InputError
+from fdd.samples import Samples
+from fdd.service.alarms import ITSELF, Action, AlarmBook, Transition
+from fdd.service.axis import AxisWatch, Look
+from fdd.service.blocks import Block, Decoder, encode_arrow
+from fdd.service.bus import Bus, Event
+from fdd.service.inbox import Inbox
+from fdd.service.profiles import Profiles
+from fdd.service.reporting import status_of
+from fdd.service.status import AxisDetail, AxisStatus
+from fdd.service.store import Checkpoint, Store, Transaction
+
+LOG = logging.getLogger("fdd.service")
+
+SILENT_S = 1.0
+"""Seconds after which what waits for a block before it waits no longer."""
+CHECKPOINT_S = 1.0
+"""Least time between two checkpoints of an axis."""
+CHECKPOINT_SHARE = 0.1
+"""Of the processor's time that checkpoints may take: with many axes they come less often. No block is lost
+for it: the journal holds what came since."""
+PACE_S = 0.1
+"""Blocks are gathered for so long: what they bring is stored at once."""
+BACKOFF_S = (0.1, 5.0)
+"""First and longest wait before a store that failed is tried again."""
+ACT_S = 10.0
+"""Seconds that somebody waits for what he did to be stored."""
+
+Write = Callable[[Transaction], object]
+
+
+class Fleet:
+    """Watch the axes whose blocks come into an inbox.
+
+    What a batch of blocks brought is stored in one transaction together with the blocks themselves; only then
+    are they accepted and anything told. After a restart an axis goes on from its checkpoint, and works again
+    what the journal has since; nothing of that is told twice.
+
+    Parameters
+    ----------
+    profiles : of the axes.
+    targets : kind of event, and whether people are told, to the targets of its outbox.
+    record : takes each axis's samples as they are worked.
+    hold, learn_s : s, see `AxisWatch`. clock : Unix seconds.
+
+    Attributes
+    ----------
+    trouble : why the store cannot be written; None while it can. store_errors : how often it could not.
+
+    Examples
+    --------
+    >>> fleet = Fleet(Profiles(fallback="axis_a"), Model.load(), store, Bus(), inbox)  # doctest: +SKIP
+    >>> threading.Thread(target=fleet.run, args=(stop,)).start()  # doctest: +SKIP
+    """
+
+    def __init__(
+        self,
+        profiles: Profiles,
+        model: Model,
+        store: Store,
+        bus: Bus,
+        inbox: Inbox,
+        *,
+        targets: Callable[[str, bool], Sequence[str]] = lambda kind, notify: (),
+        record: Callable[[str, Samples], None] = lambda axis, samples: None,
+        hold: float = 0.5,
+        learn_s: float = 3600.0,
+        clock: Callable[[], float] = time.time,
+    ) -> None:
+        self._profiles, self._model = profiles, model
+        self._store, self._bus, self._inbox = store, bus, inbox
+        self._targets, self._record = targets, record
+        self._hold, self._learn_s, self._clock = hold, learn_s, clock
+        self._book = AlarmBook()
+        self._axes: dict[str, AxisWatch] = {}
+        self._refused: dict[str, str] = {}
+        self._flushed: set[str] = set()
+        self._actions: queue.Queue[tuple[Action, Future[Transition]]] = queue.Queue()
+        self._lock = threading.RLock()
+        self._kept: dict[str, float] = {}
+        self._last_row: dict[str, int] = {}
+        self._cost = 0.02
+        self.trouble: str | None = None
+        self.store_errors = 0
+
+    def run(self, stop: threading.Event) -> None:
+        """Work until `stop` is set; state is kept at the end."""
+        self.resume()
+        while not stop.wait(PACE_S):
+            self.step(PACE_S, stop)
+        self.keep(stop)
+
+    def resume(self) -> None:
+        """Go on where the last run ended."""
+        with self._lock:
+            self._book.restore(self._store.book())
+            for row in self._store.axes():
+                try:
+                    watch = self._opened(row["name"], row["unit"])
+                except InputError as error:
+                    self._refused[row["name"]] = str(error)
+                    continue
+                self._restored(watch)
+            LOG.info("watching %d axes again", len(self._axes))
+
+    def _restored(self, watch: AxisWatch) -> None:
+        """Bring an axis to where the store has it."""
+        note = None
+        try:
+            checkpoint = self._store.checkpoint(watch.name)
+            if checkpoint is not None:
+                watch.restore(checkpoint)
+        except InputError as error:
+            note = str(error)
+            watch = self._axes[watch.name] = self._new(watch.name, watch.unit.name)
+        decoder = Decoder()
+        for number, payload in self._store.journal(watch.name):
+            self._last_row[watch.name] = number
+            if payload:
+                watch.push(decoder.decode(payload, "journal"))
+            else:
+                watch.flush(self._clock())
+        if note is not None:
+            LOG.warning("%s", note)
+            with self._store.transaction() as t:
+                t.audit(self._clock(), ITSELF, "STATE_DISCARDED", axis=watch.name, note=note)
+
+    def _new(self, name: str, said: str | None) -> AxisWatch:
+        unit = self._profiles.find(name, said)
+        return AxisWatch(name, unit, self._model, self._hold, self._learn_s, self._record)
+
+    def _opened(self, name: str, said: str | None) -> AxisWatch:
+        watch = self._axes.get(name)
+        if watch is None:
+            watch = self._axes[name] = self._new(name, said)
+            self._refused.pop(name, None)
+        return watch
+
+    def step(self, timeout: float, stop: threading.Event | None = None) -> int:
+        """Take what waits, at most some tenths of a second of work; how many blocks.
+
+        Parameters
+        ----------
+        timeout : s to wait for the first one. stop : ends the waiting for a store that fails.
+        """
+        blocks = self._inbox.take(timeout)
+        with self._lock:
+            writes: list[Write] = []
+            events: list[Event] = []
+            by_axis: dict[str, list[Block]] = {}
+            for block in blocks:
+                by_axis.setdefault(block.axis, []).append(block)
+            for name, mine in by_axis.items():
+                self._work(name, mine, writes, events)
+            self._flush_silent(set(by_axis), writes, events)
+            done = self._acted(writes, events)
+            for transition in self._book.tick(self._clock()):
+                self._moved(transition, writes, events)
+            self._keep_due(writes)
+        if writes and not self._stored(writes, stop):
+            return 0
+        for block in blocks:
+            block.accepted()
+        for future, transition in done:
+            future.set_result(transition)
+        for event in events:
+            self._bus.publish(event)
+        return len(blocks)
+
+    def _work(self, name: str, blocks: list[Block], writes: list[Write], events: list[Event]) -> None:
+        known = name in self._axes
+        try:
+            watch = self._opened(name, blocks[0].unit)
+        except InputError as error:
+            if name not in self._refused:
+                LOG.warning("%s", error)
+            self._refused[name] = str(error)
+            return
+        self._flushed.discard(name)
+        payloads = [encode_arrow(block) for block in blocks]
+        looks = [look for block in blocks for look in watch.push(block)]
+        wall = blocks[-1].received
+        writes.append(partial(self._accept, watch=watch, payloads=payloads, wall=wall, known=known))
+        if not known:
+            events.append(
+                Event("axis", name, 0.0, {"unit": watch.unit.name, "learning": bool(watch.learning)})
+            )
+        self._looked(watch, looks, wall, writes, events)
+
+    def _accept(
+        self, t: Transaction, watch: AxisWatch, payloads: Sequence[bytes], wall: float, known: bool
+    ) -> None:
+        self._last_row[watch.name] = t.accept(watch.name, payloads)
+        if not known:
+            t.axis(watch.name, wall, unit=watch.unit.name, profile_sha256=watch.profile_sha256,
+                   model_sha256=self._model.sha256)  # fmt: skip
+
+    def _flush_silent(self, busy: set[str], writes: list[Write], events: list[Event]) -> None:
+        """End the waiting of axes that have fallen silent; the journal has it as an empty block."""
+        now = self._clock()
+        for name, watch in self._axes.items():
+            silent = watch.last_wall is not None and now - watch.last_wall > SILENT_S
+            if silent and name not in busy and name not in self._flushed:
+                self._flushed.add(name)
+                self._flush(watch, now, writes, events)
+
+    def _flush(self, watch: AxisWatch, wall: float, writes: list[Write], events: list[Event]) -> None:
+        if watch.order.held_samples or watch.waits:
+            looks = watch.flush(wall)
+            writes.append(partial(self._accept, watch=watch, payloads=[b""], wall=wall, known=True))
+            self._looked(watch, looks, wall, writes, events)
+
+    def _looked(
+        self, watch: AxisWatch, looks: list[Look], wall: float, writes: list[Write], events: list[Event]
+    ) -> None:
+        for look in looks:
+            for finding in look.fresh:
+                told = partial(Transaction.found, axis=watch.name, time=look.time, wall=wall, finding=finding)
+                writes.append(told)
+                body = finding.model_dump(mode="json") | {"axis": watch.name, "time": look.time, "wall": wall}
+                self._told("finding", watch.name, look.time, body, True, writes, events)
+            moved = self._book.update(watch.name, look.time, wall, look.standing)
+            for transition in moved:
+                self._moved(transition, writes, events)
+        if looks:
+            mine = self._book.alarms(watch.name)
+            if mine:  # when each was seen last counts after a restart too
+                writes.append(lambda t: t.alarm(*mine))
+            events.append(Event("status", watch.name, looks[-1].time, asdict(self._status(watch))))
+
+    def _moved(self, transition: Transition, writes: list[Write], events: list[Event]) -> None:
+        writes.append(partial(Transaction.transition, transition=transition))
+        axis, told = transition.alarm.axis, transition.notify
+        self._told("alarm", axis, transition.time, asdict(transition), told, writes, events)
+
+    def _told(
+        self, kind: Literal["finding", "alarm"], axis: str, when: float, body: dict[str, Any], notify: bool,
+        writes: list[Write], events: list[Event],
+    ) -> None:  # fmt: skip
+        """What must arrive goes through the outbox, and is told at once to whom listens."""
+        wall = self._clock()
+        for target in self._targets(kind, notify):
+            writes.append(partial(Transaction.send, kind=kind, body=body, target=target, wall=wall))
+        events.append(Event(kind, axis, when, body))
+
+    def _acted(self, writes: list[Write], events: list[Event]) -> list[tuple[Future[Transition], Transition]]:
+        done: list[tuple[Future[Transition], Transition]] = []
+        while True:
+            try:
+                action, future = self._actions.get_nowait()
+            except queue.Empty:
+                return done
+            if not future.set_running_or_notify_cancel():
+                continue
+            try:
+                transition = self._do(action)
+            except InputError as error:
+                future.set_exception(error)
+                continue
+            self._moved(transition, writes, events)
+            done.append((future, transition))
+
+    def _do(self, action: Action) -> Transition:
+        wall, book = self._clock(), self._book
+        if action.kind == "shelve":
+            return book.shelve(action.alarm_id, action.who, action.until or 0.0, action.note, wall)
+        done = {
+            "acknowledge": book.acknowledge, "unshelve": book.unshelve,
+            "out_of_service": book.out_of_service, "in_service": book.in_service,
+        }  # fmt: skip
+        return done[action.kind](action.alarm_id, action.who, action.note, wall)
+
+    def _keep_due(self, writes: list[Write]) -> None:
+        """Checkpoints of the axes whose turn it is, as many as their share of the time allows."""
+        now = time.monotonic()
+        every = max(CHECKPOINT_S, self._cost * len(self._axes) / CHECKPOINT_SHARE)
+        due = [
+            n
+            for n, w in self._axes.items()
+            if now - self._kept.get(n, -1e9) >= every and n in self._last_row and not w.waits
+        ]
+        for name in sorted(due, key=lambda n: self._kept.get(n, -1e9))[: 1 + len(self._axes) // 50]:
+            self._kept[name] = now
+            self._keep(self._axes[name], writes)
+
+    def _keep(self, watch: AxisWatch, writes: list[Write]) -> None:
+        begun = time.perf_counter()
+        wall, quality, parts = self._clock(), watch.fresh_quality(), watch.rollups
+        watch.rollups = []
+        held: list[Checkpoint] = []
+
+        def write(t: Transaction) -> None:
+            # Of this very moment: the row's number is known only now that the blocks are in the journal.
+            if not held:
+                held.append(watch.checkpoint(wall, self._last_row[watch.name]))
+            # Where the store failed in between, the journal's rows got other numbers.
+            t.checkpoint(replace(held[0], sequence=self._last_row[watch.name]))
+            t.rollup(*parts)
+            if quality:
+                t.quality(watch.name, wall, **quality)
+            t.axis(watch.name, watch.last_wall or wall, last_time=held[0].time)
+            self._cost = 0.9 * self._cost + 0.1 * (time.perf_counter() - begun)
+
+        writes.append(write)
+
+    def keep(self, stop: threading.Event | None = None) -> None:
+        """Work what waits, and keep all axes' states now."""
+        with self._lock:
+            writes: list[Write] = []
+            events: list[Event] = []
+            for watch in self._axes.values():
+                self._flush(watch, self._clock(), writes, events)
+                if watch.name in self._last_row:
+                    self._keep(watch, writes)
+        if writes and self._stored(writes, stop):
+            for event in events:
+                self._bus.publish(event)
+
+    def _stored(self, writes: list[Write], stop: threading.Event | None) -> bool:
+        """Write all at once; while the store fails, again and again. False where `stop` was set meanwhile."""
+        wait = BACKOFF_S[0]
+        while True:
+            try:
+                with self._store.transaction() as t:
+                    for write in writes:
+                        write(t)
+            except InputError as error:
+                self.store_errors += 1
+                if self.trouble is None:
+                    LOG.error("%s", error)
+                self.trouble = str(error)
+                if stop is not None and stop.wait(wait):
+                    return False
+                wait = min(2.0 * wait, BACKOFF_S[1])
+            else:
+                self.trouble = None
+                return True
+
+    def axes(self) -> list[AxisStatus]:
+        """How every axis stands."""
+        with self._lock:
+            known = [self._status(watch) for watch in self._axes.values()]
+            refused = [
+                AxisStatus(name=name, unit="", state="failed", headline=why)
+                for name, why in self._refused.items()
+                if name not in self._axes
+            ]
+        return [*known, *refused]
+
+    def _status(self, watch: AxisWatch) -> AxisStatus:
+        counters = self._inbox.counters().get(watch.name, {})
+        return status_of(watch, self._book.alarms(watch.name), counters, self._clock())
+
+    def profile_of(self, name: str) -> str | None:
+        """An axis's profile as YAML; None where there is no such axis."""
+        with self._lock:
+            watch = self._axes.get(name)
+            return None if watch is None else watch.unit.to_yaml()
+
+    def axis(self, name: str) -> AxisDetail:
+        """One axis with its last ten minutes.
+
+        Raises
+        ------
+        KeyError : no such axis.
+        """
+        with self._lock:
+            watch = self._axes[name]
+            recent = watch.recent
+            return AxisDetail(
+                status=self._status(watch), findings=watch.standing, estimates=recent.estimates(),
+                misfits=recent.misfits(), probabilities=recent.probabilities(), signals=recent.signals(),
+            )  # fmt: skip
+
+    def act(self, action: Action) -> Transition:
+        """Do something to an alarm; from any thread, it is stored when this returns.
+
+        Raises
+        ------
+        InputError : the alarm's state does not allow it, or it could not be stored in time.
+        """
+        future: Future[Transition] = Future()
+        self._actions.put((action, future))
+        try:
+            return future.result(ACT_S)
+        except TooLate:
+            future.cancel()
+            raise InputError(
+                f"not stored within {ACT_S:g} s: {self.trouble or 'the service is busy'}", mend="try again"
+            ) from None

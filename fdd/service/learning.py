@@ -1,0 +1,70 @@
+"""An axis whose unit has no healthy logs: its first healthy hours make its baseline."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fdd.diagnosis.baseline import baseline_of
+from fdd.residuals.balances import BALANCES
+from fdd.residuals.effects import first_effects
+from fdd.residuals.ledger import Ledger
+from fdd.residuals.rows import HOP_S, RowMaker
+from fdd.samples import Samples
+from fdd.unit import Unit
+
+Array = NDArray[np.float64]
+
+MOVES = 0.2
+"""Share of hops whose oil tells anything, below which an axis has hardly worked yet."""
+
+
+class Learning:
+    """Gather the balances of a unit whose own are not known yet.
+
+    Parameters
+    ----------
+    unit : profile without baseline. seconds : of work after which it is learnt.
+
+    Examples
+    --------
+    >>> Learning(Unit.load("axis_a"), 1200.0).learnt() is None
+    True
+    """
+
+    def __init__(self, unit: Unit, seconds: float) -> None:
+        self.unit, self.seconds = unit, seconds
+        self._start_anew()
+
+    def _start_anew(self) -> None:
+        self._rows = RowMaker(self.unit)
+        self._ledger = Ledger(self.unit, {name: first_effects(name) for name in BALANCES})
+
+    def push(self, samples: Samples) -> None:
+        """Take samples of a unit that nothing is known to be wrong with."""
+        self._ledger.push(*self._rows.push(samples))
+
+    def forget(self) -> None:
+        """Something is wrong with it: what came so far is no baseline."""
+        self._start_anew()
+
+    def learnt(self) -> Unit | None:
+        """The profile with its baseline, once it has worked for long enough."""
+        worked = HOP_S * sum(entry.rows > 0.0 for entry in self._ledger.entries["volume"])
+        if worked < MOVES * self.seconds or HOP_S * len(self._ledger.hops) < self.seconds:
+            return None
+        out = self.unit.model_copy(deep=True)
+        out.baseline = baseline_of([self._ledger])
+        return out
+
+    def state(self) -> dict[str, Array]:
+        """All of it as named arrays."""
+        rows = {f"rows:{k}": v for k, v in self._rows.state().items()}
+        return rows | {f"ledger:{k}": v for k, v in self._ledger.state().items()}
+
+    def restore(self, state: Mapping[str, Array]) -> None:
+        """Go on from what `state` gave."""
+        for prefix, part in (("rows:", self._rows), ("ledger:", self._ledger)):
+            part.restore({k.removeprefix(prefix): v for k, v in state.items() if k.startswith(prefix)})

@@ -1,0 +1,253 @@
+"""The fleet: what it says live is what the pipeline says of the whole, and nothing is lost or told twice."""
+
+from __future__ import annotations
+
+import os
+import random
+import signal
+import subprocess
+import sys
+import threading
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from watched import RECEIVED, blocks_of, fleet_of, leaking, send
+
+from fdd.diagnosis.model import Model
+from fdd.diagnosis.pipeline import Pipeline
+from fdd.errors import InputError
+from fdd.samples import Samples
+from fdd.service.alarms import Action
+from fdd.service.store import Store, StoreTrouble
+from fdd.unit import Unit
+
+KILLS = int(os.environ.get("FDD_TEST_KILLS", "6"))
+
+
+@pytest.fixture(scope="module")
+def log() -> Samples:
+    return leaking()
+
+
+@pytest.fixture
+def store(tmp_path: Path) -> Store:
+    return Store(f"sqlite:///{tmp_path / 'fdd.db'}")
+
+
+def told(store: Store) -> dict[str, Any]:
+    """What the store has that people are told."""
+    findings = [
+        {k: f[k] for k in ("time", "fault", "onset", "confidence", "severity")} for f in store.findings()
+    ]
+    audit = [(a["action"], a["time"]) for a in store.audit() if a["action"] != "STATE_DISCARDED"]
+    return {"findings": findings, "audit": audit, "alarms": [(a["key"], a["state"]) for a in store.alarms()]}
+
+
+def test_live_is_what_the_pipeline_says_of_the_whole(store: Store, log: Samples) -> None:
+    """Blocks that come twice, and out of their order, change nothing."""
+    blocks = blocks_of(log)
+    rng = random.Random(1)
+    for k in range(0, len(blocks) - 3, 7):
+        blocks[k], blocks[k + 2] = blocks[k + 2], blocks[k]
+    blocks = [b for block in blocks for b in [block] * (1 + (rng.random() < 0.1))]
+    fleet, inbox, _ = fleet_of(store)
+    send(fleet, inbox, blocks)
+    fleet.keep()
+    whole = Pipeline(Unit.load("axis_a"), Model.load(), keep_trajectories=False)
+    fresh = whole.push(log)
+    assert [f.fault for f in fresh] == ["internal_leakage"], "else this shows nothing"
+    assert [(f["fault"], f["onset"], f["severity"]) for f in store.findings()] == [
+        (f.fault, f.onset_s, f.severity) for f in fresh
+    ]
+    (alarm,) = store.alarms()
+    assert (alarm["state"], alarm["fault"]) == ("UNACK", "internal_leakage")
+    (status,) = fleet.axes()
+    assert status.samples == len(log) and status.state == "unacknowledged"
+    assert status.quality["repeated"] > 0 and status.quality["reordered"] > 0
+
+
+def test_it_goes_on_from_its_checkpoint_and_journal(store: Store, log: Samples) -> None:
+    blocks = blocks_of(log)
+    fleet, inbox, _ = fleet_of(store)
+    send(fleet, inbox, blocks[:252])
+    assert store.checkpoint("A1") is not None and store.journal("A1"), "some of it is in the journal alone"
+    again, inbox, bus = fleet_of(store)
+    heard = bus.subscribe(["finding"])
+    assert [s.samples for s in again.axes()] == [25_000]
+    send(again, inbox, blocks[240:])  # a sender that was not answered sends again
+    again.keep()
+    assert again.axes()[0].samples == len(log)
+    assert heard.get() is not None and heard.get() is None
+    assert len(store.findings()) == 1
+    third, _, bus = fleet_of(store)
+    assert third.axes()[0].state == "unacknowledged" and len(store.findings()) == 1
+
+
+def test_a_kill_at_any_instant_loses_nothing_and_tells_nothing_twice(tmp_path: Path, log: Samples) -> None:
+    """FDD_TEST_KILLS sets how often."""
+    np.savez(tmp_path / "log.npz", time=log.time, **log.columns)
+    program = [sys.executable, str(Path(__file__).with_name("watched.py"))]
+
+    def run(name: str) -> subprocess.Popen[str]:
+        url = f"sqlite:///{tmp_path / name}"
+        source = {"PYTHONPATH": str(Path(__file__).parents[2])}
+        return subprocess.Popen(
+            [*program, url, str(tmp_path / "log.npz")],
+            stdout=subprocess.PIPE,
+            text=True,
+            env=os.environ | source,
+        )
+
+    rng = random.Random(7)
+    accepted = -1
+    for _ in range(KILLS):
+        process = run("killed.db")
+        assert process.stdout is not None and process.stdout.readline() == "ready\n"
+        timer = threading.Timer(rng.uniform(0.0, 3.0), process.send_signal, [signal.SIGKILL])
+        timer.start()
+        lines = process.stdout.read().split()
+        process.wait()
+        timer.cancel()
+        accepted = max([accepted, *(int(x) for x in lines if x.isdigit())])
+        store = Store(f"sqlite:///{tmp_path / 'killed.db'}")
+        fleet, _, _ = fleet_of(store)
+        fleet.keep()
+        samples = fleet.axes()[0].samples if fleet.axes() else 0
+        assert samples >= min(100 * (accepted + 1), len(log)), "what was accepted is there"
+        store.close()
+    for name in ("killed.db", "whole.db"):
+        process = run(name)
+        assert process.communicate(timeout=300)[0].split()[-1] == "done"
+    killed, whole = (told(Store(f"sqlite:///{tmp_path / name}")) for name in ("killed.db", "whole.db"))
+    assert whole["findings"] and killed == whole
+
+
+def test_what_people_do_is_stored_before_they_are_answered(store: Store, log: Samples) -> None:
+    fleet, inbox, _ = fleet_of(store)
+    send(fleet, inbox, blocks_of(log))
+    stop = threading.Event()
+
+    def work() -> None:
+        while not stop.is_set():
+            fleet.step(0.01, stop)
+
+    worker = threading.Thread(target=work)
+    worker.start()
+    try:
+        done = fleet.act(Action("acknowledge", 1, "ann", "on my way"))
+        assert done.alarm.state == "ACKED"
+        (alarm,) = store.alarms()
+        assert (alarm["state"], alarm["acked_by"], alarm["note"]) == ("ACKED", "ann", "on my way")
+        assert fleet.axes()[0].state == "in alarm"
+        with pytest.raises(InputError, match="cannot be acknowledged"):
+            fleet.act(Action("acknowledge", 1, "ann"))
+        with pytest.raises(InputError, match="alarm 99 is over"):
+            fleet.act(Action("acknowledge", 99, "ann"))
+    finally:
+        stop.set()
+        worker.join()
+
+
+def test_a_store_that_fails_is_tried_again_and_nothing_accepted_meanwhile(
+    store: Store, log: Samples, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    answered: list[int] = []
+    fleet, inbox, _ = fleet_of(store)
+    blocks = [replace(b, accepted=lambda k=k: answered.append(k)) for k, b in enumerate(blocks_of(log))]
+    send(fleet, inbox, blocks[:20])
+    plain, failures = Store.transaction, iter(range(3))
+
+    def failing(self: Store) -> Any:
+        if next(failures, None) is not None:
+            assert len(answered) == 20 and fleet.store_errors < 3
+            raise StoreTrouble("full", where=self.where)
+        return plain(self)
+
+    monkeypatch.setattr(Store, "transaction", failing)
+    send(fleet, inbox, blocks[20:40])
+    assert answered == list(range(40)) and fleet.store_errors == 3 and fleet.trouble is None
+    monkeypatch.undo()
+    again, _, _ = fleet_of(store)
+    assert again.axes()[0].samples == 4000
+
+
+def test_an_axis_that_falls_silent_gives_what_it_held(store: Store, log: Samples) -> None:
+    fleet, inbox, _ = fleet_of(store)
+    unnumbered = [replace(b, sequence=None) for b in blocks_of(log)[:30]]
+    send(fleet, inbox, unnumbered)
+    fleet.step(0.0)
+    (status,) = fleet.axes()
+    assert status.samples == 3000 and status.state == "silent"
+    again, _, _ = fleet_of(store)
+    assert again.axes()[0].samples == 3000
+
+
+def test_an_axis_without_a_profile_says_so_and_stops_no_other(store: Store, log: Samples) -> None:
+    from fdd.service.bus import Bus
+    from fdd.service.fleet import Fleet
+    from fdd.service.inbox import Inbox
+    from fdd.service.profiles import Profiles
+
+    inbox = Inbox()
+    fleet = Fleet(Profiles({"A1": "axis_a"}), Model.load(), store, Bus(), inbox)
+    for block in (*blocks_of(log, "A1")[:5], *blocks_of(log, "B2")[:5]):
+        inbox.put(block)
+    fleet.step(0.0)
+    found = {s.name: (s.state, s.headline) for s in fleet.axes()}
+    assert found["B2"][0] == "failed" and "no profile" in found["B2"][1]
+    assert found["A1"][0] != "failed"
+
+
+def test_channels_in_a_wrong_unit_are_refused(store: Store, log: Samples) -> None:
+    wrong = Samples(log.time, {**log.columns, "pressure_1": log["pressure_1"] * 1e-5})
+    wrong = Samples(wrong.time, {**wrong.columns, "pressure_2": log["pressure_2"] * 1e-5})
+    fleet, inbox, _ = fleet_of(store)
+    send(fleet, inbox, blocks_of(wrong)[:80])
+    (status,) = fleet.axes()
+    assert status.state == "failed" and "pressure" in status.headline
+
+
+def test_a_state_of_another_profile_is_put_away(store: Store, log: Samples, tmp_path: Path) -> None:
+    from fdd.service.bus import Bus
+    from fdd.service.fleet import Fleet
+    from fdd.service.inbox import Inbox
+    from fdd.service.profiles import Profiles
+
+    fleet, inbox, _ = fleet_of(store)
+    send(fleet, inbox, blocks_of(log)[:30])
+    fleet.keep()
+    other = Fleet(Profiles({"A1": "axis_b"}), Model.load(), store, Bus(), Inbox())
+    other.resume()
+    assert other.axes()[0].samples == 0
+    assert [a["action"] for a in store.audit(axis="A1")] == ["STATE_DISCARDED"]
+
+
+def test_a_unit_without_baseline_is_learnt_while_it_is_healthy(store: Store) -> None:
+    from fdd.plant.scenario import Scenario
+    from fdd.plant.simulate import simulate
+
+    scenario = Scenario(duration=70.0, load={"name": "spring"}, seed=9)
+    healthy = simulate(Unit.load("axis_a"), scenario).samples
+    fleet, inbox, _ = fleet_of(store, learn_s=30.0)
+    send(fleet, inbox, blocks_of(healthy)[:200])
+    assert fleet.axes()[0].state == "silent" and fleet.profile_of("A1") is not None
+    assert "baseline: null" in str(fleet.profile_of("A1")) or "balances" not in str(fleet.profile_of("A1"))
+    send(fleet, inbox, blocks_of(healthy)[200:])
+    fleet.keep()
+    assert "balances" in str(fleet.profile_of("A1")), "learnt"
+    again, _, _ = fleet_of(store, learn_s=30.0)
+    assert "balances" in str(again.profile_of("A1")), "and not forgotten"
+    assert not store.alarms()
+
+
+def test_memory_of_an_axis_is_bounded(store: Store, log: Samples) -> None:
+    fleet, inbox, _ = fleet_of(store)
+    send(fleet, inbox, blocks_of(log))
+    checkpoint = store.checkpoint("A1")
+    assert checkpoint is not None and len(checkpoint.body) < 6e6
+    detail = fleet.axis("A1")
+    assert len(detail.signals.time) <= 1200 and len(detail.estimates.time) <= 120
+    assert detail.findings[0].fault == "internal_leakage" and (detail.status.last_wall or 0.0) > RECEIVED
