@@ -1,6 +1,6 @@
 # Sets up .venv once, then runs what is asked for. Python 3.11 or newer; another one: make PYTHON=python3.12 test
 .DEFAULT_GOAL := help
-.PHONY: help venv demo test lint clean
+.PHONY: help venv demo demo-live test lint clean
 .DELETE_ON_ERROR:
 
 PYTHON ?= $(shell for p in python3 python3.11 python3.12 python3.13; do \
@@ -11,6 +11,7 @@ WORKERS ?= 2
 
 help:
 	@echo 'make demo    diagnose the shipped log of a leaking actuator and write its report'
+	@echo 'make demo-live   watch three simulated axes on a page, one of which begins to leak'
 	@echo 'make test    style, types, import rules and all tests'
 	@echo 'make lint    the first three of these'
 	@echo 'make venv    only set up .venv for development'
@@ -20,6 +21,9 @@ venv: .venv/.test
 
 demo: .venv/.demo
 	@$(BIN)/fdd demo
+
+demo-live: .venv/.test
+	@$(BIN)/fdd serve --demo
 
 test: lint
 	@echo 'tests, $(WORKERS) at a time'

@@ -20,6 +20,7 @@ from fdd.cli import (
     performance,
     profile,
     schema,
+    serve,
     simulate,
     thesis,
     train,
@@ -67,6 +68,7 @@ app.command()(trend.trend)
 app.command("inspect")(inspect.inspect_log)
 app.command("map")(map_command.propose_map)
 app.command()(monitor.monitor)
+app.command()(serve.serve)
 app.command()(identify.identify)
 app.command()(experiment.experiment)
 app.add_typer(profile.app, name="profile")

@@ -1,0 +1,113 @@
+"""``fdd serve``: many axes watched as their samples come."""
+
+from __future__ import annotations
+
+import logging
+import signal
+import sys
+import tempfile
+import threading
+from contextlib import ExitStack
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from fdd.errors import InputError
+
+if TYPE_CHECKING:
+    from fdd.service.config import Serve
+
+
+def serve(
+    config: Annotated[
+        Path | None,
+        typer.Argument(metavar="[SERVE.YAML]", help="What is watched: fdd schema serve.", show_default=False),
+    ] = None,
+    demo: Annotated[
+        bool, typer.Option("--demo", help="Watch three simulated axes, one of which begins to leak.")
+    ] = False,
+    port: Annotated[
+        int | None, typer.Option(min=0, max=65535, help="Instead of the file's.", show_default=False)
+    ] = None,
+    check: Annotated[bool, typer.Option("--check", help="Read the file, and end.")] = False,
+    token: Annotated[
+        str | None,
+        typer.Option(
+            metavar="NAME:ROLE", show_default=False,
+            help="Make a token of the role view, acknowledge or admin, and its line for the file of tokens.",
+        ),
+    ] = None,
+) -> None:  # fmt: skip
+    """Watch many axes: alarms, a page, metrics. Ctrl-C or SIGTERM ends it, and it goes on where it was."""
+    if token is not None:
+        _make_token(token)
+        return
+    if (config is None) == (not demo):
+        raise InputError("fdd serve needs a serve.yaml, or --demo", mend="see fdd schema serve for its keys")
+    try:
+        from fdd.service.config import Serve
+        from fdd.service.service import Service
+    except ModuleNotFoundError as error:
+        raise InputError(f"needs the package {error.name}", mend="install fdd[serve]") from None
+
+    logging.basicConfig(format="%(asctime)s %(levelname)s %(message)s", level=logging.INFO, stream=sys.stderr)
+    logging.getLogger("alembic").setLevel(logging.WARNING)
+    with ExitStack() as kept:
+        if demo:
+            settings = _demo(Path(kept.enter_context(tempfile.TemporaryDirectory(prefix="fdd-demo-"))))
+        else:
+            assert config is not None
+            settings = Serve.load(config)
+        if port is not None:
+            listen = settings.listen.model_copy(update={"port": port})
+            settings = settings.model_copy(update={"listen": listen})
+        if check:
+            print(f"{config or 'demo'}: {len(settings.sources)} sources, store {settings.store_url}")
+            return
+        service = Service(settings)
+        stop = threading.Event()
+        for number in (signal.SIGINT, signal.SIGTERM):
+            # In a thread: a second signal within the handler of the first would wait for its own lock.
+            signal.signal(number, lambda *_: threading.Thread(target=stop.set, daemon=True).start())
+        print(f"Watching. Page: {service.address}  (Ctrl-C ends it)", flush=True)
+        service.run(stop)
+
+
+def _make_token(text: str) -> None:
+    from fdd.service.http.callers import ROLES, new_token
+
+    name, colon, role = text.partition(":")
+    if not colon or not name or role not in ROLES:
+        raise InputError(
+            f"--token {text!r} is no name and role", mend=f"write NAME:ROLE of {', '.join(ROLES)}"
+        )
+    secret, line = new_token(name, role)
+    print(f"Token (shown this once): {secret}")
+    print(f"Line for the file of tokens: {line}")
+
+
+def _demo(folder: Path) -> Serve:
+    """Three flights of the demo's actuator, made now; the second axis leaks after half a minute."""
+    from importlib import resources
+
+    from fdd.cli.console import progress
+    from fdd.logs.tabular_writing import write_parquet
+    from fdd.plant.scenario import Scenario
+    from fdd.plant.simulate import simulate
+    from fdd.service.config import Serve
+    from fdd.unit import Unit
+
+    profile = folder / "demo.yaml"
+    profile.write_text((resources.files("fdd") / "demo" / "unit.yaml").read_text("utf-8"), "utf-8")
+    unit = Unit.load(profile)
+    leak = {"fault": "internal_leakage", "severity": 0.5, "onset": 30.0}
+    names = ("elevator-left", "elevator-right", "rudder")
+    with progress("simulating three axes"):
+        for seed, name in enumerate(names, 11):
+            faults = [leak] if name == "elevator-right" else []
+            scenario = Scenario(duration=600.0, duty={"name": "flight"}, faults=faults, seed=seed)
+            write_parquet(folder / f"{name}.parquet", simulate(unit, scenario).samples)
+    logs = "\n".join(f"    {name}: {name}.parquet" for name in names)
+    text = f"schema: fdd.serve/1\nfallback: {profile}\nsources:\n- type: replay\n  logs:\n{logs}\n"
+    return Serve.from_yaml(text, where="demo", folder=folder)

@@ -1,0 +1,90 @@
+"""`fdd serve` as a whole: a log replayed, its alarm over HTTP, acknowledged, and kept over a restart."""
+
+from __future__ import annotations
+
+import json
+import threading
+import time
+import urllib.request
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import pytest
+from typer.testing import CliRunner
+from watched import leaking
+
+from fdd.cli.app import app
+from fdd.errors import InputError
+from fdd.logs.tabular_writing import write_parquet
+from fdd.service.config import Serve
+from fdd.service.service import Service
+
+
+@contextmanager
+def serving(config: Serve) -> Iterator[str]:
+    stop = threading.Event()
+    service = Service(config)
+    running = threading.Thread(target=service.run, args=(stop,))
+    running.start()
+    try:
+        yield service.address
+    finally:
+        stop.set()
+        running.join(60.0)
+    assert not running.is_alive()
+
+
+def ask(address: str, body: dict[str, Any] | None = None) -> Any:
+    request = urllib.request.Request(
+        address, None if body is None else json.dumps(body).encode(),
+        {"Content-Type": "application/json", "X-Fdd": "1", "Origin": address[: address.index("/api")]},
+    )  # fmt: skip
+    with urllib.request.urlopen(request, timeout=20) as answer:
+        return json.loads(answer.read())
+
+
+def until(what: Any, most: float = 120.0) -> Any:
+    end = time.monotonic() + most
+    while not (found := what()):
+        assert time.monotonic() < end, "it never came"
+        time.sleep(0.2)
+    return found
+
+
+def test_a_leak_is_told_acknowledged_and_kept(tmp_path: Path) -> None:
+    write_parquet(tmp_path / "run.parquet", leaking())
+    text = (
+        "schema: fdd.serve/1\nfallback: axis_a\nlisten: {port: 0}\n"
+        "sources:\n- {type: replay, speed: max, logs: {A1: run.parquet}}\noutputs: {jsonl: told.jsonl}\n"
+    )
+    config = Serve.from_yaml(text, folder=tmp_path)
+    with serving(config) as address:
+        (alarm,) = until(lambda: ask(f"{address}api/alarms")["alarms"])
+        assert (alarm["axis"], alarm["fault"], alarm["state"]) == ("A1", "internal_leakage", "UNACK")
+        ask(f"{address}api/alarms/{alarm['id']}/acknowledge", {"note": "on my way"})
+        assert ask(f"{address}api/axes")["axes"][0]["state"] == "in alarm"
+        assert ask(f"{address}api/axes/A1")["findings"][0]["fault"] == "internal_leakage"
+        until(
+            lambda: (tmp_path / "told.jsonl").exists() and "RAISED" in (tmp_path / "told.jsonl").read_text()
+        )
+        with pytest.raises(InputError, match="another fdd serve"):
+            Service(config)
+    with serving(config) as address:
+        (alarm,) = until(lambda: ask(f"{address}api/alarms")["alarms"])
+        assert (alarm["state"], alarm["note"]) == ("ACKED", "on my way")
+        done = [r["action"] for r in ask(f"{address}api/audit")["records"]]
+        assert done.count("RAISED") == 1 and "ACKNOWLEDGED" in done
+
+
+def test_the_command_checks_its_file_and_makes_tokens(tmp_path: Path) -> None:
+    run = CliRunner().invoke
+    path = tmp_path / "serve.yaml"
+    path.write_text("schema: fdd.serve/1\nsources: [{type: udp, port: 9000}]\n")
+    checked = run(app, ["serve", str(path), "--check"])
+    assert checked.exit_code == 0 and "1 sources" in checked.output
+    made = run(app, ["serve", "--token", "ann:acknowledge"])
+    assert made.exit_code == 0 and "ann acknowledge " in made.output
+    for wrong in (["serve"], ["serve", "--token", "ann:boss"], ["serve", str(tmp_path / "none.yaml")]):
+        assert run(app, wrong).exit_code == 2
