@@ -9,13 +9,13 @@ it would have, leads.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from fdd.diagnosis.evidence import Amplitude, Evidence
-from fdd.diagnosis.hypotheses import Hypothesis
+from fdd.diagnosis.hypotheses import RECOVERED, Hypothesis, end_of
 
 ALIKE = 0.5
 """Correlation of columns from which two hypotheses explain the same thing."""
@@ -59,19 +59,30 @@ class Found:
             return ["unknown"]
         lead = self.lead.hypothesis.fault
         others = [
-            f for f, s in sorted(self.shares.items(), key=lambda x: -x[1]) if s >= GROUP_SHARE and f != lead
+            f
+            for f, s in sorted(self.shares.items(), key=lambda x: -x[1])
+            if s >= GROUP_SHARE and f not in (lead, RECOVERED)
         ]
         return [lead, *others]
 
 
 def decide(
-    evidence: Evidence, hypotheses: Sequence[Hypothesis], threshold: float
+    evidence: Evidence, hypotheses: Sequence[Hypothesis], threshold: float, standing: Collection[str] = ()
 ) -> tuple[list[Found], float]:
-    """Findings above a threshold, the surest first, and the largest score that is left."""
+    """Findings above a threshold, the surest first, and the largest score that is left.
+
+    That a fault which was found is over is one of them too: `Hypothesis.ends` names it.
+
+    Parameters
+    ----------
+    standing : labels of hypotheses that stood before. They are taken first: what has healed since explains
+        less than its opposite would.
+    """
     found: list[Found] = []
     known: list[Amplitude] = []
     while True:
-        fits = [f for f in evidence.fits(hypotheses, known) if not _comes_along(f, known)]
+        ends = [end_of(k.hypothesis, k.size) for k in known if k.hypothesis.ends is None]
+        fits = [f for f in evidence.fits([*hypotheses, *ends], known) if not _comes_along(f, known)]
         against = SECOND_FAULT if found else 0.0
         score = max((f.score for f in fits), default=against) - against
         if score < threshold or len(found) == MOST_FAULTS:
@@ -81,8 +92,27 @@ def decide(
             return found, score
         # What leads is what explains most, and well: a part of a large deviation may look surer than all.
         sure = [f for f in fits if f.score - against >= threshold]
-        found.append(_isolated(evidence, max(sure, key=lambda f: f.gain / np.sqrt(f.misfit)), fits, score))
-        known.append(found[-1].lead)
+        stand = [f for f in sure if f.hypothesis.label in standing and f.hypothesis.ends is None]
+        seed = max(stand or sure, key=lambda f: f.gain / np.sqrt(f.misfit))
+        if stand:
+            fits = [f for f in fits if abs(f.onset - seed.onset) <= TOGETHER_HOPS]
+        found.append(_isolated(evidence, seed, fits, score))
+        if found[-1].lead.hypothesis.ends is not None:
+            _take_its_end(evidence, found)
+        known = [f.lead for f in found]
+
+
+def _take_its_end(evidence: Evidence, found: list[Found]) -> None:
+    """Fit a fault again beside its end, found last, and the end beside it: alone, a fault seems as small as
+    it is on average over what came after its onset."""
+    end = found[-1].lead
+    whole = next(f for f in found if f.lead.hypothesis.fault == end.hypothesis.ends)
+    others = [f.lead for f in found[:-1] if f is not whole]
+    old = whole.lead
+    as_it_was = [(old.hypothesis, old.kind, old.onset, old.profile)]
+    (whole.lead,) = evidence.fitted(as_it_was, [*others, end])
+    its_end = [(end_of(old.hypothesis, whole.lead.size), end.kind, end.onset, end.profile)]
+    (found[-1].lead,) = evidence.fitted(its_end, [*others, whole.lead])
 
 
 def _comes_along(fit: Amplitude, known: list[Amplitude]) -> bool:
@@ -102,6 +132,8 @@ def _comes_along(fit: Amplitude, known: list[Amplitude]) -> bool:
 
 def _usual(fit: Amplitude) -> float:
     """How usual a fault of that size is, before a log is seen: neither next to nothing, nor beyond gross."""
+    if fit.hypothesis.ends is not None:
+        return 1.0
     if not fit.hypothesis.signed:
         return fit.hypothesis.commonness
     return fit.hypothesis.commonness * fit.level * float(np.exp(-0.5 * np.square(fit.level / USUAL_SIZE)))

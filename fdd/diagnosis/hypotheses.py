@@ -15,6 +15,8 @@ from fdd.unit import Unit
 
 Array = NDArray[np.float64]
 
+RECOVERED = "recovered"
+"""Stands in a fault's place where the end of one is meant."""
 USUAL_SEVERITY = 0.7
 """Standard deviation of a severity before any log is seen: most lie below the gross one."""
 
@@ -28,7 +30,7 @@ class Hypothesis:
     fault, label : of the catalogue. columns : balance to (n,) change of its coefficients per severity.
     scale : prior standard deviation of the amplitudes. signed : the amplitude cannot be negative.
     courses : of `fdd.diagnosis.evidence.course_of`, that the fault may take. commonness : prior weight
-        among alike ones.
+        among alike ones. ends : the fault that it is the end of.
     """
 
     fault: str
@@ -41,6 +43,7 @@ class Hypothesis:
     side: int | None = None
     variant: str | None = None
     channel: str | None = None
+    ends: str | None = None
 
 
 @dataclass(frozen=True)
@@ -92,3 +95,9 @@ def hypotheses(unit: Unit, effects: dict[str, Effects]) -> list[Hypothesis]:
                 )
             )
     return out
+
+
+def end_of(h: Hypothesis, size: float) -> Hypothesis:
+    """That a fault of an amplitude is over: all that it changed steps back."""
+    columns = {balance: -size * change for balance, change in h.columns.items()}
+    return Hypothesis(RECOVERED, h.label, columns, 1.0, signed=True, courses=("step",), ends=h.fault)

@@ -48,7 +48,10 @@ LOOK_MARGIN = 1.5
 """By how much more one look alone must see it."""
 WINDOW_HOPS = 300
 """Hops that onsets are looked for in; what is older has become the reference."""
-STATE_VERSION = "7"
+STATE_VERSION = "8"
+HEALED, HEALED_S = 0.5, 60.0
+"""Share of a fault that has to be gone, and for how long, before it is over: one that comes and goes within a
+minute still stands."""
 SCANS_A_MINUTE, SCANS_KEPT = 12, 720
 """Looks in a minute, and those that a monitor remembers: an hour."""
 HELD_IN_DOUBT = 0.5
@@ -106,6 +109,11 @@ class Pipeline:
         """The first of each family."""
         self._standing: dict[str, tuple[FaultFinding, int]] = {}
         """Families whose evidence stands, and how many looks have not seen it."""
+        self._labels: dict[str, str] = {}
+        """Families that stand, to the label of the hypothesis that leads."""
+        self._over: dict[str, float] = {}
+        """Families whose fault seems to be over, and since when (s), by the last look."""
+        self._healed: set[str] = set()
         self._hidden = 1.0
         """Share of faults that could not be seen, by the look of the last minute."""
         self._sick: list[tuple[float, float]] = []
@@ -208,14 +216,22 @@ class Pipeline:
     def _look(self) -> tuple[Evidence, list[FaultFinding], list[float], float]:
         """Evidence now, findings that stand, the last looks' scores with this one, and what stands."""
         evidence = self._evidence()
-        found, rest = decide(evidence, self._hypotheses, self.threshold)
+        found, rest = decide(evidence, self._hypotheses, self.threshold, set(self._labels.values()))
         now = (self._ledger.hops[-1] + 1) * HOP_S
         again = bool(self._scans) and self._scans[-1][0] == now
         before = self._looks[:-1] if again else self._looks
         looks = [*before[1 - LOOKS :], max([rest, *(f.score for f in found)])]
         stands = max(min(looks) if len(looks) == LOOKS else 0.0, looks[-1] - LOOK_MARGIN)
+        self._labels |= {
+            fault(f.group[0]).family: f.lead.hypothesis.label for f in found if f.lead.hypothesis.ends is None
+        }
+        self._over = {
+            fault(f.lead.hypothesis.ends).family: self._ledger.hops[f.lead.onset] * HOP_S
+            for f in found
+            if f.lead.hypothesis.ends is not None and f.lead.size > HEALED
+        }
         findings = []
-        for f in found if stands >= self.threshold else ():
+        for f in (f for f in found if f.lead.hypothesis.ends is None and stands >= self.threshold):
             f.score = min(f.score, stands)
             findings.append(
                 fault_finding(f, self.model, onset=self._onset(f), detected=now, hops=self._ledger.hops)
@@ -239,6 +255,10 @@ class Pipeline:
             self._hidden = hidden_share(invisible(evidence, self._hypotheses, self.threshold))
         self._scans.append((now, stands))
         seen = {f.family: f for f in reversed(findings)}
+        for family, since in self._over.items():
+            if now - since >= HEALED_S and family in self._standing:
+                self._end(family, since)
+                seen.pop(family, None)
         fresh = [f for family, f in seen.items() if family not in self._standing]
         missed = {k: (f, n + 1) for k, (f, n) in self._standing.items() if k not in seen}
         self._sick = [(a, b) for a, b in self._sick if b > self._ledger.hops[0] * HOP_S]
@@ -247,7 +267,15 @@ class Pipeline:
             k: (f, n) for k, (f, n) in missed.items() if n < LOOKS
         }
         self._alarms = {f.family: f for f in fresh} | self._alarms
+        self._labels = {k: v for k, v in self._labels.items() if k in self._standing}
         return fresh
+
+    def _end(self, family: str, since: float) -> None:
+        """A fault that stood is over: what came while it did is left out, for it would look like another."""
+        finding, _ = self._standing.pop(family)
+        self._sick.append((finding.onset_s, since))
+        self._ledger.forget(finding.onset_s, since)
+        self._healed.add(family)
 
     def finish(self, quality: Quality | None = None) -> Diagnosis:
         """The answer on all samples pushed so far (more may follow).
@@ -273,7 +301,11 @@ class Pipeline:
         # What alarmed while its onset was in sight stands, though the window may have gone past it.
         seen = {f.family for f in hydraulic}
         start = self._ledger.hops[0] * HOP_S if self._ledger.hops else 0.0
-        hydraulic += [f for name, f in self._alarms.items() if name not in seen and f.onset_s < start]
+        hydraulic += [
+            f
+            for name, f in self._alarms.items()
+            if name not in seen and (f.onset_s < start or name in self._healed)
+        ]
         faults += hydraulic
         faults.sort(key=lambda f: -f.confidence)
         probabilities = probabilities_of(faults, self.model, score, hidden_share(unseen))
@@ -377,7 +409,7 @@ class Pipeline:
             "first": self._first_time, "last": self._last_time, "count": self._count,
             "alarms": {k: f.model_dump() for k, f in self._alarms.items()},
             "standing": {k: (f.model_dump(), n) for k, (f, n) in self._standing.items()}, "sick": self._sick,
-            "hidden": self._hidden,
+            "hidden": self._hidden, "healed": sorted(self._healed), "labels": self._labels,
             "sensor_faults": self._sensor_faults,
             "scans": self._scans[-SCANS_KEPT:], "looks": self._looks,
         }  # fmt: skip
@@ -419,7 +451,8 @@ class Pipeline:
         self._alarms = {k: FaultFinding.model_validate(f) for k, f in scalars["alarms"].items()}
         self._standing = {k: (FaultFinding.model_validate(f), n) for k, (f, n) in scalars["standing"].items()}
         self._sick = [(float(a), float(b)) for a, b in scalars["sick"]]
-        self._hidden = scalars["hidden"]
+        self._hidden, self._healed = scalars["hidden"], set(scalars["healed"])
+        self._labels = scalars["labels"]
         self._sensor_faults = scalars["sensor_faults"]
         self._scans = [(float(a), float(b)) for a, b in scalars["scans"]]
         self._looks = [float(s) for s in scalars["looks"]]

@@ -377,6 +377,11 @@ class Ledger:
             covariance = 0.5 * (covariance + covariance.T) + np.diag(np.square(e.within))
             self.reference = {**self.reference, name: replace(e, mean=mean, covariance=covariance)}
 
+    def forget(self, start: float, end: float) -> None:
+        """Leave out the hops of a stretch of time, s."""
+        at = HOP_S * np.array(self.hops)
+        self._drop(np.flatnonzero((start <= at) & (at < end)))
+
     def _drop(self, places: NDArray[np.int64]) -> None:
         gone = set(places.tolist())
         kept = [k for k in range(len(self.hops)) if k not in gone]

@@ -17,6 +17,8 @@ from fdd.campaign.disturb import mirrored, mirrored_unit
 from fdd.diagnosis.findings import Diagnosis
 from fdd.diagnosis.pipeline import Pipeline
 from fdd.errors import InputError
+from fdd.plant.scenario import Scenario
+from fdd.plant.simulate import simulate
 from fdd.samples import Samples
 from fdd.unit import Unit
 
@@ -237,3 +239,23 @@ def test_inputs_are_not_changed(unit: Unit, leaking: Samples) -> None:
     assert unit.to_yaml() == text
     for name, values in before.items():
         np.testing.assert_array_equal(short[name], values)
+
+
+def test_a_fault_stands_while_it_lasts_and_heals(unit: Unit) -> None:
+    """Ten minutes and more: the reference neither swallows the fault, nor takes its end for another one."""
+    faults = [
+        {"fault": "internal_leakage", "severity": 0.5, "onset": 60.0,
+         "profile": "intermittent", "period": 900.0, "duty": 0.25}
+    ]  # fmt: skip
+    scenario = Scenario(duration=420.0, load={"name": "spring"}, faults=faults, seed=3)
+    pipeline = Pipeline(unit, keep_trajectories=False)
+    told: list[tuple[float, str]] = []
+    stood = {}
+    for block in simulate(unit, scenario).samples.blocks(5000):
+        told += [(round(float(block.time[-1])), f.family) for f in pipeline.push(block)]
+        stood[round(float(block.time[-1]))] = {f.family for f in pipeline.standing}
+    assert [family for _, family in told] == ["leakage"], told
+    assert all(stood[t] == {"leakage"} for t in stood if 75 <= t <= 285)
+    assert all(not stood[t] for t in stood if t >= 365)
+    answer = pipeline.finish()
+    assert [f.family for f in answer.faults] == ["leakage"], "what was is told"

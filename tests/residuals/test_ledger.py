@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from fdd.residuals.balances import BALANCES, ORDERS, Strand
 from fdd.residuals.effects import Effects, first_effects
 from fdd.residuals.ledger import LOAD_S, Account, Entry, Ledger, calibration, widened
-from fdd.residuals.rows import HOP_ROWS, ROW_S, TAIL_ROWS
+from fdd.residuals.rows import HOP_ROWS, HOP_S, ROW_S, TAIL_ROWS
 from fdd.unit import Unit
 
 Array = NDArray[np.float64]
@@ -226,6 +226,36 @@ def test_fold_is_batch_regression(within: float) -> None:
             )
         else:  # older hops tell where the unit was, not where it is
             assert (np.diag(ledger.reference[name].covariance) > within**2).all()
+
+
+def test_what_came_since_a_fault_is_no_reference() -> None:
+    """Of it the latest hops are kept, and some from before its onset, however long it stands."""
+    unit, rng = Unit.load("axis_a"), np.random.default_rng(12)
+    effects: dict[str, Effects] = {name: first_effects(name) for name in BALANCES}
+    ledger, window, onset = Ledger(unit, effects), 20, 30
+    healthy = {}
+    for h in range(200):
+        ledger.hops.append(h)
+        for name, e in effects.items():
+            x = rng.normal(size=(30, e.mean.size)) / np.sqrt(np.diag(e.covariance))
+            ledger.entries[name].append(Entry(x.T @ x, x.T @ (x @ e.mean), 30.0, 1.0))
+        ledger.fold(window, [(onset * HOP_S, np.inf)] if h >= onset else [])
+        if h == onset + window:
+            healthy = dict(ledger.reference)
+    before = [h for h in ledger.hops if h < onset]
+    assert before == list(range(onset - window // 5, onset))
+    assert ledger.hops[-1] == 199 and len(ledger.hops) <= window + window // 5
+    assert ledger.hops[len(before) :] == list(range(200 - len(ledger.hops) + len(before), 200))
+    for name, e in ledger.reference.items():
+        np.testing.assert_array_equal(e.mean, healthy[name].mean)
+    assert ledger.folded == onset - window // 5
+    # Once it is over, what is healthy is learnt again, and what was not is left out.
+    for h in range(200, 260):
+        ledger.hops.append(h)
+        for name in effects:
+            ledger.entries[name].append(ledger.entries[name][-1])
+        ledger.fold(window, [(onset * HOP_S, 200 * HOP_S)])
+    assert min(ledger.hops) >= 200 and ledger.folded > onset
 
 
 def test_state_goes_on_with_the_same_hops() -> None:
