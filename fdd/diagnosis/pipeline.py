@@ -25,6 +25,7 @@ from fdd.diagnosis.evidence import Evidence
 from fdd.diagnosis.findings import Diagnosis, Estimate, FaultFinding, Quality, SensorState, Trajectories
 from fdd.diagnosis.hypotheses import hypotheses
 from fdd.diagnosis.model import Model
+from fdd.diagnosis.standing import LOOKS, Look, Standing
 from fdd.errors import InputError
 from fdd.faults import FAMILIES, fault
 from fdd.residuals.ledger import Ledger
@@ -42,16 +43,13 @@ SCAN_HOPS = 10
 """Hops between two looks at the evidence: five seconds."""
 LEAST_HOPS = 16
 """Hops before anything is said: eight seconds."""
-LOOKS = 3
-"""Looks running that must see a fault: an on-delay of ten seconds (ISA-18.2), as passing oddities pass."""
 LOOK_MARGIN = 1.5
 """By how much more one look alone must see it."""
 WINDOW_HOPS = 300
 """Hops that onsets are looked for in; what is older has become the reference."""
-STATE_VERSION = "8"
-HEALED, HEALED_S = 0.5, 60.0
-"""Share of a fault that has to be gone, and for how long, before it is over: one that comes and goes within a
-minute still stands."""
+STATE_VERSION = "9"
+HEALED = 0.5
+"""Share of a fault that has to be gone before it is over."""
 SCANS_A_MINUTE, SCANS_KEPT = 12, 720
 """Looks in a minute, and those that a monitor remembers: an hour."""
 HELD_IN_DOUBT = 0.5
@@ -105,15 +103,7 @@ class Pipeline:
         self._hypotheses = [h for h in hypotheses(unit, self._effects) if h.fault not in without]
         self._first_time = self._last_time = np.nan
         self._count = 0
-        self._alarms: dict[str, FaultFinding] = {}
-        """The first of each family."""
-        self._standing: dict[str, tuple[FaultFinding, int]] = {}
-        """Families whose evidence stands, and how many looks have not seen it."""
-        self._labels: dict[str, str] = {}
-        """Families that stand, to the label of the hypothesis that leads."""
-        self._over: dict[str, float] = {}
-        """Families whose fault seems to be over, and since when (s), by the last look."""
-        self._healed: set[str] = set()
+        self._standing = Standing()
         self._hidden = 1.0
         """Share of faults that could not be seen, by the look of the last minute."""
         self._sick: list[tuple[float, float]] = []
@@ -189,7 +179,7 @@ class Pipeline:
     def standing(self) -> list[FaultFinding]:
         """Findings whose evidence stands now, and sensors that have not recovered."""
         failed = (f for f in self._sensors.findings() if f.kind in FAILING and f.until_s is None)
-        return [*(f for f, _ in self._standing.values()), *map(sensor_fault, failed)]
+        return [*self._standing.findings(), *map(sensor_fault, failed)]
 
     @property
     def looked_at(self) -> float:
@@ -207,75 +197,50 @@ class Pipeline:
             dict(zip(names, misfits[-1].tolist(), strict=True)) if len(misfits) else {},
         )
 
-    def _evidence(self) -> Evidence:
-        """That of the last hops; older ones are the reference."""
-        sick = [*self._sick, *((f.onset_s, np.inf) for f, _ in self._standing.values())]
-        start = self._ledger.fold(WINDOW_HOPS, sick)
-        return Evidence(self._ledger.widened(), self._ledger.reference, from_start=start == 0)
-
-    def _look(self) -> tuple[Evidence, list[FaultFinding], list[float], float]:
-        """Evidence now, findings that stand, the last looks' scores with this one, and what stands."""
-        evidence = self._evidence()
-        found, rest = decide(evidence, self._hypotheses, self.threshold, set(self._labels.values()))
-        now = (self._ledger.hops[-1] + 1) * HOP_S
-        again = bool(self._scans) and self._scans[-1][0] == now
-        before = self._looks[:-1] if again else self._looks
-        looks = [*before[1 - LOOKS :], max([rest, *(f.score for f in found)])]
-        stands = max(min(looks) if len(looks) == LOOKS else 0.0, looks[-1] - LOOK_MARGIN)
-        self._labels |= {
-            fault(f.group[0]).family: f.lead.hypothesis.label for f in found if f.lead.hypothesis.ends is None
-        }
-        self._over = {
-            fault(f.lead.hypothesis.ends).family: self._ledger.hops[f.lead.onset] * HOP_S
-            for f in found
-            if f.lead.hypothesis.ends is not None and f.lead.size > HEALED
-        }
+    def _look(self) -> Look:
+        """Evidence now, older hops being the reference, and what it says."""
+        ledger = self._ledger
+        start = ledger.fold(WINDOW_HOPS, self._standing.spans())
+        evidence = Evidence(ledger.widened(), ledger.reference, from_start=start == 0)
+        found, rest = decide(evidence, self._hypotheses, self.threshold, self._standing.labels.values())
+        now = (ledger.hops[-1] + 1) * HOP_S
+        before = self._looks[:-1] if self.looked_at == now else self._looks
+        scores = [*before[1 - LOOKS :], max([rest, *(f.score for f in found)])]
+        stands = max(min(scores) if len(scores) == LOOKS else 0.0, scores[-1] - LOOK_MARGIN)
+        ends = [f.lead for f in found if f.lead.hypothesis.ends is not None and f.lead.size > HEALED]
+        found = [f for f in found if f.lead.hypothesis.ends is None and stands >= self.threshold]
         findings = []
-        for f in (f for f in found if f.lead.hypothesis.ends is None and stands >= self.threshold):
+        for f in found:
             f.score = min(f.score, stands)
             findings.append(
-                fault_finding(f, self.model, onset=self._onset(f), detected=now, hops=self._ledger.hops)
+                fault_finding(f, self.model, onset=self._onset(f), detected=now, hops=ledger.hops)
             )
-        return evidence, findings, looks, stands
+        return Look(
+            now, evidence, findings, scores, stands,
+            labels={_family(f): f.lead.hypothesis.label for f in found},
+            over={fault(str(e.hypothesis.ends)).family: ledger.hops[e.onset] * HOP_S for e in ends},
+        )  # fmt: skip
 
     def _onset(self, found: Found) -> float:
         """s; where the hops after it are no longer kept, as it was told before."""
         k, hops = found.lead.onset, self._ledger.hops
         onset = max(hops[k] * HOP_S, self._first_time)
-        told = self._standing.get(fault(found.group[0]).family)
+        told, _ = self._standing.now.get(_family(found), (None, 0))
         lost = k == 0 or hops[k] - hops[k - 1] > 1
-        return min(onset, told[0].onset_s) if lost and told is not None else onset
+        return min(onset, told.onset_s) if lost and told is not None else onset
 
     def _scan(self) -> list[FaultFinding]:
-        evidence, findings, self._looks, stands = self._look()
-        now = (self._ledger.hops[-1] + 1) * HOP_S
+        look = self._look()
+        self._looks = look.scores
         if not self._tracked.keep:
             del self._scans[: -SCANS_KEPT + 1]
         if self._ledger.taken // SCAN_HOPS % SCANS_A_MINUTE == 1 or not self._scans:
-            self._hidden = hidden_share(invisible(evidence, self._hypotheses, self.threshold))
-        self._scans.append((now, stands))
-        seen = {f.family: f for f in reversed(findings)}
-        for family, since in self._over.items():
-            if now - since >= HEALED_S and family in self._standing:
-                self._end(family, since)
-                seen.pop(family, None)
-        fresh = [f for family, f in seen.items() if family not in self._standing]
-        missed = {k: (f, n + 1) for k, (f, n) in self._standing.items() if k not in seen}
-        self._sick = [(a, b) for a, b in self._sick if b > self._ledger.hops[0] * HOP_S]
-        self._sick += [(f.onset_s, now) for f, n in missed.values() if n >= LOOKS]
-        self._standing = {k: (f, 0) for k, f in seen.items()} | {
-            k: (f, n) for k, (f, n) in missed.items() if n < LOOKS
-        }
-        self._alarms = {f.family: f for f in fresh} | self._alarms
-        self._labels = {k: v for k, v in self._labels.items() if k in self._standing}
+            self._hidden = hidden_share(invisible(look.evidence, self._hypotheses, self.threshold))
+        self._scans.append((look.now, look.stands))
+        fresh, over = self._standing.take(look, self._ledger.hops[0] * HOP_S)
+        for span in over:
+            self._ledger.forget(*span)
         return fresh
-
-    def _end(self, family: str, since: float) -> None:
-        """A fault that stood is over: what came while it did is left out, for it would look like another."""
-        finding, _ = self._standing.pop(family)
-        self._sick.append((finding.onset_s, since))
-        self._ledger.forget(finding.onset_s, since)
-        self._healed.add(family)
 
     def finish(self, quality: Quality | None = None) -> Diagnosis:
         """The answer on all samples pushed so far (more may follow).
@@ -292,20 +257,16 @@ class Pipeline:
         score = 0.0
         self._ledger.push(*self._rows.rest())
         if len(self._ledger.hops) >= LEAST_HOPS:
-            evidence, hydraulic, _, score = self._look()
-            unseen = invisible(evidence, self._hypotheses, self.threshold)
+            look = self._look()
+            hydraulic, score = look.findings, look.stands
+            unseen = invisible(look.evidence, self._hypotheses, self.threshold)
         for finding in hydraulic:
-            first = self._alarms.get(finding.family)
+            first = self._standing.alarms.get(finding.family)
             if first is not None:
                 finding.detected_s = first.detected_s
         # What alarmed while its onset was in sight stands, though the window may have gone past it.
-        seen = {f.family for f in hydraulic}
         start = self._ledger.hops[0] * HOP_S if self._ledger.hops else 0.0
-        hydraulic += [
-            f
-            for name, f in self._alarms.items()
-            if name not in seen and (f.onset_s < start or name in self._healed)
-        ]
+        hydraulic = [*hydraulic, *self._standing.past({f.family for f in hydraulic}, start)]
         faults += hydraulic
         faults.sort(key=lambda f: -f.confidence)
         probabilities = probabilities_of(faults, self.model, score, hidden_share(unseen))
@@ -407,9 +368,8 @@ class Pipeline:
             "version": STATE_VERSION, "axis": self.axis, "log": self.log, "unit": self.unit.name,
             "model": self.model.sha256,
             "first": self._first_time, "last": self._last_time, "count": self._count,
-            "alarms": {k: f.model_dump() for k, f in self._alarms.items()},
-            "standing": {k: (f.model_dump(), n) for k, (f, n) in self._standing.items()}, "sick": self._sick,
-            "hidden": self._hidden, "healed": sorted(self._healed), "labels": self._labels,
+            "standing": self._standing.state(),
+            "hidden": self._hidden,
             "sensor_faults": self._sensor_faults,
             "scans": self._scans[-SCANS_KEPT:], "looks": self._looks,
         }  # fmt: skip
@@ -448,11 +408,11 @@ class Pipeline:
             )
         self.axis, self.log = scalars["axis"], scalars["log"]
         self._first_time, self._last_time, self._count = scalars["first"], scalars["last"], scalars["count"]
-        self._alarms = {k: FaultFinding.model_validate(f) for k, f in scalars["alarms"].items()}
-        self._standing = {k: (FaultFinding.model_validate(f), n) for k, (f, n) in scalars["standing"].items()}
-        self._sick = [(float(a), float(b)) for a, b in scalars["sick"]]
-        self._hidden, self._healed = scalars["hidden"], set(scalars["healed"])
-        self._labels = scalars["labels"]
+        self._standing, self._hidden = Standing.of(scalars["standing"]), scalars["hidden"]
         self._sensor_faults = scalars["sensor_faults"]
         self._scans = [(float(a), float(b)) for a, b in scalars["scans"]]
         self._looks = [float(s) for s in scalars["looks"]]
+
+
+def _family(found: Found) -> str:
+    return fault(found.group[0]).family

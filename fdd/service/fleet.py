@@ -24,7 +24,7 @@ from fdd.service.inbox import Inbox
 from fdd.service.profiles import Profiles
 from fdd.service.reporting import status_of
 from fdd.service.status import AxisDetail, AxisStatus
-from fdd.service.store import Checkpoint, Store, Transaction
+from fdd.service.store import Checkpoint, Store, StoreTrouble, Transaction
 
 LOG = logging.getLogger("fdd.service")
 
@@ -393,7 +393,7 @@ class Fleet:
 
         Raises
         ------
-        InputError : the alarm's state does not allow it, or it could not be stored in time.
+        InputError : the alarm's state does not allow it. StoreTrouble : it could not be stored in time.
         """
         future: Future[Transition] = Future()
         self._actions.put((action, future))
@@ -401,6 +401,6 @@ class Fleet:
             return future.result(ACT_S)
         except TooLate:
             future.cancel()
-            raise InputError(
+            raise StoreTrouble(
                 f"not stored within {ACT_S:g} s: {self.trouble or 'the service is busy'}", mend="try again"
             ) from None

@@ -20,7 +20,7 @@ from starlette.routing import Route
 import fdd
 from fdd.errors import InputError
 from fdd.report.decimate import envelope
-from fdd.service.alarms import Action, Doing
+from fdd.service.alarms import STATES, Action, Doing
 from fdd.service.http.answers import (
     Alarm,
     AuditRecord,
@@ -41,7 +41,6 @@ from fdd.service.http.events import Hub
 from fdd.service.http.guard import COOKIE, cookie_of
 from fdd.service.http.uploads import Uploads
 
-STATES = ("NORMAL", "UNACK", "ACKED", "RTNUN", "SHELVED", "OUT_OF_SERVICE")
 STANDING = STATES[1:]
 LEVELS = {"minute": 86400.0, "hour": 30 * 86400.0, "day": 3650 * 86400.0}
 """How far a trend goes back where the request does not say."""
