@@ -40,16 +40,18 @@ def serve(
     ] = None,
 ) -> None:  # fmt: skip
     """Watch many axes: alarms, a page, metrics. Ctrl-C or SIGTERM ends it, and it goes on where it was."""
+    from importlib.util import find_spec
+
+    missing = next((name for name in ("sqlalchemy", "starlette", "uvicorn") if find_spec(name) is None), None)
+    if missing is not None:
+        raise InputError(f"needs the package {missing}", mend="install fdd[serve]")
     if token is not None:
         _make_token(token)
         return
     if (config is None) == (not demo):
         raise InputError("fdd serve needs a serve.yaml, or --demo", mend="see fdd schema serve for its keys")
-    try:
-        from fdd.service.config import Serve
-        from fdd.service.service import Service
-    except ModuleNotFoundError as error:
-        raise InputError(f"needs the package {error.name}", mend="install fdd[serve]") from None
+    from fdd.service.config import Serve
+    from fdd.service.service import Service
 
     logging.basicConfig(format="%(asctime)s %(levelname)s %(message)s", level=logging.INFO, stream=sys.stderr)
     logging.getLogger("alembic").setLevel(logging.WARNING)

@@ -88,3 +88,12 @@ def test_the_command_checks_its_file_and_makes_tokens(tmp_path: Path) -> None:
     assert made.exit_code == 0 and "ann acknowledge " in made.output
     for wrong in (["serve"], ["serve", "--token", "ann:boss"], ["serve", str(tmp_path / "none.yaml")]):
         assert run(app, wrong).exit_code == 2
+
+
+@pytest.mark.parametrize("arguments", [["--demo"], ["--token", "ann:view"]])
+def test_without_its_packages_it_names_the_extra(
+    arguments: list[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("importlib.util.find_spec", lambda name: None)
+    refused = CliRunner().invoke(app, ["serve", *arguments])
+    assert refused.exit_code == 2 and "install fdd[serve]" in refused.output
