@@ -7,8 +7,10 @@ import gc
 import os
 import signal
 import sys
+import threading
 import warnings
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from types import FrameType
 from typing import Any
 
@@ -119,3 +121,27 @@ def prepare_process() -> None:
 def _terminated(number: int, frame: FrameType | None) -> None:
     # Raised as an exit, so that temporary files are cleared away on the way out.
     raise SystemExit(TERMINATED)
+
+
+@contextmanager
+def stopped_by_signals(stop: threading.Event) -> Iterator[None]:
+    """Ctrl-C and SIGTERM set `stop`, so that what runs can end in order; a second one ends it at once."""
+    numbers, asked = (signal.SIGINT, signal.SIGTERM), False
+
+    def ask(number: int, frame: FrameType | None) -> None:
+        # Not by the event's own flag: a second signal while it is being set would wait for its lock for ever.
+        nonlocal asked
+        if asked:
+            raise KeyboardInterrupt
+        asked = True
+        stop.set()
+
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+    before = [signal.signal(number, ask) for number in numbers]
+    try:
+        yield
+    finally:
+        for number, handler in zip(numbers, before, strict=True):
+            signal.signal(number, handler)

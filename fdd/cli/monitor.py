@@ -4,18 +4,16 @@ from __future__ import annotations
 
 import math
 import os
-import signal
 import sys
 import threading
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
-from types import FrameType
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from fdd.cli.failures import stopped_by_signals
 from fdd.cli.options import AxisOption, MapOption, ModelOption, UnitOption
 from fdd.errors import InputError
 
@@ -83,7 +81,7 @@ def monitor(
         known = stream.offset if isinstance(stream, JsonLines) else 0.0
         save_state(state, pipeline, last_time=last_time, offset=known)
 
-    with _stopped_by_signals(stop), view:
+    with stopped_by_signals(stop), view:
         if opened.note:
             view.remark(opened.note)
         try:
@@ -172,24 +170,3 @@ def _standard_input() -> Callable[[int], bytes]:
     except (OSError, ValueError):  # replaced by an object in memory
         return sys.stdin.buffer.read
     return lambda most: os.read(number, most)
-
-
-@contextmanager
-def _stopped_by_signals(stop: threading.Event) -> Iterator[None]:
-    """Ctrl-C and SIGTERM end the loop after its block; a second one ends it at once."""
-    numbers = (signal.SIGINT, signal.SIGTERM)
-
-    def set_(number: int, frame: FrameType | None) -> None:
-        if stop.is_set():
-            raise KeyboardInterrupt
-        stop.set()
-
-    if threading.current_thread() is not threading.main_thread():
-        yield
-        return
-    before = [signal.signal(number, set_) for number in numbers]
-    try:
-        yield
-    finally:
-        for number, handler in zip(numbers, before, strict=True):
-            signal.signal(number, handler)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import logging
-import signal
 import sys
 import tempfile
 import threading
@@ -13,6 +12,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from fdd.cli.failures import stopped_by_signals
 from fdd.errors import InputError
 
 if TYPE_CHECKING:
@@ -69,11 +69,9 @@ def serve(
             return
         service = Service(settings)
         stop = threading.Event()
-        for number in (signal.SIGINT, signal.SIGTERM):
-            # In a thread: a second signal within the handler of the first would wait for its own lock.
-            signal.signal(number, lambda *_: threading.Thread(target=stop.set, daemon=True).start())
-        print(f"Watching. Page: {service.address}  (Ctrl-C ends it)", flush=True)
-        service.run(stop)
+        with stopped_by_signals(stop):
+            print(f"Watching. Page: {service.address}  (Ctrl-C ends it)", flush=True)
+            service.run(stop)
 
 
 def _make_token(text: str) -> None:

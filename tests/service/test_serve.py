@@ -3,6 +3,10 @@
 from __future__ import annotations
 
 import json
+import os
+import signal
+import subprocess
+import sys
 import threading
 import time
 import urllib.request
@@ -97,3 +101,22 @@ def test_without_its_packages_it_names_the_extra(
     monkeypatch.setattr("importlib.util.find_spec", lambda name: None)
     refused = CliRunner().invoke(app, ["serve", *arguments])
     assert refused.exit_code == 2 and "install fdd[serve]" in refused.output
+
+
+@pytest.mark.skipif(os.name == "nt", reason="sends signals")
+def test_two_signals_at_once_end_it(tmp_path: Path) -> None:
+    """A process manager and its wrapper may both send one: it must not wait for itself."""
+    config = tmp_path / "serve.yaml"
+    config.write_text(
+        "schema: fdd.serve/1\nfallback: axis_a\nlisten: {port: 0}\nsources: [{type: udp, port: 0}]\n"
+    )
+    program = "import sys; from fdd.cli import main; sys.argv[0] = 'fdd'; main()"
+    process = subprocess.Popen(
+        [sys.executable, "-c", program, "serve", str(config)], stdout=subprocess.PIPE, stderr=subprocess.PIPE,
+        env=os.environ | {"PYTHONPATH": str(Path(__file__).parents[2])}, text=True,
+    )  # fmt: skip
+    assert process.stdout is not None and "Page:" in process.stdout.readline()
+    for _ in range(2):
+        process.send_signal(signal.SIGTERM)
+    _, told = process.communicate(timeout=60)
+    assert process.returncode in (0, 130) and "Traceback" not in told
