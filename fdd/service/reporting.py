@@ -54,7 +54,9 @@ def _headline(watch: AxisWatch, live: Sequence[Alarm], state: str) -> str:
         size = "" if worst.severity is None else f", severity {worst.severity:.2f}"
         sure = "" if worst.confidence is None else f", {100 * worst.confidence:.0f} % sure"
         gone = "" if worst.standing else "; it is gone"
-        return f"{fault(worst.fault).title.capitalize()}{size}{sure}, since {worst.raised_time:.0f} s{gone}"
+        return (
+            f"{fault(worst.fault).title.capitalize()}{size}{sure}, since {worst.body['onset_s']:.0f} s{gone}"
+        )
     if state == "silent":
         return "No samples come"
     if watch.learning is not None:

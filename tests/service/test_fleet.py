@@ -66,6 +66,7 @@ def test_live_is_what_the_pipeline_says_of_the_whole(store: Store, log: Samples)
     assert (alarm["state"], alarm["fault"]) == ("UNACK", "internal_leakage")
     (status,) = fleet.axes()
     assert status.samples == len(log) and status.state == "unacknowledged"
+    assert "since 30 s" in status.headline, "its onset, not its alarm"
     assert status.quality["repeated"] > 0 and status.quality["reordered"] > 0
 
 
