@@ -1,7 +1,7 @@
 """Recursive estimators with filterpy's interface: NumPy in, NumPy out.
 
 Usable on its own; ``README.md`` in this directory shows how. The EHA's own model and
-tracker are modules beside this one; compiled loops call :mod:`estimators.kernels`.
+tracker are in :mod:`estimators.eha`; compiled loops call :mod:`estimators.kernels`.
 """
 
 from estimators.consistency import (

@@ -17,8 +17,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from estimators import eha_model as eha
 from estimators.compiled import njit
+from estimators.eha import model as eha
 
 Array = NDArray[np.float64]
 

@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from estimators import eha_model as eha
 from estimators.compiled import njit
-from estimators.eha_layout import (
+from estimators.eha import model as eha
+from estimators.eha.layout import (
     M_CURVE,
     M_FCOUNT,
     M_FORCE,
@@ -19,7 +19,7 @@ from estimators.eha_layout import (
     M_VSTART,
     M_XMEAN,
 )
-from estimators.eha_noise import N_FMEAN
+from estimators.eha.noise import N_FMEAN
 from estimators.kernels import kalman_update
 
 Array = NDArray[np.float64]

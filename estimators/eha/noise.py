@@ -40,7 +40,7 @@ class Noise:
     flow_refeeding: float = 1e-4
     """m³/√s: a chamber that the accumulator feeds has no volume balance."""
     leakage: float = 0.02
-    """1/√s relative: a ramp of 10 % in 25 s. What is faster is a jump, see `estimators.eha_walk`."""
+    """1/√s relative: a ramp of 10 % in 25 s. What is faster is a jump, see `estimators.eha.walk`."""
     valve: float = 0.02
     """1/√s relative to the healthy leakage: a closed valve stays closed for long."""
     air: float = 5e-4

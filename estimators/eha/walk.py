@@ -27,9 +27,9 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from estimators import eha_model as eha
 from estimators.compiled import njit
-from estimators.eha_layout import (
+from estimators.eha import model as eha
+from estimators.eha.layout import (
     FLOW_PARAMETERS,
     M_GAINED,
     M_GAINED_LONG,
@@ -40,7 +40,7 @@ from estimators.eha_layout import (
     M_STREAK,
     M_WINDOWS,
 )
-from estimators.eha_noise import (
+from estimators.eha.noise import (
     I_AIR,
     I_FRIC,
     I_GAIN,

@@ -5,16 +5,16 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from estimators import eha_layout as layout
-from estimators import eha_model as eha
-from estimators.eha_noise import I_AIR, I_FRIC, I_LEAK, I_VISC, N_AIR, N_FRIC, N_LEAK, N_VISC, Noise
+from estimators.eha import layout
+from estimators.eha import model as eha
+from estimators.eha.noise import I_AIR, I_FRIC, I_LEAK, I_VISC, N_AIR, N_FRIC, N_LEAK, N_VISC, Noise
 from estimators.observability import Drift
 
 Array = NDArray[np.float64]
 
 
 def drifts(records: Array, noise: Noise, scales: dict[int, Array]) -> dict[int, Drift]:
-    """Walks of leakage, air and friction at each record, the laws of `estimators.eha_walk.walk_parameters`.
+    """Walks of leakage, air and friction at each record, the laws of `estimators.eha.walk.walk_parameters`.
 
     Parameters
     ----------

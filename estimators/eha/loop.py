@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 
-from estimators import eha_model as eha
 from estimators.compiled import njit
-from estimators.eha_bounds import keep_in_bounds
-from estimators.eha_forces import ROBUST, balance_forces
-from estimators.eha_gate import keep_compliance, pressures_rest
-from estimators.eha_layout import (
+from estimators.eha import model as eha
+from estimators.eha.bounds import keep_in_bounds
+from estimators.eha.forces import ROBUST, balance_forces
+from estimators.eha.gate import keep_compliance, pressures_rest
+from estimators.eha.layout import (
     ACCUMULATOR,
     ANGLE,
     DIFFERENCE,
@@ -58,7 +58,7 @@ from estimators.eha_layout import (
     Z_TH,
     Z_X,
 )
-from estimators.eha_noise import (
+from estimators.eha.noise import (
     N_ACCEL,
     N_DP,
     N_FLOW,
@@ -70,8 +70,8 @@ from estimators.eha_noise import (
     N_TH,
     N_X,
 )
-from estimators.eha_redundancy import compare_sensors
-from estimators.eha_update import (
+from estimators.eha.redundancy import compare_sensors
+from estimators.eha.update import (
     COUPLED,
     MOVING,
     Array,
@@ -82,7 +82,7 @@ from estimators.eha_update import (
     propagate,
     update,
 )
-from estimators.eha_walk import walk_parameters, walk_rates, watch_jumps
+from estimators.eha.walk import walk_parameters, walk_rates, watch_jumps
 from estimators.kernels import svsf_update
 
 LONGEST_GAP = 50  # periods that are bridged step by step; a longer gap restarts the motion states

@@ -11,8 +11,8 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from estimators import eha_model as eha
-from estimators.eha_layout import (
+from estimators.eha import model as eha
+from estimators.eha.layout import (
     M_ACC,
     M_FSCALE,
     M_VISC,
@@ -20,8 +20,8 @@ from estimators.eha_layout import (
     MEMORY,
     RECORD,
 )
-from estimators.eha_loop import track
-from estimators.eha_noise import (
+from estimators.eha.loop import track
+from estimators.eha.noise import (
     I_AIR,
     I_FRIC,
     I_GAIN,
@@ -47,7 +47,7 @@ class EhaTracker:
 
     Parameters
     ----------
-    model : parameter array of `estimators.eha_model.parameters`.
+    model : parameter array of `estimators.eha.model.parameters`.
     noise : process and measurement noise; None takes the defaults.
     method : ``"ekf"``, or ``"svsf"``: the combined EKF-SVSF, which switches to the SVSF
         gain where the optimal boundary layer leaves its limit (Gadsden and Habibi 2013,

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from estimators import eha_model as eha
+from estimators.eha import model as eha
 
 # Columns of a block given to `EhaTracker.push`, SI; NaN where a channel has no value.
 TIME, POSITION, ANGLE, SPEED, PRESSURE_1, PRESSURE_2, DIFFERENCE, ACCUMULATOR, VISCOSITY = range(9)
@@ -37,7 +37,7 @@ RECORD = R_SCORE + 7
     M_BLIND, M_SPAN, M_WINDOWS, M_STREAK, M_REDUNDANT, M_PAIRS, M_FAST1, M_FAST2, M_SLOW1,
     M_SLOW2, M_STILL,
 ) = range(33)  # fmt: skip
-# For each of the flow parameters, LEAK to SPLIT: see `estimators.eha_walk`.
+# For each of the flow parameters, LEAK to SPLIT: see `estimators.eha.walk`.
 FLOW_PARAMETERS = 5
 M_SHIFT, M_GAINED, M_SHIFT_LONG, M_GAINED_LONG, M_SCORE = range(33, 33 + 5 * FLOW_PARAMETERS, FLOW_PARAMETERS)
 MEMORY = 33 + 5 * FLOW_PARAMETERS

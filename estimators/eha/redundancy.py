@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from estimators import eha_model as eha
 from estimators.compiled import njit
-from estimators.eha_forces import ROBUST
-from estimators.eha_layout import M_PAIRS, M_REDUNDANT
+from estimators.eha import model as eha
+from estimators.eha.forces import ROBUST
+from estimators.eha.layout import M_PAIRS, M_REDUNDANT
 
 Array = NDArray[np.float64]
 

@@ -3,7 +3,7 @@
 What makes them cheap, and exact:
 
 - Friction and load, the states from `eha.FRIC` on, learn from the mean force alone (see
-  `estimators.eha_forces`). They are never correlated with the others, so ``P`` has two
+  `estimators.eha.forces`). They are never correlated with the others, so ``P`` has two
   blocks. Everything here works on the first, the ``COUPLED`` states before `eha.FRIC`.
 - Only the first ``MOVING`` rows of ``F`` differ from the identity, and most of their
   entries are zero.
@@ -27,8 +27,8 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from estimators import eha_model as eha
 from estimators.compiled import njit
+from estimators.eha import model as eha
 from estimators.kernels import TIE_BREAK
 
 Array = NDArray[np.float64]

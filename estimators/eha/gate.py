@@ -10,11 +10,11 @@ section 8.4, isbn 978-0-12-381550-7).
 
 from __future__ import annotations
 
-from estimators import eha_model as eha
 from estimators.compiled import njit
-from estimators.eha_layout import M_FAST1, M_SLOW1, M_STILL
-from estimators.eha_noise import N_P
-from estimators.eha_update import Array
+from estimators.eha import model as eha
+from estimators.eha.layout import M_FAST1, M_SLOW1, M_STILL
+from estimators.eha.noise import N_P
+from estimators.eha.update import Array
 
 FAST, SLOW = 20.0, 500.0  # ms: averages that noise and motion part in
 REST = 1000.0  # ms without a pressure change that close the gate
