@@ -1,0 +1,271 @@
+"""The experiments on units and curves whose answer is known."""
+
+import numpy as np
+import pytest
+from scipy.integrate import solve_ivp
+
+from evidence.thesis import bulk_modulus, dead_band, dual_operation, leakage, position_step, ultimate_gain
+from evidence.thesis.chatter_filter import PRINTED, discrete_filter, filtered_velocity
+from evidence.thesis.findings import Row
+from evidence.thesis.friction_modes import MODES
+from evidence.thesis.gain import speeds_of
+from evidence.thesis.runs import VOLT, both_pumps, run_position
+from evidence.thesis.signals import binary_noise, chirp, identification_volts
+from evidence.thesis.sliding_friction import run_up, start_of
+from evidence.thesis.static_friction import creeping_peaks
+from evidence.thesis.transfer_function import (
+    LEAKAGE_DAMPING,
+    LEAKAGE_STIFFNESS,
+    NUMERATOR,
+    STIFFNESS,
+    Coefficients,
+    fit_second_order,
+)
+from evidence.thesis.whole_eha import HIGH, HIGH_SPEED, LOW, LOW_SPEED, split_poles
+from fdd.identification.experiments.friction import fit_curve
+from fdd.identification.experiments.gain import dead_band as find_dead_band
+from fdd.identification.experiments.hydraulic import from_profile
+from fdd.identification.friction import curve
+from fdd.unit import Unit
+
+pytestmark = pytest.mark.slow
+
+
+@pytest.fixture
+def unit() -> Unit:
+    return Unit.load("axis_a")
+
+
+def flat(unit: Unit, force: float) -> Unit:
+    """The unit with one friction at all speeds and in all trials."""
+    changed = unit.model_copy(deep=True)
+    changed.friction.trial_spread = 0.0
+    for branch in (changed.friction.forward, changed.friction.reverse):
+        branch.coulomb = branch.static = force
+        branch.viscous = 0.0
+    return changed
+
+
+@pytest.mark.parametrize("name", ["A", "B"])
+def test_the_profile_gives_the_printed_transfer_function(name):
+    """Eqs 5.23 and 5.26, to the digits that they print."""
+    unit = Unit.load(f"axis_{name.lower()}")
+    free, damped = from_profile(unit, 0.0), from_profile(unit, 1.0)
+    assert round(free.numerator, 2) == NUMERATOR
+    assert round(free.stiffness, -3) == STIFFNESS
+    assert free.damping == pytest.approx(LEAKAGE_DAMPING[name], abs=0.006)
+    assert damped.stiffness - free.stiffness == pytest.approx(LEAKAGE_STIFFNESS[name], abs=0.001)
+    assert damped.damping - free.damping == pytest.approx(1.0 / 3.688)
+
+
+def test_second_order_coefficients_are_found_again():
+    true = Coefficients(44.64, 30.0, 1.22e5)
+    time = np.arange(400) * 1e-3
+    solved = solve_ivp(
+        lambda t, y: [y[1], true.numerator * min(t / 0.02, 1) - true.damping * y[1] - true.stiffness * y[0]],
+        (0.0, 0.4), [0.0, 0.0], t_eval=time, rtol=1e-9, atol=1e-13, max_step=1e-3,
+    )  # fmt: skip
+    speed = np.minimum(time / 0.02, 1.0)
+    found = fit_second_order(speed, solved.y[0], Coefficients(40.0, 10.0, 1.0e5))
+    assert found.numerator == pytest.approx(true.numerator, rel=1e-4)
+    assert found.damping == pytest.approx(true.damping, rel=1e-3)
+    assert found.stiffness == pytest.approx(true.stiffness, rel=1e-4)
+
+
+def test_the_printed_filter_is_the_zero_order_hold():
+    top, bottom = discrete_filter("zoh")
+    held = [top[1], top[2], bottom[1], bottom[2]]
+    printed = list(PRINTED.values())
+    assert held[1:] == pytest.approx(printed[1:], abs=5e-4)
+    assert held[0] == pytest.approx(0.0518, abs=5e-5) and printed[0] == 0.0528
+    assert top.sum() / bottom.sum() == pytest.approx(1.0)
+    tustin = discrete_filter("tustin")[0]
+    assert tustin[0] == pytest.approx(tustin[2]) and abs(tustin[1] - printed[0]) > 4e-3
+
+
+def test_the_filtered_velocity_of_a_ramp_is_its_slope():
+    assert filtered_velocity(0.115 * np.arange(500) * 1e-3)[-1] == pytest.approx(0.115, rel=1e-6)
+
+
+@pytest.mark.parametrize("mode", MODES, ids=lambda m: m.name)
+def test_the_thesis_curve_is_fitted_back(mode):
+    """Table 5.2 from points on its own curve, with noise of 1 N: the curve returns, where it was measured."""
+    speed = np.linspace(0.011, 0.22, 200)
+    friction = curve(mode.branch, speed) + np.random.default_rng(3).standard_normal(200)
+    found = fit_curve(speed, friction, *start_of(mode, friction))
+    assert np.max(np.abs(curve(found, speed) - curve(mode.branch, speed))) < 1.5
+    assert found.stribeck_exponent == pytest.approx(mode.branch.stribeck_exponent, abs=0.1)
+
+
+def test_the_thesis_poles_are_those_of_its_equations():
+    for region, model in ((LOW_SPEED, LOW), (HIGH_SPEED, HIGH)):
+        pair, single = split_poles(model)
+        assert pair.real == pytest.approx(region.pair.real, abs=0.3)
+        assert pair.imag == pytest.approx(region.pair.imag, abs=0.3)
+        assert single == pytest.approx(region.single, abs=0.5)
+        # Its printed bandwidth is against unit gain where its own gain differs.
+        assert model.bandwidth_hz() == pytest.approx(region.bandwidth, abs=0.5)
+
+
+@pytest.mark.parametrize("share", [1.0, 1.3])
+def test_the_gain_follows_the_displacement(unit, share):
+    unit.pump.displacement *= share
+    pump, actuator = speeds_of(unit, 3)
+    assert np.polyfit(pump, actuator, 1)[0] * unit.cylinder.area_1 == pytest.approx(
+        unit.pump.displacement, rel=0.01
+    )
+
+
+def test_leakage_from_port_to_port_is_the_slope(unit, monkeypatch):
+    """Without a case drain eq. 5.3 shows L_T, but for the pump's own compression, D·ω/(2β)."""
+    monkeypatch.setattr(leakage, "_THROTTLES", (0.5e6, 1.6e6, 5e6))
+    sealed, partner = leakage.without_case_drain(unit), Unit.load("axis_b")
+    compression = unit.pump.displacement * 104.7 / (2.0 * unit.oil.bulk_modulus)
+    assert leakage.strokes(sealed, partner, 1).slope == pytest.approx(
+        unit.pump.total_leakage + compression, rel=0.02
+    )
+    # With one, all of the case leakage shows, as the low side is refed.
+    pump = unit.pump
+    shown = pump.cross_port_leakage + pump.case_leakage + compression
+    assert leakage.strokes(unit, partner, 1).slope == pytest.approx(shown, rel=0.02)
+
+
+def test_flat_friction_is_measured_flat(unit):
+    units = {"A": flat(unit, 250.0), "B": Unit.load("axis_b")}
+    assert creeping_peaks(MODES[0], units, 2, trials=2) == pytest.approx(250.0, abs=8.0)
+    speed, friction = run_up(MODES[1], units, 5)
+    assert speed[-1] > 0.2
+    assert np.median(friction) == pytest.approx(250.0, abs=4.0)
+
+
+@pytest.mark.parametrize("modulus", [1.2e8, 2.1e8])
+def test_the_bulk_modulus_is_the_units(unit, modulus):
+    unit.oil.bulk_modulus = modulus
+    pressure, found = bulk_modulus.pressurise(unit, 0.95, 1)
+    assert abs(pressure - unit.oil.reference_pressure) < 60e3
+    assert found == pytest.approx(modulus, rel=0.03)
+
+
+def test_equations_5_20_and_5_21_agree_where_they_must(unit):
+    """Without air both are the oil's; at atmospheric pressure δ means the same in both, nearly."""
+    pressure = np.array([0.0, 5e5])
+    assert bulk_modulus.equation_5_20(unit.oil, 2.8e8, 0.0, pressure) == pytest.approx(2.8e8)
+    assert bulk_modulus.equation_5_21(2.8e8, 0.0, pressure) == pytest.approx(2.8e8)
+    both = (
+        bulk_modulus.equation_5_20(unit.oil, 2.8e8, 0.003, pressure),
+        bulk_modulus.equation_5_21(2.8e8, 0.003, pressure),
+    )
+    assert both[0][0] == pytest.approx(both[1][0], rel=0.01) and both[0][1] > 1.2 * both[1][1]
+
+
+def test_the_dead_band_is_leakage_under_friction(unit):
+    """(ξ + C_ep)·F/(A·Dp), the low side refed, and the motor's own: half the friction halves it."""
+    for force in (200.0, 400.0):
+        changed = flat(unit, force)
+        holding = unit.pump.cross_port_leakage + unit.pump.case_leakage
+        expected = holding * force / (unit.cylinder.area_1 * unit.pump.displacement * VOLT) + dead_band.MOTOR
+        levels = expected * np.array([0.5, 1.8, 2.2, 2.6, 3.5])
+        found = dead_band.sliding(levels, dead_band.staircase(changed, levels, 1.0, 1)[1], changed)
+        assert found == pytest.approx(expected, rel=0.03)
+
+
+def test_a_sticking_motor_has_a_dead_band():
+    levels = np.array([0.0, 0.001, 0.002, 0.003, 0.004])
+    turning = VOLT * np.maximum(levels - 0.0015, 0.0)
+    assert find_dead_band(levels, turning, turning > 0.0) == pytest.approx(0.0015)
+    assert find_dead_band(levels, VOLT * levels, levels > 0.0) == pytest.approx(0.0, abs=1e-12)
+    assert np.isnan(find_dead_band(levels, np.zeros(5), np.zeros(5, dtype=bool)))
+
+
+def test_the_saturated_velocity_is_the_largest_pump_flow(unit):
+    found = position_step.step_trials(unit, 1.0, 4, trials=2)
+    ratio = unit.pump.displacement / unit.cylinder.area_1
+    assert found.plateau == pytest.approx(unit.drive.max_speed * ratio, rel=0.01)
+    assert found.duration == pytest.approx(0.1 / found.plateau.mean() - 1.0 / (16_875 * ratio), abs=0.05)
+    assert np.all(found.error < 0.0)  # it stops short
+
+
+def test_linear_ultimate_gain_is_routh_hurwitz_s():
+    """K/(s(s + 1)²) is on the verge at K = 2."""
+    from fdd.identification.frequency_response import TransferFunction
+
+    triple = TransferFunction((1.0,), (1.0, 2.0, 1.0), 0.0)
+    assert ultimate_gain.linear_ultimate_gain(triple) == pytest.approx(2.0, rel=1e-3)
+    assert ultimate_gain.linear_ultimate_gain(LOW) == pytest.approx(2.2e5, rel=0.02)
+    assert ultimate_gain.linear_ultimate_gain(HIGH) == pytest.approx(2.6e5, rel=0.02)
+
+
+def test_a_late_drive_oscillates_sooner(unit):
+    late = ultimate_gain.with_delay(unit, 0.01)
+    assert ultimate_gain.oscillation(late, 2.5e5, 1) > 1e-3
+    assert ultimate_gain.oscillation(unit, 2.5e5, 1) < ultimate_gain.OSCILLATES
+
+
+def test_two_pumps_drive_twice_as_fast(unit):
+    partner = Unit.load("axis_b")
+    together = both_pumps(unit, partner)
+    single = speeds_of(unit, 1)[1][-1]
+    assert together.pump.total_leakage == pytest.approx(unit.pump.total_leakage + partner.pump.total_leakage)
+    assert speeds_of(together, 1)[1][-1] == pytest.approx(2.0 * single, rel=0.01)
+    assert unit.pump.displacement == Unit.load("axis_a").pump.displacement
+
+
+def test_the_identification_signal_is_flat_to_150_hz():
+    volts = identification_volts(12.5, 3)
+    assert np.max(np.abs(volts)) <= 1.75
+    power = np.abs(np.fft.rfft(volts)) ** 2
+    frequency = np.fft.rfftfreq(volts.size, 1e-3)
+    bands = [power[(frequency > a) & (frequency < a + 20)].mean() for a in (5, 35, 65, 95, 125)]
+    assert max(bands) < 1.5 * min(bands)
+    assert power[(frequency > 200) & (frequency < 400)].mean() < 0.1 * min(bands)
+    assert chirp(1.0, 5.0, 5.0) == pytest.approx(np.sin(2 * np.pi * 5.0 * np.arange(1000) * 1e-3))
+    assert set(binary_noise(2.0, 100.0, 1)) == {-1.0, 1.0}
+    assert np.all(np.diff(np.flatnonzero(np.diff(binary_noise(2.0, 100.0, 1)))) % 10 == 0)
+
+
+def test_verdicts():
+    assert Row("x", "1", 100.0, 104.9, "N").verdict == "meets"
+    assert Row("x", "1", 100.0, 105.1, "N").verdict == "does not meet"
+    assert Row("x", "1", 100.0, 130.0, "N", tolerance=31.0).verdict == "meets"
+    none = Row("x", "1", 100.0, float("nan"), "N")
+    assert none.verdict == "does not meet" and none.deviation == "none found"
+    assert Row("x", "1", 2.0, 20.0, "N").deviation == "× 10"
+
+
+@pytest.mark.parametrize("share", [0.1, 1.0])
+def test_the_final_error_is_what_holds_the_friction(unit, share):
+    """Kp·e = (ξ + C_ep)·F/(A·Dp) + the drive's dead band, F the friction that still holds at the end."""
+    changed = position_step.with_leakage(unit, share)
+    setpoint = np.concatenate([np.zeros(100), np.full(6000, 0.1)])
+    out = run_position(changed, setpoint, position_step.GAIN, seed=3)
+    holding = leakage.holding_leakage(changed)
+    area, displacement = changed.cylinder.area_1, changed.pump.displacement
+    speed = holding * out.truth["friction_force"][-1] / (area * displacement) + VOLT * dead_band.MOTOR
+    error = 0.1 - float(np.mean(out.truth["position"][-50:]))
+    assert position_step.GAIN * error == pytest.approx(speed, rel=0.05)
+
+
+def test_two_pumps_on_one_cylinder_double_its_speed(unit):
+    """Open connect valves: flows add, and both pumps see the same pressure but for the valves' drop."""
+    other = Unit.load("axis_b")
+    one, two = (dual_operation.steady(unit, other, 2.5, both=b, seed=1) for b in (False, True))
+    assert two.velocity == pytest.approx(2.0 * one.velocity, rel=0.03)
+    single = VOLT * 2.5 * unit.pump.displacement / unit.cylinder.area_1
+    assert 0.9 * single < one.velocity < single
+
+
+def test_a_dead_axis_is_carried_if_its_bypass_is_open(unit):
+    other = Unit.load("axis_b")
+    runs = {
+        name: dual_operation.follow(unit, other, dual_operation.CASES[f"B without power, by-pass {name}"], 1)
+        for name in ("open", "shut")
+    }
+    second = slice(5000, None)
+    largest = {name: np.max(np.abs((out.samples["position"] - s)[second])) for name, (out, s) in runs.items()}
+    # The loop's own lag, speed over gain.
+    ratio = unit.pump.displacement / unit.cylinder.area_1
+    lag = 2.0 * np.pi * 0.2 * 0.05 / (position_step.GAIN * ratio)
+    assert largest["open"] == pytest.approx(lag, rel=0.05) and largest["shut"] > 1.3 * lag
+    turned = {name: np.ptp(out.partner.truth["pump_angle"][second]) for name, (out, _) in runs.items()}
+    # Shut, its oil goes through its pump: half of what the stroke displaces at least.
+    assert turned["shut"] > 0.5 * 0.1 / ratio > 50.0 * turned["open"]
