@@ -1,0 +1,280 @@
+"""Pump gain, leakage and bulk modulus: the fit of the volume balances, and how sure it is."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import lsq_linear
+
+from fdd.identification.oil import air_compliance
+from fdd.identification.volume_steps import (
+    AIR,
+    AIR_SCALE,
+    AREA_2,
+    CASE,
+    CROSS,
+    DISPLACEMENT,
+    STIFF,
+    UNKNOWNS,
+    VolumeSteps,
+    leakage_scale,
+    scales,
+)
+from fdd.unit import Unit
+
+Array = NDArray[np.float64]
+
+LEAST_AIR = 2e-4
+MOST_AIR = 0.15
+HUBER = 4.0
+"""Robust standard deviations from which a residual counts less: wide, for reversals are what tells."""
+GROUPS = 12
+"""Of the jackknife; 2 s blocks are dealt out to them in turn."""
+OVERLAP = 6.0
+"""Rows per independent one: three lengths of step, each overlapping its neighbour by half."""
+LEAST_ROWS = 60
+LEAST_RESIDUAL = 1e-10
+"""m³, a tenth of a cubic millimetre: no encoder is better."""
+AREA_TOLERANCE = 0.015
+AREA_SURE = 3.0
+"""Relative change of the area ratio that is believed, and in standard deviations."""
+
+
+@dataclass(frozen=True)
+class Estimate:
+    """A value with its standard deviation, both SI."""
+
+    value: float
+    std: float
+
+    @property
+    def relative(self) -> float:
+        """Standard deviation over value."""
+        return self.std / abs(self.value) if self.value else float("inf")
+
+
+@dataclass(frozen=True)
+class BalanceFit:
+    """What the volume balances say, SI.
+
+    Attributes
+    ----------
+    displacement : with the base's area_1. area_2 : None where the base's fits.
+    cross_port, case, total_leakage : m³/(s·Pa) at the reference temperature.
+    bulk_modulus : Pa, effective, at the reference pressure. air_fraction : 1.
+    split_known : whether cross-port and case leakage are told apart, rather than split as the base does.
+    air_known : whether α rests on the log rather than on the base.
+    residual : m³, robust standard deviation of a step's balance.
+    rows : number of steps. signal_over_noise : of the compression term against pressure noise.
+    """
+
+    displacement: Estimate
+    area_2: Estimate | None
+    cross_port: Estimate
+    case: Estimate
+    total_leakage: Estimate
+    bulk_modulus: Estimate
+    air_fraction: Estimate
+    split_known: bool
+    air_known: bool
+    residual: float
+    rows: int
+    signal_over_noise: float
+
+
+def fit_balance(
+    steps: VolumeSteps,
+    unit: Unit,
+    reference_pressure: float,
+    noise: tuple[float, float],
+    *,
+    split: bool = True,
+) -> BalanceFit | None:
+    """Fit the balances.
+
+    Bounded least squares with a Huber loss, a weak pull to the base for the split of the
+    leakage and for the air (they may not be separable), and the known noise of the pressures
+    taken out of the normal equations, without which it would bias 1/β to zero. Standard
+    deviations are jackknifed over time.
+
+    Parameters
+    ----------
+    steps : rows of all logs. unit : base profile. reference_pressure : Pa.
+    noise : Pa, standard deviation of the two chamber pressures after smoothing.
+    split : whether the log can tell cross-port from case leakage; else they keep the base's proportion.
+
+    Returns
+    -------
+    The fit, or None where there are too few steps.
+    """
+    if steps.y.size < LEAST_ROWS:
+        return None
+    problem = _Problem(steps, unit, reference_pressure, noise, split=split)
+    with_area = problem.solve(free_area=True)
+    spread = problem.jackknife(with_area, free_area=True)
+    both = all(np.count_nonzero(steps.chamber == c) > LEAST_ROWS // 2 for c in (1, 2))
+    shift, sure = abs(with_area.theta[AREA_2]), float(np.std(spread[:, AREA_2]) * np.sqrt(GROUPS - 1))
+    free_area = both and shift > AREA_TOLERANCE and shift > AREA_SURE * sure
+    solution = with_area if free_area else problem.solve(free_area=False)
+    return problem.report(solution, problem.jackknife(solution, free_area), free_area)
+
+
+def fit_theta(
+    steps: VolumeSteps, unit: Unit, reference_pressure: float, noise: tuple[float, float]
+) -> tuple[Array, float]:
+    """The bare solution of the balances, (6,) in units of `scales`, and its robust residual (m³).
+
+    Parameters as for `fit_balance`; the areas are free.
+    """
+    found = _Problem(steps, unit, reference_pressure, noise).solve(free_area=True)
+    return found.theta, found.sigma
+
+
+@dataclass(frozen=True)
+class _Solution:
+    theta: Array
+    weights: Array
+    sigma: float
+
+
+class _Problem:
+    """The regression with its noise, prior and bounds."""
+
+    def __init__(
+        self,
+        steps: VolumeSteps,
+        unit: Unit,
+        reference_pressure: float,
+        noise: tuple[float, float],
+        *,
+        split: bool = True,
+    ) -> None:
+        # Tied, case leakage is this many times the cross-port one and no unknown of its own.
+        cross_port = unit.pump.cross_port_leakage
+        self.tied = None if split or cross_port == 0.0 else unit.pump.case_leakage / cross_port
+        if self.tied is not None:
+            m = steps.m.copy()
+            m[:, CROSS] += self.tied * m[:, CASE]
+            steps = replace(steps, m=m)
+        self.steps = steps
+        self.unit = unit
+        self.reference_pressure = reference_pressure
+        per_row = np.where(steps.chamber == 1, noise[0], noise[1])
+        self.noise = steps.noise * per_row[:, None, None]
+        leakage = leakage_scale(unit)
+        # So wide for the rest that they only keep a log solvable that says nothing of them.
+        self.prior = np.array([1.0, 0.0, unit.pump.cross_port_leakage / leakage, 0.0, 0.5, 0.0])
+        self.prior_spread = np.array([1.0, 0.3, 3.0, 0.0, 3.0, 0.0])
+        self.prior[CASE] = unit.pump.case_leakage / leakage
+        self.prior_spread[CASE] = max(0.5 * self.prior[CASE], 0.05)
+        self.prior[AIR] = max(unit.oil.air_fraction, LEAST_AIR) / AIR_SCALE
+        self.prior_spread[AIR] = max(self.prior[AIR], 0.5)
+        self.low = np.array([-np.inf, -np.inf, 0.0, 0.0, 0.0, LEAST_AIR / AIR_SCALE])
+        self.high = np.array([np.inf, np.inf, np.inf, np.inf, np.inf, MOST_AIR / AIR_SCALE])
+
+    def normal(self, weights: Array, rows: NDArray[np.bool_] | None = None) -> tuple[Array, Array, Array]:
+        """Information of the rows, that of the pressure noise in them, and the right-hand side."""
+        take = slice(None) if rows is None else rows
+        m, w = self.steps.m[take], weights[take]
+        n = self.noise[take].reshape(-1, UNKNOWNS)
+        return (m.T * w) @ m, (n.T * np.repeat(w, 2)) @ n, m.T @ (w * self.steps.y[take])
+
+    def minimise(
+        self, information: Array, noise: Array, right: Array, sigma: float, free_area: bool
+    ) -> Array:
+        free = np.ones(UNKNOWNS, dtype=bool)
+        free[AREA_2] = free_area
+        free[CASE] = self.tied is None
+        pull = OVERLAP * sigma**2 / self.prior_spread**2
+        full = information + np.diag(pull)
+        share = 1.0
+        scale = np.sqrt(np.diag(full))
+        scaled = (full / np.outer(scale, scale))[np.ix_(free, free)]
+        taken = (noise / np.outer(scale, scale))[np.ix_(free, free)]
+        floor = 1e-3 * float(np.linalg.eigvalsh(scaled)[0])
+        while share > 1e-3 and float(np.linalg.eigvalsh(scaled - share * taken)[0]) < floor:
+            share *= 0.7  # more noise assumed than there is in these rows: take less of it out
+        root = np.linalg.cholesky(scaled - (share if share > 1e-3 else 0.0) * taken).T
+        side = np.linalg.solve(root.T, ((right + pull * self.prior) / scale)[free])
+        found = lsq_linear(
+            root, side, bounds=(self.low[free] * scale[free], self.high[free] * scale[free]), tol=1e-12
+        )
+        theta = np.zeros(UNKNOWNS)
+        theta[free] = found.x / scale[free]
+        return theta
+
+    def solve(self, *, free_area: bool) -> _Solution:
+        weights = np.ones(self.steps.y.size)
+        sigma = float(np.std(self.steps.y)) * 0.05 + LEAST_RESIDUAL
+        theta = np.zeros(UNKNOWNS)
+        for _ in range(8):
+            theta = self.minimise(*self.normal(weights), sigma, free_area)
+            residual = self.steps.y - self.steps.m @ theta
+            sigma = 1.4826 * float(np.median(np.abs(residual))) + LEAST_RESIDUAL
+            weights = np.minimum(1.0, HUBER * sigma / np.maximum(np.abs(residual), 1e-18))
+        return _Solution(theta, weights, sigma)
+
+    def jackknife(self, solution: _Solution, free_area: bool) -> Array:
+        """(groups, 6) solutions, each without one group of blocks."""
+        group = self.steps.block % GROUPS
+        parts = [self.normal(solution.weights, group == g) for g in range(GROUPS)]
+        total = [np.sum([p[i] for p in parts], axis=0) for i in range(3)]
+        return np.array(
+            [
+                self.minimise(total[0] - p[0], total[1] - p[1], total[2] - p[2], solution.sigma, free_area)
+                for p in parts
+            ]
+        )
+
+    def report(self, solution: _Solution, spread: Array, free_area: bool) -> BalanceFit:
+        derived = np.array([self.derive(t) for t in (solution.theta, *spread)])
+        value, others = derived[0], derived[1:]
+        std = np.sqrt((GROUPS - 1) / GROUPS * np.sum((others - others.mean(axis=0)) ** 2, axis=0))
+        estimates = [
+            Estimate(float(v), float(np.hypot(s, f * abs(v))))
+            for v, s, f in zip(value, std, _FLOORS, strict=True)
+        ]
+        information = self.normal(solution.weights)[0]
+        spread_of = _posterior(information, solution.sigma)
+        compression = self.steps.m[:, STIFF]
+        level = float(np.sqrt(np.mean(np.sum(self.noise[:, :, STIFF] ** 2, axis=1)))) + 1e-300
+        return BalanceFit(
+            displacement=estimates[0],
+            area_2=estimates[1] if free_area else None,
+            cross_port=estimates[2],
+            case=estimates[3],
+            total_leakage=estimates[4],
+            bulk_modulus=estimates[5],
+            air_fraction=estimates[6],
+            split_known=self.tied is None and bool(spread_of[CASE] < 0.5 * self.prior_spread[CASE]),
+            air_known=bool(spread_of[AIR] < 0.5 * self.prior_spread[AIR]),
+            residual=solution.sigma,
+            rows=int(self.steps.y.size),
+            signal_over_noise=float(np.std(compression)) / level,
+        )
+
+    def derive(self, theta: Array) -> tuple[float, ...]:
+        """Physical numbers of a solution."""
+        d, area, cross, case, excess, air = theta * scales(self.unit)
+        case = case if self.tied is None else self.tied * cross
+        c = float(air_compliance(self.reference_pressure, self.unit.oil.polytropic_index))
+        compliance = excess + 1.5 * air * c
+        area_2 = self.unit.cylinder.area_2 + area
+        return d, area_2, cross, case, cross + 0.5 * case, 1.0 / max(compliance, 1e-14), air
+
+
+_FLOORS = (3e-4, 3e-4, 0.01, 0.02, 0.01, 0.015, 0.05)
+"""Relative standard deviations that no amount of data beats: gains of sensors, what the model leaves out."""
+
+
+def _posterior(information: Array, sigma: float) -> Array:
+    """(6,) standard deviations that the rows alone give, the area's change kept at zero."""
+    free = [DISPLACEMENT, CROSS, CASE, STIFF, AIR]
+    inside = information[np.ix_(free, free)] / (OVERLAP * max(sigma, 1e-15) ** 2)
+    scale = np.sqrt(np.maximum(np.diag(inside), 1e-300))
+    inverse = np.linalg.pinv(inside / np.outer(scale, scale), rcond=1e-12)
+    out = np.full(UNKNOWNS, np.inf)
+    out[free] = np.sqrt(np.maximum(np.diag(inverse), 0.0)) / scale
+    return out

@@ -1,0 +1,263 @@
+"""Leak flow over pressure (thesis 5.2): laminar and orifice parts, over temperature too."""
+
+from __future__ import annotations
+
+from itertools import pairwise
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.stats import t as student
+
+from fdd.identification.balance import GROUPS, LEAST_ROWS, fit_theta
+from fdd.identification.experiments.outcome import Outcome, Told, axes, cloud, curve_line, points
+from fdd.identification.identify import LEAKAGE_SHARP, reference_level, smoothed_noise, zero_share
+from fdd.identification.oil import viscosity
+from fdd.identification.record import Record
+from fdd.identification.volume_steps import (
+    AIR,
+    AREA_2,
+    BLOCK,
+    CASE,
+    CROSS,
+    DISPLACEMENT,
+    STEPS,
+    STIFF,
+    VolumeSteps,
+    leakage_scale,
+    volume_steps,
+)  # fmt: skip
+from fdd.report import traces as tr
+from fdd.report.plots import Figure
+from fdd.unit import Unit
+
+Array = NDArray[np.float64]
+
+WARMING = 5.0
+"""K between the coldest and the warmest tenth of the log from which leakage is told over temperature."""
+APART = 4.0
+"""Times the lowest pressures that the highest must be for laminar and orifice flow to be told apart."""
+LEAST_PRESSURE = 2e5
+"""Pa between the lowest and the highest pressures: sensors' zeros and friction alone make about as much."""
+MODEL = 0.01
+"""Of the leak flow: what the volume balance itself leaves out."""
+PRESSURES = 12
+
+
+class _Rows:
+    """Leak flow (m³/s) and pressure (Pa) of the longest steps, and the regression through them."""
+
+    def __init__(self, steps: VolumeSteps, temperature: Array, unit: Unit, theta: Array) -> None:
+        longest = steps.seconds == STEPS[-1]
+        m, seconds = steps.m[longest], steps.seconds[longest]
+        # Case leakage in the profile's proportion: few logs tell both apart.
+        total = unit.pump.total_leakage
+        cross, share = (
+            (unit.pump.cross_port_leakage / total, unit.pump.case_leakage / total) if total else (1.0, 0.0)
+        )
+        laminar = cross * m[:, CROSS] + share * m[:, CASE]
+        known = m[:, [AREA_2, STIFF, AIR]] @ theta[[AREA_2, STIFF, AIR]]
+        self.pressure = -laminar / (leakage_scale(unit) * seconds)
+        self.pumped = m[:, DISPLACEMENT] / seconds
+        self.arrived = (steps.y[longest] - known) / seconds
+        self.block, self.temperature = steps.block[longest], temperature[longest]
+
+    def design(self, *, orifice: bool) -> Array:
+        """Displacement over the profile's, laminar coefficient, and on wish the orifice's."""
+        root = np.sign(self.pressure) * np.sqrt(np.abs(self.pressure))
+        columns = [self.pumped, -self.pressure, *([-root] if orifice else [])]
+        return np.column_stack(columns)
+
+    def fit(self, rows: NDArray[np.bool_] | None = None, *, orifice: bool) -> tuple[Array, Array]:
+        """Coefficients and their standard deviations, jackknifed over blocks of 2 s."""
+        use = np.ones(self.block.size, bool) if rows is None else rows
+        m, y, block = self.design(orifice=orifice)[use], self.arrived[use], self.block[use]
+        scale = np.abs(m).max(axis=0)
+        whole, weights = _robust(m / scale, y)
+        group = np.unique(block, return_inverse=True)[1] % GROUPS
+        parts = np.array(
+            [
+                np.linalg.lstsq(
+                    (m / scale * weights[:, None])[group != g], (y * weights)[group != g], rcond=None
+                )[0]
+                for g in np.unique(group)
+            ]
+        )
+        n = len(parts)
+        spread = np.sqrt((n - 1) / n * np.sum((parts - parts.mean(axis=0)) ** 2, axis=0))
+        stretch = float(student.ppf(0.975, max(n - 1, 1))) / 1.96
+        return whole / scale, stretch * spread / scale
+
+
+def leakage(records: list[Record], unit: Unit) -> Outcome:
+    """Leak flow out of the chambers over pressure, by the balances of `fdd.identification.volume_steps`.
+
+    Parameters
+    ----------
+    records : logs. unit : profile: areas, volumes, oil, and how cross-port and case leakage share the whole.
+    """
+    out = Outcome("leakage", "Leak flow over pressure")
+    steps, temperature, reference = _steps(records, unit)
+    pressure = max(float(np.median(np.concatenate([reference_level(r) for r in records]))), 0.0)
+    if steps.y.size < LEAST_ROWS:
+        out.not_told.append(
+            "Leakage: too few steps in which a chamber stays above the accumulator while it moves."
+        )
+        return out
+    theta, _ = fit_theta(steps, unit, pressure, smoothed_noise(records))
+    rows = _Rows(steps, temperature, unit, theta)
+    low, high = (float(q) for q in np.quantile(np.abs(rows.pressure), [0.05, 0.95]))
+    gain, gain_std = rows.fit(orifice=False)
+    zero = zero_share(records) * gain[1]
+    std = float(np.hypot(np.hypot(gain_std[1], zero), MODEL * gain[1]))
+    profile = unit.pump.total_leakage
+    if high - low < LEAST_PRESSURE or std > LEAKAGE_SHARP * abs(gain[1]):
+        out.not_told.append(
+            f"Leakage: pressures run from {low / 1e5:.2g} to {high / 1e5:.2g} bar and give "
+            f"{6e12 * gain[1]:.3g} ± {2 * 6e12 * std:.2g} mL/min/bar. Load the actuator, e.g. by throttling."
+        )
+        return out
+    out.told.append(Told.normal("leakage coefficient, straight line", gain[1], std, "m^3/(s*Pa)",
+                                f"profile {6e12 * profile:.4g} mL/min/bar"))  # fmt: skip
+    out.told.append(Told.normal("leak flow at the highest pressure", gain[1] * high, std * high, "m^3/s",
+                                f"at {high / 1e5:.3g} bar"))  # fmt: skip
+    both = _orifice(out, rows, low, high, zero)
+    _over_temperature(out, rows, unit, reference, records)
+    out.notes.append(
+        f"Total leakage (cross-port and half of the case leakage, thesis eq. 3.50) at {reference:.0f} "
+        "°C, split as "
+        "in the profile; leakage beside it, pump displacement was fitted: it is "
+        f"{100 * gain[0]:.2f} % of the profile's. Intervals hold the pressure sensors' zeros."
+    )
+    _draw(out, rows, np.append(gain, 0.0) if both is None else both, profile)
+    return out
+
+
+def _steps(records: list[Record], unit: Unit) -> tuple[VolumeSteps, Array, float]:
+    """All logs' steps, the oil temperature of each, and the mean one (°C)."""
+    known = [float(np.mean(r.temperature)) for r in records if r.temperature is not None]
+    reference = float(np.mean(known)) if known else unit.oil.reference_temperature
+    noise = smoothed_noise(records)
+    pressure = max(float(np.median(np.concatenate([reference_level(r) for r in records]))), 0.0)
+    parts = [
+        volume_steps(r, unit, reference_temperature=reference, reference_pressure=pressure, noise=noise)
+        for r in records
+    ]
+    temperatures = []
+    for record, part in zip(records, parts, strict=True):
+        if record.temperature is None:
+            temperatures.append(np.full(part.y.size, np.nan))
+        else:
+            middle = (part.block + 0.5) * BLOCK / record.period
+            temperatures.append(
+                np.interp(middle, np.arange(len(record)), record.smooth(record.temperature, 5.0))
+            )
+    return VolumeSteps.join(parts), np.concatenate(temperatures), reference
+
+
+def _robust(m: Array, y: Array) -> tuple[Array, Array]:
+    """Least squares with a Huber loss, and the square roots of its weights."""
+    weights = np.ones(y.size)
+    for _ in range(10):
+        theta = np.linalg.lstsq(m * weights[:, None], y * weights, rcond=None)[0]
+        residual = np.abs(y - m @ theta)
+        weights = np.sqrt(np.minimum(1.0, 4.0 * 1.4826 * np.median(residual) / np.maximum(residual, 1e-30)))
+    return np.asarray(theta), weights
+
+
+def _orifice(out: Outcome, rows: _Rows, low: float, high: float, zero: float) -> Array | None:
+    """Tell both parts; their coefficients where an orifice shows."""
+    if high < APART * low:
+        out.not_told.append(
+            f"Laminar and orifice flow apart: pressures run from {low / 1e5:.2g} to {high / 1e5:.2g} "
+            "bar only."
+        )
+        return None
+    both, std = rows.fit(orifice=True)
+    root = float(np.sqrt(high))
+    reach = float(np.hypot(std[2], MODEL * (both[1] * root + both[2])))
+    if both[2] < 1.96 * reach:
+        most = 6e7 * root * (max(both[2], 0.0) + 1.96 * reach)
+        out.notes.append(f"No orifice flow shows: at {high / 1e5:.3g} bar it is below {most:.3g} mL/min.")
+        return None
+    laminar_std = float(np.hypot(np.hypot(std[1], zero), MODEL * both[1]))
+    out.told.append(Told.normal("laminar part, beside an orifice", both[1], laminar_std, "m^3/(s*Pa)"))
+    out.told.append(Told.normal("orifice part", both[2], reach, "m^3/(s*Pa^0.5)"))
+    return both
+
+
+def _over_temperature(out: Outcome, rows: _Rows, unit: Unit, reference: float, records: list[Record]) -> None:
+    t = rows.temperature
+    known = np.isfinite(t)
+    if not known.any():
+        out.not_told.append("Leakage over temperature: oil_temperature is not measured.")
+        return
+    span = float(np.ptp(np.quantile(t[known], [0.1, 0.9])))
+    if span < WARMING:
+        out.not_told.append(
+            f"Leakage over temperature: the oil's changes by {span:.1f} K only, {WARMING:.0f} K are needed."
+        )
+        return
+    edges = np.quantile(t[known], [0.0, 1.0 / 3.0, 2.0 / 3.0, 1.0])
+    out.heads = ("oil temperature", "leakage", "95 %", f"by viscosity, over {reference:.0f} °C")
+    for a, b in pairwise(edges):
+        rows_of = known & (t >= a) & (t <= b)
+        found, std = rows.fit(rows_of, orifice=False)
+        middle = float(np.median(t[rows_of]))
+        # What the steps carry is referred to one temperature; this takes it back to its own.
+        thinner = float(viscosity(unit.oil, np.array(reference)) / viscosity(unit.oil, np.array(middle)))
+        value, half = 6e12 * found[1] * thinner, 1.96 * 6e12 * std[1] * thinner
+        out.rows.append(
+            (
+                f"{middle:.1f} °C",
+                f"{value:.3g} mL/min/bar",
+                f"{value - half:.3g} … {value + half:.3g}",
+                f"× {thinner:.3g}",
+            )
+        )
+
+
+def _draw(out: Outcome, rows: _Rows, gain: Array, profile: float) -> None:
+    leak = gain[0] * rows.pumped - rows.arrived
+
+    def fitted(p: Array) -> Array:
+        return np.asarray(gain[1] * p + gain[2] * np.sign(p) * np.sqrt(np.abs(p)))
+
+    # Means of what the fit leaves, put back on it: pressures differ within a group.
+    beside = leak - fitted(rows.pressure)
+    edges = np.quantile(rows.pressure, np.linspace(0.0, 1.0, PRESSURES + 1))
+    which = np.clip(np.searchsorted(edges, rows.pressure) - 1, 0, PRESSURES - 1)
+    p, q, half = [], [], []
+    for k in range(PRESSURES):
+        inside = which == k
+        if np.count_nonzero(inside) < 5:
+            continue
+        means = [np.mean(beside[inside & (rows.block == b)]) for b in np.unique(rows.block[inside])]
+        p.append(np.median(rows.pressure[inside]))
+        q.append(fitted(p[-1]) + np.mean(means))
+        half.append(
+            student.ppf(0.975, max(len(means) - 1, 1)) * np.std(means) / np.sqrt(max(len(means) - 1, 1))
+        )
+    pressure, flow, reach = (np.array(x) for x in (p, q, half))
+    out.curves["leak_flow"] = {"pressure": pressure, "flow": flow, "low": flow - reach, "high": flow + reach}
+    line = np.linspace(min(float(rows.pressure.min()), 0.0), float(rows.pressure.max()), 60)
+    data = [
+        cloud(1e-5 * rows.pressure, 6e7 * leak, "steps of 0.2 s", tr.GREY),
+        points(
+            1e-5 * pressure, 6e7 * flow, 6e7 * (flow - reach), 6e7 * (flow + reach), "means, 95 %", tr.BLUE
+        ),
+        curve_line(1e-5 * line, 6e7 * fitted(line), "fitted", tr.BLUE),
+        curve_line(1e-5 * line, 6e7 * profile * line, "profile", tr.VERMILLION, "dash"),
+    ]
+    layout = axes("pressure that drives it (bar)")
+    out.figures.append(
+        Figure(
+            "leakage",
+            "Leak flow",
+            data,
+            layout,
+            "mL/min",
+            "less compression, by the volume balance",
+            380,
+            True,
+        )
+    )

@@ -1,0 +1,335 @@
+"""Frequency response of one's own log: empirical, and by ARX, ARMAX, output-error and Box-Jenkins models.
+
+Thesis 6.1 to 6.4, with what it leaves to the eye: coherence, confidence, and a half of the log that no
+model has seen.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.signal import butter, sosfiltfilt
+from scipy.stats import chi2
+
+from fdd.identification.experiments.hydraulic import from_profile
+from fdd.identification.experiments.outcome import NORMAL_95, Outcome, Told, axes, curve_line
+from fdd.identification.experiments.polynomial import STRUCTURES, Model, Series, best_model, find_delay
+from fdd.identification.experiments.spectra import Spectra, halves, stretches, welch
+from fdd.identification.frequency_response import decibel, degrees
+from fdd.identification.record import Record
+from fdd.report import traces as tr
+from fdd.report.plots import Figure
+from fdd.unit import Unit
+
+Array = NDArray[np.float64]
+
+RATE = 8.0
+"""Samples per period of the profile's natural frequency: enough for twice that frequency, and no more."""
+ORDERS = (1, 2, 3, 4)
+LONGEST_DELAY = 0.02
+"""s."""
+COHERENT = 0.6
+"""Squared coherence from which the response counts as told."""
+SEEN = 0.3
+"""Squared coherence from which points set the plots' ranges."""
+ALIKE = 0.01
+"""Of the output's variance: of models whose fits are closer the one of fewest poles is taken, then by BIC."""
+LAGS = 20
+STANDING = 0.05
+"""Of the time at less than a twentieth of the usual speed: then friction on reversal is in the response."""
+LEAST_FIT = 0.5
+"""Of the held-out variance that a model must simulate."""
+UNITS = {"rate": "m/rad", "position": "m/rad", "pressure_difference": "Pa*s/rad"}
+NAMES = {"pump_speed": "pump speed", "command": "command", "rate": "velocity", "position": "position",
+         "pressure_difference": "pressure difference"}  # fmt: skip
+
+
+@dataclass(frozen=True)
+class Tested:
+    """A model, the share of the held-out variance that it simulates, and the whiteness of its errors."""
+
+    model: Model
+    fit: float
+    p_white: float
+    worst: float
+
+    def poles_text(self) -> str:
+        """Natural frequencies and damping, pairs once."""
+        facts, n = self.model.facts(), self.model.order
+        words = []
+        for hz, zeta in dict.fromkeys(zip(facts[1 : n + 1].round(2), facts[n + 1 :].round(3), strict=True)):
+            words.append(
+                "none" if np.isnan(hz) else f"{hz:.3g} Hz" + (f" (ζ {zeta:.2g})" if zeta < 1.0 else "")
+            )
+        return ", ".join(words)
+
+
+def frequency_response(
+    records: list[Record],
+    unit: Unit,
+    *,
+    given: str = "pump_speed",
+    caused: str = "rate",
+    order: int | None = None,
+    window_s: float = 1.0,
+) -> Outcome:
+    """Identify the response of `caused` to `given`.
+
+    Parameters
+    ----------
+    records : logs. unit : profile, whose natural frequency sets the grid and is compared with.
+    given : pump_speed or command. caused : rate, position or pressure_difference.
+    order : poles of all models; by default 1 to 4, by BIC.
+    window_s : s, of Welch's windows.
+
+    Raises
+    ------
+    InputError : as `stretches`.
+    """
+    natural = from_profile(unit, 0.0).natural_hz
+    series, period = stretches(records, given, caused, RATE * natural)
+    out = Outcome("frequency-response", f"Frequency response, {NAMES[given]} to {NAMES[caused]}")
+    spectra = welch(series, period, window_s)
+    fitting, held_out = halves(series)
+    delay = find_delay(fitting, round(LONGEST_DELAY / period))
+    orders = ORDERS if order is None else (order,)
+    tested = [_test(best_model(fitting, period, s, orders, delay), held_out) for s in STRUCTURES]
+    close = [t for t in tested if t.fit > max(t.fit for t in tested) - ALIKE]
+    best = min(close, key=lambda t: (t.model.order, t.model.bic))
+    if best.fit < LEAST_FIT or np.isnan(_told_up_to(spectra)):
+        out.not_told.append(
+            f"The response: the best model simulates {100 * max(best.fit, 0.0):.0f} % of the held-out "
+            "half, and a "
+            "linear model says little of this log. Record a chirp or binary noise about a constant speed."
+        )
+    else:
+        hydraulic = given == "pump_speed" and caused != "pressure_difference"
+        _tell(out, best, held_out, natural if hydraulic else None, UNITS[caused])
+        _judge(out, series, best, spectra, standing_share(records))
+    if caused == "position":
+        out.notes.append(
+            "Models and gain are of the velocity; position is its integral, a pole at zero more."
+        )
+    out.heads = ("model", "order", "delay", "fit", "errors", "BIC", "gain", "poles")
+    out.rows = [_row(t, best, UNITS[caused]) for t in tested]
+    _draw(out, spectra, tested, best, natural, NAMES[caused], integrate=caused == "position")
+    return out
+
+
+def _test(model: Model, held_out: list[Series]) -> Tested:
+    left, errors = [], []
+    for s in held_out:
+        left.append((s.caused - model.simulate(s.given))[s.used])
+        errors.append(np.where(s.used, model.errors(s), np.nan))
+    rho, pairs = masked_autocorrelation(errors, LAGS)
+    whole = np.concatenate([s.caused[s.used] for s in held_out])
+    fit = 1.0 - float(np.var(np.concatenate(left)) / np.var(whole))
+    return Tested(model, fit, float(chi2.sf(np.sum(rho**2 * pairs), LAGS)), float(np.max(np.abs(rho))))
+
+
+def _told_up_to(spectra: Spectra) -> float:
+    """Highest frequency (Hz) with coherence about it; NaN for none."""
+    smooth = np.convolve(spectra.coherence, np.full(3, 1.0 / 3.0), mode="same")
+    good = np.flatnonzero(smooth > COHERENT)
+    return float(spectra.frequency[good[-1]]) if good.size else float("nan")
+
+
+def _tell(out: Outcome, best: Tested, held_out: list[Series], natural: float | None, unit: str) -> None:
+    """Gain and poles; `natural` is the profile's hydraulic frequency, where it is comparable."""
+    facts, stds, n = best.model.facts(), best.model.facts_std(), best.model.order
+    out.told.append(Told.normal("gain at rest", facts[0], stds[0], unit))
+    hz, zeta = facts[1 : n + 1], facts[n + 1 :]
+    hz_std, zeta_std = stds[1 : n + 1], stds[n + 1 :]
+    pairs = [k for k in range(n - 1) if zeta[k] < 1.0 and np.isclose(hz[k], hz[k + 1])]
+    seen = [k for k in pairs if explained_about(best.model, held_out, hz[k]) > 0.5]
+    for k in range(n):
+        if k in seen:
+            off = "" if natural is None else (
+                f"profile: hydraulic {natural:.3g} Hz, this is {100.0 * (hz[k] / natural - 1.0):+.1f} % off"
+            )  # fmt: skip
+            out.told.append(Told.normal("natural frequency of a pole pair", hz[k], hz_std[k], "Hz", off))
+            out.told.append(Told.normal("its damping ratio", zeta[k], zeta_std[k], "1"))
+        elif k not in pairs and k - 1 not in pairs and hz[k] > 2.0 * NORMAL_95 * hz_std[k]:
+            out.told.append(Told.normal("corner of a real pole", hz[k], hz_std[k], "Hz"))
+    for k in pairs:
+        if k not in seen:
+            out.not_told.append(
+                f"The pole pair at {hz[k]:.3g} Hz: the model simulates less than half of what the "
+                "held-out output "
+                "holds about that frequency."
+            )
+    if natural is not None and not seen:
+        out.not_told.append(f"The hydraulic natural frequency, {natural:.3g} Hz by the profile.")
+
+
+def explained_about(model: Model, series: list[Series], hz: float) -> float:
+    """Share of the output's variance within half an octave either side of `hz` that the model simulates."""
+    top = 0.5 / model.period
+    edges = [min(hz / np.sqrt(2.0), 0.6 * top), min(hz * np.sqrt(2.0), 0.95 * top)]
+    band = butter(2, edges, "bandpass", fs=1.0 / model.period, output="sos")
+    whole = left = 0.0
+    for s in series:
+        whole += float(np.sum(sosfiltfilt(band, s.caused)[s.used] ** 2))
+        left += float(np.sum(sosfiltfilt(band, s.caused - model.simulate(s.given))[s.used] ** 2))
+    return 1.0 - left / whole
+
+
+def _judge(out: Outcome, series: list[Series], best: Tested, spectra: Spectra, standing: float) -> None:
+    highest = _told_up_to(spectra)
+    if highest < 0.9 * spectra.frequency[-1]:
+        out.not_told.append(
+            f"The response above {highest:.3g} Hz: the squared coherence of input and output is below "
+            f"{COHERENT}."
+        )
+    if best.p_white < 0.01:
+        out.notes.append(
+            f"The {best.model.structure} model's errors are not white (autocorrelation up to "
+            f"{best.worst:.2f}): "
+            "something is left that a linear model of this order does not say. The intervals allow for it."
+        )
+    if standing > STANDING:
+        out.notes.append(
+            f"The piston hardly moves in {100 * standing:.0f} % of the time: then its friction is in "
+            "the response. "
+            "A test signal about a constant speed leaves it out."
+        )
+    seconds = sum(s.given.size for s in series) * best.model.period
+    out.notes.append(
+        f"{seconds:.0f} s with the strongest input, every {1e3 * best.model.period:.3g} ms; every other "
+        f"eighth of a stretch is fitted, the rest held out. Orders by BIC."
+    )
+
+
+def standing_share(records: list[Record]) -> float:
+    """Share of the time in which the piston is slower than a twentieth of its usual speed."""
+    v = np.abs(np.concatenate([r.speeds(0.02)[0] for r in records]))
+    return float(np.mean(v < 0.05 * np.quantile(v, 0.9)))
+
+
+def _row(t: Tested, best: Tested, unit: str) -> tuple[str, ...]:
+    m = t.model
+    gain = Told.normal("", m.facts()[0], m.facts_std()[0], unit).shown()
+    return (
+        m.structure + (" (chosen)" if t is best else ""),
+        str(m.order),
+        f"{1e3 * m.delay * m.period:.3g} ms",
+        f"{100 * t.fit:.1f} %",
+        "white" if t.p_white >= 0.01 else f"ρ to {t.worst:.2f}",
+        f"{m.bic:.0f}",
+        f"{gain[0]} {gain[2]}",
+        t.poles_text(),
+    )
+
+
+def shade(frequency: Array, low: Array, high: Array) -> dict[str, Any]:
+    """A band of its own: grouped with its line it would stack the legend."""
+    return {**tr.band(frequency, low, high, "", tr.BLUE), "legendgroup": ""}
+
+
+def _draw(
+    out: Outcome,
+    spectra: Spectra,
+    tested: list[Tested],
+    best: Tested,
+    natural: float,
+    name: str,
+    *,
+    integrate: bool,
+) -> None:
+    f = spectra.frequency
+    divisor = 2j * np.pi * f if integrate else np.ones_like(f)
+    measured, radius = spectra.response / divisor, spectra.radius / np.abs(divisor)
+    size = np.abs(measured)
+    low, high = np.maximum(size - radius, 0.1 * size), size + radius
+    spread = np.degrees(np.arcsin(np.minimum(radius / np.maximum(size, 1e-300), 1.0)))
+    fine = np.geomspace(f[0], f[-1], 300)
+    fine_divisor = 2j * np.pi * fine if integrate else np.ones_like(fine)
+    colours = dict(zip(STRUCTURES, tr.LINE_COLOURS[1:], strict=False))
+    phase = degrees(measured)
+    magnitude: list[Any] = [shade(f, decibel(low), decibel(high)),
+                            curve_line(f, decibel(measured), "measured", tr.BLUE)]  # fmt: skip
+    angle: list[Any] = [shade(f, phase - spread, phase + spread), curve_line(f, phase, "measured", tr.BLUE)]
+    for t in tested:
+        modelled = t.model.at(fine) / fine_divisor
+        turned = degrees(modelled)
+        turned += 360.0 * np.round((np.interp(fine[0], f, phase) - turned[0]) / 360.0)
+        style = (t.model.structure, colours[t.model.structure], "solid" if t is best else "dot")
+        magnitude.append(curve_line(fine, decibel(modelled), *style))
+        angle.append(curve_line(fine, turned, *style))
+        out.curves[t.model.structure] = {
+            "frequency_hz": fine, "magnitude": np.abs(modelled), "phase_deg": turned,
+        }  # fmt: skip
+    out.curves["measured"] = {
+        "frequency_hz": f, "magnitude": size, "magnitude_low": np.maximum(size - radius, 0.0),
+        "magnitude_high": high, "phase_deg": phase, "coherence": spectra.coherence,
+    }  # fmt: skip
+    mark = {"type": "line", "xref": "x", "yref": "paper", "x0": natural, "x1": natural, "y0": 0, "y1": 1,
+            "line": {"width": 1, "dash": "dot"}, "name": tr.MARK}  # fmt: skip
+    layout = axes("frequency (Hz)", type="log") | {"shapes": [mark]}
+    note = (
+        f"shaded: 95 % of the measured one; dotted upright: the profile's natural frequency, {natural:.3g} Hz"
+    )
+    seen = spectra.coherence > SEEN if np.any(spectra.coherence > SEEN) else np.ones(f.size, dtype=bool)
+
+    def reach(values: Array, margin: float) -> dict[str, Any]:
+        return layout | {
+            "yaxis": {"range": [float(values[seen].min() - margin), float(values[seen].max() + margin)]}
+        }
+
+    out.figures = [
+        Figure(
+            "magnitude",
+            f"Magnitude of {name}",
+            magnitude,
+            reach(decibel(measured), 10.0),
+            "dB",
+            note,
+            340,
+            True,
+        ),
+        Figure("phase", "Phase", angle, reach(phase, 45.0), "°", "", 300, True),
+        Figure(
+            "coherence",
+            "Squared coherence",
+            [curve_line(f, spectra.coherence, "coherence", tr.BLUE)],
+            layout | {"yaxis": {"range": [0, 1.02]}},
+            "",
+            "1: all of the output follows from the input",
+            240,
+            True,
+        ),
+    ]
+
+
+def masked_autocorrelation(series: list[Array], lags: int) -> tuple[Array, Array]:
+    """Autocorrelation about zero over pairs that are both there.
+
+    Parameters
+    ----------
+    series : of (n,) each, NaN where a sample is missing.
+    lags : 1 to `lags`.
+
+    Returns
+    -------
+    (lags,) autocorrelations, and (lags,) numbers of pairs; each is about N(0, 1/pairs) when white.
+
+    Examples
+    --------
+    >>> rho, pairs = masked_autocorrelation([np.array([1.0, -1.0, np.nan, -1.0, 1.0])], 1)
+    >>> rho.tolist(), pairs.tolist()
+    ([-1.0], [2.0])
+    """
+    power, count = 0.0, 0
+    products, pairs = np.zeros(lags), np.zeros(lags)
+    for y in series:
+        there = np.isfinite(y)
+        filled = np.where(there, y, 0.0)
+        power, count = power + float(filled @ filled), count + int(there.sum())
+        for k in range(1, min(lags, y.size - 1) + 1):
+            products[k - 1] += filled[:-k] @ filled[k:]
+            pairs[k - 1] += np.sum(there[:-k] & there[k:])
+    scale = power / max(count, 1)
+    return products / np.maximum(pairs, 1) / max(scale, 1e-300), pairs

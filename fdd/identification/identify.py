@@ -1,0 +1,371 @@
+"""From healthy logs to this unit's own profile."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fdd.errors import InputError
+from fdd.identification.balance import LEAST_ROWS, BalanceFit, Estimate, fit_balance
+from fdd.identification.friction import BranchFit, fit_friction
+from fdd.identification.motor import fit_torque_constant
+from fdd.identification.profile import Identification, ProfileWriter
+from fdd.identification.record import Record, even_record
+from fdd.identification.sensors import effective_noise, fit_sensors, gain_mismatch, redundancy_offset
+from fdd.identification.signs import MOST_GAIN_CHANGE, check_gain, check_pressure_sign, check_pump
+from fdd.identification.volume_steps import SMOOTHING, VolumeSteps, volume_steps
+from fdd.identification.volumes import VolumeFit, fit_volumes
+from fdd.samples import Samples
+from fdd.unit import Unit
+
+LEAST_REST = 0.5
+"""s of standstill that a charge pressure needs."""
+RELIEF_EXCEEDED, RELIEF_CLEARANCE, RELIEF_IMPOSSIBLE = 1.15, 1.2, 30.0
+"""Times the base's relief setting: it cannot be this unit's; times the pressure reached: where it is put;
+times the setting again: no valve of any such actuator, from 1 to 35 MPa, holds that."""
+GAIN_SHARP, LEAKAGE_SHARP, BULK_SHARP = 0.02, 0.25, 0.25
+"""Relative standard deviation up to which an estimate replaces the base's number."""
+LEAST_LEAKAGE = 5e-3
+"""Of the base's leakage; less than that is the fit's bound, not a pump's."""
+SURPRISING = 4.0
+"""Factor from the base that a note is worth."""
+USUAL_ZERO = 3.0e3
+"""Pa, standard deviation of a pressure sensor's zero where nothing else is known of it."""
+HIDDEN_BULK, HIDDEN_LEAKAGE, HIDDEN_CASE = 0.10, 0.03, 0.25
+"""Relative standard deviations to add where the chambers' pressures are reconstructed."""
+
+
+def identify_unit(
+    logs: Sequence[Samples], base: Unit, name: str | None = None, labels: Sequence[str] | None = None
+) -> Identification:
+    """Identify a unit's own numbers from healthy logs.
+
+    Volume balances of the chambers give pump gain, leakage and bulk modulus (thesis 5.1, 5.2, 5.4; see
+    `fdd.identification.volume_steps`), the force balance gives friction (thesis 5.3), standstill and
+    redundancy give sensors and charge pressure. What the logs do not tell stays as in `base`,
+    and a note says why.
+
+    Parameters
+    ----------
+    logs : one or more healthy logs of the same unit, at least 5 s each, with position, pump_angle or
+        pump_speed, and pressure_difference or both chamber pressures. Strokes at several speeds and
+        some load tell most.
+    base : profile of a similar unit; its area_1 is taken as true, and its volumes where strokes are too
+        short to tell them (see `fdd.identification.volumes`).
+    name : of the new profile; by default the base's with ``_identified``.
+    labels : what errors call the logs, one each.
+
+    Returns
+    -------
+    Identification : unit, table and notes.
+
+    Raises
+    ------
+    InputError : no log, a channel missing, too short, nothing moves, or a gain so far from the base's
+        that units of measure or the base must be wrong.
+
+    Examples
+    --------
+    >>> from fdd.logs.read import read_log  # doctest: +SKIP
+    >>> found = identify_unit([read_log("healthy.mcap").samples], Unit.load("axis_a"))  # doctest: +SKIP
+    >>> found.unit.save("unit.yaml")  # doctest: +SKIP
+    """
+    if not logs:
+        raise InputError("no healthy log given", mend="give at least one")
+    if labels is None:
+        labels = ["healthy log" if len(logs) == 1 else f"healthy log {i + 1}" for i in range(len(logs))]
+    records = [even_record(log, base, label) for log, label in zip(logs, labels, strict=True)]
+    for log, record, label in zip(logs, records, labels, strict=True):
+        check_gain(record, base, label)
+        check_pump(log, label)
+        check_pressure_sign(record, base, label)
+    jumps = sum(r.angle_jumps for r in records)
+    unit = base.model_copy(deep=True)
+    unit.baseline = unit.origin = None
+    unit.name = name if name is not None else f"{base.name[:53]}_identified"
+    source = f"identified from {len(logs)} healthy log(s)"
+    seconds = sum(len(r) * r.period for r in records)
+    unit.description = f"{source}, {seconds:.0f} s in all; based on {base.name}."
+    writer = ProfileWriter(unit, base, source)
+    if jumps:
+        writer.note(f"the pump angle makes {jumps} impossible jumps: these moments were left out")
+    _hydraulics(writer, records)
+    _charge(writer, records)
+    _friction(writer, records)
+    for channel, fit in fit_sensors(list(logs), records, base).items():
+        writer.put_sensor(channel, fit)
+    mismatch = gain_mismatch(records)
+    if mismatch is not None and abs(mismatch) > 5e-3:
+        writer.note(
+            f"pressure_difference reads {100 * mismatch:+.1f} % of the chambers' difference off in gain; "
+            "its zero makes them agree on average"
+        )
+    constant, why = fit_torque_constant(records, unit.pump.displacement)
+    if constant is None:
+        writer.keep("drive.torque_constant", why)
+    else:
+        writer.put("drive.torque_constant", constant, why)
+    return writer.result
+
+
+def _hydraulics(writer: ProfileWriter, records: list[Record]) -> None:
+    base = _with_relief(writer, records)
+    temperatures = [float(np.mean(r.temperature)) for r in records if r.temperature is not None]
+    temperature = float(np.mean(temperatures)) if temperatures else base.oil.reference_temperature
+    pressure = float(np.median(np.concatenate([reference_level(r) for r in records])))
+    pressure = max(pressure, 0.0)
+    noise = smoothed_noise(records)
+
+    def steps_of(unit: Unit) -> VolumeSteps:
+        return VolumeSteps.join(
+            [
+                volume_steps(
+                    r, unit, reference_temperature=temperature, reference_pressure=pressure, noise=noise
+                )
+                for r in records
+            ]
+        )
+
+    hidden = not all(r.chambers_measured for r in records)
+    volumes = None
+    if not hidden:  # a reconstructed pressure tells as much of its own model as of the volumes
+        base, volumes = _with_volumes(writer, steps_of, base, pressure, noise)
+    steps = steps_of(base)
+    # Who measures two of the four pressures sees one loss, p1 - p2 or p1 - p_case: they hardly differ.
+    split = not hidden and all(r.accumulator_measured for r in records)
+    fit = fit_balance(steps, base, pressure, noise, split=split)
+    if fit is None:
+        for path in ("pump.displacement", "pump.cross_port_leakage", "oil.bulk_modulus"):
+            writer.keep(path, "too few steps in which a chamber stays above the accumulator while it moves")
+        return
+    _put_gain(writer, fit)
+    blurred = float(np.hypot(zero_share(records), HIDDEN_LEAKAGE if hidden else 0.0))
+    of_case = float(np.hypot(blurred, HIDDEN_CASE if hidden else 0.0))
+    _put_leakage(writer, fit, temperature if temperatures else None, blurred, of_case)
+    _put_compressibility(writer, fit, pressure, hidden, volumes)
+    if hidden:
+        writer.note(
+            "chamber pressures are not measured: they were reconstructed from their difference and the "
+            "refeeding valves, which leaves bulk modulus and air uncertain by about 10 %"
+        )
+
+
+def _with_relief(writer: ProfileWriter, records: list[Record]) -> Unit:
+    """The base, its relief valve set above what healthy logs reach."""
+    reached = max(
+        float(np.quantile(np.abs(r.smooth(r.pressure_1 - r.pressure_2, SMOOTHING)), 0.995)) for r in records
+    )
+    setting = writer.base.accumulator.relief_pressure
+    if reached < RELIEF_EXCEEDED * setting:
+        return writer.base
+    if reached > RELIEF_IMPOSSIBLE * setting:
+        raise InputError(
+            f"pressure differences reach {reached / 1e5:.3g} bar, the relief valve of base "
+            f"{writer.base.name} opens at {setting / 1e5:.3g} bar",
+            mend="check the pressures' unit in the channel map",
+        )
+    value = RELIEF_CLEARANCE * reached
+    writer.put(
+        "accumulator.relief_pressure",
+        Estimate(value, 0.2 * value),
+        f"healthy pressure differences reach {reached / 1e5:.1f} bar: opens above that",
+    )
+    writer.note(
+        f"the logs reach {reached / 1e5:.1f} bar, beyond the base's relief setting of "
+        f"{setting / 1e5:.1f} bar: it was raised"
+    )
+    base = writer.base.model_copy(deep=True)
+    base.accumulator.relief_pressure = value
+    return base
+
+
+def _with_volumes(
+    writer: ProfileWriter,
+    steps_of: Callable[[Unit], VolumeSteps],
+    base: Unit,
+    pressure: float,
+    noise: tuple[float, float],
+) -> tuple[Unit, VolumeFit | None]:
+    """The base with the chambers' volumes, where strokes tell them; both pressures are measured."""
+    steps = steps_of(base)
+    if steps.y.size < LEAST_ROWS or len(np.unique(steps.chamber)) < 2:
+        return base, None
+    fit = fit_volumes(steps_of, base, pressure, noise)
+    if fit is None:
+        writer.note("the chambers' volumes stay the base's: compliance against position does not tell them")
+        return base, None
+    with_volumes = base.model_copy(deep=True)
+    fit.apply(with_volumes)
+    cylinder, gain = with_volumes.cylinder, fit.gain
+    share = float(np.hypot(gain.relative if fit.of_volume else 0.0, fit.split.std))
+    for name in ("volume_1", "volume_2"):
+        value = float(getattr(cylinder, name))
+        writer.put(f"cylinder.{name}", Estimate(value, share * value), "from compliance against position")
+    if not fit.of_volume:
+        writer.put(
+            "cylinder.position_compliance",
+            Estimate(cylinder.position_compliance, gain.relative * cylinder.position_compliance),
+            "no dead volume explains this: the mean volume stays the base's",
+        )
+    return with_volumes, fit
+
+
+def reference_level(record: Record) -> NDArray[np.float64]:
+    """(n,) Pa at which the oil's compressibility is referred: the accumulator's, else the chambers' mean."""
+    if record.accumulator_measured or not record.chambers_measured:
+        return record.accumulator
+    return 0.5 * (record.pressure_1 + record.pressure_2)
+
+
+def smoothed_noise(records: list[Record]) -> tuple[float, float]:
+    """Pa: white noise of the chamber pressures that is left after the balance's window."""
+    left = []
+    for channel in ("pressure_1", "pressure_2"):
+        found = [effective_noise(getattr(r, channel), r.period) for r in records]
+        known = [x for x in found if x is not None]
+        left.append(min(known, default=0.0) / np.sqrt(records[0].rows(SMOOTHING)))
+    return left[0], left[1]
+
+
+def zero_share(records: list[Record]) -> float:
+    """Relative error of the leakage that the pressure sensors' zeros may make: less under load."""
+    offset = redundancy_offset(records)
+    zero = max(USUAL_ZERO, 0.0 if offset is None else 0.5 * abs(offset.value))
+    drops = np.concatenate([r.smooth(r.pressure_1 - r.pressure_2, 0.1)[:: r.rows(0.1)] for r in records])
+    return zero / max(float(np.sqrt(np.mean(drops**2))), zero)
+
+
+def _put_gain(writer: ProfileWriter, fit: BalanceFit) -> None:
+    ratio = fit.displacement.value / writer.base.pump.displacement
+    if not 1.0 / MOST_GAIN_CHANGE < ratio < MOST_GAIN_CHANGE:
+        raise InputError(
+            f"the volume balances give {ratio:.3g} times the displacement of base {writer.base.name}",
+            mend="check units and signs in the channel map, or give a fitting base profile",
+        )
+    if not _better(fit.displacement, writer.base.pump.displacement, GAIN_SHARP):
+        writer.keep(
+            "pump.displacement",
+            f"the logs give it to {100 * fit.displacement.relative:.0f} % only, as the base",
+        )
+        return
+    writer.put("pump.displacement", fit.displacement, "displacement over area_1, which stays the base's")
+    writer.note("only displacement over area is identifiable from flow: area_1 stays the base's")
+    if fit.area_2 is not None:
+        ratio = fit.area_2.value / writer.base.cylinder.area_1
+        note = f"area_2/area_1 = {ratio:.3f} from both chambers' balances"
+        writer.put("cylinder.area_2", fit.area_2, note)
+        writer.note(note)
+
+
+def _put_leakage(
+    writer: ProfileWriter, fit: BalanceFit, temperature: float | None, extra: float, extra_of_case: float
+) -> None:
+    total = _wider(fit.total_leakage, extra)
+    known = writer.base.pump.total_leakage
+    if total.value <= LEAST_LEAKAGE * known or not _better(total, known, LEAKAGE_SHARP):
+        why = f"total leakage {total.value:.2g} ± {total.std:.2g} m³/(s·Pa): load the actuator to find it"
+        writer.keep("pump.cross_port_leakage", why)
+        writer.keep("pump.case_leakage", why)
+        return
+    _warn_if_far(writer, "leakage", total.value / known if known > 0.0 else np.inf)
+    note = f"total (cross-port + case/2) {total.value:.3g} ± {total.std:.1g}"
+    writer.put("pump.cross_port_leakage", _wider(fit.cross_port, extra), note)
+    split = "" if fit.split_known else "split from cross-port as in the base"
+    writer.put("pump.case_leakage", _wider(fit.case, extra_of_case), split)
+    if not fit.split_known:
+        writer.note("cross-port and case leakage could not be told apart: they are split as in the base")
+    if temperature is not None:
+        writer.put("oil.reference_temperature", Estimate(temperature, 0.5), "mean of the logs")
+    else:
+        writer.note("oil temperature is not measured: leakage holds for the logs' own temperature")
+
+
+def _put_compressibility(
+    writer: ProfileWriter, fit: BalanceFit, pressure: float, hidden: bool, volumes: VolumeFit | None
+) -> None:
+    # The balance knows volume over bulk modulus: what the volume is uncertain by, this is too.
+    of_volume = volumes.gain.relative if volumes is not None and volumes.of_volume else 0.0
+    beta = _wider(fit.bulk_modulus, float(np.hypot(HIDDEN_BULK if hidden else 0.0, of_volume)))
+    if fit.signal_over_noise < 1.5 or not _better(beta, writer.base.oil.bulk_modulus, BULK_SHARP):
+        writer.keep(
+            "oil.bulk_modulus",
+            f"{beta.value / 1e6:.0f} ± {beta.std / 1e6:.0f} MPa is not sharp enough "
+            f"(pressure changes over noise {fit.signal_over_noise:.1f})",
+        )
+        return
+    _warn_if_far(writer, "bulk modulus", beta.value / writer.base.oil.bulk_modulus)
+    level = "with the volumes found" if of_volume else "volumes stay the base's"
+    writer.put("oil.bulk_modulus", beta, f"at {pressure / 1e5:.2f} bar; {level}")
+    writer.put("oil.reference_pressure", Estimate(pressure, 0.01 * pressure), "median of the logs")
+    air = _wider(fit.air_fraction, float(np.hypot(0.5 if hidden else 0.0, of_volume)))
+    writer.put("oil.air_fraction", air, "" if fit.air_known else "little data: drawn to the base's")
+    if of_volume:
+        writer.note("the chambers' volumes follow from how compliance changes with position, and area_1")
+    else:
+        writer.note("only volume over bulk modulus is identifiable: the chambers' volumes stay the base's")
+
+
+def _warn_if_far(writer: ProfileWriter, quantity: str, ratio: float) -> None:
+    if np.isfinite(ratio) and not 1.0 / SURPRISING < ratio < SURPRISING:
+        writer.note(
+            f"{quantity} is {ratio:.2g} times that of base {writer.base.name}: another kind of unit, or a "
+            "pressure in the wrong unit of measure"
+        )
+
+
+def _better(estimate: Estimate, base: float, sharp: float) -> bool:
+    """Whether to take an estimate: it is sharp, or the base is surely farther off."""
+    return estimate.relative < sharp or abs(estimate.value - base) > 3.0 * estimate.std
+
+
+def _wider(estimate: Estimate, share: float) -> Estimate:
+    return Estimate(estimate.value, float(np.hypot(estimate.std, share * estimate.value)))
+
+
+def _charge(writer: ProfileWriter, records: list[Record]) -> None:
+    levels = []
+    for r in records:
+        if not (r.accumulator_measured or r.chambers_measured):
+            continue
+        rest = r.at_rest(writer.base)
+        level = (
+            r.accumulator
+            if r.accumulator_measured
+            else np.minimum(r.smooth(r.pressure_1, 0.1), r.smooth(r.pressure_2, 0.1))
+        )
+        levels.append((level[rest], level, r.period))
+    path = "accumulator.charge_pressure"
+    if not levels:
+        writer.keep(path, "neither accumulator nor chamber pressures are measured")
+        return
+    resting = np.concatenate([x[0] for x in levels])
+    note = "median at rest"
+    if resting.size * levels[0][2] < LEAST_REST:
+        resting = np.concatenate([x[1] for x in levels])
+        note = "median of the logs, which never rest"
+    value = float(np.median(resting))
+    if value <= 0.0:
+        writer.keep(path, f"{value / 1e5:.2f} bar at rest is no charge")
+        return
+    # Half the middle half's width: temperature and oil in the chambers move it more than noise does.
+    spread = float(np.diff(np.quantile(resting, [0.25, 0.75]))[0]) / 1.35
+    writer.put(path, Estimate(value, max(spread, 0.005 * value)), note)
+
+
+def _friction(writer: ProfileWriter, records: list[Record]) -> None:
+    unit = writer.result.unit
+    offset = redundancy_offset(records)
+    shift = abs(offset.value) * unit.cylinder.area_1 if offset is not None else 0.0
+    fit = fit_friction(records, unit.cylinder, writer.base.friction, shift)
+    for note in fit.notes:
+        writer.note(note)
+    for direction in ("forward", "reverse"):
+        branch: BranchFit | None = getattr(fit, direction)
+        if branch is None:
+            writer.keep(f"friction.{direction}.coulomb", "no unloaded motion could be told from loads")
+            continue
+        for name, std in branch.stds.items():
+            value = float(getattr(branch.branch, name))
+            writer.put(f"friction.{direction}.{name}", Estimate(value, std), branch.note)

@@ -1,0 +1,286 @@
+"""May a profile be used? What speaks against the logs or the base, and what remains open."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+from math import exp, log
+
+import numpy as np
+
+from fdd.identification.logs_agree import Comparison, disagreement
+from fdd.identification.logs_healthy import unhealthy
+from fdd.identification.oil import modulus_at, viscosity
+from fdd.identification.profile import Identification, TableRow
+from fdd.identification.signs import gain_slips
+from fdd.identification.slips import slips
+from fdd.measures import MEASURES
+from fdd.samples import Samples
+from fdd.unit import Unit
+
+SURE = 2.0
+"""Standard deviations of the identified value that must lie beyond what is left open."""
+OPEN = {
+    "pump.displacement": (10**0.05, "half a step of the R10 series (ISO 3), in which pumps are stepped: "
+                          "farther off the next size is nearer"),
+    "cylinder.area_2": (10**0.05, "half a step of the R10 series (ISO 3)"),
+    "pump.leakage": (3.0, "gap flow goes with the cube of the gap: 44 % more is three times the leakage"),
+    "oil.bulk_modulus": (3.0, "hoses, walls and air take two thirds of oil's own at most"),
+    "friction": (5.0, "seal friction differs by two to three between makes and doubles from run-in to dry"),
+    "drive.torque_constant": (1.3, "10 % of the winding, 12 % of magnets that are 60 K warmer"),
+    "accumulator.charge_pressure": (3.0, "gas at 20 to 80 °C and a charge at either end of its range"),
+}  # fmt: skip
+"""Factor from the base that data sheets and manufacturing leave open, either way, and why."""
+WORTH_SAYING = 1.5
+"""Factor of leakage that is said although it is left open: a worn pump may be like that."""
+SCALES = {"accumulator.charge_pressure": (1, 0.3), "oil.bulk_modulus": (1, 0.5), "pump.leakage": (-1, 0.5),
+          "friction": (1, 0.5), "drive.torque_constant": (1, 0.1)}  # fmt: skip
+"""How what is identified goes with pressures read too large, and by how much (ln) units differ."""
+ODDS = 29.0
+"""2 ln(odds): one slip in particular is a priori one in 20 000 (one in 1000 of any kind, twenty pairs of
+units), and it is told from odds of a hundred to one on."""
+COLDEST, HOTTEST = -40.0, 120.0
+"""°C of hydraulic oil: pour point and where seals give up."""
+
+
+@dataclass
+class Judgement:
+    """Whether a profile may be used.
+
+    Attributes
+    ----------
+    refusals : why not, one clause each. limits : what a user must know of it. remarks : what would help.
+    """
+
+    refusals: list[str] = field(default_factory=list)
+    limits: list[str] = field(default_factory=list)
+    remarks: list[str] = field(default_factory=list)
+
+    @property
+    def verdict(self) -> str:
+        """``usable``, ``usable with limits`` or ``not usable``."""
+        return "not usable" if self.refusals else "usable with limits" if self.limits else "usable"
+
+    @property
+    def sentence(self) -> str:
+        """The verdict with its reasons, one line."""
+        if self.refusals:
+            return f"not usable, because {'; '.join(self.refusals)}"
+        return f"usable with limits: {'; '.join(self.limits)}" if self.limits else "usable"
+
+
+def judge(
+    found: Identification,
+    unit: Unit,
+    base: Unit,
+    logs: Sequence[Samples],
+    labels: Sequence[str],
+    *,
+    more: bool = False,
+) -> Judgement:
+    """Judge a new profile.
+
+    Parameters
+    ----------
+    found : of all logs, from `identify_unit`. unit : its profile with baseline. base : what it was made from.
+    logs, labels : the healthy logs and what to call them.
+    more : the base is this unit's own profile, and the logs are added to it: they are held against it.
+
+    Returns
+    -------
+    Refused is what has another unit of measure, lies farther from the base than data sheets and
+    manufacturing leave open, or was not healthy all along; at most 2 % of healthy sets are by chance.
+    """
+    out = Judgement()
+    ratios = against_base(found, base)
+    for samples, label in zip(logs, labels, strict=True):
+        out.refusals += [f"{label}: {text}" for text in _temperature(samples)]
+    slip = pressure_slip(ratios, _push(logs, base))
+    if slip is not None:
+        out.refusals.append(slip)
+    else:
+        _far(out, ratios, base)
+    compared: list[Comparison] = []
+    if not out.refusals:  # of a wrong unit or base the rest only follows
+        compared = disagreement(base if more else found.unit, logs, labels, more=more)
+        out.refusals += [c.sentence for c in compared if c.refused]
+        for doubt in unhealthy(base if more else unit, logs, labels):
+            (out.refusals if doubt.sure else out.limits).append(doubt.text)
+    _open_questions(out, found, ratios, compared, len(logs) + more, base)
+    return out
+
+
+@dataclass(frozen=True)
+class Ratio:
+    """An identified quantity over the base's, at the same oil temperature and pressure, and its ln's std."""
+
+    value: float
+    std: float
+    own: float | None = None
+    """Relative standard deviation that the base itself states."""
+
+
+def against_base(found: Identification, base: Unit) -> dict[str, Ratio]:
+    """What was identified over what the base leads to expect.
+
+    Leakage is compared at the logs' temperature, bulk modulus at their pressure; friction as the mean of both
+    directions.
+    """
+    rows = {r.quantity: r for r in found.table if r.identified is not None and r.std is not None}
+    unit, out = found.unit, {}
+    for name in (
+        "pump.displacement",
+        "cylinder.area_2",
+        "drive.torque_constant",
+        "accumulator.charge_pressure",
+    ):
+        row = rows.get(name)
+        if row is not None and row.base > 0.0 and row.identified is not None:
+            out[name] = _ratio(row, row.base, base)
+    row = rows.get("pump.cross_port_leakage")
+    if row is not None and base.pump.total_leakage > 0.0:
+        warm = unit.oil.reference_temperature, base.oil.reference_temperature
+        thinner = float(viscosity(base.oil, warm[1]) / viscosity(base.oil, warm[0]))
+        share = unit.pump.total_leakage / (base.pump.total_leakage * thinner)
+        # Where nobody measures the oil's temperature it may be 15 K off, at some 4 % a kelvin.
+        known = any(r.quantity == "oil.reference_temperature" for r in rows.values())
+        out["pump.leakage"] = replace(_ratio(row, row.base, base), value=share)
+        if not known:
+            out["pump.leakage"] = replace(
+                out["pump.leakage"], std=float(np.hypot(out["pump.leakage"].std, 0.6))
+            )
+    row = rows.get("oil.bulk_modulus")
+    if row is not None:
+        out["oil.bulk_modulus"] = _ratio(row, modulus_at(base.oil, unit.oil.reference_pressure), base)
+    branches = [
+        rows[f"friction.{d}.coulomb"] for d in ("forward", "reverse") if f"friction.{d}.coulomb" in rows
+    ]
+    each = [_ratio(b, b.base, base) for b in branches if b.base > 0.0 and b.identified]
+    if each:
+        mean = exp(float(np.mean([log(r.value) for r in each])))
+        out["friction"] = Ratio(mean, max(r.std for r in each), each[0].own)
+    return out
+
+
+def _ratio(row: TableRow, expected: float, base: Unit) -> Ratio:
+    assert row.identified is not None and row.std is not None
+    section, *way, name = row.quantity.split(".")
+    part = getattr(base, section)
+    for step in way:
+        part = getattr(part, step)
+    std = part.std_of(name)
+    own = None if std is None or row.base <= 0.0 else float(std / row.base)
+    return Ratio(max(row.identified / expected, 1e-12), row.std / max(row.identified, 1e-300), own)
+
+
+def pressure_slip(ratios: dict[str, Ratio], push: float = 1.0) -> str | None:
+    """The unit of measure in which the pressures were read by mistake, in words; None where none was.
+
+    All that goes with the pressures' size is weighed together: a slip's factor against what units of one kind
+    differ by. A piston that moves both ways needs its friction's force at least, whatever the load.
+
+    Parameters
+    ----------
+    ratios : of `against_base`. push : force of the pressures, root mean square, over the base's friction.
+    """
+
+    def misfit(factor: float) -> float:
+        lacking = min(log(push) - log(factor), 0.0) / SCALES["friction"][1]
+        return lacking**2 + sum(
+            (log(ratios[n].value) - sign * log(factor)) ** 2 / (spread**2 + ratios[n].std ** 2)
+            for n, (sign, spread) in SCALES.items()
+            if n in ratios
+        )
+
+    sizes = sorted({m.factor for m in MEASURES.values() if m.dimension == "pressure"})
+    best = min((a / b for a in sizes for b in sizes if a != b), key=misfit)
+    if misfit(1.0) - misfit(best) < ODDS:
+        return None
+    told = [f"{WORDS[n]} {_times(ratios[n].value)} the base's" for n in SCALES if n in ratios]
+    told += [f"their force {_times(push)} the friction"] if push < 1.0 else []
+    return (
+        f"the pressures look {_times(best)} what they should be, as {slips(best, 'pressure')} are "
+        f"({', '.join(told)}); check their unit in the channel map"
+    )
+
+
+def _push(logs: Sequence[Samples], base: Unit) -> float:
+    squares = []
+    for each in logs:
+        drops = [each["pressure_difference"]] if "pressure_difference" in each else []
+        if "pressure_1" in each and "pressure_2" in each:
+            drops.append(each["pressure_1"] - each["pressure_2"])
+        # A column may be there and empty: the largest of what is told.
+        told = [float(np.mean(d[np.isfinite(d)] ** 2)) for d in drops if np.isfinite(d).any()]
+        squares.append(max(told, default=0.0))
+    friction = 0.5 * (base.friction.forward.coulomb + base.friction.reverse.coulomb)
+    force = base.cylinder.area_1 * np.sqrt(np.mean(squares))
+    return max(float(force), 1e-9) / friction if friction > 0.0 else 1.0
+
+
+WORDS = {
+    "pump.displacement": "travel per rad of the pump", "cylinder.area_2": "area_2",
+    "pump.leakage": "leakage", "oil.bulk_modulus": "bulk modulus", "friction": "friction",
+    "drive.torque_constant": "torque constant", "accumulator.charge_pressure": "charge pressure",
+}  # fmt: skip
+
+
+def _times(factor: float) -> str:
+    return f"{factor:.3g} times"
+
+
+def _far(out: Judgement, ratios: dict[str, Ratio], base: Unit) -> None:
+    for name, ratio in ratios.items():
+        factor, why = OPEN[name]
+        if ratio.own is not None and 3.0 * ratio.own > log(factor):
+            factor, why = (
+                exp(3.0 * ratio.own),
+                f"three times the {100 * ratio.own:.0f} % that the base states",
+            )
+        beyond = abs(log(ratio.value)) - log(factor)
+        if beyond <= SURE * ratio.std:
+            continue
+        looks = gain_slips(ratio.value) if name == "pump.displacement" else ""
+        out.refusals.append(
+            f"{WORDS[name]} is {_times(ratio.value)} that of base {base.name}, which leaves a factor of "
+            f"{factor:.2g} open ({why}){looks}; check the base and the units in the channel map"
+        )
+
+
+def _temperature(samples: Samples) -> list[str]:
+    if "oil_temperature" not in samples:
+        return []
+    values = samples["oil_temperature"][np.isfinite(samples["oil_temperature"])]
+    if not values.size or COLDEST <= (middle := float(np.median(values))) <= HOTTEST:
+        return []
+    looks = next((u for u in ("K", "degF") if COLDEST <= _celsius(middle, u) <= 90.0), None)
+    return [f"oil at {middle:.0f} °C" + (f": it looks like {looks} read as degC" if looks else "")]
+
+
+def _celsius(value: float, unit: str) -> float:
+    return MEASURES[unit].factor * value + MEASURES[unit].offset
+
+
+def _open_questions(
+    out: Judgement, found: Identification, ratios: dict[str, Ratio], compared: list[Comparison], logs: int,
+    base: Unit,
+) -> None:  # fmt: skip
+    leakage = ratios.get("pump.leakage")
+    if leakage is not None and not 1.0 / WORTH_SAYING < leakage.value < WORTH_SAYING:
+        which = "worn" if leakage.value > 1.0 else "differently built"
+        out.limits.append(
+            f"leakage is {_times(leakage.value)} that of base {base.name}: a healthy unit of this kind, or a "
+            f"{which} one; compare with the maker's sheet"
+        )
+    if logs == 1:
+        out.remarks.append("one log: whether this unit's logs agree cannot be told; more go in by --add")
+    elif not any(c.logs > 1 for c in compared):
+        out.limits.append("no quantity is sharp in two logs: whether they agree cannot be told")
+    kept = {r.quantity for r in found.table if r.identified is None}
+    for path, words in (
+        ("pump.displacement", "travel per rad of the pump"), ("pump.cross_port_leakage", "leakage"),
+        ("oil.bulk_modulus", "bulk modulus"), ("friction.forward.coulomb", "friction extending"),
+        ("friction.reverse.coulomb", "friction retracting"),
+    ):  # fmt: skip
+        if path in kept:
+            out.limits.append(f"{words} stays the base's, the logs do not excite it")

@@ -1,0 +1,149 @@
+"""Do several healthy logs of one unit agree: what each alone identifies, held against the others."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.special import chdtrc
+
+from fdd.errors import InputError
+from fdd.identification.identify import identify_unit
+from fdd.identification.oil import modulus_at, viscosity
+from fdd.identification.profile import Identification
+from fdd.samples import Samples
+from fdd.unit import Unit
+
+FALSE_ALARM = 0.01
+"""Share of healthy sets of logs that are refused by chance, over all quantities."""
+BETWEEN = {
+    "leakage": (0.05, "1 to 2 K between the gap and the sensor, at 4 % a kelvin"),
+    "travel per rad of the pump": (0.003, "0.01 to 0.03 % of a transducer's gain a kelvin"),
+    "torque constant": (0.04, "magnets lose 0.1 % a kelvin and warm by 40"),
+    "bulk modulus": (0.25, "air dissolves and comes out, and strokes are long or short"),
+}
+"""By how much (ln) a healthy unit differs from log to log, and by what. Friction is none of them: what a load
+or a gust does to the force of one log alone is more."""
+UNMEASURED = 0.4
+"""The same of leakage where nobody measures the oil's temperature: 10 K."""
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """One quantity over the logs that tell it.
+
+    Attributes
+    ----------
+    quantity : in words. logs : how many tell it. p_value : of their scatter. worst : the log that is farthest
+        from the others; None where there are but two. times : its value over theirs. of : the logs.
+    """
+
+    quantity: str
+    logs: int
+    p_value: float
+    worst: str | None
+    times: float
+    of: tuple[str, ...] = ()
+
+    @property
+    def refused(self) -> bool:
+        """Whether the logs disagree."""
+        return self.p_value < FALSE_ALARM / len(BETWEEN)
+
+    @property
+    def sentence(self) -> str:
+        """What disagrees, in words."""
+        if self.worst is None:
+            return (
+                f"{' and '.join(self.of)} disagree: {self.quantity} differs by a factor of {self.times:.3g}"
+            )
+        return f"{self.worst} disagrees with the others: {self.quantity} is {self.times:.3g} times theirs"
+
+
+def disagreement(
+    unit: Unit, logs: Sequence[Samples], labels: Sequence[str], *, more: bool = False
+) -> list[Comparison]:
+    """Compare what each log alone identifies, by a chi-square test of each quantity.
+
+    Parameters
+    ----------
+    unit : identified from all of them. logs, labels : with what to call them.
+    more : the unit was identified from other logs, and counts as one.
+    """
+    if len(logs) + more < 2:
+        return []
+    each = [_alone(log, unit, label) for log, label in zip(logs, labels, strict=True)]
+    if more:
+        each, labels = [*each, _own(unit)], [*labels, f"profile {unit.name}"]
+    out = []
+    for quantity, (between, _) in BETWEEN.items():
+        told = [(k, *values[quantity]) for k, values in enumerate(each) if quantity in values]
+        if len(told) < 2:
+            continue
+        x, std = np.array([t[1] for t in told]), np.array([t[2] for t in told])
+        weight = 1.0 / (std**2 + between**2)
+        chi = _scatter(x, weight)
+        without = [_scatter(np.delete(x, i), np.delete(weight, i)) for i in range(x.size)]
+        odd = int(np.argmin(without))
+        others = np.average(np.delete(x, odd), weights=np.delete(weight, odd))
+        worst = labels[told[odd][0]] if x.size > 2 else None
+        p_value = float(chdtrc(x.size - 1, chi))
+        out.append(
+            Comparison(
+                quantity,
+                x.size,
+                p_value,
+                worst,
+                float(np.exp(x[odd] - others)),
+                tuple(labels[t[0]] for t in told),
+            )
+        )
+    return sorted(out, key=lambda c: c.p_value)
+
+
+def _scatter(x: np.ndarray, weight: np.ndarray) -> float:
+    return float(np.sum(weight * (x - np.average(x, weights=weight)) ** 2))
+
+
+def _alone(log: Samples, unit: Unit, label: str) -> dict[str, tuple[float, float]]:
+    """ln of what this log alone identifies over the profile's, with its standard deviation."""
+    try:
+        found = identify_unit([log], unit, labels=[label])
+    except InputError:  # too short, or the pump hardly turns: it tells nothing against the others
+        return {}
+    out = {}
+    for quantity, path, expected in (
+        ("travel per rad of the pump", "pump.displacement", unit.pump.displacement),
+        ("torque constant", "drive.torque_constant", unit.drive.torque_constant),
+        ("bulk modulus", "oil.bulk_modulus", modulus_at(unit.oil, found.unit.oil.reference_pressure)),
+    ):
+        row = next(r for r in found.table if r.quantity == path)
+        if row.identified is not None and row.std is not None:
+            out[quantity] = float(np.log(row.identified / expected)), row.std / row.identified
+    out |= _leakage(found, unit)
+    return out
+
+
+def _own(unit: Unit) -> dict[str, tuple[float, float]]:
+    """What the profile itself says, where it was identified: ln 1, with its standard deviation."""
+    numbers = {
+        "travel per rad of the pump": (unit.pump.displacement, unit.pump.std_of("displacement")),
+        "leakage": (unit.pump.cross_port_leakage, unit.pump.std_of("cross_port_leakage")),
+        "torque constant": (unit.drive.torque_constant, unit.drive.std_of("torque_constant")),
+        "bulk modulus": (unit.oil.bulk_modulus, unit.oil.std_of("bulk_modulus")),
+    }
+    return {name: (0.0, std / value) for name, (value, std) in numbers.items() if std and value > 0.0}
+
+
+def _leakage(found: Identification, unit: Unit) -> dict[str, tuple[float, float]]:
+    row = next(r for r in found.table if r.quantity == "pump.cross_port_leakage")
+    if row.identified is None or row.std is None or unit.pump.total_leakage == 0.0:
+        return {}
+    known = any(r.quantity == "oil.reference_temperature" for r in found.table)
+    ratio = found.unit.pump.total_leakage / unit.pump.total_leakage
+    if known:
+        warm = viscosity(unit.oil, found.unit.oil.reference_temperature)
+        ratio *= float(warm / viscosity(unit.oil, unit.oil.reference_temperature))
+    std = float(np.hypot(row.std / row.identified, 0.0 if known else UNMEASURED))
+    return {"leakage": (float(np.log(ratio)), std)}

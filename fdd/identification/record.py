@@ -1,0 +1,273 @@
+"""A log made even: every channel on the grid of the nominal period, gaps bridged and marked."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fdd.errors import InputError
+from fdd.identification.hidden_pressures import chambers_from_difference
+from fdd.logs.angles import accumulate_speed, sample_numbers
+from fdd.samples import Samples, missing_required
+from fdd.unit import Unit
+
+Array = NDArray[np.float64]
+
+SHORTEST = 5.0
+"""s of log."""
+LONGEST_GAP = 3
+"""Rows that a straight line may bridge without a mark."""
+MOST_ROWS = 5_000_000
+"""Of one log: 80 minutes at 1 kHz, for which some 1.5 GB of memory are needed."""
+NEEDED = ("position", "pump_angle", "pump_speed", "pressure_difference", "pressure_1", "pressure_2")
+LEAST_SHARE, SLOWER = 0.01, 0.75
+"""A channel with fewer values than this is empty; one with fewer than this times the others' is slower."""
+LEAST_TRAVEL = 2e-3
+"""m of travel, below which nothing about gain, leakage or friction can be said."""
+STANDSTILL_SPEED = 0.02
+"""Of the drive's largest speed: below it the pump counts as standing."""
+
+
+@dataclass(frozen=True)
+class Record:
+    """One healthy log on an even grid; n rows, SI, without NaN.
+
+    Attributes
+    ----------
+    period : s.
+    angle, position : (n,) accumulated pump angle (rad) and cylinder position (m).
+    pressure_1, pressure_2, accumulator : (n,) Pa gauge.
+    difference : (n,) Pa, the differential sensor's where there is one.
+    gap : (n,) rows that stand for missing ones, or next to a longer gap.
+    chambers_measured : False where the chambers' pressures are reconstructed from their difference.
+    accumulator_measured, has_difference : which sensors there are.
+    current : (n,) A, or None. temperature : (n,) °C, or None.
+    command : (n,) rad/s, or None. load : (n,) N, or None.
+    angle_jumps : impossible jumps of the pump angle, marked as gaps.
+    """
+
+    period: float
+    angle: Array
+    position: Array
+    pressure_1: Array
+    pressure_2: Array
+    accumulator: Array
+    difference: Array
+    gap: NDArray[np.bool_]
+    chambers_measured: bool
+    accumulator_measured: bool
+    has_difference: bool
+    current: Array | None
+    temperature: Array | None
+    command: Array | None = None
+    load: Array | None = None
+    angle_jumps: int = 0
+
+    def __len__(self) -> int:
+        return int(self.position.size)
+
+    def rows(self, seconds: float) -> int:
+        """Rows in a time, at least one."""
+        return max(round(seconds / self.period), 1)
+
+    def smooth(self, values: Array, seconds: float) -> Array:
+        """Mean over a window centred on each row: no phase."""
+        return centred_mean(values, self.rows(seconds) | 1)
+
+    def speeds(self, seconds: float) -> tuple[Array, Array]:
+        """Velocity (m/s) and pump speed (rad/s), each averaged over `seconds`."""
+        v = np.gradient(self.smooth(self.position, seconds), self.period)
+        w = np.gradient(self.smooth(self.angle, seconds), self.period)
+        return v, w
+
+    def at_rest(self, unit: Unit) -> NDArray[np.bool_]:
+        """(n,) rows in which neither pump nor piston moves."""
+        v, w = self.speeds(0.1)
+        slow_pump = STANDSTILL_SPEED * unit.drive.max_speed
+        slow_piston = slow_pump * unit.pump.displacement / unit.cylinder.area_1
+        return np.asarray((np.abs(w) < slow_pump) & (np.abs(v) < slow_piston) & ~self.gap)
+
+
+def centred_mean(values: Array, width: int) -> Array:
+    """Mean over `width` rows (odd) around each; beyond the ends the first and last value go on.
+
+    Examples
+    --------
+    >>> centred_mean(np.array([0.0, 3.0, 6.0]), 3).tolist()
+    [1.0, 3.0, 5.0]
+    """
+    half = width // 2
+    padded = np.concatenate((np.full(half + 1, values[0]), values, np.full(half, values[-1])))
+    level = float(values[0])  # sums of what is left keep their digits
+    total = np.cumsum(padded - level)
+    return np.asarray(level + (total[2 * half + 1 :] - total[: values.size]) / (2 * half + 1))
+
+
+def measured_rows(log: Samples) -> Samples:
+    """The rows in which all of motion and pressures was measured, where some of it comes at a slower rate.
+
+    The oil's temperature, measured once a second or so, stands on the line between its values.
+
+    Parameters
+    ----------
+    log : NaN where a channel was not measured.
+    """
+    share = {c: float(np.isfinite(log[c]).mean()) for c in log.channels}
+    if 0.0 < share.get("oil_temperature", 0.0) < 1.0:
+        there = np.isfinite(log["oil_temperature"])
+        warm = np.interp(log.time, log.time[there], log["oil_temperature"][there])
+        log = log.with_columns({"oil_temperature": warm})
+    needed = [c for c in NEEDED if share.get(c, 0.0) > LEAST_SHARE]
+    if not needed or min(share[c] for c in needed) > SLOWER * max(share[c] for c in needed):
+        return log
+    keep = np.logical_and.reduce([np.isfinite(log[c]) for c in needed])
+    return Samples(log.time[keep], {c: log[c][keep] for c in log.channels})
+
+
+def even_record(log: Samples, unit: Unit, where: str) -> Record:
+    """Check a healthy log and lay it on an even grid.
+
+    Parameters
+    ----------
+    log : position, pump angle or speed, and pressure_difference or both chamber pressures.
+    unit : base profile; its accumulator and oil stand in where sensors are missing.
+    where : names the log in errors.
+
+    Raises
+    ------
+    InputError : a channel is missing or empty, the log is shorter than 5 s, or nothing moves.
+    """
+    log = measured_rows(log)
+    present = {c for c in log.channels if np.isfinite(log[c]).mean() > 0.2}
+    _require(present, where)
+    if log.duration < SHORTEST:
+        raise InputError(
+            f"{log.duration:.1f} s long, at least {SHORTEST:.0f} s are needed",
+            where=where,
+            mend="record longer",
+        )
+    period = float(np.median(np.diff(log.time)))
+    numbers = sample_numbers(log.time, period)
+    n = int(numbers[-1]) + 1
+    if len(log) > MOST_ROWS:
+        raise InputError(
+            f"{len(log)} rows, at most {MOST_ROWS} are used", where=where, mend="give a part of it"
+        )
+    if n > min(MOST_ROWS, 20 * len(log) + 1000):
+        raise InputError(
+            f"{len(log)} rows spread over {n} periods of {period * 1e3:.3g} ms", where=where,
+            mend="cut the log at its gaps and give the parts",
+        )  # fmt: skip
+    gap = np.zeros(n, dtype=bool)
+    grid = np.arange(n, dtype=np.float64)
+
+    def even(values: Array, *, marks: bool = True) -> Array:
+        there = np.isfinite(values)
+        if marks:
+            _mark_gaps(gap, numbers[there], n)
+        return np.interp(grid, numbers[there], values[there])
+
+    angle = even(
+        log["pump_angle"]
+        if "pump_angle" in present
+        else accumulate_speed(log.time, log["pump_speed"], period)
+    )
+    position = even(log["position"])
+    jumps = _mark_jumps(gap, angle, unit.drive.max_speed * period)
+    measured: dict[str, Array] = {
+        c: even(log[c]) for c in ("pressure_difference", "pressure_1", "pressure_2") if c in present
+    }
+    chambers = _chambers(measured)
+    accumulator = even(log["pressure_accumulator"]) if "pressure_accumulator" in present else None
+    if chambers is None:
+        difference = measured["pressure_difference"]
+        smoothed = centred_mean(difference, max(round(0.025 / period), 1) | 1)
+        mean, tank = chambers_from_difference(smoothed, position, period, unit, accumulator)
+        p1, p2 = mean + 0.5 * difference, mean - 0.5 * difference
+        accumulator_used = tank if accumulator is None else accumulator
+    else:
+        p1, p2 = chambers
+        difference = measured.get("pressure_difference", p1 - p2)
+        accumulator_used = accumulator if accumulator is not None else _lower_chamber(p1, p2, period)
+
+    def measured_if(channel: str) -> Array | None:
+        return even(log[channel], marks=False) if channel in present else None
+
+    record = Record(
+        period=period, angle=angle, position=position, pressure_1=p1, pressure_2=p2,
+        accumulator=accumulator_used, difference=difference, gap=gap,
+        chambers_measured=chambers is not None, accumulator_measured=accumulator is not None,
+        has_difference="pressure_difference" in measured,
+        current=measured_if("motor_current"), temperature=measured_if("oil_temperature"),
+        command=measured_if("command"), load=measured_if("load_force"), angle_jumps=jumps,
+    )  # fmt: skip
+    _check_motion(record, where)
+    return record
+
+
+def _require(present: set[str], where: str) -> None:
+    missing = missing_required(present)
+    if missing:
+        raise InputError(f"no usable data for {', '.join(missing)}", where=where, mend="map a column to each")
+
+
+def _check_motion(record: Record, where: str) -> None:
+    travel = float(np.sum(np.abs(np.diff(record.smooth(record.position, 0.05)[:: record.rows(0.05)]))))
+    turned = float(np.ptp(record.angle))
+    if np.ptp(record.position) < LEAST_TRAVEL or travel < 2.0 * LEAST_TRAVEL:
+        raise InputError(
+            f"the cylinder moves by {np.ptp(record.position) * 1e3:.3g} mm only", where=where,
+            mend="identify from a log with strokes, or check the position's unit of measure",
+        )  # fmt: skip
+    if turned < 1.0:
+        raise InputError(
+            f"the pump turns by {turned:.2g} rad only", where=where, mend="check the pump channel's unit"
+        )
+
+
+def _mark_gaps(gap: NDArray[np.bool_], rows: NDArray[np.int64], n: int) -> None:
+    """Mark the grid rows that lie in gaps longer than a straight line may bridge."""
+    edges = np.concatenate(([-1], rows, [n]))
+    wide = np.flatnonzero(np.diff(edges) - 1 > LONGEST_GAP)
+    for start, stop in zip(edges[wide] + 1, edges[wide + 1], strict=True):
+        gap[start:stop] = True
+
+
+def _mark_jumps(gap: NDArray[np.bool_], angle: Array, fastest: float) -> int:
+    """Mark the rows around jumps of the pump angle that no pump makes; returns their number."""
+    step = np.abs(np.diff(angle))
+    limit = 2.0 * max(fastest, float(np.quantile(step, 0.99)))
+    jumps = np.flatnonzero(step > limit)
+    for row in jumps:
+        gap[max(row - LONGEST_GAP, 0) : row + LONGEST_GAP + 2] = True
+    return int(jumps.size)
+
+
+def _chambers(measured: Mapping[str, Array]) -> tuple[Array, Array] | None:
+    """Chamber pressures; with one chamber and the difference the other one follows."""
+    p1, p2, dp = (measured.get(c) for c in ("pressure_1", "pressure_2", "pressure_difference"))
+    if p1 is not None and p2 is not None:
+        return p1, p2
+    if dp is not None and p1 is not None:
+        return p1, p1 - dp
+    if dp is not None and p2 is not None:
+        return p2 + dp, p2
+    return None
+
+
+def _lower_chamber(p1: Array, p2: Array, period: float) -> Array:
+    """Stand-in for the accumulator: the lower chamber's low level over some seconds.
+
+    The refeeding valve holds the lower chamber just below the accumulator; where
+    both are above it this is too high, and so only more careful.
+    """
+    from scipy.ndimage import percentile_filter  # half a second to import, where it is not needed
+
+    block = max(round(0.1 / period), 1) | 1
+    lower = np.minimum(centred_mean(p1, block), centred_mean(p2, block))
+    coarse = lower[block // 2 :: block]
+    low = percentile_filter(coarse, 25, size=min(41, coarse.size), mode="nearest")
+    return np.interp(np.arange(p1.size), block // 2 + block * np.arange(coarse.size), low)

@@ -1,0 +1,233 @@
+"""Are the channels' signs and units those of one actuator? Told by the oil: what the pump moves beyond the
+piston's travel either leaks away with the pressure or is compressed by it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fdd.errors import InputError
+from fdd.identification.record import Record, even_record
+from fdd.identification.slips import NEAR, slips
+from fdd.samples import Samples
+from fdd.unit import Unit
+
+Array = NDArray[np.float64]
+
+MOST_GAIN_CHANGE = 3.0
+"""Factor between the logs' and the base's gain beyond which one of the two is wrong."""
+ENOUGH_S = 120.0
+"""s of a log that tell its signs."""
+STEP = 0.2
+"""s of a step: some millimetres of travel, and leakage beside compression."""
+GROUPS = 12
+"""Of the jackknife; blocks of 1 s are dealt out to them in turn."""
+BLOCK = 1.0
+BY_CHANCE = 3e-5
+"""How often an error this way would be told of a right log, were there nothing else (Student's t)."""
+SURE = {5: 12.4191, 6: 9.9383, 7: 8.5384, 8: 7.6530, 9: 7.0479, 10: 6.6103, 11: 6.2803}
+"""Quantiles of Student's t at 1 - `BY_CHANCE` by degrees of freedom; scipy takes a while to import."""
+TURN = "swap pressure_1 and pressure_2, or turn the sign of pressure_difference, in the map"
+LIKE = 0.9
+"""Correlation of two channels from which their ratio is one of units, whatever its size."""
+UNLIKE = 0.25
+"""Squared correlation of travel and turning below which even the sign of their ratio is open."""
+
+
+@dataclass(frozen=True)
+class OilLoss:
+    """What the oil does with the pressure difference: leakage and compression, each over its deviation;
+    from how many on they are sure."""
+
+    leakage: float
+    compression: float
+    sure: float
+
+
+def check_gain(record: Record, base: Unit, where: str) -> None:
+    """Refuse a log whose travel per rad of the pump is nowhere near the base's.
+
+    Raises
+    ------
+    InputError : opposite signs, or a factor of three and more; names the unit that it looks like.
+    """
+    step = record.rows(STEP)
+    dx, dtheta = np.diff(record.position[::step]), np.diff(record.angle[::step])
+    moving = np.abs(dtheta) > 0.2 * np.max(np.abs(dtheta), initial=0.0)
+    dx, dtheta = dx[moving], dtheta[moving]
+    product, square = float(np.sum(dx * dtheta)), max(float(np.sum(dtheta**2)), 1e-30)
+    alike = product**2 / max(square * float(np.sum(dx**2)), 1e-300)
+    gain = product / square
+    expected = base.pump.displacement / base.cylinder.area_1
+    ratio = gain / expected
+    if alike < UNLIKE:  # a gust or a leak moves the piston more than the pump does
+        return
+    if ratio < 0.0:
+        raise InputError(
+            f"the piston retracts while the pump turns forward ({gain * 1e3:.3g} mm/rad)", where=where,
+            mend="turn the sign of position or pump in the channel map",
+        )  # fmt: skip
+    # Errors in travel lower the one regression, those in turning raise the other: the gain lies between them.
+    if ratio > MOST_GAIN_CHANGE or ratio / alike < 1.0 / MOST_GAIN_CHANGE:
+        raise InputError(
+            f"{gain * 1e3:.3g} mm of travel per rad of the pump where base {base.name} has "
+            f"{expected * 1e3:.3g}", where=where,
+            mend=f"check the units of position and pump in the channel map{gain_slips(ratio)}, or give a "
+            "fitting base profile",
+        )  # fmt: skip
+
+
+def gain_slips(ratio: float) -> str:
+    """What would make the gain `ratio` times too large, in brackets; empty where no unit does."""
+    found = (
+        *(f"position in {s}" for s in (slips(ratio, "length"),) if s),
+        *(f"pump in {s}" for s in (slips(1.0 / ratio, "angular_speed"), slips(1.0 / ratio, "angle")) if s),
+    )
+    return f" (it looks like {', or '.join(found)})" if found else ""
+
+
+def check_pressure_sign(record: Record, unit: Unit, where: str, *, own: bool = False) -> None:
+    """Refuse a log in which oil leaks towards the higher pressure.
+
+    `own` tells that the profile is this unit's, whose gain is known.
+
+    The work that the pressures do on the piston does not tell: a gust drives it against the pump for
+    minutes.
+
+    Raises
+    ------
+    InputError : the pressure difference has the wrong sign.
+    """
+    if record.has_difference and record.chambers_measured:
+        ratio = _slope(record, record.pressure_1 - record.pressure_2, record.difference)
+        if ratio is not None and not 1.0 / NEAR < ratio < NEAR:
+            problem = f"pressure_difference is {ratio:.3g} times pressure_1 - pressure_2"
+            looks = slips(ratio, "pressure")
+            units = f"check their units in the map{f' (it looks like {looks})' if looks else ''}"
+            raise InputError(problem, where=where, mend=TURN if ratio < 0.0 else units)
+    step = record.rows(STEP)
+    dx, dtheta = np.diff(record.position[::step]), np.diff(record.angle[::step])
+    throughout = float(np.sum(dx * dtheta) / max(float(np.sum(dtheta**2)), 1e-30))
+    gains = (unit.pump.displacement / unit.cylinder.area_1,) if own else (None, throughout)
+    against = []
+    for gain in gains:
+        found = oil_loss(record, unit, gain)
+        if found is None:
+            return
+        # Stouffer's sum: one of the two may hardly show.
+        against.append(-(found.leakage + found.compression) / np.sqrt(2.0) / found.sure)
+    if min(against) > 1.0:
+        raise InputError(
+            f"oil flows against the pressure difference ({min(against):.1f} times what chance gives)",
+            where=where,
+            mend=TURN,
+        )
+
+
+def check_pump(log: Samples, where: str) -> None:
+    """Refuse a log whose pump_speed is not the rate of its pump_angle.
+
+    Raises
+    ------
+    InputError : names the factor between them, and the unit that it looks like.
+    """
+    if not {"pump_angle", "pump_speed"} <= set(log.channels):
+        return
+    there = np.isfinite(log["pump_angle"]) & np.isfinite(log["pump_speed"])
+    time, angle, speed = log.time[there], log["pump_angle"][there], log["pump_speed"][there]
+    step = max(int(0.05 * time.size / max(float(np.ptp(time)), 1e-9)), 1) if time.size > 1 else 1
+    turned = np.diff(angle[::step])
+    meant = np.diff(np.concatenate(([0.0], np.cumsum(speed[1:] * np.diff(time))))[::step])
+    ratio = _regression(turned, meant)
+    if ratio is not None and not 1.0 / NEAR < ratio < NEAR:
+        looks = slips(ratio, "angular_speed")
+        raise InputError(
+            f"pump_speed is {ratio:.3g} times what pump_angle turns", where=where,
+            mend=f"check their units and signs in the map{f' (it looks like {looks})' if looks else ''}",
+        )  # fmt: skip
+
+
+def oil_loss(record: Record, unit: Unit, gain: float | None = None) -> OilLoss | None:
+    """Leakage and compression of a log, in standard deviations; both are positive by physics.
+
+    ``Δx = g± Δθ - l ∫Δp dt - c Δ(Δp) + d Δt`` over steps; g of its own for either sign of Δp, because the
+    chamber under load meters the motion. d takes up the zero of the pressures. Where a load goes with the
+    speed, as a throttle's does, g and l can hardly be told apart: then `gain` (m/rad) is better known before.
+
+    Returns
+    -------
+    None where the pressures or the pump hardly move, or there are too few steps.
+    """
+    n = record.rows(STEP)
+    drop = record.smooth(record.pressure_1 - record.pressure_2, 0.05)
+    x, theta = record.smooth(record.position, 0.05), record.smooth(record.angle, 0.05)
+    starts = np.arange(0, len(record) - n, n)
+    bad = np.concatenate(([0], np.cumsum(record.gap)))
+    # Beyond the relief setting oil passes the valve, and the law is another one.
+    bad += np.concatenate(([0], np.cumsum(np.abs(drop) > 0.9 * unit.accumulator.relief_pressure)))
+    starts = starts[bad[starts + n] == bad[starts]]
+    held = np.concatenate(([0.0], np.cumsum(drop))) * record.period
+    turned, mean = theta[starts + n] - theta[starts], (held[starts + n] - held[starts]) / STEP
+    y = x[starts + n] - x[starts]
+    m = np.column_stack(
+        [turned * (mean > 0), turned * (mean <= 0), -mean, drop[starts] - drop[starts + n], np.ones(y.size)]
+    )
+    if gain is not None:
+        y, m = y - gain * turned, m[:, 2:]
+    leak = m.shape[1] - 3
+    group = (starts * record.period / BLOCK).astype(np.int64) % GROUPS
+    groups = np.unique(group)
+    if groups.size < GROUPS // 2 or y.size < 5 * m.shape[1]:
+        return None
+    m = m / np.maximum(np.sqrt(np.mean(m**2, axis=0)), 1e-300)
+    found = _robust(m, y)
+    left_out = np.array([_robust(m[group != g], y[group != g]) for g in groups])
+    std = np.sqrt((len(left_out) - 1) * np.mean((left_out - left_out.mean(axis=0)) ** 2, axis=0))
+    over = found / np.maximum(std, 1e-12)
+    return OilLoss(float(over[leak]), float(over[leak + 1]), SURE[groups.size - 1])
+
+
+def _slope(record: Record, x: Array, y: Array) -> float | None:
+    x, y = (record.smooth(v, 0.05)[~record.gap] for v in (x, y))
+    return _regression(x - x.mean(), y - y.mean()) if x.size else None
+
+
+def _regression(x: Array, y: Array) -> float | None:
+    """Factor from x to y, None where they are not alike: then it is no question of units."""
+    size = float(np.sqrt(np.sum(x**2) * np.sum(y**2)))
+    product = float(np.sum(x * y))
+    return product / float(np.sum(x**2)) if size > 0.0 and abs(product) > LIKE * size else None
+
+
+def _robust(m: Array, y: Array) -> Array:
+    """Least squares in which steps with an unmodelled event count less (Huber)."""
+    weights: Array = np.ones(y.size)
+    for _ in range(5):
+        theta = np.asarray(np.linalg.lstsq(m * weights[:, None], y * weights, rcond=1e-10)[0])
+        rest = np.abs(y - m @ theta)
+        weights = np.sqrt(np.minimum(1.0, 2.5 * (1.4826 * np.median(rest) + 1e-12) / np.maximum(rest, 1e-15)))
+    return theta
+
+
+def check_senses(log: Samples, unit: Unit, where: str) -> None:
+    """Refuse a log whose signs and units are not those of the unit; a log that hardly moves tells nothing.
+
+    Parameters
+    ----------
+    log : to be diagnosed; its first two minutes are enough. unit : its profile.
+
+    Raises
+    ------
+    InputError : the piston goes against the pump, the gain is of another unit of measure, or oil flows
+        against the pressure difference.
+    """
+    log = log.rows(0, int(np.searchsorted(log.time, log.time[0] + ENOUGH_S)))
+    try:
+        record = even_record(log, unit, where)
+    except InputError:
+        return
+    check_gain(record, unit, where)
+    check_pump(log, where)
+    check_pressure_sign(record, unit, where, own=unit.baseline is not None)

@@ -1,0 +1,223 @@
+"""Volume balances of the two chambers over short steps, as rows of a linear regression.
+
+Chamber 1, over a step in which it is neither refed nor relieved:
+
+``A1·Δx = D·Δθ - ξ·∫(p1-p2)/μ - C_ep·∫(p1-p_case)/μ - ∫V1·dp1/β(p1)``
+
+and chamber 2 likewise with the pump's sign reversed, where μ is viscosity over its reference,
+``1/β(p) = 1/β_stiff + α·c(p)`` and ``V1 = volume_1 + A1·x`` (thesis eqs 3.14 to 3.17, 5.20, geometric
+volume law). Δθ is weighted with the ports' mean density over the chamber's, ``1 - (p1-p2)/2β``: what the
+pump moves is oil, not volume, and at 3 MPa that is 0.7 % of the flow. Position and pump angle are
+known to one count, so the balance holds to a few mm³, where the same equation in rates would drown
+in quantisation noise.
+
+All terms are accumulated first, smoothed by one and the same window without phase, and then
+differenced: that keeps the equation exact and averages the pressure noise. Unknowns are scaled by
+the base's values.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fdd.identification.oil import air_compliance, air_shrinkage, viscosity
+from fdd.identification.record import Record
+from fdd.unit import Unit
+
+Array = NDArray[np.float64]
+
+DISPLACEMENT, AREA_2, CROSS, CASE, STIFF, AIR = range(6)
+UNKNOWNS = 6
+
+SMOOTHING = 0.025
+"""s, window over which every accumulated term is averaged."""
+STEPS = (0.05, 0.1, 0.2)
+"""s: short steps see the compliance best, long ones the leakage."""
+REFEED_MARGIN = 4.0e4
+"""Pa above the accumulator at which a chamber is surely not being refed, sensor zeros included."""
+NOISE_MARGIN = 4.0
+"""Standard deviations of the smoothed pressures' noise that this margin must be at least."""
+RELIEF_MARGIN = 0.97
+"""Of the relief setting, above which the valve may pass oil."""
+AIR_SCALE = 3e-3
+LEAKAGE_FLOOR = 1e-12
+BLOCK = 2.0
+"""s: residuals farther apart than this count as independent."""
+
+
+@dataclass(frozen=True)
+class VolumeSteps:
+    """Rows of the regression ``y = m·θ``, θ in units of `scales`.
+
+    Attributes
+    ----------
+    m : (r, 6) regressors. y : (r,) m³.
+    noise : (r, 2, 6) what white pressure noise of one pascal at either end of the step adds to m.
+    chamber : (r,) 1 or 2. seconds : (r,) length of the step.
+    block : (r,) number of the 2 s block the step lies in, over all logs.
+    """
+
+    m: Array
+    y: Array
+    noise: Array
+    chamber: NDArray[np.int64]
+    block: NDArray[np.int64]
+    seconds: Array
+
+    @staticmethod
+    def join(parts: list[VolumeSteps]) -> VolumeSteps:
+        """All logs' rows together; blocks get numbers of their own."""
+        offset, blocks = 0, []
+        for part in parts:
+            blocks.append(part.block + offset)
+            offset += int(part.block.max(initial=-1)) + 1
+        return VolumeSteps(
+            m=np.concatenate([p.m for p in parts]),
+            y=np.concatenate([p.y for p in parts]),
+            noise=np.concatenate([p.noise for p in parts]),
+            chamber=np.concatenate([p.chamber for p in parts]),
+            block=np.concatenate(blocks),
+            seconds=np.concatenate([p.seconds for p in parts]),
+        )
+
+
+def leakage_scale(unit: Unit) -> float:
+    """Leakage that its unknowns are counted in: the base's, where it has any (m³/(s·Pa))."""
+    return max(unit.pump.total_leakage, LEAKAGE_FLOOR)
+
+
+def scales(unit: Unit) -> Array:
+    """(6,) what one unit of each unknown is, SI.
+
+    They are D; the change of area 2; ξ; C_ep; the stiff compliance beyond its bound; α.
+    """
+    leakage = leakage_scale(unit)
+    return np.array(
+        [
+            unit.pump.displacement,
+            unit.cylinder.area_2,
+            leakage,
+            leakage,
+            1.0 / unit.oil.bulk_modulus,
+            AIR_SCALE,
+        ]
+    )
+
+
+def viscosity_over_reference(record: Record, unit: Unit, reference: float) -> Array:
+    """(n,) or scalar 1: viscosity over that at `reference` (°C)."""
+    if record.temperature is None:
+        return np.ones(len(record))
+    smoothed = record.smooth(record.temperature, 5.0)
+    return viscosity(unit.oil, smoothed) / viscosity(unit.oil, reference)
+
+
+def volume_steps(
+    record: Record,
+    unit: Unit,
+    *,
+    reference_temperature: float,
+    reference_pressure: float,
+    noise: tuple[float, float] = (0.0, 0.0),
+) -> VolumeSteps:
+    """The rows that one log gives.
+
+    Parameters
+    ----------
+    record : the log. unit : base profile (areas, volumes, polytropic index, relief pressure).
+    reference_temperature : °C that leakage is referred to.
+    reference_pressure : Pa at which the bound β_stiff ≤ 3·β(p) is set.
+    noise : Pa, standard deviation of the chambers' smoothed pressures.
+    """
+    x, theta = record.position, record.angle
+    cylinder, tank, h = unit.cylinder, unit.accumulator, record.period
+    mu = viscosity_over_reference(record, unit, reference_temperature)
+    smooth_1 = record.smooth(record.pressure_1, SMOOTHING)
+    smooth_2 = record.smooth(record.pressure_2, SMOOTHING)
+    store = record.smooth(record.accumulator, 0.1)
+    case = np.minimum(0.5 * (smooth_1 + smooth_2), store + tank.case_cracking_pressure)
+    calm = ~record.gap & (np.abs(smooth_1 - smooth_2) < RELIEF_MARGIN * tank.relief_pressure)
+    drop = record.pressure_1 - record.pressure_2
+    x_smooth = record.smooth(x, SMOOTHING)
+    base_modulus = 2.0 * unit.oil.bulk_modulus
+    parts = []
+    for chamber, sign, pressure, smoothed, area, at_centre in (
+        (1, 1.0, record.pressure_1, smooth_1, cylinder.area_1, cylinder.volume_1),
+        (2, -1.0, record.pressure_2, smooth_2, cylinder.area_2, cylinder.volume_2),
+    ):
+        moved = cylinder.position_compliance * area * x_smooth
+        volume = np.maximum(at_centre + sign * moved, 0.1 * at_centre)
+        levels = np.column_stack(
+            [
+                sign * area * x,
+                sign * _turned(theta, sign * (smooth_1 - smooth_2) / base_modulus),
+                -sign * x if chamber == 2 else np.zeros_like(x),
+                -sign * _accumulate(drop / mu, h),
+                -_accumulate((pressure - case) / mu, h),
+                *_compression(pressure, smoothed, volume, unit.oil.polytropic_index, reference_pressure),
+            ]
+        )
+        slopes = _noise_slopes(smoothed, volume, unit.oil.polytropic_index, reference_pressure)
+        levels = np.column_stack([record.smooth(c, SMOOTHING) for c in levels.T])
+        margin = max(REFEED_MARGIN, NOISE_MARGIN * noise[chamber - 1])
+        usable = calm & (smoothed > store + margin)
+        if record.chambers_measured and not record.accumulator_measured:
+            # Who knows what the lower chamber is joined to; the higher one is fed by the pump alone.
+            usable &= sign * (smooth_1 - smooth_2) > max(margin, NOISE_MARGIN * max(noise))
+        for seconds in STEPS:
+            parts.append(_differences(record, seconds, levels, slopes, usable, chamber))
+    scale = scales(unit)
+    m, y, ends, of_chamber, block = (np.concatenate([p[i] for p in parts]) for i in range(5))
+    lengths = np.repeat(STEPS * 2, [p[1].size for p in parts])
+    return VolumeSteps(
+        m * scale, y, ends * scale, of_chamber.astype(np.int64), block.astype(np.int64), lengths
+    )
+
+
+def _turned(angle: Array, denser: Array) -> Array:
+    """Pump angle, each step over the density of the chamber's oil against that of the ports' mean."""
+    return np.concatenate(([0.0], np.cumsum(np.diff(angle) * (1.0 - denser[1:]))))
+
+
+def _accumulate(rate: Array, period: float) -> Array:
+    return np.asarray(np.cumsum(rate) * period)
+
+
+def _compression(
+    pressure: Array, smoothed: Array, volume: Array, index: float, reference: float
+) -> tuple[Array, Array]:
+    """Accumulated oil volume taken up per unit of the stiff compliance's excess and of α (both negative)."""
+    # Along the smoothed pressure and linear about it: the air's law is curved, and noise must not bend it.
+    shrinkage = air_shrinkage(smoothed, index) + air_compliance(smoothed, index) * (pressure - smoothed)
+    between = 0.5 * (volume[1:] + volume[:-1])
+    stiff = np.concatenate(([0.0], np.cumsum(between * np.diff(pressure))))
+    air = np.concatenate(([0.0], np.cumsum(between * np.diff(shrinkage))))
+    # 1/β_stiff = ½·α·c(reference) + excess: with excess ≥ 0 the stiff oil is at most three times β.
+    return -stiff, -(air + 0.5 * float(air_compliance(reference, index)) * stiff)
+
+
+def _noise_slopes(smoothed: Array, volume: Array, index: float, reference: float) -> Array:
+    """(n, 2) change of the two compression terms per pascal."""
+    bound = 0.5 * float(air_compliance(reference, index))
+    return np.column_stack([-volume, -volume * (air_compliance(smoothed, index) + bound)])
+
+
+def _differences(
+    record: Record, seconds: float, levels: Array, slopes: Array, usable: NDArray[np.bool_], chamber: int
+) -> tuple[Array, Array, Array, NDArray[np.int64], NDArray[np.int64]]:
+    n, rim = record.rows(seconds), record.rows(SMOOTHING) // 2 + 1
+    starts = np.arange(rim, len(record) - n - rim, max(n // 2, 1))
+    bad = np.concatenate(([0], np.cumsum(~usable)))
+    moved = levels[starts + n] - levels[starts]
+    # A pump that stands still against a pressure that does not fall is shut off by a valve: no leakage there.
+    turning = (np.abs(moved[:, 1]) > 5e-4) | (np.abs(moved[:, 0]) > 1e-9)
+    kept = (bad[starts + n + rim] == bad[starts - rim]) & turning
+    starts, moved = starts[kept], moved[kept]
+    noise = np.zeros((starts.size, 2, UNKNOWNS))
+    noise[:, 0, STIFF:] = slopes[starts]
+    noise[:, 1, STIFF:] = slopes[starts + n]
+    block = (starts * record.period / BLOCK).astype(np.int64)
+    return moved[:, 1:], moved[:, 0], noise, np.full(starts.size, chamber), block

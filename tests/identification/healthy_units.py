@@ -1,0 +1,89 @@
+"""Healthy logs of random units with known truth, simulated once for the whole folder."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from fdd.identification import Identification
+from fdd.plant.scenario import Scenario
+from fdd.plant.simulate import simulate
+from fdd.samples import Samples
+from fdd.unit import Unit
+
+TEMPERATURE = 35.0
+SEEDS = (1, 2, 3)
+
+
+@dataclass(frozen=True)
+class Case:
+    """A unit that differs from its base, healthy logs of it, and what identification made of them."""
+
+    truth: Unit
+    base: Unit
+    logs: list[Samples]
+    found: Identification
+
+
+def random_unit(seed: int) -> Unit:
+    """Axis A with its parameters drawn within 15 % of the profile's."""
+    rng = np.random.default_rng(seed)
+    unit = Unit.load("axis_a")
+
+    def vary(value: float) -> float:
+        return float(value * rng.uniform(0.85, 1.15))
+
+    unit.pump.displacement = vary(unit.pump.displacement)
+    unit.pump.cross_port_leakage = vary(unit.pump.cross_port_leakage)
+    unit.pump.case_leakage = vary(unit.pump.case_leakage)
+    unit.oil.bulk_modulus = vary(unit.oil.bulk_modulus)
+    unit.oil.air_fraction = vary(unit.oil.air_fraction)
+    unit.accumulator.charge_pressure = vary(unit.accumulator.charge_pressure)
+    unit.drive.torque_constant = vary(unit.drive.torque_constant)
+    for branch in (unit.friction.forward, unit.friction.reverse):
+        branch.coulomb, branch.static = vary(branch.coulomb), vary(branch.static)
+        branch.viscous = vary(branch.viscous)
+    unit.friction.trial_spread = 0.0  # the draw of a run would be the truth then, not the curve
+    for channel, size in (("pressure_difference", 8e3), ("pressure_1", 2e3), ("pressure_2", 2e3)):
+        unit.sensors[channel].zero = float(rng.normal(0.0, size))
+    return unit
+
+
+def calibration_logs(unit: Unit, seed: int, **changes: object) -> list[Samples]:
+    """Strokes at three speeds, a multisine, throttled strokes, strokes against a spring to 2.8 MPa."""
+
+    def strokes(speeds: list[float], turn: float, amplitude: float) -> dict[str, object]:
+        return {
+            "name": "constant_speed",
+            "speeds": speeds,
+            "turn": turn,
+            "amplitude": amplitude,
+            "dwell": 0.3,
+        }
+
+    sines = {"name": "sines", "amplitude": 0.02, "low_hz": 0.5, "high_hz": 8.0, "count": 6, "tilt": 0.6}
+    throttle = {"name": "throttle", "pressure": 2.0e6}
+    spring = {"name": "spring", "rate": 3.5e4}
+    speed, position = {"mode": "speed"}, {"mode": "position"}
+    runs = (
+        (36.0, strokes([50.0, 120.0, 240.0], 12.0, 0.08), speed, {"name": "none"}),
+        (8.0, sines, position, {"name": "none"}),
+        (16.0, strokes([60.0, 100.0], 8.0, 0.06), speed, throttle),
+        (12.0, strokes([100.0], 10.0, 0.08), speed, spring),
+    )
+    return [
+        simulate(
+            unit,
+            Scenario(
+                duration=duration,
+                duty=duty,
+                control=control,
+                load=load,
+                seed=10 * seed + i,
+                oil_temperature=TEMPERATURE,
+                **changes,
+            ),
+        ).samples
+        for i, (duration, duty, control, load) in enumerate(runs)
+    ]

@@ -1,0 +1,133 @@
+"""The parts of identification, each against something independent of it."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.signal import butter, sosfilt
+
+from fdd.identification.friction import curve, fit_friction
+from fdd.identification.hidden_pressures import chambers_from_difference
+from fdd.identification.oil import air_compliance, air_shrinkage, viscosity
+from fdd.identification.record import Record
+from fdd.identification.sensors import effective_noise, resolution
+from fdd.plant import oil as plant_oil
+from fdd.plant.scenario import Recording, Scenario
+from fdd.plant.simulate import simulate
+from fdd.unit import Unit
+
+
+@given(st.floats(-10.0, 110.0))
+def test_viscosity_agrees_with_the_plants(temperature: float) -> None:
+    oil = Unit.load("axis_a").oil
+    assert float(viscosity(oil, temperature)) == pytest.approx(
+        float(plant_oil.viscosity(oil, temperature)), rel=1e-9
+    )
+
+
+@given(st.floats(-5e4, 5e6), st.floats(1.0, 1.6))
+def test_shrinkage_is_the_integral_of_compliance(pressure: float, index: float) -> None:
+    step = 50.0
+    slope = (air_shrinkage(pressure + step, index) - air_shrinkage(pressure - step, index)) / (2.0 * step)
+    assert float(slope) == pytest.approx(float(air_compliance(pressure, index)), rel=1e-4)
+
+
+@settings(max_examples=40, deadline=None)
+@given(st.floats(1e-7, 1e3), st.integers(0, 2**32 - 1))
+def test_resolution_is_the_quantum_of_a_quantised_signal(quantum: float, seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    signal = np.cumsum(rng.normal(0.0, 1.3, 3000)) + rng.normal(0.0, 0.4, 3000)
+    assert resolution(quantum * np.rint(signal)) == pytest.approx(quantum, rel=1e-3)
+
+
+def test_a_smooth_signal_has_no_resolution() -> None:
+    assert resolution(np.random.default_rng(0).normal(0.0, 1.0, 5000)) is None
+
+
+def test_noise_is_that_of_the_low_frequencies() -> None:
+    """Band-limited noise with a tone: neighbours differ little, the density below 100 Hz is three times."""
+    rng = np.random.default_rng(3)
+    time = np.arange(120_000) * 1e-3
+    sections = butter(6, 150.0, fs=1000.0, output="sos")
+    coloured = sosfilt(sections, rng.normal(0.0, 5.0, time.size)) + 4.0 * np.sin(2 * np.pi * 355.0 * time)
+    assert effective_noise(coloured, 1e-3) == pytest.approx(5.0, rel=0.12)
+
+
+def test_noise_is_taken_where_nothing_moves() -> None:
+    rng = np.random.default_rng(4)
+    time = np.arange(40_000) * 1e-3
+    moving = np.where(time < 20.0, 0.0, 50.0 * np.sin(2 * np.pi * 30.0 * time))
+    assert effective_noise(rng.normal(0.0, 1.0, time.size) + moving, 1e-3) == pytest.approx(1.0, rel=0.12)
+    assert effective_noise(np.zeros(100), 1e-3) is None
+
+
+def test_hidden_pressures_follow_the_plants() -> None:
+    """Against the plant's own chambers: strokes against a throttle, after which the mean stays up."""
+    unit = Unit.load("axis_a")
+    scenario = Scenario(
+        duration=20.0,
+        duty={"name": "constant_speed", "speeds": [50.0, 110.0], "turn": 8.0, "amplitude": 0.05},
+        control={"mode": "speed"},
+        load={"name": "throttle", "pressure": 1.5e6},
+        recording=Recording.perfect(),
+    )
+    truth = simulate(unit, scenario).truth.columns
+    p1, p2 = truth["pressure_1"], truth["pressure_2"]
+    mean, tank = chambers_from_difference(p1 - p2, truth["position"], 1e-3, unit, None)
+    true_mean = 0.5 * (p1 + p2)
+    assert np.sqrt(np.mean((mean - true_mean) ** 2)) < 3e4
+    # A constant would be off by ten times that.
+    assert np.sqrt(np.mean((true_mean - unit.accumulator.charge_pressure) ** 2)) > 2.5e5
+    assert np.sqrt(np.mean((tank - truth["pressure_accumulator"]) ** 2)) < 4e4
+    lowest = mean - 0.5 * np.abs(p1 - p2)
+    assert np.all(lowest >= tank - unit.accumulator.refeed_cracking_pressure - 1.0)
+
+
+def test_friction_curve_is_eq_5_12() -> None:
+    branch = Unit.load("axis_a").friction.reverse
+    speed = np.array([0.0, 0.007, 10.0])
+    expected = [448.0, 113.0 + 335.0 * np.exp(-1.0) + 123.0 * 0.007, 113.0 + 1230.0]
+    np.testing.assert_allclose(curve(branch, speed), expected, rtol=1e-6)
+
+
+def _gusty(seed: int, factor: float, gust: float) -> tuple[Record, Unit]:
+    """Two minutes of strokes at 10 to 80 mm/s against friction and gusts (N, lasting a fifth of a second)."""
+    unit, period, rng = Unit.load("axis_a"), 2e-3, np.random.default_rng(seed)
+    time = np.arange(0.0, 120.0, period)
+    strokes = np.cumsum(np.tile([4.0, 2.0, 1.0, 0.5], 16))  # s for 40 mm, there and back in turn
+    position = np.interp(time, np.append(0.0, strokes), np.arange(strokes.size + 1) % 2 * 0.04 - 0.02)
+    speed = np.gradient(position, period)
+    blows = sosfilt(butter(1, 1.0, fs=1.0 / period, output="sos"), rng.standard_normal(time.size))
+    blows *= gust / blows.std()
+    friction = np.where(
+        speed > 0, curve(unit.friction.forward, np.abs(speed)), curve(unit.friction.reverse, np.abs(speed))
+    )
+    p = (factor * friction * np.sign(speed) + blows + 400.0) / unit.cylinder.area_1
+    level = np.full(time.size, 5e5)
+    record = Record(
+        period=period, angle=position / 3.66e-4, position=position,
+        pressure_1=level + np.maximum(p, 0.0), pressure_2=level + np.maximum(-p, 0.0), accumulator=level,
+        difference=p, gap=np.zeros(time.size, dtype=bool), chambers_measured=True,
+        accumulator_measured=True, has_difference=False, current=None, temperature=None,
+    )  # fmt: skip
+    return record, unit
+
+
+def test_friction_is_seen_through_gusts_or_kept() -> None:
+    """Test: gusts as large as the friction and thirty times as large, on friction of twice the base's.
+
+    Expected: the weaker ones leave the factor within three standard deviations, at their size and not at
+    that of the gusts; the stronger ones hide it, and the base's friction stays.
+    """
+    coulomb = Unit.load("axis_a").friction.forward.coulomb
+    for seed in range(4):
+        record, unit = _gusty(seed, 2.0, 600.0)
+        fit = fit_friction([record], unit.cylinder, unit.friction)
+        assert fit.forward is not None and fit.reverse is not None
+        std = fit.forward.stds["coulomb"]
+        assert abs(fit.forward.branch.coulomb - 2.0 * coulomb) < 3.0 * std < 2.0 * coulomb
+    record, unit = _gusty(9, 2.0, 18_000.0)
+    fit = fit_friction([record], unit.cylinder, unit.friction)
+    assert fit.forward is None and fit.reverse is None and "not sharp enough" in fit.notes[0]

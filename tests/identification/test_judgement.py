@@ -1,0 +1,221 @@
+"""May a profile be used: simulated units within manufacturing spread, and what a fitter gets wrong."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy.ndimage import uniform_filter1d
+from spread_units import PRESSURES, only, scaled, spread_unit, work
+
+from fdd.diagnosis.baseline import add_baseline
+from fdd.errors import InputError
+from fdd.identification import identify_unit, signs
+from fdd.identification.judgement import Judgement, judge
+from fdd.identification.record import centred_mean
+from fdd.identification.signs import check_senses
+from fdd.identification.slips import slips
+from fdd.plant.scenario import Scenario
+from fdd.plant.simulate import simulate
+from fdd.samples import Samples
+from fdd.unit import Unit
+
+PLAN = (("strokes", "constant"), ("steps", "spring"), ("flight", "gust"))
+MINIMAL = ("position", "pump_speed", "pressure_difference")
+ANGLE = ("position", "pump_angle", "pressure_difference")
+
+
+def judged(logs: list[Samples], base: Unit | None = None) -> Judgement:
+    base = base or Unit.load("axis_a")
+    labels = [f"log{k}" for k in range(len(logs))]
+    found = identify_unit(logs, base, labels=labels)
+    return judge(found, add_baseline(found.unit, logs), base, logs, labels)
+
+
+def refused(logs: list[Samples], base: Unit | None = None) -> str:
+    """Why these logs make no profile: in one line, whether the fit or the judgement says so."""
+    try:
+        result = judged(logs, base)
+    except InputError as error:
+        return str(error)
+    assert result.verdict == "not usable", result.sentence
+    assert "\n" not in result.sentence
+    return result.sentence
+
+
+@pytest.fixture(scope="module")
+def healthy() -> list[Samples]:
+    unit = spread_unit(1)
+    return [work(unit, 40 + k, duty=duty, load=load) for k, (duty, load) in enumerate(PLAN)]
+
+
+def test_a_healthy_unit_is_usable_gusts_and_all(healthy: list[Samples]) -> None:
+    assert judged(healthy).verdict == "usable"
+
+
+def test_a_gust_that_drives_the_piston_against_the_pump_is_no_wrong_sign() -> None:
+    """The pressures do negative work over the whole log, and still hold the piston: oil leaks their way."""
+    unit = spread_unit(2)
+    gust = {"name": "gust", "deviation": 3000.0, "bandwidth_hz": 0.3}
+    log = simulate(unit, Scenario(duration=32.0, duty={"name": "sines"}, load=gust, seed=3)).samples
+    log = log.rows(22_000, 32_000)
+    drop = uniform_filter1d(log["pressure_1"] - log["pressure_2"], 51)
+    done = drop * np.gradient(uniform_filter1d(log["position"], 51))
+    assert np.sum(done) < -0.5 * np.sum(np.abs(done))
+    assert identify_unit([log], Unit.load("axis_a")).unit.pump.total_leakage > 0.0
+    turned = log.with_columns({"pressure_1": log["pressure_2"], "pressure_2": log["pressure_1"]})
+    assert "swap pressure_1 and pressure_2" in refused([turned])
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("severity", [0.25, 0.5])
+def test_the_leaking_log_among_healthy_ones_is_named(healthy: list[Samples], severity: float) -> None:
+    fault = {"fault": "internal_leakage", "severity": severity, "onset": 0.0}
+    leaking = work(spread_unit(1), 77, duty="steps", load="spring", fault=fault)
+    sentence = refused([*healthy[:2], leaking, healthy[2]])
+    assert "log2 disagrees with the others: leakage" in sentence
+
+
+@pytest.mark.slow
+def test_a_fault_that_comes_within_a_log_is_named(healthy: list[Samples]) -> None:
+    """Test: a leak that begins within a log, and a sensor's bias. Expected: the leak shows in what each half
+    identifies, and is refused; the bias shows in the balances alone, and is a limit."""
+    leak = {"fault": "internal_leakage", "severity": 0.8, "onset": 15.0}
+    leaking = work(spread_unit(1), 78, duty="steps", load="spring", fault=leak)
+    assert "log1 does" in refused([healthy[0], leaking, healthy[2]])
+    bias = {"fault": "pressure_sensor_bias", "severity": 0.6, "onset": 15.0}
+    biased = work(spread_unit(1), 78, duty="steps", load="spring", fault=bias)
+    result = judged([healthy[0], biased, healthy[2]])
+    assert "log1 does not look healthy: pressure sensor bias" in result.sentence
+    assert result.verdict == "usable with limits"
+
+
+@pytest.mark.parametrize(
+    ("factor", "said"),
+    [(1e-5, "bar read as Pa"), (1e-2, "bar read as kPa"), (0.1, "times what they should be"),
+     (10.0, "times what they should be"), (1e2, "kPa read as bar"), (1e3, "unit"), (1e5, "unit")],
+)  # fmt: skip
+def test_pressures_in_another_unit(healthy: list[Samples], factor: float, said: str) -> None:
+    sentence = refused([scaled(log, factor, *PRESSURES) for log in healthy])
+    assert said in sentence and "pressure" in sentence and "unit" in sentence
+
+
+@pytest.mark.parametrize("factor", [1e-2, 0.1, 10.0, 1e2])
+def test_the_difference_alone_in_another_unit(healthy: list[Samples], factor: float) -> None:
+    logs = [scaled(only(log, *MINIMAL), factor, "pressure_difference") for log in healthy]
+    assert "pressure" in (line := refused(logs)) and "unit" in line
+
+
+def test_one_pressure_of_four_in_another_unit(healthy: list[Samples]) -> None:
+    logs = [scaled(log, 1e-2, "pressure_difference") for log in healthy]
+    assert "bar read as kPa" in refused(logs)
+
+
+@pytest.mark.parametrize(
+    ("channels", "channel", "factor", "said"),
+    [
+        (MINIMAL, "pump_speed", 30.0 / np.pi, "rpm read as rad/s"),
+        (ANGLE, "pump_angle", np.pi / 180.0, "rad read as deg"),
+        (MINIMAL, "position", 1e3, "mm read as m"),
+        (MINIMAL, "position", 25.4, "in"),
+        (MINIMAL, "position", 1e-3, "unit"),
+        (MINIMAL, "position", 1.3, "travel per rad of the pump"),
+    ],
+)  # fmt: skip
+def test_motion_in_another_unit(
+    healthy: list[Samples], channels: tuple[str, ...], channel: str, factor: float, said: str
+) -> None:
+    assert said in refused([scaled(only(log, *channels), factor, channel) for log in healthy])
+
+
+def test_speed_beside_angle_in_another_unit(healthy: list[Samples]) -> None:
+    line = refused([scaled(log, 30.0 / np.pi, "pump_speed") for log in healthy])
+    assert "pump_speed is 9.55 times what pump_angle turns" in line and "rpm read as rad/s" in line
+
+
+def test_swapped_chambers_and_a_turned_difference(healthy: list[Samples]) -> None:
+    swapped = [
+        only(log, "position", "pump_angle", "pressure_1", "pressure_2").with_columns(
+            {"pressure_1": log["pressure_2"], "pressure_2": log["pressure_1"]}
+        )
+        for log in healthy
+    ]
+    turned = [scaled(only(log, *MINIMAL), -1.0, "pressure_difference") for log in healthy]
+    beside = [scaled(log, -1.0, "pressure_difference") for log in healthy]
+    for logs in (swapped, turned, beside):
+        for log in logs:
+            assert "swap pressure_1 and pressure_2" in refused([log])
+
+
+def test_oil_in_kelvin(healthy: list[Samples]) -> None:
+    logs = [log.with_columns({"oil_temperature": log["oil_temperature"] + 273.15}) for log in healthy]
+    assert "it looks like K read as degC" in refused(logs)
+
+
+def test_standstill_is_not_usable(healthy: list[Samples]) -> None:
+    log = healthy[0]
+    still = log.with_columns({"position": np.full(len(log), 0.01), "pump_angle": np.full(len(log), 1.0)})
+    still = still.with_columns({"pump_speed": np.zeros(len(log))})
+    assert "moves by" in refused([still])
+
+
+def test_one_log_cannot_tell_a_leak_from_a_leaky_unit() -> None:
+    fault = {"fault": "internal_leakage", "severity": 0.5, "onset": 0.0}
+    leaking = work(Unit.load("axis_a"), 79, duty="steps", load="spring", fault=fault)
+    result = judged([leaking])
+    assert result.verdict == "usable with limits"
+    assert "one log" in " ".join(result.remarks)
+    found = identify_unit([leaking], Unit.load("axis_a")).unit
+    times = float(result.sentence.split("leakage is ")[1].split(" times")[0])
+    assert times > 1.5 and found.pump.total_leakage > 1.5 * Unit.load("axis_a").pump.total_leakage
+
+
+def test_farther_than_manufacturing_leaves_open(healthy: list[Samples]) -> None:
+    base = Unit.load("axis_a")
+    base.pump.cross_port_leakage *= 5.0
+    base.pump.case_leakage *= 5.0
+    assert "leakage is 0." in (line := refused(healthy, base)) and "leaves a factor of 3 open" in line
+    base = Unit.load("axis_a")
+    base.pump.displacement *= 1.25
+    assert "travel per rad of the pump is 0.8" in refused(healthy, base)
+
+
+def test_every_named_slip_makes_its_factor() -> None:
+    assert slips(0.0254, "length") == "m read as in"
+    for factor, dimension in ((1e3, "length"), (1e-5, "pressure"), (9.549, "angular_speed"), (57.3, "angle")):
+        assert " read as " in slips(factor, dimension)
+    for factor in (-10.0, 0.0, 1.0, 1.3):
+        assert slips(factor, "pressure") == ""
+
+
+def test_a_throttled_load_is_no_turned_sign() -> None:
+    """Test: a load that goes with the speed, whose force a free gain takes for oil flowing backwards.
+
+    Expected: the log passes, with its pressures swapped it does not.
+    """
+    unit = Unit.load("axis_a")
+    log = work(unit, 5, duty="steps", load="throttle")
+    own = add_baseline(identify_unit([log], unit).unit, [log])
+    check_senses(log, own, "log")
+    swapped = log.with_columns(
+        {
+            "pressure_difference": -log["pressure_difference"],
+            "pressure_1": log["pressure_2"],
+            "pressure_2": log["pressure_1"],
+        }
+    )
+    with pytest.raises(InputError, match="oil flows against"):
+        check_senses(swapped, own, "log")
+
+
+def test_quantiles_are_students() -> None:
+    from scipy.stats import t
+
+    for freedom, value in signs.SURE.items():
+        assert value == pytest.approx(t.ppf(1.0 - signs.BY_CHANCE, freedom), rel=1e-4)
+
+
+@pytest.mark.parametrize("width", [1, 3, 51, 201])
+def test_the_centred_mean_is_scipys(width: int) -> None:
+    values = 3e6 + np.random.default_rng(width).normal(size=500).cumsum()
+    wanted = uniform_filter1d(values, width, mode="nearest")
+    np.testing.assert_allclose(centred_mean(values, width), wanted, rtol=1e-12)
