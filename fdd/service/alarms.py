@@ -125,6 +125,7 @@ class AlarmBook:
     ----------
     off_delay : s of data without evidence after which an alarm has returned to normal.
     chatter : s of data after that, within which it is raised again and no new alarm made.
+    ids : (k, n): alarms are numbered k, k + n, k + 2 n and so on, so that n books share one store.
 
     Examples
     --------
@@ -137,10 +138,12 @@ class AlarmBook:
     'ACKED'
     """
 
-    def __init__(self, off_delay: float = 60.0, chatter: float = 600.0) -> None:
+    def __init__(
+        self, off_delay: float = 60.0, chatter: float = 600.0, ids: tuple[int, int] = (1, 1)
+    ) -> None:
         self.off_delay, self.chatter = off_delay, chatter
         self._alarms: dict[int, Alarm] = {}
-        self._next_id = 1
+        self._next_id, self._step = ids
 
     def alarms(self, axis: str | None = None) -> list[Alarm]:
         """Alarms of an axis, or of all, in the order of their ids; those that are normal for a while too."""
@@ -183,7 +186,7 @@ class AlarmBook:
             time=time, seen=time, raised_time=time, raised_wall=wall, level=severity_level(finding),
             priority=priority_of(finding), **_words(finding),
         )  # fmt: skip
-        self._next_id += 1
+        self._next_id += self._step
         return self._moved(RAISED, alarm, NORMAL, wall)
 
     def _seen(self, alarm: Alarm, finding: FaultFinding, time: float, wall: float) -> list[Transition]:
@@ -272,7 +275,8 @@ class AlarmBook:
         known = {f.name for f in fields(Alarm)}
         kept = [{k: v for k, v in a.items() if k in known} for a in state["alarms"]]
         self._alarms = {a["id"]: Alarm(**{**a, "reraised": tuple(a["reraised"])}) for a in kept}
-        self._next_id = state["next_id"]
+        # The first of its own numbers from there on.
+        self._next_id = state["next_id"] + (self._next_id - state["next_id"]) % self._step
 
     def _alarm(self, id: int, done: str, *states: str) -> Alarm:
         alarm = self._alarms.get(id)

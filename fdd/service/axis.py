@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import hashlib
-import io
 import json
 import logging
 from collections.abc import Callable, Iterator, Mapping
@@ -19,21 +18,23 @@ from fdd.diagnosis.model import Model
 from fdd.diagnosis.pipeline import Pipeline
 from fdd.errors import InputError
 from fdd.logs.quality import check_magnitudes
+from fdd.residuals.rows import HOP_S
 from fdd.samples import Samples
 from fdd.service.blocks import Block
 from fdd.service.learning import Learning
+from fdd.service.life import HEALTHY_LEAKAGE, LEAKAGE_FACTOR
 from fdd.service.order import Order
 from fdd.service.recent import LOOK_S, Recent
-from fdd.service.store import Checkpoint, Rollup
+from fdd.service.store import Checkpoint, Rollup, joined, parted
 from fdd.unit import Unit
 
 Array = NDArray[np.float64]
 
 LOG = logging.getLogger("fdd.service")
-VERSION = "1"
+VERSION = "2"
 """Of a checkpoint's form."""
-TOGETHER_S = 0.49
-"""s of data that are worked together: half a hop more or less is no delay for a look every five seconds."""
+MOST_TOGETHER = 64
+"""Blocks of a hop that are worked together, however short."""
 CHECKED_S = 5.0
 """s of data by which the units of measure are checked, once."""
 
@@ -83,7 +84,8 @@ class AxisWatch:
         self.standing: list[FaultFinding] = []
         self._unchecked: list[Samples] | None = []
         self._told = self._quality()
-        self._waiting: list[Samples] = []
+        self._waiting: list[Block] = []
+        self._hop: float | None = None
         self._learnt: str | None = None
         self.profile_sha256 = hashlib.sha256(unit.model_dump_json().encode()).hexdigest()
         self._take_over(unit, Learning(unit, learn_s) if unit.baseline is None else None)
@@ -92,32 +94,42 @@ class AxisWatch:
         self.unit, self.learning = unit, learning
         self.pipeline = Pipeline(unit, self.model, axis=self.name, keep_trajectories=False)
 
-    def push(self, block: Block) -> list[Look]:
-        """Take a block; what the looks that fell due gave."""
-        self.last_wall = block.received
-        self._wait(self.order.push(block))
-        waited = self._waiting and self._waiting[-1].time[-1] - self._waiting[0].time[0] >= TOGETHER_S
-        return self._taken(block.received) if waited else []
+    def push(self, *blocks: Block) -> list[Look]:
+        """Take blocks that came together; what the looks that fell due gave."""
+        self._waiting += [block for block in blocks if len(block.samples)]
+        if not self._waiting:
+            return []
+        self.last_wall = self._waiting[-1].received
+        # A hop is over with the first row of the next one: a look need not wait for more. Another hop, not a
+        # later one: the sender's clock may have been set.
+        stamp = self._waiting[-1].samples.time[-1] + np.nan_to_num(self.order.clock.offset)
+        hop, self._hop = self._hop, stamp // HOP_S
+        if hop == self._hop and len(self._waiting) < MOST_TOGETHER:
+            return []
+        return self._taken(self._in_order(), self.last_wall)
 
     def flush(self, wall: float) -> list[Look]:
         """Take what waits now, for blocks before it or for more (Unix seconds)."""
-        self._wait(self.order.flush())
-        return self._taken(wall)
+        return self._taken(Samples.concatenate([self._in_order(), self.order.flush()]), wall)
+
+    def settle(self, wall: float) -> list[Look]:
+        """Take what waits for more (Unix seconds); what is held for a block before it stays held."""
+        return self._taken(self._in_order(), wall)
 
     @property
     def waits(self) -> bool:
-        """Whether samples are in no state yet."""
+        """Whether blocks are in no state yet."""
         return bool(self._waiting)
 
-    def _wait(self, samples: Samples) -> None:
-        if len(samples) and self.failed is None:
-            self._waiting.append(samples)
+    def _in_order(self) -> Samples:
+        """The blocks that waited: some at a time cost little more than one."""
+        blocks, self._waiting = self._waiting, []
+        return self.order.take(blocks)
 
-    def _taken(self, wall: float) -> list[Look]:
-        """The looks of what waits: some blocks at a time cost little more than one."""
-        if not self._waiting:
+    def _taken(self, samples: Samples, wall: float) -> list[Look]:
+        """The looks of samples that go on from the last ones."""
+        if not len(samples) or self.failed is not None:
             return []
-        samples, self._waiting = Samples.concatenate(self._waiting), []
         self.samples += len(samples)
         self._record(self.name, samples)
         if len(samples) > 1:
@@ -170,11 +182,15 @@ class AxisWatch:
             self._take_over(unit, None)
 
     def _roll_up(self, wall: float) -> None:
-        values = {n: e.value for n, e in self.estimates.items() if e.observable}
-        values["probability_of_a_fault"] = 1.0 - self.probabilities.get("healthy", 1.0)
-        for name, value in values.items():
+        values = {n: (e.value, e.std) for n, e in self.estimates.items() if e.observable}
+        e = self.estimates.get("leakage")
+        if e is not None and e.observable and e.value is not None and e.baseline:
+            values[HEALTHY_LEAKAGE] = (e.baseline, None)
+            values[LEAKAGE_FACTOR] = (e.value / e.baseline, (e.std or 0.0) / e.baseline)
+        values["probability_of_a_fault"] = (1.0 - self.probabilities.get("healthy", 1.0), None)
+        for name, (value, std) in values.items():
             if value is not None:
-                self.rollups.append(Rollup(self.name, name, wall, 1, value, 0.0, value, value))
+                self.rollups.append(Rollup(self.name, name, wall, 1, value, std or 0.0, value, value))
 
     def _quality(self) -> dict[str, int]:
         order = self.order
@@ -213,13 +229,11 @@ class AxisWatch:
             parts["learning"] = self.learning.state()
         for prefix, state in parts.items():
             arrays |= {f"{prefix}|{k}": v for k, v in state.items()}
-        body = io.BytesIO()
-        np.savez(body, **arrays)  # type: ignore[arg-type]
         time = float(self.order.clock.last_time)
         return Checkpoint(
             axis=self.name, time=time if np.isfinite(time) else 0.0, wall=wall, sequence=sequence,
             profile_sha256=self.profile_sha256, model_sha256=self.model.sha256, version=VERSION,
-            body=body.getvalue(),
+            body=joined(arrays),
         )  # fmt: skip
 
     def restore(self, checkpoint: Checkpoint) -> None:
@@ -236,8 +250,7 @@ class AxisWatch:
                 where=f"axis {self.name}", mend="it starts anew",
             )  # fmt: skip
         try:
-            with np.load(io.BytesIO(checkpoint.body), allow_pickle=False) as stored:
-                arrays = {name: stored[name] for name in stored.files}
+            arrays = parted(checkpoint.body)
             scalars = json.loads(bytes(arrays["axis"]))
             self._learnt = scalars["learnt"]
             if self._learnt is not None:
@@ -246,7 +259,7 @@ class AxisWatch:
             self.pipeline.restore(_below(arrays, "pipeline"))
             if self.learning is not None:
                 self.learning.restore(_below(arrays, "learning"))
-        except (OSError, ValueError, KeyError, TypeError, EOFError) as error:
+        except (ValueError, KeyError, TypeError) as error:
             raise InputError(
                 f"its saved state is damaged ({type(error).__name__})",
                 where=f"axis {self.name}", mend="it starts anew",

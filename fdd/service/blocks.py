@@ -25,6 +25,8 @@ Array = NDArray[np.float64]
 SCHEMA = "fdd.block/1"
 _NAME = re.compile(r"(?!\.{1,2}(/|$))[A-Za-z0-9_.-]+(/(?!\.{1,2}(/|$))[A-Za-z0-9_.-]+)*")
 _LONGEST_AXIS, _LONGEST_UNIT, _MOST_TOLD = 64, 200, 8
+_HEAD_BYTES = 8192
+"""Of an Arrow message besides its numbers; one with more is not kept as it came."""
 _KEYS = "schema, axis, sequence, time, columns, unit"
 
 
@@ -47,6 +49,8 @@ class Block:
     ignored : names of columns that are no channels.
     patient : the sender keeps what is not accepted: the inbox does not drop it for being late.
     accepted : called once by the fleet when the block is stored, or given up and counted as dropped.
+    payload : the Arrow message that it came as, where that holds these samples and little else, perhaps
+        not the axis.
 
     Examples
     --------
@@ -63,6 +67,7 @@ class Block:
     ignored: tuple[str, ...] = ()
     patient: bool = False
     accepted: Callable[[], None] = nothing
+    payload: bytes | None = None
 
     @property
     def nbytes(self) -> int:
@@ -118,6 +123,7 @@ class Decoder:
     def __init__(self, channel_map: ChannelMap | None = None) -> None:
         self.sources = {"time": ChannelSource(column="time"), **stream_sources(channel_map)}
         self.keys = keys_of(self.sources)
+        self._plain = channel_map is None
 
     def decode(self, payload: bytes, source: str = "", *, axis: str | None = None, **more: Any) -> Block:
         """The block that a message holds.
@@ -139,6 +145,9 @@ class Decoder:
         if payload.startswith(ARROW_START):
             columns, head = arrow_columns(payload)
             ignored = tuple(k for k in columns if k not in self.keys)
+            numbers = 8 * sum(v.size for v in columns.values())
+            if self._plain and not ignored and len(payload) <= numbers + _HEAD_BYTES:
+                more["payload"] = payload
             return self._block(columns, _of_axis(head, axis), source, more, ignored)
         return self.decode_object(_of_axis(json_object(payload), axis), source, **more)
 
@@ -182,8 +191,11 @@ class Decoder:
         return Block(axis, samples, sequence, source, received, unit, ignored[:_MOST_TOLD], **more)
 
     def _samples(self, columns: dict[str, Array]) -> Samples:
-        with np.errstate(over="ignore"):  # beyond any number is missing, as infinity is
-            found = channels_in_si(self.sources, columns.get)
+        if self._plain:
+            found = {n: columns[n] for n in self.sources if n in columns}
+        else:
+            with np.errstate(over="ignore"):  # beyond any number is missing, as infinity is
+                found = channels_in_si(self.sources, columns.get)
         stamps = found.pop("time", None)
         if stamps is None:
             raise InputError(

@@ -90,6 +90,18 @@ class Recording(Part):
     most_bytes: Annotated[int, Field(ge=1 << 20)] = 10 << 30
 
 
+class FoxgloveOutput(Part):
+    """Where Foxglove connects to see it live. Nobody is asked who he is: leave it to this machine.
+
+    Attributes
+    ----------
+    port : 0 takes a free one.
+    """
+
+    host: str = "127.0.0.1"
+    port: Annotated[int, Field(ge=0, le=65535)] = 8765
+
+
 class Outputs(Part):
     """Whom the service tells."""
 
@@ -98,6 +110,7 @@ class Outputs(Part):
     webhooks: tuple[Webhook, ...] = ()
     jsonl: ConfigPath | None = None
     recording: Recording | None = None
+    foxglove: FoxgloveOutput | None = None
 
 
 class Retention(Part):
@@ -138,6 +151,7 @@ class Serve(Part):
     maps : folder of channel maps that a log sent for a diagnosis may name.
     learn_minutes : of work by which the baseline of a profile without one is learnt.
     model : of the decision; the shipped one where none is given.
+    shards : into which the axes are divided with ``--engine ray``.
     tokens : file of lines ``NAME ROLE SHA256(TOKEN)``. Without it only this machine may be listened on.
 
     Examples
@@ -155,6 +169,7 @@ class Serve(Part):
     maps: ConfigPath | None = None
     learn_minutes: Annotated[float, Field(ge=5, le=10080)] = 60.0
     model: ConfigPath | None = None
+    shards: Annotated[int, Field(ge=1, le=256)] = 4
     listen: Listen = Listen()
     tokens: ConfigPath | None = None
     sources: Annotated[list[AnySource], Field(min_length=1)]

@@ -6,12 +6,13 @@ import logging
 import queue
 import threading
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import Future
 from concurrent.futures import TimeoutError as TooLate
 from dataclasses import asdict, replace
 from functools import partial
 from typing import Any, Literal
+from uuid import uuid4
 
 from fdd.diagnosis.model import Model
 from fdd.errors import InputError
@@ -20,19 +21,23 @@ from fdd.service.alarms import ITSELF, Action, AlarmBook, Transition
 from fdd.service.axis import AxisWatch, Look
 from fdd.service.blocks import Block, Decoder, encode_arrow
 from fdd.service.bus import Bus, Event
-from fdd.service.inbox import Inbox
+from fdd.service.inbox import MOST_TAKEN, Inbox
+from fdd.service.life import profile_key
 from fdd.service.profiles import Profiles
 from fdd.service.reporting import status_of
+from fdd.service.share import Share
 from fdd.service.status import AxisDetail, AxisStatus
-from fdd.service.store import Checkpoint, Store, StoreTrouble, Transaction
+from fdd.service.store import Checkpoint, LeaseLost, Store, StoreTrouble, Transaction
 
 LOG = logging.getLogger("fdd.service")
 
-SILENT_S = 1.0
-"""Seconds after which what waits for a block before it waits no longer."""
+SILENT_S = 3.0
+"""Seconds after which what waits for a block before it waits no longer. Only those count that the fleet had
+nothing to do, and of a step no more than it should take: a sender that waits for this process, or for the
+machine, is not silent. A lost segment of TCP, or a new connection to a broker, takes one or two."""
 CHECKPOINT_S = 1.0
 """Least time between two checkpoints of an axis."""
-CHECKPOINT_SHARE = 0.1
+CHECKPOINT_SHARE = 0.05
 """Of the processor's time that checkpoints may take: with many axes they come less often. No block is lost
 for it: the journal holds what came since."""
 PACE_S = 0.1
@@ -57,7 +62,7 @@ class Fleet:
     profiles : of the axes.
     targets : kind of event, and whether people are told, to the targets of its outbox.
     record : takes each axis's samples as they are worked.
-    hold, learn_s : s, see `AxisWatch`. clock : Unix seconds.
+    hold, learn_s : s, see `AxisWatch`. clock : Unix seconds. share : the axes that are its own.
 
     Attributes
     ----------
@@ -82,18 +87,21 @@ class Fleet:
         hold: float = 0.5,
         learn_s: float = 3600.0,
         clock: Callable[[], float] = time.time,
+        share: Share = Share(),
     ) -> None:
         self._profiles, self._model = profiles, model
         self._store, self._bus, self._inbox = store, bus, inbox
         self._targets, self._record = targets, record
         self._hold, self._learn_s, self._clock = hold, learn_s, clock
-        self._book = AlarmBook()
+        self._share, self._book = share, AlarmBook(ids=(share.number + 1, share.of))
         self._axes: dict[str, AxisWatch] = {}
         self._refused: dict[str, str] = {}
         self._flushed: set[str] = set()
+        self._idle_s, self._ended, self._heard = 0.0, time.monotonic(), dict[str, float]()
         self._actions: queue.Queue[tuple[Action, Future[Transition]]] = queue.Queue()
         self._lock = threading.RLock()
         self._kept: dict[str, float] = {}
+        self._profiles_kept: set[str] = set()
         self._last_row: dict[str, int] = {}
         self._cost = 0.02
         self.trouble: str | None = None
@@ -102,15 +110,21 @@ class Fleet:
     def run(self, stop: threading.Event) -> None:
         """Work until `stop` is set; state is kept at the end."""
         self.resume()
-        while not stop.wait(PACE_S):
-            self.step(PACE_S, stop)
-        self.keep(stop)
+        while not stop.is_set():
+            if self.step(PACE_S, stop) < MOST_TAKEN:  # else more waits already
+                stop.wait(PACE_S)
+        # A step that was given up has changed states and is not stored: kept, its alarms would count as told.
+        if self.trouble is None:
+            self.keep(stop)
 
     def resume(self) -> None:
         """Go on where the last run ended."""
         with self._lock:
-            self._book.restore(self._store.book())
+            book, has = self._store.book(), self._share.has
+            self._book.restore({**book, "alarms": [a for a in book["alarms"] if has(a["axis"])]})
             for row in self._store.axes():
+                if not has(row["name"]):
+                    continue
                 try:
                     watch = self._opened(row["name"], row["unit"])
                 except InputError as error:
@@ -133,7 +147,7 @@ class Fleet:
         for number, payload in self._store.journal(watch.name):
             self._last_row[watch.name] = number
             if payload:
-                watch.push(decoder.decode(payload, "journal"))
+                watch.push(decoder.decode(payload, "journal", axis=watch.name))
             else:
                 watch.flush(self._clock())
         if note is not None:
@@ -160,20 +174,28 @@ class Fleet:
         timeout : s to wait for the first one. stop : ends the waiting for a store that fails.
         """
         blocks = self._inbox.take(timeout)
+        self._idle_s += min(time.monotonic() - self._ended, 2.0 * PACE_S)
+        try:
+            return self._worked_through(blocks, stop)
+        finally:
+            self._ended = time.monotonic()
+
+    def _worked_through(self, blocks: list[Block], stop: threading.Event | None) -> int:
         with self._lock:
+            journal: list[tuple[str, bytes]] = []
             writes: list[Write] = []
             events: list[Event] = []
             by_axis: dict[str, list[Block]] = {}
             for block in blocks:
                 by_axis.setdefault(block.axis, []).append(block)
             for name, mine in by_axis.items():
-                self._work(name, mine, writes, events)
-            self._flush_silent(set(by_axis), writes, events)
+                self._work(name, mine, journal, writes, events)
+            self._flush_silent(set(by_axis), journal, writes, events)
             done = self._acted(writes, events)
             for transition in self._book.tick(self._clock()):
                 self._moved(transition, writes, events)
             self._keep_due(writes)
-        if writes and not self._stored(writes, stop):
+        if not self._stored(journal, writes, stop):
             return 0
         for block in blocks:
             block.accepted()
@@ -183,7 +205,10 @@ class Fleet:
             self._bus.publish(event)
         return len(blocks)
 
-    def _work(self, name: str, blocks: list[Block], writes: list[Write], events: list[Event]) -> None:
+    def _work(
+        self, name: str, blocks: list[Block], journal: list[tuple[str, bytes]], writes: list[Write],
+        events: list[Event],
+    ) -> None:  # fmt: skip
         known = name in self._axes
         try:
             watch = self._opened(name, blocks[0].unit)
@@ -193,38 +218,36 @@ class Fleet:
             self._refused[name] = str(error)
             return
         self._flushed.discard(name)
-        payloads = [encode_arrow(block) for block in blocks]
-        looks = [look for block in blocks for look in watch.push(block)]
+        journal += [(name, block.payload or encode_arrow(block)) for block in blocks]
+        looks = watch.push(*blocks)
         wall = blocks[-1].received
-        writes.append(partial(self._accept, watch=watch, payloads=payloads, wall=wall, known=known))
         if not known:
+            writes.append(
+                partial(
+                    Transaction.axis, name=name, wall=wall, unit=watch.unit.name,
+                    profile_sha256=watch.profile_sha256, model_sha256=self._model.sha256,
+                )
+            )  # fmt: skip
             events.append(
                 Event("axis", name, 0.0, {"unit": watch.unit.name, "learning": bool(watch.learning)})
             )
         self._looked(watch, looks, wall, writes, events)
 
-    def _accept(
-        self, t: Transaction, watch: AxisWatch, payloads: Sequence[bytes], wall: float, known: bool
+    def _flush_silent(
+        self, busy: set[str], journal: list[tuple[str, bytes]], writes: list[Write], events: list[Event]
     ) -> None:
-        self._last_row[watch.name] = t.accept(watch.name, payloads)
-        if not known:
-            t.axis(watch.name, wall, unit=watch.unit.name, profile_sha256=watch.profile_sha256,
-                   model_sha256=self._model.sha256)  # fmt: skip
-
-    def _flush_silent(self, busy: set[str], writes: list[Write], events: list[Event]) -> None:
         """End the waiting of axes that have fallen silent; the journal has it as an empty block."""
-        now = self._clock()
         for name, watch in self._axes.items():
-            silent = watch.last_wall is not None and now - watch.last_wall > SILENT_S
-            if silent and name not in busy and name not in self._flushed:
+            if name in busy:
+                self._heard[name] = self._idle_s
+            silent = self._idle_s - self._heard.setdefault(name, self._idle_s) > SILENT_S
+            if silent and name not in self._flushed:
                 self._flushed.add(name)
-                self._flush(watch, now, writes, events)
-
-    def _flush(self, watch: AxisWatch, wall: float, writes: list[Write], events: list[Event]) -> None:
-        if watch.order.held_samples or watch.waits:
-            looks = watch.flush(wall)
-            writes.append(partial(self._accept, watch=watch, payloads=[b""], wall=wall, known=True))
-            self._looked(watch, looks, wall, writes, events)
+                wall = self._clock()
+                if watch.order.held_samples or watch.waits:
+                    looks = watch.flush(wall)
+                    journal.append((watch.name, b""))
+                    self._looked(watch, looks, wall, writes, events)
 
     def _looked(
         self, watch: AxisWatch, looks: list[Look], wall: float, writes: list[Write], events: list[Event]
@@ -304,6 +327,8 @@ class Fleet:
         wall, quality, parts = self._clock(), watch.fresh_quality(), watch.rollups
         watch.rollups = []
         held: list[Checkpoint] = []
+        profile = None if watch.profile_sha256 in self._profiles_kept else watch.unit.to_yaml()
+        self._profiles_kept.add(watch.profile_sha256)
 
         def write(t: Transaction) -> None:
             # Of this very moment: the row's number is known only now that the blocks are in the journal.
@@ -314,32 +339,48 @@ class Fleet:
             t.rollup(*parts)
             if quality:
                 t.quality(watch.name, wall, **quality)
-            t.axis(watch.name, watch.last_wall or wall, last_time=held[0].time)
+            if profile is not None:
+                t.meta(profile_key(watch.profile_sha256), profile)
+            t.axis(watch.name, watch.last_wall or wall, last_time=held[0].time, unit=watch.unit.name,
+                   profile_sha256=watch.profile_sha256, model_sha256=self._model.sha256)  # fmt: skip
             self._cost = 0.9 * self._cost + 0.1 * (time.perf_counter() - begun)
 
         writes.append(write)
 
     def keep(self, stop: threading.Event | None = None) -> None:
-        """Work what waits, and keep all axes' states now."""
+        """Work what waits, and keep all axes' states now; what is held for a block before it stays held."""
         with self._lock:
+            journal: list[tuple[str, bytes]] = []
             writes: list[Write] = []
             events: list[Event] = []
             for watch in self._axes.values():
-                self._flush(watch, self._clock(), writes, events)
+                wall = self._clock()
+                self._looked(watch, watch.settle(wall), wall, writes, events)
                 if watch.name in self._last_row:
                     self._keep(watch, writes)
-        if writes and self._stored(writes, stop):
+        if self._stored(journal, writes, stop):
             for event in events:
                 self._bus.publish(event)
 
-    def _stored(self, writes: list[Write], stop: threading.Event | None) -> bool:
+    def _stored(
+        self, journal: Sequence[tuple[str, bytes]], writes: list[Write], stop: threading.Event | None
+    ) -> bool:
         """Write all at once; while the store fails, again and again. False where `stop` was set meanwhile."""
-        wait = BACKOFF_S[0]
+        if not journal and not writes:
+            return True
+        wait, token = BACKOFF_S[0], uuid4().hex
         while True:
             try:
                 with self._store.transaction() as t:
-                    for write in writes:
+                    # A server that is lost while it commits may have done so.
+                    fresh = t.once(token)
+                    if journal:  # all of an axis's blocks up to the last one of all are in its state
+                        last = t.accept_all(journal if fresh else ())
+                        self._last_row |= dict.fromkeys((name for name, _ in journal), last)
+                    for write in writes if fresh else ():
                         write(t)
+            except LeaseLost:
+                raise
             except InputError as error:
                 self.store_errors += 1
                 if self.trouble is None:
@@ -355,7 +396,8 @@ class Fleet:
     def axes(self) -> list[AxisStatus]:
         """How every axis stands."""
         with self._lock:
-            known = [self._status(watch) for watch in self._axes.values()]
+            counters = self._inbox.counters()
+            known = [self._status(watch, counters) for watch in self._axes.values()]
             refused = [
                 AxisStatus(name=name, unit="", state="failed", headline=why)
                 for name, why in self._refused.items()
@@ -363,9 +405,11 @@ class Fleet:
             ]
         return [*known, *refused]
 
-    def _status(self, watch: AxisWatch) -> AxisStatus:
-        counters = self._inbox.counters().get(watch.name, {})
-        return status_of(watch, self._book.alarms(watch.name), counters, self._clock())
+    def _status(
+        self, watch: AxisWatch, counters: Mapping[str, Mapping[str, float]] | None = None
+    ) -> AxisStatus:
+        mine = (self._inbox.counters(watch.name) if counters is None else counters).get(watch.name, {})
+        return status_of(watch, self._book.alarms(watch.name), mine, self._clock())
 
     def profile_of(self, name: str) -> str | None:
         """An axis's profile as YAML; None where there is no such axis."""

@@ -12,7 +12,7 @@ from fdd.errors import InputError
 from fdd.service.blocks import Block
 
 MOST_BYTES = 256 << 20
-_TAKEN = 256
+MOST_TAKEN = 256
 """Blocks that are taken at once: some tenths of a second of work."""
 _BLOCK_BYTES = 1000
 """What a block takes besides its numbers."""
@@ -100,16 +100,17 @@ class Inbox:
                 if left <= 0.0:
                     return []
                 self._changed.wait(left)
-            while self._waiting and len(taken) < _TAKEN:
+            while self._waiting and len(taken) < MOST_TAKEN:
                 axis = self._waiting.popleft()
                 taken.append(self._out(axis))
                 if self._queues[axis].blocks:
                     self._waiting.append(axis)
         return taken
 
-    def counters(self) -> dict[str, dict[str, float]]:
-        """By axis: blocks accepted, blocks and samples dropped, and s of data that wait."""
+    def counters(self, *axes: str) -> dict[str, dict[str, float]]:
+        """By axis, of some or of all: blocks accepted, blocks and samples dropped, s of data that wait."""
         with self._changed:
+            asked = {a: self._queues[a] for a in axes if a in self._queues} if axes else self._queues
             return {
                 axis: {
                     "accepted": q.accepted,
@@ -117,7 +118,7 @@ class Inbox:
                     "dropped_samples": q.dropped_samples,
                     "lag_s": q.seconds,
                 }
-                for axis, q in self._queues.items()
+                for axis, q in asked.items()
             }
 
     def _out(self, axis: str) -> Block:

@@ -44,7 +44,8 @@ class Learning:
 
     def push(self, samples: Samples) -> None:
         """Take samples of a unit that nothing is known to be wrong with."""
-        self._ledger.push(*self._rows.push(samples))
+        for first, rows in self._rows.stretches(samples):
+            self._ledger.push(first, rows)
 
     def forget(self) -> None:
         """Something is wrong with it: what came so far is no baseline."""

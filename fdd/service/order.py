@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import zlib
 from bisect import insort
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from math import isnan, nan
+from operator import attrgetter
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,6 +27,8 @@ _MOST_MISSING = 1_000_000
 _MOST_GIVEN_UP = 64
 _RECENT = 4096
 """Stamps that were passed on, by which a row that comes after newer ones is known as repeated."""
+_MOST_OVERTAKEN = 5
+"""Blocks before the first one that may still come: what half a second has."""
 _COUNTS = ("received", "repeated", "late", "reordered", "missing_blocks")
 _CHANNELS = [name for name in CHANNELS if name != "time"]
 
@@ -46,6 +49,9 @@ class _Held:
         return float(self.samples.time[-1])
 
 
+_KEY = attrgetter("key")
+
+
 class Order:
     """Put one axis's blocks in order and follow its clock.
 
@@ -54,7 +60,7 @@ class Order:
     known by number and content is *repeated*. Rows at or before one that was passed on are *late*, or
     *repeated* where a row with their stamp was passed on. A number that goes back, with other content and
     not among those given up as missing, means that the sender started anew. Stamps that go back by more than
-    1 s or ahead by more than an hour mean that its clock was set: times go on after a gap of 1 s. A stream
+    1 s or ahead by more than a year mean that its clock was set: times go on after a gap of 1 s. A stream
     that starts with the time of day is counted from its start.
 
     Parameters
@@ -100,11 +106,19 @@ class Order:
         -------
         Samples with times that go on from the ones given before, s.
         """
+        return self.take([block])
+
+    def take(self, blocks: Sequence[Block]) -> Samples:
+        """The same of several blocks, in the order they came: it costs little more than of one."""
+        return self._passed_on([part for block in blocks for part in self._in_order(block)])
+
+    def _in_order(self, block: Block) -> list[Samples]:
+        """What need not wait any longer with a block, by the sender's stamps."""
         samples, number = block.samples, block.sequence
         self.counts["received"] += len(samples)
         if not len(samples) or self._is_known(samples, number):
             self.counts["repeated"] += len(samples)
-            return Samples([], {})
+            return []
         out = []
         if self._is_new_start(samples, number):
             out = self._released(everything=True)
@@ -112,16 +126,16 @@ class Order:
         first, last = float(samples.time[0]), float(samples.time[-1])
         if number is not None and number < self._expected:
             self.counts["late"] += len(samples)
-            return self._passed_on(out)
+            return out
         if number is None:
             self.counts["reordered"] += int(first < self._newest)
             self._hold_by_stamps(samples)
             self._newest = last if isnan(self._newest) else max(self._newest, last)
         else:
             self.counts["reordered"] += int(bool(self._held) and number < self._held[-1].key)
-            insort(self._held, _Held(float(number), samples), key=_key)
+            insort(self._held, _Held(float(number), samples), key=_KEY)
             self._newest = last
-        return self._passed_on([*out, *self._released()])
+        return [*out, *self._released()]
 
     def flush(self) -> Samples:
         """Give all that is held: at the end of a stream, or when it has fallen silent."""
@@ -174,7 +188,7 @@ class Order:
             self._held = [h for h in self._held if h not in touching]
             samples, twice = _merged([*(h.samples for h in touching), samples])
             self.counts["repeated"] += twice
-        insort(self._held, _Held(float(samples.time[0]), samples), key=_key)
+        insort(self._held, _Held(float(samples.time[0]), samples), key=_KEY)
 
     def _count_stale(self, stamps: Array) -> None:
         """Rows that come after newer ones: repeated where their stamp was passed on, else late."""
@@ -188,7 +202,7 @@ class Order:
         while self._held and (everything or self._is_due()):
             head = self._held.pop(0)
             if self._counted:
-                self._count_missing(head.key)
+                self._give_up(head.key)
                 self._expected = head.key + 1.0
             else:
                 self._recent = np.concatenate([self._recent, head.samples.time])[-_RECENT:]
@@ -210,10 +224,15 @@ class Order:
         plain = (steps > 0.0) & (steps < CLOCK_AHEAD_S)
         return float(steps[plain].sum()) + self._held[-1].samples.duration
 
-    def _count_missing(self, number: float) -> None:
-        if number > self._expected:
-            self.counts["missing_blocks"] += int(number - self._expected)
-            self._given_up = [*self._given_up, (self._expected, number)][-_MOST_GIVEN_UP:]
+    def _give_up(self, number: float) -> None:
+        """Wait no longer for the blocks before one; before a stream's first none is known to be missing."""
+        first = self._expected
+        if isnan(first):
+            first = max(0.0, number - _MOST_OVERTAKEN)
+        else:
+            self.counts["missing_blocks"] += int(number - first)
+        if first < number:
+            self._given_up = [*self._given_up, (first, number)][-_MOST_GIVEN_UP:]
 
     def _passed_on(self, parts: list[Samples]) -> Samples:
         """The parts as one, with times that go on."""
@@ -236,8 +255,7 @@ class Order:
             "order/known": self._known.copy(),
             "order/recent": self._recent,
             "order/given_up": np.array(self._given_up, dtype=np.float64).reshape(-1, 2),
-            "order/early": self.gaps.early,
-            "order/last": self.gaps.last,
+            "order/waiting": self.gaps.waiting,
             "order/held": np.array([(h.key, len(h.samples)) for h in self._held]).reshape(-1, 2),
             "order/held_time": np.concatenate([np.empty(0), *(s.time for s in held)]),
             "order/held_there": np.array([[n in s for n in _CHANNELS] for s in held], dtype=np.float64),
@@ -261,7 +279,7 @@ class Order:
             self._known = np.array(state["order/known"]).reshape(3, _REMEMBERED)
             self._recent = state["order/recent"]
             self._given_up = [(float(a), float(b)) for a, b in state["order/given_up"]]
-            self.gaps.early, self.gaps.last = state["order/early"], state["order/last"]
+            self.gaps.waiting = state["order/waiting"]
             self._held, start = [], 0
             for (key, rows), there in zip(state["order/held"], state["order/held_there"], strict=True):
                 part = slice(start, start := start + int(rows))
@@ -276,16 +294,12 @@ class Order:
 
     def _numbers(self) -> list[tuple[object, str]]:
         own = ("_known_next", "_counted", "_expected", "_newest", "_passed")
-        clock, gaps = ("last_time", "offset", "late", "resets"), ("dropped", "jumps", "period")
+        clock, gaps = ("last_time", "offset", "late", "resets"), ("dropped", "jumps", "period", "rest")
         return [
             *((self, name) for name in own),
             *((self.clock, name) for name in clock),
             *((self.gaps, name) for name in gaps),
         ]
-
-
-def _key(held: _Held) -> float:
-    return held.key
 
 
 def _joined(parts: list[Samples]) -> tuple[Array, dict[str, Array]]:

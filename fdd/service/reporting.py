@@ -26,7 +26,7 @@ def status_of(
     """
     live = [a for a in alarms if a.state in STANDING]
     open_ = [a for a in live if a.state in ("UNACK", "RTNUN")]
-    silent = watch.last_wall is None or now - watch.last_wall > SILENT_S
+    silent = watch.last_wall is None or abs(now - watch.last_wall) > SILENT_S
     state = (
         "failed" if watch.failed else "unacknowledged" if open_ else "in alarm" if live
         else "silent" if silent else "learning" if watch.learning is not None else "healthy"
@@ -50,7 +50,8 @@ def _headline(watch: AxisWatch, live: Sequence[Alarm], state: str) -> str:
     if watch.failed:
         return watch.failed
     if live:
-        worst = max(live, key=lambda a: PRIORITIES.index(a.priority))
+        # What the last look still saw comes before what waits to return: it may have been the same fault.
+        worst = max(live, key=lambda a: (a.seen >= a.time, PRIORITIES.index(a.priority), a.confidence or 0.0))
         size = "" if worst.severity is None else f", severity {worst.severity:.2f}"
         sure = "" if worst.confidence is None else f", {100 * worst.confidence:.0f} % sure"
         gone = "" if worst.standing else "; it is gone"

@@ -6,22 +6,20 @@ import fcntl
 import logging
 import threading
 import time
+from collections.abc import Callable
 from pathlib import Path
 from typing import IO, Any
 
-from fdd.diagnosis.model import Model
+from fdd.engines import Engine
 from fdd.errors import InputError
-from fdd.samples import Samples
 from fdd.service.alarms import STATES
 from fdd.service.bus import Bus
 from fdd.service.config import Serve
-from fdd.service.fleet import Fleet
 from fdd.service.http import Folders, Hub, Listen, Server, Tokens, web
-from fdd.service.inbox import Inbox
 from fdd.service.outputs import Metrics, Outputs
-from fdd.service.profiles import Profiles
-from fdd.service.sources import Source, open_source
+from fdd.service.shards import Shards
 from fdd.service.store import Store, StoreTrouble
+from fdd.service.watch import Watch
 
 LOG = logging.getLogger("fdd.service")
 COMPACT_S = 3600.0
@@ -34,7 +32,7 @@ class Service:
 
     Parameters
     ----------
-    config : the file.
+    config : the file. engine : ``ray`` watches the axes in shards on many machines.
 
     Attributes
     ----------
@@ -50,21 +48,25 @@ class Service:
     >>> service.run(stop)  # doctest: +SKIP
     """
 
-    def __init__(self, config: Serve) -> None:
+    def __init__(self, config: Serve, engine: Engine = "local") -> None:
         self._config = config
+        self._failure: Exception | None = None
         self._alone = _only_one(config.state)
-        model = Model.load(config.model)
         self._store = Store(config.store_url)
+        self._store.claim("serve")
         self._bus = Bus()
-        self._inbox = Inbox(config.limits.inbox_seconds, config.limits.inbox_bytes)
-        self._outputs = Outputs(config.outputs, self._store, self._bus, self._profile_of)
-        recorder = self._outputs.recorder
-        self.fleet = Fleet(
-            Profiles(config.units, config.fallback), model, self._store, self._bus, self._inbox,
-            targets=self._outputs.targets, hold=config.limits.hold, learn_s=60.0 * config.learn_minutes,
-            record=_unheard if recorder is None else recorder.push,
-        )  # fmt: skip
-        self._sources: list[Source] = [open_source(source) for source in config.sources]
+        self.fleet: Watch | Shards
+        if engine == "ray":
+            # Each shard records by itself: the samples are there.
+            outputs = config.outputs.model_copy(update={"recording": None})
+            self._outputs = Outputs(outputs, self._store, self._bus)
+            self.fleet = Shards(config, self._store, self._bus, self._outputs.targets)
+        else:
+            self._outputs = Outputs(
+                config.outputs, self._store, self._bus, lambda axis: watch.profile_of(axis)
+            )
+            watch = Watch(config, self._store, self._bus, self._outputs.targets, self._outputs.push)
+            self.fleet = watch
         self._hub = Hub(self._bus)
         tokens = None if config.tokens is None else Tokens.load(config.tokens)
         metrics = Metrics(
@@ -84,19 +86,9 @@ class Service:
         self._server = Server(app, listen, has_tokens=tokens is not None)
         self.address = self._server.address
 
-    def _profile_of(self, axis: str) -> str | None:
-        return self.fleet.profile_of(axis)
-
     def health(self) -> dict[str, Any]:
         """Whether it can do its work, and what hinders it."""
-        problems = []
-        if self.fleet.trouble is not None:
-            problems.append(f"the store cannot be written: {self.fleet.trouble}")
-        for source in self._sources:
-            status = source.status()
-            if not status["connected"]:
-                why = f": {status['last_error']}" if status["last_error"] else ""
-                problems.append(f"source {status['name']} is not connected{why}")
+        problems = self.fleet.problems()
         for name, status in self._outputs.status().items():
             if status.get("last_error"):
                 problems.append(f"output {name}: {status['last_error']}")
@@ -106,34 +98,48 @@ class Service:
             "axes": len(self.fleet.axes()),
         }
 
-    def run(self, stop: threading.Event) -> None:
-        """Work until `stop` is set, then keep everything."""
-        sources_stop = threading.Event()
+    def run(self, stop: threading.Event, began: Callable[[], None] = lambda: None) -> None:
+        """Work until `stop` is set, then keep everything.
+
+        Parameters
+        ----------
+        began : called when all sources have begun.
+
+        Raises
+        ------
+        Exception : what ended the fleet's thread: a source that cannot even begin, another service that has
+            taken over, or a fault of fdd. Whoever started it sees a status that is not 0.
+        """
         worker = threading.Thread(target=self._work, args=(stop,), name="fleet", daemon=True)
         self._hub.start(stop)
         self._outputs.start(stop)
         serving = self._server.start(stop)
         worker.start()
         try:
-            for source in self._sources:
-                source.start(self._inbox.put, sources_stop)
+            while worker.is_alive() and not self.fleet.began.wait(0.05):
+                pass
+            if self.fleet.began.is_set():
+                began()
             while not stop.wait(COMPACT_S):
                 self._compact()
         finally:
-            sources_stop.set()
             stop.set()
             worker.join(STOP_S)
             self._outputs.join(STOP_S)
             serving.join(STOP_S)
             self._store.close()
             self._alone.close()
+        if self._failure is not None:
+            raise self._failure
 
     def _work(self, stop: threading.Event) -> None:
         try:
             self.fleet.run(stop)
-        except Exception:
+        except InputError as error:
+            self._failure = error
+        except Exception as error:
             LOG.exception("the fleet's thread ended")
-            raise
+            self._failure = error
         finally:
             stop.set()
 
@@ -148,10 +154,6 @@ class Service:
             LOG.warning("not compacted: %s", error)
         else:
             LOG.info("compacted: %s", gone)
-
-
-def _unheard(axis: str, samples: Samples) -> None:
-    """Nothing is recorded."""
 
 
 def _only_one(state: Path) -> IO[bytes]:

@@ -78,6 +78,12 @@ class FakeStore:
     def alarm(self, id: int) -> dict[str, Any] | None:
         return self.rows.get(id)
 
+    def axes(self) -> list[dict[str, Any]]:
+        return []
+
+    def meta(self, key: str) -> str | None:
+        return None
+
     def rollups(self, axis: str, quantity: str, level: str, since: float) -> list[dict[str, Any]]:
         if quantity not in BASE:
             return []

@@ -1,10 +1,8 @@
-"""What tests of the store share: a finding, a time, and an emptied server."""
+"""What tests of the store share: a finding, a time, and an emptied database."""
 
 from __future__ import annotations
 
-import os
-
-import pytest
+from postgres_server import postgres_server
 from sqlalchemy import create_engine, text
 
 from fdd.diagnosis.findings import FaultFinding
@@ -17,11 +15,8 @@ LEAK = FaultFinding(
 
 
 def postgres_url() -> str:
-    """An emptied PostgreSQL database, or the test is skipped."""
-    url = os.environ.get("FDD_TEST_POSTGRES")
-    if not url:
-        pytest.skip("no server: FDD_TEST_POSTGRES=postgresql://… names an empty database")
-    pytest.importorskip("psycopg", reason="psycopg is not installed")
+    """An emptied database on a server of our own, or the test is skipped."""
+    url = postgres_server().url
     engine = create_engine(url.replace("postgresql://", "postgresql+psycopg://"))
     with engine.begin() as connection:
         connection.execute(text("DROP SCHEMA public CASCADE"))

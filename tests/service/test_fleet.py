@@ -8,12 +8,18 @@ import signal
 import subprocess
 import sys
 import threading
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import replace
+from itertools import count
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 import pytest
+from stores import postgres_url
 from watched import RECEIVED, blocks_of, fleet_of, leaking, send
 
 from fdd.diagnosis.model import Model
@@ -21,6 +27,10 @@ from fdd.diagnosis.pipeline import Pipeline
 from fdd.errors import InputError
 from fdd.samples import Samples
 from fdd.service.alarms import Action
+from fdd.service.bus import Bus
+from fdd.service.fleet import Fleet
+from fdd.service.inbox import Inbox
+from fdd.service.profiles import Profiles
 from fdd.service.store import Store, StoreTrouble
 from fdd.unit import Unit
 
@@ -35,6 +45,15 @@ def log() -> Samples:
 @pytest.fixture
 def store(tmp_path: Path) -> Store:
     return Store(f"sqlite:///{tmp_path / 'fdd.db'}")
+
+
+@pytest.fixture
+def ticking(monkeypatch: pytest.MonkeyPatch) -> list[float]:
+    """The fleet's monotonic clock, s, which the test advances."""
+    now = [0.0]
+    clock = SimpleNamespace(monotonic=lambda: now[0], perf_counter=time.perf_counter, time=time.time)
+    monkeypatch.setattr("fdd.service.fleet.time", clock)
+    return now
 
 
 def told(store: Store) -> dict[str, Any]:
@@ -87,6 +106,7 @@ def test_it_goes_on_from_its_checkpoint_and_journal(store: Store, log: Samples) 
     assert third.axes()[0].state == "unacknowledged" and len(store.findings()) == 1
 
 
+@pytest.mark.slow
 def test_a_kill_at_any_instant_loses_nothing_and_tells_nothing_twice(tmp_path: Path, log: Samples) -> None:
     """FDD_TEST_KILLS sets how often."""
     np.savez(tmp_path / "log.npz", time=log.time, **log.columns)
@@ -175,23 +195,137 @@ def test_a_store_that_fails_is_tried_again_and_nothing_accepted_meanwhile(
     assert again.axes()[0].samples == 4000
 
 
-def test_an_axis_that_falls_silent_gives_what_it_held(store: Store, log: Samples) -> None:
+@pytest.mark.parametrize("kind", ["sqlite", "postgresql"])
+def test_a_store_whose_answer_is_lost_has_nothing_twice(
+    kind: str, log: Samples, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A server that ends, or a cable that is pulled, after it committed and before it said so."""
+    plain = Store.transaction
+
+    @contextmanager
+    def unanswered(self: Store) -> Iterator[Any]:
+        with plain(self) as t:
+            yield t
+        if next(tries) % 3 == 0:
+            raise StoreTrouble("answers no more", where=self.where)
+
+    def worked(url: str) -> tuple[Any, ...]:
+        store = Store(url)
+        fleet, inbox, _ = fleet_of(store, targets=lambda kind, notify: ["there"])
+        send(fleet, inbox, blocks_of(log)[:370])
+        fleet.keep()
+        sums = [r["n"] for r in store.rollups("A1", "leakage", "minute")]
+        sent = [(p.kind, p.body["axis"] if p.kind == "finding" else "") for p in store.outbox(99, "there")]
+        return told(store), sums, sent, store.quality("A1"), store.journal("A1"), fleet
+
+    whole = worked(f"sqlite:///{tmp_path / 'whole.db'}")
+    tries = count()
+    monkeypatch.setattr(Store, "transaction", unanswered)
+    again = worked(f"sqlite:///{tmp_path / 'again.db'}" if kind == "sqlite" else postgres_url())
+    assert again[-1].store_errors > 100 and whole[0]["findings"], "else this shows nothing"
+    assert again[:-1] == whole[:-1]
+
+
+def test_what_a_stop_amid_a_trouble_left_untold_is_told_after_the_next_start(
+    store: Store, log: Samples, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The store fails as the alarm comes, the service is stopped, and just then the store works again."""
+    blocks, stop, plain = blocks_of(log), threading.Event(), Store.transaction
+    fleet, inbox, _ = fleet_of(store)
+    send(fleet, inbox, blocks[:300])
+    assert not store.findings()
+
+    def failing(self: Store) -> Any:
+        if not stop.is_set():
+            stop.set()
+            raise StoreTrouble("full", where=self.where)
+        return plain(self)
+
+    monkeypatch.setattr(Store, "transaction", failing)
+    monkeypatch.setattr(Fleet, "resume", lambda self: None)
+    for block in blocks[300:]:
+        inbox.put(block)
+    for module in ("inbox", "fleet"):
+        monkeypatch.setattr(f"fdd.service.{module}.MOST_TAKEN", len(blocks))
+    fleet.run(stop)
+    monkeypatch.undo()
+    again, inbox, _ = fleet_of(store)
+    assert again.axes()[0].samples <= 30_000, "none of it was accepted"
+    send(again, inbox, blocks[300:])
+    again.keep()
+    assert len(store.findings()) == 1 and again.axes()[0].samples == len(log)
+
+
+def test_a_clock_that_is_set_back_hides_no_silence(store: Store, log: Samples) -> None:
+    now = [1.7e9]
+    inbox = Inbox()
+    fleet = Fleet(Profiles(fallback="axis_a"), Model.load(), store, Bus(), inbox, clock=lambda: now[0])
+    send(fleet, inbox, [replace(b, sequence=None, received=now[0]) for b in blocks_of(log)[:10]])
+    assert fleet.axes()[0].state != "silent"
+    now[0] -= 3600.0
+    fleet.step(0.0)
+    assert fleet.axes()[0].state == "silent"
+
+
+def test_an_axis_that_falls_silent_gives_what_it_held(
+    store: Store, log: Samples, ticking: list[float]
+) -> None:
     fleet, inbox, _ = fleet_of(store)
     unnumbered = [replace(b, sequence=None) for b in blocks_of(log)[:30]]
     send(fleet, inbox, unnumbered)
-    fleet.step(0.0)
+    for wait in (9.0, *[0.2] * 13):  # the first is no silence but a machine that was busy
+        ticking[0] += wait
+        fleet.step(0.0)
+    assert fleet.axes()[0].samples < 3000
+    for _ in range(2):
+        ticking[0] += 0.2
+        fleet.step(0.0)
     (status,) = fleet.axes()
     assert status.samples == 3000 and status.state == "silent"
     again, _, _ = fleet_of(store)
     assert again.axes()[0].samples == 3000
 
 
-def test_an_axis_without_a_profile_says_so_and_stops_no_other(store: Store, log: Samples) -> None:
-    from fdd.service.bus import Bus
-    from fdd.service.fleet import Fleet
-    from fdd.service.inbox import Inbox
-    from fdd.service.profiles import Profiles
+def test_a_sender_that_the_service_keeps_waiting_is_not_silent(
+    store: Store, log: Samples, ticking: list[float], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A batch of other axes takes long; the block that a hole waits for comes only then."""
+    fleet, inbox, _ = fleet_of(store)
+    blocks = blocks_of(log)[:20]
+    send(fleet, inbox, [b for b in blocks[:12] if b.sequence != 8])
+    plain = Store.transaction
 
+    def slow(self: Store) -> Any:
+        ticking[0] += 5.0
+        return plain(self)
+
+    monkeypatch.setattr(Store, "transaction", slow)
+    send(fleet, inbox, blocks_of(log, "B2")[:3])
+    monkeypatch.undo()
+    send(fleet, inbox, [blocks[8], *blocks[12:]])
+    fleet.keep()
+    (status,) = (s for s in fleet.axes() if s.name == "A1")
+    assert status.samples == 2000 and status.quality["late"] == 0
+
+
+def test_what_is_held_for_a_block_waits_for_it_over_a_restart(store: Store, log: Samples) -> None:
+    blocks = blocks_of(log)[:20]
+    for stops in (True, False):
+        axis = f"stops_{stops}"
+        mine = [replace(b, axis=axis) for b in blocks]
+        fleet, inbox, _ = fleet_of(store)
+        send(fleet, inbox, [b for b in mine[:12] if b.sequence != 10])
+        if stops:
+            fleet.keep()
+        again, inbox, _ = fleet_of(store)
+        again.step(0.0)
+        send(again, inbox, [mine[10], *mine[12:]])
+        again.keep()
+        (status,) = (s for s in again.axes() if s.name == axis)
+        assert status.samples == 2000 and status.quality["late"] == 0
+
+
+def test_an_axis_without_a_profile_says_so_and_stops_no_other(store: Store, log: Samples) -> None:
     inbox = Inbox()
     fleet = Fleet(Profiles({"A1": "axis_a"}), Model.load(), store, Bus(), inbox)
     for block in (*blocks_of(log, "A1")[:5], *blocks_of(log, "B2")[:5]):
@@ -212,11 +346,6 @@ def test_channels_in_a_wrong_unit_are_refused(store: Store, log: Samples) -> Non
 
 
 def test_a_state_of_another_profile_is_put_away(store: Store, log: Samples, tmp_path: Path) -> None:
-    from fdd.service.bus import Bus
-    from fdd.service.fleet import Fleet
-    from fdd.service.inbox import Inbox
-    from fdd.service.profiles import Profiles
-
     fleet, inbox, _ = fleet_of(store)
     send(fleet, inbox, blocks_of(log)[:30])
     fleet.keep()
@@ -226,6 +355,7 @@ def test_a_state_of_another_profile_is_put_away(store: Store, log: Samples, tmp_
     assert [a["action"] for a in store.audit(axis="A1")] == ["STATE_DISCARDED"]
 
 
+@pytest.mark.slow
 def test_a_unit_without_baseline_is_learnt_while_it_is_healthy(store: Store) -> None:
     from fdd.plant.scenario import Scenario
     from fdd.plant.simulate import simulate
@@ -244,6 +374,7 @@ def test_a_unit_without_baseline_is_learnt_while_it_is_healthy(store: Store) -> 
     assert not store.alarms()
 
 
+@pytest.mark.slow
 def test_memory_of_an_axis_is_bounded(store: Store, log: Samples) -> None:
     fleet, inbox, _ = fleet_of(store)
     send(fleet, inbox, blocks_of(log))

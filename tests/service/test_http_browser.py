@@ -13,6 +13,7 @@ from tests.service.fake import FakeBus, FakeFleet, FakeStore
 from tests.service.fake_page import made_up
 from tests.service.serving import on_a_port, three_tokens
 
+pytestmark = pytest.mark.slow
 World = tuple[FakeFleet, FakeStore, FakeBus]
 EVIL = """<script>window.evil=1</script><img src=x onerror="window.evil=1">"""
 

@@ -184,6 +184,22 @@ def is_open(one: socket.socket) -> bool:
     return False
 
 
+def test_a_crowd_of_one_address_closes_its_own_connections(server: Server) -> None:
+    """However new they are: who else began a request before them is answered."""
+    other = socket.create_connection((server.host, server.port), 10, source_address=("127.0.0.2", 0))
+    other.sendall(b"GET /api/axes HTTP/1.1\r\nHost: 127.0.0.1\r\n")
+    time.sleep(0.2)
+    crowd = [
+        socket.create_connection((server.host, server.port), 10)
+        for _ in range(2 * MOST_IDLE_HTTP_CONNECTIONS)
+    ]
+    time.sleep(0.5)
+    other.sendall(b"\r\n")
+    assert other.recv(12) == b"HTTP/1.1 200"
+    for one in (other, *crowd):
+        one.close()
+
+
 def test_a_head_that_never_ends_has_its_time(monkeypatch: pytest.MonkeyPatch, server: Server) -> None:
     monkeypatch.setattr(connections, "REQUEST_S", 1.0)
     with connected(server) as one:

@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-import os
+import re
 import shutil
-import signal
-import socket
 import subprocess
 import threading
 import time
@@ -18,48 +16,15 @@ import pytest
 
 from fdd.errors import InputError
 from fdd.samples import Samples
-from fdd.service.blocks import Block, encode_arrow, encode_json
+from fdd.service.blocks import Block, Decoder, encode_arrow, encode_json
 from fdd.service.config_sources import MqttSource
 from fdd.service.order import Order
 from fdd.service.sources import Source, open_source
+from tests.service.brokers import Broker, needs_mosquitto
 from tests.service.senders import Taker, a_block, until
 
-MOSQUITTO = shutil.which("mosquitto", path=f"{os.environ.get('PATH', '')}:/usr/sbin")
-pytestmark = pytest.mark.skipif(MOSQUITTO is None, reason="no mosquitto here")
+pytestmark = needs_mosquitto
 VERSIONS = ("3.1.1", "5")
-
-
-class Broker:
-    """A mosquitto that keeps its sessions on disk."""
-
-    def __init__(self, folder: Path, *settings: str) -> None:
-        with socket.socket() as free:
-            free.bind(("127.0.0.1", 0))
-            self.port = free.getsockname()[1]
-        self._config = folder / "mosquitto.conf"
-        self._config.write_text(
-            "\n".join(
-                (f"listener {self.port} 127.0.0.1", "persistence true", f"persistence_location {folder}/",
-                 "autosave_interval 1", "autosave_on_changes true", "user root", "max_queued_messages 10000",
-                 *(settings or ("allow_anonymous true",)), "")
-            )
-        )  # fmt: skip
-        self.start()
-
-    def start(self) -> None:
-        """Start it, and wait until it listens."""
-        assert MOSQUITTO is not None
-        self._process = subprocess.Popen([MOSQUITTO, "-c", str(self._config)], stderr=subprocess.DEVNULL)
-        until(self._listens)
-
-    def kill(self) -> None:
-        """End it at once."""
-        self._process.send_signal(signal.SIGKILL)
-        self._process.wait()
-
-    def _listens(self) -> bool:
-        with socket.socket() as probe:
-            return probe.connect_ex(("127.0.0.1", self.port)) == 0
 
 
 @pytest.fixture
@@ -133,20 +98,90 @@ def test_topics_with_wildcards_name_the_axis_or_the_message_does(
     assert np.array_equal(taker.joined("R2")["position"], a_block(0).samples["position"])
 
 
+def test_an_axis_of_another_shard_is_acknowledged_unread(
+    broker: Broker, taker: Taker, stop: threading.Event, publish: Callable[..., None]
+) -> None:
+    config = {"type": "mqtt", "host": "127.0.0.1", "port": broker.port, "topics": ["rigs/{axis}"]}
+    source = connected(open_source(MqttSource.model_validate(config), "A1".__eq__), taker, stop)
+    for _ in range(450):  # more than may be on their way unacknowledged
+        publish("rigs/A2", b"garbage")
+    publish("rigs/A1", encode_json(a_block(0)))
+    until(lambda: taker.numbers() == [0])
+    assert source.status()["received"] == 1 and source.status()["refused"] == 0
+
+
 @pytest.mark.parametrize("version", VERSIONS)
 def test_garbage_and_retained_messages_are_counted_and_leave_the_session(
     version: str, broker: Broker, taker: Taker, stop: threading.Event, publish: Callable[..., None]
 ) -> None:
     publish("rigs/A1", encode_json(a_block(99)), retain=True)
     source = connected(source_of(broker, version), taker, stop)
-    for k in range(150):  # more than may be on their way unacknowledged
+    for k in range(450):  # more than may be on their way unacknowledged
         publish("rigs/A1", (b"", b"garbage", b"\xff\xff\xff\xff\x10", b'{"schema": 3}')[k % 4])
     for k in range(5):
         publish("rigs/A1", encode_json(a_block(k)))
     until(lambda: taker.numbers() == [0, 1, 2, 3, 4])
     status = source.status()
-    assert status["refused"] == 150 and status["last_error"].startswith("topic rigs/A1: ")
+    assert status["refused"] == 450 and status["last_error"].startswith("topic rigs/A1: ")
     assert status.get("retained", 0) == (version == "3.1.1")
+
+
+@pytest.mark.parametrize("version", VERSIONS)
+def test_acknowledgements_go_in_the_order_in_which_messages_came(
+    version: str, tmp_path: Path, taker: Taker, stop: threading.Event
+) -> None:
+    """Else mosquitto before 2.0.13 sends new messages before those that wait for room on their way."""
+    log, random = tmp_path / "log", np.random.default_rng(1)
+    broker = Broker(tmp_path, "allow_anonymous true", f"log_dest file {log}", "log_type all")
+    given = {"type": "mqtt", "host": "127.0.0.1", "port": broker.port, "version": version,
+             "topics": ["rigs/{axis}"], "client_id": "fdd-test"}  # fmt: skip
+    sender = paho.Client(paho.CallbackAPIVersion.VERSION2, client_id="sender")
+    try:
+        connected(open_source(MqttSource.model_validate(given), {"A1", "A3"}.__contains__), taker, stop)
+        taker.accepting = False
+        sender.connect("127.0.0.1", broker.port)
+        sender.loop_start()
+        for k in range(120):
+            for axis in ("A1", "A2", "A3"):  # A2 is of another shard
+                sender.publish(f"rigs/{axis}", encode_json(a_block(k, axis, rows=1)), qos=1)
+        accepted, end = 0, time.monotonic() + 20.0
+        while accepted < 240 and time.monotonic() < end:
+            time.sleep(0.01)
+            new = taker.blocks[accepted:]
+            for place in random.permutation(len(new)):
+                new[place].accepted()
+            accepted += len(new)
+        assert taker.numbers("A1") == taker.numbers("A3") == list(range(120))
+        sent, acknowledged = (
+            lambda what=what: re.findall(rf"{what} fdd-test \(.*?[mM](?:id: )?(\d+)", log.read_text())
+            for what in ("Sending PUBLISH to", "Received PUBACK from")
+        )
+        until(lambda: len(acknowledged()) == 360)
+        assert acknowledged() == sent()
+    finally:
+        sender.disconnect()
+        sender.loop_stop()
+        broker.kill()
+
+
+def test_a_message_that_fdd_fails_on_does_not_hold_up_those_after_it(
+    broker: Broker, taker: Taker, stop: threading.Event, publish: Callable[..., None],
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:  # fmt: skip
+    def failing(self: Decoder, payload: bytes, *given: object, **more: object) -> Block:
+        if payload == b"fault":
+            raise RuntimeError("a fault")
+        return decode(self, payload, *given, **more)  # type: ignore[arg-type]
+
+    decode = Decoder.decode
+    monkeypatch.setattr(Decoder, "decode", failing)
+    source = connected(source_of(broker), taker, stop)
+    for _ in range(450):  # more than may be on their way unacknowledged
+        publish("rigs/A1", b"fault")
+    publish("rigs/A1", encode_json(a_block(0)))
+    until(lambda: taker.numbers() == [0])
+    assert source.status()["refused"] == 450
+    assert source.status()["last_error"] == "internal error: RuntimeError: a fault"
 
 
 @pytest.mark.parametrize("version", VERSIONS)

@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+import time
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from fdd.errors import InputError
+from fdd.logs.quality import check_time
+from fdd.monitor.stream_clock import Gaps
 from fdd.samples import Samples
 from fdd.service.blocks import Block
 from fdd.service.order import Order
@@ -24,7 +28,7 @@ def blocks_of(draw: st.DrawFn, *, counted: bool) -> tuple[list[Block], np.ndarra
     rng = np.random.default_rng(draw(st.integers(0, 2**32 - 1)))
     start = draw(st.sampled_from([0.0, 5.0, 1.7e9]))
     spans = draw(st.lists(st.integers(70, 300), min_size=1, max_size=3))
-    steps = [draw(st.sampled_from([-3600.0, -20.0, -1.5, 3700.0, 1e6])) for _ in spans]
+    steps = [draw(st.sampled_from([-3600.0, -20.0, -1.5, 4e7, 1e9])) for _ in spans]
     blocks, times, clock, t = [], [], start, 0.0
     for rows, step in zip(spans, steps, strict=True):
         # Jitter that stays below the period, and rows that the sender itself lost.
@@ -176,6 +180,38 @@ def test_joining_in_the_middle_waits_only_at_the_start() -> None:
     order = Order(hold=0.25)
     got = [len(order.push(steady(n, 0.1 * n))) for n in (18, 17, 19, 20, 21)]
     assert got == [0, 0, 40 - 10, 10, 10] and order.counts["missing_blocks"] == 0
+
+
+def test_a_first_block_that_comes_too_late_is_no_new_start() -> None:
+    order = Order(hold=0.25)
+    parts = [order.push(steady(n, 0.1 * n)) for n in (1, 2, 3, 4, 5, *range(6, 40), 0, 40, 41)]
+    found = Samples.concatenate(parts)
+    assert np.allclose(found.time, PERIOD * np.arange(10, 420)) and order.counts["late"] == 10
+    assert order.counts["missing_blocks"] == 0 and order.clock.resets == 0
+
+
+def test_a_clock_that_is_set_at_each_row_takes_no_time_squared() -> None:
+    order, rows = Order(), 20_000
+    begun = time.perf_counter()
+    assert len(order.push(block(4e7 * np.arange(rows), np.zeros(rows), 0))) == rows
+    assert order.clock.resets == rows - 1 and time.perf_counter() - begun < 15.0, "50 s where it is squared"
+
+
+@pytest.mark.parametrize("jitter", [0.0, 0.05])
+def test_live_counts_of_what_is_missing_are_those_of_a_log(jitter: float) -> None:
+    """Late rows, alone or before a missing one, are not missing; blocks that never come are."""
+    rng = np.random.default_rng(4)
+    time = PERIOD * (np.arange(20_000) + jitter * rng.standard_normal(20_000))
+    late = np.arange(50, 19_900, 37)
+    time[late] += PERIOD * rng.choice([0.5, 0.5 + 1e-9, 0.8], late.size)
+    gone = rng.choice(np.arange(300, 19_900), 300, replace=False)
+    gone = np.concatenate([gone, *(np.arange(k, k + 20) for k in (1000, 5000, 9000))])
+    time = np.delete(time, gone)
+    gaps = Gaps()
+    for part in np.split(time, np.sort(rng.choice(time.size, 500, replace=False))):
+        gaps.count(part)
+    told = check_time(time, 1.0)
+    assert (gaps.dropped, gaps.jumps) == (told.dropped_samples, told.time_jumps) == (np.unique(gone).size, 3)
 
 
 def test_silence_passes_on_what_is_held() -> None:

@@ -24,7 +24,9 @@ SLOW, QUICK = "http://slow.example/in", "http://quick.example/in"
 
 
 def settings_of(**given: Any) -> Any:
-    return SimpleNamespace(**{"mqtt": None, "webhooks": [], "jsonl": None, "recording": None, **given})
+    return SimpleNamespace(
+        **{"mqtt": None, "webhooks": [], "jsonl": None, "recording": None, "foxglove": None, **given}
+    )
 
 
 def hook(url: str, *kinds: str, secret_file: Path | None = None) -> Any:

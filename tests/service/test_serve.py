@@ -14,16 +14,24 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
+from urllib.error import HTTPError
 
 import pytest
+from postgres_server import postgres_server
+from stores import postgres_url
 from typer.testing import CliRunner
 from watched import leaking
 
 from fdd.cli.app import app
+from fdd.diagnosis.model import Model
+from fdd.diagnosis.pipeline import Pipeline
 from fdd.errors import InputError
 from fdd.logs.tabular_writing import write_parquet
 from fdd.service.config import Serve
+from fdd.service.fleet import Fleet
 from fdd.service.service import Service
+from fdd.service.store import Store
+from fdd.unit import Unit
 
 
 @contextmanager
@@ -82,6 +90,35 @@ def test_a_leak_is_told_acknowledged_and_kept(tmp_path: Path) -> None:
         assert done.count("RAISED") == 1 and "ACKNOWLEDGED" in done
 
 
+def test_a_server_that_is_killed_meanwhile_is_told_and_nothing_is_lost(tmp_path: Path) -> None:
+    log = leaking()
+    write_parquet(tmp_path / "run.parquet", log)
+    url = postgres_url()
+    text = (
+        f"schema: fdd.serve/1\nfallback: axis_a\nlisten: {{port: 0}}\nstore: {url}\n"
+        "sources:\n- {type: replay, speed: 10, logs: {A1: run.parquet}}\n"
+    )
+    with serving(Serve.from_yaml(text, folder=tmp_path)) as address:
+        samples = lambda: sum(a["samples"] for a in ask(f"{address}api/axes")["axes"])  # noqa: E731
+        trouble = lambda: "store cannot be written" in str(ask(f"{address}api/health"))  # noqa: E731
+        for already in (5_000, 33_000):  # before the fault, and while it is being told
+            until(lambda already=already: samples() > already)
+            postgres_server().kill()
+            until(trouble)
+            with pytest.raises(HTTPError, match="503"):
+                ask(f"{address}api/alarms")
+            postgres_server().start()
+            until(lambda: not trouble())
+        until(lambda: samples() == len(log))
+        until(lambda: ask(f"{address}api/alarms")["alarms"])
+    store = Store(url)
+    whole = Pipeline(Unit.load("axis_a"), Model.load(), keep_trajectories=False).push(log)
+    assert [(f["onset"], f["severity"]) for f in store.findings()] == [(f.onset_s, f.severity) for f in whole]
+    assert [a["action"] for a in store.audit()] == ["RAISED"] * len(whole) == ["RAISED"]
+    assert store.journal("A1") == [] and store.axes()[0]["last_time"] == log.time[-1]
+    store.close()
+
+
 def test_the_command_checks_its_file_and_makes_tokens(tmp_path: Path) -> None:
     run = CliRunner().invoke
     path = tmp_path / "serve.yaml"
@@ -101,6 +138,29 @@ def test_without_its_packages_it_names_the_extra(
     monkeypatch.setattr("importlib.util.find_spec", lambda name: None)
     refused = CliRunner().invoke(app, ["serve", *arguments])
     assert refused.exit_code == 2 and "install fdd[serve]" in refused.output
+
+
+@pytest.mark.parametrize("line", ["fallback: axis_z", "units: {A1: axis_z}"])
+def test_a_profile_that_is_misspelt_is_refused_at_the_start(line: str, tmp_path: Path) -> None:
+    text = f"schema: fdd.serve/1\n{line}\nlisten: {{port: 0}}\nsources: [{{type: udp, port: 0}}]\n"
+    with pytest.raises(InputError, match="axis_z") as caught:
+        Service(Serve.from_yaml(text, folder=tmp_path))
+    assert len(str(caught.value).splitlines()) == 1
+
+
+def test_a_fleet_that_fails_ends_the_service_with_what_it_was(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Not with status 0, by which nobody would start it again."""
+    text = "schema: fdd.serve/1\nlisten: {port: 0}\nsources: [{type: udp, port: 0}]\n"
+    for error in (InputError("the store is damaged"), RuntimeError("a fault of fdd")):
+
+        def failing(self: Fleet, stop: threading.Event, error: Exception = error) -> None:
+            raise error
+
+        monkeypatch.setattr(Fleet, "run", failing)
+        with pytest.raises(type(error), match=str(error)):
+            Service(Serve.from_yaml(text, folder=tmp_path)).run(threading.Event())
 
 
 @pytest.mark.skipif(os.name == "nt", reason="sends signals")

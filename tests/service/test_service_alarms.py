@@ -12,8 +12,12 @@ from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, invariant, rule
 
 from fdd.diagnosis.findings import FaultFinding
+from fdd.diagnosis.model import Model
 from fdd.errors import InputError
 from fdd.service.alarms import AlarmBook, Transition
+from fdd.service.axis import AxisWatch
+from fdd.service.reporting import status_of
+from fdd.unit import Unit
 
 # The diagram of the standard, arc by arc: what happens, from, to. Re-alarm of an acknowledged alarm is
 # optional there. A shelf or service ends in an alarm or in normal, never in acknowledged. An escalation of an
@@ -251,7 +255,7 @@ class Plant(RuleBasedStateMachine):
 Plant.TestCase.settings = settings(
     max_examples=60, stateful_step_count=30, phases=[Phase.explicit, Phase.generate]
 )
-TestPlant = Plant.TestCase
+TestPlant = pytest.mark.slow(Plant.TestCase)
 
 
 class Looks:
@@ -397,3 +401,31 @@ def test_a_chattering_alarm_stays_one_alarm_and_is_silent_until_it_was_quiet_for
     book.update("A1", time + 6600.0, WALL, [finding()])
     assert not book.alarms()[0].chattering
     assert [t.notify for t in book.update("A1", time + 6660.0, WALL, [])] == [True]
+
+
+def test_books_that_share_a_store_never_give_the_same_number() -> None:
+    """Nor where one is restored from the numbers that all have given."""
+    given: list[int] = []
+    for round_ in range(4):
+        for k in range(1, 4):
+            book = AlarmBook(ids=(k, 3))
+            book.restore({"next_id": max(given, default=0) + 1, "alarms": []})
+            for axis in range(round_ + 1):
+                given += [t.alarm.id for t in book.update(f"S{k}/{axis}", 0.0, 0.0, [finding()])]
+    assert len(set(given)) == len(given) == 30
+
+
+def test_the_headline_is_what_the_last_look_still_sees() -> None:
+    """A weak valve alarm was a leak's first sign: more urgent by its kind, but no look sees it any more."""
+    book, watch = AlarmBook(), AxisWatch("A1", Unit.load("axis_a"), Model.load())
+    known = {"onset_s": 10.0, "detected_s": 15.0}
+    valve = FaultFinding(fault="relief_valve_stuck_open", family="relief_valve", confidence=0.6, severity=0.1,
+                         ambiguity=["relief_valve_stuck_open"], **known)  # fmt: skip
+    leak = FaultFinding(fault="internal_leakage", family="leakage", confidence=0.99, severity=0.2,
+                        ambiguity=["internal_leakage"], **known)  # fmt: skip
+    book.update("A1", 15.0, 0.0, [valve])
+    assert status_of(watch, book.alarms("A1"), {}, 0.0).headline.startswith("Relief valve")
+    book.update("A1", 20.0, 5.0, [valve, leak])
+    assert status_of(watch, book.alarms("A1"), {}, 5.0).headline.startswith("Relief valve")
+    book.update("A1", 25.0, 10.0, [leak])
+    assert status_of(watch, book.alarms("A1"), {}, 10.0).headline.startswith("Internal leakage")

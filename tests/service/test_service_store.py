@@ -1,4 +1,4 @@
-"""What the store keeps, on SQLite and, where FDD_TEST_POSTGRES names an empty database, on PostgreSQL."""
+"""What the store keeps, on SQLite and, where there is a server of it, on PostgreSQL."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from stores import LEAK, WALL, postgres_url
 from fdd.diagnosis.findings import FaultFinding
 from fdd.errors import InputError
 from fdd.service.alarms import AlarmBook
-from fdd.service.store import Checkpoint, Rollup, Store
+from fdd.service.store import Checkpoint, LeaseLost, Rollup, Store
 from fdd.service.store.rollups import merged
 
 DAY = 86400.0
@@ -322,3 +322,38 @@ def test_a_damaged_checkpoint_is_refused(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="a checkpoint is damaged; the axis must start anew"):
         store.checkpoint("A1")
     store.close()
+
+
+def test_who_was_taken_over_writes_nothing_any_more(url: str) -> None:
+    service = Store(url)
+    service.claim("serve")
+    old, new = Store(url, leases=service.leases), Store(url, leases=service.leases)
+    old.claim("shard 0")
+    with old.transaction() as t:
+        t.axis("A1", wall=WALL)
+    new.claim("shard 0")
+    with pytest.raises(LeaseLost, match="shard 0"), old.transaction() as t:
+        t.axis("A2", wall=WALL)
+    with new.transaction() as t:
+        t.axis("A3", wall=WALL)
+    Store(url).claim("serve")
+    for late in (service, new):
+        with pytest.raises(LeaseLost, match="taken over"), late.transaction() as t:
+            t.axis("A4", wall=WALL)
+    with pytest.raises(LeaseLost):
+        new.claim("shard 0")
+    assert [a["name"] for a in Store(url).axes()] == ["A1", "A3"]
+
+
+def test_a_takeover_waits_for_the_transaction_before_it(url: str) -> None:
+    """Who reads after its claim reads all that the one before has written."""
+    old, new = Store(url), Store(url)
+    old.claim("shard 0")
+    claiming = threading.Thread(target=new.claim, args=("shard 0",))
+    with old.transaction() as t:
+        claiming.start()
+        claiming.join(0.5)
+        assert claiming.is_alive()
+        t.axis("A1", wall=WALL)
+    claiming.join(20.0)
+    assert [a["name"] for a in new.axes()] == ["A1"] and new.meta("shard 0") == "2"

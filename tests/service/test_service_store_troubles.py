@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import random
+import shutil
 import signal
 import sqlite3
 import subprocess
@@ -21,8 +22,8 @@ from stores import LEAK, WALL, postgres_url
 from fdd.diagnosis.findings import FaultFinding
 from fdd.errors import InputError
 from fdd.service.alarms import AlarmBook
-from fdd.service.store import Checkpoint, Rollup, Store, StoreTrouble
-from fdd.service.store.connecting import connect
+from fdd.service.store import Checkpoint, Rollup, Store, StoreTrouble, Transaction
+from fdd.service.store.connecting import WRITES, connect
 from fdd.service.store.migrating import VERSION_TABLE, migrate
 from fdd.service.store.schema import METADATA
 
@@ -163,6 +164,62 @@ def test_a_file_that_may_not_grow_is_a_trouble_and_nothing_is_half_there(tmp_pat
     store = Store(url_of(path))
     assert len(store.journal("A2")) == 10 * int(written)
     assert len(store.journal("A1")) == 50
+    store.close()
+
+
+@pytest.mark.parametrize("gone", ["fdd.db", ""])
+def test_a_store_whose_files_are_moved_away_takes_nothing_until_they_are_back(
+    gone: str, tmp_path: Path
+) -> None:
+    path = tmp_path / "state" / "fdd.db"
+    path.parent.mkdir()
+    store = Store(url_of(filled(path)))
+    with store.transaction() as t:
+        t.accept("A2", [b"before"])
+    (path.parent / gone).rename(tmp_path / "away")
+    for _ in range(2):
+        with (
+            pytest.raises(StoreTrouble, match="file is gone; put it back") as caught,
+            store.transaction() as t,
+        ):
+            t.accept("A2", [b"meanwhile"])
+        one_line(caught.value, path)
+    assert not path.exists(), "no empty one in its place"
+    (tmp_path / "away").rename(path.parent / gone)
+    with store.transaction() as t:
+        t.accept("A2", [b"after"])
+    copy = tmp_path / "as-after-a-kill"
+    shutil.copytree(path.parent, copy)
+    store.close()
+    killed = Store(url_of(copy / "fdd.db"))
+    assert [payload for _, payload in killed.journal("A2")] == [b"before", b"after"]
+    killed.close()
+
+
+def test_what_a_removed_log_of_sqlite_held_is_not_lost(tmp_path: Path) -> None:
+    path = filled(tmp_path / "fdd.db")
+    store = Store(url_of(path))
+    older = store._engine.connect().execution_options(**{WRITES: True})
+    with older.begin():
+        Transaction(older).accept("A2", [b"earlier"])
+    with store.transaction() as t:
+        t.accept("A2", [b"before"])
+    (tmp_path / "fdd.db-wal").unlink()
+    with pytest.raises(StoreTrouble, match="log was removed"), store.transaction() as t:
+        t.accept("A2", [b"meanwhile"])
+    with store.transaction() as t:
+        t.accept("A2", [b"after"])
+    # Another thread's connection still has the removed log open: what it wrote there would be lost.
+    with pytest.raises(StoreTrouble, match="log was removed"), older.begin():
+        Transaction(older).accept("A2", [b"lost"])
+    older.close()
+    killed = tmp_path / "as-after-a-kill"
+    killed.mkdir()
+    for name in ("fdd.db", "fdd.db-wal"):
+        shutil.copy(tmp_path / name, killed)
+    again = Store(url_of(killed / "fdd.db"))
+    assert [payload for _, payload in again.journal("A2")] == [b"earlier", b"before", b"after"]
+    again.close()
     store.close()
 
 

@@ -128,12 +128,13 @@ class Rollup(Answer):
 
 
 class Trend(Answer):
-    """A quantity over an axis's life."""
+    """A quantity over an axis's life; `sentence` tells where it goes, as `fdd trend` does."""
 
     axis: str
     quantity: str
     level: Literal["minute", "hour", "day"]
     points: list[Rollup]
+    sentence: str = ""
 
 
 class Health(Answer):

@@ -40,9 +40,10 @@ from fdd.service.http.doors import Fleet, Store
 from fdd.service.http.events import Hub
 from fdd.service.http.guard import COOKIE, cookie_of
 from fdd.service.http.uploads import Uploads
+from fdd.service.life import Each, sentence_of
 
 STANDING = STATES[1:]
-LEVELS = {"minute": 86400.0, "hour": 30 * 86400.0, "day": 3650 * 86400.0}
+LEVELS: dict[Each, float] = {"minute": 86400.0, "hour": 30 * 86400.0, "day": 3650 * 86400.0}
 """How far a trend goes back where the request does not say."""
 Handler = Callable[[Request], Awaitable[Any]]
 
@@ -118,8 +119,9 @@ class Api:
     async def trend(self, request: Request) -> Any:
         """A quantity over an axis's life."""
         name, asked = request.path_params["name"], request.query_params
-        quantity, level = asked.get("quantity", "leakage"), asked.get("level", "hour")
-        if level not in LEVELS:
+        quantity = asked.get("quantity", "leakage")
+        level = next((x for x in LEVELS if x == asked.get("level", "hour")), None)
+        if level is None:
             raise HTTPException(400, f"level is one of {', '.join(LEVELS)}")
         if len(quantity) > 64 or not quantity.isidentifier():
             raise HTTPException(400, "quantity is a name such as leakage")
@@ -127,9 +129,9 @@ class Api:
         since = _number(request, "since", now - LEVELS[level], 0.0, now)
         await self._detail(name)
         rows = await run_in_threadpool(self.store.rollups, name, quantity, level, since)
-        return Trend(
-            axis=name, quantity=quantity, level=level, points=[Rollup.model_validate(r) for r in rows]
-        )
+        told = await run_in_threadpool(sentence_of, self.store, name, quantity, level, since)
+        points = [Rollup.model_validate(r) for r in rows]
+        return Trend(axis=name, quantity=quantity, level=level, points=points, sentence=told)
 
     async def alarms(self, request: Request) -> Any:
         """Alarms by state; those that stand where none is asked for, all with ``state=all``."""

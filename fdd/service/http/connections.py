@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import asyncio
-from collections import OrderedDict
+from collections import Counter, OrderedDict
 from typing import ClassVar
 
 from uvicorn.protocols.http.h11_impl import H11Protocol
@@ -19,15 +19,15 @@ class BoundedProtocol(H11Protocol):
     """uvicorn's HTTP with what it lacks: bounds for clients that send or read slowly.
 
     A connection that owes a request's head (its first or its next) has ten seconds for it; a body's time the
-    guard counts. Of those that owe either, the oldest is closed when there are too many: a person's request
-    comes within milliseconds and is not hit.
+    guard counts. When too many owe either, the oldest of the address that has most of them is closed: neither
+    a person's request, which comes within milliseconds, nor another machine is hit.
     """
 
     _deadline: asyncio.TimerHandle | None = None
     _unread: asyncio.TimerHandle | None = None
 
-    _queue: ClassVar[OrderedDict[H11Protocol, None]] = OrderedDict()
-    """Of all servers of the process, of which there is one."""
+    _queue: ClassVar[OrderedDict[H11Protocol, str]] = OrderedDict()
+    """Those that owe, with their addresses; of all servers of the process, of which there is one."""
 
     def connection_made(self, transport: asyncio.Transport) -> None:  # type: ignore[override]
         """Begin to wait for the first request."""
@@ -73,9 +73,11 @@ class BoundedProtocol(H11Protocol):
         if self.transport.is_closing() or (headed and not self.cycle.more_body):
             self._queue.pop(self, None)
         elif self not in self._queue:
-            self._queue[self] = None
+            self._queue[self] = self.client[0] if self.client else ""
             if len(self._queue) > MOST_IDLE_HTTP_CONNECTIONS:
-                oldest, _ = self._queue.popitem(last=False)
+                ((greedy, _),) = Counter(self._queue.values()).most_common(1)
+                oldest = next(each for each, address in self._queue.items() if address == greedy)
+                del self._queue[oldest]
                 oldest.transport.abort()
 
     def _end_deadline(self) -> None:

@@ -45,6 +45,14 @@ class Store(Protocol):
         """One alarm, or None."""
         ...
 
+    def axes(self) -> Sequence[Any]:
+        """All axes, by name."""
+        ...
+
+    def meta(self, key: str) -> str | None:
+        """A word about the store itself."""
+        ...
+
     def rollups(self, axis: str, quantity: str, level: str, since: float) -> Sequence[Any]:
         """A quantity over minutes, hours or days, from a Unix time on."""
         ...

@@ -18,6 +18,8 @@ from fdd.errors import InputError
 from fdd.service.http.connections import BoundedProtocol
 
 KEEP_ALIVE_S, SHUTDOWN_S = 5, 3
+ACCEPTED_AT_ONCE = 128
+"""Connections before those that are too many are closed: else a burst would take all file numbers."""
 
 
 @dataclass(frozen=True)
@@ -78,7 +80,7 @@ class Server:
         config = uvicorn.Config(
             app, http=BoundedProtocol, ws="none", lifespan="off", interface="asgi3",
             log_config=None, log_level=logging.ERROR, access_log=False, server_header=False,
-            proxy_headers=False,
+            proxy_headers=False, backlog=ACCEPTED_AT_ONCE,
             limit_concurrency=MOST_HTTP_CONNECTIONS, timeout_keep_alive=KEEP_ALIVE_S,
             timeout_graceful_shutdown=SHUTDOWN_S, h11_max_incomplete_event_size=MAX_HEAD_BYTES,
             ssl_certfile=listen.cert, ssl_keyfile=listen.key,

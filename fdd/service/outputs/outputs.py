@@ -6,11 +6,14 @@ import threading
 import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any, Protocol
 
+from fdd.samples import Samples
 from fdd.service.outputs.courier import Courier, Undelivered
 from fdd.service.outputs.doors import Bus, Kind, Parcel, Store, read_secret
+from fdd.service.outputs.foxglove import Foxglove, FoxgloveSettings
 from fdd.service.outputs.json_lines import JsonLines
 from fdd.service.outputs.metrics import ALARM_STATES
 from fdd.service.outputs.mqtt import MqttPublisher, MqttSettings
@@ -47,6 +50,8 @@ class Settings(Protocol):
     def jsonl(self) -> Path | None: ...
     @property
     def recording(self) -> RecordingSettings | None: ...
+    @property
+    def foxglove(self) -> FoxgloveSettings | None: ...
 
 
 @dataclass
@@ -71,7 +76,7 @@ class Outputs:
 
     Attributes
     ----------
-    recorder : takes the samples, by `push(axis, samples)`; None where nothing is recorded.
+    recorder, foxglove : take the samples, by `push`; None where they are not wanted.
 
     Raises
     ------
@@ -108,9 +113,17 @@ class Outputs:
             webhook = Webhook(hook.url, secret)
             self._line(webhook.name, webhook.deliver).kinds = tuple(hook.kinds)
         self.recorder = Recorder(settings.recording, bus, profile_of) if settings.recording else None
+        self.foxglove = Foxglove(settings.foxglove, bus) if settings.foxglove else None
+        self._live = {"recording": self.recorder, "foxglove": self.foxglove}
 
     def _line(self, target: str, deliver: Callable[[Parcel], None]) -> _Line:
         return self._lines.setdefault(target, _Line(Courier(target, self._store, deliver)))
+
+    def push(self, axis: str, samples: Samples) -> None:
+        """Hand over an axis's next samples, in the order of time (any thread; costs next to nothing)."""
+        for live in self._live.values():
+            if live is not None:
+                live.push(axis, samples)
 
     def targets(self, kind: str, notify: bool = True) -> list[str]:
         """Whom an event of a kind is sent to: the fleet puts a row for each into the outbox.
@@ -130,9 +143,9 @@ class Outputs:
             target: lambda line=line: self._carry(line, stop)  # type: ignore[misc]
             for target, line in self._lines.items()
         }
-        if self.recorder is not None:
-            recorder = self.recorder
-            works["recording"] = lambda: recorder.run(stop)
+        for name, live in self._live.items():
+            if live is not None:
+                works[name] = partial(live.run, stop)
         for target, work in works.items():
             thread = threading.Thread(target=work, name=f"output {target}", daemon=True)
             thread.start()
@@ -152,7 +165,7 @@ class Outputs:
             target: {**line.courier.status(), "lost": line.lost, **line.about()}
             for target, line in self._lines.items()
         }
-        return told if self.recorder is None else {**told, "recording": self.recorder.status()}
+        return told | {name: live.status() for name, live in self._live.items() if live is not None}
 
     def _carry(self, line: _Line, stop: threading.Event) -> None:
         live: list[Kind] = ["status"] if line.note else []

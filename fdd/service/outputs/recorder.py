@@ -17,7 +17,7 @@ from fdd.errors import InputError
 from fdd.files import require_writable, written
 from fdd.samples import Samples
 from fdd.service.outputs.doors import Bus, Event, Subscription
-from fdd.service.outputs.recording import SPOOLED, begins, finish, keep_within, name_of
+from fdd.service.outputs.recording import SPOOLED, begins, finish, keep_within, name_of, wall_offset
 from fdd.service.outputs.spool import Piece, Spool
 
 LATE_S = 10.0
@@ -166,9 +166,7 @@ class Recorder:
             axis.ring.clear()
             axis.statuses.clear()
         last = float(samples.time[-1])
-        lag = time.time() - last
-        # Stamps that are Unix seconds already need no offset, however late they come.
-        axis.offset = 0.0 if abs(lag) < 30 * 86400 else lag
+        axis.offset = wall_offset(last)
         piece = Piece.of(samples)
         axis.ring.append(piece)
         size = sum(p.nbytes for p in axis.ring)

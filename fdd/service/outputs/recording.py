@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import re
+import time
 from collections.abc import Collection, Mapping
 from contextlib import suppress
 from datetime import UTC, datetime
@@ -56,6 +57,13 @@ def begins(transition: Mapping[str, Any]) -> bool:
     return transition["action"] in ("RAISED", "RERAISED")
 
 
+def wall_offset(last: float) -> float:
+    """s to add to a stream's stamps, of which `last` has just come, for Unix seconds."""
+    lag = time.time() - last
+    # Stamps that are Unix seconds already need no offset, however late they come.
+    return 0.0 if abs(lag) < 30 * 86400 else lag
+
+
 def finish(spool: Path) -> bool:
     """Make the MCAP of a spool and remove the spool; False where it held no sample.
 
@@ -87,7 +95,7 @@ def _write(path: Path, recorded: Recorded) -> None:
         "faults": _faults(recorded.alarms, start, wall), "alarms": recorded.alarms,
     }  # fmt: skip
     write_annotated(
-        path, samples, _trajectories(recorded.statuses, start), json.dumps(answer),
+        path, samples, trajectories(recorded.statuses, start), json.dumps(answer),
         axis=plain(recorded.about["axis"]), unit_yaml=recorded.about.get("unit") or None,
         start_ns=round(wall * 1e9),
     )  # fmt: skip
@@ -107,10 +115,10 @@ def _faults(alarms: list[dict[str, Any]], start: float, wall: float) -> list[dic
     return found
 
 
-def _trajectories(statuses: list[dict[str, Any]], start: float) -> dict[str, Any]:
+def trajectories(statuses: list[dict[str, Any]], start: float) -> dict[str, Any]:
     """Estimates and probabilities over the statuses' times, as `write_annotated` takes them."""
     rows = sorted((s for s in statuses if s["time"] >= start), key=lambda s: s["time"])
-    time = np.array([row["time"] - start for row in rows])
+    times = np.array([row["time"] - start for row in rows])
 
     def column(group: str, name: str, key: str | None) -> NDArray[np.float64]:
         cells = [row.get(group, {}).get(name) for row in rows]
@@ -122,10 +130,10 @@ def _trajectories(statuses: list[dict[str, Any]], start: float) -> dict[str, Any
         for group in ("estimates", "probabilities")
     )
     return {
-        "time": time,
+        "time": times,
         "estimates": {"ekf": {name: column("estimates", name, "value") for name in quantities}},
         "stds": {"ekf": {name: column("estimates", name, "std") for name in quantities}},
-        "window_time": time,
+        "window_time": times,
         "probabilities": {name: column("probabilities", name, None) for name in families},
     }
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import sys
 import threading
+from collections.abc import Callable
 from typing import Any, Protocol
 
 from fdd.errors import InputError
@@ -38,8 +39,12 @@ class Source(Protocol):
         ...
 
 
-def open_source(config: AnySource) -> Source:
+def open_source(config: AnySource, has: Callable[[str], bool] = lambda axis: True) -> Source:
     """The source that a part of `serve.yaml` describes; its map is read.
+
+    Parameters
+    ----------
+    has : whether an axis is taken; MQTT alone can leave one out.
 
     Raises
     ------
@@ -70,7 +75,7 @@ def open_source(config: AnySource) -> Source:
             raise InputError(
                 f"source {name}: MQTT needs the package {error.name}", mend="install fdd[serve]"
             ) from None
-        return Mqtt(config, intake)
+        return Mqtt(config, intake, has)
     from fdd.service.sources.listening import Datagrams, StandardInput, TcpLines
 
     if isinstance(config, TcpSource):

@@ -6,8 +6,10 @@ import random
 import re
 import socket
 import threading
+from collections import deque
+from collections.abc import Callable
+from dataclasses import dataclass
 from functools import partial
-from pathlib import Path
 from typing import Any
 
 import paho.mqtt.client as paho
@@ -19,29 +21,41 @@ from paho.mqtt.subscribeoptions import SubscribeOptions
 from fdd.bounds import MAX_BLOCK_BYTES
 from fdd.errors import InputError
 from fdd.service.blocks import Block, axis_name
+from fdd.service.broker_client import broker_client, broker_name
 from fdd.service.config_sources import MqttSource
 from fdd.service.sources.intake import Intake, Put
 
 _LONGEST_WAIT_S = 60
 """s between attempts to connect; they begin with some 1 s and double."""
-_ON_THEIR_WAY = 100
-"""Messages that the broker may send before the first is acknowledged (MQTT 5; else it decides itself)."""
+_ON_THEIR_WAY = 400
+"""Messages that the broker may send before the first is acknowledged (MQTT 5; else it decides itself): more
+than the fleet stores at once, as those of other shards count; few enough for the inbox with blocks of 0.5 MB.
+"""
 _TOPIC_BYTES = 65_600
 """Of a message besides its payload."""
 _NO_RETAINED = 2
-_MOST_PASSWORD_BYTES = 4096
+
+
+@dataclass(eq=False)
+class _Message:
+    """One that came and is not acknowledged yet."""
+
+    number: int
+    qos: int
+    done: bool = False
 
 
 class Mqtt:
     """Blocks of the topics that are subscribed to, at QoS 1 in a session that the broker keeps.
 
-    A message is acknowledged when the fleet calls `Block.accepted`, or at once where it is no block. What was
-    not acknowledged comes again after a reconnection, and the axis's `Order` knows it. A retained message is
-    a copy of the past and is passed over.
+    A message is done when the fleet calls `Block.accepted`, or at once where it is no block, and acknowledged
+    when those that came before it are too. What was not acknowledged comes again after a reconnection, and
+    the axis's `Order` knows it. A retained message is a copy of the past and is passed over.
 
     Parameters
     ----------
     config : broker, topics. intake : takes the blocks.
+    has : whether an axis that a topic names is taken; messages of others are acknowledged unread.
 
     Examples
     --------
@@ -49,12 +63,16 @@ class Mqtt:
     >>> source.start(inbox.put, stop)  # doctest: +SKIP
     """
 
-    def __init__(self, config: MqttSource, intake: Intake) -> None:
-        self._config, self._intake = config, intake
-        self._where = f"mqtt {config.host}:{config.chosen_port}"
+    def __init__(
+        self, config: MqttSource, intake: Intake, has: Callable[[str], bool] = lambda axis: True
+    ) -> None:
+        self._config, self._intake, self._has = config, intake, has
+        self._where = broker_name(config)
         self._patterns = [_pattern(topic) for topic in config.topics]
-        # Numbers of messages belong to one connection; an acknowledgement of an earlier one is not sent.
-        self._connection = 0
+        # Of one connection: numbers mean nothing on the next one. Acknowledged in the order they came, as
+        # MQTT demands (4.6): mosquitto before 2.0.13 else lets new messages overtake those that it holds.
+        self._waiting = deque[_Message]()
+        self._acknowledging = threading.Lock()
         self._was_connected = self._was_refused = False
         self._client: paho.Client
 
@@ -67,26 +85,12 @@ class Mqtt:
         """
         config = self._config
         self._intake.put = put
-        self._client = client = paho.Client(
-            paho.CallbackAPIVersion.VERSION2,
-            client_id=config.client_id or f"fdd-{socket.gethostname()}-{self._intake.name}",
-            protocol=paho.MQTTv5 if config.version == "5" else paho.MQTTv311,
+        self._client = client = broker_client(
+            config,
+            config.client_id or f"fdd-{socket.gethostname()}-{self._intake.name}",
             clean_session=None if config.version == "5" else False,
             manual_ack=True,
         )
-        if config.user is not None:
-            client.username_pw_set(config.user, _password(config.password_file))
-        if config.tls is not None:
-            try:
-                client.tls_set(
-                    ca_certs=_text(config.tls.ca),
-                    certfile=_text(config.tls.cert),
-                    keyfile=_text(config.tls.key),
-                )
-            except (OSError, ValueError) as error:  # ssl's own errors are OSErrors
-                raise InputError(
-                    f"TLS cannot be set up ({error})", where=self._where, mend="check ca, cert and key"
-                ) from None
         client.on_connect = self._connected
         client.on_subscribe = self._subscribed
         client.on_connect_fail = self._not_connected
@@ -139,7 +143,7 @@ class Mqtt:
                 )
             )
             return
-        self._connection += 1
+        self._forget()
         if self._was_connected:
             self._intake.count("reconnects")
         self._was_connected = True
@@ -172,7 +176,7 @@ class Mqtt:
     def _disconnected(
         self, client: paho.Client, data: object, flags: object, reason: ReasonCode, properties: object
     ) -> None:
-        self._connection += 1
+        self._forget()
         self._intake.set(connected=False)
         if reason.is_failure and not self._was_refused:
             self._intake.told(
@@ -184,7 +188,7 @@ class Mqtt:
             )
 
     def _message(self, client: paho.Client, data: object, message: paho.MQTTMessage) -> None:
-        done = partial(self._acknowledge, self._connection, message.mid, message.qos)
+        done = self._came(message)
         if message.retain:
             self._intake.count("retained")
             done()
@@ -193,18 +197,22 @@ class Mqtt:
             topic = message.topic
         except UnicodeDecodeError:
             topic = ""
-        try:
-            self._intake.take(self._block(topic, bytes(message.payload), done))
-        except InputError as error:
-            self._intake.refuse(error.at(f"topic {topic[:100]}"))
-            done()
-        except Exception as error:  # a fault of fdd; paho's thread must go on
-            self._intake.told(f"internal error: {type(error).__name__}: {error}")
-
-    def _block(self, topic: str, payload: bytes, done: Any) -> Block:
         axis = next(
             (m["axis"] for _, p in self._patterns if p.groupindex and (m := p.fullmatch(topic))), None
         )
+        if axis is not None and not self._has(axis):
+            done()
+            return
+        try:
+            self._intake.take(self._block(axis, bytes(message.payload), done))
+        except InputError as error:
+            self._intake.refuse(error.at(f"topic {topic[:100]}"))
+            done()
+        except Exception as error:  # a fault of fdd; paho's thread and the messages after it must go on
+            self._intake.refuse(InputError(f"internal error: {type(error).__name__}: {error}"))
+            done()
+
+    def _block(self, axis: str | None, payload: bytes, done: Any) -> Block:
         return self._intake.decoder.decode(
             payload,
             self._intake.name,
@@ -213,9 +221,23 @@ class Mqtt:
             accepted=done,
         )
 
-    def _acknowledge(self, connection: int, number: int, qos: int) -> None:
-        if connection == self._connection:
-            self._client.ack(number, qos)
+    def _came(self, message: paho.MQTTMessage) -> Callable[[], None]:
+        """Note a message; to be called when it is done, from any thread."""
+        mine = _Message(message.mid, message.qos)
+        with self._acknowledging:
+            self._waiting.append(mine)
+            return partial(self._done, self._waiting, mine)
+
+    def _done(self, waiting: deque[_Message], message: _Message) -> None:
+        with self._acknowledging:
+            message.done = True
+            while waiting is self._waiting and waiting and waiting[0].done:
+                first = waiting.popleft()
+                self._client.ack(first.number, first.qos)
+
+    def _forget(self) -> None:
+        with self._acknowledging:
+            self._waiting = deque()
 
 
 def _pattern(topic: str) -> tuple[str, re.Pattern[str]]:
@@ -226,21 +248,3 @@ def _pattern(topic: str) -> tuple[str, re.Pattern[str]]:
     # a/# is a as well.
     whole = "/".join(levels) if not topic.endswith("#") else "/".join(levels[:-1]) + "(/.*)?"
     return plain, re.compile(whole if topic != "#" else ".*", re.DOTALL)
-
-
-def _text(path: Path | None) -> str | None:
-    return None if path is None else str(path)
-
-
-def _password(path: Path | None) -> str | None:
-    if path is None:
-        return None
-    try:
-        with path.open("rb") as file:
-            lines = file.read(_MOST_PASSWORD_BYTES).splitlines()
-        return lines[0].decode() if lines else ""
-    except (OSError, UnicodeDecodeError) as error:
-        reason = getattr(error, "strerror", None) or "not UTF-8"
-        raise InputError(
-            f"the password cannot be read ({reason})", where=path, mend="correct password_file"
-        ) from None

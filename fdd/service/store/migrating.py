@@ -18,16 +18,16 @@ from fdd.service.store.troubles import told
 VERSION_TABLE = "fdd_revision"
 
 
-def migrate(engine: Engine, where: str, revision: str = "head") -> None:
+def migrate(engine: Engine, where: str, revision: str = "head", existing: bool = False) -> None:
     """Run the revisions that the database lacks, all or none.
 
     Parameters
     ----------
-    where : the database, for messages. revision : to go up to.
+    where : the database, for messages. revision : to go up to. existing : refuse an empty database.
 
     Raises
     ------
-    InputError : the database is of a newer fdd, or of another program.
+    InputError : the database is of a newer fdd, of another program, or empty.
 
     Examples
     --------
@@ -41,6 +41,8 @@ def migrate(engine: Engine, where: str, revision: str = "head") -> None:
     with told(where), engine.connect().execution_options(**{WRITES: True}) as connection, connection.begin():
         context = MigrationContext.configure(connection, opts={"version_table": VERSION_TABLE})
         current = context.get_current_revision()
+        if current is None and existing:
+            raise InputError("is no store of fdd serve", where=where, mend="name that of serve.yaml")
         if current is None:
             _require_ours_alone(set(inspect(connection).get_table_names()), engine.dialect.name, where)
         elif current not in {r.revision for r in script.walk_revisions()}:
@@ -48,10 +50,7 @@ def migrate(engine: Engine, where: str, revision: str = "head") -> None:
                 f"the store is of a newer fdd (its schema is {current}, this fdd knows up to "
                 f"{script.get_current_head()})", where=where, mend="update fdd",
             )  # fmt: skip
-        elif revision == "head" and current == script.get_current_head():
-            return
         config.attributes["connection"] = connection
-        config.attributes["version_table"] = VERSION_TABLE
         command.upgrade(config, revision)
 
 

@@ -16,7 +16,7 @@ class Rollup:
     Attributes
     ----------
     start_wall : Unix seconds, any within the span; the store sets the span's beginning.
-    n : values. std : of all of them (divided by n, not n - 1).
+    n : values. std : of all of them (divided by n, not n - 1), with what each value errs by itself.
     """
 
     axis: str

@@ -27,7 +27,7 @@ from fdd.service.store.schema import (
     ROLLUP,
 )
 from fdd.service.store.transaction import Transaction
-from fdd.service.store.troubles import told
+from fdd.service.store.troubles import LeaseLost, told
 
 DAY_S = 86400.0
 Row = dict[str, Any]
@@ -60,7 +60,12 @@ class Store:
     Parameters
     ----------
     url : ``sqlite:///fdd.db`` or ``postgresql://user@host/database``.
-    busy_timeout : s for which SQLite waits for another writer.
+    busy_timeout : s for which SQLite waits for another writer. existing : refuse to make one.
+    leases : name to number, as another process has `claim`ed them: those under which this one writes.
+
+    Attributes
+    ----------
+    leases : with them each transaction is refused (`LeaseLost`) once somebody else has claimed one.
 
     Raises
     ------
@@ -76,9 +81,13 @@ class Store:
     >>> store.close()
     """
 
-    def __init__(self, url: str, busy_timeout: float = BUSY_TIMEOUT_S) -> None:
-        self._engine, self.where = connect(url, busy_timeout)
-        migrate(self._engine, self.where)
+    def __init__(
+        self, url: str, busy_timeout: float = BUSY_TIMEOUT_S, existing: bool = False,
+        leases: Mapping[str, str] | None = None,
+    ) -> None:  # fmt: skip
+        self.leases = dict(leases or {})
+        self._engine, self.where = connect(url, busy_timeout, existing)
+        migrate(self._engine, self.where, existing=existing)
 
     def close(self) -> None:
         """Close all connections."""
@@ -92,7 +101,25 @@ class Store:
             self._engine.connect().execution_options(**{WRITES: True}) as connection,
             connection.begin(),
         ):
-            yield Transaction(connection)
+            # Of writers one at a time: whoever claims a lease comes before this transaction, or after it.
+            t = Transaction(connection)
+            held = t.metas(self.leases) if self.leases else {}
+            lost = next((name for name, number in self.leases.items() if held.get(name) != number), None)
+            if lost is not None:
+                raise LeaseLost(self.where, lost)
+            yield t
+
+    def claim(self, name: str) -> None:
+        """Be from now on the only one who writes under a name; whoever was it before is refused.
+
+        Raises
+        ------
+        LeaseLost : one of the leases that it has already is another's.
+        """
+        with self.transaction() as t:
+            number = str(int(t.metas([name]).get(name, "0")) + 1)
+            t.meta(name, number)
+        self.leases[name] = number
 
     def _rows(self, statement: Select[Any]) -> list[Row]:
         with told(self.where), self._engine.connect() as connection:

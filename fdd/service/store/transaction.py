@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import asdict
 from functools import cache
 from typing import Any
 
-from sqlalchemy import ColumnElement, Connection, Executable, Table, delete, insert, select
+from sqlalchemy import ColumnElement, Connection, Executable, Table, delete, func, insert, select
 from sqlalchemy.dialects import postgresql, sqlite
 
 from fdd.diagnosis.findings import FaultFinding
@@ -29,7 +29,8 @@ from fdd.service.store.schema import (
 )
 
 Body = Mapping[str, Any]
-_ACCEPT = insert(JOURNAL).returning(JOURNAL.c.id)
+_WRITTEN = "written"
+_ACCEPT, _LAST = insert(JOURNAL), select(func.max(JOURNAL.c.id))
 
 
 class Transaction:
@@ -47,10 +48,22 @@ class Transaction:
     def __init__(self, connection: Connection) -> None:
         self._connection = connection
 
+    def once(self, token: str) -> bool:
+        """Whether this is still to be written: a try with the same token may have been, its answer lost."""
+        last = self._connection.execute(select(META.c.value).where(META.c.key == _WRITTEN)).scalar()
+        self.meta(_WRITTEN, token)
+        return last != token
+
     def accept(self, axis: str, payloads: Sequence[bytes]) -> int:
         """Keep blocks, one or more, until a checkpoint holds them; the id of the last one."""
-        rows = [{"axis": axis, "payload": payload} for payload in payloads]
-        return max(self._connection.execute(_ACCEPT, rows).scalars())
+        return self.accept_all([(axis, payload) for payload in payloads])
+
+    def accept_all(self, blocks: Sequence[tuple[str, bytes]]) -> int:
+        """`accept` of several axes, (axis, payload) each, in one statement; of none, the last one of all."""
+        if blocks:
+            self._connection.execute(_ACCEPT, [{"axis": a, "payload": p} for a, p in blocks])
+        # Of this one: nobody else writes meanwhile.
+        return int(self._connection.execute(_LAST).scalar_one() or 0)  # none are left after a checkpoint
 
     def axis(self, name: str, wall: float, **known: Any) -> None:
         """Note an axis and what is known of it now.
@@ -142,6 +155,11 @@ class Transaction:
     def meta(self, key: str, value: str) -> None:
         """Keep a word about the store itself."""
         self._put(META, [{"key": key, "value": value}])
+
+    def metas(self, keys: Iterable[str]) -> dict[str, str]:
+        """Words about the store itself, those that there are."""
+        rows = self._connection.execute(select(META.c.key, META.c.value).where(META.c.key.in_(list(keys))))
+        return {row.key: row.value for row in rows}
 
     def _add(self, table: Table, **row: Any) -> int:
         return int(self._connection.execute(insert(table).returning(table.c.id), row).scalar_one())

@@ -22,6 +22,19 @@ class StoreTrouble(InputError):
     """
 
 
+class LeaseLost(InputError):
+    """Somebody else has taken over what this process wrote; nothing was written, and never will be.
+
+    Examples
+    --------
+    >>> str(LeaseLost("fdd.db", "shard 3"))
+    'fdd.db: another fdd serve has taken over (shard 3); stop one of them'
+    """
+
+    def __init__(self, where: str, name: str) -> None:
+        super().__init__(f"another fdd serve has taken over ({name})", where=where, mend="stop one of them")
+
+
 _LOCKED = (StoreTrouble, "is locked by another program", "close what else has it open")
 _FULL = (StoreTrouble, "cannot grow, the disk is full", "free space")
 _DAMAGED = (

@@ -73,9 +73,9 @@ function trend(name) {
   const holder = h("div");
   async function load() {
     const { title, unit, scale } = quantityOf(what.value);
-    const { points } = await get(`/api/axes/${encodeURIComponent(name)}/trend?quantity=${what.value}&level=${level.value}`);
+    const { points, sentence } = await get(`/api/axes/${encodeURIComponent(name)}/trend?quantity=${what.value}&level=${level.value}`);
     const column = (key) => points.map((p) => p[key]);
-    showIfNew(holder, [what.value, level.value, points], () => [chart({ title: `${title}, mean and range`, unit, scale, height: 190, time: column("start_wall"), stamp: dates, at: days(column("start_wall")), rows: [{ label: title, values: column("mean"), low: column("min"), high: column("max") }] })]);
+    showIfNew(holder, [what.value, level.value, points, sentence], () => [sentence && h("p", { class: "soft" }, capital(sentence)), chart({ title: `${title}, mean and range`, unit, scale, height: 190, time: column("start_wall"), stamp: dates, at: days(column("start_wall")), rows: [{ label: title, values: column("mean"), low: column("min"), high: column("max") }] })]);
   }
   const guarded = () => load().catch((error) => holder.replaceChildren(h("p", { class: "soft" }, error.message)));
   return { node: [h("div", { class: "bar" }, h("h2", {}, "Trend"), h("div", { class: "choices" }, what, level)), h("div", { class: "plots one" }, holder)], update: guarded };

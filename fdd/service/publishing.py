@@ -1,0 +1,140 @@
+"""Logs published to an MQTT broker as blocks, as rigs would send them: late, overtaken or lost."""
+
+from __future__ import annotations
+
+import os
+import socket
+import threading
+import zlib
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+import numpy as np
+import paho.mqtt.client as paho
+from paho.mqtt.properties import Properties
+from paho.mqtt.reasoncodes import ReasonCode
+
+from fdd.errors import InputError
+from fdd.monitor.clock import WallClock
+from fdd.monitor.sources import pieces
+from fdd.samples import Samples
+from fdd.service.blocks import Block, encode_arrow
+from fdd.service.broker_client import broker_client, broker_name
+from fdd.service.config_sources import Broker
+
+ANSWER_S = 30.0
+"""s that a broker has to take a connection, and each next block at the end."""
+
+
+@dataclass(frozen=True)
+class Link:
+    """What the way from a rig to its service does to blocks.
+
+    Attributes
+    ----------
+    speed : times real time, inf sends all at once. jitter : s that a block is held up at most, and those
+        behind it. loss : share of blocks that never come. shuffle : so many neighbours come in any order.
+    """
+
+    speed: float = 1.0
+    jitter: float = 0.0
+    loss: float = 0.0
+    shuffle: int = 1
+    seed: int = 0
+
+
+def sendings(axis: str, samples: Samples, link: Link) -> list[tuple[float, Block]]:
+    """When (s from the start) each block of a log is sent, in that order; those that are lost are left out.
+
+    Examples
+    --------
+    >>> log = Samples(np.arange(21) / 64, {"position": np.zeros(21)})
+    >>> [(when, block.sequence) for when, block in sendings("A1", log, Link(speed=0.5))]
+    [(0.1875, 0), (0.40625, 1), (0.625, 2)]
+    """
+    # The name too: axes must not lose the same blocks.
+    rng = np.random.default_rng([link.seed, zlib.crc32(axis.encode())])
+    blocks = [Block(axis, part, number, "", 0.0) for number, part in enumerate(pieces(samples))]
+    numbers = np.arange(len(blocks))
+    order = np.lexsort((rng.random(numbers.size), numbers // link.shuffle))
+    ends = np.array([blocks[k].samples.time[-1] - samples.time[0] for k in order])
+    # A connection keeps its order: what is held up holds up the blocks behind it.
+    due = np.maximum.accumulate(ends / link.speed + rng.uniform(0.0, link.jitter, numbers.size))
+    comes = rng.random(numbers.size) >= link.loss
+    return [(float(due[k]), blocks[n]) for k, n in enumerate(order) if comes[k]]
+
+
+def publish(broker: Broker, topic: str, sent: Iterable[tuple[float, Block]], stop: threading.Event) -> None:
+    """Send blocks at their times, at QoS 1, until the broker has them all or `stop` is set.
+
+    Parameters
+    ----------
+    topic : ``{axis}`` in it becomes the axis's name. sent : s from the start and block, in that order.
+
+    Raises
+    ------
+    InputError : the broker cannot be reached, refuses the connection, or does not take the blocks.
+
+    Examples
+    --------
+    >>> link = Link(speed=20.0, loss=0.01)
+    >>> publish(Broker(host="broker"), "rigs/{axis}", sendings("A1", log, link), stop)  # doctest: +SKIP
+    """
+    where = broker_name(broker)
+    # Made before the first is sent: it takes longer than sending.
+    messages = [(when, topic.replace("{axis}", block.axis), encode_arrow(block)) for when, block in sent]
+    client = broker_client(broker, broker.client_id or f"fdd-publish-{socket.gethostname()}-{os.getpid()}")
+    answered, moved, refused, taken = threading.Event(), threading.Event(), "", 0
+
+    def connected(
+        client: paho.Client, data: object, flags: object, reason: ReasonCode, properties: Properties | None
+    ) -> None:
+        nonlocal refused
+        refused = reason.getName() if reason.is_failure else ""
+        answered.set()
+
+    def acknowledged(
+        client: paho.Client, data: object, mid: int, reason: ReasonCode, properties: Properties | None
+    ) -> None:
+        nonlocal taken, refused
+        taken += 1
+        if reason.is_failure:
+            refused = reason.getName()
+        moved.set()
+
+    client.on_connect, client.on_publish = connected, acknowledged
+    try:
+        client.connect(broker.host, broker.chosen_port, broker.keepalive)
+    except OSError as error:
+        raise InputError(
+            f"the broker cannot be reached ({error.strerror or error})",
+            where=where,
+            mend="check host and port",
+        ) from None
+    client.loop_start()
+    try:
+        if not answered.wait(ANSWER_S) or refused:
+            raise InputError(
+                f"the broker refuses the connection ({refused or 'no answer'})", where=where,
+                mend="check the user and its password",
+            )  # fmt: skip
+        clock = WallClock(stop)
+        begun = clock.now()
+        for when, place, payload in messages:
+            clock.sleep(begun + when - clock.now())
+            if stop.is_set():
+                return
+            client.publish(place, payload, qos=1)
+        while taken < len(messages) and not stop.is_set():
+            moved.clear()
+            if taken < len(messages) and not moved.wait(ANSWER_S):
+                refused = refused or "no answer"
+                break
+        if refused:
+            raise InputError(
+                f"the broker took {taken} of {len(messages)} blocks ({refused})", where=where,
+                mend="give this user the right to publish there",
+            )  # fmt: skip
+    finally:
+        client.disconnect()
+        client.loop_stop()

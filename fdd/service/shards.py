@@ -1,0 +1,207 @@
+"""All axes in shards, each an actor that Ray places and starts again elsewhere, asked as one fleet."""
+
+from __future__ import annotations
+
+import socket
+import threading
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any
+
+from fdd.engines import connected
+from fdd.errors import InputError
+from fdd.service.alarms import Action, Transition
+from fdd.service.bus import Bus
+from fdd.service.config import Outputs, Serve
+from fdd.service.config_sources import MqttSource, source_name
+from fdd.service.fleet import ACT_S
+from fdd.service.shard import STOP_S, News, Shard
+from fdd.service.share import Share
+from fdd.service.status import AxisDetail, AxisStatus
+from fdd.service.store import Store, StoreTrouble
+
+MEMORY_BYTES = 256 << 20
+"""That a shard reserves, and no processor: jobs that take all of them must not keep a lost shard waiting."""
+CALLS = 16
+"""Of a shard that are answered at once."""
+ASK_S = 3.0
+"""For an answer; a shard that is silent for longer is away."""
+
+
+class Shards:
+    """The shards of a `serve.yaml`, on the Ray cluster that RAY_ADDRESS names.
+
+    Parameters
+    ----------
+    config : the file. store : with the service's lease; shards open it by its URL. bus : is told what the
+        shards tell. targets : see `Fleet`.
+
+    Raises
+    ------
+    InputError : a source that cannot be read in shards, or no Ray.
+
+    Examples
+    --------
+    >>> shards = Shards(config, store, Bus(), outputs.targets)  # doctest: +SKIP
+    >>> shards.run(stop)  # doctest: +SKIP
+    """
+
+    def __init__(
+        self, config: Serve, store: Store, bus: Bus, targets: Callable[[str, bool], Sequence[str]]
+    ) -> None:
+        self._store, self._bus = store, bus
+        self._shares = [Share(number, config.shards) for number in range(config.shards)]
+        parts = [part_of(config, share) for share in self._shares]
+        told = {
+            (kind, told): list(targets(kind, told)) for kind in ("alarm", "finding") for told in (True, False)
+        }
+        self._ray, self._began = connected(log_to_driver=True)
+        # A call is not repeated by Ray: nothing is done to an alarm behind the back of who gave up waiting.
+        actor = self._ray.remote(Shard).options(
+            num_cpus=0, memory=MEMORY_BYTES, max_restarts=-1, max_task_retries=0, max_concurrency=CALLS,
+            scheduling_strategy="SPREAD",
+        )  # fmt: skip
+        self._actors = [
+            actor.remote(str(Path.cwd()), part, share, store.leases, told)
+            for part, share in zip(parts, self._shares, strict=True)
+        ]
+        self._news: list[News | None] = [None] * config.shards
+        self._lost: str | None = None
+        self.began = threading.Event()
+
+    def run(self, stop: threading.Event) -> None:
+        """Hear the shards until `stop` is set, then let them keep everything.
+
+        Raises
+        ------
+        InputError : another service has taken over.
+        """
+        self.began.set()
+        for share in self._shares:
+            threading.Thread(target=self._hear, args=(share.number, stop), daemon=True).start()
+        stop.wait()
+        self._ray.wait([a.stop.remote() for a in self._actors], num_returns=len(self._actors), timeout=STOP_S)
+        for actor in self._actors:
+            self._ray.kill(actor)
+        if self._began:
+            self._ray.shutdown()
+        if self._lost is not None:
+            raise InputError(self._lost)
+
+    def _hear(self, number: int, stop: threading.Event) -> None:
+        asked = None
+        while not stop.is_set():
+            asked = asked or self._actors[number].news.remote()
+            if not self._ray.wait([asked], timeout=ASK_S)[0]:
+                # Asked before Ray has found out that it is gone: this very answer may still come.
+                self._news[number] = None
+                continue
+            try:
+                news = self._news[number] = self._ray.get(asked)
+            except self._ray.exceptions.RayError:
+                self._news[number] = None
+                stop.wait(0.2)
+            else:
+                for event in news.events:
+                    self._bus.publish(event)
+                if news.lost is not None:
+                    self._lost = news.lost
+                    stop.set()
+            asked = None
+
+    @property
+    def store_errors(self) -> int:
+        """How often the store could not be written, since each shard began."""
+        return sum(news.store_errors for news in self._news if news is not None)
+
+    def problems(self) -> list[str]:
+        """What hinders them, a line each."""
+        told = [["is away"] if news is None else news.problems for news in self._news]
+        return [f"shard {number}: {line}" for number, lines in enumerate(told) for line in lines]
+
+    def axes(self) -> list[AxisStatus]:
+        """How every axis stands; those of a shard that is away have failed until it is there again."""
+        found: list[AxisStatus] = []
+        for share in self._shares:
+            try:
+                found += self._asked(share, "axes")
+            except StoreTrouble as error:
+                found += [
+                    AxisStatus(name=row["name"], unit=row["unit"] or "", state="failed", headline=str(error))
+                    for row in self._store.axes()
+                    if share.has(row["name"])
+                ]
+        return found
+
+    def axis(self, name: str) -> AxisDetail:
+        """One axis with its last ten minutes.
+
+        Raises
+        ------
+        KeyError : no such axis. StoreTrouble : its shard is away.
+        """
+        detail: AxisDetail = self._asked(self._share_of(name), "axis", name)
+        return detail
+
+    def act(self, action: Action) -> Transition:
+        """Do something to an alarm; it is stored when this returns.
+
+        Raises
+        ------
+        InputError : the alarm's state does not allow it. StoreTrouble : its shard is away, or the store.
+        """
+        alarm = self._store.alarm(action.alarm_id)
+        if alarm is None:
+            raise InputError(f"there is no alarm {action.alarm_id}", mend="look at the list anew")
+        done: Transition = self._asked(self._share_of(alarm["axis"]), "act", action, most=ACT_S + ASK_S)
+        return done
+
+    def _share_of(self, axis: str) -> Share:
+        return next(share for share in self._shares if share.has(axis))
+
+    def _asked(self, share: Share, method: str, *given: Any, most: float = ASK_S) -> Any:
+        away = StoreTrouble(f"shard {share.number} is away: Ray starts it again", mend="try again")
+        if self._news[share.number] is None:
+            raise away
+        answer = getattr(self._actors[share.number], method).remote(*given)
+        try:
+            return self._ray.get(answer, timeout=most)
+        except self._ray.exceptions.RayTaskError as error:
+            raise error.cause from None
+        except self._ray.exceptions.RayError:
+            self._ray.cancel(answer)
+            raise away from None
+
+
+def part_of(config: Serve, share: Share) -> Serve:
+    """The file as one shard has it: with sessions of its own at the brokers, and a folder for its recordings.
+
+    Raises
+    ------
+    InputError : a source that several shards cannot read, each its own axes.
+
+    Examples
+    --------
+    >>> text = "schema: fdd.serve/1\\nsources: [{type: mqtt, host: h, topics: ['a/{axis}'], client_id: rig}]"
+    >>> part_of(Serve.from_yaml(text), Share(1, 2)).sources[0].client_id
+    'rig-1'
+    """
+    sources = []
+    for source in config.sources:
+        name = source_name(source)
+        if not isinstance(source, MqttSource):
+            raise InputError(
+                f"source {name}: shards cannot share one of type {source.type}", mend="publish by MQTT"
+            )
+        if any("{axis}" not in topic.split("/") for topic in source.topics):
+            raise InputError(
+                f"source {name}: shards know their axes by the topic", mend="name them by a level {axis}"
+            )
+        session = source.client_id or f"fdd-{socket.gethostname()}-{name}"
+        sources.append(source.model_copy(update={"client_id": f"{session}-{share.number}"}))
+    kept = config.outputs.recording
+    if kept is not None:
+        most = max(kept.most_bytes // share.of, 1 << 20)
+        folder = kept.folder / f"shard-{share.number}"
+        kept = kept.model_copy(update={"folder": folder, "most_bytes": most})
+    return config.model_copy(update={"sources": sources, "outputs": Outputs(recording=kept)})

@@ -1,0 +1,78 @@
+"""What watches axes in one process: the sources, and the fleet that they feed."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Callable, Sequence
+
+from fdd.diagnosis.model import Model
+from fdd.samples import Samples
+from fdd.service.bus import Bus
+from fdd.service.config import Serve
+from fdd.service.fleet import Fleet
+from fdd.service.inbox import Inbox
+from fdd.service.profiles import Profiles
+from fdd.service.share import Share
+from fdd.service.sources import open_source
+from fdd.service.store import Store
+
+
+def _unheard(axis: str, samples: Samples) -> None:
+    """Nothing is recorded."""
+
+
+class Watch(Fleet):
+    """The fleet of a `serve.yaml` with its sources.
+
+    Parameters
+    ----------
+    config : the file. targets : see `Fleet`. record : takes the samples. share : the axes that are watched.
+
+    Raises
+    ------
+    InputError : a model or channel map that cannot be used.
+
+    Examples
+    --------
+    >>> watch = Watch(Serve.load("serve.yaml"), store, Bus(), outputs.targets)  # doctest: +SKIP
+    >>> watch.run(stop)  # doctest: +SKIP
+    """
+
+    def __init__(
+        self, config: Serve, store: Store, bus: Bus, targets: Callable[[str, bool], Sequence[str]],
+        record: Callable[[str, Samples], None] = _unheard, share: Share = Share(),
+    ) -> None:  # fmt: skip
+        inbox = Inbox(config.limits.inbox_seconds, config.limits.inbox_bytes)
+        super().__init__(
+            Profiles(config.units, config.fallback), Model.load(config.model), store, bus, inbox,
+            targets=targets, record=record,
+            hold=config.limits.hold, learn_s=60.0 * config.learn_minutes, share=share,
+        )  # fmt: skip
+        self.began = threading.Event()
+        """Set once all sources have begun."""
+        self._sources = [open_source(source, share.has) for source in config.sources]
+
+    def run(self, stop: threading.Event) -> None:
+        """Work what the sources bring until `stop` is set; state is kept at the end.
+
+        Raises
+        ------
+        InputError : a source cannot even begin. LeaseLost : somebody else watches these axes.
+        """
+        ended = threading.Event()
+        try:
+            for source in self._sources:
+                source.start(self._inbox.put, ended)
+            self.began.set()
+            super().run(stop)
+        finally:
+            ended.set()
+
+    def problems(self) -> list[str]:
+        """What hinders it, a line each."""
+        found = [] if self.trouble is None else [f"the store cannot be written: {self.trouble}"]
+        for status in (source.status() for source in self._sources):
+            if not status["connected"]:
+                why = f": {status['last_error']}" if status["last_error"] else ""
+                found.append(f"source {status['name']} is not connected{why}")
+        return found
