@@ -3,19 +3,22 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from estimators import eha_layout as layout
+import fdd
+from estimators.eha import layout
 from fdd.diagnosis.decision import USUAL_SIZE, Found
 from fdd.diagnosis.evidence import Evidence
-from fdd.diagnosis.findings import ESTIMATED, Estimate, FaultFinding, Invisible
+from fdd.diagnosis.findings import ESTIMATED, Estimate, FaultFinding, Invisible, MethodEstimate
 from fdd.diagnosis.fitting import PRIOR_FREEDOM
 from fdd.diagnosis.hypotheses import Hypothesis
 from fdd.diagnosis.model import Model
-from fdd.faults import CATALOGUE, FAMILIES, fault
+from fdd.faults import ADDED_BY, CATALOGUE, FAMILIES, fault
+from fdd.residuals.added_tracker import AddedTracker
 from fdd.residuals.balances import BALANCES
 from fdd.residuals.rows import BLOCK_HOPS, HOP_S
 from fdd.residuals.tracked import Tracked
@@ -29,18 +32,45 @@ COMES_AND_GOES = 0.7
 """Mean amplitude, over that while it acts, below which a fault is told to come and go."""
 
 
-def fault_finding(
-    found: Found, model: Model, *, onset: float, detected: float, hops: Sequence[int]
-) -> FaultFinding:
-    """One finding as the answer carries it.
+@dataclass(frozen=True)
+class Span:
+    """The hops of evidence in time.
+
+    Attributes
+    ----------
+    starts : s, when each began. end : s, of the last. stretch : words for those that say how evidence
+        scatters.
+    whole : s, length of a hop; None where they differ, and none is ever left out.
+    """
+
+    starts: Sequence[float]
+    end: float
+    stretch: str = f"stretches of {BLOCK_HOPS * HOP_S:.0f} s"
+    whole: float | None = HOP_S
+
+    def until(self, k: int) -> float:
+        """s, end of a hop."""
+        return self.starts[k] + self.whole if self.whole else [*self.starts, self.end][k + 1]
+
+    def lost(self, k: int) -> bool:
+        """Whether the hop before is not at hand."""
+        return k == 0 or (self.whole is not None and self.starts[k] - self.until(k - 1) > 0.5 * self.whole)
+
+
+def fault_finding(found: Found, model: Model, *, onset: float, span: Span) -> FaultFinding:
+    """One finding as the answer carries it, detected at the end of its evidence.
 
     Parameters
     ----------
-    onset, detected : s. hops : those of the evidence.
+    onset : s. span : hops of the evidence.
     """
     lead, h = found.lead, found.lead.hypothesis
-    where = [hops[int(k)] * HOP_S for k in _likely(lead.profile / lead.kappa, lead.onsets)]
-    interval = (round(min([*where, onset]), 2), round(max([*where, onset]) + HOP_S, 2))
+    likely = [int(k) for k in _likely(lead.profile / lead.kappa, lead.onsets)]
+    detected = span.end
+    interval = (
+        round(min([onset, *(span.starts[k] for k in likely)]), 2),
+        round(max([onset, *(span.until(k) for k in likely)]), 2),
+    )
     titles = " and ".join(BALANCES[name].title for name in h.columns)
     sure = model.calibration.probability(found.score)
     if not found.known:
@@ -66,10 +96,16 @@ def fault_finding(
     sentences = [
         f"The balance of {titles} does not close {words} {onset:.1f} s on; "
         f"{fault(h.fault).title} of severity {size:.2f} ± {std:.2f} explains it "
-        f"(log likelihood ratio {found.score:.1f}, from {lead.blocks:.0f} stretches of 2 s)."
+        f"(log likelihood ratio {found.score:.1f}, from {lead.blocks:.0f} {span.stretch})."
     ]
     if abs(lead.size) < COMES_AND_GOES * size:
         sentences.append(f"It comes and goes: on average {100 * abs(lead.size) / size:.0f} % of that.")
+    sentences += [
+        f"The model has not learnt from logs with {fault(f).title} (package {ADDED_BY[f]}): "
+        "how sure this is, it takes from other faults of the same score."
+        for f in group
+        if f in ADDED_BY and not model.knows(f)
+    ]
     alike = {f: round(found.shares[f] / share, 4) for f in group} if len(group) > 1 else {}
     if alike:
         sentences.append(
@@ -163,20 +199,42 @@ def hidden_share(unseen: Sequence[Invisible]) -> float:
     return float(np.mean(-np.expm1(-0.5 * np.square(least / USUAL_SIZE)))) if least.size else 1.0
 
 
-def estimates_of(tracked: Tracked, unit: Unit) -> dict[str, Estimate]:
-    """Tracked quantities at the end of what was pushed."""
-    records = tracked.last_records["ekf"]
+def versions_of(trackers: Mapping[str, str]) -> dict[str, str]:
+    """What an answer depends on besides its files: fdd, and packages of further faults and `trackers`.
+
+    Parameters
+    ----------
+    trackers : name to package.
+
+    Examples
+    --------
+    >>> "fdd" in versions_of({}), versions_of({"ukf": "fdd-example 0.1.0"})["tracker ukf"]
+    (True, 'fdd-example 0.1.0')
+    """
+    faults = ", ".join(sorted(set(ADDED_BY.values())))
+    added = {f"tracker {name}": package for name, package in trackers.items()}
+    return {"fdd": fdd.__version__, **({"faults": faults} if faults else {}), **added}
+
+
+def estimates_of(tracked: Tracked, unit: Unit, added: Sequence[AddedTracker] = ()) -> dict[str, Estimate]:
+    """Tracked quantities at the end of what was pushed, and what trackers of packages say of them."""
+    out = estimates_by(tracked, unit)
+    for each in added:
+        for name, (value, std) in each.last().items():
+            rounded = [float(f"{number:.5g}") for number in (value, std)]
+            out[name].methods[each.name] = MethodEstimate(value=rounded[0], std=rounded[1])
+    return out
+
+
+def estimates_by(tracked: Tracked, unit: Unit, method: str = "ekf") -> dict[str, Estimate]:
+    """What one of fdd's filters says at the end; what it can be believed of is told by the EKF."""
+    records = tracked.last_records[method]
     if not records.size:
         empty = {"baseline": None, "value": None, "std": None, "observable": False}
         return {n: Estimate.model_validate({"unit": u, **empty}) for n, (u, _, _) in ESTIMATED.items()}
     values, stds = estimates(records, unit, tracked.model)
     seen = tracked.observed()
-    healthy = {
-        "leakage": unit.pump.total_leakage / float(records[-1, layout.R_VISCOSITY]),
-        "bulk_modulus": unit.oil.bulk_modulus,
-        "coulomb_friction": healthy_coulomb(unit),
-        "viscous_friction": healthy_viscous(unit),
-    }
+    healthy = healthy_of(unit, float(records[-1, layout.R_VISCOSITY]))
     return {
         name: Estimate(
             unit=si,
@@ -190,6 +248,16 @@ def estimates_of(tracked: Tracked, unit: Unit) -> dict[str, Estimate]:
             information_std=_significant(float(seen[name].information_std[-1])),
         )
         for name, (si, _, _) in ESTIMATED.items()
+    }
+
+
+def healthy_of(unit: Unit, viscosity: float = 1.0) -> dict[str, float]:
+    """What the profile says of each estimate (SI), at a viscosity over that at its reference temperature."""
+    return {
+        "leakage": unit.pump.total_leakage / viscosity,
+        "bulk_modulus": unit.oil.bulk_modulus,
+        "coulomb_friction": healthy_coulomb(unit),
+        "viscous_friction": healthy_viscous(unit),
     }
 
 

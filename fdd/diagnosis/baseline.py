@@ -11,7 +11,8 @@ from numpy.typing import NDArray
 from fdd.errors import InputError
 from fdd.residuals.balances import BALANCES
 from fdd.residuals.effects import Effects, first_effects
-from fdd.residuals.ledger import Ledger, widened
+from fdd.residuals.ledger import Ledger
+from fdd.residuals.normal_equations import widened
 from fdd.residuals.rows import BLOCK_HOPS, HOP_S, RowMaker
 from fdd.samples import Samples
 from fdd.unit import BalanceBaseline, Baseline, Unit
@@ -19,7 +20,7 @@ from fdd.unit import BalanceBaseline, Baseline, Unit
 Array = NDArray[np.float64]
 
 LEAST_HOPS = 10
-BASELINE_VERSION = "6"
+BASELINE_VERSION = "7"
 QUANTILES = 21
 """Of the hops' noise that a baseline keeps: a median of all can still be told when logs are added."""
 
@@ -27,7 +28,8 @@ QUANTILES = 21
 def ledger_of(samples: Samples, unit: Unit, effects: dict[str, Effects]) -> Ledger:
     """The balances of one whole log."""
     maker, ledger = RowMaker(unit), Ledger(unit, effects)
-    ledger.push(*maker.push(samples))
+    for first, rows in maker.stretches(samples):
+        ledger.push(first, rows)
     ledger.push(*maker.push(None))
     return ledger
 
@@ -36,8 +38,14 @@ def ledgers_of(unit: Unit, logs: Sequence[Samples]) -> list[Ledger]:
     """The balances of healthy logs, as the data sheet has them, for `baseline_of`."""
     plain = unit.model_copy(deep=True)
     plain.baseline = None
-    first = {name: first_effects(name) for name in BALANCES}
-    return [ledger_of(log, plain, first) for log in logs]
+    effects = {name: first_effects(name) for name in BALANCES}
+    ledgers = [ledger_of(log, plain, effects) for log in logs]
+    if sum(len(x.hops) for x in ledgers) < LEAST_HOPS:
+        return ledgers
+    # What noise takes from a coefficient goes by the coefficient: now that it is roughly known, once more.
+    for name, known in baseline_of(ledgers).balances.items():
+        effects[name] = replace(effects[name], mean=np.array(known.mean))
+    return [ledger_of(log, plain, effects) for log in logs]
 
 
 def add_baseline(unit: Unit, logs: Sequence[Samples]) -> Unit:
@@ -120,9 +128,10 @@ def _balance(
     for m, v, _, variance in sums:
         share = np.minimum(variance / noise, 1.0)
         m, v = widened(m * share[:, None, None], v * share[:, None], effects.wander)
-        told = told + m.sum(axis=0)
-        scatter = scatter + scattered(m, v, effects)
-        m, v = widened(m.sum(axis=0), v.sum(axis=0), effects.between)
+        scores, over = scattered(m, v, effects)
+        told, scatter = told + m.sum(axis=0), scatter + scores
+        # A log that its law fits badly tells less of the unit than its rows say.
+        m, v = widened(m.sum(axis=0) / over, v.sum(axis=0) / over, effects.between)
         information, vector = information + m, vector + v
     covariance = np.linalg.inv(information)
     return BalanceBaseline(
@@ -170,14 +179,21 @@ def structural_variance(
     return found
 
 
-def scattered(information: Array, vector: Array, effects: Effects) -> Array:
-    """Sum of squares (n, n) of the scores of a log's stretches about its own coefficients."""
-    prior = np.linalg.inv(effects.covariance)
-    solution = np.linalg.solve(prior + information.sum(axis=0), prior @ effects.mean + vector.sum(axis=0))
-    rest = vector - information @ solution
+def scattered(information: Array, vector: Array, effects: Effects) -> tuple[Array, float]:
+    """Sum of squares (n, n) of the scores of a log's stretches about its own coefficients, and by how much
+    they scatter more than their information says, at least 1.
+
+    The latter is the dispersion of a quasi-likelihood (McCullagh 1983, doi 10.1214/aos/1176346056), the mean
+    over the coefficients that the log tells.
+    """
+    prior, total = np.linalg.inv(effects.covariance), information.sum(axis=0)
+    inverse = np.linalg.inv(prior + total)
+    rest = vector - information @ (inverse @ (prior @ effects.mean + vector.sum(axis=0)))
     starts = np.arange(0, len(rest), BLOCK_HOPS)
     scores = np.add.reduceat(rest, starts, axis=0)
-    return np.asarray(scores.T @ scores)
+    squares = np.asarray(scores.T @ scores)
+    told = float(np.sum(inverse * total))
+    return squares, max(float(np.sum(inverse * squares)) / told, 1.0) if told > 0.0 else 1.0
 
 
 def _rounded(values: NDArray[np.float64]) -> list[float]:

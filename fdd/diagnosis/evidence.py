@@ -19,10 +19,10 @@ from numpy.typing import NDArray
 
 from fdd.diagnosis.fitting import (
     GREATEST,
-    LEAST_SCATTER,
     Explained,
     Fit,
     Parts,
+    Stretches,
     drift,
     fit,
     known_scatter,
@@ -119,7 +119,12 @@ class Evidence:
     ----------
     hops : balance name to its hops' information (h, n, n) and vector (h, n), widened by what wanders; those
         that tell nothing are left out. effects : what the first hop is held against. from_start : whether
-        that is the unit's baseline, so that a fault may have been there before the first hop.
+        that is the unit's baseline, so that a fault may have been there before the first hop. stretches :
+        how evidence scatters.
+
+    Attributes
+    ----------
+    alone : what `fits` last gave of hypotheses beside no fault that is known.
     """
 
     def __init__(
@@ -128,7 +133,10 @@ class Evidence:
         effects: Mapping[str, Effects],
         *,
         from_start: bool = True,
+        stretches: Stretches = Stretches(),
     ) -> None:
+        self.alone: list[Amplitude] = []
+        self.stretches = stretches
         self.balances = {name: Explained(m, v, effects[name]) for name, (m, v) in hops.items()}
         self.hops = max((len(m) for m, _ in hops.values()), default=0)
         inside = np.arange(LEAST_BEFORE, self.hops - LEAST_AFTER)
@@ -158,7 +166,10 @@ class Evidence:
         early = self.fitted([x for x in found if x[2] == 0], known)
         late = self.fitted([x for x in found if x[2] > 0], known)
         order = {id(h): i for i, h in enumerate(told)}
-        return sorted([*early, *late], key=lambda f: order[id(f.hypothesis)])
+        fits = sorted([*early, *late], key=lambda f: order[id(f.hypothesis)])
+        if not known:
+            self.alone = fits
+        return fits
 
     def _gains(
         self, hypotheses: Sequence[Hypothesis], known: Sequence[Amplitude]
@@ -242,7 +253,7 @@ class Evidence:
         scales = np.array([[p.scale for p in (h, *others)] for h, *_ in found])
         parts = Parts(columns, courses, scales, np.array([h.signed for h, *_ in found]))
         out = []
-        fits = fit(self.balances, parts, from_start=found[0][2] == 0)
+        fits = fit(self.balances, parts, from_start=found[0][2] == 0, stretches=self.stretches)
         for (h, kind, onset, gain), course, f in zip(found, first, fits, strict=True):
             f.score += float(np.log(h.commonness))
             out.append(Amplitude(**vars(f), hypothesis=h, course=course, kind=kind, onset=onset, profile=gain,
@@ -260,7 +271,7 @@ class Evidence:
         lam = sum(float(g[0] @ self.balances[name].told(course) @ g[0]) for name, g in columns.items())
         scatter = float(known_scatter(self.balances, columns)[0])
         changes = float(drift(self.balances, columns)[0])
-        return float(np.sqrt(max(scatter, LEAST_SCATTER) / max(lam, 1e-12) + changes))
+        return float(np.sqrt(max(scatter, self.stretches.least) / max(lam, 1e-12) + changes))
 
     def correlations(self, one: Amplitude, others: Sequence[Hypothesis]) -> Array:
         """How alike other hypotheses' columns are over the course of a fitted one: 0 to 1, (f,)."""

@@ -2,15 +2,20 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, field
-from typing import Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import BaseModel, ConfigDict, Field, PrivateAttr
 
 import fdd
+from fdd.errors import InputError
 from fdd.faults import FAMILIES
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 SCHEMA = "fdd.diagnosis/1"
 ESTIMATED: dict[str, tuple[str, str, str]] = {
@@ -48,6 +53,17 @@ class FaultFinding(BaseModel):
     """What a technician does to confirm it."""
 
 
+class MethodEstimate(BaseModel):
+    """A quantity at the end of the log by a further tracker (SI)."""
+
+    value: float
+    std: float
+
+
+def _is_empty(value: object) -> bool:
+    return not value
+
+
 class Estimate(BaseModel):
     """A tracked quantity at the end of the log, beside its healthy value (SI).
 
@@ -58,6 +74,7 @@ class Estimate(BaseModel):
         since; None where it never was.
     age_s : s since then, 0 while it is observable.
     information_std : standard deviation that the last five seconds alone would give; None without any data.
+    methods : what trackers of installed packages say of it, by name (``fdd diagnose --tracker``).
     """
 
     unit: str
@@ -69,6 +86,7 @@ class Estimate(BaseModel):
     held_std: float | None = None
     age_s: float | None = None
     information_std: float | None = None
+    methods: dict[str, MethodEstimate] = Field(default_factory=dict, exclude_if=_is_empty)
 
 
 class Quality(BaseModel):
@@ -95,6 +113,22 @@ class Invisible(BaseModel):
     severity: float | None
 
 
+class SecondOpinion(BaseModel):
+    """What a classifier that users trained says of the log; it changes nothing in the rest of the answer.
+
+    Attributes
+    ----------
+    classifier : its file. target : what it tells: ``family`` or ``fault``. answer : the likeliest, or
+        ``healthy``. probability : of that. probabilities : of all that it knows.
+    """
+
+    classifier: str
+    target: str
+    answer: str
+    probability: float
+    probabilities: dict[str, float]
+
+
 def _is_none(value: object) -> bool:
     return value is None
 
@@ -105,8 +139,10 @@ class Diagnosis(BaseModel):
     Attributes
     ----------
     started_at : when the log's time was 0 (ISO 8601, UTC), where the log tells.
-    versions : fdd and model. sha256 : of the files log, map, profile and model, as far as they were given.
+    versions : of fdd and model, and of packages that added faults or trackers. sha256 : of the files log,
+        map, profile and model, as far as they were given.
     error : of a log among several that could not be read, why; the rest of the answer is empty then.
+    second_opinion : of a classifier, where one was asked (``fdd diagnose --classifier``).
     """
 
     model_config = ConfigDict(populate_by_name=True, json_schema_serialization_defaults_required=True)
@@ -128,6 +164,38 @@ class Diagnosis(BaseModel):
     sha256: dict[str, str] = Field(default_factory=dict)
     started_at: str | None = Field(default=None, exclude_if=_is_none)
     error: str | None = Field(default=None, exclude_if=_is_none)
+    second_opinion: SecondOpinion | None = Field(default=None, exclude_if=_is_none)
+    _draw: Callable[[], Any] | None = PrivateAttr(default=None)
+    """Draws the log that this is the answer for; no part of the answer."""
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, Diagnosis) and self.model_dump() == other.model_dump()
+
+    def __getstate__(self) -> dict[Any, Any]:
+        return {**super().__getstate__(), "__pydantic_private__": {"_draw": None}}
+
+    def plot(self) -> Figure:
+        """Signals, estimates with their bands and the test statistic over time, with onsets and alarms.
+
+        Returns
+        -------
+        A figure of matplotlib (``pip install 'fdd[reports]'``): ``answer.plot().savefig("run.pdf")``.
+
+        Raises
+        ------
+        InputError : matplotlib is missing, or the answer's signals are not here: it was read from JSON, came
+            from another process or from `Pipeline.finish`, or `fdd.diagnose` was told not to keep them.
+        """
+        if self._draw is None:
+            raise InputError(
+                f"the signals of {self.log or 'this answer'} are not here to be drawn",
+                mend="diagnose the log anew, with fdd.diagnose(log)",
+            )
+        return self._draw()
+
+    def draw_with(self, draw: Callable[[], Figure]) -> None:
+        """Let `plot` give what `draw` makes."""
+        self._draw = draw
 
     @classmethod
     def unreadable(cls, log: str, error: str, sha256: dict[str, str]) -> Diagnosis:

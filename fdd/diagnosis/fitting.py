@@ -13,6 +13,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -150,7 +151,7 @@ class Fit:
     size, variance : of the amplitude, as far as its own time scatters. level : of the amplitude while it
         acts, where it comes and goes. gain : half the quadratic form,
         without any correction. kappa, misfit : how healthy stretches scatter, over what their information
-        says, and how those of the fault's own time do. blocks : stretches of 2 s behind it. score : log of
+        says, and how those of the fault's own time do. blocks : stretches behind it. score : log of
         the robust likelihood ratio.
     """
 
@@ -188,7 +189,16 @@ class Parts:
         return out
 
 
-def fit(balances: Mapping[str, Explained], parts: Parts, *, from_start: bool) -> list[Fit]:
+class Stretches(NamedTuple):
+    """Hops whose errors may hang together, and the least by which they scatter, over their information."""
+
+    hops: int = BLOCK_HOPS
+    least: float = LEAST_SCATTER
+
+
+def fit(
+    balances: Mapping[str, Explained], parts: Parts, *, from_start: bool, stretches: Stretches
+) -> list[Fit]:
     """Fit each fault beside the known ones.
 
     Parameters
@@ -235,15 +245,16 @@ def fit(balances: Mapping[str, Explained], parts: Parts, *, from_start: bool) ->
         acting = size[k, None, None] * j.acting[:, 0]
         pulls[k] += np.einsum("fhn,fhn->fh", acting, left)
         pushes[k] += size[k, None] * np.einsum("fhn,fhn->fh", acting, j.pulled[:, 0])
-    blocks = np.arange(0, hops, BLOCK_HOPS)
+    blocks = np.arange(0, hops, stretches.hops)
     u = np.add.reduceat(scores, blocks, axis=1)
     w = np.add.reduceat(weights, blocks, axis=1).clip(1e-100)
     count = w.sum(axis=1) ** 2 / np.sum(w**2, axis=1)
     misfit = np.sum(u**2, axis=1) / w.sum(axis=1) * count / np.maximum(count - 2.0, 1.0)
     misfit = np.maximum(misfit, 1.0)
     directions = {n: np.einsum("fp,fpn->fn", along, c) for n, c in parts.columns.items()}
-    kappa, freedom = _scatter(u, w, courses[:, 0], known_scatter(balances, directions), held)
+    kappa, freedom = _scatter(u, w, courses[:, 0], known_scatter(balances, directions), held, blocks)
     changes = drift(balances, {n: c[:, 0] for n, c in parts.columns.items()})
+    kappa = np.maximum(kappa, stretches.least)
     precision = 1.0 / (kappa / told + changes)
     share = precision * _heard(u, w, kappa) ** 2
     freedom = np.full(size.size, PRIOR_FREEDOM) if from_start else freedom
@@ -322,7 +333,9 @@ def _while_acting(u: Array, w: Array, kappa: Array) -> Array:
     return np.asarray(np.maximum(square / np.maximum(np.sum(u + w, axis=1, where=acts), 1e-300), 1.0))
 
 
-def _scatter(u: Array, w: Array, courses: Array, known: Array, held: Array) -> tuple[Array, Array]:
+def _scatter(
+    u: Array, w: Array, courses: Array, known: Array, held: Array, blocks: Indices
+) -> tuple[Array, Array]:
     """Factor by which scores scatter more than their information says, and its degrees of freedom, (f,) each.
 
     It is that of healthy time: of the unit's baseline in the direction at hand (`known_scatter`), and of the
@@ -332,9 +345,9 @@ def _scatter(u: Array, w: Array, courses: Array, known: Array, held: Array) -> t
 
     Parameters
     ----------
-    courses : (f, h) of the faults. held : (f,), what the unit's prior holds of each.
+    courses : (f, h) of the faults. held : (f,), what the unit's prior holds of each. blocks : first hops of
+        stretches.
     """
-    blocks = np.arange(0, courses.shape[1], BLOCK_HOPS)
     lengths = np.diff(np.append(blocks, courses.shape[1]))
     acts = np.add.reduceat(np.minimum(courses, 1.0), blocks, axis=1) / lengths
     later = courses[:, :1] < 0.5
@@ -345,7 +358,7 @@ def _scatter(u: Array, w: Array, courses: Array, known: Array, held: Array) -> t
     stretches *= np.where(later[:, 0], told / np.maximum(told + held, 1e-300), 1.0)
     own = np.sum(quiet * u**2 / w, axis=1) / np.maximum(told, 1e-300)
     freedom = PRIOR_FREEDOM + stretches
-    return np.maximum((PRIOR_FREEDOM * known + stretches * own) / freedom, LEAST_SCATTER), freedom
+    return (PRIOR_FREEDOM * known + stretches * own) / freedom, freedom
 
 
 def known_scatter(balances: Mapping[str, Explained], directions: Mapping[str, Array]) -> Array:

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from fdd.faults import CATALOGUE
+from fdd.faults import CATALOGUE, unusable
 from fdd.residuals.balances import BALANCES
 from fdd.residuals.effects import Effects
 from fdd.residuals.quantities import Scales
@@ -69,16 +69,25 @@ class HealthyUnit:
 
 
 def hypotheses(unit: Unit, effects: dict[str, Effects]) -> list[Hypothesis]:
-    """All signatures of the catalogue for a unit."""
+    """All signatures of the catalogue for a unit.
+
+    Raises
+    ------
+    InputError : a package's fault names what the balances do not have.
+    """
     healthy = HealthyUnit(effects, Scales.of(unit))
     out = []
     for entry in CATALOGUE.values():
         for s in entry.signatures:
             columns = {}
             for balance, changes in s.columns(healthy).items():
+                if balance not in BALANCES:
+                    raise unusable(entry.id, f"there is no balance {balance!r}", BALANCES)
                 names = BALANCES[balance].columns
                 columns[balance] = np.zeros(len(names))
                 for name, change in changes.items():
+                    if name not in names:
+                        raise unusable(entry.id, f"balance {balance!r} has no column {name!r}", names)
                     columns[balance][names.index(name)] = change
             out.append(
                 Hypothesis(

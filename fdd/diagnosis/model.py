@@ -18,11 +18,16 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from fdd.bounds import MAX_MODEL_BYTES
 from fdd.errors import InputError
+from fdd.faults import ADDED_BY
 from fdd.files import write_text
 
 SHIPPED = "model.json"
 MOST = 1e6
 """Of a score, an hour or a rate; beyond it no data set reaches."""
+
+
+def _is_none(value: object) -> bool:
+    return value is None
 
 
 class AlarmTail(BaseModel):
@@ -110,6 +115,18 @@ class Model(BaseModel):
     """The data set that it was learnt on."""
     tail: AlarmTail
     calibration: Calibration
+    faults: tuple[str, ...] | None = Field(default=None, strict=False, exclude_if=_is_none)
+    """Faults of the logs that it was learnt on; None stands for those that fdd ships."""
+
+    def knows(self, name: str) -> bool:
+        """Whether logs with this fault were among those that it was learnt on.
+
+        Examples
+        --------
+        >>> Model.load().knows("aeration")
+        True
+        """
+        return name not in ADDED_BY if self.faults is None else name in self.faults
 
     @classmethod
     def load(cls, path: str | Path | None = None) -> Model:

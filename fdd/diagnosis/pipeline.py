@@ -9,27 +9,30 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-import fdd
-from estimators import eha_layout as layout
+from estimators.eha import layout
 from fdd.diagnosis.answering import (
+    Span,
+    estimates_by,
     estimates_of,
-    fault_finding,
     hidden_share,
     invisible,
     probabilities_of,
     sensor_fault,
+    versions_of,
 )
 from fdd.diagnosis.baseline import BASELINE_VERSION, effects_of
-from fdd.diagnosis.decision import Found, decide
-from fdd.diagnosis.evidence import Evidence
+from fdd.diagnosis.evidence import Amplitude, Evidence
 from fdd.diagnosis.findings import Diagnosis, Estimate, FaultFinding, Quality, SensorState, Trajectories
+from fdd.diagnosis.fitting import Stretches
 from fdd.diagnosis.hypotheses import hypotheses
+from fdd.diagnosis.lookout import Lookout
 from fdd.diagnosis.model import Model
-from fdd.diagnosis.standing import LOOKS, Look, Standing
+from fdd.diagnosis.standing import Look
 from fdd.errors import InputError
-from fdd.faults import FAMILIES, fault
+from fdd.faults import FAMILIES
+from fdd.residuals.added_tracker import AddedTracker
 from fdd.residuals.ledger import Ledger
-from fdd.residuals.rows import HOP_S, RowMaker
+from fdd.residuals.rows import HOP_ROWS, HOP_S, RowMaker
 from fdd.residuals.tracked import Tracked, packed, unpacked
 from fdd.residuals.tracking import OBSERVABLE, estimates
 from fdd.samples import Samples
@@ -43,19 +46,15 @@ SCAN_HOPS = 10
 """Hops between two looks at the evidence: five seconds."""
 LEAST_HOPS = 16
 """Hops before anything is said: eight seconds."""
-LOOK_MARGIN = 1.5
-"""By how much more one look alone must see it."""
 WINDOW_HOPS = 300
 """Hops that onsets are looked for in; what is older has become the reference."""
-STATE_VERSION = "9"
-HEALED = 0.5
-"""Share of a fault that has to be gone before it is over."""
+STATE_VERSION = "11"
 SCANS_A_MINUTE, SCANS_KEPT = 12, 720
 """Looks in a minute, and those that a monitor remembers: an hour."""
+EPOCHS = Stretches(hops=1, least=1.0)
+"""An epoch is a draw of what differs between logs; no unit is taken to differ by less than is usual."""
 HELD_IN_DOUBT = 0.5
 """Confidence of a fault below which it does not make a verdict."""
-
-
 _BESIDE = ThreadPoolExecutor(1, "tracking")
 """The filters' compiled loops leave the interpreter to the balances meanwhile."""
 WORTH_A_THREAD = 2000
@@ -72,6 +71,15 @@ class Pipeline:
     axis, log : names for the answer.
     keep_trajectories : keep all records for a report; False bounds the memory of a monitor.
     without : faults of the catalogue that are not considered.
+    trackers : names of installed packages' trackers that run beside ours.
+
+    Raises
+    ------
+    InputError : no such tracker, or a fault of a package that cannot be used.
+
+    Attributes
+    ----------
+    fitted : every fault that explains anything on its own, by the evidence of the last `finish`.
 
     Examples
     --------
@@ -89,6 +97,7 @@ class Pipeline:
         log: str = "",
         keep_trajectories: bool = True,
         without: Collection[str] = (),
+        trackers: Collection[str] = (),
     ) -> None:
         self.unit = unit
         self.model = model or Model.load()
@@ -98,19 +107,20 @@ class Pipeline:
         self._effects = effects_of(unit)
         self._sensors = SensorWatch(unit)
         self._tracked = Tracked(unit, keep=keep_trajectories)
+        self._added = [AddedTracker(name, unit) for name in dict.fromkeys(trackers)]
         self._rows = RowMaker(unit, SCAN_HOPS)
         self._ledger = Ledger(unit, self._effects)
         self._hypotheses = [h for h in hypotheses(unit, self._effects) if h.fault not in without]
         self._first_time = self._last_time = np.nan
         self._count = 0
-        self._standing = Standing()
+        self._acute = Lookout(self._hypotheses, self.threshold, self.model)
+        self._slow = Lookout(self._hypotheses, self.threshold, self.model, unknown=False)
+        self._epochs = 0
         self._hidden = 1.0
         """Share of faults that could not be seen, by the look of the last minute."""
-        self._sick: list[tuple[float, float]] = []
-        """s, when findings began that stand no more, and until when they did."""
         self._sensor_faults = 0
-        self._looks: list[float] = []
         self._scans: list[tuple[float, float]] = []
+        self.fitted: list[Amplitude] = []
 
     def __repr__(self) -> str:
         return f"Pipeline(unit={self.unit.name!r}, axis={self.axis!r}, samples={self._count})"
@@ -157,16 +167,20 @@ class Pipeline:
     def _weighed(self, trusted: Samples) -> list[FaultFinding]:
         """The balances of a block; findings whose alarm it raised."""
         found: list[FaultFinding] = []
-        first, rows = self._rows.push(trusted)
-        # The ledger takes whole hops, a scan's worth at a time, so that looks fall on the same hops however
-        # a log was cut.
-        while len(rows):
-            due = SCAN_HOPS - self._ledger.taken % SCAN_HOPS
-            part, rows = rows[: due * self._rows.hop_rows], rows[due * self._rows.hop_rows :]
-            self._ledger.push(first, part)
-            first += due
-            if self._ledger.taken % SCAN_HOPS == 0 and len(self._ledger.hops) >= LEAST_HOPS:
-                found += self._scan()
+        for first, rows in self._rows.stretches(trusted):
+            for added in self._added:
+                added.push(first, rows)
+            if len(rows) and self._ledger.stopped(first):
+                self._ledger.begin_anew(self._acute.standing.spans(), SCAN_HOPS)
+            # The ledger takes whole hops, a scan's worth at a time, so that looks fall on the same hops
+            # however a log was cut.
+            while len(rows):
+                due = SCAN_HOPS - self._ledger.taken % SCAN_HOPS
+                part, rows = rows[: due * HOP_ROWS], rows[due * HOP_ROWS :]
+                self._ledger.push(first, part)
+                first += due
+                if self._ledger.taken % SCAN_HOPS == 0 and len(self._ledger.hops) >= LEAST_HOPS:
+                    found += self._scan()
         return found
 
     def _sensor_alarms(self) -> list[FaultFinding]:
@@ -179,12 +193,25 @@ class Pipeline:
     def standing(self) -> list[FaultFinding]:
         """Findings whose evidence stands now, and sensors that have not recovered."""
         failed = (f for f in self._sensors.findings() if f.kind in FAILING and f.until_s is None)
-        return [*self._standing.findings(), *map(sensor_fault, failed)]
+        acute = self._acute.standing.findings()
+        return [*acute, *self._slowly({f.family for f in acute}), *map(sensor_fault, failed)]
+
+    def _slowly(self, seen: Collection[str]) -> list[FaultFinding]:
+        """Slow wear that stands, of families that are not seen otherwise."""
+        return [f for f in self._slow.standing.findings() if f.family not in seen]
 
     @property
     def looked_at(self) -> float:
         """s, end of the data at the last look at the evidence, every five seconds; 0 before the first one."""
-        return self._scans[-1][0] if self._scans else 0.0
+        return self._acute.at
+
+    def misfits(self) -> tuple[Array, list[str], Array]:
+        """Ends of hops (s), balances' names and how badly each closed; see `Ledger.misfits`."""
+        return self._ledger.misfits()
+
+    def estimates(self, method: Literal["ekf", "svsf"] = "ekf") -> dict[str, Estimate]:
+        """Tracked quantities at the end of what was pushed, as one of the filters has them."""
+        return estimates_by(self._tracked, self.unit, method)
 
     def now(self) -> tuple[dict[str, float], dict[str, Estimate], dict[str, float]]:
         """By the last look: each family's probability, tracked quantities, and how badly balances close."""
@@ -200,47 +227,39 @@ class Pipeline:
     def _look(self) -> Look:
         """Evidence now, older hops being the reference, and what it says."""
         ledger = self._ledger
-        start = ledger.fold(WINDOW_HOPS, self._standing.spans())
+        start = ledger.fold(WINDOW_HOPS, self._acute.standing.spans())
         evidence = Evidence(ledger.widened(), ledger.reference, from_start=start == 0)
-        found, rest = decide(evidence, self._hypotheses, self.threshold, self._standing.labels.values())
-        now = (ledger.hops[-1] + 1) * HOP_S
-        before = self._looks[:-1] if self.looked_at == now else self._looks
-        scores = [*before[1 - LOOKS :], max([rest, *(f.score for f in found)])]
-        stands = max(min(scores) if len(scores) == LOOKS else 0.0, scores[-1] - LOOK_MARGIN)
-        ends = [f.lead for f in found if f.lead.hypothesis.ends is not None and f.lead.size > HEALED]
-        found = [f for f in found if f.lead.hypothesis.ends is None and stands >= self.threshold]
-        findings = []
-        for f in found:
-            f.score = min(f.score, stands)
-            findings.append(
-                fault_finding(f, self.model, onset=self._onset(f), detected=now, hops=ledger.hops)
-            )
-        return Look(
-            now, evidence, findings, scores, stands,
-            labels={_family(f): f.lead.hypothesis.label for f in found},
-            over={fault(str(e.hypothesis.ends)).family: ledger.hops[e.onset] * HOP_S for e in ends},
-        )  # fmt: skip
-
-    def _onset(self, found: Found) -> float:
-        """s; where the hops after it are no longer kept, as it was told before."""
-        k, hops = found.lead.onset, self._ledger.hops
-        onset = max(hops[k] * HOP_S, self._first_time)
-        told, _ = self._standing.now.get(_family(found), (None, 0))
-        lost = k == 0 or hops[k] - hops[k - 1] > 1
-        return min(onset, told.onset_s) if lost and told is not None else onset
+        starts = [h * HOP_S for h in ledger.hops]
+        return self._acute.look(evidence, Span(starts, starts[-1] + HOP_S), self._first_time)
 
     def _scan(self) -> list[FaultFinding]:
         look = self._look()
-        self._looks = look.scores
         if not self._tracked.keep:
             del self._scans[: -SCANS_KEPT + 1]
         if self._ledger.taken // SCAN_HOPS % SCANS_A_MINUTE == 1 or not self._scans:
             self._hidden = hidden_share(invisible(look.evidence, self._hypotheses, self.threshold))
         self._scans.append((look.now, look.stands))
-        fresh, over = self._standing.take(look, self._ledger.hops[0] * HOP_S)
+        fresh, over = self._acute.take(look, self._ledger.hops[0] * HOP_S)
         for span in over:
             self._ledger.forget(*span)
+        if self._ledger.epochs.completed > self._epochs:
+            fresh += self._wear()
         return fresh
+
+    def _wear(self) -> list[FaultFinding]:
+        """What a completed epoch adds: slow wear, which the reference of the last minutes follows."""
+        epochs = self._ledger.epochs
+        self._epochs = epochs.completed
+        starts = epochs.starts().tolist()
+        effects = epochs.effects(self._effects)
+        evidence = Evidence(epochs.widened(effects), effects, from_start=False, stretches=EPOCHS)
+        span = Span(starts, self._acute.at, "flights or hours in motion", None)
+        look = self._slow.look(evidence, span, self._first_time)
+        seen = set(self._acute.standing.now)
+        fresh, over = self._slow.take(look, starts[0])
+        for gone in over:
+            epochs.forget(*gone)
+        return [f for f in fresh if f.family not in seen]
 
     def finish(self, quality: Quality | None = None) -> Diagnosis:
         """The answer on all samples pushed so far (more may follow).
@@ -250,24 +269,29 @@ class Pipeline:
         quality : what the reader noted about the data; reasons for the verdict are put first.
         """
         quality = (quality or Quality()).model_copy(deep=True)
+        self.fitted = []
         duration = float(self._last_time - self._first_time) if self._count else 0.0
         faults = [sensor_fault(f) for f in self._sensors.findings()]
         hydraulic: list[FaultFinding] = []
         unseen = []
         score = 0.0
-        self._ledger.push(*self._rows.rest())
+        rest = self._rows.rest()
+        self._ledger.push(*rest)
+        for added in self._added:
+            added.push(*rest)
         if len(self._ledger.hops) >= LEAST_HOPS:
             look = self._look()
             hydraulic, score = look.findings, look.stands
+            self.fitted = look.evidence.alone
             unseen = invisible(look.evidence, self._hypotheses, self.threshold)
         for finding in hydraulic:
-            first = self._standing.alarms.get(finding.family)
+            first = self._acute.standing.alarms.get(finding.family)
             if first is not None:
                 finding.detected_s = first.detected_s
         # What alarmed while its onset was in sight stands, though the window may have gone past it.
         start = self._ledger.hops[0] * HOP_S if self._ledger.hops else 0.0
-        hydraulic = [*hydraulic, *self._standing.past({f.family for f in hydraulic}, start)]
-        faults += hydraulic
+        hydraulic += self._acute.standing.past({f.family for f in hydraulic}, start)
+        faults += [*hydraulic, *self._slowly({f.family for f in hydraulic})]
         faults.sort(key=lambda f: -f.confidence)
         probabilities = probabilities_of(faults, self.model, score, hidden_share(unseen))
         verdict: Literal["healthy", "faulty", "inconclusive"] = "faulty"
@@ -287,6 +311,7 @@ class Pipeline:
             quality.notes.append(
                 "the estimators lost this log's motion: their values are not shown from there on"
             )
+        quality.notes += [added.problem for added in self._added if added.problem is not None]
         if self.unit.baseline is None:
             quality.notes.append(
                 f"profile {self.unit.name} was not identified from this unit's own healthy logs: "
@@ -300,9 +325,9 @@ class Pipeline:
         return Diagnosis(
             log=self.log, axis=self.axis, unit=self.unit.name, duration_s=round(duration, 3),
             samples=self._count, verdict=verdict, faults=faults, probabilities=probabilities,
-            estimates=estimates_of(self._tracked, self.unit), quality=quality,
+            estimates=estimates_of(self._tracked, self.unit, self._added), quality=quality,
             sensors=[SensorState(**s) for s in self._sensors.states()], not_visible=unseen,
-            versions={"fdd": fdd.__version__, "model": self.model.schema_},
+            versions=versions_of({a.name: a.package for a in self._added}) | {"model": self.model.schema_},
             sha256={"model": self.model.sha256},
         )  # fmt: skip
 
@@ -311,7 +336,7 @@ class Pipeline:
         if len(self._ledger.hops) < LEAST_HOPS:
             return [f"{duration:.1f} s of data; a verdict needs {LEAST_HOPS * HOP_S:.0f} s or more"]
         told = sum(float(e[2]) for e in self._ledger.entries["volume"])
-        if told < LEAST_HOPS * self._rows.hop_rows * 0.25:
+        if told < LEAST_HOPS * HOP_ROWS * 0.25:
             return ["the log hardly moves or loads the actuator: its balances say nothing of its health"]
         return []
 
@@ -334,6 +359,8 @@ class Pipeline:
             values[m], stds[m] = (
                 estimates(r, self.unit, self._tracked.model) if r.size else (dict(empty), dict(empty))
             )
+        for added in self._added:
+            values[added.name], stds[added.name] = added.over(records["ekf"][:, layout.R_TIME])
         seen = self._tracked.observed_throughout()
         time, names, misfit = self._ledger.misfits()
         scans = np.array(self._scans).reshape(-1, 2)
@@ -363,15 +390,22 @@ class Pipeline:
         return {"healthy": 1.0 - sure, **{k: out[k] for k in FAMILIES if k != "healthy"}}
 
     def state(self) -> dict[str, Array]:
-        """The whole state as flat named arrays; `np.savez` writes it, `restore` takes it back."""
+        """The whole state as flat named arrays; `np.savez` writes it, `restore` takes it back.
+
+        Raises
+        ------
+        ValueError : trackers of packages run, whose state nobody knows.
+        """
+        if self._added:
+            raise ValueError("a pipeline with trackers of packages has no state that could be saved")
         scalars: dict[str, Any] = {
             "version": STATE_VERSION, "axis": self.axis, "log": self.log, "unit": self.unit.name,
             "model": self.model.sha256,
             "first": self._first_time, "last": self._last_time, "count": self._count,
-            "standing": self._standing.state(),
+            "acute": self._acute.state(), "slow": self._slow.state(), "epochs": self._epochs,
             "hidden": self._hidden,
             "sensor_faults": self._sensor_faults,
-            "scans": self._scans[-SCANS_KEPT:], "looks": self._looks,
+            "scans": self._scans[-SCANS_KEPT:],
         }  # fmt: skip
         out = {"pipeline": packed(scalars)}
         for prefix, part in (
@@ -408,11 +442,8 @@ class Pipeline:
             )
         self.axis, self.log = scalars["axis"], scalars["log"]
         self._first_time, self._last_time, self._count = scalars["first"], scalars["last"], scalars["count"]
-        self._standing, self._hidden = Standing.of(scalars["standing"]), scalars["hidden"]
+        self._acute.restore(scalars["acute"])
+        self._slow.restore(scalars["slow"])
+        self._epochs, self._hidden = int(scalars["epochs"]), scalars["hidden"]
         self._sensor_faults = scalars["sensor_faults"]
         self._scans = [(float(a), float(b)) for a, b in scalars["scans"]]
-        self._looks = [float(s) for s in scalars["looks"]]
-
-
-def _family(found: Found) -> str:
-    return fault(found.group[0]).family

@@ -41,6 +41,21 @@ class Source(Protocol):
         ...
 
 
+def pieces(samples: Samples) -> Iterator[Samples]:
+    """Blocks of `BLOCK_S`, as a rig sends them.
+
+    Examples
+    --------
+    >>> [len(part) for part in pieces(Samples(np.arange(25) * 0.01, {}))]
+    [10, 10, 5]
+    """
+    time, row = samples.time, 0
+    while row < time.size:
+        stop = max(int(np.searchsorted(time, time[row] + BLOCK_S)), row + 1)
+        yield samples.rows(row, stop)
+        row = stop
+
+
 class Replay:
     """A whole log, block by block, at the speed it was recorded or another.
 
@@ -80,21 +95,15 @@ class Replay:
         if self._speed is None:
             yield from self.samples.blocks(REPLAY_ROWS)
             return
-        time = self.samples.time
-        if not time.size:
-            return
-        started, first, row = self._clock.now(), float(time[0]), 0
-        while row < time.size:
-            stop = int(np.searchsorted(time, time[row] + BLOCK_S, side="left"))
-            stop = max(stop, row + 1)
-            due = started + (float(time[stop - 1]) - first) / self._speed
+        started = self._clock.now()
+        for part in pieces(self.samples):
+            due = started + float(part.time[-1] - self.samples.time[0]) / self._speed
             # A long hole in the log is waited through in steps, so that the display stays alive.
             while (wait := due - self._clock.now()) > 2.0 * BLOCK_S:
                 self._clock.sleep(BLOCK_S)
                 yield self.samples.rows(0, 0)
             self._clock.sleep(wait)
-            yield self.samples.rows(row, stop)
-            row = stop
+            yield part
 
     def quality(self) -> Quality:
         """What the reader noted about the log."""

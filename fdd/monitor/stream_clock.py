@@ -2,22 +2,31 @@
 
 from __future__ import annotations
 
+from collections import deque
+
 import numpy as np
 from numpy.typing import NDArray
 
 from fdd.logs.quality import COUNTED_GAP
-from fdd.logs.stamps import JUMP_PERIODS
+from fdd.logs.stamps import JUMP_PERIODS, nominal_period
+from fdd.logs.wire.grid import grid_steps
 
 Array = NDArray[np.float64]
 
-CLOCK_BACK_S, CLOCK_AHEAD_S = 1.0, 3600.0
-"""s; stamps that go back or ahead by more mean that the clock was set, not that a row came late."""
+CLOCK_BACK_S, CLOCK_AHEAD_S = 1.0, 365.0 * 86400.0
+"""s; stamps that go back or ahead by more mean that the clock was set, not that a row came late, or that the
+axis stood still over a night or a month. A clock without a battery starts decades ago."""
 CLOCK_GAP_S = 1.0
 """s between the rows before and after the clock was set."""
 EPOCH_S = 1e6
 """s; a stream that starts later than this carries the time of day and is counted from its start."""
+TOGETHER = 100
+"""Rows that are looked at together: a clock that is set at each of them must not take time squared."""
+MOST_REMARKS = 100
 PERIOD_STEPS = 100
 """Steps of time that tell the period."""
+REST_KEPT = 0.8
+"""See `grid_steps`; less than of a whole log, as a period that few steps told is a little off."""
 
 
 class StreamClock:
@@ -45,7 +54,7 @@ class StreamClock:
         self.last_time = after
         self.offset = offset
         self.late = self.resets = 0
-        self._remarks: list[str] = []
+        self._remarks: deque[str] = deque(maxlen=MOST_REMARKS)
 
     def follow(self, time: Array) -> tuple[Array, NDArray[np.bool_]]:
         """Times (n,) s that go on from the last ones, and which of the rows do (n,)."""
@@ -57,7 +66,7 @@ class StreamClock:
         out, kept, last = np.empty_like(time), np.zeros(time.size, dtype=bool), self.last_time
         start = 0
         while start < time.size:
-            stamps = time[start:] + self.offset
+            stamps = time[start : start + TOGETHER] + self.offset
             # Highest stamp before each row: what a late row is compared with.
             before = np.maximum.accumulate(
                 np.concatenate([[last if np.isfinite(last) else -np.inf], stamps])
@@ -72,7 +81,7 @@ class StreamClock:
             if good[:stop].any():
                 last = float(stamps[:stop][good[:stop]][-1])
             start += stop
-            if start < time.size:
+            if set_.size:
                 self.offset += last + CLOCK_GAP_S - float(stamps[stop])
                 self.resets += 1
                 self._remarks.append(f"the clock was set at {last:.3f} s; times go on from there")
@@ -81,7 +90,8 @@ class StreamClock:
 
     def remarks(self) -> list[str]:
         """Notes that are new since the last call."""
-        out, self._remarks = self._remarks, []
+        out = list(self._remarks)
+        self._remarks.clear()
         return out
 
 
@@ -92,6 +102,8 @@ class Gaps:
     ----------
     dropped, jumps : rows missing on the grid of the period; gaps of more than `JUMP_PERIODS` periods.
     period : s; NaN until `PERIOD_STEPS` steps have told it.
+    rest : periods that rounding left over; see `grid_steps`.
+    waiting : s, the last rows' times: what the next ones are counted from.
 
     Examples
     --------
@@ -104,20 +116,21 @@ class Gaps:
 
     def __init__(self) -> None:
         self.dropped = self.jumps = 0
-        self.period = float("nan")
-        self.early = self.last = np.empty(0)
+        self.period, self.rest = float("nan"), 0.0
+        self.waiting = np.empty(0)
 
     def count(self, time: Array) -> None:
         """Go on by the times (n,) s of a block; they increase."""
-        if not time.size:
-            return
-        steps = np.diff(np.concatenate([self.last, time]))
-        self.last = time[-1:]
+        time = np.concatenate([self.waiting, time])
         if np.isnan(self.period):
-            self.early = steps = np.concatenate([self.early, steps])
-            if steps.size < PERIOD_STEPS:
+            if time.size <= PERIOD_STEPS:
+                self.waiting = time
                 return
-            self.period, self.early = float(np.median(steps)), np.empty(0)
-        missing = np.rint(steps[steps <= COUNTED_GAP] / self.period) - 1.0
-        self.dropped += int(missing[missing > 0.0].sum())
-        self.jumps += int((steps > JUMP_PERIODS * self.period).sum())
+            self.period = nominal_period(time[: PERIOD_STEPS + 1])
+        # A step is judged with the one after it: a late row makes a long one and then a short one.
+        steps, self.waiting = np.diff(time), time[-2:]
+        whole, rests = grid_steps(time, self.period, self.rest, REST_KEPT)
+        missing = np.where(steps <= COUNTED_GAP, whole - 1, 0)
+        self.dropped += int(np.maximum(missing[:-1] + np.minimum(missing[1:], 0), 0).sum())
+        self.jumps += int((steps[:-1] > JUMP_PERIODS * self.period).sum())
+        self.rest = float(rests[-1])

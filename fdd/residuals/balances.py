@@ -215,7 +215,9 @@ def _shaft(q: Quantities) -> list[Strand]:
         seen = np.sinc(order * q.speed * ROW_S / (2.0 * np.pi))
         lines += [seen * np.cos(order * q.angle), seen * np.sin(order * q.angle)]
     x = np.column_stack([*lines, np.ones_like(y), drop, turning, np.tanh(q.speed / (0.01 * scales.speed))])
-    return [Strand(y, x, np.isfinite(y) & _turning(q))]
+    # A row late, as the acceleration asks for the next row: else the last one at hand would tell nothing.
+    late = np.roll(np.arange(y.size), 1)
+    return [Strand(y[late], x[late], (np.isfinite(y) & _turning(q))[late])]
 
 
 ORDERS = (1.0, 2.0, 0.5, 1.5, 2.5)

@@ -11,7 +11,10 @@ how a log was cut, nor on its first row.
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass, field
+from itertools import pairwise
+from statistics import NormalDist
 
 import numpy as np
 from numpy.typing import NDArray
@@ -38,6 +41,11 @@ FILM_S = 0.03
 by Hess and Soom 1990 (doi 10.1115/1.2920240) and Armstrong-Helouvry et al. 1994 (doi
 10.1016/0005-1098(94)90209-7)."""
 
+PAUSE_S = 30.0
+"""s without samples from which there are no hops: a week of short runs costs no more than the runs."""
+STOP_S = 600.0
+"""s of a pause after which an axis is no longer as it was: its oil has cooled, or another has flown it."""
+
 FAST = (
     "command", "pump_angle", "pump_speed", "position", "pressure_difference", "pressure_1", "pressure_2",
     "pressure_accumulator", "motor_current",
@@ -49,6 +57,13 @@ NOISE_HOPS, LEAST_SAMPLES = 20, 20
 """Hops whose noise is remembered; samples of a hop that tell it."""
 GAUSS_50 = 0.6745
 """Median of the absolute value of a standard normal variable."""
+MEDIAN_SPREAD = 1.41
+"""Relative standard deviation of a noise by the median of n second differences, times √n (by simulation)."""
+LOWER_QUARTILE = np.array(
+    [0.0, *(-NormalDist().inv_cdf((n // 4 + 0.6) / (n + 0.2)) for n in range(1, NOISE_HOPS + 1))]
+)
+"""Standard deviations by which the lower quartile of n normal values lies below their mean, by Cunnane's
+plotting positions (1978, doi 10.1016/0022-1694(78)90017-3)."""
 
 
 @njit()
@@ -102,8 +117,8 @@ class RowMaker:
     """Time, angle and speed of the last sample: what the pump's missing signal goes on from."""
     _celsius: float = np.nan
     """The oil's last known temperature: it changes slowly, and is measured seldom."""
-    _noise: Array = field(default_factory=lambda: np.full((NOISE_HOPS, len(NOISY)), np.nan))
-    """Noise of a pressure's samples in the last hops, Pa."""
+    _noise: Array = field(default_factory=lambda: np.full((NOISE_HOPS, 2, len(NOISY)), np.nan))
+    """Noise of a pressure's samples in the last hops, Pa: by the samples, and by the means of cells."""
 
     def push(self, samples: Samples | None) -> tuple[int, Array]:
         """Rows of the hops that the samples complete, `together` at a time.
@@ -125,6 +140,16 @@ class RowMaker:
             return self._given(complete + bool(self._waiting))
         return self._given(complete - (complete - self._first) % self.together)
 
+    def stretches(self, samples: Samples) -> Iterator[tuple[int, Array]]:
+        """What `push` gives for the samples between pauses; before a pause, all that waits."""
+        before = self._waiting[-1].time[-1] if self._waiting else np.nan
+        starts = np.flatnonzero(np.diff(samples.time, prepend=before) > PAUSE_S).tolist()
+        for a, b in pairwise(sorted({0, *starts, len(samples)})):
+            if a in starts:
+                yield self.push(None)
+                self.hop = -1
+            yield self.push(samples.rows(a, b))
+
     def rest(self) -> tuple[int, Array]:
         """Rows of all complete hops that wait; `push` goes on in the same steps as without."""
         return self._given(self._complete())
@@ -145,11 +170,6 @@ class RowMaker:
         self._waiting = [rest] if len(rest) else []
         self.hop = until
         return first, self._rows(joined.rows(0, cut), first, until)
-
-    @property
-    def hop_rows(self) -> int:
-        """Rows in a hop."""
-        return HOP_ROWS
 
     def state(self) -> dict[str, Array]:
         """What waits, and the filters' memory, as flat named arrays."""
@@ -221,8 +241,10 @@ class RowMaker:
         if "oil_temperature" in samples.channels:  # slow, and comes when it likes
             celsius = samples["oil_temperature"]
             known = np.isfinite(celsius)
-            seen = np.unique(hop[known])
-            means = {int(h): float(celsius[known & (hop == h)].mean()) for h in seen}
+            warm, of_hop = celsius[known], hop[known]
+            begin = np.flatnonzero(np.diff(of_hop, prepend=-1))
+            parts = np.split(warm, begin[1:])
+            means = {int(h): float(part.mean()) for h, part in zip(of_hop[begin], parts, strict=False)}
             for h in range(until - first):
                 self._celsius = means.get(h, self._celsius)
                 out[h * HOP_ROWS : (h + 1) * HOP_ROWS, COLUMNS["temperature"]] = self._celsius
@@ -235,18 +257,20 @@ class RowMaker:
 
         A hop's noise is that of second differences: of samples, to which what a mean takes out adds, or of
         the means, to which fast motion adds; the lesser. Motion only adds, so the lower quartile of the last
-        ten seconds' counts.
+        ten seconds' counts, less what chance alone puts it below.
         """
         pressures = [COLUMNS[n] for n in NOISY]
         for h in np.unique(hop):
-            mine = cells // HOP_ROWS == h
+            mine = slice(*np.searchsorted(cells, [h * HOP_ROWS, (h + 1) * HOP_ROWS]))
             samples = taken[slice(*np.searchsorted(hop, [h, h + 1])), :][:, pressures]
             if len(samples) >= LEAST_SAMPLES:
-                means = out[np.ix_(cells[mine], pressures)] * np.sqrt(np.median(count[mine]))
-                own = np.minimum(_hiss_of(samples), _hiss_of(means))
-                self._noise = np.vstack([self._noise[1:], own])
+                means = out[cells[mine]][:, pressures] * np.sqrt(np.median(count[mine]))
+                own = np.stack([_hiss_of(samples), _hiss_of(means)])
+                self._noise = np.concatenate([self._noise[1:], own[None]])
             known = np.isfinite(self._noise).sum(axis=0)
-            quiet = np.sort(self._noise, axis=0)[known // 4, np.arange(len(NOISY))]
+            quiet = np.take_along_axis(np.sort(self._noise, axis=0), known[None] // 4, axis=0)[0]
+            below = LOWER_QUARTILE[known] * MEDIAN_SPREAD / np.sqrt([[len(samples)], [count[mine].size]])
+            quiet = (quiet / (1.0 - np.minimum(below, 0.5))).min(axis=0)
             out[cells[mine], -len(NOISY) :] = quiet / np.sqrt(count[mine, None])
 
     def _turn(self, data: Array) -> None:

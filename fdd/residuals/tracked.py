@@ -7,14 +7,16 @@ that are needed have values is passed over.
 from __future__ import annotations
 
 import json
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from estimators import eha_layout as layout
+from estimators.eha import layout
 from estimators.observability import Observability, Observed
 from fdd.errors import InputError
+from fdd.residuals.rows import STOP_S
 from fdd.residuals.tracking import METHODS, OBSERVABLE, Channels, Tracking, new_watch, watched
 from fdd.samples import CHANNELS, Samples, missing_required
 from fdd.unit import Unit
@@ -23,6 +25,7 @@ Array = NDArray[np.float64]
 
 HELD_BACK = 500
 """Samples that tell channels and period: by number, so that one early row does not make them."""
+WITHOUT_LAYER = np.delete(np.arange(layout.RECORD), layout.R_LAYER)
 
 
 class Tracked:
@@ -50,7 +53,8 @@ class Tracked:
         self._watch = new_watch()
         self._unwatched: list[Array] = []
         self.lost = False
-        """Whether a filter's state ran away: nothing of it is believed from then on."""
+        """Whether a filter's state ran away: nothing of it is believed until the axis has stopped."""
+        self._last = np.nan
 
     @property
     def channels(self) -> tuple[str, ...]:
@@ -70,6 +74,23 @@ class Tracked:
         ------
         InputError : channels that do not suffice for a diagnosis.
         """
+        if not len(samples):
+            return
+        before = float(samples.time[0] if np.isnan(self._last) else self._last)
+        self._last = float(samples.time[-1])
+        if self._last - before <= STOP_S:
+            self._track(samples)
+            return
+        stops = np.flatnonzero(np.diff(samples.time, prepend=before) > STOP_S).tolist()
+        for a, b in pairwise(sorted({0, *stops, len(samples)})):
+            if self.lost and self.tracking is not None and a in stops:
+                self._catch_up()
+                self.tracking = Tracking(self.unit, self.tracking.channels, self.tracking.period)
+                self.lost = False
+            self._track(samples.rows(a, b))
+
+    def _track(self, samples: Samples) -> None:
+        """Take samples between which the axis does not stop."""
         if self.tracking is None:
             samples = Samples.concatenate([*self._held, samples])
             while self.tracking is None and len(samples) >= HELD_BACK:
@@ -86,9 +107,7 @@ class Tracked:
         assert self.tracking is not None
         fresh = self.tracking.push(self.tracking.block(samples))
         # The EKF has no layer. Both keep the same times: where one lost the motion, neither is believed.
-        sane = np.logical_and.reduce(
-            [np.isfinite(np.delete(r, layout.R_LAYER, axis=1)).all(axis=1) for r in fresh.values()]
-        )
+        sane = np.logical_and.reduce([np.isfinite(r[:, WITHOUT_LAYER]).all(axis=1) for r in fresh.values()])
         self.lost |= not bool(sane.all())
         for method, records in fresh.items():
             records = records[sane]
@@ -144,7 +163,7 @@ class Tracked:
         """The whole state as flat named arrays."""
         self._catch_up()
         scalars = {
-            "keep": self.keep, "lost": self.lost, "channels": list(self.channels) or None,
+            "keep": self.keep, "lost": self.lost, "last": self._last, "channels": list(self.channels) or None,
             "period": None if self.tracking is None else self.tracking.period,
         }  # fmt: skip
         out: dict[str, Array] = {"tracked": packed(scalars)}
@@ -165,7 +184,7 @@ class Tracked:
     def restore(self, state: dict[str, Array]) -> None:
         """Go on from a state that `state` gave for the same unit."""
         scalars = unpacked(state["tracked"])
-        self.keep, self.lost = scalars["keep"], scalars["lost"]
+        self.keep, self.lost, self._last = scalars["keep"], scalars["lost"], scalars["last"]
         held = {k.removeprefix("held/"): v for k, v in state.items() if k.startswith("held/")}
         self._held = [Samples(held.pop("time"), held)] if held else []
         for m in METHODS:

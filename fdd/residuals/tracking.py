@@ -8,11 +8,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from estimators import eha_layout as layout
-from estimators import eha_model as eha
-from estimators.eha_drifts import drifts
-from estimators.eha_noise import Noise
-from estimators.eha_tracker import EhaTracker
+from estimators.eha import layout
+from estimators.eha import model as eha
+from estimators.eha.drifts import drifts
+from estimators.eha.noise import Noise
+from estimators.eha.tracker import EhaTracker
 from estimators.observability import Observability, Observed
 from fdd.residuals.viscosity import viscosity_ratio
 from fdd.samples import Samples
@@ -59,7 +59,7 @@ def model_parameters(unit: Unit) -> Array:
 def noise_of(unit: Unit) -> Noise:
     """Measurement noise from the profile's sensors; process noise as its defaults argue.
 
-    What the profile's `estimation` gives (``fdd identify`` writes it) goes before both.
+    What the profile's `estimation` gives goes before both.
     """
     noise = Noise()
     position = unit.sensor("position")

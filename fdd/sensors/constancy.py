@@ -8,13 +8,13 @@ larger p. Without noise a value may stand for ever, and only its neighbours can 
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 from numpy.typing import NDArray
 
+from fdd.sensors.compiled import njit
 from fdd.sensors.limits import INDEX, STEADY_NOISE, Limits
 from fdd.sensors.memory import Memory
+from fdd.sensors.noise import place
 
 Array = NDArray[np.float64]
 
@@ -30,15 +30,6 @@ EXCITED_HOPS, NOISELESS_HOPS = 2, 8
 """Hops with a turning pump, for a channel that should have noise, and for one that need not."""
 LEAST_NOISE = 1e-5
 """Share of the range: no analogue sensor has less noise."""
-LIVE = (
-    "pressure_1",
-    "pressure_2",
-    "pressure_difference",
-    "pressure_accumulator",
-    "motor_current",
-    "load_force",
-)
-"""Analogue channels, which noise keeps moving. Counts of an encoder and a slow thermocouple may stand."""
 LEAK_MARGIN = 3.0
 """Times the healthy leakage that may let the pump turn while the piston stands: a gross leak."""
 BYPASS_SHARE, BYPASS_PRESSURE = 0.57, 1e6
@@ -51,46 +42,10 @@ LEAST_TRAVEL = 0.05
 """Share of the stroke that the pump has to have displaced, as the position stood."""
 RELIEF_SHARE = 0.6
 """Share of the relief setting from which flow may go over the valve."""
+POSITION = INDEX["position"]
 
 
-@dataclass(frozen=True)
-class Run:
-    """Rows of one value: since when (s), until when (None: it lasts), how many rows."""
-
-    value: float
-    since: float
-    until: float | None
-    rows: int
-
-
-def runs_of(time: Array, values: Array, k: int, memory: Memory) -> tuple[list[Run], int]:
-    """Runs of equal values in a hop, the first joined with what came before; and the longest.
-
-    Only runs of `FEWEST_ROWS` and more are listed. `memory` then holds the last one.
-    """
-    edges = np.flatnonzero(values[1:] != values[:-1]) + 1
-    starts = np.concatenate(([0], edges))
-    lengths = np.diff(np.concatenate((starts, [values.size])))
-    joined = values[0] == memory.run_value[k]
-    carried, since = (int(memory.run_rows[k]), float(memory.run_since[k])) if joined else (0, float(time[0]))
-    lengths[0] += carried
-    found = []
-    for i in np.flatnonzero(lengths >= FEWEST_ROWS):
-        begun = since if i == 0 else float(time[starts[i]])
-        until = float(time[starts[i + 1]]) if i + 1 < starts.size else None
-        found.append(Run(float(values[starts[i]]), begun, until, int(lengths[i])))
-    if edges.size or (not joined and np.isfinite(memory.run_value[k])):
-        memory.changed[k] = 1.0
-    if edges.size:
-        memory.last_value[k] = values[edges[-1] - 1]
-    elif not joined:
-        memory.last_value[k] = memory.run_value[k]
-    memory.run_value[k] = values[-1]
-    memory.run_since[k] = since if starts.size == 1 else time[starts[-1]]
-    memory.run_rows[k] = lengths[-1]
-    return found, int(lengths.max())
-
-
+@njit(nogil=True, inline="always")
 def rows_needed(k: int, kind: int, memory: Memory, limits: Limits) -> float:
     """Equal rows from which on the channel is stuck; inf where that cannot be said."""
     chance = limits.repeat[k]
@@ -101,81 +56,81 @@ def rows_needed(k: int, kind: int, memory: Memory, limits: Limits) -> float:
         chance = max(own, chance) if chance < 1.0 else own
     if chance >= 0.9995:
         return np.inf
-    return float(max(FEWEST_ROWS, LOG_ODDS / -np.log(max(chance, 1e-3))))
+    return max(float(FEWEST_ROWS), LOG_ODDS / -np.log(max(chance, 1e-3)))
 
 
+@njit(nogil=True, inline="always")
 def shows_noise(k: int, memory: Memory, limits: Limits) -> bool:
     """Whether a channel without noise in its profile had some in every good hop, at rest too."""
-    count = max(float(limits.resolution[k]), LEAST_NOISE * float(limits.high[k]))
-    return bool(
-        memory.hops[:, k].sum() >= LEARNT_HOPS and memory.quietest[:, k].min() >= STEADY_NOISE * count
-    )
+    count = max(limits.resolution[k], LEAST_NOISE * limits.high[k])
+    quietest = min(memory.quietest[0, k], memory.quietest[1, k])
+    return bool(memory.hops[0, k] + memory.hops[1, k] >= LEARNT_HOPS and quietest >= STEADY_NOISE * count)
 
 
-def learn_repeats(k: int, kind: int, repeated: float, longest: int, rows: int, memory: Memory) -> None:
-    """Take a good hop's share of repeated rows, and its longest run, as what the channel may do."""
-    # The longest run that N rows have by chance is about ln N / ln(1/p).
-    by_run = float(rows) ** (-1.0 / max(longest, 1)) if rows > 1 else 0.0
-    memory.repeat[kind, k] = max(memory.repeat[kind, k], repeated, by_run)
-
-
-def is_stuck(run: Run, k: int, kind: int, now: float, memory: Memory, limits: Limits) -> bool:
-    """Whether a run of a live channel is too long."""
-    length = (now if run.until is None else run.until) - run.since
-    if not memory.changed[k]:
+@njit(nogil=True, inline="always")
+def is_held(
+    k: int, value: float, length: float, rows: float, live: bool, need: float, memory: Memory, limits: Limits
+) -> bool:
+    """Whether a run of `rows` equal values over `length` s is too long, for an end of the range or at all."""
+    reach = limits.resolution[k]
+    outside = value >= limits.rail[k] - reach or not limits.low[k] <= value <= limits.high[k]
+    if (outside and length >= RAIL_S) or not live:
+        return outside and length >= RAIL_S
+    if memory.changed[k] == 0.0:
         hops = EXCITED_HOPS if limits.repeat[k] < 1.0 else NOISELESS_HOPS
-        return bool(length >= FROM_START_S and memory.excited[k] >= hops)
-    return run.rows >= rows_needed(k, kind, memory, limits)
+        return length >= FROM_START_S and memory.excited[k] >= hops
+    return rows >= need
 
 
+@njit(nogil=True)
 def standing_position(
-    time: Array, swept: Array, pressure: Array, in_motion: bool, memory: Memory, limits: Limits
+    time: Array, position: Array, swept: Array, pressure: Array, begin: int, memory: Memory, limits: Limits
 ) -> bool:
     """Whether the pump displaced far more than a standing piston lets it, since the position changed.
 
     Parameters
     ----------
-    swept : (n,) m³, the pump's angle times its displacement. pressure : (n,) Pa, Δp.
-    in_motion : what `stopped_in_motion` says.
-    memory : its `volume` goes on, from 0 when the position changes.
+    position : (n,) m. swept : (n,) m³, the pump's angle times its displacement. pressure : (n,) Pa, Δp.
+    begin : row from which on they are new. memory : its `volume` goes on, from 0 when the position changes.
 
     Notes
     -----
     Allowed are three times the healthy leakage, what the oil takes at `Limits.softness` and, unless the
-    position stopped in mid-motion (`stopped_in_motion`), a valve that is stuck open. Rows near the relief
+    position stopped in mid-motion (`_stopped_in_motion`), a valve that is stuck open. Rows near the relief
     setting do not count.
     """
-    k = INDEX["position"]
-    if swept.size < 2:
+    if swept.size < begin + 2:
         return False
-    after = time[1:] > memory.run_since[k]
-    if memory.run_since[k] >= time[0]:
-        memory.volume[:] = 0.0
-    memory.volume[4] = max(memory.volume[4], float(in_motion))
-    level = np.abs(np.nan_to_num(pressure[1:], nan=limits.relief))
-    counts = after & (level < RELIEF_SHARE * limits.relief)
-    total = memory.volume[0] + np.cumsum(np.where(counts, np.diff(swept), 0.0))
-    orifice = BYPASS_SHARE * limits.displacement * limits.pump_speed * np.sqrt(level / BYPASS_PRESSURE)
-    flow = LEAK_MARGIN * limits.leakage * level + (0.0 if memory.volume[4] else orifice)
-    leaked = float((flow * np.diff(time))[counts].sum())
-    memory.volume[0] = total[-1]
-    memory.volume[1] = min(memory.volume[1], float(total.min()))
-    memory.volume[2] = max(memory.volume[2], float(total.max()))
-    memory.volume[3] += leaked
-    low, high = float(np.nanmin(pressure, initial=0.0)), float(np.nanmax(pressure, initial=0.0))
+    volume, since = memory.volume, memory.run_since[POSITION]
+    if since >= time[begin]:
+        volume[:] = 0.0
+    if _stopped_in_motion(time, position, swept / limits.area, since, limits.resolution[POSITION]):
+        volume[4] = 1.0
+    bypass = 0.0 if volume[4] else BYPASS_SHARE * limits.displacement * limits.pump_speed
+    for i in range(begin + 1, swept.size):
+        level = limits.relief if np.isnan(pressure[i]) else abs(pressure[i])
+        if time[i] > since and level < RELIEF_SHARE * limits.relief:
+            flow = LEAK_MARGIN * limits.leakage * level + bypass * np.sqrt(level / BYPASS_PRESSURE)
+            volume[0] += swept[i] - swept[i - 1]
+            volume[3] += flow * (time[i] - time[i - 1])
+        volume[1], volume[2] = min(volume[1], volume[0]), max(volume[2], volume[0])
+    low = high = 0.0
+    for level in pressure[begin:]:
+        low, high = level if level < low else low, level if level > high else high
     elastic = limits.softness * limits.area * (high - low)
-    least = limits.area * max(LEAST_TRAVEL * limits.stroke, 20.0 * limits.resolution[k])
-    return bool(memory.volume[2] - memory.volume[1] > memory.volume[3] + elastic + least)
+    least = limits.area * max(LEAST_TRAVEL * limits.stroke, 20.0 * limits.resolution[POSITION])
+    return bool(volume[2] - volume[1] > volume[3] + elastic + least)
 
 
-def stopped_in_motion(time: Array, position: Array, moved: Array, since: float, count: float) -> bool:
+@njit(nogil=True)
+def _stopped_in_motion(time: Array, position: Array, moved: Array, since: float, count: float) -> bool:
     """Whether position and pump moved together until `since`, and the pump then went on alone.
 
     Parameters
     ----------
     moved : (n,) m, the pump's volume over the area. count : m, resolution of the position.
     """
-    a, b, c = np.searchsorted(time, [since - FROZEN_S, since, since + FROZEN_S]).tolist()
+    a, b, c = (place(time, since - FROZEN_S), place(time, since), place(time, since + FROZEN_S))
     if time[0] > since - FROZEN_S or c >= time.size or b - a < 2:
         return False
     travel, before, after = position[b] - position[a], moved[b] - moved[a], moved[c] - moved[b]

@@ -7,31 +7,28 @@ from numpy.typing import NDArray
 
 from fdd.sensors import constancy
 from fdd.sensors.finding import Kind
-from fdd.sensors.jumping import JumpWatch, Rows
-from fdd.sensors.jumps import median
+from fdd.sensors.jumping import JumpWatch, Rows, swept_volume
 from fdd.sensors.ledger import Ledger
-from fdd.sensors.limits import CHAMBERS, INDEX, NAMES, NOT_MEASURED, Limits, figure
+from fdd.sensors.limits import INDEX, IS_LIVE, NAMES, Limits, figure
 from fdd.sensors.memory import MOVING, STILL, Memory
+from fdd.sensors.noise import smallest
+from fdd.sensors.scan import HOP_S, LOST_WINDOW_S, Scan
 from fdd.sensors.supply import SAME_INSTANT_S, SupplyWatch
 
 Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
 
-HOP_S = 0.5
-LONG_GAP_S = 0.25
-"""A gap in one channel is told from here on: eight times the longest burst that a healthy recorder loses."""
-LOST_SHARE, LOST_WINDOW_S = 0.05, 10.0
-"""Shorter gaps are told when they make up this share of the last ten seconds."""
 BURST_S = 1.0
 """A value that stood for less is a loose contact's; a sensor that fails stays failed."""
-SPARSE_SHARE = 0.8
-"""A channel with fewer values than this is a slow one that stands between faster ones."""
 NOISE_FACTOR, NOISE_HOPS = 5.0, 4
 """The scale of a hop's noise, from some 500 second differences, scatters by a tenth: five is no chance."""
 FAINT_FACTOR = 0.1
 WITHOUT_NOISE = ("oil_temperature", "motor_current")
 """A slow channel shows its noise too seldom, and that of a current is the drive's as well."""
+SHOWS_NOISE = np.array([n not in WITHOUT_NOISE for n in NAMES])
 GOOD_HOPS = 2
 """Hops without a complaint after which a channel is trusted again."""
+POSITION = INDEX["position"]
 
 
 class HopJudge:
@@ -47,170 +44,147 @@ class HopJudge:
         self._jumps = JumpWatch(limits, memory, ledger)
         self._supply = SupplyWatch(limits, memory, ledger)
 
-    def hop(self, rows: Rows, first: int, impossible: NDArray[np.bool_], end: float) -> None:
-        """Judge rows ``first:`` of `rows`; those before are the tail of the hop before.
+    def hop(self, time: Array, values: Array, first: int, impossible: Mask, end: float) -> None:
+        """Judge rows ``first:``; those before are the tail of the hop before.
 
         Parameters
         ----------
-        impossible : (m, 12) rows of this hop that `RowMasks` took out. end : s, of the hop.
+        time : (n,) s. values : (12, n). impossible : (12, m) of this hop's, what `impossible_rows` took out.
+        end : s, of the hop.
         """
-        memory, time, values = self.memory, rows.time[first:], rows.values[first:]
-        finite = np.isfinite(values)
-        memory.rows += time.size
-        memory.present += finite.sum(axis=0)
-        self._derived(values)
-        swept = rows.swept
-        turned = (
-            0.0 if swept is None else float(np.abs(np.diff(swept[first:])).sum() / self.limits.displacement)
-        )
+        memory = self.memory
+        swept = swept_volume(time, values, self.limits, memory)
+        turned = float(np.abs(np.diff(swept[first:])).sum() / self.limits.displacement)
         kind = MOVING if turned > 2.0 * np.pi else STILL
-        failing: set[int] = set()
-        for k in np.flatnonzero(memory.present > 0).tolist():
-            if not memory.is_derived(k):
-                self._absent(k, time, finite[:, k], end, failing)
-            if finite[:, k].any() and NAMES[k] not in NOT_MEASURED and not memory.is_derived(k):
-                t, v = (
-                    (time, values[:, k])
-                    if finite[:, k].all()
-                    else (time[finite[:, k]], values[finite[:, k], k])
-                )
-                self._measured(k, kind, t, v, impossible[finite[:, k], k], rows, first, end, failing)
-        self._jumps.hop(rows, end - HOP_S, end, failing)
+        hop = Scan.of(time, values, first, kind, end, self.limits, memory)
+        rows = Rows(time, values, hop.noise, swept)
+        failing = np.zeros(len(NAMES), np.bool_)
+        self._absent(hop, end, failing)
+        odd = self._constant(hop, kind, end, failing)
+        self._standing(hop, rows, first, end, failing)
+        odd |= failing
+        beyond = hop.measured & ((hop.least < self.limits.low) | (hop.most > self.limits.high)) & ~failing
+        for k in np.flatnonzero(beyond).tolist():
+            odd[k] |= self._range(k, time[first:], values[k, first:], impossible[k], end, failing)
+        odd |= self._noise(hop, kind, end, failing)
+        if kind == MOVING:
+            memory.excited[hop.measured] = np.where(hop.whole, memory.excited + 1.0, 0.0)[hop.measured]
+        self._learn(hop, kind, hop.measured & ~odd & ~failing & np.isnan(memory.failed_since))
+        self._jumps.hop(rows, hop.seen, end - HOP_S, end, failing)
         self._supply.silent_from_start(end, failing)
         self._supply.lost_together(end, failing)
         self._recover(end, failing)
 
-    def _derived(self, values: Array) -> None:
-        """Whether Δp carries nothing of its own, so that it fails with the chambers' pressures."""
-        one, two = (values[:, INDEX[n]] for n in CHAMBERS)
-        both = values[:, INDEX["pressure_difference"]] - (one - two)
-        both = both[np.isfinite(both)]
-        if both.size and self.memory.derived[0] != 0.0:
-            self.memory.derived[0] = float(np.abs(both).max() < 1e-3)
-
-    def _measured(
-        self, k: int, kind: int, time: Array, values: Array, impossible: NDArray[np.bool_], rows: Rows,
-        first: int, end: float, failing: set[int],
-    ) -> None:  # fmt: skip
-        before = len(failing)
-        repeated = float((values[1:] == values[:-1]).mean()) if values.size > 1 else 0.0
-        runs, longest = constancy.runs_of(time, values, k, self.memory)
-        held = self._constant(k, kind, runs, end, failing)
-        if k == INDEX["position"] and rows.swept is not None and k not in failing:
-            self._standing(rows, rows.swept, first, end, failing)
-        out = k in failing or self._range(k, time, values, impossible, end, failing)
-        noise = float(rows.noise[k])
-        odd = self._noise(k, kind, noise, end, failing)
-        if kind == MOVING:
-            whole = longest >= values.size
-            self.memory.excited[k] = self.memory.excited[k] + 1.0 if whole else 0.0
-        if len(failing) == before and not (held or out or odd) and np.isnan(self.memory.failed_since[k]):
-            constancy.learn_repeats(k, kind, repeated, longest, int(self.memory.present[k]), self.memory)
-            self.memory.hops[kind, k] += 1.0
-            self.memory.noisiest[kind, k] = max(self.memory.noisiest[kind, k], noise)
-            self.memory.quietest[kind, k] = min(self.memory.quietest[kind, k], noise)
+    def _learn(self, hop: Scan, kind: int, good: Mask) -> None:
+        """Take what good channels did as what they may do: repeated rows, and noise."""
+        memory = self.memory
+        # The longest run that N rows have by chance is about ln N / ln(1/p).
+        by_run = np.maximum(memory.present, 1.0) ** (-1.0 / np.maximum(hop.longest, 1.0))
+        by_run[memory.present < 2.0] = 0.0
+        for kept, shown in (
+            (memory.repeat, hop.repeated),
+            (memory.repeat, by_run),
+            (memory.noisiest, hop.noise),
+        ):
+            np.maximum(kept[kind], shown, out=kept[kind], where=good)
+        np.minimum(memory.quietest[kind], hop.noise, out=memory.quietest[kind], where=good)
+        memory.hops[kind] += good
 
     def _fail(
-        self, k: int, kind: Kind, onset: float, now: float, size: float, evidence: str, failing: set[int]
+        self, k: int, kind: Kind, onset: float, now: float, size: float, evidence: str, failing: Mask
     ) -> None:
         """A failure that lasts: told, and the channel not trusted from now on."""
-        failing.add(k)
+        failing[k] = True
         if np.isnan(self.memory.failed_since[k]):
             self.memory.failed_since[k] = onset
             self.ledger.report(NAMES[k], kind, onset, None, now, size, evidence, adds=False)
 
-    def _constant(self, k: int, kind: int, runs: list[constancy.Run], end: float, failing: set[int]) -> bool:
-        memory, limits, name = self.memory, self.limits, NAMES[k]
-        # A profile's noise of an encoder was taken in motion: only what moves at rest too has to move always.
-        live = name in constancy.LIVE or constancy.shows_noise(k, memory, limits)
-        held = False
-        for run in runs:
-            length = (end if run.until is None else run.until) - run.since
-            reach = limits.resolution[k]
-            at_rail = run.value >= limits.rail[k] - reach
-            beyond = not limits.low[k] <= run.value <= limits.high[k]
-            stuck = live and constancy.is_stuck(run, k, kind, end, memory, limits)
-            if not (stuck or ((at_rail or beyond) and length >= constancy.RAIL_S)):
-                continue
-            held = True
-            told = f"{name} shows exactly {figure(name, run.value)} in {run.rows} rows, {length:.2f} s"
-            if run.until is not None and run.since == memory.failed_since[k]:
+    def _absent(self, hop: Scan, end: float, failing: Mask) -> None:
+        """Gaps of channels that were there: long ones, and many short ones."""
+        memory = self.memory
+        for channel, since, until in hop.gaps.tolist():
+            k = int(channel)
+            length = (end if np.isnan(until) else until) - since
+            told = f"{NAMES[k]} has no value for {length:.2f} s"
+            if np.isnan(until):
+                self._fail(k, "dropout", since, end, length, told, failing)
+            elif np.isnan(memory.failed_since[k]):
+                self.ledger.report(NAMES[k], "dropout", since, until, end, length, told)
+        for k in np.flatnonzero(hop.bursts & ~failing).tolist():
+            lost, began = float(memory.absent_s[k]), float(memory.absent_first[k])
+            told = f"{NAMES[k]} has no value for {lost:.1f} s of the last {LOST_WINDOW_S:g} s, in bursts"
+            self.ledger.report(NAMES[k], "dropout", began, end, end, lost, told, adds=False)
+
+    def _constant(self, hop: Scan, kind: int, end: float, failing: Mask) -> Mask:
+        """Runs of one value that are too long; (12,) which channels had some."""
+        memory, limits = self.memory, self.limits
+        held = np.zeros(len(NAMES), np.bool_)
+        for channel, value, since, until, rows in hop.runs.tolist():
+            k = int(channel)
+            name, held[k] = NAMES[k], True
+            length = (end if np.isnan(until) else until) - since
+            told = f"{name} shows exactly {figure(name, value)} in {rows:.0f} rows, {length:.2f} s"
+            if not np.isnan(until) and since == memory.failed_since[k]:
                 # The end of what was told while it lasted; so short, it was a loose contact.
                 if length < BURST_S:
-                    memory.held_until[k] = run.until + LOST_WINDOW_S
-                    self.ledger.rename(name, run.since, "dropout", length)
+                    memory.held_until[k] = until + LOST_WINDOW_S
+                    self.ledger.rename(name, since, "dropout", length)
                 continue
-            if run.until is not None:
-                memory.held_until[k] = run.until + LOST_WINDOW_S
-                self.ledger.report(
-                    name, "dropout", run.since, run.until, end, length, f"{told}, then goes on"
-                )
+            if not np.isnan(until):
+                memory.held_until[k] = until + LOST_WINDOW_S
+                self.ledger.report(name, "dropout", since, until, end, length, f"{told}, then goes on")
                 continue
-            if memory.held_until[k] > run.since:
-                self._fail(k, "dropout", run.since, end, length, told, failing)
+            if memory.held_until[k] > since:
+                self._fail(k, "dropout", since, end, length, told, failing)
                 continue
-            dead = abs(run.value) <= reach or abs(run.value - limits.dead[k]) <= reach
-            if at_rail or (beyond and not dead):
-                self._fail(
-                    k, "saturated", run.since, end, run.value, f"{told}: the end of its range", failing
-                )
+            reach = limits.resolution[k]
+            dead = abs(value) <= reach or abs(value - limits.dead[k]) <= reach
+            beyond = not limits.low[k] <= value <= limits.high[k]
+            if value >= limits.rail[k] - reach or (beyond and not dead):
+                self._fail(k, "saturated", since, end, value, f"{told}: the end of its range", failing)
             elif dead:
-                self._fail(k, "dead", run.since, end, run.value, f"{told}: no signal", failing)
+                self._fail(k, "dead", since, end, value, f"{told}: no signal", failing)
             else:
                 need = constancy.rows_needed(k, kind, memory, limits)
                 why = (
                     f"its noise lets it repeat for at most {need:.0f} rows" if memory.changed[k]
                     else "though the pump turns"
                 )  # fmt: skip
-                self._fail(k, "stuck", run.since, end, run.value, f"{told}; {why}", failing)
+                self._fail(k, "stuck", since, end, value, f"{told}; {why}", failing)
         return held
 
-    def _standing(self, rows: Rows, swept: Array, first: int, end: float, failing: set[int]) -> None:
-        k = INDEX["position"]
-        pressure = rows.difference()
-        if pressure is not None:
-            since, count = float(self.memory.run_since[k]), float(self.limits.resolution[k])
-            moving = constancy.stopped_in_motion(
-                rows.time, rows.values[:, k], swept / self.limits.area, since, count
+    def _standing(self, hop: Scan, rows: Rows, first: int, end: float, failing: Mask) -> None:
+        """A position that stands while the pump turns."""
+        memory, limits, pressure = self.memory, self.limits, rows.difference()
+        if failing[POSITION] or not hop.measured[POSITION] or not rows.swept.size or pressure is None:
+            return
+        since, value = float(memory.run_since[POSITION]), float(memory.run_value[POSITION])
+        # From the last row of the hop before, so that no step of the angle is lost.
+        begin = max(first - 1, 0)
+        if constancy.standing_position(
+            rows.time, rows.values[POSITION], rows.swept, pressure, begin, memory, limits
+        ):
+            volume = memory.volume[2] - memory.volume[1]
+            told = (
+                f"position stands at {1e3 * value:.3f} mm while the pump displaces "
+                f"{1e6 * volume:.1f} cm³, {1e3 * volume / limits.area:.1f} mm of travel"
             )
-            # From the last row of the hop before, so that no step of the angle is lost.
-            part = slice(max(first - 1, 0), None)
-            moved = constancy.standing_position(
-                rows.time[part], swept[part], pressure[part], moving, self.memory, self.limits
-            )
-            if moved:
-                volume = self.memory.volume[2] - self.memory.volume[1]
-                told = (
-                    f"position stands at {1e3 * self.memory.run_value[k]:.3f} mm while the pump displaces "
-                    f"{1e6 * volume:.1f} cm³, {1e3 * volume / self.limits.area:.1f} mm of travel"
-                )
-                kind: Kind = "dead" if self.memory.run_value[k] == 0.0 else "stuck"
-                self._fail(
-                    k,
-                    kind,
-                    float(self.memory.run_since[k]),
-                    end,
-                    float(self.memory.run_value[k]),
-                    told,
-                    failing,
-                )
+            self._fail(POSITION, "dead" if value == 0.0 else "stuck", since, end, value, told, failing)
 
-    def _range(
-        self, k: int, time: Array, values: Array, impossible: NDArray[np.bool_], end: float, failing: set[int]
-    ) -> bool:
+    def _range(self, k: int, time: Array, values: Array, impossible: Mask, end: float, failing: Mask) -> bool:
+        """Values beyond the limits: most of a hop's, or single rows that were taken out."""
         low, high, name = self.limits.low[k], self.limits.high[k], NAMES[k]
-        middle = median(values)
+        beyond = (values < low) | (values > high)
+        known = values[~np.isnan(values)]
+        middle = smallest(known, known.size // 2)
         if not low <= middle <= high:
-            beyond = (values < low) | (values > high)
             told = (
                 f"{name} is {figure(name, middle)} (median of {HOP_S:g} s), beyond what the unit can reach, "
                 f"{figure(name, low)} to {figure(name, high)}"
             )
             self._fail(k, "out_of_range", float(time[np.argmax(beyond)]), end, middle, told, failing)
             return True
-        if not impossible.any():
-            return False
-        wild = np.flatnonzero(((values < low) | (values > high)) & impossible)
+        wild = np.flatnonzero(beyond & impossible)
         if wild.size:
             worst = float(values[wild][np.argmax(np.abs(values[wild]))])
             told = f"single rows of {name} are impossible, the first {figure(name, worst)}"
@@ -220,71 +194,39 @@ class HopJudge:
             )  # fmt: skip
         return bool(wild.size)
 
-    def _noise(self, k: int, kind: int, noise: float, end: float, failing: set[int]) -> bool:
-        memory, limits = self.memory, self.limits
-        if memory.hops[kind, k] < constancy.LEARNT_HOPS or k in failing or NAMES[k] in WITHOUT_NOISE:
-            return False
-        usual = max(memory.noisiest[kind, k], limits.noise[k], limits.resolution[k])
-        if NAMES[k] not in constancy.LIVE and limits.noise[k] == 0.0:
-            # Counts follow the motion, whose curvature is no noise.
-            return False
-        least = memory.quietest[kind, k]
-        loud = noise > NOISE_FACTOR * usual
-        faint = least > 2.0 * limits.resolution[k] and noise < FAINT_FACTOR * least
-        for is_so, hops, since in (
+    def _noise(self, hop: Scan, kind: int, end: float, failing: Mask) -> Mask:
+        """Noise far beyond or below what it was; (12,) where it is."""
+        memory, limits, noise = self.memory, self.limits, hop.noise
+        # Counts follow the motion, whose curvature is no noise.
+        judged = hop.measured & ~failing & SHOWS_NOISE & (IS_LIVE | (limits.noise > 0.0))
+        judged &= memory.hops[kind] >= constancy.LEARNT_HOPS
+        usual = np.maximum(np.maximum(memory.noisiest[kind], limits.noise), limits.resolution)
+        least = memory.quietest[kind]
+        loud = judged & (noise > NOISE_FACTOR * usual)
+        faint = judged & (least > 2.0 * limits.resolution) & (noise < FAINT_FACTOR * least)
+        for is_so, hops, begun in (
             (loud, memory.loud, memory.loud_since),
             (faint, memory.faint, memory.faint_since),
         ):
-            hops[k] = hops[k] + 1.0 if is_so else 0.0
-            if hops[k] == 1.0:
-                since[k] = end - HOP_S
-            if hops[k] >= NOISE_HOPS:
-                told = (
-                    f"noise of {NAMES[k]} is {figure(NAMES[k], noise)} rms for {hops[k] * HOP_S:g} s, "
-                    f"it was {figure(NAMES[k], least)} to {figure(NAMES[k], usual)}"
-                )
-                self._fail(k, "noisy", float(since[k]), end, noise / max(usual, 1e-300), told, failing)
-        return bool(loud or faint)
+            hops[judged] = np.where(is_so, hops + 1.0, 0.0)[judged]
+            for k in np.flatnonzero(is_so).tolist():
+                if hops[k] == 1.0:
+                    begun[k] = end - HOP_S
+                if hops[k] >= NOISE_HOPS:
+                    told = (
+                        f"noise of {NAMES[k]} is {figure(NAMES[k], noise[k])} rms for {hops[k] * HOP_S:g} s, "
+                        f"it was {figure(NAMES[k], least[k])} to {figure(NAMES[k], usual[k])}"
+                    )
+                    size = float(noise[k] / max(usual[k], 1e-300))
+                    self._fail(k, "noisy", float(begun[k]), end, size, told, failing)
+        return np.asarray(loud | faint)
 
-    def _absent(self, k: int, time: Array, there: NDArray[np.bool_], end: float, failing: set[int]) -> None:
-        """Gaps of a channel that was there."""
-        memory, name = self.memory, NAMES[k]
-        memory.absent_s[k] *= np.exp(-HOP_S / LOST_WINDOW_S)
-        if there.all() and np.isnan(memory.absent_since[k]):
-            return
-        edges = np.diff(np.concatenate(([False], ~there, [False])).astype(np.int8))
-        begins, ends = np.flatnonzero(edges == 1), np.flatnonzero(edges == -1)
-        if not np.isnan(memory.absent_since[k]) and there[0]:
-            begins, ends = np.concatenate(([0], begins)), np.concatenate(([0], ends))
-        sparse = memory.present[k] < SPARSE_SHARE * memory.rows[k] and np.isnan(memory.failed_since[k])
-        for b, e in zip(begins, ends, strict=True):
-            carried = b == 0 and not np.isnan(memory.absent_since[k])
-            since = float(memory.absent_since[k]) if carried else float(time[b])
-            until = float(time[e]) if e < time.size else None
-            in_hop = (end if until is None else until) - (max(since, end - HOP_S))
-            if memory.absent_s[k] < 1e-2:
-                memory.absent_first[k] = since
-            memory.absent_s[k] += max(in_hop, 0.0)
-            memory.absent_since[k] = np.nan if until is not None else since
-            length = (end if until is None else until) - since
-            told = f"{name} has no value for {length:.2f} s"
-            if length < LONG_GAP_S or sparse:
-                continue
-            if until is None:
-                self._fail(k, "dropout", since, end, length, told, failing)
-            elif np.isnan(memory.failed_since[k]):
-                self.ledger.report(name, "dropout", since, until, end, length, told)
-        if memory.absent_s[k] > LOST_SHARE * LOST_WINDOW_S and not sparse and k not in failing:
-            lost, began = float(memory.absent_s[k]), float(memory.absent_first[k])
-            told = f"{name} has no value for {lost:.1f} s of the last {LOST_WINDOW_S:g} s, in bursts"
-            self.ledger.report(name, "dropout", began, end, end, lost, told, adds=False)
-
-    def _recover(self, end: float, failing: set[int]) -> None:
+    def _recover(self, end: float, failing: Mask) -> None:
         """Trust again what had no complaint for some hops; the clean time counts from the first of them."""
         memory = self.memory
         for k in np.flatnonzero(~np.isnan(memory.failed_since)).tolist():
             lasting = memory.biased[k] != 0.0 or self._still_silent(k)
-            if k in failing or lasting or not np.isnan(memory.absent_since[k]):
+            if failing[k] or lasting or not np.isnan(memory.absent_since[k]):
                 memory.good[k] = 0.0
                 continue
             memory.good[k] += 1.0

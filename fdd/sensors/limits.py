@@ -5,7 +5,7 @@ Everything here is physics or a data sheet: nothing is learnt from logs.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,6 +20,14 @@ INDEX = {name: k for k, name in enumerate(NAMES)}
 CHAMBERS = ("pressure_1", "pressure_2")
 NOT_MEASURED = ("command", "position_setpoint")
 """Numbers that a controller wrote: they may be anything, and only their absence is told."""
+LIVE = (
+    "pressure_1", "pressure_2", "pressure_difference", "pressure_accumulator", "motor_current", "load_force",
+)  # fmt: skip
+"""Analogue channels, which noise keeps moving. Counts of an encoder and a slow thermocouple may stand."""
+IS_LIVE, IS_MEASURED = (
+    np.array([n in LIVE for n in NAMES]),
+    np.array([n not in NOT_MEASURED for n in NAMES]),
+)
 ATMOSPHERE = 101_325.0
 SIGMA = 8.0
 """Standard deviations that noise does not reach: at 1 kHz and eight channels a Gaussian passes 8 once in
@@ -40,8 +48,7 @@ COLOUR = 3.0
 """Noise that is band-limited to a tenth of the sampling rate repeats so much more often."""
 
 
-@dataclass(frozen=True)
-class Limits:
+class Limits(NamedTuple):
     """Per channel, in the order of `NAMES`, (12,) each, SI.
 
     Attributes

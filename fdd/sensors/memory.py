@@ -1,8 +1,8 @@
-"""What is remembered of each channel from hop to hop: plain arrays, so that they can be saved as they are."""
+"""What is remembered of each channel from hop to hop: plain arrays, saved as they are."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,22 +16,26 @@ CELL_HISTORY = 250
 """Cells of 20 ms: the noise of the last five seconds."""
 STILL, MOVING = 0, 1
 """Hops in which the pump turned less than once, or more: noise and repeats are compared with their like."""
+SHAPES: dict[str, tuple[int, ...]] = {
+    **dict.fromkeys(("hops", "repeat", "noisiest", "quietest"), (2, COUNT)),
+    "volume": (5,), "stamps": (2,), "cells": (COUNT, CELL_HISTORY), "derived": (1,),
+}  # fmt: skip
+"""Of what is not (12,)."""
+STARTS = {
+    **dict.fromkeys(
+        (
+            "run_value", "run_since", "loud_since", "faint_since", "absent_since", "absent_first",
+            "failed_since", "last_value", "good_value", "good_time", "doubtful_since", "previous", "stamps",
+            "derived",
+        ),
+        np.nan,
+    ),
+    "quietest": np.inf, "held_until": -np.inf,
+}  # fmt: skip
+"""What does not start at 0."""
 
 
-def _nan() -> Array:
-    return np.full(COUNT, np.nan)
-
-
-def _zero() -> Array:
-    return np.zeros(COUNT)
-
-
-def _classes() -> Array:
-    return np.zeros((2, COUNT))
-
-
-@dataclass
-class Memory:
+class Memory(NamedTuple):
     """Per channel (12,), or per class of hop and channel (2, 12).
 
     Attributes
@@ -55,38 +59,43 @@ class Memory:
     derived : (1,) whether Δp is p1 - p2 to the last digit: 1, 0, NaN not known.
     """
 
-    rows: Array = field(default_factory=_zero)
-    present: Array = field(default_factory=_zero)
-    run_value: Array = field(default_factory=_nan)
-    run_since: Array = field(default_factory=_nan)
-    run_rows: Array = field(default_factory=_zero)
-    changed: Array = field(default_factory=_zero)
-    hops: Array = field(default_factory=_classes)
-    repeat: Array = field(default_factory=_classes)
-    noisiest: Array = field(default_factory=_classes)
-    quietest: Array = field(default_factory=lambda: np.full((2, COUNT), np.inf))
-    loud: Array = field(default_factory=_zero)
-    loud_since: Array = field(default_factory=_nan)
-    faint: Array = field(default_factory=_zero)
-    faint_since: Array = field(default_factory=_nan)
-    absent_since: Array = field(default_factory=_nan)
-    absent_s: Array = field(default_factory=_zero)
-    absent_first: Array = field(default_factory=_nan)
-    held_until: Array = field(default_factory=lambda: np.full(COUNT, -np.inf))
-    failed_since: Array = field(default_factory=_nan)
-    good: Array = field(default_factory=_zero)
-    biased: Array = field(default_factory=_zero)
-    excited: Array = field(default_factory=_zero)
-    volume: Array = field(default_factory=lambda: np.zeros(5))
-    last_value: Array = field(default_factory=_nan)
-    good_value: Array = field(default_factory=_nan)
-    good_time: Array = field(default_factory=_nan)
-    doubtful_since: Array = field(default_factory=_nan)
-    previous: Array = field(default_factory=_nan)
-    stamps: Array = field(default_factory=lambda: np.full(2, np.nan))
-    cells: Array = field(default_factory=lambda: np.zeros((COUNT, CELL_HISTORY)))
-    cell_count: Array = field(default_factory=_zero)
-    derived: Array = field(default_factory=lambda: np.array([np.nan]))
+    rows: Array
+    present: Array
+    run_value: Array
+    run_since: Array
+    run_rows: Array
+    changed: Array
+    hops: Array
+    repeat: Array
+    noisiest: Array
+    quietest: Array
+    loud: Array
+    loud_since: Array
+    faint: Array
+    faint_since: Array
+    absent_since: Array
+    absent_s: Array
+    absent_first: Array
+    held_until: Array
+    failed_since: Array
+    good: Array
+    biased: Array
+    excited: Array
+    volume: Array
+    last_value: Array
+    good_value: Array
+    good_time: Array
+    doubtful_since: Array
+    previous: Array
+    stamps: Array
+    cells: Array
+    cell_count: Array
+    derived: Array
+
+    @classmethod
+    def new(cls) -> Memory:
+        """Of a log that has not begun."""
+        return cls(*(np.full(SHAPES.get(n, (COUNT,)), STARTS.get(n, 0.0)) for n in cls._fields))
 
     def is_derived(self, k: int) -> bool:
         """Whether channel k is a Δp that was made of both chambers' pressures."""

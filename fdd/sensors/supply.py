@@ -3,10 +3,13 @@
 from __future__ import annotations
 
 import numpy as np
+from numpy.typing import NDArray
 
 from fdd.sensors.ledger import Ledger
 from fdd.sensors.limits import INDEX, NAMES, NOT_MEASURED, Limits, figure
 from fdd.sensors.memory import Memory
+
+Mask = NDArray[np.bool_]
 
 SAME_INSTANT_S = 0.05
 SILENT_S = 5.0
@@ -24,7 +27,7 @@ class SupplyWatch:
     def __init__(self, limits: Limits, memory: Memory, ledger: Ledger) -> None:
         self.limits, self.memory, self.ledger = limits, memory, ledger
 
-    def silent_from_start(self, end: float, failing: set[int]) -> None:
+    def silent_from_start(self, end: float, failing: Mask) -> None:
         """Two or more channels that the profile gives noise, and none of them ever showed any.
 
         One alone may have a profile that is wrong; it is judged when the pump turns.
@@ -39,23 +42,23 @@ class SupplyWatch:
             told = (
                 f"{NAMES[k]} shows exactly {figure(NAMES[k], memory.run_value[k])} since the log's first row"
             )
-            failing.add(k)
+            failing[k] = True
             if np.isnan(memory.failed_since[k]):
                 memory.failed_since[k] = memory.run_since[k]
                 since, value = float(memory.run_since[k]), float(memory.run_value[k])
                 self.ledger.report(NAMES[k], "dead", since, None, end, value, told, adds=False)
 
-    def lost_together(self, end: float, failing: set[int]) -> None:
+    def lost_together(self, end: float, failing: Mask) -> None:
         """Channels that fell silent at the same instant have lost what they share."""
         memory = self.memory
-        new = [k for k in sorted(failing) if not self.memory.is_derived(k)]
+        new = [k for k in np.flatnonzero(failing).tolist() if not self.memory.is_derived(k)]
         for k in new:
             onset = float(memory.failed_since[k])
             silent = []
             for j in np.flatnonzero(memory.present > 0).tolist():
                 if NAMES[j] in NOT_MEASURED or self.memory.is_derived(j):
                     continue
-                fell = j in failing and abs(memory.failed_since[j] - onset) <= SAME_INSTANT_S
+                fell = failing[j] and abs(memory.failed_since[j] - onset) <= SAME_INSTANT_S
                 zero = (
                     memory.run_value[j] == 0.0 and abs(memory.last_value[j]) > 0.0 and memory.run_rows[j] > 1
                 )
@@ -66,7 +69,7 @@ class SupplyWatch:
                 continue
             names = tuple(NAMES[j] for j in silent)
             for j in silent:
-                failing.add(j)
+                failing[j] = True
                 if np.isnan(memory.failed_since[j]):
                     memory.failed_since[j] = onset
             told = (

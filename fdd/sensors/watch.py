@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-from dataclasses import fields
 from itertools import pairwise
 from typing import Any
 
@@ -13,12 +12,13 @@ from numpy.typing import NDArray
 from fdd.errors import InputError
 from fdd.samples import Samples
 from fdd.sensors.finding import FAILING, SensorFinding
-from fdd.sensors.judge import HOP_S, HopJudge
-from fdd.sensors.jumping import TAIL_S, Rows
+from fdd.sensors.judge import HopJudge
+from fdd.sensors.jumping import TAIL_S
 from fdd.sensors.ledger import Ledger
 from fdd.sensors.limits import CHAMBERS, INDEX, NAMES, Limits
-from fdd.sensors.masks import RowMasks
+from fdd.sensors.masks import impossible_rows, row_bounds
 from fdd.sensors.memory import Memory
+from fdd.sensors.scan import HOP_S
 from fdd.unit import Unit
 
 Array = NDArray[np.float64]
@@ -52,19 +52,19 @@ class SensorWatch:
     def __init__(self, unit: Unit) -> None:
         self.unit = unit
         self._limits = Limits.of(unit)
+        self._bounds = row_bounds(self._limits)
         self._first = np.nan
         self._last = -np.inf
         self._hop = 0
-        self._tail: tuple[Array, Array] = np.empty(0), np.empty((0, len(NAMES)))
+        self._tail: tuple[Array, Array] = np.empty(0), np.empty((len(NAMES), 0))
         self._parts: list[tuple[Array, Array, NDArray[np.bool_]]] = []
-        self._set(Memory(), Ledger())
+        self._set(Memory.new(), Ledger())
 
     def __repr__(self) -> str:
         return f"SensorWatch(unit={self.unit.name!r}, findings={len(self._ledger.findings())})"
 
     def _set(self, memory: Memory, ledger: Ledger) -> None:
         self._memory, self._ledger = memory, ledger
-        self._masks = RowMasks(self._limits, memory)
         self._judge = HopJudge(self._limits, memory, ledger)
 
     def push(self, samples: Samples) -> Samples:
@@ -88,26 +88,22 @@ class SensorWatch:
             )
         if np.isnan(self._first):
             self._first = float(time[0])
-        values = np.full((n, len(NAMES)), np.nan)
-        for name in samples.channels:
-            values[:, INDEX[name]] = samples[name]
-        masked = np.zeros(values.shape, dtype=np.bool_)
-        hops = np.floor((time - self._first) / HOP_S + 1e-9).astype(np.int64)
-        edges = np.concatenate(([0], np.flatnonzero(np.diff(hops)) + 1, [n]))
-        for a, b in pairwise(edges.tolist()):
+        values = np.concatenate([samples.get(name) for name in NAMES]).reshape(len(NAMES), n)
+        hops = np.floor((time - self._first) / HOP_S + 1e-9)
+        masked = np.empty(values.shape, dtype=np.bool_)
+        for a, b in pairwise([0, *(np.flatnonzero(hops[1:] != hops[:-1]) + 1).tolist(), n]):
             if hops[a] != self._hop:
                 self._close_hop()
                 self._hop = int(hops[a])
-            part = slice(a, b)
-            wild = self._masks.rows(time[part], values[part])
-            self._parts.append((time[part].copy(), values[part].copy(), wild))
-            masked[part] = wild | self._failed()
+            part = time[a:b].copy(), values[:, a:b].copy()
+            begin = float(self._parts[0][0][0] if self._parts else time[a])
+            wild = impossible_rows(*part, begin, self._bounds, self._limits.dead, self._memory)
+            self._parts.append((*part, wild))
+            masked[:, a:b] = wild | self._failed()[:, None]
         self._last = float(time[-1])
-        columns = {}
-        for name in samples.channels:
-            out = masked[:, INDEX[name]]
-            columns[name] = np.where(out, np.nan, samples[name]) if out.any() else samples[name]
-        return samples.with_columns(columns)
+        if not np.count_nonzero(masked):
+            return samples
+        return samples.without({n: out for n in samples.channels if (out := masked[INDEX[n]]).any()})
 
     def findings(self) -> list[SensorFinding]:
         """So far, in the order of their onsets."""
@@ -146,20 +142,16 @@ class SensorWatch:
         """Judge the rows of the hop that is over, with the tail of the one before."""
         if not self._parts:
             return
-        time = np.concatenate([p[0] for p in self._parts])
-        values = np.concatenate([p[1] for p in self._parts])
-        wild = np.concatenate([p[2] for p in self._parts])
         end = self._first + (self._hop + 1) * HOP_S
-        before = self._tail
         # A tail from before a gap belongs to another hop: nothing can be said across it.
-        kept = before[0] >= end - HOP_S - TAIL_S
-        rows = Rows.of(
-            np.concatenate((before[0][kept], time)), np.concatenate((before[1][kept], values)),
-            self._limits, self._memory,
-        )  # fmt: skip
-        self._judge.hop(rows, int(kept.sum()), wild, end)
-        late = rows.time >= end - TAIL_S
-        self._tail = rows.time[late], rows.values[late]
+        tail = slice(int(np.searchsorted(self._tail[0], end - HOP_S - TAIL_S)), None)
+        first = self._tail[0][tail].size
+        time = np.concatenate([self._tail[0][tail], *(p[0] for p in self._parts)])
+        values = np.concatenate([self._tail[1][:, tail], *(p[1] for p in self._parts)], axis=1)
+        wild = np.concatenate([p[2] for p in self._parts], axis=1)
+        self._judge.hop(time, values, first, wild, end)
+        tail = slice(int(np.searchsorted(time, end - TAIL_S)), None)
+        self._tail = time[tail].copy(), values[:, tail].copy()
         self._parts = []
 
     def state(self) -> dict[str, Array]:
@@ -169,16 +161,17 @@ class SensorWatch:
             "unit": self.unit.name,
             "findings": [f.to_plain() for f in self._ledger.findings()],
         }
-        out = {f"sensors_{f.name}": getattr(self._memory, f.name).copy() for f in fields(Memory)}
-        parts = self._parts or [(np.empty(0), np.empty((0, len(NAMES))), np.empty((0, len(NAMES)), np.bool_))]
+        out = {f"sensors_{name}": kept.copy() for name, kept in self._memory._asdict().items()}
+        nothing = np.empty((len(NAMES), 0))
+        parts = self._parts or [(np.empty(0), nothing, nothing.astype(np.bool_))]
         return out | {
             "sensors": np.frombuffer(json.dumps(scalars).encode(), dtype=np.uint8),
             "sensors_clock": np.array([self._first, self._last, self._hop]),
             "sensors_tail_time": self._tail[0].copy(),
-            "sensors_tail": self._tail[1].copy(),
+            "sensors_tail": self._tail[1].T.copy(),
             "sensors_hop_time": np.concatenate([p[0] for p in parts]),
-            "sensors_hop": np.concatenate([p[1] for p in parts]),
-            "sensors_hop_wild": np.concatenate([p[2] for p in parts]),
+            "sensors_hop": np.concatenate([p[1] for p in parts], axis=1).T.copy(),
+            "sensors_hop_wild": np.concatenate([p[2] for p in parts], axis=1).T.copy(),
         }
 
     def restore(self, state: dict[str, Array]) -> None:
@@ -191,11 +184,11 @@ class SensorWatch:
         scalars = json.loads(bytes(np.asarray(state["sensors"], dtype=np.uint8)))
         if scalars["version"] != STATE_VERSION or scalars["unit"] != self.unit.name:
             raise InputError("saved state of another version or unit", mend="start anew")
-        memory = Memory(**{f.name: state[f"sensors_{f.name}"].copy() for f in fields(Memory)})
+        memory = Memory(**{name: state[f"sensors_{name}"].copy() for name in Memory._fields})
         self._set(memory, Ledger(SensorFinding.from_plain(f) for f in scalars["findings"]))
         self._first, self._last = (float(v) for v in state["sensors_clock"][:2])
         self._hop = int(state["sensors_clock"][2])
-        self._tail = state["sensors_tail_time"].copy(), state["sensors_tail"].copy()
+        self._tail = state["sensors_tail_time"].copy(), state["sensors_tail"].T.copy()
         time = state["sensors_hop_time"]
-        hop = (time.copy(), state["sensors_hop"].copy(), state["sensors_hop_wild"].astype(np.bool_))
+        hop = (time.copy(), state["sensors_hop"].T.copy(), state["sensors_hop_wild"].T.astype(np.bool_))
         self._parts = [hop] if time.size else []

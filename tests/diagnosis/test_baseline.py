@@ -6,8 +6,14 @@ import numpy as np
 import pytest
 from made_up_evidence import EFFECTS
 from numpy.typing import NDArray
+from simulated_logs import HEALTHY, simulated
 
-from fdd.diagnosis.baseline import structural_variance
+from fdd.diagnosis.baseline import baseline_of, effects_of, ledgers_of, scattered, structural_variance
+from fdd.errors import InputError
+from fdd.residuals.balances import BALANCES
+from fdd.residuals.effects import first_effects
+from fdd.residuals.ledger import Ledger
+from fdd.unit import Unit
 
 NOISE, ROWS, HOPS = 0.3, 50, 200
 
@@ -41,3 +47,79 @@ def test_a_row_errs_by_what_its_hop_has_in_common(common: float) -> None:
     # The median of a mean of three squares is 0.79 of its mean (chi square of three degrees of freedom).
     right = 0.789 * NOISE**2 * (1.0 + common**2)
     assert structural_variance(logs, EFFECTS, plain) == pytest.approx(right, rel=0.12)
+
+
+@pytest.mark.parametrize("common", [0.0, 3.0, 10.0])
+def test_a_log_tells_less_by_what_its_stretches_have_in_common(common: float) -> None:
+    """Errors that a hop's rows share have `common` times the rows' own std in each coefficient, so claims of
+    independent rows are 1 + common² too sure. A log's figure has a std of 12 %, the mean of eight 4 %."""
+    found = []
+    for seed in range(8):
+        information, vector, _, variance = sums(seed, common)
+        wrong = (variance / NOISE**2)[:, None]
+        squares, over = scattered(information * wrong[:, :, None], vector * wrong, EFFECTS)
+        found.append(over)
+        assert np.trace(squares) > 0.0
+    assert np.mean(found) == pytest.approx(1.0 + common**2, rel=0.15)
+
+
+@pytest.fixture(scope="module")
+def ledgers() -> list[Ledger]:
+    return ledgers_of(Unit.load("axis_a"), [simulated(seed, load) for seed, load in HEALTHY])
+
+
+def test_logs_that_are_added_count_as_if_they_had_been_there(ledgers: list[Ledger]) -> None:
+    whole, first = baseline_of(ledgers), baseline_of(ledgers[:1])
+    added = baseline_of(ledgers[1:], first)
+    assert added.seconds == pytest.approx(whole.seconds) == pytest.approx(3.0 * 32.0, abs=1.5)
+    assert added.balances.keys() == whole.balances.keys()
+    for name, one in added.balances.items():
+        other, alone = whole.balances[name], first.balances[name]
+        assert one.hops == other.hops > alone.hops
+        assert one.noise == pytest.approx(other.noise, rel=0.25), name
+        assert one.hop_noise == sorted(one.hop_noise)
+        std, std_alone = (np.sqrt(np.diag(np.array(b.covariance))) for b in (other, alone))
+        assert np.abs((np.array(one.mean) - other.mean) / std).max() < 1.0, name
+        assert (std <= 1.001 * std_alone).all() and (std < 0.8 * std_alone).any(), name
+
+
+def test_hops_that_told_nothing_are_no_part_of_a_baseline(ledgers: list[Ledger]) -> None:
+    """A seal that sticks says nothing of its friction: not each hop of a log slides."""
+    found = baseline_of(ledgers)
+    for name, known in found.balances.items():
+        told = np.concatenate([ledger.sums()[name][2] for ledger in ledgers]) > 0.0
+        assert known.hops == told.sum(), name
+        assert len(known.hop_noise) == 21 and known.columns == list(BALANCES[name].columns)
+        noises = np.concatenate([np.sqrt(ledger.sums()[name][3]) for ledger in ledgers])[told]
+        quantiles = np.quantile(noises, [0.0, 0.5, 1.0])
+        np.testing.assert_allclose(np.array(known.hop_noise)[[0, 10, 20]], quantiles, rtol=0.02)
+    assert found.balances["force"].hops < found.balances["volume"].hops
+
+
+def test_a_log_is_held_against_its_units_baseline_and_what_differs_between_logs(
+    ledgers: list[Ledger],
+) -> None:
+    unit = Unit.load("axis_a")
+    unit.baseline = baseline_of(ledgers)
+    one = unit.baseline.balances["force"]
+    one.columns = one.columns[::-1]  # of other columns: those of another version
+    for name, e in effects_of(unit).items():
+        first, known = first_effects(name), unit.baseline.balances.get(name)
+        if known is None or name == "force":
+            np.testing.assert_array_equal(e.mean, first.mean)
+            np.testing.assert_array_equal(e.covariance, first.covariance)
+        else:
+            np.testing.assert_array_equal(e.mean, known.mean)
+            between = np.diag(e.covariance) - np.diag(np.array(known.covariance))
+            np.testing.assert_allclose(between, first.between**2, rtol=1e-6)
+            assert e.noise == known.noise and e.information.any() and e.scatter.any()
+
+
+def test_ten_hops_are_the_least_that_make_a_baseline() -> None:
+    unit, log = Unit.load("axis_a"), simulated(*HEALTHY[0])
+    short, long = (ledgers_of(unit, [log.rows(0, n)]) for n in (4_400, 4_900))
+    assert len(short[0].hops) == 9 and len(long[0].hops) == 10
+    with pytest.raises(InputError, match="too short"):
+        baseline_of(short)
+    assert baseline_of(long).seconds == 5.0
+    assert baseline_of(short, baseline_of(long)).seconds == 9.5, "with what is known already they do"

@@ -240,3 +240,42 @@ def test_faults_fitted_together_are_as_each_alone() -> None:
         for one, other in zip(together, alone, strict=True):
             assert (one.hypothesis, one.kind, one.onset) == (other.hypothesis, other.kind, other.onset)
             assert [one.size, one.score, one.kappa] == pytest.approx([other.size, other.score, other.kappa])
+
+
+def test_a_fault_that_grows_is_not_over() -> None:
+    """Its end takes back what it brought, and never adds to it."""
+    grows = drawn(2, [(LEAK, 0.5, 25), (LEAK, 0.8, 50)])
+    found, _ = decide(grows, [LEAK, DRIFT], 6.0, standing={"leak"})
+    assert [f.lead.hypothesis.ends for f in found if f.lead.size > 0.0] == [None] * len(found)
+    assert found[0].lead.hypothesis is LEAK
+
+
+def test_a_law_that_is_a_little_off_is_no_evidence_against_its_fault() -> None:
+    """A gross fault of a law that is 15 % off: by likelihood alone another would be ten times as likely."""
+    near = hypothesis("near", [1.0, 0.15, 0.0])
+    true = hypothesis("true", [1.0, -0.05, 0.0])
+    for seed in range(5):
+        (found, *_), _ = decide(drawn(seed, [(true, 1.0, 40)]), [LEAK, near], 6.0)
+        fits = {f.hypothesis.fault: f for f in drawn(seed, [(true, 1.0, 40)]).fits([LEAK, near], [])}
+        assert fits["leak"].gain - fits["near"].gain > np.log(10.0), "else this shows nothing"
+        assert set(found.group) == {"leak", "near"} and min(found.shares.values()) > 0.2
+    apart = hypothesis("apart", [1.0, 0.9, 0.0])
+    (found, *_), _ = decide(drawn(1, [(LEAK, 1.0, 40)]), [LEAK, apart], 6.0)
+    assert found.group == ["leak"], "what is far off is told apart"
+
+
+def test_a_balance_that_tells_nothing_speaks_neither_for_nor_against() -> None:
+    wider = hypothesis("leak", [1.0, 0.0, 0.0])
+    wider.columns["force"] = np.ones(7)
+    for seed in range(3):
+        one, other = (decide(drawn(seed, [(LEAK, 0.6, 40)]), [h], 6.0)[0][0] for h in (LEAK, wider))
+        assert (other.score, other.explained) == pytest.approx((one.score, one.explained))
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_one_loud_stretch_is_worth_less_than_a_fault_that_stands(seed: int) -> None:
+    """Two seconds of ten times the size explain as much, but a fault is there in many stretches."""
+    loud = best(drawn(seed, [(LEAK, 6.0, 40), (LEAK, -6.0, 44)]), LEAK)
+    standing = best(drawn(seed, [(LEAK, 0.6, 40)]), LEAK)
+    assert loud is not None and standing is not None and loud.onset == standing.onset == 40
+    assert loud.gain > standing.gain and loud.score < 0.5 * standing.score

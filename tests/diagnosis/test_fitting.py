@@ -18,7 +18,8 @@ def test_the_fading_filter_is_scipys() -> None:
     from scipy.signal import lfilter
 
     from fdd.diagnosis.baseline import effects_of
-    from fdd.residuals.ledger import LOAD_S, Ledger
+    from fdd.residuals.account import LOAD_S
+    from fdd.residuals.ledger import Ledger
     from fdd.residuals.rows import ROW_S
     from fdd.unit import Unit
 

@@ -13,12 +13,14 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from simulated_logs import DURATION_S, HEALTHY, ONSET_S, simulated
 
+from estimators.eha import layout
 from fdd.campaign.disturb import mirrored, mirrored_unit
 from fdd.diagnosis.findings import Diagnosis
 from fdd.diagnosis.pipeline import Pipeline
 from fdd.errors import InputError
 from fdd.plant.scenario import Scenario
 from fdd.plant.simulate import simulate
+from fdd.residuals.tracking import Tracking
 from fdd.samples import Samples
 from fdd.unit import Unit
 
@@ -33,8 +35,12 @@ def pushed(unit: Unit, samples: Samples, cuts: list[int]) -> Pipeline:
     return pipeline
 
 
+def text(found: Diagnosis) -> str:
+    return found.model_dump_json(by_alias=True)
+
+
 def said(pipeline: Pipeline) -> str:
-    return pipeline.finish().model_dump_json(by_alias=True)
+    return text(pipeline.finish())
 
 
 def chosen(samples: Samples, keep: Any) -> Samples:
@@ -109,8 +115,8 @@ def test_a_healthy_log_has_no_fault(answer: Answer, seed: int, load: str) -> Non
 
 @SHARED
 @given(cuts=st.lists(st.integers(1, 31_000), max_size=12))
-def test_any_cut_gives_the_same_answer(unit: Unit, leaking: Samples, cuts: list[int]) -> None:
-    assert said(pushed(unit, leaking, cuts)) == said(pushed(unit, leaking, []))
+def test_any_cut_gives_the_same_answer(unit: Unit, answer: Answer, leaking: Samples, cuts: list[int]) -> None:
+    assert said(pushed(unit, leaking, cuts)) == text(answer(leaking))
 
 
 def test_small_blocks_give_the_same_answer(unit: Unit, leaking: Samples) -> None:
@@ -118,6 +124,7 @@ def test_small_blocks_give_the_same_answer(unit: Unit, leaking: Samples) -> None
     assert said(pushed(unit, short, list(range(0, 1_000, 7))[1:])) == said(pushed(unit, short, []))
 
 
+@pytest.mark.slow
 @SHARED
 @given(at=st.integers(1_000, 30_000))
 def test_fifty_lost_milliseconds_change_nothing(
@@ -170,7 +177,7 @@ def test_a_mirrored_unit_says_the_same(
 
 
 @pytest.mark.parametrize("at", [3_210, 16_000, 25_700])
-def test_goes_on_after_a_restart(unit: Unit, leaking: Samples, at: int) -> None:
+def test_goes_on_after_a_restart(unit: Unit, answer: Answer, leaking: Samples, at: int) -> None:
     before = Pipeline(unit, keep_trajectories=False)
     before.push(leaking.rows(0, at))
     file = io.BytesIO()
@@ -180,7 +187,7 @@ def test_goes_on_after_a_restart(unit: Unit, leaking: Samples, at: int) -> None:
     with np.load(file, allow_pickle=False) as saved:
         after.restore(dict(saved))
     after.push(leaking.rows(at, len(leaking)))
-    assert said(after) == said(pushed(unit, leaking, []))
+    assert said(after) == text(answer(leaking))
 
 
 @pytest.mark.parametrize("count", [0, 1, 3, 100, 3_000, 7_000])
@@ -205,6 +212,19 @@ def test_state_of_another_unit_or_version_is_refused(unit: Unit, leaking: Sample
         Pipeline(Unit.load("axis_b")).restore(state)
     with pytest.raises(InputError, match="another version"):
         Pipeline(unit).restore({})
+
+
+def test_to_be_asked_in_between_changes_nothing(unit: Unit, leaking: Samples) -> None:
+    """Down to the last digit of every hop's sums: an answer in mid-scan takes the hops that wait."""
+    plain, asked = Pipeline(unit, keep_trajectories=False), Pipeline(unit, keep_trajectories=False)
+    for block in leaking.blocks(1_300):
+        plain.push(block)
+        asked.push(block)
+        asked.finish()
+    assert said(asked) == said(plain)
+    one, other = plain.state(), asked.state()
+    for name in (k for k in one if k.startswith("ledger:") and k.endswith(("/m", "/v", "/r", "/s"))):
+        np.testing.assert_array_equal(other[name], one[name], err_msg=name)
 
 
 def test_blocks_out_of_order_are_refused(unit: Unit, leaking: Samples) -> None:
@@ -234,13 +254,14 @@ def test_missing_channels_are_named(unit: Unit) -> None:
 def test_inputs_are_not_changed(unit: Unit, leaking: Samples) -> None:
     short = leaking.rows(0, 9_000)
     before = {n: short[n].copy() for n in short.channels}
-    text = unit.to_yaml()
+    profile = unit.to_yaml()
     pushed(unit, short, [1_000])
-    assert unit.to_yaml() == text
+    assert unit.to_yaml() == profile
     for name, values in before.items():
         np.testing.assert_array_equal(short[name], values)
 
 
+@pytest.mark.slow
 def test_a_fault_stands_while_it_lasts_and_heals(unit: Unit) -> None:
     """Ten minutes and more: the reference neither swallows the fault, nor takes its end for another one."""
     faults = [
@@ -259,3 +280,45 @@ def test_a_fault_stands_while_it_lasts_and_heals(unit: Unit) -> None:
     assert all(not stood[t] for t in stood if t >= 365)
     answer = pipeline.finish()
     assert [f.family for f in answer.faults] == ["leakage"], "what was is told"
+
+
+def test_a_stop_of_days_costs_nothing_and_begins_like_another_log(unit: Unit) -> None:
+    """Two flights with ten days between: as many looks as the flights alone, each like a log of its own."""
+    healthy = simulated(21, "spring")
+    again = Samples(healthy.time + 864_000.0, healthy.columns)
+    pipeline = Pipeline(unit, keep_trajectories=False)
+    pipeline.push(healthy)
+    before = pipeline._ledger.taken
+    assert not pipeline.push(Samples.concatenate([again.rows(0, 7), again.rows(7, len(again))]))
+    ledger = pipeline._ledger
+    assert ledger.taken <= 2 * before + 10 and ledger.hops[0] * 0.5 >= again.time[0] - 0.5
+    alone = Pipeline(unit, keep_trajectories=False)
+    alone.push(again)
+    assert pipeline.largest_score == pytest.approx(
+        max(alone.largest_score, pushed(unit, healthy, []).largest_score)
+    )
+
+
+@pytest.mark.parametrize("cuts", [[], [1500, 33_000]])
+def test_a_tracker_that_lost_the_motion_is_believed_again_after_a_stop(
+    unit: Unit, cuts: list[int], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """However the flights come, and whether trajectories are kept."""
+    healthy = simulated(21, "spring")
+    both = Samples.concatenate([healthy, Samples(healthy.time + 3600.0, healthy.columns)])
+    plain = Tracking.push
+
+    def running_away(self: Tracking, block: Any) -> dict[str, Any]:
+        told = plain(self, block)
+        for records in told.values():
+            records[records[:, layout.R_TIME] < 40.0] = np.nan
+        return told
+
+    alone = pushed(unit, healthy, []).finish().estimates["leakage"]
+    monkeypatch.setattr(Tracking, "push", running_away)
+    lost = pushed(unit, healthy, []).finish()
+    assert not lost.estimates["leakage"].observable and "lost this log's motion" in str(lost.quality.notes)
+    found = pushed(unit, both, cuts).finish()
+    again = found.estimates["leakage"]
+    assert again.observable and "lost this log's motion" not in str(found.quality.notes)
+    assert again.value == pytest.approx(alone.value, rel=0.05)

@@ -155,3 +155,19 @@ def test_what_a_relief_valve_passes_leaves_one_chamber_and_comes_into_the_other(
         assert (flow.sum(axis=1) < 0.0).mean() > 0.1, "oil comes in"
         size = np.linalg.lstsq(np.cumsum(flow, axis=0), np.cumsum(y[taken]), rcond=None)[0]
         np.testing.assert_allclose(size, 0.9, rtol=0.2)
+
+
+@pytest.mark.parametrize("ratio", [1.0, 0.8])
+def test_a_rod_on_both_sides_asks_no_oil_of_the_reservoir(
+    unit: Unit, logs: list[Samples], ratio: float
+) -> None:
+    """With one rod, chamber 1 is fed while it extends, chamber 2 while it retracts."""
+    other = unit.model_copy(deep=True)
+    other.cylinder.area_2 = ratio * other.cylinder.area_1
+    q = Quantities(RowMaker(other).push(logs[0])[1], other, Scales.of(other))
+    columns = [BALANCES["refeed"].columns.index(c) for c in ("flow_1", "flow_2")]
+    flow = np.nansum([x[:, columns] for _, x, _, _ in BALANCES["refeed"].strands(q)], axis=0)
+    assert flow.any() == (ratio < 1.0)
+    out, back = q.velocity > 1e-3, q.velocity < -1e-3
+    assert not flow[back].any() if ratio == 1.0 else (flow[out].sum(axis=1) > 0.0).all()
+    assert (flow >= 0.0).all() and (flow[np.isfinite(q.velocity)] < 1.0).all(), "less than the pump's all"

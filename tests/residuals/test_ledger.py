@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -9,11 +10,13 @@ import pandas as pd
 import pytest
 from numpy.typing import NDArray
 
+from fdd.residuals.account import LOAD_S, Account
 from fdd.residuals.balances import BALANCES, ORDERS, Strand
 from fdd.residuals.effects import Effects, first_effects
-from fdd.residuals.ledger import LOAD_S, Account, Entry, Ledger, calibration, widened
-from fdd.residuals.rows import HOP_ROWS, HOP_S, ROW_S, TAIL_ROWS
-from fdd.unit import Unit
+from fdd.residuals.ledger import Ledger
+from fdd.residuals.normal_equations import Entry, widened
+from fdd.residuals.rows import COLUMNS, HOP_ROWS, HOP_S, ROW_S, TAIL_ROWS
+from fdd.unit import Baseline, Unit
 
 Array = NDArray[np.float64]
 ROWS = TAIL_ROWS + HOP_ROWS
@@ -81,7 +84,7 @@ def test_a_hop_of_plain_rows_is_least_squares(name: str) -> None:
     balance, rng = BALANCES[name], np.random.default_rng(4)
     y, x, ok = of_hop(rng, len(balance.columns))
     ok[TAIL_ROWS + 5 : TAIL_ROWS + 12] = False
-    information, vector, rows, variance = Account(balance, first_effects(name)).hop([Strand(y, x, ok)])
+    [(information, vector, rows, variance)] = Account(balance, first_effects(name)).hops([Strand(y, x, ok)])
     x, y = x[TAIL_ROWS:][ok[TAIL_ROWS:]], y[TAIL_ROWS:][ok[TAIL_ROWS:]]
     expected, rest, *_ = np.linalg.lstsq(x, y, rcond=None)
     assert rows == len(y) == HOP_ROWS - 7
@@ -97,7 +100,7 @@ def test_a_hop_of_changes_is_least_squares_on_levels(name: str) -> None:
     n = len(balance.columns)
     y, x, ok = of_hop(rng, n)
     ok[TAIL_ROWS + 20] = False
-    information, vector, _, _ = Account(balance, first_effects(name)).hop([Strand(y, x, ok)])
+    [(information, vector, _, _)] = Account(balance, first_effects(name)).hops([Strand(y, x, ok)])
     stretches = [slice(TAIL_ROWS, TAIL_ROWS + 20), slice(TAIL_ROWS + 21, ROWS)]
     levels_x = [np.cumsum(x[s], axis=0) for s in stretches]
     levels_y = [np.cumsum(y[s]) for s in stretches]
@@ -115,7 +118,7 @@ def test_a_hop_of_cells_is_least_squares_on_their_means_over_the_load_before() -
     y, x = np.cumsum(y), np.cumsum(x, axis=0)
     ok[TAIL_ROWS + 13] = False
     account = Account(balance, first_effects("force"))
-    information, vector, rows, _ = account.hop([Strand(y, x, ok)])
+    [(information, vector, rows, _)] = account.hops([Strand(y, x, ok)])
     means = np.column_stack([x, y])[TAIL_ROWS:].reshape(-1, cell, n + 1).mean(axis=1)
     means = np.delete(means, 13 // cell, axis=0)
     before = pd.DataFrame(means).ewm(alpha=cell * ROW_S / LOAD_S, adjust=False).mean().shift(1)
@@ -138,19 +141,24 @@ def test_a_line_has_its_amplitude_whatever_its_phase(swing: float) -> None:
         y = 0.2 * np.cos(angle + phase) + 0.05 * np.sin(2 * angle) + 0.3 + 0.01 * rng.normal(size=angle.size)
         for hop in range(20):
             here = slice(hop * HOP_ROWS, hop * HOP_ROWS + ROWS)
-            information, vector, rows, _ = account.hop([Strand(y[here], x[here], np.ones(ROWS, dtype=bool))])
+            [(information, vector, rows, _)] = account.hops(
+                [Strand(y[here], x[here], np.ones(ROWS, dtype=bool))]
+            )
             assert rows
         found.append(least_squares(information, vector))
     np.testing.assert_allclose(found, np.tile([0.2, 0.05], (7, 1)), atol=0.015)
 
 
 @pytest.mark.parametrize("share", [0.1, 0.5, 1.0])
-def test_noise_in_a_column_draws_its_coefficient_no_nearer_to_zero(share: float) -> None:
+def test_noise_in_a_column_takes_nothing_from_a_healthy_units_coefficient(share: float) -> None:
     """A pressure with noise in compliance and sensor lag."""
     balance, rng, hops = BALANCES["volume"], np.random.default_rng(11), 400
     n, noise = len(balance.columns), np.sqrt(share)
     compliance, lag = balance.columns.index("compliance"), balance.columns.index("sensor_lag")
-    account, plain = (Account(balance, first_effects("volume")) for _ in range(2))
+    healthy = np.zeros(n)
+    healthy[[compliance, lag]] = 0.9, 0.4
+    effects = replace(first_effects("volume"), mean=healthy)
+    account, plain = Account(balance, effects), Account(balance, effects)
     told = np.zeros((ROWS, 2, n))
     told[:, 0, [compliance, lag]], told[:, 1, lag] = noise, -noise
     sums = {True: [np.zeros((n, n)), np.zeros(n)], False: [np.zeros((n, n)), np.zeros(n)]}
@@ -161,7 +169,9 @@ def test_noise_in_a_column_draws_its_coefficient_no_nearer_to_zero(share: float)
         x[:, compliance], x[:, lag] = np.diff(seen)[1:], np.diff(seen, 2)
         y = 0.9 * np.diff(truth)[1:] + 0.4 * np.diff(truth, 2) + np.diff(rng.normal(size=ROWS + 1))
         for known, of in ((True, account), (False, plain)):
-            m, v, rows, variance = of.hop([Strand(y, x, np.ones(ROWS, dtype=bool), told if known else None)])
+            [(m, v, rows, variance)] = of.hops(
+                [Strand(y, x, np.ones(ROWS, dtype=bool), told if known else None)]
+            )
             assert rows
             sums[known][0] += m * variance
             sums[known][1] += v * variance
@@ -171,20 +181,13 @@ def test_noise_in_a_column_draws_its_coefficient_no_nearer_to_zero(share: float)
     assert np.abs(drawn - [0.9, 0.4]).max() > 0.02 + 0.2 * share, "else this shows nothing"
 
 
-def test_a_column_that_noise_alone_moves_tells_nothing() -> None:
-    """Of two columns that go together one is nothing but noise: the other is what is left of both."""
-    gram = np.array([[50.0, 0.0, 3.0], [0.0, 20.0, 0.0], [3.0, 0.0, 7.0]])
-    turn = calibration(gram, np.diag([50.0 - 9.0 / 7.0, 0.0, 0.0]))
-    np.testing.assert_allclose(turn, [[0, 0, 0], [0, 1, 0], [3 / 7, 0, 1]], atol=1e-6)
-
-
 def test_too_few_rows_say_nothing() -> None:
     balance, rng = BALANCES["coherence"], np.random.default_rng(8)
     y, x, ok = of_hop(rng, len(balance.columns))
     ok[:] = False
     ok[-5:] = True
     account = Account(balance, first_effects("coherence"))
-    information, vector, rows, variance = account.hop([Strand(y, x, ok)])
+    [(information, vector, rows, variance)] = account.hops([Strand(y, x, ok)])
     assert rows == 0.0 and not information.any() and not vector.any() and variance > 0.0
 
 
@@ -258,6 +261,126 @@ def test_what_came_since_a_fault_is_no_reference() -> None:
     assert min(ledger.hops) >= 200 and ledger.folded > onset
 
 
+def told_of(hops: int, *, baseline: bool = True) -> Ledger:
+    """Hops from the eleventh on, each of rows about other coefficients than the unit's."""
+    unit, rng = Unit.load("axis_a"), np.random.default_rng(13)
+    unit.baseline = Baseline(version="", seconds=1.0, balances={}) if baseline else None
+    ledger = Ledger(unit, {name: first_effects(name) for name in BALANCES})
+    ledger.hops, ledger.last, ledger.taken = list(range(10, 10 + hops)), 9 + hops, hops
+    for name, e in ledger.effects.items():
+        for _ in range(hops):
+            x = rng.normal(size=(30, e.mean.size)) / np.sqrt(np.diag(e.covariance))
+            b = e.mean + np.sqrt(np.diag(e.covariance)) * rng.normal(size=e.mean.size)
+            ledger.entries[name].append(Entry(x.T @ x, x.T @ x @ b, 30.0, 1.0))
+    return ledger
+
+
+def learnt(ledger: Ledger, hops: Sequence[int], name: str) -> tuple[Array, Array]:
+    """Mean and covariance of the unit's own prior and some hops, by one batch."""
+    e = ledger.effects[name]
+    information, vector = np.linalg.inv(e.covariance), np.linalg.solve(e.covariance, e.mean)
+    for hop in hops:
+        m, v = ledger.entries[name][hop - 10][:2]
+        wide, kept = widened(m, v, e.wander)
+        information, vector = information + wide, vector + kept
+    covariance = np.linalg.inv(information)
+    return covariance @ vector, covariance + np.diag(e.within**2)
+
+
+def test_after_a_stop_a_unit_is_held_against_its_baseline_again() -> None:
+    ledger = told_of(33)
+    ledger.folded = 7
+    sums = {n: sum(m for m, _ in ledger._widened(n)) for n in BALANCES}
+    ledger.begin_anew([(6.0, 9.0)], 10)
+    assert ledger.hops == [] and not any(ledger.entries.values())
+    assert ledger.reference is ledger.effects and ledger.folded == 0
+    assert ledger.taken == 40, "the next hop is the first that is looked at together with others"
+    kept = ledger.epochs._told[-1]
+    for name, total in sums.items():
+        np.testing.assert_allclose(kept[name][0], total, err_msg="its life has them all, whatever stood")
+
+
+def test_a_unit_of_which_nothing_else_is_known_is_held_against_its_healthy_hops() -> None:
+    ledger = told_of(20, baseline=False)
+    ledger.folded = 7
+    healthy = [h for h in range(10, 30) if not 6.0 <= h * HOP_S < 9.0]
+    expected = {name: learnt(ledger, healthy, name) for name in BALANCES}
+    ledger.begin_anew([(6.0, 9.0)], 10)
+    assert ledger.hops == [] and ledger.folded == 7 and ledger.taken == 20
+    for name, (mean, covariance) in expected.items():
+        found = ledger.reference[name]
+        np.testing.assert_allclose(found.mean, mean, rtol=1e-6, atol=1e-9, err_msg=name)
+        np.testing.assert_allclose(found.covariance, covariance, rtol=1e-6, atol=1e-12, err_msg=name)
+
+
+def test_a_fault_that_stands_is_held_against_what_came_before_it_after_a_stop_too() -> None:
+    ledger = told_of(33)
+    ledger.begin_anew([(1.0, 2.0), (8.0, np.inf)], 10)
+    assert ledger.hops == list(range(10, 43)) and ledger.taken == 40
+    assert ledger.reference is ledger.effects
+
+
+def test_a_stop_is_ten_minutes_or_more_without_a_hop() -> None:
+    ledger = told_of(5)
+    assert ledger.last == 14
+    assert not ledger.stopped(14 + round(600.0 / HOP_S)) and ledger.stopped(15 + round(600.0 / HOP_S))
+    assert not Ledger(ledger.unit, ledger.effects).stopped(5000), "nothing came before the first hop"
+
+
+def test_a_stretch_that_is_forgotten_leaves_the_other_hops_as_they_were() -> None:
+    ledger, whole = told_of(12), told_of(12)
+    ledger.widened()
+    ledger.forget(6.0, 8.5)
+    assert ledger.hops == [10, 11, *range(17, 22)], "with its first hop, without the one at its end"
+    keep = np.array(ledger.hops) - 10
+    for name, parts in ledger.widened().items():
+        for one, other in zip(parts, whole.widened()[name], strict=True):
+            np.testing.assert_array_equal(one, other[keep])
+
+
+def test_a_hops_misfit_is_how_many_usual_changes_it_is_off() -> None:
+    """Known sharply: the root mean square of its coefficients' own distances; known badly: next to none."""
+    ledger = told_of(1)
+    for name, e in ledger.effects.items():
+        usual = np.hypot(e.wander, np.sqrt(np.diag(e.covariance)))
+        signs = np.where(np.arange(e.mean.size) % 2, 1.0, -1.0)
+        off = e.mean + 3.0 * usual * signs
+        sharp, blurred = (np.diag(k / usual**2) for k in (1e6, 1e-3))
+        told = [Entry(sharp, sharp @ off, 30.0, 1.0), Entry(sharp, sharp @ e.mean, 30.0, 1.0),
+                Entry(blurred, blurred @ off, 30.0, 1.0), Entry(sharp, sharp @ off, 0.0, 1.0)]  # fmt: skip
+        far, near, unknown, nothing = ledger._misfit(name, told)
+        assert far == pytest.approx(3.0, rel=1e-3), name
+        assert near == pytest.approx(0.0, abs=1e-6) and unknown < 0.01 and np.isnan(nothing)
+
+
+def test_misfits_are_told_at_the_ends_of_hops() -> None:
+    unit = Unit.load("axis_a")
+    rows = np.full((3 * HOP_ROWS, len(COLUMNS)), np.nan)
+    ledger = Ledger(unit, {name: first_effects(name) for name in BALANCES})
+    assert [len(x) for x in ledger.misfits()] == [0, 0, 0]
+    ledger.push(40, rows)
+    ends, names, values = ledger.misfits()
+    np.testing.assert_allclose(ends, [20.5, 21.0, 21.5])
+    assert names == [] and values.shape == (3, 0), "no balance said anything"
+
+
+@pytest.mark.parametrize(("rho", "worth"), [(0.0, 1.0), (0.5, 3.0), (0.8, 9.0)])
+def test_rows_that_hang_together_are_worth_fewer(rho: float, worth: float) -> None:
+    """A mean of n errors of a first-order autoregression varies by (1 + rho) / (1 - rho) of σ² / n."""
+    rng, account = np.random.default_rng(14), Account(BALANCES["force"], first_effects("force"))
+    n, sigma, found = account.size, 40.0, []
+    for _ in range(60):
+        error = np.zeros(HOP_ROWS)
+        for k in range(HOP_ROWS):
+            before = error[k - 1] if k else rng.normal() * sigma
+            error[k] = rho * before + np.sqrt(1.0 - rho**2) * sigma * rng.normal()
+        x = rng.normal(size=(HOP_ROWS, n))
+        found.append(account._coloured(np.column_stack([x, x @ np.ones(n) + error])))
+    assert np.median(found[20:]) == pytest.approx(worth * sigma**2, rel=0.2)
+    assert len(account.recent) == 20, "ten seconds of them"
+    assert account._coloured(np.zeros((HOP_ROWS, n + 1))) >= account.least > 0.0
+
+
 def test_state_goes_on_with_the_same_hops() -> None:
     """Every part of an account that a later hop depends on is in the state."""
     unit, rng = Unit.load("axis_a"), np.random.default_rng(11)
@@ -269,7 +392,7 @@ def test_state_goes_on_with_the_same_hops() -> None:
         for name, balance in BALANCES.items():
             for _ in range(4):
                 y, x, ok = of_hop(rng, _design(name))
-                ledger.entries[name].append(ledger.accounts[name].hop([Strand(y, x, ok)]))
+                ledger.entries[name] += ledger.accounts[name].hops([Strand(y, x, ok)])
             assert balance.name == name
         ledger.hops += [len(ledger.hops) + k for k in range(4)]
 
@@ -280,6 +403,19 @@ def test_state_goes_on_with_the_same_hops() -> None:
     for name in BALANCES:
         for a, b in zip(one.sums()[name], other.sums()[name], strict=True):
             np.testing.assert_array_equal(a, b, err_msg=name)
+
+
+def test_a_reference_that_older_hops_made_goes_on_with_the_state() -> None:
+    one, other = told_of(40), told_of(0)
+    one.fold(20)
+    other.restore({k: np.array(v) for k, v in one.state().items()})
+    assert (other.hops, other.folded, other.taken, other.last) == (one.hops, 16, one.taken, one.last)
+    for name, e in one.reference.items():
+        np.testing.assert_array_equal(other.reference[name].mean, e.mean)
+        np.testing.assert_array_equal(other.reference[name].covariance, e.covariance)
+        assert (e.mean != one.effects[name].mean).any(), name
+        for a, b in zip(one.widened()[name], other.widened()[name], strict=True):
+            np.testing.assert_array_equal(a, b)
 
 
 def _design(name: str) -> int:

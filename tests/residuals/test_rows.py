@@ -213,4 +213,4 @@ def test_the_noise_of_a_rows_pressure_is_that_of_its_samples_mean(rate: int) -> 
     rows = rows_of(Samples(time, columns))
     for k in (1, 2):
         alone = column(rows, f"pressure_{k}_noise")[HOP_ROWS:] * np.sqrt(rate * ROW_S)
-        assert np.median(alone) == pytest.approx(k * 5e3, rel=0.2)
+        assert np.median(alone) == pytest.approx(k * 5e3, rel=0.06)

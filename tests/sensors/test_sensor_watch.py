@@ -18,7 +18,7 @@ from fdd.plant.simulate import Simulation, simulate
 from fdd.samples import Samples
 from fdd.sensor import Sensor
 from fdd.sensors import SensorWatch
-from fdd.sensors.jumping import BREAKS_LOOSE, _usual_step
+from fdd.sensors.explained import BREAKS_LOOSE, usual_step
 from fdd.sensors.jumps import excess
 from fdd.unit import Unit
 
@@ -280,7 +280,7 @@ def test_the_usual_step_of_an_angle_that_is_measured_at_some_rows_is_that_of_all
     rng, time = np.random.default_rng(5), np.arange(400) / 1000.0
     angle = 200.0 * time
     angle[(np.arange(400) % 2 == 1) & (rng.random(400) < 0.8)] = np.nan
-    np.testing.assert_allclose(_usual_step(time, angle)[2:-2], 0.2)
+    np.testing.assert_allclose(usual_step(time, angle)[2:-2], 0.2)
 
 
 @pytest.mark.parametrize("rate", [500.0, 1000.0])

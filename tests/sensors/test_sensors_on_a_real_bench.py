@@ -15,6 +15,7 @@ from fdd.samples import Samples
 from fdd.sensors import SensorFinding, SensorWatch
 from fdd.unit import Unit
 
+pytestmark = pytest.mark.slow
 Columns = dict[str, NDArray[np.float64]]
 RUNS = ("session_18oct/exp_data_5_3.csv", "session_18oct/exp_data_1_1.csv", "session_17oct/test2.csv")
 AT_REST = 14.3

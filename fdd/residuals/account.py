@@ -1,0 +1,171 @@
+"""One balance's bookkeeping from hop to hop: its noise, its colour, and what a hop tells.
+
+The information of a hop is that of its rows over their own variance, so a noisy sensor or a gusty minute
+speaks more quietly.
+What hangs together in time, a load or a slow current, is taken out of rows and columns alike.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fdd.residuals.balances import Balance, Strand
+from fdd.residuals.effects import Effects
+from fdd.residuals.normal_equations import Entry
+from fdd.residuals.rows import HOP_ROWS, ROW_S, TAIL_ROWS
+from fdd.residuals.sums import RIDGE, add_rows, told
+
+Array = NDArray[np.float64]
+Flags = NDArray[np.bool_]
+
+LEAST_ROWS = 12
+"""Rows below which a stretch of a hop says too little."""
+MEMORY = 0.95
+"""Share of the noise's statistics that is kept from hop to hop: ten seconds."""
+RECENT_HOPS = 20
+"""Hops of that memory where rows themselves are kept."""
+MOST_COLOUR = 0.95
+"""Correlation of neighbouring rows beyond which ten seconds do not tell it."""
+LEAST_NOISE = 0.1
+"""Of the unit's usual noise: at standstill an encoder may seem to have none."""
+LOAD_S = 1.0
+"""s in which a load changes as much as friction does when the piston turns round."""
+FIRST_WEIGHT = 100.0
+"""Rows that the first guess of a noise counts for."""
+
+
+class Account:
+    """One balance's bookkeeping: noise, colour and coefficients so far.
+
+    Parameters
+    ----------
+    balance : which. effects : its coefficients' prior mean and spread, and first guess of its noise.
+    """
+
+    def __init__(self, balance: Balance, effects: Effects) -> None:
+        self.balance = balance
+        self.mean = effects.mean
+        self.size = effects.mean.size
+        self.weight = FIRST_WEIGHT
+        known = balance.cumulative and effects.information.any()
+        self.least = max((1.0 if known else LEAST_NOISE) * effects.noise, balance.floor) ** 2
+        self.variance_sum = FIRST_WEIGHT * effects.noise**2
+        self.recent: list[Array] = []
+        self.level: Array = np.zeros((1, effects.mean.size + 1))
+
+    def hops(self, strands: Sequence[Strand]) -> list[Entry]:
+        """What hops tell.
+
+        Parameters
+        ----------
+        strands : rows of one hop or more, with `TAIL_ROWS` before them.
+        """
+        count = (strands[0].y.size - TAIL_ROWS) // HOP_ROWS
+        if self.balance.lines or self.balance.cell > 1:
+            starts = range(0, count * HOP_ROWS, HOP_ROWS)
+            return [self._hop([s.part(slice(k, k + TAIL_ROWS + HOP_ROWS)) for s in strands]) for k in starts]
+        n = self.size
+        gram, noise, rows = np.zeros((count, n + 1, n + 1)), np.zeros((count, n, n)), np.zeros(count)
+        for y, x, ok, noisy in strands:
+            noisy = np.empty((0, 2, n)) if noisy is None else np.ascontiguousarray(noisy)
+            y, x = np.ascontiguousarray(y), np.ascontiguousarray(x)
+            add_rows(y, x, ok, noisy, TAIL_ROWS, LEAST_ROWS, self.balance.cumulative, gram, noise, rows)
+        information, vector, variance = np.empty((count, n, n)), np.empty((count, n)), np.empty(count)
+        usual = np.array([self.variance_sum, self.weight])
+        told(
+            gram, noise, rows, self.mean, LEAST_ROWS, self.least, MEMORY, usual, information, vector, variance
+        )
+        self.variance_sum, self.weight = usual.tolist()
+        return [*map(Entry, information, vector, rows.tolist(), variance.tolist())]
+
+    def _hop(self, strands: Sequence[Strand]) -> Entry:
+        """What one hop of cells or lines tells."""
+        n = strands[0].x.shape[1]
+        parts = [self._cells(y, x, ok) for y, x, ok, _ in strands]
+        rows = np.concatenate(parts) if len(parts) > 1 else parts[0]
+        free = float(rows.shape[0])
+        if free < LEAST_ROWS // self.balance.cell:
+            none = np.zeros((self.size, self.size))
+            return Entry(none, np.zeros(self.size), 0.0, self.variance_sum / self.weight)
+        gram = rows.T @ rows
+        if self.balance.lines:
+            return self._amplitudes(gram, free)
+        variance = self._coloured(rows)
+        return Entry(gram[:n, :n] / variance, gram[:n, n] / variance, free, variance)
+
+    def _amplitudes(self, gram: Array, free: float) -> Entry:
+        """Amplitudes of lines, whatever their phase: a lost count turns the shaft's angle, but not them."""
+        lines = self.balance.lines
+        n = gram.shape[0] - 1
+        scale = 1.0 / np.sqrt(np.diag(gram)[:n].clip(1e-300))
+        inverse = (
+            np.linalg.inv(gram[:n, :n] * scale * scale[:, None] + RIDGE * np.eye(n)) * scale * scale[:, None]
+        )
+        size = inverse @ gram[:n, n]
+        variance = max((gram[n, n] - size @ gram[:n, n]) / max(free - n, 0.3 * free), self.least)
+        pairs = np.hypot(size[0 : 4 * lines + 2 : 2], size[1 : 4 * lines + 2 : 2])
+        # A line's own height over those half an order beside it, which are as high as unrest alone makes it.
+        lower, upper = pairs[lines:-1], pairs[lines + 1 :]
+        amplitude = pairs[:lines] - 0.5 * (lower + upper)
+        beside = 0.25 * (np.square(lower) + np.square(upper))
+        self.variance_sum = MEMORY * self.variance_sum + float(beside.mean())
+        self.weight = MEMORY * self.weight + 1.0
+        spread = variance * np.diag(inverse)[: 2 * lines].reshape(lines, 2).mean(axis=1)
+        spread = np.maximum(spread, np.maximum(beside, self.variance_sum / self.weight))
+        return Entry(np.diag(1.0 / spread), amplitude / spread, free, variance)
+
+    def _coloured(self, rows: Array) -> float:
+        """Variance that rows would have that err independently and tell as much.
+
+        It is the mean square of what the best coefficients of the last ten seconds leave, times
+        (1 + ρ)/(1 - ρ) of a first-order autoregression.
+
+        What a law leaves out (a load's own dynamics) hangs together over many cells, and a hop has too few
+        to tell.
+        """
+        self.recent = [*self.recent[-RECENT_HOPS + 1 :], rows]
+        joined = np.concatenate(self.recent)
+        x, y = joined[:, :-1], joined[:, -1]
+        scale = 1.0 / np.sqrt(np.square(x).sum(axis=0).clip(1e-300))
+        scaled = x * scale
+        left = y - scaled @ np.linalg.solve(scaled.T @ scaled + RIDGE * np.eye(scale.size), scaled.T @ y)
+        square = max(float(left @ left), 1e-300)
+        rho = min(max(float(left[1:] @ left[:-1]) / square, 0.0), MOST_COLOUR)
+        free = max(y.size - scale.size, 0.3 * y.size)
+        return max(square / free * (1.0 + rho) / (1.0 - rho), self.least)
+
+    def _cells(self, y: Array, x: Array, ok: Flags) -> Array:
+        """Rows of the hop, or the means of cells of them, less what changes slowly; none if too few."""
+        joined = np.column_stack([x, y])
+        cell = self.balance.cell
+        if cell > 1:  # a law that holds over tens of milliseconds must not be whitened up to where it fails
+            joined = joined.reshape(-1, cell, joined.shape[1]).mean(axis=1)
+            ok = np.asarray(ok.reshape(-1, cell).all(axis=1))
+        hop, least = HOP_ROWS // cell, max(LEAST_ROWS // cell, 1)
+        if (
+            self.balance.lines
+        ):  # slow currents are no vibration; a line keeps its amplitude, as its columns do
+            joined, ok = np.diff(joined, axis=0), ok[1:] & ok[:-1]
+        inside = joined[-hop:][ok[-hop:]]
+        if cell > 1:
+            inside = self._passed(inside)
+        return inside if inside.shape[0] >= least else inside[:0]
+
+    def _passed(self, rows: Array) -> Array:
+        """Cells over what went before them: a load that changes slowly is no friction.
+
+        The prediction error of a random walk under white noise, in which all columns take part alike.
+        """
+        if not rows.size:
+            return rows
+        if not self.level.any():
+            self.level = -rows[:1]  # as if it had always been so
+        decay = 1.0 - self.balance.cell * ROW_S / LOAD_S
+        out = np.empty_like(rows)
+        for k in range(rows.shape[0]):  # ten rows a hop: importing scipy.signal would take as long as a log
+            out[k] = rows[k] + self.level[0]
+            self.level = decay * out[k : k + 1] - rows[k : k + 1]
+        return out

@@ -1,0 +1,221 @@
+"""A tracker of an installed package beside ours: any filter with filterpy's interface (docs/extending.md).
+
+It runs over the balances' rows of 10 ms, so that it sees the same numbers however a log was cut, and never
+touches what fdd itself estimates.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+from array import array
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import Any, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fdd.errors import InputError
+from fdd.packages import TRACKERS, Addition, additions
+from fdd.residuals.rows import COLUMNS, FAST, HOP_ROWS, ROW_S
+from fdd.residuals.tracking import METHODS, OBSERVABLE
+from fdd.unit import Unit
+
+Array = NDArray[np.float64]
+
+TAKEN = {name: COLUMNS[name] for name in FAST} | {"oil_temperature": COLUMNS["temperature"]}
+"""Channel that a tracker may ask for, to its column of the rows."""
+STEP = 1e-3
+"""Standard deviations by which a state is moved to see what a quantity does with it."""
+
+
+class Filter(Protocol):
+    """What a filter has: filterpy's interface."""
+
+    x: Any
+    P: Any
+
+    @property
+    def predict(self) -> Callable[..., Any]:
+        """Go on by a period; called with ``u=`` where there are inputs."""
+
+    @property
+    def update(self) -> Callable[[Any], Any]:
+        """Take a measurement; None where one is missing."""
+
+
+@dataclass
+class Tracker:
+    """What a package's factory gives: a filter, what goes into it, and what comes out.
+
+    Attributes
+    ----------
+    filter : state and covariance are read as `x` (n,) or (n, 1) and `P` (n, n) after each period.
+    measurements : channels of `update`'s argument, (m,) SI.
+    quantities : of leakage, bulk_modulus, coulomb_friction and viscous_friction those that it tells, each as
+        a function of the state (n,) in SI. Standard deviations follow from `P`.
+    inputs : channels of `predict`'s ``u``, (k,) SI; without any it is called with nothing.
+    start : called with the first inputs and measurements before anything else: for states that a filter would
+        be lost without.
+    """
+
+    filter: Filter
+    measurements: tuple[str, ...]
+    quantities: Mapping[str, Callable[[Array], float]]
+    inputs: tuple[str, ...] = ()
+    start: Callable[[Array, Array], None] | None = None
+
+
+def tracker_named(name: str) -> Addition:
+    """The entry point of a tracker.
+
+    Raises
+    ------
+    InputError : no installed package has one of this name, or several have.
+    """
+    found = additions(TRACKERS)
+    mine = [a for a in found if a.name == name]
+    if not mine:
+        known = ", ".join(sorted({a.name for a in found}))
+        raise InputError(
+            f"no installed package has a tracker {name!r}",
+            mend=f"there are: {known}" if known else "install one that has (docs/extending.md)",
+        )
+    if len(mine) > 1:
+        raise mine[0].wrong(f"package {mine[1].package} has a tracker of this name too")
+    if name in METHODS or not re.fullmatch(r"[a-z][a-z0-9_]*", name):
+        raise mine[0].wrong("the name is fdd's own, or not of small letters, digits and underscores")
+    return mine[0]
+
+
+class AddedTracker:
+    """Runs a package's tracker over rows, and keeps what it says.
+
+    Parameters
+    ----------
+    name : of the entry point. unit : profile.
+
+    Raises
+    ------
+    InputError : no such tracker.
+    """
+
+    def __init__(self, name: str, unit: Unit) -> None:
+        self._addition = tracker_named(name)
+        self._make = self._addition.load()
+        self.name, self.package, self.unit = name, self._addition.package, unit
+        self.problem: str | None = None
+        """Why it ended before the log did."""
+        self._tracker: Tracker | None = None
+        self._next = -1
+        self._started = False
+        self._last_input: Array = np.empty(0)
+        self._times = array("d")
+        self._told = {name: array("d") for name in OBSERVABLE}  # value and deviation in turns
+
+    def push(self, first: int, rows: Array) -> None:
+        """Take rows of whole hops.
+
+        Parameters
+        ----------
+        first : index of the first hop. rows : as `fdd.residuals.rows.RowMaker` gives them.
+
+        Raises
+        ------
+        InputError : the package gave no usable tracker.
+        """
+        if not len(rows) or self.problem is not None:
+            return
+        if first != self._next:  # after a pause a tracker begins anew
+            self._tracker = None
+        self._next = first + len(rows) // HOP_ROWS
+        if self._tracker is None:
+            self._begin(rows)
+        for k, row in enumerate(rows if self._tracker else ()):
+            time = (first * HOP_ROWS + k + 0.5) * ROW_S
+            try:
+                self._step(time, row)
+            except Exception as error:  # a filter that fails ends itself, not the diagnosis
+                brief = f"{type(error).__name__}: {error}"[:120]
+                self.problem = f"tracker {self.name} ({self.package}) stopped at {time:.2f} s ({brief})"
+                return
+
+    def _begin(self, rows: Array) -> None:
+        channels = tuple(n for n, c in TAKEN.items() if np.isfinite(rows[:, c]).any())
+        if "position" not in channels:
+            return
+        try:
+            made = self._make(self.unit, channels, ROW_S)
+        except InputError as error:
+            raise error.at(f"tracker {self.name}") from None
+        except Exception as error:
+            raise self._addition.wrong(f"cannot be made ({type(error).__name__}: {error})") from None
+        if not isinstance(made, Tracker):
+            raise self._addition.wrong(f"made a {type(made).__name__}, not a Tracker")
+        if other := [n for n in (*made.measurements, *made.inputs) if n not in channels]:
+            raise InputError(
+                f"needs {', '.join(other)}, which this log does not have",
+                where=f"tracker {self.name}",
+                mend=f"leave it out; the log has: {', '.join(channels)}",
+            )
+        if not made.quantities or not set(made.quantities) <= set(OBSERVABLE):
+            raise self._addition.wrong(f"tells {', '.join(made.quantities)}, not of {', '.join(OBSERVABLE)}")
+        self._tracker, self._started = made, False
+
+    def _step(self, time: float, row: Array) -> None:
+        tracker = self._tracker
+        assert tracker is not None
+        u, z = (row[[TAKEN[n] for n in names]] for names in (tracker.inputs, tracker.measurements))
+        if np.isfinite(u).all():
+            self._last_input = u
+        if not self._started:
+            if not (np.isfinite(u).all() and np.isfinite(z).all()):
+                return
+            if tracker.start is not None:
+                tracker.start(u, z)
+            self._started = True
+        if tracker.inputs:
+            tracker.filter.predict(u=self._last_input)
+        else:
+            tracker.filter.predict()
+        tracker.filter.update(z if np.isfinite(z).all() else None)
+        x = np.array(tracker.filter.x, dtype=np.float64).reshape(-1)
+        covariance = np.asarray(tracker.filter.P, dtype=np.float64)
+        if not (np.isfinite(x).all() and np.isfinite(covariance).all()):
+            raise ArithmeticError("its state is no longer finite")
+        told = {name: _told(f, x, covariance) for name, f in tracker.quantities.items()}
+        self._times.append(time)
+        for name in OBSERVABLE:
+            self._told[name].extend(told.get(name, (np.nan, np.nan)))
+
+    def last(self) -> dict[str, tuple[float, float]]:
+        """Quantities that it tells, to value and standard deviation (SI) at the end; empty where it ended."""
+        if self.problem is not None:
+            return {}
+        found = {name: (pairs[-2], pairs[-1]) for name, pairs in self._told.items() if pairs}
+        return {name: pair for name, pair in found.items() if np.isfinite(pair).all()}
+
+    def over(self, time: Array) -> tuple[dict[str, Array], dict[str, Array]]:
+        """Quantities that it tells and their standard deviations (SI) at times (n,); NaN before and after."""
+        values: dict[str, Array] = {}
+        stds: dict[str, Array] = {}
+        at = np.array(self._times)
+        for name, pairs in self._told.items():
+            table = np.array(pairs).reshape(-1, 2)
+            if np.isfinite(table).any():
+                for out, column in ((values, table[:, 0]), (stds, table[:, 1])):
+                    out[name] = np.interp(time, at, column, left=np.nan, right=np.nan)
+        return values, stds
+
+
+def _told(quantity: Callable[[Array], float], x: Array, covariance: Array) -> tuple[float, float]:
+    """A function of the state, and its standard deviation to first order."""
+    gradient = np.zeros(x.size)
+    for k in range(x.size):
+        step = np.zeros(x.size)
+        step[k] = STEP * np.sqrt(max(covariance[k, k], 0.0))
+        if step[k] > 0.0:
+            gradient[k] = (quantity(x + step) - quantity(x - step)) / (2.0 * step[k])
+    variance = float(gradient @ covariance @ gradient)
+    return float(quantity(x)), math.sqrt(max(variance, 0.0))

@@ -1,0 +1,152 @@
+"""What the balances have told over an axis's life: sums of the hops that are no longer looked at one by one.
+
+The reference of a log follows what a healthy unit changes by, and a slow wear with it. What lies between two
+stops, or an hour, is one draw of what differs between a unit's logs (`Effects.between`), however many hops it
+has; over many of them a change shows that no single one would.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fdd.residuals.balances import BALANCES
+from fdd.residuals.effects import Effects
+from fdd.residuals.normal_equations import widened
+from fdd.residuals.rows import HOP_S
+
+Array = NDArray[np.float64]
+Told = Mapping[str, tuple[Array, Array]]
+
+EPOCH_HOPS, LEAST_HOPS = 7200, 240
+"""Hops of an epoch: an hour's at most, and at a stop two minutes' at least, as a log from which a unit is
+identified."""
+ALIKE = 16
+"""Epochs of one length; beyond them the two oldest become one of twice the length. So a memory of years
+takes ten times as many, and an onset is known to a fifteenth of its age or better."""
+
+
+class Epochs:
+    """Normal equations of each epoch and balance; the last epoch may be incomplete.
+
+    Attributes
+    ----------
+    completed : epochs that were ever completed.
+
+    Examples
+    --------
+    >>> Epochs().starts()
+    array([], dtype=float64)
+    """
+
+    def __init__(self) -> None:
+        self._first: list[int] = []
+        self._levels: list[int] = []
+        self._open = 0
+        """Hops of the last epoch, while it is not complete."""
+        self._told: list[dict[str, tuple[Array, Array]]] = []
+        self.completed = 0
+
+    def add(self, hops: Sequence[int], told: Told) -> None:
+        """Take hops.
+
+        Parameters
+        ----------
+        hops : their indices, in order. told : balance to the sum of their information (n, n) and vectors
+            (n,).
+        """
+        if not self._open:
+            self._first.append(hops[0])
+            self._levels.append(0)
+            self._told.append({})
+        self._open += len(hops)
+        self._told[-1] = _sum(self._told[-1], told)
+        if self._open >= EPOCH_HOPS:
+            self._complete()
+
+    def stop(self) -> None:
+        """The axis has stopped: what comes is another draw."""
+        if self._open >= LEAST_HOPS:
+            self._complete()
+
+    def _complete(self) -> None:
+        """The last epoch is complete; of those of one length beyond `ALIKE`, the two oldest become one."""
+        self._open = 0
+        self.completed += 1
+        for level in range(max(self._levels) + 1):
+            mine = [k for k, have in enumerate(self._levels) if have == level]
+            if len(mine) > ALIKE:
+                k = mine[0]
+                self._told[k] = _sum(self._told[k], self._told.pop(k + 1))
+                self._levels[k] += 1
+                del self._first[k + 1], self._levels[k + 1]
+
+    def forget(self, start: float, end: float) -> None:
+        """Leave out the epochs that began in a stretch of time, s."""
+        for k in range(len(self) - 1, -1, -1):
+            if start <= self._first[k] * HOP_S < end:
+                del self._first[k], self._levels[k], self._told[k]
+
+    def __len__(self) -> int:
+        """Complete epochs at hand."""
+        return len(self._first) - (self._open > 0)
+
+    def starts(self) -> Array:
+        """s, when each complete epoch began."""
+        return HOP_S * np.array(self._first[: len(self)], dtype=np.float64)
+
+    @staticmethod
+    def effects(effects: Mapping[str, Effects]) -> dict[str, Effects]:
+        """A unit's effects as epochs see them, that scatter by no more than what differs between logs."""
+        return {
+            name: replace(e, information=np.eye(e.mean.size), scatter=np.eye(e.mean.size))
+            for name, e in effects.items()
+        }
+
+    def widened(self, effects: Mapping[str, Effects]) -> dict[str, tuple[Array, Array]]:
+        """Information (e, n, n) and vectors (e, n) of the complete epochs, widened by what differs between
+        logs, of each balance that tells anything."""
+        out = {}
+        for name in BALANCES:
+            told = [t[name] for t in self._told[: len(self)] if name in t]
+            if told:
+                n = len(BALANCES[name].columns)
+                none = np.zeros((n, n)), np.zeros(n)
+                m, v = zip(*(t.get(name, none) for t in self._told[: len(self)]), strict=True)
+                out[name] = widened(np.array(m), np.array(v), effects[name].between)
+        return out
+
+    def state(self) -> dict[str, Array]:
+        """Everything as flat named arrays."""
+        out: dict[str, Array] = {
+            "first": np.array(self._first, dtype=np.float64),
+            "levels": np.array([*self._levels, self._open, self.completed], dtype=np.float64),
+        }
+        for name in BALANCES:
+            at = [k for k, told in enumerate(self._told) if name in told]
+            if at:
+                out[f"{name}/at"] = np.array(at, dtype=np.float64)
+                out[f"{name}/m"], out[f"{name}/v"] = (
+                    np.array([self._told[k][name][i] for k in at]) for i in range(2)
+                )
+        return out
+
+    def restore(self, state: Mapping[str, Array]) -> None:
+        """Go on from what `state` gave."""
+        self._first = [int(k) for k in state["first"]]
+        *self._levels, self._open, self.completed = (int(n) for n in state["levels"])
+        self._told = [{} for _ in self._first]
+        for name in BALANCES:
+            for i, k in enumerate(state.get(f"{name}/at", np.empty(0)).astype(np.int64).tolist()):
+                self._told[k][name] = state[f"{name}/m"][i].copy(), state[f"{name}/v"][i].copy()
+
+
+def _sum(one: Told, other: Told) -> dict[str, tuple[Array, Array]]:
+    out = dict(one)
+    for name, (m, v) in other.items():
+        have = out.get(name)
+        out[name] = (m, v) if have is None else (have[0] + m, have[1] + v)
+    return out

@@ -1,0 +1,51 @@
+"""A fault of the plant is as large in the balances as it was put in: each law against the plant's own."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from simulated_logs import DURATION_S, LOADS
+
+from fdd.diagnosis.baseline import effects_of, ledger_of
+from fdd.diagnosis.evidence import Evidence
+from fdd.diagnosis.hypotheses import hypotheses
+from fdd.plant.scenario import Scenario
+from fdd.plant.simulate import simulate
+from fdd.residuals.rows import HOP_S
+from fdd.unit import Unit
+
+SEVERITY = 0.6
+BEGINS_S = 16.0
+CASES = {
+    "internal leakage": ("internal_leakage", "push", {}),
+    "outside 1": ("external_leakage", "gust", {"side": 1}),
+    "outside 2": ("external_leakage", "gust", {"side": 2}),
+    "pump wear": ("pump_wear", "pull", {}),
+    "case": ("case_drain_seal_failure", "pull", {}),
+    "loose": ("seal_wear", "push", {"variant": "loose"}),
+    "tight": ("seal_wear", "spring", {"variant": "tight"}),
+    "air": ("aeration", "gust", {}),
+    "valve 1": ("check_valve_stuck_open", "push", {"side": 1}),
+    "valve 2": ("check_valve_stuck_open", "pull", {"side": 2}),
+    "relief": ("relief_valve_stuck_open", "spring", {}),
+    "thick": ("oil_degradation", "spring", {"variant": "thick"}),
+    "motor": ("motor_degradation", "spring", {}),
+    "bias dp": ("pressure_sensor_bias", "push", {}),
+}
+
+
+@pytest.mark.parametrize("label", CASES)
+def test_an_amplitude_is_the_plants_severity(unit: Unit, label: str) -> None:
+    """By the fault's own columns alone, from its onset on; healthy logs make it none."""
+    fault, load, which = CASES[label]
+    effects = effects_of(unit)
+    (h,) = (h for h in hypotheses(unit, effects) if (h.fault, h.label) == (fault, label))
+    sizes = []
+    for severity in (0.0, SEVERITY):
+        given = [{"fault": fault, "severity": severity, "onset": BEGINS_S, **which}] if severity else []
+        scenario = Scenario(duration=DURATION_S, load=LOADS[load], seed=77, faults=given)
+        ledger = ledger_of(simulate(Unit.load("axis_a"), scenario).samples, unit, effects)
+        evidence = Evidence(ledger.widened(), effects)
+        (found,) = evidence.fitted([(h, "step", round(BEGINS_S / HOP_S), np.zeros(1))], [])
+        sizes.append(found.size)
+    assert sizes == pytest.approx([0.0, SEVERITY], abs=0.12)

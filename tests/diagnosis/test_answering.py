@@ -1,0 +1,181 @@
+"""The answer's figures: intervals that cover, probabilities that follow Bayes, what a log could not show."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from made_up_evidence import drawn, hypothesis
+
+from fdd.diagnosis.answering import Span, fault_finding, hidden_share, invisible, probabilities_of
+from fdd.diagnosis.decision import Found, decide
+from fdd.diagnosis.findings import FaultFinding, Invisible
+from fdd.diagnosis.model import Calibration, Model
+
+HOPS = 80
+SPAN = Span([100.0 + 0.5 * k for k in range(HOPS)], 140.0)
+INNER = hypothesis("internal_leakage", [1.0, 0.0, 0.0])
+WORN = hypothesis("pump_wear", [1.0, 0.0, 0.0])
+AIR = hypothesis("aeration", [0.0, 1.0, 0.2])
+EVERY = [INNER, AIR]
+
+
+def said(found: Found, model: Model, span: Span = SPAN) -> FaultFinding:
+    return fault_finding(found, model, onset=span.starts[found.lead.onset], span=span)
+
+
+@pytest.fixture(scope="module")
+def sure(tiny_model: Model) -> Model:
+    """Severities as sure as the log itself makes them."""
+    return tiny_model.model_copy(
+        update={"calibration": Calibration(midpoint=3.0, slope=1.0, severity_doubt=0.0)}
+    )
+
+
+def test_four_of_five_intervals_hold_the_truth(sure: Model) -> None:
+    """Of severity, and of an onset that is not known to a hop: a small step's."""
+    held = []
+    for seed in range(120):
+        found, _ = decide(drawn(seed, [(INNER, 0.25, 40)]), EVERY, 4.0)
+        if found and found[0].known:
+            answer = said(found[0], sure)
+            assert answer.severity_interval is not None and answer.onset_interval is not None
+            (low, high), (early, late) = answer.severity_interval, answer.onset_interval
+            assert low <= answer.severity <= high and early <= answer.onset_s <= late
+            held.append((low <= 0.25 <= high, early <= 120.0 <= late))
+    inside = np.mean(held, axis=0)
+    assert len(held) > 60
+    assert 0.7 <= inside[0] <= 0.9, "80 % of severity's"
+    assert inside[1] >= 0.8, "hops are whole: an onset's is no narrower than 80 %"
+
+
+def test_an_onset_that_is_clear_is_known_to_a_hop(sure: Model) -> None:
+    (found,), _ = decide(drawn(1, [(INNER, 1.5, 40)]), EVERY, 4.0)
+    answer = said(found, sure)
+    assert answer.onset_s == 120.0 and answer.onset_interval == (120.0, 120.5)
+    assert answer.detected_s == 140.0
+
+
+def test_what_no_column_knows_widens_a_severitys_interval(sure: Model, tiny_model: Model) -> None:
+    """Independent errors: variances add up, and a severity is not below none."""
+    (found,), _ = decide(drawn(1, [(INNER, 0.8, 40)]), EVERY, 4.0)
+    wide, narrow = (said(found, m).severity_interval for m in (tiny_model, sure))
+    assert wide is not None and narrow is not None
+    halves = [0.5 * (x[1] - x[0]) / 1.2816 for x in (wide, narrow)]
+    assert halves[0] == pytest.approx(math.hypot(halves[1], 0.15 * abs(found.lead.level)), rel=0.02)
+    doubtful = tiny_model.model_copy(
+        update={"calibration": Calibration(midpoint=3.0, slope=1.0, severity_doubt=3.0)}
+    )
+    interval = said(found, doubtful).severity_interval
+    assert interval is not None and interval[0] == 0.0
+
+
+def test_a_finding_says_what_it_is(tiny_model: Model) -> None:
+    (found,), _ = decide(drawn(1, [(INNER, 0.8, 40)]), EVERY, 4.0)
+    answer = said(found, tiny_model)
+    assert (answer.fault, answer.family, answer.ambiguity) == (
+        "internal_leakage", "leakage", ["internal_leakage"],
+    )  # fmt: skip
+    assert answer.shares == {} and len(answer.evidence) == 1
+    assert answer.severity == pytest.approx(0.8, abs=0.15)
+    assert f"severity {answer.severity:.2f}" in answer.evidence[0] and "from 120.0 s" in answer.evidence[0]
+    assert "of 2 s" in answer.evidence[0], "what its blocks are"
+    assert answer.confidence == pytest.approx(tiny_model.calibration.probability(found.score), abs=0.01)
+
+
+def test_those_that_look_alike_share_the_confidence(tiny_model: Model) -> None:
+    (found,), _ = decide(drawn(5, [(INNER, 0.6, 40)]), [INNER, WORN, AIR], 4.0)
+    answer = said(found, tiny_model)
+    assert set(answer.ambiguity) == {"internal_leakage", "pump_wear"} and answer.fault == answer.ambiguity[0]
+    assert list(answer.shares) == answer.ambiguity and sum(answer.shares.values()) == pytest.approx(
+        1.0, abs=1e-3
+    )
+    whole = sum(found.shares[f] for f in answer.ambiguity)
+    for fault, share in answer.shares.items():
+        assert share == pytest.approx(found.shares[fault] / whole, abs=1e-3)
+    assert len(answer.evidence) == 2 and "would look alike" in answer.evidence[1]
+
+
+def test_what_comes_and_goes_is_said_to(tiny_model: Model) -> None:
+    edges = [(INNER, 0.8 if k % 2 == 0 else -0.8, at) for k, at in enumerate(range(16, 80, 8))]
+    (found, *_), _ = decide(drawn(2, edges), [INNER], 4.0)
+    share = abs(found.lead.size / found.lead.level)
+    assert share == pytest.approx(0.5, abs=0.1)
+    assert f"on average {100 * share:.0f} %" in said(found, tiny_model).evidence[1]
+
+
+def test_what_no_fault_explains_is_told_as_unknown(tiny_model: Model) -> None:
+    other = hypothesis("other", [0.2, 0.8, 0.0])
+    (found, *_), _ = decide(drawn(1, [(other, 1.0, 40)]), [INNER], 4.0)
+    answer = said(found, tiny_model)
+    assert answer.fault == answer.family == "unknown" and answer.ambiguity == ["unknown"]
+    assert answer.severity is None and answer.severity_interval is None
+    assert answer.onset_s == pytest.approx(120.0, abs=2.0) and answer.next_check
+    assert f"no more than {100 * found.explained:.0f} %" in answer.evidence[0]
+    assert answer.confidence == pytest.approx(tiny_model.calibration.probability(found.score), abs=0.01)
+
+
+def finding(fault: str, family: str, confidence: float, **shares: float) -> FaultFinding:
+    return FaultFinding(
+        fault=fault, family=family, ambiguity=[fault], confidence=confidence, onset_s=0.0, detected_s=1.0,
+        shares=shares,
+    )  # fmt: skip
+
+
+def test_families_probabilities_are_those_of_the_surest_that_holds(tiny_model: Model) -> None:
+    """A second finding is the matter as far as the first is not."""
+    first = finding("internal_leakage", "leakage", 0.8, internal_leakage=0.75, check_valve_stuck_open=0.25)
+    second = finding("aeration", "aeration", 0.5)
+    found = probabilities_of([first, second], tiny_model, 0.0, 0.0)
+    expected = {"leakage": 0.6, "check_valve": 0.2, "aeration": 0.1, "healthy": 0.1}
+    assert {k: v for k, v in found.items() if v} == pytest.approx(expected, abs=1e-3)
+    for score, hidden in ((-5.0, 0.3), (3.0, 0.0), (5.0, 0.9)):
+        none = probabilities_of([], tiny_model, score, hidden)
+        assert none["unknown"] == pytest.approx(tiny_model.calibration.probability(score, hidden), abs=1e-3)
+        assert none["healthy"] == pytest.approx(1.0 - none["unknown"], abs=1e-3)
+
+
+def test_hidden_are_those_of_the_usual_severities_that_are_too_small() -> None:
+    """By a draw of severities from Rayleigh's distribution, each kind as likely."""
+    drawn_ = np.random.default_rng(1).rayleigh(0.5, 200_000)
+    unseen = [Invisible(fault="a", severity=0.3), Invisible(fault="b", severity=None),
+              Invisible(fault="c", severity=1.0)]  # fmt: skip
+    share = np.mean([np.mean(drawn_ < 0.3), 1.0, np.mean(drawn_ < 1.0)])
+    assert hidden_share(unseen) == pytest.approx(share, abs=5e-3)
+
+
+@pytest.mark.parametrize("threshold", [4.0, 8.0])
+def test_from_the_least_severity_that_a_log_shows_on_faults_are_found(threshold: float) -> None:
+    """Had it begun a third into the log, give or take half of it."""
+    (least, *_) = invisible(drawn(1), [INNER], threshold)
+    assert least.fault == "internal_leakage" and least.severity is not None
+
+    def found(severity: float) -> float:
+        logs = [drawn(seed, [(INNER, severity, HOPS // 3)]) for seed in range(100, 140)]
+        return float(np.mean([bool(decide(x, [INNER], threshold)[0]) for x in logs]))
+
+    assert found(1.5 * least.severity) >= 0.9
+    assert found(0.6 * least.severity) <= 0.1
+
+
+def test_what_a_log_shows_at_no_severity_has_none() -> None:
+    blind = hypothesis("aeration", [1e-3, 0.0, 0.0])
+    elsewhere = hypothesis("pump_wear", [1.0, 0.0, 0.0])
+    elsewhere.columns["force"] = elsewhere.columns.pop("volume")
+    found = {x.fault: x.severity for x in invisible(drawn(1), [INNER, blind, elsewhere], 6.0)}
+    assert found.keys() == {"internal_leakage", "aeration", "pump_wear"}
+    assert found["internal_leakage"] is not None and found["aeration"] is found["pump_wear"] is None
+    # Of a fault with several ways to show, the plainest counts.
+    faint = hypothesis("internal_leakage", [0.1, 0.0, 0.0])
+    (again,) = invisible(drawn(1), [faint, INNER], 6.0)
+    assert again.severity == found["internal_leakage"]
+
+
+def test_a_hop_after_one_that_is_not_kept_is_known_as_such() -> None:
+    span = Span([0.0, 0.5, 5.0, 5.5], 6.0)
+    assert [span.lost(k) for k in range(4)] == [True, False, True, False]
+    assert [span.until(k) for k in range(4)] == [0.5, 1.0, 5.5, 6.0]
+    epochs = Span([0.0, 3600.0, 9000.0], 12_000.0, "hours", None)
+    assert [epochs.lost(k) for k in range(3)] == [True, False, False], "none is left out"
+    assert [epochs.until(k) for k in range(3)] == [3600.0, 9000.0, 12_000.0]

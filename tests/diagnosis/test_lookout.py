@@ -1,0 +1,119 @@
+"""Looks one after another: how many it takes, what a look that does not count leaves, and a fault's end."""
+
+from __future__ import annotations
+
+import json
+
+import pytest
+from made_up_evidence import drawn, hypothesis
+
+from fdd.diagnosis.answering import Span
+from fdd.diagnosis.decision import decide
+from fdd.diagnosis.findings import FaultFinding
+from fdd.diagnosis.lookout import Lookout
+from fdd.diagnosis.model import Model
+
+INNER = hypothesis("internal_leakage", [1.0, 0.0, 0.0])
+AIR = hypothesis("aeration", [0.0, 1.0, 0.2])
+STEP = drawn(1, [(INNER, 0.6, 40)])
+SCORE = decide(STEP, [INNER, AIR], 0.0)[0][0].score
+
+
+def span(end: float, hops: int = 80, start: float | None = None) -> Span:
+    first = end - 0.5 * hops if start is None else start
+    return Span([first + 0.5 * k for k in range(hops)], end)
+
+
+def families(found: list[FaultFinding]) -> list[str]:
+    return [f.family for f in found]
+
+
+@pytest.mark.parametrize(("above", "looks"), [(0.2, 3), (1.4, 3), (1.6, 1)])
+def test_an_alarm_takes_three_looks_or_one_that_is_much_surer(
+    tiny_model: Model, above: float, looks: int
+) -> None:
+    """By 1.5 of the log likelihood: the odds that a peak of chance alone would have."""
+    lookout = Lookout([INNER, AIR], SCORE - above, tiny_model)
+    for k in range(1, 4):
+        look = lookout.look(STEP, span(40.0 + 5.0 * k), 0.0)
+        fresh, _ = lookout.take(look, 0.0)
+        assert families(fresh) == ["leakage"] * (k == looks), k
+        assert families(look.findings) == ["leakage"] * (k >= looks)
+        assert lookout.at == 40.0 + 5.0 * k
+    assert look.stands == pytest.approx(SCORE)
+
+
+def test_a_look_without_evidence_between_begins_to_count_anew(tiny_model: Model) -> None:
+    lookout, healthy = Lookout([INNER, AIR], SCORE - 0.2, tiny_model), drawn(1)
+    for k, evidence in enumerate([STEP, STEP, healthy, STEP, STEP, STEP]):
+        fresh, _ = lookout.take(lookout.look(evidence, span(40.0 + 5.0 * k), 0.0), 0.0)
+        assert families(fresh) == ["leakage"] * (k == 5), k
+
+
+def test_a_finding_is_as_sure_as_what_stood_and_no_surer(tiny_model: Model) -> None:
+    """Of three looks the least, where the last one alone does not say more."""
+    lookout, weaker = Lookout([INNER, AIR], 4.0, tiny_model), drawn(1, [(INNER, 0.2, 40)])
+    least = decide(weaker, [INNER, AIR], 4.0)[0][0].score
+    assert 4.0 < least < SCORE - 1.5
+    for k, evidence in enumerate([weaker, STEP, STEP]):
+        look = lookout.look(evidence, span(40.0 + 5.0 * k), 0.0)
+        lookout.take(look, 0.0)
+    assert look.stands == pytest.approx(SCORE - 1.5)
+    [found] = look.findings
+    assert found.confidence == pytest.approx(tiny_model.calibration.probability(SCORE - 1.5), abs=1e-3)
+
+
+def test_a_second_look_at_the_same_end_counts_once(tiny_model: Model) -> None:
+    """As `finish` looks again where the last scan looked."""
+    lookout = Lookout([INNER, AIR], SCORE - 0.2, tiny_model)
+    for end in (45.0, 50.0):
+        lookout.take(lookout.look(STEP, span(end), 0.0), 0.0)
+        for _ in range(3):
+            assert lookout.look(STEP, span(end), 0.0).findings == []
+    assert families(lookout.look(STEP, span(55.0), 0.0).findings) == ["leakage"]
+    assert lookout.standing.findings() == [], "only a look that is taken counts"
+
+
+def test_an_onset_is_not_before_the_first_sample_and_stays_once_its_hops_are_gone(tiny_model: Model) -> None:
+    lookout = Lookout([INNER], 1.0, tiny_model)
+    [found] = lookout.look(STEP, span(40.0), 20.3).findings
+    assert found.onset_s == 20.3, "in the middle of the hop that it falls in"
+    lookout.take(lookout.look(STEP, span(40.0), 0.0), 0.0)
+    assert lookout.standing.findings()[0].onset_s == 20.0
+    always = drawn(1, [(INNER, 1.5, 0)])
+    [late] = lookout.look(always, span(90.0), 0.0).findings
+    assert late.onset_s == 20.0, "the first of the hops kept is not when it began"
+    fresh = Lookout([INNER], 1.0, tiny_model)
+    assert fresh.look(always, span(90.0), 0.0).findings[0].onset_s == 50.0
+
+
+def test_a_fault_that_heals_is_over_and_its_end_no_fault(tiny_model: Model) -> None:
+    lookout = Lookout([INNER, AIR], 5.0, tiny_model)
+    lookout.take(lookout.look(drawn(1, [(INNER, 0.8, 25)]), span(40.0), 0.0), 0.0)
+    healed = drawn(1, [(INNER, 0.8, 25), (INNER, -0.8, 45)])
+    look = lookout.look(healed, span(40.0), 0.0)
+    assert families(look.findings) == ["leakage"]
+    assert look.over == {"leakage": pytest.approx(22.5, abs=0.5)}
+    assert look.labels == {"leakage": "internal_leakage"}
+    lessened = drawn(1, [(INNER, 1.6, 25), (INNER, -0.5, 45)])
+    assert lookout.look(lessened, span(40.0), 0.0).over == {}, "most of it is still there"
+
+
+def test_a_lookout_of_known_kinds_alone_tells_the_nearest(tiny_model: Model) -> None:
+    strange = drawn(1, [(hypothesis("other", [0.2, 0.8, 0.0]), 1.0, 40)])
+    for unknown, family in ((True, "unknown"), (False, "leakage")):
+        lookout = Lookout([INNER], 4.0, tiny_model, unknown=unknown)
+        look = lookout.look(strange, span(40.0), 0.0)
+        assert families(look.findings)[0] == family and family in look.labels
+
+
+def test_its_state_is_json_and_goes_on_as_it_was(tiny_model: Model) -> None:
+    one, other = (Lookout([INNER, AIR], SCORE - 0.2, tiny_model) for _ in range(2))
+    for end in (45.0, 50.0):
+        one.take(one.look(STEP, span(end), 0.0), 0.0)
+    other.restore(json.loads(json.dumps(one.state())))
+    assert other.at == 50.0
+    for lookout in (one, other):
+        assert families(lookout.take(lookout.look(STEP, span(55.0), 0.0), 0.0)[0]) == ["leakage"]
+    other.restore(json.loads(json.dumps(one.state())))
+    assert other.state() == one.state()

@@ -1,0 +1,180 @@
+"""What a pipeline says between pushes, of slow wear, and of what it cannot know."""
+
+from __future__ import annotations
+
+import json
+
+import numpy as np
+import pytest
+from simulated_logs import simulated
+from test_slow_wear import EFFECTS, LEAK, SEEN, day_of
+
+from fdd.diagnosis.findings import Diagnosis, Quality
+from fdd.diagnosis.pipeline import Pipeline
+from fdd.plant.scenario import Scenario
+from fdd.plant.simulate import simulate
+from fdd.residuals.balances import BALANCES
+from fdd.residuals.epochs import EPOCH_HOPS
+from fdd.residuals.rows import HOP_S
+from fdd.samples import Samples
+from fdd.unit import Unit
+
+HOURS, LEAKS_FROM = 40, 25
+
+
+def live(unit: Unit, samples: Samples) -> Pipeline:
+    pipeline = Pipeline(unit, keep_trajectories=False)
+    for block in samples.blocks(1000):
+        pipeline.push(block)
+    return pipeline
+
+
+def test_what_is_said_now_is_what_the_last_look_saw(unit: Unit, leaking: Samples) -> None:
+    before, after = live(unit, leaking.rows(0, 12_000)), live(unit, leaking)
+    answer = after.finish()
+    assert before.standing == [] and [f.fault for f in after.standing] == ["internal_leakage"]
+    for pipeline, end in ((before, 12.0), (after, 32.0)):
+        assert end - 5.0 <= pipeline.looked_at <= end
+        assert set(pipeline.channels) == set(leaking.channels)
+    healthy, leaks = before.now(), after.now()
+    for (probabilities, estimates, misfits), matter in ((healthy, "healthy"), (leaks, "leakage")):
+        assert sum(probabilities.values()) == pytest.approx(1.0, abs=1e-3)
+        assert max(probabilities, key=lambda k: probabilities[k]) == matter
+        assert misfits.keys() <= BALANCES.keys() and {"volume", "force"} <= misfits.keys()
+        assert estimates["leakage"].unit == "m^3/(s*Pa)"
+    assert leaks[0] == pytest.approx(answer.probabilities, abs=0.05)
+    assert healthy[0] == pytest.approx(before.finish().probabilities, abs=0.05)
+    assert leaks[1] == answer.estimates
+    assert leaks[2]["volume"] > 2.0 * healthy[2]["volume"], "the leak is in the chambers' oil"
+    assert leaks[2]["force"] < 2.0 * max(healthy[2]["force"], 1.0), "and not in the forces"
+    assert before.largest_score < before.threshold < after.largest_score
+
+
+def aged(unit: Unit, first: Samples, hours: int, severity: float) -> Pipeline:
+    """An axis with a life behind it since some samples, whose leakage has been larger since an hour of it."""
+    pipeline, rng = Pipeline(unit, keep_trajectories=False), np.random.default_rng(5)
+    pipeline.push(first)
+    for hour in range(hours):
+        told = {}
+        for name in SEEN:
+            columns = LEAK.columns.get(name, np.zeros(len(BALANCES[name].columns)))
+            told[name] = day_of(rng, EFFECTS[name], severity * (hour >= LEAKS_FROM) * columns)
+        pipeline._ledger.epochs.add(range(hour * EPOCH_HOPS, (hour + 1) * EPOCH_HOPS), told)
+    return pipeline
+
+
+def later(samples: Samples, hours: float) -> Samples:
+    return Samples(samples.time + 3600.0 * hours, samples.columns)
+
+
+def test_slow_wear_is_told_once_and_stands(leaking: Samples) -> None:
+    """Of hours that the reference of minutes has long followed."""
+    healthy, unit = leaking.rows(0, 16_000), Unit.load("axis_a")
+    first = healthy.rows(0, 9)
+    assert aged(unit, first, LEAKS_FROM, 0.5).push(later(healthy, HOURS)) == []
+    pipeline = aged(unit, first, HOURS, 0.5)
+    told = pipeline.push(later(healthy, HOURS))
+    assert [f.fault for f in told] == ["internal_leakage"]
+    assert told[0].onset_s / 3600.0 == pytest.approx(LEAKS_FROM, abs=2.0)
+    assert told[0].severity == pytest.approx(0.5, abs=0.2)
+    assert [f.fault for f in pipeline.standing] == ["internal_leakage"]
+    again = Pipeline(unit, keep_trajectories=False)
+    again.restore(pipeline.state())
+    for each in (pipeline, again):
+        answer = each.finish()
+        assert answer.verdict == "faulty" and [f.fault for f in answer.faults] == ["internal_leakage"]
+        assert each.push(later(healthy, HOURS + 1)) == [], "nothing that was not told"
+        each._ledger.epochs.add(range(EPOCH_HOPS), {})
+        assert each.push(later(healthy, HOURS + 2)) == []
+
+
+def test_a_fault_that_minutes_show_is_not_told_as_slow_wear_too(unit: Unit, leaking: Samples) -> None:
+    pipeline = aged(unit, leaking.rows(0, 9), HOURS, 0.5)
+    epochs = pipeline._ledger.epochs
+    pipeline._epochs = epochs.completed  # not looked at yet
+    start = 3600.0 * HOURS
+    told = pipeline.push(later(leaking, HOURS))
+    assert [f.fault for f in told] == ["internal_leakage"] and told[0].onset_s > start
+    first = round((start + 32.0) / HOP_S)
+    epochs.add(range(first, first + EPOCH_HOPS), {})
+    more = simulated(11, "spring", "internal_leakage").rows(20_000, 32_000)
+    assert pipeline.push(Samples(more.time + start + 13.0, more.columns)) == []
+    assert [f.onset_s > start for f in pipeline.standing] == [True]
+    assert [f.onset_s > start for f in pipeline.finish().faults] == [True]
+
+
+def test_a_log_that_hardly_moves_says_nothing_of_health(unit: Unit) -> None:
+    still = simulate(unit, Scenario(duration=20.0, duty={"name": "standstill"}, seed=5)).samples
+    given = Quality(dropped_samples=3, notes=["a word of the reader"])
+    pipeline = live(unit, still)
+    answer = pipeline.finish(given)
+    assert answer.verdict == "inconclusive" and answer.faults == []
+    assert "hardly moves" in answer.quality.notes[0] and answer.quality.notes[1] == given.notes[0]
+    assert answer.quality.dropped_samples == 3 and given.notes == ["a word of the reader"]
+
+
+def test_what_is_known_of_a_unit_is_told(unit: Unit, leaking: Samples) -> None:
+    short = leaking.rows(0, 10_000)
+
+    def notes(of: Unit) -> str:
+        return " ".join(live(of, short).finish().quality.notes)
+
+    old = unit.model_copy(deep=True)
+    assert old.baseline is not None
+    old.baseline.version = "0"
+    assert "another version" in notes(old) and "not identified" not in notes(old)
+    assert "not identified" in notes(Unit.load("axis_a"))
+    assert "version" not in notes(unit) and "not identified" not in notes(unit)
+
+
+def test_a_fault_left_out_of_the_catalogue_is_not_named(unit: Unit, leaking: Samples) -> None:
+    pipeline = Pipeline(unit, without=("internal_leakage",), keep_trajectories=False)
+    pipeline.push(leaking)
+    said = pipeline.finish()
+    assert said.verdict == "faulty"
+    assert all("internal_leakage" not in (f.fault, *f.ambiguity) for f in said.faults)
+    assert "internal_leakage" not in {x.fault for x in said.not_visible}
+
+
+def test_an_answer_is_plain_json(unit: Unit, leaking: Samples) -> None:
+    """With an error where a log could not be read, and without the word where it could."""
+    answer = live(unit, leaking).finish()
+    plain = json.loads(answer.model_dump_json(by_alias=True))
+    assert "error" not in plain and "started_at" not in plain
+    assert Diagnosis.model_validate(plain) == answer
+    lost = Diagnosis.unreadable("a.csv", "a.csv: the file is empty", {})
+    assert json.loads(lost.model_dump_json())["error"] == "a.csv: the file is empty"
+
+
+def test_trajectories_end_with_what_the_answer_says(unit: Unit, leaking: Samples) -> None:
+    pipeline = Pipeline(unit)
+    pipeline.push(leaking)
+    answer = pipeline.finish()
+    over = pipeline.trajectories(answer)
+    assert over.time[0] < 1.0 and over.time[-1] > 31.9 and (np.diff(over.time) > 0.0).all()
+    for name, said in answer.estimates.items():
+        for values, what in (
+            (over.estimates["ekf"], said.value), (over.stds["ekf"], said.std), (over.held, said.held),
+            (over.held_std, said.held_std), (over.information_std, said.information_std),
+        ):  # fmt: skip
+            assert values[name].shape == over.time.shape
+            expected = np.nan if what is None else what  # never observable
+            assert values[name][-1] == pytest.approx(expected, rel=1e-3, nan_ok=True), name
+        assert bool(over.observable[name][-1]) == said.observable
+        assert over.estimates["svsf"][name].shape == over.time.shape
+    assert over.nis.keys() == over.estimates.keys()
+    assert over.features.shape == (over.window_time.size, len(over.feature_names))
+    np.testing.assert_allclose(np.diff(over.window_time), HOP_S)
+    assert over.window_time[-1] == pytest.approx(32.0, abs=HOP_S), "a hop is told of at its end"
+    with pytest.raises(ValueError, match="not kept"):
+        live(unit, leaking).trajectories()
+
+
+def test_estimates_of_a_healthy_axis_are_the_plants(unit: Unit) -> None:
+    """While they are observable; friction of both directions is one."""
+    made = simulate(Unit.load("axis_a"), Scenario(duration=25.0, load={"name": "spring"}, seed=31))
+    found = live(unit, made.samples).finish().estimates
+    for name, within in (("leakage", 0.1), ("bulk_modulus", 0.15), ("coulomb_friction", 0.15)):
+        true = float(np.median(made.truth[name]))
+        assert found[name].held == pytest.approx(true, rel=within), name
+        assert found[name].baseline == pytest.approx(true, rel=0.3), name

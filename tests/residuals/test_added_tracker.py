@@ -1,0 +1,198 @@
+"""A package's tracker: fed with what it asks for, believed as far as its covariance, ended where it fails."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+from filterpy.kalman import KalmanFilter
+
+from fdd.errors import InputError
+from fdd.packages import TRACKERS, Addition
+from fdd.residuals import added_tracker
+from fdd.residuals.added_tracker import AddedTracker, Tracker
+from fdd.residuals.rows import COLUMNS, HOP_ROWS, ROW_S
+from fdd.unit import Unit
+
+UNIT = Unit.load("axis_a")
+LEAK = 7e-12
+
+
+def rows_of(hops: int) -> np.ndarray:
+    """Rows of a piston that stands under pressure while the pump makes up for a leak."""
+    rng = np.random.default_rng(3)
+    rows = np.full((hops * HOP_ROWS, len(COLUMNS)), np.nan)
+    drop = 1e6 * (1.0 + 0.3 * np.sin(np.arange(len(rows)) * 0.05))
+    rows[:, COLUMNS["position"]] = 0.0
+    rows[:, COLUMNS["pressure_difference"]] = drop
+    rows[:, COLUMNS["pump_speed"]] = (LEAK * drop + 2e-7 * rng.standard_normal(len(rows))) / 5.57e-7
+    return rows
+
+
+class Recorder:
+    """A filter of one state that notes what it is given."""
+
+    def __init__(self, fails_at: int = -1) -> None:
+        self.x, self.P = np.array([3.0]), np.array([[4.0]])
+        self.inputs: list[Any] = []
+        self.measured: list[Any] = []
+        self.fails_at = fails_at
+
+    def predict(self, u: Any = None) -> None:
+        self.inputs.append(u)
+
+    def update(self, z: Any) -> None:
+        self.measured.append(z)
+        if len(self.measured) == self.fails_at:
+            self.x = np.array([np.nan])
+
+
+def running(monkeypatch: pytest.MonkeyPatch, make: Any, name: str = "own") -> AddedTracker:
+    """The tracker of a package whose factory is `make`."""
+    point = SimpleNamespace(load=lambda: make, group=TRACKERS, value="made_up:make")
+    monkeypatch.setattr(added_tracker, "additions", lambda group: [Addition(name, "made-up 1.0", point)])
+    return AddedTracker(name, UNIT)
+
+
+def kalman(unit: Unit, channels: tuple[str, ...], period: float) -> Tracker:
+    """filterpy's own filter: flow of the pump over pressure drop, by recursion, is the leakage."""
+    kf = KalmanFilter(1, 1)
+    kf.x, kf.P, kf.F, kf.Q, kf.R = np.array([[0.0]]), np.eye(1) * 100, np.eye(1), np.zeros((1, 1)), np.eye(1)
+
+    class Ratio(KalmanFilter):
+        """Its measurement matrix is the drop, which is its second measurement."""
+
+        def update(self, z: Any) -> None:
+            if z is None:
+                return
+            drop, speed = z
+            super().update(speed * unit.pump.displacement / 2e-7, H=np.array([[drop * 1e-12 / 2e-7]]))
+
+    kf.__class__ = Ratio
+    return Tracker(
+        kf, measurements=("pressure_difference", "pump_speed"),
+        quantities={"leakage": lambda x: 1e-12 * x[0]},
+    )  # fmt: skip
+
+
+def test_filterpys_filter_finds_the_leak_of_a_least_squares_fit(monkeypatch) -> None:
+    rows = rows_of(20)
+    tracker = running(monkeypatch, kalman)
+    tracker.push(0, rows)
+    value, std = tracker.last()["leakage"]
+    drop, flow = (
+        rows[:, COLUMNS["pressure_difference"]],
+        rows[:, COLUMNS["pump_speed"]] * UNIT.pump.displacement,
+    )
+    assert value == pytest.approx((drop @ flow) / (drop @ drop), rel=1e-4)
+    assert std == pytest.approx(2e-7 / np.sqrt(drop @ drop), rel=1e-4)
+    assert set(tracker.last()) == {"leakage"}
+
+
+def test_it_says_the_same_however_the_rows_were_cut(monkeypatch) -> None:
+    rows = rows_of(20)
+    whole, parts = running(monkeypatch, kalman), running(monkeypatch, kalman)
+    whole.push(4, rows)
+    for hop in range(20):
+        parts.push(4 + hop, rows[hop * HOP_ROWS : (hop + 1) * HOP_ROWS])
+    assert whole.last() == parts.last()
+    time = np.array([0.0, 2.005, 5.0, 13.0])
+    for mine, other in zip(whole.over(time), parts.over(time), strict=True):
+        np.testing.assert_array_equal(mine["leakage"], other["leakage"])
+        assert np.isnan(mine["leakage"][[0, 3]]).all()  # before the first row, and after the last
+        assert np.isfinite(mine["leakage"][[1, 2]]).all()
+
+
+def recorded(monkeypatch: pytest.MonkeyPatch, **more: Any) -> tuple[AddedTracker, list[Recorder]]:
+    made: list[Recorder] = []
+
+    def make(unit: Unit, channels: tuple[str, ...], period: float) -> Tracker:
+        assert (unit, period) == (UNIT, ROW_S)
+        assert channels == ("pump_speed", "position", "pressure_difference")
+        made.append(Recorder(more.get("fails_at", -1)))
+        return Tracker(
+            made[-1], ("position", "pressure_difference"),
+            {"bulk_modulus": lambda x: 1e8 * x[0] ** 2}, ("pump_speed",), more.get("start"),
+        )  # fmt: skip
+
+    return running(monkeypatch, make), made
+
+
+def test_it_is_given_inputs_and_measurements_and_none_where_one_is_missing(monkeypatch) -> None:
+    started: list[Any] = []
+    tracker, made = recorded(monkeypatch, start=lambda u, z: started.append((u.copy(), z.copy())))
+    rows = rows_of(1)
+    rows[0, COLUMNS["position"]] = np.nan  # not yet: it starts with all of them
+    rows[7, COLUMNS["pressure_difference"]] = np.nan
+    rows[9, COLUMNS["pump_speed"]] = np.nan  # goes on with the last one
+    tracker.push(0, rows)
+    names = ["position", "pressure_difference"]
+    z = rows[:, [COLUMNS[n] for n in names]]
+    assert len(started) == 1
+    np.testing.assert_array_equal(started[0][1], z[1])
+    (filter_,) = made
+    assert len(filter_.measured) == HOP_ROWS - 1
+    assert [k for k, given in enumerate(filter_.measured, start=1) if given is None] == [7]
+    np.testing.assert_array_equal(filter_.measured[0], z[1])
+    speed = rows[:, COLUMNS["pump_speed"]]
+    assert filter_.inputs[8] == speed[8] and filter_.inputs[7] == speed[8]
+
+
+def test_standard_deviations_follow_from_the_covariance(monkeypatch) -> None:
+    tracker, _ = recorded(monkeypatch)
+    tracker.push(0, rows_of(1))
+    value, std = tracker.last()["bulk_modulus"]
+    assert (value, std) == (pytest.approx(9e8), pytest.approx(1e8 * 2.0 * 3.0 * 2.0))
+
+
+def test_after_a_pause_it_begins_anew(monkeypatch) -> None:
+    tracker, made = recorded(monkeypatch)
+    tracker.push(0, rows_of(2))
+    tracker.push(2, rows_of(1))
+    assert len(made) == 1
+    tracker.push(100, rows_of(1))
+    assert len(made) == 2
+
+
+def test_one_that_fails_ends_alone_and_says_when(monkeypatch) -> None:
+    tracker, made = recorded(monkeypatch, fails_at=31)
+    tracker.push(0, rows_of(2))
+    tracker.push(2, rows_of(1))
+    assert tracker.problem == (
+        "tracker own (made-up 1.0) stopped at 0.30 s (ArithmeticError: its state is no longer finite)"
+    )
+    assert tracker.last() == {} and len(made[0].measured) == 31
+    values, _ = tracker.over(np.array([0.1, 0.5]))
+    assert np.isfinite(values["bulk_modulus"]).tolist() == [True, False]
+
+
+def gives(measurements: tuple[str, ...], quantities: dict[str, Any]) -> Any:
+    return lambda unit, channels, period: Tracker(Recorder(), measurements, quantities)
+
+
+@pytest.mark.parametrize(
+    ("make", "problem"),
+    [
+        (lambda unit, channels, period: None, "package made-up 1.0: fdd.trackers 'own': made a NoneType"),
+        (lambda unit: None, "package made-up 1.0: fdd.trackers 'own': cannot be made (TypeError"),
+        (gives(("position",), {"wear": float}), "package made-up 1.0: fdd.trackers 'own': tells wear, not"),
+        (
+            gives(("pressure_1",), {"leakage": float}),
+            "tracker own: needs pressure_1, which this log does not",
+        ),
+    ],
+)
+def test_a_factory_that_gives_nothing_usable_is_refused(monkeypatch, make, problem) -> None:
+    tracker = running(monkeypatch, make)
+    with pytest.raises(InputError) as caught:
+        tracker.push(0, rows_of(1))
+    assert str(caught.value).startswith(problem)
+
+
+def test_names_that_are_not_there_or_ours_are_refused(monkeypatch) -> None:
+    with pytest.raises(InputError, match="no installed package has a tracker 'nobody'; "):
+        AddedTracker("nobody", UNIT)
+    with pytest.raises(InputError, match="fdd's own"):
+        running(monkeypatch, kalman, "ekf")

@@ -1,0 +1,122 @@
+"""Epochs: an hour's hops at most, what stops end, what faults leave out, and their sums."""
+
+from __future__ import annotations
+
+import json
+
+import numpy as np
+import pytest
+
+from fdd.residuals.balances import BALANCES
+from fdd.residuals.effects import first_effects
+from fdd.residuals.epochs import Epochs, Told
+from fdd.residuals.rows import HOP_S
+
+EFFECTS = {name: first_effects(name) for name in BALANCES}
+MINUTE = round(60.0 / HOP_S)
+
+
+def told(seed: int, *names: str) -> Told:
+    """Normal equations of some balances, of many rows."""
+    rng, out = np.random.default_rng(seed), {}
+    for name in names:
+        x = rng.normal(size=(200, len(BALANCES[name].columns)))
+        out[name] = x.T @ x, x.T @ rng.normal(size=200)
+    return out
+
+
+def minutes(epochs: Epochs, start: int, count: int, what: Told) -> None:
+    epochs.add(range(start * MINUTE, (start + count) * MINUTE), what)
+
+
+def test_a_stop_ends_an_epoch_of_two_minutes_in_motion_or_more() -> None:
+    epochs, one, other = Epochs(), told(1, "refeed"), told(2, "refeed")
+    minutes(epochs, 10, 1, one)
+    epochs.stop()
+    assert len(epochs) == epochs.completed == 0, "too short: the next flight goes on with it"
+    minutes(epochs, 500, 1, other)
+    assert len(epochs) == 0, "nor before the stop"
+    epochs.stop()
+    assert len(epochs) == epochs.completed == 1
+    assert epochs.starts().tolist() == [600.0]
+    # One draw of what differs between logs, however many hops it has: variances add up.
+    m = one["refeed"][0] + other["refeed"][0]
+    v = one["refeed"][1] + other["refeed"][1]
+    wide, kept = epochs.widened(EFFECTS)["refeed"]
+    right = np.linalg.inv(np.linalg.inv(m) + np.diag(EFFECTS["refeed"].between ** 2))
+    np.testing.assert_allclose(wide, right[None], rtol=1e-8)
+    np.testing.assert_allclose(kept[0], right @ np.linalg.solve(m, v), rtol=1e-8)
+    epochs.stop()
+    assert epochs.completed == 1, "a stop alone is no epoch"
+
+
+def test_an_hour_in_motion_is_an_epoch() -> None:
+    epochs = Epochs()
+    for minute in range(59):
+        minutes(epochs, minute, 1, {})
+    assert len(epochs) == 0
+    minutes(epochs, 59, 1, {})
+    minutes(epochs, 60, 1, {})
+    assert len(epochs) == 1 and epochs.starts().tolist() == [0.0]
+
+
+def hours(*starts: int) -> Epochs:
+    epochs = Epochs()
+    for start in starts:
+        minutes(epochs, 60 * start, 60, told(start, "refeed", *["torque"] * (start > 2)))
+    return epochs
+
+
+def test_epochs_that_began_while_a_fault_stood_are_forgotten() -> None:
+    epochs = hours(0, 1, 2, 3, 4)
+    minutes(epochs, 300, 5, told(9, "refeed"))
+    epochs.forget(3600.0, 3 * 3600.0)
+    assert (epochs.starts() / 3600.0).tolist() == [0.0, 3.0, 4.0], "with its onset, up to its end"
+    expected = hours(0, 3, 4).widened(EFFECTS)
+    for name, parts in epochs.widened(EFFECTS).items():
+        for one, other in zip(parts, expected[name], strict=True):
+            np.testing.assert_array_equal(one, other)
+    epochs.forget(0.0, 1e9)
+    assert len(epochs) == 0
+    epochs.stop()
+    assert epochs.starts().tolist() == [18_000.0], "what is not complete yet was not looked at"
+
+
+def test_a_balance_that_an_epoch_tells_nothing_of_is_nothing_there() -> None:
+    found = hours(1, 2, 3).widened(EFFECTS)
+    assert found.keys() == {"refeed", "torque"}
+    information, vector = found["torque"]
+    assert len(information) == len(vector) == 3
+    assert not information[:2].any() and not vector[:2].any() and information[2].any()
+
+
+@pytest.mark.parametrize("at", [0, 1, 4])
+def test_its_state_goes_on_with_the_same_epochs(at: int) -> None:
+    """In the middle of an epoch too."""
+    one = hours(*range(at))
+    minutes(one, 60 * at, 7, told(20, "shaft"))
+    state = {k: np.array(json.loads(json.dumps(v.tolist()))) for k, v in one.state().items()}
+    other = Epochs()
+    other.restore(state)
+    for epochs in (one, other):
+        minutes(epochs, 60 * at + 7, 53, told(21, "shaft", "refeed"))
+        minutes(epochs, 60 * at + 60, 1, told(22, "torque"))
+    assert other.completed == one.completed == at + 1
+    assert one.state().keys() == other.state().keys()
+    for name, value in one.state().items():
+        np.testing.assert_array_equal(other.state()[name], value, err_msg=name)
+
+
+def test_beyond_sixteen_of_one_length_the_two_oldest_become_one_of_twice_it() -> None:
+    epochs, value = Epochs(), (np.eye(4), np.ones(4))
+    for hour in range(70):
+        minutes(epochs, 60 * hour, 60, {"refeed": value})
+        lengths = np.diff([*(epochs.starts() / 3600.0), hour + 1]).astype(int).tolist()
+        assert lengths == sorted(lengths, reverse=True), "the older, the longer"
+        assert set(lengths) <= {1, 2, 4} and all(lengths.count(n) <= 16 for n in (1, 2, 4))
+        if hour == 16:
+            assert lengths == [2] + [1] * 15
+        if hour == 17:
+            assert lengths == [2] + [1] * 16
+        sums = [float(told["refeed"][0][0, 0]) for told in epochs._told]
+        assert sums == lengths, "each has the hours that it spans"
