@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import json
 from dataclasses import dataclass
 from pathlib import Path
@@ -11,7 +12,7 @@ import numpy as np
 from pydantic import Field
 
 from fdd.bounds import MAX_JSON_BYTES
-from fdd.campaign.layout import BASE_UNIT, DATASET_SCHEMA, LABELS, MANIFEST, RECIPE, TRUE_UNIT, digest
+from fdd.campaign.layout import BASE_UNIT, DATASET_SCHEMA, LABELS, MANIFEST, RECIPE, SUMS, TRUE_UNIT, digest
 from fdd.campaign.recipe import Recipe
 from fdd.errors import InputError
 from fdd.logs import read_log
@@ -177,6 +178,34 @@ class Dataset:
     def logs_of(self, unit: str) -> tuple[Entry, ...]:
         """The unit's logs."""
         return tuple(e for e in self.logs if e.unit == unit)
+
+    def check(self, *files: str) -> None:
+        """Compare files with their SHA-256.
+
+        Parameters
+        ----------
+        files : below the data set's folder; none given: all.
+
+        Raises
+        ------
+        InputError : a file is missing or was changed, or the data set has no hashes.
+        """
+        if not (self.directory / SUMS).is_file():
+            mend = f"write them with: fdd generate {self.directory / RECIPE} -o {self.directory}"
+            raise InputError(f"no hashes of the files ({SUMS})", where=self.directory, mend=mend)
+        lines = _text(self.directory / SUMS).splitlines()
+        known = {name: told for told, _, name in (line.partition("  ") for line in lines)}
+        for name in files or known:
+            path = self.directory / name
+            if not path.is_file():
+                raise InputError("is missing", where=path, mend="copy the data set again or generate it anew")
+            with path.open("rb") as file:
+                found = hashlib.file_digest(file, "sha256").hexdigest()
+            if found != known.get(name):
+                raise InputError(
+                    f"is not what {SUMS} was taken of", where=path,
+                    mend="copy the data set again or generate it anew",
+                )  # fmt: skip
 
     def samples(self, entry: Entry) -> Samples:
         """The log, as any reader of logs gives it."""

@@ -19,6 +19,7 @@ from fdd.diagnosis.baseline import add_baseline
 from fdd.diagnosis.findings import Diagnosis
 from fdd.diagnosis.model import Model
 from fdd.diagnosis.pipeline import Pipeline
+from fdd.engines import Engine
 from fdd.logs import ChannelMap, read_log
 from fdd.samples import PRESSURES, Samples
 from fdd.unit import Unit
@@ -169,15 +170,16 @@ class Comparison:
 
 
 def compare(
-    directory: str | Path, model: str | None = None, *, workers: int = 2, progress: Progress | None = None
-) -> list[Comparison]:
+    directory: str | Path, model: str | None = None, *, workers: int | None = 2,
+    progress: Progress | None = None, engine: Engine = "local",
+) -> list[Comparison]:  # fmt: skip
     """Diagnose each unit's first faulty and first healthy log under every disturbance.
 
     Raises
     ------
     InputError : not a data set, or an unusable model.
     """
-    return over_units(_compared, directory, model, workers=workers, progress=progress)
+    return over_units(_compared, directory, model, workers=workers, progress=progress, engine=engine)
 
 
 def _compared(directory: str, model: str | None, unit: str) -> list[Comparison]:

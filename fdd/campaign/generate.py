@@ -1,19 +1,17 @@
 """From a recipe to a data set on disk: many runs, in parallel, resumable, the same whatever the order.
 
 Layout: ``recipe.yaml``, ``<unit>/true_unit.yaml``, ``<unit>/baseline_1.parquet`` …,
-``<unit>/log_000.parquet`` …, ``<unit>/truth_000.parquet`` …, ``labels.json`` and, last of all,
+``<unit>/log_000.parquet`` …, ``<unit>/truth_000.parquet`` …, ``labels.json`` and
 ``manifest.json``: a folder without it is unfinished. Until then ``.parts`` holds the label of each
-finished log; a second start keeps those.
+finished log; a second start keeps those. ``SHA256SUMS`` and a card stand beside what is finished.
 """
 
 from __future__ import annotations
 
 import json
-import multiprocessing
 import shutil
-from collections.abc import Callable, Iterator
-from concurrent.futures import Future, ProcessPoolExecutor, as_completed
-from concurrent.futures.process import BrokenProcessPool
+from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -22,6 +20,7 @@ from numpy.typing import NDArray
 
 from fdd import __version__
 from fdd.campaign.calibration import calibration_runs, ordinary_strokes
+from fdd.campaign.card import write_card, write_sums
 from fdd.campaign.drawing import Rig, assign_faults, condition_of, draw_scenario, draw_unit, stream
 from fdd.campaign.layout import (
     BASE_UNIT,
@@ -30,11 +29,13 @@ from fdd.campaign.layout import (
     MANIFEST,
     PARTS,
     RECIPE,
+    SUMS,
     TRUE_UNIT,
     digest,
 )
 from fdd.campaign.recipe import Recipe
 from fdd.campaign.structures import Condition
+from fdd.engines import Engine, WorkerLost, map_unordered
 from fdd.errors import InputError
 from fdd.files import whole_file, write_text
 from fdd.logs.mcap_runs import write_run
@@ -60,11 +61,17 @@ UNROUNDED = ("time", "command", "pump_angle", "position_setpoint")
 SUMMARISED = ("leakage", "bulk_modulus", "coulomb_friction", "viscous_friction")
 
 Progress = Callable[[int, int], None]
-Job = tuple[int, tuple[tuple[str, ...], ...]]
+Job = tuple[int, str, tuple[tuple[str, ...], ...]]
+"""Index of the unit, name of the run, faults of each of the unit's logs."""
 
 
 def generate(
-    recipe: Recipe, directory: str | Path, *, workers: int = 1, progress: Progress | None = None
+    recipe: Recipe,
+    directory: str | Path,
+    *,
+    workers: int | None = 1,
+    progress: Progress | None = None,
+    engine: Engine = "local",
 ) -> Path:
     """Simulate everything that a recipe asks for and write it as a data set.
 
@@ -73,8 +80,8 @@ def generate(
     recipe : what to make.
     directory : of the data set; made if need be. If it holds the beginning of the same data set,
         its finished logs are kept.
-    workers : processes; 1 works in this one. A script that asks for more must keep its call
-        under ``if __name__ == "__main__":``, as processes are spawned.
+    workers, engine : see `fdd.engines.map_unordered`. A script that asks for more workers than one must keep
+        its call under ``if __name__ == "__main__":``, as processes are spawned.
     progress : called with (done, total) after each run, baselines included.
 
     Returns
@@ -89,12 +96,12 @@ def generate(
     --------
     >>> generate(Recipe.load("datasets/smoke.yaml"), "smoke", workers=2)  # doctest: +SKIP
     """
-    if workers < 1:
+    if workers is not None and workers < 1:
         raise InputError(f"{workers} workers", mend="use 1 or more")
     directory = Path(directory)
     try:
-        return _generate(recipe, directory, workers, progress or (lambda done, total: None))
-    except BrokenProcessPool:
+        return _generate(recipe, directory, workers, progress or (lambda done, total: None), engine)
+    except WorkerLost:
         raise InputError(
             "a worker process ended unexpectedly", where=directory,
             mend="run the same command again with fewer workers; finished logs are kept",
@@ -106,48 +113,29 @@ def generate(
         ) from None  # fmt: skip
 
 
-def _generate(recipe: Recipe, directory: Path, workers: int, progress: Progress) -> Path:
+def _generate(
+    recipe: Recipe, directory: Path, workers: int | None, progress: Progress, engine: Engine
+) -> Path:
+    names = _names(recipe)
+    total = recipe.units * len(names)
     if _begin(recipe, directory):
-        total = recipe.units * len(_names(recipe))
+        _describe(directory)
         progress(total, total)
         return directory
-    names = _names(recipe)
     faults = assign_faults(recipe)
     jobs: list[Job] = []
     for unit in range(recipe.units):
-        mine = faults[unit * recipe.logs_per_unit : (unit + 1) * recipe.logs_per_unit]
-        jobs.append((unit, tuple(mine)))
-    done, total = 0, recipe.units * len(names)
-    for finished in _work(recipe, directory, jobs, workers):
-        done += finished
+        mine = tuple(faults[unit * recipe.logs_per_unit : (unit + 1) * recipe.logs_per_unit])
+        jobs += [(unit, name, mine) for name in names]
+    work = partial(_make, recipe, directory)
+    for done, _ in enumerate(map_unordered(work, jobs, engine=engine, workers=workers), 1):
         progress(done, total)
     _finish(recipe, directory)
     return directory
 
 
-def _work(recipe: Recipe, directory: Path, jobs: list[Job], workers: int) -> Iterator[int]:
-    """Numbers of finished runs, as they come."""
-    if workers == 1:
-        for job in jobs:
-            for name in _names(recipe):
-                make_run(recipe, directory, job[0], name, job[1])
-                yield 1
-        return
-    # Spawned: the parent may have threads (a progress bar, numba's), which a fork would break.
-    context = multiprocessing.get_context("spawn")
-    with ProcessPoolExecutor(workers, mp_context=context) as pool:
-        waiting: set[Future[None]] = {
-            pool.submit(make_run, recipe, directory, job[0], name, job[1])
-            for job in jobs
-            for name in _names(recipe)
-        }
-        try:
-            for future in as_completed(waiting):
-                future.result()
-                yield 1
-        except BaseException:
-            pool.shutdown(wait=True, cancel_futures=True)
-            raise
+def _make(recipe: Recipe, directory: Path, job: Job) -> None:
+    make_run(recipe, directory, *job)
 
 
 def _names(recipe: Recipe) -> list[str]:
@@ -397,3 +385,11 @@ def _finish(recipe: Recipe, directory: Path) -> None:
     }
     write_text(directory / MANIFEST, json.dumps(manifest, indent=1) + "\n")
     shutil.rmtree(parts)
+    _describe(directory)
+
+
+def _describe(directory: Path) -> None:
+    """Hashes and card of a finished data set, where they are not there yet."""
+    if not (directory / SUMS).is_file():
+        write_sums(directory)
+    write_card(directory)

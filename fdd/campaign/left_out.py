@@ -11,14 +11,16 @@ from fdd.campaign.train import identified_unit
 from fdd.campaign.units import Progress, over_units
 from fdd.diagnosis.model import Model
 from fdd.diagnosis.pipeline import Pipeline
+from fdd.engines import Engine
 from fdd.faults import CATALOGUE
 
 SAID = ("nothing", "unknown", "a neighbour", "another")
 
 
 def left_out(
-    directory: str | Path, model: str | None = None, *, workers: int = 2, progress: Progress | None = None
-) -> list[tuple[str, str]]:
+    directory: str | Path, model: str | None = None, *, workers: int | None = 2,
+    progress: Progress | None = None, engine: Engine = "local",
+) -> list[tuple[str, str]]:  # fmt: skip
     """Fault and what was said without it (of `SAID`), for each log with one fault that balances tell of.
 
     A neighbour is one that the whole catalogue's answer names as well, as the same log's ambiguity group.
@@ -27,7 +29,7 @@ def left_out(
     ------
     InputError : not a data set, or an unusable model.
     """
-    return over_units(_said, directory, model, workers=workers, progress=progress)
+    return over_units(_said, directory, model, workers=workers, progress=progress, engine=engine)
 
 
 def _said(directory: str, model: str | None, unit: str) -> list[tuple[str, str]]:

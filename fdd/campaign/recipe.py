@@ -49,6 +49,10 @@ DRAWN_DUTIES = tuple(name for name in DUTIES if name != "levels")
 """Duties that a campaign draws; levels are for what a user writes down."""
 
 
+def _is_none(value: object) -> bool:
+    return value is None
+
+
 class FaultShare(Validated):
     """How often a fault is injected, and how severely.
 
@@ -114,6 +118,7 @@ class Recipe(Validated):
     structures : machines that differ in kind, drawn by weight for each unit; none: the bases as they are.
     conditions : what departs from the recipe in single logs, drawn by weight; never in a baseline.
     format : of the logs.
+    licence, cite : what the data set's card says of them.
 
     Raises
     ------
@@ -160,6 +165,8 @@ class Recipe(Validated):
     structures: tuple[Structure, ...] = ()
     conditions: tuple[Condition, ...] = ()
     format: Literal["parquet", "mcap"] = "parquet"
+    licence: Annotated[str | None, Field(max_length=200, exclude_if=_is_none)] = None
+    cite: Annotated[str | None, Field(max_length=2000, exclude_if=_is_none)] = None
 
     @model_validator(mode="after")
     def _together(self) -> Recipe:

@@ -17,7 +17,7 @@ from fdd.diagnosis.findings import FaultFinding
 from fdd.diagnosis.model import AlarmTail, Calibration, Model
 from fdd.diagnosis.pipeline import Pipeline
 from fdd.errors import InputError
-from fdd.identify import identify_unit
+from fdd.identification import identify_unit
 from fdd.unit import Unit
 
 TAIL_FROM = 0.7
@@ -32,7 +32,7 @@ class ScoredLog:
 
     Attributes
     ----------
-    structure : of its unit, where the recipe has several. family : true one.
+    structure : of its unit, where the recipe has several. family : true one. faults : true ones.
     answer : leading one, "" for none. score : the largest. healthy_s : s before a fault acts. doubt :
         relative std that the severity's 80 % interval lacked to hold the true one; NaN where another fault
         was answered. hidden : share of faults that it could not have shown.
@@ -46,6 +46,7 @@ class ScoredLog:
     healthy_s: float
     doubt: float = float("nan")
     hidden: float = 0.0
+    faults: tuple[str, ...] = ()
 
 
 def train(
@@ -109,7 +110,8 @@ def learnt(logs: list[ScoredLog], data: str) -> Model:
         midpoint=round(float(midpoint), 3), slope=round(slope, 4), unseen=round(unseen, 3),
         severity_doubt=round(float(np.quantile(doubts, 0.8)), 3) if doubts.size >= LEAST_LOGS else 0.15,
     )  # fmt: skip
-    return Model(data=data, tail=tail, calibration=calibration)
+    taught = tuple(sorted({name for x in logs for name in x.faults}))
+    return Model(data=data, tail=tail, calibration=calibration, faults=taught or None)
 
 
 def identified_unit(data: Dataset, unit: str) -> Unit:
@@ -140,7 +142,7 @@ def _score(data: Dataset, entry: Entry, profile: Unit) -> ScoredLog:
         family=entry.faults[0].family if entry.faults else "healthy",
         answer=hydraulic[0].family if hydraulic else "", score=pipeline.largest_score, healthy_s=onset,
         doubt=_doubt(entry, hydraulic, pipeline.model.calibration.severity_doubt),
-        hidden=hidden_share(found.not_visible),
+        hidden=hidden_share(found.not_visible), faults=tuple(f.fault for f in entry.faults),
     )  # fmt: skip
 
 

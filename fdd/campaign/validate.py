@@ -16,6 +16,7 @@ from fdd.campaign.units import Progress, over_units
 from fdd.diagnosis.findings import Trajectories
 from fdd.diagnosis.model import Model
 from fdd.diagnosis.pipeline import Pipeline
+from fdd.engines import Engine
 from fdd.plant.truth import Truth
 from fdd.unit import Unit
 
@@ -24,15 +25,16 @@ SETTLED_S = 5.0
 
 
 def validate(
-    directory: str | Path, model: str | None = None, *, workers: int = 2, progress: Progress | None = None
-) -> list[Outcome]:
+    directory: str | Path, model: str | None = None, *, workers: int | None = 2,
+    progress: Progress | None = None, engine: Engine = "local",
+) -> list[Outcome]:  # fmt: skip
     """Diagnose every log of a data set on profiles identified from its units' own baselines.
 
     Raises
     ------
     InputError : not a data set, or an unusable model.
     """
-    return over_units(_unit_outcomes, directory, model, workers=workers, progress=progress)
+    return over_units(_unit_outcomes, directory, model, workers=workers, progress=progress, engine=engine)
 
 
 def _unit_outcomes(directory: str, model: str | None, unit: str) -> list[Outcome]:

@@ -11,11 +11,12 @@ import yaml
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from fdd.campaign.calibration import calibration_runs
+from fdd.campaign.calibration import _throttle_for, calibration_runs
 from fdd.campaign.drawing import VARIED, assign_faults, draw_scenario, draw_unit, stream
+from fdd.campaign.motion import fitting_duty
 from fdd.campaign.recipe import DRAWN_DUTIES, Recipe
 from fdd.errors import InputError
-from fdd.plant.duty import ConstantSpeed
+from fdd.plant.duty import DUTIES, ConstantSpeed
 from fdd.plant.faults.scales import FaultScales
 from fdd.plant.faults.spec import SIMULATED
 from fdd.plant.load import LOADS
@@ -307,3 +308,39 @@ def test_what_is_no_recipe_is_refused(tmp_path: Path, text: str) -> None:
         Recipe.load(path)
     with pytest.raises(InputError, match="no such recipe"):
         Recipe.load(tmp_path / "missing.yaml")
+
+
+@pytest.mark.parametrize("pressure", [1e6, 2.4e6])
+def test_a_throttle_loads_the_fastest_stroke_with_what_is_asked(pressure: float) -> None:
+    """Its drop grows with the square of the flow; friction is the rest, and what leaks does not pass it."""
+    unit = Unit.load("axis_a")
+    drop = _throttle_for(unit, pressure)
+    fastest, stated = 110.0 * unit.pump.displacement, 100.0 * unit.pump.displacement
+    passes = fastest - unit.pump.total_leakage * pressure
+    made = drop * (passes / stated) ** 2 + unit.friction.forward.coulomb / unit.cylinder.area_1
+    assert made == pytest.approx(pressure, rel=1e-9)
+
+
+@pytest.mark.parametrize("name", sorted(set(DUTIES) - {"levels"}))
+def test_only_duties_that_need_no_position_loop_are_done_at_a_commanded_speed(name: str) -> None:
+    unit, rng = Unit.load("axis_a"), np.random.default_rng(3)
+    for speed in (True, False):
+        _, control = fitting_duty(name, unit, rng, {}, speed=speed, gain=1e4)
+        never, always = name in ("standstill", "strokes", "flight"), name == "constant_speed"
+        assert control.mode == ("speed" if always or (speed and not never) else "position")
+
+
+@pytest.mark.parametrize(("name", "parts"), [("sines", (0.5, 0.86)), ("sawtooth", (0.8, 0.86))])
+def test_a_set_point_asks_no_more_than_most_of_the_drives_speed(
+    name: str, parts: tuple[float, float]
+) -> None:
+    """By the set-point itself, after its start; amplitudes of a machine with stroke to spare."""
+    unit, rng, asked = Unit.load("axis_a"), np.random.default_rng(4), []
+    unit.cylinder = unit.cylinder.model_copy(update={"stroke": 20.0})
+    fastest = unit.drive.max_speed * unit.pump.displacement / unit.cylinder.area_1
+    for _ in range(60):
+        duty, _ = fitting_duty(name, unit, rng, {"amplitude": (5.0, 9.0)}, speed=False, gain=1e4)
+        time = np.arange(0.0, 60.0, 1e-3)
+        speed = np.abs(np.gradient(duty.amplitude * duty.shape(time, rng), time))[1000:]
+        asked.append(np.quantile(speed, 0.999) / fastest)
+    assert parts[0] < max(asked) <= parts[1]

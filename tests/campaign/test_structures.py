@@ -240,3 +240,14 @@ def test_what_no_machine_can_be_is_refused_in_one_line(structure: dict[str, Any]
     assert "\n" not in str(error.value)
     with pytest.raises(InputError, match="twice"):
         recipe_with(structures=[{"name": "odd"}, {"name": "odd"}])
+
+
+def test_what_a_structures_profile_names_is_drawn_on_top_of_its_base() -> None:
+    drawn_of = {"oil": {"bulk_modulus": [3e8, 3.1e8]}, "drive": {"inertia": [1e-3, 1.1e-3]}}
+    given = {"name": "own", "profile": drawn_of, "sensors": {"position": {"noise": [3e-5, 3.1e-5]}}}
+    structure = recipe_with(structures=[given]).structures[0]
+    base, unit = Unit.load("axis_b"), structure.data_sheet("axis_b", np.random.default_rng(2))
+    assert 3e8 <= unit.oil.bulk_modulus <= 3.1e8 and 1e-3 <= unit.drive.inertia <= 1.1e-3
+    assert 3e-5 <= unit.sensor("position").noise <= 3.1e-5
+    assert unit.cylinder == base.cylinder and unit.oil.viscosity_40 == base.oil.viscosity_40
+    assert unit.sensor("pressure_1").noise == base.sensor("pressure_1").noise

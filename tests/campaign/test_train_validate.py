@@ -80,6 +80,17 @@ def test_a_quiet_log_does_not_rule_out_faults_that_leave_no_trace() -> None:
     assert calibration.probability(25.0) > 0.95
 
 
+def test_what_a_log_could_not_have_shown_is_not_learnt_as_unseen() -> None:
+    """A third of the faulty logs look like healthy ones, as that third of all faults could not show."""
+    hidden = [scored("leakage", s) for s in np.random.default_rng(1).exponential(2.0, 500)]
+    clear = [scored("leakage", s) for s in 20.0 + np.random.default_rng(2).exponential(12.0, 1000)]
+    healthy = [x for x in drawn() if x.family == "healthy"]
+    for share, unseen in ((0.0, 1.0 / 3.0), (0.2, 1.0 / 6.0), (1.0 / 3.0, 0.0)):
+        faulty = [replace(x, hidden=share) for x in hidden + clear]
+        found = learnt(healthy + faulty, "made up").calibration.unseen
+        assert found == pytest.approx(unseen, abs=0.04)
+
+
 def test_severities_are_as_doubtful_as_their_errors() -> None:
     """Sizes of half the truth in a fifth of the logs, right in the others: 80 % are right without a doubt."""
     sized = [replace(x, doubt=0.8 if k % 5 == 0 else 0.0) for k, x in enumerate(drawn())]
@@ -178,6 +189,7 @@ def tiny_set(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder / "set"
 
 
+@pytest.mark.slow
 def test_validation_compares_each_log_with_its_truth(
     tiny_set: Path, tiny_model: Model, tmp_path: Path
 ) -> None:
@@ -200,6 +212,7 @@ def test_a_model_that_is_none_is_refused_before_any_work(tiny_set: Path, tmp_pat
         validate(tiny_set, str(tmp_path / "none.json"), workers=1)
 
 
+@pytest.mark.slow
 def test_what_must_not_matter_does_not(tiny_set: Path) -> None:
     compared = disturb.compare(tiny_set, workers=1)
     assert {c.disturbance for c in compared} == set(disturb.DISTURBANCES)
@@ -213,10 +226,8 @@ def test_a_difference_is_told() -> None:
     assert "0.00 (0.00 to 0.79) of 1" in disturb.table([other])
 
 
+@pytest.mark.slow
 def test_a_kind_that_the_catalogue_does_not_have_is_told_as_what_it_is_taken_for(tiny_set: Path) -> None:
     said = left_out.left_out(tiny_set, workers=1)
     assert {kind for kind, _ in said} == {"internal_leakage"}
     assert {what for _, what in said} <= {"unknown", "a neighbour", "another"}, "gross: something is said"
-    told = left_out.table([("aeration", "unknown"), ("aeration", "another"), ("pump_wear", "nothing")])
-    assert "| aeration | 0 | 1 | 0 | 1 |" in told and "| pump wear | 1 | 0 | 0 | 0 |" in told
-    assert "0.50" in told and "of 2" in told

@@ -1,0 +1,123 @@
+"""What stands beside a data set for people who get it: its card, and the hashes of its files."""
+
+from __future__ import annotations
+
+import hashlib
+from collections import Counter
+from pathlib import Path
+
+from fdd.campaign.dataset import Dataset
+from fdd.campaign.layout import CARD, LABELS, MANIFEST, RECIPE, SUMS
+from fdd.campaign.splits import SPLITS, split_of
+from fdd.faults import CATALOGUE
+from fdd.files import write_text
+from fdd.yaml_reading import yaml_of
+
+
+def write_sums(directory: Path) -> None:
+    """Write the SHA-256 of all files that belong to a data set, as ``sha256sum -c`` checks them.
+
+    Manifest and card are left out: they are written after it. So is what others put there.
+    """
+    files = [directory / RECIPE, directory / LABELS, *(p for p in directory.glob("*/*") if p.is_file())]
+    lines = []
+    for path in sorted(
+        p for p in files if not any(x.startswith(".") for x in p.relative_to(directory).parts)
+    ):
+        with path.open("rb") as file:
+            told = hashlib.file_digest(file, "sha256").hexdigest()
+        lines.append(f"{told}  {path.relative_to(directory).as_posix()}\n")
+    write_text(directory / SUMS, "".join(lines))
+
+
+def write_card(directory: Path) -> None:
+    """Write a data set's card (Markdown), unless somebody has written one.
+
+    Raises
+    ------
+    InputError : not a data set.
+    """
+    if not (directory / CARD).is_file():
+        write_text(directory / CARD, card(Dataset.load(directory)))
+
+
+def card(data: Dataset) -> str:
+    """The card's text: it depends on recipe and labels alone."""
+    recipe, made = data.recipe, data.manifest
+    head = {
+        "pretty_name": made.name,
+        "tags": ["fault-detection", "electro-hydrostatic-actuator", "simulated"],
+    }
+    if recipe.licence:
+        head = {"license": recipe.licence, **head}
+    rates = sorted({s.rate for s in recipe.structures} or {recipe.recording.rate})
+    # Machines that differ in kind have channels of their own.
+    alike = data.logs and not recipe.structures
+    channels = f", {', '.join(data.samples(data.logs[0]).channels)}" if alike else ""
+    calibration = "with" if any(made.baselines.values()) else "without"
+    structures = f"; {len(recipe.structures)} structures" if recipe.structures else ""
+    split = split_of(data.units, made.seed)
+    told = {name: ", ".join(u for u in data.units if split[u] == name) or "none" for name in SPLITS}
+    sha = made.sha256
+    cite = f"{made.name}, simulated with fdd {made.version}, seed {made.seed}, SHA-256 {sha}."
+    return f"""---
+{yaml_of(head)}---
+
+# {made.name}
+
+{recipe.description or "Simulated logs of electro-hydrostatic actuators with injected faults."}
+
+{made.number} logs ({made.hours:g} h) of {made.units} units, {calibration} healthy calibration runs.
+Everything is simulated, by one plant (`fdd.plant`).
+
+## How it was made
+
+`fdd generate {RECIPE} -o DIR` with fdd {made.version}. `{RECIPE}` is the recipe with all its defaults and
+its seed, {made.seed}; each log's own seed stands in `{LABELS}`. The same recipe, version and libraries give
+the same bytes.
+
+## What is in it
+
+- `unit_NNN/log_NNN.{recipe.format}`: {" or ".join(f"{r} Hz" for r in rates)}{channels}. SI units.
+- `unit_NNN/truth_NNN.parquet`: true leakage, bulk modulus, friction, pressures, severities at 20 Hz.
+- `{LABELS}`: faults with severity and onset, load, duty and oil temperature of each log.
+- `unit_NNN/true_unit.yaml`: the profile that was simulated. A diagnosis must not read it.
+
+## Faults
+
+{_faults(data)}
+
+## Units and splits
+
+Bases {", ".join(recipe.bases)}, numbers drawn within {recipe.variation:.0%}{structures}.
+No unit is in two splits.
+
+{chr(10).join(f"- {name}: {units}" for name, units in told.items())}
+
+## Hashes
+
+`{MANIFEST}` holds the SHA-256 of labels and recipe, {sha};
+`{SUMS}` holds those of all files (`sha256sum -c {SUMS}`). `fdd.load_dataset` checks them.
+
+## Licence
+
+{recipe.licence or "None is stated. Whoever publishes the data states one here (`licence` in the recipe)."}
+
+## How to cite
+
+{recipe.cite or cite}
+"""
+
+
+def _faults(data: Dataset) -> str:
+    """How often each fault is there, and how severe: a table."""
+    lines = ["| fault | logs | severity | onset, s |", "| --- | --- | --- | --- |"]
+    counts = Counter(f.fault for e in data.logs for f in e.faults)
+    for name in (n for n in CATALOGUE if counts[n]):
+        mine = [f for e in data.logs for f in e.faults if f.fault == name]
+        spans = []
+        for values in ([f.severity for f in mine], [f.onset_s for f in mine]):
+            spans.append(f"{min(values):.3g} to {max(values):.3g}")
+        lines.append(f"| {name} | {len(mine)} | {spans[0]} | {spans[1]} |")
+    lines.append(f"| healthy | {sum(e.healthy for e in data.logs)} | | |")
+    return "\n".join(lines)

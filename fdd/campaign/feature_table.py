@@ -1,0 +1,180 @@
+"""The features of a whole data set beside its truth, as one table in Parquet.
+
+What each column is stands in the file: unit, meaning and role (``id``, ``label``, ``condition``, ``answer``
+or ``feature``) in the metadata of its field; fdd's version and the data set's hash in those of the table.
+"""
+
+from __future__ import annotations
+
+import json
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import pandas as pd
+import pyarrow as pa
+from pyarrow import parquet
+
+from fdd import __version__
+from fdd.campaign.dataset import Dataset, Entry, Manifest
+from fdd.campaign.splits import split_of
+from fdd.campaign.train import identified_unit
+from fdd.campaign.units import Progress, over_units
+from fdd.diagnosis.findings import Diagnosis
+from fdd.diagnosis.model import Model
+from fdd.engines import Engine
+from fdd.errors import InputError
+from fdd.files import whole_file
+from fdd.learning.features import FEATURES, log_features
+
+SCHEMA = "fdd.features/1"
+HEALTHY = "healthy"
+KEY = b"fdd"
+MEND = "make it with: fdd features DATASET -o FILE.parquet"
+
+TOLD: dict[str, tuple[str, str, str]] = {
+    "file": ("id", "", "log, below the data set's folder"),
+    "start_s": ("id", "s", "start of the row's time"),
+    "end_s": ("id", "s", "end of it"),
+    "unit": ("id", "", "the actuator: rows of one belong together"),
+    "split": ("id", "", "train, validation or test; all rows of a unit are in one"),
+    "fault": ("label", "", "true fault that acts by the end of the row, the first one injected; or healthy"),
+    "faults": ("label", "", "all that act by then, with blanks between"),
+    "family": ("label", "", "of that fault, or healthy"),
+    "severity": ("label", "1", "of that fault, 0 to 1; 0 while healthy"),
+    "onset_s": ("label", "s", "when that fault begins"),
+    "structure": ("condition", "", "kind of machine; empty where the recipe has none"),
+    "load": ("condition", "", "kind of load"),
+    "duty": ("condition", "", "kind of motion"),
+    "control": ("condition", "", "position or speed"),
+    "answer_verdict": ("answer", "", "of fdd diagnose by the end of the row"),
+    "answer_fault": ("answer", "", "its surest fault, or healthy"),
+    "answer_family": ("answer", "", "its likeliest family, or healthy"),
+    "answer_confidence": ("answer", "1", "probability that it gives that family"),
+}
+"""Columns beside the features: role, unit and meaning."""
+
+
+def feature_table(
+    directory: str | Path,
+    *,
+    model: str | None = None,
+    window: float | None = None,
+    workers: int | None = 1,
+    progress: Progress | None = None,
+    engine: Engine = "local",
+) -> pa.Table:
+    """Diagnose every log of a data set, on profiles identified from its units' own baselines.
+
+    Parameters
+    ----------
+    model : file of the learnt layer; None takes the shipped one. window : s of a row; None: a log is one.
+    workers, progress, engine : see `fdd.campaign.units.for_each_unit`.
+
+    Returns
+    -------
+    Columns of `TOLD`, then `FEATURES`; a row for each log or window, by unit and log.
+
+    Raises
+    ------
+    InputError : not a data set, without baselines, or an unusable model.
+    """
+    work = partial(_unit_rows, window)
+    rows = over_units(work, directory, model, workers=workers, progress=progress, engine=engine)
+    return table_of(rows, Dataset.load(directory).manifest, Model.load(model).sha256, window)
+
+
+def table_of(
+    rows: list[dict[str, Any]], data: Manifest, model_sha256: str, window: float | None = None
+) -> pa.Table:
+    """Rows with what the file has to say of them.
+
+    Parameters
+    ----------
+    rows : a value for each of `TOLD` but the split, and of `FEATURES`. data : of their data set.
+    """
+    split = split_of(tuple(data.baselines), data.seed)
+    plain = {name: [split[r["unit"]] if name == "split" else r[name] for r in rows] for name in TOLD}
+    plain |= {name: [r[name] for r in rows] for name in FEATURES}
+    kinds = {**TOLD, **{n: ("feature", f.unit, f.meaning) for n, f in FEATURES.items()}}
+    fields = [
+        pa.field(name, _type(name, unit), metadata={"role": role, "unit": unit, "meaning": meaning})
+        for name, (role, unit, meaning) in kinds.items()
+    ]
+    about = {
+        "schema": SCHEMA, "fdd": __version__, "data": data.name, "data_sha256": data.sha256,
+        "model_sha256": model_sha256, "window_s": window,
+    }  # fmt: skip
+    return pa.table(plain, schema=pa.schema(fields, metadata={KEY: json.dumps(about)}))
+
+
+def _type(name: str, unit: str) -> pa.DataType:
+    return pa.float64() if name in FEATURES or unit else pa.string()
+
+
+def _unit_rows(window: float | None, directory: str, model: str | None, unit: str) -> list[dict[str, Any]]:
+    data = Dataset.load(directory)
+    profile, learnt = identified_unit(data, unit), Model.load(model)
+    return [
+        {**_truth(entry, start, end), **_answer(answer), **row}
+        for entry in data.logs_of(unit)
+        for start, end, answer, row in log_features(data.samples(entry), profile, learnt, window)
+    ]
+
+
+def _truth(entry: Entry, start: float, end: float) -> dict[str, Any]:
+    acting = [f for f in entry.faults if f.onset_s < end]
+    lead = acting[0] if acting else None
+    return {
+        "file": entry.file, "start_s": start, "end_s": end, "unit": entry.unit,
+        "fault": lead.fault if lead else HEALTHY, "faults": " ".join(f.fault for f in acting) or HEALTHY,
+        "family": lead.family if lead else HEALTHY, "severity": lead.severity if lead else 0.0,
+        "onset_s": lead.onset_s if lead else None, "structure": entry.structure,
+        "load": entry.scenario.load, "duty": entry.scenario.duty, "control": entry.scenario.control,
+    }  # fmt: skip
+
+
+def _answer(answer: Diagnosis) -> dict[str, Any]:
+    family = max(answer.probabilities, key=lambda name: answer.probabilities[name])
+    return {
+        "answer_verdict": answer.verdict,
+        "answer_fault": answer.faults[0].fault if answer.faults else HEALTHY,
+        "answer_family": family, "answer_confidence": answer.probabilities[family],
+    }  # fmt: skip
+
+
+def write_features(table: pa.Table, path: str | Path) -> None:
+    """Write a table whole or not at all; the same table gives the same bytes.
+
+    Raises
+    ------
+    InputError : it cannot be written.
+    """
+    with whole_file(path) as temporary:
+        parquet.write_table(table, temporary, compression="zstd")
+
+
+def read_features(path: str | Path) -> tuple[pd.DataFrame, dict[str, Any], dict[str, str]]:
+    """Read a table of features.
+
+    Returns
+    -------
+    The table; what it says of itself (``fdd``, ``data``, ``data_sha256``, ``model_sha256``, ``window_s``);
+    role of each column.
+
+    Raises
+    ------
+    InputError : no such file, or not one that `write_features` wrote.
+    """
+    path = Path(path)
+    if not path.is_file():
+        raise InputError("no such file", where=path, mend=MEND)
+    try:
+        table = parquet.read_table(path, memory_map=False)
+        about = json.loads((table.schema.metadata or {})[KEY])
+        roles = {f.name: f.metadata[b"role"].decode() for f in table.schema}
+    except (OSError, pa.ArrowException, KeyError, TypeError, ValueError):
+        raise InputError("not a table of features", where=path, mend=MEND) from None
+    if not isinstance(about, dict) or about.get("schema") != SCHEMA:
+        raise InputError(f"not of version {SCHEMA}", where=path, mend=MEND)
+    return table.to_pandas(), about, roles

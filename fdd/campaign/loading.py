@@ -1,0 +1,163 @@
+"""A data set as people who know pandas and scikit-learn want it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Literal
+
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+
+from fdd.campaign.dataset import Dataset
+from fdd.campaign.feature_table import HEALTHY, feature_table, read_features
+from fdd.campaign.splits import Split, split_of
+from fdd.campaign.units import Progress
+from fdd.errors import InputError
+from fdd.learning.features import FEATURES
+from fdd.samples import Samples
+
+FEATURES_FILE = "features.parquet"
+"""Where a data set's features are looked for, in its folder."""
+
+Target = Literal["fault", "family"]
+Strings = NDArray[np.str_]
+
+
+@dataclass(frozen=True)
+class LabelledData:
+    """A data set with its truth and, where they were made, its features.
+
+    Attributes
+    ----------
+    data : the data set.
+    truth : a row for each log: ``file``, ``unit``, ``split``, ``fault``, ``faults``, ``family``,
+        ``severity``, ``onset_s``, conditions, and ``true_…``: medians of what really was (SI).
+    features : a row for each log or window (see `fdd.campaign.feature_table`); None where there are none.
+    names : of the features, in the order of X. window_s : of a row; None: a row is a log.
+    """
+
+    data: Dataset
+    truth: pd.DataFrame
+    features: pd.DataFrame | None
+    names: tuple[str, ...]
+    window_s: float | None = None
+
+    def arrays(
+        self, split: Split | None = None, target: Target = "family"
+    ) -> tuple[NDArray[np.float64], Strings, Strings]:
+        """What scikit-learn takes.
+
+        Parameters
+        ----------
+        split : rows of these units; None gives all. target : what y is.
+
+        Returns
+        -------
+        X (n, k) features, SI, NaN where a log tells nothing; y (n,) true faults or families, or ``healthy``;
+        groups (n,) units.
+
+        Raises
+        ------
+        InputError : the data set has no features.
+        """
+        rows = self._rows(split)
+        x = rows[list(self.names)].to_numpy(dtype=np.float64)
+        return x, rows[target].to_numpy(dtype=np.str_), rows["unit"].to_numpy(dtype=np.str_)
+
+    def own_answers(self, split: Split | None = None, target: Target = "family") -> Strings:
+        """What fdd itself answered on the rows of `arrays`, (n,)."""
+        return np.asarray(self._rows(split)[f"answer_{target}"].to_numpy(dtype=np.str_))
+
+    def _rows(self, split: Split | None) -> pd.DataFrame:
+        if self.features is None:
+            folder = self.data.directory
+            raise InputError(
+                "no features", where=folder,
+                mend=f"make them with: fdd features {folder} -o {folder / FEATURES_FILE}",
+            )  # fmt: skip
+        return self.features if split is None else self.features[self.features["split"] == split]
+
+    def samples(self, file: str) -> Samples:
+        """The samples of a log, its hash checked.
+
+        Raises
+        ------
+        InputError : no such log, or it was changed.
+        """
+        entry = next((e for e in self.data.logs if e.file == file), None)
+        if entry is None:
+            raise InputError(f"no log {file!r}", where=self.data.directory, mend="take one of truth['file']")
+        self.data.check(file)
+        return self.data.samples(entry)
+
+
+def load_dataset(directory: str | Path, features: str | Path | None = None) -> LabelledData:
+    """Open a data set that ``fdd generate`` made.
+
+    Parameters
+    ----------
+    features : table that ``fdd features`` made of it; None takes ``features.parquet`` in its folder, if there
+        is one.
+
+    Raises
+    ------
+    InputError : not a data set, labels or recipe were changed, or features of other data.
+
+    Examples
+    --------
+    >>> X, y, groups = load_dataset("smoke").arrays("train")  # doctest: +SKIP
+    """
+    data = Dataset.load(directory)
+    path = data.directory / FEATURES_FILE if features is None else Path(features)
+    truth = truth_table(data)
+    if features is None and not path.is_file():
+        return LabelledData(data, truth, None, ())
+    table, about, roles = read_features(path)
+    if about["data_sha256"] != data.manifest.sha256:
+        raise InputError(
+            f"features of other data than {data.directory}", where=path,
+            mend=f"make them anew: fdd features {data.directory} -o {path}",
+        )  # fmt: skip
+    names = tuple(name for name, role in roles.items() if role == "feature")
+    return LabelledData(data, truth, table, names, about["window_s"])
+
+
+def with_features(
+    directory: str | Path, *, workers: int | None = 1, progress: Progress | None = None
+) -> LabelledData:
+    """A data set with its features: those in its folder, or made now where none of this version are there.
+
+    Parameters
+    ----------
+    workers, progress : see `fdd.campaign.feature_table.feature_table`.
+
+    Raises
+    ------
+    InputError : not a data set, without baselines, or features of other data in its folder.
+    """
+    found = load_dataset(directory)
+    if found.names == tuple(FEATURES):
+        return found
+    table = feature_table(directory, workers=workers, progress=progress)
+    return replace(found, features=table.to_pandas(), names=tuple(FEATURES), window_s=None)
+
+
+def truth_table(data: Dataset) -> pd.DataFrame:
+    """The truth of a data set's logs, a row each; see `LabelledData`."""
+    split = split_of(data.units, data.manifest.seed)
+    rows = []
+    for e in data.logs:
+        lead = e.faults[0] if e.faults else None
+        rows.append({
+            "file": e.file, "unit": e.unit, "split": split[e.unit],
+            "fault": lead.fault if lead else HEALTHY,
+            "faults": " ".join(f.fault for f in e.faults) or HEALTHY, "family": e.family,
+            "severity": lead.severity if lead else 0.0, "onset_s": lead.onset_s if lead else np.nan,
+            "profile": lead.profile if lead else None, "channel": lead.channel if lead else None,
+            "duration_s": e.duration_s, "samples": e.samples, "base": e.base, "structure": e.structure,
+            "condition": e.condition, **e.scenario.model_dump(),
+            **{f"true_{name}": value for name, value in e.truth_medians.items()},
+        })  # fmt: skip
+    return pd.DataFrame(rows)

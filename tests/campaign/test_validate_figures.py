@@ -1,0 +1,155 @@
+"""Estimates against a truth that is known, and what is written of outcomes: no plant, no filters."""
+
+from __future__ import annotations
+
+import csv
+import io
+
+import numpy as np
+import pytest
+from test_train_validate import finding, label, outcome
+
+from fdd.campaign import left_out, train
+from fdd.campaign.scores import Outcome
+from fdd.campaign.validate import estimate_errors, outcomes_csv, summary
+from fdd.diagnosis.answering import Z80
+from fdd.diagnosis.findings import Trajectories
+from fdd.plant.truth import Truth
+from fdd.residuals.balances import compliance_of_air
+from fdd.unit import Unit
+
+N = 4000
+TIME = np.arange(N) * 0.01
+LEAK, BULK = 7e-12, 3e8
+
+
+def truth(severity: np.ndarray | None = None, bulk: float = BULK) -> Truth:
+    time = np.arange(800) * 0.05
+    columns = {"leakage": np.full(time.size, LEAK), "bulk_modulus": np.full(time.size, bulk)}
+    return Truth(time, columns, {} if severity is None else {"aeration": np.interp(time, TIME, severity)})
+
+
+def tracked(leak: np.ndarray, bulk: np.ndarray, seen: np.ndarray | None = None) -> Trajectories:
+    flags = np.ones(N, dtype=bool) if seen is None else seen
+    none = np.empty(0)
+    return Trajectories(
+        time=TIME, estimates={"ekf": {"leakage": leak, "bulk_modulus": bulk}}, stds={},
+        observable={"leakage": flags, "bulk_modulus": flags}, nis={}, window_time=none, feature_names=[],
+        features=none, statistic=none, threshold=0.0,
+    )  # fmt: skip
+
+
+def errors(found: Trajectories, of: Truth, profile: Unit | None = None) -> dict[str, tuple[float, float]]:
+    axis = Unit.load("axis_a")
+    return {n: e for (_, n), e in estimate_errors(found, of, profile or axis, axis).items()}
+
+
+def test_an_estimates_error_is_its_median_while_it_is_observable_and_settled() -> None:
+    leak = np.full(N, LEAK * 1.1)
+    leak[TIME <= 5.0] = 1.0  # the first five seconds do not count
+    leak[TIME > 30.0] *= 1.1
+    seen = TIME < 38.0
+    found = errors(tracked(leak, np.full(N, 0.8 * BULK), seen), truth())
+    assert found["leakage"] == (pytest.approx(0.1), pytest.approx(33.0 / 40.0, abs=1e-3))
+    assert found["bulk_modulus"][0] == pytest.approx(0.2)
+    none = errors(tracked(leak, leak, np.zeros(N, dtype=bool)), truth())
+    assert np.isnan(none["leakage"][0]) and none["leakage"][1] == 0.0
+
+
+def test_while_a_fault_changes_the_plant_and_shortly_after_no_estimate_counts() -> None:
+    step = (TIME >= 20.0).astype(float)
+    leak = np.where((TIME > 19.95) & (TIME < 24.9), 1.0, LEAK)  # lost for as long as a filter may need
+    found = errors(tracked(leak, np.full(N, BULK)), truth(step))
+    assert found["leakage"][0] == 0.0
+    assert found["leakage"][1] == pytest.approx((40.0 - 5.0 - 5.2) / 40.0, abs=0.01)
+
+
+def test_leakage_is_compared_by_area_and_stiffness_by_volume_over_area() -> None:
+    """A profile of 3 % more area and 8 % more volume gives estimates that are right for it."""
+    profile = Unit.load("axis_a")
+    c = profile.cylinder
+    profile.cylinder = c.model_copy(
+        update={"area_1": 1.03 * c.area_1, "volume_1": 1.08 * c.volume_1, "volume_2": 1.08 * c.volume_2}
+    )
+    found = errors(tracked(np.full(N, 1.03 * LEAK), np.full(N, BULK * 1.08 / 1.03)), truth(), profile)
+    assert found["leakage"][0] == pytest.approx(0.0, abs=1e-9)
+    assert found["bulk_modulus"][0] == pytest.approx(0.0, abs=1e-9)
+
+
+def test_bulk_modulus_is_compared_at_the_profiles_reference_pressure() -> None:
+    """Of oil and free air in it, whose compliances add up (thesis eq. 5.21)."""
+    axis = Unit.load("axis_a")
+    oil = axis.oil
+
+    def air(pressure: float) -> float:
+        return float(compliance_of_air(np.array([pressure]), oil.polytropic_index)[0])
+
+    here, there = oil.reference_pressure, 2.0 * oil.reference_pressure
+    stiff, share = 1.0 / oil.bulk_modulus - oil.air_fraction * air(here), oil.air_fraction + 0.004
+    profile = axis.model_copy(update={"oil": oil.model_copy(update={"reference_pressure": there})})
+    found = errors(
+        tracked(np.full(N, LEAK), np.full(N, 1.0 / (stiff + share * air(there)))),
+        truth(bulk=1.0 / (stiff + share * air(here))),
+        profile,
+    )
+    assert found["bulk_modulus"][0] == pytest.approx(0.0, abs=1e-6)
+
+
+def with_errors(one: Outcome, leakage: tuple[float, float]) -> Outcome:
+    return Outcome(one.entry, one.found, {**one.errors, ("ekf", "leakage"): leakage})
+
+
+def test_the_summary_counts_what_was_found_and_what_was_answered() -> None:
+    leak, air = "internal_leakage", "aeration"
+    text = summary([
+        with_errors(outcome([label(leak)], [finding(leak)]), (0.01, 1.0)),
+        with_errors(outcome([label(leak)], [finding("pump_wear", 11.0)]), (0.03, 0.5)),
+        with_errors(outcome([label(leak)], []), (float("nan"), 0.0)),
+        with_errors(outcome([label(air)], [finding(air, 5.0)]), (0.05, 0.5)),  # before anything was wrong
+    ])  # fmt: skip
+    rows = {line.split("|")[1].strip(): [c.strip() for c in line.split("|")[2:-1]]
+            for line in text.splitlines() if line.startswith("|")}  # fmt: skip
+    assert rows["internal leakage"][:2] == ["3", "2"]
+    assert set(rows["internal leakage"][2].split(", ")) == {"internal leakage 1", "pump wear 1"}
+    assert rows["internal leakage"][3] == "2.8 s", "the median of 2.5 and 3 s"
+    assert rows["aeration"] == ["1", "0", "-", "-"]
+    assert rows["EKF leakage"] == ["3.0 %", "4.6 %", "3 of 4", "50 %"]
+
+
+def test_each_log_has_its_line_of_truth_and_answer() -> None:
+    said = outcome([label("internal_leakage")], [finding("pump_wear", 11.0, 0.7)])
+    healthy = outcome([], [])
+    one, other = csv.DictReader(io.StringIO(outcomes_csv([said, healthy])))
+    assert (one["true_fault"], one["answered_fault"]) == ("internal_leakage", "pump_wear")
+    assert (one["true_onset_s"], one["answered_onset_s"], one["confidence"]) == ("10.0", "11.0", "0.7")
+    assert (one["true_severity"], one["answered_severity"]) == ("0.5", "0.4")
+    assert one["ekf_leakage_error"] == "0.02" and one["load"] == "spring" and one["duty"] == "steps"
+    assert (other["true_fault"], other["answered_fault"], other["verdict"]) == ("", "", "healthy")
+
+
+@pytest.mark.parametrize("true", [0.2, 0.39, 0.5, 0.9])
+def test_a_severity_is_as_doubtful_as_its_interval_fell_short(true: float) -> None:
+    """With that doubt beside the log's own error, the 80 % interval just reaches the true severity."""
+    entry = outcome([label("aeration").model_copy(update={"severity": true})], []).entry
+    size, own, known = 0.4, 0.03, 0.1
+    half = Z80 * np.hypot(own, known * size)
+    said = finding("aeration").model_copy(update={"severity_interval": (size - half, size + half)})
+    doubt = train._doubt(entry, [said], known)
+    reach = Z80 * np.hypot(own, doubt * size)
+    assert reach == pytest.approx(max(abs(true - size), Z80 * own), rel=1e-6)
+
+
+def test_a_doubt_needs_one_fault_that_was_named() -> None:
+    entry = outcome([label("aeration")], []).entry
+    two = outcome([label("aeration"), label("internal_leakage")], []).entry
+    said = finding("aeration")
+    assert np.isfinite(train._doubt(entry, [said], 0.1))
+    sizeless = said.model_copy(update={"severity_interval": None})
+    for of, found in ((entry, []), (entry, [finding("pump_wear")]), (two, [said]), (entry, [sizeless])):
+        assert np.isnan(train._doubt(of, found, 0.1))
+
+
+def test_what_is_said_of_kinds_left_out_is_counted() -> None:
+    told = left_out.table([("aeration", "unknown"), ("aeration", "another"), ("pump_wear", "nothing")])
+    assert "| aeration | 0 | 1 | 0 | 1 |" in told and "| pump wear | 1 | 0 | 0 | 0 |" in told
+    assert "0.50" in told and "of 2" in told

@@ -1,0 +1,115 @@
+"""Features against the answer that they come from, against truth, and against a hand's calculation."""
+
+from __future__ import annotations
+
+import math
+import re
+
+import numpy as np
+import pytest
+
+from fdd.diagnosis.lookout import LOOK_MARGIN
+from fdd.diagnosis.model import Model
+from fdd.diagnosis.pipeline import Pipeline
+from fdd.learning.features import FEATURES, Row, features_of, log_features
+from fdd.plant.scenario import Scenario
+from fdd.plant.simulate import simulate
+from fdd.samples import Samples
+from fdd.unit import Unit
+
+ONSET, SEVERITY = 12.0, 0.8
+
+
+@pytest.fixture(scope="module")
+def leaking() -> Samples:
+    scenario = Scenario(
+        duration=30.0, seed=4, duty={"name": "steps", "amplitude": 0.04, "hold": 1.0},
+        load={"name": "spring"}, faults=[{"fault": "internal_leakage", "severity": SEVERITY, "onset": ONSET}],
+    )  # fmt: skip
+    return simulate(Unit.load("axis_a"), scenario).samples
+
+
+@pytest.fixture(scope="module")
+def whole(leaking: Samples, tiny_model: Model) -> Row:
+    ((start, end, _, row),) = log_features(leaking, Unit.load("axis_a"), tiny_model)
+    assert start == leaking.time[0] and end == leaking.time[-1]
+    return row
+
+
+def test_the_fits_are_those_that_the_answer_was_made_of(
+    leaking: Samples, whole: Row, tiny_model: Model
+) -> None:
+    pipeline = Pipeline(Unit.load("axis_a"), tiny_model)
+    pipeline.push(leaking)
+    (found, *_) = pipeline.finish().faults
+    assert found.fault == "internal_leakage" and found.severity is not None
+    assert whole["severity_internal_leakage"] == pytest.approx(found.severity, abs=5e-4)
+    low, high = found.severity_interval or (math.nan, math.nan)
+    assert low < SEVERITY < high
+    # The interval of 80 % (1.2816 standard deviations) holds the model's own doubt besides.
+    doubt = tiny_model.calibration.severity_doubt * found.severity
+    assert 1.2816 * math.hypot(whole["severity_internal_leakage_std"], doubt) == pytest.approx(
+        high - found.severity, abs=2e-3
+    )
+    for name in {f.hypothesis.fault for f in pipeline.fitted}:
+        leading = max((f for f in pipeline.fitted if f.hypothesis.fault == name), key=lambda f: f.gain)
+        assert whole[f"severity_{name}"] == leading.level and whole[f"score_{name}"] == leading.score
+    assert len({f.hypothesis.fault for f in pipeline.fitted}) < len(pipeline.fitted), "sides and channels"
+    told = next(re.search(r"log likelihood ratio ([\d.]+)", s) for s in found.evidence)
+    # What one look saw counts a little less than what stood for three.
+    assert told is not None and 0.0 <= whole["score_internal_leakage"] - float(told[1]) <= LOOK_MARGIN + 0.05
+    others = [whole[n] for n in FEATURES if n.startswith("score_") and n != "score_internal_leakage"]
+    assert whole["score_internal_leakage"] > 10.0 and max(others) <= whole["score_internal_leakage"]
+
+
+def test_estimates_show_the_leak(whole: Row) -> None:
+    """Severity 1 is as the catalogue says: its own flow over the healthy one, as the plant simulates it."""
+    for method in ("ekf", "svsf"):
+        healthy = whole[f"leakage_{method}"] / (1.0 + whole[f"leakage_{method}_change"])
+        assert healthy == pytest.approx(Unit.load("axis_a").pump.total_leakage, rel=0.5)  # oil's temperature
+        assert whole[f"leakage_{method}_change"] > 0.2
+        assert 0.0 < whole[f"leakage_{method}_std"] < 0.2 * whole[f"leakage_{method}"]
+    assert whole["leakage_observable"] == 1.0
+
+
+def test_windows_follow_one_another_to_the_whole(leaking: Samples, whole: Row, tiny_model: Model) -> None:
+    rows = list(log_features(leaking, Unit.load("axis_a"), tiny_model, window=10.0))
+    assert [(round(a), round(b)) for a, b, _, _ in rows] == [(0, 10), (10, 20), (20, 30)]
+    assert sum(r["duration"] for *_, r in rows) == pytest.approx(whole["duration"], abs=0.01)
+    first, _, last = (r for *_, r in rows)
+    assert first["severity_internal_leakage"] < 0.3 < last["severity_internal_leakage"]
+    # The same evidence, whether it was asked for on the way or not.
+    for name in ("severity_internal_leakage", "score_internal_leakage", "leakage_ekf", "bulk_modulus_svsf"):
+        assert last[name] == pytest.approx(whole[name], rel=1e-2), name
+    assert last["misfit_volume"] != pytest.approx(whole["misfit_volume"], rel=1e-3)
+
+
+def test_what_a_log_does_not_have_is_not_told(leaking: Samples, whole: Row, tiny_model: Model) -> None:
+    few = Samples(leaking.time, {n: leaking[n] for n in ("pump_angle", "position", "pressure_difference")})
+    ((_, _, _, row),) = log_features(few, Unit.load("axis_a"), tiny_model)
+    assert row.keys() == whole.keys() == FEATURES.keys()
+    has = {n.removeprefix("has_") for n, v in row.items() if n.startswith("has_") and v}
+    assert has == {"pump_angle", "position", "pressure_difference"}
+    assert math.isnan(row["misfit_torque"]) and math.isnan(row["oil_temperature_mean"])
+    assert not math.isnan(whole["misfit_torque"]) and whole["score_internal_leakage"] != 0.0
+
+
+def test_duty_is_that_of_the_samples(tiny_model: Model) -> None:
+    """A pump at half of its largest speed for a quarter of the time; a dead channel has no value."""
+    unit = Unit.load("axis_a")
+    time = np.arange(0.0, 4.0, 1e-3)
+    speed = np.where(time < 1.0, 0.5 * unit.drive.max_speed, 0.0)
+    samples = Samples(time, {
+        "pump_speed": speed, "position": np.linspace(-0.25, 0.25, time.size) * unit.cylinder.stroke,
+        "pressure_1": np.full(time.size, 3e5), "pressure_2": np.full(time.size, 5e5),
+        "oil_temperature": np.full(time.size, np.nan),
+    })  # fmt: skip
+    pipeline = Pipeline(unit, tiny_model, keep_trajectories=False)
+    pipeline.push(samples)
+    row = features_of(pipeline, pipeline.finish(), samples)
+    assert row["moving_share"] == pytest.approx(0.25) and row["rate"] == pytest.approx(1000.0)
+    assert row["pump_speed_rms"] == pytest.approx(0.25 * unit.drive.max_speed)
+    assert row["stroke_share"] == pytest.approx(0.5)
+    assert row["pressure_difference_rms"] == pytest.approx(2e5) == row["pressure_difference_p95"]
+    assert row["has_oil_temperature"] == 0.0 and math.isnan(row["oil_temperature_mean"])
+    assert math.isnan(row["score_internal_leakage"]), "four seconds say nothing"
