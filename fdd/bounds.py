@@ -178,6 +178,12 @@ MAX_SCENARIO_BYTES = _bound(
     "MAX_SCENARIO_BYTES", 5_000_000, "bytes of a scenario", "programmes of many points"
 )
 MAX_MODEL_BYTES = _bound("MAX_MODEL_BYTES", 1_000_000, "bytes of a model", "two curves")
+MAX_CLASSIFIER_BYTES = _bound(
+    "MAX_CLASSIFIER_BYTES",
+    1 << 30,
+    "bytes of a classifier, unpacked",
+    "a forest of 1000 trees has some 100 MB",
+)
 MAX_JSON_BYTES = _bound("MAX_JSON_BYTES", 200_000_000, "bytes of a data set's JSON", "labels of 100,000 logs")
 MAX_ANSWERS_BYTES = _bound(
     "MAX_ANSWERS_BYTES", 1 << 30, "bytes of an earlier `answers.jsonl`", "some 100,000 answers"

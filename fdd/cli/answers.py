@@ -7,9 +7,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from fdd.bounds import MAX_ANSWERS_BYTES
-from fdd.cli.diagnosing import Diagnoser, Job, printable
 from fdd.errors import InputError
 from fdd.files import require_writable, write_text, written
+from fdd.offline.diagnoser import Diagnoser, Job, printable
 
 if TYPE_CHECKING:
     from fdd.diagnosis.findings import Diagnosis
@@ -54,11 +54,10 @@ class AnswersFolder:
     def earlier(self, jobs: Sequence[Job], diagnoser: Diagnoser) -> dict[int, Diagnosis]:
         """Answers of an earlier run that would come out again, by the number of the job.
 
-        Those of the same name, hashes (log, map, profile, model) and version whose outputs are there.
+        Those of the same name, hashes (log, map, profile, model) and versions whose outputs are there.
         """
         from pydantic import ValidationError
 
-        import fdd
         from fdd.diagnosis.findings import Diagnosis
 
         if not (self.path / ANSWERS).is_file() or (self.path / ANSWERS).stat().st_size > MAX_ANSWERS_BYTES:
@@ -69,7 +68,7 @@ class AnswersFolder:
                 answer = Diagnosis.model_validate_json(line)
             except ValidationError:  # of another version
                 continue
-            if answer.versions.get("fdd") == fdd.__version__:
+            if {k: v for k, v in answer.versions.items() if k != "model"} == diagnoser.versions:
                 known[answer.log] = answer
         axis = diagnoser.settings.axis
         found = {}

@@ -2,27 +2,27 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Annotated
 
 import typer
 
 from fdd import __version__
 from fdd.cli import (
-    benchmark,
     compare,
     demo,
     diagnose,
     experiment,
+    features,
     generate,
     identify,
     inspect,
     monitor,
-    performance,
     profile,
+    publish,
     schema,
     serve,
     simulate,
-    thesis,
     train,
     trend,
     validate,
@@ -33,7 +33,6 @@ from fdd.cli.failures import USAGE, Commands
 app = typer.Typer(
     name="fdd",
     cls=Commands,
-    add_completion=False,
     pretty_exceptions_enable=False,
     context_settings={"help_option_names": ["-h", "--help"]},
 )
@@ -54,30 +53,29 @@ def fdd(
 ) -> None:
     """Fault detection and diagnosis for electro-hydrostatic actuators.
 
-    Exit status: 0 done, 2 wrong usage or unusable input; with --exit-code 1 a fault was found, 3 a verdict
-    is inconclusive.
+    Exit status: 0 done, 2 wrong usage or unusable input;
+    with --exit-code 1 a fault was found, 3 a verdict is inconclusive.
     """
     if context.invoked_subcommand is None:
         print(context.get_help())
         raise typer.Exit(USAGE)
 
 
-app.command()(diagnose.diagnose)
-app.command()(compare.compare)
-app.command()(trend.trend)
-app.command("inspect")(inspect.inspect_log)
-app.command("map")(map_command.propose_map)
-app.command()(monitor.monitor)
-app.command()(serve.serve)
-app.command()(identify.identify)
-app.command()(experiment.experiment)
-app.add_typer(profile.app, name="profile")
-app.command()(simulate.simulate)
-app.command()(generate.generate)
-app.command()(train.train)
-app.command()(validate.validate)
-app.command()(thesis.thesis)
-app.command()(performance.performance)
-app.command()(benchmark.benchmark)
-app.command()(schema.schema)
-app.command()(demo.demo)
+PANELS: dict[str, dict[str, Callable[..., None]]] = {
+    "Use": {
+        "diagnose": diagnose.diagnose, "monitor": monitor.monitor, "serve": serve.serve,
+        "compare": compare.compare, "trend": trend.trend, "demo": demo.demo,
+    },
+    "Rigs": {
+        "inspect": inspect.inspect_log, "map": map_command.propose_map, "identify": identify.identify,
+        "experiment": experiment.experiment, "publish": publish.publish,
+    },
+    "Research": {
+        "simulate": simulate.simulate, "generate": generate.generate, "features": features.features,
+        "train": train.train, "validate": validate.validate, "schema": schema.schema,
+    },
+}  # fmt: skip
+for group, commands in PANELS.items():
+    for name, command in commands.items():
+        app.command(name, rich_help_panel=group)(command)
+app.add_typer(profile.app, name="profile", rich_help_panel="Rigs")

@@ -6,49 +6,39 @@ import os
 import signal
 import traceback
 from collections.abc import Iterator, Sequence
-from concurrent.futures import ProcessPoolExecutor, as_completed
-from multiprocessing import get_context
+from functools import lru_cache, partial
 from types import FrameType
 from typing import TYPE_CHECKING
 
-from fdd.cli.diagnosing import Diagnoser, Job, Settings, printable
 from fdd.cli.failures import INTERRUPTED, prepare_process
+from fdd.engines import Engine, map_unordered
 from fdd.errors import InputError
+from fdd.offline.diagnoser import Diagnoser, Job, Settings, printable
 
 if TYPE_CHECKING:
     from fdd.diagnosis.findings import Diagnosis
 
 
 def worked(
-    jobs: Sequence[tuple[int, Job]], settings: Settings, workers: int
+    jobs: Sequence[tuple[int, Job]], settings: Settings, workers: int | None, engine: Engine = "local"
 ) -> Iterator[tuple[int, Diagnosis]]:
-    """Work jobs, each in one of several processes; gives answers as they come.
+    """Work jobs; gives answers as they come.
 
     Parameters
     ----------
     jobs : with a number each, which comes back with the answer.
     settings : known to be usable.
-    workers : processes; with 1, this one.
+    workers, engine : see `fdd.engines.map_unordered`.
 
     Yields
     ------
     The number, and the answer: that of a log that could not be read has an `error`.
     """
-    if workers <= 1:
-        diagnoser = Diagnoser(settings)
-        for number, job in jobs:
-            yield number, answer_of(diagnoser, job)
-        return
-    # Spawned: the parent may have threads (a progress bar, numba's), which a fork would break.
-    with ProcessPoolExecutor(
-        workers, mp_context=get_context("spawn"), initializer=_begin, initargs=(settings,)
-    ) as pool:
-        futures = {pool.submit(_work, job): number for number, job in jobs}
-        try:
-            for future in as_completed(futures):
-                yield futures[future], future.result()
-        finally:
-            pool.shutdown(wait=False, cancel_futures=True)
+    _diagnoser.cache_clear()  # its files may have changed since the last call in this process
+    work = partial(_work, settings)
+    plain = [job for _, job in jobs]
+    for k, answer in map_unordered(work, plain, engine=engine, workers=workers, begin=_begin):
+        yield jobs[k][0], answer
 
 
 def answer_of(diagnoser: Diagnoser, job: Job) -> Diagnosis:
@@ -75,22 +65,26 @@ def answer_of(diagnoser: Diagnoser, job: Job) -> Diagnosis:
 
 
 class _Worker:
-    """What a process of the pool keeps from log to log."""
+    """What a process of the pool knows."""
 
-    diagnoser: Diagnoser
     stopped = False
 
 
-def _begin(settings: Settings) -> None:
+def _begin() -> None:
     prepare_process()
     signal.signal(signal.SIGINT, _stop)
-    _Worker.diagnoser = Diagnoser(settings)
 
 
-def _work(job: Job) -> Diagnosis:
+@lru_cache(maxsize=1)
+def _diagnoser(settings: Settings) -> Diagnoser:
+    """What the logs that a process works share."""
+    return Diagnoser(settings)
+
+
+def _work(settings: Settings, job: Job) -> Diagnosis:
     if _Worker.stopped:  # what the pool had already handed out
         raise SystemExit(INTERRUPTED)
-    return answer_of(_Worker.diagnoser, job)
+    return answer_of(_diagnoser(settings), job)
 
 
 def _stop(number: int, frame: FrameType | None) -> None:

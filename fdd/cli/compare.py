@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from fdd.cli.options import AxisOption, JsonOption, MapOption, UnitOption
+from fdd.cli.options import AxisOption, JsonOption, MapOption, ReportOption, UnitOption
 
 
 def compare(
@@ -17,20 +17,18 @@ def compare(
     map_: MapOption = None,
     axis: AxisOption = None,
     json_: JsonOption = None,
-    report: Annotated[
-        Path | None,
-        typer.Option("--report", metavar="FILE.html", help="Write a page.", show_default=False),
-    ] = None,
+    report: ReportOption = None,
 ) -> None:
     """Tell what changed between two logs of a unit: estimates, balances, duty and spectra."""
     from fdd.cli.console import output, progress
-    from fdd.cli.diagnosing import Diagnoser, Job, Settings, unit_of
     from fdd.cli.sheets import print_tables, require_outputs, write_json
     from fdd.cli.which_logs import names_of
     from fdd.files import write_text
     from fdd.history.compare import Side
     from fdd.history.compare import compare as compared
     from fdd.history.compare_view import compare_sheet, compare_tables, verdict_lines
+    from fdd.offline.diagnoser import Diagnoser, Job, Settings
+    from fdd.offline.unit_of_log import unit_of
 
     require_outputs(json_, report)
     diagnoser = Diagnoser(Settings(unit, map_, None, axis))

@@ -4,16 +4,16 @@ from __future__ import annotations
 
 import sys
 import threading
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import NoReturn
 
 from rich.console import Console
 
+from fdd.progress import Advance
+
 PATIENCE_S = 2.0
 """Nothing is shown of what is done sooner."""
-
-Advance = Callable[[float], None]
 
 
 class _Pipe(Console):

@@ -24,8 +24,8 @@ def demo(
     from importlib import resources
 
     from fdd.cli.console import output
-    from fdd.cli.diagnosing import Diagnoser, Job, Settings
     from fdd.cli.tables import diagnosis_view
+    from fdd.offline.diagnoser import Diagnoser, Job, Settings
 
     with resources.as_file(resources.files("fdd") / "demo") as folder:
         job = Job(folder / LOG, LOG, report=out)

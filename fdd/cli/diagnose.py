@@ -10,15 +10,25 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from fdd.cli.options import AxisOption, JsonOption, MapOption, ModelOption, UnitOption
+from fdd.cli.options import (
+    AxisOption,
+    EngineOption,
+    FolderOption,
+    JsonOption,
+    MapOption,
+    ModelOption,
+    UnitOption,
+    WorkersOption,
+)
 from fdd.errors import InputError
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from fdd.cli.answers import AnswersFolder
-    from fdd.cli.diagnosing import Diagnoser, Job, Settings
     from fdd.diagnosis.findings import Diagnosis
+    from fdd.engines import Engine
+    from fdd.offline.diagnoser import Diagnoser, Job, Settings
 
 FAULT_STATUS, UNREADABLE_STATUS, INCONCLUSIVE_STATUS = 1, 2, 3
 SAVE_EVERY_S = 5.0
@@ -52,25 +62,28 @@ def diagnose(
         ),
     ] = None,
     axis: AxisOption = None,
-    output_: Annotated[
-        Path | None,
+    tracker: Annotated[
+        list[str] | None,
         typer.Option(
-            "--output",
-            "-o",
-            metavar="DIR",
-            help="Folder for everything: index.html, summary.csv, answers.jsonl, reports.",
-            show_default=False,
+            "--tracker",
+            metavar="NAME",
+            help="A tracker of an installed package that runs beside fdd's own. Repeatable.",
         ),
     ] = None,
+    classifier: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="FILE.skops",
+            show_default=False,
+            help="Ask a classifier that fdd train --classifier wrote, too; its opinion stands beside ours.",
+        ),
+    ] = None,
+    output_: FolderOption = None,
     resume: Annotated[
         bool, typer.Option("--resume", help="Keep what --output holds of unchanged logs and settings.")
     ] = False,
-    workers: Annotated[
-        int | None,
-        typer.Option(
-            min=1, max=256, help="Processes for several logs; one for each core else.", show_default=False
-        ),
-    ] = None,
+    workers: WorkersOption = None,
+    engine: EngineOption = "local",
     exit_code: Annotated[
         bool,
         typer.Option(
@@ -81,8 +94,8 @@ def diagnose(
 ) -> None:
     """Diagnose logs: is there a fault, since when, which one, and how severe."""
     from fdd.cli.answers import AnswersFolder
-    from fdd.cli.diagnosing import Diagnoser, Settings
     from fdd.cli.which_logs import find_logs
+    from fdd.offline.diagnoser import Diagnoser, Settings
 
     if resume and output_ is None:
         raise InputError("--resume needs --output", mend="name the folder of the earlier run")
@@ -91,7 +104,8 @@ def diagnose(
     jobs = _jobs(paths, output_paths(report, paths, ".html", "--report"),
                  output_paths(mcap, paths, ".mcap", "--mcap"), folder)  # fmt: skip
     _require_outputs(json_, jobs)
-    settings = Settings(unit, map_, model, axis)
+    trackers = tuple(dict.fromkeys(tracker or ()))
+    settings = Settings(unit, map_, model, axis, trackers, classifier)
     diagnoser = Diagnoser(settings)
     answers = folder.earlier(jobs, diagnoser) if folder and resume else {}
     try:
@@ -101,7 +115,7 @@ def diagnose(
         else:
             if folder:
                 folder.begin()
-            _together(jobs, settings, workers, answers, folder)
+            _together(jobs, settings, workers, engine, answers, folder)
     finally:
         if answers:
             if folder:
@@ -166,8 +180,8 @@ def status_of(answers: Sequence[Diagnosis]) -> int:
 def _jobs(
     logs: list[Path], reports: list[Path], mcaps: list[Path], folder: AnswersFolder | None
 ) -> list[Job]:
-    from fdd.cli.diagnosing import Job
     from fdd.cli.which_logs import file_names, names_of
+    from fdd.offline.diagnoser import Job
 
     names = names_of(logs)
     jobs = [Job(path, name) for path, name in zip(logs, names, strict=True)]
@@ -212,12 +226,11 @@ def _together(
     jobs: list[Job],
     settings: Settings,
     workers: int | None,
+    engine: Engine,
     answers: dict[int, Diagnosis],
     folder: AnswersFolder | None,
 ) -> None:
     """Fill in the answers that are missing, and keep them as they come."""
-    import os
-
     from fdd.cli.batch import worked
     from fdd.cli.console import progress
 
@@ -225,7 +238,7 @@ def _together(
     saved = time.monotonic()
     with progress(f"diagnosing {len(jobs)} logs", len(jobs)) as advance:
         advance(len(answers))
-        for k, answer in worked(todo, settings, min(workers or os.cpu_count() or 1, len(todo))):
+        for k, answer in worked(todo, settings, workers, engine):
             answers[k] = answer
             advance(len(answers))
             if folder and time.monotonic() - saved > SAVE_EVERY_S:

@@ -11,7 +11,7 @@ import typer
 from fdd.cli.options import AxisOption, MapOption
 
 if TYPE_CHECKING:
-    from fdd.identify.experiments.outcome import Outcome
+    from fdd.identification.experiments.outcome import Outcome
     from fdd.logs import Log
     from fdd.unit import Unit
 
@@ -124,11 +124,11 @@ def _run(
     order: int | None,
     window: float,
 ) -> Outcome:
-    from fdd.identify.experiments.friction import friction
-    from fdd.identify.experiments.gain import gain
-    from fdd.identify.experiments.leakage import leakage
-    from fdd.identify.experiments.response import frequency_response
-    from fdd.identify.record import even_record
+    from fdd.identification.experiments.friction import friction
+    from fdd.identification.experiments.gain import gain
+    from fdd.identification.experiments.leakage import leakage
+    from fdd.identification.experiments.response import frequency_response
+    from fdd.identification.record import even_record
 
     records = [even_record(log.samples, unit, str(path)) for log, path in zip(logs, paths, strict=True)]
     if kind is Experiment.FREQUENCY_RESPONSE:

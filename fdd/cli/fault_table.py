@@ -6,7 +6,7 @@ from rich import box
 from rich.table import Table
 from rich.text import Text
 
-from fdd.faults import CATALOGUE
+from fdd.faults import ADDED_BY, CATALOGUE
 
 WIDTH_IN_A_FILE = 160
 """Columns where the table does not go to a terminal."""
@@ -25,13 +25,17 @@ def fault_table() -> Table:
         plain = (
             entry.id,
             entry.family,
-            entry.plant if entry.simulated else f"{entry.plant} (not simulated)",
+            entry.plant + ("" if entry.simulated else " (not simulated)") + _origin(entry.id),
             entry.severity,
             ", ".join(entry.variants),
             ", ".join(map(str, entry.sides)),
         )
         table.add_row(*(Text(cell) for cell in plain), style="" if entry.simulated else "dim")
     return table
+
+
+def _origin(name: str) -> str:
+    return f" (package {ADDED_BY[name]})" if name in ADDED_BY else ""
 
 
 def show_faults() -> None:

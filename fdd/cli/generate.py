@@ -2,23 +2,18 @@
 
 from __future__ import annotations
 
-import os
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
-from fdd.errors import InputError
-
-ENGINES = ("local",)
+from fdd.cli.options import EngineOption, WorkersOption
 
 
 def generate(
     recipe: Annotated[Path, typer.Argument(help="Recipe of the campaign (YAML).", show_default=False)],
     out: Annotated[Path, typer.Option("--out", "-o", help="Folder of the data set.", show_default=False)],
-    workers: Annotated[
-        int | None, typer.Option(min=1, help="Processes; one for each core else.", show_default=False)
-    ] = None,
+    workers: WorkersOption = None,
     units: Annotated[
         int | None, typer.Option(min=1, help="Units, instead of the recipe's.", show_default=False)
     ] = None,
@@ -26,13 +21,11 @@ def generate(
         int | None,
         typer.Option(min=0, help="Logs of each unit, instead of the recipe's.", show_default=False),
     ] = None,
-    engine: Annotated[str, typer.Option(help="What runs the simulations: local.")] = "local",
+    engine: EngineOption = "local",
 ) -> None:
     """Generate a labelled data set of simulated runs."""
     from fdd.files import require_writable, written
 
-    if engine not in ENGINES:
-        raise InputError(f"unknown engine {engine!r}", mend=f"use one of: {', '.join(ENGINES)}")
     require_writable(out, folder=True)
 
     from fdd.campaign.generate import generate as run
@@ -47,7 +40,8 @@ def generate(
         run(
             campaign,
             out,
-            workers=workers or os.cpu_count() or 1,
+            workers=workers,
+            engine=engine,
             progress=lambda done, total: advance(done / max(total, 1)),
         )
     print(f"Data set written to {out}")

@@ -136,8 +136,8 @@ class _Input:
 
     def stream(self, clock: Clock, speed: float | None, after: float, offset: float) -> JsonLines | Replay:
         """The source of samples, going on from where an earlier run was."""
-        from fdd.cli.diagnosing import quality_of
         from fdd.monitor import JsonLines, LineParser, Replay
+        from fdd.offline.diagnoser import quality_of
 
         if self.log is not None:
             quality = quality_of(self.log.quality)
@@ -148,8 +148,8 @@ class _Input:
 
 def _open(source: str, unit: str | None, map_: Path | None, axis: str | None) -> _Input:
     from fdd.cli.console import progress
-    from fdd.cli.diagnosing import unit_of
     from fdd.logs import ChannelMap, read_log
+    from fdd.offline.unit_of_log import unit_of
 
     channel_map = None if map_ is None else ChannelMap.load(map_)
     if source == "-":

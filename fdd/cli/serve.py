@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from fdd.cli.failures import stopped_by_signals
+from fdd.cli.options import EngineOption, require_packages
 from fdd.errors import InputError
 
 if TYPE_CHECKING:
@@ -30,6 +31,7 @@ def serve(
     port: Annotated[
         int | None, typer.Option(min=0, max=65535, help="Instead of the file's.", show_default=False)
     ] = None,
+    engine: EngineOption = "local",
     check: Annotated[bool, typer.Option("--check", help="Read the file, and end.")] = False,
     token: Annotated[
         str | None,
@@ -40,11 +42,7 @@ def serve(
     ] = None,
 ) -> None:  # fmt: skip
     """Watch many axes: alarms, a page, metrics. Ctrl-C or SIGTERM ends it, and it goes on where it was."""
-    from importlib.util import find_spec
-
-    missing = next((name for name in ("sqlalchemy", "starlette", "uvicorn") if find_spec(name) is None), None)
-    if missing is not None:
-        raise InputError(f"needs the package {missing}", mend="install fdd[serve]")
+    require_packages("serve", "sqlalchemy", "starlette", "uvicorn")
     if token is not None:
         _make_token(token)
         return
@@ -52,6 +50,8 @@ def serve(
         raise InputError("fdd serve needs a serve.yaml, or --demo", mend="see fdd schema serve for its keys")
     from fdd.service.config import Serve
     from fdd.service.service import Service
+    from fdd.service.shards import part_of
+    from fdd.service.share import Share
 
     logging.basicConfig(format="%(asctime)s %(levelname)s %(message)s", level=logging.INFO, stream=sys.stderr)
     logging.getLogger("alembic").setLevel(logging.WARNING)
@@ -64,14 +64,17 @@ def serve(
         if port is not None:
             listen = settings.listen.model_copy(update={"port": port})
             settings = settings.model_copy(update={"listen": listen})
+        if engine == "ray":
+            part_of(settings, Share(0, settings.shards))
         if check:
             print(f"{config or 'demo'}: {len(settings.sources)} sources, store {settings.store_url}")
             return
-        service = Service(settings)
+        service = Service(settings, engine)
         stop = threading.Event()
         with stopped_by_signals(stop):
-            print(f"Watching. Page: {service.address}  (Ctrl-C ends it)", flush=True)
-            service.run(stop)
+            service.run(
+                stop, lambda: print(f"Watching. Page: {service.address}  (Ctrl-C ends it)", flush=True)
+            )
 
 
 def _make_token(text: str) -> None:

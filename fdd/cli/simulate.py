@@ -3,21 +3,14 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import Annotated, Any
 
 import typer
 
+from fdd.cli.completion import CONTROLS, DUTIES, LOADS, begins, faults, units
 from fdd.errors import InputError
 
-if TYPE_CHECKING:
-    from collections.abc import Iterator
-
-    from fdd.cli.console import Advance
-    from fdd.logs.mcap_runs import RunBlock
-    from fdd.plant.scenario import Scenario
-    from fdd.unit import Unit
-
-SUFFIXES = (".mcap", ".parquet", ".csv")
+RIG, CONDITIONS, RECORDING = "Load, control and circuit", "Conditions", "Recording"
 
 
 def _list_faults(wanted: bool) -> None:
@@ -40,7 +33,9 @@ def simulate(
     ] = None,
     unit: Annotated[
         str | None,
-        typer.Option(help="Unit profile: a YAML file or a shipped one.", show_default="axis_a"),
+        typer.Option(
+            help="Unit profile: a YAML file or a shipped one.", show_default="axis_a", autocompletion=units
+        ),
     ] = None,
     profile: Annotated[
         str | None,
@@ -49,6 +44,7 @@ def simulate(
             "constant_speed, one_way or levels; with parameters as in steps:amplitude=0.03,hold=1 or "
             "levels:points=0:0.02/5:-0.02.",
             show_default="steps",
+            autocompletion=begins(DUTIES),
         ),
     ] = None,
     fault: Annotated[
@@ -57,6 +53,7 @@ def simulate(
             help="ID:severity=0.4,onset=20; also profile, ramp, period, duty, side, variant, axis. "
             "Repeatable.",
             show_default=False,
+            autocompletion=faults,
         ),
     ] = None,
     duration: Annotated[float | None, typer.Option(help="Seconds.", show_default="60")] = None,
@@ -66,11 +63,18 @@ def simulate(
         typer.Option(
             help="none, constant, spring, inertia, gust or throttle; with parameters as in spring:rate=2e4.",
             show_default="none",
+            autocompletion=begins(LOADS),
+            rich_help_panel=RIG,
         ),
     ] = None,
     control: Annotated[
         str | None,
-        typer.Option(help="position or speed.", show_default="position; speed for constant_speed"),
+        typer.Option(
+            help="position or speed.",
+            show_default="position; speed for constant_speed",
+            autocompletion=begins(CONTROLS),
+            rich_help_panel=RIG,
+        ),
     ] = None,
     partner: Annotated[
         str | None,
@@ -78,6 +82,8 @@ def simulate(
             help="Second axis on the same rod: its unit profile, as in axis_b:drive=still,power=0; drive is "
             "same or still.",
             show_default=False,
+            autocompletion=units,
+            rich_help_panel=RIG,
         ),
     ] = None,
     valve: Annotated[
@@ -86,21 +92,39 @@ def simulate(
             help="NAME=OPENING, 0 to 1 or time:opening/time:opening; b.NAME for the partner's. connect_1, "
             "connect_2, bypass, throttle, external_leakage, charging, blocked. Repeatable.",
             show_default=False,
+            rich_help_panel=RIG,
         ),
     ] = None,
     temperature: Annotated[
-        float | None, typer.Option(help="Oil temperature at the start, °C.", show_default="40")
+        float | None,
+        typer.Option(help="Oil temperature at the start, °C.", show_default="40", rich_help_panel=CONDITIONS),
     ] = None,
-    warming: Annotated[float | None, typer.Option(help="Warming of the oil, °C/s.", show_default="0")] = None,
+    warming: Annotated[
+        float | None,
+        typer.Option(help="Warming of the oil, °C/s.", show_default="0", rich_help_panel=CONDITIONS),
+    ] = None,
     charge: Annotated[
-        float | None, typer.Option(help="Accumulator charge over the unit's.", show_default="1")
+        float | None,
+        typer.Option(
+            help="Accumulator charge over the unit's.", show_default="1", rich_help_panel=CONDITIONS
+        ),
     ] = None,
     ambient: Annotated[
-        float | None, typer.Option(help="Absolute ambient pressure, Pa.", show_default="101325")
+        float | None,
+        typer.Option(
+            help="Absolute ambient pressure, Pa.", show_default="101325", rich_help_panel=CONDITIONS
+        ),
     ] = None,
-    load_force: Annotated[bool, typer.Option("--load-force", help="Measure the load force as well.")] = False,
-    perfect: Annotated[bool, typer.Option("--perfect", help="No dropped, late or missing samples.")] = False,
-    truth: Annotated[bool, typer.Option(help="Write the truth beside the measurement (MCAP).")] = True,
+    load_force: Annotated[
+        bool, typer.Option("--load-force", help="Measure the load force as well.", rich_help_panel=RECORDING)
+    ] = False,
+    perfect: Annotated[
+        bool,
+        typer.Option("--perfect", help="No dropped, late or missing samples.", rich_help_panel=RECORDING),
+    ] = False,
+    truth: Annotated[
+        bool, typer.Option(help="Write the truth beside the measurement (MCAP).", rich_help_panel=RECORDING)
+    ] = True,
     list_faults: Annotated[
         bool,
         typer.Option(
@@ -112,15 +136,9 @@ def simulate(
 
     A dual run's MCAP holds both axes; Parquet and CSV get a file for each, with the axis in its name.
     """
-    if out.suffix.lower() not in SUFFIXES:
-        raise InputError(
-            f"files of kind {out.suffix or 'none'} are not written",
-            where=out,
-            mend=f"use {', '.join(SUFFIXES)}",
-        )
-    from fdd.files import require_writable
+    from fdd.plant.to_file import require_kind, write_simulation
 
-    require_writable(out)
+    require_kind(out)
 
     from fdd.cli import scenario_options as options
     from fdd.cli.console import progress
@@ -153,57 +171,5 @@ def simulate(
         whole = Scenario(**{**data, "unit": machine.name})
     except InputError as error:
         raise (error if scenario is None else error.at(scenario)) from None
-    from fdd.logs.tabular_writing import axis_file
-
-    axes = [machine.axis] if second is None else [machine.axis, second.axis]
-    if len(set(axes)) < len(axes):
-        raise InputError(
-            f"both units are of axis {axes[0]}", mend="give the partner's profile another axis name"
-        )
-    table = out.suffix.lower() != ".mcap"
-    for axis in axes if table else ():
-        require_writable(axis_file(out, axis, axes))
     with progress(f"simulating {whole.duration:g} s", total=float(whole.rows)) as advance:
-        _write(out, _blocks(machine, whole, second, axes, truth, advance), axes, machine, second, whole)
-
-
-def _blocks(
-    machine: Unit, scenario: Scenario, second: Unit | None, axes: list[str], truth: bool, advance: Advance
-) -> Iterator[RunBlock]:
-    """The run's blocks as a log takes them; an hour passes through the memory of a minute."""
-    # Its compiled code takes a second to load: not before everything is known to be right.
-    from fdd.logs.mcap_runs import RunBlock
-    from fdd.plant.simulate import BLOCK, stream
-
-    for k, parts in enumerate(stream(machine, scenario, partner=second)):
-        for axis, part in zip(axes, parts, strict=True):
-            beside = {"time": part.truth.time, **part.truth.as_columns()} if truth else None
-            yield RunBlock(part.samples, beside, axis)
-        advance(float(min((k + 1) * BLOCK, scenario.rows)))
-
-
-def _write(
-    out: Path,
-    blocks: Iterator[RunBlock],
-    axes: list[str],
-    machine: Unit,
-    second: Unit | None,
-    scenario: Scenario,
-) -> None:
-    from fdd.logs.mcap_runs import write_blocks
-    from fdd.logs.tabular_writing import write_table_blocks
-
-    if out.suffix.lower() != ".mcap":
-        write_table_blocks(out, blocks, axes=axes)
-        return
-    units = {machine.axis: machine.to_yaml()}
-    if second is not None:
-        units[second.axis] = second.to_yaml()
-    write_blocks(
-        out,
-        blocks,
-        axes=axes,
-        units=units,
-        scenario_json=scenario.model_dump_json(),
-        labels={"faults": [spec.label() for spec in scenario.faults]},
-    )
+        write_simulation(out, machine, whole, partner=second, truth=truth, advance=advance)

@@ -12,7 +12,7 @@ from rich.table import Table
 from rich.text import Text
 
 from fdd.report import tables
-from fdd.report.words import FindingWords, verdict_words
+from fdd.report.words import FindingWords, second_opinion_words, verdict_words
 
 if TYPE_CHECKING:
     from fdd.diagnosis.findings import Diagnosis
@@ -39,6 +39,8 @@ def diagnosis_view(diagnosis: Diagnosis) -> RenderableType:
         parts.append(Padding(_finding(finding, named=len(words.findings) > 1), (0, 2)))
     parts.append(_estimates(diagnosis))
     parts.append(Padding(_families(diagnosis), (0, 2)))
+    if diagnosis.second_opinion is not None:
+        parts.append(Padding(Text(second_opinion_words(diagnosis)), (0, 2)))
     parts.append(Padding(_quality(diagnosis), (0, 2)))
     hardest = tables.invisible_rows(diagnosis)[:HARDEST]
     hidden = "; ".join(f"{fault} {severity}" for fault, severity in hardest)

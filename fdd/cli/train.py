@@ -3,32 +3,58 @@
 from __future__ import annotations
 
 import os
+from enum import StrEnum
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from fdd.cli.options import WorkersOption, require_packages
 from fdd.errors import InputError
 
 if TYPE_CHECKING:
+    import pandas as pd
     from rich.table import Table
 
     from fdd.campaign.train import ScoredLog
+
+
+class Target(StrEnum):
+    """What a classifier tells."""
+
+    FAMILY = "family"
+    FAULT = "fault"
 
 
 def train(
     datasets: Annotated[
         list[Path], typer.Argument(help="Folders that fdd generate made.", show_default=False)
     ],
-    out: Annotated[Path, typer.Option("--out", "-o", help="Model file (JSON).", show_default=False)],
-    workers: Annotated[
-        int | None, typer.Option(min=1, help="Processes; one for each core else.", show_default=False)
+    out: Annotated[
+        Path,
+        typer.Option(
+            "--out", "-o", help="Model file (JSON), or classifier file (.skops).", show_default=False
+        ),
+    ],
+    classifier: Annotated[
+        str | None,
+        typer.Option(
+            metavar="NAME|MODULE:FUNCTION",
+            show_default=False,
+            help="Train a classifier of scikit-learn's kind instead: logistic, boosting, of an installed "
+            "package, or what a function returns.",
+        ),
     ] = None,
+    target: Annotated[Target, typer.Option(help="What a classifier is to tell.")] = Target.FAMILY,
+    workers: WorkersOption = None,
 ) -> None:
     """Learn from data sets how often healthy logs reach a score, and what a score is worth."""
     from fdd.files import require_writable
 
     require_writable(out)
+    if classifier is not None:
+        _train_classifier(classifier, datasets, out, target, workers)
+        return
 
     from fdd.campaign.train import train as fit
     from fdd.cli.console import output, progress
@@ -53,18 +79,62 @@ def train(
     print(f"Model written to {out}")
 
 
+def _train_classifier(
+    name: str, datasets: list[Path], out: Path, target: Target, workers: int | None
+) -> None:
+    require_packages("research", "skops")
+
+    from fdd.campaign.classifiers import made, train_classifier
+    from fdd.campaign.loading import with_features
+    from fdd.cli.console import output, progress, remark
+    from fdd.learning.stored import load_classifier, save_classifier
+
+    made(name)  # refused before minutes are spent on features
+    sets = []
+    for folder in datasets:
+        with progress(f"features of {folder.name}", 1.0) as advance:
+            sets.append(
+                with_features(
+                    folder, workers=workers, progress=lambda done, total: advance(done / max(total, 1))
+                )
+            )
+    stored, judged = train_classifier(name, sets, target.value)
+    save_classifier(stored, out)
+    output().print(_counts(judged.confusion, f"Held-out rows by true {target.value} and answer"))
+    print(
+        f"On {judged.rows} rows of {judged.units} units that it has not seen: "
+        f"accuracy {judged.accuracy:.2f}, macro-F1 {judged.macro_f1:.2f}, "
+        f"Brier score {judged.brier:.2f} (0 is best, 2 worst)."
+    )
+    print(
+        f"fdd's own answers on them: accuracy {judged.own_accuracy:.2f}, macro-F1 {judged.own_macro_f1:.2f}."
+    )
+    print(f"Classifier written to {out}")
+    try:
+        load_classifier(out)
+    except InputError as error:
+        remark(f"fdd diagnose will refuse it: {error}")
+
+
 def confusion_table(logs: list[ScoredLog]) -> Table:
     """Logs by true family (rows) and answer (columns)."""
-    from rich import box
-    from rich.table import Table
+    import pandas as pd
 
     families = sorted({x.family for x in logs})
     answers = [*sorted({x.answer for x in logs if x.answer}), ""]
-    table = Table(title="Logs by true family and answer", box=box.SIMPLE_HEAD)
-    table.add_column("true family")
-    for name in answers:
+    counts = {a: [sum(x.family == f and x.answer == a for x in logs) for f in families] for a in answers}
+    return _counts(pd.DataFrame(counts, index=families), "Logs by true family and answer")
+
+
+def _counts(counts: pd.DataFrame, title: str) -> Table:
+    """Logs by what they are (rows) and what was answered (columns)."""
+    from rich import box
+    from rich.table import Table
+
+    table = Table(title=title, box=box.SIMPLE_HEAD)
+    table.add_column("true")
+    for name in counts.columns:
         table.add_column(name.replace("_", " ") or "no alarm", justify="right")
-    for family in families:
-        counts = [sum(x.family == family and x.answer == a for x in logs) for a in answers]
-        table.add_row(family.replace("_", " "), *(str(c) if c else "·" for c in counts))
+    for name, row in zip(counts.index, counts.to_numpy().tolist(), strict=True):
+        table.add_row(str(name).replace("_", " "), *(str(c) if c else "·" for c in row))
     return table

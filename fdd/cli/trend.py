@@ -2,34 +2,45 @@
 
 from __future__ import annotations
 
-import os
+import re
 import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from fdd.cli.options import AxisOption, JsonOption, MapOption, UnitOption
+from fdd.cli.options import (
+    AxisOption,
+    FolderOption,
+    JsonOption,
+    MapOption,
+    ReportOption,
+    UnitOption,
+    WorkersOption,
+    require_packages,
+)
 from fdd.errors import InputError
 
 if TYPE_CHECKING:
-    from fdd.cli.diagnosing import Settings
     from fdd.diagnosis.findings import Diagnosis
     from fdd.history.limits import Limits
+    from fdd.history.trend import Each
+    from fdd.offline.diagnoser import Settings
     from fdd.unit import Unit
 
 UNREADABLE_STATUS = 2
 ANSWERS_SUFFIX = ".jsonl"
+SINCE_S = {"h": 3600.0, "d": 86400.0, "w": 604800.0}
 PAGE, TABLE, DATA = "index.html", "trend.csv", "trend.json"
 
 
 def trend(
     logs: Annotated[
-        list[Path],
+        list[str],
         typer.Argument(
-            metavar="LOG...",
-            help="Logs as fdd diagnose takes them, or the answers.jsonl that it wrote.",
-            show_default=False,
+            metavar="LOG...|STORE", show_default=False,
+            help="Logs as fdd diagnose takes them, the answers.jsonl that it wrote, or fdd serve's store "
+            "(sqlite:///fdd.db).",
         ),
     ],
     unit: UnitOption = None,
@@ -44,33 +55,23 @@ def trend(
             show_default=False,
         ),
     ] = None,
-    output_: Annotated[
-        Path | None,
-        typer.Option(
-            "--output",
-            "-o",
-            metavar="DIR",
-            help=f"Folder for {PAGE}, {TABLE} and {DATA}.",
-            show_default=False,
-        ),
+    since: Annotated[
+        str | None,
+        typer.Option(metavar="30d", help="Of a store: its last hours (h), days (d) or weeks (w)."),
     ] = None,
+    output_: FolderOption = None,
     json_: JsonOption = None,
-    report: Annotated[
-        Path | None, typer.Option("--report", metavar="FILE.html", help="Write a page.", show_default=False)
-    ] = None,
-    workers: Annotated[
-        int | None,
-        typer.Option(min=1, max=256, help="Processes; one for each core else.", show_default=False),
-    ] = None,
-) -> None:
+    report: ReportOption = None,
+    workers: WorkersOption = None,
+) -> None:  # fmt: skip
     """Tell where a unit is going: each estimate over its logs, and when it comes to its limit."""
     from fdd.cli.console import output
-    from fdd.cli.diagnosing import Settings
     from fdd.cli.sheets import print_tables, require_outputs, write_json
     from fdd.files import require_writable, write_text, written
     from fdd.history.limits import given_limits
     from fdd.history.trend import trend_of
     from fdd.history.trend_view import trend_csv, trend_lines, trend_sheet, trend_tables
+    from fdd.offline.diagnoser import Settings
     from fdd.report.sheet import render_sheet
 
     chosen = given_limits(limit or [])
@@ -78,12 +79,20 @@ def trend(
     if output_ is not None:
         require_writable(output_, folder=True)
     settings = Settings(unit, map_, None, axis)
-    answers, known = _answers(logs, settings, workers, output_)
+    stored = [text for text in logs if "://" in text]
+    if (since is not None and not stored) or (stored and len(logs) > 1):
+        raise InputError("--since, and a store, stand alone", mend="give one store, e.g. sqlite:///fdd.db")
+    each: Each = "log"
+    known: Unit | None
+    if stored:
+        answers, known, each = _of_store(stored[0], settings, since)
+    else:
+        answers, known = _answers([Path(text) for text in logs], settings, workers, output_)
     for answer in answers:
         if answer.error:
             print(f"fdd: error: {answer.error}", file=sys.stderr)
     limits = {**_limits(known), **chosen}
-    life, courses = trend_of(answers, limits)
+    life, courses = trend_of(answers, limits, each)
     if not limits:
         life.notes.append(f"No limits: profile {life.unit} is not at hand (give --unit, or --limit).")
     write_json(json_, life)
@@ -109,6 +118,37 @@ def trend(
         raise typer.Exit(UNREADABLE_STATUS)
 
 
+def _of_store(url: str, settings: Settings, since: str | None) -> tuple[list[Diagnosis], Unit, Each]:
+    """An axis's days or hours, and its profile."""
+    require_packages("serve", "sqlalchemy", "alembic")
+    import time
+
+    from fdd.service.life import answers_of, axis_of, told_by
+    from fdd.service.store import Store
+
+    span = re.fullmatch(r"([1-9]\d{0,3})([hdw])", since or "9999w")
+    if span is None:
+        raise InputError(f"--since {since!r} is no span", mend="write e.g. 12h, 30d or 8w")
+    begin = max(0.0, time.time() - int(span[1]) * SINCE_S[span[2]])
+    store = Store(url, existing=True)
+    try:
+        axis, unit = axis_of(store, settings.axis)
+        unit = settings.load_unit() or unit
+        if unit is None:
+            raise InputError(
+                f"the store has no profile of axis {axis}", where=store.where, mend="give --unit"
+            )
+        each = told_by(store, axis, begin)
+        answers = answers_of(store, axis, unit, each, begin)
+    finally:
+        store.close()
+    if not answers:
+        raise InputError(
+            f"holds no estimate of axis {axis} since then", where=store.where, mend="go further back"
+        )
+    return answers, unit, each
+
+
 def _answers(
     logs: list[Path], settings: Settings, workers: int | None, leave_out: Path | None
 ) -> tuple[list[Diagnosis], Unit | None]:
@@ -124,22 +164,20 @@ def _answers(
         return _read_answers(files, settings)
     from fdd.cli.batch import worked
     from fdd.cli.console import progress
-    from fdd.cli.diagnosing import Diagnoser, Job
     from fdd.cli.which_logs import find_logs, names_of
+    from fdd.offline.diagnoser import Diagnoser, Job
 
     paths = find_logs(logs, leave_out=leave_out)
     jobs = [Job(path, name) for path, name in zip(paths, names_of(paths), strict=True)]
     diagnoser = Diagnoser(settings)
     found: dict[int, Diagnosis] = {}
     with progress(f"diagnosing {len(jobs)} logs", len(jobs)) as advance:
-        for k, answer in worked(
-            list(enumerate(jobs)), settings, min(workers or os.cpu_count() or 1, len(jobs))
-        ):
+        for k, answer in worked(list(enumerate(jobs)), settings, workers):
             found[k] = answer
             advance(len(found))
     first = next((k for k in sorted(found) if found[k].error is None), None)
     if diagnoser.unit is None and first is not None:
-        from fdd.cli.diagnosing import unit_of
+        from fdd.offline.unit_of_log import unit_of
 
         return [found[k] for k in sorted(found)], unit_of(diagnoser.read(jobs[first]), None)[0]
     return [found[k] for k in sorted(found)], diagnoser.unit
@@ -154,7 +192,7 @@ def _read_answers(files: list[Path], settings: Settings) -> tuple[list[Diagnosis
 
     if settings.map is not None:
         raise InputError("--map is for logs", where=files[0], mend="leave it out: nothing is diagnosed anew")
-    unit = None if settings.unit is None else Unit.load(settings.unit)
+    unit = settings.load_unit()
     found = []
     for path in files:
         try:

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-import os
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
+
+from fdd.cli.options import EngineOption, WorkersOption
 
 
 def validate(
@@ -37,9 +38,8 @@ def validate(
             "--without-each", help="Say instead what is made of faults that the catalogue does not have."
         ),
     ] = False,
-    workers: Annotated[
-        int | None, typer.Option(min=1, help="Processes; one for each core else.", show_default=False)
-    ] = None,
+    workers: WorkersOption = None,
+    engine: EngineOption = "local",
 ) -> None:
     """Diagnose every log of a data set and compare with its truth."""
     from fdd.errors import InputError
@@ -62,15 +62,15 @@ def validate(
         def step(done: int, total: int) -> None:
             advance(done / max(total, 1))
 
-        workers = workers or os.cpu_count() or 1
+        how: Any = {"workers": workers, "engine": engine, "progress": step}
         if disturbed:
-            told = disturb.table(disturb.compare(dataset, model, workers=workers, progress=step))
+            told = disturb.table(disturb.compare(dataset, model, **how))
             files = {"disturbed.md": told}
         elif without_each:
-            told = left_out.table(left_out.left_out(dataset, model, workers=workers, progress=step))
+            told = left_out.table(left_out.left_out(dataset, model, **how))
             files = {"left_out.md": told}
         else:
-            outcomes = run(dataset, model, workers=workers, progress=step)
+            outcomes = run(dataset, model, **how)
             told = summary(outcomes)
             files = {"validation.md": report_text(outcomes, data), "outcomes.csv": outcomes_csv(outcomes)}
     print(told, end="")

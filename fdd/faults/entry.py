@@ -24,7 +24,7 @@ class Fault:
     ----------
     id, family : the contract's words.
     title : for people.
-    thesis : where the thesis names or injects it.
+    thesis : where the thesis names or injects it; a package's own fault has none.
     plant : what it does to the plant, in words.
     severity : what severity 1.0 means, in physical units, on an actuator of the thesis's size; campaigns
         scale it for machines of other sizes (`fdd.campaign.sizes.Scale.fault_scales`).
@@ -41,11 +41,11 @@ class Fault:
     id: str
     family: str
     title: str
-    thesis: str
     plant: str
     severity: str
     source: str
     next_check: str
+    thesis: str = ""
     variants: tuple[str, ...] = ()
     sides: tuple[int, ...] = ()
     figures: tuple[Figure, ...] = ()

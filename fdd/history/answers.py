@@ -152,7 +152,7 @@ class Trend(BaseModel):
 
 
 class Life(BaseModel):
-    """The answer of ``fdd trend --json``."""
+    """The answer of ``fdd trend --json``. `each` : what one of `logs` is; a store has hours or days."""
 
     model_config = _ANSWER
 
@@ -162,6 +162,7 @@ class Life(BaseModel):
     axis: str
     order: Literal["started_at", "name"]
     per: Literal["day", "log"]
+    each: Literal["log", "minute", "hour", "day"]
     logs: list[TrendLog]
     trends: list[Trend]
     notes: list[str]

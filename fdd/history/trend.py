@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from datetime import datetime
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,6 +20,7 @@ from fdd.history.temperature import Fitted, covariate, fit_over_time
 
 Array = NDArray[np.float64]
 
+Each = Literal["log", "minute", "hour", "day"]
 LEAST_LOGS = 4
 """For a line whose scatter is to be known: two more than it has coefficients."""
 UNTOLD = "no trend that could be told"
@@ -35,13 +37,13 @@ class Course:
     half: Array
 
 
-def trend_of(answers: Sequence[Diagnosis], limits: Limits) -> tuple[Life, list[Course]]:
+def trend_of(answers: Sequence[Diagnosis], limits: Limits, each: Each = "log") -> tuple[Life, list[Course]]:
     """The life of a unit, from the answers of its logs.
 
     Parameters
     ----------
     answers : of one profile and axis, in any order, those of unreadable logs among them.
-    limits : factors of the profile's, see `fdd.history.limits`.
+    limits : factors of the profile's, see `fdd.history.limits`. each : what one answer is of.
 
     Raises
     ------
@@ -62,7 +64,7 @@ def trend_of(answers: Sequence[Diagnosis], limits: Limits) -> tuple[Life, list[C
     at = {id(a): (_stamp(a) - start) / DAY_S if dated else float(k) for k, a in enumerate(read)}
     logs = [_log(a, at.get(id(a))) for a in [*read, *(a for a in answers if a.error is not None)]]
     counted = [a for a, log in zip(read, logs, strict=False) if log.left_out is None]
-    fitted = [_fit(name, counted, at, limits.get(name, (None, None))) for name in ESTIMATED]
+    fitted = [_fit(name, counted, at, limits.get(name, (None, None)), each) for name in ESTIMATED]
     courses = [c for c in fitted if c is not None]
     trends = [c.trend for c in courses]
     told = [t for t in trends if t.p_value is not None]
@@ -75,13 +77,14 @@ def trend_of(answers: Sequence[Diagnosis], limits: Limits) -> tuple[Life, list[C
         _tell(course.trend, per)
     notes = [] if dated else ["Not all logs tell when they began: they stand in the order of their names."]
     if counted and not np.ptp(_warmth(counted)):
-        notes.append("No log tells an oil temperature of its own: none is taken out.")
+        notes.append(f"No {each} tells an oil temperature of its own: none is taken out.")
     life = Life(
-        headline=_headline(trends, len(counted)),
+        headline=_headline(trends, f"{len(counted)} {each}s"),
         unit=read[0].unit,
         axis=read[0].axis,
         order="started_at" if dated else "name",
         per=per,
+        each=each,
         logs=logs,
         trends=trends,
         notes=notes,
@@ -113,7 +116,11 @@ def _warmth(answers: Sequence[Diagnosis]) -> Array:
 
 
 def _fit(
-    name: str, answers: Sequence[Diagnosis], at: dict[int, float], limit: tuple[float | None, float | None]
+    name: str,
+    answers: Sequence[Diagnosis],
+    at: dict[int, float],
+    limit: tuple[float | None, float | None],
+    each: Each,
 ) -> Course | None:
     """The quantity over time; None where no log shows it."""
     shown = [
@@ -128,7 +135,8 @@ def _fit(
     span = float(np.ptp(time))
     none = np.empty(0)
     if len(shown) < LEAST_LOGS or span <= 0.0:
-        why = f"{len(shown)} logs show it; a line needs {LEAST_LOGS} at several times"
+        count = f"{len(shown)} {each}" + ("" if len(shown) == 1 else "s")
+        why = f"{count} tell of it; a line needs {LEAST_LOGS}, at several times"
         return Course(
             Trend(
                 quantity=name,
@@ -221,9 +229,9 @@ def _readable(slope: float, per: str) -> tuple[float, str]:
     return 365.25, "year"
 
 
-def _headline(trends: Sequence[Trend], logs: int) -> str:
+def _headline(trends: Sequence[Trend], logs: str) -> str:
     """What goes on most surely."""
     told = sorted((t for t in trends if t.direction), key=lambda t: t.p_value or 0.0)
     if not told:
-        return f"{UNTOLD} in {logs} logs"
+        return f"{UNTOLD} in {logs}"
     return "; ".join(f"{ESTIMATED[t.quantity][2].lower()} {t.sentence}" for t in told)

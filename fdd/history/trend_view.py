@@ -29,7 +29,7 @@ def trend_sheet(life: Life, courses: Sequence[Course]) -> Sheet:
     told = any(t.direction for t in life.trends)
     fitted = any(t.slope is not None for t in life.trends)
     return Sheet(
-        kicker=f"Unit {life.unit}, axis {life.axis}, {len(life.logs)} logs",
+        kicker=f"Unit {life.unit}, axis {life.axis}, {len(life.logs)} {life.each}s",
         headline=life.headline[:1].upper() + life.headline[1:],
         kind="faulty" if told else "healthy" if fitted else "inconclusive",
         remarks=life.notes,
@@ -38,8 +38,8 @@ def trend_sheet(life: Life, courses: Sequence[Course]) -> Sheet:
             Section(
                 "Estimates over time",
                 "As factors of the profile's healthy value, temperature taken out as told. Bars: 95 % of "
-                "each log alone, with what all logs of the unit err by together. Band: 95 % of the line. "
-                "Diamonds: logs with an alarm.",
+                f"each {life.each} alone, with what all of the unit err by together. Band: 95 % of the line. "
+                f"Diamonds: {life.each}s with an alarm.",
                 [_figure(c, life) for c in courses],
             )
         ],
@@ -75,16 +75,25 @@ def trend_tables(life: Life) -> list[Table]:
     return [
         Table(
             "Trends",
-            ("Quantity", "Logs", "Temperature", "Std of logs", "First", "Last", "p (Holm)", "Trend"),
+            (
+                "Quantity",
+                f"{life.each.capitalize()}s",
+                "Temperature",
+                f"Std of {life.each}s",
+                "First",
+                "Last",
+                "p (Holm)",
+                "Trend",
+            ),
             trends,
-            "Weighted least squares with scatter between logs (REML, Knapp and Hartung); a trend is told at "
+            "Weighted least squares with scatter between them (REML, Knapp and Hartung); a trend is told at "
             "5 % over all quantities together (Holm). Limits are severity 1, unless given.",
             numbers=False,
             marked={k for k, t in enumerate(life.trends) if t.direction},
         ),
         Table(
-            "Logs",
-            ("Log", "Began", "Verdict", *titles),
+            f"{life.each.capitalize()}s",
+            (life.each.capitalize(), "Began", "Verdict", *titles),
             logs,
             "Estimates as factors of the profile's, ± standard deviation.",
             numbers=False,
@@ -94,8 +103,9 @@ def trend_tables(life: Life) -> list[Table]:
 
 def trend_lines(life: Life) -> list[str]:
     """A line a quantity, for a terminal that is too narrow for the table."""
+    each = life.each
     return [
-        f"{ESTIMATED[t.quantity][2]} ({len(t.points)} logs, temperature: {t.temperature}): {t.sentence}"
+        f"{ESTIMATED[t.quantity][2]} ({len(t.points)} {each}s, temperature: {t.temperature}): {t.sentence}"
         for t in life.trends
     ]
 
@@ -163,8 +173,13 @@ def _figure(course: Course, life: Life) -> Figure:
             },
         ]
     for name, colour, symbol, chosen in (
-        ("log", tr.BLUE, "circle", [p for p in trend.points if p.log not in alarmed]),
-        ("log with an alarm", tr.VERMILLION, "diamond", [p for p in trend.points if p.log in alarmed]),
+        (life.each, tr.BLUE, "circle", [p for p in trend.points if p.log not in alarmed]),
+        (
+            f"{life.each} with an alarm",
+            tr.VERMILLION,
+            "diamond",
+            [p for p in trend.points if p.log in alarmed],
+        ),
     ):
         if chosen:
             data.append(

@@ -2,6 +2,6 @@
 
 from fdd.logs.channel_map import ChannelMap
 from fdd.logs.quality import DataQuality
-from fdd.logs.read import Log, read_log
+from fdd.logs.read import Log, as_log, read_log
 
-__all__ = ["ChannelMap", "DataQuality", "Log", "read_log"]
+__all__ = ["ChannelMap", "DataQuality", "Log", "as_log", "read_log"]

@@ -99,7 +99,8 @@ def directed(raw: Column, direction: Column, *, accumulate: bool) -> Column:
     Parameters
     ----------
     raw : (n,) values; NaN where missing.
-    direction : (n,) only its sign counts; NaN keeps the last sign.
+    direction : (n,) only its sign counts; NaN keeps the last sign. Before the first one a value is missing,
+        and an angle stands.
     accumulate : True for an angle: each step takes the sign of the row it ends
         in. False multiplies the values.
 
@@ -107,10 +108,12 @@ def directed(raw: Column, direction: Column, *, accumulate: bool) -> Column:
     --------
     >>> directed(np.array([0.0, 1.0, 2.0, 3.0]), np.array([1.0, 1.0, -1.0, 0.0]), accumulate=True).tolist()
     [0.0, 1.0, 0.0, 0.0]
+    >>> directed(np.array([2.0, 2.0]), np.array([np.nan, -1.0]), accumulate=False).tolist()
+    [nan, -2.0]
     """
     known = np.where(np.isfinite(direction), np.arange(direction.size), -1)
     last = np.maximum.accumulate(known) if known.size else known
-    sign = np.where(last >= 0, np.sign(direction[last]), 0.0)
+    sign = np.where(last >= 0, np.sign(direction[last]), 0.0 if accumulate else np.nan)
     if not accumulate:
         return np.asarray(raw * sign)
     out = raw.copy()

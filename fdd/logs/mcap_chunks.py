@@ -5,7 +5,7 @@ A chunk holds one topic; those of several topics overlap in time, and readers go
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -105,9 +105,8 @@ class ColumnWriter(Writer):
             self._add_chunk(topic, stamps[part], {f: column[part] for f, column in values.items()})
 
     def _register(self, name: str, kinds: dict[str, bool]) -> _Topic:
-        title = f"fdd.{name.rpartition('/')[2].title()}"
+        title, about = described(name, kinds)
         schema, message, places = layout(title, kinds)
-        about = {f: f"{CHANNELS[f].unit}: {CHANNELS[f].meaning}" for f in kinds if f in CHANNELS}
         number = self.register_schema(title, "protobuf", schema)
         channel = self.register_channel(name, "protobuf", number, about)
         # The length leaves out the opcode and itself.
@@ -137,6 +136,12 @@ class ColumnWriter(Writer):
         counts.message_count += n
         counts.channel_message_counts[topic.channel] += n
         self.flush()
+
+
+def described(topic: str, fields: Iterable[str]) -> tuple[str, dict[str, str]]:
+    """A topic's type, and what its channel says of its fields."""
+    about = {f: f"{CHANNELS[f].unit}: {CHANNELS[f].meaning}" for f in fields if f in CHANNELS}
+    return f"fdd.{topic.rpartition('/')[2].title()}", about
 
 
 @contextmanager

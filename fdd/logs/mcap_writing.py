@@ -19,9 +19,9 @@ from fdd.samples import Samples
 
 __all__ = ["write_annotated", "write_run"]
 
-_WARNING, _ERROR = 3, 4
+INFO, _WARNING, _ERROR = 2, 3, 4
 _NUMBER, _TEXT = {"type": "integer"}, {"type": "string"}
-_LOG_SCHEMA = {
+LOG_SCHEMA = {
     "title": "foxglove.Log", "type": "object",
     "properties": {
         "timestamp": {"type": "object", "title": "time", "properties": {"sec": _NUMBER, "nsec": _NUMBER}},
@@ -59,8 +59,8 @@ def write_annotated(
     metadata["diagnosis"] = {"json": diagnosis_json}
     topics = {
         f"/eha/{axis}/measurement": {"time": samples.time, **samples.columns},
-        f"/eha/{axis}/estimate": _estimate(trajectories),
-        f"/eha/{axis}/diagnosis": _windows(trajectories),
+        f"/eha/{axis}/estimate": estimate_columns(trajectories),
+        f"/eha/{axis}/diagnosis": diagnosis_columns(trajectories),
     }
     with mcap_file(path, metadata, start_ns) as out:
         if faults := json.loads(diagnosis_json).get("faults"):
@@ -68,7 +68,7 @@ def write_annotated(
         out.add_columns({name: columns for name, columns in topics.items() if np.size(columns["time"])})
 
 
-def _estimate(t: Mapping[str, Any]) -> dict[str, Any]:
+def estimate_columns(t: Mapping[str, Any]) -> dict[str, Any]:
     """Columns of the estimate: of each filter its quantities, their ``_std`` and its ``nis``."""
     columns = {"time": t.get("time", ())}
     for tracker, quantities in t.get("estimates", {}).items():
@@ -84,7 +84,7 @@ def _estimate(t: Mapping[str, Any]) -> dict[str, Any]:
     return columns
 
 
-def _windows(t: Mapping[str, Any]) -> dict[str, Any]:
+def diagnosis_columns(t: Mapping[str, Any]) -> dict[str, Any]:
     """Columns of the diagnosis, a row for each window."""
     columns = {"time": t.get("window_time", ())}
     if "statistic" in t:
@@ -97,20 +97,30 @@ def _windows(t: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def _add_events(out: ColumnWriter, faults: list[dict[str, Any]], axis: str) -> None:
-    schema = out.register_schema("foxglove.Log", "jsonschema", json.dumps(_LOG_SCHEMA).encode())
+    schema = out.register_schema("foxglove.Log", "jsonschema", json.dumps(LOG_SCHEMA).encode())
     channel = out.register_channel(f"/eha/{axis}/events", "json", schema)
     for fault in faults:
-        names = " or ".join(fault.get("ambiguity") or [fault["fault"]])
-        sure = f"confidence {fault['confidence']:.2f}"
-        said = "; ".join([sure, *fault.get("evidence", [])])
-        for time, level, text in (
-            (fault["onset_s"], _WARNING, f"{names} begins ({sure})"),
-            (fault["detected_s"], _ERROR, f"{names} detected ({said})"),
-        ):
+        for time, level, text in events_of(fault):
             stamp = int(out.log_times([time])[0])
-            second, nanosecond = divmod(stamp, 1_000_000_000)
-            message = {
-                "timestamp": {"sec": second, "nsec": nanosecond}, "level": level, "message": text,
-                "name": axis, "file": "", "line": 0,
-            }  # fmt: skip
-            out.add_message(channel, stamp, json.dumps(message, ensure_ascii=False).encode(), stamp)
+            out.add_message(channel, stamp, log_message(stamp, level, text, axis), stamp)
+
+
+def events_of(fault: Mapping[str, Any]) -> list[tuple[float, int, str]]:
+    """Time (s), level and text of the onset and of the detection of a finding."""
+    names = " or ".join(fault.get("ambiguity") or [fault["fault"]])
+    sure = f"confidence {fault['confidence']:.2f}"
+    said = "; ".join([sure, *fault.get("evidence", [])])
+    return [
+        (fault["onset_s"], _WARNING, f"{names} begins ({sure})"),
+        (fault["detected_s"], _ERROR, f"{names} detected ({said})"),
+    ]
+
+
+def log_message(stamp: int, level: int, text: str, axis: str) -> bytes:
+    """A message of `LOG_SCHEMA`, at Unix ns."""
+    second, nanosecond = divmod(stamp, 1_000_000_000)
+    message = {
+        "timestamp": {"sec": second, "nsec": nanosecond}, "level": level, "message": text,
+        "name": axis, "file": "", "line": 0,
+    }  # fmt: skip
+    return json.dumps(message, ensure_ascii=False).encode()

@@ -71,7 +71,7 @@ class _Raw:
 
 def read_log(
     path: str | Path,
-    channel_map: ChannelMap | str | Path | None = None,
+    map: ChannelMap | str | Path | None = None,
     axis: str | None = None,
     *,
     shortest: float = 2.0,
@@ -81,7 +81,7 @@ def read_log(
     Parameters
     ----------
     path : the log. Its content tells what it is, whatever its suffix.
-    channel_map : where the channels stand, or the path of such a map. Not needed
+    map : where the channels stand: a channel map, or the path of one. Not needed
         where columns carry the contract's names, or MCAP messages stand on
         ``/eha/<axis>/measurement``.
     axis : which axis of an MCAP file with several.
@@ -97,12 +97,11 @@ def read_log(
 
     Examples
     --------
-    >>> log = read_log("run.mcap")  # doctest: +SKIP
+    >>> log = read_log("run.csv", map="rig.map.yaml")  # doctest: +SKIP
     >>> log.samples["position"], log.quality.dropped_samples  # doctest: +SKIP
     """
     path = Path(path)
-    if channel_map is not None and not isinstance(channel_map, ChannelMap):
-        channel_map = ChannelMap.load(channel_map)
+    channel_map = map if isinstance(map, ChannelMap | None) else ChannelMap.load(map)
     try:
         file = open_log(path, channel_map.csv if channel_map else None)
         feeds, chosen = feeds_of(file, channel_map, axis)
@@ -184,6 +183,41 @@ def _checked(raw: _Raw, channel_map: ChannelMap | None, shortest: float) -> Log:
     if file.truncated:
         notes.insert(0, f"file is truncated: read up to t={time[-1]:.3f} s")
     start_ns = file.start_ns - (0 if raw.of_file or not file.start_ns else round(float(time[0]) * 1e9))
+    samples, quality = _judged(time, columns, notes, channel_map, shortest)
+    return Log(samples, quality, file.path.name, raw.axis, _of_axis(file.metadata, raw.axis), start_ns)
+
+
+def as_log(samples: Samples, axis: str | None = None, *, shortest: float = 2.0) -> Log:
+    """Samples at hand as `read_log` would give them from a file.
+
+    Parameters
+    ----------
+    samples : channels in SI, those that a diagnosis needs among them.
+    axis : what the answer calls the axis. shortest : s; a shorter log is refused.
+
+    Raises
+    ------
+    InputError : too short, a channel missing, or of a size that tells another unit of measure.
+
+    Examples
+    --------
+    >>> t = np.arange(0.0, 5.0, 1e-3)
+    >>> log = as_log(Samples(t, {"position": 1e-3 * t, "pump_speed": 0 * t, "pressure_difference": 1e5 + t}))
+    >>> log.samples.channels, log.quality.period
+    (('position', 'pump_speed', 'pressure_difference', 'pump_angle'), 0.001)
+    """
+    made, quality = _judged(samples.time, samples.columns, [], None, shortest)
+    return Log(made, quality, "samples", axis)
+
+
+def _judged(
+    time: Column,
+    columns: dict[str, Column],
+    notes: list[str],
+    channel_map: ChannelMap | None,
+    shortest: float,
+) -> tuple[Samples, DataQuality]:
+    """Channels that a diagnosis can use, and what is odd about them after the reader's notes."""
     quality = check_time(time, shortest)
     columns, infinite_notes = checked_finite(columns)
     columns, empty = with_values(columns)
@@ -211,9 +245,7 @@ def _checked(raw: _Raw, channel_map: ChannelMap | None, shortest: float) -> Log:
     quality.notes = notes + quality.notes + infinite_notes + slow_notes
     quality.notes += [f"{name}: no value at all, taken as absent" for name in empty]
     quality.notes += suspicions(time, columns, quality.period)
-    return Log(
-        Samples(time, columns), quality, file.path.name, raw.axis, _of_axis(file.metadata, raw.axis), start_ns
-    )
+    return Samples(time, columns), quality
 
 
 def _keep_measurements(

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
@@ -159,13 +160,14 @@ def stream(
 
 
 def simulate(
-    unit: Unit, scenario: Scenario, *, partner: Unit | None = None, refine: float = 1.0
+    unit: Unit | str | Path, scenario: Scenario, *, partner: Unit | None = None, refine: float = 1.0
 ) -> Simulation:
     """Simulate one run. The same units, scenario and refinement give the same bits.
 
     Parameters
     ----------
-    unit : the actuator, or the first axis of a dual one; all physics follow it.
+    unit : the actuator, or the first axis of a dual one; all physics follow it. A `Unit`, a shipped one's
+        name (axis_a, axis_b) or a YAML file.
     scenario : the run.
     partner : unit of the second axis where the scenario has one; None loads the one that it names.
     refine : 2 halves the integrator's steps, 0.25 to 64.
@@ -180,10 +182,11 @@ def simulate(
 
     Examples
     --------
-    >>> out = simulate(Unit.load("axis_a"), Scenario(duration=0.1, seed=7))
+    >>> out = simulate("axis_a", Scenario(duration=0.1, seed=7))
     >>> len(out.truth) == len(out.samples), out.labels
     (True, [])
     """
+    unit = unit if isinstance(unit, Unit) else Unit.load(unit)
     units: tuple[Unit, ...] = (unit,)
     if scenario.partner is not None:
         partner = partner or Unit.load(scenario.partner.unit)

@@ -16,7 +16,7 @@ from fdd.diagnosis.findings import Diagnosis, Trajectories
 from fdd.files import write_text
 from fdd.report import plotly, tables
 from fdd.report.plots import Figure, sections
-from fdd.report.words import span, verdict_words
+from fdd.report.words import second_opinion_words, span, verdict_words
 from fdd.samples import Samples
 from fdd.unit import Unit
 
@@ -54,6 +54,7 @@ def render_report(
     found = sections(diagnosis, trajectories, samples)
     return template("page.html").render(
         verdict=verdict_words(diagnosis),
+        second_opinion=second_opinion_words(diagnosis),
         diagnosis=diagnosis,
         duration=span(diagnosis.duration_s),
         sample_count=tables.grouped(diagnosis.samples),

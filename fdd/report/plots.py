@@ -85,8 +85,8 @@ def sections(diagnosis: Diagnosis, trajectories: Trajectories, samples: Samples)
         ),
         Section(
             "Estimated quantities",
-            "Tracked by two filters on one model, each with its ±2σ band. Grey: the motion at that time does "
-            "not show the quantity, and the value is only carried along.",
+            f"Tracked by two filters on one model{_others(trajectories)}, each with its ±2σ band. Grey: the "
+            "motion at that time does not show the quantity, and the value is only carried along.",
             [f for name in ESTIMATED for f in _estimate(name, diagnosis, trajectories)],
         ),
         Section(
@@ -102,6 +102,12 @@ def sections(diagnosis: Diagnosis, trajectories: Trajectories, samples: Samples)
         for figure in section.figures:
             _mark_faults(figure.layout, diagnosis.faults, reach)
     return [s for s in found if s.figures]
+
+
+def _others(trajectories: Trajectories) -> str:
+    """Trackers of packages, where some ran."""
+    names = [name.upper() for name in trajectories.estimates if name not in ESTIMATOR_TITLES]
+    return f", and by {', '.join(names)} of an installed package" if names else ""
 
 
 def _layout(**y_axis: Any) -> dict[str, Any]:
@@ -223,7 +229,7 @@ def _estimate(name: str, diagnosis: Diagnosis, trajectories: Trajectories) -> li
     if baseline is not None:
         data.append(tr.level(time, baseline, "healthy baseline", colour=tr.GREEN))
     layout = _layout()
-    span = _view(limits, baseline)
+    span = y_range(limits, baseline)
     if span is not None:
         layout["yaxis"]["range"] = span
     layout["shapes"] = [tr.shade(a, b) for a, b in intervals(time, ~seen)]
@@ -231,7 +237,7 @@ def _estimate(name: str, diagnosis: Diagnosis, trajectories: Trajectories) -> li
     return [Figure(f"estimate-{name}", title, data, layout, unit, note)]
 
 
-def _view(limits: list[Column], baseline: float | None) -> list[float] | None:
+def y_range(limits: list[Column], baseline: float | None) -> list[float] | None:
     """A y range that a filter's wide first second does not spoil; zooming out shows the rest."""
     everything = np.concatenate([x[np.isfinite(x)] for x in limits]) if limits else np.empty(0)
     if not everything.size:

@@ -46,8 +46,18 @@ def with_std(value: float | None, std: float | None) -> str:
 
 
 def estimate_rows(diagnosis: Diagnosis) -> list[dict[str, str]]:
-    """Rows of the table of estimates; keys quantity, unit, baseline, value, change, observable, held."""
-    return [_estimate_row(name, e) for name, e in diagnosis.estimates.items()]
+    """Rows of the table of estimates; keys quantity, unit, baseline, value, change, observable, held.
+
+    Whether a quantity is observable goes by the motion, so for every method alike.
+    """
+    rows = []
+    for name, estimate in diagnosis.estimates.items():
+        rows.append(_estimate_row(name, estimate))
+        for method, told in estimate.methods.items():
+            other = estimate.model_copy(update={"value": told.value, "std": told.std, "held": None})
+            row = _estimate_row(name, other)
+            rows.append({**row, "quantity": f"{row['quantity']}, by {method}"})
+    return rows
 
 
 def _estimate_row(name: str, estimate: Estimate) -> dict[str, str]:

@@ -211,3 +211,14 @@ def _leaning(diagnosis: Diagnosis) -> str:
     finite = {k: p for k, p in diagnosis.probabilities.items() if math.isfinite(p) and p >= 0.005}
     top = sorted(finite.items(), key=lambda item: -item[1])[:2]
     return ", ".join(f"{family_title(name).lower()} {percent(p)}" for name, p in top)
+
+
+def second_opinion_words(diagnosis: Diagnosis) -> str:
+    """What a classifier says beside the answer; empty where none was asked."""
+    other = diagnosis.second_opinion
+    if other is None:
+        return ""
+    return (
+        f"The classifier {other.classifier} takes it for {other.answer.replace('_', ' ')} "
+        f"({100 * other.probability:.0f} %)."
+    )

@@ -15,10 +15,10 @@ from pathlib import Path
 import pandas as pd
 import pytest
 
-from fdd.cli.diagnosing import utc
 from fdd.cli.which_logs import file_names, find_logs, names_of
 from fdd.errors import InputError
 from fdd.logs.formats import suffixes
+from fdd.offline.diagnoser import utc
 
 MAIN = [sys.executable, "-c", "from fdd.cli import main; main()"]
 

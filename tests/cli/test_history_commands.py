@@ -93,11 +93,12 @@ def test_the_folder_has_a_table_and_a_page(told, life: Path) -> None:
     assert page.count('class="plot"') >= 2 and "run07.mcap" in page and len(page) < 200_000
 
 
+@pytest.mark.slow
 def test_answers_of_diagnose_say_the_same_and_nothing_is_diagnosed_anew(
     run, told, life: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     assert run("diagnose", life, "-o", tmp_path / "answers", "--workers", 1).exit_code == 0
-    monkeypatch.setattr("fdd.cli.diagnosing.diagnose_log", None)
+    monkeypatch.setattr("fdd.offline.diagnoser.diagnose_log", None)
     answers = tmp_path / "answers" / "answers.jsonl"
     report = tmp_path / "trend.html"
     result = run("trend", answers, "--json", "-", "--report", report)

@@ -7,6 +7,7 @@ import io
 import json
 import math
 import re
+import sys
 from importlib import resources
 from pathlib import Path
 
@@ -72,18 +73,11 @@ def test_the_data_say_what_the_table_says(made) -> None:
     assert shown and float(shown[1]) == pytest.approx(row["after"] * 2e6 * math.pi, rel=1e-3)
 
 
-def test_verbose_shows_the_filters_noise(run, healthy_strokes, tmp_path: Path) -> None:
+def test_verbose_shows_the_sensors(run, healthy_strokes, tmp_path: Path) -> None:
     result = run("identify", healthy_strokes, "--name", "rig 7", "--verbose", "-o", tmp_path / "unit.yaml")
     assert result.exit_code == 0 and Unit.load(tmp_path / "unit.yaml").name == "rig 7"
-    for word in ("argued", "likelihood", "acceleration", "NIS", "pressure_1", "not fitted", "resolution"):
+    for word in ("sensors pressure 1", "resolution", "area_1 stays"):
         assert word in result.stdout
-
-
-def test_identify_without_noise_leaves_the_filters_as_they_are(run, healthy_strokes, tmp_path: Path) -> None:
-    out = tmp_path / "unit.yaml"
-    result = run("identify", healthy_strokes, "--no-noise", "--verbose", "-o", out)
-    assert result.exit_code == 0, result.stderr
-    assert Unit.load(out).estimation is None and "NIS" not in result.stdout
 
 
 def test_a_leaking_log_is_added_only_where_it_is_accepted(run, one_line, made, tmp_path: Path) -> None:
@@ -172,9 +166,13 @@ def test_generate_makes_a_data_set(run, tmp_path: Path) -> None:
     assert len(list(out.glob("*/log_*.parquet"))) == 4 and (out / "manifest.json").is_file()
 
 
-@pytest.mark.parametrize("engine", ["ray", "cloud"])
-def test_an_engine_that_is_not_there_is_refused(run, one_line, tmp_path, engine) -> None:
-    one_line(run("generate", tmp_path / "r.yaml", "-o", tmp_path / "set", "--engine", engine), engine)
+def test_an_engine_that_is_not_there_is_refused(run, one_line, tmp_path, monkeypatch) -> None:
+    recipe = tmp_path / "recipe.yaml"
+    recipe.write_text(RECIPE)
+    command = ("generate", recipe, "-o", tmp_path / "set", "--engine")
+    one_line(run(*command, "cloud"), "cloud")
+    monkeypatch.setitem(sys.modules, "ray", None)
+    one_line(run(*command, "ray"), "install fdd[ray]")
 
 
 def test_train_refuses_what_is_no_data_set(run, one_line, tmp_path: Path) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import json
 import re
 from pathlib import Path
@@ -31,8 +32,9 @@ Yaml12.add_implicit_resolver(
 )
 
 
-@pytest.fixture
+@pytest.fixture(scope="module")
 def validator(run):
+    @functools.cache
     def of(kind: str) -> Draft202012Validator:
         result = run("schema", kind)
         assert result.exit_code == 0, result.stderr
@@ -80,6 +82,17 @@ def test_a_map_may_have_its_channels_at_the_top(validator) -> None:
     assert not validator("map").is_valid({"posision": short["position"]})
 
 
+@pytest.fixture(scope="module")
+def answers(run, logs, tiny_model_file, tmp_path_factory: pytest.TempPathFactory) -> list[dict[str, Any]]:
+    """Of a log that was read and of one that could not be."""
+    folder = tmp_path_factory.mktemp("answers")
+    out, bad = folder / "answers.json", folder / "bad.csv"
+    bad.write_text("nothing,of,use\n1,2,3\n")
+    run("diagnose", logs["leaking"], bad, "--model", tiny_model_file, "--json", out, "--workers", 1)
+    read, unread = json.loads(out.read_text("utf-8"))
+    return [read, unread]
+
+
 @pytest.mark.parametrize(
     "change",
     [
@@ -93,14 +106,10 @@ def test_a_map_may_have_its_channels_at_the_top(validator) -> None:
     ],
 )
 def test_answers_are_valid_and_wrong_ones_are_not(
-    validator, run, logs, tiny_model_file, tmp_path: Path, change: dict[str, Any]
+    validator, answers: list[dict[str, Any]], change: dict[str, Any]
 ) -> None:
-    out, bad = tmp_path / "answers.json", tmp_path / "bad.csv"
-    bad.write_text("nothing,of,use\n1,2,3\n")
-    run("diagnose", logs["leaking"], bad, "--model", tiny_model_file, "--json", out, "--workers", 1)
-    read, unread = json.loads(out.read_text("utf-8"))
     valid = validator("diagnosis")
-    for answer in (read, unread):
+    for answer in answers:
         assert [e.message for e in valid.iter_errors(answer)] == []
         assert not valid.is_valid({**answer, **change})
         for key in set(answer) - {"error", "started_at"}:

@@ -2,10 +2,7 @@
 
 from __future__ import annotations
 
-import sys
-from collections.abc import Iterator
 from pathlib import Path
-from types import SimpleNamespace
 from typing import Any
 
 import pytest
@@ -34,12 +31,8 @@ class Rig:
         self.asked: list[tuple[Unit, Scenario, Unit | None]] = []
         self.written: list[Path] = []
 
-    def stream(self, unit: Unit, scenario: Scenario, *, partner: Unit | None = None) -> Iterator[tuple]:
+    def write(self, out: Path, unit: Unit, scenario: Scenario, *, partner: Unit | None, **_: object) -> None:
         self.asked.append((unit, scenario, partner))
-        return iter(())
-
-    def write(self, out: Path, blocks: Iterator[object], *_: object) -> None:
-        assert not list(blocks)
         self.written.append(out)
 
 
@@ -47,9 +40,7 @@ class Rig:
 def rig(monkeypatch: pytest.MonkeyPatch) -> Rig:
     # What is tested here is what the plant is asked for; the plant itself has its own tests.
     made = Rig()
-    monkeypatch.setitem(sys.modules, "fdd.plant.simulate", SimpleNamespace(stream=made.stream, BLOCK=20_000))
-    command = sys.modules["fdd.cli.simulate"]
-    monkeypatch.setattr(command, "_write", made.write)
+    monkeypatch.setattr("fdd.plant.to_file.write_simulation", made.write)
     return made
 
 

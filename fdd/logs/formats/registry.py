@@ -3,39 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from functools import cache
 from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from fdd.bounds import limit, raised
 from fdd.errors import InputError
+from fdd.logs.formats.added import added_formats
+from fdd.logs.formats.format import SNIFFED, Format
 from fdd.logs.formats.signals import LogFile
 
 if TYPE_CHECKING:
     from fdd.logs.channel_map import CsvLayout
-
-SNIFFED = 1024
-
-
-@dataclass(frozen=True)
-class Format:
-    """One format.
-
-    Attributes
-    ----------
-    name : for people.
-    suffixes : what its files are usually called.
-    sniff : tells it by a file's first `SNIFFED` bytes.
-    opener : ``module:function`` that takes a path (and a `CsvLayout`) and gives a `LogFile`.
-    extra : of fdd, that installs what it needs; None where it is always there.
-    """
-
-    name: str
-    suffixes: tuple[str, ...]
-    sniff: Callable[[bytes], bool]
-    opener: str
-    extra: str | None = None
 
 
 def _starts(*magic: bytes) -> Callable[[bytes], bool]:
@@ -61,8 +41,14 @@ FORMATS: tuple[Format, ...] = (
         "CSV", (".csv", ".txt", ".tsv", ".asc", ".csv.gz", ".txt.gz"), lambda head: True, "csv_file:open_csv"
     ),
 )
-"""In the order in which they are tried: text is whatever is none of the others."""
+"""In the order in which they are tried: text is whatever is none of the others, nor of a package."""
 _OTHERS = ((b"PK\x03\x04", "zip"), (b"\x28\xb5\x2f\xfd", "zstd"), (b"BZh", "bzip2"), (b"\xfd7zXZ", "xz"))
+
+
+@cache
+def _formats() -> tuple[Format, ...]:
+    """Ours, and before text those of installed packages."""
+    return (*FORMATS[:-1], *added_formats(), FORMATS[-1])
 
 
 def suffixes() -> tuple[str, ...]:
@@ -73,7 +59,7 @@ def suffixes() -> tuple[str, ...]:
     >>> ".mcap" in suffixes()
     True
     """
-    return tuple(s for f in FORMATS for s in f.suffixes)
+    return tuple(dict.fromkeys(s for f in _formats() for s in f.suffixes))
 
 
 def open_log(path: str | Path, layout: CsvLayout | None = None) -> LogFile:
@@ -94,8 +80,10 @@ def open_log(path: str | Path, layout: CsvLayout | None = None) -> LogFile:
     """
     path = Path(path)
     found = format_of(path)
-    module, function = found.opener.split(":")
     try:
+        if callable(found.opener):
+            return found.opener(path)
+        module, function = found.opener.split(":")
         opener = getattr(import_module(f"fdd.logs.formats.{module}"), function)
         return opener(path, layout) if found.name == "CSV" else opener(path)
     except ImportError as error:
@@ -135,12 +123,12 @@ def format_of(path: Path) -> Format:
             where=path,
             mend=f"split the log, {raised('MAX_LOG_BYTES', size)}",
         )
-    found = next(f for f in FORMATS if f.sniff(head))
+    found = next(f for f in _formats() if f.sniff(head))
     for magic, what in _OTHERS:
         if head.startswith(magic) and path.suffix.lower() not in (".xlsx", ".xlsm"):
             raise InputError(f"is compressed ({what})", where=path, mend="unpack it first")
     # What is called a binary log and does not begin like one would only be told to be odd text.
-    named = next((f for f in FORMATS if path.suffix.lower() in f.suffixes), None)
+    named = next((f for f in (*FORMATS, *_formats()) if path.suffix.lower() in f.suffixes), None)
     if found.name == "CSV" and named is not None and named is not found and path.suffix.lower() != ".dat":
         article = "an" if named.name in ("MCAP", "HDF5", "MDF", "Excel") else "a"
         raise InputError(

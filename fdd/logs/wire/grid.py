@@ -12,6 +12,29 @@ and a clock that runs a little faster than its nominal rate gains no rows."""
 
 
 @njit(error_model="numpy")
+def grid_steps(time, period, rest, kept):  # type: ignore[no-untyped-def]
+    """Steps of time in whole periods, and what rounding had left over before each.
+
+    Parameters
+    ----------
+    time : (n,) s, one row or more. period : s, nominal.
+    rest : periods, left over before the first step. kept : share of it that the next step takes up.
+
+    Returns
+    -------
+    (n - 1,) integers, (n - 1,) periods.
+    """
+    steps, rests = np.empty(time.size - 1, np.int64), np.empty(time.size - 1)
+    for k in range(time.size - 1):
+        rests[k] = rest
+        wanted = (time[k + 1] - time[k]) / period + rest
+        whole = np.floor(wanted + 0.5)
+        rest = kept * (wanted - whole)
+        steps[k] = np.int64(whole)
+    return steps, rests
+
+
+@njit(error_model="numpy")
 def grid_numbers(time, period):  # type: ignore[no-untyped-def]
     """Whole numbers that add up to the steps of time in periods, and grow from row to row.
 
@@ -23,13 +46,11 @@ def grid_numbers(time, period):  # type: ignore[no-untyped-def]
     -------
     (n,) integers.
     """
+    steps, _ = grid_steps(time, period, 0.0, _KEPT)
     numbers = np.empty(time.size, np.int64)
-    numbers[0], rest = 0, 0.0
+    numbers[0] = 0
     for k in range(time.size - 1):
-        wanted = (time[k + 1] - time[k]) / period + rest
-        whole = np.floor(wanted + 0.5)
-        rest = _KEPT * (wanted - whole)
-        numbers[k + 1] = numbers[k] + np.int64(whole)
+        numbers[k + 1] = numbers[k] + steps[k]
     # A late row shares its number with the next one: step back to make room for it.
     slack = numbers[-1] - (time.size - 1)
     for k in range(time.size - 1, -1, -1):

@@ -12,7 +12,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from fdd.faults import CATALOGUE, Effect
+from fdd.faults import CATALOGUE, Effect, unusable
 from fdd.plant import conditions as c
 from fdd.plant.details import Details
 from fdd.plant.faults.scales import FaultScales
@@ -48,6 +48,10 @@ def inject(
     scales : figures of severity 1.
     details : of the plant.
     axis : 1 or 2, whose rows these are.
+
+    Raises
+    ------
+    InputError : a package's fault names what the plant does not have.
     """
     figures = {**vars(details), **vars(scales)}
     for name in PLANT_FAULTS:
@@ -56,7 +60,16 @@ def inject(
                 severity = spec.over(time)
                 for effect in CATALOGUE[name].effects:
                     if effect.goes_with(spec.side, spec.variant):
+                        _require(name, effect, figures)
                         _change(rows[:, PARAMETERS[effect.parameter]], severity, effect, figures)
+
+
+def _require(name: str, effect: Effect, figures: Mapping[str, float]) -> None:
+    if effect.parameter not in PARAMETERS:
+        raise unusable(name, f"the plant has no parameter {effect.parameter!r}", PARAMETERS)
+    for number in effect.numbers:
+        if isinstance(number, str) and number not in figures:
+            raise unusable(name, f"no figure is called {number!r}", figures)
 
 
 def _change(column: Array, severity: Array, effect: Effect, figures: Mapping[str, float]) -> None:

@@ -3,27 +3,26 @@
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Callable
 from dataclasses import dataclass
 from datetime import UTC, datetime
-from functools import cached_property, lru_cache
+from functools import cached_property
 from importlib import resources
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from fdd.errors import InputError
+from fdd.offline.unit_of_log import unit_of
+from fdd.progress import Advance
 
 if TYPE_CHECKING:
     from fdd.diagnosis.findings import Diagnosis, Quality, Trajectories
     from fdd.diagnosis.model import Model
     from fdd.diagnosis.pipeline import Pipeline
-    from fdd.logs import DataQuality, Log
+    from fdd.learning.stored import StoredClassifier
+    from fdd.logs import ChannelMap, DataQuality, Log
     from fdd.unit import Unit
 
-DEFAULT_UNIT = "axis_a"
 BLOCK_ROWS = 10_000
-
-Advance = Callable[[float], None]
 
 
 @dataclass
@@ -43,12 +42,33 @@ class Diagnosed:
 
 @dataclass(frozen=True)
 class Settings:
-    """What all logs of a command are diagnosed with, as the command line names it."""
+    """What all logs are diagnosed with: named, as on the command line, or at hand.
 
-    unit: str | None = None
-    map: Path | None = None
-    model: Path | None = None
+    Attributes
+    ----------
+    unit : profile; None takes the one that each log carries, else a shipped one.
+    map : channel map. model : learnt layer; None takes the shipped one.
+    axis : of a file with several. trackers : of installed packages, that run beside ours.
+    classifier : file of one that is asked, too.
+    """
+
+    unit: Unit | str | Path | None = None
+    map: ChannelMap | str | Path | None = None
+    model: Model | str | Path | None = None
     axis: str | None = None
+    trackers: tuple[str, ...] = ()
+    classifier: Path | None = None
+
+    def load_unit(self) -> Unit | None:
+        """The profile, where one is given.
+
+        Raises
+        ------
+        InputError : it cannot be used.
+        """
+        from fdd.unit import Unit
+
+        return self.unit if isinstance(self.unit, Unit | None) else Unit.load(self.unit)
 
 
 @dataclass(frozen=True)
@@ -86,20 +106,26 @@ class Diagnoser:
     """
 
     def __init__(self, settings: Settings) -> None:
+        from fdd.diagnosis.answering import versions_of
         from fdd.diagnosis.model import Model
         from fdd.logs import ChannelMap
-        from fdd.unit import Unit, shipped_units
+        from fdd.residuals.added_tracker import tracker_named
+        from fdd.unit import shipped_units
 
         self.settings = settings
-        self.unit = None if settings.unit is None else Unit.load(settings.unit)
-        self.map = None if settings.map is None else ChannelMap.load(settings.map)
-        self.model = Model.load(settings.model)
-        self._shared = {} if settings.map is None else {"map": sha256_of(settings.map)}
-        if settings.unit is not None:
-            shipped = resources.files("fdd") / "units" / f"{settings.unit}.yaml"
-            with resources.as_file(shipped) as file:
-                known = settings.unit in shipped_units()
-                self._shared["profile"] = sha256_of(file if known else Path(settings.unit))
+        self.versions = versions_of({name: tracker_named(name).package for name in settings.trackers})
+        unit, map_, model = settings.unit, settings.map, settings.model
+        self.unit = settings.load_unit()
+        self.map = map_ if isinstance(map_, ChannelMap | None) else ChannelMap.load(map_)
+        self.model = model if isinstance(model, Model) else Model.load(model)
+        self._shared = {"map": sha256_of(Path(map_))} if isinstance(map_, str | Path) else {}
+        if isinstance(unit, str | Path):
+            with resources.as_file(resources.files("fdd") / "units" / f"{unit}.yaml") as shipped:
+                known = unit in shipped_units()
+                self._shared["profile"] = sha256_of(shipped if known else Path(unit))
+        self.classifier = None if settings.classifier is None else _classifier(settings.classifier)
+        if settings.classifier is not None:
+            self._shared["classifier"] = sha256_of(settings.classifier)
 
     def hashes(self, path: Path) -> dict[str, str]:
         """SHA-256 of what a log's answer depends on, as the answer tells it.
@@ -124,19 +150,51 @@ class Diagnoser:
     def diagnose(
         self, job: Job, log: Log, advance: Advance = lambda done: None, *, keep_trajectories: bool = True
     ) -> Diagnosed:
-        """Diagnose the log; see `diagnose_log`.
+        """Diagnose the job's log; see `answer`.
 
         Raises
         ------
         InputError : its channels do not suffice, or the profile in it cannot be used.
         """
-        from fdd.identify.signs import check_senses
+        found = self.answer(log, job.name, str(job.path), advance, keep_trajectories=keep_trajectories)
+        found.diagnosis.sha256 = self.hashes(job.path)
+        return found
+
+    def answer(
+        self,
+        log: Log,
+        name: str,
+        where: str,
+        advance: Advance = lambda done: None,
+        *,
+        keep_trajectories: bool = True,
+    ) -> Diagnosed:
+        """Diagnose a log that need not be a file; see `diagnose_log`.
+
+        Parameters
+        ----------
+        name : of the log in its answer. where : what errors call it.
+
+        Raises
+        ------
+        InputError : its channels do not suffice, or the profile in it cannot be used.
+        """
+        from fdd.identification.signs import check_senses
 
         unit, note = (self.unit, None) if self.unit is not None else unit_of(log, None)
-        check_senses(log.samples, unit, str(job.path))
+        check_senses(log.samples, unit, where)
         notes = (note,) if note else ()
-        found = diagnose_log(log, unit, self.model, job.name, notes, advance, keep_trajectories)
-        found.diagnosis.sha256 = self.hashes(job.path)
+        found = diagnose_log(
+            log, unit, self.model, name, notes, advance, keep_trajectories, self.settings.trackers
+        )
+        if self.classifier is not None:
+            from fdd.learning.opinion import opinion
+
+            file = Path(str(self.settings.classifier)).name
+            found.diagnosis.second_opinion = opinion(
+                self.classifier, file, found.pipeline, found.diagnosis, log.samples
+            )
+        found.diagnosis.sha256 = {**self._shared, "model": self.model.sha256}
         return found
 
     def write(self, job: Job, found: Diagnosed) -> None:
@@ -171,44 +229,19 @@ class Diagnoser:
             )
 
 
-def unit_of(log: Log | None, given: str | None) -> tuple[Unit, str | None]:
-    """The profile to diagnose with, and a note where nobody chose it.
-
-    Parameters
-    ----------
-    log : its metadata may carry the profile of the unit that it was recorded on.
-    given : name or path on the command line; goes first.
+def _classifier(path: Path) -> StoredClassifier:
+    """A trained classifier that can be asked about whole logs.
 
     Raises
     ------
-    InputError : no such profile, or an unusable one.
+    InputError : it cannot be read, trusted or used.
     """
-    from fdd.bounds import MAX_UNIT_BYTES
-    from fdd.unit import Unit, shipped_units
+    from fdd.learning.opinion import require_usable
+    from fdd.learning.stored import load_classifier
 
-    if given is not None:
-        return Unit.load(given), None
-    text = None if log is None else log.metadata.get("unit", {}).get("yaml")
-    if text is not None and log is not None:
-        where = f"{log.name}, unit profile in its metadata"
-        if len(text) > MAX_UNIT_BYTES:
-            raise InputError(f"larger than {MAX_UNIT_BYTES} bytes", where=where, mend="give --unit")
-        try:
-            return _parsed(text), None
-        except InputError as error:
-            raise InputError(error.problem, where=where, mend=error.mend) from None
-    axis = None if log is None else log.axis
-    taken = axis if axis in shipped_units() else DEFAULT_UNIT
-    note = f"no unit profile given: taken for {taken} (give --unit, or make one with fdd identify)"
-    return Unit.load(taken), note
-
-
-@lru_cache(maxsize=4)
-def _parsed(text: str) -> Unit:
-    """The logs of one rig carry the same profile."""
-    from fdd.unit import Unit
-
-    return Unit.from_yaml(text, where="")
+    stored = load_classifier(path)
+    require_usable(stored, str(path))
+    return stored
 
 
 def diagnose_log(
@@ -219,6 +252,7 @@ def diagnose_log(
     notes: tuple[str, ...] = (),
     advance: Advance = lambda done: None,
     keep_trajectories: bool = True,
+    trackers: tuple[str, ...] = (),
 ) -> Diagnosed:
     """Diagnose one log.
 
@@ -228,6 +262,7 @@ def diagnose_log(
     notes : for the answer's quality, beside the reader's.
     advance : told how many samples are done.
     keep_trajectories : for outputs that show them; they take a third of the memory of the log.
+    trackers : of installed packages, that run beside ours.
 
     Raises
     ------
@@ -236,8 +271,9 @@ def diagnose_log(
     from fdd.diagnosis.pipeline import Pipeline
 
     pipeline = Pipeline(
-        unit, model, axis=log.axis or unit.axis, log=printable(name), keep_trajectories=keep_trajectories
-    )
+        unit, model, axis=log.axis or unit.axis, log=printable(name), keep_trajectories=keep_trajectories,
+        trackers=trackers,
+    )  # fmt: skip
     try:
         done = 0
         for block in log.samples.blocks(BLOCK_ROWS):

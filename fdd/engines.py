@@ -1,0 +1,165 @@
+"""Independent pieces of work on what there is to run them: this machine's processes, or Ray's on many."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable, Iterator, Sequence
+from itertools import islice
+from pathlib import Path
+from typing import Any, Literal, TypeVar
+
+from fdd.errors import InputError
+
+Engine = Literal["local", "ray"]
+Job = TypeVar("Job")
+Result = TypeVar("Result")
+
+
+class WorkerLost(InputError):
+    """A process that worked has ended: killed, or out of memory.
+
+    Examples
+    --------
+    >>> str(WorkerLost())
+    'a worker process ended unexpectedly; try again with fewer workers'
+    """
+
+    def __init__(self) -> None:
+        super().__init__("a worker process ended unexpectedly", mend="try again with fewer workers")
+
+
+def map_unordered(
+    function: Callable[[Job], Result],
+    jobs: Sequence[Job],
+    *,
+    engine: Engine = "local",
+    workers: int | None = None,
+    begin: Callable[[], None] | None = None,
+) -> Iterator[tuple[int, Result]]:
+    """Work jobs, and give each one's number and result as they come.
+
+    Parameters
+    ----------
+    function, jobs : pickled where they leave this process: a function of a module, or a `partial` of one.
+    engine : ``local``, or ``ray``: on the cluster that RAY_ADDRESS names, or one begun here and ended with
+        the work. All its machines need fdd, and the files, under the same paths.
+    workers : jobs at a time; one for each core (of the cluster) else. One local worker is this process.
+    begin : called first in each process that the local engine begins.
+
+    Raises
+    ------
+    WorkerLost : a process ended. What `function` raises is raised here, and the jobs left are dropped.
+    InputError : Ray is not there.
+
+    Examples
+    --------
+    >>> sorted(map_unordered(len, ["a", "bcd"], workers=1))
+    [(0, 1), (1, 3)]
+    """
+    if engine == "ray":
+        return _over_ray(function, jobs, workers)
+    workers = min(workers or os.cpu_count() or 1, len(jobs))
+    return _over_processes(function, jobs, workers, begin) if workers > 1 else _here(function, jobs)
+
+
+def _here(function: Callable[[Job], Result], jobs: Sequence[Job]) -> Iterator[tuple[int, Result]]:
+    for number, job in enumerate(jobs):
+        yield number, function(job)
+
+
+def _over_processes(
+    function: Callable[[Job], Result], jobs: Sequence[Job], workers: int, begin: Callable[[], None] | None
+) -> Iterator[tuple[int, Result]]:
+    # Here: every command knows the engines' names, few have several jobs.
+    from concurrent.futures import ProcessPoolExecutor, as_completed
+    from concurrent.futures.process import BrokenProcessPool
+    from multiprocessing import get_context
+
+    # Spawned: the parent may have threads (a progress bar, numba's), which a fork would break.
+    with ProcessPoolExecutor(workers, mp_context=get_context("spawn"), initializer=begin) as pool:
+        futures = {pool.submit(function, job): number for number, job in enumerate(jobs)}
+        try:
+            for future in as_completed(futures):
+                yield futures[future], future.result()
+        except BrokenProcessPool:
+            raise WorkerLost from None
+        finally:
+            pool.shutdown(wait=False, cancel_futures=True)
+
+
+def _over_ray(
+    function: Callable[[Job], Result], jobs: Sequence[Job], workers: int | None
+) -> Iterator[tuple[int, Result]]:
+    ray, began = connected()
+    task = ray.remote(_task)
+    most = workers or max(1, int(ray.cluster_resources().get("CPU", 1)))
+    waiting, running = iter(enumerate(jobs)), dict[Any, int]()
+    try:
+        while True:
+            for number, job in islice(waiting, most - len(running)):
+                running[task.remote(str(Path.cwd()), function, job)] = number
+            if not running:
+                return
+            (done, *_), _ = ray.wait(list(running))
+            yield running.pop(done), ray.get(done)
+    except ray.exceptions.RayTaskError as error:
+        raise error.cause from None
+    except ray.exceptions.RayError:
+        raise WorkerLost from None
+    finally:
+        for left in running:
+            ray.cancel(left, force=True)
+        if began:
+            ray.shutdown()
+
+
+def connected(**given: Any) -> tuple[Any, bool]:
+    """The module ray, connected to a cluster, and whether that was done here.
+
+    Parameters
+    ----------
+    given : further words for `ray.init`.
+
+    Raises
+    ------
+    InputError : Ray is not installed, or there is no cluster at RAY_ADDRESS.
+    """
+    # Ray tells its makers how it is used unless it is told not to.
+    os.environ.setdefault("RAY_USAGE_STATS_ENABLED", "0")
+    try:
+        import ray
+    except ModuleNotFoundError:
+        raise InputError("the engine ray needs the package ray", mend="install fdd[ray]") from None
+    began = not ray.is_initialized()
+    if began:
+        address = os.environ.get("RAY_ADDRESS")
+        try:
+            ray.init(**{"logging_level": "ERROR", "log_to_driver": False, **given})
+        except (ConnectionError, ValueError) as error:
+            raise InputError(f"cannot be reached ({error})", where=f"Ray at {address}") from None
+    return ray, began
+
+
+def _task(folder: str, function: Callable[[Job], Result], job: Job) -> Result:
+    enter(folder)
+    return function(job)
+
+
+def enter(folder: str) -> None:
+    """Work in a folder, so that relative paths mean what they mean where the work was ordered.
+
+    Raises
+    ------
+    InputError : this machine has no such folder.
+
+    Examples
+    --------
+    >>> enter(".")
+    """
+    try:
+        os.chdir(folder)
+    except OSError as error:
+        raise InputError(
+            f"cannot be worked in ({error.strerror})", where=folder,
+            mend="Ray's machines need the same files under the same paths",
+        ) from None  # fmt: skip

@@ -1,0 +1,1 @@
+"""Diagnosis of whole logs: what `fdd.diagnose` and ``fdd diagnose`` share."""

@@ -1,0 +1,30 @@
+"""How long work tells a caller how far it is; the command line shows it, a library call is silent."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from contextlib import AbstractContextManager, contextmanager
+from typing import Protocol
+
+Advance = Callable[[float], None]
+"""Told how much is done in all."""
+
+
+class Progress(Protocol):
+    """Opens a stage of the work: its title, and the total that `Advance` counts to where there is one."""
+
+    def __call__(self, title: str, total: float | None = None) -> AbstractContextManager[Advance]:
+        """The stage, as a context that gives its `Advance`."""
+        ...
+
+
+@contextmanager
+def unseen(title: str, total: float | None = None) -> Iterator[Advance]:
+    """Progress that nobody watches.
+
+    Examples
+    --------
+    >>> with unseen("reading", 2) as advance:
+    ...     advance(1)
+    """
+    yield lambda done: None
