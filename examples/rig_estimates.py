@@ -20,10 +20,10 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from estimators import eha_layout as layout
-from estimators import eha_model as eha
-from fdd.benchmark.least_squares import Window, fit_balance
-from fdd.identify import identify_unit
+from estimators.eha import layout
+from estimators.eha import model as eha
+from evidence.estimators.least_squares import Window, fit_balance
+from fdd.identification import identify_unit
 from fdd.logs import ChannelMap, read_log
 from fdd.residuals.tracking import METHODS, Channels, Tracking, estimates, observability
 from fdd.samples import Samples

@@ -9,6 +9,9 @@ from pathlib import Path
 import pytest
 from hypothesis import settings
 
+# As the command line does, before NumPy is loaded: workers that share the cores would wait for each other.
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+
 from fdd.diagnosis.model import AlarmTail, Calibration, Model
 from fdd.logs import ChannelMap
 

@@ -12,11 +12,13 @@ from pathlib import Path
 import pytest
 from importlinter.cli import lint_imports
 
+import fdd
+
 ROOT = Path(__file__).parent.parent
-MODULES = sorted(p for package in ("fdd", "estimators") for p in (ROOT / package).rglob("*.py"))
+MODULES = sorted(p for package in ("fdd", "estimators", "evidence") for p in (ROOT / package).rglob("*.py"))
 PRODUCT = [
     p
-    for package in ("fdd", "estimators")
+    for package in ("fdd", "estimators", "evidence")
     for p in sorted((ROOT / package).rglob("*"))
     if p.suffix in {".py", ".j2", ".yaml", ".md", ".json", ".html", ".css", ".js", ".toml"}
 ]
@@ -34,8 +36,9 @@ DIAGNOSING = (
     "fdd/residuals",
     "fdd/diagnosis",
     "fdd/report",
-    "fdd/identify",
+    "fdd/identification",
     "fdd/history",
+    "fdd/offline",
     "fdd/monitor",
 )
 
@@ -83,6 +86,12 @@ def test_what_diagnoses_never_imports_the_plant(folder: str) -> None:
     for path in modules:
         plant = {name for name in imported(ast.parse(path.read_text("utf-8"))) if "plant" in name}
         assert not plant, of(path)
+
+
+@pytest.mark.parametrize("path", [p for p in MODULES if of(p).startswith("fdd/")], ids=of)
+def test_no_room_goes_through_the_doors(path: Path) -> None:
+    """The import contracts do not see what is taken from the root package."""
+    assert not imported(ast.parse(path.read_text("utf-8"))) & {f"fdd.{door}" for door in fdd.__all__}
 
 
 @pytest.mark.parametrize("path", MODULES, ids=of)

@@ -17,18 +17,19 @@ ROOT = Path(__file__).parent.parent
 # Each package that compiles, and all whose functions and constants its compiled code may hold.
 COMPILING = {
     "estimators": ["estimators"],
-    "fdd.benchmark": ["fdd.benchmark", "estimators"],
-    "fdd.identify": ["fdd.identify"],
+    "evidence.estimators": ["evidence.estimators", "estimators"],
+    "fdd.identification": ["fdd.identification"],
     "fdd.logs.wire": ["fdd.logs.wire"],
     "fdd.plant": ["fdd.plant"],
-    "fdd.residuals": ["fdd.residuals"],
+    "fdd.residuals": ["fdd.residuals", "estimators"],
+    "fdd.sensors": ["fdd.sensors"],
 }
-MODULES = sorted(p for package in ("fdd", "estimators") for p in (ROOT / package).rglob("*.py"))
+MODULES = sorted(p for package in ("fdd", "estimators", "evidence") for p in (ROOT / package).rglob("*.py"))
 
 FORCES = """
 import numpy as np
-from estimators import eha_layout as layout, eha_model as eha, eha_noise as noise
-from estimators.eha_forces import balance_forces as called
+from estimators.eha import layout, model as eha, noise
+from estimators.eha.forces import balance_forces as called
 x, P, q, c = np.zeros(eha.STATES), np.eye(eha.STATES), np.ones(eha.PARAMETERS), np.zeros(noise.N_FMEAN + 1)
 memory = np.zeros(layout.MEMORY)
 x[eha.V], x[eha.P1], q[eha.Q_SLIDING], q[eha.Q_STATIC_F] = 0.5, 2.0, 0.1, 2.0
@@ -46,8 +47,8 @@ result = now[0, conditions.CROSS_LEAKAGE]
 """
 SENSORS = """
 import numpy as np
-from estimators import eha_layout as layout, eha_model as eha
-from estimators.eha_redundancy import PAIRS, compare_sensors as called
+from estimators.eha import layout, model as eha
+from estimators.eha.redundancy import PAIRS, compare_sensors as called
 x, P, memory = np.zeros(eha.STATES), 1e-4 * np.eye(eha.STATES), np.zeros(layout.MEMORY)
 memory[layout.M_PAIRS] = PAIRS - 1
 called(x, P, 10.0, 1e-4, memory)
@@ -55,15 +56,15 @@ result = x[eha.ZERO]
 """
 CURVE = """
 import numpy as np
-from estimators import eha_model as eha
-from fdd.benchmark.matched import _curve as called
+from estimators.eha import model as eha
+from evidence.estimators.matched import _curve as called
 q = np.ones(eha.PARAMETERS)
 q[eha.Q_STATIC_F] = 2.0
 result = called(np.array([0.5]), q)[0]
 """
 # A program that calls a compiled function; then another module that is compiled into it, and an edit there.
 LEVEL = (
-    "estimators/eha_model.py",
+    "estimators/eha/model.py",
     "    level = coulomb + excess\n",
     "    level = coulomb + 7.0 * excess\n",
 )
@@ -76,14 +77,14 @@ EDITS = {
         "inner = intercept + ",
         "inner = 1.01 * intercept + ",
     ),
-    "a constant": (SENSORS, "estimators/eha_forces.py", "\nROBUST = 5.0", "\nROBUST = 7.0"),
+    "a constant": (SENSORS, "estimators/eha/forces.py", "\nROBUST = 5.0", "\nROBUST = 7.0"),
 }
 
 
 @pytest.fixture
 def installed(tmp_path: Path) -> Path:
-    """A folder with copies of both packages, that was never compiled."""
-    for package in ("estimators", "fdd"):
+    """A folder with copies of all packages, that was never compiled."""
+    for package in ("estimators", "fdd", "evidence"):
         kept_out = shutil.ignore_patterns("__pycache__", "*.mcap")
         shutil.copytree(ROOT / package, tmp_path / package, ignore=kept_out)
     return tmp_path
@@ -120,6 +121,7 @@ def replace(path: Path, old: str, new: str) -> None:
     path.write_text(text.replace(old, new), "utf-8")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("edit", EDITS)
 def test_an_edit_is_compiled_and_no_edit_is_not(edit: str, installed: Path, tmp_path: Path) -> None:
     program, module, old, new = EDITS[edit]
@@ -142,6 +144,7 @@ def test_an_edit_is_compiled_and_no_edit_is_not(edit: str, installed: Path, tmp_
     assert {path for path in kept.rglob("*") if path.is_file()} == files  # nothing old is left behind
 
 
+@pytest.mark.slow
 def test_where_sources_cannot_be_written_the_users_folder_serves(installed: Path, tmp_path: Path) -> None:
     (installed / "fdd/plant/__pycache__").write_text("no folder, so nothing can be kept here")
     user = {"XDG_CACHE_HOME": str(tmp_path / "user"), "HOME": str(tmp_path / "user")}
@@ -150,6 +153,7 @@ def test_where_sources_cannot_be_written_the_users_folder_serves(installed: Path
     assert run(installed, THIN, **user)[:2] == (first, 1)
 
 
+@pytest.mark.slow
 def test_where_nothing_can_be_written_it_says_so_and_compiles(installed: Path) -> None:
     (installed / "fdd/plant/__pycache__").write_text("")
     (installed / "file").write_text("")
@@ -161,6 +165,7 @@ def test_where_nothing_can_be_written_it_says_so_and_compiles(installed: Path) -
         assert said.count("set NUMBA_CACHE_DIR to a folder that can be written") == 1
 
 
+@pytest.mark.slow
 def test_a_file_of_another_signature_is_not_used(installed: Path, tmp_path: Path) -> None:
     """Numba numbers its files by an index that two processes may write at once."""
     (installed / "halved.py").write_text(
@@ -178,6 +183,7 @@ def test_a_file_of_another_signature_is_not_used(installed: Path, tmp_path: Path
     assert run(installed, program, NUMBA_CACHE_DIR=str(kept))[:2] == (2.5, 0)
 
 
+@pytest.mark.slow
 def test_kept_code_runs_without_the_compiler_and_new_code_finds_it(installed: Path, tmp_path: Path) -> None:
     (installed / "solved.py").write_text(
         "from pathlib import Path\n"

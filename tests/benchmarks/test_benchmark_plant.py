@@ -1,4 +1,4 @@
-"""Speed of the plant: ``pytest tests/benchmarks --benchmark-enable``; peers: ``fdd performance``."""
+"""Speed of the plant: ``pytest tests/benchmarks --benchmark-enable``; peers: ``python -m evidence plant``."""
 
 from __future__ import annotations
 
@@ -7,10 +7,11 @@ from typing import Any
 import numpy as np
 import pytest
 
-from fdd.performance.cases import Cases
-from fdd.performance.peers import METHODS, integrate
+from evidence.plant.cases import Cases
+from evidence.plant.peers import METHODS, integrate
 from fdd.plant.simulate import raw_blocks, simulate
 
+pytestmark = pytest.mark.slow
 CASES = {case.name: case for case in Cases().speed}
 
 

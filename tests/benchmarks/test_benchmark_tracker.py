@@ -11,11 +11,11 @@ from typing import Any
 import numpy as np
 import pytest
 
-from estimators import eha_bounds, eha_layout, eha_model, eha_walk
-from estimators.eha_tracker import EhaTracker
-from fdd.benchmark import speed
-from fdd.benchmark.speed.cpp import Program, Unavailable
-from fdd.benchmark.speed.peers import run_filterpy
+from estimators.eha import bounds, layout, model, walk
+from estimators.eha.tracker import EhaTracker
+from evidence.estimators import speed
+from evidence.estimators.speed.cpp import Program, Unavailable
+from evidence.estimators.speed.peers import run_filterpy
 from fdd.diagnosis.pipeline import Pipeline
 from fdd.plant.scenario import Recording, Scenario
 from fdd.plant.simulate import simulate
@@ -23,6 +23,7 @@ from fdd.residuals.tracking import Channels, Tracking
 from fdd.samples import Samples
 from fdd.unit import Unit
 
+pytestmark = pytest.mark.slow
 METHODS = ["ekf", "svsf"]
 
 
@@ -92,24 +93,22 @@ def ends_where_the_tracker_does(
     # To 1e-9 of themselves, or of their standard deviation where they are near zero.
     assert (np.abs(found.x - tracker.x) <= 1e-9 * np.abs(tracker.x) + 1e-8 * spread).all()
     np.testing.assert_allclose(found.variances, np.diag(tracker.P), rtol=1e-8)
-    assert found.log_likelihood == pytest.approx(records[:, eha_layout.R_LOGLIK].sum(), rel=1e-8)
+    assert found.log_likelihood == pytest.approx(records[:, layout.R_LOGLIK].sum(), rel=1e-8)
     return records
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("dense", [False, True])
 @pytest.mark.parametrize("method", METHODS)
 def test_cpp_ends_where_the_tracker_does(program: Program, method: str, dense: bool) -> None:
     tracker, block = missing_and_late(method)
-    assert np.isnan(block[:, [eha_layout.POSITION, eha_layout.PRESSURE_1]]).any()
+    assert np.isnan(block[:, [layout.POSITION, layout.PRESSURE_1]]).any()
     records = ends_where_the_tracker_does(program, tracker, block, dense)
-    scores = records[:, eha_layout.R_SCORE : eha_layout.R_SCORE + eha_layout.FLOW_PARAMETERS]
-    assert np.abs(scores).max() > eha_walk.JUMP_SIGMAS  # the leak set the parameters free
-    valves = records[:, eha_layout.R_STATE + eha_model.VALVE1]
-    assert (valves == eha_bounds.LOWEST[eha_model.VALVE1]).any()
+    scores = records[:, layout.R_SCORE : layout.R_SCORE + layout.FLOW_PARAMETERS]
+    assert np.abs(scores).max() > walk.JUMP_SIGMAS  # the leak set the parameters free
+    valves = records[:, layout.R_STATE + model.VALVE1]
+    assert (valves == bounds.LOWEST[model.VALVE1]).any()
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("method", METHODS)
 def test_cpp_follows_with_the_fewest_sensors(program: Program, method: str) -> None:
     """Speed instead of the angle, the pressures' difference instead of both; fixed states stay."""
@@ -117,7 +116,7 @@ def test_cpp_follows_with_the_fewest_sensors(program: Program, method: str) -> N
         method, ("pump_angle", "pressure_1", "pressure_2", "pressure_accumulator")
     )
     ends_where_the_tracker_does(program, tracker, block, dense=False)
-    assert tracker.P[eha_model.SPLIT, eha_model.SPLIT] == 0.0
+    assert tracker.P[model.SPLIT, model.SPLIT] == 0.0
 
 
 def test_table_has_every_peer_or_says_why_not(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -5,13 +5,17 @@ Whatever a filter shows on it is the filter's doing, not that of a plant which d
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import numpy as np
-from numba import njit
 
-from estimators import eha_layout as layout
-from estimators import eha_model as eha
-from estimators.eha_noise import Noise
+import estimators
+from estimators.compiled import compiler
+from estimators.eha import layout
+from estimators.eha import model as eha
+from estimators.eha.noise import Noise
 
+njit = compiler(Path(estimators.__file__).parent, Path(__file__).parent)
 ACCUMULATOR = 1.0  # MPa
 PERIOD = 1e-3
 VISCOUS = 1000.0  # N·s/m: instead of dry friction, whose reversal is no matter of these tests
@@ -44,7 +48,7 @@ def typical_state(**parameters: float) -> eha.Array:
     return x
 
 
-@njit
+@njit()
 def _run(
     x: eha.Array, q: eha.Array, drive: eha.Array, walks: eha.Array, closed: float, hold: float,
     vented: bool, at: int, jump: eha.Array,

@@ -369,7 +369,7 @@ def test_documented_with_parameters_and_an_example(case: Case) -> None:
         "kernels",
         "imm_kernels",
         "linalg",
-        "eha_drifts",
+        "eha.drifts",
         "jacobians",
         "observability",
         "robust",

@@ -7,8 +7,8 @@ from hypothesis import assume, given
 from hypothesis import strategies as st
 from scipy.optimize import lsq_linear
 
-from estimators import eha_model as eha
-from estimators.eha_bounds import HIGHEST, LOWEST, keep_in_bounds
+from estimators.eha import model as eha
+from estimators.eha.bounds import HIGHEST, LOWEST, keep_in_bounds
 
 PARAMETERS = slice(eha.LEAK, eha.STATES)
 COUNT = eha.STATES - eha.LEAK

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from estimators import eha_model as eha
+from estimators.eha import model as eha
 
 N = eha.STATES
 AREA, VOLUME, DISPLACEMENT = 1520.0, 2.16e6, 557.0  # mm², mm³, mm³/rad

@@ -8,11 +8,11 @@ from consistent_axis import VISCOUS, model, quiet_noise, simulate, typical_state
 from hypothesis import given
 from hypothesis import strategies as st
 
-from estimators import eha_layout as layout
-from estimators import eha_model as eha
-from estimators.eha_noise import Noise
-from estimators.eha_redundancy import PAIRS, compare_sensors
-from estimators.eha_tracker import EhaTracker
+from estimators.eha import layout
+from estimators.eha import model as eha
+from estimators.eha.noise import Noise
+from estimators.eha.redundancy import PAIRS, compare_sensors
+from estimators.eha.tracker import EhaTracker
 
 PRIOR = 4e-4  # MPa²: 20 kPa
 VARIANCE = 2.0 * 0.003**2 + 0.007**2

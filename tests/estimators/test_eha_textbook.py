@@ -11,10 +11,10 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from estimators import eha_layout as layout
-from estimators import eha_model as eha
-from estimators.eha_noise import Noise
-from estimators.eha_tracker import EhaTracker
+from estimators.eha import layout
+from estimators.eha import model as eha
+from estimators.eha.noise import Noise
+from estimators.eha.tracker import EhaTracker
 from estimators.ekf import ExtendedKalmanFilter
 from fdd.plant.scenario import Recording, Scenario
 from fdd.plant.simulate import simulate

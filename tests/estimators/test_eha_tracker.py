@@ -11,9 +11,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from estimators import eha_layout as layout
-from estimators import eha_model as eha
-from estimators.eha_tracker import EhaTracker
+from estimators.eha import layout
+from estimators.eha import model as eha
+from estimators.eha.tracker import EhaTracker
 from fdd.plant.faults.scales import FaultScales
 from fdd.plant.scenario import Recording, Scenario
 from fdd.plant.simulate import Simulation, simulate
@@ -284,6 +284,7 @@ def test_a_state_of_another_shape_is_refused() -> None:
 # For long
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("method", METHODS)
 def test_a_million_samples_leave_it_sound(method: str) -> None:
     samples = axis(duration=60.0, leaks=True).samples

@@ -7,8 +7,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from estimators import eha_model as eha
-from estimators.eha_update import COUPLED, MOVING, layers_exceeded, propagate, selected_update, update
+from estimators.eha import model as eha
+from estimators.eha.update import COUPLED, MOVING, layers_exceeded, propagate, selected_update, update
 from estimators.kernels import kalman_update, svsf_update
 
 N = eha.STATES

@@ -10,11 +10,11 @@ import pytest
 from consistent_axis import ACCUMULATOR, VISCOUS, model, quiet_noise, simulate, typical_state
 from scipy.stats import norm
 
-from estimators import eha_layout as layout
-from estimators import eha_model as eha
-from estimators.eha_noise import Noise
-from estimators.eha_tracker import EhaTracker
-from estimators.eha_walk import JUMP_SIGMAS, LONG_WINDOWS, SCORE_WINDOW, walk_parameters, walk_rates
+from estimators.eha import layout
+from estimators.eha import model as eha
+from estimators.eha.noise import Noise
+from estimators.eha.tracker import EhaTracker
+from estimators.eha.walk import JUMP_SIGMAS, LONG_WINDOWS, SCORE_WINDOW, walk_parameters, walk_rates
 
 VALVES = (eha.VALVE1, eha.VALVE2)
 # Parameters that walk, as (state, field of the noise, factor from SI to the model's unit).

@@ -7,12 +7,12 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from estimators import eha_layout as layout
-from estimators import eha_model as eha
-from estimators.eha_bounds import HIGHEST, LOWEST, keep_in_bounds
-from estimators.eha_noise import I_SPLIT, Noise
-from estimators.eha_update import COUPLED, MOVING
-from estimators.eha_walk import JUMP_SIGMAS, LONG_WINDOWS, walk_parameters, walk_rates, watch_jumps
+from estimators.eha import layout
+from estimators.eha import model as eha
+from estimators.eha.bounds import HIGHEST, LOWEST, keep_in_bounds
+from estimators.eha.noise import I_SPLIT, Noise
+from estimators.eha.update import COUPLED, MOVING
+from estimators.eha.walk import JUMP_SIGMAS, LONG_WINDOWS, walk_parameters, walk_rates, watch_jumps
 
 N = eha.STATES
 # Rate and initial spread of each walk in the model's units, written down from the noise's fields.

@@ -292,6 +292,7 @@ def _run_badly_scaled(steps, every, F, Q, H, R, x, P):
     return kept
 
 
+@pytest.mark.slow
 def test_covariance_stays_symmetric_and_positive_over_a_million_badly_scaled_steps() -> None:
     """Metres beside pascals and a leakage of 1e-13: variances over 40 decades.
 

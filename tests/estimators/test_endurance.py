@@ -13,9 +13,9 @@ from fractions import Fraction
 
 import numpy as np
 import pytest
+from consistent_axis import njit
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
-from numba import njit
 
 from estimators import ExtendedKalmanFilter
 from estimators.kernels import kalman_update, predict_covariance
@@ -70,7 +70,7 @@ CASES = {
 JOSEPH = {name: case for name, case in CASES.items() if case.joseph}
 
 
-@njit
+@njit()
 def _channels(rng, blind, mask):
     """Draw the channels of a step: all missing for up to 100 steps now and then, else 7 in 10 are there."""
     if blind > 0:
@@ -82,7 +82,7 @@ def _channels(rng, blind, mask):
     return blind
 
 
-@njit
+@njit()
 def endure_joseph(steps, every, F, Q, H, R, P, rng):
     """Covariances (steps // every, n, n) along a run of the Joseph form."""
     n, m = P.shape[0], H.shape[0]
@@ -98,7 +98,7 @@ def endure_joseph(steps, every, F, Q, H, R, P, rng):
     return kept
 
 
-@njit
+@njit()
 def endure_factors(steps, every, F, Q, H, R, P, rng):
     """Covariances along a run of the factors, and how often a D was not positive."""
     n, m = P.shape[0], H.shape[0]
@@ -130,6 +130,7 @@ def lowest_eigenvalues(kept: np.ndarray) -> np.ndarray:
     return np.linalg.eigvalsh(kept / (scale[:, :, None] * scale[:, None, :]))[:, 0]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", JOSEPH)
 def test_joseph_form_endures(name: str) -> None:
     case = JOSEPH[name]
@@ -137,6 +138,7 @@ def test_joseph_form_endures(name: str) -> None:
     assert lowest_eigenvalues(kept).min() > 1e-12
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", CASES)
 def test_factors_endure(name: str) -> None:
     """The covariance is its factors: D > 0 at every step is positive definite. Multiplied out it is

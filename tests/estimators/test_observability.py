@@ -11,11 +11,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from estimators import eha_layout as layout
-from estimators import eha_model as eha
-from estimators.eha_drifts import drifts
-from estimators.eha_noise import Noise
-from estimators.eha_walk import walk_parameters, walk_rates
+from estimators.eha import layout
+from estimators.eha import model as eha
+from estimators.eha.drifts import drifts
+from estimators.eha.noise import Noise
+from estimators.eha.walk import walk_parameters, walk_rates
 from estimators.observability import Drift, Observability, Observed
 from fdd.plant.scenario import Recording, Scenario
 from fdd.plant.simulate import Simulation, simulate

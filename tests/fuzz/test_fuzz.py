@@ -28,6 +28,7 @@ def test_a_case_is_the_same_each_time_and_another_for_another_number() -> None:
         assert len({case(kind, 5, k)[1] for k in range(20)}) > 10
 
 
+@pytest.mark.slow
 def test_changed_files_are_read_or_refused_in_one_line() -> None:
     """Corpus: files that once ended the process, hung or raised something else than an `InputError`."""
     corpus = [Task(p.parent.name, file=p) for p in sorted(CORPUS.glob("*/*"))]

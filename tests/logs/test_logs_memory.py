@@ -52,6 +52,7 @@ def ten_minutes(rows: int) -> Samples:
     return Samples(log.time, columns)
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(not Path("/proc/self/status").exists(), reason="the peak is read from /proc")
 @pytest.mark.parametrize("what", ["read", "inspect"])
 @pytest.mark.parametrize(

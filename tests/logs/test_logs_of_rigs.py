@@ -22,6 +22,7 @@ def test_example_maps_are_valid(path: Path) -> None:
     assert set(ChannelMap.load(path).channels) >= REQUIRED - {"pressure_difference"}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("rig", ["rig1", "rig4"])
 def test_every_rig_log_is_read(shared: Path, rig: str) -> None:
     channel_map = ChannelMap.load(EXAMPLES / f"{rig}.map.yaml")
@@ -104,6 +105,7 @@ def test_every_bench_recording_is_read_and_the_angle_sensor_of_one_session_is_to
     assert told == {"session_15oct"}
 
 
+@pytest.mark.slow
 def test_the_map_of_every_healthy_bench_run_has_the_same_channels_and_signs(bench: Path) -> None:
     """Test: columns without names or units. Expected: the firmware's meaning; scales of counts are open.
 

@@ -5,8 +5,8 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from fdd.performance.cases import Case, Cases
-from fdd.performance.convergence import against_half_steps, against_radau, unseen
+from evidence.plant.cases import Case, Cases
+from evidence.plant.convergence import against_half_steps, against_radau, unseen
 from fdd.plant import state as s
 from fdd.unit import Unit
 
@@ -15,7 +15,7 @@ CASES = {case.name: case for case in Cases().numerics}
 
 @pytest.mark.parametrize("name", CASES)
 def test_half_the_step_changes_no_sensor_by_a_tenth_of_its_noise(name):
-    """The numerics alone, without the encoder's steps in the loop; `fdd performance` takes a minute."""
+    """The numerics alone, without the encoder's steps in the loop; `python -m evidence plant` has all."""
     difference = against_half_steps(CASES[name].without_encoder_steps(), 4.0)
     assert set(difference.rms) >= {"position", "pressure_difference", "pump_speed", "motor_current"}
     assert difference.worst < 0.1
@@ -24,6 +24,7 @@ def test_half_the_step_changes_no_sensor_by_a_tenth_of_its_noise(name):
     assert difference.rms["pump_angle"] < 1.0
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("name", "duration"),
     [

@@ -16,6 +16,7 @@ from fdd.plant.scenario import Recording, Scenario
 from fdd.plant.simulate import Simulation, simulate
 
 UNIT = UNITS[1]
+AXES = [1, pytest.param(2, marks=pytest.mark.slow)]
 CHOICES = [
     (name, side, variant)
     for name in SIMULATED
@@ -33,7 +34,7 @@ def test_every_simulated_fault_has_a_check():
     assert set(CHECKS) == set(SIMULATED) == set(CATALOGUE) - {"unknown"}
 
 
-@pytest.mark.parametrize("axis", [1, 2])
+@pytest.mark.parametrize("axis", AXES)
 @pytest.mark.parametrize(("name", "side", "variant"), CHOICES)
 def test_severity_zero_is_healthy_bit_for_bit(healthy, name, side, variant, axis):
     spec = FaultSpec(fault=name, severity=0.0, onset=ONSET, side=side, variant=variant, axis=axis)
@@ -43,7 +44,7 @@ def test_severity_zero_is_healthy_bit_for_bit(healthy, name, side, variant, axis
         assert np.array_equal(faulty[channel], sound[channel], equal_nan=True), channel
 
 
-@pytest.mark.parametrize("axis", [1, 2])
+@pytest.mark.parametrize("axis", AXES)
 @pytest.mark.parametrize(("name", "side", "variant"), CHOICES)
 def test_severity_one_is_what_the_catalogue_says(healthy, name, side, variant, axis):
     spec = FaultSpec(fault=name, severity=1.0, onset=ONSET, side=side, variant=variant, axis=axis)

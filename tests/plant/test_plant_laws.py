@@ -46,6 +46,7 @@ def test_stribeck_laws_end_on_the_units_curve(law, v):
     assert _steady_friction(law, v) == pytest.approx(np.sign(v) * curve, rel=0.01)
 
 
+@pytest.mark.slow
 def test_dahls_friction_does_not_fall_with_speed_and_a_smooth_one_holds_nothing():
     forward = UNIT.friction.forward
     slow, fast = (_steady_friction("dahl", v) for v in (0.005, 0.08))

@@ -1,13 +1,13 @@
-"""Whatever the rig allows stays within physics; `fdd performance` tries two thousand."""
+"""Whatever the rig allows stays within physics; `python -m evidence plant` tries two thousand."""
 
 import numpy as np
 import pytest
 from hypothesis import Phase, given, settings
 from hypothesis import strategies as st
 
-from fdd.performance import robustness
-from fdd.performance.robustness import pressure_bound, try_wild
-from fdd.performance.wild import draw_wild
+from evidence.plant import robustness
+from evidence.plant.robustness import pressure_bound, try_wild
+from evidence.plant.wild import draw_wild
 from fdd.plant import state as s
 from fdd.plant.simulate import raw_blocks
 
@@ -53,6 +53,7 @@ def test_the_check_sees_what_is_wrong():
         assert any(told in failure for failure in failures), told
 
 
+@pytest.mark.slow
 def test_wild_scenarios_are_wild():
     """Among sixty: both axes and one, most faults, every load, blocked axes, motors without power."""
     drawn = [draw_wild(seed, 1.0).scenario for seed in range(60)]

@@ -1,0 +1,163 @@
+"""Formats of packages: when they are asked, and that nothing unusable comes through."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from fdd.errors import InputError
+from fdd.logs import read_log
+from fdd.logs.formats import Format, LogFile, Signal, added, open_log, registry, suffixes
+from fdd.packages import LOG_FORMATS, Addition
+
+ROWS = 4000
+TIME = np.arange(ROWS) * 1e-3
+COLUMNS = {
+    "position": 0.02 * np.sin(TIME),
+    "pump_speed": 100.0 * np.cos(TIME),
+    "pressure_difference": 1e6 + 1e5 * np.sin(TIME),
+}
+
+
+class Own(LogFile):
+    """A package's file that gives what a test wants it to."""
+
+    def __init__(self, path: Path, **given: Any) -> None:
+        super().__init__(path, given.get("signals", {name: Signal(name) for name in COLUMNS}))
+        self.given = given
+
+    def read(self, names: Any) -> Any:
+        return self.given["read"](names) if "read" in self.given else {n: COLUMNS[n] for n in names}
+
+    def stamps(self, clock: str) -> Any:
+        return self.given.get("stamps", TIME)
+
+
+Add = Callable[..., None]
+
+
+@pytest.fixture
+def add(monkeypatch: pytest.MonkeyPatch) -> Iterator[Add]:
+    """Install a format of the files that begin with OWN."""
+
+    def given(opener: Any, sniff: Any = lambda head: head.startswith(b"OWN"), name: str = "own") -> None:
+        entry = opener if isinstance(opener, str) else Format("own", (".own", ".txt"), sniff, opener)
+        point = SimpleNamespace(load=lambda: entry, group=LOG_FORMATS, value="made_up:FORMAT")
+        monkeypatch.setattr(added, "additions", lambda group: [Addition(name, "made-up 1.0", point)])
+        registry._formats.cache_clear()
+
+    yield given
+    registry._formats.cache_clear()
+
+
+@pytest.fixture
+def path(tmp_path: Path) -> Path:
+    (tmp_path / "a.own").write_bytes(b"OWN 1\n")
+    return tmp_path / "a.own"
+
+
+def test_a_log_of_a_package_is_read_as_any_other(add: Add, path: Path) -> None:
+    add(Own)
+    found = read_log(path).samples
+    np.testing.assert_array_equal(found["position"], COLUMNS["position"])
+    np.testing.assert_array_equal(found.time, TIME)
+    assert ".own" in suffixes()
+
+
+def test_ours_come_first_and_text_last(add: Add, tmp_path: Path) -> None:
+    add(Own, sniff=lambda head: True)
+    (tmp_path / "a.parquet").write_bytes(b"PAR1 and nothing else")
+    with pytest.raises(InputError, match="Parquet"):
+        open_log(tmp_path / "a.parquet")
+    (tmp_path / "a.csv").write_text("time,position\n0,1\n1,2\n", "utf-8")
+    assert isinstance(open_log(tmp_path / "a.csv"), added.CheckedLog)
+
+
+def test_text_of_its_suffix_is_not_its_own_where_the_suffix_is_ours_too(add: Add, tmp_path: Path) -> None:
+    add(Own)
+    text = "time,position\n0,1\n1,2\n"
+    (tmp_path / "a.txt").write_text(text, "utf-8")
+    assert set(open_log(tmp_path / "a.txt").signals) == {"time", "position"}
+    (tmp_path / "b.own").write_text(text, "utf-8")
+    with pytest.raises(InputError, match="not a own file"):
+        open_log(tmp_path / "b.own")
+
+
+def fails(*_: object) -> Any:
+    raise IndexError("list index out of range")
+
+
+BAD: dict[str, Callable[[Path], Any]] = {
+    "gave a dict, not a LogFile": lambda path: {},
+    "stopped with IndexError: list index out of range": fails,
+    "stopped with IndexError: list": lambda path: Own(path, read=fails),
+    "gave a signal '' without a usable name": lambda path: Own(path, signals={"": Signal("")}),
+    "gave a signal 'b' without a usable name": lambda path: Own(path, signals={"b": Signal("a")}),
+    "gave no numbers for 'pump_speed'": lambda path: Own(path, read=lambda names: {}),
+    "gave no numbers for 'pump": lambda path: Own(path, read=lambda names: {n: ["a"] * ROWS for n in names}),
+    "gave 2 dimensions for": lambda path: Own(path, read=lambda names: {n: np.ones((9, 2)) for n in names}),
+    "gave 5 and 4 rows of one clock": lambda path: Own(
+        path, read=lambda names: {n: np.ones(4 + (k > 0)) for k, n in enumerate(names)}
+    ),
+    "gave 7 times for 4000 rows": lambda path: Own(path, stamps=TIME[:7]),
+}
+
+
+@pytest.mark.parametrize("problem", BAD)
+def test_what_nothing_can_be_made_of_is_refused_with_the_package(add: Add, path: Path, problem: str) -> None:
+    add(BAD[problem])
+    with pytest.raises(InputError) as caught:
+        read_log(path)
+    line = str(caught.value)
+    assert line.startswith(f"{path}: package made-up 1.0, which reads it, ") and problem in line
+    assert len(line.splitlines()) == 1
+
+
+def test_its_own_refusals_are_told_as_they_are(add: Add, path: Path) -> None:
+    def refuse(path: Path) -> LogFile:
+        raise InputError("the bench was off", where=path, mend="switch it on")
+
+    add(refuse)
+    with pytest.raises(InputError, match=r"a\.own: the bench was off; switch it on"):
+        open_log(path)
+
+
+def test_the_bounds_hold(add: Add, path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    add(Own)
+    monkeypatch.setenv("FDD_MAX_VALUES", str(3 * ROWS - 1))
+    with pytest.raises(InputError, match=f"{ROWS} rows and 3 columns, at most"):
+        read_log(path)
+    monkeypatch.setenv("FDD_MAX_VALUES", str(3 * ROWS))
+    assert len(read_log(path).samples) == ROWS
+    add(lambda path: Own(path, signals={str(k): Signal(str(k)) for k in range(5000)}))
+    with pytest.raises(InputError, match="5000 columns, at most 4096"):
+        open_log(path)
+    monkeypatch.setenv("FDD_MAX_LOG_BYTES", "5")
+    with pytest.raises(InputError, match="6 bytes, at most 5"):
+        open_log(path)
+
+
+def test_times_are_checked_like_all_others(add: Add, path: Path) -> None:
+    add(lambda path: Own(path, stamps=np.where(TIME > 2.0, TIME - 1.5, TIME)))
+    with pytest.raises(InputError, match="backwards"):
+        read_log(path)
+
+
+@pytest.mark.parametrize(
+    ("opener", "sniff", "problem"),
+    [("no format", None, "is no Format"), (Own, fails, "cannot tell its files (IndexError")],
+)
+def test_one_that_cannot_be_asked_keeps_no_other_log_from_being_read(
+    add: Add, tmp_path: Path, capsys: pytest.CaptureFixture[str], opener: Any, sniff: Any, problem: str
+) -> None:
+    add(opener, sniff=sniff)
+    (tmp_path / "a.csv").write_text("time,position\n0,1\n1,2\n", "utf-8")
+    assert set(open_log(tmp_path / "a.csv").signals) == {"time", "position"}
+    line = capsys.readouterr().err
+    assert line.startswith("fdd: warning: package made-up 1.0: fdd.log_formats 'own': ") and problem in line
+    assert len(line.splitlines()) == 1

@@ -1,0 +1,134 @@
+"""What `import fdd` gives: quick, typed, and what the README and the citation say of it."""
+
+from __future__ import annotations
+
+import doctest
+import os
+import pkgutil
+import pydoc
+import re
+import subprocess
+import sys
+from importlib import import_module
+from pathlib import Path
+
+import pytest
+import yaml
+
+import fdd
+
+ROOT = Path(__file__).parents[1]
+README = (ROOT / "README.md").read_text(encoding="utf-8")
+FUNCTIONS = {"simulate", "read_log", "identify", "load_dataset", "diagnose"}
+
+TYPED = """
+from typing import assert_type
+import fdd
+from fdd import Diagnosis, Pipeline, Samples, Scenario, Unit, diagnose, identify, read_log, simulate
+
+assert_type(identify(["one.mcap"], "axis_a"), Unit)
+assert_type(simulate("axis_a", Scenario(duration=1.0)).samples, Samples)
+assert_type(diagnose(read_log("run.csv", map="rig.map.yaml")), Diagnosis)
+assert_type(fdd.Pipeline(Unit.load("axis_a")).finish(), Diagnosis)
+diagnose(3)
+fdd.nothing
+"""
+
+
+def test_importing_loads_no_numpy() -> None:
+    program = (
+        "import sys, fdd; assert set(fdd.__all__) <= set(dir(fdd))\n"
+        "print({'numpy', 'pydantic', 'typing_extensions', 'fdd.unit', 'fdd.errors'} & set(sys.modules))"
+    )
+    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, timeout=60)
+    assert done.stdout == "set()\n", done.stderr
+
+
+def test_each_door_is_what_its_name_says_and_no_room_hides_it() -> None:
+    rooms = {found.name for found in pkgutil.iter_modules(fdd.__path__)}
+    assert not rooms & set(fdd.__all__)
+    for room in rooms:
+        import_module(f"fdd.{room}")
+    for name in fdd.__all__:
+        assert getattr(fdd, name).__name__ == name
+        assert callable(getattr(fdd, name)) and (name[0].isupper() or name in FUNCTIONS)
+    with pytest.raises(AttributeError, match="nothing"):
+        _ = fdd.nothing  # type: ignore[attr-defined]
+
+
+def test_help_shows_every_door() -> None:
+    shown = pydoc.plain(pydoc.render_doc(fdd))
+    for name in fdd.__all__:
+        assert re.search(rf"^    (class )?{name}\(", shown, flags=re.MULTILINE), name
+
+
+@pytest.mark.slow
+def test_the_example_in_the_help_holds(monkeypatch) -> None:
+    monkeypatch.setenv("MPLBACKEND", "Agg")
+    found = doctest.testmod(fdd)
+    assert found.attempted == 8 and not found.failed
+
+
+@pytest.mark.slow
+def test_type_checkers_see_the_doors(tmp_path: Path) -> None:
+    """As an installed package: without py.typed they would see nothing."""
+    (tmp_path / "site").mkdir()
+    for package in ("fdd", "estimators"):
+        (tmp_path / "site" / package).symlink_to(ROOT / package)
+    (tmp_path / "snippet.py").write_text(TYPED)
+    done = subprocess.run(
+        [sys.executable, "-m", "mypy", "--strict", "--config-file=", "--cache-dir=cache", "snippet.py"],
+        cwd=tmp_path, env={**os.environ, "PYTHONPATH": str(tmp_path / "site")},
+        capture_output=True, text=True, timeout=300,
+    )  # fmt: skip
+    errors = [line for line in done.stdout.splitlines() if "error" in line]
+    wrong = len(TYPED.splitlines()) - 1, len(TYPED.splitlines())
+    assert [int(e.split(":")[1]) for e in errors[:-1]] == [*wrong], done.stdout
+    assert "[arg-type]" in errors[0] and "[attr-defined]" in errors[1]
+
+
+def test_the_wheel_takes_the_marker_along() -> None:
+    import tomllib
+
+    data = tomllib.loads((ROOT / "pyproject.toml").read_text("utf-8"))["tool"]["setuptools"]["package-data"]
+    for package in ("fdd", "estimators"):
+        assert "py.typed" in data[package] and (ROOT / package / "py.typed").is_file()
+
+
+@pytest.mark.slow
+def test_the_readmes_code_runs(tmp_path: Path, monkeypatch, capsys) -> None:
+    import matplotlib
+
+    matplotlib.use("Agg")
+    from fdd.cli.app import app
+
+    monkeypatch.chdir(tmp_path)
+    strokes = ["--profile", "constant_speed:amplitude=0.08,speeds=60/105,turn=5,dwell=0.3",
+               "--load", "throttle:pressure=1.5e6", "--duration", "21"]  # fmt: skip
+    for seed, name, more in (
+        (6, "one", []), (7, "two", []), (8, "run", ["--fault", "internal_leakage:severity=0.8,onset=12"]),
+    ):  # fmt: skip
+        command = ["simulate", "-o", f"{name}.mcap", "--seed", str(seed), *strokes, *more]
+        assert app(command, standalone_mode=False) == 0
+    blocks = re.findall(r"```python\n(.*?)```", README, flags=re.DOTALL)
+    assert len(blocks) == 2
+    shown: dict = {}
+    exec(compile(blocks[0], "README.md", "exec"), shown)
+    assert fdd.Unit.load("unit.yaml").name == shown["unit"].name == shown["answer"].unit
+    assert Path("run.pdf").read_bytes().startswith(b"%PDF")
+    assert shown["answer"].faults[0].fault == "internal_leakage"
+    printed = capsys.readouterr().out
+    assert '"verdict": "faulty"' in printed and "internal_leakage 12.0" in printed
+    exec(compile(blocks[1], "README.md", "exec"), shown)
+    assert len(shown["run"].partner.truth) == len(shown["run"].partner.samples)
+
+
+def test_the_citation_is_of_this_version() -> None:
+    cited = yaml.safe_load((ROOT / "CITATION.cff").read_text("utf-8"))
+    assert cited["cff-version"] == "1.2.0" and cited["version"] == fdd.__version__
+    assert cited["authors"] == [{"name": "The fdd developers"}]
+    sources = "".join(
+        p.read_text("utf-8") for room in ("fdd", "estimators") for p in (ROOT / room).rglob("*.py")
+    )
+    for reference in cited["references"]:
+        assert reference["doi"] in sources, "no code names this source"
