@@ -1,6 +1,7 @@
 # Sets up .venv once, then runs what is asked for. Python 3.11 or newer; another one: make PYTHON=python3.12 test
 .DEFAULT_GOAL := help
-.PHONY: help venv demo demo-live test lint clean
+.PHONY: help venv docs demo demo-live evidence test test-all lint style types imports checked compile-plant compile-diagnosis \
+	compile-filters clean
 .DELETE_ON_ERROR:
 
 PYTHON ?= $(shell for p in python3 python3.11 python3.12 python3.13; do \
@@ -12,9 +13,12 @@ WORKERS ?= 2
 help:
 	@echo 'make demo    diagnose the shipped log of a leaking actuator and write its report'
 	@echo 'make demo-live   watch three simulated axes on a page, one of which begins to leak'
-	@echo 'make test    style, types, import rules and all tests'
+	@echo 'make test    style, types, import rules and the fast tests'
+	@echo 'make test-all   the same with all tests'
+	@echo 'make evidence   measure anew what the committed reports say (an hour and a half)'
 	@echo 'make lint    the first three of these'
 	@echo 'make venv    only set up .venv for development'
+	@echo 'make docs    build the documentation into site/'
 	@echo 'make clean   remove .venv and everything else that was made here'
 
 venv: .venv/.test
@@ -25,23 +29,49 @@ demo: .venv/.demo
 demo-live: .venv/.test
 	@$(BIN)/fdd serve --demo
 
-test: lint
-	@echo 'tests, $(WORKERS) at a time'
-	@$(BIN)/pytest -n $(WORKERS)
+# Workers keep to neighbouring tests, which share what they simulate, until one has none left.
+PYTEST := $(BIN)/pytest -n $(WORKERS) --dist worksteal
 
-lint: .venv/.test
-	@echo 'style'
+test: checked
+	@echo 'fast tests, $(WORKERS) at a time'
+	@$(PYTEST) -m 'not slow'
+
+test-all: checked
+	@echo 'all tests, $(WORKERS) at a time'
+	@$(PYTEST)
+
+# What takes one core each, side by side; make lint has three of them.
+checked: .venv/.test
+	@echo 'style, types and import rules; compiling'
+	@$(MAKE) --no-print-directory -j $(WORKERS) types compile-diagnosis compile-filters compile-plant style imports
+
+# Measurements of speed come first, while nothing else runs.
+evidence: .venv/.test
+	@for each in load plant estimators thesis soak troubles; do $(BIN)/python -m evidence $$each || exit 1; done
+
+lint: style types imports
+
+docs: .venv/.test
+	@NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --quiet --strict
+	@echo 'site/index.html'
+
+style: .venv/.test
 	@$(BIN)/ruff check --quiet
 	@$(BIN)/ruff format --check --quiet
-	@echo 'types'
+
+types: .venv/.test
 	@$(BIN)/mypy --no-error-summary
-	@echo 'import rules'
+
+imports: .venv/.test
 	@$(BIN)/lint-imports > .venv/imports.log || { cat .venv/imports.log; false; }
 
+compile-plant compile-diagnosis compile-filters: compile-%: .venv/.test
+	@$(BIN)/python -m tests.compiling $*
+
 clean:
-	rm -rf .venv build dist *.egg-info .pytest_cache .mypy_cache .ruff_cache .hypothesis .benchmarks \
+	rm -rf .venv build dist site *.egg-info .pytest_cache .mypy_cache .ruff_cache .hypothesis .benchmarks \
 		.import_linter_cache fdd-demo-report.html
-	find fdd estimators tests -name __pycache__ -type d -prune -exec rm -rf {} +
+	find fdd estimators evidence tests -name __pycache__ -type d -prune -exec rm -rf {} +
 
 $(BIN)/python:
 	@test -n '$(PYTHON)' || { echo 'no Python 3.11 or newer found; name one: make PYTHON=/path/to/python3 ...' >&2; false; }
