@@ -96,9 +96,9 @@ def test_a_valve_gives_each_step_its_sign(rows: list[tuple[int, float]]) -> None
     np.testing.assert_array_equal(directed(raw, valve, accumulate=False), raw * np.sign(valve))
 
 
-def test_an_unknown_valve_keeps_its_last_direction() -> None:
+def test_an_unknown_valve_keeps_its_last_direction_and_before_the_first_tells_none() -> None:
     valve = np.array([np.nan, 1.0, np.nan, -1.0, np.nan])
-    np.testing.assert_array_equal(directed(np.full(5, 2.0), valve, accumulate=False), [0, 2, 2, -2, -2])
+    np.testing.assert_array_equal(directed(np.full(5, 2.0), valve, accumulate=False), [np.nan, 2, 2, -2, -2])
 
 
 @given(
