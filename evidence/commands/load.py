@@ -14,7 +14,7 @@ def load(
     out: Annotated[Path, typer.Option("--out", "-o", help="Folder for live.md.")] = Path("reports"),
     axes: Annotated[
         str, typer.Option(help="Numbers of axes that are tried, rising.", metavar="N,N,...")
-    ] = "10,20,40,60,80,100,120,140",
+    ] = "20,40,60,80,90,100,120,140",
     seconds: Annotated[
         float, typer.Option(min=20.0, max=3600.0, help="In real time, with each number of axes.")
     ] = 60.0,

@@ -20,7 +20,7 @@ CLOCK_GAP_S = 1.0
 """s between the rows before and after the clock was set."""
 EPOCH_S = 1e6
 """s; a stream that starts later than this carries the time of day and is counted from its start."""
-TOGETHER = 100
+TOGETHER = 1000
 """Rows that are looked at together: a clock that is set at each of them must not take time squared."""
 MOST_REMARKS = 100
 PERIOD_STEPS = 100

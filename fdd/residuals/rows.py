@@ -315,6 +315,8 @@ class RowMaker:
 
 
 def _hiss_of(values: Array) -> Array:
-    """Standard deviation of white noise on what moves smoothly, (columns,) of (n, columns)."""
+    """Standard deviation of white noise on what moves smoothly, (columns,) of (n, columns); NaN of n < 3."""
+    if len(values) < 3:
+        return np.full(values.shape[1], np.nan)
     second = np.median(np.abs(np.diff(values, 2, axis=0)), axis=0)
     return np.asarray(second / (GAUSS_50 * np.sqrt(6.0)))

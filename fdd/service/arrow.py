@@ -19,6 +19,7 @@ Array = NDArray[np.float64]
 ARROW_START = b"\xff\xff\xff\xff"
 """First bytes of an Arrow IPC stream."""
 _DAMAGE = (pa.ArrowException, OSError, StructError, StopIteration, UnicodeDecodeError, MemoryError)
+_FLOATS = (pa.float64().id, pa.float32().id)
 _MEND = "send one record batch of float64 or float32 columns as an IPC stream, not compressed"
 
 
@@ -41,7 +42,7 @@ def arrow_columns(payload: bytes) -> tuple[dict[str, Array], dict[str, Any]]:
         schema = pa.ipc.read_schema(messages.read_next_message())
         if len(schema) > MOST_BLOCK_COLUMNS or len(set(schema.names)) < len(schema):
             raise InputError(f"more than {MOST_BLOCK_COLUMNS} columns, or one twice", mend=_MEND)
-        odd = [f.name for f in schema if f.type not in (pa.float64(), pa.float32())]
+        odd = [n for n, t in zip(schema.names, schema.types, strict=True) if t.id not in _FLOATS]
         if odd:
             raise InputError(f"column {odd[0][:40]!r} is not of float64 or float32", mend=_MEND)
         message = messages.read_next_message()
@@ -55,15 +56,12 @@ def arrow_columns(payload: bytes) -> tuple[dict[str, Array], dict[str, Any]]:
             )
         batch.validate(full=True)
         more = _more(messages)
-        columns = {
-            name: np.asarray(column.to_numpy(zero_copy_only=False), dtype=np.float64)
-            for name, column in zip(schema.names, batch.columns, strict=True)
-        }
+        values = _values(batch)
     except _DAMAGE as error:
         raise InputError(f"no Arrow stream ({type(error).__name__})", mend=_MEND) from None
     if more:
         raise InputError("more than one record batch", mend=_MEND)
-    return columns, _head(schema.metadata or {})
+    return dict(zip(schema.names, values, strict=True)), _head(schema.metadata or {})
 
 
 def arrow_payload(columns: Mapping[str, Array], head: Mapping[str, Any]) -> bytes:
@@ -84,6 +82,14 @@ def arrow_payload(columns: Mapping[str, Array], head: Mapping[str, Any]) -> byte
     with pa.ipc.new_stream(out, schema) as writer:
         writer.write_batch(pa.record_batch([pa.array(v) for v in columns.values()], schema=schema))
     return bytes(out.getvalue())
+
+
+def _values(batch: pa.RecordBatch) -> Array:
+    """All columns, (k, n)."""
+    if not (batch.num_columns and batch.num_rows):
+        return np.empty((batch.num_columns, batch.num_rows))
+    together = batch.to_tensor(null_to_nan=True, row_major=False)
+    return np.asarray(together.to_numpy().T, dtype=np.float64)
 
 
 def _more(messages: pa.ipc.MessageReader) -> bool:

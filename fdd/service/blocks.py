@@ -207,7 +207,10 @@ class Decoder:
             raise InputError(
                 "no channel in the block", mend="name its columns as the channels, or give a map"
             )
-        return Samples(stamps, {n: _finite(v) for n, v in found.items()})
+        try:
+            return Samples(stamps, found)
+        except InputError:  # perhaps for what is infinite, which is missing
+            return Samples(stamps, {n: np.where(np.isinf(v), np.nan, v) for n, v in found.items()})
 
 
 def decode(payload: bytes, channel_map: ChannelMap | None = None, source: str = "", **more: Any) -> Block:
@@ -263,8 +266,3 @@ def _of_axis(head: dict[str, Any], axis: str | None) -> dict[str, Any]:
             f"the message says axis {str(head['axis'])[:80]!r}, its topic {axis!r}", mend="leave axis out"
         )
     return {**head, "axis": axis}
-
-
-def _finite(values: Array) -> Array:
-    infinite = np.isinf(values)
-    return np.where(infinite, np.nan, values) if infinite.any() else values

@@ -149,8 +149,8 @@ class Order:
     def _is_known(self, samples: Samples, number: int | None) -> bool:
         """Whether the very same block came before; it is remembered where not."""
         checksum = zlib.crc32(samples.time.data)
-        for name in samples.channels:
-            checksum = zlib.crc32(samples[name].data, checksum)
+        for column in samples.columns.values():
+            checksum = zlib.crc32(column.data, checksum)
         key = -1.0 if number is None else float(number)
         numbers, checksums, firsts = self._known
         if ((numbers == key) & (checksums == checksum) & (firsts == samples.time[0])).any():

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 import threading
 from collections.abc import Callable, Sequence
 
@@ -15,6 +16,10 @@ from fdd.service.profiles import Profiles
 from fdd.service.share import Share
 from fdd.service.sources import open_source
 from fdd.service.store import Store
+
+RUBBISH = 50_000
+"""Objects made and not yet freed after which Python looks for circles among them. By its own count, 700, the
+blocks of a hundred axes that wait make it look all the time, in vain."""
 
 
 def _unheard(axis: str, samples: Samples) -> None:
@@ -60,6 +65,8 @@ class Watch(Fleet):
         InputError : a source cannot even begin. LeaseLost : somebody else watches these axes.
         """
         ended = threading.Event()
+        gc.freeze()  # what was imported stays
+        gc.set_threshold(RUBBISH)
         try:
             for source in self._sources:
                 source.start(self._inbox.put, ended)
