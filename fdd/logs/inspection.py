@@ -8,7 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fdd.logs.formats.signals import LogFile
-from fdd.logs.names import is_time_name
+from fdd.logs.names import is_time_name, time_unit, unit_in_name
+from fdd.measures import MEASURES
 
 Column = NDArray[np.float64]
 
@@ -22,7 +23,7 @@ class SignalView:
 
     Attributes
     ----------
-    name, unit : as the file has them; unit "" where it says nothing.
+    name, unit : as the file has them; unit "" where neither it nor the name says one.
     rows : of the signal. missing : of these, without a value.
     rate : Hz, NaN where the file does not tell its time.
     longest_gap : s, NaN likewise.
@@ -59,14 +60,15 @@ def inspect(log: LogFile) -> list[SignalView]:
     except ValueError:
         read = {}  # one by one, to tell which
     for signal in log.signals.values():
+        unit = signal.unit or unit_in_name(signal.name) or ""
         try:
             values = read[signal.name] if read else log.read([signal.name])[signal.name]
             if signal.clock not in clocks:
                 clocks[signal.clock] = _clock(_stamps_of(log, signal.clock))
-            out.append(_view(signal.name, signal.unit or "", values, *clocks[signal.clock]))
+            out.append(_view(signal.name, unit, values, *clocks[signal.clock]))
         except ValueError as error:
             text = str(error).removeprefix(f"{log.path}: ")
-            out.append(replace(_view(signal.name, signal.unit or "", np.empty(0)), problem=text))
+            out.append(replace(_view(signal.name, unit, np.empty(0)), problem=text))
     return out
 
 
@@ -80,7 +82,8 @@ def _stamps_of(log: LogFile, clock: str) -> Column | None:
             values = log.read([signal.name])[signal.name]
             steps = np.diff(values[np.isfinite(values)])
             if steps.size and (steps >= 0.0).mean() > 0.95:
-                return values
+                unit = time_unit(signal.name, signal.unit, float(np.median(steps)))
+                return values * MEASURES[unit].factor
     return None
 
 

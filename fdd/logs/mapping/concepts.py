@@ -12,7 +12,7 @@ from pathlib import Path
 from fdd.bounds import MAX_WORDS_BYTES
 from fdd.errors import InputError
 from fdd.logs.formats.signals import Signal
-from fdd.logs.names import bare_name, unit_in_name
+from fdd.logs.names import bare_name, path_parts, unit_in_name
 from fdd.measures import find_measure
 from fdd.samples import CHANNELS
 from fdd.yaml_reading import yaml_mapping, yaml_text
@@ -42,6 +42,7 @@ def _rule(needs: str, helps: str = "", never: str = "") -> Rule:
     )
 
 
+_NO_CHAMBER = "command accumulator difference temperature elsewhere"
 RULES: dict[str, Rule] = {
     "time": _rule("time", never="temperature oil"),
     "command": _rule(
@@ -50,16 +51,28 @@ RULES: dict[str, Rule] = {
     ),
     "position_setpoint": _rule("command+position", "", "speed pump pressure current"),
     "pump_speed": _rule("speed+pump speed", "measured", "command position pressure current temperature flow"),
-    "pump_angle": _rule("angle+pump angle pump+position", "measured", "command speed pressure temperature"),
+    "pump_angle": _rule(
+        "angle+pump angle pump+position", "measured",
+        "command speed pressure temperature current force flow",
+    ),
     "position": _rule("position", "measured", "command speed pump pressure current temperature angle force"),
-    "pressure_difference": _rule("pressure+difference", "", "command accumulator temperature flow"),
-    "pressure_1": _rule("pressure+chamber_1", "measured", "command accumulator difference temperature"),
-    "pressure_2": _rule("pressure+chamber_2", "measured", "command accumulator difference temperature"),
-    "pressure_accumulator": _rule("pressure+accumulator accumulator", "measured", "command speed"),
+    "pressure_difference": _rule("pressure+difference", "", "command accumulator temperature flow elsewhere"),
+    "pressure_1": _rule("pressure+chamber_1", "measured", _NO_CHAMBER),
+    "pressure_2": _rule("pressure+chamber_2", "measured", _NO_CHAMBER),
+    "pressure_accumulator": _rule("pressure+accumulator accumulator", "measured", "command speed elsewhere"),
     "motor_current": _rule("current+pump current", "measured", "command temperature pressure"),
-    "oil_temperature": _rule("temperature+oil temperature", "measured", "pump pressure command current"),
+    "oil_temperature": _rule(
+        "temperature+oil temperature", "measured", "pump pressure command current elsewhere",
+    ),
     "load_force": _rule("force", "measured", "command pressure temperature speed"),
 }  # fmt: skip
+_GREEK = {
+    chr(code): f" {name.split()[-1].lower()} "
+    for code in range(0x391, 0x3CA)
+    if "LETTER" in (name := unicodedata.name(chr(code), ""))
+}
+_SMALL = {"ai", "am", "an", "ao", "as", "at", "by", "di", "of", "on", "to", "zu"}
+"""Words and kinds of inputs, which are no compounds of letters, as PA is."""
 RAW_UNITS = ("voltage", "number")
 """Dimensions of a sensor's or a demand's raw signal, which a scale makes a channel of."""
 
@@ -89,7 +102,9 @@ class Words:
         data = yaml_mapping(text, where, "file of words", schema="fdd.words/1").get("words")
         if not isinstance(data, dict):
             raise InputError("no words", where=where, mend="write words: and a list for each meaning")
-        known = {c for r in RULES.values() for n in r.needs for c in n} | {"flow", "measured", "voltage"}
+        known = {c for r in RULES.values() for n in r.needs for c in n} | {
+            "flow", "measured", "voltage", "elsewhere",
+        }  # fmt: skip
         for concept, words in data.items():
             if concept not in known or not isinstance(words, list):
                 raise InputError(
@@ -110,9 +125,10 @@ class Words:
 
         Examples
         --------
-        >>> Words().taken_apart("PrExt"), Words().taken_apart("pumpspeed"), Words().taken_apart("p_1")
-        (['pr', 'ext'], ['pump', 'speed'], ['p', '1'])
+        >>> [Words().taken_apart(name) for name in ("PrExt", "pumpspeed", "p_1", "Δp")]
+        [['pr', 'ext'], ['pump', 'speed'], ['p', '1'], ['delta', 'p']]
         """
+        name = "".join(_GREEK.get(letter, letter) for letter in name)
         spaced = re.sub(r"(?<=[a-zäöü])(?=[A-ZÄÖÜ])|(?<=[A-Z])(?=[A-Z][a-z])", " ", name)
         spaced = re.sub(r"(?<=[A-Za-z])(?=\d)|(?<=\d)(?=[A-Za-z])", " ", spaced)
         out: list[str] = []
@@ -123,13 +139,14 @@ class Words:
 
     def _parts(self, word: str) -> list[str]:
         """A word, or the fewest known words that make it up."""
-        if word in self._meanings:
+        if word in self._meanings or word in _SMALL:
             return [word]
         best: list[list[str] | None] = [[]] + [None] * len(word)
         for end in range(1, len(word) + 1):
             for start in range(max(0, end - 20), end):
                 before = best[start]
-                if before is None or word[start:end] not in self._meanings:
+                inside = start > 0 and end < len(word)
+                if before is None or word[start:end] not in self._meanings or (inside and end - start < 3):
                     continue
                 one = best[end]
                 if one is None or len(before) + 1 < len(one):
@@ -180,22 +197,29 @@ def said_and_unit(signal: Signal, words: Words) -> tuple[set[str], str | None]:
     >>> said_and_unit(Signal("i_A"), Words()), said_and_unit(Signal("p_A"), Words())[1]
     (({'current'}, 'A'), None)
     """
-    own = signal.field if signal.field is not None else signal.name.rsplit("/", 1)[-1]
-    context = (signal.topic or signal.name.rpartition("/")[0]).rsplit("/", 1)[-1]
+    before, own = path_parts(signal.name)
+    own = signal.field if signal.field is not None else own
+    context = path_parts(signal.topic or before)[1]
     file_unit = signal.unit if dimension_of(signal.unit) is not None else None
     rest, unit = bare_name(own), unit_in_name(own)
     rest = own[: len(rest)] if own.lower().startswith(rest) else rest
     last = own.rsplit(".", 1)[-1]
-    if file_unit is None and unit is None and len(last) > 1 and dimension_of(last) is not None:
+    # A unit stands behind something: pA by itself, in any letters, is a port's pressure.
+    behind = (bool(context) or last != own) and not words.concepts(last) & {"chamber_1", "chamber_2"}
+    if behind and file_unit is None and unit is None and len(last) > 1 and dimension_of(last) is not None:
         rest, unit = context, last
     if unit is not None:
         measured = {c for c in words.concepts(rest) if c in _UNIT_CONCEPTS.values()}
         means = _UNIT_CONCEPTS.get(dimension_of(unit) or "")
-        if means is None or (len(unit) == 1 and measured and means not in measured):
+        bare = len(unit) == 1 and not own.rstrip().endswith(("]", ")"))
+        if means is None or (bare and measured and means not in measured):
             rest, unit = (own, None) if means not in ("voltage",) else (rest, unit)
     said = words.concepts(rest)
-    if not said or len(rest) == 1:
-        said |= words.concepts(context) - {"command"}
+    means = _UNIT_CONCEPTS.get(dimension_of(file_unit or unit) or "")
+    heard = said | ({means} if means else set())
+    alone = not said or len(rest) == 1
+    if alone or not any(need <= heard for rule in RULES.values() for need in rule.needs):
+        said |= words.concepts(context) - {"command"}  # e.g. the pressure of the folder accumulator
     return said, file_unit or unit
 
 
@@ -217,7 +241,7 @@ def name_scores(signal: Signal, words: Words) -> dict[str, float]:
     'pressure_1'
     """
     said, unit = said_and_unit(signal, words)
-    own = signal.field or signal.name.rsplit("/", 1)[-1]
+    own = signal.field or path_parts(signal.name)[1]
     if own in CHANNELS and dimension_of(unit) in (None, CHANNELS[own].dimension):
         return {own: 10.0}
     dimension = dimension_of(unit)
@@ -231,7 +255,9 @@ def name_scores(signal: Signal, words: Words) -> dict[str, float]:
         met = [need for need in rule.needs if need <= heard]
         score = 0.0 if dimension is None or raw else 1.0
         if met:
-            score += 2.0 + max(len(need & said) for need in met) + 0.5 * len(rule.helps & said)
+            words_met = max(len(need & said) for need in met)
+            # The thing and whose it is, e.g. the oil's temperature, are worth more than each by itself.
+            score += 2.0 + words_met + (words_met > 1) + 0.5 * len(rule.helps & said)
         score -= 2.0 * len(rule.never & said)
         if raw and channel != "command":
             score -= 1.0

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+import re
+from dataclasses import dataclass, field, replace
+from itertools import takewhile
 
 import numpy as np
 
@@ -19,14 +21,17 @@ from fdd.logs.mapping.behaviour import (
 from fdd.logs.mapping.concepts import Words, dimension_of, name_scores, said_and_unit
 from fdd.logs.mapping.shaft import Shaft, find_shaft
 from fdd.logs.mapping.unnamed import around_shaft, chambers, without_copies
-from fdd.logs.names import is_time_name
+from fdd.logs.names import is_time_name, path_parts, time_unit
 from fdd.logs.rates import aligned
-from fdd.measures import MEASURES, find_measure
+from fdd.measures import MEASURES
 from fdd.samples import CHANNELS
 
 LARGEST = 1e100
 """No signal has such a value; its square would be infinite."""
 GIVEN_NATS = 50.0
+LEAST_ALIKE = 4
+"""Signals whose common beginning is that of their rig; fewer may all be pressures."""
+PRESSURES = ("pressure_1", "pressure_2", "pressure_difference", "pressure_accumulator")
 CLOSE = 0.9
 """Correlation above which one signal's motion is another's."""
 
@@ -43,7 +48,7 @@ class Evidence:
     reasons : (signal, channel) to what spoke for it.
     units : signal to the unit that the file or its name gives.
     time : the column of the time and its unit, where the file does not tell by itself.
-    words : that names were read by.
+    words : that names were read by. said : signal to the concepts of its name.
     unnamed : signals of which neither name nor unit says anything.
     shaft : the pump's, where an angle begins again each turn; its column in `data` is unwrapped and directed.
     """
@@ -53,6 +58,7 @@ class Evidence:
     scores: dict[str, dict[str, float]]
     units: dict[str, str | None]
     words: Words
+    said: dict[str, set[str]]
     reasons: dict[tuple[str, str], list[str]] = field(default_factory=dict)
     time: tuple[str, str] | None = None
     unnamed: list[str] = field(default_factory=list)
@@ -77,6 +83,17 @@ class Evidence:
         return any(
             self.scores[signal].get(c, -9.0) >= 2.0 for c in self.scores[signal] if c.startswith(concept)
         )
+
+    def pressures(self) -> list[str]:
+        """Signals that move and are pressures by their unit, or else by their name."""
+        may = self.allowing(*PRESSURES)
+        sure = [n for n in may if dimension_of(self.units[n]) == "pressure"]
+        return sure or [n for n in may if "pressure" in self.said[n]]
+
+    @property
+    def sides_known(self) -> bool:
+        """Whether a name tells a chamber's pressure, or their difference."""
+        return any(self.named(channel) is not None for channel in PRESSURES[:3])
 
     def named(self, channel: str) -> str | None:
         """The signal of which most speaks for a channel, where anything does."""
@@ -107,7 +124,7 @@ def gather(log: LogFile, words: Words, given: dict[str, str] | None = None) -> E
     good = np.flatnonzero(np.isfinite(at) & (np.diff(at, prepend=-np.inf) > 0.0))[:MOST_ROWS_LOOKED_AT]
     columns = {}
     for name, signal in log.signals.items():
-        if name in clocks or is_time_name(name):
+        if name in clocks or (is_time_name(name) and _grows(raw[name])):  # T may be a temperature
             continue
         own = stamps[signal.clock]
         if signal.clock != main and own is None:
@@ -117,10 +134,12 @@ def gather(log: LogFile, words: Words, given: dict[str, str] | None = None) -> E
         if np.isfinite(values).any():
             columns[name] = values
     known = {n: log.signals[n] for n in columns}
+    plain = _without_prefix(known)
     data = Signals(at[good], columns)
-    scores = {n: name_scores(s, words) for n, s in known.items()}
-    units = {n: said_and_unit(s, words)[1] or _own_unit(s) for n, s in known.items()}
-    found = Evidence(known, data, scores, units, words, time=time)
+    scores = {n: name_scores(s, words) for n, s in plain.items()}
+    said = {n: said_and_unit(s, words) for n, s in plain.items()}
+    units = {n: unit or _own_unit(plain[n]) for n, (_, unit) in said.items()}
+    found = Evidence(known, data, scores, units, words, {n: c for n, (c, _) in said.items()}, time=time)
     for name, channels in scores.items():
         best = max(channels.values(), default=0.0)
         for channel, score in channels.items():
@@ -141,6 +160,7 @@ def gather(log: LogFile, words: Words, given: dict[str, str] | None = None) -> E
     if found.shaft is not None:
         around_shaft(found, found.shaft)
     chambers(found)
+    _accumulator(found)
     _torque(found)
     return found
 
@@ -153,29 +173,39 @@ def _time_column(log: LogFile, raw: dict[str, np.ndarray], clock: str) -> tuple[
         steps = np.diff(values[np.isfinite(values)])
         if signal.clock != clock or steps.size < 10 or np.median(steps) <= 0.0:
             continue
-        growing = float((steps >= 0.0).mean())
         even = float((np.abs(steps - np.median(steps)) < 0.5 * np.median(steps)).mean())
-        if growing < 0.95:
+        if not _grows(values):
             continue
         score = even + 2.0 * is_time_name(signal.name)
         if (best is None or score > best[0]) and score > 0.9:
-            best = (score, signal.name, _time_unit(signal, float(np.median(steps))))
+            best = (score, signal.name, time_unit(signal.name, signal.unit, float(np.median(steps))))
     return None if best is None else best[1:]
+
+
+def _without_prefix(signals: dict[str, Signal]) -> dict[str, Signal]:
+    """What all names begin with, e.g. EHA1_, tells none from another."""
+    own = [s.field or path_parts(s.name)[1] for s in signals.values()]
+    pairs = zip(min(own, default=""), max(own, default=""), strict=False)
+    same = re.match(r".*[\W_]", "".join(a for a, b in takewhile(lambda pair: pair[0] == pair[1], pairs)))
+    if same is None or len(own) < LEAST_ALIKE:
+        return signals
+    n = len(same[0])
+    return {
+        name: replace(s, field=s.field[n:]) if s.field else replace(s, name=path_parts(s.name)[1][n:])
+        for name, s in signals.items()
+    }
+
+
+def _grows(values: np.ndarray) -> bool:
+    """Whether it never falls, but for a few rows."""
+    steps = np.diff(values[np.isfinite(values)])
+    return steps.size > 0 and float((steps >= 0.0).mean()) >= 0.95
 
 
 def _own_unit(signal: Signal) -> str | None:
     """SI, where a signal carries the contract's own name."""
-    own = signal.field or signal.name.rsplit("/", 1)[-1]
+    own = signal.field or path_parts(signal.name)[1]
     return CHANNELS[own].unit if own in CHANNELS else None
-
-
-def _time_unit(signal: Signal, step: float) -> str:
-    from fdd.logs.names import unit_in_name
-
-    for unit in (signal.unit, unit_in_name(signal.name)):
-        if unit is not None and find_measure(unit, "time") is not None and unit in MEASURES:
-            return unit
-    return next((u for u in ("s", "ms", "us", "ns") if step * MEASURES[u].factor <= 0.0201), "s")
 
 
 def _shaft(found: Evidence) -> None:
@@ -192,10 +222,7 @@ def _shaft(found: Evidence) -> None:
 
 def _pressures(found: Evidence) -> None:
     """Δp is what two others differ by; the accumulator's is the quietest of the rest."""
-    may = found.allowing("pressure_difference", "pressure_1", "pressure_2", "pressure_accumulator")
-    sure = [n for n in may if dimension_of(found.units[n]) == "pressure"] or [
-        n for n in may if found.named_as(n, "pressure")
-    ]
+    sure = found.pressures()
     triples = differences(found.data, sure[:12])
     if triples:
         d, one, two, _ = triples[0]
@@ -238,6 +265,26 @@ def _motion(found: Evidence) -> None:
                 if smooth and first:
                     found.add(a, demand, 1.0, f"it is smooth and comes before {b}")
                     found.add(b, measured, 1.0, f"it comes after {a}")
+
+
+def _accumulator(found: Evidence) -> None:
+    """The emptied chamber is refed from the accumulator, and rests at its pressure."""
+    one, two, drop = (found.named(c) for c in PRESSURES[:3])
+    if one is not None and two is not None and found.units[one] == found.units[two]:
+        sides = found.data.means(one), found.data.means(two)
+        high, low = np.maximum(*sides), np.minimum(*sides)
+        why = f"the lower of {one} and {two} rests at it"
+    elif drop is not None:
+        high, low, why = np.abs(found.data.means(drop)), None, f"it changes little beside {drop}"
+    else:
+        return
+    most = np.percentile(high, 95.0)
+    for name in found.pressures():
+        level = found.data.means(name)
+        if name in (one, two, drop) or np.min(level) < 0.0 or np.ptp(level) > 0.5 * most:
+            continue
+        if low is None or np.mean(np.abs(low - level) < 0.1 * most) > 0.5:
+            found.add(name, "pressure_accumulator", 2.0, why)
 
 
 def _torque(found: Evidence) -> None:

@@ -17,6 +17,7 @@ from fdd.logs.mapping.evidence import Evidence, gather
 from fdd.logs.mapping.given import Given
 from fdd.logs.mapping.signs import signs_of
 from fdd.logs.mapping.units import Question, scale_of, unit_questions
+from fdd.logs.names import path_parts
 from fdd.logs.near_misses import listed
 from fdd.samples import CHANNELS, missing_required
 
@@ -80,9 +81,11 @@ class Proposal:
         channels = {c: r.source for c, r in self.rows.items()}
         absent = missing_required(channels)
         if absent:
+            lone = [c for c in ("pressure_1", "pressure_2") if c not in channels]
+            wanted = lone[0] if len(lone) == 1 and "pressure_1" in absent[0] else absent[0].split()[0]
             raise InputError(
                 f"found no {', no '.join(absent)}",
-                mend=f"name it, e.g. --set position=SIGNAL; not used: {listed(self.unused) or 'none'}",
+                mend=f"name it, e.g. --set {wanted}=SIGNAL; not used: {listed(self.unused) or 'none'}",
             )
         return ChannelMap(name=name, axis=axis, channels=channels)
 
@@ -232,6 +235,6 @@ def _source(log: LogFile, signal: Signal, **more: object) -> ChannelSource:
 
 def _short(log: LogFile, signal: Signal) -> str:
     """The last part of a signal's path where it alone ends so."""
-    last = signal.name.rsplit("/", 1)[-1]
+    last = path_parts(signal.name)[1]
     alone = sum(n == last or n.endswith(f"/{last}") for n in log.signals) == 1
     return last if alone and last else signal.name

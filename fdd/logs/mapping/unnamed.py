@@ -115,7 +115,10 @@ def chambers(found: Evidence) -> None:
     motion += [data.means(n) for n in told if abs(correlation(data.means(n), speed)) > ALIKE]
     columns = np.column_stack(motion)
     may = []
-    for name in sorted(set(found.unnamed) - set(told)):
+    pressures = set(found.pressures())
+    for name in sorted({*found.unnamed, *pressures} - set(told)):
+        if name in pressures and (found.sides_known or found.named_as(name, "pressure")):
+            continue
         mean = data.means(name)
         if float(np.percentile(mean, 1.0)) < -VACUUM * float(np.percentile(mean, 99.0)):
             continue
