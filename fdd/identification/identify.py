@@ -14,7 +14,7 @@ from fdd.identification.motor import fit_torque_constant
 from fdd.identification.profile import Identification, ProfileWriter
 from fdd.identification.record import Record, even_record
 from fdd.identification.sensors import effective_noise, fit_sensors, gain_mismatch, redundancy_offset
-from fdd.identification.signs import MOST_GAIN_CHANGE, check_gain, check_pressure_sign, check_pump
+from fdd.identification.signs import MOST_GAIN_CHANGE, check_gain, check_pressure_signs, check_pump
 from fdd.identification.volume_steps import SMOOTHING, VolumeSteps, volume_steps
 from fdd.identification.volumes import VolumeFit, fit_volumes
 from fdd.samples import Samples
@@ -80,7 +80,7 @@ def identify_unit(
     for log, record, label in zip(logs, records, labels, strict=True):
         check_gain(record, base, label)
         check_pump(log, label)
-        check_pressure_sign(record, base, label)
+    check_pressure_signs(records, base, labels)
     jumps = sum(r.angle_jumps for r in records)
     unit = base.model_copy(deep=True)
     unit.baseline = unit.origin = None

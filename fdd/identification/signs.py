@@ -3,6 +3,7 @@ piston's travel either leaks away with the pressure or is compressed by it."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -29,6 +30,8 @@ BY_CHANCE = 3e-5
 """How often an error this way would be told of a right log, were there nothing else (Student's t)."""
 SURE = {5: 12.4191, 6: 9.9383, 7: 8.5384, 8: 7.6530, 9: 7.0479, 10: 6.6103, 11: 6.2803}
 """Quantiles of Student's t at 1 - `BY_CHANCE` by degrees of freedom; scipy takes a while to import."""
+ALONE = 2.0
+"""Times what chance gives, beyond which a log's sign is wrong whatever the others say: laws err too."""
 TURN = "swap pressure_1 and pressure_2, or turn the sign of pressure_difference, in the map"
 LIKE = 0.9
 """Correlation of two channels from which their ratio is one of units, whatever its size."""
@@ -89,7 +92,36 @@ def gain_slips(ratio: float) -> str:
 
 
 def check_pressure_sign(record: Record, unit: Unit, where: str, *, own: bool = False) -> None:
-    """Refuse a log in which oil leaks towards the higher pressure.
+    """Refuse a log in which oil leaks towards the higher pressure; see `against_pressure`.
+
+    Raises
+    ------
+    InputError : the pressure difference has the wrong sign.
+    """
+    _refuse_sign(against_pressure(record, unit, where, own=own), 1.0, where)
+
+
+def check_pressure_signs(records: Sequence[Record], base: Unit, labels: Sequence[str]) -> None:
+    """The same of all logs of a unit: they are read by one map, so the others may outvote a doubtful one.
+
+    Raises
+    ------
+    InputError : the pressure difference of a log has the wrong sign.
+    """
+    found = [against_pressure(r, base, label) for r, label in zip(records, labels, strict=True)]
+    doubt = sum(np.clip(one, -ALONE, ALONE) for one in found)
+    for one, label in zip(found, labels, strict=True):
+        _refuse_sign(one, 1.0 if doubt > 0.0 else ALONE, label)
+
+
+def _refuse_sign(against: float, most: float, where: str) -> None:
+    if against > most:
+        problem = f"oil flows against the pressure difference ({against:.1f} times what chance gives)"
+        raise InputError(problem, where=where, mend=TURN)
+
+
+def against_pressure(record: Record, unit: Unit, where: str, *, own: bool = False) -> float:
+    """How much speaks for a pressure difference of the wrong sense, over what chance gives.
 
     `own` tells that the profile is this unit's, whose gain is known.
 
@@ -98,7 +130,7 @@ def check_pressure_sign(record: Record, unit: Unit, where: str, *, own: bool = F
 
     Raises
     ------
-    InputError : the pressure difference has the wrong sign.
+    InputError : a measured difference is not that of the chambers.
     """
     if record.has_difference and record.chambers_measured:
         ratio = _slope(record, record.pressure_1 - record.pressure_2, record.difference)
@@ -115,15 +147,10 @@ def check_pressure_sign(record: Record, unit: Unit, where: str, *, own: bool = F
     for gain in gains:
         found = oil_loss(record, unit, gain)
         if found is None:
-            return
+            return 0.0
         # Stouffer's sum: one of the two may hardly show.
         against.append(-(found.leakage + found.compression) / np.sqrt(2.0) / found.sure)
-    if min(against) > 1.0:
-        raise InputError(
-            f"oil flows against the pressure difference ({min(against):.1f} times what chance gives)",
-            where=where,
-            mend=TURN,
-        )
+    return float(min(against))
 
 
 def check_pump(log: Samples, where: str) -> None:

@@ -11,7 +11,7 @@ from fdd.diagnosis.baseline import add_baseline
 from fdd.errors import InputError
 from fdd.identification import identify_unit, signs
 from fdd.identification.judgement import Judgement, judge
-from fdd.identification.record import centred_mean
+from fdd.identification.record import centred_mean, even_record
 from fdd.identification.signs import check_senses
 from fdd.identification.slips import slips
 from fdd.plant.scenario import Scenario
@@ -144,6 +144,38 @@ def test_swapped_chambers_and_a_turned_difference(healthy: list[Samples]) -> Non
     for logs in (swapped, turned, beside):
         for log in logs:
             assert "swap pressure_1 and pressure_2" in refused([log])
+
+
+def test_one_swapped_log_among_right_ones_is_refused(healthy: list[Samples]) -> None:
+    odd = healthy[1].with_columns(
+        {"pressure_1": healthy[1]["pressure_2"], "pressure_2": healthy[1]["pressure_1"]}
+    )
+    odd = only(odd, "position", "pump_angle", "pressure_1", "pressure_2")
+    assert "swap pressure_1 and pressure_2" in refused([healthy[0], odd, *healthy[2:]])
+
+
+@pytest.mark.parametrize(
+    ("against", "wrong"),
+    [
+        ((-3.0, 1.1, -0.4), None),
+        ((0.5, 1.1, -0.4), "b"),
+        ((-9.0, 2.1, -9.0), "b"),
+        ((1.2,), "a"),
+        ((0.9,), None),
+    ],
+)
+def test_logs_of_one_map_outvote_a_doubtful_one(
+    against: tuple[float, ...], wrong: str | None, healthy: list[Samples], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    told = iter(against)
+    monkeypatch.setattr(signs, "against_pressure", lambda *args, **more: next(told))
+    base = Unit.load("axis_a")
+    records, labels = [even_record(healthy[0], base, "log")] * len(against), "abc"[: len(against)]
+    if wrong is None:
+        signs.check_pressure_signs(records, base, labels)
+        return
+    with pytest.raises(InputError, match=f"^{wrong}: oil flows against"):
+        signs.check_pressure_signs(records, base, labels)
 
 
 def test_oil_in_kelvin(healthy: list[Samples]) -> None:
