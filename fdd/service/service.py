@@ -71,7 +71,7 @@ class Service:
         tokens = None if config.tokens is None else Tokens.load(config.tokens)
         metrics = Metrics(
             self.fleet.axes, lambda: self._store.alarms(STATES[1:]), self._outputs.status,
-            lambda: self.fleet.store_errors,
+            self.fleet.sources, lambda: self.fleet.store_errors,
         )  # fmt: skip
         tls = config.listen.tls
         app = web(

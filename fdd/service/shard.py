@@ -6,6 +6,7 @@ import logging
 import threading
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 from fdd.engines import enter
 from fdd.service.alarms import Action, Transition
@@ -40,6 +41,7 @@ class News:
 
     events: list[Event]
     problems: list[str]
+    sources: dict[str, dict[str, Any]]
     store_errors: int
     lost: str | None
 
@@ -133,7 +135,9 @@ class Shard:
         watch = self._watch
         problems = ["is being started"] if watch is None else watch.problems()
         problems = problems if self._problem is None else [self._problem]
-        return News(events, problems, 0 if watch is None else watch.store_errors, self._lost)
+        if watch is None:
+            return News(events, problems, {}, 0, self._lost)
+        return News(events, problems, watch.sources(), watch.store_errors, self._lost)
 
     def stop(self) -> None:
         """Keep everything, and end."""

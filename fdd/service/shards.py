@@ -119,6 +119,15 @@ class Shards:
         told = [["is away"] if news is None else news.problems for news in self._news]
         return [f"shard {number}: {line}" for number, lines in enumerate(told) for line in lines]
 
+    def sources(self) -> dict[str, dict[str, Any]]:
+        """How each shard's sources stand, by its number and their name."""
+        return {
+            f"{number}/{name}": status
+            for number, news in enumerate(self._news)
+            if news is not None
+            for name, status in news.sources.items()
+        }
+
     def axes(self) -> list[AxisStatus]:
         """How every axis stands; those of a shard that is away have failed until it is there again."""
         found: list[AxisStatus] = []

@@ -5,6 +5,7 @@ from __future__ import annotations
 import gc
 import threading
 from collections.abc import Callable, Sequence
+from typing import Any
 
 from fdd.diagnosis.model import Model
 from fdd.samples import Samples
@@ -78,8 +79,12 @@ class Watch(Fleet):
     def problems(self) -> list[str]:
         """What hinders it, a line each."""
         found = [] if self.trouble is None else [f"the store cannot be written: {self.trouble}"]
-        for status in (source.status() for source in self._sources):
+        for name, status in self.sources().items():
             if not status["connected"]:
                 why = f": {status['last_error']}" if status["last_error"] else ""
-                found.append(f"source {status['name']} is not connected{why}")
+                found.append(f"source {name} is not connected{why}")
         return found
+
+    def sources(self) -> dict[str, dict[str, Any]]:
+        """How each source stands, by name."""
+        return {status["name"]: status for status in (source.status() for source in self._sources)}

@@ -23,6 +23,7 @@ OUTPUTS = {
     "mqtt": {"delivered": 5, "failed": 2, "given_up": 1, "pending": 3, "lost": 4, "last_error": "away"},
     "recording": {"files": 2, "running": 1, "lost_blocks": 6, "last_error": ""},
 }
+SOURCES = {"mqtt": {"name": "mqtt", "connected": True, "received": 9, "refused": 2, "reconnects": 1}}
 
 
 def axis(name: str = "A1", **given: Any) -> SimpleNamespace:
@@ -42,7 +43,7 @@ def axis(name: str = "A1", **given: Any) -> SimpleNamespace:
 
 def scraped(axes: list[Any], alarms: Any = (), errors: float = 2.0) -> dict[tuple[str, ...], float]:
     """Name and label values to value."""
-    body, _ = Metrics(lambda: axes, lambda: alarms, lambda: OUTPUTS, lambda: errors)()
+    body, _ = Metrics(lambda: axes, lambda: alarms, lambda: OUTPUTS, lambda: SOURCES, lambda: errors)()
     found = {}
     for family in parse(body.decode()):
         for sample in family.samples:
@@ -52,7 +53,7 @@ def scraped(axes: list[Any], alarms: Any = (), errors: float = 2.0) -> dict[tupl
 
 def families() -> list[Any]:
     alarms = [transition()["alarm"]]
-    body, _ = Metrics(lambda: [axis()], lambda: alarms, lambda: OUTPUTS, lambda: 2.0)()
+    body, _ = Metrics(lambda: [axis()], lambda: alarms, lambda: OUTPUTS, lambda: SOURCES, lambda: 2.0)()
     return list(parse(body.decode()))
 
 
@@ -69,6 +70,10 @@ def test_values_arrive() -> None:
     assert found["fdd_fault_probability", "A1", "leakage"] == 0.1
     assert found["fdd_store_errors_total",] == 2
     assert found["fdd_output_failures_total", "mqtt"] == 2
+    assert found["fdd_source_connected", "mqtt"] == 1 and found["fdd_source_blocks_total", "mqtt"] == 9
+    assert (
+        found["fdd_source_refused_total", "mqtt"] == 2 and found["fdd_source_reconnects_total", "mqtt"] == 1
+    )
     assert found["fdd_output_pending", "mqtt"] == 3
     assert found["fdd_output_lost_blocks_total", "recording"] == 6
     assert found["process_resident_memory_bytes",] > 1e6
@@ -102,7 +107,7 @@ def test_a_store_in_trouble_takes_only_the_alarms_away() -> None:
     def fail() -> Any:
         raise RuntimeError("locked")
 
-    body, _ = Metrics(lambda: [axis()], fail, lambda: OUTPUTS, lambda: 9.0)()
+    body, _ = Metrics(lambda: [axis()], fail, lambda: OUTPUTS, lambda: SOURCES, lambda: 9.0)()
     names = {family.name for family in parse(body.decode())}
     assert "fdd_alarms" not in names and {"fdd_store_errors", "fdd_samples"} <= names
 
@@ -122,7 +127,7 @@ def test_names_cannot_break_out_of_their_label() -> None:
 
 
 def test_openmetrics_is_answered_where_it_is_asked_for() -> None:
-    answer = Metrics(lambda: [axis()], lambda: (), lambda: OUTPUTS, lambda: 0.0)
+    answer = Metrics(lambda: [axis()], lambda: (), lambda: OUTPUTS, lambda: SOURCES, lambda: 0.0)
     body, kind = answer("application/openmetrics-text; version=1.0.0")
     assert kind.startswith("application/openmetrics-text") and body.endswith(b"# EOF\n")
     assert "fdd_axis_up" in {family.name for family in parse_open(body.decode())}
@@ -166,7 +171,9 @@ def expressions(node: Any) -> list[str]:
 def test_the_dashboard_asks_for_metrics_that_exist() -> None:
     known = {name: {"value": 1.0, "std": 1.0, "observable": True} for name in UNITS}
     alarms, labels = [transition()["alarm"]], dict[str, set[str]]()
-    body, _ = Metrics(lambda: [axis(estimates=known)], lambda: alarms, lambda: OUTPUTS, lambda: 2.0)()
+    body, _ = Metrics(
+        lambda: [axis(estimates=known)], lambda: alarms, lambda: OUTPUTS, lambda: SOURCES, lambda: 2.0
+    )()
     for family in parse(body.decode()):
         for sample in family.samples:
             labels.setdefault(sample.name, set()).update(sample.labels)

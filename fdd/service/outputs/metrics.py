@@ -33,6 +33,24 @@ UNITS = {
 }
 """Estimated quantities and their units, as names of metrics spell them."""
 
+Statuses = Mapping[str, Mapping[str, Any]]
+_Family = type[GaugeMetricFamily] | type[CounterMetricFamily]
+_SOURCES: dict[str, tuple[_Family, str, str]] = {
+    "connected": (GaugeMetricFamily, "fdd_source_connected", "1 while a source can be read."),
+    "received": (CounterMetricFamily, "fdd_source_blocks", "Blocks taken."),
+    "refused": (CounterMetricFamily, "fdd_source_refused", "Messages that cannot be used."),
+    "reconnects": (CounterMetricFamily, "fdd_source_reconnects", "Connections made anew."),
+}
+_OUTPUTS: dict[str, tuple[_Family, str, str]] = {
+    "delivered": (CounterMetricFamily, "fdd_output_delivered", "Messages delivered."),
+    "failed": (CounterMetricFamily, "fdd_output_failures", "Attempts that failed."),
+    "given_up": (CounterMetricFamily, "fdd_output_given_up", "Messages given up."),
+    "lost": (CounterMetricFamily, "fdd_output_lost_events", "Live events lost."),
+    "pending": (GaugeMetricFamily, "fdd_output_pending", "Messages that wait."),
+    "files": (CounterMetricFamily, "fdd_output_recordings", "Recordings written."),
+    "lost_blocks": (CounterMetricFamily, "fdd_output_lost_blocks", "Blocks the recorder lost."),
+}
+
 
 class Metrics:
     """What `GET /metrics` answers.
@@ -40,11 +58,11 @@ class Metrics:
     Parameters
     ----------
     axes : the fleet's `axes`. alarms : gives the alarms that stand.
-    outputs : `Outputs.status`. store_errors : how often the store failed so far.
+    outputs : `Outputs.status`. sources : the fleet's. store_errors : how often the store failed so far.
 
     Examples
     --------
-    >>> body, content_type = Metrics(lambda: [], lambda: [], dict, lambda: 0)()
+    >>> body, content_type = Metrics(lambda: [], lambda: [], dict, dict, lambda: 0)()
     >>> "fdd_axes 0.0" in body.decode(), content_type.split(";")[0]
     (True, 'text/plain')
     """
@@ -53,12 +71,13 @@ class Metrics:
         self,
         axes: Callable[[], Sequence[AxisStatus]],
         alarms: Callable[[], Sequence[Mapping[str, Any]]],
-        outputs: Callable[[], Mapping[str, Mapping[str, Any]]],
+        outputs: Callable[[], Statuses],
+        sources: Callable[[], Statuses],
         store_errors: Callable[[], float],
     ) -> None:
         self._registry = CollectorRegistry()
         ProcessCollector(registry=self._registry)
-        self._registry.register(_Reader(axes, alarms, outputs, store_errors))
+        self._registry.register(_Reader(axes, alarms, outputs, sources, store_errors))
 
     def __call__(self, accept: str = "") -> tuple[bytes, str]:
         """The text and its content type, in the format that the scraper accepts."""
@@ -71,11 +90,12 @@ class _Reader(Collector):
         self,
         axes: Callable[[], Sequence[AxisStatus]],
         alarms: Callable[[], Sequence[Mapping[str, Any]]],
-        outputs: Callable[[], Mapping[str, Mapping[str, Any]]],
+        outputs: Callable[[], Statuses],
+        sources: Callable[[], Statuses],
         store_errors: Callable[[], float],
     ) -> None:
         self._axes, self._alarms = axes, alarms
-        self._outputs, self._store_errors = outputs, store_errors
+        self._outputs, self._sources, self._store_errors = outputs, sources, store_errors
 
     def describe(self) -> Iterable[Metric]:
         """Nothing is read before the first scrape."""
@@ -95,7 +115,8 @@ class _Reader(Collector):
         # A store in trouble must not take the other metrics away, nor tell of no alarms.
         with suppress(Exception):
             yield _alarms(self._alarms(), {axis.name for axis in axes[:MOST_AXES]})
-        yield from _of_outputs(self._outputs())
+        yield from _counted(self._sources(), "source", _SOURCES)
+        yield from _counted(self._outputs(), "target", _OUTPUTS)
 
 
 _Value = Callable[[AxisStatus], float | None]
@@ -178,20 +199,13 @@ def _alarms(alarms: Sequence[Mapping[str, Any]], axes: set[str]) -> Metric:
     return metric
 
 
-def _of_outputs(outputs: Mapping[str, Mapping[str, Any]]) -> Iterable[Metric]:
-    counted: dict[str, GaugeMetricFamily | CounterMetricFamily] = {
-        "delivered": CounterMetricFamily("fdd_output_delivered", "Messages delivered.", labels=["target"]),
-        "failed": CounterMetricFamily("fdd_output_failures", "Attempts that failed.", labels=["target"]),
-        "given_up": CounterMetricFamily("fdd_output_given_up", "Messages given up.", labels=["target"]),
-        "lost": CounterMetricFamily("fdd_output_lost_events", "Live events lost.", labels=["target"]),
-        "pending": GaugeMetricFamily("fdd_output_pending", "Messages that wait.", labels=["target"]),
-        "files": CounterMetricFamily("fdd_output_recordings", "Recordings written.", labels=["target"]),
-        "lost_blocks": CounterMetricFamily(
-            "fdd_output_lost_blocks", "Blocks the recorder lost.", labels=["target"]
-        ),
-    }
-    for target, status in outputs.items():
-        for key, metric in counted.items():
+def _counted(
+    statuses: Statuses, label: str, metrics: Mapping[str, tuple[_Family, str, str]]
+) -> Iterable[Metric]:
+    """One metric for each key of the statuses, by the name of what has it."""
+    for key, (family, name, help) in metrics.items():
+        metric = family(name, help, labels=[label])
+        for what, status in statuses.items():
             if key in status:
-                metric.add_metric([target], status[key])
-    return counted.values()
+                metric.add_metric([what], status[key])
+        yield metric
