@@ -43,6 +43,7 @@ from fdd.sections import (
 )
 from fdd.sections import si as _si
 from fdd.sensor import Sensor
+from fdd.validation import input_error
 from fdd.yaml_reading import yaml_mapping, yaml_text
 
 UNIT_SCHEMA = "fdd.unit/1"
@@ -304,12 +305,7 @@ class Unit(BaseModel):
         try:
             return cls.model_validate(data)
         except ValidationError as error:
-            first = error.errors()[0]
-            inner = first.get("ctx", {}).get("error")
-            place, problem, mend = [str(p) for p in first["loc"]], first["msg"], "correct that field"
-            if isinstance(inner, InputError):
-                place, problem, mend = [*place, inner.where or ""], inner.problem, inner.mend or mend
-            raise InputError(f"{'.'.join(filter(None, place))}: {problem}", where=where, mend=mend) from None
+            raise input_error(error, where, "correct that field") from None
 
     def to_yaml(self) -> str:
         """The profile as YAML with units and sources."""

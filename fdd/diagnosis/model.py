@@ -20,6 +20,7 @@ from fdd.bounds import MAX_MODEL_BYTES
 from fdd.errors import InputError
 from fdd.faults import ADDED_BY
 from fdd.files import write_text
+from fdd.validation import input_error
 
 SHIPPED = "model.json"
 MOST = 1e6
@@ -151,9 +152,7 @@ class Model(BaseModel):
                 f"line {error.lineno}: not JSON", where=where, mend="give a file that fdd train wrote"
             ) from None
         except ValidationError as error:
-            first = error.errors()[0]
-            place = ".".join(str(p) for p in first["loc"])
-            raise InputError(f"{place}: {first['msg']}", where=where, mend="train the model anew") from None
+            raise input_error(error, where, "train the model anew") from None
         except (ValueError, RecursionError):  # a figure of thousands of digits, or nested without end
             raise InputError("not a model", where=where, mend="give a file that fdd train wrote") from None
 

@@ -26,9 +26,10 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_valida
 
 from fdd.bounds import MAX_MAP_BYTES
 from fdd.errors import InputError
-from fdd.logs.near_misses import did_you_mean
 from fdd.measures import Measure, measure
+from fdd.near_misses import did_you_mean
 from fdd.samples import CHANNELS
+from fdd.validation import input_error
 from fdd.yaml_reading import yaml_mapping, yaml_text
 
 _MADE = {("pump_angle", "pump_speed"), ("pump_speed", "command")}
@@ -185,10 +186,7 @@ class ChannelMap(BaseModel):
         try:
             return cls.model_validate(_gathered(data))
         except ValidationError as error:
-            first = error.errors()[0]
-            place = ".".join(str(p) for p in first["loc"])
-            message = str(first["msg"]).removeprefix("Value error, ")
-            raise InputError(f"{place}: {message}" if place else message, where=where) from None
+            raise input_error(error, where, None) from None
         except InputError as error:
             raise error.at(where) from None
 

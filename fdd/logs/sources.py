@@ -9,8 +9,8 @@ from fdd.errors import InputError
 from fdd.logs.channel_map import ChannelMap, ChannelSource
 from fdd.logs.formats.mcap import AXIS_TOPIC, McapFile
 from fdd.logs.formats.signals import LogFile, Signal
-from fdd.logs.near_misses import listed
 from fdd.measures import find_measure
+from fdd.near_misses import listed
 from fdd.samples import CHANNELS
 
 

@@ -10,7 +10,6 @@ from urllib.parse import urlsplit
 from pydantic import Field, ValidationError, model_validator
 
 from fdd.bounds import MAX_SERVE_BYTES
-from fdd.errors import InputError
 from fdd.service.config_sources import (
     AnySource,
     AxisName,
@@ -20,6 +19,7 @@ from fdd.service.config_sources import (
     Seconds,
     source_name,
 )
+from fdd.validation import input_error
 from fdd.yaml_reading import yaml_mapping, yaml_text
 
 
@@ -218,13 +218,8 @@ class Serve(Part):
         try:
             return _below(folder, cls.model_validate(data))
         except ValidationError as error:
-            first = error.errors()[0]
             # The tag of the union stands in the place, as in sources.0.mqtt.port.
-            place = ".".join(str(p) for p in first["loc"])
-            message = str(first["msg"]).removeprefix("Value error, ")
-            raise InputError(
-                f"{place}: {message}" if place else message, where=where, mend="see fdd schema serve"
-            ) from None
+            raise input_error(error, where, "see fdd schema serve") from None
 
 
 def _below(folder: Path, value: Any) -> Any:

@@ -47,7 +47,7 @@ def test_absolute_paths_and_other_databases_stay() -> None:
         ("sources: [{type: udp, port: 70000}]", "sources.0.udp.port"),
         ("sources: [{type: udp, port: 1, axis: ../x}]", "no name of an axis"),
         ("sources: [{type: udp, port: 1}, {type: udp, port: 2}]", "'udp' twice; give each a name"),
-        ("sources: [{type: udp, port: 1, prot: 2}]", "sources.0.udp.prot: Extra inputs"),
+        ("sources: [{type: udp, port: 1, prot: 2}]", "sources.0.udp.prot: unknown key"),
         ("sources: [{type: mqtt, host: b, topics: ['a/#/b']}]", "stand for whole levels"),
         ("sources: [{type: mqtt, host: b, topics: ['a+/b']}]", "stand for whole levels"),
         ("sources: [{type: mqtt, host: b, topics: ['x{axis}/b']}]", "one whole level"),
@@ -59,7 +59,8 @@ def test_absolute_paths_and_other_databases_stay() -> None:
         (f"{UDP}\nlisten: {{host: '::'}}", "needs tokens"),
         (f"{UDP}\noutputs: {{webhooks: [{{url: 'file:///etc/passwd'}}]}}", "no address of http or https"),
         (f"{UDP}\nlimits: {{hold: 2}}", "limits.hold"),
-        (f"{UDP}\nstoer: x", "stoer: Extra inputs"),
+        (f"{UDP}\nstoer: x", "stoer: unknown key"),
+        ("sorces: []", r"sorces: unknown key \(did you mean 'sources'\?\)"),
         (f"{UDP}\n{UDP}", "twice"),
     ],
 )

@@ -10,8 +10,8 @@ import numpy as np
 
 from fdd.errors import InputError
 from fdd.logs.channel_map import ChannelSource
-from fdd.logs.near_misses import did_you_mean
 from fdd.measures import measure
+from fdd.near_misses import did_you_mean
 from fdd.samples import CHANNELS
 
 FORM = "CHANNEL=[SIGNAL][*SCALE[+OFFSET]][:UNIT]"

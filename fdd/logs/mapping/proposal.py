@@ -18,7 +18,7 @@ from fdd.logs.mapping.given import Given
 from fdd.logs.mapping.signs import signs_of
 from fdd.logs.mapping.units import Question, scale_of, unit_questions
 from fdd.logs.names import path_parts
-from fdd.logs.near_misses import listed
+from fdd.near_misses import listed
 from fdd.samples import CHANNELS, missing_required
 
 SURE = 0.9
