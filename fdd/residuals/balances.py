@@ -254,7 +254,7 @@ def _refeed(q: Quantities) -> list[Strand]:
         s1, s2 = float(side == 1), float(side == 2)
         x = np.column_stack([np.ones_like(y) * s1, np.ones_like(y) * s2, inflow * s1, inflow * s2])
         low = (p < other - 0.02 * q.scales.pressure) & (p < q.accumulator + VALVE_MARGIN_PA)
-        out.append(Strand(y, x, low & q.chambers_measured))
+        out.append(Strand(y, x, low & q.chambers_measured & ~q.accumulator_lost))
     return out
 
 

@@ -51,6 +51,8 @@ class Ledger:
         self.folded = self.taken = 0
         """Hops that became the reference since the axis last began to work, and all that ever came."""
         self._misfits: list[list[float]] = []
+        self._accumulator = np.nan
+        """Its pressure as last known, Pa."""
 
     def sums(self) -> dict[str, tuple[Array, Array, Array, Array]]:
         """Information (h, n, n), vector (h, n), rows (h,) and variance (h,) of each balance."""
@@ -91,7 +93,8 @@ class Ledger:
 
     def _take(self, first: int, rows: Array) -> None:
         """Hops from an index on: rows with `TAIL_ROWS` before them."""
-        q = Quantities(rows, self.unit, self.scales)
+        q = Quantities(rows, self.unit, self.scales, self._accumulator)
+        self._accumulator = q.accumulator_before
         count = (len(rows) - TAIL_ROWS) // HOP_ROWS
         self.hops += range(first, first + count)
         self.last = self.hops[-1]
@@ -219,6 +222,7 @@ class Ledger:
         out: dict[str, Array] = {
             "hops": np.array(self.hops), "tail": self.tail,
             "folded": np.array([self.folded, self.taken, self.last]),
+            "accumulator": np.array(self._accumulator),
             "misfits": np.array(self._misfits).reshape(-1, len(BALANCES)),
         }  # fmt: skip
         for name, account in self.accounts.items():
@@ -242,6 +246,7 @@ class Ledger:
         epochs = {k.removeprefix("epochs/"): v for k, v in state.items() if k.startswith("epochs/")}
         self.epochs.restore(epochs)
         self.folded, self.taken, self.last = (int(x) for x in state["folded"])
+        self._accumulator = float(state["accumulator"])
         self._misfits = [[float(x) for x in row] for row in state["misfits"]]
         for name, account in self.accounts.items():
             m, v, r, s = (state[f"{name}/{k}"] for k in "mvrs")

@@ -65,13 +65,16 @@ class Quantities:
     Parameters
     ----------
     rows : (n, len(COLUMNS)) of `RowMaker`, whole hops. unit : profile.
+    accumulator_before : Pa, last known before the rows; NaN where its sensor never told any.
 
     Attributes
     ----------
     chambers_measured, accumulator_measured : (n,), whether both are, in the row's hop or the one before.
+    accumulator_before : Pa, last known at the end. accumulator_lost : (n,), whether its sensor told its
+        pressure earlier and does not now. What stood in for it would look like a step.
     """
 
-    def __init__(self, rows: Array, unit: Unit, scales: Scales) -> None:
+    def __init__(self, rows: Array, unit: Unit, scales: Scales, accumulator_before: float = np.nan) -> None:
         self.unit = unit
         self.scales = scales
         take = {name: rows[:, i] for name, i in COLUMNS.items()}
@@ -80,9 +83,14 @@ class Quantities:
         self.angle = take["pump_angle"]
         self.difference_measured = take["pressure_difference"]
         accumulator = take["pressure_accumulator"]
-        charge = unit.accumulator.charge_pressure
-        self.accumulator_measured = _of_late(np.isfinite(accumulator))
-        self.accumulator = np.where(self.accumulator_measured, accumulator, charge)
+        there = np.isfinite(accumulator)
+        latest = np.maximum.accumulate(np.where(there, np.arange(there.size), -1))
+        known = np.where(latest >= 0, accumulator[latest], accumulator_before)
+        self.accumulator_before = float(known[-1])
+        self.accumulator_measured = _of_late(there)
+        self.accumulator_lost = np.isfinite(known) & ~self.accumulator_measured
+        known = np.where(np.isfinite(known), known, unit.accumulator.charge_pressure)
+        self.accumulator = np.where(self.accumulator_measured, accumulator, known)
         self.p1, self.p2 = take["pressure_1"], take["pressure_2"]
         self.noise = {1: take["pressure_1_noise"], 2: take["pressure_2_noise"]}
         self.chambers_measured = _of_late(np.isfinite(self.p1) & np.isfinite(self.p2))

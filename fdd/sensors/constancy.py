@@ -91,7 +91,8 @@ def standing_position(
     Parameters
     ----------
     position : (n,) m. swept : (n,) m³, the pump's angle times its displacement. pressure : (n,) Pa, Δp.
-    begin : row from which on they are new. memory : its `volume` goes on, from 0 when the position changes.
+    begin : row from which on they are new. memory : its `volume` goes on, from 0 when the position changes;
+        what it was then stands in `stood`.
 
     Notes
     -----
@@ -101,9 +102,15 @@ def standing_position(
     """
     if swept.size < begin + 2:
         return False
-    volume, since = memory.volume, memory.run_since[POSITION]
+    volume, stood, since = memory.volume, memory.stood, memory.run_since[POSITION]
     if since >= time[begin]:
+        for i in range(begin + 1, swept.size):
+            if position[i] != position[i - 1]:
+                if stood[3] < time[begin]:  # it stood before these rows as well
+                    stood[0], stood[1], stood[2] = stood[3], time[i], volume[0] + swept[i] - swept[begin]
+                break
         volume[:] = 0.0
+    stood[3] = since
     if _stopped_in_motion(time, position, swept / limits.area, since, limits.resolution[POSITION]):
         volume[4] = 1.0
     bypass = 0.0 if volume[4] else BYPASS_SHARE * limits.displacement * limits.pump_speed

@@ -8,12 +8,12 @@ from numpy.typing import NDArray
 from fdd.sensors import constancy
 from fdd.sensors.finding import Kind
 from fdd.sensors.jumping import JumpWatch, Rows, swept_volume
-from fdd.sensors.ledger import Ledger
+from fdd.sensors.ledger import SAME_INSTANT_S, Ledger
 from fdd.sensors.limits import INDEX, IS_LIVE, NAMES, Limits, figure
 from fdd.sensors.memory import MOVING, STILL, Memory
 from fdd.sensors.noise import smallest
 from fdd.sensors.scan import HOP_S, LOST_WINDOW_S, Scan
-from fdd.sensors.supply import SAME_INSTANT_S, SupplyWatch
+from fdd.sensors.supply import SupplyWatch
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -97,6 +97,7 @@ class HopJudge:
         failing[k] = True
         if np.isnan(self.memory.failed_since[k]):
             self.memory.failed_since[k] = onset
+            self.ledger.was_slip(NAMES[k], onset, kind, size, evidence)
             self.ledger.report(NAMES[k], kind, onset, None, now, size, evidence, adds=False)
 
     def _absent(self, hop: Scan, end: float, failing: Mask) -> None:

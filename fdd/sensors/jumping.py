@@ -147,6 +147,9 @@ class JumpWatch:
             lost = f"position stood for {jump.time - held:.3f} s while the pump turned"
             told = f"{lost}, then caught up by {1e3 * jump.net:.3f} mm"
             self.ledger.report(name, "dropout", held, jump.time, end, jump.time - held, told)
+        elif k == POSITION and self._reads_nothing(jump, rows):
+            failing[k], self.memory.failed_since[k] = True, jump.time
+            self.ledger.report(name, "dead", jump.time, None, end, 0.0, f"{told} to exactly 0: no signal")
         elif k == POSITION:
             told += f", and stays {scale * jump.net:.3f} mm off, which neither pump nor pressure explain"
             self.ledger.report(name, "slip", jump.time, None, end, abs(jump.net), told)
@@ -161,8 +164,16 @@ class JumpWatch:
         first = int(other[-1]) + 1 if other.size else 0
         if not rows.swept.size or row - first < HELD_ROWS:
             return None
-        moved = float(rows.swept[row] - rows.swept[first]) / self.limits.area
-        return float(rows.time[first]) if abs(moved - jump.net) < 0.3 * abs(jump.net) else None
+        since, moved = float(rows.time[first]), float(rows.swept[row] - rows.swept[first])
+        stood = self.memory.stood
+        if first == 0 and abs(stood[1] - jump.time) < DEFERRED_S:  # it stood longer than there are rows
+            since, moved = float(stood[0]), float(stood[2])
+        return since if abs(moved / self.limits.area - jump.net) < 0.3 * abs(jump.net) else None
+
+    def _reads_nothing(self, jump: Jump, rows: Rows) -> bool:
+        """Whether the position is exactly 0 from a jump on: no piston stops just there."""
+        after = rows.values[POSITION, int(np.searchsorted(rows.time, jump.time)) :]
+        return after.size >= HELD_ROWS and bool((np.abs(after) <= self.limits.resolution[POSITION]).all())
 
     def _outside(self, k: int, rows: Rows, jump: Jump) -> bool:
         """Whether a pressure's new level is beyond all that an opening valve could bring."""

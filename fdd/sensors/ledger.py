@@ -7,6 +7,8 @@ from dataclasses import replace
 
 from fdd.sensors.finding import CONFIDENCE, FAILING, Kind, SensorFinding
 
+SAME_INSTANT_S = 0.05
+
 
 class Ledger:
     """Findings so far, by channel and kind.
@@ -73,6 +75,13 @@ class Ledger:
             if found.channel == channel and found.onset_s == onset and found.kind != kind:
                 del self._found[key]
                 self._found[channel, kind] = replace(found, kind=kind, size=size)
+
+    def was_slip(self, channel: str, onset: float, kind: Kind, size: float, evidence: str) -> None:
+        """A slip, the channel's only one, turned out to be where it failed."""
+        slip = self._found.get((channel, "slip"))
+        if slip is not None and slip.count == 1 and abs(slip.onset_s - onset) < SAME_INSTANT_S:
+            del self._found[channel, "slip"]
+            self._found[channel, kind] = replace(slip, kind=kind, size=size, evidence=evidence)
 
     def merge(self, channels: tuple[str, ...], onset: float, now: float, evidence: str) -> None:
         """Make one lost supply of what these channels' own findings since `onset` say."""

@@ -18,7 +18,7 @@ STILL, MOVING = 0, 1
 """Hops in which the pump turned less than once, or more: noise and repeats are compared with their like."""
 SHAPES: dict[str, tuple[int, ...]] = {
     **dict.fromkeys(("hops", "repeat", "noisiest", "quietest"), (2, COUNT)),
-    "volume": (5,), "stamps": (2,), "cells": (COUNT, CELL_HISTORY), "derived": (1,),
+    "volume": (5,), "stood": (4,), "stamps": (2,), "cells": (COUNT, CELL_HISTORY), "derived": (1,),
 }  # fmt: skip
 """Of what is not (12,)."""
 STARTS = {
@@ -53,6 +53,8 @@ class Memory(NamedTuple):
     excited : hops with a turning pump since the channel changed last.
     volume : (5,) m³ that the pump displaced since the position changed last: sum, least, most, what
         leakage allows; and whether the position stopped in mid-motion.
+    stood : (4,) the position's last stand that a hop did not hold: since and until when (s), what the pump
+        displaced meanwhile (m³); and since when it stands now.
     last_value : what the channel showed before `run_value`.
     good_value, good_time, doubtful_since, previous, stamps : for the masks of rows.
     cells, cell_count : the last excesses of cells, newest last, and how many there are.
@@ -82,6 +84,7 @@ class Memory(NamedTuple):
     biased: Array
     excited: Array
     volume: Array
+    stood: Array
     last_value: Array
     good_value: Array
     good_time: Array

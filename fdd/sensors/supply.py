@@ -5,13 +5,12 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from fdd.sensors.ledger import Ledger
+from fdd.sensors.ledger import SAME_INSTANT_S, Ledger
 from fdd.sensors.limits import INDEX, NAMES, NOT_MEASURED, Limits, figure
 from fdd.sensors.memory import Memory
 
 Mask = NDArray[np.bool_]
 
-SAME_INSTANT_S = 0.05
 SILENT_S = 5.0
 """Noise that is there shows within some rows; this leaves time for a converter that starts late."""
 

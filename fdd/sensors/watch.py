@@ -23,7 +23,7 @@ from fdd.unit import Unit
 
 Array = NDArray[np.float64]
 
-STATE_VERSION = "1"
+STATE_VERSION = "2"
 
 
 class SensorWatch:

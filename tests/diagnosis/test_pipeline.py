@@ -322,3 +322,29 @@ def test_a_tracker_that_lost_the_motion_is_believed_again_after_a_stop(
     again = found.estimates["leakage"]
     assert again.observable and "lost this log's motion" not in str(found.quality.notes)
     assert again.value == pytest.approx(alone.value, rel=0.05)
+
+
+def test_a_failed_sensor_stands_until_it_has_recovered(unit: Unit, leaking: Samples) -> None:
+    """Chamber 1's pressure reads nothing from 5 s to 9 s, and then as before."""
+    log = leaking.rows(0, 15_000)
+    dead = (log.time >= 5.0) & (log.time < 9.0)
+    log = log.with_columns({"pressure_1": np.where(dead, 0.0, log["pressure_1"])})
+    pipeline = Pipeline(unit, keep_trajectories=False)
+    failed = []
+    for block in log.blocks(500):
+        pipeline.push(block)
+        failed.append([f.channel for f in pipeline.standing if f.fault == "sensor_dropout"])
+    at = [round(2 * t) - 1 for t in (5.0, 8.0, 15.0)]
+    assert [failed[k] for k in at] == [[], ["pressure_1"], []]
+
+
+@pytest.mark.parametrize("fails", [0.0, np.nan])
+def test_a_lost_accumulator_sensor_is_no_second_fault(unit: Unit, fails: float) -> None:
+    """What stands in for its pressure must not look like a valve that sticks."""
+    log = simulated(50, "spring")
+    log = log.with_columns(
+        {"pressure_accumulator": np.where(log.time < 15.2, log["pressure_accumulator"], fails)}
+    )
+    pipeline = Pipeline(unit, keep_trajectories=False)
+    pipeline.push(log)
+    assert [f.fault for f in pipeline.finish().faults] == ["sensor_dropout"]

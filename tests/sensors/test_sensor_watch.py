@@ -147,6 +147,28 @@ def test_position_that_stands_while_the_pump_turns() -> None:
     assert found.onset_s == pytest.approx(ONSET, abs=0.2)
 
 
+@pytest.mark.parametrize("seed", [51, 52])
+@pytest.mark.parametrize(
+    ("fails", "kinds"),
+    [("holds", {"dropout", "stuck"}), ("reads nothing", {"dead"}), ("at its end", {"saturated"})],
+)
+def test_a_position_that_fails_in_motion_is_no_slip(seed: int, fails: str, kinds: set[str]) -> None:
+    """For four seconds, then it is back at the piston's own position."""
+    unit, load = Unit.load("axis_a"), ("spring", "gust")[seed % 2]
+    log = simulate(unit, Scenario(duration=24.0, load={"name": load}, seed=seed)).samples
+    lost = (log.time >= 15.2) & (log.time < 19.2)
+    stands = log["position"][np.argmax(lost)]
+    value = {"holds": stands, "reads nothing": 0.0, "at its end": 2.0 * unit.cylinder.stroke}[fails]
+    watch = SensorWatch(unit)
+    for block in log.with_columns({"position": np.where(lost, value, log["position"])}).blocks(500):
+        watch.push(block)
+    found = {f.kind: f for f in watch.findings()}
+    assert "slip" not in found
+    [kind] = kinds & found.keys()
+    assert found[kind].onset_s == pytest.approx(15.2, abs=0.05)
+    assert found[kind].until_s == pytest.approx(19.1, abs=0.2)
+
+
 def test_a_failed_channel_is_trusted_again_after_it_came_back() -> None:
     samples = run("axis_a", "as shipped", "sweep").samples
     pressure = samples["pressure_1"].copy()
