@@ -189,11 +189,12 @@ def _without_prefix(signals: dict[str, Signal]) -> dict[str, Signal]:
     same = re.match(r".*[\W_]", "".join(a for a, b in takewhile(lambda pair: pair[0] == pair[1], pairs)))
     if same is None or len(own) < LEAST_ALIKE:
         return signals
-    n = len(same[0])
-    return {
-        name: replace(s, field=s.field[n:]) if s.field else replace(s, name=path_parts(s.name)[1][n:])
-        for name, s in signals.items()
-    }
+    n, out = len(same[0]), {}
+    for name, s in signals.items():
+        before, last = path_parts(s.name)
+        plain = f"{before}/{last[n:]}" if before else last[n:]
+        out[name] = replace(s, field=s.field[n:]) if s.field else replace(s, name=plain)
+    return out
 
 
 def _grows(values: np.ndarray) -> bool:
