@@ -15,7 +15,7 @@ from evidence.estimators.least_squares import Window, fit_balance
 from evidence.estimators.model import N_RELIEF, Assumed, assumed, encoders_share, tested_channels
 from evidence.estimators.trajectory import QUANTITIES, TRACKED, Trajectory, quantities
 from fdd.plant.simulate import simulate
-from fdd.residuals.tracking import METHODS, Channels, Tracking, estimates, new_watch
+from fdd.residuals.tracking import METHODS, Channels, Tracking, estimates, observability
 from fdd.unit import Unit
 
 Array = NDArray[np.float64]
@@ -130,8 +130,7 @@ def evaluate(case: Case, data: Data) -> Outcome:
         records = pushed[method]
         with np.errstate(invalid="ignore"):  # a filter that lost its covariance counts as not observable
             values, sigmas = estimates(records, data.unit, model)
-        order = np.arange(values["leakage"].size, dtype=np.float64)
-        shown = {name: seen.valid for name, seen in new_watch().push(order, values, sigmas).items()}
+        shown = observability(values, sigmas)
         at = ends // decimation - 1
         for i, name in enumerate(QUANTITIES):
             errors[m, i] = values[name][at] - true[i]

@@ -254,3 +254,10 @@ def watched(
         *estimates(records, unit, model),
         {name: walks[state] for name, state in QUANTITIES.items()},
     )
+
+
+def observability(values: dict[str, Array], stds: dict[str, Array]) -> dict[str, NDArray[np.bool_]]:
+    """Where each quantity is observable: relative std with hysteresis (see `OBSERVABLE`)."""
+    watch = new_watch()
+    order = np.arange(values["leakage"].size, dtype=np.float64)
+    return {name: seen.valid for name, seen in watch.push(order, values, stds).items()}

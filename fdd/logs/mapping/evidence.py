@@ -279,6 +279,8 @@ def _accumulator(found: Evidence) -> None:
         high, low, why = np.abs(found.data.means(drop)), None, f"it changes little beside {drop}"
     else:
         return
+    if not high.size:  # too short a log
+        return
     most = np.percentile(high, 95.0)
     for name in found.pressures():
         level = found.data.means(name)

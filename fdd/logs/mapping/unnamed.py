@@ -120,7 +120,7 @@ def chambers(found: Evidence) -> None:
         if name in pressures and (found.sides_known or found.named_as(name, "pressure")):
             continue
         mean = data.means(name)
-        if float(np.percentile(mean, 1.0)) < -VACUUM * float(np.percentile(mean, 99.0)):
+        if not mean.size or float(np.percentile(mean, 1.0)) < -VACUUM * float(np.percentile(mean, 99.0)):
             continue
         if float(np.ptp(mean)) > 0.0 and _explained(mean - mean.mean(), columns) < CONTROL:
             may.append(name)
