@@ -4,15 +4,23 @@ from __future__ import annotations
 
 import typer
 
-from evidence.commands import estimators, house, load, mutations, plant, soak, thesis, troubles
+from evidence.commands.diagnosis import disturbed, left_out
+from evidence.commands.estimators import estimators
+from evidence.commands.house import house
+from evidence.commands.load import load
+from evidence.commands.mutations import mutations
+from evidence.commands.plant import plant
+from evidence.commands.soak import soak
+from evidence.commands.thesis import thesis
+from evidence.commands.troubles import troubles
 from fdd.cli.failures import Commands, prepare_process
 
 app = typer.Typer(
     name="evidence", cls=Commands, add_completion=False, pretty_exceptions_enable=False, no_args_is_help=True,
     help="Measure what README and reports say of fdd.",
 )  # fmt: skip
-for module in (thesis, plant, estimators, load, soak, troubles, house, mutations):
-    app.command()(getattr(module, module.__name__.rpartition(".")[2]))
+for command in (thesis, plant, estimators, disturbed, left_out, load, soak, troubles, house, mutations):
+    app.command()(command)
 
 if __name__ == "__main__":
     prepare_process()

@@ -9,17 +9,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from evidence.thesis.findings import Finding, Picture, Row
-from evidence.thesis.runs import PERIOD, VOLT, run_speed
-from evidence.thesis.signals import identification_volts
-from fdd.identification.frequency_response import (
+from evidence.thesis.frequency_response import (
     TransferFunction,
-    decibel,
-    degrees,
     empirical_response,
     fit_output_error,
     held_input,
     velocity,
 )
+from evidence.thesis.runs import PERIOD, VOLT, run_speed
+from evidence.thesis.signals import identification_volts
+from fdd.identification.experiments.response import decibel, degrees
 from fdd.plant.details import Details
 from fdd.unit import Unit
 

@@ -8,10 +8,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from evidence.thesis.findings import Finding, Picture, Row, Table
+from evidence.thesis.frequency_response import velocity
 from evidence.thesis.friction_modes import MODES, Mode, drive_both, measured_force
 from evidence.thesis.runs import PERIOD, VOLT
 from fdd.identification.experiments.friction import fit_curve
-from fdd.identification.frequency_response import velocity
 from fdd.identification.friction import curve
 from fdd.plant.details import Details
 from fdd.unit import FrictionBranch, Unit

@@ -9,9 +9,9 @@ from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
 from evidence.thesis.findings import Finding, Picture, Row
+from evidence.thesis.frequency_response import TransferFunction
 from evidence.thesis.runs import PERIOD, run_speed
 from fdd.identification.experiments.hydraulic import Coefficients, from_profile
-from fdd.identification.frequency_response import TransferFunction
 from fdd.plant.details import Details
 from fdd.unit import Unit
 

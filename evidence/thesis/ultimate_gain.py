@@ -8,9 +8,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from evidence.thesis.findings import Finding, Picture, Row, Table, number_text
+from evidence.thesis.frequency_response import TransferFunction
 from evidence.thesis.runs import PERIOD, riding_partner, run_position
 from evidence.thesis.whole_eha import HIGH, HIGH_SPEED, LOW, respond
-from fdd.identification.frequency_response import TransferFunction
 from fdd.plant.partner import Partner
 from fdd.unit import Unit
 

@@ -9,13 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from evidence.thesis.findings import Finding, Picture, Row, Table
-from evidence.thesis.runs import PERIOD, VOLT, riding_partner, run_speed
-from evidence.thesis.signals import identification_volts
-from fdd.identification.experiments.hydraulic import from_profile
-from fdd.identification.frequency_response import (
+from evidence.thesis.frequency_response import (
     TransferFunction,
-    decibel,
-    degrees,
     empirical_response,
     fit_output_error,
     half_power_frequency,
@@ -23,6 +18,10 @@ from fdd.identification.frequency_response import (
     response_at,
     velocity,
 )
+from evidence.thesis.runs import PERIOD, VOLT, riding_partner, run_speed
+from evidence.thesis.signals import identification_volts
+from fdd.identification.experiments.hydraulic import from_profile
+from fdd.identification.experiments.response import decibel, degrees
 from fdd.plant.partner import Partner
 from fdd.unit import Unit
 

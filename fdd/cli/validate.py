@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated
 
 import typer
 
@@ -18,39 +18,17 @@ def validate(
     ] = None,
     out: Annotated[
         Path | None,
-        typer.Option(
-            "--out",
-            "-o",
-            help="Folder for validation.md, disturbed.md or left_out.md.",
-            show_default=False,
-        ),
+        typer.Option("--out", "-o", help="Folder for validation.md and outcomes.csv.", show_default=False),
     ] = None,
-    disturbed: Annotated[
-        bool,
-        typer.Option(
-            "--disturbed",
-            help="Compare instead the answers on logs that are cut, holed, mirrored or kept in other units.",
-        ),
-    ] = False,
-    without_each: Annotated[
-        bool,
-        typer.Option(
-            "--without-each", help="Say instead what is made of faults that the catalogue does not have."
-        ),
-    ] = False,
     workers: WorkersOption = None,
     engine: EngineOption = "local",
 ) -> None:
     """Diagnose every log of a data set and compare with its truth."""
-    from fdd.errors import InputError
     from fdd.files import require_writable, write_text, written
 
-    if disturbed and without_each:
-        raise InputError("--disturbed and --without-each are two questions", mend="ask one of them")
     if out is not None:
         require_writable(out, folder=True)
 
-    from fdd.campaign import disturb, left_out
     from fdd.campaign.dataset import Dataset
     from fdd.campaign.validate import outcomes_csv, report_text, summary
     from fdd.campaign.validate import validate as run
@@ -62,21 +40,11 @@ def validate(
         def step(done: int, total: int) -> None:
             advance(done / max(total, 1))
 
-        how: Any = {"workers": workers, "engine": engine, "progress": step}
-        if disturbed:
-            told = disturb.table(disturb.compare(dataset, model, **how))
-            files = {"disturbed.md": told}
-        elif without_each:
-            told = left_out.table(left_out.left_out(dataset, model, **how))
-            files = {"left_out.md": told}
-        else:
-            outcomes = run(dataset, model, **how)
-            told = summary(outcomes)
-            files = {"validation.md": report_text(outcomes, data), "outcomes.csv": outcomes_csv(outcomes)}
-    print(told, end="")
+        outcomes = run(dataset, model, workers=workers, engine=engine, progress=step)
+    print(summary(outcomes), end="")
     if out is not None:
         with written(out):
             out.mkdir(parents=True, exist_ok=True)
-        for name, text in files.items():
-            write_text(out / name, text)
+        write_text(out / "validation.md", report_text(outcomes, data))
+        write_text(out / "outcomes.csv", outcomes_csv(outcomes))
         print(f"Written to {out}")

@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from fdd.campaign import disturb, left_out
+from evidence.diagnosis import disturbed, left_out
 from fdd.campaign.dataset import Conditions, Dataset, Entry, Label
 from fdd.campaign.generate import generate
 from fdd.campaign.recipe import Recipe
@@ -214,16 +214,16 @@ def test_a_model_that_is_none_is_refused_before_any_work(tiny_set: Path, tmp_pat
 
 @pytest.mark.slow
 def test_what_must_not_matter_does_not(tiny_set: Path) -> None:
-    compared = disturb.compare(tiny_set, workers=1)
-    assert {c.disturbance for c in compared} == set(disturb.DISTURBANCES)
+    compared = disturbed.disturbed(tiny_set, workers=1)
+    assert {c.disturbance for c in compared} == set(disturbed.DISTURBANCES)
     assert {c.healthy for c in compared} <= {True, False} and any(not c.healthy for c in compared)
     assert all(c.verdict and c.fault and c.onset for c in compared), [c for c in compared if not c.onset]
-    assert f"| 50 ms missing | {len(compared) // len(disturb.DISTURBANCES)} |" in disturb.table(compared)
+    assert f"| 50 ms missing | {len(compared) // len(disturbed.DISTURBANCES)} |" in disturbed.table(compared)
 
 
 def test_a_difference_is_told() -> None:
-    other = disturb.Comparison("u", "50 ms missing", healthy=False, verdict=True, fault=False, onset=False)
-    assert "0.00 (0.00 to 0.79) of 1" in disturb.table([other])
+    other = disturbed.Comparison("u", "50 ms missing", healthy=False, verdict=True, fault=False, onset=False)
+    assert "0.00 (0.00 to 0.79) of 1" in disturbed.table([other])
 
 
 @pytest.mark.slow

@@ -9,7 +9,8 @@ import numpy as np
 import pytest
 from test_train_validate import finding, label, outcome
 
-from fdd.campaign import left_out, train
+from evidence.diagnosis import left_out
+from fdd.campaign import train
 from fdd.campaign.scores import Outcome
 from fdd.campaign.validate import estimate_errors, outcomes_csv, summary
 from fdd.diagnosis.answering import Z80

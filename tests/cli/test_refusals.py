@@ -197,10 +197,6 @@ def test_a_bad_unit_is_refused(run, one_line, logs, tiny_model_file, tmp_path) -
     one_line(run("diagnose", logs["healthy"], "--unit", path, "--model", tiny_model_file), str(path))
 
 
-def test_two_questions_at_once_are_refused_before_any_work(run, one_line, tmp_path) -> None:
-    one_line(run("validate", str(tmp_path), "--disturbed", "--without-each"), "ask one of them")
-
-
 @pytest.mark.parametrize(
     "arguments",
     [["diagnos"], ["diagnose"], ["diagnose", "a.csv", "--colour"], ["simulate", "--seed", "x"], []],

@@ -187,7 +187,7 @@ def test_the_saturated_velocity_is_the_largest_pump_flow(unit):
 
 def test_linear_ultimate_gain_is_routh_hurwitz_s():
     """K/(s(s + 1)²) is on the verge at K = 2."""
-    from fdd.identification.frequency_response import TransferFunction
+    from evidence.thesis.frequency_response import TransferFunction
 
     triple = TransferFunction((1.0,), (1.0, 2.0, 1.0), 0.0)
     assert ultimate_gain.linear_ultimate_gain(triple) == pytest.approx(2.0, rel=1e-3)

@@ -18,7 +18,6 @@ from fdd.identification.experiments.hydraulic import from_profile
 from fdd.identification.experiments.outcome import NORMAL_95, Outcome, Told, axes, curve_line
 from fdd.identification.experiments.polynomial import STRUCTURES, Model, Series, best_model, find_delay
 from fdd.identification.experiments.spectra import Spectra, halves, stretches, welch
-from fdd.identification.frequency_response import decibel, degrees
 from fdd.identification.record import Record
 from fdd.report import traces as tr
 from fdd.report.plots import Figure
@@ -65,6 +64,16 @@ class Tested:
                 "none" if np.isnan(hz) else f"{hz:.3g} Hz" + (f" (ζ {zeta:.2g})" if zeta < 1.0 else "")
             )
         return ", ".join(words)
+
+
+def decibel(response: NDArray[np.complex128] | Array) -> Array:
+    """Magnitude in dB, at least -180."""
+    return np.asarray(20.0 * np.log10(np.maximum(np.abs(response), 1e-9)))
+
+
+def degrees(response: NDArray[np.complex128]) -> Array:
+    """Phase in degrees, without jumps."""
+    return np.asarray(np.degrees(np.unwrap(np.angle(response))))
 
 
 def frequency_response(

@@ -169,7 +169,7 @@ class Comparison:
     onset: bool
 
 
-def compare(
+def disturbed(
     directory: str | Path, model: str | None = None, *, workers: int | None = 2,
     progress: Progress | None = None, engine: Engine = "local",
 ) -> list[Comparison]:  # fmt: skip
@@ -195,13 +195,13 @@ def _compared(directory: str, model: str | None, unit: str) -> list[Comparison]:
             continue
         log = data.samples(entry)
         plain = _answer(profile, loaded, log)
-        for name, disturbed in DISTURBANCES.items():
+        for name, change in DISTURBANCES.items():
             rng = np.random.default_rng(zlib.crc32(f"{entry.file} {name}".encode()))
-            other = disturbed(log, rng)
+            other = change(log, rng)
             if other is None:
                 continue
             block = BLOCK if other is log else len(other)
-            found = _answer(turned if disturbed is mirrored else profile, loaded, other, block)
+            found = _answer(turned if change is mirrored else profile, loaded, other, block)
             out.append(Comparison(unit, name, wanted, *_same(plain, found)))
     return out
 

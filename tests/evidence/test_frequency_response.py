@@ -5,7 +5,7 @@ import pytest
 from scipy.integrate import solve_ivp
 from scipy.signal import cont2discrete, lfilter
 
-from fdd.identification.frequency_response import (
+from evidence.thesis.frequency_response import (
     TransferFunction,
     empirical_response,
     fit_output_error,

@@ -121,16 +121,6 @@ def _exponential(matrix: Array) -> Array:
     return total
 
 
-def decibel(response: ComplexArray | Array) -> Array:
-    """Magnitude in dB, at least -180."""
-    return np.asarray(20.0 * np.log10(np.maximum(np.abs(response), 1e-9)))
-
-
-def degrees(response: ComplexArray) -> Array:
-    """Phase in degrees, without jumps."""
-    return np.asarray(np.degrees(np.unwrap(np.angle(response))))
-
-
 def half_power_frequency(frequency: Array, magnitude: Array, reference: float) -> float:
     """Where a response first falls below `reference`/√2, between the points by a straight line.
 

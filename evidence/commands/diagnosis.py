@@ -1,0 +1,49 @@
+"""``python -m evidence disturbed`` and ``left-out``: what answers on a data set depend on."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+from fdd.cli.options import EngineOption, WorkersOption
+
+DatasetArgument = Annotated[Path, typer.Argument(help="Folder that fdd generate made.", show_default=False)]
+ModelOption = Annotated[
+    str | None,
+    typer.Option(help="Of fdd train; the shipped one else.", show_default=False),
+]
+
+
+def disturbed(
+    dataset: DatasetArgument,
+    model: ModelOption = None,
+    workers: WorkersOption = None,
+    engine: EngineOption = "local",
+) -> None:
+    """Compare the answers on logs that are cut, holed, mirrored or kept in other units."""
+    from evidence.diagnosis import disturbed as room
+
+    _told(room.disturbed, room.table, dataset, model=model, workers=workers, engine=engine)
+
+
+def left_out(
+    dataset: DatasetArgument,
+    model: ModelOption = None,
+    workers: WorkersOption = None,
+    engine: EngineOption = "local",
+) -> None:
+    """Diagnose each faulty log without its own fault's signatures."""
+    from evidence.diagnosis import left_out as room
+
+    _told(room.left_out, room.table, dataset, model=model, workers=workers, engine=engine)
+
+
+def _told(measure: Callable[..., Any], table: Callable[[Any], str], dataset: Path, **how: Any) -> None:
+    from fdd.cli.console import progress
+
+    with progress(f"diagnosing {dataset.name}", 1.0) as advance:
+        found = measure(dataset, progress=lambda done, total: advance(done / max(total, 1)), **how)
+    print(table(found), end="")
