@@ -70,8 +70,8 @@ def compared(name: str, samples: Samples, unit: Unit, truth: pd.DataFrame) -> pd
         records = tracking.trackers[method].push(tracking.block(samples))
         values, stds = estimates(records, unit, tracking.model)
         visible = observability(values, stds)
-        k = np.clip(np.searchsorted(records[:, layout.R_TIME], at) - 1, 0, None)
-        moduli = records[k][:, [layout.R_BETA1, layout.R_BETA2]]
+        k = np.clip(np.searchsorted(records["time"], at) - 1, 0, None)
+        moduli = records["bulk_modulus"][k]
         out.append(
             errors(name, method, truth, values["leakage"][k], moduli)
             | {"leakage_seen": visible["leakage"][k], "bulk_seen": visible["bulk_modulus"][k]}

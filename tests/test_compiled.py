@@ -30,10 +30,11 @@ FORCES = """
 import numpy as np
 from estimators.eha import layout, model as eha, noise
 from estimators.eha.forces import balance_forces as called
-x, P, q, c = np.zeros(eha.STATES), np.eye(eha.STATES), np.ones(eha.PARAMETERS), np.zeros(noise.N_FMEAN + 1)
-memory = np.zeros(layout.MEMORY)
-x[eha.V], x[eha.P1], q[eha.Q_SLIDING], q[eha.Q_STATIC_F] = 0.5, 2.0, 0.1, 2.0
-memory[layout.M_SLID], memory[layout.M_FSIGN] = 1e3, 1.0
+x, P = np.zeros(eha.STATES), np.eye(eha.STATES)
+q, c = np.ones(1, eha.PARAMETERS)[0], np.zeros(1, noise.NOISE)[0]
+memory = np.zeros(1, layout.MEMORY)[0]
+x[eha.V], x[eha.P1], q.sliding_velocity, q.static_forward = 0.5, 2.0, 0.1, 2.0
+memory.slid, memory.direction = 1e3, 1.0
 called(x, P, 20.0, 1.0, q, c, memory)
 result = x[eha.LOAD]
 """
@@ -49,8 +50,8 @@ SENSORS = """
 import numpy as np
 from estimators.eha import layout, model as eha
 from estimators.eha.redundancy import PAIRS, compare_sensors as called
-x, P, memory = np.zeros(eha.STATES), 1e-4 * np.eye(eha.STATES), np.zeros(layout.MEMORY)
-memory[layout.M_PAIRS] = PAIRS - 1
+x, P, memory = np.zeros(eha.STATES), 1e-4 * np.eye(eha.STATES), np.zeros(1, layout.MEMORY)[0]
+memory.pairs = PAIRS - 1
 called(x, P, 10.0, 1e-4, memory)
 result = x[eha.ZERO]
 """
@@ -58,8 +59,8 @@ CURVE = """
 import numpy as np
 from estimators.eha import model as eha
 from evidence.estimators.matched import _curve as called
-q = np.ones(eha.PARAMETERS)
-q[eha.Q_STATIC_F] = 2.0
+q = np.ones(1, eha.PARAMETERS)[0]
+q.static_forward = 2.0
 result = called(np.array([0.5]), q)[0]
 """
 # A program that calls a compiled function; then another module that is compiled into it, and an edit there.

@@ -7,18 +7,18 @@ from numpy.typing import NDArray
 
 from estimators.eha import layout
 from estimators.eha import model as eha
-from estimators.eha.noise import I_AIR, I_FRIC, I_LEAK, I_VISC, N_AIR, N_FRIC, N_LEAK, N_VISC, Noise
+from estimators.eha.noise import Noise
 from estimators.observability import Drift
 
 Array = NDArray[np.float64]
 
 
-def drifts(records: Array, noise: Noise, scales: dict[int, Array]) -> dict[int, Drift]:
+def drifts(records: layout.Records, noise: Noise, scales: dict[int, Array]) -> dict[int, Drift]:
     """Walks of leakage, air and friction at each record, the laws of `estimators.eha.walk.walk_parameters`.
 
     Parameters
     ----------
-    records : (n, RECORD) of the tracker. noise : the tracker's.
+    records : (n,) `RECORD` of the tracker. noise : the tracker's.
     scales : state (`eha.LEAK`, `eha.AIR`, `eha.FRIC` or `eha.VISC`) to (n,) what one of it is in the unit of
         the quantity that is watched.
 
@@ -28,23 +28,22 @@ def drifts(records: Array, noise: Noise, scales: dict[int, Array]) -> dict[int, 
 
     Examples
     --------
-    >>> record = np.zeros((1, layout.RECORD))
-    >>> record[0, layout.R_STATE + eha.LEAK] = 2.0           # twice the healthy leakage
+    >>> record = np.zeros(1, layout.RECORD)
+    >>> record["state"][0, eha.LEAK] = 2.0           # twice the healthy leakage
     >>> leak = drifts(record, Noise(), {eha.LEAK: np.array([6.5e-12])})[eha.LEAK]
     >>> np.sqrt(leak.rate), np.sqrt(leak.ceiling)            # 2 * 2 % per root second, at most 2 * 30 %
     (array([2.6e-13]), array([3.9e-12]))
     """
-    c = noise.array()
-    leak = np.maximum(records[:, layout.R_STATE + eha.LEAK], 1.0)
-    air = np.maximum(0.3 * records[:, layout.R_STATE + eha.AIR], 1.0)
+    leak = np.maximum(records["state"][:, eha.LEAK], 1.0)
+    air = np.maximum(0.3 * records["state"][:, eha.AIR], 1.0)
     # A record gives friction's deviations times the load's unrest; the walk does not know of it.
-    unrest = np.maximum(records[:, layout.R_UNREST], 1.0)
+    unrest = np.maximum(records["unrest"], 1.0)
     one = np.ones(records.shape[0])
     laws = {
-        eha.LEAK: (c[N_LEAK] * leak, c[I_LEAK] * leak, one),
-        eha.AIR: (c[N_AIR] * 1e3 * one, c[I_AIR] * 1e3 * air, one),
-        eha.FRIC: (c[N_FRIC] * one, c[I_FRIC] * one, unrest),
-        eha.VISC: (c[N_VISC] * one, c[I_VISC] * one, unrest),
+        eha.LEAK: (noise.leakage * leak, noise.initial_leakage * leak, one),
+        eha.AIR: (noise.air * 1e3 * one, noise.initial_air * 1e3 * air, one),
+        eha.FRIC: (noise.friction * one, noise.initial_friction * one, unrest),
+        eha.VISC: (noise.viscous_friction * one, noise.initial_viscous_friction * one, unrest),
     }
     found = {}
     for state, scale in scales.items():

@@ -7,19 +7,8 @@ from numpy.typing import NDArray
 
 from estimators.compiled import njit
 from estimators.eha import model as eha
-from estimators.eha.layout import (
-    M_CURVE,
-    M_FCOUNT,
-    M_FORCE,
-    M_FSCALE,
-    M_FSIGN,
-    M_SLID,
-    M_SQUARE,
-    M_VMEAN,
-    M_VSTART,
-    M_XMEAN,
-)
-from estimators.eha.noise import N_FMEAN
+from estimators.eha.layout import Memory
+from estimators.eha.noise import Noise
 from estimators.kernels import kalman_update
 
 Array = NDArray[np.float64]
@@ -32,7 +21,9 @@ ROBUST = 5.0  # innovations beyond this many sigmas are weighed down (Huber)
 
 
 @njit()
-def balance_forces(x: Array, P: Array, h: float, curve: float, q: Array, c: Array, memory: Array) -> None:
+def balance_forces(
+    x: Array, P: Array, h: float, curve: float, q: eha.Parameters, c: Noise, memory: Memory
+) -> None:
     """Measure friction and load by the mean force over `FORCE_PERIOD`, where the piston slid one way.
 
     ``A₁p₁ − A₂p₂ − M dv/dt = φ curve(v) + B v + b |v| + F + k x + c v|v| + m dv/dt`` in the mean. The errors
@@ -46,47 +37,47 @@ def balance_forces(x: Array, P: Array, h: float, curve: float, q: Array, c: Arra
     q, c, memory : parameters, noise and memory of the tracker.
     """
     v = x[eha.V]
-    if memory[M_FCOUNT] == 0.0:
-        memory[M_FORCE] = memory[M_VMEAN] = memory[M_XMEAN] = memory[M_CURVE] = memory[M_SQUARE] = 0.0
-        memory[M_VSTART] = v
+    if memory.force_span == 0.0:
+        memory.force = memory.velocity = memory.position = memory.friction = memory.square_velocity = 0.0
+        memory.first_velocity = v
         direction = 1.0 if v > 0.0 else -1.0
-        if direction != memory[M_FSIGN]:
-            memory[M_SLID] = 0.0
-        memory[M_FSIGN] = direction
-    if v * memory[M_FSIGN] < q[eha.Q_SLIDING]:
-        memory[M_SLID] = -FORCE_PERIOD
-    memory[M_FORCE] += (q[eha.Q_AREA1] * x[eha.P1] - q[eha.Q_AREA2] * x[eha.P2]) * h
-    memory[M_VMEAN] += v * h
-    memory[M_XMEAN] += x[eha.X] * h
-    memory[M_SQUARE] += v * abs(v) * h
-    memory[M_CURVE] += curve * h
-    memory[M_FCOUNT] += h
-    if memory[M_FCOUNT] < FORCE_PERIOD - 0.5 * h:
+        if direction != memory.direction:
+            memory.slid = 0.0
+        memory.direction = direction
+    if v * memory.direction < q.sliding_velocity:
+        memory.slid = -FORCE_PERIOD
+    memory.force += (q.area_1 * x[eha.P1] - q.area_2 * x[eha.P2]) * h
+    memory.velocity += v * h
+    memory.position += x[eha.X] * h
+    memory.square_velocity += v * abs(v) * h
+    memory.friction += curve * h
+    memory.force_span += h
+    if memory.force_span < FORCE_PERIOD - 0.5 * h:
         return
-    span = memory[M_FCOUNT]
-    memory[M_FCOUNT] = 0.0
-    memory[M_SLID] += span
-    if memory[M_SLID] < FRICTION_SETTLES:
+    span = memory.force_span
+    memory.force_span = 0.0
+    memory.slid += span
+    if memory.slid < FRICTION_SETTLES:
         return
-    acceleration = (v - memory[M_VSTART]) / span * 1e3
+    acceleration = (v - memory.first_velocity) / span * 1e3
     H = np.zeros((1, eha.STATES))
-    H[0, eha.FRIC] = memory[M_CURVE] / span
-    H[0, eha.VISC] = memory[M_VMEAN] / span
+    H[0, eha.FRIC] = memory.friction / span
+    H[0, eha.VISC] = memory.velocity / span
     H[0, eha.SKEW] = abs(H[0, eha.VISC])
     H[0, eha.LOAD] = 1.0
-    H[0, eha.STIF] = memory[M_XMEAN] / span
-    H[0, eha.THROT] = memory[M_SQUARE] / span
+    H[0, eha.STIF] = memory.position / span
+    H[0, eha.THROT] = memory.square_velocity / span
     H[0, eha.INERT] = acceleration
     y = np.empty(1)
-    y[0] = memory[M_FORCE] / span - q[eha.Q_MASS] * acceleration
+    y[0] = memory.force / span - q.moving_mass * acceleration
     # Friction follows velocity with a lag of some tens of milliseconds (Armstrong-Hélouvry et al. 1994,
     # doi 10.1016/0005-1098(94)90209-7), so where the curve changed within the period it fits worse.
-    start = eha.friction_curve(memory[M_VSTART], q)[0]
+    start = eha.friction_curve(memory.first_velocity, q)[0]
     lag = FRICTION_LAG / span * (curve - start)
     variance = np.empty(1)
     # A throttled partner answers through its own compressible oil: its force lags too.
-    partner = PARTNER_MISFIT * x[eha.THROT] * memory[M_SQUARE] / span
-    variance[0] = (c[N_FMEAN] ** 2 + lag * lag + partner * partner) * max(memory[M_FSCALE], 1.0) ** 2
+    partner = PARTNER_MISFIT * x[eha.THROT] * memory.square_velocity / span
+    variance[0] = (c.force_mean**2 + lag * lag + partner * partner) * max(memory.unrest, 1.0) ** 2
     s = variance[0]
     for i in range(eha.FRIC, eha.STATES):
         y[0] -= H[0, i] * x[i]
@@ -96,7 +87,7 @@ def balance_forces(x: Array, P: Array, h: float, curve: float, q: Array, c: Arra
     # Loads differ: how fast the load moves, and what the force balance is worth, follow from its own
     # innovations over some seconds.
     ratio = y[0] * y[0] / s
-    memory[M_FSCALE] = min(max(memory[M_FSCALE] * np.exp(0.02 * (min(ratio, 9.0) - 1.0)), 0.01), 1e4)
+    memory.unrest = min(max(memory.unrest * np.exp(0.02 * (min(ratio, 9.0) - 1.0)), 0.01), 1e4)
     if ratio > ROBUST * ROBUST:
         variance[0] += s * (ratio / ROBUST**2 - 1.0)
     mask = np.ones(1, dtype=np.bool_)

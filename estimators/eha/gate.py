@@ -12,8 +12,8 @@ from __future__ import annotations
 
 from estimators.compiled import njit
 from estimators.eha import model as eha
-from estimators.eha.layout import M_FAST1, M_SLOW1, M_STILL
-from estimators.eha.noise import N_P
+from estimators.eha.layout import Memory
+from estimators.eha.noise import Noise
 from estimators.eha.update import Array
 
 FAST, SLOW = 20.0, 500.0  # ms: averages that noise and motion part in
@@ -21,20 +21,20 @@ REST = 1000.0  # ms without a pressure change that close the gate
 
 
 @njit(error_model="numpy", _nrt=False)
-def pressures_rest(x: Array, h: float, c: Array, memory: Array) -> bool:
+def pressures_rest(x: Array, h: float, c: Noise, memory: Memory) -> bool:
     """Whether neither chamber's pressure moved within the last second; `h` ms since the last call.
 
     The fast average has a seventh of the pressure noise or less, so the limit, that noise itself, is
     seven of its standard deviations.
     """
-    memory[M_STILL] += h
+    memory.still += h
     fast, slow = min(h / FAST, 1.0), min(h / SLOW, 1.0)
     for i in range(2):
-        memory[M_FAST1 + i] += fast * (x[eha.P1 + i] - memory[M_FAST1 + i])
-        memory[M_SLOW1 + i] += slow * (x[eha.P1 + i] - memory[M_SLOW1 + i])
-        if abs(memory[M_FAST1 + i] - memory[M_SLOW1 + i]) > c[N_P] * 1e-6:
-            memory[M_STILL] = 0.0
-    return memory[M_STILL] > REST
+        memory.fast[i] += fast * (x[eha.P1 + i] - memory.fast[i])
+        memory.slow[i] += slow * (x[eha.P1 + i] - memory.slow[i])
+        if abs(memory.fast[i] - memory.slow[i]) > c.pressure * 1e-6:
+            memory.still = 0.0
+    return memory.still > REST
 
 
 @njit(error_model="numpy", _nrt=False)

@@ -2,7 +2,13 @@
 
 from __future__ import annotations
 
+from typing import Annotated, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
 from estimators.eha import model as eha
+from estimators.eha.records import Array, Two, record_of
 
 # Columns of a block given to `EhaTracker.push`, SI; NaN where a channel has no value.
 TIME, POSITION, ANGLE, SPEED, PRESSURE_1, PRESSURE_2, DIFFERENCE, ACCUMULATOR, VISCOSITY = range(9)
@@ -12,32 +18,89 @@ COLUMNS = 9
 Z_X, Z_TH, Z_P1, Z_P2, Z_DP, Z_MEAN = range(6)
 MEASUREMENTS = 6
 
-# Columns of a record: time, states, variances of the parameters, then diagnostics.
-R_TIME = 0
-R_STATE = 1
-R_VARIANCE = R_STATE + eha.STATES
-R_NIS = R_VARIANCE + eha.STATES
-R_CHANNELS = R_NIS + 1
-R_LOGLIK = R_NIS + 2
-R_OUTSIDE = R_NIS + 3
-R_LAYER = R_NIS + 4
-R_BETA1 = R_NIS + 5
-R_BETA2 = R_NIS + 6
-R_VISCOSITY = R_NIS + 7
-R_UNREST = R_NIS + 8
-R_SCORE = R_NIS + 9  # of the flow parameters, over the last complete window
-R_LEAK_VALVE1 = R_SCORE + 5  # covariances of leakage with the valves'
-R_LEAK_VALVE2 = R_SCORE + 6
-RECORD = R_SCORE + 7
-
-# Slots of the loop's memory.
-(
-    M_ORIGIN, M_INDEX, M_ANGLE, M_SPEED, M_ACC, M_VISC, M_COUNT, M_STARTED, M_NIS, M_CHANNELS, M_LOGLIK,
-    M_OUT, M_FORCE, M_VMEAN, M_XMEAN, M_VSTART, M_FSIGN, M_FCOUNT, M_CURVE, M_SQUARE, M_FSCALE, M_SLID,
-    M_BLIND, M_SPAN, M_WINDOWS, M_STREAK, M_REDUNDANT, M_PAIRS, M_FAST1, M_FAST2, M_SLOW1,
-    M_SLOW2, M_STILL,
-) = range(33)  # fmt: skip
-# For each of the flow parameters, LEAK to SPLIT: see `estimators.eha.walk`.
 FLOW_PARAMETERS = 5
-M_SHIFT, M_GAINED, M_SHIFT_LONG, M_GAINED_LONG, M_SCORE = range(33, 33 + 5 * FLOW_PARAMETERS, FLOW_PARAMETERS)
-MEMORY = 33 + 5 * FLOW_PARAMETERS
+"""LEAK to SPLIT, see `estimators.eha.walk`."""
+
+Flow = Annotated[Array, FLOW_PARAMETERS]
+
+
+class Record(Protocol):
+    """What the tracker gives every few samples, in the model's units where none is named."""
+
+    time: float
+    state: Annotated[Array, eha.STATES]
+    variance: Annotated[Array, eha.STATES]
+    nis: float  # sum of squared innovations over their variances, a mean over the record as the next three
+    channels: float
+    log_likelihood: float
+    outside: float  # share of samples at which the SVSF's gain took over
+    layer: float  # optimal boundary layer of chamber 1's pressure, MPa; NaN for the EKF
+    bulk_modulus: Two  # of each chamber, Pa
+    viscosity: float
+    unrest: float
+    score: Flow  # over the last complete window
+    leakage_valve: Two  # covariances of leakage with the valves'
+
+
+class Memory(Protocol):
+    """What the loop carries from sample to sample beside state and covariance."""
+
+    # The grid of samples, and what was last known of the inputs.
+    origin: float
+    index: float
+    angle: float
+    speed: float
+    accumulator_pressure: float
+    viscosity: float
+    # Of the record at hand.
+    count: float
+    started: float
+    nis: float
+    channels: float
+    log_likelihood: float
+    outside: float
+    # Sums of the force balance, and how restless the load is: `estimators.eha.forces`.
+    force: float
+    velocity: float
+    position: float
+    first_velocity: float
+    direction: float
+    force_span: float
+    friction: float
+    square_velocity: float
+    unrest: float
+    slid: float
+    blind: float  # samples without position or angle
+    # Scores of the flow parameters: `estimators.eha.walk`.
+    score_span: float
+    windows: float
+    streak: float
+    # Of the redundant difference: `estimators.eha.redundancy`.
+    gap: float
+    pairs: float
+    # Whether pressures move: `estimators.eha.gate`.
+    fast: Two
+    slow: Two
+    still: float
+    shift: Flow
+    gained: Flow
+    shift_long: Flow
+    gained_long: Flow
+    score: Flow
+
+
+RECORD, MEMORY = record_of(Record), record_of(Memory)
+Records = NDArray[np.void]
+"""(n,) of `RECORD`."""
+
+
+def finite(records: Records) -> NDArray[np.bool_]:
+    """Which records hold numbers alone, (n,); the layer, which the EKF has not, does not count.
+
+    Parameters
+    ----------
+    records : (n,) of `RECORD`, contiguous.
+    """
+    numbers = np.isfinite(records.view(np.float64).reshape(records.size, RECORD.itemsize // 8))
+    layer = RECORD.fields["layer"][1] // 8  # type: ignore[index]
+    return np.asarray(np.delete(numbers, layer, axis=1).all(axis=1))

@@ -14,40 +14,10 @@ from estimators.eha.layout import (
     ANGLE,
     DIFFERENCE,
     FLOW_PARAMETERS,
-    M_ACC,
-    M_ANGLE,
-    M_BLIND,
-    M_CHANNELS,
-    M_COUNT,
-    M_FSCALE,
-    M_INDEX,
-    M_LOGLIK,
-    M_NIS,
-    M_ORIGIN,
-    M_OUT,
-    M_SCORE,
-    M_SPEED,
-    M_STARTED,
-    M_VISC,
     MEASUREMENTS,
     POSITION,
     PRESSURE_1,
     PRESSURE_2,
-    R_BETA1,
-    R_BETA2,
-    R_CHANNELS,
-    R_LAYER,
-    R_LEAK_VALVE1,
-    R_LEAK_VALVE2,
-    R_LOGLIK,
-    R_NIS,
-    R_OUTSIDE,
-    R_SCORE,
-    R_STATE,
-    R_TIME,
-    R_UNREST,
-    R_VARIANCE,
-    R_VISCOSITY,
     SPEED,
     TIME,
     VISCOSITY,
@@ -57,19 +27,10 @@ from estimators.eha.layout import (
     Z_P2,
     Z_TH,
     Z_X,
-)
-from estimators.eha.noise import (
-    N_ACCEL,
-    N_DP,
-    N_FLOW,
-    N_FORCE,
-    N_MARGIN,
-    N_P,
-    N_REFEED,
-    N_RELIEF,
-    N_TH,
-    N_X,
-)
+    Memory,
+    Records,
+)  # fmt: skip
+from estimators.eha.noise import Noise
 from estimators.eha.redundancy import compare_sensors
 from estimators.eha.update import (
     COUPLED,
@@ -89,7 +50,7 @@ LONGEST_GAP = 50  # periods that are bridged step by step; a longer gap restarts
 
 
 @njit()
-def measurement(x: Array, q: Array, z: Array, y: Array) -> None:
+def measurement(x: Array, q: eha.Parameters, z: Array, y: Array) -> None:
     """Innovation ``y = z − h(x)`` of all channels, model units."""
     y[Z_X] = z[Z_X] - x[eha.X]
     y[Z_TH] = z[Z_TH] - x[eha.TH]
@@ -100,22 +61,24 @@ def measurement(x: Array, q: Array, z: Array, y: Array) -> None:
 
 
 @njit(error_model="numpy", _nrt=False)
-def motion_noise(x: Array, h: float, p_acc: float, known_acc: bool, q: Array, c: Array, out: Array) -> None:
+def motion_noise(
+    x: Array, h: float, p_acc: float, known_acc: bool, q: eha.Parameters, c: Noise, out: Array
+) -> None:
     """Variances of velocity, speed and both chamber volumes over `h` ms."""
-    mu = 1e-3 / q[eha.Q_MASS]
-    out[0] = (mu * c[N_FORCE]) ** 2 * 1e3 * h
-    out[1] = (c[N_ACCEL] * 1e-3) ** 2 * 1e-3 * h
-    margin = c[N_MARGIN] * 1e-6
+    mu = 1e-3 / q.moving_mass
+    out[0] = (mu * c.force) ** 2 * 1e3 * h
+    out[1] = (c.acceleration * 1e-3) ** 2 * 1e-3 * h
+    margin = c.refeed_margin * 1e-6
     fed1 = x[eha.P1] < p_acc + margin if known_acc else x[eha.P1] <= x[eha.P2]
     fed2 = x[eha.P2] < p_acc + margin if known_acc else x[eha.P2] < x[eha.P1]
-    relieved = abs(x[eha.P1] - x[eha.P2]) > c[N_RELIEF] * 1e-6
-    small, large = (c[N_FLOW] * 1e9) ** 2 * 1e-3 * h, (c[N_REFEED] * 1e9) ** 2 * 1e-3 * h
+    relieved = abs(x[eha.P1] - x[eha.P2]) > c.relief_pressure * 1e-6
+    small, large = (c.flow * 1e9) ** 2 * 1e-3 * h, (c.flow_refeeding * 1e9) ** 2 * 1e-3 * h
     out[2] = large if relieved or fed1 else small
     out[3] = large if relieved or fed2 else small
 
 
 @njit()
-def _start_motion(x: Array, P: Array, z: Array, p_acc: float, c: Array) -> None:
+def _start_motion(x: Array, P: Array, z: Array, p_acc: float, c: Noise) -> None:
     """Set the motion states from a measurement, with wide variances; keep the parameters."""
     for i in range(eha.P2 + 1):
         for j in range(eha.STATES):
@@ -182,8 +145,8 @@ def _take_motion(x: Array, P: Array, motion: Array, variances: Array) -> None:
 @njit(nogil=True)
 def track(
     block: Array, period: float, svsf: bool, has_pressures: bool, has_angle: bool,
-    decimation: int, q: Array, c: Array, x: Array, P: Array, memory: Array, e_post: Array, gamma: float,
-    layer: float, records: Array,
+    decimation: int, q: eha.Parameters, c: Noise, x: Array, P: Array, memory: Memory, e_post: Array,
+    gamma: float, layer: float, records: Records,
 ) -> int:  # fmt: skip
     """Run the filter over the rows of `block`; returns the number of records written."""
     h0 = period * 1e3
@@ -204,10 +167,10 @@ def track(
     psi_k = np.empty(MEASUREMENTS)
     r0 = np.empty(MEASUREMENTS)
     r = np.empty(MEASUREMENTS)
-    r0[Z_X] = (c[N_X] * 1e3) ** 2
-    r0[Z_TH] = c[N_TH] ** 2
-    r0[Z_P1] = r0[Z_P2] = (c[N_P] * 1e-6) ** 2
-    r0[Z_DP] = (c[N_DP] * 1e-6) ** 2
+    r0[Z_X] = (c.position * 1e3) ** 2
+    r0[Z_TH] = c.angle**2
+    r0[Z_P1] = r0[Z_P2] = (c.pressure * 1e-6) ** 2
+    r0[Z_DP] = (c.pressure_difference * 1e-6) ** 2
     # The low side stays near the accumulator: 0.2 MPa, correlated over 10 s.
     r0[Z_MEAN] = 0.2**2 * 1e4 / h0
     plus, minus = np.empty(MEASUREMENTS, dtype=np.int64), np.full(MEASUREMENTS, -1)
@@ -219,36 +182,36 @@ def track(
         time = block[row, TIME]
         # Stamps may come late, never early: the sample belongs to the last grid point before its stamp.
         steps = 0
-        if memory[M_STARTED] > 0.0:
-            memory[M_ORIGIN] += 2e-5 * period
-            index = np.floor((time - memory[M_ORIGIN]) / period + 0.25)
-            steps = int(max(index - memory[M_INDEX], 1.0))
-            memory[M_INDEX] += steps
-            early = memory[M_ORIGIN] + memory[M_INDEX] * period - time
+        if memory.started > 0.0:
+            memory.origin += 2e-5 * period
+            index = np.floor((time - memory.origin) / period + 0.25)
+            steps = int(max(index - memory.index, 1.0))
+            memory.index += steps
+            early = memory.origin + memory.index * period - time
             if early > 0.0:
-                memory[M_ORIGIN] -= early
+                memory.origin -= early
         else:
-            memory[M_ORIGIN] = time
-            memory[M_INDEX] = 0.0
+            memory.origin = time
+            memory.index = 0.0
         # The pump angle as measured, or the sum of the speed samples (each the mean over its period).
         speed = block[row, SPEED]
         if has_angle:
             z[Z_TH] = block[row, ANGLE]
         else:
             if np.isnan(speed):
-                speed = memory[M_SPEED]
+                speed = memory.speed
             if steps > 0:
-                memory[M_ANGLE] += period * (speed + (steps - 1) * 0.5 * (speed + memory[M_SPEED]))
-            memory[M_SPEED] = speed
-            z[Z_TH] = memory[M_ANGLE]
+                memory.angle += period * (speed + (steps - 1) * 0.5 * (speed + memory.speed))
+            memory.speed = speed
+            z[Z_TH] = memory.angle
         known_acc = not np.isnan(block[row, ACCUMULATOR])
         if known_acc:
-            memory[M_ACC] = block[row, ACCUMULATOR] * 1e-6
-        known_acc = memory[M_ACC] == memory[M_ACC]
-        p_acc = memory[M_ACC] if known_acc else q[eha.Q_ACCUMULATOR]
+            memory.accumulator_pressure = block[row, ACCUMULATOR] * 1e-6
+        known_acc = memory.accumulator_pressure == memory.accumulator_pressure
+        p_acc = memory.accumulator_pressure if known_acc else q.accumulator_pressure
         if not np.isnan(block[row, VISCOSITY]):
-            memory[M_VISC] = block[row, VISCOSITY]
-        viscosity = memory[M_VISC]
+            memory.viscosity = block[row, VISCOSITY]
+        viscosity = memory.viscosity
         z[Z_X] = block[row, POSITION] * 1e3
         z[Z_P1] = block[row, PRESSURE_1] * 1e-6
         z[Z_P2] = block[row, PRESSURE_2] * 1e-6
@@ -262,25 +225,25 @@ def track(
         # Without position or angle there is no volume balance: such a row counts as missing.
         blind = np.isnan(z[Z_X]) or np.isnan(z[Z_TH])
         if blind:
-            memory[M_BLIND] += steps
-            if memory[M_STARTED] == 0.0:
+            memory.blind += steps
+            if memory.started == 0.0:
                 continue
         else:
-            steps += int(memory[M_BLIND])
-            memory[M_BLIND] = 0.0
+            steps += int(memory.blind)
+            memory.blind = 0.0
         if blind:
             pass
-        elif memory[M_STARTED] == 0.0:
+        elif memory.started == 0.0:
             _start_motion(x, P, z, p_acc, c)
-            memory[M_STARTED] = 1.0
+            memory.started = 1.0
         elif steps > LONGEST_GAP:
             _start_motion(x, P, z, p_acc, c)
-            walk_parameters(x, P, steps * h0, memory[M_FSCALE], c, rates, walks)
+            walk_parameters(x, P, steps * h0, memory.unrest, c, rates, walks)
             for i in range(eha.STATES):
                 P[i, i] += walks[i]
         else:
             span = steps * h0
-            spread = (P[eha.V, eha.V] + (1e-3 / q[eha.Q_MASS] * c[N_FORCE]) ** 2 * 1e3 * h0) * span * span
+            spread = (P[eha.V, eha.V] + (1e-3 / q.moving_mass * c.force) ** 2 * 1e3 * h0) * span * span
             trust = spread / (spread + P[eha.X, eha.X] + r0[Z_X])
             v_at = x[eha.V] + trust * ((z[Z_X] - x[eha.X]) / span - x[eha.V])
             w_at = (z[Z_TH] - x[eha.TH]) / span
@@ -288,7 +251,7 @@ def track(
                 if k > 0:
                     friction = eha.friction_curve(x[eha.V], q)
                 motion_noise(x, h0, p_acc, known_acc, q, c, noise)
-                walk_parameters(x, P, h0, memory[M_FSCALE], c, rates, walks)
+                walk_parameters(x, P, h0, memory.unrest, c, rates, walks)
                 eha.advance(x, h0, viscosity, p_acc, v_at, w_at, q, friction, COUPLED, x_new, F, G)
                 for i in range(MOVING):
                     x[i] = x_new[i]
@@ -343,34 +306,34 @@ def track(
             compare_sensors(x, P, gap, r0[Z_DP] + 2.0 * r0[Z_P1], memory)
             balance_forces(x, P, max(steps, 1) * h0, friction[0], q, c, memory)
         keep_in_bounds(x, P)
-        memory[M_NIS] += nis
-        memory[M_CHANNELS] += channels
-        memory[M_LOGLIK] += loglik
-        memory[M_OUT] += 1.0 if switched else 0.0
-        memory[M_COUNT] += 1.0
-        if memory[M_COUNT] >= decimation:
+        memory.nis += nis
+        memory.channels += channels
+        memory.log_likelihood += loglik
+        memory.outside += 1.0 if switched else 0.0
+        memory.count += 1.0
+        if memory.count >= decimation:
             rec = records[written]
-            rec[R_TIME] = time
+            rec.time = time
             for i in range(eha.STATES):
-                rec[R_STATE + i] = x[i]
-                rec[R_VARIANCE + i] = P[i, i]
+                rec.state[i] = x[i]
+                rec.variance[i] = P[i, i]
             # Against a restless load the friction curve's misfit repeats itself: count it once.
-            rec[R_VARIANCE + eha.FRIC] *= max(memory[M_FSCALE], 1.0) ** 2
-            rec[R_VARIANCE + eha.VISC] *= max(memory[M_FSCALE], 1.0) ** 2
-            rec[R_VARIANCE + eha.SKEW] *= max(memory[M_FSCALE], 1.0) ** 2
-            rec[R_NIS] = memory[M_NIS] / memory[M_COUNT]
-            rec[R_CHANNELS] = memory[M_CHANNELS] / memory[M_COUNT]
-            rec[R_LOGLIK] = memory[M_LOGLIK] / memory[M_COUNT]
-            rec[R_OUTSIDE] = memory[M_OUT] / memory[M_COUNT]
-            rec[R_LAYER] = psi_k[Z_P1] if svsf else np.nan
-            rec[R_BETA1] = 1e6 / eha.compliance(x[eha.P1], x[eha.AIR] + x[eha.SPLIT], q)[0]
-            rec[R_BETA2] = 1e6 / eha.compliance(x[eha.P2], x[eha.AIR] - x[eha.SPLIT], q)[0]
-            rec[R_LEAK_VALVE1] = P[eha.LEAK, eha.VALVE1]
-            rec[R_LEAK_VALVE2] = P[eha.LEAK, eha.VALVE2]
-            rec[R_VISCOSITY] = viscosity
+            rec.variance[eha.FRIC] *= max(memory.unrest, 1.0) ** 2
+            rec.variance[eha.VISC] *= max(memory.unrest, 1.0) ** 2
+            rec.variance[eha.SKEW] *= max(memory.unrest, 1.0) ** 2
+            rec.nis = memory.nis / memory.count
+            rec.channels = memory.channels / memory.count
+            rec.log_likelihood = memory.log_likelihood / memory.count
+            rec.outside = memory.outside / memory.count
+            rec.layer = psi_k[Z_P1] if svsf else np.nan
+            rec.bulk_modulus[0] = 1e6 / eha.compliance(x[eha.P1], x[eha.AIR] + x[eha.SPLIT], q)[0]
+            rec.bulk_modulus[1] = 1e6 / eha.compliance(x[eha.P2], x[eha.AIR] - x[eha.SPLIT], q)[0]
+            rec.leakage_valve[0] = P[eha.LEAK, eha.VALVE1]
+            rec.leakage_valve[1] = P[eha.LEAK, eha.VALVE2]
+            rec.viscosity = viscosity
             for i in range(FLOW_PARAMETERS):
-                rec[R_SCORE + i] = memory[M_SCORE + i]
-            rec[R_UNREST] = memory[M_FSCALE]
-            memory[M_NIS] = memory[M_CHANNELS] = memory[M_LOGLIK] = memory[M_OUT] = memory[M_COUNT] = 0.0
+                rec.score[i] = memory.score[i]
+            rec.unrest = memory.unrest
+            memory.nis = memory.channels = memory.log_likelihood = memory.outside = memory.count = 0.0
             written += 1
     return written

@@ -45,11 +45,13 @@ eqs 5.20 and 5.21, ``1/β(p) = 1/β_stiff + α c(p)``,
 from __future__ import annotations
 
 import math
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
 from estimators.compiled import njit
+from estimators.eha.records import record_of
 
 Array = NDArray[np.float64]
 
@@ -65,13 +67,34 @@ STATE_NAMES = (
     "difference_zero",
 )  # fmt: skip
 
-# Parameters, one array: indices
-(
-    Q_AREA1, Q_AREA2, Q_VOLUME1, Q_VOLUME2, Q_MASS, Q_DISPLACEMENT, Q_CROSS, Q_CASE, Q_STIFFNESS_INV,
-    Q_POLYTROPIC, Q_COULOMB_F, Q_STATIC_F, Q_STRIBECK_F, Q_EXPONENT_F, Q_COULOMB_R, Q_STATIC_R,
-    Q_STRIBECK_R, Q_EXPONENT_R, Q_SLIDING, Q_ACCUMULATOR, Q_SWEEP,
-) = range(21)  # fmt: skip
-PARAMETERS = 21
+
+class Parameters(Protocol):
+    """A unit's numbers in the model's units, as :func:`parameters` packs them."""
+
+    area_1: float  # mm²
+    area_2: float
+    volume_1: float  # mm³ at position 0
+    volume_2: float
+    moving_mass: float  # kg
+    displacement: float  # mm³/rad
+    cross_port_leakage: float  # mm³/(ms·MPa), healthy
+    case_leakage: float
+    stiff_compliance: float  # 1/MPa, of the oil without its free air
+    polytropic_index: float
+    coulomb_forward: float  # N, as `static_`
+    static_forward: float
+    stribeck_forward: float  # mm/ms
+    exponent_forward: float
+    coulomb_reverse: float
+    static_reverse: float
+    stribeck_reverse: float
+    exponent_reverse: float
+    sliding_velocity: float  # mm/ms
+    accumulator_pressure: float  # MPa
+    position_compliance: float  # 1
+
+
+PARAMETERS = record_of(Parameters)
 
 ATMOSPHERE = 0.101325  # MPa
 STICTION_VELOCITY = 3e-3  # mm/ms: width of the sign change of friction
@@ -97,8 +120,8 @@ def parameters(
     accumulator_pressure: float,
     sliding_velocity: float = 5e-3,
     position_compliance: float = 1.0,
-) -> Array:
-    """Pack a unit's numbers, in SI, into the model's parameter array.
+) -> Parameters:
+    """Pack a unit's numbers, in SI, into the model's parameters.
 
     Parameters
     ----------
@@ -112,25 +135,22 @@ def parameters(
 
     Returns
     -------
-    (PARAMETERS,) array in the model's units.
+    A record of `PARAMETERS`.
     """
     air_compliance = air_fraction * air_curve(reference_pressure * 1e-6, polytropic_index)
     stiff = 1.0 / (bulk_modulus * 1e-6) - air_compliance
     # Where the profile's air alone would explain more than the measured compliance, the oil keeps a third.
     stiff = max(stiff, 1.0 / (3.0 * bulk_modulus * 1e-6))
-    q = np.empty(PARAMETERS)
-    q[Q_AREA1], q[Q_AREA2] = area_1 * 1e6, area_2 * 1e6
-    q[Q_VOLUME1], q[Q_VOLUME2] = volume_1 * 1e9, volume_2 * 1e9
-    q[Q_MASS] = moving_mass
-    q[Q_DISPLACEMENT] = displacement * 1e9
-    q[Q_CROSS], q[Q_CASE] = cross_port_leakage * 1e12, case_leakage * 1e12
-    q[Q_STIFFNESS_INV] = stiff
-    q[Q_POLYTROPIC] = polytropic_index
-    q[Q_COULOMB_F], q[Q_STATIC_F], q[Q_STRIBECK_F], q[Q_EXPONENT_F] = friction_forward
-    q[Q_COULOMB_R], q[Q_STATIC_R], q[Q_STRIBECK_R], q[Q_EXPONENT_R] = friction_reverse
-    q[Q_SLIDING] = sliding_velocity
-    q[Q_ACCUMULATOR] = accumulator_pressure * 1e-6
-    q[Q_SWEEP] = position_compliance
+    q: Parameters = np.zeros(1, PARAMETERS)[0]
+    q.area_1, q.area_2 = area_1 * 1e6, area_2 * 1e6
+    q.volume_1, q.volume_2 = volume_1 * 1e9, volume_2 * 1e9
+    q.moving_mass, q.displacement = moving_mass, displacement * 1e9
+    q.cross_port_leakage, q.case_leakage = cross_port_leakage * 1e12, case_leakage * 1e12
+    q.stiff_compliance, q.polytropic_index = stiff, polytropic_index
+    q.coulomb_forward, q.static_forward, q.stribeck_forward, q.exponent_forward = friction_forward
+    q.coulomb_reverse, q.static_reverse, q.stribeck_reverse, q.exponent_reverse = friction_reverse
+    q.sliding_velocity, q.accumulator_pressure = sliding_velocity, accumulator_pressure * 1e-6
+    q.position_compliance = position_compliance
     return q
 
 
@@ -162,12 +182,12 @@ def air_curve(p: float, n: float) -> float:
 
 
 @njit(error_model="numpy", _nrt=False)
-def compliance(p: float, air: float, q: Array) -> tuple[float, float, float]:
+def compliance(p: float, air: float, q: Parameters) -> tuple[float, float, float]:
     """1/β at gauge pressure `p` (MPa), and its derivatives to `p` and to `air` (‰)."""
-    n = q[Q_POLYTROPIC]
+    n = q.polytropic_index
     c = air_curve(p, n)
-    value = q[Q_STIFFNESS_INV] + 1e-3 * air * c
-    floor = COMPLIANCE_FLOOR * q[Q_STIFFNESS_INV]
+    value = q.stiff_compliance + 1e-3 * air * c
+    floor = COMPLIANCE_FLOOR * q.stiff_compliance
     if value < floor:
         return floor, 0.0, 0.0
     slope = -c * (n + 1.0) / n / (p + ATMOSPHERE) if p > -0.9 * ATMOSPHERE else 0.0
@@ -175,16 +195,18 @@ def compliance(p: float, air: float, q: Array) -> tuple[float, float, float]:
 
 
 @njit(error_model="numpy", _nrt=False)
-def friction_curve(v: float, q: Array) -> tuple[float, float, float, float]:
+def friction_curve(v: float, q: Parameters) -> tuple[float, float, float, float]:
     """Healthy Coulomb and Stribeck friction (N) at `v` (mm/ms).
 
     Returns friction, its slope, the part of the slope that the change of sign makes, and
     that part's own slope.
     """
     if v >= 0.0:
-        coulomb, static, stribeck, exponent = q[Q_COULOMB_F], q[Q_STATIC_F], q[Q_STRIBECK_F], q[Q_EXPONENT_F]
+        coulomb, static = q.coulomb_forward, q.static_forward
+        stribeck, exponent = q.stribeck_forward, q.exponent_forward
     else:
-        coulomb, static, stribeck, exponent = q[Q_COULOMB_R], q[Q_STATIC_R], q[Q_STRIBECK_R], q[Q_EXPONENT_R]
+        coulomb, static = q.coulomb_reverse, q.static_reverse
+        stribeck, exponent = q.stribeck_reverse, q.exponent_reverse
     speed = abs(v) + 1e-5
     ratio = (speed / stribeck) ** exponent
     excess = (static - coulomb) * math.exp(-ratio)
@@ -199,7 +221,7 @@ def friction_curve(v: float, q: Array) -> tuple[float, float, float, float]:
 
 @njit(error_model="numpy", _nrt=False)
 def step(
-    x: Array, h: float, viscosity: float, p_acc: float, v_at: float, w_at: float, q: Array,
+    x: Array, h: float, viscosity: float, p_acc: float, v_at: float, w_at: float, q: Parameters,
     out: Array, F: Array, G: Array,
 ) -> None:  # fmt: skip
     """One step of the model with its Jacobian.
@@ -230,7 +252,7 @@ def step(
 
 @njit(error_model="numpy", _nrt=False)
 def advance(
-    x: Array, h: float, viscosity: float, p_acc: float, v_at: float, w_at: float, q: Array,
+    x: Array, h: float, viscosity: float, p_acc: float, v_at: float, w_at: float, q: Parameters,
     friction: tuple[float, float, float, float], columns: int, out: Array, F: Array, G: Array,
 ) -> None:  # fmt: skip
     """The part of :func:`step` that moves, up to P2; the loop over samples calls it with what it knows.
@@ -242,9 +264,9 @@ def advance(
     out, F, G : as in `step`. Only rows up to P2 are written, of F in the first `columns` alone, and of G
         only what is ever more than zero.
     """
-    area1, area2, mu = q[Q_AREA1], q[Q_AREA2], 1e-3 / q[Q_MASS]
+    area1, area2, mu = q.area_1, q.area_2, 1e-3 / q.moving_mass
     v, p1, p2 = x[V], x[P1], x[P2]
-    pump = q[Q_DISPLACEMENT] * (1.0 + x[GAIN])
+    pump = q.displacement * (1.0 + x[GAIN])
     # Until the end the rows of F hold derivatives of the parts that these rows are made of.
     dv, da1, da2 = F[V], F[P1], F[P2]
     dv[:] = 0.0
@@ -254,9 +276,9 @@ def advance(
     # Chamber stiffness i = β/V and its logarithmic derivatives (to position, pressure, air).
     b1, b1_p, b1_air = compliance(p1, x[AIR] + x[SPLIT], q)
     b2, b2_p, b2_air = compliance(p2, x[AIR] - x[SPLIT], q)
-    swept1, swept2 = q[Q_SWEEP] * area1, q[Q_SWEEP] * area2
-    volume1 = max(q[Q_VOLUME1] + swept1 * x[X], 0.05 * q[Q_VOLUME1])
-    volume2 = max(q[Q_VOLUME2] - swept2 * x[X], 0.05 * q[Q_VOLUME2])
+    swept1, swept2 = q.position_compliance * area1, q.position_compliance * area2
+    volume1 = max(q.volume_1 + swept1 * x[X], 0.05 * q.volume_1)
+    volume2 = max(q.volume_2 - swept2 * x[X], 0.05 * q.volume_2)
     i1, i2 = 1.0 / (volume1 * b1), 1.0 / (volume2 * b2)
     d1_x, d1_p, d1_air = -i1 * swept1 / volume1, -i1 * b1_p / b1, -i1 * b1_air / b1  # ∂i1
     d2_x, d2_p, d2_air = i2 * swept2 / volume2, -i2 * b2_p / b2, -i2 * b2_air / b2
@@ -264,36 +286,36 @@ def advance(
     # Leakage out of each chamber: across, to the case, and through its check valve. Thinner oil leaks more.
     drop, over1, over2 = p1 - p2, p1 - p_acc, p2 - p_acc
     rate = x[LEAK] / viscosity
-    total = (q[Q_CROSS] + 0.5 * q[Q_CASE]) / viscosity
-    base1 = q[Q_CROSS] * drop + q[Q_CASE] * over1
-    base2 = -q[Q_CROSS] * drop + q[Q_CASE] * over2
+    total = (q.cross_port_leakage + 0.5 * q.case_leakage) / viscosity
+    base1 = q.cross_port_leakage * drop + q.case_leakage * over1
+    base2 = -q.cross_port_leakage * drop + q.case_leakage * over2
     valve1, valve2 = total * x[VALVE1], total * x[VALVE2]
     # The pump moves its displacement at the ports' mean density, so the denser chamber gets less volume
     # than the other loses. What that is at 100 rad/s and 2 MPa is 3 % of a healthy unit's leakage. The
     # volume of a share of air over its volume at atmosphere is n (p + p_a) c(p).
-    n = q[Q_POLYTROPIC]
+    n = q.polytropic_index
     shrunk1 = n * max(p1 + ATMOSPHERE, 0.1 * ATMOSPHERE) * b1_air
     shrunk2 = n * max(p2 + ATMOSPHERE, 0.1 * ATMOSPHERE) * b2_air
     thinned = shrunk2 - shrunk1
-    denser = 0.5 * (q[Q_STIFFNESS_INV] * drop + x[AIR] * thinned)
+    denser = 0.5 * (q.stiff_compliance * drop + x[AIR] * thinned)
     into, out_of = pump * (1.0 - denser), pump * (1.0 + denser)
     turning = x[W] if math.isnan(w_at) else w_at
     a1 = into * x[W] - rate * base1 - valve1 * over1  # net inflow of chamber 1 but for the piston's
     a2 = out_of * x[W] + rate * base2 + valve2 * over2
     da1[W] = into
     da2[W] = out_of
-    da1[GAIN] = q[Q_DISPLACEMENT] * (1.0 - denser) * turning
-    da2[GAIN] = q[Q_DISPLACEMENT] * (1.0 + denser) * turning
+    da1[GAIN] = q.displacement * (1.0 - denser) * turning
+    da2[GAIN] = q.displacement * (1.0 + denser) * turning
     da1[AIR] = -0.5 * thinned * pump * turning
     da2[AIR] = -da1[AIR]
     da1[LEAK] = -base1 / viscosity
     da2[LEAK] = base2 / viscosity
     da1[VALVE1] = -total * over1
     da2[VALVE2] = total * over2
-    da1[P1], da1[P2] = -rate * (q[Q_CROSS] + q[Q_CASE]) - valve1, rate * q[Q_CROSS]
-    da2[P1], da2[P2] = -rate * q[Q_CROSS], rate * (q[Q_CROSS] + q[Q_CASE]) + valve2
-    mean1 = q[Q_STIFFNESS_INV] + x[AIR] * b1_air
-    mean2 = q[Q_STIFFNESS_INV] + x[AIR] * b2_air
+    da1[P1], da1[P2] = -rate * (q.cross_port_leakage + q.case_leakage) - valve1, rate * q.cross_port_leakage
+    da2[P1], da2[P2] = -rate * q.cross_port_leakage, rate * (q.cross_port_leakage + q.case_leakage) + valve2
+    mean1 = q.stiff_compliance + x[AIR] * b1_air
+    mean2 = q.stiff_compliance + x[AIR] * b2_air
     half1, half2 = 0.5 * mean1 * pump * turning, 0.5 * mean2 * pump * turning
     da1[P1], da1[P2] = da1[P1] - half1, da1[P2] + half2
     da2[P1], da2[P2] = da2[P1] + half1, da2[P2] - half2

@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from estimators.eha.records import record_of
 
 
 @dataclass
@@ -90,14 +89,12 @@ class Noise:
     relief_pressure: float = 3.1e6
     """Pa of difference from which the relief valve may open."""
 
-    def array(self) -> Array:
-        """The numbers in the order of the fields, SI."""
-        return np.array([float(getattr(self, f.name)) for f in fields(self)])
+    def numbers(self) -> Noise:
+        """The same as a record of `NOISE`, for compiled code."""
+        numbers: Noise = np.zeros(1, NOISE)[0]
+        for name in NOISE.names or ():
+            setattr(numbers, name, getattr(self, name))
+        return numbers
 
 
-(
-    N_X, N_TH, N_P, N_DP, N_FORCE, N_FMEAN, N_ACCEL, N_FLOW, N_REFEED, N_LEAK, N_VALVE, N_AIR, N_SPLIT,
-    N_GAIN, N_FRIC, N_VISC, N_SKEW, N_ZERO, N_LOAD, N_STIF, N_THROT, N_INERT, I_LEAK, I_VALVE, I_AIR, I_SPLIT,
-    I_GAIN, I_ZERO, I_FRIC, I_VISC, I_SKEW, I_LOAD, I_STIF, I_THROT, I_INERT, J_LEAK, J_VALVE, J_AIR,
-    N_MARGIN, N_RELIEF,
-) = range(40)  # fmt: skip
+NOISE = record_of(Noise)

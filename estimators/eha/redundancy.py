@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from estimators.compiled import njit
 from estimators.eha import model as eha
 from estimators.eha.forces import ROBUST
-from estimators.eha.layout import M_PAIRS, M_REDUNDANT
+from estimators.eha.layout import Memory
 
 Array = NDArray[np.float64]
 
@@ -16,7 +16,7 @@ PAIRS = 20  # samples averaged before one update
 
 
 @njit()
-def compare_sensors(x: Array, P: Array, gap: float, variance: float, memory: Array) -> None:
+def compare_sensors(x: Array, P: Array, gap: float, variance: float, memory: Memory) -> None:
     """Let `gap` = Δp − (p₁ − p₂), MPa, of white noise `variance`, tell the zero, `PAIRS` samples at a time.
 
     The zero stands alone in the covariance: the redundant sensor is not let into the pressures, for its
@@ -25,13 +25,13 @@ def compare_sensors(x: Array, P: Array, gap: float, variance: float, memory: Arr
     """
     if np.isnan(gap):
         return
-    memory[M_REDUNDANT] += gap
-    memory[M_PAIRS] += 1.0
-    if memory[M_PAIRS] < PAIRS:
+    memory.gap += gap
+    memory.pairs += 1.0
+    if memory.pairs < PAIRS:
         return
-    error = memory[M_REDUNDANT] / memory[M_PAIRS] - x[eha.ZERO]
-    noise = variance / memory[M_PAIRS]
-    memory[M_REDUNDANT] = memory[M_PAIRS] = 0.0
+    error = memory.gap / memory.pairs - x[eha.ZERO]
+    noise = variance / memory.pairs
+    memory.gap = memory.pairs = 0.0
     prior = P[eha.ZERO, eha.ZERO]
     s = prior + noise
     if error * error > ROBUST * ROBUST * s:

@@ -6,37 +6,16 @@ was cut into blocks, and `state` / `restore` carry it across a restart.
 
 from __future__ import annotations
 
+from copy import copy
 from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
 from estimators.eha import model as eha
-from estimators.eha.layout import (
-    M_ACC,
-    M_FSCALE,
-    M_VISC,
-    MEASUREMENTS,
-    MEMORY,
-    RECORD,
-)
+from estimators.eha.layout import MEASUREMENTS, MEMORY, RECORD, Records
 from estimators.eha.loop import track
-from estimators.eha.noise import (
-    I_AIR,
-    I_FRIC,
-    I_GAIN,
-    I_INERT,
-    I_LEAK,
-    I_LOAD,
-    I_SKEW,
-    I_SPLIT,
-    I_STIF,
-    I_THROT,
-    I_VALVE,
-    I_VISC,
-    I_ZERO,
-    Noise,
-)
+from estimators.eha.noise import Noise
 
 Array = NDArray[np.float64]
 Method = Literal["ekf", "svsf"]
@@ -47,7 +26,7 @@ class EhaTracker:
 
     Parameters
     ----------
-    model : parameter array of `estimators.eha.model.parameters`.
+    model : of `estimators.eha.model.parameters`.
     noise : process and measurement noise; None takes the defaults.
     method : ``"ekf"``, or ``"svsf"``: the combined EKF-SVSF, which switches to the SVSF
         gain where the optimal boundary layer leaves its limit (Gadsden and Habibi 2013,
@@ -70,7 +49,7 @@ class EhaTracker:
 
     def __init__(
         self,
-        model: Array,
+        model: eha.Parameters,
         noise: Noise | None = None,
         method: Method = "ekf",
         *,
@@ -87,7 +66,7 @@ class EhaTracker:
     ) -> None:
         if method not in ("ekf", "svsf"):
             raise ValueError(f"method is 'ekf' or 'svsf', not {method!r}")
-        self.model = np.ascontiguousarray(model, dtype=np.float64)
+        self.model = copy(model)
         self.noise = noise or Noise()
         self.method = method
         self.period = period
@@ -96,40 +75,38 @@ class EhaTracker:
         self.decimation = decimation
         self.gamma = gamma
         self.layer = layer
-        self._c = self.noise.array()
-        c = self._c
+        c = self._c = self.noise.numbers()
         self.x = np.zeros(eha.STATES)
         self.x[[eha.LEAK, eha.FRIC]] = 1.0
         self.x[eha.AIR] = air_fraction * 1e3
         self.x[eha.VISC], self.x[eha.SKEW] = viscous_friction, viscous_skew
-        spread = np.zeros(eha.STATES)
-        spread[eha.LEAK] = c[I_LEAK]
-        spread[[eha.VALVE1, eha.VALVE2]] = c[I_VALVE]
-        spread[eha.AIR], spread[eha.GAIN] = c[I_AIR] * 1e3, c[I_GAIN]
-        spread[eha.FRIC], spread[eha.VISC] = c[I_FRIC], c[I_VISC]
-        spread[eha.LOAD], spread[eha.STIF], spread[eha.THROT] = c[I_LOAD], c[I_STIF] * 1e-3, c[I_THROT]
-        spread[eha.INERT], spread[eha.SKEW] = c[I_INERT], c[I_SKEW]
         free = eha.free_states(pressures=pressures, difference=difference)
-        for state, initial, scale in ((eha.SPLIT, I_SPLIT, 1e3), (eha.ZERO, I_ZERO, 1e-6)):
-            if not free[state]:
-                c[initial] = 0.0
-            spread[state] = c[initial] * scale
+        c.initial_air_split *= free[eha.SPLIT]
+        c.initial_zero *= free[eha.ZERO]
+        spread = np.zeros(eha.STATES)
+        spread[eha.LEAK] = c.initial_leakage
+        spread[[eha.VALVE1, eha.VALVE2]] = c.initial_valve
+        spread[eha.AIR], spread[eha.SPLIT] = c.initial_air * 1e3, c.initial_air_split * 1e3
+        spread[eha.GAIN], spread[eha.ZERO] = c.initial_gain, c.initial_zero * 1e-6
+        spread[eha.FRIC], spread[eha.VISC] = c.initial_friction, c.initial_viscous_friction
+        spread[eha.LOAD], spread[eha.STIF] = c.initial_load, c.initial_stiffness * 1e-3
+        spread[eha.THROT], spread[eha.INERT] = c.initial_throttle, c.initial_inertia
+        spread[eha.SKEW] = c.initial_viscous_skew
         self.P = np.diag(spread**2)
-        self._memory = np.zeros(MEMORY)
-        self._memory[M_ACC] = np.nan
-        self._memory[M_VISC] = 1.0
-        self._memory[M_FSCALE] = 1.0
+        self._memory = np.zeros(1, MEMORY)
+        self._memory["accumulator_pressure"] = np.nan
+        self._memory["viscosity"] = self._memory["unrest"] = 1.0
         self._e_post = np.zeros(MEASUREMENTS)
 
     def __repr__(self) -> str:
         return f"EhaTracker(method={self.method!r}, period={self.period}, pressures={self.pressures})"
 
     @property
-    def noise_numbers(self) -> Array:
-        """`noise` as the loop takes it, a copy: `Noise.array`, fixed states with no initial spread."""
-        return self._c.copy()
+    def noise_numbers(self) -> Noise:
+        """`noise` as the loop takes it, a copy: `Noise.numbers`, fixed states with no initial spread."""
+        return copy(self._c)
 
-    def push(self, block: Array) -> Array:
+    def push(self, block: Array) -> Records:
         """Process the rows of a block.
 
         Parameters
@@ -139,12 +116,12 @@ class EhaTracker:
 
         Returns
         -------
-        (k, RECORD) one record per `decimation` samples; columns `R_…` of this module.
+        (k,) one `layout.RECORD` per `decimation` samples.
         """
-        records = np.empty((block.shape[0] // self.decimation + 1, RECORD))
+        records = np.empty(block.shape[0] // self.decimation + 1, RECORD)
         n = track(
             np.ascontiguousarray(block, dtype=np.float64), self.period, self.method == "svsf", self.pressures,
-            self.angle, self.decimation, self.model, self._c, self.x, self.P, self._memory, self._e_post,
+            self.angle, self.decimation, self.model, self._c, self.x, self.P, self._memory[0], self._e_post,
             self.gamma, self.layer, records,
         )  # fmt: skip
         return records[:n]
@@ -154,13 +131,14 @@ class EhaTracker:
         return {
             "x": self.x.copy(),
             "P": self.P.copy(),
-            "memory": self._memory.copy(),
+            "memory": self._memory.view(np.float64).copy(),
             "e_post": self._e_post.copy(),
         }
 
     def restore(self, state: dict[str, Array]) -> None:
         """Take a state back that `state` gave."""
-        for mine, name in ((self.x, "x"), (self.P, "P"), (self._memory, "memory"), (self._e_post, "e_post")):
+        memory = self._memory.view(np.float64)
+        for mine, name in ((self.x, "x"), (self.P, "P"), (memory, "memory"), (self._e_post, "e_post")):
             saved = np.asarray(state[name], dtype=np.float64)
             if saved.shape != mine.shape:
                 raise ValueError(f"{name}: shape {saved.shape} where {mine.shape} is wanted")

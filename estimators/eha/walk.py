@@ -29,47 +29,8 @@ from numpy.typing import NDArray
 
 from estimators.compiled import njit
 from estimators.eha import model as eha
-from estimators.eha.layout import (
-    FLOW_PARAMETERS,
-    M_GAINED,
-    M_GAINED_LONG,
-    M_SCORE,
-    M_SHIFT,
-    M_SHIFT_LONG,
-    M_SPAN,
-    M_STREAK,
-    M_WINDOWS,
-)
-from estimators.eha.noise import (
-    I_AIR,
-    I_FRIC,
-    I_GAIN,
-    I_INERT,
-    I_LEAK,
-    I_SKEW,
-    I_SPLIT,
-    I_STIF,
-    I_THROT,
-    I_VALVE,
-    I_VISC,
-    I_ZERO,
-    J_AIR,
-    J_LEAK,
-    J_VALVE,
-    N_AIR,
-    N_FRIC,
-    N_GAIN,
-    N_INERT,
-    N_LEAK,
-    N_LOAD,
-    N_SKEW,
-    N_SPLIT,
-    N_STIF,
-    N_THROT,
-    N_VALVE,
-    N_VISC,
-    N_ZERO,
-)
+from estimators.eha.layout import FLOW_PARAMETERS, Memory
+from estimators.eha.noise import Noise
 
 Array = NDArray[np.float64]
 
@@ -80,26 +41,16 @@ LONG_WINDOWS = 8  # of the above: drifts of some seconds show here first
 MOST_STREAK = 5  # doublings of the step: a valve torn open is a hundred healthy leakages
 
 
-# Walking states, index of rate and of initial spread in the noise, and their unit in SI over the model's.
-_WALKS = (
-    (eha.LEAK, N_LEAK, I_LEAK, 1.0),
-    (eha.AIR, N_AIR, I_AIR, 1e3),
-    (eha.SPLIT, N_SPLIT, I_SPLIT, 1e3),
-    (eha.GAIN, N_GAIN, I_GAIN, 1.0),
-    (eha.FRIC, N_FRIC, I_FRIC, 1.0),
-    (eha.VISC, N_VISC, I_VISC, 1.0),
-    (eha.SKEW, N_SKEW, I_SKEW, 1.0),
-    (eha.STIF, N_STIF, I_STIF, 1e-3),
-    (eha.THROT, N_THROT, I_THROT, 1.0),
-    (eha.INERT, N_INERT, I_INERT, 1.0),
-    (eha.ZERO, N_ZERO, I_ZERO, 1e-6),
-)
-_WALKING, _RATE, _INITIAL = (np.array([row[i] for row in _WALKS]) for i in range(3))
-_UNIT = np.array([row[3] for row in _WALKS])
+@njit(error_model="numpy")
+def _walks(rates: Array, state: int, rate: float, initial: float, unit: float) -> None:
+    """Let a state walk, unless its initial spread is zero; `unit` is SI's in the model's."""
+    if initial > 0.0:
+        rates[0, state] = (rate * unit) ** 2
+        rates[1, state] = 1.0 / (initial * unit) ** 2
 
 
 @njit(error_model="numpy")
-def walk_rates(c: Array) -> Array:
+def walk_rates(c: Noise) -> Array:
     """What `walk_parameters` needs of the noise `c`, once for many steps: (2, STATES).
 
     Variances that the walks add per second, and the inverses of the initial ones; both are zero
@@ -109,28 +60,34 @@ def walk_rates(c: Array) -> Array:
     ------
     ValueError : the valves have no initial spread to be drawn back to.
     """
-    if not c[I_VALVE] > 0.0:
+    if not c.initial_valve > 0.0:
         raise ValueError("initial_valve must be above zero")
     rates = np.zeros((2, eha.STATES))
-    for k in range(_WALKING.size):
-        initial = c[_INITIAL[k]] * _UNIT[k]
-        if initial > 0.0:
-            rates[0, _WALKING[k]] = (c[_RATE[k]] * _UNIT[k]) ** 2
-            rates[1, _WALKING[k]] = 1.0 / initial**2
-    rates[0, eha.LOAD] = c[N_LOAD] ** 2
-    rates[0, eha.VALVE1] = rates[0, eha.VALVE2] = c[N_VALVE] ** 2
+    _walks(rates, eha.LEAK, c.leakage, c.initial_leakage, 1.0)
+    _walks(rates, eha.AIR, c.air, c.initial_air, 1e3)
+    _walks(rates, eha.SPLIT, c.air_split, c.initial_air_split, 1e3)
+    _walks(rates, eha.GAIN, c.gain, c.initial_gain, 1.0)
+    _walks(rates, eha.FRIC, c.friction, c.initial_friction, 1.0)
+    _walks(rates, eha.VISC, c.viscous_friction, c.initial_viscous_friction, 1.0)
+    _walks(rates, eha.SKEW, c.viscous_skew, c.initial_viscous_skew, 1.0)
+    _walks(rates, eha.STIF, c.stiffness, c.initial_stiffness, 1e-3)
+    _walks(rates, eha.THROT, c.throttle, c.initial_throttle, 1.0)
+    _walks(rates, eha.INERT, c.inertia, c.initial_inertia, 1.0)
+    _walks(rates, eha.ZERO, c.zero, c.initial_zero, 1e-6)
+    rates[0, eha.LOAD] = c.load**2
+    rates[0, eha.VALVE1] = rates[0, eha.VALVE2] = c.valve**2
     return rates
 
 
 @njit(error_model="numpy", _nrt=False)
-def walk_parameters(x: Array, P: Array, h: float, unrest: float, c: Array, rates: Array, diag: Array) -> None:
+def walk_parameters(x: Array, P: Array, h: float, unrest: float, c: Noise, rates: Array, diag: Array) -> None:
     """Draw the valves back in `x` and `P`, and fill `diag` with the variances that `h` ms add.
 
     `unrest` is how much more than expected the load moves, see `balance_forces`; `rates` are those
     of `walk_rates`.
     """
     seconds = 1e-3 * h
-    third = 1.0 / (3.0 * c[I_VALVE])
+    third = 1.0 / (3.0 * c.initial_valve)
     pull = 4.5 * third * third * seconds * rates[0, eha.VALVE1]
     gap = pull > SHORT  # the valves' time constant is the shortest
     for i in range(eha.LEAK):
@@ -160,7 +117,7 @@ def walk_parameters(x: Array, P: Array, h: float, unrest: float, c: Array, rates
         diag[j] *= openness
         if gap:
             keep = math.exp(-pull / openness)
-            diag[j] = (c[I_VALVE] * openness) ** 2 * (1.0 - keep * keep)
+            diag[j] = (c.initial_valve * openness) ** 2 * (1.0 - keep * keep)
         x[j] *= keep
         P[j, j] *= keep
         for i in range(eha.FRIC):  # correlated with nothing beyond
@@ -169,7 +126,7 @@ def walk_parameters(x: Array, P: Array, h: float, unrest: float, c: Array, rates
 
 
 @njit(error_model="numpy", _nrt=False)
-def watch_jumps(x: Array, P: Array, before: Array, h: float, c: Array, memory: Array) -> None:
+def watch_jumps(x: Array, P: Array, before: Array, h: float, c: Noise, memory: Memory) -> None:
     """Add an update to the scores and, where one passes its limit, set the flow parameters free.
 
     Parameters
@@ -179,41 +136,41 @@ def watch_jumps(x: Array, P: Array, before: Array, h: float, c: Array, memory: A
     h : ms since the last sample. c, memory : noise and memory of the tracker.
     """
     for i in range(FLOW_PARAMETERS):
-        memory[M_SHIFT + i] += x[eha.LEAK + i] - before[0, i]
-        memory[M_GAINED + i] += before[1, i] - P[eha.LEAK + i, eha.LEAK + i]
-    memory[M_SPAN] += h
-    if memory[M_SPAN] < SCORE_WINDOW - 0.5 * h:
+        memory.shift[i] += x[eha.LEAK + i] - before[0, i]
+        memory.gained[i] += before[1, i] - P[eha.LEAK + i, eha.LEAK + i]
+    memory.score_span += h
+    if memory.score_span < SCORE_WINDOW - 0.5 * h:
         return
-    memory[M_SPAN] = 0.0
-    memory[M_WINDOWS] += 1.0
+    memory.score_span = 0.0
+    memory.windows += 1.0
     jumped = False
     for i in range(FLOW_PARAMETERS):
-        memory[M_SHIFT_LONG + i] += memory[M_SHIFT + i]
-        memory[M_GAINED_LONG + i] += memory[M_GAINED + i]
-        memory[M_SCORE + i] = 0.0
-        if memory[M_GAINED + i] > 0.0:
-            memory[M_SCORE + i] = memory[M_SHIFT + i] / np.sqrt(memory[M_GAINED + i])
-        jumped = jumped or abs(memory[M_SCORE + i]) > JUMP_SIGMAS
-        memory[M_SHIFT + i] = memory[M_GAINED + i] = 0.0
-    if memory[M_WINDOWS] >= LONG_WINDOWS:
-        memory[M_WINDOWS] = 0.0
+        memory.shift_long[i] += memory.shift[i]
+        memory.gained_long[i] += memory.gained[i]
+        memory.score[i] = 0.0
+        if memory.gained[i] > 0.0:
+            memory.score[i] = memory.shift[i] / np.sqrt(memory.gained[i])
+        jumped = jumped or abs(memory.score[i]) > JUMP_SIGMAS
+        memory.shift[i] = memory.gained[i] = 0.0
+    if memory.windows >= LONG_WINDOWS:
+        memory.windows = 0.0
         for i in range(FLOW_PARAMETERS):
-            if memory[M_GAINED_LONG + i] > 0.0:
-                score = memory[M_SHIFT_LONG + i] / np.sqrt(memory[M_GAINED_LONG + i])
+            if memory.gained_long[i] > 0.0:
+                score = memory.shift_long[i] / np.sqrt(memory.gained_long[i])
                 jumped = jumped or abs(score) > JUMP_SIGMAS
-            memory[M_SHIFT_LONG + i] = memory[M_GAINED_LONG + i] = 0.0
+            memory.shift_long[i] = memory.gained_long[i] = 0.0
     if not jumped:
-        memory[M_STREAK] = 0.0
+        memory.streak = 0.0
         return
-    size = 2.0 ** memory[M_STREAK]
-    memory[M_STREAK] = min(memory[M_STREAK] + 1.0, float(MOST_STREAK))
-    P[eha.LEAK, eha.LEAK] += (c[J_LEAK] * size) ** 2
-    P[eha.VALVE1, eha.VALVE1] += (c[J_VALVE] * size) ** 2
-    P[eha.VALVE2, eha.VALVE2] += (c[J_VALVE] * size) ** 2
-    P[eha.AIR, eha.AIR] += (c[J_AIR] * 1e3 * size) ** 2
+    size = 2.0**memory.streak
+    memory.streak = min(memory.streak + 1.0, float(MOST_STREAK))
+    P[eha.LEAK, eha.LEAK] += (c.jump_leakage * size) ** 2
+    P[eha.VALVE1, eha.VALVE1] += (c.jump_valve * size) ** 2
+    P[eha.VALVE2, eha.VALVE2] += (c.jump_valve * size) ** 2
+    P[eha.AIR, eha.AIR] += (c.jump_air * 1e3 * size) ** 2
     # Before the alarm the split and the pump's gain took up part of what happened.
-    P[eha.SPLIT, eha.SPLIT] += (c[I_SPLIT] * 1e3 * size) ** 2
-    P[eha.GAIN, eha.GAIN] += (c[I_GAIN] * size) ** 2
-    memory[M_WINDOWS] = 0.0
+    P[eha.SPLIT, eha.SPLIT] += (c.initial_air_split * 1e3 * size) ** 2
+    P[eha.GAIN, eha.GAIN] += (c.initial_gain * size) ** 2
+    memory.windows = 0.0
     for i in range(FLOW_PARAMETERS):
-        memory[M_SHIFT_LONG + i] = memory[M_GAINED_LONG + i] = 0.0
+        memory.shift_long[i] = memory.gained_long[i] = 0.0

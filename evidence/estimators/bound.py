@@ -67,7 +67,7 @@ def posterior_bound(J: Array, F: Array, Q: Array, H: Array, R: Array) -> Array:
 
 
 def eha_bound(
-    truth: Trajectory, model: Array, prior: Assumed, *, pressures: bool, accumulator: bool, rows:
+    truth: Trajectory, model: eha.Parameters, prior: Assumed, *, pressures: bool, accumulator: bool, rows:
     NDArray[np.int64]
 ) -> Array:  # fmt: skip
     """Bound of every state's variance for the EHA estimators' model, on the data of one run.
@@ -99,8 +99,8 @@ def eha_bound(
 
 @njit(error_model="numpy")
 def _eha_bound(
-    states: Array, p_acc: Array, viscosity: Array, q: Array, P: Array, walk: Array, pull: Array, sizes: Array,
-    pressures: bool, known: bool, rows: NDArray[np.int64], out: Array,
+    states: Array, p_acc: Array, viscosity: Array, q: eha.Parameters, P: Array, walk: Array, pull: Array,
+    sizes: Array, pressures: bool, known: bool, rows: NDArray[np.int64], out: Array,
 ) -> None:  # fmt: skip
     n, motion = eha.STATES, eha.P2 + 1
     F, G = np.empty((n, n)), np.empty((n, 4))
@@ -142,7 +142,7 @@ def _eha_bound(
 
         # The mean force of a period, wherever the piston slid through all of it and had settled before.
         v = x[eha.V]
-        if k > 0 and abs(v) >= q[eha.Q_SLIDING] and v * states[k - 1, eha.V] > 0.0:
+        if k > 0 and abs(v) >= q.sliding_velocity and v * states[k - 1, eha.V] > 0.0:
             sliding += 1
         else:
             sliding = 0

@@ -42,7 +42,7 @@ def correlation_time(series: Array) -> float:
 
 
 def nis_of_run(
-    records: Array, samples_per_record: int, channels: float, driven: float = 0.0
+    records: layout.Records, samples_per_record: int, channels: float, driven: float = 0.0
 ) -> tuple[float, float, float, float]:
     """Mean NIS of a run over its expectation, with the band that 95 % of consistent runs fall in.
 
@@ -58,7 +58,7 @@ def nis_of_run(
     mean over `channels`, low and high of the band, and the effective number of samples: how many there are
     over the records' `correlation_time`.
     """
-    series = records[:, layout.R_NIS]
+    series = records["nis"]
     effective = series.size * samples_per_record / correlation_time(series)
     if channels < LEAST_TESTED:
         return float("nan"), float("nan"), float("nan"), effective

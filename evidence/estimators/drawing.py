@@ -103,12 +103,12 @@ def scenario_of(case: Case, rig: Rig, duration: float, seed: int, faults: list[d
     )  # fmt: skip
 
 
-def plant_trajectory(out: Simulation, profile: Unit, model: Array, gain: float) -> Trajectory:
+def plant_trajectory(out: Simulation, profile: Unit, model: eha.Parameters, gain: float) -> Trajectory:
     """The plant's truth as the estimators' states, so far as they have one for it."""
     return trajectory_of_truth(out.truth, profile, model, gain)
 
 
-def trajectory_of_truth(truth: Truth, profile: Unit, model: Array, gain: float) -> Trajectory:
+def trajectory_of_truth(truth: Truth, profile: Unit, model: eha.Parameters, gain: float) -> Trajectory:
     """As `plant_trajectory`, from the truth's columns alone."""
     x = np.zeros((len(truth), eha.STATES))
     x[:, eha.X], x[:, eha.V] = truth["position"] * 1e3, truth["velocity"]
@@ -116,8 +116,8 @@ def trajectory_of_truth(truth: Truth, profile: Unit, model: Array, gain: float) 
     x[:, eha.P1], x[:, eha.P2] = truth["pressure_1"] * 1e-6, truth["pressure_2"] * 1e-6
     viscosity = viscosity_ratio(profile.oil, truth["oil_temperature"])
     x[:, eha.LEAK] = truth["leakage"] / profile.pump.total_leakage * viscosity
-    per_air = 1e-3 * eha.air_curve(profile.oil.reference_pressure * 1e-6, model[eha.Q_POLYTROPIC])
-    x[:, eha.AIR] = (1e6 / truth["bulk_modulus"] - model[eha.Q_STIFFNESS_INV]) / per_air
+    per_air = 1e-3 * eha.air_curve(profile.oil.reference_pressure * 1e-6, model.polytropic_index)
+    x[:, eha.AIR] = (1e6 / truth["bulk_modulus"] - model.stiff_compliance) / per_air
     x[:, eha.GAIN] = gain
     healthy = 0.5 * (profile.friction.forward.coulomb + profile.friction.reverse.coulomb)
     x[:, eha.FRIC] = truth["coulomb_friction"] / healthy

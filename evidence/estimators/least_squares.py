@@ -57,7 +57,7 @@ class Window:
 
 
 def fit_balance(
-    window: Window, q: Array, *, relief: float = np.inf, sealed: bool = False
+    window: Window, q: eha.Parameters, *, relief: float = np.inf, sealed: bool = False
 ) -> tuple[float, float]:
     """Leakage and free air that fit a window best.
 
@@ -71,22 +71,22 @@ def fit_balance(
     -------
     leakage over the healthy one, and free air in ‰; NaN where the window tells nothing.
     """
-    area = 0.5 * (q[eha.Q_AREA1] + q[eha.Q_AREA2])
+    area = 0.5 * (q.area_1 + q.area_2)
     drop = window.pressure_1 - window.pressure_2
     shut = np.abs(drop) < relief
-    air_1, air_2 = (_air_integral(p, q[eha.Q_POLYTROPIC]) for p in (window.pressure_1, window.pressure_2))
-    denser = 0.5 * q[eha.Q_DISPLACEMENT] * q[eha.Q_STIFFNESS_INV] * _by_angle(drop, window.angle)
-    denser_air = 0.5e-3 * q[eha.Q_DISPLACEMENT] * _by_angle(air_1 - air_2, window.angle)
+    air_1, air_2 = (_air_integral(p, q.polytropic_index) for p in (window.pressure_1, window.pressure_2))
+    denser = 0.5 * q.displacement * q.stiff_compliance * _by_angle(drop, window.angle)
+    denser_air = 0.5e-3 * q.displacement * _by_angle(air_1 - air_2, window.angle)
     parts = []
     for sign, volume, pressure, own_area in (
-        (1.0, q[eha.Q_VOLUME1] + q[eha.Q_AREA1] * window.position, window.pressure_1, q[eha.Q_AREA1]),
-        (-1.0, q[eha.Q_VOLUME2] - q[eha.Q_AREA2] * window.position, window.pressure_2, q[eha.Q_AREA2]),
+        (1.0, q.volume_1 + q.area_1 * window.position, window.pressure_1, q.area_1),
+        (-1.0, q.volume_2 - q.area_2 * window.position, window.pressure_2, q.area_2),
     ):
-        leak = q[eha.Q_CROSS] * sign * drop + q[eha.Q_CASE] * (pressure - window.accumulator)
+        leak = q.cross_port_leakage * sign * drop + q.case_leakage * (pressure - window.accumulator)
         leaked = np.concatenate([[0.0], np.cumsum(0.5 * (leak[1:] + leak[:-1]))]) * window.period
-        pumped = sign * q[eha.Q_DISPLACEMENT] * window.angle
-        stiff = q[eha.Q_STIFFNESS_INV] * _stored(volume, pressure)
-        air = 1e-3 * _stored(volume, _air_integral(pressure, q[eha.Q_POLYTROPIC]))
+        pumped = sign * q.displacement * window.angle
+        stiff = q.stiff_compliance * _stored(volume, pressure)
+        air = 1e-3 * _stored(volume, _air_integral(pressure, q.polytropic_index))
         balance = pumped - denser - sign * own_area * window.position - stiff
         free = shut if sealed else shut & (pressure > window.accumulator + MARGIN)
         columns = np.column_stack([balance, leaked, air + denser_air, -pumped])

@@ -101,7 +101,7 @@ def position_of(duty: str, n: int, rng: np.random.Generator) -> Array:
 def draw(
     case: Case,
     duration: float,
-    model: Array,
+    model: eha.Parameters,
     prior: Assumed,
     rng: np.random.Generator,
     jump: Jump | None = None,
@@ -140,7 +140,7 @@ def draw(
     volumes = rng.standard_normal((n + 1, 2)) * prior.sizes[N_SMALL]
     states = np.empty((n, eha.STATES))
     if case.minimum:
-        accumulator = float(model[eha.Q_ACCUMULATOR])
+        accumulator = float(model.accumulator_pressure)
         low = _low_side(accumulator, rng.standard_normal(n + 1))
         _follow_fed(position, parameters, force, volumes, accumulator, low, model, states)
     else:
@@ -208,7 +208,7 @@ def _limited(wanted: Array, most: float) -> Array:
     return out
 
 
-def _force(position: Array, parameters: Array, model: Array, errors: Array) -> Array:
+def _force(position: Array, parameters: Array, model: eha.Parameters, errors: Array) -> Array:
     """Force that the pressures must carry at each sample (N), (n + 1,).
 
     The mean over each `FORCE_PERIOD` misses the filter's force balance by one of `errors`, exactly and
@@ -224,7 +224,7 @@ def _force(position: Array, parameters: Array, model: Array, errors: Array) -> A
     smooth = gaussian_filter1d(kinds, SMOOTHING, mode="nearest")
     sums = CubicSpline(np.arange(errors.size + 1), np.concatenate([[0.0], np.cumsum(errors)]))
     error = sums((np.arange(v.size) + 0.5) / FORCE_PERIOD, 1)
-    return np.asarray(smooth + error + (model[eha.Q_MASS] + p[:, eha.INERT]) * acceleration)
+    return np.asarray(smooth + error + (model.moving_mass + p[:, eha.INERT]) * acceleration)
 
 
 def _low_side(charge: float, normals: Array) -> Array:
@@ -236,7 +236,7 @@ def _low_side(charge: float, normals: Array) -> Array:
 
 
 @njit(error_model="numpy")
-def _curve(v: Array, q: Array) -> Array:
+def _curve(v: Array, q: eha.Parameters) -> Array:
     out = np.empty(v.size)
     for i in range(v.size):
         out[i] = eha.friction_curve(v[i], q)[0]
@@ -253,25 +253,25 @@ def _move(x: Array, new: Array, G: Array, dv: float, dw: float) -> None:
 
 @njit(error_model="numpy")
 def _follow_sealed(
-    position: Array, parameters: Array, force: Array, volumes: Array, p_acc: float, charged: float, q: Array,
-    states: Array,
+    position: Array, parameters: Array, force: Array, volumes: Array, p_acc: float, charged: float,
+    q: eha.Parameters, states: Array,
 ) -> None:  # fmt: skip
     """Walk along the positions: the pump turns as pressures and forces demand; no check valve opens."""
     F, G = np.empty((eha.STATES, eha.STATES)), np.empty((eha.STATES, 4))
     x, new = np.zeros(eha.STATES), np.empty(eha.STATES)
     x[eha.X] = position[0]
-    x[eha.P1] = charged + 0.5 * force[0] / q[eha.Q_AREA1]
-    x[eha.P2] = charged - 0.5 * force[0] / q[eha.Q_AREA2]
+    x[eha.P1] = charged + 0.5 * force[0] / q.area_1
+    x[eha.P2] = charged - 0.5 * force[0] / q.area_2
     for k in range(states.shape[0]):
         x[eha.LEAK :] = parameters[k, eha.LEAK :]
         states[k] = x
         eha.step(x, 1.0, 1.0, p_acc, np.nan, np.nan, q, new, F, G)
         dv = position[k + 1] - position[k] - new[eha.V]
-        behind = q[eha.Q_AREA1] * x[eha.P1] - q[eha.Q_AREA2] * x[eha.P2] - force[k]
+        behind = q.area_1 * x[eha.P1] - q.area_2 * x[eha.P2] - force[k]
         short = force[k + 1] + behind * (1.0 - 1.0 / RESPONSE)
-        short -= q[eha.Q_AREA1] * (new[eha.P1] + G[eha.P1, 0] * dv)
-        short += q[eha.Q_AREA2] * (new[eha.P2] + G[eha.P2, 0] * dv)
-        dw = short / (q[eha.Q_AREA1] * G[eha.P1, 1] - q[eha.Q_AREA2] * G[eha.P2, 1])
+        short -= q.area_1 * (new[eha.P1] + G[eha.P1, 0] * dv)
+        short += q.area_2 * (new[eha.P2] + G[eha.P2, 0] * dv)
+        dw = short / (q.area_1 * G[eha.P1, 1] - q.area_2 * G[eha.P2, 1])
         _move(x, new, G, dv, dw)
         x[eha.P1] += G[eha.P1, 2] * volumes[k, 0]
         x[eha.P2] += G[eha.P2, 3] * volumes[k, 1]
@@ -279,26 +279,26 @@ def _follow_sealed(
 
 @njit(error_model="numpy")
 def _follow_fed(
-    position: Array, parameters: Array, force: Array, volumes: Array, p_acc: float, low: Array, q: Array,
-    states: Array,
+    position: Array, parameters: Array, force: Array, volumes: Array, p_acc: float, low: Array,
+    q: eha.Parameters, states: Array,
 ) -> None:  # fmt: skip
     """As `_follow_sealed`, with the low side held at `low` by whatever flows into it."""
     F, G = np.empty((eha.STATES, eha.STATES)), np.empty((eha.STATES, 4))
     x, new = np.zeros(eha.STATES), np.empty(eha.STATES)
     x[eha.X] = position[0]
-    x[eha.P1] = low[0] + max(force[0], 0.0) / q[eha.Q_AREA1]
-    x[eha.P2] = low[0] - min(force[0], 0.0) / q[eha.Q_AREA2]
+    x[eha.P1] = low[0] + max(force[0], 0.0) / q.area_1
+    x[eha.P2] = low[0] - min(force[0], 0.0) / q.area_2
     for k in range(states.shape[0]):
         x[eha.LEAK :] = parameters[k, eha.LEAK :]
         states[k] = x
         eha.step(x, 1.0, 1.0, p_acc, np.nan, np.nan, q, new, F, G)
         dv = position[k + 1] - position[k] - new[eha.V]
-        behind = q[eha.Q_AREA1] * x[eha.P1] - q[eha.Q_AREA2] * x[eha.P2] - force[k]
+        behind = q.area_1 * x[eha.P1] - q.area_2 * x[eha.P2] - force[k]
         wanted = force[k + 1] + behind * (1.0 - 1.0 / RESPONSE)
         extends = x[eha.P1] > x[eha.P2]
         high, fed, side = (eha.P1, eha.P2, 0) if extends else (eha.P2, eha.P1, 1)
-        area = q[eha.Q_AREA1] if extends else -q[eha.Q_AREA2]
-        held = low[k + 1] * (q[eha.Q_AREA2] if extends else -q[eha.Q_AREA1])
+        area = q.area_1 if extends else -q.area_2
+        held = low[k + 1] * (q.area_2 if extends else -q.area_1)
         dw = ((wanted + held) / area - new[high] - G[high, 0] * dv) / G[high, 1]
         _move(x, new, G, dv, dw)
         x[high] += G[high, 2 + side] * volumes[k, side]

@@ -85,10 +85,10 @@ def _walks(noise: Noise) -> Array:
     return walk
 
 
-def _sizes(noise: Noise, model: Array) -> Array:
+def _sizes(noise: Noise, model: eha.Parameters) -> Array:
     per_step = np.sqrt(1e-3)
     out = np.empty(11)
-    out[N_FORCE] = noise.force / model[eha.Q_MASS] * per_step  # m/s is mm/ms
+    out[N_FORCE] = noise.force / model.moving_mass * per_step  # m/s is mm/ms
     out[N_ACCELERATION] = noise.acceleration * 1e-3 * per_step
     out[N_SMALL], out[N_LARGE] = noise.flow * 1e9 * per_step, noise.flow_refeeding * 1e9 * per_step
     out[N_MARGIN], out[N_RELIEF] = noise.refeed_margin * 1e-6, noise.relief_pressure * 1e-6
@@ -115,7 +115,7 @@ def chamber_noise(
 
 
 def tested_channels(
-    states: Array, accumulator: Array, model: Array, sizes: Array, *, pressures: bool, known: bool
+    states: Array, accumulator: Array, model: eha.Parameters, sizes: Array, *, pressures: bool, known: bool
 ) -> float:
     """Channels whose innovations can be tested, mean over a run.
 
@@ -139,7 +139,7 @@ def tested_channels(
         for motion, sensor in ((N_FORCE, N_POSITION), (N_ACCELERATION, N_ANGLE))
     )
     channel = N_PRESSURE if pressures else N_DIFFERENCE
-    if sizes[N_LARGE] < 10.0 * sizes[channel] * model[eha.Q_VOLUME1] * model[eha.Q_STIFFNESS_INV]:
+    if sizes[N_LARGE] < 10.0 * sizes[channel] * model.volume_1 * model.stiff_compliance:
         return encoders + (2.0 if pressures else 1.0)
     fed = _fed_chambers(states, accumulator, known, sizes)
     return encoders + (2.0 - fed if pressures else max(1.0 - fed, 0.0))

@@ -39,7 +39,7 @@ ALPHA, BETA, KAPPA = 0.1, 2.0, 3.0 - eha.STATES
 class _Model:
     """The model as filterpy takes it; `row` is the sample that a step starts from."""
 
-    q: Array
+    q: eha.Parameters
     prior: Assumed
     block: Array
     minimum: bool
@@ -47,11 +47,11 @@ class _Model:
 
     def __post_init__(self) -> None:
         self.F, self.G = np.empty((eha.STATES, eha.STATES)), np.empty((eha.STATES, 4))
-        self.z = _measurements(self.block, self.minimum, float(self.q[eha.Q_ACCUMULATOR]))
+        self.z = _measurements(self.block, self.minimum, float(self.q.accumulator_pressure))
         self.p_acc = self.block[:, layout.ACCUMULATOR] * 1e-6
         self.known = not self.minimum
         if self.minimum:
-            self.p_acc = np.full(self.block.shape[0], self.q[eha.Q_ACCUMULATOR])
+            self.p_acc = np.full(self.block.shape[0], self.q.accumulator_pressure)
         viscosity = self.block[:, layout.VISCOSITY]
         self.viscosity = np.where(np.isnan(viscosity), 1.0, viscosity)
 
@@ -101,7 +101,7 @@ class _Model:
 
 
 def run_peer(
-    name: str, q: Array, prior: Assumed, block: Array, minimum: bool, rows: NDArray[np.int64]
+    name: str, q: eha.Parameters, prior: Assumed, block: Array, minimum: bool, rows: NDArray[np.int64]
 ) -> tuple[Array, Array]:
     """Run one of `PEERS` over a block.
 

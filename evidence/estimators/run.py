@@ -148,10 +148,10 @@ def evaluate(case: Case, data: Data) -> Outcome:
     return Outcome(true, errors, claimed, flags, stds, _fitted(case, data, ends, true), nees, scores, nis)
 
 
-def _claimed(P: Array, record: Array) -> Array:
+def _claimed(P: Array, record: np.void) -> Array:
     """The tracker's covariance of the tracked parameters, widened as its records are."""
     block = P[np.ix_(TRACKED, TRACKED)]
-    reported = record[[layout.R_VARIANCE + i for i in TRACKED]]
+    reported = record["variance"][TRACKED]
     factor = np.sqrt(reported / np.diag(block))
     return np.asarray(block * np.outer(factor, factor))
 
@@ -172,10 +172,10 @@ def _fitted(case: Case, data: Data, ends: NDArray[np.int64], true: Array) -> Arr
     window = min(round(WINDOW * 1e3), int(ends[0]))
     out = np.full((2, ends.size), np.nan)
     block, model = data.block, data.tracking.model
-    sealed = bool(model[eha.Q_CASE] == 0.0)
+    sealed = bool(model.case_leakage == 0.0)
     for i, end in enumerate(ends):
         part = block[end - window : end]
-        signals = _window(part, case.minimum, float(model[eha.Q_ACCUMULATOR]))
+        signals = _window(part, case.minimum, float(model.accumulator_pressure))
         leak, air = fit_balance(
             signals, model, relief=float(data.prior.sizes[N_RELIEF]), sealed=sealed and not case.minimum
         )

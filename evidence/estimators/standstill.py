@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from estimators.eha import layout
 from evidence.estimators import drawing
 from evidence.estimators.cases import LOADS, Case
 from evidence.estimators.model import assumed
@@ -63,7 +64,7 @@ def still_run(case: Case, seed: tuple[int, ...], duration: float = HOUR) -> Stil
         load=LOADS[case.load], details=rig.details, seed=int(rng.integers(2**62)),
         recording=Recording.perfect(),
     )  # fmt: skip
-    kept: dict[str, list[Array]] = {method: [] for method in METHODS}
+    kept: dict[str, list[layout.Records]] = {method: [] for method in METHODS}
     true: list[Array] = []
     for (axis,) in stream(rig.unit, scenario):
         for method, records in tracking.push(tracking.block(axis.samples)).items():

@@ -8,7 +8,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from estimators.eha import layout
 from estimators.eha import model as eha
 from evidence.estimators import drawing, matched
 from evidence.estimators.cases import Case
@@ -72,7 +71,7 @@ def step_run(world: str, quantity: str, seed: tuple[int, ...], case: Case = STEP
     for m, (_method, records) in enumerate(data.tracking.push(data.block).items()):
         with np.errstate(invalid="ignore"):
             value = estimates(records, data.unit, data.tracking.model)[0][quantity]
-        time = records[:, layout.R_TIME] - ONSET
+        time = records["time"] - ONSET
         start = value[(time >= -BEFORE) & (time < 0.0)].mean()
         share = (value - start) / change
         after = time >= 0.0
@@ -97,7 +96,7 @@ def _matched(case: Case, quantity: str, seed: tuple[int, ...], duration: float) 
     model = Tracking(Unit.load("axis_a"), Channels(case.channels), 1e-3).model
     pressure = Unit.load("axis_a").oil.reference_pressure * 1e-6
     if quantity == "bulk_modulus":
-        per_air = 1e-3 * eha.air_curve(pressure, model[eha.Q_POLYTROPIC])
+        per_air = 1e-3 * eha.air_curve(pressure, model.polytropic_index)
         nominal = 1e6 / Unit.load("axis_a").oil.bulk_modulus
         jump = matched.Jump(eha.AIR, ONSET, shift=nominal * (1.0 / CHANGE[quantity] - 1.0) / per_air)
     else:

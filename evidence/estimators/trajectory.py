@@ -39,7 +39,7 @@ class Trajectory:
 
 
 def quantities(
-    states: Array, variances: Array, viscosity: Array, unit: Unit, model: Array
+    states: Array, variances: Array, viscosity: Array, unit: Unit, model: eha.Parameters
 ) -> tuple[Array, Array]:
     """The tracked quantities and their standard deviations in SI, as `fdd.residuals.tracking.estimates`.
 
@@ -52,9 +52,9 @@ def quantities(
     -------
     values, stds : (4, n) each, in the order of `QUANTITIES`.
     """
-    records = np.zeros((states.shape[0], layout.RECORD))
-    records[:, layout.R_STATE : layout.R_STATE + eha.STATES] = states
-    records[:, layout.R_VARIANCE : layout.R_VARIANCE + eha.STATES] = variances
-    records[:, layout.R_VISCOSITY] = viscosity
+    records = np.zeros(states.shape[0], layout.RECORD)
+    records["state"] = states
+    records["variance"] = variances
+    records["viscosity"] = viscosity
     values, stds = estimates(records, unit, model)
     return np.array([values[q] for q in QUANTITIES]), np.array([stds[q] for q in QUANTITIES])

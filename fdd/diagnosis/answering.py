@@ -10,7 +10,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 import fdd
-from estimators.eha import layout
 from fdd.diagnosis.decision import USUAL_SIZE, Found
 from fdd.diagnosis.evidence import Evidence
 from fdd.diagnosis.findings import ESTIMATED, Estimate, FaultFinding, Invisible, MethodEstimate
@@ -234,7 +233,7 @@ def estimates_by(tracked: Tracked, unit: Unit, method: str = "ekf") -> dict[str,
         return {n: Estimate.model_validate({"unit": u, **empty}) for n, (u, _, _) in ESTIMATED.items()}
     values, stds = estimates(records, unit, tracked.model)
     seen = tracked.observed()
-    healthy = healthy_of(unit, float(records[-1, layout.R_VISCOSITY]))
+    healthy = healthy_of(unit, float(records["viscosity"][-1]))
     return {
         name: Estimate(
             unit=si,

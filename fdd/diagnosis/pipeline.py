@@ -9,7 +9,6 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from estimators.eha import layout
 from fdd.diagnosis.answering import (
     Span,
     estimates_by,
@@ -360,7 +359,7 @@ class Pipeline:
                 estimates(r, self.unit, self._tracked.model) if r.size else (dict(empty), dict(empty))
             )
         for added in self._added:
-            values[added.name], stds[added.name] = added.over(records["ekf"][:, layout.R_TIME])
+            values[added.name], stds[added.name] = added.over(records["ekf"]["time"])
         seen = self._tracked.observed_throughout()
         time, names, misfit = self._ledger.misfits()
         scans = np.array(self._scans).reshape(-1, 2)
@@ -370,11 +369,11 @@ class Pipeline:
         hidden = hidden_share(now.not_visible)
         sure = np.array([self.model.calibration.probability(float(s), hidden) for s in statistic])
         return Trajectories(
-            time=records["ekf"][:, layout.R_TIME], estimates=values, stds=stds,
+            time=records["ekf"]["time"], estimates=values, stds=stds,
             observable={n: seen[n].valid for n in OBSERVABLE},
             held={n: seen[n].held for n in OBSERVABLE}, held_std={n: seen[n].held_std for n in OBSERVABLE},
             information_std={n: seen[n].information_std for n in OBSERVABLE},
-            nis={m: r[:, layout.R_NIS] for m, r in records.items()}, window_time=time,
+            nis={m: r["nis"] for m, r in records.items()}, window_time=time,
             feature_names=names, features=misfit, statistic=statistic, threshold=self.threshold,
             probabilities=self._probabilities_over(sure, now.probabilities, hidden),
         )  # fmt: skip

@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimators.eha import layout
+from estimators.eha import model as eha
 from estimators.observability import Observability, Observed
 from fdd.errors import InputError
 from fdd.residuals.rows import STOP_S
@@ -25,7 +26,6 @@ Array = NDArray[np.float64]
 
 HELD_BACK = 500
 """Samples that tell channels and period: by number, so that one early row does not make them."""
-WITHOUT_LAYER = np.delete(np.arange(layout.RECORD), layout.R_LAYER)
 
 
 class Tracked:
@@ -48,10 +48,10 @@ class Tracked:
         self.keep = keep
         self.tracking: Tracking | None = None
         self._held: list[Samples] = []
-        self._kept: dict[str, list[Array]] = {m: [] for m in METHODS}
-        self.last_records = {m: np.empty((0, layout.RECORD)) for m in METHODS}
+        self._kept: dict[str, list[layout.Records]] = {m: [] for m in METHODS}
+        self.last_records: dict[str, layout.Records] = {m: np.empty(0, layout.RECORD) for m in METHODS}
         self._watch = new_watch()
-        self._unwatched: list[Array] = []
+        self._unwatched: list[layout.Records] = []
         self.lost = False
         """Whether a filter's state ran away: nothing of it is believed until the axis has stopped."""
         self._last = np.nan
@@ -62,7 +62,7 @@ class Tracked:
         return () if self.tracking is None else self.tracking.channels.names
 
     @property
-    def model(self) -> Array:
+    def model(self) -> eha.Parameters:
         """Parameters of the reduced model."""
         assert self.tracking is not None
         return self.tracking.model
@@ -106,8 +106,8 @@ class Tracked:
                 return
         assert self.tracking is not None
         fresh = self.tracking.push(self.tracking.block(samples))
-        # The EKF has no layer. Both keep the same times: where one lost the motion, neither is believed.
-        sane = np.logical_and.reduce([np.isfinite(r[:, WITHOUT_LAYER]).all(axis=1) for r in fresh.values()])
+        # Both keep the same times: where one lost the motion, neither is believed.
+        sane = np.logical_and.reduce([layout.finite(r) for r in fresh.values()])
         self.lost |= not bool(sane.all())
         for method, records in fresh.items():
             records = records[sane]
@@ -120,8 +120,8 @@ class Tracked:
         if len(self._unwatched) > 30:  # single records, as they come live, cost as much as hundreds
             self._catch_up()
 
-    def records(self) -> dict[str, Array]:
-        """All records so far of each estimator, (n, RECORD).
+    def records(self) -> dict[str, layout.Records]:
+        """All records so far of each estimator, (n,) of `layout.RECORD`.
 
         Raises
         ------
@@ -129,7 +129,7 @@ class Tracked:
         """
         if not self.keep:
             raise ValueError("records were not kept: make it with keep=True")
-        return {m: np.concatenate(p) if p else np.empty((0, layout.RECORD)) for m, p in self._kept.items()}
+        return {m: np.concatenate(p) if p else np.empty(0, layout.RECORD) for m, p in self._kept.items()}
 
     def observed(self) -> dict[str, Observed]:
         """What the EKF's last record tells of each tracked quantity, (1,) each."""
@@ -154,7 +154,7 @@ class Tracked:
             self._watched(self._watch, np.concatenate(self._unwatched))
             self._unwatched = []
 
-    def _watched(self, watch: Observability, records: Array) -> dict[str, Observed]:
+    def _watched(self, watch: Observability, records: layout.Records) -> dict[str, Observed]:
         assert self.tracking is not None
         tracker = self.tracking.trackers["ekf"]
         return watched(watch, records, self.unit, tracker.model, tracker.noise)
@@ -172,9 +172,9 @@ class Tracked:
             out["held/time"] = joined.time
             out.update({f"held/{n}": joined[n] for n in joined.channels})
         for m in METHODS:
-            out[f"last/{m}"] = self.last_records[m]
+            out[f"last/{m}"] = self.last_records[m].view(np.float64)
             if self._kept[m]:
-                out[f"kept/{m}"] = np.concatenate(self._kept[m])
+                out[f"kept/{m}"] = np.concatenate(self._kept[m]).view(np.float64)
         out.update({f"watch/{k}": v for k, v in self._watch.state().items()})
         if self.tracking is not None:
             for m, arrays in self.tracking.state().items():
@@ -188,8 +188,8 @@ class Tracked:
         held = {k.removeprefix("held/"): v for k, v in state.items() if k.startswith("held/")}
         self._held = [Samples(held.pop("time"), held)] if held else []
         for m in METHODS:
-            self.last_records[m] = state[f"last/{m}"].copy()
-            self._kept[m] = [state[f"kept/{m}"].copy()] if f"kept/{m}" in state else []
+            self.last_records[m] = state[f"last/{m}"].flatten().view(layout.RECORD)
+            self._kept[m] = [state[f"kept/{m}"].flatten().view(layout.RECORD)] if f"kept/{m}" in state else []
         self._unwatched = []
         self._watch.restore({k.removeprefix("watch/"): v for k, v in state.items() if k.startswith("watch/")})
         self.tracking = None

@@ -37,7 +37,7 @@ THERMAL_GAIN = 5e-4
 """Relative change of displacement over area within 30 K: metals grow by 1 to 2.5e-5 per kelvin."""
 
 
-def model_parameters(unit: Unit) -> Array:
+def model_parameters(unit: Unit) -> eha.Parameters:
     """The unit's numbers as the reduced model takes them."""
 
     def branch(b: FrictionBranch) -> tuple[float, float, float, float]:
@@ -165,7 +165,7 @@ class Tracking:
             out[:, layout.VISCOSITY] = viscosity_ratio(self.unit.oil, samples.get("oil_temperature"))
         return out
 
-    def push(self, block: Array) -> dict[str, Array]:
+    def push(self, block: Array) -> dict[str, layout.Records]:
         """Run both filters over a block from `block`; records of each."""
         return {method: t.push(block) for method, t in self.trackers.items()}
 
@@ -188,14 +188,16 @@ QUANTITIES = {
 """Tracked quantities and the states of the model that they follow from."""
 
 
-def estimates(records: Array, unit: Unit, model: Array) -> tuple[dict[str, Array], dict[str, Array]]:
+def estimates(
+    records: layout.Records, unit: Unit, model: eha.Parameters
+) -> tuple[dict[str, Array], dict[str, Array]]:
     """Tracked quantities and their standard deviations, SI, from a filter's records.
 
     Leakage is L_T across the ports at the oil's temperature of the moment. Bulk modulus is that
     at the unit's reference pressure; friction the mean of both directions.
     """
-    x = records[:, layout.R_STATE : layout.R_STATE + eha.STATES]
-    var = records[:, layout.R_VARIANCE : layout.R_VARIANCE + eha.STATES]
+    x = records["state"]
+    var = records["variance"]
     scale = sensitivities(records, unit, model)
     values = {
         "leakage": scale["leakage"] * x[:, eha.LEAK],
@@ -207,24 +209,24 @@ def estimates(records: Array, unit: Unit, model: Array) -> tuple[dict[str, Array
     return values, stds
 
 
-def sensitivities(records: Array, unit: Unit, model: Array) -> dict[str, Array]:
+def sensitivities(records: layout.Records, unit: Unit, model: eha.Parameters) -> dict[str, Array]:
     """What one unit of its state is of each quantity, (n,) SI: magnitudes of the derivatives."""
     compliance, air_unit = _compliance(records, unit, model)
     one = np.ones(records.shape[0])
     return {
-        "leakage": unit.pump.total_leakage / records[:, layout.R_VISCOSITY],
+        "leakage": unit.pump.total_leakage / records["viscosity"],
         "bulk_modulus": 1e6 / compliance**2 * air_unit,
         "coulomb_friction": healthy_coulomb(unit) * one,
         "viscous_friction": one,
     }
 
 
-def _compliance(records: Array, unit: Unit, model: Array) -> tuple[Array, float]:
+def _compliance(records: layout.Records, unit: Unit, model: eha.Parameters) -> tuple[Array, float]:
     """1/β at the reference pressure, 1/MPa, and what a permille of free air adds to it."""
     pressure = unit.oil.reference_pressure * 1e-6
-    air_unit = 1e-3 * eha.air_curve(pressure, model[eha.Q_POLYTROPIC])
-    stiff = model[eha.Q_STIFFNESS_INV]
-    air = records[:, layout.R_STATE + eha.AIR]
+    air_unit = 1e-3 * eha.air_curve(pressure, model.polytropic_index)
+    stiff = model.stiff_compliance
+    air = records["state"][:, eha.AIR]
     return np.maximum(stiff + air_unit * air, eha.COMPLIANCE_FLOOR * stiff), air_unit
 
 
@@ -234,7 +236,7 @@ def new_watch() -> Observability:
 
 
 def watched(
-    watch: Observability, records: Array, unit: Unit, model: Array, noise: Noise
+    watch: Observability, records: layout.Records, unit: Unit, model: eha.Parameters, noise: Noise
 ) -> dict[str, Observed]:
     """What a filter's next records tell of each tracked quantity.
 
@@ -250,7 +252,7 @@ def watched(
     scale = sensitivities(records, unit, model)
     walks = drifts(records, noise, {state: scale[name] for name, state in QUANTITIES.items()})
     return watch.push(
-        records[:, layout.R_TIME],
+        records["time"],
         *estimates(records, unit, model),
         {name: walks[state] for name, state in QUANTITIES.items()},
     )

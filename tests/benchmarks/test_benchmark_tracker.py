@@ -35,9 +35,8 @@ def samples() -> Samples:
 @pytest.fixture(scope="module")
 def program() -> Program:
     """The C++ peer, optimised a little: that is enough to compare results, and compiles faster."""
-    tracker = speed.log(1.0)[0]["ekf"]
     try:
-        return Program(len(tracker.noise.array()), flags=("-std=c++17", "-O1"))
+        return Program(flags=("-std=c++17", "-O1"))
     except Unavailable as missing:
         pytest.skip(str(missing))
 
@@ -93,7 +92,7 @@ def ends_where_the_tracker_does(
     # To 1e-9 of themselves, or of their standard deviation where they are near zero.
     assert (np.abs(found.x - tracker.x) <= 1e-9 * np.abs(tracker.x) + 1e-8 * spread).all()
     np.testing.assert_allclose(found.variances, np.diag(tracker.P), rtol=1e-8)
-    assert found.log_likelihood == pytest.approx(records[:, layout.R_LOGLIK].sum(), rel=1e-8)
+    assert found.log_likelihood == pytest.approx(records["log_likelihood"].sum(), rel=1e-8)
     return records
 
 
@@ -103,9 +102,9 @@ def test_cpp_ends_where_the_tracker_does(program: Program, method: str, dense: b
     tracker, block = missing_and_late(method)
     assert np.isnan(block[:, [layout.POSITION, layout.PRESSURE_1]]).any()
     records = ends_where_the_tracker_does(program, tracker, block, dense)
-    scores = records[:, layout.R_SCORE : layout.R_SCORE + layout.FLOW_PARAMETERS]
+    scores = records["score"]
     assert np.abs(scores).max() > walk.JUMP_SIGMAS  # the leak set the parameters free
-    valves = records[:, layout.R_STATE + model.VALVE1]
+    valves = records["state"][:, model.VALVE1]
     assert (valves == bounds.LOWEST[model.VALVE1]).any()
 
 

@@ -13,8 +13,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from simulated_logs import DURATION_S, HEALTHY, ONSET_S, simulated
 
-from estimators.eha import layout
-from fdd.campaign.disturb import mirrored, mirrored_unit
+from evidence.diagnosis.disturbed import mirrored, mirrored_unit
 from fdd.diagnosis.findings import Diagnosis
 from fdd.diagnosis.pipeline import Pipeline
 from fdd.errors import InputError
@@ -311,7 +310,7 @@ def test_a_tracker_that_lost_the_motion_is_believed_again_after_a_stop(
     def running_away(self: Tracking, block: Any) -> dict[str, Any]:
         told = plain(self, block)
         for records in told.values():
-            records[records[:, layout.R_TIME] < 40.0] = np.nan
+            records[records["time"] < 40.0] = np.nan
         return told
 
     alone = pushed(unit, healthy, []).finish().estimates["leakage"]

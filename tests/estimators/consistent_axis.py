@@ -100,7 +100,7 @@ def simulate(
     """
     n, h, q = round(seconds / PERIOD), PERIOD * 1e3, model()
     variances = [
-        (1e-3 / q[eha.Q_MASS] * noise.force) ** 2 * 1e3 * h,
+        (1e-3 / q.moving_mass * noise.force) ** 2 * 1e3 * h,
         (noise.acceleration * 1e-3) ** 2 * 1e-3 * h,
         (noise.flow * 1e9) ** 2 * 1e-3 * h,
         (noise.flow * 1e9) ** 2 * 1e-3 * h,

@@ -128,7 +128,7 @@ def gas_volume(p: float) -> float:
 
 def specific_volume(x: eha.Array, q: eha.Array, p: float) -> float:
     """Of oil with the mean share of air, up to a constant, over that at atmosphere: falls with pressure."""
-    return 1e-3 * x[eha.AIR] * gas_volume(p) - q[eha.Q_STIFFNESS_INV] * p
+    return 1e-3 * x[eha.AIR] * gas_volume(p) - q.stiff_compliance * p
 
 
 def capacities(x: eha.Array, q: eha.Array, area_2: float) -> list[float]:
@@ -138,7 +138,7 @@ def capacities(x: eha.Array, q: eha.Array, area_2: float) -> list[float]:
         curve = gas_volume(p) / (INDEX * (p + eha.ATMOSPHERE))
         share = 1e-3 * (x[eha.AIR] + sign * x[eha.SPLIT])
         volume = VOLUME + sign * SWEEP * area * x[eha.X]
-        found.append(volume * (q[eha.Q_STIFFNESS_INV] + share * curve))
+        found.append(volume * (q.stiff_compliance + share * curve))
     return found
 
 
@@ -233,7 +233,7 @@ SOFTENED = {1.0: [725, 1031, 1202, 1328, 1384, 1395, 1398], 5.0: [248, 502, 767,
 @pytest.mark.parametrize("per_mille", SOFTENED)
 def test_compliance_of_the_published_table(per_mille: float) -> None:
     q = model()
-    q[eha.Q_STIFFNESS_INV] = 1.0 / 1400.0
+    q.stiff_compliance = 1.0 / 1400.0
     for pressure, bulk in zip([0.3, 0.6, 1, 2, 5, 10, 20], SOFTENED[per_mille], strict=True):
         air = per_mille / 1e3
         absolute = pressure + 0.101325
@@ -249,7 +249,7 @@ def test_compliance_near_eq_5_21(pressure: float, per_mille: float) -> None:
     absolute = pressure + eha.ATMOSPHERE
     gas = 1e-3 * per_mille * (eha.ATMOSPHERE / absolute) ** (1.0 / INDEX)  # volume over oil's, at P
     delta = gas / (1.0 + gas)
-    mixture = (1.0 - delta) * q[eha.Q_STIFFNESS_INV] + delta / (INDEX * absolute)
+    mixture = (1.0 - delta) * q.stiff_compliance + delta / (INDEX * absolute)
     # The model refers volumes to the oil alone: 1 + gas of the mixture's.
     assert eha.compliance(pressure, per_mille, q)[0] == pytest.approx((1.0 + gas) * mixture, rel=1e-9)
 
@@ -260,7 +260,7 @@ def test_compliance_is_the_volume_lost_per_pressure(pressure: float, per_mille: 
 
     def volume(p: float) -> float:
         gas = 1e-3 * per_mille * (eha.ATMOSPHERE / (p + eha.ATMOSPHERE)) ** (1.0 / INDEX)
-        return gas - q[eha.Q_STIFFNESS_INV] * p
+        return gas - q.stiff_compliance * p
 
     d = 1e-4 * (pressure + eha.ATMOSPHERE)
     lost = -(volume(pressure + d) - volume(pressure - d)) / (2.0 * d)
@@ -278,7 +278,7 @@ def test_a_profiles_bulk_modulus_is_met_at_its_reference_pressure() -> None:
 
 def test_no_air_makes_the_oil_rigid() -> None:
     q = model()
-    assert eha.compliance(0.5, -1e3, q) == (eha.COMPLIANCE_FLOOR * q[eha.Q_STIFFNESS_INV], 0.0, 0.0)
+    assert eha.compliance(0.5, -1e3, q) == (eha.COMPLIANCE_FLOOR * q.stiff_compliance, 0.0, 0.0)
 
 
 @given(st.floats(-0.3, 0.3).filter(lambda v: abs(v) > 1e-6))
@@ -305,7 +305,7 @@ def test_viscous_friction_has_a_direction(v: float) -> None:
         for skew in (0.0, 50.0):
             x[[eha.V, eha.VISC, eha.SKEW]] = sign * v, 200.0, skew
             after = stepped(x, q)[0][eha.V]
-            slowed[sign, skew] = (x[eha.V] - after) / after * q[eha.Q_MASS] * 1e3  # force over velocity
+            slowed[sign, skew] = (x[eha.V] - after) / after * q.moving_mass * 1e3  # force over velocity
     assert slowed[1.0, 0.0] == pytest.approx(200.0, rel=1e-9)
     assert slowed[-1.0, 0.0] == pytest.approx(200.0, rel=1e-9)
     assert slowed[1.0, 50.0] == pytest.approx(250.0, rel=1e-9)

@@ -95,7 +95,7 @@ class Textbook:
 
     def predict(self, z: np.ndarray, p_acc: float, viscosity: float) -> None:
         x, P, noise = self.kf.x, self.kf.P, self.noise
-        velocity = (1e-3 / self.q[eha.Q_MASS] * noise.force) ** 2 * 1e3
+        velocity = (1e-3 / self.q.moving_mass * noise.force) ** 2 * 1e3
         spread = P[eha.V, eha.V] + velocity
         trust = spread / (spread + P[eha.X, eha.X] + self.r0[0])
         v_at = x[eha.V] + trust * (z[0] - x[eha.X] - x[eha.V])
@@ -201,7 +201,7 @@ def compare(seconds: float, begin: Callable[[EhaTracker], None]) -> tuple[Textbo
     tracking = Tracking(unit, Channels.of(run.samples), 1e-3)
     block = tracking.block(run.samples)
     compiled = tracking.trackers["ekf"]
-    compiled.model[eha.Q_SLIDING] = 1e3  # so that the mean force says nothing: that is no part of this
+    compiled.model.sliding_velocity = 1e3  # so that the mean force says nothing: that is no part of this
     begin(compiled)
     compiled.push(block[:1])
     state = compiled.state()

@@ -38,7 +38,7 @@ def walked(
 ) -> tuple[eha.Array, eha.Array]:
     """State and covariance after steps of `h` ms without any measurement."""
     x, P, diag = x.copy(), P.copy(), np.empty(eha.STATES)
-    c = (noise or Noise()).array()
+    c = (noise or Noise()).numbers()
     for _ in range(round(1e3 * seconds / h)):
         walk_parameters(x, P, h, 1.0, c, walk_rates(c), diag)
         P[np.diag_indices(eha.STATES)] += diag
@@ -150,7 +150,7 @@ def test_the_pull_keeps_the_covariance_one() -> None:
     root = rng.standard_normal((eha.FRIC, eha.FRIC))
     P[: eha.FRIC, : eha.FRIC] = root @ root.T
     drawn, diag = P.copy(), np.empty(eha.STATES)
-    noise = Noise().array()
+    noise = Noise().numbers()
     walk_parameters(typical_state(VALVE1=0.01), drawn, 1e4, 1.0, noise, walk_rates(noise), diag)
     np.testing.assert_array_equal(drawn, drawn.T)
     inside = np.ix_(range(eha.FRIC), range(eha.FRIC))
@@ -201,8 +201,8 @@ def healthy_scores() -> np.ndarray:
             start[state] += spread * rng.standard_normal()
         block, _ = simulate(start, noise, 20.0, rng, walks=rates)
         records = tracked(block, believed, noise, round(SCORE_WINDOW), valve_spread=0.05)
-        settled = records[:, layout.R_TIME] > SETTLES
-        found.append(records[settled, layout.R_SCORE : layout.R_SCORE + layout.FLOW_PARAMETERS])
+        settled = records["time"] > SETTLES
+        found.append(records["score"][settled])
     return np.concatenate(found)
 
 
@@ -258,12 +258,12 @@ def test_a_step_is_noticed_and_the_new_value_found(change: str) -> None:
         rng = np.random.default_rng(seed)
         block, truth = simulate(start, noise, 18.0, rng, jump=CHANGES[change], at=10.0)
         records = tracked(block, start, noise, decimation=10)
-        time = records[:, layout.R_TIME]
-        leak_variance = records[:, layout.R_VARIANCE + eha.LEAK]
+        time = records["time"]
+        leak_variance = records["variance"][:, eha.LEAK]
         widened = time[1:][np.diff(leak_variance) > 0.5 * noise.jump_leakage**2]
         assert widened.size and 10.0 < widened[0] < 10.75, "fires, and not before"
-        x = records[:, layout.R_STATE : layout.R_STATE + eha.STATES]
-        std = np.sqrt(records[:, layout.R_VARIANCE : layout.R_VARIANCE + eha.STATES])
+        x = records["state"]
+        std = np.sqrt(records["variance"])
         error = x - truth[9::10]
         late = np.searchsorted(time, [13.0, 15.5, 17.9])
         scaled.append(error[late][:, flow] / std[late][:, flow])
@@ -282,10 +282,10 @@ def test_one_load_direction_tells_the_sum_of_leakage_and_valve_only(leaked: dict
     start = typical_state(LOAD=3000.0, STIF=10.0, P1=ACCUMULATOR + 3000.0 / 1520.0)
     block, _ = simulate(start, noise, 16.0, np.random.default_rng(0), jump=leaked, at=8.0, vented=True)
     records = tracked(block, start, noise, decimation=10)
-    late = records[records[:, layout.R_TIME] > 10.0]
-    x = late[:, layout.R_STATE : layout.R_STATE + eha.STATES]
-    variance = late[:, layout.R_VARIANCE : layout.R_VARIANCE + eha.STATES]
-    covariance = late[:, layout.R_LEAK_VALVE1]
+    late = records[records["time"] > 10.0]
+    x = late["state"]
+    variance = late["variance"]
+    covariance = late["leakage_valve"][:, 0]
     std = np.sqrt(variance)
     assert (std[:, [eha.LEAK, eha.VALVE1]] > 0.5).all(), "neither is known by itself, and it says so"
     assert (covariance < -0.99 * std[:, eha.LEAK] * std[:, eha.VALVE1]).all()
@@ -303,8 +303,8 @@ def test_a_jump_that_goes_on_is_widened_further_each_time() -> None:
     start = typical_state(LOAD=2000.0, P1=ACCUMULATOR + 0.7, P2=ACCUMULATOR - 0.6)
     block, truth = simulate(start, noise, 16.0, np.random.default_rng(1), jump={eha.LEAK: 6.0}, at=8.0)
     records = tracked(block, start, noise, decimation=10)
-    steps = np.diff(records[:, layout.R_VARIANCE + eha.LEAK])
+    steps = np.diff(records["variance"][:, eha.LEAK])
     widened = np.sqrt(steps[steps > 0.5 * 0.05**2])
     assert widened.size > 2
     assert widened[1] > 1.5 * widened[0] and widened[2] > 1.5 * widened[1]
-    assert records[-1, layout.R_STATE + eha.LEAK] == pytest.approx(truth[-1, eha.LEAK], abs=0.5)
+    assert records["state"][-1, eha.LEAK] == pytest.approx(truth[-1, eha.LEAK], abs=0.5)

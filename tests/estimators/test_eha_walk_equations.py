@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from estimators.eha import layout
 from estimators.eha import model as eha
 from estimators.eha.bounds import HIGHEST, LOWEST, keep_in_bounds
-from estimators.eha.noise import I_SPLIT, Noise
+from estimators.eha.noise import Noise
 from estimators.eha.update import COUPLED, MOVING
 from estimators.eha.walk import JUMP_SIGMAS, LONG_WINDOWS, walk_parameters, walk_rates, watch_jumps
 
@@ -48,7 +48,7 @@ def test_walks_are_those_of_the_equations(seed: int, h: float, unrest: float) ->
     x, P = estimate(np.random.default_rng(seed))
     noise, seconds = Noise(), 1e-3 * h
     walked, widened, diag = x.copy(), P.copy(), np.empty(N)
-    c = noise.array()
+    c = noise.numbers()
     walk_parameters(walked, widened, h, unrest, c, walk_rates(c), diag)
 
     expected, pull = np.zeros(N), np.eye(N)
@@ -73,8 +73,8 @@ def test_walks_are_those_of_the_equations(seed: int, h: float, unrest: float) ->
 def test_an_hour_of_walks_gets_no_less_certain_than_the_start() -> None:
     """From certainty: ``P = P₀² (1 − exp(−q² t / P₀²))``, and a closed valve's pull likewise."""
     noise, x, P, diag = Noise(), np.zeros(N), np.zeros((N, N)), np.empty(N)
-    c = noise.array()
-    c[I_SPLIT] = 0.0  # one that the sensors cannot tell
+    c = noise.numbers()
+    c.initial_air_split = 0.0  # one that the sensors cannot tell
     rates, before = walk_rates(c), P.copy()
     for _ in range(72_000):
         walk_parameters(x, P, 50.0, 1.0, c, rates, diag)
@@ -88,14 +88,14 @@ def test_an_hour_of_walks_gets_no_less_certain_than_the_start() -> None:
 
 
 def test_valves_need_a_spread() -> None:
-    c = Noise(initial_valve=0.0).array()
+    c = Noise(initial_valve=0.0).numbers()
     with pytest.raises(ValueError, match="initial_valve"):
         walk_rates(c)
 
 
 def windows(count: int, score: float, parameter: int) -> tuple[np.ndarray, np.ndarray]:
     """Covariance and memory after windows in which one parameter moved by `score` sigmas."""
-    c, P, memory = Noise().array(), np.eye(N), np.zeros(layout.MEMORY)
+    c, P, memory = Noise().numbers(), np.eye(N), np.zeros(1, layout.MEMORY)[0]
     samples, gained = 250, 1e-6
     for _ in range(count * samples):
         x, before = np.zeros(N), np.zeros((2, layout.FLOW_PARAMETERS))
@@ -115,7 +115,7 @@ def test_a_jump_sets_the_flow_parameters_free(parameter: int) -> None:
     expected[[eha.AIR, eha.SPLIT]] = 1e3 * noise.jump_air, 1e3 * noise.initial_air_split
     expected[eha.GAIN] = noise.initial_gain
     np.testing.assert_allclose(widened, expected**2)
-    assert memory[layout.M_SCORE + parameter] == pytest.approx(1.01 * JUMP_SIGMAS)
+    assert memory.score[parameter] == pytest.approx(1.01 * JUMP_SIGMAS)
 
 
 @pytest.mark.parametrize("sign", [-1.0, 1.0])
@@ -136,8 +136,8 @@ def test_jumps_in_a_row_double_the_step() -> None:
 
 def test_a_consistent_filter_rarely_jumps() -> None:
     """Updates whose variance is what the covariance loses: scores are standard normal."""
-    rng, c = np.random.default_rng(5), Noise().array()
-    P, memory, x = np.eye(N), np.zeros(layout.MEMORY), np.zeros(N)
+    rng, c = np.random.default_rng(5), Noise().numbers()
+    P, memory, x = np.eye(N), np.zeros(1, layout.MEMORY)[0], np.zeros(N)
     scores = []
     for i in range(250 * 400):
         before, gained = np.zeros((2, layout.FLOW_PARAMETERS)), 1e-4 * (1.0 + np.sin(i))
@@ -145,7 +145,7 @@ def test_a_consistent_filter_rarely_jumps() -> None:
         x[eha.LEAK : eha.LEAK + layout.FLOW_PARAMETERS] = np.sqrt(gained) * rng.standard_normal(5)
         watch_jumps(x, P, before, 1.0, c, memory)
         if i % 250 == 249:
-            scores.append(memory[layout.M_SCORE : layout.M_SCORE + layout.FLOW_PARAMETERS].copy())
+            scores.append(memory.score.copy())
     np.testing.assert_array_equal(P, np.eye(N))
     assert np.std(scores) == pytest.approx(1.0, abs=4.0 / np.sqrt(2.0 * np.size(scores)))
 

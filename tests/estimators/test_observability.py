@@ -255,7 +255,7 @@ class Followed:
 
     def push(self, block: np.ndarray) -> None:
         records = self.tracker.push(block)
-        self.time = records[:, layout.R_TIME]
+        self.time = records["time"]
         self.values, self.stds = estimates(records, unit(), self.tracking.model)
         self.seen = watched(self.watch, records, unit(), self.tracking.model, self.tracker.noise)
 
@@ -271,12 +271,12 @@ def test_walks_told_from_records_are_the_trackers() -> None:
             rng.uniform(0.5, 3.0),
         )
         share = rng.uniform(0.01, 1.2)
-        record = np.zeros((1, layout.RECORD))
-        record[0, layout.R_STATE : layout.R_VARIANCE], record[0, layout.R_UNREST] = x, unrest
+        record = np.zeros(1, layout.RECORD)
+        record["state"], record["unrest"] = x, unrest
         found = drifts(record, noise, {s: np.full(1, 2.0) for s in states})
         for s in states:
             P[s, s] = share * found[s].ceiling[0] / found[s].scale[0] ** 2  # type: ignore[index]
-        walk_parameters(x, P, 2.0, unrest, noise.array(), walk_rates(noise.array()), diag)
+        walk_parameters(x, P, 2.0, unrest, noise.numbers(), walk_rates(noise.numbers()), diag)
         for s in states:
             grown = found[s].rate[0] * 2e-3 * max(0.0, 1.0 - share)  # type: ignore[index]
             assert grown == pytest.approx(diag[s] * found[s].scale[0] ** 2, rel=1e-9)  # type: ignore[index]

@@ -101,7 +101,7 @@ def test_with_few_sensors_the_low_side_is_fed_and_the_high_side_obeys_the_balanc
     low = np.minimum(x[:, eha.P1], x[:, eha.P2])
     # But where the sides change places, when the old high side may pass the other by a millisecond's change.
     assert np.quantile(np.abs(np.diff(low)), 0.98) < 1e-3
-    assert 0.02 < np.sqrt(np.mean((low - model[eha.Q_ACCUMULATOR]) ** 2)) < 4.0 * LOW_SIDE
+    assert 0.02 < np.sqrt(np.mean((low - model.accumulator_pressure) ** 2)) < 4.0 * LOW_SIDE
     flows = np.empty(x.shape[0] - 1)
     new, F, G = np.empty(eha.STATES), np.empty((eha.STATES,) * 2), np.empty((eha.STATES, 4))
     for k in range(flows.size):
@@ -123,9 +123,9 @@ def test_mean_forces_miss_by_independent_errors(axis):
         x = truth.states
         v = x[:, eha.V]
         curve = np.array([eha.friction_curve(value, model)[0] for value in v])
-        force = model[eha.Q_AREA1] * x[:, eha.P1] - model[eha.Q_AREA2] * x[:, eha.P2]
+        force = model.area_1 * x[:, eha.P1] - model.area_2 * x[:, eha.P2]
         known = x[:, eha.FRIC] * curve + x[:, eha.VISC] * v + x[:, eha.SKEW] * np.abs(v)
-        known += model[eha.Q_MASS] * np.gradient(v) * 1e3
+        known += model.moving_mass * np.gradient(v) * 1e3
         means = (force - known).reshape(-1, FORCE_PERIOD).mean(axis=1)
         steady = (np.abs(v) > 0.059).reshape(-1, FORCE_PERIOD).all(axis=1)
         around = steady[2:-2] & steady[:-4] & steady[4:] & steady[1:-3] & steady[3:-1]
@@ -147,13 +147,13 @@ def exact_window(model, leakage, air, gain, n=6000):
     t = np.arange(n * fine) / fine * 1e-3
     x = 30.0 * np.sin(2.0 * np.pi * 0.4 * t)
     p1 = 1.2 + 0.4 * np.sin(2.0 * np.pi * 0.9 * t + 1.0) + 0.2 * np.sin(2.0 * np.pi * 3.1 * t)
-    v1 = model[eha.Q_VOLUME1] + model[eha.Q_AREA1] * x
-    v2 = model[eha.Q_VOLUME2] - model[eha.Q_AREA2] * x
-    exponent = model[eha.Q_POLYTROPIC]
+    v1 = model.volume_1 + model.area_1 * x
+    v2 = model.volume_2 - model.area_2 * x
+    exponent = model.polytropic_index
 
     def compliance(p):
         c = 0.101325 ** (1.0 / exponent) / (exponent * (p + 0.101325) ** (1.0 + 1.0 / exponent))
-        return model[eha.Q_STIFFNESS_INV] + 1e-3 * air * c
+        return model.stiff_compliance + 1e-3 * air * c
 
     # Chamber 1 says how far the pump turned, chamber 2's pressure follows from that.
     h = 1.0 / fine
@@ -164,13 +164,15 @@ def exact_window(model, leakage, air, gain, n=6000):
     stored1 = middle_v1 * compliance(middle1) * dp1
     for k in range(t.size - 1):
         drop = middle1[k] - p2[k]
-        leak1 = leakage * (model[eha.Q_CROSS] * drop + model[eha.Q_CASE] * (middle1[k] - accumulator)) * h
-        leak2 = leakage * (-model[eha.Q_CROSS] * drop + model[eha.Q_CASE] * (p2[k] - accumulator)) * h
+        leak1 = (
+            leakage * (model.cross_port_leakage * drop + model.case_leakage * (middle1[k] - accumulator)) * h
+        )
+        leak2 = leakage * (-model.cross_port_leakage * drop + model.case_leakage * (p2[k] - accumulator)) * h
         nodes = np.linspace(p2[k], middle1[k], 5)
         denser = 0.5 * np.trapezoid(compliance(nodes), nodes)
-        pumped = (model[eha.Q_AREA1] * dx[k] + leak1 + stored1[k]) / (1.0 - denser)
-        angle[k + 1] = angle[k] + pumped / (model[eha.Q_DISPLACEMENT] * (1.0 + gain))
-        inflow = model[eha.Q_AREA2] * dx[k] - pumped * (1.0 + denser) - leak2
+        pumped = (model.area_1 * dx[k] + leak1 + stored1[k]) / (1.0 - denser)
+        angle[k + 1] = angle[k] + pumped / (model.displacement * (1.0 + gain))
+        inflow = model.area_2 * dx[k] - pumped * (1.0 + denser) - leak2
         p2[k + 1] = p2[k] + inflow / (0.5 * (v2[k] + v2[k + 1]) * compliance(p2[k]))
     at = slice(None, None, fine)
     return Window(x[at], angle[at], p1[at], p2[at], np.full(n, accumulator))
@@ -189,7 +191,7 @@ def test_least_squares_leaves_out_what_is_fed_or_relieved():
     out."""
     model = Tracking(Unit.load("axis_a"), Channels(SINES.channels), 1e-3).model
     known = model.copy()
-    known[eha.Q_CASE] = 0.0  # the fit is told another accumulator than the data: nothing may flow into it
+    known.case_leakage = 0.0  # the fit is told another accumulator than the data: nothing may flow into it
     window = exact_window(known, 1.7, 5.0, 0.0)
     charge = float(np.quantile(window.pressure_2, 0.2))
     fed = Window(
@@ -220,8 +222,8 @@ def test_the_nis_of_a_consistent_filter_is_in_its_band():
     rng = np.random.default_rng(9)
     inside = 0
     for _ in range(400):
-        records = np.zeros((300, layout.RECORD))
-        records[:, layout.R_NIS] = rng.chisquare(20, 300) / 10.0
+        records = np.zeros(300, layout.RECORD)
+        records["nis"] = rng.chisquare(20, 300) / 10.0
         mean, low, high, effective = consistency.nis_of_run(records, 10, 2)
         inside += low <= mean <= high
         assert effective <= 3000.0
@@ -243,16 +245,14 @@ def test_the_plants_truth_becomes_states():
     """Pressures and flows of the plant's truth, in the model's words, obey the model's volume balance."""
     data = prepare("plant", SINES, (1, 2), 3.0)
     x, model = data.truth.states, data.tracking.model
-    pump = model[eha.Q_DISPLACEMENT] * (1.0 + x[0, eha.GAIN])
+    pump = model.displacement * (1.0 + x[0, eha.GAIN])
     drop = x[:, eha.P1] - x[:, eha.P2]
     moved = pump * np.ptp(x[:, eha.TH])
     i1 = np.array([eha.compliance(p, a, model)[0] for p, a in x[::10][:, [eha.P1, eha.AIR]]])
-    stored = np.sum(
-        (model[eha.Q_VOLUME1] + model[eha.Q_AREA1] * x[10::10, eha.X]) * i1[1:] * np.diff(x[::10, eha.P1])
-    )
-    leak = model[eha.Q_CROSS] * drop + model[eha.Q_CASE] * (x[:, eha.P1] - data.truth.accumulator)
+    stored = np.sum((model.volume_1 + model.area_1 * x[10::10, eha.X]) * i1[1:] * np.diff(x[::10, eha.P1]))
+    leak = model.cross_port_leakage * drop + model.case_leakage * (x[:, eha.P1] - data.truth.accumulator)
     leaked = np.sum(leak * x[:, eha.LEAK] / data.truth.viscosity)
-    balance = pump * (x[-1, eha.TH] - x[0, eha.TH]) - model[eha.Q_AREA1] * (x[-1, eha.X] - x[0, eha.X])
+    balance = pump * (x[-1, eha.TH] - x[0, eha.TH]) - model.area_1 * (x[-1, eha.X] - x[0, eha.X])
     fed = x[:, eha.P1] < data.truth.accumulator
     if not fed.any():
         assert abs(balance - stored - leaked) < 2e-3 * moved

@@ -36,9 +36,9 @@ def reduced_log(
     x[eha.FRIC], x[eha.VISC] = 1.0, healthy_viscous(unit)
     x[eha.AIR] = 1e3 * (unit.oil.air_fraction + 0.2 * noise.initial_air * rng.standard_normal())
     x[eha.X], x[eha.W] = -50.0, speed * 1e-3
-    x[eha.V] = x[eha.W] * q[eha.Q_DISPLACEMENT] / q[eha.Q_AREA1]
+    x[eha.V] = x[eha.W] * q.displacement / q.area_1
     x[eha.P1], x[eha.P2] = 1.6, 1.4
-    mu = 1e-3 / q[eha.Q_MASS]
+    mu = 1e-3 / q.moving_mass
     spread = np.array([
         mu * noise.force * np.sqrt(1e3 * h), noise.acceleration * 1e-3 * np.sqrt(1e-3 * h),
         noise.flow * 1e9 * np.sqrt(1e-3 * h), noise.flow * 1e9 * np.sqrt(1e-3 * h),

@@ -193,7 +193,7 @@ def test_position_compliance_goes_through_yaml_into_the_model() -> None:
     std = again.cylinder.std_of("position_compliance")
     assert std == pytest.approx(wanted.std_of("position_compliance"), rel=1e-3)
     q = model_parameters(again)
-    assert q[eha.Q_SWEEP] == again.cylinder.position_compliance
+    assert q.position_compliance == again.cylinder.position_compliance
     # And from there into the step: what one mm³ does to the pressures at either end.
     x = np.zeros(eha.STATES)
     x[[eha.P1, eha.P2]] = again.oil.reference_pressure * 1e-6

@@ -114,7 +114,7 @@ def measure(
     """
     trackers, block = log(duration, seed)
     try:
-        program: Program | None = Program(len(trackers["ekf"].noise.array()))
+        program: Program | None = Program()
         compiler = version()
     except Unavailable as missing:
         program, compiler = None, str(missing)

@@ -36,8 +36,7 @@ _INCLUDES = ("/usr/include/eigen3", "/usr/local/include/eigen3", "/opt/homebrew/
 # What the sources take from the Python modules, so that a state added there moves no number here unnoticed.
 _NAMES = {
     model: [name for name in vars(model) if name.isupper()],
-    layout: [name for name in vars(layout) if name.isupper() and not name.startswith(("R_", "M_"))],
-    noise: [name for name in vars(noise) if name.startswith(("N_", "I_", "J_"))],
+    layout: [name for name in vars(layout) if name.isupper()],
     bounds: ["LOWEST", "HIGHEST"],
     forces: ["FORCE_PERIOD", "FRICTION_LAG", "FRICTION_SETTLES", "PARTNER_MISFIT", "ROBUST"],
     gate: ["FAST", "SLOW", "REST"],
@@ -69,9 +68,12 @@ class Run:
     log_likelihood: float
 
 
-def header(noise: int) -> str:
-    """C++ constants of the model's indices; `noise` is how many numbers a noise array has."""
-    lines = ["#pragma once", "#include <cmath>", f"constexpr int NOISE = {noise};"]
+def header() -> str:
+    """C++ constants: figures of the Python modules, and the indices of states, parameters and noise."""
+    lines = ["#pragma once", "#include <cmath>"]
+    for total, prefix, record in (("PARAMETERS", "Q", model.PARAMETERS), ("NOISE", "N", noise.NOISE)):
+        names = [f"{prefix}_{name.upper()}" for name in record.names or ()] + [total]
+        lines += [f"constexpr int {name} = {index};" for index, name in enumerate(names)]
     for module, names in _NAMES.items():
         for name in names:
             value = getattr(module, name)
@@ -83,6 +85,11 @@ def header(noise: int) -> str:
                 numbers = ", ".join(repr(float(v)).replace("inf", "HUGE_VAL") for v in value)
                 lines.append(f"constexpr double {name}[] = {{{numbers}}};")
     return "\n".join(lines) + "\n"
+
+
+def flat(record: object) -> Array:
+    """A record's numbers in the order of its fields."""
+    return np.array([record]).view(np.float64)
 
 
 def toolchain() -> tuple[str, str]:
@@ -117,7 +124,6 @@ class Program:
 
     Parameters
     ----------
-    noise : numbers in a noise array.
     flags : of the compiler.
 
     Raises
@@ -125,14 +131,14 @@ class Program:
     Unavailable : no compiler, no Eigen, or the compiler fails; its first error is in the text.
     """
 
-    def __init__(self, noise: int, flags: tuple[str, ...] = FLAGS) -> None:
+    def __init__(self, flags: tuple[str, ...] = FLAGS) -> None:
         compiler, eigen = toolchain()
         self._folder = tempfile.TemporaryDirectory()
         self._path = Path(self._folder.name)
         for name in SOURCES:
             text = resources.files(__package__).joinpath(name).read_text(encoding="utf-8")
             (self._path / name).write_text(text, encoding="utf-8")
-        (self._path / "indices.h").write_text(header(noise), encoding="utf-8")
+        (self._path / "indices.h").write_text(header(), encoding="utf-8")
         self.flags = flags
         command = [compiler, *flags, "-isystem", eigen, "tracker.cpp", "-o", "tracker"]
         done = subprocess.run(command, cwd=self._path, capture_output=True, text=True, check=False)
@@ -159,8 +165,8 @@ class Program:
         ]  # fmt: skip
         parts = [
             settings,
-            tracker.model,
-            tracker.noise_numbers,
+            flat(tracker.model),
+            flat(tracker.noise_numbers),
             tracker.x,
             np.diag(tracker.P),
             np.ascontiguousarray(block).ravel(),

@@ -16,9 +16,9 @@ using Effect = Eigen::Matrix<double, MOVING, 4>;
 struct Compliance { double value, slope, of_air; };
 
 inline Compliance compliance(double p, double air, const double* q) {
-    const double n = q[Q_POLYTROPIC], absolute = std::max(p + ATMOSPHERE, 0.1 * ATMOSPHERE);
+    const double n = q[Q_POLYTROPIC_INDEX], absolute = std::max(p + ATMOSPHERE, 0.1 * ATMOSPHERE);
     const double c = std::pow(ATMOSPHERE / absolute, 1.0 + 1.0 / n) / (n * ATMOSPHERE);
-    const double value = q[Q_STIFFNESS_INV] + 1e-3 * air * c, floor = COMPLIANCE_FLOOR * q[Q_STIFFNESS_INV];
+    const double value = q[Q_STIFF_COMPLIANCE] + 1e-3 * air * c, floor = COMPLIANCE_FLOOR * q[Q_STIFF_COMPLIANCE];
     if (value < floor) return {floor, 0.0, 0.0};
     const double slope = p > -0.9 * ATMOSPHERE ? -c * (n + 1.0) / n / (p + ATMOSPHERE) : 0.0;
     return {value, 1e-3 * air * slope, 1e-3 * c};
@@ -28,9 +28,9 @@ struct Friction { double curve, slope, stick, stick_slope; };
 
 inline Friction friction_curve(double v, const double* q) {
     const bool forward = v >= 0.0;
-    const double coulomb = q[forward ? Q_COULOMB_F : Q_COULOMB_R], fixed = q[forward ? Q_STATIC_F : Q_STATIC_R];
-    const double stribeck = q[forward ? Q_STRIBECK_F : Q_STRIBECK_R];
-    const double exponent = q[forward ? Q_EXPONENT_F : Q_EXPONENT_R];
+    const double coulomb = q[forward ? Q_COULOMB_FORWARD : Q_COULOMB_REVERSE], fixed = q[forward ? Q_STATIC_FORWARD : Q_STATIC_REVERSE];
+    const double stribeck = q[forward ? Q_STRIBECK_FORWARD : Q_STRIBECK_REVERSE];
+    const double exponent = q[forward ? Q_EXPONENT_FORWARD : Q_EXPONENT_REVERSE];
     const double speed = std::abs(v) + 1e-5, ratio = std::pow(speed / stribeck, exponent);
     const double excess = (fixed - coulomb) * std::exp(-ratio), level = coulomb + excess;
     const double sign = std::tanh(v / STICTION_VELOCITY), stick = level * (1.0 - sign * sign) / STICTION_VELOCITY;
@@ -42,27 +42,27 @@ inline Friction friction_curve(double v, const double* q) {
 // `f` is the friction curve at the velocity of `x`.
 inline void step(State& x, double h, double viscosity, double p_acc, double v_at, double w_at, const double* q,
                  const Friction& f, Jacobian& F, Effect& G) {
-    const double area1 = q[Q_AREA1], area2 = q[Q_AREA2], mu = 1e-3 / q[Q_MASS];
+    const double area1 = q[Q_AREA_1], area2 = q[Q_AREA_2], mu = 1e-3 / q[Q_MOVING_MASS];
     const double v = x[V], p1 = x[P1], p2 = x[P2], pump = q[Q_DISPLACEMENT] * (1.0 + x[GAIN]);
     const Compliance b1 = compliance(p1, x[AIR] + x[SPLIT], q), b2 = compliance(p2, x[AIR] - x[SPLIT], q);
-    const double swept1 = q[Q_SWEEP] * area1, swept2 = q[Q_SWEEP] * area2;
-    const double volume1 = std::max(q[Q_VOLUME1] + swept1 * x[X], 0.05 * q[Q_VOLUME1]);
-    const double volume2 = std::max(q[Q_VOLUME2] - swept2 * x[X], 0.05 * q[Q_VOLUME2]);
+    const double swept1 = q[Q_POSITION_COMPLIANCE] * area1, swept2 = q[Q_POSITION_COMPLIANCE] * area2;
+    const double volume1 = std::max(q[Q_VOLUME_1] + swept1 * x[X], 0.05 * q[Q_VOLUME_1]);
+    const double volume2 = std::max(q[Q_VOLUME_2] - swept2 * x[X], 0.05 * q[Q_VOLUME_2]);
     const double i1 = 1.0 / (volume1 * b1.value), i2 = 1.0 / (volume2 * b2.value);
 
     const double drop = p1 - p2, over1 = p1 - p_acc, over2 = p2 - p_acc, rate = x[LEAK] / viscosity;
-    const double total = (q[Q_CROSS] + 0.5 * q[Q_CASE]) / viscosity;
-    const double base1 = q[Q_CROSS] * drop + q[Q_CASE] * over1, base2 = -q[Q_CROSS] * drop + q[Q_CASE] * over2;
+    const double total = (q[Q_CROSS_PORT_LEAKAGE] + 0.5 * q[Q_CASE_LEAKAGE]) / viscosity;
+    const double base1 = q[Q_CROSS_PORT_LEAKAGE] * drop + q[Q_CASE_LEAKAGE] * over1, base2 = -q[Q_CROSS_PORT_LEAKAGE] * drop + q[Q_CASE_LEAKAGE] * over2;
     const double valve1 = total * x[VALVE1], valve2 = total * x[VALVE2];
     // The denser chamber gets less volume from the pump than the other loses.
-    const double n = q[Q_POLYTROPIC];
+    const double n = q[Q_POLYTROPIC_INDEX];
     const double shrunk1 = n * std::max(p1 + ATMOSPHERE, 0.1 * ATMOSPHERE) * b1.of_air;
     const double shrunk2 = n * std::max(p2 + ATMOSPHERE, 0.1 * ATMOSPHERE) * b2.of_air;
-    const double thinned = shrunk2 - shrunk1, denser = 0.5 * (q[Q_STIFFNESS_INV] * drop + x[AIR] * thinned);
+    const double thinned = shrunk2 - shrunk1, denser = 0.5 * (q[Q_STIFF_COMPLIANCE] * drop + x[AIR] * thinned);
     const double into = pump * (1.0 - denser), out_of = pump * (1.0 + denser);
     const double a1 = into * x[W] - rate * base1 - valve1 * over1, a2 = out_of * x[W] + rate * base2 + valve2 * over2;
-    const double half1 = 0.5 * (q[Q_STIFFNESS_INV] + x[AIR] * b1.of_air) * pump * w_at;
-    const double half2 = 0.5 * (q[Q_STIFFNESS_INV] + x[AIR] * b2.of_air) * pump * w_at;
+    const double half1 = 0.5 * (q[Q_STIFF_COMPLIANCE] + x[AIR] * b1.of_air) * pump * w_at;
+    const double half2 = 0.5 * (q[Q_STIFF_COMPLIANCE] + x[AIR] * b2.of_air) * pump * w_at;
     Informed da1 = Informed::Zero(), da2 = Informed::Zero(), dv = Informed::Zero();
     da1[W] = into;
     da2[W] = out_of;
@@ -74,10 +74,10 @@ inline void step(State& x, double h, double viscosity, double p_acc, double v_at
     da2[LEAK] = base2 / viscosity;
     da1[VALVE1] = -total * over1;
     da2[VALVE2] = total * over2;
-    da1[P1] = -rate * (q[Q_CROSS] + q[Q_CASE]) - valve1 - half1;
-    da1[P2] = rate * q[Q_CROSS] + half2;
-    da2[P1] = -rate * q[Q_CROSS] + half1;
-    da2[P2] = rate * (q[Q_CROSS] + q[Q_CASE]) + valve2 - half2;
+    da1[P1] = -rate * (q[Q_CROSS_PORT_LEAKAGE] + q[Q_CASE_LEAKAGE]) - valve1 - half1;
+    da1[P2] = rate * q[Q_CROSS_PORT_LEAKAGE] + half2;
+    da2[P1] = -rate * q[Q_CROSS_PORT_LEAKAGE] + half1;
+    da2[P2] = rate * (q[Q_CROSS_PORT_LEAKAGE] + q[Q_CASE_LEAKAGE]) + valve2 - half2;
 
     const double implicit = x[FRIC] * f.stick, throttle = x[THROT] * std::abs(v);
     const double direction = v >= 0.0 ? 1.0 : -1.0, viscous = x[VISC] + direction * x[SKEW];

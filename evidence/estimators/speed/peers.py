@@ -23,7 +23,6 @@ from estimators.eha import (
     redundancy,
     walk,
 )
-from estimators.eha.noise import N_DP, N_P, N_TH, N_X
 from estimators.eha.tracker import EhaTracker
 from estimators.eha.update import MOVING
 
@@ -68,7 +67,7 @@ def run_filterpy(tracker: EhaTracker, block: Array) -> PeerRun:
 
     start = tracker.state()
     n, h, q, c = model.STATES, tracker.period * 1e3, tracker.model, tracker.noise_numbers
-    memory = start["memory"]
+    memory = start["memory"].view(layout.MEMORY)[0]
     F, G, noise, out = np.eye(n), np.zeros((n, 4)), np.empty(4), np.empty(n)
 
     class Peer(ExtendedKalmanFilter):
@@ -79,7 +78,7 @@ def run_filterpy(tracker: EhaTracker, block: Array) -> PeerRun:
     peer.x, peer.P = start["x"], start["P"]
     H = np.zeros((len(CHANNELS), n))
     H[np.arange(len(CHANNELS)), CHANNELS] = 1.0
-    r0 = np.array([c[N_X] * 1e3, c[N_TH], c[N_P] * 1e-6, c[N_P] * 1e-6]) ** 2
+    r0 = np.array([c.position * 1e3, c.angle, c.pressure * 1e-6, c.pressure * 1e-6]) ** 2
     rates, walks = walk.walk_rates(c), np.empty(n)
     flow = slice(model.LEAK, model.LEAK + layout.FLOW_PARAMETERS)
     measured = block[:, _COLUMNS] * _UNITS
@@ -93,7 +92,7 @@ def run_filterpy(tracker: EhaTracker, block: Array) -> PeerRun:
         trust = spread / (spread + P[model.X, model.X] + r0[0])
         v_at = x[model.V] + trust * ((z[0] - x[model.X]) / h - x[model.V])
         w_at = (z[1] - x[model.TH]) / h
-        walk.walk_parameters(x, P, h, memory[layout.M_FSCALE], c, rates, walks)
+        walk.walk_parameters(x, P, h, memory.unrest, c, rates, walks)
         model.step(x, h, viscosity, p_acc, v_at, w_at, q, out, F, G)
         F[:MOVING, model.FRIC :] = 0.0
         peer.F = F
@@ -116,7 +115,9 @@ def run_filterpy(tracker: EhaTracker, block: Array) -> PeerRun:
         if gate.pressures_rest(peer.x, h, c, memory):
             gate.keep_compliance(peer.x, peer.P, kept)
         walk.watch_jumps(peer.x, peer.P, before, h, c, memory)
-        redundancy.compare_sensors(peer.x, peer.P, gap, c[N_DP] ** 2 * 1e-12 + 2.0 * r0[2], memory)
+        redundancy.compare_sensors(
+            peer.x, peer.P, gap, c.pressure_difference**2 * 1e-12 + 2.0 * r0[2], memory
+        )
         forces.balance_forces(peer.x, peer.P, h, curve, q, c, memory)
         bounds.keep_in_bounds(peer.x, peer.P)
     whole = (time.process_time() - begin) / len(block)

@@ -57,17 +57,17 @@ struct Walks {  // of the parameters: variance per second, and inverse of the in
             rate[state] = std::pow(c[speed] * unit, 2);
             inverse[state] = 1.0 / std::pow(c[initial] * unit, 2);
         };
-        walk(LEAK, N_LEAK, I_LEAK, 1.0);
-        walk(AIR, N_AIR, I_AIR, 1e3);
-        walk(SPLIT, N_SPLIT, I_SPLIT, 1e3);
-        walk(GAIN, N_GAIN, I_GAIN, 1.0);
-        walk(FRIC, N_FRIC, I_FRIC, 1.0);
-        walk(VISC, N_VISC, I_VISC, 1.0);
-        walk(SKEW, N_SKEW, I_SKEW, 1.0);
-        walk(STIF, N_STIF, I_STIF, 1e-3);
-        walk(THROT, N_THROT, I_THROT, 1.0);
-        walk(INERT, N_INERT, I_INERT, 1.0);
-        walk(ZERO, N_ZERO, I_ZERO, 1e-6);
+        walk(LEAK, N_LEAKAGE, N_INITIAL_LEAKAGE, 1.0);
+        walk(AIR, N_AIR, N_INITIAL_AIR, 1e3);
+        walk(SPLIT, N_AIR_SPLIT, N_INITIAL_AIR_SPLIT, 1e3);
+        walk(GAIN, N_GAIN, N_INITIAL_GAIN, 1.0);
+        walk(FRIC, N_FRICTION, N_INITIAL_FRICTION, 1.0);
+        walk(VISC, N_VISCOUS_FRICTION, N_INITIAL_VISCOUS_FRICTION, 1.0);
+        walk(SKEW, N_VISCOUS_SKEW, N_INITIAL_VISCOUS_SKEW, 1.0);
+        walk(STIF, N_STIFFNESS, N_INITIAL_STIFFNESS, 1e-3);
+        walk(THROT, N_THROTTLE, N_INITIAL_THROTTLE, 1.0);
+        walk(INERT, N_INERTIA, N_INITIAL_INERTIA, 1.0);
+        walk(ZERO, N_ZERO, N_INITIAL_ZERO, 1e-6);
         rate[LOAD] = c[N_LOAD] * c[N_LOAD];
         rate[VALVE1] = rate[VALVE2] = c[N_VALVE] * c[N_VALVE];
     }
@@ -77,7 +77,7 @@ struct Walks {  // of the parameters: variance per second, and inverse of the in
 template <int N>
 State walk_parameters(Filter<N>& f, double h, double unrest, const Walks& walks, const double* c) {
     const double seconds = 1e-3 * h, aerated = std::max(1.0, 0.3 * f.x[AIR]);
-    const double third = 1.0 / (3.0 * c[I_VALVE]), pull = 4.5 * third * third * seconds * walks.rate[VALVE1];
+    const double third = 1.0 / (3.0 * c[N_INITIAL_VALVE]), pull = 4.5 * third * third * seconds * walks.rate[VALVE1];
     const bool gap = pull > SHORT;
     State most = State::Ones(), added = State::Zero();  // times the initial variance
     most[LEAK] = std::pow(std::max(1.0, f.x[LEAK]), 2);
@@ -91,7 +91,7 @@ State walk_parameters(Filter<N>& f, double h, double unrest, const Walks& walks,
     added[LOAD] *= unrest;
     for (int j : {VALVE1, VALVE2}) {
         const double openness = 1.0 + std::pow(f.x[j] * third, 2), keep = gap ? std::exp(-pull / openness) : 1.0 - pull / openness;
-        added[j] = gap ? std::pow(c[I_VALVE] * openness, 2) * (1.0 - keep * keep) : added[j] * openness;
+        added[j] = gap ? std::pow(c[N_INITIAL_VALVE] * openness, 2) * (1.0 - keep * keep) : added[j] * openness;
         f.shrink(j, keep);
     }
     return added;
@@ -135,12 +135,12 @@ void watch_jumps(Filter<N>& f, const double* x, const double* variances, double 
     }
     const double size = std::pow(2.0, m.streak);
     m.streak = std::min<double>(m.streak + 1.0, MOST_STREAK);
-    f.variance(LEAK) += std::pow(c[J_LEAK] * size, 2);
-    f.variance(VALVE1) += std::pow(c[J_VALVE] * size, 2);
-    f.variance(VALVE2) += std::pow(c[J_VALVE] * size, 2);
-    f.variance(AIR) += std::pow(c[J_AIR] * 1e3 * size, 2);
-    f.variance(SPLIT) += std::pow(c[I_SPLIT] * 1e3 * size, 2);
-    f.variance(GAIN) += std::pow(c[I_GAIN] * size, 2);
+    f.variance(LEAK) += std::pow(c[N_JUMP_LEAKAGE] * size, 2);
+    f.variance(VALVE1) += std::pow(c[N_JUMP_VALVE] * size, 2);
+    f.variance(VALVE2) += std::pow(c[N_JUMP_VALVE] * size, 2);
+    f.variance(AIR) += std::pow(c[N_JUMP_AIR] * 1e3 * size, 2);
+    f.variance(SPLIT) += std::pow(c[N_INITIAL_AIR_SPLIT] * 1e3 * size, 2);
+    f.variance(GAIN) += std::pow(c[N_INITIAL_GAIN] * size, 2);
     m.windows = 0.0;
     for (int i = 0; i < FLOW_PARAMETERS; ++i) m.shift_long[i] = m.gained_long[i] = 0.0;
 }
@@ -155,7 +155,7 @@ bool pressures_rest(const Filter<N>& f, double h, const double* c, Rest& m) {
     for (int i = 0; i < 2; ++i) {
         m.fast[i] += std::min(h / FAST, 1.0) * (f.x[P1 + i] - m.fast[i]);
         m.slow[i] += std::min(h / SLOW, 1.0) * (f.x[P1 + i] - m.slow[i]);
-        if (std::abs(m.fast[i] - m.slow[i]) > c[N_P] * 1e-6) m.still = 0.0;
+        if (std::abs(m.fast[i] - m.slow[i]) > c[N_PRESSURE] * 1e-6) m.still = 0.0;
     }
     return m.still > REST;
 }
@@ -183,10 +183,10 @@ void compare_sensors(Filter<N>& f, double gap, double variance, Redundancy& m) {
 }
 
 inline Eigen::Vector4d motion_noise(const State& x, double h, double p_acc, bool known, const double* q, const double* c) {
-    const double force = 1e-3 / q[Q_MASS] * c[N_FORCE], acceleration = c[N_ACCEL] * 1e-3, margin = c[N_MARGIN] * 1e-6;
+    const double force = 1e-3 / q[Q_MOVING_MASS] * c[N_FORCE], acceleration = c[N_ACCELERATION] * 1e-3, margin = c[N_REFEED_MARGIN] * 1e-6;
     const bool fed1 = known ? x[P1] < p_acc + margin : x[P1] <= x[P2], fed2 = known ? x[P2] < p_acc + margin : x[P2] < x[P1];
-    const bool relieved = std::abs(x[P1] - x[P2]) > c[N_RELIEF] * 1e-6;
-    const double few = c[N_FLOW] * 1e9, much = c[N_REFEED] * 1e9;
+    const bool relieved = std::abs(x[P1] - x[P2]) > c[N_RELIEF_PRESSURE] * 1e-6;
+    const double few = c[N_FLOW] * 1e9, much = c[N_FLOW_REFEEDING] * 1e9;
     const double flow1 = relieved || fed1 ? much : few, flow2 = relieved || fed2 ? much : few;
     return {force * force * 1e3 * h, acceleration * acceleration * 1e-3 * h, flow1 * flow1 * 1e-3 * h,
             flow2 * flow2 * 1e-3 * h};
@@ -207,8 +207,8 @@ void balance_forces(Filter<N>& f, Balance& m, double h, double curve, const doub
         if (direction != m.sign) m.slid = 0.0;
         m.sign = direction;
     }
-    if (v * m.sign < q[Q_SLIDING]) m.slid = -FORCE_PERIOD;
-    m.force += (q[Q_AREA1] * f.x[P1] - q[Q_AREA2] * f.x[P2]) * h;
+    if (v * m.sign < q[Q_SLIDING_VELOCITY]) m.slid = -FORCE_PERIOD;
+    m.force += (q[Q_AREA_1] * f.x[P1] - q[Q_AREA_2] * f.x[P2]) * h;
     m.velocity += v * h;
     m.position += f.x[X] * h;
     m.square += v * std::abs(v) * h;
@@ -228,10 +228,10 @@ void balance_forces(Filter<N>& f, Balance& m, double h, double curve, const doub
     out[STIF - FRIC] = m.position / span;
     out[THROT - FRIC] = m.square / span;
     out[INERT - FRIC] = acceleration;
-    const double y = m.force / span - q[Q_MASS] * acceleration - out.dot(f.x.template tail<LOADS>());
+    const double y = m.force / span - q[Q_MOVING_MASS] * acceleration - out.dot(f.x.template tail<LOADS>());
     const double lag = FRICTION_LAG / span * (curve - friction_curve(m.start, q).curve);
     const double partner = PARTNER_MISFIT * f.x[THROT] * m.square / span, unrest = std::max(m.unrest, 1.0);
-    double r = (c[N_FMEAN] * c[N_FMEAN] + lag * lag + partner * partner) * unrest * unrest;
+    double r = (c[N_FORCE_MEAN] * c[N_FORCE_MEAN] + lag * lag + partner * partner) * unrest * unrest;
     const double s = r + f.force_variance(out), ratio = y * y / s;
     m.unrest = std::min(std::max(m.unrest * std::exp(0.02 * (std::min(ratio, 9.0) - 1.0)), 0.01), 1e4);
     if (ratio > ROBUST * ROBUST) r += s * (ratio / (ROBUST * ROBUST) - 1.0);
@@ -242,10 +242,10 @@ template <int N>
 double track(Filter<N>& f, const double* block, const Settings& set, const double* q, const double* c) {
     const double h0 = set.period * 1e3, r_mean = 0.04 * 1e4 / h0;
     Channels r0;
-    r0[Z_X] = std::pow(c[N_X] * 1e3, 2);
-    r0[Z_TH] = std::pow(c[N_TH], 2);
-    r0[Z_P1] = r0[Z_P2] = std::pow(c[N_P] * 1e-6, 2);
-    r0[Z_DP] = std::pow(c[N_DP] * 1e-6, 2);
+    r0[Z_X] = std::pow(c[N_POSITION] * 1e3, 2);
+    r0[Z_TH] = std::pow(c[N_ANGLE], 2);
+    r0[Z_P1] = r0[Z_P2] = std::pow(c[N_PRESSURE] * 1e-6, 2);
+    r0[Z_DP] = std::pow(c[N_PRESSURE_DIFFERENCE] * 1e-6, 2);
     r0[Z_MEAN] = r_mean;
     const Walks walks(c);
     Balance balance;
@@ -280,7 +280,7 @@ double track(Filter<N>& f, const double* block, const Settings& set, const doubl
         if (!std::isnan(block[ACCUMULATOR])) accumulator = block[ACCUMULATOR] * 1e-6;
         if (!std::isnan(block[VISCOSITY])) viscosity = block[VISCOSITY];
         const bool known = !std::isnan(accumulator);
-        const double p_acc = known ? accumulator : q[Q_ACCUMULATOR];
+        const double p_acc = known ? accumulator : q[Q_ACCUMULATOR_PRESSURE];
         z[Z_X] = block[POSITION] * 1e3;
         z[Z_P1] = block[PRESSURE_1] * 1e-6;
         z[Z_P2] = block[PRESSURE_2] * 1e-6;
@@ -302,7 +302,7 @@ double track(Filter<N>& f, const double* block, const Settings& set, const doubl
                 start_motion(f, z, p_acc);
                 f.widen(walk_parameters(f, steps * h0, balance.unrest, walks, c));
             } else {
-                const double span = steps * h0, force = 1e-3 / q[Q_MASS] * c[N_FORCE];
+                const double span = steps * h0, force = 1e-3 / q[Q_MOVING_MASS] * c[N_FORCE];
                 const double spread = (f.A(V, V) + force * force * 1e3 * h0) * span * span;
                 const double trust = spread / (spread + f.A(X, X) + r0[Z_X]);
                 const double v_at = f.x[V] + trust * ((z[Z_X] - f.x[X]) / span - f.x[V]), w_at = (z[Z_TH] - f.x[TH]) / span;
