@@ -159,17 +159,50 @@ def kalman_update(x: Array, P: Array, y: Array, H: Array, R_diag: Array, mask: M
         e = y[c]
         for i in range(n):
             e -= H[c, i] * shift[i]
-        if s > 0.0:
-            nis += e * e / s
-            log_likelihood -= 0.5 * (LOG_2PI + math.log(s) + e * e / s)
-        elif e != 0.0:
-            nis = np.inf
-            log_likelihood = -np.inf
+        squared, likelihood = channel_likelihood(e, s)
+        nis += squared
+        log_likelihood += likelihood
         for i in range(n):
             shift[i] += k[i] * e
     for i in range(n):
         x[i] += shift[i]
     return nis, log_likelihood
+
+
+@njit(error_model="numpy")
+def channel_likelihood(e: float, s: float) -> tuple[float, float]:
+    """``e²/s`` and ``log N(e; 0, s)`` of one channel; a certain one (`s` 0) must be as predicted."""
+    if s > 0.0:
+        return e * e / s, -0.5 * (LOG_2PI + math.log(s) + e * e / s)
+    return (0.0, 0.0) if e == 0.0 else (np.inf, -np.inf)
+
+
+@njit(error_model="numpy")
+def innovation_after(K: Array, k: Array, h: Array, yd: Array, c: int) -> float:
+    """Innovation of independent channel `c` after the earlier ones; `k` enters `K`, K <- (I - k h) K."""
+    e = yd[c]
+    for d in range(c):
+        hK = 0.0
+        for i in range(k.size):
+            hK += h[i] * K[i, d]
+        e -= hK * yd[d]
+        for i in range(k.size):
+            K[i, d] -= k[i] * hK
+    for i in range(k.size):
+        K[i, c] = k[i]
+    return e
+
+
+@njit(error_model="numpy")
+def apply_gain(x: Array, K: Array, L: Array, y: Array) -> None:
+    """Turn the gain of independent channels into that of the original ones, K <- K L^-1, and correct `x`."""
+    m = y.size
+    for i in range(x.size):
+        for c in range(m - 1, -1, -1):
+            for d in range(c + 1, m):
+                K[i, c] -= K[i, d] * L[d, c]
+        for c in range(m):
+            x[i] += K[i, c] * y[c]
 
 
 @njit()
@@ -204,28 +237,11 @@ def kalman_update_correlated(
     k = np.empty(n)
     for c in range(m):
         s = scalar_update(P, Hd[c], D[c, c], k, Ph)
-        e = yd[c]
-        for d in range(c):  # what earlier channels corrected: K <- (I - k h) K
-            hK = 0.0
-            for i in range(n):
-                hK += Hd[c, i] * K[i, d]
-            e -= hK * yd[d]
-            for i in range(n):
-                K[i, d] -= k[i] * hK
-        for i in range(n):
-            K[i, c] = k[i]
-        if s > 0.0:
-            nis += e * e / s
-            log_likelihood -= 0.5 * (LOG_2PI + math.log(s) + e * e / s)
-        elif e != 0.0:
-            nis = np.inf
-            log_likelihood = -np.inf
-    for i in range(n):
-        for c in range(m - 1, -1, -1):  # K <- K L^-1, from the right
-            for d in range(c + 1, m):
-                K[i, c] -= K[i, d] * L[d, c]
-        for c in range(m):
-            x[i] += K[i, c] * y[c]
+        e = innovation_after(K, k, Hd[c], yd, c)
+        squared, likelihood = channel_likelihood(e, s)
+        nis += squared
+        log_likelihood += likelihood
+    apply_gain(x, K, L, y)
     return nis, log_likelihood
 
 

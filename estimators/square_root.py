@@ -17,12 +17,10 @@ Compiled, in place, C-contiguous ``float64``, as :mod:`estimators.kernels`, whic
 
 from __future__ import annotations
 
-import math
-
 import numpy as np
 
 from estimators.compiled import njit
-from estimators.kernels import LOG_2PI
+from estimators.kernels import apply_gain, channel_likelihood, innovation_after
 from estimators.linalg import PIVOT_FLOOR, Array, Mask, decorrelate
 
 
@@ -205,12 +203,9 @@ def ud_update(
         e = y[c]
         for i in range(n):
             e -= H[c, i] * shift[i]
-        if s > 0.0:
-            nis += e * e / s
-            log_likelihood -= 0.5 * (LOG_2PI + math.log(s) + e * e / s)
-        elif e != 0.0:
-            nis = np.inf
-            log_likelihood = -np.inf
+        squared, likelihood = channel_likelihood(e, s)
+        nis += squared
+        log_likelihood += likelihood
         for i in range(n):
             shift[i] += k[i] * e
     for i in range(n):
@@ -236,28 +231,11 @@ def ud_update_correlated(
     f = np.empty(n)
     for c in range(m):
         s = ud_scalar_update(U, D, Hd[c], Rd[c, c], k, f)
-        e = yd[c]
-        for d in range(c):  # what earlier channels corrected: K <- (I - k h) K
-            hK = 0.0
-            for i in range(n):
-                hK += Hd[c, i] * K[i, d]
-            e -= hK * yd[d]
-            for i in range(n):
-                K[i, d] -= k[i] * hK
-        for i in range(n):
-            K[i, c] = k[i]
-        if s > 0.0:
-            nis += e * e / s
-            log_likelihood -= 0.5 * (LOG_2PI + math.log(s) + e * e / s)
-        elif e != 0.0:
-            nis = np.inf
-            log_likelihood = -np.inf
-    for i in range(n):
-        for c in range(m - 1, -1, -1):  # K <- K L^-1, from the right
-            for d in range(c + 1, m):
-                K[i, c] -= K[i, d] * L[d, c]
-        for c in range(m):
-            x[i] += K[i, c] * y[c]
+        e = innovation_after(K, k, Hd[c], yd, c)
+        squared, likelihood = channel_likelihood(e, s)
+        nis += squared
+        log_likelihood += likelihood
+    apply_gain(x, K, L, y)
     return nis, log_likelihood
 
 

@@ -16,6 +16,8 @@ from statistics import median
 
 import grimp
 
+from fdd.markdown import table
+
 PRODUCT = ("fdd", "estimators")
 STARTS = 5
 """Runs of which the median is told."""
@@ -41,16 +43,14 @@ def report_text(before: str, after: str, progress: Callable[[float], None] = lam
         f"Made by `python -m evidence house --before {before} --after {after}`: lines with comments and "
         "docstrings; arrows are imports from one room to another, circles modules that import each other. "
         f"Times are of whole processes, medians of {STARTS} (cold: one run, nothing compiled).", "",
-        "| | before | after |", "| --- | ---: | ---: |",
-        *(f"| {name} | {figures.get(name, '–')} | {value} |" for name, value in new_figures.items()), "",
-        "| room | lines before | modules | lines after | modules |", "| --- | ---: | ---: | ---: | ---: |",
+        *table(["", "before", "after"], [[n, figures.get(n, "–"), v] for n, v in new_figures.items()], "lr"),
     ]  # fmt: skip
+    cells = []
     for room in sorted({*rooms, *new_rooms}):
-        cells = [
-            f"{n:,} | {m}" if n else "– | –" for n, m in (r.get(room, (0, 0)) for r in (rooms, new_rooms))
-        ]
-        lines.append(f"| {room} | {' | '.join(cells)} |")
-    return "\n".join(lines) + "\n"
+        sizes = (r.get(room, (0, 0)) for r in (rooms, new_rooms))
+        cells.append([room, *(f"{n:,}" if n else "–" for size in sizes for n in size)])
+    lines += table(["room", "lines before", "modules", "lines after", "modules"], cells, "lr")
+    return "\n".join(lines)
 
 
 def _unpack(commit: str, folder: Path) -> None:

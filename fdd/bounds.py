@@ -8,6 +8,7 @@ from __future__ import annotations
 import os
 from dataclasses import dataclass
 
+from fdd import markdown
 from fdd.errors import InputError
 
 
@@ -78,12 +79,10 @@ def table() -> str:
     | bound | value | of | why | set by |
     """
     rows = [
-        f"| `{name}` | {b.value:,} | {b.what} | {b.reason} | {f'`{b.variable}`' if b.variable else ''} |"
+        [f"`{name}`", f"{b.value:,}", b.what, b.reason, f"`{b.variable}`" if b.variable else ""]
         for name, b in BOUNDS.items()
     ]
-    return (
-        "\n".join(["| bound | value | of | why | set by |", "| --- | ---: | --- | --- | --- |", *rows]) + "\n"
-    )
+    return "\n".join(markdown.table(["bound", "value", "of", "why", "set by"], rows, "lrl"))
 
 
 # Logs as a whole

@@ -21,6 +21,7 @@ from fdd.diagnosis.model import Model
 from fdd.diagnosis.pipeline import Pipeline
 from fdd.engines import Engine
 from fdd.logs import ChannelMap, read_log
+from fdd.markdown import table as markdown
 from fdd.samples import PRESSURES, Samples
 from fdd.unit import Unit
 
@@ -229,16 +230,14 @@ def _chosen(log: Samples, keep: np.ndarray[tuple[int], np.dtype[np.bool_]]) -> S
 
 def table(compared: list[Comparison]) -> str:
     """What ``disturbed.md`` says (Markdown)."""
-    lines = [
+    told = (
         f"\n## What must not matter\n\n{len({c.unit for c in compared})} units, of each a healthy and a "
-        "faulty log; the share of logs (95 % interval) that say the same as the log as it was.\n",
-        "| disturbance | logs | verdict | leading fault or its group | onset within 1 s |",
-        "| --- | --- | --- | --- | --- |",
-    ]
+        "faulty log; the share of logs (95 % interval) that say the same as the log as it was.\n\n"
+    )
+    rows = []
     for name in DISTURBANCES:
         mine = [c for c in compared if c.disturbance == name]
-        told = (
-            wilson(sum(getattr(c, what) for c in mine), len(mine)) for what in ("verdict", "fault", "onset")
-        )
-        lines.append(f"| {name} | {len(mine)} | " + " | ".join(told) + " |")
-    return "\n".join(lines) + "\n"
+        same = [sum(getattr(c, what) for c in mine) for what in ("verdict", "fault", "onset")]
+        rows.append([name, str(len(mine)), *(wilson(n, len(mine)) for n in same)])
+    head = ["disturbance", "logs", "verdict", "leading fault or its group", "onset within 1 s"]
+    return told + "\n".join(markdown(head, rows))

@@ -13,6 +13,7 @@ from fdd.diagnosis.model import Model
 from fdd.diagnosis.pipeline import Pipeline
 from fdd.engines import Engine
 from fdd.faults import CATALOGUE
+from fdd.markdown import table as markdown
 
 SAID = ("nothing", "unknown", "a neighbour", "another")
 
@@ -63,12 +64,15 @@ def table(said: list[tuple[str, str]]) -> str:
     lines = [
         "\n## Kinds that the catalogue does not have\n\nEach log with one fault, diagnosed without that "
         "fault's signatures.\n",
-        "| left out | " + " | ".join(SAID) + " |",
-        "| --- " * (len(SAID) + 1) + "|",
+        *markdown(
+            ["left out", *SAID],
+            [
+                [kind.replace("_", " "), *(str(count[kind, s]) for s in SAID)]
+                for kind in sorted({k for k, _ in said})
+            ],
+        ),
     ]
-    for kind in sorted({k for k, _ in said}):
-        lines.append(f"| {kind.replace('_', ' ')} | " + " | ".join(str(count[kind, s]) for s in SAID) + " |")
     answered = [s for _, s in said if s != "nothing"]
     right = sum(s != "another" for s in answered)
-    lines.append(f"\nUnknown or a neighbour, of those with a finding: {wilson(right, len(answered))}")
+    lines.append(f"Unknown or a neighbour, of those with a finding: {wilson(right, len(answered))}")
     return "\n".join(lines) + "\n"

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import os
-import platform
 from collections.abc import Sequence
 
 import numpy as np
@@ -17,7 +15,9 @@ from evidence.estimators.speed_section import speed_lines
 from evidence.estimators.steps import STEP_CASE
 from evidence.estimators.summary import ABSOLUTE, Accuracy, accuracy, coverage, goals
 from evidence.estimators.trajectory import QUANTITIES
+from evidence.machine import machine
 from fdd import __version__
+from fdd.markdown import table
 from fdd.residuals.tracking import METHODS
 
 _WORLD = {
@@ -46,8 +46,7 @@ def report_text(found: Measured) -> str:
 def _intro(found: Measured) -> list[str]:
     plan = found.plan
     return [
-        f"Made by `python -m evidence estimators` of fdd {__version__} on {platform.machine()}, "
-        f"{os.cpu_count()} cores, "
+        f"Made by `python -m evidence estimators` of fdd {__version__} on {machine()}, "
         f"seed {plan.seed}. {plan.runs} runs of {plan.duration:g} s for each of {len(plan.cases)} cases, in "
         "two worlds; each run draws another unit, other noise and another duty.",
         "",
@@ -114,7 +113,7 @@ def _accuracy(found: Measured, world: str) -> list[str]:
             ])  # fmt: skip
     head = ["case", "quantity", "flagged EKF / SVSF", "EKF", "SVSF", "bound", "EKF/bound", "SVSF/bound",
             "least squares", "claimed", "bias", "spread"]  # fmt: skip
-    return [*lines, *_table(head, rows)]
+    return [*lines, *table(head, rows, "llr")]
 
 
 def _coverage(found: Measured, world: str) -> list[str]:
@@ -152,7 +151,7 @@ def _coverage(found: Measured, world: str) -> list[str]:
         "mean NIS",
         "lost",
     ]
-    return [*lines, *_table(head, rows)]
+    return [*lines, *table(head, rows, "llr")]
 
 
 def _steps(found: Measured) -> list[str]:
@@ -174,8 +173,10 @@ def _steps(found: Measured) -> list[str]:
         f"Leakage +50 %, bulk modulus -30 %, friction +50 % in mid-run ({STEP_CASE.name} sensors): seconds "
         "until the estimate has followed half of it, median and 90 % of the runs.",
         "",
-        *_table(
-            ["world", "quantity", *[f"{m.upper()}, {q}" for m in METHODS for q in ("median", "90 %")]], rows
+        *table(
+            ["world", "quantity", *[f"{m.upper()}, {q}" for m in METHODS for q in ("median", "90 %")]],
+            rows,
+            "llr",
         ),
         f"![Response]({_picture('steps')})",
         "",
@@ -202,7 +203,7 @@ def _still(found: Measured) -> list[str]:
         "change of an estimate's error, over the standard deviation that was claimed when standstill began; "
         "in brackets that standard deviation at the end over its beginning.",
         "",
-        *_table(["case", "method", "runs", *[q.replace("_", " ") for q in QUANTITIES]], rows),
+        *table(["case", "method", "runs", *[q.replace("_", " ") for q in QUANTITIES]], rows, "llr"),
         f"![Standstill]({_picture('standstill')})",
         "",
     ]
@@ -234,7 +235,7 @@ def _peers(found: Measured) -> list[str]:
         "from mean forces, and have neither robust weights nor bounds on parameters. So few runs compare "
         "orders of magnitude.",
         "",
-        *_table(["world", "case", "quantity", *names, "bound"], rows),
+        *table(["world", "case", "quantity", *names, "bound"], rows, "llr"),
     ]
 
 
@@ -261,8 +262,3 @@ def _share(value: float) -> str:
 
 def _seconds(value: float) -> str:
     return f"{value:.2f}" if np.isfinite(value) else "never"
-
-
-def _table(head: Sequence[str], rows: Sequence[Sequence[str]]) -> list[str]:
-    rule = ["---", "---", *["---:"] * (len(head) - 2)]
-    return ["| " + " | ".join(line) + " |" for line in (head, rule, *rows)] + [""]

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
+from fdd.markdown import table
+
 if TYPE_CHECKING:
     from evidence.estimators.speed import SpeedTable
 
@@ -18,7 +20,7 @@ def measure_speed() -> SpeedTable:
     return measure()
 
 
-def speed_lines(table: SpeedTable | None) -> list[str]:
+def speed_lines(measured: SpeedTable | None) -> list[str]:
     """The section as lines of Markdown, empty where nothing was measured.
 
     Examples
@@ -26,21 +28,20 @@ def speed_lines(table: SpeedTable | None) -> list[str]:
     >>> speed_lines(None)
     []
     """
-    if table is None:
+    if measured is None:
         return []
-    rows = [[r.name, *(_figure(v) for v in (r.microseconds, r.best, r.ratio)), r.note] for r in table.rows]
+    rows = [[r.name, *(_figure(v) for v in (r.microseconds, r.best, r.ratio)), r.note] for r in measured.rows]
     head = ["filter", "µs per sample, median", "best", "over our EKF", "note"]
-    hours = ", ".join(f"{name.upper()} {seconds:.1f} s" for name, seconds in table.hour.items())
+    hours = ", ".join(f"{name.upper()} {seconds:.1f} s" for name, seconds in measured.hour.items())
     return [
         "## Speed",
         "",
-        f"One process, one core, in turns on one log of {table.samples} samples; processor time. C++: "
-        f"{table.compiler}." + (f" An hour at 1 kHz: {hours}." if hours else ""),
+        f"One process, one core, in turns on one log of {measured.samples} samples; processor time. C++: "
+        f"{measured.compiler}." + (f" An hour at 1 kHz: {hours}." if hours else ""),
         "",
-        *_verdicts(table),
+        *_verdicts(measured),
         "",
-        *["| " + " | ".join(line) + " |" for line in (head, ["---", "---:", "---:", "---:", "---"], *rows)],
-        "",
+        *table(head, rows, "lrrrl"),
     ]
 
 

@@ -9,8 +9,9 @@ import numpy as np
 
 from evidence.live.inside import Inside
 from evidence.live.ramp import LAG_S, SETTLE_S, Stage
-from evidence.plant.report import load_now, machine, table
+from evidence.machine import load_now, machine
 from fdd import __version__
+from fdd.markdown import table
 
 GOAL_AXES, GOAL_BYTES = 100, 20e6
 """Axes on a core, and memory of each, that were asked for."""
@@ -66,7 +67,7 @@ def _real_time(stages: Sequence[Stage], seconds: float) -> list[str]:
                 "samples lost", "s waiting at the end", "sender late, 99 % (s)", "RSS (MB)",
                 "growth, MB/min an axis",
             ],
-            rows,
+            rows, "lr",
         ),
         f"In real time on one core: {best} axes; asked for were {GOAL_AXES}: {verdict}."
         + (f" {_by_the_processor(stages)}" if stages[-1].in_time else ""),
@@ -92,7 +93,7 @@ def _inside(cost: Inside) -> list[str]:
         f"{cost.whole - cost.alone:.1f} µs. The table is of one more run in which these functions are "
         "timed; lines with — are parts of the one above.",
         "",
-        *table(["", "µs a sample", "share"], rows),
+        *table(["", "µs a sample", "share"], rows, "lr"),
     ]
     if math.isfinite(cost.axis_bytes):
         verdict = "met" if cost.axis_bytes <= GOAL_BYTES else "missed"

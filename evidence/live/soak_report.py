@@ -7,9 +7,10 @@ from collections.abc import Sequence
 import numpy as np
 
 from evidence.live.soak import FAULT, Life, Plan
-from evidence.plant.report import load_now, machine, table
+from evidence.machine import load_now, machine
 from fdd import __version__
 from fdd.faults import fault
+from fdd.markdown import table
 
 
 def report_text(plan: Plan, lives: Sequence[Life]) -> str:
@@ -44,7 +45,9 @@ def _of(plan: Plan, life: Life) -> list[str]:
         f"## {life.hours:.0f} hours in motion: {what}",
         "",
         *table(
-            ["day", "severity", "leakage (1e-12 m³/(s·Pa))", "memory (MB)", "store (MB)", "µs a sample"], rows
+            ["day", "severity", "leakage (1e-12 m³/(s·Pa))", "memory (MB)", "store (MB)", "µs a sample"],
+            rows,
+            "lr",
         ),
         f"{life.samples:,} samples; restarted {life.restarts[0]} times, killed {life.restarts[1]} times. "
         f"Memory grew by {_growth(life):.2f} MB a day over the second half.",

@@ -2,17 +2,15 @@
 
 from __future__ import annotations
 
-import os
-import platform
-from collections.abc import Sequence
-
 import numpy as np
 
+from evidence.machine import load_now, machine
 from evidence.plant.convergence import GAINED, Difference
 from evidence.plant.measure import Measured
 from evidence.plant.robustness import Outcome
 from evidence.plant.speed import Work
 from fdd import __version__
+from fdd.markdown import table
 
 PICTURE = "performance-work.png"
 GOAL = 300.0
@@ -46,26 +44,6 @@ def report_text(found: Measured) -> str:
     return "\n".join(parts).rstrip() + "\n"
 
 
-def machine() -> str:
-    """What it was measured on."""
-    return f"{platform.machine()}, {os.cpu_count()} cores, Python {platform.python_version()}"
-
-
-def load_now() -> str:
-    """How busy the machine was, as the end of a sentence."""
-    try:
-        load = os.getloadavg()[0]
-    except OSError:
-        return "load unknown."
-    return f"load average {load:.1f} at the end of the run."
-
-
-def table(head: Sequence[str], rows: Sequence[Sequence[str]]) -> list[str]:
-    """Lines of a table whose columns but the first are numbers."""
-    rule = ["---", *["---:"] * (len(head) - 1)]
-    return ["| " + " | ".join(line) + " |" for line in (head, rule, *rows)] + [""]
-
-
 def _speed(found: Measured) -> list[str]:
     rows = [[r.case, f"{r.whole:.0f}", f"{r.integration:.0f}", f"{r.steps:.2f}"] for r in found.real_time]
     single = [r for r in found.real_time if not r.case.startswith("two axes")]
@@ -77,7 +55,9 @@ def _speed(found: Measured) -> list[str]:
         "Leakage, ripple, air, friction with bristles, valves, electrics, sensors with noise, a fault "
         f"from 2 s on; {found.plan.speed_duration:g} s runs, {found.plan.repeats} of each.",
         "",
-        *table(["case", "whole run, × real time", "integration alone, × real time", "steps per ms"], rows),
+        *table(
+            ["case", "whole run, × real time", "integration alone, × real time", "steps per ms"], rows, "lr"
+        ),
         f"Goal for one axis, whole run: {GOAL:.0f} × real time; the slowest case, {least.case}, has "
         f"{least.whole:.0f}: {verdict}.",
         "",
@@ -108,7 +88,7 @@ def _work(found: Measured) -> list[str]:
                 "solver", "position (m)", "pressure difference (Pa)", "s per s simulated", "× this plant",
                 "evaluations per s",
             ],
-            rows,
+            rows, "lr",
         ),
         *_same_error(found.work, ours),
         f"![Error over work]({PICTURE})",
@@ -147,7 +127,7 @@ def _differences(found: list[Difference]) -> list[str]:
             for c in channels
         ]
         rows.append([difference.case, *cells])
-    return table(["case", *channels], rows)
+    return table(["case", *channels], rows, "lr")
 
 
 def _halving(found: Measured) -> list[str]:
@@ -215,7 +195,7 @@ def _wild(outcomes: list[Outcome]) -> list[str]:
                 ["highest pressure over its bound", f"{np.nanmax([o.highest_share for o in outcomes]):.2f}"],
                 ["farthest into a stop", f"{1e3 * max(beyond, 0.0):.2f} mm"],
                 ["steps per ms, median, 99 %, most", " / ".join(f"{q:.1f}" for q in quantiles)],
-            ],
+            ], "lr",
         ),
         *[f"- seed {outcome.seed}: {'; '.join(outcome.failures)}" for outcome in failed],
         "",

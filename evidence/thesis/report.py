@@ -20,9 +20,11 @@ from evidence.thesis import (
     ultimate_gain,
     whole_eha,
 )
-from evidence.thesis.findings import READING, Finding, Row, Table, number_text
+from evidence.thesis.findings import READING, Finding, Row, number_text
+from fdd.markdown import table
 from fdd.unit import Unit
 
+HEAD = ["what", "thesis, where", "thesis", "plant", "unit", "deviation", "verdict"]
 Measure = Callable[[Unit, Unit, int], Finding]
 
 EXPERIMENTS: tuple[Measure, ...] = (
@@ -115,31 +117,28 @@ def report_text(findings: list[Finding], axis_a: Unit, axis_b: Unit, seed: int) 
 
 
 def _summary(findings: list[Finding]) -> list[str]:
-    lines = ["| what | thesis, where | thesis | plant | unit | deviation | verdict |", "| --- " * 7 + "|"]
+    rows: list[list[str]] = []
     for number, finding in enumerate(findings, 1):
         if not finding.rows:
             continue
         title = f"{number}. {finding.title}"
         met = sum(row.verdict == "meets" for row in finding.rows)
-        lines.append(f"| **[{title}](#{anchor(title)})** | | | | | | **{met} of {len(finding.rows)} meet** |")
-        lines += [f"| {_cells(row)} | {_marked(row)} |" for row in finding.rows]
-    return [*lines, ""]
+        link = f"**[{title}](#{anchor(title)})**"
+        rows.append([link, *[""] * (len(HEAD) - 2), f"**{met} of {len(finding.rows)} meet**"])
+        rows += [_cells(row) for row in finding.rows]
+    return table(HEAD, rows)
 
 
-def _cells(row: Row) -> str:
-    values = (
+def _cells(row: Row) -> list[str]:
+    return [
         row.what,
         row.where,
         row.value(row.thesis),
         row.value(row.plant),
         "" if row.unit == "1" else row.unit,
         row.deviation,
-    )
-    return " | ".join(values)
-
-
-def _marked(row: Row) -> str:
-    return row.verdict if row.verdict == "meets" else f"**{row.verdict}**"
+        row.verdict if row.verdict == "meets" else f"**{row.verdict}**",
+    ]
 
 
 def _section(number: int, finding: Finding) -> list[str]:
@@ -148,14 +147,14 @@ def _section(number: int, finding: Finding) -> list[str]:
         lines += [f"![{picture.caption}]({PICTURES}/{picture.name}.png)", "", f"*{picture.caption}*", ""]
     if finding.rows:
         lines += [
-            "| what | thesis, where | thesis | plant | unit | deviation | verdict | allowed |",
-            "| --- " * 8 + "|",
-            *(f"| {_cells(r)} | {_marked(r)} | ± {number_text(r.allowed, 2)} |" for r in finding.rows),
-            "",
+            *table(
+                [*HEAD, "allowed"],
+                [[*_cells(r), f"± {number_text(r.allowed, 2)}"] for r in finding.rows],
+            ),
             *_said(finding.rows),
         ]
-    for table in finding.tables:
-        lines += _table(table)
+    for one in finding.tables:
+        lines += [f"{one.title}:", "", *table(one.heads, one.cells)]
     for remark in finding.remarks:
         lines += [remark, ""]
     return lines
@@ -171,9 +170,3 @@ def _said(rows: list[Row]) -> list[str]:
             said.setdefault(("Note", row.note), []).append(row.what)
     lines = [f"- {kind}, {'; '.join(names)}: {text}" for (kind, text), names in said.items()]
     return [*lines, ""] if lines else []
-
-
-def _table(table: Table) -> list[str]:
-    lines = [f"{table.title}:", "", "| " + " | ".join(table.heads) + " |", "| --- " * len(table.heads) + "|"]
-    lines += ["| " + " | ".join(cells) + " |" for cells in table.cells]
-    return [*lines, ""]

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import os
-import platform
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 
+from evidence.machine import machine
 from evidence.troubles import during, strangers
 from evidence.troubles.kills import killed
 from evidence.troubles.mistakes import mistakes
@@ -14,6 +14,7 @@ from evidence.troubles.process import Process
 from evidence.troubles.senders import MOSQUITTO, Mqtt, Tcp, shifted
 from evidence.troubles.trial import Outcome, Trouble
 from fdd import __version__
+from fdd.markdown import table
 
 HOUR_S = 3600.0
 
@@ -85,30 +86,24 @@ def report_text(outcomes: Sequence[Outcome], without: dict[str, str]) -> str:
     parts = [
         "# What troubles the service itself, and what is lost",
         "",
-        f"Made by `python -m evidence troubles` of fdd {__version__} on {platform.machine()}, "
-        f"{os.cpu_count()} cores, "
-        f"Python {platform.python_version()}. Each is tried on the real `fdd serve`: a run of a minute that "
+        f"Made by `python -m evidence troubles` of fdd {__version__} on {machine()}. "
+        "Each is tried on the real `fdd serve`: a run of a minute that "
         "leaks from its middle on is sent, a third before the trouble, a third while it lasts, a third after "
         "it; then the service is killed (SIGKILL) and started again. *Accepted* are the samples it had taken "
         "before the kill, *lost* those of them that are not there after it. The leak must be found and its "
         "alarm raised once, health must say what is wrong and then nothing, and page, API and metrics must "
         "answer meanwhile.",
         "",
-        "| tried | how | what the service said | sent | accepted | lost | verdict |",
-        "| --- | --- | --- | ---: | ---: | ---: | --- |",
-        *(f"| {o.tried} | {_cell(o.how)} | {_cell(o.said)} | {o.sent} | {o.accepted} | {o.lost} | "
-          f"{_verdict(o)} |" for o in tried),
-        "",
+        *table(
+            ["tried", "how", "what the service said", "sent", "accepted", "lost", "verdict"],
+            [[o.tried, _cell(o.how), _cell(o.said), str(o.sent), str(o.accepted), str(o.lost), _verdict(o)]
+             for o in tried],
+            "lllrrrl",
+        ),
     ]  # fmt: skip
     if refused:
-        parts += [
-            "## Mistakes of users",
-            "",
-            "| mistake | what `fdd serve` said | verdict |",
-            "| --- | --- | --- |",
-        ]
-        parts += [f"| {o.tried} | {_cell(o.said)} | {_verdict(o)} |" for o in refused]
-        parts.append("")
+        said = [[o.tried, _cell(o.said), _verdict(o)] for o in refused]
+        parts += ["## Mistakes of users", "", *table(["mistake", "what `fdd serve` said", "verdict"], said)]
     parts += [f"Left out: {name} ({why})." for name, why in without.items()]
     return "\n".join(parts).rstrip() + "\n"
 

@@ -11,6 +11,7 @@ from fdd.campaign.layout import CARD, LABELS, MANIFEST, RECIPE, SUMS
 from fdd.campaign.splits import SPLITS, split_of
 from fdd.faults import CATALOGUE
 from fdd.files import write_text
+from fdd.markdown import table
 from fdd.yaml_reading import yaml_of
 
 
@@ -111,13 +112,13 @@ No unit is in two splits.
 
 def _faults(data: Dataset) -> str:
     """How often each fault is there, and how severe: a table."""
-    lines = ["| fault | logs | severity | onset, s |", "| --- | --- | --- | --- |"]
+    rows = []
     counts = Counter(f.fault for e in data.logs for f in e.faults)
     for name in (n for n in CATALOGUE if counts[n]):
         mine = [f for e in data.logs for f in e.faults if f.fault == name]
         spans = []
         for values in ([f.severity for f in mine], [f.onset_s for f in mine]):
             spans.append(f"{min(values):.3g} to {max(values):.3g}")
-        lines.append(f"| {name} | {len(mine)} | {spans[0]} | {spans[1]} |")
-    lines.append(f"| healthy | {sum(e.healthy for e in data.logs)} | | |")
-    return "\n".join(lines)
+        rows.append([name, str(len(mine)), *spans])
+    rows.append(["healthy", str(sum(e.healthy for e in data.logs)), "", ""])
+    return "\n".join(table(["fault", "logs", "severity", "onset, s"], rows)[:-1])

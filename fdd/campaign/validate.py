@@ -17,6 +17,7 @@ from fdd.diagnosis.findings import Trajectories
 from fdd.diagnosis.model import Model
 from fdd.diagnosis.pipeline import Pipeline
 from fdd.engines import Engine
+from fdd.markdown import table
 from fdd.plant.truth import Truth
 from fdd.unit import Unit
 
@@ -102,33 +103,32 @@ def _reference(truth: Truth, name: str, profile: Unit, true: Unit) -> NDArray[np
 def summary(outcomes: list[Outcome]) -> str:
     """What ``reports/validation.md`` says (Markdown)."""
     kinds = sorted({f.fault for o in outcomes for f in o.entry.faults})
-    lines = [
-        "", "| true fault | logs | found | leading answers | median alarm after |",
-        "| --- | --- | --- | --- | --- |",
-    ]  # fmt: skip
+    rows = []
     for kind in kinds:
         mine = [o for o in outcomes if kind in {f.fault for f in o.entry.faults}]
         hits = [o for o in mine if o.timely]
         answers = Counter(o.timely[0].fault.replace("_", " ") for o in hits)
         late = [o.timely[0].detected_s - min(f.onset_s for f in o.entry.faults) for o in hits]
-        lines.append(
-            f"| {kind.replace('_', ' ')} | {len(mine)} | {len(hits)} "
-            f"| {', '.join(f'{a} {n}' for a, n in answers.most_common()) or '-'} "
-            f"| {f'{np.median(late):.1f} s' if late else '-'} |"
-        )
-    head = ["estimate", "median error", "90 % of logs below", "logs with it observable", "share of time"]
-    lines += ["", "| " + " | ".join(head) + " |", "| --- " * len(head) + "|"]
+        rows.append([
+            kind.replace("_", " "), str(len(mine)), str(len(hits)),
+            ", ".join(f"{a} {n}" for a, n in answers.most_common()) or "-",
+            f"{np.median(late):.1f} s" if late else "-",
+        ])  # fmt: skip
+    head = ["true fault", "logs", "found", "leading answers", "median alarm after"]
+    lines = ["", *table(head, rows)]
+    rows = []
     for method in ("ekf", "svsf"):
         for name in ("leakage", "bulk_modulus"):
             errors = np.array([o.errors[method, name] for o in outcomes])
             known = errors[np.isfinite(errors[:, 0])]
             if known.size:
-                lines.append(
-                    f"| {method.upper()} {name.replace('_', ' ')} | {100 * np.median(known[:, 0]):.1f} % "
-                    f"| {100 * np.percentile(known[:, 0], 90):.1f} % | {len(known)} of {len(errors)} "
-                    f"| {100 * errors[:, 1].mean():.0f} % |"
-                )
-    return figures(outcomes) + "\n".join(lines) + "\n"
+                rows.append([
+                    f"{method.upper()} {name.replace('_', ' ')}", f"{100 * np.median(known[:, 0]):.1f} %",
+                    f"{100 * np.percentile(known[:, 0], 90):.1f} %", f"{len(known)} of {len(errors)}",
+                    f"{100 * errors[:, 1].mean():.0f} %",
+                ])  # fmt: skip
+    head = ["estimate", "median error", "90 % of logs below", "logs with it observable", "share of time"]
+    return figures(outcomes) + "\n".join([*lines, *table(head, rows)])
 
 
 def report_text(outcomes: list[Outcome], data: Dataset) -> str:
