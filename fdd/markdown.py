@@ -13,7 +13,7 @@ def table(head: Sequence[str], rows: Iterable[Sequence[str]], sides: str = "l") 
     Parameters
     ----------
     head : columns. rows : of as many cells.
-    sides : where each column's cells stand, ``l`` or ``r`` (numbers); the last letter holds for all that follow.
+    sides : where each column's cells stand, ``l`` or ``r`` (numbers); the last letter holds for what follows.
 
     Examples
     --------
