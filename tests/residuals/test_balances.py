@@ -14,7 +14,7 @@ from fdd.plant.simulate import simulate
 from fdd.residuals.balances import BALANCES
 from fdd.residuals.ledger import Ledger
 from fdd.residuals.quantities import Quantities, Scales, settled
-from fdd.residuals.rows import COLUMNS, HOP_ROWS, RowMaker
+from fdd.residuals.rows import COLUMNS, HOP_ROWS, ROW_S, RowMaker
 from fdd.samples import Samples
 from fdd.unit import Unit
 
@@ -161,13 +161,29 @@ def test_what_a_relief_valve_passes_leaves_one_chamber_and_comes_into_the_other(
 def test_a_rod_on_both_sides_asks_no_oil_of_the_reservoir(
     unit: Unit, logs: list[Samples], ratio: float
 ) -> None:
-    """With one rod, chamber 1 is fed while it extends, chamber 2 while it retracts."""
+    """With one rod whichever chamber is low is fed while the piston extends, and gives back what it retracts."""
     other = unit.model_copy(deep=True)
     other.cylinder.area_2 = ratio * other.cylinder.area_1
     q = Quantities(RowMaker(other).push(logs[0])[1], other, Scales.of(other))
     columns = [BALANCES["refeed"].columns.index(c) for c in ("flow_1", "flow_2")]
-    flow = np.nansum([x[:, columns] for _, x, _, _ in BALANCES["refeed"].strands(q)], axis=0)
-    assert flow.any() == (ratio < 1.0)
     out, back = q.velocity > 1e-3, q.velocity < -1e-3
-    assert not flow[back].any() if ratio == 1.0 else (flow[out].sum(axis=1) > 0.0).all()
-    assert (flow >= 0.0).all() and (flow[np.isfinite(q.velocity)] < 1.0).all(), "less than the pump's all"
+    for side, (_, x, _, _) in enumerate(BALANCES["refeed"].strands(q)):
+        flow = x[:, columns[side]]
+        assert not np.nan_to_num(x[:, columns[1 - side]]).any() and not flow[back].any()
+        assert (flow[out] > 0.0).all() if ratio < 1.0 else not flow[out].any()
+        assert (flow[np.isfinite(q.velocity)] < 1.0).all(), "less than the pump's all"
+
+
+def test_what_leaks_outside_is_gas_that_grows(unit: Unit, logs: list[Samples]) -> None:
+    """The reservoir gives what leaves: in a row, so much of the gas's volume, by the chamber's pressure."""
+    q = Quantities(RowMaker(unit).push(logs[0])[1], unit, Scales.of(unit))
+    [(_, x, _, _)] = BALANCES["reservoir"].strands(q)
+    lost = {1: q.p1, 2: q.p2}
+    for side, pressure in lost.items():
+        conductance = 0.5 * Scales.of(unit).fault_leakage  # m³/(s·Pa) at a coefficient of one
+        volume = np.nancumsum(conductance * pressure * ROW_S)
+        told = np.nancumsum(x[:, BALANCES["reservoir"].columns.index(f"outside_{side}")])
+        assert told[-1] == pytest.approx(volume[-1] / unit.accumulator.gas_volume, rel=0.01)
+    drift = np.nancumsum(x[:, BALANCES["reservoir"].columns.index("drift")])
+    volume = conductance * 0.5 * unit.accumulator.relief_pressure * ROW_S * np.isfinite(q.p1).sum()
+    assert drift[-1] == pytest.approx(volume / unit.accumulator.gas_volume, rel=0.01)

@@ -181,6 +181,26 @@ def test_noise_in_a_column_takes_nothing_from_a_healthy_units_coefficient(share:
     assert np.abs(drawn - [0.9, 0.4]).max() > 0.02 + 0.2 * share, "else this shows nothing"
 
 
+@pytest.mark.parametrize("name", ["volume", "coherence", "shaft"])
+def test_a_noise_that_grows_is_known_after_twenty_seconds(name: str) -> None:
+    """Ten seconds of memory: two of them later nine tenths of the change are in."""
+    balance, rng = BALANCES[name], np.random.default_rng(13)
+    account, said = Account(balance, first_effects(name)), []
+    k = np.arange(ROWS)
+    turned = [turn(order * (0.8 * k + 40.0 * rng.uniform())) for order in ORDERS for turn in (np.cos, np.sin)]
+    for hop in range(400):
+        y, x, ok = of_hop(rng, len(balance.columns))
+        if name == "shaft":
+            x = np.column_stack([*turned, np.ones(ROWS), *rng.normal(size=(3, ROWS))])
+        y = (0.1 if hop < 200 else 0.3) * rng.normal(size=ROWS)
+        y = np.diff(y, prepend=0.0) if balance.cumulative else y
+        account.hops([Strand(y, x, np.ones(ROWS, dtype=bool))])
+        said.append(account.variance_sum / account.weight)
+    before, after, later = said[199], said[240], said[399]
+    assert later == pytest.approx(9.0 * before, rel=0.3)
+    assert 0.8 * (later - before) < after - before
+
+
 def test_too_few_rows_say_nothing() -> None:
     balance, rng = BALANCES["coherence"], np.random.default_rng(8)
     y, x, ok = of_hop(rng, len(balance.columns))
