@@ -342,7 +342,9 @@ def svsf_gain(
             exceeded = True
     if not solvable or (variable and not exceeded):
         return False
-    K[:] = PHt
+    for i in range(n):
+        for c in range(m):
+            K[i, c] = PHt[i, c]
     cholesky_solve(L, K)
     for c in range(m):
         size = abs(e[c]) + gamma * abs(e_post[c])
@@ -414,7 +416,8 @@ def svsf_update(
     a = 0
     for c in range(m):
         if mask[c]:
-            Ha[a] = H[c]
+            for i in range(n):  # assigned slices would compile for a second
+                Ha[a, i] = H[c, i]
             R[a, a] = R_diag[c]
             ea[a] = y[c]
             previous[a] = e_post[c]
@@ -431,7 +434,9 @@ def svsf_update(
     prior = P.copy()
     nis, log_likelihood = kalman_update(x, P, y, H, R_diag, mask)
     if switched:
-        P[:] = prior
+        for i in range(n):
+            for j in range(n):
+                P[i, j] = prior[i, j]
         joseph_update(P, K, Ha, R)
         for i in range(n):
             x[i] = before[i]

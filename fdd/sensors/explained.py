@@ -65,9 +65,9 @@ def moved_oil(position: Array, swept: Array, limits: Limits) -> Array:
 def widest(values: Array, reach: int) -> Array:
     """Largest of each of (n,) and the `reach` on either side; NaN where one of them is."""
     out = values.copy()
-    for k in range(1, reach + 1):
-        out[k:] = np.maximum(out[k:], values[:-k])
-        out[:-k] = np.maximum(out[:-k], values[k:])
+    for i in range(values.size):  # element by element: assigned slices compile for a second
+        for k in range(max(i - reach, 0), min(i + reach + 1, values.size)):
+            out[i] = np.maximum(out[i], values[k])
     return out
 
 
