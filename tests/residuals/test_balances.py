@@ -161,7 +161,7 @@ def test_what_a_relief_valve_passes_leaves_one_chamber_and_comes_into_the_other(
 def test_a_rod_on_both_sides_asks_no_oil_of_the_reservoir(
     unit: Unit, logs: list[Samples], ratio: float
 ) -> None:
-    """With one rod whichever chamber is low is fed while the piston extends, and gives back what it retracts."""
+    """With one rod whichever chamber is low is fed while the piston extends, and not while it retracts."""
     other = unit.model_copy(deep=True)
     other.cylinder.area_2 = ratio * other.cylinder.area_1
     q = Quantities(RowMaker(other).push(logs[0])[1], other, Scales.of(other))
