@@ -118,8 +118,8 @@ class Covered:
                 self.lines[module][line] = set(names) - {""}
 
     def tests(self, slip: Slip) -> list[str]:
-        """Tests that may notice a slip: its room's before all, those that run its line before the others of
-        their files, for which a fixture may have run it, and quick ones first.
+        """Tests that may notice a slip: those that run its line before the others of their files, for which a
+        fixture may have run it, its room's before others', and quick ones first.
         What is compiled is not seen to run."""
         lines = self.lines[slip.module]
         if slip.line not in lines and not slip.compiled:
@@ -130,7 +130,7 @@ class Covered:
         beside = (n for n in self.took if n.partition("::")[0] in files)
         out: list[str] = []
         total = 0.0
-        for name in sorted(beside, key=lambda n: (not n.startswith(room), n not in runs, self.took[n])):
+        for name in sorted(beside, key=lambda n: (n not in runs, not n.startswith(room), self.took[n])):
             total += self.took[name]
             if total <= MOST_TESTS_S or not out:
                 out.append(name)
