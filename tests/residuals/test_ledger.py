@@ -189,7 +189,7 @@ def test_a_noise_that_grows_is_known_after_twenty_seconds(name: str) -> None:
     k = np.arange(ROWS)
     turned = [turn(order * (0.8 * k + 40.0 * rng.uniform())) for order in ORDERS for turn in (np.cos, np.sin)]
     for hop in range(400):
-        y, x, ok = of_hop(rng, len(balance.columns))
+        _, x, _ = of_hop(rng, len(balance.columns))
         if name == "shaft":
             x = np.column_stack([*turned, np.ones(ROWS), *rng.normal(size=(3, ROWS))])
         y = (0.1 if hop < 200 else 0.3) * rng.normal(size=ROWS)
