@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,6 +28,8 @@ from fdd.unit import Unit
 
 Z80 = 1.2816
 """Standard normal's 90 % quantile: an 80 % interval either way."""
+LEAST_SHOWN = 2.0
+"""Severity from which on a fault that does not show yet counts as never shown: twice the gross one."""
 COMES_AND_GOES = 0.7
 """Mean amplitude, over that while it acts, below which a fault is told to come and go."""
 
@@ -165,23 +168,33 @@ def probabilities_of(
 
 
 def invisible(evidence: Evidence, hypotheses: Sequence[Hypothesis], threshold: float) -> list[Invisible]:
-    """Faults, and the least severity that this log would have shown, had it begun a third into it.
+    """Faults, and the least severity that this log would have shown, had they begun a third into it.
 
-    Its score is that of Student's t (`fdd.diagnosis.fitting`); it shows where that passes the threshold and
-    the doubt of one amplitude among many.
+    A fault's score is that of Student's t (`fdd.diagnosis.fitting`); it shows where that passes the threshold
+    and the doubt of one amplitude among many. A fault acts in one way of several, as on one side, and nobody
+    knows in which: the hardest to see says from where on none would have been hidden.
     """
     freedom = PRIOR_FREEDOM + evidence.hops / BLOCK_HOPS / 3.0
-    least = math.sqrt(freedom * math.expm1(2.0 * (threshold + 2.0) / (freedom + 1.0)))
-    best: dict[str, float] = {}
+    sure = math.sqrt(freedom * math.expm1(2.0 * (threshold + 2.0) / (freedom + 1.0)))
+    ways: dict[str, list[tuple[float, Hypothesis]]] = {}
     for h in hypotheses:
         std = evidence.sharpness(h, evidence.hops // 3)
-        if std is not None:
-            best[h.fault] = min(best.get(h.fault, math.inf), std * least)
-    return [
-        Invisible(fault=name, severity=round(best[name], 2) if best.get(name, math.inf) < 2.0 else None)
-        for name in CATALOGUE
-        if name in best or any(h.fault == name for h in hypotheses)
-    ]
+        least = math.inf if std is None or std * sure >= LEAST_SHOWN else std * sure
+        ways.setdefault(h.fault, []).append((least, h))
+    out = []
+    for name in (n for n in CATALOGUE if n in ways):
+        least, h = max(ways[name], key=lambda way: way[0])
+        parts = [(_smaller(x), way.commonness) for x, way in ways[name]]
+        said: dict[str, Any] = {"side": h.side, "channel": h.channel, "variant": h.variant}
+        out.append(
+            Invisible(
+                fault=name,
+                severity=round(least, 2) if math.isfinite(least) else None,
+                hidden=round(sum(p * c for p, c in parts) / sum(c for _, c in parts), 3),
+                **(said if len(parts) > 1 else {}),
+            )
+        )
+    return out
 
 
 def hidden_share(unseen: Sequence[Invisible]) -> float:
@@ -194,8 +207,13 @@ def hidden_share(unseen: Sequence[Invisible]) -> float:
     >>> hidden_share([])
     1.0
     """
-    least = np.array([math.inf if x.severity is None else x.severity for x in unseen])
-    return float(np.mean(-np.expm1(-0.5 * np.square(least / USUAL_SIZE)))) if least.size else 1.0
+    shares = [x.hidden if x.hidden is not None else _smaller(x.severity) for x in unseen]
+    return float(np.mean(shares)) if shares else 1.0
+
+
+def _smaller(severity: float | None) -> float:
+    """Share of usual severities (Rayleigh's) that are smaller; all than None."""
+    return 1.0 if severity is None else -math.expm1(-0.5 * (severity / USUAL_SIZE) ** 2)
 
 
 def versions_of(trackers: Mapping[str, str]) -> dict[str, str]:

@@ -107,10 +107,21 @@ class SensorState(BaseModel):
 
 
 class Invisible(BaseModel):
-    """A fault that this log would not have shown below a severity; None where it shows it at none."""
+    """A fault that this log would not have shown below a severity; None where it shows it at none.
+
+    Attributes
+    ----------
+    severity : from which on each way in which the fault acts would have shown.
+    side, channel, variant : of the way that is hardest to see, where the fault has several.
+    hidden : share of such faults that would not have shown, in all their ways and of usual severities.
+    """
 
     fault: str
     severity: float | None
+    side: int | None = None
+    channel: str | None = None
+    variant: str | None = None
+    hidden: float | None = None
 
 
 class SecondOpinion(BaseModel):

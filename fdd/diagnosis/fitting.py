@@ -330,7 +330,9 @@ def _while_acting(u: Array, w: Array, kappa: Array) -> Array:
     acts = w > 1e-3 * w.max(axis=1, initial=1e-300, keepdims=True)
     square = np.sum(np.where(acts, np.square(u + w) / np.where(acts, w, 1.0), 0.0), axis=1)
     square -= kappa * acts.sum(axis=1)
-    return np.asarray(np.maximum(square / np.maximum(np.sum(u + w, axis=1, where=acts), 1e-300), 1.0))
+    total = np.sum(u + w, axis=1, where=acts)
+    # Where its hops speak against it all together, they do not tell how it comes and goes.
+    return np.asarray(np.maximum(np.divide(square, total, out=np.ones_like(total), where=total > 1e-9), 1.0))
 
 
 def _scatter(

@@ -10,7 +10,7 @@ from importlib import metadata
 import fdd
 from fdd.diagnosis.findings import DISPLAY_SCALE, ESTIMATED, Diagnosis, Estimate
 from fdd.report import plotly
-from fdd.report.words import family_title, fault_title, percent, seconds, span
+from fdd.report.words import family_title, fault_title, percent, place, seconds, span
 from fdd.unit import Unit
 
 NOTHING = "–"
@@ -111,7 +111,7 @@ def invisible_rows(diagnosis: Diagnosis) -> list[tuple[str, str]]:
     ordered = sorted(diagnosis.not_visible, key=lambda i: -math.inf if i.severity is None else -i.severity)
     return [
         (
-            fault_title(i.fault),
+            fault_title(i.fault) + (f" ({place(i)})" if place(i) else ""),
             "at any severity" if i.severity is None else f"below severity {i.severity:.2f}",
         )
         for i in ordered

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, field
 
-from fdd.diagnosis.findings import ESTIMATED, Diagnosis, FaultFinding
+from fdd.diagnosis.findings import ESTIMATED, Diagnosis, FaultFinding, Invisible
 from fdd.faults import CATALOGUE
 
 FAMILY_TITLES = {
@@ -136,11 +136,15 @@ def finding_words(finding: FaultFinding) -> FindingWords:
     )
 
 
+def place(named: FaultFinding | Invisible) -> str:
+    """Which chamber, channel or variant is named, or an empty string."""
+    parts = [] if named.side is None else [f"chamber {named.side}"]
+    return ", ".join([*parts, *(x.replace("_", " ") for x in (named.channel, named.variant) if x)])
+
+
 def _place(finding: FaultFinding) -> str:
-    """Which chamber, channel or variant the finding names, or an empty string."""
-    parts = [] if finding.side is None else [f"chamber {finding.side}"]
-    parts += [name.replace("_", " ") for name in (finding.channel, finding.variant) if name]
-    return f"Where and how: {', '.join(parts)}." if parts else ""
+    named = place(finding)
+    return f"Where and how: {named}." if named else ""
 
 
 def verdict_words(diagnosis: Diagnosis) -> VerdictWords:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -166,10 +167,24 @@ def test_what_a_log_shows_at_no_severity_has_none() -> None:
     found = {x.fault: x.severity for x in invisible(drawn(1), [INNER, blind, elsewhere], 6.0)}
     assert found.keys() == {"internal_leakage", "aeration", "pump_wear"}
     assert found["internal_leakage"] is not None and found["aeration"] is found["pump_wear"] is None
-    # Of a fault with several ways to show, the plainest counts.
-    faint = hypothesis("internal_leakage", [0.1, 0.0, 0.0])
-    (again,) = invisible(drawn(1), [faint, INNER], 6.0)
-    assert again.severity == found["internal_leakage"]
+
+
+def test_a_fault_shows_for_sure_where_the_hardest_of_its_ways_does() -> None:
+    """On which side a valve clogs nobody knows; how many would be hidden is a mean over all ways."""
+    plain, faint = (replace(hypothesis("check_valve_clogged", [c, 0.0, 0.0]), side=k + 1)
+                    for k, c in enumerate((1.0, 0.4)))  # fmt: skip
+    (one,), (other,), (both,) = (invisible(drawn(1), x, 6.0) for x in ([plain], [faint], [plain, faint]))
+    assert one.severity is not None and one.severity < (other.severity or 0.0)
+    assert both.severity == other.severity and (both.side, one.side) == (2, None)
+    assert both.hidden == pytest.approx(0.5 * (one.hidden + other.hidden), abs=2e-3)
+    never = replace(hypothesis("check_valve_clogged", [1e-3, 0.0, 0.0]), side=1)
+    (half,) = invisible(drawn(1), [plain, never], 6.0)
+    assert half.severity is None and half.side == 1
+    assert half.hidden == pytest.approx(0.5 + 0.5 * one.hidden, abs=2e-3)
+    rare = replace(never, commonness=0.25)
+    assert invisible(drawn(1), [plain, rare], 6.0)[0].hidden == pytest.approx(
+        0.2 + 0.8 * one.hidden, abs=2e-3
+    )
 
 
 def test_a_hop_after_one_that_is_not_kept_is_known_as_such() -> None:
