@@ -14,6 +14,7 @@ from hypothesis import strategies as st
 from simulated_logs import DURATION_S, HEALTHY, ONSET_S, simulated
 
 from evidence.diagnosis.disturbed import mirrored, mirrored_unit
+from fdd.diagnosis.answering import hidden_share
 from fdd.diagnosis.findings import Diagnosis
 from fdd.diagnosis.pipeline import Pipeline
 from fdd.errors import InputError
@@ -81,11 +82,12 @@ def test_before_a_leak_what_may_be_hidden_is_unknown_not_a_leak(unit: Unit, leak
     pipeline = Pipeline(unit)
     pipeline.push(leaking)
     over = pipeline.trajectories()
-    found = pipeline.finish().faults[0]
+    said = pipeline.finish()
+    found = said.faults[0]
     quiet = over.window_time < found.detected_s - 0.1
     assert quiet.any() and (over.probabilities["leakage"][quiet] < 0.05).all(), "not before it was looked at"
     assert (over.statistic[quiet] < over.threshold).all()
-    hidden = pipeline.model.calibration.probability(0.0)
+    hidden = pipeline.model.calibration.probability(0.0, hidden_share(said.not_visible))
     assert over.probabilities["unknown"][quiet] == pytest.approx(hidden, abs=0.05)
     assert over.probabilities["leakage"][-1] > 0.9
     assert np.sum(list(over.probabilities.values()), axis=0) == pytest.approx(1.0)
