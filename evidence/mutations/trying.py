@@ -27,6 +27,7 @@ import coverage
 import pytest
 
 import estimators.compiled
+import fdd
 import fdd.plant.simulate as plant
 from evidence.mutations.slips import Slip, changed, slips
 
@@ -160,6 +161,8 @@ def _child(slip: Slip, tests: Sequence[str], out: int) -> None:
         file = getattr(module, "__file__", None) or ""
         if name.startswith(ABOVE) or file.startswith(f"{ROOT}/tests/"):
             del sys.modules[name]
+    for door in fdd.__all__:  # or the package would keep what stands behind it
+        vars(fdd).pop(door, None)
     loader = Slipped(slip.module, f"{ROOT}/{slip.module.replace('.', '/')}.py")
     loader.place = slip.place
     sys.meta_path.insert(0, loader)
