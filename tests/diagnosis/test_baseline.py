@@ -8,7 +8,14 @@ from made_up_evidence import EFFECTS
 from numpy.typing import NDArray
 from simulated_logs import HEALTHY, simulated
 
-from fdd.diagnosis.baseline import baseline_of, effects_of, ledgers_of, scattered, structural_variance
+from fdd.diagnosis.baseline import (
+    _balance,
+    baseline_of,
+    effects_of,
+    ledgers_of,
+    scattered,
+    structural_variance,
+)
 from fdd.errors import InputError
 from fdd.residuals.balances import BALANCES
 from fdd.residuals.effects import first_effects
@@ -123,3 +130,23 @@ def test_ten_hops_are_the_least_that_make_a_baseline() -> None:
         baseline_of(short)
     assert baseline_of(long).seconds == 5.0
     assert baseline_of(short, baseline_of(long)).seconds == 9.5, "with what is known already they do"
+
+
+def test_noises_of_logs_that_are_added_later_are_those_of_all_logs_at_once() -> None:
+    """A baseline keeps 21 quantiles of its hops, each of which stands for as many as it was taken of."""
+    rng, n = np.random.default_rng(17), len(BALANCES["coherence"].columns)
+
+    def sums(levels: np.ndarray) -> tuple[np.ndarray, ...]:
+        many = levels.size
+        return np.tile(np.eye(n), (many, 1, 1)), np.zeros((many, n)), np.full(many, 20.0), levels**2
+
+    calm, loud = 0.001 * rng.lognormal(0.0, 0.1, 1200), 0.004 * rng.lognormal(0.0, 0.1, 600)
+    first = _balance("coherence", [sums(calm)], None, 0.0)
+    together = _balance("coherence", [sums(calm), sums(loud)], None, 0.0)
+    added = _balance("coherence", [sums(loud)], first, 2.0 / 3.0)
+    # Two thirds are calm: the quantile between the two kinds is anything in between.
+    inner = [k for k in range(1, 20) if k not in (13, 14)]
+    np.testing.assert_allclose(
+        np.array(added.hop_noise)[inner], np.array(together.hop_noise)[inner], rtol=0.03
+    )
+    assert added.noise == pytest.approx(together.noise, rel=0.03) and added.hops == together.hops
