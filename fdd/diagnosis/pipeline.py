@@ -235,7 +235,9 @@ class Pipeline:
         look = self._look()
         if not self._tracked.keep:
             del self._scans[: -SCANS_KEPT + 1]
-        if self._ledger.taken // SCAN_HOPS % SCANS_A_MINUTE == 1 or not self._scans:
+        number = self._ledger.taken // SCAN_HOPS
+        # What could be seen changes fast in the first minute, and slowly after it.
+        if number <= SCANS_A_MINUTE or number % SCANS_A_MINUTE == 1 or not self._scans:
             self._hidden = hidden_share(invisible(look.evidence, self._hypotheses, self.threshold))
         self._scans.append((look.now, look.stands))
         fresh, over = self._acute.take(look, self._ledger.hops[0] * HOP_S)
