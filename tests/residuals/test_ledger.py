@@ -395,7 +395,7 @@ def test_rows_that_hang_together_are_worth_fewer(rho: float, worth: float) -> No
             before = error[k - 1] if k else rng.normal() * sigma
             error[k] = rho * before + np.sqrt(1.0 - rho**2) * sigma * rng.normal()
         x = rng.normal(size=(HOP_ROWS, n))
-        found.append(account._coloured(np.column_stack([x, x @ np.ones(n) + error])))
+        found.append(account._coloured(np.column_stack([x, 100.0 * x.sum(axis=1) + error])))
     assert np.median(found[20:]) == pytest.approx(worth * sigma**2, rel=0.2)
     assert len(account.recent) == 20, "ten seconds of them"
     assert account._coloured(np.zeros((HOP_ROWS, n + 1))) >= account.least > 0.0
