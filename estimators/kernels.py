@@ -35,9 +35,11 @@ from estimators.compiled import njit
 from estimators.linalg import (
     Array,
     Mask,
+    apply_gain,
     cholesky,
     cholesky_solve,
     decorrelate,
+    innovation_after,
     joseph_update,
     project,
     symmetrise,
@@ -175,34 +177,6 @@ def channel_likelihood(e: float, s: float) -> tuple[float, float]:
     if s > 0.0:
         return e * e / s, -0.5 * (LOG_2PI + math.log(s) + e * e / s)
     return (0.0, 0.0) if e == 0.0 else (np.inf, -np.inf)
-
-
-@njit(error_model="numpy")
-def innovation_after(K: Array, k: Array, h: Array, yd: Array, c: int) -> float:
-    """Innovation of independent channel `c` after the earlier ones; `k` enters `K`, K <- (I - k h) K."""
-    e = yd[c]
-    for d in range(c):
-        hK = 0.0
-        for i in range(k.size):
-            hK += h[i] * K[i, d]
-        e -= hK * yd[d]
-        for i in range(k.size):
-            K[i, d] -= k[i] * hK
-    for i in range(k.size):
-        K[i, c] = k[i]
-    return e
-
-
-@njit(error_model="numpy")
-def apply_gain(x: Array, K: Array, L: Array, y: Array) -> None:
-    """Turn the gain of independent channels into that of the original ones, K <- K L^-1, and correct `x`."""
-    m = y.size
-    for i in range(x.size):
-        for c in range(m - 1, -1, -1):
-            for d in range(c + 1, m):
-                K[i, c] -= K[i, d] * L[d, c]
-        for c in range(m):
-            x[i] += K[i, c] * y[c]
 
 
 @njit()

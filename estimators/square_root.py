@@ -20,8 +20,8 @@ from __future__ import annotations
 import numpy as np
 
 from estimators.compiled import njit
-from estimators.kernels import apply_gain, channel_likelihood, innovation_after
-from estimators.linalg import PIVOT_FLOOR, Array, Mask, decorrelate
+from estimators.kernels import channel_likelihood
+from estimators.linalg import PIVOT_FLOOR, Array, Mask, apply_gain, decorrelate, innovation_after
 
 
 @njit(error_model="numpy")

@@ -151,7 +151,7 @@ def evaluate(case: Case, data: Data) -> Outcome:
 def _claimed(P: Array, record: np.void) -> Array:
     """The tracker's covariance of the tracked parameters, widened as its records are."""
     block = P[np.ix_(TRACKED, TRACKED)]
-    reported = record["variance"][TRACKED]
+    reported = record["variance"][list(TRACKED)]
     factor = np.sqrt(reported / np.diag(block))
     return np.asarray(block * np.outer(factor, factor))
 
