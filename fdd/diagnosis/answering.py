@@ -189,7 +189,7 @@ def invisible(evidence: Evidence, hypotheses: Sequence[Hypothesis], threshold: f
         out.append(
             Invisible(
                 fault=name,
-                severity=round(least, 2) if math.isfinite(least) else None,
+                severity=math.ceil(100.0 * least) / 100.0 if math.isfinite(least) else None,
                 hidden=round(sum(p * c for p, c in parts) / sum(c for _, c in parts), 3),
                 **(said if len(parts) > 1 else {}),
             )
