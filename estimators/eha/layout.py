@@ -82,6 +82,7 @@ class Memory(Protocol):
     fast: Two
     slow: Two
     still: float
+    # Sums of the scores, over a short and a long window: `estimators.eha.walk`.
     shift: Flow
     gained: Flow
     shift_long: Flow

@@ -29,7 +29,7 @@ from estimators.eha.layout import (
     Z_X,
     Memory,
     Records,
-)  # fmt: skip
+)
 from estimators.eha.noise import Noise
 from estimators.eha.redundancy import compare_sensors
 from estimators.eha.update import (

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import zlib
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from tempfile import TemporaryDirectory
+from types import MappingProxyType
 
 import numpy as np
 import pandas as pd
@@ -33,6 +34,10 @@ NEAR_S = 1.0
 """s within which two onsets are the same: two hops."""
 TURNED = ("command", "pump_angle", "pump_speed", "position", "pressure_difference", "motor_current",
           "position_setpoint", "load_force")  # fmt: skip
+OTHER_UNITS = dict.fromkeys(PRESSURES, ("psi", 6894.757293168361)) | {
+    "position": ("in", 0.0254), "pump_angle": ("deg", np.pi / 180.0),
+}  # fmt: skip
+"""Channel to a unit of measure and what one of it is in SI (NIST SP 811)."""
 SWAPPED = {"pressure_1": "pressure_2", "pressure_2": "pressure_1"}
 
 
@@ -53,9 +58,8 @@ def beheaded(log: Samples, rng: np.random.Generator) -> Samples:
 
 
 def converted(log: Samples, rng: np.random.Generator) -> Samples:
-    """A log that was kept in psi, inches and degrees."""
-    factor = dict.fromkeys(PRESSURES, 6894.757293168) | {"position": 0.0254, "pump_angle": np.pi / 180.0}
-    return Samples(log.time, {c: log[c] / factor.get(c, 1.0) * factor.get(c, 1.0) for c in log.channels})
+    """A log that was kept in psi, inches and degrees, as the reader takes it."""
+    return as_read(log, units=OTHER_UNITS)
 
 
 def sampled(log: Samples, time: np.ndarray[tuple[int], np.dtype[np.float64]]) -> Samples:
@@ -105,13 +109,18 @@ def in_milliseconds(log: Samples, rng: np.random.Generator) -> Samples:
     return as_read(log, offset=3600.0)
 
 
-def as_read(log: Samples, offset: float = 0.0) -> Samples:
-    """What `read_log` makes of a log that was kept with its time in ms."""
+def as_read(
+    log: Samples, offset: float = 0.0, units: Mapping[str, tuple[str, float]] = MappingProxyType({})
+) -> Samples:
+    """What `read_log` makes of a log that was kept with its time in ms, and channels in `units`."""
     with TemporaryDirectory() as folder:
         path = Path(folder) / "log.parquet"
-        columns = {"t": 1e3 * (log.time + offset), **log.columns}
+        kept = {c: log[c] / units[c][1] if c in units else log[c] for c in log.channels}
+        columns = {"t": 1e3 * (log.time + offset), **kept}
         pd.DataFrame(columns).to_parquet(path, index=False)
         sources = {"time": {"column": "t", "unit": "ms"}, **{c: {"column": c} for c in log.channels}}
+        for channel in units.keys() & sources.keys():
+            sources[channel]["unit"] = units[channel][0]
         read = read_log(path, ChannelMap.model_validate({"channels": sources})).samples
     return Samples(read.time - read.time[0] + log.time[0], read.columns)
 
@@ -229,7 +238,7 @@ def _chosen(log: Samples, keep: np.ndarray[tuple[int], np.dtype[np.bool_]]) -> S
 
 
 def table(compared: list[Comparison]) -> str:
-    """What ``disturbed.md`` says (Markdown)."""
+    """The section of a report (Markdown)."""
     told = (
         f"\n## What must not matter\n\n{len({c.unit for c in compared})} units, of each a healthy and a "
         "faulty log; the share of logs (95 % interval) that say the same as the log as it was.\n\n"

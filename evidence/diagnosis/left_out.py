@@ -59,7 +59,7 @@ def _said(directory: str, model: str | None, unit: str) -> list[tuple[str, str]]
 
 
 def table(said: list[tuple[str, str]]) -> str:
-    """What ``left_out.md`` says (Markdown)."""
+    """The section of a report (Markdown)."""
     count = Counter(said)
     lines = [
         "\n## Kinds that the catalogue does not have\n\nEach log with one fault, diagnosed without that "
