@@ -37,7 +37,7 @@ MEASURES: dict[str, Measure] = {
     # time
     "s": Measure("time", 1.0), "ms": Measure("time", 1e-3), "us": Measure("time", 1e-6),
     "ns": Measure("time", 1e-9), "1/s": Measure("rate", 1.0), "Hz": Measure("frequency", 1.0),
-    "1/h": Measure("rate", 1.0 / 3600.0),
+    "1/h": Measure("rate", 1.0 / 3600.0), "1/K": Measure("expansion", 1.0),
     # angle and its rate
     "rad": Measure("angle", 1.0), "deg": Measure("angle", math.pi / 180.0), "rev": Measure("angle", _TWO_PI),
     "rad/s": Measure("angular_speed", 1.0), "rpm": Measure("angular_speed", _TWO_PI / 60.0),

@@ -85,8 +85,9 @@ CATALOGUE, ADDED_BY = _collected(_shipped())
 """Id to entry, in the contract's order, within a family first what is shipped; and id to name and version of
 the package, of those that an installed package adds."""
 
-PROFILES = ("step", "ramp", "intermittent")
-"""How a fault comes: at once, growing over a time, or on and off."""
+PROFILES = ("step", "ramp", "intermittent", "exponential", "random", "load", "heat")
+"""How a fault comes: at once, growing over a time, on and off, growing ever quicker, on and off at random, with
+the load, or as the oil warms."""
 
 
 def unusable(name: str, problem: str, has: Iterable[str]) -> InputError:

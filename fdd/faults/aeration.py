@@ -25,6 +25,15 @@ FAULT = Fault(
             "volume of free air added over that of oil; eqs 5.20 and 5.21 turn it into bulk modulus",
         ),
     ),
-    effects=(Effect("air", "add", "free_air"),),
+    laws={
+        "exchange": "air in both chambers, in place of oil that is lost",
+        "ingress": "air in both chambers beside their oil, which gives way into the accumulator",
+        "chamber_1": "air in chamber 1 alone, in place of oil",
+        "chamber_2": "air in chamber 2 alone, in place of oil",
+    },
+    effects=(
+        *(Effect(f"air_{k}", "add", "free_air", laws=("exchange", f"chamber_{k}")) for k in (1, 2)),
+        Effect("ingress", "add", "free_air", laws=("ingress",)),
+    ),
     signatures=(Signature("air", lambda unit: {"volume": {"air": 1.0}}),),
 )

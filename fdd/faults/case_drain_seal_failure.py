@@ -17,10 +17,14 @@ FAULT = Fault(
     source=ASSUMED,
     next_check="Lead the case drain into a measuring glass, run against a load and compare its flow with "
     "the pump's data sheet.",
+    laws={"both": "both ports leak into the case", "one": "port 1 alone, twice as much"},
     figures=(
         Figure("case_leakage", 24e-12, LEAKAGE, "m³/(s·Pa), each port to the case drain", grows="leakage"),
     ),
-    effects=(Effect("case_leakage", "add", "case_leakage"),),
+    effects=(
+        *(Effect(f"case_leakage_{port}", "add", "case_leakage", laws=("both",)) for port in (1, 2)),
+        Effect("case_leakage_1", "add", "case_leakage", times=(2.0,), laws=("one",)),
+    ),
     # Twice what severity 1 of internal leakage is.
     # One seal, of the many gaps that lead across the ports.
     signatures=(

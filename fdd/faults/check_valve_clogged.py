@@ -26,6 +26,11 @@ FAULT = Fault(
     next_check="Take that side's refeeding valve out and blow through it in its free direction: look for "
     "dirt and a poppet that sticks.",
     sides=(1, 2),
+    laws={
+        "conductance": "its passage narrows by powers of ten",
+        "cracking": "its poppet asks for more pressure before it opens",
+        "starved": "its passage closes in proportion, to nothing",
+    },
     figures=(
         Figure(
             "check_valve_clogging",
@@ -33,7 +38,22 @@ FAULT = Fault(
             DECADES,
             "powers of ten by which a clogged check valve's flow gain falls",
         ),
+        Figure(
+            "check_valve_cracking",
+            4.8e5,
+            (0.0, 1e8),
+            "Pa added to a clogged check valve's cracking pressure; the charge pressure's gauge",
+            grows="charge",
+        ),
     ),
-    effects=tuple(Effect(f"refeed_{side}", "decades", "check_valve_clogging", side=side) for side in (1, 2)),
+    effects=tuple(
+        effect
+        for side in (1, 2)
+        for effect in (
+            Effect(f"refeed_{side}", "decades", "check_valve_clogging", side=side, laws=("conductance",)),
+            Effect(f"cracking_{side}", "add", "check_valve_cracking", side=side, laws=("cracking",)),
+            Effect(f"refeed_{side}", "lower", 1.0, side=side, laws=("starved",)),
+        )
+    ),
     signatures=tuple(Signature(f"clogged {side}", partial(_columns, side), side=side) for side in (1, 2)),
 )

@@ -25,6 +25,10 @@ FAULT = Fault(
     next_check="Take that side's refeeding valve out and see whether its poppet closes: look for dirt on "
     "the seat and a broken spring.",
     sides=(1, 2),
+    laws={
+        "gap": "held open by a fixed gap",
+        "sticking": "its poppet stays up until the oil that flows back presses it shut",
+    },
     figures=(
         Figure(
             "check_valve_flow",
@@ -33,7 +37,21 @@ FAULT = Fault(
             "m³/s at 1 MPa backwards through a check valve stuck open; about its seat's area",
             grows="orifice",
         ),
+        Figure(
+            "check_valve_sticking",
+            8e5,
+            (0.0, 1e8),
+            "Pa back over a sticking check valve without which it does not shut",
+            grows="pressure",
+        ),
     ),
-    effects=tuple(Effect(f"open_{side}", "add", "check_valve_flow", side=side) for side in (1, 2)),
+    effects=tuple(
+        effect
+        for side in (1, 2)
+        for effect in (
+            Effect(f"open_{side}", "add", "check_valve_flow", side=side, laws=("gap",)),
+            Effect(f"sticking_{side}", "add", "check_valve_sticking", side=side, laws=("sticking",)),
+        )
+    ),
     signatures=tuple(Signature(f"valve {side}", partial(_columns, side), side=side) for side in (1, 2)),
 )

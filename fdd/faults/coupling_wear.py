@@ -17,6 +17,7 @@ FAULT = Fault(
     source=ASSUMED,
     next_check="Lock the pump's shaft, turn the motor by hand to both sides and measure the play, then "
     "check the coupling's insert and its alignment.",
+    laws={"both": "play and a shaft out of line", "play": "play alone", "bent": "a shaft out of line alone"},
     figures=(
         Figure("coupling_play", 0.0349, (0.0, 0.5), "rad between motor and pump; 2 degrees"),
         Figure(
@@ -28,8 +29,8 @@ FAULT = Fault(
         ),
     ),
     effects=(
-        Effect("play", "add", "coupling_play"),
-        Effect("eccentricity", "add", "coupling_eccentricity"),
+        Effect("play", "add", "coupling_play", laws=("both", "play")),
+        Effect("eccentricity", "add", "coupling_eccentricity", laws=("both", "bent")),
     ),
     signatures=(
         # A bent or worn coupling shows once a turn, play twice: 0.1 of the current at relief pressure

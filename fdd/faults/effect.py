@@ -27,7 +27,7 @@ class Figure:
     allowed: tuple[float, float]
     meaning: str
     usual: tuple[float, float] | None = None
-    grows: Literal["", "leakage", "speed_leakage", "orifice", "flow", "pressure"] = ""
+    grows: Literal["", "leakage", "speed_leakage", "orifice", "flow", "pressure", "charge", "torque"] = ""
 
 
 LEAKAGE = (0.0, 1e-9)
@@ -43,34 +43,40 @@ DECADES = (0.0, 9.0)
 class Effect:
     """How one parameter of the plant changes with the severity s.
 
-    Its amount is ``s * by * (1 - less) * times... / over``, in this order. Where a name stands for a number
-    it is one of the catalogue's figures or a detail of the plant.
+    Its amount is ``s * by * (1 - less) * times... * root(roots)... / over``, in this order. Where a name stands
+    for a number it is one of the catalogue's figures or a detail of the plant.
 
     Attributes
     ----------
     parameter : a column of `fdd.plant.conditions`, in small letters.
     change : ``add`` the amount; ``raise`` or ``lower`` by it, as a share of what the parameter was;
-        ``towards`` scales the parameter by `by` at severity 1; ``decades`` lets it fall by as many powers of
-        ten, for what has to be nearly gone before anything shows.
+        ``towards`` scales the parameter by `by` at severity 1, ``shift`` adds `by` - 1; ``decades`` lets it fall
+        by as many powers of ten, for what has to be nearly gone before anything shows.
     by : figure or number.
-    less, times, over : further figures or numbers.
-    side, variants : which of the fault's it goes with; left out, it goes with all.
+    less, times, roots, over : further figures or numbers.
+    side, variants, laws : which of the fault's it goes with; left out, it goes with all.
     """
 
     parameter: str
-    change: Literal["add", "raise", "lower", "towards", "decades"]
+    change: Literal["add", "raise", "lower", "towards", "shift", "decades"]
     by: str | float
     less: str | float = 0.0
     times: tuple[str | float, ...] = ()
+    roots: tuple[str | float, ...] = ()
     over: str | float = 1.0
     side: int | None = None
     variants: tuple[str, ...] = ()
+    laws: tuple[str, ...] = ()
 
     @property
     def numbers(self) -> tuple[str | float, ...]:
         """Figures and numbers that the amount is made of."""
-        return (self.by, self.less, *self.times, self.over)
+        return (self.by, self.less, *self.times, *self.roots, self.over)
 
-    def goes_with(self, side: int | None, variant: str | None) -> bool:
-        """Whether the fault has it on that side and in that variant."""
-        return self.side in (None, side) and (not self.variants or variant in self.variants)
+    def goes_with(self, side: int | None, variant: str | None, law: str | None) -> bool:
+        """Whether the fault has it on that side, in that variant and by that law."""
+        return (
+            self.side in (None, side)
+            and (not self.variants or variant in self.variants)
+            and (not self.laws or law in self.laws)
+        )

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 
 from fdd.faults.effect import Effect, Figure
 from fdd.faults.signature import Signature
@@ -31,6 +32,7 @@ class Fault:
     source : where that scale comes from, or that it is an assumption.
     next_check : what a technician does to confirm it, one sentence.
     variants, sides : choices that the injection takes; the first is the default.
+    laws : name to how the plant may have it, the first by default. Signatures never see which.
     figures : numbers behind severity 1.
     effects : what they change in the plant.
     in_measurement : `fdd.plant.sensors` injects it, not the plant.
@@ -48,6 +50,7 @@ class Fault:
     thesis: str = ""
     variants: tuple[str, ...] = ()
     sides: tuple[int, ...] = ()
+    laws: Mapping[str, str] = field(default_factory=dict)
     figures: tuple[Figure, ...] = ()
     effects: tuple[Effect, ...] = ()
     in_measurement: bool = False

@@ -29,11 +29,38 @@ FAULT = Fault(
     next_check="Wipe that chamber's fittings, hoses and rod seal dry, hold pressure in it for some "
     "minutes and look for fresh oil.",
     sides=(1, 2),
+    laws={
+        "laminar": "a gap or a porous hose",
+        "orifice": "a hole",
+        "opening": "a joint that pressure opens",
+    },
     figures=(
         Figure(
             "external_leakage", 6e-12, LEAKAGE, "m³/(s·Pa) from one chamber to the outside", grows="leakage"
         ),
     ),
-    effects=tuple(Effect(f"outside_{side}", "add", "external_leakage", side=side) for side in (1, 2)),
+    effects=tuple(
+        effect
+        for side in (1, 2)
+        for effect in (
+            Effect(f"outside_{side}", "add", "external_leakage", side=side, laws=("laminar",)),
+            Effect(
+                f"outside_orifice_{side}",
+                "add",
+                "external_leakage",
+                roots=("leakage_pressure", 1e6),
+                side=side,
+                laws=("orifice",),
+            ),
+            Effect(
+                f"outside_opening_{side}",
+                "add",
+                "external_leakage",
+                over="leakage_pressure",
+                side=side,
+                laws=("opening",),
+            ),
+        )
+    ),  # fmt: skip
     signatures=tuple(Signature(f"outside {side}", partial(_chamber, side), side=side) for side in (1, 2)),
 )

@@ -17,6 +17,13 @@ FAULT = Fault(
     source="2 to 3 times the healthy L_T of section 5.2, 0.7 L/min at 1 MPa; assumption: the orifice's part",
     next_check="Block the rod, hold half the relief pressure and read the pump's speed: displacement "
     "times speed over pressure is the leakage across the ports.",
+    laws={
+        "mixed": "a laminar gap, a tenth of it an orifice",
+        "laminar": "a gap alone",
+        "orifice": "a hole alone",
+        "opening": "a gap that pressure widens",
+        "piston": "a gap at the piston's seal, past the pump",
+    },
     figures=(
         Figure(
             "internal_leakage",
@@ -34,11 +41,32 @@ FAULT = Fault(
             "part of that flow at 1 MPa which is turbulent",
             usual=(0.0, 0.25),
         ),
+        Figure(
+            "leakage_pressure",
+            1e6,
+            (1e3, 1e8),
+            "Pa at which a leak passes the same flow by whatever law",
+            grows="pressure",
+        ),
     ),
     effects=(
-        Effect("cross_leakage", "add", "internal_leakage", less="internal_leakage_orifice_share"),
+        Effect(
+            "cross_leakage", "add", "internal_leakage", less="internal_leakage_orifice_share", laws=("mixed",)
+        ),
         # An orifice is given by its flow at 1 MPa.
-        Effect("cross_orifice", "add", "internal_leakage", times=("internal_leakage_orifice_share", 1e6)),
-    ),
+        Effect(
+            "cross_orifice",
+            "add",
+            "internal_leakage",
+            times=("internal_leakage_orifice_share", 1e6),
+            laws=("mixed",),
+        ),
+        Effect("cross_leakage", "add", "internal_leakage", laws=("laminar",)),
+        Effect(
+            "cross_orifice", "add", "internal_leakage", roots=("leakage_pressure", 1e6), laws=("orifice",)
+        ),
+        Effect("cross_opening", "add", "internal_leakage", over="leakage_pressure", laws=("opening",)),
+        Effect("seal_leakage", "add", "internal_leakage", laws=("piston",)),
+    ),  # fmt: skip
     signatures=(Signature("internal leakage", lambda unit: {"volume": {"leak": unit.leakage_ratio}}),),
 )

@@ -26,6 +26,12 @@ FAULT = Fault(
     source=ASSUMED,
     next_check="Measure each phase's winding resistance cold and the back EMF at a known speed, and "
     "compare both with the motor's data sheet.",
+    laws={
+        "winding": "a hot, worn winding: less torque, more resistance, a lower limit",
+        "magnets": "weak magnets: less torque and back EMF alone",
+        "shorted": "shorted turns: less resistance and torque, and a brake that grows with speed",
+        "phase": "a phase that conducts badly: torque swings twice an electrical turn",
+    },
     figures=(
         Figure("torque_loss", 0.3, (0.0, 0.95), "share of the torque constant"),
         Figure(
@@ -38,11 +44,22 @@ FAULT = Fault(
             "share of the current limit, which a drive lowers for a winding that runs hot",
             usual=(0.0, 0.4),
         ),
+        Figure(
+            "shorted_braking",
+            2e-3,
+            (0.0, 1.0),
+            "N·m·s/rad that shorted turns brake with; 0.2 N·m at 100 rad/s",
+            grows="torque",
+        ),
     ),
     effects=(
-        Effect("torque", "lower", "torque_loss"),
-        Effect("resistance", "raise", "resistance_gain"),
-        Effect("current_limit", "lower", "current_limit_loss"),
+        Effect("torque", "lower", "torque_loss", laws=("winding", "magnets")),
+        Effect("resistance", "raise", "resistance_gain", laws=("winding",)),
+        Effect("current_limit", "lower", "current_limit_loss", laws=("winding",)),
+        Effect("torque", "lower", "torque_loss", times=(0.5,), laws=("shorted",)),
+        Effect("resistance", "lower", "torque_loss", laws=("shorted",)),
+        Effect("braking", "add", "shorted_braking", laws=("shorted",)),
+        Effect("phase", "add", "torque_loss", times=(2.0,), laws=("phase",)),
     ),
     signatures=(Signature("motor", _columns),),
 )

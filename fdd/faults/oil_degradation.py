@@ -26,18 +26,27 @@ FAULT = Fault(
     title="oil degradation",
     thesis="Table 4.1",
     plant="viscous friction and leakage change with viscosity",
-    severity="thin: viscosity falls to 50 %; thick: it rises to 200 %",
+    severity="thin: viscosity falls to 50 %; thick: it rises to 200 %; wet: a percent of emulsified water, whose "
+    "vapour pressure is 25 times the oil's, and viscosity to 140 %",
     source=ASSUMED,
     next_check="Take an oil sample at working temperature and have its viscosity at 40 °C compared with "
     "its grade.",
-    variants=tuple(_VISCOSITY),
+    variants=(*_VISCOSITY, "wet"),
     figures=(
         Figure("thin_viscosity", _VISCOSITY["thin"], (0.05, 1.0), "of the oil over that of sound oil"),
         Figure("thick_viscosity", _VISCOSITY["thick"], (1.0, 20.0), "of the oil over that of sound oil"),
+        Figure("wet_viscosity", 1.4, (1.0, 20.0), "of an emulsion over that of sound oil"),
+        Figure(
+            "wet_vapour", 25.0, (1.0, 1e3), "vapour pressure over sound oil's; water has 7.4 kPa at 40 °C"
+        ),
     ),
     # The plant itself takes viscosity into leakages and viscous friction.
-    effects=tuple(
-        Effect("viscosity", "towards", f"{variant}_viscosity", variants=(variant,)) for variant in _VISCOSITY
+    effects=(
+        *(
+            Effect("viscosity", "towards", f"{variant}_viscosity", variants=(variant,))
+            for variant in (*_VISCOSITY, "wet")
+        ),
+        Effect("vapour", "towards", "wet_vapour", variants=("wet",)),
     ),
     signatures=tuple(
         # Oil ages over hundreds of hours, a clearance or a seal gives within minutes.

@@ -22,6 +22,12 @@ FAULT = Fault(
     source=ASSUMED,
     next_check="Measure the leakage across the ports at one pressure, at low and at full speed: only a "
     "worn gear loses more as it turns faster.",
+    laws={
+        "mixed": "gaps that lose with pressure and speed, some displacement, ripple",
+        "displacement": "teeth that carry less at any pressure, ripple",
+        "gap": "a side gap that loses by pressure alone, to the other port and to the case, ripple",
+        "speed": "a gap that loses by pressure and speed alone",
+    },
     figures=(
         Figure(
             "pump_wear_leakage",
@@ -37,6 +43,7 @@ FAULT = Fault(
             "share of the displacement",
             usual=(0.0, 0.04),
         ),
+        Figure("pump_wear_worn_out", _WORN_OUT, (0.0, 0.5), "share of the displacement, of a pump done for"),
         Figure(
             "pump_wear_ripple",
             0.05,
@@ -46,9 +53,15 @@ FAULT = Fault(
         ),
     ),
     effects=(
-        Effect("speed_leakage", "add", "pump_wear_leakage", over=100.0),  # rad/s
-        Effect("displacement", "lower", "pump_wear_displacement_loss"),
-        Effect("ripple", "add", "pump_wear_ripple"),
+        Effect("speed_leakage", "add", "pump_wear_leakage", over=100.0, laws=("mixed", "speed")),  # rad/s
+        Effect("displacement", "lower", "pump_wear_displacement_loss", laws=("mixed",)),
+        Effect("displacement", "lower", "pump_wear_worn_out", laws=("displacement",)),
+        Effect("cross_leakage", "add", "internal_leakage", times=(0.7,), laws=("gap",)),
+        *(
+            Effect(f"case_leakage_{port}", "add", "internal_leakage", times=(0.3,), laws=("gap",))
+            for port in (1, 2)
+        ),
+        Effect("ripple", "add", "pump_wear_ripple", laws=("mixed", "displacement", "gap")),
     ),
     # Gears wear slowly. What a worn one loses goes by pressure and speed, or by speed alone: how much of
     # either differs from pump to pump.

@@ -17,6 +17,10 @@ FAULT = Fault(
     source=ASSUMED,
     next_check="Block the rod, raise the pressure slowly and note where the pump begins to run away: this "
     "must be near the relief setting, both ways.",
+    laws={
+        "orifice": "held open by a fixed gap",
+        "setting": "its spring gave way: it opens at a lower pressure",
+    },
     figures=(
         Figure(
             "relief_valve_flow",
@@ -25,8 +29,17 @@ FAULT = Fault(
             "m³/s at 1 MPa through a relief valve stuck open",
             grows="orifice",
         ),
+        Figure(
+            "relief_setting_loss",
+            0.9,
+            (0.0, 0.99),
+            "share of its setting that a relief valve's spring has lost",
+        ),
     ),
-    effects=(Effect("relief_open", "add", "relief_valve_flow"),),
+    effects=(
+        Effect("relief_open", "add", "relief_valve_flow", laws=("orifice",)),
+        Effect("relief_setting", "lower", "relief_setting_loss", laws=("setting",)),
+    ),
     signatures=(
         # A relief valve stays shut in ordinary duty; a check valve moves at every reversal: it sticks more
         # often.

@@ -16,11 +16,33 @@ _LOOSE = ("loose", "loose_forward", "loose_reverse")
 def _rubbing(kind: str) -> tuple[Effect, ...]:
     by = f"{kind}_friction"
     ways = tuple(kind + lip for lip in _LIPS)
+    by_law = {"friction": "whole", "coulomb": "coulomb", "stribeck": "stribeck"}
     return (
-        *(Effect(f"friction{lip}", "towards", by, variants=(kind, kind + lip)) for lip in _LIPS),
-        Effect("viscous", "towards", by, variants=(kind,)),
-        # The plant has the viscous part in common: worn in one direction, it takes half of the change.
-        Effect("viscous", "towards", by, times=(0.5,), variants=ways),
+        *(
+            Effect(f"{name}{lip}", "towards", by, variants=(kind, kind + lip), laws=(law,))
+            for name, law in by_law.items()
+            for lip in _LIPS
+        ),
+        # The plant has the rest in common: worn in one direction, it takes half of the change.
+        *(
+            Effect("viscous", "towards", by, times=(half * times,), variants=variants, laws=(law,))
+            for law, times in (("whole", 1.0), ("viscous", 3.0))
+            for half, variants in ((1.0, (kind,)), (0.5, ways))
+            if not (law == "viscous" and kind == "loose")
+        ),
+        *(
+            Effect("viscous", "lower", 1.0, times=(half,), variants=variants, laws=("viscous",))
+            for half, variants in ((1.0, (kind,)), (0.5, ways))
+            if kind == "loose"
+        ),
+        *(
+            Effect(
+                f"coulomb{lip}", "towards", by, times=(0.5,), variants=(kind, kind + lip), laws=("viscous",)
+            )
+            for lip in _LIPS
+        ),
+        Effect("middle", "shift", by, variants=(kind,), laws=("track",)),
+        Effect("middle", "shift", by, times=(0.5,), variants=ways, laws=("track",)),
     )
 
 
@@ -45,6 +67,13 @@ FAULT = Fault(
     next_check="Move the rod slowly and without load both ways, compare area times pressure difference "
     "with the acceptance run's, and look at the rod for oil and scores.",
     variants=("loose", "tight", "loose_forward", "loose_reverse", "tight_forward", "tight_reverse"),
+    laws={
+        "whole": "the whole curve, from rest to speed",
+        "coulomb": "its level at speed alone",
+        "stribeck": "what it has at rest beyond that level",
+        "viscous": "its rise with speed, and half of the level",
+        "track": "the whole curve about mid-stroke, where the seal runs most",
+    },
     figures=(
         # A seal that lost its preload keeps some friction; a swollen one doubles it.
         Figure("loose_friction", _FRICTION["loose"], (0.0, 1.0), "friction over the healthy one"),

@@ -16,6 +16,10 @@ FAULT = Fault(
     source="assumption: a steady drip, which empties the 13 cm³ accumulator within minutes",
     next_check="Look for oil on the shaft between motor and pump, and compare the accumulator's pressure "
     "at rest with that of the last visit.",
+    laws={
+        "steady": "drips by pressure alone",
+        "running": "drips little at rest, the more the faster it turns",
+    },
     figures=(
         Figure(
             "shaft_leakage_flow",
@@ -31,5 +35,16 @@ FAULT = Fault(
             "Pa, the case's at rest: the thesis's mid charge pressure, 482 kPa, and 5 of its valve",
         ),
     ),
-    effects=(Effect("shaft_leakage", "add", "shaft_leakage_flow", over="shaft_leakage_pressure"),),
+    effects=(
+        Effect("shaft_leakage", "add", "shaft_leakage_flow", over="shaft_leakage_pressure", laws=("steady",)),
+        Effect(
+            "shaft_leakage",
+            "add",
+            "shaft_leakage_flow",
+            times=(0.25,),
+            over="shaft_leakage_pressure",
+            laws=("running",),
+        ),
+        Effect("shaft_speed", "add", 0.03, laws=("running",)),  # s/rad: four times as much at 100 rad/s
+    ),  # fmt: skip
 )

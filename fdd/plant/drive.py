@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fdd.plant.compiled import njit
-from fdd.plant.conditions import CURRENT_LIMIT, RESISTANCE, TORQUE
+from fdd.plant.conditions import BRAKING, CURRENT_LIMIT, DRAG, PHASE, RESISTANCE, TORQUE
 from fdd.plant.parameters import Constants
 from fdd.plant.state import ANGLE, CURRENT, DRIVE, SPEED
 
@@ -24,7 +24,11 @@ Array = NDArray[np.float64]
 def drive_rates(
     y: Array, command: float, hydraulic_torque: float, now: Array, par: Constants, dy: Array
 ) -> tuple[float, float]:
-    """Motor torque and the friction's (N·m); fills the rates of angle, speed, integrator and current."""
+    """Motor torque and the friction's (N·m); fills the rates of angle, speed, integrator and current.
+
+    A gear pump's torque loss is a constant, a share of its load and a viscous part (McCandlish and Dorey,
+    doi:10.1243/PIME_PROC_1984_198_062_02).
+    """
     speed, integrator, current = y[SPEED], y[DRIVE], y[CURRENT]
     # Dead band of the command's input (Table 6.1).
     if command > par.command_dead_band:
@@ -45,8 +49,17 @@ def drive_rates(
     voltage = opposing + par.winding_inductance * par.current_rate * (allowed - current)
     voltage = min(max(voltage, -par.voltage_limit), par.voltage_limit)
     dy[CURRENT] = (voltage - opposing) / par.winding_inductance
-    torque = par.torque_constant * share * current
-    turning = par.rotary_viscous * speed + par.rotary_coulomb * speed / math.sqrt(1.0 + speed * speed)
+    if now[PHASE] != 0.0:
+        # Two phases of three: the torque swings with twice the electrical angle.
+        share *= 1.0 - 0.5 * now[PHASE] * (1.0 + math.cos(2.0 * par.pole_pairs * y[ANGLE]))
+    # Magnets and slots pull without current; shorted turns brake.
+    torque = par.torque_constant * share * current - now[BRAKING] * speed
+    if par.cogging_torque != 0.0:
+        torque -= par.cogging_torque * math.sin(2.0 * par.pole_pairs * y[ANGLE])
+    # Dry friction of shaft and gears, which the load presses together, and the oil that they shear.
+    dry = par.rotary_coulomb + par.pump_friction * abs(hydraulic_torque)
+    turning = (par.rotary_viscous + par.pump_drag * now[DRAG]) * speed
+    turning += dry * speed / math.sqrt(1.0 + speed * speed)
     dy[ANGLE] = speed
     dy[SPEED] = (torque - hydraulic_torque - turning) / par.inertia
     # What the limit takes away does not wind the integrator up.

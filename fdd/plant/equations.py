@@ -13,17 +13,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fdd.plant.compiled import njit
-from fdd.plant.conditions import CONNECT_1, CONNECT_2, FORCE, WARMING
+from fdd.plant.conditions import CONNECT_1, CONNECT_2, FORCE, STORE_DENSITY, WARMING
 from fdd.plant.drive import drive_rates
 from fdd.plant.friction import friction_rates
-from fdd.plant.hydraulics import hydraulic_rates
-from fdd.plant.laws import oil_at, orifice
+from fdd.plant.hydraulics import gas_rate, hydraulic_rates
+from fdd.plant.laws import oil_at, orifice, store_pressure
 from fdd.plant.parameters import Constants
 from fdd.plant.state import (
     AXIS_STATES,
     DROP,
     FINDINGS,
     FRICTION_FORCE,
+    GAS,
     LINE_1,
     LINE_2,
     LOAD_FORCE,
@@ -35,6 +36,7 @@ from fdd.plant.state import (
     SPEED,
     STATES,
     STOP_FORCE,
+    STORE,
     TEMPERATURE,
     V,
     X,
@@ -45,20 +47,45 @@ Array = NDArray[np.float64]
 
 @njit(error_model="numpy", inline="always")
 def axis_rates(
-    y: Array, x: float, v: float, command: float, linked_1: float, linked_2: float, now: Array,
+    y: Array, x: float, v: float, command: float, pa: float, linked_1: float, linked_2: float, now: Array,
     par: Constants, dy: Array, found: Array,
 ) -> float:  # fmt: skip
     """Force of one axis on the rod (N); fills its rates and findings."""
-    resisting, heat = hydraulic_rates(y, x, v, linked_1, linked_2, now, par, dy, found)
+    resisting, heat, rise_1, rise_2, rise_a, rise_b = hydraulic_rates(
+        y, x, v, pa, linked_1, linked_2, now, par, dy, found
+    )
     torque, turning = drive_rates(y, command, resisting, now, par, dy)
-    friction = friction_rates(y, v, now, par, dy)
+    friction = friction_rates(y, x, v, now, par, dy)
     heat += abs(friction * v) + abs(turning * y[SPEED])
     cooling = par.cooling * (y[TEMPERATURE] - par.surroundings)
-    dy[TEMPERATURE] = now[WARMING] + (heat - cooling) / par.heat_capacity
+    warming = now[WARMING] + (heat - cooling) / par.heat_capacity
+    dy[TEMPERATURE] = warming
+    # Oil swells in every volume.
+    dy[P1] += rise_1 * warming
+    dy[P2] += rise_2 * warming
+    dy[LINE_1] += rise_a * warming
+    dy[LINE_2] += rise_b * warming
     found[FRICTION_FORCE] = friction
     found[MOTOR_TORQUE] = torque
     found[LOSSES] = heat
     return par.area_1 * y[P1] - par.area_2 * y[P2] - friction
+
+
+@njit(error_model="numpy", inline="always")
+def accumulator_pressure(y: Array, now: Array, par: Constants) -> float:
+    """Gauge pressure (Pa) of an axis's accumulator."""
+    return store_pressure(y[STORE] / now[STORE_DENSITY], y[GAS], par)
+
+
+@njit(error_model="numpy", inline="always")
+def load_spring(x: float, par: Constants) -> float:
+    """Force of the load's spring (N): through a hinge's play, and of a press only where it touches."""
+    reach = x - par.spring_centre
+    if par.spring_play > 0.0:
+        reach = max(reach - par.spring_play, 0.0) + min(reach + par.spring_play, 0.0)
+    if par.one_sided > 0.0:
+        reach = max(reach, 0.0)
+    return par.spring * reach
 
 
 @njit(error_model="numpy", inline="always")
@@ -111,20 +138,30 @@ def right_hand_side(
         # From the second axis's lines into the first's, at the mean of their densities.
         a, b = y[SHARED + LINE_1], y[SHARED + LINE_2]
         a_2, b_2 = y[o + LINE_1], y[o + LINE_2]
-        _, rho_a = oil_at(0.5 * (a + a_2), 0.0, first.ambient, first.stiff_compliance, 1.0)
-        _, rho_b = oil_at(0.5 * (b + b_2), 0.0, first.ambient, first.stiff_compliance, 1.0)
-        linked_1 = rho_a * orifice(a_2 - a, row[CONNECT_1], first.orifice_transition)
-        linked_2 = rho_b * orifice(b_2 - b, row[CONNECT_2], first.orifice_transition)
-    force = axis_rates(
-        y[SHARED:o], x, v, command_1, linked_1, linked_2, row, first, dy[SHARED:o], found[:FINDINGS]
-    )
+        warm = y[SHARED + TEMPERATURE] - first.reference_temperature
+        _, log_a, _, _ = oil_at(0.5 * (a + a_2), 0.0, warm, 1.0, first)
+        _, log_b, _, _ = oil_at(0.5 * (b + b_2), 0.0, warm, 1.0, first)
+        linked_1 = math.exp(log_a) * orifice(a_2 - a, row[CONNECT_1], first.orifice_transition)
+        linked_2 = math.exp(log_b) * orifice(b_2 - b, row[CONNECT_2], first.orifice_transition)
+    own, rates = y[SHARED:o], dy[SHARED:o]
+    pa = accumulator_pressure(own, row, first)
+    force = axis_rates(own, x, v, command_1, pa, linked_1, linked_2, row, first, rates, found[:FINDINGS])
     if dual:
+        own_2, rates_2 = y[o:], dy[o:]
+        if second.shares <= 0.0:
+            pa = accumulator_pressure(own_2, now[1], second)
         force += axis_rates(
-            y[o:], x, v, command_2, -linked_1, -linked_2, now[1], second, dy[o:], found[FINDINGS:]
+            own_2, x, v, command_2, pa, -linked_1, -linked_2, now[1], second, rates_2, found[FINDINGS:]
         )
+        if second.shares > 0.0:
+            # One accumulator serves both inner circuits (section 4.3).
+            rates[STORE] += rates_2[STORE]
+            rates_2[STORE] = 0.0
+        gas_rate(own_2, rates_2[TEMPERATURE], now[1], second, rates_2)
+    gas_rate(own, rates[TEMPERATURE], row, first, rates)
 
     drop = y[DROP]
-    load = row[FORCE] + first.spring * (x - first.spring_centre) + first.partner_area * drop
+    load = row[FORCE] + load_spring(x, first) + first.partner_area * drop
     dy[DROP] = 0.0
     if first.partner_area > 0.0:
         width = first.orifice_transition

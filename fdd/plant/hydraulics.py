@@ -1,10 +1,11 @@
 """Hydraulics of one axis: pump, inner circuit, valves, chambers (eqs 3.14 to 3.19 and 3.33), compiled.
 
-Flows are counted in mass, as volume at atmospheric density, so that what leaves one volume enters another;
-the volume law is the geometric one (V1 + A1·x, V2 - A2·x). Local volume flows between chambers of unlike
-pressure, or the thesis's 2(V_o ± A·x), would make oil. Linearised about rest this is eq. 5.22.
+Flows are counted in mass, as volume of pure oil at gauge zero and the reference temperature, so that what
+leaves one volume enters another; the volume law is the geometric one (V1 + A1·x, V2 - A2·x). Local volume
+flows between chambers of unlike pressure, or the thesis's 2(V_o ± A·x), would make oil. Linearised about rest
+this is eq. 5.22. Air is no oil: where it comes or goes, oil is what is conserved.
 
-Conserved while the air fraction stays: oil in chambers and lines + in accumulators + lost.
+Conserved: oil in chambers and lines + in accumulators + lost.
 """
 
 from __future__ import annotations
@@ -17,7 +18,16 @@ from numpy.typing import NDArray
 from fdd.plant import conditions as c
 from fdd.plant import state as s
 from fdd.plant.compiled import njit
-from fdd.plant.laws import free_in_the_end, gas_pressure, lifted, oil_at, opening, orifice, poppet
+from fdd.plant.laws import (
+    gas_heating,
+    gas_pressure,
+    lift_rate,
+    oil_at,
+    opening,
+    orifice,
+    poppet,
+    settled_air,
+)
 from fdd.plant.parameters import Constants
 
 Array = NDArray[np.float64]
@@ -30,6 +40,8 @@ _CHARGE_BAND = 20e3
 _LEAST_CASE = 1e-30  # m³/(s·Pa); keeps the case's pressure defined where nothing leaks into it
 _KNEE = 5e4
 """Pa over an open refeeding valve from which on its flow goes with the root of pressure (assumption)."""
+_SHUT = 1e-7
+"""Lift below which a refeeding valve passes nothing."""
 _EMPTY = 1e-8
 """m³ of oil in an external accumulator below which it gives less and less."""
 
@@ -51,46 +63,67 @@ def coupling_slip(y: Array, torque: float, now: Array, par: Constants, dy: Array
 
 
 @njit(error_model="numpy", inline="always")
-def coming_free(pressure: float, free: float, par: Constants) -> float:
-    """Rate (1/s) of the share of a chamber's air that is free, towards what its pressure leaves free."""
-    final = free_in_the_end(pressure, par.dissolving_pressure)
+def air_rate(pressure: float, free: float, air: float, par: Constants) -> float:
+    """Rate (1/s) of a chamber's free air towards what its pressure leaves free: out quicker than in."""
+    final = settled_air(pressure, air * par.air_scale, par)
     return (final - free) * (par.releasing_rate if final > free else par.dissolving_rate)
 
 
 @njit(error_model="numpy", inline="always")
+def relief_rate(drop: float, lift: float, setting: float, par: Constants) -> float:
+    """Rate (Pa/s) of the relief valves' lift; an open one shuts at a pressure lower by its hysteresis."""
+    held = setting * min(abs(lift) * par.relief_held, par.relief_hysteresis)
+    up = setting - (held if lift > 0.0 else 0.0)
+    down = setting - (held if lift < 0.0 else 0.0)
+    rest = opening(drop - up, par.relief_width) - opening(-drop - down, par.relief_width)
+    return (rest - lift) * par.relief_rate
+
+
+@njit(error_model="numpy", inline="always")
+def outside_flow(pressure: float, laminar: float, turbulent: float, opened: float, width: float) -> float:
+    """Volume flow (m³/s) to the outside of a chamber at a gauge pressure."""
+    if pressure <= 0.0:
+        return 0.0
+    flow = (laminar + opened * pressure) * pressure
+    if turbulent != 0.0:
+        flow += orifice(pressure, turbulent, width)
+    return flow
+
+
+@njit(error_model="numpy", inline="always")
 def hydraulic_rates(
-    y: Array, x: float, v: float, linked_1: float, linked_2: float, now: Array, par: Constants,
+    y: Array, x: float, v: float, pa: float, linked_1: float, linked_2: float, now: Array, par: Constants,
     dy: Array, found: Array,
-) -> tuple[float, float]:  # fmt: skip
+) -> tuple[float, float, float, float, float, float]:  # fmt: skip
     """Hydraulic torque on the pump (N·m) and power lost in the oil (W); fills the rates of all pressures.
 
     Parameters
     ----------
     y, dy, found : this axis's part of the state, its rates and findings.
     x, v : m and m/s of the piston.
-    linked_1, linked_2 : m³/s at atmospheric density, into this axis's lines from the other's.
+    pa : Pa, gauge, of the accumulator that the axis has or shares.
+    linked_1, linked_2 : mass flows into this axis's lines from the other's.
+
+    Returns
+    -------
+    torque, power, and what a kelvin of warming adds to each pressure, chambers and lines (Pa/K).
     """
-    p1, p2 = y[s.P1], y[s.P2]
-    air, ambient, stiff, inverse_n = now[c.AIR], par.ambient, par.stiff_compliance, par.polytropic_inverse
-    air_1, air_2 = air, air
-    if par.dissolving > 0.0:
-        air_1, air_2 = air * y[s.FREE_1], air * y[s.FREE_2]
-    soft_1, rho_1 = oil_at(p1, air_1, ambient, stiff, inverse_n)
-    soft_2, rho_2 = oil_at(p2, air_2, ambient, stiff, inverse_n)
-    if par.dissolving > 0.0:
-        # Dissolved air takes no room: oil is counted with all its air free at atmospheric pressure.
-        rho_1 *= math.exp(air - air_1)
-        rho_2 *= math.exp(air - air_2)
+    p1, p2, free_1, free_2 = y[s.P1], y[s.P2], y[s.FREE_1], y[s.FREE_2]
+    warm = y[s.TEMPERATURE] - par.reference_temperature
+    vapour = now[c.VAPOUR]
+    width = par.orifice_transition * now[c.TRANSITION]
+    soft_1, log_1, gas_1, swell_1 = oil_at(p1, free_1, warm, vapour, par)
+    soft_2, log_2, gas_2, swell_2 = oil_at(p2, free_2, warm, vapour, par)
+    rho_1, rho_2 = math.exp(log_1), math.exp(log_2)
     a, b, rho_a, rho_b = p1, p2, rho_1, rho_2
-    soft_a, soft_b = soft_1, soft_2
+    soft_a, soft_b, gas_a, gas_b, swell_a, swell_b = soft_1, soft_2, gas_1, gas_2, swell_1, swell_2
     if par.blocked > 0.0:
         a, b = y[s.LINE_1], y[s.LINE_2]
-        soft_a, rho_a = oil_at(a, air_1, ambient, stiff, inverse_n)
-        soft_b, rho_b = oil_at(b, air_2, ambient, stiff, inverse_n)
-        rho_a *= math.exp(air - air_1)
-        rho_b *= math.exp(air - air_2)
+        soft_a, log_a, gas_a, swell_a = oil_at(a, free_1, warm, vapour, par)
+        soft_b, log_b, gas_b, swell_b = oil_at(b, free_2, warm, vapour, par)
+        rho_a, rho_b = math.exp(log_a), math.exp(log_b)
     rho = 0.5 * (rho_a + rho_b)
-    pa = gas_pressure(par.gas_pressure, par.gas_volume, y[s.STORE] / par.store_density) - ambient
+    rho_store = now[c.STORE_DENSITY]
 
     # The pump moves its displacement at the ports' mean density unless told otherwise.
     displacement = par.displacement * now[c.DISPLACEMENT]
@@ -106,61 +139,59 @@ def hydraulic_rates(
     pump = displacement * turning
     # Line losses lie between pump and cylinder (eqs 3.33 to 3.36).
     loss = par.line_loss * pump * abs(pump)
+    line_a, line_b = a, b
     a += loss
     b -= loss
     dp = a - b
     pumped = pump * rho - par.pump_compression * abs(pump) * 0.5 * (rho_a - rho_b)
-    inlet = (b if pump > 0.0 else a) + ambient
+    inlet = (b if pump > 0.0 else a) + par.ambient
     if inlet < _STARVED:
         pumped *= max(inlet, 0.0) / _STARVED
 
     # Across the ports: leakage, relief valves.
-    cross = (now[c.CROSS_LEAKAGE] + now[c.SPEED_LEAKAGE] * abs(turning)) * dp
+    cross = now[c.CROSS_LEAKAGE] + now[c.SPEED_LEAKAGE] * abs(turning) + now[c.CROSS_OPENING] * abs(dp)
+    cross *= dp
     if now[c.CROSS_ORIFICE] != 0.0:
-        cross += orifice(dp, now[c.CROSS_ORIFICE], par.orifice_transition)
-    relief = par.relief_gain * (
-        opening(dp - par.relief_pressure, par.relief_width)
-        - opening(-dp - par.relief_pressure, par.relief_width)
-    )
-    stuck = orifice(dp, now[c.RELIEF_OPEN], par.orifice_transition) if now[c.RELIEF_OPEN] != 0.0 else 0.0
+        cross += orifice(dp, now[c.CROSS_ORIFICE], width)
+    setting = par.relief_pressure * now[c.RELIEF_SETTING]
+    dy[s.RELIEF] = relief_rate(dp, y[s.RELIEF], setting, par)
+    # Linear beyond the setting, and with the pressure that drives it below.
+    relief = 0.0
+    if y[s.RELIEF] != 0.0:
+        relief = par.relief_gain * now[c.RELIEF_GAIN] * abs(y[s.RELIEF]) * dp / setting
+    stuck = orifice(dp, now[c.RELIEF_OPEN], width) if now[c.RELIEF_OPEN] != 0.0 else 0.0
 
     # Case drain: fed by both ports, drained through its check valve into the accumulator, losing past the
     # shaft's seal. Its volume is small and its valve wide, so its pressure is the one that balances.
-    leak, shaft = now[c.CASE_LEAKAGE], now[c.SHAFT_LEAKAGE]
-    both = 2.0 * leak + shaft + _LEAST_CASE
-    closed = leak * (a + b) / both
+    from_a, from_b = now[c.CASE_LEAKAGE_1], now[c.CASE_LEAKAGE_2]
+    shaft = now[c.SHAFT_LEAKAGE] * (1.0 + now[c.SHAFT_SPEED] * abs(turning))
+    out_of_case = from_a + from_b + shaft + _LEAST_CASE
+    closed = (from_a * a + from_b * b) / out_of_case
     excess = opening(closed - pa - par.case_cracking, par.check_width)
-    share = par.case_gain / (both + par.case_gain)
-    case = closed - excess * share
-    leak_a = rho * leak * (a - case)
-    leak_b = rho * leak * (b - case)
+    case = closed - excess * par.case_gain / (out_of_case + par.case_gain)
+    leak_a = rho * from_a * (a - case)
+    leak_b = rho * from_b * (b - case)
     dripping = rho * shaft * max(case, 0.0)
 
-    # Refeeding through the check valves (eq. 3.18).
-    if par.check_rate == 0.0:
-        refeed_a = par.refeed_gain * opening(pa - a - par.refeed_cracking, par.check_width)
-        refeed_b = par.refeed_gain * opening(pa - b - par.refeed_cracking, par.check_width)
-        dy[s.VALVE_1] = 0.0
-        dy[s.VALVE_2] = 0.0
-    else:
-        # A poppet that takes its time lets oil back meanwhile; one that the other side lifts, all the time.
-        crack, width = par.refeed_cracking, par.check_width
-        ratio, pilot, band = par.pilot_ratio, par.pilot_cracking, par.pilot_band
-        dy[s.VALVE_1] = (lifted(a, b, pa, crack, width, ratio, pilot, band) - y[s.VALVE_1]) * par.check_rate
-        dy[s.VALVE_2] = (lifted(b, a, pa, crack, width, ratio, pilot, band) - y[s.VALVE_2]) * par.check_rate
-        refeed_a = poppet(pa - a, par.refeed_gain * max(y[s.VALVE_1], 0.0), _KNEE)
-        refeed_b = poppet(pa - b, par.refeed_gain * max(y[s.VALVE_2], 0.0), _KNEE)
-    refeed_a *= now[c.REFEED_1]
-    refeed_b *= now[c.REFEED_2]
+    # Refeeding through the check valves (eq. 3.18), whose poppets take their time and let oil back meanwhile.
+    lift_1, lift_2 = y[s.VALVE_1], y[s.VALVE_2]
+    dy[s.VALVE_1] = lift_rate(a, b, pa, lift_1, now[c.CRACKING_1], now[c.STICKING_1], par)
+    dy[s.VALVE_2] = lift_rate(b, a, pa, lift_2, now[c.CRACKING_2], now[c.STICKING_2], par)
+    refeed_a, refeed_b = 0.0, 0.0
+    if lift_1 > _SHUT:
+        refeed_a = poppet(pa - a, par.refeed_gain * now[c.REFEED_1] * lift_1, _KNEE)
+    if lift_2 > _SHUT:
+        refeed_b = poppet(pa - b, par.refeed_gain * now[c.REFEED_2] * lift_2, _KNEE)
     if now[c.OPEN_1] != 0.0:
-        refeed_a += orifice(pa - a, now[c.OPEN_1], par.orifice_transition)
+        refeed_a += orifice(pa - a, now[c.OPEN_1], width)
     if now[c.OPEN_2] != 0.0:
-        refeed_b += orifice(pa - b, now[c.OPEN_2], par.orifice_transition)
-    refeed_a *= par.store_density
-    refeed_b *= par.store_density
+        refeed_b += orifice(pa - b, now[c.OPEN_2], width)
+    heat = refeed_a * (pa - a) + refeed_b * (pa - b)
+    refeed_a *= rho_store
+    refeed_b *= rho_store
     charge = 0.0
     if now[c.CHARGE] != 0.0:
-        charge = par.store_density * now[c.CHARGE]
+        charge = rho_store * now[c.CHARGE]
         charge *= min(max((par.charging_pressure - pa) / _CHARGE_BAND, 0.0), 1.0)
 
     across = pumped - rho * (cross + relief + stuck)
@@ -170,19 +201,23 @@ def hydraulic_rates(
     # At the cylinder: its seal, by-pass and throttle, leaks to the outside, external accumulators.
     past = now[c.SEAL_LEAKAGE] * (p1 - p2)
     if now[c.BYPASS] != 0.0:
-        past += orifice(p1 - p2, now[c.BYPASS], par.orifice_transition)
+        past += orifice(p1 - p2, now[c.BYPASS], width)
     past_mass = past * 0.5 * (rho_1 + rho_2)
-    out_1 = rho_1 * now[c.OUTSIDE_1] * max(p1, 0.0)
-    out_2 = rho_2 * now[c.OUTSIDE_2] * max(p2, 0.0)
+    out_1 = outside_flow(p1, now[c.OUTSIDE_1], now[c.OUTSIDE_ORIFICE_1], now[c.OUTSIDE_OPENING_1], width)
+    out_2 = outside_flow(p2, now[c.OUTSIDE_2], now[c.OUTSIDE_ORIFICE_2], now[c.OUTSIDE_OPENING_2], width)
+    heat += out_1 * p1 + out_2 * p2
+    out_1 *= rho_1
+    out_2 *= rho_2
     to_1 = -past_mass - out_1
     to_2 = past_mass - out_2
     dy[s.EXTERNAL_1] = 0.0
     dy[s.EXTERNAL_2] = 0.0
     if par.external_flow > 0.0:
+        grown = math.exp(par.expansion * warm)
         for i in range(2):
-            held = y[s.EXTERNAL_1 + i]
-            gas = gas_pressure(par.external_pressure, par.external_volume, held) - ambient
-            flow = orifice((p1 if i == 0 else p2) - gas, par.external_flow, par.orifice_transition)
+            held = y[s.EXTERNAL_1 + i] * grown
+            gas = gas_pressure(par.external_pressure, par.external_volume, held) - par.ambient
+            flow = orifice((p1 if i == 0 else p2) - gas, par.external_flow, width)
             if flow < 0.0:
                 flow *= min(max(held / _EMPTY, 0.0), 1.0)
             dy[s.EXTERNAL_1 + i] = flow
@@ -192,40 +227,28 @@ def hydraulic_rates(
                 to_2 -= flow
 
     push_1, push_2 = par.area_1 * v, par.area_2 * v
+    dy[s.FREE_1] = air_rate(p1, free_1, now[c.AIR_1] + now[c.INGRESS], par)
+    dy[s.FREE_2] = air_rate(p2, free_2, now[c.AIR_2] + now[c.INGRESS], par)
+    come_1, come_2 = gas_1 * dy[s.FREE_1], gas_2 * dy[s.FREE_2]
+    give_1, give_2 = 1.0 / soft_1, 1.0 / soft_2
+    give_a, give_b = give_1, give_2
     if par.blocked > 0.0:
         v1 = par.cylinder_volume_1 + par.area_1 * x
         v2 = par.cylinder_volume_2 - par.area_2 * x
-        dy[s.LINE_1] = to_a / (soft_a * rho_a * par.line_volume_1)
-        dy[s.LINE_2] = to_b / (soft_b * rho_b * par.line_volume_2)
-        dy[s.P1] = (to_1 - rho_1 * push_1) / (soft_1 * rho_1 * v1)
-        dy[s.P2] = (to_2 + rho_2 * push_2) / (soft_2 * rho_2 * v2)
+        give_a, give_b = 1.0 / soft_a, 1.0 / soft_b
+        dy[s.LINE_1] = (to_a / (rho_a * par.line_volume_1) + gas_a * dy[s.FREE_1]) * give_a
+        dy[s.LINE_2] = (to_b / (rho_b * par.line_volume_2) + gas_b * dy[s.FREE_2]) * give_b
+        dy[s.P1] = ((to_1 - rho_1 * push_1) / (rho_1 * v1) + come_1) * give_1
+        dy[s.P2] = ((to_2 + rho_2 * push_2) / (rho_2 * v2) + come_2) * give_2
         inside = v1 * rho_1 + v2 * rho_2 + par.line_volume_1 * rho_a + par.line_volume_2 * rho_b
     else:
         v1 = par.volume_1 + par.area_1 * x
         v2 = par.volume_2 - par.area_2 * x
-        dy[s.P1] = (to_a + to_1 - rho_1 * push_1) / (soft_1 * rho_1 * v1)
-        dy[s.P2] = (to_b + to_2 + rho_2 * push_2) / (soft_2 * rho_2 * v2)
+        dy[s.P1] = ((to_a + to_1 - rho_1 * push_1) / (rho_1 * v1) + come_1) * give_1
+        dy[s.P2] = ((to_b + to_2 + rho_2 * push_2) / (rho_2 * v2) + come_2) * give_2
         dy[s.LINE_1] = dy[s.P1]
         dy[s.LINE_2] = dy[s.P2]
         inside = v1 * rho_1 + v2 * rho_2
-    dy[s.FREE_1] = 0.0
-    dy[s.FREE_2] = 0.0
-    if par.dissolving > 0.0:
-        dy[s.FREE_1] = coming_free(p1, y[s.FREE_1], par)
-        dy[s.FREE_2] = coming_free(p2, y[s.FREE_2], par)
-        # Of the logarithm of volume over oil, what free air takes is in proportion to its share.
-        dy[s.P1] += (air + p1 * stiff - math.log(rho_1)) * dy[s.FREE_1] / (y[s.FREE_1] * soft_1)
-        dy[s.P2] += (air + p2 * stiff - math.log(rho_2)) * dy[s.FREE_2] / (y[s.FREE_2] * soft_2)
-        if par.blocked > 0.0:
-            dy[s.LINE_1] += (
-                (air + y[s.LINE_1] * stiff - math.log(rho_a)) * dy[s.FREE_1] / (y[s.FREE_1] * soft_a)
-            )
-            dy[s.LINE_2] += (
-                (air + y[s.LINE_2] * stiff - math.log(rho_b)) * dy[s.FREE_2] / (y[s.FREE_2] * soft_b)
-            )
-        else:
-            dy[s.LINE_1] = dy[s.P1]
-            dy[s.LINE_2] = dy[s.P2]
     outside = out_1 + out_2 + dripping
     dy[s.STORE] = leak_a + leak_b - dripping - refeed_a - refeed_b + charge
     dy[s.LOST] = outside - charge
@@ -245,6 +268,17 @@ def hydraulic_rates(
     found[s.CASE_PRESSURE] = case
     found[s.PORT_DIFFERENCE] = dp
     found[s.OIL_MASS] = inside + y[s.STORE] + y[s.LOST] + y[s.EXTERNAL_1] + y[s.EXTERNAL_2]
-    heat = (cross + relief + stuck) * dp + past * (p1 - p2) + 2.0 * abs(loss * pump)
+    found[s.STORED_OIL] = y[s.STORE] / rho_store
+    heat += (cross + relief + stuck) * (line_a - line_b) + past * (p1 - p2) + 2.0 * loss * pump
+    heat += (leak_a * (line_a - pa) + leak_b * (line_b - pa)) / rho
     # The torque pulses and swings as the flow does: a pump that gave more than it takes would make energy.
-    return lever * dp, heat
+    return lever * dp, heat, swell_1 * give_1, swell_2 * give_2, swell_a * give_a, swell_b * give_b
+
+
+@njit(error_model="numpy", inline="always")
+def gas_rate(y: Array, warming: float, now: Array, par: Constants, dy: Array) -> None:
+    """Fill the rate of the accumulator gas's temperature, once all that goes into its oil is known."""
+    specific = 1.0 / now[c.STORE_DENSITY]
+    oil = y[s.STORE] * specific
+    inflow = dy[s.STORE] * specific + par.expansion * warming * oil
+    dy[s.GAS] = gas_heating(oil, inflow, y[s.GAS], y[s.TEMPERATURE] - par.surroundings, par)

@@ -6,6 +6,7 @@ that a run gives the same bits however it is cut.
 
 from __future__ import annotations
 
+import math
 from typing import NamedTuple
 
 import numpy as np
@@ -14,9 +15,21 @@ from numpy.typing import NDArray
 from fdd.plant import conditions as c
 from fdd.plant.compiled import njit
 from fdd.plant.equations import right_hand_side
-from fdd.plant.laws import walther
+from fdd.plant.laws import oil_at, settled_air, walther
 from fdd.plant.parameters import Constants
-from fdd.plant.state import AXIS_STATES, FINDINGS, SHARED, TEMPERATURE, X
+from fdd.plant.state import (
+    AXIS_STATES,
+    CURRENT,
+    FINDINGS,
+    FREE_1,
+    LINE_1,
+    LOST,
+    P1,
+    P2,
+    SHARED,
+    TEMPERATURE,
+    X,
+)
 from fdd.plant.steps import STAGES, advance
 
 Array = NDArray[np.float64]
@@ -62,40 +75,125 @@ class Controller(NamedTuple):
     max_speed_2: float
 
 
-MEMORIES = 9
-(_DIRECTION, _REST, _LENGTH, _U1, _U2, _Y1, _Y2, _SEEN, _STEPS) = range(MEMORIES)
+OWN_MEMORIES = 9
+(_DIRECTION, _REST, _LENGTH, _U1, _U2, _Y1, _Y2, _SEEN, _STEPS) = range(OWN_MEMORIES)
+(_HEAT, _AIR_1, _AIR_2, _THINNED, _RATIO) = range(5)
+_EACH = 5
+MEMORIES = OWN_MEMORIES + 2 * _EACH
+"""The controller's, then each axis's: the winding's heat over what it bears for good, its chambers' air, and
+temperature (°C) and viscosity over the reference's, as they were last worked out."""
+_SAME_WARMTH = 1e-5
+"""K that change the viscosity by less than a millionth: it is not worked out anew for them."""
 STEPS = _STEPS
 """Where the memory counts the integrator's steps."""
+_LOADED, _HEATED = 0.5, 2.0
+"""Pressure difference over the relief setting, and warming (K) since the start, at which a fault that comes
+with load or heat is whole."""
+_DERATING = 0.1
+"""Heat beyond which the drive takes its current back to the continuous one, all of it over this much more."""
 
 
-def new_memory(control: Controller, seen: float) -> tuple[Array, Array]:
-    """What the loop remembers before its first block: controller (MEMORIES,) and past commands (2, depth).
+def new_memory(control: Controller, seen: float, air: Array) -> tuple[Array, Array]:
+    """What the loop remembers before its first block: (MEMORIES,), and past commands (2, depth).
 
     Parameters
     ----------
     control : whose delays set how far back commands are kept.
     seen : position (m) that the encoder shows at rest.
+    air : (axes, 2) of each chamber, by volume.
     """
     memory = np.zeros(MEMORIES)
     memory[_DIRECTION], memory[_REST], memory[_LENGTH], memory[_SEEN] = 1.0, control.dwell, 2e-4, seen
+    for axis, each in enumerate(air):
+        own = OWN_MEMORIES + axis * _EACH
+        memory[own + _AIR_1], memory[own + _AIR_2] = each
+        memory[own + _THINNED] = np.inf
     depth = int(max(control.delay_1, control.delay_2) / PERIOD) + 2
     return memory, np.zeros((2, depth))
 
 
 @njit(error_model="numpy")
-def thin(now: Array, axis: int, temperature: float, viscosity: Array) -> None:
-    """Bring a row to the present viscosity, in place: thin oil leaks more and drags less."""
-    ratio = walther(temperature, viscosity[axis, 0], viscosity[axis, 1]) / viscosity[axis, 2]
-    ratio *= now[axis, c.VISCOSITY]
+def thin(
+    now: Array, axis: int, temperature: float, viscosity: Array, memory: Array, at: int, par: Constants
+) -> None:
+    """Bring a row to the present temperature, in place: thin oil leaks more and drags less.
+
+    A seal's film carries load with the root of viscosity times speed, and forms at a speed inversely as high.
+    """
+    if abs(temperature - memory[at + _THINNED]) > _SAME_WARMTH:
+        memory[at + _THINNED] = temperature
+        memory[at + _RATIO] = (
+            walther(temperature, viscosity[axis, 0], viscosity[axis, 1]) / viscosity[axis, 2]
+        )
+    ratio = memory[at + _RATIO] * now[axis, c.VISCOSITY]
     thinner = 1.0 / ratio
     now[axis, c.CROSS_LEAKAGE] *= thinner
+    now[axis, c.CROSS_OPENING] *= thinner
     now[axis, c.SPEED_LEAKAGE] *= thinner
     now[axis, c.SEAL_LEAKAGE] *= thinner
-    now[axis, c.CASE_LEAKAGE] *= thinner
+    now[axis, c.CASE_LEAKAGE_1] *= thinner
+    now[axis, c.CASE_LEAKAGE_2] *= thinner
     now[axis, c.SHAFT_LEAKAGE] *= thinner
     now[axis, c.OUTSIDE_1] *= thinner
     now[axis, c.OUTSIDE_2] *= thinner
+    now[axis, c.OUTSIDE_OPENING_1] *= thinner
+    now[axis, c.OUTSIDE_OPENING_2] *= thinner
+    now[axis, c.TRANSITION] *= ratio * ratio
+    # Of a millisecond: within it the accumulator's oil swells by nothing that counts.
+    now[axis, c.STORE_DENSITY] = par.store_density * math.exp(
+        -par.expansion * (temperature - par.reference_temperature)
+    )
     now[axis, c.VISCOUS] *= ratio
+    now[axis, c.DRAG] *= ratio
+    film = 1.0 + par.film_share * (math.sqrt(ratio) - 1.0)
+    now[axis, c.COULOMB_FORWARD] *= film
+    now[axis, c.COULOMB_REVERSE] *= film
+    now[axis, c.STRIBECK_SPEED] *= thinner
+
+
+@njit(error_model="numpy")
+def blend(row: Array, added: Array, acting: int, share: float) -> None:
+    """Let faults that come with load or heat act by their share of the present one, in place."""
+    share = min(max(share, 0.0), 1.0)
+    for j in range(c.COLUMNS):
+        row[j] += share * added[j]
+    row[acting] = share
+
+
+@njit(error_model="numpy")
+def exchange_air(y: Array, o: int, row: Array, memory: Array, at: int, par: Constants) -> None:
+    """Let air come where oil leaves, at constant pressure, in place: what a row has more than the last one.
+
+    `o` and `at` are where the axis begins in the state and in the memory.
+    """
+    x, warm = y[X], y[o + TEMPERATURE] - par.reference_temperature
+    for i in range(2):
+        air, before = row[c.AIR_1 + i], memory[at + _AIR_1 + i]
+        if air == before:
+            continue
+        memory[at + _AIR_1 + i] = air
+        free = y[o + FREE_1 + i]
+        more = settled_air(max(y[o + P1 + i], 0.0), (air - before) * par.air_scale, par)
+        more = max(more, -free)
+        y[o + FREE_1 + i] = free + more
+        volume = par.cylinder_volume_1 + par.area_1 * x if i == 0 else par.cylinder_volume_2 - par.area_2 * x
+        line = par.line_volume_1 if i == 0 else par.line_volume_2
+        for pressure, held in ((y[o + P1 + i], volume), (y[o + LINE_1 + i], line)):
+            _, was, _, _ = oil_at(pressure, free, warm, row[c.VAPOUR], par)
+            _, now, _, _ = oil_at(pressure, free + more, warm, row[c.VAPOUR], par)
+            y[o + LOST] += held * (math.exp(was) - math.exp(now))
+
+
+@njit(error_model="numpy")
+def protect(now: Array, axis: int, current: float, memory: Array, at: int, par: Constants) -> None:
+    """The drive's I²t protection over a millisecond, in place: a hot winding is given less current."""
+    heat = memory[at + _HEAT]
+    bears = par.continuous_current
+    heat += PERIOD * par.winding_rate * (current * current / (bears * bears) - heat)
+    memory[at + _HEAT] = heat
+    if heat > 1.0 and par.current_limit > bears:
+        share = min((heat - 1.0) / _DERATING, 1.0)
+        now[axis, c.CURRENT_LIMIT] *= 1.0 - share * (1.0 - bears / par.current_limit)
 
 
 @njit(error_model="numpy")
@@ -138,6 +236,8 @@ def run(
     memory: Array,
     past: Array,
     conditions: Array,
+    by_load: Array,
+    by_heat: Array,
     viscosity: Array,
     first: Constants,
     second: Constants,
@@ -152,7 +252,9 @@ def run(
     ----------
     y : state, one axis or two; holds the last one afterwards.
     memory, past : from `new_memory`; hold what the next block needs afterwards.
-    conditions : (n, axes, COLUMNS) one row per millisecond, at the reference viscosity.
+    conditions : (n, axes, COLUMNS) one row per millisecond, at the reference viscosity; holds afterwards what
+        acted, faults that come with load or heat included.
+    by_load, by_heat : (n, axes, COLUMNS) what such faults add at their full; no rows where there are none.
     viscosity : (axes, 3) Walther's intercept and slope, and the reference viscosity (cSt).
     first, second : constants of the axes; for one axis the second is not used.
     control : constants of the controller.
@@ -186,9 +288,20 @@ def run(
     part_2 = part_2 if part_2 > 1e-9 else 0.0
     for t in range(n):
         for a in range(axes):
+            o, at = SHARED + a * AXIS_STATES, OWN_MEMORIES + a * _EACH
+            par = first if a == 0 else second
+            if by_load.size > 0:
+                load = abs(y[o + P1] - y[o + P2]) / (_LOADED * par.relief_pressure)
+                blend(conditions[t, a], by_load[t, a], c.BY_LOAD, load)
+            if by_heat.size > 0:
+                warmer = (y[o + TEMPERATURE] - par.surroundings) / _HEATED
+                blend(conditions[t, a], by_heat[t, a], c.BY_HEAT, warmer)
             for j in range(c.COLUMNS):
                 now[a, j] = conditions[t, a, j]
-            thin(now, a, y[SHARED + a * AXIS_STATES + TEMPERATURE], viscosity)
+            if now[a, c.AIR_1] != memory[at + _AIR_1] or now[a, c.AIR_2] != memory[at + _AIR_2]:
+                exchange_air(y, o, conditions[t, a], memory, at, par)
+            protect(now, a, y[o + CURRENT], memory, at, par)
+            thin(now, a, y[o + TEMPERATURE], viscosity, memory, at, par)
         m = depth + t
         commands[m, 0] = _command(y[X], now[0], control, memory)
         if axes > 1:

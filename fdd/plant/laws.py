@@ -1,13 +1,20 @@
-"""Laws of single elements, compiled: valves, orifices, oil, viscosity."""
+"""Laws of single elements, compiled: valves, orifices, oil, accumulator, viscosity."""
 
 from __future__ import annotations
 
 import math
 
 from fdd.plant.compiled import njit
-from fdd.plant.oil import ATMOSPHERE
+from fdd.plant.oil import (
+    AIR_WARMING,
+    ATMOSPHERE,
+    VAPOUR_FELT,
+    VAPOUR_SHARE,
+    VAPOUR_SLOPE,
+)
+from fdd.plant.parameters import Constants
 
-_LEAST_ABSOLUTE = 1.0  # Pa; guards the power law within a step, the air's compliance keeps the state above
+_LEAST_ABSOLUTE = 1.0  # Pa; guards the power law within a step, gas and vapour keep the state above
 _KELVIN = 273.15
 _WALTHER_SHIFT = 0.7  # cSt, of ASTM D341
 
@@ -37,29 +44,26 @@ def orifice(drop: float, flow_at_1_mpa: float, transition: float) -> float:
 
 
 @njit(error_model="numpy", inline="always")
-def lifted(
-    own: float,
-    other: float,
-    inner: float,
-    cracking: float,
-    width: float,
-    ratio: float,
-    pilot: float,
-    band: float,
+def lift_rate(
+    own: float, other: float, inner: float, lift: float, crack: float, stick: float, par: Constants
 ) -> float:
-    """Opening (0 to 1) at which a refeeding valve's poppet would rest, of a spring's or a pilot's lift.
+    """Rate (1/s) of a refeeding valve's poppet, towards the lift at which its spring or pilot lets it rest.
 
-    Without pilot this times the drop is today's linear law beyond cracking. A pilot of that area ratio lifts
-    the poppet off its seat once the other chamber's pressure beats the own one's, fully over the band.
+    A raised poppet stays up to a pressure lower by the hysteresis. A pilot of area ratio r lifts it off its
+    seat once the other chamber's pressure beats its own, fully over a band. A poppet that sticks does not
+    shut before its own chamber presses on it with `stick`.
     """
     drop = inner - own
-    share = 0.0
+    rest = 0.0
     if drop > 1.0:
-        share = opening(drop - cracking, width) / drop
-    if ratio > 0.0:
-        beyond = opening(ratio * (other - inner) - (own - inner) - pilot, width) / band
-        share = max(share, min(beyond, 1.0))
-    return share
+        reseat = par.check_hysteresis * min(max(lift, 0.0), 1.0)
+        rest = opening(drop - par.refeed_cracking - crack + reseat, par.check_width) / drop
+    if par.pilot_ratio > 0.0:
+        beyond = opening(par.pilot_ratio * (other - inner) + drop - par.pilot_cracking, par.check_width)
+        rest = max(rest, min(beyond / par.pilot_band, 1.0))
+    if stick > 0.0 and rest < lift and -drop < stick:
+        return 0.0
+    return (rest - lift) * par.check_rate
 
 
 @njit(error_model="numpy", inline="always")
@@ -70,18 +74,47 @@ def poppet(drop: float, gain: float, knee: float) -> float:
 
 @njit(error_model="numpy", inline="always")
 def oil_at(
-    pressure: float, air: float, ambient: float, stiff: float, inverse_n: float
-) -> tuple[float, float]:
-    """Compliance 1/β (1/Pa) and density over that at atmospheric pressure, ρ = exp ∫dp/β."""
-    inverse = 1.0 / max(pressure + ambient, _LEAST_ABSOLUTE)
-    gas = math.exp(inverse_n * math.log(ATMOSPHERE * inverse))
-    return stiff + air * gas * inverse_n * inverse, math.exp(pressure * stiff + air * (1.0 - gas))
+    pressure: float, free: float, warm: float, vapour: float, par: Constants
+) -> tuple[float, float, float, float]:
+    """Oil with free air and vapour in it, from its density ρ(p, T) over that of pure oil at gauge zero.
+
+    ``ln ρ = s(T)·p - α·ΔT - free·g - w``: the stiff compliance s grows with heat, g is a polytropic gas's
+    volume over that at atmospheric pressure (eqs 5.20 and 5.21) and at the oil's own temperature, w the
+    vapour's volume, a power law that keeps the pressure near the vapour's and no mass of its own.
+
+    Parameters
+    ----------
+    pressure : Pa, gauge. free : volume of free air at atmospheric pressure over that of oil.
+    warm : K above the oil's reference temperature. vapour : vapour pressure over sound oil's.
+
+    Returns
+    -------
+    compliance ∂lnρ/∂p (1/Pa), ln ρ, g, and expansion -∂lnρ/∂T (1/K).
+    """
+    inverse = 1.0 / max(pressure + par.ambient, _LEAST_ABSOLUTE)
+    cold = math.exp(par.polytropic_inverse * math.log(ATMOSPHERE * inverse))
+    gas = (1.0 + AIR_WARMING * warm) * cold
+    stiff = par.stiff_compliance + par.softening * warm
+    soft = stiff + free * gas * par.polytropic_inverse * inverse
+    density = stiff * pressure - par.expansion * warm - free * gas
+    swell = par.expansion - par.softening * pressure + free * cold * AIR_WARMING
+    q = max(1.0 + VAPOUR_SLOPE * warm, 0.1)
+    ratio = par.vapour_pressure * vapour * q * q * q * inverse
+    if ratio > VAPOUR_FELT:
+        beyond = ratio - VAPOUR_FELT
+        density -= VAPOUR_SHARE * beyond * beyond
+        soft += 2.0 * VAPOUR_SHARE * beyond * ratio * inverse
+        swell += 6.0 * VAPOUR_SHARE * beyond * ratio * VAPOUR_SLOPE / q
+    return soft, density, gas, swell
 
 
 @njit(error_model="numpy", inline="always")
-def free_in_the_end(pressure: float, dissolving: float) -> float:
-    """Share of the air that stays free at a gauge pressure: Henry's line down to a tenth."""
-    return 1.0 - 0.9 * min(max(pressure / dissolving, 0.0), 1.0)
+def settled_air(pressure: float, air: float, par: Constants) -> float:
+    """Free air that a gauge pressure leaves in the end: Henry's line down to a tenth, and what comes out of
+    solution below the surroundings' pressure."""
+    if pressure < 0.0:
+        return air - par.releasing * pressure
+    return air * (1.0 - 0.9 * min(pressure * par.dissolving, 1.0))
 
 
 @njit(error_model="numpy", inline="always")
@@ -95,3 +128,43 @@ def walther(temperature: float, intercept: float, slope: float) -> float:
 def gas_pressure(absolute: float, volume: float, oil: float) -> float:
     """Absolute pressure (Pa) of an accumulator's gas once `oil` m³ have come in, isothermal (eq. 3.19)."""
     return absolute * volume / (volume - oil)
+
+
+@njit(error_model="numpy", inline="always")
+def store_pressure(oil: float, heat: float, par: Constants) -> float:
+    """Gauge pressure (Pa) of the accumulator and the inner circuit around it.
+
+    Gas on its separator (eq. 3.19) while that floats. At its stop on the oil's side the accumulator is empty:
+    the pressure falls with what little gas the inner circuit's own oil holds. At the other one the inner
+    circuit's oil alone gives.
+
+    Parameters
+    ----------
+    oil : m³ held; negative is what the inner circuit lacks.
+    heat : absolute temperature of the gas over that at rest.
+    """
+    if oil < 0.0:
+        left = par.gallery_gas / (par.gallery_gas - oil)
+        return par.gas_pressure * par.gas_volume / par.shell * heat * left - par.ambient
+    held = min(oil, par.full)
+    gas = par.gas_pressure * par.gas_volume * heat / (par.shell - held)
+    return gas - par.ambient + (oil - held) * par.full_stiffness
+
+
+@njit(error_model="numpy", inline="always")
+def gas_heating(oil: float, inflow: float, heat: float, warm: float, par: Constants) -> float:
+    """Rate (1/s) of the accumulator gas's temperature over that at rest.
+
+    An ideal diatomic gas that gives its heat to the shell with one time constant (Pourmovahed and Otis,
+    doi:10.1115/1.2894128): quick changes are adiabatic, slow ones isothermal.
+
+    Parameters
+    ----------
+    oil, inflow : m³ held and m³/s coming in.
+    heat : absolute temperature of the gas over that at rest.
+    warm : K by which the oil is warmer than at rest; the shell takes a share of it.
+    """
+    work = 0.0
+    if 0.0 < oil < par.full:
+        work = 0.4 * heat * inflow / (par.shell - oil)
+    return work - (heat - 1.0 - par.gas_warming * warm) * par.gas_rate

@@ -39,6 +39,16 @@ class Load(Validated):
         return 0.0
 
     @property
+    def play(self) -> float:
+        """m, half the play of a hinge between rod and spring."""
+        return 0.0
+
+    @property
+    def one_sided(self) -> bool:
+        """Whether the spring only presses."""
+        return False
+
+    @property
     def throttle_pressure(self) -> float:
         """Pa over a throttled partner at 100 rad/s of this pump; 0 for none."""
         return 0.0
@@ -82,6 +92,36 @@ class SpringLoad(Load):
     @property
     def centre(self) -> float:
         return self.slack
+
+
+class PressLoad(SpringLoad):
+    """A workpiece that is pressed: a spring beyond the place where the rod touches it, and nothing before."""
+
+    usual: ClassVar[dict[str, tuple[float, float]]] = {"rate": (1e4, 2e5), "slack": (-0.03, 0.05)}
+    name: Literal["press"] = "press"  # type: ignore[assignment]
+    rate: Annotated[float, Field(gt=0.0, le=1e9)] = 5e4
+    """N/m."""
+
+    @property
+    def one_sided(self) -> bool:
+        return True
+
+
+class HingeLoad(SpringLoad):
+    """A spring, as that of a surface, behind a hinge with play."""
+
+    usual: ClassVar[dict[str, tuple[float, float]]] = {
+        "rate": (3e3, 4e4),
+        "slack": (-0.03, 0.03),
+        "gap": (2e-4, 3e-3),
+    }
+    name: Literal["hinge"] = "hinge"  # type: ignore[assignment]
+    gap: Annotated[float, Field(ge=0.0, le=0.1)] = 1e-3
+    """m of play, from stop to stop."""
+
+    @property
+    def play(self) -> float:
+        return 0.5 * self.gap
 
 
 class InertiaLoad(Load):
@@ -145,13 +185,16 @@ class ThrottleLoad(Load):
 
 
 AnyLoad = Annotated[
-    NoLoad | ConstantLoad | SpringLoad | InertiaLoad | GustLoad | ThrottleLoad, Field(discriminator="name")
+    NoLoad | ConstantLoad | SpringLoad | PressLoad | HingeLoad | InertiaLoad | GustLoad | ThrottleLoad,
+    Field(discriminator="name"),
 ]
 
 LOADS: dict[str, type[Load]] = {
     "none": NoLoad,
     "constant": ConstantLoad,
     "spring": SpringLoad,
+    "press": PressLoad,
+    "hinge": HingeLoad,
     "inertia": InertiaLoad,
     "gust": GustLoad,
     "throttle": ThrottleLoad,

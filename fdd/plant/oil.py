@@ -17,6 +17,22 @@ from fdd.unit import Oil
 ATMOSPHERE = 101_325.0
 """Pressure (Pa, absolute) at which the fraction of free air is counted."""
 
+AIR_WARMING = 1.0 / 313.15
+"""1/K, growth of free air's volume with the oil's temperature: that of an ideal gas at 40 °C."""
+SOFTENING = 2.8e-12
+"""1/(Pa·K), growth of the oil's own compliance: 0.45 % a kelvin of 1/1.6 GPa, a mineral oil at 40 °C (Hodges,
+Hydraulic Fluids, 1996, chapter 3: 1.6 GPa at 40 °C, 1.2 to 1.3 GPa at 100 °C)."""
+BUNSEN = 0.09
+"""Volume of air that mineral oil holds in solution at the pressure that it is saturated at (Hodges, 1996)."""
+VAPOUR_PRESSURE = 300.0
+"""Pa, absolute, at 40 °C; assumption: light ends and a trace of water, 10 to 1000 Pa in data sheets."""
+VAPOUR_SLOPE = 0.015
+"""1/K: the vapour pressure goes with (1 + 0.015·ΔT)³, some 4 % a kelvin."""
+VAPOUR_SHARE = 0.01
+"""Share of the volume that is vapour where the pressure is the vapour's; it grows with its inverse square."""
+VAPOUR_FELT = 0.01
+"""Vapour pressure over the oil's below which there is no vapour at all."""
+
 _WALTHER_SHIFT = 0.7  # cSt, of ASTM D341
 _KELVIN = 273.15
 

@@ -11,7 +11,7 @@ from fdd.errors import InputError
 from fdd.plant.circuit import Circuit
 from fdd.plant.details import Details
 from fdd.plant.load import Load
-from fdd.plant.oil import ATMOSPHERE, stiff_bulk_modulus
+from fdd.plant.oil import ATMOSPHERE, BUNSEN, SOFTENING, VAPOUR_PRESSURE, stiff_bulk_modulus, viscosity
 from fdd.unit import Drive, Unit
 
 
@@ -59,13 +59,21 @@ class Parameters(NamedTuple):
     """m², by which the mean pressure of both chambers adds to the seals' friction."""
     # oil
     stiff_compliance: float
+    softening: float
+    expansion: float
+    reference_temperature: float
+    vapour_pressure: float
     polytropic_inverse: float
     ambient: float
     dissolving: float
-    """1 where air dissolves, 0 where it does not."""
-    dissolving_pressure: float
+    """1/Pa: one over the gauge pressure at which air is as dissolved as it gets; 0 where it does not dissolve."""
+    releasing: float
+    """1/Pa: air that comes out of solution for each pascal below the surroundings' pressure."""
     dissolving_rate: float
     releasing_rate: float
+    air_scale: float
+    """All air over what is free at the oil's reference pressure."""
+    film_share: float
     # pump and inner circuit
     displacement: float
     teeth: float
@@ -80,7 +88,8 @@ class Parameters(NamedTuple):
     case_gain: float
     check_width: float
     check_rate: float
-    """1/s of the refeeding valves' poppets; 0 where they move at once."""
+    """1/s of the refeeding valves' poppets."""
+    check_hysteresis: float
     pilot_ratio: float
     pilot_cracking: float
     pilot_band: float
@@ -88,9 +97,25 @@ class Parameters(NamedTuple):
     relief_pressure: float
     relief_gain: float
     relief_width: float
+    relief_held: float
+    """Hysteresis over setting for each pascal of lift, up to `relief_hysteresis`."""
+    relief_rate: float
+    relief_hysteresis: float
     gas_pressure: float
+    """Pa, absolute, of the gas at rest."""
     gas_volume: float
+    """m³ of the gas at rest."""
+    shell: float
+    full: float
+    """m³ of oil at which the separator comes to its stop on the gas's side."""
+    full_stiffness: float
+    gallery_gas: float
+    gas_rate: float
+    gas_warming: float
+    shares: float
+    """1 where the axis has no accumulator but the first axis's."""
     store_density: float
+    """Of the accumulator's oil at its charge pressure and the reference temperature."""
     charging_pressure: float
     external_flow: float
     external_pressure: float
@@ -111,9 +136,18 @@ class Parameters(NamedTuple):
     inertia: float
     rotary_viscous: float
     rotary_coulomb: float
+    pump_friction: float
+    pump_drag: float
+    pole_pairs: float
+    cogging_torque: float
+    winding_rate: float
+    continuous_current: float
     # load
     spring: float
     spring_centre: float
+    spring_play: float
+    one_sided: float
+    """1 where the spring only presses, beyond its centre."""
     throttle: float
     partner_area: float
     partner_compliance: float
@@ -125,8 +159,8 @@ class Parameters(NamedTuple):
 
 FRICTION_LAWS = ("elastoplastic", "lugre", "dahl", "smooth")
 ELASTOPLASTIC, LUGRE, DAHL, SMOOTH = range(4)
-_SHORTEST_LAG = 2e-3
-"""s; a piloted valve that moved at once would chatter between its two states."""
+_FULL = 0.95
+"""Of the shell: most that is oil, before the separator reaches its stop."""
 
 Constants = Any
 """`Parameters` as the compiled functions take them, by reference: a NumPy record with the same names."""
@@ -177,6 +211,7 @@ def plant_parameters(
     friction_draw: tuple[float, float] = (1.0, 1.0),
     surroundings: float = 40.0,
     joined_mass: float = 0.0,
+    shares: bool = False,
 ) -> Parameters:
     """Everything constant over a run.
 
@@ -191,6 +226,7 @@ def plant_parameters(
     friction_draw : this run's friction over the unit's, forward and reverse (Table 5.1's spread).
     surroundings : °C around the actuator.
     joined_mass : kg of another axis's piston on the same rod.
+    shares : the axis has no accumulator but the first one's.
 
     Raises
     ------
@@ -215,11 +251,12 @@ def plant_parameters(
     mass = cylinder.moving_mass + joined_mass + load.mass
     gain, integral, feed, rate = velocity_loop(drive, details.current_lag)
     external = circuit.accumulators
-    lag = max(details.check_lag, _SHORTEST_LAG) if details.pilot_ratio > 0.0 else details.check_lag
     n = oil.polytropic_index
     stiff = 1.0 / stiff_bulk_modulus(oil)
-    # Oil in the accumulator is counted at the density it has at charge pressure.
-    free = oil.air_fraction * (1.0 - (ATMOSPHERE / (charge + ambient)) ** (1.0 / n))
+    tank = unit.accumulator
+    shell = tank.gas_volume + tank.oil_at_rest
+    dissolves = float(details.air_law == "dissolving")
+    left = 1.0 - 0.9 * dissolves * min(oil.reference_pressure / details.dissolving_pressure, 1.0)
     ahead, back = friction_draw
     forward, reverse = unit.friction.forward, unit.friction.reverse
     area = 0.5 * (cylinder.area_1 + cylinder.area_2)
@@ -262,12 +299,18 @@ def plant_parameters(
         smooth_width=details.smooth_width,
         seal_area=details.seal_pressure * area,
         stiff_compliance=stiff,
+        softening=SOFTENING,
+        expansion=oil.thermal_expansion,
+        reference_temperature=oil.reference_temperature,
+        vapour_pressure=VAPOUR_PRESSURE,
         polytropic_inverse=1.0 / n,
         ambient=ambient,
-        dissolving=float(details.air_law == "dissolving"),
-        dissolving_pressure=details.dissolving_pressure,
+        dissolving=dissolves / details.dissolving_pressure,
+        releasing=dissolves * BUNSEN / ATMOSPHERE,
         dissolving_rate=1.0 / details.dissolving_time,
         releasing_rate=1.0 / details.releasing_time,
+        air_scale=1.0 / left,
+        film_share=details.film_share,
         displacement=pump.displacement,
         teeth=float(details.pump_teeth),
         ripple=details.pump_ripple,
@@ -280,7 +323,8 @@ def plant_parameters(
         case_cracking=unit.accumulator.case_cracking_pressure,
         case_gain=unit.accumulator.refeed_flow_gain,
         check_width=details.check_width,
-        check_rate=1.0 / lag if lag > 0.0 else 0.0,
+        check_rate=1.0 / details.check_lag,
+        check_hysteresis=details.check_hysteresis,
         pilot_ratio=details.pilot_ratio,
         pilot_cracking=details.pilot_cracking,
         pilot_band=details.pilot_band,
@@ -288,9 +332,19 @@ def plant_parameters(
         relief_pressure=unit.accumulator.relief_pressure,
         relief_gain=unit.accumulator.relief_flow_gain,
         relief_width=details.relief_width,
+        relief_held=details.relief_hysteresis / details.relief_width,
+        relief_rate=1.0 / details.relief_lag,
+        relief_hysteresis=details.relief_hysteresis,
         gas_pressure=charge + ambient,
-        gas_volume=unit.accumulator.gas_volume,
-        store_density=math.exp(charge * stiff + free),
+        gas_volume=tank.gas_volume,
+        shell=shell,
+        full=_FULL * shell,
+        full_stiffness=oil.bulk_modulus / details.gallery_volume,
+        gallery_gas=details.gallery_gas * details.gallery_volume,
+        gas_rate=1.0 / details.gas_time,
+        gas_warming=details.gas_warming / (surroundings + 273.15),
+        shares=float(shares),
+        store_density=math.exp(charge * stiff),
         charging_pressure=circuit.charging_pressure,
         external_flow=external.valve_flow if external else 0.0,
         external_pressure=external.gas_charge + ambient if external else 1.0,
@@ -310,8 +364,19 @@ def plant_parameters(
         inertia=drive.inertia,
         rotary_viscous=drive.viscous_friction,
         rotary_coulomb=details.pump_coulomb_torque,
+        pump_friction=details.pump_friction,
+        pump_drag=details.pump_drag
+        * oil.density
+        * float(viscosity(oil, oil.reference_temperature))
+        * pump.displacement,
+        pole_pairs=float(details.pole_pairs),
+        cogging_torque=details.cogging_torque * drive.torque_constant * drive.current_limit,
+        winding_rate=1.0 / details.winding_time,
+        continuous_current=details.continuous_share * drive.current_limit,
         spring=load.stiffness,
         spring_centre=load.centre,
+        spring_play=load.play,
+        one_sided=float(load.one_sided),
         # Pressure drop over the square root of which the partner's flow goes: R of Δp = R·Q².
         throttle=load.throttle_pressure / (100.0 * pump.displacement) ** 2,
         partner_area=area if load.throttle_pressure > 0.0 else 0.0,

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -12,6 +13,7 @@ from fdd.plant import conditions as c
 from fdd.plant import state as s
 from fdd.plant.circuit import Circuit
 from fdd.plant.duty import ConstantSpeed
+from fdd.plant.equations import load_spring
 from fdd.plant.filters import chatter_filter
 from fdd.plant.integrator import (
     LONGEST_STEP,
@@ -25,9 +27,9 @@ from fdd.plant.integrator import (
     Controller,
     new_memory,
 )
-from fdd.plant.laws import free_in_the_end
+from fdd.plant.laws import settled_air
 from fdd.plant.oil import walther_line
-from fdd.plant.parameters import Parameters, plant_parameters
+from fdd.plant.parameters import Parameters, as_record, plant_parameters
 from fdd.plant.rows import axis_conditions, partner_setpoint
 from fdd.plant.scenario import Scenario
 from fdd.plant.sensors import generator, position_offset
@@ -74,18 +76,28 @@ class Prepared:
         """How many axes there are."""
         return len(self.units)
 
-    def conditions(self, start: int, stop: int) -> Array:
-        """Conditions of some milliseconds, (stop - start, axes, COLUMNS)."""
+    def conditions(self, start: int, stop: int) -> tuple[Array, Array, Array]:
+        """Conditions of some milliseconds, (stop - start, axes, COLUMNS), and what faults that come with load
+        and with heat add to them at their full; (0, axes, COLUMNS) where there are none."""
         time = np.arange(start, stop, dtype=np.float64) * PERIOD
-        rows = [
+        parts = [
             axis_conditions(
                 unit, self.scenario, time, self.setpoints[i, start:stop], self.force[start:stop], axis=i + 1
             )
             for i, unit in enumerate(self.units)
         ]
         first = [spec for spec in self.scenario.faults if spec.axis == 1]
-        rows[0][:, c.ENCODER_OFFSET] = position_offset(first, start, stop - start, self.scenario.seed)
-        return rows[0][:, np.newaxis] if len(rows) == 1 else np.stack(rows, axis=1)
+        parts[0].rows[:, c.ENCODER_OFFSET] = position_offset(first, start, stop - start, self.scenario.seed)
+        rows = np.stack([part.rows for part in parts], axis=1)
+        added = []
+        for name in ("by_load", "by_heat"):
+            found = [getattr(part, name) for part in parts]
+            none = np.zeros((0, *rows.shape[1:])) if all(f is None for f in found) else None
+            zeros = np.zeros(rows[:, 0].shape)
+            added.append(
+                none if none is not None else np.stack([zeros if f is None else f for f in found], axis=1)
+            )
+        return rows, added[0], added[1]
 
 
 def stream_of(axis: int) -> str:
@@ -137,18 +149,17 @@ def prepare(unit: Unit, scenario: Scenario, *, partner: Unit | None = None, refi
             friction_draw=_friction_draw(each, seed, i),
             surroundings=scenario.oil_temperature,
             joined_mass=sum(u.cylinder.moving_mass for u in units) - each.cylinder.moving_mass,
+            shares=i > 0 and scenario.accumulator == "shared",
         )
         for i, each in enumerate(units)
     )
-    state = _at_rest(units, scenario, parameters, float(force[0]))
     controller = _controller(units, scenario)
-    memory, past = new_memory(controller, controller.encoder_gain * state[s.X] + controller.encoder_zero)
-    return Prepared(
+    ready = Prepared(
         units=units,
         scenario=scenario,
-        state=state,
-        memory=memory,
-        past=past,
+        state=np.zeros(0),
+        memory=np.zeros(0),
+        past=np.zeros((2, 0)),
         parameters=parameters,
         controller=controller,
         viscosity=np.array([walther_line(each.oil) for each in units]),
@@ -157,6 +168,12 @@ def prepare(unit: Unit, scenario: Scenario, *, partner: Unit | None = None, refi
         setpoints=setpoints,
         force=force,
     )
+    rows, *_ = ready.conditions(0, 1)
+    air = rows[0][:, [c.AIR_1, c.AIR_2]]
+    ready.state = _at_rest(units, scenario, parameters, float(force[0]), air + rows[0][:, [c.INGRESS]])
+    seen = controller.encoder_gain * ready.state[s.X] + controller.encoder_zero
+    ready.memory, ready.past = new_memory(controller, seen, air)
+    return ready
 
 
 def _friction_draw(unit: Unit, seed: int, axis: int) -> tuple[float, float]:
@@ -213,9 +230,12 @@ def _controller(units: tuple[Unit, ...], scenario: Scenario) -> Controller:
 
 
 def _at_rest(
-    units: tuple[Unit, ...], scenario: Scenario, parameters: tuple[Parameters, ...], force: float
+    units: tuple[Unit, ...], scenario: Scenario, parameters: tuple[Parameters, ...], force: float, air: Array
 ) -> Array:
-    """The state at which nothing moves: chambers at charge pressure, the first axis's loaded one above it."""
+    """The state at which nothing moves: chambers at charge pressure, the first axis's loaded one above it.
+
+    `air` (axes, 2) is that of the chambers, by volume.
+    """
     y = np.zeros(s.SHARED + s.AXIS_STATES * len(units))
     y[s.X] = scenario.duty.offset
     for i, (unit, par) in enumerate(zip(units, parameters, strict=True)):
@@ -224,13 +244,17 @@ def _at_rest(
         # The rod carries the load and, with unequal areas, the charge pressure's own push.
         push = -charge * (par.area_1 - par.area_2)
         if i == 0:
-            push += force + par.spring * (y[s.X] - par.spring_centre)
+            push += force + load_spring(y[s.X], as_record(par))
         y[o + s.P1] = charge + max(push, 0.0) / par.area_1
         y[o + s.P2] = charge + max(-push, 0.0) / par.area_2
         y[o + s.LINE_1], y[o + s.LINE_2] = y[o + s.P1], y[o + s.P2]
-        for share, held in ((s.FREE_1, s.P1), (s.FREE_2, s.P2)):
-            dissolves = par.dissolving > 0.0
-            y[o + share] = free_in_the_end(y[o + held], par.dissolving_pressure) if dissolves else 1.0
+        for k, held in enumerate((s.P1, s.P2)):
+            y[o + s.FREE_1 + k] = settled_air(y[o + held], air[i, k] * par.air_scale, as_record(par))
+        warm = scenario.oil_temperature - par.reference_temperature
+        y[o + s.GAS] = 1.0
+        if not par.shares:
+            held_oil = par.shell - par.gas_volume
+            y[o + s.STORE] = held_oil * par.store_density * math.exp(-par.expansion * warm)
         if par.blocked:
             y[o + s.LINE_1] = y[o + s.LINE_2] = charge
         if par.external_flow > 0.0:

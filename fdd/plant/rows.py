@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+from functools import partial
+from typing import NamedTuple
+
 import numpy as np
 from numpy.typing import NDArray
 
 from fdd.plant import circuit as valves
 from fdd.plant import conditions as c
-from fdd.plant.faults.injection import inject
+from fdd.plant.faults.injection import STATE_BORNE, inject
 from fdd.plant.scenario import Scenario
 from fdd.plant.valves import check_charging
 from fdd.unit import Unit
@@ -15,9 +18,17 @@ from fdd.unit import Unit
 Array = NDArray[np.float64]
 
 
+class AxisConditions(NamedTuple):
+    """Conditions of an axis, (n, COLUMNS), and what is added at full load and at full heat, if anything."""
+
+    rows: Array
+    by_load: Array | None
+    by_heat: Array | None
+
+
 def axis_conditions(
     unit: Unit, scenario: Scenario, time: Array, setpoint: Array, force: Array, *, axis: int = 1
-) -> Array:
+) -> AxisConditions:
     """Everything that changes with time about one axis.
 
     Each row depends on its own time alone, so a run may be cut anywhere.
@@ -33,7 +44,7 @@ def axis_conditions(
 
     Returns
     -------
-    (n, COLUMNS) conditions.
+    (n, COLUMNS) conditions, and what the faults that come with load and heat add to them.
 
     Raises
     ------
@@ -42,8 +53,8 @@ def axis_conditions(
     Examples
     --------
     >>> time = np.arange(3) * 1e-3
-    >>> rows = axis_conditions(Unit.load("axis_a"), Scenario(power=0.5), time, np.zeros(3), np.zeros(3))
-    >>> rows[:, c.CURRENT_LIMIT]
+    >>> found = axis_conditions(Unit.load("axis_a"), Scenario(power=0.5), time, np.zeros(3), np.zeros(3))
+    >>> found.rows[:, c.CURRENT_LIMIT]
     array([0.5, 0.5, 0.5])
     """
     rows = c.healthy_conditions(unit, setpoint, force)
@@ -57,8 +68,15 @@ def axis_conditions(
     valves.apply(circuit, rows, time)
     if axis == 1:
         valves.apply_connect(scenario.connect, rows, time)
-    inject(rows, time, scenario.faults, scenario.fault_scales, scenario.details, axis=axis)
-    return rows
+    put = partial(inject, time=time, specs=scenario.faults, scales=scenario.fault_scales,
+                  details=scenario.details, axis=axis)  # fmt: skip
+    put(rows)
+    added: dict[str, Array | None] = dict.fromkeys(STATE_BORNE)
+    for profile in {spec.profile for spec in scenario.faults if spec.axis == axis} & set(STATE_BORNE):
+        whole = rows.copy()
+        put(whole, profile=profile)
+        added[profile] = whole - rows
+    return AxisConditions(rows, added["load"], added["heat"])
 
 
 def partner_setpoint(scenario: Scenario, n: int, rng: np.random.Generator) -> Array:

@@ -52,7 +52,8 @@ class Scenario(Validated):
     duration : s, one row per millisecond.
     duty, control, load : what is done, how, and against what.
     oil_temperature, warming : °C at the start, and °C/s from then on.
-    charge_factor : accumulator charge (gauge) over the unit's.
+    charge_factor : accumulator charge (gauge) over the unit's; gas and oil at rest keep their volumes.
+    accumulator : of a dual rig: shared by both axes as in section 4.3, the first unit's; or one for each.
     ambient : Pa, absolute pressure around the actuator.
     faults : any number, each kind at most once for each axis.
     fault_scales : what severity 1 is in figures.
@@ -82,6 +83,7 @@ class Scenario(Validated):
     oil_temperature: Annotated[float, Field(ge=-20.0, le=110.0)] = 40.0
     warming: Annotated[float, Field(ge=-0.5, le=0.5)] = 0.0
     charge_factor: Annotated[float, Field(ge=0.2, le=3.0)] = 1.0
+    accumulator: Literal["shared", "each"] = "shared"
     ambient: Annotated[float, Field(ge=15_000.0, le=120_000.0)] = ATMOSPHERE
     faults: list[FaultSpec] = Field(default_factory=list)
     fault_scales: FaultScales = FaultScales()

@@ -28,6 +28,8 @@ from fdd.unit import Unit
 
 Array = NDArray[np.float64]
 
+_ACTING = {"load": c.BY_LOAD, "heat": c.BY_HEAT}
+
 BLOCK = 20_000
 """Rows that are simulated at a time; about 20 MB for one axis."""
 
@@ -94,13 +96,15 @@ def raw_blocks(ready: Prepared, block: int = BLOCK) -> Iterator[RawBlock]:
     each, period = scenario.recording.each, scenario.recording.period
     for start in range(0, scenario.rows, block):
         stop = min(start + block, scenario.rows)
-        rows = ready.conditions(start, stop)
+        rows, by_load, by_heat = ready.conditions(start, stop)
         late = lateness.steps((stop - start) * each)
         states, found, commands = run(
             ready.state,
             ready.memory,
             ready.past,
             rows,
+            by_load,
+            by_heat,
             ready.viscosity,
             constants[0],
             constants[-1],
@@ -219,7 +223,10 @@ def _axis_block(ready: Prepared, raw: RawBlock, axis: int, recorder: Recorder) -
         known["position_setpoint"] = rows[:, c.SETPOINT]
     recorded = recorder.measure({**everything, **known}, raw.time)
     samples, kept = recorded.samples(), recorded.kept
-    severity = {spec.fault: spec.over(raw.time) for spec in _own(scenario, axis)}
+    severity = {
+        spec.fault: spec.over(raw.time) * (rows[:, _ACTING[spec.profile]] if spec.profile in _ACTING else 1.0)
+        for spec in _own(scenario, axis)
+    }
     if not kept.all():
         rows_kept = np.flatnonzero(kept)  # taken by index: half the time of a mask
         everything = {name: values.take(rows_kept) for name, values in everything.items()}

@@ -29,17 +29,20 @@ SHARED = 3
     VALVE_2,
     FREE_1,
     FREE_2,
-) = range(20)
-AXIS_STATES = 20
+    GAS,
+    RELIEF,
+) = range(22)
+AXIS_STATES = 22
 STATES = SHARED + AXIS_STATES
 """States of a single axis; a dual one has `AXIS_STATES` more.
 
-p1, p2 (Pa, gauge) at the cylinder; the same at the pump, which differ where the axis is blocked; oil taken
-by the accumulator since the start, and oil lost to the outside (m³ at atmospheric density); oil in the
-external accumulators (m³); mean bristle deflection (m); velocity as the seal remembers it (m/s); motor angle
-(rad) and speed (rad/s); integrator of the velocity loop (rad/s²); motor current (A); motor angle ahead of the
-pump's (rad); oil temperature (°C); opening of each refeeding valve (0 to 1), where its poppet takes time;
-share of each chamber's air that is free, where air dissolves."""
+p1, p2 (Pa, gauge) at the cylinder; the same at the pump, which differ where the axis is blocked; oil in the
+accumulator, oil lost to the outside, and oil in the external accumulators (m³ at gauge zero and the reference
+temperature); mean bristle deflection (m); velocity as the seal remembers it (m/s); motor angle (rad) and speed
+(rad/s); integrator of the velocity loop (rad/s²); motor current (A); motor angle ahead of the pump's (rad);
+oil temperature (°C); lift of each refeeding valve's poppet (0 to 1); free air of each chamber (volume at
+atmospheric pressure over that of oil); absolute temperature of the accumulator's gas over that at rest; lift
+of the relief valves, as the excess of pressure (Pa) at which a valve would rest there, signed by direction."""
 
 (
     FRICTION_FORCE,
@@ -62,8 +65,10 @@ share of each chamber's air that is free, where air dissolves."""
     MOTOR_TORQUE,
     LOSSES,
     OIL_MASS,
-) = range(20)
-FINDINGS = 20
-"""Of each axis: forces (N), flows (m³/s; refeeding, drain, outside and connecting ones at atmospheric
-density), pressures of accumulator and case (Pa, gauge) and across the pump's ports (Pa), torque of the motor
-on its shaft (N·m), power turned into heat (W), all the oil inside and lost (m³ at atmospheric density)."""
+    STORED_OIL,
+) = range(21)
+FINDINGS = 21
+"""Of each axis: forces (N), flows (m³/s; refeeding, drain, outside and connecting ones at the density that
+oil is counted at), pressures of accumulator and case (Pa, gauge) and across the pump's ports (Pa), torque of
+the motor on its shaft (N·m), power turned into heat in the oil (W), all the oil inside and lost (m³ at gauge
+zero and the reference temperature), oil in the accumulator (m³ as it is; negative where it is empty)."""

@@ -48,7 +48,9 @@ TRUTH: dict[str, tuple[str, str]] = {
     "connect_flow_2": ("m^3/s", "flow from the other axis's line 2, at atmospheric density"),
     "power_lost": ("W", "power that turns into heat in oil, seals and pump"),
     "oil_lost": ("m^3", "oil gone to the outside less what was charged, at atmospheric density"),
-    "oil_mass": ("m^3", "all oil inside and lost, as its volume at atmospheric pressure"),
+    "oil_mass": ("m^3", "all oil inside and lost, as its volume at atmospheric pressure and 40 °C"),
+    "oil_stored": ("m^3", "oil in the accumulator; negative is what the inner circuit lacks"),
+    "gas_temperature": ("°C", "temperature of the accumulator's gas"),
 }
 """Name to SI unit and meaning."""
 

@@ -29,22 +29,26 @@ def truth_columns(
     """
     own = states[:, s.SHARED + axis * s.AXIS_STATES :]
     f = found[:, axis * s.FINDINGS :]
-    air_1 = rows[:, c.AIR] * own[:, s.FREE_1]
-    air_2 = rows[:, c.AIR] * own[:, s.FREE_2]
+    air_1, air_2 = own[:, s.FREE_1], own[:, s.FREE_2]
     air = 0.5 * (air_1 + air_2)
     p1, p2, speed = own[:, s.P1], own[:, s.P2], own[:, s.SPEED]
     ratio = viscosity_ratio(unit.oil, own[:, s.TEMPERATURE]) * rows[:, c.VISCOSITY]
     cross = rows[:, c.CROSS_LEAKAGE] + rows[:, c.SPEED_LEAKAGE] * np.abs(speed) + rows[:, c.SEAL_LEAKAGE]
+    drop = f[:, s.PORT_DIFFERENCE]
+    case = 0.25 * (rows[:, c.CASE_LEAKAGE_1] + rows[:, c.CASE_LEAKAGE_2])
+    cross = cross + rows[:, c.CROSS_OPENING] * np.abs(drop)
+    film = 1.0 + par.film_share * (np.sqrt(ratio) - 1.0)
     return {
-        "leakage": (cross + 0.5 * rows[:, c.CASE_LEAKAGE]) / ratio + _secant(rows, f, par),
+        "leakage": (cross + case) / ratio + _secant(rows, f, par),
         "bulk_modulus": bulk_modulus(unit.oil, np.full(air.size, unit.oil.reference_pressure), air),
         "bulk_modulus_1": bulk_modulus(unit.oil, p1, air_1, par.ambient),
         "bulk_modulus_2": bulk_modulus(unit.oil, p2, air_2, par.ambient),
         "coulomb_friction": 0.5
         * (
-            par.coulomb_forward * rows[:, c.FRICTION_FORWARD]
-            + par.coulomb_reverse * rows[:, c.FRICTION_REVERSE]
-        ),
+            par.coulomb_forward * rows[:, c.FRICTION_FORWARD] * rows[:, c.COULOMB_FORWARD]
+            + par.coulomb_reverse * rows[:, c.FRICTION_REVERSE] * rows[:, c.COULOMB_REVERSE]
+        )
+        * film,
         "viscous_friction": 0.5 * (par.viscous_forward + par.viscous_reverse) * rows[:, c.VISCOUS] * ratio,
         "position": states[:, s.X],
         "velocity": states[:, s.V],
@@ -76,6 +80,8 @@ def truth_columns(
         "power_lost": f[:, s.LOSSES],
         "oil_lost": own[:, s.LOST],
         "oil_mass": f[:, s.OIL_MASS],
+        "oil_stored": f[:, s.STORED_OIL],
+        "gas_temperature": own[:, s.GAS] * (par.surroundings + 273.15) - 273.15,
     }
 
 

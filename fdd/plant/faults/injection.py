@@ -7,6 +7,7 @@ go in at the oil's reference temperature, as all conditions do.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 
 import numpy as np
@@ -25,6 +26,9 @@ PARAMETERS: dict[str, int] = {
 }
 """Name that an effect gives to a parameter, to its column of the conditions."""
 
+STATE_BORNE = ("load", "heat")
+"""Profiles that go with the plant's state, which the loop alone knows."""
+
 PLANT_FAULTS = tuple(entry.id for entry in CATALOGUE.values() if entry.effects)
 """Faults of the plant, in the order in which a scenario's faults take effect."""
 
@@ -37,6 +41,7 @@ def inject(
     details: Details,
     *,
     axis: int = 1,
+    profile: str | None = None,
 ) -> None:
     """Put an axis's plant faults into its conditions, in place.
 
@@ -48,6 +53,7 @@ def inject(
     scales : figures of severity 1.
     details : of the plant.
     axis : 1 or 2, whose rows these are.
+    profile : ``load`` or ``heat``: those alone; None: all others.
 
     Raises
     ------
@@ -56,10 +62,11 @@ def inject(
     figures = {**vars(details), **vars(scales)}
     for name in PLANT_FAULTS:
         for spec in specs:
-            if spec.fault == name and spec.axis == axis:
+            state_borne = spec.profile if spec.profile in STATE_BORNE else None
+            if spec.fault == name and spec.axis == axis and state_borne == profile:
                 severity = spec.over(time)
                 for effect in CATALOGUE[name].effects:
-                    if effect.goes_with(spec.side, spec.variant):
+                    if effect.goes_with(spec.side, spec.variant, spec.law):
                         _require(name, effect, figures)
                         _change(rows[:, PARAMETERS[effect.parameter]], severity, effect, figures)
 
@@ -73,12 +80,12 @@ def _require(name: str, effect: Effect, figures: Mapping[str, float]) -> None:
 
 
 def _change(column: Array, severity: Array, effect: Effect, figures: Mapping[str, float]) -> None:
-    by, less, *times, over = (figures[n] if isinstance(n, str) else n for n in effect.numbers)
-    amount = severity * (by - 1.0 if effect.change == "towards" else by) * (1.0 - less)
-    for factor in times:
-        amount = amount * factor
+    by, less, *factors, over = (figures[n] if isinstance(n, str) else n for n in effect.numbers)
+    amount = severity * (by - 1.0 if effect.change in ("towards", "shift") else by) * (1.0 - less)
+    for i, factor in enumerate(factors):
+        amount = amount * (factor if i < len(effect.times) else math.sqrt(factor))
     amount = amount / over
-    if effect.change == "add":
+    if effect.change in ("add", "shift"):
         column += amount
     elif effect.change == "lower":
         column *= 1.0 - amount

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import cached_property
 from typing import Annotated, Literal
 
 import numpy as np
@@ -15,7 +16,7 @@ from fdd.plant.validated import Validated
 SIMULATED = tuple(f.id for f in CATALOGUE.values() if f.simulated)
 """Ids of the faults that the plant injects."""
 
-Profile = Literal["step", "ramp", "intermittent"]
+Profile = Literal["step", "ramp", "intermittent", "exponential", "random", "load", "heat"]
 
 
 class FaultSpec(Validated):
@@ -26,9 +27,12 @@ class FaultSpec(Validated):
     fault : id of the catalogue, one of `SIMULATED`.
     severity : 0 to 1; the catalogue says what 1.0 means.
     onset : s after the start of the log; 0 means from the beginning.
-    profile : step, ramp (linear over `ramp` s) or intermittent (on for the share
-        `duty` of every `period` s).
-    side, variant : what the catalogue lists for the fault; None takes the first.
+    profile : step; ramp (linear over `ramp` s); intermittent (on for the share `duty` of every `period` s);
+        exponential (over `ramp` s, a twentieth of the rate at first); random (on and off for times that are
+        exponentially distributed, on for that share, `period` s on average, by `seed`); load (in proportion
+        to it, whole from half the relief setting on) or heat (whole once the oil is 2 K warmer).
+    side, variant, law : what the catalogue lists for the fault; None takes the first.
+    seed : of the random profile.
     axis : 1, or 2 for the partner of a dual rig.
 
     Raises
@@ -51,6 +55,8 @@ class FaultSpec(Validated):
     duty: Annotated[float, Field(gt=0.0, lt=1.0)] = 0.5
     side: int | None = None
     variant: str | None = None
+    law: str | None = None
+    seed: Annotated[int, Field(ge=0, lt=2**31)] = 0
     axis: Literal[1, 2] = 1
 
     @model_validator(mode="after")
@@ -64,6 +70,7 @@ class FaultSpec(Validated):
         for name, given, allowed in (
             ("side", self.side, entry.sides),
             ("variant", self.variant, entry.variants),
+            ("law", self.law, tuple(entry.laws)),
         ):
             if given is None:
                 object.__setattr__(self, name, allowed[0] if allowed else None)
@@ -71,6 +78,11 @@ class FaultSpec(Validated):
                 shown = ", ".join(str(a) for a in allowed)
                 mend = f"use one of: {shown}" if allowed else f"leave {name} out"
                 raise InputError(f"fault {self.fault}: {name} {given!r} is not possible", mend=mend)
+        if entry.in_measurement and self.profile in ("load", "heat"):
+            raise InputError(
+                f"fault {self.fault}: a sensor's fault does not come with {self.profile}",
+                mend="use one of: step, ramp, intermittent, exponential, random",
+            )
         return self
 
     @property
@@ -79,7 +91,7 @@ class FaultSpec(Validated):
         return CATALOGUE[self.fault].family
 
     def over(self, time: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Severity at each time, (n,) for (n,) seconds."""
+        """Severity at each time, (n,) for (n,) seconds; of one that comes with load or heat the most."""
         since = time - self.onset
         begun = since >= -1e-9
         if self.profile == "ramp":
@@ -87,9 +99,22 @@ class FaultSpec(Validated):
         elif self.profile == "intermittent":
             phase = np.mod(since + 1e-9, self.period)
             share = np.where(phase < self.duty * self.period, 1.0, 0.0)
+        elif self.profile == "exponential":
+            share = np.expm1(_GROWTH * np.clip(since / self.ramp, 0.0, 1.0)) / np.expm1(_GROWTH)
+        elif self.profile == "random":
+            changes = np.searchsorted(self._changes, since + 1e-9, side="right")
+            share = np.where(changes % 2 == 0, 1.0, 0.0)
         else:
             share = np.ones_like(since)
         return np.where(begun, self.severity * share, 0.0)
+
+    @cached_property
+    def _changes(self) -> NDArray[np.float64]:
+        """Seconds after the onset at which a random fault goes, comes, goes …"""
+        rng = np.random.default_rng([self.seed, _CHANGES])
+        mean = self.period * np.array([self.duty, 1.0 - self.duty])
+        times = (rng.exponential(1.0, (_CHANGES, 2)) * mean).ravel()
+        return np.cumsum(times)
 
     def label(self) -> dict[str, str | float | int | None]:
         """The label of the fault, as data sets carry it."""
@@ -101,12 +126,18 @@ class FaultSpec(Validated):
             "profile": self.profile,
             "side": self.side,
             "variant": self.variant,
+            "law": self.law,
             "axis": self.axis,
         }
 
 
+_GROWTH = 3.0
+"""Of the exponential profile: its rate grows by e³ = 20 over its time."""
+_CHANGES = 4096
+"""Times that a random fault comes and goes; then it stays."""
+
 _NUMBERS = ("severity", "onset", "ramp", "period", "duty")
-_PARAMETERS = (*_NUMBERS, "profile", "side", "variant", "axis")
+_PARAMETERS = (*_NUMBERS, "profile", "side", "variant", "law", "seed", "axis")
 
 
 def parse_fault(text: str) -> FaultSpec:
@@ -114,7 +145,8 @@ def parse_fault(text: str) -> FaultSpec:
 
     Parameters
     ----------
-    text : ``ID:severity=0.4,onset=20`` with optional profile, ramp, period, duty, side, variant, axis.
+    text : ``ID:severity=0.4,onset=20`` with optional profile, ramp, period, duty, side,
+        variant, law, seed, axis.
 
     Raises
     ------
@@ -150,7 +182,7 @@ def _value(key: str, text: str) -> str | float | int:
     try:
         if key in _NUMBERS:
             return float(text)
-        if key in ("side", "axis"):
+        if key in ("side", "axis", "seed"):
             return int(text)
     except ValueError:
         raise InputError(f"{key}={text!r} is not a number", mend=f"write {key}=NUMBER") from None
