@@ -1,4 +1,4 @@
-"""``fdd profile new | check``: a base profile from a data sheet or a duty, and what follows from a profile."""
+"""``fdd profile new | check``: a base profile from a data sheet or a duty, and what follows from it."""
 
 from __future__ import annotations
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 
 def volumetric_efficiency(displacement: float, pump_speed: float, leakage: float, pressure: float) -> float:
-    """A·ẋ / (D_p·ω) of the thesis's eq. 5.4, as a share, with the flow A·ẋ that eq. 5.3 leaves: 1 - L_T·p/(D_p·ω).
+    """A·ẋ / (D_p·ω) of the thesis's eq. 5.4, as a share: 1 - L_T·p/(D_p·ω) with A·ẋ from eq. 5.3.
 
     Parameters
     ----------

@@ -137,7 +137,9 @@ def _oil(s: _Sheet) -> dict[str, Any]:
         "density": s.of("density"),
         "viscosity_40": s.of("viscosity_40"),
         "viscosity_100": s.of("viscosity_100"),
-        "reference_temperature": _assumed(REFERENCE_TEMPERATURE, "degC", "the sheet's leakage holds at 40 °C"),
+        "reference_temperature": _assumed(
+            REFERENCE_TEMPERATURE, "degC", "the sheet's leakage holds at 40 °C"
+        ),
     }
 
 

@@ -62,7 +62,7 @@ class Sizing:
     Attributes
     ----------
     answers : as a data sheet would give them, for `fdd.data_sheet.typed_unit`; of one circuit.
-    rows : what was sized, in the order of the calculation. remarks : where the duty is not met, though nearly.
+    rows : what was sized, in the order of the calculation. remarks : where the duty is just missed.
     """
 
     answers: Answers
@@ -182,8 +182,8 @@ def _cylinder(d: _Design) -> None:
     d.take("moving_mass", "moving mass", mass, "kg", "assumption: piston and rod alone")
     static = STATIC_N * d.bore / STATIC_BORE_M
     why = "thesis Table 5.1, in proportion to the bore"
-    d.take("breakaway_pressure", "breakaway pressure", 2.0 * static / (d["piston_area_1"] + d["piston_area_2"]),
-           "kPa", why)  # fmt: skip
+    mean = 0.5 * (d["piston_area_1"] + d["piston_area_2"])
+    d.take("breakaway_pressure", "breakaway pressure", static / mean, "kPa", why)
 
 
 def _pump(d: _Design) -> None:
@@ -213,7 +213,7 @@ def _pump(d: _Design) -> None:
     larger = f"choose more than {1e6 * math.tau * displacement:.3g} cm^3/rev as pump_displacement"
     if free < SPEED_SHORT * duty["loaded_speed"]:
         raise InputError(
-            f"out of reach: the pump gives {free:.3g} of {duty['loaded_speed']:.3g} m/s, even without leakage",
+            f"out of reach: the pump gives {free:.3g} of {duty['loaded_speed']:.3g} m/s without leakage",
             where="loaded_speed",
             mend="choose a larger pump_displacement or max_speed",
         )
@@ -262,13 +262,16 @@ def _valves(d: _Design) -> None:
     d.take("cracking_pressure", "cracking pressure of the refeeding valves", CRACKING_PA, "kPa", valves)
     d.take("refeed_flow_gain", "refeeding flow per pressure", pumped / REFEEDING_PA, "m^3/(s*Pa)",
            f"{valves}: the pump's flow at 10 kPa")  # fmt: skip
-    d.take("relief_flow_gain", "relief flow per pressure", pumped / (0.1 * d["relief_pressure"]), "m^3/(s*Pa)",
+    above = 0.1 * d["relief_pressure"]
+    d.take("relief_flow_gain", "relief flow per pressure", pumped / above, "m^3/(s*Pa)",
            "assumption: the pump's flow a tenth above the setting")  # fmt: skip
 
 
 def _accumulator(d: _Design) -> None:
     duty = d.duty
-    d.take("charge_pressure", "charge pressure", CHARGE_PA, "kPa", "assumption: as the prototype, 275 to 689 kPa")
+    d.take(
+        "charge_pressure", "charge pressure", CHARGE_PA, "kPa", "assumption: as the prototype, 275 to 689 kPa"
+    )
     d.values.setdefault("viscosity_40", 32e-6)
     d.written.setdefault("viscosity_40", "assumption: ISO VG 32, the thesis's AW32")
     v = completed(d.values)
@@ -282,5 +285,8 @@ def _accumulator(d: _Design) -> None:
     chosen = d.take("gas_volume", "accumulator's gas at rest", gas, "cm^3", rule)
     d.row("accumulator's oil at rest", oil, "cm^3", "accumulator rule: 1.1 times what the circuit takes")
     if chosen < 0.999 * gas:
-        d.short(f"gas_volume, {1e6 * chosen:.3g} cm^3, is less than the {1e6 * gas:.3g} cm^3 that cold, heat and "
-                "load ask for", "choose a larger accumulator or a narrower range of temperature")  # fmt: skip
+        d.short(
+            f"gas_volume, {1e6 * chosen:.3g} cm^3, is less than the {1e6 * gas:.3g} cm^3 that cold, heat and "
+            "load ask for",
+            "choose a larger accumulator or a narrower range of temperature",
+        )
