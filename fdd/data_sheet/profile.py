@@ -50,7 +50,7 @@ def typed_unit(answers: Answers) -> Unit:
     sheet = _Sheet(v, answers)
     for name, make in sections.items():
         profile[name] = make(sheet)
-    return Unit.from_yaml(yaml_of(profile), where=f"answers of {answers.name}")
+    return Unit.from_yaml(yaml_of(profile), where=f"answers of {answers.name[:40]}")
 
 
 def completed(values: dict[str, float]) -> dict[str, float]:
