@@ -49,6 +49,7 @@ MEASURES: dict[str, Measure] = {
     # force, mass, inertia, torque
     "N": Measure("force", 1.0), "kN": Measure("force", 1e3), "lbf": Measure("force", 4.4482216152605),
     "kg": Measure("mass", 1.0), "kg*m^2": Measure("inertia", 1.0), "N*m": Measure("torque", 1.0),
+    "W": Measure("power", 1.0), "kW": Measure("power", 1e3),
     "N*s/m": Measure("viscous_friction", 1.0), "N*m*s/rad": Measure("rotary_viscous_friction", 1.0),
     # electrical
     "A": Measure("current", 1.0), "mA": Measure("current", 1e-3), "V": Measure("voltage", 1.0),
@@ -82,7 +83,7 @@ _SI = {
     "angular_speed": "rad/s", "pressure": "Pa", "force": "N", "mass": "kg", "inertia": "kg*m**2",
     "torque": "N*m", "current": "A", "voltage": "V", "resistance": "ohm", "inductance": "H",
     "temperature": "degC", "density": "kg/m**3", "kinematic_viscosity": "m**2/s", "flow": "m**3/s",
-    "frequency": "Hz", "displacement": "m**3/rad",
+    "frequency": "Hz", "displacement": "m**3/rad", "power": "W",
 }  # fmt: skip
 """What pint converts to, by dimension."""
 _SPELLED = {

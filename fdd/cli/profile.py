@@ -1,4 +1,4 @@
-"""``fdd profile new | check``: a base profile typed from a data sheet, and what follows from a profile."""
+"""``fdd profile new | check``: a base profile from a data sheet or a duty, and what follows from it."""
 
 from __future__ import annotations
 
@@ -11,6 +11,7 @@ from fdd.errors import InputError
 
 if TYPE_CHECKING:
     from fdd.data_sheet import Answers, Question, Remark
+    from fdd.data_sheet.sizing import Sized
     from fdd.unit import Unit
 
 app = typer.Typer(help="A base profile typed from a data sheet.", no_args_is_help=True)
@@ -25,20 +26,34 @@ def new(
             "--from", help="Flat YAML or JSON of answers, 'stroke: 64 mm' and so on.", show_default=False
         ),
     ] = None,
+    duty: Annotated[
+        Path | None,
+        typer.Option(
+            "--duty",
+            help="Flat YAML or JSON of loads and speeds, 'load: 30 kN' and so on: the actuator is sized.",
+            show_default=False,
+        ),
+    ] = None,
 ) -> None:
-    """Type a base profile from a data sheet, for fdd identify to start from.
+    """Type a base profile from a data sheet, or size one from its duty, for fdd identify to start from.
 
     Position 0 is mid-stroke, positive extends; positive pump speed raises the pressure on side 1. What
     the sheet does not say is assumed, and the profile says so. Numbers that no actuator has are refused.
+    Sizing follows the thesis's section 4.4; what the duty gives as chosen (bore, pump_displacement, any
+    key of a data sheet) replaces what is calculated.
     """
     from fdd.files import require_writable
 
     require_writable(out)
+    if answers is not None and duty is not None:
+        raise InputError("--from and --duty are both given", mend="give one of them")
 
     from fdd.data_sheet import read_answers, require_plausible
     from fdd.unit import Unit
 
-    if answers is None:
+    if duty is not None:
+        unit, odd = _sized(duty)
+    elif answers is None:
         unit, odd = asked_profile()
     else:
         unit, odd = _typed(read_answers(answers))
@@ -111,6 +126,40 @@ def _typed(answers: Answers) -> tuple[Unit, list[Remark]]:
 
     unit = typed_unit(answers)
     return unit, sheet_remarks(unit, completed(answers.values))
+
+
+def _sized(duty: Path) -> tuple[Unit, list[Remark]]:
+    """Size what a duty file asks for; shows how."""
+    from fdd.data_sheet import require_plausible
+    from fdd.data_sheet.duty import read_duty
+    from fdd.data_sheet.sizing import sized
+
+    read = read_duty(duty)
+    try:
+        found = sized(read)
+        unit, odd = _typed(found.answers)
+    except InputError as error:
+        raise error.at(duty) from None
+    require_plausible(odd, str(duty))
+    _show_sized(unit.name, found.rows)
+    return unit, [*found.remarks, *odd]
+
+
+def _show_sized(name: str, rows: list[Sized]) -> None:
+    from rich import box
+    from rich.table import Table
+    from rich.text import Text
+
+    from fdd.cli.console import output
+
+    table = Table(box=box.SIMPLE_HEAD)
+    table.add_column(Text(f"{name}: as sized"), min_width=24)
+    table.add_column("value", justify="right", no_wrap=True)
+    table.add_column("unit", no_wrap=True)
+    table.add_column("from", min_width=24)
+    for row in rows:
+        table.add_row(row.quantity, f"{row.shown:.4g}", row.unit, Text(row.source))
+    output().print(table)
 
 
 def _show(unit: Unit, odd: list[Remark]) -> None:

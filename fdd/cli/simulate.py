@@ -142,6 +142,7 @@ def simulate(
 
     from fdd.cli import scenario_options as options
     from fdd.cli.console import progress
+    from fdd.plant.duty import Steps
     from fdd.plant.scenario import Scenario
     from fdd.plant.scenario_file import scenario_data
     from fdd.unit import Unit
@@ -163,6 +164,8 @@ def simulate(
     if perfect:
         options.section(data, "recording").update(dropped=0.0, late=0.0, nan_bursts_per_minute=0.0)
     machine = Unit.load(str(data.get("unit", "axis_a")))
+    if data.get("duty") is None:  # nothing was asked for: steps that any stroke holds
+        data["duty"] = Steps(amplitude=min(Steps().amplitude, 0.3 * machine.cylinder.stroke)).model_dump()
     second = None
     if data.get("partner") is not None:
         second = Unit.load(str(options.section(data, "partner").get("unit", "axis_b")))

@@ -29,17 +29,31 @@ class Answers:
     ----------
     name : of the profile. description : one line, may be empty.
     values : question's key to its value in SI. Leakage given as a flow stands under ``leakage_flow``.
-    written : the same as it was typed, for the profile's sources.
+    written : the same as it was typed, for the profile's sources. kind : where that stands.
     """
 
     name: str
     description: str = ""
     values: dict[str, float] = field(default_factory=dict)
     written: dict[str, str] = field(default_factory=dict)
+    kind: str = "data sheet"
+
+    def source(self, *keys: str) -> str | None:
+        """Where the first of these that was answered comes from."""
+        return next((f"{self.kind}: {self.written[k]}" for k in keys if k in self.written), None)
 
     @classmethod
-    def of(cls, given: Mapping[str, Any], where: str | Path = "answers") -> Answers:
+    def of(
+        cls,
+        given: Mapping[str, Any],
+        where: str | Path = "answers",
+        questions: Mapping[str, Question] = QUESTIONS,
+    ) -> Answers:
         """Check and convert answers as they are typed.
+
+        Parameters
+        ----------
+        where : named in errors. questions : what may, and must, be answered.
 
         Raises
         ------
@@ -52,7 +66,7 @@ class Answers:
         ...
         fdd.errors.InputError: answers: missing: piston_area_1 (m^2); write e.g. 'piston_area_1: 1 m^2'
         """
-        known = (*TEXTS, *QUESTIONS)
+        known = (*TEXTS, *questions)
         for key in given:
             if key not in known:
                 raise InputError(
@@ -61,7 +75,7 @@ class Answers:
         if not isinstance(given.get("name"), str) or not given["name"].strip():
             raise InputError("missing: name", where=where, mend="write e.g. 'name: press 3'")
         out = cls(given["name"].strip(), str(given.get("description") or ""))
-        for question in QUESTIONS.values():
+        for question in questions.values():
             answer = given.get(question.key)
             if answer is None:
                 if question.assumed is None:
@@ -80,8 +94,14 @@ class Answers:
         return out
 
 
-def read_answers(path: str | Path) -> Answers:
+def read_answers(
+    path: str | Path, questions: Mapping[str, Question] = QUESTIONS, kind: str = "file of answers"
+) -> Answers:
     """Read a flat YAML or JSON file of answers.
+
+    Parameters
+    ----------
+    questions : what it answers. kind : what such a file is called in errors.
 
     Raises
     ------
@@ -96,17 +116,17 @@ def read_answers(path: str | Path) -> Answers:
     """
     path = Path(path)
     mend = "give a YAML or JSON file with one answer a line"
-    text = yaml_text(path, "file of answers", MAX_ANSWER_BYTES, mend)
+    text = yaml_text(path, kind, MAX_ANSWER_BYTES, mend)
     if path.suffix.lower() == ".json":
         try:
             data = json.loads(text)
         except (ValueError, RecursionError) as error:
             raise InputError(f"not valid JSON ({error})", where=path, mend=mend) from None
         if not isinstance(data, dict):
-            raise InputError("not a file of answers", where=path, mend=mend)
+            raise InputError(f"not a {kind}", where=path, mend=mend)
     else:
-        data = yaml_mapping(text, path, "file of answers", mend=mend)
-    return Answers.of(data, path)
+        data = yaml_mapping(text, path, kind, mend=mend)
+    return Answers.of(data, path, questions)
 
 
 def parsed(question: Question, answer: object) -> tuple[str, float]:

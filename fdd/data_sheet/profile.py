@@ -14,6 +14,8 @@ LINES_SHARE = 4.0 / 3.0
 SLIDING_SHARE, VISCOUS_SHARE = 0.6, 0.3
 """Of the static friction: Coulomb; of the Coulomb friction: viscous at the piston's largest speed."""
 CASE_SHARE = 0.15
+REFERENCE_TEMPERATURE = 40.0
+"""°C, of leakage, viscosity and volumes."""
 DRAG_SHARE = 0.03
 """Of the torque at rated pressure: the shaft's own drag at the largest speed, as in the thesis."""
 PRESSURE_NOISE, ACCUMULATOR_NOISE = 5e-4, 2e-4
@@ -48,7 +50,7 @@ def typed_unit(answers: Answers) -> Unit:
     sheet = _Sheet(v, answers)
     for name, make in sections.items():
         profile[name] = make(sheet)
-    return Unit.from_yaml(yaml_of(profile), where=f"answers of {answers.name}")
+    return Unit.from_yaml(yaml_of(profile), where=f"answers of {answers.name[:40]}")
 
 
 def completed(values: dict[str, float]) -> dict[str, float]:
@@ -59,6 +61,8 @@ def completed(values: dict[str, float]) -> dict[str, float]:
     v.setdefault("relief_pressure", 1.1 * v["rated_pressure"])
     v.setdefault("rated_flow", v["pump_displacement"] * v["max_speed"])
     v.setdefault("cracking_pressure", 3e4)
+    v.setdefault("refeed_flow_gain", v["rated_flow"] / max(v["cracking_pressure"], 1e4))
+    v.setdefault("relief_flow_gain", v["rated_flow"] / (0.1 * v["relief_pressure"]))
     v.setdefault("bulk_modulus", 1.4e9)
     v.setdefault("density", 860.0)
     # ISO 3448 grades 10 to 100 at viscosity index 100 lie on this power law within 3 % (VG 32: 5.4 mm²/s).
@@ -83,8 +87,7 @@ class _Sheet:
     def of(self, key: str, unit: str | None = None) -> dict[str, Any]:
         """What the sheet says, or what is assumed in its place."""
         question = QUESTIONS[key]
-        written = self.answers.written.get(key)
-        source = f"data sheet: {written}" if written else f"assumption: {question.assumed}"
+        source = self.answers.source(key) or f"assumption: {question.assumed}"
         return _number(self.values[key], unit or question.unit, source, question.spread)
 
 
@@ -111,8 +114,7 @@ def _cylinder(s: _Sheet) -> dict[str, Any]:
 
 def _pump(s: _Sheet) -> dict[str, Any]:
     total, spread = s["leakage"], QUESTIONS["leakage"].spread
-    given = s.answers.written.get("leakage") or s.answers.written.get("leakage_flow")
-    source = f"data sheet: {given}" if given else f"assumption: {QUESTIONS['leakage'].assumed}"
+    source = s.answers.source("leakage", "leakage_flow") or f"assumption: {QUESTIONS['leakage'].assumed}"
     case = CASE_SHARE * total
     return {
         "displacement": s.of("pump_displacement"),
@@ -135,26 +137,21 @@ def _oil(s: _Sheet) -> dict[str, Any]:
         "density": s.of("density"),
         "viscosity_40": s.of("viscosity_40"),
         "viscosity_100": s.of("viscosity_100"),
-        "reference_temperature": _assumed(40.0, "degC", "the sheet's leakage holds at 40 °C"),
+        "reference_temperature": _assumed(
+            REFERENCE_TEMPERATURE, "degC", "the sheet's leakage holds at 40 °C"
+        ),
     }
 
 
 def _circuit(s: _Sheet) -> dict[str, Any]:
-    cracking = max(s["cracking_pressure"], 1e4)
     return {
         "charge_pressure": s.of("charge_pressure"),
         "gas_volume": s.of("gas_volume"),
         "refeed_cracking_pressure": s.of("cracking_pressure"),
-        "refeed_flow_gain": _assumed(
-            s["rated_flow"] / cracking, "m^3/(s*Pa)", "the rated flow at twice the cracking pressure"
-        ),
+        "refeed_flow_gain": s.of("refeed_flow_gain"),
         "case_cracking_pressure": _assumed(s["cracking_pressure"], "Pa", "as the refeeding valves"),
         "relief_pressure": s.of("relief_pressure"),
-        "relief_flow_gain": _assumed(
-            s["rated_flow"] / (0.1 * s["relief_pressure"]),
-            "m^3/(s*Pa)",
-            "the rated flow a tenth above the setting",
-        ),
+        "relief_flow_gain": s.of("relief_flow_gain"),
     }
 
 
@@ -163,11 +160,11 @@ def _friction(s: _Sheet) -> dict[str, Any]:
     static = s["breakaway_pressure"] * area
     coulomb = SLIDING_SHARE * static
     fastest = s["pump_displacement"] * s["max_speed"] / area
-    written = s.answers.written["breakaway_pressure"]
+    source = s.answers.source("breakaway_pressure")
     branch = {
         "coulomb": _assumed(coulomb, "N", f"{SLIDING_SHARE:g} of the static friction", 0.4),
         "static": _number(
-            static, "N", f"data sheet: {written} times the mean area", QUESTIONS["breakaway_pressure"].spread
+            static, "N", f"{source} times the mean area", QUESTIONS["breakaway_pressure"].spread
         ),
         "stribeck_velocity": _assumed(0.02, "m/s", "between the thesis's curves, 0.007 to 0.026 m/s"),
         "stribeck_exponent": _assumed(1.0, "1", "a plain exponential"),
@@ -209,13 +206,12 @@ def _sensors(s: _Sheet) -> dict[str, Any]:
     full = s["pressure_full_scale"]
     noise = "noise assumed to be a twentieth of a per cent of full scale"
     pressure = {"noise": PRESSURE_NOISE * full, "low": -101325.0, "high": full, "source": noise}
-    told = s.answers.written.get("position_noise")
     return {
         "motor_current": {"noise": 2e-3 * s["current_limit"], "source": "assumption: 0.2 % of the limit"},
         "oil_temperature": {"noise": 0.1, "resolution": 0.1, "source": "assumption"},
         "position": {
             "noise": s["position_noise"],
-            "source": f"data sheet: {told}" if told else "assumption: 10 µm",
+            "source": s.answers.source("position_noise") or "assumption: 10 µm",
         },
         "pressure_1": pressure,
         "pressure_2": pressure,

@@ -164,6 +164,24 @@ QUESTIONS: dict[str, Question] = {
             assumed="30 kPa, a light spring",
             path="accumulator.refeed_cracking_pressure",
         ),
+        Question(
+            "refeed_flow_gain",
+            "Flow of a refeeding valve per pressure beyond cracking",
+            "m^3/(s*Pa)",
+            1e-13,
+            1e-4,
+            assumed="the rated flow at twice the cracking pressure",
+            path="accumulator.refeed_flow_gain",
+        ),
+        Question(
+            "relief_flow_gain",
+            "Flow of a relief valve per pressure above its setting",
+            "m^3/(s*Pa)",
+            1e-13,
+            1e-4,
+            assumed="the rated flow a tenth above the setting",
+            path="accumulator.relief_flow_gain",
+        ),
         # Oil.
         Question(
             "bulk_modulus",

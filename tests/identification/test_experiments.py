@@ -172,8 +172,13 @@ def drawn(seed: int) -> tuple[Unit, list[Simulation]]:
 def test_leakage_gain_and_slip_of_a_drawn_unit(seed):
     (unit, runs), base = drawn(seed), Unit.load("axis_a")
     logs = [record(run) for run in runs]
-    leak = told(leakage(logs, base))["leakage coefficient, straight line"]
-    assert leak.low < unit.pump.total_leakage < leak.high
+    figures = told(leakage(logs, base))
+    leak, share = figures["leakage coefficient, straight line"], figures["volumetric efficiency"]
+    pressure, _, _, speed = (w for w in share.note.replace("at ", "").split()[:4])
+    flow = unit.pump.displacement * float(speed) * np.pi / 30.0
+    arrives = 100.0 * (1.0 - unit.pump.total_leakage * 1e5 * float(pressure) / flow)
+    assert share.low - 0.3 < arrives < share.high + 0.3  # its note rounds to three figures
+    assert share.high < 99.0 and leak.low < unit.pump.total_leakage < leak.high
     assert leak.high - leak.low < 0.08 * leak.value
     found, true = told(gain(logs, base)), unit.pump.displacement / unit.cylinder.area_1
     for direction in ("forward", "reverse"):

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import t as student
 
+from fdd.data_sheet.efficiency import volumetric_efficiency
 from fdd.identification.balance import GROUPS, LEAST_ROWS, fit_theta
 from fdd.identification.experiments.outcome import Outcome, Told, axes, cloud, curve_line, points
 from fdd.identification.identify import LEAKAGE_SHARP, reference_level, smoothed_noise, zero_share
@@ -120,6 +121,7 @@ def leakage(records: list[Record], unit: Unit) -> Outcome:
                                 f"profile {6e12 * profile:.4g} mL/min/bar"))  # fmt: skip
     out.told.append(Told.normal("leak flow at the highest pressure", gain[1] * high, std * high, "m^3/s",
                                 f"at {high / 1e5:.3g} bar"))  # fmt: skip
+    _efficiency(out, rows, unit, high, gain, std)
     both = _orifice(out, rows, low, high, zero)
     _over_temperature(out, rows, unit, reference, records)
     out.notes.append(
@@ -130,6 +132,19 @@ def leakage(records: list[Record], unit: Unit) -> Outcome:
     )
     _draw(out, rows, np.append(gain, 0.0) if both is None else both, profile)
     return out
+
+
+def _efficiency(out: Outcome, rows: _Rows, unit: Unit, high: float, gain: Array, std: float) -> None:
+    """Eq. 5.4 at the highest pressure, as fitted, at the speed that the pump then drives it with."""
+    near = rows.pressure * np.sign(rows.pumped) > 0.9 * high
+    if not near.any():
+        out.not_told.append("Volumetric efficiency: the pump never drives against the highest pressure.")
+        return
+    speed = float(np.median(np.abs(rows.pumped[near]))) / unit.pump.displacement
+    share = volumetric_efficiency(float(gain[0]) * unit.pump.displacement, speed, float(gain[1]), high)
+    lost = (1.0 - share) / gain[1]
+    where = f"at {high / 1e5:.3g} bar and {30.0 / np.pi * speed:.0f} rpm, thesis eq. 5.4"
+    out.told.append(Told.normal("volumetric efficiency", 100.0 * share, 100.0 * abs(lost) * std, "%", where))
 
 
 def _steps(records: list[Record], unit: Unit) -> tuple[VolumeSteps, Array, float]:
