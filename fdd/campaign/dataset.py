@@ -66,7 +66,7 @@ class Entry(Validated):
         (N·s/m): medians while all faults act, or over the log if healthy.
     twin : path of the same log without its faults; None for a healthy log, or where none was made.
     visibility : by channel, with a twin, what the faults do to the log, over the sensor's noise.
-    largest_rms : of it over pressures, current and position. visible : see `fdd.campaign.visibility.is_visible`.
+    largest_rms, visible : of it, see `fdd.campaign.visibility`.
     """
 
     file: RelativePath

@@ -1,9 +1,10 @@
 """From a recipe to a data set on disk: many runs, in parallel, resumable, the same whatever the order.
 
 Layout: ``recipe.yaml``, ``<unit>/true_unit.yaml``, ``<unit>/baseline_1.parquet`` …,
-``<unit>/log_000.parquet`` …, ``<unit>/truth_000.parquet`` …, ``<unit>/twin_000.parquet`` …, ``labels.json`` and
-``manifest.json``: a folder without it is unfinished. Until then ``.parts`` holds the label of each
-finished log; a second start keeps those. ``SHA256SUMS`` and a card stand beside what is finished.
+``<unit>/log_000.parquet`` …, ``<unit>/truth_000.parquet`` …, with twins ``<unit>/twin_000.parquet`` …,
+``labels.json`` and ``manifest.json``: a folder without it is unfinished. Until then ``.parts`` holds the
+label of each finished log; a second start keeps those. ``SHA256SUMS`` and a card stand beside what is
+finished.
 """
 
 from __future__ import annotations
@@ -185,7 +186,9 @@ def make_run(
             if run.scenario.faults:
                 samples, unit, scenario = run.samples, run.unit, run.scenario
                 del run  # its truth is larger than its log: one run at a time is in memory
-                entry |= _twin(recipe, directory, rig, f"{rig.unit.name}/twin_{log:03d}", samples, unit, scenario)
+                entry |= _twin(
+                    recipe, directory, rig, f"{rig.unit.name}/twin_{log:03d}", samples, unit, scenario
+                )
     write_text(part, json.dumps(entry, indent=1))
 
 

@@ -1,4 +1,4 @@
-"""What a fault does to a log, over what its sensors show anyway: a log less its twin, in deviations of noise."""
+"""How visible a fault is: a log less its twin, which lacks the fault, in standard deviations of noise."""
 
 from __future__ import annotations
 
@@ -20,6 +20,9 @@ CLASSES = ("below 1", "1 to 3", "3 to 10", "above 10")
 ROWS_LOST = "rows lost"
 """Class of what changes no value by a deviation but takes values out of the log (a loose contact)."""
 
+SEVERAL = "several at once"
+"""Where tables go by fault: logs of more than one, of which no difference says which fault made it."""
+
 
 class ChannelVisibility(Validated):
     """What a log's faults do to a channel.
@@ -38,7 +41,7 @@ class ChannelVisibility(Validated):
 
 
 def noise_deviation(unit: Unit, channel: str, recording: Recording) -> float:
-    """Standard deviation of what a channel shows beside its signal, SI; 0 for one that is known, not measured.
+    """Standard deviation of a channel's noise, SI; 0 for one that is known, not measured.
 
     White noise, tones (amplitude a: a²/2) and rounding (step q: q²/12; Widrow and Kollár 2008, doi
     10.1017/CBO9780511754661), as independent. A speed counted from the angle is rounded twice. Shaft orders
@@ -63,9 +66,7 @@ def noise_deviation(unit: Unit, channel: str, recording: Recording) -> float:
     return math.sqrt(sensor.noise**2 + tones / 2.0 + step**2 / 12.0)
 
 
-def visibility(
-    log: Samples, twin: Samples, unit: Unit, recording: Recording
-) -> dict[str, ChannelVisibility]:
+def visibility(log: Samples, twin: Samples, unit: Unit, recording: Recording) -> dict[str, ChannelVisibility]:
     """What the faults of a log do to each of its channels that has noise.
 
     Parameters
@@ -93,7 +94,7 @@ def largest_rms(found: Mapping[str, ChannelVisibility]) -> float:
 
 
 def is_visible(found: Mapping[str, ChannelVisibility]) -> bool:
-    """Whether a measured channel departs by at least one standard deviation of its noise, rms over the log."""
+    """Whether any measured channel has an rms of at least one standard deviation of its noise."""
     return any(each.rms >= 1.0 for each in found.values())
 
 

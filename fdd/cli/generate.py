@@ -24,7 +24,8 @@ def generate(
     twins: Annotated[
         bool | None,
         typer.Option(
-            "--twins/--no-twins", show_default=False,
+            "--twins/--no-twins",
+            show_default=False,
             help="Each faulty log once more without its faults, instead of the recipe's; twice the time.",
         ),
     ] = None,
