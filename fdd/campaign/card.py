@@ -6,13 +6,25 @@ import hashlib
 from collections import Counter
 from pathlib import Path
 
-from fdd.campaign.dataset import Dataset
+import numpy as np
+
+from fdd.campaign.dataset import Dataset, Entry
 from fdd.campaign.layout import CARD, LABELS, MANIFEST, RECIPE, SUMS
 from fdd.campaign.splits import SPLITS, split_of
+from fdd.campaign.visibility import CLASSES, ROWS_LOST, SEVERAL, visibility_class
 from fdd.faults import CATALOGUE
 from fdd.files import write_text
 from fdd.markdown import table
 from fdd.yaml_reading import yaml_of
+
+_TWINS = """- `unit_NNN/twin_NNN.{format}`: each faulty log once more without its faults. Draws and noise are
+  the same: equal to the last bit before the onset, and different after it by what the faults do.
+"""
+_VISIBILITY = """Log less twin, rms over the whole log, in standard deviations of the channel's noise (white
+noise, tones, rounding). Visible: at least one in any measured channel. The largest rms is that of pressures,
+current and position; the last columns count logs by it. Rows lost: it is below 1, but the fault takes values
+out of the log. Encoders count finely and travel adds up, so a fault may show in angle or position long before
+it does in a pressure; the labels have each channel."""
 
 
 def write_sums(directory: Path) -> None:
@@ -59,6 +71,8 @@ def card(data: Dataset) -> str:
     structures = f"; {len(recipe.structures)} structures" if recipe.structures else ""
     split = split_of(data.units, made.seed)
     told = {name: ", ".join(u for u in data.units if split[u] == name) or "none" for name in SPLITS}
+    twins = _TWINS.format(format=recipe.format) if recipe.twins else ""
+    visible = _visible(data) if recipe.twins else ""
     sha = made.sha256
     cite = f"{made.name}, simulated with fdd {made.version}, seed {made.seed}, SHA-256 {sha}."
     return f"""---
@@ -81,14 +95,14 @@ the same bytes.
 
 - `unit_NNN/log_NNN.{recipe.format}`: {" or ".join(f"{r} Hz" for r in rates)}{channels}. SI units.
 - `unit_NNN/truth_NNN.parquet`: true leakage, bulk modulus, friction, pressures, severities at 20 Hz.
-- `{LABELS}`: faults with severity and onset, load, duty and oil temperature of each log.
+{twins}- `{LABELS}`: faults with severity and onset, load, duty and oil temperature of each log.
 - `unit_NNN/true_unit.yaml`: the profile that was simulated. A diagnosis must not read it.
 
 ## Faults
 
 {_faults(data)}
 
-## Units and splits
+{visible}## Units and splits
 
 Bases {", ".join(recipe.bases)}, numbers drawn within {recipe.variation:.0%}{structures}.
 No unit is in two splits.
@@ -122,3 +136,20 @@ def _faults(data: Dataset) -> str:
         rows.append([name, str(len(mine)), *spans])
     rows.append(["healthy", str(sum(e.healthy for e in data.logs)), "", ""])
     return "\n".join(table(["fault", "logs", "severity", "onset, s"], rows)[:-1])
+
+
+def _visible(data: Dataset) -> str:
+    """How far each fault's logs are from their twins: a section."""
+    seen: dict[str, list[Entry]] = {}
+    for e in data.logs:
+        if e.visibility is not None:
+            seen.setdefault(e.faults[0].fault if len(e.faults) == 1 else SEVERAL, []).append(e)
+    rows = []
+    for name in (n for n in (*CATALOGUE, SEVERAL) if n in seen):
+        rms = [e.largest_rms or 0.0 for e in seen[name]]
+        classes = Counter(visibility_class(e.visibility or {}) for e in seen[name])
+        counts = [str(classes[each]) for each in (*CLASSES, ROWS_LOST)]
+        visible = sum(bool(e.visible) for e in seen[name])
+        rows.append([name, f"{visible} of {len(rms)}", f"{np.median(rms):.3g}", *counts])
+    head = ["fault", "visible", "median of the largest rms", *CLASSES, ROWS_LOST]
+    return "\n".join(["## Visibility", "", _VISIBILITY, "", *table(head, rows, "lr"), ""])

@@ -14,6 +14,7 @@ from pydantic import Field
 from fdd.bounds import MAX_JSON_BYTES
 from fdd.campaign.layout import BASE_UNIT, DATASET_SCHEMA, LABELS, MANIFEST, RECIPE, SUMS, TRUE_UNIT, digest
 from fdd.campaign.recipe import Recipe
+from fdd.campaign.visibility import ChannelVisibility
 from fdd.errors import InputError
 from fdd.logs import read_log
 from fdd.plant.truth import TRUTH, Truth
@@ -63,6 +64,9 @@ class Entry(Validated):
     scenario : load, duty and conditions.
     truth_medians : true leakage (m³/(s·Pa)), bulk modulus (Pa), Coulomb (N) and viscous friction
         (N·s/m): medians while all faults act, or over the log if healthy.
+    twin : path of the same log without its faults; None for a healthy log, or where none was made.
+    visibility : by channel, with a twin, what the faults do to the log, over the sensor's noise.
+    largest_rms, visible : of it, see `fdd.campaign.visibility`.
     """
 
     file: RelativePath
@@ -77,6 +81,10 @@ class Entry(Validated):
     faults: tuple[Label, ...]
     scenario: Conditions
     truth_medians: dict[str, float]
+    twin: RelativePath | None = None
+    visibility: dict[str, ChannelVisibility] | None = None
+    largest_rms: float | None = None
+    visible: bool | None = None
 
     @property
     def healthy(self) -> bool:
@@ -210,6 +218,10 @@ class Dataset:
     def samples(self, entry: Entry) -> Samples:
         """The log, as any reader of logs gives it."""
         return read_log(self.directory / entry.file).samples
+
+    def twin(self, entry: Entry) -> Samples | None:
+        """The same log without its faults, of the same rows; None where there is none."""
+        return None if entry.twin is None else read_log(self.directory / entry.twin).samples
 
     def truth(self, entry: Entry) -> Truth:
         """What really was, at 20 Hz.

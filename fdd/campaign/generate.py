@@ -1,9 +1,10 @@
 """From a recipe to a data set on disk: many runs, in parallel, resumable, the same whatever the order.
 
 Layout: ``recipe.yaml``, ``<unit>/true_unit.yaml``, ``<unit>/baseline_1.parquet`` …,
-``<unit>/log_000.parquet`` …, ``<unit>/truth_000.parquet`` …, ``labels.json`` and
-``manifest.json``: a folder without it is unfinished. Until then ``.parts`` holds the label of each
-finished log; a second start keeps those. ``SHA256SUMS`` and a card stand beside what is finished.
+``<unit>/log_000.parquet`` …, ``<unit>/truth_000.parquet`` …, with twins ``<unit>/twin_000.parquet`` …,
+``labels.json`` and ``manifest.json``: a folder without it is unfinished. Until then ``.parts`` holds the
+label of each finished log; a second start keeps those. ``SHA256SUMS`` and a card stand beside what is
+finished.
 """
 
 from __future__ import annotations
@@ -35,6 +36,7 @@ from fdd.campaign.layout import (
 )
 from fdd.campaign.recipe import Recipe
 from fdd.campaign.structures import Condition
+from fdd.campaign.visibility import is_visible, largest_rms, visibility
 from fdd.engines import Engine, WorkerLost, map_unordered
 from fdd.errors import InputError
 from fdd.files import whole_file, write_text
@@ -42,6 +44,8 @@ from fdd.logs.mcap_runs import write_run
 from fdd.plant.scenario import Scenario
 from fdd.plant.sensors import struck_channel
 from fdd.plant.simulate import Simulation, simulate
+from fdd.samples import Samples
+from fdd.unit import Unit
 
 TRUTH_RATE = 20
 """Hz of the truth that is kept."""
@@ -177,6 +181,14 @@ def make_run(
     _write_log(recipe, directory / entry["file"], run, rig, entry)
     if log is not None:
         _write_truth(directory / entry["truth"], run)
+        if recipe.twins:
+            entry["twin"] = None
+            if run.scenario.faults:
+                samples, unit, scenario = run.samples, run.unit, run.scenario
+                del run  # its truth is larger than its log: one run at a time is in memory
+                entry |= _twin(
+                    recipe, directory, rig, f"{rig.unit.name}/twin_{log:03d}", samples, unit, scenario
+                )
     write_text(part, json.dumps(entry, indent=1))
 
 
@@ -221,6 +233,29 @@ def _sane_run(
         where=f"{rig.unit.name} {purpose[0]} {purpose[2]}",
         mend="narrow the recipe's ranges of loads and duties",
     )
+
+
+def _twin(
+    recipe: Recipe, directory: Path, rig: Rig, name: str, log: Samples, unit: Unit, scenario: Scenario
+) -> dict[str, Any]:
+    """Write the twin of a log, the same unit and scenario without its faults; what the label says of it.
+
+    Every random stream has a seed and a purpose of its own (`fdd.plant.sensors.streams`), so all else is the
+    same to the last bit. The draw was judged with its faults and is not judged again.
+    """
+    try:
+        twin = simulate(unit, scenario.model_copy(update={"faults": []}))
+    except InputError:
+        return {}  # only the fault kept the run in the model's range: a log without a twin
+    file = f"{name}.{recipe.format}"
+    _write_log(recipe, directory / file, twin, rig, {"faults": []})
+    found = visibility(log, twin.samples, unit, scenario.recording)
+    return {
+        "twin": file,
+        "visibility": {channel: each.model_dump() for channel, each in found.items()},
+        "largest_rms": largest_rms(found),
+        "visible": is_visible(found),
+    }
 
 
 def _trouble(run: Simulation) -> str:

@@ -8,6 +8,7 @@ unless `Recipe.ranges` overrides them.
 from __future__ import annotations
 
 import hashlib
+import operator
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -117,6 +118,7 @@ class Recipe(Validated):
         ``identification``, or ``ordinary`` ones: strokes at several speeds and two runs of work.
     structures : machines that differ in kind, drawn by weight for each unit; none: the bases as they are.
     conditions : what departs from the recipe in single logs, drawn by weight; never in a baseline.
+    twins : whether each faulty log is simulated again without its faults.
     format : of the logs.
     licence, cite : what the data set's card says of them.
 
@@ -164,6 +166,7 @@ class Recipe(Validated):
     baseline_kind: Literal["identification", "ordinary"] = "identification"
     structures: tuple[Structure, ...] = ()
     conditions: tuple[Condition, ...] = ()
+    twins: Annotated[bool, Field(exclude_if=operator.not_)] = False
     format: Literal["parquet", "mcap"] = "parquet"
     licence: Annotated[str | None, Field(max_length=200, exclude_if=_is_none)] = None
     cite: Annotated[str | None, Field(max_length=2000, exclude_if=_is_none)] = None

@@ -48,6 +48,12 @@ class Outcome:
         return [f for f in self.said if f.onset_s >= first - EARLY_S]
 
     @property
+    def named(self) -> bool:
+        """Whether the first timely answer has the fault in its group; of several faults: each in one."""
+        groups = [f.ambiguity for f in self.timely[: None if len(self.entry.faults) > 1 else 1]]
+        return bool(groups) and all(any(f.fault in g for g in groups) for f in self.entry.faults)
+
+    @property
     def classes(self) -> tuple[set[str], set[str]]:
         """True and answered classes."""
         true = {class_of(f.fault) for f in self.entry.faults} or {"healthy"}

@@ -10,9 +10,10 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from fdd.campaign.dataset import Dataset, Entry
-from fdd.campaign.scores import Outcome, figures
+from fdd.campaign.scores import Outcome, figures, wilson
 from fdd.campaign.train import identified_unit
 from fdd.campaign.units import Progress, over_units
+from fdd.campaign.visibility import CLASSES, ROWS_LOST, SEVERAL, visibility_class
 from fdd.diagnosis.findings import Trajectories
 from fdd.diagnosis.model import Model
 from fdd.diagnosis.pipeline import Pipeline
@@ -128,7 +129,26 @@ def summary(outcomes: list[Outcome]) -> str:
                     f"{100 * errors[:, 1].mean():.0f} %",
                 ])  # fmt: skip
     head = ["estimate", "median error", "90 % of logs below", "logs with it observable", "share of time"]
-    return figures(outcomes) + "\n".join([*lines, *table(head, rows)])
+    return figures(outcomes) + "\n".join([*lines, *table(head, rows), *by_visibility(outcomes)])
+
+
+def by_visibility(outcomes: list[Outcome]) -> list[str]:
+    """What is found and named, by what the faults do to their logs; [] without twins (Markdown)."""
+    seen: dict[tuple[str, str], list[Outcome]] = {}
+    for o in outcomes:
+        if o.entry.visibility is not None:
+            faults = [f.fault.replace("_", " ") for f in o.entry.faults]
+            for name in ("all", faults[0] if len(faults) == 1 else SEVERAL):
+                seen.setdefault((name, visibility_class(o.entry.visibility)), []).append(o)
+    kinds = sorted({name for name, _ in seen} - {"all", SEVERAL})
+    rows = [
+        [name, each, wilson(sum(bool(o.timely) for o in mine), len(mine)),
+         wilson(sum(o.named for o in mine), len(mine))]
+        for name in ("all", *kinds, SEVERAL) for each in (*CLASSES, ROWS_LOST)
+        if (mine := seen.get((name, each)))
+    ]  # fmt: skip
+    head = ["true fault", "largest rms, deviations of noise", "found", "named, or in the group named"]
+    return table(head, rows) if rows else []
 
 
 def report_text(outcomes: list[Outcome], data: Dataset) -> str:
@@ -144,8 +164,9 @@ def report_text(outcomes: list[Outcome], data: Dataset) -> str:
 
 
 def outcomes_csv(outcomes: list[Outcome]) -> str:
-    """One line per log: truth, answer and errors of the estimates."""
+    """One line per log: truth, answer, errors of the estimates; with twins, how visible its faults are."""
     keys = [(m, n) for m in ("ekf", "svsf") for n in ("leakage", "bulk_modulus")]
+    twins = any(o.entry.twin for o in outcomes)
     rows = []
     for o in outcomes:
         row: dict[str, object] = {
@@ -157,5 +178,12 @@ def outcomes_csv(outcomes: list[Outcome]) -> str:
                 row[f"{name}_{what}"] = " ".join(str(getattr(f, what)) for f in faults)
         row["confidence"] = " ".join(str(f.confidence) for f in o.found.faults)
         row |= {f"{m}_{n}_error": round(o.errors[m, n][0], 4) for m, n in keys}
+        if twins:
+            seen = o.entry.visibility
+            row |= {
+                "visible": o.entry.visible, "largest_rms": o.entry.largest_rms,
+                "visibility": "" if seen is None else visibility_class(seen),
+                "found": bool(o.timely), "named": o.named,
+            }  # fmt: skip
         rows.append(row)
     return str(pd.DataFrame(rows).to_csv(index=False))

@@ -21,6 +21,14 @@ def generate(
         int | None,
         typer.Option(min=0, help="Logs of each unit, instead of the recipe's.", show_default=False),
     ] = None,
+    twins: Annotated[
+        bool | None,
+        typer.Option(
+            "--twins/--no-twins",
+            show_default=False,
+            help="Each faulty log once more without its faults, instead of the recipe's; twice the time.",
+        ),
+    ] = None,
     engine: EngineOption = "local",
 ) -> None:
     """Generate a labelled data set of simulated runs."""
@@ -33,7 +41,8 @@ def generate(
     from fdd.cli.console import progress
 
     campaign = Recipe.load(recipe)
-    asked = {name: n for name, n in (("units", units), ("logs_per_unit", logs)) if n is not None}
+    given = {"units": units, "logs_per_unit": logs, "twins": twins}
+    asked = {name: value for name, value in given.items() if value is not None}
     if asked:
         campaign = Recipe(**{**campaign.model_dump(by_alias=True), **asked})
     with progress(f"generating {out.name}", 1.0) as advance, written(out):

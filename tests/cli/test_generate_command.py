@@ -26,3 +26,18 @@ def test_units_and_logs_replace_those_of_the_recipe(run, one_line, tmp_path: Pat
     assert len(data.logs) == 2 and data.recipe.units == 1 and data.recipe.logs_per_unit == 2
     one_line(run(*common, 3), "another recipe")
     one_line(run("generate", recipe, "-o", tmp_path / "many", "--units", 100_000), "units")
+
+
+def test_twins_on_the_command_line_stand_for_the_recipes(run, one_line, tmp_path: Path) -> None:
+    recipe = tmp_path / "twins.yaml"
+    faulty = RECIPE.replace("healthy_share: 1", "healthy_share: 0\nfaults: {pressure_sensor_bias: {}}")
+    recipe.write_text(faulty + "twins: true\n", encoding="utf-8")
+    for name, options, made in (("recipe", [], 1), ("none", ["--no-twins"], 0), ("asked", ["--twins"], 1)):
+        where = ("-o", tmp_path / name, "--workers", 1, "--units", 1, "--logs", 1)
+        result = run("generate", recipe, *where, *options)
+        assert result.exit_code == 0, result.stderr
+        data = Dataset.load(tmp_path / name)
+        assert data.recipe.twins is bool(made) and sum(e.twin is not None for e in data.logs) == made
+        assert len(list((tmp_path / name).rglob("twin_*"))) == made
+    recipe.write_text(faulty + "twins: maybe\n", encoding="utf-8")
+    one_line(run("generate", recipe, "-o", tmp_path / "maybe"), "twins.yaml", "twins", "maybe")

@@ -1,0 +1,112 @@
+"""How visible a fault is: a log less its twin, which lacks the fault, in standard deviations of noise."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+
+import numpy as np
+
+from fdd.plant.sensors import KNOWN, Recording
+from fdd.plant.validated import Validated
+from fdd.samples import PRESSURES, Samples
+from fdd.unit import Unit
+
+SUMMARISED = (*PRESSURES, "motor_current", "position")
+"""Channels of which a log's figure is the largest rms."""
+EDGES = (1.0, 3.0, 10.0)
+CLASSES = ("below 1", "1 to 3", "3 to 10", "above 10")
+"""Of the largest rms, in standard deviations of noise."""
+ROWS_LOST = "rows lost"
+"""Class of what changes no value by a deviation but takes values out of the log (a loose contact)."""
+
+SEVERAL = "several at once"
+"""Where tables go by fault: logs of more than one, of which no difference says which fault made it."""
+
+
+class ChannelVisibility(Validated):
+    """What a log's faults do to a channel.
+
+    Attributes
+    ----------
+    noise : standard deviation that the others are over, SI unit of the channel.
+    rms, peak : of log less twin over the whole log, over `noise`; rows where either is NaN are left out.
+    lost : share of the log's rows that are NaN in the log and not in its twin.
+    """
+
+    noise: float
+    rms: float
+    peak: float
+    lost: float
+
+
+def noise_deviation(unit: Unit, channel: str, recording: Recording) -> float:
+    """Standard deviation of a channel's noise, SI; 0 for one that is known, not measured.
+
+    White noise, tones (amplitude a: a²/2) and rounding (step q: q²/12; Widrow and Kollár 2008, doi
+    10.1017/CBO9780511754661), as independent. A speed counted from the angle is rounded twice. Shaft orders
+    are left out: they belong to the motion.
+
+    Parameters
+    ----------
+    unit : the true one, as the log was simulated. recording : how the log was taken.
+
+    Examples
+    --------
+    >>> f"{noise_deviation(Unit.load('axis_a'), 'position', Recording()):.4g}"
+    '2.887e-07'
+    """
+    if channel in KNOWN:
+        return 0.0
+    sensor = unit.sensor(channel)
+    step = sensor.resolution
+    if channel == "pump_speed" and recording.speed == "counts":
+        step = max(step, math.sqrt(2.0) * unit.sensor("pump_angle").resolution / recording.period)
+    tones = sum(amplitude**2 for _, amplitude in sensor.tones)
+    return math.sqrt(sensor.noise**2 + tones / 2.0 + step**2 / 12.0)
+
+
+def visibility(log: Samples, twin: Samples, unit: Unit, recording: Recording) -> dict[str, ChannelVisibility]:
+    """What the faults of a log do to each of its channels that has noise.
+
+    Parameters
+    ----------
+    log, twin : with and without the faults, of the same rows.
+    unit, recording : see `noise_deviation`.
+    """
+    found = {}
+    for channel in log.channels:
+        noise = noise_deviation(unit, channel, recording)
+        if noise > 0.0:
+            gone = np.isnan(log[channel]) & ~np.isnan(twin[channel])
+            change = log[channel] - twin[channel]
+            change = change[~np.isnan(change)] / noise
+            rms = float(np.sqrt(np.mean(change**2))) if change.size else 0.0
+            peak = float(np.abs(change).max(initial=0.0))
+            figures = {"noise": noise, "rms": rms, "peak": peak, "lost": float(gone.mean())}
+            found[channel] = ChannelVisibility(**{n: float(f"{v:.6g}") for n, v in figures.items()})
+    return found
+
+
+def largest_rms(found: Mapping[str, ChannelVisibility]) -> float:
+    """Largest rms over the pressures, the current and the position, in standard deviations of noise."""
+    return max((each.rms for name, each in found.items() if name in SUMMARISED), default=0.0)
+
+
+def is_visible(found: Mapping[str, ChannelVisibility]) -> bool:
+    """Whether any measured channel has an rms of at least one standard deviation of its noise."""
+    return any(each.rms >= 1.0 for each in found.values())
+
+
+def visibility_class(found: Mapping[str, ChannelVisibility]) -> str:
+    """One of `CLASSES`, or `ROWS_LOST`.
+
+    Examples
+    --------
+    >>> visibility_class({"position": ChannelVisibility(noise=1e-6, rms=3.0, peak=9.0, lost=0.0)})
+    '3 to 10'
+    """
+    rms = largest_rms(found)
+    if rms < EDGES[0] and any(each.lost > 0.0 for each in found.values()):
+        return ROWS_LOST
+    return CLASSES[int(np.searchsorted(EDGES, rms, side="right"))]

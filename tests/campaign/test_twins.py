@@ -1,0 +1,348 @@
+"""Twins: each faulty log once more without its faults, to the last bit; what the faults do, over noise."""
+
+from __future__ import annotations
+
+import csv
+import io
+import json
+from collections import Counter
+from pathlib import Path
+
+import numpy as np
+import pytest
+from test_generate import contents, interrupted, small
+from test_train_validate import RECIPE, finding, label, outcome
+
+from fdd.campaign import generate as generate_module
+from fdd.campaign.card import card
+from fdd.campaign.dataset import Dataset, Entry
+from fdd.campaign.generate import generate
+from fdd.campaign.recipe import Recipe
+from fdd.campaign.scores import Outcome
+from fdd.campaign.validate import by_visibility, outcomes_csv, report_text, summary, validate
+from fdd.campaign.visibility import (
+    ROWS_LOST,
+    ChannelVisibility,
+    is_visible,
+    largest_rms,
+    noise_deviation,
+    visibility,
+    visibility_class,
+)
+from fdd.diagnosis.model import Model
+from fdd.errors import InputError
+from fdd.logs import read_log
+from fdd.plant.faults.spec import SIMULATED
+from fdd.plant.sensors import MEASURED, Recorder, Recording
+from fdd.samples import Samples
+from fdd.unit import Unit
+
+SENSOR_FAULTS = ("position_sensor_slip", "pressure_sensor_bias", "pressure_sensor_drift", "sensor_dropout")
+FEW = ["pump_angle", "position", "pressure_difference", "motor_current"]
+
+
+def with_twins(**fields: object) -> Recipe:
+    """Short logs, all of them faulty."""
+    return small(
+        **{"duration": [3.0, 3.0], "healthy_share": 0.0, "onset": [0.3, 0.6], "twins": True, **fields}
+    )
+
+
+def all_kinds() -> Recipe:
+    """Each fault of the catalogue at least once, on machines of three rates."""
+    rates = [{"name": f"r{r}", "rate": r, "speed": s, "channels": c} for r, s, c in
+             ((200, "sampled", FEW), (1000, "counts", None), (2000, "sampled", None))]  # fmt: skip
+    return with_twins(
+        units=3, logs_per_unit=6, faults={f: {} for f in SIMULATED}, structures=rates, at_start_share=0.15,
+        profiles={"step": 1, "ramp": 1, "intermittent": 1},
+    )  # fmt: skip
+
+
+@pytest.fixture(scope="module")
+def made(tmp_path_factory: pytest.TempPathFactory) -> Dataset:
+    return Dataset.load(generate(all_kinds(), tmp_path_factory.mktemp("twins") / "set"))
+
+
+def twin_of(data: Dataset, entry: Entry) -> Samples:
+    twin = data.twin(entry)
+    assert twin is not None
+    return twin
+
+
+def same_bits(one: Samples, other: Samples, rows: slice = slice(None)) -> bool:
+    columns = [(one.time, other.time), *((one[c], other[c]) for c in one.channels)]
+    return one.channels == other.channels and all(a[rows].tobytes() == b[rows].tobytes() for a, b in columns)
+
+
+def rows_before(data: Dataset, entry: Entry) -> int:
+    """Rows before anything was wrong, which have to be the same in both."""
+    log, twin = data.samples(entry), twin_of(data, entry)
+    rows = int(np.searchsorted(log.time, min(f.onset_s for f in entry.faults)))
+    assert same_bits(log, twin, slice(rows)), entry.file
+    assert np.array_equal(log.time, twin.time)
+    return rows
+
+
+def test_a_log_of_any_fault_is_its_twin_to_the_last_bit_before_the_onset(made: Dataset) -> None:
+    assert {f.fault for e in made.logs for f in e.faults} == set(SIMULATED)
+    before = {e.file: rows_before(made, e) for e in made.logs}
+    first = [e for e in made.logs if not before[e.file]]
+    assert first and all(e.faults[0].onset_s == 0.0 for e in first), "faults from the first sample"
+    assert {e.structure for e in made.logs if before[e.file]} == {"r200", "r1000", "r2000"}
+    assert min(n for n in before.values() if n) > 0.29 * 3.0 * 200.0 * 0.97
+    changed = [not same_bits(made.samples(e), twin_of(made, e)) for e in made.logs]
+    assert sum(changed) >= len(made.logs) - 3, "nearly every fault leaves some trace in some bit"
+
+
+@pytest.mark.parametrize(("profile", "rate"), [("step", 200), ("ramp", 1000), ("intermittent", 200)])
+def test_faults_of_sensors_shift_no_draw_of_others(profile: str, rate: int, tmp_path: Path) -> None:
+    """Nothing but the struck channel changes, unless the controller sees it."""
+    recipe = with_twins(
+        units=1, logs_per_unit=4, faults={f: {} for f in SENSOR_FAULTS}, profiles={profile: 1},
+        recording={"rate": rate, "nan_bursts_per_minute": 40.0, "dropped": 0.02, "late": 0.1},
+        at_start_share=0.0, severity=[0.9, 1.0], duration=[4.0, 4.0],
+    )  # fmt: skip
+    data = Dataset.load(generate(recipe, tmp_path / "set"))
+    for entry in data.logs:
+        assert rows_before(data, entry) > 0.2 * 4.0 * rate
+        log, twin = data.samples(entry), twin_of(data, entry)
+        assert any(np.isnan(twin[c]).any() for c in twin.channels)
+        changed = {c for c in log.channels if log[c].tobytes() != twin[c].tobytes()}
+        struck = entry.faults[0].channel
+        assert struck in changed or entry.faults[0].fault == "position_sensor_slip"
+        if entry.faults[0].fault != "position_sensor_slip" or entry.scenario.control == "speed":
+            assert changed <= {struck}
+        elif changed:
+            assert {"command", "motor_current"} <= changed, "it acts in the loop"
+
+
+def test_a_twin_of_several_faults_has_none_of_them(tmp_path: Path) -> None:
+    both = with_twins(units=1, logs_per_unit=1, second_fault_share=1.0, format="mcap")
+    data = Dataset.load(generate(both, tmp_path / "set"))
+    (entry,) = data.logs
+    assert len(entry.faults) == 2 and entry.twin == "unit_000/twin_000.mcap"
+    assert rows_before(data, entry) or not min(f.onset_s for f in entry.faults)
+    assert read_log(data.directory / entry.twin).samples.channels == data.samples(entry).channels
+
+
+def test_a_fault_of_severity_nothing_changes_nothing(tmp_path: Path) -> None:
+    recipe = with_twins(units=1, logs_per_unit=5, severity=[0.0, 0.0], at_start_share=0.5,
+                        faults={f: {} for f in ("seal_wear", *SENSOR_FAULTS)})  # fmt: skip
+    data = Dataset.load(generate(recipe, tmp_path / "set"))
+    for entry in data.logs:
+        assert entry.twin is not None and entry.visibility
+        assert (data.directory / entry.twin).read_bytes() == (data.directory / entry.file).read_bytes()
+        assert entry.visible is False and entry.largest_rms == 0.0
+        assert {(v.rms, v.peak, v.lost) for v in entry.visibility.values()} == {(0.0, 0.0, 0.0)}
+
+
+def test_the_twin_is_the_draw_of_its_log_whatever_was_refused(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    judged = []
+
+    def third(run: generate_module.Simulation) -> str:
+        judged.append(run.scenario)
+        return "" if len(judged) == 3 else "not this one"
+
+    monkeypatch.setattr(generate_module, "_trouble", third)
+    recipe = with_twins(units=1, logs_per_unit=1, at_start_share=0.0)
+    data = Dataset.load(generate(recipe, tmp_path / "set"))
+    assert rows_before(data, data.logs[0]) and len(judged) == 3, "the twin itself is not judged"
+    assert all(scenario.faults for scenario in judged)
+
+
+def test_without_twins_nothing_changes_and_with_them_no_log_does(tmp_path: Path) -> None:
+    fields: dict[str, object] = {"units": 1, "logs_per_unit": 2, "healthy_share": 0.5}
+    plain = generate(with_twins(**fields, twins=False), tmp_path / "plain")
+    twins = generate(with_twins(**fields), tmp_path / "twins")
+    without, having = contents(plain), contents(twins)
+    assert not [name for name in without if "twin" in name]
+    assert b"twin" not in b"".join(without[n] for n in ("recipe.yaml", "labels.json", "README.md"))
+    assert {n for n in having if n not in without} == {"unit_000/twin_000.parquet"} or {
+        n for n in having if n not in without
+    } == {"unit_000/twin_001.parquet"}, "of the faulty log alone"
+    assert all(having[n] == without[n] for n in without if n.startswith("unit_000/"))
+    assert b"twin_00" in having["SHA256SUMS"]
+    new = {"twin", "visibility", "largest_rms", "visible"}
+    for before, after in zip(
+        json.loads(without["labels.json"]), json.loads(having["labels.json"]), strict=True
+    ):
+        assert {k: v for k, v in after.items() if k not in new} == before
+        assert set(after) - set(before) == (new if before["faults"] else {"twin"})
+    data = Dataset.load(plain)
+    assert all(e.twin is None and e.visibility is None and data.twin(e) is None for e in data.logs)
+    Dataset.load(twins).check()
+    with pytest.raises(InputError, match="another recipe"):
+        generate(with_twins(**fields), plain)
+
+
+@pytest.mark.slow
+def test_two_workers_make_the_same_twins_as_one(made: Dataset, tmp_path: Path) -> None:
+    assert contents(generate(all_kinds(), tmp_path / "two", workers=2)) == contents(made.directory)
+
+
+def test_a_started_folder_goes_on(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    recipe = with_twins(units=1, logs_per_unit=3)
+    with monkeypatch.context() as patch:
+        interrupted(patch, after=1)
+        with pytest.raises(KeyboardInterrupt):
+            generate(recipe, tmp_path / "set")
+    kept = {p: p.stat().st_mtime_ns for p in (tmp_path / "set").rglob("*.parquet")}
+    assert len(kept) == 3, "log, truth and twin"
+    generate(recipe, tmp_path / "set")
+    assert all(p.stat().st_mtime_ns == stamp for p, stamp in kept.items())
+    assert contents(tmp_path / "set") == contents(generate(recipe, tmp_path / "at once"))
+
+
+def test_a_run_that_only_the_fault_kept_in_range_has_no_twin(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    whole = generate_module.simulate
+
+    def healthy_fails(unit: Unit, scenario: generate_module.Scenario) -> generate_module.Simulation:
+        if not scenario.faults:
+            raise InputError("left the range of the model")
+        return whole(unit, scenario)
+
+    monkeypatch.setattr(generate_module, "simulate", healthy_fails)
+    data = Dataset.load(generate(with_twins(units=1, logs_per_unit=1), tmp_path / "set"))
+    assert data.logs[0].twin is None and data.logs[0].visibility is None
+    assert "| fault | visible |" in card(data)
+
+
+def test_noise_is_what_sensors_show_beside_a_smooth_motion() -> None:
+    """A pump that gathers speed, a piston that creeps, pressures that rise: all else in the log is noise."""
+    unit, recording = Unit.load("axis_a"), Recording.perfect()
+    unit = unit.model_copy(update={"sensors": {
+        name: sensor.model_copy(update={"shaft_orders": [], "bandwidth_hz": None})
+        for name, sensor in unit.sensors.items()
+    }})  # fmt: skip
+    n = 60_000
+    time = np.arange(n) * 1e-3
+    slope = {"pump_angle": time, "position": 7.31e-4, "motor_current": 0.01, "oil_temperature": 0.07}
+    truth = {name: slope.get(name, 2.7e4) * time for name in MEASURED}
+    shown = Recorder(unit, [], recording, seed=5).measure({**truth, "command": 0.0 * time}, time).columns
+    assert noise_deviation(unit, "command", recording) == 0.0
+    for name in (*MEASURED[:-1], "pump_speed"):
+        error = (shown[name] - np.polyval(np.polyfit(time, shown[name], 2), time))[1:]
+        assert noise_deviation(unit, name, recording) == pytest.approx(error.std(), rel=0.03), name
+
+
+def test_visibility_is_what_the_hand_gets() -> None:
+    unit, recording, gap = Unit.load("axis_a"), Recording(), np.nan
+    time = np.arange(5) * 1e-3
+    log = {"pressure_1": [0.0, 3e3, -6e3, gap, gap], "command": [1.0] * 5, "position": [1e-3] * 5,
+           "pump_speed": [50.0, 50.0, 50.0, 50.0, 60.0]}  # fmt: skip
+    twin = {**log, "pressure_1": [0.0, 0.0, 0.0, 0.0, gap], "pump_speed": [50.0] * 5, "command": [0.0] * 5}
+    found = visibility(Samples(time, log), Samples(time, twin), unit, recording)
+    assert set(found) == {"pressure_1", "position", "pump_speed"}
+    noise = np.sqrt(3e3**2 + 263.5**2 / 12.0)
+    pressure = found["pressure_1"]
+    assert pressure.noise == pytest.approx(noise, rel=1e-5)
+    assert pressure.rms == pytest.approx(np.sqrt((3e3**2 + 6e3**2) / 3) / noise, rel=1e-5)
+    assert pressure.peak == pytest.approx(6e3 / noise, rel=1e-5)
+    assert pressure.lost == pytest.approx(0.2), "the row that the twin lacks too is not the fault's"
+    counts = 2.0 * np.pi / (4 * 16384) / 1e-3 / np.sqrt(6.0)
+    assert found["pump_speed"].rms == pytest.approx(10.0 / np.sqrt(5.0) / counts, rel=1e-4)
+    assert largest_rms(found) == pressure.rms and visibility_class(found) == "1 to 3"
+
+
+def channels(rms: float, channel: str = "pressure_1", lost: float = 0.0) -> dict[str, ChannelVisibility]:
+    return {channel: ChannelVisibility(noise=1.0, rms=rms, peak=2.0 * rms, lost=lost)}
+
+
+@pytest.mark.parametrize(
+    ("found", "told", "visible"),
+    [
+        (channels(0.999), "below 1", False),
+        (channels(1.0), "1 to 3", True),
+        (channels(3.0), "3 to 10", True),
+        (channels(10.0), "above 10", True),
+        (channels(9.0, "pump_angle"), "below 1", True),
+        (channels(0.0, lost=0.1), ROWS_LOST, False),
+        (channels(2.0, lost=0.1), "1 to 3", True),
+        ({}, "below 1", False),
+    ],
+)
+def test_classes_of_visibility(found: dict[str, ChannelVisibility], told: str, visible: bool) -> None:
+    assert (visibility_class(found), is_visible(found)) == (told, visible)
+
+
+def test_the_card_counts_visible_logs(made: Dataset) -> None:
+    text = card(made)
+    assert "`unit_NNN/twin_NNN.parquet`" in text
+    lines = text[text.index("## Visibility") : text.index("## Units")].splitlines()
+    rows = {
+        line.split(" | ")[0].strip("| "): line.strip("| ").split(" | ")[1:] for line in lines if "|" in line
+    }
+    assert set(rows) - {"fault", "---"} == set(SIMULATED)
+    for name, (seen, median, *counts) in ((n, r) for n, r in rows.items() if n in SIMULATED):
+        mine = [e for e in made.logs if e.faults[0].fault == name]
+        assert seen == f"{sum(bool(e.visible) for e in mine)} of {len(mine)}"
+        assert float(median) == pytest.approx(np.median([e.largest_rms for e in mine]), rel=5e-3)
+        assert sum(map(int, counts)) == len(mine)
+
+
+def seen(one: Outcome, rms: float) -> Outcome:
+    figures = {
+        "twin": "logs/b.parquet",
+        "visibility": channels(rms),
+        "largest_rms": rms,
+        "visible": rms >= 1.0,
+    }
+    return Outcome(one.entry.model_copy(update=figures), one.found, one.errors)
+
+
+def test_what_is_found_goes_by_what_could_be_seen() -> None:
+    leak, worn, air = "internal_leakage", "pump_wear", "aeration"
+    outcomes = [
+        seen(outcome([label(leak)], [finding(leak)]), 20.0),
+        seen(outcome([label(leak)], [finding(worn, 10.5, 0.9, leak)]), 20.0),
+        seen(outcome([label(leak)], [finding(air)]), 20.0),
+        seen(outcome([label(leak)], []), 0.5),
+        seen(outcome([label(leak), label(air)], [finding(leak), finding(air)]), 2.0),
+        seen(outcome([label(leak), label(air)], [finding(leak)]), 2.0),
+        outcome([], []),
+    ]
+    rows = [[c.strip() for c in line.split("|")[1:-1]] for line in by_visibility(outcomes) if line][2:]
+    assert rows == [
+        ["all", "below 1", "0.00 (0.00 to 0.79) of 1", "0.00 (0.00 to 0.79) of 1"],
+        ["all", "1 to 3", "1.00 (0.34 to 1.00) of 2", "0.50 (0.09 to 0.91) of 2"],
+        ["all", "above 10", "1.00 (0.44 to 1.00) of 3", "0.67 (0.21 to 0.94) of 3"],
+        ["internal leakage", "below 1", "0.00 (0.00 to 0.79) of 1", "0.00 (0.00 to 0.79) of 1"],
+        ["internal leakage", "above 10", "1.00 (0.44 to 1.00) of 3", "0.67 (0.21 to 0.94) of 3"],
+        ["several at once", "1 to 3", "1.00 (0.34 to 1.00) of 2", "0.50 (0.09 to 0.91) of 2"],
+    ]
+    lines = list(csv.DictReader(io.StringIO(outcomes_csv(outcomes))))
+    told = [(r["visible"], r["visibility"], r["found"], r["named"]) for r in lines]
+    assert told[0] == ("True", "above 10", "True", "True") and told[2] == (
+        "True",
+        "above 10",
+        "True",
+        "False",
+    )
+    assert told[3] == ("False", "below 1", "False", "False") and told[6] == ("", "", "False", "False")
+    plain = [outcome([label(leak)], [finding(leak)])]
+    assert not by_visibility(plain) and "visib" not in summary(plain) + outcomes_csv(plain)
+
+
+@pytest.mark.slow
+def test_validation_of_a_tiny_set_with_twins(tiny_model: Model, tmp_path: Path) -> None:
+    data = Dataset.load(generate(Recipe.from_yaml(RECIPE + "twins: true\n"), tmp_path / "set"))
+    tiny_model.save(tmp_path / "model.json")
+    outcomes = validate(tmp_path / "set", str(tmp_path / "model.json"), workers=1)
+    text = report_text(outcomes, data)
+    one = "1.00 (0.21 to 1.00) of 1"
+    assert f"| internal leakage | above 10 | {one} | {one} |" in text
+    assert Counter(r["visibility"] for r in csv.DictReader(io.StringIO(outcomes_csv(outcomes)))) == {
+        "": 1, "above 10": 1,
+    }  # fmt: skip
+
+
+def test_twins_are_wanted_or_not() -> None:
+    with pytest.raises(InputError, match=r"recipe twins: .*maybe") as error:
+        Recipe.from_yaml("schema: fdd.recipe/1\nhealthy_share: 1\ntwins: maybe\n", where="mine.yaml")
+    assert "\n" not in str(error.value)
+    assert "twins: true" in with_twins().to_yaml() and "twins" not in small().to_yaml()
+    assert Recipe.from_yaml(with_twins().to_yaml()) == with_twins()
