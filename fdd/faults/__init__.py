@@ -86,8 +86,8 @@ CATALOGUE, ADDED_BY = _collected(_shipped())
 the package, of those that an installed package adds."""
 
 PROFILES = ("step", "ramp", "intermittent", "exponential", "random", "load", "heat")
-"""How a fault comes: at once, growing over a time, on and off, growing ever quicker, on and off at random, with
-the load, or as the oil warms."""
+"""How a fault comes: at once, growing over a time, on and off, growing ever quicker, on and off at random,
+with the load, or as the oil warms."""
 
 
 def unusable(name: str, problem: str, has: Iterable[str]) -> InputError:

@@ -13,10 +13,10 @@ FAULT = Fault(
     title="drive failure",
     thesis="Table 4.1",
     plant="the drive does not follow its command: open phase, no supply, tripped",
-    severity="no current at all; by the law of the phase: one of three phases open and half the current limit",
+    severity="no current at all; by the law of the phase: one of three phases open, half the current limit",
     source=ASSUMED,
-    next_check="Read the drive's fault memory and its supply, then measure the resistance between each two of "
-    "the motor's phases.",
+    next_check="Read the drive's fault memory and its supply, then measure the resistance between each two "
+    "of the motor's phases.",
     laws={"dead": "no current: no supply, or tripped", "phase": "one phase open"},
     figures=(
         Figure("drive_current_loss", 1.0, SHARE, "share of the current limit that a dead drive has lost"),

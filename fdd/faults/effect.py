@@ -43,15 +43,15 @@ DECADES = (0.0, 9.0)
 class Effect:
     """How one parameter of the plant changes with the severity s.
 
-    Its amount is ``s * by * (1 - less) * times... * root(roots)... / over``, in this order. Where a name stands
-    for a number it is one of the catalogue's figures or a detail of the plant.
+    Its amount is ``s * by * (1 - less) * times... * root(roots)... / over``, in this order. Where a name
+    stands for a number it is one of the catalogue's figures or a detail of the plant.
 
     Attributes
     ----------
     parameter : a column of `fdd.plant.conditions`, in small letters.
     change : ``add`` the amount; ``raise`` or ``lower`` by it, as a share of what the parameter was;
-        ``towards`` scales the parameter by `by` at severity 1, ``shift`` adds `by` - 1; ``decades`` lets it fall
-        by as many powers of ten, for what has to be nearly gone before anything shows.
+        ``towards`` scales the parameter by `by` at severity 1, ``shift`` adds `by` - 1; ``decades`` lets it
+        fall by as many powers of ten, for what has to be nearly gone before anything shows.
     by : figure or number.
     less, times, roots, over : further figures or numbers.
     side, variants, laws : which of the fault's it goes with; left out, it goes with all.

@@ -61,6 +61,6 @@ FAULT = Fault(
                 laws=("opening",),
             ),
         )
-    ),  # fmt: skip
+    ),
     signatures=tuple(Signature(f"outside {side}", partial(_chamber, side), side=side) for side in (1, 2)),
 )

@@ -67,6 +67,6 @@ FAULT = Fault(
         ),
         Effect("cross_opening", "add", "internal_leakage", over="leakage_pressure", laws=("opening",)),
         Effect("seal_leakage", "add", "internal_leakage", laws=("piston",)),
-    ),  # fmt: skip
+    ),
     signatures=(Signature("internal leakage", lambda unit: {"volume": {"leak": unit.leakage_ratio}}),),
 )

@@ -26,8 +26,8 @@ FAULT = Fault(
     title="oil degradation",
     thesis="Table 4.1",
     plant="viscous friction and leakage change with viscosity",
-    severity="thin: viscosity falls to 50 %; thick: it rises to 200 %; wet: a percent of emulsified water, whose "
-    "vapour pressure is 25 times the oil's, and viscosity to 140 %",
+    severity="thin: viscosity falls to 50 %; thick: it rises to 200 %; wet: a percent of emulsified water, "
+    "whose vapour pressure is 25 times the oil's, and viscosity to 140 %",
     source=ASSUMED,
     next_check="Take an oil sample at working temperature and have its viscosity at 40 °C compared with "
     "its grade.",

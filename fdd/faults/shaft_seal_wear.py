@@ -46,5 +46,5 @@ FAULT = Fault(
             laws=("running",),
         ),
         Effect("shaft_speed", "add", 0.03, laws=("running",)),  # s/rad: four times as much at 100 rad/s
-    ),  # fmt: skip
+    ),
 )

@@ -31,8 +31,8 @@ class Details(Validated):
         its inlet's. Between them lies an apparent leakage of D·ω/(2β) per pressure.
     pump_coulomb_torque : dry friction of motor and pump (N·m).
     pump_friction : torque by which the load rubs in the gears and their bearings, over D·Δp.
-    pump_drag : viscous torque of the pump over μ·D·ω. With both a gear pump of the thesis's size gives 88 % of
-        its torque at 3.44 MPa and full speed, 94 % at 20.68 MPa; catalogues of external gear pumps have 85 to 95 %.
+    pump_drag : viscous torque of the pump over μ·D·ω. With both a gear pump of the thesis's size gives 88 %
+        of its torque at 3.44 MPa and full speed, 94 % at 20.68 MPa; catalogues have 85 to 95 %.
     pole_pairs : of the motor. cogging_torque : of magnets and slots, over the drive's largest torque.
     winding_time, continuous_share : I²t protection: s, thermal time constant of the winding, and the share of
         the current limit that it bears for good.

@@ -44,7 +44,9 @@ def friction_rates(y: Array, x: float, v: float, now: Array, par: Constants, dy:
     resonance to its limit at any speed.
 
     Thick oil raises the film's part of the level and thins the falling curve: both go with viscosity times
-    speed, see `fdd.plant.integrator.thin`. Other seals, other laws (`fdd.plant.details.Details.friction_law`): plain LuGre, Dahl's bristle, a smooth
+    speed, see `fdd.plant.integrator.thin`.
+
+    Other seals, other laws (`fdd.plant.details.Details.friction_law`): plain LuGre, Dahl's bristle, a smooth
     Stribeck curve; and pressure that presses the lips on.
     """
     z, memory = y[Z], y[MEMORY]

@@ -66,7 +66,7 @@ class Parameters(NamedTuple):
     polytropic_inverse: float
     ambient: float
     dissolving: float
-    """1/Pa: one over the gauge pressure at which air is as dissolved as it gets; 0 where it does not dissolve."""
+    """1/Pa: one over the gauge pressure at which air is as dissolved as it gets; 0 where it stays free."""
     releasing: float
     """1/Pa: air that comes out of solution for each pascal below the surroundings' pressure."""
     dissolving_rate: float
