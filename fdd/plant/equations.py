@@ -157,8 +157,8 @@ def right_hand_side(
             # One accumulator serves both inner circuits (section 4.3).
             rates[STORE] += rates_2[STORE]
             rates_2[STORE] = 0.0
-        gas_rate(own_2, rates_2[TEMPERATURE], now[1], second, rates_2)
-    gas_rate(own, rates[TEMPERATURE], row, first, rates)
+        gas_rate(own_2, now[1], second, rates_2)
+    gas_rate(own, row, first, rates)
 
     drop = y[DROP]
     load = row[FORCE] + load_spring(x, first) + first.partner_area * drop

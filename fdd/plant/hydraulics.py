@@ -276,9 +276,7 @@ def hydraulic_rates(
 
 
 @njit(error_model="numpy", inline="always")
-def gas_rate(y: Array, warming: float, now: Array, par: Constants, dy: Array) -> None:
+def gas_rate(y: Array, now: Array, par: Constants, dy: Array) -> None:
     """Fill the rate of the accumulator gas's temperature, once all that goes into its oil is known."""
     specific = 1.0 / now[c.STORE_DENSITY]
-    oil = y[s.STORE] * specific
-    inflow = dy[s.STORE] * specific + par.expansion * warming * oil
-    dy[s.GAS] = gas_heating(oil, inflow, y[s.GAS], y[s.TEMPERATURE] - par.surroundings, par)
+    dy[s.GAS] = gas_heating(y[s.STORE] * specific, dy[s.STORE] * specific, y[s.GAS], y[s.TEMPERATURE] - par.surroundings, par)

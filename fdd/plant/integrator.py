@@ -197,6 +197,27 @@ def protect(now: Array, axis: int, current: float, memory: Array, at: int, par: 
 
 
 @njit(error_model="numpy")
+def take_row(
+    y: Array, axis: int, t: int, conditions: Array, by_load: Array, by_heat: Array, viscosity: Array,
+    memory: Array, par: Constants, now: Array,
+) -> None:  # fmt: skip
+    """Fill an axis's row of `now` with what acts in millisecond t: arguments as of `run`."""
+    o, at = SHARED + axis * AXIS_STATES, OWN_MEMORIES + axis * _EACH
+    if by_load.size > 0:
+        load = abs(y[o + P1] - y[o + P2]) / (_LOADED * par.relief_pressure)
+        blend(conditions[t, axis], by_load[t, axis], c.BY_LOAD, load)
+    if by_heat.size > 0:
+        warmer = (y[o + TEMPERATURE] - par.surroundings) / _HEATED
+        blend(conditions[t, axis], by_heat[t, axis], c.BY_HEAT, warmer)
+    for j in range(c.COLUMNS):
+        now[axis, j] = conditions[t, axis, j]
+    if now[axis, c.AIR_1] != memory[at + _AIR_1] or now[axis, c.AIR_2] != memory[at + _AIR_2]:
+        exchange_air(y, o, conditions[t, axis], memory, at, par)
+    protect(now, axis, y[o + CURRENT], memory, at, par)
+    thin(now, axis, y[o + TEMPERATURE], viscosity, memory, at, par)
+
+
+@njit(error_model="numpy")
 def _command(x: float, row: Array, control: Controller, memory: Array) -> float:
     """Speed that the controller demands (rad/s); advances its memory by a millisecond."""
     seen = control.encoder_gain * x + control.encoder_zero + row[c.ENCODER_OFFSET]
@@ -287,21 +308,9 @@ def run(
     part_1 = part_1 if part_1 > 1e-9 else 0.0
     part_2 = part_2 if part_2 > 1e-9 else 0.0
     for t in range(n):
-        for a in range(axes):
-            o, at = SHARED + a * AXIS_STATES, OWN_MEMORIES + a * _EACH
-            par = first if a == 0 else second
-            if by_load.size > 0:
-                load = abs(y[o + P1] - y[o + P2]) / (_LOADED * par.relief_pressure)
-                blend(conditions[t, a], by_load[t, a], c.BY_LOAD, load)
-            if by_heat.size > 0:
-                warmer = (y[o + TEMPERATURE] - par.surroundings) / _HEATED
-                blend(conditions[t, a], by_heat[t, a], c.BY_HEAT, warmer)
-            for j in range(c.COLUMNS):
-                now[a, j] = conditions[t, a, j]
-            if now[a, c.AIR_1] != memory[at + _AIR_1] or now[a, c.AIR_2] != memory[at + _AIR_2]:
-                exchange_air(y, o, conditions[t, a], memory, at, par)
-            protect(now, a, y[o + CURRENT], memory, at, par)
-            thin(now, a, y[o + TEMPERATURE], viscosity, memory, at, par)
+        take_row(y, 0, t, conditions, by_load, by_heat, viscosity, memory, first, now)
+        if axes > 1:
+            take_row(y, 1, t, conditions, by_load, by_heat, viscosity, memory, second, now)
         m = depth + t
         commands[m, 0] = _command(y[X], now[0], control, memory)
         if axes > 1:

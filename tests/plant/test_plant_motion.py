@@ -4,8 +4,8 @@ from typing import Any
 
 import numpy as np
 import pytest
-from fine_runs import fine_run
 
+from evidence.plant.fine_runs import fine_run
 from fdd.plant import state as s
 from fdd.plant.prepare import prepare
 from fdd.plant.scenario import Scenario

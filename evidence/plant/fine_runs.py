@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from fdd.plant import state as s
 from fdd.plant.equations import right_hand_side
-from fdd.plant.integrator import PERIOD
+from fdd.plant.integrator import PERIOD, take_row
 from fdd.plant.parameters import as_record
 from fdd.plant.prepare import Prepared, prepare
 from fdd.plant.scenario import Scenario
@@ -37,7 +37,7 @@ class FineRun:
     ----------
     ready : the prepared scenario (its state is not touched).
     states, slopes, found : (m, k, …) as the right-hand side takes and gives them.
-    rows : (m, axes, COLUMNS) conditions at the reference viscosity; runs here keep the temperature.
+    rows : (m, axes, COLUMNS) conditions as the loop held them: at the present temperature, faults included.
     weights : (k,) s.
     """
 
@@ -70,13 +70,13 @@ def fine_run(
 ) -> FineRun:
     """Run the plant's own integrator from node to node, with the commands of the whole run.
 
-    The commands are those that `raw_blocks` gave, a whole millisecond late as both drives are; the oil is at
-    its reference temperature, so that the conditions' rows hold as they are.
+    The commands are those that `raw_blocks` gave, a whole millisecond late as both drives are.
     """
-    assert unit.drive.delay == PERIOD and scenario.oil_temperature == unit.oil.reference_temperature
+    assert all(each.drive.delay == PERIOD for each in (unit, partner or unit))
     commands = next(iter(raw_blocks(prepare(unit, scenario, partner=partner, refine=refine)))).commands
     ready = prepare(unit, scenario, partner=partner, refine=refine)
-    rows = ready.conditions(0, scenario.rows)
+    conditions, by_load, by_heat = ready.conditions(0, scenario.rows)
+    rows = np.empty_like(conditions)
     constants = [as_record(par) for par in ready.parameters]
     first, second = constants[0], constants[-1]
     points, weights = lobatto(nodes)
@@ -89,6 +89,9 @@ def fine_run(
     length = 1e-4
     for t in range(scenario.rows):
         before = commands[t - 1] if t else np.zeros(2)
+        for axis in range(ready.axes):
+            par = first if axis == 0 else second
+            take_row(y, axis, t, conditions, by_load, by_heat, ready.viscosity, ready.memory, par, rows[t])
         for i in range(nodes):
             right_hand_side(y, before[0], before[1], rows[t], first, second, k[0], found)
             states[t, i], slopes[t, i], findings[t, i] = y, k[0], found
