@@ -1,9 +1,9 @@
 """Empirical transfer function estimate: the output's Fourier transform over the input's.
 
-Thesis chapter 6 identifies by it; Ljung, System Identification, 2nd ed., section 6.3 says what it is worth. For
-a periodic input it is unbiased at the excited lines and its variance falls with the number of periods. For any
-other input its variance does not fall with the length of the log: neighbouring frequencies are then averaged,
-cross and own spectrum under a Hamming window before the division (Ljung's eq. 6.46).
+Thesis chapter 6 identifies by it; Ljung, System Identification, 2nd ed., section 6.3 says what it is
+worth. For a periodic input it is unbiased at the excited lines and its variance falls with the number of
+periods. For any other input its variance does not fall with the length of the log: neighbouring frequencies
+are then averaged, cross and own spectrum under a Hamming window before the division (Ljung's eq. 6.46).
 """
 
 from __future__ import annotations
@@ -30,12 +30,12 @@ EXCITED, SAME_LINE = 1e-5, 0.9
 SWEEP_WINDOW, SWEEP_RATIO, SWEEP_ORDER = 0.5, 4.0, 0.95
 """s; highest over lowest frequency of a chirp; rank correlation of its frequency with time."""
 REST = 0.1
-"""Of the input's standard deviation: an input that begins and ends within this of one level is a whole sweep."""
+"""Of the input's standard deviation, within which it begins and ends at one level: then a sweep is whole."""
 
 
 @dataclass(frozen=True)
 class Estimate:
-    """The estimate, the kind of input (periodic, chirp or other), and whether to prefer it to Welch's, and why."""
+    """The estimate, its input's kind (periodic, chirp or other), whether to prefer it to Welch's, and why."""
 
     spectra: Spectra
     given: str
@@ -179,8 +179,8 @@ def etfe(candidates: list[list[Series]], period: float, width_hz: float) -> Esti
             if spectra.frequency.size:
                 return Estimate(spectra, "periodic", True, (
                     f"The input repeats itself every {found * period:.3g} s: trust the ETFE at the "
-                    f"{spectra.frequency.size} frequencies that it excites, where it has no bias and averages over "
-                    "periods; Welch's windows leak from line to line."
+                    f"{spectra.frequency.size} frequencies that it excites, where it has no bias and averages "
+                    "over periods; Welch's windows leak from line to line."
                 ))  # fmt: skip
     for series in candidates:
         sweeps = [(s, band) for s in series if (band := swept(s.given, period)) is not None]
@@ -196,8 +196,8 @@ def etfe(candidates: list[list[Series]], period: float, width_hz: float) -> Esti
                 f"covers the whole sweep; Welch's windows cut it and leak. {ends}"
             ))  # fmt: skip
     return Estimate(smoothed_etfe(candidates[0], period, width_hz), "other", False, (
-        "The input is neither periodic nor a chirp: trust Welch's estimate. The ETFE's variance does not fall with the "
-        "length of the log; only its smoothing over frequency keeps it down."
+        "The input is neither periodic nor a chirp: trust Welch's estimate. The ETFE's variance does not fall "
+        "with the length of the log; only its smoothing over frequency keeps it down."
     ))  # fmt: skip
 
 

@@ -1,4 +1,4 @@
-"""Frequency response of one's own log: by Welch and by ETFE, and by ARX, ARMAX, output-error and Box-Jenkins models.
+"""Frequency response of one's own log: Welch, ETFE, and ARX, ARMAX, output-error and Box-Jenkins models.
 
 Thesis 6.1 to 6.4, with what it leaves to the eye: coherence, confidence, and a half of the log that no
 model has seen.
