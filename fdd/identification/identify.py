@@ -117,7 +117,8 @@ def identify_unit(
 class Hydraulics:
     """The balances' fit, its rows, and the base that they are counted with, as the logs changed it.
 
-    `bulk_modulus` and `air_fraction` are the fit's, as uncertain as volumes and reconstructed pressures make them.
+    `bulk_modulus` and `air_fraction` are the fit's with what volumes and reconstructed pressures leave open;
+    `volumes_found` is False where the volumes stay the base's, whose own uncertainty is not in them.
     """
 
     logs: LogBalances
@@ -126,17 +127,25 @@ class Hydraulics:
     fit: BalanceFit
     bulk_modulus: Estimate
     air_fraction: Estimate
+    volumes_found: bool
 
 
-def hydraulics(writer: ProfileWriter, records: list[Record]) -> Hydraulics | None:
+def hydraulics(
+    writer: ProfileWriter, records: list[Record], pressure: float | None = None
+) -> Hydraulics | None:
     """Put displacement, leakage, volumes and compressibility into a profile; None for too few steps.
+
+    Parameters
+    ----------
+    writer : of the profile. records : logs.
+    pressure : Pa that compressibility is referred to; by default the logs' usual one.
 
     Raises
     ------
     InputError : a gain or pressures that cannot be this unit's.
     """
     base = _with_relief(writer, records)
-    logs = LogBalances(records)
+    logs = LogBalances(records, pressure)
     hidden = not all(r.chambers_measured for r in records)
     volumes = None
     if not hidden:  # a reconstructed pressure tells as much of its own model as of the volumes
@@ -159,8 +168,9 @@ def hydraulics(writer: ProfileWriter, records: list[Record]) -> Hydraulics | Non
         logs, base, steps, fit,
         _wider(fit.bulk_modulus, float(np.hypot(HIDDEN_BULK if hidden else 0.0, of_volume))),
         _wider(fit.air_fraction, float(np.hypot(0.5 if hidden else 0.0, of_volume))),
+        volumes_found=of_volume > 0.0,
     )  # fmt: skip
-    _put_compressibility(writer, found, from_position=of_volume > 0.0)
+    _put_compressibility(writer, found)
     if hidden:
         writer.note(
             "chamber pressures are not measured: they were reconstructed from their difference and the "
@@ -276,7 +286,7 @@ def _put_leakage(
         writer.note("oil temperature is not measured: leakage holds for the logs' own temperature")
 
 
-def _put_compressibility(writer: ProfileWriter, found: Hydraulics, *, from_position: bool) -> None:
+def _put_compressibility(writer: ProfileWriter, found: Hydraulics) -> None:
     fit, beta, pressure = found.fit, found.bulk_modulus, found.logs.pressure
     if fit.signal_over_noise < LEAST_SIGNAL or not _better(beta, writer.base.oil.bulk_modulus, BULK_SHARP):
         writer.keep(
@@ -286,13 +296,13 @@ def _put_compressibility(writer: ProfileWriter, found: Hydraulics, *, from_posit
         )
         return
     _warn_if_far(writer, "bulk modulus", beta.value / writer.base.oil.bulk_modulus)
-    level = "with the volumes found" if from_position else "volumes stay the base's"
+    level = "with the volumes found" if found.volumes_found else "volumes stay the base's"
     writer.put("oil.bulk_modulus", beta, f"at {pressure / 1e5:.2f} bar; {level}")
     writer.put("oil.reference_pressure", Estimate(pressure, 0.01 * pressure), "median of the logs")
     writer.put(
         "oil.air_fraction", found.air_fraction, "" if fit.air_known else "little data: drawn to the base's"
     )
-    if from_position:
+    if found.volumes_found:
         writer.note("the chambers' volumes follow from how compliance changes with position, and area_1")
     else:
         writer.note("only volume over bulk modulus is identifiable: the chambers' volumes stay the base's")

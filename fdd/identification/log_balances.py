@@ -19,14 +19,17 @@ class LogBalances:
     Attributes
     ----------
     records : the logs. temperature : mean oil temperature (°C), None where it is not measured.
-    pressure : Pa gauge at which compressibility is referred. noise : Pa, of the smoothed chamber pressures.
+    pressure : Pa gauge at which compressibility is referred; by default the usual one.
+    noise : Pa, of the smoothed chamber pressures.
     """
 
-    def __init__(self, records: list[Record]) -> None:
+    def __init__(self, records: list[Record], pressure: float | None = None) -> None:
         self.records = records
         known = [float(np.mean(r.temperature)) for r in records if r.temperature is not None]
         self.temperature = float(np.mean(known)) if known else None
-        self.pressure = max(float(np.median(np.concatenate([_reference_level(r) for r in records]))), 0.0)
+        if pressure is None:
+            pressure = float(np.median(np.concatenate([_reference_level(r) for r in records])))
+        self.pressure = max(pressure, 0.0)
 
     @cached_property
     def noise(self) -> tuple[float, float]:

@@ -1,17 +1,19 @@
-"""Effective bulk modulus over pressure (thesis 5.4, eqs 5.19 to 5.21), by the identification's volume balances.
+"""Effective bulk modulus over pressure (thesis 5.4, eqs 5.19 to 5.21), by identification's volume balances.
 
-While its valves are shut, what a chamber takes in and the piston does not sweep has compressed its oil: the slope
-of that volume over the pressure it raised, times the chamber's volume, is 1/β (eq. 5.19). Its fall with pressure
-is the free air's: ``1/β(p) = 1/β_oil + α·c(p)`` (eqs 5.20 and 5.21, see `fdd.identification.oil`).
+While its valves are shut, what a chamber takes in and the piston does not sweep has compressed its oil: that
+volume over the pressure it raised, times the chamber's volume, is 1/β (eq. 5.19). What changes of it with
+pressure is the free air's: ``1/β(p) = 1/β_oil + α·c(p)`` (eqs 5.20 and 5.21, see `fdd.identification.oil`).
 """
 
 from __future__ import annotations
+
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import t as student
 
-from fdd.identification.balance import GROUPS, LEAST_AIR
+from fdd.identification.balance import GROUPS, LEAST_AIR, Estimate
 from fdd.identification.experiments.leakage import robust
 from fdd.identification.experiments.outcome import (
     NORMAL_95,
@@ -20,6 +22,7 @@ from fdd.identification.experiments.outcome import (
     axes,
     cloud,
     curve_line,
+    joined,
     points,
 )
 from fdd.identification.identify import BULK_SHARP, LEAST_SIGNAL, Hydraulics, hydraulics
@@ -29,12 +32,13 @@ from fdd.identification.record import Record
 from fdd.identification.volume_steps import (
     AIR,
     AIR_SCALE,
-    BLOCK,
     REFEED_MARGIN,
     SMOOTHING,
+    STEPS,
     STIFF,
     scales,
 )
+from fdd.identification.volumes import VOLUME_SPREAD
 from fdd.report import traces as tr
 from fdd.report.plots import Figure
 from fdd.unit import Unit
@@ -44,10 +48,12 @@ Array = NDArray[np.float64]
 AIR_SHARP = 0.5
 """Relative standard deviation of the free air up to which it is a figure."""
 CLEAR = 5.0
-"""Standard deviations of the pressures' noise that a step must raise the pressure by to count in the pictures."""
+"""Standard deviations of the pressures' noise by which a step in the figures must raise the pressure."""
+MOST_REFERENCE = 5e6
+"""Pa, highest pressure that compressibility is referred to: there the air gives less than the oil."""
 BINS = 8
 LEAST_STEPS = 20
-MPA = 1e-6
+BAR = 1e-5
 
 
 def bulk_modulus(records: list[Record], unit: Unit) -> Outcome:
@@ -62,35 +68,63 @@ def bulk_modulus(records: list[Record], unit: Unit) -> Outcome:
     InputError : a gain or pressures that cannot be this unit's.
     """
     out = Outcome("bulk-modulus", "Effective bulk modulus")
-    writer = ProfileWriter(unit.model_copy(deep=True), unit, "")
-    found = hydraulics(writer, records)
+    found, notes = _fitted(records, unit, None)
     if found is None:
         out.not_told.append(f"Bulk modulus: {_never_shut(records)}")
         return out
-    rows = _Rows(found)
-    reference, fit = found.logs.pressure, found.fit
-    beta = found.bulk_modulus
+    reference = found.logs.pressure
+    while _at_bound(found) and found.logs.pressure < MOST_REFERENCE:
+        higher = _fitted(records, unit, 2.0 * found.logs.pressure + 1e5)[0]
+        if higher is None:
+            break
+        found = higher
+    rows, fit = _Rows(found), found.fit
+    beta = Estimate(*(float(x[0]) for x in over_pressure(found, np.array([reference]))))
+    if _at_bound(found):
+        out.not_told.append("Bulk modulus: no compression shows; steps of pressure and position do not fit.")
+        return out
     if fit.signal_over_noise < LEAST_SIGNAL or beta.relative > BULK_SHARP or not np.any(rows.clear):
         out.not_told.append(
-            f"Bulk modulus: {MPA * beta.value:.0f} ± {NORMAL_95 * MPA * beta.std:.0f} MPa; pressure steps in shut "
-            f"chambers are {fit.signal_over_noise:.1f} times the sensors' noise, {LEAST_SIGNAL} are needed. "
-            "Record reversals at speed, or throttled or sprung strokes."
+            f"Bulk modulus: the log gives {BAR * beta.value:.4g} ± {NORMAL_95 * BAR * beta.std:.2g} bar; the "
+            f"pressure steps in shut chambers are {fit.signal_over_noise:.1f} times the sensors' noise. "
+            "Record reversals at speed, or strokes against a throttle or a spring."
         )
         return out
-    low, high = (float(q) for q in np.quantile(rows.pressure[rows.clear], [0.02, 0.98]))
-    out.told.append(
-        Told.normal(f"effective bulk modulus at {reference / 1e5:.3g} bar", beta.value, beta.std, "Pa",
-                    f"profile {MPA * modulus_at(unit.oil, reference):.4g} MPa")
-    )  # fmt: skip
-    _air(out, found, unit, low, high)
+    low, middle, high = (float(q) for q in np.quantile(rows.pressure[rows.clear], [0.02, 0.5, 0.98]))
+    air_told = _air(out, found, unit, (low, high))
+    levels = [reference] if low <= reference <= high or air_told else []
+    if not levels:
+        out.not_told.append(
+            f"Bulk modulus at the logs' usual pressure, {BAR * reference:.3g} bar: the steps run from "
+            f"{BAR * low:.3g} to {BAR * high:.3g} bar, and only the free air would tell what lies beyond."
+        )
+    for place, level in enumerate([*levels, middle]):
+        value, std = (float(x[0]) for x in over_pressure(found, np.array([level])))
+        note = f"profile {BAR * modulus_at(unit.oil, level):.4g} bar"
+        quantity = f"effective bulk modulus at {BAR * level:.3g} bar"
+        out.told.insert(place, Told.normal(quantity, value, std, "Pa", note))
     _draw(out, found, rows, unit, low, high)
     out.notes.append(
-        f"{fit.rows} steps of {seconds_text(rows)} in which a chamber is neither refed nor relieved; leakage, pump "
-        "displacement and free air were fitted with it. Pressures are gauge; air is a fraction of the oil's volume "
-        "at atmospheric pressure."
+        f"{fit.rows} steps of {joined([f'{s:.3g}' for s in STEPS])} s in which a chamber is neither refed "
+        "nor relieved; leakage, pump displacement and free air were fitted with it. Pressures are gauge; "
+        "free air is over the oil's volume, at atmospheric pressure. What hoses and walls give is in the "
+        "modulus. Intervals of steps alone leave out what the volumes are uncertain by."
     )
-    out.notes += [n for n in writer.result.notes if "volume" in n or "chamber pressures" in n]
+    out.notes += [n for n in notes if "volume" in n or "chamber pressures" in n]
     return out
+
+
+def _fitted(records: list[Record], unit: Unit, pressure: float | None) -> tuple[Hydraulics | None, list[str]]:
+    """The balances' fit with compressibility referred to `pressure`, and its notes."""
+    writer = ProfileWriter(unit.model_copy(deep=True), unit, "")
+    return hydraulics(writer, records, pressure), writer.result.notes
+
+
+def _at_bound(found: Hydraulics) -> bool:
+    """Whether the oil without air came out at its bound, three times β: with so much air it is stiffer."""
+    index = found.base.oil.polytropic_index
+    air = found.fit.air_fraction.value * float(air_compliance(found.logs.pressure, index))
+    return 1.5 * air * found.fit.bulk_modulus.value > 0.999
 
 
 class _Rows:
@@ -110,13 +144,12 @@ class _Rows:
         noise = np.sqrt(np.sum((steps.noise[:, :, STIFF] / scale[STIFF]) ** 2, axis=1))
         noise *= np.where(steps.chamber == 1, *found.logs.noise)
         self.clear = np.isfinite(self.pressure) & (np.abs(self.raised) > CLEAR * noise)
-        self.block, self.seconds = steps.block, steps.seconds
+        self.block = steps.block
 
     def modulus(self, rows: NDArray[np.bool_]) -> tuple[float, float, float]:
         """Slope of these rows alone as a bulk modulus (Pa), with its 95 % interval; jackknifed over time."""
         raised, compressed, block = self.raised[rows, None], self.compressed[rows], self.block[rows]
-        slope, weights = robust(raised / raised.std(), compressed)
-        del slope
+        weights = robust(raised / raised.std(), compressed)[1]
         group = np.unique(block, return_inverse=True)[1] % GROUPS
         sides = np.array(
             [
@@ -139,8 +172,9 @@ def _never_shut(records: list[Record]) -> str:
     )
     share = float(np.mean(above > REFEED_MARGIN))
     return (
-        f"the higher chamber is {REFEED_MARGIN / 1e5:.1f} bar above the accumulator, its refeeding valve surely shut, "
-        f"in {100 * share:.0f} % of the time, and too seldom while it moves. Load the actuator."
+        f"the higher chamber is {REFEED_MARGIN / 1e5:.1f} bar above the accumulator, so that its refeeding "
+        f"valve is surely shut, in {100 * share:.0f} % of the time, and too seldom while it moves. Load the "
+        "actuator, or map the chambers' pressures."
     )
 
 
@@ -151,63 +185,68 @@ def over_pressure(found: Hydraulics, pressure: Array) -> tuple[Array, Array]:
     others = np.maximum(fit.compliances[:, :1] + fit.compliances[:, 1:] * more, 1e-14)
     value = np.maximum(1.0 / found.bulk_modulus.value + found.air_fraction.value * more, 1e-14)
     spread = np.sqrt((GROUPS - 1) / GROUPS * np.sum((others - others.mean(axis=0)) ** 2, axis=0))
-    # What the jackknife does not see, volumes and reconstructed pressures, is the same share at all pressures.
-    n = fit.compliances[:, 0]
-    seen = np.sqrt((GROUPS - 1) / GROUPS * np.sum((n - n.mean()) ** 2)) * found.bulk_modulus.value
-    unseen = np.sqrt(max(found.bulk_modulus.relative**2 - seen**2, 0.0))
+    # What the jackknife does not see, reconstructed pressures and volumes, is one share at all pressures.
+    at = fit.compliances[:, 0]
+    seen = np.sqrt((GROUPS - 1) / GROUPS * np.sum((at - at.mean()) ** 2)) * found.bulk_modulus.value
+    unseen = np.sqrt(max(found.bulk_modulus.relative**2 - seen**2, 0.0) + _volume_share(found) ** 2)
     return 1.0 / value, np.hypot(spread / value, unseen) / value
 
 
-def _air(out: Outcome, found: Hydraulics, unit: Unit, low: float, high: float) -> None:
-    """Free air, and the oil without it, where the logs tell them apart."""
-    air, fit = found.air_fraction, found.fit
-    span = f"pressures of {low / 1e5:.2g} to {high / 1e5:.2g} bar"
+def _volume_share(found: Hydraulics) -> float:
+    """Relative standard deviation of volumes that stay the profile's: its own, or what units differ by."""
+    if found.volumes_found:
+        return 0.0
+    cylinder = found.base.cylinder
+    known = cylinder.provenance.get("volume_1")
+    return VOLUME_SPREAD if known is None or known.std is None else known.std / cylinder.volume_1
+
+
+def _air(out: Outcome, found: Hydraulics, unit: Unit, span: tuple[float, float]) -> bool:
+    """Free air, and the oil without it; whether the logs tell them apart."""
+    fit, volume = found.fit, _volume_share(found)
+    air = Estimate(
+        found.air_fraction.value, float(np.hypot(found.air_fraction.std, volume * found.air_fraction.value))
+    )
     if not fit.air_known or air.relative > AIR_SHARP or air.value < 1.01 * LEAST_AIR:
         out.not_told.append(
-            f"Free air, and with it how bulk modulus changes with pressure: {span} give "
-            f"{100 * air.value:.2g} ± {100 * NORMAL_95 * air.std:.1g} % (profile {100 * unit.oil.air_fraction:.2g} %). "
+            "Free air, and with it how bulk modulus changes with pressure: pressures of "
+            f"{span[0] / 1e5:.2g} to {span[1] / 1e5:.2g} bar give {100 * air.value:.2g} ± "
+            f"{100 * NORMAL_95 * air.std:.1g} % (profile {100 * unit.oil.air_fraction:.2g} %). "
             "Record steps from near the accumulator's pressure to several times it."
         )
-        return
+        return False
     out.told.append(Told.normal("free air at atmospheric pressure", air.value, air.std, "1",
                                 f"profile {unit.oil.air_fraction:.4g}"))  # fmt: skip
-    for level in (low, high):
-        value, std = (float(x[0]) for x in over_pressure(found, np.array([level])))
-        out.told.append(Told.normal(f"effective bulk modulus at {level / 1e5:.3g} bar", value, std, "Pa",
-                                    f"profile {MPA * modulus_at(unit.oil, level):.4g} MPa"))  # fmt: skip
-    at_reference = float(air_compliance(found.logs.pressure, unit.oil.polytropic_index))
-    stiff = 1.0 / found.bulk_modulus.value - air.value * at_reference
-    if stiff * found.bulk_modulus.value < 0.34:
-        out.not_told.append("The oil's own bulk modulus: free air makes up most of what gives.")
-        return
     value, std = (float(x[0]) for x in over_pressure(found, np.array([1e12])))
-    if std < BULK_SHARP * value:
+    if std < BULK_SHARP * value and not _at_bound(found):
         out.told.append(Told.normal("bulk modulus of the oil without free air", value, std, "Pa"))
-
-
-def seconds_text(rows: _Rows) -> str:
-    """The steps' lengths."""
-    return " or ".join(f"{s:.3g} s" for s in np.unique(rows.seconds))
+    return True
 
 
 def _draw(out: Outcome, found: Hydraulics, rows: _Rows, unit: Unit, low: float, high: float) -> None:
     clear = rows.clear
     line = np.array([rows.raised[clear].min(), rows.raised[clear].max()])
+    usual = f"{found.logs.pressure / 1e5:.3g} bar"
     scatter = [
         cloud(10.0 * rows.raised[clear], 1e9 * rows.compressed[clear], "steps", tr.GREY),
-        curve_line(10.0 * line, 1e9 * line / found.bulk_modulus.value, "fitted, at the usual pressure", tr.BLUE),
-        curve_line(10.0 * line, 1e9 * line / modulus_at(unit.oil, found.logs.pressure), "profile", tr.VERMILLION,
-                   "dash"),
+        curve_line(10.0 * line, 1e9 * line / found.bulk_modulus.value, f"fitted, {usual}", tr.BLUE),
+        curve_line(10.0 * line, 1e9 * line / modulus_at(unit.oil, found.logs.pressure),
+                   f"profile, {usual}", tr.VERMILLION, "dash"),
     ]  # fmt: skip
     pressure = np.linspace(low, high, 80)
     beta, std = over_pressure(found, pressure)
     band = NORMAL_95 * std
     profile = np.array([modulus_at(unit.oil, float(p)) for p in pressure])
-    out.curves["fitted"] = {"pressure": pressure, "bulk_modulus": beta, "low": beta - band, "high": beta + band}
+    out.curves["fitted"] = {
+        "pressure": pressure,
+        "bulk_modulus": beta,
+        "low": beta - band,
+        "high": beta + band,
+    }
     out.heads = ("pressure", "bulk modulus by these steps alone", "95 %", "fitted", "profile", "steps")
     edges = np.quantile(rows.pressure[clear], np.linspace(0.0, 1.0, BINS + 1))
     table = []
-    for a, b in zip(edges[:-1], edges[1:], strict=True):
+    for a, b in pairwise(edges):
         inside = clear & (rows.pressure >= a) & (rows.pressure < b)
         if np.count_nonzero(inside) < LEAST_STEPS or np.unique(rows.block[inside]).size < 3:
             continue
@@ -215,22 +254,25 @@ def _draw(out: Outcome, found: Hydraulics, rows: _Rows, unit: Unit, low: float, 
         table.append((at, value, least, most))
         fitted = float(over_pressure(found, np.array([at]))[0][0])
         out.rows.append(
-            (f"{at / 1e5:.3g} bar", f"{MPA * value:.4g} MPa", f"{MPA * least:.4g} … {MPA * most:.4g}",
-             f"{MPA * fitted:.4g} MPa", f"{MPA * modulus_at(unit.oil, at):.4g} MPa",
+            (f"{at / 1e5:.3g} bar", f"{BAR * value:.4g} bar", f"{BAR * least:.4g} … {BAR * most:.4g}",
+             f"{BAR * fitted:.4g} bar", f"{BAR * modulus_at(unit.oil, at):.4g} bar",
              str(np.count_nonzero(inside)))
         )  # fmt: skip
     curves = [
-        {**tr.band(1e-5 * pressure, MPA * (beta - band), MPA * (beta + band), "", tr.BLUE), "legendgroup": ""},
-        curve_line(1e-5 * pressure, MPA * beta, "fitted", tr.BLUE),
-        curve_line(1e-5 * pressure, MPA * profile, "profile", tr.VERMILLION, "dash"),
+        {
+            **tr.band(BAR * pressure, BAR * (beta - band), BAR * (beta + band), "", tr.BLUE),
+            "legendgroup": "",
+        },
+        curve_line(BAR * pressure, BAR * beta, "fitted", tr.BLUE),
+        curve_line(BAR * pressure, BAR * profile, "profile", tr.VERMILLION, "dash"),
     ]
     if table:
         p, value, least, most = np.array(table).T
         out.curves["steps"] = {"pressure": p, "bulk_modulus": value, "low": least, "high": most}
-        curves.append(points(1e-5 * p, MPA * value, MPA * least, MPA * most, "by steps alone, 95 %", tr.GREEN))
+        curves.append(points(BAR * p, BAR * value, BAR * least, BAR * most, "by steps alone, 95 %", tr.GREEN))
     out.figures = [
-        Figure("modulus", "Bulk modulus over pressure", curves, axes("gauge pressure (bar)"), "MPa",
+        Figure("modulus", "Bulk modulus over pressure", curves, axes("gauge pressure (bar)"), "bar",
                "shaded: 95 % of the fit", 340, True),
-        Figure("compression", "Compressed volume", scatter, axes("chamber volume times pressure raised (cm³·bar)"),
+        Figure("compression", "Compressed volume", scatter, axes("volume times pressure raised (cm³·bar)"),
                "mm³", "over what raised it; the slope is 1/β (eq. 5.19)", 340, True),
     ]  # fmt: skip

@@ -25,6 +25,7 @@ LONGEST = 120.0
 """s of one stretch: a sweep or a period that is cut leaves a transient at either end."""
 REPEATS = 0.02
 """Share of the input's power that may differ from one period to the next."""
+LEAST_LINES = 5
 EXCITED, SAME_LINE = 1e-5, 0.9
 """Of the strongest line's power, and of a line's own that is the same in all periods: then it is excited."""
 SWEEP_WINDOW, SWEEP_RATIO, SWEEP_ORDER = 0.5, 4.0, 0.95
@@ -176,11 +177,11 @@ def etfe(candidates: list[list[Series]], period: float, width_hz: float) -> Esti
         if found:
             alike = [s for s, r in zip(series, rows, strict=True) if r == found]
             spectra = periodic_etfe(alike, period, found)
-            if spectra.frequency.size:
+            if spectra.frequency.size >= LEAST_LINES:
                 return Estimate(spectra, "periodic", True, (
                     f"The input repeats itself every {found * period:.3g} s: trust the ETFE at the "
-                    f"{spectra.frequency.size} frequencies that it excites, where it has no bias and averages "
-                    "over periods; Welch's windows leak from line to line."
+                    f"{spectra.frequency.size} frequencies that it excites, where it has no bias and "
+                    "averages over periods; Welch's windows leak from line to line."
                 ))  # fmt: skip
     for series in candidates:
         sweeps = [(s, band) for s in series if (band := swept(s.given, period)) is not None]
@@ -196,8 +197,8 @@ def etfe(candidates: list[list[Series]], period: float, width_hz: float) -> Esti
                 f"covers the whole sweep; Welch's windows cut it and leak. {ends}"
             ))  # fmt: skip
     return Estimate(smoothed_etfe(candidates[0], period, width_hz), "other", False, (
-        "The input is neither periodic nor a chirp: trust Welch's estimate. The ETFE's variance does not fall "
-        "with the length of the log; only its smoothing over frequency keeps it down."
+        "The input is neither periodic nor a chirp: trust Welch's estimate. The ETFE's variance does not "
+        "fall with the length of the log; only its smoothing over frequency keeps it down."
     ))  # fmt: skip
 
 
