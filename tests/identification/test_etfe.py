@@ -49,7 +49,7 @@ def rest_chirp(seconds: float = 18.0) -> np.ndarray:
 
 def test_a_periodic_multi_sine_is_exact_at_its_lines():
     given, lines = multi_sine(6)
-    assert repetition(given) == 800
+    assert repetition(given) == (800, slice(0, 4800))
     found = etfe([[answered(given)]], T, 2.0)
     assert (found.given, found.trusted) == ("periodic", True)
     assert found.spectra.frequency == pytest.approx(lines)
@@ -61,7 +61,22 @@ def test_a_periodic_multi_sine_is_exact_at_its_lines():
 def test_a_period_between_samples_is_found_in_its_multiple():
     time = np.arange(4000)
     given = np.sin(2.0 * np.pi * time / 250.5) + np.sin(14.0 * np.pi * time / 250.5 + 1.0)
-    assert repetition(given) in (250, 251, 501)
+    found = repetition(given)
+    assert found is not None and found[0] in (250, 251, 501)
+
+
+def test_a_multi_sine_after_a_stroke_is_found_and_nothing_else_used():
+    given, lines = multi_sine(5)
+    stroke, rest = np.full(500, -20.0), np.full(300, 3.0)
+    whole = np.concatenate([rest, stroke, 3.0 + given, rest])
+    s = answered(whole - whole.mean())
+    found = repetition(s.given)
+    assert found is not None and found[0] == 800
+    assert found[1].start == pytest.approx(800, abs=40) and found[1].stop == pytest.approx(4800, abs=40)
+    estimate = etfe([[s]], T, 2.0)
+    assert estimate.given == "periodic" and "for 10" in estimate.why
+    assert estimate.spectra.frequency == pytest.approx(lines)
+    assert estimate.spectra.response == pytest.approx(response(lines), abs=1e-3)
 
 
 def test_the_periods_spread_holds_the_true_response():

@@ -22,6 +22,7 @@ from fdd.identification.experiments.outcome import (
     axes,
     cloud,
     curve_line,
+    figure,
     joined,
     points,
 )
@@ -85,8 +86,8 @@ def bulk_modulus(records: list[Record], unit: Unit) -> Outcome:
         return out
     if fit.signal_over_noise < LEAST_SIGNAL or beta.relative > BULK_SHARP or not np.any(rows.clear):
         out.not_told.append(
-            f"Bulk modulus: the log gives {BAR * beta.value:.4g} ± {NORMAL_95 * BAR * beta.std:.2g} bar; the "
-            f"pressure steps in shut chambers are {fit.signal_over_noise:.1f} times the sensors' noise. "
+            f"Bulk modulus: the log gives {figure(BAR * beta.value)} ± {NORMAL_95 * BAR * beta.std:.2g} bar; "
+            f"the pressure steps in shut chambers are {fit.signal_over_noise:.1f} times the sensors' noise. "
             "Record reversals at speed, or strokes against a throttle or a spring."
         )
         return out
@@ -100,7 +101,7 @@ def bulk_modulus(records: list[Record], unit: Unit) -> Outcome:
         )
     for place, level in enumerate([*levels, middle]):
         value, std = (float(x[0]) for x in over_pressure(found, np.array([level])))
-        note = f"profile {BAR * modulus_at(unit.oil, level):.4g} bar"
+        note = f"profile {figure(BAR * modulus_at(unit.oil, level))} bar"
         quantity = f"effective bulk modulus at {BAR * level:.3g} bar"
         out.told.insert(place, Told.normal(quantity, value, std, "Pa", note))
     _draw(out, found, rows, unit, low, high)
@@ -254,8 +255,9 @@ def _draw(out: Outcome, found: Hydraulics, rows: _Rows, unit: Unit, low: float, 
         table.append((at, value, least, most))
         fitted = float(over_pressure(found, np.array([at]))[0][0])
         out.rows.append(
-            (f"{at / 1e5:.3g} bar", f"{BAR * value:.4g} bar", f"{BAR * least:.4g} … {BAR * most:.4g}",
-             f"{BAR * fitted:.4g} bar", f"{BAR * modulus_at(unit.oil, at):.4g} bar",
+            (f"{BAR * at:.3g} bar", f"{figure(BAR * value)} bar",
+             f"{figure(BAR * least)} … {figure(BAR * most)}",
+             f"{figure(BAR * fitted)} bar", f"{figure(BAR * modulus_at(unit.oil, at))} bar",
              str(np.count_nonzero(inside)))
         )  # fmt: skip
     curves = [

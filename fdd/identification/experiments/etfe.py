@@ -8,7 +8,7 @@ are then averaged, cross and own spectrum under a Hamming window before the divi
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,6 +25,12 @@ LONGEST = 120.0
 """s of one stretch: a sweep or a period that is cut leaves a transient at either end."""
 REPEATS = 0.02
 """Share of the input's power that may differ from one period to the next."""
+ALIKE, MOST_LAGS = 0.7, 40
+"""The same over all of a stretch, of which a part may repeat itself, for a lag to be tried; how many are."""
+STILL = 0.1
+"""Of a stretch's power, below which its part is no test signal."""
+LEAST_PART = 0.25
+"""Of a stretch that must repeat itself: two turns of a slow chirp are alike, too."""
 LEAST_LINES = 5
 EXCITED, SAME_LINE = 1e-5, 0.9
 """Of the strongest line's power, and of a line's own that is the same in all periods: then it is excited."""
@@ -44,30 +50,54 @@ class Estimate:
     why: str
 
 
-def repetition(given: Array) -> int:
-    """Rows after which an input repeats itself, at least twice in all; 0 if it does not.
+def repetition(given: Array) -> tuple[int, slice] | None:
+    """Rows after which an input repeats itself, and the longest part that does, a quarter at least.
 
     Parameters
     ----------
     given : (n,) input about its mean.
 
+    Returns
+    -------
+    Rows of a period and the part, or None.
+
     Examples
     --------
-    >>> repetition(np.sin(2.0 * np.pi * np.arange(100) / 20.0)), repetition(np.arange(100.0) - 49.5)
-    (20, 0)
+    >>> repetition(np.sin(2.0 * np.pi * np.arange(100) / 20.0))
+    (20, slice(0, 100, None))
+    >>> repetition(np.arange(100.0) - 49.5) is None
+    True
     """
     n = given.size
-    lags = np.arange(n // 2 + 1)
-    product = fftconvolve(given, given[::-1])[n - 1 + lags]
     power = np.concatenate(([0.0], np.cumsum(given**2)))
-    both = power[n - lags] + power[n] - power[lags]
-    change = 1.0 - 2.0 * product / np.maximum(both, 1e-300)
-    apart = int(np.argmax(change > 0.5))
-    alike = (
-        np.flatnonzero((change[1:-1] < REPEATS) & (change[1:-1] <= np.minimum(change[:-2], change[2:]))) + 1
-    )
-    alike = alike[alike > apart]
-    return int(alike[0]) if apart and alike.size else 0
+    sums = np.concatenate(([0.0], np.cumsum(given)))
+    # Strokes before a test signal may hold more power than it does, but not in their changes.
+    for lag in [*_lags(given), *_lags(np.diff(given))]:
+        starts = np.arange(n - 2 * lag + 1)
+        differed = np.concatenate(([0.0], np.cumsum((given[lag:] - given[:-lag]) ** 2)))
+        mean = (sums[starts + 2 * lag] - sums[starts]) / (2 * lag)
+        about_mean = power[starts + 2 * lag] - power[starts] - 2 * lag * mean**2
+        moving = about_mean > STILL * 2 * lag * np.mean(given**2)
+        repeats = (differed[starts + lag] - differed[starts] < REPEATS * about_mean) & moving
+        edges = np.flatnonzero(np.diff(np.concatenate(([0], repeats.astype(np.int8), [0]))))
+        if edges.size:
+            begin, end = (int(x) for x in max(edges.reshape(-1, 2), key=lambda run: run[1] - run[0]))
+            if end - 1 + 2 * lag - begin > LEAST_PART * n:
+                return lag, slice(begin, end - 1 + 2 * lag)
+    return None
+
+
+def _lags(signal: Array) -> list[int]:
+    """Rows after which a signal is like itself, shortest first."""
+    n = signal.size
+    lags = np.arange(n // 2 + 1)
+    product = fftconvolve(signal, signal[::-1])[n - 1 + lags]
+    power = np.concatenate(([0.0], np.cumsum(signal**2)))
+    change = 1.0 - 2.0 * product / np.maximum(power[n - lags] + power[n] - power[lags], 1e-300)
+    apart = int(np.argmax(change > ALIKE))
+    inner = change[1:-1]
+    valleys = np.flatnonzero((inner < ALIKE) & (inner <= np.minimum(change[:-2], change[2:]))) + 1
+    return [int(lag) for lag in valleys if lag > apart > 0][:MOST_LAGS]
 
 
 def swept(given: Array, period: float) -> tuple[float, float] | None:
@@ -148,6 +178,8 @@ def periodic_etfe(series: list[Series], period: float, rows: int) -> Spectra:
     for s in series:
         inside = np.flatnonzero(s.used)
         n = inside.size // rows
+        if n == 0:
+            continue
         first = inside[0] + (rows if n > 2 else 0)  # the first period may still settle
         n -= n > 2
         u, y = (
@@ -155,7 +187,7 @@ def periodic_etfe(series: list[Series], period: float, rows: int) -> Spectra:
         )
         own = own + np.sum(np.abs(u) ** 2, axis=0)
         out = out + np.sum(np.abs(y) ** 2, axis=0)
-        same = same + np.abs(u.sum(axis=0)) ** 2 / max(n, 1)
+        same = same + np.abs(u.sum(axis=0)) ** 2 / n
         cross, count = cross + np.sum(y * np.conj(u), axis=0), count + n
     excited = (own > EXCITED * own.max()) & (same > SAME_LINE * own)
     excited[0] = False
@@ -172,14 +204,16 @@ def etfe(candidates: list[list[Series]], period: float, width_hz: float) -> Esti
     width_hz : of the Hamming window where the input is not periodic.
     """
     for series in candidates:
-        rows = [repetition(s.given[s.used]) for s in series]
-        found = next((r for r in rows if r), 0)
+        found = [(s, r) for s in series if (r := repetition(s.given)) is not None]
         if found:
-            alike = [s for s, r in zip(series, rows, strict=True) if r == found]
-            spectra = periodic_etfe(alike, period, found)
+            rows = found[0][1][0]
+            alike = [replace(s, used=s.used & _inside(s, part)) for s, (lag, part) in found if lag == rows]
+            spectra = periodic_etfe(alike, period, rows)
             if spectra.frequency.size >= LEAST_LINES:
+                seconds = sum(int(np.count_nonzero(s.used)) for s in alike) * period
                 return Estimate(spectra, "periodic", True, (
-                    f"The input repeats itself every {found * period:.3g} s: trust the ETFE at the "
+                    f"The input repeats itself every {rows * period:.3g} s for {seconds:.3g} s: trust the "
+                    "ETFE of these, at the "
                     f"{spectra.frequency.size} frequencies that it excites, where it has no bias and "
                     "averages over periods; Welch's windows leak from line to line."
                 ))  # fmt: skip
@@ -200,6 +234,11 @@ def etfe(candidates: list[list[Series]], period: float, width_hz: float) -> Esti
         "The input is neither periodic nor a chirp: trust Welch's estimate. The ETFE's variance does not "
         "fall with the length of the log; only its smoothing over frequency keeps it down."
     ))  # fmt: skip
+
+
+def _inside(series: Series, part: slice) -> NDArray[np.bool_]:
+    rows = np.arange(series.given.size)
+    return (rows >= part.start) & (rows < part.stop)
 
 
 def _rests(given: Array, period: float) -> bool:

@@ -237,16 +237,26 @@ def _bandwidth(out: Outcome, name: str, found: Spectra, unit: str) -> tuple[str,
         return "–", "–"
     f, size, radius = found.frequency[seen], np.abs(found.response[seen]), found.radius[seen]
     level = float(np.median(size[f <= 2.0 * f[0]]))
-    value, low, high = (half_power_frequency(f, m, level) for m in (size, size - radius, size + radius))
+    value = half_power_frequency(f, size, level)
+    # About this crossing: where the band surely is above before, and surely below after.
+    above = f[(f <= value) & (size - radius > level / np.sqrt(2.0))]
+    high = half_power_frequency(f, np.where(f < value, level, size + radius), level)
     shown = Told("", level, level, level, unit).shown()
-    if np.isnan(high) or low <= f[0]:
+    if np.isnan(high) or above.size == 0:
         out.not_told.append(
-            f"-3 dB bandwidth by {name}: up to {f[-1]:.3g} Hz, where coherence ends, the response does not "
+            f"-3 dB bandwidth by {name}: up to {f[-1]:.3g} Hz, the last with coherence, the response does not "
             "surely fall 3 dB below its lowest octave's."
         )
         return f"{shown[0]} {shown[2]}", "–" if np.isnan(value) else f"{value:.3g} Hz?"
     out.told.append(
-        Told(f"-3 dB bandwidth by {name}", value, low, high, "Hz", f"below the level at {f[0]:.2g} Hz")
+        Told(
+            f"-3 dB bandwidth by {name}",
+            value,
+            float(above[-1]),
+            high,
+            "Hz",
+            f"below the level at {f[0]:.2g} Hz",
+        )
     )
     return f"{shown[0]} {shown[2]}", f"{value:.3g} Hz"
 
