@@ -244,8 +244,8 @@ def _bandwidth(out: Outcome, name: str, found: Spectra, unit: str) -> tuple[str,
     shown = Told("", level, level, level, unit).shown()
     if np.isnan(high) or above.size == 0:
         out.not_told.append(
-            f"-3 dB bandwidth by {name}: up to {f[-1]:.3g} Hz, the last with coherence, the response does not "
-            "surely fall 3 dB below its lowest octave's."
+            f"-3 dB bandwidth by {name}: up to {f[-1]:.3g} Hz, the last with coherence, the response does "
+            "not surely fall 3 dB below its lowest octave's."
         )
         return f"{shown[0]} {shown[2]}", "–" if np.isnan(value) else f"{value:.3g} Hz?"
     out.told.append(
