@@ -11,7 +11,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import least_squares
-from scipy.signal import butter, fftconvolve, lfilter, sosfiltfilt
+from scipy.signal import butter, lfilter, sosfiltfilt
+
+from fdd.identification.experiments.etfe import empirical_response, half_power_frequency
 
 Array = NDArray[np.float64]
 ComplexArray = NDArray[np.complex128]
@@ -121,35 +123,6 @@ def _exponential(matrix: Array) -> Array:
     return total
 
 
-def half_power_frequency(frequency: Array, magnitude: Array, reference: float) -> float:
-    """Where a response first falls below `reference`/√2, between the points by a straight line.
-
-    Parameters
-    ----------
-    frequency : (n,) Hz, rising.
-    magnitude : (n,) of the response.
-    reference : magnitude that counts as undiminished.
-
-    Returns
-    -------
-    Hz; NaN where the magnitude never falls so far, the first frequency where it begins below.
-
-    Examples
-    --------
-    >>> round(half_power_frequency(np.array([1.0, 2.0]), np.array([1.0, 0.0]), 1.0), 3)
-    1.293
-    """
-    level = reference / np.sqrt(2.0)
-    below = np.flatnonzero(magnitude < level)
-    if below.size == 0:
-        return float("nan")
-    k = int(below[0])
-    if k == 0:
-        return float(frequency[0])
-    share = (magnitude[k - 1] - level) / (magnitude[k - 1] - magnitude[k])
-    return float(frequency[k - 1] + share * (frequency[k] - frequency[k - 1]))
-
-
 def velocity(position: Array, period: float, cutoff_hz: float = 150.0) -> Array:
     """Velocity by central differences (eq. 6.3) and a zero-phase Butterworth filter of order 10.
 
@@ -185,33 +158,6 @@ def held_input(command: Array, period: float, cutoff_hz: float = 150.0) -> Array
     """
     integral = np.concatenate([[0.0], np.cumsum(command[:-1]) * period])
     return velocity(integral, period, cutoff_hz)
-
-
-def empirical_response(
-    given: Array, caused: Array, period: float, width_hz: float = 2.0
-) -> tuple[Array, ComplexArray]:
-    """Empirical transfer function estimate, smoothed over frequency by a Hamming window.
-
-    Output's transform over the input's (section 6.1); cross and own spectrum are smoothed before the
-    division, so that frequencies without input do not weigh.
-
-    Parameters
-    ----------
-    given, caused : (n,) input and output.
-    period : s.
-    width_hz : of the window.
-
-    Returns
-    -------
-    frequency (n // 2 + 1,) in Hz and response (n // 2 + 1,).
-    """
-    n = given.size
-    frequency = np.asarray(np.fft.rfftfreq(n, period), dtype=np.float64)
-    u, y = np.fft.rfft(given - given.mean()), np.fft.rfft(caused - caused.mean())
-    window = np.hamming(max(round(width_hz * n * period), 1) | 1)
-    cross = fftconvolve(y * np.conj(u), window, mode="same")
-    own = fftconvolve(np.abs(u) ** 2, window, mode="same")
-    return frequency, np.asarray(cross / np.maximum(own, 1e-12 * own.max()), dtype=np.complex128)
 
 
 def response_at(given: Array, caused: Array, period: float, frequency: float) -> complex:

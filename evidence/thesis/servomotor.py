@@ -11,13 +11,13 @@ from numpy.typing import NDArray
 from evidence.thesis.findings import Finding, Picture, Row
 from evidence.thesis.frequency_response import (
     TransferFunction,
-    empirical_response,
     fit_output_error,
     held_input,
     velocity,
 )
 from evidence.thesis.runs import PERIOD, VOLT, run_speed
 from evidence.thesis.signals import identification_volts
+from fdd.identification.experiments.etfe import empirical_response
 from fdd.identification.experiments.response import decibel, degrees
 from fdd.plant.details import Details
 from fdd.unit import Unit

@@ -11,15 +11,14 @@ from numpy.typing import NDArray
 from evidence.thesis.findings import Finding, Picture, Row, Table
 from evidence.thesis.frequency_response import (
     TransferFunction,
-    empirical_response,
     fit_output_error,
-    half_power_frequency,
     held_input,
     response_at,
     velocity,
 )
 from evidence.thesis.runs import PERIOD, VOLT, riding_partner, run_speed
 from evidence.thesis.signals import identification_volts
+from fdd.identification.experiments.etfe import empirical_response, half_power_frequency
 from fdd.identification.experiments.hydraulic import from_profile
 from fdd.identification.experiments.response import decibel, degrees
 from fdd.plant.partner import Partner

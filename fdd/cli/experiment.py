@@ -23,6 +23,7 @@ class Experiment(StrEnum):
     FRICTION = "friction"
     LEAKAGE = "leakage"
     GAIN = "gain"
+    BULK_MODULUS = "bulk-modulus"
 
 
 class Input(StrEnum):
@@ -72,7 +73,7 @@ def experiment(
         float, typer.Option(min=0.05, max=60.0, help="s, windows of its measured spectra.")
     ] = 1.0,
 ) -> None:
-    """Find frequency response, friction, leakage or gain in logs, with 95 % intervals.
+    """Find frequency response, friction, leakage, gain or bulk modulus in logs, with 95 % intervals.
 
     What a log does not tell is said, and why.
     """
@@ -124,6 +125,7 @@ def _run(
     order: int | None,
     window: float,
 ) -> Outcome:
+    from fdd.identification.experiments.bulk_modulus import bulk_modulus
     from fdd.identification.experiments.friction import friction
     from fdd.identification.experiments.gain import gain
     from fdd.identification.experiments.leakage import leakage
@@ -133,7 +135,8 @@ def _run(
     records = [even_record(log.samples, unit, str(path)) for log, path in zip(logs, paths, strict=True)]
     if kind is Experiment.FREQUENCY_RESPONSE:
         return frequency_response(records, unit, given=given, caused=caused, order=order, window_s=window)
-    return {"friction": friction, "leakage": leakage, "gain": gain}[kind.value](records, unit)
+    others = {"friction": friction, "leakage": leakage, "gain": gain, "bulk-modulus": bulk_modulus}
+    return others[kind.value](records, unit)
 
 
 def _print(found: Outcome) -> None:

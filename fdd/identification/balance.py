@@ -64,6 +64,7 @@ class BalanceFit:
     displacement : with the base's area_1. area_2 : None where the base's fits.
     cross_port, case, total_leakage : m³/(s·Pa) at the reference temperature.
     bulk_modulus : Pa, effective, at the reference pressure. air_fraction : 1.
+    compliances : (GROUPS, 2) 1/β and α of the jackknife, each without a group of blocks.
     split_known : whether cross-port and case leakage are told apart, rather than split as the base does.
     air_known : whether α rests on the log rather than on the base.
     residual : m³, robust standard deviation of a step's balance.
@@ -77,6 +78,7 @@ class BalanceFit:
     total_leakage: Estimate
     bulk_modulus: Estimate
     air_fraction: Estimate
+    compliances: Array
     split_known: bool
     air_known: bool
     residual: float
@@ -248,6 +250,7 @@ class _Problem:
             total_leakage=estimates[4],
             bulk_modulus=estimates[5],
             air_fraction=estimates[6],
+            compliances=np.column_stack([1.0 / others[:, 5], others[:, 6]]),
             split_known=self.tied is None and bool(spread_of[CASE] < 0.5 * self.prior_spread[CASE]),
             air_known=bool(spread_of[AIR] < 0.5 * self.prior_spread[AIR]),
             residual=solution.sigma,

@@ -2,20 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from fdd.errors import InputError
 from fdd.identification.balance import LEAST_ROWS, BalanceFit, Estimate, fit_balance
 from fdd.identification.friction import BranchFit, fit_friction
+from fdd.identification.log_balances import LogBalances
 from fdd.identification.motor import fit_torque_constant
 from fdd.identification.profile import Identification, ProfileWriter
 from fdd.identification.record import Record, even_record
-from fdd.identification.sensors import effective_noise, fit_sensors, gain_mismatch, redundancy_offset
+from fdd.identification.sensors import fit_sensors, gain_mismatch, redundancy_offset
 from fdd.identification.signs import MOST_GAIN_CHANGE, check_gain, check_pressure_signs, check_pump
-from fdd.identification.volume_steps import SMOOTHING, VolumeSteps, volume_steps
+from fdd.identification.volume_steps import SMOOTHING, VolumeSteps
 from fdd.identification.volumes import VolumeFit, fit_volumes
 from fdd.samples import Samples
 from fdd.unit import Unit
@@ -27,6 +28,8 @@ RELIEF_EXCEEDED, RELIEF_CLEARANCE, RELIEF_IMPOSSIBLE = 1.15, 1.2, 30.0
 times the setting again: no valve of any such actuator, from 1 to 35 MPa, holds that."""
 GAIN_SHARP, LEAKAGE_SHARP, BULK_SHARP = 0.02, 0.25, 0.25
 """Relative standard deviation up to which an estimate replaces the base's number."""
+LEAST_SIGNAL = 1.5
+"""Of pressure changes over noise, from which compression is believed."""
 LEAST_LEAKAGE = 5e-3
 """Of the base's leakage; less than that is the fit's bound, not a pump's."""
 SURPRISING = 4.0
@@ -91,7 +94,7 @@ def identify_unit(
     writer = ProfileWriter(unit, base, source)
     if jumps:
         writer.note(f"the pump angle makes {jumps} impossible jumps: these moments were left out")
-    _hydraulics(writer, records)
+    hydraulics(writer, records)
     _charge(writer, records)
     _friction(writer, records)
     for channel, fit in fit_sensors(list(logs), records, base).items():
@@ -110,46 +113,70 @@ def identify_unit(
     return writer.result
 
 
-def _hydraulics(writer: ProfileWriter, records: list[Record]) -> None:
+@dataclass(frozen=True)
+class Hydraulics:
+    """The balances' fit, its rows, and the base that they are counted with, as the logs changed it.
+
+    `bulk_modulus` and `air_fraction` are the fit's with what volumes and reconstructed pressures leave open;
+    `volumes_found` is False where the volumes stay the base's, whose own uncertainty is not in them.
+    """
+
+    logs: LogBalances
+    base: Unit
+    steps: VolumeSteps
+    fit: BalanceFit
+    bulk_modulus: Estimate
+    air_fraction: Estimate
+    volumes_found: bool
+
+
+def hydraulics(
+    writer: ProfileWriter, records: list[Record], pressure: float | None = None
+) -> Hydraulics | None:
+    """Put displacement, leakage, volumes and compressibility into a profile; None for too few steps.
+
+    Parameters
+    ----------
+    writer : of the profile. records : logs.
+    pressure : Pa that compressibility is referred to; by default the logs' usual one.
+
+    Raises
+    ------
+    InputError : a gain or pressures that cannot be this unit's.
+    """
     base = _with_relief(writer, records)
-    temperatures = [float(np.mean(r.temperature)) for r in records if r.temperature is not None]
-    temperature = float(np.mean(temperatures)) if temperatures else base.oil.reference_temperature
-    pressure = float(np.median(np.concatenate([reference_level(r) for r in records])))
-    pressure = max(pressure, 0.0)
-    noise = smoothed_noise(records)
-
-    def steps_of(unit: Unit) -> VolumeSteps:
-        return VolumeSteps.join(
-            [
-                volume_steps(
-                    r, unit, reference_temperature=temperature, reference_pressure=pressure, noise=noise
-                )
-                for r in records
-            ]
-        )
-
+    logs = LogBalances(records, pressure)
     hidden = not all(r.chambers_measured for r in records)
     volumes = None
     if not hidden:  # a reconstructed pressure tells as much of its own model as of the volumes
-        base, volumes = _with_volumes(writer, steps_of, base, pressure, noise)
-    steps = steps_of(base)
+        base, volumes = _with_volumes(writer, logs, base)
+    steps = logs.steps(base)
     # Who measures two of the four pressures sees one loss, p1 - p2 or p1 - p_case: they hardly differ.
     split = not hidden and all(r.accumulator_measured for r in records)
-    fit = fit_balance(steps, base, pressure, noise, split=split)
+    fit = fit_balance(steps, base, logs.pressure, logs.noise, split=split)
     if fit is None:
         for path in ("pump.displacement", "pump.cross_port_leakage", "oil.bulk_modulus"):
             writer.keep(path, "too few steps in which a chamber stays above the accumulator while it moves")
-        return
+        return None
     _put_gain(writer, fit)
     blurred = float(np.hypot(zero_share(records), HIDDEN_LEAKAGE if hidden else 0.0))
     of_case = float(np.hypot(blurred, HIDDEN_CASE if hidden else 0.0))
-    _put_leakage(writer, fit, temperature if temperatures else None, blurred, of_case)
-    _put_compressibility(writer, fit, pressure, hidden, volumes)
+    _put_leakage(writer, fit, logs.temperature, blurred, of_case)
+    of_volume = volumes.gain.relative if volumes is not None and volumes.of_volume else 0.0
+    # The balance knows volume over bulk modulus: what the volume is uncertain by, this is too.
+    found = Hydraulics(
+        logs, base, steps, fit,
+        _wider(fit.bulk_modulus, float(np.hypot(HIDDEN_BULK if hidden else 0.0, of_volume))),
+        _wider(fit.air_fraction, float(np.hypot(0.5 if hidden else 0.0, of_volume))),
+        volumes_found=of_volume > 0.0,
+    )  # fmt: skip
+    _put_compressibility(writer, found)
     if hidden:
         writer.note(
             "chamber pressures are not measured: they were reconstructed from their difference and the "
             "refeeding valves, which leaves bulk modulus and air uncertain by about 10 %"
         )
+    return found
 
 
 def _with_relief(writer: ProfileWriter, records: list[Record]) -> Unit:
@@ -181,18 +208,12 @@ def _with_relief(writer: ProfileWriter, records: list[Record]) -> Unit:
     return base
 
 
-def _with_volumes(
-    writer: ProfileWriter,
-    steps_of: Callable[[Unit], VolumeSteps],
-    base: Unit,
-    pressure: float,
-    noise: tuple[float, float],
-) -> tuple[Unit, VolumeFit | None]:
+def _with_volumes(writer: ProfileWriter, logs: LogBalances, base: Unit) -> tuple[Unit, VolumeFit | None]:
     """The base with the chambers' volumes, where strokes tell them; both pressures are measured."""
-    steps = steps_of(base)
+    steps = logs.steps(base)
     if steps.y.size < LEAST_ROWS or len(np.unique(steps.chamber)) < 2:
         return base, None
-    fit = fit_volumes(steps_of, base, pressure, noise)
+    fit = fit_volumes(logs.steps, base, logs.pressure, logs.noise)
     if fit is None:
         writer.note("the chambers' volumes stay the base's: compliance against position does not tell them")
         return base, None
@@ -210,23 +231,6 @@ def _with_volumes(
             "no dead volume explains this: the mean volume stays the base's",
         )
     return with_volumes, fit
-
-
-def reference_level(record: Record) -> NDArray[np.float64]:
-    """(n,) Pa at which the oil's compressibility is referred: the accumulator's, else the chambers' mean."""
-    if record.accumulator_measured or not record.chambers_measured:
-        return record.accumulator
-    return 0.5 * (record.pressure_1 + record.pressure_2)
-
-
-def smoothed_noise(records: list[Record]) -> tuple[float, float]:
-    """Pa: white noise of the chamber pressures that is left after the balance's window."""
-    left = []
-    for channel in ("pressure_1", "pressure_2"):
-        found = [effective_noise(getattr(r, channel), r.period) for r in records]
-        known = [x for x in found if x is not None]
-        left.append(min(known, default=0.0) / np.sqrt(records[0].rows(SMOOTHING)))
-    return left[0], left[1]
 
 
 def zero_share(records: list[Record]) -> float:
@@ -282,13 +286,9 @@ def _put_leakage(
         writer.note("oil temperature is not measured: leakage holds for the logs' own temperature")
 
 
-def _put_compressibility(
-    writer: ProfileWriter, fit: BalanceFit, pressure: float, hidden: bool, volumes: VolumeFit | None
-) -> None:
-    # The balance knows volume over bulk modulus: what the volume is uncertain by, this is too.
-    of_volume = volumes.gain.relative if volumes is not None and volumes.of_volume else 0.0
-    beta = _wider(fit.bulk_modulus, float(np.hypot(HIDDEN_BULK if hidden else 0.0, of_volume)))
-    if fit.signal_over_noise < 1.5 or not _better(beta, writer.base.oil.bulk_modulus, BULK_SHARP):
+def _put_compressibility(writer: ProfileWriter, found: Hydraulics) -> None:
+    fit, beta, pressure = found.fit, found.bulk_modulus, found.logs.pressure
+    if fit.signal_over_noise < LEAST_SIGNAL or not _better(beta, writer.base.oil.bulk_modulus, BULK_SHARP):
         writer.keep(
             "oil.bulk_modulus",
             f"{beta.value / 1e6:.0f} ± {beta.std / 1e6:.0f} MPa is not sharp enough "
@@ -296,12 +296,13 @@ def _put_compressibility(
         )
         return
     _warn_if_far(writer, "bulk modulus", beta.value / writer.base.oil.bulk_modulus)
-    level = "with the volumes found" if of_volume else "volumes stay the base's"
+    level = "with the volumes found" if found.volumes_found else "volumes stay the base's"
     writer.put("oil.bulk_modulus", beta, f"at {pressure / 1e5:.2f} bar; {level}")
     writer.put("oil.reference_pressure", Estimate(pressure, 0.01 * pressure), "median of the logs")
-    air = _wider(fit.air_fraction, float(np.hypot(0.5 if hidden else 0.0, of_volume)))
-    writer.put("oil.air_fraction", air, "" if fit.air_known else "little data: drawn to the base's")
-    if of_volume:
+    writer.put(
+        "oil.air_fraction", found.air_fraction, "" if fit.air_known else "little data: drawn to the base's"
+    )
+    if found.volumes_found:
         writer.note("the chambers' volumes follow from how compliance changes with position, and area_1")
     else:
         writer.note("only volume over bulk modulus is identifiable: the chambers' volumes stay the base's")

@@ -43,6 +43,19 @@ def air_compliance(pressure: ArrayLike, index: float) -> Array:
     return np.asarray(ATMOSPHERE ** (1.0 / index) / (index * absolute ** ((index + 1.0) / index)))
 
 
+def pressure_of_compliance(compliance: ArrayLike, index: float) -> Array:
+    """Gauge pressure (Pa) at which the air has a compliance, (n,) 1/Pa; NaN for one that no pressure gives.
+
+    Examples
+    --------
+    >>> round(float(pressure_of_compliance(air_compliance(5e5, 1.4), 1.4)))
+    500000
+    """
+    with np.errstate(divide="ignore", invalid="ignore"):
+        share = ATMOSPHERE ** (1.0 / index) / (index * np.asarray(compliance, dtype=np.float64))
+        return np.asarray(share ** (index / (index + 1.0)) - ATMOSPHERE)
+
+
 def air_shrinkage(pressure: ArrayLike, index: float) -> Array:
     """∫c dp: share of the free air's volume that gauge `pressure` (Pa) takes away, but for a constant."""
     absolute = np.maximum(np.asarray(pressure, dtype=np.float64) + ATMOSPHERE, _LOWEST)

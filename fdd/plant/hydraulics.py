@@ -71,12 +71,20 @@ def air_rate(pressure: float, free: float, air: float, par: Constants) -> float:
 
 @njit(error_model="numpy", inline="always")
 def relief_rate(drop: float, lift: float, setting: float, par: Constants) -> float:
-    """Rate (Pa/s) of the relief valves' lift; an open one shuts at a pressure lower by its hysteresis."""
-    held = setting * min(abs(lift) * par.relief_held, par.relief_hysteresis)
-    up = setting - (held if lift > 0.0 else 0.0)
-    down = setting - (held if lift < 0.0 else 0.0)
-    rest = opening(drop - up, par.relief_width) - opening(-drop - down, par.relief_width)
-    return (rest - lift) * par.relief_rate
+    """Rate (Pa/s) of the relief valves' lift: their friction holds it until the pressure falls by the
+    hysteresis."""
+    if lift < 0.0 or (lift == 0.0 and drop < 0.0):
+        return -_held_rate(-drop - setting, -lift, setting, par)
+    return _held_rate(drop - setting, lift, setting, par)
+
+
+@njit(error_model="numpy", inline="always")
+def _held_rate(excess: float, lift: float, setting: float, par: Constants) -> float:
+    rising = opening(excess, par.relief_width)
+    if lift < rising:
+        return (rising - lift) * par.relief_rate
+    falling = opening(excess + par.relief_hysteresis * setting, par.relief_width)
+    return min(falling - lift, 0.0) * par.relief_rate
 
 
 @njit(error_model="numpy", inline="always")
@@ -155,10 +163,11 @@ def hydraulic_rates(
         cross += orifice(dp, now[c.CROSS_ORIFICE], width)
     setting = par.relief_pressure * now[c.RELIEF_SETTING]
     dy[s.RELIEF] = relief_rate(dp, y[s.RELIEF], setting, par)
-    # Linear beyond the setting, and with the pressure that drives it below.
     relief = 0.0
     if y[s.RELIEF] != 0.0:
-        relief = par.relief_gain * now[c.RELIEF_GAIN] * abs(y[s.RELIEF]) * dp / setting
+        # Below the setting less, as less pressure drives it.
+        drives = min(max(dp / setting, -1.0), 1.0)
+        relief = par.relief_gain * now[c.RELIEF_GAIN] * abs(y[s.RELIEF]) * drives
     stuck = orifice(dp, now[c.RELIEF_OPEN], width) if now[c.RELIEF_OPEN] != 0.0 else 0.0
 
     # Case drain: fed by both ports, drained through its check valve into the accumulator, losing past the
@@ -279,4 +288,6 @@ def hydraulic_rates(
 def gas_rate(y: Array, now: Array, par: Constants, dy: Array) -> None:
     """Fill the rate of the accumulator gas's temperature, once all that goes into its oil is known."""
     specific = 1.0 / now[c.STORE_DENSITY]
-    dy[s.GAS] = gas_heating(y[s.STORE] * specific, dy[s.STORE] * specific, y[s.GAS], y[s.TEMPERATURE] - par.surroundings, par)
+    dy[s.GAS] = gas_heating(
+        y[s.STORE] * specific, dy[s.STORE] * specific, y[s.GAS], y[s.TEMPERATURE] - par.surroundings, par
+    )

@@ -49,20 +49,24 @@ def lift_rate(
 ) -> float:
     """Rate (1/s) of a refeeding valve's poppet, towards the lift at which its spring or pilot lets it rest.
 
-    A raised poppet stays up to a pressure lower by the hysteresis. A pilot of area ratio r lifts it off its
-    seat once the other chamber's pressure beats its own, fully over a band. A poppet that sticks does not
-    shut before its own chamber presses on it with `stick`.
+    Friction holds a raised poppet until the pressure falls by the hysteresis. A pilot of area ratio r lifts it
+    off its seat once the other chamber's pressure beats its own, fully over a band. A poppet that sticks does
+    not shut before its own chamber presses on it with `stick`.
     """
     drop = inner - own
-    rest = 0.0
+    rest, held = 0.0, 0.0
     if drop > 1.0:
-        reseat = par.check_hysteresis * min(max(lift, 0.0), 1.0)
-        rest = opening(drop - par.refeed_cracking - crack + reseat, par.check_width) / drop
+        beyond = drop - par.refeed_cracking - crack
+        rest = opening(beyond, par.check_width) / drop
+        if lift > rest:
+            held = opening(beyond + par.check_hysteresis, par.check_width) / drop
     if par.pilot_ratio > 0.0:
         beyond = opening(par.pilot_ratio * (other - inner) + drop - par.pilot_cracking, par.check_width)
         rest = max(rest, min(beyond / par.pilot_band, 1.0))
-    if stick > 0.0 and rest < lift and -drop < stick:
-        return 0.0
+    if lift > rest:
+        if stick > 0.0 and -drop < stick:
+            return 0.0
+        return min(max(rest, held) - lift, 0.0) * par.check_rate
     return (rest - lift) * par.check_rate
 
 

@@ -97,8 +97,6 @@ class Parameters(NamedTuple):
     relief_pressure: float
     relief_gain: float
     relief_width: float
-    relief_held: float
-    """Hysteresis over setting for each pascal of lift, up to `relief_hysteresis`."""
     relief_rate: float
     relief_hysteresis: float
     gas_pressure: float
@@ -332,7 +330,6 @@ def plant_parameters(
         relief_pressure=unit.accumulator.relief_pressure,
         relief_gain=unit.accumulator.relief_flow_gain,
         relief_width=details.relief_width,
-        relief_held=details.relief_hysteresis / details.relief_width,
         relief_rate=1.0 / details.relief_lag,
         relief_hysteresis=details.relief_hysteresis,
         gas_pressure=charge + ambient,

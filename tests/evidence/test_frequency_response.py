@@ -7,14 +7,13 @@ from scipy.signal import cont2discrete, lfilter
 
 from evidence.thesis.frequency_response import (
     TransferFunction,
-    empirical_response,
     fit_output_error,
-    half_power_frequency,
     held_input,
     response_at,
     sampled,
     velocity,
 )
+from fdd.identification.experiments.etfe import empirical_response, half_power_frequency
 
 T = 1e-3
 LOW = TransferFunction((1.08e-2, 2.562, 242.6), (1.0, 144.8, 1.66e4, 6.50e5), 0.01)

@@ -10,6 +10,7 @@ from scipy.signal import cont2discrete, lfilter
 
 from evidence.thesis.runs import VOLT, run_speed
 from evidence.thesis.signals import identification_volts
+from fdd.identification.experiments.etfe import half_power_frequency
 from fdd.identification.experiments.friction import friction
 from fdd.identification.experiments.gain import gain
 from fdd.identification.experiments.hydraulic import from_profile
@@ -125,9 +126,19 @@ def test_the_hydraulic_resonance_of_eq_5_22_is_found():
     assert damping.value == pytest.approx(eq.damping / (4.0 * np.pi * eq.natural_hz), rel=0.02)
     assert found["gain at rest"].value == pytest.approx(eq.numerator / eq.stiffness, rel=0.01)
     assert "55." in natural.note
-    models = {row[0].split()[0]: row for row in outcome.rows}
-    assert set(models) == {"ARX", "ARMAX", "OE", "BJ"}
-    assert all(float(row[3].rstrip(" %")) > 95.0 for row in models.values())
+    curves = {row[0].split()[0]: row for row in outcome.rows}
+    assert set(curves) == {"Welch", "ETFE", "ARX", "ARMAX", "OE", "BJ"}
+    assert all(float(curves[model][3].rstrip(" %")) > 95.0 for model in ("ARX", "ARMAX", "OE", "BJ"))
+    # The test signal is a chirp with noise upon it: ETFE and models agree on where the response has fallen.
+    assert curves["ETFE"][0] == "ETFE (trusted)" and outcome.curves["etfe"]["input"] == "chirp"
+    fallen = np.linspace(0.1, 150.0, 20_000)
+    s = 2j * np.pi * fallen
+    size = np.abs(eq.numerator / (s**2 + eq.damping * s + eq.stiffness))
+    corner = half_power_frequency(fallen, size, eq.numerator / eq.stiffness)
+    for name in ("Welch", "ETFE"):
+        bandwidth = found[f"-3 dB bandwidth by {name}"]
+        assert bandwidth.low < corner < bandwidth.high
+        assert bandwidth.value == pytest.approx(corner, rel=0.05)
 
 
 def test_position_is_the_velocity_integrated():

@@ -11,7 +11,8 @@ from scipy.stats import t as student
 from fdd.data_sheet.efficiency import volumetric_efficiency
 from fdd.identification.balance import GROUPS, LEAST_ROWS, fit_theta
 from fdd.identification.experiments.outcome import Outcome, Told, axes, cloud, curve_line, points
-from fdd.identification.identify import LEAKAGE_SHARP, reference_level, smoothed_noise, zero_share
+from fdd.identification.identify import LEAKAGE_SHARP, zero_share
+from fdd.identification.log_balances import LogBalances
 from fdd.identification.oil import viscosity
 from fdd.identification.record import Record
 from fdd.identification.volume_steps import (
@@ -25,7 +26,6 @@ from fdd.identification.volume_steps import (
     STIFF,
     VolumeSteps,
     leakage_scale,
-    volume_steps,
 )  # fmt: skip
 from fdd.report import traces as tr
 from fdd.report.plots import Figure
@@ -73,7 +73,7 @@ class _Rows:
         use = np.ones(self.block.size, bool) if rows is None else rows
         m, y, block = self.design(orifice=orifice)[use], self.arrived[use], self.block[use]
         scale = np.abs(m).max(axis=0)
-        whole, weights = _robust(m / scale, y)
+        whole, weights = robust(m / scale, y)
         group = np.unique(block, return_inverse=True)[1] % GROUPS
         parts = np.array(
             [
@@ -97,14 +97,15 @@ def leakage(records: list[Record], unit: Unit) -> Outcome:
     records : logs. unit : profile: areas, volumes, oil, and how cross-port and case leakage share the whole.
     """
     out = Outcome("leakage", "Leak flow over pressure")
-    steps, temperature, reference = _steps(records, unit)
-    pressure = max(float(np.median(np.concatenate([reference_level(r) for r in records]))), 0.0)
+    logs = LogBalances(records)
+    reference = logs.reference_temperature(unit)
+    steps, temperature = _steps(logs, unit)
     if steps.y.size < LEAST_ROWS:
         out.not_told.append(
             "Leakage: too few steps in which a chamber stays above the accumulator while it moves."
         )
         return out
-    theta, _ = fit_theta(steps, unit, pressure, smoothed_noise(records))
+    theta, _ = fit_theta(steps, unit, logs.pressure, logs.noise)
     rows = _Rows(steps, temperature, unit, theta)
     low, high = (float(q) for q in np.quantile(np.abs(rows.pressure), [0.05, 0.95]))
     gain, gain_std = rows.fit(orifice=False)
@@ -147,18 +148,11 @@ def _efficiency(out: Outcome, rows: _Rows, unit: Unit, high: float, gain: Array,
     out.told.append(Told.normal("volumetric efficiency", 100.0 * share, 100.0 * abs(lost) * std, "%", where))
 
 
-def _steps(records: list[Record], unit: Unit) -> tuple[VolumeSteps, Array, float]:
-    """All logs' steps, the oil temperature of each, and the mean one (°C)."""
-    known = [float(np.mean(r.temperature)) for r in records if r.temperature is not None]
-    reference = float(np.mean(known)) if known else unit.oil.reference_temperature
-    noise = smoothed_noise(records)
-    pressure = max(float(np.median(np.concatenate([reference_level(r) for r in records]))), 0.0)
-    parts = [
-        volume_steps(r, unit, reference_temperature=reference, reference_pressure=pressure, noise=noise)
-        for r in records
-    ]
+def _steps(logs: LogBalances, unit: Unit) -> tuple[VolumeSteps, Array]:
+    """All logs' steps, and the oil temperature (°C) of each."""
+    parts = logs.parts(unit)
     temperatures = []
-    for record, part in zip(records, parts, strict=True):
+    for record, part in zip(logs.records, parts, strict=True):
         if record.temperature is None:
             temperatures.append(np.full(part.y.size, np.nan))
         else:
@@ -166,10 +160,10 @@ def _steps(records: list[Record], unit: Unit) -> tuple[VolumeSteps, Array, float
             temperatures.append(
                 np.interp(middle, np.arange(len(record)), record.smooth(record.temperature, 5.0))
             )
-    return VolumeSteps.join(parts), np.concatenate(temperatures), reference
+    return VolumeSteps.join(parts), np.concatenate(temperatures)
 
 
-def _robust(m: Array, y: Array) -> tuple[Array, Array]:
+def robust(m: Array, y: Array) -> tuple[Array, Array]:
     """Least squares with a Huber loss, and the square roots of its weights."""
     weights = np.ones(y.size)
     for _ in range(10):

@@ -27,6 +27,18 @@ SHOWN = {
 """SI unit to factor and unit for people."""
 
 
+def figure(value: float) -> str:
+    """Four figures, without an exponent below ten million.
+
+    Examples
+    --------
+    >>> figure(0.00123456), figure(12345.6)
+    ('0.001235', '12350')
+    """
+    text = f"{value:.4g}"
+    return f"{float(text):.0f}" if 1e4 <= abs(value) < 1e7 else text
+
+
 @dataclass(frozen=True)
 class Told:
     """One figure with its 95 % interval, SI, and a remark such as what the profile says."""
@@ -46,7 +58,7 @@ class Told:
     def of(self, value: float) -> str:
         """Another value of the same quantity, as people read it."""
         factor, unit = SHOWN.get(self.unit, (1.0, self.unit))
-        return f"{factor * value:.4g} {unit}".rstrip()
+        return f"{figure(factor * value)} {unit}".rstrip()
 
     def shown(self) -> tuple[str, str, str, str]:
         """Value, both ends of the interval, and unit, as people read them.
@@ -57,12 +69,8 @@ class Told:
         ('39', '37.82 … 40.18', 'mL/min/bar', '')
         """
         factor, unit = SHOWN.get(self.unit, (1.0, self.unit))
-        return (
-            f"{factor * self.value:.4g}",
-            f"{factor * self.low:.4g} … {factor * self.high:.4g}",
-            unit,
-            self.note,
-        )
+        value, low, high = (figure(factor * x) for x in (self.value, self.low, self.high))
+        return value, f"{low} … {high}", unit, self.note
 
 
 @dataclass

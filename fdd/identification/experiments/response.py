@@ -1,4 +1,4 @@
-"""Frequency response of one's own log: empirical, and by ARX, ARMAX, output-error and Box-Jenkins models.
+"""Frequency response of one's own log: Welch, ETFE, and ARX, ARMAX, output-error and Box-Jenkins models.
 
 Thesis 6.1 to 6.4, with what it leaves to the eye: coherence, confidence, and a half of the log that no
 model has seen.
@@ -14,6 +14,8 @@ from numpy.typing import NDArray
 from scipy.signal import butter, sosfiltfilt
 from scipy.stats import chi2
 
+from fdd.identification.experiments import etfe as empirical
+from fdd.identification.experiments.etfe import half_power_frequency
 from fdd.identification.experiments.hydraulic import from_profile
 from fdd.identification.experiments.outcome import NORMAL_95, Outcome, Told, axes, curve_line
 from fdd.identification.experiments.polynomial import STRUCTURES, Model, Series, best_model, find_delay
@@ -92,7 +94,7 @@ def frequency_response(
     records : logs. unit : profile, whose natural frequency sets the grid and is compared with.
     given : pump_speed or command. caused : rate, position or pressure_difference.
     order : poles of all models; by default 1 to 4, by BIC.
-    window_s : s, of Welch's windows.
+    window_s : s, of Welch's windows; the ETFE is smoothed over 2/window_s, which resolves as much.
 
     Raises
     ------
@@ -102,6 +104,10 @@ def frequency_response(
     series, period = stretches(records, given, caused, RATE * natural)
     out = Outcome("frequency-response", f"Frequency response, {NAMES[given]} to {NAMES[caused]}")
     spectra = welch(series, period, window_s)
+    whole = stretches(records, given, caused, RATE * natural, empirical.LONGEST)[0]
+    by_transform = empirical.etfe([whole, series], period, 2.0 / window_s)
+    out.notes.append(by_transform.why)
+    measured = {"Welch": spectra, "ETFE": by_transform.spectra}
     fitting, held_out = halves(series)
     delay = find_delay(fitting, round(LONGEST_DELAY / period))
     orders = ORDERS if order is None else (order,)
@@ -122,9 +128,15 @@ def frequency_response(
         out.notes.append(
             "Models and gain are of the velocity; position is its integral, a pole at zero more."
         )
-    out.heads = ("model", "order", "delay", "fit", "errors", "BIC", "gain", "poles")
-    out.rows = [_row(t, best, UNITS[caused]) for t in tested]
-    _draw(out, spectra, tested, best, natural, NAMES[caused], integrate=caused == "position")
+    out.heads = ("curve", "order", "delay", "fit", "errors", "BIC", "gain", "-3 dB", "poles")
+    preferred = "ETFE" if by_transform.trusted else "Welch"
+    for name, found in measured.items():
+        cells = _bandwidth(out, name, found, UNITS[caused])
+        out.rows.append((name + (" (trusted)" if name == preferred else ""), *("–" * 5), *cells, "–"))
+    out.rows += [_row(t, best, UNITS[caused], spectra.frequency) for t in tested]
+    _draw(out, measured, tested, best, natural, NAMES[caused], integrate=caused == "position")
+    out.curves["etfe"] |= {"input": by_transform.given, "trusted": by_transform.trusted}
+    out.curves["measured"]["trusted"] = not by_transform.trusted
     return out
 
 
@@ -218,8 +230,41 @@ def standing_share(records: list[Record]) -> float:
     return float(np.mean(v < 0.05 * np.quantile(v, 0.9)))
 
 
-def _row(t: Tested, best: Tested, unit: str) -> tuple[str, ...]:
+def _bandwidth(out: Outcome, name: str, found: Spectra, unit: str) -> tuple[str, str]:
+    """Level of the lowest octave and -3 dB frequency below it, as text; the latter among the figures too."""
+    seen = found.coherence > COHERENT
+    if np.count_nonzero(seen) < 3:
+        return "–", "–"
+    f, size, radius = found.frequency[seen], np.abs(found.response[seen]), found.radius[seen]
+    level = float(np.median(size[f <= 2.0 * f[0]]))
+    value = half_power_frequency(f, size, level)
+    # About this crossing: where the band surely is above before, and surely below after.
+    above = f[(f <= value) & (size - radius > level / np.sqrt(2.0))]
+    high = half_power_frequency(f, np.where(f < value, level, size + radius), level)
+    shown = Told("", level, level, level, unit).shown()
+    if np.isnan(high) or above.size == 0:
+        out.not_told.append(
+            f"-3 dB bandwidth by {name}: up to {f[-1]:.3g} Hz, the last with coherence, the response does "
+            "not surely fall 3 dB below its lowest octave's."
+        )
+        return f"{shown[0]} {shown[2]}", "–" if np.isnan(value) else f"{value:.3g} Hz?"
+    out.told.append(
+        Told(
+            f"-3 dB bandwidth by {name}",
+            value,
+            float(above[-1]),
+            high,
+            "Hz",
+            f"below the level at {f[0]:.2g} Hz",
+        )
+    )
+    return f"{shown[0]} {shown[2]}", f"{value:.3g} Hz"
+
+
+def _row(t: Tested, best: Tested, unit: str, frequency: Array) -> tuple[str, ...]:
     m = t.model
+    fine = np.linspace(0.0, frequency[-1], 4000)
+    corner = half_power_frequency(fine, np.abs(m.at(fine)), abs(m.facts()[0]))
     gain = Told.normal("", m.facts()[0], m.facts_std()[0], unit).shown()
     return (
         m.structure + (" (chosen)" if t is best else ""),
@@ -229,18 +274,19 @@ def _row(t: Tested, best: Tested, unit: str) -> tuple[str, ...]:
         "white" if t.p_white >= 0.01 else f"ρ to {t.worst:.2f}",
         f"{m.bic:.0f}",
         f"{gain[0]} {gain[2]}",
+        "–" if np.isnan(corner) else f"{corner:.3g} Hz",
         t.poles_text(),
     )
 
 
-def shade(frequency: Array, low: Array, high: Array) -> dict[str, Any]:
+def shade(frequency: Array, low: Array, high: Array, colour: str) -> dict[str, Any]:
     """A band of its own: grouped with its line it would stack the legend."""
-    return {**tr.band(frequency, low, high, "", tr.BLUE), "legendgroup": ""}
+    return {**tr.band(frequency, low, high, "", colour), "legendgroup": ""}
 
 
 def _draw(
     out: Outcome,
-    spectra: Spectra,
+    measured: dict[str, Spectra],
     tested: list[Tested],
     best: Tested,
     natural: float,
@@ -248,40 +294,48 @@ def _draw(
     *,
     integrate: bool,
 ) -> None:
-    f = spectra.frequency
-    divisor = 2j * np.pi * f if integrate else np.ones_like(f)
-    measured, radius = spectra.response / divisor, spectra.radius / np.abs(divisor)
-    size = np.abs(measured)
-    low, high = np.maximum(size - radius, 0.1 * size), size + radius
-    spread = np.degrees(np.arcsin(np.minimum(radius / np.maximum(size, 1e-300), 1.0)))
+    magnitude: list[Any] = []
+    angle: list[Any] = []
+    for label, key, colour in (("Welch", "measured", tr.BLUE), ("ETFE", "etfe", tr.GREY)):
+        found = measured[label]
+        f = found.frequency
+        divisor = 2j * np.pi * f if integrate else np.ones_like(f)
+        response, radius = found.response / divisor, found.radius / np.abs(divisor)
+        size, phase = np.abs(response), degrees(response)
+        if "measured" in out.curves and f.size:
+            phase += _turns(f, phase, out.curves["measured"])
+        low, high = np.maximum(size - radius, 0.1 * size), size + radius
+        spread = np.degrees(np.arcsin(np.minimum(radius / np.maximum(size, 1e-300), 1.0)))
+        magnitude += [shade(f, decibel(low), decibel(high), colour),
+                      curve_line(f, decibel(response), label, colour)]  # fmt: skip
+        angle += [shade(f, phase - spread, phase + spread, colour), curve_line(f, phase, label, colour)]
+        out.curves[key] = {
+            "frequency_hz": f, "magnitude": size, "magnitude_low": np.maximum(size - radius, 0.0),
+            "magnitude_high": high, "phase_deg": phase, "coherence": found.coherence,
+        }  # fmt: skip
+    welched = out.curves["measured"]
+    f = measured["Welch"].frequency
     fine = np.geomspace(f[0], f[-1], 300)
     fine_divisor = 2j * np.pi * fine if integrate else np.ones_like(fine)
     colours = dict(zip(STRUCTURES, tr.LINE_COLOURS[1:], strict=False))
-    phase = degrees(measured)
-    magnitude: list[Any] = [shade(f, decibel(low), decibel(high)),
-                            curve_line(f, decibel(measured), "measured", tr.BLUE)]  # fmt: skip
-    angle: list[Any] = [shade(f, phase - spread, phase + spread), curve_line(f, phase, "measured", tr.BLUE)]
     for t in tested:
         modelled = t.model.at(fine) / fine_divisor
         turned = degrees(modelled)
-        turned += 360.0 * np.round((np.interp(fine[0], f, phase) - turned[0]) / 360.0)
+        turned += _turns(fine, turned, welched)
         style = (t.model.structure, colours[t.model.structure], "solid" if t is best else "dot")
         magnitude.append(curve_line(fine, decibel(modelled), *style))
         angle.append(curve_line(fine, turned, *style))
         out.curves[t.model.structure] = {
             "frequency_hz": fine, "magnitude": np.abs(modelled), "phase_deg": turned,
         }  # fmt: skip
-    out.curves["measured"] = {
-        "frequency_hz": f, "magnitude": size, "magnitude_low": np.maximum(size - radius, 0.0),
-        "magnitude_high": high, "phase_deg": phase, "coherence": spectra.coherence,
-    }  # fmt: skip
     mark = {"type": "line", "xref": "x", "yref": "paper", "x0": natural, "x1": natural, "y0": 0, "y1": 1,
             "line": {"width": 1, "dash": "dot"}, "name": tr.MARK}  # fmt: skip
     layout = axes("frequency (Hz)", type="log") | {"shapes": [mark]}
     note = (
-        f"shaded: 95 % of the measured one; dotted upright: the profile's natural frequency, {natural:.3g} Hz"
+        f"shaded: 95 % of Welch and ETFE; dotted upright: the profile's natural frequency, {natural:.3g} Hz"
     )
-    seen = spectra.coherence > SEEN if np.any(spectra.coherence > SEEN) else np.ones(f.size, dtype=bool)
+    coherent = welched["coherence"] > SEEN
+    seen = coherent if np.any(coherent) else np.ones(f.size, dtype=bool)
 
     def reach(values: Array, margin: float) -> dict[str, Any]:
         return layout | {
@@ -293,17 +347,20 @@ def _draw(
             "magnitude",
             f"Magnitude of {name}",
             magnitude,
-            reach(decibel(measured), 10.0),
+            reach(decibel(welched["magnitude"]), 10.0),
             "dB",
             note,
             340,
             True,
         ),
-        Figure("phase", "Phase", angle, reach(phase, 45.0), "°", "", 300, True),
+        Figure("phase", "Phase", angle, reach(welched["phase_deg"], 45.0), "°", "", 300, True),
         Figure(
             "coherence",
             "Squared coherence",
-            [curve_line(f, spectra.coherence, "coherence", tr.BLUE)],
+            [
+                curve_line(found.frequency, found.coherence, label, colour)
+                for (label, found), colour in zip(measured.items(), (tr.BLUE, tr.GREY), strict=True)
+            ],
             layout | {"yaxis": {"range": [0, 1.02]}},
             "",
             "1: all of the output follows from the input",
@@ -311,6 +368,12 @@ def _draw(
             True,
         ),
     ]
+
+
+def _turns(frequency: Array, phase: Array, other: dict[str, Any]) -> float:
+    """Whole turns (°) that bring a phase next to another curve's at its first frequency."""
+    there = np.interp(frequency[0], other["frequency_hz"], other["phase_deg"])
+    return 360.0 * float(np.round((there - phase[0]) / 360.0))
 
 
 def masked_autocorrelation(series: list[Array], lags: int) -> tuple[Array, Array]:

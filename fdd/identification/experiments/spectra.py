@@ -34,7 +34,9 @@ OVERLAPPED = 1.056
 """Windows of Hann overlapping by half per independent one (Welch, doi.org/10.1109/TAU.1967.1161901)."""
 
 
-def stretches(records: list[Record], given: str, caused: str, rate_hz: float) -> tuple[list[Series], float]:
+def stretches(
+    records: list[Record], given: str, caused: str, rate_hz: float, longest: float = LONGEST
+) -> tuple[list[Series], float]:
     """The stretches of all logs with the strongest input, and their sampling interval (s).
 
     Every signal is averaged over each interval: for a held command and for counts of an encoder that is
@@ -43,7 +45,7 @@ def stretches(records: list[Record], given: str, caused: str, rate_hz: float) ->
     Parameters
     ----------
     records : logs of one sampling rate. given, caused : of `INPUTS` and `OUTPUTS`.
-    rate_hz : the grid is no coarser than this.
+    rate_hz : the grid is no coarser than this. longest : s of one stretch.
 
     Returns
     -------
@@ -60,7 +62,7 @@ def stretches(records: list[Record], given: str, caused: str, rate_hz: float) ->
     found = []
     for record in records:
         signals = np.column_stack([np.diff(_integral(record, c)) / period for c in (given, caused)])
-        for rows in _runs(~record.gap[1:], round(LONGEST / period), round(SHORTEST / period)):
+        for rows in _runs(~record.gap[1:], round(longest / period), round(SHORTEST / period)):
             part = signals[rows] - signals[rows].mean(axis=0)
             if coarser > 1:
                 part = decimate(part, coarser, ftype="fir", axis=0)
@@ -127,12 +129,9 @@ class Spectra:
 
 
 def welch(series: list[Series], period: float, window_s: float) -> Spectra:
-    """Welch's estimate with Hann windows of `window_s` that overlap by half, over all stretches.
-
-    Its band is Bendat and Piersol's (Random Data, 9.2.3).
-    """
+    """Welch's estimate with Hann windows of `window_s` that overlap by half, over all stretches."""
     rows = max(round(window_s / period), 16)
-    own = out = cross = np.zeros(rows // 2 + 1)
+    own = out = cross = np.zeros(rows // 2 + 1, dtype=np.complex128)
     windows = 0
     for s in series:
         count = max((s.given.size - rows) // (rows - rows // 2) + 1, 0)
@@ -141,11 +140,25 @@ def welch(series: list[Series], period: float, window_s: float) -> Spectra:
                     for a, b in ((s.given, s.given), (s.caused, s.caused), (s.given, s.caused))]  # fmt: skip
             own, out, cross = (x + count * y for x, y in zip((own, out, cross), both, strict=True))
             windows += count
-    own, out = np.real(own), np.real(out)
-    response = cross / np.maximum(own, 1e-12 * own.max())
-    coherence = np.clip(np.abs(cross) ** 2 / np.maximum(own * out, 1e-300), 1e-9, 1.0)
-    free = max(windows / OVERLAPPED, 2.0)
-    share = fisher.ppf(0.95, 2, 2.0 * free - 2.0) / (free - 1.0) * (1.0 / coherence - 1.0)
     frequency = np.asarray(np.fft.rfftfreq(rows, period), dtype=np.float64)
     use = (frequency > 0.0) & (frequency < 0.4 / period)
-    return Spectra(frequency[use], response[use], coherence[use], (np.abs(response) * np.sqrt(share))[use])
+    free = max(windows / OVERLAPPED, 2.0)
+    return averaged(frequency[use], np.real(own)[use], np.real(out)[use], cross[use], free)
+
+
+def averaged(frequency: Array, own: Array, out: Array, cross: ComplexArray, independent: float) -> Spectra:
+    """Response, coherence and 95 % radius from averaged powers.
+
+    The band is Bendat and Piersol's (Random Data, 9.2.3).
+
+    Parameters
+    ----------
+    frequency : (n,) Hz. own, out, cross : (n,) powers of input and output, output times conjugate input.
+    independent : number of independent ones in each average; with one alone nothing is known of the noise.
+    """
+    own, out = (np.maximum(x, 1e-12 * x.max(initial=0.0) + 1e-300) for x in (own, out))
+    response = cross / own
+    coherence = np.clip(np.abs(cross) ** 2 / own / out, 1e-9, 1.0)
+    free = max(independent, 1.05)
+    share = fisher.ppf(0.95, 2, 2.0 * free - 2.0) / (free - 1.0) * (1.0 / coherence - 1.0)
+    return Spectra(frequency, response, coherence, np.abs(response) * np.sqrt(share))

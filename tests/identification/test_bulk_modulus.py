@@ -1,0 +1,136 @@
+"""``fdd experiment bulk-modulus`` on units whose oil is known."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from healthy_units import calibration_logs, random_unit
+
+from fdd.identification.experiments.bulk_modulus import bulk_modulus
+from fdd.identification.experiments.outcome import Outcome
+from fdd.identification.oil import air_compliance
+from fdd.identification.record import even_record
+from fdd.plant import oil as plant_oil
+from fdd.samples import Samples
+from fdd.unit import Unit
+
+AXIS_A = Unit.load("axis_a")
+
+
+def outcome(logs: list[Samples], base: Unit = AXIS_A) -> Outcome:
+    return bulk_modulus([even_record(log, base, "log") for log in logs], base)
+
+
+def with_air(unit: Unit, air: float) -> Unit:
+    """The same oil with another share of free air: the oil itself stays as stiff."""
+    more = (air - unit.oil.air_fraction) * air_compliance(
+        unit.oil.reference_pressure, unit.oil.polytropic_index
+    )
+    unit.oil.bulk_modulus = 1.0 / (1.0 / unit.oil.bulk_modulus + float(more))
+    unit.oil.air_fraction = air
+    return unit
+
+
+def hits(found: Outcome, truth: Unit) -> list[bool]:
+    """Whether each interval holds the plant's own number."""
+    inside = []
+    for t in found.told:
+        if "free air at" in t.quantity:
+            true = truth.oil.air_fraction
+        elif "without" in t.quantity:
+            true = plant_oil.stiff_bulk_modulus(truth.oil)
+        else:
+            pressure = float(t.quantity.split(" at ")[1].split()[0]) * 1e5
+            true = float(plant_oil.bulk_modulus(truth.oil, pressure))
+        inside.append(t.low < true < t.high)
+    return inside
+
+
+@pytest.mark.slow
+def test_intervals_hold_the_truth_in_twenty_units() -> None:
+    """Four figures each, which are hardly independent: three in twenty outside have a chance of 0.08."""
+    per_unit = []
+    for seed in range(1, 21):
+        truth = with_air(random_unit(seed), float(np.random.default_rng(seed).uniform(5e-4, 2e-2)))
+        found = outcome(calibration_logs(truth, seed))
+        inside = hits(found, truth)
+        assert len(inside) == 4
+        assert (found.told[0].high - found.told[0].low) < 0.5 * found.told[0].value
+        per_unit.append(np.mean(inside))
+    assert np.mean(per_unit) > 0.85
+
+
+@pytest.mark.parametrize("air", [0.001, 0.02])
+def test_aeration_shows_at_low_pressure(air: float) -> None:
+    truth = with_air(random_unit(2), air)
+    found = outcome(calibration_logs(truth, 2))
+    assert hits(found, truth) == [True] * 4
+    free = next(t for t in found.told if "free air" in t.quantity)
+    assert not free.low < AXIS_A.oil.air_fraction < free.high
+    assert "profile 0.003" in free.note
+    # Eq. 5.19 by the steps at each pressure alone, no law of the air in it.
+    steps = found.curves["steps"]
+    true = plant_oil.bulk_modulus(truth.oil, steps["pressure"])
+    assert len(true) == 8 and steps["bulk_modulus"] == pytest.approx(true, rel=0.12)
+
+
+def test_one_throttled_log_is_enough() -> None:
+    truth = random_unit(1)
+    found = outcome(calibration_logs(truth, 1)[2:3])
+    assert len(found.told) >= 3 and all(hits(found, truth))
+
+
+@pytest.mark.parametrize(("seed", "size", "stiffer"), [(4, 0.5, 3.0), (6, 3.0, 3.0), (6, 3.0, 1.0)])
+def test_units_of_other_sizes(seed: int, size: float, stiffer: float) -> None:
+    truth, base = random_unit(seed), AXIS_A.model_copy(deep=True)
+    for unit in (truth, base):
+        for section, names in (
+            (unit.cylinder, ("area_1", "area_2", "volume_1", "volume_2", "moving_mass")),
+            (unit.pump, ("displacement", "cross_port_leakage", "case_leakage")),
+            (unit.accumulator, ("gas_volume", "refeed_flow_gain", "relief_flow_gain")),
+            (unit.drive, ("torque_constant", "inertia")),
+            *((b, ("coulomb", "static", "viscous")) for b in (unit.friction.forward, unit.friction.reverse)),
+        ):
+            for name in names:
+                setattr(section, name, size * getattr(section, name))
+        unit.oil.bulk_modulus *= stiffer
+    details = {
+        "line_loss": 6e11 / size**2, "seal_damping": 500.0 * size, "bristle_stiffness": 1e6 * size,
+        "pump_coulomb_torque": 0.045 * size,
+    }  # fmt: skip
+    found = outcome(calibration_logs(truth, seed, details=details), base)
+    assert hits(found, truth) == [True] * 4
+
+
+def test_volumes_that_strokes_do_not_tell_widen_the_interval() -> None:
+    truth = random_unit(1)
+    sines = calibration_logs(truth, 1)[1:2]
+    found = outcome(sines)
+    assert any("volumes stay" in note for note in found.notes) and all(hits(found, truth))
+    first = found.told[0]
+    assert first.high - first.low > 2.0 * 1.96 * 0.15 * first.value
+    known = AXIS_A.model_copy(deep=True)
+    for name in ("volume_1", "volume_2"):
+        known.cylinder.provenance[name].std = 0.02 * getattr(known.cylinder, name)
+    sharper = outcome(sines, known).told[0]
+    assert sharper.high - sharper.low < 0.5 * (first.high - first.low)
+
+
+def changed(log: Samples, **columns: np.ndarray) -> Samples:
+    return log.with_columns(columns)
+
+
+def test_chambers_never_shut_are_said() -> None:
+    log = calibration_logs(random_unit(1), 1)[0]
+    low = log["pressure_accumulator"]
+    open_all_the_time = changed(log, pressure_1=low, pressure_2=low, pressure_difference=0.0 * low)
+    found = outcome([open_all_the_time])
+    assert not found.told and "refeeding" in found.not_told[0] and " 0 % of the time" in found.not_told[0]
+
+
+def test_pressure_steps_below_the_noise_are_said() -> None:
+    log, rng = calibration_logs(random_unit(1), 1)[0], np.random.default_rng(0)
+    noise = rng.normal(0.0, 3e6, (2, len(log)))
+    found = outcome([changed(log, pressure_1=log["pressure_1"] + noise[0] + 3e6,
+                             pressure_2=log["pressure_2"] + noise[1] + 3e6)])  # fmt: skip
+    assert not found.told and "times the sensors' noise" in found.not_told[0]
