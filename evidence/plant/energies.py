@@ -2,10 +2,10 @@
 
 Oil with air in it is an elastic fluid: with the density's law ρ(p, T, free air) and its free enthalpy
 g = ∫dp/ρ, counted from gauge zero, a kilogram holds f = g - p/ρ and carries g through a port. For any chamber
-dF = Σ g dm - p dV + m(∂g/∂T dT + ∂g/∂a da), at constant pressure each: what warming and air that comes out of
-solution do is work that heat supplies. A flow from one pressure to another loses g1 - g2. Densities are
-relative to that of pure oil at gauge zero and the reference temperature, so a "mass" is a volume in m³ and
-energies are in joule. The integrals are done by Gauss's quadrature, from the laws as `fdd.plant.oil` says them.
+dF = Σ g dm - p dV + m(∂g/∂T dT + ∂g/∂a da), at constant pressure each: what warming does, and air that
+comes out of solution, is work that heat supplies. A flow from one pressure to another loses g1 - g2.
+Densities are relative to that of pure oil at gauge zero and the reference temperature, so a "mass" is a
+volume in m³ and energies are in joule. The integrals are done by Gauss's quadrature, from the laws as `fdd.plant.oil` says them.
 """
 
 from __future__ import annotations
@@ -214,7 +214,7 @@ def _axis(run: FineRun, axis: int, out: Energies) -> tuple[Array, Array]:
     torque = find(s.MOTOR_TORQUE)
     out.supplied[name + "motor"] = torque * speed
     charging = row[:, :, c.CHARGE] * np.clip((par.charging_pressure - pa) / 20e3, 0.0, 1.0)
-    out.supplied[name + "charging"] = charging * pa
+    out.supplied[name + "charging"] = charging * row[:, :, c.STORE_DENSITY] * h_store
 
     # Lost: friction.
     load = _pump_torque(run, axis)

@@ -10,8 +10,7 @@ from numpy.typing import NDArray
 
 from fdd.plant import state as s
 from fdd.plant.equations import right_hand_side
-from fdd.plant.integrator import PERIOD, take_row
-from fdd.plant.parameters import as_record
+from fdd.plant.integrator import PERIOD
 from fdd.plant.prepare import Prepared, prepare
 from fdd.plant.scenario import Scenario
 from fdd.plant.simulate import raw_blocks
@@ -75,10 +74,9 @@ def fine_run(
     assert all(each.drive.delay == PERIOD for each in (unit, partner or unit))
     commands = next(iter(raw_blocks(prepare(unit, scenario, partner=partner, refine=refine)))).commands
     ready = prepare(unit, scenario, partner=partner, refine=refine)
-    conditions, by_load, by_heat = ready.conditions(0, scenario.rows)
-    rows = np.empty_like(conditions)
-    constants = [as_record(par) for par in ready.parameters]
-    first, second = constants[0], constants[-1]
+    conditions = ready.conditions(0, scenario.rows)
+    rows = np.empty_like(conditions[0])
+    first, second = ready.constants[0], ready.constants[-1]
     points, weights = lobatto(nodes)
     y = ready.state.copy()
     k, stage = np.empty((STAGES, y.size)), np.empty(y.size)
@@ -89,9 +87,7 @@ def fine_run(
     length = 1e-4
     for t in range(scenario.rows):
         before = commands[t - 1] if t else np.zeros(2)
-        for axis in range(ready.axes):
-            par = first if axis == 0 else second
-            take_row(y, axis, t, conditions, by_load, by_heat, ready.viscosity, ready.memory, par, rows[t])
+        rows[t] = ready.row(y, t, conditions)
         for i in range(nodes):
             right_hand_side(y, before[0], before[1], rows[t], first, second, k[0], found)
             states[t, i], slopes[t, i], findings[t, i] = y, k[0], found

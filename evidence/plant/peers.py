@@ -18,8 +18,7 @@ from scipy.integrate import solve_ivp
 from evidence.plant.cases import Case
 from fdd.plant import state as s
 from fdd.plant.equations import right_hand_side
-from fdd.plant.integrator import PERIOD, thin
-from fdd.plant.parameters import as_record
+from fdd.plant.integrator import PERIOD
 from fdd.plant.prepare import Prepared
 from fdd.plant.steps import tolerances
 
@@ -59,9 +58,8 @@ def integrate(
     duration : s.
     """
     ready = case.prepared(duration)
-    rows = ready.conditions(0, commands.shape[0])
-    constants = [as_record(par) for par in ready.parameters]
-    first, second = constants[0], constants[-1]
+    conditions = ready.conditions(0, commands.shape[0])
+    first, second = ready.constants[0], ready.constants[-1]
     atol = tolerances(ready.axes) * atol_factor
     found = np.empty(ready.axes * s.FINDINGS)
     y = ready.state.copy()
@@ -76,9 +74,7 @@ def integrate(
     began = time.process_time()
     for t in range(commands.shape[0]):
         states[t] = y
-        now = rows[t]
-        for axis in range(ready.axes):
-            thin(now, axis, y[s.SHARED + axis * s.AXIS_STATES + s.TEMPERATURE], ready.viscosity)
+        now = ready.row(y, t, conditions)
         for start, stop, command_1, command_2 in _held(ready, commands, t):
             solved = solve_ivp(
                 rate, (start, stop), y, method, rtol=rtol, atol=atol, args=(command_1, command_2, now)

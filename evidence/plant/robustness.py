@@ -8,13 +8,16 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
+from evidence.plant.energies import energies
+from evidence.plant.fine_runs import fine_run
 from evidence.plant.wild import Wild, draw_wild
 from fdd.errors import InputError
 from fdd.plant import conditions as c
 from fdd.plant import state as s
-from fdd.plant.integrator import STEPS
+from fdd.plant.integrator import PERIOD, STEPS
 from fdd.plant.prepare import Prepared
 from fdd.plant.simulate import RawBlock, raw_blocks
+from fdd.unit import Unit
 
 Array = NDArray[np.float64]
 
@@ -30,6 +33,8 @@ class Outcome:
     lowest_pressure : Pa, absolute, of any chamber or line.
     highest_share : highest gauge pressure over the bound of `pressure_bound`.
     beyond_stop : m that the piston went past its stroke.
+    oil, energy : most that oil and energy departed from what came and went, over all oil and over all energy
+        that went through.
     steps : of the integrator for each millisecond.
     refused : draws that the rig's rules refused before.
     """
@@ -39,6 +44,8 @@ class Outcome:
     lowest_pressure: float = np.nan
     highest_share: float = np.nan
     beyond_stop: float = np.nan
+    oil: float = np.nan
+    energy: float = np.nan
     steps: float = np.nan
     refused: int = 0
 
@@ -99,16 +106,34 @@ def _checked(seed: int, wild: Wild, ready: Prepared, raw: RawBlock) -> Outcome:
     give = _greatest_push(ready, raw, bound) / par.stop_stiffness
     if beyond > give:
         failures.append(f"{beyond * 1e3:.2f} mm beyond the stop, explained {give * 1e3:.2f} mm")
-    if all(np.ptp(raw.rows[:, axis, c.AIR]) == 0.0 for axis in range(ready.axes)):
-        mass = sum(raw.found[:, axis * s.FINDINGS + s.OIL_MASS] for axis in range(ready.axes))
-        drift = float(np.abs(mass / np.asarray(mass)[0] - 1.0).max())
-        if drift > 1e-6:
-            failures.append(f"oil changed by {drift:.1e}")
+    mass = sum(raw.found[:, axis * s.FINDINGS + s.OIL_MASS] for axis in range(ready.axes))
+    drift = float(np.abs(mass / np.asarray(mass)[0] - 1.0).max())
+    if drift > 1e-6:
+        failures.append(f"oil changed by {drift:.1e}")
+    gap = energy_gap(wild)
+    if gap > 1e-5:
+        failures.append(f"energy changed by {gap:.1e}")
     speed, most = _motor_speed(ready, raw)
     if speed > most:
         failures.append(f"motor at {speed:.0f} rad/s, explained {most:.0f} rad/s")
     steps = float(ready.memory[STEPS]) / raw.states.shape[0]
-    return Outcome(seed, failures, lowest, share, beyond, steps, wild.refused)
+    return Outcome(seed, failures, lowest, share, beyond, drift, gap, steps, wild.refused)
+
+
+def energy_gap(wild: Wild, duration: float = 0.4) -> float:
+    """Energy made or lost in the run's first part, over all that went through (`evidence.plant.energies`)."""
+    units = [each and _with_whole_delay(each) for each in (wild.unit, wild.partner)]
+    faults = [spec for spec in wild.scenario.faults if spec.onset < duration]
+    scenario = wild.scenario.model_copy(update={"duration": duration, "faults": faults})
+    assert units[0] is not None
+    run = fine_run(units[0], scenario, partner=units[1])
+    gap, through = energies(run).gap(run)
+    # A run in which hardly anything moves is judged by a joule.
+    return gap / max(through, 1.0)
+
+
+def _with_whole_delay(unit: Unit) -> Unit:
+    return unit.model_copy(update={"drive": unit.drive.model_copy(update={"delay": PERIOD})})
 
 
 def pressure_bound(ready: Prepared, raw: RawBlock) -> float:

@@ -73,7 +73,7 @@ def air_rate(pressure: float, free: float, air: float, par: Constants) -> float:
 def relief_rate(drop: float, lift: float, setting: float, par: Constants) -> float:
     """Rate (Pa/s) of the relief valves' lift: their friction holds it until the pressure falls by the
     hysteresis."""
-    if lift < 0.0 or (lift == 0.0 and drop < 0.0):
+    if drop < 0.0:
         return -_held_rate(-drop - setting, -lift, setting, par)
     return _held_rate(drop - setting, lift, setting, par)
 

@@ -77,11 +77,11 @@ class Controller(NamedTuple):
 
 OWN_MEMORIES = 9
 (_DIRECTION, _REST, _LENGTH, _U1, _U2, _Y1, _Y2, _SEEN, _STEPS) = range(OWN_MEMORIES)
-(_HEAT, _AIR_1, _AIR_2, _THINNED, _RATIO) = range(5)
-_EACH = 5
+(_HEAT, _AIR_1, _AIR_2, _VAPOUR, _THINNED, _RATIO) = range(6)
+_EACH = 6
 MEMORIES = OWN_MEMORIES + 2 * _EACH
-"""The controller's, then each axis's: the winding's heat over what it bears for good, its chambers' air, and
-temperature (°C) and viscosity over the reference's, as they were last worked out."""
+"""The controller's, then each axis's: the winding's heat over what it bears for good, its chambers' air, its
+oil's vapour pressure over sound oil's, and temperature (°C) and viscosity over the reference's, as they were last worked out."""
 _SAME_WARMTH = 1e-5
 """K that change the viscosity by less than a millionth: it is not worked out anew for them."""
 STEPS = _STEPS
@@ -100,13 +100,13 @@ def new_memory(control: Controller, seen: float, air: Array) -> tuple[Array, Arr
     ----------
     control : whose delays set how far back commands are kept.
     seen : position (m) that the encoder shows at rest.
-    air : (axes, 2) of each chamber, by volume.
+    air : (axes, 3) of each chamber, by volume, and the vapour pressure over sound oil's.
     """
     memory = np.zeros(MEMORIES)
     memory[_DIRECTION], memory[_REST], memory[_LENGTH], memory[_SEEN] = 1.0, control.dwell, 2e-4, seen
     for axis, each in enumerate(air):
         own = OWN_MEMORIES + axis * _EACH
-        memory[own + _AIR_1], memory[own + _AIR_2] = each
+        memory[own + _AIR_1], memory[own + _AIR_2], memory[own + _VAPOUR] = each
         memory[own + _THINNED] = np.inf
     depth = int(max(control.delay_1, control.delay_2) / PERIOD) + 2
     return memory, np.zeros((2, depth))
@@ -162,15 +162,15 @@ def blend(row: Array, added: Array, acting: int, share: float) -> None:
 
 @njit(error_model="numpy")
 def exchange_air(y: Array, o: int, row: Array, memory: Array, at: int, par: Constants) -> None:
-    """Let air come where oil leaves, at constant pressure, in place: what a row has more than the last one.
+    """Let air and vapour come where oil leaves, at constant pressure, in place: what a row has more than the
+    last one.
 
     `o` and `at` are where the axis begins in the state and in the memory.
     """
     x, warm = y[X], y[o + TEMPERATURE] - par.reference_temperature
+    vapour, memory[at + _VAPOUR] = memory[at + _VAPOUR], row[c.VAPOUR]
     for i in range(2):
         air, before = row[c.AIR_1 + i], memory[at + _AIR_1 + i]
-        if air == before:
-            continue
         memory[at + _AIR_1 + i] = air
         free = y[o + FREE_1 + i]
         more = settled_air(max(y[o + P1 + i], 0.0), (air - before) * par.air_scale, par)
@@ -179,7 +179,7 @@ def exchange_air(y: Array, o: int, row: Array, memory: Array, at: int, par: Cons
         volume = par.cylinder_volume_1 + par.area_1 * x if i == 0 else par.cylinder_volume_2 - par.area_2 * x
         line = par.line_volume_1 if i == 0 else par.line_volume_2
         for pressure, held in ((y[o + P1 + i], volume), (y[o + LINE_1 + i], line)):
-            _, was, _, _ = oil_at(pressure, free, warm, row[c.VAPOUR], par)
+            _, was, _, _ = oil_at(pressure, free, warm, vapour, par)
             _, now, _, _ = oil_at(pressure, free + more, warm, row[c.VAPOUR], par)
             y[o + LOST] += held * (math.exp(was) - math.exp(now))
 
@@ -211,7 +211,11 @@ def take_row(
         blend(conditions[t, axis], by_heat[t, axis], c.BY_HEAT, warmer)
     for j in range(c.COLUMNS):
         now[axis, j] = conditions[t, axis, j]
-    if now[axis, c.AIR_1] != memory[at + _AIR_1] or now[axis, c.AIR_2] != memory[at + _AIR_2]:
+    if (
+        now[axis, c.AIR_1] != memory[at + _AIR_1]
+        or now[axis, c.AIR_2] != memory[at + _AIR_2]
+        or now[axis, c.VAPOUR] != memory[at + _VAPOUR]
+    ):
         exchange_air(y, o, conditions[t, axis], memory, at, par)
     protect(now, axis, y[o + CURRENT], memory, at, par)
     thin(now, axis, y[o + TEMPERATURE], viscosity, memory, at, par)

@@ -49,9 +49,9 @@ def lift_rate(
 ) -> float:
     """Rate (1/s) of a refeeding valve's poppet, towards the lift at which its spring or pilot lets it rest.
 
-    Friction holds a raised poppet until the pressure falls by the hysteresis. A pilot of area ratio r lifts it
-    off its seat once the other chamber's pressure beats its own, fully over a band. A poppet that sticks does
-    not shut before its own chamber presses on it with `stick`.
+    Friction holds a raised poppet until the pressure falls by the hysteresis. A pilot of area ratio r lifts
+    it off its seat once the other chamber's pressure beats its own, fully over a band. A poppet that sticks
+    does not shut before its own chamber presses on it with `stick`.
     """
     drop = inner - own
     rest, held = 0.0, 0.0

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,10 +27,11 @@ from fdd.plant.integrator import (
     STILL,
     Controller,
     new_memory,
+    take_row,
 )
 from fdd.plant.laws import settled_air
 from fdd.plant.oil import walther_line
-from fdd.plant.parameters import Parameters, as_record, plant_parameters
+from fdd.plant.parameters import Constants, Parameters, as_record, plant_parameters
 from fdd.plant.rows import axis_conditions, partner_setpoint
 from fdd.plant.scenario import Scenario
 from fdd.plant.sensors import generator, position_offset
@@ -75,6 +77,18 @@ class Prepared:
     def axes(self) -> int:
         """How many axes there are."""
         return len(self.units)
+
+    @cached_property
+    def constants(self) -> list[Constants]:
+        """The parameters of each axis as the compiled functions take them."""
+        return [as_record(par) for par in self.parameters]
+
+    def row(self, y: Array, t: int, conditions: tuple[Array, Array, Array]) -> Array:
+        """What acts in millisecond t of these conditions at that state, (axes, COLUMNS), as in the loop."""
+        now = np.empty(conditions[0].shape[1:])
+        for axis, par in enumerate(self.constants):
+            take_row(y, axis, t, *conditions, self.viscosity, self.memory, par, now)
+        return now
 
     def conditions(self, start: int, stop: int) -> tuple[Array, Array, Array]:
         """Conditions of some milliseconds, (stop - start, axes, COLUMNS), and what faults that come with load
@@ -169,8 +183,8 @@ def prepare(unit: Unit, scenario: Scenario, *, partner: Unit | None = None, refi
         force=force,
     )
     rows, *_ = ready.conditions(0, 1)
-    air = rows[0][:, [c.AIR_1, c.AIR_2]]
-    ready.state = _at_rest(units, scenario, parameters, float(force[0]), air + rows[0][:, [c.INGRESS]])
+    air = rows[0][:, [c.AIR_1, c.AIR_2, c.VAPOUR]]
+    ready.state = _at_rest(units, scenario, parameters, float(force[0]), air[:, :2] + rows[0][:, [c.INGRESS]])
     seen = controller.encoder_gain * ready.state[s.X] + controller.encoder_zero
     ready.memory, ready.past = new_memory(controller, seen, air)
     return ready

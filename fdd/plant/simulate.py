@@ -17,7 +17,6 @@ from fdd.errors import InputError
 from fdd.plant import conditions as c
 from fdd.plant.faults.spec import FaultSpec
 from fdd.plant.integrator import LATE_PARTS, PERIOD, run
-from fdd.plant.parameters import as_record
 from fdd.plant.prepare import Prepared, prepare, stream_of
 from fdd.plant.scenario import Scenario
 from fdd.plant.sensors import Lateness, Recorder
@@ -92,7 +91,7 @@ def raw_blocks(ready: Prepared, block: int = BLOCK) -> Iterator[RawBlock]:
     """
     scenario = ready.scenario
     lateness = Lateness(scenario.recording, LATE_PARTS, scenario.seed)
-    constants = [as_record(par) for par in ready.parameters]
+    constants = ready.constants
     each, period = scenario.recording.each, scenario.recording.period
     for start in range(0, scenario.rows, block):
         stop = min(start + block, scenario.rows)

@@ -38,11 +38,12 @@ STATES = SHARED + AXIS_STATES
 
 p1, p2 (Pa, gauge) at the cylinder; the same at the pump, which differ where the axis is blocked; oil in the
 accumulator, oil lost to the outside, and oil in the external accumulators (m³ at gauge zero and the
-reference temperature); mean bristle deflection (m); velocity as the seal remembers it (m/s); motor angle (rad)
-and speed (rad/s); integrator of the velocity loop (rad/s²); motor current (A); motor angle ahead of the pump's (rad);
-oil temperature (°C); lift of each refeeding valve's poppet (0 to 1); free air of each chamber (volume at
-atmospheric pressure over that of oil); absolute temperature of the accumulator's gas over that at rest; lift
-of the relief valves, as the excess of pressure (Pa) at which one would rest there, signed by direction."""
+reference temperature); mean bristle deflection (m); velocity as the seal remembers it (m/s); motor angle
+(rad) and speed (rad/s); integrator of the velocity loop (rad/s²); motor current (A); motor angle ahead of the
+pump's (rad); oil temperature (°C); lift of each refeeding valve's poppet (0 to 1); free air of each chamber
+(volume at atmospheric pressure over that of oil); absolute temperature of the accumulator's gas over that at
+rest; lift of the relief valves, as the excess of pressure (Pa) at which one would rest there, signed by
+direction."""
 
 (
     FRICTION_FORCE,

@@ -21,7 +21,7 @@ TIME = np.arange(3000) * 1e-3
 
 def rows_of(scenario: Scenario, axis: int = 1, time: np.ndarray = TIME) -> np.ndarray:
     zeros = np.zeros(time.size)
-    return axis_conditions(UNIT, scenario, time, zeros, zeros, axis=axis)
+    return axis_conditions(UNIT, scenario, time, zeros, zeros, axis=axis).rows
 
 
 def changed_by(circuit: Circuit) -> np.ndarray:

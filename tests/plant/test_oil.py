@@ -1,7 +1,5 @@
 """The oil: against numerical integration, against its data sheet, and as a whole range of oils."""
 
-import math
-
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -9,11 +7,15 @@ from hypothesis import strategies as st
 from scipy.integrate import quad
 
 from fdd.errors import InputError
+from fdd.plant.details import Details
 from fdd.plant.laws import oil_at
+from fdd.plant.load import NoLoad
 from fdd.plant.oil import ATMOSPHERE, bulk_modulus, stiff_bulk_modulus, viscosity, viscosity_ratio
+from fdd.plant.parameters import as_record, plant_parameters
 from fdd.unit import Unit
 
-OIL = Unit.load("axis_a").oil
+UNIT = Unit.load("axis_a")
+OIL = UNIT.oil
 
 
 def test_viscosity_meets_the_data_sheet_and_another_oils_third_point():
@@ -38,17 +40,32 @@ def test_bulk_modulus_at_the_reference_pressure_is_the_units():
     air=st.floats(0.0, 0.05),
     n=st.floats(1.0, 1.6),
     ambient=st.floats(9.5e4, 1.1e5),
+    warm=st.floats(-60.0, 70.0),
 )
-def test_the_compiled_oil_is_the_bulk_modulus_law_and_its_integral(pressure, air, n, ambient):
+def test_the_compiled_oil_is_the_bulk_modulus_law_and_its_integral(pressure, air, n, ambient, warm):
+    """Compliance at the reference temperature; expansion and g as the density's own differences."""
     oil = OIL.model_copy(update={"polytropic_index": n})
-    stiff = 1.0 / stiff_bulk_modulus(oil)
-    compliance, density = oil_at(pressure, air, ambient, stiff, 1.0 / n)
+    unit = UNIT.model_copy(update={"oil": oil})
+    par = as_record(plant_parameters(unit, Details(), NoLoad(), ambient=ambient))
+    compliance, density, gas, _ = oil_at(pressure, air, 0.0, 0.0, par)
     assert 1.0 / compliance == pytest.approx(float(bulk_modulus(oil, pressure, air, ambient)), rel=1e-10)
     start = ATMOSPHERE - ambient  # gauge pressure at which the air is counted
-    dilation = quad(lambda p: 1.0 / float(bulk_modulus(oil, p, air, ambient)), start, pressure, epsrel=1e-10)[
-        0
-    ]
-    assert math.log(density) - start * stiff == pytest.approx(dilation, rel=1e-6, abs=1e-10)
+    stiff = 1.0 / stiff_bulk_modulus(oil)
+    dilation, _ = quad(
+        lambda p: 1.0 / float(bulk_modulus(oil, p, air, ambient)), start, pressure, epsrel=1e-10
+    )
+    assert density - start * stiff + air == pytest.approx(dilation, rel=1e-6, abs=1e-10)
+    assert density == pytest.approx(pressure * stiff - air * gas, rel=1e-12, abs=1e-15)
+    # Warm, and with vapour in it.
+    for vapour in (0.0, 100.0):
+        compliance, _, _, swell = oil_at(pressure, air, warm, vapour, par)
+        by = {
+            name: (oil_at(pressure + dp, air, warm + dt, vapour, par)[1]
+                   - oil_at(pressure - dp, air, warm - dt, vapour, par)[1]) / (2.0 * (dp + dt))
+            for name, dp, dt in (("p", 1.0, 0.0), ("t", 0.0, 1e-3))
+        }  # fmt: skip
+        assert compliance == pytest.approx(by["p"], rel=2e-4)
+        assert swell == pytest.approx(-by["t"], rel=2e-4, abs=1e-9)
 
 
 def test_air_softens_most_at_low_pressure():

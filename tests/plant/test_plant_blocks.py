@@ -86,7 +86,7 @@ def test_the_loop_forgets_nothing_between_uneven_cuts(case, cuts):
     states, commands = [], []
     for start, stop in pairwise(edges):
         block, _, asked = run(
-            ready.state, ready.memory, ready.past, ready.conditions(start, stop), ready.viscosity,
+            ready.state, ready.memory, ready.past, *ready.conditions(start, stop), ready.viscosity,
             constants[0], constants[-1], ready.controller, late[start:stop], 1.0 / ready.allowed,
             ready.longest,
         )  # fmt: skip

@@ -47,6 +47,7 @@ def test_two_alike_move_like_one_with_half_the_load(mode, whole, half):
     unit = _without_spread(A)
     duty = {"name": "prbs", "bit": 0.3, "speed": 90.0, "amplitude": 0.01}
     same: dict[str, Any] = {"duration": 2.0, "duty": duty, "control": {"mode": mode}, "recording": WHOLE}
+    same["accumulator"] = "each"
     if whole["name"] == "constant":
         # No load at the start, so that both axes start alike.
         whole, half = (
@@ -114,7 +115,9 @@ def test_an_axis_whose_motor_holds_stops_the_other_unless_its_by_pass_is_open():
     moved = B.cylinder.area_1 * _steady(fought, "velocity")
     assert 0.95 * leaking[0] < moved < 1.1 * leaking[1]
     assert _steady(fought, "velocity") < 0.4 * full
-    assert _steady(fought, "port_difference") > A.accumulator.relief_pressure
+    # Its valve once open, friction holds it within its hysteresis of 5 %.
+    assert 1.0 > _steady(fought, "port_difference") / A.accumulator.relief_pressure > 0.95
+    assert fought.truth["port_difference"].max() > A.accumulator.relief_pressure
     assert _steady(fought, "relief_flow") > 1e-6
 
 
@@ -132,7 +135,8 @@ def test_an_axis_without_power_is_carried_and_its_pump_turns_only_where_the_by_p
         _steady(shut, "velocity") * B.cylinder.area_1 / B.pump.displacement, rel=0.05
     )
     # It takes the torque of its friction, as a pressure.
-    torque = B.drive.viscous_friction * turned + 0.045
+    sheared = 2e4 * B.oil.density * B.oil.viscosity_40 * B.pump.displacement
+    torque = (B.drive.viscous_friction + sheared) * turned + 0.045
     drop = -_steady(shut.partner, "port_difference", 4000)
-    assert drop * B.pump.displacement == pytest.approx(torque, rel=0.1)
+    assert drop * B.pump.displacement * (1.0 - 0.04) == pytest.approx(torque, rel=0.1)
     assert _steady(shut.partner, "motor_current") == pytest.approx(0.0, abs=1e-6)

@@ -16,6 +16,8 @@ from fdd.plant.simulate import simulate
 from fdd.unit import Unit
 
 Array = NDArray[np.float64]
+PLAIN = {"pump_ripple": 0.0, "air_law": "free"}
+"""Of what eq. 5.22 has not: flow pulses, and air that goes into solution as the pressure rises."""
 NUDGE = {s.X: 1e-7, s.V: 1e-6, s.DROP: 1.0}
 AXIS_NUDGE = {
     s.P1: 1.0, s.P2: 1.0, s.LINE_1: 1.0, s.LINE_2: 1.0, s.EXTERNAL_1: 1e-12, s.EXTERNAL_2: 1e-12,
@@ -42,11 +44,14 @@ class AtRest:
         }
         self.parameters: list[Parameters] = [par._replace(**plain) for par in ready.parameters]
         self._constants = [as_record(par) for par in self.parameters]
-        self.rows = ready.conditions(0, 1)[0]
+        self.rows = ready.row(ready.state, 0, ready.conditions(0, 1))
         self.y = np.zeros(ready.state.size)
         for axis, unit in enumerate(ready.units):
             for p in (s.P1, s.P2, s.LINE_1, s.LINE_2):
                 self.y[own(p, axis)] = unit.accumulator.charge_pressure + above
+            # All but the pressures as it is at rest: oil in the accumulator, air, temperature.
+            for state in (s.STORE, s.GAS, s.FREE_1, s.FREE_2, s.TEMPERATURE):
+                self.y[own(state, axis)] = ready.state[own(state, axis)]
 
     def rates(self, y: Array, command: float = 0.0) -> Array:
         dy, found = np.empty(y.size), np.empty(len(self.parameters) * s.FINDINGS)
@@ -70,7 +75,7 @@ def test_linearised_it_is_equation_5_22(name, viscous):
     unit = Unit.load(name)
     # Somewhat above the accumulator, so that case leakage drains and no check valve refeeds.
     above = 60e3
-    rest = AtRest(prepare(unit, Scenario(duration=0.01, details={"pump_ripple": 0.0})), viscous, above)
+    rest = AtRest(prepare(unit, Scenario(duration=0.01, details=PLAIN)), viscous, above)
     hydraulic = [s.V, own(s.P1), own(s.P2)]
     jacobian = rest.jacobian(hydraulic)
     area, mass, leakage = unit.cylinder.area_1, unit.cylinder.moving_mass, unit.pump.total_leakage
@@ -89,7 +94,7 @@ def test_linearised_it_is_equation_5_22(name, viscous):
 def test_two_axes_linearised_are_both_springs_on_one_mass():
     """Axis A and B on one rod: s² + (2·A²β/V_o)/(M_A + M_B) without friction and leakage's small part."""
     units = [Unit.load("axis_a"), Unit.load("axis_b")]
-    scenario = Scenario(duration=0.01, partner={}, details={"pump_ripple": 0.0})
+    scenario = Scenario(duration=0.01, partner={}, details=PLAIN)
     rest = AtRest(prepare(units[0], scenario, partner=units[1]), 0.0, 60e3)
     states = [s.V, *(own(p, axis) for axis in range(2) for p in (s.P1, s.P2))]
     poles = np.linalg.eigvals(rest.jacobian(states))
@@ -152,7 +157,7 @@ def _drive_poles(unit: Unit) -> tuple[float, float, float]:
 def test_the_drive_linearised_is_equation_6_11():
     """Poles, zero and bandwidth of speed over command, from the Jacobian; the current loop adds one pole."""
     unit = _unloaded()
-    details = {"pump_coulomb_torque": 0.0, "command_dead_band": 0.0}
+    details = {"pump_coulomb_torque": 0.0, "command_dead_band": 0.0, "cogging_torque": 0.0}
     rest = AtRest(prepare(unit, Scenario(duration=0.01, details=details)), 0.0, 0.0)
     states = [own(s.SPEED), own(s.DRIVE), own(s.CURRENT)]
     matrix = rest.jacobian(states)
@@ -176,7 +181,7 @@ def test_the_drives_step_follows_its_command_by_its_delay():
     """Step response without hydraulic load: three poles, one zero, unit gain, a millisecond late."""
     unit = _unloaded()
     duty = {"name": "prbs", "bit": 1.0, "speed": 100.0, "lead_in": 0.1}
-    details = {"pump_coulomb_torque": 0.0, "command_dead_band": 0.0}
+    details = {"pump_coulomb_torque": 0.0, "command_dead_band": 0.0, "cogging_torque": 0.0}
     scenario = Scenario(
         duration=0.3, duty=duty, control=Control(mode="speed"), details=details, recording={"dropped": 0.0}
     )

@@ -87,13 +87,14 @@ def test_a_stuck_piston_yields_as_a_spring_and_comes_back():
 
 
 def test_the_current_carries_pump_torque_and_friction():
-    """At steady speed: torque constant times current is D·Δp, viscous and dry friction."""
+    """At steady speed: torque constant times current is D·Δp with what the gears rub, viscous, dry friction."""
     duty = {"name": "constant_speed", "speeds": [105.0], "amplitude": 0.12, "dwell": 0.0, "lead_in": 0.1}
-    details = {"pump_ripple": 0.0, "pump_coulomb_torque": 0.05}
+    details = {"pump_ripple": 0.0, "pump_coulomb_torque": 0.05, "cogging_torque": 0.0, "pump_friction": 0.06}
     truth = _truth(duration=2.6, duty=duty, control=SPEED, load={"name": "throttle"}, details=details)
     at = -200
-    torque = UNIT.pump.displacement * truth["port_difference"][at]
-    torque += UNIT.drive.viscous_friction * 105.0 + 0.05
+    torque = 1.06 * UNIT.pump.displacement * truth["port_difference"][at]
+    sheared = 2e4 * UNIT.oil.density * UNIT.oil.viscosity_40 * UNIT.pump.displacement
+    torque += (UNIT.drive.viscous_friction + sheared) * 105.0 + 0.05
     assert UNIT.drive.torque_constant * truth["motor_current"][at] == pytest.approx(torque, rel=2e-3)
 
 
