@@ -5,7 +5,8 @@ g = ∫dp/ρ, counted from gauge zero, a kilogram holds f = g - p/ρ and carries
 dF = Σ g dm - p dV + m(∂g/∂T dT + ∂g/∂a da), at constant pressure each: what warming does, and air that
 comes out of solution, is work that heat supplies. A flow from one pressure to another loses g1 - g2.
 Densities are relative to that of pure oil at gauge zero and the reference temperature, so a "mass" is a
-volume in m³ and energies are in joule. The integrals are done by Gauss's quadrature, from the laws as `fdd.plant.oil` says them.
+volume in m³ and energies are in joule. The integrals are done by Gauss's quadrature, from the laws as
+`fdd.plant.oil` says them.
 """
 
 from __future__ import annotations

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -11,7 +11,7 @@ from fdd.campaign.drawing import draw_unit
 from fdd.campaign.motion import fitting_duty
 from fdd.campaign.recipe import Recipe
 from fdd.errors import InputError
-from fdd.faults import CATALOGUE
+from fdd.faults import CATALOGUE, PROFILES
 from fdd.plant.duty import DUTIES, OneWay, duty_named
 from fdd.plant.faults.injection import PLANT_FAULTS
 from fdd.plant.load import LOADS
@@ -62,6 +62,12 @@ def draw_wild(seed: int, duration: float = 4.0) -> Wild:
     rng = np.random.default_rng([2026, seed])
     recipe = Recipe(schema="fdd.recipe/1", healthy_share=1.0, area_mismatch=0.05)
     first, second = (draw_unit(recipe, rng, index) for index in (seed, seed + 1))
+    if rng.random() < 0.25:
+        # The thesis's 13 cm³, which run empty and full.
+        small = Unit.load("axis_a_13cm3").accumulator
+        first, second = (
+            replace(rig, unit=rig.unit.model_copy(update={"accumulator": small})) for rig in (first, second)
+        )
     for refused in range(_ATTEMPTS):
         dual = rng.random() < 0.4
         try:
@@ -105,6 +111,7 @@ def _scenario(
             "power": _power(rng),
             "circuit": _circuit(rng, may_block=True),
         }
+        second["accumulator"] = str(rng.choice(["shared", "each"]))
         second["connect"] = {line: _opening(rng, 0.4) for line in ("line_1", "line_2")}
     return Scenario(
         unit=unit.name,
@@ -142,11 +149,13 @@ def _faults(rng: np.random.Generator, duration: float, dual: bool) -> list[dict[
                 "fault": str(name),
                 "severity": 1.0 if rng.random() < 0.3 else float(rng.uniform(0.0, 1.0)),
                 "onset": float(rng.uniform(0.0, 0.7) * duration) if rng.random() < 0.7 else 0.0,
-                "profile": str(rng.choice(["step", "ramp", "intermittent"])),
+                "profile": str(rng.choice(PROFILES)),
+                "seed": int(rng.integers(0, 1000)),
                 "ramp": float(rng.uniform(0.05, 3.0)),
                 "period": float(rng.uniform(0.1, 2.0)),
                 "side": int(rng.choice(entry.sides)) if entry.sides else None,
                 "variant": str(rng.choice(entry.variants)) if entry.variants else None,
+                "law": str(rng.choice(list(entry.laws))) if entry.laws else None,
                 "axis": int(rng.integers(1, 3)) if dual else 1,
             }
         )
