@@ -91,6 +91,7 @@ def _fault(entry: Fault) -> str:
         + origin,
         "severity 1": entry.severity,
         "variants": ", ".join(f"`{v}`" for v in entry.variants),
+        "laws": "; ".join(f"`{law}`: {words}" for law, words in entry.laws.items()),
         "sides": ", ".join(map(str, entry.sides)),
         "told as": "; ".join(dict.fromkeys(s.label for s in entry.signatures)),
         "next check": entry.next_check,
