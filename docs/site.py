@@ -73,7 +73,8 @@ def faults_page() -> str:
         "# Fault catalogue\n",
         "Made from `fdd.faults` when the site is built, so a fault that is added stands here by itself. "
         "Severity 1 is gross; what it means in other sizes of machine, `fdd generate` scales. "
-        "`fdd simulate --list-faults` prints the same.\n",
+        "`fdd simulate --list-faults` prints the same. Of variants and laws the first is usual; "
+        "`--fault pressure_sensor_drift:severity=0.5,law=root` takes another.\n",
     ]
     for family in FAMILIES:
         entries = [f for f in CATALOGUE.values() if f.family == family and f.id != "unknown"]

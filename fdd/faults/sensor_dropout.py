@@ -1,4 +1,4 @@
-"""Sensor dropout: a channel is missing, held or dead, in bursts or for good, or noisy, stuck, clipped, late."""
+"""Sensor dropout: a channel is missing, held or dead, all the time or in bursts, or noisy, stuck or late."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ FAULT = Fault(
     "missing: no value of the differential pressure; held: its last value again; "
     "broken_loop: what 0 mA reads; position_missing: no value of the position; "
     "position_held: its last value again; wrong all the time, noisy: white noise of 345 kPa rms on "
-    "the differential pressure; sticking: it moves once the pressure is 500 kPa from where it stuck; "
+    "the differential pressure; sticking: it moves once the pressure is 250 kPa from where it stuck; "
     "clipped: it ends at zero, at 0.5 at half the relief pressure; late: it is up to 20 ms old",
     source=ASSUMED,
     next_check="Move the sensor's cable and plugs by hand while its channel is read, and measure its "
@@ -45,9 +45,9 @@ FAULT = Fault(
         ),
         Figure(
             "sticking_pressure",
-            500e3,
+            250e3,
             _PRESSURE,
-            "Pa from where it stuck that it takes to move; 7 % of the transducer's range (assumption)",
+            "Pa from where it stuck that it takes to move; 3.6 % of the transducer's range (assumption)",
             grows="pressure",
         ),
         Figure(
