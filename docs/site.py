@@ -73,7 +73,8 @@ def faults_page() -> str:
         "# Fault catalogue\n",
         "Made from `fdd.faults` when the site is built, so a fault that is added stands here by itself. "
         "Severity 1 is gross; what it means in other sizes of machine, `fdd generate` scales. "
-        "`fdd simulate --list-faults` prints the same.\n",
+        "`fdd simulate --list-faults` prints the same. Of variants and laws the first is usual; "
+        "`--fault pressure_sensor_drift:severity=0.5,law=root` takes another.\n",
     ]
     for family in FAMILIES:
         entries = [f for f in CATALOGUE.values() if f.family == family and f.id != "unknown"]
@@ -91,6 +92,7 @@ def _fault(entry: Fault) -> str:
         + origin,
         "severity 1": entry.severity,
         "variants": ", ".join(f"`{v}`" for v in entry.variants),
+        "laws": "; ".join(f"`{law}`: {words}" for law, words in entry.laws.items()),
         "sides": ", ".join(map(str, entry.sides)),
         "told as": "; ".join(dict.fromkeys(s.label for s in entry.signatures)),
         "next check": entry.next_check,

@@ -15,9 +15,16 @@ FAULT = Fault(
     rank=2,
     title="pressure sensor drift",
     thesis="Appendix A",
-    plant="a ramp added to the pressure measured",
-    severity="5 kPa/s on the differential pressure",
-    source="250 kPa within 50 s",
+    plant="a ramp, or another course that grows, is added to the pressure measured",
+    severity="5 kPa/s on the differential pressure, 250 kPa within 50 s; by the other laws as much by then: "
+    "the root's 35 kPa after 1 s, the walk's rms, 95 % of where it settles",
+    source="assumption: 250 kPa within 50 s, by whatever law",
+    laws={
+        "line": "as much in each second",
+        "root": "fast at first, with the square root of time",
+        "walk": "a random walk",
+        "settling": "towards a bound, with a time constant of 17 s",
+    },
     next_check="Open the by-pass at rest and read the pressure difference every minute for a quarter of "
     "an hour: it must stay at zero.",
     figures=(
@@ -25,7 +32,7 @@ FAULT = Fault(
             "pressure_drift",
             5e3,
             (0.0, 1e7),
-            "Pa/s on the pressure measured; 3.6 % of the transducer's range within 50 s",
+            "Pa/s on the pressure measured; 3.6 % of the transducer's range within 50 s, by any law",
             grows="pressure",
         ),
     ),

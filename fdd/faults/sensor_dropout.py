@@ -1,8 +1,11 @@
-"""Sensor dropout: a channel is missing, held or dead, in bursts or for good."""
+"""Sensor dropout: a channel is missing, held or dead, all the time or in bursts, or noisy, stuck or late."""
 
 from __future__ import annotations
 
+from fdd.faults.effect import Figure
 from fdd.faults.entry import ASSUMED, Fault
+
+_PRESSURE = (0.0, 1e8)
 
 FAULT = Fault(
     id="sensor_dropout",
@@ -10,14 +13,52 @@ FAULT = Fault(
     rank=4,
     title="sensor dropout",
     thesis="Appendix A",
-    plant="a loose contact: a channel is missing, held, or reads a broken current loop, in bursts",
+    plant="a loose contact: a channel is missing, held, or reads a broken current loop, in bursts; or a "
+    "channel is noisy, sticks, saturates or comes late",
     severity="the channel is lost all the time; 0.3: for 30 % of it, in bursts of about 0.1 s; "
     "missing: no value of the differential pressure; held: its last value again; "
     "broken_loop: what 0 mA reads; position_missing: no value of the position; "
-    "position_held: its last value again",
+    "position_held: its last value again; wrong all the time, noisy: white noise of 345 kPa rms on "
+    "the differential pressure; sticking: it moves once the pressure is 250 kPa from where it stuck; "
+    "clipped: it ends at zero, at 0.5 at half the relief pressure; late: it is up to 20 ms old",
     source=ASSUMED,
     next_check="Move the sensor's cable and plugs by hand while its channel is read, and measure its "
     "supply and its loop current at the plug.",
-    variants=("missing", "held", "broken_loop", "position_missing", "position_held"),
+    variants=(
+        "missing",
+        "held",
+        "broken_loop",
+        "position_missing",
+        "position_held",
+        "noisy",
+        "sticking",
+        "clipped",
+        "late",
+    ),
+    figures=(
+        Figure(
+            "noise_pressure",
+            345e3,
+            _PRESSURE,
+            "Pa, standard deviation of each sample's noise; 5 % of the transducer's range (assumption)",
+            grows="pressure",
+        ),
+        Figure(
+            "sticking_pressure",
+            250e3,
+            _PRESSURE,
+            "Pa from where it stuck that it takes to move; 3.6 % of the transducer's range (assumption)",
+            grows="pressure",
+        ),
+        Figure(
+            "clipping_pressure",
+            3.44e6,
+            _PRESSURE,
+            "Pa, the reading's limit at least severity, from which it falls to zero; the relief pressure "
+            "(assumption)",
+            grows="pressure",
+        ),
+        Figure("late_time", 20e-3, (0.0, 10.0), "s, the longest wait of a sample (assumption)"),
+    ),
     in_measurement=True,
 )

@@ -70,8 +70,37 @@ def position_sensor_slip(case: Case) -> None:
         only_measured(case)
 
 
+def _degraded(case: Case, variant: str) -> None:
+    """A channel that is there all the time and wrong."""
+    only_measured(case)
+    spec = case.spec.model_copy(update={"onset": 0.0})
+    faulty = run(spec, axis=case.axis, duration=LONG, recording=Recording.perfect())
+    sound, name = _long_healthy(case.axis), "pressure_difference"
+    shown, right, true = faulty.samples[name], sound.samples[name], sound.truth[name]
+    step = case.unit.sensors[name].resolution
+    if variant == "noisy":
+        assert np.std(shown - right) == pytest.approx(345e3, rel=4.0 / np.sqrt(2 * shown.size))
+    elif variant == "clipped":
+        np.testing.assert_allclose(shown, np.minimum(right, 0.0), atol=step)
+        assert right.max() > 100.0 * step
+    elif variant == "sticking":
+        moves = np.flatnonzero(np.diff(shown)) + 1
+        assert moves.size > 5 and np.ptp(right[: moves[0]]) > 0.0
+        stuck = np.concatenate([[0], moves])
+        np.testing.assert_array_equal(shown[stuck], right[stuck])
+        assert (np.abs(true[moves] - true[stuck[:-1]]) > 250e3).all()
+        away = true - np.repeat(true[stuck], np.diff(stuck, append=true.size))
+        assert np.abs(away).max() <= 250e3
+    else:
+        ages = [np.flatnonzero(right[max(i - 20, 0) : i + 1][::-1] == shown[i]) for i in range(shown.size)]
+        assert all(age.size for age in ages), "a value of the last 20 ms"
+        assert 0.05 < np.mean(shown == right) < 0.2, "about one in ten comes through at once"
+
+
 def sensor_dropout(case: Case) -> None:
     variant = str(case.spec.variant)
+    if variant in ("noisy", "sticking", "clipped", "late"):
+        return _degraded(case, variant)
     channel = "position" if variant.startswith("position") else "pressure_difference"
     values, sound = case.faulty.samples[channel], case.healthy.samples[channel]
     loop = case.unit.sensors["pressure_difference"].loop

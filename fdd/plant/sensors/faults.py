@@ -9,85 +9,102 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from fdd.errors import InputError
 from fdd.plant.compiled import njit
 from fdd.plant.faults.scales import FaultScales
 from fdd.plant.faults.spec import FaultSpec
+from fdd.plant.sensors.dropout import DROPOUT, DROPOUTS, Dropout, dropout_kind
 from fdd.plant.sensors.recording import PERIOD, Recording
+from fdd.plant.sensors.sensor_fault import USUAL, SensorFault
 from fdd.plant.sensors.slip import SLIP, PositionSlip
 from fdd.plant.sensors.streams import generator
 from fdd.sensor import Sensor
 
 Array = NDArray[np.float64]
 
-USUAL = FaultScales()
-CONTACT_TIME = 0.1
-"""s, of a loose contact: it stays open for this time on average at small severity (assumption)."""
-DROPOUTS = {
-    "missing": ("pressure_difference", "nan"),
-    "held": ("pressure_difference", "held"),
-    "broken_loop": ("pressure_difference", "dead"),
-    "position_missing": ("position", "nan"),
-    "position_held": ("position", "held"),
-}
-"""Variant of `sensor_dropout` to the channel that it strikes and what is there meanwhile: NaN, the last
-value again, or what a current loop at 0 mA reads."""
-
-
-class SensorFault:
-    """Effect on one channel: `offset` before range and rounding, `replace` after it.
-
-    Parameters
-    ----------
-    spec : the fault. sensor : of the channel. seed : of the scenario. stream : tells axes apart.
-    scales : figures of severity 1.
-    """
-
-    channel = "pressure_difference"
-    period = PERIOD
-    """s, between rows."""
-
-    def __init__(
-        self, spec: FaultSpec, sensor: Sensor, seed: int, stream: str = "", scales: FaultScales = USUAL
-    ) -> None:
-        self.spec, self.sensor, self.scales = spec, sensor, scales
-
-    def offset(self, time: Array, first_row: int) -> Array | None:
-        """What is added to the rows taken at `time` (n,) s, (n,); None for nothing."""
-        return None
-
-    def replace(self, values: Array, time: Array) -> Array:
-        """What the log has instead of the values (n,); they may be overwritten."""
-        return values
+DRIFTED = 50.0
+"""s after which a drift has come as far by whatever law."""
 
 
 class Bias(SensorFault):
-    """A constant: zero error of the transmitter."""
+    """Zero error of the transmitter, error of its gain, or hysteresis of its diaphragm.
 
-    def offset(self, time: Array, first_row: int) -> Array:
-        """See `SensorFault`."""
-        return self.scales.pressure_bias * self.spec.over(time)
-
-
-class Drift(SensorFault):
-    """A ramp: the rate follows the severity, the offset is its integral, so what has drifted stays."""
+    Hysteresis is the play operator: the reading follows only where the pressure has turned by twice the
+    error (Krasnosel'skii and Pokrovskii 1989, doi:10.1007/978-3-642-61302-9). It begins in the middle. The
+    noise comes in behind it.
+    """
 
     def __init__(
         self, spec: FaultSpec, sensor: Sensor, seed: int, stream: str = "", scales: FaultScales = USUAL
     ) -> None:
         super().__init__(spec, sensor, seed, stream, scales)
-        self._gained, self._severity, self._time = 0.0, 0.0, 0.0
+        self._follows = np.array([np.nan])
 
-    def offset(self, time: Array, first_row: int) -> Array:
+    def distort(self, values: Array, truth: Array, time: Array, first_row: int) -> Array:
+        """See `SensorFault`."""
+        severity = self.spec.over(time)
+        if self.spec.law == "gain":
+            values *= 1.0 + self.scales.pressure_gain * severity
+        elif self.spec.law == "hysteresis":
+            values += _play(truth, self.scales.pressure_bias * severity, self._follows)
+        else:
+            values += self.scales.pressure_bias * severity
+        return values
+
+
+@njit(error_model="numpy")
+def _play(truth: Array, half: Array, state: Array) -> Array:
+    """What a play of ± `half` shows too much."""
+    out = np.empty_like(truth)
+    follows = state[0]
+    for i in range(truth.size):
+        if np.isnan(follows):
+            follows = truth[i]
+        elif not np.isnan(truth[i]):
+            follows = min(max(follows, truth[i] - half[i]), truth[i] + half[i])
+        out[i] = follows - truth[i]
+    state[0] = follows
+    return out
+
+
+class Drift(SensorFault):
+    """The zero walks away: the rate follows the severity, so what has drifted stays.
+
+    By the line's law the offset is the severity's integral. The others' rates are in proportion to the
+    severity likewise, and their time goes on while there is any; the walk's variance grows evenly.
+    """
+
+    def __init__(
+        self, spec: FaultSpec, sensor: Sensor, seed: int, stream: str = "", scales: FaultScales = USUAL
+    ) -> None:
+        super().__init__(spec, sensor, seed, stream, scales)
+        self._gained, self._severity, self._time, self._drifting = 0.0, 0.0, 0.0, 0.0
+        self._rng = generator(seed, f"drift{stream}")
+
+    def distort(self, values: Array, truth: Array, time: Array, first_row: int) -> Array:
         """See `SensorFault`."""
         severity = self.spec.over(time)
         before = np.concatenate([[self._severity], severity[:-1]])
-        gained = before * np.diff(time, prepend=self._time)
+        gained = before * self._course(np.diff(time, prepend=self._time), before)
         # Carried into the sum as its first term: adding it afterwards would round otherwise.
         gained = np.cumsum(np.concatenate([[self._gained], gained]))[1:]
         if time.size:
             self._gained, self._severity, self._time = gained[-1], severity[-1], time[-1]
-        return self.scales.pressure_drift * gained
+        values += self.scales.pressure_drift * gained
+        return values
+
+    def _course(self, passed: Array, before: Array) -> Array:
+        """How long the line takes for what the law drifts from row to row at severity 1, (n,) s."""
+        law = self.spec.law
+        if law == "walk":
+            return np.sqrt(DRIFTED * passed) * self._rng.standard_normal(passed.size)
+        if law not in ("root", "settling"):
+            return passed
+        drifting = np.cumsum(np.concatenate([[self._drifting], np.where(before > 0.0, passed, 0.0)]))
+        self._drifting = drifting[-1]
+        if law == "root":
+            return np.diff(np.sqrt(DRIFTED * drifting))
+        # After three time constants, 95 % of the bound.
+        return np.diff(-DRIFTED * np.expm1(-3.0 * drifting / DRIFTED))
 
 
 class Slip(SensorFault):
@@ -101,85 +118,36 @@ class Slip(SensorFault):
         super().__init__(spec, sensor, seed, stream, scales)
         self._slip = PositionSlip(spec, seed, stream)
 
-    def offset(self, time: Array, first_row: int) -> Array:
+    def distort(self, values: Array, truth: Array, time: Array, first_row: int) -> Array:
         """See `SensorFault`."""
         # It slips from one millisecond to the next, as the controller sees it.
         each = round(PERIOD / self.period)
-        return np.repeat(self._slip.offset(first_row // each, time.size // each), each)
-
-
-class Dropout(SensorFault):
-    """A loose contact: the channel is lost for the share of time that the severity says.
-
-    Two states, with the chances in a row of ``severity/m`` to be lost and ``(1 - severity)/m`` to come back,
-    m rows being `CONTACT_TIME`: in the long run exactly that share is lost, in bursts.
-
-    Raises
-    ------
-    InputError : the variant's channel has no current loop, or the variant is unknown.
-    """
-
-    def __init__(
-        self, spec: FaultSpec, sensor: Sensor, seed: int, stream: str = "", scales: FaultScales = USUAL
-    ) -> None:
-        super().__init__(spec, sensor, seed, stream, scales)
-        self.channel, self._shows = _dropout(spec)
-        self._dead = np.nan
-        if self._shows == "dead":
-            if sensor.loop is None:
-                raise InputError(
-                    f"fault {spec.fault}: {self.channel} has no current loop that could break",
-                    mend="give the unit's sensor a loop, or use variant missing",
-                )
-            self._dead = -sensor.loop.offset
-        self._rng = generator(seed, f"dropout{stream}")
-        # Whether it is lost, and the last value that was seen.
-        self._state = np.array([0.0, np.nan])
-
-    def replace(self, values: Array, time: Array) -> Array:
-        """See `SensorFault`."""
-        severity, drawn = self.spec.over(time), self._rng.random(time.size)
-        rows = CONTACT_TIME / self.period
-        _drop(values, severity, drawn, rows, self._shows == "held", self._dead, self._state)
+        values += np.repeat(self._slip.offset(first_row // each, time.size // each), each)
         return values
-
-
-@njit(error_model="numpy")
-def _drop(
-    values: Array, severity: Array, drawn: Array, rows: float, held: bool, instead: float, state: Array
-) -> None:
-    lost, last = state[0] > 0.0, state[1]
-    for i in range(values.size):
-        if severity[i] <= 0.0:
-            lost = False
-        elif lost:
-            lost = drawn[i] >= (1.0 - severity[i]) / rows
-        else:
-            lost = drawn[i] < severity[i] / rows
-        if lost:
-            values[i] = last if held else instead
-        else:
-            last = values[i]
-    state[0], state[1] = 1.0 if lost else 0.0, last
-
-
-def _dropout(spec: FaultSpec) -> tuple[str, str]:
-    variant = spec.variant or "missing"
-    if variant not in DROPOUTS:
-        raise InputError(
-            f"fault {spec.fault}: variant {variant!r} is not possible",
-            mend=f"use one of: {', '.join(DROPOUTS)}",
-        )
-    return DROPOUTS[variant]
 
 
 SENSOR_FAULTS: dict[str, type[SensorFault]] = {
     "pressure_sensor_bias": Bias,
     "pressure_sensor_drift": Drift,
     SLIP: Slip,
-    "sensor_dropout": Dropout,
+    DROPOUT: Dropout,
 }
 """Fault to what it does; faults that are not listed are the plant's."""
+
+
+def sensor_fault(spec: FaultSpec) -> type[SensorFault] | None:
+    """What a fault does to its channel, None for a fault of the plant.
+
+    Raises
+    ------
+    InputError : a variant that is unknown.
+
+    Examples
+    --------
+    >>> sensor_fault(FaultSpec(fault="sensor_dropout", severity=1.0, variant="late")).__name__
+    'Late'
+    """
+    return dropout_kind(spec) if spec.fault == DROPOUT else SENSOR_FAULTS.get(spec.fault)
 
 
 def struck_channel(spec: FaultSpec, recording: Recording | None = None) -> str | None:
@@ -192,10 +160,10 @@ def struck_channel(spec: FaultSpec, recording: Recording | None = None) -> str |
     >>> struck_channel(FaultSpec(fault="pressure_sensor_bias", severity=1.0))
     'pressure_difference'
     """
-    kind = SENSOR_FAULTS.get(spec.fault)
+    kind = sensor_fault(spec)
     if kind is None:
         return None
-    channel = _dropout(spec)[0] if kind is Dropout else kind.channel
+    channel = DROPOUTS[spec.variant or "missing"][0] if kind is Dropout else kind.channel
     if channel == "pressure_difference" and recording is not None and not recording.has(channel):
         return "pressure_1"
     return channel

@@ -12,9 +12,10 @@ from fdd.errors import InputError
 from fdd.plant.faults.scales import FaultScales
 from fdd.plant.faults.spec import FaultSpec
 from fdd.plant.sensors.channel import ChannelSensor, digitise
-from fdd.plant.sensors.faults import SENSOR_FAULTS, USUAL, SensorFault, struck_channel
+from fdd.plant.sensors.faults import sensor_fault, struck_channel
 from fdd.plant.sensors.noise import RATE
 from fdd.plant.sensors.recording import Losses, NanBursts, Recording
+from fdd.plant.sensors.sensor_fault import USUAL, SensorFault
 from fdd.plant.sensors.streams import generator
 from fdd.samples import Samples
 from fdd.unit import Unit
@@ -112,9 +113,9 @@ class Recorder:
         )
         self._faults: dict[str, list[SensorFault]] = {}
         for spec in faults:
-            channel = struck_channel(spec, recording)
-            if channel in self._sensors:
-                effect = SENSOR_FAULTS[spec.fault](spec, unit.sensor(channel), seed, stream, scales)
+            kind, channel = sensor_fault(spec), struck_channel(spec, recording)
+            if kind is not None and channel in self._sensors:
+                effect = kind(spec, unit.sensor(channel), seed, stream, scales)
                 effect.period = recording.period
                 self._faults.setdefault(channel, []).append(effect)
         self._losses = Losses(recording, seed)
@@ -167,11 +168,10 @@ class Recorder:
 
     def _one(self, channel: str, sensor: ChannelSensor, truth: Mapping[str, Array], time: Array) -> Array:
         """One channel before what is lost of it."""
-        value = sensor.observe(truth[channel], time, truth["pump_angle"])
+        there = np.ascontiguousarray(truth[channel], dtype=np.float64)
+        value = sensor.observe(there, time, truth["pump_angle"])
         for effect in self._faults.get(channel, ()):
-            offset = effect.offset(time, self.row)
-            if offset is not None:
-                value += offset
+            value = effect.distort(value, there, time, self.row)
         return sensor.digitise(value)
 
     def _count_difference(self, angle: Array, time: Array) -> Array:

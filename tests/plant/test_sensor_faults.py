@@ -1,0 +1,304 @@
+"""Laws and variants of the sensors' faults against closed forms, however a run is cut and sampled."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+import pytest
+
+from fdd.errors import InputError
+from fdd.faults import CATALOGUE
+from fdd.plant.faults.scales import FaultScales
+from fdd.plant.faults.spec import FaultSpec, parse_fault
+from fdd.plant.sensors import Recorder, Recording, Rows
+from fdd.plant.sensors.faults import sensor_fault
+from fdd.plant.sensors.recorder import MEASURED
+from fdd.plant.sensors.sensor_fault import SensorFault
+from fdd.sensor import Sensor
+from fdd.unit import Unit
+
+UNIT = Unit.load("axis_a")
+RATES = (200, 500, 1000, 2000)
+WAYS = [
+    *(("pressure_sensor_bias", {"law": law}) for law in ("gain", "hysteresis")),
+    *(("pressure_sensor_drift", {"law": law}) for law in ("root", "walk", "settling")),
+    *(("sensor_dropout", {"variant": variant}) for variant in ("noisy", "sticking", "clipped", "late")),
+]
+IDS = ["-".join([name, *way.values()]) for name, way in WAYS]
+TWO_CHAMBERS = ("position", "pump_angle", "pump_speed", "pressure_1", "pressure_2")
+"""Of a log without the differential pressure."""
+N = 4000
+
+
+def spec(name: str, way: dict[str, str], severity: float = 1.0, **more: Any) -> FaultSpec:
+    return FaultSpec(fault=name, severity=severity, **way, **more)
+
+
+def kind(asked: FaultSpec, seed: int = 3, **scales: float) -> SensorFault:
+    """The fault alone, on a sensor that errs by nothing else."""
+    made = sensor_fault(asked)
+    assert made is not None
+    return made(asked, Sensor(), seed, scales=FaultScales(**scales))
+
+
+def shown(fault: SensorFault, truth: np.ndarray, time: np.ndarray) -> np.ndarray:
+    return fault.replace(fault.distort(truth.copy(), truth, time, 0), time)
+
+
+def recorded(
+    faults: Sequence[FaultSpec], recording: Recording, edges: Sequence[int] = (), unit: Unit = UNIT
+) -> Rows:
+    """N rows of waves beyond the relief pressure, measured between the edges."""
+    time = np.arange(N) * recording.period
+    wave = np.sin(2.0 * np.pi * 1.3 * time)
+    truth = dict.fromkeys(MEASURED, 4e6 * wave) | {"pump_angle": 30.0 * wave, "position": 0.01 * wave}
+    recorder = Recorder(unit, list(faults), recording, seed=11)
+    blocks = [
+        recorder.measure({c: v[i:j] for c, v in truth.items()}, time[i:j])
+        for i, j in pairwise([0, *sorted(edges), N])
+    ]
+    return Rows(
+        np.concatenate([b.time for b in blocks]),
+        {c: np.concatenate([b.columns[c] for b in blocks]) for c in blocks[0].columns},
+        np.concatenate([b.kept for b in blocks]),
+    )
+
+
+def changed(one: Rows, other: Rows) -> set[str]:
+    assert one.columns.keys() == other.columns.keys() and one.kept.tobytes() == other.kept.tobytes()
+    return {c for c, values in one.columns.items() if values.tobytes() != other.columns[c].tobytes()}
+
+
+def test_all_that_the_catalogue_names_is_tried_here() -> None:
+    old = {"zero", "line", "missing", "held", "broken_loop", "position_missing", "position_held"}
+    named = {
+        way for entry in CATALOGUE.values() if entry.in_measurement for way in (*entry.laws, *entry.variants)
+    }
+    assert named == old | {value for _, way in WAYS for value in way.values()}
+
+
+# Whatever the law: blocks, rates, channels, profiles.
+
+
+@pytest.mark.parametrize("rate", RATES)
+@pytest.mark.parametrize(("name", "way"), WAYS, ids=IDS)
+def test_only_its_channel_changes_in_any_log_and_nothing_at_severity_nought(name, way, rate) -> None:
+    for channels, struck in ((None, "pressure_difference"), (TWO_CHAMBERS, "pressure_1")):
+        recording = Recording(rate=rate, channels=channels, nan_bursts_per_minute=60.0, jitter=1e-6)
+        sound = recorded([], recording)
+        assert changed(recorded([spec(name, way, 0.0)], recording), sound) == set()
+        faulty = recorded([spec(name, way, onset=0.4)], recording)
+        assert changed(faulty, sound) == {struck}
+        values, before = faulty.columns[struck], sound.time < 0.3999
+        np.testing.assert_array_equal(values[before], sound.columns[struck][before])
+        assert before.sum() > 300
+        np.testing.assert_array_equal(np.isnan(values), np.isnan(sound.columns[struck]))
+    assert faulty.samples().columns[struck].size == pytest.approx(N * min(rate / 1000.0, 1.0), rel=0.02)
+
+
+@pytest.mark.parametrize("profile", ["step", "ramp", "intermittent", "exponential", "random"])
+@pytest.mark.parametrize(("name", "way"), WAYS, ids=IDS)
+def test_any_blocks_give_the_same_bits(name, way, profile) -> None:
+    asked = spec(name, way, 0.7, onset=0.2, profile=profile, ramp=1.0, period=0.3)
+    cuts = np.random.default_rng(1).integers(0, N, 40).tolist()
+    for rate in (1000, 2000):
+        recording = Recording(rate=rate, nan_bursts_per_minute=60.0, late=0.05)
+        whole = recorded([asked], recording)
+        assert changed(recorded([asked], recording, cuts), whole) == set()
+    assert changed(recorded([asked], recording, range(900, 1100)), whole) == set()
+    assert changed(recorded([], recording), whole) == {"pressure_difference"}
+
+
+@pytest.mark.parametrize(("name", "way"), [w for w in WAYS if "drift" not in w[0]], ids=str)
+def test_what_comes_and_goes_leaves_no_trace_while_it_is_gone(name, way) -> None:
+    asked = spec(name, way, onset=0.5, profile="intermittent", period=1.0)
+    sound, faulty = (recorded(f, Recording.perfect()).columns["pressure_difference"] for f in ([], [asked]))
+    there = np.arange(N) % 1000 >= 500
+    np.testing.assert_array_equal(faulty[~there], sound[~there])
+    assert np.mean(faulty[there] != sound[there]) > 0.3
+
+
+@pytest.mark.parametrize(("name", "way"), WAYS, ids=IDS)
+def test_rows_without_a_value_end(name, way) -> None:
+    truth, time = 1e6 * np.sin(np.arange(N) * 1e-2), np.arange(N) * 1e-3
+    truth[[0, *range(700, 760)]] = np.nan
+    values = shown(kind(spec(name, way)), truth, time)
+    # A late one is repeated for its wait at most.
+    assert np.isfinite(np.delete(values, [*range(21), *range(700, 781)])).all()
+    assert np.isnan(values[721:760]).all()
+
+
+@pytest.mark.parametrize(("name", "way"), WAYS, ids=IDS)
+def test_a_users_figure_counts_instead_of_the_catalogues(name, way) -> None:
+    """Doubled it does what severity 1 does with the usual one, at severity 0.5; a limit does not."""
+    truth, time = 4e6 * np.sin(np.arange(N) * 1e-2), np.arange(N) * 1e-3
+    figures = {f.name: f.value for f in CATALOGUE[name].figures}
+    usual = shown(kind(spec(name, way)), truth, time)
+    doubled = []
+    for figure, value in figures.items():
+        asked = spec(name, way, 0.5)
+        if not np.array_equal(
+            shown(kind(asked, **{figure: 2.0 * value}), truth, time), shown(kind(asked), truth, time)
+        ):
+            doubled.append(figure)
+    assert len(doubled) == 1, "each way has one figure"
+    if way.get("variant") != "clipped":
+        np.testing.assert_allclose(
+            shown(kind(spec(name, way, 0.5), **{doubled[0]: 2.0 * figures[doubled[0]]}), truth, time), usual
+        )
+
+
+def test_a_law_is_given_like_a_variant() -> None:
+    assert parse_fault("pressure_sensor_drift:severity=1,law=root").label()["law"] == "root"
+    assert parse_fault("pressure_sensor_bias:severity=1").law == "zero"
+    with pytest.raises(InputError, match="law 'gian' is not possible; use one of: zero, gain, hysteresis"):
+        parse_fault("pressure_sensor_bias:severity=1,law=gian")
+
+
+# Each law by itself.
+
+
+@pytest.mark.parametrize("severity", [0.3, 1.0])
+def test_a_gain_errs_by_the_bias_at_the_relief_pressure(severity) -> None:
+    relief = UNIT.accumulator.relief_pressure
+    truth, time = np.linspace(-relief, relief, 2001), np.arange(2001) * 1e-3
+    error = shown(kind(spec("pressure_sensor_bias", {"law": "gain"}, severity)), truth, time) - truth
+    np.testing.assert_allclose(np.polyfit(truth, error, 1)[1], 0.0, atol=1e-3)
+    bias = shown(kind(spec("pressure_sensor_bias", {"law": "zero"}, severity)), truth, time) - truth
+    assert error[-1] == pytest.approx(bias[-1], rel=0.01) == pytest.approx(-error[0], rel=0.01)
+    assert error[-1] == pytest.approx(250e3 * severity, rel=0.01)
+
+
+@pytest.mark.parametrize("severity", [0.4, 1.0])
+def test_hysteresis_makes_a_loop_of_its_width(severity) -> None:
+    """Of a play of ±h under a swing of ±A: the loop is a parallelogram, 2h wide and 2(A - h) high."""
+    swing, half, time = 1e6, 250e3 * severity, np.arange(3000) * 1e-3
+    truth = swing * np.sin(2.0 * np.pi * time)
+    values = shown(kind(spec("pressure_sensor_bias", {"law": "hysteresis"}, severity)), truth, time)
+    error, last = values - truth, slice(1999, 3000)
+    area = np.trapezoid(values[last], truth[last])
+    assert abs(area) == pytest.approx(4.0 * half * (swing - half), rel=0.01)
+    assert np.abs(error).max() == pytest.approx(half, rel=1e-9)
+    assert np.ptp(values[last]) == pytest.approx(2.0 * (swing - half), rel=1e-4)
+    at_zero = error[[2000, 2500]]
+    np.testing.assert_allclose(at_zero, [-half, half], err_msg="too little as it rises, too much as it falls")
+
+
+def drifted(law: str, severity: float, time: np.ndarray, seed: int = 3, **more: Any) -> np.ndarray:
+    asked = spec("pressure_sensor_drift", {"law": law}, severity, **more)
+    return shown(kind(asked, seed), np.zeros(time.size), time)
+
+
+@pytest.mark.parametrize("rate", RATES)
+@pytest.mark.parametrize("severity", [0.4, 1.0])
+def test_drifts_meet_after_fifty_seconds(severity, rate) -> None:
+    time = np.arange(int(51.0 * rate)) / rate
+    root, settling, line = (drifted(law, severity, time) / severity for law in ("root", "settling", "line"))
+    after = {t: int(t * rate) for t in (1.0, 12.5, 25.0, 50.0)}
+    assert line[after[50.0]] == pytest.approx(250e3, rel=1e-3) == pytest.approx(root[after[50.0]], rel=1e-3)
+    assert root[after[1.0]] == pytest.approx(35e3, rel=0.02)
+    assert root[after[12.5]] == pytest.approx(125e3, rel=1e-3), "half in a quarter of the time"
+    assert settling[after[50.0]] == pytest.approx(0.95 * 250e3, rel=1e-3)
+    # A first-order lag's step: how fast it goes falls in proportion to what is left.
+    rates = np.gradient(settling, time)
+    constant = (250e3 - settling[[after[1.0], after[25.0]]]) / rates[[after[1.0], after[25.0]]]
+    np.testing.assert_allclose(constant, 16.7, rtol=0.01)
+
+
+def test_a_walks_rms_reaches_the_line_after_fifty_seconds() -> None:
+    time = np.arange(5001) * 1e-2
+    walks = np.array([drifted("walk", 0.6, time, seed) for seed in range(600)]) / 0.6
+    # The standard error of a deviation from 600 is 3 %.
+    for after, expected in ((1250, 125e3), (5000, 250e3)):
+        assert np.sqrt(np.mean(walks[:, after] ** 2)) == pytest.approx(expected, rel=0.1)
+    steps = np.diff(walks[:, ::500])
+    assert np.abs(np.corrcoef(steps.T) - np.eye(steps.shape[1])).max() < 0.2, (
+        "steps know nothing of each other"
+    )
+    # Sampled four times as often it is as wide.
+    often = [drifted("walk", 1.0, np.arange(5001) * 2.5e-3, seed)[-1] for seed in range(600)]
+    assert np.std(often) == pytest.approx(125e3, rel=0.1)
+
+
+@pytest.mark.parametrize("law", ["root", "settling"])
+def test_a_drift_that_is_interrupted_goes_on_where_it_was(law) -> None:
+    time = np.arange(20_001) * 1e-3
+    broken = drifted(law, 1.0, time, profile="intermittent", period=2.0, duty=0.5)
+    whole = drifted(law, 1.0, time)
+    for pieces in (1, 4, 9):
+        assert broken[2000 * pieces - 500] == pytest.approx(whole[1000 * pieces], rel=2e-3)
+
+
+def test_a_ramped_drift_has_the_rate_of_its_severity() -> None:
+    time = np.arange(40_001) * 1e-3
+    offset = drifted("root", 0.8, time, profile="ramp", ramp=20.0)
+    # ∫ 0.8·t/20 · 5e3·√50/(2√t) dt to 20 s, then the root's own increase.
+    expected = (
+        0.8 * 5e3 * np.sqrt(50.0) * np.array([20.0**1.5 / 60.0, 20.0**1.5 / 60.0 + 40.0**0.5 - 20.0**0.5])
+    )
+    np.testing.assert_allclose(offset[[20_000, 40_000]], expected, rtol=2e-3)
+
+
+@pytest.mark.parametrize("rate", RATES)
+@pytest.mark.parametrize("severity", [0.2, 1.0])
+def test_noise_is_white_and_five_per_cent_of_the_range(severity, rate) -> None:
+    recording = Recording.perfect().model_copy(update={"rate": rate})
+    sound, faulty = (
+        recorded(f, recording).samples()["pressure_difference"]
+        for f in ([], [spec("sensor_dropout", {"variant": "noisy"}, severity)])
+    )
+    noise = faulty - sound
+    loop = UNIT.sensor("pressure_difference").loop
+    assert loop is not None
+    error = 4.0 / np.sqrt(noise.size)
+    assert np.std(noise) == pytest.approx(0.05 * (loop.high - loop.low) * severity, rel=error)
+    assert abs(np.corrcoef(noise[1:], noise[:-1])[0, 1]) < error
+
+
+@pytest.mark.parametrize("severity", [0.2, 1.0])
+def test_a_sticking_reading_climbs_a_slope_in_steps_of_its_band(severity) -> None:
+    band, time = 250e3 * severity, np.arange(4000) * 1e-3
+    truth = 1.0 + 0.999e6 * time  # a little less than 1 kPa a row, so that no step is just the band
+    step = (band / 1e3 + 1.0) * 999.0
+    values = shown(kind(spec("sensor_dropout", {"variant": "sticking"}, severity)), truth, time)
+    steps = np.diff(values)
+    np.testing.assert_allclose(steps[steps != 0.0], step)
+    assert np.count_nonzero(steps) == int(truth[-1] // step) > 5
+    assert values[0] == truth[0] and (truth - values).min() == 0.0 and (truth - values).max() <= band
+    # Swings within the band do not show at all.
+    still = shown(
+        kind(spec("sensor_dropout", {"variant": "sticking"}, severity)),
+        0.99 * band * np.sin(9.0 * time),
+        time,
+    )
+    assert not still.any()
+
+
+@pytest.mark.parametrize(("severity", "limit"), [(0.25, 2.58e6), (0.5, 1.72e6), (1.0, 0.0)])
+def test_a_saturated_reading_ends_at_its_limit_and_is_right_below(severity, limit) -> None:
+    truth, time = np.linspace(-4e6, 4e6, 801), np.arange(801) * 1e-3
+    values = shown(kind(spec("sensor_dropout", {"variant": "clipped"}, severity)), truth, time)
+    assert values.max() == pytest.approx(limit, abs=1.0)
+    np.testing.assert_array_equal(values[truth < limit - 1.0], truth[truth < limit - 1.0])
+    assert UNIT.accumulator.relief_pressure * (1.0 - severity) == pytest.approx(limit, rel=0.01)
+
+
+@pytest.mark.parametrize("rate", [1000, 2000])
+@pytest.mark.parametrize("severity", [0.25, 1.0])
+def test_late_samples_age_and_catch_up(severity, rate) -> None:
+    time = np.arange(60 * rate) / rate
+    age = time - shown(kind(spec("sensor_dropout", {"variant": "late"}, severity)), time, time)
+    longest = 20e-3 * severity
+    assert age.min() == 0.0 and longest - 1.001 / rate < age.max() < longest
+    # It is held, or it has caught up: nothing between.
+    steps = np.diff(age)
+    held = np.isclose(steps, 1.0 / rate, rtol=1e-3)
+    np.testing.assert_array_equal(age[1:][~held], 0.0)
+    # Waits are even up to the longest, rounded up to whole rows: of n rows at most, n·(n + 1)/2 in n of them,
+    # the sum of whose ages is that of 0 + … + k - 1 for each k.
+    rows = np.arange(1, round(longest * rate) + 1)
+    expected = np.sum(rows * (rows - 1) / 2) / rows.sum() / rate
+    assert age.mean() == pytest.approx(expected, rel=0.03)
