@@ -13,8 +13,8 @@ FAULT = Fault(
     title="relief valve stuck shut",
     thesis="Table 4.1",
     plant="no flow at or above its setting",
-    severity="99 % of its flow beyond the setting is gone; by the law of the setting: it opens at three times "
-    "the setting",
+    severity="99 % of its flow beyond the setting is gone; by the law of the setting: it opens at three "
+    "times the setting",
     source=ASSUMED,
     next_check="Block the rod, raise the pressure slowly and stop at the relief setting: from there on the "
     "pressure must no longer follow the pump.",
