@@ -1,5 +1,7 @@
 """Every simulated fault: does nothing at severity 0, and what the catalogue says at severity 1."""
 
+from itertools import product
+
 import numpy as np
 import pytest
 from fault_case import ONSET, UNITS, Case, port_pressure, run
@@ -18,10 +20,9 @@ from fdd.plant.simulate import Simulation, simulate
 UNIT = UNITS[1]
 AXES = [1, pytest.param(2, marks=pytest.mark.slow)]
 CHOICES = [
-    (name, side, variant)
-    for name in SIMULATED
-    for side in (CATALOGUE[name].sides or (None,))
-    for variant in (CATALOGUE[name].variants or (None,))
+    (entry.id, *choice)
+    for entry in (CATALOGUE[name] for name in SIMULATED)
+    for choice in product(entry.sides or (None,), entry.variants or (None,), entry.laws or (None,))
 ]
 
 
@@ -35,9 +36,11 @@ def test_every_simulated_fault_has_a_check():
 
 
 @pytest.mark.parametrize("axis", AXES)
-@pytest.mark.parametrize(("name", "side", "variant"), CHOICES)
-def test_severity_zero_is_healthy_bit_for_bit(healthy, name, side, variant, axis):
-    spec = FaultSpec(fault=name, severity=0.0, onset=ONSET, side=side, variant=variant, axis=axis)
+@pytest.mark.parametrize(("name", "side", "variant", "law"), CHOICES)
+def test_severity_zero_is_healthy_bit_for_bit(healthy, name, side, variant, law, axis):
+    spec = FaultSpec(
+        fault=name, severity=0.0, onset=ONSET, side=side, variant=variant, law=law, axis=axis
+    )
     sound, faulty = healthy[axis].samples, run(spec, axis=axis).samples
     assert set(faulty.channels) == set(sound.channels)
     for channel in sound.channels:
@@ -45,9 +48,11 @@ def test_severity_zero_is_healthy_bit_for_bit(healthy, name, side, variant, axis
 
 
 @pytest.mark.parametrize("axis", AXES)
-@pytest.mark.parametrize(("name", "side", "variant"), CHOICES)
-def test_severity_one_is_what_the_catalogue_says(healthy, name, side, variant, axis):
-    spec = FaultSpec(fault=name, severity=1.0, onset=ONSET, side=side, variant=variant, axis=axis)
+@pytest.mark.parametrize(("name", "side", "variant", "law"), CHOICES)
+def test_severity_one_is_what_the_catalogue_says(healthy, name, side, variant, law, axis):
+    spec = FaultSpec(
+        fault=name, severity=1.0, onset=ONSET, side=side, variant=variant, law=law, axis=axis
+    )
     faulty, sound = run(spec, axis=axis), healthy[axis]
     case = Case(spec, faulty, sound)
     CHECKS[name](case)
@@ -61,7 +66,7 @@ def test_severity_one_is_what_the_catalogue_says(healthy, name, side, variant, a
     label = faulty.labels[0]
     assert (label["fault"], label["severity"], label["onset_s"]) == (name, 1.0, ONSET)
     assert label["family"] == CATALOGUE[name].family
-    assert (label["side"], label["variant"], label["axis"]) == (spec.side, spec.variant, axis)
+    assert [label[key] for key in ("side", "variant", "law", "axis")] == [side, variant, law, axis]
 
 
 def test_faults_act_together():
