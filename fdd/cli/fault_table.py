@@ -11,10 +11,12 @@ from fdd.faults import ADDED_BY, CATALOGUE
 WIDTH_IN_A_FILE = 160
 """Columns where the table does not go to a terminal."""
 
+CAPTION = "Of variants, sides and laws the first is the default."
+
 
 def fault_table() -> Table:
-    """The catalogue: id, family, what the plant does, severity 1.0, variants and sides."""
-    table = Table(box=box.SIMPLE_HEAD, show_lines=False, pad_edge=False)
+    """The catalogue: id, family, what the plant does, severity 1.0, variants and sides; below it each law."""
+    table = Table(box=box.SIMPLE_HEAD, show_lines=False, pad_edge=False, caption=CAPTION)
     table.add_column("fault", no_wrap=True)
     table.add_column("family", no_wrap=True)
     table.add_column("what the plant does", ratio=3)
@@ -31,6 +33,8 @@ def fault_table() -> Table:
             ", ".join(map(str, entry.sides)),
         )
         table.add_row(*(Text(cell) for cell in plain), style="" if entry.simulated else "dim")
+        for law, words in entry.laws.items():
+            table.add_row(Text(f"  law={law}"), "", Text(words))
     return table
 
 

@@ -68,7 +68,7 @@ class Case:
         return self.truth.time > ONSET + 2e-3
 
     def again(self, onset: float = 0.0, **changes: Any) -> tuple[Truth, Truth]:
-        """Truths of faulty and healthy in another run, the fault there from the start if not said otherwise."""
+        """Truths of faulty and healthy in another run, the fault from its start on or an onset."""
         spec = self.spec.model_copy(update={"onset": onset})
         return (run(spec, axis=self.axis, **changes).truth, run(axis=self.axis, **changes).truth)
 

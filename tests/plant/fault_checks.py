@@ -42,7 +42,8 @@ def internal_leakage(case: Case) -> None:
     found = np.linalg.lstsq(by_laws(drop[rows]), flow[rows], rcond=None)[0]
     own = 0.0 if piston else 1e6 * case.unit.pump.cross_port_leakage
     added = {"mixed": (10.8e-6, 1.2e-6, 0.0), "orifice": (0.0, 12e-6, 0.0), "opening": (0.0, 0.0, 12e-6)}
-    expected = np.array(added.get(str(case.spec.law), (12e-6, 0.0, 0.0))) + (own, 0.0, 0.0)
+    expected = np.array(added.get(str(case.spec.law), (12e-6, 0.0, 0.0)))
+    expected[0] += own
     np.testing.assert_allclose(found, expected, atol=0.015 * 12e-6)
     if piston:
         np.testing.assert_array_equal(case.healthy.truth["bypass_flow"], 0.0)
@@ -70,7 +71,7 @@ def external_leakage(case: Case) -> None:
 
 
 def pump_wear(case: Case) -> None:
-    """Share of the displacement, ripple, leakage across and into the case, and for each rad/s, of each law."""
+    """Share of the displacement, ripple, leakage across, into the case and for each rad/s, of each law."""
     left, ripple, across, drained, by_speed = {
         "mixed": (0.98, 0.05, 0.0, 0.0, 12e-14),
         "displacement": (0.9, 0.05, 0.0, 0.0, 0.0),
@@ -179,7 +180,7 @@ def aeration(case: Case) -> None:
 
 
 def _comes_in(case: Case, quiet: dict[str, Any]) -> None:
-    """Air in place of oil moves no pressure, and its volume of oil is lost; beside it, oil has to give way."""
+    """Air in place of oil moves no pressure, its volume of oil is lost; beside it, oil has to give way."""
     law, unit = case.spec.law, case.unit
     still = {**quiet, "duration": 4.0, "duty": Levels(points=0.0), "load": NoLoad()}
     truth, sound = case.again(onset=ONSET_AT_REST, **still)

@@ -1,4 +1,4 @@
-"""What severity 1 of worn seals and of bad oil is, by the catalogue's words, measured from runs by physics."""
+"""What severity 1 of worn seals and of bad oil is, by the catalogue's words, measured from runs."""
 
 from __future__ import annotations
 
@@ -15,6 +15,7 @@ from fdd.plant.load import NoLoad
 from fdd.plant.oil import viscosity_ratio
 from fdd.plant.scenario import Control, Recording
 from fdd.plant.truth import Truth
+from fdd.unit import FrictionBranch
 
 
 def strokes(case: Case, speed: float, duration: float) -> tuple[Truth, Truth]:
@@ -25,6 +26,12 @@ def strokes(case: Case, speed: float, duration: float) -> tuple[Truth, Truth]:
         "recording": Recording.perfect(),
     }  # fmt: skip
     return case.again(**changes)
+
+
+def dry(branch: FrictionBranch, v: float, level: float = 1.0, rest: float = 1.0) -> float:
+    """Friction (N) of eq. 5.9 but for its viscous part, of a scaled level and a scaled part beyond it."""
+    falling = np.exp(-((abs(v) / branch.stribeck_velocity) ** branch.stribeck_exponent))
+    return float(level * branch.coulomb + rest * (branch.static - branch.coulomb) * falling)
 
 
 def friction_changes(
@@ -39,20 +46,17 @@ def friction_changes(
 
     At two speeds of steady sliding, against eq. 5.9 with the unit's own curve and this run's draw.
     """
-    for speed, (sign, (level, rest)) in ((n, s) for n in (200.0, 80.0) for s in ((1.0, forward), (-1.0, reverse))):
+    for speed, (sign, (level, rest)) in (
+        (n, s) for n in (200.0, 80.0) for s in ((1.0, forward), (-1.0, reverse))
+    ):
         branch = case.unit.friction.forward if sign > 0.0 else case.unit.friction.reverse
         (v, force), (v_healthy, force_healthy) = (
             (truth["velocity"][-400:].mean(), truth["friction_force"][-400:].mean())
             for truth in strokes(case, sign * speed, 1.6)
         )
-
-        def dry(at: float, level: float, rest: float) -> float:
-            falling = np.exp(-((abs(at) / branch.stribeck_velocity) ** branch.stribeck_exponent))
-            return sign * (level * branch.coulomb + rest * (branch.static - branch.coulomb) * falling)
-
-        draw = (force_healthy - branch.viscous * v_healthy) / dry(v_healthy, 1.0, 1.0)
+        draw = (force_healthy - branch.viscous * v_healthy) / (sign * dry(branch, v_healthy))
         assert 0.7 < draw < 1.3, "the spread from trial to trial"
-        expected = draw * dry(thicker * v, level, rest) + viscous * branch.viscous * v
+        expected = sign * draw * dry(branch, thicker * v, level, rest) + viscous * branch.viscous * v
         assert force == pytest.approx(expected, rel=5e-3), (sign, speed)
 
 
@@ -121,7 +125,6 @@ def oil_degradation(case: Case) -> None:
     leaking = case.unit.pump.cross_port_leakage / ratio * truth["port_difference"]
     np.testing.assert_allclose(truth["cross_flow"][after], leaking[after], rtol=1e-6)
     # As viscous as it is, the falling curve ends at a speed that is as much lower.
-    level = (film, film)
     friction_changes(case, forward=(film, 1.0), reverse=(film, 1.0), viscous=factor, thicker=factor)
 
 

@@ -63,9 +63,7 @@ def motor_degradation(case: Case) -> None:
     # A winding of much resistance on little voltage: V = R·i + K_e·ω at steady speed.
     drive, supply, resistance = case.unit.drive, 40.0, 100.0
     weak = case.unit.model_copy(
-        update={
-            "drive": drive.model_copy(update={"voltage_limit": supply, "winding_resistance": resistance})
-        }
+        update={"drive": drive.model_copy(update={"voltage_limit": supply, "winding_resistance": resistance})}
     )
     starved = case.again(
         unit=weak, duration=3.0, duty=Levels(points=200.0, offset=-0.05), control=Control(mode="speed"),

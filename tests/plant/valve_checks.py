@@ -51,7 +51,7 @@ SWINGING: dict[str, Any] = {
 
 
 def _sticks(case: Case) -> None:
-    """The poppet stays up until the chamber presses on it: by 0.8 MPa, for which the pump gives too little."""
+    """The poppet stays up until the chamber presses on it: by 0.8 MPa, or as much as is asked."""
     side = case.spec.side or 1
     spring = {**SWINGING, "load": SpringLoad(rate=6e4 * case.axis)}
     truth, healthy = case.again(**spring)
@@ -60,7 +60,13 @@ def _sticks(case: Case) -> None:
     for each in (truth, less, healthy):
         over, back = port_pressure(each, side) - each["pressure_accumulator"], -each[f"refeed_flow_{side}"]
         assert (back < -1e-6).sum() > 100, "it is refed while the other chamber is pressed on"
-        found.append((over_time(each, np.maximum(back, 0.0), each.time > 0.0), over[back > 1e-7].max(initial=0.0), over.max()))
+        found.append(
+            (
+                over_time(each, np.maximum(back, 0.0), each.time > 0.0),
+                over[back > 1e-7].max(initial=0.0),
+                over.max(),
+            )
+        )
     (much, up_to, _), (some, up_to_less, highest), (usual, _, sound) = found
     assert much > some > 20.0 * usual and up_to < 800e3
     # Pressed by that much it shuts within some ms, and the chamber presses as ever.
@@ -109,8 +115,8 @@ def _opens_early(case: Case) -> None:
     assert not healthy["relief_flow"].any() and not flow[~after].any()
     # It follows within some ms: a while above, or a while below.
     for rows, passes in ((drop > tenth + 30e3, True), (drop < 0.9 * tenth - 20e3, False)):
-        steady = held(rows & after)
-        assert steady.sum() > 100
+        steady = held(rows & after, 20)
+        assert steady.sum() > 50
         assert (flow[steady] > 1e-7).all() if passes else np.abs(flow[steady]).max() < 1e-7
     assert not truth["stuck_relief_flow"].any()
     keeps_its_oil(truth)
