@@ -39,6 +39,7 @@ _MEGAPASCAL = 1e6
 _GRADES = ((15e-6, 3.3e-6), (32e-6, 5.4e-6), (46e-6, 6.8e-6))
 """m²/s at 40 and 100 °C of ISO VG 15, 32 and 46."""
 _DETAILS, _FAULTS = Details().model_dump(), FaultScales().model_dump()
+_CHARGE = Unit.load(AXIS).accumulator.charge_pressure
 S = TypeVar("S", bound=Section)
 
 
@@ -266,7 +267,8 @@ class Scale:
 
         Internal leakage passes `GROSS_LEAKAGE` of the rated flow at half the rated pressure, a stuck valve
         `STUCK_FLOW`; air brings the bulk modulus at charge pressure to 35 %, as 2.5 % does on axis A. The
-        other leakages keep their proportion to the internal one.
+        other leakages keep their proportion to the internal one, the cracking pressure of a clogged valve
+        that to the charge, a brake on the shaft that to the torque at the drive's largest speed.
         """
         unit, axis = self.unit, _FAULTS
         rated = unit.accumulator.relief_pressure / RELIEF
@@ -282,6 +284,8 @@ class Scale:
             "orifice": stuck / axis["check_valve_flow"],
             "flow": self.flow,
             "pressure": self.pressure,
+            "charge": unit.accumulator.charge_pressure / _CHARGE,
+            "torque": self.pressure * self.flow / self.turning**2,
         }
         figures = [figure for entry in CATALOGUE.values() for figure in entry.figures if figure.grows]
         return {

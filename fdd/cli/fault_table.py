@@ -11,16 +11,17 @@ from fdd.faults import ADDED_BY, CATALOGUE
 WIDTH_IN_A_FILE = 160
 """Columns where the table does not go to a terminal."""
 
+CAPTION = "Of variants, sides and laws the first is the default."
+
 
 def fault_table() -> Table:
-    """The catalogue: id, family, what the plant does, severity 1.0, variants, laws and sides."""
-    table = Table(box=box.SIMPLE_HEAD, show_lines=False, pad_edge=False)
+    """The catalogue: id, family, what the plant does, severity 1.0, variants and sides; below it each law."""
+    table = Table(box=box.SIMPLE_HEAD, show_lines=False, pad_edge=False, caption=CAPTION)
     table.add_column("fault", no_wrap=True)
     table.add_column("family", no_wrap=True)
     table.add_column("what the plant does", ratio=3)
     table.add_column("severity 1.0", ratio=3)
     table.add_column("variants", ratio=1)
-    table.add_column("laws", ratio=1)
     table.add_column("sides", no_wrap=True)
     for entry in CATALOGUE.values():
         plain = (
@@ -29,10 +30,11 @@ def fault_table() -> Table:
             entry.plant + ("" if entry.simulated else " (not simulated)") + _origin(entry.id),
             entry.severity,
             ", ".join(entry.variants),
-            ", ".join(entry.laws),
             ", ".join(map(str, entry.sides)),
         )
         table.add_row(*(Text(cell) for cell in plain), style="" if entry.simulated else "dim")
+        for law, words in entry.laws.items():
+            table.add_row(Text(f"  law={law}"), "", Text(words))
     return table
 
 

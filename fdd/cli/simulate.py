@@ -50,8 +50,8 @@ def simulate(
     fault: Annotated[
         list[str] | None,
         typer.Option(
-            help="ID:severity=0.4,onset=20; also profile, ramp, period, duty, side, variant, axis. "
-            "Repeatable.",
+            help="ID:severity=0.4,onset=20; also profile, ramp, period, duty, seed, side, variant, law, "
+            "axis. Repeatable.",
             show_default=False,
             autocompletion=faults,
         ),

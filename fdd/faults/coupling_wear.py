@@ -9,7 +9,7 @@ from fdd.faults.signature import Signature
 FAULT = Fault(
     id="coupling_wear",
     family="motor",
-    rank=2,
+    rank=3,
     title="coupling wear",
     thesis="Table 4.1",
     plant="torsional play, vibration at shaft frequency",

@@ -9,11 +9,12 @@ from fdd.faults.entry import ASSUMED, Fault
 FAULT = Fault(
     id="drive_failure",
     family="motor",
-    rank=3,
+    rank=2,
     title="drive failure",
     thesis="Table 4.1",
     plant="the drive does not follow its command: open phase, no supply, tripped",
-    severity="no current at all; by the law of the phase: one of three phases open, half the current limit",
+    severity="the current limit falls by 100 %: no current at all; by the law of the phase: one of three "
+    "phases open, current limit -50 %",
     source=ASSUMED,
     next_check="Read the drive's fault memory and its supply, then measure the resistance between each two "
     "of the motor's phases.",

@@ -19,7 +19,7 @@ class Figure:
     usual : range that a campaign draws from, for what comes along with a fault. What the catalogue gives as
         severity 1 is not drawn, or a severity would not mean the same in two logs of a data set.
     grows : with what of a machine's size it goes in proportion, see `fdd.campaign.sizes.Scale.fault_scales`;
-        shares and angles do not.
+        shares and angles do not. ``charge`` is the accumulator's pressure, ``torque`` torque over speed.
     """
 
     name: str

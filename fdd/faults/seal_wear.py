@@ -42,7 +42,12 @@ def _rubbing(kind: str) -> tuple[Effect, ...]:
             for lip in _LIPS
         ),
         Effect("middle", "shift", by, variants=(kind,), laws=("track",)),
+        # Both directions share what mid-stroke does: half of the change there, half all along in the one.
         Effect("middle", "shift", by, times=(0.5,), variants=ways, laws=("track",)),
+        *(
+            Effect(f"friction{lip}", "towards", by, times=(0.5,), variants=(kind + lip,), laws=("track",))
+            for lip in _LIPS
+        ),
     )
 
 

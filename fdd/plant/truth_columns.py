@@ -39,7 +39,7 @@ def truth_columns(
     cross = cross + rows[:, c.CROSS_OPENING] * np.abs(drop)
     film = 1.0 + par.film_share * (np.sqrt(ratio) - 1.0)
     return {
-        "leakage": (cross + case) / ratio + _secant(rows, f, par),
+        "leakage": (cross + case) / ratio + _secant(rows, f, par.orifice_transition * ratio**2),
         "bulk_modulus": bulk_modulus(unit.oil, np.full(air.size, unit.oil.reference_pressure), air),
         "bulk_modulus_1": bulk_modulus(unit.oil, p1, air_1, par.ambient),
         "bulk_modulus_2": bulk_modulus(unit.oil, p2, air_2, par.ambient),
@@ -85,10 +85,11 @@ def truth_columns(
     }
 
 
-def _secant(rows: Array, found: Array, par: Parameters) -> Array | float:
-    """Leakage coefficient of the turbulent part: its flow over the present pressure, (n,)."""
+def _secant(rows: Array, found: Array, width: Array) -> Array | float:
+    """Leakage coefficient of the turbulent part: its flow over the present pressure, (n,); laminar up to
+    `width` (Pa)."""
     gain = rows[:, c.CROSS_ORIFICE]
     if not gain.any():
         return 0.0
-    drop, width = found[:, s.PORT_DIFFERENCE], par.orifice_transition
+    drop = found[:, s.PORT_DIFFERENCE]
     return np.asarray(gain * 1e-3 / np.sqrt(np.sqrt(drop * drop + width * width)))

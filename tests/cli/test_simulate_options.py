@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 from typing import Any
 
@@ -178,4 +179,7 @@ def test_the_list_of_faults_shows_the_whole_catalogue(run) -> None:
         assert entry.family in line
         assert ("1, 2" in line) == bool(entry.sides)
     words = " ".join(result.stdout.split())
+    laws = [law for entry in CATALOGUE.values() for law in entry.laws.items()]
+    assert re.findall(r"(?m)^ *law=(\S+)", result.stdout) == [name for name, _ in laws]
+    assert all(f"law={name} {text}" in words for name, text in laws) and "the first is the default" in words
     assert "12e-12" in words and "tight_reverse" in words and "(not simulated)" in words

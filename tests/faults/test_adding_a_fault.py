@@ -41,7 +41,7 @@ for scales, flow in (({{}}, 5e-5), ({{"bypass_valve_flow": 2e-5}}, 2e-5)):
     faults = [parse_fault("{NEW}:severity=0.4,onset=1")]
     scenario = Scenario(faults=faults, fault_scales=scales)
     time = np.array([0.0, 1.0, 2.0])
-    rows = axis_conditions(Unit.load("axis_a"), scenario, time, np.zeros(3), np.zeros(3))
+    rows = axis_conditions(Unit.load("axis_a"), scenario, time, np.zeros(3), np.zeros(3)).rows
     np.testing.assert_allclose(rows[:, c.BYPASS], [0.0, 0.4 * flow, 0.4 * flow])
 """
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import ast
 import re
 import sys
+from itertools import product
 from pathlib import Path
 
 import pytest
@@ -28,8 +29,10 @@ PROMISED = {
     "check_valve_stuck_open": "check_valve",
     "check_valve_clogged": "check_valve",
     "relief_valve_stuck_open": "relief_valve",
+    "relief_valve_stuck_shut": "relief_valve",
     "oil_degradation": "friction",
     "motor_degradation": "motor",
+    "drive_failure": "motor",
     "coupling_wear": "motor",
     "pressure_sensor_bias": "sensor",
     "pressure_sensor_drift": "sensor",
@@ -37,6 +40,8 @@ PROMISED = {
     "sensor_dropout": "sensor",
     "unknown": "unknown",
 }
+FIGURES = {figure.name for entry in CATALOGUE.values() for figure in entry.figures}
+USED = {n for entry in CATALOGUE.values() for effect in entry.effects for n in effect.numbers}
 ENTRIES = [f for f in CATALOGUE.values() if f.id != "unknown"]
 
 
@@ -64,6 +69,8 @@ def test_each_entry_says_what_severity_one_means(entry: Fault) -> None:
     assert entry.plant and entry.title and (entry.thesis or entry.id in ADDED_BY)
     for variant in entry.variants:
         assert f"{variant}:" in entry.severity, f"severity of variant {variant}"
+    for law, words in entry.laws.items():
+        assert re.fullmatch(r"[a-z][a-z0-9_]*", law) and len(words.split()) >= 2, law
 
 
 @pytest.mark.parametrize("entry", CATALOGUE.values(), ids=lambda f: f.id)
@@ -81,20 +88,20 @@ def test_effects_name_what_there_is(entry: Fault) -> None:
     for effect in entry.effects:
         assert effect.parameter in PARAMETERS
         assert effect.side is None or effect.side in entry.sides
-        assert set(effect.variants) <= set(entry.variants)
+        assert set(effect.variants) <= set(entry.variants) and set(effect.laws) <= set(entry.laws)
         used |= {n for n in effect.numbers if isinstance(n, str)}
-    assert used <= figures | set(Details.model_fields)
-    assert figures <= used or entry.in_measurement, "a figure without effect"
+    # A figure may be another fault's: a leak by another way is as large.
+    assert used <= FIGURES | set(Details.model_fields)
+    assert figures <= USED or entry.in_measurement, "a figure without effect"
 
 
 @pytest.mark.parametrize("entry", ENTRIES, ids=lambda f: f.id)
-def test_each_choice_of_side_and_variant_differs_from_the_others(entry: Fault) -> None:
-    choices = [(side, variant) for side in entry.sides or (None,) for variant in entry.variants or (None,)]
+def test_each_choice_of_side_variant_and_law_differs_from_the_others(entry: Fault) -> None:
+    choices = [*product(entry.sides or (None,), entry.variants or (None,), entry.laws or (None,))]
     if entry.effects:
-        assert len({tuple(e for e in entry.effects if e.goes_with(*choice)) for choice in choices}) == len(
-            choices
-        )
-        assert all(any(e.goes_with(*choice) for e in entry.effects) for choice in choices)
+        changes = [tuple(e for e in entry.effects if e.goes_with(*choice)) for choice in choices]
+        assert all(changes) and len(set(changes)) == len(choices)
+        assert len(entry.laws) != 1, "a choice of one"
 
 
 def test_figures_have_one_name_and_are_within_what_is_allowed() -> None:

@@ -17,10 +17,17 @@ from fdd.unit import Unit
 UNITS = ("axis_a", "axis_b")
 SIGNATURES = [(entry, signature) for entry in CATALOGUE.values() for signature in entry.signatures]
 FIGURES = {figure.name: figure.value for entry in CATALOGUE.values() for figure in entry.figures}
-# A drip takes hours to show; what these sensors do is told by the sensors' own checks.
 WITHOUT = {
-    "shaft_seal_wear", "position_sensor_slip", "sensor_dropout", "unknown",
-}  # fmt: skip
+    "shaft_seal_wear": "a drip takes hours to show",
+    "relief_valve_stuck_shut": "sound below the setting, where logs are taken",
+    "drive_failure": "the drive's response is none of the balances",
+    "position_sensor_slip": "what the encoder does is told by its own checks",
+    "sensor_dropout": "what the sensor does is told by its own checks",
+    "unknown": "is what no signature explains",
+}
+"""Faults without a signature, and why."""
+WITHOUT_THEIR_OWN = {"wet": "thick oil of less severity, but for its vapour, which no balance has"}
+"""Variants without a signature, and why."""
 
 
 @dataclass(frozen=True)
@@ -46,7 +53,7 @@ def typical(name: str) -> TypicalUnit:
 
 
 def test_every_fault_has_a_signature_or_a_reason() -> None:
-    assert {entry.id for entry in CATALOGUE.values() if not entry.signatures} == WITHOUT
+    assert {entry.id for entry in CATALOGUE.values() if not entry.signatures} == set(WITHOUT)
 
 
 @pytest.mark.parametrize(
@@ -77,7 +84,7 @@ def test_labels_tell_the_signatures_of_a_fault_apart(entry: Fault) -> None:
 @pytest.mark.parametrize("entry", [e for e in CATALOGUE.values() if e.signatures and not e.in_measurement])
 def test_each_side_and_variant_can_be_named(entry: Fault) -> None:
     assert {s.side for s in entry.signatures} >= set(entry.sides)
-    assert {s.variant for s in entry.signatures} >= set(entry.variants)
+    assert {s.variant for s in entry.signatures} >= set(entry.variants) - set(WITHOUT_THEIR_OWN)
 
 
 @pytest.mark.parametrize("name", UNITS)

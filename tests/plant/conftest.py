@@ -2,4 +2,6 @@
 
 import pytest
 
-pytest.register_assert_rewrite("fault_case", "fault_checks", "sensor_fault_checks")
+pytest.register_assert_rewrite(
+    "fault_case", "fault_checks", "friction_checks", "motor_checks", "sensor_fault_checks", "valve_checks"
+)

@@ -23,7 +23,7 @@ Array = np.ndarray
 def run(*faults: FaultSpec, axis: int = 1, unit: Unit | None = None, **changes: Any) -> Simulation:
     """The axis's part of a run; axis 2 is the second of a dual rig, both driven alike.
 
-    A circuit goes to both axes.
+    A circuit goes to both axes, each with its own accumulator, or oil would go from one to the other.
     """
     given: dict[str, Any] = {
         "duration": 5.0,
@@ -36,7 +36,7 @@ def run(*faults: FaultSpec, axis: int = 1, unit: Unit | None = None, **changes: 
     given |= changes
     if axis == 1:
         return simulate(unit or UNITS[1], Scenario(**given))
-    given["partner"] = {"circuit": given["circuit"]} if "circuit" in given else {}
+    given |= {"partner": {"circuit": given["circuit"]} if "circuit" in given else {}, "accumulator": "each"}
     out = simulate(UNITS[1], Scenario(**given), partner=unit or UNITS[2]).partner
     assert out is not None
     return out
@@ -67,9 +67,9 @@ class Case:
         # A late row at the onset may lie on either side of its millisecond.
         return self.truth.time > ONSET + 2e-3
 
-    def again(self, **changes: Any) -> tuple[Truth, Truth]:
-        """Truths of faulty and healthy in another run, the fault there from the start."""
-        spec = self.spec.model_copy(update={"onset": 0.0})
+    def again(self, onset: float = 0.0, **changes: Any) -> tuple[Truth, Truth]:
+        """Truths of faulty and healthy in another run, the fault from its start on or an onset."""
+        spec = self.spec.model_copy(update={"onset": onset})
         return (run(spec, axis=self.axis, **changes).truth, run(axis=self.axis, **changes).truth)
 
     def pressed(self, side: int) -> dict[str, Any]:
@@ -85,6 +85,11 @@ def lost(truth: Truth, rows: Array) -> float:
     """Oil (m³ at atmospheric pressure) that went outside, from what is still inside."""
     inside = (truth["oil_mass"] - truth["oil_lost"])[rows]
     return float(inside[0] - inside[-1])
+
+
+def held(rows: Array, milliseconds: int = 40) -> Array:
+    """Rows before which it has been so for that long: valves follow within some milliseconds."""
+    return np.asarray(np.convolve(rows, np.ones(milliseconds), "full")[: rows.size] > milliseconds - 0.5)
 
 
 def keeps_its_oil(truth: Truth) -> None:

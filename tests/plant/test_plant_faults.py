@@ -1,27 +1,31 @@
 """Every simulated fault: does nothing at severity 0, and what the catalogue says at severity 1."""
 
+from itertools import product
+from typing import Any
+
 import numpy as np
 import pytest
-from fault_case import ONSET, UNITS, Case, port_pressure, run
+from fault_case import ONSET, UNITS, Case, keeps_its_oil, port_pressure, run
 from fault_checks import CHECKS
 from hypothesis import given
 from hypothesis import strategies as st
 
 from fdd.errors import InputError
 from fdd.faults import CATALOGUE
-from fdd.plant.duty import Strokes
+from fdd.plant.details import Details
+from fdd.plant.duty import Levels, Strokes
 from fdd.plant.faults.spec import SIMULATED, FaultSpec, parse_fault
-from fdd.plant.load import ConstantLoad
+from fdd.plant.load import ConstantLoad, GustLoad, SpringLoad
+from fdd.plant.oil import viscosity_ratio
 from fdd.plant.scenario import Recording, Scenario
 from fdd.plant.simulate import Simulation, simulate
 
 UNIT = UNITS[1]
 AXES = [1, pytest.param(2, marks=pytest.mark.slow)]
 CHOICES = [
-    (name, side, variant)
-    for name in SIMULATED
-    for side in (CATALOGUE[name].sides or (None,))
-    for variant in (CATALOGUE[name].variants or (None,))
+    (entry.id, *choice)
+    for entry in (CATALOGUE[name] for name in SIMULATED)
+    for choice in product(entry.sides or (None,), entry.variants or (None,), entry.laws or (None,))
 ]
 
 
@@ -31,13 +35,14 @@ def healthy() -> dict[int, Simulation]:
 
 
 def test_every_simulated_fault_has_a_check():
+    """Of all its laws: a check that does not know one fails."""
     assert set(CHECKS) == set(SIMULATED) == set(CATALOGUE) - {"unknown"}
 
 
 @pytest.mark.parametrize("axis", AXES)
-@pytest.mark.parametrize(("name", "side", "variant"), CHOICES)
-def test_severity_zero_is_healthy_bit_for_bit(healthy, name, side, variant, axis):
-    spec = FaultSpec(fault=name, severity=0.0, onset=ONSET, side=side, variant=variant, axis=axis)
+@pytest.mark.parametrize(("name", "side", "variant", "law"), CHOICES)
+def test_severity_zero_is_healthy_bit_for_bit(healthy, name, side, variant, law, axis):
+    spec = FaultSpec(fault=name, severity=0.0, onset=ONSET, side=side, variant=variant, law=law, axis=axis)
     sound, faulty = healthy[axis].samples, run(spec, axis=axis).samples
     assert set(faulty.channels) == set(sound.channels)
     for channel in sound.channels:
@@ -45,9 +50,9 @@ def test_severity_zero_is_healthy_bit_for_bit(healthy, name, side, variant, axis
 
 
 @pytest.mark.parametrize("axis", AXES)
-@pytest.mark.parametrize(("name", "side", "variant"), CHOICES)
-def test_severity_one_is_what_the_catalogue_says(healthy, name, side, variant, axis):
-    spec = FaultSpec(fault=name, severity=1.0, onset=ONSET, side=side, variant=variant, axis=axis)
+@pytest.mark.parametrize(("name", "side", "variant", "law"), CHOICES)
+def test_severity_one_is_what_the_catalogue_says(healthy, name, side, variant, law, axis):
+    spec = FaultSpec(fault=name, severity=1.0, onset=ONSET, side=side, variant=variant, law=law, axis=axis)
     faulty, sound = run(spec, axis=axis), healthy[axis]
     case = Case(spec, faulty, sound)
     CHECKS[name](case)
@@ -61,7 +66,7 @@ def test_severity_one_is_what_the_catalogue_says(healthy, name, side, variant, a
     label = faulty.labels[0]
     assert (label["fault"], label["severity"], label["onset_s"]) == (name, 1.0, ONSET)
     assert label["family"] == CATALOGUE[name].family
-    assert (label["side"], label["variant"], label["axis"]) == (spec.side, spec.variant, axis)
+    assert [label[key] for key in ("side", "variant", "law", "axis")] == [side, variant, law, axis]
 
 
 def test_faults_act_together():
@@ -102,23 +107,31 @@ def test_degraded_oil_leaks_through_the_fault_too_in_either_order(order):
     assert truth["leakage"][0] == pytest.approx(expected, rel=1e-4)
 
 
+# Little charge and a case that drains what a clogged valve does not bring back.
+EMPTY = UNIT.model_copy(
+    update={
+        "accumulator": UNIT.accumulator.model_copy(
+            update={"charge_pressure": 20e3, "case_cracking_pressure": 1e3}
+        ),
+        "pump": UNIT.pump.model_copy(update={"case_leakage": 10.0 * UNIT.pump.case_leakage}),
+    }
+)
+STARVING: dict[str, Any] = {
+    "duration": 6.0, "duty": Strokes(rate=0.1), "recording": Recording.perfect(), "charge_factor": 0.7,
+    "ambient": 50e3,
+}  # fmt: skip
+
+
 @pytest.mark.parametrize("air", [0.0, 1.0])
 @pytest.mark.parametrize(("side", "load"), [(1, -2500.0), (2, 2500.0)])
 def test_a_clogged_valve_cavitates_above_vacuum_and_converges(air, side, load):
     """The pump starves instead of emptying a chamber; steps a quarter as long give the same pressures."""
-    # Little charge and a case that drains what the clogged valve does not bring back.
-    accumulator = UNIT.accumulator.model_copy(update={"charge_pressure": 20e3, "case_cracking_pressure": 1e3})
-    pump = UNIT.pump.model_copy(update={"case_leakage": 10.0 * UNIT.pump.case_leakage})
-    unit = UNIT.model_copy(update={"accumulator": accumulator, "pump": pump})
     faults = [
         {"fault": "check_valve_clogged", "severity": 1.0, "side": side},
         {"fault": "aeration", "severity": air},
     ]
-    scenario = Scenario(
-        duration=6.0, duty=Strokes(rate=0.1), load=ConstantLoad(level=load), faults=faults,
-        recording=Recording.perfect(), charge_factor=0.7, ambient=50e3,
-    )  # fmt: skip
-    coarse, fine = (simulate(unit, scenario, refine=k).truth for k in (1.0, 4.0))
+    scenario = Scenario(load=ConstantLoad(level=load), faults=faults, **STARVING)
+    coarse, fine = (simulate(EMPTY, scenario, refine=k).truth for k in (1.0, 4.0))
     for name in ("pressure_1", "pressure_2"):
         assert coarse[name].min() > -50e3
         assert np.sqrt(np.mean((coarse[name] - fine[name]) ** 2)) < 2e3
@@ -130,13 +143,66 @@ def test_a_clogged_valve_cavitates_above_vacuum_and_converges(air, side, load):
     assert np.abs(coarse["oil_mass"] / coarse["oil_mass"][0] - 1.0).max() < 1e-6
 
 
+def test_wet_oil_boils_at_a_higher_pressure():
+    """Gusts press the shut rod's chamber 2 apart: sound oil has 0.3 kPa of vapour, water 7.4 kPa."""
+    unit = EMPTY.model_copy(update={"oil": UNIT.oil.model_copy(update={"air_fraction": 1e-4})})
+    clogged = {"fault": "check_valve_clogged", "severity": 1.0, "side": 2, "law": "starved"}
+    wet = {"fault": "oil_degradation", "severity": 1.0, "variant": "wet"}
+    gusts: dict[str, Any] = {
+        "duration": 4.0, "duty": Levels(points=0.0), "load": GustLoad(deviation=1500.0, bandwidth_hz=2.0),
+        # Air that comes out of solution would hold the pressure before vapour does.
+        "details": Details(air_law="free"), "oil_temperature": 40.0,
+        "fault_scales": {"wet_viscosity": 1.0},
+    }  # fmt: skip
+    low = []
+    for faults in ([clogged], [clogged, wet]):
+        truth = simulate(unit, Scenario(faults=faults, **{**STARVING, **gusts})).truth
+        keeps_its_oil(truth)
+        low.append(truth["pressure_2"].min() + 50e3)
+    assert 0.3e3 < low[0] < 2e3 and 7.4e3 < low[1] < 20e3
+
+
+# Faults that come and go.
+
+
+@pytest.mark.parametrize("profile", ["load", "heat"])
+def test_a_fault_comes_with_the_load_or_as_the_oil_warms(profile):
+    """A leak in proportion to the load, whole from half the relief setting on; or whole 2 K warmer."""
+    spec = FaultSpec(fault="internal_leakage", law="laminar", severity=0.8, onset=1.0, profile=profile)
+    truth = run(
+        spec, duty=Strokes(amplitude=0.06, rate=0.1), load=SpringLoad(rate=5e4), warming=0.5,
+        recording=Recording.perfect(),
+    ).truth  # fmt: skip
+    load = np.abs(truth["pressure_1"] - truth["pressure_2"]) / (0.5 * UNIT.accumulator.relief_pressure)
+    heat = (truth["oil_temperature"] - truth["oil_temperature"][0]) / 2.0
+    share = np.where(truth.time >= 1.0 - 1e-9, np.clip(load if profile == "load" else heat, 0.0, 1.0), 0.0)
+    assert (share == 1.0).any() and ((share > 0.1) & (share < 0.9)).sum() > 500
+    np.testing.assert_allclose(truth.severity["internal_leakage"], 0.8 * share, atol=1e-9)
+    drop = truth["port_difference"]
+    rows = np.abs(drop) > 50e3
+    ratio = viscosity_ratio(UNIT.oil, truth["oil_temperature"])
+    expected = (UNIT.pump.cross_port_leakage + 0.8 * share * 12e-12) / ratio * drop
+    np.testing.assert_allclose(truth["cross_flow"][rows], expected[rows], rtol=1e-5)
+
+
+@pytest.mark.parametrize("law", CATALOGUE["aeration"].laws)
+@pytest.mark.parametrize("profile", ["random", "load", "intermittent", "exponential"])
+def test_air_that_comes_and_goes_makes_no_oil(law, profile):
+    spec = FaultSpec(
+        fault="aeration", severity=1.0, law=law, onset=1.0, profile=profile, period=0.7, ramp=2.0, seed=4
+    )
+    truth = run(spec, load=SpringLoad(rate=3e4)).truth
+    assert np.ptp(truth.severity["aeration"]) > 0.3
+    keeps_its_oil(truth)
+
+
 # Profiles in time.
 
 
 @given(
     severity=st.floats(0.0, 1.0),
     onset=st.floats(0.0, 50.0),
-    profile=st.sampled_from(["step", "ramp", "intermittent"]),
+    profile=st.sampled_from(["step", "ramp", "intermittent", "exponential", "random"]),
     ramp=st.floats(0.1, 100.0),
     period=st.floats(0.1, 20.0),
 )
@@ -150,7 +216,7 @@ def test_profiles_stay_between_zero_and_severity_and_start_at_the_onset(
     over = spec.over(time)
     assert np.all((over >= 0.0) & (over <= severity))
     assert not over[time < onset - 1e-6].any()
-    if profile != "intermittent":
+    if profile not in ("intermittent", "random"):
         assert np.all(np.diff(over) >= 0.0)
 
 
@@ -165,6 +231,35 @@ def test_profiles_by_hand():
     np.testing.assert_allclose(
         over(profile="intermittent", period=4.0, duty=0.25), [0, 0, 0.8, 0, 0, 0, 0.8, 0]
     )
+    # Of those that go with the plant's state the most.
+    assert np.array_equal(over(profile="load"), over()) and np.array_equal(over(profile="heat"), over())
+    growth = np.expm1(3.0 * np.array([0.25, 0.5, 0.975])) / np.expm1(3.0)
+    np.testing.assert_allclose(over(profile="exponential", ramp=4.0)[3:6], 0.8 * growth)
+
+
+def test_an_exponential_fault_grows_twenty_times_as_quickly_in_the_end():
+    spec = FaultSpec(fault="aeration", severity=1.0, profile="exponential", ramp=10.0)
+    rate = np.diff(spec.over(np.array([0.0, 1e-3, 9.999, 10.0])))[[0, 2]]
+    assert rate[1] / rate[0] == pytest.approx(20.0, rel=0.01)
+    assert np.array_equal(spec.over(np.array([10.0, 50.0])), [1.0, 1.0])
+
+
+@pytest.mark.parametrize("duty", [0.2, 0.5, 0.8])
+def test_a_random_fault_is_on_for_its_share_and_comes_at_times_without_memory(duty):
+    time = np.arange(0.0, 3600.0, 0.01)
+    spec = FaultSpec(fault="aeration", severity=0.6, profile="random", period=2.0, duty=duty, seed=3)
+    on = spec.over(time) > 0.0
+    assert set(np.unique(spec.over(time))) == {0.0, 0.6}
+    assert on[0] and np.mean(on) == pytest.approx(duty, abs=0.03)
+    comes = time[1:][np.diff(on.astype(int)) > 0]
+    assert np.mean(np.diff(comes)) == pytest.approx(2.0, rel=0.06)
+    goes = time[1:][np.diff(on.astype(int)) < 0][1:]
+    lasted = goes[: comes.size] - comes[: goes.size]
+    # Exponentially distributed: deviation as large as the mean.
+    assert np.std(lasted) / np.mean(lasted) == pytest.approx(1.0, abs=0.1)
+    other = spec.model_copy(update={"seed": 4}).over(time)
+    assert not np.array_equal(other, spec.over(time))
+    assert np.mean(spec.model_copy(update={"duty": 0.9}).over(time) > 0.0) == pytest.approx(0.9, abs=0.03)
 
 
 def test_an_intermittent_drift_keeps_what_has_drifted():
@@ -181,6 +276,9 @@ def test_an_intermittent_drift_keeps_what_has_drifted():
 def test_the_command_lines_fault_is_read_whole():
     spec = parse_fault("check_valve_stuck_open: severity=0.4, onset=20, side=2, profile=ramp, ramp=5")
     assert (spec.severity, spec.onset, spec.side, spec.profile, spec.ramp) == (0.4, 20.0, 2, "ramp", 5.0)
+    assert spec.law == "gap" == spec.label()["law"], "the first"
+    spec = parse_fault("internal_leakage:severity=0.4,law=opening,profile=random,period=9,duty=0.2,seed=7")
+    assert (spec.law, spec.profile, spec.period, spec.duty, spec.seed) == ("opening", "random", 9.0, 0.2, 7)
 
 
 @pytest.mark.parametrize(
@@ -205,6 +303,11 @@ def test_the_command_lines_fault_is_read_whole():
         ("check_valve_stuck_open:severity=0.4,side=3", "1, 2"),
         ("check_valve_stuck_open:severity=0.4,side=left", "not a number"),
         ("seal_wear:severity=0.4,variant=wet", "loose, tight"),
+        ("aeration:severity=0.4,law=orifice", "use one of: exchange, ingress, chamber_1, chamber_2"),
+        ("oil_degradation:severity=0.4,law=wet", "leave law out"),
+        ("aeration:severity=0.4,seed=x", "seed='x' is not a number"),
+        ("aeration:severity=0.4,seed=-1", "seed"),
+        ("pressure_sensor_bias:severity=0.4,profile=heat", "step, ramp, intermittent, exponential, random"),
     ],
 )
 def test_wrong_faults_are_told_in_one_line(text, told):

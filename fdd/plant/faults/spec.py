@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from functools import cached_property
+from functools import lru_cache
 from typing import Annotated, Literal
 
 import numpy as np
@@ -102,19 +102,11 @@ class FaultSpec(Validated):
         elif self.profile == "exponential":
             share = np.expm1(_GROWTH * np.clip(since / self.ramp, 0.0, 1.0)) / np.expm1(_GROWTH)
         elif self.profile == "random":
-            changes = np.searchsorted(self._changes, since + 1e-9, side="right")
+            changes = np.searchsorted(_changes(self.seed, self.period, self.duty), since + 1e-9, side="right")
             share = np.where(changes % 2 == 0, 1.0, 0.0)
         else:
             share = np.ones_like(since)
         return np.where(begun, self.severity * share, 0.0)
-
-    @cached_property
-    def _changes(self) -> NDArray[np.float64]:
-        """Seconds after the onset at which a random fault goes, comes, goes …"""
-        rng = np.random.default_rng([self.seed, _CHANGES])
-        mean = self.period * np.array([self.duty, 1.0 - self.duty])
-        times = (rng.exponential(1.0, (_CHANGES, 2)) * mean).ravel()
-        return np.cumsum(times)
 
     def label(self) -> dict[str, str | float | int | None]:
         """The label of the fault, as data sets carry it."""
@@ -135,6 +127,14 @@ _GROWTH = 3.0
 """Of the exponential profile: its rate grows by e³ = 20 over its time."""
 _CHANGES = 4096
 """Times that a random fault comes and goes; then it stays."""
+
+
+@lru_cache(maxsize=64)
+def _changes(seed: int, period: float, duty: float) -> NDArray[np.float64]:
+    """Seconds after the onset at which a random fault goes, comes, goes …"""
+    rng = np.random.default_rng([seed, _CHANGES])
+    return np.cumsum(rng.exponential(1.0, (_CHANGES, 2)) * period * np.array([duty, 1.0 - duty]))
+
 
 _NUMBERS = ("severity", "onset", "ramp", "period", "duty")
 _PARAMETERS = (*_NUMBERS, "profile", "side", "variant", "law", "seed", "axis")

@@ -1,0 +1,131 @@
+"""What severity 1 of a fault of motor, drive or coupling is, by the catalogue's words, measured from runs."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import pytest
+from fault_case import Array, Case, run
+
+from fdd.plant.details import Details
+from fdd.plant.duty import Levels
+from fdd.plant.faults.scales import FaultScales
+from fdd.plant.load import NoLoad
+from fdd.plant.scenario import Control, Recording
+from fdd.plant.truth import Truth
+
+PLAIN = Details(pump_ripple=0.0, pump_friction=0.0, pump_drag=0.0, cogging_torque=0.0)
+"""A shaft on which nothing acts but what is written down here."""
+
+
+def turning(case: Case) -> tuple[Truth, Truth]:
+    """Faulty and healthy at speeds so low that a sample each millisecond shows what swings with the shaft."""
+    return case.again(
+        duration=6.0, duty=Levels(points="0:25/2:-25/4:40", offset=-0.03), control=Control(mode="speed"),
+        details=PLAIN, recording=Recording.perfect(),
+    )  # fmt: skip
+
+
+def shaft(case: Case, truth: Truth) -> Array:
+    """Torque per ampere, its swing with twice the electrical angle, and the brake, over the sound motor's.
+
+    By least squares from the balance J dω/dt = k·K·i - D·Δp - friction.
+    """
+    drive, speed = case.unit.drive, truth["pump_speed"]
+    slope = np.gradient(speed, truth.time)
+    torque = drive.inertia * slope + case.unit.pump.displacement * truth["port_difference"]
+    torque += drive.viscous_friction * speed + PLAIN.pump_coulomb_torque * speed / np.hypot(1.0, speed)
+    electric = drive.torque_constant * truth["motor_current"]
+    swing = np.cos(2.0 * PLAIN.pole_pairs * truth["pump_angle"])
+    # Where the speed is steady for a while, so that its slope over 2 ms is exact.
+    steady = np.abs(slope) < 300.0
+    assert steady.sum() > 1000
+    basis = np.column_stack([electric, electric * swing, -speed])[steady]
+    return np.asarray(np.linalg.lstsq(basis, torque[steady], rcond=None)[0])
+
+
+def motor_degradation(case: Case) -> None:
+    law = str(case.spec.law)
+    share, swing, brake, limit, ohms, volts = {
+        "winding": (0.7, 0.0, 0.0, 8.0, 1.5, 0.7), "magnets": (0.7, 0.0, 0.0, 10.0, 1.0, 0.7),
+        "shorted": (0.85, 0.0, 2e-3, 10.0, 0.7, 0.85), "phase": (0.7, -0.3, 0.0, 10.0, 1.0, 1.0),
+    }[law]  # fmt: skip
+    for truth, expected in zip(turning(case), ((share, swing, brake), (1.0, 0.0, 0.0)), strict=True):
+        assert shaft(case, truth) == pytest.approx(expected, abs=0.02)
+        assert shaft(case, truth)[2] == pytest.approx(expected[2], abs=2e-4)
+    # The steps ask for all the current that there is.
+    for truth, most in zip(case.again(recording=Recording.perfect()), (limit, 10.0), strict=True):
+        assert np.abs(truth["motor_current"]).max() == pytest.approx(most, rel=1e-6)
+    if case.axis == 2 or law == "phase":  # the other axis would drag a motor that falls behind
+        return
+    # A winding of much resistance on little voltage: V = R·i + K_e·ω at steady speed.
+    drive, supply, resistance = case.unit.drive, 40.0, 100.0
+    weak = case.unit.model_copy(
+        update={"drive": drive.model_copy(update={"voltage_limit": supply, "winding_resistance": resistance})}
+    )
+    starved = case.again(
+        unit=weak, duration=3.0, duty=Levels(points=200.0, offset=-0.05), control=Control(mode="speed"),
+        load=NoLoad(), details=PLAIN, recording=Recording.perfect(),
+    )  # fmt: skip
+    for truth, emf, more in zip(starved, (volts, 1.0), (ohms, 1.0), strict=True):
+        speed, current = truth["pump_speed"][-300:], truth["motor_current"][-300:]
+        assert np.ptp(current) < 0.01 * current.mean()
+        found = (supply - emf * drive.back_emf_constant * speed.mean()) / current.mean()
+        assert found == pytest.approx(more * resistance, rel=0.01)
+
+
+def drive_failure(case: Case) -> None:
+    if case.spec.law == "phase":
+        for truth, expected in zip(turning(case), ((0.5, -0.5, 0.0), (1.0, 0.0, 0.0)), strict=True):
+            assert shaft(case, truth) == pytest.approx(expected, abs=0.02)
+        faulty, _ = case.again(recording=Recording.perfect())
+        assert np.abs(faulty["motor_current"]).max() == pytest.approx(5.0, rel=1e-6)
+        return
+    free: dict[str, Any] = {"load": NoLoad(), "recording": Recording.perfect()}
+    truth, sound = (run(*faults, axis=case.axis, **free).truth for faults in ((case.spec,), ()))
+    # The winding's current dies out within some current lags, and with it the torque.
+    dead, before = truth.time > case.spec.onset + 0.01, truth.time < case.spec.onset
+    assert np.abs(truth["motor_current"][dead]).max() < 1e-6
+    assert np.abs(truth["motor_torque"][dead]).max() < 0.02, "magnets and slots alone"
+    assert np.abs(sound["motor_current"][dead]).max() > 1.0 < np.abs(truth["motor_current"][before]).max()
+    if case.axis == 1:  # the other axis would drive it by the rod
+        assert np.abs(truth["pump_speed"][truth.time > case.spec.onset + 1.0]).max() < 1.0
+        assert np.ptp(truth["position"][dead][500:]) < 1e-3 < np.ptp(sound["position"][dead][500:])
+
+
+def coupling_wear(case: Case) -> None:
+    """The pump's angle, from the flow that it gives, lags the motor's by the play, whichever way it turns."""
+    loose = 0.0 if case.spec.law == "bent" else np.deg2rad(2.0)
+    changes: dict[str, Any] = {
+        "duration": 3.0, "duty": Levels(points="0:100/1:-100/2:100"), "control": Control(mode="speed"),
+        "details": Details(pump_ripple=0.0), "recording": Recording.perfect(), "load": NoLoad(),
+    }  # fmt: skip
+    truth, healthy = case.again(**changes, fault_scales=FaultScales(coupling_eccentricity=0.0))
+    displacement = case.unit.pump.displacement
+    for each, play in ((healthy, 0.0), (truth, loose)):
+        turned = each["pump_flow"] / displacement
+        pump = np.concatenate([[0.0], np.cumsum(0.5 * (turned[1:] + turned[:-1]) * np.diff(each.time))])
+        behind = each["pump_angle"] - pump
+        ends = [behind[each.time.searchsorted(t) - 1] for t in (0.98, 1.98, 2.98)]
+        assert each["port_difference"][[980, 2980]].min() > 0.0 > each["port_difference"][1980]
+        # The flanks give 500 N·m/rad under the pump's torque, friction and leakage on both sides of zero.
+        torque = displacement * np.abs(each["port_difference"][[980, 1980, 2980]])
+        bent = (torque[0] + torque[1]) / 500.0 if play else 0.0
+        bent_back = (torque[1] + torque[2]) / 500.0 if play else 0.0
+        assert ends[0] - ends[1] == pytest.approx(play + bent, abs=4e-4)
+        assert ends[2] - ends[1] == pytest.approx(play + bent_back, abs=4e-4)
+    # Out of line, the pump's speed swings once a turn; twice the first harmonic over the motor's angle.
+    # Without the play, through which the pump's own pressure pulses would drive it to and fro.
+    swinging, steady = case.again(**changes, fault_scales=FaultScales(coupling_play=0.0))
+    for each, swing in ((swinging, 0.0 if case.spec.law == "play" else 0.02), (steady, 0.0)):
+        rows = (each.time > 0.4) & (each.time < 0.98)
+        share = each["pump_flow"][rows] / (displacement * each["pump_speed"][rows]) - 1.0
+        found = 2.0 * abs(np.mean(share * np.exp(-1j * each["pump_angle"][rows])))
+        assert found == pytest.approx(swing, abs=1e-3)
+
+
+MOTOR_CHECKS: dict[str, Callable[[Case], None]] = {
+    check.__name__: check for check in (motor_degradation, drive_failure, coupling_wear)
+}
