@@ -155,6 +155,8 @@ def draw_unit(recipe: Recipe, rng: Rng, index: int) -> Rig:
     }
     for name in ("pump", "oil", "accumulator", "drive"):
         parts[name] = varied(name, getattr(unit, name), VARIED[name])
+    if stated:
+        parts["oil"] = population.with_its_air(parts["oil"], unit.oil)
     details = drawn(rng, Details.usual)
     details["pump_teeth"] = round(details["pump_teeth"])
     if unit.accumulator.oil_volume is not None:  # after all that every profile has

@@ -13,8 +13,8 @@ from typing import Literal
 import numpy as np
 
 from fdd.campaign.ranges import Range, Rng
-from fdd.plant.oil import ATMOSPHERE
-from fdd.unit import Unit
+from fdd.plant.oil import ATMOSPHERE, air_compliance, stiff_bulk_modulus
+from fdd.unit import Oil, Unit
 
 KELVIN = 273.15
 
@@ -70,6 +70,7 @@ BETWEEN_UNITS: dict[str, dict[str, Spread]] = {
         "case_leakage": Spread("lognormal", 0.4, _GAP),
     },
     "oil": {
+        # Of oil and walls without air; the effective one follows by `with_its_air`.
         "bulk_modulus": Spread("normal", 0.08, "assumption: walls and hoses; oils of one kind differ by 5 %"),
         "air_fraction": Spread("lognormal", 0.5, "assumption: how well a circuit was bled, within 2.7 times"),
         "viscosity_40": Spread("uniform", 0.1, _GRADE),
@@ -161,6 +162,18 @@ def friction_factors(rng: Rng, names: tuple[str, ...], level: float) -> list[flo
     """The same of one direction's friction; `level` is common to both."""
     common = {"coulomb": level, "static": level}
     return [FRICTION[name].factor(rng) * common.get(name, 1.0) for name in names]
+
+
+def with_its_air(oil: Oil, sheet: Oil) -> Oil:
+    """The oil with the bulk modulus that follows from its own air, on a data sheet's stiffness.
+
+    Parameters
+    ----------
+    oil : drawn, its bulk modulus and air each by itself. sheet : what it was drawn from.
+    """
+    stiff = stiff_bulk_modulus(sheet) * oil.bulk_modulus / sheet.bulk_modulus
+    air = oil.air_fraction * float(air_compliance(oil.reference_pressure, oil.polytropic_index))
+    return oil.model_copy(update={"bulk_modulus": 1.0 / (1.0 / stiff + air)})
 
 
 def charge_factor(unit: Unit, at_reference: float, temperature: float) -> float:
