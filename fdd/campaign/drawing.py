@@ -20,11 +20,12 @@ from fdd.campaign.sizes import Scale
 from fdd.campaign.structures import EQUAL, Condition, Structure
 from fdd.faults import CATALOGUE
 from fdd.plant.details import Details
+from fdd.plant.duty import ConstantSpeed, Duty
 from fdd.plant.faults.injection import STATE_BORNE
 from fdd.plant.faults.scales import FaultScales
 from fdd.plant.faults.spec import FaultSpec
 from fdd.plant.load import LOADS, Load
-from fdd.plant.scenario import Scenario
+from fdd.plant.scenario import Control, Scenario
 from fdd.plant.sensors.recording import Recording
 from fdd.unit import Cylinder, Section, Unit
 
@@ -266,8 +267,7 @@ def draw_scenario(recipe: Recipe, rig: Rig, rng: Rng, faults: tuple[str, ...] = 
         gain=gain if rig.scale is None else gain * rig.scale.position_gain,
         scale=rig.scale,
     )
-    departs = duty.amplitude if control.mode == "position" else 0.4 * rig.unit.cylinder.stroke
-    load = _load(load_name, recipe, rig, rng, duty.offset, departs)
+    load = _load(load_name, recipe, rig, rng, duty, control)
     specs = [_fault(name, recipe, rig, duration, rng) for name in faults]
     if recipe.stuck_valve == "loaded":
         specs = [_on_loaded_side(spec, load, duty.offset, rig.unit) for spec in specs]
@@ -369,9 +369,11 @@ def _on_loaded_side(spec: FaultSpec, load: Load, offset: float, unit: Unit) -> F
     return spec.model_copy(update={"side": 1 if force > 0.0 else 2})
 
 
-def _load(name: str, recipe: Recipe, rig: Rig, rng: Rng, offset: float, departs: float) -> Load:
-    """A load of that kind which the unit can carry where it moves: `departs` metres about `offset`."""
-    kind, unit, reach = LOADS[name], rig.unit, abs(offset) + departs
+def _load(name: str, recipe: Recipe, rig: Rig, rng: Rng, duty: Duty, control: Control) -> Load:
+    """A load of that kind which the unit can carry wherever that duty takes it."""
+    kind, unit = LOADS[name], rig.unit
+    departs = duty.amplitude if control.mode == "position" else 0.4 * unit.cylinder.stroke
+    reach = abs(duty.offset) + departs
     ranges = {**kind.usual, **recipe.ranges.get(name, {})}
     values = drawn(rng, ranges if rig.scale is None else rig.scale.load_ranges(name, ranges))
     most = GREATEST_FORCE * unit.accumulator.relief_pressure * min(unit.cylinder.area_1, unit.cylinder.area_2)
@@ -383,9 +385,11 @@ def _load(name: str, recipe: Recipe, rig: Rig, rng: Rng, offset: float, departs:
     elif name in ("spring", "hinge"):
         values["rate"] = min(values["rate"], most / (reach + abs(values["slack"])))
     elif name == "press":
-        # Touched in the upper half of the motion at the latest, or it were no load.
-        values["slack"] = min(values["slack"], offset + 0.5 * departs)
-        values["rate"] = min(values["rate"], most / (offset + departs - values["slack"]))
+        # Touched in the upper half of the motion at the latest, or it were no load. A commanded speed moves it
+        # to both sides, nobody knows how far.
+        bounded = control.mode == "position" or isinstance(duty, ConstantSpeed)
+        values["slack"] = min(values["slack"], duty.offset + (0.5 * duty.amplitude if bounded else 0.0))
+        values["rate"] = min(values["rate"], most / max(duty.offset + departs - values["slack"], 1e-3))
     elif name == "gust":
         values["level"] = float(np.clip(values["level"], -0.3 * most, 0.3 * most))
         values["deviation"] = min(values["deviation"], 0.25 * (most - abs(values["level"])))
