@@ -385,8 +385,8 @@ def _load(name: str, recipe: Recipe, rig: Rig, rng: Rng, duty: Duty, control: Co
     elif name in ("spring", "hinge"):
         values["rate"] = min(values["rate"], most / (reach + abs(values["slack"])))
     elif name == "press":
-        # Touched in the upper half of the motion at the latest, or it were no load. A commanded speed moves it
-        # to both sides, nobody knows how far.
+        # Touched in the upper half of the motion at the latest, or it were no load. A commanded speed moves
+        # the rod to both sides, nobody knows how far.
         bounded = control.mode == "position" or isinstance(duty, ConstantSpeed)
         values["slack"] = min(values["slack"], duty.offset + (0.5 * duty.amplitude if bounded else 0.0))
         values["rate"] = min(values["rate"], most / max(duty.offset + departs - values["slack"], 1e-3))
