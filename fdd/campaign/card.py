@@ -20,11 +20,12 @@ from fdd.yaml_reading import yaml_of
 _TWINS = """- `unit_NNN/twin_NNN.{format}`: each faulty log once more without its faults. Draws and noise are
   the same: equal to the last bit before the onset, and different after it by what the faults do.
 """
+_STATED = "by the distributions of `fdd.campaign.population`, each with its source"
 _VISIBILITY = """Log less twin, rms over the whole log, in standard deviations of the channel's noise (white
-noise, tones, rounding). Visible: at least one in any measured channel. The largest rms is that of pressures,
-current and position; the last columns count logs by it. Rows lost: it is below 1, but the fault takes values
-out of the log. Encoders count finely and travel adds up, so a fault may show in angle or position long before
-it does in a pressure; the labels have each channel."""
+noise, tones, rounding). The largest rms is that of the pressures and the motor's current; visible: it is at
+least one. The last columns count logs by it. Rows lost: it is below 1, but the fault takes values out of the
+log. Angle and position are left out: encoders count finely and travel adds up, so that any fault would be
+visible there; the labels have each channel."""
 
 
 def write_sums(directory: Path) -> None:
@@ -73,6 +74,7 @@ def card(data: Dataset) -> str:
     told = {name: ", ".join(u for u in data.units if split[u] == name) or "none" for name in SPLITS}
     twins = _TWINS.format(format=recipe.format) if recipe.twins else ""
     visible = _visible(data) if recipe.twins else ""
+    spread = f"within {recipe.variation:.0%}" if recipe.population == "uniform" else _STATED
     sha = made.sha256
     cite = f"{made.name}, simulated with fdd {made.version}, seed {made.seed}, SHA-256 {sha}."
     return f"""---
@@ -104,7 +106,7 @@ the same bytes.
 
 {visible}## Units and splits
 
-Bases {", ".join(recipe.bases)}, numbers drawn within {recipe.variation:.0%}{structures}.
+Bases {", ".join(recipe.bases)}, numbers drawn {spread}{structures}.
 No unit is in two splits.
 
 {chr(10).join(f"- {name}: {units}" for name, units in told.items())}
@@ -133,9 +135,11 @@ def _faults(data: Dataset) -> str:
         spans = []
         for values in ([f.severity for f in mine], [f.onset_s for f in mine]):
             spans.append(f"{min(values):.3g} to {max(values):.3g}")
+        for named in ([f.law for f in mine], [f.profile for f in mine]):
+            spans.append(", ".join(f"{n} {k}" for n, k in Counter(filter(None, named)).most_common()))
         rows.append([name, str(len(mine)), *spans])
-    rows.append(["healthy", str(sum(e.healthy for e in data.logs)), "", ""])
-    return "\n".join(table(["fault", "logs", "severity", "onset, s"], rows)[:-1])
+    rows.append(["healthy", str(sum(e.healthy for e in data.logs)), "", "", "", ""])
+    return "\n".join(table(["fault", "logs", "severity", "onset, s", "laws", "courses"], rows)[:-1])
 
 
 def _visible(data: Dataset) -> str:

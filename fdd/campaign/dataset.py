@@ -26,7 +26,7 @@ RelativePath = Annotated[str, Field(pattern=r"^[A-Za-z0-9_.\-]+/[A-Za-z0-9_.\-]+
 
 
 class Label(Validated):
-    """One injected fault, as the plant labels it."""
+    """One injected fault, as the plant labels it; data of versions without laws have none."""
 
     fault: str
     family: str
@@ -35,6 +35,7 @@ class Label(Validated):
     profile: str
     side: int | None = None
     variant: str | None = None
+    law: str | None = None
     axis: int = 1
     channel: str | None = None
 

@@ -12,6 +12,7 @@ from typing import Any, TypeVar
 
 import numpy as np
 
+from fdd.campaign import population
 from fdd.campaign.motion import fitting_duty
 from fdd.campaign.ranges import Rng, apportioned, chosen, drawn, log_uniform, uniform
 from fdd.campaign.recipe import Recipe
@@ -19,10 +20,12 @@ from fdd.campaign.sizes import Scale
 from fdd.campaign.structures import EQUAL, Condition, Structure
 from fdd.faults import CATALOGUE
 from fdd.plant.details import Details
+from fdd.plant.duty import ConstantSpeed, Duty
+from fdd.plant.faults.injection import STATE_BORNE
 from fdd.plant.faults.scales import FaultScales
 from fdd.plant.faults.spec import FaultSpec
 from fdd.plant.load import LOADS, Load
-from fdd.plant.scenario import Scenario
+from fdd.plant.scenario import Control, Scenario
 from fdd.plant.sensors.recording import Recording
 from fdd.unit import Cylinder, Section, Unit
 
@@ -113,25 +116,35 @@ def draw_unit(recipe: Recipe, rng: Rng, index: int) -> Rig:
     if structure is None:
         unit = Unit.load(base)
     else:
-        unit = structure.data_sheet(base, stream(recipe, "structure", index))
+        unit = structure.data_sheet(base, stream(recipe, "structure", index), recipe.oil_temperatures)
         base = structure.base or (base if structure.size is None else structure.name)
         scale = None if structure.size is None else Scale.of(unit)
         recording = structure.recording(recording)
     sheet = unit
+    stated = recipe.population == "stated"
 
-    def varied(section: S, names: tuple[str, ...], **more: float) -> S:
-        factors = 1.0 + recipe.variation * rng.uniform(-1.0, 1.0, len(names))
-        changed = {n: float(getattr(section, n) * f) for n, f in zip(names, factors, strict=True)}
-        provenance = {n: p for n, p in section.provenance.items() if n not in changed}
-        return section.model_copy(update={**changed, **more, "provenance": provenance})
+    def varied(name: str, section: S, names: tuple[str, ...]) -> S:
+        if stated:
+            factors = population.factors(rng, name, names)
+        else:
+            factors = list(1.0 + recipe.variation * rng.uniform(-1.0, 1.0, len(names)))
+        return _times(section, names, factors)
 
-    cylinder = varied(unit.cylinder, VARIED["cylinder"])
+    cylinder = varied("cylinder", unit.cylinder, VARIED["cylinder"])
     ratio = unit.cylinder.area_2 / unit.cylinder.area_1
-    mismatch = 1.0 + recipe.area_mismatch * rng.uniform(-1.0, 1.0)
+    mismatch = (
+        population.AREA_RATIO.factor(rng) if stated else 1.0 + recipe.area_mismatch * rng.uniform(-1.0, 1.0)
+    )
     area_2 = float(cylinder.area_1 * ratio * mismatch)
     branches = {}
+    level = population.FRICTION_LEVEL.factor(rng) if stated else 1.0
     for name in ("forward", "reverse"):
-        branch = varied(getattr(unit.friction, name), VARIED_FRICTION)
+        branch = getattr(unit.friction, name)
+        if stated:
+            drawn_factors = population.friction_factors(rng, VARIED_FRICTION, level)
+            branch = _times(branch, VARIED_FRICTION, drawn_factors)
+        else:
+            branch = varied("friction", branch, VARIED_FRICTION)
         branches[name] = branch.model_copy(update={"static": max(branch.static, branch.coulomb)})
     cylinder = cylinder.model_copy(update={"area_2": area_2})
     if scale is not None:
@@ -142,19 +155,30 @@ def draw_unit(recipe: Recipe, rng: Rng, index: int) -> Rig:
         "sensors": _sensors(recipe, unit, rng, scale),
     }
     for name in ("pump", "oil", "accumulator", "drive"):
-        parts[name] = varied(getattr(unit, name), VARIED[name])
-    description = f"{base} varied by ±{recipe.variation:.0%}, drawn for {recipe.name}."
+        parts[name] = varied(name, getattr(unit, name), VARIED[name])
+    if stated:
+        parts["oil"] = population.with_its_air(parts["oil"], unit.oil)
+    details = drawn(rng, Details.usual)
+    details["pump_teeth"] = round(details["pump_teeth"])
+    if unit.accumulator.oil_volume is not None:  # after all that every profile has
+        parts["accumulator"] = varied("accumulator", parts["accumulator"], ("oil_volume",))
+    by = "as stated in fdd.campaign.population" if stated else f"by ±{recipe.variation:.0%}"
+    description = f"{base} varied {by}, drawn for {recipe.name}."
     made = unit.model_copy(
         update={**parts, "name": f"unit_{index:03d}", "description": description, "baseline": None}
     )
-    details = drawn(rng, Details.usual)
-    details["pump_teeth"] = round(details["pump_teeth"])
     if scale is not None:
         details = scale.details(details)
     if structure is not None:
         details = structure.drawn_details(details, stream(recipe, "details", index))
     made = Unit.from_yaml(made.to_yaml())
     return Rig(made, Details(**details), base, sheet, recording, structure, scale)
+
+
+def _times(section: S, names: tuple[str, ...], factors: list[float]) -> S:
+    changed = {n: float(getattr(section, n) * f) for n, f in zip(names, factors, strict=True)}
+    provenance = {n: p for n, p in section.provenance.items() if n not in changed}
+    return section.model_copy(update={**changed, "provenance": provenance})
 
 
 def structure_of(recipe: Recipe, index: int) -> Structure | None:
@@ -243,22 +267,27 @@ def draw_scenario(recipe: Recipe, rig: Rig, rng: Rng, faults: tuple[str, ...] = 
         gain=gain if rig.scale is None else gain * rig.scale.position_gain,
         scale=rig.scale,
     )
-    departs = duty.amplitude if control.mode == "position" else 0.4 * rig.unit.cylinder.stroke
-    reach = abs(duty.offset) + departs
-    load = _load(load_name, recipe, rig, rng, reach)
+    load = _load(load_name, recipe, rig, rng, duty, control)
     specs = [_fault(name, recipe, rig, duration, rng) for name in faults]
     if recipe.stuck_valve == "loaded":
         specs = [_on_loaded_side(spec, load, duty.offset, rig.unit) for spec in specs]
+    stated = recipe.population == "stated"
+    usually = population.central if stated else uniform
+    temperature = usually(rng, recipe.oil_temperature)
+    warming, charge = uniform(rng, recipe.warming), usually(rng, recipe.charge_factor)
+    if stated:
+        charge = population.charge_factor(rig.unit, charge * population.CHARGE.factor(rng), temperature)
     conditions: dict[str, Any] = {
-        "oil_temperature": uniform(rng, recipe.oil_temperature),
-        "warming": uniform(rng, recipe.warming),
-        "charge_factor": uniform(rng, recipe.charge_factor),
+        "oil_temperature": temperature,
+        "warming": warming,
+        "charge_factor": charge,
         "seed": int(rng.integers(0, 2**62)),
     }
     # Last: what is drawn above does not depend on how many scales there are.
     scales = drawn(rng, recipe.fault_scales)
     if rig.scale is not None:
         scales = rig.scale.fault_scales(scales)
+    specs = [_by_law(spec, recipe, rng) for spec in specs]  # so that logs differ by their laws alone
     return Scenario(
         unit=rig.unit.name,
         duration=duration,
@@ -273,6 +302,23 @@ def draw_scenario(recipe: Recipe, rig: Rig, rng: Rng, faults: tuple[str, ...] = 
     )
 
 
+def as_it_runs(
+    recipe: Recipe, rig: Rig, unit: Unit, scenario: Scenario, purpose: tuple[str, int, int]
+) -> tuple[Unit, Scenario]:
+    """Unit and scenario with what differs from run to run beside the scenario's draw, of a stated population.
+
+    Parameters
+    ----------
+    purpose : kind of run, indices of unit and run.
+    """
+    if recipe.population == "uniform":
+        return unit, scenario
+    rng = stream(recipe, f"{purpose[0]} as it runs", *purpose[1:])
+    zeros = population.warm_zeros(unit, _zero_errors(recipe, rig.scale), rng)
+    wander = round(uniform(rng, population.WANDER), 4)
+    return zeros, scenario.model_copy(update={"friction_wander": wander})
+
+
 def _fault(name: str, recipe: Recipe, rig: Rig, duration: float, rng: Rng) -> FaultSpec:
     entry = CATALOGUE[name]
     variants = recipe.faults[name].variants or entry.variants
@@ -282,8 +328,12 @@ def _fault(name: str, recipe: Recipe, rig: Rig, duration: float, rng: Rng) -> Fa
     onset = uniform(rng, recipe.onset) * duration
     if rng.random() < recipe.at_start_share:
         onset = 0.0
+    profiles = recipe.profiles
+    if entry.in_measurement:  # a sensor knows neither load nor heat
+        profiles = {n: w for n, w in profiles.items() if n not in STATE_BORNE}
     # A drift grows by itself: ramped or interrupted it would be another fault.
-    profile = "step" if name == "pressure_sensor_drift" else chosen(rng, recipe.profiles)
+    steps = name == "pressure_sensor_drift" or not sum(profiles.values()) > 0.0
+    profile: Any = "step" if steps else chosen(rng, profiles)
     left = duration - onset
     return FaultSpec(
         fault=name,
@@ -298,19 +348,32 @@ def _fault(name: str, recipe: Recipe, rig: Rig, duration: float, rng: Rng) -> Fa
     )
 
 
+def _by_law(spec: FaultSpec, recipe: Recipe, rng: Rng) -> FaultSpec:
+    """The fault by one of the recipe's laws, at random times of its own if it comes at random."""
+    laws, changed = recipe.laws_of(spec.fault), dict[str, Any]()
+    if laws:
+        changed["law"] = laws[0] if len(laws) == 1 else str(rng.choice(laws))
+    if spec.profile == "random":
+        changed["seed"] = int(rng.integers(0, 2**31))
+    return FaultSpec(**{**spec.model_dump(), **changed}) if changed else spec
+
+
 def _on_loaded_side(spec: FaultSpec, load: Load, offset: float, unit: Unit) -> FaultSpec:
     """A stuck check valve moved to the chamber that the load's mean force presses on, if it does."""
     if spec.fault != "check_valve_stuck_open":
         return spec
-    force = getattr(load, "level", 0.0) + load.stiffness * (offset - load.centre)
+    spring = load.stiffness * (offset - load.centre)
+    force = getattr(load, "level", 0.0) + (max(spring, 0.0) if load.one_sided else spring)
     if abs(force) < ONE_SIDED_PRESSURE * unit.cylinder.area_1:
         return spec
     return spec.model_copy(update={"side": 1 if force > 0.0 else 2})
 
 
-def _load(name: str, recipe: Recipe, rig: Rig, rng: Rng, reach: float) -> Load:
-    """A load of that kind which the unit can carry over a reach of ± `reach` metres."""
+def _load(name: str, recipe: Recipe, rig: Rig, rng: Rng, duty: Duty, control: Control) -> Load:
+    """A load of that kind which the unit can carry wherever that duty takes it."""
     kind, unit = LOADS[name], rig.unit
+    departs = duty.amplitude if control.mode == "position" else 0.4 * unit.cylinder.stroke
+    reach = abs(duty.offset) + departs
     ranges = {**kind.usual, **recipe.ranges.get(name, {})}
     values = drawn(rng, ranges if rig.scale is None else rig.scale.load_ranges(name, ranges))
     most = GREATEST_FORCE * unit.accumulator.relief_pressure * min(unit.cylinder.area_1, unit.cylinder.area_2)
@@ -319,8 +382,14 @@ def _load(name: str, recipe: Recipe, rig: Rig, rng: Rng, reach: float) -> Load:
         values["pressure"] = min(values["pressure"], GREATEST_FORCE * unit.accumulator.relief_pressure)
     elif name == "constant":
         values["level"] = float(np.clip(values["level"], -most, most))
-    elif name == "spring":
+    elif name in ("spring", "hinge"):
         values["rate"] = min(values["rate"], most / (reach + abs(values["slack"])))
+    elif name == "press":
+        # Touched in the upper half of the motion at the latest, or it were no load. A commanded speed moves
+        # the rod to both sides, nobody knows how far.
+        bounded = control.mode == "position" or isinstance(duty, ConstantSpeed)
+        values["slack"] = min(values["slack"], duty.offset + (0.5 * duty.amplitude if bounded else 0.0))
+        values["rate"] = min(values["rate"], most / max(duty.offset + departs - values["slack"], 1e-3))
     elif name == "gust":
         values["level"] = float(np.clip(values["level"], -0.3 * most, 0.3 * most))
         values["deviation"] = min(values["deviation"], 0.25 * (most - abs(values["level"])))
@@ -328,9 +397,14 @@ def _load(name: str, recipe: Recipe, rig: Rig, rng: Rng, reach: float) -> Load:
     return kind(**values)
 
 
+def _zero_errors(recipe: Recipe, scale: Scale | None) -> dict[str, float]:
+    """Most that the zeros of a machine's sensors are off, by channel."""
+    errors = recipe.sensors.zero_error
+    return errors if scale is None else scale.zero_errors(errors)
+
+
 def _sensors(recipe: Recipe, unit: Unit, rng: Rng, scale: Scale | None) -> dict[str, Any]:
-    errors = recipe.sensors
-    zeros = errors.zero_error if scale is None else scale.zero_errors(errors.zero_error)
+    errors, zeros = recipe.sensors, _zero_errors(recipe, scale)
     varied = {}
     for channel, sensor in unit.sensors.items():
         factor = log_uniform(rng, errors.noise_factor)

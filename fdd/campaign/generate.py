@@ -22,7 +22,15 @@ from numpy.typing import NDArray
 from fdd import __version__
 from fdd.campaign.calibration import calibration_runs, ordinary_strokes
 from fdd.campaign.card import write_card, write_sums
-from fdd.campaign.drawing import Rig, assign_faults, condition_of, draw_scenario, draw_unit, stream
+from fdd.campaign.drawing import (
+    Rig,
+    as_it_runs,
+    assign_faults,
+    condition_of,
+    draw_scenario,
+    draw_unit,
+    stream,
+)
 from fdd.campaign.layout import (
     BASE_UNIT,
     DATASET_SCHEMA,
@@ -197,9 +205,11 @@ def _baseline_run(recipe: Recipe, rig: Rig, index: int, number: int) -> Simulati
     kind = rig.structure.baseline_kind if rig.structure is not None else None
     rng = stream(recipe, "baseline", index)
     if (kind or recipe.baseline_kind) == "identification":
-        return simulate(rig.unit, calibration_runs(recipe, rig, rng)[number - 1])
+        run = calibration_runs(recipe, rig, rng)[number - 1]
+        return simulate(*as_it_runs(recipe, rig, rig.unit, run, ("baseline", index, number)))
     if number == 1:
-        return simulate(rig.unit, ordinary_strokes(rig, rng))
+        run = ordinary_strokes(rig, rng)
+        return simulate(*as_it_runs(recipe, rig, rig.unit, run, ("baseline", index, number)))
     work = recipe.model_copy(update={"duration": ORDINARY_WORK})
     return _sane_run(work, rig, ("ordinary", index, number), ())
 
@@ -221,7 +231,7 @@ def _sane_run(
         rng = stream(recipe, *purpose, attempt)
         scenario = draw_scenario(recipe, rig, rng, faults)
         try:
-            run = simulate(unit, scenario)
+            run = simulate(*as_it_runs(recipe, rig, unit, scenario, purpose))
         except InputError as error:
             problem = str(error)
             continue

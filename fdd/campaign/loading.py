@@ -33,7 +33,8 @@ class LabelledData:
     ----------
     data : the data set.
     truth : a row for each log: ``file``, ``unit``, ``split``, ``fault``, ``faults``, ``family``,
-        ``severity``, ``onset_s``, conditions, and ``true_…``: medians of what really was (SI).
+        ``severity``, ``onset_s``, ``profile``, ``law``, conditions, and ``true_…``: medians of what really
+        was (SI).
     features : a row for each log or window (see `fdd.campaign.feature_table`); None where there are none.
     names : of the features, in the order of X. window_s : of a row; None: a row is a log.
     """
@@ -155,7 +156,8 @@ def truth_table(data: Dataset) -> pd.DataFrame:
             "fault": lead.fault if lead else HEALTHY,
             "faults": " ".join(f.fault for f in e.faults) or HEALTHY, "family": e.family,
             "severity": lead.severity if lead else 0.0, "onset_s": lead.onset_s if lead else np.nan,
-            "profile": lead.profile if lead else None, "channel": lead.channel if lead else None,
+            "profile": lead.profile if lead else None, "law": lead.law if lead else None,
+            "channel": lead.channel if lead else None,
             "duration_s": e.duration_s, "samples": e.samples, "base": e.base, "structure": e.structure,
             "condition": e.condition, **e.scenario.model_dump(),
             **{f"true_{name}": value for name, value in e.truth_medians.items()},

@@ -9,6 +9,8 @@ from __future__ import annotations
 
 import hashlib
 import operator
+from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -46,8 +48,14 @@ DUTY_WEIGHTS = {
     "steps": 1.0, "sines": 1.0, "flight": 1.0, "sawtooth": 1.0, "strokes": 1.0, "prbs": 0.5, "sweep": 0.5,
     "constant_speed": 0.5,
 }  # fmt: skip
+LOAD_WEIGHTS = dict.fromkeys(("none", "constant", "spring", "inertia", "gust", "throttle"), 1.0)
+"""A press and a hinge with play are drawn where a recipe names them."""
 DRAWN_DUTIES = tuple(name for name in DUTIES if name != "levels")
 """Duties that a campaign draws; levels are for what a user writes down."""
+
+
+def _is_default(default: str) -> Callable[[object], bool]:
+    return partial(operator.eq, default)
 
 
 def _is_none(value: object) -> bool:
@@ -62,11 +70,13 @@ class FaultShare(Validated):
     weight : relative to the recipe's other faults.
     severity : its own range; None takes the recipe's.
     variants : of the catalogue's, those that are drawn; None draws them all.
+    laws : of the catalogue's, those that are drawn; None goes by the recipe's `laws`.
     """
 
     weight: Weight = 1.0
     severity: Range | None = None
     variants: tuple[str, ...] | None = None
+    laws: Annotated[tuple[str, ...] | None, Field(min_length=1, exclude_if=_is_none)] = None
 
 
 class SensorVariation(Validated):
@@ -93,12 +103,17 @@ class Recipe(Validated):
     seed : fixes everything random.
     bases : shipped profiles (or paths) that units are varied from, in turn.
     units, logs_per_unit : how many.
-    variation : every physical parameter is drawn uniformly within ± this share of its base's value.
-    area_mismatch : most by which the second area departs from the first, relative; 0 keeps them equal.
+    population : how units and their logs differ: ``uniform``, every physical parameter within ± `variation`;
+        ``stated``, each by a distribution of its own with its source (`fdd.campaign.population`).
+    variation : share of its base's value within which every physical parameter is drawn uniformly.
+    area_mismatch : most by which the second area departs from the first, relative; 0 keeps them equal. Both
+        with the uniform population alone.
     sensors : errors and noise of the sensors.
     duration : s of each log.
     healthy_share : share of logs without a fault.
     faults : id of the catalogue to its weight and severities.
+    laws : by which faults come that may have several: ``first``, the one that signatures know; ``all``;
+        ``unseen``, all but the first, where there are others. See `laws_of`.
     severity : range for faults without their own.
     fault_scales : figures of severity 1 to the ranges that each log draws them from.
     second_fault_share : share of the faulty logs that carry a second fault.
@@ -106,7 +121,8 @@ class Recipe(Validated):
         other side the valve stands open anyway and nothing can be seen while the load keeps its sign.
     onset : of a fault, as shares of the log's duration.
     at_start_share : share of faults that are there from the beginning instead.
-    profiles, duties, loads : name to weight.
+    profiles, duties, loads : name to weight. What comes with load or heat is a fault of the plant; for one of
+        a sensor the other profiles' weights hold. A sensor's drift always starts as a step.
     speed_control_share : share of logs in speed control, for duties that can be done so.
     position_gain : (rad/s)/m of the position loop, drawn log-uniformly.
     oil_temperature, warming : °C at the start, °C/s.
@@ -140,12 +156,14 @@ class Recipe(Validated):
     bases: Annotated[tuple[str, ...], Field(min_length=1, max_length=64)] = ("axis_a", "axis_b")
     units: Annotated[int, Field(ge=1, le=10_000)] = 10
     logs_per_unit: Annotated[int, Field(ge=0, le=1_000)] = 5
+    population: Annotated[Literal["uniform", "stated"], Field(exclude_if=_is_default("uniform"))] = "uniform"
     variation: Annotated[float, Field(ge=0.0, le=0.5)] = 0.15
     area_mismatch: Annotated[float, Field(ge=0.0, le=0.1)] = 0.0
     sensors: SensorVariation = SensorVariation()
     duration: Range = (40.0, 60.0)
     healthy_share: Share = 0.3
     faults: dict[str, FaultShare] = Field(default_factory=dict)
+    laws: Annotated[Literal["first", "all", "unseen"], Field(exclude_if=_is_default("first"))] = "first"
     severity: Range = (0.15, 1.0)
     fault_scales: dict[str, Range] = Field(default_factory=lambda: dict(FaultScales.usual))
     second_fault_share: Share = 0.0
@@ -154,7 +172,7 @@ class Recipe(Validated):
     at_start_share: Share = 0.1
     profiles: dict[str, Weight] = Field(default_factory=lambda: dict(PROFILE_WEIGHTS))
     duties: dict[str, Weight] = Field(default_factory=lambda: dict(DUTY_WEIGHTS))
-    loads: dict[str, Weight] = Field(default_factory=lambda: dict.fromkeys(LOADS, 1.0))
+    loads: dict[str, Weight] = Field(default_factory=lambda: dict(LOAD_WEIGHTS))
     speed_control_share: Share = 0.3
     position_gain: Range = (4_000.0, 16_875.0)
     oil_temperature: Range = (25.0, 55.0)
@@ -193,6 +211,7 @@ class Recipe(Validated):
             _known(f"ranges {name}", bounds, tuple(kind.usual))
         for name, share in self.faults.items():
             _known(f"faults {name} variants", dict.fromkeys(share.variants or ()), CATALOGUE[name].variants)
+            _known(f"faults {name} laws", dict.fromkeys(share.laws or ()), tuple(CATALOGUE[name].laws))
         for name, ends in self.fault_scales.items():
             for end in ends:
                 FaultScales(**{name: end})
@@ -224,6 +243,27 @@ class Recipe(Validated):
                     mend="correct that range",
                 )
         return self
+
+    def laws_of(self, name: str) -> tuple[str, ...]:
+        """Laws that a fault is drawn by, each as likely; () for one that has none.
+
+        Examples
+        --------
+        >>> recipe = Recipe(schema="fdd.recipe/1", faults={"coupling_wear": {}}, laws="unseen")
+        >>> recipe.laws_of("coupling_wear")
+        ('play', 'bent')
+        """
+        every, own = tuple(CATALOGUE[name].laws), self.faults[name].laws
+        return own or {"first": every[:1], "all": every, "unseen": every[1:] or every}[self.laws]
+
+    @property
+    def oil_temperatures(self) -> Range:
+        """Coldest and hottest oil of any run, calibration runs included, °C."""
+        parts: tuple[Recipe | Condition | Structure, ...] = (self, *self.structures, *self.conditions)
+        starts = [each.oil_temperature for each in parts if each.oil_temperature is not None]
+        rates = [rate for each in parts if each.warming is not None for rate in each.warming]
+        falls, rises = (self.duration[1] * edge for edge in (min(0.0, *rates), max(0.0, *rates)))
+        return min(30.0, *(s[0] + falls for s in starts)), max(45.0, *(s[1] + rises for s in starts))
 
     @property
     def number(self) -> int:

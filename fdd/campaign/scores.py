@@ -48,6 +48,11 @@ class Outcome:
         return [f for f in self.said if f.onset_s >= first - EARLY_S]
 
     @property
+    def led(self) -> bool:
+        """Whether the first timely answer is one of the faults."""
+        return bool(self.timely) and self.timely[0].fault in {f.fault for f in self.entry.faults}
+
+    @property
     def named(self) -> bool:
         """Whether the first timely answer has the fault in its group; of several faults: each in one."""
         groups = [f.ambiguity for f in self.timely[: None if len(self.entry.faults) > 1 else 1]]

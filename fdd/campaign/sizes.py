@@ -16,6 +16,7 @@ from typing import Any, TypeVar
 import numpy as np
 
 from fdd.campaign.ranges import Range, Rng, log_uniform, scaled, uniform
+from fdd.data_sheet.accumulator import accumulator_volumes
 from fdd.faults import CATALOGUE
 from fdd.plant.details import Details
 from fdd.plant.faults.scales import FaultScales
@@ -35,6 +36,10 @@ GROSS_LEAKAGE = 0.05
 """Of the rated flow, at half the rated pressure: internal leakage of severity 1."""
 STUCK_FLOW = 0.7
 """Of the rated flow, at half the rated pressure: through a valve that is stuck fully open."""
+OIL_TEMPERATURES: Range = (10.0, 70.0)
+"""°C, coldest and hottest oil that an accumulator is sized for where nothing else is known."""
+MARGIN = (1.2, 2.0)
+"""Gas and oil at rest over what the rule asks for: designers' reserve, and what units differ by."""
 _MEGAPASCAL = 1e6
 _GRADES = ((15e-6, 3.3e-6), (32e-6, 5.4e-6), (46e-6, 6.8e-6))
 """m²/s at 40 and 100 °C of ISO VG 15, 32 and 46."""
@@ -58,13 +63,14 @@ class Size(Validated):
     area_ratio: Range = (1.0, 1.0)
 
 
-def sized_unit(size: Size, rng: Rng) -> Unit:
+def sized_unit(size: Size, rng: Rng, oil_temperatures: Range = OIL_TEMPERATURES) -> Unit:
     """A data sheet of a machine of that size.
 
     Parameters
     ----------
     size : ranges of what it is sized by.
     rng : stream to draw from.
+    oil_temperatures : °C, coldest and hottest that its accumulator has to outlast.
 
     Returns
     -------
@@ -114,12 +120,10 @@ def sized_unit(size: Size, rng: Rng) -> Unit:
         viscosity_40=thick,
         viscosity_100=thin,
     )
-    # Oil that the loaded chamber takes in, and that unequal areas shift over half a stroke.
-    taken, shifted = 0.65 * rated * (swept + dead) / (0.7 * stiff), (1.0 - ratio) * swept
+    margin = log_uniform(rng, MARGIN)
     accumulator = _changed(
         axis.accumulator,
         charge_pressure=charge,
-        gas_volume=max(log_uniform(rng, (1.2, 5.0)) * taken + 3.5 * shifted, 5e-6),
         refeed_cracking_pressure=log_uniform(rng, (5e3, 50e3)),
         refeed_flow_gain=flow / log_uniform(rng, (1e4, 4e4)),
         relief_pressure=RELIEF * rated,
@@ -157,7 +161,7 @@ def sized_unit(size: Size, rng: Rng) -> Unit:
         viscous_friction=axis.drive.viscous_friction * motor,
         current_limit=2.0 * stall / (turns * axis.drive.torque_constant),
     )
-    return axis.model_copy(
+    unit = axis.model_copy(
         update={
             "name": "sized",
             "axis": "axis",
@@ -171,6 +175,29 @@ def sized_unit(size: Size, rng: Rng) -> Unit:
             "sensors": _sensors(axis, SENSED * RELIEF * rated, drive.current_limit),
         }
     )
+    return with_accumulator(unit, oil_temperatures, margin)
+
+
+def with_accumulator(unit: Unit, oil_temperatures: Range, margin: float = MARGIN[0]) -> Unit:
+    """The unit with gas and oil of `fdd.data_sheet.accumulator.accumulator_volumes`, `margin` times.
+
+    Parameters
+    ----------
+    oil_temperatures : °C, coldest and hottest.
+    """
+    cylinder, store, oil = unit.cylinder, unit.accumulator, unit.oil
+    coldest, hottest = (t - oil.reference_temperature for t in oil_temperatures)
+    gas, held = accumulator_volumes(
+        cylinder.volume_1 + cylinder.volume_2,
+        max(cylinder.volume_1, cylinder.volume_2),
+        store.relief_pressure,
+        oil.bulk_modulus,
+        (cylinder.area_1 - cylinder.area_2) * 0.5 * cylinder.stroke,
+        max(-coldest, 0.0),
+        max(hottest, 0.0),
+    )
+    changed = _changed(store, gas_volume=margin * gas, oil_volume=margin * held)
+    return unit.model_copy(update={"accumulator": changed})
 
 
 @dataclass(frozen=True)
@@ -183,6 +210,7 @@ class Scale:
     pressure, flow, area, stroke, turning : relief setting, flow at the drive's largest speed, smaller area,
         stroke, largest speed of the drive.
     friction : break-away force. stiffness : of the oil on the piston. current : the drive's limit.
+    charge, cracking : pressures of the accumulator and of the refeeding valves.
     """
 
     unit: Unit
@@ -194,6 +222,8 @@ class Scale:
     friction: float
     stiffness: float
     current: float
+    charge: float
+    cracking: float
 
     @classmethod
     def of(cls, unit: Unit) -> Scale:
@@ -212,6 +242,11 @@ class Scale:
         return self.flow / self.area
 
     @property
+    def torque(self) -> float:
+        """Of the pump at the relief setting."""
+        return self.pressure * self.flow / self.turning
+
+    @property
     def leakage(self) -> float:
         """Of flow over pressure."""
         return self.flow / self.pressure
@@ -227,6 +262,8 @@ class Scale:
         factors = {
             "constant": {"level": self.force},
             "spring": {"rate": per_stroke, "slack": self.stroke},
+            "press": {"rate": per_stroke, "slack": self.stroke},
+            "hinge": {"rate": per_stroke, "slack": self.stroke, "gap": self.stroke},
             # As slow on the oil's spring, and not more than the pump's pressure can brake.
             "inertia": {"added": min(self.stiffness, self.force / self.velocity)},
             "gust": {"deviation": self.force, "level": self.force, "rate": per_stroke},
@@ -239,8 +276,12 @@ class Scale:
         return _scaled_by(ranges, {"amplitude": self.stroke, "speed": self.turning, "rate": self.velocity})
 
     def details(self, drawn: Mapping[str, Any]) -> dict[str, Any]:
-        """All details of the plant for this machine, from those that were drawn for axis A."""
-        torque = self.pressure * self.flow / self.turning
+        """All details of the plant for this machine, from those that were drawn for axis A.
+
+        What is a time, a share, or a property of oil and seals stays, and so do the pump's drag over μ·D·ω
+        and the gas's time, whose range is that of accumulators of 0.1 to 5 l.
+        """
+        torque = self.torque
         bulk = (self.pressure * self.flow) ** 0.75  # what is larger is heavier, but less so than stronger
         factors = {
             "bristle_stiffness": self.friction,
@@ -258,6 +299,8 @@ class Scale:
             "heat_capacity": bulk,
             "cooling": bulk,
             "loose_seal_leakage": self.leakage,
+            "check_hysteresis": self.cracking,  # of the same spring
+            "gallery_volume": self.flow / self.turning,  # of the pump's case
         }
         whole = {**_DETAILS, **drawn}
         return {n: v * factors[n] if n in factors else v for n, v in whole.items()}
@@ -284,8 +327,8 @@ class Scale:
             "orifice": stuck / axis["check_valve_flow"],
             "flow": self.flow,
             "pressure": self.pressure,
-            "charge": unit.accumulator.charge_pressure / _CHARGE,
-            "torque": self.pressure * self.flow / self.turning**2,
+            "charge": self.charge,
+            "torque": self.torque / self.turning,  # a brake's, over speed
         }
         figures = [figure for entry in CATALOGUE.values() for figure in entry.figures if figure.grows]
         return {
@@ -317,6 +360,8 @@ def _sizes(unit: Unit) -> tuple[float, ...]:
         0.5 * (unit.friction.forward.static + unit.friction.reverse.static),
         unit.oil.bulk_modulus * springs,
         drive.current_limit,
+        unit.accumulator.charge_pressure,
+        unit.accumulator.refeed_cracking_pressure,
     )
 
 

@@ -4,16 +4,17 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
-from pydantic import Field, model_validator
+from pydantic import Field, ValidationError, model_validator
 
 from fdd.campaign.ranges import Range, Rng, Weight, drawn, spread
-from fdd.campaign.sizes import Size, sized_unit
+from fdd.campaign.sizes import OIL_TEMPERATURES, Size, sized_unit, with_accumulator
 from fdd.errors import InputError
 from fdd.plant.details import Details
 from fdd.plant.sensors.recording import Recording
 from fdd.plant.validated import Validated
 from fdd.sensor import Sensor
 from fdd.unit import Unit
+from fdd.validation import input_error
 
 if TYPE_CHECKING:
     from fdd.campaign.recipe import Recipe
@@ -114,6 +115,13 @@ class Structure(Departure):
                         f"unknown {part} {field}", where=f"{where} profile",
                         mend=f"use fields of: {', '.join(PARTS)}",
                     )  # fmt: skip
+            for end in (0, 1) if fields else ():
+                section = getattr(example, part)
+                values = {n: bounds[end] for n, bounds in fields.items()}
+                try:
+                    type(section).model_validate({**section.model_dump(exclude={"provenance"}), **values})
+                except ValidationError as error:
+                    raise input_error(error, f"{where} profile {part}", "correct that range") from None
         for channel, fields in self.sensors.items():
             for field in fields:
                 if field not in ("noise", "resolution", "bandwidth_hz"):
@@ -139,20 +147,29 @@ class Structure(Departure):
             **{**recording.model_dump(), "rate": self.rate, "speed": self.speed, "channels": self.channels}
         )
 
-    def data_sheet(self, base: str, rng: Rng) -> Unit:
-        """The profile that a unit is varied from: the base's or a drawn machine's, and what is on top."""
-        unit = Unit.load(self.base or base) if self.size is None else sized_unit(self.size, rng)
+    def data_sheet(self, base: str, rng: Rng, oil_temperatures: Range = OIL_TEMPERATURES) -> Unit:
+        """The profile that a unit is varied from: the base's or a drawn machine's, and what is on top.
+
+        A drawn machine's accumulator outlasts `oil_temperatures` (°C).
+        """
+        if self.size is None:
+            unit = Unit.load(self.base or base)
+        else:
+            unit = sized_unit(self.size, rng, oil_temperatures)
         parts: dict[str, Any] = {}
         for name, ranges in self.profile.items():
             section = getattr(unit, name)
             parts[name] = section.model_copy(update={**drawn(rng, ranges), "provenance": {}})
+        unit = unit.model_copy(update=parts)
+        if self.size is not None and "oil" in parts and "accumulator" not in parts:
+            unit = with_accumulator(unit, oil_temperatures)  # softer oil asks for more of it
         sensors = dict(unit.sensors)
         for channel, ranges in self.sensors.items():
             sensors[channel] = Sensor(
                 **{**sensors[channel].model_dump(exclude={"source", "lines"}), **drawn(rng, ranges)}
             )
         described = f"{unit.description} Structure {self.name}."
-        unit = unit.model_copy(update={**parts, "sensors": sensors, "description": described})
+        unit = unit.model_copy(update={"sensors": sensors, "description": described})
         return Unit.from_yaml(self.changed(unit, rng).to_yaml())
 
     def drawn_details(self, usual: dict[str, Any], rng: Rng) -> dict[str, Any]:

@@ -33,6 +33,7 @@ class ScoredLog:
     Attributes
     ----------
     structure : of its unit, where the recipe has several. family : true one. faults : true ones.
+    laws : fault and law of those that may have several.
     answer : leading one, "" for none. score : the largest. healthy_s : s before a fault acts. doubt :
         relative std that the severity's 80 % interval lacked to hold the true one; NaN where another fault
         was answered. hidden : share of faults that it could not have shown.
@@ -47,6 +48,7 @@ class ScoredLog:
     doubt: float = float("nan")
     hidden: float = 0.0
     faults: tuple[str, ...] = ()
+    laws: tuple[tuple[str, str], ...] = ()
 
 
 def train(
@@ -111,7 +113,10 @@ def learnt(logs: list[ScoredLog], data: str) -> Model:
         severity_doubt=round(float(np.quantile(doubts, 0.8)), 3) if doubts.size >= LEAST_LOGS else 0.15,
     )  # fmt: skip
     taught = tuple(sorted({name for x in logs for name in x.faults}))
-    return Model(data=data, tail=tail, calibration=calibration, faults=taught or None)
+    laws: dict[str, list[str]] = {}
+    for name, law in sorted({pair for x in logs for pair in x.laws}):
+        laws.setdefault(name, []).append(law)
+    return Model(data=data, tail=tail, calibration=calibration, faults=taught or None, laws=laws or None)
 
 
 def identified_unit(data: Dataset, unit: str) -> Unit:
@@ -143,6 +148,7 @@ def _score(data: Dataset, entry: Entry, profile: Unit) -> ScoredLog:
         answer=hydraulic[0].family if hydraulic else "", score=pipeline.largest_score, healthy_s=onset,
         doubt=_doubt(entry, hydraulic, pipeline.model.calibration.severity_doubt),
         hidden=hidden_share(found.not_visible), faults=tuple(f.fault for f in entry.faults),
+        laws=tuple((f.fault, f.law) for f in entry.faults if f.law is not None),
     )  # fmt: skip
 
 

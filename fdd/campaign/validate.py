@@ -18,10 +18,12 @@ from fdd.diagnosis.findings import Trajectories
 from fdd.diagnosis.model import Model
 from fdd.diagnosis.pipeline import Pipeline
 from fdd.engines import Engine
+from fdd.faults import fault
 from fdd.markdown import table
 from fdd.plant.truth import Truth
 from fdd.unit import Unit
 
+HAD, NEVER, UNSIGNED = "law that the training had", "law it never saw", "fault without a signature"
 SETTLED_S = 5.0
 """After the start and after a fault's step the estimators are given this long."""
 
@@ -101,8 +103,8 @@ def _reference(truth: Truth, name: str, profile: Unit, true: Unit) -> NDArray[np
     return np.asarray(1.0 / (stiff + air * per_air(profile.oil.reference_pressure)))
 
 
-def summary(outcomes: list[Outcome]) -> str:
-    """What ``reports/validation.md`` says (Markdown)."""
+def summary(outcomes: list[Outcome], model: Model | None = None) -> str:
+    """What ``reports/validation.md`` says (Markdown); `model` is the one that was asked, None the shipped."""
     kinds = sorted({f.fault for o in outcomes for f in o.entry.faults})
     rows = []
     for kind in kinds:
@@ -129,7 +131,8 @@ def summary(outcomes: list[Outcome]) -> str:
                     f"{100 * errors[:, 1].mean():.0f} %",
                 ])  # fmt: skip
     head = ["estimate", "median error", "90 % of logs below", "logs with it observable", "share of time"]
-    return figures(outcomes) + "\n".join([*lines, *table(head, rows), *by_visibility(outcomes)])
+    more = [*by_visibility(outcomes), *by_law(outcomes, model or Model.load())]
+    return figures(outcomes) + "\n".join([*lines, *table(head, rows), *more])
 
 
 def by_visibility(outcomes: list[Outcome]) -> list[str]:
@@ -151,15 +154,36 @@ def by_visibility(outcomes: list[Outcome]) -> list[str]:
     return table(head, rows) if rows else []
 
 
-def report_text(outcomes: list[Outcome], data: Dataset) -> str:
-    """The whole of ``validation.md``, with how it was made."""
+def by_law(outcomes: list[Outcome], model: Model) -> list[str]:
+    """What is found and named of single faults, by whether the training had their law and by each law; [] for
+    data without laws (Markdown)."""
+    seen: dict[tuple[str, ...], list[Outcome]] = {key: [] for key in ((HAD,), (NEVER,), (UNSIGNED,))}
+    for o in outcomes:
+        if len(o.entry.faults) == 1 and (law := o.entry.faults[0].law) is not None:
+            true = fault(o.entry.faults[0].fault)
+            group = UNSIGNED if not true.signatures else HAD if model.had(true.id, law) else NEVER
+            seen[group,].append(o)
+            seen.setdefault((true.id, law, group), []).append(o)
+    rows = [
+        [key[0].replace("_", " "), *(key[1:] or ("", "")),
+         wilson(sum(bool(o.timely) for o in mine), len(mine)),
+         wilson(sum(o.led for o in mine), len(mine)),
+         wilson(sum(o.named for o in mine), len(mine))]
+        for key, mine in (*list(seen.items())[:3], *sorted(list(seen.items())[3:])) if mine
+    ]  # fmt: skip
+    head = ["true fault", "law", "training", "found", "named by the leading answer", "or in its group"]
+    return table(head, rows) if rows else []
+
+
+def report_text(outcomes: list[Outcome], data: Dataset, model: Model | None = None) -> str:
+    """The whole of ``validation.md``, with how it was made; `model` as in `summary`."""
     return (
         f"# Validation on {data.recipe.name}\n\n"
         f"{data.recipe.description}\n\n"
         f"Made by `fdd validate` on the data set of `datasets/{data.recipe.name}.yaml` "
         f"(seed {data.recipe.seed}, {len(data.units)} units, {len(data.logs)} logs). Each unit's profile is "
         "identified from its own healthy calibration runs; no unit was in the training data.\n\n"
-        f"{summary(outcomes)}"
+        f"{summary(outcomes, model)}"
     )
 
 
@@ -176,6 +200,8 @@ def outcomes_csv(outcomes: list[Outcome]) -> str:
         for name, faults in (("true", o.entry.faults), ("answered", o.found.faults)):
             for what in ("fault", "severity", "onset_s"):
                 row[f"{name}_{what}"] = " ".join(str(getattr(f, what)) for f in faults)
+        row["true_law"] = " ".join(f.law or "-" for f in o.entry.faults)
+        row["true_profile"] = " ".join(f.profile for f in o.entry.faults)
         row["confidence"] = " ".join(str(f.confidence) for f in o.found.faults)
         row |= {f"{m}_{n}_error": round(o.errors[m, n][0], 4) for m, n in keys}
         if twins:

@@ -33,6 +33,7 @@ def validate(
     from fdd.campaign.validate import outcomes_csv, report_text, summary
     from fdd.campaign.validate import validate as run
     from fdd.cli.console import progress
+    from fdd.diagnosis.model import Model
 
     data = Dataset.load(dataset)
     with progress(f"validating on {data.recipe.name}", 1.0) as advance:
@@ -41,10 +42,11 @@ def validate(
             advance(done / max(total, 1))
 
         outcomes = run(dataset, model, workers=workers, engine=engine, progress=step)
-    print(summary(outcomes), end="")
+    asked = Model.load(model)
+    print(summary(outcomes, asked), end="")
     if out is not None:
         with written(out):
             out.mkdir(parents=True, exist_ok=True)
-        write_text(out / "validation.md", report_text(outcomes, data))
+        write_text(out / "validation.md", report_text(outcomes, data, asked))
         write_text(out / "outcomes.csv", outcomes_csv(outcomes))
         print(f"Written to {out}")

@@ -18,7 +18,7 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from fdd.bounds import MAX_MODEL_BYTES
 from fdd.errors import InputError
-from fdd.faults import ADDED_BY
+from fdd.faults import ADDED_BY, fault
 from fdd.files import write_text
 from fdd.validation import input_error
 
@@ -118,6 +118,8 @@ class Model(BaseModel):
     calibration: Calibration
     faults: tuple[str, ...] | None = Field(default=None, strict=False, exclude_if=_is_none)
     """Faults of the logs that it was learnt on; None stands for those that fdd ships."""
+    laws: dict[str, list[str]] | None = Field(default=None, exclude_if=_is_none)
+    """Fault to the laws by which it was there in these logs; None stands for the first of each."""
 
     def knows(self, name: str) -> bool:
         """Whether logs with this fault were among those that it was learnt on.
@@ -128,6 +130,16 @@ class Model(BaseModel):
         True
         """
         return name not in ADDED_BY if self.faults is None else name in self.faults
+
+    def had(self, name: str, law: str) -> bool:
+        """Whether a fault was there by this law in what was learnt; signatures have the first of each.
+
+        Examples
+        --------
+        >>> Model.load().had("internal_leakage", "mixed"), Model.load().had("internal_leakage", "opening")
+        (True, False)
+        """
+        return law in (*tuple(fault(name).laws)[:1], *(self.laws or {}).get(name, ()))
 
     @classmethod
     def load(cls, path: str | Path | None = None) -> Model:

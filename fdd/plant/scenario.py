@@ -55,6 +55,8 @@ class Scenario(Validated):
     charge_factor : accumulator charge (gauge) over the unit's; gas and oil at rest keep their volumes.
     accumulator : of a dual rig: shared by both axes as in section 4.3, the first unit's; or one for each.
     ambient : Pa, absolute pressure around the actuator.
+    friction_wander : relative standard deviation by which friction drifts within the run, over tens of
+        seconds (`fdd.plant.rows.FRICTION_TIME`); 0 keeps it steady.
     faults : any number, each kind at most once for each axis.
     fault_scales : what severity 1 is in figures.
     power : share of the first axis's current limit; 0 is a motor without power.
@@ -85,6 +87,7 @@ class Scenario(Validated):
     charge_factor: Annotated[float, Field(ge=0.2, le=3.0)] = 1.0
     accumulator: Literal["shared", "each"] = "shared"
     ambient: Annotated[float, Field(ge=15_000.0, le=120_000.0)] = ATMOSPHERE
+    friction_wander: Annotated[float, Field(ge=0.0, le=0.2)] = 0.0
     faults: list[FaultSpec] = Field(default_factory=list)
     fault_scales: FaultScales = FaultScales()
     power: ShareProgramme = FULL

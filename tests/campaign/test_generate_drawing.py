@@ -16,6 +16,7 @@ from fdd.campaign.drawing import VARIED, assign_faults, draw_scenario, draw_unit
 from fdd.campaign.motion import fitting_duty
 from fdd.campaign.recipe import DRAWN_DUTIES, Recipe
 from fdd.errors import InputError
+from fdd.faults import CATALOGUE
 from fdd.plant.duty import DUTIES, ConstantSpeed
 from fdd.plant.faults.scales import FaultScales
 from fdd.plant.faults.spec import SIMULATED
@@ -24,6 +25,7 @@ from fdd.plant.simulate import prepare, simulate
 from fdd.unit import Unit
 
 RECIPES = Path(__file__).parents[2] / "datasets"
+NEW = ("relief_valve_stuck_shut", "drive_failure")
 FOUR = ("internal_leakage", "seal_wear", "aeration", "check_valve_stuck_open")
 
 
@@ -55,11 +57,11 @@ def test_validation_recipe_is_a_hundred_faults_in_four_equal_families_and_twenty
             "training", 160, 240, 560,
             {
                 "external_leakage", "pump_wear", "case_drain_seal_failure", "position_sensor_slip",
-                "shaft_seal_wear", "coupling_wear", "sensor_dropout",
+                "shaft_seal_wear", "coupling_wear", "sensor_dropout", *NEW,
             },
         ),
         # What a minute of log cannot show, or what its quality tells, is not taught here either.
-        ("wide", 190, 285, 665, {"shaft_seal_wear", "coupling_wear", "sensor_dropout"}),
+        ("wide", 190, 285, 665, {"shaft_seal_wear", "coupling_wear", "sensor_dropout", *NEW}),
     ],
 )  # fmt: skip
 def test_training_recipes_are_three_tenths_healthy_and_the_rest_follows_the_weights(
@@ -169,6 +171,9 @@ def test_every_duty_with_every_load_fits_the_unit(duty: str, load: str) -> None:
         most = rig.unit.accumulator.relief_pressure * rig.unit.cylinder.area_1
         level = abs(getattr(scenario.load, "level", 0.0))
         reach = abs(scenario.duty.offset) + scenario.duty.amplitude + abs(scenario.load.centre)
+        if scenario.load.one_sided:
+            reach = scenario.duty.offset + scenario.duty.amplitude - scenario.load.centre
+            assert reach >= 0.0, "the rod touches it"
         assert level + scenario.load.stiffness * min(reach, extreme) < most
 
 
@@ -197,6 +202,55 @@ def test_faults_keep_to_the_recipe() -> None:
     assert 0.3 < late.size / len(onsets) < 0.7
     assert late.min() >= 0.5 - 1e-4
     assert late.max() <= 0.6 + 1e-4
+
+
+def test_a_law_is_drawn_last_and_old_recipes_draw_the_first() -> None:
+    faults = {f: {} for f in SIMULATED} | {"aeration": {"laws": ["chamber_2"]}}
+    plain = recipe_with(faults=faults)
+    assert plain.laws == "first" and "laws: first" not in plain.to_yaml()
+    rig = draw_unit(plain, stream(plain, "unit", 0), 0)
+    seen: dict[tuple[str, str], set[str | None]] = {}
+    for how in ("first", "all", "unseen"):
+        recipe = recipe_with(faults=faults, laws=how)
+        for k, name in enumerate(SIMULATED * 8):
+            first = draw_scenario(plain, rig, stream(plain, "log", 0, k, 0), (name,))
+            drawn = draw_scenario(recipe, rig, stream(recipe, "log", 0, k, 0), (name,))
+            seen.setdefault((how, name), set()).add(drawn.faults[0].law)
+            alike = [drawn.faults[0].model_copy(update={"law": first.faults[0].law})]
+            assert drawn.model_copy(update={"faults": alike}) == first, "nothing else moves"
+    for name in SIMULATED:
+        laws = tuple(CATALOGUE[name].laws)
+        expected = {"first": set(laws[:1]) or {None}, "all": set(laws) or {None},
+                    "unseen": set(laws[1:]) or set(laws) or {None}}  # fmt: skip
+        for how, wanted in expected.items():
+            wanted = {"chamber_2"} if name == "aeration" else wanted
+            found = seen[how, name]
+            # Eight draws of five laws miss some; of two or less hardly ever both.
+            assert found <= wanted and (found == wanted or len(wanted) > 2), (how, name)
+    assert {law for (how, _), found in seen.items() if how == "unseen" for law in found} > {
+        "orifice",
+        "shorted",
+    }
+
+
+def test_faults_come_in_all_courses_but_sensors_with_neither_load_nor_heat() -> None:
+    faults: dict[str, object] = {f: {} for f in ("aeration", "pressure_sensor_bias", "pressure_sensor_drift")}
+    both = recipe_with(faults=faults, profiles={"load": 1, "heat": 1, "random": 1})
+    rig, specs = draw_unit(both, stream(both, "unit", 0), 0), []
+    for k in range(60):
+        specs += draw_scenario(both, rig, stream(both, "log", 0, k, 0), tuple(faults)).faults
+    courses = {name: {s.profile for s in specs if s.fault == name} for name in faults}
+    assert courses == {"aeration": {"load", "heat", "random"}, "pressure_sensor_bias": {"random"},
+                       "pressure_sensor_drift": {"step"}}  # fmt: skip
+    times = {s.seed for s in specs if s.profile == "random"}
+    assert len(times) > 60 and {s.seed for s in specs if s.profile != "random"} == {0}
+    none = recipe_with(faults=faults, profiles={"load": 1})
+    (spec,) = draw_scenario(none, rig, stream(none, "log", 0, 0, 0), ("pressure_sensor_bias",)).faults
+    assert spec.profile == "step"
+
+
+def test_presses_and_hinges_are_drawn_where_a_recipe_names_them() -> None:
+    assert set(LOADS) - set(recipe_with().loads) == {"press", "hinge"}
 
 
 def test_every_log_has_its_own_figures_of_what_comes_along_with_a_fault() -> None:
@@ -272,6 +326,13 @@ def test_calibration_covers_speeds_and_pressures_without_touching_the_limits() -
         ("faults", {"unknown": {}}, "unknown"),
         ("faults", {"seal_wear": {"variants": ["wet"]}}, "use: loose, tight"),
         ("faults", {"aeration": {"variants": ["loose"]}}, "use: none"),
+        ("faults", {"seal_wear": {"laws": ["wet"]}}, "use: whole, coulomb"),
+        ("faults", {"sensor_dropout": {"laws": ["wet"]}}, "use: none"),
+        ("faults", {"seal_wear": {"laws": []}}, "laws: Tuple should have at least 1"),
+        ("laws", "some", "laws"),
+        ("population", "normal", "population"),
+        ("profiles", {"parabola": 1.0}, "use: step, ramp"),
+        ("structures", [{"name": "a", "profile": {"accumulator": {"gas_volume": [0.0, 0.0]}}}], "gas_volume"),
         ("fault_scales", {"free_air": [0.01, 0.5]}, "free_air"),
         ("fault_scales", {"air": [0.01, 0.02]}, "unknown 'air'"),
         ("duties", {"levels": 1.0}, "use: standstill"),

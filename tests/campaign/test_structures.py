@@ -15,12 +15,14 @@ from fdd.campaign.generate import generate
 from fdd.campaign.recipe import Recipe
 from fdd.campaign.sizes import RELIEF, Scale, Size, sized_unit
 from fdd.errors import InputError
+from fdd.faults import PROFILES
 from fdd.plant.details import Details
 from fdd.plant.faults.scales import FaultScales
 from fdd.plant.faults.spec import SIMULATED
+from fdd.plant.load import LOADS
 from fdd.plant.scenario import Scenario
 from fdd.plant.sensors.recording import Recording
-from fdd.plant.simulate import simulate
+from fdd.plant.simulate import prepare, simulate
 from fdd.unit import Unit
 
 RECIPES = Path(__file__).parents[2] / "datasets"
@@ -33,7 +35,7 @@ def recipe_with(**fields: Any) -> Recipe:
     return Recipe(**given)
 
 
-@pytest.mark.parametrize("name", ["structures", "healthy"])
+@pytest.mark.parametrize("name", ["structures", "healthy", "laws"])
 def test_shipped_recipes_read_back_and_all_their_units_can_be_drawn(name: str) -> None:
     recipe = Recipe.load(RECIPES / f"{name}.yaml")
     assert Recipe.from_yaml(recipe.to_yaml()) == recipe
@@ -41,9 +43,14 @@ def test_shipped_recipes_read_back_and_all_their_units_can_be_drawn(name: str) -
     assert set(kinds) == {each.name for each in recipe.structures}
     for index in range(recipe.units):
         rig = draw_unit(recipe, stream(recipe, "unit", index), index)
-        draw_scenario(recipe, rig, stream(recipe, "log", index, 0, 0))
+        scenario = draw_scenario(recipe, rig, stream(recipe, "log", index, 0, 0))
+        prepare(rig.unit, scenario)  # refuses what does not fit together
     if name == "structures":
-        assert set(recipe.faults) == set(SIMULATED)
+        assert set(recipe.faults) == set(SIMULATED) - {"relief_valve_stuck_shut", "drive_failure"}
+    if name == "laws":
+        assert set(recipe.faults) == set(SIMULATED) and set(recipe.loads) == set(LOADS)
+        assert set(recipe.profiles) == set(PROFILES)
+        assert recipe.structures == Recipe.load(RECIPES / "structures.yaml").structures
 
 
 def test_machines_of_all_sizes_hold_together() -> None:
@@ -67,12 +74,62 @@ def test_machines_of_all_sizes_hold_together() -> None:
             assert branch.coulomb < branch.static
         # The transducer reads beyond the relief valve's setting.
         assert unit.sensors["pressure_1"].high == pytest.approx(1.5 * unit.accumulator.relief_pressure)
-        # Oil alone: the accumulator survives the piston's whole travel.
-        shifted = (cylinder.area_1 - cylinder.area_2) * 0.5 * cylinder.stroke
-        assert unit.accumulator.gas_volume > 2.0 * shifted
+        # The accumulator survives the piston's whole travel and all oil from 10 to 70 °C, under load.
+        store, shifted = unit.accumulator, (cylinder.area_1 - cylinder.area_2) * 0.5 * cylinder.stroke
+        oil = cylinder.volume_1 + cylinder.volume_2
+        assert store.gas_volume > 2.0 * shifted + 7e-4 * 30.0 * oil
+        pressed = max(cylinder.volume_1, cylinder.volume_2) * store.relief_pressure / unit.oil.bulk_modulus
+        assert store.oil_at_rest > shifted + 7e-4 * 30.0 * oil + pressed
     for values, low, high in ((pressures, 2e6, 30e6), (displacements, 0.2e-6, 7e-6)):
         assert low <= min(values) < 2.0 * low
         assert 0.5 * high < max(values) <= high
+
+
+def test_an_accumulator_outlasts_the_temperatures_of_its_recipe() -> None:
+    """Every drawn machine of the recipe, as it is varied: the coldest oil under load leaves some, the hottest
+    leaves room."""
+    recipe = Recipe.load(RECIPES / "structures.yaml")
+    assert recipe.oil_temperatures == pytest.approx((0.0, 75.0 + 0.03 * 60.0))
+    sized = 0
+    for index in range(recipe.units):
+        rig = draw_unit(recipe, stream(recipe, "unit", index), index)
+        if rig.scale is None:
+            continue
+        sized += 1
+        cylinder, store, oil = rig.unit.cylinder, rig.unit.accumulator, rig.unit.oil
+        volume, moved = cylinder.volume_1 + cylinder.volume_2, cylinder.area_1 - cylinder.area_2
+        shifted = abs(moved) * 0.5 * cylinder.stroke
+        pressed = 0.65 * max(cylinder.volume_1, cylinder.volume_2) * store.relief_pressure / oil.bulk_modulus
+        assert store.oil_at_rest > 7e-4 * 40.0 * volume + pressed + shifted, index
+        assert store.gas_volume > 1.5 * (7e-4 * 37.0 * volume + shifted), index
+    assert sized > 20
+
+
+def test_details_and_figures_go_with_what_they_are_made_of() -> None:
+    """Four times the pump's pressures and twice its displacement: hand-worked factors."""
+    axis = Unit.load("axis_a")
+    store = axis.accumulator
+    larger = axis.model_copy(update={
+        "pump": axis.pump.model_copy(update={"displacement": 2.0 * axis.pump.displacement}),
+        "accumulator": store.model_copy(update={
+            "relief_pressure": 4.0 * store.relief_pressure, "charge_pressure": 1.5 * store.charge_pressure,
+            "refeed_cracking_pressure": 3.0 * store.refeed_cracking_pressure,
+        }),
+    })  # fmt: skip
+    scale, plain = Scale.of(larger), Details()
+    details, figures = Details(**scale.details({})), scale.fault_scales({})
+    assert details.gallery_volume == pytest.approx(2.0 * plain.gallery_volume)
+    assert details.check_hysteresis == pytest.approx(3.0 * plain.check_hysteresis)
+    assert details.relief_width == pytest.approx(4.0 * plain.relief_width)
+    same = ("check_lag", "relief_lag", "relief_hysteresis", "gas_time", "gas_warming", "film_share",
+            "pump_friction", "pump_drag", "cogging_torque")  # fmt: skip
+    assert all(getattr(details, n) == getattr(plain, n) for n in same), "times and shares"
+    usual = FaultScales()
+    assert figures["shorted_braking"] == pytest.approx(8.0 * usual.shorted_braking)
+    assert figures["check_valve_cracking"] == pytest.approx(1.5 * usual.check_valve_cracking)
+    assert figures["check_valve_sticking"] == pytest.approx(4.0 * usual.check_valve_sticking)
+    ranges = {"rate": (1e4, 2e5), "slack": (-0.03, 0.05)}
+    assert scale.load_ranges("press", ranges) == {"rate": (4e4, 8e5), "slack": (-0.03, 0.05)}
 
 
 @pytest.mark.parametrize(

@@ -53,7 +53,7 @@ def all_kinds() -> Recipe:
     rates = [{"name": f"r{r}", "rate": r, "speed": s, "channels": c} for r, s, c in
              ((200, "sampled", FEW), (1000, "counts", None), (2000, "sampled", None))]  # fmt: skip
     return with_twins(
-        units=3, logs_per_unit=6, faults={f: {} for f in SIMULATED}, structures=rates, at_start_share=0.15,
+        units=3, logs_per_unit=7, faults={f: {} for f in SIMULATED}, structures=rates, at_start_share=0.15,
         profiles={"step": 1, "ramp": 1, "intermittent": 1},
     )  # fmt: skip
 
@@ -259,7 +259,9 @@ def channels(rms: float, channel: str = "pressure_1", lost: float = 0.0) -> dict
         (channels(1.0), "1 to 3", True),
         (channels(3.0), "3 to 10", True),
         (channels(10.0), "above 10", True),
-        (channels(9.0, "pump_angle"), "below 1", True),
+        (channels(9.0, "pump_angle"), "below 1", False),
+        (channels(9.0, "position"), "below 1", False),
+        (channels(9.0, "motor_current"), "3 to 10", True),
         (channels(0.0, lost=0.1), ROWS_LOST, False),
         (channels(2.0, lost=0.1), "1 to 3", True),
         ({}, "below 1", False),

@@ -4,7 +4,11 @@ from __future__ import annotations
 
 from pathlib import Path
 
+import pytest
+import yaml
+
 from fdd.campaign.dataset import Dataset
+from fdd.unit import Unit
 
 RECIPE = """
 schema: fdd.recipe/1
@@ -41,3 +45,41 @@ def test_twins_on_the_command_line_stand_for_the_recipes(run, one_line, tmp_path
         assert len(list((tmp_path / name).rglob("twin_*"))) == made
     recipe.write_text(faulty + "twins: maybe\n", encoding="utf-8")
     one_line(run("generate", recipe, "-o", tmp_path / "maybe"), "twins.yaml", "twins", "maybe")
+
+
+@pytest.mark.parametrize(
+    ("extra", "words"),
+    [
+        ("faults: {seal_wear: {laws: [worn]}}", ("seal_wear laws", "'worn'", "use: whole, coulomb")),
+        ("laws: every", ("laws", "every")),
+        ("profiles: {parabola: 1}", ("profiles", "'parabola'", "use: step, ramp")),
+        ("population: normal", ("population", "normal")),
+        (
+            "structures: [{name: a, profile: {accumulator: {gas_volume: [0, 1.0e-4]}}}]",
+            ("structure a profile accumulator", "gas_volume"),
+        ),
+    ],
+)
+def test_what_no_recipe_can_ask_for_is_told_in_one_line(
+    run, one_line, tmp_path: Path, extra: str, words: tuple[str, ...]
+) -> None:
+    recipe = tmp_path / "wrong.yaml"
+    recipe.write_text(RECIPE + extra + "\n", encoding="utf-8")
+    one_line(run("generate", recipe, "-o", tmp_path / "out"), "wrong.yaml", *words)
+    assert not (tmp_path / "out").exists()
+
+
+@pytest.mark.parametrize("volume", [None, 0])
+def test_a_base_whose_accumulator_has_no_size_is_told_in_one_line(
+    run, one_line, tmp_path: Path, volume: int | None
+) -> None:
+    """As one would write a partner down: its gas volume left out, or 0."""
+    plain = yaml.safe_load(Unit.load("axis_b").to_yaml())
+    plain["accumulator"]["gas_volume"] = volume
+    if volume is None:
+        del plain["accumulator"]["gas_volume"]
+    base, recipe = tmp_path / "partner.yaml", tmp_path / "recipe.yaml"
+    base.write_text(yaml.safe_dump(plain), encoding="utf-8")
+    recipe.write_text(f"{RECIPE}bases: [{base}]\n", encoding="utf-8")
+    where = ("-o", tmp_path / "out", "--workers", 1, "--units", 1, "--logs", 1)
+    one_line(run("generate", recipe, *where), "partner.yaml", "accumulator.gas_volume")

@@ -1,0 +1,219 @@
+"""How actuators of one type differ, and one actuator's runs: the distributions of ``population: stated``.
+
+Each quantity has a distribution, its width and where that comes from; what no source gives is an assumption
+with its reason. Beyond three standard deviations nothing is drawn.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+
+from fdd.campaign.ranges import Range, Rng
+from fdd.plant.oil import ATMOSPHERE, air_compliance, stiff_bulk_modulus
+from fdd.unit import Oil, Unit
+
+KELVIN = 273.15
+
+
+@dataclass(frozen=True)
+class Spread:
+    """How a quantity is distributed about its base's value, as a factor.
+
+    Attributes
+    ----------
+    distribution : of the factor. width : standard deviation, of the factor's logarithm if it is lognormal;
+        half the width of a uniform one. source : of both.
+    """
+
+    distribution: Literal["normal", "lognormal", "uniform"]
+    width: float
+    source: str
+
+    def factor(self, rng: Rng) -> float:
+        """One draw.
+
+        Examples
+        --------
+        >>> Spread("uniform", 0.0, "example").factor(np.random.default_rng(1))
+        1.0
+        """
+        if self.distribution == "uniform":
+            return 1.0 + self.width * float(rng.uniform(-1.0, 1.0))
+        departure = self.width * float(np.clip(rng.standard_normal(), -3.0, 3.0))
+        return float(np.exp(departure)) if self.distribution == "lognormal" else 1.0 + departure
+
+
+_HOSES = "assumption: hoses and fittings are cut and screwed on site; a tenth of a metre in one"
+_GAP = (
+    "thesis 5.2: L_T of axes A and B differ by a factor of 1.5 (a standard deviation of 0.3 in the "
+    "logarithm); leakage goes with the gap cubed, so 12 % of the gap are 40 %"
+)
+_SPRING = "assumption: wire and seat of small valves; cracking pressures are catalogued to about a fifth"
+_LOOP = "assumption: loops are tuned on each machine"
+_GRADE = "ISO 3448: a grade holds its mid-point viscosity at 40 °C within 10 %"
+
+BETWEEN_UNITS: dict[str, dict[str, Spread]] = {
+    "cylinder": {
+        "area_1": Spread("normal", 0.006, "assumption: rounded data sheets; ISO 286 H8 and f7 give 0.2 %"),
+        "stroke": Spread("normal", 0.003, "assumption: a millimetre of 300"),
+        "moving_mass": Spread("normal", 0.05, "assumption: rod end and clevis are the user's"),
+        "volume_1": Spread("normal", 0.1, _HOSES),
+        "volume_2": Spread("normal", 0.1, _HOSES),
+    },
+    "pump": {
+        "displacement": Spread("normal", 0.02, "thesis: Table 4.21 and its text differ by 1.3 %"),
+        "cross_port_leakage": Spread("lognormal", 0.4, _GAP),
+        "case_leakage": Spread("lognormal", 0.4, _GAP),
+    },
+    "oil": {
+        # Of oil and walls without air; the effective one follows by `with_its_air`.
+        "bulk_modulus": Spread("normal", 0.08, "assumption: walls and hoses; oils of one kind differ by 5 %"),
+        "air_fraction": Spread("lognormal", 0.5, "assumption: how well a circuit was bled, within 2.7 times"),
+        "viscosity_40": Spread("uniform", 0.1, _GRADE),
+        "viscosity_100": Spread("uniform", 0.06, "ISO 3448 with a viscosity index of 95 to 105"),
+    },
+    "accumulator": {
+        "charge_pressure": Spread("normal", 0.05, "assumption: charged by a gauge of class 2.5"),
+        "gas_volume": Spread("normal", 0.1, "assumption: shells to 5 %, and how much oil was filled in"),
+        "oil_volume": Spread("normal", 0.1, "as gas_volume"),
+        "refeed_cracking_pressure": Spread("normal", 0.2, _SPRING),
+        "refeed_flow_gain": Spread("normal", 0.15, _SPRING),
+        "case_cracking_pressure": Spread("normal", 0.2, _SPRING),
+        "relief_pressure": Spread("normal", 0.03, "assumption: set on a bench by a gauge of class 1.6"),
+        "relief_flow_gain": Spread("normal", 0.15, _SPRING),
+    },
+    "drive": {
+        "delay": Spread("uniform", 0.15, "assumption: a cycle more or less of the drive's own"),
+        "pole_1": Spread("normal", 0.08, _LOOP),
+        "pole_2": Spread("normal", 0.08, _LOOP),
+        "zero": Spread("normal", 0.08, _LOOP),
+        "torque_constant": Spread("uniform", 0.07, "assumption: servomotors' catalogues allow 5 to 10 %"),
+        "winding_resistance": Spread("uniform", 0.07, "assumption: as torque_constant"),
+        "inertia": Spread("normal", 0.03, "assumption: couplings; thesis 4.10 adds up to 7 % less than 4.21"),
+        "viscous_friction": Spread("lognormal", 0.2, "assumption: bearings and their seals"),
+        "current_limit": Spread("normal", 0.02, "assumption: a drive's current measurement"),
+    },
+}
+"""Section of the profile to field: what an actuator has over its data sheet."""
+
+AREA_RATIO = Spread("normal", 0.003, "assumption: both chambers have the bore in common, the rod is ground")
+
+FRICTION_LEVEL = Spread(
+    "lognormal", 0.17, "assumption: seals' squeeze and roughness from one cylinder to the next, 15 to 20 %"
+)
+"""Of Coulomb and static friction, both directions."""
+FRICTION: dict[str, Spread] = {
+    "coulomb": Spread("lognormal", 0.2, "thesis Table 5.2: four branches differ by 36 %, fit included"),
+    "static": Spread("lognormal", 0.06, "thesis Table 5.1: means of four branches differ by 5.5 %"),
+    "stribeck_velocity": Spread("lognormal", 0.3, "thesis Table 5.2: 7 to 26 mm/s in four branches"),
+    "stribeck_exponent": Spread("normal", 0.1, "thesis Table 5.2: 0.59 to 0.84 in four branches"),
+    "viscous": Spread("normal", 0.15, "thesis Table 5.2: 109 to 138 N·s/m in three branches"),
+}
+"""Of each direction by itself, beside `FRICTION_LEVEL`."""
+
+CHARGE = Spread("normal", 0.03, "assumption: a reading by gauge, and what leaked since")
+WARM_ZERO = Spread(
+    "normal",
+    0.25,
+    "assumption: transducers typically shift by 0.2 % of their range per 10 K; their bodies differ by 1.5 K",
+)
+"""Of the recipe's largest zero error: how a sensor's zero after warm-up differs from run to run."""
+WANDER: Range = (0.01, 0.04)
+"""Relative standard deviation of a run's friction about its mean, drawn for each run: assumption, a fraction
+of what Table 5.1 shows from trial to trial, as films build up and break within a run."""
+
+BETWEEN_RUNS = {
+    "oil_temperature": "normal about the middle of the recipe's range, a quarter of its width: assumption, "
+    "most runs are made warm and few at the edges",
+    "charge_factor": "at the oil's reference temperature as oil_temperature, and "
+    f"{CHARGE.width:.0%} ({CHARGE.source}); then by the oil's expansion and the gas law, `charge_factor`",
+    "friction": "normal, `trial_spread` of the unit: thesis Table 5.1, 8.8 % (axis A); the plant draws it",
+    "sensors' zeros": f"normal, {WARM_ZERO.width:g} of the recipe's zero_error: {WARM_ZERO.source}",
+    "loads, duties, warming": "uniform, or log-uniform over a factor of four and more, within the recipe's "
+    "ranges: assumption, what a user does with an actuator has no distribution",
+}
+"""What differs between the runs of one actuator."""
+
+WITHIN_RUNS = {
+    "friction": f"Ornstein-Uhlenbeck process over 20 s, a standard deviation of {WANDER[0]:.0%} to "
+    f"{WANDER[1]:.0%}: assumption, see `WANDER`",
+    "load": "a gust's own noise (0.3 to 6 Hz); other loads keep still: assumption",
+    "oil temperature": "heat of losses and the recipe's warming; the plant's heat balance",
+}
+"""What drifts while a log is taken."""
+
+
+def central(rng: Rng, bounds: Range) -> float:
+    """One value of a range: normal about its middle, a quarter of its width, none outside."""
+    middle, width = 0.5 * (bounds[0] + bounds[1]), bounds[1] - bounds[0]
+    return float(np.clip(middle + 0.25 * width * rng.standard_normal(), *bounds))
+
+
+def factors(rng: Rng, section: str, names: tuple[str, ...]) -> list[float]:
+    """What a unit's numbers are over its base's, in the order of `names`."""
+    return [BETWEEN_UNITS[section][name].factor(rng) for name in names]
+
+
+def friction_factors(rng: Rng, names: tuple[str, ...], level: float) -> list[float]:
+    """The same of one direction's friction; `level` is common to both."""
+    common = {"coulomb": level, "static": level}
+    return [FRICTION[name].factor(rng) * common.get(name, 1.0) for name in names]
+
+
+def with_its_air(oil: Oil, sheet: Oil) -> Oil:
+    """The oil with the bulk modulus that follows from its own air, on a data sheet's stiffness.
+
+    Parameters
+    ----------
+    oil : drawn, its bulk modulus and air each by itself. sheet : what it was drawn from.
+    """
+    stiff = stiff_bulk_modulus(sheet) * oil.bulk_modulus / sheet.bulk_modulus
+    air = oil.air_fraction * float(air_compliance(oil.reference_pressure, oil.polytropic_index))
+    return oil.model_copy(update={"bulk_modulus": 1.0 / (1.0 / stiff + air)})
+
+
+def charge_factor(unit: Unit, at_reference: float, temperature: float) -> float:
+    """Charge (gauge) of the circuit over the unit's, once its oil is at another temperature.
+
+    The oil that expands goes into the accumulator, whose gas follows the ideal gas law; leaks are none.
+
+    Parameters
+    ----------
+    at_reference : the same at the oil's reference temperature.
+    temperature : °C, of oil and gas.
+
+    Examples
+    --------
+    >>> unit = Unit.load("axis_a")
+    >>> [round(charge_factor(unit, 1.0, t), 2) for t in (25.0, 40.0, 55.0)]
+    [0.76, 1.0, 1.35]
+    """
+    store, oil = unit.accumulator, unit.oil
+    warmer = temperature - oil.reference_temperature
+    swollen = oil.thermal_expansion * (unit.cylinder.volume_1 + unit.cylinder.volume_2) * warmer
+    left = max(store.gas_volume - swollen, 0.4 * store.gas_volume)
+    absolute = at_reference * store.charge_pressure + ATMOSPHERE
+    hot = (temperature + KELVIN) / (oil.reference_temperature + KELVIN)
+    gauge = absolute * hot * store.gas_volume / left - ATMOSPHERE
+    return float(np.clip(gauge / store.charge_pressure, 0.3, 2.5))
+
+
+def warm_zeros(unit: Unit, zero_errors: Mapping[str, float], rng: Rng) -> Unit:
+    """The unit with its sensors' zeros as they are in one run.
+
+    Parameters
+    ----------
+    zero_errors : channel to the most that its zero is off in the recipe, for this machine. The position is
+        left as it is: an incremental encoder's zero is its reference mark.
+    """
+    sensors = dict(unit.sensors)
+    for channel, most in zero_errors.items():
+        shift = most * (WARM_ZERO.factor(rng) - 1.0)
+        if channel in sensors and channel != "position":
+            sensor = sensors[channel]
+            sensors[channel] = sensor.model_copy(update={"zero": sensor.zero + shift})
+    return unit.model_copy(update={"sensors": sensors})

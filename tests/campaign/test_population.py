@@ -1,0 +1,155 @@
+"""The stated population: its table is complete, its draws have the stated spread, runs of a unit differ."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+from fdd.campaign import population
+from fdd.campaign.drawing import VARIED, VARIED_FRICTION, as_it_runs, draw_scenario, draw_unit, stream
+from fdd.campaign.population import BETWEEN_UNITS, FRICTION, WANDER, charge_factor, with_its_air
+from fdd.campaign.recipe import Recipe
+from fdd.plant import conditions as c
+from fdd.plant.oil import stiff_bulk_modulus
+from fdd.plant.rows import FRICTION_TIME, axis_conditions
+from fdd.plant.scenario import Scenario
+from fdd.plant.simulate import prepare
+from fdd.plant.simulate import stream as run_in_blocks
+from fdd.unit import Unit
+
+STATED = Recipe(schema="fdd.recipe/1", healthy_share=1.0, population="stated", bases=["axis_a"])
+
+
+def test_every_varied_number_has_a_distribution_with_its_source() -> None:
+    for section, names in VARIED.items():
+        more = {"oil_volume"} if section == "accumulator" else set()
+        assert set(BETWEEN_UNITS[section]) == set(names) | more
+    assert set(FRICTION) == set(VARIED_FRICTION)
+    rows = [s for spreads in (*BETWEEN_UNITS.values(), FRICTION) for s in spreads.values()]
+    for spread in (*rows, population.AREA_RATIO, population.FRICTION_LEVEL, population.CHARGE):
+        assert 0.0 < spread.width <= 0.5 and len(spread.source) > 10
+    for text in (*population.BETWEEN_RUNS.values(), *population.WITHIN_RUNS.values()):
+        assert any(word in text for word in ("assumption", "thesis", "plant")), text
+
+
+@pytest.mark.parametrize("kind", ["normal", "lognormal", "uniform"])
+def test_a_spread_has_its_width_and_no_tails(kind: str) -> None:
+    spread, rng = population.Spread(kind, 0.2, "a test"), np.random.default_rng(2)  # type: ignore[arg-type]
+    drawn = np.array([spread.factor(rng) for _ in range(4000)])
+    seen = np.log(drawn) if kind == "lognormal" else drawn - 1.0
+    assert seen.std() == pytest.approx(0.2 / math.sqrt(3.0) if kind == "uniform" else 0.2, rel=0.05)
+    assert abs(seen.mean()) < 0.015 and np.abs(seen).max() <= (0.2 if kind == "uniform" else 0.6) + 1e-12
+
+
+def test_units_differ_by_what_is_stated() -> None:
+    """Moments of 60 drawn units: within four standard errors of the table."""
+    number = 60
+    units = [draw_unit(STATED, stream(STATED, "unit", k), k).unit for k in range(number)]
+    base, error = Unit.load("axis_a"), 4.0 / math.sqrt(2.0 * number)
+    assert units[7] == draw_unit(STATED, stream(STATED, "unit", 7), 7).unit
+    for section, spreads in BETWEEN_UNITS.items():
+        for name, spread in spreads.items():
+            if name == "bulk_modulus":
+                continue  # of the stiff part alone; below
+            ratio = np.array([getattr(getattr(u, section), name) for u in units])
+            ratio /= getattr(getattr(base, section), name)
+            seen = np.log(ratio) if spread.distribution == "lognormal" else ratio - 1.0
+            std = spread.width / math.sqrt(3.0) if spread.distribution == "uniform" else spread.width
+            assert seen.std() == pytest.approx(std, rel=error), (section, name)
+            assert abs(seen.mean()) < 4.0 * std / math.sqrt(number), (section, name)
+    static = np.log([[u.friction.forward.static, u.friction.reverse.static] for u in units])
+    common, own = population.FRICTION_LEVEL.width, FRICTION["static"].width
+    assert static.std(axis=0) == pytest.approx([math.hypot(common, own)] * 2, rel=error)
+    together = np.corrcoef(static.T)[0, 1]
+    assert together == pytest.approx(common**2 / (common**2 + own**2), abs=0.1)
+    ratios = np.array([u.cylinder.area_2 / u.cylinder.area_1 for u in units])
+    assert ratios.std() == pytest.approx(population.AREA_RATIO.width, rel=error)
+    stiff = np.array([stiff_bulk_modulus(u.oil) for u in units]) / stiff_bulk_modulus(base.oil)
+    assert stiff.std() == pytest.approx(BETWEEN_UNITS["oil"]["bulk_modulus"].width, rel=error)
+
+
+def test_more_air_makes_the_oil_softer() -> None:
+    sheet = Unit.load("axis_a").oil
+    assert with_its_air(sheet, sheet).bulk_modulus == pytest.approx(sheet.bulk_modulus)
+    airy = with_its_air(sheet.model_copy(update={"air_fraction": 4.0 * sheet.air_fraction}), sheet)
+    absolute = sheet.reference_pressure + 101325.0
+    gives = 3.0 * 0.003 * (101325.0 / absolute) ** (1.0 / 1.4) / (1.4 * absolute)  # eqs 5.20 and 5.21
+    assert 1.0 / airy.bulk_modulus == pytest.approx(1.0 / sheet.bulk_modulus + gives)
+    assert stiff_bulk_modulus(airy) == pytest.approx(stiff_bulk_modulus(sheet))
+
+
+def test_charge_follows_the_oils_expansion_and_the_gas_law() -> None:
+    unit = Unit.load("axis_a")
+    gas, oil, atmosphere = unit.accumulator.gas_volume, 4.32e-3, 101325.0
+    rest = unit.accumulator.charge_pressure + atmosphere
+    hot = rest * (328.15 / 313.15) * gas / (gas - 7e-4 * oil * 15.0) - atmosphere
+    assert charge_factor(unit, 1.0, 55.0) == pytest.approx(hot / unit.accumulator.charge_pressure, rel=1e-9)
+    assert charge_factor(unit, 0.9, 40.0) == pytest.approx(0.9, rel=1e-9)
+    small = Unit.load("axis_a_13cm3")
+    assert charge_factor(small, 1.0, 90.0) <= 2.5, "what the scenario takes"
+
+
+def test_runs_of_a_unit_have_their_own_temperature_charge_zeros_and_wander() -> None:
+    rig = draw_unit(STATED, stream(STATED, "unit", 0), 0)
+    temperatures, zeros, wanders = [], [], []
+    for k in range(200):
+        scenario = draw_scenario(STATED, rig, stream(STATED, "log", 0, k, 0))
+        unit, scenario = as_it_runs(STATED, rig, rig.unit, scenario, ("log", 0, k))
+        temperatures.append(scenario.oil_temperature)
+        zeros.append(unit.sensors["pressure_1"].zero - rig.unit.sensors["pressure_1"].zero)
+        wanders.append(scenario.friction_wander)
+        assert unit.sensors["position"].zero == rig.unit.sensors["position"].zero
+        assert scenario.charge_factor == pytest.approx(
+            charge_factor(rig.unit, 1.05, scenario.oil_temperature), rel=0.45
+        )
+    assert np.mean(temperatures) == pytest.approx(40.0, abs=2.2) and np.std(temperatures) == pytest.approx(
+        7.3, abs=1.2
+    )
+    assert min(temperatures) >= 25.0 and max(temperatures) <= 55.0
+    assert np.std(zeros) == pytest.approx(0.25 * 8e3, rel=0.2)
+    assert WANDER[0] <= min(wanders) < 0.015 and 0.035 < max(wanders) <= WANDER[1]
+
+
+def friction(scenario: Scenario, start: int, stop: int, axis: int = 1) -> np.ndarray:
+    time, none = np.arange(start, stop) * 1e-3, np.zeros(stop - start)
+    rows = axis_conditions(Unit.load("axis_a"), scenario, time, none, none, axis=axis).rows
+    assert np.array_equal(rows[:, c.FRICTION_FORWARD], rows[:, c.FRICTION_REVERSE])
+    return rows[:, c.FRICTION_FORWARD]
+
+
+def test_friction_wanders_with_the_std_and_time_that_are_asked_for() -> None:
+    scenario = Scenario(duration=3600.0, friction_wander=0.03, seed=4)
+    every = np.arange(0.0, 3600.0, 1.0)
+    none = np.zeros(every.size)
+    rows = axis_conditions(Unit.load("axis_a"), scenario, every, none, none).rows
+    wander = (rows[:, c.FRICTION_FORWARD] - 1.0) / 0.03
+    # 90 independent stretches of twice the process's time.
+    assert abs(wander.mean()) < 0.4 and wander.std() == pytest.approx(1.0, abs=0.25)
+    assert np.abs(wander).max() <= 3.0
+    lagged = np.mean(wander[20:] * wander[:-20]) / np.mean(wander**2)
+    assert lagged == pytest.approx(math.exp(-20.0 / FRICTION_TIME), abs=0.15)
+    assert np.abs(np.diff(wander)).max() < 1.5, "no jumps"
+
+
+def test_wandering_friction_is_the_same_bits_however_a_run_is_cut_and_with_any_fault() -> None:
+    scenario = Scenario(duration=9.0, friction_wander=0.04, seed=7)
+    whole = friction(scenario, 0, 9000)
+    cut = np.concatenate([friction(scenario, a, b) for a, b in ((0, 1), (1, 333), (333, 8999), (8999, 9000))])
+    assert whole.tobytes() == cut.tobytes() and np.ptp(whole) > 0.01
+    leaking = scenario.model_copy(update={"faults": Scenario(
+        duration=9.0, faults=[{"fault": "internal_leakage", "severity": 1.0}]).faults})  # fmt: skip
+    assert friction(leaking, 0, 9000).tobytes() == whole.tobytes()
+    assert not np.array_equal(friction(scenario, 0, 9000, axis=2), whole)
+    assert np.all(friction(scenario.model_copy(update={"friction_wander": 0.0}), 0, 9000) == 1.0)
+    short = scenario.model_copy(update={"duration": 2.0})
+    runs = [list(run_in_blocks(Unit.load("axis_a"), short, block=b)) for b in (2000, 700)]
+    logs = [np.concatenate([axes[0].samples["pressure_1"] for axes in blocks]) for blocks in runs]
+    assert logs[0].tobytes() == logs[1].tobytes()
+    still = prepare(Unit.load("axis_a"), short.model_copy(update={"friction_wander": 0.0})).conditions(0, 50)[
+        0
+    ]
+    moved = prepare(Unit.load("axis_a"), short).conditions(0, 50)[0]
+    others = [k for k in range(c.COLUMNS) if k not in (c.FRICTION_FORWARD, c.FRICTION_REVERSE)]
+    assert np.array_equal(still[..., others], moved[..., others]), "nothing else moves"
