@@ -107,8 +107,7 @@ class Energies:
         Between two milliseconds the loop puts air in place of oil and takes the oil's present density: these
         are no powers, and each millisecond's balance begins after them.
         """
-        stored = sum(self.stored.values())
-        gained = np.cumsum(stored[:, -1] - stored[:, 0])
+        gained = sum(np.cumsum(energy[:, -1] - energy[:, 0]) for energy in self.stored.values())
         supplied = sum(run.integral(power) for power in self.supplied.values())
         lost = sum(run.integral(power) for power in self.lost.values())
         through = sum(run.integral(np.abs(power))[-1] for power in self.supplied.values())

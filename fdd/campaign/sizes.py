@@ -44,7 +44,6 @@ _MEGAPASCAL = 1e6
 _GRADES = ((15e-6, 3.3e-6), (32e-6, 5.4e-6), (46e-6, 6.8e-6))
 """m²/s at 40 and 100 °C of ISO VG 15, 32 and 46."""
 _DETAILS, _FAULTS = Details().model_dump(), FaultScales().model_dump()
-_CHARGE = Unit.load(AXIS).accumulator.charge_pressure
 S = TypeVar("S", bound=Section)
 
 

@@ -81,7 +81,8 @@ OWN_MEMORIES = 9
 _EACH = 6
 MEMORIES = OWN_MEMORIES + 2 * _EACH
 """The controller's, then each axis's: the winding's heat over what it bears for good, its chambers' air, its
-oil's vapour pressure over sound oil's, and temperature (°C) and viscosity over the reference's, as they were last worked out."""
+oil's vapour pressure over sound oil's, and temperature (°C) and viscosity over the reference's, as they were
+last worked out."""
 _SAME_WARMTH = 1e-5
 """K that change the viscosity by less than a millionth: it is not worked out anew for them."""
 STEPS = _STEPS

@@ -105,7 +105,7 @@ def test_unequal_areas_move_freely_with_piloted_valves_only():
 
 
 def test_dissolving_air_leaves_a_pressed_chamber_in_its_own_time_by_henrys_line():
-    """Of all air a tenth stays free at the dissolving pressure; the profile's is what the reference leaves."""
+    """A tenth of all air stays free at the dissolving pressure; the profile has what the reference leaves."""
     law = {"dissolving_pressure": 2e6, "dissolving_time": 2.0}
     oil = UNIT.oil.model_copy(update={"air_fraction": 0.008})
     unit = UNIT.model_copy(update={"oil": oil})
