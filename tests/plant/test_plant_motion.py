@@ -87,7 +87,7 @@ def test_a_stuck_piston_yields_as_a_spring_and_comes_back():
 
 
 def test_the_current_carries_pump_torque_and_friction():
-    """Torque constant times current is D·Δp, what the gears rub, viscous and dry friction, at steady speed."""
+    """Torque constant times current is D·Δp, what gears rub, viscous and dry friction, at steady speed."""
     duty = {"name": "constant_speed", "speeds": [105.0], "amplitude": 0.12, "dwell": 0.0, "lead_in": 0.1}
     details = {"pump_ripple": 0.0, "pump_coulomb_torque": 0.05, "cogging_torque": 0.0, "pump_friction": 0.06}
     truth = _truth(duration=2.6, duty=duty, control=SPEED, load={"name": "throttle"}, details=details)
