@@ -35,6 +35,7 @@ class Label(Validated):
     profile: str
     side: int | None = None
     variant: str | None = None
+    law: str | None = None
     axis: int = 1
     channel: str | None = None
 
