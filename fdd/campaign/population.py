@@ -190,7 +190,7 @@ def charge_factor(unit: Unit, at_reference: float, temperature: float) -> float:
     --------
     >>> unit = Unit.load("axis_a")
     >>> [round(charge_factor(unit, 1.0, t), 2) for t in (25.0, 40.0, 55.0)]
-    [0.76, 1.0, 1.35]
+    [0.77, 1.0, 1.34]
     """
     store, oil = unit.accumulator, unit.oil
     warmer = temperature - oil.reference_temperature
