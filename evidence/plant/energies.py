@@ -303,8 +303,8 @@ def _accumulator(run: FineRun, axis: int, out: Energies, name: str) -> None:
     rest = par.gas_pressure * par.gas_volume
     lacks, beyond = np.minimum(held, 0.0), np.maximum(held - par.full, 0.0)
     # At its stops the gas keeps its volume, and what goes in or out works against its present pressure.
-    empty = rest / par.shell * par.gallery_gas * -np.log1p(-lacks / par.gallery_gas)
-    full = rest / (par.shell - par.full) * beyond
+    empty = rest / par.shell_volume * par.gallery_gas * -np.log1p(-lacks / par.gallery_gas)
+    full = rest / (par.shell_volume - par.full) * beyond
     out.stored[name + "accumulator"] = (
         rest / 0.4 * heat - par.ambient * held + heat * (empty + full) + 0.5 * par.full_stiffness * beyond**2
     )

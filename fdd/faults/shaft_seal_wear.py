@@ -45,6 +45,14 @@ FAULT = Fault(
             over="shaft_leakage_pressure",
             laws=("running",),
         ),
-        Effect("shaft_speed", "add", 0.03, laws=("running",)),  # s/rad: four times as much at 100 rad/s
+        # The other three quarters at 100 rad/s.
+        Effect(
+            "shaft_speed",
+            "add",
+            "shaft_leakage_flow",
+            times=(0.75e-2,),
+            over="shaft_leakage_pressure",
+            laws=("running",),
+        ),
     ),
 )

@@ -95,7 +95,7 @@ MEANING: dict[int, str] = {
     CASE_LEAKAGE_1: "C_ep of eq. 3.14, port 1 to the case drain (m³/(s·Pa))",
     CASE_LEAKAGE_2: "the same of port 2",
     SHAFT_LEAKAGE: "case drain to the outside past the shaft's seal (m³/(s·Pa))",
-    SHAFT_SPEED: "growth of that leakage with the pump's speed, over its own (s/rad)",
+    SHAFT_SPEED: "the same for each rad/s of pump speed (m³/(rad·Pa))",
     OUTSIDE_1: "from chamber 1 to the outside (m³/(s·Pa))",
     OUTSIDE_2: "from chamber 2 to the outside (m³/(s·Pa))",
     OUTSIDE_ORIFICE_1: "from chamber 1 to the outside through an orifice (m³/s at 1 MPa)",

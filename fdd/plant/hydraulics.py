@@ -173,7 +173,7 @@ def hydraulic_rates(
     # Case drain: fed by both ports, drained through its check valve into the accumulator, losing past the
     # shaft's seal. Its volume is small and its valve wide, so its pressure is the one that balances.
     from_a, from_b = now[c.CASE_LEAKAGE_1], now[c.CASE_LEAKAGE_2]
-    shaft = now[c.SHAFT_LEAKAGE] * (1.0 + now[c.SHAFT_SPEED] * abs(turning))
+    shaft = now[c.SHAFT_LEAKAGE] + now[c.SHAFT_SPEED] * abs(turning)
     out_of_case = from_a + from_b + shaft + _LEAST_CASE
     closed = (from_a * a + from_b * b) / out_of_case
     excess = opening(closed - pa - par.case_cracking, par.check_width)

@@ -135,6 +135,7 @@ def thin(
     now[axis, c.CASE_LEAKAGE_1] *= thinner
     now[axis, c.CASE_LEAKAGE_2] *= thinner
     now[axis, c.SHAFT_LEAKAGE] *= thinner
+    now[axis, c.SHAFT_SPEED] *= thinner
     now[axis, c.OUTSIDE_1] *= thinner
     now[axis, c.OUTSIDE_2] *= thinner
     now[axis, c.OUTSIDE_OPENING_1] *= thinner

@@ -149,9 +149,9 @@ def store_pressure(oil: float, heat: float, par: Constants) -> float:
     """
     if oil < 0.0:
         left = par.gallery_gas / (par.gallery_gas - oil)
-        return par.gas_pressure * par.gas_volume / par.shell * heat * left - par.ambient
+        return par.gas_pressure * par.gas_volume / par.shell_volume * heat * left - par.ambient
     held = min(oil, par.full)
-    gas = par.gas_pressure * par.gas_volume * heat / (par.shell - held)
+    gas = par.gas_pressure * par.gas_volume * heat / (par.shell_volume - held)
     return gas - par.ambient + (oil - held) * par.full_stiffness
 
 
@@ -170,5 +170,5 @@ def gas_heating(oil: float, inflow: float, heat: float, warm: float, par: Consta
     """
     work = 0.0
     if 0.0 < oil < par.full:
-        work = 0.4 * heat * inflow / (par.shell - oil)
+        work = 0.4 * heat * inflow / (par.shell_volume - oil)
     return work - (heat - 1.0 - par.gas_warming * warm) * par.gas_rate

@@ -103,7 +103,7 @@ class Parameters(NamedTuple):
     """Pa, absolute, of the gas at rest."""
     gas_volume: float
     """m³ of the gas at rest."""
-    shell: float
+    shell_volume: float
     full: float
     """m³ of oil at which the separator comes to its stop on the gas's side."""
     full_stiffness: float
@@ -334,7 +334,7 @@ def plant_parameters(
         relief_hysteresis=details.relief_hysteresis,
         gas_pressure=charge + ambient,
         gas_volume=tank.gas_volume,
-        shell=shell,
+        shell_volume=shell,
         full=_FULL * shell,
         full_stiffness=oil.bulk_modulus / details.gallery_volume,
         gallery_gas=details.gallery_gas * details.gallery_volume,

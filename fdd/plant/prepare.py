@@ -267,7 +267,7 @@ def _at_rest(
         warm = scenario.oil_temperature - par.reference_temperature
         y[o + s.GAS] = 1.0
         if not par.shares:
-            held_oil = par.shell - par.gas_volume
+            held_oil = par.shell_volume - par.gas_volume
             y[o + s.STORE] = held_oil * par.store_density * math.exp(-par.expansion * warm)
         if par.blocked:
             y[o + s.LINE_1] = y[o + s.LINE_2] = charge
