@@ -60,6 +60,8 @@ def completed(values: dict[str, float]) -> dict[str, float]:
         v.setdefault(f"chamber_volume_{side}", LINES_SHARE * 0.5 * v["stroke"] * v[f"piston_area_{side}"])
     v.setdefault("relief_pressure", 1.1 * v["rated_pressure"])
     v.setdefault("rated_flow", v["pump_displacement"] * v["max_speed"])
+    if "gas_volume" in v:
+        v.setdefault("oil_volume", 0.5 * v["gas_volume"])
     v.setdefault("cracking_pressure", 3e4)
     v.setdefault("refeed_flow_gain", v["rated_flow"] / max(v["cracking_pressure"], 1e4))
     v.setdefault("relief_flow_gain", v["rated_flow"] / (0.1 * v["relief_pressure"]))
@@ -140,6 +142,7 @@ def _oil(s: _Sheet) -> dict[str, Any]:
         "reference_temperature": _assumed(
             REFERENCE_TEMPERATURE, "degC", "the sheet's leakage holds at 40 °C"
         ),
+        "thermal_expansion": _assumed(7e-4, "1/K", "mineral oil"),
     }
 
 
@@ -147,6 +150,7 @@ def _circuit(s: _Sheet) -> dict[str, Any]:
     return {
         "charge_pressure": s.of("charge_pressure"),
         "gas_volume": s.of("gas_volume"),
+        "oil_volume": s.of("oil_volume"),
         "refeed_cracking_pressure": s.of("cracking_pressure"),
         "refeed_flow_gain": s.of("refeed_flow_gain"),
         "case_cracking_pressure": _assumed(s["cracking_pressure"], "Pa", "as the refeeding valves"),

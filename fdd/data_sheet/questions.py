@@ -156,6 +156,16 @@ QUESTIONS: dict[str, Question] = {
             path="accumulator.gas_volume",
         ),
         Question(
+            "oil_volume",
+            "Oil that the accumulator holds at that charge",
+            "m^3",
+            0.0,
+            0.1,
+            VOLUME,
+            assumed="half the gas, a third of the shell",
+            path="accumulator.oil_volume",
+        ),
+        Question(
             "cracking_pressure",
             "Cracking pressure of the refeeding check valves",
             "Pa",

@@ -283,7 +283,8 @@ def _accumulator(d: _Design) -> None:
     )  # fmt: skip
     rule = "accumulator rule: 0.6 to 1.6 times its pressure at rest"
     chosen = d.take("gas_volume", "accumulator's gas at rest", gas, "cm^3", rule)
-    d.row("accumulator's oil at rest", oil, "cm^3", "accumulator rule: 1.1 times what the circuit takes")
+    takes = "accumulator rule: 1.1 times what the circuit takes"
+    d.take("oil_volume", "accumulator's oil at rest", oil, "cm^3", takes)
     if chosen < 0.999 * gas:
         d.short(
             f"gas_volume, {1e6 * chosen:.3g} cm^3, is less than the {1e6 * gas:.3g} cm^3 that cold, heat and "

@@ -13,7 +13,7 @@ FAULT = Fault(
     thesis="Table 4.1",
     plant="slow loss from the case drain to the outside",
     severity="1 cm³/min from the case drain to the outside, at 487 kPa in the case",
-    source="assumption: a steady drip, which empties the 13 cm³ accumulator within minutes",
+    source="assumption: a steady drip, which empties an accumulator of 140 cm³ of oil within hours",
     next_check="Look for oil on the shaft between motor and pump, and compare the accumulator's pressure "
     "at rest with that of the last visit.",
     laws={
