@@ -8,17 +8,21 @@ import json
 from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 from test_generate import small
 from test_train_validate import drawn, finding, label, outcome
 
 from fdd.campaign.card import card
 from fdd.campaign.dataset import Dataset, Label
-from fdd.campaign.generate import generate
+from fdd.campaign.generate import _trouble, generate
 from fdd.campaign.loading import truth_table
 from fdd.campaign.scores import Outcome
 from fdd.campaign.train import learnt
 from fdd.campaign.validate import HAD, NEVER, UNSIGNED, by_law, outcomes_csv, summary
 from fdd.diagnosis.model import Model
+from fdd.plant.scenario import Scenario
+from fdd.plant.simulate import simulate
+from fdd.unit import Unit
 
 LEAK, WORN, AIR = "internal_leakage", "pump_wear", "aeration"
 
@@ -100,3 +104,14 @@ def test_labels_truth_table_and_card_carry_law_and_course(tmp_path: Path) -> Non
 
 def contents_of(directory: Path) -> list[bytes]:
     return [p.read_bytes() for p in sorted(directory.rglob("*")) if p.is_file()]
+
+
+def test_a_relief_valve_whose_setting_fell_may_relieve() -> None:
+    """Else every log in which it shows would be drawn anew."""
+    run = simulate(Unit.load("axis_a"), Scenario(
+        duration=3.0, load={"name": "constant", "level": 2500.0}, duty={"name": "standstill"},
+        faults=[{"fault": "relief_valve_stuck_open", "severity": 0.65, "law": "setting"}],
+    ))  # fmt: skip
+    assert np.mean(np.abs(run.truth["relief_flow"]) > 1e-7) > 0.5 and not _trouble(run)
+    healthy = run.scenario.model_copy(update={"faults": []})
+    assert "relief valve" in _trouble(replace(run, scenario=healthy))
