@@ -214,6 +214,34 @@ def empirical_response(
     return frequency, np.asarray(cross / np.maximum(own, 1e-12 * own.max()), dtype=np.complex128)
 
 
+def windowed_response(
+    given: Array, caused: Array, period: float, points: int = 128
+) -> tuple[Array, ComplexArray]:
+    """Transfer function estimate through a Hamming window over the correlations' lags (section 6.2).
+
+    The thesis puts its estimates through a "128 point size Hamming window"; as in the toolbox that it used,
+    the window's size is the number of lags, here 0.128 s to either side, which smooths over some 8 Hz.
+
+    Parameters
+    ----------
+    given, caused : (n,) input and output.
+    period : s.
+    points : lags to either side.
+
+    Returns
+    -------
+    frequency (401,) in Hz, from 0 to 100 or half the sampling rate, and response (401,).
+    """
+    u, y = given - given.mean(), caused - caused.mean()
+    lags = np.arange(-points, points + 1)
+    middle = slice(u.size - 1 - points, u.size + points)
+    window = 0.54 + 0.46 * np.cos(np.pi * lags / points)
+    own, cross = (window * fftconvolve(signal, u[::-1])[middle] for signal in (u, y))
+    frequency = np.linspace(0.0, min(100.0, 0.5 / period), 401)
+    turn = np.exp(-2j * np.pi * np.outer(frequency, lags) * period)
+    return frequency, np.asarray((turn @ cross) / (turn @ own), dtype=np.complex128)
+
+
 def response_at(given: Array, caused: Array, period: float, frequency: float) -> complex:
     """Response at one frequency: ratio of the fundamentals, fitted together with a mean and a trend.
 

@@ -119,7 +119,7 @@ def test_the_gain_follows_the_displacement(unit, share):
 def test_leakage_from_port_to_port_is_the_slope(unit, monkeypatch):
     """Without a case drain eq. 5.3 shows L_T, but for the pump's own compression, D·ω/(2β)."""
     monkeypatch.setattr(leakage, "_THROTTLES", (0.5e6, 1.6e6, 5e6))
-    sealed, partner = leakage.without_case_drain(unit), Unit.load("axis_b")
+    sealed, partner = leakage.with_case_share(unit, 0.0), Unit.load("axis_b")
     compression = unit.pump.displacement * 104.7 / (2.0 * unit.oil.bulk_modulus)
     assert leakage.strokes(sealed, partner, 1).slope == pytest.approx(
         unit.pump.total_leakage + compression, rel=0.02
