@@ -192,7 +192,8 @@ def measure(axis_a: Unit, axis_b: Unit, seed: int) -> Finding:
         "the actuator), without saying how they were found. The thesis plots one relation of velocity to "
         "command, figure 5.1; the actuator's dead band is read here as what the line through these steady "
         f"velocities falls short of, at ±1 to ±10 V, both ways, {TRIALS} trials. The motor's, and the "
-        f"command from which the actuator slides out of rest, are from commands that climb in steps of {HOLD:g} s.",
+        f"command from which the actuator slides out of rest, are from commands that climb in steps of "
+        f"{HOLD:g} s.",
         rows,
         tables=[
             Table(
