@@ -111,7 +111,7 @@ def _changes(axis_a: Unit, axis_b: Unit, seed: int) -> list[tuple[str, ...]]:
         "axis B with axis A's friction": rubbing,
     }
     levels = np.concatenate([np.arange(0.01, 0.06, 0.01), LEVELS[2:]])
-    cells = []
+    cells: list[tuple[str, ...]] = []
     for name, unit in cases.items():
         from_rest = [sliding(levels, staircase(unit, levels, s, seed)[1], unit) for s in (1.0, -1.0)]
         cells.append((name, f"{measured_offset(unit, seed, 1):.3f}", f"{np.mean(from_rest):.3f}"))
@@ -209,7 +209,11 @@ def measure(axis_a: Unit, axis_b: Unit, seed: int) -> Finding:
             "The reading was chosen because it is the one under which the thesis's numbers agree with each "
             "other; which of them its author took is not known.",
         ],
-        pictures=[Picture("dead_band", "Speed of motor and actuator over small commands.", draw)],
+        pictures=[
+            Picture(
+                "dead_band", "Speed of motor and actuator over small commands that climb out of rest.", draw
+            )
+        ],
     )
 
 

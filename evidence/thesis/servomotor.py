@@ -174,8 +174,8 @@ def measure(axis_a: Unit, axis_b: Unit, seed: int) -> Finding:
             "Section 6.2 sees the whole actuator's bandwidth fall from ±2 V on, for lack of torque, and "
             "takes ±1.5 V as still free of it; section 4.6 calls the stall torque of 8 N·m the largest. With "
             "8 N·m eq. 6.11 would not have been found: the same fit then gives "
-            f"{stalled.model.bandwidth_hz():.1f} Hz and explains {100 * stalled.fit:.0f} %. The fall from ±2 V "
-            "on belongs to a limit between 16 and 26 N·m, or 10 and 16 A; the profile keeps 10 A.",
+            f"{stalled.model.bandwidth_hz():.1f} Hz and explains {100 * stalled.fit:.0f} %. The fall from "
+            "±2 V on belongs to a limit between 16 and 26 N·m, or 10 and 16 A; the profile keeps 10 A.",
             f"Magnitude, poles and delay meet, the phase does so only at low frequency: at {_HIGH:g} Hz "
             f"it lies {behind:.0f}° behind that of eq. 6.11, at 33.3 Hz "
             f"{_degrees_behind(found.model, 33.3):.0f}°. The drive's current loop, a lag of "

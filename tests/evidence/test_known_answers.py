@@ -169,6 +169,23 @@ def test_the_dead_band_is_leakage_under_friction(unit):
         assert found == pytest.approx(expected, rel=0.03)
 
 
+def test_the_offset_of_the_velocity_is_leakage_under_constant_friction(unit):
+    """With the same friction at every speed nothing but (ξ + C_ep)·F/(A·Dp) shifts the line of figure 5.1."""
+    changed = flat(unit, 300.0)
+    holding = unit.pump.cross_port_leakage + unit.pump.case_leakage
+    expected = holding * 300.0 / (unit.cylinder.area_1 * unit.pump.displacement * VOLT) + dead_band.MOTOR
+    assert dead_band.measured_offset(changed, 1, trials=1) == pytest.approx(expected, rel=0.04)
+
+
+def test_the_thesis_s_own_equations_have_its_dead_band(unit):
+    """Table 6.1's 0.06 V out of eqs 5.3 and 5.12 and Table 5.2, without the plant; by hand at one speed."""
+    assert dead_band.offset_of_equations(unit, "A") == pytest.approx(0.06, abs=0.005)
+    assert dead_band.offset_of_equations(Unit.load("axis_b"), "B") == pytest.approx(0.033, abs=0.003)
+    command = np.array([-2.0, -1.0, 1.0, 2.0]) * VOLT
+    shifted = np.sign(command) * (np.abs(command) - 0.1 * VOLT)
+    np.testing.assert_allclose(dead_band.offsets(command, shifted), 0.1)
+
+
 def test_a_sticking_motor_has_a_dead_band():
     levels = np.array([0.0, 0.001, 0.002, 0.003, 0.004])
     turning = VOLT * np.maximum(levels - 0.0015, 0.0)
