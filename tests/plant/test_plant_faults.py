@@ -108,7 +108,7 @@ def test_a_clogged_valve_cavitates_above_vacuum_and_converges(air, side, load):
     """The pump starves instead of emptying a chamber; steps a quarter as long give the same pressures."""
     # Little charge and a case that drains what the clogged valve does not bring back.
     accumulator = UNIT.accumulator.model_copy(update={"charge_pressure": 20e3, "case_cracking_pressure": 1e3})
-    pump = UNIT.pump.model_copy(update={"case_leakage": 10.0 * UNIT.pump.case_leakage})
+    pump = UNIT.pump.model_copy(update={"case_leakage": 1.5 * UNIT.pump.total_leakage})
     unit = UNIT.model_copy(update={"accumulator": accumulator, "pump": pump})
     faults = [
         {"fault": "check_valve_clogged", "severity": 1.0, "side": side},
