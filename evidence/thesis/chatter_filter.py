@@ -26,6 +26,8 @@ PRINTED = {
     "z⁻², denominator": 0.61,
 }
 """Eq. 7.5."""
+MISPRINT = {"z⁻¹, numerator": 5.18e-2}
+"""What eq. 7.3 makes of it: the other three coefficients are its zero-order hold as printed."""
 
 
 def discrete_filter(method: str) -> tuple[Array, Array]:
@@ -59,11 +61,13 @@ def measure(axis_a: Unit, axis_b: Unit, seed: int) -> Finding:
     rows, cells = [], [("1, numerator", "none", f"{by['zoh'][0][0]:.4f}", f"{by['tustin'][0][0]:.4f}")]
     for (name, printed), (part, k) in zip(PRINTED.items(), places, strict=True):
         held, tustin = float(by["zoh"][part][k]), float(by["tustin"][part][k])
+        meant = MISPRINT.get(name, printed)
         rows.append(
             Row(
-                f"coefficient of {name}", "eq. 7.5", printed, held, "1", tolerance=0.005 * abs(printed),
-                why="A misprint: 5.28e-2 for 5.18e-2; with 0.0518 the gain at rest is one."
-                if name == "z⁻¹, numerator" else "", digits=4,
+                f"coefficient of {name}", "eq. 7.5", meant, held, "1", tolerance=0.005 * abs(meant),
+                note="" if meant == printed else f"Printed as {printed:g}, a misprint: eq. 7.3 by the "
+                f"zero-order hold gives the other three coefficients as printed, and {held:.4f} here.",
+                digits=4,
             )
         )  # fmt: skip
         cells.append((name, f"{printed:g}", f"{held:.4f}", f"{tustin:.4f}"))

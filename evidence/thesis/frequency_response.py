@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import least_squares
-from scipy.signal import butter, lfilter, sosfiltfilt
+from scipy.signal import butter, fftconvolve, lfilter, sosfiltfilt
 
 from fdd.identification.experiments.etfe import empirical_response, half_power_frequency
 
@@ -158,6 +158,34 @@ def held_input(command: Array, period: float, cutoff_hz: float = 150.0) -> Array
     """
     integral = np.concatenate([[0.0], np.cumsum(command[:-1]) * period])
     return velocity(integral, period, cutoff_hz)
+
+
+def windowed_response(
+    given: Array, caused: Array, period: float, points: int = 128
+) -> tuple[Array, ComplexArray]:
+    """Transfer function estimate through a Hamming window over the correlations' lags (section 6.2).
+
+    The thesis puts its estimates through a "128 point size Hamming window"; as in the toolbox that it used,
+    the window's size is the number of lags, here 0.128 s to either side, which smooths over some 8 Hz.
+
+    Parameters
+    ----------
+    given, caused : (n,) input and output.
+    period : s.
+    points : lags to either side.
+
+    Returns
+    -------
+    frequency (401,) in Hz, from 0 to 100 or half the sampling rate, and response (401,).
+    """
+    u, y = given - given.mean(), caused - caused.mean()
+    lags = np.arange(-points, points + 1)
+    middle = slice(u.size - 1 - points, u.size + points)
+    window = 0.54 + 0.46 * np.cos(np.pi * lags / points)
+    own, cross = (window * fftconvolve(signal, u[::-1])[middle] for signal in (u, y))
+    frequency = np.linspace(0.0, min(100.0, 0.5 / period), 401)
+    turn = np.exp(-2j * np.pi * np.outer(frequency, lags) * period)
+    return frequency, np.asarray((turn @ cross) / (turn @ own), dtype=np.complex128)
 
 
 def response_at(given: Array, caused: Array, period: float, frequency: float) -> complex:

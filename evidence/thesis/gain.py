@@ -20,7 +20,8 @@ MEASURED, CALCULATED = 3.57e-4, 3.62e-4
 """m/rad, section 5.1."""
 IMPLIED_DISPLACEMENT = 5.50e-7
 """m³/rad: what the thesis's 3.62e-4 m/rad, and its flow of 5.76e-5 m³/s at 104.7 rad/s, come from."""
-_SPEEDS = VOLT * np.array([-10.0, -8.0, -6.0, -4.0, -2.0, -1.0, 1.0, 2.0, 4.0, 6.0, 8.0, 10.0])
+SPEEDS = VOLT * np.array([-10.0, -8.0, -6.0, -4.0, -2.0, -1.0, 1.0, 2.0, 4.0, 6.0, 8.0, 10.0])
+"""rad/s, commanded."""
 _TRAVEL = 0.2
 
 
@@ -30,7 +31,7 @@ def speeds_of(unit: Unit, seed: int) -> tuple[Array, Array]:
     Slopes of the two encoders over the second half of each stroke.
     """
     pump, actuator = [], []
-    for i, speed in enumerate(_SPEEDS):
+    for i, speed in enumerate(SPEEDS):
         expected = abs(speed) * unit.pump.displacement / unit.cylinder.area_1
         n = round(min(_TRAVEL / expected, 4.0) / PERIOD)
         command = np.concatenate([np.zeros(100), np.full(n, speed)])

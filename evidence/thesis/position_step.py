@@ -12,7 +12,7 @@ from evidence.thesis.chatter_filter import filtered_velocity
 from evidence.thesis.findings import Finding, Picture, Row, Table
 from evidence.thesis.leakage import holding_leakage
 from evidence.thesis.runs import PERIOD, VOLT, riding_partner, run_position
-from evidence.thesis.whole_eha import with_friction
+from evidence.thesis.whole_eha import with_coulomb_alone, with_friction
 from fdd.plant.details import Details
 from fdd.plant.partner import Partner
 from fdd.unit import Unit
@@ -105,8 +105,12 @@ def measure(axis_a: Unit, axis_b: Unit, seed: int) -> Finding:
             axis_a, 1.0, seed, details=Details(command_dead_band=0.0)
         ),
         "a tenth of its friction": step_trials(with_friction(axis_a, 0.1), 1.0, seed),
+        "friction that does not rise towards rest": step_trials(with_coulomb_alone(axis_a), 1.0, seed),
         "a tenth of its leakage": step_trials(with_leakage(axis_a, 0.1), 1.0, seed),
         "axis B instead": step_trials(axis_b, 1.0, seed),
+        "axis B, friction that does not rise towards rest": step_trials(
+            with_coulomb_alone(axis_b), 1.0, seed
+        ),
         "axis B riding along, by-pass and throttle open": step_trials(
             axis_a, 1.0, seed, partner=riding_partner(axis_b)
         ),

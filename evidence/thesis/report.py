@@ -95,9 +95,11 @@ def report_text(findings: list[Finding], axis_a: Unit, axis_b: Unit, seed: int) 
         f"and `{axis_b.name}`. Here the experiments of its chapters 5, 6 and 7 are repeated on the "
         "simulated prototype as the thesis describes them, through simulated sensors, and what they give "
         "stands beside what the thesis prints. Every parameter comes from the profiles, where its source is "
-        "noted, or is an assumption of `fdd.plant.Details`. Two of the latter were taken from the numbers "
-        "shown here: the seals' break-away share from Table 5.1 and the dead band of the drive's input from "
-        "Table 6.1. Nothing else was tuned to these results.",
+        "noted, or is an assumption of `fdd.plant.Details`. Five assumed numbers were taken from what "
+        "is shown here: the seals' break-away share from Table 5.1, the lag of their friction from section "
+        "5.3's run-up, their resistance to quick changes from the decay of eq. 6.13's pole pair, the dead "
+        "band of the drive's input from Table 6.1, and the share of the leakage that goes through the case "
+        "drain from section 5.2. Nothing else was tuned to these results.",
         "",
         f"**{met} of {len(rows)} numbers meet the thesis's.** A number meets where it lies within the "
         f"thesis's own spread, or within {100 * READING:.0f} % where the thesis gives none, unless the "

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from evidence.thesis.findings import Finding, Picture, Row, Table, number_text
 from evidence.thesis.frequency_response import TransferFunction
 from evidence.thesis.runs import PERIOD, riding_partner, run_position
-from evidence.thesis.whole_eha import HIGH, HIGH_SPEED, LOW, respond
+from evidence.thesis.whole_eha import HIGH, HIGH_SPEED, LOW, respond, with_delay
 from fdd.plant.partner import Partner
 from fdd.unit import Unit
 
@@ -84,13 +84,6 @@ def linear_ultimate_gain(model: TransferFunction) -> float:
         return float("nan")
     k = int(late[0])
     return float(2.0 * np.pi * frequency[k] / np.abs(response[k]))
-
-
-def with_delay(unit: Unit, delay: float) -> Unit:
-    """The same axis with another delay of its drive (s)."""
-    changed = unit.model_copy(deep=True)
-    changed.drive.delay = delay
-    return changed
 
 
 def measure(axis_a: Unit, axis_b: Unit, seed: int) -> Finding:

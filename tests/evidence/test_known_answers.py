@@ -119,7 +119,7 @@ def test_the_gain_follows_the_displacement(unit, share):
 def test_leakage_from_port_to_port_is_the_slope(unit, monkeypatch):
     """Without a case drain eq. 5.3 shows L_T, but for the pump's own compression, D·ω/(2β)."""
     monkeypatch.setattr(leakage, "_THROTTLES", (0.5e6, 1.6e6, 5e6))
-    sealed, partner = leakage.without_case_drain(unit), Unit.load("axis_b")
+    sealed, partner = leakage.with_case_share(unit, 0.0), Unit.load("axis_b")
     compression = unit.pump.displacement * 104.7 / (2.0 * unit.oil.bulk_modulus)
     assert leakage.strokes(sealed, partner, 1).slope == pytest.approx(
         unit.pump.total_leakage + compression, rel=0.02
@@ -167,6 +167,23 @@ def test_the_dead_band_is_leakage_under_friction(unit):
         levels = expected * np.array([0.5, 1.8, 2.2, 2.6, 3.5])
         found = dead_band.sliding(levels, dead_band.staircase(changed, levels, 1.0, 1)[1], changed)
         assert found == pytest.approx(expected, rel=0.03)
+
+
+def test_the_offset_of_the_velocity_is_leakage_under_constant_friction(unit):
+    """With the same friction at every speed nothing but (ξ + C_ep)·F/(A·Dp) shifts the line of figure 5.1."""
+    changed = flat(unit, 300.0)
+    holding = unit.pump.cross_port_leakage + unit.pump.case_leakage
+    expected = holding * 300.0 / (unit.cylinder.area_1 * unit.pump.displacement * VOLT) + dead_band.MOTOR
+    assert dead_band.measured_offset(changed, 1, trials=1) == pytest.approx(expected, rel=0.04)
+
+
+def test_the_thesis_s_own_equations_have_its_dead_band(unit):
+    """Table 6.1's 0.06 V out of eqs 5.3 and 5.12 and Table 5.2, without the plant; by hand at one speed."""
+    assert dead_band.offset_of_equations(unit, "A") == pytest.approx(0.06, abs=0.005)
+    assert dead_band.offset_of_equations(Unit.load("axis_b"), "B") == pytest.approx(0.033, abs=0.003)
+    command = np.array([-2.0, -1.0, 1.0, 2.0]) * VOLT
+    shifted = np.sign(command) * (np.abs(command) - 0.1 * VOLT)
+    np.testing.assert_allclose(dead_band.offsets(command, shifted), 0.1)
 
 
 def test_a_sticking_motor_has_a_dead_band():

@@ -92,7 +92,7 @@ def by_figures(f: FaultScales, d: Details) -> dict[tuple[str, object, str | None
         },
         ("case_drain_seal_failure", None, "one"): {c.CASE_LEAKAGE_1: 2.0 * f.case_leakage},
         ("shaft_seal_wear", None, "steady"): {c.SHAFT_LEAKAGE: drip},
-        ("shaft_seal_wear", None, "running"): {c.SHAFT_LEAKAGE: drip / 4.0, c.SHAFT_SPEED: 0.75 * drip / 100.0},
+        ("shaft_seal_wear", None, "running"): {c.SHAFT_LEAKAGE: drip / 4, c.SHAFT_SPEED: 0.0075 * drip},
         ("aeration", None, "exchange"): {c.AIR_1: f.free_air, c.AIR_2: f.free_air},
         ("aeration", None, "chamber_1"): {c.AIR_1: f.free_air},
         ("aeration", None, "chamber_2"): {c.AIR_2: f.free_air},

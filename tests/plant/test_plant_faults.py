@@ -113,7 +113,7 @@ EMPTY = UNIT.model_copy(
         "accumulator": UNIT.accumulator.model_copy(
             update={"charge_pressure": 20e3, "case_cracking_pressure": 1e3}
         ),
-        "pump": UNIT.pump.model_copy(update={"case_leakage": 10.0 * UNIT.pump.case_leakage}),
+        "pump": UNIT.pump.model_copy(update={"case_leakage": 1.5 * UNIT.pump.total_leakage}),
     }
 )
 STARVING: dict[str, Any] = {
