@@ -11,7 +11,7 @@ DUTIES = (
     "standstill", "steps", "sines", "sweep", "prbs", "sawtooth", "strokes", "flight", "constant_speed",
     "one_way", "levels",
 )  # fmt: skip
-LOADS = ("none", "constant", "spring", "inertia", "gust", "throttle")
+LOADS = ("none", "constant", "spring", "press", "hinge", "inertia", "gust", "throttle")
 CONTROLS = ("position", "speed")
 
 

@@ -76,7 +76,7 @@ class Details(Validated):
     air_law : ``free`` air is compressed only; where it is ``dissolving`` pressure drives it into the oil.
     dissolving_pressure : Pa, gauge, from which on all but a tenth of the air dissolves in the end.
     dissolving_time, releasing_time : s; air comes out faster than it goes in, hence the hysteresis
-        (assumption: tens of seconds in, tenths of a second out).
+        (assumption: minutes in, tenths of a second out).
 
     Examples
     --------
@@ -159,5 +159,5 @@ class Details(Validated):
     pilot_band: Annotated[float, Field(ge=1e3, le=1e7)] = 1e5
     air_law: Literal["free", "dissolving"] = "dissolving"
     dissolving_pressure: Annotated[float, Field(ge=1e5, le=1e8)] = 2e6
-    dissolving_time: Annotated[float, Field(ge=0.01, le=600.0)] = 30.0
+    dissolving_time: Annotated[float, Field(ge=0.01, le=3600.0)] = 120.0
     releasing_time: Annotated[float, Field(ge=0.01, le=600.0)] = 0.2
