@@ -36,7 +36,7 @@ class Details(Validated):
     pump_friction : torque by which the load rubs in the gears and their bearings, over D·Δp.
     pump_drag : viscous torque of the pump over μ·D·ω. With both a gear pump of the thesis's size gives 88 %
         of its torque at 3.44 MPa and full speed, 94 % at 20.68 MPa; catalogues have 85 to 95 %.
-    pole_pairs : of the motor. cogging_torque : of magnets and slots, over the drive's largest torque.
+    pole_pairs : of the motor. cogging_torque : of magnets and slots, over that of the relief setting.
     winding_time, continuous_share : I²t protection: s, thermal time constant of the winding, and the share of
         the current limit that it bears for good.
     line_loss : K_pipe of eq. 3.33 (Pa·s²/m⁶); 6e11 gives 20 kPa at the pump's full flow.
@@ -101,7 +101,7 @@ class Details(Validated):
         "loose_seal_leakage": (0.0, 1e-12),
         "pump_friction": (0.02, 0.08),
         "pump_drag": (1e4, 4e4),
-        "cogging_torque": (0.0, 3e-3),
+        "cogging_torque": (0.0, 2.5e-2),
         "check_lag": (1e-3, 6e-3),
         "check_hysteresis": (0.0, 3e3),
         "relief_lag": (3e-3, 1.5e-2),
@@ -151,7 +151,7 @@ class Details(Validated):
     pump_friction: Annotated[float, Field(ge=0.0, le=0.3)] = 0.04
     pump_drag: Annotated[float, Field(ge=0.0, le=1e6)] = 2e4
     pole_pairs: Annotated[int, Field(ge=1, le=50)] = 4
-    cogging_torque: Annotated[float, Field(ge=0.0, le=0.05)] = 1e-3
+    cogging_torque: Annotated[float, Field(ge=0.0, le=0.2)] = 8e-3
     winding_time: Annotated[float, Field(ge=0.1, le=1e4)] = 30.0
     continuous_share: Annotated[float, Field(ge=0.05, le=1.0)] = 0.6
     pilot_ratio: Annotated[float, Field(ge=0.0, le=20.0)] = 0.0

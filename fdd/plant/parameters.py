@@ -367,7 +367,7 @@ def plant_parameters(
         * float(viscosity(oil, oil.reference_temperature))
         * pump.displacement,
         pole_pairs=float(details.pole_pairs),
-        cogging_torque=details.cogging_torque * drive.torque_constant * drive.current_limit,
+        cogging_torque=details.cogging_torque * pump.displacement * unit.accumulator.relief_pressure,
         winding_rate=1.0 / details.winding_time,
         continuous_current=details.continuous_share * drive.current_limit,
         spring=load.stiffness,

@@ -81,7 +81,7 @@ def test_one_throttled_log_is_enough() -> None:
 
 
 def test_units_of_other_sizes() -> None:
-    """Four figures each of three, hardly independent: of two of the four outside in one unit a chance of 0.1."""
+    """Four figures each of three, hardly independent: two of twelve outside by chance: 0.1."""
     sizes = [(4, 0.5, 3.0), (6, 3.0, 3.0), (6, 3.0, 1.0)]
     inside = [hits(*_sized(*each)) for each in sizes]
     assert [len(each) for each in inside] == [4, 4, 4]
