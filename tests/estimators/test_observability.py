@@ -295,7 +295,7 @@ def test_motion_informs_rest_does_not_and_motion_makes_valid_again() -> None:
             assert seen.information_std[rested] > 10.0 * std[rested]  # not a hundredth of what is known
             assert 15.0 < seen.age[rested] < 43.0
             # While invalid the value before is kept.
-            last = int(np.searchsorted(f.time, f.time[rested] - seen.age[rested]))
+            last = int(np.argmin(np.abs(f.time - (f.time[rested] - seen.age[rested]))))
             assert seen.held[rested] == f.values[name][last]
             assert seen.held_std[rested] >= std[rested] > std[last]
             truth = simulation.truth[name][-1]

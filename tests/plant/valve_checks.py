@@ -78,7 +78,7 @@ def check_valve_clogged(case: Case) -> None:
     side, law = case.spec.side or 1, case.spec.law
     # Only the chamber that the load leaves low is refed at all, by much where the load swings.
     swinging = {
-        **SWINGING, "load": SpringLoad(rate=6e4 * case.axis),
+        **SWINGING, "load": SpringLoad(rate=9e4 * case.axis),
         "fault_scales": FaultScales(check_valve_cracking=150e3),
     }  # fmt: skip
     truth, healthy = case.again(**(swinging if law == "cracking" else case.pressed(3 - side)))
