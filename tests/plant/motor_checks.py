@@ -81,7 +81,8 @@ def drive_failure(case: Case) -> None:
         for truth, expected in zip(turning(case), ((0.5, -0.5, 0.0), (1.0, 0.0, 0.0)), strict=True):
             assert shaft(case, truth) == pytest.approx(expected, abs=0.02)
         faulty, _ = case.again(recording=Recording.perfect())
-        assert np.abs(faulty["motor_current"]).max() == pytest.approx(5.0, rel=1e-6)
+        # To the integrator's own tolerance of the current.
+        assert np.abs(faulty["motor_current"]).max() == pytest.approx(5.0, abs=1e-4)
         return
     free: dict[str, Any] = {"load": NoLoad(), "recording": Recording.perfect()}
     truth, sound = (run(*faults, axis=case.axis, **free).truth for faults in ((case.spec,), ()))

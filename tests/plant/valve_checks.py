@@ -29,10 +29,11 @@ def _stays_open(case: Case) -> None:
     np.testing.assert_allclose(
         -truth[f"refeed_flow_{side}"][rows], 1e-4 * np.sqrt(over[rows] / 1e6), rtol=0.015
     )
-    for each, k in ((healthy, side), (truth, 3 - side)):
-        flow = each[f"refeed_flow_{k}"]
-        back, forth = (over_time(each, np.maximum(sign * flow, 0.0), each.time > 0.0) for sign in (-1.0, 1.0))
-        assert back <= 0.05 * forth, "but for what passes while a poppet shuts"
+    stuck, *sound = (
+        over_time(each, np.maximum(-each[f"refeed_flow_{k}"], 0.0), each.time > 0.0)
+        for each, k in ((truth, side), (healthy, side), (truth, 3 - side))
+    )
+    assert max(sound) < 0.01 * stuck, "but for what passes while a poppet shuts"
     # The chamber keeps only what the pump gives beside the valve's flow.
     sign = 1.0 if side == 1 else -1.0
     inward = sign * (truth["pump_flow"] - truth["cross_flow"]) - 0.5 * truth["drain_flow"]
@@ -78,7 +79,7 @@ def check_valve_clogged(case: Case) -> None:
     side, law = case.spec.side or 1, case.spec.law
     # Only the chamber that the load leaves low is refed at all, by much where the load swings.
     swinging = {
-        **SWINGING, "load": SpringLoad(rate=9e4 * case.axis),
+        **SWINGING, "load": SpringLoad(rate=6e4 * case.axis),
         "fault_scales": FaultScales(check_valve_cracking=150e3),
     }  # fmt: skip
     truth, healthy = case.again(**(swinging if law == "cracking" else case.pressed(3 - side)))
@@ -115,7 +116,7 @@ def _opens_early(case: Case) -> None:
     assert not healthy["relief_flow"].any() and not flow[~after].any()
     # It follows within some ms: a while above, or a while below.
     for rows, passes in ((drop > tenth + 30e3, True), (drop < 0.9 * tenth - 20e3, False)):
-        steady = held(rows & after, 20)
+        steady = held(rows & after, 50)  # ten of its lags
         assert steady.sum() > 50
         assert (flow[steady] > 1e-7).all() if passes else np.abs(flow[steady]).max() < 1e-7
     assert not truth["stuck_relief_flow"].any()
