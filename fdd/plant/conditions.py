@@ -77,8 +77,9 @@ Array = NDArray[np.float64]
     BY_LOAD,
     BY_HEAT,
     STORE_DENSITY,
-) = range(62)
-COLUMNS = 62
+    STORE_SPECIFIC,
+) = range(63)
+COLUMNS = 63
 
 MEANING: dict[int, str] = {
     SETPOINT: "m in position control, rad/s in speed control, unsigned rad/s for strokes at constant speed",
@@ -143,6 +144,7 @@ MEANING: dict[int, str] = {
     BY_LOAD: "share of the load up to which faults that come with load act; the loop writes it",
     BY_HEAT: "share of the warming up to which faults that come with heat act; the loop writes it",
     STORE_DENSITY: "of the accumulator's oil over that at gauge zero and 40 °C; the loop writes it",
+    STORE_SPECIFIC: "one over it",
 }
 """Column to meaning and unit."""
 
@@ -172,7 +174,8 @@ def healthy_conditions(unit: Unit, setpoint: Array, force: Array) -> Array:
     row[CROSS_LEAKAGE] = unit.pump.cross_port_leakage
     row[[CASE_LEAKAGE_1, CASE_LEAKAGE_2]] = unit.pump.case_leakage
     row[[AIR_1, AIR_2]] = unit.oil.air_fraction
-    rows = np.tile(row, (setpoint.size, 1))
+    rows = np.empty((setpoint.size, COLUMNS))
+    rows[:] = row
     rows[:, SETPOINT] = setpoint
     rows[:, FORCE] = force
     return rows

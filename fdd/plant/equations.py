@@ -13,13 +13,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fdd.plant.compiled import njit
-from fdd.plant.conditions import CONNECT_1, CONNECT_2, FORCE, STORE_DENSITY, WARMING
+from fdd.plant.conditions import CONNECT_1, CONNECT_2, FORCE, STORE_SPECIFIC, WARMING
 from fdd.plant.drive import drive_rates
 from fdd.plant.friction import friction_rates
 from fdd.plant.hydraulics import gas_rate, hydraulic_rates
 from fdd.plant.laws import oil_at, orifice, store_pressure
 from fdd.plant.parameters import Constants
 from fdd.plant.state import (
+    ACCUMULATOR,
     AXIS_STATES,
     DROP,
     FINDINGS,
@@ -74,7 +75,7 @@ def axis_rates(
 @njit(error_model="numpy", inline="always")
 def accumulator_pressure(y: Array, now: Array, par: Constants) -> float:
     """Gauge pressure (Pa) of an axis's accumulator."""
-    return store_pressure(y[STORE] / now[STORE_DENSITY], y[GAS], par)
+    return store_pressure(y[STORE] * now[STORE_SPECIFIC], y[GAS], par)
 
 
 @njit(error_model="numpy", inline="always")
@@ -157,8 +158,8 @@ def right_hand_side(
             # One accumulator serves both inner circuits (section 4.3).
             rates[STORE] += rates_2[STORE]
             rates_2[STORE] = 0.0
-        gas_rate(own_2, now[1], second, rates_2)
-    gas_rate(own, row, first, rates)
+        gas_rate(own_2, pa, now[1], second, rates_2)
+    gas_rate(own, found[ACCUMULATOR], row, first, rates)
 
     drop = y[DROP]
     load = row[FORCE] + load_spring(x, first) + first.partner_area * drop

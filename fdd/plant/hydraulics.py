@@ -73,6 +73,8 @@ def air_rate(pressure: float, free: float, air: float, par: Constants) -> float:
 def relief_rate(drop: float, lift: float, setting: float, par: Constants) -> float:
     """Rate (Pa/s) of the relief valves' lift: their friction holds it until the pressure falls by the
     hysteresis."""
+    if lift == 0.0 and abs(drop) < setting - par.relief_width:
+        return 0.0
     if drop < 0.0:
         return -_held_rate(-drop - setting, -lift, setting, par)
     return _held_rate(drop - setting, lift, setting, par)
@@ -277,7 +279,7 @@ def hydraulic_rates(
     found[s.CASE_PRESSURE] = case
     found[s.PORT_DIFFERENCE] = dp
     found[s.OIL_MASS] = inside + y[s.STORE] + y[s.LOST] + y[s.EXTERNAL_1] + y[s.EXTERNAL_2]
-    found[s.STORED_OIL] = y[s.STORE] / rho_store
+    found[s.STORED_OIL] = y[s.STORE] * now[c.STORE_SPECIFIC]
     heat += (cross + relief + stuck) * (line_a - line_b) + past * (p1 - p2) + 2.0 * loss * pump
     heat += (leak_a * (line_a - pa) + leak_b * (line_b - pa)) / rho
     # The torque pulses and swings as the flow does: a pump that gave more than it takes would make energy.
@@ -285,9 +287,8 @@ def hydraulic_rates(
 
 
 @njit(error_model="numpy", inline="always")
-def gas_rate(y: Array, now: Array, par: Constants, dy: Array) -> None:
+def gas_rate(y: Array, pa: float, now: Array, par: Constants, dy: Array) -> None:
     """Fill the rate of the accumulator gas's temperature, once all that goes into its oil is known."""
-    specific = 1.0 / now[c.STORE_DENSITY]
-    dy[s.GAS] = gas_heating(
-        y[s.STORE] * specific, dy[s.STORE] * specific, y[s.GAS], y[s.TEMPERATURE] - par.surroundings, par
-    )
+    specific = now[c.STORE_SPECIFIC]
+    warm = y[s.TEMPERATURE] - par.surroundings
+    dy[s.GAS] = gas_heating(y[s.STORE] * specific, dy[s.STORE] * specific, pa, y[s.GAS], warm, par)

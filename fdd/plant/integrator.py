@@ -142,9 +142,8 @@ def thin(
     now[axis, c.OUTSIDE_OPENING_2] *= thinner
     now[axis, c.TRANSITION] *= ratio * ratio
     # Of a millisecond: within it the accumulator's oil swells by nothing that counts.
-    now[axis, c.STORE_DENSITY] = par.store_density * math.exp(
-        -par.expansion * (temperature - par.reference_temperature)
-    )
+    density = par.store_density * math.exp(-par.expansion * (temperature - par.reference_temperature))
+    now[axis, c.STORE_DENSITY], now[axis, c.STORE_SPECIFIC] = density, 1.0 / density
     now[axis, c.VISCOUS] *= ratio
     now[axis, c.DRAG] *= ratio
     film = 1.0 + par.film_share * (math.sqrt(ratio) - 1.0)

@@ -156,7 +156,9 @@ def store_pressure(oil: float, heat: float, par: Constants) -> float:
 
 
 @njit(error_model="numpy", inline="always")
-def gas_heating(oil: float, inflow: float, heat: float, warm: float, par: Constants) -> float:
+def gas_heating(
+    oil: float, inflow: float, pressure: float, heat: float, warm: float, par: Constants
+) -> float:
     """Rate (1/s) of the accumulator gas's temperature over that at rest.
 
     An ideal diatomic gas that gives its heat to the shell with one time constant (Pourmovahed and Otis,
@@ -165,10 +167,10 @@ def gas_heating(oil: float, inflow: float, heat: float, warm: float, par: Consta
     Parameters
     ----------
     oil, inflow : m³ held and m³/s coming in.
-    heat : absolute temperature of the gas over that at rest.
+    pressure : Pa, gauge, of the gas. heat : its absolute temperature over that at rest.
     warm : K by which the oil is warmer than at rest; the shell takes a share of it.
     """
     work = 0.0
     if 0.0 < oil < par.full:
-        work = 0.4 * heat * inflow / (par.shell_volume - oil)
+        work = (pressure + par.ambient) * inflow * par.gas_work
     return work - (heat - 1.0 - par.gas_warming * warm) * par.gas_rate

@@ -108,6 +108,8 @@ class Parameters(NamedTuple):
     """m³ of oil at which the separator comes to its stop on the gas's side."""
     full_stiffness: float
     gallery_gas: float
+    gas_work: float
+    """Share of its absolute temperature at rest by which a joule of work heats the gas: (γ - 1)/(p·V)."""
     gas_rate: float
     gas_warming: float
     shares: float
@@ -338,6 +340,7 @@ def plant_parameters(
         full=_FULL * shell,
         full_stiffness=oil.bulk_modulus / details.gallery_volume,
         gallery_gas=details.gallery_gas * details.gallery_volume,
+        gas_work=0.4 / ((charge + ambient) * tank.gas_volume),
         gas_rate=1.0 / details.gas_time,
         gas_warming=details.gas_warming / (surroundings + 273.15),
         shares=float(shares),

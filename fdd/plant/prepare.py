@@ -102,16 +102,19 @@ class Prepared:
         ]
         first = [spec for spec in self.scenario.faults if spec.axis == 1]
         parts[0].rows[:, c.ENCODER_OFFSET] = position_offset(first, start, stop - start, self.scenario.seed)
-        rows = np.stack([part.rows for part in parts], axis=1)
-        added = []
-        for name in ("by_load", "by_heat"):
-            found = [getattr(part, name) for part in parts]
-            none = np.zeros((0, *rows.shape[1:])) if all(f is None for f in found) else None
-            zeros = np.zeros(rows[:, 0].shape)
-            added.append(
-                none if none is not None else np.stack([zeros if f is None else f for f in found], axis=1)
-            )
-        return rows, added[0], added[1]
+        rows = _side_by_side([part.rows for part in parts])
+        none = np.empty((0, *rows.shape[1:]))
+        by_load, by_heat = (
+            none if all(added is None for added in each)
+            else _side_by_side([np.zeros_like(parts[0].rows) if added is None else added for added in each])
+            for each in ([part.by_load for part in parts], [part.by_heat for part in parts])
+        )  # fmt: skip
+        return rows, by_load, by_heat
+
+
+def _side_by_side(axes: list[Array]) -> Array:
+    """(n, axes, COLUMNS) of (n, COLUMNS) each, of a single axis without a copy."""
+    return axes[0][:, np.newaxis] if len(axes) == 1 else np.stack(axes, axis=1)
 
 
 def stream_of(axis: int) -> str:
