@@ -41,9 +41,10 @@ result = x[eha.LOAD]
 THIN = """
 import numpy as np
 from fdd.plant import conditions
-from fdd.plant.integrator import thin as called
-now = np.ones((1, conditions.COLUMNS))
-called(now, 0, 40.0, np.array([[8.0, -3.1, 30.0]]))
+from fdd.plant.integrator import MEMORIES, thin as called
+from fdd.plant.parameters import Parameters, as_record
+now, par = np.ones((1, conditions.COLUMNS)), as_record(Parameters(*np.ones(len(Parameters._fields))))
+called(now, 0, 40.0, np.array([[8.0, -3.1, 30.0]]), np.zeros(MEMORIES), 0, par)
 result = now[0, conditions.CROSS_LEAKAGE]
 """
 SENSORS = """

@@ -29,7 +29,7 @@ _SAFETY, _LEAST_FACTOR, _MOST_FACTOR = 0.9, 0.2, 4.0
 
 _TOLERANCES = {
     s.P1: 0.2, s.P2: 0.2, s.LINE_1: 0.2, s.LINE_2: 0.2, s.Z: 1e-11, s.MEMORY: 1e-7, s.ANGLE: 3e-8,
-    s.SPEED: 3e-5, s.DRIVE: 3e-2, s.CURRENT: 1e-4, s.GAP: 1e-9, s.STORE: 1e-13, s.LOST: 1e-13,
+    s.SPEED: 3e-5, s.DRIVE: 3e-2, s.CURRENT: 3e-5, s.GAP: 1e-9, s.STORE: 1e-13, s.LOST: 1e-13,
     s.EXTERNAL_1: 1e-13, s.EXTERNAL_2: 1e-13, s.TEMPERATURE: 1e-6,
     s.VALVE_1: 1e-6, s.VALVE_2: 1e-6, s.FREE_1: 1e-8, s.FREE_2: 1e-8, s.GAS: 1e-7, s.RELIEF: 2.0,
 }  # fmt: skip

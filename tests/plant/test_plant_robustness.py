@@ -9,6 +9,8 @@ from evidence.plant import robustness
 from evidence.plant.robustness import pressure_bound, try_wild
 from evidence.plant.wild import draw_wild
 from fdd.plant import state as s
+from fdd.plant.faults.injection import PLANT_FAULTS
+from fdd.plant.load import LOADS
 from fdd.plant.simulate import raw_blocks
 
 
@@ -57,16 +59,9 @@ def test_the_check_sees_what_is_wrong():
 def test_wild_scenarios_are_wild():
     """Among sixty: both axes and one, most faults, every load, blocked axes, motors without power."""
     drawn = [draw_wild(seed, 1.0).scenario for seed in range(60)]
-    assert {scenario.load.name for scenario in drawn} == {
-        "none",
-        "constant",
-        "spring",
-        "inertia",
-        "gust",
-        "throttle",
-    }
+    assert {scenario.load.name for scenario in drawn} == set(LOADS)
     assert len({scenario.duty.name for scenario in drawn}) >= 10
-    assert len({spec.fault for scenario in drawn for spec in scenario.faults}) == 13
+    assert len({spec.fault for scenario in drawn for spec in scenario.faults}) == len(PLANT_FAULTS)
     dual = [scenario for scenario in drawn if scenario.partner is not None]
     assert 12 < len(dual) < 40
     assert any(scenario.partner.circuit.blocked for scenario in dual)

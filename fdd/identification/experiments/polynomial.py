@@ -95,7 +95,9 @@ class Model:
             step = np.zeros(self.theta.size)
             step[k] = 0.01 * np.sqrt(self.covariance[k, k]) + 1e-12
             gradient[:, k] = (self.facts(self.theta + step) - self.facts(self.theta - step)) / (2.0 * step[k])
-        return np.asarray(np.sqrt(np.einsum("ik,kl,il->i", gradient, self.covariance, gradient)))
+        variance = np.einsum("ik,kl,il->i", gradient, self.covariance, gradient)
+        # Rounding makes the covariance of parameters that the data do not tell apart indefinite.
+        return np.where(variance < 0.0, np.inf, np.sqrt(np.maximum(variance, 0.0)))
 
 
 def fit_model(series: list[Series], period: float, structure: str, order: int, delay: int) -> Model:
