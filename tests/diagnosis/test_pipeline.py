@@ -295,8 +295,9 @@ def test_a_stop_of_days_costs_nothing_and_begins_like_another_log(unit: Unit) ->
     assert ledger.taken <= 2 * before + 10 and ledger.hops[0] * 0.5 >= again.time[0] - 0.5
     alone = Pipeline(unit, keep_trajectories=False)
     alone.push(again)
+    # The second begins with the sensors' noise of the first, a log alone has to find it: a hundredth.
     assert pipeline.largest_score == pytest.approx(
-        max(alone.largest_score, pushed(unit, healthy, []).largest_score)
+        max(alone.largest_score, pushed(unit, healthy, []).largest_score), rel=0.02
     )
 
 
