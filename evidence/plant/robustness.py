@@ -21,6 +21,9 @@ from fdd.unit import Unit
 
 Array = NDArray[np.float64]
 
+ENERGY = 1e-5
+"""Most energy that may be made or lost, over all that went through."""
+
 
 @dataclass(frozen=True)
 class Outcome:
@@ -111,7 +114,7 @@ def _checked(seed: int, wild: Wild, ready: Prepared, raw: RawBlock) -> Outcome:
     if drift > 1e-6:
         failures.append(f"oil changed by {drift:.1e}")
     gap = energy_gap(wild)
-    if gap > 1e-5:
+    if gap > ENERGY:
         failures.append(f"energy changed by {gap:.1e}")
     speed, most = _motor_speed(ready, raw)
     if speed > most:
@@ -126,10 +129,16 @@ def energy_gap(wild: Wild, duration: float = 0.4) -> float:
     faults = [spec for spec in wild.scenario.faults if spec.onset < duration]
     scenario = wild.scenario.model_copy(update={"duration": duration, "faults": faults})
     assert units[0] is not None
-    run = fine_run(units[0], scenario, partner=units[1])
-    gap, through = energies(run).gap(run)
-    # A run in which hardly anything moves is judged by a joule.
-    return gap / max(through, 1.0)
+    share = np.inf
+    for nodes in (12, 40):
+        # Corners of friction and valves within a millisecond are what the fewer nodes miss.
+        run = fine_run(units[0], scenario, partner=units[1], nodes=nodes)
+        gap, through = energies(run).gap(run)
+        # A run in which hardly anything moves is judged by a joule.
+        share = gap / max(through, 1.0)
+        if share <= ENERGY:
+            break
+    return share
 
 
 def _with_whole_delay(unit: Unit) -> Unit:
