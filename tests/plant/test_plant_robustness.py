@@ -24,8 +24,8 @@ def test_wild_runs_stay_within_physics(seed):
 
 @pytest.mark.parametrize("seed", [1730, 1955, 1048])
 def test_wild_runs_that_once_failed(seed):
-    """1730: one connect line alone stacks relief settings. 1955: a degraded motor ran away. 1048: corners that
-    too few nodes of the energy's quadrature miss."""
+    """1730: one connect line alone stacks relief settings. 1955: a degraded motor ran away. 1048: corners
+    that too few nodes of the energy's quadrature miss."""
     assert try_wild(seed).failures == []
 
 
