@@ -295,7 +295,7 @@ def test_a_stop_of_days_costs_nothing_and_begins_like_another_log(unit: Unit) ->
     assert ledger.taken <= 2 * before + 10 and ledger.hops[0] * 0.5 >= again.time[0] - 0.5
     alone = Pipeline(unit, keep_trajectories=False)
     alone.push(again)
-    # The second begins with the sensors' noise of the first, a log alone has to find it: a hundredth.
+    # Not equal: 0.927 beside 0.920, so something of the first flight is carried over; what, is not known yet.
     assert pipeline.largest_score == pytest.approx(
         max(alone.largest_score, pushed(unit, healthy, []).largest_score), rel=0.02
     )
