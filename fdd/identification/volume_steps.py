@@ -141,6 +141,7 @@ def volume_steps(
     case = np.minimum(0.5 * (smooth_1 + smooth_2), store + tank.case_cracking_pressure)
     calm = ~record.gap & (np.abs(smooth_1 - smooth_2) < RELIEF_MARGIN * tank.relief_pressure)
     drop = record.pressure_1 - record.pressure_2
+    higher = NOISE_MARGIN * float(np.hypot(*noise))
     x_smooth = record.smooth(x, SMOOTHING)
     base_modulus = 2.0 * unit.oil.bulk_modulus
     parts = []
@@ -163,10 +164,9 @@ def volume_steps(
         slopes = _noise_slopes(smoothed, volume, unit.oil.polytropic_index, reference_pressure)
         levels = np.column_stack([record.smooth(c, SMOOTHING) for c in levels.T])
         margin = max(REFEED_MARGIN, NOISE_MARGIN * noise[chamber - 1])
-        usable = calm & (smoothed > store + margin)
-        if record.chambers_measured and not record.accumulator_measured:
-            # Who knows what the lower chamber is joined to; the higher one is fed by the pump alone.
-            usable &= sign * (smooth_1 - smooth_2) > max(margin, NOISE_MARGIN * max(noise))
+        # Only the higher chamber is surely shut: the lower one gives oil back through a valve that the other
+        # chamber's pressure holds open, where rods ask for one, at just such a pressure.
+        usable = calm & (smoothed > store + margin) & (sign * (smooth_1 - smooth_2) > higher)
         for seconds in STEPS:
             parts.append(_differences(record, seconds, levels, slopes, usable, chamber))
     scale = scales(unit)

@@ -92,12 +92,16 @@ def _volume(q: Quantities) -> list[Strand]:
     p_c = middle(q.accumulator)
     weight = q.dt / q.viscosity
     speed = np.abs(q.speed) / scales.speed
-    fed = {1: q.p1 < q.accumulator + VALVE_MARGIN_PA, 2: q.p2 < q.accumulator + VALVE_MARGIN_PA}
-    # The low side is fed, or as high as what feeds it; where one of them is not measured, only the high side
-    # is surely shut.
-    margin = max(VALVE_MARGIN_PA + unit.accumulator.refeed_cracking_pressure, LEAST_DROP * scales.pressure)
+    # Only the higher chamber is surely shut: the lower one is fed, or gives oil back through a valve that the
+    # other chamber's pressure holds open. What feeds it may not be measured, then by its cracking pressure.
     known = q.chambers_measured & q.accumulator_measured
-    fed = {side: np.where(known, fed[side], ~(s * q.drop > margin)) for side, s in ((1, 1.0), (2, -1.0))}
+    higher = LEAST_DROP * scales.pressure
+    sure = max(VALVE_MARGIN_PA + unit.accumulator.refeed_cracking_pressure, higher)
+    margin = np.where(known, higher, sure)
+    fed = {
+        side: (known & (p < q.accumulator + VALVE_MARGIN_PA)) | ~(s * q.drop > margin)
+        for side, p, s in ((1, q.p1, 1.0), (2, q.p2, -1.0))
+    }
     starved = np.minimum(q.p1, q.p2) < LEAST_INLET_PA
     oil = unit.oil
     stiff = 1.0 / oil.bulk_modulus - oil.air_fraction * float(
