@@ -13,6 +13,7 @@ from typing import Any, TypeVar
 import numpy as np
 
 from fdd.campaign import population
+from fdd.campaign.missions import changing, drawn_mission
 from fdd.campaign.motion import fitting_duty
 from fdd.campaign.ranges import Rng, apportioned, chosen, drawn, log_uniform, uniform
 from fdd.campaign.recipe import Recipe
@@ -257,17 +258,22 @@ def draw_scenario(recipe: Recipe, rig: Rig, rng: Rng, faults: tuple[str, ...] = 
     share = max(recipe.speed_control_share, 0.7) if load_name == "throttle" else recipe.speed_control_share
     cylinder = rig.unit.cylinder
     by_speed = bool(rng.random() < share)
-    duty, control = fitting_duty(
-        duty_name,
-        rig.unit,
-        rng,
-        recipe.ranges.get(duty_name, {}),
-        # With unequal areas a speed to and fro does not come back.
-        speed=by_speed and cylinder.area_2 > EQUAL * cylinder.area_1,
-        gain=gain if rig.scale is None else gain * rig.scale.position_gain,
-        scale=rig.scale,
-    )
-    load = _load(load_name, recipe, rig, rng, duty, control)
+    gain = gain if rig.scale is None else gain * rig.scale.position_gain
+    duty: Duty
+    if duty_name == "mission":
+        duty, control = drawn_mission(recipe, rig.unit, rng, duration, gain, rig.scale)
+    else:
+        duty, control = fitting_duty(
+            duty_name,
+            rig.unit,
+            rng,
+            recipe.ranges.get(duty_name, {}),
+            # With unequal areas a speed to and fro does not come back.
+            speed=by_speed and cylinder.area_2 > EQUAL * cylinder.area_1,
+            gain=gain,
+            scale=rig.scale,
+        )
+    load = _load(load_name, recipe, rig, rng, duty, control, duration)
     specs = [_fault(name, recipe, rig, duration, rng) for name in faults]
     if recipe.stuck_valve == "loaded":
         specs = [_on_loaded_side(spec, load, duty.offset, rig.unit) for spec in specs]
@@ -363,13 +369,16 @@ def _on_loaded_side(spec: FaultSpec, load: Load, offset: float, unit: Unit) -> F
     if spec.fault != "check_valve_stuck_open":
         return spec
     spring = load.stiffness * (offset - load.centre)
-    force = getattr(load, "level", 0.0) + (max(spring, 0.0) if load.one_sided else spring)
+    level = getattr(load, "level", 0.0)
+    force = (level if isinstance(level, float) else 0.0) + (max(spring, 0.0) if load.one_sided else spring)
     if abs(force) < ONE_SIDED_PRESSURE * unit.cylinder.area_1:
         return spec
     return spec.model_copy(update={"side": 1 if force > 0.0 else 2})
 
 
-def _load(name: str, recipe: Recipe, rig: Rig, rng: Rng, duty: Duty, control: Control) -> Load:
+def _load(
+    name: str, recipe: Recipe, rig: Rig, rng: Rng, duty: Duty, control: Control, duration: float
+) -> Load:
     """A load of that kind which the unit can carry wherever that duty takes it."""
     kind, unit = LOADS[name], rig.unit
     departs = duty.amplitude if control.mode == "position" else 0.4 * unit.cylinder.stroke
@@ -377,6 +386,8 @@ def _load(name: str, recipe: Recipe, rig: Rig, rng: Rng, duty: Duty, control: Co
     ranges = {**kind.usual, **recipe.ranges.get(name, {})}
     values = drawn(rng, ranges if rig.scale is None else rig.scale.load_ranges(name, ranges))
     most = GREATEST_FORCE * unit.accumulator.relief_pressure * min(unit.cylinder.area_1, unit.cylinder.area_2)
+    if name == "changing":
+        return changing(values, rng, duration, duty, most)
     if name == "throttle":
         # Its drop goes with the square of speed: bounded where the pump turns at 200 rad/s.
         values["pressure"] = min(values["pressure"], GREATEST_FORCE * unit.accumulator.relief_pressure)

@@ -12,7 +12,7 @@ from fdd.plant.duty import DUTIES, Duty
 from fdd.plant.scenario import Control
 from fdd.unit import Unit
 
-POSITION_ONLY = ("standstill", "strokes", "flight")
+POSITION_ONLY = ("standstill", "strokes", "flight", "resting", "mission")
 """Duties that make no sense without a position loop: at a commanded speed they would drift away."""
 USED_STROKE = 0.8
 """Of half the stroke: most of it that a set-point uses; the rest is for overshoot and drift."""

@@ -266,6 +266,7 @@ class Scale:
             # As slow on the oil's spring, and not more than the pump's pressure can brake.
             "inertia": {"added": min(self.stiffness, self.force / self.velocity)},
             "gust": {"deviation": self.force, "level": self.force, "rate": per_stroke},
+            "changing": {"deviation": self.force, "level": self.force},
             "throttle": {"pressure": self.pressure},
         }
         return _scaled_by(ranges, factors.get(name, {}))

@@ -9,9 +9,9 @@ from collections.abc import Callable, Iterable
 
 DUTIES = (
     "standstill", "steps", "sines", "sweep", "prbs", "sawtooth", "strokes", "flight", "constant_speed",
-    "one_way", "levels",
+    "one_way", "levels", "resting", "mission",
 )  # fmt: skip
-LOADS = ("none", "constant", "spring", "press", "hinge", "inertia", "gust", "throttle")
+LOADS = ("none", "constant", "spring", "press", "hinge", "inertia", "gust", "changing", "throttle")
 CONTROLS = ("position", "speed")
 
 

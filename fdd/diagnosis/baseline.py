@@ -10,7 +10,14 @@ from numpy.typing import NDArray
 
 from fdd.errors import InputError
 from fdd.residuals.balances import BALANCES
-from fdd.residuals.effects import Effects, first_effects
+from fdd.residuals.effects import (
+    Effects,
+    LogConditions,
+    Spreads,
+    first_effects,
+    usual_conditions,
+    with_logs,
+)
 from fdd.residuals.ledger import Ledger
 from fdd.residuals.normal_equations import widened
 from fdd.residuals.rows import BLOCK_HOPS, HOP_S, RowMaker
@@ -20,7 +27,7 @@ from fdd.unit import BalanceBaseline, Baseline, Unit
 Array = NDArray[np.float64]
 
 LEAST_HOPS = 10
-BASELINE_VERSION = "7"
+BASELINE_VERSION = "8"
 QUANTILES = 21
 """Of the hops' noise that a baseline keeps: a median of all can still be told when logs are added."""
 
@@ -64,7 +71,9 @@ def add_baseline(unit: Unit, logs: Sequence[Samples]) -> Unit:
     return out
 
 
-def baseline_of(ledgers: Sequence[Ledger], known: Baseline | None = None) -> Baseline:
+def baseline_of(
+    ledgers: Sequence[Ledger], known: Baseline | None = None, spreads: Spreads | None = None
+) -> Baseline:
     """The baseline of the ledgers of healthy logs.
 
     Each log's coefficients are the unit's own and a draw of what differs from log to log
@@ -77,6 +86,7 @@ def baseline_of(ledgers: Sequence[Ledger], known: Baseline | None = None) -> Bas
     known : baseline of other logs of the unit on the same profile, which these are added to: normal
         equations add up, and so do the hops' noises; where a law's own errors are the noise, its variance is
         the geometric mean by time.
+    spreads : what healthy units and logs differ by; None takes the shipped ones.
 
     Raises
     ------
@@ -92,20 +102,22 @@ def baseline_of(ledgers: Sequence[Ledger], known: Baseline | None = None) -> Bas
     found: dict[str, BalanceBaseline] = {}
     for name in BALANCES:
         old = None if known is None else known.balances.get(name)
-        sums = [s for s in (ledger.sums()[name] for ledger in ledgers) if s[2].any()]
-        if sums:
+        logs = [(x.sums()[name], c) for x in ledgers if (c := x.conditions(name)) is not None]
+        if logs:
             share = 0.0 if old is None else before / (before + hops * HOP_S)
-            found[name] = _balance(name, sums, old, share)
+            sums, conditions = zip(*logs, strict=True)
+            found[name] = _balance(first_effects(name, spreads), name, sums, conditions, old, share)
         elif old is not None:
             found[name] = old
     return Baseline(version=BASELINE_VERSION, seconds=round(before + hops * HOP_S, 1), balances=found)
 
 
 def _balance(
-    name: str, sums: list[tuple[Array, Array, Array, Array]], old: BalanceBaseline | None, share_old: float
-) -> BalanceBaseline:
-    effects = first_effects(name)
-    information = np.linalg.inv(effects.covariance)
+    effects: Effects, name: str, sums: Sequence[tuple[Array, Array, Array, Array]],
+    conditions: Sequence[LogConditions],
+    old: BalanceBaseline | None, share_old: float,
+) -> BalanceBaseline:  # fmt: skip
+    information = np.linalg.inv(effects.known)
     vector = information @ effects.mean
     told, scatter = np.zeros_like(information), np.zeros_like(information)
     hops = np.sqrt(np.concatenate([s[r > 0] for _, _, r, s in sums]))
@@ -125,13 +137,14 @@ def _balance(
         noise = structural_variance(sums, effects, noise)
         if old is not None:
             noise = float(noise ** (1.0 - share_old) * old.noise ** (2.0 * share_old))
-    for m, v, _, variance in sums:
+    for (m, v, _, variance), each in zip(sums, conditions, strict=True):
+        spread = np.sqrt(effects.between_logs(each))
         share = np.minimum(variance / noise, 1.0)
         m, v = widened(m * share[:, None, None], v * share[:, None], effects.wander)
         scores, over = scattered(m, v, effects)
         told, scatter = told + m.sum(axis=0), scatter + scores
         # A log that its law fits badly tells less of the unit than its rows say.
-        m, v = widened(m.sum(axis=0) / over, v.sum(axis=0) / over, effects.between)
+        m, v = widened(m.sum(axis=0) / over, v.sum(axis=0) / over, spread)
         information, vector = information + m, vector + v
     covariance = np.linalg.inv(information)
     return BalanceBaseline(
@@ -200,21 +213,26 @@ def _rounded(values: NDArray[np.float64]) -> list[float]:
     return [float(f"{v:.8g}") for v in values]
 
 
-def effects_of(unit: Unit) -> dict[str, Effects]:
-    """The effects that a log of the unit is held against: of its baseline, or of its data sheet alone."""
+def effects_of(unit: Unit, spreads: Spreads | None = None) -> dict[str, Effects]:
+    """The effects that a log of the unit is held against: of its baseline, or of its data sheet alone.
+
+    Parameters
+    ----------
+    unit : profile. spreads : what healthy units differ by, of a model; None takes the shipped ones.
+    """
     out = {}
     for name in BALANCES:
-        effects = first_effects(name)
+        effects = first_effects(name, spreads)
         known = None if unit.baseline is None else unit.baseline.balances.get(name)
         if known is not None and known.columns == list(BALANCES[name].columns):
-            covariance = np.array(known.covariance) + np.diag(effects.between**2)
             effects = replace(
                 effects,
                 mean=np.array(known.mean),
-                covariance=covariance,
+                known=np.array(known.covariance),
                 noise=known.noise,
                 information=np.array(known.information) if known.information else effects.information,
                 scatter=np.array(known.scatter) if known.scatter else effects.scatter,
             )
+            effects = with_logs(effects, usual_conditions(known.noise))
         out[name] = effects
     return out

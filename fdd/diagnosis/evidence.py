@@ -17,13 +17,13 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from fdd.diagnosis.departures import departures
 from fdd.diagnosis.fitting import (
     GREATEST,
     Explained,
     Fit,
     Parts,
     Stretches,
-    drift,
     fit,
     known_scatter,
 )
@@ -266,12 +266,13 @@ class Evidence:
         if not self.shared(h) or not self.onsets.size:
             return None
         onset = int(self.onsets[np.argmin(np.abs(self.onsets - onset))])
-        course = course_of("step", self.hops, onset)
-        columns = {name: g[None] for name, g in h.columns.items() if name in self.balances}
-        lam = sum(float(g[0] @ self.balances[name].told(course) @ g[0]) for name, g in columns.items())
-        scatter = float(known_scatter(self.balances, columns)[0])
-        changes = float(drift(self.balances, columns)[0])
-        return float(np.sqrt(max(scatter, self.stretches.least) / max(lam, 1e-12) + changes))
+        columns = {name: g[None, None] for name, g in h.columns.items() if name in self.balances}
+        kappa = known_scatter(self.balances, {name: g[:, 0] for name, g in columns.items()})
+        course = course_of("step", self.hops, onset)[None, None]
+        parts = Parts(columns, course, np.full((1, 1), np.inf), np.array([h.signed]))
+        kappa = np.maximum(kappa, self.stretches.least)
+        found = departures(self.balances, parts, kappa, from_start=onset == 0)
+        return float(1.0 / np.sqrt(max(found.information[0], 1e-12)))
 
     def correlations(self, one: Amplitude, others: Sequence[Hypothesis]) -> Array:
         """How alike other hypotheses' columns are over the course of a fitted one: 0 to 1, (f,)."""

@@ -18,6 +18,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from fdd.diagnosis.departures import departures
 from fdd.residuals.effects import Effects
 from fdd.residuals.rows import BLOCK_HOPS
 
@@ -35,8 +36,6 @@ LEAST_SCATTER = 0.2
 LOUDEST = 3.0
 """Standard deviations of healthy stretches, or times the median one, that one stretch of 2 s may count for:
 bounded influence (Huber 1981, doi 10.1002/0471725250)."""
-WITHIN_HOPS = 300.0
-"""Hops in which a healthy unit's coefficients wander off by `Effects.within`: two minutes and a half."""
 GREATEST = 2.0
 """Severity beyond which no fault goes: 1.0 is gross, and a scale may be off by a factor of two on another
 machine."""
@@ -150,8 +149,8 @@ class Fit:
     ----------
     size, variance : of the amplitude, as far as its own time scatters. level : of the amplitude while it
         acts, where it comes and goes. gain : half the quadratic form,
-        without any correction. kappa, misfit : how healthy stretches scatter, over what their information
-        says, and how those of the fault's own time do. blocks : stretches behind it. score : log of
+        by the rows' own variance alone. kappa, misfit : how healthy stretches scatter, over what their
+        information         says, and how those of the fault's own time do. blocks : stretches behind it. score : log of
         the robust likelihood ratio.
     """
 
@@ -217,7 +216,6 @@ def fit(
         a[f, 1:] = np.linalg.solve(information[f, 1:, 1:], others)
     inverse = np.linalg.inv(information)
     told = 1.0 / inverse[:, 0, 0]
-    gain = 0.5 * told * (free**2 - (free - size) ** 2)  # at its bounds less than the free amplitude's
     # The amplitudes' direction for the first one, the others free.
     along = (size * told)[:, None] * inverse[:, :, 0]
     held = np.zeros(size.size)
@@ -253,22 +251,19 @@ def fit(
     misfit = np.maximum(misfit, 1.0)
     directions = {n: np.einsum("fp,fpn->fn", along, c) for n, c in parts.columns.items()}
     kappa, freedom = _scatter(u, w, courses[:, 0], known_scatter(balances, directions), held, blocks)
-    changes = drift(balances, {n: c[:, 0] for n, c in parts.columns.items()})
     kappa = np.maximum(kappa, stretches.least)
-    precision = 1.0 / (kappa / told + changes)
-    share = precision * _heard(u, w, kappa) ** 2
-    freedom = np.full(size.size, PRIOR_FREEDOM) if from_start else freedom
-    # Student's t of the free amplitude about the fault's and about none: what lies beyond a fault's bounds
-    # is no fault, and says how far amplitudes scatter.
-    odds = (freedom + share * free**2) / (freedom + share * (free - size) ** 2)
-    score = 0.5 * (freedom + 1.0) * np.log(odds) - 0.5 * np.log1p(scales[:, 0] ** 2 * precision)
+    found = departures(balances, parts, kappa, from_start=from_start)
+    precision = found.information
+    size = np.where(parts.signed, np.clip(found.size, 0.0, GREATEST), found.size)
+    gain = np.maximum(told * size * (free - 0.5 * size), kappa * size * precision * (found.size - 0.5 * size))
+    score = found.odds(size, _heard(u, w, kappa), freedom) - 0.5 * np.log1p(scales[:, 0] ** 2 * precision)
     likely = np.array([np.log(2.0) + log_normal(z) for z in (size * np.sqrt(precision)).tolist()])
     score += np.where(parts.signed, likely, 0.0)
     most = np.maximum(GREATEST, np.abs(size))
     level = np.clip(size * _while_acting(pulls, pushes, kappa), -most, most)
-    variance = np.maximum(kappa, misfit) / told + changes
-    found = np.column_stack([size, variance, level, gain, kappa, misfit, count, score])
-    return [Fit(*row) for row in found.tolist()]
+    variance = 1.0 / precision + np.maximum(misfit - kappa, 0.0) / told
+    columns = np.column_stack([size, variance, level, gain, kappa, misfit, count, score])
+    return [Fit(*row) for row in columns.tolist()]
 
 
 def _summed(joints: Sequence[Joint], precision: Array) -> tuple[Array, Array]:
@@ -299,18 +294,6 @@ def log_normal(z: float) -> float:
         return math.log(0.5 * math.erfc(-z / math.sqrt(2.0)))
     r = 1.0 / z**2  # the asymptotic series: erfc is too small to be written from here on
     return -0.5 * z**2 - math.log(-z * math.sqrt(2.0 * math.pi)) + math.log1p(-r * (1 - r * (3 - 15 * r)))
-
-
-def drift(balances: Mapping[str, Explained], columns: Mapping[str, Array]) -> Array:
-    """Variance (f,) of amplitudes by what a healthy unit itself changes over a log: nothing less is a fault.
-
-    Parameters
-    ----------
-    columns : balance to (f, n), of each fault.
-    """
-    told = sum(np.sum(np.square(g / balances[name].healthy.within), axis=1) for name, g in columns.items())
-    hops = len(next(iter(balances.values())).information)
-    return np.asarray(hops / WITHIN_HOPS / np.maximum(told, 1e-300))
 
 
 def _heard(u: Array, w: Array, kappa: Array) -> Array:

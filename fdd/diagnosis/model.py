@@ -20,6 +20,7 @@ from fdd.bounds import MAX_MODEL_BYTES
 from fdd.errors import InputError
 from fdd.faults import ADDED_BY, fault
 from fdd.files import write_text
+from fdd.residuals.effects import Spreads
 from fdd.validation import input_error
 
 SHIPPED = "model.json"
@@ -120,6 +121,9 @@ class Model(BaseModel):
     """Faults of the logs that it was learnt on; None stands for those that fdd ships."""
     laws: dict[str, list[str]] | None = Field(default=None, exclude_if=_is_none)
     """Fault to the laws by which it was there in these logs; None stands for the first of each."""
+
+    spreads: Spreads | None = Field(default=None, exclude_if=_is_none)
+    """What healthy units and logs differ by; None stands for what fdd ships."""
 
     def knows(self, name: str) -> bool:
         """Whether logs with this fault were among those that it was learnt on.

@@ -103,7 +103,7 @@ class Pipeline:
         self.axis = axis
         self.log = log
         self.threshold = self.model.tail.threshold(unit.monitoring.false_alarms_per_hour * 3600.0)
-        self._effects = effects_of(unit)
+        self._effects = effects_of(unit, self.model.spreads)
         self._sensors = SensorWatch(unit)
         self._tracked = Tracked(unit, keep=keep_trajectories)
         self._added = [AddedTracker(name, unit) for name in dict.fromkeys(trackers)]
@@ -227,7 +227,8 @@ class Pipeline:
         """Evidence now, older hops being the reference, and what it says."""
         ledger = self._ledger
         start = ledger.fold(WINDOW_HOPS, self._acute.standing.spans())
-        evidence = Evidence(ledger.widened(), ledger.reference, from_start=start == 0)
+        expected = ledger.reference if start else ledger.expected()
+        evidence = Evidence(ledger.widened(), expected, from_start=start == 0)
         starts = [h * HOP_S for h in ledger.hops]
         return self._acute.look(evidence, Span(starts, starts[-1] + HOP_S), self._first_time)
 

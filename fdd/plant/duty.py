@@ -213,6 +213,19 @@ class Flight(Duty):
         return np.clip(held + self.corrections * noise, -1.0, 1.0)
 
 
+class Resting(Flight):
+    """An axis that mostly stands: held for long, corrected by hundredths of a millimetre."""
+
+    usual: ClassVar[dict[str, tuple[float, float]]] = {
+        "amplitude": (0.01, 0.08),
+        "hold": (20.0, 120.0),
+        "corrections": (0.0003, 0.01),
+    }
+    name: Literal["resting"] = "resting"  # type: ignore[assignment]
+    hold: Seconds = 60.0
+    corrections: Annotated[float, Field(ge=0.0, le=0.5)] = 0.002
+
+
 class ConstantSpeed(Duty):
     """Strokes at constant pump speed between ± amplitude, in speed control: how leakage and friction
     are measured. The next of `speeds` is taken every `turn` seconds."""
@@ -348,6 +361,45 @@ class Replay(Duty):
         return np.concatenate([given, np.full(n - given.size, given[-1])])
 
 
+Stage = Annotated[
+    Standstill | Steps | Sines | Sweep | Prbs | Sawtooth | Strokes | Flight | Resting | Levels,
+    Field(discriminator="name"),
+]
+"""Duties that a mission is made of."""
+
+
+class Mission(Duty):
+    """One duty after another, each by position and for its own time; the last one goes on.
+
+    Examples
+    --------
+    >>> stages = (Levels(points=((0.0, 0.01),)), Standstill(offset=0.02))
+    >>> mission = Mission(stages=stages, seconds=(0.002, 1.0))
+    >>> mission.setpoint(4, True, np.random.default_rng(0)).tolist()
+    [0.01, 0.01, 0.02, 0.02]
+    """
+
+    name: Literal["mission"] = "mission"
+    stages: Annotated[tuple[Stage, ...], Field(min_length=1, max_length=64)] = (Standstill(),)
+    seconds: Annotated[tuple[Seconds, ...], Field(min_length=1, max_length=64)] = (60.0,)
+    """s of each stage."""
+
+    @model_validator(mode="after")
+    def _timed(self) -> Mission:
+        if len(self.stages) != len(self.seconds):
+            raise InputError(
+                f"{len(self.stages)} stages, {len(self.seconds)} times", mend="give each stage its seconds"
+            )
+        return self
+
+    def setpoint(self, n: int, position: bool, rng: np.random.Generator) -> Array:
+        ends = np.minimum(np.round(np.cumsum(self.seconds) / TICK).astype(np.int64), n)
+        ends[-1] = n
+        lengths = np.diff(ends, prepend=0)
+        parts = [s.setpoint(int(k), position, rng) for s, k in zip(self.stages, lengths, strict=True)]
+        return np.concatenate(parts)
+
+
 def _held(time: Array, hold: float, rng: np.random.Generator, draw: object) -> Array:
     """Levels that `draw(k)` gives, each held for 0.5 to 1.5 of `hold`."""
     count = int(time.size * TICK / (0.5 * hold)) + 2
@@ -356,21 +408,7 @@ def _held(time: Array, hold: float, rng: np.random.Generator, draw: object) -> A
     return np.asarray(levels[np.searchsorted(edges, time, side="right").clip(max=count - 1)])
 
 
-AnyDuty = Annotated[
-    Standstill
-    | Steps
-    | Sines
-    | Sweep
-    | Prbs
-    | Sawtooth
-    | Strokes
-    | Flight
-    | ConstantSpeed
-    | OneWay
-    | Levels
-    | Replay,
-    Field(discriminator="name"),
-]
+AnyDuty = Annotated[Stage | ConstantSpeed | OneWay | Replay | Mission, Field(discriminator="name")]
 
 DUTIES: dict[str, type[Duty]] = {
     "standstill": Standstill,
@@ -384,6 +422,8 @@ DUTIES: dict[str, type[Duty]] = {
     "constant_speed": ConstantSpeed,
     "one_way": OneWay,
     "levels": Levels,
+    "resting": Resting,
+    "mission": Mission,
 }
 
 

@@ -10,6 +10,7 @@ from pydantic import Field
 from scipy.signal import butter, sosfilt
 
 from fdd.errors import InputError
+from fdd.plant.programme import AnyProgramme, Programme
 from fdd.plant.validated import Validated
 
 Array = NDArray[np.float64]
@@ -168,6 +169,27 @@ class GustLoad(Load):
         return self.level + self.deviation * noise / share
 
 
+class ChangingLoad(Load):
+    """A force that changes on the way: its mean, and how much it is gusty, over time."""
+
+    usual: ClassVar[dict[str, tuple[float, float]]] = {
+        "level": (-2000.0, 2000.0),
+        "deviation": (0.0, 600.0),
+        "bandwidth_hz": (0.3, 6.0),
+    }
+    name: Literal["changing"] = "changing"
+    level: AnyProgramme = Programme(points=((0.0, 0.0), (60.0, 0.0), (60.0, 1000.0)))
+    """N, mean."""
+    deviation: AnyProgramme = Programme(points=((0.0, 0.0),))
+    """N, standard deviation."""
+    bandwidth_hz: Annotated[float, Field(gt=0.0, le=50.0)] = 2.0
+
+    def force(self, n: int, rng: np.random.Generator) -> Array:
+        time = np.arange(n) / _CONTROL_RATE
+        noise = GustLoad(deviation=1.0, bandwidth_hz=self.bandwidth_hz).force(n, rng)
+        return self.level.over(time) + self.deviation.over(time) * noise
+
+
 class ThrottleLoad(Load):
     """A partner cylinder on the same rod whose ports are joined through a throttle.
 
@@ -185,7 +207,15 @@ class ThrottleLoad(Load):
 
 
 AnyLoad = Annotated[
-    NoLoad | ConstantLoad | SpringLoad | PressLoad | HingeLoad | InertiaLoad | GustLoad | ThrottleLoad,
+    NoLoad
+    | ConstantLoad
+    | SpringLoad
+    | PressLoad
+    | HingeLoad
+    | InertiaLoad
+    | GustLoad
+    | ChangingLoad
+    | ThrottleLoad,
     Field(discriminator="name"),
 ]
 
@@ -197,6 +227,7 @@ LOADS: dict[str, type[Load]] = {
     "hinge": HingeLoad,
     "inertia": InertiaLoad,
     "gust": GustLoad,
+    "changing": ChangingLoad,
     "throttle": ThrottleLoad,
 }
 

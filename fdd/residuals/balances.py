@@ -12,7 +12,7 @@ reference's, ω speed, s_i = ±1 for chamber 1 and 2.
 volume         s(D Δθ - A Δx) of each chamber that no valve feeds (thesis eqs 3.14 to 3.17), m³
 force          A_1 p_1 - A_2 p_2, by load and friction (eq. 3.30 and 5.12), over Coulomb friction
 torque         motor current by shaft torque, friction and inertia (eq. 4.10), over that at relief pressure
-coherence      measured Δp less p_1 - p_2: lines and sensors, over relief pressure
+coherence      measured Δp by p_1 and p_2: lines and sensors, over relief pressure
 refeed         p_c - p_i of the side that is fed: its check valve's drop, over relief pressure
 reservoir      gas of the accumulator and oil in the chambers: what left the circuit, in its gas volume
 =============  ==========================================================================================
@@ -27,8 +27,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from fdd.residuals.quantities import ATMOSPHERE_PA, VALVE_MARGIN_PA, Quantities, change, middle
-from fdd.residuals.rows import HOP_ROWS, ROW_S
+from fdd.residuals.quantities import VALVE_MARGIN_PA, Quantities, change, middle
+from fdd.residuals.rows import ATMOSPHERE_PA, GAS_S, HOP_ROWS, ROW_S
 
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
@@ -77,6 +77,8 @@ class Balance:
     """Rows of a cell, whose means are the balance's rows."""
     floor: float = 0.0
     """Least noise of a row, in its unit."""
+    free: tuple[str, ...] = ()
+    """Columns of the load, or of what is not measured: no two logs of a unit need share them."""
     lines: int = 0
     """The columns are pairs of sine and cosine, and what counts is this many amplitudes."""
 
@@ -103,32 +105,26 @@ def _volume(q: Quantities) -> list[Strand]:
         for side, p, s in ((1, q.p1, 1.0), (2, q.p2, -1.0))
     }
     starved = np.minimum(q.p1, q.p2) < LEAST_INLET_PA
-    oil = unit.oil
-    stiff = 1.0 / oil.bulk_modulus - oil.air_fraction * float(
-        compliance_of_air(np.array([oil.reference_pressure]), oil.polytropic_index)[0]
-    )
-    stiff = max(stiff, 0.3 / oil.bulk_modulus)
-    for side, sign, p, area, volume in (
-        (1, 1.0, q.p1, unit.cylinder.area_1, unit.cylinder.volume_1),
-        (2, -1.0, q.p2, unit.cylinder.area_2, unit.cylinder.volume_2),
+    for side, sign, p, area in (
+        (1, 1.0, q.p1, unit.cylinder.area_1),
+        (2, -1.0, q.p2, unit.cylinder.area_2),
     ):
         mid = middle(p)
-        dp = change(p)
         drop = sign * middle(q.drop)
-        oil_volume = volume + sign * area * middle(q.position)
         above = np.sqrt(np.maximum(mid - p_c, 0.0))
-        free = compliance_of_air(mid, oil.polytropic_index)
+        dp = change(p)
+        oil_volume, stiff, free, air = _compliances(q, side)
         y = sign * (unit.pump.displacement * q.turn - area * q.travel)
         lag = sign * unit.pump.displacement * change(q.turn)
         s1, s2 = float(side == 1), float(side == 2)
         orifice = scales.orifice * np.sign(drop) * np.sqrt(np.abs(drop)) * q.dt
         x = np.column_stack([
             sign * unit.pump.displacement * q.turn,
-            oil_volume * (stiff + oil.air_fraction * free) * dp,
+            oil_volume * (stiff + air) * dp,
             oil_volume * 0.025 * free * dp,
             lag,
             oil_volume * stiff * change(dp),
-            unit.pump.displacement * q.turn * middle(q.drop) / oil.bulk_modulus,
+            unit.pump.displacement * q.turn * middle(q.drop) / unit.oil.bulk_modulus,
             scales.leakage * drop * weight,
             scales.leakage * drop * np.abs(drop) / scales.pressure * weight,
             scales.leakage * (mid - p_c) * weight,
@@ -142,12 +138,26 @@ def _volume(q: Quantities) -> list[Strand]:
         ])  # fmt: skip
         ok = ~fed[side] & (mid > 3e4) & (np.abs(q.drop) < 0.9 * scales.pressure) & ~starved
         noise = np.zeros((y.size, 2, x.shape[1]))
-        noise[:, 0, 1] = oil_volume * (stiff + oil.air_fraction * free) * q.noise[side]
+        noise[:, 0, 1] = oil_volume * (stiff + air) * q.noise[side]
         noise[:, 0, 2] = oil_volume * 0.025 * free * q.noise[side]
         noise[:, 0, 4] = oil_volume * stiff * q.noise[side]
         noise[:, 1, 4] = -noise[:, 0, 4]
         out.append(Strand(y, x, ok, np.nan_to_num(noise)))
     return out
+
+
+def _compliances(q: Quantities, side: int) -> tuple[Array, float, Array, Array]:
+    """m³ of oil in a chamber and its lines; 1/Pa of the oil, of free air a share, and of the unit's air."""
+    cylinder, oil = q.unit.cylinder, q.unit.oil
+    sign, area, volume, p = (
+        (1.0, cylinder.area_1, cylinder.volume_1, q.p1)
+        if side == 1
+        else (-1.0, cylinder.area_2, cylinder.volume_2, q.p2)
+    )
+    free = compliance_of_air(middle(p), oil.polytropic_index)
+    at_reference = compliance_of_air(np.array([oil.reference_pressure]), oil.polytropic_index)
+    stiff = max(1.0 / oil.bulk_modulus - oil.air_fraction * float(at_reference[0]), 0.3 / oil.bulk_modulus)
+    return volume + sign * area * middle(q.position), stiff, free, oil.air_fraction * free
 
 
 def compliance_of_air(pressure: Array, index: float) -> Array:
@@ -237,13 +247,16 @@ def _turning(q: Quantities) -> Flags:
 
 
 def _coherence(q: Quantities) -> list[Strand]:
-    y = (q.difference_measured - (q.take["pressure_1"] - q.take["pressure_2"])) / q.scales.pressure
+    y = q.difference_measured / q.scales.pressure
+    p1, p2 = (q.take[name] / q.scales.pressure for name in ("pressure_1", "pressure_2"))
     share = q.speed / q.scales.speed
-    x = np.column_stack([
-        np.ones_like(y), q.take["pressure_1"] / q.scales.pressure, q.take["pressure_2"] / q.scales.pressure,
-        share * q.viscosity, share * np.abs(share),
-    ])  # fmt: skip
-    return [Strand(y, x, np.isfinite(y) & (np.abs(y) > 1e-7))]  # not where Δp was made from them
+    x = np.column_stack([np.ones_like(y), p1, p2, share * q.viscosity, share * np.abs(share)])
+    # Both sides are measured, so noise is in the columns: where pressures hardly change it would decide.
+    noise = np.zeros((y.size, 2, x.shape[1]))
+    noise[:, 0, 1] = q.take["pressure_1_noise"] / q.scales.pressure
+    noise[:, 1, 2] = q.take["pressure_2_noise"] / q.scales.pressure
+    made = np.abs(y - p1 + p2) < 1e-7  # Δp was made from them
+    return [Strand(y, x, np.isfinite(y) & ~made, np.nan_to_num(noise))]
 
 
 def _refeed(q: Quantities) -> list[Strand]:
@@ -256,25 +269,43 @@ def _refeed(q: Quantities) -> list[Strand]:
         rod = sign * (area - 0.5 * (q.unit.cylinder.area_1 + q.unit.cylinder.area_2))
         inflow = np.maximum(rod * q.velocity, 0.0) / (q.unit.pump.displacement * q.scales.speed)
         s1, s2 = float(side == 1), float(side == 2)
-        x = np.column_stack([np.ones_like(y) * s1, np.ones_like(y) * s2, inflow * s1, inflow * s2])
+        # Who does not measure the accumulator knows only by how much the two sides differ.
+        charge = np.where(q.accumulator_measured, 0.0, 1.0)
+        one = np.ones_like(y)
+        x = np.column_stack([one * s1, one * s2, inflow * s1, inflow * s2, charge])
         low = (p < other - 0.02 * q.scales.pressure) & (p < q.accumulator + VALVE_MARGIN_PA)
         out.append(Strand(y, x, low & q.chambers_measured & ~q.accumulator_lost))
     return out
 
 
+GAS_WORK = 1.0 - 1.0 / 1.4
+"""Of a change of ln p, what the gas's temperature changes by before it has lost the heat."""
+GAS_WARMED = 0.5 / 300.0
+"""1/K of the gas, which warms by about half of what the oil does."""
+
+
 def _reservoir(q: Quantities) -> list[Strand]:
     unit = q.unit
     charge = unit.accumulator.charge_pressure + ATMOSPHERE_PA
-    y = change(charge / (q.accumulator + ATMOSPHERE_PA))  # growth of the gas, in its volume at charge
-    gas = unit.accumulator.gas_volume
-    held = (unit.cylinder.volume_1 * q.p1 + unit.cylinder.volume_2 * q.p2) / unit.oil.bulk_modulus / gas
+    isothermal = charge / (q.accumulator + ATMOSPHERE_PA)
+    hot = GAS_WORK * isothermal * q.take["gas_heat"]
+    y = change(isothermal + hot)  # growth of the gas, in its volume at charge
+    gas, oil = unit.accumulator.gas_volume, unit.oil
+    held = np.zeros_like(y)
+    for side, p in ((1, q.p1), (2, q.p2)):
+        volume, stiff, _, air = _compliances(q, side)
+        held += volume * (stiff + air) * change(p)
+    contents = unit.cylinder.volume_1 + unit.cylinder.volume_2 + unit.accumulator.oil_at_rest
+    warmed = oil.thermal_expansion * contents / gas + GAS_WARMED
     x = np.column_stack([
         0.5 * q.scales.fault_leakage * 0.5 * q.scales.pressure * q.dt / gas,
         0.5 * q.scales.fault_leakage * middle(q.p1) * q.dt / gas,
         0.5 * q.scales.fault_leakage * middle(q.p2) * q.dt / gas,
-        change(held),
+        held / gas,
         q.travel * (unit.cylinder.area_1 - unit.cylinder.area_2) / gas,
         q.travel / (0.25 * unit.cylinder.stroke),
+        middle(hot) * q.dt / GAS_S,  # it cools sooner or later than assumed
+        -warmed * q.take["warming"] * q.dt,
     ])  # fmt: skip
     return [Strand(y, x, np.isfinite(y) & q.accumulator_measured)]
 
@@ -292,7 +323,8 @@ BALANCES: dict[str, Balance] = {
         Balance(
             "force", "the piston's forces",
             ("load", "spring", "mass", "damping", "throttle", "friction_forward", "friction_reverse"),
-            _force, cell=5, floor=0.1,  # of Coulomb friction: trials scatter by 9 % (thesis Table 5.1)
+            _force, cell=5, free=("load", "spring", "mass", "damping", "throttle"),
+            floor=0.1,  # of Coulomb friction: trials scatter by 9 % (thesis Table 5.1)
         ),
         Balance(
             "torque", "the shaft's torque", ("zero", "pressure", "inertia", "dry", "viscous", "mesh"),
@@ -303,10 +335,14 @@ BALANCES: dict[str, Balance] = {
             "coherence", "the pressures among each other",
             ("zero", "gain_1", "gain_2", "line", "line_square"), _coherence,
         ),
-        Balance("refeed", "the refeeding", ("drop_1", "drop_2", "flow_1", "flow_2"), _refeed, settle=8),
+        Balance(
+            "refeed", "the refeeding", ("drop_1", "drop_2", "flow_1", "flow_2", "charge"), _refeed, settle=8,
+            free=("charge",),
+        ),
         Balance(
             "reservoir", "the accumulator's oil",
-            ("drift", "outside_1", "outside_2", "held", "rod", "stroke"), _reservoir, cumulative=True,
+            ("drift", "outside_1", "outside_2", "held", "rod", "stroke", "cooling", "warming"), _reservoir,
+            cumulative=True,
         ),
     )
 }  # fmt: skip

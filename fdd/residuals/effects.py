@@ -1,16 +1,103 @@
-"""How a healthy unit's coefficients lie, and how they err: random effects between logs, within a log, and
-from hop to hop."""
+"""How a healthy unit's coefficients lie, and how they err: random effects between units, between logs, within
+a log, and from hop to hop."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import cache
+from importlib import resources
+from typing import Annotated, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
+from pydantic import BaseModel, ConfigDict, Field
 
 from fdd.residuals.balances import BALANCES
 
 Array = NDArray[np.float64]
+
+SHIPPED = "spreads.json"
+Number = Annotated[float, Field(ge=-1e12, le=1e12)]
+Positive = Annotated[float, Field(ge=0.0, le=1e12)]
+
+
+class CoefficientSpread(BaseModel):
+    """What one coefficient is in healthy units, and what it differs by.
+
+    Attributes
+    ----------
+    mean, units : of units, and their std. between : std from log to log of one unit, for each of
+        `LogConditions`. logs : how many logs' worth of information these rest on, 0 for what is assumed;
+        their relative std is ``1/√(2 logs)``. within : std of what changes in some minutes of a healthy log.
+        wander : std from hop to hop.
+    """
+
+    model_config = ConfigDict(extra="forbid", allow_inf_nan=False)
+    mean: Number
+    units: Positive
+    between: tuple[Positive, Positive, Positive, Positive]
+    logs: Positive = 0.0
+    within: Positive
+    wander: Positive
+
+
+class BalanceSpread(BaseModel):
+    """One balance's.
+
+    Attributes
+    ----------
+    noise : std of a row, a first guess. freedom : degrees of freedom of Student's t by which logs differ, all
+        coefficients at once. tail : degrees of freedom and scale of one direction's departure, given the
+        others'. change_tail : the same of a change within a log.
+    """
+
+    model_config = ConfigDict(extra="forbid", allow_inf_nan=False)
+    noise: Positive
+    freedom: Annotated[float, Field(gt=0.0, le=100.0)] = 4.0
+    tail: tuple[Annotated[float, Field(gt=0.0, le=100.0)], Annotated[float, Field(gt=0.0, le=100.0)]] = (
+        4.0,
+        1.0,
+    )
+    change_tail: tuple[
+        Annotated[float, Field(gt=0.0, le=100.0)], Annotated[float, Field(gt=0.0, le=100.0)]
+    ] = (4.0, 1.0)
+    coefficients: dict[str, CoefficientSpread]
+
+
+class Spreads(BaseModel):
+    """What healthy units and logs differ by, as ``fdd train`` learnt it from a population.
+
+    Attributes
+    ----------
+    data : what it was learnt on.
+    """
+
+    model_config = ConfigDict(extra="forbid")
+    data: str
+    balances: dict[str, BalanceSpread]
+
+
+class LogConditions(NamedTuple):
+    """What a log's coefficients differ from the unit's by, and how much of it there is: weights of variances.
+
+    Attributes
+    ----------
+    always : one. rows : variance of the log's rows: what a law leaves out hangs together with what it leaves
+        of the rows. reconstructed : share in which the chambers' pressures are. heat : square of what the
+        oil's temperature is off the reference's, in units of ten kelvin: a data sheet's viscosity law is not
+        this oil's.
+    """
+
+    always: float
+    rows: float
+    reconstructed: float
+    heat: float
+
+
+@cache
+def shipped_spreads() -> Spreads:
+    """Those that come with fdd."""
+    return Spreads.model_validate_json((resources.files("fdd.residuals") / SHIPPED).read_text("utf-8"))
 
 
 @dataclass(frozen=True)
@@ -20,63 +107,63 @@ class Effects:
     Attributes
     ----------
     mean : of the healthy unit. covariance : (n, n), of a log about the mean, and of the mean itself.
-        between : std from log to log. within : std of what changes in some minutes of a healthy log and no
-        sensor tells; assumed: a magnet loses 0.1 % of its torque a kelvin and warms by 20, a position
-        transducer 0.01 to 0.03 % of its gain a kelvin. wander : std from hop to hop. noise : std of a row, a
-        first guess. information, scatter : (n, n), of healthy logs, and of the scores of their stretches of
-        2 s.
+        known : (n, n), of the mean alone. units : std of units about the population's mean. between : (4, n)
+        std from log to log, see `CoefficientSpread`. within : std of what changes in some minutes of a
+        healthy log and no sensor tells; assumed: a magnet loses 0.1 % of its torque a kelvin and warms by 20,
+        a position transducer 0.01 to 0.03 % of its gain a kelvin. wander : std from hop to hop. noise : std
+        of a row, a first guess. information, scatter : (n, n), of healthy logs, and of the scores of their
+        stretches of 2 s. freedom, tail, change_tail : see `BalanceSpread`. log_variance : (n,) of a log's
+        coefficients about the unit's.
     """
 
     mean: Array
     covariance: Array
+    known: Array
+    units: Array
     between: Array
     within: Array
     wander: Array
     noise: float
     information: Array
     scatter: Array
+    freedom: float
+    tail: tuple[float, float]
+    change_tail: tuple[float, float]
+    log_variance: Array
+
+    def between_logs(self, conditions: LogConditions) -> Array:
+        """Variance (n,) of a log's coefficients about the unit's."""
+        return np.asarray(np.array(conditions) @ np.square(self.between))
 
 
-_PRIOR: dict[str, tuple[float, dict[str, tuple[float, float, float, float, float]]]] = {
-    # healthy mean, spread of units about it, between logs, within a log, hop to hop
-    "volume": (1e-8, {
-        "gain": (0.0, 0.05, 0.002, 0.003, 0.001), "compliance": (1.0, 0.4, 0.16, 0.009, 0.05),
-        "air": (0.0, 0.15, 0.2, 0.006, 0.025), "lag": (0.0, 0.1, 0.06, 0.006, 0.025),
-        "sensor_lag": (0.0, 0.2, 0.1, 0.006, 0.025), "density": (0.5, 0.3, 0.1, 0.009, 0.05),
-        "leak": (1.0, 0.6, 0.2, 0.015, 0.075), "leak_square": (0.0, 0.2, 0.1, 0.015, 0.05),
-        "case": (0.15, 0.3, 0.1, 0.009, 0.05), "wear": (0.0, 0.2, 0.2, 0.015, 0.05),
-        "relief_12": (0.0, 0.005, 0.004, 0.0006, 0.002), "relief_21": (0.0, 0.005, 0.004, 0.0006, 0.002),
-        "valve_1": (0.0, 0.005, 0.004, 0.0006, 0.002), "valve_2": (0.0, 0.005, 0.004, 0.0006, 0.002),
-        "outside_1": (0.0, 0.05, 0.04, 0.006, 0.02), "outside_2": (0.0, 0.05, 0.04, 0.006, 0.02)}),
-    "force": (0.1, {
-        "load": (0.0, 50.0, 60.0, 3.0, 0.15), "spring": (0.0, 50.0, 100.0, 1.5, 0.15),
-        "mass": (0.05, 0.3, 2.0, 0.006, 0.025),
-        "damping": (0.0, 0.3, 0.6, 0.015, 0.05), "throttle": (0.0, 0.3, 20.0, 0.015, 0.05),
-        "friction_forward": (1.0, 0.5, 0.3, 0.015, 0.05), "friction_reverse": (1.0, 0.5, 0.3, 0.015, 0.05)}),
-    "torque": (1e-4, {
-        "zero": (0.0, 0.01, 0.002, 0.00015, 0.0015), "pressure": (1.0, 0.3, 0.04, 0.02, 0.01),
-        "inertia": (1.0, 0.3, 0.02, 0.02, 0.01), "dry": (0.02, 0.03, 0.008, 0.0003, 0.0015),
-        "viscous": (0.02, 0.03, 0.02, 0.0009, 0.005), "mesh": (0.03, 0.05, 0.02, 0.0009, 0.005)}),
-    "shaft": (0.01, {
-        "order_1": (0.003, 0.01, 0.004, 0.0003, 0.002), "order_2": (0.003, 0.01, 0.004, 0.0003, 0.002)}),
-    "coherence": (0.002, {
-        "zero": (0.0, 0.01, 0.002, 0.00006, 0.00025), "gain_1": (0.0, 0.02, 0.004, 0.00015, 0.001),
-        "gain_2": (0.0, 0.02, 0.004, 0.00015, 0.001), "line": (0.0, 0.02, 0.004, 0.00015, 0.001),
-        "line_square": (0.0, 0.02, 0.006, 0.0003, 0.0015)}),
-    "refeed": (0.002, {
-        "drop_1": (0.003, 0.005, 0.001, 0.00015, 0.0005), "drop_2": (0.003, 0.005, 0.001, 0.00015, 0.0005),
-        "flow_1": (0.0, 0.01, 0.004, 0.0006, 0.002), "flow_2": (0.0, 0.01, 0.004, 0.0006, 0.002)}),
-    "reservoir": (1e-3, {
-        "drift": (0.0, 0.03, 0.04, 0.003, 0.015),
-        "outside_1": (0.0, 0.03, 0.04, 0.003, 0.015), "outside_2": (0.0, 0.03, 0.04, 0.003, 0.015),
-        "held": (1.0, 0.5, 0.2, 0.009, 0.1), "rod": (1.0, 0.3, 0.2, 0.009, 0.1),
-        "stroke": (0.0, 0.1, 0.08, 0.006, 0.03)}),
-}  # fmt: skip
+def usual_conditions(noise: float) -> LogConditions:
+    """Those of a log at the reference temperature, with all pressures, whose rows have that std."""
+    return LogConditions(1.0, noise**2, 0.0, 0.0)
 
 
-def first_effects(name: str) -> Effects:
-    """Effects of a unit of which only the data sheet is known."""
-    noise, table = _PRIOR[name]
-    mean, spread, between, within, wander = np.array([table[c] for c in BALANCES[name].columns]).T
+def first_effects(name: str, spreads: Spreads | None = None) -> Effects:
+    """Effects of a unit of which only the data sheet is known.
+
+    Parameters
+    ----------
+    name : of the balance. spreads : of a model; None takes the shipped ones.
+    """
+    spread = (spreads or shipped_spreads()).balances[name]
+    each = [spread.coefficients[c] for c in BALANCES[name].columns]
+    mean, units, within, wander = (
+        np.array([getattr(c, what) for c in each]) for what in ("mean", "units", "within", "wander")
+    )
+    between = np.array([c.between for c in each]).T
     none = np.zeros((mean.size, mean.size))
-    return Effects(mean, np.diag(spread**2 + between**2), between, within, wander, noise, none, none)
+    known = np.diag(np.square(units))
+    first = Effects(
+        mean, known, known, units, between, within, wander, spread.noise, none, none, spread.freedom,
+        spread.tail, spread.change_tail, np.zeros_like(mean),
+    )  # fmt: skip
+    return with_logs(first, usual_conditions(spread.noise))
+
+
+def with_logs(effects: Effects, conditions: LogConditions) -> Effects:
+    """The same for a log under these conditions."""
+    differs = effects.between_logs(conditions)
+    return replace(effects, covariance=effects.known + np.diag(differs), log_variance=differs)

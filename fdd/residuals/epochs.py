@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fdd.residuals.balances import BALANCES
-from fdd.residuals.effects import Effects
+from fdd.residuals.effects import Effects, usual_conditions
 from fdd.residuals.normal_equations import widened
 from fdd.residuals.rows import HOP_S
 
@@ -116,7 +116,9 @@ class Epochs:
                 n = len(BALANCES[name].columns)
                 none = np.zeros((n, n)), np.zeros(n)
                 m, v = zip(*(t.get(name, none) for t in self._told[: len(self)]), strict=True)
-                out[name] = widened(np.array(m), np.array(v), effects[name].between)
+                e = effects[name]
+                std = np.sqrt(e.between_logs(usual_conditions(e.noise)))
+                out[name] = widened(np.array(m), np.array(v), std)
         return out
 
     def state(self) -> dict[str, Array]:

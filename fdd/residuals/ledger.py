@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from fdd.residuals.account import Account
 from fdd.residuals.balances import BALANCES
-from fdd.residuals.effects import Effects
+from fdd.residuals.effects import Effects, LogConditions, with_logs
 from fdd.residuals.epochs import Epochs
 from fdd.residuals.normal_equations import Entry, widened
 from fdd.residuals.quantities import Quantities, Scales, settled
@@ -21,6 +21,8 @@ Array = NDArray[np.float64]
 
 HISTORY = 7200
 """Hops whose misfit is remembered: an hour."""
+HEAT_K, UNMEASURED_K = 10.0, 15.0
+"""K that `LogConditions.heat` counts in, and that oil may be off its reference where nobody measures it."""
 MOST_HOPS = 20
 """Hops whose quantities are worked out at a time: their columns still fit the processor's memory."""
 
@@ -42,6 +44,8 @@ class Ledger:
         self.hops: list[int] = []
         self.entries: dict[str, list[Entry]] = {name: [] for name in BALANCES}
         self._wide: dict[str, list[tuple[Array, Array]]] = {name: [] for name in BALANCES}
+        self.surroundings: list[list[float]] = []
+        """Of each hop kept, share without the chambers' pressures, and `LogConditions.heat`."""
         self.reference = effects
         """What the first of the hops kept is held against: the unit's baseline, or what older hops have
         made of it."""
@@ -73,6 +77,20 @@ class Ledger:
                 out[name] = np.array([m for m, _ in wide]), np.array([v for _, v in wide])
         return out
 
+    def conditions(self, name: str) -> LogConditions | None:
+        """Those of the hops kept, as a balance sees them; None where it tells nothing."""
+        seen = [k for k, entry in enumerate(self.entries[name]) if entry.rows]
+        if not seen:
+            return None
+        reconstructed, heat = np.mean([self.surroundings[k] for k in seen], axis=0).tolist()
+        rows = float(np.mean([self.entries[name][k].variance for k in seen]))
+        return LogConditions(1.0, rows, reconstructed, heat)
+
+    def expected(self) -> dict[str, Effects]:
+        """The unit's effects, with what a log like that of the hops kept may differ by."""
+        found = {name: self.conditions(name) for name in self.effects}
+        return {name: with_logs(e, c) if (c := found[name]) else e for name, e in self.effects.items()}
+
     def _widened(self, name: str) -> list[tuple[Array, Array]]:
         """Of every hop, worked out once."""
         wide = self._wide[name]
@@ -97,6 +115,10 @@ class Ledger:
         self._accumulator = q.accumulator_before
         count = (len(rows) - TAIL_ROWS) // HOP_ROWS
         self.hops += range(first, first + count)
+        off = q.take["temperature"] - self.unit.oil.reference_temperature
+        heat = np.where(np.isfinite(off), np.square(off), UNMEASURED_K**2) / HEAT_K**2
+        each = np.column_stack([~q.chambers_measured, heat])[TAIL_ROWS:]
+        self.surroundings += each.reshape(count, HOP_ROWS, 2).mean(axis=1).tolist()
         self.last = self.hops[-1]
         self.taken += count
         misfits = np.full((count, len(BALANCES)), np.nan)
@@ -187,7 +209,8 @@ class Ledger:
 
     def _learn(self, places: NDArray[np.int64]) -> None:
         """Take hops into the reference."""
-        for name, e in self.reference.items():
+        before = self.reference if self.folded else self.expected()
+        for name, e in before.items():
             wide = self._widened(name)
             prior = np.linalg.inv(e.covariance)
             covariance = np.linalg.inv(prior + sum(wide[k][0] for k in places))
@@ -216,6 +239,7 @@ class Ledger:
             self.entries[name] = [self.entries[name][k] for k in kept]
             self._wide[name] = [wide[k] for k in kept]
         self.hops = [self.hops[k] for k in kept]
+        self.surroundings = [self.surroundings[k] for k in kept]
 
     def state(self) -> dict[str, Array]:
         """Everything as flat named arrays."""
@@ -223,6 +247,7 @@ class Ledger:
             "hops": np.array(self.hops), "tail": self.tail,
             "folded": np.array([self.folded, self.taken, self.last]),
             "accumulator": np.array(self._accumulator),
+            "surroundings": np.array(self.surroundings).reshape(-1, 2),
             "misfits": np.array(self._misfits).reshape(-1, len(BALANCES)),
         }  # fmt: skip
         for name, account in self.accounts.items():
@@ -247,6 +272,7 @@ class Ledger:
         self.epochs.restore(epochs)
         self.folded, self.taken, self.last = (int(x) for x in state["folded"])
         self._accumulator = float(state["accumulator"])
+        self.surroundings = state["surroundings"].tolist()
         self._misfits = [[float(x) for x in row] for row in state["misfits"]]
         for name, account in self.accounts.items():
             m, v, r, s = (state[f"{name}/{k}"] for k in "mvrs")

@@ -17,7 +17,6 @@ Flags = NDArray[np.bool_]
 
 VALVE_MARGIN_PA = 5e3
 """How far above the accumulator a chamber must be for its check valve to be surely shut."""
-ATMOSPHERE_PA = 101325.0
 
 
 @dataclass(frozen=True)

@@ -27,6 +27,7 @@ Array = NDArray[np.float64]
 
 ROW_S = 0.01
 """s, length of a cell."""
+ATMOSPHERE_PA = 101325.0
 HOP_ROWS = 50
 """Cells in a hop, the step in which evidence is gathered."""
 HOP_S = ROW_S * HOP_ROWS
@@ -41,6 +42,12 @@ FILM_S = 0.03
 by Hess and Soom 1990 (doi 10.1115/1.2920240) and Armstrong-Helouvry et al. 1994 (doi
 10.1016/0005-1098(94)90209-7)."""
 
+GAS_S = 6.0
+"""s in which an accumulator's gas takes its shell's temperature: 2 to 20 s for 0.1 to 5 l (Pourmovahed and
+Otis 1990, doi 10.1115/1.2894128)."""
+WARMING_S = (10.0, 60.0)
+"""s over which two means of the oil's temperature are taken, whose difference is its rate."""
+
 PAUSE_S = 30.0
 """s without samples from which there are no hops: a week of short runs costs no more than the runs."""
 STOP_S = 600.0
@@ -50,7 +57,7 @@ FAST = (
     "command", "pump_angle", "pump_speed", "position", "pressure_difference", "pressure_1", "pressure_2",
     "pressure_accumulator", "motor_current",
 )  # fmt: skip
-DERIVED = ("friction", "sliding", "temperature", "time")
+DERIVED = ("friction", "sliding", "temperature", "time", "gas_heat", "warming")
 NOISY = ("pressure_difference", "pressure_1", "pressure_2")
 COLUMNS = {name: i for i, name in enumerate((*FAST, *DERIVED, *(f"{n}_noise" for n in NOISY)))}
 NOISE_HOPS, LEAST_SAMPLES = 20, 20
@@ -96,6 +103,21 @@ def _friction(
         out[k], film[k] = state[0], state[1]
 
 
+@njit()
+def _follow(values: Array, state: Array, decay: Array, out: Array) -> None:
+    """First-order lags behind a signal, (n, lags); a missing value leaves them as they are.
+
+    Parameters
+    ----------
+    state : (lags,), NaN before the first; kept for the next call. decay : (lags,), share that a row closes.
+    """
+    for k in range(values.size):
+        if np.isfinite(values[k]):
+            for i in range(state.size):
+                state[i] = values[k] if np.isnan(state[i]) else state[i] + decay[i] * (values[k] - state[i])
+        out[k] = state
+
+
 @dataclass
 class RowMaker:
     """Samples in, rows of complete hops out.
@@ -117,6 +139,8 @@ class RowMaker:
     """Time, angle and speed of the last sample: what the pump's missing signal goes on from."""
     _celsius: float = np.nan
     """The oil's last known temperature: it changes slowly, and is measured seldom."""
+    _lags: Array = field(default_factory=lambda: np.full(1 + len(WARMING_S), np.nan))
+    """ln Pa and °C: the accumulator's mean pressure, and the oil's two mean temperatures."""
     _noise: Array = field(default_factory=lambda: np.full((NOISE_HOPS, 2, len(NOISY)), np.nan))
     """Noise of a pressure's samples in the last hops, Pa: by the samples, and by the means of cells."""
 
@@ -176,7 +200,7 @@ class RowMaker:
         out: dict[str, Array] = {
             "hop": np.array([self.hop, self._first]), "seal": self._seal.copy(), "last": np.array(self._last),
             "turned": self._turned.copy(), "celsius": np.array([self._celsius]),
-            "noise": self._noise.copy(),
+            "noise": self._noise.copy(), "lags": self._lags.copy(),
         }  # fmt: skip
         if self._waiting:
             joined = Samples.concatenate(self._waiting)
@@ -188,7 +212,7 @@ class RowMaker:
         """Go on from what `state` gave."""
         self.hop, self._first = (int(x) for x in state["hop"])
         self._seal, self._turned = state["seal"].copy(), state["turned"].copy()
-        self._noise = state["noise"].copy()
+        self._noise, self._lags = state["noise"].copy(), state["lags"].copy()
         self._last = (float(state["last"][0]), float(state["last"][1]))
         self._celsius = float(state["celsius"][0])
         self._waiting = []
@@ -248,7 +272,19 @@ class RowMaker:
             for h in range(until - first):
                 self._celsius = means.get(h, self._celsius)
                 out[h * HOP_ROWS : (h + 1) * HOP_ROWS, COLUMNS["temperature"]] = self._celsius
+        self._heat(out)
         return out
+
+    def _heat(self, rows: Array) -> None:
+        """Fill what the accumulator's gas has of the work done on it (ln Pa), and the oil's warming (K/s)."""
+        pressure = rows[:, COLUMNS["pressure_accumulator"]] + ATMOSPHERE_PA
+        known = np.log(np.where(pressure > 0.0, pressure, np.nan))
+        slow, warm = np.empty((len(rows), 1)), np.empty((len(rows), len(WARMING_S)))
+        _follow(known, self._lags[:1], np.array([ROW_S / GAS_S]), slow)
+        _follow(rows[:, COLUMNS["temperature"]], self._lags[1:], ROW_S / np.array(WARMING_S), warm)
+        rows[:, COLUMNS["gas_heat"]] = known - slow[:, 0]
+        rate = (warm[:, 0] - warm[:, 1]) / (WARMING_S[1] - WARMING_S[0])
+        rows[:, COLUMNS["warming"]] = np.nan_to_num(rate)
 
     def _hiss(
         self, taken: Array, hop: NDArray[np.int64], cells: NDArray[np.int64], count: Array, out: Array

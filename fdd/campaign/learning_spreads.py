@@ -1,0 +1,186 @@
+"""From a data set's healthy logs to what healthy units and logs differ by: ``fdd train --spreads``."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import partial
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fdd.campaign.dataset import Dataset
+from fdd.campaign.spreads import Spread, UnitLogs, learnt_spread, log_equations, own_columns, tail_of
+from fdd.campaign.units import Progress, for_each_unit
+from fdd.diagnosis.baseline import baseline_of, effects_of, ledger_of, ledgers_of
+from fdd.diagnosis.departures import departures
+from fdd.diagnosis.evidence import Evidence, course_of
+from fdd.diagnosis.fitting import Parts
+from fdd.diagnosis.hypotheses import hypotheses
+from fdd.errors import InputError
+from fdd.identification import identify_unit
+from fdd.residuals.balances import BALANCES
+from fdd.residuals.effects import BalanceSpread, CoefficientSpread, Spreads, first_effects, shipped_spreads
+from fdd.residuals.ledger import Ledger
+from fdd.samples import Samples
+from fdd.unit import Unit
+
+Array = NDArray[np.float64]
+
+LEAST_UNITS = 20
+"""Units below which nothing is said of what units differ by."""
+CHANGES_EVERY, CHANGES_MARGIN, MOST_FRAMES = 24, 16, 320
+"""Frames between the onsets at which changes are looked for, from the log's ends, and of a log."""
+DIGITS = 4
+
+
+def learn_spreads(
+    directories: Sequence[str], *, workers: int | None = 2, progress: Progress | None = None
+) -> Spreads:
+    """Learn from healthy logs and healthy twins of data sets with baselines.
+
+    Parameters
+    ----------
+    directories : of the data sets. workers : processes. progress : (done, total) units.
+
+    Raises
+    ------
+    InputError : not a data set, without baselines, or too few units.
+    """
+    sets = [Dataset.load(d) for d in directories]
+    units = [f"{k}/{unit}" for k, data in enumerate(sets) for unit in data.units]
+    if len(units) < LEAST_UNITS:
+        raise InputError(
+            f"{len(units)} units: at least {LEAST_UNITS} are needed to learn what units differ by",
+            mend="leave --spreads out, or generate more units",
+        )
+    places = [str(data.directory) for data in sets]
+
+    def half(done: int, total: int) -> None:
+        if progress is not None:
+            progress(done, 2 * total)
+
+    def rest(done: int, total: int) -> None:
+        if progress is not None:
+            progress(total + done, 2 * total)
+
+    told = for_each_unit(partial(_equations, places), units, workers=workers, progress=half)
+    data = ", ".join(f"{d.recipe.name} (seed {d.recipe.seed}, {len(d.units)} units)" for d in sets)
+    found = spreads_of(told, data)
+    changes = for_each_unit(partial(_changes, places, found), units, workers=workers, progress=rest)
+    for name, spread in found.balances.items():
+        z = np.array([value for balance, value in changes if balance == name])
+        if z.size > LEAST_UNITS:
+            spread.change_tail = tail_of(z)
+    return found
+
+
+Equations = dict[str, UnitLogs]
+
+
+def spreads_of(units: Sequence[Equations], data: str) -> Spreads:
+    """Fit each balance to what units' logs tell of it.
+
+    Parameters
+    ----------
+    units : balance to logs, of each unit. data : what they are, in words.
+    """
+    before = shipped_spreads()
+    out = {}
+    for name, old in before.balances.items():
+        logs = [u[name] for u in units if name in u]
+        if len(logs) < LEAST_UNITS:
+            out[name] = old
+            continue
+        spread = learnt_spread(name, logs, first_effects(name, before))
+        out[name] = _balance(name, spread, old)
+    return Spreads(data=data, balances=out)
+
+
+def _balance(name: str, spread: Spread, old: BalanceSpread) -> BalanceSpread:
+    coefficients = dict(old.coefficients)
+    own = [c for c, mine in zip(BALANCES[name].columns, own_columns(name), strict=True) if mine]
+    for k, c in enumerate(own):
+        coefficients[c] = CoefficientSpread(
+            mean=_rounded(spread.mean[k]), units=_rounded(spread.units[k]),
+            between=tuple(_rounded(x) for x in spread.between[:, k]), logs=round(float(spread.logs[k]), 1),
+            within=old.coefficients[c].within, wander=old.coefficients[c].wander,
+        )  # fmt: skip
+    noise = _rounded(spread.noise)
+    return BalanceSpread(
+        noise=noise, freedom=_rounded(spread.freedom), tail=spread.tail, change_tail=old.change_tail,
+        coefficients=coefficients,
+    )  # fmt: skip
+
+
+def _rounded(value: float) -> float:
+    return float(f"{value:.{DIGITS}g}")
+
+
+@dataclass(frozen=True)
+class _Logs:
+    """A unit's profile, its baseline logs' balances and its healthy logs'."""
+
+    unit: Unit
+    baseline: list[Ledger]
+    healthy: list[Ledger]
+
+
+def _logs(places: list[str], place: str, spreads: Spreads | None = None) -> _Logs:
+    k, _, name = place.partition("/")
+    data = Dataset.load(places[int(k)])
+    runs = data.baseline(name)
+    unit = identify_unit(runs, data.base_unit(name), name).unit
+    baseline = ledgers_of(unit, runs)
+    unit.baseline = baseline_of(baseline, spreads=spreads)
+    effects = effects_of(unit, spreads)
+    logs = [data.samples(e) if e.healthy else data.twin(e) for e in data.logs_of(name)]
+    return _Logs(unit, baseline, [ledger_of(log, unit, effects) for log in logs if isinstance(log, Samples)])
+
+
+def _equations(places: list[str], place: str) -> list[Equations]:
+    logs = _logs(places, place)
+    out: Equations = {}
+    for name in BALANCES:
+        known = None if logs.unit.baseline is None else logs.unit.baseline.balances.get(name)
+        told = []
+        for ledger in [*logs.baseline, *logs.healthy]:
+            conditions = ledger.conditions(name)
+            if conditions is None:
+                continue
+            m, v, rows, variance = ledger.sums()[name]
+            if known is not None and BALANCES[name].cumulative:
+                # As the baseline takes its logs: what a law errs by over a frame is its rows' noise.
+                share = np.minimum(variance / known.noise**2, 1.0)
+                m, v = m * share[:, None, None], v * share[:, None]
+            told.append(log_equations(name, (m, v, rows, variance), conditions, first_effects(name)))
+        if told:
+            runs = sum(x.conditions(name) is not None for x in logs.baseline)
+            information, vector, each = (np.array(x) for x in zip(*told, strict=True))
+            out[name] = UnitLogs(information, vector, each, runs)
+    return [out]
+
+
+def _changes(places: list[str], spreads: Spreads, place: str) -> list[tuple[str, float]]:
+    """Balance and standardised change of each hypothesis of one balance, over onsets in healthy logs."""
+    logs = _logs(places, place, spreads)
+    effects = effects_of(logs.unit, spreads)
+    each = [h for h in hypotheses(logs.unit, effects) if len(h.columns) == 1]
+    out = []
+    for ledger in logs.healthy:
+        frames = min(len(ledger.hops), MOST_FRAMES)
+        wide = {n: (m[:frames], v[:frames]) for n, (m, v) in ledger.widened().items()}
+        evidence = Evidence(wide, ledger.expected(), from_start=True)
+        mine = [h for h in each if evidence.shared(h)]
+        for onset in range(CHANGES_MARGIN, frames - CHANGES_MARGIN, CHANGES_EVERY):
+            fits = evidence.fitted([(h, "step", onset, np.zeros(0)) for h in mine], [])
+            acting = [(h, f) for h, f in zip(mine, fits, strict=True) if f.size != 0.0]
+            for h, f in acting:  # where a fault's sign is against it, its scores say nothing of the noise
+                (name,) = h.columns
+                course = course_of("step", frames, onset)[None, None]
+                parts = Parts(
+                    {name: h.columns[name][None, None]}, course, np.full((1, 1), np.inf), np.zeros(1, bool)
+                )
+                found = departures(evidence.balances, parts, np.array([f.kappa]), from_start=False)
+                out.append((name, float(found.size[0] * np.sqrt(found.information[0]))))
+    return out

@@ -1,0 +1,179 @@
+"""Faults' amplitudes against what healthy logs and regimes differ by.
+
+A fault moves a balance's coefficients by its amplitude times its columns: from the unit's own, where it was
+there before the first frame, or from those before its onset. Healthy coefficients depart as well: from log to
+log (`Effects.log_variance`), and within one by what changes in minutes and by the regime. A law errs by an
+amount of its own in every duty, so a change of duty is a draw as a change of log is, the more so the less
+alike the information before and after it.
+
+All coefficients of a balance depart together as Student's t: how far those lie which the fault does not move
+says what this log departs by anyhow (`BalanceSpread.freedom`), and one direction given the others is
+Student's t again (`BalanceSpread.tail`).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fdd.residuals.effects import Effects
+
+if TYPE_CHECKING:
+    from fdd.diagnosis.fitting import Explained, Parts
+
+Array = NDArray[np.float64]
+Indices = NDArray[np.int64]
+
+WITHIN_FRAMES = 300.0
+"""Frames in which a healthy unit's coefficients wander off by `Effects.within`: two minutes and a half."""
+LEAST_DIMENSIONS = 0.3
+"""Of a balance that tells next to nothing."""
+
+
+@dataclass(frozen=True)
+class _Part:
+    """One balance's share.
+
+    Attributes
+    ----------
+    mine : (f,) faults among all. score, information : (f, p) and (f, p, p), of their amplitudes and the known
+        faults', beside what healthy coefficients may do. drawn, by_one : (f, n) and (f, p, n), where
+        coefficients are drawn without faults, and by one of size 1. precision : (f, n, n), of healthy
+        coefficients. dimensions : (f,), of how many the log tells.
+    """
+
+    mine: Indices
+    score: Array
+    information: Array
+    drawn: Array
+    by_one: Array
+    precision: Array
+    dimensions: Array
+    healthy: Effects
+
+    def split(self, amplitudes: Array) -> tuple[Array, Array]:
+        """How far healthy coefficients would lie (f,), and by how much less all is left to explain (f,)."""
+        at = self.drawn - np.einsum("fp,fpn->fn", amplitudes, self.by_one)
+        far = np.einsum("fi,fij,fj->f", at, self.precision, at)
+        curved = np.einsum("fp,fpq,fq->f", amplitudes, self.information, amplitudes)
+        return far, 2.0 * np.einsum("fp,fp->f", amplitudes, self.score) - curved
+
+
+@dataclass(frozen=True)
+class Departures:
+    """Likeliest amplitudes (f,), known faults' being free, and their information (f,)."""
+
+    size: Array
+    information: Array
+    parts: list[_Part]
+    from_start: bool
+    _score: Array
+    _joint: Array
+
+    def _others(self, size: Array) -> Array:
+        """Amplitudes (f, p) with the first given and the known faults' as likely as can be."""
+        rest = self._score[:, 1:] - self._joint[:, 1:, 0] * size[:, None]
+        return np.column_stack([size, np.linalg.solve(self._joint[:, 1:, 1:], rest[..., None])[..., 0]])
+
+    def odds(self, size: Array, heard: Array, freedom: Array) -> Array:
+        """Log likelihood ratio (f,) of amplitudes against none.
+
+        Parameters
+        ----------
+        size : (f,). heard : (f,), share of an amplitude that stands by bounded influence. freedom : (f,), of
+            what is known of the noise.
+        """
+        odds, noise = np.zeros(size.size), np.zeros(size.size)
+        none, some = self._others(np.zeros_like(size)), self._others(size)
+        for p in self.parts:
+            mine = p.mine
+            (far, before), (left, after) = p.split(none[mine]), p.split(some[mine])
+            gone = (far - left) * heard[mine] ** 2
+            tail, scale = p.healthy.tail if self.from_start else p.healthy.change_tail
+            spread = np.full(mine.size, scale**2)
+            if self.from_start:
+                others = np.maximum(p.dimensions - 1.0, LEAST_DIMENSIONS)
+                spread *= (p.healthy.freedom + np.maximum(far - gone, 0.0)) / (p.healthy.freedom + others)
+            odds[mine] += 0.5 * (tail + 1.0) * np.sign(gone) * np.log1p(np.abs(gone) / spread / tail)
+            noise[mine] += (after - before) * heard[mine] ** 2 - gone
+        return np.asarray(odds + 0.5 * (freedom + 1.0) * np.sign(noise) * np.log1p(np.abs(noise) / freedom))
+
+
+def departures(
+    balances: Mapping[str, Explained], parts: Parts, kappa: Array, *, from_start: bool
+) -> Departures:
+    """Weigh each fault's amplitude by what healthy coefficients depart by.
+
+    Parameters
+    ----------
+    kappa : (f,), by how much noise scatters over its information. from_start : faults were there before the
+        first frame.
+    """
+    precision = 1.0 / np.square(parts.scales)
+    joint = precision[:, :, None] * np.eye(precision.shape[1])
+    score = np.zeros(precision.shape)
+    found = []
+    for name, columns in parts.columns.items():
+        e = balances[name]
+        mine = np.flatnonzero(columns.any(axis=(1, 2)))
+        part = _part(e, columns[mine], parts.courses[mine], kappa[mine], from_start=from_start)
+        score[mine] += part.score
+        joint[mine] += part.information
+        found.append(replace(part, mine=mine))
+    size = np.linalg.solve(joint, score[..., None])[:, 0, 0]
+    information = np.asarray(1.0 / np.linalg.inv(joint)[:, 0, 0])
+    return Departures(np.asarray(size), information, found, from_start, score, joint)
+
+
+def _part(e: Explained, g: Array, courses: Array, kappa: Array, *, from_start: bool) -> _Part:
+    """One balance's share for columns (f, p, n) and courses (f, p, h)."""
+    f, p, n = g.shape
+    flat = e.information.reshape(len(e.information), -1)
+    sums = (courses @ flat).reshape(f, p, n, n)
+    both = np.stack([(courses[:, k, None] * courses) @ flat for k in range(p)], axis=1).reshape(f, p, p, n, n)
+    if from_start:
+        rest = e.rest + e.pulled(e.solution - e.healthy.mean)
+        total = np.broadcast_to(e.total, (f, n, n))
+        pulled = np.einsum("fpij,fpj->fpi", sums, g)
+        inverse_variance = np.broadcast_to(np.linalg.inv(e.healthy.covariance), total.shape)
+        vector = np.broadcast_to(rest.sum(axis=0), (f, n))
+    else:
+        rest = e.rest
+        both = both - np.einsum("fpij,jk,fqkl->fpqil", sums, e.inverse, sums)
+        total, pulled = both[:, 0, 0], np.einsum("fpij,fpj->fpi", both[:, 0], g)
+        inverse_variance = np.eye(n) / _changes(e, sums[:, 0])[:, :, None]
+        vector = courses[:, 0] @ rest
+    total, pulled, vector = (
+        total / kappa[:, None, None],
+        pulled / kappa[:, None, None],
+        vector / kappa[:, None],
+    )
+    inverse = np.linalg.inv(inverse_variance + total)
+    drawn = np.einsum("fij,fj->fi", inverse, vector)
+    by_one = np.einsum("fij,fpj->fpi", inverse, pulled)
+    score = np.einsum("fpn,fpn->fp", g, courses @ rest) / kappa[:, None]
+    information = np.einsum("fpi,fpqij,fqj->fpq", g, both, g) / kappa[:, None, None]
+    return _Part(
+        np.arange(f), score - np.einsum("fpi,fi->fp", pulled, drawn),
+        information - np.einsum("fpi,fqi->fpq", pulled, by_one),
+        drawn, by_one, inverse_variance, np.einsum("fij,fji->f", inverse, total), e.healthy,
+    )  # fmt: skip
+
+
+def _changes(e: Explained, after: Array) -> Array:
+    """Variance (f, n) of what healthy coefficients change by; after : information (f, n, n) from the onset on."""
+    unlike = 1.0 - _alike(e, e.total - after, after)
+    share = len(e.information) / WITHIN_FRAMES
+    return np.asarray(np.square(e.healthy.within) * share + 2.0 * unlike[:, None] * e.healthy.log_variance)
+
+
+def _alike(e: Explained, before: Array, after: Array) -> Array:
+    """Correlation (f,) of the information before and after, in what logs differ by: 1 in one regime."""
+    std = np.sqrt(e.healthy.log_variance)
+    one, two = (x * std * std[:, None] for x in (before, after))
+    own = np.sqrt(np.sum(one * one, axis=(1, 2)) * np.sum(two * two, axis=(1, 2)))
+    return np.asarray(np.clip(np.sum(one * two, axis=(1, 2)) / np.maximum(own, 1e-300), 0.0, 1.0))
