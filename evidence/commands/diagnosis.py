@@ -41,6 +41,18 @@ def left_out(
     _told(room.left_out, room.table, dataset, model=model, workers=workers, engine=engine)
 
 
+def budget(
+    dataset: DatasetArgument,
+    model: ModelOption = None,
+    workers: WorkersOption = None,
+    engine: EngineOption = "local",
+) -> None:
+    """Where visible faults are lost, and what healthy logs differ by over what is stated."""
+    from evidence.diagnosis import budget as room
+
+    _told(room.budget, room.table, dataset, model=model, workers=workers, engine=engine)
+
+
 def _told(measure: Callable[..., Any], table: Callable[[Any], str], dataset: Path, **how: Any) -> None:
     from fdd.cli.console import progress
 

@@ -22,7 +22,6 @@ from fdd.identification import identify_unit
 from fdd.residuals.balances import BALANCES
 from fdd.residuals.effects import BalanceSpread, CoefficientSpread, Spreads, first_effects, shipped_spreads
 from fdd.residuals.ledger import Ledger
-from fdd.samples import Samples
 from fdd.unit import Unit
 
 Array = NDArray[np.float64]
@@ -118,15 +117,21 @@ def _rounded(value: float) -> float:
 
 
 @dataclass(frozen=True)
-class _Logs:
-    """A unit's profile, its baseline logs' balances and its healthy logs'."""
+class HealthyLogs:
+    """A unit's profile, its baseline logs' balances, and its healthy logs' and twins' by file."""
 
     unit: Unit
     baseline: list[Ledger]
-    healthy: list[Ledger]
+    healthy: list[tuple[str, Ledger]]
 
 
-def _logs(places: list[str], place: str, spreads: Spreads | None = None) -> _Logs:
+def healthy_logs(places: Sequence[str], place: str, spreads: Spreads | None = None) -> HealthyLogs:
+    """A unit of one of several data sets, identified from its own baseline.
+
+    Parameters
+    ----------
+    places : folders. place : ``k/unit``, of the k-th. spreads : of a model; None takes the shipped ones.
+    """
     k, _, name = place.partition("/")
     data = Dataset.load(places[int(k)])
     runs = data.baseline(name)
@@ -135,16 +140,18 @@ def _logs(places: list[str], place: str, spreads: Spreads | None = None) -> _Log
     unit.baseline = baseline_of(baseline, spreads=spreads)
     effects = effects_of(unit, spreads)
     logs = [data.samples(e) if e.healthy else data.twin(e) for e in data.logs_of(name)]
-    return _Logs(unit, baseline, [ledger_of(log, unit, effects) for log in logs if isinstance(log, Samples)])
+    entries = data.logs_of(name)
+    found = [(e.file, ledger_of(log, unit, effects)) for e, log in zip(entries, logs, strict=True) if log]
+    return HealthyLogs(unit, baseline, found)
 
 
 def _equations(places: list[str], place: str) -> list[Equations]:
-    logs = _logs(places, place)
+    logs = healthy_logs(places, place)
     out: Equations = {}
     for name in BALANCES:
         known = None if logs.unit.baseline is None else logs.unit.baseline.balances.get(name)
         told = []
-        for ledger in [*logs.baseline, *logs.healthy]:
+        for ledger in [*logs.baseline, *(x for _, x in logs.healthy)]:
             conditions = ledger.conditions(name)
             if conditions is None:
                 continue
@@ -162,25 +169,26 @@ def _equations(places: list[str], place: str) -> list[Equations]:
 
 
 def _changes(places: list[str], spreads: Spreads, place: str) -> list[tuple[str, float]]:
-    """Balance and standardised change of each hypothesis of one balance, over onsets in healthy logs."""
-    logs = _logs(places, place, spreads)
-    effects = effects_of(logs.unit, spreads)
-    each = [h for h in hypotheses(logs.unit, effects) if len(h.columns) == 1]
+    logs = healthy_logs(places, place, spreads)
+    return [x for _, ledger in logs.healthy for x in healthy_changes(logs.unit, ledger, spreads)]
+
+
+def healthy_changes(unit: Unit, ledger: Ledger, spreads: Spreads | None) -> list[tuple[str, float]]:
+    """Balance and standardised change of each hypothesis of one balance, over onsets in a healthy log."""
+    each = [h for h in hypotheses(unit, effects_of(unit, spreads)) if len(h.columns) == 1]
+    frames = min(len(ledger.hops), MOST_FRAMES)
+    wide = {n: (m[:frames], v[:frames]) for n, (m, v) in ledger.widened().items()}
+    evidence = Evidence(wide, ledger.expected(), from_start=True)
+    mine = [h for h in each if evidence.shared(h)]
     out = []
-    for ledger in logs.healthy:
-        frames = min(len(ledger.hops), MOST_FRAMES)
-        wide = {n: (m[:frames], v[:frames]) for n, (m, v) in ledger.widened().items()}
-        evidence = Evidence(wide, ledger.expected(), from_start=True)
-        mine = [h for h in each if evidence.shared(h)]
-        for onset in range(CHANGES_MARGIN, frames - CHANGES_MARGIN, CHANGES_EVERY):
-            fits = evidence.fitted([(h, "step", onset, np.zeros(0)) for h in mine], [])
-            acting = [(h, f) for h, f in zip(mine, fits, strict=True) if f.size != 0.0]
-            for h, f in acting:  # where a fault's sign is against it, its scores say nothing of the noise
-                (name,) = h.columns
-                course = course_of("step", frames, onset)[None, None]
-                parts = Parts(
-                    {name: h.columns[name][None, None]}, course, np.full((1, 1), np.inf), np.zeros(1, bool)
-                )
-                found = departures(evidence.balances, parts, np.array([f.kappa]), from_start=False)
-                out.append((name, float(found.size[0] * np.sqrt(found.information[0]))))
+    for onset in range(CHANGES_MARGIN, frames - CHANGES_MARGIN, CHANGES_EVERY):
+        fits = evidence.fitted([(h, "step", onset, np.zeros(0)) for h in mine], [])
+        for h, f in zip(mine, fits, strict=True):
+            if f.size == 0.0:  # where a fault's sign is against it, its scores say nothing of the noise
+                continue
+            ((name, column),) = h.columns.items()
+            course = course_of("step", frames, onset)[None, None]
+            parts = Parts({name: column[None, None]}, course, np.full((1, 1), np.inf), np.zeros(1, np.bool_))
+            found = departures(evidence.balances, parts, np.array([f.kappa]), from_start=False)
+            out.append((name, float(found.size[0] * np.sqrt(found.information[0]))))
     return out

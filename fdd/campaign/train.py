@@ -18,6 +18,7 @@ from fdd.diagnosis.model import AlarmTail, Calibration, Model
 from fdd.diagnosis.pipeline import Pipeline
 from fdd.errors import InputError
 from fdd.identification import identify_unit
+from fdd.residuals.effects import Spreads
 from fdd.unit import Unit
 
 TAIL_FROM = 0.7
@@ -52,13 +53,18 @@ class ScoredLog:
 
 
 def train(
-    directories: Sequence[str | Path], *, workers: int = 2, progress: Progress | None = None
+    directories: Sequence[str | Path],
+    *,
+    workers: int = 2,
+    progress: Progress | None = None,
+    spreads: Spreads | None = None,
 ) -> tuple[Model, list[ScoredLog]]:
     """Learn a model from data sets.
 
     Parameters
     ----------
     directories : of data sets with baselines. workers : processes. progress : (done, total) units.
+    spreads : what healthy units and logs differ by, of `learn_spreads`; None takes the shipped ones.
 
     Raises
     ------
@@ -66,12 +72,14 @@ def train(
     """
     sets = [Dataset.load(d) for d in directories]
     units = [f"{k}/{unit}" for k, data in enumerate(sets) for unit in data.units]
-    work = partial(_scored, [str(data.directory) for data in sets])
+    work = partial(_scored, [str(data.directory) for data in sets], spreads)
     logs = for_each_unit(work, units, workers=workers, progress=progress)
     names = [
         f"{d.recipe.name} (seed {d.recipe.seed}, {len(d.units)} units, {len(d.logs)} logs)" for d in sets
     ]
-    return learnt(logs, ", ".join(names)), logs
+    model = learnt(logs, ", ".join(names))
+    model.spreads = spreads
+    return model, logs
 
 
 def learnt(logs: list[ScoredLog], data: str) -> Model:
@@ -119,25 +127,26 @@ def learnt(logs: list[ScoredLog], data: str) -> Model:
     return Model(data=data, tail=tail, calibration=calibration, faults=taught or None, laws=laws or None)
 
 
-def identified_unit(data: Dataset, unit: str) -> Unit:
+def identified_unit(data: Dataset, unit: str, spreads: Spreads | None = None) -> Unit:
     """The unit's profile from its baseline runs and the profile that it was varied from."""
     runs = data.baseline(unit)
     if not runs:
         raise InputError(
             "data set without baseline runs", where=data.directory, mend="set baseline: true in the recipe"
         )
-    return add_baseline(identify_unit(runs, data.base_unit(unit), unit).unit, runs)
+    return add_baseline(identify_unit(runs, data.base_unit(unit), unit).unit, runs, spreads)
 
 
-def _scored(directories: list[str], place: str) -> list[ScoredLog]:
+def _scored(directories: list[str], spreads: Spreads | None, place: str) -> list[ScoredLog]:
     k, _, unit = place.partition("/")
     data = Dataset.load(directories[int(k)])
-    profile = identified_unit(data, unit)
-    return [_score(data, entry, profile) for entry in data.logs_of(unit)]
+    profile = identified_unit(data, unit, spreads)
+    model = Model.load().model_copy(update={"spreads": spreads})
+    return [_score(data, entry, profile, model) for entry in data.logs_of(unit)]
 
 
-def _score(data: Dataset, entry: Entry, profile: Unit) -> ScoredLog:
-    pipeline = Pipeline(profile, log=entry.file, keep_trajectories=False)
+def _score(data: Dataset, entry: Entry, profile: Unit, model: Model) -> ScoredLog:
+    pipeline = Pipeline(profile, model, log=entry.file, keep_trajectories=False)
     pipeline.push(data.samples(entry))
     found = pipeline.finish()
     hydraulic = [f for f in found.faults if f.family != "sensor" or f.severity is not None]

@@ -46,6 +46,14 @@ def train(
         ),
     ] = None,
     target: Annotated[Target, typer.Option(help="What a classifier is to tell.")] = Target.FAMILY,
+    spreads: Annotated[
+        bool,
+        typer.Option(
+            "--spreads/--no-spreads",
+            help="Learn as well what healthy units and logs differ by, instead of taking fdd's own; "
+            "from 20 units on, with twins best.",
+        ),
+    ] = False,
     workers: WorkersOption = None,
 ) -> None:
     """Learn from data sets how often healthy logs reach a score, and what a score is worth."""
@@ -59,12 +67,23 @@ def train(
     from fdd.campaign.train import train as fit
     from fdd.cli.console import output, progress
 
+    count = workers or os.cpu_count() or 1
+    found = None
     try:
+        if spreads:
+            from fdd.campaign.learning_spreads import learn_spreads
+
+            with progress("what healthy logs differ by", 1.0) as advance:
+                found = learn_spreads(
+                    [str(d) for d in datasets], workers=count,
+                    progress=lambda done, total: advance(done / max(total, 1)),
+                )  # fmt: skip
         with progress("training", 1.0) as advance:
             model, logs = fit(
                 datasets,
-                workers=workers or os.cpu_count() or 1,
+                workers=count,
                 progress=lambda done, total: advance(done / max(total, 1)),
+                spreads=found,
             )
     except InputError as error:
         raise (error if error.where else error.at(datasets[0])) from None

@@ -14,7 +14,6 @@ import fdd
 from fdd.diagnosis.decision import USUAL_SIZE, Found
 from fdd.diagnosis.evidence import Evidence
 from fdd.diagnosis.findings import ESTIMATED, Estimate, FaultFinding, Invisible, MethodEstimate
-from fdd.diagnosis.fitting import PRIOR_FREEDOM
 from fdd.diagnosis.hypotheses import Hypothesis
 from fdd.diagnosis.model import Model
 from fdd.faults import ADDED_BY, CATALOGUE, FAMILIES, fault
@@ -30,6 +29,8 @@ Z80 = 1.2816
 """Standard normal's 90 % quantile: an 80 % interval either way."""
 LEAST_SHOWN = 2.0
 """Severity from which on a fault that does not show yet counts as never shown: twice the gross one."""
+DOUBT = 2.0
+"""Log odds of one amplitude among many."""
 COMES_AND_GOES = 0.7
 """Mean amplitude, over that while it acts, below which a fault is told to come and go."""
 
@@ -170,16 +171,13 @@ def probabilities_of(
 def invisible(evidence: Evidence, hypotheses: Sequence[Hypothesis], threshold: float) -> list[Invisible]:
     """Faults, and the least severity that this log would have shown, had they begun a third into it.
 
-    A fault's score is that of Student's t (`fdd.diagnosis.fitting`); it shows where that passes the threshold
-    and the doubt of one amplitude among many. A fault acts in one way of several, as on one side, and nobody
+    It shows where its score (`fdd.diagnosis.departures`) passes the threshold and the doubt of one amplitude
+    among many. A fault acts in one way of several, as on one side, and nobody
     knows in which: the hardest to see says from where on none would have been hidden.
     """
-    freedom = PRIOR_FREEDOM + evidence.hops / BLOCK_HOPS / 3.0
-    sure = math.sqrt(freedom * math.expm1(2.0 * (threshold + 2.0) / (freedom + 1.0)))
     ways: dict[str, list[tuple[float, Hypothesis]]] = {}
-    for h in hypotheses:
-        std = evidence.sharpness(h, evidence.hops // 3)
-        least = math.inf if std is None or std * sure >= LEAST_SHOWN else std * sure
+    found = evidence.least_visible(hypotheses, evidence.hops // 3, threshold + DOUBT)
+    for h, least in zip(hypotheses, np.where(found < LEAST_SHOWN, found, np.inf).tolist(), strict=True):
         ways.setdefault(h.fault, []).append((least, h))
     out = []
     for name in (n for n in CATALOGUE if n in ways):

@@ -55,19 +55,20 @@ def ledgers_of(unit: Unit, logs: Sequence[Samples]) -> list[Ledger]:
     return [ledger_of(log, plain, effects) for log in logs]
 
 
-def add_baseline(unit: Unit, logs: Sequence[Samples]) -> Unit:
+def add_baseline(unit: Unit, logs: Sequence[Samples], spreads: Spreads | None = None) -> Unit:
     """A copy of the unit with the baseline of these healthy logs.
 
     Parameters
     ----------
-    unit : identified profile. logs : the healthy logs that it was identified from.
+    unit : identified profile. logs : the healthy logs that it was identified from. spreads : what healthy
+        units and logs differ by; None takes the shipped ones.
 
     Raises
     ------
     InputError : the logs are too short.
     """
     out = unit.model_copy(deep=True)
-    out.baseline = baseline_of(ledgers_of(unit, logs))
+    out.baseline = baseline_of(ledgers_of(unit, logs), spreads=spreads)
     return out
 
 

@@ -30,6 +30,10 @@ Indices = NDArray[np.int64]
 
 WITHIN_FRAMES = 300.0
 """Frames in which a healthy unit's coefficients wander off by `Effects.within`: two minutes and a half."""
+MOST, LEAST = 2.0, 0.005
+"""Range of severities that are looked for."""
+HALVINGS = 10
+"""Of that range's logarithm: to half a per cent."""
 LEAST_DIMENSIONS = 0.3
 """Of a balance that tells next to nothing."""
 
@@ -79,6 +83,29 @@ class Departures:
         rest = self._score[:, 1:] - self._joint[:, 1:, 0] * size[:, None]
         return np.column_stack([size, np.linalg.solve(self._joint[:, 1:, 1:], rest[..., None])[..., 0]])
 
+    def least(self, score: Array, freedom: float) -> Array:
+        """Amplitudes (f,) whose own effect has such log likelihood ratios (f,); infinite beyond `MOST`.
+
+        Parameters
+        ----------
+        freedom : of what is known of the noise.
+        """
+        one = np.ones_like(self.size)
+        parts = [replace(p, drawn=p.by_one[:, 0], score=p.information[:, :, 0]) for p in self.parts]
+        own = sum(_placed(p, self._score.shape) for p in parts)
+        low, high = np.full_like(one, np.log(LEAST)), np.full_like(one, np.log(MOST))
+        at = high
+        for _ in range(HALVINGS):
+            a = np.exp(at)
+            planted = [
+                replace(p, drawn=a[p.mine, None] * p.drawn, score=a[p.mine, None] * p.score) for p in parts
+            ]
+            seen = replace(self, parts=planted, _score=np.asarray(a[:, None] * own))
+            shows = seen.odds(a, one, freedom * one) >= score
+            low, high = np.where(shows, low, at), np.where(shows, at, high)
+            at = 0.5 * (low + high)
+        return np.where(low >= np.log(MOST), np.inf, np.exp(high))
+
     def odds(self, size: Array, heard: Array, freedom: Array) -> Array:
         """Log likelihood ratio (f,) of amplitudes against none.
 
@@ -101,6 +128,13 @@ class Departures:
             odds[mine] += 0.5 * (tail + 1.0) * np.sign(gone) * np.log1p(np.abs(gone) / spread / tail)
             noise[mine] += (after - before) * heard[mine] ** 2 - gone
         return np.asarray(odds + 0.5 * (freedom + 1.0) * np.sign(noise) * np.log1p(np.abs(noise) / freedom))
+
+
+def _placed(part: _Part, shape: tuple[int, ...]) -> Array:
+    """A balance's scores among all faults, (f, p)."""
+    out = np.zeros(shape)
+    out[part.mine] = part.score
+    return out
 
 
 def departures(
@@ -165,7 +199,7 @@ def _part(e: Explained, g: Array, courses: Array, kappa: Array, *, from_start: b
 
 
 def _changes(e: Explained, after: Array) -> Array:
-    """Variance (f, n) of what healthy coefficients change by; after : information (f, n, n) from the onset on."""
+    """Variance (f, n) of what healthy coefficients change by; after : information since the onset."""
     unlike = 1.0 - _alike(e, e.total - after, after)
     share = len(e.information) / WITHIN_FRAMES
     return np.asarray(np.square(e.healthy.within) * share + 2.0 * unlike[:, None] * e.healthy.log_variance)

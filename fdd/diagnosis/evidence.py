@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 from fdd.diagnosis.departures import departures
 from fdd.diagnosis.fitting import (
     GREATEST,
+    PRIOR_FREEDOM,
     Explained,
     Fit,
     Parts,
@@ -260,19 +261,31 @@ class Evidence:
                                  onsets=self.onsets))  # fmt: skip
         return out
 
-    def sharpness(self, h: Hypothesis, onset: int) -> float | None:
-        """Standard deviation of a hypothesis's amplitude, were it a step from a hop on; None where no
-        balance speaks of it."""
-        if not self.shared(h) or not self.onsets.size:
-            return None
+    def least_visible(self, hypotheses: Sequence[Hypothesis], onset: int, score: float) -> Array:
+        """Smallest amplitude (f,) of each hypothesis that would have this score, were it a step from a hop
+        on; infinite where no balance speaks of it.
+        """
+        out = np.full(len(hypotheses), np.inf)
+        mine = np.array([k for k, h in enumerate(hypotheses) if self.shared(h)], dtype=np.int64)
+        if not mine.size or not self.onsets.size:
+            return out
+        told = [hypotheses[k] for k in mine.tolist()]
         onset = int(self.onsets[np.argmin(np.abs(self.onsets - onset))])
-        columns = {name: g[None, None] for name, g in h.columns.items() if name in self.balances}
+        columns = {}
+        for name, e in self.balances.items():
+            rows = [[h.columns.get(name, np.zeros(e.solution.size))] for h in told]
+            if np.any(rows):
+                columns[name] = np.array(rows)
         kappa = known_scatter(self.balances, {name: g[:, 0] for name, g in columns.items()})
-        course = course_of("step", self.hops, onset)[None, None]
-        parts = Parts(columns, course, np.full((1, 1), np.inf), np.array([h.signed]))
         kappa = np.maximum(kappa, self.stretches.least)
+        courses = np.tile(course_of("step", self.hops, onset), (len(told), 1, 1))
+        scale, commonness = (np.array([getattr(h, x) for h in told]) for x in ("scale", "commonness"))
+        parts = Parts(columns, courses, np.full((len(told), 1), np.inf), np.array([h.signed for h in told]))
         found = departures(self.balances, parts, kappa, from_start=onset == 0)
-        return float(1.0 / np.sqrt(max(found.information[0], 1e-12)))
+        freedom = PRIOR_FREEDOM + self.hops / self.stretches.hops / 3.0
+        wanted = score + 0.5 * np.log1p(scale**2 * found.information) - np.log(commonness)
+        out[mine] = found.least(wanted, freedom)
+        return out
 
     def correlations(self, one: Amplitude, others: Sequence[Hypothesis]) -> Array:
         """How alike other hypotheses' columns are over the course of a fitted one: 0 to 1, (f,)."""

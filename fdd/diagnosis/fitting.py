@@ -148,10 +148,9 @@ class Fit:
     Attributes
     ----------
     size, variance : of the amplitude, as far as its own time scatters. level : of the amplitude while it
-        acts, where it comes and goes. gain : half the quadratic form,
-        by the rows' own variance alone. kappa, misfit : how healthy stretches scatter, over what their
-        information         says, and how those of the fault's own time do. blocks : stretches behind it. score : log of
-        the robust likelihood ratio.
+        acts, where it comes and goes. gain : half the quadratic form, by the rows' own variance alone.
+        kappa, misfit : how healthy stretches scatter, over what their information says, and how those of the
+        fault's own time do. blocks : stretches behind it. score : log of the robust likelihood ratio.
     """
 
     size: float
