@@ -14,7 +14,7 @@ from fdd.campaign.learning_spreads import healthy_changes, healthy_logs
 from fdd.campaign.scores import wilson
 from fdd.campaign.units import Progress, over_units
 from fdd.diagnosis.baseline import scattered
-from fdd.diagnosis.departures import departures
+from fdd.diagnosis.departures import VAGUE, departures
 from fdd.diagnosis.evidence import Evidence
 from fdd.diagnosis.fitting import Parts
 from fdd.diagnosis.model import Model
@@ -107,7 +107,7 @@ def _departures(file: str, ledger: Ledger) -> list[Departure]:
         columns = np.eye(len(e.mean))[own][:, None]
         kappa = np.full(len(own), scattered(m, v, e)[1])
         courses = np.ones((len(own), 1, len(m)))
-        parts = Parts({name: columns}, courses, np.full((len(own), 1), np.inf), np.zeros(len(own), np.bool_))
+        parts = Parts({name: columns}, courses, np.full((len(own), 1), VAGUE), np.zeros(len(own), np.bool_))
         found = departures(evidence.balances, parts, kappa, from_start=True)
         stated = np.sqrt(np.diag(e.covariance))[own]
         told = found.information * np.square(stated)

@@ -13,7 +13,7 @@ from fdd.campaign.dataset import Dataset
 from fdd.campaign.spreads import Spread, UnitLogs, learnt_spread, log_equations, own_columns, tail_of
 from fdd.campaign.units import Progress, for_each_unit
 from fdd.diagnosis.baseline import baseline_of, effects_of, ledger_of, ledgers_of
-from fdd.diagnosis.departures import departures
+from fdd.diagnosis.departures import VAGUE, departures
 from fdd.diagnosis.evidence import Evidence, course_of
 from fdd.diagnosis.fitting import Parts
 from fdd.diagnosis.hypotheses import hypotheses
@@ -188,7 +188,7 @@ def healthy_changes(unit: Unit, ledger: Ledger, spreads: Spreads | None) -> list
                 continue
             ((name, column),) = h.columns.items()
             course = course_of("step", frames, onset)[None, None]
-            parts = Parts({name: column[None, None]}, course, np.full((1, 1), np.inf), np.zeros(1, np.bool_))
+            parts = Parts({name: column[None, None]}, course, np.full((1, 1), VAGUE), np.zeros(1, np.bool_))
             found = departures(evidence.balances, parts, np.array([f.kappa]), from_start=False)
             out.append((name, float(found.size[0] * np.sqrt(found.information[0]))))
     return out

@@ -32,6 +32,8 @@ WITHIN_FRAMES = 300.0
 """Frames in which a healthy unit's coefficients wander off by `Effects.within`: two minutes and a half."""
 MOST, LEAST = 2.0, 0.005
 """Range of severities that are looked for."""
+VAGUE = 1e3
+"""Standard deviation of an amplitude of which nothing is known before."""
 HALVINGS = 10
 """Of that range's logarithm: to half a per cent."""
 LEAST_DIMENSIONS = 0.3

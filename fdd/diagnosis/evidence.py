@@ -17,7 +17,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from fdd.diagnosis.departures import departures
+from fdd.diagnosis.departures import VAGUE, departures
 from fdd.diagnosis.fitting import (
     GREATEST,
     PRIOR_FREEDOM,
@@ -280,7 +280,7 @@ class Evidence:
         kappa = np.maximum(kappa, self.stretches.least)
         courses = np.tile(course_of("step", self.hops, onset), (len(told), 1, 1))
         scale, commonness = (np.array([getattr(h, x) for h in told]) for x in ("scale", "commonness"))
-        parts = Parts(columns, courses, np.full((len(told), 1), np.inf), np.array([h.signed for h in told]))
+        parts = Parts(columns, courses, np.full((len(told), 1), VAGUE), np.array([h.signed for h in told]))
         found = departures(self.balances, parts, kappa, from_start=onset == 0)
         freedom = PRIOR_FREEDOM + self.hops / self.stretches.hops / 3.0
         wanted = score + 0.5 * np.log1p(scale**2 * found.information) - np.log(commonness)

@@ -19,12 +19,18 @@ HOPS = 80
 EFFECTS = Effects(
     mean=np.array([1.0, 0.0, 0.5]),
     covariance=np.diag([0.3, 0.2, 0.4]) ** 2,
-    between=np.array([0.05, 0.04, 0.06]),
+    known=np.diag([0.3, 0.2, 0.4]) ** 2 - np.diag([0.05, 0.04, 0.06]) ** 2,
+    units=np.array([0.3, 0.2, 0.4]),
+    between=np.array([[0.05, 0.04, 0.06], *np.zeros((3, 3))]),
     within=np.array([0.02, 0.02, 0.03]),
     wander=np.array([0.05, 0.08, 0.05]),
     noise=1.0,
     information=np.eye(3),  # a baseline whose errors are independent
     scatter=np.eye(3),
+    freedom=30.0,  # as good as normal
+    tail=(30.0, 1.0),
+    change_tail=(30.0, 1.0),
+    log_variance=np.array([0.05, 0.04, 0.06]) ** 2,
 )
 
 

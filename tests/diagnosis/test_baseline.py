@@ -18,7 +18,7 @@ from fdd.diagnosis.baseline import (
 )
 from fdd.errors import InputError
 from fdd.residuals.balances import BALANCES
-from fdd.residuals.effects import first_effects
+from fdd.residuals.effects import first_effects, usual_conditions
 from fdd.residuals.ledger import Ledger
 from fdd.unit import Unit
 
@@ -87,7 +87,11 @@ def test_logs_that_are_added_count_as_if_they_had_been_there(ledgers: list[Ledge
         assert one.hop_noise == sorted(one.hop_noise)
         std, std_alone = (np.sqrt(np.diag(np.array(b.covariance))) for b in (other, alone))
         assert np.abs((np.array(one.mean) - other.mean) / std).max() < 1.0, name
-        assert (std <= 1.001 * std_alone).all() and (std < 0.8 * std_alone).any(), name
+        assert (std <= 1.001 * std_alone).all(), name
+        told = (
+            std_alone < 0.8 * first_effects(name).units
+        )  # else units hardly differ by as much as a log tells
+        assert (std < 0.8 * std_alone).any() or not told.any(), name
 
 
 def test_hops_that_told_nothing_are_no_part_of_a_baseline(ledgers: list[Ledger]) -> None:
@@ -118,7 +122,7 @@ def test_a_log_is_held_against_its_units_baseline_and_what_differs_between_logs(
         else:
             np.testing.assert_array_equal(e.mean, known.mean)
             between = np.diag(e.covariance) - np.diag(np.array(known.covariance))
-            np.testing.assert_allclose(between, first.between**2, rtol=1e-6)
+            np.testing.assert_allclose(between, first.between_logs(usual_conditions(known.noise)), rtol=1e-6)
             assert e.noise == known.noise and e.information.any() and e.scatter.any()
 
 
@@ -132,6 +136,9 @@ def test_ten_hops_are_the_least_that_make_a_baseline() -> None:
     assert baseline_of(short, baseline_of(long)).seconds == 9.5, "with what is known already they do"
 
 
+FIRST, USUAL = first_effects("coherence"), usual_conditions(0.001)
+
+
 def test_noises_of_logs_that_are_added_later_are_those_of_all_logs_at_once() -> None:
     """A baseline keeps 21 quantiles of its hops, each of which stands for as many as it was taken of."""
     rng, n = np.random.default_rng(17), len(BALANCES["coherence"].columns)
@@ -141,9 +148,9 @@ def test_noises_of_logs_that_are_added_later_are_those_of_all_logs_at_once() -> 
         return np.tile(np.eye(n), (many, 1, 1)), np.zeros((many, n)), np.full(many, 20.0), levels**2
 
     calm, loud = 0.001 * rng.lognormal(0.0, 0.1, 1200), 0.004 * rng.lognormal(0.0, 0.1, 600)
-    first = _balance("coherence", [sums(calm)], None, 0.0)
-    together = _balance("coherence", [sums(calm), sums(loud)], None, 0.0)
-    added = _balance("coherence", [sums(loud)], first, 2.0 / 3.0)
+    first = _balance(FIRST, "coherence", [sums(calm)], [USUAL], None, 0.0)
+    together = _balance(FIRST, "coherence", [sums(calm), sums(loud)], [USUAL] * 2, None, 0.0)
+    added = _balance(FIRST, "coherence", [sums(loud)], [USUAL], first, 2.0 / 3.0)
     # Two thirds are calm: the quantile between the two kinds is anything in between.
     inner = [k for k in range(1, 20) if k not in (13, 14)]
     np.testing.assert_allclose(

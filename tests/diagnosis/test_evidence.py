@@ -8,7 +8,8 @@ from made_up_evidence import DRIFT, EFFECTS, LEAK, THIRD, best, drawn, hypothesi
 
 from fdd.diagnosis.decision import USUAL_SIZE, decide
 from fdd.diagnosis.evidence import KINDS, Amplitude, Evidence, Sums, course_of
-from fdd.diagnosis.fitting import WITHIN_HOPS, Joint
+from fdd.diagnosis.departures import WITHIN_FRAMES
+from fdd.diagnosis.fitting import Joint
 from fdd.residuals.ledger import widened
 
 Z80 = 1.2816
@@ -62,8 +63,8 @@ def test_a_fault_from_the_start_is_weighed_by_what_each_stretch_says_of_it() -> 
     assert a == pytest.approx(expected, rel=1e-8)
 
 
-def test_a_change_that_nothing_came_before_is_as_sure_as_one_from_the_start() -> None:
-    """Both are held against the unit's prior alone, with its few degrees of freedom."""
+def test_a_change_that_nothing_came_before_is_no_surer_than_one_from_the_start() -> None:
+    """Both are held against the unit's prior alone; no quiet stretch says how far a change's noise goes."""
     for seed in range(10):
         whole = drawn(seed, [(LEAK, 1.2, 0)]).balances["volume"]
         share = np.where(np.arange(80) < 40, 1e-4, 1.0)
@@ -71,14 +72,14 @@ def test_a_change_that_nothing_came_before_is_as_sure_as_one_from_the_start() ->
         v = (whole.rest + whole.information @ whole.solution) * share[:, None]
         late = Evidence({"volume": (m, v)}, {"volume": EFFECTS})
         start, change = (late.fitted([(LEAK, "step", k, np.zeros(1))], [])[0] for k in (0, 40))
-        assert change.score == pytest.approx(start.score, abs=1.2)
+        assert 1.0 < change.score < start.score + 1.2
 
 
 def test_what_a_healthy_unit_drifts_by_is_no_fault_however_much_a_log_tells() -> None:
     quiet = drawn(1, [(LEAK, 0.05, 40)], steady=True)
-    drift = EFFECTS.within[0] * np.sqrt(80 / WITHIN_HOPS)
-    sharpness = quiet.sharpness(LEAK, 40)
-    assert sharpness is not None and drift < sharpness < 1.2 * drift
+    drift = EFFECTS.within[0] * np.sqrt(80 / WITHIN_FRAMES)
+    (least,) = quiet.least_visible([LEAK], 40, 6.0)
+    assert 3.0 * drift < least < 6.0 * drift
     told = best(quiet, LEAK)
     assert told is not None and told.variance == pytest.approx(drift**2, rel=0.3)
     assert told.size > 3.0 * drift and told.score < 6.0
@@ -99,7 +100,7 @@ def test_what_lies_beyond_a_faults_bounds_is_no_fault() -> None:
     for seed in range(10):
         gross, beyond = fit(seed, 2.0), fit(seed, 8.0)
         assert beyond.gain > gross.gain
-        assert beyond.size == pytest.approx(2.0)
+        assert 1.5 < beyond.size <= 2.0, "its own time scatters so that the prior has a say"
         assert beyond.score < 0.5 * gross.score
 
 

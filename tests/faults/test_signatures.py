@@ -113,7 +113,8 @@ def test_severity_one_is_the_same_in_the_plant_and_in_the_balances(name: str) ->
         "relief_valve_flow": orifice * change("relief_valve_stuck_open", "volume", "relief_12"),
         "pressure_bias": scales.pressure * change("pressure_sensor_bias", "coherence", "zero"),
         # The same pressure takes 1/(1 - loss) of the current.
-        "torque_loss": 1.0 - 1.0 / (1.0 + change("motor_degradation", "torque", "pressure")),
+        "torque_loss": 1.0
+        - 1.0 / (1.0 + change("motor_degradation", "torque", "pressure") / unit.mean("torque", "pressure")),
         "thin_viscosity": 1.0
         + change("oil_degradation", "torque", "viscous") / unit.mean("torque", "viscous"),
         "thick_viscosity": 1.0 / (1.0 + change("oil_degradation", "volume", "leak", 1)),

@@ -41,9 +41,9 @@ def coefficient(unit: Unit, balance: str, column: str) -> float:
 
 
 def coefficients(ledger: Ledger, balance: str) -> NDArray[np.float64]:
-    """By all hops of a log, and the unit's prior, (n,)."""
+    """By all hops of a log, and what any unit may be, (n,)."""
     effects, (information, vector) = ledger.effects[balance], ledger.widened()[balance]
-    prior = np.linalg.inv(effects.covariance)
+    prior = np.diag(1.0 / np.square(3.0 * effects.units))
     return np.linalg.solve(prior + information.sum(axis=0), prior @ effects.mean + vector.sum(axis=0))
 
 
@@ -85,8 +85,9 @@ def test_the_seal_rubs_as_the_profile_says(unit: Unit) -> None:
 
 
 def test_the_pressures_agree(unit: Unit) -> None:
+    right = {"gain_1": 1.0, "gain_2": -1.0}
     for column in BALANCES["coherence"].columns:
-        assert abs(coefficient(unit, "coherence", column)) < 0.02
+        assert coefficient(unit, "coherence", column) == pytest.approx(right.get(column, 0.0), abs=0.02)
 
 
 def test_the_volume_balance_closes_to_a_hundred_cubic_millimetres(unit: Unit) -> None:
@@ -141,7 +142,7 @@ def test_a_starved_pump_tells_nothing_of_its_chambers(unit: Unit, logs: list[Sam
     assert not any(s.valid.any() for s in BALANCES["volume"].strands(starved))
 
 
-def test_what_a_relief_valve_passes_leaves_one_chamber_and_comes_into_the_other(unit: Unit) -> None:
+def test_what_a_relief_valve_passes_leaves_the_higher_chamber(unit: Unit) -> None:
     """Without a load a gross one keeps both chambers above the accumulator: neither is refed."""
     fault = {"fault": "relief_valve_stuck_open", "severity": 0.9}
     scenario = Scenario(duration=30.0, load={"name": "none"}, faults=[fault], seed=72)
@@ -152,7 +153,8 @@ def test_what_a_relief_valve_passes_leaves_one_chamber_and_comes_into_the_other(
     for y, x, ok, _ in BALANCES["volume"].strands(q):
         taken = ok & low & np.isfinite(x).all(axis=1) & np.isfinite(y)
         flow = x[taken][:, [BALANCES["volume"].columns.index(c) for c in ("relief_12", "relief_21")]]
-        assert (flow.sum(axis=1) < 0.0).mean() > 0.1, "oil comes in"
+        assert (flow.sum(axis=1) >= 0.0).mean() > 0.95, "the lower one's valve may be open: it is not asked"
+        flow = flow[:, flow.any(axis=0)]
         size = np.linalg.lstsq(np.cumsum(flow, axis=0), np.cumsum(y[taken]), rcond=None)[0]
         np.testing.assert_allclose(size, 0.9, rtol=0.2)
 

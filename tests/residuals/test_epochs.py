@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from fdd.residuals.balances import BALANCES
-from fdd.residuals.effects import first_effects
+from fdd.residuals.effects import first_effects, usual_conditions
 from fdd.residuals.epochs import Epochs, Told
 from fdd.residuals.rows import HOP_S
 
@@ -43,7 +43,9 @@ def test_a_stop_ends_an_epoch_of_two_minutes_in_motion_or_more() -> None:
     m = one["refeed"][0] + other["refeed"][0]
     v = one["refeed"][1] + other["refeed"][1]
     wide, kept = epochs.widened(EFFECTS)["refeed"]
-    right = np.linalg.inv(np.linalg.inv(m) + np.diag(EFFECTS["refeed"].between ** 2))
+    right = np.linalg.inv(
+        np.linalg.inv(m) + np.diag(EFFECTS["refeed"].between_logs(usual_conditions(EFFECTS["refeed"].noise)))
+    )
     np.testing.assert_allclose(wide, right[None], rtol=1e-8)
     np.testing.assert_allclose(kept[0], right @ np.linalg.solve(m, v), rtol=1e-8)
     epochs.stop()
