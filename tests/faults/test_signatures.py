@@ -117,9 +117,12 @@ def test_severity_one_is_the_same_in_the_plant_and_in_the_balances(name: str) ->
         - 1.0 / (1.0 + change("motor_degradation", "torque", "pressure") / unit.mean("torque", "pressure")),
         "thin_viscosity": 1.0
         + change("oil_degradation", "torque", "viscous") / unit.mean("torque", "viscous"),
-        "thick_viscosity": 1.0 / (1.0 + change("oil_degradation", "volume", "leak", 1)),
-        "loose_friction": 1.0 + change("seal_wear", "force", "friction_forward"),
-        "tight_friction": 1.0 + change("seal_wear", "force", "friction_reverse", 3),
+        "thick_viscosity": 1.0
+        / (1.0 + change("oil_degradation", "volume", "leak", 1) / unit.mean("volume", "leak")),
+        "loose_friction": 1.0
+        + change("seal_wear", "force", "friction_forward") / unit.mean("force", "friction_forward"),
+        "tight_friction": 1.0
+        + change("seal_wear", "force", "friction_reverse", 3) / unit.mean("force", "friction_reverse"),
     }
     for figure, value in expected.items():
         assert value == pytest.approx(FIGURES[figure], rel=0.01), figure
