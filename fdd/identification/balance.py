@@ -40,6 +40,8 @@ LEAST_RESIDUAL = 1e-10
 AREA_TOLERANCE = 0.015
 AREA_SURE = 3.0
 """Relative change of the area ratio that is believed, and in standard deviations."""
+ROUNDS = 8
+"""Of iteratively reweighted least squares."""
 
 
 @dataclass(frozen=True)
@@ -176,12 +178,29 @@ class _Problem:
         self.low = np.array([-np.inf, -np.inf, 0.0, 0.0, 0.0, LEAST_AIR / AIR_SCALE])
         self.high = np.array([np.inf, np.inf, np.inf, np.inf, np.inf, MOST_AIR / AIR_SCALE])
 
-    def normal(self, weights: Array, rows: NDArray[np.bool_] | None = None) -> tuple[Array, Array, Array]:
+    def about(self, theta: Array) -> tuple[Array, Array, Array]:
+        """Regressors, their noise and target, linear about `theta`, all in the base's volume of travel.
+
+        Chamber 2 is ``A2 Δx = m·θ / (1 + a)``, a the relative change of area 2. Written ``A2 Δx (1 + a) = m·θ``
+        it would be linear, and have a solution without any residual: no area and no displacement.
+        """
+        m, a = self.steps.m.copy(), float(theta[AREA_2])
+        second = self.steps.chamber == 2
+        m[:, AREA_2] = 0.0
+        m[second] /= 1.0 + a
+        m[second, AREA_2] = -(m[second] @ theta) / (1.0 + a)
+        noise = np.where(second, 1.0 / (1.0 + a), 1.0)[:, None, None] * self.noise
+        noise[:, :, AREA_2] = 0.0
+        return m, noise, self.steps.y + m[:, AREA_2] * a
+
+    def normal(
+        self, theta: Array, weights: Array, rows: NDArray[np.bool_] | None = None
+    ) -> tuple[Array, Array, Array]:
         """Information of the rows, that of the pressure noise in them, and the right-hand side."""
         take = slice(None) if rows is None else rows
-        m, w = self.steps.m[take], weights[take]
-        n = self.noise[take].reshape(-1, UNKNOWNS)
-        return (m.T * w) @ m, (n.T * np.repeat(w, 2)) @ n, m.T @ (w * self.steps.y[take])
+        m, noise, y = (part[take] for part in self.about(theta))
+        w, n = weights[take], noise.reshape(-1, UNKNOWNS)
+        return (m.T * w) @ m, (n.T * np.repeat(w, 2)) @ n, m.T @ (w * y)
 
     def minimise(
         self, information: Array, noise: Array, right: Array, sigma: float, free_area: bool
@@ -211,9 +230,10 @@ class _Problem:
         weights = np.ones(self.steps.y.size)
         sigma = float(np.std(self.steps.y)) * 0.05 + LEAST_RESIDUAL
         theta = np.zeros(UNKNOWNS)
-        for _ in range(8):
-            theta = self.minimise(*self.normal(weights), sigma, free_area)
-            residual = self.steps.y - self.steps.m @ theta
+        for k in range(ROUNDS):
+            theta = self.minimise(*self.normal(theta, weights), sigma, free_area and k > 0)
+            m, _, y = self.about(theta)
+            residual = y - m @ theta
             sigma = 1.4826 * float(np.median(np.abs(residual))) + LEAST_RESIDUAL
             weights = np.minimum(1.0, HUBER * sigma / np.maximum(np.abs(residual), 1e-18))
         return _Solution(theta, weights, sigma)
@@ -221,7 +241,7 @@ class _Problem:
     def jackknife(self, solution: _Solution, free_area: bool) -> Array:
         """(groups, 6) solutions, each without one group of blocks."""
         group = self.steps.block % GROUPS
-        parts = [self.normal(solution.weights, group == g) for g in range(GROUPS)]
+        parts = [self.normal(solution.theta, solution.weights, group == g) for g in range(GROUPS)]
         total = [np.sum([p[i] for p in parts], axis=0) for i in range(3)]
         return np.array(
             [
@@ -238,7 +258,7 @@ class _Problem:
             Estimate(float(v), float(np.hypot(s, f * abs(v))))
             for v, s, f in zip(value, std, _FLOORS, strict=True)
         ]
-        information = self.normal(solution.weights)[0]
+        information = self.normal(solution.theta, solution.weights)[0]
         spread_of = _posterior(information, solution.sigma)
         compression = self.steps.m[:, STIFF]
         level = float(np.sqrt(np.mean(np.sum(self.noise[:, :, STIFF] ** 2, axis=1)))) + 1e-300
