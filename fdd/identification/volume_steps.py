@@ -40,6 +40,11 @@ REFEED_MARGIN = 4.0e4
 """Pa above the accumulator at which a chamber is surely not being refed, sensor zeros included."""
 NOISE_MARGIN = 4.0
 """Standard deviations of the smoothed pressures' noise that this margin must be at least."""
+PLAIN = 0.97
+"""Ratio of areas from which on plain check valves feed both chambers: smaller ones need piloted valves."""
+PILOT = 4.0
+"""Area of a pilot piston over its valve's seat, the largest that is usual: as many times the other chamber's
+pressure above the accumulator's holds the valve open."""
 RELIEF_MARGIN = 0.97
 """Of the relief setting, above which the valve may pass oil."""
 AIR_SCALE = 3e-3
@@ -143,6 +148,7 @@ def volume_steps(
     drop = record.pressure_1 - record.pressure_2
     higher = NOISE_MARGIN * float(np.hypot(*noise))
     x_smooth = record.smooth(x, SMOOTHING)
+    piloted = not PLAIN < cylinder.area_2 / cylinder.area_1 < 1.0 / PLAIN
     base_modulus = 2.0 * unit.oil.bulk_modulus
     parts = []
     for chamber, sign, pressure, smoothed, area, at_centre in (
@@ -167,6 +173,9 @@ def volume_steps(
         # Only the higher chamber is surely shut: the lower one gives oil back through a valve that the other
         # chamber's pressure holds open, where rods ask for one, at just such a pressure.
         usable = calm & (smoothed > store + margin) & (sign * (smooth_1 - smooth_2) > higher)
+        if piloted:
+            other = smooth_2 if chamber == 1 else smooth_1
+            usable &= smoothed - store > PILOT * (other - store)
         for seconds in STEPS:
             parts.append(_differences(record, seconds, levels, slopes, usable, chamber))
     scale = scales(unit)
