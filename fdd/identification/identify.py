@@ -34,8 +34,6 @@ LEAST_LEAKAGE = 5e-3
 """Of the base's leakage; less than that is the fit's bound, not a pump's."""
 SURPRISING = 4.0
 """Factor from the base that a note is worth."""
-USUAL_ZERO = 3.0e3
-"""Pa, standard deviation of a pressure sensor's zero where nothing else is known of it."""
 HIDDEN_BULK, HIDDEN_LEAKAGE, HIDDEN_CASE = 0.10, 0.03, 0.25
 """Relative standard deviations to add where the chambers' pressures are reconstructed."""
 
@@ -153,15 +151,14 @@ def hydraulics(
     steps = logs.steps(base)
     # Who measures two of the four pressures sees one loss, p1 - p2 or p1 - p_case: they hardly differ.
     split = not hidden and all(r.accumulator_measured for r in records)
-    fit = fit_balance(steps, base, logs.pressure, logs.noise, split=split)
+    warmed = logs.temperature is not None
+    fit = fit_balance(steps, base, logs.pressure, logs.noise, split=split, warmed=warmed)
     if fit is None:
         for path in ("pump.displacement", "pump.cross_port_leakage", "oil.bulk_modulus"):
             writer.keep(path, "too few steps in which a chamber stays above the accumulator while it moves")
         return None
     _put_gain(writer, fit)
-    blurred = float(np.hypot(zero_share(records), HIDDEN_LEAKAGE if hidden else 0.0))
-    of_case = float(np.hypot(blurred, HIDDEN_CASE if hidden else 0.0))
-    _put_leakage(writer, fit, logs.temperature, blurred, of_case)
+    _put_leakage(writer, fit, logs.temperature, hidden)
     of_volume = volumes.gain.relative if volumes is not None and volumes.of_volume else 0.0
     # The balance knows volume over bulk modulus: what the volume is uncertain by, this is too.
     found = Hydraulics(
@@ -233,14 +230,6 @@ def _with_volumes(writer: ProfileWriter, logs: LogBalances, base: Unit) -> tuple
     return with_volumes, fit
 
 
-def zero_share(records: list[Record]) -> float:
-    """Relative error of the leakage that the pressure sensors' zeros may make: less under load."""
-    offset = redundancy_offset(records)
-    zero = max(USUAL_ZERO, 0.0 if offset is None else 0.5 * abs(offset.value))
-    drops = np.concatenate([r.smooth(r.pressure_1 - r.pressure_2, 0.1)[:: r.rows(0.1)] for r in records])
-    return zero / max(float(np.sqrt(np.mean(drops**2))), zero)
-
-
 def _put_gain(writer: ProfileWriter, fit: BalanceFit) -> None:
     ratio = fit.displacement.value / writer.base.pump.displacement
     if not 1.0 / MOST_GAIN_CHANGE < ratio < MOST_GAIN_CHANGE:
@@ -263,9 +252,8 @@ def _put_gain(writer: ProfileWriter, fit: BalanceFit) -> None:
         writer.note(note)
 
 
-def _put_leakage(
-    writer: ProfileWriter, fit: BalanceFit, temperature: float | None, extra: float, extra_of_case: float
-) -> None:
+def _put_leakage(writer: ProfileWriter, fit: BalanceFit, temperature: float | None, hidden: bool) -> None:
+    extra, extra_of_case = (HIDDEN_LEAKAGE, HIDDEN_CASE) if hidden else (0.0, 0.0)
     total = _wider(fit.total_leakage, extra)
     known = writer.base.pump.total_leakage
     if total.value <= LEAST_LEAKAGE * known or not _better(total, known, LEAKAGE_SHARP):
@@ -274,6 +262,7 @@ def _put_leakage(
         writer.keep("pump.case_leakage", why)
         return
     _warn_if_far(writer, "leakage", total.value / known if known > 0.0 else np.inf)
+    writer.result.leakage = total
     note = f"total (cross-port + case/2) {total.value:.3g} ± {total.std:.1g}"
     writer.put("pump.cross_port_leakage", _wider(fit.cross_port, extra), note)
     split = "" if fit.split_known else "split from cross-port as in the base"

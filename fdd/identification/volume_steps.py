@@ -7,9 +7,11 @@ Chamber 1, over a step in which it is neither refed nor relieved:
 and chamber 2 likewise with the pump's sign reversed, where μ is viscosity over its reference,
 ``1/β(p) = 1/β_stiff + α·c(p)`` and ``V1 = volume_1 + A1·x`` (thesis eqs 3.14 to 3.17, 5.20, geometric
 volume law). Δθ is weighted with the ports' mean density over the chamber's, ``1 - (p1-p2)/2β``: what the
-pump moves is oil, not volume, and at 3 MPa that is 0.7 % of the flow. Position and pump angle are
-known to one count, so the balance holds to a few mm³, where the same equation in rates would drown
-in quantisation noise.
+pump moves is oil, not volume, and at 3 MPa that is 0.7 % of the flow. Gears that fill at their inlet's
+pressure lose κ·|Δθ|·D·(p1-p2)/2β more, κ up to 1: a leakage that goes with speed, and on large pumps as much
+as the other. Oil that warms swells, and a pressure's zero makes a leakage feign a steady loss: each chamber
+has one of its own. Position and pump angle are known to one count, so the balance holds to a few mm³, where
+the same equation in rates would drown in quantisation noise.
 
 All terms are accumulated first, smoothed by one and the same window without phase, and then
 differenced: that keeps the equation exact and averages the pressure noise. Unknowns are scaled by
@@ -29,8 +31,8 @@ from fdd.unit import Unit
 
 Array = NDArray[np.float64]
 
-DISPLACEMENT, AREA_2, CROSS, CASE, STIFF, AIR = range(6)
-UNKNOWNS = 6
+DISPLACEMENT, AREA_2, CROSS, CASE, INLET, DRIFT_1, DRIFT_2, STIFF, AIR = range(9)
+UNKNOWNS = 9
 
 SMOOTHING = 0.025
 """s, window over which every accumulated term is averaged."""
@@ -47,7 +49,11 @@ PILOT = 4.0
 pressure above the accumulator's holds the valve open."""
 RELIEF_MARGIN = 0.97
 """Of the relief setting, above which the valve may pass oil."""
+WARMING_WINDOW = 5.0
+"""s: oil warms within minutes, and the sensor's noise must not swell it."""
 AIR_SCALE = 3e-3
+DRIFT_PRESSURE = 1e5
+"""Pa that a chamber's steady loss is counted at."""
 LEAKAGE_FLOOR = 1e-12
 BLOCK = 2.0
 """s: residuals farther apart than this count as independent."""
@@ -59,8 +65,8 @@ class VolumeSteps:
 
     Attributes
     ----------
-    m : (r, 6) regressors. y : (r,) m³.
-    noise : (r, 2, 6) what white pressure noise of one pascal at either end of the step adds to m.
+    m : (r, 9) regressors. y : (r,) m³.
+    noise : (r, 2, 9) what white pressure noise of one pascal at either end of the step adds to m.
     chamber : (r,) 1 or 2. seconds : (r,) length of the step.
     block : (r,) number of the 2 s block the step lies in, over all logs.
     """
@@ -95,9 +101,10 @@ def leakage_scale(unit: Unit) -> float:
 
 
 def scales(unit: Unit) -> Array:
-    """(6,) what one unit of each unknown is, SI.
+    """(9,) what one unit of each unknown is, SI.
 
-    They are D; the change of area 2; ξ; C_ep; the stiff compliance beyond its bound; α.
+    They are D; the change of area 2; ξ; C_ep; κ·D; leakage at `DRIFT_PRESSURE` out of chamber 1 and of 2; the
+    stiff compliance beyond its bound; α.
     """
     leakage = leakage_scale(unit)
     return np.array(
@@ -106,6 +113,9 @@ def scales(unit: Unit) -> Array:
             unit.cylinder.area_2,
             leakage,
             leakage,
+            unit.pump.displacement,
+            leakage * DRIFT_PRESSURE,
+            leakage * DRIFT_PRESSURE,
             1.0 / unit.oil.bulk_modulus,
             AIR_SCALE,
         ]
@@ -150,6 +160,10 @@ def volume_steps(
     x_smooth = record.smooth(x, SMOOTHING)
     piloted = not PLAIN < cylinder.area_2 / cylinder.area_1 < 1.0 / PLAIN
     base_modulus = 2.0 * unit.oil.bulk_modulus
+    lost = np.abs(np.diff(theta)) * (smooth_1 - smooth_2)[1:] / base_modulus
+    inlet = np.concatenate(([0.0], np.cumsum(lost)))
+    time, still = h * np.arange(x.size), np.zeros_like(x)
+    warmth = still if record.temperature is None else record.smooth(record.temperature, WARMING_WINDOW)
     parts = []
     for chamber, sign, pressure, smoothed, area, at_centre in (
         (1, 1.0, record.pressure_1, smooth_1, cylinder.area_1, cylinder.volume_1),
@@ -161,10 +175,14 @@ def volume_steps(
             [
                 sign * area * x,
                 sign * _turned(theta, sign * (smooth_1 - smooth_2) / base_modulus),
-                -sign * x if chamber == 2 else np.zeros_like(x),
+                -sign * x if chamber == 2 else still,
                 -sign * _accumulate(drop / mu, h),
                 -_accumulate((pressure - case) / mu, h),
+                -sign * inlet,
+                -time if chamber == 1 else still,
+                -time if chamber == 2 else still,
                 *_compression(pressure, smoothed, volume, unit.oil.polytropic_index, reference_pressure),
+                unit.oil.thermal_expansion * at_centre * warmth,
             ]
         )
         slopes = _noise_slopes(smoothed, volume, unit.oil.polytropic_index, reference_pressure)
@@ -229,4 +247,4 @@ def _differences(
     noise[:, 0, STIFF:] = slopes[starts]
     noise[:, 1, STIFF:] = slopes[starts + n]
     block = (starts * record.period / BLOCK).astype(np.int64)
-    return moved[:, 1:], moved[:, 0], noise, np.full(starts.size, chamber), block
+    return moved[:, 1:-1], moved[:, 0] - moved[:, -1], noise, np.full(starts.size, chamber), block
