@@ -321,13 +321,17 @@ class _Problem:
         return d, area_2, cross, case, cross + 0.5 * case, compliance, air
 
 
+def zero_std(unit: Unit) -> float:
+    """Standard deviation of a pressure's zero (Pa)."""
+    reach = unit.sensor("pressure_1").high
+    return ZERO * (USUAL_RANGE * unit.accumulator.relief_pressure if reach is None else reach)
+
+
 def _drift(unit: Unit, warmed: bool) -> float:
     """Standard deviation of a chamber's steady loss (m³/s): leakage at a pressure's zero, and oil that swells
     unmeasured."""
-    sensor = unit.sensor("pressure_1")
-    reach = sensor.high if sensor.high is not None else USUAL_RANGE * unit.accumulator.relief_pressure
     swelling = 0.0 if warmed else WARMING * unit.oil.thermal_expansion * unit.cylinder.volume_1
-    return float(np.hypot(ZERO * reach * unit.pump.total_leakage, swelling))
+    return float(np.hypot(zero_std(unit) * unit.pump.total_leakage, swelling))
 
 
 _FLOORS = (3e-4, 3e-4, 0.01, 0.02, 0.01, 0.015, 0.05)

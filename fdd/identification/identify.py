@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from fdd.errors import InputError
-from fdd.identification.balance import LEAST_ROWS, BalanceFit, Estimate, fit_balance
+from fdd.identification.balance import LEAST_ROWS, BalanceFit, Estimate, fit_balance, zero_std
 from fdd.identification.friction import BranchFit, fit_friction
 from fdd.identification.log_balances import LogBalances
 from fdd.identification.motor import fit_torque_constant
@@ -19,6 +19,7 @@ from fdd.identification.signs import MOST_GAIN_CHANGE, check_gain, check_pressur
 from fdd.identification.volume_steps import SMOOTHING, VolumeSteps
 from fdd.identification.volumes import VolumeFit, fit_volumes
 from fdd.samples import Samples
+from fdd.tolerances import tolerance
 from fdd.unit import Unit
 
 LEAST_REST = 0.5
@@ -346,8 +347,13 @@ def _charge(writer: ProfileWriter, records: list[Record]) -> None:
 
 def _friction(writer: ProfileWriter, records: list[Record]) -> None:
     unit = writer.result.unit
-    offset = redundancy_offset(records)
-    shift = abs(offset.value) * unit.cylinder.area_1 if offset is not None else 0.0
+    offset, tank, cylinder = redundancy_offset(records), writer.base.accumulator, unit.cylinder
+    shift = max(zero_std(writer.base), 0.0 if offset is None else abs(offset.value)) * cylinder.area_1
+    if not all(r.chambers_measured for r in records):  # their mean hangs on the charge
+        rod = abs(cylinder.area_1 - cylinder.area_2)
+        charge = tolerance(writer.base, "accumulator.charge_pressure") * tank.charge_pressure
+        shift = float(np.hypot(shift, rod * charge))
+    trials = unit.friction.trial_spread / np.sqrt(len(records))
     fit = fit_friction(records, unit.cylinder, writer.base.friction, shift)
     for note in fit.notes:
         writer.note(note)
@@ -358,4 +364,5 @@ def _friction(writer: ProfileWriter, records: list[Record]) -> None:
             continue
         for name, std in branch.stds.items():
             value = float(getattr(branch.branch, name))
-            writer.put(f"friction.{direction}.{name}", Estimate(value, std), branch.note)
+            found = _wider(Estimate(value, std), trials)
+            writer.put(f"friction.{direction}.{name}", found, branch.note)
