@@ -72,6 +72,7 @@ class BalanceFit:
     displacement : with the base's area_1. area_2 : None where the base's fits.
     cross_port, case, total_leakage : m³/(s·Pa) at the reference temperature.
     bulk_modulus : Pa, effective, at the reference pressure. air_fraction : 1.
+    theta : (9,) the solution, in units of `fdd.identification.volume_steps.scales`.
     compliances : (GROUPS, 2) 1/β and α of the jackknife, each without a group of blocks.
     split_known : whether cross-port and case leakage are told apart, rather than split as the base does.
     air_known : whether α rests on the log rather than on the base.
@@ -86,6 +87,7 @@ class BalanceFit:
     total_leakage: Estimate
     bulk_modulus: Estimate
     air_fraction: Estimate
+    theta: Array
     compliances: Array
     split_known: bool
     air_known: bool
@@ -180,6 +182,8 @@ class _Problem:
         air, known = max(oil.air_fraction, LEAST_AIR), tolerance(unit, "pump.leakage")
         compliance = unit.oil.bulk_modulus / modulus_at(oil, reference_pressure)
         free = oil.bulk_modulus * air * float(air_compliance(reference_pressure, oil.polytropic_index))
+        # What the base's bulk modulus is off by moves the ports' density as κ does.
+        inlet = float(np.hypot(TOLERANCES["pump.inlet"][0], 1.5 * tolerance(unit, "oil.bulk_modulus")))
         drift = _drift(unit, warmed) / (leakage * DRIFT_PRESSURE)
         self.prior = np.array([
             1.0, 0.0, pump.cross_port_leakage / leakage, pump.case_leakage / leakage, 0.5, 0.0, 0.0,
@@ -187,11 +191,11 @@ class _Problem:
         ])  # fmt: skip
         self.prior_spread = np.array([
             tolerance(unit, "pump.displacement"), 0.3, max(known * self.prior[CROSS], 0.05),
-            max(known * self.prior[CASE], 0.05), TOLERANCES["pump.inlet"][0], drift, drift,
+            max(known * self.prior[CASE], 0.05), inlet, drift, drift,
             tolerance(unit, "oil.bulk_modulus") * compliance, max(air / AIR_SCALE, 0.5),
         ])  # fmt: skip
-        self.low = np.array([-np.inf, -np.inf, 0.0, 0.0, 0.0, -np.inf, -np.inf, 0.0, LEAST_AIR / AIR_SCALE])
-        self.high = np.array([*[np.inf] * 4, 1.0, *[np.inf] * 3, MOST_AIR / AIR_SCALE])
+        self.low = np.array([-np.inf, -np.inf, 0.0, 0.0, *[-np.inf] * 3, 0.0, LEAST_AIR / AIR_SCALE])
+        self.high = np.array([*[np.inf] * 8, MOST_AIR / AIR_SCALE])
 
     def about(self, theta: Array) -> tuple[Array, Array, Array]:
         """Regressors, their noise and target, linear about `theta`, all in the base's volume of travel.
@@ -295,6 +299,9 @@ class _Problem:
         spread_of = _posterior(information, solution.sigma)
         compression = self.steps.m[:, STIFF]
         level = float(np.sqrt(np.mean(np.sum(self.noise[:, :, STIFF] ** 2, axis=1)))) + 1e-300
+        theta = solution.theta.copy()
+        if self.tied is not None:
+            theta[CASE] = self.tied * theta[CROSS]
         return BalanceFit(
             displacement=estimates[0],
             area_2=estimates[1] if free_area else None,
@@ -303,6 +310,7 @@ class _Problem:
             total_leakage=estimates[4],
             bulk_modulus=Estimate(beta, estimates[5].std * beta**2),
             air_fraction=estimates[6],
+            theta=theta,
             compliances=bounded[:, 5:7],
             split_known=self.tied is None and bool(spread_of[CASE] < 0.5 * self.prior_spread[CASE]),
             air_known=bool(spread_of[AIR] < 0.5 * self.prior_spread[AIR]),
@@ -334,8 +342,9 @@ def _drift(unit: Unit, warmed: bool) -> float:
     return float(np.hypot(zero_std(unit) * unit.pump.total_leakage, swelling))
 
 
-_FLOORS = (3e-4, 3e-4, 0.01, 0.02, 0.01, 0.015, 0.05)
-"""Relative standard deviations that no amount of data beats: gains of sensors, what the model leaves out."""
+_FLOORS = (0.002, 3e-4, 0.05, 0.05, 0.05, 0.015, 0.05)
+"""Relative standard deviations that no amount of data beats: 0.01 to 0.03 % of a transducer's gain a kelvin; 1
+to 2 K between gap and sensor at 4 % a kelvin; what the model leaves out."""
 
 
 def _posterior(information: Array, sigma: float) -> Array:

@@ -19,8 +19,8 @@ LEAST_RANGE = 0.3
 """N·m of load torque that must be covered."""
 WELL_DETERMINED = 0.03
 GEAR_FRICTION = (0.05, 0.03)
-"""Torque by which the load rubs in gears and bearings, over D·Δp, with its standard deviation: catalogues give
-gear pumps 85 to 95 % of their torque, about half of the loss being this (McCandlish and Dorey)."""
+"""Torque by which the load rubs in gears and bearings, over D·Δp, with its standard deviation: catalogues
+give gear pumps 85 to 95 % of their torque, about half of the loss being this (McCandlish and Dorey)."""
 GAINS = 0.005
 """Of the sensors of current and pressures, relative: catalogues allow 0.5 % each."""
 BLOCK = 20
@@ -31,8 +31,8 @@ _GROUPS = 10
 def fit_torque_constant(records: list[Record], displacement: float) -> tuple[Estimate | None, str]:
     """Regress current on D·Δp, |D·Δp| and 1 with the sign of the speed, speed and its rate.
 
-    K_t is one over the first slope; the second over the first is friction that grows with load, and where load
-    and motion always go together it is known by `GEAR_FRICTION` alone.
+    K_t is one over the first slope; the second over the first is friction that grows with load, and where
+    load and motion always go together it is known by `GEAR_FRICTION` alone.
 
     Parameters
     ----------

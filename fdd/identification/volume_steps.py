@@ -27,7 +27,7 @@ from numpy.typing import NDArray
 
 from fdd.identification.oil import air_compliance, air_shrinkage, viscosity
 from fdd.identification.record import Record
-from fdd.unit import Unit
+from fdd.unit import Oil, Unit
 
 Array = NDArray[np.float64]
 
@@ -159,8 +159,8 @@ def volume_steps(
     higher = NOISE_MARGIN * float(np.hypot(*noise))
     x_smooth = record.smooth(x, SMOOTHING)
     piloted = not PLAIN < cylinder.area_2 / cylinder.area_1 < 1.0 / PLAIN
-    base_modulus = 2.0 * unit.oil.bulk_modulus
-    lost = np.abs(np.diff(theta)) * (smooth_1 - smooth_2)[1:] / base_modulus
+    denser = 0.5 * (_log_density(unit.oil, smooth_1) - _log_density(unit.oil, smooth_2))
+    lost = np.abs(np.diff(theta)) * denser[1:]
     inlet = np.concatenate(([0.0], np.cumsum(lost)))
     time, still = h * np.arange(x.size), np.zeros_like(x)
     warmth = still if record.temperature is None else record.smooth(record.temperature, WARMING_WINDOW)
@@ -174,7 +174,7 @@ def volume_steps(
         levels = np.column_stack(
             [
                 sign * area * x,
-                sign * _turned(theta, sign * (smooth_1 - smooth_2) / base_modulus),
+                sign * _turned(theta, sign * denser),
                 -sign * x if chamber == 2 else still,
                 -sign * _accumulate(drop / mu, h),
                 -_accumulate((pressure - case) / mu, h),
@@ -202,6 +202,13 @@ def volume_steps(
     return VolumeSteps(
         m * scale, y, ends * scale, of_chamber.astype(np.int64), block.astype(np.int64), lengths
     )
+
+
+def _log_density(oil: Oil, pressure: Array) -> Array:
+    """ln of the base's oil's density, but for a constant: ∫dp/β(p)."""
+    index = oil.polytropic_index
+    stiff = 1.0 / oil.bulk_modulus - oil.air_fraction * float(air_compliance(oil.reference_pressure, index))
+    return np.asarray(max(stiff, 0.0) * pressure + oil.air_fraction * air_shrinkage(pressure, index))
 
 
 def _turned(angle: Array, denser: Array) -> Array:
