@@ -104,6 +104,7 @@ def fit_balance(
     *,
     split: bool = True,
     warmed: bool = True,
+    hidden: bool = False,
 ) -> BalanceFit | None:
     """Fit the balances.
 
@@ -118,6 +119,8 @@ def fit_balance(
     noise : Pa, standard deviation of the two chamber pressures after smoothing.
     split : whether the log can tell cross-port from case leakage; else they keep the base's proportion.
     warmed : whether the oil's temperature, and so its swelling, is known.
+    hidden : whether the chambers' pressures are reconstructed: these tell nothing of how compliance changes
+        with pressure, and air stays the base's.
 
     Returns
     -------
@@ -125,7 +128,7 @@ def fit_balance(
     """
     if steps.y.size < LEAST_ROWS:
         return None
-    problem = _Problem(steps, unit, reference_pressure, noise, split=split, warmed=warmed)
+    problem = _Problem(steps, unit, reference_pressure, noise, split=split, warmed=warmed, hidden=hidden)
     with_area = problem.solve(free_area=True)
     spread = problem.jackknife(with_area, free_area=True)
     both = all(np.count_nonzero(steps.chamber == c) > LEAST_ROWS // 2 for c in (1, 2))
@@ -165,6 +168,7 @@ class _Problem:
         *,
         split: bool = True,
         warmed: bool = True,
+        hidden: bool = False,
     ) -> None:
         # Tied, case leakage is this many times the cross-port one and no unknown of its own.
         cross_port = unit.pump.cross_port_leakage
@@ -192,7 +196,8 @@ class _Problem:
         self.prior_spread = np.array([
             tolerance(unit, "pump.displacement"), 0.3, max(known * self.prior[CROSS], 0.05),
             max(known * self.prior[CASE], 0.05), inlet, drift, drift,
-            tolerance(unit, "oil.bulk_modulus") * compliance, max(air / AIR_SCALE, 0.5),
+            tolerance(unit, "oil.bulk_modulus") * compliance,
+            0.01 * air / AIR_SCALE if hidden else max(air / AIR_SCALE, 0.5),
         ])  # fmt: skip
         self.low = np.array([-np.inf, -np.inf, 0.0, 0.0, *[-np.inf] * 3, 0.0, LEAST_AIR / AIR_SCALE])
         self.high = np.array([*[np.inf] * 8, MOST_AIR / AIR_SCALE])
@@ -342,9 +347,9 @@ def _drift(unit: Unit, warmed: bool) -> float:
     return float(np.hypot(zero_std(unit) * unit.pump.total_leakage, swelling))
 
 
-_FLOORS = (0.002, 3e-4, 0.05, 0.05, 0.05, 0.015, 0.05)
-"""Relative standard deviations that no amount of data beats: 0.01 to 0.03 % of a transducer's gain a kelvin; 1
-to 2 K between gap and sensor at 4 % a kelvin; what the model leaves out."""
+_FLOORS = (0.002, 3e-4, 0.05, 0.05, 0.05, 0.06, 0.05)
+"""Relative standard deviations that no amount of data beats: 0.01 to 0.03 % of a transducer's gain a kelvin;
+1 to 2 K between gap and sensor at 4 % a kelvin; air that dissolves stiffens by 2 to 8 %."""
 
 
 def _posterior(information: Array, sigma: float) -> Array:

@@ -16,7 +16,7 @@ from fdd.identification.profile import Identification, ProfileWriter
 from fdd.identification.record import Record, even_record
 from fdd.identification.sensors import fit_sensors, gain_mismatch, redundancy_offset
 from fdd.identification.signs import MOST_GAIN_CHANGE, check_gain, check_pressure_signs, check_pump
-from fdd.identification.volume_steps import SMOOTHING, VolumeSteps
+from fdd.identification.volume_steps import SMOOTHING, VolumeSteps, piloted
 from fdd.identification.volumes import VolumeFit, fit_volumes
 from fdd.samples import Samples
 from fdd.tolerances import tolerance
@@ -35,8 +35,11 @@ LEAST_LEAKAGE = 5e-3
 """Of the base's leakage; less than that is the fit's bound, not a pump's."""
 SURPRISING = 4.0
 """Factor from the base that a note is worth."""
-HIDDEN_BULK, HIDDEN_LEAKAGE, HIDDEN_CASE = 0.10, 0.03, 0.25
+HIDDEN_LEAKAGE, HIDDEN_CASE = 0.03, 0.25
 """Relative standard deviations to add where the chambers' pressures are reconstructed."""
+HIDDEN_BULK = (0.10, 0.22, 0.35)
+"""The same of bulk modulus: beside a measured accumulator; without one, when what lifts the chambers is
+guessed; for a rod on one side, whose piloted valves nobody knows either. On simulated units."""
 
 
 def identify_unit(
@@ -151,20 +154,23 @@ def hydraulics(
         base, volumes = _with_volumes(writer, logs, base)
     steps = logs.steps(base)
     # Who measures two of the four pressures sees one loss, p1 - p2 or p1 - p_case: they hardly differ.
-    split = not hidden and all(r.accumulator_measured for r in records)
+    told = all(r.accumulator_measured for r in records)
+    split = not hidden and told
     warmed = logs.temperature is not None
-    fit = fit_balance(steps, base, logs.pressure, logs.noise, split=split, warmed=warmed)
+    fit = fit_balance(steps, base, logs.pressure, logs.noise, split=split, warmed=warmed, hidden=hidden)
     if fit is None:
         for path in ("pump.displacement", "pump.cross_port_leakage", "oil.bulk_modulus"):
             writer.keep(path, "too few steps in which a chamber stays above the accumulator while it moves")
         return None
     _put_gain(writer, fit)
     _put_leakage(writer, fit, logs.temperature, hidden)
+    single = piloted(base.cylinder)
+    blurred = HIDDEN_BULK[0 if told else 2 if single else 1] if hidden else 0.0
     of_volume = volumes.gain.relative if volumes is not None and volumes.of_volume else 0.0
     # The balance knows volume over bulk modulus: what the volume is uncertain by, this is too.
     found = Hydraulics(
         logs, base, steps, fit,
-        _wider(fit.bulk_modulus, float(np.hypot(HIDDEN_BULK if hidden else 0.0, of_volume))),
+        _wider(fit.bulk_modulus, float(np.hypot(blurred, of_volume))),
         _wider(fit.air_fraction, float(np.hypot(0.5 if hidden else 0.0, of_volume))),
         volumes_found=of_volume > 0.0,
     )  # fmt: skip
@@ -172,7 +178,7 @@ def hydraulics(
     if hidden:
         writer.note(
             "chamber pressures are not measured: they were reconstructed from their difference and the "
-            "refeeding valves, which leaves bulk modulus and air uncertain by about 10 %"
+            "refeeding valves, which leaves bulk modulus and air uncertain by 10 % and more"
         )
     return found
 

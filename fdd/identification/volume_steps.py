@@ -27,7 +27,7 @@ from numpy.typing import NDArray
 
 from fdd.identification.oil import air_compliance, air_shrinkage, viscosity
 from fdd.identification.record import Record
-from fdd.unit import Oil, Unit
+from fdd.unit import Cylinder, Oil, Unit
 
 Array = NDArray[np.float64]
 
@@ -122,6 +122,11 @@ def scales(unit: Unit) -> Array:
     )
 
 
+def piloted(cylinder: Cylinder) -> bool:
+    """Whether areas are so unequal that the refeeding valves must be piloted."""
+    return not PLAIN < cylinder.area_2 / cylinder.area_1 < 1.0 / PLAIN
+
+
 def viscosity_over_reference(record: Record, unit: Unit, reference: float) -> Array:
     """(n,) or scalar 1: viscosity over that at `reference` (°C)."""
     if record.temperature is None:
@@ -158,7 +163,6 @@ def volume_steps(
     drop = record.pressure_1 - record.pressure_2
     higher = NOISE_MARGIN * float(np.hypot(*noise))
     x_smooth = record.smooth(x, SMOOTHING)
-    piloted = not PLAIN < cylinder.area_2 / cylinder.area_1 < 1.0 / PLAIN
     denser = 0.5 * (_log_density(unit.oil, smooth_1) - _log_density(unit.oil, smooth_2))
     lost = np.abs(np.diff(theta)) * denser[1:]
     inlet = np.concatenate(([0.0], np.cumsum(lost)))
@@ -191,7 +195,7 @@ def volume_steps(
         # Only the higher chamber is surely shut: the lower one gives oil back through a valve that the other
         # chamber's pressure holds open, where rods ask for one, at just such a pressure.
         usable = calm & (smoothed > store + margin) & (sign * (smooth_1 - smooth_2) > higher)
-        if piloted:
+        if piloted(cylinder):
             other = smooth_2 if chamber == 1 else smooth_1
             usable &= smoothed - store > PILOT * (other - store)
         for seconds in STEPS:

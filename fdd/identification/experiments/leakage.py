@@ -23,9 +23,6 @@ from fdd.identification.volume_steps import (
     CASE,
     CROSS,
     DISPLACEMENT,
-    DRIFT_1,
-    DRIFT_2,
-    INLET,
     STEPS,
     STIFF,
     VolumeSteps,
@@ -62,7 +59,7 @@ class _Rows:
             (unit.pump.cross_port_leakage / total, unit.pump.case_leakage / total) if total else (1.0, 0.0)
         )
         laminar = cross * m[:, CROSS] + share * m[:, CASE]
-        others = [AREA_2, INLET, DRIFT_1, DRIFT_2, STIFF, AIR]
+        others = [AREA_2, STIFF, AIR]
         known = m[:, others] @ theta[others]
         self.pressure = -laminar / (leakage_scale(unit) * seconds)
         self.pumped = m[:, DISPLACEMENT] / seconds
