@@ -8,20 +8,21 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import lsq_linear
 
-from fdd.identification.oil import air_compliance
+from fdd.identification.oil import air_compliance, modulus_at
 from fdd.identification.volume_steps import (
     AIR,
     AIR_SCALE,
     AREA_2,
     CASE,
     CROSS,
-    DISPLACEMENT,
+    DRIFT_PRESSURE,
     STIFF,
     UNKNOWNS,
     VolumeSteps,
     leakage_scale,
     scales,
 )
+from fdd.tolerances import TOLERANCES, tolerance
 from fdd.unit import Unit
 
 Array = NDArray[np.float64]
@@ -40,6 +41,13 @@ LEAST_RESIDUAL = 1e-10
 AREA_TOLERANCE = 0.015
 AREA_SURE = 3.0
 """Relative change of the area ratio that is believed, and in standard deviations."""
+ZERO, USUAL_RANGE = 1e-3, 1.5
+"""Standard deviation of a pressure transducer's zero over its range: catalogues allow 0.25 %. Range over the
+relief setting where the profile has none."""
+WARMING = 1.0 / 60.0
+"""K/s by which oil warms at work where nobody measures it: a kelvin a minute."""
+ROUNDS = 8
+"""Of iteratively reweighted least squares."""
 
 
 @dataclass(frozen=True)
@@ -64,6 +72,7 @@ class BalanceFit:
     displacement : with the base's area_1. area_2 : None where the base's fits.
     cross_port, case, total_leakage : m³/(s·Pa) at the reference temperature.
     bulk_modulus : Pa, effective, at the reference pressure. air_fraction : 1.
+    theta : (9,) the solution, in units of `fdd.identification.volume_steps.scales`.
     compliances : (GROUPS, 2) 1/β and α of the jackknife, each without a group of blocks.
     split_known : whether cross-port and case leakage are told apart, rather than split as the base does.
     air_known : whether α rests on the log rather than on the base.
@@ -78,6 +87,7 @@ class BalanceFit:
     total_leakage: Estimate
     bulk_modulus: Estimate
     air_fraction: Estimate
+    theta: Array
     compliances: Array
     split_known: bool
     air_known: bool
@@ -93,19 +103,24 @@ def fit_balance(
     noise: tuple[float, float],
     *,
     split: bool = True,
+    warmed: bool = True,
+    hidden: bool = False,
 ) -> BalanceFit | None:
     """Fit the balances.
 
-    Bounded least squares with a Huber loss, a weak pull to the base for the split of the
-    leakage and for the air (they may not be separable), and the known noise of the pressures
-    taken out of the normal equations, without which it would bias 1/β to zero. Standard
-    deviations are jackknifed over time.
+    Bounded least squares with a Huber loss, the base with its tolerances as prior, and the known
+    noise of the pressures taken out of the normal equations, without which it would bias 1/β to zero.
+    Standard deviations are jackknifed over time, without the bounds, at which a solution would not move; what
+    the prior leaves open is added.
 
     Parameters
     ----------
     steps : rows of all logs. unit : base profile. reference_pressure : Pa.
     noise : Pa, standard deviation of the two chamber pressures after smoothing.
     split : whether the log can tell cross-port from case leakage; else they keep the base's proportion.
+    warmed : whether the oil's temperature, and so its swelling, is known.
+    hidden : whether the chambers' pressures are reconstructed: these tell nothing of how compliance changes
+        with pressure, and air stays the base's.
 
     Returns
     -------
@@ -113,20 +128,20 @@ def fit_balance(
     """
     if steps.y.size < LEAST_ROWS:
         return None
-    problem = _Problem(steps, unit, reference_pressure, noise, split=split)
+    problem = _Problem(steps, unit, reference_pressure, noise, split=split, warmed=warmed, hidden=hidden)
     with_area = problem.solve(free_area=True)
     spread = problem.jackknife(with_area, free_area=True)
     both = all(np.count_nonzero(steps.chamber == c) > LEAST_ROWS // 2 for c in (1, 2))
     shift, sure = abs(with_area.theta[AREA_2]), float(np.std(spread[:, AREA_2]) * np.sqrt(GROUPS - 1))
     free_area = both and shift > AREA_TOLERANCE and shift > AREA_SURE * sure
     solution = with_area if free_area else problem.solve(free_area=False)
-    return problem.report(solution, problem.jackknife(solution, free_area), free_area)
+    return problem.report(solution, free_area)
 
 
 def fit_theta(
     steps: VolumeSteps, unit: Unit, reference_pressure: float, noise: tuple[float, float]
 ) -> tuple[Array, float]:
-    """The bare solution of the balances, (6,) in units of `scales`, and its robust residual (m³).
+    """The bare solution of the balances, (9,) in units of `scales`, and its robust residual (m³).
 
     Parameters as for `fit_balance`; the areas are free.
     """
@@ -152,6 +167,8 @@ class _Problem:
         noise: tuple[float, float],
         *,
         split: bool = True,
+        warmed: bool = True,
+        hidden: bool = False,
     ) -> None:
         # Tied, case leakage is this many times the cross-port one and no unknown of its own.
         cross_port = unit.pump.cross_port_leakage
@@ -165,27 +182,55 @@ class _Problem:
         self.reference_pressure = reference_pressure
         per_row = np.where(steps.chamber == 1, noise[0], noise[1])
         self.noise = steps.noise * per_row[:, None, None]
-        leakage = leakage_scale(unit)
-        # So wide for the rest that they only keep a log solvable that says nothing of them.
-        self.prior = np.array([1.0, 0.0, unit.pump.cross_port_leakage / leakage, 0.0, 0.5, 0.0])
-        self.prior_spread = np.array([1.0, 0.3, 3.0, 0.0, 3.0, 0.0])
-        self.prior[CASE] = unit.pump.case_leakage / leakage
-        self.prior_spread[CASE] = max(0.5 * self.prior[CASE], 0.05)
-        self.prior[AIR] = max(unit.oil.air_fraction, LEAST_AIR) / AIR_SCALE
-        self.prior_spread[AIR] = max(self.prior[AIR], 0.5)
-        self.low = np.array([-np.inf, -np.inf, 0.0, 0.0, 0.0, LEAST_AIR / AIR_SCALE])
-        self.high = np.array([np.inf, np.inf, np.inf, np.inf, np.inf, MOST_AIR / AIR_SCALE])
+        leakage, oil, pump = leakage_scale(unit), unit.oil, unit.pump
+        air, known = max(oil.air_fraction, LEAST_AIR), tolerance(unit, "pump.leakage")
+        compliance = unit.oil.bulk_modulus / modulus_at(oil, reference_pressure)
+        free = oil.bulk_modulus * air * float(air_compliance(reference_pressure, oil.polytropic_index))
+        # What the base's bulk modulus is off by moves the ports' density as κ does.
+        inlet = float(np.hypot(TOLERANCES["pump.inlet"][0], 1.5 * tolerance(unit, "oil.bulk_modulus")))
+        drift = _drift(unit, warmed) / (leakage * DRIFT_PRESSURE)
+        self.prior = np.array([
+            1.0, 0.0, pump.cross_port_leakage / leakage, pump.case_leakage / leakage, 0.5, 0.0, 0.0,
+            max(compliance - 1.5 * free, 0.0), air / AIR_SCALE,
+        ])  # fmt: skip
+        self.prior_spread = np.array([
+            tolerance(unit, "pump.displacement"), 0.3, max(known * self.prior[CROSS], 0.05),
+            max(known * self.prior[CASE], 0.05), inlet, drift, drift,
+            tolerance(unit, "oil.bulk_modulus") * compliance,
+            0.01 * air / AIR_SCALE if hidden else max(air / AIR_SCALE, 0.5),
+        ])  # fmt: skip
+        self.low = np.array([-np.inf, -np.inf, 0.0, 0.0, *[-np.inf] * 3, 0.0, LEAST_AIR / AIR_SCALE])
+        self.high = np.array([*[np.inf] * 8, MOST_AIR / AIR_SCALE])
 
-    def normal(self, weights: Array, rows: NDArray[np.bool_] | None = None) -> tuple[Array, Array, Array]:
+    def about(self, theta: Array) -> tuple[Array, Array, Array]:
+        """Regressors, their noise and target, linear about `theta`, all in the base's volume of travel.
+
+        Chamber 2 is ``A2 Δx = m·θ / (1 + a)``, a the relative change of area 2. As ``A2 Δx (1 + a) = m·θ`` it
+        would be linear, and have a solution without any residual: no area and no displacement.
+        """
+        m, a = self.steps.m.copy(), float(theta[AREA_2])
+        second = self.steps.chamber == 2
+        m[:, AREA_2] = 0.0
+        m[second] /= 1.0 + a
+        m[second, AREA_2] = -(m[second] @ theta) / (1.0 + a)
+        noise = np.where(second, 1.0 / (1.0 + a), 1.0)[:, None, None] * self.noise
+        noise[:, :, AREA_2] = 0.0
+        return m, noise, self.steps.y + m[:, AREA_2] * a
+
+    def normal(
+        self, theta: Array, weights: Array, rows: NDArray[np.bool_] | None = None
+    ) -> tuple[Array, Array, Array]:
         """Information of the rows, that of the pressure noise in them, and the right-hand side."""
         take = slice(None) if rows is None else rows
-        m, w = self.steps.m[take], weights[take]
-        n = self.noise[take].reshape(-1, UNKNOWNS)
-        return (m.T * w) @ m, (n.T * np.repeat(w, 2)) @ n, m.T @ (w * self.steps.y[take])
+        m, noise, y = (part[take] for part in self.about(theta))
+        w, n = weights[take], noise.reshape(-1, UNKNOWNS)
+        return (m.T * w) @ m, (n.T * np.repeat(w, 2)) @ n, m.T @ (w * y)
 
     def minimise(
-        self, information: Array, noise: Array, right: Array, sigma: float, free_area: bool
-    ) -> Array:
+        self, information: Array, noise: Array, right: Array, sigma: float, free_area: bool,
+        prior: Array | None = None,
+    ) -> Array:  # fmt: skip
+        """(9,) solution within bounds; one without them about another `prior`."""
         free = np.ones(UNKNOWNS, dtype=bool)
         free[AREA_2] = free_area
         free[CASE] = self.tied is None
@@ -199,58 +244,79 @@ class _Problem:
         while share > 1e-3 and float(np.linalg.eigvalsh(scaled - share * taken)[0]) < floor:
             share *= 0.7  # more noise assumed than there is in these rows: take less of it out
         root = np.linalg.cholesky(scaled - (share if share > 1e-3 else 0.0) * taken).T
-        side = np.linalg.solve(root.T, ((right + pull * self.prior) / scale)[free])
-        found = lsq_linear(
-            root, side, bounds=(self.low[free] * scale[free], self.high[free] * scale[free]), tol=1e-12
-        )
+        about = self.prior if prior is None else prior
+        side = np.linalg.solve(root.T, ((right + pull * about) / scale)[free])
+        if prior is None:
+            bounds = self.low[free] * scale[free], self.high[free] * scale[free]
+            found = lsq_linear(root, side, bounds=bounds, tol=1e-12).x
+        else:
+            found = np.linalg.solve(root, side)
         theta = np.zeros(UNKNOWNS)
-        theta[free] = found.x / scale[free]
+        theta[free] = found / scale[free]
         return theta
 
     def solve(self, *, free_area: bool) -> _Solution:
         weights = np.ones(self.steps.y.size)
         sigma = float(np.std(self.steps.y)) * 0.05 + LEAST_RESIDUAL
         theta = np.zeros(UNKNOWNS)
-        for _ in range(8):
-            theta = self.minimise(*self.normal(weights), sigma, free_area)
-            residual = self.steps.y - self.steps.m @ theta
+        for k in range(ROUNDS):
+            theta = self.minimise(*self.normal(theta, weights), sigma, free_area and k > 0)
+            m, _, y = self.about(theta)
+            residual = y - m @ theta
             sigma = 1.4826 * float(np.median(np.abs(residual))) + LEAST_RESIDUAL
             weights = np.minimum(1.0, HUBER * sigma / np.maximum(np.abs(residual), 1e-18))
         return _Solution(theta, weights, sigma)
 
-    def jackknife(self, solution: _Solution, free_area: bool) -> Array:
-        """(groups, 6) solutions, each without one group of blocks."""
+    def jackknife(self, solution: _Solution, free_area: bool, prior: Array | None = None) -> Array:
+        """(groups, 9) solutions, each without one group of blocks; `prior` as for `minimise`."""
         group = self.steps.block % GROUPS
-        parts = [self.normal(solution.weights, group == g) for g in range(GROUPS)]
+        parts = [self.normal(solution.theta, solution.weights, group == g) for g in range(GROUPS)]
         total = [np.sum([p[i] for p in parts], axis=0) for i in range(3)]
+        left = [[t - p for t, p in zip(total, part, strict=True)] for part in parts]
         return np.array(
-            [
-                self.minimise(total[0] - p[0], total[1] - p[1], total[2] - p[2], solution.sigma, free_area)
-                for p in parts
-            ]
+            [self.minimise(m, n, right, solution.sigma, free_area, prior) for m, n, right in left]
         )
 
-    def report(self, solution: _Solution, spread: Array, free_area: bool) -> BalanceFit:
-        derived = np.array([self.derive(t) for t in (solution.theta, *spread)])
-        value, others = derived[0], derived[1:]
-        std = np.sqrt((GROUPS - 1) / GROUPS * np.sum((others - others.mean(axis=0)) ** 2, axis=0))
+    def shifts(self, solution: _Solution, free_area: bool) -> Array:
+        """(10, 9) solutions without bounds: about the prior, and with each of its numbers a deviation off."""
+        total = self.normal(solution.theta, solution.weights)
+        priors = self.prior + np.vstack([np.zeros(UNKNOWNS), np.diag(self.prior_spread)])
+        return np.array([self.minimise(*total, solution.sigma, free_area, p) for p in priors])
+
+    def report(self, solution: _Solution, free_area: bool) -> BalanceFit:
+        value = self.derive(solution.theta)
+        others = np.array([self.derive(t) for t in self.jackknife(solution, free_area, self.prior)])
+        about, *shifted = np.array([self.derive(t) for t in self.shifts(solution, free_area)])
+        spread = (GROUPS - 1) / GROUPS * np.sum((others - others.mean(axis=0)) ** 2, axis=0)
+        std = np.sqrt(spread + np.sum((np.array(shifted) - about) ** 2, axis=0))
+        if self.tied is not None:
+            # One chamber at the case's pressure sees cross-port + case leakage, whatever they share.
+            cross, case = value[2:4]
+            moved = 0.5 * cross * case / max(cross + case, 1e-30)
+            std[4] = np.hypot(std[4], TOLERANCES["pump.case_share"][0] * moved)
         estimates = [
             Estimate(float(v), float(np.hypot(s, f * abs(v))))
             for v, s, f in zip(value, std, _FLOORS, strict=True)
         ]
-        information = self.normal(solution.weights)[0]
+        beta = 1.0 / max(estimates[5].value, 1e-14)
+        bounded = np.array([self.derive(t) for t in self.jackknife(solution, free_area)])
+        information = self.normal(solution.theta, solution.weights)[0]
         spread_of = _posterior(information, solution.sigma)
         compression = self.steps.m[:, STIFF]
         level = float(np.sqrt(np.mean(np.sum(self.noise[:, :, STIFF] ** 2, axis=1)))) + 1e-300
+        theta = solution.theta.copy()
+        if self.tied is not None:
+            theta[CASE] = self.tied * theta[CROSS]
         return BalanceFit(
             displacement=estimates[0],
             area_2=estimates[1] if free_area else None,
             cross_port=estimates[2],
             case=estimates[3],
             total_leakage=estimates[4],
-            bulk_modulus=estimates[5],
+            bulk_modulus=Estimate(beta, estimates[5].std * beta**2),
             air_fraction=estimates[6],
-            compliances=np.column_stack([1.0 / others[:, 5], others[:, 6]]),
+            theta=theta,
+            compliances=bounded[:, 5:7],
             split_known=self.tied is None and bool(spread_of[CASE] < 0.5 * self.prior_spread[CASE]),
             air_known=bool(spread_of[AIR] < 0.5 * self.prior_spread[AIR]),
             residual=solution.sigma,
@@ -259,22 +325,36 @@ class _Problem:
         )
 
     def derive(self, theta: Array) -> tuple[float, ...]:
-        """Physical numbers of a solution."""
-        d, area, cross, case, excess, air = theta * scales(self.unit)
+        """Physical numbers of a solution, compressibility as compliance (1/Pa)."""
+        d, area, cross, case, _, _, _, excess, air = theta * scales(self.unit)
         case = case if self.tied is None else self.tied * cross
         c = float(air_compliance(self.reference_pressure, self.unit.oil.polytropic_index))
         compliance = excess + 1.5 * air * c
         area_2 = self.unit.cylinder.area_2 + area
-        return d, area_2, cross, case, cross + 0.5 * case, 1.0 / max(compliance, 1e-14), air
+        return d, area_2, cross, case, cross + 0.5 * case, compliance, air
 
 
-_FLOORS = (3e-4, 3e-4, 0.01, 0.02, 0.01, 0.015, 0.05)
-"""Relative standard deviations that no amount of data beats: gains of sensors, what the model leaves out."""
+def zero_std(unit: Unit) -> float:
+    """Standard deviation of a pressure's zero (Pa)."""
+    reach = unit.sensor("pressure_1").high
+    return ZERO * (USUAL_RANGE * unit.accumulator.relief_pressure if reach is None else reach)
+
+
+def _drift(unit: Unit, warmed: bool) -> float:
+    """Standard deviation of a chamber's steady loss (m³/s): leakage at a pressure's zero, and oil that swells
+    unmeasured."""
+    swelling = 0.0 if warmed else WARMING * unit.oil.thermal_expansion * unit.cylinder.volume_1
+    return float(np.hypot(zero_std(unit) * unit.pump.total_leakage, swelling))
+
+
+_FLOORS = (0.002, 3e-4, 0.05, 0.05, 0.05, 0.06, 0.05)
+"""Relative standard deviations that no amount of data beats: 0.01 to 0.03 % of a transducer's gain a kelvin;
+1 to 2 K between gap and sensor at 4 % a kelvin; air that dissolves stiffens by 2 to 8 %."""
 
 
 def _posterior(information: Array, sigma: float) -> Array:
-    """(6,) standard deviations that the rows alone give, the area's change kept at zero."""
-    free = [DISPLACEMENT, CROSS, CASE, STIFF, AIR]
+    """(9,) standard deviations that the rows alone give, the area's change kept at zero."""
+    free = [k for k in range(UNKNOWNS) if k != AREA_2]
     inside = information[np.ix_(free, free)] / (OVERLAP * max(sigma, 1e-15) ** 2)
     scale = np.sqrt(np.maximum(np.diag(inside), 1e-300))
     inverse = np.linalg.pinv(inside / np.outer(scale, scale), rcond=1e-12)

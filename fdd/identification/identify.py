@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from fdd.errors import InputError
-from fdd.identification.balance import LEAST_ROWS, BalanceFit, Estimate, fit_balance
+from fdd.identification.balance import LEAST_ROWS, BalanceFit, Estimate, fit_balance, zero_std
 from fdd.identification.friction import BranchFit, fit_friction
 from fdd.identification.log_balances import LogBalances
 from fdd.identification.motor import fit_torque_constant
@@ -16,9 +16,10 @@ from fdd.identification.profile import Identification, ProfileWriter
 from fdd.identification.record import Record, even_record
 from fdd.identification.sensors import fit_sensors, gain_mismatch, redundancy_offset
 from fdd.identification.signs import MOST_GAIN_CHANGE, check_gain, check_pressure_signs, check_pump
-from fdd.identification.volume_steps import SMOOTHING, VolumeSteps
+from fdd.identification.volume_steps import SMOOTHING, VolumeSteps, piloted
 from fdd.identification.volumes import VolumeFit, fit_volumes
 from fdd.samples import Samples
+from fdd.tolerances import tolerance
 from fdd.unit import Unit
 
 LEAST_REST = 0.5
@@ -34,10 +35,11 @@ LEAST_LEAKAGE = 5e-3
 """Of the base's leakage; less than that is the fit's bound, not a pump's."""
 SURPRISING = 4.0
 """Factor from the base that a note is worth."""
-USUAL_ZERO = 3.0e3
-"""Pa, standard deviation of a pressure sensor's zero where nothing else is known of it."""
-HIDDEN_BULK, HIDDEN_LEAKAGE, HIDDEN_CASE = 0.10, 0.03, 0.25
+HIDDEN_LEAKAGE, HIDDEN_CASE = 0.03, 0.25
 """Relative standard deviations to add where the chambers' pressures are reconstructed."""
+HIDDEN_BULK = (0.10, 0.22, 0.35)
+"""The same of bulk modulus: beside a measured accumulator; without one, when what lifts the chambers is
+guessed; for a rod on one side, whose piloted valves nobody knows either. On simulated units."""
 
 
 def identify_unit(
@@ -152,21 +154,23 @@ def hydraulics(
         base, volumes = _with_volumes(writer, logs, base)
     steps = logs.steps(base)
     # Who measures two of the four pressures sees one loss, p1 - p2 or p1 - p_case: they hardly differ.
-    split = not hidden and all(r.accumulator_measured for r in records)
-    fit = fit_balance(steps, base, logs.pressure, logs.noise, split=split)
+    told = all(r.accumulator_measured for r in records)
+    split = not hidden and told
+    warmed = logs.temperature is not None
+    fit = fit_balance(steps, base, logs.pressure, logs.noise, split=split, warmed=warmed, hidden=hidden)
     if fit is None:
         for path in ("pump.displacement", "pump.cross_port_leakage", "oil.bulk_modulus"):
             writer.keep(path, "too few steps in which a chamber stays above the accumulator while it moves")
         return None
     _put_gain(writer, fit)
-    blurred = float(np.hypot(zero_share(records), HIDDEN_LEAKAGE if hidden else 0.0))
-    of_case = float(np.hypot(blurred, HIDDEN_CASE if hidden else 0.0))
-    _put_leakage(writer, fit, logs.temperature, blurred, of_case)
+    _put_leakage(writer, fit, logs.temperature, hidden)
+    single = piloted(base.cylinder)
+    blurred = HIDDEN_BULK[0 if told else 2 if single else 1] if hidden else 0.0
     of_volume = volumes.gain.relative if volumes is not None and volumes.of_volume else 0.0
     # The balance knows volume over bulk modulus: what the volume is uncertain by, this is too.
     found = Hydraulics(
         logs, base, steps, fit,
-        _wider(fit.bulk_modulus, float(np.hypot(HIDDEN_BULK if hidden else 0.0, of_volume))),
+        _wider(fit.bulk_modulus, float(np.hypot(blurred, of_volume))),
         _wider(fit.air_fraction, float(np.hypot(0.5 if hidden else 0.0, of_volume))),
         volumes_found=of_volume > 0.0,
     )  # fmt: skip
@@ -174,7 +178,7 @@ def hydraulics(
     if hidden:
         writer.note(
             "chamber pressures are not measured: they were reconstructed from their difference and the "
-            "refeeding valves, which leaves bulk modulus and air uncertain by about 10 %"
+            "refeeding valves, which leaves bulk modulus and air uncertain by 10 % and more"
         )
     return found
 
@@ -233,14 +237,6 @@ def _with_volumes(writer: ProfileWriter, logs: LogBalances, base: Unit) -> tuple
     return with_volumes, fit
 
 
-def zero_share(records: list[Record]) -> float:
-    """Relative error of the leakage that the pressure sensors' zeros may make: less under load."""
-    offset = redundancy_offset(records)
-    zero = max(USUAL_ZERO, 0.0 if offset is None else 0.5 * abs(offset.value))
-    drops = np.concatenate([r.smooth(r.pressure_1 - r.pressure_2, 0.1)[:: r.rows(0.1)] for r in records])
-    return zero / max(float(np.sqrt(np.mean(drops**2))), zero)
-
-
 def _put_gain(writer: ProfileWriter, fit: BalanceFit) -> None:
     ratio = fit.displacement.value / writer.base.pump.displacement
     if not 1.0 / MOST_GAIN_CHANGE < ratio < MOST_GAIN_CHANGE:
@@ -263,9 +259,8 @@ def _put_gain(writer: ProfileWriter, fit: BalanceFit) -> None:
         writer.note(note)
 
 
-def _put_leakage(
-    writer: ProfileWriter, fit: BalanceFit, temperature: float | None, extra: float, extra_of_case: float
-) -> None:
+def _put_leakage(writer: ProfileWriter, fit: BalanceFit, temperature: float | None, hidden: bool) -> None:
+    extra, extra_of_case = (HIDDEN_LEAKAGE, HIDDEN_CASE) if hidden else (0.0, 0.0)
     total = _wider(fit.total_leakage, extra)
     known = writer.base.pump.total_leakage
     if total.value <= LEAST_LEAKAGE * known or not _better(total, known, LEAKAGE_SHARP):
@@ -274,6 +269,7 @@ def _put_leakage(
         writer.keep("pump.case_leakage", why)
         return
     _warn_if_far(writer, "leakage", total.value / known if known > 0.0 else np.inf)
+    writer.result.leakage = total
     note = f"total (cross-port + case/2) {total.value:.3g} ± {total.std:.1g}"
     writer.put("pump.cross_port_leakage", _wider(fit.cross_port, extra), note)
     split = "" if fit.split_known else "split from cross-port as in the base"
@@ -357,8 +353,13 @@ def _charge(writer: ProfileWriter, records: list[Record]) -> None:
 
 def _friction(writer: ProfileWriter, records: list[Record]) -> None:
     unit = writer.result.unit
-    offset = redundancy_offset(records)
-    shift = abs(offset.value) * unit.cylinder.area_1 if offset is not None else 0.0
+    offset, tank, cylinder = redundancy_offset(records), writer.base.accumulator, unit.cylinder
+    shift = max(zero_std(writer.base), 0.0 if offset is None else abs(offset.value)) * cylinder.area_1
+    if not all(r.chambers_measured for r in records):  # their mean hangs on the charge
+        rod = abs(cylinder.area_1 - cylinder.area_2)
+        charge = tolerance(writer.base, "accumulator.charge_pressure") * tank.charge_pressure
+        shift = float(np.hypot(shift, rod * charge))
+    trials = unit.friction.trial_spread / np.sqrt(len(records))
     fit = fit_friction(records, unit.cylinder, writer.base.friction, shift)
     for note in fit.notes:
         writer.note(note)
@@ -369,4 +370,5 @@ def _friction(writer: ProfileWriter, records: list[Record]) -> None:
             continue
         for name, std in branch.stds.items():
             value = float(getattr(branch.branch, name))
-            writer.put(f"friction.{direction}.{name}", Estimate(value, std), branch.note)
+            found = _wider(Estimate(value, std), trials)
+            writer.put(f"friction.{direction}.{name}", found, branch.note)

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
-from math import exp, log
+from dataclasses import dataclass, field
+from math import exp, log, sqrt
 
 import numpy as np
+from scipy.special import chdtri
 
 from fdd.identification.logs_agree import Comparison, disagreement
 from fdd.identification.logs_healthy import unhealthy
@@ -16,26 +17,18 @@ from fdd.identification.signs import gain_slips
 from fdd.identification.slips import slips
 from fdd.measures import MEASURES
 from fdd.samples import Samples
+from fdd.tolerances import TOLERANCES, tolerance
 from fdd.unit import Unit
 
-SURE = 2.0
-"""Standard deviations of the identified value that must lie beyond what is left open."""
-OPEN = {
-    "pump.displacement": (10**0.05, "half a step of the R10 series (ISO 3), in which pumps are stepped: "
-                          "farther off the next size is nearer"),
-    "cylinder.area_2": (10**0.05, "half a step of the R10 series (ISO 3)"),
-    "pump.leakage": (3.0, "gap flow goes with the cube of the gap: 44 % more is three times the leakage"),
-    "oil.bulk_modulus": (3.0, "hoses, walls and air take two thirds of oil's own at most"),
-    "friction": (5.0, "seal friction differs by two to three between makes and doubles from run-in to dry"),
-    "drive.torque_constant": (1.3, "10 % of the winding, 12 % of magnets that are 60 K warmer"),
-    "accumulator.charge_pressure": (3.0, "gas at 20 to 80 °C and a charge at either end of its range"),
-}  # fmt: skip
-"""Factor from the base that data sheets and manufacturing leave open, either way, and why."""
+FALSE_REFUSAL = 0.003
+"""Share of sound units of the base's kind that are refused by chance, over all quantities."""
+OTHER_SIZE = 2.0
+"""Standard deviations of the base from which travel per rad is told: it may be the next size's profile."""
 WORTH_SAYING = 1.5
 """Factor of leakage that is said although it is left open: a worn pump may be like that."""
-SCALES = {"accumulator.charge_pressure": (1, 0.3), "oil.bulk_modulus": (1, 0.5), "pump.leakage": (-1, 0.5),
-          "friction": (1, 0.5), "drive.torque_constant": (1, 0.1)}  # fmt: skip
-"""How what is identified goes with pressures read too large, and by how much (ln) units differ."""
+SCALES = {"accumulator.charge_pressure": 1, "oil.bulk_modulus": 1, "pump.leakage": -1, "friction": 1,
+          "drive.torque_constant": 1}  # fmt: skip
+"""How what is identified goes with pressures read too large."""
 ODDS = 29.0
 """2 ln(odds): one slip in particular is a priori one in 20 000 (one in 1000 of any kind, twenty pairs of
 units), and it is told from odds of a hundred to one on."""
@@ -116,8 +109,12 @@ class Ratio:
 
     value: float
     std: float
-    own: float | None = None
-    """Relative standard deviation that the base itself states."""
+    open: float
+    """Standard deviation of ln(unit / base) that the base leaves open."""
+
+    def misfit(self, factor: float = 1.0) -> float:
+        """-2 ln of the likelihood of a mistaken `factor` on the quantity, but for what is common to all."""
+        return (log(self.value) - log(factor)) ** 2 / (self.open**2 + self.std**2)
 
 
 def against_base(found: Identification, base: Unit) -> dict[str, Ratio]:
@@ -136,41 +133,36 @@ def against_base(found: Identification, base: Unit) -> dict[str, Ratio]:
     ):
         row = rows.get(name)
         if row is not None and row.base > 0.0 and row.identified is not None:
-            out[name] = _ratio(row, row.base, base)
-    row = rows.get("pump.cross_port_leakage")
-    if row is not None and base.pump.total_leakage > 0.0:
+            out[name] = _ratio(row, name, row.base, base)
+    leakage = found.leakage
+    if leakage is not None and base.pump.total_leakage > 0.0:
         warm = unit.oil.reference_temperature, base.oil.reference_temperature
         thinner = float(viscosity(base.oil, warm[1]) / viscosity(base.oil, warm[0]))
-        share = unit.pump.total_leakage / (base.pump.total_leakage * thinner)
         # Where nobody measures the oil's temperature it may be 15 K off, at some 4 % a kelvin.
         known = any(r.quantity == "oil.reference_temperature" for r in rows.values())
-        out["pump.leakage"] = replace(_ratio(row, row.base, base), value=share)
-        if not known:
-            out["pump.leakage"] = replace(
-                out["pump.leakage"], std=float(np.hypot(out["pump.leakage"].std, 0.6))
-            )
+        out["pump.leakage"] = Ratio(
+            leakage.value / (base.pump.total_leakage * thinner),
+            float(np.hypot(leakage.relative, 0.0 if known else 0.6)), tolerance(base, "pump.leakage"),
+        )  # fmt: skip
     row = rows.get("oil.bulk_modulus")
     if row is not None:
-        out["oil.bulk_modulus"] = _ratio(row, modulus_at(base.oil, unit.oil.reference_pressure), base)
+        out["oil.bulk_modulus"] = _ratio(
+            row, row.quantity, modulus_at(base.oil, unit.oil.reference_pressure), base
+        )
     branches = [
         rows[f"friction.{d}.coulomb"] for d in ("forward", "reverse") if f"friction.{d}.coulomb" in rows
     ]
-    each = [_ratio(b, b.base, base) for b in branches if b.base > 0.0 and b.identified]
+    each = [_ratio(b, "friction", b.base, base) for b in branches if b.base > 0.0 and b.identified]
     if each:
         mean = exp(float(np.mean([log(r.value) for r in each])))
-        out["friction"] = Ratio(mean, max(r.std for r in each), each[0].own)
+        out["friction"] = Ratio(mean, max(r.std for r in each), each[0].open)
     return out
 
 
-def _ratio(row: TableRow, expected: float, base: Unit) -> Ratio:
+def _ratio(row: TableRow, name: str, expected: float, base: Unit) -> Ratio:
     assert row.identified is not None and row.std is not None
-    section, *way, name = row.quantity.split(".")
-    part = getattr(base, section)
-    for step in way:
-        part = getattr(part, step)
-    std = part.std_of(name)
-    own = None if std is None or row.base <= 0.0 else float(std / row.base)
-    return Ratio(max(row.identified / expected, 1e-12), row.std / max(row.identified, 1e-300), own)
+    std = row.std / max(row.identified, 1e-300)
+    return Ratio(max(row.identified / expected, 1e-12), std, tolerance(base, name))
 
 
 def pressure_slip(ratios: dict[str, Ratio], push: float = 1.0) -> str | None:
@@ -185,12 +177,8 @@ def pressure_slip(ratios: dict[str, Ratio], push: float = 1.0) -> str | None:
     """
 
     def misfit(factor: float) -> float:
-        lacking = min(log(push) - log(factor), 0.0) / SCALES["friction"][1]
-        return lacking**2 + sum(
-            (log(ratios[n].value) - sign * log(factor)) ** 2 / (spread**2 + ratios[n].std ** 2)
-            for n, (sign, spread) in SCALES.items()
-            if n in ratios
-        )
+        lacking = min(log(push) - log(factor), 0.0) / TOLERANCES["friction"][0]
+        return lacking**2 + sum(ratios[n].misfit(factor**sign) for n, sign in SCALES.items() if n in ratios)
 
     sizes = sorted({m.factor for m in MEASURES.values() if m.dimension == "pressure"})
     best = min((a / b for a in sizes for b in sizes if a != b), key=misfit)
@@ -230,21 +218,30 @@ def _times(factor: float) -> str:
 
 
 def _far(out: Judgement, ratios: dict[str, Ratio], base: Unit) -> None:
+    sure = float(chdtri(1, FALSE_REFUSAL / len(WORDS)))
     for name, ratio in ratios.items():
-        factor, why = OPEN[name]
-        if ratio.own is not None and 3.0 * ratio.own > log(factor):
-            factor, why = (
-                exp(3.0 * ratio.own),
-                f"three times the {100 * ratio.own:.0f} % that the base states",
+        told = f"{WORDS[name]} is {_times(ratio.value)} that of base {base.name}"
+        travel = name == "pump.displacement"
+        slip = _gain_slip(ratio) if travel else ""
+        if slip or ratio.misfit() > sure:
+            factor, why = exp(sqrt(sure) * ratio.open), TOLERANCES[name][1]
+            out.refusals.append(
+                f"{told}, which leaves a factor of {factor:.2g} open ({why}){slip}; check the base and the "
+                "units in the channel map"
             )
-        beyond = abs(log(ratio.value)) - log(factor)
-        if beyond <= SURE * ratio.std:
-            continue
-        looks = gain_slips(ratio.value) if name == "pump.displacement" else ""
-        out.refusals.append(
-            f"{WORDS[name]} is {_times(ratio.value)} that of base {base.name}, which leaves a factor of "
-            f"{factor:.2g} open ({why}){looks}; check the base and the units in the channel map"
-        )
+        elif travel and ratio.misfit() > OTHER_SIZE**2:
+            out.limits.append(f"{told}: the next size, or another base would fit better")
+
+
+def _gain_slip(ratio: Ratio) -> str:
+    """The slip that explains travel per rad better than the base's tolerance does, at `ODDS`; else empty."""
+    length, angle, speed = (
+        sorted({m.factor for m in MEASURES.values() if m.dimension == d})
+        for d in ("length", "angle", "angular_speed")
+    )
+    pairs = [(a, b) for sizes in (length, angle, speed) for a in sizes for b in sizes if a != b]
+    best = min((a / b for a, b in pairs), key=ratio.misfit)
+    return gain_slips(best) if ratio.misfit() - ratio.misfit(best) > ODDS else ""
 
 
 def _temperature(samples: Samples) -> list[str]:

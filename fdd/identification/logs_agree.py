@@ -23,7 +23,7 @@ BETWEEN = {
     "torque constant": (0.04, "magnets lose 0.1 % a kelvin and warm by 40"),
     "bulk modulus": (0.25, "air dissolves and comes out, and strokes are long or short"),
 }
-"""By how much (ln) a healthy unit differs from log to log, and by what. Friction is none of them: what a load
+"""By what share a healthy unit differs from log to log, and by what. Friction is none of them: what a load
 or a gust does to the force of one log alone is more."""
 UNMEASURED = 0.4
 """The same of leakage where nobody measures the oil's temperature: 10 K."""
@@ -87,6 +87,7 @@ def disagreement(
         without = [_scatter(np.delete(x, i), np.delete(weight, i)) for i in range(x.size)]
         odd = int(np.argmin(without))
         others = np.average(np.delete(x, odd), weights=np.delete(weight, odd))
+        times = float(x[odd] / others) if others > 0.0 else np.inf
         worst = labels[told[odd][0]] if x.size > 2 else None
         p_value = float(chdtrc(x.size - 1, chi))
         out.append(
@@ -95,7 +96,7 @@ def disagreement(
                 x.size,
                 p_value,
                 worst,
-                float(np.exp(x[odd] - others)),
+                times,
                 tuple(labels[t[0]] for t in told),
             )
         )
@@ -107,7 +108,10 @@ def _scatter(x: np.ndarray, weight: np.ndarray) -> float:
 
 
 def _alone(log: Samples, unit: Unit, label: str) -> dict[str, tuple[float, float]]:
-    """ln of what this log alone identifies over the profile's, with its standard deviation."""
+    """What this log alone identifies over the profile's, with its standard deviation.
+
+    Not the logarithm: that of a leakage which a log can hardly tell from none has no normal law.
+    """
     try:
         found = identify_unit([log], unit, labels=[label])
     except InputError:  # too short, or the pump hardly turns: it tells nothing against the others
@@ -120,30 +124,28 @@ def _alone(log: Samples, unit: Unit, label: str) -> dict[str, tuple[float, float
     ):
         row = next(r for r in found.table if r.quantity == path)
         if row.identified is not None and row.std is not None:
-            out[quantity] = float(np.log(row.identified / expected)), row.std / row.identified
-    out |= _leakage(found, unit)
-    return out
+            out[quantity] = row.identified / expected, row.std / expected
+    return out | _leakage(found, unit)
 
 
 def _own(unit: Unit) -> dict[str, tuple[float, float]]:
-    """What the profile itself says, where it was identified: ln 1, with its standard deviation."""
+    """What the profile itself says, where it was identified: 1, with its standard deviation."""
     numbers = {
         "travel per rad of the pump": (unit.pump.displacement, unit.pump.std_of("displacement")),
         "leakage": (unit.pump.cross_port_leakage, unit.pump.std_of("cross_port_leakage")),
         "torque constant": (unit.drive.torque_constant, unit.drive.std_of("torque_constant")),
         "bulk modulus": (unit.oil.bulk_modulus, unit.oil.std_of("bulk_modulus")),
     }
-    return {name: (0.0, std / value) for name, (value, std) in numbers.items() if std and value > 0.0}
+    return {name: (1.0, std / value) for name, (value, std) in numbers.items() if std and value > 0.0}
 
 
 def _leakage(found: Identification, unit: Unit) -> dict[str, tuple[float, float]]:
-    row = next(r for r in found.table if r.quantity == "pump.cross_port_leakage")
-    if row.identified is None or row.std is None or unit.pump.total_leakage == 0.0:
+    if found.leakage is None or unit.pump.total_leakage == 0.0:
         return {}
-    known = any(r.quantity == "oil.reference_temperature" for r in found.table)
-    ratio = found.unit.pump.total_leakage / unit.pump.total_leakage
-    if known:
+    thicker, unknown = 1.0, UNMEASURED
+    if any(r.quantity == "oil.reference_temperature" for r in found.table):
         warm = viscosity(unit.oil, found.unit.oil.reference_temperature)
-        ratio *= float(warm / viscosity(unit.oil, unit.oil.reference_temperature))
-    std = float(np.hypot(row.std / row.identified, 0.0 if known else UNMEASURED))
-    return {"leakage": (float(np.log(ratio)), std)}
+        thicker, unknown = float(warm / viscosity(unit.oil, unit.oil.reference_temperature)), 0.0
+    per = thicker / unit.pump.total_leakage
+    ratio = found.leakage.value * per
+    return {"leakage": (ratio, float(np.hypot(found.leakage.std * per, unknown * ratio)))}

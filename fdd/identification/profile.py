@@ -35,6 +35,7 @@ class Identification:
     unit : the base's copy with the identified numbers, each with source and standard deviation.
     table : what changed and what did not.
     notes : one sentence each: what was kept and why, what the numbers rest on.
+    leakage : total of cross-port and half the case leakage; None where it stays the base's.
     balances : of logs that were added to a profile: its healthy balances before and after.
     """
 
@@ -42,6 +43,7 @@ class Identification:
     table: list[TableRow] = field(default_factory=list)
     notes: list[str] = field(default_factory=list)
     balances: list[TableRow] = field(default_factory=list)
+    leakage: Estimate | None = None
 
 
 class ProfileWriter:

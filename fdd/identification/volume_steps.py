@@ -7,9 +7,11 @@ Chamber 1, over a step in which it is neither refed nor relieved:
 and chamber 2 likewise with the pump's sign reversed, where μ is viscosity over its reference,
 ``1/β(p) = 1/β_stiff + α·c(p)`` and ``V1 = volume_1 + A1·x`` (thesis eqs 3.14 to 3.17, 5.20, geometric
 volume law). Δθ is weighted with the ports' mean density over the chamber's, ``1 - (p1-p2)/2β``: what the
-pump moves is oil, not volume, and at 3 MPa that is 0.7 % of the flow. Position and pump angle are
-known to one count, so the balance holds to a few mm³, where the same equation in rates would drown
-in quantisation noise.
+pump moves is oil, not volume, and at 3 MPa that is 0.7 % of the flow. Gears that fill at their inlet's
+pressure lose κ·|Δθ|·D·(p1-p2)/2β more, κ up to 1: a leakage that goes with speed, and on large pumps as much
+as the other. Oil that warms swells, and a pressure's zero makes a leakage feign a steady loss: each chamber
+has one of its own. Position and pump angle are known to one count, so the balance holds to a few mm³, where
+the same equation in rates would drown in quantisation noise.
 
 All terms are accumulated first, smoothed by one and the same window without phase, and then
 differenced: that keeps the equation exact and averages the pressure noise. Unknowns are scaled by
@@ -25,12 +27,12 @@ from numpy.typing import NDArray
 
 from fdd.identification.oil import air_compliance, air_shrinkage, viscosity
 from fdd.identification.record import Record
-from fdd.unit import Unit
+from fdd.unit import Cylinder, Oil, Unit
 
 Array = NDArray[np.float64]
 
-DISPLACEMENT, AREA_2, CROSS, CASE, STIFF, AIR = range(6)
-UNKNOWNS = 6
+DISPLACEMENT, AREA_2, CROSS, CASE, INLET, DRIFT_1, DRIFT_2, STIFF, AIR = range(9)
+UNKNOWNS = 9
 
 SMOOTHING = 0.025
 """s, window over which every accumulated term is averaged."""
@@ -40,9 +42,18 @@ REFEED_MARGIN = 4.0e4
 """Pa above the accumulator at which a chamber is surely not being refed, sensor zeros included."""
 NOISE_MARGIN = 4.0
 """Standard deviations of the smoothed pressures' noise that this margin must be at least."""
+PLAIN = 0.97
+"""Ratio of areas from which on plain check valves feed both chambers: smaller ones need piloted valves."""
+PILOT = 4.0
+"""Area of a pilot piston over its valve's seat, the largest that is usual: as many times the other chamber's
+pressure above the accumulator's holds the valve open."""
 RELIEF_MARGIN = 0.97
 """Of the relief setting, above which the valve may pass oil."""
+WARMING_WINDOW = 5.0
+"""s: oil warms within minutes, and the sensor's noise must not swell it."""
 AIR_SCALE = 3e-3
+DRIFT_PRESSURE = 1e5
+"""Pa that a chamber's steady loss is counted at."""
 LEAKAGE_FLOOR = 1e-12
 BLOCK = 2.0
 """s: residuals farther apart than this count as independent."""
@@ -54,8 +65,8 @@ class VolumeSteps:
 
     Attributes
     ----------
-    m : (r, 6) regressors. y : (r,) m³.
-    noise : (r, 2, 6) what white pressure noise of one pascal at either end of the step adds to m.
+    m : (r, 9) regressors. y : (r,) m³.
+    noise : (r, 2, 9) what white pressure noise of one pascal at either end of the step adds to m.
     chamber : (r,) 1 or 2. seconds : (r,) length of the step.
     block : (r,) number of the 2 s block the step lies in, over all logs.
     """
@@ -90,9 +101,10 @@ def leakage_scale(unit: Unit) -> float:
 
 
 def scales(unit: Unit) -> Array:
-    """(6,) what one unit of each unknown is, SI.
+    """(9,) what one unit of each unknown is, SI.
 
-    They are D; the change of area 2; ξ; C_ep; the stiff compliance beyond its bound; α.
+    They are D; the change of area 2; ξ; C_ep; κ·D; leakage at `DRIFT_PRESSURE` out of chamber 1 and of 2; the
+    stiff compliance beyond its bound; α.
     """
     leakage = leakage_scale(unit)
     return np.array(
@@ -101,10 +113,18 @@ def scales(unit: Unit) -> Array:
             unit.cylinder.area_2,
             leakage,
             leakage,
+            unit.pump.displacement,
+            leakage * DRIFT_PRESSURE,
+            leakage * DRIFT_PRESSURE,
             1.0 / unit.oil.bulk_modulus,
             AIR_SCALE,
         ]
     )
+
+
+def piloted(cylinder: Cylinder) -> bool:
+    """Whether areas are so unequal that the refeeding valves must be piloted."""
+    return not PLAIN < cylinder.area_2 / cylinder.area_1 < 1.0 / PLAIN
 
 
 def viscosity_over_reference(record: Record, unit: Unit, reference: float) -> Array:
@@ -143,7 +163,11 @@ def volume_steps(
     drop = record.pressure_1 - record.pressure_2
     higher = NOISE_MARGIN * float(np.hypot(*noise))
     x_smooth = record.smooth(x, SMOOTHING)
-    base_modulus = 2.0 * unit.oil.bulk_modulus
+    denser = 0.5 * (_log_density(unit.oil, smooth_1) - _log_density(unit.oil, smooth_2))
+    lost = np.abs(np.diff(theta)) * denser[1:]
+    inlet = np.concatenate(([0.0], np.cumsum(lost)))
+    time, still = h * np.arange(x.size), np.zeros_like(x)
+    warmth = still if record.temperature is None else record.smooth(record.temperature, WARMING_WINDOW)
     parts = []
     for chamber, sign, pressure, smoothed, area, at_centre in (
         (1, 1.0, record.pressure_1, smooth_1, cylinder.area_1, cylinder.volume_1),
@@ -154,11 +178,15 @@ def volume_steps(
         levels = np.column_stack(
             [
                 sign * area * x,
-                sign * _turned(theta, sign * (smooth_1 - smooth_2) / base_modulus),
-                -sign * x if chamber == 2 else np.zeros_like(x),
+                sign * _turned(theta, sign * denser),
+                -sign * x if chamber == 2 else still,
                 -sign * _accumulate(drop / mu, h),
                 -_accumulate((pressure - case) / mu, h),
+                -sign * inlet,
+                -time if chamber == 1 else still,
+                -time if chamber == 2 else still,
                 *_compression(pressure, smoothed, volume, unit.oil.polytropic_index, reference_pressure),
+                unit.oil.thermal_expansion * at_centre * warmth,
             ]
         )
         slopes = _noise_slopes(smoothed, volume, unit.oil.polytropic_index, reference_pressure)
@@ -167,6 +195,9 @@ def volume_steps(
         # Only the higher chamber is surely shut: the lower one gives oil back through a valve that the other
         # chamber's pressure holds open, where rods ask for one, at just such a pressure.
         usable = calm & (smoothed > store + margin) & (sign * (smooth_1 - smooth_2) > higher)
+        if piloted(cylinder):
+            other = smooth_2 if chamber == 1 else smooth_1
+            usable &= smoothed - store > PILOT * (other - store)
         for seconds in STEPS:
             parts.append(_differences(record, seconds, levels, slopes, usable, chamber))
     scale = scales(unit)
@@ -175,6 +206,13 @@ def volume_steps(
     return VolumeSteps(
         m * scale, y, ends * scale, of_chamber.astype(np.int64), block.astype(np.int64), lengths
     )
+
+
+def _log_density(oil: Oil, pressure: Array) -> Array:
+    """ln of the base's oil's density, but for a constant: ∫dp/β(p)."""
+    index = oil.polytropic_index
+    stiff = 1.0 / oil.bulk_modulus - oil.air_fraction * float(air_compliance(oil.reference_pressure, index))
+    return np.asarray(max(stiff, 0.0) * pressure + oil.air_fraction * air_shrinkage(pressure, index))
 
 
 def _turned(angle: Array, denser: Array) -> Array:
@@ -220,4 +258,4 @@ def _differences(
     noise[:, 0, STIFF:] = slopes[starts]
     noise[:, 1, STIFF:] = slopes[starts + n]
     block = (starts * record.period / BLOCK).astype(np.int64)
-    return moved[:, 1:], moved[:, 0], noise, np.full(starts.size, chamber), block
+    return moved[:, 1:-1], moved[:, 0] - moved[:, -1], noise, np.full(starts.size, chamber), block

@@ -118,7 +118,7 @@ def test_one_pressure_of_four_in_another_unit(healthy: list[Samples]) -> None:
         (MINIMAL, "position", 1e3, "mm read as m"),
         (MINIMAL, "position", 25.4, "in"),
         (MINIMAL, "position", 1e-3, "unit"),
-        (MINIMAL, "position", 1.3, "travel per rad of the pump"),
+        (MINIMAL, "position", 1.5, "travel per rad of the pump"),
     ],
 )  # fmt: skip
 def test_motion_in_another_unit(
@@ -207,8 +207,17 @@ def test_farther_than_manufacturing_leaves_open(healthy: list[Samples]) -> None:
     base.pump.case_leakage *= 5.0
     assert "leakage is 0." in (line := refused(healthy, base)) and "leaves a factor of 3 open" in line
     base = Unit.load("axis_a")
-    base.pump.displacement *= 1.25
-    assert "travel per rad of the pump is 0.8" in refused(healthy, base)
+    base.pump.displacement *= 1.6
+    assert "travel per rad of the pump is 0.6" in refused(healthy, base)
+
+
+def test_the_next_size_of_pump_is_said_and_not_refused(healthy: list[Samples]) -> None:
+    """Test: a base of the next size of the R10 series. Expected: said; no slip of units explains it."""
+    base = Unit.load("axis_a")
+    base.pump.displacement *= 10**0.1
+    result = judged(healthy, base)
+    assert result.verdict == "usable with limits", result.sentence
+    assert "travel per rad of the pump is 0.799 times" in result.sentence
 
 
 def test_every_named_slip_makes_its_factor() -> None:

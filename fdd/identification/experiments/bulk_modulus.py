@@ -133,10 +133,10 @@ class _Rows:
 
     def __init__(self, found: Hydraulics) -> None:
         steps, fit, unit = found.steps, found.fit, found.base
-        area = 0.0 if fit.area_2 is None else fit.area_2.value - unit.cylinder.area_2
-        known = np.array([fit.displacement.value, area, fit.cross_port.value, fit.case.value, 0.0, 0.0])
+        known = fit.theta.copy()
+        known[[STIFF, AIR]] = 0.0
         scale, index = scales(unit), unit.oil.polytropic_index
-        self.compressed = steps.m @ (known / scale) - steps.y
+        self.compressed = steps.m @ known - steps.y
         self.raised = -steps.m[:, STIFF] / scale[STIFF]
         bound = 0.5 * float(air_compliance(found.logs.pressure, index))
         with np.errstate(divide="ignore", invalid="ignore"):

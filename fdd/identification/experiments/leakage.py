@@ -11,10 +11,11 @@ from scipy.stats import t as student
 from fdd.data_sheet.efficiency import volumetric_efficiency
 from fdd.identification.balance import GROUPS, LEAST_ROWS, fit_theta
 from fdd.identification.experiments.outcome import Outcome, Told, axes, cloud, curve_line, points
-from fdd.identification.identify import LEAKAGE_SHARP, zero_share
+from fdd.identification.identify import LEAKAGE_SHARP
 from fdd.identification.log_balances import LogBalances
 from fdd.identification.oil import viscosity
 from fdd.identification.record import Record
+from fdd.identification.sensors import redundancy_offset
 from fdd.identification.volume_steps import (
     AIR,
     AREA_2,
@@ -39,6 +40,8 @@ APART = 4.0
 """Times the lowest pressures that the highest must be for laminar and orifice flow to be told apart."""
 LEAST_PRESSURE = 2e5
 """Pa between the lowest and the highest pressures: sensors' zeros and friction alone make about as much."""
+USUAL_ZERO = 3.0e3
+"""Pa, standard deviation of a pressure sensor's zero where nothing else is known of it."""
 MODEL = 0.01
 """Of the leak flow: what the volume balance itself leaves out."""
 PRESSURES = 12
@@ -56,7 +59,8 @@ class _Rows:
             (unit.pump.cross_port_leakage / total, unit.pump.case_leakage / total) if total else (1.0, 0.0)
         )
         laminar = cross * m[:, CROSS] + share * m[:, CASE]
-        known = m[:, [AREA_2, STIFF, AIR]] @ theta[[AREA_2, STIFF, AIR]]
+        others = [AREA_2, STIFF, AIR]
+        known = m[:, others] @ theta[others]
         self.pressure = -laminar / (leakage_scale(unit) * seconds)
         self.pumped = m[:, DISPLACEMENT] / seconds
         self.arrived = (steps.y[longest] - known) / seconds
@@ -87,6 +91,14 @@ class _Rows:
         spread = np.sqrt((n - 1) / n * np.sum((parts - parts.mean(axis=0)) ** 2, axis=0))
         stretch = float(student.ppf(0.975, max(n - 1, 1))) / 1.96
         return whole / scale, stretch * spread / scale
+
+
+def zero_share(records: list[Record]) -> float:
+    """Relative error of the leakage that the pressure sensors' zeros may make: less under load."""
+    offset = redundancy_offset(records)
+    zero = max(USUAL_ZERO, 0.0 if offset is None else 0.5 * abs(offset.value))
+    drops = np.concatenate([r.smooth(r.pressure_1 - r.pressure_2, 0.1)[:: r.rows(0.1)] for r in records])
+    return zero / max(float(np.sqrt(np.mean(drops**2))), zero)
 
 
 def leakage(records: list[Record], unit: Unit) -> Outcome:
