@@ -134,16 +134,19 @@ def against_pressure(record: Record, unit: Unit, where: str, *, own: bool = Fals
     """
     if record.has_difference and record.chambers_measured:
         ratio = _slope(record, record.pressure_1 - record.pressure_2, record.difference)
-        if ratio is not None and not 1.0 / NEAR < ratio < NEAR:
+        if ratio is not None:
             problem = f"pressure_difference is {ratio:.3g} times pressure_1 - pressure_2"
             looks = slips(ratio, "pressure")
             units = f"check their units in the map{f' (it looks like {looks})' if looks else ''}"
             raise InputError(problem, where=where, mend=TURN if ratio < 0.0 else units)
-    step = record.rows(STEP)
-    dx, dtheta = np.diff(record.position[::step]), np.diff(record.angle[::step])
-    throughout = float(np.sum(dx * dtheta) / max(float(np.sum(dtheta**2)), 1e-30))
-    gains = (unit.pump.displacement / unit.cylinder.area_1,) if own else (None, throughout)
     against = []
+    step, ratio = record.rows(STEP), unit.cylinder.area_1 / unit.cylinder.area_2
+    dx, dtheta = np.diff(record.position[::step]), np.diff(record.angle[::step])
+    dtheta = dtheta * np.where(record.pressure_1 > record.pressure_2, 1.0, ratio)[step::step]
+    gains: tuple[float | None, ...] = (None, float(np.sum(dx * dtheta) / max(np.sum(dtheta**2), 1e-30)))
+    if own and (std := unit.pump.std_of("displacement")) is not None:
+        middle, open_by = unit.pump.displacement / unit.cylinder.area_1, 3.0 * std / unit.cylinder.area_1
+        gains = (middle - open_by, middle, middle + open_by)
     for gain in gains:
         found = oil_loss(record, unit, gain)
         if found is None:
@@ -181,7 +184,8 @@ def oil_loss(record: Record, unit: Unit, gain: float | None = None) -> OilLoss |
 
     ``Δx = g± Δθ - l ∫Δp dt - c Δ(Δp) + d Δt`` over steps; g of its own for either sign of Δp, because the
     chamber under load meters the motion. d takes up the zero of the pressures. Where a load goes with the
-    speed, as a throttle's does, g and l can hardly be told apart: then `gain` (m/rad) is better known before.
+    speed, as a throttle's does, g and l can hardly be told apart: then `gain` (m/rad of chamber 1; chamber 2
+    has its area's) is better known before.
 
     Returns
     -------
@@ -202,7 +206,8 @@ def oil_loss(record: Record, unit: Unit, gain: float | None = None) -> OilLoss |
         [turned * (mean > 0), turned * (mean <= 0), -mean, drop[starts] - drop[starts + n], np.ones(y.size)]
     )
     if gain is not None:
-        y, m = y - gain * turned, m[:, 2:]
+        metered = turned * np.where(mean > 0, 1.0, unit.cylinder.area_1 / unit.cylinder.area_2)
+        y, m = y - gain * metered, m[:, 2:]
     leak = m.shape[1] - 3
     group = (starts * record.period / BLOCK).astype(np.int64) % GROUPS
     groups = np.unique(group)
@@ -217,8 +222,26 @@ def oil_loss(record: Record, unit: Unit, gain: float | None = None) -> OilLoss |
 
 
 def _slope(record: Record, x: Array, y: Array) -> float | None:
+    """Factor from x to y where it is surely none of a sound pair of sensors, else None.
+
+    Noise and wandering zeros of x lower the one regression, those of y raise the other (errors in
+    variables), so the factor lies between the two, each give or take its own standard error; told is their geometric mean.
+    """
     x, y = (record.smooth(v, 0.05)[~record.gap] for v in (x, y))
-    return _regression(x - x.mean(), y - y.mean()) if x.size else None
+    group = np.arange(x.size) // record.rows(BLOCK) % GROUPS
+    groups = np.unique(group)
+    if groups.size < GROUPS // 2:
+        return None
+    x, y = x - x.mean(), y - y.mean()
+    parts = np.array([[np.sum(v[group == g]) for g in groups] for v in (x * y, x * x, y * y)])
+    xy, xx, yy = (np.append(np.sum(p) - p, np.sum(p)) for p in parts)  # without each group, and of all
+    ends = []
+    for one in (xy / xx, yy / xy):
+        error = SURE[groups.size - 1] * np.sqrt((groups.size - 1) * np.var(one[:-1]))
+        ends += [one[-1] - error, one[-1] + error]
+    if (min(ends) < NEAR and max(ends) > 1.0 / NEAR) or _regression(x, y) is None:
+        return None
+    return float(np.copysign(np.sqrt(yy[-1] / xx[-1]), xy[-1]))
 
 
 def _regression(x: Array, y: Array) -> float | None:
