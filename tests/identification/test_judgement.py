@@ -12,8 +12,8 @@ from fdd.errors import InputError
 from fdd.identification import identify_unit, signs
 from fdd.identification.judgement import Judgement, judge
 from fdd.identification.record import centred_mean, even_record
-from fdd.identification.signs import check_senses
 from fdd.identification.slips import NEAR, slips
+from fdd.offline.log_scales import check_scales
 from fdd.plant.scenario import Scenario
 from fdd.plant.simulate import simulate
 from fdd.samples import Samples
@@ -228,7 +228,7 @@ def test_a_throttled_load_is_no_turned_sign() -> None:
     unit = Unit.load("axis_a")
     log = work(unit, 5, duty="steps", load="throttle")
     own = add_baseline(identify_unit([log], unit).unit, [log])
-    check_senses(log, own, "log")
+    check_scales(log, own, "log")
     swapped = log.with_columns(
         {
             "pressure_difference": -log["pressure_difference"],
@@ -237,7 +237,7 @@ def test_a_throttled_load_is_no_turned_sign() -> None:
         }
     )
     with pytest.raises(InputError, match="oil flows against"):
-        check_senses(swapped, own, "log")
+        check_scales(swapped, own, "log")
 
 
 def test_a_retracting_single_rod_is_no_turned_sign() -> None:
@@ -252,7 +252,7 @@ def test_a_retracting_single_rod_is_no_turned_sign() -> None:
     own.pump.provenance["displacement"] = Provenance(source="test", std=0.005 * unit.pump.displacement)
     for off in (1.0, 1.01, 0.99):
         own.pump.displacement = off * unit.pump.displacement
-        check_senses(log, own, "log")
+        check_scales(log, own, "log")
 
 
 def test_wander_beside_a_small_load_is_no_other_unit() -> None:
@@ -269,9 +269,9 @@ def test_wander_beside_a_small_load_is_no_other_unit() -> None:
     log = log.with_columns({"pressure_1": log["pressure_1"] + wander, "pressure_difference": 0.95 * drop})
     seen = uniform_filter1d(log["pressure_1"] - log["pressure_2"], 51)
     assert 0.74 < np.polyfit(seen, 0.95 * drop, 1)[0] < 1.0 / NEAR
-    check_senses(log, unit, "log")
+    check_scales(log, unit, "log")
     with pytest.raises(InputError, match="psi"):
-        check_senses(log.with_columns({"pressure_difference": 14.5 * 0.95 * drop}), unit, "log")
+        check_scales(log.with_columns({"pressure_difference": 14.5 * 0.95 * drop}), unit, "log")
 
 
 def test_quantiles_are_students() -> None:
