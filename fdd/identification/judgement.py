@@ -27,11 +27,13 @@ OTHER_SIZE = 2.0
 WORTH_SAYING = 1.5
 """Factor of leakage that is said although it is left open: a worn pump may be like that."""
 SCALES = {"accumulator.charge_pressure": 1, "oil.bulk_modulus": 1, "pump.leakage": -1, "friction": 1,
-          "drive.torque_constant": 1}  # fmt: skip
+          "drive.torque_constant": 1, "accumulator.relief_pressure": 1, "noise": 1, "counts": 1}  # fmt: skip
 """How what is identified goes with pressures read too large."""
 ODDS = 29.0
 """2 ln(odds): one slip in particular is a priori one in 20 000 (one in 1000 of any kind, twenty pairs of
 units), and it is told from odds of a hundred to one on."""
+ALIKE = 6.0
+"""2 ln(odds) of twenty to one, within which another slip is named beside the likeliest."""
 COLDEST, HOTTEST = -40.0, 120.0
 """°C of hydraulic oil: pour point and where seals give up."""
 
@@ -88,7 +90,7 @@ def judge(
     ratios = against_base(found, base)
     for samples, label in zip(logs, labels, strict=True):
         out.refusals += [f"{label}: {text}" for text in _temperature(samples)]
-    slip = pressure_slip(ratios, _push(logs, base))
+    slip = pressure_slip(ratios, push_of(logs, base))
     if slip is not None:
         out.refusals.append(slip)
     else:
@@ -181,18 +183,21 @@ def pressure_slip(ratios: dict[str, Ratio], push: float = 1.0) -> str | None:
         return lacking**2 + sum(ratios[n].misfit(factor**sign) for n, sign in SCALES.items() if n in ratios)
 
     sizes = sorted({m.factor for m in MEASURES.values() if m.dimension == "pressure"})
-    best = min((a / b for a in sizes for b in sizes if a != b), key=misfit)
+    factors = sorted({round(a / b, 9) for a in sizes for b in sizes if a != b}, key=misfit)
+    best = factors[0]
     if misfit(1.0) - misfit(best) < ODDS:
         return None
+    looks = dict.fromkeys(slips(f, "pressure") for f in factors if misfit(f) < misfit(best) + ALIKE)
     told = [f"{WORDS[n]} {_times(ratios[n].value)} the base's" for n in SCALES if n in ratios]
     told += [f"their force {_times(push)} the friction"] if push < 1.0 else []
     return (
-        f"the pressures look {_times(best)} what they should be, as {slips(best, 'pressure')} are "
+        f"the pressures look {_times(best)} what they should be, as {' or '.join(looks)} are "
         f"({', '.join(told)}); check their unit in the channel map"
     )
 
 
-def _push(logs: Sequence[Samples], base: Unit) -> float:
+def push_of(logs: Sequence[Samples], base: Unit) -> float:
+    """Force of the pressures, root mean square over the logs, over the base's friction."""
     squares = []
     for each in logs:
         drops = [each["pressure_difference"]] if "pressure_difference" in each else []
@@ -210,6 +215,8 @@ WORDS = {
     "pump.displacement": "travel per rad of the pump", "cylinder.area_2": "area_2",
     "pump.leakage": "leakage", "oil.bulk_modulus": "bulk modulus", "friction": "friction",
     "drive.torque_constant": "torque constant", "accumulator.charge_pressure": "charge pressure",
+    "accumulator.relief_pressure": "pressure beyond the relief setting", "noise": "their noise",
+    "counts": "their counts",
 }  # fmt: skip
 
 
@@ -250,12 +257,9 @@ def _temperature(samples: Samples) -> list[str]:
     values = samples["oil_temperature"][np.isfinite(samples["oil_temperature"])]
     if not values.size or COLDEST <= (middle := float(np.median(values))) <= HOTTEST:
         return []
-    looks = next((u for u in ("K", "degF") if COLDEST <= _celsius(middle, u) <= 90.0), None)
+    read = {u: MEASURES[u].factor * middle + MEASURES[u].offset for u in ("K", "degF")}
+    looks = next((u for u, celsius in read.items() if COLDEST <= celsius <= 90.0), None)
     return [f"oil at {middle:.0f} °C" + (f": it looks like {looks} read as degC" if looks else "")]
-
-
-def _celsius(value: float, unit: str) -> float:
-    return MEASURES[unit].factor * value + MEASURES[unit].offset
 
 
 def _open_questions(

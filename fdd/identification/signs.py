@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fdd.errors import InputError
-from fdd.identification.record import Record, even_record
+from fdd.identification.record import Record
 from fdd.identification.slips import NEAR, slips
 from fdd.samples import Samples
 from fdd.unit import Unit
@@ -19,8 +19,6 @@ Array = NDArray[np.float64]
 
 MOST_GAIN_CHANGE = 3.0
 """Factor between the logs' and the base's gain beyond which one of the two is wrong."""
-ENOUGH_S = 120.0
-"""s of a log that tell its signs."""
 STEP = 0.2
 """s of a step: some millimetres of travel, and leakage beside compression."""
 GROUPS = 12
@@ -56,30 +54,34 @@ def check_gain(record: Record, base: Unit, where: str) -> None:
     ------
     InputError : opposite signs, or a factor of three and more; names the unit that it looks like.
     """
+    ratio, alike = gain_ratio(record, base)
+    expected = base.pump.displacement / base.cylinder.area_1
+    if alike < UNLIKE:  # a gust or a leak moves the piston more than the pump does
+        return
+    if ratio < 0.0:
+        raise InputError(
+            f"the piston retracts while the pump turns forward ({1e3 * ratio * expected:.3g} mm/rad)",
+            where=where, mend="turn the sign of position or pump in the channel map",
+        )  # fmt: skip
+    # Errors in travel lower the one regression, those in turning raise the other: the gain lies between them.
+    if ratio > MOST_GAIN_CHANGE or ratio / alike < 1.0 / MOST_GAIN_CHANGE:
+        raise InputError(
+            f"{1e3 * ratio * expected:.3g} mm of travel per rad of the pump where base {base.name} has "
+            f"{1e3 * expected:.3g}", where=where,
+            mend=f"check the units of position and pump in the channel map{gain_slips(ratio)}, or give a "
+            "fitting base profile",
+        )  # fmt: skip
+
+
+def gain_ratio(record: Record, base: Unit) -> tuple[float, float]:
+    """Travel per rad of the pump over the base's, and how much of the travel goes with it (0 to 1)."""
     step = record.rows(STEP)
     dx, dtheta = np.diff(record.position[::step]), np.diff(record.angle[::step])
     moving = np.abs(dtheta) > 0.2 * np.max(np.abs(dtheta), initial=0.0)
     dx, dtheta = dx[moving], dtheta[moving]
     product, square = float(np.sum(dx * dtheta)), max(float(np.sum(dtheta**2)), 1e-30)
     alike = product**2 / max(square * float(np.sum(dx**2)), 1e-300)
-    gain = product / square
-    expected = base.pump.displacement / base.cylinder.area_1
-    ratio = gain / expected
-    if alike < UNLIKE:  # a gust or a leak moves the piston more than the pump does
-        return
-    if ratio < 0.0:
-        raise InputError(
-            f"the piston retracts while the pump turns forward ({gain * 1e3:.3g} mm/rad)", where=where,
-            mend="turn the sign of position or pump in the channel map",
-        )  # fmt: skip
-    # Errors in travel lower the one regression, those in turning raise the other: the gain lies between them.
-    if ratio > MOST_GAIN_CHANGE or ratio / alike < 1.0 / MOST_GAIN_CHANGE:
-        raise InputError(
-            f"{gain * 1e3:.3g} mm of travel per rad of the pump where base {base.name} has "
-            f"{expected * 1e3:.3g}", where=where,
-            mend=f"check the units of position and pump in the channel map{gain_slips(ratio)}, or give a "
-            "fitting base profile",
-        )  # fmt: skip
+    return product / square * base.cylinder.area_1 / base.pump.displacement, alike
 
 
 def gain_slips(ratio: float) -> str:
@@ -91,18 +93,10 @@ def gain_slips(ratio: float) -> str:
     return f" (it looks like {', or '.join(found)})" if found else ""
 
 
-def check_pressure_sign(record: Record, unit: Unit, where: str, *, own: bool = False) -> None:
-    """Refuse a log in which oil leaks towards the higher pressure; see `against_pressure`.
-
-    Raises
-    ------
-    InputError : the pressure difference has the wrong sign.
-    """
-    _refuse_sign(against_pressure(record, unit, where, own=own), 1.0, where)
-
-
 def check_pressure_signs(records: Sequence[Record], base: Unit, labels: Sequence[str]) -> None:
-    """The same of all logs of a unit: they are read by one map, so the others may outvote a doubtful one.
+    """Refuse logs of a unit in which oil leaks towards the higher pressure; see `against_pressure`.
+
+    They are read by one map, so the others may outvote a doubtful one.
 
     Raises
     ------
@@ -111,10 +105,11 @@ def check_pressure_signs(records: Sequence[Record], base: Unit, labels: Sequence
     found = [against_pressure(r, base, label) for r, label in zip(records, labels, strict=True)]
     doubt = sum(np.clip(one, -ALONE, ALONE) for one in found)
     for one, label in zip(found, labels, strict=True):
-        _refuse_sign(one, 1.0 if doubt > 0.0 else ALONE, label)
+        refuse_sign(one, 1.0 if doubt > 0.0 else ALONE, label)
 
 
-def _refuse_sign(against: float, most: float, where: str) -> None:
+def refuse_sign(against: float, most: float, where: str) -> None:
+    """Refuse what `against_pressure` found, where it is more than `most`."""
     if against > most:
         problem = f"oil flows against the pressure difference ({against:.1f} times what chance gives)"
         raise InputError(problem, where=where, mend=TURN)
@@ -134,16 +129,19 @@ def against_pressure(record: Record, unit: Unit, where: str, *, own: bool = Fals
     """
     if record.has_difference and record.chambers_measured:
         ratio = _slope(record, record.pressure_1 - record.pressure_2, record.difference)
-        if ratio is not None and not 1.0 / NEAR < ratio < NEAR:
+        if ratio is not None:
             problem = f"pressure_difference is {ratio:.3g} times pressure_1 - pressure_2"
             looks = slips(ratio, "pressure")
             units = f"check their units in the map{f' (it looks like {looks})' if looks else ''}"
             raise InputError(problem, where=where, mend=TURN if ratio < 0.0 else units)
-    step = record.rows(STEP)
-    dx, dtheta = np.diff(record.position[::step]), np.diff(record.angle[::step])
-    throughout = float(np.sum(dx * dtheta) / max(float(np.sum(dtheta**2)), 1e-30))
-    gains = (unit.pump.displacement / unit.cylinder.area_1,) if own else (None, throughout)
     against = []
+    step, ratio = record.rows(STEP), unit.cylinder.area_1 / unit.cylinder.area_2
+    dx, dtheta = np.diff(record.position[::step]), np.diff(record.angle[::step])
+    dtheta = dtheta * np.where(record.pressure_1 > record.pressure_2, 1.0, ratio)[step::step]
+    gains: tuple[float | None, ...] = (None, float(np.sum(dx * dtheta) / max(np.sum(dtheta**2), 1e-30)))
+    if own and (std := unit.pump.std_of("displacement")) is not None:
+        middle, open_by = unit.pump.displacement / unit.cylinder.area_1, 3.0 * std / unit.cylinder.area_1
+        gains = (middle - open_by, middle, middle + open_by)
     for gain in gains:
         found = oil_loss(record, unit, gain)
         if found is None:
@@ -181,7 +179,8 @@ def oil_loss(record: Record, unit: Unit, gain: float | None = None) -> OilLoss |
 
     ``Δx = g± Δθ - l ∫Δp dt - c Δ(Δp) + d Δt`` over steps; g of its own for either sign of Δp, because the
     chamber under load meters the motion. d takes up the zero of the pressures. Where a load goes with the
-    speed, as a throttle's does, g and l can hardly be told apart: then `gain` (m/rad) is better known before.
+    speed, as a throttle's does, g and l can hardly be told apart: then `gain` (m/rad of chamber 1; chamber 2
+    has its area's) is better known before.
 
     Returns
     -------
@@ -202,7 +201,8 @@ def oil_loss(record: Record, unit: Unit, gain: float | None = None) -> OilLoss |
         [turned * (mean > 0), turned * (mean <= 0), -mean, drop[starts] - drop[starts + n], np.ones(y.size)]
     )
     if gain is not None:
-        y, m = y - gain * turned, m[:, 2:]
+        metered = turned * np.where(mean > 0, 1.0, unit.cylinder.area_1 / unit.cylinder.area_2)
+        y, m = y - gain * metered, m[:, 2:]
     leak = m.shape[1] - 3
     group = (starts * record.period / BLOCK).astype(np.int64) % GROUPS
     groups = np.unique(group)
@@ -217,8 +217,26 @@ def oil_loss(record: Record, unit: Unit, gain: float | None = None) -> OilLoss |
 
 
 def _slope(record: Record, x: Array, y: Array) -> float | None:
+    """Factor from x to y where it is surely none of a sound pair of sensors, else None.
+
+    Noise and wander of x lower the one regression, those of y raise the other: the factor lies between the
+    two, each give or take its own standard error (errors in variables). Told is their geometric mean.
+    """
     x, y = (record.smooth(v, 0.05)[~record.gap] for v in (x, y))
-    return _regression(x - x.mean(), y - y.mean()) if x.size else None
+    group = np.arange(x.size) // record.rows(BLOCK) % GROUPS
+    groups = np.unique(group)
+    if groups.size < GROUPS // 2:
+        return None
+    x, y = x - x.mean(), y - y.mean()
+    parts = np.array([[np.sum(v[group == g]) for g in groups] for v in (x * y, x * x, y * y)])
+    xy, xx, yy = (np.append(np.sum(p) - p, np.sum(p)) for p in parts)  # without each group, and of all
+    ends = []
+    for one in (xy / xx, yy / xy):
+        error = SURE[groups.size - 1] * np.sqrt((groups.size - 1) * np.var(one[:-1]))
+        ends += [one[-1] - error, one[-1] + error]
+    if (min(ends) < NEAR and max(ends) > 1.0 / NEAR) or _regression(x, y) is None:
+        return None
+    return float(np.copysign(np.sqrt(yy[-1] / xx[-1]), xy[-1]))
 
 
 def _regression(x: Array, y: Array) -> float | None:
@@ -236,25 +254,3 @@ def _robust(m: Array, y: Array) -> Array:
         rest = np.abs(y - m @ theta)
         weights = np.sqrt(np.minimum(1.0, 2.5 * (1.4826 * np.median(rest) + 1e-12) / np.maximum(rest, 1e-15)))
     return theta
-
-
-def check_senses(log: Samples, unit: Unit, where: str) -> None:
-    """Refuse a log whose signs and units are not those of the unit; a log that hardly moves tells nothing.
-
-    Parameters
-    ----------
-    log : to be diagnosed; its first two minutes are enough. unit : its profile.
-
-    Raises
-    ------
-    InputError : the piston goes against the pump, the gain is of another unit of measure, or oil flows
-        against the pressure difference.
-    """
-    log = log.rows(0, int(np.searchsorted(log.time, log.time[0] + ENOUGH_S)))
-    try:
-        record = even_record(log, unit, where)
-    except InputError:
-        return
-    check_gain(record, unit, where)
-    check_pump(log, where)
-    check_pressure_sign(record, unit, where, own=unit.baseline is not None)

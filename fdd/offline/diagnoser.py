@@ -179,11 +179,10 @@ class Diagnoser:
         ------
         InputError : its channels do not suffice, or the profile in it cannot be used.
         """
-        from fdd.identification.signs import check_senses
+        from fdd.offline.log_scales import check_scales
 
         unit, note = (self.unit, None) if self.unit is not None else unit_of(log, None)
-        check_senses(log.samples, unit, where)
-        notes = (note,) if note else ()
+        notes = (*((note,) if note else ()), *check_scales(log.samples, unit, where))
         found = diagnose_log(
             log, unit, self.model, name, notes, advance, keep_trajectories, self.settings.trackers
         )

@@ -12,11 +12,12 @@ from fdd.errors import InputError
 from fdd.identification import identify_unit, signs
 from fdd.identification.judgement import Judgement, judge
 from fdd.identification.record import centred_mean, even_record
-from fdd.identification.signs import check_senses
-from fdd.identification.slips import slips
+from fdd.identification.slips import NEAR, slips
+from fdd.offline.log_scales import check_scales
 from fdd.plant.scenario import Scenario
 from fdd.plant.simulate import simulate
 from fdd.samples import Samples
+from fdd.sections import Provenance
 from fdd.unit import Unit
 
 PLAN = (("strokes", "constant"), ("steps", "spring"), ("flight", "gust"))
@@ -236,7 +237,7 @@ def test_a_throttled_load_is_no_turned_sign() -> None:
     unit = Unit.load("axis_a")
     log = work(unit, 5, duty="steps", load="throttle")
     own = add_baseline(identify_unit([log], unit).unit, [log])
-    check_senses(log, own, "log")
+    check_scales(log, own, "log")
     swapped = log.with_columns(
         {
             "pressure_difference": -log["pressure_difference"],
@@ -245,7 +246,41 @@ def test_a_throttled_load_is_no_turned_sign() -> None:
         }
     )
     with pytest.raises(InputError, match="oil flows against"):
-        check_senses(swapped, own, "log")
+        check_scales(swapped, own, "log")
+
+
+def test_a_retracting_single_rod_is_no_turned_sign() -> None:
+    """Test: a single rod's chambers meter with their own areas; its log under its own profile.
+
+    Expected: the log passes, as it stands and with the profile's gain off by twice its own uncertainty.
+    """
+    unit = spread_unit(3)
+    unit.cylinder.area_2 = 0.6 * unit.cylinder.area_1
+    log = work(unit, 7, duty="sines", load="spring")
+    own = add_baseline(unit, [log])
+    own.pump.provenance["displacement"] = Provenance(source="test", std=0.005 * unit.pump.displacement)
+    for off in (1.0, 1.01, 0.99):
+        own.pump.displacement = off * unit.pump.displacement
+        check_scales(log, own, "log")
+
+
+def test_wander_beside_a_small_load_is_no_other_unit() -> None:
+    """Test: chambers that hardly differ beside a wander of 46 % of that, and a difference 5 % off in gain.
+
+    Expected: the slope of 0.95 / (1 + 0.46²) = 0.785 passes for one of sound sensors, as it does for the
+    inverse regression's 0.95; with a difference in another unit, which no wander makes, it does not.
+    """
+    unit = spread_unit(4)
+    log = work(unit, 8, duty="sines", load="none")
+    drop = uniform_filter1d(log["pressure_1"] - log["pressure_2"], 51)
+    wander = uniform_filter1d(np.random.default_rng(11).normal(size=len(log)), 301)
+    wander *= 0.46 * drop.std() / wander.std()
+    log = log.with_columns({"pressure_1": log["pressure_1"] + wander, "pressure_difference": 0.95 * drop})
+    seen = uniform_filter1d(log["pressure_1"] - log["pressure_2"], 51)
+    assert 0.74 < np.polyfit(seen, 0.95 * drop, 1)[0] < 1.0 / NEAR
+    check_scales(log, unit, "log")
+    with pytest.raises(InputError, match="psi"):
+        check_scales(log.with_columns({"pressure_difference": 14.5 * 0.95 * drop}), unit, "log")
 
 
 def test_quantiles_are_students() -> None:

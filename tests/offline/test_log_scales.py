@@ -1,0 +1,76 @@
+"""Logs in another unit of measure, or under another unit's profile, are told before they are diagnosed."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import fdd
+from fdd import InputError, Samples, Unit, read_log
+from fdd.offline.log_scales import check_scales
+from fdd.samples import PRESSURES
+
+DEMO = Path(fdd.__file__).parent / "demo"
+
+
+@pytest.fixture(scope="module")
+def healthy() -> Samples:
+    """The shipped log before its leak begins at 16 s."""
+    samples = read_log(DEMO / "demo.mcap").samples
+    return samples.rows(0, int(np.searchsorted(samples.time, samples.time[0] + 15.5)))
+
+
+@pytest.fixture(scope="module")
+def unit() -> Unit:
+    return Unit.load(DEMO / "unit.yaml")
+
+
+def scaled(log: Samples, factor: float, *channels: str) -> Samples:
+    return log.with_columns({c: factor * log[c] for c in channels if c in log})
+
+
+def test_a_sound_log_passes_without_a_word(healthy: Samples, unit: Unit) -> None:
+    assert check_scales(healthy, unit, "log") == []
+
+
+@pytest.mark.parametrize("factor, hint", [
+    (0.0689476, "bar read as psi"), (10.0, "bar read as MPa"), (0.01, "bar read as kPa"),
+])  # fmt: skip
+def test_pressures_in_another_unit_are_refused(
+    healthy: Samples, unit: Unit, factor: float, hint: str
+) -> None:
+    with pytest.raises(InputError, match=hint) as caught:
+        check_scales(scaled(healthy, factor, *PRESSURES), unit, "log")
+    assert str(caught.value).startswith("log: ") and "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize("channel, factor, hint", [
+    ("pump_angle", 180.0 / np.pi, "deg read as rad"), ("pump_angle", np.pi / 180.0, "rad read as deg"),
+    ("position", 10.0, "mm read as cm"), ("position", 1e-3, "m read as mm"),
+    ("pump_speed", 30.0 / np.pi, "rpm read as rad/s"),
+])  # fmt: skip
+def test_motion_in_another_unit_is_refused(
+    healthy: Samples, unit: Unit, channel: str, factor: float, hint: str
+) -> None:
+    with pytest.raises(InputError, match=hint):
+        check_scales(scaled(healthy, factor, channel), unit, "log")
+
+
+def test_milliseconds_read_as_seconds_are_refused(healthy: Samples, unit: Unit) -> None:
+    with pytest.raises(InputError, match=r"channel time.*ms read as s"):
+        check_scales(Samples(1e3 * healthy.time, healthy.columns), unit, "log")
+
+
+def test_another_units_profile_is_told_in_a_note(healthy: Samples, unit: Unit) -> None:
+    """Test: displacement 10 % off, which a worn pump could be as well. Expected: a note, no refusal."""
+    other = unit.model_copy(deep=True)
+    other.pump.displacement *= 1.1
+    assert any("of another unit" in note for note in check_scales(healthy, other, "log"))
+
+
+def test_a_log_at_rest_tells_nothing(healthy: Samples, unit: Unit) -> None:
+    still = healthy.with_columns({n: np.full(len(healthy), healthy[n][0]) for n in
+                                  ("position", "pump_angle", "pump_speed") if n in healthy})  # fmt: skip
+    assert check_scales(still, unit, "log") == []
