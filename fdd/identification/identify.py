@@ -16,8 +16,9 @@ from fdd.identification.profile import Identification, ProfileWriter
 from fdd.identification.record import Record, even_record
 from fdd.identification.sensors import fit_sensors, gain_mismatch, redundancy_offset
 from fdd.identification.signs import MOST_GAIN_CHANGE, check_gain, check_pressure_signs, check_pump
-from fdd.identification.volume_steps import SMOOTHING, VolumeSteps, piloted
+from fdd.identification.volume_steps import SMOOTHING, VolumeSteps
 from fdd.identification.volumes import VolumeFit, fit_volumes
+from fdd.residuals.quantities import needs_pilots
 from fdd.samples import Samples
 from fdd.tolerances import tolerance
 from fdd.unit import Unit
@@ -164,7 +165,7 @@ def hydraulics(
         return None
     _put_gain(writer, fit)
     _put_leakage(writer, fit, logs.temperature, hidden)
-    single = piloted(base.cylinder)
+    single = needs_pilots(base)
     blurred = HIDDEN_BULK[0 if told else 2 if single else 1] if hidden else 0.0
     of_volume = volumes.gain.relative if volumes is not None and volumes.of_volume else 0.0
     # The balance knows volume over bulk modulus: what the volume is uncertain by, this is too.

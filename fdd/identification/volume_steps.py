@@ -27,7 +27,8 @@ from numpy.typing import NDArray
 
 from fdd.identification.oil import air_compliance, air_shrinkage, viscosity
 from fdd.identification.record import Record
-from fdd.unit import Cylinder, Oil, Unit
+from fdd.residuals.quantities import PILOT, needs_pilots
+from fdd.unit import Oil, Unit
 
 Array = NDArray[np.float64]
 
@@ -42,11 +43,6 @@ REFEED_MARGIN = 4.0e4
 """Pa above the accumulator at which a chamber is surely not being refed, sensor zeros included."""
 NOISE_MARGIN = 4.0
 """Standard deviations of the smoothed pressures' noise that this margin must be at least."""
-PLAIN = 0.97
-"""Ratio of areas from which on plain check valves feed both chambers: smaller ones need piloted valves."""
-PILOT = 4.0
-"""Area of a pilot piston over its valve's seat, the largest that is usual: as many times the other chamber's
-pressure above the accumulator's holds the valve open."""
 RELIEF_MARGIN = 0.97
 """Of the relief setting, above which the valve may pass oil."""
 WARMING_WINDOW = 5.0
@@ -122,11 +118,6 @@ def scales(unit: Unit) -> Array:
     )
 
 
-def piloted(cylinder: Cylinder) -> bool:
-    """Whether areas are so unequal that the refeeding valves must be piloted."""
-    return not PLAIN < cylinder.area_2 / cylinder.area_1 < 1.0 / PLAIN
-
-
 def viscosity_over_reference(record: Record, unit: Unit, reference: float) -> Array:
     """(n,) or scalar 1: viscosity over that at `reference` (°C)."""
     if record.temperature is None:
@@ -195,7 +186,7 @@ def volume_steps(
         # Only the higher chamber is surely shut: the lower one gives oil back through a valve that the other
         # chamber's pressure holds open, where rods ask for one, at just such a pressure.
         usable = calm & (smoothed > store + margin) & (sign * (smooth_1 - smooth_2) > higher)
-        if piloted(cylinder):
+        if needs_pilots(unit):
             other = smooth_2 if chamber == 1 else smooth_1
             usable &= smoothed - store > PILOT * (other - store)
         for seconds in STEPS:

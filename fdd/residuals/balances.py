@@ -27,7 +27,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from fdd.residuals.quantities import VALVE_MARGIN_PA, Quantities, change, middle
+from fdd.residuals.quantities import PILOT, VALVE_MARGIN_PA, Quantities, change, middle, needs_pilots
 from fdd.residuals.rows import ATMOSPHERE_PA, GAS_S, HOP_ROWS, ROW_S
 
 Array = NDArray[np.float64]
@@ -104,6 +104,9 @@ def _volume(q: Quantities) -> list[Strand]:
         side: (known & (p < q.accumulator + VALVE_MARGIN_PA)) | ~(s * q.drop > margin)
         for side, p, s in ((1, q.p1, 1.0), (2, q.p2, -1.0))
     }
+    if needs_pilots(unit):
+        for side, p, other in ((1, q.p1, q.p2), (2, q.p2, q.p1)):
+            fed[side] |= known & ~(p - q.accumulator > PILOT * (other - q.accumulator))
     starved = np.minimum(q.p1, q.p2) < LEAST_INLET_PA
     for side, sign, p, area in (
         (1, 1.0, q.p1, unit.cylinder.area_1),

@@ -19,6 +19,18 @@ VALVE_MARGIN_PA = 5e3
 """How far above the accumulator a chamber must be for its check valve to be surely shut."""
 
 
+PLAIN = 0.97
+"""Ratio of areas from which on plain check valves feed both chambers: smaller ones need piloted valves."""
+PILOT = 4.0
+"""Area of a pilot piston over its valve's seat, the largest that is usual: as many times the other chamber's
+pressure above the accumulator's holds the valve open."""
+
+
+def needs_pilots(unit: Unit) -> bool:
+    """Whether a chamber's valve must let oil back, since the other one takes more or less than it gives."""
+    return not PLAIN < unit.cylinder.area_2 / unit.cylinder.area_1 < 1.0 / PLAIN
+
+
 @dataclass(frozen=True)
 class Scales:
     """A unit's own sizes, in which all columns are written, so that coefficients compare between sizes.

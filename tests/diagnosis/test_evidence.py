@@ -7,8 +7,8 @@ import pytest
 from made_up_evidence import DRIFT, EFFECTS, LEAK, THIRD, best, drawn, hypothesis, step
 
 from fdd.diagnosis.decision import USUAL_SIZE, decide
-from fdd.diagnosis.evidence import KINDS, Amplitude, Evidence, Sums, course_of
 from fdd.diagnosis.departures import WITHIN_FRAMES
+from fdd.diagnosis.evidence import KINDS, Amplitude, Evidence, Sums, course_of
 from fdd.diagnosis.fitting import Joint
 from fdd.residuals.ledger import widened
 
