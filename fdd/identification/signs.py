@@ -228,13 +228,15 @@ def _slope(record: Record, x: Array, y: Array) -> float | None:
     if groups.size < GROUPS // 2:
         return None
     x, y = x - x.mean(), y - y.mean()
+    if _regression(x, y) is None:  # a dead sensor among others
+        return None
     parts = np.array([[np.sum(v[group == g]) for g in groups] for v in (x * y, x * x, y * y)])
     xy, xx, yy = (np.append(np.sum(p) - p, np.sum(p)) for p in parts)  # without each group, and of all
     ends = []
     for one in (xy / xx, yy / xy):
         error = SURE[groups.size - 1] * np.sqrt((groups.size - 1) * np.var(one[:-1]))
         ends += [one[-1] - error, one[-1] + error]
-    if (min(ends) < NEAR and max(ends) > 1.0 / NEAR) or _regression(x, y) is None:
+    if min(ends) < NEAR and max(ends) > 1.0 / NEAR:
         return None
     return float(np.copysign(np.sqrt(yy[-1] / xx[-1]), xy[-1]))
 
