@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import typer
 
-from evidence.commands.diagnosis import disturbed, left_out
+from evidence.commands.diagnosis import disturbed, identification, left_out
 from evidence.commands.estimators import estimators
 from evidence.commands.house import house
 from evidence.commands.load import load
@@ -19,7 +19,19 @@ app = typer.Typer(
     name="evidence", cls=Commands, add_completion=False, pretty_exceptions_enable=False, no_args_is_help=True,
     help="Measure what README and reports say of fdd.",
 )  # fmt: skip
-for command in (thesis, plant, estimators, disturbed, left_out, load, soak, troubles, house, mutations):
+for command in (
+    thesis,
+    plant,
+    estimators,
+    disturbed,
+    left_out,
+    identification,
+    load,
+    soak,
+    troubles,
+    house,
+    mutations,
+):
     app.command()(command)
 
 if __name__ == "__main__":

@@ -256,7 +256,7 @@ class _Problem:
         side = np.linalg.solve(root.T, ((right + pull * about) / scale)[free])
         if prior is None:
             bounds = self.low[free] * scale[free], self.high[free] * scale[free]
-            found = lsq_linear(root, side, bounds=bounds, tol=1e-12).x
+            found = lsq_linear(root, side, bounds=bounds, method="bvls", tol=1e-12).x
         else:
             found = np.linalg.solve(root, side)
         theta = np.zeros(UNKNOWNS)
