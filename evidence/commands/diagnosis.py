@@ -1,4 +1,4 @@
-"""``python -m evidence disturbed`` and ``left-out``: what answers on a data set depend on."""
+"""``python -m evidence disturbed``, ``left-out``, ``identification``: what results on a data set rest on."""
 
 from __future__ import annotations
 
@@ -53,9 +53,19 @@ def budget(
     _told(room.budget, room.table, dataset, model=model, workers=workers, engine=engine)
 
 
-def _told(measure: Callable[..., Any], table: Callable[[Any], str], dataset: Path, **how: Any) -> None:
+def identification(
+    dataset: DatasetArgument, workers: WorkersOption = None, engine: EngineOption = "local"
+) -> None:
+    """Identify each unit from its data sheet: refusals, single rods, and whether deviations come true."""
+    from evidence.diagnosis import identification as room
+
+    _told(room.identified, room.table, dataset, what="identifying", workers=workers, engine=engine)
+
+
+def _told(measure: Callable[..., Any], table: Callable[[Any], str], dataset: Path, what: str = "diagnosing",
+          **how: Any) -> None:  # fmt: skip
     from fdd.cli.console import progress
 
-    with progress(f"diagnosing {dataset.name}", 1.0) as advance:
+    with progress(f"{what} {dataset.name}", 1.0) as advance:
         found = measure(dataset, progress=lambda done, total: advance(done / max(total, 1)), **how)
     print(table(found), end="")

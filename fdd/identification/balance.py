@@ -15,6 +15,7 @@ from fdd.identification.volume_steps import (
     AREA_2,
     CASE,
     CROSS,
+    DISPLACEMENT,
     DRIFT_PRESSURE,
     STIFF,
     UNKNOWNS,
@@ -46,6 +47,11 @@ ZERO, USUAL_RANGE = 1e-3, 1.5
 relief setting where the profile has none."""
 WARMING = 1.0 / 60.0
 """K/s by which oil warms at work where nobody measures it: a kelvin a minute."""
+INLETS = (-0.5, 2.5)
+"""κ from 0 to 1 with oil that is twice as stiff or half as stiff as the base's, about."""
+SLIP = 1e-3
+"""Of the pump's flow, that goes with the pressures unmodelled: in a log without load, whose pressures follow
+the motion, it passes for leakage. A transducer's gain over 10 K moves by as much."""
 ROUNDS = 8
 """Of iteratively reweighted least squares."""
 
@@ -199,8 +205,10 @@ class _Problem:
             tolerance(unit, "oil.bulk_modulus") * compliance,
             0.01 * air / AIR_SCALE if hidden else max(air / AIR_SCALE, 0.5),
         ])  # fmt: skip
-        self.low = np.array([-np.inf, -np.inf, 0.0, 0.0, *[-np.inf] * 3, 0.0, LEAST_AIR / AIR_SCALE])
-        self.high = np.array([*[np.inf] * 8, MOST_AIR / AIR_SCALE])
+        self.low = np.array(
+            [-np.inf, -np.inf, 0.0, 0.0, INLETS[0], *[-np.inf] * 2, 0.0, LEAST_AIR / AIR_SCALE]
+        )
+        self.high = np.array([*[np.inf] * 4, INLETS[1], *[np.inf] * 3, MOST_AIR / AIR_SCALE])
 
     def about(self, theta: Array) -> tuple[Array, Array, Array]:
         """Regressors, their noise and target, linear about `theta`, all in the base's volume of travel.
@@ -248,7 +256,7 @@ class _Problem:
         side = np.linalg.solve(root.T, ((right + pull * about) / scale)[free])
         if prior is None:
             bounds = self.low[free] * scale[free], self.high[free] * scale[free]
-            found = lsq_linear(root, side, bounds=bounds, tol=1e-12).x
+            found = lsq_linear(root, side, bounds=bounds, method="bvls", tol=1e-12).x
         else:
             found = np.linalg.solve(root, side)
         theta = np.zeros(UNKNOWNS)
@@ -294,13 +302,17 @@ class _Problem:
             cross, case = value[2:4]
             moved = 0.5 * cross * case / max(cross + case, 1e-30)
             std[4] = np.hypot(std[4], TOLERANCES["pump.case_share"][0] * moved)
+        information = self.normal(solution.theta, solution.weights)[0]
+        flows = float(
+            np.sqrt(information[DISPLACEMENT, DISPLACEMENT] / max(information[CROSS, CROSS], 1e-300))
+        )
+        std[[2, 4]] = np.hypot(std[[2, 4]], SLIP * flows * scales(self.unit)[CROSS])
         estimates = [
             Estimate(float(v), float(np.hypot(s, f * abs(v))))
             for v, s, f in zip(value, std, _FLOORS, strict=True)
         ]
         beta = 1.0 / max(estimates[5].value, 1e-14)
         bounded = np.array([self.derive(t) for t in self.jackknife(solution, free_area)])
-        information = self.normal(solution.theta, solution.weights)[0]
         spread_of = _posterior(information, solution.sigma)
         compression = self.steps.m[:, STIFF]
         level = float(np.sqrt(np.mean(np.sum(self.noise[:, :, STIFF] ** 2, axis=1)))) + 1e-300

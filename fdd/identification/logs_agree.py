@@ -18,7 +18,7 @@ from fdd.unit import Unit
 FALSE_ALARM = 0.01
 """Share of healthy sets of logs that are refused by chance, over all quantities."""
 BETWEEN = {
-    "leakage": (0.05, "1 to 2 K between the gap and the sensor, at 4 % a kelvin"),
+    "leakage": (0.0, "1 to 2 K between the gap and the sensor stand in each log's own deviation"),
     "travel per rad of the pump": (0.003, "0.01 to 0.03 % of a transducer's gain a kelvin"),
     "torque constant": (0.04, "magnets lose 0.1 % a kelvin and warm by 40"),
     "bulk modulus": (0.25, "air dissolves and comes out, and strokes are long or short"),
