@@ -138,12 +138,13 @@ def against_pressure(record: Record, unit: Unit, where: str, *, own: bool = Fals
     step, ratio = record.rows(STEP), unit.cylinder.area_1 / unit.cylinder.area_2
     dx, dtheta = np.diff(record.position[::step]), np.diff(record.angle[::step])
     dtheta = dtheta * np.where(record.pressure_1 > record.pressure_2, 1.0, ratio)[step::step]
-    gains: tuple[float | None, ...] = (None, float(np.sum(dx * dtheta) / max(np.sum(dtheta**2), 1e-30)))
+    throughout = float(np.sum(dx * dtheta) / max(float(np.sum(dtheta**2)), 1e-30))
+    gains: tuple[tuple[float | None, float], ...] = ((None, 0.0), (throughout, 0.0))
     if own and (std := unit.pump.std_of("displacement")) is not None:
-        middle, open_by = unit.pump.displacement / unit.cylinder.area_1, 3.0 * std / unit.cylinder.area_1
-        gains = (middle - open_by, middle, middle + open_by)
+        gains = ((unit.pump.displacement / unit.cylinder.area_1, std / unit.cylinder.area_1),)
+    against: list[float] = []
     for gain in gains:
-        found = oil_loss(record, unit, gain)
+        found = oil_loss(record, unit, *gain)
         if found is None:
             return 0.0
         # Stouffer's sum: one of the two may hardly show.
@@ -174,13 +175,13 @@ def check_pump(log: Samples, where: str) -> None:
         )  # fmt: skip
 
 
-def oil_loss(record: Record, unit: Unit, gain: float | None = None) -> OilLoss | None:
+def oil_loss(record: Record, unit: Unit, gain: float | None = None, gain_std: float = 0.0) -> OilLoss | None:
     """Leakage and compression of a log, in standard deviations; both are positive by physics.
 
     ``Δx = g± Δθ - l ∫Δp dt - c Δ(Δp) + d Δt`` over steps; g of its own for either sign of Δp, because the
     chamber under load meters the motion. d takes up the zero of the pressures. Where a load goes with the
     speed, as a throttle's does, g and l can hardly be told apart: then `gain` (m/rad of chamber 1; chamber 2
-    has its area's) is better known before.
+    has its area's), known to `gain_std`, is better.
 
     Returns
     -------
@@ -200,8 +201,8 @@ def oil_loss(record: Record, unit: Unit, gain: float | None = None) -> OilLoss |
     m = np.column_stack(
         [turned * (mean > 0), turned * (mean <= 0), -mean, drop[starts] - drop[starts + n], np.ones(y.size)]
     )
+    metered = turned * np.where(mean > 0, 1.0, unit.cylinder.area_1 / unit.cylinder.area_2)
     if gain is not None:
-        metered = turned * np.where(mean > 0, 1.0, unit.cylinder.area_1 / unit.cylinder.area_2)
         y, m = y - gain * metered, m[:, 2:]
     leak = m.shape[1] - 3
     group = (starts * record.period / BLOCK).astype(np.int64) % GROUPS
@@ -212,7 +213,7 @@ def oil_loss(record: Record, unit: Unit, gain: float | None = None) -> OilLoss |
     found = _robust(m, y)
     left_out = np.array([_robust(m[group != g], y[group != g]) for g in groups])
     std = np.sqrt((len(left_out) - 1) * np.mean((left_out - left_out.mean(axis=0)) ** 2, axis=0))
-    over = found / np.maximum(std, 1e-12)
+    over = found / np.maximum(np.hypot(std, _robust(m, gain_std * metered) if gain_std else 0.0), 1e-12)
     return OilLoss(float(over[leak]), float(over[leak + 1]), SURE[groups.size - 1])
 
 

@@ -77,8 +77,14 @@ def check_scales(samples: Samples, unit: Unit, where: str) -> list[str]:
     if slip is not None and sure and own:
         raise InputError(slip, where=where, mend="correct it with --map")
     notes = _gain_notes(ratios, record, unit) if own else []
-    # What oil is lost is judged with the profile's gain, where that is the log's.
-    refuse_sign(against_pressure(record, unit, where, own=own and not notes), 1.0, where)
+    try:
+        refuse_sign(against_pressure(record, unit, where, own=own), 1.0, where)
+    except InputError as error:
+        # What oil is lost is judged with the profile's gain: that of another unit turns it just as well.
+        raise InputError(
+            error.problem, where=where,
+            mend=f"{error.mend}; or give the profile of this unit, as {notes[0]}" if notes else error.mend,
+        ) from None  # fmt: skip
     return [*([f"{slip}, unless a fault did it"] if slip is not None else []), *notes]
 
 
@@ -163,17 +169,16 @@ def _slipped(ratios: dict[str, Ratio], push: float) -> tuple[str | None, bool]:
 
 
 def _gain_notes(ratios: dict[str, Ratio], record: Record, unit: Unit) -> list[str]:
-    """A note where the log's travel per rad is surely not the profile's, by its balances or, without them, by
-    the plain regressions, between which it lies but for leakage."""
+    """A note where the log's travel per rad is surely not the profile's, by balances where they tell."""
     found, known = ratios.get("pump.displacement"), unit.pump.std_of("displacement")
     if known is None:
         return []
-    ratio, alike = gain_ratio(record, unit)
     if found is not None:
         between = BETWEEN["travel per rad of the pump"][0]
         std = hypot(found.std, known / unit.pump.displacement, between)
         ratio, same = found.value, abs(log(found.value)) < SURE * std
     else:
+        ratio, alike = gain_ratio(record, unit)  # but for leakage it lies between the regressions
         same = alike < UNLIKE or (ratio < NEAR and ratio / alike > 1.0 / NEAR)
     if same:
         return []
