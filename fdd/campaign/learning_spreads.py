@@ -28,6 +28,8 @@ Array = NDArray[np.float64]
 
 LEAST_UNITS = 20
 """Units below which nothing is said of what units differ by."""
+CHANGES_UNITS = 60
+"""Units at most, about, in whose logs changes are looked for."""
 CHANGES_EVERY, CHANGES_MARGIN, MOST_FRAMES = 24, 16, 320
 """Frames between the onsets at which changes are looked for, from the log's ends, and of a log."""
 DIGITS = 4
@@ -66,7 +68,8 @@ def learn_spreads(
     told = for_each_unit(partial(_equations, places), units, workers=workers, progress=half)
     data = ", ".join(f"{d.recipe.name} (seed {d.recipe.seed}, {len(d.units)} units)" for d in sets)
     found = spreads_of(told, data)
-    changes = for_each_unit(partial(_changes, places, found), units, workers=workers, progress=rest)
+    some = units[:: max(len(units) // CHANGES_UNITS, 1)]
+    changes = for_each_unit(partial(_changes, places, found), some, workers=workers, progress=rest)
     for name, spread in found.balances.items():
         z = np.array([value for balance, value in changes if balance == name])
         if z.size > LEAST_UNITS:
