@@ -38,7 +38,7 @@ def test_from_the_start_a_log_is_weighed_with_the_units_own_spread() -> None:
 
 
 def test_a_known_fault_takes_its_own_part() -> None:
-    """Test: two faults. Expected: beside the second the first is as large as it is; of twice the same, nothing."""
+    """Test: two faults. Expected: beside the second the first has its size; the same twice says nothing."""
     evidence = drawn(4, [(LEAK, 0.8, 30), (DRIFT, 1.5, 50)])
     both = weighed(evidence, [(LEAK, 30), (DRIFT, 50)])
     assert both.size[0] == pytest.approx(0.8, abs=3.0 / np.sqrt(both.information[0]))
