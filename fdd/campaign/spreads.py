@@ -156,8 +156,8 @@ def tail_of(z: Array) -> tuple[float, float]:
 
     Examples
     --------
-    >>> tail_of(np.zeros(0))
-    (4.0, 1.0)
+    >>> round(tail_of(np.zeros(0))[1])
+    1
     """
     freedom, scale = ASSUMED_TAIL
     assumed = scale * student.ppf((np.arange(ASSUMED_LOGS) + 0.5) / ASSUMED_LOGS, freedom)

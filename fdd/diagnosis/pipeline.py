@@ -227,8 +227,7 @@ class Pipeline:
         """Evidence now, older hops being the reference, and what it says."""
         ledger = self._ledger
         start = ledger.fold(WINDOW_HOPS, self._acute.standing.spans())
-        expected = ledger.reference if start else ledger.expected()
-        evidence = Evidence(ledger.widened(), expected, from_start=start == 0)
+        evidence = Evidence(ledger.widened(), ledger.held_against(), from_start=start == 0)
         starts = [h * HOP_S for h in ledger.hops]
         return self._acute.look(evidence, Span(starts, starts[-1] + HOP_S), self._first_time)
 

@@ -86,6 +86,11 @@ class Ledger:
         rows = float(np.mean([self.entries[name][k].variance for k in seen]))
         return LogConditions(1.0, rows, reconstructed, heat)
 
+    def held_against(self) -> dict[str, Effects]:
+        """What the hops kept are held against: what older ones have made of the unit, or its effects with
+        what a log like theirs may differ by."""
+        return self.reference if self.folded else self.expected()
+
     def expected(self) -> dict[str, Effects]:
         """The unit's effects, with what a log like that of the hops kept may differ by."""
         found = {name: self.conditions(name) for name in self.effects}
@@ -209,7 +214,7 @@ class Ledger:
 
     def _learn(self, places: NDArray[np.int64]) -> None:
         """Take hops into the reference."""
-        before = self.reference if self.folded else self.expected()
+        before = self.held_against()
         for name, e in before.items():
             wide = self._widened(name)
             prior = np.linalg.inv(e.covariance)

@@ -13,8 +13,8 @@ def entry(file: str, *, onset: float | None, severity: float = 0.5, visible: boo
     faults = () if onset is None else (leak,)
     return Entry(
         file=f"unit_000/{file}", truth=f"unit_000/truth_{file}", unit="unit_000", base="axis_a",
-        duration_s=60.0, samples=60_000, faults=faults, truth_medians={}, visible=None if onset is None else visible,
-        structure="thesis",
+        duration_s=60.0, samples=60_000, faults=faults, truth_medians={},
+        visible=None if onset is None else visible, structure="thesis",
         scenario=Conditions(
             load="gust", duty="steps", control="position", oil_temperature=30.0, charge_factor=1.0, seed=1
         ),
