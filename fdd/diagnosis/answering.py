@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 import fdd
+from fdd.diagnosis.agreement import believed
 from fdd.diagnosis.decision import USUAL_SIZE, Found
 from fdd.diagnosis.evidence import Evidence
 from fdd.diagnosis.findings import ESTIMATED, Estimate, FaultFinding, Invisible, MethodEstimate
@@ -231,9 +232,11 @@ def versions_of(trackers: Mapping[str, str]) -> dict[str, str]:
     return {"fdd": fdd.__version__, **({"faults": faults} if faults else {}), **added}
 
 
-def estimates_of(tracked: Tracked, unit: Unit, added: Sequence[AddedTracker] = ()) -> dict[str, Estimate]:
+def estimates_of(
+    tracked: Tracked, unit: Unit, faults: Sequence[FaultFinding], added: Sequence[AddedTracker] = ()
+) -> dict[str, Estimate]:
     """Tracked quantities at the end of what was pushed, and what trackers of packages say of them."""
-    out = estimates_by(tracked, unit)
+    out = estimates_by(tracked, unit, faults)
     for each in added:
         for name, (value, std) in each.last().items():
             rounded = [float(f"{number:.5g}") for number in (value, std)]
@@ -241,14 +244,17 @@ def estimates_of(tracked: Tracked, unit: Unit, added: Sequence[AddedTracker] = (
     return out
 
 
-def estimates_by(tracked: Tracked, unit: Unit, method: str = "ekf") -> dict[str, Estimate]:
-    """What one of fdd's filters says at the end; what it can be believed of is told by the EKF."""
+def estimates_by(
+    tracked: Tracked, unit: Unit, faults: Sequence[FaultFinding], method: str = "ekf"
+) -> dict[str, Estimate]:
+    """What one of fdd's filters says at the end; what can be believed is told by the EKF and `faults`."""
     records = tracked.last_records[method]
     if not records.size:
         empty = {"baseline": None, "value": None, "std": None, "observable": False}
         return {n: Estimate.model_validate({"unit": u, **empty}) for n, (u, _, _) in ESTIMATED.items()}
     values, stds = estimates(records, unit, tracked.model)
-    seen = tracked.observed()
+    observed = tracked.observed()
+    seen, why = believed(observed, tracked.last_records["ekf"], unit, tracked.channels, faults)
     healthy = healthy_of(unit, float(records["viscosity"][-1]))
     return {
         name: Estimate(
@@ -261,6 +267,7 @@ def estimates_by(tracked: Tracked, unit: Unit, method: str = "ekf") -> dict[str,
             held_std=_significant(float(seen[name].held_std[-1])),
             age_s=_significant(float(seen[name].age[-1])),
             information_std=_significant(float(seen[name].information_std[-1])),
+            held_because=why.get(name) if observed[name].valid[-1] > seen[name].valid[-1] else None,
         )
         for name, (si, _, _) in ESTIMATED.items()
     }

@@ -60,6 +60,10 @@ class MethodEstimate(BaseModel):
     std: float
 
 
+def _is_none(value: object) -> bool:
+    return value is None
+
+
 def _is_empty(value: object) -> bool:
     return not value
 
@@ -74,6 +78,7 @@ class Estimate(BaseModel):
         since; None where it never was.
     age_s : s since then, 0 while it is observable.
     information_std : standard deviation that the last five seconds alone would give; None without any data.
+    held_because : why an estimate that the data hold is not observable; then `held` is the profile's.
     methods : what trackers of installed packages say of it, by name (``fdd diagnose --tracker``).
     """
 
@@ -86,6 +91,7 @@ class Estimate(BaseModel):
     held_std: float | None = None
     age_s: float | None = None
     information_std: float | None = None
+    held_because: str | None = Field(default=None, exclude_if=_is_none)
     methods: dict[str, MethodEstimate] = Field(default_factory=dict, exclude_if=_is_empty)
 
 
@@ -138,10 +144,6 @@ class SecondOpinion(BaseModel):
     answer: str
     probability: float
     probabilities: dict[str, float]
-
-
-def _is_none(value: object) -> bool:
-    return value is None
 
 
 class Diagnosis(BaseModel):

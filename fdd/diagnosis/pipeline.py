@@ -9,6 +9,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from fdd.diagnosis.agreement import believed
 from fdd.diagnosis.answering import (
     Span,
     estimates_by,
@@ -210,7 +211,7 @@ class Pipeline:
 
     def estimates(self, method: Literal["ekf", "svsf"] = "ekf") -> dict[str, Estimate]:
         """Tracked quantities at the end of what was pushed, as one of the filters has them."""
-        return estimates_by(self._tracked, self.unit, method)
+        return estimates_by(self._tracked, self.unit, self.standing, method)
 
     def now(self) -> tuple[dict[str, float], dict[str, Estimate], dict[str, float]]:
         """By the last look: each family's probability, tracked quantities, and how badly balances close."""
@@ -219,7 +220,7 @@ class Pipeline:
         _, names, misfits = self._ledger.misfits()
         return (
             probabilities_of(standing, self.model, score, self._hidden),
-            estimates_of(self._tracked, self.unit),
+            estimates_of(self._tracked, self.unit, standing),
             dict(zip(names, misfits[-1].tolist(), strict=True)) if len(misfits) else {},
         )
 
@@ -326,7 +327,7 @@ class Pipeline:
         return Diagnosis(
             log=self.log, axis=self.axis, unit=self.unit.name, duration_s=round(duration, 3),
             samples=self._count, verdict=verdict, faults=faults, probabilities=probabilities,
-            estimates=estimates_of(self._tracked, self.unit, self._added), quality=quality,
+            estimates=estimates_of(self._tracked, self.unit, faults, self._added), quality=quality,
             sensors=[SensorState(**s) for s in self._sensors.states()], not_visible=unseen,
             versions=versions_of({a.name: a.package for a in self._added}) | {"model": self.model.schema_},
             sha256={"model": self.model.sha256},
@@ -362,12 +363,11 @@ class Pipeline:
             )
         for added in self._added:
             values[added.name], stds[added.name] = added.over(records["ekf"]["time"])
-        seen = self._tracked.observed_throughout()
-        time, names, misfit = self._ledger.misfits()
-        scans = np.array(self._scans).reshape(-1, 2)
-        looked = np.searchsorted(scans[:, 0], time, side="right")  # nothing is known before it was looked at
-        statistic = np.concatenate([[0.0], scans[:, 1]])[looked]
-        now = answer or self.finish()
+        time, names, misfit = self.misfits()
+        at, scores = np.array([(0.0, 0.0), *self._scans]).T  # nothing is known before it was looked at
+        statistic = scores[np.searchsorted(at[1:], time, side="right")]
+        now, watched = answer or self.finish(), self._tracked.observed_throughout()
+        seen, _ = believed(watched, records["ekf"], self.unit, self.channels, now.faults)
         hidden = hidden_share(now.not_visible)
         sure = np.array([self.model.calibration.probability(float(s), hidden) for s in statistic])
         return Trajectories(

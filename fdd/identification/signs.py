@@ -134,15 +134,14 @@ def against_pressure(record: Record, unit: Unit, where: str, *, own: bool = Fals
             looks = slips(ratio, "pressure")
             units = f"check their units in the map{f' (it looks like {looks})' if looks else ''}"
             raise InputError(problem, where=where, mend=TURN if ratio < 0.0 else units)
-    against = []
-    step, ratio = record.rows(STEP), unit.cylinder.area_1 / unit.cylinder.area_2
+    step, areas = record.rows(STEP), unit.cylinder.area_1 / unit.cylinder.area_2
     dx, dtheta = np.diff(record.position[::step]), np.diff(record.angle[::step])
-    dtheta = dtheta * np.where(record.pressure_1 > record.pressure_2, 1.0, ratio)[step::step]
+    dtheta = dtheta * np.where(record.pressure_1 > record.pressure_2, 1.0, areas)[step::step]
     throughout = float(np.sum(dx * dtheta) / max(float(np.sum(dtheta**2)), 1e-30))
     gains: tuple[tuple[float | None, float], ...] = ((None, 0.0), (throughout, 0.0))
     if own and (std := unit.pump.std_of("displacement")) is not None:
         gains = ((unit.pump.displacement / unit.cylinder.area_1, std / unit.cylinder.area_1),)
-    against: list[float] = []
+    against = []
     for gain in gains:
         found = oil_loss(record, unit, *gain)
         if found is None:

@@ -70,9 +70,7 @@ def check_scales(samples: Samples, unit: Unit, where: str) -> list[str]:
     check_gain(record, unit, where)
     check_pump(start, where)
     own = unit.baseline is not None
-    ratios = _ratios(start, unit, where) | (
-        _of_sensors(start, record, unit) if unit.baseline is not None else {}
-    )
+    ratios = _ratios(start, unit, where) | (_of_sensors(start, record, unit) if own else {})
     slip, sure = _slipped(ratios, push_of([start], unit))
     if slip is not None and sure and own:
         raise InputError(slip, where=where, mend="correct it with --map")

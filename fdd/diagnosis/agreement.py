@@ -1,0 +1,94 @@
+"""May an estimate be believed: a filter explains by leakage and air what its model lacks, and is sure of it.
+
+So beside the data's information it needs a second witness: what the profile says of a healthy unit, or a
+finding that would have moved it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from estimators.eha import layout
+from estimators.observability import Observed
+from fdd.diagnosis.findings import FaultFinding
+from fdd.residuals.quantities import Scales
+from fdd.unit import Unit
+
+CHANGES = {"leakage": 0.08, "bulk_modulus": 0.25}
+"""By how much (ln) a healthy unit's differ from its profile: 2 K between gap and sensor at 4 % a kelvin; air
+that dissolves and comes out."""
+PROFILED = {"leakage": "cross_port_leakage", "bulk_modulus": "bulk_modulus"}
+"""Numbers of the profile's pump and oil that say how well it knows them."""
+UNMEASURED = 0.4
+"""The same of leakage where nobody measures the oil's temperature: 10 K."""
+OF_BASE = 0.3
+"""Relative standard deviation of a number that stayed the base's, as the filters take it (`Noise`)."""
+SURE = 2.0
+"""Standard deviations, of estimate and profile together."""
+ACROSS = ("internal_leakage", "pump_wear", "case_drain_seal_failure")
+BESIDE = ("external_leakage", "check_valve_stuck_open", "check_valve_clogged", "relief_valve_stuck_open",
+          "shaft_seal_wear")  # fmt: skip
+"""Flow that goes with no port leakage's law, which the filters take for some of it."""
+NAMED = 0.5
+"""Confidence from which on a finding is a witness."""
+
+
+def believed(
+    seen: Mapping[str, Observed], records: layout.Records, unit: Unit, channels: Collection[str],
+    faults: Sequence[FaultFinding],
+) -> tuple[dict[str, Observed], dict[str, str]]:  # fmt: skip
+    """What the data hold, less what agrees neither with the profile nor with a finding.
+
+    Parameters
+    ----------
+    seen : by quantity, (n,) each, of the EKF. records : (n,), the same. channels : of the log.
+    faults : findings, whose onsets count.
+
+    Returns
+    -------
+    The same, where it disagrees not valid and held at the profile's healthy value (the age is NaN then); and
+    why, one clause for each quantity that may disagree. A profile that was not identified says nothing of its
+    unit: all agrees.
+    """
+    out = dict(seen)
+    why: dict[str, str] = {}
+    time = records["time"]
+    if unit.baseline is None or not records.size:
+        return out, why
+    told = [f for f in faults if f.confidence >= NAMED]
+    level = "pressure_accumulator" in channels or {"pressure_1", "pressure_2"} <= set(channels)
+    for name, healthy, section in (
+        ("leakage", unit.pump.total_leakage / records["viscosity"], unit.pump),
+        ("bulk_modulus", np.full(time.size, unit.oil.bulk_modulus), unit.oil),
+    ):
+        mine, known = seen[name], section.std_of(PROFILED[name])
+        share = OF_BASE if known is None else known / max(float(getattr(section, PROFILED[name])), 1e-300)
+        left = UNMEASURED if name == "leakage" and "oil_temperature" not in channels else CHANGES[name]
+        if known is not None and share > left:
+            good, why[name] = np.zeros(time.size, np.bool_), "the profile itself hardly knows it"
+        elif name == "bulk_modulus" and not level:
+            good, why[name] = np.zeros(time.size, np.bool_), "no channel tells at which pressure it holds"
+        else:
+            value = np.maximum(mine.held, 1e-300)
+            off = np.log(value / healthy)
+            good = np.abs(off) <= left + SURE * np.hypot(mine.held_std / value, share)
+            for f in told:
+                since = time >= f.onset_s
+                if name == "bulk_modulus":
+                    good |= (f.fault == "aeration") & since & (off < 0.0)
+                elif f.fault in ACROSS:
+                    most = healthy + 2.0 * (f.severity or 0.0) * Scales.of(unit).fault_leakage
+                    good |= since & (off > 0.0) & (value < most)
+            for f in told if name == "leakage" else ():
+                good &= (f.fault not in BESIDE) | (time < f.onset_s)
+            why[name] = "it agrees neither with the healthy profile nor with a fault that was found"
+        lost = ~good & np.isfinite(mine.held)
+        out[name] = replace(
+            mine, valid=mine.valid & good, held=np.where(lost, healthy, mine.held),
+            held_std=np.where(lost, share * healthy, mine.held_std),
+            age=np.where(lost, np.nan, mine.age),
+        )  # fmt: skip
+    return out, why
