@@ -30,8 +30,6 @@ Z80 = 1.2816
 """Standard normal's 90 % quantile: an 80 % interval either way."""
 LEAST_SHOWN = 2.0
 """Severity from which on a fault that does not show yet counts as never shown: twice the gross one."""
-DOUBT = 2.0
-"""Log odds of one amplitude among many."""
 COMES_AND_GOES = 0.7
 """Mean amplitude, over that while it acts, below which a fault is told to come and go."""
 
@@ -172,12 +170,11 @@ def probabilities_of(
 def invisible(evidence: Evidence, hypotheses: Sequence[Hypothesis], threshold: float) -> list[Invisible]:
     """Faults, and the least severity that this log would have shown, had they begun a third into it.
 
-    It shows where its score (`fdd.diagnosis.departures`) passes the threshold and the doubt of one amplitude
-    among many. A fault acts in one way of several, as on one side, and nobody
-    knows in which: the hardest to see says from where on none would have been hidden.
+    It shows where its score (`fdd.diagnosis.departures`) passes the threshold in nine of ten logs. A fault
+    acts in one way of several, as on one side, and nobody knows in which: the hardest to see says from where on none would have been hidden.
     """
     ways: dict[str, list[tuple[float, Hypothesis]]] = {}
-    found = evidence.least_visible(hypotheses, evidence.hops // 3, threshold + DOUBT)
+    found = evidence.least_visible(hypotheses, evidence.hops // 3, threshold)
     for h, least in zip(hypotheses, np.where(found < LEAST_SHOWN, found, np.inf).tolist(), strict=True):
         ways.setdefault(h.fault, []).append((least, h))
     out = []

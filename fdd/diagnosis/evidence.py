@@ -41,6 +41,8 @@ DRIFT_HOPS = 100
 FREE_SPREAD = 10.0
 """Of what a unit's healthy logs differ by, how far a fault that nobody knows may change a coefficient."""
 KINDS = ("step", "ramp", "drift")
+NINE_IN_TEN = 1.2816
+"""Standard deviations."""
 LEAST_BEFORE, LEAST_AFTER = 6, 6
 """Hops before and after an onset that is looked for inside a log."""
 
@@ -262,8 +264,8 @@ class Evidence:
         return out
 
     def least_visible(self, hypotheses: Sequence[Hypothesis], onset: int, score: float) -> Array:
-        """Smallest amplitude (f,) of each hypothesis that would have this score, were it a step from a hop
-        on; infinite where no balance speaks of it.
+        """Smallest amplitude (f,) of each hypothesis that would have this score in nine of ten logs, were it
+        a step from a hop on; infinite where no balance speaks of it.
         """
         out = np.full(len(hypotheses), np.inf)
         mine = np.array([k for k, h in enumerate(hypotheses) if self.shared(h)], dtype=np.int64)
@@ -284,7 +286,7 @@ class Evidence:
         found = departures(self.balances, parts, kappa, from_start=onset == 0)
         freedom = PRIOR_FREEDOM + self.hops / self.stretches.hops / 3.0
         wanted = score + 0.5 * np.log1p(scale**2 * found.information) - np.log(commonness)
-        out[mine] = found.least(wanted, freedom)
+        out[mine] = found.least(wanted, freedom) + NINE_IN_TEN / np.sqrt(found.information)
         return out
 
     def correlations(self, one: Amplitude, others: Sequence[Hypothesis]) -> Array:

@@ -102,7 +102,12 @@ class Epochs:
     def effects(effects: Mapping[str, Effects]) -> dict[str, Effects]:
         """A unit's effects as epochs see them, that scatter by no more than what differs between logs."""
         return {
-            name: replace(e, information=np.eye(e.mean.size), scatter=np.eye(e.mean.size))
+            name: replace(
+                e,
+                information=np.eye(e.mean.size),
+                scatter=np.eye(e.mean.size),
+                log_variance=np.zeros(e.mean.size),  # of which each epoch is a draw already
+            )
             for name, e in effects.items()
         }
 

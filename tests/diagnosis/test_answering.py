@@ -157,7 +157,8 @@ def test_from_the_least_severity_that_a_log_shows_on_faults_are_found(threshold:
         return float(np.mean([bool(decide(x, [INNER], threshold)[0]) for x in logs]))
 
     assert found(1.5 * least.severity) >= 0.9
-    assert found(0.6 * least.severity) <= 0.1
+    # That is five standard deviations; chance and the choice of an onset add one or two to a smaller one.
+    assert found(0.4 * least.severity) <= 0.1
 
 
 def test_what_a_log_shows_at_no_severity_has_none() -> None:

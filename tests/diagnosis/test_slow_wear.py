@@ -13,7 +13,7 @@ from fdd.diagnosis.lookout import Lookout
 from fdd.diagnosis.model import Model
 from fdd.diagnosis.pipeline import EPOCHS
 from fdd.residuals.balances import BALANCES
-from fdd.residuals.effects import Effects
+from fdd.residuals.effects import Effects, usual_conditions
 from fdd.residuals.epochs import ALIKE, EPOCH_HOPS, Epochs
 from fdd.residuals.rows import HOP_S
 from fdd.unit import Unit
@@ -29,7 +29,7 @@ LEAK = next(h for h in FAULTS if h.fault == "internal_leakage")
 
 def day_of(rng: np.random.Generator, effects: Effects, change: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """What an hour tells: its own draw of what differs from log to log, known to a tenth of that."""
-    size = effects.between
+    size = np.sqrt(effects.between_logs(usual_conditions(effects.noise)))
     sharp = 100.0 / size / size[:, None] * (np.eye(size.size) + 0.3)
     true = effects.mean + size * rng.normal(size=size.size) + change
     return sharp, sharp @ true + np.linalg.cholesky(sharp) @ rng.normal(size=size.size)
