@@ -171,7 +171,8 @@ def invisible(evidence: Evidence, hypotheses: Sequence[Hypothesis], threshold: f
     """Faults, and the least severity that this log would have shown, had they begun a third into it.
 
     It shows where its score (`fdd.diagnosis.departures`) passes the threshold in nine of ten logs. A fault
-    acts in one way of several, as on one side, and nobody knows in which: the hardest to see says from where on none would have been hidden.
+    acts in one way of several, as on one side, and nobody knows in which: the hardest to see says from where
+    on none would have been hidden.
     """
     ways: dict[str, list[tuple[float, Hypothesis]]] = {}
     found = evidence.least_visible(hypotheses, evidence.hops // 3, threshold)

@@ -39,6 +39,8 @@ FINER = (10.0, 25.4, 1e3, 1e6)
 """Factors between units of length in which a log that hardly moves may have been written."""
 RELIEF_OPEN, SENSOR_OPEN = 0.5, 0.35
 """Standard deviations of ln, of a relief setting that is passed and of a sensor's noise or counts."""
+LEAST_SLIP = 2.5
+"""No two units of one quantity are nearer to each other (`fdd.identification.slips`)."""
 SURE = 4.0
 """Standard deviations from which on a gain is another one: once in 16 000 logs, were they Gaussian."""
 
@@ -70,7 +72,13 @@ def check_scales(samples: Samples, unit: Unit, where: str) -> list[str]:
     check_gain(record, unit, where)
     check_pump(start, where)
     own = unit.baseline is not None
-    ratios = _ratios(start, unit, where) | (_of_sensors(start, record, unit) if own else {})
+    of_sensors = _of_sensors(start, record, unit) if own else {}
+    plain, _ = gain_ratio(record, unit)
+    if of_sensors and 1.0 / NEAR < plain < NEAR and all(_usual(r) for r in of_sensors.values()):
+        # Another unit of measure scales a sensor's noise and counts alike: the balances need not be asked.
+        refuse_sign(against_pressure(record, unit, where, own=True), 1.0, where)
+        return []
+    ratios = _ratios(start, unit, where) | of_sensors
     slip, sure = _slipped(ratios, push_of([start], unit))
     if slip is not None and sure and own:
         raise InputError(slip, where=where, mend="correct it with --map")
@@ -154,6 +162,11 @@ def _of_sensors(samples: Samples, record: Record, unit: Unit) -> dict[str, Ratio
         if logs:
             out[name] = Ratio(exp(sum(logs) / len(logs)), 0.0, SENSOR_OPEN)
     return out
+
+
+def _usual(ratio: Ratio) -> bool:
+    """Whether a sensor reads as the profile's does, nearer than to any other unit's factor."""
+    return abs(log(ratio.value)) < log(LEAST_SLIP) / 2.0
 
 
 def _slipped(ratios: dict[str, Ratio], push: float) -> tuple[str | None, bool]:
