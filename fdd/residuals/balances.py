@@ -204,6 +204,10 @@ def _force(q: Quantities) -> list[Strand]:
     return [Strand(y, x, np.isfinite(y) & sliding & (q.take["sliding"] * friction > 0.0))]
 
 
+STANDING = 0.02
+"""Of the largest speed: up to there a pump may stand. Friction's direction is that of turning beyond it."""
+
+
 def _torque(q: Quantities) -> list[Strand]:
     unit, scales = q.unit, q.scales
     drop = middle(np.where(q.chambers_measured, q.drop, q.difference_measured)) / scales.pressure
@@ -216,7 +220,9 @@ def _torque(q: Quantities) -> list[Strand]:
     x = np.column_stack([
         q.dt, drop * q.dt, turning, sense * q.dt, share * q.viscosity * q.dt, np.abs(drop) * sense * q.dt,
     ])  # fmt: skip
-    return [Strand(y, x, np.isfinite(y))]
+    # While the pump stands its friction is anywhere below break-away: only turning tells the torque's law.
+    turns = np.abs(q.speed) > STANDING * scales.speed
+    return [Strand(y, x, np.isfinite(y) & turns)]
 
 
 def _shaft(q: Quantities) -> list[Strand]:
