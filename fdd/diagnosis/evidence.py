@@ -101,6 +101,12 @@ class Sums:
         return (square[onsets] - past) / RAMP_HOPS**2
 
 
+def _likeliest(gain: Array) -> int:
+    """Where a gain over onsets is largest: amid them, where hops between tell nothing."""
+    best = np.flatnonzero(gain >= (1.0 - 1e-6) * gain.max())
+    return int(best[best.size // 2])
+
+
 def _from_here(x: Array) -> Array:
     """Sums of (h, …) from each hop to the last."""
     return np.asarray(np.cumsum(x[::-1], axis=0)[::-1])
@@ -162,7 +168,7 @@ class Evidence:
                 if gain.max() > (1.0 + 1e-9) * best[i][0]:  # of two that tell the same, the simpler one
                     best[i] = float(gain.max()), kind, gain
         found = [
-            (h, kind, int(self.onsets[int(np.argmax(gain))]), gain)
+            (h, kind, int(self.onsets[_likeliest(gain)]), gain)
             for h, (most, kind, gain) in zip(told, best, strict=True)
             if most > 0.0
         ]
