@@ -23,6 +23,8 @@ from fdd.unit import Unit
 
 TAIL_FROM = 0.7
 """Quantile of healthy logs' peaks from which on they are their tail."""
+LASTING_S = 120.0
+"""s of a healthy log from which on it stands for hours of work."""
 LEAST_LOGS = 8
 """Healthy, and faulty, logs below which nothing is learnt."""
 
@@ -96,9 +98,14 @@ def learnt(logs: list[ScoredLog], data: str) -> Model:
             f"{peaks.size} healthy and {faulty.size} faulty logs",
             mend=f"at least {LEAST_LOGS} of each are needed",
         )
-    hours = sum(x.healthy_s for x in logs if x.family == "healthy") / 3600.0
-    height = float(np.quantile(peaks, TAIL_FROM))
-    over = peaks[peaks > height] - height
+    # Alarms an hour are those of hours: each short log begins anew, as one hour in many does.
+    healthy = [x for x in logs if x.family == "healthy"]
+    lasting = [x for x in healthy if x.healthy_s >= LASTING_S]
+    lasting = lasting if len(lasting) >= LEAST_LOGS else healthy
+    hours = sum(x.healthy_s for x in lasting) / 3600.0
+    of_hours = np.array([x.score for x in lasting])
+    height = float(np.quantile(of_hours, TAIL_FROM))
+    over = of_hours[of_hours > height] - height
     tail = AlarmTail(
         height=round(height, 3), rate_per_hour=round(over.size / hours, 4),
         scale=round(float(over.mean()), 4), hours=round(hours, 2),
@@ -106,9 +113,9 @@ def learnt(logs: list[ScoredLog], data: str) -> Model:
     # Beyond that height both kinds thin out exponentially, faulty logs far more slowly: the odds of the two
     # tails are a logistic of the score. Even odds before it: how many of a recipe's logs are faulty says
     # nothing of how often an actuator is.
-    beyond = faulty[faulty > height] - height
+    beyond, above = (x[x > height] - height for x in (faulty, peaks))
     slope = max(1.0 / tail.scale - 1.0 / max(float(beyond.mean()), 1.01 * tail.scale), 1e-3)
-    shares = (over.size / peaks.size / tail.scale, beyond.size / faulty.size / float(beyond.mean()))
+    shares = (above.size / peaks.size / tail.scale, beyond.size / faulty.size / float(beyond.mean()))
     midpoint = height + np.log(shares[0] / shares[1]) / slope
     # Half of the healthy logs lie below their median, and so do faults that leave no trace. Some of these the
     # log could not have shown: what is learnt are the others.
