@@ -169,7 +169,8 @@ def test_every_duty_with_every_load_fits_the_unit(duty: str, load: str) -> None:
             assert np.abs(demand).max() <= rig.unit.drive.max_speed
         extreme = 0.5 * rig.unit.cylinder.stroke
         most = rig.unit.accumulator.relief_pressure * rig.unit.cylinder.area_1
-        level = abs(getattr(scenario.load, "level", 0.0))
+        level = getattr(scenario.load, "level", 0.0)
+        level = abs(level) if isinstance(level, float) else max(-level.least, level.most)
         reach = abs(scenario.duty.offset) + scenario.duty.amplitude + abs(scenario.load.centre)
         if scenario.load.one_sided:
             reach = scenario.duty.offset + scenario.duty.amplitude - scenario.load.centre
@@ -250,7 +251,7 @@ def test_faults_come_in_all_courses_but_sensors_with_neither_load_nor_heat() -> 
 
 
 def test_presses_and_hinges_are_drawn_where_a_recipe_names_them() -> None:
-    assert set(LOADS) - set(recipe_with().loads) == {"press", "hinge"}
+    assert set(LOADS) - set(recipe_with().loads) == {"press", "hinge", "changing"}
 
 
 def test_every_log_has_its_own_figures_of_what_comes_along_with_a_fault() -> None:
@@ -387,7 +388,10 @@ def test_only_duties_that_need_no_position_loop_are_done_at_a_commanded_speed(na
     unit, rng = Unit.load("axis_a"), np.random.default_rng(3)
     for speed in (True, False):
         _, control = fitting_duty(name, unit, rng, {}, speed=speed, gain=1e4)
-        never, always = name in ("standstill", "strokes", "flight"), name == "constant_speed"
+        never, always = (
+            name in ("standstill", "strokes", "flight", "resting", "mission"),
+            name == "constant_speed",
+        )
         assert control.mode == ("speed" if always or (speed and not never) else "position")
 
 
