@@ -139,4 +139,5 @@ def test_pressure_steps_below_the_noise_are_said() -> None:
     noise = rng.normal(0.0, 3e6, (2, len(log)))
     found = outcome([changed(log, pressure_1=log["pressure_1"] + noise[0] + 3e6,
                              pressure_2=log["pressure_2"] + noise[1] + 3e6)])  # fmt: skip
-    assert not found.told and "times the sensors' noise" in found.not_told[0]
+    # In such noise no chamber is surely the higher one: there are hardly any steps at all.
+    assert not found.told and "too seldom while it moves" in found.not_told[0]

@@ -1,0 +1,116 @@
+"""Are pressures and travel of a log on the scales of its own unit's profile? By the sensors' noise and counts,
+and where these are not as usual by what the log's balances identify."""
+
+from __future__ import annotations
+
+from math import exp, hypot, log
+
+from fdd.errors import InputError
+from fdd.identification.identify import RELIEF_EXCEEDED, identify_unit
+from fdd.identification.judgement import Ratio, against_base, pressure_slip, push_of
+from fdd.identification.logs_agree import BETWEEN
+from fdd.identification.record import Record
+from fdd.identification.sensors import fit_sensors
+from fdd.identification.signs import UNLIKE, against_pressure, gain_ratio
+from fdd.identification.slips import NEAR
+from fdd.samples import PRESSURES, Samples
+from fdd.unit import Unit
+
+RELIEF_OPEN, SENSOR_OPEN = 0.5, 0.35
+"""Standard deviations of ln, of a relief setting that is passed and of a sensor's noise or counts."""
+LEAST_SLIP = 2.5
+"""No two units of one quantity are nearer to each other (`fdd.identification.slips`)."""
+SURE = 4.0
+"""Standard deviations from which on a gain is another one: once in 16 000 logs, were they Gaussian."""
+
+
+def own_notes(samples: Samples, record: Record, unit: Unit, where: str) -> list[str]:
+    """Notes, one line each, on what a fault may be as well as a wrong unit or profile.
+
+    Parameters
+    ----------
+    samples, record : the log, as it is and on an even grid. unit : its own profile. where : what errors call
+        the log.
+
+    Raises
+    ------
+    InputError : pressures are surely of another unit of measure.
+    """
+    of_sensors = _of_sensors(samples, record, unit)
+    plain, _ = gain_ratio(record, unit)
+    usual = of_sensors and 1.0 / NEAR < plain < NEAR and all(_usual(r) for r in of_sensors.values())
+    # Another unit of measure scales a sensor's noise and counts alike: the balances need not be asked of it. A
+    # turned sign leaves both, but oil that flows against the pressure at whatever gain.
+    if usual and against_pressure(record, unit, where) <= 1.0:
+        return []
+    ratios = _ratios(samples, unit, where) | of_sensors
+    slip, sure = _slipped(ratios, push_of([samples], unit))
+    if slip is not None and sure:
+        raise InputError(slip, where=where, mend="correct it with --map")
+    notes = _gain_notes(ratios, record, unit)
+    return [*([f"{slip}, unless a fault did it"] if slip is not None else []), *notes]
+
+
+def _ratios(samples: Samples, unit: Unit, where: str) -> dict[str, Ratio]:
+    """What the log alone identifies, over the profile's; empty where it identifies nothing."""
+    try:
+        found = identify_unit([samples], unit, labels=[where])
+    except InputError:
+        return {}
+    ratios = against_base(found, unit)
+    setting = unit.accumulator.relief_pressure
+    raised = next((r for r in found.table if r.quantity == "accumulator.relief_pressure"), None)
+    if raised is not None and raised.identified is not None:
+        # A valve passes a little more than its setting; how far beyond, tells the pressures' scale.
+        ratios["accumulator.relief_pressure"] = Ratio(
+            raised.identified / setting / RELIEF_EXCEEDED, 0.2, RELIEF_OPEN
+        )
+    return ratios
+
+
+def _of_sensors(samples: Samples, record: Record, unit: Unit) -> dict[str, Ratio]:
+    """Noise and counts of the pressures over the profile's: no fault of oil or machine changes them."""
+    fits = fit_sensors([samples], [record], unit)
+    out = {}
+    for name, part in (("noise", "noise"), ("counts", "resolution")):
+        pairs = [(getattr(f.sensor, part), getattr(unit.sensor(c), part)) for c, f in fits.items()
+                 if c in PRESSURES and part in f.found]  # fmt: skip
+        logs = [log(now / then) for now, then in pairs if now > 0.0 and then > 0.0]
+        if logs:
+            out[name] = Ratio(exp(sum(logs) / len(logs)), 0.0, SENSOR_OPEN)
+    return out
+
+
+def _usual(ratio: Ratio) -> bool:
+    """Whether a sensor reads as the profile's does, nearer than to any other unit's factor."""
+    return abs(log(ratio.value)) < log(LEAST_SLIP) / 2.0
+
+
+def _slipped(ratios: dict[str, Ratio], push: float) -> tuple[str | None, bool]:
+    """The unit that the pressures look like, and whether it holds whatever one sign of it is left out."""
+    slip = pressure_slip(ratios, push)
+    if slip is None:
+        return None, False
+    rest = [({n: r for n, r in ratios.items() if n != left}, push) for left in ratios]
+    held = [pressure_slip(*each) for each in [*rest, (ratios, 1.0)]]
+    return slip, len(ratios) > 1 and None not in held
+
+
+def _gain_notes(ratios: dict[str, Ratio], record: Record, unit: Unit) -> list[str]:
+    """A note where the log's travel per rad is surely not the profile's, by balances where they tell."""
+    found, known = ratios.get("pump.displacement"), unit.pump.std_of("displacement")
+    if known is None:
+        return []
+    if found is not None:
+        between = BETWEEN["travel per rad of the pump"][0]
+        std = hypot(found.std, known / unit.pump.displacement, between)
+        ratio, same = found.value, abs(log(found.value)) < SURE * std
+    else:
+        ratio, alike = gain_ratio(record, unit)  # but for leakage it lies between the regressions
+        same = alike < UNLIKE or (ratio < NEAR and ratio / alike > 1.0 / NEAR)
+    if same:
+        return []
+    return [
+        f"travel per rad of the pump is {ratio:.3g} times that of profile {unit.name}: the log is of another "
+        "unit, a scale in the channel map is wrong, or a fault did it"
+    ]
