@@ -62,9 +62,11 @@ def check_scales(samples: Samples, unit: Unit, where: str) -> list[str]:
     own = unit.baseline is not None
     notes: list[str] = []
     if own:  # else nothing is known of this unit's own scales
-        from fdd.offline.own_scales import own_notes
+        from fdd.offline.own_scales import own_notes, turned_fits
 
         notes = own_notes(start, record, unit, where)
+        if notes and turned_fits(start, unit, where):
+            notes = []  # not the gain is another one, but the pressures are turned
     # What oil is lost is judged with the profile's gain, where that is the log's.
     refuse_sign(against_pressure(record, unit, where, own=own and not notes), 1.0, where)
     return notes

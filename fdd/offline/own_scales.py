@@ -1,4 +1,4 @@
-"""Are pressures and travel of a log on the scales of its own unit's profile? By the sensors' noise and counts,
+"""Are pressures and travel of a log on its own unit's scales? By the sensors' noise and counts,
 and where these are not as usual by what the log's balances identify."""
 
 from __future__ import annotations
@@ -39,8 +39,8 @@ def own_notes(samples: Samples, record: Record, unit: Unit, where: str) -> list[
     of_sensors = _of_sensors(samples, record, unit)
     plain, _ = gain_ratio(record, unit)
     usual = of_sensors and 1.0 / NEAR < plain < NEAR and all(_usual(r) for r in of_sensors.values())
-    # Another unit of measure scales a sensor's noise and counts alike: the balances need not be asked of it. A
-    # turned sign leaves both, but oil that flows against the pressure at whatever gain.
+    # Another unit of measure scales a sensor's noise and counts alike: the balances need not be asked of it.
+    # A turned sign leaves both, but oil that flows against the pressure.
     if usual and against_pressure(record, unit, where) <= 1.0:
         return []
     ratios = _ratios(samples, unit, where) | of_sensors
@@ -96,15 +96,29 @@ def _slipped(ratios: dict[str, Ratio], push: float) -> tuple[str | None, bool]:
     return slip, len(ratios) > 1 and None not in held
 
 
+def turned_fits(samples: Samples, unit: Unit, where: str) -> bool:
+    """Whether with its pressures turned the log's travel per rad is the profile's."""
+    turned = {"pressure_1": "pressure_2", "pressure_2": "pressure_1"}
+    columns = {a: samples[b] for a, b in turned.items() if a in samples and b in samples}
+    if "pressure_difference" in samples:
+        columns["pressure_difference"] = -samples["pressure_difference"]
+    found = _ratios(samples.with_columns(columns), unit, where).get("pump.displacement")
+    return found is not None and _same_gain(found, unit)
+
+
+def _same_gain(found: Ratio, unit: Unit) -> bool:
+    known = unit.pump.std_of("displacement") or 0.0
+    between = BETWEEN["travel per rad of the pump"][0]
+    return abs(log(found.value)) < SURE * hypot(found.std, known / unit.pump.displacement, between)
+
+
 def _gain_notes(ratios: dict[str, Ratio], record: Record, unit: Unit) -> list[str]:
     """A note where the log's travel per rad is surely not the profile's, by balances where they tell."""
     found, known = ratios.get("pump.displacement"), unit.pump.std_of("displacement")
     if known is None:
         return []
     if found is not None:
-        between = BETWEEN["travel per rad of the pump"][0]
-        std = hypot(found.std, known / unit.pump.displacement, between)
-        ratio, same = found.value, abs(log(found.value)) < SURE * std
+        ratio, same = found.value, _same_gain(found, unit)
     else:
         ratio, alike = gain_ratio(record, unit)  # but for leakage it lies between the regressions
         same = alike < UNLIKE or (ratio < NEAR and ratio / alike > 1.0 / NEAR)
