@@ -82,7 +82,7 @@ def test_before_a_leak_what_may_be_hidden_is_unknown_not_a_leak(unit: Unit, leak
     over = pipeline.trajectories()
     said = pipeline.finish()
     found = said.faults[0]
-    quiet = over.window_time < found.detected_s - 0.1
+    quiet = over.window_time < found.onset_s - 0.1
     assert quiet.any() and (over.probabilities["leakage"][quiet] < 0.05).all(), "not before it was looked at"
     assert (over.statistic[quiet] < over.threshold).all()
     hidden = pipeline.model.calibration.probability(0.0, hidden_share(said.not_visible))
