@@ -313,7 +313,7 @@ class Pipeline:
             quality.notes.append(
                 "the estimators lost this log's motion: their values are not shown from there on"
             )
-        quality.notes += [added.problem for added in self._added if added.problem is not None]
+        quality.notes += [*self._sensors.notes(), *(a.problem for a in self._added if a.problem is not None)]
         if self.unit.baseline is None:
             quality.notes.append(
                 f"profile {self.unit.name} was not identified from this unit's own healthy logs: "

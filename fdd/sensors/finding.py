@@ -8,14 +8,24 @@ from typing import Any, Literal
 from fdd.faults import fault as catalogue_fault
 
 Kind = Literal[
-    "dead", "stuck", "saturated", "out_of_range", "spikes", "step", "slip", "supply_loss", "noisy", "dropout"
+    "dead",
+    "stuck",
+    "saturated",
+    "out_of_range",
+    "spikes",
+    "step",
+    "slip",
+    "supply_loss",
+    "noisy",
+    "dropout",
+    "clipped",
 ]
 
 FAILING = ("dead", "stuck", "saturated", "out_of_range", "step", "supply_loss", "noisy", "dropout")
 """Kinds that take the channel out of what follows while they last; the others leave it usable."""
 CONFIDENCE: dict[str, float] = {
     "dead": 0.99, "stuck": 0.97, "saturated": 0.99, "out_of_range": 0.97, "spikes": 0.98, "step": 0.95,
-    "slip": 0.98, "supply_loss": 0.99, "noisy": 0.9, "dropout": 0.99,
+    "slip": 0.98, "supply_loss": 0.99, "noisy": 0.9, "dropout": 0.99, "clipped": 0.99,
 }  # fmt: skip
 """How sure a finding of a kind is: not calibrated. Chance plays no part (see the thresholds); what is left is
 that the profile is wrong."""
@@ -50,6 +60,11 @@ class SensorFinding:
     evidence: str
     count: int = 1
     channels: tuple[str, ...] = ()
+
+    @property
+    def sound(self) -> bool:
+        """Whether the sensor is sound: a pressure peak went beyond its range for a moment."""
+        return self.kind == "clipped"
 
     @property
     def fault(self) -> str:

@@ -9,7 +9,7 @@ from fdd.sensors import constancy
 from fdd.sensors.finding import Kind
 from fdd.sensors.jumping import JumpWatch, Rows, swept_volume
 from fdd.sensors.ledger import SAME_INSTANT_S, Ledger
-from fdd.sensors.limits import INDEX, IS_LIVE, NAMES, Limits, figure
+from fdd.sensors.limits import INDEX, IS_LIVE, NAMES, Limits, beyond_relief, figure
 from fdd.sensors.memory import MOVING, STILL, Memory
 from fdd.sensors.noise import smallest
 from fdd.sensors.scan import HOP_S, LOST_WINDOW_S, Scan
@@ -125,6 +125,10 @@ class HopJudge:
             name, held[k] = NAMES[k], True
             length = (end if np.isnan(until) else until) - since
             told = f"{name} shows exactly {figure(name, value)} in {rows:.0f} rows, {length:.2f} s"
+            if beyond_relief(k, value, limits) and length < BURST_S:
+                if not np.isnan(until):
+                    self.ledger.report(name, "clipped", since, until, end, length, f"{told}: its range's end")
+                continue
             if not np.isnan(until) and since == memory.failed_since[k]:
                 # The end of what was told while it lasted; so short, it was a loose contact.
                 if length < BURST_S:

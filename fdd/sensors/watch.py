@@ -106,8 +106,12 @@ class SensorWatch:
         return samples.without({n: out for n in samples.channels if (out := masked[INDEX[n]]).any()})
 
     def findings(self) -> list[SensorFinding]:
-        """So far, in the order of their onsets."""
-        return self._ledger.findings()
+        """Faults so far, in the order of their onsets."""
+        return [f for f in self._ledger.findings() if not f.sound]
+
+    def notes(self) -> list[str]:
+        """What sound sensors could not show."""
+        return [f.evidence for f in self._ledger.findings() if f.sound]
 
     def states(self) -> list[dict[str, Any]]:
         """Of each channel that was seen: channel, state ("trusted" or the kind of failure), since (s).

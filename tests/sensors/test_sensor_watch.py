@@ -334,3 +334,20 @@ def test_a_leap_of_a_freed_piston_is_within_what_is_allowed_for_it(half: float, 
     allowed = BREAKS_LOOSE * acceleration * (stride * period) ** 2
     assert worst <= 1.0001 * allowed
     assert worst > 0.9 * allowed or half < 1.4 * stride * period
+
+
+@pytest.mark.parametrize(("share", "sound"), [(1.05, True), (0.6, False)])
+def test_a_peak_beyond_a_range_that_spans_the_relief_setting_is_no_fault(share: float, sound: bool) -> None:
+    """An amplifier that ends below the relief setting is broken: no sensor is chosen so small."""
+    unit = unit_with("axis_a", "as shipped")
+    samples = run("axis_a", "as shipped", "noise").samples
+    end, rows = share * unit.accumulator.relief_pressure, slice(9000, 9020)
+    pressure = samples["pressure_difference"].copy()
+    pressure[rows] = end
+    watch = SensorWatch(unit)
+    for block in samples.with_columns({"pressure_difference": pressure}).blocks(700):
+        watch.push(block)
+    assert bool(watch.findings()) != sound
+    assert len(watch.notes()) == sound
+    state = next(s for s in watch.states() if s["channel"] == "pressure_difference")["state"]
+    assert state == ("clipped" if sound else "trusted")
