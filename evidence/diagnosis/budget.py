@@ -84,9 +84,11 @@ def _unit(directory: str, model: str | None, name: str) -> list[Said | Departure
     for file, ledger in logs.healthy:
         out += _departures(file, ledger)
         spreads = (loaded.spreads or shipped_spreads()).balances
-        for balance, z in healthy_changes(logs.unit, ledger, loaded.spreads):
-            stated = _deviation(spreads[balance].change_tail)
-            out.append(Departure(balance, "", z / stated, stated, file))
+        for change in healthy_changes(logs.unit, ledger, loaded.spreads):
+            spread = spreads[change.balance]
+            stated = _deviation(spread.change_tail)
+            z = change.given_others(spread.change_freedom) / stated
+            out.append(Departure(change.balance, "", z, stated, file))
     return out
 
 

@@ -5,15 +5,17 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import partial
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.stats import t as student
 
 from fdd.campaign.dataset import Dataset
 from fdd.campaign.spreads import Spread, UnitLogs, learnt_spread, log_equations, own_columns, tail_of
 from fdd.campaign.units import Progress, for_each_unit
 from fdd.diagnosis.baseline import baseline_of, effects_of, ledger_of, ledgers_of
-from fdd.diagnosis.departures import VAGUE, departures
+from fdd.diagnosis.departures import VAGUE, by_others, departures
 from fdd.diagnosis.evidence import Evidence, course_of
 from fdd.diagnosis.fitting import Parts
 from fdd.diagnosis.hypotheses import hypotheses
@@ -32,7 +34,36 @@ CHANGES_UNITS = 60
 """Units at most, about, in whose logs changes are looked for."""
 CHANGES_EVERY, CHANGES_MARGIN, MOST_FRAMES = 24, 16, 320
 """Frames between the onsets at which changes are looked for, from the log's ends, and of a log."""
+CHANGE_FREEDOMS = (1.0, 2.0, 4.0, 8.0, 16.0, 30.0)
 DIGITS = 4
+
+
+class HealthyChange(NamedTuple):
+    """A hypothesis's amplitude in a healthy log, over its standard deviation; how far the other directions of
+    its balance depart (squared), and of how many coefficients the log tells."""
+
+    balance: str
+    z: float
+    left: float
+    dimensions: float
+
+    def given_others(self, freedom: float) -> float:
+        """The same given the others, in Student's t of all of them."""
+        factor = by_others(freedom, np.array([self.left]), np.array([self.dimensions]))
+        return self.z / float(np.sqrt(factor[0]))
+
+
+def change_law(changes: Sequence[HealthyChange]) -> tuple[float, tuple[float, float]]:
+    """Likeliest `BalanceSpread.change_freedom` and `change_tail`."""
+    left, dimensions = (np.array([getattr(c, name) for c in changes]) for name in ("left", "dimensions"))
+    z = np.array([c.z for c in changes])
+    best = -np.inf, 0.0, (0.0, 0.0)
+    for freedom in CHANGE_FREEDOMS:
+        factor = by_others(freedom, left, dimensions)
+        tail = tail_of(z / np.sqrt(factor))
+        likely = student.logpdf(z / np.sqrt(factor), tail[0], scale=tail[1]) - 0.5 * np.log(factor)
+        best = max(best, (float(likely.sum()), freedom, tail))
+    return best[1:]
 
 
 def learn_spreads(
@@ -71,9 +102,9 @@ def learn_spreads(
     some = units[:: max(len(units) // CHANGES_UNITS, 1)]
     changes = for_each_unit(partial(_changes, places, found), some, workers=workers, progress=rest)
     for name, spread in found.balances.items():
-        z = np.array([value for balance, value in changes if balance == name])
-        if z.size > LEAST_UNITS:
-            spread.change_tail = tail_of(z)
+        mine = [c for c in changes if c.balance == name]
+        if len(mine) > LEAST_UNITS:
+            spread.change_freedom, spread.change_tail = change_law(mine)
     return found
 
 
@@ -171,13 +202,13 @@ def _equations(places: list[str], place: str) -> list[Equations]:
     return [out]
 
 
-def _changes(places: list[str], spreads: Spreads, place: str) -> list[tuple[str, float]]:
+def _changes(places: list[str], spreads: Spreads, place: str) -> list[HealthyChange]:
     logs = healthy_logs(places, place, spreads)
     return [x for _, ledger in logs.healthy for x in healthy_changes(logs.unit, ledger, spreads)]
 
 
-def healthy_changes(unit: Unit, ledger: Ledger, spreads: Spreads | None) -> list[tuple[str, float]]:
-    """Balance and standardised change of each hypothesis of one balance, over onsets in a healthy log."""
+def healthy_changes(unit: Unit, ledger: Ledger, spreads: Spreads | None) -> list[HealthyChange]:
+    """Changes of each hypothesis of one balance, over onsets in a healthy log."""
     each = [h for h in hypotheses(unit, effects_of(unit, spreads)) if len(h.columns) == 1]
     frames = min(len(ledger.hops), MOST_FRAMES)
     wide = {n: (m[:frames], v[:frames]) for n, (m, v) in ledger.widened().items()}
@@ -193,5 +224,8 @@ def healthy_changes(unit: Unit, ledger: Ledger, spreads: Spreads | None) -> list
             course = course_of("step", frames, onset)[None, None]
             parts = Parts({name: column[None, None]}, course, np.full((1, 1), VAGUE), np.zeros(1, np.bool_))
             found = departures(evidence.balances, parts, np.array([f.kappa]), from_start=False)
-            out.append((name, float(found.size[0] * np.sqrt(found.information[0]))))
+            (part,) = found.parts
+            left = max(float(part.split(found.size[:, None])[0][0]), 0.0)
+            z = float(found.size[0] * np.sqrt(found.information[0]))
+            out.append(HealthyChange(name, z, left, float(part.dimensions[0])))
     return out

@@ -45,7 +45,7 @@ class UnitLogs:
     Attributes
     ----------
     information, vector : (l, n, n) and (l, n), what each log tells of its coefficients, over its own
-        overdispersion. conditions : (l, 4), `LogConditions`.
+        overdispersion. conditions : (l, 5), `LogConditions`.
     """
 
     information: Array
@@ -61,7 +61,7 @@ class Spread:
 
     Attributes
     ----------
-    mean, units : of units' coefficients, and their std. between : (4, n), q. logs : how many logs'
+    mean, units : of units' coefficients, and their std. between : (5, n), q. logs : how many logs'
         worth of information these rest on. freedom : ν, of the whole balance. tail : of one direction
         given the others, see `fdd.residuals.effects.BalanceSpread`. noise : usual std of a row.
     """

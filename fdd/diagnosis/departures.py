@@ -7,8 +7,8 @@ amount of its own in every duty, so a change of duty is a draw as a change of lo
 alike the information before and after it.
 
 All coefficients of a balance depart together as Student's t: how far those lie which the fault does not move
-says what this log departs by anyhow (`BalanceSpread.freedom`), and one direction given the others is
-Student's t again (`BalanceSpread.tail`).
+says what this log departs by anyhow (`BalanceSpread.freedom`, `change_freedom`), and one direction given the
+others is Student's t again (`BalanceSpread.tail`, `change_tail`).
 """
 
 from __future__ import annotations
@@ -122,14 +122,25 @@ class Departures:
             mine = p.mine
             (far, before), (left, after) = p.split(none[mine]), p.split(some[mine])
             gone = (far - left) * heard[mine] ** 2
-            tail, scale = p.healthy.tail if self.from_start else p.healthy.change_tail
-            spread = np.full(mine.size, scale**2)
-            if self.from_start:
-                others = np.maximum(p.dimensions - 1.0, LEAST_DIMENSIONS)
-                spread *= (p.healthy.freedom + np.maximum(far - gone, 0.0)) / (p.healthy.freedom + others)
+            e = p.healthy
+            joint, (tail, scale) = (
+                (e.freedom, e.tail) if self.from_start else (e.change_freedom, e.change_tail)
+            )
+            spread = scale**2 * by_others(joint, np.maximum(far - gone, 0.0), p.dimensions)
             odds[mine] += 0.5 * (tail + 1.0) * np.sign(gone) * np.log1p(np.abs(gone) / spread / tail)
             noise[mine] += (after - before) * heard[mine] ** 2 - gone
         return np.asarray(odds + 0.5 * (freedom + 1.0) * np.sign(noise) * np.log1p(np.abs(noise) / freedom))
+
+
+def by_others(freedom: float, left: Array, dimensions: Array) -> Array:
+    """Factor (f,) of one direction's variance by how far the others depart, in Student's t of all of them.
+
+    Parameters
+    ----------
+    left : (f,), squared departure of the others. dimensions : (f,), of how many coefficients the log tells.
+    """
+    others = np.maximum(dimensions - 1.0, LEAST_DIMENSIONS)
+    return np.asarray((freedom + left) / (freedom + others))
 
 
 def _placed(part: _Part, shape: tuple[int, ...]) -> Array:
@@ -169,30 +180,31 @@ def _part(e: Explained, g: Array, courses: Array, kappa: Array, *, from_start: b
     """One balance's share for columns (f, p, n) and courses (f, p, h)."""
     f, p, n = g.shape
     flat = e.information.reshape(len(e.information), -1)
-    sums = (courses @ flat).reshape(f, p, n, n)
-    both = np.stack([(courses[:, k, None] * courses) @ flat for k in range(p)], axis=1).reshape(f, p, p, n, n)
+    k = kappa[:, None, None]
+    sums = (courses @ flat).reshape(f, p, n, n) / k[..., None]
+    both = np.stack([(courses[:, i, None] * courses) @ flat for i in range(p)], axis=1).reshape(f, p, p, n, n)
+    both /= k[..., None, None]
+    prior, total = np.linalg.inv(e.healthy.covariance), e.total / k
     if from_start:
-        rest = e.rest + e.pulled(e.solution - e.healthy.mean)
-        total = np.broadcast_to(e.total, (f, n, n))
-        pulled = np.einsum("fpij,fpj->fpi", sums, g)
-        inverse_variance = np.broadcast_to(np.linalg.inv(e.healthy.covariance), total.shape)
-        vector = np.broadcast_to(rest.sum(axis=0), (f, n))
+        own = np.broadcast_to(e.healthy.mean, (f, n))
+        pulled, inverse_variance = np.einsum("fpij,fpj->fpi", sums, g), np.broadcast_to(prior, total.shape)
     else:
-        rest = e.rest
-        both = both - np.einsum("fpij,jk,fqkl->fpqil", sums, e.inverse, sums)
+        inverse = np.linalg.inv(prior + total)
+        seen = e.rest.sum(axis=0) + e.total @ e.solution
+        own = (inverse @ (prior @ e.healthy.mean + seen / kappa[:, None])[..., None])[..., 0]
+        both = both - np.einsum("fpij,fjk,fqkl->fpqil", sums, inverse, sums)
         total, pulled = both[:, 0, 0], np.einsum("fpij,fpj->fpi", both[:, 0], g)
-        inverse_variance = np.eye(n) / _changes(e, sums[:, 0])[:, :, None]
-        vector = courses[:, 0] @ rest
-    total, pulled, vector = (
-        total / kappa[:, None, None],
-        pulled / kappa[:, None, None],
-        vector / kappa[:, None],
-    )
+        inverse_variance = np.eye(n) / _changes(e, k * sums[:, 0])[:, :, None]
+    rest = courses @ e.rest / k + np.einsum("fpij,fj->fpi", sums, e.solution - own)
+    if from_start:
+        vector = (e.rest.sum(axis=0) + (e.solution - own) @ e.total) / kappa[:, None]
+    else:
+        vector = rest[:, 0]
     inverse = np.linalg.inv(inverse_variance + total)
     drawn = np.einsum("fij,fj->fi", inverse, vector)
     by_one = np.einsum("fij,fpj->fpi", inverse, pulled)
-    score = np.einsum("fpn,fpn->fp", g, courses @ rest) / kappa[:, None]
-    information = np.einsum("fpi,fpqij,fqj->fpq", g, both, g) / kappa[:, None, None]
+    score = np.einsum("fpn,fpn->fp", g, rest)
+    information = np.einsum("fpi,fpqij,fqj->fpq", g, both, g)
     return _Part(
         np.arange(f), score - np.einsum("fpi,fi->fp", pulled, drawn),
         information - np.einsum("fpi,fqi->fpq", pulled, by_one),

@@ -290,7 +290,7 @@ class Evidence:
         scale, commonness = (np.array([getattr(h, x) for h in told]) for x in ("scale", "commonness"))
         parts = Parts(columns, courses, np.full((len(told), 1), VAGUE), np.array([h.signed for h in told]))
         found = departures(self.balances, parts, kappa, from_start=onset == 0)
-        freedom = PRIOR_FREEDOM + self.hops / self.stretches.hops / 3.0
+        freedom = PRIOR_FREEDOM + self.hops / self.stretches.hops - 1.0
         wanted = score + 0.5 * np.log1p(scale**2 * found.information) - np.log(commonness)
         out[mine] = found.least(wanted, freedom) + NINE_IN_TEN / np.sqrt(found.information)
         return out

@@ -48,7 +48,7 @@ LEAST_HOPS = 16
 """Hops before anything is said: eight seconds."""
 WINDOW_HOPS = 300
 """Hops that onsets are looked for in; what is older has become the reference."""
-STATE_VERSION = "12"
+STATE_VERSION = "13"
 SCANS_A_MINUTE, SCANS_KEPT = 12, 720
 """Looks in a minute, and those that a monitor remembers: an hour."""
 EPOCHS = Stretches(hops=1, least=1.0)

@@ -27,7 +27,7 @@ from numpy.typing import NDArray
 
 from fdd.identification.oil import air_compliance, air_shrinkage, viscosity
 from fdd.identification.record import Record
-from fdd.residuals.quantities import PILOT, needs_pilots
+from fdd.residuals.quantities import PILOT, needs_pilots, outlet_loss
 from fdd.unit import Oil, Unit
 
 Array = NDArray[np.float64]
@@ -156,6 +156,7 @@ def volume_steps(
     x_smooth = record.smooth(x, SMOOTHING)
     denser = 0.5 * (_log_density(unit.oil, smooth_1) - _log_density(unit.oil, smooth_2))
     lost = np.abs(np.diff(theta)) * denser[1:]
+    speed = np.gradient(record.smooth(theta, SMOOTHING), h)
     inlet = np.concatenate(([0.0], np.cumsum(lost)))
     time, still = h * np.arange(x.size), np.zeros_like(x)
     warmth = still if record.temperature is None else record.smooth(record.temperature, WARMING_WINDOW)
@@ -182,10 +183,11 @@ def volume_steps(
         )
         slopes = _noise_slopes(smoothed, volume, unit.oil.polytropic_index, reference_pressure)
         levels = np.column_stack([record.smooth(c, SMOOTHING) for c in levels.T])
-        margin = max(REFEED_MARGIN, NOISE_MARGIN * noise[chamber - 1])
+        loss = outlet_loss(unit, speed, chamber)
+        margin = max(REFEED_MARGIN, NOISE_MARGIN * noise[chamber - 1]) + loss
         # Only the higher chamber is surely shut: the lower one gives oil back through a valve that the other
         # chamber's pressure holds open, where rods ask for one, at just such a pressure.
-        usable = calm & (smoothed > store + margin) & (sign * (smooth_1 - smooth_2) > higher)
+        usable = calm & (smoothed > store + margin) & (sign * (smooth_1 - smooth_2) > higher + loss)
         if needs_pilots(unit):
             other = smooth_2 if chamber == 1 else smooth_1
             usable &= smoothed - store > PILOT * (other - store)

@@ -52,7 +52,8 @@ class Account:
         self.weight = FIRST_WEIGHT
         known = balance.cumulative and effects.information.any()
         self.least = max((1.0 if known else LEAST_NOISE) * effects.noise, balance.floor) ** 2
-        self.variance_sum = FIRST_WEIGHT * effects.noise**2
+        self.usual = effects.noise**2
+        self.variance_sum = FIRST_WEIGHT * self.usual
         self.recent: list[Array] = []
         self.level: Array = np.zeros((1, effects.mean.size + 1))
 
@@ -133,9 +134,14 @@ class Account:
         scaled = x * scale
         left = y - scaled @ np.linalg.solve(scaled.T @ scaled + RIDGE * np.eye(scale.size), scaled.T @ y)
         square = max(float(left @ left), 1e-300)
-        rho = min(max(float(left[1:] @ left[:-1]) / square, 0.0), MOST_COLOUR)
+        rho = float(left[1:] @ left[:-1]) / square
+        rho += (1.0 + 3.0 * rho) / y.size  # few rows show too little of it (doi 10.1093/biomet/41.3-4.390)
+        rho = min(max(rho, 0.0), MOST_COLOUR)
         free = max(y.size - scale.size, 0.3 * y.size)
-        return max(square / free * (1.0 + rho) / (1.0 - rho), self.least)
+        found = square / free * (1.0 + rho) / (1.0 - rho)
+        # The log's first hops know little of their noise: the unit's usual one counts as some rows.
+        usual = FIRST_WEIGHT / self.balance.cell
+        return max((free * found + usual * self.usual) / (free + usual), self.least)
 
     def _cells(self, y: Array, x: Array, ok: Flags) -> Array:
         """Rows of the hop, or the means of cells of them, less what changes slowly; none if too few."""

@@ -27,7 +27,15 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from fdd.residuals.quantities import PILOT, VALVE_MARGIN_PA, Quantities, change, middle, needs_pilots
+from fdd.residuals.quantities import (
+    PILOT,
+    VALVE_MARGIN_PA,
+    Quantities,
+    change,
+    middle,
+    needs_pilots,
+    outlet_loss,
+)
 from fdd.residuals.rows import ATMOSPHERE_PA, GAS_S, HOP_ROWS, ROW_S
 
 Array = NDArray[np.float64]
@@ -100,9 +108,10 @@ def _volume(q: Quantities) -> list[Strand]:
     higher = LEAST_DROP * scales.pressure
     sure = max(VALVE_MARGIN_PA + unit.accumulator.refeed_cracking_pressure, higher)
     margin = np.where(known, higher, sure)
+    loss = {side: outlet_loss(unit, np.nan_to_num(q.speed), side) for side in (1, 2)}
     fed = {
-        side: (known & (p < q.accumulator + VALVE_MARGIN_PA)) | ~(s * q.drop > margin)
-        for side, p, s in ((1, q.p1, 1.0), (2, q.p2, -1.0))
+        side: (known & (p - loss[side] < q.accumulator + VALVE_MARGIN_PA)) | ~(drop - loss[side] > margin)
+        for side, p, drop in ((1, q.p1, q.drop), (2, q.p2, -q.drop))
     }
     if needs_pilots(unit):
         for side, p, other in ((1, q.p1, q.p2), (2, q.p2, q.p1)):
@@ -278,12 +287,11 @@ def _refeed(q: Quantities) -> list[Strand]:
         rod = sign * (area - 0.5 * (q.unit.cylinder.area_1 + q.unit.cylinder.area_2))
         inflow = np.maximum(rod * q.velocity, 0.0) / (q.unit.pump.displacement * q.scales.speed)
         s1, s2 = float(side == 1), float(side == 2)
-        # Who does not measure the accumulator knows only by how much the two sides differ.
-        charge = np.where(q.accumulator_measured, 0.0, 1.0)
         one = np.ones_like(y)
-        x = np.column_stack([one * s1, one * s2, inflow * s1, inflow * s2, charge])
+        x = np.column_stack([one * s1, one * s2, inflow * s1, inflow * s2])
         low = (p < other - 0.02 * q.scales.pressure) & (p < q.accumulator + VALVE_MARGIN_PA)
-        out.append(Strand(y, x, low & q.chambers_measured & ~q.accumulator_lost))
+        # Without the accumulator's pressure nobody knows which chamber it feeds.
+        out.append(Strand(y, x, low & q.chambers_measured & q.accumulator_measured))
     return out
 
 
@@ -345,8 +353,7 @@ BALANCES: dict[str, Balance] = {
             ("zero", "gain_1", "gain_2", "line", "line_square"), _coherence,
         ),
         Balance(
-            "refeed", "the refeeding", ("drop_1", "drop_2", "flow_1", "flow_2", "charge"), _refeed, settle=8,
-            free=("charge",),
+            "refeed", "the refeeding", ("drop_1", "drop_2", "flow_1", "flow_2"), _refeed, settle=8,
         ),
         Balance(
             "reservoir", "the accumulator's oil",

@@ -35,7 +35,7 @@ class CoefficientSpread(BaseModel):
     model_config = ConfigDict(extra="forbid", allow_inf_nan=False)
     mean: Number
     units: Positive
-    between: tuple[Positive, Positive, Positive, Positive]
+    between: tuple[Positive, Positive, Positive, Positive, Positive]
     logs: Positive = 0.0
     within: Positive
     wander: Positive
@@ -48,7 +48,7 @@ class BalanceSpread(BaseModel):
     ----------
     noise : std of a row, a first guess. freedom : degrees of freedom of Student's t by which logs differ, all
         coefficients at once. tail : degrees of freedom and scale of one direction's departure, given the
-        others'. change_tail : the same of a change within a log.
+        others'. change_freedom, change_tail : the same of changes within a log.
     """
 
     model_config = ConfigDict(extra="forbid", allow_inf_nan=False)
@@ -58,6 +58,7 @@ class BalanceSpread(BaseModel):
         4.0,
         1.0,
     )
+    change_freedom: Annotated[float, Field(gt=0.0, le=100.0)] = 4.0
     change_tail: tuple[
         Annotated[float, Field(gt=0.0, le=100.0)], Annotated[float, Field(gt=0.0, le=100.0)]
     ] = (4.0, 1.0)
@@ -85,13 +86,14 @@ class LogConditions(NamedTuple):
     always : one. rows : variance of the log's rows: what a law leaves out hangs together with what it leaves
         of the rows. reconstructed : share in which the chambers' pressures are. heat : square of what the
         oil's temperature is off the reference's, in units of ten kelvin: a data sheet's viscosity law is not
-        this oil's.
+        this oil's. without_thermometer : share of the log in which nobody knows how thin the oil is.
     """
 
     always: float
     rows: float
     reconstructed: float
     heat: float
+    without_thermometer: float
 
 
 @cache
@@ -107,13 +109,13 @@ class Effects:
     Attributes
     ----------
     mean : of the healthy unit. covariance : (n, n), of a log about the mean, and of the mean itself.
-        known : (n, n), of the mean alone. units : std of units about the population's mean. between : (4, n)
+        known : (n, n), of the mean alone. units : std of units about the population's mean. between : (5, n)
         std from log to log, see `CoefficientSpread`. within : std of what changes in some minutes of a
         healthy log and no sensor tells; assumed: a magnet loses 0.1 % of its torque a kelvin and warms by 20,
         a position transducer 0.01 to 0.03 % of its gain a kelvin. wander : std from hop to hop. noise : std
         of a row, a first guess. information, scatter : (n, n), of healthy logs, and of the scores of their
-        stretches of 2 s. freedom, tail, change_tail : see `BalanceSpread`. log_variance : (n,) of a log's
-        coefficients about the unit's.
+        stretches of 2 s. freedom, tail, change_freedom, change_tail : see `BalanceSpread`.
+        log_variance : (n,) of a log's coefficients about the unit's.
     """
 
     mean: Array
@@ -128,6 +130,7 @@ class Effects:
     scatter: Array
     freedom: float
     tail: tuple[float, float]
+    change_freedom: float
     change_tail: tuple[float, float]
     log_variance: Array
 
@@ -138,7 +141,7 @@ class Effects:
 
 def usual_conditions(noise: float) -> LogConditions:
     """Those of a log at the reference temperature, with all pressures, whose rows have that std."""
-    return LogConditions(1.0, noise**2, 0.0, 0.0)
+    return LogConditions(1.0, noise**2, 0.0, 0.0, 0.0)
 
 
 def first_effects(name: str, spreads: Spreads | None = None) -> Effects:
@@ -158,7 +161,7 @@ def first_effects(name: str, spreads: Spreads | None = None) -> Effects:
     known = np.diag(np.square(units))
     first = Effects(
         mean, known, known, units, between, within, wander, spread.noise, none, none, spread.freedom,
-        spread.tail, spread.change_tail, np.zeros_like(mean),
+        spread.tail, spread.change_freedom, spread.change_tail, np.zeros_like(mean),
     )  # fmt: skip
     return with_logs(first, usual_conditions(spread.noise))
 

@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from fdd.residuals.account import Account
+from fdd.residuals.account import RECENT_HOPS, Account
 from fdd.residuals.balances import BALANCES
 from fdd.residuals.effects import Effects, LogConditions, with_logs
 from fdd.residuals.epochs import Epochs
@@ -21,8 +21,9 @@ Array = NDArray[np.float64]
 
 HISTORY = 7200
 """Hops whose misfit is remembered: an hour."""
-HEAT_K, UNMEASURED_K = 10.0, 15.0
-"""K that `LogConditions.heat` counts in, and that oil may be off its reference where nobody measures it."""
+HEAT_K = 10.0
+"""K that `LogConditions.heat` counts in."""
+SURROUNDINGS = 3
 MOST_HOPS = 20
 """Hops whose quantities are worked out at a time: their columns still fit the processor's memory."""
 
@@ -45,7 +46,7 @@ class Ledger:
         self.entries: dict[str, list[Entry]] = {name: [] for name in BALANCES}
         self._wide: dict[str, list[tuple[Array, Array]]] = {name: [] for name in BALANCES}
         self.surroundings: list[list[float]] = []
-        """Of each hop kept, share without the chambers' pressures, and `LogConditions.heat`."""
+        """Of each hop kept, the last three of `LogConditions`."""
         self.reference = effects
         """What the first of the hops kept is held against: the unit's baseline, or what older hops have
         made of it."""
@@ -82,9 +83,9 @@ class Ledger:
         seen = [k for k, entry in enumerate(self.entries[name]) if entry.rows]
         if not seen:
             return None
-        reconstructed, heat = np.mean([self.surroundings[k] for k in seen], axis=0).tolist()
+        around = np.mean([self.surroundings[k] for k in seen], axis=0).tolist()
         rows = float(np.mean([self.entries[name][k].variance for k in seen]))
-        return LogConditions(1.0, rows, reconstructed, heat)
+        return LogConditions(1.0, rows, *around)
 
     def held_against(self) -> dict[str, Effects]:
         """What the hops kept are held against: what older ones have made of the unit, or its effects with
@@ -121,9 +122,9 @@ class Ledger:
         count = (len(rows) - TAIL_ROWS) // HOP_ROWS
         self.hops += range(first, first + count)
         off = q.take["temperature"] - self.unit.oil.reference_temperature
-        heat = np.where(np.isfinite(off), np.square(off), UNMEASURED_K**2) / HEAT_K**2
-        each = np.column_stack([~q.chambers_measured, heat])[TAIL_ROWS:]
-        self.surroundings += each.reshape(count, HOP_ROWS, 2).mean(axis=1).tolist()
+        heat = np.nan_to_num(np.square(off / HEAT_K))
+        each = np.column_stack([~q.chambers_measured, heat, np.isnan(off)])[TAIL_ROWS:]
+        self.surroundings += each.reshape(count, HOP_ROWS, SURROUNDINGS).mean(axis=1).tolist()
         self.last = self.hops[-1]
         self.taken += count
         misfits = np.full((count, len(BALANCES)), np.nan)
@@ -132,10 +133,24 @@ class Ledger:
             for s in balance.strands(q):
                 good = s.valid & np.isfinite(s.y) & np.isfinite(s.x).all(axis=1)
                 strands.append(s._replace(valid=settled(good, balance.settle)))
+            settled_before = len(self.accounts[name].recent) >= RECENT_HOPS
             entries = self.accounts[name].hops(strands)
             self.entries[name] += entries
+            if balance.cell > 1 and not settled_before:
+                self._settle(name)
             misfits[:, b] = self._misfit(name, entries)
         self._misfits = [*self._misfits, *misfits.tolist()][-HISTORY:]
+
+    def _settle(self, name: str) -> None:
+        """A log's first hops know little of their noise: what ten seconds show of it holds for them too."""
+        first = [k for k, entry in enumerate(self.entries[name]) if entry.rows][:RECENT_HOPS]
+        for k in first[:-1]:
+            entry, variance = self.entries[name][k], self.entries[name][first[-1]].variance
+            share = entry.variance / variance
+            self.entries[name][k] = Entry(
+                share * entry.information, share * entry.vector, entry.rows, variance
+            )
+        self._wide[name] = []
 
     def _misfit(self, name: str, entries: list[Entry]) -> Array:
         """How far hops are from the unit's baseline, in what healthy hops are: root mean square over
@@ -252,7 +267,7 @@ class Ledger:
             "hops": np.array(self.hops), "tail": self.tail,
             "folded": np.array([self.folded, self.taken, self.last]),
             "accumulator": np.array(self._accumulator),
-            "surroundings": np.array(self.surroundings).reshape(-1, 2),
+            "surroundings": np.array(self.surroundings).reshape(-1, SURROUNDINGS),
             "misfits": np.array(self._misfits).reshape(-1, len(BALANCES)),
         }  # fmt: skip
         for name, account in self.accounts.items():

@@ -17,19 +17,19 @@ RUNS, LOGS = 3, 6
 
 
 def drawn(seed: int, units: int, freedom: float) -> tuple[list[UnitLogs], np.ndarray, np.ndarray, np.ndarray]:
-    """Units' logs, with the mean, the std of units and q (4, n) that they were drawn with."""
+    """Units' logs, with the mean, the std of units and q (5, n) that they were drawn with."""
     rng, first = np.random.default_rng(seed), first_effects(NAME)
     n = first.mean.size
     mean = first.mean + first.units
     spread = 0.5 * first.units
     always = 0.3 * np.sqrt(first.between_logs(usual_conditions(first.noise)))
-    q = np.array([always, always / first.noise, np.zeros(n), np.zeros(n)])
+    q = np.array([always, always / first.noise, *np.zeros((3, n))])
     out = []
     for _ in range(units):
         own = mean + spread * rng.normal(size=n)
         information, vector, conditions = [], [], []
         for _ in range(RUNS + LOGS):
-            each = LogConditions(1.0, float(first.noise**2 * rng.uniform(0.2, 4.0)), 0.0, 0.0)
+            each = LogConditions(1.0, float(first.noise**2 * rng.uniform(0.2, 4.0)), 0.0, 0.0, 0.0)
             weight = rng.gamma(0.5 * freedom, 2.0 / freedom)
             std = np.sqrt(np.array(each) @ np.square(q) / weight)
             theta = own + std * rng.normal(size=n)
@@ -80,7 +80,7 @@ def test_what_belongs_to_the_load_is_marginalised() -> None:
     x = rng.normal(size=(8, 60, n)) / np.sqrt(np.diag(first.covariance))
     m = np.einsum("hki,hkj->hij", x, x)
     v = np.einsum("hki,hk->hi", x, x @ first.mean + rng.normal(size=(8, 60)))
-    conditions = LogConditions(1.0, first.noise**2, 0.0, 0.0)
+    conditions = LogConditions(1.0, first.noise**2, 0.0, 0.0, 0.0)
     sums = m, v, np.full(8, 60.0), np.full(8, first.noise**2)
     information, vector, told = log_equations("force", sums, conditions, first)
     assert told == conditions

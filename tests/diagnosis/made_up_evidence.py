@@ -21,7 +21,7 @@ EFFECTS = Effects(
     covariance=np.diag([0.3, 0.2, 0.4]) ** 2,
     known=np.diag([0.3, 0.2, 0.4]) ** 2 - np.diag([0.05, 0.04, 0.06]) ** 2,
     units=np.array([0.3, 0.2, 0.4]),
-    between=np.array([[0.05, 0.04, 0.06], *np.zeros((3, 3))]),
+    between=np.array([[0.05, 0.04, 0.06], *np.zeros((4, 3))]),
     within=np.array([0.02, 0.02, 0.03]),
     wander=np.array([0.05, 0.08, 0.05]),
     noise=1.0,
@@ -29,6 +29,7 @@ EFFECTS = Effects(
     scatter=np.eye(3),
     freedom=30.0,  # as good as normal
     tail=(30.0, 1.0),
+    change_freedom=30.0,
     change_tail=(30.0, 1.0),
     log_variance=np.array([0.05, 0.04, 0.06]) ** 2,
 )

@@ -221,7 +221,7 @@ def test_fold_is_batch_regression(within: float) -> None:
     count, window = 40, 20
     for h in range(count):
         ledger.hops.append(h + 7)
-        ledger.surroundings.append([0.0, 0.0])
+        ledger.surroundings.append([0.0, 0.0, 0.0])
         for name, e in effects.items():
             n = e.mean.size
             x = rng.normal(size=(30, n)) / np.sqrt(np.diag(e.covariance))
@@ -260,7 +260,7 @@ def test_what_came_since_a_fault_is_no_reference() -> None:
     healthy = {}
     for h in range(200):
         ledger.hops.append(h)
-        ledger.surroundings.append([0.0, 0.0])
+        ledger.surroundings.append([0.0, 0.0, 0.0])
         for name, e in effects.items():
             x = rng.normal(size=(30, e.mean.size)) / np.sqrt(np.diag(e.covariance))
             ledger.entries[name].append(Entry(x.T @ x, x.T @ (x @ e.mean), 30.0, 1.0))
@@ -277,7 +277,7 @@ def test_what_came_since_a_fault_is_no_reference() -> None:
     # Once it is over, what is healthy is learnt again, and what was not is left out.
     for h in range(200, 260):
         ledger.hops.append(h)
-        ledger.surroundings.append([0.0, 0.0])
+        ledger.surroundings.append([0.0, 0.0, 0.0])
         for name in effects:
             ledger.entries[name].append(ledger.entries[name][-1])
         ledger.fold(window, [(onset * HOP_S, 200 * HOP_S)])
@@ -290,7 +290,7 @@ def told_of(hops: int, *, baseline: bool = True) -> Ledger:
     unit.baseline = Baseline(version="", seconds=1.0, balances={}) if baseline else None
     ledger = Ledger(unit, {name: first_effects(name) for name in BALANCES})
     ledger.hops, ledger.last, ledger.taken = list(range(10, 10 + hops)), 9 + hops, hops
-    ledger.surroundings = [[0.0, 0.0]] * hops
+    ledger.surroundings = [[0.0, 0.0, 0.0]] * hops
     for name, e in ledger.effects.items():
         for _ in range(hops):
             x = rng.normal(size=(30, e.mean.size)) / np.sqrt(np.diag(e.covariance))
