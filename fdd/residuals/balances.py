@@ -257,10 +257,16 @@ ORDERS = (1.0, 2.0, 0.5, 1.5, 2.5)
 tell how much of an amplitude is a load's or a loop's own unrest."""
 
 
+STEADY = 0.5
+"""Slowest speed over the fastest of a hop in which the shaft's lines are sought."""
+
+
 def _turning(q: Quantities) -> Flags:
-    """Where a line shows: over whole turns only, and below the rate at which a row's mean swallows it."""
-    angle = q.angle.reshape(-1, HOP_ROWS)
+    """Where a line shows: over whole turns at no very different speeds, as what starts and stops has all
+    lines, and below the rate at which a row's mean swallows it."""
+    angle, speed = (x.reshape(-1, HOP_ROWS) for x in (q.angle, np.abs(q.speed)))
     whole = np.fmax.reduce(angle, axis=1) - np.fmin.reduce(angle, axis=1) > 4.0 * np.pi
+    whole &= np.fmin.reduce(speed, axis=1) > STEADY * np.fmax.reduce(speed, axis=1)
     return (np.abs(q.speed) * ROW_S * max(ORDERS) < np.pi) & np.repeat(whole, HOP_ROWS)
 
 

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from scipy.stats import t as student
 
+from fdd.campaign.learning_spreads import HealthyChange, change_law
 from fdd.campaign.spreads import UnitLogs, learnt_spread, log_equations, own_columns, tail_of
 from fdd.diagnosis.baseline import scattered
 from fdd.residuals.balances import BALANCES
@@ -94,3 +95,16 @@ def test_what_belongs_to_the_load_is_marginalised() -> None:
     inside = covariance[np.ix_(own, own)]
     np.testing.assert_allclose(np.linalg.inv(information), inside, rtol=1e-6)
     np.testing.assert_allclose(np.linalg.solve(information, vector), mean[own], rtol=1e-6)
+
+
+def test_changes_that_are_students_t_together_are_known_as_such() -> None:
+    """Test: amplitudes of which three other directions tell the log's own scale. Expected: the degrees of
+    freedom between those beside them, and one direction's tail lighter than without."""
+    rng = np.random.default_rng(5)
+    scale = np.sqrt(rng.chisquare(2.0, size=4000) / 2.0)[:, None]
+    z = rng.normal(size=(4000, 4)) / scale
+    changes = [HealthyChange(NAME, float(x[0]), float(x[1:] @ x[1:]), 4.0) for x in z]
+    freedom, tail = change_law(changes)
+    assert freedom == pytest.approx(2.0)
+    assert tail[0] == pytest.approx(5.0, rel=0.3), "two and the three others"
+    assert tail_of(z[:, 0])[0] == pytest.approx(2.0, rel=0.2)

@@ -98,3 +98,19 @@ def test_quiet_directions_say_that_a_log_departs_little() -> None:
         assert found.size[0] == pytest.approx(6.0 * std[0], rel=0.01)
         scores.append(found.odds(found.size, ONE, 30.0 * ONE)[0])
     assert scores[0] > 2.0 * scores[1] > 0.0
+
+
+@pytest.mark.parametrize("onset", [0, 40])
+def test_a_noise_that_scatters_more_is_that_of_fewer_rows(onset: int) -> None:
+    """Test: overdispersion of four. Expected: a quarter of the information, the same prior."""
+    e = drawn(8, [(LEAK, 0.5, onset)]).balances["volume"]
+    v = e.rest + e.information @ e.solution
+    whole, quarter = (
+        weighed(Evidence({"volume": (m, x)}, {"volume": EFFECTS}), [(LEAK, onset)], kappa=k)
+        for m, x, k in ((e.information, v, 4.0), (e.information / 4.0, v / 4.0, 1.0))
+    )
+    assert whole.size[0] == pytest.approx(quarter.size[0], rel=1e-9)
+    assert whole.information[0] == pytest.approx(quarter.information[0], rel=1e-9)
+    assert whole.odds(whole.size, ONE, 9.0 * ONE)[0] == pytest.approx(
+        quarter.odds(quarter.size, ONE, 9.0 * ONE)[0], rel=1e-9
+    )

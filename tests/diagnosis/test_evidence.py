@@ -64,7 +64,7 @@ def test_a_fault_from_the_start_is_weighed_by_what_each_stretch_says_of_it() -> 
 
 
 def test_a_change_that_nothing_came_before_is_no_surer_than_one_from_the_start() -> None:
-    """Both are held against the unit's prior alone; no quiet stretch says how far a change's noise goes."""
+    """Both are held against the unit's prior alone."""
     for seed in range(10):
         whole = drawn(seed, [(LEAK, 1.2, 0)]).balances["volume"]
         share = np.where(np.arange(80) < 40, 1e-4, 1.0)
@@ -72,7 +72,7 @@ def test_a_change_that_nothing_came_before_is_no_surer_than_one_from_the_start()
         v = (whole.rest + whole.information @ whole.solution) * share[:, None]
         late = Evidence({"volume": (m, v)}, {"volume": EFFECTS})
         start, change = (late.fitted([(LEAK, "step", k, np.zeros(1))], [])[0] for k in (0, 40))
-        assert 1.0 < change.score < start.score + 1.2
+        assert change.score < start.score + 1.2
 
 
 def test_what_a_healthy_unit_drifts_by_is_no_fault_however_much_a_log_tells() -> None:

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.special import log_ndtr
 
-from fdd.diagnosis.fitting import log_normal
+from fdd.diagnosis.fitting import _better, log_normal
 
 
 @pytest.mark.parametrize("z", [-1e4, -200.0, -30.01, -30.0, -29.99, -8.0, -1.0, -0.0, 0.0, 0.5, 3.0, 7.0])
@@ -30,3 +30,17 @@ def test_the_fading_filter_is_scipys() -> None:
     wanted, _ = lfilter([1.0, -1.0], [1.0, -decay], rows, axis=0, zi=-rows[:1])
     found = np.concatenate([account._passed(part) for part in (rows[:10], rows[10:10], rows[10:])])
     np.testing.assert_array_equal(found, wanted)
+
+
+@pytest.mark.parametrize(("scatter", "better"), [(0.5, True), (20.0, False)])
+def test_what_a_fault_explains_well_says_how_much_chance_there_is(scatter: float, better: bool) -> None:
+    """Test: 20 stretches beside a fault of four standard deviations, of which healthy time told nothing.
+
+    Expected: their own mean square with the prior's two, or what was known before where it says more.
+    """
+    w = np.ones((1, 20))
+    u = np.sqrt(scatter) * np.where(np.arange(20) % 2, 1.0, -1.0)[None]
+    one = np.ones(1)
+    kappa, freedom = _better(one, 2.0 * one, one, u, w, 16.0 * one)
+    wanted = ((2.0 + 19.0 * scatter) / 21.0, 21.0) if better else (1.0, 2.0)
+    assert (kappa[0], freedom[0]) == pytest.approx(wanted)

@@ -189,3 +189,23 @@ def test_what_leaks_outside_is_gas_that_grows(unit: Unit, logs: list[Samples]) -
     drift = np.nancumsum(x[:, BALANCES["reservoir"].columns.index("drift")])
     volume = conductance * 0.5 * unit.accumulator.relief_pressure * ROW_S * np.isfinite(q.p1).sum()
     assert drift[-1] == pytest.approx(volume / unit.accumulator.gas_volume, rel=0.01)
+
+
+def test_a_chamber_whose_line_loses_pressure_is_not_taken_for_closed() -> None:
+    """Test: fast strokes without a load through a narrow line; the pump's inlet lies below the accumulator
+    while the chamber that it empties does not. Expected: of the rows that count as closed, few are fed."""
+    unit = Unit.load("axis_a").model_copy(deep=True)
+    unit.cylinder.area_2 *= 0.6
+    details = {"line_loss": 1.5e12, "pilot_ratio": 3.0, "pilot_cracking": 3e4}
+    duty = {"name": "strokes", "amplitude": 0.08, "rate": 0.12}
+    scenario = Scenario(duration=12.0, duty=duty, load={"name": "none"}, details=details, seed=5)
+    run = simulate(unit, scenario)
+    q = Quantities(RowMaker(unit).push(run.samples)[1], unit, Scales.of(unit))
+    time = q.take["time"]
+    share = unit.pump.displacement * unit.drive.max_speed
+    for side, strand in zip((1, 2), BALANCES["volume"].strands(q), strict=True):
+        at = np.clip(np.searchsorted(time, run.truth.time), 1, time.size - 1)
+        fed = np.abs(run.truth[f"refeed_flow_{side}"]) > 0.02 * share
+        assert fed.mean() > 0.1, "else this shows nothing"
+        taken = settled(strand.valid, BALANCES["volume"].settle)
+        assert (fed & taken[at]).mean() < 0.002
