@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.special import log_ndtr
 
-from fdd.diagnosis.fitting import _better, log_normal
+from fdd.diagnosis.fitting import STRETCH_FREEDOM, _better, _heard, log_normal
 
 
 @pytest.mark.parametrize("z", [-1e4, -200.0, -30.01, -30.0, -29.99, -8.0, -1.0, -0.0, 0.0, 0.5, 3.0, 7.0])
@@ -44,3 +44,16 @@ def test_what_a_fault_explains_well_says_how_much_chance_there_is(scatter: float
     kappa, freedom = _better(one, 2.0 * one, one, u, w, 16.0 * one)
     wanted = ((2.0 + 19.0 * scatter) / 21.0, 21.0) if better else (1.0, 2.0)
     assert (kappa[0], freedom[0]) == pytest.approx(wanted)
+
+
+def test_one_loud_stretch_counts_as_students_t_allows_and_many_as_they_are() -> None:
+    """Test: one stretch of thirty standard deviations among quiet ones, and twenty of twenty.
+
+    Expected: the share that leaves the log likelihood ratio of Student's t of `STRETCH_FREEDOM`; all.
+    """
+    w = np.full((1, 20), 1e-6)
+    w[0, 0] = 900.0
+    one = _heard(np.zeros((1, 20)), w, np.ones(1))
+    ratio = 0.5 * (STRETCH_FREEDOM + 1.0) * np.log1p(900.0 / STRETCH_FREEDOM)
+    assert one[0] ** 2 * 450.0 == pytest.approx(ratio, rel=1e-3)
+    assert _heard(np.zeros((1, 20)), np.full((1, 20), 400.0), np.ones(1))[0] == pytest.approx(1.0)
