@@ -61,12 +61,7 @@ class Ledger:
 
     def sums(self) -> dict[str, tuple[Array, Array, Array, Array]]:
         """Information (h, n, n), vector (h, n), rows (h,) and variance (h,) of each balance."""
-        out = {}
-        for name, entries in self.entries.items():
-            n = len(BALANCES[name].columns)
-            m, v, rows, variance = (np.array([e[i] for e in entries]) for i in range(4))
-            out[name] = m.reshape(-1, n, n), v.reshape(-1, n), rows, variance
-        return out
+        return {name: _stacked(self._settled(name), len(BALANCES[name].columns)) for name in BALANCES}
 
     def widened(self) -> dict[str, tuple[Array, Array]]:
         """Information (h, n, n) and vector (h, n), widened by what wanders from hop to hop, of each balance
@@ -100,7 +95,7 @@ class Ledger:
     def _widened(self, name: str) -> list[tuple[Array, Array]]:
         """Of every hop, worked out once."""
         wide = self._wide[name]
-        fresh = self.entries[name][len(wide) :]
+        fresh = self._settled(name)[len(wide) :]
         if fresh:
             information, vector = np.array([e[0] for e in fresh]), np.array([e[1] for e in fresh])
             wide.extend(zip(*widened(information, vector, self.reference[name].wander), strict=True))
@@ -133,24 +128,32 @@ class Ledger:
             for s in balance.strands(q):
                 good = s.valid & np.isfinite(s.y) & np.isfinite(s.x).all(axis=1)
                 strands.append(s._replace(valid=settled(good, balance.settle)))
-            settled_before = len(self.accounts[name].recent) >= RECENT_HOPS
+            early = self._early(name)
             entries = self.accounts[name].hops(strands)
             self.entries[name] += entries
-            if balance.cell > 1 and not settled_before:
-                self._settle(name)
+            if early:
+                self._wide[name] = []
+                if not self._early(name):
+                    self.entries[name] = self._shared(name)
             misfits[:, b] = self._misfit(name, entries)
         self._misfits = [*self._misfits, *misfits.tolist()][-HISTORY:]
 
-    def _settle(self, name: str) -> None:
+    def _early(self, name: str) -> bool:
+        """Whether the noise of a balance is not yet known by as many hops as it is judged by later."""
+        return BALANCES[name].cell > 1 and len(self.accounts[name].recent) < RECENT_HOPS
+
+    def _settled(self, name: str) -> list[Entry]:
+        return self._shared(name) if self._early(name) else self.entries[name]
+
+    def _shared(self, name: str) -> list[Entry]:
         """A log's first hops know little of their noise: what ten seconds show of it holds for them too."""
-        first = [k for k, entry in enumerate(self.entries[name]) if entry.rows][:RECENT_HOPS]
+        entries = list(self.entries[name])
+        first = [k for k, entry in enumerate(entries) if entry.rows][:RECENT_HOPS]
         for k in first[:-1]:
-            entry, variance = self.entries[name][k], self.entries[name][first[-1]].variance
+            entry, variance = entries[k], entries[first[-1]].variance
             share = entry.variance / variance
-            self.entries[name][k] = Entry(
-                share * entry.information, share * entry.vector, entry.rows, variance
-            )
-        self._wide[name] = []
+            entries[k] = Entry(share * entry.information, share * entry.vector, entry.rows, variance)
+        return entries
 
     def _misfit(self, name: str, entries: list[Entry]) -> Array:
         """How far hops are from the unit's baseline, in what healthy hops are: root mean square over
@@ -271,7 +274,8 @@ class Ledger:
             "misfits": np.array(self._misfits).reshape(-1, len(BALANCES)),
         }  # fmt: skip
         for name, account in self.accounts.items():
-            for k, part in zip("mvrs", self.sums()[name], strict=True):
+            sums = _stacked(self.entries[name], len(BALANCES[name].columns))
+            for k, part in zip("mvrs", sums, strict=True):
                 out[f"{name}/{k}"] = part
             out[f"{name}/noise"] = np.array([account.weight, account.variance_sum])
             out[f"{name}/level"] = account.level
@@ -307,3 +311,8 @@ class Ledger:
                 **self.reference,
                 name: replace(self.effects[name], mean=mean, covariance=covariance),
             }
+
+
+def _stacked(entries: list[Entry], n: int) -> tuple[Array, Array, Array, Array]:
+    m, v, rows, variance = (np.array([e[i] for e in entries]) for i in range(4))
+    return m.reshape(-1, n, n), v.reshape(-1, n), rows, variance
