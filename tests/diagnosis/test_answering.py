@@ -153,12 +153,13 @@ def test_from_the_least_severity_that_a_log_shows_on_faults_are_found(threshold:
     assert least.fault == "internal_leakage" and least.severity is not None
 
     def found(severity: float) -> float:
-        logs = [drawn(seed, [(INNER, severity, HOPS // 3)]) for seed in range(100, 140)]
+        logs = [drawn(seed, [(INNER, severity, HOPS // 3)]) for seed in range(100, 300)]
         return float(np.mean([bool(decide(x, [INNER], threshold)[0]) for x in logs]))
 
-    assert found(1.5 * least.severity) >= 0.9
-    # That is five standard deviations; chance and the choice of an onset add one or two to a smaller one.
-    assert found(0.4 * least.severity) <= 0.1
+    # Said of nine in ten; of 200 logs that is within 0.85 to 0.95 in 98 % of draws, and a little more are
+    # found, as the onset is chosen.
+    assert 0.85 <= found(least.severity) < 1.0
+    assert found(0.4 * least.severity) <= 0.2
 
 
 def test_what_a_log_shows_at_no_severity_has_none() -> None:
