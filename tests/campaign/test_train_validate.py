@@ -190,13 +190,9 @@ def tiny_set(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.mark.slow
-def test_validation_compares_each_log_with_its_truth(
-    tiny_set: Path, tiny_model: Model, tmp_path: Path
-) -> None:
-    tiny_model.save(tmp_path / "model.json")
-    outcomes = validate(tiny_set, str(tmp_path / "model.json"), workers=1)
+def test_validation_compares_each_log_with_its_truth(tiny_set: Path) -> None:
+    outcomes = validate(tiny_set, workers=1)
     healthy, leaking = sorted(outcomes, key=lambda o: bool(o.entry.faults))
-    # The test's model doubts from a score of three on, which one healthy log in five reaches.
     assert healthy.found.verdict != "faulty" and not healthy.said
     assert leaking.classes == ({"leakage"}, {"leakage"})
     assert abs(leaking.timely[0].onset_s - leaking.entry.faults[0].onset_s) < 1.0

@@ -85,7 +85,6 @@ def test_a_fault_that_comes_within_a_log_is_named(healthy: list[Samples]) -> Non
 
 
 @pytest.mark.slow
-@pytest.mark.xfail(strict=True, reason="the redundancy's heavy tail leaves a score of 7 where 10 is asked")
 def test_a_bias_that_comes_within_a_log_is_a_limit(healthy: list[Samples]) -> None:
     """Test: a sensor's bias, which shows in the balances alone. Expected: said, as a limit."""
     bias = {"fault": "pressure_sensor_bias", "severity": 0.6, "onset": 15.0}
