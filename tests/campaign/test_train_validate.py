@@ -18,7 +18,6 @@ from fdd.campaign.scores import Outcome, calibration_error, figures, macro_f1, v
 from fdd.campaign.train import LEAST_LOGS, ScoredLog, learnt
 from fdd.campaign.validate import outcomes_csv, report_text, summary, validate
 from fdd.diagnosis.findings import Diagnosis, FaultFinding, Quality
-from fdd.diagnosis.model import Model
 from fdd.errors import InputError
 from fdd.faults import CATALOGUE
 
