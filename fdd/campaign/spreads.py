@@ -15,12 +15,9 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.optimize import minimize
 from scipy.special import digamma
-from scipy.stats import t as student
 
 from fdd.diagnosis.baseline import scattered
-from fdd.diagnosis.departures import LEAST_DIMENSIONS
 from fdd.residuals.balances import BALANCES
 from fdd.residuals.effects import Effects, LogConditions, usual_conditions
 from fdd.residuals.normal_equations import widened
@@ -28,9 +25,6 @@ from fdd.residuals.normal_equations import widened
 Array = NDArray[np.float64]
 
 ITERATIONS = 200
-TOLD = 0.3
-"""Information of a coefficient in a log over that of its spread, from which its departure says something."""
-ASSUMED_TAIL, ASSUMED_LOGS = (4.0, 1.0), 50
 FREEDOMS = (1.0, 30.0)
 """Range of ν: beyond it logs' differences are as good as normal."""
 LEAST_SHARE = 0.02
@@ -51,8 +45,6 @@ class UnitLogs:
     information: Array
     vector: Array
     conditions: Array
-    runs: int
-    """How many of them, the first ones, are the unit's baseline."""
 
 
 @dataclass(frozen=True)
@@ -62,8 +54,7 @@ class Spread:
     Attributes
     ----------
     mean, units : of units' coefficients, and their std. between : (5, n), q. logs : how many logs'
-        worth of information these rest on. freedom : ν, of the whole balance. tail : of one direction
-        given the others, see `fdd.residuals.effects.BalanceSpread`. noise : usual std of a row.
+        worth of information these rest on. freedom : ν, of the whole balance. noise : usual std of a row.
     """
 
     mean: Array
@@ -71,7 +62,6 @@ class Spread:
     between: Array
     logs: Array
     freedom: float
-    tail: tuple[float, float]
     noise: float
 
 
@@ -112,63 +102,14 @@ def learnt_spread(
             np.concatenate(weights), np.concatenate([f.told.sum(axis=1) for f in found]), freedom
         )
     told = np.concatenate([f.told for f in found])
-    z = np.concatenate([_standardised(u, m, units_variance, parts, freedom) for u in units])
     return Spread(
         m,
         np.sqrt(units_variance),
         np.sqrt(parts),
         told.sum(axis=0),
         freedom,
-        tail_of(z),
         float(np.sqrt(usual[1])),
     )
-
-
-def _standardised(logs: UnitLogs, m: Array, units: Array, parts: Array, freedom: float) -> Array:
-    """Departures of single coefficients of a unit's logs from its baseline, given those of the others."""
-    runs, out = logs.runs, []
-    q = logs.conditions @ parts
-    wide, kept = [], []
-    for a, b, std in zip(logs.information[:runs], logs.vector[:runs], np.sqrt(q[:runs]), strict=True):
-        w, k = widened(a, b, std)
-        wide.append(w)
-        kept.append(k)
-    known = np.linalg.inv(np.diag(1.0 / units) + np.sum(wide, axis=0))
-    mean = known @ (m / units + np.sum(kept, axis=0))
-    for a, b, variance in zip(logs.information[runs:], logs.vector[runs:], q[runs:], strict=True):
-        prior = np.linalg.inv(known + np.diag(variance))
-        inverse = np.linalg.inv(prior + a)
-        drawn, by_one = inverse @ (b - a @ mean), inverse @ a
-        told = np.diag(a) - np.einsum("ij,ij->j", a, by_one)
-        size = (b - a @ mean - a @ drawn) / np.maximum(told, 1e-300)
-        after = drawn[:, None] - size * by_one
-        left = np.einsum("ij,ik,kj->j", after, prior, after)
-        others = max(float(np.trace(by_one)) - 1.0, LEAST_DIMENSIONS)
-        z = size * np.sqrt(told) / np.sqrt((freedom + left) / (freedom + others))
-        out.append(z[told * np.diag(known + np.diag(variance)) > TOLD])
-    return np.concatenate(out) if out else np.zeros(0)
-
-
-def tail_of(z: Array) -> tuple[float, float]:
-    """Degrees of freedom and scale of the Student's t that standardised departures follow, the likeliest.
-
-    Few of them say nothing of a tail: `ASSUMED_TAIL` counts as much as `ASSUMED_LOGS` of them would.
-
-    Examples
-    --------
-    >>> round(tail_of(np.zeros(0))[1])
-    1
-    """
-    freedom, scale = ASSUMED_TAIL
-    assumed = scale * student.ppf((np.arange(ASSUMED_LOGS) + 0.5) / ASSUMED_LOGS, freedom)
-    z = np.concatenate([z, assumed])
-
-    def misfit(p: Array) -> float:
-        return -float(np.sum(student.logpdf(z, np.exp(p[0]), scale=np.exp(p[1]))))
-
-    bounds = [(0.0, np.log(30.0)), (np.log(0.1), np.log(10.0))]
-    found = np.exp(minimize(misfit, [np.log(freedom), np.log(scale)], bounds=bounds).x)
-    return float(f"{found[0]:.3g}"), float(f"{found[1]:.3g}")
 
 
 def log_equations(

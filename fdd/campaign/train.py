@@ -14,7 +14,7 @@ from fdd.campaign.units import Progress, for_each_unit
 from fdd.diagnosis.answering import Z80, hidden_share
 from fdd.diagnosis.baseline import add_baseline
 from fdd.diagnosis.findings import FaultFinding
-from fdd.diagnosis.model import AlarmTail, Calibration, Model
+from fdd.diagnosis.model import AlarmTail, Calibration, Model, root
 from fdd.diagnosis.pipeline import Pipeline
 from fdd.errors import InputError
 from fdd.identification import identify_unit
@@ -91,8 +91,8 @@ def learnt(logs: list[ScoredLog], data: str) -> Model:
     ------
     InputError : too few healthy or faulty logs.
     """
-    peaks = np.array([x.score for x in logs if x.family == "healthy"])
-    faulty = np.array([x.score for x in logs if x.family != "healthy"])
+    peaks = np.array([root(x.score) for x in logs if x.family == "healthy"])
+    faulty = np.array([root(x.score) for x in logs if x.family != "healthy"])
     if min(peaks.size, faulty.size) < LEAST_LOGS:
         raise InputError(
             f"{peaks.size} healthy and {faulty.size} faulty logs",
@@ -103,7 +103,7 @@ def learnt(logs: list[ScoredLog], data: str) -> Model:
     lasting = [x for x in healthy if x.healthy_s >= LASTING_S]
     lasting = lasting if len(lasting) >= LEAST_LOGS else healthy
     hours = sum(x.healthy_s for x in lasting) / 3600.0
-    of_hours = np.array([x.score for x in lasting])
+    of_hours = np.array([root(x.score) for x in lasting])
     height = float(np.quantile(of_hours, TAIL_FROM))
     over = of_hours[of_hours > height] - height
     tail = AlarmTail(
@@ -111,7 +111,7 @@ def learnt(logs: list[ScoredLog], data: str) -> Model:
         scale=round(float(over.mean()), 4), hours=round(hours, 2),
     )  # fmt: skip
     # Beyond that height both kinds thin out exponentially, faulty logs far more slowly: the odds of the two
-    # tails are a logistic of the score. Even odds before it: how many of a recipe's logs are faulty says
+    # tails are a logistic of the root. Even odds before it: how many of a recipe's logs are faulty says
     # nothing of how often an actuator is.
     beyond, above = (x[x > height] - height for x in (faulty, peaks))
     slope = max(1.0 / tail.scale - 1.0 / max(float(beyond.mean()), 1.01 * tail.scale), 1e-3)

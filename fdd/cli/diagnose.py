@@ -62,6 +62,16 @@ def diagnose(
         ),
     ] = None,
     axis: AxisOption = None,
+    prior: Annotated[
+        float,
+        typer.Option(
+            "--prior",
+            min=0.001,
+            max=0.999,
+            help="Share of such logs that is faulty, before they are looked at: a fault is answered where it "
+            "is then likelier than not.",
+        ),
+    ] = 0.5,
     tracker: Annotated[
         list[str] | None,
         typer.Option(
@@ -105,7 +115,7 @@ def diagnose(
                  output_paths(mcap, paths, ".mcap", "--mcap"), folder)  # fmt: skip
     _require_outputs(json_, jobs)
     trackers = tuple(dict.fromkeys(tracker or ()))
-    settings = Settings(unit, map_, model, axis, trackers, classifier)
+    settings = Settings(unit, map_, model, axis, trackers, classifier, prior)
     diagnoser = Diagnoser(settings)
     answers = folder.earlier(jobs, diagnoser) if folder and resume else {}
     try:

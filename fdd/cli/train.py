@@ -91,10 +91,10 @@ def train(
     output().print(confusion_table(logs))
     tail = model.tail
     print(
-        f"Healthy: {tail.hours:.2f} h; scores pass {tail.height:.2f} {tail.rate_per_hour:.2f} times an hour, "
-        f"and {tail.threshold(1.0):.2f} once."
+        f"Healthy: {tail.hours:.2f} h; scores pass {0.5 * tail.height**2:.1f} {tail.rate_per_hour:.2f} times "
+        f"an hour, and {tail.threshold(1.0):.1f} once."
     )
-    print(f"A score of {model.calibration.midpoint:.2f} is a fault as likely as not.")
+    print(f"A score of {0.5 * model.calibration.midpoint**2:.1f} is a fault as likely as not.")
     print(f"Model written to {out}")
 
 

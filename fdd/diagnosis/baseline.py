@@ -45,7 +45,7 @@ def ledgers_of(unit: Unit, logs: Sequence[Samples]) -> list[Ledger]:
     """The balances of healthy logs, as the data sheet has them, for `baseline_of`."""
     plain = unit.model_copy(deep=True)
     plain.baseline = None
-    effects = {name: first_effects(name) for name in BALANCES}
+    effects = {name: first_effects(name, unit=unit) for name in BALANCES}
     ledgers = [ledger_of(log, plain, effects) for log in logs]
     if sum(len(x.hops) for x in ledgers) < LEAST_HOPS:
         return ledgers
@@ -107,7 +107,8 @@ def baseline_of(
         if logs:
             share = 0.0 if old is None else before / (before + hops * HOP_S)
             sums, conditions = zip(*logs, strict=True)
-            found[name] = _balance(first_effects(name, spreads), name, sums, conditions, old, share)
+            effects = first_effects(name, spreads, ledgers[0].unit)
+            found[name] = _balance(effects, name, sums, conditions, old, share)
         elif old is not None:
             found[name] = old
     return Baseline(version=BASELINE_VERSION, seconds=round(before + hops * HOP_S, 1), balances=found)
@@ -223,7 +224,7 @@ def effects_of(unit: Unit, spreads: Spreads | None = None) -> dict[str, Effects]
     """
     out = {}
     for name in BALANCES:
-        effects = first_effects(name, spreads)
+        effects = first_effects(name, spreads, unit)
         known = None if unit.baseline is None else unit.baseline.balances.get(name)
         if known is not None and known.columns == list(BALANCES[name].columns):
             effects = replace(

@@ -17,16 +17,17 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from fdd.diagnosis.departures import VAGUE, departures
+from fdd.diagnosis.departures import VAGUE, changes, departures
 from fdd.diagnosis.fitting import (
     GREATEST,
-    PRIOR_FREEDOM,
     Explained,
     Fit,
     Parts,
     Stretches,
     fit,
     known_scatter,
+    log_odds,
+    quasi_likely,
 )
 from fdd.diagnosis.hypotheses import Hypothesis
 from fdd.residuals.effects import Effects
@@ -43,8 +44,9 @@ FREE_SPREAD = 10.0
 KINDS = ("step", "ramp", "drift")
 NINE_IN_TEN = 1.2816
 """Standard deviations."""
-LEAST_BEFORE, LEAST_AFTER = 6, 6
-"""Hops before and after an onset that is looked for inside a log."""
+LEAST_BEFORE, LEAST_AFTER = 4, 6
+"""Stretches before, and hops after, an onset that is looked for inside a log: a machine that starts is no
+reference for itself."""
 
 
 @dataclass
@@ -148,7 +150,7 @@ class Evidence:
         self.stretches = stretches
         self.balances = {name: Explained(m, v, effects[name]) for name, (m, v) in hops.items()}
         self.hops = max((len(m) for m, _ in hops.values()), default=0)
-        inside = np.arange(LEAST_BEFORE, self.hops - LEAST_AFTER)
+        inside = np.arange(LEAST_BEFORE * stretches.hops, self.hops - LEAST_AFTER)
         first = [0] if from_start and self.hops > LEAST_AFTER else []
         self.onsets = np.concatenate([np.array(first, dtype=np.int64), inside])
 
@@ -223,7 +225,8 @@ class Evidence:
         return pulled if isinstance(pulled, int) else pulled - e.pulled(e.inverse @ pulled.sum(axis=0))
 
     def unexplained(self, found: Amplitude, known: Sequence[Amplitude]) -> float:
-        """What any change of a finding's balances would gain from its onset on, beside all that was found.
+        """What any change of a finding's balances would gain from its onset on, beside all that was found and
+        what healthy coefficients differ by.
 
         What chance alone would make of as many free coefficients is taken off.
         """
@@ -234,9 +237,14 @@ class Evidence:
             e = self.balances[name]
             s = e.told(found.course)
             left = found.course @ (e.rest - self._moved(name, known))
-            spread = np.diag(np.diag(e.healthy.covariance)) * FREE_SPREAD**2
-            inside = np.linalg.solve(np.eye(left.size) + spread @ s, spread)
-            total += 0.5 * float(left @ inside @ left - max(found.misfit, 1.0) * np.trace(inside @ s))
+            changed = changes(e, np.einsum("h,hij->ij", found.course, e.information)[None])[0]
+            usual = np.diag(e.healthy.covariance) if found.onset == 0 else changed
+            wide, own = (
+                np.linalg.solve(np.eye(left.size) + v[:, None] * s, np.diag(v))
+                for v in (np.diag(e.healthy.covariance) * FREE_SPREAD**2 + usual, usual)
+            )
+            beyond = wide - own
+            total += 0.5 * float(left @ beyond @ left - max(found.misfit, 1.0) * np.trace(beyond @ s))
         return total
 
     def fitted(
@@ -290,9 +298,13 @@ class Evidence:
         scale, commonness = (np.array([getattr(h, x) for h in told]) for x in ("scale", "commonness"))
         parts = Parts(columns, courses, np.full((len(told), 1), VAGUE), np.array([h.signed for h in told]))
         found = departures(self.balances, parts, kappa, from_start=onset == 0)
-        freedom = PRIOR_FREEDOM + self.hops / self.stretches.hops - 1.0
+        likely = quasi_likely(self.balances, parts, kappa, from_start=onset == 0)
+        blocks = np.full(len(told), (self.hops - onset) / self.stretches.hops)
+        # Half of an amplitude's square times this is its score, but for what it is taken off.
+        worth = log_odds(likely.information, blocks, np.zeros_like(kappa))
         wanted = score + 0.5 * np.log1p(scale**2 * found.information) - np.log(commonness)
-        out[mine] = found.least(wanted, freedom) + NINE_IN_TEN / np.sqrt(found.information)
+        least = np.sqrt(2.0 * wanted.clip(0.0) / worth.clip(1e-300))
+        out[mine] = least + NINE_IN_TEN / np.sqrt(found.information)
         return out
 
     def correlations(self, one: Amplitude, others: Sequence[Hypothesis]) -> Array:

@@ -151,7 +151,8 @@ class Diagnosis(BaseModel):
 
     Attributes
     ----------
-    started_at : when the log's time was 0 (ISO 8601, UTC), where the log tells.
+    started_at : when the log's time was 0 (ISO 8601, UTC), where the log tells. prior : probability of a
+        fault before the log was seen, that confidence and verdict rest on.
     versions : of fdd and model, and of packages that added faults or trackers. sha256 : of the files log,
         map, profile and model, as far as they were given.
     error : of a log among several that could not be read, why; the rest of the answer is empty then.
@@ -173,6 +174,7 @@ class Diagnosis(BaseModel):
     quality: Quality
     sensors: list[SensorState] = Field(default_factory=list)
     not_visible: list[Invisible] = Field(default_factory=list)
+    prior: float = 0.5
     versions: dict[str, str] = Field(default_factory=dict)
     sha256: dict[str, str] = Field(default_factory=dict)
     started_at: str | None = Field(default=None, exclude_if=_is_none)

@@ -18,7 +18,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from fdd.diagnosis.departures import departures
+from fdd.diagnosis.departures import Departures, departures
 from fdd.residuals.effects import Effects
 from fdd.residuals.rows import BLOCK_HOPS
 
@@ -27,18 +27,14 @@ Flags = NDArray[np.bool_]
 Indices = NDArray[np.int64]
 
 PRIOR_FREEDOM = 2.0
-"""Degrees of freedom of the baseline's scatter: how far one log's is from another's. A fault from the start
-has no others."""
+"""Stretches that the baseline's scatter counts for: how far one log's is from another's."""
 UNKNOWN_SCATTER = 3.0
 """Scatter of a unit without baseline."""
 LEAST_SCATTER = 0.2
 """Least factor: what coefficients wander by, and noises' floors, are assumed with care."""
-LOUDEST = 3.0
-"""Standard deviations of healthy stretches, or times the median one, that one stretch of 2 s may count for:
-bounded influence (Huber 1981, doi 10.1002/0471725250)."""
-STRETCH_FREEDOM = 4.0
-"""Degrees of freedom of Student's t by which healthy stretches scatter: 3 (volume) to 19 (coherence) on
-generated units."""
+FEW_STRETCHES = 2.0
+"""Of b stretches behind an amplitude the share b / (b + 2) counts: what one stretch alone shows may be an
+event of its own, as a machine's start is."""
 GREATEST = 2.0
 """Severity beyond which no fault goes: 1.0 is gross, and a scale may be off by a factor of two on another
 machine."""
@@ -153,7 +149,8 @@ class Fit:
     size, variance : of the amplitude, as far as its own time scatters. level : of the amplitude while it
         acts, where it comes and goes. gain : half the quadratic form, by the rows' own variance alone.
         kappa, misfit : how healthy stretches scatter, over what their information says, and how those of the
-        fault's own time do. blocks : stretches behind it. score : log of the robust likelihood ratio.
+        fault's own time do. blocks : stretches that speak for it, as many as alike ones would be. score : see
+        `log_odds`.
     """
 
     size: float
@@ -253,23 +250,23 @@ def fit(
     misfit = np.maximum(misfit, 1.0)
     directions = {n: np.einsum("fp,fpn->fn", along, c) for n, c in parts.columns.items()}
     known = known_scatter(balances, directions)
-    kappa, freedom = _scatter(u, w, courses[:, 0], known, held, blocks)
-    kappa, freedom = _better(kappa, freedom, known, u, w, size**2 * told)
-    kappa = np.maximum(kappa, stretches.least)
+    kappa = _scatter(u, w, courses[:, 0], known, held, blocks).clip(stretches.least)
     found = departures(balances, parts, kappa, from_start=from_start)
     precision = found.information
     size = np.where(parts.signed, np.clip(found.size, 0.0, GREATEST), found.size)
     # What healthy stretches scatter by differs from fault to fault: gains that are compared leave it out.
-    by_rows = departures(balances, parts, np.ones(size.size), from_start=from_start)
-    gain = size * by_rows.information * (by_rows.size - 0.5 * size)
+    gain = _gain(departures(balances, parts, np.ones(size.size), from_start=from_start), size)
     gain = np.maximum(gain, told * size * (free - 0.5 * size))
-    score = found.odds(size, _heard(u, w, kappa), freedom) - 0.5 * np.log1p(scales[:, 0] ** 2 * precision)
+    ratio = _gain(quasi_likely(balances, parts, kappa, from_start=from_start), size)
+    spoken = np.maximum(u + w, 0.0)
+    behind = spoken.sum(axis=1) ** 2 / np.maximum(np.sum(spoken**2, axis=1), 1e-300)
+    score = log_odds(ratio, behind, scales[:, 0] ** 2 * precision)
     likely = np.array([np.log(2.0) + log_normal(z) for z in (size * np.sqrt(precision)).tolist()])
     score += np.where(parts.signed, likely, 0.0)
     most = np.maximum(GREATEST, np.abs(size))
     level = np.clip(size * _while_acting(pulls, pushes, kappa), -most, most)
     variance = 1.0 / precision + np.maximum(misfit - kappa, 0.0) / told
-    columns = np.column_stack([size, variance, level, gain, kappa, misfit, count, score])
+    columns = np.column_stack([size, variance, level, gain, kappa, misfit, behind, score])
     return [Fit(*row) for row in columns.tolist()]
 
 
@@ -303,19 +300,36 @@ def log_normal(z: float) -> float:
     return -0.5 * z**2 - math.log(-z * math.sqrt(2.0 * math.pi)) + math.log1p(-r * (1 - r * (3 - 15 * r)))
 
 
-def _heard(u: Array, w: Array, kappa: Array) -> Array:
-    """Share (f,) of amplitudes that stands when no stretch speaks louder than three standard deviations of
-    healthy ones, or than three times the median one: a fault is there in many. Or that stands where stretches
-    err as Student's t, if more: what acts seldom is there in few."""
-    noise = np.sqrt(kappa[:, None] * w)
-    z, left = (u + w) / noise, u / noise
-    loudest = LOUDEST * np.maximum(1.0, np.median(z, axis=1))[:, None]
-    heard = np.sum(np.sqrt(w) * np.clip(z, -loudest, loudest), axis=1)
-    many = heard / np.maximum(np.sum(np.sqrt(w) * z, axis=1), 1e-300)
-    of_each = np.log1p(z**2 / STRETCH_FREEDOM) - np.log1p(left**2 / STRETCH_FREEDOM)
-    whole = np.maximum(np.sum(z**2 - left**2, axis=1), 1e-300)
-    few = (STRETCH_FREEDOM + 1.0) * of_each.sum(axis=1) / whole
-    return np.asarray(np.clip(np.maximum(many, np.sqrt(few.clip(0.0))), 0.0, 1.0))
+def _gain(found: Departures, size: Array) -> Array:
+    """Log likelihood ratio (f,) of amplitudes of a size against none."""
+    return size * found.information * (found.size - 0.5 * size)
+
+
+def quasi_likely(
+    balances: Mapping[str, Explained], parts: Parts, kappa: Array, *, from_start: bool
+) -> Departures:
+    """Amplitudes by a quasi-likelihood (Wedderburn 1974, doi 10.1093/biomet/61.3.439): rows err as their
+    noise says, and as much as healthy stretches scatter beyond it.
+
+    A unit whose balances close badly differs more from log to log as well, so that from the start all is less
+    sure; what changes within a healthy log is stated as it is.
+    """
+    if not from_start:
+        return departures(balances, parts, 1.0 + kappa, from_start=False)
+    found = departures(balances, parts, np.ones_like(kappa), from_start=True)
+    return Departures(found.size, found.information / (1.0 + kappa))
+
+
+def log_odds(ratio: Array, blocks: Array, sharpness: Array) -> Array:
+    """Log odds (f,) of faults against none, before how common they are.
+
+    Parameters
+    ----------
+    ratio : log of the quasi-likelihood ratio. blocks : stretches that speak for the fault. sharpness : prior
+        variance of the amplitude over that in the log, for what the freedom to choose it is worth (Laplace's
+        approximation).
+    """
+    return ratio * blocks / (blocks + FEW_STRETCHES) - 0.5 * np.log1p(sharpness)
 
 
 def _while_acting(u: Array, w: Array, kappa: Array) -> Array:
@@ -331,10 +345,8 @@ def _while_acting(u: Array, w: Array, kappa: Array) -> Array:
     return np.asarray(np.maximum(np.divide(square, total, out=np.ones_like(total), where=total > 1e-9), 1.0))
 
 
-def _scatter(
-    u: Array, w: Array, courses: Array, known: Array, held: Array, blocks: Indices
-) -> tuple[Array, Array]:
-    """Factor by which scores scatter more than their information says, and its degrees of freedom, (f,) each.
+def _scatter(u: Array, w: Array, courses: Array, known: Array, held: Array, blocks: Indices) -> Array:
+    """Factor (f,) by which scores scatter more than their information says.
 
     It is that of healthy time: of the unit's baseline in the direction at hand (`known_scatter`), and of the
     log's stretches in which the fault does not act (of all, where it always acts). How badly a fault's own
@@ -355,30 +367,7 @@ def _scatter(
     # What the unit's prior holds, stretches of the log do not.
     stretches *= np.where(later[:, 0], told / np.maximum(told + held, 1e-300), 1.0)
     own = np.sum(quiet * u**2 / w, axis=1) / np.maximum(told, 1e-300)
-    freedom = PRIOR_FREEDOM + stretches
-    return (PRIOR_FREEDOM * known + stretches * own) / freedom, freedom
-
-
-def _better(
-    kappa: Array, freedom: Array, known: Array, u: Array, w: Array, squares: Array
-) -> tuple[Array, Array]:
-    """The same by healthy time alone, or by all stretches beside the fault, whichever tells more.
-
-    What a fault explains well says itself how much chance there is, as the residuals of a regression do; what
-    it explains badly, by a law that is not the machine's, does not.
-
-    Parameters
-    ----------
-    squares : (f,), of amplitudes over their standard deviations, were the factor one.
-    """
-    stretches = w.sum(axis=1) ** 2 / np.sum(w**2, axis=1) - 1.0
-    pooled = PRIOR_FREEDOM + np.maximum(stretches, 0.0)
-    left = np.sum(u**2, axis=1) / w.sum(axis=1)
-    beside = (PRIOR_FREEDOM * known + (pooled - PRIOR_FREEDOM) * left) / pooled
-    of = [(np.maximum(k, LEAST_SCATTER), n) for k, n in ((kappa, freedom), (beside, pooled))]
-    by = [(n + 1.0) * np.log1p(squares / (k * n)) for k, n in of]
-    better = by[1] > by[0]
-    return np.where(better, beside, kappa), np.where(better, pooled, freedom)
+    return np.asarray((PRIOR_FREEDOM * known + stretches * own) / (PRIOR_FREEDOM + stretches))
 
 
 def known_scatter(balances: Mapping[str, Explained], directions: Mapping[str, Array]) -> Array:

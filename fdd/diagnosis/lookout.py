@@ -43,20 +43,23 @@ class Lookout:
         self.at = 0.0
         self._scores: list[float] = []
 
-    def look(self, evidence: Evidence, span: Span, first: float) -> Look:
+    def look(self, evidence: Evidence, span: Span, first: float, *, even: float | None = None) -> Look:
         """What the evidence says now; it counts once `take` has it.
 
         Parameters
         ----------
-        span : its hops in time. first : s, of the first sample.
+        span : its hops in time. first : s, of the first sample. even : score of what is said of the log as a
+            whole, whatever stood before; None asks for what stands, as an alarm does.
         """
         labels = self.standing.labels.values()
-        found, rest = decide(evidence, self.hypotheses, self.threshold, labels)
+        least = self.threshold if even is None else min(even, self.threshold)
+        found, rest = decide(evidence, self.hypotheses, least, labels)
         before = self._scores[:-1] if self.at == span.end else self._scores
         scores = [*before[1 - LOOKS :], max([rest, *(f.score for f in found)])]
         stands = max(min(scores) if len(scores) == LOOKS else 0.0, scores[-1] - LOOK_MARGIN)
+        stands = stands if even is None else max(stands, scores[-1])
         ends = [f.lead for f in found if f.lead.hypothesis.ends is not None and f.lead.size > HEALED]
-        found = [f for f in found if f.lead.hypothesis.ends is None and stands >= self.threshold]
+        found = [f for f in found if f.lead.hypothesis.ends is None and stands >= least]
         findings = []
         for f in found:
             f.score = min(f.score, stands)

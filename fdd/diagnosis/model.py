@@ -32,14 +32,25 @@ def _is_none(value: object) -> bool:
     return value is None
 
 
+def root(score: float) -> float:
+    """Root of twice a score: standard deviations, where it is the log likelihood ratio of one amplitude.
+
+    Examples
+    --------
+    >>> root(8.0), root(-1.0)
+    (4.0, 0.0)
+    """
+    return math.sqrt(2.0 * max(score, 0.0))
+
+
 class AlarmTail(BaseModel):
-    """How often healthy logs pass a score: ``rate · exp(-(score - height) / scale)``.
+    """How often healthy logs pass a score's `root` r: ``rate · exp(-(r - height) / scale)``.
 
     An exponential tail over a height (peaks over a threshold, Pickands 1975, doi 10.1214/aos/1176343003).
 
     Attributes
     ----------
-    height : score that it was fitted above. rate_per_hour : of healthy hours' peaks above it. scale : their
+    height : root that it was fitted above. rate_per_hour : of healthy hours' peaks above it. scale : their
         mean excess.
     hours : of healthy logs behind it.
     """
@@ -56,21 +67,25 @@ class AlarmTail(BaseModel):
         Examples
         --------
         >>> round(AlarmTail(height=4.0, rate_per_hour=2.0, scale=1.0, hours=10.0).threshold(0.2), 2)
-        6.3
+        19.86
         """
-        return max(
-            self.height, self.height + self.scale * math.log(self.rate_per_hour / false_alarms_per_hour)
-        )
+        passed = self.scale * math.log(self.rate_per_hour / false_alarms_per_hour)
+        return 0.5 * (self.height + max(passed, 0.0)) ** 2
+
+
+def _is_even(prior: object) -> bool:
+    return prior == 0.5
 
 
 class Calibration(BaseModel):
-    """Probability that something is wrong, were that as likely as not before the log was seen.
+    """Probability that something is wrong.
 
     Attributes
     ----------
-    midpoint, slope : logistic of the score, for faults that show. unseen : share of faults that leave no
-        trace in a log though they should: a quiet one does not rule them out. severity_doubt : relative std
-        of a severity by what no column knows, as how turbulent a leak is or how a seal wears.
+    prior : the same before the log was seen; learnt curves hold for even odds. midpoint, slope : logistic of
+        the score's `root`, for faults that show. unseen : share of faults that leave no trace in a log
+        though they should: a quiet one does not rule them out. severity_doubt : relative std of a severity by
+        what no column knows, as how turbulent a leak is or how a seal wears.
     """
 
     model_config = ConfigDict(extra="forbid", allow_inf_nan=False, strict=True)
@@ -78,6 +93,7 @@ class Calibration(BaseModel):
     slope: float = Field(gt=0, le=MOST)
     unseen: float = Field(default=0.0, ge=0.0, le=1.0)
     severity_doubt: float = Field(default=0.15, ge=0.0, le=10.0)
+    prior: float = Field(default=0.5, gt=0.0, lt=1.0, exclude_if=_is_even)
 
     def probability(self, score: float, hidden: float = 0.0) -> float:
         """Of a fault, given the largest score.
@@ -88,14 +104,25 @@ class Calibration(BaseModel):
 
         Examples
         --------
-        >>> round(Calibration(midpoint=4.0, slope=1.0).probability(4.0), 2)
+        >>> round(Calibration(midpoint=4.0, slope=1.0).probability(8.0), 2)
         0.5
         >>> round(Calibration(midpoint=4.0, slope=1.0, unseen=0.25).probability(-9.0), 2)
         0.2
         """
-        shows = math.exp(min(max(self.slope * (score - self.midpoint), -50.0), 50.0))
-        odds = max(shows, 1.0 - (1.0 - self.unseen) * (1.0 - hidden))
+        shows = math.exp(min(max(self.slope * (root(score) - self.midpoint), -50.0), 50.0))
+        odds = max(shows, 1.0 - (1.0 - self.unseen) * (1.0 - hidden)) * self.prior / (1.0 - self.prior)
         return odds / (1.0 + odds)
+
+    @property
+    def even(self) -> float:
+        """Score from which on a fault is likelier than not.
+
+        Examples
+        --------
+        >>> Calibration(midpoint=4.0, slope=1.0).even
+        8.0
+        """
+        return 0.5 * max(self.midpoint - math.log(self.prior / (1.0 - self.prior)) / self.slope, 0.0) ** 2
 
 
 class Model(BaseModel):
@@ -112,7 +139,7 @@ class Model(BaseModel):
     """
 
     model_config = ConfigDict(populate_by_name=True, extra="forbid", allow_inf_nan=False, strict=True)
-    schema_: Literal["fdd.model/2"] = Field(default="fdd.model/2", alias="schema")
+    schema_: Literal["fdd.model/3"] = Field(default="fdd.model/3", alias="schema")
     data: str
     """The data set that it was learnt on."""
     tail: AlarmTail
@@ -124,6 +151,11 @@ class Model(BaseModel):
 
     spreads: Spreads | None = Field(default=None, exclude_if=_is_none)
     """What healthy units and logs differ by; None stands for what fdd ships."""
+
+    def with_prior(self, prior: float) -> Model:
+        """The same for logs of which such a share is faulty (0 to 1, without the ends)."""
+        calibration = self.calibration.model_copy(update={"prior": prior})
+        return self.model_copy(update={"calibration": calibration})
 
     def knows(self, name: str) -> bool:
         """Whether logs with this fault were among those that it was learnt on.

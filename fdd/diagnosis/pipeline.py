@@ -224,13 +224,13 @@ class Pipeline:
             dict(zip(names, misfits[-1].tolist(), strict=True)) if len(misfits) else {},
         )
 
-    def _look(self) -> Look:
-        """Evidence now, older hops being the reference, and what it says."""
+    def _look(self, even: float | None = None) -> Look:
+        """Evidence now, older hops being the reference, and what it says; see `Lookout.look`."""
         ledger = self._ledger
         start = ledger.fold(WINDOW_HOPS, self._acute.standing.spans())
         evidence = Evidence(ledger.widened(), ledger.held_against(), from_start=start == 0)
         starts = [h * HOP_S for h in ledger.hops]
-        return self._acute.look(evidence, Span(starts, starts[-1] + HOP_S), self._first_time)
+        return self._acute.look(evidence, Span(starts, starts[-1] + HOP_S), self._first_time, even=even)
 
     def _scan(self) -> list[FaultFinding]:
         look = self._look()
@@ -264,7 +264,7 @@ class Pipeline:
         return [f for f in fresh if f.family not in seen]
 
     def finish(self, quality: Quality | None = None) -> Diagnosis:
-        """The answer on all samples pushed so far (more may follow).
+        """The answer on all samples pushed so far: what alarmed, and what is likelier than not.
 
         Parameters
         ----------
@@ -282,10 +282,11 @@ class Pipeline:
         for added in self._added:
             added.push(*rest)
         if len(self._ledger.hops) >= LEAST_HOPS:
-            look = self._look()
+            even = min(self.model.calibration.even, self.threshold)
+            look = self._look(even)
             hydraulic, score = look.findings, look.stands
             self.fitted = look.evidence.alone
-            unseen = invisible(look.evidence, self._hypotheses, self.threshold)
+            unseen = invisible(look.evidence, self._hypotheses, even)
         for finding in hydraulic:
             first = self._acute.standing.alarms.get(finding.family)
             if first is not None:
@@ -301,8 +302,7 @@ class Pipeline:
             doubts = self._doubts(duration)
             if not doubts and probabilities["healthy"] < HELD_IN_DOUBT:
                 doubts = [
-                    f"evidence for a fault (score {score:.1f} of {self.threshold:.1f}) is growing, "
-                    "but is not enough for an alarm"
+                    f"evidence for a fault (score {score:.1f} of {even:.1f}) is growing, but is not enough"
                 ]
             verdict = "inconclusive" if doubts else "healthy"
             quality.notes = doubts + quality.notes
@@ -329,6 +329,7 @@ class Pipeline:
             samples=self._count, verdict=verdict, faults=faults, probabilities=probabilities,
             estimates=estimates_of(self._tracked, self.unit, faults, self._added), quality=quality,
             sensors=[SensorState(**s) for s in self._sensors.states()], not_visible=unseen,
+            prior=self.model.calibration.prior,
             versions=versions_of({a.name: a.package for a in self._added}) | {"model": self.model.schema_},
             sha256={"model": self.model.sha256},
         )  # fmt: skip

@@ -20,6 +20,7 @@ from fdd.identification.volume_steps import SMOOTHING, VolumeSteps
 from fdd.identification.volumes import VolumeFit, fit_volumes
 from fdd.residuals.quantities import needs_pilots
 from fdd.samples import Samples
+from fdd.sections import Provenance
 from fdd.tolerances import tolerance
 from fdd.unit import Unit
 
@@ -28,8 +29,10 @@ LEAST_REST = 0.5
 RELIEF_EXCEEDED, RELIEF_CLEARANCE, RELIEF_IMPOSSIBLE = 1.15, 1.2, 30.0
 """Times the base's relief setting: it cannot be this unit's; times the pressure reached: where it is put;
 times the setting again: no valve of any such actuator, from 1 to 35 MPa, holds that."""
-GAIN_SHARP, LEAKAGE_SHARP, BULK_SHARP = 0.02, 0.25, 0.25
+LEAKAGE_SHARP, BULK_SHARP = 0.25, 0.25
 """Relative standard deviation up to which an estimate replaces the base's number."""
+GAIN_SHARP = 0.5
+"""Of what the base leaves open: up to there the logs tell the travel per rad better than the base."""
 LEAST_SIGNAL = 1.5
 """Of pressure changes over noise, from which compression is believed."""
 LEAST_LEAKAGE = 5e-3
@@ -160,8 +163,10 @@ def hydraulics(
     warmed = logs.temperature is not None
     fit = fit_balance(steps, base, logs.pressure, logs.noise, split=split, warmed=warmed, hidden=hidden)
     if fit is None:
-        for path in ("pump.displacement", "pump.cross_port_leakage", "oil.bulk_modulus"):
-            writer.keep(path, "too few steps in which a chamber stays above the accumulator while it moves")
+        why = "too few steps in which a chamber stays above the accumulator while it moves"
+        _keep_gain(writer, why)
+        for path in ("pump.cross_port_leakage", "oil.bulk_modulus"):
+            writer.keep(path, why)
         return None
     _put_gain(writer, fit)
     _put_leakage(writer, fit, logs.temperature, hidden)
@@ -245,11 +250,9 @@ def _put_gain(writer: ProfileWriter, fit: BalanceFit) -> None:
             f"the volume balances give {ratio:.3g} times the displacement of base {writer.base.name}",
             mend="check units and signs in the channel map, or give a fitting base profile",
         )
-    if not _better(fit.displacement, writer.base.pump.displacement, GAIN_SHARP):
-        writer.keep(
-            "pump.displacement",
-            f"the logs give it to {100 * fit.displacement.relative:.0f} % only, as the base",
-        )
+    sharp = GAIN_SHARP * tolerance(writer.base, "pump.displacement")
+    if not _better(fit.displacement, writer.base.pump.displacement, sharp):
+        _keep_gain(writer, f"the logs give it to {100 * fit.displacement.relative:.0f} % only, as the base")
         return
     writer.put("pump.displacement", fit.displacement, "displacement over area_1, which stays the base's")
     writer.note("only displacement over area is identifiable from flow: area_1 stays the base's")
@@ -258,6 +261,15 @@ def _put_gain(writer: ProfileWriter, fit: BalanceFit) -> None:
         note = f"area_2/area_1 = {ratio:.3f} from both chambers' balances"
         writer.put("cylinder.area_2", fit.area_2, note)
         writer.note(note)
+
+
+def _keep_gain(writer: ProfileWriter, why: str) -> None:
+    """Leave the base's displacement, and state how far it may be off: balances are held against it."""
+    pump = writer.result.unit.pump
+    writer.keep("pump.displacement", why)
+    std = tolerance(writer.base, "pump.displacement") * pump.displacement
+    known = pump.provenance.get("displacement", Provenance())
+    pump.provenance["displacement"] = known.model_copy(update={"std": std})
 
 
 def _put_leakage(writer: ProfileWriter, fit: BalanceFit, temperature: float | None, hidden: bool) -> None:

@@ -49,7 +49,7 @@ class Settings:
     unit : profile; None takes the one that each log carries, else a shipped one.
     map : channel map. model : learnt layer; None takes the shipped one.
     axis : of a file with several. trackers : of installed packages, that run beside ours.
-    classifier : file of one that is asked, too.
+    classifier : file of one that is asked, too. prior : share of such logs that is faulty.
     """
 
     unit: Unit | str | Path | None = None
@@ -58,6 +58,7 @@ class Settings:
     axis: str | None = None
     trackers: tuple[str, ...] = ()
     classifier: Path | None = None
+    prior: float = 0.5
 
     def load_unit(self) -> Unit | None:
         """The profile, where one is given.
@@ -117,7 +118,8 @@ class Diagnoser:
         unit, map_, model = settings.unit, settings.map, settings.model
         self.unit = settings.load_unit()
         self.map = map_ if isinstance(map_, ChannelMap | None) else ChannelMap.load(map_)
-        self.model = model if isinstance(model, Model) else Model.load(model)
+        loaded = model if isinstance(model, Model) else Model.load(model)
+        self.model = loaded.with_prior(settings.prior)
         self._shared = {"map": sha256_of(Path(map_))} if isinstance(map_, str | Path) else {}
         if isinstance(unit, str | Path):
             with resources.as_file(resources.files("fdd") / "units" / f"{unit}.yaml") as shipped:

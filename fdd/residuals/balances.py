@@ -87,6 +87,10 @@ class Balance:
     """Least noise of a row, in its unit."""
     free: tuple[str, ...] = ()
     """Columns of the load, or of what is not measured: no two logs of a unit need share them."""
+    laminar: tuple[str, ...] = ()
+    """Columns whose coefficients go by the inverse of the oil's viscosity."""
+    viscous: tuple[str, ...] = ()
+    """Columns whose coefficients go by the oil's viscosity."""
     lines: int = 0
     """The columns are pairs of sine and cosine, and what counts is this many amplitudes."""
 
@@ -257,7 +261,7 @@ ORDERS = (1.0, 2.0, 0.5, 1.5, 2.5)
 tell how much of an amplitude is a load's or a loop's own unrest."""
 
 
-STEADY = 0.5
+STEADY = 0.88
 """Slowest speed over the fastest of a hop in which the shaft's lines are sought."""
 
 
@@ -341,7 +345,7 @@ BALANCES: dict[str, Balance] = {
             ("gain", "compliance", "air", "lag", "sensor_lag", "density", "leak", "leak_square", "case",
              "wear",
              "relief_12", "relief_21", "valve_1", "valve_2", "outside_1", "outside_2"),
-            _volume, settle=8, cumulative=True,
+            _volume, settle=8, cumulative=True, laminar=("leak", "leak_square", "case", "wear"),
         ),
         Balance(
             "force", "the piston's forces",
@@ -351,12 +355,12 @@ BALANCES: dict[str, Balance] = {
         ),
         Balance(
             "torque", "the shaft's torque", ("zero", "pressure", "inertia", "dry", "viscous", "mesh"),
-            _torque, cumulative=True,
+            _torque, cumulative=True, viscous=("viscous",),
         ),
         Balance("shaft", "the shaft's vibration", ("order_1", "order_2"), _shaft, lines=2),
         Balance(
             "coherence", "the pressures among each other",
-            ("zero", "gain_1", "gain_2", "line", "line_square"), _coherence,
+            ("zero", "gain_1", "gain_2", "line", "line_square"), _coherence, viscous=("line",),
         ),
         Balance(
             "refeed", "the refeeding", ("drop_1", "drop_2", "flow_1", "flow_2"), _refeed, settle=8,

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from pydantic import BaseModel, ConfigDict, Field
 
 from fdd.residuals.balances import BALANCES
+from fdd.unit import Unit
 
 Array = NDArray[np.float64]
 
@@ -46,22 +47,11 @@ class BalanceSpread(BaseModel):
 
     Attributes
     ----------
-    noise : std of a row, a first guess. freedom : degrees of freedom of Student's t by which logs differ, all
-        coefficients at once. tail : degrees of freedom and scale of one direction's departure, given the
-        others'. change_freedom, change_tail : the same of changes within a log.
+    noise : std of a row, a first guess.
     """
 
     model_config = ConfigDict(extra="forbid", allow_inf_nan=False)
     noise: Positive
-    freedom: Annotated[float, Field(gt=0.0, le=100.0)] = 4.0
-    tail: tuple[Annotated[float, Field(gt=0.0, le=100.0)], Annotated[float, Field(gt=0.0, le=100.0)]] = (
-        4.0,
-        1.0,
-    )
-    change_freedom: Annotated[float, Field(gt=0.0, le=100.0)] = 4.0
-    change_tail: tuple[
-        Annotated[float, Field(gt=0.0, le=100.0)], Annotated[float, Field(gt=0.0, le=100.0)]
-    ] = (4.0, 1.0)
     coefficients: dict[str, CoefficientSpread]
 
 
@@ -114,8 +104,7 @@ class Effects:
         healthy log and no sensor tells; assumed: a magnet loses 0.1 % of its torque a kelvin and warms by 20,
         a position transducer 0.01 to 0.03 % of its gain a kelvin. wander : std from hop to hop. noise : std
         of a row, a first guess. information, scatter : (n, n), of healthy logs, and of the scores of their
-        stretches of 2 s. freedom, tail, change_freedom, change_tail : see `BalanceSpread`.
-        log_variance : (n,) of a log's coefficients about the unit's.
+        stretches of 2 s. log_variance : (n,) of a log's coefficients about the unit's.
     """
 
     mean: Array
@@ -128,10 +117,6 @@ class Effects:
     noise: float
     information: Array
     scatter: Array
-    freedom: float
-    tail: tuple[float, float]
-    change_freedom: float
-    change_tail: tuple[float, float]
     log_variance: Array
 
     def between_logs(self, conditions: LogConditions) -> Array:
@@ -144,29 +129,51 @@ def usual_conditions(noise: float) -> LogConditions:
     return LogConditions(1.0, noise**2, 0.0, 0.0, 0.0)
 
 
-def first_effects(name: str, spreads: Spreads | None = None) -> Effects:
-    """Effects of a unit of which only the data sheet is known.
+def first_effects(name: str, spreads: Spreads | None = None, unit: Unit | None = None) -> Effects:
+    """Effects of a unit of which no healthy balances are known.
 
     Parameters
     ----------
-    name : of the balance. spreads : of a model; None takes the shipped ones.
+    name : of the balance. spreads : of a model; None takes the shipped ones. unit : profile, whose stated
+        doubt about its displacement is the volume balance's about its gain.
     """
     spread = (spreads or shipped_spreads()).balances[name]
     each = [spread.coefficients[c] for c in BALANCES[name].columns]
     mean, units, within, wander = (
         np.array([getattr(c, what) for c in each]) for what in ("mean", "units", "within", "wander")
     )
+    if name == "volume" and unit is not None:
+        gain = BALANCES[name].columns.index("gain")
+        stated = unit.pump.std_of("displacement") or 0.0
+        units[gain] = np.hypot(units[gain], stated / unit.pump.displacement)
     between = np.array([c.between for c in each]).T
     none = np.zeros((mean.size, mean.size))
     known = np.diag(np.square(units))
     first = Effects(
-        mean, known, known, units, between, within, wander, spread.noise, none, none, spread.freedom,
-        spread.tail, spread.change_freedom, spread.change_tail, np.zeros_like(mean),
-    )  # fmt: skip
+        mean, known, known, units, between, within, wander, spread.noise, none, none, np.zeros_like(mean)
+    )
     return with_logs(first, usual_conditions(spread.noise))
 
 
-def with_logs(effects: Effects, conditions: LogConditions) -> Effects:
-    """The same for a log under these conditions."""
+UNKNOWN_VISCOSITY = 0.6
+"""Standard deviation of ln viscosity between two logs of which nobody knows how warm the oil is: 15 K, at 4 %
+a kelvin (ISO VG 32 at 40 °C by Walther's equation)."""
+
+
+def with_logs(effects: Effects, conditions: LogConditions, viscous: Array | float = 0.0) -> Effects:
+    """The same for a log under these conditions.
+
+    Parameters
+    ----------
+    viscous : (n,), what the coefficients change by with ln viscosity, as `viscous_change` gives it.
+    """
     differs = effects.between_logs(conditions)
-    return replace(effects, covariance=effects.known + np.diag(differs), log_variance=differs)
+    unknown = conditions.without_thermometer * UNKNOWN_VISCOSITY**2 * np.outer(viscous, viscous)
+    return replace(effects, covariance=effects.known + np.diag(differs) + unknown, log_variance=differs)
+
+
+def viscous_change(name: str, mean: Array) -> Array:
+    """What a balance's coefficients (n,) change by with ln viscosity: they go by it or by its inverse."""
+    balance = BALANCES[name]
+    goes = [float(c in balance.viscous) - float(c in balance.laminar) for c in balance.columns]
+    return np.array(goes) * mean

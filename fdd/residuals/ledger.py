@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from fdd.residuals.account import RECENT_HOPS, Account
 from fdd.residuals.balances import BALANCES
-from fdd.residuals.effects import Effects, LogConditions, with_logs
+from fdd.residuals.effects import Effects, LogConditions, viscous_change, with_logs
 from fdd.residuals.epochs import Epochs
 from fdd.residuals.normal_equations import Entry, widened
 from fdd.residuals.quantities import Quantities, Scales, settled
@@ -90,7 +90,10 @@ class Ledger:
     def expected(self) -> dict[str, Effects]:
         """The unit's effects, with what a log like that of the hops kept may differ by."""
         found = {name: self.conditions(name) for name in self.effects}
-        return {name: with_logs(e, c) if (c := found[name]) else e for name, e in self.effects.items()}
+        return {
+            name: with_logs(e, c, viscous_change(name, e.mean)) if (c := found[name]) else e
+            for name, e in self.effects.items()
+        }
 
     def _widened(self, name: str) -> list[tuple[Array, Array]]:
         """Of every hop, worked out once."""

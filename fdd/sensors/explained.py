@@ -13,9 +13,12 @@ from fdd.sensors.noise import smallest
 Array = NDArray[np.float64]
 
 ANGLE, POSITION = INDEX["pump_angle"], INDEX["position"]
+ONE, TWO, DIFFERENCE = INDEX["pressure_1"], INDEX["pressure_2"], INDEX["pressure_difference"]
 BREAKS_LOOSE = 0.75
 """Of a·w², what the mean rate over w can be beyond those before and after, where a piston speeds up and slows
 down at a: at the peak, (V w - a w²/4) - (V w - a w²). Less than a quarter where it all happens within w."""
+NOISE_RANGE = 4.0
+"""Standard deviations from the least to the largest of ten values of Gaussian noise, as a rule at most."""
 
 
 @njit(nogil=True)
@@ -40,12 +43,30 @@ def explained(k: int, time: Array, values: Array, swept: Array, stride: int, lim
         out = np.full(time.size, BREAKS_LOOSE * limits.release * (stride * period) ** 2)
         # Late and missing rows are late and missing in the pump's angle too.
         out += 1.5 * widest(np.abs(excess(time, swept / limits.area, stride)), 2 * stride)
+        # A light piston swings on its oil when the pump's teeth meet their resonance: Δp swings with it.
+        out += (
+            BREAKS_LOOSE
+            * limits.lightness
+            * pressure_swing(values, 3 * stride, limits)
+            * (stride * period) ** 2
+        )
         # A piston that its load moves while the pump stands: what it goes in the time that a row is late.
         out += np.minimum(off / period, 1.0) * stride * usual_step(time, values[k])
     else:
         out = limits.stiffness * stride * widest(moved_oil(values[POSITION], swept, limits), 3 * stride)
     out[widest(steps, stride) > 3.5 * period] = np.inf
     return out
+
+
+@njit(nogil=True)
+def pressure_swing(values: Array, reach: int, limits: Limits) -> Array:
+    """How far Δp goes within `reach` rows on either side, beyond its noise, (n,) Pa; 0 where not known."""
+    difference, noise = values[DIFFERENCE], limits.noise[DIFFERENCE]
+    if np.isnan(difference).all():
+        difference = values[ONE] - values[TWO]
+        noise = np.hypot(limits.noise[ONE], limits.noise[TWO])
+    swing = widest(difference, reach) + widest(-difference, reach) - NOISE_RANGE * noise
+    return np.where(swing > 0.0, swing, 0.0)
 
 
 @njit(nogil=True)

@@ -63,6 +63,7 @@ class Limits(NamedTuple):
     pump_speed, acceleration : rad/s, rad/s², largest.
     piston_speed : m/s, largest.
     release : m/s², of the piston when its breakaway force is suddenly free.
+    lightness : m/s² of the piston for each Pa of Δp, A/m.
     softness : m/Pa of the piston against the oil, with room for air.
     stiffness : Pa/m³ of the smaller chamber.
     """
@@ -79,6 +80,7 @@ class Limits(NamedTuple):
     acceleration: float
     piston_speed: float
     release: float
+    lightness: float
     softness: float
     stiffness: float
     displacement: float
@@ -124,6 +126,7 @@ class Limits(NamedTuple):
             travel=travel, pump_speed=drive.max_speed, acceleration=torque / drive.inertia,
             piston_speed=1.5 * pump.displacement * drive.max_speed / min(areas),
             release=max(unit.friction.forward.static, unit.friction.reverse.static) / cylinder.moving_mass,
+            lightness=max(areas) / cylinder.moving_mass,
             # Free air makes oil at low pressure some three times softer than the profile's value.
             softness=3.0 * volume / (unit.oil.bulk_modulus * min(areas)),
             # And at high pressure it is the oil's own, up to 1.5 GPa.

@@ -18,6 +18,7 @@ from fdd.campaign.scores import Outcome, calibration_error, figures, macro_f1, v
 from fdd.campaign.train import LEAST_LOGS, ScoredLog, learnt
 from fdd.campaign.validate import outcomes_csv, report_text, summary, validate
 from fdd.diagnosis.findings import Diagnosis, FaultFinding, Quality
+from fdd.diagnosis.model import root
 from fdd.errors import InputError
 from fdd.faults import CATALOGUE
 
@@ -46,17 +47,17 @@ def scored(family: str, score: float) -> ScoredLog:
 
 
 def drawn(seed: int = 0) -> list[ScoredLog]:
-    """A peak each tenth of an hour; exponential, with mean 2 for healthy logs and 12 for faulty ones."""
+    """A peak each tenth of an hour; roots exponential, of mean 2 in healthy logs and of 12 in faulty ones."""
     rng = np.random.default_rng(seed)
-    healthy = [scored("healthy", s) for s in rng.exponential(2.0, 4000)]
-    return healthy + [scored("leakage", s) for s in rng.exponential(12.0, 1000)]
+    healthy = [scored("healthy", 0.5 * r**2) for r in rng.exponential(2.0, 4000)]
+    return healthy + [scored("leakage", 0.5 * r**2) for r in rng.exponential(12.0, 1000)]
 
 
 @pytest.mark.parametrize("rate", [2.0, 0.5, 0.05])
 def test_the_threshold_is_passed_at_the_rate_asked_for(rate: float) -> None:
     model = learnt(drawn(), "made up")
-    # Ten peaks an hour above 0, each above s with exp(-s/2).
-    assert model.tail.threshold(rate) == pytest.approx(2.0 * np.log(10.0 / rate), rel=0.1)
+    # Ten peaks an hour above 0, each root above r with exp(-r/2).
+    assert root(model.tail.threshold(rate)) == pytest.approx(2.0 * np.log(10.0 / rate), rel=0.1)
     assert model.tail.hours == pytest.approx(400.0)
 
 
@@ -66,23 +67,23 @@ def test_probabilities_are_those_of_even_odds_before_the_log() -> None:
     for score in (2.0, 4.0, 6.0, 10.0):
         healthy, faulty = np.exp(-score / 2.0) / 2.0, np.exp(-score / 12.0) / 12.0
         right = faulty / (healthy + faulty)
-        assert calibration.probability(score) == pytest.approx(right, abs=0.08), score
+        assert calibration.probability(0.5 * score**2) == pytest.approx(right, abs=0.08), score
 
 
 def test_a_quiet_log_does_not_rule_out_faults_that_leave_no_trace() -> None:
     """A third of the faulty logs look like healthy ones: three quarters of quiet logs are healthy."""
-    hidden = [scored("leakage", s) for s in np.random.default_rng(1).exponential(2.0, 500)]
-    clear = [scored("leakage", s) for s in 20.0 + np.random.default_rng(2).exponential(12.0, 1000)]
+    hidden = [scored("leakage", 0.5 * r**2) for r in np.random.default_rng(1).exponential(2.0, 500)]
+    clear = [scored("leakage", 0.5 * r**2) for r in 20.0 + np.random.default_rng(2).exponential(12.0, 1000)]
     healthy = [x for x in drawn() if x.family == "healthy"]
     calibration = learnt(healthy + hidden + clear, "made up").calibration
-    assert calibration.probability(0.5) == pytest.approx(0.25, abs=0.02)
-    assert calibration.probability(25.0) > 0.95
+    assert calibration.probability(0.1) == pytest.approx(0.25, abs=0.02)
+    assert calibration.probability(0.5 * 25.0**2) > 0.95
 
 
 def test_what_a_log_could_not_have_shown_is_not_learnt_as_unseen() -> None:
     """A third of the faulty logs look like healthy ones, as that third of all faults could not show."""
-    hidden = [scored("leakage", s) for s in np.random.default_rng(1).exponential(2.0, 500)]
-    clear = [scored("leakage", s) for s in 20.0 + np.random.default_rng(2).exponential(12.0, 1000)]
+    hidden = [scored("leakage", 0.5 * r**2) for r in np.random.default_rng(1).exponential(2.0, 500)]
+    clear = [scored("leakage", 0.5 * r**2) for r in 20.0 + np.random.default_rng(2).exponential(12.0, 1000)]
     healthy = [x for x in drawn() if x.family == "healthy"]
     for share, unseen in ((0.0, 1.0 / 3.0), (0.2, 1.0 / 6.0), (1.0 / 3.0, 0.0)):
         faulty = [replace(x, hidden=share) for x in hidden + clear]

@@ -129,7 +129,7 @@ def test_answers_tell_what_they_were_made_of(one_folder: Path, folder: Path, tin
     assert [a["sha256"]["log"] for a in answers] == [sha256(f) for f in files]
     assert {a["sha256"]["model"] for a in answers} == {tiny_model.sha256}
     assert all(set(a["sha256"]) == {"log", "model"} for a in answers)
-    assert answers[1]["versions"] == {"fdd": "0.1.0", "model": "fdd.model/2"}
+    assert answers[1]["versions"] == {"fdd": "0.1.0", "model": "fdd.model/3"}
 
 
 def test_map_profile_and_start_are_told(run, logs, tiny_model_file, tmp_path: Path) -> None:

@@ -117,7 +117,7 @@ def _bad_model(kind: str, path: Path, good: str) -> None:
 @pytest.mark.parametrize(
     ("kind", "words"),
     [
-        ("version", ["schema", "fdd.model/2"]),
+        ("version", ["schema", "fdd.model/3"]),
         ("rate", ["tail.rate_per_hour", "greater than 0"]),
         ("strange", ["classifier"]),
         ("no json", ["line 1: not JSON"]),

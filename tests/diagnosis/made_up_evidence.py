@@ -27,10 +27,6 @@ EFFECTS = Effects(
     noise=1.0,
     information=np.eye(3),  # a baseline whose errors are independent
     scatter=np.eye(3),
-    freedom=30.0,  # as good as normal
-    tail=(30.0, 1.0),
-    change_freedom=30.0,
-    change_tail=(30.0, 1.0),
     log_variance=np.array([0.05, 0.04, 0.06]) ** 2,
 )
 

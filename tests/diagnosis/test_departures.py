@@ -1,4 +1,4 @@
-"""Amplitudes against what healthy coefficients depart by: closed forms, regimes, and what would be seen."""
+"""Amplitudes against what healthy coefficients depart by: closed forms and regimes."""
 
 from __future__ import annotations
 
@@ -8,12 +8,10 @@ import numpy as np
 import pytest
 from made_up_evidence import DRIFT, EFFECTS, HOPS, LEAK, drawn
 
-from fdd.diagnosis.departures import MOST, VAGUE, WITHIN_FRAMES, Departures, departures
+from fdd.diagnosis.departures import VAGUE, WITHIN_FRAMES, Departures, departures
 from fdd.diagnosis.evidence import Evidence, course_of
 from fdd.diagnosis.fitting import Parts
 from fdd.diagnosis.hypotheses import Hypothesis
-
-ONE = np.ones(1)
 
 
 def weighed(evidence: Evidence, faults: list[tuple[Hypothesis, int]], *, kappa: float = 1.0) -> Departures:
@@ -21,7 +19,7 @@ def weighed(evidence: Evidence, faults: list[tuple[Hypothesis, int]], *, kappa: 
     columns = {"volume": np.array([[h.columns["volume"] for h, _ in faults]])}
     courses = np.array([[course_of("step", HOPS, onset) for _, onset in faults]])
     parts = Parts(columns, courses, np.full((1, len(faults)), VAGUE), np.zeros(1, np.bool_))
-    return departures(evidence.balances, parts, kappa * ONE, from_start=faults[0][1] == 0)
+    return departures(evidence.balances, parts, np.full(1, kappa), from_start=faults[0][1] == 0)
 
 
 def test_from_the_start_a_log_is_weighed_with_the_units_own_spread() -> None:
@@ -44,7 +42,6 @@ def test_a_known_fault_takes_its_own_part() -> None:
     assert both.size[0] == pytest.approx(0.8, abs=3.0 / np.sqrt(both.information[0]))
     twice = weighed(evidence, [(LEAK, 30), (LEAK, 30)])
     assert twice.information[0] < 1e-3 * both.information[0]
-    assert twice.odds(0.5 * ONE, ONE, 30.0 * ONE)[0] < 0.1
 
 
 def test_another_duty_may_be_another_draw() -> None:
@@ -70,36 +67,6 @@ def test_healthy_minutes_change_a_coefficient() -> None:
     assert 1.0 / found.information[0] == pytest.approx(drift, rel=0.2)
 
 
-def test_the_least_that_is_seen_scores_as_is_asked() -> None:
-    found = weighed(drawn(7), [(LEAK, 40)])
-    (least,) = found.least(np.array([5.0]), 20.0)
-    own = [
-        replace(p, drawn=least * p.by_one[:, 0], score=least * p.information[:, :, 0]) for p in found.parts
-    ]
-    planted = replace(found, parts=own, _score=least * found._joint[:, :, 0])
-    assert planted.odds(least * ONE, ONE, 20.0 * ONE)[0] == pytest.approx(5.0, rel=0.05)
-    assert 0.0 < least < MOST
-    assert np.isinf(found.least(np.array([1e3]), 20.0)[0])
-
-
-def test_quiet_directions_say_that_a_log_departs_little() -> None:
-    """Test: one coefficient off by six of its std, the others not at all or as far.
-
-    Expected: the lone one says much more, as all of a balance differ by one draw's scale.
-    """
-    heavy = replace(EFFECTS, freedom=2.0, tail=(4.0, 1.0))
-    std = np.sqrt(np.diag(EFFECTS.covariance))
-    m = np.tile(np.diag(1e3 / np.square(std)), (HOPS, 1, 1))
-    scores = []
-    for others in (0.0, 6.0):
-        theta = heavy.mean + np.array([6.0, others, others]) * std
-        evidence = Evidence({"volume": (m, m @ theta)}, {"volume": heavy})
-        found = weighed(evidence, [(LEAK, 0)])
-        assert found.size[0] == pytest.approx(6.0 * std[0], rel=0.01)
-        scores.append(found.odds(found.size, ONE, 30.0 * ONE)[0])
-    assert scores[0] > 2.0 * scores[1] > 0.0
-
-
 @pytest.mark.parametrize("onset", [0, 40])
 def test_a_noise_that_scatters_more_is_that_of_fewer_rows(onset: int) -> None:
     """Test: overdispersion of four. Expected: a quarter of the information, the same prior."""
@@ -111,6 +78,3 @@ def test_a_noise_that_scatters_more_is_that_of_fewer_rows(onset: int) -> None:
     )
     assert whole.size[0] == pytest.approx(quarter.size[0], rel=1e-9)
     assert whole.information[0] == pytest.approx(quarter.information[0], rel=1e-9)
-    assert whole.odds(whole.size, ONE, 9.0 * ONE)[0] == pytest.approx(
-        quarter.odds(quarter.size, ONE, 9.0 * ONE)[0], rel=1e-9
-    )

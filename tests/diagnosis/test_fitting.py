@@ -4,9 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from made_up_evidence import HOPS, LEAK, drawn
 from scipy.special import log_ndtr
 
-from fdd.diagnosis.fitting import STRETCH_FREEDOM, _better, _heard, log_normal
+from fdd.diagnosis.departures import departures
+from fdd.diagnosis.evidence import course_of
+from fdd.diagnosis.fitting import Parts, log_normal, log_odds, quasi_likely
 
 
 @pytest.mark.parametrize("z", [-1e4, -200.0, -30.01, -30.0, -29.99, -8.0, -1.0, -0.0, 0.0, 0.5, 3.0, 7.0])
@@ -32,28 +35,29 @@ def test_the_fading_filter_is_scipys() -> None:
     np.testing.assert_array_equal(found, wanted)
 
 
-@pytest.mark.parametrize(("scatter", "better"), [(0.5, True), (20.0, False)])
-def test_what_a_fault_explains_well_says_how_much_chance_there_is(scatter: float, better: bool) -> None:
-    """Test: 20 stretches beside a fault of four standard deviations, of which healthy time told nothing.
-
-    Expected: their own mean square with the prior's two, or what was known before where it says more.
-    """
-    w = np.ones((1, 20))
-    u = np.sqrt(scatter) * np.where(np.arange(20) % 2, 1.0, -1.0)[None]
-    one = np.ones(1)
-    kappa, freedom = _better(one, 2.0 * one, one, u, w, 16.0 * one)
-    wanted = ((2.0 + 19.0 * scatter) / 21.0, 21.0) if better else (1.0, 2.0)
-    assert (kappa[0], freedom[0]) == pytest.approx(wanted)
+def test_log_odds_are_a_likelihood_ratio_less_its_prior() -> None:
+    """Test: an amplitude seen in b stretches. Expected: its likelihood ratio, of which few stretches keep a
+    share, less half the logarithm of how far the log narrows its prior."""
+    one = np.ones(3)
+    found = log_odds(100.0 * one, np.array([1e12, 2.0, 10.0]), 0.0 * one)
+    assert found == pytest.approx([100.0, 50.0, 250.0 / 3.0])
+    narrowed = log_odds(100.0 * one, 1e12 * one, np.array([0.0, 3.0, 99.0]))
+    assert 100.0 - narrowed == pytest.approx([0.0, np.log(2.0), np.log(10.0)], abs=1e-9)
 
 
-def test_one_loud_stretch_counts_as_students_t_allows_and_many_as_they_are() -> None:
-    """Test: one stretch of thirty standard deviations among quiet ones, and twenty of twenty.
-
-    Expected: the share that leaves the log likelihood ratio of Student's t of `STRETCH_FREEDOM`; all.
-    """
-    w = np.full((1, 20), 1e-6)
-    w[0, 0] = 900.0
-    one = _heard(np.zeros((1, 20)), w, np.ones(1))
-    ratio = 0.5 * (STRETCH_FREEDOM + 1.0) * np.log1p(900.0 / STRETCH_FREEDOM)
-    assert one[0] ** 2 * 450.0 == pytest.approx(ratio, rel=1e-3)
-    assert _heard(np.zeros((1, 20)), np.full((1, 20), 400.0), np.ones(1))[0] == pytest.approx(1.0)
+@pytest.mark.parametrize("onset", [0, 40])
+def test_a_quasi_likelihood_counts_what_stretches_scatter_beyond_their_noise(onset: int) -> None:
+    """Test: an overdispersion of three. Expected: from the start a quarter of the information; within a log
+    that of rows of four times the variance, beside what healthy logs change by."""
+    evidence = drawn(3, [(LEAK, 0.5, onset)])
+    course = course_of("step", HOPS, onset)[None, None]
+    parts = Parts(
+        {"volume": LEAK.columns["volume"][None, None]}, course, np.full((1, 1), 1e3), np.ones(1, bool)
+    )
+    three, start = np.full(1, 3.0), onset == 0
+    found = quasi_likely(evidence.balances, parts, three, from_start=start)
+    one, four = (
+        departures(evidence.balances, parts, k, from_start=start) for k in (three / 3.0, 1.0 + three)
+    )
+    wanted = (one.size, one.information / 4.0) if start else four
+    np.testing.assert_allclose((found.size, found.information), wanted)

@@ -11,7 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from fdd.bounds import MAX_MODEL_BYTES
-from fdd.diagnosis.model import AlarmTail, Calibration, Model
+from fdd.diagnosis.model import AlarmTail, Calibration, Model, root
 from fdd.errors import InputError
 
 
@@ -23,12 +23,12 @@ def test_round_trip(tmp_path: Path, tiny_model: Model) -> None:
     assert found.sha256 == tiny_model.sha256
     other = tiny_model.model_copy(update={"calibration": Calibration(midpoint=3.1, slope=1.0)})
     assert other.sha256 != tiny_model.sha256
-    assert json.loads(path.read_text())["schema"] == "fdd.model/2"
+    assert json.loads(path.read_text())["schema"] == "fdd.model/3"
 
 
 def test_the_shipped_model_is_sound() -> None:
     shipped = Model.load()
-    assert shipped.tail.threshold(0.2) > shipped.tail.height
+    assert root(shipped.tail.threshold(0.2)) > shipped.tail.height
     assert shipped.calibration.probability(shipped.tail.threshold(0.2)) > 0.5
 
 
@@ -84,9 +84,9 @@ RATES = st.floats(1e-12, 1e6)
 @given(one=RATES, other=RATES)
 def test_a_rarer_alarm_has_a_higher_threshold(one: float, other: float) -> None:
     tail = AlarmTail(height=1.6, rate_per_hour=35.0, scale=1.7, hours=1.0)
-    rare, often = tail.threshold(min(one, other)), tail.threshold(max(one, other))
+    rare, often = (root(tail.threshold(x)) for x in (min(one, other), max(one, other)))
     assert math.isfinite(rare) and math.isfinite(often)
-    assert rare >= often >= tail.height
+    assert rare >= often >= tail.height - 1e-9
     if max(one, other) < 35.0 and one != other:
         assert tail.rate_per_hour * math.exp(-(rare - tail.height) / tail.scale) == pytest.approx(
             min(one, other)
@@ -96,14 +96,15 @@ def test_a_rarer_alarm_has_a_higher_threshold(one: float, other: float) -> None:
 def test_one_alarm_in_a_century_has_a_threshold() -> None:
     tail = Model.load().tail
     assert math.isfinite(tail.threshold(1e-6))
-    assert tail.threshold(1e-6) - tail.threshold(1e-5) == pytest.approx(tail.scale * math.log(10.0))
+    rare, often = root(tail.threshold(1e-6)), root(tail.threshold(1e-5))
+    assert rare - often == pytest.approx(tail.scale * math.log(10.0))
 
 
-@given(one=st.floats(-1e6, 1e6), other=st.floats(-1e6, 1e6))
-def test_a_higher_score_is_a_likelier_fault(one: float, other: float) -> None:
+@given(one=st.floats(-1e6, 1e6), other=st.floats(-1e6, 1e6), off=st.floats(-2.7, 2.7))
+def test_a_higher_score_is_a_likelier_fault(one: float, other: float, off: float) -> None:
+    """Odds go by the root of twice a score, and are even at the midpoint."""
     calibration = Calibration(midpoint=2.7, slope=0.33)
     low, high = (calibration.probability(x) for x in sorted((one, other)))
     assert 0.0 <= low <= high <= 1.0
-    assert calibration.probability(2.7 + one) == pytest.approx(
-        1.0 - calibration.probability(2.7 - one), abs=1e-12
-    )
+    above, below = (calibration.probability(0.5 * (2.7 + x) ** 2) for x in (off, -off))
+    assert above == pytest.approx(1.0 - below, abs=1e-9)
