@@ -84,7 +84,11 @@ def decide(
     known: list[Amplitude] = []
     while True:
         ends = [end_of(k.hypothesis, k.size) for k in known if k.hypothesis.ends is None]
-        fits = [f for f in evidence.fits([*hypotheses, *ends], known) if not _comes_along(f, known)]
+        fits = [
+            f
+            for f in evidence.fits([*hypotheses, *ends], known)
+            if f.gain > 0.0 and not _comes_along(f, known)
+        ]
         against = SECOND_FAULT if found else 0.0
         score = max((f.score for f in fits), default=against) - against
         if score < threshold or len(found) == MOST_FAULTS:

@@ -18,7 +18,7 @@ from fdd.logs.formats import open_log
 
 KEYS = [
     "schema", "log", "axis", "unit", "duration_s", "samples", "verdict", "faults", "probabilities",
-    "estimates", "quality", "sensors", "not_visible", "versions", "sha256",
+    "estimates", "quality", "sensors", "not_visible", "prior", "versions", "sha256",
 ]  # fmt: skip
 
 
@@ -203,3 +203,19 @@ def test_a_constant_channel_is_noted(run, logs, tiny_model_file, tmp_path: Path)
     result = run("diagnose", tmp_path / "stuck.csv", "--model", tiny_model_file, "--json", "-")
     assert result.exit_code == 0
     assert any("looks stuck" in n for n in json.loads(result.stdout)["quality"]["notes"])
+
+
+def test_the_prior_moves_what_is_answered(run, logs, tmp_path: Path) -> None:
+    """Test: a healthy log where faults are taken for common, and for rare. Expected: the answer tells the
+    prior, and the odds move by its odds."""
+    found = {}
+    for prior in (0.5, 0.1):
+        path = tmp_path / f"{prior}.json"
+        assert run("diagnose", logs["healthy"], "--prior", prior, "--json", path).exit_code == 0
+        found[prior] = json.loads(path.read_text())
+        assert found[prior]["prior"] == prior
+    healthy = {k: a["probabilities"]["healthy"] for k, a in found.items()}
+    odds = {k: (1.0 - p) / p for k, p in healthy.items()}
+    # Up to what a log could have shown, which goes by the score that is asked of it.
+    assert odds[0.1] == pytest.approx(odds[0.5] / 9.0, rel=0.1)
+    assert run("diagnose", logs["healthy"], "--prior", 1.5).exit_code == 2

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from made_up_evidence import DRIFT, EFFECTS, LEAK, THIRD, best, drawn, hypothesis, step
@@ -285,3 +287,11 @@ def test_one_loud_stretch_is_worth_less_than_a_fault_that_stands(seed: int) -> N
     assert loud is not None and standing is not None and loud.onset == standing.onset == 40
     assert loud.gain > standing.gain and loud.blocks < 3.0 < 8.0 < standing.blocks
     assert loud.score / loud.gain < 0.65 * standing.score / standing.gain
+
+
+def test_what_explains_nothing_by_the_rows_is_no_fault() -> None:
+    """However its score comes out beside a prior."""
+    evidence = drawn(1, [(LEAK, 1.0, 40)])
+    (fit_,) = evidence.fits([LEAK], [])
+    evidence.fits = lambda hypotheses, known: [replace(fit_, gain=-1.0, score=50.0)]  # type: ignore[method-assign]
+    assert decide(evidence, [LEAK], 6.0)[0] == []

@@ -10,12 +10,15 @@ from scipy.signal import butter, sosfilt
 
 from fdd.identification.friction import curve, fit_friction
 from fdd.identification.hidden_pressures import chambers_from_difference
+from fdd.identification.identify import _keep_gain
 from fdd.identification.oil import air_compliance, air_shrinkage, viscosity
+from fdd.identification.profile import ProfileWriter
 from fdd.identification.record import Record
 from fdd.identification.sensors import effective_noise, resolution
 from fdd.plant import oil as plant_oil
 from fdd.plant.scenario import Recording, Scenario
 from fdd.plant.simulate import simulate
+from fdd.tolerances import tolerance
 from fdd.unit import Unit
 
 
@@ -131,3 +134,17 @@ def test_friction_is_seen_through_gusts_or_kept() -> None:
     record, unit = _gusty(9, 2.0, 18_000.0)
     fit = fit_friction([record], unit.cylinder, unit.friction)
     assert fit.forward is None and fit.reverse is None and "not sharp enough" in fit.notes[0]
+
+
+def test_a_displacement_that_stays_the_bases_states_what_the_base_leaves_open() -> None:
+    """A log of which too little is told: the profile says how far its displacement may be off."""
+    base = Unit.load("axis_a")
+    writer = ProfileWriter(base.model_copy(deep=True), base, "identified from 1 healthy log(s)")
+    _keep_gain(writer, "too few steps")
+    pump = writer.result.unit.pump
+    assert pump.displacement == base.pump.displacement
+    assert pump.std_of("displacement") == pytest.approx(
+        tolerance(base, "pump.displacement") * pump.displacement
+    )
+    assert pump.provenance["displacement"].source == base.pump.provenance["displacement"].source
+    assert base.pump.std_of("displacement") is None, "the base itself stays as it was"
