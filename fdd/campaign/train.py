@@ -8,6 +8,7 @@ from functools import partial
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 
 from fdd.campaign.dataset import Dataset, Entry
 from fdd.campaign.units import Progress, for_each_unit
@@ -19,7 +20,10 @@ from fdd.diagnosis.pipeline import Pipeline
 from fdd.errors import InputError
 from fdd.identification import identify_unit
 from fdd.residuals.effects import Spreads
+from fdd.samples import Samples
 from fdd.unit import Unit
+
+Array = NDArray[np.float64]
 
 TAIL_FROM = 0.7
 """Quantile of healthy logs' peaks from which on they are their tail."""
@@ -37,9 +41,10 @@ class ScoredLog:
     ----------
     structure : of its unit, where the recipe has several. family : true one. faults : true ones.
     laws : fault and law of those that may have several.
-    answer : leading one, "" for none. score : the largest. healthy_s : s before a fault acts. doubt :
-        relative std that the severity's 80 % interval lacked to hold the true one; NaN where another fault
-        was answered. hidden : share of faults that it could not have shown.
+    answer : leading one, "" for none. score : of the whole log. peak : the largest that stood meanwhile.
+    healthy_s : s before a fault acts. doubt : relative std that the severity's 80 % interval lacked to hold
+        the true one; NaN where another fault was answered. hidden : share of faults that it could not have
+        shown.
     """
 
     unit: str
@@ -47,6 +52,7 @@ class ScoredLog:
     family: str
     answer: str
     score: float
+    peak: float
     healthy_s: float
     doubt: float = float("nan")
     hidden: float = 0.0
@@ -91,35 +97,35 @@ def learnt(logs: list[ScoredLog], data: str) -> Model:
     ------
     InputError : too few healthy or faulty logs.
     """
-    peaks = np.array([root(x.score) for x in logs if x.family == "healthy"])
+    healthy = [x for x in logs if x.family == "healthy"]
     faulty = np.array([root(x.score) for x in logs if x.family != "healthy"])
-    if min(peaks.size, faulty.size) < LEAST_LOGS:
+    if min(len(healthy), faulty.size) < LEAST_LOGS:
         raise InputError(
-            f"{peaks.size} healthy and {faulty.size} faulty logs",
+            f"{len(healthy)} healthy and {faulty.size} faulty logs",
             mend=f"at least {LEAST_LOGS} of each are needed",
         )
     # Alarms an hour are those of hours: each short log begins anew, as one hour in many does.
-    healthy = [x for x in logs if x.family == "healthy"]
-    lasting = [x for x in healthy if x.healthy_s >= LASTING_S]
-    lasting = lasting if len(lasting) >= LEAST_LOGS else healthy
+    lasting, brief = ([x for x in healthy if (x.healthy_s >= LASTING_S) == long] for long in (True, False))
+    lasting, brief = (x if len(x) >= LEAST_LOGS else healthy for x in (lasting, brief))
     hours = sum(x.healthy_s for x in lasting) / 3600.0
-    of_hours = np.array([root(x.score) for x in lasting])
-    height = float(np.quantile(of_hours, TAIL_FROM))
-    over = of_hours[of_hours > height] - height
+    height, over = _tail(np.array([root(x.peak) for x in lasting]))
     tail = AlarmTail(
         height=round(height, 3), rate_per_hour=round(over.size / hours, 4),
         scale=round(float(over.mean()), 4), hours=round(hours, 2),
     )  # fmt: skip
-    # Beyond that height both kinds thin out exponentially, faulty logs far more slowly: the odds of the two
-    # tails are a logistic of the root. Even odds before it: how many of a recipe's logs are faulty says
-    # nothing of how often an actuator is.
-    beyond, above = (x[x > height] - height for x in (faulty, peaks))
-    slope = max(1.0 / tail.scale - 1.0 / max(float(beyond.mean()), 1.01 * tail.scale), 1e-3)
-    shares = (above.size / peaks.size / tail.scale, beyond.size / faulty.size / float(beyond.mean()))
+    # What a log in hand is worth, others in hand tell. Beyond a height both kinds thin out exponentially,
+    # faulty logs far more slowly: the odds of the two tails are a logistic of the root. Even odds before it:
+    # how many of a recipe's logs are faulty says nothing of how often an actuator is.
+    of_logs = np.array([root(x.score) for x in brief])
+    height, above = _tail(of_logs)
+    beyond = faulty[faulty > height] - height
+    scales = float(above.mean()), float(beyond.mean())
+    slope = max(1.0 / scales[0] - 1.0 / max(scales[1], 1.01 * scales[0]), 1e-3)
+    shares = above.size / of_logs.size / scales[0], beyond.size / faulty.size / scales[1]
     midpoint = height + np.log(shares[0] / shares[1]) / slope
     # Half of the healthy logs lie below their median, and so do faults that leave no trace. Some of these the
     # log could not have shown: what is learnt are the others.
-    missed = min(2.0 * float(np.mean(faulty < np.median(peaks))), 1.0)
+    missed = min(2.0 * float(np.mean(faulty < np.median(of_logs))), 1.0)
     hidden = float(np.mean([x.hidden for x in logs if x.family != "healthy"]))
     unseen = max(1.0 - (1.0 - missed) / max(1.0 - hidden, 1e-3), 0.0)
     doubts = np.array([x.doubt for x in logs if np.isfinite(x.doubt)])
@@ -132,6 +138,12 @@ def learnt(logs: list[ScoredLog], data: str) -> Model:
     for name, law in sorted({pair for x in logs for pair in x.laws}):
         laws.setdefault(name, []).append(law)
     return Model(data=data, tail=tail, calibration=calibration, faults=taught or None, laws=laws or None)
+
+
+def _tail(roots: Array) -> tuple[float, Array]:
+    """Where the tail of healthy logs' scores begins, and what lies beyond it."""
+    height = float(np.quantile(roots, TAIL_FROM))
+    return height, roots[roots > height] - height
 
 
 def identified_unit(data: Dataset, unit: str, spreads: Spreads | None = None) -> Unit:
@@ -149,20 +161,26 @@ def _scored(directories: list[str], spreads: Spreads | None, place: str) -> list
     data = Dataset.load(directories[int(k)])
     profile = identified_unit(data, unit, spreads)
     model = Model.load().model_copy(update={"spreads": spreads})
-    return [_score(data, entry, profile, model) for entry in data.logs_of(unit)]
+    out = []
+    for entry in data.logs_of(unit):
+        out.append(_score(entry, data.samples(entry), profile, model))
+        twin = data.twin(entry)
+        if twin is not None:
+            out.append(_score(entry.model_copy(update={"faults": ()}), twin, profile, model))
+    return out
 
 
-def _score(data: Dataset, entry: Entry, profile: Unit, model: Model) -> ScoredLog:
+def _score(entry: Entry, samples: Samples, profile: Unit, model: Model) -> ScoredLog:
     pipeline = Pipeline(profile, model, log=entry.file, keep_trajectories=False)
-    pipeline.push(data.samples(entry))
+    pipeline.push(samples)
     found = pipeline.finish()
     hydraulic = [f for f in found.faults if f.family != "sensor" or f.severity is not None]
     onset = min((f.onset_s for f in entry.faults), default=found.duration_s)
     return ScoredLog(
         unit=entry.unit, structure=getattr(entry, "structure", "") or "",
         family=entry.faults[0].family if entry.faults else "healthy",
-        answer=hydraulic[0].family if hydraulic else "", score=pipeline.largest_score, healthy_s=onset,
-        doubt=_doubt(entry, hydraulic, pipeline.model.calibration.severity_doubt),
+        answer=hydraulic[0].family if hydraulic else "", score=pipeline.score, peak=pipeline.largest_score,
+        healthy_s=onset, doubt=_doubt(entry, hydraulic, pipeline.model.calibration.severity_doubt),
         hidden=hidden_share(found.not_visible), faults=tuple(f.fault for f in entry.faults),
         laws=tuple((f.fault, f.law) for f in entry.faults if f.law is not None),
     )  # fmt: skip

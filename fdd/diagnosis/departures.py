@@ -15,6 +15,8 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from fdd.residuals.rows import HOP_S
+
 if TYPE_CHECKING:
     from fdd.diagnosis.fitting import Explained, Parts
 
@@ -80,7 +82,7 @@ def _part(e: Explained, g: Array, courses: Array, kappa: Array, *, from_start: b
         own = (inverse @ (prior @ e.healthy.mean + seen / kappa[:, None])[..., None])[..., 0]
         both = both - np.einsum("fpij,fjk,fqkl->fpqil", sums, inverse, sums)
         total, pulled = both[:, 0, 0], np.einsum("fpij,fpj->fpi", both[:, 0], g)
-        inverse_variance = np.eye(n) / changes(e, k * sums[:, 0])[:, :, None]
+        inverse_variance = np.linalg.inv(changes(e, k * sums[:, 0]))
     rest = courses @ e.rest / k + np.einsum("fpij,fj->fpi", sums, e.solution - own)
     if from_start:
         vector = (e.rest.sum(axis=0) + (e.solution - own) @ e.total) / kappa[:, None]
@@ -98,15 +100,18 @@ def _part(e: Explained, g: Array, courses: Array, kappa: Array, *, from_start: b
 
 
 def changes(e: Explained, after: Array) -> Array:
-    """Variance (f, n) of what a healthy log's coefficients change by.
+    """Covariance (f, n, n) of what a healthy log's coefficients change by.
 
     Parameters
     ----------
     after : (f, n, n), information since the onset.
     """
+    healthy, frames = e.healthy, len(e.information)
     unlike = 1.0 - _alike(e, e.total - after, after)
-    share = len(e.information) / WITHIN_FRAMES
-    return np.asarray(np.square(e.healthy.within) * share + 2.0 * unlike[:, None] * e.healthy.log_variance)
+    own = np.square(healthy.within) * frames / WITHIN_FRAMES + 2.0 * unlike[:, None] * healthy.log_variance
+    # Between the means of two halves lies half of a log.
+    warmed = 0.5 * frames * HOP_S * healthy.warming * np.ones_like(healthy.mean)
+    return np.asarray(own[:, :, None] * np.eye(own.shape[1]) + np.outer(warmed, warmed))
 
 
 def _alike(e: Explained, before: Array, after: Array) -> Array:

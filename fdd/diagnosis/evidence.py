@@ -238,7 +238,7 @@ class Evidence:
             s = e.told(found.course)
             left = found.course @ (e.rest - self._moved(name, known))
             changed = changes(e, np.einsum("h,hij->ij", found.course, e.information)[None])[0]
-            usual = np.diag(e.healthy.covariance) if found.onset == 0 else changed
+            usual = np.diag(e.healthy.covariance if found.onset == 0 else changed)
             wide, own = (
                 np.linalg.solve(np.eye(left.size) + v[:, None] * s, np.diag(v))
                 for v in (np.diag(e.healthy.covariance) * FREE_SPREAD**2 + usual, usual)

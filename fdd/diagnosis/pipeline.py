@@ -79,7 +79,8 @@ class Pipeline:
 
     Attributes
     ----------
-    fitted : every fault that explains anything on its own, by the evidence of the last `finish`.
+    fitted : every fault that explains anything on its own, by the evidence of the last `finish`. score : of
+        the whole log then.
 
     Examples
     --------
@@ -121,6 +122,7 @@ class Pipeline:
         self._sensor_faults = 0
         self._scans: list[tuple[float, float]] = []
         self.fitted: list[Amplitude] = []
+        self.score = 0.0
 
     def __repr__(self) -> str:
         return f"Pipeline(unit={self.unit.name!r}, axis={self.axis!r}, samples={self._count})"
@@ -296,6 +298,7 @@ class Pipeline:
         hydraulic += self._acute.standing.past({f.family for f in hydraulic}, start)
         faults += [*hydraulic, *self._slowly({f.family for f in hydraulic})]
         faults.sort(key=lambda f: -f.confidence)
+        self.score = score
         probabilities = probabilities_of(faults, self.model, score, hidden_share(unseen))
         verdict: Literal["healthy", "faulty", "inconclusive"] = "faulty"
         if not faults:

@@ -104,7 +104,8 @@ class Effects:
         healthy log and no sensor tells; assumed: a magnet loses 0.1 % of its torque a kelvin and warms by 20,
         a position transducer 0.01 to 0.03 % of its gain a kelvin. wander : std from hop to hop. noise : std
         of a row, a first guess. information, scatter : (n, n), of healthy logs, and of the scores of their
-        stretches of 2 s. log_variance : (n,) of a log's coefficients about the unit's.
+        stretches of 2 s. log_variance : (n,) of a log's coefficients about the unit's. warming : (n,) std of
+        what they change by in a second as oil warms that nobody measures.
     """
 
     mean: Array
@@ -118,6 +119,7 @@ class Effects:
     information: Array
     scatter: Array
     log_variance: Array
+    warming: Array | float = 0.0
 
     def between_logs(self, conditions: LogConditions) -> Array:
         """Variance (n,) of a log's coefficients about the unit's."""
@@ -159,6 +161,10 @@ UNKNOWN_VISCOSITY = 0.6
 """Standard deviation of ln viscosity between two logs of which nobody knows how warm the oil is: 15 K, at 4 %
 a kelvin (ISO VG 32 at 40 °C by Walther's equation)."""
 
+WARMING = 2e-3
+"""1/s, standard deviation of the rate at which ln viscosity falls while oil warms: 3 K a minute, at 4 % a
+kelvin."""
+
 
 def with_logs(effects: Effects, conditions: LogConditions, viscous: Array | float = 0.0) -> Effects:
     """The same for a log under these conditions.
@@ -167,9 +173,12 @@ def with_logs(effects: Effects, conditions: LogConditions, viscous: Array | floa
     ----------
     viscous : (n,), what the coefficients change by with ln viscosity, as `viscous_change` gives it.
     """
-    differs = effects.between_logs(conditions)
-    unknown = conditions.without_thermometer * UNKNOWN_VISCOSITY**2 * np.outer(viscous, viscous)
-    return replace(effects, covariance=effects.known + np.diag(differs) + unknown, log_variance=differs)
+    differs, blind = effects.between_logs(conditions), np.sqrt(conditions.without_thermometer) * viscous
+    unknown = UNKNOWN_VISCOSITY**2 * np.outer(blind, blind)
+    return replace(
+        effects, covariance=effects.known + np.diag(differs) + unknown, log_variance=differs,
+        warming=WARMING * blind,
+    )  # fmt: skip
 
 
 def viscous_change(name: str, mean: Array) -> Array:

@@ -43,7 +43,7 @@ format: parquet
 
 
 def scored(family: str, score: float) -> ScoredLog:
-    return ScoredLog("unit", "", family, "", score, 360.0)
+    return ScoredLog("unit", "", family, "", score, score, 360.0)
 
 
 def drawn(seed: int = 0) -> list[ScoredLog]:

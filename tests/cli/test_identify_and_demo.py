@@ -184,7 +184,7 @@ def test_train_refuses_what_is_no_data_set(run, one_line, tmp_path: Path) -> Non
 
 def test_training_results_are_shown_by_true_family() -> None:
     answers = [("healthy", ""), ("healthy", ""), ("healthy", "leakage"), ("leakage", "leakage")]
-    logs = [ScoredLog("u1", "", family, answer, 1.0, 10.0) for family, answer in answers]
+    logs = [ScoredLog("u1", "", family, answer, 1.0, 1.0, 10.0) for family, answer in answers]
     screen = io.StringIO()
     Console(width=100, file=screen).print(confusion_table(logs))
     shown = [line.split() for line in screen.getvalue().splitlines()]

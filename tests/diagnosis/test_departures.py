@@ -12,6 +12,7 @@ from fdd.diagnosis.departures import VAGUE, WITHIN_FRAMES, Departures, departure
 from fdd.diagnosis.evidence import Evidence, course_of
 from fdd.diagnosis.fitting import Parts
 from fdd.diagnosis.hypotheses import Hypothesis
+from fdd.residuals.rows import HOP_S
 
 
 def weighed(evidence: Evidence, faults: list[tuple[Hypothesis, int]], *, kappa: float = 1.0) -> Departures:
@@ -78,3 +79,14 @@ def test_a_noise_that_scatters_more_is_that_of_fewer_rows(onset: int) -> None:
     )
     assert whole.size[0] == pytest.approx(quarter.size[0], rel=1e-9)
     assert whole.information[0] == pytest.approx(quarter.information[0], rel=1e-9)
+
+
+def test_oil_that_warms_unmeasured_changes_coefficients() -> None:
+    """However much a log tells: half of its length at the usual rate, in the viscosity's direction alone."""
+    e = drawn(6, steady=True).balances["volume"]
+    warms = replace(e.healthy, warming=np.array([0.01, 0.0, 0.0]))
+    v = e.rest + e.information @ e.solution
+    evidence = Evidence({"volume": (e.information, v)}, {"volume": warms})
+    leak, other = (1.0 / weighed(evidence, [(h, 40)]).information[0] for h in (LEAK, DRIFT))
+    assert leak == pytest.approx((0.01 * 0.5 * HOPS * HOP_S) ** 2, rel=0.05)
+    assert other < 0.01 * leak
