@@ -63,15 +63,15 @@ def diagnose(
     ] = None,
     axis: AxisOption = None,
     prior: Annotated[
-        float,
+        float | None,
         typer.Option(
-            "--prior",
             min=0.001,
             max=0.999,
-            help="Share of such logs that is faulty, before they are looked at: a fault is answered where it "
-            "is then likelier than not.",
+            show_default=False,
+            help="Share of such logs that is faulty, before they are looked at; the model's else (0.2 as "
+            "shipped). A fault is answered where it is then likelier than not.",
         ),
-    ] = 0.5,
+    ] = None,
     tracker: Annotated[
         list[str] | None,
         typer.Option(

@@ -94,7 +94,10 @@ def train(
         f"Healthy: {tail.hours:.2f} h; scores pass {0.5 * tail.height**2:.1f} {tail.rate_per_hour:.2f} times "
         f"an hour, and {tail.threshold(1.0):.1f} once."
     )
-    print(f"A score of {0.5 * model.calibration.midpoint**2:.1f} is a fault as likely as not.")
+    print(
+        f"Where one log in {1.0 / model.calibration.prior:.0f} is faulty, one with a score of "
+        f"{model.calibration.even:.1f} is so as likely as not."
+    )
     print(f"Model written to {out}")
 
 

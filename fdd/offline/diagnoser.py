@@ -49,7 +49,8 @@ class Settings:
     unit : profile; None takes the one that each log carries, else a shipped one.
     map : channel map. model : learnt layer; None takes the shipped one.
     axis : of a file with several. trackers : of installed packages, that run beside ours.
-    classifier : file of one that is asked, too. prior : share of such logs that is faulty.
+    classifier : file of one that is asked, too. prior : share of such logs that is faulty; None
+        takes the model's.
     """
 
     unit: Unit | str | Path | None = None
@@ -58,7 +59,7 @@ class Settings:
     axis: str | None = None
     trackers: tuple[str, ...] = ()
     classifier: Path | None = None
-    prior: float = 0.5
+    prior: float | None = None
 
     def load_unit(self) -> Unit | None:
         """The profile, where one is given.
@@ -119,7 +120,7 @@ class Diagnoser:
         self.unit = settings.load_unit()
         self.map = map_ if isinstance(map_, ChannelMap | None) else ChannelMap.load(map_)
         loaded = model if isinstance(model, Model) else Model.load(model)
-        self.model = loaded.with_prior(settings.prior)
+        self.model = loaded if settings.prior is None else loaded.with_prior(settings.prior)
         self._shared = {"map": sha256_of(Path(map_))} if isinstance(map_, str | Path) else {}
         if isinstance(unit, str | Path):
             with resources.as_file(resources.files("fdd") / "units" / f"{unit}.yaml") as shipped:
