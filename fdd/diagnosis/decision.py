@@ -26,8 +26,6 @@ USUAL_SIZE = 0.5
 """Severity that is the likeliest before a log is seen (Rayleigh's distribution)."""
 SECOND_FAULT = 2.0
 """Log odds against a further fault beside one that was found; assumed: one faulty unit in eight has two."""
-STILL = 0.5
-"""Share of what the best explains that a fault which stood before has to explain, to be taken first."""
 TOGETHER_HOPS = 4
 """Hops within which two onsets are one."""
 LAW_DOUBT = 0.25
@@ -98,11 +96,7 @@ def decide(
             return found, score
         # What leads is what explains most, and well: a part of a large deviation may look surer than all.
         sure = [f for f in fits if f.score - against >= threshold]
-        most = max(f.gain for f in sure)
-        stand = [
-            f for f in sure
-            if f.hypothesis.label in standing and f.hypothesis.ends is None and f.gain >= STILL * most
-        ]  # fmt: skip
+        stand = [f for f in sure if f.hypothesis.label in standing and f.hypothesis.ends is None]
         seed = max(stand or sure, key=lambda f: f.gain / np.sqrt(f.misfit))
         if stand:
             fits = [f for f in fits if abs(f.onset - seed.onset) <= TOGETHER_HOPS]
@@ -129,14 +123,14 @@ def _comes_along(fit: Amplitude, known: list[Amplitude]) -> bool:
     """Whether what begins with a fault that was found before is no more than a part of it.
 
     It may be owed to that fault's law, which holds only so well, or be a small effect that no signature
-    tells of: a loose seal leaks, a stuck valve shifts the pressure in a sensor's line. Its end explains as
-    much again as the fault itself, or is owed to its law.
+    tells of: a loose seal leaks, a stuck valve shifts the pressure in a sensor's line. Where a fault begins it
+    is not over.
     """
     for n in known:
-        if fit.hypothesis.ends == n.hypothesis.fault and fit.gain <= LAW_DOUBT * n.gain:
-            return True
         if abs(n.onset - fit.onset) > TOGETHER_HOPS:
             continue
+        if fit.hypothesis.ends == n.hypothesis.fault:
+            return True
         shared = set(n.hypothesis.columns) & set(fit.hypothesis.columns)
         if (shared and fit.gain <= LAW_DOUBT**2 * n.gain) or abs(fit.level) < LAW_DOUBT * abs(n.level):
             return True

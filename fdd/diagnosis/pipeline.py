@@ -42,10 +42,8 @@ from fdd.unit import Unit
 
 Array = NDArray[np.float64]
 
-SCAN_HOPS = 10
-"""Hops between two looks at the evidence: five seconds."""
-LEAST_HOPS = 16
-"""Hops before anything is said: eight seconds."""
+SCAN_HOPS, LEAST_HOPS = 10, 16
+"""Hops between two looks at the evidence, five seconds, and before anything is said."""
 WINDOW_HOPS = 300
 """Hops that onsets are looked for in; what is older has become the reference."""
 STATE_VERSION = "13"
@@ -79,8 +77,7 @@ class Pipeline:
 
     Attributes
     ----------
-    fitted : every fault that explains anything on its own, by the evidence of the last `finish`. score : of
-        the whole log then.
+    fitted, score : by the last `finish`, every fault that explains anything on its own, and the whole log's.
 
     Examples
     --------
@@ -304,9 +301,7 @@ class Pipeline:
         if not faults:
             doubts = self._doubts(duration)
             if not doubts and probabilities["healthy"] < HELD_IN_DOUBT:
-                doubts = [
-                    f"evidence for a fault (score {score:.1f} of {even:.1f}) is growing, but is not enough"
-                ]
+                doubts = [f"evidence for a fault (score {score:.1f} of {even:.1f}) is not enough"]
             verdict = "inconclusive" if doubts else "healthy"
             quality.notes = doubts + quality.notes
         elif faults[0].confidence < HELD_IN_DOUBT:

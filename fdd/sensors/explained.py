@@ -61,12 +61,17 @@ def explained(k: int, time: Array, values: Array, swept: Array, stride: int, lim
 @njit(nogil=True)
 def pressure_swing(values: Array, reach: int, limits: Limits) -> Array:
     """How far Δp goes within `reach` rows on either side, beyond its noise, (n,) Pa; 0 where not known."""
-    difference, noise = values[DIFFERENCE], limits.noise[DIFFERENCE]
-    if np.isnan(difference).all():
+    difference, noise, known = values[DIFFERENCE], limits.noise[DIFFERENCE], False
+    for x in difference:  # np.all and np.where would load the compiler where all is compiled already
+        known = known or not np.isnan(x)
+    if not known:
         difference = values[ONE] - values[TWO]
         noise = np.hypot(limits.noise[ONE], limits.noise[TWO])
     swing = widest(difference, reach) + widest(-difference, reach) - NOISE_RANGE * noise
-    return np.where(swing > 0.0, swing, 0.0)
+    for k in range(swing.size):
+        if not swing[k] > 0.0:
+            swing[k] = 0.0
+    return swing
 
 
 @njit(nogil=True)

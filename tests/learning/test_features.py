@@ -8,7 +8,6 @@ import re
 import numpy as np
 import pytest
 
-from fdd.diagnosis.lookout import LOOK_MARGIN
 from fdd.diagnosis.model import Model
 from fdd.diagnosis.pipeline import Pipeline
 from fdd.learning.features import FEATURES, Row, features_of, log_features
@@ -56,8 +55,7 @@ def test_the_fits_are_those_that_the_answer_was_made_of(
         assert whole[f"severity_{name}"] == leading.level and whole[f"score_{name}"] == leading.score
     assert len({f.hypothesis.fault for f in pipeline.fitted}) < len(pipeline.fitted), "sides and channels"
     told = next(re.search(r"log likelihood ratio ([\d.]+)", s) for s in found.evidence)
-    # What one look saw counts a little less than what stood for three.
-    assert told is not None and 0.0 <= whole["score_internal_leakage"] - float(told[1]) <= LOOK_MARGIN + 0.05
+    assert told is not None and float(told[1]) == pytest.approx(whole["score_internal_leakage"], abs=0.05)
     others = [whole[n] for n in FEATURES if n.startswith("score_") and n != "score_internal_leakage"]
     assert whole["score_internal_leakage"] > 10.0 and max(others) <= whole["score_internal_leakage"]
 
