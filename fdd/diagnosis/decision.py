@@ -123,8 +123,8 @@ def _comes_along(fit: Amplitude, known: list[Amplitude]) -> bool:
     """Whether what begins with a fault that was found before is no more than a part of it.
 
     It may be owed to that fault's law, which holds only so well, or be a small effect that no signature
-    tells of: a loose seal leaks, a stuck valve shifts the pressure in a sensor's line. Where a fault begins it
-    is not over.
+    tells of: a loose seal leaks, a stuck valve shifts the pressure in a sensor's line. Where a fault begins
+    it is not over.
     """
     for n in known:
         if abs(n.onset - fit.onset) > TOGETHER_HOPS:
