@@ -44,7 +44,7 @@ FREE_SPREAD = 10.0
 KINDS = ("step", "ramp", "drift")
 NINE_IN_TEN = 1.2816
 """Standard deviations."""
-LEAST_BEFORE, LEAST_AFTER = 2, 6
+LEAST_BEFORE, LEAST_AFTER = 4, 6
 """Stretches before, and hops after, an onset that is looked for inside a log: a machine that starts is no
 reference for itself."""
 
