@@ -36,7 +36,7 @@ BEYOND = 3.0
 
 @dataclass(frozen=True)
 class Said:
-    """One log's answer. score : largest of the balances. faults : answered, the surest first, with groups."""
+    """One log's answer. score : of the whole log. faults : answered, the surest first, with groups."""
 
     entry: Entry
     verdict: str
@@ -82,7 +82,7 @@ def _unit(directory: str, model: str | None, name: str) -> list[Said | Departure
         pipeline.push(data.samples(entry))
         found = pipeline.finish()
         faults = tuple((f.fault, tuple(f.ambiguity)) for f in found.faults)
-        out.append(Said(entry, found.verdict, pipeline.largest_score, faults))
+        out.append(Said(entry, found.verdict, pipeline.score, faults))
     each = hypotheses(logs.unit, effects_of(logs.unit, loaded.spreads))
     for file, ledger in logs.healthy:
         out += _departures(file, ledger) + _changes(file, ledger, each)

@@ -40,7 +40,7 @@ class Learning:
 
     def _start_anew(self) -> None:
         self._rows = RowMaker(self.unit)
-        self._ledger = Ledger(self.unit, {name: first_effects(name) for name in BALANCES})
+        self._ledger = Ledger(self.unit, {name: first_effects(name, unit=self.unit) for name in BALANCES})
 
     def push(self, samples: Samples) -> None:
         """Take samples of a unit that nothing is known to be wrong with."""
