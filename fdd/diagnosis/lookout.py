@@ -52,7 +52,7 @@ class Lookout:
             whole, whatever stood before; None asks for what stands, as an alarm does.
         """
         labels = self.standing.labels.values()
-        least = self.threshold if even is None else min(even, self.threshold)
+        least = self.threshold if even is None else even
         found, rest = decide(evidence, self.hypotheses, least, labels)
         before = self._scores[:-1] if self.at == span.end else self._scores
         scores = [*before[1 - LOOKS :], max([rest, *(f.score for f in found)])]
