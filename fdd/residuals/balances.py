@@ -31,6 +31,7 @@ from fdd.residuals.quantities import (
     PILOT,
     VALVE_MARGIN_PA,
     Quantities,
+    central,
     change,
     middle,
     needs_pilots,
@@ -184,37 +185,48 @@ def compliance_of_air(pressure: Array, index: float) -> Array:
 
 SLIDING_M_S = 1e-3
 """m/s of plastic travel from which a seal slides: what it gave before is taken up (see `_friction`)."""
+LAG_S = 0.01
+"""s of a pressure behind the piston's motion, by its sensor and by what the load compresses, that the force
+balance counts in."""
 LEAST_DROP = 3e-3
 """Of relief pressure: drop between the chambers that a pressure sensor's noise does not turn round."""
 
 
 def _force(q: Quantities) -> list[Strand]:
-    unit = q.unit
+    unit, scales = q.unit, q.scales
     mean_area = 0.5 * (unit.cylinder.area_1 + unit.cylinder.area_2)
     y = np.where(
         q.chambers_measured,
         unit.cylinder.area_1 * q.p1 - unit.cylinder.area_2 * q.p2,
         mean_area * q.difference_measured,
     )
-    y /= q.scales.friction
-    v = q.velocity / 0.05
+    y /= scales.friction
+    # The piston's own motion: the pump's flow is ahead of it by what compression and leakage take.
+    time = q.take["time"]
+    velocity = central(q.position) / central(time)
+    acceleration = central(velocity) / central(time)
+    v = velocity / 0.05
     # Viscous friction is a part of the seal's curve: it is worn with it.
     f = unit.friction
-    viscous = np.where(q.velocity > 0.0, f.forward.viscous, f.reverse.viscous) * q.velocity
-    friction = (q.take["friction"] + viscous) / q.scales.friction
+    viscous = np.where(velocity > 0.0, f.forward.viscous, f.reverse.viscous) * velocity
+    friction = (q.take["friction"] + viscous) / scales.friction
     x = np.column_stack([
         np.ones_like(y),
         q.position / (0.25 * unit.cylinder.stroke),
-        q.acceleration / 1.0,
+        acceleration / 1.0,
         v,
         v * np.abs(v),
+        LAG_S * central(y) / central(time),
         np.maximum(friction, 0.0),
         np.minimum(friction, 0.0),
     ])  # fmt: skip
     # While the seal sticks or turns about, its force is anywhere below break-away: only sliding tells how
     # hard it rubs.
     sliding = np.abs(q.take["sliding"]) > SLIDING_M_S
-    return [Strand(y, x, np.isfinite(y) & sliding & (q.take["sliding"] * friction > 0.0))]
+    valid = np.isfinite(y) & sliding & (q.take["sliding"] * friction > 0.0)
+    # Two rows late, as the acceleration asks for the next two: else the last ones at hand would tell nothing.
+    late = np.roll(np.arange(y.size), 2)
+    return [Strand(y[late], x[late], valid[late])]
 
 
 STANDING = 0.02
@@ -349,8 +361,9 @@ BALANCES: dict[str, Balance] = {
         ),
         Balance(
             "force", "the piston's forces",
-            ("load", "spring", "mass", "damping", "throttle", "friction_forward", "friction_reverse"),
-            _force, cell=5, free=("load", "spring", "mass", "damping", "throttle"),
+            ("load", "spring", "mass", "damping", "throttle", "lag", "friction_forward",
+             "friction_reverse"),
+            _force, cell=5, free=("load", "spring", "mass", "damping", "throttle", "lag"),
             floor=0.1,  # of Coulomb friction: trials scatter by 9 % (thesis Table 5.1)
         ),
         Balance(

@@ -135,7 +135,6 @@ class Quantities:
         self.flow = unit.pump.displacement * self.speed
         area = 0.5 * (unit.cylinder.area_1 + unit.cylinder.area_2)
         self.velocity = self.flow / area  # of the pump's flow: the position's noise must not enter a column
-        self.acceleration = change(self.velocity) / ROW_S
         celsius = take["temperature"]
         ratio = viscosity_ratio(
             unit.oil, np.where(np.isfinite(celsius), celsius, unit.oil.reference_temperature)
@@ -154,6 +153,13 @@ def change(column: Array) -> Array:
     """Change from the row before, (n,); NaN first."""
     out = np.full(column.shape, np.nan)
     out[1:] = column[1:] - column[:-1]
+    return out
+
+
+def central(column: Array) -> Array:
+    """Change from the row before to the next one, (n,); NaN first and last."""
+    out = np.full(column.shape, np.nan)
+    out[1:-1] = column[2:] - column[:-2]
     return out
 
 
