@@ -18,7 +18,7 @@ from fdd.identification.sensors import fit_sensors, gain_mismatch, redundancy_of
 from fdd.identification.signs import MOST_GAIN_CHANGE, check_gain, check_pressure_signs, check_pump
 from fdd.identification.volume_steps import SMOOTHING, VolumeSteps
 from fdd.identification.volumes import VolumeFit, fit_volumes
-from fdd.residuals.quantities import needs_pilots
+from fdd.residuals.hidden_pressures import needs_pilots
 from fdd.samples import Samples
 from fdd.sections import Provenance
 from fdd.tolerances import tolerance

@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fdd.errors import InputError
-from fdd.identification.hidden_pressures import chambers_from_difference
 from fdd.logs.angles import accumulate_speed, sample_numbers
+from fdd.residuals.hidden_pressures import chambers_from_difference
 from fdd.samples import Samples, missing_required
 from fdd.unit import Unit
 
@@ -185,7 +185,8 @@ def even_record(log: Samples, unit: Unit, where: str) -> Record:
     if chambers is None:
         difference = measured["pressure_difference"]
         smoothed = centred_mean(difference, max(round(0.025 / period), 1) | 1)
-        mean, tank = chambers_from_difference(smoothed, position, period, unit, accumulator)
+        known = np.full_like(position, np.nan) if accumulator is None else accumulator
+        mean, tank = chambers_from_difference(smoothed, position, period, unit, known)
         p1, p2 = mean + 0.5 * difference, mean - 0.5 * difference
         accumulator_used = tank if accumulator is None else accumulator
     else:

@@ -27,7 +27,8 @@ from numpy.typing import NDArray
 
 from fdd.identification.oil import air_compliance, air_shrinkage, viscosity
 from fdd.identification.record import Record
-from fdd.residuals.quantities import PILOT, needs_pilots, outlet_loss
+from fdd.residuals.hidden_pressures import needs_pilots
+from fdd.residuals.quantities import PILOT, outlet_loss
 from fdd.unit import Oil, Unit
 
 Array = NDArray[np.float64]

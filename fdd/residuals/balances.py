@@ -27,6 +27,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from fdd.measures import ATMOSPHERE_PA
+from fdd.residuals.hidden_pressures import needs_pilots
 from fdd.residuals.quantities import (
     PILOT,
     VALVE_MARGIN_PA,
@@ -34,10 +36,9 @@ from fdd.residuals.quantities import (
     central,
     change,
     middle,
-    needs_pilots,
     outlet_loss,
 )
-from fdd.residuals.rows import ATMOSPHERE_PA, GAS_S, HOP_ROWS, ROW_S
+from fdd.residuals.rows import GAS_S, HOP_ROWS, ROW_S
 
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]

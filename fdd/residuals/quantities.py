@@ -8,7 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from fdd.residuals.rows import COLUMNS, HOP_ROWS, ROW_S
+from fdd.residuals.hidden_pressures import needs_pilots
+from fdd.residuals.rows import COLUMNS, HOP_ROWS
 from fdd.residuals.viscosity import viscosity_ratio
 from fdd.unit import Unit
 
@@ -19,8 +20,6 @@ VALVE_MARGIN_PA = 5e3
 """How far above the accumulator a chamber must be for its check valve to be surely shut."""
 
 
-PLAIN = 0.97
-"""Ratio of areas from which on plain check valves feed both chambers: smaller ones need piloted valves."""
 PILOT = 4.0
 """Area of a pilot piston over its valve's seat, the largest that is usual: as many times the other chamber's
 pressure above the accumulator's holds the valve open."""
@@ -40,11 +39,6 @@ def outlet_loss(unit: Unit, speed: Array, side: int) -> Array:
     """
     share = np.minimum(speed if side == 1 else -speed, 0.0) / unit.drive.max_speed
     return np.asarray(LINE_LOSS * unit.accumulator.relief_pressure * share**2)
-
-
-def needs_pilots(unit: Unit) -> bool:
-    """Whether a chamber's valve must let oil back, since the other one takes more or less than it gives."""
-    return not PLAIN < unit.cylinder.area_2 / unit.cylinder.area_1 < 1.0 / PLAIN
 
 
 @dataclass(frozen=True)
@@ -120,12 +114,11 @@ class Quantities:
         self.noise = {1: take["pressure_1_noise"], 2: take["pressure_2_noise"]}
         self.chambers_measured = _of_late(np.isfinite(self.p1) & np.isfinite(self.p2))
         if not self.chambers_measured.all():
-            # The low side is fed from the accumulator, so the high side is that and the difference.
-            both = self.chambers_measured
-            difference = self.difference_measured
-            self.p1 = np.where(both, self.p1, self.accumulator + np.maximum(difference, 0.0))
-            self.p2 = np.where(both, self.p2, self.accumulator + np.maximum(-difference, 0.0))
-            own = take["pressure_difference_noise"]
+            both, mean = self.chambers_measured, take["mean_pressure"]
+            half = 0.5 * self.difference_measured
+            self.p1 = np.where(both, self.p1, mean + half)
+            self.p2 = np.where(both, self.p2, mean - half)
+            own = take["pressure_difference_noise"] * (1.0 if needs_pilots(unit) else 0.5)
             self.noise = {side: np.where(both, noise, own) for side, noise in self.noise.items()}
         self.drop = self.p1 - self.p2
         self.turn = change(self.angle)

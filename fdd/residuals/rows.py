@@ -19,7 +19,10 @@ from statistics import NormalDist
 import numpy as np
 from numpy.typing import NDArray
 
+from fdd.measures import ATMOSPHERE_PA
 from fdd.residuals.compiled import njit
+from fdd.residuals.hidden_pressures import chambers_from_difference
+from fdd.residuals.viscosity import viscosity_ratio
 from fdd.samples import Samples
 from fdd.unit import Unit
 
@@ -27,7 +30,6 @@ Array = NDArray[np.float64]
 
 ROW_S = 0.01
 """s, length of a cell."""
-ATMOSPHERE_PA = 101325.0
 HOP_ROWS = 50
 """Cells in a hop, the step in which evidence is gathered."""
 HOP_S = ROW_S * HOP_ROWS
@@ -57,7 +59,7 @@ FAST = (
     "command", "pump_angle", "pump_speed", "position", "pressure_difference", "pressure_1", "pressure_2",
     "pressure_accumulator", "motor_current",
 )  # fmt: skip
-DERIVED = ("friction", "sliding", "temperature", "time", "gas_heat", "warming")
+DERIVED = ("friction", "sliding", "temperature", "time", "gas_heat", "warming", "mean_pressure")
 NOISY = ("pressure_difference", "pressure_1", "pressure_2")
 COLUMNS = {name: i for i, name in enumerate((*FAST, *DERIVED, *(f"{n}_noise" for n in NOISY)))}
 NOISE_HOPS, LEAST_SAMPLES = 20, 20
@@ -144,6 +146,10 @@ class RowMaker:
     _noise: Array = field(default_factory=lambda: np.full((NOISE_HOPS, 2, len(NOISY)), np.nan))
     """Noise of a pressure's samples in the last hops, Pa: by the samples, and by the means of cells."""
 
+    _hidden: Array = field(default_factory=lambda: np.array([np.nan, 0.0, np.nan]))
+    _tank: float = np.nan
+    """What `chambers_from_difference` goes on from, and the accumulator's pressure as last known, Pa."""
+
     def push(self, samples: Samples | None) -> tuple[int, Array]:
         """Rows of the hops that the samples complete, `together` at a time.
 
@@ -200,7 +206,8 @@ class RowMaker:
         out: dict[str, Array] = {
             "hop": np.array([self.hop, self._first]), "seal": self._seal.copy(), "last": np.array(self._last),
             "turned": self._turned.copy(), "celsius": np.array([self._celsius]),
-            "noise": self._noise.copy(), "lags": self._lags.copy(),
+            "noise": self._noise.copy(), "lags": self._lags.copy(), "hidden": self._hidden.copy(),
+            "tank": np.array([self._tank]),
         }  # fmt: skip
         if self._waiting:
             joined = Samples.concatenate(self._waiting)
@@ -215,6 +222,7 @@ class RowMaker:
         self._noise, self._lags = state["noise"].copy(), state["lags"].copy()
         self._last = (float(state["last"][0]), float(state["last"][1]))
         self._celsius = float(state["celsius"][0])
+        self._hidden, self._tank = state["hidden"].copy(), float(state["tank"][0])
         self._waiting = []
         if "time" in state:
             columns = {k.removeprefix("channel/"): v for k, v in state.items() if k.startswith("channel/")}
@@ -273,7 +281,27 @@ class RowMaker:
                 self._celsius = means.get(h, self._celsius)
                 out[h * HOP_ROWS : (h + 1) * HOP_ROWS, COLUMNS["temperature"]] = self._celsius
         self._heat(out)
+        self._chambers(out)
         return out
+
+    def _chambers(self, rows: Array) -> None:
+        """Fill the chambers' mean pressure where only their difference is measured."""
+        difference, accumulator, celsius = (
+            rows[:, COLUMNS[n]] for n in ("pressure_difference", "pressure_accumulator", "temperature")
+        )
+        measured = np.isfinite(rows[:, [COLUMNS["pressure_1"], COLUMNS["pressure_2"]]]).all(axis=1)
+        if not np.any(np.isfinite(difference) & ~measured):
+            return
+        there = np.isfinite(accumulator)
+        latest = np.maximum.accumulate(np.where(there, np.arange(there.size), -1))
+        tank = np.where(latest >= 0, accumulator[latest], self._tank)
+        self._tank = float(tank[-1])
+        warm = np.where(np.isfinite(celsius), celsius, self.unit.oil.reference_temperature)
+        rows[:, COLUMNS["mean_pressure"]], _ = chambers_from_difference(
+            difference, rows[:, COLUMNS["position"]], ROW_S, self.unit, tank,
+            noise=rows[:, COLUMNS["pressure_difference_noise"]],
+            viscosity=viscosity_ratio(self.unit.oil, warm), state=self._hidden,
+        )  # fmt: skip
 
     def _heat(self, rows: Array) -> None:
         """Fill what the accumulator's gas has of the work done on it (ln Pa), and the oil's warming (K/s)."""

@@ -1,0 +1,124 @@
+"""Chamber pressures that nobody measures: from their difference, by what the refeeding valves allow.
+
+With a differential sensor alone, the chambers' mean pressure is hidden. It is not free, though: the
+refeeding valves keep the lower chamber at the accumulator's pressure less their cracking, so the mean
+is at least that plus half the difference; once lifted it stays up, and only the case drain lets it
+down. What lifts it is oil from the accumulator, whose pressure falls for it. While both chambers are
+shut each takes its share of a change by its own compliance. Pilots of unequal chambers' valves hold the
+lower one open to the accumulator.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fdd.measures import ATMOSPHERE_PA
+from fdd.residuals.compiled import njit
+from fdd.unit import Unit
+
+Array = NDArray[np.float64]
+
+PLAIN = 0.97
+"""Ratio of areas from which on plain check valves feed both chambers: smaller ones need piloted valves."""
+
+
+def needs_pilots(unit: Unit) -> bool:
+    """Whether a chamber's valve must let oil back, since the other one takes more or less than it gives."""
+    return not PLAIN < unit.cylinder.area_2 / unit.cylinder.area_1 < 1.0 / PLAIN
+
+
+@njit()
+def _follow(
+    difference: Array,
+    noise: Array,
+    share: Array,
+    compliance: Array,
+    drain: Array,
+    tank: Array,
+    period: float,
+    fixed: Array,
+    state: Array,
+    mean: Array,
+) -> None:
+    """Follow the mean pressure row by row; a missing difference leaves it as it is.
+
+    Parameters
+    ----------
+    share : (n,) of a change of the difference that goes into the mean while both chambers are shut. drain :
+        (n,) m³/(s·Pa), both chambers to the case. tank : (n,) Pa, filled where it is NaN.
+    fixed : Pa absolute, m³, Pa, Pa, Pa: charge pressure, gas, cracking pressures of refeeding and of the
+        case, atmosphere.
+    state : (3,) Pa, m³ taken from the accumulator, Pa of the last difference; NaN before the first row.
+    """
+    charge, gas, cracking, drain_cracking, atmosphere = fixed
+    level, taken, before = state
+    for k in range(difference.size):
+        mean[k] = np.nan
+        if not np.isfinite(difference[k]):
+            continue
+        if np.isnan(tank[k]):
+            volume = max(gas + taken, 0.1 * gas)
+            tank[k] = charge * gas / volume - atmosphere
+        half = 0.5 * abs(difference[k])
+        if np.isnan(level):
+            level, before = tank[k] + half, difference[k]
+        level += share[k] * (difference[k] - before)
+        before = difference[k]
+        lost = level - tank[k] - drain_cracking
+        if lost > 0.0:
+            fall = lost * (1.0 - np.exp(-drain[k] / compliance[k] * period))
+            level -= fall
+            taken -= fall * compliance[k]
+        least = tank[k] - cracking + max(half - 0.5 * noise[k], 0.0)
+        if level < least:
+            taken += (least - level) * compliance[k]
+            level = least
+        mean[k] = level
+    state[0], state[1], state[2] = level, taken, before
+
+
+def chambers_from_difference(
+    difference: Array,
+    position: Array,
+    period: float,
+    unit: Unit,
+    accumulator: Array,
+    *,
+    noise: Array | None = None,
+    viscosity: Array | float = 1.0,
+    state: Array | None = None,
+) -> tuple[Array, Array]:
+    """Mean chamber pressure and accumulator pressure that go with a pressure difference.
+
+    Parameters
+    ----------
+    difference : (n,) Pa. position : (n,) m. period : s.
+    unit : its volumes, bulk modulus, accumulator and case leakage.
+    accumulator : (n,) Pa, NaN where it is not known.
+    noise : (n,) Pa, standard deviation of the difference's: its peaks lift nothing. viscosity : over the
+        reference's. state : (3,), NaN at first; kept for the rows that follow.
+
+    Returns
+    -------
+    (n,) mean pressure, NaN without difference or position, and (n,) accumulator pressure, Pa gauge.
+    """
+    cylinder, tank = unit.cylinder, unit.accumulator
+    known = np.where(np.isfinite(position), difference, np.nan)
+    moved = np.nan_to_num(position)
+    one = np.maximum(cylinder.volume_1 + cylinder.area_1 * moved, 1e-9)
+    two = np.maximum(cylinder.volume_2 - cylinder.area_2 * moved, 1e-9)
+    drain = 2.0 * unit.pump.case_leakage / viscosity * np.ones_like(known)
+    if needs_pilots(unit):
+        drain = np.full_like(known, np.inf)
+    level, mean = accumulator.copy(), np.empty_like(known)
+    fixed = np.array([
+        tank.charge_pressure + ATMOSPHERE_PA, tank.gas_volume, tank.refeed_cracking_pressure,
+        tank.case_cracking_pressure, ATMOSPHERE_PA,
+    ])  # fmt: skip
+    _follow(
+        known, np.zeros_like(known) if noise is None else np.nan_to_num(noise),
+        0.5 * (two - one) / (one + two), (one + two) / unit.oil.bulk_modulus, drain, level, period, fixed,
+        np.array([np.nan, 0.0, np.nan]) if state is None else state, mean,
+    )  # fmt: skip
+    return mean, level
