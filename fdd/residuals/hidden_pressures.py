@@ -35,6 +35,7 @@ def _follow(
     share: Array,
     compliance: Array,
     drain: Array,
+    rod: Array,
     tank: Array,
     period: float,
     fixed: Array,
@@ -46,7 +47,8 @@ def _follow(
     Parameters
     ----------
     share : (n,) of a change of the difference that goes into the mean while both chambers are shut. drain :
-        (n,) m³/(s·Pa), both chambers to the case. tank : (n,) Pa, filled where it is NaN.
+        (n,) m³/(s·Pa), both chambers to the case. rod : (n,) m³ that the rod's way out takes from the
+        accumulator. tank : (n,) Pa, filled where it is NaN.
     fixed : Pa absolute, m³, Pa, Pa, Pa: charge pressure, gas, cracking pressures of refeeding and of the
         case, atmosphere.
     state : (3,) Pa, m³ taken from the accumulator, Pa of the last difference; NaN before the first row.
@@ -58,7 +60,7 @@ def _follow(
         if not np.isfinite(difference[k]):
             continue
         if np.isnan(tank[k]):
-            volume = max(gas + taken, 0.1 * gas)
+            volume = max(gas + taken + rod[k], 0.1 * gas)
             tank[k] = charge * gas / volume - atmosphere
         half = 0.5 * abs(difference[k])
         if np.isnan(level):
@@ -118,7 +120,8 @@ def chambers_from_difference(
     ])  # fmt: skip
     _follow(
         known, np.zeros_like(known) if noise is None else np.nan_to_num(noise),
-        0.5 * (two - one) / (one + two), (one + two) / unit.oil.bulk_modulus, drain, level, period, fixed,
+        0.5 * (two - one) / (one + two), (one + two) / unit.oil.bulk_modulus, drain,
+        (cylinder.area_1 - cylinder.area_2) * moved, level, period, fixed,
         np.array([np.nan, 0.0, np.nan]) if state is None else state, mean,
     )  # fmt: skip
     return mean, level
