@@ -249,7 +249,8 @@ class Trajectories:
     nis : normalised innovation squared of each filter per sample kept, (n,).
     feature_names : (k,) names of the residual features.
     features : (m, k) how badly each balance closes, in what a healthy unit's does.
-    statistic, threshold : the sequential test's statistic (m,) and its threshold.
+    statistic, threshold, even : the sequential test's statistic (m,), its threshold for an alarm, and the
+        score from which the log in hand is rather faulty than healthy.
     probabilities : family to (m,) probabilities.
     """
 
@@ -263,6 +264,7 @@ class Trajectories:
     features: NDArray[np.float64]
     statistic: NDArray[np.float64]
     threshold: float
+    even: float = np.nan
     probabilities: dict[str, NDArray[np.float64]] = field(default_factory=dict)
     held: dict[str, NDArray[np.float64]] = field(default_factory=dict)
     held_std: dict[str, NDArray[np.float64]] = field(default_factory=dict)

@@ -376,6 +376,7 @@ class Pipeline:
             information_std={n: seen[n].information_std for n in OBSERVABLE},
             nis={m: r["nis"] for m, r in records.items()}, window_time=time,
             feature_names=names, features=misfit, statistic=statistic, threshold=self.threshold,
+            even=min(self.model.calibration.even, self.threshold),
             probabilities=self._probabilities_over(sure, now.probabilities, hidden),
         )  # fmt: skip
 

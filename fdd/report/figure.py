@@ -144,7 +144,9 @@ def _short(title: str) -> str:
 def _statistic(axes: Any, trajectories: Trajectories) -> None:
     time, statistic, threshold = trajectories.window_time, trajectories.statistic, trajectories.threshold
     axes.plot(time, statistic, color=BLUE, linewidth=1.0, drawstyle="steps-post")
-    axes.axhline(threshold, color=GREY, linestyle="-.", linewidth=1.0, label="threshold")
+    axes.axhline(threshold, color=GREY, linestyle="-.", linewidth=1.0, label="threshold of an alarm")
+    if np.isfinite(trajectories.even):
+        axes.axhline(trajectories.even, color=GREY, linestyle=":", linewidth=1.0, label="this log, faulty")
     if statistic.size and threshold > 0.0 and np.nanmax(statistic) > SEVERAL * threshold:
         axes.set_yscale("log")
         axes.set_ylim(bottom=threshold / SEVERAL)

@@ -189,8 +189,12 @@ def _statistic(trajectories: Trajectories) -> list[Figure]:
     elif threshold > 0.0:
         layout["yaxis"]["rangemode"] = "tozero"
     data = [tr.line(time, statistic, "test statistic", tr.BLUE)]
-    if np.isfinite(threshold):
-        data.append(tr.level(time, threshold, f"threshold {threshold:.3g}", colour=tr.VERMILLION))
+    for level, what, colour in (
+        (threshold, "alarm while it runs", tr.VERMILLION),
+        (trajectories.even, "this log, faulty", tr.ORANGE),
+    ):
+        if np.isfinite(level):
+            data.append(tr.level(time, level, f"{what}: {level:.3g}", colour=colour))
     return [Figure("statistic", "Sequential test", data, layout, unit, height=230, wide=True)]
 
 

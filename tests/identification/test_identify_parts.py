@@ -15,9 +15,6 @@ from fdd.identification.profile import ProfileWriter
 from fdd.identification.record import Record
 from fdd.identification.sensors import effective_noise, resolution
 from fdd.plant import oil as plant_oil
-from fdd.plant.scenario import Recording, Scenario
-from fdd.plant.simulate import simulate
-from fdd.residuals.hidden_pressures import chambers_from_difference
 from fdd.tolerances import tolerance
 from fdd.unit import Unit
 
@@ -64,28 +61,6 @@ def test_noise_is_taken_where_nothing_moves() -> None:
     moving = np.where(time < 20.0, 0.0, 50.0 * np.sin(2 * np.pi * 30.0 * time))
     assert effective_noise(rng.normal(0.0, 1.0, time.size) + moving, 1e-3) == pytest.approx(1.0, rel=0.12)
     assert effective_noise(np.zeros(100), 1e-3) is None
-
-
-def test_hidden_pressures_follow_the_plants() -> None:
-    """Against the plant's own chambers: strokes against a throttle, after which the mean stays up."""
-    unit = Unit.load("axis_a")
-    scenario = Scenario(
-        duration=20.0,
-        duty={"name": "constant_speed", "speeds": [50.0, 110.0], "turn": 8.0, "amplitude": 0.05},
-        control={"mode": "speed"},
-        load={"name": "throttle", "pressure": 1.5e6},
-        recording=Recording.perfect(),
-    )
-    truth = simulate(unit, scenario).truth.columns
-    p1, p2 = truth["pressure_1"], truth["pressure_2"]
-    mean, tank = chambers_from_difference(p1 - p2, truth["position"], 1e-3, unit, np.full_like(p1, np.nan))
-    true_mean = 0.5 * (p1 + p2)
-    assert np.sqrt(np.mean((mean - true_mean) ** 2)) < 3e4
-    # A constant would be off by ten times that.
-    assert np.sqrt(np.mean((true_mean - unit.accumulator.charge_pressure) ** 2)) > 2.5e5
-    assert np.sqrt(np.mean((tank - truth["pressure_accumulator"]) ** 2)) < 4e4
-    lowest = mean - 0.5 * np.abs(p1 - p2)
-    assert np.all(lowest >= tank - unit.accumulator.refeed_cracking_pressure - 1.0)
 
 
 def test_friction_curve_is_eq_5_12() -> None:

@@ -7,11 +7,12 @@ from typing import Any
 import numpy as np
 import pytest
 from numpy.typing import NDArray
+from scipy.signal import lfilter
 
 from fdd.diagnosis.baseline import add_baseline, effects_of, ledger_of
 from fdd.plant.scenario import Scenario
 from fdd.plant.simulate import simulate
-from fdd.residuals.balances import BALANCES
+from fdd.residuals.balances import BALANCES, LAG_S
 from fdd.residuals.ledger import Ledger
 from fdd.residuals.quantities import Quantities, Scales, settled
 from fdd.residuals.rows import COLUMNS, HOP_ROWS, ROW_S, RowMaker
@@ -21,6 +22,7 @@ from fdd.unit import Unit
 LOADS: tuple[dict[str, Any], ...] = (
     {"name": "spring"}, {"name": "constant"}, {"name": "constant", "level": -1000.0},
 )  # fmt: skip
+PRESSURES = ("pressure_1", "pressure_2", "pressure_difference")
 
 
 @pytest.fixture(scope="module")
@@ -209,3 +211,18 @@ def test_a_chamber_whose_line_loses_pressure_is_not_taken_for_closed() -> None:
         assert fed.mean() > 0.1, "else this shows nothing"
         taken = settled(strand.valid, BALANCES["volume"].settle)
         assert (fed & taken[at]).mean() < 0.002
+
+
+def test_friction_is_told_beside_a_mass_whose_pressures_lag() -> None:
+    unit, decay = Unit.load("axis_a"), np.exp(-1e-3 / LAG_S)
+    for seed in (71, 72):
+        log = simulate(unit, Scenario(duration=40.0, load={"name": "inertia"}, seed=seed)).samples
+        late = {n: lfilter([1.0 - decay], [1.0, -decay], log[n] - log[n][0]) + log[n][0] for n in PRESSURES}
+        lags = []
+        for samples in (log, Samples(log.time, {n: late.get(n, log[n]) for n in log.channels})):
+            found = coefficients(ledger_of(samples, unit, effects_of(unit)), "force")
+            c = dict(zip(BALANCES["force"].columns, found.tolist(), strict=True))
+            assert c["friction_forward"] == pytest.approx(1.0, abs=0.15)
+            assert c["friction_reverse"] == pytest.approx(1.0, abs=0.15)
+            lags.append(c["lag"])
+        assert lags[1] - lags[0] == pytest.approx(-1.0, abs=0.1)

@@ -1,0 +1,109 @@
+"""Chamber pressures from their difference: against the plant's own, and the oil that each takes."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from fdd.plant.scenario import Recording, Scenario
+from fdd.plant.simulate import simulate
+from fdd.residuals.hidden_pressures import chambers_from_difference
+from fdd.unit import Unit
+
+
+def unknown(like: NDArray[np.float64]) -> NDArray[np.float64]:
+    return np.full_like(like, np.nan)
+
+
+def test_they_follow_the_plants() -> None:
+    """Strokes against a throttle, after which the mean stays up."""
+    unit = Unit.load("axis_a")
+    scenario = Scenario(
+        duration=20.0,
+        duty={"name": "constant_speed", "speeds": [50.0, 110.0], "turn": 8.0, "amplitude": 0.05},
+        control={"mode": "speed"},
+        load={"name": "throttle", "pressure": 1.5e6},
+        recording=Recording.perfect(),
+    )
+    truth = simulate(unit, scenario).truth.columns
+    p1, p2 = truth["pressure_1"], truth["pressure_2"]
+    mean, tank = chambers_from_difference(p1 - p2, truth["position"], 1e-3, unit, unknown(p1))
+    true_mean = 0.5 * (p1 + p2)
+    assert np.sqrt(np.mean((mean - true_mean) ** 2)) < 3e4
+    # A constant would be off by ten times that, and a lower chamber that is always fed by half of the load.
+    assert np.sqrt(np.mean((true_mean - unit.accumulator.charge_pressure) ** 2)) > 2.5e5
+    assert np.sqrt(np.mean((tank - truth["pressure_accumulator"]) ** 2)) < 4e4
+    lowest = mean - 0.5 * np.abs(p1 - p2)
+    assert np.all(lowest >= tank - unit.accumulator.refeed_cracking_pressure - 1.0)
+
+
+def test_what_one_shut_chamber_gives_the_other_takes() -> None:
+    """Off mid-stroke the larger chamber's pressure changes less: V1 dp1 = -V2 dp2 without drain or feed."""
+    unit = Unit.load("axis_a")
+    unit.pump.case_leakage = 0.0
+    c = unit.cylinder
+    difference = np.concatenate([[2e6], 1e6 + 5e5 * np.sin(np.linspace(0.0, 20.0, 400))])
+    position = np.full_like(difference, 0.3 * c.stroke)
+    mean, _ = chambers_from_difference(difference, position, 0.01, unit, unknown(difference))
+    dp1, dp2 = np.diff(mean + 0.5 * difference), np.diff(mean - 0.5 * difference)
+    one, two = c.volume_1 + c.area_1 * position[1:], c.volume_2 - c.area_2 * position[1:]
+    np.testing.assert_allclose(one * dp1, -two * dp2, atol=1e-9 * np.abs(one * dp1).max())
+    assert np.abs(dp1).max() < 0.9 * np.abs(dp2).max()
+
+
+def test_the_case_drain_lets_the_mean_down_by_its_time_constant() -> None:
+    unit = Unit.load("axis_a")
+    c, low = unit.cylinder, unit.accumulator.charge_pressure
+    position, difference = np.zeros(200), np.concatenate([[1e6], np.zeros(199)])
+    tank = np.full_like(position, low)
+    mean, _ = chambers_from_difference(difference, position, 1e-3, unit, tank)
+    above = mean - low - unit.accumulator.case_cracking_pressure
+    tau = (c.volume_1 + c.volume_2) / unit.oil.bulk_modulus / (2.0 * unit.pump.case_leakage)
+    np.testing.assert_allclose(above[2:] / above[1:-1], np.exp(-1e-3 / tau), rtol=1e-9)
+
+
+def test_a_single_rods_accumulator_follows_the_rod() -> None:
+    """Its lower chamber is held open by the pilot; the rod takes its volume of oil from the accumulator."""
+    unit = Unit.load("axis_a")
+    unit.cylinder.area_2 = 0.7 * unit.cylinder.area_1
+    position = np.linspace(-0.02, 0.02, 50)
+    difference = 1e6 * np.sin(np.linspace(0.0, 9.0, 50))
+    mean, tank = chambers_from_difference(difference, position, 0.01, unit, unknown(position))
+    c = unit.cylinder
+    held = (c.volume_1 + c.volume_2 + 0.3 * c.area_1 * position) / unit.oil.bulk_modulus * (mean - mean[1])
+    product = (tank + 101325.0) * (unit.accumulator.gas_volume + 0.3 * c.area_1 * position + held)
+    np.testing.assert_allclose(product[1:], product[1], rtol=0.02)
+    assert np.ptp(tank) > 5e4
+    lowest = mean - 0.5 * np.abs(difference)
+    crack = unit.accumulator.refeed_cracking_pressure
+    assert np.all((lowest >= tank - crack - 1.0) & (lowest <= tank + unit.accumulator.case_cracking_pressure))
+
+
+@pytest.mark.parametrize("cut", [1, 7, 120, 299])
+def test_blocks_give_what_the_whole_gives(cut: int) -> None:
+    unit, rng = Unit.load("axis_a"), np.random.default_rng(5)
+    difference = np.cumsum(rng.normal(0.0, 5e4, 300))
+    difference[rng.random(300) < 0.1] = np.nan
+    position = 0.02 * np.sin(np.linspace(0.0, 5.0, 300))
+    whole, _ = chambers_from_difference(difference, position, 0.01, unit, unknown(difference))
+    state = np.array([np.nan, 0.0, np.nan])
+    parts = [
+        chambers_from_difference(d, x, 0.01, unit, unknown(d), state=state)[0]
+        for d, x in zip(np.split(difference, [cut]), np.split(position, [cut]), strict=True)
+    ]
+    np.testing.assert_array_equal(np.concatenate(parts), whole)
+
+
+def test_noise_lifts_nothing() -> None:
+    """Peaks of a noisy sensor would lift the mean by their height for as long as the drain takes."""
+    unit, rng = Unit.load("axis_a"), np.random.default_rng(6)
+    unit.pump.case_leakage = 0.0
+    noisy = 1e6 + rng.normal(0.0, 2e4, 500)
+    still = np.zeros(500)
+    tank = np.full(500, unit.accumulator.charge_pressure)
+    true = tank + 0.5e6 - unit.accumulator.refeed_cracking_pressure
+    plain, _ = chambers_from_difference(noisy, still, 0.01, unit, tank)
+    told, _ = chambers_from_difference(noisy, still, 0.01, unit, tank, noise=np.full(500, 2e4))
+    np.testing.assert_allclose(plain[250:] - told[250:], 0.5 * 2e4, rtol=0.01)
+    assert np.mean(told[250:] - true[250:]) < 2.5e4
