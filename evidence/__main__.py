@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import typer
 
-from evidence.commands.diagnosis import budget, disturbed, identification, left_out
+from evidence.commands.diagnosis import budget, disturbed, identification, left_out, scales
 from evidence.commands.estimators import estimators
 from evidence.commands.house import house
 from evidence.commands.load import load
@@ -27,6 +27,7 @@ for command in (
     left_out,
     budget,
     identification,
+    scales,
     load,
     soak,
     troubles,

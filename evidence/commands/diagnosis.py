@@ -53,6 +53,13 @@ def budget(
     _told(room.budget, room.table, dataset, model=model, workers=workers, engine=engine)
 
 
+def scales(dataset: DatasetArgument, workers: WorkersOption = None, engine: EngineOption = "local") -> None:
+    """Read healthy logs in wrong units of measure: which are refused or warned of, and which sound ones."""
+    from evidence.diagnosis import scales as room
+
+    _told(room.scales, room.table, dataset, what="checking", workers=workers, engine=engine)
+
+
 def identification(
     dataset: DatasetArgument, workers: WorkersOption = None, engine: EngineOption = "local"
 ) -> None:

@@ -29,8 +29,6 @@ TAIL_FROM = 0.7
 """Quantile of healthy logs' peaks from which on they are their tail."""
 LASTING_S = 120.0
 """s of a healthy log from which on it stands for hours of work."""
-USUAL_PRIOR = 0.2
-"""Share of the logs that are handed in for a diagnosis that is faulty; assumed."""
 LEAST_LOGS = 8
 """Healthy, and faulty, logs below which nothing is learnt."""
 
@@ -132,7 +130,7 @@ def learnt(logs: list[ScoredLog], data: str) -> Model:
     unseen = max(1.0 - (1.0 - missed) / max(1.0 - hidden, 1e-3), 0.0)
     doubts = np.array([x.doubt for x in logs if np.isfinite(x.doubt)])
     calibration = Calibration(
-        midpoint=round(float(midpoint), 3), slope=round(slope, 4), unseen=round(unseen, 3), prior=USUAL_PRIOR,
+        midpoint=round(float(midpoint), 3), slope=round(slope, 4), unseen=round(unseen, 3),
         severity_doubt=round(float(np.quantile(doubts, 0.8)), 3) if doubts.size >= LEAST_LOGS else 0.15,
     )  # fmt: skip
     taught = tuple(sorted({name for x in logs for name in x.faults}))

@@ -68,7 +68,7 @@ def diagnose(
             min=0.001,
             max=0.999,
             show_default=False,
-            help="Share of such logs that is faulty, before they are looked at; the model's else (0.2 as "
+            help="Share of such logs that is faulty, before they are looked at; the model's else (0.5 as "
             "shipped). A fault is answered where it is then likelier than not.",
         ),
     ] = None,

@@ -206,7 +206,7 @@ def _force(q: Quantities) -> list[Strand]:
     time = q.take["time"]
     velocity = central(q.position) / central(time)
     acceleration = central(velocity) / central(time)
-    v = velocity / 0.05
+    v, late = velocity / 0.05, LAG_S * central(y) / central(time)
     # Viscous friction is a part of the seal's curve: it is worn with it.
     f = unit.friction
     viscous = np.where(velocity > 0.0, f.forward.viscous, f.reverse.viscous) * velocity
@@ -217,7 +217,8 @@ def _force(q: Quantities) -> list[Strand]:
         acceleration / 1.0,
         v,
         v * np.abs(v),
-        LAG_S * central(y) / central(time),
+        late,
+        late * np.abs(v),  # a throttled partner gives way by its oil, the slower the more flows
         np.maximum(friction, 0.0),
         np.minimum(friction, 0.0),
     ])  # fmt: skip
@@ -226,8 +227,8 @@ def _force(q: Quantities) -> list[Strand]:
     sliding = np.abs(q.take["sliding"]) > SLIDING_M_S
     valid = np.isfinite(y) & sliding & (q.take["sliding"] * friction > 0.0)
     # Two rows late, as the acceleration asks for the next two: else the last ones at hand would tell nothing.
-    late = np.roll(np.arange(y.size), 2)
-    return [Strand(y[late], x[late], valid[late])]
+    shifted = np.roll(np.arange(y.size), 2)
+    return [Strand(y[shifted], x[shifted], valid[shifted])]
 
 
 STANDING = 0.02
@@ -362,9 +363,9 @@ BALANCES: dict[str, Balance] = {
         ),
         Balance(
             "force", "the piston's forces",
-            ("load", "spring", "mass", "damping", "throttle", "lag", "friction_forward",
-             "friction_reverse"),
-            _force, cell=5, free=("load", "spring", "mass", "damping", "throttle", "lag"),
+            ("load", "spring", "mass", "damping", "throttle", "lag", "lag_flow",
+             "friction_forward", "friction_reverse"),
+            _force, cell=5, free=("load", "spring", "mass", "damping", "throttle", "lag", "lag_flow"),
             floor=0.1,  # of Coulomb friction: trials scatter by 9 % (thesis Table 5.1)
         ),
         Balance(

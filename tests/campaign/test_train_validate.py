@@ -63,7 +63,7 @@ def test_the_threshold_is_passed_at_the_rate_asked_for(rate: float) -> None:
 
 def test_probabilities_are_those_of_even_odds_before_the_log() -> None:
     """Bayes on the densities drawn from: a log of either kind is as likely before its score is known."""
-    calibration = learnt(drawn(), "made up").with_prior(0.5).calibration
+    calibration = learnt(drawn(), "made up").calibration
     for score in (2.0, 4.0, 6.0, 10.0):
         healthy, faulty = np.exp(-score / 2.0) / 2.0, np.exp(-score / 12.0) / 12.0
         right = faulty / (healthy + faulty)
@@ -75,7 +75,7 @@ def test_a_quiet_log_does_not_rule_out_faults_that_leave_no_trace() -> None:
     hidden = [scored("leakage", 0.5 * r**2) for r in np.random.default_rng(1).exponential(2.0, 500)]
     clear = [scored("leakage", 0.5 * r**2) for r in 20.0 + np.random.default_rng(2).exponential(12.0, 1000)]
     healthy = [x for x in drawn() if x.family == "healthy"]
-    calibration = learnt(healthy + hidden + clear, "made up").with_prior(0.5).calibration
+    calibration = learnt(healthy + hidden + clear, "made up").calibration
     assert calibration.probability(0.1) == pytest.approx(0.25, abs=0.02)
     assert calibration.probability(0.5 * 25.0**2) > 0.95
 
