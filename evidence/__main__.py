@@ -6,9 +6,7 @@ import typer
 
 from evidence.commands.diagnosis import budget, disturbed, identification, left_out, scales
 from evidence.commands.estimators import estimators
-from evidence.commands.house import house
 from evidence.commands.load import load
-from evidence.commands.mutations import mutations
 from evidence.commands.plant import plant
 from evidence.commands.soak import soak
 from evidence.commands.thesis import thesis
@@ -31,8 +29,6 @@ for command in (
     load,
     soak,
     troubles,
-    house,
-    mutations,
 ):
     app.command()(command)
 
