@@ -178,6 +178,7 @@ class RowMaker:
             if a in starts:
                 yield self.push(None)
                 self.hop = -1
+                self._hidden[0] = np.nan  # meanwhile the case drain has let the mean down
             yield self.push(samples.rows(a, b))
 
     def rest(self) -> tuple[int, Array]:
@@ -285,13 +286,10 @@ class RowMaker:
         return out
 
     def _chambers(self, rows: Array) -> None:
-        """Fill the chambers' mean pressure where only their difference is measured."""
+        """Fill the chambers' mean pressure by their difference, for logs that measure no more."""
         difference, accumulator, celsius = (
             rows[:, COLUMNS[n]] for n in ("pressure_difference", "pressure_accumulator", "temperature")
         )
-        measured = np.isfinite(rows[:, [COLUMNS["pressure_1"], COLUMNS["pressure_2"]]]).all(axis=1)
-        if not np.any(np.isfinite(difference) & ~measured):
-            return
         there = np.isfinite(accumulator)
         latest = np.maximum.accumulate(np.where(there, np.arange(there.size), -1))
         tank = np.where(latest >= 0, accumulator[latest], self._tank)

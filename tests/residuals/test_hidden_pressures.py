@@ -9,6 +9,8 @@ from numpy.typing import NDArray
 from fdd.plant.scenario import Recording, Scenario
 from fdd.plant.simulate import simulate
 from fdd.residuals.hidden_pressures import chambers_from_difference
+from fdd.residuals.rows import COLUMNS, RowMaker
+from fdd.samples import Samples
 from fdd.unit import Unit
 
 
@@ -107,3 +109,30 @@ def test_noise_lifts_nothing() -> None:
     told, _ = chambers_from_difference(noisy, still, 0.01, unit, tank, noise=np.full(500, 2e4))
     np.testing.assert_allclose(plain[250:] - told[250:], 0.5 * 2e4, rtol=0.01)
     assert np.mean(told[250:] - true[250:]) < 2.5e4
+
+
+@pytest.mark.parametrize("step", [900, 2500, 7001])
+def test_rows_do_not_depend_on_blocks_where_sensors_come_and_go(step: int) -> None:
+    """Chambers and accumulator are measured in parts of a log alone; the mean is followed all along, and anew
+    after a pause in which the drain has let it down."""
+    unit, rng = Unit.load("axis_a"), np.random.default_rng(8)
+    time = np.concatenate([np.arange(20_000), np.arange(60_000, 70_000)]) * 1e-3
+    difference = 1e5 * np.cumsum(rng.normal(0.0, 0.05, time.size))
+    columns = {
+        "position": 0.01 * np.sin(time), "pump_angle": 30.0 * np.sin(time), "pressure_difference": difference,
+        "pressure_1": np.where(time < 8.0, 9e5, np.nan), "pressure_2": np.where(time < 8.0, 6e5, np.nan),
+        "pressure_accumulator": np.where(time < 5.0, 4e5, np.nan),
+    }  # fmt: skip
+    log = Samples(time, columns)
+
+    def mean(blocks: list[Samples]) -> NDArray[np.float64]:
+        maker = RowMaker(unit)
+        parts = [rows for block in blocks for _, rows in maker.stretches(block)]
+        return np.concatenate([*parts, maker.push(None)[1]])[:, COLUMNS["mean_pressure"]]
+
+    whole = mean([log])
+    blocks = [log.rows(a, min(a + step, len(log))) for a in range(0, len(log), step)]
+    np.testing.assert_array_equal(mean(blocks), whole)
+    again = np.flatnonzero(np.isfinite(whole))[2000]
+    lower = whole[again] - 0.5 * abs(np.mean(difference[20_000:20_010]))
+    assert lower == pytest.approx(4e5, abs=1e3)
