@@ -10,8 +10,8 @@ from fdd.faults.signature import Columns, Healthy, Signature
 
 
 def _columns(side: int, unit: Healthy) -> Columns:
-    # Pressure below the accumulator's, over the relief setting.
-    return {"refeed": {f"drop_{side}": 0.05}}
+    # Pressure below the accumulator's, measured or by its charge, over the relief setting.
+    return {"refeed": {f"drop_{side}": 0.05, f"low_{side}": 0.05}}
 
 
 FAULT = Fault(

@@ -13,7 +13,8 @@ volume         s(D Δθ - A Δx) of each chamber that no valve feeds (thesis eqs
 force          A_1 p_1 - A_2 p_2, by load and friction (eq. 3.30 and 5.12), over Coulomb friction
 torque         motor current by shaft torque, friction and inertia (eq. 4.10), over that at relief pressure
 coherence      measured Δp by p_1 and p_2: lines and sensors, over relief pressure
-refeed         p_c - p_i of the side that is fed: its check valve's drop, over relief pressure
+refeed         p_c - p_i of the side that is fed: its check valve's drop, over relief pressure; where p_c is
+               not measured, how far the lower side is below charge pressure
 reservoir      gas of the accumulator and oil in the chambers: what left the circuit, in its gas volume
 =============  ==========================================================================================
 """
@@ -211,8 +212,10 @@ def _force(q: Quantities) -> list[Strand]:
     f = unit.friction
     viscous = np.where(velocity > 0.0, f.forward.viscous, f.reverse.viscous) * velocity
     friction = (q.take["friction"] + viscous) / scales.friction
+    measured = np.nan_to_num(q.take["load_force"]) / scales.friction
     x = np.column_stack([
         np.ones_like(y),
+        measured,
         q.position / (0.25 * unit.cylinder.stroke),
         acceleration / 1.0,
         v,
@@ -303,6 +306,9 @@ def _coherence(q: Quantities) -> list[Strand]:
 
 def _refeed(q: Quantities) -> list[Strand]:
     out = []
+    # Without its sensor the accumulator's pressure is a level that both sides have in common: what differs
+    # between them, or begins on one, is a valve's.
+    known, hidden = (flags.astype(np.float64) for flags in (q.accumulator_measured, ~q.accumulator_measured))
     for side, sign, p, other, area in (
         (1, 1.0, q.p1, q.p2, q.unit.cylinder.area_1),
         (2, -1.0, q.p2, q.p1, q.unit.cylinder.area_2),
@@ -311,11 +317,11 @@ def _refeed(q: Quantities) -> list[Strand]:
         rod = sign * (area - 0.5 * (q.unit.cylinder.area_1 + q.unit.cylinder.area_2))
         inflow = np.maximum(rod * q.velocity, 0.0) / (q.unit.pump.displacement * q.scales.speed)
         s1, s2 = float(side == 1), float(side == 2)
-        one = np.ones_like(y)
-        x = np.column_stack([one * s1, one * s2, inflow * s1, inflow * s2])
+        x = np.column_stack([
+            known * s1, known * s2, known * inflow * s1, known * inflow * s2, hidden, hidden * s1, hidden * s2,
+        ])  # fmt: skip
         low = (p < other - 0.02 * q.scales.pressure) & (p < q.accumulator + VALVE_MARGIN_PA)
-        # Without the accumulator's pressure nobody knows which chamber it feeds.
-        out.append(Strand(y, x, low & q.chambers_measured & q.accumulator_measured))
+        out.append(Strand(y, x, low & q.chambers_measured))
     return out
 
 
@@ -363,9 +369,10 @@ BALANCES: dict[str, Balance] = {
         ),
         Balance(
             "force", "the piston's forces",
-            ("load", "spring", "mass", "damping", "throttle", "lag", "lag_flow",
+            ("load", "load_measured", "spring", "mass", "damping", "throttle", "lag", "lag_flow",
              "friction_forward", "friction_reverse"),
-            _force, cell=5, free=("load", "spring", "mass", "damping", "throttle", "lag", "lag_flow"),
+            _force, cell=5,
+            free=("load", "load_measured", "spring", "mass", "damping", "throttle", "lag", "lag_flow"),
             floor=0.1,  # of Coulomb friction: trials scatter by 9 % (thesis Table 5.1)
         ),
         Balance(
@@ -378,7 +385,8 @@ BALANCES: dict[str, Balance] = {
             ("zero", "gain_1", "gain_2", "line", "line_square"), _coherence, viscous=("line",),
         ),
         Balance(
-            "refeed", "the refeeding", ("drop_1", "drop_2", "flow_1", "flow_2"), _refeed, settle=8,
+            "refeed", "the refeeding",
+            ("drop_1", "drop_2", "flow_1", "flow_2", "low", "low_1", "low_2"), _refeed, settle=8,
         ),
         Balance(
             "reservoir", "the accumulator's oil",

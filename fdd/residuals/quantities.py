@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from fdd.measures import ATMOSPHERE_PA
 from fdd.residuals.hidden_pressures import needs_pilots
 from fdd.residuals.rows import COLUMNS, HOP_ROWS
 from fdd.residuals.viscosity import viscosity_ratio
@@ -108,7 +109,12 @@ class Quantities:
         known = np.where(latest >= 0, accumulator[latest], accumulator_before)
         self.accumulator_before = float(known[-1])
         self.accumulator_measured = _of_late(there)
-        known = np.where(np.isfinite(known), known, unit.accumulator.charge_pressure)
+        # Never measured: its gas takes what room a single rod leaves.
+        tank, cylinder = unit.accumulator, unit.cylinder
+        rod = (cylinder.area_1 - cylinder.area_2) * np.nan_to_num(self.position)
+        gas = tank.gas_volume / np.maximum(tank.gas_volume + rod, 0.1 * tank.gas_volume)
+        resting = (tank.charge_pressure + ATMOSPHERE_PA) * gas - ATMOSPHERE_PA
+        known = np.where(np.isfinite(known), known, resting)
         self.accumulator = np.where(self.accumulator_measured, accumulator, known)
         self.p1, self.p2 = take["pressure_1"], take["pressure_2"]
         self.noise = {1: take["pressure_1_noise"], 2: take["pressure_2_noise"]}

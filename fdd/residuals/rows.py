@@ -57,7 +57,7 @@ STOP_S = 600.0
 
 FAST = (
     "command", "pump_angle", "pump_speed", "position", "pressure_difference", "pressure_1", "pressure_2",
-    "pressure_accumulator", "motor_current",
+    "pressure_accumulator", "motor_current", "load_force",
 )  # fmt: skip
 DERIVED = ("friction", "sliding", "temperature", "time", "gas_heat", "warming", "mean_pressure")
 NOISY = ("pressure_difference", "pressure_1", "pressure_2")

@@ -348,3 +348,16 @@ def test_a_lost_accumulator_sensor_is_no_second_fault(unit: Unit, fails: float) 
     pipeline = Pipeline(unit, keep_trajectories=False)
     pipeline.push(log)
     assert [f.fault for f in pipeline.finish().faults] == ["sensor_dropout"]
+
+
+@pytest.mark.parametrize(("severity", "faults"), [(0.0, []), (1.0, ["check_valve_clogged"])])
+def test_a_clogged_valve_shows_without_an_accumulator_sensor(
+    unit: Unit, severity: float, faults: list[str]
+) -> None:
+    """The lower chamber falls below what any healthy log's has been at."""
+    fault = {"fault": "check_valve_clogged", "severity": severity, "side": 2, "onset": 15.0}
+    scenario = Scenario(duration=40.0, load={"name": "constant"}, faults=[fault] if severity else [], seed=4)
+    log = simulate(unit, scenario).samples
+    hidden = Samples(log.time, {n: log[n] for n in log.channels if n != "pressure_accumulator"})
+    found = pushed(unit, hidden, []).finish()
+    assert [f.fault for f in found.faults] == faults

@@ -226,3 +226,17 @@ def test_friction_is_told_beside_a_mass_whose_pressures_lag() -> None:
             assert c["friction_reverse"] == pytest.approx(1.0, abs=0.15)
             lags.append(c["lag"])
         assert lags[1] - lags[0] == pytest.approx(-1.0, abs=0.1)
+
+
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+def test_a_load_cell_tells_gusts_from_friction_whichever_way_it_counts(sign: float) -> None:
+    unit = Unit.load("axis_a")
+    run = simulate(unit, Scenario(duration=40.0, load={"name": "gust"}, seed=1))
+    log, noise = run.samples, np.random.default_rng(1).normal(0.0, 20.0, len(run.samples))
+    force = sign * (1.005 * np.interp(log.time, run.truth.time, run.truth["load_force"]) + 20.0 + noise)
+    samples = Samples(log.time, {**{n: log[n] for n in log.channels}, "load_force": force})
+    found = coefficients(ledger_of(samples, unit, effects_of(unit)), "force")
+    c = dict(zip(BALANCES["force"].columns, found.tolist(), strict=True))
+    assert c["load_measured"] == pytest.approx(sign / 1.005, abs=0.02)
+    assert c["friction_forward"] == pytest.approx(1.0, abs=0.12)
+    assert c["friction_reverse"] == pytest.approx(1.0, abs=0.12)
