@@ -318,7 +318,8 @@ def _refeed(q: Quantities) -> list[Strand]:
         inflow = np.maximum(rod * q.velocity, 0.0) / (q.unit.pump.displacement * q.scales.speed)
         s1, s2 = float(side == 1), float(side == 2)
         x = np.column_stack([
-            known * s1, known * s2, known * inflow * s1, known * inflow * s2, hidden, hidden * s1, hidden * s2,
+            known * s1, known * s2, known * inflow * s1, known * inflow * s2,
+            hidden, hidden * s1, hidden * s2,
         ])  # fmt: skip
         low = (p < other - 0.02 * q.scales.pressure) & (p < q.accumulator + VALVE_MARGIN_PA)
         out.append(Strand(y, x, low & q.chambers_measured))
