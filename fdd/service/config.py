@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import ipaddress
+import re
 from pathlib import Path
 from typing import Annotated, Any, Literal, Self
 from urllib.parse import urlsplit
 
-from pydantic import Field, ValidationError, model_validator
+from pydantic import Field, ValidationError, field_validator, model_validator
 
 from fdd.bounds import MAX_SERVE_BYTES
 from fdd.service.config_sources import (
@@ -55,10 +56,7 @@ class Listen(Part):
 class MqttOutput(Broker):
     """States, alarms and findings published to a broker, on topics below `prefix`."""
 
-    prefix: Annotated[str, Field(min_length=1, max_length=200, pattern=r"^[^+#\x00]+$")] = "fdd"
-
-
-EventKind = Literal["finding", "alarm", "status", "quality", "axis"]
+    prefix: Annotated[str, Field(min_length=1, max_length=200, pattern=r"^[^+#\x00/$][^+#\x00]*$")] = "fdd"
 
 
 class Webhook(Part):
@@ -66,14 +64,16 @@ class Webhook(Part):
 
     url: str
     secret_file: ConfigPath | None = None
-    kinds: tuple[EventKind, ...] = ("finding", "alarm")
+    kinds: tuple[Literal["finding", "alarm"], ...] = ("finding", "alarm")
 
-    @model_validator(mode="after")
-    def _http(self) -> Self:
-        parts = urlsplit(self.url)
-        if parts.scheme not in ("http", "https") or not parts.hostname:
-            raise ValueError(f"url {self.url!r} is no address of http or https")
-        return self
+    @field_validator("url")
+    @classmethod
+    def _http(cls, url: str) -> str:
+        parts = urlsplit(url)
+        usable = parts.scheme in ("http", "https") and parts.hostname and parts.port != 0
+        if not usable or parts.username or parts.fragment or re.search(r"[^\x21-\x7e]", url):
+            raise ValueError("no address of http or https without user, fragment and blanks")
+        return url
 
 
 class Recording(Part):
@@ -148,7 +148,6 @@ class Serve(Part):
     state : folder of what the service keeps.
     store : URL of a database; a file in `state` where none is given.
     units : folder of profiles, or profile by axis. fallback : profile of axes that have none.
-    maps : folder of channel maps that a log sent for a diagnosis may name.
     learn_minutes : of work by which the baseline of a profile without one is learnt.
     model : of the decision; the shipped one where none is given.
     shards : into which the axes are divided with ``--engine ray``.
@@ -166,7 +165,6 @@ class Serve(Part):
     store: str | None = None
     units: ConfigPath | dict[AxisName, str] | None = None
     fallback: str | None = None
-    maps: ConfigPath | None = None
     learn_minutes: Annotated[float, Field(ge=5, le=10080)] = 60.0
     model: ConfigPath | None = None
     shards: Annotated[int, Field(ge=1, le=256)] = 4

@@ -216,7 +216,7 @@ def test_a_store_whose_answer_is_lost_has_nothing_twice(
         fleet.keep()
         sums = [r["n"] for r in store.rollups("A1", "leakage", "minute")]
         sent = [(p.kind, p.body["axis"] if p.kind == "finding" else "") for p in store.outbox(99, "there")]
-        return told(store), sums, sent, store.quality("A1"), store.journal("A1"), fleet
+        return told(store), sums, sent, store.journal("A1"), fleet
 
     whole = worked(f"sqlite:///{tmp_path / 'whole.db'}")
     tries = count()

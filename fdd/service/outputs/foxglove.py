@@ -6,7 +6,7 @@ import threading
 from collections import deque
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,7 +23,8 @@ from fdd.logs.mcap_writing import (
 )
 from fdd.logs.protobuf_rows import layout
 from fdd.samples import Samples
-from fdd.service.outputs.doors import Bus, Event
+from fdd.service.bus import Bus, Event
+from fdd.service.config import FoxgloveOutput
 from fdd.service.outputs.recording import begins, plain, trajectories, wall_offset
 
 BAND_S = 0.05
@@ -31,15 +32,6 @@ BAND_S = 0.05
 MOST_WAITING = 2000
 """Blocks that wait; then the oldest are lost and counted."""
 LOOK_S = 0.1
-
-
-class FoxgloveSettings(Protocol):
-    """Of the configuration, `outputs: foxglove`."""
-
-    @property
-    def host(self) -> str: ...
-    @property
-    def port(self) -> int: ...
 
 
 @dataclass
@@ -56,7 +48,7 @@ class Foxglove:
 
     Parameters
     ----------
-    settings : where it listens, at once. bus : of alarms and statuses.
+    config : where it listens, at once. bus : of alarms and statuses.
 
     Attributes
     ----------
@@ -65,14 +57,9 @@ class Foxglove:
     Raises
     ------
     InputError : the package is missing, or the port is taken.
-
-    Examples
-    --------
-    >>> foxglove = Foxglove(settings, bus)  # doctest: +SKIP
-    >>> foxglove.push("A1", samples)  # doctest: +SKIP
     """
 
-    def __init__(self, settings: FoxgloveSettings, bus: Bus) -> None:
+    def __init__(self, config: FoxgloveOutput, bus: Bus) -> None:
         where = "outputs: foxglove"
         try:
             import foxglove
@@ -81,7 +68,7 @@ class Foxglove:
                 "needs the package foxglove-sdk", where=where, mend="install fdd[foxglove]"
             ) from None
         self._sdk, self._bus, self._context = foxglove, bus, foxglove.Context()
-        address = {"host": settings.host, "port": settings.port}
+        address = {"host": config.host, "port": config.port}
         try:
             self._server = foxglove.start_server(name="fdd", context=self._context, **address)
         except RuntimeError as error:
@@ -114,7 +101,7 @@ class Foxglove:
         while not stop.wait(LOOK_S):
             try:
                 self._take()
-                while event := events.get(0.0):
+                while event := events.get():
                     self._tell(event)
             except Exception as error:  # one axis's trouble must not end it for all others
                 self.last_error = f"{type(error).__name__}: {error}"
