@@ -3,60 +3,75 @@
 from __future__ import annotations
 
 import threading
-from collections.abc import Callable
+import time
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import replace
 from typing import Any
 
 from fdd.errors import InputError
+from fdd.samples import Samples
 from fdd.service.blocks import Block, Decoder, nothing
+from fdd.service.config_sources import AnySource, source_name
 
 Put = Callable[[Block], None]
 
 
-class Intake:
-    """Counts and hands on what one source receives; from any thread.
+class Source:
+    """One source; it runs in threads of its own, and counts what it receives.
 
     Parameters
     ----------
-    name : of the source. decoder : of its messages. unit : profile of blocks that name none.
-
-    Examples
-    --------
-    >>> intake = Intake("rig")
-    >>> intake.refuse(InputError("not a block"))
-    >>> intake.status()["refused"], intake.status()["last_error"]
-    (1, 'not a block')
+    config : its part of `serve.yaml`. decoder : of its messages, where it has any.
     """
 
-    def __init__(self, name: str, decoder: Decoder | None = None, unit: str | None = None) -> None:
-        self.name, self.decoder, self._unit = name, decoder or Decoder(), unit
-        self.put: Put = _nowhere
+    def __init__(self, config: AnySource, decoder: Decoder | None = None) -> None:
+        self.name, self._unit = source_name(config), config.unit
+        self._decoder = decoder or Decoder()
+        self._put: Put
         self._lock = threading.Lock()
         self._counts = {"received": 0, "refused": 0, "reconnects": 0}
         self._state: dict[str, Any] = {"connected": False, "last_error": None}
         self._ignored: dict[str, None] = {}
 
-    def start(self, put: Put, target: Callable[..., None], *args: Any) -> None:
-        """Run the source's own thread, which hands blocks to `put`; with it the connection ends."""
-        self.put = put
-        self.spawn(target, *args, ended=lambda: self.set(connected=False))
+    def start(self, put: Put, stop: threading.Event) -> None:
+        """Begin to put blocks, until `stop` is set; returns at once.
 
-    def spawn(self, target: Callable[..., None], *args: Any, ended: Callable[[], None] = nothing) -> None:
+        Raises
+        ------
+        InputError : it cannot even begin: a port that is taken, a password file that is missing.
+        """
+        self._put = put
+        self._begin(stop)
+
+    def _begin(self, stop: threading.Event) -> None:
+        raise NotImplementedError
+
+    def status(self) -> dict[str, Any]:
+        """How it stands: `connected`, `received` and `refused` messages, `last_error`, `reconnects`, more."""
+        with self._lock:
+            return {"name": self.name, **self._state, **self._counts, "ignored_columns": list(self._ignored)}
+
+    def _run(self, target: Callable[..., None], *args: Any) -> None:
+        """Run the source's own thread; with it the connection ends."""
+        self._set(connected=True)
+        self._spawn(target, *args, ended=lambda: self._set(connected=False))
+
+    def _spawn(self, target: Callable[..., None], *args: Any, ended: Callable[[], None] = nothing) -> None:
         """Run `target` in a thread; what it raises becomes the last error."""
 
         def run() -> None:
             try:
                 target(*args)
             except InputError as error:
-                self.told(error)
+                self._told(error)
             except Exception as error:  # a fault of fdd; the other sources go on
-                self.told(f"internal error: {type(error).__name__}: {error}")
+                self._told(f"internal error: {type(error).__name__}: {error}")
             finally:
                 ended()
 
         threading.Thread(target=run, daemon=True, name=f"fdd-{self.name}").start()
 
-    def take(self, block: Block) -> None:
+    def _take(self, block: Block) -> None:
         """Hand a block on.
 
         Raises
@@ -65,37 +80,40 @@ class Intake:
         """
         if block.unit is None and self._unit is not None:
             block = replace(block, unit=self._unit)
-        self.put(block)
+        self._put(block)
         with self._lock:
             self._counts["received"] += 1
             for name in block.ignored:
                 if len(self._ignored) < 8:
                     self._ignored[name[:40]] = None
 
-    def refuse(self, error: InputError) -> None:
+    def _take_all(
+        self, axis: str, parts: Iterable[Samples], first: int, window: Window, stop: threading.Event
+    ) -> Iterator[int]:
+        """Hand on blocks that are numbered from `first`, each once there is room for it; their numbers."""
+        for number, rows in enumerate(parts, first):
+            if not window.wait(stop):
+                return
+            told = window.accepted
+            self._take(Block(axis, rows, number, self.name, time.time(), patient=True, accepted=told))
+            yield number
+
+    def _refuse(self, error: InputError) -> None:
         """Count a message that cannot be used."""
-        with self._lock:
-            self._counts["refused"] += 1
-        self.told(error)
+        self._count("refused")
+        self._told(error)
 
-    def told(self, error: object) -> None:
+    def _told(self, error: object) -> None:
         """Keep an error, in one line."""
-        self.set(last_error=" ".join(str(error).split())[:500])
+        self._set(last_error=" ".join(str(error).split())[:500])
 
-    def count(self, name: str) -> None:
-        """Count something of the source's own."""
+    def _count(self, name: str) -> None:
         with self._lock:
             self._counts[name] = self._counts.get(name, 0) + 1
 
-    def set(self, **state: Any) -> None:
-        """Note how the source stands."""
+    def _set(self, **state: Any) -> None:
         with self._lock:
             self._state.update(state)
-
-    def status(self) -> dict[str, Any]:
-        """All of it, as JSON-able values."""
-        with self._lock:
-            return {"name": self.name, **self._state, **self._counts, "ignored_columns": list(self._ignored)}
 
 
 class Window:
@@ -136,7 +154,3 @@ class Window:
         with self._changed:
             while self.waiting and not stop.is_set():
                 self._changed.wait(0.2)
-
-
-def _nowhere(block: Block) -> None:
-    raise RuntimeError("the source was not started")
