@@ -115,11 +115,6 @@ class Action:
     Attributes
     ----------
     who : name that the token carries. until : Unix seconds, where a shelf ends.
-
-    Examples
-    --------
-    >>> Action("acknowledge", 7, "ann", "on my way").kind
-    'acknowledge'
     """
 
     kind: Doing
@@ -379,11 +374,5 @@ def _at(alarm: Alarm, time: float) -> Alarm:
 
 
 def readable(text: str) -> str:
-    """What somebody wrote, without characters that no database or page takes, and not without end.
-
-    Examples
-    --------
-    >>> readable("on my\\x00 way")
-    'on my way'
-    """
+    """What somebody wrote, without characters that no database or page takes, and not without end."""
     return "".join(c for c in text if c.isprintable() or c == "\n")[:LONGEST_NOTE]

@@ -11,13 +11,7 @@ from fdd.service.config_sources import Broker, read_secret
 
 
 def broker_name(config: Broker) -> str:
-    """How error lines call a broker.
-
-    Examples
-    --------
-    >>> broker_name(Broker(host="broker.example.org"))
-    'mqtt broker.example.org:1883'
-    """
+    """How error lines call a broker."""
     return f"mqtt {config.host}:{config.chosen_port}"
 
 
@@ -31,11 +25,6 @@ def broker_client(config: Broker, client_id: str, **more: Any) -> paho.Client:
     Raises
     ------
     InputError : password file, certificate or key cannot be read.
-
-    Examples
-    --------
-    >>> broker_client(Broker(host="broker.example.org"), "sender").is_connected()
-    False
     """
     client = paho.Client(
         paho.CallbackAPIVersion.VERSION2,

@@ -69,16 +69,7 @@ class Subscription:
 
 
 class Bus:
-    """Publish and subscribe, from any thread.
-
-    Examples
-    --------
-    >>> bus = Bus()
-    >>> alarms = bus.subscribe(["alarm"])
-    >>> bus.publish(Event("status", "A1", 5.0, {})); bus.publish(Event("alarm", "A1", 15.0, {"id": 1}))
-    >>> alarms.get()
-    Event(kind='alarm', axis='A1', time=15.0, data={'id': 1})
-    """
+    """Publish and subscribe, from any thread."""
 
     def __init__(self) -> None:
         self._subscriptions: set[Subscription] = set()

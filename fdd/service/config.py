@@ -5,7 +5,7 @@ from __future__ import annotations
 import ipaddress
 import re
 from pathlib import Path
-from typing import Annotated, Any, Literal, Self
+from typing import Annotated, Literal, Self
 from urllib.parse import urlsplit
 
 from pydantic import Field, ValidationError, field_validator, model_validator
@@ -161,7 +161,7 @@ class Serve(Part):
     """
 
     schema_: Literal["fdd.serve/1"] = Field(alias="schema")
-    state: ConfigPath = Path("fdd-state")
+    state: Annotated[ConfigPath, Field(validate_default=True)] = Path("fdd-state")
     store: str | None = None
     units: ConfigPath | dict[AxisName, str] | None = None
     fallback: str | None = None
@@ -214,22 +214,7 @@ class Serve(Part):
         """
         data = yaml_mapping(text, where, "configuration of fdd serve", schema="fdd.serve/1")
         try:
-            return _below(folder, cls.model_validate(data))
+            return cls.model_validate(data, context=folder)
         except ValidationError as error:
             # The tag of the union stands in the place, as in sources.0.mqtt.port.
             raise input_error(error, where, "see fdd schema serve") from None
-
-
-def _below(folder: Path, value: Any) -> Any:
-    """The same with relative paths from `folder`."""
-    if isinstance(value, Path):
-        return folder / value
-    if isinstance(value, Part):
-        return value.model_copy(
-            update={n: _below(folder, getattr(value, n)) for n in type(value).model_fields}
-        )
-    if isinstance(value, dict):
-        return {k: _below(folder, v) for k, v in value.items()}
-    if isinstance(value, list | tuple):
-        return type(value)(_below(folder, v) for v in value)
-    return value

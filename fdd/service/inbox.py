@@ -35,14 +35,6 @@ class Inbox:
     most_seconds : s of data that may wait of one axis. Beyond it the axis's oldest block is dropped, unless
         its sender keeps it until it is accepted (`Block.patient`); the newest block always stays.
     most_bytes : of all that waits. Beyond it the oldest block of the axis that lags most is dropped.
-
-    Examples
-    --------
-    >>> from fdd.samples import Samples
-    >>> inbox = Inbox()
-    >>> inbox.put(Block("A1", Samples([0.0, 0.1], {"position": [0.0, 0.0]}), 0, "test", 0.0))
-    >>> [block.axis for block in inbox.take(timeout=0.0)], inbox.counters()["A1"]["accepted"]
-    (['A1'], 1)
     """
 
     def __init__(self, most_seconds: float = 10.0, most_bytes: int = MOST_BYTES) -> None:

@@ -22,11 +22,6 @@ class Profiles:
     Raises
     ------
     InputError : a profile that is named here cannot be used.
-
-    Examples
-    --------
-    >>> Profiles({"A1": "axis_a"}).find("A1", None).name
-    'axis_a'
     """
 
     def __init__(self, units: Path | dict[str, str] | None = None, fallback: str | None = None) -> None:

@@ -37,15 +37,7 @@ class Bands(BaseModel):
 
 
 class Recent:
-    """What is kept of an axis for its page.
-
-    Examples
-    --------
-    >>> recent = Recent()
-    >>> recent.add(Samples(np.arange(100) / 100, {"position": np.arange(100.0)}))
-    >>> recent.signals().time, recent.signals().high["position"]
-    ([0.0, 0.5], [49.0, 99.0])
-    """
+    """What is kept of an axis for its page."""
 
     def __init__(self) -> None:
         most = round(SPAN_S / LOOK_S)

@@ -17,7 +17,7 @@ import pytest
 
 from fdd.bounds import MAX_BLOCK_BYTES
 from fdd.errors import InputError
-from fdd.service.blocks import decode, encode_arrow, encode_json
+from fdd.service.blocks import Decoder, encode_arrow, encode_json
 from fdd.service.config_sources import StdinSource, TcpSource, UdpSource
 from fdd.service.sources import open_source
 from fdd.service.sources.listening import Datagrams, TcpLines
@@ -213,4 +213,4 @@ def test_the_sender_of_the_manual_sends(taker: Taker, stop: threading.Event) -> 
     until(lambda: taker.numbers() == list(range(20)))
     assert source.status()["refused"] == 0 and len(taker.blocks[0].samples) == 100
     example = page.split("```json\n")[1].split("```")[0]
-    assert decode(example.encode()).samples.time.tolist() == pytest.approx([12.3, 12.301, 12.302])
+    assert Decoder().decode(example.encode()).samples.time.tolist() == pytest.approx([12.3, 12.301, 12.302])

@@ -6,20 +6,7 @@ from typing import Literal
 
 from pydantic import BaseModel, ConfigDict, Field
 
-from fdd.service.alarms import LONGEST_SHELF_S, Alarm
-from fdd.service.status import AxisStatus
-
-
-class Axes(BaseModel):
-    """Every axis as it stands now."""
-
-    axes: list[AxisStatus]
-
-
-class Alarms(BaseModel):
-    """Alarms, the newest first."""
-
-    alarms: list[Alarm]
+from fdd.service.alarms import LONGEST_SHELF_S
 
 
 class AuditRecord(BaseModel):
@@ -32,12 +19,6 @@ class AuditRecord(BaseModel):
     alarm_id: int | None = None
     axis: str | None = None
     note: str = ""
-
-
-class Audit(BaseModel):
-    """Records, the newest first."""
-
-    records: list[AuditRecord]
 
 
 class Span(BaseModel):

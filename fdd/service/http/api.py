@@ -3,7 +3,7 @@
 import math
 import time
 from collections.abc import Callable
-from typing import Annotated, Any
+from typing import Annotated, Any, Literal
 
 import numpy as np
 from fastapi import APIRouter, Depends, HTTPException, Path, Query, Request, Response
@@ -14,22 +14,12 @@ import fdd
 from fdd.errors import InputError
 from fdd.report.decimate import envelope
 from fdd.service.alarms import STATES, Action, Alarm
-from fdd.service.http.answers import (
-    Alarms,
-    Audit,
-    Axes,
-    Health,
-    Login,
-    Note,
-    Problem,
-    Session,
-    Shelf,
-    Trend,
-)
+from fdd.service.http.answers import AuditRecord, Health, Login, Note, Problem, Session, Shelf, Trend
 from fdd.service.http.events import Hub
 from fdd.service.http.tokens import LOCAL, Caller, Role, Tokens
 from fdd.service.life import Each, sentence_of
-from fdd.service.status import AxisDetail, Bands
+from fdd.service.recent import Bands
+from fdd.service.status import AxisDetail, AxisStatus
 from fdd.service.store import Store, StoreTrouble
 
 COOKIE, COOKIE_S = "fdd_token", 12 * 3600
@@ -97,9 +87,9 @@ def router(
         return found
 
     @api.get("/api/axes", dependencies=view)
-    def axes() -> Axes:
+    def axes() -> dict[Literal["axes"], list[AxisStatus]]:
         """Every axis as it stands now."""
-        return Axes(axes=fleet.axes())
+        return {"axes": fleet.axes()}
 
     @api.get("/api/axes/{name:path}/trend", dependencies=view)
     def trend(
@@ -122,13 +112,15 @@ def router(
         return found.model_copy(update={"signals": thinned(found.signals, points)})
 
     @api.get("/api/alarms", dependencies=view)
-    def alarms(state: Annotated[str, Query(max_length=100)] = "", limit: Limit = 1000) -> Alarms:
+    def alarms(
+        state: Annotated[str, Query(max_length=100)] = "", limit: Limit = 1000
+    ) -> dict[Literal["alarms"], list[Alarm]]:
         """Alarms of some states (UNACK,RTNUN), of all, or those that stand."""
         asked = [s for s in state.split(",") if s]
         if set(asked) - {*STATES, "all"}:
             raise HTTPException(400, f"state is all, or of {', '.join(STATES)}")
         found: Any = store.alarms(None if "all" in asked else asked or STANDING, limit=limit)
-        return Alarms(alarms=found)
+        return {"alarms": found}
 
     def act(action: Action) -> Alarm:
         if store.alarm(action.alarm_id) is None:
@@ -157,10 +149,12 @@ def router(
         return act(Action("unshelve", id, who.name, body.note))
 
     @api.get("/api/audit", dependencies=view)
-    def audit(alarm: Annotated[int | None, Query(ge=0, lt=1 << 63)] = None, limit: Limit = 200) -> Audit:
+    def audit(
+        alarm: Annotated[int | None, Query(ge=0, lt=1 << 63)] = None, limit: Limit = 200
+    ) -> dict[Literal["records"], list[AuditRecord]]:
         """What was done by whom, the newest first; of one alarm, or of all."""
         found: Any = store.audit(alarm_id=alarm or None, limit=limit)
-        return Audit(records=found)
+        return {"records": found}
 
     @api.get("/api/health", response_model_exclude_none=True)
     def health_(known: Known) -> Health:

@@ -29,13 +29,7 @@ class Caller:
     role: Role
 
     def may(self, role: Role) -> bool:
-        """Whether the caller's role includes `role`.
-
-        Examples
-        --------
-        >>> Caller("ann", "acknowledge").may("view"), Caller("ann", "acknowledge").may("admin")
-        (True, False)
-        """
+        """Whether the caller's role includes `role`."""
         return ROLES.index(self.role) >= ROLES.index(role)
 
 
@@ -44,27 +38,13 @@ LOCAL = Caller("local", "admin")
 
 
 def new_token(name: str, role: str) -> tuple[str, str]:
-    """A token, to be told to its owner once, and its line for the file of tokens.
-
-    Examples
-    --------
-    >>> token, line = new_token("ann", "view")
-    >>> len(token), line.split()[:2]
-    (43, ['ann', 'view'])
-    """
+    """A token, to be told to its owner once, and its line for the file of tokens."""
     token = secrets.token_urlsafe(32)
     return token, f"{name} {role} {hashlib.sha256(token.encode()).hexdigest()}"
 
 
 class Tokens:
-    """The known tokens, of which only hashes are kept.
-
-    Examples
-    --------
-    >>> token, line = new_token("ann", "view")
-    >>> Tokens.parse(line).caller(token), Tokens.parse(line).caller("guess")
-    (Caller(name='ann', role='view'), None)
-    """
+    """The known tokens, of which only hashes are kept."""
 
     def __init__(self, known: Sequence[tuple[bytes, Caller]]) -> None:
         self._known = tuple(known)

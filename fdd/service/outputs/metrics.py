@@ -53,12 +53,6 @@ class Metrics(Collector):
     ----------
     axes : the fleet's `axes`. alarms : gives the alarms that stand.
     outputs : `Outputs.status`. sources : the fleet's. store_errors : how often the store failed so far.
-
-    Examples
-    --------
-    >>> body, content_type = Metrics(lambda: [], lambda: [], dict, dict, lambda: 0)()
-    >>> "fdd_axes 0.0" in body.decode(), content_type.split(";")[0]
-    (True, 'text/plain')
     """
 
     def __init__(

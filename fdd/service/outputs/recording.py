@@ -45,13 +45,7 @@ def plain(axis: str) -> str:
 
 
 def begins(transition: Mapping[str, Any]) -> bool:
-    """Whether an alarm's transition is one that is recorded: it is raised, or raised again.
-
-    Examples
-    --------
-    >>> begins({"action": "ACKNOWLEDGED"})
-    False
-    """
+    """Whether an alarm's transition is one that is recorded: it is raised, or raised again."""
     return transition["action"] in ("RAISED", "RERAISED")
 
 

@@ -53,11 +53,5 @@ class Replays(Source):
 
 
 def rows_of(samples: Samples) -> int:
-    """Rows of a block of `LARGEST_S`.
-
-    Examples
-    --------
-    >>> rows_of(Samples([0.0, 0.01, 0.02], {}))
-    100
-    """
+    """Rows of a block of `LARGEST_S`."""
     return max(1, round(LARGEST_S / nominal_period(samples.time))) if len(samples) > 1 else 1

@@ -117,16 +117,7 @@ class Source:
 
 
 class Window:
-    """How many blocks may be on their way: a source that can wait does, until the fleet has stored some.
-
-    Examples
-    --------
-    >>> window, stop = Window(1), threading.Event()
-    >>> window.wait(stop), window.waiting
-    (True, 1)
-    >>> window.accepted(); window.waiting
-    0
-    """
+    """How many blocks may be on their way: a source that can wait does, until the fleet has stored some."""
 
     def __init__(self, most: int) -> None:
         self._most = most

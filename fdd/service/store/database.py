@@ -83,11 +83,6 @@ def connect(url: str, busy_timeout: float = BUSY_TIMEOUT_S, existing: bool = Fal
     Raises
     ------
     InputError : not such a URL, no driver, or a damaged file. StoreTrouble : not to be reached now.
-
-    Examples
-    --------
-    >>> engine, where = connect("sqlite:///fdd.db"); where; engine.dispose()
-    'fdd.db'
     """
     try:
         parsed = make_url(url)

@@ -62,15 +62,6 @@ class Store:
     Raises
     ------
     InputError : wrong URL, damaged, of another fdd, of another program.
-
-    Examples
-    --------
-    >>> store = Store("sqlite:///fdd.db")
-    >>> with store.transaction() as t:
-    ...     t.axis("A1", wall=1.7e9, unit="axis_a")
-    >>> [axis["name"] for axis in store.axes()]
-    ['A1']
-    >>> store.close()
     """
 
     def __init__(
