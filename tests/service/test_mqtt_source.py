@@ -77,7 +77,7 @@ def connected(source: Source, taker: Taker, stop: threading.Event) -> Source:
 
 def ordered(blocks: list[Block]) -> tuple[Samples, Order]:
     order = Order()
-    return Samples.concatenate([*(order.push(b) for b in blocks), order.flush()]), order
+    return Samples.concatenate([*(order.take([b]) for b in blocks), order.flush()]), order
 
 
 @pytest.mark.parametrize("version", VERSIONS)

@@ -56,7 +56,7 @@ class Rig:
     def stream(self, first: float, last: float, axis: str = "A1", block: float = 0.3) -> None:
         edges = [*np.arange(first, last, block), last]
         for a, b in pairwise(edges):
-            self.recorder.push(axis, signal(a, b))
+            self.recorder.take([axis, signal(a, b)])
             self.work()
 
     def alarm(self, time: float, axis: str = "A1", **given: Any) -> None:
@@ -204,7 +204,7 @@ def test_a_stop_leaves_what_there_is(tmp_path: Path) -> None:
     thread = threading.Thread(target=recorder.run, args=(stop,))
     thread.start()
     for k in range(10):
-        recorder.push("A2", signal(START + k, START + k + 1))
+        recorder.take(["A2", signal(START + k, START + k + 1)])
     until(lambda: "A2" in recorder._axes and not recorder._waiting)
     bus.publish(event("alarm", "A2", START + 10, transition(axis="A2", onset=1.0, detected=2.0)))
     until(lambda: recorder.status()["running"])
@@ -270,7 +270,7 @@ def test_memory_is_bounded(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> N
     assert len(rig.files()) == 1, "a recording ends at the bound"
     assert held() <= 51_000
     for k in range(3000):
-        rig.recorder.push("A1", signal(START + 300 + k, START + 300 + k + 0.05))
+        rig.recorder.take(["A1", signal(START + 300 + k, START + 300 + k + 0.05)])
     rig.work()
     assert rig.recorder.status()["lost_blocks"] == 1000
 

@@ -3,7 +3,7 @@
 import math
 import time
 from collections.abc import Callable
-from typing import Annotated, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import numpy as np
 from fastapi import APIRouter, Depends, HTTPException, Path, Query, Request, Response
@@ -22,6 +22,10 @@ from fdd.service.recent import Bands
 from fdd.service.status import AxisDetail, AxisStatus
 from fdd.service.store import Store, StoreTrouble
 
+if TYPE_CHECKING:
+    from fdd.service.shards import Shards
+    from fdd.service.watch import Watch
+
 COOKIE, COOKIE_S = "fdd_token", 12 * 3600
 """The page's; it ends after a working shift."""
 STANDING = STATES[1:]
@@ -35,7 +39,7 @@ Limit = Annotated[int, Query(ge=1, le=10000)]
 
 
 def router(
-    fleet: Any,
+    fleet: "Watch | Shards",
     store: Store,
     hub: Hub,
     health: Callable[[], dict[str, Any]],
@@ -47,7 +51,7 @@ def router(
 
     Parameters
     ----------
-    fleet : `Fleet` or `Shards`. health : ``status``, ``problems`` and number of ``axes``.
+    health : ``status``, ``problems`` and number of ``axes``.
     metrics : gives the text and its type for Prometheus's Accept header.
     tokens : None lets everybody in as admin. secure : whether the page is reached by TLS.
     """
@@ -81,10 +85,9 @@ def router(
 
     def detail(name: str) -> AxisDetail:
         try:
-            found: AxisDetail = fleet.axis(name)
+            return fleet.axis(name)
         except KeyError:
             raise HTTPException(404, "no such axis") from None
-        return found
 
     @api.get("/api/axes", dependencies=view)
     def axes() -> dict[Literal["axes"], list[AxisStatus]]:
@@ -126,12 +129,11 @@ def router(
         if store.alarm(action.alarm_id) is None:
             raise HTTPException(404, "no such alarm")
         try:
-            done: Alarm = fleet.act(action).alarm
+            return fleet.act(action).alarm
         except StoreTrouble:
             raise
         except InputError as error:
             raise HTTPException(409, str(error)) from None
-        return done
 
     @api.post("/api/alarms/{id}/acknowledge")
     def acknowledge(id: AlarmId, who: Operator, body: Note = Note()) -> Alarm:

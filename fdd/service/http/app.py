@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping
 from importlib import resources
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from fastapi import FastAPI, HTTPException, Request
 from fastapi.exceptions import RequestValidationError
@@ -28,6 +28,10 @@ from fdd.service.http.events import Hub
 from fdd.service.http.tokens import Tokens
 from fdd.service.store import Store, StoreTrouble
 
+if TYPE_CHECKING:
+    from fdd.service.shards import Shards
+    from fdd.service.watch import Watch
+
 PAGE = resources.files("fdd.service.http") / "page"
 MARK = "x-fdd"
 """A header that a form or a link of another site cannot send."""
@@ -44,7 +48,7 @@ HEADERS = {
 
 def web(
     *,
-    fleet: Any,
+    fleet: Watch | Shards,
     store: Store,
     hub: Hub,
     health: Callable[[], dict[str, Any]],
