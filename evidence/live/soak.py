@@ -146,7 +146,7 @@ def lived(plan: Plan, seed: int, folder: Path, progress: Callable[[float], None]
             )
         )  # fmt: skip
         store, fleet, inbox = _opened(path, profile, now)
-    for record in reversed(store.audit(axis=AXIS)):
+    for record in reversed(store.audit()):
         if record["action"] == "RAISED":
             alarm = store.alarm(record["alarm_id"]) or {}
             life.alarms.append(((record["wall"] - START_S) / DAY_S, alarm["fault"], alarm.get("severity")))

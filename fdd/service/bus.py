@@ -8,7 +8,7 @@ from collections.abc import Collection
 from dataclasses import dataclass
 from typing import Any, Literal
 
-Kind = Literal["finding", "alarm", "status", "quality", "axis"]
+Kind = Literal["finding", "alarm", "status", "axis"]
 MOST_EVENTS = 1000
 """That wait for a subscriber."""
 
@@ -40,32 +40,24 @@ class Subscription:
         self._bus, self._kinds = bus, kinds
         self._events: deque[Event] = deque(maxlen=most)
         self._news = threading.Condition()
-        self._closed = False
         self.lost = 0
 
     def get(self, timeout: float = 0.0) -> Event | None:
-        """The oldest event, or None when none came within `timeout` s, or after `close`."""
+        """The oldest event, or None when none came within `timeout` s."""
         with self._news:
-            self._news.wait_for(lambda: self._events or self._closed, timeout)
+            self._news.wait_for(lambda: self._events, timeout)
             return self._events.popleft() if self._events else None
 
     def close(self) -> None:
-        """Hear no more; whoever waits goes on at once."""
+        """Hear no more."""
         self._bus._subscriptions.discard(self)
-        with self._news:
-            self._closed = True
-            self._events.clear()
-            self._news.notify_all()
 
     def _tell(self, event: Event) -> None:
-        if self._kinds is not None and event.kind not in self._kinds:
-            return
-        with self._news:
-            if self._closed:
-                return
-            self.lost += len(self._events) == self._events.maxlen
-            self._events.append(event)
-            self._news.notify()
+        if self._kinds is None or event.kind in self._kinds:
+            with self._news:
+                self.lost += len(self._events) == self._events.maxlen
+                self._events.append(event)
+                self._news.notify()
 
 
 class Bus:

@@ -352,7 +352,7 @@ def test_a_state_of_another_profile_is_put_away(store: Store, log: Samples, tmp_
     other = Fleet(Profiles({"A1": "axis_b"}), Model.load(), store, Bus(), Inbox())
     other.resume()
     assert other.axes()[0].samples == 0
-    assert [a["action"] for a in store.audit(axis="A1")] == ["STATE_DISCARDED"]
+    assert [a["action"] for a in store.audit()] == ["STATE_DISCARDED"]
 
 
 @pytest.mark.slow

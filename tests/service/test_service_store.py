@@ -59,7 +59,7 @@ def test_everything_comes_back_as_it_was_written(store: Store, url: str) -> None
         {"name": "A1", "unit": "axis_a", "profile_sha256": "p", "model_sha256": "m", "first_wall": WALL,
          "last_wall": WALL + 5.0, "last_time": 20.0, "state": "in alarm"}
     ]  # fmt: skip
-    (found,) = again.findings("A1")
+    (found,) = again.findings()
     assert FaultFinding.model_validate(found["body"]) == LEAK
     assert (found["low"], found["high"], found["onset"]) == (0.5, 0.7, 3.0)
     login, audited = again.audit()

@@ -133,19 +133,14 @@ class Store:
         kept = self._rows(select(c.id, c.body).where(or_(c.state != "NORMAL", c.id.in_(last))).order_by(c.id))
         return {"next_id": kept[-1]["id"] + 1 if kept else 1, "alarms": _bodies(kept)}
 
-    def findings(self, axis: str | None = None, since: float = 0.0, limit: int = 1000) -> list[Row]:
-        """Findings of an axis, or of all, from a wall time on, the newest first."""
-        chosen = select(FINDING).where(FINDING.c.wall >= since).order_by(FINDING.c.id.desc()).limit(limit)
-        return self._rows(chosen if axis is None else chosen.where(FINDING.c.axis == axis))
+    def findings(self, limit: int = 1000) -> list[Row]:
+        """Findings, the newest first."""
+        return self._rows(select(FINDING).order_by(FINDING.c.id.desc()).limit(limit))
 
-    def audit(
-        self, alarm_id: int | None = None, axis: str | None = None, since: float = 0.0, limit: int = 1000
-    ) -> list[Row]:
-        """The audit's records from a wall time on, the newest first: of an alarm, of an axis, or all."""
-        chosen = select(AUDIT).where(AUDIT.c.wall >= since).order_by(AUDIT.c.id.desc()).limit(limit)
-        if alarm_id is not None:
-            chosen = chosen.where(AUDIT.c.alarm_id == alarm_id)
-        return self._rows(chosen if axis is None else chosen.where(AUDIT.c.axis == axis))
+    def audit(self, alarm_id: int | None = None, limit: int = 1000) -> list[Row]:
+        """The audit's records, the newest first: of an alarm, or all."""
+        chosen = select(AUDIT).order_by(AUDIT.c.id.desc()).limit(limit)
+        return self._rows(chosen if alarm_id is None else chosen.where(AUDIT.c.alarm_id == alarm_id))
 
     def rollups(self, axis: str, quantity: str, level: str, since: float = 0.0) -> list[Row]:
         """A quantity over the minutes, hours or days (`level`) that begin from a wall time on."""
