@@ -59,7 +59,7 @@ class AxisWatch:
     Parameters
     ----------
     unit : profile. One without a baseline is learnt while nothing is found. hold : s, see `Order`.
-    learn_s : s of work after which a baseline is learnt. record : takes its samples in the order of time.
+    learn_s : s of work after which a baseline is learnt. measured : takes its samples in the order of time.
 
     Attributes
     ----------
@@ -69,9 +69,9 @@ class AxisWatch:
 
     def __init__(
         self, name: str, unit: Unit, model: Model, hold: float = 0.5, learn_s: float = 3600.0,
-        record: Callable[[str, Samples], None] = lambda axis, samples: None,
+        measured: Callable[[Samples], None] = lambda samples: None,
     ) -> None:  # fmt: skip
-        self.name, self.model, self._record = name, model, record
+        self.name, self.model, self._measured = name, model, measured
         self.order = Order(hold)
         self.recent = Recent()
         self.failed: str | None = None
@@ -130,7 +130,7 @@ class AxisWatch:
         if not len(samples) or self.failed is not None:
             return []
         self.samples += len(samples)
-        self._record(self.name, samples)
+        self._measured(samples)
         if len(samples) > 1:
             self.rate_hz = float((len(samples) - 1) / samples.duration)
         looks: list[Look] = []

@@ -8,7 +8,9 @@ from collections.abc import Collection
 from dataclasses import dataclass
 from typing import Any, Literal
 
-Kind = Literal["finding", "alarm", "status", "axis"]
+Kind = Literal["finding", "alarm", "status", "axis", "samples"]
+TOLD: tuple[Kind, ...] = ("finding", "alarm", "status", "axis")
+"""All that is told to the outside as it is; `samples` are an axis's next ones, in the order of time."""
 MOST_EVENTS = 1000
 """That wait for a subscriber."""
 
@@ -19,7 +21,7 @@ class Event:
 
     Attributes
     ----------
-    time : s of the stream's clock. data : JSON-able; nobody changes it.
+    time : s of the stream's clock. data : JSON-able but for `samples`; nobody changes it.
     """
 
     kind: Kind
@@ -36,7 +38,7 @@ class Subscription:
     lost : events that were dropped, as nobody took them in time.
     """
 
-    def __init__(self, bus: Bus, kinds: Collection[Kind] | None, most: int) -> None:
+    def __init__(self, bus: Bus, kinds: Collection[Kind], most: int) -> None:
         self._bus, self._kinds = bus, kinds
         self._events: deque[Event] = deque(maxlen=most)
         self._news = threading.Condition()
@@ -53,7 +55,7 @@ class Subscription:
         self._bus._subscriptions.discard(self)
 
     def _tell(self, event: Event) -> None:
-        if self._kinds is None or event.kind in self._kinds:
+        if event.kind in self._kinds:
             with self._news:
                 self.lost += len(self._events) == self._events.maxlen
                 self._events.append(event)
@@ -66,8 +68,8 @@ class Bus:
     def __init__(self) -> None:
         self._subscriptions: set[Subscription] = set()
 
-    def subscribe(self, kinds: Collection[Kind] | None = None, most: int = MOST_EVENTS) -> Subscription:
-        """A queue of what is published from now on: of some kinds, or of all."""
+    def subscribe(self, kinds: Collection[Kind] = TOLD, most: int = MOST_EVENTS) -> Subscription:
+        """A queue of what is published from now on of some kinds."""
         subscription = Subscription(self, kinds, most)
         self._subscriptions.add(subscription)
         return subscription

@@ -85,7 +85,6 @@ class Fleet:
     ----------
     profiles : of the axes.
     targets : kind of event, and whether people are told, to the targets of its outbox.
-    record : takes each axis's samples as they are worked.
     hold, learn_s : s, see `AxisWatch`. clock : Unix seconds. share : the axes that are its own.
 
     Attributes
@@ -102,7 +101,6 @@ class Fleet:
         inbox: Inbox,
         *,
         targets: Callable[[str, bool], Sequence[str]] = lambda kind, notify: (),
-        record: Callable[[str, Samples], None] = lambda axis, samples: None,
         hold: float = 0.5,
         learn_s: float = 3600.0,
         clock: Callable[[], float] = time.time,
@@ -110,7 +108,7 @@ class Fleet:
     ) -> None:
         self._profiles, self._model = profiles, model
         self._store, self._bus, self._inbox = store, bus, inbox
-        self._targets, self._record = targets, record
+        self._targets = targets
         self._hold, self._learn_s, self._clock = hold, learn_s, clock
         self._share, self._book = share, AlarmBook(ids=(share.number + 1, share.of))
         self._axes: dict[str, AxisWatch] = {}
@@ -175,7 +173,11 @@ class Fleet:
 
     def _new(self, name: str, said: str | None) -> AxisWatch:
         unit = self._profiles.find(name, said)
-        return AxisWatch(name, unit, self._model, self._hold, self._learn_s, self._record)
+
+        def measured(samples: Samples) -> None:
+            self._bus.publish(Event("samples", name, float(samples.time[-1]), {"samples": samples}))
+
+        return AxisWatch(name, unit, self._model, self._hold, self._learn_s, measured)
 
     def _opened(self, name: str, said: str | None) -> AxisWatch:
         watch = self._axes.get(name)

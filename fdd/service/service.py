@@ -60,7 +60,7 @@ class Service:
             self._outputs = Outputs(
                 config.outputs, self._store, self._bus, lambda axis: watch.profile_of(axis)
             )
-            watch = Watch(config, self._store, self._bus, self._outputs.targets, self._outputs.push)
+            watch = Watch(config, self._store, self._bus, self._outputs.targets)
             self.fleet = watch
         self._hub = Hub(self._bus)
         tokens = None if config.tokens is None else Tokens.load(config.tokens)

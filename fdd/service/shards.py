@@ -99,7 +99,7 @@ class Shard:
             store.claim(f"shard {self._share.number}")
             outputs = Outputs(self._config.outputs, store, self._bus, lambda axis: watch.profile_of(axis))
             targets = lambda kind, notify: self._targets[kind, notify]  # noqa: E731
-            watch = self._watch = Watch(self._config, store, self._bus, targets, outputs.push, self._share)
+            watch = self._watch = Watch(self._config, store, self._bus, targets, self._share)
             outputs.start(ended)
             try:
                 watch.run(self._stop)

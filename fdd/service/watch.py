@@ -8,7 +8,6 @@ from collections.abc import Callable, Sequence
 from typing import Any
 
 from fdd.diagnosis.model import Model
-from fdd.samples import Samples
 from fdd.service.bus import Bus
 from fdd.service.config import Serve
 from fdd.service.fleet import Fleet, Share
@@ -26,7 +25,7 @@ class Watch(Fleet):
 
     Parameters
     ----------
-    config : the file. targets : see `Fleet`. record : takes the samples. share : the axes that are watched.
+    config : the file. targets : see `Fleet`. share : the axes that are watched.
 
     Raises
     ------
@@ -39,12 +38,12 @@ class Watch(Fleet):
 
     def __init__(
         self, config: Serve, store: Store, bus: Bus, targets: Callable[[str, bool], Sequence[str]],
-        record: Callable[[str, Samples], None], share: Share = Share(),
+        share: Share = Share(),
     ) -> None:  # fmt: skip
         inbox = Inbox(config.limits.inbox_seconds, config.limits.inbox_bytes)
         super().__init__(
             Profiles(config.units, config.fallback), Model.load(config.model), store, bus, inbox,
-            targets=targets, record=record,
+            targets=targets,
             hold=config.limits.hold, learn_s=60.0 * config.learn_minutes, share=share,
         )  # fmt: skip
         self.began = threading.Event()

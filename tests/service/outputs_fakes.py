@@ -8,6 +8,7 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
+from fdd.samples import Samples
 from fdd.service.bus import Event
 from fdd.service.store import OutboxMessage, Store
 
@@ -27,6 +28,10 @@ def sent(store: Store, kind: str, body: Mapping[str, Any], target: str) -> int:
 
 def event(kind: Any, axis: str, time: float, data: dict[str, Any]) -> Event:
     return Event(kind, axis, time, data)
+
+
+def measured(axis: str, samples: Samples) -> Event:
+    return Event("samples", axis, float(samples.time[-1]), {"samples": samples})
 
 
 def finding(onset: float = 3.0, detected: float = 15.0) -> dict[str, Any]:

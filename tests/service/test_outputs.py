@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from outputs_fakes import event, finding, free_port, opened, sent, transition, until
+from outputs_fakes import event, finding, free_port, measured, opened, sent, transition, until
 from pydantic import ValidationError
 
 from fdd.errors import InputError
@@ -126,10 +126,8 @@ def test_the_recorder_takes_samples(store: Store, tmp_path: Path, stop: threadin
     made = made_of(store, bus, recording=config.Recording(folder=tmp_path / "rec", before=10.0, after=10.0))
     assert made.targets("alarm") == []
     made.start(stop)
-    until(lambda: len(bus._subscriptions) == 2)
     time_ = np.arange(500) * 0.01
-    made.push("A1", Samples(time_, {"position": np.sin(time_)}))
-    until(lambda: not made._live["recording"]._waiting)
+    bus.publish(measured("A1", Samples(time_, {"position": np.sin(time_)})))
     bus.publish(event("alarm", "A1", 5.0, transition()))
     until(lambda: made.status()["recording"]["running"] == 1)
     stop.set()

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 import pytest
 from mcap.reader import make_reader
-from outputs_fakes import event, transition, until
+from outputs_fakes import event, measured, transition, until
 
 from fdd.errors import InputError
 from fdd.logs import read_log
@@ -51,12 +51,11 @@ class Rig:
         usual = {"folder": folder, "before": 20.0, "after": 20.0, "most_bytes": 1 << 30}
         self.folder, self.bus = folder, Bus()
         self.recorder = Recorder(Recording(**{**usual, **given}), self.bus, lambda axis: "name: x\n")
-        self.alarms, self.statuses = (self.bus.subscribe([kind]) for kind in ("alarm", "status"))
 
     def stream(self, first: float, last: float, axis: str = "A1", block: float = 0.3) -> None:
         edges = [*np.arange(first, last, block), last]
         for a, b in pairwise(edges):
-            self.recorder.take([axis, signal(a, b)])
+            self.bus.publish(measured(axis, signal(a, b)))
             self.work()
 
     def alarm(self, time: float, axis: str = "A1", **given: Any) -> None:
@@ -73,7 +72,7 @@ class Rig:
         self.work()
 
     def work(self) -> None:
-        self.recorder.work(self.alarms, self.statuses)
+        self.recorder.work()
 
     def files(self) -> list[Path]:
         return sorted(self.folder.glob("*.mcap"))
@@ -204,8 +203,8 @@ def test_a_stop_leaves_what_there_is(tmp_path: Path) -> None:
     thread = threading.Thread(target=recorder.run, args=(stop,))
     thread.start()
     for k in range(10):
-        recorder.take(["A2", signal(START + k, START + k + 1)])
-    until(lambda: "A2" in recorder._axes and not recorder._waiting)
+        bus.publish(measured("A2", signal(START + k, START + k + 1)))
+    until(lambda: "A2" in recorder._axes and recorder._axes["A2"].ring[-1].time[-1] > START + 9)
     bus.publish(event("alarm", "A2", START + 10, transition(axis="A2", onset=1.0, detected=2.0)))
     until(lambda: recorder.status()["running"])
     stop.set()
@@ -269,8 +268,8 @@ def test_memory_is_bounded(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> N
     rig.stream(START + 210, START + 230)
     assert len(rig.files()) == 1, "a recording ends at the bound"
     assert held() <= 51_000
-    for k in range(3000):
-        rig.recorder.take(["A1", signal(START + 300 + k, START + 300 + k + 0.05)])
+    for k in range(5000):
+        rig.bus.publish(measured("A1", signal(START + 300 + k, START + 300 + k + 0.05)))
     rig.work()
     assert rig.recorder.status()["lost_blocks"] == 1000
 

@@ -8,7 +8,6 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from fdd.samples import Samples
 from fdd.service import config
 from fdd.service.alarms import STATES
 from fdd.service.bus import Bus, Kind
@@ -80,11 +79,6 @@ class Outputs:
 
     def _target(self, name: str, deliver: Callable[[OutboxMessage], None]) -> _Target:
         return self._targets.setdefault(name, _Target(DeliveryWorker(name, self._store, deliver)))
-
-    def push(self, axis: str, samples: Samples) -> None:
-        """Hand over an axis's next samples, in the order of time (any thread; costs next to nothing)."""
-        for live in self._live.values():
-            live.push(axis, samples)
 
     def targets(self, kind: str, notify: bool = True) -> list[str]:
         """Whom an event of a kind is sent to: the fleet puts a message for each into the outbox.

@@ -13,7 +13,7 @@ from typing import Any
 from fdd.errors import InputError
 from fdd.files import require_writable, written
 from fdd.samples import Samples
-from fdd.service.bus import Bus, Event, Subscription
+from fdd.service.bus import Bus, Event
 from fdd.service.config import Recording
 from fdd.service.outputs.recording import begins, keep_within, name_of, wall_offset, write
 
@@ -21,8 +21,8 @@ LATE_S = 10.0
 """Kept beyond the time before an alarm: the pipeline looks every 5 s, the alarm takes a moment to come."""
 LONGEST_S = 600.0
 """Of a file that alarms extend again and again."""
-MOST_WAITING = 2000
-"""Blocks that wait for the recorder; then the oldest are lost and counted."""
+MOST_WAITING = 4000
+"""Events that wait for the recorder; then the oldest are lost and counted."""
 MOST_BYTES = 32 << 20
 """Of an axis's samples in memory: six minutes of ten channels at 1 kHz. A recording ends there."""
 MOST_STATUSES = 1000
@@ -62,7 +62,7 @@ class Recorder:
     Parameters
     ----------
     config : folder (made where it is missing), s before and after an alarm, most bytes in the folder.
-    bus : of alarms and statuses. profile_of : an axis's unit profile (YAML) for the file, or None.
+    bus : of samples, alarms and statuses. profile_of : an axis's unit profile (YAML) for the file, or None.
 
     Raises
     ------
@@ -70,51 +70,39 @@ class Recorder:
     """
 
     def __init__(self, config: Recording, bus: Bus, profile_of: Callable[[str], str | None]) -> None:
-        self._config, self._bus, self._profile_of = config, bus, profile_of
+        self._config, self._profile_of = config, profile_of
         require_writable(config.folder, folder=True)
         with written(config.folder):
             config.folder.mkdir(parents=True, exist_ok=True)
         self._axes: dict[str, _Axis] = {}
-        self._waiting: deque[tuple[str, Samples]] = deque(maxlen=MOST_WAITING)
-        self._pushed = self._taken = self.files = 0
-        self._lock = threading.Lock()
-        self.last_error = ""
-
-    def push(self, axis: str, samples: Samples) -> None:
-        """Hand over an axis's next samples, in the order of time (any thread; costs next to nothing)."""
-        with self._lock:
-            self._waiting.append((axis, samples))
-            self._pushed += 1
+        self._events = bus.subscribe(["samples", "status", "alarm"], MOST_WAITING)
+        self.files, self.last_error = 0, ""
 
     def status(self) -> dict[str, Any]:
         """Files written, recordings that run, blocks lost, the last error."""
         running = sum(a.running is not None for a in list(self._axes.values()))
-        lost = self._pushed - self._taken - len(self._waiting)
+        lost = self._events.lost
         return {"files": self.files, "running": running, "lost_blocks": lost, "last_error": self.last_error}
 
     def run(self, stop: threading.Event) -> None:
         """Record until `stop`, then write what runs."""
-        alarms, statuses = self._bus.subscribe(["alarm"]), self._bus.subscribe(["status"])
         while not stop.wait(0.2):
             try:
-                self.work(alarms, statuses)
+                self.work()
             except Exception as error:  # one axis's trouble must not end the recording of all others
                 self.last_error = f"{type(error).__name__}: {error}"
-        self.work(alarms, statuses)
+        self.work()
         for name, axis in self._axes.items():
             self._end(name, axis)
-        alarms.close()
-        statuses.close()
+        self._events.close()
 
-    def work(self, alarms: Subscription, statuses: Subscription) -> None:
+    def work(self) -> None:
         """Take what has come, and end what is due."""
-        while event := statuses.get():
-            if (axis := self._axes.get(event.axis)) is not None:
-                status = {name: event.data.get(name) or {} for name in ("estimates", "probabilities")}
-                axis.statuses.append(status | {"time": event.time})
-        self._take()
-        while event := alarms.get():
-            self._note_alarm(event)
+        while event := self._events.get():
+            if event.kind == "samples":
+                self._take(event.axis, event.data["samples"])
+            elif (axis := self._axes.get(event.axis)) is not None:
+                self._note(axis, event)
         now = time.monotonic()
         for name, axis in self._axes.items():
             run = axis.running
@@ -122,26 +110,19 @@ class Recorder:
             if run and (silent or axis.ring[-1].time[-1] >= run.until or axis.size > MOST_BYTES):
                 self._end(name, axis)
 
-    def _take(self) -> None:
-        with self._lock:
-            taken = list(self._waiting)
-            self._waiting.clear()
-            self._taken += len(taken)
-        for name, samples in taken:
-            if not len(samples):
-                continue
-            axis = self._axes.setdefault(name, _Axis())
-            axis.heard = time.monotonic()
-            if axis.ring and samples.time[0] <= axis.ring[-1].time[-1]:
-                # The clock was set back: what was before is another stream.
-                self._end(name, axis)
-                axis.ring.clear()
-                axis.statuses.clear()
-                axis.size = 0
-            axis.offset = wall_offset(float(samples.time[-1]))
-            axis.ring.append(samples)
-            axis.size += _bytes(samples)
-            self._trim(axis)
+    def _take(self, name: str, samples: Samples) -> None:
+        axis = self._axes.setdefault(name, _Axis())
+        axis.heard = time.monotonic()
+        if axis.ring and samples.time[0] <= axis.ring[-1].time[-1]:
+            # The clock was set back: what was before is another stream.
+            self._end(name, axis)
+            axis.ring.clear()
+            axis.statuses.clear()
+            axis.size = 0
+        axis.offset = wall_offset(float(samples.time[-1]))
+        axis.ring.append(samples)
+        axis.size += _bytes(samples)
+        self._trim(axis)
 
     def _trim(self, axis: _Axis) -> None:
         oldest = float(axis.ring[-1].time[-1]) - self._config.before - LATE_S
@@ -154,9 +135,10 @@ class Recorder:
         while axis.statuses and axis.statuses[0]["time"] < oldest:
             axis.statuses.popleft()
 
-    def _note_alarm(self, event: Event) -> None:
-        axis = self._axes.get(event.axis)
-        if axis is None:
+    def _note(self, axis: _Axis, event: Event) -> None:
+        if event.kind == "status":
+            status = {name: event.data.get(name) or {} for name in ("estimates", "probabilities")}
+            axis.statuses.append(status | {"time": event.time})
             return
         if begins(event.data):
             if axis.running is None:
