@@ -223,20 +223,12 @@ MAX_DONE_BYTES = _bound(
 )
 MAX_TOKENS_BYTES = _bound("MAX_TOKENS_BYTES", 1_000_000, "bytes of a file of tokens", "one line a token")
 MAX_REQUEST_BYTES = _bound(
-    "MAX_REQUEST_BYTES", 1 << 14, "bytes of a request's body other than a log", "a note has 1000 characters"
+    "MAX_REQUEST_BYTES", 1 << 14, "bytes of a request's body", "a note has 1000 characters"
 )
-_bound(
-    "MAX_UPLOAD_BYTES", 256 << 20, "bytes of a log that is sent for a diagnosis",
-    "an hour of ten channels as MCAP; longer ones by fdd diagnose", "FDD_MAX_UPLOAD_BYTES",
-)  # fmt: skip
 MAX_HEAD_BYTES = _bound(
     "MAX_HEAD_BYTES", 1 << 14, "bytes of a request's line and headers", "browsers send some 1000"
 )
 MOST_HTTP_CONNECTIONS = _bound(
     "MOST_HTTP_CONNECTIONS", 512, "HTTP connections", "open files are bounded by the system"
 )
-MOST_IDLE_HTTP_CONNECTIONS = _bound(
-    "MOST_IDLE_HTTP_CONNECTIONS", 128, "HTTP connections that owe their next request, or the rest of it",
-    "beyond it the one that waits longest is closed: slow clients keep nobody out",
-)  # fmt: skip
 MOST_LISTENERS = _bound("MOST_LISTENERS", 64, "pages and programs that hear events at once", "control rooms")

@@ -136,17 +136,17 @@ def lived(plan: Plan, seed: int, folder: Path, progress: Callable[[float], None]
         killed = int(day) % 2 == 1
         if not killed:
             fleet.keep()
-        estimate = fleet.axes()[0].estimates.get("leakage", {})
+        estimate = fleet.axes()[0].estimates["leakage"]
         store.close()
         life.restarts[killed] += 1
         life.days.append(
             Day(
-                int(day) + 1, severity, estimate.get("value") or 0.0, estimate.get("std") or 0.0,
+                int(day) + 1, severity, estimate.value or 0.0, estimate.std or 0.0,
                 _resident(), path.stat().st_size, 1e6 * cpu / life.samples,
             )
         )  # fmt: skip
         store, fleet, inbox = _opened(path, profile, now)
-    for record in reversed(store.audit(axis=AXIS)):
+    for record in reversed(store.audit()):
         if record["action"] == "RAISED":
             alarm = store.alarm(record["alarm_id"]) or {}
             life.alarms.append(((record["wall"] - START_S) / DAY_S, alarm["fault"], alarm.get("severity")))

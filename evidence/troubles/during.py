@@ -77,13 +77,6 @@ def renamed_folder(process: Process, sender: Sender) -> Iterator[None]:
 
 
 @contextmanager
-def removed_log(process: Process, sender: Sender) -> Iterator[None]:
-    """SQLite's write-ahead log is removed."""
-    (process.state / "fdd.db-wal").unlink()
-    yield
-
-
-@contextmanager
 def broker_away(process: Process, sender: Sender) -> Iterator[None]:
     """The broker is stopped, and started again."""
     assert isinstance(sender, Mqtt)

@@ -32,7 +32,6 @@ TROUBLES = (
     Trouble("store locked", during.locked, "is locked"),
     Trouble("store's file gone", during.renamed_file, "file is gone"),
     Trouble("state folder gone", during.renamed_folder, "file is gone"),
-    Trouble("store's log gone", during.removed_log),
     Trouble("host's clock ahead", during.clock_ahead),
     Trouble("host's clock back", during.clock_back),
     Trouble(
@@ -42,7 +41,6 @@ TROUBLES = (
         "sender's clock back", set_in_the_middle, change=lambda b: [*b[:300], *shifted(b[300:], -HOUR_S)]
     ),
     Trouble("garbage", strangers.garbage_sent, mqtt=True, more=("tcp", "udp")),
-    Trouble("slow HTTP clients", strangers.slow_clients),
 )
 
 

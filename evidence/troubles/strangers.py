@@ -1,13 +1,10 @@
-"""Clients that mean harm, or know no better: garbage on every door, and 10,000 that are slow."""
+"""Clients that mean harm, or know no better: garbage on every door."""
 
 from __future__ import annotations
 
 import http.client
 import random
-import resource
 import socket
-import threading
-import time
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import replace
@@ -19,13 +16,7 @@ from evidence.troubles.process import Process
 from evidence.troubles.senders import Mqtt, Tcp, blocks_of, leaking
 from fdd.service.blocks import encode_arrow, encode_json
 
-CLIENTS = 10_000
-BACK_S = 5.0
-"""After which a client that was closed comes again."""
-EVENTS = b"GET /api/events HTTP/1.1\r\nHost: 127.0.0.1\r\n\r\n"
-SLOWLY = b"GET /api/axes HTTP/1.1\r\nHost: 127.0.0.1\r\nX-Slow: " + b"a" * 1000
 DATAGRAM = 60_000
-LOGS = ("csv", "mcap", "parquet", "mf4", "h5", "mat", "xlsx", "tdms")
 
 
 def garbage(seed: int = 3) -> Iterator[bytes]:
@@ -69,63 +60,13 @@ def garbage_sent(process: Process, sender: Tcp | Mqtt) -> Iterator[None]:
             client.publish("rigs/G1", message, qos=1).wait_for_publish(20.0)
             line.sendall(message + b"\n")
             udp.sendto(message[:DATAGRAM], ("127.0.0.1", ports["udp"]))
-            if number % 10 == 0:  # a diagnosis is a process of its own: one of each kind
-                log = [f"/api/diagnose?name=a.{LOGS[number // 10]}"] if number < 10 * len(LOGS) else []
-                for path in ("/api/login", *log):
-                    with suppress(OSError, http.client.HTTPException):
-                        link = http.client.HTTPConnection("127.0.0.1", process.port, 60.0)
-                        link.request("POST", path, message, {"X-Fdd": "1"})
-                        link.getresponse()
+            if number % 10 == 0:
+                with suppress(OSError, http.client.HTTPException):
+                    link = http.client.HTTPConnection("127.0.0.1", process.port, timeout=60.0)
+                    link.request("POST", "/api/login", message, {"X-Fdd": "1"})
+                    link.getresponse()
                 with suppress(OSError), socket.create_connection(("127.0.0.1", process.port)) as raw:
                     raw.sendall(message[:100_000])
     client.disconnect()
     client.loop_stop()
     yield
-
-
-@contextmanager
-def slow_clients(process: Process, sender: Tcp | Mqtt) -> Iterator[None]:
-    """10,000 HTTP clients: half send a byte a second, half ask for events and never read; all come back."""
-    hard = resource.getrlimit(resource.RLIMIT_NOFILE)[1]
-    resource.setrlimit(resource.RLIMIT_NOFILE, (hard, hard))
-    resource.prlimit(process.popen.pid, resource.RLIMIT_NOFILE, (1024, hard))  # what a service has by default
-    stop, all_came = threading.Event(), threading.Event()
-    attack = threading.Thread(target=_attack, args=(process.port, stop, all_came), daemon=True)
-    attack.start()
-    all_came.wait(120.0)
-    try:
-        yield
-    finally:
-        stop.set()
-        attack.join()
-
-
-def _attack(port: int, stop: threading.Event, all_came: threading.Event) -> None:
-    links: list[socket.socket | None] = [None] * CLIENTS
-    sent, again = [0] * CLIENTS, [0.0] * CLIENTS
-    while not stop.is_set():
-        begun = time.monotonic()
-        for k, link in enumerate(links):
-            try:
-                if link is None and begun < again[k]:
-                    continue
-                if link is None:
-                    links[k] = link = socket.socket()
-                    link.setblocking(False)
-                    link.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 4096)
-                    link.connect_ex(("127.0.0.1", port))
-                    sent[k] = 0
-                elif k % 2 and sent[k] == 0:
-                    sent[k] = link.send(EVENTS)
-                elif k % 2 == 0:
-                    sent[k] += link.send(SLOWLY[sent[k] : sent[k] + 1])
-            except BlockingIOError:
-                pass
-            except OSError:
-                link.close() if link is not None else None
-                links[k], again[k] = None, begun + BACK_S
-        all_came.set()
-        stop.wait(max(0.0, begun + 1.0 - time.monotonic()))
-    for link in links:
-        if link is not None:
-            link.close()

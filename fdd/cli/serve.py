@@ -42,7 +42,7 @@ def serve(
     ] = None,
 ) -> None:  # fmt: skip
     """Watch many axes: alarms, a page, metrics. Ctrl-C or SIGTERM ends it, and it goes on where it was."""
-    require_packages("serve", "sqlalchemy", "starlette", "uvicorn")
+    require_packages("serve", "sqlalchemy", "fastapi", "uvicorn")
     if token is not None:
         _make_token(token)
         return
@@ -50,11 +50,8 @@ def serve(
         raise InputError("fdd serve needs a serve.yaml, or --demo", mend="see fdd schema serve for its keys")
     from fdd.service.config import Serve
     from fdd.service.service import Service
-    from fdd.service.shards import part_of
-    from fdd.service.share import Share
 
     logging.basicConfig(format="%(asctime)s %(levelname)s %(message)s", level=logging.INFO, stream=sys.stderr)
-    logging.getLogger("alembic").setLevel(logging.WARNING)
     with ExitStack() as kept:
         if demo:
             settings = _demo(Path(kept.enter_context(tempfile.TemporaryDirectory(prefix="fdd-demo-"))))
@@ -65,6 +62,9 @@ def serve(
             listen = settings.listen.model_copy(update={"port": port})
             settings = settings.model_copy(update={"listen": listen})
         if engine == "ray":
+            from fdd.service.fleet import Share
+            from fdd.service.shards import part_of
+
             part_of(settings, Share(0, settings.shards))
         if check:
             print(f"{config or 'demo'}: {len(settings.sources)} sources, store {settings.store_url}")
@@ -78,7 +78,7 @@ def serve(
 
 
 def _make_token(text: str) -> None:
-    from fdd.service.http.callers import ROLES, new_token
+    from fdd.service.http.tokens import ROLES, new_token
 
     name, colon, role = text.partition(":")
     if not colon or not name or role not in ROLES:

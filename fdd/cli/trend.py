@@ -120,7 +120,7 @@ def trend(
 
 def _of_store(url: str, settings: Settings, since: str | None) -> tuple[list[Diagnosis], Unit, Each]:
     """An axis's days or hours, and its profile."""
-    require_packages("serve", "sqlalchemy", "alembic")
+    require_packages("serve", "sqlalchemy")
     import time
 
     from fdd.service.life import answers_of, axis_of, told_by

@@ -2,20 +2,17 @@
 
 from __future__ import annotations
 
+from bisect import bisect_right
 from collections.abc import Iterable, Mapping
 from dataclasses import asdict, dataclass, field, fields, replace
-from typing import Any, Literal
+from typing import Any, Literal, get_args
 
 from fdd.diagnosis.findings import FaultFinding
 from fdd.errors import InputError
-from fdd.service.priority import PRIORITIES, priority_of, severity_level
 
-NORMAL, UNACK, ACKED, RTNUN = "NORMAL", "UNACK", "ACKED", "RTNUN"
-SHELVED, OUT_OF_SERVICE = "SHELVED", "OUT_OF_SERVICE"
-STATES = (NORMAL, UNACK, ACKED, RTNUN, SHELVED, OUT_OF_SERVICE)
-RAISED, RERAISED, ESCALATED, RETURNED = "RAISED", "RERAISED", "ESCALATED", "RETURNED"
-ACKNOWLEDGED, UNSHELVED, IN_SERVICE = "ACKNOWLEDGED", "UNSHELVED", "IN_SERVICE"
-"""What happens to an alarm; `SHELVED` and `OUT_OF_SERVICE` are named like the states that they lead to."""
+State = Literal["NORMAL", "UNACK", "ACKED", "RTNUN", "SHELVED"]
+STATES: tuple[State, ...] = get_args(State)
+"""All but the first stand."""
 
 ITSELF = "fdd"
 """Who did what no person did."""
@@ -26,6 +23,20 @@ MOST_RERAISES = 5
 LONGEST_SHELF_S = 7 * 86400.0
 LONGEST_NOTE = 2000
 """Characters of a name or note."""
+Priority = Literal["low", "medium", "high", "urgent"]
+PRIORITIES: tuple[Priority, ...] = get_args(Priority)
+"""From the least on; four, as ISA-18.2 advises at most."""
+LEVELS = (0.25, 0.5, 0.75)
+"""Severities, 1 being gross, at which the next level begins."""
+UNSIZED_LEVEL = 1
+"""Of a fault that has no severity (a failed sensor, an unknown fault): neither small nor gross."""
+DOUBTED = 0.5
+"""Confidence below which an alarm is one priority lower: no fault is then more likely than not."""
+AT_ONCE = {"external_leakage", "check_valve_stuck_open", "check_valve_clogged", "relief_valve_stuck_open"}
+"""Faults one priority up, for their consequence and the time that is left, by which ISA-18.2 ranks alarms.
+Oil that is lost outside does not come back, and the circuit is closed; a valve that fails takes the force of
+one direction away at once, and no controller makes up for it. That this is worth one step is an assumption,
+no figure of the thesis."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -49,8 +60,8 @@ class Alarm:
     key: str
     family: str
     fault: str
-    state: str
-    priority: str
+    state: State
+    priority: Priority
     level: int
     time: float
     seen: float
@@ -85,7 +96,7 @@ class Transition:
 
     action: str
     alarm: Alarm
-    before: str
+    before: State
     time: float
     wall: float
     who: str = ITSELF
@@ -93,7 +104,7 @@ class Transition:
     notify: bool = True
 
 
-Doing = Literal["acknowledge", "shelve", "unshelve", "out_of_service", "in_service"]
+Doing = Literal["acknowledge", "shelve", "unshelve"]
 """What people do."""
 
 
@@ -104,11 +115,6 @@ class Action:
     Attributes
     ----------
     who : name that the token carries. until : Unix seconds, where a shelf ends.
-
-    Examples
-    --------
-    >>> Action("acknowledge", 7, "ann", "on my way").kind
-    'acknowledge'
     """
 
     kind: Doing
@@ -166,7 +172,7 @@ class AlarmBook:
         mine = {a.id: _at(a, time) for a in self.alarms(axis)}
         for id in [a.id for a in mine.values() if self._over(a)]:
             del mine[id], self._alarms[id]
-        live = {a.key for a in mine.values() if a.state != NORMAL}
+        live = {a.key for a in mine.values() if a.state != "NORMAL"}
         out = []
         # Those first whose own alarm is not over: else a fault that looks alike would take it from them.
         for key, finding in sorted(surest.items(), key=lambda item: item[0] not in live):
@@ -182,12 +188,12 @@ class AlarmBook:
 
     def _raised(self, axis: str, key: str, finding: FaultFinding, time: float, wall: float) -> Transition:
         alarm = Alarm(
-            id=self._next_id, axis=axis, key=key, family=finding.family, state=UNACK,
+            id=self._next_id, axis=axis, key=key, family=finding.family, state="UNACK",
             time=time, seen=time, raised_time=time, raised_wall=wall, level=severity_level(finding),
             priority=priority_of(finding), **_words(finding),
         )  # fmt: skip
         self._next_id += self._step
-        return self._moved(RAISED, alarm, NORMAL, wall)
+        return self._moved("RAISED", alarm, "NORMAL", wall)
 
     def _seen(self, alarm: Alarm, finding: FaultFinding, time: float, wall: float) -> list[Transition]:
         before, chattered = alarm.state, alarm.chattering
@@ -203,30 +209,37 @@ class AlarmBook:
         )  # fmt: skip
         if again:
             alarm = replace(alarm, raised_time=time, raised_wall=wall)
-        if before in (SHELVED, OUT_OF_SERVICE) or not (again or escalated):
+        if before == "SHELVED" or not (again or escalated):
             self._alarms[alarm.id] = alarm
             return []
-        alarm = replace(alarm, state=UNACK, acked_by=None, acked_wall=None)
+        alarm = replace(alarm, state="UNACK", acked_by=None, acked_wall=None)
         if again:
-            return [self._moved(RERAISED, alarm, before, wall, notify=not chattered)]
+            return [self._moved("RERAISED", alarm, before, wall, notify=not chattered)]
         # Told of a chattering alarm too: it comes once a level at most.
-        return [self._moved(ESCALATED, alarm, before, wall)]
+        return [self._moved("ESCALATED", alarm, before, wall)]
 
     def _unseen(self, alarm: Alarm, time: float, wall: float) -> list[Transition]:
         before = alarm.state
         if alarm.standing and time - alarm.seen >= self.off_delay:
             alarm = replace(alarm, standing=False, returned_time=time, returned_wall=wall)
-            if before in (UNACK, ACKED):
-                alarm = replace(alarm, state=RTNUN if before == UNACK else NORMAL)
-                return [self._moved(RETURNED, alarm, before, wall, notify=not alarm.chattering)]
+            if before in ("UNACK", "ACKED"):
+                alarm = replace(alarm, state="RTNUN" if before == "UNACK" else "NORMAL")
+                return [self._moved("RETURNED", alarm, before, wall, notify=not alarm.chattering)]
         self._alarms[alarm.id] = alarm
         return []
 
     def _over(self, alarm: Alarm) -> bool:
         """Whether it is normal for so long that another one would be a new alarm."""
         # One that chatters is the same alarm until it has been quiet, however long the pauses.
-        kept = alarm.state != NORMAL or alarm.chattering or alarm.returned_time is None
+        kept = alarm.state != "NORMAL" or alarm.chattering or alarm.returned_time is None
         return not kept and alarm.time - (alarm.returned_time or 0.0) > self.chatter
+
+    def act(self, action: Action, wall: float) -> Transition:
+        """Do what a person does; raises as `acknowledge`."""
+        id, who, note = action.alarm_id, action.who, action.note
+        if action.kind == "shelve":
+            return self.shelve(id, who, action.until or 0.0, note, wall)
+        return (self.acknowledge if action.kind == "acknowledge" else self.unshelve)(id, who, note, wall)
 
     def acknowledge(self, id: int, who: str, note: str, wall: float) -> Transition:
         """Somebody has seen it.
@@ -235,36 +248,27 @@ class AlarmBook:
         ------
         InputError : no such alarm, or not one to be acknowledged; so for all that people do.
         """
-        alarm = self._alarm(id, "acknowledged", UNACK, RTNUN)
-        state = ACKED if alarm.state == UNACK else NORMAL
+        alarm = self._alarm(id, "acknowledged", "UNACK", "RTNUN")
+        state: State = "ACKED" if alarm.state == "UNACK" else "NORMAL"
         alarm = replace(alarm, acked_by=readable(who), acked_wall=wall)
-        return self._acted(ACKNOWLEDGED, alarm, state, who, note, wall)
+        return self._acted("ACKNOWLEDGED", alarm, state, who, note, wall)
 
     def shelve(self, id: int, who: str, until: float, note: str, wall: float) -> Transition:
         """Silence it until a time (Unix seconds), a week ahead at most."""
-        alarm = self._alarm(id, "shelved", NORMAL, UNACK, ACKED, RTNUN)
+        alarm = self._alarm(id, "shelved", "NORMAL", "UNACK", "ACKED", "RTNUN")
         if not 0.0 < until - wall <= LONGEST_SHELF_S:
             raise InputError("a shelf ends after now and within a week", mend="give another time")
         alarm = replace(alarm, shelved_by=readable(who), shelved_until=until)
-        return self._acted(SHELVED, alarm, SHELVED, who, note, wall)
+        return self._acted("SHELVED", alarm, "SHELVED", who, note, wall)
 
     def unshelve(self, id: int, who: str, note: str, wall: float) -> Transition:
         """End its shelf: an alarm again where the evidence stands, else normal."""
-        return self._back(self._alarm(id, "unshelved", SHELVED), UNSHELVED, who, note, wall)
-
-    def out_of_service(self, id: int, who: str, note: str, wall: float) -> Transition:
-        """Take it out of service, for maintenance, until somebody puts it back."""
-        alarm = self._alarm(id, "taken out of service", NORMAL, UNACK, ACKED, RTNUN)
-        return self._acted(OUT_OF_SERVICE, alarm, OUT_OF_SERVICE, who, note, wall)
-
-    def in_service(self, id: int, who: str, note: str, wall: float) -> Transition:
-        """Put it back in service."""
-        return self._back(self._alarm(id, "put in service", OUT_OF_SERVICE), IN_SERVICE, who, note, wall)
+        return self._back(self._alarm(id, "unshelved", "SHELVED"), "UNSHELVED", who, note, wall)
 
     def tick(self, wall: float) -> list[Transition]:
         """End the shelves whose time (Unix seconds) has come."""
-        due = [a for a in self.alarms() if a.state == SHELVED and (a.shelved_until or 0.0) <= wall]
-        return [self._back(a, UNSHELVED, ITSELF, "its time is over", wall) for a in due]
+        due = [a for a in self.alarms() if a.state == "SHELVED" and (a.shelved_until or 0.0) <= wall]
+        return [self._back(a, "UNSHELVED", ITSELF, "its time is over", wall) for a in due]
 
     def state(self) -> dict[str, Any]:
         """Everything, JSON-able; `restore` takes it back."""
@@ -274,11 +278,14 @@ class AlarmBook:
         """Go on from what `state` (or `Store.book`) gave; keys of other versions are left out."""
         known = {f.name for f in fields(Alarm)}
         kept = [{k: v for k, v in a.items() if k in known} for a in state["alarms"]]
+        for alarm in kept:
+            if alarm["state"] not in STATES:  # of an earlier version: as a shelf whose time is over
+                alarm |= {"state": "SHELVED", "shelved_until": 0.0}
         self._alarms = {a["id"]: Alarm(**{**a, "reraised": tuple(a["reraised"])}) for a in kept}
         # The first of its own numbers from there on.
         self._next_id = state["next_id"] + (self._next_id - state["next_id"]) % self._step
 
-    def _alarm(self, id: int, done: str, *states: str) -> Alarm:
+    def _alarm(self, id: int, done: str, *states: State) -> Alarm:
         alarm = self._alarms.get(id)
         if alarm is None:
             raise InputError(f"alarm {id} is over, or there was none", mend="look at the list anew")
@@ -291,15 +298,43 @@ class AlarmBook:
 
     def _back(self, alarm: Alarm, action: str, who: str, note: str, wall: float) -> Transition:
         alarm = replace(alarm, shelved_by=None, shelved_until=None)
-        return self._acted(action, alarm, UNACK if alarm.standing else NORMAL, who, note, wall)
+        return self._acted(action, alarm, "UNACK" if alarm.standing else "NORMAL", who, note, wall)
 
-    def _acted(self, action: str, alarm: Alarm, state: str, who: str, note: str, wall: float) -> Transition:
+    def _acted(self, action: str, alarm: Alarm, state: State, who: str, note: str, wall: float) -> Transition:
         after = replace(alarm, state=state, note=readable(note))
         return self._moved(action, after, alarm.state, wall, who=readable(who), note=after.note)
 
-    def _moved(self, action: str, alarm: Alarm, before: str, wall: float, **said: Any) -> Transition:
+    def _moved(self, action: str, alarm: Alarm, before: State, wall: float, **said: Any) -> Transition:
         self._alarms[alarm.id] = alarm
         return Transition(action=action, alarm=alarm, before=before, time=alarm.time, wall=wall, **said)
+
+
+def severity_level(finding: FaultFinding) -> int:
+    """How many of `LEVELS` the fault's severity surely passed: the lower end of its 80 % interval counts.
+
+    Examples
+    --------
+    >>> leak = dict(fault="pump_wear", family="leakage", ambiguity=["pump_wear"], onset_s=0.0, detected_s=9.0)
+    >>> severity_level(FaultFinding(**leak, confidence=0.9, severity=0.6, severity_interval=(0.5, 0.7)))
+    2
+    """
+    least = finding.severity_interval[0] if finding.severity_interval else finding.severity
+    return UNSIZED_LEVEL if least is None else bisect_right(LEVELS, least)
+
+
+def priority_of(finding: FaultFinding) -> Priority:
+    """One of `PRIORITIES`. Faults that look alike count as the worst of them.
+
+    Examples
+    --------
+    >>> leak = dict(family="leakage", onset_s=0.0, detected_s=9.0, severity=0.3)
+    >>> [priority_of(FaultFinding(**leak, fault=f, ambiguity=[f], confidence=0.9))
+    ...  for f in ("pump_wear", "external_leakage")]
+    ['medium', 'high']
+    """
+    up = bool(AT_ONCE & {finding.fault, *finding.ambiguity})
+    place = severity_level(finding) + up - (finding.confidence < DOUBTED)
+    return PRIORITIES[min(max(place, 0), len(PRIORITIES) - 1)]
 
 
 def _key(finding: FaultFinding) -> str:
@@ -315,10 +350,10 @@ def _alarm_of(key: str, finding: FaultFinding, alarms: Iterable[Alarm]) -> Alarm
     def alike(alarm: Alarm) -> bool:
         same = alarm.family == finding.family and not (alarm.channel or finding.channel)
         grouped = finding.fault in alarm.body["ambiguity"] or alarm.fault in finding.ambiguity
-        return alarm.state != NORMAL and same and grouped
+        return alarm.state != "NORMAL" and same and grouped
 
     fitting = [a for a in alarms if a.key == key or alike(a)]
-    return min(fitting, key=lambda a: (a.state == NORMAL, a.key != key, a.id), default=None)
+    return min(fitting, key=lambda a: (a.state == "NORMAL", a.key != key, a.id), default=None)
 
 
 def _words(finding: FaultFinding) -> dict[str, Any]:
@@ -339,11 +374,5 @@ def _at(alarm: Alarm, time: float) -> Alarm:
 
 
 def readable(text: str) -> str:
-    """What somebody wrote, without characters that no database or page takes, and not without end.
-
-    Examples
-    --------
-    >>> readable("on my\\x00 way")
-    'on my way'
-    """
+    """What somebody wrote, without characters that no database or page takes, and not without end."""
     return "".join(c for c in text if c.isprintable() or c == "\n")[:LONGEST_NOTE]

@@ -29,13 +29,6 @@ def arrow_columns(payload: bytes) -> tuple[dict[str, Array], dict[str, Any]]:
     Raises
     ------
     InputError : no Arrow stream of one bounded batch of floats.
-
-    Examples
-    --------
-    >>> payload = arrow_payload({"time": np.array([0.5])}, {"axis": "A1", "sequence": 3})
-    >>> columns, head = arrow_columns(payload)
-    >>> columns["time"].tolist(), head
-    ([0.5], {'axis': 'A1', 'sequence': 3})
     """
     try:
         messages = pa.ipc.MessageReader.open_stream(payload)
@@ -70,11 +63,6 @@ def arrow_payload(columns: Mapping[str, Array], head: Mapping[str, Any]) -> byte
     Parameters
     ----------
     columns : (n,) each. head : what stands in the schema's metadata.
-
-    Examples
-    --------
-    >>> arrow_payload({"time": np.array([0.5])}, {}).startswith(ARROW_START)
-    True
     """
     fields = [pa.field(name, pa.float64()) for name in columns]
     schema = pa.schema(fields, metadata={k: str(v) for k, v in head.items()})

@@ -59,7 +59,7 @@ class AxisWatch:
     Parameters
     ----------
     unit : profile. One without a baseline is learnt while nothing is found. hold : s, see `Order`.
-    learn_s : s of work after which a baseline is learnt. record : takes its samples in the order of time.
+    learn_s : s of work after which a baseline is learnt. measured : takes its samples in the order of time.
 
     Attributes
     ----------
@@ -69,9 +69,9 @@ class AxisWatch:
 
     def __init__(
         self, name: str, unit: Unit, model: Model, hold: float = 0.5, learn_s: float = 3600.0,
-        record: Callable[[str, Samples], None] = lambda axis, samples: None,
+        measured: Callable[[Samples], None] = lambda samples: None,
     ) -> None:  # fmt: skip
-        self.name, self.model, self._record = name, model, record
+        self.name, self.model, self._measured = name, model, measured
         self.order = Order(hold)
         self.recent = Recent()
         self.failed: str | None = None
@@ -83,7 +83,6 @@ class AxisWatch:
         self.probabilities: dict[str, float] = {}
         self.standing: list[FaultFinding] = []
         self._unchecked: list[Samples] | None = []
-        self._told = self._quality()
         self._waiting: list[Block] = []
         self._hop: float | None = None
         self._learnt: str | None = None
@@ -131,7 +130,7 @@ class AxisWatch:
         if not len(samples) or self.failed is not None:
             return []
         self.samples += len(samples)
-        self._record(self.name, samples)
+        self._measured(samples)
         if len(samples) > 1:
             self.rate_hz = float((len(samples) - 1) / samples.duration)
         looks: list[Look] = []
@@ -192,22 +191,11 @@ class AxisWatch:
             if value is not None:
                 self.rollups.append(Rollup(self.name, name, wall, 1, value, std or 0.0, value, value))
 
-    def _quality(self) -> dict[str, int]:
-        order = self.order
-        return {
-            "dropped": order.gaps.dropped, "late": order.counts["late"],
-            "repeated": order.counts["repeated"], "gaps": order.gaps.jumps,
-        }  # fmt: skip
-
     def quality(self) -> dict[str, int]:
         """Counts since the axis began."""
-        return self._quality() | {k: self.order.counts[k] for k in ("reordered", "missing_blocks")}
-
-    def fresh_quality(self) -> dict[str, int]:
-        """Counts since the last call."""
-        now = self._quality()
-        before, self._told = self._told, now
-        return {k: n - before[k] for k, n in now.items() if n > before[k]}
+        gaps, counts = self.order.gaps, self.order.counts
+        names = ("late", "repeated", "reordered", "missing_blocks")
+        return {"dropped": gaps.dropped, "gaps": gaps.jumps} | {name: counts[name] for name in names}
 
     def checkpoint(self, wall: float, sequence: int) -> Checkpoint:
         """All that it takes to go on; while nothing `waits`.
@@ -218,8 +206,7 @@ class AxisWatch:
         """
         scalars = {
             "version": VERSION, "samples": self.samples, "rate_hz": self.rate_hz, "failed": self.failed,
-            "last_wall": self.last_wall, "told": self._told,
-            "learnt": self._learnt,
+            "last_wall": self.last_wall, "learnt": self._learnt,
         }  # fmt: skip
         arrays: dict[str, NDArray[Any]] = {
             "axis": np.frombuffer(json.dumps(scalars).encode(), dtype=np.uint8)
@@ -265,7 +252,7 @@ class AxisWatch:
                 where=f"axis {self.name}", mend="it starts anew",
             ) from None  # fmt: skip
         self.samples, self.rate_hz, self.failed = (scalars[k] for k in ("samples", "rate_hz", "failed"))
-        self.last_wall, self._told = scalars["last_wall"], scalars["told"]
+        self.last_wall = scalars["last_wall"]
         self._unchecked = None
         self.standing = self.pipeline.standing
         self.probabilities, self.estimates, _ = self.pipeline.now()

@@ -51,11 +51,6 @@ class Block:
     accepted : called once by the fleet when the block is stored, or given up and counted as dropped.
     payload : the Arrow message that it came as, where that holds these samples and little else, perhaps
         not the axis.
-
-    Examples
-    --------
-    >>> Block("A1", Samples([0.0], {"position": [0.1]}), 17, "test", 0.0).nbytes
-    16
     """
 
     axis: str
@@ -87,11 +82,6 @@ def axis_name(name: object) -> str:
     Raises
     ------
     InputError : it is none.
-
-    Examples
-    --------
-    >>> axis_name("line_3/A1")
-    'line_3/A1'
     """
     if not isinstance(name, str) or len(name) > _LONGEST_AXIS or not _NAME.fullmatch(name):
         raise InputError(
@@ -111,13 +101,6 @@ class Decoder:
     Raises
     ------
     InputError : the map has what a stream cannot use.
-
-    Examples
-    --------
-    >>> rig = Decoder(ChannelMap.from_yaml("position: {column: x, unit: mm}"))
-    >>> message = {"schema": "fdd.block/1", "axis": "A1", "time": [0.0, 0.1], "columns": {"x": [5, None]}}
-    >>> rig.decode(orjson.dumps(message)).samples["position"]
-    array([0.005,   nan])
     """
 
     def __init__(self, channel_map: ChannelMap | None = None) -> None:
@@ -213,42 +196,14 @@ class Decoder:
             return Samples(stamps, {n: np.where(np.isinf(v), np.nan, v) for n, v in found.items()})
 
 
-def decode(payload: bytes, channel_map: ChannelMap | None = None, source: str = "", **more: Any) -> Block:
-    """The block that one message holds; a source keeps a `Decoder` instead.
-
-    Raises
-    ------
-    InputError : one line that says what is wrong with the message.
-
-    Examples
-    --------
-    >>> block = Block("A1", Samples([0.0, 0.1], {"position": [0.1, float("nan")]}), 17, "", 0.0)
-    >>> decode(encode_json(block)).samples["position"], decode(encode_arrow(block)).sequence
-    (array([0.1, nan]), 17)
-    """
-    return Decoder(channel_map).decode(payload, source, **more)
-
-
 def encode_json(block: Block) -> bytes:
-    """The block as JSON of `fdd.block/1`; what is missing becomes null.
-
-    Examples
-    --------
-    >>> encode_json(Block("A1", Samples([0.5], {"position": [0.1]}), 1, "", 0.0))[:51]
-    b'{"schema":"fdd.block/1","axis":"A1","sequence":1,"t'
-    """
+    """The block as JSON of `fdd.block/1`; what is missing becomes null."""
     message = {**_head(block), "time": block.samples.time, "columns": block.samples.columns}
     return orjson.dumps(message, option=orjson.OPT_SERIALIZE_NUMPY)
 
 
 def encode_arrow(block: Block) -> bytes:
-    """The block as an Arrow IPC stream of `fdd.block/1`, float64; what is missing is NaN.
-
-    Examples
-    --------
-    >>> encode_arrow(Block("A1", Samples([0.5], {"position": [0.1]}), 1, "", 0.0))[:4]
-    b'\\xff\\xff\\xff\\xff'
-    """
+    """The block as an Arrow IPC stream of `fdd.block/1`, float64; what is missing is NaN."""
     return arrow_payload({"time": block.samples.time, **block.samples.columns}, _head(block))
 
 

@@ -8,7 +8,9 @@ from collections.abc import Collection
 from dataclasses import dataclass
 from typing import Any, Literal
 
-Kind = Literal["finding", "alarm", "status", "quality", "axis"]
+Kind = Literal["finding", "alarm", "status", "axis", "samples"]
+TOLD: tuple[Kind, ...] = ("finding", "alarm", "status", "axis")
+"""All that is told to the outside as it is; `samples` are an axis's next ones, in the order of time."""
 MOST_EVENTS = 1000
 """That wait for a subscriber."""
 
@@ -19,7 +21,7 @@ class Event:
 
     Attributes
     ----------
-    time : s of the stream's clock. data : JSON-able; nobody changes it.
+    time : s of the stream's clock. data : JSON-able but for `samples`; nobody changes it.
     """
 
     kind: Kind
@@ -36,55 +38,38 @@ class Subscription:
     lost : events that were dropped, as nobody took them in time.
     """
 
-    def __init__(self, bus: Bus, kinds: Collection[Kind] | None, most: int) -> None:
+    def __init__(self, bus: Bus, kinds: Collection[Kind], most: int) -> None:
         self._bus, self._kinds = bus, kinds
         self._events: deque[Event] = deque(maxlen=most)
         self._news = threading.Condition()
-        self._closed = False
         self.lost = 0
 
     def get(self, timeout: float = 0.0) -> Event | None:
-        """The oldest event, or None when none came within `timeout` s, or after `close`."""
+        """The oldest event, or None when none came within `timeout` s."""
         with self._news:
-            self._news.wait_for(lambda: self._events or self._closed, timeout)
+            self._news.wait_for(lambda: self._events, timeout)
             return self._events.popleft() if self._events else None
 
     def close(self) -> None:
-        """Hear no more; whoever waits goes on at once."""
+        """Hear no more."""
         self._bus._subscriptions.discard(self)
-        with self._news:
-            self._closed = True
-            self._events.clear()
-            self._news.notify_all()
 
     def _tell(self, event: Event) -> None:
-        if self._kinds is not None and event.kind not in self._kinds:
-            return
-        with self._news:
-            if self._closed:
-                return
-            self.lost += len(self._events) == self._events.maxlen
-            self._events.append(event)
-            self._news.notify()
+        if event.kind in self._kinds:
+            with self._news:
+                self.lost += len(self._events) == self._events.maxlen
+                self._events.append(event)
+                self._news.notify()
 
 
 class Bus:
-    """Publish and subscribe, from any thread.
-
-    Examples
-    --------
-    >>> bus = Bus()
-    >>> alarms = bus.subscribe(["alarm"])
-    >>> bus.publish(Event("status", "A1", 5.0, {})); bus.publish(Event("alarm", "A1", 15.0, {"id": 1}))
-    >>> alarms.get()
-    Event(kind='alarm', axis='A1', time=15.0, data={'id': 1})
-    """
+    """Publish and subscribe, from any thread."""
 
     def __init__(self) -> None:
         self._subscriptions: set[Subscription] = set()
 
-    def subscribe(self, kinds: Collection[Kind] | None = None, most: int = MOST_EVENTS) -> Subscription:
-        """A queue of what is published from now on: of some kinds, or of all."""
+    def subscribe(self, kinds: Collection[Kind] = TOLD, most: int = MOST_EVENTS) -> Subscription:
+        """A queue of what is published from now on of some kinds."""
         subscription = Subscription(self, kinds, most)
         self._subscriptions.add(subscription)
         return subscription

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import ipaddress
+import re
 from pathlib import Path
-from typing import Annotated, Any, Literal, Self
+from typing import Annotated, Literal, Self
 from urllib.parse import urlsplit
 
-from pydantic import Field, ValidationError, model_validator
+from pydantic import Field, ValidationError, field_validator, model_validator
 
 from fdd.bounds import MAX_SERVE_BYTES
 from fdd.service.config_sources import (
@@ -55,10 +56,7 @@ class Listen(Part):
 class MqttOutput(Broker):
     """States, alarms and findings published to a broker, on topics below `prefix`."""
 
-    prefix: Annotated[str, Field(min_length=1, max_length=200, pattern=r"^[^+#\x00]+$")] = "fdd"
-
-
-EventKind = Literal["finding", "alarm", "status", "quality", "axis"]
+    prefix: Annotated[str, Field(min_length=1, max_length=200, pattern=r"^[^+#\x00/$][^+#\x00]*$")] = "fdd"
 
 
 class Webhook(Part):
@@ -66,14 +64,16 @@ class Webhook(Part):
 
     url: str
     secret_file: ConfigPath | None = None
-    kinds: tuple[EventKind, ...] = ("finding", "alarm")
+    kinds: tuple[Literal["finding", "alarm"], ...] = ("finding", "alarm")
 
-    @model_validator(mode="after")
-    def _http(self) -> Self:
-        parts = urlsplit(self.url)
-        if parts.scheme not in ("http", "https") or not parts.hostname:
-            raise ValueError(f"url {self.url!r} is no address of http or https")
-        return self
+    @field_validator("url")
+    @classmethod
+    def _http(cls, url: str) -> str:
+        parts = urlsplit(url)
+        usable = parts.scheme in ("http", "https") and parts.hostname and parts.port != 0
+        if not usable or parts.username or parts.fragment or re.search(r"[^\x21-\x7e]", url):
+            raise ValueError("no address of http or https without user, fragment and blanks")
+        return url
 
 
 class Recording(Part):
@@ -148,7 +148,6 @@ class Serve(Part):
     state : folder of what the service keeps.
     store : URL of a database; a file in `state` where none is given.
     units : folder of profiles, or profile by axis. fallback : profile of axes that have none.
-    maps : folder of channel maps that a log sent for a diagnosis may name.
     learn_minutes : of work by which the baseline of a profile without one is learnt.
     model : of the decision; the shipped one where none is given.
     shards : into which the axes are divided with ``--engine ray``.
@@ -162,11 +161,10 @@ class Serve(Part):
     """
 
     schema_: Literal["fdd.serve/1"] = Field(alias="schema")
-    state: ConfigPath = Path("fdd-state")
+    state: Annotated[ConfigPath, Field(validate_default=True)] = Path("fdd-state")
     store: str | None = None
     units: ConfigPath | dict[AxisName, str] | None = None
     fallback: str | None = None
-    maps: ConfigPath | None = None
     learn_minutes: Annotated[float, Field(ge=5, le=10080)] = 60.0
     model: ConfigPath | None = None
     shards: Annotated[int, Field(ge=1, le=256)] = 4
@@ -216,22 +214,7 @@ class Serve(Part):
         """
         data = yaml_mapping(text, where, "configuration of fdd serve", schema="fdd.serve/1")
         try:
-            return _below(folder, cls.model_validate(data))
+            return cls.model_validate(data, context=folder)
         except ValidationError as error:
             # The tag of the union stands in the place, as in sources.0.mqtt.port.
             raise input_error(error, where, "see fdd schema serve") from None
-
-
-def _below(folder: Path, value: Any) -> Any:
-    """The same with relative paths from `folder`."""
-    if isinstance(value, Path):
-        return folder / value
-    if isinstance(value, Part):
-        return value.model_copy(
-            update={n: _below(folder, getattr(value, n)) for n in type(value).model_fields}
-        )
-    if isinstance(value, dict):
-        return {k: _below(folder, v) for k, v in value.items()}
-    if isinstance(value, list | tuple):
-        return type(value)(_below(folder, v) for v in value)
-    return value

@@ -5,18 +5,29 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Annotated, Literal, Self
 
-from pydantic import AfterValidator, BaseModel, ConfigDict, Field, model_validator
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationInfo, model_validator
 
 from fdd.bounds import MOST_CONNECTIONS
+from fdd.errors import InputError
 from fdd.service.blocks import axis_name
 
 Port = Annotated[int, Field(ge=1, le=65535)]
 Seconds = Annotated[float, Field(gt=0, le=86400, allow_inf_nan=False)]
 Name = Annotated[str, Field(min_length=1, max_length=64)]
-ConfigPath = Annotated[Path, Field(description="relative to the folder that serve.yaml stands in")]
 
 
+def _from_folder(path: Path, info: ValidationInfo) -> Path:
+    """The path from the folder of the file, which the context of the validation names."""
+    return (info.context or Path()) / path
+
+
+ConfigPath = Annotated[
+    Path,
+    Field(description="relative to the folder that serve.yaml stands in"),
+    AfterValidator(_from_folder),
+]
 AxisName = Annotated[str, AfterValidator(axis_name)]
+MOST_SECRET_BYTES = 4096
 
 
 class Part(BaseModel):
@@ -177,11 +188,27 @@ AnySource = Annotated[
 
 
 def source_name(source: AnySource) -> str:
-    """How status and logs call a source.
-
-    Examples
-    --------
-    >>> source_name(StdinSource(type="stdin")), source_name(StdinSource(type="stdin", name="rig"))
-    ('stdin', 'rig')
-    """
+    """How status and logs call a source."""
     return source.name or source.type
+
+
+def read_secret(path: Path) -> str:
+    """A password or key: the file's first line, without the blanks around it.
+
+    Raises
+    ------
+    InputError : missing, empty, no text, or longer than 4096 bytes.
+    """
+    try:
+        with path.open(encoding="utf-8") as file:
+            text = file.readline(MOST_SECRET_BYTES + 1).strip()
+    except (OSError, UnicodeDecodeError) as error:
+        told = getattr(error, "strerror", None) or "not text"
+        raise InputError(
+            f"the password or key cannot be read ({told})", where=path, mend="write it there"
+        ) from None
+    if not text or len(text) > MOST_SECRET_BYTES:
+        raise InputError(
+            "empty, or longer than 4096 bytes", where=path, mend="write one line with the secret into it"
+        )
+    return text

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import logging
 import queue
 import threading
@@ -9,7 +10,7 @@ import time
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import Future
 from concurrent.futures import TimeoutError as TooLate
-from dataclasses import asdict, replace
+from dataclasses import asdict, dataclass, field, replace
 from functools import partial
 from typing import Any, Literal
 from uuid import uuid4
@@ -24,22 +25,18 @@ from fdd.service.bus import Bus, Event
 from fdd.service.inbox import MOST_TAKEN, Inbox
 from fdd.service.life import profile_key
 from fdd.service.profiles import Profiles
-from fdd.service.reporting import status_of
-from fdd.service.share import Share
-from fdd.service.status import AxisDetail, AxisStatus
+from fdd.service.status import AxisDetail, AxisStatus, status_of
 from fdd.service.store import Checkpoint, LeaseLost, Store, StoreTrouble, Transaction
 
 LOG = logging.getLogger("fdd.service")
 
 SILENT_S = 3.0
-"""Seconds after which what waits for a block before it waits no longer. Only those count that the fleet had
+"""Without data of an axis, after which its reorder buffer is flushed. Only time counts in which the fleet had
 nothing to do, and of a step no more than it should take: a sender that waits for this process, or for the
-machine, is not silent. A lost segment of TCP, or a new connection to a broker, takes one or two."""
-CHECKPOINT_S = 1.0
-"""Least time between two checkpoints of an axis."""
-CHECKPOINT_SHARE = 0.05
-"""Of the processor's time that checkpoints may take: with many axes they come less often. No block is lost
-for it: the journal holds what came since."""
+machine, is not silent. A lost segment of TCP, or a new connection to a broker, takes one or two seconds."""
+CHECKPOINT_S, CHECKPOINT_AXIS_S = 1.0, 0.4
+"""Least time between two checkpoints of an axis, and for each axis that there is: one takes some 20 ms, which
+is 5 % of the processor's time. No block is lost for it: the journal holds what came since."""
 PACE_S = 0.1
 """Blocks are gathered for so long: what they bring is stored at once."""
 BACKOFF_S = (0.1, 5.0)
@@ -47,7 +44,34 @@ BACKOFF_S = (0.1, 5.0)
 ACT_S = 10.0
 """Seconds that somebody waits for what he did to be stored."""
 
-Write = Callable[[Transaction], object]
+
+@dataclass(frozen=True)
+class Share:
+    """Part `number` (from 0) of `of`, by a hash of the axis's name; all axes where nothing is said.
+
+    Examples
+    --------
+    >>> [sum(Share(k, 2).has(f"A{n}") for n in range(100)) for k in range(2)]
+    [51, 49]
+    """
+
+    number: int = 0
+    of: int = 1
+
+    def has(self, axis: str) -> bool:
+        """Whether an axis is in it."""
+        digest = hashlib.blake2b(axis.encode(), digest_size=8).digest()
+        return int.from_bytes(digest) % self.of == self.number
+
+
+@dataclass
+class _Batch:
+    """What is stored in one transaction, and told once it is: blocks, further writes, events, acts done."""
+
+    journal: list[tuple[str, bytes]] = field(default_factory=list)
+    writes: list[Callable[[Transaction], object]] = field(default_factory=list)
+    events: list[Event] = field(default_factory=list)
+    done: list[tuple[Future[Transition], Transition]] = field(default_factory=list)
 
 
 class Fleet:
@@ -61,17 +85,11 @@ class Fleet:
     ----------
     profiles : of the axes.
     targets : kind of event, and whether people are told, to the targets of its outbox.
-    record : takes each axis's samples as they are worked.
     hold, learn_s : s, see `AxisWatch`. clock : Unix seconds. share : the axes that are its own.
 
     Attributes
     ----------
     trouble : why the store cannot be written; None while it can. store_errors : how often it could not.
-
-    Examples
-    --------
-    >>> fleet = Fleet(Profiles(fallback="axis_a"), Model.load(), store, Bus(), inbox)  # doctest: +SKIP
-    >>> threading.Thread(target=fleet.run, args=(stop,)).start()  # doctest: +SKIP
     """
 
     def __init__(
@@ -83,7 +101,6 @@ class Fleet:
         inbox: Inbox,
         *,
         targets: Callable[[str, bool], Sequence[str]] = lambda kind, notify: (),
-        record: Callable[[str, Samples], None] = lambda axis, samples: None,
         hold: float = 0.5,
         learn_s: float = 3600.0,
         clock: Callable[[], float] = time.time,
@@ -91,7 +108,7 @@ class Fleet:
     ) -> None:
         self._profiles, self._model = profiles, model
         self._store, self._bus, self._inbox = store, bus, inbox
-        self._targets, self._record = targets, record
+        self._targets = targets
         self._hold, self._learn_s, self._clock = hold, learn_s, clock
         self._share, self._book = share, AlarmBook(ids=(share.number + 1, share.of))
         self._axes: dict[str, AxisWatch] = {}
@@ -103,7 +120,6 @@ class Fleet:
         self._kept: dict[str, float] = {}
         self._profiles_kept: set[str] = set()
         self._last_row: dict[str, int] = {}
-        self._cost = 0.02
         self.trouble: str | None = None
         self.store_errors = 0
 
@@ -157,7 +173,11 @@ class Fleet:
 
     def _new(self, name: str, said: str | None) -> AxisWatch:
         unit = self._profiles.find(name, said)
-        return AxisWatch(name, unit, self._model, self._hold, self._learn_s, self._record)
+
+        def measured(samples: Samples) -> None:
+            self._bus.publish(Event("samples", name, float(samples.time[-1]), {"samples": samples}))
+
+        return AxisWatch(name, unit, self._model, self._hold, self._learn_s, measured)
 
     def _opened(self, name: str, said: str | None) -> AxisWatch:
         watch = self._axes.get(name)
@@ -182,33 +202,31 @@ class Fleet:
 
     def _worked_through(self, blocks: list[Block], stop: threading.Event | None) -> int:
         with self._lock:
-            journal: list[tuple[str, bytes]] = []
-            writes: list[Write] = []
-            events: list[Event] = []
+            batch = _Batch()
             by_axis: dict[str, list[Block]] = {}
             for block in blocks:
                 by_axis.setdefault(block.axis, []).append(block)
             for name, mine in by_axis.items():
-                self._work(name, mine, journal, writes, events)
-            self._flush_silent(set(by_axis), journal, writes, events)
-            done = self._acted(writes, events)
+                self._work(name, mine, batch)
+            self._flush_silent(set(by_axis), batch)
+            self._act_all(batch)
             for transition in self._book.tick(self._clock()):
-                self._moved(transition, writes, events)
-            self._keep_due(writes)
-        if not self._stored(journal, writes, stop):
+                self._moved(transition, batch)
+            self._keep_due(batch)
+        if not self._stored(batch, stop):
             return 0
         for block in blocks:
             block.accepted()
-        for future, transition in done:
-            future.set_result(transition)
-        for event in events:
-            self._bus.publish(event)
+        self._tell(batch)
         return len(blocks)
 
-    def _work(
-        self, name: str, blocks: list[Block], journal: list[tuple[str, bytes]], writes: list[Write],
-        events: list[Event],
-    ) -> None:  # fmt: skip
+    def _tell(self, batch: _Batch) -> None:
+        for future, transition in batch.done:
+            future.set_result(transition)
+        for event in batch.events:
+            self._bus.publish(event)
+
+    def _work(self, name: str, blocks: list[Block], batch: _Batch) -> None:
         known = name in self._axes
         try:
             watch = self._opened(name, blocks[0].unit)
@@ -218,24 +236,21 @@ class Fleet:
             self._refused[name] = str(error)
             return
         self._flushed.discard(name)
-        journal += [(name, block.payload or encode_arrow(block)) for block in blocks]
+        batch.journal += [(name, block.payload or encode_arrow(block)) for block in blocks]
         looks = watch.push(*blocks)
         wall = blocks[-1].received
         if not known:
-            writes.append(
+            batch.writes.append(
                 partial(
                     Transaction.axis, name=name, wall=wall, unit=watch.unit.name,
                     profile_sha256=watch.profile_sha256, model_sha256=self._model.sha256,
                 )
             )  # fmt: skip
-            events.append(
-                Event("axis", name, 0.0, {"unit": watch.unit.name, "learning": bool(watch.learning)})
-            )
-        self._looked(watch, looks, wall, writes, events)
+            about = {"unit": watch.unit.name, "learning": bool(watch.learning)}
+            batch.events.append(Event("axis", name, 0.0, about))
+        self._looked(watch, looks, wall, batch)
 
-    def _flush_silent(
-        self, busy: set[str], journal: list[tuple[str, bytes]], writes: list[Write], events: list[Event]
-    ) -> None:
+    def _flush_silent(self, busy: set[str], batch: _Batch) -> None:
         """End the waiting of axes that have fallen silent; the journal has it as an empty block."""
         for name, watch in self._axes.items():
             if name in busy:
@@ -246,73 +261,58 @@ class Fleet:
                 wall = self._clock()
                 if watch.order.held_samples or watch.waits:
                     looks = watch.flush(wall)
-                    journal.append((watch.name, b""))
-                    self._looked(watch, looks, wall, writes, events)
+                    batch.journal.append((watch.name, b""))
+                    self._looked(watch, looks, wall, batch)
 
-    def _looked(
-        self, watch: AxisWatch, looks: list[Look], wall: float, writes: list[Write], events: list[Event]
-    ) -> None:
+    def _looked(self, watch: AxisWatch, looks: list[Look], wall: float, batch: _Batch) -> None:
         for look in looks:
             for finding in look.fresh:
-                told = partial(Transaction.found, axis=watch.name, time=look.time, wall=wall, finding=finding)
-                writes.append(told)
+                batch.writes.append(
+                    partial(Transaction.found, axis=watch.name, time=look.time, wall=wall, finding=finding)
+                )
                 body = finding.model_dump(mode="json") | {"axis": watch.name, "time": look.time, "wall": wall}
-                self._told("finding", watch.name, look.time, body, True, writes, events)
-            moved = self._book.update(watch.name, look.time, wall, look.standing)
-            for transition in moved:
-                self._moved(transition, writes, events)
+                self._told("finding", watch.name, look.time, body, True, batch)
+            for transition in self._book.update(watch.name, look.time, wall, look.standing):
+                self._moved(transition, batch)
         if looks:
             mine = self._book.alarms(watch.name)
             if mine:  # when each was seen last counts after a restart too
-                writes.append(lambda t: t.alarm(*mine))
-            events.append(Event("status", watch.name, looks[-1].time, asdict(self._status(watch))))
+                batch.writes.append(lambda t: t.alarm(*mine))
+            status = self._status(watch).model_dump(mode="json")
+            batch.events.append(Event("status", watch.name, looks[-1].time, status))
 
-    def _moved(self, transition: Transition, writes: list[Write], events: list[Event]) -> None:
-        writes.append(partial(Transaction.transition, transition=transition))
-        axis, told = transition.alarm.axis, transition.notify
-        self._told("alarm", axis, transition.time, asdict(transition), told, writes, events)
+    def _moved(self, transition: Transition, batch: _Batch) -> None:
+        batch.writes.append(partial(Transaction.transition, transition=transition))
+        axis, notify = transition.alarm.axis, transition.notify
+        self._told("alarm", axis, transition.time, asdict(transition), notify, batch)
 
     def _told(
         self, kind: Literal["finding", "alarm"], axis: str, when: float, body: dict[str, Any], notify: bool,
-        writes: list[Write], events: list[Event],
+        batch: _Batch,
     ) -> None:  # fmt: skip
         """What must arrive goes through the outbox, and is told at once to whom listens."""
         wall = self._clock()
         for target in self._targets(kind, notify):
-            writes.append(partial(Transaction.send, kind=kind, body=body, target=target, wall=wall))
-        events.append(Event(kind, axis, when, body))
+            batch.writes.append(partial(Transaction.send, kind=kind, body=body, target=target, wall=wall))
+        batch.events.append(Event(kind, axis, when, body))
 
-    def _acted(self, writes: list[Write], events: list[Event]) -> list[tuple[Future[Transition], Transition]]:
-        done: list[tuple[Future[Transition], Transition]] = []
-        while True:
-            try:
-                action, future = self._actions.get_nowait()
-            except queue.Empty:
-                return done
+    def _act_all(self, batch: _Batch) -> None:
+        while not self._actions.empty():
+            action, future = self._actions.get()
             if not future.set_running_or_notify_cancel():
                 continue
             try:
-                transition = self._do(action)
+                transition = self._book.act(action, self._clock())
             except InputError as error:
                 future.set_exception(error)
                 continue
-            self._moved(transition, writes, events)
-            done.append((future, transition))
+            self._moved(transition, batch)
+            batch.done.append((future, transition))
 
-    def _do(self, action: Action) -> Transition:
-        wall, book = self._clock(), self._book
-        if action.kind == "shelve":
-            return book.shelve(action.alarm_id, action.who, action.until or 0.0, action.note, wall)
-        done = {
-            "acknowledge": book.acknowledge, "unshelve": book.unshelve,
-            "out_of_service": book.out_of_service, "in_service": book.in_service,
-        }  # fmt: skip
-        return done[action.kind](action.alarm_id, action.who, action.note, wall)
-
-    def _keep_due(self, writes: list[Write]) -> None:
+    def _keep_due(self, batch: _Batch) -> None:
         """Checkpoints of the axes whose turn it is, as many as their share of the time allows."""
         now = time.monotonic()
-        every = max(CHECKPOINT_S, self._cost * len(self._axes) / CHECKPOINT_SHARE)
+        every = max(CHECKPOINT_S, CHECKPOINT_AXIS_S * len(self._axes))
         due = [
             n
             for n, w in self._axes.items()
@@ -320,11 +320,10 @@ class Fleet:
         ]
         for name in sorted(due, key=lambda n: self._kept.get(n, -1e9))[: 1 + len(self._axes) // 50]:
             self._kept[name] = now
-            self._keep(self._axes[name], writes)
+            self._keep(self._axes[name], batch)
 
-    def _keep(self, watch: AxisWatch, writes: list[Write]) -> None:
-        begun = time.perf_counter()
-        wall, quality, parts = self._clock(), watch.fresh_quality(), watch.rollups
+    def _keep(self, watch: AxisWatch, batch: _Batch) -> None:
+        wall, parts = self._clock(), watch.rollups
         watch.rollups = []
         held: list[Checkpoint] = []
         profile = None if watch.profile_sha256 in self._profiles_kept else watch.unit.to_yaml()
@@ -337,36 +336,29 @@ class Fleet:
             # Where the store failed in between, the journal's rows got other numbers.
             t.checkpoint(replace(held[0], sequence=self._last_row[watch.name]))
             t.rollup(*parts)
-            if quality:
-                t.quality(watch.name, wall, **quality)
             if profile is not None:
                 t.meta(profile_key(watch.profile_sha256), profile)
             t.axis(watch.name, watch.last_wall or wall, last_time=held[0].time, unit=watch.unit.name,
                    profile_sha256=watch.profile_sha256, model_sha256=self._model.sha256)  # fmt: skip
-            self._cost = 0.9 * self._cost + 0.1 * (time.perf_counter() - begun)
 
-        writes.append(write)
+        batch.writes.append(write)
 
     def keep(self, stop: threading.Event | None = None) -> None:
         """Work what waits, and keep all axes' states now; what is held for a block before it stays held."""
         with self._lock:
-            journal: list[tuple[str, bytes]] = []
-            writes: list[Write] = []
-            events: list[Event] = []
+            batch = _Batch()
             for watch in self._axes.values():
                 wall = self._clock()
-                self._looked(watch, watch.settle(wall), wall, writes, events)
+                self._looked(watch, watch.settle(wall), wall, batch)
                 if watch.name in self._last_row:
-                    self._keep(watch, writes)
-        if self._stored(journal, writes, stop):
-            for event in events:
-                self._bus.publish(event)
+                    self._keep(watch, batch)
+        if self._stored(batch, stop):
+            self._tell(batch)
 
-    def _stored(
-        self, journal: Sequence[tuple[str, bytes]], writes: list[Write], stop: threading.Event | None
-    ) -> bool:
+    def _stored(self, batch: _Batch, stop: threading.Event | None) -> bool:
         """Write all at once; while the store fails, again and again. False where `stop` was set meanwhile."""
-        if not journal and not writes:
+        journal = batch.journal
+        if not journal and not batch.writes:
             return True
         wait, token = BACKOFF_S[0], uuid4().hex
         while True:
@@ -377,7 +369,7 @@ class Fleet:
                     if journal:  # all of an axis's blocks up to the last one of all are in its state
                         last = t.accept_all(journal if fresh else ())
                         self._last_row |= dict.fromkeys((name for name, _ in journal), last)
-                    for write in writes if fresh else ():
+                    for write in batch.writes if fresh else ():
                         write(t)
             except LeaseLost:
                 raise

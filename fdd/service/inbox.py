@@ -22,9 +22,7 @@ _BLOCK_BYTES = 1000
 class _Queue:
     blocks: deque[Block] = field(default_factory=deque)
     seconds: float = 0.0
-    accepted: int = 0
-    dropped_blocks: int = 0
-    dropped_samples: int = 0
+    dropped: int = 0
 
 
 class Inbox:
@@ -35,14 +33,6 @@ class Inbox:
     most_seconds : s of data that may wait of one axis. Beyond it the axis's oldest block is dropped, unless
         its sender keeps it until it is accepted (`Block.patient`); the newest block always stays.
     most_bytes : of all that waits. Beyond it the oldest block of the axis that lags most is dropped.
-
-    Examples
-    --------
-    >>> from fdd.samples import Samples
-    >>> inbox = Inbox()
-    >>> inbox.put(Block("A1", Samples([0.0, 0.1], {"position": [0.0, 0.0]}), 0, "test", 0.0))
-    >>> [block.axis for block in inbox.take(timeout=0.0)], inbox.counters()["A1"]["accepted"]
-    (['A1'], 1)
     """
 
     def __init__(self, most_seconds: float = 10.0, most_bytes: int = MOST_BYTES) -> None:
@@ -72,7 +62,6 @@ class Inbox:
             if not queue.blocks:
                 self._waiting.append(block.axis)
             queue.blocks.append(block)
-            queue.accepted += 1
             queue.seconds += block.seconds
             self._bytes += block.nbytes + _BLOCK_BYTES
             while (
@@ -108,18 +97,10 @@ class Inbox:
         return taken
 
     def counters(self, *axes: str) -> dict[str, dict[str, float]]:
-        """By axis, of some or of all: blocks accepted, blocks and samples dropped, s of data that wait."""
+        """By axis, of some or of all: samples dropped, s of data that wait."""
         with self._changed:
             asked = {a: self._queues[a] for a in axes if a in self._queues} if axes else self._queues
-            return {
-                axis: {
-                    "accepted": q.accepted,
-                    "dropped_blocks": q.dropped_blocks,
-                    "dropped_samples": q.dropped_samples,
-                    "lag_s": q.seconds,
-                }
-                for axis, q in asked.items()
-            }
+            return {a: {"dropped_samples": q.dropped, "lag_s": q.seconds} for a, q in asked.items()}
 
     def _out(self, axis: str) -> Block:
         queue = self._queues[axis]
@@ -134,6 +115,5 @@ class Inbox:
         queue = self._queues[axis]
         if not queue.blocks:
             self._waiting.remove(axis)
-        queue.dropped_blocks += 1
-        queue.dropped_samples += len(block.samples)
+        queue.dropped += len(block.samples)
         return block

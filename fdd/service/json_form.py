@@ -21,11 +21,6 @@ def json_object(payload: bytes) -> dict[str, Any]:
     Raises
     ------
     InputError : it is none.
-
-    Examples
-    --------
-    >>> json_object(b'{"axis": "A1"}')
-    {'axis': 'A1'}
     """
     try:
         found = orjson.loads(payload)
@@ -49,11 +44,6 @@ def json_numbers(name: str, values: object) -> Array:
     Raises
     ------
     InputError : it is none, or too long.
-
-    Examples
-    --------
-    >>> json_numbers("position", [1, None])
-    array([ 1., nan])
     """
     if isinstance(values, list) and len(values) <= MOST_BLOCK_ROWS:
         try:
@@ -76,11 +66,6 @@ def json_times(given: object) -> Array:
     Raises
     ------
     InputError : it is neither.
-
-    Examples
-    --------
-    >>> json_times({"start": 1.0, "period": 0.5, "n": 3})
-    array([1. , 1.5, 2. ])
     """
     if not isinstance(given, dict):
         return json_numbers("time", given)

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from datetime import UTC, datetime
-from typing import Any, Literal, Protocol
+from typing import Any, Literal
 
 import fdd
 from fdd.diagnosis.answering import healthy_of
@@ -14,6 +14,7 @@ from fdd.errors import InputError
 from fdd.faults import FAMILIES
 from fdd.history.limits import severity_one
 from fdd.history.trend import trend_of
+from fdd.service.store import Store
 from fdd.service.store.rollups import SPANS_S
 from fdd.unit import Unit, shipped_units
 
@@ -26,22 +27,6 @@ LEAST_DAYS = 8
 """From which on a life is told by the day, and not by the hour."""
 MOST_ALARMS = 100_000
 _FORM = {"minute": "%Y-%m-%d %H:%M", "hour": "%Y-%m-%d %H:00", "day": "%Y-%m-%d"}
-
-
-class Store(Protocol):
-    """What is read of the store; rows are dicts."""
-
-    def axes(self) -> Sequence[Row]:
-        """All axes."""
-
-    def alarms(self, states: Sequence[str] | None = None, limit: int = 1000) -> Sequence[Row]:
-        """Alarms in these states, the newest first."""
-
-    def rollups(self, axis: str, quantity: str, level: str, since: float) -> Sequence[Row]:
-        """A quantity over the spans of a level from a wall time on."""
-
-    def meta(self, key: str) -> str | None:
-        """A word about the store itself."""
 
 
 def profile_key(sha256: str) -> str:

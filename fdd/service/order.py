@@ -77,7 +77,7 @@ class Order:
     --------
     >>> order = Order()
     >>> def block(n): return Block("A1", Samples([n * 0.1], {"position": [0.01 * n]}), n, "test", 0.0)
-    >>> [order.push(block(n)).time.tolist() for n in (0, 2, 1, 1)]
+    >>> [order.take([block(n)]).time.tolist() for n in (0, 2, 1, 1)]
     [[0.0], [], [0.1, 0.2], []]
     >>> order.counts["repeated"], order.counts["reordered"]
     (1, 1)
@@ -99,17 +99,13 @@ class Order:
         self._expected = self._newest = self._passed = nan
         self._given_up: list[tuple[float, float]] = []
 
-    def push(self, block: Block) -> Samples:
-        """Take a block, and give what is in order now, perhaps nothing.
+    def take(self, blocks: Sequence[Block]) -> Samples:
+        """Take blocks as they came, and give what is in order now, perhaps nothing.
 
         Returns
         -------
         Samples with times that go on from the ones given before, s.
         """
-        return self.take([block])
-
-    def take(self, blocks: Sequence[Block]) -> Samples:
-        """The same of several blocks, in the order they came: it costs little more than of one."""
         return self._passed_on([part for block in blocks for part in self._in_order(block)])
 
     def _in_order(self, block: Block) -> list[Samples]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import cache
 from pathlib import Path
 
 from fdd.bounds import MOST_AXES
@@ -22,19 +23,13 @@ class Profiles:
     Raises
     ------
     InputError : a profile that is named here cannot be used.
-
-    Examples
-    --------
-    >>> Profiles({"A1": "axis_a"}).find("A1", None).name
-    'axis_a'
     """
 
     def __init__(self, units: Path | dict[str, str] | None = None, fallback: str | None = None) -> None:
         self._units, self._fallback = units, fallback
-        self._read: dict[str, tuple[tuple[int, int], Unit]] = {}
         named = set(units.values()) if isinstance(units, dict) else set()
         for name in named | ({fallback} if fallback is not None else set()):
-            Unit.load(name)  # a misspelt one is told at the start, not by each axis that comes
+            _load(name)  # a misspelt one is told at the start, not by each axis that comes
 
     def find(self, axis: str, said: str | None) -> Unit:
         """The profile of an axis.
@@ -49,28 +44,23 @@ class Profiles:
         """
         if isinstance(self._units, dict):
             if axis in self._units:
-                return self._load(self._units[axis])
+                return _load(self._units[axis])
         elif self._units is not None:
             files = {p.stem: p for p in sorted(self._units.glob("*.yaml"))[:MOST_AXES]}
             for name in (said, axis, axis.replace("/", "_")):
                 if name in files:
-                    return self._load(str(files[name]))
+                    return _load(str(files[name]))
         if said is not None and said in shipped_units():
-            return self._load(said)
+            return _load(said)
         if self._fallback is not None:
-            return self._load(self._fallback)
+            return _load(self._fallback)
         raise InputError(
             f"axis {axis}: no profile{f' {said!r}' if said else ''}",
             mend="put one named like the axis into the units folder, or name a fallback",
         )
 
-    def _load(self, source: str) -> Unit:
-        """Read a profile once for all its axes, which share it: anew where the file has changed."""
-        try:
-            about = Path(source).stat()
-            state = about.st_mtime_ns, about.st_size
-        except OSError:  # a shipped one, or told so by its reader
-            state = 0, 0
-        if source not in self._read or self._read[source][0] != state:
-            self._read[source] = state, Unit.load(source)
-        return self._read[source][1]
+
+@cache
+def _load(source: str) -> Unit:
+    """A profile, read once for all its axes, which share it."""
+    return Unit.load(source)

@@ -44,14 +44,7 @@ class Link:
 
 
 def sendings(axis: str, samples: Samples, link: Link) -> list[tuple[float, Block]]:
-    """When (s from the start) each block of a log is sent, in that order; those that are lost are left out.
-
-    Examples
-    --------
-    >>> log = Samples(np.arange(21) / 64, {"position": np.zeros(21)})
-    >>> [(when, block.sequence) for when, block in sendings("A1", log, Link(speed=0.5))]
-    [(0.1875, 0), (0.40625, 1), (0.625, 2)]
-    """
+    """When (s from the start) each block of a log is sent, in that order, without those that are lost."""
     # The name too: axes must not lose the same blocks.
     rng = np.random.default_rng([link.seed, zlib.crc32(axis.encode())])
     blocks = [Block(axis, part, number, "", 0.0) for number, part in enumerate(pieces(samples))]
@@ -74,11 +67,6 @@ def publish(broker: Broker, topic: str, sent: Iterable[tuple[float, Block]], sto
     Raises
     ------
     InputError : the broker cannot be reached, refuses the connection, or does not take the blocks.
-
-    Examples
-    --------
-    >>> link = Link(speed=20.0, loss=0.01)
-    >>> publish(Broker(host="broker"), "rigs/{axis}", sendings("A1", log, link), stop)  # doctest: +SKIP
     """
     where = broker_name(broker)
     # Made before the first is sent: it takes longer than sending.

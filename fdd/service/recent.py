@@ -7,28 +7,37 @@ from collections.abc import Iterable, Mapping
 
 import numpy as np
 from numpy.typing import NDArray
+from pydantic import BaseModel
 
 from fdd.diagnosis.findings import Estimate
 from fdd.samples import CHANNELS, Samples
-from fdd.service.status import Bands, Numbers, Series
 
 SPAN_S = 600.0
 LOOK_S = 5.0
 BAND_S = 0.5
 """Stretches of which least and largest are kept: finer than a pixel of ten minutes."""
+Numbers = list[float | None]
 _NAMES = tuple(name for name in CHANNELS if name != "time")
 
 
-class Recent:
-    """What is kept of an axis for its page.
+class Series(BaseModel):
+    """Quantities over the stream's time (s), SI; `std` where there is one."""
 
-    Examples
-    --------
-    >>> recent = Recent()
-    >>> recent.add(Samples(np.arange(100) / 100, {"position": np.arange(100.0)}))
-    >>> recent.signals().time, recent.signals().high["position"]
-    ([0.0, 0.5], [49.0, 99.0])
-    """
+    time: list[float] = []
+    values: dict[str, Numbers] = {}
+    std: dict[str, Numbers] = {}
+
+
+class Bands(BaseModel):
+    """Signals over the stream's time (s), SI: least and largest of each stretch."""
+
+    time: list[float] = []
+    low: dict[str, Numbers] = {}
+    high: dict[str, Numbers] = {}
+
+
+class Recent:
+    """What is kept of an axis for its page."""
 
     def __init__(self) -> None:
         most = round(SPAN_S / LOOK_S)

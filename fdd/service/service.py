@@ -15,10 +15,10 @@ from fdd.errors import InputError
 from fdd.service.alarms import STATES
 from fdd.service.bus import Bus
 from fdd.service.config import Serve
-from fdd.service.http import Folders, Hub, Listen, Server, Tokens, web
+from fdd.service.http import Hub, Server, Tokens, web
 from fdd.service.outputs import Metrics, Outputs
 from fdd.service.shards import Shards
-from fdd.service.store import Store, StoreTrouble
+from fdd.service.store import Store
 from fdd.service.watch import Watch
 
 LOG = logging.getLogger("fdd.service")
@@ -41,11 +41,6 @@ class Service:
     Raises
     ------
     InputError : a profile, a port, a file or the store that cannot be used.
-
-    Examples
-    --------
-    >>> service = Service(Serve.load("serve.yaml"))  # doctest: +SKIP
-    >>> service.run(stop)  # doctest: +SKIP
     """
 
     def __init__(self, config: Serve, engine: Engine = "local") -> None:
@@ -59,13 +54,13 @@ class Service:
         if engine == "ray":
             # Each shard records by itself: the samples are there.
             outputs = config.outputs.model_copy(update={"recording": None})
-            self._outputs = Outputs(outputs, self._store, self._bus)
+            self._outputs = Outputs(outputs, self._store, self._bus, lambda axis: None)
             self.fleet = Shards(config, self._store, self._bus, self._outputs.targets)
         else:
             self._outputs = Outputs(
                 config.outputs, self._store, self._bus, lambda axis: watch.profile_of(axis)
             )
-            watch = Watch(config, self._store, self._bus, self._outputs.targets, self._outputs.push)
+            watch = Watch(config, self._store, self._bus, self._outputs.targets)
             self.fleet = watch
         self._hub = Hub(self._bus)
         tokens = None if config.tokens is None else Tokens.load(config.tokens)
@@ -73,17 +68,11 @@ class Service:
             self.fleet.axes, lambda: self._store.alarms(STATES[1:]), self._outputs.status,
             self.fleet.sources, lambda: self.fleet.store_errors,
         )  # fmt: skip
-        tls = config.listen.tls
         app = web(
             fleet=self.fleet, store=self._store, hub=self._hub, health=self.health, metrics=metrics,
-            trouble=StoreTrouble, tokens=tokens, hosts=config.listen.names, secure=tls is not None,
-            folders=Folders(None if isinstance(config.units, dict) else config.units, config.maps),
+            tokens=tokens, hosts=config.listen.names, secure=config.listen.tls is not None,
         )  # fmt: skip
-        listen = Listen(
-            config.listen.host, config.listen.port, None if tls is None else tls.cert,
-            None if tls is None else tls.key,
-        )  # fmt: skip
-        self._server = Server(app, listen, has_tokens=tokens is not None)
+        self._server = Server(app, config.listen)
         self.address = self._server.address
 
     def health(self) -> dict[str, Any]:

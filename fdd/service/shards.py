@@ -2,30 +2,136 @@
 
 from __future__ import annotations
 
+import logging
 import socket
 import threading
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from fdd.engines import connected
+from fdd.engines import connected, enter
 from fdd.errors import InputError
 from fdd.service.alarms import Action, Transition
-from fdd.service.bus import Bus
-from fdd.service.config import Outputs, Serve
+from fdd.service.bus import Bus, Event
+from fdd.service.config import Outputs as OutputsConfig
+from fdd.service.config import Serve
 from fdd.service.config_sources import MqttSource, source_name
-from fdd.service.fleet import ACT_S
-from fdd.service.shard import STOP_S, News, Shard
-from fdd.service.share import Share
+from fdd.service.fleet import ACT_S, Share
+from fdd.service.outputs import Outputs
 from fdd.service.status import AxisDetail, AxisStatus
-from fdd.service.store import Store, StoreTrouble
+from fdd.service.store import LeaseLost, Store, StoreTrouble
+from fdd.service.watch import Watch
 
+LOG = logging.getLogger("fdd.service")
+AGAIN_S = 3.0
+"""Rest of a shard after a failure, such as a store that is away; then all is opened anew."""
+NEWS_S = 0.5
+"""Longest wait of a shard for something to tell."""
+ASK_S = 3.0
+"""For an answer; a shard that is silent for longer is away."""
+STOP_S = 15.0
+MOST_EVENTS = 500
 MEMORY_BYTES = 256 << 20
 """That a shard reserves, and no processor: jobs that take all of them must not keep a lost shard waiting."""
 CALLS = 16
 """Of a shard that are answered at once."""
-ASK_S = 3.0
-"""For an answer; a shard that is silent for longer is away."""
+
+Targets = Mapping[tuple[str, bool], Sequence[str]]
+"""Kind of event, and whether people are told, to the targets of its outbox."""
+
+
+@dataclass
+class News:
+    """What a shard has to tell since it was last asked.
+
+    Attributes
+    ----------
+    lost : why it ended for good: somebody else watches its axes.
+    """
+
+    events: list[Event]
+    problems: list[str]
+    sources: dict[str, dict[str, Any]] = field(default_factory=dict)
+    store_errors: int = 0
+    lost: str | None = None
+
+
+class Shard:
+    """Watch a share of the axes, in a thread; whatever fails is begun anew from what the store has.
+
+    Parameters
+    ----------
+    folder : that relative paths start from. config : of this shard. leases : those of the service.
+    """
+
+    def __init__(
+        self, folder: str, config: Serve, share: Share, leases: Mapping[str, str], targets: Targets
+    ) -> None:
+        logging.basicConfig(format="%(asctime)s %(levelname)s %(message)s", level=logging.INFO)
+        self._config, self._share, self._leases, self._targets = config, share, leases, targets
+        self._bus, self._stop = Bus(), threading.Event()
+        self._events = self._bus.subscribe()
+        self._watch: Watch | None = None
+        self._problem = "is being started"
+        self._lost: str | None = None
+        enter(folder)
+        self._thread = threading.Thread(target=self._live, name="shard", daemon=True)
+        self._thread.start()
+
+    def _live(self) -> None:
+        while not self._stop.is_set():
+            try:
+                self._run()
+            except LeaseLost as error:
+                self._lost = str(error)
+                return
+            except Exception as error:
+                LOG.exception("shard %d", self._share.number)
+                self._problem = " ".join(f"{type(error).__name__}: {error}".split())
+                self._stop.wait(AGAIN_S)
+
+    def _run(self) -> None:
+        ended = threading.Event()
+        store = Store(self._config.store_url, leases=self._leases)
+        try:
+            # From here on nobody else writes what this shard reads next.
+            store.claim(f"shard {self._share.number}")
+            outputs = Outputs(self._config.outputs, store, self._bus, lambda axis: watch.profile_of(axis))
+            targets = lambda kind, notify: self._targets[kind, notify]  # noqa: E731
+            watch = self._watch = Watch(self._config, store, self._bus, targets, self._share)
+            outputs.start(ended)
+            try:
+                watch.run(self._stop)
+            finally:
+                self._watch = None
+                ended.set()
+                outputs.join()
+        finally:
+            store.close()
+
+    def ask(self, method: str, *given: Any) -> Any:
+        """What a method of its fleet gives: `axes`, `axis` or `act`."""
+        if self._watch is None:
+            raise StoreTrouble(f"shard {self._share.number} {self._problem}", mend="try again")
+        return getattr(self._watch, method)(*given)
+
+    def news(self) -> News:
+        """What happened since the last call, waiting a moment for it."""
+        events = []
+        event = self._events.get(NEWS_S)
+        while event is not None:
+            events.append(event)
+            event = self._events.get() if len(events) < MOST_EVENTS else None
+        watch = self._watch
+        if watch is None:
+            return News(events, [self._problem], lost=self._lost)
+        return News(events, watch.problems(), watch.sources(), watch.store_errors)
+
+    def stop(self) -> None:
+        """Keep everything, and end."""
+        self._stop.set()
+        self._thread.join(STOP_S)
 
 
 class Shards:
@@ -39,11 +145,6 @@ class Shards:
     Raises
     ------
     InputError : a source that cannot be read in shards, or no Ray.
-
-    Examples
-    --------
-    >>> shards = Shards(config, store, Bus(), outputs.targets)  # doctest: +SKIP
-    >>> shards.run(stop)  # doctest: +SKIP
     """
 
     def __init__(
@@ -52,9 +153,7 @@ class Shards:
         self._store, self._bus = store, bus
         self._shares = [Share(number, config.shards) for number in range(config.shards)]
         parts = [part_of(config, share) for share in self._shares]
-        told = {
-            (kind, told): list(targets(kind, told)) for kind in ("alarm", "finding") for told in (True, False)
-        }
+        told = {(kind, n): list(targets(kind, n)) for kind in ("alarm", "finding") for n in (True, False)}
         self._ray, self._began = connected(log_to_driver=True)
         # A call is not repeated by Ray: nothing is done to an alarm behind the back of who gave up waiting.
         actor = self._ray.remote(Shard).options(
@@ -121,12 +220,8 @@ class Shards:
 
     def sources(self) -> dict[str, dict[str, Any]]:
         """How each shard's sources stand, by its number and their name."""
-        return {
-            f"{number}/{name}": status
-            for number, news in enumerate(self._news)
-            if news is not None
-            for name, status in news.sources.items()
-        }
+        known = [(number, news.sources) for number, news in enumerate(self._news) if news is not None]
+        return {f"{number}/{name}": status for number, found in known for name, status in found.items()}
 
     def axes(self) -> list[AxisStatus]:
         """How every axis stands; those of a shard that is away have failed until it is there again."""
@@ -172,7 +267,7 @@ class Shards:
         away = StoreTrouble(f"shard {share.number} is away: Ray starts it again", mend="try again")
         if self._news[share.number] is None:
             raise away
-        answer = getattr(self._actors[share.number], method).remote(*given)
+        answer = self._actors[share.number].ask.remote(method, *given)
         try:
             return self._ray.get(answer, timeout=most)
         except self._ray.exceptions.RayTaskError as error:
@@ -213,4 +308,4 @@ def part_of(config: Serve, share: Share) -> Serve:
         most = max(kept.most_bytes // share.of, 1 << 20)
         folder = kept.folder / f"shard-{share.number}"
         kept = kept.model_copy(update={"folder": folder, "most_bytes": most})
-    return config.model_copy(update={"sources": sources, "outputs": Outputs(recording=kept)})
+    return config.model_copy(update={"sources": sources, "outputs": OutputsConfig(recording=kept)})

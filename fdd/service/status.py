@@ -1,22 +1,29 @@
-"""How an axis stands, as the page, the metrics and the buses are told: plain values that JSON takes."""
+"""How an axis stands, as the page, the metrics and the buses are told."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
-from typing import Any
+from collections.abc import Mapping, Sequence
+from typing import Literal
 
-from fdd.diagnosis.findings import FaultFinding
+from pydantic import BaseModel
 
-Numbers = list[float | None]
+from fdd.diagnosis.findings import Estimate, FaultFinding
+from fdd.faults import fault
+from fdd.service.alarms import PRIORITIES, Alarm, Priority
+from fdd.service.axis import AxisWatch
+from fdd.service.recent import Bands, Series
+
+SILENT_S = 10.0
+"""s without a sample after which an axis is told to be silent."""
+AxisState = Literal["learning", "healthy", "in alarm", "unacknowledged", "silent", "failed"]
 
 
-@dataclass(frozen=True, kw_only=True)
-class AxisStatus:
+class AxisStatus(BaseModel):
     """An axis as it stands now.
 
     Attributes
     ----------
-    state : learning, healthy, in alarm, unacknowledged, silent or failed. headline : why, in a sentence.
+    headline : why it is in its state, in a sentence.
     last_wall : Unix seconds, when its last samples came. lag_s : s of data that wait for their diagnosis.
     rate_hz : of its samples. quality : counts of what was missing or odd since the service started.
     alarms, unacknowledged, priority : how many stand, and the worst of them.
@@ -24,41 +31,22 @@ class AxisStatus:
 
     name: str
     unit: str
-    state: str
+    state: AxisState
     headline: str
     last_wall: float | None = None
     lag_s: float = 0.0
     samples: int = 0
     rate_hz: float | None = None
     verdict: str = "inconclusive"
-    probabilities: dict[str, float] = field(default_factory=dict)
-    estimates: dict[str, dict[str, Any]] = field(default_factory=dict)
-    quality: dict[str, int] = field(default_factory=dict)
+    probabilities: dict[str, float] = {}
+    estimates: dict[str, Estimate] = {}
+    quality: dict[str, int] = {}
     alarms: int = 0
     unacknowledged: int = 0
-    priority: str | None = None
+    priority: Priority | None = None
 
 
-@dataclass(frozen=True, kw_only=True)
-class Series:
-    """Quantities over the stream's time (s), SI; `std` where there is one."""
-
-    time: list[float]
-    values: dict[str, Numbers]
-    std: dict[str, Numbers] = field(default_factory=dict)
-
-
-@dataclass(frozen=True, kw_only=True)
-class Bands:
-    """Signals over the stream's time (s), SI: least and largest of each stretch."""
-
-    time: list[float]
-    low: dict[str, Numbers]
-    high: dict[str, Numbers]
-
-
-@dataclass(frozen=True, kw_only=True)
-class AxisDetail:
+class AxisDetail(BaseModel):
     """An axis with its last ten minutes and the findings that stand.
 
     Attributes
@@ -67,8 +55,55 @@ class AxisDetail:
     """
 
     status: AxisStatus
-    findings: list[FaultFinding]
-    estimates: Series
-    misfits: Series
-    probabilities: Series
-    signals: Bands
+    findings: list[FaultFinding] = []
+    estimates: Series = Series()
+    misfits: Series = Series()
+    probabilities: Series = Series()
+    signals: Bands = Bands()
+
+
+def status_of(
+    watch: AxisWatch, alarms: Sequence[Alarm], counters: Mapping[str, float], now: float
+) -> AxisStatus:
+    """How an axis stands.
+
+    Parameters
+    ----------
+    alarms : of this axis. counters : of the inbox. now : Unix seconds.
+    """
+    live = [a for a in alarms if a.state in ("UNACK", "ACKED", "RTNUN")]
+    open_ = [a for a in live if a.state != "ACKED"]
+    silent = watch.last_wall is None or abs(now - watch.last_wall) > SILENT_S
+    state: AxisState = (
+        "failed" if watch.failed else "unacknowledged" if open_ else "in alarm" if live
+        else "silent" if silent else "learning" if watch.learning is not None else "healthy"
+    )  # fmt: skip
+    dropped = int(counters.get("dropped_samples", 0))
+    return AxisStatus(
+        name=watch.name, unit=watch.unit.name, state=state, headline=_headline(watch, live, state),
+        last_wall=watch.last_wall, lag_s=counters.get("lag_s", 0.0), samples=watch.samples,
+        rate_hz=watch.rate_hz,
+        verdict=(
+            "faulty" if watch.standing else "inconclusive" if state in ("failed", "learning") else "healthy"
+        ),
+        probabilities=watch.probabilities, estimates=watch.estimates,
+        quality=watch.quality() | {"overrun": dropped}, alarms=len(live), unacknowledged=len(open_),
+        priority=max((a.priority for a in live), key=PRIORITIES.index, default=None),
+    )  # fmt: skip
+
+
+def _headline(watch: AxisWatch, live: Sequence[Alarm], state: str) -> str:
+    if watch.failed:
+        return watch.failed
+    if live:
+        # What the last look still saw comes before what waits to return: it may have been the same fault.
+        worst = max(live, key=lambda a: (a.seen >= a.time, PRIORITIES.index(a.priority), a.confidence or 0.0))
+        size = "" if worst.severity is None else f", severity {worst.severity:.2f}"
+        sure = "" if worst.confidence is None else f", {100 * worst.confidence:.0f} % sure"
+        since, gone = worst.body["onset_s"], "" if worst.standing else "; it is gone"
+        return f"{fault(worst.fault).title.capitalize()}{size}{sure}, since {since:.0f} s{gone}"
+    if state == "silent":
+        return "No samples come"
+    if watch.learning is not None:
+        return "Learning what is normal; until then only changes are told"
+    return "No fault found"

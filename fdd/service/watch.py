@@ -8,23 +8,16 @@ from collections.abc import Callable, Sequence
 from typing import Any
 
 from fdd.diagnosis.model import Model
-from fdd.samples import Samples
 from fdd.service.bus import Bus
 from fdd.service.config import Serve
-from fdd.service.fleet import Fleet
+from fdd.service.fleet import Fleet, Share
 from fdd.service.inbox import Inbox
 from fdd.service.profiles import Profiles
-from fdd.service.share import Share
 from fdd.service.sources import open_source
 from fdd.service.store import Store
 
-RUBBISH = 50_000
-"""Objects made and not yet freed after which Python looks for circles among them. By its own count, 700, the
-blocks of a hundred axes that wait make it look all the time, in vain."""
-
-
-def _unheard(axis: str, samples: Samples) -> None:
-    """Nothing is recorded."""
+GC_THRESHOLD = 50_000
+"""Python's own is 700: waiting blocks of a hundred axes would start the garbage collector all the time."""
 
 
 class Watch(Fleet):
@@ -32,30 +25,28 @@ class Watch(Fleet):
 
     Parameters
     ----------
-    config : the file. targets : see `Fleet`. record : takes the samples. share : the axes that are watched.
+    config : the file. targets : see `Fleet`. share : the axes that are watched.
 
     Raises
     ------
     InputError : a model or channel map that cannot be used.
 
-    Examples
-    --------
-    >>> watch = Watch(Serve.load("serve.yaml"), store, Bus(), outputs.targets)  # doctest: +SKIP
-    >>> watch.run(stop)  # doctest: +SKIP
+    Attributes
+    ----------
+    began : set once all sources have begun.
     """
 
     def __init__(
         self, config: Serve, store: Store, bus: Bus, targets: Callable[[str, bool], Sequence[str]],
-        record: Callable[[str, Samples], None] = _unheard, share: Share = Share(),
+        share: Share = Share(),
     ) -> None:  # fmt: skip
         inbox = Inbox(config.limits.inbox_seconds, config.limits.inbox_bytes)
         super().__init__(
             Profiles(config.units, config.fallback), Model.load(config.model), store, bus, inbox,
-            targets=targets, record=record,
+            targets=targets,
             hold=config.limits.hold, learn_s=60.0 * config.learn_minutes, share=share,
         )  # fmt: skip
         self.began = threading.Event()
-        """Set once all sources have begun."""
         self._sources = [open_source(source, share.has) for source in config.sources]
 
     def run(self, stop: threading.Event) -> None:
@@ -67,7 +58,7 @@ class Watch(Fleet):
         """
         ended = threading.Event()
         gc.freeze()  # what was imported stays
-        gc.set_threshold(RUBBISH)
+        gc.set_threshold(GC_THRESHOLD)
         try:
             for source in self._sources:
                 source.start(self._inbox.put, ended)

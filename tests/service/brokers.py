@@ -18,25 +18,23 @@ needs_mosquitto = pytest.mark.skipif(MOSQUITTO is None, reason="no mosquitto her
 
 
 class Broker:
-    """A mosquitto that keeps its sessions on disk."""
+    """A mosquitto that keeps its sessions on disk, or nothing."""
 
-    def __init__(self, folder: Path, *settings: str) -> None:
+    def __init__(self, folder: Path, *settings: str, keeps: bool = True) -> None:
         with socket.socket() as free:
             free.bind(("127.0.0.1", 0))
             self.port = free.getsockname()[1]
-        self._config = folder / "mosquitto.conf"
-        self._config.write_text(
-            "\n".join(
-                (f"listener {self.port} 127.0.0.1", "persistence true", f"persistence_location {folder}/",
-                 "autosave_interval 1", "autosave_on_changes true", "user root", "max_queued_messages 10000",
-                 *(settings or ("allow_anonymous true",)), "")
-            )
-        )  # fmt: skip
-        self.start()
+        self._config, self._keeps = folder / "mosquitto.conf", keeps
+        self.start(*(settings or ("allow_anonymous true",)))
 
-    def start(self) -> None:
-        """Start it, and wait until it listens."""
+    def start(self, *settings: str) -> None:
+        """Start it, with other settings where they are given, and wait until it listens."""
         assert MOSQUITTO is not None
+        if settings:
+            kept = ("persistence true", f"persistence_location {self._config.parent}/", "autosave_interval 1",
+                    "autosave_on_changes true", "max_queued_messages 10000")  # fmt: skip
+            lines = (f"listener {self.port} 127.0.0.1", "user root", *kept * self._keeps, *settings, "")
+            self._config.write_text("\n".join(lines))
         self._process = subprocess.Popen([MOSQUITTO, "-c", str(self._config)], stderr=subprocess.DEVNULL)
         until(self._listens)
 

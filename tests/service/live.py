@@ -14,7 +14,7 @@ from fdd.diagnosis.findings import Diagnosis
 from fdd.diagnosis.model import Model
 from fdd.samples import Samples
 from fdd.service.axis import AxisWatch
-from fdd.service.blocks import Block, decode
+from fdd.service.blocks import Block, Decoder
 from fdd.service.config import Serve
 from fdd.service.service import Service
 from fdd.service.status import AxisStatus
@@ -117,7 +117,7 @@ class Heard:
             count = len(self._payloads)
             threading.Event().wait(1.0)
         found: dict[str, list[Block]] = {}
-        for block in map(decode, self._payloads):
+        for block in map(Decoder().decode, self._payloads):
             found.setdefault(block.axis, []).append(block)
         return found
 

@@ -14,6 +14,11 @@ LEAK = FaultFinding(
 )  # fmt: skip
 
 
+def blocks_of(axis: str, payloads: list[bytes]) -> list[tuple[str, bytes]]:
+    """As a transaction accepts them."""
+    return [(axis, payload) for payload in payloads]
+
+
 def postgres_url() -> str:
     """An emptied database on a server of our own, or the test is skipped."""
     url = postgres_server().url

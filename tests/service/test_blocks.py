@@ -16,7 +16,7 @@ from fdd.bounds import MOST_BLOCK_ROWS
 from fdd.errors import InputError
 from fdd.logs.channel_map import ChannelMap
 from fdd.samples import Samples
-from fdd.service.blocks import Block, Decoder, decode, encode_arrow, encode_json
+from fdd.service.blocks import Block, Decoder, encode_arrow, encode_json
 
 GOOD = {
     "schema": "fdd.block/1",
@@ -56,6 +56,10 @@ def test_a_block_comes_back_as_it_was(values: np.ndarray, number: int | None, un
         assert np.array_equal(found.samples.time, time)
         for name, column in columns.items():
             assert np.array_equal(found.samples[name], column, equal_nan=True)
+
+
+def decode(payload: bytes) -> Block:
+    return Decoder().decode(payload)
 
 
 SEEDS = [message(), encode_arrow(decode(message()))]

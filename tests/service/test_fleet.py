@@ -216,7 +216,7 @@ def test_a_store_whose_answer_is_lost_has_nothing_twice(
         fleet.keep()
         sums = [r["n"] for r in store.rollups("A1", "leakage", "minute")]
         sent = [(p.kind, p.body["axis"] if p.kind == "finding" else "") for p in store.outbox(99, "there")]
-        return told(store), sums, sent, store.quality("A1"), store.journal("A1"), fleet
+        return told(store), sums, sent, store.journal("A1"), fleet
 
     whole = worked(f"sqlite:///{tmp_path / 'whole.db'}")
     tries = count()
@@ -352,7 +352,7 @@ def test_a_state_of_another_profile_is_put_away(store: Store, log: Samples, tmp_
     other = Fleet(Profiles({"A1": "axis_b"}), Model.load(), store, Bus(), Inbox())
     other.resume()
     assert other.axes()[0].samples == 0
-    assert [a["action"] for a in store.audit(axis="A1")] == ["STATE_DISCARDED"]
+    assert [a["action"] for a in store.audit()] == ["STATE_DISCARDED"]
 
 
 @pytest.mark.slow

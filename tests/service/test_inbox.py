@@ -37,8 +37,8 @@ def test_an_axis_that_lags_loses_its_oldest_and_no_other() -> None:
         inbox.put(block("slow", number, accepted=lambda n=number: told.append(n)))
     inbox.put(block("fine", 0))
     counters = inbox.counters()
-    assert counters["slow"]["dropped_blocks"] == 5 and counters["slow"]["dropped_samples"] == 50
-    assert counters["slow"]["lag_s"] == pytest.approx(3.0) and counters["fine"]["dropped_blocks"] == 0
+    assert counters["slow"]["dropped_samples"] == 50
+    assert counters["slow"]["lag_s"] == pytest.approx(3.0) and counters["fine"]["dropped_samples"] == 0
     assert [b.sequence for b in inbox.take(0.0) if b.axis == "slow"] == [5, 6, 7]
     assert told == [0, 1, 2, 3, 4]
     assert inbox.counters()["slow"]["lag_s"] == 0.0
@@ -64,8 +64,8 @@ def test_beyond_the_bytes_the_axis_that_lags_most_loses() -> None:
         inbox.put(block("short", number, seconds=0.1))
     for number in range(6):
         inbox.put(block("long", number))
-    assert inbox.counters()["short"]["dropped_blocks"] == 0
-    assert inbox.counters()["long"]["dropped_blocks"] == 2
+    assert inbox.counters()["short"]["dropped_samples"] == 0
+    assert inbox.counters()["long"]["dropped_samples"] == 2 * len(one.samples)
 
 
 def test_more_axes_than_a_service_watches_are_refused() -> None:
@@ -97,6 +97,7 @@ def test_many_threads_put_and_all_is_taken_or_counted() -> None:
             break
     counters = inbox.counters()
     for k in range(senders):
-        own = [b.sequence for b in taken if b.axis == f"A{k}"]
-        assert own == sorted(own)  # type: ignore[type-var]
-        assert len(own) + counters[f"A{k}"]["dropped_blocks"] == each == counters[f"A{k}"]["accepted"]
+        own = [b for b in taken if b.axis == f"A{k}"]
+        assert [b.sequence for b in own] == sorted(b.sequence for b in own)  # type: ignore[type-var]
+        rows = len(own[0].samples)
+        assert rows * len(own) + counters[f"A{k}"]["dropped_samples"] == rows * each

@@ -5,21 +5,22 @@ from __future__ import annotations
 import json
 import os
 import socket
+import sys
 import threading
 import time
 from collections.abc import Iterator
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 from fdd.bounds import MAX_BLOCK_BYTES
 from fdd.errors import InputError
-from fdd.service.blocks import decode, encode_arrow, encode_json
+from fdd.service.blocks import Decoder, encode_arrow, encode_json
 from fdd.service.config_sources import StdinSource, TcpSource, UdpSource
 from fdd.service.sources import open_source
-from fdd.service.sources.intake import Intake
-from fdd.service.sources.listening import Datagrams, StandardInput, TcpLines
+from fdd.service.sources.listening import Datagrams, TcpLines
 from tests.service.senders import Taker, a_block, until
 
 
@@ -179,9 +180,12 @@ def test_datagrams_are_messages(taker: Taker, stop: threading.Event) -> None:
     assert np.array_equal(taker.joined("C3")["position"][10:], a_block(1).samples["position"])
 
 
-def test_standard_input_to_its_end(taker: Taker, stop: threading.Event) -> None:
+def test_standard_input_to_its_end(
+    taker: Taker, stop: threading.Event, monkeypatch: pytest.MonkeyPatch
+) -> None:
     reading, writing = os.pipe()
-    source = StandardInput(StdinSource(type="stdin", axis="A1"), Intake("stdin"), lambda: reading)
+    monkeypatch.setattr(sys, "stdin", SimpleNamespace(fileno=lambda: reading))
+    source = open_source(StdinSource(type="stdin", axis="A1"))
     source.start(taker.put, stop)
     os.write(writing, samples(0, 5))
     until(lambda: len(taker.blocks) >= 1)
@@ -209,4 +213,4 @@ def test_the_sender_of_the_manual_sends(taker: Taker, stop: threading.Event) -> 
     until(lambda: taker.numbers() == list(range(20)))
     assert source.status()["refused"] == 0 and len(taker.blocks[0].samples) == 100
     example = page.split("```json\n")[1].split("```")[0]
-    assert decode(example.encode()).samples.time.tolist() == pytest.approx([12.3, 12.301, 12.302])
+    assert Decoder().decode(example.encode()).samples.time.tolist() == pytest.approx([12.3, 12.301, 12.302])

@@ -109,7 +109,7 @@ def test_logs_of_a_folder_are_read_once(tmp_path: Path, taker: Taker) -> None:
         until(lambda source=source: not source.status()["connected"])
     assert taker.numbers() == [*range(6), *range(6)]
     order = Order()
-    found = Samples.concatenate([*(order.push(b) for b in taker.blocks), order.flush()])
+    found = Samples.concatenate([*(order.take([b]) for b in taker.blocks), order.flush()])
     assert len(found) == 1200 and order.counts["repeated"] == order.counts["late"] == 0
     wanted = np.concatenate([read_log(p).samples["position"] for p in (first, second)])
     assert np.array_equal(found["position"], wanted, equal_nan=True)

@@ -77,7 +77,7 @@ def connected(source: Source, taker: Taker, stop: threading.Event) -> Source:
 
 def ordered(blocks: list[Block]) -> tuple[Samples, Order]:
     order = Order()
-    return Samples.concatenate([*(order.push(b) for b in blocks), order.flush()]), order
+    return Samples.concatenate([*(order.take([b]) for b in blocks), order.flush()]), order
 
 
 @pytest.mark.parametrize("version", VERSIONS)
@@ -278,7 +278,7 @@ def test_files_that_are_missing_are_told_at_once(
     broker: Broker, tmp_path: Path, stop: threading.Event
 ) -> None:
     missing = tmp_path / "none"
-    with pytest.raises(InputError, match="none: the password cannot be read"):
+    with pytest.raises(InputError, match="none: the password or key cannot be read"):
         source_of(broker, user="rig", password_file=missing).start(lambda block: None, stop)
     with pytest.raises(InputError, match="TLS cannot be set up"):
         source_of(broker, tls={"ca": missing}).start(lambda block: None, stop)

@@ -75,7 +75,7 @@ def passed(order: Order, blocks: list[Block], *, restart: int | None = None) -> 
             state = order.state()
             order = Order()
             order.restore({name: array.copy() for name, array in state.items()})
-        parts.append(order.push(one))
+        parts.append(order.take([one]))
         held = order.held_samples
         given = sum(len(p) for p in parts)
         counts = order.counts
@@ -118,31 +118,31 @@ def steady(number: int | None, start: float, rows: int = 10, seed: int = 0) -> B
 
 def test_a_block_that_never_comes_is_given_up_after_the_hold() -> None:
     order = Order(hold=0.5)
-    got = [len(order.push(steady(n, 0.1 * n))) for n in (0, 1, *range(3, 10))]
+    got = [len(order.take([steady(n, 0.1 * n)])) for n in (0, 1, *range(3, 10))]
     # 0.5 s are held with the blocks 3 to 7, more with 8.
     assert got == [10, 10, 0, 0, 0, 0, 0, 60, 10]
     assert order.counts["missing_blocks"] == 1 and order.gaps.jumps == 0
-    late = order.push(steady(2, 0.2))
+    late = order.take([steady(2, 0.2)])
     assert len(late) == 0 and order.counts["late"] == 10
-    order.push(steady(2, 0.2))
+    order.take([steady(2, 0.2)])
     assert order.counts["late"] == 10 and order.counts["repeated"] == 10
 
 
 def test_rows_that_interleave_are_put_between_each_other() -> None:
     order = Order()
     odd, even = (block(PERIOD * np.arange(k, 200, 2), np.arange(k, 200, 2.0), None) for k in (1, 0))
-    parts = [order.push(odd), order.push(even), order.flush()]
+    parts = [order.take([odd]), order.take([even]), order.flush()]
     assert np.array_equal(Samples.concatenate(parts)["position"], np.arange(200.0))
 
 
 def test_rows_after_newer_ones_are_late_and_known_ones_repeated() -> None:
     order = Order(hold=0.2)
     for n in (0, 1, 2, 4, 5, 6, 7):
-        order.push(steady(None, 0.1 * n))
-    assert len(order.push(steady(None, 0.3))) == 0
+        order.take([steady(None, 0.1 * n)])
+    assert len(order.take([steady(None, 0.3)])) == 0
     assert order.counts["late"] == 10 and order.counts["repeated"] == 0
     # Sent again, cut otherwise.
-    order.push(steady(None, 0.0, rows=20, seed=1))
+    order.take([steady(None, 0.0, rows=20, seed=1)])
     assert order.counts["repeated"] == 20
 
 
@@ -150,7 +150,7 @@ def test_rows_sent_again_in_other_cuts_are_passed_on_once() -> None:
     time, value = PERIOD * np.arange(100), np.arange(100.0)
     cuts = [(0, 30), (20, 50), (10, 45), (45, 60), (50, 100)]
     order = Order()
-    parts = [order.push(block(time[a:b], value[a:b], None)) for a, b in cuts]
+    parts = [order.take([block(time[a:b], value[a:b], None)]) for a, b in cuts]
     assert np.array_equal(Samples.concatenate([*parts, order.flush()])["position"], value)
     assert order.counts["repeated"] == sum(b - a for a, b in cuts) - 100 and order.counts["late"] == 0
 
@@ -158,19 +158,19 @@ def test_rows_sent_again_in_other_cuts_are_passed_on_once() -> None:
 def test_a_restored_order_knows_what_was_given_up() -> None:
     before, after = Order(hold=0.05), Order()
     for n in (0, 2, 3, 4):
-        before.push(steady(n, 0.1 * n))
+        before.take([steady(n, 0.1 * n)])
     after.restore(before.state())
     assert before.counts["missing_blocks"] == 1
     for order in (before, after):
-        assert len(order.push(steady(1, 0.1))) == 0 and len(order.push(steady(5, 0.5))) == 10
+        assert len(order.take([steady(1, 0.1)])) == 0 and len(order.take([steady(5, 0.5)])) == 10
         assert order.counts["late"] == 10 and order.clock.resets == 0
 
 
 @pytest.mark.parametrize("start", [0.0, 9.0])
 def test_a_sender_that_starts_anew_is_followed(start: float) -> None:
     order = Order()
-    before = [order.push(steady(n, 0.1 * n)) for n in range(50)]
-    after = [order.push(steady(n, start + 0.1 * n, seed=1)) for n in range(50)]
+    before = [order.take([steady(n, 0.1 * n)]) for n in range(50)]
+    after = [order.take([steady(n, start + 0.1 * n, seed=1)]) for n in range(50)]
     found = Samples.concatenate([*before, *after])
     assert len(found) == 1000 and order.counts["repeated"] == order.counts["late"] == 0
     assert order.clock.resets == (start == 0.0)
@@ -178,13 +178,13 @@ def test_a_sender_that_starts_anew_is_followed(start: float) -> None:
 
 def test_joining_in_the_middle_waits_only_at_the_start() -> None:
     order = Order(hold=0.25)
-    got = [len(order.push(steady(n, 0.1 * n))) for n in (18, 17, 19, 20, 21)]
+    got = [len(order.take([steady(n, 0.1 * n)])) for n in (18, 17, 19, 20, 21)]
     assert got == [0, 0, 40 - 10, 10, 10] and order.counts["missing_blocks"] == 0
 
 
 def test_a_first_block_that_comes_too_late_is_no_new_start() -> None:
     order = Order(hold=0.25)
-    parts = [order.push(steady(n, 0.1 * n)) for n in (1, 2, 3, 4, 5, *range(6, 40), 0, 40, 41)]
+    parts = [order.take([steady(n, 0.1 * n)]) for n in (1, 2, 3, 4, 5, *range(6, 40), 0, 40, 41)]
     found = Samples.concatenate(parts)
     assert np.allclose(found.time, PERIOD * np.arange(10, 420)) and order.counts["late"] == 10
     assert order.counts["missing_blocks"] == 0 and order.clock.resets == 0
@@ -193,7 +193,7 @@ def test_a_first_block_that_comes_too_late_is_no_new_start() -> None:
 def test_a_clock_that_is_set_at_each_row_takes_no_time_squared() -> None:
     order, rows = Order(), 20_000
     begun = time.perf_counter()
-    assert len(order.push(block(4e7 * np.arange(rows), np.zeros(rows), 0))) == rows
+    assert len(order.take([block(4e7 * np.arange(rows), np.zeros(rows), 0)])) == rows
     assert order.clock.resets == rows - 1 and time.perf_counter() - begun < 15.0, "50 s where it is squared"
 
 
@@ -216,15 +216,15 @@ def test_live_counts_of_what_is_missing_are_those_of_a_log(jitter: float) -> Non
 
 def test_silence_passes_on_what_is_held() -> None:
     order = Order()
-    assert len(order.push(steady(None, 0.0))) == 0 and len(order.flush()) == 10
-    assert len(order.push(steady(None, 0.1))) == 0 and len(order.flush()) == 10
+    assert len(order.take([steady(None, 0.0)])) == 0 and len(order.flush()) == 10
+    assert len(order.take([steady(None, 0.1)])) == 0 and len(order.flush()) == 10
     assert order.held_samples == 0
 
 
 @pytest.mark.parametrize("damage", ["order/known", "order/numbers", "order/held_time"])
 def test_a_damaged_state_is_refused_in_one_line(damage: str) -> None:
     order = Order()
-    order.push(steady(None, 0.0))
+    order.take([steady(None, 0.0)])
     state = order.state()
     for broken in ({k: v for k, v in state.items() if k != damage}, {**state, damage: state[damage][:2]}):
         with pytest.raises(InputError):

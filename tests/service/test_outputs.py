@@ -7,30 +7,38 @@ import threading
 import time
 from collections.abc import Iterator
 from pathlib import Path
-from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 import pytest
-from outputs_fakes import FakeBus, FakeEvent, FakeStore, finding, free_port, transition, until
+from outputs_fakes import event, finding, free_port, measured, opened, sent, transition, until
+from pydantic import ValidationError
 
 from fdd.errors import InputError
 from fdd.samples import Samples
+from fdd.service import config
+from fdd.service.bus import Bus
 from fdd.service.outputs import Outputs, outputs
-from fdd.service.outputs.courier import Undelivered
+from fdd.service.outputs.delivery import Undelivered
 from fdd.service.outputs.webhook import Webhook
+from fdd.service.store import Store
 
 SLOW, QUICK = "http://slow.example/in", "http://quick.example/in"
 
 
-def settings_of(**given: Any) -> Any:
-    return SimpleNamespace(
-        **{"mqtt": None, "webhooks": [], "jsonl": None, "recording": None, "foxglove": None, **given}
-    )
+def made_of(store: Store, bus: Bus, **given: Any) -> Outputs:
+    return Outputs(config.Outputs(**given), store, bus, lambda axis: None)
 
 
-def hook(url: str, *kinds: str, secret_file: Path | None = None) -> Any:
-    return SimpleNamespace(url=url, kinds=kinds or ("alarm", "finding"), secret_file=secret_file)
+def hook(url: str, *kinds: Any, secret_file: Path | None = None) -> config.Webhook:
+    return config.Webhook(url=url, kinds=kinds or ("alarm", "finding"), secret_file=secret_file)
+
+
+@pytest.fixture
+def store(tmp_path: Path) -> Iterator[Store]:
+    made = opened(tmp_path)
+    yield made
+    made.close()
 
 
 @pytest.fixture
@@ -40,11 +48,9 @@ def stop() -> Iterator[threading.Event]:
     event.set()
 
 
-def test_who_is_told_what(tmp_path: Path) -> None:
+def test_who_is_told_what(store: Store, tmp_path: Path) -> None:
     path = tmp_path / "events.jsonl"
-    made = Outputs(
-        settings_of(jsonl=path, webhooks=[hook(SLOW, "alarm"), hook(QUICK)]), FakeStore(), FakeBus()
-    )
+    made = made_of(store, Bus(), jsonl=path, webhooks=(hook(SLOW, "alarm"), hook(QUICK)))
     slow, quick = Webhook(SLOW).name, Webhook(QUICK).name
     assert made.targets("alarm") == ["jsonl", slow, quick]
     assert made.targets("finding") == ["jsonl", quick]
@@ -52,75 +58,77 @@ def test_who_is_told_what(tmp_path: Path) -> None:
 
 
 def test_one_that_hangs_holds_up_no_other(
-    tmp_path: Path, stop: threading.Event, monkeypatch: pytest.MonkeyPatch
+    store: Store, tmp_path: Path, stop: threading.Event, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     hang = threading.Event()
     quick, slow = Webhook(QUICK).name, Webhook(SLOW).name
 
-    def deliver(self: Webhook, parcel: Any) -> None:
+    def deliver(self: Webhook, message: Any) -> None:
         if self.name == slow and not hang.wait(20):
             raise Undelivered("too slow")
 
     monkeypatch.setattr(Webhook, "deliver", deliver)
-    store, bus, path = FakeStore(), FakeBus(), tmp_path / "events.jsonl"
-    made = Outputs(settings_of(jsonl=path, webhooks=[hook(SLOW), hook(QUICK)]), store, bus)
+    bus, path = Bus(), tmp_path / "events.jsonl"
+    made = made_of(store, bus, jsonl=path, webhooks=(hook(SLOW), hook(QUICK)))
     made.start(stop)
-    until(lambda: len(bus.subscriptions) == 3)
+    until(lambda: len(bus._subscriptions) == 3)
     begun = time.monotonic()
     for target in made.targets("alarm"):
-        store.send("alarm", transition(), target)
-    bus.publish(FakeEvent("alarm", "A1", 1.0, transition()))
-    until(lambda: {p.target for p in store.arrived} == {quick, "jsonl"})
+        sent(store, "alarm", transition(), target)
+    bus.publish(event("alarm", "A1", 1.0, transition()))
+    until(lambda: made.status()[quick]["delivered"] == made.status()["jsonl"]["delivered"] == 1)
     assert time.monotonic() - begun < 10
-    assert made.status()[slow]["delivered"] == 0 and made.status()[quick]["delivered"] == 1
+    assert made.status()[slow]["delivered"] == 0
     hang.set()
-    until(lambda: not store.rows)
+    until(lambda: made.status()[slow]["delivered"] == 1)
     stop.set()
     made.join(5)
     assert not any(thread.is_alive() for thread in made._threads)
 
 
 def test_a_store_in_trouble_is_waited_for(
-    tmp_path: Path, stop: threading.Event, monkeypatch: pytest.MonkeyPatch
+    store: Store, tmp_path: Path, stop: threading.Event, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(outputs, "TROUBLE_S", 0.05)
-    store, path = FakeStore(trouble=OSError("the database is locked")), tmp_path / "events.jsonl"
-    made = Outputs(settings_of(jsonl=path), store, FakeBus())
-    store.send("finding", {"axis": "A1", **finding()}, "jsonl")
-    made.start(stop)
-    until(lambda: "locked" in made.status()["jsonl"]["last_error"])
-    store.trouble = None
-    until(lambda: not store.rows and not made.status()["jsonl"]["last_error"])
+    path = tmp_path / "events.jsonl"
+    made = made_of(store, Bus(), jsonl=path)
+    sent(store, "finding", {"axis": "A1", **finding()}, "jsonl")
+
+    def locked(limit: int, target: str) -> Any:
+        raise OSError("the database is locked")
+
+    with monkeypatch.context() as trouble:
+        trouble.setattr(store, "outbox", locked)
+        made.start(stop)
+        until(lambda: "locked" in made.status()["jsonl"]["last_error"])
+    until(lambda: made.status()["jsonl"]["delivered"] and not made.status()["jsonl"]["last_error"])
     assert json.loads(path.read_text("utf-8"))["data"]["fault"] == "pump_wear"
 
 
 def test_live_states_that_cannot_be_written_are_counted(
-    tmp_path: Path, stop: threading.Event, monkeypatch: pytest.MonkeyPatch
+    store: Store, tmp_path: Path, stop: threading.Event, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    bus, path = FakeBus(), tmp_path / "events.jsonl"
-    made = Outputs(settings_of(jsonl=path), FakeStore(), bus)
+    bus, path = Bus(), tmp_path / "events.jsonl"
+    made = made_of(store, bus, jsonl=path)
     made.start(stop)
-    until(lambda: bus.subscriptions)
-    bus.publish(FakeEvent("status", "A1", 1.0, {"state": "healthy"}))
+    until(lambda: bus._subscriptions)
+    bus.publish(event("status", "A1", 1.0, {"state": "healthy"}))
     until(lambda: path.exists() and json.loads(path.read_text("utf-8"))["axis"] == "A1")
-    path.write_bytes(b"no line of ours")
     path.rename(tmp_path / "away")
     path.mkdir()
-    bus.publish(FakeEvent("status", "A2", 1.0, {"state": "healthy"}))
-    bus.subscriptions[0].lost = 7
+    next(iter(bus._subscriptions)).lost = 7
+    bus.publish(event("status", "A2", 1.0, {"state": "healthy"}))
     until(lambda: made.status()["jsonl"]["lost"] == 8)
 
 
-def test_the_recorder_takes_samples(tmp_path: Path, stop: threading.Event) -> None:
-    bus = FakeBus()
-    recording = SimpleNamespace(folder=tmp_path / "rec", before=10.0, after=10.0, most_bytes=1 << 30)
-    made = Outputs(settings_of(recording=recording), FakeStore(), bus)
-    assert made.recorder is not None and made.targets("alarm") == []
+def test_the_recorder_takes_samples(store: Store, tmp_path: Path, stop: threading.Event) -> None:
+    bus = Bus()
+    made = made_of(store, bus, recording=config.Recording(folder=tmp_path / "rec", before=10.0, after=10.0))
+    assert made.targets("alarm") == []
     made.start(stop)
     time_ = np.arange(500) * 0.01
-    made.recorder.push("A1", Samples(time_, {"position": np.sin(time_)}))
-    until(lambda: made.recorder and not made.recorder._waiting and len(bus.subscriptions) == 2)
-    bus.publish(FakeEvent("alarm", "A1", 5.0, transition()))
+    bus.publish(measured("A1", Samples(time_, {"position": np.sin(time_)})))
+    bus.publish(event("alarm", "A1", 5.0, transition()))
     until(lambda: made.status()["recording"]["running"] == 1)
     stop.set()
     made.join(10)
@@ -128,28 +136,49 @@ def test_the_recorder_takes_samples(tmp_path: Path, stop: threading.Event) -> No
     assert len(list((tmp_path / "rec").glob("A1_*.mcap"))) == 1
 
 
-def test_settings_that_cannot_work_are_refused_at_once(tmp_path: Path) -> None:
-    for given in (
-        {"webhooks": [hook("ftp://x")]},
-        {"webhooks": [hook(QUICK, secret_file=tmp_path / "none")]},
-        {"jsonl": tmp_path / "none" / "x.jsonl"},
-    ):
-        with pytest.raises(InputError):
-            Outputs(settings_of(**given), FakeStore(), FakeBus())
+@pytest.mark.parametrize(
+    "url",
+    ["ftp://a/b", "file:///etc/passwd", "https://", "http:///x", "http://u:p@a/", "http://a/ b", "x", "",
+     "http://a:99999/", "http://a:0/", "http://[::1", "http://a/#b", "http://a/\r\nX: y", "http://a/ü"],
+)  # fmt: skip
+def test_no_other_urls(url: str) -> None:
+    with pytest.raises(ValidationError):
+        config.Webhook(url=url)
 
 
-def test_a_broker_that_is_away_stops_nothing(tmp_path: Path, stop: threading.Event) -> None:
-    broker = SimpleNamespace(
-        host="127.0.0.1", chosen_port=free_port(), prefix="fdd", user=None, password_file=None, tls=None,
-        version="5", client_id=None, keepalive=30,
-    )  # fmt: skip
-    store = FakeStore()
-    made = Outputs(settings_of(mqtt=broker, jsonl=tmp_path / "x.jsonl"), store, FakeBus())
+@pytest.mark.parametrize("prefix", ["", "a/+", "#", "/a", "$SYS", "a\0"])
+def test_prefixes_that_are_no_topics(prefix: str) -> None:
+    with pytest.raises(ValidationError):
+        config.MqttOutput(host="a", prefix=prefix)
+
+
+def test_secrets_that_are_missing_empty_or_endless(store: Store, tmp_path: Path) -> None:
+    path = tmp_path / "password"
+    for content in (None, b"", b" \n", b"x" * 5000, b"\xff"):
+        if content is not None:
+            path.write_bytes(content)
+        for given in (
+            {"webhooks": [hook(QUICK, secret_file=path)]},
+            {"mqtt": {"host": "a", "user": "fdd", "password_file": path}},
+        ):
+            with pytest.raises(InputError) as caught:
+                made_of(store, Bus(), **given)
+            assert str(path) in str(caught.value)
+    path.write_text("no certificate")
+    for files in ({"ca": path}, {"cert": path, "key": path}, {"ca": tmp_path / "none"}):
+        with pytest.raises(InputError, match="TLS cannot be set up"):
+            made_of(store, Bus(), mqtt={"host": "a", "tls": files})
+    with pytest.raises(InputError, match="no such folder"):
+        made_of(store, Bus(), jsonl=tmp_path / "none" / "x.jsonl")
+
+
+def test_a_broker_that_is_away_stops_nothing(store: Store, tmp_path: Path, stop: threading.Event) -> None:
+    broker = {"host": "127.0.0.1", "port": free_port()}
+    made = made_of(store, Bus(), mqtt=broker, jsonl=tmp_path / "x.jsonl")
     for target in made.targets("alarm"):
-        store.send("alarm", transition(), target)
+        sent(store, "alarm", transition(), target)
     made.start(stop)
-    until(lambda: store.arrived and made.status()["mqtt"]["failed"])
-    assert [p.target for p in store.arrived] == ["jsonl"]
+    until(lambda: made.status()["jsonl"]["delivered"] and made.status()["mqtt"]["failed"])
     assert made.status()["mqtt"]["last_error"] and not made.status()["mqtt"]["connected"]
     begun = time.monotonic()
     stop.set()

@@ -12,7 +12,6 @@ import threading
 import time
 from collections.abc import Iterator
 from pathlib import Path
-from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -21,12 +20,14 @@ from google.protobuf.descriptor_pb2 import FileDescriptorSet
 from google.protobuf.descriptor_pool import DescriptorPool
 from google.protobuf.message_factory import GetMessageClass
 from mcap.reader import make_reader
-from outputs_fakes import FakeBus, FakeEvent, transition, until
+from outputs_fakes import event, measured, transition, until
 from websockets.sync.client import ClientConnection, connect
 
 from fdd.errors import InputError
 from fdd.logs.mcap_writing import write_annotated
 from fdd.samples import Samples
+from fdd.service.bus import Bus
+from fdd.service.config import FoxgloveOutput
 from fdd.service.outputs.foxglove import Foxglove, thinned
 from fdd.service.outputs.recording import trajectories
 
@@ -46,27 +47,26 @@ def moving(start: float = 0.0, rows: int = 1000) -> Samples:
 
 
 @pytest.fixture
-def live() -> Iterator[tuple[Foxglove, FakeBus]]:
+def live() -> Iterator[tuple[Foxglove, Bus]]:
     pytest.importorskip("foxglove", reason="foxglove-sdk is not installed: the extra foxglove")
-    bus, stop = FakeBus(), threading.Event()
-    foxglove = Foxglove(SimpleNamespace(host="127.0.0.1", port=0), bus)
+    bus, stop = Bus(), threading.Event()
+    foxglove = Foxglove(FoxgloveOutput(port=0), bus)
     running = threading.Thread(target=foxglove.run, args=(stop,))
     running.start()
-    until(lambda: bus.subscriptions)
+    until(lambda: bus._subscriptions)
     yield foxglove, bus
     stop.set()
     running.join(10)
     assert not running.is_alive() and foxglove.last_error == ""
 
 
-def tell(live: tuple[Foxglove, FakeBus], axis: str, start: float, alarm: bool = True) -> None:
+def tell(live: tuple[Foxglove, Bus], axis: str, start: float, alarm: bool = True) -> None:
     """A second of samples; then what the fleet says of it."""
-    foxglove, bus = live
-    foxglove.push(axis, moving(start))
-    until(lambda: not foxglove._waiting)
-    bus.publish(FakeEvent("status", axis, start + 1.0, STATUS))
+    _, bus = live
+    bus.publish(measured(axis, moving(start)))
+    bus.publish(event("status", axis, start + 1.0, STATUS))
     if alarm:
-        bus.publish(FakeEvent("alarm", axis, start + 1.0, transition(axis=axis)))
+        bus.publish(event("alarm", axis, start + 1.0, transition(axis=axis)))
 
 
 class Client:
@@ -106,7 +106,7 @@ class Client:
         return [type_.FromString(body) for body in got]
 
 
-def test_a_client_sees_what_a_recording_would_hold(live: tuple[Foxglove, FakeBus], tmp_path: Path) -> None:
+def test_a_client_sees_what_a_recording_would_hold(live: tuple[Foxglove, Bus], tmp_path: Path) -> None:
     topics = {f"/eha/axis_a/{kind}" for kind in ("measurement", "estimate", "diagnosis", "events")}
     tell(live, "axis_a", 100.0, alarm=False)
     with connect(f"ws://127.0.0.1:{live[0].port}", subprotocols=["foxglove.sdk.v1"]) as link:
@@ -160,9 +160,9 @@ def test_peaks_stay_and_slow_signals_go_as_they_are() -> None:
     assert thinned(slow)["position"].tolist() == list(range(10))
 
 
-def test_a_port_that_is_taken_is_one_line(live: tuple[Foxglove, FakeBus]) -> None:
+def test_a_port_that_is_taken_is_one_line(live: tuple[Foxglove, Bus]) -> None:
     with pytest.raises(InputError, match=r"outputs: foxglove: cannot listen .*; name a host and a free port"):
-        Foxglove(SimpleNamespace(host="127.0.0.1", port=live[0].port), FakeBus())
+        Foxglove(FoxgloveOutput(port=live[0].port), Bus())
 
 
 def test_without_the_package_it_names_the_extra() -> None:

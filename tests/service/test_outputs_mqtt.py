@@ -3,52 +3,23 @@
 from __future__ import annotations
 
 import json
-import shutil
 import socket
 import subprocess
 import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
-from types import SimpleNamespace
 from typing import Any
 
 import pytest
-from outputs_fakes import FakeParcel, FakeStore, finding, free_port, transition, until
+from brokers import MOSQUITTO, Broker
+from outputs_fakes import finding, message, opened, sent, transition, until
 from paho.mqtt.client import Client
 from paho.mqtt.enums import CallbackAPIVersion
 
-from fdd.errors import InputError
+from fdd.service.config import MqttOutput
 from fdd.service.outputs import mqtt
-from fdd.service.outputs.courier import Courier, Undelivered
+from fdd.service.outputs.delivery import DeliveryWorker, Undelivered
 from fdd.service.outputs.mqtt import MqttPublisher
-
-MOSQUITTO = shutil.which("mosquitto", path="/usr/sbin:/usr/bin:/usr/local/sbin:/usr/local/bin")
-
-
-class Broker:
-    """A mosquitto of our own, which keeps nothing on the disk."""
-
-    def __init__(self, folder: Path) -> None:
-        self.port, self._folder = free_port(), folder
-        self._settings = "allow_anonymous true"
-        self.start()
-
-    def start(self, settings: str | None = None) -> None:
-        self._settings = settings or self._settings
-        path = self._folder / "mosquitto.conf"
-        path.write_text(f"listener {self.port} 127.0.0.1\npersistence false\nuser root\n{self._settings}\n")
-        self._process = subprocess.Popen(
-            [str(MOSQUITTO), "-c", str(path)], stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL
-        )
-        until(self._listens)
-
-    def _listens(self) -> bool:
-        with socket.socket() as one:
-            return one.connect_ex(("127.0.0.1", self.port)) == 0
-
-    def kill(self) -> None:
-        self._process.kill()
-        self._process.wait(10)
 
 
 class Listener:
@@ -75,7 +46,7 @@ class Listener:
 def broker(tmp_path: Path) -> Iterator[Broker]:
     if MOSQUITTO is None:
         pytest.skip("mosquitto is not installed")
-    one = Broker(tmp_path)
+    one = Broker(tmp_path, keeps=False)
     yield one
     one.kill()
 
@@ -97,26 +68,15 @@ def listen(broker: Broker) -> Iterator[Callable[[], Listener]]:
 def publish(broker: Broker) -> Iterator[Callable[..., MqttPublisher]]:
     made: list[MqttPublisher] = []
 
-    def publisher(standing: Any = lambda: (), **settings: Any) -> MqttPublisher:
-        made.append(MqttPublisher(settings_of(chosen_port=broker.port, **settings), standing))
+    def publisher(standing: Any = lambda: (), **given: Any) -> MqttPublisher:
+        config = MqttOutput(host="127.0.0.1", port=broker.port, prefix="plant/fdd", **given)
+        made.append(MqttPublisher(config, standing))
         made[-1].start()
         return made[-1]
 
     yield publisher
     for one in made:
         one.stop()
-
-
-def settings_of(**given: Any) -> Any:
-    usual = {
-        "host": "127.0.0.1", "chosen_port": 1883, "prefix": "plant/fdd", "user": None, "password_file": None,
-        "tls": None, "version": "5", "client_id": None, "keepalive": 30,
-    }  # fmt: skip
-    return SimpleNamespace(**{**usual, **given})
-
-
-def parcel(kind: str, body: dict[str, Any]) -> FakeParcel:
-    return FakeParcel(1, kind, body, "mqtt")
 
 
 def connected(publisher: MqttPublisher) -> None:
@@ -132,8 +92,8 @@ def test_what_is_retained_and_what_is_not(publish: Any, listen: Any, version: st
     connected(publisher)
     publisher.note("hall/A1", {"state": "in alarm"})
     publisher.tick()
-    publisher.deliver(parcel("alarm", transition(axis="hall/A1")))
-    publisher.deliver(parcel("finding", {"axis": "hall/A1", **finding()}))
+    publisher.deliver(message("alarm", transition(axis="hall/A1")))
+    publisher.deliver(message("finding", {"axis": "hall/A1", **finding()}))
     state, alarm, found = (f"plant/fdd/axis/hall/A1/{end}" for end in ("state", "alarm/1", "finding"))
     until(lambda: live.of(found) and live.of(state))
     assert json.loads(live.of(found)[0][0])["fault"] == "pump_wear"
@@ -142,7 +102,7 @@ def test_what_is_retained_and_what_is_not(publish: Any, listen: Any, version: st
     assert late.of("plant/fdd/status") == [(b"online", True)]
     assert json.loads(late.of(alarm)[0][0]) == transition(axis="hall/A1")["alarm"]
     assert json.loads(late.of(state)[0][0]) == {"state": "in alarm"}
-    publisher.deliver(parcel("alarm", transition("ACKNOWLEDGED", "NORMAL", axis="hall/A1")))
+    publisher.deliver(message("alarm", transition("ACKNOWLEDGED", "NORMAL", axis="hall/A1")))
     until(lambda: live.of(alarm)[-1:] == [(b"", False)])
     later = listen()
     until(lambda: later.of(state))
@@ -179,39 +139,38 @@ def test_a_link_that_breaks_is_told_by_the_broker(publish: Any, listen: Any) -> 
 
 @VERSIONS
 def test_a_broker_that_was_killed_is_told_everything_again(
-    broker: Broker, publish: Any, listen: Any, version: str
+    broker: Broker, publish: Any, listen: Any, version: str, tmp_path: Path
 ) -> None:
-    store = FakeStore()
-    publisher = publish(lambda: store.alarms(("UNACK", "ACKED")), version=version)
-    courier = Courier("mqtt", store, publisher.deliver, chance=lambda: 0.0)
+    store, stands = opened(tmp_path), list[dict[str, Any]]()
+    publisher = publish(lambda: stands, version=version)
+    worker = DeliveryWorker("mqtt", store, publisher.deliver)
     connected(publisher)
     publisher.note("A1", {"state": "healthy"})
     publisher.tick()
     broker.kill()
     until(lambda: not publisher.status()["connected"])
-    store.standing = [transition(id=k, state=s)["alarm"] for k, s in ((1, "ACKED"), (2, "NORMAL"))]
-    id = store.send("alarm", transition(id=3), "mqtt")
-    courier.once()
-    assert store.rows[id].attempts == 1 and courier.last_error
+    stands.append(transition(id=1, state="ACKED")["alarm"])
+    sent(store, "alarm", transition(id=3), "mqtt")
+    worker.once()
+    assert worker.failed == 1 and worker.last_error
     broker.start()
     until(lambda: publisher.connections == 2)
-    until(lambda: publisher.tick() or courier.once() or not store.rows)
+    until(lambda: publisher.tick() or worker.once() or worker.delivered)
     late = listen()
     base = "plant/fdd/axis/A1"
     until(lambda: late.of(f"{base}/alarm/3") and late.of(f"{base}/alarm/1") and late.of(f"{base}/state"))
-    assert not late.of(f"{base}/alarm/2"), "it is over"
     assert json.loads(late.of(f"{base}/state")[0][0]) == {"state": "healthy"}
+    store.close()
 
 
 def test_a_store_in_trouble_is_asked_again_what_stands(publish: Any, listen: Any) -> None:
-    store = FakeStore(standing=[transition()["alarm"]])
     asked: list[int] = []
 
     def standing() -> list[dict[str, Any]]:
         asked.append(1)
         if len(asked) == 1:
             raise RuntimeError("locked")
-        return store.alarms(("UNACK",))
+        return [transition()["alarm"]]
 
     live, publisher = listen(), publish(standing)
     connected(publisher)
@@ -227,7 +186,7 @@ def test_a_wrong_password_is_told_in_a_line(broker: Broker, publish: Any, tmp_pa
     if subprocess.run(["mosquitto_passwd", "-U", str(secrets)], check=False).returncode:
         pytest.skip("mosquitto_passwd does not work here")
     broker.kill()
-    broker.start(f"allow_anonymous false\npassword_file {secrets}")
+    broker.start("allow_anonymous false", f"password_file {secrets}")
     right, wrong = tmp_path / "right", tmp_path / "wrong"
     right.write_text("right\n")
     wrong.write_text("wrong\n")
@@ -235,28 +194,7 @@ def test_a_wrong_password_is_told_in_a_line(broker: Broker, publish: Any, tmp_pa
     until(lambda: "refuses" in refused.status()["link_error"])
     assert "Not authorized" in refused.status()["link_error"]
     with pytest.raises(Undelivered, match="refuses the connection"):
-        refused.deliver(parcel("alarm", transition()))
+        refused.deliver(message("alarm", transition()))
     publisher = publish(user="fdd", password_file=right)
     connected(publisher)
-    publisher.deliver(parcel("alarm", transition()))
-
-
-@pytest.mark.parametrize("prefix", ["", "a/+", "#", "/a", "$SYS", "a\0"])
-def test_prefixes_that_are_no_topics(prefix: str) -> None:
-    with pytest.raises(InputError, match="prefix"):
-        MqttPublisher(settings_of(prefix=prefix))
-
-
-def test_secrets_that_are_missing_empty_or_endless(tmp_path: Path) -> None:
-    path = tmp_path / "password"
-    for content in (None, b"", b" \n", b"x" * 5000, b"\xff"):
-        if content is not None:
-            path.write_bytes(content)
-        with pytest.raises(InputError) as caught:
-            MqttPublisher(settings_of(user="fdd", password_file=path))
-        assert str(path) in str(caught.value)
-    path.write_text("no certificate")
-    for files in ({"ca": path}, {"cert": path, "key": path}, {"ca": tmp_path / "none"}):
-        tls = SimpleNamespace(**{"ca": None, "cert": None, "key": None, **files})
-        with pytest.raises(InputError, match="PEM"):
-            MqttPublisher(settings_of(tls=tls))
+    publisher.deliver(message("alarm", transition()))

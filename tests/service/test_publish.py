@@ -48,7 +48,7 @@ def test_a_bad_line_loses_delays_and_swaps_as_asked_and_a_service_puts_it_right(
         and 0.03 < held_up.max() <= 0.05 + 4 * ROWS / 1024.0 / 20.0
     )
     order = Order()
-    found = Samples.concatenate([*(order.push(b) for _, b in sent), order.flush()])
+    found = Samples.concatenate([*(order.take([b]) for _, b in sent), order.flush()])
     came = Samples.concatenate([b.samples for _, b in sorted(sent, key=lambda one: one[1].sequence or 0)])
     assert np.array_equal(found.time, came.time) and np.array_equal(found["position"], came["position"])
     assert order.counts["late"] == 0 and order.counts["reordered"] > 100

@@ -19,8 +19,8 @@ from watched import blocks_of, fleet_of, leaking, send
 from fdd.samples import Samples
 from fdd.service.blocks import encode_arrow
 from fdd.service.config import Serve
+from fdd.service.fleet import Share
 from fdd.service.service import Service
-from fdd.service.share import Share
 from fdd.service.store import Store
 
 ray = pytest.importorskip("ray", reason="no ray here: install fdd[ray]")

@@ -16,26 +16,19 @@ from fdd.diagnosis.model import Model
 from fdd.errors import InputError
 from fdd.service.alarms import AlarmBook, Transition
 from fdd.service.axis import AxisWatch
-from fdd.service.reporting import status_of
+from fdd.service.status import status_of
 from fdd.unit import Unit
 
 # The diagram of the standard, arc by arc: what happens, from, to. Re-alarm of an acknowledged alarm is
-# optional there. A shelf or service ends in an alarm or in normal, never in acknowledged. An escalation of an
+# optional there. A shelf ends in an alarm or in normal, never in acknowledged. An escalation of an
 # unacknowledged alarm is told and leaves the state.
-N, U, A, R, S, O = "NORMAL", "UNACK", "ACKED", "RTNUN", "SHELVED", "OUT_OF_SERVICE"  # noqa: E741
+N, U, A, R, S = "NORMAL", "UNACK", "ACKED", "RTNUN", "SHELVED"
 DIAGRAM = {
     ("RAISED", N, U), ("RERAISED", N, U), ("RERAISED", R, U), ("ESCALATED", A, U), ("ESCALATED", U, U),
     ("RETURNED", U, R), ("RETURNED", A, N), ("ACKNOWLEDGED", U, A), ("ACKNOWLEDGED", R, N),
     *(("SHELVED", state, S) for state in (N, U, A, R)), ("UNSHELVED", S, N), ("UNSHELVED", S, U),
-    *(("OUT_OF_SERVICE", state, O) for state in (N, U, A, R)), ("IN_SERVICE", O, N), ("IN_SERVICE", O, U),
 }  # fmt: skip
-BY_PEOPLE = {
-    "acknowledge": "ACKNOWLEDGED",
-    "shelve": "SHELVED",
-    "unshelve": "UNSHELVED",
-    "out_of_service": "OUT_OF_SERVICE",
-    "in_service": "IN_SERVICE",
-}
+BY_PEOPLE = {"acknowledge": "ACKNOWLEDGED", "shelve": "SHELVED", "unshelve": "UNSHELVED"}
 ORDER = ["low", "medium", "high", "urgent"]
 LOOK = 5.0
 WALL = 1.7e9
@@ -158,14 +151,14 @@ class Plant(RuleBasedStateMachine):
                 history.ended = None
             if key in stands:
                 history.seen.append(now)
-                assert alarms[0].state in (U, A, S, O)
+                assert alarms[0].state in (U, A, S)
                 assert alarms[0].standing
             elif history.stands:
                 if now - history.seen[-1] >= 60.0:
                     history.ended = now
-                    assert alarms[0].state in (N, R, S, O)
+                    assert alarms[0].state in (N, R, S)
                 else:
-                    assert alarms[0].state in (U, A, S, O)
+                    assert alarms[0].state in (U, A, S)
                     assert key not in happened
             elif key in happened:
                 raise AssertionError("something happened to what neither stands nor stood")

@@ -14,7 +14,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from sqlalchemy import create_engine, text
-from stores import LEAK, WALL, postgres_url
+from stores import LEAK, WALL, blocks_of, postgres_url
 
 from fdd.diagnosis.findings import FaultFinding
 from fdd.errors import InputError
@@ -53,15 +53,13 @@ def test_everything_comes_back_as_it_was_written(store: Store, url: str) -> None
         t.audit(WALL + 1.0, "ann", "LOGIN", note='naïve "油"\x00\udcff', body={"value": float("nan")})
         t.meta("name", "rig")
         t.meta("name", "rig 7")
-        t.quality("A1", WALL + 1.0, dropped=3)
-        t.quality("A1", WALL + 2.0, dropped=4, gaps=1)
     store.close()
     again = Store(url)
     assert again.axes() == [
         {"name": "A1", "unit": "axis_a", "profile_sha256": "p", "model_sha256": "m", "first_wall": WALL,
          "last_wall": WALL + 5.0, "last_time": 20.0, "state": "in alarm"}
     ]  # fmt: skip
-    (found,) = again.findings("A1")
+    (found,) = again.findings()
     assert FaultFinding.model_validate(found["body"]) == LEAK
     assert (found["low"], found["high"], found["onset"]) == (0.5, 0.7, 3.0)
     login, audited = again.audit()
@@ -72,10 +70,6 @@ def test_everything_comes_back_as_it_was_written(store: Store, url: str) -> None
     assert [a["id"] for a in again.alarms(["UNACK"])] == [1]
     assert again.alarms(["ACKED"]) == [] and again.alarm(2) is None
     assert again.meta("name") == "rig 7" and again.meta("none") is None
-    assert again.quality("A1") == [
-        {"axis": "A1", "start_wall": WALL // 60 * 60, "dropped": 7, "late": 0, "repeated": 0, "gaps": 1,
-         "nan": 0}
-    ]  # fmt: skip
     again.close()
 
 
@@ -126,7 +120,7 @@ def test_the_book_knows_an_alarm_that_has_just_ended_and_gives_no_id_twice(store
 
 def test_a_block_that_fails_leaves_nothing(store: Store) -> None:
     with pytest.raises(ZeroDivisionError), store.transaction() as t:
-        t.accept("A1", [b"1"])
+        t.accept_all(blocks_of("A1", [b"1"]))
         t.audit(WALL, "ann", "LOGIN")
         t.send("alarm", {}, "webhook", WALL)
         _ = 1 / 0
@@ -138,9 +132,9 @@ def test_a_checkpoint_takes_the_blocks_that_it_holds_out_of_the_journal(store: S
         return Checkpoint("A1", 3.0, WALL, sequence, "profile", "model", "5", body)
 
     with store.transaction() as t:
-        t.accept("A2", [b"4"])
-        second = t.accept("A1", [b"1", b"2"])
-        third = t.accept("A1", [b"3"])
+        t.accept_all(blocks_of("A2", [b"4"]))
+        second = t.accept_all(blocks_of("A1", [b"1", b"2"]))
+        third = t.accept_all(blocks_of("A1", [b"3"]))
         t.checkpoint(at(second, b"state"))
     assert store.journal("A1") == [(third, b"3")]
     assert [payload for _, payload in store.journal("A2")] == [b"4"]
@@ -150,7 +144,7 @@ def test_a_checkpoint_takes_the_blocks_that_it_holds_out_of_the_journal(store: S
     assert store.checkpoint("A1") == at(third, state)
     assert store.journal("A1") == [] and store.checkpoint("A2") is None
     with store.transaction() as t:
-        assert t.accept("A1", [b"5"]) > third, "an id of a row that is gone must not come again"
+        assert t.accept_all(blocks_of("A1", [b"5"])) > third, "ids of rows that are gone must not come again"
 
 
 def test_outbox_in_order_until_it_is_delivered_or_given_up(store: Store) -> None:
@@ -162,10 +156,10 @@ def test_outbox_in_order_until_it_is_delivered_or_given_up(store: Store) -> None
         (ids[1], {"n": 1}, 0),
     ]
     store.delivered(ids[0])
-    store.put_off(ids[1], WALL + 60.0)
-    store.put_off(ids[1], WALL + 90.0)
+    store.put_off(ids[1])
+    store.put_off(ids[1])
     store.give_up(ids[2], "410 Gone")
-    assert [(p.id, p.attempts, p.next_wall) for p in store.outbox(9, "webhook")] == [(ids[1], 2, WALL + 90.0)]
+    assert [(p.id, p.attempts) for p in store.outbox(9, "webhook")] == [(ids[1], 2)]
     assert [(r["action"], r["note"]) for r in store.audit()] == [("GIVEN_UP", "410 Gone")]
     assert store.compact(WALL)["outbox"] == 2
     assert len(store.outbox(9, "webhook")) == len(store.outbox(9, "mqtt")) == 1
@@ -226,11 +220,10 @@ def test_what_is_old_goes_and_the_rest_stays(store: Store) -> None:
         for age in ages:
             wall = WALL - age * DAY
             t.rollup(values_of("leakage", np.array([age]), wall))
-            t.quality("A1", wall, nan=1)
             t.found("A1", 1.0, wall, LEAK)
             t.audit(wall, "ann", "LOGIN")
     gone = store.compact(WALL)
-    assert gone == {"minutes": 4, "hours": 2, "quality": 4, "outbox": 0}
+    assert gone == {"minutes": 4, "hours": 2, "outbox": 0}
     assert [len(store.rollups("A1", "leakage", level)) for level in ("minute", "hour", "day")] == [2, 4, 6]
     assert len(store.findings()) == len(store.audit()) == 6
     assert store.compact(WALL, findings=30 * DAY)["findings"] == 4
@@ -242,7 +235,7 @@ def test_room_on_the_disk_is_given_back(tmp_path: Path) -> None:
     path = tmp_path / "fdd.db"
     store = Store(f"sqlite:///{path}")
     with store.transaction() as t:
-        last = t.accept("A1", [bytes(8000)] * 500)
+        last = t.accept_all(blocks_of("A1", [bytes(8000)] * 500))
     with store.transaction() as t:
         t.checkpoint(Checkpoint("A1", 1.0, WALL, last, "", "", "", b""))
     store.compact(WALL)
@@ -295,7 +288,7 @@ def test_readers_and_writers_of_many_threads_do_not_disturb_each_other(store: St
         try:
             for n in range(25):
                 with store.transaction() as t:
-                    t.accept(axis, [b"%d" % n])
+                    t.accept_all(blocks_of(axis, [b"%d" % n]))
                     t.rollup(Rollup("all", "n", WALL, 1, float(n), 0.0, float(n), float(n)))
                 assert len(store.journal(axis)) == n + 1
         except BaseException as error:

@@ -1,110 +1,15 @@
-"""The API's answers, as models: what is sent is what the published schema says."""
+"""Models of the API's answers and bodies that are nowhere else in the service."""
 
 from __future__ import annotations
 
-from typing import Any, Literal
+from typing import Literal
 
 from pydantic import BaseModel, ConfigDict, Field
 
-from fdd.diagnosis.findings import Diagnosis, Estimate, FaultFinding
-
-AxisState = Literal["learning", "healthy", "in alarm", "unacknowledged", "silent", "failed"]
-AlarmState = Literal["NORMAL", "UNACK", "ACKED", "RTNUN", "SHELVED", "OUT_OF_SERVICE"]
-Priority = Literal["low", "medium", "high", "urgent"]
-Numbers = list[float | None]
+from fdd.service.alarms import LONGEST_SHELF_S
 
 
-class Answer(BaseModel):
-    """What all answers share: read from objects or mappings, keys that are not known are left out."""
-
-    model_config = ConfigDict(from_attributes=True, json_schema_serialization_defaults_required=True)
-
-
-class AxisStatus(Answer):
-    """An axis as it stands now.
-
-    Attributes
-    ----------
-    verdict : healthy, faulty or inconclusive. headline : the verdict in a sentence.
-    last_wall : Unix seconds of its last sample's arrival. lag_s : how far its diagnosis is behind.
-    alarms, unacknowledged : how many stand. priority : the worst of them.
-    """
-
-    name: str
-    unit: str
-    state: AxisState
-    last_wall: float | None = None
-    lag_s: float | None = None
-    samples: int = 0
-    rate_hz: float | None = None
-    verdict: str = "inconclusive"
-    headline: str = ""
-    probabilities: dict[str, float] = Field(default_factory=dict)
-    estimates: dict[str, Estimate] = Field(default_factory=dict)
-    quality: dict[str, int] = Field(default_factory=dict)
-    alarms: int = 0
-    unacknowledged: int = 0
-    priority: Priority | None = None
-
-
-class Series(Answer):
-    """Quantities over the stream's time (s), SI; `std` where there is one."""
-
-    time: list[float] = Field(default_factory=list)
-    values: dict[str, Numbers] = Field(default_factory=dict)
-    std: dict[str, Numbers] = Field(default_factory=dict)
-
-
-class Bands(Answer):
-    """Signals over the stream's time (s), SI: least and largest of each stretch."""
-
-    time: list[float] = Field(default_factory=list)
-    low: dict[str, Numbers] = Field(default_factory=dict)
-    high: dict[str, Numbers] = Field(default_factory=dict)
-
-
-class AxisDetail(Answer):
-    """An axis with its last ten minutes and the findings that stand.
-
-    Attributes
-    ----------
-    misfits : how badly each balance closes, in what a healthy unit's does.
-    """
-
-    status: AxisStatus
-    findings: list[FaultFinding] = Field(default_factory=list)
-    estimates: Series = Field(default_factory=Series)
-    misfits: Series = Field(default_factory=Series)
-    probabilities: Series = Field(default_factory=Series)
-    signals: Bands = Field(default_factory=Bands)
-
-
-class Alarm(Answer):
-    """An alarm by ISA-18.2; times in Unix seconds, `raised_time` in s of the stream's clock."""
-
-    id: int
-    axis: str
-    fault: str
-    family: str
-    channel: str | None = None
-    state: AlarmState
-    priority: Priority
-    raised_time: float | None = None
-    raised_wall: float
-    acked_by: str | None = None
-    acked_wall: float | None = None
-    returned_wall: float | None = None
-    shelved_by: str | None = None
-    shelved_until: float | None = None
-    note: str = ""
-    count: int = 1
-    chattering: bool = False
-    severity: float | None = None
-    confidence: float | None = None
-    body: dict[str, Any] = Field(default_factory=dict)
-
-
-class AuditRecord(Answer):
+class AuditRecord(BaseModel):
     """What was done to an alarm or the service, by whom; never changed."""
 
     id: int
@@ -116,7 +21,7 @@ class AuditRecord(Answer):
     note: str = ""
 
 
-class Rollup(Answer):
+class Span(BaseModel):
     """A quantity over a minute, an hour or a day, SI."""
 
     start_wall: float
@@ -127,26 +32,26 @@ class Rollup(Answer):
     max: float | None
 
 
-class Trend(Answer):
+class Trend(BaseModel):
     """A quantity over an axis's life; `sentence` tells where it goes, as `fdd trend` does."""
 
     axis: str
     quantity: str
     level: Literal["minute", "hour", "day"]
-    points: list[Rollup]
+    points: list[Span]
     sentence: str = ""
 
 
-class Health(Answer):
+class Health(BaseModel):
     """Whether the service can do its work; callers without a token see the status alone."""
 
     status: Literal["ok", "degraded"]
-    problems: list[str] = Field(default_factory=list)
-    axes: int = 0
-    version: str = ""
+    problems: list[str] | None = None
+    axes: int | None = None
+    version: str | None = None
 
 
-class Session(Answer):
+class Session(BaseModel):
     """Who is calling. `tokens` : whether the service asks for tokens at all."""
 
     name: str
@@ -154,14 +59,20 @@ class Session(Answer):
     tokens: bool
 
 
-class Problem(Answer):
+class Problem(BaseModel):
     """Why a request was refused, in one line."""
 
     error: str
 
 
+class Login(BaseModel):
+    """Body of a login on the page."""
+
+    token: str
+
+
 class Note(BaseModel):
-    """Body of an acknowledgement, an unshelving, a taking out of service or back."""
+    """Body of an acknowledgement or an unshelving."""
 
     model_config = ConfigDict(extra="forbid", strict=True)
 
@@ -171,16 +82,4 @@ class Note(BaseModel):
 class Shelf(Note):
     """Body of a shelving. `minutes` : how long, a week at most."""
 
-    minutes: float = Field(gt=0, le=10080)
-
-
-class OutOfService(Note):
-    """Body of a taking out of service, or back with `back`."""
-
-    back: bool = False
-
-
-ALL: tuple[type[BaseModel], ...] = (
-    AxisStatus, AxisDetail, Alarm, AuditRecord, Trend, Health, Session, Problem, Diagnosis,
-)  # fmt: skip
-BODIES: tuple[type[BaseModel], ...] = (Note, Shelf, OutOfService)
+    minutes: float = Field(gt=0, le=LONGEST_SHELF_S / 60.0)

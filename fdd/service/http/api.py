@@ -1,274 +1,203 @@
 """The API: what each address answers, and which role it asks for."""
 
-from __future__ import annotations
-
 import math
 import time
-from collections.abc import Awaitable, Callable, Mapping
-from dataclasses import dataclass
-from typing import Any
+from collections.abc import Callable
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import numpy as np
-import orjson
-from pydantic import BaseModel, ValidationError
-from starlette.concurrency import run_in_threadpool
-from starlette.exceptions import HTTPException
-from starlette.requests import Request
-from starlette.responses import Response, StreamingResponse
-from starlette.routing import Route
+from fastapi import APIRouter, Depends, HTTPException, Path, Query, Request, Response
+from fastapi.responses import StreamingResponse
+from fastapi.security import APIKeyCookie, HTTPAuthorizationCredentials, HTTPBearer
 
 import fdd
 from fdd.errors import InputError
 from fdd.report.decimate import envelope
-from fdd.service.alarms import STATES, Action, Doing
-from fdd.service.http.answers import (
-    Alarm,
-    AuditRecord,
-    AxisDetail,
-    AxisStatus,
-    Bands,
-    Health,
-    Note,
-    OutOfService,
-    Rollup,
-    Session,
-    Shelf,
-    Trend,
-)
-from fdd.service.http.callers import Caller, Sessions, Tokens
-from fdd.service.http.doors import Fleet, Store
+from fdd.service.alarms import STATES, Action, Alarm
+from fdd.service.http.answers import AuditRecord, Health, Login, Note, Problem, Session, Shelf, Trend
 from fdd.service.http.events import Hub
-from fdd.service.http.guard import COOKIE, cookie_of
-from fdd.service.http.uploads import Uploads
+from fdd.service.http.tokens import LOCAL, Caller, Role, Tokens
 from fdd.service.life import Each, sentence_of
+from fdd.service.recent import Bands
+from fdd.service.status import AxisDetail, AxisStatus
+from fdd.service.store import Store, StoreTrouble
 
+if TYPE_CHECKING:
+    from fdd.service.shards import Shards
+    from fdd.service.watch import Watch
+
+COOKIE, COOKIE_S = "fdd_token", 12 * 3600
+"""The page's; it ends after a working shift."""
 STANDING = STATES[1:]
-LEVELS: dict[Each, float] = {"minute": 86400.0, "hour": 30 * 86400.0, "day": 3650 * 86400.0}
+REACH_S: dict[Each, float] = {"minute": 86400.0, "hour": 30 * 86400.0, "day": 3650 * 86400.0}
 """How far a trend goes back where the request does not say."""
-Handler = Callable[[Request], Awaitable[Any]]
+_bearer, _cookie = HTTPBearer(auto_error=False), APIKeyCookie(name=COOKIE, auto_error=False)
+Header = Annotated[HTTPAuthorizationCredentials | None, Depends(_bearer)]
+Cookie = Annotated[str | None, Depends(_cookie)]
+AlarmId = Annotated[int, Path(ge=1, lt=1 << 63)]
+Limit = Annotated[int, Query(ge=1, le=10000)]
 
 
-@dataclass(frozen=True)
-class Api:
-    """Everything that the addresses need.
+def router(
+    fleet: "Watch | Shards",
+    store: Store,
+    hub: Hub,
+    health: Callable[[], dict[str, Any]],
+    metrics: Callable[[str], tuple[bytes, str]],
+    tokens: Tokens | None,
+    secure: bool,
+) -> APIRouter:
+    """All addresses.
 
-    Attributes
+    Parameters
     ----------
-    health : gives the `Health` of the fleet and the store (``status``, ``problems``).
+    health : ``status``, ``problems`` and number of ``axes``.
     metrics : gives the text and its type for Prometheus's Accept header.
-    secure : whether the page is reached by TLS. trouble : raised where the store cannot be used now.
+    tokens : None lets everybody in as admin. secure : whether the page is reached by TLS.
     """
+    api = APIRouter(responses={"default": {"model": Problem}})
 
-    fleet: Fleet
-    store: Store
-    hub: Hub
-    uploads: Uploads
-    sessions: Sessions
-    tokens: Tokens | None
-    health: Callable[[], Any]
-    metrics: Callable[[str], tuple[bytes, str]]
-    secure: bool
-    trouble: type[Exception]
+    def caller(request: Request, header: Header, cookie: Cookie) -> Caller | None:
+        if tokens is None:
+            return LOCAL
+        if (
+            token := header.credentials if header else cookie
+        ) is None and "authorization" not in request.headers:
+            return None
+        if (found := tokens.caller(token or "")) is None:
+            raise HTTPException(401, "unknown token", {"www-authenticate": "Bearer"})
+        return found
 
-    def routes(self) -> list[Route]:
-        """All addresses; each names the role that it asks for, None where it asks for none."""
-        table: list[tuple[str, str, Handler, str | None]] = [
-            ("GET", "/api/axes", self.axes, "view"),
-            ("GET", "/api/axes/{name:path}/trend", self.trend, "view"),
-            ("GET", "/api/axes/{name:path}", self.axis, "view"),
-            ("GET", "/api/alarms", self.alarms, "view"),
-            ("POST", "/api/alarms/{id:int}/acknowledge", self.acting("acknowledge", Note), "acknowledge"),
-            ("POST", "/api/alarms/{id:int}/shelve", self.acting("shelve", Shelf), "acknowledge"),
-            ("POST", "/api/alarms/{id:int}/unshelve", self.acting("unshelve", Note), "acknowledge"),
-            (
-                "POST",
-                "/api/alarms/{id:int}/out-of-service",
-                self.acting("out_of_service", OutOfService),
-                "admin",
-            ),
-            ("GET", "/api/audit", self.audit, "view"),
-            ("GET", "/api/health", self.health_, None),
-            ("GET", "/api/events", self.events, "view"),
-            ("POST", "/api/diagnose", self.diagnose, "acknowledge"),
-            ("GET", "/api/session", self.session, "view"),
-            ("POST", "/api/login", self.login, None),
-            ("POST", "/api/logout", self.logout, None),
-            ("GET", "/metrics", self.metrics_, "view"),
-        ]
-        return [
-            Route(path, _guarded(handler, role), methods=[method]) for method, path, handler, role in table
-        ]
+    Known = Annotated[Caller | None, Depends(caller)]
 
-    async def axes(self, request: Request) -> Any:
-        """Every axis as it stands now."""
-        found = await run_in_threadpool(self.fleet.axes)
-        return {"axes": [AxisStatus.model_validate(a) for a in found]}
+    def needs(role: Role) -> Any:
+        def allowed(known: Known) -> Caller:
+            if known is None:
+                raise HTTPException(401, "give a token", {"www-authenticate": "Bearer"})
+            if not known.may(role):
+                raise HTTPException(403, f"this needs the role {role}, {known.name} has {known.role}")
+            return known
 
-    async def axis(self, request: Request) -> Any:
-        """One axis with its last ten minutes, signals in `points` stretches."""
-        points = _number(request, "points", 600.0, 10.0, 6000.0)
-        detail = AxisDetail.model_validate(await self._detail(request.path_params["name"]))
-        return detail.model_copy(update={"signals": thinned(detail.signals, int(points))})
+        return Depends(allowed)
 
-    async def _detail(self, name: str) -> Any:
+    view = [needs("view")]
+    Operator = Annotated[Caller, needs("acknowledge")]
+
+    def detail(name: str) -> AxisDetail:
         try:
-            return await run_in_threadpool(self.fleet.axis, name)
+            return fleet.axis(name)
         except KeyError:
             raise HTTPException(404, "no such axis") from None
 
-    async def trend(self, request: Request) -> Any:
-        """A quantity over an axis's life."""
-        name, asked = request.path_params["name"], request.query_params
-        quantity = asked.get("quantity", "leakage")
-        level = next((x for x in LEVELS if x == asked.get("level", "hour")), None)
-        if level is None:
-            raise HTTPException(400, f"level is one of {', '.join(LEVELS)}")
-        if len(quantity) > 64 or not quantity.isidentifier():
-            raise HTTPException(400, "quantity is a name such as leakage")
-        now = time.time()
-        since = _number(request, "since", now - LEVELS[level], 0.0, now)
-        await self._detail(name)
-        rows = await run_in_threadpool(self.store.rollups, name, quantity, level, since)
-        told = await run_in_threadpool(sentence_of, self.store, name, quantity, level, since)
-        points = [Rollup.model_validate(r) for r in rows]
+    @api.get("/api/axes", dependencies=view)
+    def axes() -> dict[Literal["axes"], list[AxisStatus]]:
+        """Every axis as it stands now."""
+        return {"axes": fleet.axes()}
+
+    @api.get("/api/axes/{name:path}/trend", dependencies=view)
+    def trend(
+        name: str,
+        quantity: Annotated[str, Query(max_length=64, pattern=r"^[A-Za-z_]\w*$")] = "leakage",
+        level: Each = "hour",
+        since: Annotated[float | None, Query(ge=0, allow_inf_nan=False)] = None,
+    ) -> Trend:
+        """A quantity over the axis's life, since a Unix time."""
+        begin = time.time() - REACH_S[level] if since is None else since
+        detail(name)
+        told = sentence_of(store, name, quantity, level, begin)
+        points: Any = store.rollups(name, quantity, level, begin)
         return Trend(axis=name, quantity=quantity, level=level, points=points, sentence=told)
 
-    async def alarms(self, request: Request) -> Any:
-        """Alarms by state; those that stand where none is asked for, all with ``state=all``."""
-        asked = [s for s in request.query_params.get("state", "").split(",") if s]
+    @api.get("/api/axes/{name:path}", dependencies=view)
+    def axis(name: str, points: Annotated[int, Query(ge=10, le=6000)] = 600) -> AxisDetail:
+        """One axis with its last ten minutes, signals in so many points."""
+        found = detail(name)
+        return found.model_copy(update={"signals": thinned(found.signals, points)})
+
+    @api.get("/api/alarms", dependencies=view)
+    def alarms(
+        state: Annotated[str, Query(max_length=100)] = "", limit: Limit = 1000
+    ) -> dict[Literal["alarms"], list[Alarm]]:
+        """Alarms of some states (UNACK,RTNUN), of all, or those that stand."""
+        asked = [s for s in state.split(",") if s]
         if set(asked) - {*STATES, "all"}:
             raise HTTPException(400, f"state is all, or of {', '.join(STATES)}")
-        states = None if "all" in asked else asked or STANDING
-        limit = int(_number(request, "limit", 1000.0, 1.0, 10000.0))
-        rows = await run_in_threadpool(lambda: self.store.alarms(states, limit=limit))
-        return {"alarms": [Alarm.model_validate(r) for r in rows]}
+        found: Any = store.alarms(None if "all" in asked else asked or STANDING, limit=limit)
+        return {"alarms": found}
 
-    def acting(self, kind: Doing, model: type[Note]) -> Handler:
-        """The address that does `kind` to an alarm."""
+    def act(action: Action) -> Alarm:
+        if store.alarm(action.alarm_id) is None:
+            raise HTTPException(404, "no such alarm")
+        try:
+            return fleet.act(action).alarm
+        except StoreTrouble:
+            raise
+        except InputError as error:
+            raise HTTPException(409, str(error)) from None
 
-        async def act(request: Request) -> Any:
-            body = _read(model, await request.body())
-            id = request.path_params["id"]
-            if id >= 1 << 63 or await run_in_threadpool(self.store.alarm, id) is None:
-                raise HTTPException(404, "no such alarm")
-            until = time.time() + 60.0 * body.minutes if isinstance(body, Shelf) else None
-            done: Doing = "in_service" if isinstance(body, OutOfService) and body.back else kind
-            action = Action(done, id, request.state.caller.name, body.note, until)
-            try:
-                await run_in_threadpool(self.fleet.act, action)
-            except self.trouble:
-                raise
-            except InputError as error:
-                raise HTTPException(409, str(error)) from None
-            return Alarm.model_validate(await run_in_threadpool(self.store.alarm, id))
+    @api.post("/api/alarms/{id}/acknowledge")
+    def acknowledge(id: AlarmId, who: Operator, body: Note = Note()) -> Alarm:
+        """Acknowledge an alarm."""
+        return act(Action("acknowledge", id, who.name, body.note))
 
-        return act
+    @api.post("/api/alarms/{id}/shelve")
+    def shelve(id: AlarmId, who: Operator, body: Shelf) -> Alarm:
+        """Shelve an alarm for some minutes."""
+        return act(Action("shelve", id, who.name, body.note, time.time() + 60.0 * body.minutes))
 
-    async def audit(self, request: Request) -> Any:
-        """What was done by whom, the newest first; of one alarm by ``alarm``."""
-        alarm = int(_number(request, "alarm", 0.0, 0.0, 2.0**53))
-        limit = int(_number(request, "limit", 200.0, 1.0, 10000.0))
-        rows = await run_in_threadpool(lambda: self.store.audit(alarm_id=alarm or None, limit=limit))
-        return {"records": [AuditRecord.model_validate(r) for r in rows]}
+    @api.post("/api/alarms/{id}/unshelve")
+    def unshelve(id: AlarmId, who: Operator, body: Note = Note()) -> Alarm:
+        """Take it off the shelf."""
+        return act(Action("unshelve", id, who.name, body.note))
 
-    async def health_(self, request: Request) -> Any:
+    @api.get("/api/audit", dependencies=view)
+    def audit(
+        alarm: Annotated[int | None, Query(ge=0, lt=1 << 63)] = None, limit: Limit = 200
+    ) -> dict[Literal["records"], list[AuditRecord]]:
+        """What was done by whom, the newest first; of one alarm, or of all."""
+        found: Any = store.audit(alarm_id=alarm or None, limit=limit)
+        return {"records": found}
+
+    @api.get("/api/health", response_model_exclude_none=True)
+    def health_(known: Known) -> Health:
         """Whether the service works; why not is told to callers with a token alone."""
-        found = Health.model_validate(await run_in_threadpool(self.health))
-        if request.state.caller is None:
-            return {"status": found.status}
-        return found.model_copy(update={"version": fdd.__version__})
+        found = Health(**health(), version=fdd.__version__)
+        return found if known is not None else Health(status=found.status)
 
-    async def events(self, request: Request) -> Response:
-        """Events as they happen (server-sent), from the one after Last-Event-ID on."""
-        stream = self.hub.stream(request.headers.get("last-event-id"))
+    @api.get("/api/events", dependencies=view, response_class=StreamingResponse)
+    async def events(request: Request) -> StreamingResponse:
+        """Events as they happen (server-sent)."""
+        stream = hub.stream("last-event-id" in request.headers)
         return StreamingResponse(stream, media_type="text/event-stream", headers={"x-accel-buffering": "no"})
 
-    async def diagnose(self, request: Request) -> Any:
-        """A log in the body, diagnosed; its name in ``name`` or the header ``x-fdd-name``."""
-        asked = request.query_params
-        name = asked.get("name") or request.headers.get("x-fdd-name", "")
-        return await self.uploads.diagnose(request.stream(), name, asked.get("unit"), asked.get("map"))
-
-    async def session(self, request: Request) -> Any:
+    @api.get("/api/session")
+    def session(who: Annotated[Caller, *view]) -> Session:
         """Who is calling."""
-        caller: Caller = request.state.caller
-        return Session.model_validate({**vars(caller), "tokens": self.tokens is not None})
+        return Session(name=who.name, role=who.role, tokens=tokens is not None)
 
-    async def login(self, request: Request) -> Any:
-        """A token for the page's cookie."""
-        try:
-            token = orjson.loads(await request.body())["token"]
-        except (ValueError, KeyError, TypeError):
-            raise HTTPException(400, 'the body is {"token": "…"}') from None
-        caller = None if self.tokens is None else self.tokens.caller(str(token))
-        if caller is None:
-            return request.state.unknown()
-        response = answer(Session.model_validate({**vars(caller), "tokens": True}))
+    @api.post("/api/login")
+    def login(body: Login, response: Response) -> Session:
+        """Keep a token in a cookie, for the page."""
+        found = None if tokens is None else tokens.caller(body.token)
+        if found is None:
+            raise HTTPException(401, "unknown token", {"www-authenticate": "Bearer"})
         response.set_cookie(
-            COOKIE, self.sessions.begin(caller, time.monotonic()), httponly=True, samesite="strict",
-            secure=self.secure, path="/",
-        )  # fmt: skip
-        return response
+            COOKIE, body.token, max_age=COOKIE_S, httponly=True, samesite="strict", secure=secure
+        )
+        return Session(name=found.name, role=found.role, tokens=True)
 
-    async def logout(self, request: Request) -> Any:
-        """End the page's session."""
-        cookie = cookie_of(request.headers)
-        if cookie is not None:
-            self.sessions.end(cookie)
-        response = answer({})
-        response.delete_cookie(COOKIE, path="/")
-        return response
+    @api.post("/api/logout", status_code=204)
+    def logout(response: Response) -> None:
+        """Forget the cookie."""
+        response.delete_cookie(COOKIE)
 
-    async def metrics_(self, request: Request) -> Response:
+    @api.get("/metrics", dependencies=view, response_class=Response)
+    def metrics_(request: Request) -> Response:
         """Counts and figures for Prometheus."""
-        text, kind = await run_in_threadpool(self.metrics, request.headers.get("accept", ""))
+        text, kind = metrics(request.headers.get("accept", ""))
         return Response(text, media_type=kind)
 
-
-def _guarded(handler: Handler, role: str | None) -> Callable[[Request], Awaitable[Response]]:
-    async def guarded(request: Request) -> Response:
-        caller: Caller | None = request.state.caller
-        if role is not None and caller is None:
-            raise HTTPException(401, "give a token", {"www-authenticate": "Bearer"})
-        if role is not None and caller is not None and not caller.may(role):
-            raise HTTPException(403, f"this needs the role {role}, {caller.name} has {caller.role}")
-        found = await handler(request)
-        return found if isinstance(found, Response) else answer(found)
-
-    return guarded
-
-
-def answer(body: Any) -> Response:
-    """A body as JSON; NaN and infinities are null."""
-
-    def plain(value: Any) -> Any:
-        if isinstance(value, BaseModel):
-            return value.model_dump(by_alias=True)
-        raise TypeError(type(value).__name__)
-
-    return Response(orjson.dumps(body, default=plain), media_type="application/json")
-
-
-def _read(model: type[Note], body: bytes) -> Note:
-    try:
-        return model.model_validate_json(body or b"{}")
-    except ValidationError as error:
-        first: Mapping[str, Any] = error.errors(include_url=False, include_input=False)[0]
-        place = ".".join(str(part) for part in first["loc"])[:60]
-        raise HTTPException(400, f"{place or 'body'}: {first['msg']}") from None
-
-
-def _number(request: Request, name: str, default: float, least: float, most: float) -> float:
-    text = request.query_params.get(name)
-    if text is None:
-        return default
-    try:
-        value = float(text[:40])
-    except ValueError:
-        value = math.nan
-    if not least <= value <= most:
-        raise HTTPException(400, f"{name} is a number from {least:.0f} to {most:.0f}")
-    return value
+    return api
 
 
 def thinned(signals: Bands, points: int) -> Bands:

@@ -1,105 +1,157 @@
-"""The whole HTTP service put together: API, page and guard."""
+"""The whole HTTP service put together: API, page, and what guards them."""
 
 from __future__ import annotations
 
-import hashlib
-import re
 from collections.abc import Callable, Iterable, Mapping
 from importlib import resources
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-from starlette.applications import Starlette
-from starlette.exceptions import HTTPException
-from starlette.middleware import Middleware
+from fastapi import FastAPI, HTTPException, Request
+from fastapi.exceptions import RequestValidationError
+from fastapi.responses import FileResponse, JSONResponse, Response
+from starlette.datastructures import Headers, MutableHeaders
+from starlette.exceptions import HTTPException as StarletteException
 from starlette.middleware.gzip import GZipMiddleware
-from starlette.requests import Request
-from starlette.responses import Response
-from starlette.routing import Route
+from starlette.middleware.trustedhost import TrustedHostMiddleware
+from starlette.staticfiles import StaticFiles
+from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
+import fdd
+from fdd.bounds import MAX_REQUEST_BYTES
 from fdd.diagnosis.findings import DISPLAY_SCALE, ESTIMATED
 from fdd.errors import InputError
 from fdd.faults import CATALOGUE
 from fdd.report.words import FAMILY_TITLES
 from fdd.residuals.balances import BALANCES
-from fdd.service.http.api import Api, answer
-from fdd.service.http.callers import Sessions, Tokens
-from fdd.service.http.doors import Fleet, Store
+from fdd.service.http.api import router
 from fdd.service.http.events import Hub
-from fdd.service.http.guard import Guard, problem
-from fdd.service.http.openapi import document
-from fdd.service.http.uploads import Folders, Uploads
+from fdd.service.http.tokens import Tokens
+from fdd.service.store import Store, StoreTrouble
 
-TYPES = {
-    "html": "text/html; charset=utf-8", "css": "text/css; charset=utf-8",
-    "js": "text/javascript; charset=utf-8", "svg": "image/svg+xml",
-}  # fmt: skip
+if TYPE_CHECKING:
+    from fdd.service.shards import Shards
+    from fdd.service.watch import Watch
+
+PAGE = resources.files("fdd.service.http") / "page"
+MARK = "x-fdd"
+"""A header that a form or a link of another site cannot send."""
+HEADERS = {
+    "content-security-policy": (
+        "default-src 'none'; script-src 'self'; style-src 'self'; connect-src 'self'; img-src 'self'; "
+        "base-uri 'none'; form-action 'none'; frame-ancestors 'none'; require-trusted-types-for 'script'"
+    ),
+    "x-content-type-options": "nosniff",
+    "referrer-policy": "no-referrer",
+    "cache-control": "no-cache",
+}
 
 
 def web(
     *,
-    fleet: Fleet,
+    fleet: Watch | Shards,
     store: Store,
     hub: Hub,
-    health: Callable[[], Any],
+    health: Callable[[], dict[str, Any]],
     metrics: Callable[[str], tuple[bytes, str]],
-    trouble: type[Exception] = OSError,
     tokens: Tokens | None = None,
     hosts: Iterable[str] = (),
-    folders: Folders | None = None,
     secure: bool = False,
 ) -> Guard:
     """The service as an ASGI application.
 
     Parameters
     ----------
-    health : gives ``{"status": "ok" | "degraded", "problems": [...], "axes": n}``.
-    metrics : gives Prometheus's text and its content type for an Accept header.
-    trouble : what the fleet and the store raise when the store cannot be used now; answered by 503.
+    health, metrics : see `fdd.service.http.api.router`.
     tokens : who may call; None lets everybody in as admin, for a service that only this machine reaches.
-    hosts : names that the service is reached by, beside addresses and localhost.
-    folders : of profiles and maps that ``/api/diagnose`` may use.
+    hosts : names of this machine, beside localhost, that are answered where there are no tokens: else a page
+        of another site could reach the service by a name that leads here (DNS rebinding).
     secure : whether it is reached by TLS.
-
-    Examples
-    --------
-    >>> web(fleet=fleet, store=store, hub=Hub(bus), health=health, metrics=metrics)  # doctest: +SKIP
     """
-    sessions = Sessions()
-    uploads = Uploads(folders or Folders())
-    api = Api(fleet, store, hub, uploads, sessions, tokens, health, metrics, secure, trouble)
-    described = document()
-
-    async def openapi(request: Request) -> Response:
-        return answer(described)
-
-    inner = Starlette(
-        routes=[*api.routes(), Route("/openapi.json", openapi), *_page()],
-        middleware=[Middleware(GZipMiddleware, minimum_size=2000, compresslevel=4)],
-        exception_handlers={
-            HTTPException: _told,
-            InputError: _unusable,
-            trouble: _troubled,
-            Exception: _failed,
-        },
+    app = FastAPI(
+        title="fdd serve", version=fdd.__version__, docs_url=None, redoc_url=None, strict_content_type=False
     )
-    return Guard(inner, tokens=tokens, sessions=sessions, hosts=hosts, secure=secure)
+    app.include_router(router(fleet, store, hub, health, metrics, tokens, secure))
+    app.add_middleware(GZipMiddleware, minimum_size=2000, compresslevel=4)
+    if tokens is None:
+        own = ["localhost", "127.0.0.1", "[::1]", *hosts]
+        app.add_middleware(TrustedHostMiddleware, allowed_hosts=own, www_redirect=False)
+    for kind, answer in ANSWERS.items():
+        app.add_exception_handler(kind, answer)
+
+    @app.get("/", include_in_schema=False)
+    def page() -> FileResponse:
+        return FileResponse(str(PAGE / "index.html"))
+
+    @app.get("/page/words.js", include_in_schema=False)
+    def spoken() -> Response:
+        text = b"export default " + bytes(JSONResponse(words()).body) + b";\n"
+        return Response(text, media_type="text/javascript")
+
+    app.mount("/page", StaticFiles(directory=str(PAGE)))
+    return Guard(app)
 
 
-async def _told(request: Request, error: Exception) -> Response:
-    assert isinstance(error, HTTPException)
-    return problem(error.status_code, error.detail, dict(error.headers or {}))
+class Guard:
+    """The outermost layer: headers for browsers, no requests of other sites' pages, bounded bodies."""
+
+    def __init__(self, app: ASGIApp) -> None:
+        self.app = app
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        """Guard one request."""
+        if scope["type"] != "http":
+            await self.app(scope, receive, send)
+            return
+        came = 0
+
+        async def bounded() -> Message:
+            nonlocal came
+            message = await receive()
+            came += len(message.get("body", b""))
+            if came > MAX_REQUEST_BYTES:
+                raise HTTPException(413, f"the body may have {MAX_REQUEST_BYTES} bytes")
+            return message
+
+        async def with_headers(message: Message) -> None:
+            if message["type"] == "http.response.start":
+                headers = MutableHeaders(scope=message)
+                for name, value in HEADERS.items():
+                    headers.setdefault(name, value)
+            await send(message)
+
+        own = {"authorization", MARK} & {*Headers(scope=scope)}
+        if scope["method"] not in ("GET", "HEAD") and not own:
+            refusal = _problem(403, f"not sent by this page; give a token, or the header {MARK}: 1")
+            await refusal(scope, receive, with_headers)
+        else:
+            await self.app(scope, bounded, with_headers)
 
 
-async def _failed(request: Request, error: Exception) -> Response:
-    return problem(500, "internal error")
+def _problem(status: int, text: str, headers: Mapping[str, str] | None = None) -> Response:
+    """A refusal as JSON, in one line."""
+    return JSONResponse({"error": " ".join(text.split())[:500]}, status, headers)
 
 
-async def _unusable(request: Request, error: Exception) -> Response:
-    return problem(500, str(error))
+def _told(request: Request, error: Any) -> Response:
+    return _problem(error.status_code, error.detail, error.headers)
 
 
-async def _troubled(request: Request, error: Exception) -> Response:
-    return problem(503, f"not possible now: {error}; try again", {"retry-after": "5"})
+def _invalid(request: Request, error: Any) -> Response:
+    first = error.errors()[0]
+    return _problem(400, f"{'.'.join(str(part) for part in first['loc'])[:60]}: {first['msg']}")
+
+
+def _troubled(request: Request, error: Exception) -> Response:
+    return _problem(503, f"not possible now: {error}; try again", {"retry-after": "5"})
+
+
+ANSWERS: dict[type[Exception], Callable[[Request, Any], Response]] = {
+    StarletteException: _told,
+    RequestValidationError: _invalid,
+    StoreTrouble: _troubled,
+    InputError: lambda request, error: _problem(500, str(error)),
+    Exception: lambda request, error: _problem(500, "internal error"),
+}
 
 
 def words() -> Mapping[str, Any]:
@@ -119,31 +171,3 @@ def words() -> Mapping[str, Any]:
             for name, (_, unit, title) in ESTIMATED.items()
         },
     }
-
-
-def _page() -> list[Route]:
-    """The page's files, read once: an address is looked up among them and never made a path."""
-    files = {
-        f.name: f.read_bytes()
-        for f in (resources.files("fdd.service.http") / "page").iterdir()
-        if f.name.rpartition(".")[2] in TYPES
-    }
-    found = [_file(f"/page/{name}", name, body) for name, body in files.items() if name != "index.html"]
-    spoken = b"export default " + bytes(answer(words()).body) + b";\n"
-    return [
-        _file("/", "index.html", files["index.html"]),
-        _file("/page/words.js", "words.js", spoken),
-        *found,
-    ]
-
-
-def _file(path: str, name: str, body: bytes) -> Route:
-    tag = f'"{hashlib.sha256(body).hexdigest()[:20]}"'
-    headers = {"etag": tag, "cache-control": "no-cache"}
-
-    async def serve(request: Request) -> Response:
-        if re.sub(r"^W/", "", request.headers.get("if-none-match", "")) == tag:
-            return Response(status_code=304, headers=headers)
-        return Response(body, headers=headers, media_type=TYPES[name.rpartition(".")[2]])
-
-    return Route(path, serve)

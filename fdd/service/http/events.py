@@ -1,46 +1,35 @@
-"""Server-sent events: what the bus tells, numbered, to a bounded number of listeners."""
+"""Server-sent events: what the bus tells, to a bounded number of listeners."""
 
 from __future__ import annotations
 
 import asyncio
-import secrets
 import threading
-from collections import deque
 from collections.abc import AsyncIterator
-from typing import Any
 
 import orjson
 from starlette.exceptions import HTTPException
 
 from fdd.bounds import MOST_LISTENERS
-from fdd.service.http.doors import Bus
+from fdd.service.bus import Bus, Event
 
-KEPT = 2000
-"""Events that a listener may be behind, or catch up with after a lost connection."""
+KEPT = 1000
+"""Events that a listener may be behind; one that is farther behind is told to read everything anew."""
 HEARTBEAT_S = 10.0
 LONGEST_S = 3600.0
 """Then a listener connects anew, and who it is is asked again."""
+RESET = b'event: reset\ndata: {"kind": "reset"}\n\n'
 
 
 class Hub:
-    """One listener on the bus for all of the service's.
+    """One subscription to the bus for all listeners, each of which has a queue of its own.
 
-    There are no queues: each listener has a place in one row of the last events. One that falls out of it,
-    or that comes back after a restart, is told ``reset`` and reads everything anew.
-
-    Examples
-    --------
-    >>> Hub(bus).start(stop)  # doctest: +SKIP
+    A listener that falls behind, or that comes back after its connection was lost, is told ``reset``.
     """
 
     def __init__(self, bus: Bus) -> None:
         self._bus = bus
-        self._run = secrets.token_hex(4)
-        self._row: deque[bytes] = deque(maxlen=KEPT)
-        self._next = 0
-        self._listeners: dict[asyncio.Event, asyncio.AbstractEventLoop] = {}
-        self._lock = threading.Lock()
-        self._stopped = False
+        self._listeners: dict[asyncio.Queue[bytes | None], asyncio.AbstractEventLoop] = {}
+        self._number = 0
 
     def start(self, stop: threading.Event) -> threading.Thread:
         """Listen in a thread of its own until `stop`."""
@@ -48,34 +37,33 @@ class Hub:
 
         def listen() -> None:
             while not stop.is_set():
-                event = subscription.get(0.5)
-                if event is not None:
+                if (event := subscription.get(0.5)) is not None:
                     self.tell(event)
             subscription.close()
-            self._stopped = True
-            self._wake()
+            self._offer(None)
 
         thread = threading.Thread(target=listen, name="http events", daemon=True)
         thread.start()
         return thread
 
-    def tell(self, event: Any) -> None:
+    def tell(self, event: Event) -> None:
         """Pass one event of the bus on (any thread)."""
-        body = {"kind": event.kind, "axis": event.axis, "time": event.time, "data": event.data}
+        self._number += 1
         # JSON holds no line break, so that nothing in a name or note can begin a field of the stream.
-        data = orjson.dumps(body, default=str, option=orjson.OPT_SERIALIZE_NUMPY)
-        with self._lock:
-            self._row.append(f"id: {self._run}-{self._next}\ndata: ".encode() + data + b"\n\n")
-            self._next += 1
-        self._wake()
+        data = orjson.dumps(event, default=str, option=orjson.OPT_SERIALIZE_NUMPY)
+        self._offer(f"id: {self._number}\ndata: ".encode() + data + b"\n\n")
 
-    def _wake(self) -> None:
-        for news, loop in list(self._listeners.items()):
+    def _offer(self, told: bytes | None) -> None:
+        for queue, loop in list(self._listeners.items()):
             if not loop.is_closed():
-                loop.call_soon_threadsafe(news.set)
+                loop.call_soon_threadsafe(_put, queue, told)
 
-    def stream(self, last: str | None) -> AsyncIterator[bytes]:
-        """What a listener is sent, from the event after `last` on.
+    def stream(self, again: bool) -> AsyncIterator[bytes]:
+        """What a listener is sent.
+
+        Parameters
+        ----------
+        again : it listened before, and may have missed something.
 
         Raises
         ------
@@ -83,37 +71,29 @@ class Hub:
         """
         if len(self._listeners) >= MOST_LISTENERS:
             raise HTTPException(503, "too many listeners; close a page", {"retry-after": "30"})
-        return self._events(self._place(last))
+        return self._events(again)
 
-    def _place(self, last: str | None) -> int | None:
-        """Number of the next event for a listener; None where it must begin anew."""
-        if last is None:
-            return self._next
-        run, _, number = last.partition("-")
-        known = run == self._run and number.isascii() and number.isdigit() and len(number) < 16
-        return int(number) + 1 if known and int(number) < self._next else None
-
-    async def _events(self, place: int | None) -> AsyncIterator[bytes]:
-        loop, news = asyncio.get_running_loop(), asyncio.Event()
+    async def _events(self, again: bool) -> AsyncIterator[bytes]:
+        loop, queue = asyncio.get_running_loop(), asyncio.Queue[bytes | None](KEPT)
         until = loop.time() + LONGEST_S
-        self._listeners[news] = loop
+        self._listeners[queue] = loop
         try:
-            yield b"retry: 2000\n: connected\n\n"
-            while not self._stopped and loop.time() < until:
-                news.clear()
-                with self._lock:
-                    first, end = self._next - len(self._row), self._next
-                    lost = place is None or place < first
-                    told = [] if lost else [self._row[k - first] for k in range(place or 0, end)]
-                if lost:
-                    yield f'id: {self._run}-{end - 1}\nevent: reset\ndata: {{"kind": "reset"}}\n\n'.encode()
-                elif told:
-                    yield b"".join(told)
-                place = end
-                if not lost and not told:
-                    try:
-                        await asyncio.wait_for(news.wait(), HEARTBEAT_S)
-                    except TimeoutError:
-                        yield b": still here\n\n"
+            yield b"retry: 2000\n: connected\n\n" + RESET * again
+            while loop.time() < until:
+                try:
+                    told = await asyncio.wait_for(queue.get(), HEARTBEAT_S)
+                except TimeoutError:
+                    told = b": still here\n\n"
+                if told is None:
+                    return
+                yield told
         finally:
-            self._listeners.pop(news, None)
+            self._listeners.pop(queue, None)
+
+
+def _put(queue: asyncio.Queue[bytes | None], told: bytes | None) -> None:
+    if queue.full():
+        while not queue.empty():
+            queue.get_nowait()
+        queue.put_nowait(RESET)
+    queue.put_nowait(told)

@@ -1,7 +1,6 @@
-"""What the service tells the outside: metrics, MQTT, webhooks, JSON lines and recordings."""
+"""What the service tells the outside: metrics, MQTT, webhooks, JSON lines, recordings and Foxglove."""
 
 from fdd.service.outputs.metrics import Metrics
 from fdd.service.outputs.outputs import Outputs
-from fdd.service.outputs.recorder import Recorder
 
-__all__ = ["Metrics", "Outputs", "Recorder"]
+__all__ = ["Metrics", "Outputs"]

@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 import threading
-from collections import deque
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,23 +22,15 @@ from fdd.logs.mcap_writing import (
 )
 from fdd.logs.protobuf_rows import layout
 from fdd.samples import Samples
-from fdd.service.outputs.doors import Bus, Event
+from fdd.service.bus import Bus, Event
+from fdd.service.config import FoxgloveOutput
 from fdd.service.outputs.recording import begins, plain, trajectories, wall_offset
 
 BAND_S = 0.05
 """Of which each signal's least and largest are told, as two rows."""
-MOST_WAITING = 2000
-"""Blocks that wait; then the oldest are lost and counted."""
+MOST_WAITING = 4000
+"""Events that wait; then the oldest are lost and counted."""
 LOOK_S = 0.1
-
-
-class FoxgloveSettings(Protocol):
-    """Of the configuration, `outputs: foxglove`."""
-
-    @property
-    def host(self) -> str: ...
-    @property
-    def port(self) -> int: ...
 
 
 @dataclass
@@ -56,7 +47,7 @@ class Foxglove:
 
     Parameters
     ----------
-    settings : where it listens, at once. bus : of alarms and statuses.
+    config : where it listens, at once. bus : of samples, alarms and statuses.
 
     Attributes
     ----------
@@ -65,14 +56,9 @@ class Foxglove:
     Raises
     ------
     InputError : the package is missing, or the port is taken.
-
-    Examples
-    --------
-    >>> foxglove = Foxglove(settings, bus)  # doctest: +SKIP
-    >>> foxglove.push("A1", samples)  # doctest: +SKIP
     """
 
-    def __init__(self, settings: FoxgloveSettings, bus: Bus) -> None:
+    def __init__(self, config: FoxgloveOutput, bus: Bus) -> None:
         where = "outputs: foxglove"
         try:
             import foxglove
@@ -80,8 +66,8 @@ class Foxglove:
             raise InputError(
                 "needs the package foxglove-sdk", where=where, mend="install fdd[foxglove]"
             ) from None
-        self._sdk, self._bus, self._context = foxglove, bus, foxglove.Context()
-        address = {"host": settings.host, "port": settings.port}
+        self._sdk, self._context = foxglove, foxglove.Context()
+        address = {"host": config.host, "port": config.port}
         try:
             self._server = foxglove.start_server(name="fdd", context=self._context, **address)
         except RuntimeError as error:
@@ -92,64 +78,47 @@ class Foxglove:
         self.port: int = self._server.port
         self._topics: dict[str, _Topic] = {}
         self._offsets: dict[str, tuple[float, float]] = {}
-        self._waiting: deque[tuple[str, Samples]] = deque(maxlen=MOST_WAITING)
-        self._pushed = self._taken = 0
-        self._lock = threading.Lock()
+        self._live = bus.subscribe(["samples", "status", "alarm"], MOST_WAITING)
         self.last_error = ""
-
-    def push(self, axis: str, samples: Samples) -> None:
-        """Hand over an axis's next samples, in the order of time (any thread)."""
-        with self._lock:
-            self._waiting.append((axis, samples))
-            self._pushed += 1
 
     def status(self) -> dict[str, Any]:
         """Blocks lost, the last error."""
-        lost = self._pushed - self._taken - len(self._waiting)
-        return {"lost_blocks": lost, "last_error": self.last_error}
+        return {"lost_blocks": self._live.lost, "last_error": self.last_error}
 
     def run(self, stop: threading.Event) -> None:
         """Tell what comes until `stop`."""
-        events = self._bus.subscribe(["alarm", "status"])
-        while not stop.wait(LOOK_S):
+        while not stop.is_set():
             try:
-                self._take()
-                while event := events.get(0.0):
+                if event := self._live.get(LOOK_S):
                     self._tell(event)
             except Exception as error:  # one axis's trouble must not end it for all others
                 self.last_error = f"{type(error).__name__}: {error}"
-        events.close()
+        self._live.close()
         self._server.stop()
 
-    def _take(self) -> None:
-        with self._lock:
-            taken = list(self._waiting)
-            self._waiting.clear()
-            self._taken += len(taken)
-        for axis, samples in taken:
-            if not len(samples):
-                continue
+    def _tell(self, event: Event) -> None:
+        axis = event.axis
+        if event.kind == "samples":
+            samples = event.data["samples"]
             first, last = float(samples.time[0]), float(samples.time[-1])
             offset, before = self._offsets.get(axis, (0.0, np.inf))
             # A clock that was set back is another stream.
             self._offsets[axis] = (wall_offset(last) if first <= before else offset, last)
             self._events(axis)  # before there are any: who is connected must have it when the first comes
             self._add(axis, "measurement", thinned(samples))
-
-    def _tell(self, event: Event) -> None:
-        if event.axis not in self._offsets:
+        elif axis not in self._offsets:
             return
-        if event.kind == "status":
+        elif event.kind == "status":
             told = trajectories([{**event.data, "time": event.time}], 0.0)
-            self._add(event.axis, "estimate", estimate_columns(told))
-            self._add(event.axis, "diagnosis", diagnosis_columns(told))
-            return
-        alarm = event.data["alarm"]
-        said = [(event.time, INFO, f"alarm {alarm['id']}, {alarm['fault']}: {event.data['action'].lower()}")]
-        for when, level, text in events_of(alarm["body"]) if begins(event.data) else said:
-            stamp = self._stamp(event.axis, when)
-            channel = self._events(event.axis)
-            channel.log(log_message(stamp, level, text, event.axis), log_time=stamp)
+            self._add(axis, "estimate", estimate_columns(told))
+            self._add(axis, "diagnosis", diagnosis_columns(told))
+        else:
+            alarm = event.data["alarm"]
+            line = f"alarm {alarm['id']}, {alarm['fault']}: {event.data['action'].lower()}"
+            said = events_of(alarm["body"]) if begins(event.data) else [(event.time, INFO, line)]
+            for when, level, text in said:
+                stamp = self._stamp(axis, when)
+                self._events(axis).log(log_message(stamp, level, text, axis), log_time=stamp)
 
     def _stamp(self, axis: str, when: float) -> int:
         """Unix ns; not before 1970."""

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import math
+from collections import Counter
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import suppress
-from functools import partial
-from typing import Any
+from typing import Any, get_args
 
 from prometheus_client import CollectorRegistry, ProcessCollector
 from prometheus_client.exposition import choose_encoder
@@ -15,16 +15,10 @@ from prometheus_client.registry import Collector
 
 from fdd import __version__
 from fdd.faults import FAMILIES
-from fdd.service.alarms import STATES as ALL_STATES
-from fdd.service.priority import PRIORITIES
-from fdd.service.status import AxisStatus
+from fdd.service.status import AxisState, AxisStatus
 
 MOST_AXES = 1000
 """With metrics of their own; a label's every value is a series that Prometheus keeps."""
-STATES = ("learning", "healthy", "in alarm", "unacknowledged", "silent", "failed")
-"""Of an axis."""
-ALARM_STATES = ALL_STATES[1:]
-"""All but NORMAL."""
 UNITS = {
     "leakage": "cubic_meters_per_pascal_second",
     "bulk_modulus": "pascals",
@@ -52,19 +46,13 @@ _OUTPUTS: dict[str, tuple[_Family, str, str]] = {
 }
 
 
-class Metrics:
+class Metrics(Collector):
     """What `GET /metrics` answers.
 
     Parameters
     ----------
     axes : the fleet's `axes`. alarms : gives the alarms that stand.
     outputs : `Outputs.status`. sources : the fleet's. store_errors : how often the store failed so far.
-
-    Examples
-    --------
-    >>> body, content_type = Metrics(lambda: [], lambda: [], dict, dict, lambda: 0)()
-    >>> "fdd_axes 0.0" in body.decode(), content_type.split(";")[0]
-    (True, 'text/plain')
     """
 
     def __init__(
@@ -75,27 +63,16 @@ class Metrics:
         sources: Callable[[], Statuses],
         store_errors: Callable[[], float],
     ) -> None:
+        self._axes, self._alarms = axes, alarms
+        self._outputs, self._sources, self._store_errors = outputs, sources, store_errors
         self._registry = CollectorRegistry()
         ProcessCollector(registry=self._registry)
-        self._registry.register(_Reader(axes, alarms, outputs, sources, store_errors))
+        self._registry.register(self)
 
     def __call__(self, accept: str = "") -> tuple[bytes, str]:
         """The text and its content type, in the format that the scraper accepts."""
         encode, content_type = choose_encoder(accept)
         return encode(self._registry), content_type
-
-
-class _Reader(Collector):
-    def __init__(
-        self,
-        axes: Callable[[], Sequence[AxisStatus]],
-        alarms: Callable[[], Sequence[Mapping[str, Any]]],
-        outputs: Callable[[], Statuses],
-        sources: Callable[[], Statuses],
-        store_errors: Callable[[], float],
-    ) -> None:
-        self._axes, self._alarms = axes, alarms
-        self._outputs, self._sources, self._store_errors = outputs, sources, store_errors
 
     def describe(self) -> Iterable[Metric]:
         """Nothing is read before the first scrape."""
@@ -119,84 +96,58 @@ class _Reader(Collector):
         yield from _counted(self._outputs(), "target", _OUTPUTS)
 
 
-_Value = Callable[[AxisStatus], float | None]
+_AXES: tuple[tuple[_Family, str, str, Callable[[AxisStatus], float | None]], ...] = (
+    (GaugeMetricFamily, "fdd_axis_up", "1 while an axis sends and is diagnosed.",
+     lambda axis: axis.state not in ("silent", "failed")),
+    (CounterMetricFamily, "fdd_samples", "Samples taken.", lambda axis: axis.samples),
+    (CounterMetricFamily, "fdd_dropped_samples", "Samples lost on the way.",
+     lambda axis: axis.quality.get("dropped", 0) + axis.quality.get("overrun", 0)),
+    (GaugeMetricFamily, "fdd_block_lag_seconds", "How far the diagnosis is behind.", lambda axis: axis.lag_s),
+    (GaugeMetricFamily, "fdd_sample_rate_hertz", "Samples a second.", lambda axis: axis.rate_hz),
+    (GaugeMetricFamily, "fdd_last_sample_timestamp_seconds", "Unix time of the last sample.",
+     lambda axis: axis.last_wall),
+)  # fmt: skip
 
 
 def _of_axes(axes: Sequence[AxisStatus]) -> Iterable[Metric]:
-    def gauge(name: str, help: str, value: _Value) -> Metric:
-        return _filled(GaugeMetricFamily(name, help, labels=["axis"]), axes, value)
-
-    def counter(name: str, help: str, value: _Value) -> Metric:
-        return _filled(CounterMetricFamily(name, help, labels=["axis"]), axes, value)
-
-    yield gauge("fdd_axis_up", "1 while an axis sends and is diagnosed.", _up)
-    state = GaugeMetricFamily("fdd_axis_state", "1 for the state an axis is in.", labels=["axis", "state"])
-    probability = GaugeMetricFamily(
+    for family, name, help, of in _AXES:
+        yield _filled(family(name, help, labels=["axis"]), (((axis.name,), of(axis)) for axis in axes))
+    states = GaugeMetricFamily("fdd_axis_state", "1 for the state an axis is in.", labels=["axis", "state"])
+    yield _filled(states, (((a.name, s), a.state == s) for a in axes for s in get_args(AxisState)))
+    chances = GaugeMetricFamily(
         "fdd_fault_probability", "Probability of a family of faults.", labels=["axis", "family"]
     )
-    for axis in axes:
-        for name in STATES:
-            state.add_metric([axis.name, name], axis.state == name)
-        for family in FAMILIES:
-            if math.isfinite(value := axis.probabilities.get(family, math.nan)):
-                probability.add_metric([axis.name, family], value)
-    yield state
-    yield probability
-    yield counter("fdd_samples", "Samples taken.", lambda axis: axis.samples)
-    yield counter(
-        "fdd_dropped_samples", "Samples lost on the way.", lambda axis: axis.quality.get("dropped_samples")
-    )
-    yield gauge("fdd_block_lag_seconds", "How far the diagnosis is behind.", lambda axis: axis.lag_s)
-    yield gauge("fdd_sample_rate_hertz", "Samples a second.", lambda axis: axis.rate_hz)
-    yield gauge(
-        "fdd_last_sample_timestamp_seconds", "Unix time of the last sample.", lambda axis: axis.last_wall
-    )
+    yield _filled(chances, (((a.name, f), a.probabilities.get(f)) for a in axes for f in FAMILIES))
+    known = [(a.name, q, a.estimates[q]) for a in axes for q in UNITS if q in a.estimates]
     for quantity, unit in UNITS.items():
         title = quantity.replace("_", " ").capitalize()
-        for part, key, of in (("", "value", ""), ("_stddev", "std", ", standard deviation")):
-            yield gauge(f"fdd_{quantity}{part}_{unit}", f"{title}{of}.", partial(_estimate, quantity, key))
+        mine = [(name, estimate) for name, q, estimate in known if q == quantity]
+        value = GaugeMetricFamily(f"fdd_{quantity}_{unit}", f"{title}.", labels=["axis"])
+        yield _filled(value, (((name,), estimate.value) for name, estimate in mine))
+        std = GaugeMetricFamily(
+            f"fdd_{quantity}_stddev_{unit}", f"{title}, standard deviation.", labels=["axis"]
+        )
+        yield _filled(std, (((name,), estimate.std) for name, estimate in mine))
     observable = GaugeMetricFamily(
         "fdd_estimate_observable", "1 while a quantity can be estimated.", labels=["axis", "quantity"]
     )
-    for axis in axes:
-        for quantity in UNITS:
-            if quantity in axis.estimates:
-                observable.add_metric([axis.name, quantity], bool(axis.estimates[quantity].get("observable")))
-    yield observable
-
-
-def _estimate(quantity: str, key: str, axis: AxisStatus) -> float | None:
-    return axis.estimates.get(quantity, {}).get(key)
-
-
-def _up(axis: AxisStatus) -> float:
-    return float(axis.state not in ("silent", "failed"))
+    yield _filled(observable, (((name, q), estimate.observable) for name, q, estimate in known))
 
 
 def _filled(
-    metric: GaugeMetricFamily | CounterMetricFamily, axes: Sequence[AxisStatus], value: _Value
+    metric: GaugeMetricFamily | CounterMetricFamily, rows: Iterable[tuple[tuple[str, ...], float | None]]
 ) -> Metric:
-    for axis in axes:
-        found = value(axis)
-        if found is not None and math.isfinite(found):
-            metric.add_metric([axis.name], found)
+    for labels, value in rows:
+        if value is not None and math.isfinite(value):
+            metric.add_metric(labels, value)
     return metric
 
 
 def _alarms(alarms: Sequence[Mapping[str, Any]], axes: set[str]) -> Metric:
-    """Counts; what is no known word is `other`, so that the series stay few."""
-    labels = {"family": FAMILIES, "state": ALARM_STATES, "priority": PRIORITIES}
-    counts: dict[tuple[str, ...], int] = {}
-    for alarm in alarms:
-        if alarm["axis"] in axes:
-            words = (alarm.get(label) for label in labels)
-            known = (w if w in some else "other" for w, some in zip(words, labels.values(), strict=True))
-            key = (alarm["axis"], *known)
-            counts[key] = counts.get(key, 0) + 1
-    metric = GaugeMetricFamily("fdd_alarms", "Alarms that stand.", labels=["axis", *labels])
-    for key, count in counts.items():
-        metric.add_metric(list(key), count)
-    return metric
+    labels = ("axis", "family", "state", "priority")
+    counts = Counter(tuple(alarm[label] for label in labels) for alarm in alarms if alarm["axis"] in axes)
+    metric = GaugeMetricFamily("fdd_alarms", "Alarms that stand.", labels=labels)
+    return _filled(metric, counts.items())
 
 
 def _counted(

@@ -2,61 +2,23 @@
 
 from __future__ import annotations
 
-import ssl
 import time
 from collections.abc import Callable, Mapping, Sequence
-from pathlib import Path
-from typing import Any, Protocol
+from typing import Any
 
 import orjson
 from paho.mqtt.client import Client, MQTTMessageInfo
-from paho.mqtt.enums import CallbackAPIVersion, MQTTProtocolVersion
 
-from fdd.errors import InputError
-from fdd.service.outputs.courier import Undelivered
-from fdd.service.outputs.doors import Parcel, read_secret
+from fdd.service.broker_client import broker_client
+from fdd.service.config import MqttOutput
+from fdd.service.outputs.delivery import Undelivered
+from fdd.service.store import OutboxMessage
 
 EVERY_S = 5.0
 """Between two messages about one axis."""
 ACKNOWLEDGED_S = 5.0
 """That the broker has for a message."""
 MOST_QUEUED = 1000
-OVER = "NORMAL"
-"""State of an alarm that is over."""
-
-
-class TlsSettings(Protocol):
-    """PEM files: the authority's certificate (None: the system's), this client's own and its key."""
-
-    @property
-    def ca(self) -> Path | None: ...
-    @property
-    def cert(self) -> Path | None: ...
-    @property
-    def key(self) -> Path | None: ...
-
-
-class MqttSettings(Protocol):
-    """Of the configuration, `outputs: mqtt`."""
-
-    @property
-    def host(self) -> str: ...
-    @property
-    def chosen_port(self) -> int: ...
-    @property
-    def version(self) -> str: ...
-    @property
-    def user(self) -> str | None: ...
-    @property
-    def password_file(self) -> Path | None: ...
-    @property
-    def tls(self) -> TlsSettings | None: ...
-    @property
-    def client_id(self) -> str | None: ...
-    @property
-    def keepalive(self) -> int: ...
-    @property
-    def prefix(self) -> str: ...
 
 
 class MqttPublisher:
@@ -67,41 +29,21 @@ class MqttPublisher:
 
     Parameters
     ----------
-    settings : broker and prefix. standing : gives the alarms that stand now, for a broker that forgot them.
+    config : broker and prefix. standing : gives the alarms that stand now, for a broker that forgot them.
 
     Raises
     ------
-    InputError : a prefix that is no topic, or a secret that cannot be read.
-
-    Examples
-    --------
-    >>> publisher = MqttPublisher(settings, standing)  # doctest: +SKIP
-    >>> publisher.start()  # doctest: +SKIP
+    InputError : a secret or certificate that cannot be read.
     """
 
-    def __init__(
-        self, settings: MqttSettings, standing: Callable[[], Sequence[Mapping[str, Any]]] = lambda: ()
-    ) -> None:
-        self._prefix, self._standing = settings.prefix, standing
-        if not self._prefix or any(c in self._prefix for c in "+#\0") or self._prefix[0] in "/$":
-            raise InputError(
-                f"{self._prefix[:70]!r} cannot begin a topic", where="outputs: mqtt: prefix", mend="e.g. fdd"
-            )
+    def __init__(self, config: MqttOutput, standing: Callable[[], Sequence[Mapping[str, Any]]]) -> None:
+        self._config, self._standing = config, standing
         self._states: dict[str, bytes] = {}
         self._sent: dict[str, tuple[float, bytes]] = {}
-        self._refreshed = 0
-        self.connections, self.last_error = 0, ""
-        self._broker = settings.host, settings.chosen_port, settings.keepalive
-        protocol = MQTTProtocolVersion.MQTTv5 if settings.version == "5" else MQTTProtocolVersion.MQTTv311
-        self._client = client = Client(
-            CallbackAPIVersion.VERSION2, settings.client_id or "", protocol=protocol
-        )
-        if settings.user is not None:
-            password = read_secret(settings.password_file) if settings.password_file else None
-            client.username_pw_set(settings.user, password)
-        if settings.tls is not None:
-            client.tls_set_context(_tls(settings.tls))
-        client.will_set(f"{self._prefix}/status", b"offline", qos=1, retain=True)
+        self._refreshed = self.connections = 0
+        self.last_error = ""
+        self._client = client = broker_client(config, config.client_id or "")
+        client.will_set(f"{config.prefix}/status", b"offline", qos=1, retain=True)
         client.max_queued_messages_set(MOST_QUEUED)
         client.reconnect_delay_set(1, 60)
         client.on_connect = self._on_connect
@@ -109,22 +51,22 @@ class MqttPublisher:
 
     def start(self) -> None:
         """Connect, now or as soon as the broker is there."""
-        self._client.connect_async(*self._broker)
+        self._client.connect_async(self._config.host, self._config.chosen_port, self._config.keepalive)
         self._client.loop_start()
 
     def stop(self) -> None:
         """Say so, and disconnect."""
         if self._client.is_connected():
-            self._acknowledged(self._publish("status", b"offline"), time.monotonic() + 1.0)
+            _acknowledged(self._publish("status", b"offline"), 1.0)
         self._client.disconnect()
         self._client.loop_stop()
 
     def status(self) -> dict[str, Any]:
-        """connected, connections, error of the link."""
+        """How the connection stands."""
         told = {"connected": self._client.is_connected(), "connections": self.connections}
         return {**told, "link_error": self.last_error}
 
-    def deliver(self, parcel: Parcel) -> None:
+    def deliver(self, message: OutboxMessage) -> None:
         """Send an alarm's transition or a finding, and wait until the broker has it.
 
         Raises
@@ -133,12 +75,12 @@ class MqttPublisher:
         """
         if not self._client.is_connected():
             raise Undelivered(self.last_error or "not connected", down=True)
-        if parcel.kind == "alarm":
-            info = self._alarm(parcel.body["alarm"])
+        if message.kind == "alarm":
+            info = self._alarm(message.body["alarm"])
         else:
-            topic = f"axis/{parcel.body['axis']}/{parcel.kind}"
-            info = self._publish(topic, orjson.dumps(dict(parcel.body)), retain=False)
-        if not self._acknowledged(info, time.monotonic() + ACKNOWLEDGED_S):
+            topic = f"axis/{message.body['axis']}/{message.kind}"
+            info = self._publish(topic, orjson.dumps(message.body), retain=False)
+        if not _acknowledged(info, ACKNOWLEDGED_S):
             raise Undelivered("not acknowledged by the broker", down=True)
 
     def note(self, axis: str, state: Mapping[str, Any]) -> None:
@@ -164,18 +106,11 @@ class MqttPublisher:
 
     def _alarm(self, alarm: Mapping[str, Any]) -> MQTTMessageInfo:
         # An empty message makes the broker forget the retained one.
-        payload = b"" if alarm["state"] == OVER else orjson.dumps(dict(alarm))
+        payload = b"" if alarm["state"] == "NORMAL" else orjson.dumps(dict(alarm))
         return self._publish(f"axis/{alarm['axis']}/alarm/{alarm['id']}", payload)
 
     def _publish(self, topic: str, payload: bytes, *, retain: bool = True) -> MQTTMessageInfo:
-        return self._client.publish(f"{self._prefix}/{topic}", payload, qos=1, retain=retain)
-
-    def _acknowledged(self, info: MQTTMessageInfo, until: float) -> bool:
-        try:
-            info.wait_for_publish(until - time.monotonic())
-            return info.is_published()
-        except (ValueError, RuntimeError):
-            return False
+        return self._client.publish(f"{self._config.prefix}/{topic}", payload, qos=1, retain=retain)
 
     def _on_connect(self, client: Client, _user: Any, _flags: Any, reason: Any, _properties: Any) -> None:
         if reason.is_failure:
@@ -190,14 +125,9 @@ class MqttPublisher:
             self.last_error = f"disconnected: {reason}"
 
 
-def _tls(files: TlsSettings) -> ssl.SSLContext:
+def _acknowledged(info: MQTTMessageInfo, seconds: float) -> bool:
     try:
-        context = ssl.create_default_context(cafile=files.ca)
-        if files.cert is not None:
-            context.load_cert_chain(files.cert, files.key)
-    except OSError as error:  # those of ssl too
-        told = error.strerror or "not a certificate"
-        raise InputError(
-            f"TLS cannot be set up ({told})", where="outputs: mqtt: tls", mend="name PEM files"
-        ) from None
-    return context
+        info.wait_for_publish(seconds)
+        return info.is_published()
+    except (ValueError, RuntimeError):
+        return False

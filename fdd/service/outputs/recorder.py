@@ -5,61 +5,55 @@ from __future__ import annotations
 import threading
 import time
 from collections import deque
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, Protocol
-
-import pyarrow as pa
+from typing import Any
 
 from fdd.errors import InputError
 from fdd.files import require_writable, written
 from fdd.samples import Samples
-from fdd.service.outputs.doors import Bus, Event, Subscription
-from fdd.service.outputs.recording import SPOOLED, begins, finish, keep_within, name_of, wall_offset
-from fdd.service.outputs.spool import Piece, Spool
+from fdd.service.bus import Bus, Event
+from fdd.service.config import Recording
+from fdd.service.outputs.recording import begins, keep_within, name_of, wall_offset, write
 
 LATE_S = 10.0
 """Kept beyond the time before an alarm: the pipeline looks every 5 s, the alarm takes a moment to come."""
 LONGEST_S = 600.0
 """Of a file that alarms extend again and again."""
-MOST_WAITING = 2000
-"""Blocks that wait for the recorder; then the oldest are lost and counted."""
-MOST_RING_BYTES = 16 << 20
-"""Of an axis: a minute of all channels at 3 kHz."""
+MOST_WAITING = 4000
+"""Events that wait for the recorder; then the oldest are lost and counted."""
+MOST_BYTES = 32 << 20
+"""Of an axis's samples in memory: six minutes of ten channels at 1 kHz. A recording ends there."""
 MOST_STATUSES = 1000
-PIECE_S = 1.0
-"""Blocks are gathered to this much before they are packed."""
 
 
-class RecordingSettings(Protocol):
-    """Of the configuration, `outputs: recording`."""
+@dataclass
+class _Running:
+    """A recording that runs, from `start` to `until`, s of the stream's clock; with `offset` Unix seconds."""
 
-    @property
-    def folder(self) -> Path: ...
-    @property
-    def before(self) -> float: ...
-    @property
-    def after(self) -> float: ...
-    @property
-    def most_bytes(self) -> int: ...
+    path: Path
+    start: float
+    offset: float
+    until: float = 0.0
+    alarms: list[dict[str, Any]] = field(default_factory=list)
 
 
 @dataclass
 class _Axis:
-    """One axis's ring, and its spool while a recording runs."""
+    """One axis's latest samples and statuses; while a recording runs, all since its start.
+
+    Attributes
+    ----------
+    offset : s to add to the stream's stamps for Unix seconds. heard : monotonic s of the last block.
+    """
 
     offset: float = 0.0
-    """s to add to the stream's stamps for Unix seconds."""
-    ring: deque[Piece] = field(default_factory=deque)
-    fresh: list[Samples] = field(default_factory=list)
-    statuses: deque[dict[str, Any]] = field(default_factory=lambda: deque(maxlen=MOST_STATUSES))
-    spool: Spool | None = None
-    start: float = 0.0
-    until: float = 0.0
     heard: float = 0.0
-    """Monotonic s of the last block."""
+    size: int = 0
+    ring: deque[Samples] = field(default_factory=deque)
+    statuses: deque[dict[str, Any]] = field(default_factory=lambda: deque(maxlen=MOST_STATUSES))
+    running: _Running | None = None
 
 
 class Recorder:
@@ -67,191 +61,113 @@ class Recorder:
 
     Parameters
     ----------
-    settings : folder (made where it is missing), s before and after an alarm, most bytes in the folder.
-    bus : of alarms and statuses. profile_of : an axis's unit profile (YAML) for the file, or None.
+    config : folder (made where it is missing), s before and after an alarm, most bytes in the folder.
+    bus : of samples, alarms and statuses. profile_of : an axis's unit profile (YAML) for the file, or None.
 
     Raises
     ------
     InputError : the folder cannot be written.
-
-    Examples
-    --------
-    >>> recorder = Recorder(settings, bus)  # doctest: +SKIP
-    >>> recorder.push("A1", samples)  # doctest: +SKIP
     """
 
-    def __init__(
-        self,
-        settings: RecordingSettings,
-        bus: Bus,
-        profile_of: Callable[[str], str | None] = lambda axis: None,
-    ) -> None:
-        self._settings, self._bus, self._profile_of = settings, bus, profile_of
-        self._folder = settings.folder
-        require_writable(self._folder, folder=True)
-        with written(self._folder):
-            self._folder.mkdir(parents=True, exist_ok=True)
+    def __init__(self, config: Recording, bus: Bus, profile_of: Callable[[str], str | None]) -> None:
+        self._config, self._profile_of = config, profile_of
+        require_writable(config.folder, folder=True)
+        with written(config.folder):
+            config.folder.mkdir(parents=True, exist_ok=True)
         self._axes: dict[str, _Axis] = {}
-        self._waiting: deque[tuple[str, Samples]] = deque(maxlen=MOST_WAITING)
-        self._pushed = self._taken = self.files = 0
-        self._lock = threading.Lock()
-        self.last_error = ""
-
-    def push(self, axis: str, samples: Samples) -> None:
-        """Hand over an axis's next samples, in the order of time (any thread; costs next to nothing)."""
-        with self._lock:
-            self._waiting.append((axis, samples))
-            self._pushed += 1
+        self._events = bus.subscribe(["samples", "status", "alarm"], MOST_WAITING)
+        self.files, self.last_error = 0, ""
 
     def status(self) -> dict[str, Any]:
         """Files written, recordings that run, blocks lost, the last error."""
-        running = sum(a.spool is not None for a in list(self._axes.values()))
-        lost = self._pushed - self._taken - len(self._waiting)
+        running = sum(a.running is not None for a in list(self._axes.values()))
+        lost = self._events.lost
         return {"files": self.files, "running": running, "lost_blocks": lost, "last_error": self.last_error}
 
     def run(self, stop: threading.Event) -> None:
-        """Record until `stop`, then finish what runs."""
-        alarms, statuses = self._bus.subscribe(["alarm"]), self._bus.subscribe(["status"])
-        for left in sorted(self._folder.glob(f"*{SPOOLED}")):
-            self._finish(left)
+        """Record until `stop`, then write what runs."""
         while not stop.wait(0.2):
             try:
-                self.work(alarms, statuses)
+                self.work()
             except Exception as error:  # one axis's trouble must not end the recording of all others
                 self.last_error = f"{type(error).__name__}: {error}"
-        self.work(alarms, statuses)
-        for axis in self._axes.values():
-            self._end(axis)
-        alarms.close()
-        statuses.close()
+        self.work()
+        for name, axis in self._axes.items():
+            self._end(name, axis)
+        self._events.close()
 
-    def work(self, alarms: Subscription, statuses: Subscription) -> None:
+    def work(self) -> None:
         """Take what has come, and end what is due."""
-        while event := statuses.get(0.0):
-            self._note_status(event)
-        self._take()
-        while event := alarms.get(0.0):
-            self._note_alarm(event)
+        while event := self._events.get():
+            if event.kind == "samples":
+                self._take(event.axis, event.data["samples"])
+            elif (axis := self._axes.get(event.axis)) is not None:
+                self._note(axis, event)
         now = time.monotonic()
-        for axis in self._axes.values():
-            silent = now - axis.heard > self._settings.after
-            if axis.spool and (silent or (axis.ring and axis.ring[-1].time[-1] >= axis.until)):
-                self._end(axis)
+        for name, axis in self._axes.items():
+            run = axis.running
+            silent = now - axis.heard > self._config.after
+            if run and (silent or axis.ring[-1].time[-1] >= run.until or axis.size > MOST_BYTES):
+                self._end(name, axis)
 
-    def _take(self) -> None:
-        with self._lock:
-            taken = list(self._waiting)
-            self._waiting.clear()
-            self._taken += len(taken)
-        for name, samples in taken:
-            if not len(samples):
-                continue
-            axis = self._axes.setdefault(name, _Axis())
-            axis.heard = time.monotonic()
-            if axis.fresh and samples.time[0] <= axis.fresh[-1].time[-1]:
-                self._pack(axis)
-            axis.fresh.append(samples)
-            if samples.time[-1] - axis.fresh[0].time[0] >= PIECE_S:
-                self._pack(axis)
-
-    def _pack(self, axis: _Axis) -> None:
-        """Put the fresh blocks into the ring and the spool."""
-        if not axis.fresh:
-            return
-        samples = Samples.concatenate(axis.fresh)
-        axis.fresh.clear()
+    def _take(self, name: str, samples: Samples) -> None:
+        axis = self._axes.setdefault(name, _Axis())
+        axis.heard = time.monotonic()
         if axis.ring and samples.time[0] <= axis.ring[-1].time[-1]:
             # The clock was set back: what was before is another stream.
-            self._end(axis)
+            self._end(name, axis)
             axis.ring.clear()
             axis.statuses.clear()
-        last = float(samples.time[-1])
-        axis.offset = wall_offset(last)
-        piece = Piece.of(samples)
-        axis.ring.append(piece)
-        size = sum(p.nbytes for p in axis.ring)
-        oldest = last - self._settings.before - LATE_S
-        while len(axis.ring) > 1 and (axis.ring[0].time[-1] < oldest or size > MOST_RING_BYTES):
-            size -= axis.ring.popleft().nbytes
+            axis.size = 0
+        axis.offset = wall_offset(float(samples.time[-1]))
+        axis.ring.append(samples)
+        axis.size += _bytes(samples)
+        self._trim(axis)
+
+    def _trim(self, axis: _Axis) -> None:
+        oldest = float(axis.ring[-1].time[-1]) - self._config.before - LATE_S
+        if axis.running:
+            oldest = min(oldest, axis.running.start)
+        full = not axis.running and axis.size > MOST_BYTES
+        while len(axis.ring) > 1 and (axis.ring[0].time[-1] < oldest or full):
+            axis.size -= _bytes(axis.ring.popleft())
+            full = not axis.running and axis.size > MOST_BYTES
         while axis.statuses and axis.statuses[0]["time"] < oldest:
             axis.statuses.popleft()
-        if axis.spool:
-            self._add(axis, piece.samples())
 
-    def _note_status(self, event: Event) -> None:
-        axis = self._axes.get(event.axis)
-        if axis is None:
+    def _note(self, axis: _Axis, event: Event) -> None:
+        if event.kind == "status":
+            status = {name: event.data.get(name) or {} for name in ("estimates", "probabilities")}
+            axis.statuses.append(status | {"time": event.time})
             return
-        status = {name: event.data.get(name) or {} for name in ("estimates", "probabilities")}
-        status["time"] = event.time
-        axis.statuses.append(status)
-        self._tell(axis, "status", status)
-
-    def _note_alarm(self, event: Event) -> None:
-        axis = self._axes.get(event.axis)
-        if axis is None or not (axis.spool or begins(event.data)):
-            return
-        self._pack(axis)
         if begins(event.data):
-            if axis.spool is None:
-                self._begin(event, axis)
-            axis.until = min(event.time + self._settings.after, axis.start + LONGEST_S)
-        self._tell(axis, "alarm", {**event.data, "time": event.time})
+            if axis.running is None:
+                name = name_of(event.axis, event.time + axis.offset, event.data["alarm"]["id"])
+                start = event.time - self._config.before
+                axis.running = _Running(self._config.folder / name, start, axis.offset)
+            axis.running.until = min(event.time + self._config.after, axis.running.start + LONGEST_S)
+        if axis.running:
+            axis.running.alarms.append({**event.data, "time": event.time})
 
-    def _begin(self, event: Event, axis: _Axis) -> None:
-        axis.start = event.time - self._settings.before
-        about = {"axis": event.axis, "offset": repr(axis.offset), "unit": self._profile_of(event.axis) or ""}
-        path = self._folder / name_of(event.axis, event.time + axis.offset, event.data["alarm"]["id"])
-        try:
-            self._bound()
-            axis.spool = Spool(path.with_suffix(SPOOLED), about)
-        except (OSError, pa.ArrowInvalid) as error:
-            self.last_error = f"{path}: {getattr(error, 'strerror', None) or error}"
+    def _end(self, name: str, axis: _Axis) -> None:
+        """Write the recording that runs."""
+        run, axis.running = axis.running, None
+        if run is None:
             return
-        for piece in axis.ring:
-            samples = piece.samples()
-            first = int(samples.time.searchsorted(axis.start))
-            if first < len(samples):
-                self._add(axis, samples.rows(first, len(samples)))
-        for status in axis.statuses:
-            if status["time"] >= axis.start:
-                self._tell(axis, "status", status)
-
-    def _add(self, axis: _Axis, samples: Samples) -> None:
-        with self._ending(axis):
-            if axis.spool:
-                axis.spool.add(samples)
-
-    def _tell(self, axis: _Axis, kind: str, what: dict[str, Any]) -> None:
-        with self._ending(axis):
-            if axis.spool:
-                axis.spool.note(kind, what)
-
-    @contextmanager
-    def _ending(self, axis: _Axis) -> Iterator[None]:
-        """Where the disk is full, the recording ends with what there is."""
+        samples = Samples.concatenate(list(axis.ring))
+        samples = samples.rows(int(samples.time.searchsorted(run.start)), len(samples))
+        if not len(samples):
+            return
         try:
-            yield
-        except (OSError, pa.ArrowInvalid) as error:
-            self._end(axis)
-            self.last_error = f"{self._folder}: {getattr(error, 'strerror', None) or error}"
-
-    def _end(self, axis: _Axis) -> None:
-        spool, axis.spool = axis.spool, None
-        if spool is not None:
-            spool.close()
-            self._finish(spool.path)
-
-    def _finish(self, spool: Path) -> None:
-        try:
-            held = finish(spool)
-            self.files += held
-            self.last_error = "" if held else f"{spool}: held no sample, removed"
-        except InputError as error:
-            # The spool stays for the next start, unless the folder's bound takes it.
+            statuses = list(axis.statuses)
+            write(run.path, name, samples, statuses, run.alarms, run.offset, self._profile_of(name))
+            keep_within(self._config.folder, self._config.most_bytes, newest=run.path)
+        except (InputError, OSError) as error:
             self.last_error = str(error)
-        self._bound(spool.with_suffix(".mcap"))
+        else:
+            self.files += 1
+            self.last_error = ""
 
-    def _bound(self, *newest: Path) -> None:
-        running = [a.spool.path for a in self._axes.values() if a.spool]
-        keep_within(self._folder, self._settings.most_bytes, sparing={*running, *newest})
+
+def _bytes(samples: Samples) -> int:
+    return 8 * len(samples) * (1 + len(samples.channels))

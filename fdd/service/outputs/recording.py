@@ -1,11 +1,11 @@
-"""From a spool to an annotated MCAP, and the bound on the folder that holds them."""
+"""Recordings as annotated MCAP, and the bound on the folder that holds them."""
 
 from __future__ import annotations
 
 import json
 import re
 import time
-from collections.abc import Collection, Mapping
+from collections.abc import Mapping
 from contextlib import suppress
 from datetime import UTC, datetime
 from pathlib import Path
@@ -16,10 +16,8 @@ from numpy.typing import NDArray
 
 from fdd.logs.mcap_writing import write_annotated
 from fdd.samples import Samples
-from fdd.service.outputs.spool import Recorded, read_spool
 
-SPOOLED = ".spool"
-OURS = re.compile(r".+_\d{8}T\d{6}Z_\w+(\.mcap|\.spool)")
+OURS = re.compile(r".+_\d{8}T\d{6}Z_\w+\.mcap")
 """Only files with such a name are ever removed."""
 
 
@@ -47,13 +45,7 @@ def plain(axis: str) -> str:
 
 
 def begins(transition: Mapping[str, Any]) -> bool:
-    """Whether an alarm's transition is one that is recorded: it is raised, or raised again.
-
-    Examples
-    --------
-    >>> begins({"action": "ACKNOWLEDGED"})
-    False
-    """
+    """Whether an alarm's transition is one that is recorded: it is raised, or raised again."""
     return transition["action"] in ("RAISED", "RERAISED")
 
 
@@ -64,40 +56,33 @@ def wall_offset(last: float) -> float:
     return 0.0 if abs(lag) < 30 * 86400 else lag
 
 
-def finish(spool: Path) -> bool:
-    """Make the MCAP of a spool and remove the spool; False where it held no sample.
+def write(
+    path: Path,
+    axis: str,
+    samples: Samples,
+    statuses: list[dict[str, Any]],
+    alarms: list[dict[str, Any]],
+    offset: float,
+    unit_yaml: str | None,
+) -> None:
+    """Write a recording; its time begins at 0 with its first sample, its log times are Unix time.
+
+    Parameters
+    ----------
+    statuses, alarms : what happened beside the samples, each with its ``time``.
+    offset : s to add to the stream's stamps for Unix seconds.
 
     Raises
     ------
     InputError : it cannot be written.
-
-    Examples
-    --------
-    >>> finish(Path("A1_20260101T000000Z_7.spool"))
-    False
     """
-    recorded = read_spool(spool)
-    if recorded is not None:
-        _write(spool.with_suffix(".mcap"), recorded)
-    with suppress(OSError):
-        spool.unlink()
-    return recorded is not None
-
-
-def _write(path: Path, recorded: Recorded) -> None:
-    # The file's time begins at 0 with its first sample; the log times are Unix time.
-    start = float(recorded.samples.time[0])
-    samples = Samples(recorded.samples.time - start, recorded.samples.columns)
-    offset = float(recorded.about.get("offset", "0"))
+    start = float(samples.time[0])
     wall = max(0.0, start + offset)
-    answer = {
-        "schema": "fdd.recording/1", "axis": recorded.about["axis"],
-        "faults": _faults(recorded.alarms, start, wall), "alarms": recorded.alarms,
-    }  # fmt: skip
+    faults = _faults(alarms, start, wall)
+    answer = {"schema": "fdd.recording/1", "axis": axis, "faults": faults, "alarms": alarms}
     write_annotated(
-        path, samples, trajectories(recorded.statuses, start), json.dumps(answer),
-        axis=plain(recorded.about["axis"]), unit_yaml=recorded.about.get("unit") or None,
-        start_ns=round(wall * 1e9),
+        path, Samples(samples.time - start, samples.columns), trajectories(statuses, start),
+        json.dumps(answer), axis=plain(axis), unit_yaml=unit_yaml, start_ns=round(wall * 1e9),
     )  # fmt: skip
 
 
@@ -138,13 +123,8 @@ def trajectories(statuses: list[dict[str, Any]], start: float) -> dict[str, Any]
     }
 
 
-def keep_within(folder: Path, most_bytes: int, sparing: Collection[Path] = ()) -> None:
-    """Remove the oldest recordings, but for those spared, until the folder holds at most so many bytes.
-
-    Examples
-    --------
-    >>> keep_within(Path("."), 1 << 30)
-    """
+def keep_within(folder: Path, most_bytes: int, newest: Path) -> None:
+    """Remove the oldest recordings, but never the newest, until the folder holds at most so many bytes."""
     files = []
     for path in folder.iterdir():
         with suppress(OSError):
@@ -155,7 +135,7 @@ def keep_within(folder: Path, most_bytes: int, sparing: Collection[Path] = ()) -
     for _, bytes_, path in sorted(files):
         if size <= most_bytes:
             return
-        if path not in sparing:
+        if path != newest:
             with suppress(OSError):
                 path.unlink()
                 size -= bytes_

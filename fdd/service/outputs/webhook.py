@@ -6,24 +6,21 @@ import hashlib
 import hmac
 import http.client
 import re
-import socket
 import ssl
-import threading
 import time
-from contextlib import closing, suppress
+from contextlib import closing
 from email.utils import parsedate_to_datetime
-from urllib.parse import SplitResult, urlsplit
+from urllib.parse import urlsplit
 
 import orjson
 
 from fdd import __version__
-from fdd.errors import InputError
-from fdd.service.outputs.courier import Undelivered
-from fdd.service.outputs.doors import Parcel
+from fdd.service.outputs.delivery import Undelivered
+from fdd.service.store import OutboxMessage
 
 SCHEMA = "fdd.event/1"
-TIMEOUT_S, WHOLE_S = 5.0, 15.0
-"""For each answer of the network, and for the whole exchange, however slowly it drips."""
+TIMEOUT_S = 5.0
+"""For each answer of the network."""
 MOST_ANSWER_BYTES = 1024
 """Of the body of a refusal, for the log; the rest is not read."""
 
@@ -39,33 +36,24 @@ class Webhook:
     Attributes
     ----------
     name : target in the outbox: host and first characters of the URL's SHA-256, as a URL may hold secrets.
-
-    Raises
-    ------
-    InputError : no such URL.
-
-    Examples
-    --------
-    >>> Webhook(url, b"key").name  # doctest: +SKIP
-    'webhook:hooks.example.com-beb3e2a4'
     """
 
     def __init__(self, url: str, secret: bytes | None = None) -> None:
-        parts = _checked(url)
+        parts = urlsplit(url)
         self._secret = secret
         self._tls = ssl.create_default_context() if parts.scheme == "https" else None
         self._host, self._port = str(parts.hostname), parts.port
         self._path = (parts.path or "/") + (f"?{parts.query}" if parts.query else "")
         self.name = f"webhook:{self._host}-{hashlib.sha256(url.encode()).hexdigest()[:8]}"
 
-    def deliver(self, parcel: Parcel) -> None:
-        """POST a parcel.
+    def deliver(self, message: OutboxMessage) -> None:
+        """POST a message, the same bytes at every attempt.
 
         Raises
         ------
         Undelivered : no connection, no answer in time, or an answer other than 2xx.
         """
-        body = encode(parcel)
+        body = orjson.dumps({"schema": SCHEMA, "id": message.id, "kind": message.kind, "data": message.body})
         headers = {
             "Content-Type": "application/json",
             "User-Agent": f"fdd/{__version__}",
@@ -77,13 +65,11 @@ class Webhook:
         try:
             status, reason, wait_s = self._post(body, headers)
         except (OSError, http.client.HTTPException) as error:
-            # A request that was cut off because it took too long fails in many ways; all mean the same.
             raise Undelivered(f"{type(error).__name__}: {error}", down=True) from None
-        if 200 <= status < 300:
-            return
-        down = status in (429, 503)
-        final = not (down or status in (408, 425) or status >= 500)
-        raise Undelivered(reason, wait_s=wait_s, final=final, down=down)
+        if not 200 <= status < 300:
+            down = status in (429, 503)
+            final = not (down or status in (408, 425) or status >= 500)
+            raise Undelivered(reason, wait_s=wait_s, final=final, down=down)
 
     def _post(self, body: bytes, headers: dict[str, str]) -> tuple[int, str, float]:
         """Status, a line about it, and how many seconds the receiver asks to wait."""
@@ -92,31 +78,11 @@ class Webhook:
         else:
             link = http.client.HTTPSConnection(self._host, self._port, timeout=TIMEOUT_S, context=self._tls)
         with closing(link):
-            link.connect()
-            over = threading.Timer(WHOLE_S, _cut, [link.sock])
-            over.daemon = True
-            over.start()
-            try:
-                link.request("POST", self._path, body, headers)
-                answer = link.getresponse()
-                said = b"" if answer.status < 300 else answer.read(MOST_ANSWER_BYTES)
-            finally:
-                over.cancel()
+            link.request("POST", self._path, body, headers)
+            answer = link.getresponse()
+            said = b"" if answer.status < 300 else answer.read(MOST_ANSWER_BYTES)
         reason = f"{answer.status} {answer.reason} {said.decode('utf-8', 'replace')}"
         return answer.status, reason, _asked(answer.headers.get("Retry-After", ""))
-
-
-def encode(parcel: Parcel) -> bytes:
-    """The message: the same bytes at every attempt.
-
-    Examples
-    --------
-    >>> from types import SimpleNamespace
-    >>> encode(SimpleNamespace(kind="finding", id=7, body={"fault": "aeration"}))
-    b'{"schema":"fdd.event/1","id":7,"kind":"finding","data":{"fault":"aeration"}}'
-    """
-    message = {"schema": SCHEMA, "id": parcel.id, "kind": parcel.kind, "data": dict(parcel.body)}
-    return orjson.dumps(message)
 
 
 def signature(secret: bytes, stamp: str, body: bytes) -> str:
@@ -130,12 +96,6 @@ def signature(secret: bytes, stamp: str, body: bytes) -> str:
     return "sha256=" + hmac.new(secret, stamp.encode() + b"." + body, hashlib.sha256).hexdigest()
 
 
-def _cut(link: socket.socket | None) -> None:
-    with suppress(OSError):
-        if link is not None:
-            link.shutdown(socket.SHUT_RDWR)
-
-
 def _asked(text: str) -> float:
     """s that Retry-After asks for, given in seconds or as a date; 0 where it is neither."""
     if re.fullmatch(r"[0-9]{1,9}", text.strip()):
@@ -144,18 +104,3 @@ def _asked(text: str) -> float:
         return max(0.0, parsedate_to_datetime(text).timestamp() - time.time())
     except (TypeError, ValueError, OverflowError):
         return 0.0
-
-
-def _checked(url: str) -> SplitResult:
-    try:
-        parts = urlsplit(url)
-        usable = parts.scheme in ("http", "https") and parts.hostname and parts.port != 0
-    except ValueError:
-        usable = False
-    if not usable or parts.username or parts.fragment or re.search(r"[^\x21-\x7e]", url):
-        raise InputError(
-            "the URL of a webhook is http or https with a host, without user, fragment and blanks",
-            where="outputs: webhooks",
-            mend="e.g. https with hooks.example.com/fdd; a secret belongs into secret_file",
-        )
-    return parts

@@ -16,10 +16,10 @@ from fdd.errors import InputError
 from fdd.files import require_writable, write_text
 from fdd.logs import ChannelMap, read_log
 from fdd.samples import Samples
-from fdd.service.blocks import Block, axis_name
+from fdd.service.blocks import axis_name
 from fdd.service.config_sources import FolderSource
-from fdd.service.sources.intake import Intake, Put, Window
 from fdd.service.sources.replay import ON_THEIR_WAY, rows_of
+from fdd.service.sources.source import Source, Window
 
 NOTE = ".fdd-done.json"
 AT_REST_S = 2.0
@@ -52,50 +52,35 @@ class _Note(BaseModel):
     files: dict[str, Done] = {}
 
 
-class Folder:
+class Folder(Source):
     """Logs of a folder and its direct subfolders, oldest first; nothing is moved.
 
     The file ``.fdd-done.json`` in the folder notes what was read and what could not be, so that a restart
     goes on where it was. A log with a date keeps it (seconds since 1970), else its times start at 0.
-
-    Parameters
-    ----------
-    config : folder, axis. intake : takes the blocks. channel_map : of all logs.
-
-    Examples
-    --------
-    >>> source = Folder(FolderSource(type="folder", folder="drop"), Intake("drop"), None)
-    >>> source.start(inbox.put, stop)  # doctest: +SKIP
     """
 
-    def __init__(self, config: FolderSource, intake: Intake, channel_map: ChannelMap | None) -> None:
-        self._config, self._intake, self._map = config, intake, channel_map
+    def __init__(self, config: FolderSource, channel_map: ChannelMap | None) -> None:
+        super().__init__(config)
+        self._config, self._map = config, channel_map
         self._note_path = config.folder / NOTE
         self._note = _Note()
         # Size and time of change of files that are not known to be whole, and since when (s).
         self._seen: dict[Path, tuple[int, int, float]] = {}
 
-    def start(self, put: Put, stop: threading.Event) -> None:
-        """Watch in a thread of its own.
-
-        Raises
-        ------
-        InputError : no such folder, or its note is damaged or cannot be written.
-        """
+    def _begin(self, stop: threading.Event) -> None:
         if not self._config.folder.is_dir():
             raise InputError(
                 "no such folder", where=self._config.folder, mend="make it, or correct the source"
             )
         require_writable(self._note_path)
         self._note = _read_note(self._note_path)
-        self._intake.set(connected=True)
-        self._intake.start(put, self._watch, stop)
+        self._run(self._watch, stop)
 
     def status(self) -> dict[str, Any]:
         """How it stands; `files` read whole, `bad_files` that could not be."""
         files = list(self._note.files.values())
         return {
-            **self._intake.status(),
+            **super().status(),
             "files": sum(f.whole for f in files),
             "bad_files": sum(f.error is not None for f in files),
         }
@@ -107,10 +92,10 @@ class Folder:
                     if stop.is_set():
                         return
                     self._work(path, found, stop)
-                self._intake.set(connected=True)
+                self._set(connected=True)
             except OSError as error:  # a network folder that went away comes back
-                self._intake.told(f"{self._config.folder}: {error.strerror or error}")
-                self._intake.set(connected=False)
+                self._told(f"{self._config.folder}: {error.strerror or error}")
+                self._set(connected=False)
             stop.wait(self._config.every)
 
     def _whole_files(self) -> list[tuple[Path, os.stat_result]]:
@@ -123,7 +108,7 @@ class Folder:
             except FileNotFoundError:  # it went away meanwhile
                 continue
             except UnicodeEncodeError:
-                self._intake.told(InputError("a name that is not UTF-8, passed over", where=ascii(path.name)))
+                self._told(InputError("a name that is not UTF-8, passed over", where=ascii(path.name)))
                 continue
             known = self._note.files.get(self._key(path))
             if known is not None and (known.whole or known.error is not None) and _same(known, stat):
@@ -155,36 +140,24 @@ class Folder:
         except InputError as error:
             told = error if error.where == str(path) else error.at(path)
             done.error = str(told)
-            self._intake.refuse(told)
+            self._refuse(told)
         self._write_note()
 
     def _stream(self, axis: str, samples: Samples, done: Done, stop: threading.Event) -> bool:
         """Put the blocks that were not accepted yet; True when all of them are."""
         rows, first, window = rows_of(samples), done.accepted, Window(ON_THEIR_WAY)
-        sent, noted = 0, time.monotonic()
-        for number in range(first, -(-len(samples) // rows)):
-            if not window.wait(stop):
-                break
-            block = samples.rows(number * rows, (number + 1) * rows)
-            self._intake.take(
-                Block(
-                    axis,
-                    block,
-                    number,
-                    self._intake.name,
-                    time.time(),
-                    patient=True,
-                    accepted=window.accepted,
-                )
-            )
-            sent += 1
+        noted = time.monotonic()
+        parts = samples.rows(first * rows, len(samples)).blocks(rows)
+        sent = first
+        for number in self._take_all(axis, parts, first, window, stop):
+            sent = number + 1
             # Blocks are accepted in order: all but those on their way were.
-            done.accepted = first + sent - window.waiting
+            done.accepted = sent - window.waiting
             if time.monotonic() - noted > _NOTED_S:
                 self._write_note()
                 noted = time.monotonic()
         window.drained(stop)
-        done.accepted = first + sent - window.waiting
+        done.accepted = sent - window.waiting
         return done.accepted >= -(-len(samples) // rows)
 
     def _subfolder(self, path: Path) -> str | None:
@@ -200,7 +173,7 @@ class Folder:
         try:
             write_text(self._note_path, self._note.model_dump_json(by_alias=True, indent=1))
         except InputError as error:  # a full disk: told, and tried again with the next file
-            self._intake.told(error)
+            self._told(error)
 
 
 def _files(folder: Path) -> list[Path]:

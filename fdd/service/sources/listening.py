@@ -1,45 +1,73 @@
-"""Lines over TCP, datagrams over UDP, and lines on standard input."""
+"""JSON lines over TCP and on standard input, datagrams over UDP: blocks, or single samples."""
 
 from __future__ import annotations
 
 import os
 import select
 import socket
+import sys
 import threading
 import time
-from collections.abc import Callable
 from typing import Any
 
-from fdd.bounds import MAX_BLOCK_BYTES
-from fdd.errors import InputError
-from fdd.service.config_sources import StdinSource, TcpSource, UdpSource
-from fdd.service.sources.intake import Intake, Put, Window
-from fdd.service.sources.lines import GATHERED_S, LineFeed
+import numpy as np
 
+from fdd.bounds import MAX_BLOCK_BYTES, MOST_AXES, MOST_PENDING
+from fdd.errors import InputError
+from fdd.logs.channel_map import ChannelMap
+from fdd.monitor.mapping import all_numbers, channels_in_si, column_of_rows
+from fdd.samples import Samples
+from fdd.service.arrow import ARROW_START
+from fdd.service.blocks import Block, Decoder, axis_name
+from fdd.service.config_sources import StdinSource, TcpSource, UdpSource
+from fdd.service.json_form import json_object
+from fdd.service.sources.source import Source, Window
+
+GATHERED_S = 0.1
+"""s for which single samples are gathered to a block."""
 _READ = 1 << 16
 _RECEIVED_BYTES = 8 << 20
 _ON_THEIR_WAY = 32
 """Blocks of one connection that may wait for the fleet."""
 
 
-class _Lines:
-    """Cuts a stream of bytes to lines of bounded length."""
+class _Listener(Source):
+    """A source of lines, of which each is a block message or a sample."""
 
-    def __init__(self, feed: LineFeed, intake: Intake) -> None:
-        self._feed, self._intake = feed, intake
-        self._tail = bytearray()
-        self._overlong = False
+    def __init__(self, config: TcpSource | UdpSource | StdinSource, channel_map: ChannelMap | None) -> None:
+        super().__init__(config, Decoder(channel_map))
+        self._axis = config.axis
 
-    def take(self, chunk: bytes) -> None:
+
+class _Feed:
+    """One connection's lines to blocks; a sample is ``{"axis": "A1", "time": 0, "position": 0}``.
+
+    Parameters
+    ----------
+    stop : ends a wait. window : how many blocks may be on their way; None where the sender cannot wait.
+    """
+
+    def __init__(self, source: _Listener, stop: threading.Event, window: Window | None = None) -> None:
+        self._source, self._stop, self._window = source, stop, window
+        self._more: dict[str, Any] = {"patient": window is not None}
+        if window is not None:
+            self._more["accepted"] = window.accepted
+        self._tail, self._overlong = bytearray(), False
+        self._rows: dict[str, list[dict[str, Any]]] = {}
+        self._pending, self._since = 0, time.monotonic()
+
+    def stream(self, chunk: bytes) -> None:
+        """Some bytes of a stream, which is cut to lines of bounded length."""
         *whole, rest = chunk.split(b"\n")
         for line in whole:
             self._line(line)
-            self._end()
+            self._end_line()
         self._line(rest)
 
     def end(self) -> None:
-        self._end()
-        self._feed.flush()
+        """The stream has ended."""
+        self._end_line()
+        self.flush()
 
     def _line(self, part: bytes) -> None:
         if not self._overlong:
@@ -49,17 +77,88 @@ class _Lines:
             if self._overlong:
                 self._tail.clear()
 
-    def _end(self) -> None:
+    def _end_line(self) -> None:
         if self._overlong:
-            self._intake.refuse(
+            self._source._refuse(
                 InputError(
                     f"a line of more than {MAX_BLOCK_BYTES} bytes", mend="end each message with a line feed"
                 )
             )
         elif self._tail.strip():
-            self._feed.take(bytes(self._tail))
+            self.take(bytes(self._tail))
         self._tail.clear()
         self._overlong = False
+
+    def take(self, line: bytes) -> None:
+        """One line or one datagram; what is wrong with it is counted and told."""
+        decoder, name = self._source._decoder, self._source.name
+        try:
+            if line.startswith(ARROW_START):
+                block = decoder.decode(line, name, **self._more)
+            else:
+                message = json_object(line)
+                if "schema" not in message:
+                    self._gather(message)
+                    return
+                block = decoder.decode_object(message, name, **self._more)
+            self.flush()  # samples that came before
+            self._give(block)
+        except InputError as error:
+            self._source._refuse(error)
+
+    def flush_if_due(self) -> None:
+        """Give the samples that were gathered long enough."""
+        if self._pending and time.monotonic() - self._since >= GATHERED_S:
+            self.flush()
+
+    def flush(self) -> None:
+        """Give all samples that were gathered."""
+        rows, self._rows, self._pending = self._rows, {}, 0
+        for axis, samples in rows.items():
+            try:
+                for block in self._blocks(axis, samples):
+                    self._give(block)
+            except InputError as error:
+                self._source._refuse(error)
+
+    def _gather(self, sample: dict[str, Any]) -> None:
+        axis = axis_name(sample.get("axis", self._source._axis))
+        if not all_numbers(sample, self._source._decoder.keys):
+            raise InputError(
+                f"axis {axis}: a sample with something else than numbers", mend="send null for none"
+            )
+        if axis not in self._rows and len(self._rows) >= MOST_AXES:
+            raise InputError(f"axis {axis}: more than {MOST_AXES} axes in {GATHERED_S} s")
+        if not self._pending:
+            self._since = time.monotonic()
+        self._rows.setdefault(axis, []).append(sample)
+        self._pending += 1
+        if self._pending >= MOST_PENDING:
+            self.flush()
+        self.flush_if_due()
+
+    def _blocks(self, axis: str, rows: list[dict[str, Any]]) -> list[Block]:
+        """One block, or several where stamps go back: the axis's order sees to these."""
+        with np.errstate(over="ignore"):
+            columns = channels_in_si(self._source._decoder.sources, lambda key: column_of_rows(rows, key))
+        time_ = columns.pop("time", np.full(len(rows), np.nan))
+        stamped = np.isfinite(time_)
+        for _ in range(int((~stamped).sum())):
+            self._source._refuse(InputError(f"axis {axis}: a sample without a time", mend='send "time" in s'))
+        time_ = time_[stamped]
+        columns = {n: np.where(np.isinf(v), np.nan, v)[stamped] for n, v in columns.items()}
+        if time_.size and not columns:
+            raise InputError(
+                f"axis {axis}: samples without a channel", mend="name keys as channels, or give a map"
+            )
+        cuts = np.flatnonzero(np.diff(time_) <= 0.0) + 1
+        parts = [p for p in np.split(np.arange(time_.size), cuts) if p.size]
+        samples = [Samples(time_[part], {n: v[part] for n, v in columns.items()}) for part in parts]
+        return [Block(axis, s, None, self._source.name, time.time(), **self._more) for s in samples]
+
+    def _give(self, block: Block) -> None:
+        if self._window is None or self._window.wait(self._stop):
+            self._source._take(block)
 
 
 def _bound(kind: socket.SocketKind, config: TcpSource | UdpSource) -> socket.socket:
@@ -84,40 +183,24 @@ def _bound(kind: socket.SocketKind, config: TcpSource | UdpSource) -> socket.soc
     return bound
 
 
-class TcpLines:
-    """A TCP port that takes JSON lines; a sender that is too fast is made to wait.
+class TcpLines(_Listener):
+    """A TCP port that takes JSON lines; a sender that is too fast is made to wait."""
 
-    Parameters
-    ----------
-    config : host, port, how many connections and how long a silent one may last. intake : takes the blocks.
-
-    Examples
-    --------
-    >>> source = TcpLines(TcpSource(type="tcp", port=9001), Intake("rig"))
-    >>> source.start(inbox.put, stop)  # doctest: +SKIP
-    """
-
-    def __init__(self, config: TcpSource, intake: Intake) -> None:
-        self._config, self._intake = config, intake
+    def __init__(self, config: TcpSource, channel_map: ChannelMap | None) -> None:
+        super().__init__(config, channel_map)
+        self._config = config
         self._open: set[socket.socket] = set()
         self.port = config.port
 
-    def start(self, put: Put, stop: threading.Event) -> None:
-        """Listen, and serve each connection in a thread of its own.
-
-        Raises
-        ------
-        InputError : the port cannot be listened on.
-        """
+    def _begin(self, stop: threading.Event) -> None:
         listener = _bound(socket.SOCK_STREAM, self._config)
         listener.listen()
         self.port = listener.getsockname()[1]
-        self._intake.set(connected=True)
-        self._intake.start(put, self._accept, listener, stop)
+        self._run(self._accept, listener, stop)
 
     def status(self) -> dict[str, Any]:
         """How it stands; `connections` are those that are open now."""
-        return {**self._intake.status(), "port": self.port, "connections": len(self._open)}
+        return {**super().status(), "port": self.port, "connections": len(self._open)}
 
     def _accept(self, listener: socket.socket, stop: threading.Event) -> None:
         with listener:
@@ -127,21 +210,18 @@ class TcpLines:
                 except TimeoutError:
                     continue
                 except OSError as error:  # no file numbers left: others may close theirs
-                    self._intake.told(f"no connection ({error.strerror})")
+                    self._told(f"no connection ({error.strerror})")
                     stop.wait(1.0)
                     continue
                 if len(self._open) >= self._config.connections:
-                    self._intake.refuse(
-                        InputError(f"{peer[0]}: more than {self._config.connections} connections")
-                    )
+                    self._refuse(InputError(f"{peer[0]}: more than {self._config.connections} connections"))
                     connection.close()
                     continue
                 self._open.add(connection)
-                self._intake.spawn(self._serve, connection, peer[0], stop)
+                self._spawn(self._serve, connection, peer[0], stop)
 
     def _serve(self, connection: socket.socket, peer: str, stop: threading.Event) -> None:
-        feed = LineFeed(self._intake, self._config.axis, stop, Window(_ON_THEIR_WAY))
-        lines, heard = _Lines(feed, self._intake), time.monotonic()
+        feed, heard = _Feed(self, stop, Window(_ON_THEIR_WAY)), time.monotonic()
         try:
             connection.settimeout(GATHERED_S)
             while not stop.is_set():
@@ -150,55 +230,42 @@ class TcpLines:
                 except TimeoutError:
                     feed.flush_if_due()
                     if time.monotonic() - heard > self._config.idle:
-                        self._intake.told(f"{peer}: silent for {self._config.idle:g} s, closed")
+                        self._told(f"{peer}: silent for {self._config.idle:g} s, closed")
                         break
                     continue
                 if not chunk:
                     break
-                lines.take(chunk)
+                feed.stream(chunk)
                 feed.flush_if_due()
                 heard = time.monotonic()
         except OSError as error:
-            self._intake.told(f"{peer}: connection lost ({error.strerror or error})")
+            self._told(f"{peer}: connection lost ({error.strerror or error})")
         finally:
-            lines.end()
+            feed.end()
             self._open.discard(connection)
             connection.close()
 
 
-class Datagrams:
-    """A UDP port that takes a message, a block or a sample, in each datagram.
+class Datagrams(_Listener):
+    """A UDP port that takes a message, a block or a sample, in each datagram."""
 
-    Examples
-    --------
-    >>> source = Datagrams(UdpSource(type="udp", port=9001), Intake("rig"))
-    >>> source.start(inbox.put, stop)  # doctest: +SKIP
-    """
+    def __init__(self, config: UdpSource, channel_map: ChannelMap | None) -> None:
+        super().__init__(config, channel_map)
+        self._config, self.port = config, config.port
 
-    def __init__(self, config: UdpSource, intake: Intake) -> None:
-        self._config, self._intake = config, intake
-        self.port = config.port
-
-    def start(self, put: Put, stop: threading.Event) -> None:
-        """Listen in a thread of its own.
-
-        Raises
-        ------
-        InputError : the port cannot be listened on.
-        """
+    def _begin(self, stop: threading.Event) -> None:
         bound = _bound(socket.SOCK_DGRAM, self._config)
         # A hundred axes may send in one instant; the system grants what it allows.
         bound.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, _RECEIVED_BYTES)
         self.port = bound.getsockname()[1]
-        self._intake.set(connected=True)
-        self._intake.start(put, self._receive, bound, stop)
+        self._run(self._receive, bound, stop)
 
     def status(self) -> dict[str, Any]:
         """How it stands."""
-        return {**self._intake.status(), "port": self.port}
+        return {**super().status(), "port": self.port}
 
     def _receive(self, bound: socket.socket, stop: threading.Event) -> None:
-        feed = LineFeed(self._intake, self._config.axis, stop)
+        feed = _Feed(self, stop)
         with bound:
             while not stop.is_set():
                 try:
@@ -206,46 +273,27 @@ class Datagrams:
                 except TimeoutError:
                     pass
                 except OSError as error:  # told of a peer that is gone, on some systems
-                    self._intake.told(f"datagram lost ({error.strerror or error})")
+                    self._told(f"datagram lost ({error.strerror or error})")
                 feed.flush_if_due()
         feed.flush()
 
 
-class StandardInput:
-    """JSON lines on standard input, to its end.
+class StandardInput(_Listener):
+    """JSON lines on standard input, to its end; `ended` of the status tells that all was read."""
 
-    Parameters
-    ----------
-    fileno : gives the number of the file to read.
+    def _begin(self, stop: threading.Event) -> None:
+        self._set(ended=False)
+        self._run(self._read, sys.stdin.fileno(), stop)
 
-    Examples
-    --------
-    >>> source = StandardInput(StdinSource(type="stdin"), Intake("stdin"), sys.stdin.fileno)  # doctest: +SKIP
-    """
-
-    def __init__(self, config: StdinSource, intake: Intake, fileno: Callable[[], int]) -> None:
-        self._config, self._intake, self._fileno = config, intake, fileno
-
-    def start(self, put: Put, stop: threading.Event) -> None:
-        """Read in a thread of its own."""
-        self._intake.set(connected=True, ended=False)
-        self._intake.start(put, self._read, stop)
-
-    def status(self) -> dict[str, Any]:
-        """How it stands; `ended` tells that all was read."""
-        return self._intake.status()
-
-    def _read(self, stop: threading.Event) -> None:
-        number = self._fileno()
-        feed = LineFeed(self._intake, self._config.axis, stop, Window(_ON_THEIR_WAY))
-        lines = _Lines(feed, self._intake)
+    def _read(self, number: int, stop: threading.Event) -> None:
+        feed = _Feed(self, stop, Window(_ON_THEIR_WAY))
         while not stop.is_set():
             # Not a plain read: a silent stream would hold the last samples back, and the end of the service.
             if select.select([number], [], [], GATHERED_S)[0]:
                 chunk = os.read(number, _READ)
                 if not chunk:
-                    self._intake.set(ended=True)
+                    self._set(ended=True)
                     break
-                lines.take(chunk)
+                feed.stream(chunk)
             feed.flush_if_due()
-        lines.end()
+        feed.end()

@@ -10,7 +10,6 @@ from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
-from typing import Any
 
 import paho.mqtt.client as paho
 from paho.mqtt.packettypes import PacketTypes
@@ -20,10 +19,11 @@ from paho.mqtt.subscribeoptions import SubscribeOptions
 
 from fdd.bounds import MAX_BLOCK_BYTES
 from fdd.errors import InputError
-from fdd.service.blocks import Block, axis_name
+from fdd.logs.channel_map import ChannelMap
+from fdd.service.blocks import Decoder, axis_name
 from fdd.service.broker_client import broker_client, broker_name
 from fdd.service.config_sources import MqttSource
-from fdd.service.sources.intake import Intake, Put
+from fdd.service.sources.source import Source
 
 _LONGEST_WAIT_S = 60
 """s between attempts to connect; they begin with some 1 s and double."""
@@ -45,7 +45,7 @@ class _Message:
     done: bool = False
 
 
-class Mqtt:
+class Mqtt(Source):
     """Blocks of the topics that are subscribed to, at QoS 1 in a session that the broker keeps.
 
     A message is done when the fleet calls `Block.accepted`, or at once where it is no block, and acknowledged
@@ -54,19 +54,14 @@ class Mqtt:
 
     Parameters
     ----------
-    config : broker, topics. intake : takes the blocks.
     has : whether an axis that a topic names is taken; messages of others are acknowledged unread.
-
-    Examples
-    --------
-    >>> source = Mqtt(MqttSource(type="mqtt", host="broker", topics=["rigs/{axis}/blocks"]), Intake("rig"))
-    >>> source.start(inbox.put, stop)  # doctest: +SKIP
     """
 
     def __init__(
-        self, config: MqttSource, intake: Intake, has: Callable[[str], bool] = lambda axis: True
+        self, config: MqttSource, channel_map: ChannelMap | None, has: Callable[[str], bool]
     ) -> None:
-        self._config, self._intake, self._has = config, intake, has
+        super().__init__(config, Decoder(channel_map))
+        self._config, self._has = config, has
         self._where = broker_name(config)
         self._patterns = [_pattern(topic) for topic in config.topics]
         # Of one connection: numbers mean nothing on the next one. Acknowledged in the order they came, as
@@ -76,18 +71,11 @@ class Mqtt:
         self._was_connected = self._was_refused = False
         self._client: paho.Client
 
-    def start(self, put: Put, stop: threading.Event) -> None:
-        """Connect, and go on connecting, in paho's thread.
-
-        Raises
-        ------
-        InputError : password file, certificate or key cannot be read.
-        """
+    def _begin(self, stop: threading.Event) -> None:
         config = self._config
-        self._intake.put = put
         self._client = client = broker_client(
             config,
-            config.client_id or f"fdd-{socket.gethostname()}-{self._intake.name}",
+            config.client_id or f"fdd-{socket.gethostname()}-{self.name}",
             clean_session=None if config.version == "5" else False,
             manual_ack=True,
         )
@@ -96,7 +84,8 @@ class Mqtt:
         client.on_connect_fail = self._not_connected
         client.on_disconnect = self._disconnected
         client.on_message = self._message
-        self._back_off()
+        # Many clients that lost one broker must not come back in the same instant.
+        client.reconnect_delay_set(random.uniform(0.5, 1.5), _LONGEST_WAIT_S)  # type: ignore[arg-type]
         client.connect_async(
             config.host,
             config.chosen_port,
@@ -105,17 +94,13 @@ class Mqtt:
             properties=self._session(),
         )
         client.loop_start()
-        self._intake.spawn(self._until, stop)
-
-    def status(self) -> dict[str, Any]:
-        """How it stands; `retained` messages were passed over."""
-        return self._intake.status()
+        self._spawn(self._until, stop)
 
     def _until(self, stop: threading.Event) -> None:
         stop.wait()
         self._client.disconnect()
         self._client.loop_stop()
-        self._intake.set(connected=False)
+        self._set(connected=False)
 
     def _session(self) -> Properties | None:
         if self._config.version != "5":
@@ -126,26 +111,22 @@ class Mqtt:
         session.MaximumPacketSize = MAX_BLOCK_BYTES + _TOPIC_BYTES
         return session
 
-    def _back_off(self) -> None:
-        # Many clients that lost one broker must not come back in the same instant.
-        self._client.reconnect_delay_set(random.uniform(0.5, 1.5), _LONGEST_WAIT_S)  # type: ignore[arg-type]
+    def _trouble(self, problem: str, mend: str) -> None:
+        self._told(InputError(problem, where=self._where, mend=mend))
 
     def _connected(
         self, client: paho.Client, data: object, flags: object, reason: ReasonCode, properties: object
     ) -> None:
         self._was_refused = reason.is_failure
         if reason.is_failure:
-            self._intake.told(
-                InputError(
-                    f"the broker refuses the connection ({reason.getName()})",
-                    where=self._where,
-                    mend="check user, password_file and client_id",
-                )
+            self._trouble(
+                f"the broker refuses the connection ({reason.getName()})",
+                "check user, password_file and client_id",
             )
             return
         self._forget()
         if self._was_connected:
-            self._intake.count("reconnects")
+            self._count("reconnects")
         self._was_connected = True
         if self._config.version == "5":
             options = SubscribeOptions(qos=1, retainHandling=_NO_RETAINED)
@@ -158,39 +139,31 @@ class Mqtt:
     ) -> None:
         for topic, reason in zip(self._config.topics, reasons, strict=False):
             if reason.is_failure:
-                self._intake.told(
-                    InputError(
-                        f"the broker refuses the topic {topic[:100]} ({reason.getName()})",
-                        where=self._where,
-                        mend="give this user the right to read it",
-                    )
+                self._trouble(
+                    f"the broker refuses the topic {topic[:100]} ({reason.getName()})",
+                    "give this user the right to read it",
                 )
-        self._intake.set(connected=not all(reason.is_failure for reason in reasons))
+        self._set(connected=not all(reason.is_failure for reason in reasons))
 
     def _not_connected(self, client: paho.Client, data: object) -> None:
-        self._intake.told(
-            InputError("the broker cannot be reached", where=self._where, mend="check host, port and tls")
-        )
-        self._intake.set(connected=False)
+        self._trouble("the broker cannot be reached", "check host, port and tls")
+        self._set(connected=False)
 
     def _disconnected(
         self, client: paho.Client, data: object, flags: object, reason: ReasonCode, properties: object
     ) -> None:
         self._forget()
-        self._intake.set(connected=False)
+        self._set(connected=False)
         if reason.is_failure and not self._was_refused:
-            self._intake.told(
-                InputError(
-                    f"the connection was lost ({reason.getName()})",
-                    where=self._where,
-                    mend="it is tried again; if it never holds, check port, tls and client_id",
-                )
+            self._trouble(
+                f"the connection was lost ({reason.getName()})",
+                "it is tried again; if it never holds, check port, tls and client_id",
             )
 
     def _message(self, client: paho.Client, data: object, message: paho.MQTTMessage) -> None:
         done = self._came(message)
         if message.retain:
-            self._intake.count("retained")
+            self._count("retained")
             done()
             return
         try:
@@ -204,22 +177,15 @@ class Mqtt:
             done()
             return
         try:
-            self._intake.take(self._block(axis, bytes(message.payload), done))
+            axis = None if axis is None else axis_name(axis)
+            payload = bytes(message.payload)
+            self._take(self._decoder.decode(payload, self.name, axis=axis, patient=True, accepted=done))
         except InputError as error:
-            self._intake.refuse(error.at(f"topic {topic[:100]}"))
+            self._refuse(error.at(f"topic {topic[:100]}"))
             done()
         except Exception as error:  # a fault of fdd; paho's thread and the messages after it must go on
-            self._intake.refuse(InputError(f"internal error: {type(error).__name__}: {error}"))
+            self._refuse(InputError(f"internal error: {type(error).__name__}: {error}"))
             done()
-
-    def _block(self, axis: str | None, payload: bytes, done: Any) -> Block:
-        return self._intake.decoder.decode(
-            payload,
-            self._intake.name,
-            axis=None if axis is None else axis_name(axis),
-            patient=True,
-            accepted=done,
-        )
 
     def _came(self, message: paho.MQTTMessage) -> Callable[[], None]:
         """Note a message; to be called when it is done, from any thread."""

@@ -40,13 +40,7 @@ class Checkpoint:
 
 
 def packed(body: bytes) -> tuple[bytes, str]:
-    """What is stored of a state, and its SHA-256.
-
-    Examples
-    --------
-    >>> unpacked(*packed(b"state"), where="fdd.db")
-    b'state'
-    """
+    """What is stored of a state, and its SHA-256."""
     small = len(body).to_bytes(8, "little") + _CODEC.compress(body, asbytes=True)
     return small, hashlib.sha256(small).hexdigest()
 

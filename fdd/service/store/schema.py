@@ -1,4 +1,4 @@
-"""The tables. A change here needs a new revision in `migrations/versions`; a test compares the two."""
+"""The tables, made where there are none. A change here needs a new `VERSION`."""
 
 from __future__ import annotations
 
@@ -10,17 +10,27 @@ from sqlalchemy import (
     Boolean,
     Column,
     Double,
+    Engine,
     Index,
     Integer,
     LargeBinary,
     MetaData,
+    String,
     Table,
     Text,
     false,
+    insert,
+    inspect,
+    select,
     text,
 )
 
+from fdd.errors import InputError
+from fdd.service.store.database import WRITES, told
+
 METADATA = MetaData()
+VERSION = "0002"
+"""Of the tables; a store of another one is refused."""
 BIG = BigInteger().with_variant(Integer, "sqlite")
 """SQLite counts up only what is called INTEGER."""
 
@@ -32,6 +42,8 @@ def _needed(name: str, kind: Any) -> Column[Any]:
 def _key(name: str, kind: Any) -> Column[Any]:
     return Column(name, kind, primary_key=True)
 
+
+_VERSION = Table("fdd_revision", METADATA, Column("version_num", String(32), primary_key=True))
 
 META = Table("meta", METADATA, _key("key", Text), _needed("value", Text))
 
@@ -124,15 +136,6 @@ ROLLUP = Table(
     sqlite_with_rowid=False,
 )
 
-COUNTS = ("dropped", "late", "repeated", "gaps", "nan")
-QUALITY = Table(
-    "quality",
-    METADATA,
-    _key("axis", Text),
-    _key("start_wall", Double),
-    *(_needed(name, BigInteger) for name in COUNTS),
-)
-
 CHECKPOINT = Table(
     "checkpoint",
     METADATA,
@@ -171,3 +174,61 @@ OUTBOX = Table(
     Index("outbox_to_do", "target", "id", sqlite_where=text("NOT done"), postgresql_where=text("NOT done")),
     sqlite_autoincrement=True,
 )
+
+# The audit only grows, whoever writes. INSERT OR REPLACE deletes without asking a trigger for deletes.
+_GROWS = {
+    "sqlite": (
+        """CREATE TRIGGER audit_no_update BEFORE UPDATE ON audit
+        BEGIN SELECT RAISE(ABORT, 'the audit only grows'); END""",
+        """CREATE TRIGGER audit_no_delete BEFORE DELETE ON audit
+        BEGIN SELECT RAISE(ABORT, 'the audit only grows'); END""",
+        """CREATE TRIGGER audit_no_replace BEFORE INSERT ON audit
+        WHEN EXISTS (SELECT 1 FROM audit WHERE id = NEW.id)
+        BEGIN SELECT RAISE(ABORT, 'the audit only grows'); END""",
+    ),
+    "postgresql": (
+        """CREATE FUNCTION audit_grows() RETURNS trigger LANGUAGE plpgsql AS
+        $$ BEGIN RAISE EXCEPTION 'the audit only grows'; END $$""",
+        """CREATE TRIGGER audit_grows BEFORE UPDATE OR DELETE ON audit
+        FOR EACH ROW EXECUTE FUNCTION audit_grows()""",
+        """CREATE TRIGGER audit_stays BEFORE TRUNCATE ON audit
+        FOR EACH STATEMENT EXECUTE FUNCTION audit_grows()""",
+    ),
+}
+
+
+def prepare(engine: Engine, where: str, existing: bool = False) -> None:
+    """Make the tables of an empty database, all or none.
+
+    Parameters
+    ----------
+    where : the database, for messages. existing : refuse an empty database.
+
+    Raises
+    ------
+    InputError : the database is of another version of fdd, of another program, or empty.
+    """
+    # One transaction: of two that start at once, one waits and then finds nothing to do.
+    with told(where), engine.connect().execution_options(**{WRITES: True}) as connection, connection.begin():
+        dialect, found = engine.dialect.name, set(inspect(connection).get_table_names())
+        if _VERSION.name in found:
+            version = connection.execute(select(_VERSION)).scalar()
+            if version != VERSION:
+                raise InputError(
+                    f"the store is of another version of fdd (its tables are {version}, here {VERSION})",
+                    where=where, mend="use that fdd, or name another store",
+                )  # fmt: skip
+            return
+        if existing:
+            raise InputError("is no store of fdd serve", where=where, mend="name that of serve.yaml")
+        # Other programs' tables may stand beside ours on a server, but not in a file.
+        foreign = found if dialect == "sqlite" else found & set(METADATA.tables)
+        if foreign:
+            raise InputError(
+                f"is a database of another program (it has a table {min(foreign)})",
+                where=where, mend="name another file, or a database of its own",
+            )  # fmt: skip
+        METADATA.create_all(connection)
+        connection.execute(insert(_VERSION), {"version_num": VERSION})
+        for statement in _GROWS[dialect]:
+            connection.exec_driver_sql(statement)

@@ -10,10 +10,9 @@ from typing import Any
 
 from sqlalchemy import Select, delete, func, or_, select, update
 
-from fdd.service.alarms import ITSELF, NORMAL
+from fdd.service.alarms import ITSELF
 from fdd.service.store.checkpoints import Checkpoint, unpacked
-from fdd.service.store.connecting import BUSY_TIMEOUT_S, WRITES, connect
-from fdd.service.store.migrating import migrate
+from fdd.service.store.database import BUSY_TIMEOUT_S, WRITES, LeaseLost, connect, told
 from fdd.service.store.schema import (
     ALARM,
     AUDIT,
@@ -23,35 +22,28 @@ from fdd.service.store.schema import (
     JOURNAL,
     META,
     OUTBOX,
-    QUALITY,
     ROLLUP,
+    prepare,
 )
 from fdd.service.store.transaction import Transaction
-from fdd.service.store.troubles import LeaseLost, told
 
 DAY_S = 86400.0
 Row = dict[str, Any]
 
 
 @dataclass(frozen=True)
-class Parcel:
-    """Something that must arrive at a target.
-
-    Attributes
-    ----------
-    next_wall : Unix seconds, before which it is not tried again.
-    """
+class OutboxMessage:
+    """What must arrive at a target."""
 
     id: int
     kind: str
     body: Mapping[str, Any]
     target: str
     attempts: int
-    next_wall: float
 
 
 class Store:
-    """Open a store, and bring its tables to this version.
+    """Open a store, and make its tables where there are none.
 
     Rows that it gives are dicts that JSON takes, with the columns' names; times are `time`, s of the stream's
     clock, and `wall`, Unix seconds. Whatever reads or writes raises `StoreTrouble` (locked, full, server
@@ -69,16 +61,7 @@ class Store:
 
     Raises
     ------
-    InputError : wrong URL, damaged, of a newer fdd, of another program.
-
-    Examples
-    --------
-    >>> store = Store("sqlite:///fdd.db")
-    >>> with store.transaction() as t:
-    ...     t.axis("A1", wall=1.7e9, unit="axis_a")
-    >>> [axis["name"] for axis in store.axes()]
-    ['A1']
-    >>> store.close()
+    InputError : wrong URL, damaged, of another fdd, of another program.
     """
 
     def __init__(
@@ -87,7 +70,7 @@ class Store:
     ) -> None:  # fmt: skip
         self.leases = dict(leases or {})
         self._engine, self.where = connect(url, busy_timeout, existing)
-        migrate(self._engine, self.where, existing=existing)
+        prepare(self._engine, self.where, existing)
 
     def close(self) -> None:
         """Close all connections."""
@@ -147,33 +130,23 @@ class Store:
         """What `AlarmBook.restore` takes: alarms that are not over, each key's last one, and the next id."""
         c = ALARM.c
         last = select(func.max(c.id)).group_by(c.axis, c.key)
-        kept = self._rows(select(c.id, c.body).where(or_(c.state != NORMAL, c.id.in_(last))).order_by(c.id))
+        kept = self._rows(select(c.id, c.body).where(or_(c.state != "NORMAL", c.id.in_(last))).order_by(c.id))
         return {"next_id": kept[-1]["id"] + 1 if kept else 1, "alarms": _bodies(kept)}
 
-    def findings(self, axis: str | None = None, since: float = 0.0, limit: int = 1000) -> list[Row]:
-        """Findings of an axis, or of all, from a wall time on, the newest first."""
-        chosen = select(FINDING).where(FINDING.c.wall >= since).order_by(FINDING.c.id.desc()).limit(limit)
-        return self._rows(chosen if axis is None else chosen.where(FINDING.c.axis == axis))
+    def findings(self, limit: int = 1000) -> list[Row]:
+        """Findings, the newest first."""
+        return self._rows(select(FINDING).order_by(FINDING.c.id.desc()).limit(limit))
 
-    def audit(
-        self, alarm_id: int | None = None, axis: str | None = None, since: float = 0.0, limit: int = 1000
-    ) -> list[Row]:
-        """The audit's records from a wall time on, the newest first: of an alarm, of an axis, or all."""
-        chosen = select(AUDIT).where(AUDIT.c.wall >= since).order_by(AUDIT.c.id.desc()).limit(limit)
-        if alarm_id is not None:
-            chosen = chosen.where(AUDIT.c.alarm_id == alarm_id)
-        return self._rows(chosen if axis is None else chosen.where(AUDIT.c.axis == axis))
+    def audit(self, alarm_id: int | None = None, limit: int = 1000) -> list[Row]:
+        """The audit's records, the newest first: of an alarm, or all."""
+        chosen = select(AUDIT).order_by(AUDIT.c.id.desc()).limit(limit)
+        return self._rows(chosen if alarm_id is None else chosen.where(AUDIT.c.alarm_id == alarm_id))
 
     def rollups(self, axis: str, quantity: str, level: str, since: float = 0.0) -> list[Row]:
         """A quantity over the minutes, hours or days (`level`) that begin from a wall time on."""
         c = ROLLUP.c
         mine = (c.axis == axis) & (c.quantity == quantity) & (c.level == level) & (c.start_wall >= since)
         return self._rows(select(ROLLUP).where(mine).order_by(c.start_wall))
-
-    def quality(self, axis: str, since: float = 0.0) -> list[Row]:
-        """Counts of what was missing or odd, by minutes from a wall time on."""
-        c = QUALITY.c
-        return self._rows(select(QUALITY).where(c.axis == axis, c.start_wall >= since).order_by(c.start_wall))
 
     def checkpoint(self, axis: str) -> Checkpoint | None:
         """The last state of an axis; None where there is none.
@@ -199,24 +172,27 @@ class Store:
         """A word about the store itself."""
         return next((r["value"] for r in self._rows(select(META.c.value).where(META.c.key == key))), None)
 
-    def outbox(self, limit: int, target: str) -> list[Parcel]:
-        """The oldest parcels for a target that did not arrive yet, due or not, in their order."""
+    def outbox(self, limit: int, target: str) -> list[OutboxMessage]:
+        """The oldest messages for a target that did not arrive yet, in their order."""
         c = OUTBOX.c
-        fields = [column for column in c if column is not c.done]
-        waiting = select(*fields).where(~c.done, c.target == target).order_by(c.id).limit(limit)
-        return [Parcel(**row) for row in self._rows(waiting)]
+        waiting = (
+            select(c.id, c.kind, c.body, c.target, c.attempts)
+            .where(~c.done, c.target == target)
+            .order_by(c.id)
+            .limit(limit)
+        )
+        return [OutboxMessage(**row) for row in self._rows(waiting)]
 
     def delivered(self, id: int) -> None:
-        """A parcel arrived."""
+        """A message arrived."""
         self._change(update(OUTBOX).where(OUTBOX.c.id == id).values(done=True))
 
-    def put_off(self, id: int, next_wall: float) -> None:
-        """A parcel did not arrive: count the attempt, and set when it is tried again."""
-        c = OUTBOX.c
-        self._change(update(OUTBOX).where(c.id == id).values(attempts=c.attempts + 1, next_wall=next_wall))
+    def put_off(self, id: int) -> None:
+        """A message did not arrive: count the attempt."""
+        self._change(update(OUTBOX).where(OUTBOX.c.id == id).values(attempts=OUTBOX.c.attempts + 1))
 
     def give_up(self, id: int, note: str) -> None:
-        """A parcel will never arrive: it is done with, and put on record."""
+        """A message will never arrive: it is done with, and put on record."""
         with self.transaction() as t:
             t._connection.execute(update(OUTBOX).where(OUTBOX.c.id == id).values(done=True))
             t.audit(time.time(), ITSELF, "GIVEN_UP", note=note, body={"outbox": id})
@@ -234,8 +210,7 @@ class Store:
 
         Parameters
         ----------
-        now : Unix seconds. minutes, hours, findings : s for which each is kept; None is for ever. Counts of
-            the data's quality go with the minutes.
+        now : Unix seconds. minutes, hours, findings : s for which each is kept; None is for ever.
 
         Returns
         -------
@@ -245,7 +220,6 @@ class Store:
         old = {
             "minutes": delete(ROLLUP).where(c.level == "minute", c.start_wall < now - minutes),
             "hours": delete(ROLLUP).where(c.level == "hour", c.start_wall < now - hours),
-            "quality": delete(QUALITY).where(QUALITY.c.start_wall < now - minutes),
             "outbox": delete(OUTBOX).where(OUTBOX.c.done),
         }
         if findings is not None:

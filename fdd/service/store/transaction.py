@@ -7,7 +7,7 @@ from dataclasses import asdict
 from functools import cache
 from typing import Any
 
-from sqlalchemy import ColumnElement, Connection, Executable, Table, delete, func, insert, select
+from sqlalchemy import Connection, Executable, Table, delete, func, insert, select
 from sqlalchemy.dialects import postgresql, sqlite
 
 from fdd.diagnosis.findings import FaultFinding
@@ -19,12 +19,10 @@ from fdd.service.store.schema import (
     AUDIT,
     AXIS,
     CHECKPOINT,
-    COUNTS,
     FINDING,
     JOURNAL,
     META,
     OUTBOX,
-    QUALITY,
     ROLLUP,
 )
 
@@ -37,12 +35,6 @@ class Transaction:
     """An open transaction; `Store.transaction` makes it.
 
     Times are `time`, s of the stream's clock, and `wall`, Unix seconds.
-
-    Examples
-    --------
-    >>> with store.transaction() as t:
-    ...     last = t.accept("A1", payloads)
-    ...     t.transition(transition)  # doctest: +SKIP
     """
 
     def __init__(self, connection: Connection) -> None:
@@ -54,12 +46,8 @@ class Transaction:
         self.meta(_WRITTEN, token)
         return last != token
 
-    def accept(self, axis: str, payloads: Sequence[bytes]) -> int:
-        """Keep blocks, one or more, until a checkpoint holds them; the id of the last one."""
-        return self.accept_all([(axis, payload) for payload in payloads])
-
     def accept_all(self, blocks: Sequence[tuple[str, bytes]]) -> int:
-        """`accept` of several axes, (axis, payload) each, in one statement; of none, the last one of all."""
+        """Keep blocks, (axis, payload) each, until a checkpoint holds them; the id of the last one of all."""
         if blocks:
             self._connection.execute(_ACCEPT, [{"axis": a, "payload": p} for a, p in blocks])
         # Of this one: nobody else writes meanwhile.
@@ -135,12 +123,6 @@ class Transaction:
         stored = self._connection.execute(select(*fields).where(c.level == level, *mine))
         return [Rollup(**row._mapping) for row in stored]
 
-    def quality(self, axis: str, wall: float, **counts: int) -> None:
-        """Add to a minute's counts: any of `dropped`, `late`, `repeated`, `gaps`, `nan`."""
-        start = wall // SPANS_S["minute"] * SPANS_S["minute"]
-        row = {"axis": axis, "start_wall": start, **dict.fromkeys(COUNTS, 0), **counts}
-        self._put(QUALITY, [row], add=COUNTS)
-
     def checkpoint(self, checkpoint: Checkpoint) -> None:
         """Keep an axis's state in place of the last one; the blocks that it holds leave the journal."""
         small, sha256 = packed(checkpoint.body)
@@ -164,22 +146,17 @@ class Transaction:
     def _add(self, table: Table, **row: Any) -> int:
         return int(self._connection.execute(insert(table).returning(table.c.id), row).scalar_one())
 
-    def _put(
-        self, table: Table, rows: Sequence[Body], keep: tuple[str, ...] = (), add: tuple[str, ...] = ()
-    ) -> None:
-        """Insert rows, or update those that are there: all that is given but `keep`; `add` is added up."""
+    def _put(self, table: Table, rows: Sequence[Body], keep: tuple[str, ...] = ()) -> None:
+        """Insert rows, or update those that are there: all that is given but `keep`."""
         if rows:
-            upsert = _upsert(table, self._connection.dialect.name, tuple(rows[0]), keep, add)
+            upsert = _upsert(table, self._connection.dialect.name, tuple(rows[0]), keep)
             self._connection.execute(upsert, list(rows))
 
 
 # Building the statement takes five times as long as executing it.
 @cache
-def _upsert(
-    table: Table, dialect: str, given: tuple[str, ...], keep: tuple[str, ...], add: tuple[str, ...]
-) -> Executable:
+def _upsert(table: Table, dialect: str, given: tuple[str, ...], keep: tuple[str, ...]) -> Executable:
     new = (sqlite.insert if dialect == "sqlite" else postgresql.insert)(table)
     keys = [c.name for c in table.primary_key]
-    values: dict[str, ColumnElement[Any]] = {k: new.excluded[k] for k in given if k not in {*keys, *keep}}
-    values |= {k: table.c[k] + new.excluded[k] for k in add}
+    values = {k: new.excluded[k] for k in given if k not in {*keys, *keep}}
     return new.on_conflict_do_update(index_elements=keys, set_=values)

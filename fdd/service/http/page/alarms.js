@@ -7,7 +7,7 @@ import { RANK, STATES, chip, priority } from "./marks.js";
 import words from "./words.js";
 
 const isFresh = (alarm) => alarm.state === "UNACK" || alarm.state === "RTNUN";
-const may = (app, role) => ["view", "acknowledge", "admin"].indexOf(app.session.role) >= ["view", "acknowledge", "admin"].indexOf(role);
+const mayAct = (app) => app.session.role !== "view";
 
 export const faultTitle = (alarm) => {
   const title = capital(words.faults[alarm.fault] ?? alarm.fault.replaceAll("_", " "));
@@ -24,7 +24,7 @@ const note = () => field("Note (optional)", h("input", { name: "note", maxlength
 const named = (alarm) => `${faultTitle(alarm)} on ${alarm.axis}`;
 
 export function acknowledge(app, alarm) {
-  if (!isFresh(alarm) || !may(app, "acknowledge")) return;
+  if (!isFresh(alarm) || !mayAct(app)) return;
   question({
     title: "Acknowledge this alarm?", text: named(alarm), fields: [note()], confirm: "Acknowledge",
     act: async ({ note }) => { await post(`/api/alarms/${alarm.id}/acknowledge`, { note }); await app.refresh(); },
@@ -40,10 +40,10 @@ function shelve(app, alarm) {
   });
 }
 
-function simple(app, alarm, path, title, confirm, body = {}) {
+function unshelve(app, alarm) {
   question({
-    title, text: named(alarm), fields: [note()], confirm,
-    act: async ({ note }) => { await post(`/api/alarms/${alarm.id}/${path}`, { note, ...body }); await app.refresh(); },
+    title: "Take it off the shelf?", text: named(alarm), fields: [note()], confirm: "Unshelve",
+    act: async ({ note }) => { await post(`/api/alarms/${alarm.id}/unshelve`, { note }); await app.refresh(); },
   });
 }
 
@@ -51,11 +51,9 @@ function actions(app, alarm) {
   const button = (text, act, kind = "") => h("button", { type: "button", class: kind, "data-key": `${text} ${alarm.id}`, "aria-label": `${text}: ${named(alarm)}`, onclick: act }, text);
   const standing = ["UNACK", "ACKED", "RTNUN"].includes(alarm.state);
   return h("div", { class: "actions" },
-    may(app, "acknowledge") && isFresh(alarm) && button("Acknowledge", () => acknowledge(app, alarm), "primary"),
-    may(app, "acknowledge") && standing && button("Shelve", () => shelve(app, alarm)),
-    may(app, "acknowledge") && alarm.state === "SHELVED" && button("Unshelve", () => simple(app, alarm, "unshelve", "Take it off the shelf?", "Unshelve")),
-    may(app, "admin") && standing && button("Out of service", () => simple(app, alarm, "out-of-service", "Take this alarm out of service?", "Take out"), "quiet"),
-    may(app, "admin") && alarm.state === "OUT_OF_SERVICE" && button("Back in service", () => simple(app, alarm, "out-of-service", "Put this alarm back in service?", "Put back", { back: true })));
+    mayAct(app) && isFresh(alarm) && button("Acknowledge", () => acknowledge(app, alarm), "primary"),
+    mayAct(app) && standing && button("Shelve", () => shelve(app, alarm)),
+    mayAct(app) && alarm.state === "SHELVED" && button("Unshelve", () => unshelve(app, alarm)));
 }
 
 function item(app, alarm, withAxis) {

@@ -9,7 +9,7 @@ const worse = (a, b) =>
   ORDER.indexOf(a.state) - ORDER.indexOf(b.state) || RANK.indexOf(b.priority) - RANK.indexOf(a.priority) || a.name.localeCompare(b.name, "en", { numeric: true });
 
 function row(axis, alarms) {
-  const silenced = alarms.filter((a) => a.axis === axis.name && (a.state === "SHELVED" || a.state === "OUT_OF_SERVICE")).length;
+  const silenced = alarms.filter((a) => a.axis === axis.name && a.state === "SHELVED").length;
   const quantity = (name) => gauge(axis.estimates[name]);
   return h("tr", { class: axis.state.replace(" ", "-") },
     h("td", { class: "sign" }, stateMark(axis)),

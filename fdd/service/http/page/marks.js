@@ -10,7 +10,7 @@ const SHAPES = {
 };
 export const STATES = {
   UNACK: "Unacknowledged", ACKED: "Acknowledged", RTNUN: "Returned, unacknowledged",
-  SHELVED: "Shelved", OUT_OF_SERVICE: "Out of service", NORMAL: "Closed",
+  SHELVED: "Shelved", NORMAL: "Closed",
 };
 export const RANK = ["low", "medium", "high", "urgent"];
 

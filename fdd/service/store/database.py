@@ -2,22 +2,23 @@
 
 from __future__ import annotations
 
+import sqlite3
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
 import orjson
 from sqlalchemy import URL, Connection, Engine, create_engine, event, make_url
-from sqlalchemy.exc import ArgumentError
+from sqlalchemy.exc import ArgumentError, DBAPIError, OperationalError
+from sqlalchemy.exc import TimeoutError as NoConnection
 
 from fdd.errors import InputError
-from fdd.service.store.troubles import StoreTrouble, told
 
 BUSY_TIMEOUT_S = 5.0
 """For which a writer waits for another one."""
 WRITES = "fdd_writes"
 """Option of a connection whose transactions write."""
-_LOG = "fdd_log"
-"""What a connection notes of the log that it writes to."""
 _LOCK = 0x666464
 """Any number that no other program's lock in the database has; "fdd"."""
 _AWAY = {
@@ -26,6 +27,50 @@ _AWAY = {
 }  # fmt: skip
 """A server whose machine or network is gone without a word is noticed after 20 s, not 15 minutes."""
 _URLS = "sqlite:///fdd.db or postgresql://user@host/database"
+_DAMAGE = ("DatabaseError", "InternalError")
+_NO_RIGHTS = "42501"
+
+
+class StoreTrouble(InputError):
+    """The store cannot be used now (locked, full, server away): try again later, nothing was written."""
+
+
+class LeaseLost(InputError):
+    """Somebody else has taken over what this process wrote; nothing was written, and never will be."""
+
+    def __init__(self, where: str, name: str) -> None:
+        super().__init__(f"another fdd serve has taken over ({name})", where=where, mend="stop one of them")
+
+
+@contextmanager
+def told(where: str) -> Iterator[None]:
+    """Tell a database's trouble in one line; what is a mistake of the program goes on as it is.
+
+    Parameters
+    ----------
+    where : the database's file, or its URL without the password.
+
+    Raises
+    ------
+    StoreTrouble : it may pass. InputError : somebody must mend it.
+    """
+    try:
+        yield
+    except NoConnection:
+        raise StoreTrouble("the store has no free connection", where=where, mend="try again") from None
+    except (DBAPIError, sqlite3.Error) as error:
+        # The driver's own come from settings that are made on a new connection.
+        cause = error.orig if isinstance(error, DBAPIError) else error
+        said = f"the store says: {' '.join(str(cause).split())}"
+        if isinstance(error, OperationalError | sqlite3.OperationalError):
+            mend = "look at the disk, at the server, and at who else has it open"
+            raise StoreTrouble(said, where=where, mend=mend) from None
+        if type(error).__name__ in _DAMAGE:
+            mend = "nothing was changed; move the file away, or put a backup in its place"
+            raise InputError(said, where=where, mend=mend) from None
+        if getattr(cause, "sqlstate", None) == _NO_RIGHTS:
+            raise InputError(said, where=where, mend="correct the role's rights") from None
+        raise
 
 
 def connect(url: str, busy_timeout: float = BUSY_TIMEOUT_S, existing: bool = False) -> tuple[Engine, str]:
@@ -38,11 +83,6 @@ def connect(url: str, busy_timeout: float = BUSY_TIMEOUT_S, existing: bool = Fal
     Raises
     ------
     InputError : not such a URL, no driver, or a damaged file. StoreTrouble : not to be reached now.
-
-    Examples
-    --------
-    >>> engine, where = connect("sqlite:///fdd.db"); where; engine.dispose()
-    'fdd.db'
     """
     try:
         parsed = make_url(url)
@@ -69,10 +109,28 @@ def _sqlite(url: URL, options: dict[str, Any], busy_timeout: float) -> tuple[Eng
     if where in ("", ":memory:"):
         raise InputError("a store in memory keeps nothing", mend="name a file, e.g. sqlite:///fdd.db")
     engine = create_engine(url, connect_args={"timeout": busy_timeout}, **options)
-    files = _Files(engine, where)
-    event.listen(engine, "do_connect", files.connecting)
+    known: list[tuple[int, int]] = []
+
+    def require_there(*_: object) -> None:
+        """What goes to a file that was moved or removed is lost, and SQLite would make a new one."""
+        try:
+            found = Path(where).stat()
+        except OSError:
+            found = None
+        if known and (found is None or (found.st_dev, found.st_ino) != known[0]):
+            raise StoreTrouble("the store's file is gone", where=where, mend="put it back")
+        if found is not None and not known:
+            known.append((found.st_dev, found.st_ino))
+
+    def begun(connection: Connection) -> None:
+        require_there()
+        # A writer that began as a reader could not wait for another one.
+        writes = connection.get_execution_options().get(WRITES)
+        connection.exec_driver_sql("BEGIN IMMEDIATE" if writes else "BEGIN")
+
+    event.listen(engine, "do_connect", require_there)
     event.listen(engine, "connect", _prepared)
-    event.listen(engine, "begin", files.begun)
+    event.listen(engine, "begin", begun)
     with told(where), engine.connect() as connection:
         problem = connection.exec_driver_sql("PRAGMA quick_check(1)").scalar_one()
         if problem != "ok":
@@ -84,7 +142,7 @@ def _sqlite(url: URL, options: dict[str, Any], busy_timeout: float) -> tuple[Eng
 
 
 def _prepared(connection: Any, _record: Any) -> None:
-    # The driver opens no transactions of its own accord: `_begun` does, for changes of the schema too.
+    # The driver opens no transactions of its own accord: `begun` does, for changes of the schema too.
     connection.isolation_level = None
     for pragma in (
         "auto_vacuum=INCREMENTAL",  # of an empty file only; room is then given back without writing all anew
@@ -93,57 +151,6 @@ def _prepared(connection: Any, _record: Any) -> None:
         "secure_delete=OFF",  # Debian's is on: deleting a journal would cost as much as writing it
     ):
         connection.execute(f"PRAGMA {pragma}").fetchall()
-
-
-class _Files:
-    """Keeps SQLite to the files that it opened: what goes to ones that were moved or removed is lost."""
-
-    def __init__(self, engine: Engine, where: str) -> None:
-        self._engine, self._file, self._log = engine, Path(where), Path(f"{where}-wal")
-        self._known: dict[Path, tuple[int, int] | None] = {}
-
-    def connecting(self, *_: object) -> None:
-        """Before a connection is made: SQLite would make new, empty files."""
-        for path in (self._file, self._log):
-            if self._is_gone(path):
-                raise StoreTrouble("the store's file is gone", where=str(path), mend="put it back")
-
-    def begun(self, connection: Connection) -> None:
-        writes = connection.get_execution_options().get(WRITES)
-        own = connection.connection.info  # this connection may be older than the log that is there
-        log = _identity(self._log)
-        if writes and own.get(_LOG, log) != log and not self._is_gone(self._file):
-            self._without_log(connection)
-        if writes:
-            self.connecting()
-        # A writer that began as a reader could not wait for another one.
-        connection.exec_driver_sql("BEGIN IMMEDIATE" if writes else "BEGIN")
-        if writes:
-            self._known = {path: _identity(path) for path in (self._file, self._log)}
-            own[_LOG] = self._known[self._log]
-
-    def _is_gone(self, path: Path) -> bool:
-        known = self._known.get(path)
-        return known is not None and known != _identity(path)
-
-    def _without_log(self, connection: Connection) -> None:
-        """Put what the removed log holds into the file, once; connections that come begin a new one."""
-        driver: Any = connection.connection.driver_connection
-        if self._is_gone(self._log):
-            if driver.execute("PRAGMA wal_checkpoint(TRUNCATE)").fetchone()[0] != 0:
-                return  # somebody reads in it now: the next one tries again
-            self._engine.dispose()
-            del self._known[self._log]
-        connection.invalidate()
-        raise StoreTrouble("the store's log was removed", where=str(self._log), mend="leave it there")
-
-
-def _identity(path: Path) -> tuple[int, int] | None:
-    try:
-        found = path.stat()
-    except OSError:
-        return None
-    return found.st_dev, found.st_ino
 
 
 def _postgres(url: URL, options: dict[str, Any]) -> tuple[Engine, str]:

@@ -1,4 +1,4 @@
-"""Who is calling and what they may do: tokens, roles and the page's sessions."""
+"""Who is calling and what they may do: tokens and roles."""
 
 from __future__ import annotations
 
@@ -6,19 +6,17 @@ import hashlib
 import hmac
 import re
 import secrets
-from collections import OrderedDict
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Literal, get_args
 
 from fdd.bounds import MAX_TOKENS_BYTES
 from fdd.errors import InputError
 
-ROLES = ("view", "acknowledge", "admin")
+Role = Literal["view", "acknowledge", "admin"]
+ROLES: tuple[Role, ...] = get_args(Role)
 """Each may what those before it may."""
-SESSION_S = 12 * 3600.0
-"""A working shift."""
-MOST_SESSIONS = 1000
 _NAME = re.compile(r"[A-Za-z0-9_.@-]{1,64}")
 _SHA256 = re.compile(r"[0-9a-fA-F]{64}")
 
@@ -28,16 +26,10 @@ class Caller:
     """A person or program with a role."""
 
     name: str
-    role: str
+    role: Role
 
-    def may(self, role: str) -> bool:
-        """Whether the caller's role includes `role`.
-
-        Examples
-        --------
-        >>> Caller("ann", "acknowledge").may("view"), Caller("ann", "acknowledge").may("admin")
-        (True, False)
-        """
+    def may(self, role: Role) -> bool:
+        """Whether the caller's role includes `role`."""
         return ROLES.index(self.role) >= ROLES.index(role)
 
 
@@ -46,27 +38,13 @@ LOCAL = Caller("local", "admin")
 
 
 def new_token(name: str, role: str) -> tuple[str, str]:
-    """A token, to be told to its owner once, and its line for the file of tokens.
-
-    Examples
-    --------
-    >>> token, line = new_token("ann", "view")
-    >>> len(token), line.split()[:2]
-    (43, ['ann', 'view'])
-    """
+    """A token, to be told to its owner once, and its line for the file of tokens."""
     token = secrets.token_urlsafe(32)
     return token, f"{name} {role} {hashlib.sha256(token.encode()).hexdigest()}"
 
 
 class Tokens:
-    """The known tokens, of which only hashes are kept.
-
-    Examples
-    --------
-    >>> token, line = new_token("ann", "view")
-    >>> Tokens.parse(line).caller(token), Tokens.parse(line).caller("guess")
-    (Caller(name='ann', role='view'), None)
-    """
+    """The known tokens, of which only hashes are kept."""
 
     def __init__(self, known: Sequence[tuple[bytes, Caller]]) -> None:
         self._known = tuple(known)
@@ -104,9 +82,10 @@ class Tokens:
             if len(parts) != 3 or not _NAME.fullmatch(parts[0]) or not _SHA256.fullmatch(parts[2]):
                 # The line itself is not repeated: it may hold a token that was pasted by mistake.
                 raise InputError("not: name role sha256", where=f"{where}:{number}", mend="one token a line")
-            if parts[1] not in ROLES:
+            role = next((r for r in ROLES if r == parts[1]), None)
+            if role is None:
                 raise InputError("unknown role", where=f"{where}:{number}", mend=f"one of {', '.join(ROLES)}")
-            known.append((bytes.fromhex(parts[2]), Caller(parts[0], parts[1])))
+            known.append((bytes.fromhex(parts[2]), Caller(parts[0], role)))
         if not known:
             raise InputError("no token in it", where=where, mend="one line a token: name role sha256")
         return cls(known)
@@ -119,43 +98,3 @@ class Tokens:
             if hmac.compare_digest(digest, known):
                 found = caller
         return found
-
-
-class Sessions:
-    """The page's cookies: random, kept hashed, ended after a shift or with the process.
-
-    Examples
-    --------
-    >>> sessions = Sessions()
-    >>> cookie = sessions.begin(Caller("ann", "view"), now=0.0)
-    >>> sessions.caller(cookie, now=1.0), sessions.caller(cookie, now=SESSION_S + 1.0)
-    (Caller(name='ann', role='view'), None)
-    """
-
-    def __init__(self) -> None:
-        self._open: OrderedDict[bytes, tuple[Caller, float]] = OrderedDict()
-
-    def begin(self, caller: Caller, now: float) -> str:
-        """A new cookie's value; beyond the bound the oldest session ends."""
-        cookie = secrets.token_urlsafe(32)
-        self._open[_key(cookie)] = (caller, now + SESSION_S)
-        while len(self._open) > MOST_SESSIONS:
-            self._open.popitem(last=False)
-        return cookie
-
-    def caller(self, cookie: str, now: float) -> Caller | None:
-        """Whose session it is, None where it has ended or never was."""
-        found = self._open.get(_key(cookie))
-        if found is None or now > found[1]:
-            self.end(cookie)
-            return None
-        return found[0]
-
-    def end(self, cookie: str) -> None:
-        """Forget a session."""
-        self._open.pop(_key(cookie), None)
-
-
-def _key(cookie: str) -> bytes:
-    # Looked up by hash: how long a lookup takes tells nothing about the cookie.
-    return hashlib.sha256(cookie.encode("utf-8", "replace")).digest()

@@ -1,0 +1,147 @@
+"""What all sources share: blocks handed on, counts and the last error kept, threads that end heard."""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections.abc import Callable, Iterable, Iterator
+from dataclasses import replace
+from typing import Any
+
+from fdd.errors import InputError
+from fdd.samples import Samples
+from fdd.service.blocks import Block, Decoder, nothing
+from fdd.service.config_sources import AnySource, source_name
+
+Put = Callable[[Block], None]
+
+
+class Source:
+    """One source; it runs in threads of its own, and counts what it receives.
+
+    Parameters
+    ----------
+    config : its part of `serve.yaml`. decoder : of its messages, where it has any.
+    """
+
+    def __init__(self, config: AnySource, decoder: Decoder | None = None) -> None:
+        self.name, self._unit = source_name(config), config.unit
+        self._decoder = decoder or Decoder()
+        self._put: Put
+        self._lock = threading.Lock()
+        self._counts = {"received": 0, "refused": 0, "reconnects": 0}
+        self._state: dict[str, Any] = {"connected": False, "last_error": None}
+        self._ignored: dict[str, None] = {}
+
+    def start(self, put: Put, stop: threading.Event) -> None:
+        """Begin to put blocks, until `stop` is set; returns at once.
+
+        Raises
+        ------
+        InputError : it cannot even begin: a port that is taken, a password file that is missing.
+        """
+        self._put = put
+        self._begin(stop)
+
+    def _begin(self, stop: threading.Event) -> None:
+        raise NotImplementedError
+
+    def status(self) -> dict[str, Any]:
+        """How it stands: `connected`, `received` and `refused` messages, `last_error`, `reconnects`, more."""
+        with self._lock:
+            return {"name": self.name, **self._state, **self._counts, "ignored_columns": list(self._ignored)}
+
+    def _run(self, target: Callable[..., None], *args: Any) -> None:
+        """Run the source's own thread; with it the connection ends."""
+        self._set(connected=True)
+        self._spawn(target, *args, ended=lambda: self._set(connected=False))
+
+    def _spawn(self, target: Callable[..., None], *args: Any, ended: Callable[[], None] = nothing) -> None:
+        """Run `target` in a thread; what it raises becomes the last error."""
+
+        def run() -> None:
+            try:
+                target(*args)
+            except InputError as error:
+                self._told(error)
+            except Exception as error:  # a fault of fdd; the other sources go on
+                self._told(f"internal error: {type(error).__name__}: {error}")
+            finally:
+                ended()
+
+        threading.Thread(target=run, daemon=True, name=f"fdd-{self.name}").start()
+
+    def _take(self, block: Block) -> None:
+        """Hand a block on.
+
+        Raises
+        ------
+        InputError : the service watches as many axes as it can.
+        """
+        if block.unit is None and self._unit is not None:
+            block = replace(block, unit=self._unit)
+        self._put(block)
+        with self._lock:
+            self._counts["received"] += 1
+            for name in block.ignored:
+                if len(self._ignored) < 8:
+                    self._ignored[name[:40]] = None
+
+    def _take_all(
+        self, axis: str, parts: Iterable[Samples], first: int, window: Window, stop: threading.Event
+    ) -> Iterator[int]:
+        """Hand on blocks that are numbered from `first`, each once there is room for it; their numbers."""
+        for number, rows in enumerate(parts, first):
+            if not window.wait(stop):
+                return
+            told = window.accepted
+            self._take(Block(axis, rows, number, self.name, time.time(), patient=True, accepted=told))
+            yield number
+
+    def _refuse(self, error: InputError) -> None:
+        """Count a message that cannot be used."""
+        self._count("refused")
+        self._told(error)
+
+    def _told(self, error: object) -> None:
+        """Keep an error, in one line."""
+        self._set(last_error=" ".join(str(error).split())[:500])
+
+    def _count(self, name: str) -> None:
+        with self._lock:
+            self._counts[name] = self._counts.get(name, 0) + 1
+
+    def _set(self, **state: Any) -> None:
+        with self._lock:
+            self._state.update(state)
+
+
+class Window:
+    """How many blocks may be on their way: a source that can wait does, until the fleet has stored some."""
+
+    def __init__(self, most: int) -> None:
+        self._most = most
+        self._changed = threading.Condition()
+        self.waiting = 0
+
+    def wait(self, stop: threading.Event) -> bool:
+        """Wait until another block may go; False where `stop` was set."""
+        with self._changed:
+            while self.waiting >= self._most and not stop.is_set():
+                self._changed.wait(0.2)
+            if stop.is_set():
+                return False
+            self.waiting += 1
+            return True
+
+    def accepted(self) -> None:
+        """A block was stored."""
+        with self._changed:
+            self.waiting -= 1
+            self._changed.notify_all()
+
+    def drained(self, stop: threading.Event) -> None:
+        """Wait until all blocks were stored, or `stop` is set."""
+        with self._changed:
+            while self.waiting and not stop.is_set():
+                self._changed.wait(0.2)

@@ -1,0 +1,322 @@
+"""Who may call what, what other sites' pages try, and where the service listens at all."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import shutil
+import socket
+import ssl
+import subprocess
+import threading
+import time
+import urllib.request
+from collections.abc import Iterator
+from pathlib import Path
+
+import httpx
+import pytest
+
+from fdd.bounds import MAX_HEAD_BYTES, MAX_REQUEST_BYTES, MOST_LISTENERS
+from fdd.errors import InputError
+from fdd.service.bus import Event
+from fdd.service.config import Listen, Tls
+from fdd.service.http import Server, Tokens, new_token
+from fdd.service.http.events import KEPT
+from fdd.service.http.tokens import Caller
+from tests.service.fake import PAGE, World, app_of, bearer, client_of, on_a_port, three_tokens
+
+ADDRESSES = [
+    ("get", "/api/axes", "view"),
+    ("get", "/api/axes/rig%2Faxis-1", "view"),
+    ("get", "/api/axes/rig%2Faxis-1/trend", "view"),
+    ("get", "/api/alarms", "view"),
+    ("get", "/api/audit", "view"),
+    ("get", "/metrics", "view"),
+    ("get", "/api/session", "view"),
+    ("get", "/api/events", "view"),
+    ("post", "/api/alarms/1/acknowledge", "acknowledge"),
+    ("post", "/api/alarms/1/shelve", "acknowledge"),
+    ("post", "/api/alarms/1/unshelve", "acknowledge"),
+]
+ROLES = ("view", "acknowledge", "admin")
+OPEN = {"/api/health", "/api/login", "/api/logout"}
+
+
+@pytest.fixture
+def world() -> World:
+    made = World("rig/axis-1", "rig/axis-2")
+    made.raise_alarm("rig/axis-1")
+    return made
+
+
+@pytest.fixture
+def server(world: World) -> Iterator[Server]:
+    with on_a_port(world) as made:
+        yield made
+
+
+# Who may what
+
+
+@pytest.mark.parametrize("method, path, needed", ADDRESSES)
+def test_each_address_asks_for_its_role(world: World, method: str, path: str, needed: str) -> None:
+    tokens, text = three_tokens()
+    client = client_of(world, tokens=tokens)
+    bare = client.request(method, path, headers=PAGE)
+    assert bare.status_code == 401 and list(bare.json()) == ["error"]
+    for wrong in ("Bearer guess", f"Basic {text['admin']}", "Bearer", f"Bearer {text['admin'][:-1]}"):
+        assert client.request(method, path, headers={"authorization": wrong, **PAGE}).status_code == 401
+    for role in ROLES[: ROLES.index(needed)]:
+        refused = client.request(method, path, headers=bearer(text[role]))
+        assert refused.status_code == 403 and needed in refused.json()["error"]
+    assert world.state_of(1) == "UNACK"
+    if path != "/api/events":  # has no end
+        allowed = client.request(method, path, headers=bearer(text[needed]))
+        assert allowed.status_code not in (401, 403)
+
+
+def test_every_address_is_in_that_list(world: World) -> None:
+    paths = client_of(world).get("/openapi.json").json()["paths"]
+    assert len([m for path in paths.keys() - OPEN for m in paths[path]]) == len(ADDRESSES)
+
+
+def test_health_tells_strangers_the_status_alone(world: World) -> None:
+    tokens, text = three_tokens()
+    client = client_of(world, tokens=tokens)
+    world.health = {"status": "degraded", "problems": ["fdd.db is full"], "axes": 2}
+    assert client.get("/api/health").json() == {"status": "degraded"}
+    assert client.get("/api/health", headers=bearer(text["view"])).json()["problems"] == ["fdd.db is full"]
+
+
+def test_a_token_is_kept_in_a_cookie_that_scripts_and_other_sites_never_get(world: World) -> None:
+    tokens, text = three_tokens()
+    client = client_of(world, tokens=tokens, secure=True)
+    client.base_url = "https://127.0.0.1:8080"
+    for wrong in ({"token": "guess"}, {"token": None}, {}, [], "x"):
+        assert client.post("/api/login", json=wrong, headers=PAGE).status_code in (400, 401)
+    found = client.post("/api/login", json={"token": text["acknowledge"]}, headers=PAGE)
+    assert found.json() == {"name": "acknowledge-person", "role": "acknowledge", "tokens": True}
+    cookie = found.headers["set-cookie"]
+    assert all(part in cookie for part in ("HttpOnly", "SameSite=strict", "Secure", "Path=/", "Max-Age="))
+    assert client.post("/api/alarms/1/acknowledge").status_code == 403, "a form of another site"
+    assert client.post("/api/alarms/1/acknowledge", headers=PAGE).json()["acked_by"] == "acknowledge-person"
+    assert client.post("/api/logout", headers=PAGE).status_code == 204
+    assert client.get("/api/axes").status_code == 401
+
+
+@pytest.mark.parametrize(
+    "text, said",
+    [
+        ("", "no token"),
+        ("# nothing\n", "no token"),
+        ("ann view", "tokens:1: not: name role"),
+        ("ann boss " + "a" * 64, "tokens:1: unknown role"),
+        ("ann view " + "g" * 64, "tokens:1"),
+        ("ok view " + "a" * 64 + "\na<b view " + "a" * 64, "tokens:2"),
+    ],
+)
+def test_a_file_of_tokens_that_is_wrong_is_told_by_its_line(text: str, said: str) -> None:
+    with pytest.raises(InputError, match=said):
+        Tokens.parse(text)
+
+
+def test_the_file_holds_hashes_alone(tmp_path: Path) -> None:
+    token, line = new_token("ann", "admin")
+    assert token not in line and line.split()[2] == hashlib.sha256(token.encode()).hexdigest()
+    (tmp_path / "tokens").write_text(f"# people\n{line}  # till May\n")
+    assert Tokens.load(tmp_path / "tokens").caller(token) == Caller("ann", "admin")
+    with pytest.raises(InputError, match="cannot be read"):
+        Tokens.load(tmp_path / "none")
+
+
+# Other sites' pages, and requests that are too large
+
+
+@pytest.mark.parametrize("path", ["/api/alarms/1/acknowledge", "/api/login", "/api/logout"])
+@pytest.mark.parametrize("headers", [{}, {"origin": "null"}, {"content-type": "text/plain"}])
+def test_another_sites_page_does_nothing(world: World, path: str, headers: dict[str, str]) -> None:
+    refused = client_of(world).post(path, headers=headers, content=b"{}")
+    assert refused.status_code == 403 and list(refused.json()) == ["error"]
+    assert world.state_of(1) == "UNACK"
+
+
+def test_another_sites_script_is_not_allowed_to_send_the_header(world: World) -> None:
+    asked = {"origin": "http://evil.example", "access-control-request-headers": "x-fdd"}
+    answer = client_of(world).options("/api/alarms/1/acknowledge", headers=asked)
+    assert answer.status_code >= 400 and not any(h.startswith("access-control") for h in answer.headers)
+
+
+@pytest.mark.parametrize(
+    "host", ["evil.example", "localhost.evil.example:8080", "", "a b", "[evil", "192.0.2.7"]
+)
+def test_a_rebound_name_is_refused(world: World, host: str) -> None:
+    refused = client_of(world).get("/api/axes", headers={"host": host})
+    assert refused.status_code == 400 and "axis" not in refused.text
+
+
+@pytest.mark.parametrize("host", ["localhost:8080", "127.0.0.1", "[::1]:8080", "rig-7:8080", "RIG-7"])
+def test_own_names_are_answered(world: World, host: str) -> None:
+    client = client_of(world, hosts=["rig-7"])
+    assert client.get("/api/axes", headers={"host": host}).status_code == 200
+
+
+@pytest.mark.parametrize(
+    "path", ["/", "/page/app.js", "/api/axes", "/api/nothing", "/api/axes/none", "/nowhere"]
+)
+def test_every_answer_carries_what_browsers_need_to_protect_it(world: World, path: str) -> None:
+    headers = client_of(world).get(path).headers
+    policy = dict(p.strip().partition(" ")[::2] for p in headers["content-security-policy"].split(";"))
+    assert policy["default-src"] == "'none'" and policy["frame-ancestors"] == "'none'"
+    assert {policy["script-src"], policy["style-src"], policy["connect-src"]} == {"'self'"}
+    assert "unsafe" not in headers["content-security-policy"]
+    assert headers["x-content-type-options"] == "nosniff" and headers["referrer-policy"] == "no-referrer"
+    assert "access-control-allow-origin" not in headers and "server" not in headers
+
+
+def test_a_body_without_end_is_refused(server: Server, world: World) -> None:
+    def pieces() -> Iterator[bytes]:
+        for _ in range(MAX_REQUEST_BYTES // 1000 + 5):
+            yield b" " * 1000
+
+    with httpx.Client(trust_env=False) as client:
+        found = client.post(f"{server.address}api/alarms/1/acknowledge", content=pieces(), headers=PAGE)
+    assert found.status_code == 413 and world.state_of(1) == "UNACK"
+
+
+# On a port
+
+
+class Listener:
+    """One listener on the events, with what it heard."""
+
+    def __init__(self, server: Server, last: str | None = None) -> None:
+        self.client = httpx.Client(timeout=20, trust_env=False)
+        headers = {} if last is None else {"last-event-id": last}
+        self.request = self.client.stream("GET", f"{server.address}api/events", headers=headers)
+        self.response = self.request.__enter__()
+        self.status = self.response.status_code
+        self.lines = self.response.iter_lines() if self.status == 200 else iter(())
+        if self.status == 200:
+            self.until(": connected")
+
+    def until(self, begins: str) -> str:
+        return next(line for line in self.lines if line.startswith(begins))
+
+    def event(self) -> dict:
+        self.until("id: ")
+        return dict(json.loads(self.until("data: ")[6:]))
+
+    def close(self) -> None:
+        self.request.__exit__(None, None, None)
+        self.client.close()
+
+
+def test_small_answers_go_out_at_once(server: Server) -> None:
+    """Head and body are two packets: held back for an acknowledgement, each answer would take 40 ms."""
+    taken = []
+    with httpx.Client(trust_env=False) as client:
+        for _ in range(25):
+            begun = time.perf_counter()
+            assert client.get(f"{server.address}api/health").status_code == 200
+            taken.append(time.perf_counter() - begun)
+    assert sorted(taken)[12] < 0.03
+
+
+def test_events_come_as_they_happen(server: Server, world: World) -> None:
+    listener = Listener(server)
+    world.bus.publish(Event("alarm", "rig/axis-1", 5.0, {"note": "a\nevent: evil\n\ndata: {}"}))
+    event = listener.event()
+    assert (event["kind"], event["axis"], event["time"]) == ("alarm", "rig/axis-1", 5.0)
+    assert event["data"]["note"] == "a\nevent: evil\n\ndata: {}"
+    listener.close()
+    again = Listener(server, last="1")
+    assert again.until("event: ") == "event: reset", "it may have missed something"
+    again.close()
+
+
+def test_who_falls_behind_is_told_to_begin_anew(world: World) -> None:
+    import asyncio
+
+    from fdd.service.http import Hub
+
+    async def heard() -> bytes:
+        hub = Hub(world.bus)
+        stream = hub.stream(again=False)
+        await anext(stream)
+        for k in range(KEPT + 10):
+            hub.tell(Event("status", "A1", 0.0, {"k": k}))
+        await asyncio.sleep(0.1)
+        told = b"".join([await anext(stream) for _ in range(11)])
+        await stream.aclose()  # type: ignore[attr-defined]
+        return told
+
+    told = asyncio.run(heard())
+    assert told.startswith(b"event: reset") and b'{"k":%d}' % (KEPT + 9) in told
+
+
+def test_listeners_are_bounded_and_leave_room_when_they_go(server: Server) -> None:
+    listeners = [Listener(server) for _ in range(MOST_LISTENERS)]
+    refused = Listener(server)
+    assert refused.status == 503
+    for one in (refused, *listeners):
+        one.close()
+    until = time.monotonic() + 20
+    while (again := Listener(server)).status != 200:
+        again.close()
+        assert time.monotonic() < until
+        time.sleep(0.2)
+    again.close()
+
+
+@pytest.mark.parametrize(
+    "sent, status",
+    [
+        (b"GET / HTTP/1.1\r\nHost: 127.0.0.1\r\nX: " + b"a" * MAX_HEAD_BYTES * 9 + b"\r\n\r\n", b" 400 "),
+        (b"GET /api/axes/x%0d%0aSet-Cookie:%20a=b HTTP/1.1\r\nHost: 127.0.0.1\r\n\r\n", b" 404 "),
+        (b"GET / HTTP/1.1\r\n\r\n", b" 400 "),
+        (b"GET / HTTP/1.1\r\nHost: 127.0.0.1\r\nHost: evil.example\r\n\r\n", b" 400 "),
+        (b"\x16\x03\x01\x02\x00\x01\x00", b" 400 "),
+        (b"TRACE / HTTP/1.1\r\nHost: 127.0.0.1\r\n\r\n", b" 403 "),
+    ],
+)
+def test_what_is_no_proper_request_is_refused(server: Server, sent: bytes, status: bytes) -> None:
+    host, _, port = server.address.removeprefix("http://").removesuffix("/").partition(":")
+    with socket.create_connection((host, int(port)), timeout=20) as one:
+        one.sendall(sent)
+        head = one.recv(65536)
+    assert status in head.splitlines()[0] and b"set-cookie: a" not in head.lower()
+
+
+def test_tls_by_certificate_and_key(world: World, tmp_path: Path) -> None:
+    if shutil.which("openssl") is None:
+        pytest.skip("needs openssl to make a certificate")
+    cert, key = tmp_path / "cert.pem", tmp_path / "key.pem"
+    made = "req -x509 -newkey ec -pkeyopt ec_paramgen_curve:prime256v1 -nodes -days 2 -subj /CN=localhost"
+    subprocess.run(
+        ["openssl", *made.split(), "-addext", "subjectAltName=IP:127.0.0.1", "-keyout", key, "-out", cert],
+        check=True, capture_output=True,
+    )  # fmt: skip
+    stop = threading.Event()
+    server = Server(app_of(world, secure=True), Listen(port=0, tls=Tls(cert=cert, key=key)))
+    thread = server.start(stop)
+    trusted = ssl.create_default_context(cafile=str(cert))
+    with httpx.Client(verify=trusted, trust_env=False) as client:
+        assert client.get(f"{server.address}api/axes").status_code == 200
+    with pytest.raises(OSError):
+        urllib.request.urlopen(server.address.replace("https", "http"), timeout=5)
+    stop.set()
+    thread.join(15)
+    assert not thread.is_alive()
+
+
+def test_what_cannot_be_listened_on_is_told_in_one_line(world: World, tmp_path: Path) -> None:
+    app = app_of(world)
+    taken = Server(app, Listen(port=0))
+    with pytest.raises(InputError, match="cannot be listened on"):
+        Server(app, Listen(port=int(taken.address.rstrip("/").rpartition(":")[2])))
+    taken._socket.close()
+    (tmp_path / "cert.pem").write_text("no certificate")
+    for cert in (tmp_path / "none.pem", tmp_path / "cert.pem"):
+        with pytest.raises(InputError, match="cannot be used for TLS"):
+            Server(app, Listen(port=0, tls=Tls(cert=cert, key=cert)))
