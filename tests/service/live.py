@@ -77,7 +77,7 @@ def watched(
         return {
             axis: Live(
                 blocks,
-                [f["body"] for f in store.findings(axis)][::-1],
+                [f["body"] for f in store.findings() if f["axis"] == axis][::-1],
                 answer_of(store, axis, profile),
                 status[axis],
             )
