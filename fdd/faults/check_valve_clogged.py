@@ -10,7 +10,8 @@ from fdd.faults.signature import Columns, Healthy, Signature
 
 
 def _columns(side: int, unit: Healthy) -> Columns:
-    # Pressure below the accumulator's, measured or by its charge, over the relief setting.
+    # Pressure below the accumulator's, measured or by its charge, over the relief setting. A sensor's bias is
+    # no such drop: by charge only rows count that its own reading puts below it.
     return {"refeed": {f"drop_{side}": 0.05, f"low_{side}": 0.05}}
 
 

@@ -58,14 +58,14 @@ FAULT = Fault(
         ),
         Signature(
             "bias p1",
-            lambda unit: {"coherence": {"zero": -_BIAS}, "refeed": {"drop_1": -_BIAS, "low_1": -_BIAS}},
+            lambda unit: {"coherence": {"zero": -_BIAS}, "refeed": {"drop_1": -_BIAS}},
             signed=False,
             courses=("step",),
             channel="pressure_1",
         ),
         Signature(
             "bias p2",
-            lambda unit: {"coherence": {"zero": _BIAS}, "refeed": {"drop_2": -_BIAS, "low_2": -_BIAS}},
+            lambda unit: {"coherence": {"zero": _BIAS}, "refeed": {"drop_2": -_BIAS}},
             signed=False,
             courses=("step",),
             channel="pressure_2",

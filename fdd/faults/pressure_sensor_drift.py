@@ -48,14 +48,14 @@ FAULT = Fault(
         ),
         Signature(
             "drift p1",
-            lambda unit: {"coherence": {"zero": -_BIAS}, "refeed": {"drop_1": -_BIAS, "low_1": -_BIAS}},
+            lambda unit: {"coherence": {"zero": -_BIAS}, "refeed": {"drop_1": -_BIAS}},
             signed=False,
             channel="pressure_1",
             courses=("drift",),
         ),
         Signature(
             "drift p2",
-            lambda unit: {"coherence": {"zero": _BIAS}, "refeed": {"drop_2": -_BIAS, "low_2": -_BIAS}},
+            lambda unit: {"coherence": {"zero": _BIAS}, "refeed": {"drop_2": -_BIAS}},
             signed=False,
             channel="pressure_2",
             courses=("drift",),

@@ -212,7 +212,10 @@ def _force(q: Quantities) -> list[Strand]:
     f = unit.friction
     viscous = np.where(velocity > 0.0, f.forward.viscous, f.reverse.viscous) * velocity
     friction = (q.take["friction"] + viscous) / scales.friction
-    measured = np.nan_to_num(q.take["load_force"]) / scales.friction
+    # A load cell that fails, or is slower than the rows, counts as none.
+    load = q.take["load_force"] / scales.friction
+    there = np.isfinite(load).reshape(-1, HOP_ROWS).mean(axis=1) > 0.9
+    measured = np.where(np.repeat(there, HOP_ROWS), load, 0.0)
     x = np.column_stack([
         np.ones_like(y),
         measured,

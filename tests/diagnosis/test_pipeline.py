@@ -361,3 +361,15 @@ def test_a_clogged_valve_shows_without_an_accumulator_sensor(
     hidden = Samples(log.time, {n: log[n] for n in log.channels if n != "pressure_accumulator"})
     found = pushed(unit, hidden, []).finish()
     assert [f.fault for f in found.faults] == faults
+
+
+@pytest.mark.parametrize(("slow", "faults"), [(False, ["sensor_dropout"]), (True, [])])
+def test_a_load_cell_that_fails_or_is_slow_is_no_worn_seal(unit: Unit, slow: bool, faults: list[str]) -> None:
+    run = simulate(unit, Scenario(duration=40.0, load={"name": "gust"}, seed=2))
+    log = run.samples
+    force = np.interp(log.time, run.truth.time, run.truth["load_force"])
+    force += np.random.default_rng(2).normal(0.0, 20.0, len(log))
+    there = np.arange(len(log)) % 20 == 0 if slow else log.time < 20.0
+    with_cell = {**{n: log[n] for n in log.channels}, "load_force": np.where(there, force, np.nan)}
+    found = pushed(unit, Samples(log.time, with_cell), []).finish()
+    assert [f.fault for f in found.faults] == faults

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import threading
 import time
+from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import replace
 from typing import Any
@@ -16,7 +17,7 @@ from fdd.service.config_sources import AnySource, source_name
 Put = Callable[[Block], None]
 
 
-class Source:
+class Source(ABC):
     """One source; it runs in threads of its own, and counts what it receives.
 
     Parameters
@@ -43,8 +44,9 @@ class Source:
         self._put = put
         self._begin(stop)
 
+    @abstractmethod
     def _begin(self, stop: threading.Event) -> None:
-        raise NotImplementedError
+        """Begin in threads of its own; raises as `start`."""
 
     def status(self) -> dict[str, Any]:
         """How it stands: `connected`, `received` and `refused` messages, `last_error`, `reconnects`, more."""
