@@ -19,9 +19,9 @@ from fdd.campaign.units import Progress, for_each_unit
 from fdd.engines import Engine
 from fdd.errors import InputError
 from fdd.identification.from_logs import identify_logs
-from fdd.identification.oil import modulus_at, viscosity
 from fdd.identification.profile import Identification
 from fdd.markdown import table as markdown
+from fdd.residuals.oil import modulus_at, viscosity
 from fdd.unit import Unit
 
 SINGLE_ROD = 0.95

@@ -9,9 +9,10 @@ from numpy.typing import NDArray
 
 from evidence.thesis.findings import Finding, Picture, Row
 from evidence.thesis.runs import PERIOD, run_speed
-from fdd.identification.oil import ATMOSPHERE, air_compliance
+from fdd.measures import ATMOSPHERE_PA
 from fdd.plant.details import Details
 from fdd.plant.faults.spec import FaultSpec
+from fdd.residuals.oil import air_compliance
 from fdd.unit import Oil, Unit
 
 if TYPE_CHECKING:
@@ -61,15 +62,15 @@ def equation_5_20(oil: Oil, stiff: float, air: float, pressure: Array) -> Array:
     air : δ, volume of air at atmospheric pressure over that of oil.
     pressure : (…) Pa, gauge.
     """
-    absolute = pressure + ATMOSPHERE
+    absolute = pressure + ATMOSPHERE_PA
     m = oil.polytropic_index
-    ratio = (absolute / ATMOSPHERE) ** (1.0 / m)
+    ratio = (absolute / ATMOSPHERE_PA) ** (1.0 / m)
     return np.asarray((ratio + air) / (air * stiff / (m * absolute) + ratio) * stiff)
 
 
 def equation_5_21(stiff: float, air: float, pressure: Array) -> Array:
     """Eq. 5.21, (…) Pa: air that keeps its volume fraction whatever the pressure."""
-    return np.asarray(1.0 / ((1.0 - air) / stiff + air / (1.4 * (pressure + ATMOSPHERE))))
+    return np.asarray(1.0 / ((1.0 - air) / stiff + air / (1.4 * (pressure + ATMOSPHERE_PA))))
 
 
 def measure(axis_a: Unit, axis_b: Unit, seed: int) -> Finding:

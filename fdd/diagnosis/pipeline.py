@@ -46,7 +46,7 @@ SCAN_HOPS, LEAST_HOPS = 10, 16
 """Hops between two looks at the evidence, five seconds, and before anything is said."""
 WINDOW_HOPS = 300
 """Hops that onsets are looked for in; what is older has become the reference."""
-STATE_VERSION = "15"
+STATE_VERSION = "16"
 SCANS_A_MINUTE, SCANS_KEPT = 12, 720
 """Looks in a minute, and those that a monitor remembers: an hour."""
 EPOCHS = Stretches(hops=1, least=1.0)

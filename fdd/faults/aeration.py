@@ -35,5 +35,11 @@ FAULT = Fault(
         *(Effect(f"air_{k}", "add", "free_air", laws=("exchange", f"chamber_{k}")) for k in (1, 2)),
         Effect("ingress", "add", "free_air", laws=("ingress",)),
     ),
-    signatures=(Signature("air", lambda unit: {"volume": {"air": 1.0}}),),
+    # Air is softer than oil: the chambers give way, and a pump delivers less of what it draws in.
+    signatures=(
+        Signature(
+            "air",
+            lambda unit: {"volume": {"air": 1.0, "air_filled": max(unit.mean("volume", "filled"), 0.0)}},
+        ),
+    ),
 )

@@ -4,12 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-import numpy as np
-
 from fdd.diagnosis.findings import ESTIMATED
 from fdd.errors import InputError
 from fdd.faults import CATALOGUE
-from fdd.residuals.balances import compliance_of_air
+from fdd.residuals.oil import air_compliance
 from fdd.residuals.quantities import Scales
 from fdd.unit import Unit
 
@@ -30,7 +28,7 @@ def severity_one(unit: Unit) -> Limits:
     friction = (rubbing["loose_friction"], rubbing["tight_friction"])
     air = next(f.value for f in CATALOGUE["aeration"].figures if f.name == "free_air")
     oil = unit.oil
-    softer = air * float(compliance_of_air(np.array([oil.reference_pressure]), oil.polytropic_index)[0])
+    softer = air * float(air_compliance(oil.reference_pressure, oil.polytropic_index))
     return {
         "leakage": (None, 1.0 + Scales.of(unit).fault_leakage / unit.pump.total_leakage),
         "bulk_modulus": (1.0 / (1.0 + oil.bulk_modulus * softer), None),

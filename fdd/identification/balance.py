@@ -8,7 +8,6 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import lsq_linear
 
-from fdd.identification.oil import air_compliance, modulus_at
 from fdd.identification.volume_steps import (
     AIR,
     AIR_SCALE,
@@ -23,6 +22,7 @@ from fdd.identification.volume_steps import (
     leakage_scale,
     scales,
 )
+from fdd.residuals.oil import air_compliance, modulus_at
 from fdd.tolerances import TOLERANCES, tolerance
 from fdd.unit import Unit
 

@@ -11,11 +11,11 @@ from scipy.special import chdtri
 
 from fdd.identification.logs_agree import Comparison, disagreement
 from fdd.identification.logs_healthy import unhealthy
-from fdd.identification.oil import modulus_at, viscosity
 from fdd.identification.profile import Identification, TableRow
 from fdd.identification.signs import gain_slips
 from fdd.identification.slips import slips
 from fdd.measures import MEASURES
+from fdd.residuals.oil import modulus_at, viscosity
 from fdd.samples import Samples
 from fdd.tolerances import TOLERANCES, tolerance
 from fdd.unit import Unit

@@ -10,8 +10,8 @@ from scipy.special import chdtrc
 
 from fdd.errors import InputError
 from fdd.identification.identify import identify_unit
-from fdd.identification.oil import modulus_at, viscosity
 from fdd.identification.profile import Identification
+from fdd.residuals.oil import modulus_at, viscosity
 from fdd.samples import Samples
 from fdd.unit import Unit
 

@@ -25,9 +25,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from fdd.identification.oil import air_compliance, air_shrinkage, viscosity
 from fdd.identification.record import Record
 from fdd.residuals.hidden_pressures import needs_pilots
+from fdd.residuals.oil import air_compliance, free_air, stiff_compliance, viscosity
 from fdd.residuals.quantities import PILOT, outlet_loss
 from fdd.unit import Oil, Unit
 
@@ -204,9 +204,8 @@ def volume_steps(
 
 def _log_density(oil: Oil, pressure: Array) -> Array:
     """ln of the base's oil's density, but for a constant: ∫dp/β(p)."""
-    index = oil.polytropic_index
-    stiff = 1.0 / oil.bulk_modulus - oil.air_fraction * float(air_compliance(oil.reference_pressure, index))
-    return np.asarray(max(stiff, 0.0) * pressure + oil.air_fraction * air_shrinkage(pressure, index))
+    gas, _ = free_air(pressure, oil.polytropic_index)
+    return np.asarray(stiff_compliance(oil) * pressure - oil.air_fraction * gas)
 
 
 def _turned(angle: Array, denser: Array) -> Array:
@@ -223,7 +222,8 @@ def _compression(
 ) -> tuple[Array, Array]:
     """Accumulated oil volume taken up per unit of the stiff compliance's excess and of α (both negative)."""
     # Along the smoothed pressure and linear about it: the air's law is curved, and noise must not bend it.
-    shrinkage = air_shrinkage(smoothed, index) + air_compliance(smoothed, index) * (pressure - smoothed)
+    gas, soft = free_air(smoothed, index)
+    shrinkage = soft * (pressure - smoothed) - gas
     between = 0.5 * (volume[1:] + volume[:-1])
     stiff = np.concatenate(([0.0], np.cumsum(between * np.diff(pressure))))
     air = np.concatenate(([0.0], np.cumsum(between * np.diff(shrinkage))))

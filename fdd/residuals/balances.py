@@ -124,6 +124,12 @@ def _volume(q: Quantities) -> list[Strand]:
         for side, p, other in ((1, q.p1, q.p2), (2, q.p2, q.p1)):
             fed[side] |= known & ~(p - q.accumulator > PILOT * (other - q.accumulator))
     starved = np.minimum(q.p1, q.p2) < LEAST_INLET_PA
+    # What the pump sweeps arrives denser, by half of ln ρ_1 - ln ρ_2 where it moves its ports' mean density.
+    # It loses as much again whichever way it turns where it fills at its inlet, and more by what its dead
+    # volume takes up and gives back (Energies 2022, 15, 298, doi 10.3390/en15010298). Free air adds to both.
+    swept = 0.5 * unit.pump.displacement * q.turn
+    gas = AERATION * (q.chambers[2].gas - q.chambers[1].gas)
+    denser = q.chambers[1].stiff * middle(q.drop) + unit.oil.air_fraction / AERATION * gas
     for side, sign, p, area in (
         (1, 1.0, q.p1, unit.cylinder.area_1),
         (2, -1.0, q.p2, unit.cylinder.area_2),
@@ -132,18 +138,20 @@ def _volume(q: Quantities) -> list[Strand]:
         drop = sign * middle(q.drop)
         above = np.sqrt(np.maximum(mid - p_c, 0.0))
         dp = change(p)
-        oil_volume, stiff, free, air = _compliances(q, side)
-        y = sign * (unit.pump.displacement * q.turn - area * q.travel)
+        oil_volume, stiff, free, air, _ = q.chambers[side]
+        y = sign * (2.0 * swept - area * q.travel)
         lag = sign * unit.pump.displacement * change(q.turn)
         s1, s2 = float(side == 1), float(side == 2)
         orifice = scales.orifice * np.sign(drop) * np.sqrt(np.abs(drop)) * q.dt
         x = np.column_stack([
-            sign * unit.pump.displacement * q.turn,
+            2.0 * sign * swept,
             oil_volume * (stiff + air) * dp,
-            oil_volume * 0.025 * free * dp,
+            oil_volume * AERATION * free * dp + swept * gas,
+            sign * np.abs(swept) * gas,
             lag,
             oil_volume * stiff * change(dp),
-            unit.pump.displacement * q.turn * middle(q.drop) / unit.oil.bulk_modulus,
+            swept * denser,
+            sign * np.abs(swept) * denser,
             scales.leakage * drop * weight,
             scales.leakage * drop * np.abs(drop) / scales.pressure * weight,
             scales.leakage * (mid - p_c) * weight,
@@ -158,31 +166,15 @@ def _volume(q: Quantities) -> list[Strand]:
         ok = ~fed[side] & (mid > 3e4) & (np.abs(q.drop) < 0.9 * scales.pressure) & ~starved
         noise = np.zeros((y.size, 2, x.shape[1]))
         noise[:, 0, 1] = oil_volume * (stiff + air) * q.noise[side]
-        noise[:, 0, 2] = oil_volume * 0.025 * free * q.noise[side]
-        noise[:, 0, 4] = oil_volume * stiff * q.noise[side]
-        noise[:, 1, 4] = -noise[:, 0, 4]
+        noise[:, 0, 2] = oil_volume * AERATION * free * q.noise[side]
+        noise[:, 0, 5] = oil_volume * stiff * q.noise[side]
+        noise[:, 1, 5] = -noise[:, 0, 5]
         out.append(Strand(y, x, ok, np.nan_to_num(noise)))
     return out
 
 
-def _compliances(q: Quantities, side: int) -> tuple[Array, float, Array, Array]:
-    """m³ of oil in a chamber and its lines; 1/Pa of the oil, of free air a share, and of the unit's air."""
-    cylinder, oil = q.unit.cylinder, q.unit.oil
-    sign, area, volume, p = (
-        (1.0, cylinder.area_1, cylinder.volume_1, q.p1)
-        if side == 1
-        else (-1.0, cylinder.area_2, cylinder.volume_2, q.p2)
-    )
-    free = compliance_of_air(middle(p), oil.polytropic_index)
-    at_reference = compliance_of_air(np.array([oil.reference_pressure]), oil.polytropic_index)
-    stiff = max(1.0 / oil.bulk_modulus - oil.air_fraction * float(at_reference[0]), 0.3 / oil.bulk_modulus)
-    return volume + sign * area * middle(q.position), stiff, free, oil.air_fraction * free
-
-
-def compliance_of_air(pressure: Array, index: float) -> Array:
-    """Compliance of free air, 1/Pa per volume share at atmospheric pressure (thesis eq. 5.21)."""
-    absolute = np.maximum(pressure + ATMOSPHERE_PA, 0.1 * ATMOSPHERE_PA)
-    return (ATMOSPHERE_PA / absolute) ** (1.0 / index) / (index * absolute)
+AERATION = 0.025
+"""Free air of severity 1: volume at atmospheric pressure over that of oil."""
 
 
 SLIDING_M_S = 1e-3
@@ -344,8 +336,8 @@ def _reservoir(q: Quantities) -> list[Strand]:
     gas, oil = unit.accumulator.gas_volume, unit.oil
     held = np.zeros_like(y)
     for side, p in ((1, q.p1), (2, q.p2)):
-        volume, stiff, _, air = _compliances(q, side)
-        held += volume * (stiff + air) * change(p)
+        c = q.chambers[side]
+        held += c.oil * (c.stiff + c.air) * change(p)
     contents = unit.cylinder.volume_1 + unit.cylinder.volume_2 + unit.accumulator.oil_at_rest
     warmed = oil.thermal_expansion * contents / gas + GAS_WARMED
     x = np.column_stack([
@@ -366,8 +358,8 @@ BALANCES: dict[str, Balance] = {
     for b in (
         Balance(
             "volume", "the chambers' oil",
-            ("gain", "compliance", "air", "lag", "sensor_lag", "density", "leak", "leak_square", "case",
-             "wear",
+            ("gain", "compliance", "air", "air_filled", "lag", "sensor_lag", "density", "filled",
+             "leak", "leak_square", "case", "wear",
              "relief_12", "relief_21", "valve_1", "valve_2", "outside_1", "outside_2"),
             _volume, settle=8, cumulative=True, laminar=("leak", "leak_square", "case", "wear"),
         ),

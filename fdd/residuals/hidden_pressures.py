@@ -4,8 +4,8 @@ With a differential sensor alone, the chambers' mean pressure is hidden. It is n
 refeeding valves keep the lower chamber at the accumulator's pressure less their cracking, so the mean
 is at least that plus half the difference; once lifted it stays up, and only the case drain lets it
 down. What lifts it is oil from the accumulator, whose pressure falls for it. While both chambers are
-shut each takes its share of a change by its own compliance. Pilots of unequal chambers' valves hold the
-lower one open to the accumulator.
+shut their oil's mass stays what it is: the lower one, whose air is softer, changes less. Pilots of unequal
+chambers' valves hold the lower one open to the accumulator.
 """
 
 from __future__ import annotations
@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from fdd.measures import ATMOSPHERE_PA
 from fdd.residuals.compiled import njit
+from fdd.residuals.oil import stiff_compliance
 from fdd.unit import Unit
 
 Array = NDArray[np.float64]
@@ -28,12 +29,30 @@ def needs_pilots(unit: Unit) -> bool:
     return not PLAIN < unit.cylinder.area_2 / unit.cylinder.area_1 < 1.0 / PLAIN
 
 
+NEWTON_STEPS, LEAST_PA = 3, 1e4
+"""Steps in which the mean pressure is found, and the absolute pressure below which oil cavitates."""
+
+
+@njit()
+def _log_density(pressure: float, oil: Array) -> tuple[float, float]:
+    """ln ρ of a chamber's oil at an absolute pressure (Pa) and its compliance (1/Pa), by `fdd.residuals.oil`.
+
+    Parameters
+    ----------
+    oil : 1/Pa without air, share of free air, polytropic index, atmosphere (Pa).
+    """
+    stiff, air, index, atmosphere = oil
+    absolute = max(pressure, LEAST_PA)
+    gas = (atmosphere / absolute) ** (1.0 / index)
+    return stiff * pressure - air * gas, stiff + air * gas / (index * absolute)
+
+
 @njit()
 def _follow(
     difference: Array,
     noise: Array,
-    share: Array,
-    compliance: Array,
+    volumes: Array,
+    oil: Array,
     drain: Array,
     rod: Array,
     tank: Array,
@@ -46,9 +65,9 @@ def _follow(
 
     Parameters
     ----------
-    share : (n,) of a change of the difference that goes into the mean while both chambers are shut. drain :
-        (n,) m³/(s·Pa), both chambers to the case. rod : (n,) m³ that the rod's way out takes from the
-        accumulator. tank : (n,) Pa, filled where it is NaN.
+    volumes : (n, 2) m³ of the chambers. oil : of `_log_density`. drain : (n,) m³/(s·Pa), both chambers to
+        the case. rod : (n,) m³ that the rod's way out takes from the accumulator. tank : (n,) Pa, filled
+        where it is NaN.
     fixed : Pa absolute, m³, Pa, Pa, Pa: charge pressure, gas, cracking pressures of refeeding and of the
         case, atmosphere.
     state : (3,) Pa, m³ taken from the accumulator, Pa of the last difference; NaN before the first row.
@@ -65,16 +84,24 @@ def _follow(
         half = 0.5 * abs(difference[k])
         if np.isnan(level):
             level, before = tank[k] + half, difference[k]
-        level += share[k] * (difference[k] - before)
+        half_1, half_2 = atmosphere + 0.5 * difference[k], atmosphere - 0.5 * difference[k]
+        one, two = volumes[k]
+        mass = one * _log_density(level + atmosphere + 0.5 * before, oil)[0]
+        mass += two * _log_density(level + atmosphere - 0.5 * before, oil)[0]
+        for _ in range(NEWTON_STEPS):
+            rho_1, soft_1 = _log_density(level + half_1, oil)
+            rho_2, soft_2 = _log_density(level + half_2, oil)
+            compliance = one * soft_1 + two * soft_2
+            level += (mass - one * rho_1 - two * rho_2) / compliance
         before = difference[k]
         lost = level - tank[k] - drain_cracking
         if lost > 0.0:
-            fall = lost * (1.0 - np.exp(-drain[k] / compliance[k] * period))
+            fall = lost * (1.0 - np.exp(-drain[k] / compliance * period))
             level -= fall
-            taken -= fall * compliance[k]
+            taken -= fall * compliance
         least = tank[k] - cracking + max(half - 0.5 * noise[k], 0.0)
         if level < least:
-            taken += (least - level) * compliance[k]
+            taken += (least - level) * compliance
             level = least
         mean[k] = level
     state[0], state[1], state[2] = level, taken, before
@@ -113,6 +140,9 @@ def chambers_from_difference(
     drain = 2.0 * unit.pump.case_leakage / viscosity * np.ones_like(known)
     if needs_pilots(unit):
         drain = np.full_like(known, np.inf)
+    oil = np.array([
+        stiff_compliance(unit.oil), unit.oil.air_fraction, unit.oil.polytropic_index, ATMOSPHERE_PA,
+    ])  # fmt: skip
     level, mean = accumulator.copy(), np.empty_like(known)
     fixed = np.array([
         tank.charge_pressure + ATMOSPHERE_PA, tank.gas_volume, tank.refeed_cracking_pressure,
@@ -120,7 +150,7 @@ def chambers_from_difference(
     ])  # fmt: skip
     _follow(
         known, np.zeros_like(known) if noise is None else np.nan_to_num(noise),
-        0.5 * (two - one) / (one + two), (one + two) / unit.oil.bulk_modulus, drain,
+        np.column_stack([one, two]), oil, drain,
         (cylinder.area_1 - cylinder.area_2) * moved, level, period, fixed,
         np.array([np.nan, 0.0, np.nan]) if state is None else state, mean,
     )  # fmt: skip

@@ -4,14 +4,15 @@ there are."""
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from fdd.measures import ATMOSPHERE_PA
 from fdd.residuals.hidden_pressures import needs_pilots
+from fdd.residuals.oil import free_air, stiff_compliance, viscosity_ratio
 from fdd.residuals.rows import COLUMNS, HOP_ROWS
-from fdd.residuals.viscosity import viscosity_ratio
 from fdd.unit import Unit
 
 Array = NDArray[np.float64]
@@ -81,6 +82,22 @@ class Scales:
         )
 
 
+class Chamber(NamedTuple):
+    """A chamber and its lines, amid rows.
+
+    Attributes
+    ----------
+    oil : (n,) m³. stiff : 1/Pa, of oil without air. free, air : (n,) 1/Pa, of free air a share, and of the
+        unit's own. gas : (n,), volume of free air over that at atmospheric pressure.
+    """
+
+    oil: Array
+    stiff: float
+    free: Array
+    air: Array
+    gas: Array
+
+
 class Quantities:
     """Rows, and what follows from them, (n,) each; NaN where a sensor is missing.
 
@@ -92,6 +109,7 @@ class Quantities:
     Attributes
     ----------
     chambers_measured, accumulator_measured : (n,), whether both are, in the row's hop or the one before.
+    chambers : by side. noise : by side, (n,) Pa, standard deviation of the chamber's pressure.
     accumulator_before : Pa, last known at the end.
     """
 
@@ -124,8 +142,12 @@ class Quantities:
             half = 0.5 * self.difference_measured
             self.p1 = np.where(both, self.p1, mean + half)
             self.p2 = np.where(both, self.p2, mean - half)
-            own = take["pressure_difference_noise"] * (1.0 if needs_pilots(unit) else 0.5)
-            self.noise = {side: np.where(both, noise, own) for side, noise in self.noise.items()}
+        self.chambers = {side: self._chamber(side) for side in (1, 2)}
+        if not self.chambers_measured.all():
+            own = take["pressure_difference_noise"]
+            self.noise = {
+                side: np.where(both, noise, own * self._share(side)) for side, noise in self.noise.items()
+            }
         self.drop = self.p1 - self.p2
         self.turn = change(self.angle)
         self.travel = change(self.position)
@@ -139,6 +161,27 @@ class Quantities:
             unit.oil, np.where(np.isfinite(celsius), celsius, unit.oil.reference_temperature)
         )
         self.viscosity = ratio
+
+    def _chamber(self, side: int) -> Chamber:
+        cylinder, oil = self.unit.cylinder, self.unit.oil
+        sign, area, volume, p = (
+            (1.0, cylinder.area_1, cylinder.volume_1, self.p1)
+            if side == 1
+            else (-1.0, cylinder.area_2, cylinder.volume_2, self.p2)
+        )
+        gas, free = free_air(middle(p), oil.polytropic_index)
+        held = volume + sign * area * middle(self.position)
+        return Chamber(held, stiff_compliance(oil), free, oil.air_fraction * free, gas)
+
+    def _share(self, side: int) -> Array | float:
+        """What a chamber's pressure changes by with the measured difference, (n,): all of it while the lower
+        chamber is held at the accumulator's pressure, else the less the softer it is."""
+        if needs_pilots(self.unit):
+            return 1.0
+        least = self.accumulator - self.unit.accumulator.refeed_cracking_pressure
+        soft = {k: c.oil * (c.stiff + c.air) for k, c in self.chambers.items()}
+        fed = np.minimum(self.p1, self.p2) < least + 1.0
+        return np.where(fed, 1.0, soft[3 - side] / (soft[1] + soft[2]))
 
 
 def _of_late(there: Flags) -> Flags:

@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 from fdd.measures import ATMOSPHERE_PA
 from fdd.residuals.compiled import njit
 from fdd.residuals.hidden_pressures import chambers_from_difference
-from fdd.residuals.viscosity import viscosity_ratio
+from fdd.residuals.oil import viscosity_ratio
 from fdd.samples import Samples
 from fdd.unit import Unit
 

@@ -14,7 +14,7 @@ from estimators.eha.drifts import drifts
 from estimators.eha.noise import Noise
 from estimators.eha.tracker import EhaTracker
 from estimators.observability import Observability, Observed
-from fdd.residuals.viscosity import viscosity_ratio
+from fdd.residuals.oil import viscosity_ratio
 from fdd.samples import Samples
 from fdd.unit import FrictionBranch, Unit
 

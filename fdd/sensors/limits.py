@@ -10,6 +10,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from fdd.measures import ATMOSPHERE_PA
 from fdd.samples import CHANNELS
 from fdd.unit import Unit
 
@@ -28,7 +29,6 @@ IS_LIVE, IS_MEASURED = (
     np.array([n in LIVE for n in NAMES]),
     np.array([n not in NOT_MEASURED for n in NAMES]),
 )
-ATMOSPHERE = 101_325.0
 SIGMA = 8.0
 """Standard deviations that noise does not reach: at 1 kHz and eight channels a Gaussian passes 8 once in
 3e7 h; what is spent of that is for noise whose tails are heavier."""
@@ -96,7 +96,7 @@ class Limits(NamedTuple):
         areas = (cylinder.area_1, cylinder.area_2)
         # A blocked differential cylinder multiplies the pressure by its ratio of areas.
         highest = PRESSURE_MARGIN * (relief * max(areas) / min(areas) + unit.accumulator.charge_pressure)
-        lowest = -ATMOSPHERE - LOW_MARGIN * relief
+        lowest = -ATMOSPHERE_PA - LOW_MARGIN * relief
         bounds = {
             "pressure_1": (lowest, highest), "pressure_2": (lowest, highest),
             "pressure_accumulator": (lowest, highest), "pressure_difference": (-highest, highest),

@@ -16,7 +16,7 @@ from fdd.campaign.validate import estimate_errors, outcomes_csv, summary
 from fdd.diagnosis.answering import Z80
 from fdd.diagnosis.findings import Trajectories
 from fdd.plant.truth import Truth
-from fdd.residuals.balances import compliance_of_air
+from fdd.residuals.oil import air_compliance
 from fdd.unit import Unit
 
 N = 4000
@@ -83,7 +83,7 @@ def test_bulk_modulus_is_compared_at_the_profiles_reference_pressure() -> None:
     oil = axis.oil
 
     def air(pressure: float) -> float:
-        return float(compliance_of_air(np.array([pressure]), oil.polytropic_index)[0])
+        return float(air_compliance(pressure, oil.polytropic_index))
 
     here, there = oil.reference_pressure, 2.0 * oil.reference_pressure
     stiff, share = 1.0 / oil.bulk_modulus - oil.air_fraction * air(here), oil.air_fraction + 0.004

@@ -8,9 +8,9 @@ from healthy_units import calibration_logs, random_unit
 
 from fdd.identification.experiments.bulk_modulus import bulk_modulus
 from fdd.identification.experiments.outcome import Outcome
-from fdd.identification.oil import air_compliance
 from fdd.identification.record import even_record
 from fdd.plant import oil as plant_oil
+from fdd.residuals.oil import air_compliance
 from fdd.samples import Samples
 from fdd.unit import Unit
 

@@ -10,10 +10,11 @@ from numpy.typing import NDArray
 from scipy.signal import lfilter
 
 from fdd.diagnosis.baseline import add_baseline, effects_of, ledger_of
-from fdd.plant.scenario import Scenario
+from fdd.plant.scenario import Recording, Scenario
 from fdd.plant.simulate import simulate
 from fdd.residuals.balances import BALANCES, LAG_S
 from fdd.residuals.ledger import Ledger
+from fdd.residuals.oil import stiff_compliance
 from fdd.residuals.quantities import Quantities, Scales, settled
 from fdd.residuals.rows import COLUMNS, HOP_ROWS, ROW_S, RowMaker
 from fdd.samples import Samples
@@ -42,11 +43,12 @@ def coefficient(unit: Unit, balance: str, column: str) -> float:
     return float(effects_of(unit)[balance].mean[BALANCES[balance].columns.index(column)])
 
 
-def coefficients(ledger: Ledger, balance: str) -> NDArray[np.float64]:
-    """By all hops of a log, and what any unit may be, (n,)."""
+def coefficients(ledger: Ledger, balance: str) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """By all hops of a log, and what any unit may be, (n,), and their covariance (n, n)."""
     effects, (information, vector) = ledger.effects[balance], ledger.widened()[balance]
     prior = np.diag(1.0 / np.square(3.0 * effects.units))
-    return np.linalg.solve(prior + information.sum(axis=0), prior @ effects.mean + vector.sum(axis=0))
+    covariance = np.linalg.inv(prior + information.sum(axis=0))
+    return covariance @ (prior @ effects.mean + vector.sum(axis=0)), covariance
 
 
 def test_the_pump_moves_what_the_piston_takes(unit: Unit) -> None:
@@ -96,7 +98,7 @@ def test_the_volume_balance_closes_to_a_hundred_cubic_millimetres(unit: Unit) ->
     """Levels of a usual stretch within a hop, on logs that the baseline was not made of."""
     for seed, load in enumerate(LOADS, 61):
         fresh = simulate(Unit.load("axis_a"), Scenario(duration=20.0, load=load, seed=seed)).samples
-        mean = coefficients(ledger_of(fresh, unit, effects_of(unit)), "volume")
+        mean, _ = coefficients(ledger_of(fresh, unit, effects_of(unit)), "volume")
         maker = RowMaker(unit)
         rows = np.concatenate([maker.push(fresh)[1], maker.push(None)[1]])
         q = Quantities(rows, unit, Scales.of(unit))
@@ -117,6 +119,33 @@ def test_the_volume_balance_closes_to_a_hundred_cubic_millimetres(unit: Unit) ->
         assert rest < 0.3 * whole
 
 
+@pytest.mark.parametrize("filled", [0.0, 0.5, 1.0])
+def test_what_a_pump_compresses_is_found(filled: float) -> None:
+    """Test: pumps that move their ports' mean density, their inlet's, and one amid them, of soft oil against
+    a throttled partner. Expected: half of its compression whichever way, and that share of as much again,
+    within three standard deviations (false alarms: 0.3 % each)."""
+    unit = Unit.load("axis_a")
+    unit.oil.bulk_modulus, unit.oil.air_fraction = 6e7, 0.001
+    scenario = Scenario(
+        duration=40.0,
+        duty={"name": "constant_speed", "speeds": [60.0, 120.0, 200.0], "turn": 8.0, "amplitude": 0.05},
+        control={"mode": "speed"},
+        load={"name": "throttle", "pressure": 2.2e6},
+        recording=Recording.perfect(),
+        details={"pump_compression": filled},
+    )
+    ledger = ledger_of(simulate(unit, scenario).samples, unit, effects_of(unit))
+    found, covariance = coefficients(ledger, "volume")
+    # At one temperature what leaks with speed looks the same.
+    scales, columns = Scales.of(unit), BALANCES["volume"].columns
+    half = 0.5 * unit.pump.displacement * stiff_compliance(unit.oil)
+    lost = np.zeros(len(columns))
+    lost[columns.index("filled")], lost[columns.index("wear")] = 1.0, scales.leakage / scales.speed / half
+    std = float(np.sqrt(lost @ covariance @ lost))
+    assert std < 0.25 and abs(float(lost @ found) - filled) < 3.0 * std
+    assert abs(found[columns.index("density")] - 1.0) < 0.2
+
+
 def test_a_leak_is_in_the_leaks_column(unit: Unit) -> None:
     """Twice the leakage across the ports: its coefficient doubles and the oil stays as stiff."""
     more = unit.model_copy(deep=True)
@@ -125,7 +154,7 @@ def test_a_leak_is_in_the_leaks_column(unit: Unit) -> None:
     for name, leaking in (("healthy", unit), ("leaking", more)):
         scenario = Scenario(duration=30.0, load={"name": "spring"}, seed=71)
         ledger = ledger_of(simulate(leaking, scenario).samples, unit, effects_of(unit))
-        found[name] = dict(zip(BALANCES["volume"].columns, coefficients(ledger, "volume"), strict=True))
+        found[name] = dict(zip(BALANCES["volume"].columns, coefficients(ledger, "volume")[0], strict=True))
     extra = unit.pump.cross_port_leakage / Scales.of(unit).leakage
     added = sum(found["leaking"][c] - found["healthy"][c] for c in ("leak", "case"))
     assert added == pytest.approx(extra, rel=0.3)
@@ -220,7 +249,7 @@ def test_friction_is_told_beside_a_mass_whose_pressures_lag() -> None:
         late = {n: lfilter([1.0 - decay], [1.0, -decay], log[n] - log[n][0]) + log[n][0] for n in PRESSURES}
         lags = []
         for samples in (log, Samples(log.time, {n: late.get(n, log[n]) for n in log.channels})):
-            found = coefficients(ledger_of(samples, unit, effects_of(unit)), "force")
+            found, _ = coefficients(ledger_of(samples, unit, effects_of(unit)), "force")
             c = dict(zip(BALANCES["force"].columns, found.tolist(), strict=True))
             assert c["friction_forward"] == pytest.approx(1.0, abs=0.15)
             assert c["friction_reverse"] == pytest.approx(1.0, abs=0.15)
@@ -235,7 +264,7 @@ def test_a_load_cell_tells_gusts_from_friction_whichever_way_it_counts(sign: flo
     log, noise = run.samples, np.random.default_rng(1).normal(0.0, 20.0, len(run.samples))
     force = sign * (1.005 * np.interp(log.time, run.truth.time, run.truth["load_force"]) + 20.0 + noise)
     samples = Samples(log.time, {**{n: log[n] for n in log.channels}, "load_force": force})
-    found = coefficients(ledger_of(samples, unit, effects_of(unit)), "force")
+    found, _ = coefficients(ledger_of(samples, unit, effects_of(unit)), "force")
     c = dict(zip(BALANCES["force"].columns, found.tolist(), strict=True))
     assert c["load_measured"] == pytest.approx(sign / 1.005, abs=0.02)
     assert c["friction_forward"] == pytest.approx(1.0, abs=0.12)

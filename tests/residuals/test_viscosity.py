@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from fdd.plant.oil import viscosity
-from fdd.residuals.viscosity import viscosity_ratio
+from fdd.residuals.oil import viscosity_ratio
 from fdd.unit import Oil, Unit
 
 

@@ -2,7 +2,7 @@
 
 While its valves are shut, what a chamber takes in and the piston does not sweep has compressed its oil: that
 volume over the pressure it raised, times the chamber's volume, is 1/β (eq. 5.19). What changes of it with
-pressure is the free air's: ``1/β(p) = 1/β_oil + α·c(p)`` (eqs 5.20 and 5.21, see `fdd.identification.oil`).
+pressure is the free air's: ``1/β(p) = 1/β_oil + α·c(p)`` (eqs 5.20 and 5.21, see `fdd.residuals.oil`).
 """
 
 from __future__ import annotations
@@ -27,7 +27,6 @@ from fdd.identification.experiments.outcome import (
     points,
 )
 from fdd.identification.identify import BULK_SHARP, LEAST_SIGNAL, Hydraulics, hydraulics
-from fdd.identification.oil import air_compliance, modulus_at, pressure_of_compliance
 from fdd.identification.profile import ProfileWriter
 from fdd.identification.record import Record
 from fdd.identification.volume_steps import (
@@ -42,6 +41,7 @@ from fdd.identification.volume_steps import (
 from fdd.identification.volumes import VOLUME_SPREAD
 from fdd.report import traces as tr
 from fdd.report.plots import Figure
+from fdd.residuals.oil import air_compliance, modulus_at, pressure_of_compliance
 from fdd.unit import Unit
 
 Array = NDArray[np.float64]

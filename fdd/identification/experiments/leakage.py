@@ -13,7 +13,6 @@ from fdd.identification.balance import GROUPS, LEAST_ROWS, fit_theta
 from fdd.identification.experiments.outcome import Outcome, Told, axes, cloud, curve_line, points
 from fdd.identification.identify import LEAKAGE_SHARP
 from fdd.identification.log_balances import LogBalances
-from fdd.identification.oil import viscosity
 from fdd.identification.record import Record
 from fdd.identification.sensors import redundancy_offset
 from fdd.identification.volume_steps import (
@@ -30,6 +29,7 @@ from fdd.identification.volume_steps import (
 )  # fmt: skip
 from fdd.report import traces as tr
 from fdd.report.plots import Figure
+from fdd.residuals.oil import viscosity
 from fdd.unit import Unit
 
 Array = NDArray[np.float64]
