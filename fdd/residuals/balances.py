@@ -175,8 +175,6 @@ def _volume(q: Quantities) -> list[Strand]:
 
 AERATION = 0.025
 """Free air of severity 1: volume at atmospheric pressure over that of oil."""
-
-
 SLIDING_M_S = 1e-3
 """m/s of plastic travel from which a seal slides: what it gave before is taken up (see `_friction`)."""
 LAG_S = 0.01

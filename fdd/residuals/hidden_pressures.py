@@ -140,9 +140,8 @@ def chambers_from_difference(
     drain = 2.0 * unit.pump.case_leakage / viscosity * np.ones_like(known)
     if needs_pilots(unit):
         drain = np.full_like(known, np.inf)
-    oil = np.array([
-        stiff_compliance(unit.oil), unit.oil.air_fraction, unit.oil.polytropic_index, ATMOSPHERE_PA,
-    ])  # fmt: skip
+    air, index = unit.oil.air_fraction, unit.oil.polytropic_index
+    oil = np.array([stiff_compliance(unit.oil), air, index, ATMOSPHERE_PA])
     level, mean = accumulator.copy(), np.empty_like(known)
     fixed = np.array([
         tank.charge_pressure + ATMOSPHERE_PA, tank.gas_volume, tank.refeed_cracking_pressure,

@@ -11,6 +11,7 @@ how a log was cut, nor on its first row.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from itertools import pairwise
@@ -64,10 +65,14 @@ NOISY = ("pressure_difference", "pressure_1", "pressure_2")
 COLUMNS = {name: i for i, name in enumerate((*FAST, *DERIVED, *(f"{n}_noise" for n in NOISY)))}
 NOISE_HOPS, LEAST_SAMPLES = 20, 20
 """Hops whose noise is remembered; samples of a hop that tell it."""
-GAUSS_50 = 0.6745
-"""Median of the absolute value of a standard normal variable."""
-MEDIAN_SPREAD = 1.41
-"""Relative standard deviation of a noise by the median of n second differences, times √n (by simulation)."""
+NOISE_HZ = (80.0, 140.0)
+"""Where a pressure's noise stands above its motion and its transducer's band has not ended (150 Hz: thesis
+Appendix A)."""
+NOISE_SHARE = (0.6, 0.95)
+"""The same where samples come seldom: of half their rate."""
+DENSITY_SPREAD = 0.88
+"""Relative standard deviation of a noise by the median of n bins of a windowed periodogram, times √n (by
+simulation)."""
 LOWER_QUARTILE = np.array(
     [0.0, *(-NormalDist().inv_cdf((n // 4 + 0.6) / (n + 0.2)) for n in range(1, NOISE_HOPS + 1))]
 )
@@ -143,8 +148,8 @@ class RowMaker:
     """The oil's last known temperature: it changes slowly, and is measured seldom."""
     _lags: Array = field(default_factory=lambda: np.full(1 + len(WARMING_S), np.nan))
     """ln Pa and °C: the accumulator's mean pressure, and the oil's two mean temperatures."""
-    _noise: Array = field(default_factory=lambda: np.full((NOISE_HOPS, 2, len(NOISY)), np.nan))
-    """Noise of a pressure's samples in the last hops, Pa: by the samples, and by the means of cells."""
+    _noise: Array = field(default_factory=lambda: np.full((NOISE_HOPS, len(NOISY)), np.nan))
+    """Root of the spectral density of a pressure's noise in the last hops, Pa/√Hz."""
 
     _hidden: Array = field(default_factory=lambda: np.array([np.nan, 0.0, np.nan]))
     _tank: float = np.nan
@@ -266,7 +271,7 @@ class RowMaker:
             begin = np.flatnonzero(np.diff(where, prepend=-1))
             count = np.diff(np.append(begin, where.size)).astype(np.float64)
             out[where[begin]] = np.add.reduceat(taken, begin, axis=0) / count[:, None]
-            self._hiss(taken, where // HOP_ROWS, where[begin], count, out)
+            self._pressure_noise(taken, where // HOP_ROWS, where[begin], count, out)
             seldom = fast & ~dense
             for k in np.flatnonzero(seldom.any(axis=0)):
                 mine = np.flatnonzero(seldom[:, k])
@@ -312,28 +317,26 @@ class RowMaker:
         rate = (warm[:, 0] - warm[:, 1]) / (WARMING_S[1] - WARMING_S[0])
         rows[:, COLUMNS["warming"]] = np.nan_to_num(rate)
 
-    def _hiss(
+    def _pressure_noise(
         self, taken: Array, hop: NDArray[np.int64], cells: NDArray[np.int64], count: Array, out: Array
     ) -> None:
         """Fill the noise (standard deviation, Pa) that the mean of a cell's samples has, at this log's rate.
 
-        A hop's noise is that of second differences: of samples, to which what a mean takes out adds, or of
-        the means, to which fast motion adds; the lesser. Motion only adds, so the lower quartile of the last
-        ten seconds' counts, less what chance alone puts it below.
+        A mean over T takes a band of 1/(2T) of the noise's spectral density. Motion only adds to that of a
+        hop, so the lower quartile of the last ten seconds' counts, less what chance alone puts it below.
         """
         pressures = [COLUMNS[n] for n in NOISY]
         for h in np.unique(hop):
             mine = slice(*np.searchsorted(cells, [h * HOP_ROWS, (h + 1) * HOP_ROWS]))
             samples = taken[slice(*np.searchsorted(hop, [h, h + 1])), :][:, pressures]
+            rate = float(np.median(count[mine])) / ROW_S
             if len(samples) >= LEAST_SAMPLES:
-                means = out[cells[mine]][:, pressures] * np.sqrt(np.median(count[mine]))
-                own = np.stack([_hiss_of(samples), _hiss_of(means)])
-                self._noise = np.concatenate([self._noise[1:], own[None]])
+                self._noise = np.concatenate([self._noise[1:], _root_density(samples, rate)[None]])
             known = np.isfinite(self._noise).sum(axis=0)
             quiet = np.take_along_axis(np.sort(self._noise, axis=0), known[None] // 4, axis=0)[0]
-            below = LOWER_QUARTILE[known] * MEDIAN_SPREAD / np.sqrt([[len(samples)], [count[mine].size]])
-            quiet = (quiet / (1.0 - np.minimum(below, 0.5))).min(axis=0)
-            out[cells[mine], -len(NOISY) :] = quiet / np.sqrt(count[mine, None])
+            bins = max(int(np.sum(_noise_bins(len(samples), rate))), 1)
+            quiet = quiet / (1.0 - np.minimum(LOWER_QUARTILE[known] * DENSITY_SPREAD / math.sqrt(bins), 0.5))
+            out[cells[mine], -len(NOISY) :] = quiet * np.sqrt(0.5 * rate / count[mine, None])
 
     def _turn(self, data: Array) -> None:
         """Where one of the pump's angle and speed is not there, make it from the other."""
@@ -376,9 +379,18 @@ class RowMaker:
         data[known, COLUMNS["friction"]], data[known, COLUMNS["sliding"]] = out, film
 
 
-def _hiss_of(values: Array) -> Array:
-    """Standard deviation of white noise on what moves smoothly, (columns,) of (n, columns); NaN of n < 3."""
-    if len(values) < 3:
-        return np.full(values.shape[1], np.nan)
-    second = np.median(np.abs(np.diff(values, 2, axis=0)), axis=0)
-    return np.asarray(second / (GAUSS_50 * np.sqrt(6.0)))
+def _noise_bins(samples: int, rate: float) -> NDArray[np.bool_]:
+    """Which bins of a periodogram show noise."""
+    frequency = np.arange(samples // 2 + 1) * rate / samples
+    low, high = (min(f, share * 0.5 * rate) for f, share in zip(NOISE_HZ, NOISE_SHARE, strict=True))
+    return (frequency >= low) & (frequency <= high)
+
+
+def _root_density(values: Array, rate: float) -> Array:
+    """Root of a noise's spectral density (columns,), per √Hz, of (n, columns) at a rate (Hz): the median of
+    the periodogram's bins, as the pump's pulses and the mains are lines."""
+    window = np.hanning(len(values))[:, None]
+    spectrum = np.fft.rfft(window * (values - values.mean(axis=0)), axis=0)
+    power = np.square(spectrum.real) + np.square(spectrum.imag)
+    density = np.median(power[_noise_bins(len(values), rate)], axis=0) / math.log(2.0)
+    return np.asarray(np.sqrt(2.0 * density / (rate * np.sum(window**2))))
