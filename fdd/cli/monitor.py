@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from fdd.cli.failures import stopped_by_signals
-from fdd.cli.options import AxisOption, MapOption, ModelOption, UnitOption
+from fdd.cli.options import AxisOption, MapOption, ModelOption, UnitOption, argument, option
 from fdd.errors import InputError
 
 if TYPE_CHECKING:
@@ -27,28 +27,16 @@ STATUS_S = 0.5
 
 
 def monitor(
-    source: Annotated[
-        str,
-        typer.Argument(
-            metavar="SOURCE",
-            help="A log to replay, or - for JSON lines on standard input.",
-            show_default=False,
-        ),
-    ],
+    source: Annotated[str, argument("A log to replay, or - for JSON lines on standard input.", "SOURCE")],
     unit: UnitOption = None,
     map_: MapOption = None,
     model: ModelOption = None,
     axis: AxisOption = None,
     speed: Annotated[str, typer.Option(help="Replay at so many times real time, or max.")] = "1",
     json_: Annotated[bool, typer.Option("--json", help="Print events as JSON lines.")] = False,
-    duration: Annotated[
-        float | None, typer.Option(min=0.0, help="End after so many seconds of data.", show_default=False)
-    ] = None,
+    duration: Annotated[float | None, option("End after so many seconds of data.", min=0.0)] = None,
     state: Annotated[
-        Path | None,
-        typer.Option(
-            help="Keep the state in this file: go on from it, save it every minute.", show_default=False
-        ),
+        Path | None, option("Keep the state in this file: go on from it, save it every minute.")
     ] = None,
 ) -> None:
     """Watch one axis: findings as they come, a summary at the end (or at Ctrl-C)."""
@@ -58,7 +46,7 @@ def monitor(
 
         require_writable(state)
 
-    from fdd.cli.monitor_view import view_of
+    from fdd.cli.monitor_view import TextView, View
     from fdd.diagnosis.model import Model
     from fdd.diagnosis.pipeline import Pipeline
     from fdd.monitor import JsonLines, watch
@@ -74,7 +62,7 @@ def monitor(
     stop = threading.Event()
     clock = WallClock(stop)
     stream = opened.stream(clock, rate, after, offset)
-    view = view_of(json_=json_)
+    view = View() if json_ else TextView()
 
     def keep(last_time: float) -> None:
         assert state is not None

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 from enum import StrEnum
+from importlib import import_module
 from typing import Annotated, Any
 
-import typer
+from fdd.cli.options import argument
 
 
 class Kind(StrEnum):
@@ -20,7 +21,19 @@ class Kind(StrEnum):
     SERVE = "serve"
 
 
-def schema(kind: Annotated[Kind, typer.Argument(help="Of what.", show_default=False)]) -> None:
+MODELS = {
+    Kind.DIAGNOSIS: "fdd.diagnosis.findings:Diagnosis",
+    Kind.COMPARISON: "fdd.history.answers:Comparison",
+    Kind.TREND: "fdd.history.answers:Life",
+    Kind.MAP: "fdd.logs:ChannelMap",
+    Kind.PROFILE: "fdd.unit:Unit",
+    Kind.RECIPE: "fdd.campaign.recipe:Recipe",
+    Kind.SERVE: "fdd.service.config:Serve",
+}
+ANSWERS = (Kind.DIAGNOSIS, Kind.COMPARISON, Kind.TREND)
+
+
+def schema(kind: Annotated[Kind, argument("Of what.")]) -> None:
     """Print the JSON Schema of an answer, a comparison, a trend, a map, a profile, a recipe or serve.yaml."""
     import json
 
@@ -38,44 +51,24 @@ def schema_of(kind: Kind) -> dict[str, Any]:
     >>> schema_of(Kind.DIAGNOSIS)["title"], "verdict" in schema_of(Kind.DIAGNOSIS)["required"]
     ('fdd.diagnosis/1', True)
     """
-    if kind is Kind.DIAGNOSIS:
-        from fdd.diagnosis.findings import Diagnosis
-
-        made = Diagnosis.model_json_schema(mode="serialization")
-    elif kind in (Kind.COMPARISON, Kind.TREND):
-        from fdd.history.answers import Comparison, Life
-
-        model = Comparison if kind is Kind.COMPARISON else Life
-        made = model.model_json_schema(mode="serialization")
-    elif kind is Kind.MAP:
-        made = _map_schema()
-    elif kind is Kind.PROFILE:
-        from fdd.unit import Unit
-
-        made = Unit.model_json_schema()
-    elif kind is Kind.SERVE:
-        from fdd.service.config import Serve
-
-        made = Serve.model_json_schema()
-    else:
-        from fdd.campaign.recipe import Recipe
-
-        made = Recipe.model_json_schema()
+    module, name = MODELS[kind].split(":")
+    model = getattr(import_module(module), name)
+    # Answers are written, the others are read.
+    made = model.model_json_schema(mode="serialization" if kind in ANSWERS else "validation")
+    if kind is Kind.MAP:
+        _allow_flat_channels(made)
     # What the models' docstrings say is for Python.
     made.pop("description", None)
     title = made["properties"]["schema"]["const"]
     return {"$schema": "https://json-schema.org/draft/2020-12/schema", **made, "title": title}
 
 
-def _map_schema() -> dict[str, Any]:
-    """Channels stand below ``channels:`` or at the top level."""
-    from fdd.logs import ChannelMap
+def _allow_flat_channels(made: dict[str, Any]) -> None:
+    """Channels of a map stand below ``channels:`` or at the top level."""
     from fdd.samples import CHANNELS
 
-    made = ChannelMap.model_json_schema()
     source = {"$ref": "#/$defs/ChannelSource"}
     each = dict.fromkeys(CHANNELS, source)
     channels = {"type": "object", "properties": each, "additionalProperties": False}
     made["properties"] |= {"channels": channels, **each}
     del made["required"]
-    return made
