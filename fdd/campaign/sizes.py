@@ -20,7 +20,7 @@ from fdd.data_sheet.accumulator import accumulator_volumes
 from fdd.faults import CATALOGUE
 from fdd.plant.details import Details
 from fdd.plant.faults.scales import FaultScales
-from fdd.plant.oil import ATMOSPHERE
+from fdd.plant.oil import air_compliance
 from fdd.plant.validated import Validated
 from fdd.sensor import CurrentLoop, Sensor
 from fdd.unit import Section, Unit
@@ -113,7 +113,7 @@ def sized_unit(size: Size, rng: Rng, oil_temperatures: Range = OIL_TEMPERATURES)
     thick, thin = _GRADES[int(rng.integers(len(_GRADES)))]
     oil = _changed(
         axis.oil,
-        bulk_modulus=1.0 / (1.0 / stiff + air * _air_compliance(charge, axis.oil.polytropic_index)),
+        bulk_modulus=1.0 / (1.0 / stiff + air * float(air_compliance(charge, axis.oil.polytropic_index))),
         air_fraction=air,
         reference_pressure=charge,
         viscosity_40=thick,
@@ -320,7 +320,7 @@ class Scale:
         laminar = (1.0 - turbulent) * half + turbulent * math.sqrt(_MEGAPASCAL * half)
         times = GROSS_LEAKAGE * flow / laminar / axis["internal_leakage"]
         stuck = STUCK_FLOW * flow * math.sqrt(_MEGAPASCAL / half)
-        soft = _air_compliance(unit.oil.reference_pressure, unit.oil.polytropic_index)
+        soft = float(air_compliance(unit.oil.reference_pressure, unit.oil.polytropic_index))
         factors = {
             "leakage": times,
             "speed_leakage": times / self.turning,
@@ -363,12 +363,6 @@ def _sizes(unit: Unit) -> tuple[float, ...]:
         unit.accumulator.charge_pressure,
         unit.accumulator.refeed_cracking_pressure,
     )
-
-
-def _air_compliance(pressure: float, index: float) -> float:
-    """Compliance (1/Pa) at a gauge pressure per free air at atmospheric pressure (eqs 5.20 and 5.21)."""
-    absolute = pressure + ATMOSPHERE
-    return float((ATMOSPHERE / absolute) ** (1.0 / index) / (index * absolute))
 
 
 def _sensors(axis: Unit, full: float, current: float) -> dict[str, Sensor]:

@@ -20,6 +20,7 @@ from fdd.diagnosis.pipeline import Pipeline
 from fdd.engines import Engine
 from fdd.faults import fault
 from fdd.markdown import table
+from fdd.plant.oil import air_compliance
 from fdd.plant.truth import Truth
 from fdd.unit import Unit
 
@@ -92,10 +93,9 @@ def _reference(truth: Truth, name: str, profile: Unit, true: Unit) -> NDArray[np
     """True leakage, or bulk modulus at the profile's (not the true unit's) reference pressure."""
     if name == "leakage":
         return np.asarray(truth["leakage"])
-    atmosphere, n = 101325.0, true.oil.polytropic_index
 
-    def per_air(p: float) -> float:
-        return float(atmosphere ** (1.0 / n) / (n * (p + atmosphere) ** ((n + 1.0) / n)))
+    def per_air(pressure: float) -> float:
+        return float(air_compliance(pressure, true.oil.polytropic_index))
 
     at_true = 1.0 / np.asarray(truth["bulk_modulus"])
     stiff = 1.0 / true.oil.bulk_modulus - true.oil.air_fraction * per_air(true.oil.reference_pressure)

@@ -5,26 +5,18 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Annotated
 
-from fdd.cli.options import (
-    AxisOption,
-    JsonOption,
-    MapOption,
-    ReportOption,
-    UnitOption,
-    argument,
-    require_outputs,
-    write_json,
-)
+from fdd.cli import options
+from fdd.cli.options import argument, require_outputs, write_json
 
 
 def compare(
     a: Annotated[Path, argument("The log before.", "A")],
     b: Annotated[Path, argument("The log after.", "B")],
-    unit: UnitOption = None,
-    map_: MapOption = None,
-    axis: AxisOption = None,
-    json_: JsonOption = None,
-    report: ReportOption = None,
+    unit: options.UnitOption = None,
+    map_: options.MapOption = None,
+    axis: options.AxisOption = None,
+    json_: options.JsonOption = None,
+    report: options.ReportOption = None,
 ) -> None:
     """Tell what changed between two logs of a unit: estimates, balances, duty and spectra."""
     from fdd.cli.console import output, progress

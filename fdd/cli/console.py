@@ -17,7 +17,7 @@ from fdd.progress import Advance
 
 PATIENCE_S = 2.0
 """Nothing is shown of what is done sooner."""
-NARROW = {"show_edge": False, "pad_edge": False}
+NARROW: dict[str, Any] = {"show_edge": False, "pad_edge": False}
 """Shape of a table without margins."""
 
 

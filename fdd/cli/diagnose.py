@@ -11,20 +11,8 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from fdd.cli.options import (
-    AxisOption,
-    EngineOption,
-    FolderOption,
-    JsonOption,
-    MapOption,
-    ModelOption,
-    UnitOption,
-    WorkersOption,
-    argument,
-    option,
-    require_outputs,
-    write_json,
-)
+from fdd.cli import options
+from fdd.cli.options import argument, option, require_outputs, write_json
 from fdd.errors import InputError
 
 if TYPE_CHECKING:
@@ -45,10 +33,10 @@ def diagnose(
         argument("Files, folders (all logs below), quoted patterns such as 'runs/*.csv', or @list.txt.",
                  "LOG..."),
     ],
-    unit: UnitOption = None,
-    map_: MapOption = None,
-    model: ModelOption = None,
-    json_: JsonOption = None,
+    unit: options.UnitOption = None,
+    map_: options.MapOption = None,
+    model: options.ModelOption = None,
+    json_: options.JsonOption = None,
     report: Annotated[
         str | None,
         option("Write a report; for several logs a folder or a name with {log}.", metavar="FILE.html"),
@@ -57,7 +45,7 @@ def diagnose(
         str | None,
         option("Write the log with its diagnosis; for several as --report.", metavar="FILE.mcap"),
     ] = None,
-    axis: AxisOption = None,
+    axis: options.AxisOption = None,
     prior: Annotated[
         float | None,
         option(
@@ -75,12 +63,12 @@ def diagnose(
         option("Ask a classifier that fdd train --classifier wrote, too; its opinion stands beside ours.",
                metavar="FILE.skops"),
     ] = None,
-    output_: FolderOption = None,
+    output_: options.FolderOption = None,
     resume: Annotated[
         bool, option("Keep what --output holds of unchanged logs and settings.", "--resume")
     ] = False,
-    workers: WorkersOption = None,
-    engine: EngineOption = "local",
+    workers: options.WorkersOption = None,
+    engine: options.EngineOption = "local",
     exit_code: Annotated[
         bool,
         option("Exit with 1 for a fault, else 2 for an unreadable log, else 3 if inconclusive.",

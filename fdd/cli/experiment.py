@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from enum import StrEnum
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
 
@@ -16,29 +15,7 @@ if TYPE_CHECKING:
     from fdd.unit import Unit
 
 
-class Experiment(StrEnum):
-    """What there is to find out."""
-
-    FREQUENCY_RESPONSE = "frequency-response"
-    FRICTION = "friction"
-    LEAKAGE = "leakage"
-    GAIN = "gain"
-    BULK_MODULUS = "bulk-modulus"
-
-
-class Input(StrEnum):
-    """Of a frequency response."""
-
-    PUMP_SPEED = "pump_speed"
-    COMMAND = "command"
-
-
-class Output(StrEnum):
-    """Of a frequency response."""
-
-    RATE = "rate"
-    POSITION = "position"
-    PRESSURE_DIFFERENCE = "pressure_difference"
+Experiment = Literal["frequency-response", "friction", "leakage", "gain", "bulk-modulus"]
 
 
 def experiment(
@@ -55,10 +32,13 @@ def experiment(
         str | None,
         option("Write figures and curves as JSON; - is standard output.", "--json", metavar="FILE|-"),
     ] = None,
-    given: Annotated[Input, typer.Option("--input", help="Of the frequency response.")] = Input.PUMP_SPEED,
+    given: Annotated[
+        Literal["pump_speed", "command"], typer.Option("--input", help="Of the frequency response.")
+    ] = "pump_speed",
     caused: Annotated[
-        Output, typer.Option("--output", help="Of the frequency response; rate is the piston's velocity.")
-    ] = Output.RATE,
+        Literal["rate", "position", "pressure_difference"],
+        typer.Option("--output", help="Of the frequency response; rate is the piston's velocity."),
+    ] = "rate",
     order: Annotated[
         int | None, option("Poles of its models; by BIC from 1 to 4 else.", min=1, max=8)
     ] = None,
@@ -81,10 +61,8 @@ def experiment(
     require_outputs(json_, html)
     profile = Unit.load(unit)
     read = read_logs(logs, None if map_ is None else ChannelMap.load(map_), axis)
-    with progress(f"{kind.value} of {len(read)} logs"):
-        found = _run(
-            kind, read, logs, profile, given=given.value, caused=caused.value, order=order, window_s=window
-        )
+    with progress(f"{kind} of {len(read)} logs"):
+        found = _run(kind, read, logs, profile, given=given, caused=caused, order=order, window_s=window)
     names = [path.name for path in logs]
     if html is not None:
         from fdd.report.experiment import experiment_page
@@ -112,10 +90,10 @@ def _run(kind: Experiment, logs: list[Log], paths: list[Path], unit: Unit, **of_
     from fdd.identification.record import even_record
 
     records = [even_record(log.samples, unit, str(path)) for log, path in zip(logs, paths, strict=True)]
-    if kind is Experiment.FREQUENCY_RESPONSE:
+    if kind == "frequency-response":
         return frequency_response(records, unit, **of_response)
     others = {"friction": friction, "leakage": leakage, "gain": gain, "bulk-modulus": bulk_modulus}
-    return others[kind.value](records, unit)
+    return others[kind](records, unit)
 
 
 def _print(found: Outcome) -> None:

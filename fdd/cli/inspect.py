@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from fdd.logs.inspection import SignalView
 
 
-def inspect_log(
+def inspect(
     log: Annotated[Path, argument("A log of any format.", "LOG")],
     html: Annotated[Path | None, option("Write a page with a picture of each signal.")] = None,
 ) -> None:
@@ -25,13 +25,13 @@ def inspect_log(
     from fdd.files import require_writable, write_text
     from fdd.logs.formats import open_log
     from fdd.logs.formats.registry import format_of
-    from fdd.logs.inspection import inspect
+    from fdd.logs.inspection import inspect as inspected
 
     if html is not None:
         require_writable(html)
     with progress(f"reading {log.name}"):
         opened = open_log(log)
-        views = inspect(opened)
+        views = inspected(opened)
     console = output()
     kind = format_of(log).name
     console.print(f"{log.name}: {kind}, {len(views)} signals, {log.stat().st_size / 1e6:.3g} MB")

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from fdd.logs.mapping import Proposal, Question
 
 
-def propose_map(
+def map(
     logs: Annotated[
         list[Path], argument("Logs of one rig, of any format; the first is looked at.", "LOG...")
     ],

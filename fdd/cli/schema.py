@@ -2,35 +2,22 @@
 
 from __future__ import annotations
 
-from enum import StrEnum
 from importlib import import_module
-from typing import Annotated, Any
+from typing import Annotated, Any, Literal
 
 from fdd.cli.options import argument
 
-
-class Kind(StrEnum):
-    """What there is a schema of."""
-
-    DIAGNOSIS = "diagnosis"
-    COMPARISON = "comparison"
-    TREND = "trend"
-    MAP = "map"
-    PROFILE = "profile"
-    RECIPE = "recipe"
-    SERVE = "serve"
-
-
-MODELS = {
-    Kind.DIAGNOSIS: "fdd.diagnosis.findings:Diagnosis",
-    Kind.COMPARISON: "fdd.history.answers:Comparison",
-    Kind.TREND: "fdd.history.answers:Life",
-    Kind.MAP: "fdd.logs:ChannelMap",
-    Kind.PROFILE: "fdd.unit:Unit",
-    Kind.RECIPE: "fdd.campaign.recipe:Recipe",
-    Kind.SERVE: "fdd.service.config:Serve",
+Kind = Literal["diagnosis", "comparison", "trend", "map", "profile", "recipe", "serve"]
+MODELS: dict[Kind, str] = {
+    "diagnosis": "fdd.diagnosis.findings:Diagnosis",
+    "comparison": "fdd.history.answers:Comparison",
+    "trend": "fdd.history.answers:Life",
+    "map": "fdd.logs:ChannelMap",
+    "profile": "fdd.unit:Unit",
+    "recipe": "fdd.campaign.recipe:Recipe",
+    "serve": "fdd.service.config:Serve",
 }
-ANSWERS = (Kind.DIAGNOSIS, Kind.COMPARISON, Kind.TREND)
+ANSWERS = ("diagnosis", "comparison", "trend")
 
 
 def schema(kind: Annotated[Kind, argument("Of what.")]) -> None:
@@ -48,14 +35,14 @@ def schema_of(kind: Kind) -> dict[str, Any]:
 
     Examples
     --------
-    >>> schema_of(Kind.DIAGNOSIS)["title"], "verdict" in schema_of(Kind.DIAGNOSIS)["required"]
+    >>> schema_of("diagnosis")["title"], "verdict" in schema_of("diagnosis")["required"]
     ('fdd.diagnosis/1', True)
     """
     module, name = MODELS[kind].split(":")
     model = getattr(import_module(module), name)
     # Answers are written, the others are read.
     made = model.model_json_schema(mode="serialization" if kind in ANSWERS else "validation")
-    if kind is Kind.MAP:
+    if kind == "map":
         _allow_flat_channels(made)
     # What the models' docstrings say is for Python.
     made.pop("description", None)

@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 import os
-from enum import StrEnum
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
@@ -19,11 +18,7 @@ if TYPE_CHECKING:
     from fdd.campaign.train import ScoredLog
 
 
-class Target(StrEnum):
-    """What a classifier tells."""
-
-    FAMILY = "family"
-    FAULT = "fault"
+Target = Literal["family", "fault"]
 
 
 def train(
@@ -37,7 +32,7 @@ def train(
             metavar="NAME|MODULE:FUNCTION",
         ),
     ] = None,
-    target: Annotated[Target, typer.Option(help="What a classifier is to tell.")] = Target.FAMILY,
+    target: Annotated[Target, typer.Option(help="What a classifier is to tell.")] = "family",
     spreads: Annotated[
         bool,
         typer.Option(
@@ -100,9 +95,9 @@ def _train_classifier(
     for folder in datasets:
         with counted(f"features of {folder.name}") as step:
             sets.append(with_features(folder, workers=workers, progress=step))
-    stored, judged = train_classifier(name, sets, target.value)
+    stored, judged = train_classifier(name, sets, target)
     save_classifier(stored, out)
-    output().print(_counts(judged.confusion, f"Held-out rows by true {target.value} and answer"))
+    output().print(_counts(judged.confusion, f"Held-out rows by true {target} and answer"))
     print(
         f"On {judged.rows} rows of {judged.units} units that it has not seen: "
         f"accuracy {judged.accuracy:.2f}, macro-F1 {judged.macro_f1:.2f}, "

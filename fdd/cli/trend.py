@@ -9,20 +9,8 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from fdd.cli.options import (
-    AxisOption,
-    FolderOption,
-    JsonOption,
-    MapOption,
-    ReportOption,
-    UnitOption,
-    WorkersOption,
-    argument,
-    option,
-    require_outputs,
-    require_packages,
-    write_json,
-)
+from fdd.cli import options
+from fdd.cli.options import argument, option, require_outputs, require_packages, write_json
 from fdd.errors import InputError
 
 if TYPE_CHECKING:
@@ -43,9 +31,9 @@ def trend(
         argument("Logs as fdd diagnose takes them, the answers.jsonl that it wrote, or fdd serve's store "
                  "(sqlite:///fdd.db).", "LOG...|STORE"),
     ],
-    unit: UnitOption = None,
-    map_: MapOption = None,
-    axis: AxisOption = None,
+    unit: options.UnitOption = None,
+    map_: options.MapOption = None,
+    axis: options.AxisOption = None,
     limit: Annotated[
         list[str] | None,
         option("How far a quantity may go, as factor of the profile's; what severity 1 makes of it else.",
@@ -54,10 +42,10 @@ def trend(
     since: Annotated[
         str | None, option("Of a store: its last hours (h), days (d) or weeks (w).", metavar="30d")
     ] = None,
-    output_: FolderOption = None,
-    json_: JsonOption = None,
-    report: ReportOption = None,
-    workers: WorkersOption = None,
+    output_: options.FolderOption = None,
+    json_: options.JsonOption = None,
+    report: options.ReportOption = None,
+    workers: options.WorkersOption = None,
 ) -> None:  # fmt: skip
     """Tell where a unit is going: each estimate over its logs, and when it comes to its limit."""
     from fdd.cli.console import output
