@@ -25,17 +25,8 @@ THROTTLED_PRESSURE = (2.1e6, 2.8e6)
 def calibration_runs(recipe: Recipe, rig: Rig, rng: np.random.Generator) -> list[Scenario]:
     """The runs of one calibration: free strokes, multi-sine, throttled strokes; about 75 s together.
 
-    One after the other, on the same oil. A run keeps its duty and load, hence three.
-
-    Parameters
-    ----------
-    recipe : of the data set.
-    rig : its stroke, drive and relief valve bound the runs.
-    rng : the unit's stream for this purpose.
-
-    Returns
-    -------
-    (3,) scenarios without faults.
+    One after the other, on the same oil, within the rig's stroke, drive and relief valve. A run keeps its
+    duty and load, hence three.
     """
     unit = rig.unit
     reach = 0.65 * 0.5 * unit.cylinder.stroke

@@ -124,11 +124,6 @@ class Dataset:
     recipe : what it was made from.
     manifest : its name, version, seed, size and hash.
     logs : entries, by unit and number.
-
-    Examples
-    --------
-    >>> data = Dataset.load("smoke")  # doctest: +SKIP
-    >>> [(e.unit, e.family) for e in data.logs]  # doctest: +SKIP
     """
 
     directory: Path
@@ -172,6 +167,11 @@ class Dataset:
             raise InputError("not a list of labels", where=directory / LABELS, mend=mend)
         logs = tuple(_read(Entry, e, directory / LABELS) for e in entries)
         return cls(directory, Recipe.from_yaml(recipe_text, where=directory / RECIPE), manifest, logs)
+
+    @property
+    def described(self) -> str:
+        """Name, seed and size, in a few words."""
+        return f"{self.recipe.name} (seed {self.recipe.seed}, {len(self.units)} units, {len(self.logs)} logs)"
 
     @property
     def units(self) -> tuple[str, ...]:

@@ -88,21 +88,9 @@ def stream(recipe: Recipe, purpose: str, *indices: int) -> Rng:
 def draw_unit(recipe: Recipe, rng: Rng, index: int) -> Rig:
     """Draw unit `index`: its base's parameters, each varied on its own, and its plant's details.
 
-    Parameters
-    ----------
-    recipe : bases, variation and the sensors' errors.
-    rng : the unit's stream.
-    index : chooses the base, in turn, and the name.
-
     Raises
     ------
     InputError : a base that is no profile.
-
-    Examples
-    --------
-    >>> recipe = Recipe(schema="fdd.recipe/1", healthy_share=1.0)
-    >>> draw_unit(recipe, stream(recipe, "unit", 3), 3).unit.name
-    'unit_003'
     """
     base = recipe.bases[index % len(recipe.bases)]
     structure, scale, recording = structure_of(recipe, index), None, recipe.recording
@@ -224,19 +212,7 @@ def assign_faults(recipe: Recipe) -> list[tuple[str, ...]]:
 def draw_scenario(recipe: Recipe, rig: Rig, rng: Rng, faults: tuple[str, ...] = ()) -> Scenario:
     """Draw one log's scenario: load, duty, conditions and the given faults.
 
-    Parameters
-    ----------
-    recipe : weights and ranges.
-    rig : bounds amplitude by its stroke, speed by its drive and force by its relief valve.
-    rng : the log's stream.
-    faults : ids, from `assign_faults`.
-
-    Examples
-    --------
-    >>> recipe = Recipe(schema="fdd.recipe/1", healthy_share=1.0)
-    >>> rig = draw_unit(recipe, stream(recipe, "unit", 0), 0)
-    >>> draw_scenario(recipe, rig, stream(recipe, "log", 0, 0, 0)).faults
-    []
+    The rig bounds amplitude by its stroke, speed by its drive and force by its relief valve.
     """
     duration = round(float(rng.uniform(*recipe.duration)), 3)
     load_name = chosen(rng, recipe.loads)

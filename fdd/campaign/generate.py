@@ -89,24 +89,15 @@ def generate(
 
     Parameters
     ----------
-    recipe : what to make.
     directory : of the data set; made if need be. If it holds the beginning of the same data set,
         its finished logs are kept.
     workers, engine : see `fdd.engines.map_unordered`. A script that asks for more workers than one must keep
         its call under ``if __name__ == "__main__":``, as processes are spawned.
     progress : called with (done, total) after each run, baselines included.
 
-    Returns
-    -------
-    directory, as a path.
-
     Raises
     ------
     InputError : the folder holds something else, can't be written, or a scenario can't be simulated.
-
-    Examples
-    --------
-    >>> generate(Recipe.load("datasets/smoke.yaml"), "smoke", workers=2)  # doctest: +SKIP
     """
     if workers is not None and workers < 1:
         raise InputError(f"{workers} workers", mend="use 1 or more")

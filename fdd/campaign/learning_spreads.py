@@ -32,10 +32,6 @@ def learn_spreads(
 ) -> Spreads:
     """Learn from healthy logs and healthy twins of data sets with baselines.
 
-    Parameters
-    ----------
-    directories : of the data sets. workers : processes. progress : (done, total) units.
-
     Raises
     ------
     InputError : not a data set, without baselines, or too few units.
@@ -48,7 +44,6 @@ def learn_spreads(
             mend="leave --spreads out, or generate more units",
         )
     places = [str(data.directory) for data in sets]
-
     told = for_each_unit(partial(_equations, places), units, workers=workers, progress=progress)
     data = ", ".join(f"{d.recipe.name} (seed {d.recipe.seed}, {len(d.units)} units)" for d in sets)
     return spreads_of(told, data)
@@ -58,12 +53,7 @@ Equations = dict[str, UnitLogs]
 
 
 def spreads_of(units: Sequence[Equations], data: str) -> Spreads:
-    """Fit each balance to what units' logs tell of it.
-
-    Parameters
-    ----------
-    units : balance to logs, of each unit. data : what they are, in words.
-    """
+    """Fit each balance to what units' logs tell of it; `data` says in words what they are."""
     before = shipped_spreads()
     out = {}
     for name, old in before.balances.items():

@@ -130,10 +130,6 @@ def with_features(
 ) -> LabelledData:
     """A data set with its features: those in its folder, or made now where none of this version are there.
 
-    Parameters
-    ----------
-    workers, progress : see `fdd.campaign.feature_table.feature_table`.
-
     Raises
     ------
     InputError : not a data set, without baselines, or features of other data in its folder.

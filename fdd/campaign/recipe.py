@@ -277,11 +277,6 @@ class Recipe(Validated):
         Raises
         ------
         InputError : no such file, not a recipe, or a field that is not possible.
-
-        Examples
-        --------
-        >>> Recipe.load("datasets/training.yaml").seed  # doctest: +SKIP
-        2026
         """
         path = Path(path)
         mend = "give a YAML file, see datasets/README.md"

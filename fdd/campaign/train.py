@@ -71,7 +71,6 @@ def train(
 
     Parameters
     ----------
-    directories : of data sets with baselines. workers : processes. progress : (done, total) units.
     spreads : what healthy units and logs differ by, of `learn_spreads`; None takes the shipped ones.
 
     Raises
@@ -82,10 +81,7 @@ def train(
     units = [f"{k}/{unit}" for k, data in enumerate(sets) for unit in data.units]
     work = partial(_scored, [str(data.directory) for data in sets], spreads)
     logs = for_each_unit(work, units, workers=workers, progress=progress)
-    names = [
-        f"{d.recipe.name} (seed {d.recipe.seed}, {len(d.units)} units, {len(d.logs)} logs)" for d in sets
-    ]
-    model = learnt(logs, ", ".join(names))
+    model = learnt(logs, ", ".join(d.described for d in sets))
     model.spreads = spreads
     return model, logs
 

@@ -62,11 +62,6 @@ def for_each_unit(
     ------
     InputError : the last unit's, where all refuse. A unit that refuses alone, as a baseline that cannot be
         identified, is left out with a warning.
-
-    Examples
-    --------
-    >>> for_each_unit(list, ["ab", "c"])
-    ['a', 'b', 'c']
     """
     found: dict[int, list[Result]] = {}
     refused: list[InputError] = []

@@ -21,17 +21,17 @@ def compare(
     """Tell what changed between two logs of a unit: estimates, balances, duty and spectra."""
     from fdd.cli.console import output, progress
     from fdd.cli.tables import print_sheet
-    from fdd.cli.which_logs import names_of
+    from fdd.cli.which_logs import jobs_of
     from fdd.files import write_text
     from fdd.history.compare import Side
     from fdd.history.compare import compare as compared
     from fdd.history.compare_view import compare_sheet, compare_tables, verdict_lines
-    from fdd.offline.diagnoser import Diagnoser, Job, Settings
+    from fdd.offline.diagnoser import Diagnoser, Settings
     from fdd.offline.unit_of_log import unit_of
 
     require_outputs(json_, report)
     diagnoser = Diagnoser(Settings(unit, map_, None, axis))
-    jobs = [Job(path, name) for path, name in zip((a, b), names_of([a, b]), strict=True)]
+    jobs = jobs_of([a, b])
     logs = [diagnoser.read(job) for job in jobs]
     notes = []
     if diagnoser.unit is None:  # the profile in log A, or the default, is for both

@@ -49,7 +49,6 @@ def progress(title: str, total: float | None = None) -> Iterator[Advance]:
 
     Parameters
     ----------
-    title : what is being done.
     total : of what the function given is told; None shows a spinner only.
 
     Yields

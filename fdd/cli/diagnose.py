@@ -164,12 +164,10 @@ def status_of(answers: Sequence[Diagnosis]) -> int:
 def _jobs(
     logs: list[Path], reports: list[Path], mcaps: list[Path], folder: AnswersFolder | None
 ) -> list[Job]:
-    from fdd.cli.which_logs import file_names, names_of
-    from fdd.offline.diagnoser import Job
+    from fdd.cli.which_logs import file_names, jobs_of
 
-    names = names_of(logs)
-    jobs = [Job(path, name) for path, name in zip(logs, names, strict=True)]
-    for k, name in enumerate(file_names(names)):
+    jobs = jobs_of(logs)
+    for k, name in enumerate(file_names([job.name for job in jobs])):
         jobs[k] = replace(
             jobs[k],
             report=reports[k] if reports else None,

@@ -144,11 +144,11 @@ def _answers(
         return _read_answers(files, settings)
     from fdd.cli.batch import worked
     from fdd.cli.console import progress
-    from fdd.cli.which_logs import find_logs, names_of
-    from fdd.offline.diagnoser import Diagnoser, Job
+    from fdd.cli.which_logs import find_logs, jobs_of
+    from fdd.offline.diagnoser import Diagnoser
 
     paths = find_logs(logs, leave_out=leave_out)
-    jobs = [Job(path, name) for path, name in zip(paths, names_of(paths), strict=True)]
+    jobs = jobs_of(paths)
     diagnoser = Diagnoser(settings)
     found: dict[int, Diagnosis] = {}
     with progress(f"diagnosing {len(jobs)} logs", len(jobs)) as advance:

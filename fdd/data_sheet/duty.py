@@ -24,12 +24,5 @@ def read_duty(path: str | Path) -> Answers:
     Raises
     ------
     InputError : no such file, not flat, an unknown or missing key, or a figure that cannot be.
-
-    Examples
-    --------
-    >>> read_duty("none.yaml")
-    Traceback (most recent call last):
-    ...
-    fdd.errors.InputError: none.yaml: no such duty file; give a YAML or JSON file with one answer a line
     """
     return read_answers(path, DUTY, "duty file")

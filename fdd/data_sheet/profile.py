@@ -29,13 +29,7 @@ WINDING_TIME = 14e-3 / 1.04
 def typed_unit(answers: Answers) -> Unit:
     """The base profile that a data sheet's answers make; for `fdd identify` to start from.
 
-    Parameters
-    ----------
-    answers : with every needed key, SI.
-
-    Returns
-    -------
-    Unit : each number with its source, and the usual error of such sheets as its standard deviation.
+    Each number has its source, and the usual error of such sheets as its standard deviation.
 
     Raises
     ------

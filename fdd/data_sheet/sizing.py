@@ -71,11 +71,7 @@ class Sizing:
 
 
 def sized(duty: Answers) -> Sizing:
-    """Size one circuit of an actuator.
-
-    Parameters
-    ----------
-    duty : as `fdd.data_sheet.duty.read_duty` reads it.
+    """Size one circuit of an actuator, from what `fdd.data_sheet.duty.read_duty` reads.
 
     Raises
     ------

@@ -11,12 +11,7 @@ _WIDTH, _HEIGHT, _POINTS = 320, 48, 240
 
 
 def inspection_page(name: str, kind: str, views: list[SignalView]) -> str:
-    """The page as HTML.
-
-    Parameters
-    ----------
-    name : of the log. kind : its format. views : of its signals.
-    """
+    """The page of a log of that name and format, as HTML."""
     return template("inspection.html").render(
         name=name, kind=kind, views=views, lines={v.name: course(v) for v in views}, width=_WIDTH,
         height=_HEIGHT,

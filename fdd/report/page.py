@@ -38,10 +38,6 @@ def render_report(
 
     Parameters
     ----------
-    diagnosis : the answer.
-    trajectories : what is behind it over time (SI).
-    samples : the log that was diagnosed.
-    unit : the profile it was diagnosed with.
     settings : what the diagnosis was run with, name to value, shown as they are.
     alone : the page holds plotly.js (0.7 MB); else it loads the one beside it, see `plotly.write_bundle`.
     made : when; now, where None.
@@ -116,10 +112,6 @@ def write_report(
     Raises
     ------
     InputError : the folder does not exist or cannot be written to.
-
-    Examples
-    --------
-    >>> write_report("run.html", diagnosis, trajectories, samples, unit, {})  # doctest: +SKIP
     """
     write_text(path, render_report(diagnosis, trajectories, samples, unit, settings, alone=alone))
 
