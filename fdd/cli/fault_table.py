@@ -37,13 +37,3 @@ def fault_table() -> Table:
         for law, words in entry.laws.items():
             table.add_row(Text(f"  law={law}"), "", Text(words))
     return table
-
-
-def show_faults() -> None:
-    """Print the catalogue on standard output."""
-    from fdd.cli.console import output
-
-    console = output()
-    if not console.is_terminal:
-        console.width = WIDTH_IN_A_FILE
-    console.print(fault_table())

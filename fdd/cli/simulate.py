@@ -16,9 +16,13 @@ RIG, CONDITIONS, RECORDING = "Load, control and circuit", "Conditions", "Recordi
 
 def _list_faults(wanted: bool) -> None:
     if wanted:
-        from fdd.cli.fault_table import show_faults
+        from fdd.cli.console import output
+        from fdd.cli.fault_table import WIDTH_IN_A_FILE, fault_table
 
-        show_faults()
+        console = output()
+        if not console.is_terminal:
+            console.width = WIDTH_IN_A_FILE
+        console.print(fault_table())
         raise typer.Exit(0)
 
 
