@@ -7,7 +7,6 @@ unless `Recipe.ranges` overrides them.
 
 from __future__ import annotations
 
-import hashlib
 import operator
 from collections.abc import Callable
 from functools import partial
@@ -295,11 +294,6 @@ class Recipe(Validated):
         """The whole recipe, defaults filled in; `from_yaml` gives the same recipe back."""
         plain = self.model_dump(mode="json", by_alias=True)
         return yaml_of(plain)
-
-    @property
-    def sha256(self) -> str:
-        """Of `to_yaml`: the same for recipes that make the same data."""
-        return hashlib.sha256(self.to_yaml().encode()).hexdigest()
 
 
 def _known(field: str, given: dict[str, Any], known: tuple[str, ...]) -> None:
