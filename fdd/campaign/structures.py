@@ -81,6 +81,11 @@ class Structure(Departure):
     sensors : channel to field to range: noise, resolution, bandwidth_hz.
     rate, speed, channels : of the log, see `fdd.plant.sensors.recording.Recording`.
     baseline_kind : None takes the recipe's.
+
+    Examples
+    --------
+    >>> Structure(name="slow", details={"check_lag": [0.005, 0.02], "friction_law": "dahl"}).rate
+    1000
     """
 
     base: str | None = None
