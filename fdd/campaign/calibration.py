@@ -25,17 +25,8 @@ THROTTLED_PRESSURE = (2.1e6, 2.8e6)
 def calibration_runs(recipe: Recipe, rig: Rig, rng: np.random.Generator) -> list[Scenario]:
     """The runs of one calibration: free strokes, multi-sine, throttled strokes; about 75 s together.
 
-    One after the other, on the same oil. A run keeps its duty and load, hence three.
-
-    Parameters
-    ----------
-    recipe : of the data set.
-    rig : its stroke, drive and relief valve bound the runs.
-    rng : the unit's stream for this purpose.
-
-    Returns
-    -------
-    (3,) scenarios without faults.
+    One after the other, on the same oil, within the rig's stroke, drive and relief valve. A run keeps its
+    duty and load, hence three.
     """
     unit = rig.unit
     reach = 0.65 * 0.5 * unit.cylinder.stroke
@@ -49,46 +40,18 @@ def calibration_runs(recipe: Recipe, rig: Rig, rng: np.random.Generator) -> list
     )
     temperature = float(rng.uniform(30.0, 42.0))
     charge = float(rng.uniform(0.9, 1.1))
+    free = ConstantSpeed(amplitude=reach, speeds=speeds, turn=turn, dwell=0.4, lead_in=1.0)
+    low, high = MULTI_SINE_HZ
+    sines = Sines(speed=0.9 * unit.drive.max_speed, low_hz=low, high_hz=high, count=10, tilt=0.5)
+    slow = ConstantSpeed(amplitude=0.8 * reach, speeds=THROTTLED_SPEEDS, turn=10.0, dwell=0.4, lead_in=1.0)
     plans: list[tuple[float, AnyDuty, AnyLoad]] = [
-        (
-            3.0 * turn + 1.0,
-            ConstantSpeed(amplitude=reach, speeds=speeds, turn=turn, dwell=0.4, lead_in=1.0),
-            NoLoad(),
-        ),
-        (
-            15.0,
-            Sines(
-                speed=0.9 * unit.drive.max_speed,
-                low_hz=MULTI_SINE_HZ[0],
-                high_hz=MULTI_SINE_HZ[1],
-                count=10,
-                tilt=0.5,
-            ),
-            NoLoad(),
-        ),
-        (
-            31.0,
-            ConstantSpeed(amplitude=0.8 * reach, speeds=THROTTLED_SPEEDS, turn=10.0, dwell=0.4, lead_in=1.0),
-            ThrottleLoad(pressure=drop),
-        ),
+        (3.0 * turn + 1.0, free, NoLoad()),
+        (15.0, sines, NoLoad()),
+        (31.0, slow, ThrottleLoad(pressure=drop)),
     ]
     runs: list[Scenario] = []
     for duration, duty, load in plans:
-        runs.append(
-            Scenario(
-                unit=unit.name,
-                duration=round(duration, 3),
-                duty=duty,
-                control=Control(mode="speed"),
-                load=load,
-                oil_temperature=temperature,
-                warming=0.02,
-                charge_factor=charge,
-                recording=rig.recording,
-                details=rig.details,
-                seed=int(rng.integers(0, 2**62)),
-            )
-        )
+        runs.append(_run(rig, rng, duration, duty, load, temperature, 0.02, charge))
         temperature += 0.02 * duration
     return runs
 
@@ -99,20 +62,21 @@ def ordinary_strokes(rig: Rig, rng: np.random.Generator) -> Scenario:
     reach = 0.65 * 0.5 * unit.cylinder.stroke
     per_rad = unit.pump.displacement / unit.cylinder.area_1
     speeds = tuple(share * unit.drive.max_speed for share in ORDINARY_SPEEDS)
-    turns = [float(np.clip(4.4 * reach / (s * per_rad), 6.0, 20.0)) for s in speeds]
-    turn = max(turns)
+    turn = max(float(np.clip(4.4 * reach / (s * per_rad), 6.0, 20.0)) for s in speeds)
+    duty = ConstantSpeed(amplitude=reach, speeds=speeds, turn=turn, dwell=0.4, lead_in=1.0)
+    temperature, charge = float(rng.uniform(30.0, 42.0)), float(rng.uniform(0.9, 1.1))
+    return _run(rig, rng, len(speeds) * turn + 1.0, duty, NoLoad(), temperature, 0.01, charge)
+
+
+def _run(
+    rig: Rig, rng: np.random.Generator, duration: float, duty: AnyDuty, load: AnyLoad, temperature: float,
+    warming: float, charge: float,
+) -> Scenario:  # fmt: skip
     return Scenario(
-        unit=unit.name,
-        duration=round(len(speeds) * turn + 1.0, 3),
-        duty=ConstantSpeed(amplitude=reach, speeds=speeds, turn=turn, dwell=0.4, lead_in=1.0),
-        control=Control(mode="speed"),
-        oil_temperature=float(rng.uniform(30.0, 42.0)),
-        warming=0.01,
-        charge_factor=float(rng.uniform(0.9, 1.1)),
-        recording=rig.recording,
-        details=rig.details,
-        seed=int(rng.integers(0, 2**62)),
-    )
+        unit=rig.unit.name, duration=round(duration, 3), duty=duty, control=Control(mode="speed"), load=load,
+        oil_temperature=temperature, warming=warming, charge_factor=charge, recording=rig.recording,
+        details=rig.details, seed=int(rng.integers(0, 2**62)),
+    )  # fmt: skip
 
 
 def _throttle_for(unit: Unit, pressure: float) -> float:

@@ -6,7 +6,7 @@ import hashlib
 import json
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, TypeVar
 
 import numpy as np
 from pydantic import Field
@@ -22,6 +22,8 @@ from fdd.plant.validated import Validated
 from fdd.samples import Samples
 from fdd.unit import Unit
 
+M = TypeVar("M", bound=Validated)
+AGAIN = "copy the data set again or generate it anew"
 RelativePath = Annotated[str, Field(pattern=r"^[A-Za-z0-9_.\-]+/[A-Za-z0-9_.\-]+$", max_length=200)]
 
 
@@ -122,11 +124,6 @@ class Dataset:
     recipe : what it was made from.
     manifest : its name, version, seed, size and hash.
     logs : entries, by unit and number.
-
-    Examples
-    --------
-    >>> data = Dataset.load("smoke")  # doctest: +SKIP
-    >>> [(e.unit, e.family) for e in data.logs]  # doctest: +SKIP
     """
 
     directory: Path
@@ -160,24 +157,21 @@ class Dataset:
                 f"data set of version {schema!r} where {DATASET_SCHEMA!r} is wanted",
                 where=directory / MANIFEST, mend=mend,
             )  # fmt: skip
-        try:
-            manifest = Manifest(**plain)
-        except InputError as error:
-            raise error.at(directory / MANIFEST) from None
+        manifest = _read(Manifest, plain, directory / MANIFEST)
         recipe_text, labels_text = _text(directory / RECIPE), _text(directory / LABELS)
         if digest(recipe_text, labels_text) != manifest.sha256:
-            raise InputError(
-                f"{LABELS} or {RECIPE} is not what the manifest's SHA-256 was taken of", where=directory,
-                mend="copy the data set again or generate it anew",
-            )  # fmt: skip
+            problem = f"{LABELS} or {RECIPE} is not what the manifest's SHA-256 was taken of"
+            raise InputError(problem, where=directory, mend=AGAIN)
         entries = _json(directory / LABELS)
         if not isinstance(entries, list) or not all(isinstance(e, dict) for e in entries):
             raise InputError("not a list of labels", where=directory / LABELS, mend=mend)
-        try:
-            logs = tuple(Entry(**e) for e in entries)
-        except InputError as error:
-            raise error.at(directory / LABELS) from None
+        logs = tuple(_read(Entry, e, directory / LABELS) for e in entries)
         return cls(directory, Recipe.from_yaml(recipe_text, where=directory / RECIPE), manifest, logs)
+
+    @property
+    def described(self) -> str:
+        """Name, seed and size, in a few words."""
+        return f"{self.recipe.name} (seed {self.recipe.seed}, {len(self.units)} units, {len(self.logs)} logs)"
 
     @property
     def units(self) -> tuple[str, ...]:
@@ -207,14 +201,11 @@ class Dataset:
         for name in files or known:
             path = self.directory / name
             if not path.is_file():
-                raise InputError("is missing", where=path, mend="copy the data set again or generate it anew")
+                raise InputError("is missing", where=path, mend=AGAIN)
             with path.open("rb") as file:
                 found = hashlib.file_digest(file, "sha256").hexdigest()
             if found != known.get(name):
-                raise InputError(
-                    f"is not what {SUMS} was taken of", where=path,
-                    mend="copy the data set again or generate it anew",
-                )  # fmt: skip
+                raise InputError(f"is not what {SUMS} was taken of", where=path, mend=AGAIN)
 
     def samples(self, entry: Entry) -> Samples:
         """The log, as any reader of logs gives it."""
@@ -238,10 +229,8 @@ class Dataset:
         try:
             table = parquet.read_table(path)
         except (OSError, pa.ArrowException) as error:
-            raise InputError(
-                f"truth can't be read ({type(error).__name__})", where=path,
-                mend="copy the data set again or generate it anew",
-            ) from None  # fmt: skip
+            problem = f"truth can't be read ({type(error).__name__})"
+            raise InputError(problem, where=path, mend=AGAIN) from None
         columns = {n: np.asarray(table[n], dtype=np.float64) for n in table.column_names}
         severity = {n.removeprefix("severity_"): v for n, v in columns.items() if n.startswith("severity_")}
         return Truth(columns["time"], {n: v for n, v in columns.items() if n in TRUTH}, severity)
@@ -258,10 +247,8 @@ class Dataset:
     def baseline_files(self, unit: str) -> list[Path]:
         """Where these are."""
         if unit not in self.manifest.baselines:
-            raise InputError(
-                f"no unit {unit!r}", where=self.directory,
-                mend=f"the units are {self.units[0]} to {self.units[-1]}",
-            )  # fmt: skip
+            mend = f"the units are {self.units[0]} to {self.units[-1]}"
+            raise InputError(f"no unit {unit!r}", where=self.directory, mend=mend)
         return [self.directory / file for file in self.manifest.baselines[unit]]
 
     def base_unit(self, unit: str) -> Unit:
@@ -278,7 +265,7 @@ class Dataset:
 
 def _text(path: Path) -> str:
     if not path.is_file():
-        raise InputError("is missing", where=path, mend="copy the data set again or generate it anew")
+        raise InputError("is missing", where=path, mend=AGAIN)
     if path.stat().st_size > MAX_JSON_BYTES:
         raise InputError(f"larger than {MAX_JSON_BYTES} bytes", where=path)
     return path.read_text(encoding="utf-8", errors="replace")
@@ -288,4 +275,11 @@ def _json(path: Path) -> Any:
     try:
         return json.loads(_text(path))
     except (json.JSONDecodeError, RecursionError):
-        raise InputError("not JSON", where=path, mend="copy the data set again or generate it anew") from None
+        raise InputError("not JSON", where=path, mend=AGAIN) from None
+
+
+def _read(kind: type[M], plain: dict[str, Any], where: Path) -> M:
+    try:
+        return kind(**plain)
+    except InputError as error:
+        raise error.at(where) from None

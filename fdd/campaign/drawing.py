@@ -7,6 +7,7 @@ stream of its own, so that neither the number of workers nor the order of work c
 from __future__ import annotations
 
 import zlib
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, TypeVar
 
@@ -18,7 +19,7 @@ from fdd.campaign.motion import fitting_duty
 from fdd.campaign.ranges import Rng, apportioned, chosen, drawn, log_uniform, uniform
 from fdd.campaign.recipe import Recipe
 from fdd.campaign.sizes import Scale
-from fdd.campaign.structures import EQUAL, Condition, Structure
+from fdd.campaign.structures import EQUAL, Condition, Departure, Structure
 from fdd.faults import CATALOGUE
 from fdd.plant.details import Details
 from fdd.plant.duty import ConstantSpeed, Duty
@@ -32,22 +33,13 @@ from fdd.unit import Cylinder, Section, Unit
 
 S = TypeVar("S", bound=Section)
 
-# Numbers of a profile that describe the rig; what is left out is a definition (reference pressure and
-# temperature), a rating (maximum speed, ranges) or hardly varies (polytropic index, density).
-VARIED: dict[str, tuple[str, ...]] = {
-    "cylinder": ("area_1", "stroke", "moving_mass", "volume_1", "volume_2"),
-    "pump": ("displacement", "cross_port_leakage", "case_leakage"),
-    "oil": ("bulk_modulus", "air_fraction", "viscosity_40", "viscosity_100"),
-    "accumulator": (
-        "charge_pressure", "gas_volume", "refeed_cracking_pressure", "refeed_flow_gain",
-        "case_cracking_pressure", "relief_pressure", "relief_flow_gain",
-    ),
-    "drive": (
-        "delay", "pole_1", "pole_2", "zero", "torque_constant", "winding_resistance", "inertia",
-        "viscous_friction", "current_limit",
-    ),
-}  # fmt: skip
-VARIED_FRICTION = ("coulomb", "static", "stribeck_velocity", "stribeck_exponent", "viscous")
+VARIED = {
+    section: tuple(name for name in spreads if name != "oil_volume")
+    for section, spreads in population.BETWEEN_UNITS.items()
+}
+"""Numbers of a profile that describe the rig; what is left out is a definition (reference pressure and
+temperature), a rating (maximum speed, ranges) or hardly varies (polytropic index, density)."""
+VARIED_FRICTION = tuple(population.FRICTION)
 
 COUNTED = ("pump_angle", "pump_speed", "position", "command")
 """Channels of incremental encoders and set-points: their gain is exact."""
@@ -96,21 +88,9 @@ def stream(recipe: Recipe, purpose: str, *indices: int) -> Rng:
 def draw_unit(recipe: Recipe, rng: Rng, index: int) -> Rig:
     """Draw unit `index`: its base's parameters, each varied on its own, and its plant's details.
 
-    Parameters
-    ----------
-    recipe : bases, variation and the sensors' errors.
-    rng : the unit's stream.
-    index : chooses the base, in turn, and the name.
-
     Raises
     ------
     InputError : a base that is no profile.
-
-    Examples
-    --------
-    >>> recipe = Recipe(schema="fdd.recipe/1", healthy_share=1.0)
-    >>> draw_unit(recipe, stream(recipe, "unit", 3), 3).unit.name
-    'unit_003'
     """
     base = recipe.bases[index % len(recipe.bases)]
     structure, scale, recording = structure_of(recipe, index), None, recipe.recording
@@ -124,34 +104,28 @@ def draw_unit(recipe: Recipe, rng: Rng, index: int) -> Rig:
     sheet = unit
     stated = recipe.population == "stated"
 
+    def around(share: float, size: int) -> list[float]:
+        return (1.0 + share * rng.uniform(-1.0, 1.0, size)).tolist()
+
     def varied(name: str, section: S, names: tuple[str, ...]) -> S:
-        if stated:
-            factors = population.factors(rng, name, names)
-        else:
-            factors = list(1.0 + recipe.variation * rng.uniform(-1.0, 1.0, len(names)))
+        factors = population.factors(rng, name, names) if stated else around(recipe.variation, len(names))
         return _times(section, names, factors)
 
     cylinder = varied("cylinder", unit.cylinder, VARIED["cylinder"])
     ratio = unit.cylinder.area_2 / unit.cylinder.area_1
-    mismatch = (
-        population.AREA_RATIO.factor(rng) if stated else 1.0 + recipe.area_mismatch * rng.uniform(-1.0, 1.0)
-    )
-    area_2 = float(cylinder.area_1 * ratio * mismatch)
+    mismatch = population.AREA_RATIO.factor(rng) if stated else around(recipe.area_mismatch, 1)[0]
+    cylinder = cylinder.model_copy(update={"area_2": float(cylinder.area_1 * ratio * mismatch)})
     branches = {}
     level = population.FRICTION_LEVEL.factor(rng) if stated else 1.0
     for name in ("forward", "reverse"):
-        branch = getattr(unit.friction, name)
         if stated:
-            drawn_factors = population.friction_factors(rng, VARIED_FRICTION, level)
-            branch = _times(branch, VARIED_FRICTION, drawn_factors)
+            factors = population.friction_factors(rng, VARIED_FRICTION, level)
         else:
-            branch = varied("friction", branch, VARIED_FRICTION)
+            factors = around(recipe.variation, len(VARIED_FRICTION))
+        branch = _times(getattr(unit.friction, name), VARIED_FRICTION, factors)
         branches[name] = branch.model_copy(update={"static": max(branch.static, branch.coulomb)})
-    cylinder = cylinder.model_copy(update={"area_2": area_2})
-    if scale is not None:
-        cylinder = _with_room(cylinder)
     parts: dict[str, Any] = {
-        "cylinder": cylinder,
+        "cylinder": cylinder if scale is None else _with_room(cylinder),
         "friction": unit.friction.model_copy(update=branches),
         "sensors": _sensors(recipe, unit, rng, scale),
     }
@@ -182,26 +156,28 @@ def _times(section: S, names: tuple[str, ...], factors: list[float]) -> S:
     return section.model_copy(update={**changed, "provenance": provenance})
 
 
-def structure_of(recipe: Recipe, index: int) -> Structure | None:
-    """The structure of unit `index`: numbers follow the weights, their order is random."""
-    named = {each.name: each for each in recipe.structures}
-    if not named:
+D = TypeVar("D", bound=Departure)
+
+
+def _drawn_kind(recipe: Recipe, kinds: Sequence[D], purpose: str, number: int, place: int) -> D | None:
+    """The one of `kinds` at a place of `number`: numbers follow the weights, their order is random."""
+    if not kinds:
         return None
-    total = sum(each.weight for each in recipe.structures)
-    shares = {name: each.weight / total for name, each in named.items()}
-    order = stream(recipe, "structures").permutation(apportioned(shares, recipe.units))
-    return named[str(order[index])]
+    total = sum(each.weight for each in kinds)
+    shares = {each.name: each.weight / total for each in kinds}
+    order = stream(recipe, purpose).permutation(apportioned(shares, number))
+    return next(each for each in kinds if each.name == str(order[place]))
+
+
+def structure_of(recipe: Recipe, index: int) -> Structure | None:
+    """The structure of unit `index`."""
+    return _drawn_kind(recipe, recipe.structures, "structures", recipe.units, index)
 
 
 def condition_of(recipe: Recipe, index: int, log: int) -> Condition | None:
-    """The condition of a unit's log, likewise."""
-    named = {each.name: each for each in recipe.conditions}
-    if not named:
-        return None
-    total = sum(each.weight for each in recipe.conditions)
-    shares = {name: each.weight / total for name, each in named.items()}
-    order = stream(recipe, "conditions").permutation(apportioned(shares, recipe.number))
-    return named[str(order[index * recipe.logs_per_unit + log])]
+    """The condition of a unit's log."""
+    place = index * recipe.logs_per_unit + log
+    return _drawn_kind(recipe, recipe.conditions, "conditions", recipe.number, place)
 
 
 def assign_faults(recipe: Recipe) -> list[tuple[str, ...]]:
@@ -236,19 +212,7 @@ def assign_faults(recipe: Recipe) -> list[tuple[str, ...]]:
 def draw_scenario(recipe: Recipe, rig: Rig, rng: Rng, faults: tuple[str, ...] = ()) -> Scenario:
     """Draw one log's scenario: load, duty, conditions and the given faults.
 
-    Parameters
-    ----------
-    recipe : weights and ranges.
-    rig : bounds amplitude by its stroke, speed by its drive and force by its relief valve.
-    rng : the log's stream.
-    faults : ids, from `assign_faults`.
-
-    Examples
-    --------
-    >>> recipe = Recipe(schema="fdd.recipe/1", healthy_share=1.0)
-    >>> rig = draw_unit(recipe, stream(recipe, "unit", 0), 0)
-    >>> draw_scenario(recipe, rig, stream(recipe, "log", 0, 0, 0)).faults
-    []
+    The rig bounds amplitude by its stroke, speed by its drive and force by its relief valve.
     """
     duration = round(float(rng.uniform(*recipe.duration)), 3)
     load_name = chosen(rng, recipe.loads)
@@ -283,29 +247,17 @@ def draw_scenario(recipe: Recipe, rig: Rig, rng: Rng, faults: tuple[str, ...] = 
     warming, charge = uniform(rng, recipe.warming), usually(rng, recipe.charge_factor)
     if stated:
         charge = population.charge_factor(rig.unit, charge * population.CHARGE.factor(rng), temperature)
-    conditions: dict[str, Any] = {
-        "oil_temperature": temperature,
-        "warming": warming,
-        "charge_factor": charge,
-        "seed": int(rng.integers(0, 2**62)),
-    }
+    seed = int(rng.integers(0, 2**62))
     # Last: what is drawn above does not depend on how many scales there are.
     scales = drawn(rng, recipe.fault_scales)
     if rig.scale is not None:
         scales = rig.scale.fault_scales(scales)
     specs = [_by_law(spec, recipe, rng) for spec in specs]  # so that logs differ by their laws alone
     return Scenario(
-        unit=rig.unit.name,
-        duration=duration,
-        duty=duty,
-        control=control,
-        load=load,
-        faults=specs,
-        recording=rig.recording,
-        details=rig.details,
-        fault_scales=FaultScales(**scales),
-        **conditions,
-    )
+        unit=rig.unit.name, duration=duration, duty=duty, control=control, load=load, faults=specs,
+        recording=rig.recording, details=rig.details, fault_scales=FaultScales(**scales),
+        oil_temperature=temperature, warming=warming, charge_factor=charge, seed=seed,
+    )  # fmt: skip
 
 
 def as_it_runs(
@@ -423,22 +375,15 @@ def _sensors(recipe: Recipe, unit: Unit, rng: Rng, scale: Scale | None) -> dict[
         zero = zeros.get(channel, 0.0) * rng.uniform(-1.0, 1.0)
         # An encoder's reading is rounded, not noisy: a position sensor with noise is an analogue one.
         counted = channel in COUNTED and not (channel == "position" and sensor.noise > 0.0)
-        varied[channel] = sensor.model_copy(
-            update={
-                "noise": sensor.noise * factor,
-                "gain": sensor.gain if counted else sensor.gain * gain,
-                "zero": sensor.zero + zero,
-            }
-        )
+        gain = sensor.gain if counted else sensor.gain * gain
+        errs = {"noise": sensor.noise * factor, "gain": gain, "zero": sensor.zero + zero}
+        varied[channel] = sensor.model_copy(update=errs)
     return varied
 
 
 def _with_room(cylinder: Cylinder) -> Cylinder:
     """The cylinder with some oil left in either chamber at the stroke's end."""
     half = 0.5 * cylinder.stroke * LEAST_ROOM
-    return cylinder.model_copy(
-        update={
-            "volume_1": max(cylinder.volume_1, half * cylinder.area_1),
-            "volume_2": max(cylinder.volume_2, half * cylinder.area_2),
-        }
-    )
+    areas = {"volume_1": cylinder.area_1, "volume_2": cylinder.area_2}
+    least = {name: max(getattr(cylinder, name), half * area) for name, area in areas.items()}
+    return cylinder.model_copy(update=least)

@@ -9,7 +9,7 @@ from __future__ import annotations
 import json
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Any, Unpack
 
 import pandas as pd
 import pyarrow as pa
@@ -19,10 +19,9 @@ from fdd import __version__
 from fdd.campaign.dataset import Dataset, Entry, Manifest
 from fdd.campaign.splits import split_of
 from fdd.campaign.train import identified_unit
-from fdd.campaign.units import Progress, over_units
+from fdd.campaign.units import How, over_units
 from fdd.diagnosis.findings import Diagnosis
 from fdd.diagnosis.model import Model
-from fdd.engines import Engine
 from fdd.errors import InputError
 from fdd.files import whole_file
 from fdd.learning.features import FEATURES, log_features
@@ -60,16 +59,13 @@ def feature_table(
     *,
     model: str | None = None,
     window: float | None = None,
-    workers: int | None = 1,
-    progress: Progress | None = None,
-    engine: Engine = "local",
+    **how: Unpack[How],
 ) -> pa.Table:
     """Diagnose every log of a data set, on profiles identified from its units' own baselines.
 
     Parameters
     ----------
     model : file of the learnt layer; None takes the shipped one. window : s of a row; None: a log is one.
-    workers, progress, engine : see `fdd.campaign.units.for_each_unit`.
 
     Returns
     -------
@@ -79,8 +75,7 @@ def feature_table(
     ------
     InputError : not a data set, without baselines, or an unusable model.
     """
-    work = partial(_unit_rows, window)
-    rows = over_units(work, directory, model, workers=workers, progress=progress, engine=engine)
+    rows = over_units(partial(_unit_rows, window), directory, model, **how)
     return table_of(rows, Dataset.load(directory).manifest, Model.load(model).sha256, window)
 
 

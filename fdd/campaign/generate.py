@@ -74,7 +74,7 @@ SUMMARISED = ("leakage", "bulk_modulus", "coulomb_friction", "viscous_friction")
 
 Progress = Callable[[int, int], None]
 Job = tuple[int, str, tuple[tuple[str, ...], ...]]
-"""Index of the unit, name of the run, faults of each of the unit's logs."""
+"""Index of the unit, name of the run (``baseline_1`` …, ``log_000`` …), faults of each of the unit's logs."""
 
 
 def generate(
@@ -89,24 +89,15 @@ def generate(
 
     Parameters
     ----------
-    recipe : what to make.
     directory : of the data set; made if need be. If it holds the beginning of the same data set,
         its finished logs are kept.
     workers, engine : see `fdd.engines.map_unordered`. A script that asks for more workers than one must keep
         its call under ``if __name__ == "__main__":``, as processes are spawned.
     progress : called with (done, total) after each run, baselines included.
 
-    Returns
-    -------
-    directory, as a path.
-
     Raises
     ------
     InputError : the folder holds something else, can't be written, or a scenario can't be simulated.
-
-    Examples
-    --------
-    >>> generate(Recipe.load("datasets/smoke.yaml"), "smoke", workers=2)  # doctest: +SKIP
     """
     if workers is not None and workers < 1:
         raise InputError(f"{workers} workers", mend="use 1 or more")
@@ -139,15 +130,11 @@ def _generate(
     for unit in range(recipe.units):
         mine = tuple(faults[unit * recipe.logs_per_unit : (unit + 1) * recipe.logs_per_unit])
         jobs += [(unit, name, mine) for name in names]
-    work = partial(_make, recipe, directory)
+    work = partial(make_run, recipe, directory)
     for done, _ in enumerate(map_unordered(work, jobs, engine=engine, workers=workers), 1):
         progress(done, total)
     _finish(recipe, directory)
     return directory
-
-
-def _make(recipe: Recipe, directory: Path, job: Job) -> None:
-    make_run(recipe, directory, *job)
 
 
 def _names(recipe: Recipe) -> list[str]:
@@ -156,18 +143,9 @@ def _names(recipe: Recipe) -> list[str]:
     return baselines + [f"log_{k:03d}" for k in range(recipe.logs_per_unit)]
 
 
-def make_run(
-    recipe: Recipe, directory: Path, index: int, name: str, faults: tuple[tuple[str, ...], ...]
-) -> None:
-    """Simulate and write one run of one unit, unless it is there already.
-
-    Parameters
-    ----------
-    recipe, directory : of the data set.
-    index : of the unit.
-    name : ``baseline_1`` … or ``log_000`` …
-    faults : ids for each log of the unit.
-    """
+def make_run(recipe: Recipe, directory: Path, job: Job) -> None:
+    """Simulate and write one run of one unit, unless it is there already."""
+    index, name, faults = job
     rig = draw_unit(recipe, stream(recipe, "unit", index), index)
     part = directory / PARTS / f"{rig.unit.name}-{name}.json"
     if part.is_file():
@@ -206,12 +184,12 @@ def _baseline_run(recipe: Recipe, rig: Rig, index: int, number: int) -> Simulati
     rng = stream(recipe, "baseline", index)
     if (kind or recipe.baseline_kind) == "identification":
         run = calibration_runs(recipe, rig, rng)[number - 1]
-        return simulate(*as_it_runs(recipe, rig, rig.unit, run, ("baseline", index, number)))
-    if number == 1:
+    elif number == 1:
         run = ordinary_strokes(rig, rng)
-        return simulate(*as_it_runs(recipe, rig, rig.unit, run, ("baseline", index, number)))
-    work = recipe.model_copy(update={"duration": ORDINARY_WORK})
-    return _sane_run(work, rig, ("ordinary", index, number), ())
+    else:
+        work = recipe.model_copy(update={"duration": ORDINARY_WORK})
+        return _sane_run(work, rig, ("ordinary", index, number), ())
+    return simulate(*as_it_runs(recipe, rig, rig.unit, run, ("baseline", index, number)))
 
 
 def _sane_run(
@@ -293,6 +271,7 @@ def _label(recipe: Recipe, rig: Rig, run: Simulation, name: str, log: int | None
         figures = {n: float(f"{v:.6g}") for n, v in scenario.fault_scales.model_dump().items()}
         structure = {"structure": rig.structure.name, "fault_scales": figures}
     struck = {f.fault: struck_channel(f, rig.recording) for f in scenario.faults}
+    channels = {fault: {"channel": channel} for fault, channel in struck.items() if channel is not None}
     acting = np.ones(len(run.truth), dtype=bool)
     for severity in run.truth.severity.values():
         acting &= severity > 0.0
@@ -307,26 +286,16 @@ def _label(recipe: Recipe, rig: Rig, run: Simulation, name: str, log: int | None
         "baseline": log is None,
         "duration_s": round(run.samples.duration, 3),
         "samples": len(run.samples),
-        "faults": [
-            label
-            if struck[str(label["fault"])] is None
-            else {**label, "channel": struck[str(label["fault"])]}
-            for label in run.labels
-        ],
-        "scenario": _summary(scenario),
+        "faults": [{**label, **channels.get(str(label["fault"]), {})} for label in run.labels],
+        "scenario": {
+            "load": scenario.load.name,
+            "duty": scenario.duty.name,
+            "control": scenario.control.mode,
+            "oil_temperature": round(scenario.oil_temperature, 2),
+            "charge_factor": round(scenario.charge_factor, 3),
+            "seed": scenario.seed,
+        },
         "truth_medians": {c: float(f"{np.median(run.truth[c][acting]):.6g}") for c in SUMMARISED},
-    }
-
-
-def _summary(scenario: Scenario) -> dict[str, Any]:
-    """What a table of results is broken down by."""
-    return {
-        "load": scenario.load.name,
-        "duty": scenario.duty.name,
-        "control": scenario.control.mode,
-        "oil_temperature": round(scenario.oil_temperature, 2),
-        "charge_factor": round(scenario.charge_factor, 3),
-        "seed": scenario.seed,
     }
 
 
@@ -334,13 +303,12 @@ def _write_log(recipe: Recipe, path: Path, run: Simulation, rig: Rig, entry: dic
     if recipe.format == "parquet":
         _write_table(path, {"time": run.samples.time, **run.samples.columns})
         return
-    every = _truth_period(run)
-    few = {k: v[::every] for k, v in run.truth.as_columns().items()}
+    truth = {"time": run.truth.time, **run.truth.as_columns()}
     write_run(
         path,
         run.samples,
         axis=rig.unit.axis,
-        truth={"time": run.truth.time[::every], **few},
+        truth={k: v[:: _truth_period(run)] for k, v in truth.items()},
         unit_yaml=rig.unit.to_yaml(),
         scenario_json=run.scenario.model_dump_json(),
         labels={"faults": entry["faults"]},
@@ -354,10 +322,9 @@ def _truth_period(run: Simulation) -> int:
 
 def _write_truth(path: Path, run: Simulation) -> None:
     every = _truth_period(run)
-    columns = {"time": run.truth.time[::every]}
     # Single precision is more than any use of the truth asks for, and half the size.
-    columns |= {k: v[::every].astype(np.float32) for k, v in run.truth.as_columns().items()}
-    _write_table(path, columns)
+    columns = {k: v[::every].astype(np.float32) for k, v in run.truth.as_columns().items()}
+    _write_table(path, {"time": run.truth.time[::every], **columns})
 
 
 def _write_table(path: Path, columns: dict[str, NDArray[Any]]) -> None:

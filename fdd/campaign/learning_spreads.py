@@ -5,13 +5,14 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import partial
+from typing import Unpack
 
 import numpy as np
 from numpy.typing import NDArray
 
 from fdd.campaign.dataset import Dataset
 from fdd.campaign.spreads import Spread, UnitLogs, learnt_spread, log_equations, own_columns
-from fdd.campaign.units import Progress, for_each_unit
+from fdd.campaign.units import How, for_each_unit
 from fdd.diagnosis.baseline import baseline_of, effects_of, ledger_of, ledgers_of
 from fdd.errors import InputError
 from fdd.identification import identify_unit
@@ -27,14 +28,8 @@ LEAST_UNITS = 20
 DIGITS = 4
 
 
-def learn_spreads(
-    directories: Sequence[str], *, workers: int | None = 2, progress: Progress | None = None
-) -> Spreads:
+def learn_spreads(directories: Sequence[str], **how: Unpack[How]) -> Spreads:
     """Learn from healthy logs and healthy twins of data sets with baselines.
-
-    Parameters
-    ----------
-    directories : of the data sets. workers : processes. progress : (done, total) units.
 
     Raises
     ------
@@ -48,8 +43,7 @@ def learn_spreads(
             mend="leave --spreads out, or generate more units",
         )
     places = [str(data.directory) for data in sets]
-
-    told = for_each_unit(partial(_equations, places), units, workers=workers, progress=progress)
+    told = for_each_unit(partial(_equations, places), units, **how)
     data = ", ".join(f"{d.recipe.name} (seed {d.recipe.seed}, {len(d.units)} units)" for d in sets)
     return spreads_of(told, data)
 
@@ -58,12 +52,7 @@ Equations = dict[str, UnitLogs]
 
 
 def spreads_of(units: Sequence[Equations], data: str) -> Spreads:
-    """Fit each balance to what units' logs tell of it.
-
-    Parameters
-    ----------
-    units : balance to logs, of each unit. data : what they are, in words.
-    """
+    """Fit each balance to what units' logs tell of it; `data` says in words what they are."""
     before = shipped_spreads()
     out = {}
     for name, old in before.balances.items():

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Literal
+from typing import Literal, Unpack
 
 import numpy as np
 import pandas as pd
@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from fdd.campaign.dataset import Dataset
 from fdd.campaign.feature_table import HEALTHY, feature_table, read_features
 from fdd.campaign.splits import Split, split_of
-from fdd.campaign.units import Progress
+from fdd.campaign.units import How
 from fdd.errors import InputError
 from fdd.learning.features import FEATURES
 from fdd.samples import Samples
@@ -125,14 +125,8 @@ def load_dataset(directory: str | Path, features: str | Path | None = None) -> L
     return LabelledData(data, truth, table, names, about["window_s"])
 
 
-def with_features(
-    directory: str | Path, *, workers: int | None = 1, progress: Progress | None = None
-) -> LabelledData:
+def with_features(directory: str | Path, **how: Unpack[How]) -> LabelledData:
     """A data set with its features: those in its folder, or made now where none of this version are there.
-
-    Parameters
-    ----------
-    workers, progress : see `fdd.campaign.feature_table.feature_table`.
 
     Raises
     ------
@@ -141,7 +135,7 @@ def with_features(
     found = load_dataset(directory)
     if found.names == tuple(FEATURES):
         return found
-    table = feature_table(directory, workers=workers, progress=progress)
+    table = feature_table(directory, **how)
     return replace(found, features=table.to_pandas(), names=tuple(FEATURES), window_s=None)
 
 

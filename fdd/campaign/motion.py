@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from fdd.campaign.ranges import spread, uniform
 from fdd.campaign.sizes import Scale
 from fdd.plant.duty import DUTIES, Duty
 from fdd.plant.scenario import Control
@@ -34,37 +35,25 @@ def fitting_duty(
 
     Parameters
     ----------
-    name : of the duty.
     unit : its stroke, areas, displacement and drive are the bounds.
-    rng : stream to draw from.
     ranges : parameter to range, where the duty's usual ones are not wanted.
     speed : speed control is wanted; ignored where the duty leaves no choice.
     gain : of the position loop, (rad/s)/m.
     scale : of a machine of another size than the ranges are made for.
-
-    Examples
-    --------
-    >>> rng = np.random.default_rng(1)
-    >>> duty, control = fitting_duty("flight", Unit.load("axis_a"), rng, {}, speed=True, gain=1e4)
-    >>> control.mode, duty.amplitude < 0.12
-    ('position', True)
     """
     kind = DUTIES[name]
     drawn: dict[str, Any] = {}
     usual = {**kind.usual, **ranges}
     for key, (low, high) in (usual if scale is None else scale.duty_ranges(usual)).items():
         # Rigs use their stroke and speed: only times and frequencies spread over decades.
-        if key not in ("amplitude", "speed") and 0.0 < 4.0 * low <= high:
-            drawn[key] = float(np.exp(rng.uniform(np.log(low), np.log(high))))
-        else:
-            drawn[key] = float(rng.uniform(low, high))
+        drawn[key] = (uniform if key in ("amplitude", "speed") else spread)(rng, (low, high))
     drawn["lead_in"] = float(rng.uniform(0.3, 2.0))
     room = USED_STROKE * 0.5 * unit.cylinder.stroke
     per_rad = unit.pump.displacement / unit.cylinder.area_1
     fastest = USED_SPEED * unit.drive.max_speed * per_rad
     if name == "constant_speed":
-        drawn["speeds"] = tuple(float(s) for s in np.exp(rng.uniform(np.log(30.0), np.log(240.0), 3)))
-        drawn["speeds"] = tuple(min(s, USED_SPEED * unit.drive.max_speed) for s in drawn["speeds"])
+        speeds = np.exp(rng.uniform(np.log(30.0), np.log(240.0), 3))
+        drawn["speeds"] = tuple(min(float(s), USED_SPEED * unit.drive.max_speed) for s in speeds)
         drawn["turn"] = float(rng.uniform(5.0, 15.0))
     if name == "sines":
         drawn["count"] = int(rng.integers(2, 7))

@@ -59,8 +59,3 @@ def apportioned(shares: Mapping[str, float], number: int) -> NDArray[np.str_]:
     for k in np.argsort(-(wanted - counts), kind="stable")[:left]:
         counts[k] += 1
     return np.repeat(names, counts)
-
-
-def scaled(bounds: Range, factor: float) -> Range:
-    """The range times a positive factor."""
-    return bounds[0] * factor, bounds[1] * factor

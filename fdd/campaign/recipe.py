@@ -7,7 +7,6 @@ unless `Recipe.ranges` overrides them.
 
 from __future__ import annotations
 
-import hashlib
 import operator
 from collections.abc import Callable
 from functools import partial
@@ -277,11 +276,6 @@ class Recipe(Validated):
         Raises
         ------
         InputError : no such file, not a recipe, or a field that is not possible.
-
-        Examples
-        --------
-        >>> Recipe.load("datasets/training.yaml").seed  # doctest: +SKIP
-        2026
         """
         path = Path(path)
         mend = "give a YAML file, see datasets/README.md"
@@ -300,11 +294,6 @@ class Recipe(Validated):
         """The whole recipe, defaults filled in; `from_yaml` gives the same recipe back."""
         plain = self.model_dump(mode="json", by_alias=True)
         return yaml_of(plain)
-
-    @property
-    def sha256(self) -> str:
-        """Of `to_yaml`: the same for recipes that make the same data."""
-        return hashlib.sha256(self.to_yaml().encode()).hexdigest()
 
 
 def _known(field: str, given: dict[str, Any], known: tuple[str, ...]) -> None:

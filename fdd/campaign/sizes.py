@@ -15,7 +15,7 @@ from typing import Any, TypeVar
 
 import numpy as np
 
-from fdd.campaign.ranges import Range, Rng, log_uniform, scaled, uniform
+from fdd.campaign.ranges import Range, Rng, log_uniform, uniform
 from fdd.data_sheet.accumulator import accumulator_volumes
 from fdd.faults import CATALOGUE
 from fdd.plant.details import Details
@@ -67,19 +67,11 @@ def sized_unit(size: Size, rng: Rng, oil_temperatures: Range = OIL_TEMPERATURES)
 
     Parameters
     ----------
-    size : ranges of what it is sized by.
-    rng : stream to draw from.
     oil_temperatures : °C, coldest and hottest that its accumulator has to outlast.
 
     Returns
     -------
     A profile whose parts fit each other; `fdd.campaign.drawing` varies it as it varies any base.
-
-    Examples
-    --------
-    >>> unit = sized_unit(Size(), np.random.default_rng(1))
-    >>> unit.cylinder.volume_1 > 0.5 * unit.cylinder.area_1 * unit.cylinder.stroke
-    True
     """
     axis = Unit.load(AXIS)
     rated, displacement = log_uniform(rng, size.rated_pressure), log_uniform(rng, size.displacement)
@@ -391,4 +383,5 @@ def _changed(section: S, **values: float) -> S:
 
 
 def _scaled_by(ranges: Mapping[str, Range], factors: Mapping[str, float]) -> dict[str, Range]:
-    return {name: scaled(bounds, factors.get(name, 1.0)) for name, bounds in ranges.items()}
+    times = {name: factors.get(name, 1.0) for name in ranges}
+    return {name: (low * times[name], high * times[name]) for name, (low, high) in ranges.items()}

@@ -15,10 +15,6 @@ SHARE = 0.2
 def split_of(units: Sequence[str], seed: int = 0) -> dict[str, Split]:
     """Divide units at random, the same way each time.
 
-    Parameters
-    ----------
-    units : names. seed : of the data set.
-
     Returns
     -------
     Unit to its split: a fifth each for validation and test (at least one of three units or more; of two, one

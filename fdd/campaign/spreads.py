@@ -68,12 +68,7 @@ class Spread:
 def learnt_spread(
     name: str, units: Sequence[UnitLogs], first: Effects, iterations: int = ITERATIONS
 ) -> Spread:
-    """Fit the model to one balance.
-
-    Parameters
-    ----------
-    name : of the balance. units : each unit's logs. first : what was assumed before, where it starts from.
-    """
+    """Fit the model to one balance, from what was assumed `first`."""
     own = own_columns(name)
     m, units_variance = first.mean[own], np.square(first.units[own])
     assumed = first.between_logs(usual_conditions(first.noise))[own]

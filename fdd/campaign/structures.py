@@ -51,17 +51,14 @@ class Departure(Validated):
 
     def applied(self, recipe: Recipe) -> Recipe:
         """The recipe with what this changes."""
-        names = (
-            "duties", "loads", "oil_temperature", "warming", "charge_factor", "position_gain",
-            "speed_control_share",
-        )  # fmt: skip
-        changed = {n: getattr(self, n) for n in names if getattr(self, n) is not None}
+        own = [n for n in Departure.model_fields if n not in ("name", "weight", "loop", "noise")]
+        changed = {n: getattr(self, n) for n in own if getattr(self, n) is not None}
         return recipe.model_copy(update=changed) if changed else recipe
 
     def changed(self, unit: Unit, rng: Rng) -> Unit:
         """The unit with its loop tuned anew and its sensors noisier."""
         loop, noise = spread(rng, self.loop), spread(rng, self.noise)
-        if loop == 1.0 and noise == 1.0:
+        if loop == noise == 1.0:
             return unit
         poles = {name: loop * getattr(unit.drive, name) for name in POLES}
         sensors = {c: s.model_copy(update={"noise": noise * s.noise}) for c, s in unit.sensors.items()}
@@ -143,9 +140,8 @@ class Structure(Departure):
 
     def recording(self, recording: Recording) -> Recording:
         """How the logs of these machines are taken."""
-        return Recording(
-            **{**recording.model_dump(), "rate": self.rate, "speed": self.speed, "channels": self.channels}
-        )
+        own = {"rate": self.rate, "speed": self.speed, "channels": self.channels}
+        return Recording(**{**recording.model_dump(), **own})
 
     def data_sheet(self, base: str, rng: Rng, oil_temperatures: Range = OIL_TEMPERATURES) -> Unit:
         """The profile that a unit is varied from: the base's or a drawn machine's, and what is on top.

@@ -6,12 +6,13 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
+from typing import Unpack
 
 import numpy as np
 from numpy.typing import NDArray
 
 from fdd.campaign.dataset import Dataset, Entry
-from fdd.campaign.units import Progress, for_each_unit
+from fdd.campaign.units import How, for_each_unit
 from fdd.diagnosis.answering import Z80, hidden_share
 from fdd.diagnosis.baseline import add_baseline
 from fdd.diagnosis.findings import FaultFinding
@@ -61,17 +62,12 @@ class ScoredLog:
 
 
 def train(
-    directories: Sequence[str | Path],
-    *,
-    workers: int = 2,
-    progress: Progress | None = None,
-    spreads: Spreads | None = None,
+    directories: Sequence[str | Path], *, spreads: Spreads | None = None, **how: Unpack[How]
 ) -> tuple[Model, list[ScoredLog]]:
     """Learn a model from data sets.
 
     Parameters
     ----------
-    directories : of data sets with baselines. workers : processes. progress : (done, total) units.
     spreads : what healthy units and logs differ by, of `learn_spreads`; None takes the shipped ones.
 
     Raises
@@ -81,11 +77,8 @@ def train(
     sets = [Dataset.load(d) for d in directories]
     units = [f"{k}/{unit}" for k, data in enumerate(sets) for unit in data.units]
     work = partial(_scored, [str(data.directory) for data in sets], spreads)
-    logs = for_each_unit(work, units, workers=workers, progress=progress)
-    names = [
-        f"{d.recipe.name} (seed {d.recipe.seed}, {len(d.units)} units, {len(d.logs)} logs)" for d in sets
-    ]
-    model = learnt(logs, ", ".join(names))
+    logs = for_each_unit(work, units, **how)
+    model = learnt(logs, ", ".join(d.described for d in sets))
     model.spreads = spreads
     return model, logs
 

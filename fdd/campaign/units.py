@@ -6,7 +6,7 @@ import warnings
 from collections.abc import Callable, Sequence
 from functools import partial
 from pathlib import Path
-from typing import TypeVar
+from typing import TypedDict, TypeVar, Unpack
 
 from fdd.campaign.dataset import Dataset
 from fdd.diagnosis.model import Model
@@ -17,21 +17,25 @@ Progress = Callable[[int, int], None]
 Result = TypeVar("Result")
 
 
+class How(TypedDict, total=False):
+    """Where units are worked, see `fdd.engines.map_unordered`; `progress` is told (done, total) units."""
+
+    workers: int | None
+    progress: Progress | None
+    engine: Engine
+
+
 def over_units(
     work: Callable[[str, str | None, str], list[Result]],
     directory: str | Path,
     model: str | None,
-    *,
-    workers: int | None,
-    progress: Progress | None,
-    engine: Engine = "local",
+    **how: Unpack[How],
 ) -> list[Result]:
     """Join what `work` gives for the units of a data set, after a look at both data set and model.
 
     Parameters
     ----------
     work : data set's folder, model file and unit's name to its results; a function of a module.
-    workers, progress, engine : see `for_each_unit`.
 
     Raises
     ------
@@ -39,37 +43,23 @@ def over_units(
     """
     Model.load(model)
     data = Dataset.load(directory)
-    bound = partial(work, str(data.directory), model)
-    return for_each_unit(bound, data.units, workers=workers, progress=progress, engine=engine)
+    return for_each_unit(partial(work, str(data.directory), model), data.units, **how)
 
 
 def for_each_unit(
-    work: Callable[[str], list[Result]],
-    units: Sequence[str],
-    *,
-    workers: int | None = 1,
-    progress: Progress | None = None,
-    engine: Engine = "local",
+    work: Callable[[str], list[Result]], units: Sequence[str], **how: Unpack[How]
 ) -> list[Result]:
     """Join what `work` gives for each unit, in the order of the units.
-
-    Parameters
-    ----------
-    work : unit's name to its results.
-    workers, engine : see `fdd.engines.map_unordered`. progress : called with (done, total) units.
 
     Raises
     ------
     InputError : the last unit's, where all refuse. A unit that refuses alone, as a baseline that cannot be
         identified, is left out with a warning.
-
-    Examples
-    --------
-    >>> for_each_unit(list, ["ab", "c"])
-    ['a', 'b', 'c']
     """
     found: dict[int, list[Result]] = {}
     refused: list[InputError] = []
+    progress = how.get("progress")
+    engine, workers = how.get("engine", "local"), how.get("workers", 1)
     for number, told in map_unordered(partial(_tried, work), units, engine=engine, workers=workers):
         if isinstance(told, InputError):
             refused.append(told)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections import Counter
 from pathlib import Path
+from typing import Unpack
 
 import numpy as np
 import pandas as pd
@@ -12,14 +13,14 @@ from numpy.typing import NDArray
 from fdd.campaign.dataset import Dataset, Entry
 from fdd.campaign.scores import Outcome, figures, wilson
 from fdd.campaign.train import identified_unit
-from fdd.campaign.units import Progress, over_units
+from fdd.campaign.units import How, over_units
 from fdd.campaign.visibility import CLASSES, ROWS_LOST, SEVERAL, visibility_class
 from fdd.diagnosis.findings import Trajectories
 from fdd.diagnosis.model import Model
 from fdd.diagnosis.pipeline import Pipeline
-from fdd.engines import Engine
 from fdd.faults import fault
 from fdd.markdown import table
+from fdd.plant.oil import air_compliance
 from fdd.plant.truth import Truth
 from fdd.unit import Unit
 
@@ -28,17 +29,14 @@ SETTLED_S = 5.0
 """After the start and after a fault's step the estimators are given this long."""
 
 
-def validate(
-    directory: str | Path, model: str | None = None, *, workers: int | None = 2,
-    progress: Progress | None = None, engine: Engine = "local",
-) -> list[Outcome]:  # fmt: skip
+def validate(directory: str | Path, model: str | None = None, **how: Unpack[How]) -> list[Outcome]:
     """Diagnose every log of a data set on profiles identified from its units' own baselines.
 
     Raises
     ------
     InputError : not a data set, or an unusable model.
     """
-    return over_units(_unit_outcomes, directory, model, workers=workers, progress=progress, engine=engine)
+    return over_units(_unit_outcomes, directory, model, **how)
 
 
 def _unit_outcomes(directory: str, model: str | None, unit: str) -> list[Outcome]:
@@ -92,10 +90,9 @@ def _reference(truth: Truth, name: str, profile: Unit, true: Unit) -> NDArray[np
     """True leakage, or bulk modulus at the profile's (not the true unit's) reference pressure."""
     if name == "leakage":
         return np.asarray(truth["leakage"])
-    atmosphere, n = 101325.0, true.oil.polytropic_index
 
-    def per_air(p: float) -> float:
-        return float(atmosphere ** (1.0 / n) / (n * (p + atmosphere) ** ((n + 1.0) / n)))
+    def per_air(pressure: float) -> float:
+        return float(air_compliance(pressure, true.oil.polytropic_index))
 
     at_true = 1.0 / np.asarray(truth["bulk_modulus"])
     stiff = 1.0 / true.oil.bulk_modulus - true.oil.air_fraction * per_air(true.oil.reference_pressure)

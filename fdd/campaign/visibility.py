@@ -68,13 +68,7 @@ def noise_deviation(unit: Unit, channel: str, recording: Recording) -> float:
 
 
 def visibility(log: Samples, twin: Samples, unit: Unit, recording: Recording) -> dict[str, ChannelVisibility]:
-    """What the faults of a log do to each of its channels that has noise.
-
-    Parameters
-    ----------
-    log, twin : with and without the faults, of the same rows.
-    unit, recording : see `noise_deviation`.
-    """
+    """What the faults of a log, of the same rows as its twin, do to each of its channels that has noise."""
     found = {}
     for channel in log.channels:
         noise = noise_deviation(unit, channel, recording)

@@ -2,32 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from importlib import import_module
 from typing import Annotated
 
 import typer
 
 from fdd import __version__
-from fdd.cli import (
-    compare,
-    demo,
-    diagnose,
-    experiment,
-    features,
-    generate,
-    identify,
-    inspect,
-    monitor,
-    profile,
-    publish,
-    schema,
-    serve,
-    simulate,
-    train,
-    trend,
-    validate,
-)
-from fdd.cli import map as map_command
+from fdd.cli import profile
 from fdd.cli.failures import USAGE, Commands
 
 app = typer.Typer(
@@ -61,21 +42,14 @@ def fdd(
         raise typer.Exit(USAGE)
 
 
-PANELS: dict[str, dict[str, Callable[..., None]]] = {
-    "Use": {
-        "diagnose": diagnose.diagnose, "monitor": monitor.monitor, "serve": serve.serve,
-        "compare": compare.compare, "trend": trend.trend, "demo": demo.demo,
-    },
-    "Rigs": {
-        "inspect": inspect.inspect_log, "map": map_command.propose_map, "identify": identify.identify,
-        "experiment": experiment.experiment, "publish": publish.publish,
-    },
-    "Research": {
-        "simulate": simulate.simulate, "generate": generate.generate, "features": features.features,
-        "train": train.train, "validate": validate.validate, "schema": schema.schema,
-    },
-}  # fmt: skip
-for group, commands in PANELS.items():
-    for name, command in commands.items():
-        app.command(name, rich_help_panel=group)(command)
+PANELS = {
+    "Use": ("diagnose", "monitor", "serve", "compare", "trend", "demo"),
+    "Rigs": ("inspect", "map", "identify", "experiment", "publish"),
+    "Research": ("simulate", "generate", "features", "train", "validate", "schema"),
+}
+"""Each command is the function of its name in the module of that name."""
+for panel, names in PANELS.items():
+    for name in names:
+        command = getattr(import_module(f"fdd.cli.{name}"), name)
+        app.command(name, rich_help_panel=panel)(command)
 app.add_typer(profile.app, name="profile", rich_help_panel="Rigs")

@@ -5,34 +5,33 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Annotated
 
-import typer
-
-from fdd.cli.options import AxisOption, JsonOption, MapOption, ReportOption, UnitOption
+from fdd.cli import options
+from fdd.cli.options import argument, require_outputs, write_json
 
 
 def compare(
-    a: Annotated[Path, typer.Argument(metavar="A", help="The log before.", show_default=False)],
-    b: Annotated[Path, typer.Argument(metavar="B", help="The log after.", show_default=False)],
-    unit: UnitOption = None,
-    map_: MapOption = None,
-    axis: AxisOption = None,
-    json_: JsonOption = None,
-    report: ReportOption = None,
+    a: Annotated[Path, argument("The log before.", "A")],
+    b: Annotated[Path, argument("The log after.", "B")],
+    unit: options.UnitOption = None,
+    map_: options.MapOption = None,
+    axis: options.AxisOption = None,
+    json_: options.JsonOption = None,
+    report: options.ReportOption = None,
 ) -> None:
     """Tell what changed between two logs of a unit: estimates, balances, duty and spectra."""
     from fdd.cli.console import output, progress
-    from fdd.cli.sheets import print_tables, require_outputs, write_json
-    from fdd.cli.which_logs import names_of
+    from fdd.cli.tables import print_sheet
+    from fdd.cli.which_logs import jobs_of
     from fdd.files import write_text
     from fdd.history.compare import Side
     from fdd.history.compare import compare as compared
     from fdd.history.compare_view import compare_sheet, compare_tables, verdict_lines
-    from fdd.offline.diagnoser import Diagnoser, Job, Settings
+    from fdd.offline.diagnoser import Diagnoser, Settings
     from fdd.offline.unit_of_log import unit_of
 
     require_outputs(json_, report)
     diagnoser = Diagnoser(Settings(unit, map_, None, axis))
-    jobs = [Job(path, name) for path, name in zip((a, b), names_of([a, b]), strict=True)]
+    jobs = jobs_of([a, b])
     logs = [diagnoser.read(job) for job in jobs]
     notes = []
     if diagnoser.unit is None:  # the profile in log A, or the default, is for both
@@ -48,14 +47,11 @@ def compare(
             advance(float(len(sides)))
     answer, spectra = compared(sides[0], sides[1], diagnoser.unit)
     answer.notes += notes
-    write_json(json_, answer)
+    write_json(json_, answer.model_dump_json(by_alias=True, indent=2))
     if report is not None:
         from fdd.report.sheet import render_sheet
 
         write_text(report, render_sheet(compare_sheet(answer, spectra)))
     if json_ != "-":
-        console = output()
-        console.print(answer.headline, markup=False, soft_wrap=True)
-        for line in verdict_lines(answer):
-            console.print(line, markup=False, soft_wrap=True)
-        print_tables(console, compare_tables(answer), answer.notes)
+        lines = [answer.headline, *verdict_lines(answer)]
+        print_sheet(output(), lines, compare_tables(answer), answer.notes)

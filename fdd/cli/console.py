@@ -4,16 +4,21 @@ from __future__ import annotations
 
 import sys
 import threading
-from collections.abc import Iterator
+from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
 from contextlib import contextmanager
-from typing import NoReturn
+from typing import Any, NoReturn
 
+from rich import box
 from rich.console import Console
+from rich.table import Table
+from rich.text import Text
 
 from fdd.progress import Advance
 
 PATIENCE_S = 2.0
 """Nothing is shown of what is done sooner."""
+NARROW: dict[str, Any] = {"show_edge": False, "pad_edge": False}
+"""Shape of a table without margins."""
 
 
 class _Pipe(Console):
@@ -24,13 +29,13 @@ class _Pipe(Console):
 
 
 def output() -> Console:
-    """Console on standard output, as it stands now."""
-    return _Pipe(file=sys.stdout, highlight=False, emoji=False)
+    """Console on standard output, as it stands now; what comes from logs is plain text, never markup."""
+    return _Pipe(file=sys.stdout, highlight=False, emoji=False, markup=False)
 
 
 def messages() -> Console:
     """Console on standard error, for progress and remarks."""
-    return Console(file=sys.stderr, highlight=False, emoji=False)
+    return Console(file=sys.stderr, highlight=False, emoji=False, markup=False)
 
 
 def remark(text: str) -> None:
@@ -44,7 +49,6 @@ def progress(title: str, total: float | None = None) -> Iterator[Advance]:
 
     Parameters
     ----------
-    title : what is being done.
     total : of what the function given is told; None shows a spinner only.
 
     Yields
@@ -71,3 +75,40 @@ def progress(title: str, total: float | None = None) -> Iterator[Advance]:
         timer.cancel()
         timer.join()
         shown.stop()
+
+
+@contextmanager
+def counted(title: str) -> Iterator[Callable[[int, int], None]]:
+    """`progress` for work that tells (done, total)."""
+    with progress(title, 1.0) as advance:
+        yield lambda done, total: advance(done / max(total, 1))
+
+
+def grid(
+    columns: Iterable[str],
+    rows: Iterable[Sequence[str]] = (),
+    *,
+    numbers: Collection[str] = (),
+    whole: Collection[str] = (),
+    **shape: Any,
+) -> Table:
+    """A table of plain text.
+
+    Parameters
+    ----------
+    numbers : columns that stand to the right. whole : those, beside them, that are never wrapped.
+    shape : of rich's table.
+    """
+    table = Table(box=box.SIMPLE_HEAD, **shape)
+    for name in columns:
+        right = name in numbers
+        tight = right or name in whole
+        table.add_column(
+            name,
+            justify="right" if right else "left",
+            no_wrap=tight,
+            overflow="ellipsis" if tight else "fold",
+        )
+    for row in rows:
+        table.add_row(*map(Text, row))
+    return table

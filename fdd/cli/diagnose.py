@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import sys
 import time
 from dataclasses import replace
@@ -10,16 +11,8 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from fdd.cli.options import (
-    AxisOption,
-    EngineOption,
-    FolderOption,
-    JsonOption,
-    MapOption,
-    ModelOption,
-    UnitOption,
-    WorkersOption,
-)
+from fdd.cli import options
+from fdd.cli.options import argument, option, require_outputs, write_json
 from fdd.errors import InputError
 
 if TYPE_CHECKING:
@@ -37,71 +30,51 @@ SAVE_EVERY_S = 5.0
 def diagnose(
     logs: Annotated[
         list[Path],
-        typer.Argument(
-            metavar="LOG...",
-            help="Files, folders (all logs below), quoted patterns such as 'runs/*.csv', or @list.txt.",
-            show_default=False,
-        ),
+        argument("Files, folders (all logs below), quoted patterns such as 'runs/*.csv', or @list.txt.",
+                 "LOG..."),
     ],
-    unit: UnitOption = None,
-    map_: MapOption = None,
-    model: ModelOption = None,
-    json_: JsonOption = None,
+    unit: options.UnitOption = None,
+    map_: options.MapOption = None,
+    model: options.ModelOption = None,
+    json_: options.JsonOption = None,
     report: Annotated[
         str | None,
-        typer.Option(
-            "--report",
-            metavar="FILE.html",
-            help="Write a report; for several logs a folder or a name with {log}.",
-        ),
+        option("Write a report; for several logs a folder or a name with {log}.", metavar="FILE.html"),
     ] = None,
     mcap: Annotated[
         str | None,
-        typer.Option(
-            "--mcap", metavar="FILE.mcap", help="Write the log with its diagnosis; for several as --report."
-        ),
+        option("Write the log with its diagnosis; for several as --report.", metavar="FILE.mcap"),
     ] = None,
-    axis: AxisOption = None,
+    axis: options.AxisOption = None,
     prior: Annotated[
         float | None,
-        typer.Option(
-            min=0.001,
-            max=0.999,
-            show_default=False,
-            help="Share of such logs that is faulty, before they are looked at; the model's else (0.5 as "
+        option(
+            "Share of such logs that is faulty, before they are looked at; the model's else (0.5 as "
             "shipped). A fault is answered where it is then likelier than not.",
+            min=0.001, max=0.999,
         ),
     ] = None,
     tracker: Annotated[
         list[str] | None,
-        typer.Option(
-            "--tracker",
-            metavar="NAME",
-            help="A tracker of an installed package that runs beside fdd's own. Repeatable.",
-        ),
+        option("A tracker of an installed package that runs beside fdd's own. Repeatable.", metavar="NAME"),
     ] = None,
     classifier: Annotated[
         Path | None,
-        typer.Option(
-            metavar="FILE.skops",
-            show_default=False,
-            help="Ask a classifier that fdd train --classifier wrote, too; its opinion stands beside ours.",
-        ),
+        option("Ask a classifier that fdd train --classifier wrote, too; its opinion stands beside ours.",
+               metavar="FILE.skops"),
     ] = None,
-    output_: FolderOption = None,
+    output_: options.FolderOption = None,
     resume: Annotated[
-        bool, typer.Option("--resume", help="Keep what --output holds of unchanged logs and settings.")
+        bool, option("Keep what --output holds of unchanged logs and settings.", "--resume")
     ] = False,
-    workers: WorkersOption = None,
-    engine: EngineOption = "local",
+    workers: options.WorkersOption = None,
+    engine: options.EngineOption = "local",
     exit_code: Annotated[
         bool,
-        typer.Option(
-            "--exit-code",
-            help="Exit with 1 for a fault, else 2 for an unreadable log, else 3 if inconclusive.",
-        ),
+        option("Exit with 1 for a fault, else 2 for an unreadable log, else 3 if inconclusive.",
+               "--exit-code"),
     ] = False,
-) -> None:
+) -> None:  # fmt: skip
     """Diagnose logs: is there a fault, since when, which one, and how severe."""
     from fdd.cli.answers import AnswersFolder
     from fdd.cli.which_logs import find_logs
@@ -133,7 +106,8 @@ def diagnose(
             _tell(jobs, answers, folder, quiet=json_ == "-")
     found = [answers[k] for k in range(len(jobs))]
     if json_ is not None:
-        _write_json(json_, found)
+        plain = [json.loads(a.model_dump_json(by_alias=True)) for a in found]
+        write_json(json_, json.dumps(plain[0] if len(plain) == 1 else plain, indent=2, ensure_ascii=False))
     status = status_of(found) if exit_code else UNREADABLE_STATUS if any(a.error for a in found) else 0
     if status:
         raise typer.Exit(status)
@@ -190,12 +164,10 @@ def status_of(answers: Sequence[Diagnosis]) -> int:
 def _jobs(
     logs: list[Path], reports: list[Path], mcaps: list[Path], folder: AnswersFolder | None
 ) -> list[Job]:
-    from fdd.cli.which_logs import file_names, names_of
-    from fdd.offline.diagnoser import Job
+    from fdd.cli.which_logs import file_names, jobs_of
 
-    names = names_of(logs)
-    jobs = [Job(path, name) for path, name in zip(logs, names, strict=True)]
-    for k, name in enumerate(file_names(names)):
+    jobs = jobs_of(logs)
+    for k, name in enumerate(file_names([job.name for job in jobs])):
         jobs[k] = replace(
             jobs[k],
             report=reports[k] if reports else None,
@@ -206,12 +178,10 @@ def _jobs(
 
 
 def _require_outputs(json_: str | None, jobs: list[Job]) -> None:
-    from fdd.files import require_writable
-
     wanted = [p for job in jobs for p in (job.report, job.mcap) if p is not None]
+    require_outputs(json_, *wanted)
     inputs = {job.path.resolve() for job in jobs}
     for path in [*wanted, *([Path(json_)] if json_ not in (None, "-") else [])]:
-        require_writable(path)
         if path.resolve() in inputs:
             raise InputError(
                 "would be written over, it is a log to diagnose", where=path, mend="name another"
@@ -269,22 +239,10 @@ def _tell(
         if answers[k].error:
             print(f"fdd: error: {answers[k].error}", file=sys.stderr)
         elif not quiet and folder and len(jobs) > 1:
-            console.print(f"{answers[k].log}: {headline(answers[k])}", markup=False, soft_wrap=True)
+            console.print(f"{answers[k].log}: {headline(answers[k])}", soft_wrap=True)
         elif not quiet:
             console.print(diagnosis_view(answers[k]))
     if folder and not quiet:
-        console.print(f"{len(answers)} of {len(jobs)} logs, written to {folder.path / 'index.html'}",
-                      markup=False, soft_wrap=True)  # fmt: skip
-
-
-def _write_json(target: str, answers: list[Diagnosis]) -> None:
-    import json
-
-    from fdd.files import write_text
-
-    plain = [json.loads(a.model_dump_json(by_alias=True)) for a in answers]
-    text = json.dumps(plain[0] if len(plain) == 1 else plain, indent=2, ensure_ascii=False) + "\n"
-    if target == "-":
-        print(text, end="")
-    else:
-        write_text(Path(target), text)
+        console.print(
+            f"{len(answers)} of {len(jobs)} logs, written to {folder.path / 'index.html'}", soft_wrap=True
+        )

@@ -9,7 +9,7 @@ import signal
 import sys
 import threading
 import warnings
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from contextlib import contextmanager
 from types import FrameType
 from typing import Any
@@ -33,28 +33,16 @@ class Commands(TyperGroup):
     traceback is shown where ``FDD_DEBUG`` is set), 130 interrupted, 141 broken pipe.
     """
 
-    def main(
-        self,
-        args: Sequence[str] | None = None,
-        prog_name: str | None = None,
-        complete_var: str | None = None,
-        standalone_mode: bool = True,
-        windows_expand_args: bool = True,
-        **extra: Any,
-    ) -> Any:
+    def main(self, *args: Any, standalone_mode: bool = True, **extra: Any) -> Any:
         """Run and exit with a status, or return it where `standalone_mode` is False."""
-        status = self._status(
-            args, prog_name or "fdd", complete_var, windows_expand_args=windows_expand_args, **extra
-        )
+        status = self._status(*args, **{"prog_name": "fdd", **extra})
         if not standalone_mode:
             return status
         sys.exit(status)
 
-    def _status(
-        self, args: Sequence[str] | None, prog_name: str, complete_var: str | None, **extra: Any
-    ) -> int:
+    def _status(self, *args: Any, **extra: Any) -> int:
         try:
-            result = super().main(args, prog_name, complete_var, standalone_mode=False, **extra)
+            result = super().main(*args, **{**extra, "standalone_mode": False})
             sys.stdout.flush()
             return result if isinstance(result, int) else 0
         except InputError as error:

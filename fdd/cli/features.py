@@ -5,24 +5,18 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Annotated
 
-import typer
-
-from fdd.cli.options import EngineOption, ModelOption, WorkersOption
+from fdd.cli.options import DatasetArgument, EngineOption, ModelOption, WorkersOption, option
 
 
 def features(
-    dataset: Annotated[Path, typer.Argument(help="Folder that fdd generate made.", show_default=False)],
+    dataset: DatasetArgument,
     out: Annotated[
         Path,
-        typer.Option(
-            "--out", "-o", metavar="FILE.parquet", show_default=False,
-            help="Table to write; as features.parquet in the data set's folder it is found there.",
-        ),
+        option("Table to write; as features.parquet in the data set's folder it is found there.",
+               "--out", "-o", metavar="FILE.parquet"),
     ],
     window: Annotated[
-        float | None,
-        typer.Option(min=1.0, metavar="S", help="A row for each so many seconds, not for each log.",
-                     show_default=False),
+        float | None, option("A row for each so many seconds, not for each log.", min=1.0, metavar="S")
     ] = None,
     model: ModelOption = None,
     workers: WorkersOption = None,
@@ -34,16 +28,12 @@ def features(
     require_writable(out)
 
     from fdd.campaign.feature_table import feature_table, write_features
-    from fdd.cli.console import progress
+    from fdd.cli.console import counted
 
-    with progress(f"features of {dataset.name}", 1.0) as advance:
+    asked = None if model is None else str(model)
+    with counted(f"features of {dataset.name}") as step:
         table = feature_table(
-            dataset,
-            model=None if model is None else str(model),
-            window=window,
-            workers=workers,
-            engine=engine,
-            progress=lambda done, total: advance(done / max(total, 1)),
+            dataset, model=asked, window=window, workers=workers, engine=engine, progress=step
         )
     write_features(table, out)
     print(f"{table.num_rows} rows of {table.num_columns} columns written to {out}")

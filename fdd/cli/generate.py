@@ -5,32 +5,22 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Annotated
 
-import typer
-
-from fdd.cli.options import EngineOption, WorkersOption
+from fdd.cli.options import EngineOption, WorkersOption, argument, option
 
 
 def generate(
-    recipe: Annotated[Path, typer.Argument(help="Recipe of the campaign (YAML).", show_default=False)],
-    out: Annotated[Path, typer.Option("--out", "-o", help="Folder of the data set.", show_default=False)],
+    recipe: Annotated[Path, argument("Recipe of the campaign (YAML).")],
+    out: Annotated[Path, option("Folder of the data set.", "--out", "-o")],
     workers: WorkersOption = None,
-    units: Annotated[
-        int | None, typer.Option(min=1, help="Units, instead of the recipe's.", show_default=False)
-    ] = None,
-    logs: Annotated[
-        int | None,
-        typer.Option(min=0, help="Logs of each unit, instead of the recipe's.", show_default=False),
-    ] = None,
+    units: Annotated[int | None, option("Units, instead of the recipe's.", min=1)] = None,
+    logs: Annotated[int | None, option("Logs of each unit, instead of the recipe's.", min=0)] = None,
     twins: Annotated[
         bool | None,
-        typer.Option(
-            "--twins/--no-twins",
-            show_default=False,
-            help="Each faulty log once more without its faults, instead of the recipe's; twice the time.",
-        ),
+        option("Each faulty log once more without its faults, instead of the recipe's; twice the time.",
+               "--twins/--no-twins"),
     ] = None,
     engine: EngineOption = "local",
-) -> None:
+) -> None:  # fmt: skip
     """Generate a labelled data set of simulated runs."""
     from fdd.files import require_writable, written
 
@@ -38,19 +28,13 @@ def generate(
 
     from fdd.campaign.generate import generate as run
     from fdd.campaign.recipe import Recipe
-    from fdd.cli.console import progress
+    from fdd.cli.console import counted
 
     campaign = Recipe.load(recipe)
     given = {"units": units, "logs_per_unit": logs, "twins": twins}
     asked = {name: value for name, value in given.items() if value is not None}
     if asked:
         campaign = Recipe(**{**campaign.model_dump(by_alias=True), **asked})
-    with progress(f"generating {out.name}", 1.0) as advance, written(out):
-        run(
-            campaign,
-            out,
-            workers=workers,
-            engine=engine,
-            progress=lambda done, total: advance(done / max(total, 1)),
-        )
+    with counted(f"generating {out.name}") as step, written(out):
+        run(campaign, out, workers=workers, engine=engine, progress=step)
     print(f"Data set written to {out}")

@@ -10,20 +10,14 @@ import typer
 from fdd.cli.completion import units
 from fdd.cli.experiment import Experiment
 from fdd.cli.experiment import experiment as run_experiment
-from fdd.cli.options import AxisOption, MapOption
+from fdd.cli.options import AxisOption, MapOption, argument, option, require_outputs, write_json
 from fdd.errors import InputError
 
 
 def identify(
-    logs: Annotated[
-        list[Path],
-        typer.Argument(metavar="HEALTHY_LOG...", help="Logs of this unit while healthy.", show_default=False),
-    ],
+    logs: Annotated[list[Path], argument("Logs of this unit while healthy.", "HEALTHY_LOG...")],
     out: Annotated[
-        Path | None,
-        typer.Option(
-            "--out", "-o", help="Profile to write (YAML); of an experiment its page.", show_default=False
-        ),
+        Path | None, option("Profile to write (YAML); of an experiment its page.", "--out", "-o")
     ] = None,
     base: Annotated[
         str,
@@ -31,27 +25,17 @@ def identify(
     ] = "axis_a",
     map_: MapOption = None,
     axis: AxisOption = None,
-    name: Annotated[
-        str | None,
-        typer.Option(help="Name of the new profile; by default base, date, hash.", show_default=False),
-    ] = None,
+    name: Annotated[str | None, option("Name of the new profile; by default base, date, hash.")] = None,
     add: Annotated[
-        Path | None,
-        typer.Option(
-            metavar="PROFILE", help="Narrow this identified profile with more logs.", show_default=False
-        ),
+        Path | None, option("Narrow this identified profile with more logs.", metavar="PROFILE")
     ] = None,
     accept: Annotated[bool, typer.Option(help="Write a profile that would be refused.")] = False,
     json_: Annotated[
-        str | None,
-        typer.Option("--json", metavar="FILE|-", help="Write the result as JSON; - is standard output."),
+        str | None, option("Write the result as JSON; - is standard output.", "--json", metavar="FILE|-")
     ] = None,
     verbose: Annotated[bool, typer.Option(help="Sensors and notes too.")] = False,
     experiment: Annotated[
-        Experiment | None,
-        typer.Option(
-            help="Make no profile but `fdd experiment` of this kind, against --base.", show_default=False
-        ),
+        Experiment | None, option("Make no profile but `fdd experiment` of this kind, against --base.")
     ] = None,
 ) -> None:
     """Identify a unit from its healthy logs, so that its own spread is no fault."""
@@ -59,7 +43,6 @@ def identify(
 
     from fdd.cli.console import progress
     from fdd.cli.identify_tables import as_data, print_result
-    from fdd.files import require_writable, write_text
     from fdd.identification.from_logs import identify_logs
 
     if experiment is not None:
@@ -67,15 +50,9 @@ def identify(
         return
     if out is None:
         raise InputError("no profile to write to", mend="name it with -o, e.g. -o unit.yaml")
-    require_writable(out)
-    if json_ not in (None, "-"):
-        require_writable(Path(json_))
+    require_outputs(json_, out)
     made = identify_logs(logs, base, map_, add=add, axis=axis, name=name, accept=accept, progress=progress)
     made.unit.save(out)
-    data = json.dumps(as_data(made), indent=1, ensure_ascii=False)
-    if json_ == "-":
-        print(data)
-        return
-    if json_ is not None:
-        write_text(json_, data + "\n")
-    print_result(made, out, verbose=verbose)
+    write_json(json_, json.dumps(as_data(made), indent=1, ensure_ascii=False))
+    if json_ != "-":
+        print_result(made, out, verbose=verbose)

@@ -5,11 +5,10 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from rich import box
 from rich.table import Table
 from rich.text import Text
 
-from fdd.cli.console import output
+from fdd.cli.console import NARROW, grid, output
 from fdd.identification.experiments.outcome import NORMAL_95, SHOWN
 
 if TYPE_CHECKING:
@@ -61,12 +60,8 @@ def as_data(made: Identified) -> dict[str, Any]:
 
 def physics_table(found: Identification, *, sensors: bool, notes: bool) -> Table:
     """Quantity, before, after, its 95 % uncertainty, unit, and a plain word."""
-    table = Table(box=box.SIMPLE_HEAD, show_edge=False, pad_edge=False)
-    table.add_column("quantity", overflow="fold")
-    for title in ("before", "after", "± (95 %)"):
-        table.add_column(title, justify="right", no_wrap=True)
-    table.add_column("unit", no_wrap=True)
-    table.add_column("")
+    numbers = ("before", "after", "± (95 %)")
+    table = grid(("quantity", *numbers, "unit", ""), numbers=numbers, whole=("unit",), **NARROW)
     rows = found.balances or [r for r in found.table if sensors or not r.quantity.startswith("sensors.")]
     for row in rows:
         factor, unit = SHOWN.get(row.unit, (1.0, row.unit))

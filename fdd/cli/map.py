@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from fdd.cli.options import argument, option
 from fdd.errors import InputError
 
 if TYPE_CHECKING:
@@ -16,38 +17,24 @@ if TYPE_CHECKING:
     from fdd.logs.mapping import Proposal, Question
 
 
-def propose_map(
+def map(
     logs: Annotated[
-        list[Path],
-        typer.Argument(
-            metavar="LOG...",
-            help="Logs of one rig, of any format; the first is looked at.",
-            show_default=False,
-        ),
+        list[Path], argument("Logs of one rig, of any format; the first is looked at.", "LOG...")
     ],
-    out: Annotated[Path, typer.Option("--out", "-o", help="Map to write (YAML).", show_default=False)],
-    name: Annotated[
-        str | None, typer.Option(help="Name of the rig; the file's else.", show_default=False)
-    ] = None,
-    axis: Annotated[str | None, typer.Option(help="Name of the axis in answers.", show_default=False)] = None,
+    out: Annotated[Path, option("Map to write (YAML).", "--out", "-o")],
+    name: Annotated[str | None, option("Name of the rig; the file's else.")] = None,
+    axis: Annotated[str | None, option("Name of the axis in answers.")] = None,
     given: Annotated[
         list[str] | None,
-        typer.Option(
-            "--set",
-            metavar="CHANNEL=[SIGNAL][*SCALE[+OFFSET]][:UNIT]",
-            show_default=False,
-            help="What you know: a channel's signal, its unit (position=:mm for the unit alone), "
-            "the scale of raw counts (position=raw*0.025-5:mm), "
-            "or that there is none (motor_current=).",
+        option(
+            "What you know: a channel's signal, its unit (position=:mm for the unit alone), the scale of raw "
+            "counts (position=raw*0.025-5:mm), or that there is none (motor_current=).",
+            "--set", metavar="CHANNEL=[SIGNAL][*SCALE[+OFFSET]][:UNIT]",
         ),
     ] = None,
-    words: Annotated[
-        Path | None, typer.Option(help="Your own words in signal names (fdd.words/1).", show_default=False)
-    ] = None,
-    yes: Annotated[
-        bool, typer.Option("--yes", "-y", help="Take the likeliest answer to every question.")
-    ] = False,
-) -> None:
+    words: Annotated[Path | None, option("Your own words in signal names (fdd.words/1).")] = None,
+    yes: Annotated[bool, option("Take the likeliest answer to every question.", "--yes", "-y")] = False,
+) -> None:  # fmt: skip
     """Propose a channel map from names, units and what the signals do; ask where that is not enough."""
     from fdd.cli.console import output, progress, remark
     from fdd.files import require_writable, write_text
@@ -80,45 +67,31 @@ def propose_map(
     write_text(out, text)
     console.print(proposal_table(found))
     for line in (*found.notes, *balance_words(read[0].samples)):
-        console.print(f"• {line}", markup=False)
+        console.print(f"• {line}")
     if found.unused:
-        console.print(f"• not used: {', '.join(found.unused[:20])}", markup=False)
+        console.print(f"• not used: {', '.join(found.unused[:20])}")
     for log_read in read[1:]:
         wrong = [w for w in balance_words(log_read.samples) if "wrong way" in w or "not how" in w]
         for line in wrong:
             remark(f"{log_read.name}: {line}")
-    console.print(f"Map of {len(found.rows)} channels written to {out}", markup=False)
+    console.print(f"Map of {len(found.rows)} channels written to {out}")
 
 
 def proposal_table(found: Proposal) -> Table:
     """Channel, signal, unit, sign and scale, how sure, and why."""
-    from rich import box
-    from rich.table import Table
-    from rich.text import Text
-
+    from fdd.cli.console import grid
     from fdd.samples import CHANNELS
 
-    table = Table(box=box.SIMPLE_HEAD)
-    for title in ("channel", "signal", "unit"):
-        table.add_column(title, overflow="fold")
-    table.add_column("sure", justify="right", no_wrap=True)
-    table.add_column("because", overflow="fold")
-    for channel in CHANNELS:
-        if (row := found.rows.get(channel)) is None:
-            continue
+    rows = []
+    for channel in (c for c in CHANNELS if c in found.rows):
+        row = found.rows[channel]
         source = row.source
         factor = "" if source.scale == 1.0 else f"{source.scale:.5g} × "
-        signal = (
-            f"{'−' if source.sign < 0 else ''}{factor}{source.column or f'{source.topic} {source.field}'}"
-        )
-        table.add_row(
-            channel,
-            Text(signal),
-            source.unit or CHANNELS[channel].unit,
-            f"{100 * row.confidence:.0f} %",
-            Text(row.why),
-        )
-    return table
+        name = source.column or f"{source.topic} {source.field}"
+        signal = f"{'−' if source.sign < 0 else ''}{factor}{name}"
+        sure = f"{100 * row.confidence:.0f} %"
+        rows.append((channel, signal, source.unit or CHANNELS[channel].unit, sure, row.why))
+    return grid(("channel", "signal", "unit", "sure", "because"), rows, numbers=("sure",))
 
 
 def _answered(question: Question) -> str:
@@ -126,9 +99,9 @@ def _answered(question: Question) -> str:
 
     options = list(question.options)
     console = messages()
-    console.print(question.text, markup=False)
-    for k, option in enumerate(options, 1):
-        console.print(f"  {k}  {option}", markup=False)
-    console.print(f"or start again with {question.hint}", markup=False)
+    console.print(question.text)
+    for k, likely in enumerate(options, 1):
+        console.print(f"  {k}  {likely}")
+    console.print(f"or start again with {question.hint}")
     chosen = typer.prompt("Number", default=1, type=int, err=True)
     return options[min(max(int(chosen), 1), len(options)) - 1]

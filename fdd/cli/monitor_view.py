@@ -9,8 +9,8 @@ from __future__ import annotations
 import json
 import math
 import sys
-from types import TracebackType
-from typing import Any, Protocol, Self
+from contextlib import AbstractContextManager
+from typing import Any, Self
 
 from rich.live import Live
 from rich.text import Text
@@ -28,36 +28,37 @@ SHORT = {
 }  # fmt: skip
 
 
-class View(Protocol):
-    """Shows events as they come, and the answer at the end."""
+class View(AbstractContextManager["View"]):
+    """Shows events as they come, and the answer at the end: one JSON object a line, for programs."""
 
-    shows_status: bool
+    shows_status = False
 
-    def __enter__(self) -> Self: ...
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None: ...
+    def __exit__(self, *error: object) -> None:
+        """Nothing is left open."""
 
     def remark(self, text: str) -> None:
         """A note before the stream begins."""
-        ...
+        remark(text)
 
     def show(self, event: Event) -> None:
         """One event."""
-        ...
+        if isinstance(event, Found):
+            finding = json.loads(event.finding.model_dump_json())
+            _print({"event": "finding", "time_s": event.time, **finding})
+        elif isinstance(event, Noted):
+            time = None if math.isnan(event.time) else event.time
+            _print({"event": "note", "time_s": time, "text": event.text})
 
     def summary(self, diagnosis: Diagnosis) -> None:
         """The answer on everything."""
-        ...
+        _print({"event": "summary", "diagnosis": json.loads(diagnosis.model_dump_json(by_alias=True))})
 
 
-def view_of(*, json_: bool) -> View:
-    """The view that was asked for."""
-    return _JsonView() if json_ else _TextView()
+def _print(line: dict[str, Any]) -> None:
+    print(json.dumps(line, ensure_ascii=False), flush=True)
 
 
-class _TextView:
+class TextView(View):
     """Findings line by line; on a terminal with a status line that stays below them."""
 
     def __init__(self) -> None:
@@ -70,9 +71,7 @@ class _TextView:
             self._live.start()
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, *error: object) -> None:
         if self.shows_status:
             self._live.stop()
 
@@ -95,38 +94,6 @@ class _TextView:
 
     def summary(self, diagnosis: Diagnosis) -> None:
         self._console.print(diagnosis_view(diagnosis))
-
-
-class _JsonView:
-    """One JSON object a line, for programs."""
-
-    shows_status = False
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        return None
-
-    def remark(self, text: str) -> None:
-        remark(text)
-
-    def show(self, event: Event) -> None:
-        if isinstance(event, Found):
-            finding = json.loads(event.finding.model_dump_json())
-            _print({"event": "finding", "time_s": event.time, **finding})
-        elif isinstance(event, Noted):
-            time = None if math.isnan(event.time) else event.time
-            _print({"event": "note", "time_s": time, "text": event.text})
-
-    def summary(self, diagnosis: Diagnosis) -> None:
-        _print({"event": "summary", "diagnosis": json.loads(diagnosis.model_dump_json(by_alias=True))})
-
-
-def _print(line: dict[str, Any]) -> None:
-    print(json.dumps(line, ensure_ascii=False), flush=True)
 
 
 def stamp(time: float) -> str:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import importlib.util
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 
@@ -12,48 +12,69 @@ from fdd.cli.completion import units
 from fdd.engines import Engine
 from fdd.errors import InputError
 
+
+def option(help: str, *names: str, **more: Any) -> Any:
+    """An option for `Annotated`; its default is not shown unless asked for."""
+    return typer.Option(*names, help=help, **{"show_default": False, **more})
+
+
+def argument(help: str, metavar: str | None = None) -> Any:
+    """An argument for `Annotated`."""
+    return typer.Argument(help=help, metavar=metavar, show_default=False)
+
+
 UnitOption = Annotated[
     str | None,
-    typer.Option(
-        "--unit",
-        help="Unit profile: a YAML file or a shipped one (axis_a, axis_b).",
-        show_default=False,
-        autocompletion=units,
-    ),
+    option("Unit profile: a YAML file or a shipped one (axis_a, axis_b).", "--unit", autocompletion=units),
 ]
-MapOption = Annotated[
-    Path | None, typer.Option("--map", help="Channel map (YAML) of the logs.", show_default=False)
-]
-ModelOption = Annotated[
-    Path | None, typer.Option("--model", help="Trained model; the shipped one else.", show_default=False)
-]
+MapOption = Annotated[Path | None, option("Channel map (YAML) of the logs.", "--map")]
+ModelOption = Annotated[Path | None, option("Trained model; the shipped one else.", "--model")]
 JsonOption = Annotated[
-    str | None,
-    typer.Option("--json", metavar="FILE|-", help="Write the answer as JSON; - is standard output."),
+    str | None, option("Write the answer as JSON; - is standard output.", "--json", metavar="FILE|-")
 ]
-AxisOption = Annotated[
-    str | None,
-    typer.Option("--axis", help="Axis of an MCAP file, or a store, with several.", show_default=False),
-]
-ReportOption = Annotated[
-    Path | None, typer.Option("--report", metavar="FILE.html", help="Write a page.", show_default=False)
-]
+AxisOption = Annotated[str | None, option("Axis of an MCAP file, or a store, with several.", "--axis")]
+ReportOption = Annotated[Path | None, option("Write a page.", "--report", metavar="FILE.html")]
 FolderOption = Annotated[
     Path | None,
-    typer.Option(
-        "--output", "-o", metavar="DIR", show_default=False,
-        help="Folder for all of it: index.html with its tables, as CSV and JSON too, and reports.",
-    ),
+    option("Folder for all of it: index.html with its tables, as CSV and JSON too, and reports.",
+           "--output", "-o", metavar="DIR"),
 ]  # fmt: skip
 WorkersOption = Annotated[
-    int | None,
-    typer.Option(
-        min=1, max=256, help="Processes for several jobs; one for each core else.", show_default=False
-    ),
+    int | None, option("Processes for several jobs; one for each core else.", min=1, max=256)
 ]
 EngineOption = Annotated[
     Engine, typer.Option(help="What runs them: this machine, or the Ray cluster that RAY_ADDRESS names.")
 ]
+DatasetArgument = Annotated[Path, argument("Folder that fdd generate made.")]
+
+
+def require_outputs(json_: str | None, *files: Path | None) -> None:
+    """Refuse outputs before minutes are spent on them.
+
+    Raises
+    ------
+    InputError : one cannot be written.
+    """
+    from fdd.files import require_writable
+
+    for path in (None if json_ in (None, "-") else Path(str(json_)), *files):
+        if path is not None:
+            require_writable(path)
+
+
+def write_json(target: str | None, text: str) -> None:
+    """JSON to a file or, for ``-``, standard output; nowhere for None.
+
+    Raises
+    ------
+    InputError : it cannot be written.
+    """
+    if target == "-":
+        print(text)
+    elif target is not None:
+        from fdd.files import write_text
+
+        write_text(target, f"{text}\n")
 
 
 def require_packages(extra: str, *names: str) -> None:

@@ -7,11 +7,11 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from fdd.cli.options import argument, option
 from fdd.errors import InputError
 
 if TYPE_CHECKING:
     from fdd.data_sheet import Answers, Question, Remark
-    from fdd.data_sheet.sizing import Sized
     from fdd.unit import Unit
 
 app = typer.Typer(help="A base profile typed from a data sheet.", no_args_is_help=True)
@@ -19,20 +19,13 @@ app = typer.Typer(help="A base profile typed from a data sheet.", no_args_is_hel
 
 @app.command()
 def new(
-    out: Annotated[Path, typer.Option("--out", "-o", help="Profile to write (YAML).", show_default=False)],
+    out: Annotated[Path, option("Profile to write (YAML).", "--out", "-o")],
     answers: Annotated[
-        Path | None,
-        typer.Option(
-            "--from", help="Flat YAML or JSON of answers, 'stroke: 64 mm' and so on.", show_default=False
-        ),
+        Path | None, option("Flat YAML or JSON of answers, 'stroke: 64 mm' and so on.", "--from")
     ] = None,
     duty: Annotated[
         Path | None,
-        typer.Option(
-            "--duty",
-            help="Flat YAML or JSON of loads and speeds, 'load: 30 kN' and so on: the actuator is sized.",
-            show_default=False,
-        ),
+        option("Flat YAML or JSON of loads and speeds, 'load: 30 kN' and so on: the actuator is sized."),
     ] = None,
 ) -> None:
     """Type a base profile from a data sheet, or size one from its duty, for fdd identify to start from.
@@ -65,7 +58,7 @@ def new(
 
 @app.command()
 def check(
-    profile: Annotated[str, typer.Argument(metavar="PROFILE", help="A YAML file or a shipped profile.")],
+    profile: Annotated[str, argument("A YAML file or a shipped profile.", "PROFILE")],
 ) -> None:
     """Show what follows from a profile's numbers, and what is odd about them."""
     from fdd.data_sheet import require_plausible, unit_remarks
@@ -130,6 +123,7 @@ def _typed(answers: Answers) -> tuple[Unit, list[Remark]]:
 
 def _sized(duty: Path) -> tuple[Unit, list[Remark]]:
     """Size what a duty file asks for; shows how."""
+    from fdd.cli.console import grid, output
     from fdd.data_sheet import require_plausible
     from fdd.data_sheet.duty import read_duty
     from fdd.data_sheet.sizing import sized
@@ -141,43 +135,25 @@ def _sized(duty: Path) -> tuple[Unit, list[Remark]]:
     except InputError as error:
         raise error.at(duty) from None
     require_plausible(odd, str(duty))
-    _show_sized(unit.name, found.rows)
+    rows = [(row.quantity, f"{row.shown:.4g}", row.unit, row.source) for row in found.rows]
+    table = grid(
+        (f"{unit.name}: as sized", "value", "unit", "from"), rows, numbers=("value",), whole=("unit",)
+    )
+    table.columns[0].min_width = table.columns[3].min_width = 24
+    output().print(table)
     return unit, [*found.remarks, *odd]
 
 
-def _show_sized(name: str, rows: list[Sized]) -> None:
-    from rich import box
-    from rich.table import Table
-    from rich.text import Text
-
-    from fdd.cli.console import output
-
-    table = Table(box=box.SIMPLE_HEAD)
-    table.add_column(Text(f"{name}: as sized"), min_width=24)
-    table.add_column("value", justify="right", no_wrap=True)
-    table.add_column("unit", no_wrap=True)
-    table.add_column("from", min_width=24)
-    for row in rows:
-        table.add_row(row.quantity, f"{row.shown:.4g}", row.unit, Text(row.source))
-    output().print(table)
-
-
 def _show(unit: Unit, odd: list[Remark]) -> None:
-    from rich import box
-    from rich.table import Table
     from rich.text import Text
 
-    from fdd.cli.console import output
+    from fdd.cli.console import grid, output
     from fdd.data_sheet import derived
 
     console = output()
-    table = Table(box=box.SIMPLE_HEAD)
-    table.add_column(Text(f"{unit.name}: what follows"), no_wrap=True)
-    table.add_column("value", justify="right", no_wrap=True)
-    table.add_column("unit", no_wrap=True)
-    for row in derived(unit):
-        table.add_row(row.quantity, f"{row.value:.4g}", "" if row.unit == "1" else row.unit)
-    console.print(table)
+    rows = [(r.quantity, f"{r.value:.4g}", "" if r.unit == "1" else r.unit) for r in derived(unit)]
+    title = f"{unit.name}: what follows"
+    console.print(grid((title, "value", "unit"), rows, numbers=("value",), whole=(title, "unit")))
     for remark in odd:
         kind, style = ("impossible", "red") if remark.impossible else ("unusual", "yellow")
         console.print(Text(f"• {kind}: {remark.problem}; {remark.mend}", style=style))

@@ -13,7 +13,7 @@ import typer
 
 from fdd.cli.failures import stopped_by_signals
 from fdd.cli.monitor import replay_speed
-from fdd.cli.options import AxisOption, MapOption
+from fdd.cli.options import AxisOption, MapOption, argument, option
 from fdd.errors import InputError
 
 if TYPE_CHECKING:
@@ -21,12 +21,9 @@ if TYPE_CHECKING:
 
 
 def publish(
-    logs: Annotated[
-        list[Path],
-        typer.Argument(metavar="LOG...", help="Each becomes an axis of its name.", show_default=False),
-    ],
+    logs: Annotated[list[Path], argument("Each becomes an axis of its name.", "LOG...")],
     mqtt: Annotated[
-        str, typer.Option(metavar="URL", help="Broker: mqtt://[USER@]HOST[:PORT], or mqtts:// with TLS.")
+        str, option("Broker: mqtt://[USER@]HOST[:PORT], or mqtts:// with TLS.", metavar="URL")
     ],
     topic: Annotated[str, typer.Option(help="{axis} becomes the axis's name.")] = "fdd/{axis}/blocks",
     map_: MapOption = None,
@@ -38,12 +35,8 @@ def publish(
         int, typer.Option(min=1, help="So many neighbours come in any order (fdd serve: up to 5).")
     ] = 1,
     seed: Annotated[int, typer.Option(min=0, help="Of what comes by chance.")] = 0,
-    password_file: Annotated[
-        Path | None, typer.Option(help="Its first line is USER's password.", show_default=False)
-    ] = None,
-    ca: Annotated[
-        Path | None, typer.Option(help="PEM file of the broker's authority, for mqtts.", show_default=False)
-    ] = None,
+    password_file: Annotated[Path | None, option("Its first line is USER's password.")] = None,
+    ca: Annotated[Path | None, option("PEM file of the broker's authority, for mqtts.")] = None,
 ) -> None:  # fmt: skip
     """Send logs to an MQTT broker as live axes, in blocks of 100 ms: to try fdd serve out, bad lines too."""
     try:

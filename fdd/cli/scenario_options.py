@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
 from typing import Any
 
 from fdd.errors import InputError
@@ -127,21 +126,3 @@ def set_valve(data: Data, text: str) -> None:
         raise InputError("there is no partner", where=where, mend="give --partner, such as --partner axis_b")
     path = ("partner", "circuit") if axis == "b" else ("circuit",)
     section(data, *path, *(("accumulators",) if name in accumulators else ()))[name] = value
-
-
-def set_plain(data: Data, given: Mapping[str, object]) -> None:
-    """Take options that are fields of a scenario, where they are given (not None)."""
-    data.update({name: value for name, value in given.items() if value is not None})
-
-
-def set_faults(data: Data, texts: Sequence[str]) -> None:
-    """Take ``--fault``, instead of the file's faults, where any is given.
-
-    Raises
-    ------
-    InputError : unknown fault or parameter.
-    """
-    from fdd.plant.faults.spec import parse_fault
-
-    if texts:
-        data["faults"] = [parse_fault(text) for text in texts]

@@ -2,25 +2,25 @@
 
 from __future__ import annotations
 
-from enum import StrEnum
-from typing import Annotated, Any
+from importlib import import_module
+from typing import Annotated, Any, Literal
 
-import typer
+from fdd.cli.options import argument
+
+Kind = Literal["diagnosis", "comparison", "trend", "map", "profile", "recipe", "serve"]
+MODELS: dict[Kind, str] = {
+    "diagnosis": "fdd.diagnosis.findings:Diagnosis",
+    "comparison": "fdd.history.answers:Comparison",
+    "trend": "fdd.history.answers:Life",
+    "map": "fdd.logs:ChannelMap",
+    "profile": "fdd.unit:Unit",
+    "recipe": "fdd.campaign.recipe:Recipe",
+    "serve": "fdd.service.config:Serve",
+}
+ANSWERS = ("diagnosis", "comparison", "trend")
 
 
-class Kind(StrEnum):
-    """What there is a schema of."""
-
-    DIAGNOSIS = "diagnosis"
-    COMPARISON = "comparison"
-    TREND = "trend"
-    MAP = "map"
-    PROFILE = "profile"
-    RECIPE = "recipe"
-    SERVE = "serve"
-
-
-def schema(kind: Annotated[Kind, typer.Argument(help="Of what.", show_default=False)]) -> None:
+def schema(kind: Annotated[Kind, argument("Of what.")]) -> None:
     """Print the JSON Schema of an answer, a comparison, a trend, a map, a profile, a recipe or serve.yaml."""
     import json
 
@@ -35,47 +35,27 @@ def schema_of(kind: Kind) -> dict[str, Any]:
 
     Examples
     --------
-    >>> schema_of(Kind.DIAGNOSIS)["title"], "verdict" in schema_of(Kind.DIAGNOSIS)["required"]
+    >>> schema_of("diagnosis")["title"], "verdict" in schema_of("diagnosis")["required"]
     ('fdd.diagnosis/1', True)
     """
-    if kind is Kind.DIAGNOSIS:
-        from fdd.diagnosis.findings import Diagnosis
-
-        made = Diagnosis.model_json_schema(mode="serialization")
-    elif kind in (Kind.COMPARISON, Kind.TREND):
-        from fdd.history.answers import Comparison, Life
-
-        model = Comparison if kind is Kind.COMPARISON else Life
-        made = model.model_json_schema(mode="serialization")
-    elif kind is Kind.MAP:
-        made = _map_schema()
-    elif kind is Kind.PROFILE:
-        from fdd.unit import Unit
-
-        made = Unit.model_json_schema()
-    elif kind is Kind.SERVE:
-        from fdd.service.config import Serve
-
-        made = Serve.model_json_schema()
-    else:
-        from fdd.campaign.recipe import Recipe
-
-        made = Recipe.model_json_schema()
+    module, name = MODELS[kind].split(":")
+    model = getattr(import_module(module), name)
+    # Answers are written, the others are read.
+    made = model.model_json_schema(mode="serialization" if kind in ANSWERS else "validation")
+    if kind == "map":
+        _allow_flat_channels(made)
     # What the models' docstrings say is for Python.
     made.pop("description", None)
     title = made["properties"]["schema"]["const"]
     return {"$schema": "https://json-schema.org/draft/2020-12/schema", **made, "title": title}
 
 
-def _map_schema() -> dict[str, Any]:
-    """Channels stand below ``channels:`` or at the top level."""
-    from fdd.logs import ChannelMap
+def _allow_flat_channels(made: dict[str, Any]) -> None:
+    """Channels of a map stand below ``channels:`` or at the top level."""
     from fdd.samples import CHANNELS
 
-    made = ChannelMap.model_json_schema()
     source = {"$ref": "#/$defs/ChannelSource"}
     each = dict.fromkeys(CHANNELS, source)
     channels = {"type": "object", "properties": each, "additionalProperties": False}
     made["properties"] |= {"channels": channels, **each}
     del made["required"]
-    return made

@@ -10,10 +10,8 @@ from contextlib import ExitStack
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
-import typer
-
 from fdd.cli.failures import stopped_by_signals
-from fdd.cli.options import EngineOption, require_packages
+from fdd.cli.options import EngineOption, argument, option, require_packages
 from fdd.errors import InputError
 
 if TYPE_CHECKING:
@@ -21,24 +19,17 @@ if TYPE_CHECKING:
 
 
 def serve(
-    config: Annotated[
-        Path | None,
-        typer.Argument(metavar="[SERVE.YAML]", help="What is watched: fdd schema serve.", show_default=False),
-    ] = None,
+    config: Annotated[Path | None, argument("What is watched: fdd schema serve.", "[SERVE.YAML]")] = None,
     demo: Annotated[
-        bool, typer.Option("--demo", help="Watch three simulated axes, one of which begins to leak.")
+        bool, option("Watch three simulated axes, one of which begins to leak.", "--demo")
     ] = False,
-    port: Annotated[
-        int | None, typer.Option(min=0, max=65535, help="Instead of the file's.", show_default=False)
-    ] = None,
+    port: Annotated[int | None, option("Instead of the file's.", min=0, max=65535)] = None,
     engine: EngineOption = "local",
-    check: Annotated[bool, typer.Option("--check", help="Read the file, and end.")] = False,
+    check: Annotated[bool, option("Read the file, and end.", "--check")] = False,
     token: Annotated[
         str | None,
-        typer.Option(
-            metavar="NAME:ROLE", show_default=False,
-            help="Make a token of the role view, acknowledge or admin, and its line for the file of tokens.",
-        ),
+        option("Make a token of the role view, acknowledge or admin, and its line for the file of tokens.",
+               metavar="NAME:ROLE"),
     ] = None,
 ) -> None:  # fmt: skip
     """Watch many axes: alarms, a page, metrics. Ctrl-C or SIGTERM ends it, and it goes on where it was."""

@@ -8,6 +8,7 @@ from typing import Annotated, Any
 import typer
 
 from fdd.cli.completion import CONTROLS, DUTIES, LOADS, begins, faults, units
+from fdd.cli.options import option
 from fdd.errors import InputError
 
 RIG, CONDITIONS, RECORDING = "Load, control and circuit", "Conditions", "Recording"
@@ -15,123 +16,93 @@ RIG, CONDITIONS, RECORDING = "Load, control and circuit", "Conditions", "Recordi
 
 def _list_faults(wanted: bool) -> None:
     if wanted:
-        from fdd.cli.fault_table import show_faults
+        from fdd.cli.console import output
+        from fdd.cli.fault_table import WIDTH_IN_A_FILE, fault_table
 
-        show_faults()
+        console = output()
+        if not console.is_terminal:
+            console.width = WIDTH_IN_A_FILE
+        console.print(fault_table())
         raise typer.Exit(0)
 
 
 def simulate(
-    out: Annotated[
-        Path, typer.Option("--out", "-o", help="MCAP (with the truth), Parquet or CSV.", show_default=False)
-    ],
+    out: Annotated[Path, option("MCAP (with the truth), Parquet or CSV.", "--out", "-o")],
     scenario: Annotated[
-        Path | None,
-        typer.Option(
-            help="A whole scenario from a YAML file; other options override it.", show_default=False
-        ),
+        Path | None, option("A whole scenario from a YAML file; other options override it.")
     ] = None,
     unit: Annotated[
         str | None,
-        typer.Option(
-            help="Unit profile: a YAML file or a shipped one.", show_default="axis_a", autocompletion=units
-        ),
+        option("Unit profile: a YAML file or a shipped one.", show_default="axis_a", autocompletion=units),
     ] = None,
     profile: Annotated[
         str | None,
-        typer.Option(
-            help="Duty: standstill, steps, sines, sweep, prbs, sawtooth, strokes, flight, "
-            "constant_speed, one_way or levels; with parameters as in steps:amplitude=0.03,hold=1 or "
-            "levels:points=0:0.02/5:-0.02.",
-            show_default="steps",
-            autocompletion=begins(DUTIES),
+        option(
+            "Duty: standstill, steps, sines, sweep, prbs, sawtooth, strokes, flight, constant_speed, one_way "
+            "or levels; with parameters as in steps:amplitude=0.03,hold=1 or levels:points=0:0.02/5:-0.02.",
+            show_default="steps", autocompletion=begins(DUTIES),
         ),
     ] = None,
     fault: Annotated[
         list[str] | None,
-        typer.Option(
-            help="ID:severity=0.4,onset=20; also profile, ramp, period, duty, seed, side, variant, law, "
-            "axis. Repeatable.",
-            show_default=False,
+        option(
+            "ID:severity=0.4,onset=20; also profile, ramp, period, duty, seed, side, variant, law, axis. "
+            "Repeatable.",
             autocompletion=faults,
         ),
     ] = None,
-    duration: Annotated[float | None, typer.Option(help="Seconds.", show_default="60")] = None,
-    seed: Annotated[int | None, typer.Option(help="Fixes everything random.", show_default="0")] = None,
+    duration: Annotated[float | None, option("Seconds.", show_default="60")] = None,
+    seed: Annotated[int | None, option("Fixes everything random.", show_default="0")] = None,
     load: Annotated[
         str | None,
-        typer.Option(
-            help="none, constant, spring, inertia, gust or throttle; with parameters as in spring:rate=2e4.",
-            show_default="none",
-            autocompletion=begins(LOADS),
-            rich_help_panel=RIG,
-        ),
+        option("none, constant, spring, inertia, gust or throttle; with parameters as in spring:rate=2e4.",
+               show_default="none", autocompletion=begins(LOADS), rich_help_panel=RIG),
     ] = None,
     control: Annotated[
         str | None,
-        typer.Option(
-            help="position or speed.",
-            show_default="position; speed for constant_speed",
-            autocompletion=begins(CONTROLS),
-            rich_help_panel=RIG,
-        ),
+        option("position or speed.", show_default="position; speed for constant_speed",
+               autocompletion=begins(CONTROLS), rich_help_panel=RIG),
     ] = None,
     partner: Annotated[
         str | None,
-        typer.Option(
-            help="Second axis on the same rod: its unit profile, as in axis_b:drive=still,power=0; drive is "
-            "same or still.",
-            show_default=False,
-            autocompletion=units,
-            rich_help_panel=RIG,
-        ),
+        option("Second axis on the same rod: its unit profile, as in axis_b:drive=still,power=0; drive is "
+               "same or still.", autocompletion=units, rich_help_panel=RIG),
     ] = None,
     valve: Annotated[
         list[str] | None,
-        typer.Option(
-            help="NAME=OPENING, 0 to 1 or time:opening/time:opening; b.NAME for the partner's. connect_1, "
-            "connect_2, bypass, throttle, external_leakage, charging, blocked. Repeatable.",
-            show_default=False,
-            rich_help_panel=RIG,
-        ),
+        option("NAME=OPENING, 0 to 1 or time:opening/time:opening; b.NAME for the partner's. connect_1, "
+               "connect_2, bypass, throttle, external_leakage, charging, blocked. Repeatable.",
+               rich_help_panel=RIG),
     ] = None,
     temperature: Annotated[
         float | None,
-        typer.Option(help="Oil temperature at the start, °C.", show_default="40", rich_help_panel=CONDITIONS),
+        option("Oil temperature at the start, °C.", show_default="40", rich_help_panel=CONDITIONS),
     ] = None,
     warming: Annotated[
-        float | None,
-        typer.Option(help="Warming of the oil, °C/s.", show_default="0", rich_help_panel=CONDITIONS),
+        float | None, option("Warming of the oil, °C/s.", show_default="0", rich_help_panel=CONDITIONS)
     ] = None,
     charge: Annotated[
         float | None,
-        typer.Option(
-            help="Accumulator charge over the unit's.", show_default="1", rich_help_panel=CONDITIONS
-        ),
+        option("Accumulator charge over the unit's.", show_default="1", rich_help_panel=CONDITIONS),
     ] = None,
     ambient: Annotated[
         float | None,
-        typer.Option(
-            help="Absolute ambient pressure, Pa.", show_default="101325", rich_help_panel=CONDITIONS
-        ),
+        option("Absolute ambient pressure, Pa.", show_default="101325", rich_help_panel=CONDITIONS),
     ] = None,
     load_force: Annotated[
-        bool, typer.Option("--load-force", help="Measure the load force as well.", rich_help_panel=RECORDING)
+        bool, option("Measure the load force as well.", "--load-force", rich_help_panel=RECORDING)
     ] = False,
     perfect: Annotated[
-        bool,
-        typer.Option("--perfect", help="No dropped, late or missing samples.", rich_help_panel=RECORDING),
+        bool, option("No dropped, late or missing samples.", "--perfect", rich_help_panel=RECORDING)
     ] = False,
     truth: Annotated[
         bool, typer.Option(help="Write the truth beside the measurement (MCAP).", rich_help_panel=RECORDING)
     ] = True,
     list_faults: Annotated[
         bool,
-        typer.Option(
-            "--list-faults", callback=_list_faults, is_eager=True, help="Show the fault catalogue and stop."
-        ),
+        option("Show the fault catalogue and stop.", "--list-faults", callback=_list_faults, is_eager=True),
     ] = False,
-) -> None:
+) -> None:  # fmt: skip
     """Simulate an actuator, alone or as one of a dual rig, and write its log.
 
     A dual run's MCAP holds both axes; Parquet and CSV get a file for each, with the axis in its name.
@@ -143,6 +114,7 @@ def simulate(
     from fdd.cli import scenario_options as options
     from fdd.cli.console import progress
     from fdd.plant.duty import Steps
+    from fdd.plant.faults.spec import parse_fault
     from fdd.plant.scenario import Scenario
     from fdd.plant.scenario_file import scenario_data
     from fdd.unit import Unit
@@ -152,9 +124,10 @@ def simulate(
         "unit": unit, "duration": duration, "seed": seed, "oil_temperature": temperature, "warming": warming,
         "charge_factor": charge, "ambient": ambient,
     }  # fmt: skip
-    options.set_plain(data, plain)
+    data.update({name: value for name, value in plain.items() if value is not None})
     options.set_motion(data, profile, load, control)
-    options.set_faults(data, fault or [])
+    if fault:
+        data["faults"] = [parse_fault(text) for text in fault]
     if partner is not None:
         options.set_partner(data, partner)
     for text in valve or []:

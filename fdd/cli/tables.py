@@ -1,21 +1,24 @@
-"""A diagnosis for people at a terminal."""
+"""A diagnosis, a comparison and a life for people at a terminal."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 from rich import box
-from rich.console import Group, RenderableType
+from rich.console import Console, Group, RenderableType
 from rich.padding import Padding
 from rich.panel import Panel
 from rich.table import Table
 from rich.text import Text
 
+from fdd.cli.console import grid
 from fdd.report import tables
 from fdd.report.words import FindingWords, second_opinion_words, verdict_words
 
 if TYPE_CHECKING:
     from fdd.diagnosis.findings import Diagnosis
+    from fdd.report.sheet import Table as SheetTable
 
 HARDEST = 5
 """Faults named of those that the log would not have shown; the report has them all."""
@@ -35,18 +38,16 @@ def diagnosis_view(diagnosis: Diagnosis) -> RenderableType:
     parts: list[RenderableType] = [
         Panel(head, title=Text(diagnosis.log), title_align="left", border_style=colour, box=box.ROUNDED)
     ]
-    for finding in words.findings:
-        parts.append(Padding(_finding(finding, named=len(words.findings) > 1), (0, 2)))
-    parts.append(_estimates(diagnosis))
-    parts.append(Padding(_families(diagnosis), (0, 2)))
+    parts += [_finding(finding, named=len(words.findings) > 1) for finding in words.findings]
+    parts += [_estimates(diagnosis), _families(diagnosis)]
     if diagnosis.second_opinion is not None:
-        parts.append(Padding(Text(second_opinion_words(diagnosis)), (0, 2)))
-    parts.append(Padding(_quality(diagnosis), (0, 2)))
+        parts.append(Text(second_opinion_words(diagnosis)))
+    parts.append(_quality(diagnosis))
     hardest = tables.invisible_rows(diagnosis)[:HARDEST]
     hidden = "; ".join(f"{fault} {severity}" for fault, severity in hardest)
     if hidden:
-        parts.append(Padding(Text(f"Would have been invisible here: {hidden}", style="dim"), (0, 2)))
-    return Group(*parts)
+        parts.append(Text(f"Would have been invisible here: {hidden}", style="dim"))
+    return Group(*(Padding(part, (0, 2)) if isinstance(part, Text) else part for part in parts))
 
 
 def _finding(finding: FindingWords, *, named: bool) -> Text:
@@ -65,11 +66,8 @@ def _finding(finding: FindingWords, *, named: bool) -> Text:
 
 
 def _estimates(diagnosis: Diagnosis) -> Table:
-    table = Table(box=box.SIMPLE_HEAD)
-    table.add_column("at the end", no_wrap=True)
-    for title in ("healthy", "estimated", "change"):
-        table.add_column(title, justify="right", no_wrap=True)
-    table.add_column("unit", no_wrap=True)
+    numbers = ("healthy", "estimated", "change")
+    table = grid(("at the end", *numbers, "unit"), numbers=numbers, whole=("at the end", "unit"))
     for row in tables.estimate_rows(diagnosis):
         seen = row["observable"] == "yes"
         change = row["change"] if seen else "not seen"
@@ -97,3 +95,21 @@ def _quality(diagnosis: Diagnosis) -> Text:
     for note in q.notes:
         text.append(f"\n• {note}", style="yellow")
     return text
+
+
+def print_sheet(
+    console: Console, lines: Sequence[str], shown: Sequence[SheetTable], notes: Sequence[str]
+) -> None:
+    """What ``fdd compare`` and ``fdd trend`` print: lines, tables and notes."""
+    for line in lines:
+        console.print(line, soft_wrap=True)
+    for table in shown:
+        made = grid(table.columns, numbers=table.columns[1:] if table.numbers else ())
+        made.title, made.title_justify, made.title_style = Text(table.title), "left", "bold"
+        for k, row in enumerate(table.rows):
+            made.add_row(*map(Text, row), style="bold" if k in table.marked else "")
+        console.print(made)
+        if table.note:
+            console.print(Text(f"  {table.note}\n", style="dim"))
+    for note in notes:
+        console.print(Text(f"• {note}", style="yellow"))

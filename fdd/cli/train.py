@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 import os
-from enum import StrEnum
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
-from fdd.cli.options import WorkersOption, require_packages
+from fdd.cli.options import WorkersOption, argument, option, require_packages
 from fdd.errors import InputError
 
 if TYPE_CHECKING:
@@ -19,33 +18,21 @@ if TYPE_CHECKING:
     from fdd.campaign.train import ScoredLog
 
 
-class Target(StrEnum):
-    """What a classifier tells."""
-
-    FAMILY = "family"
-    FAULT = "fault"
+Target = Literal["family", "fault"]
 
 
 def train(
-    datasets: Annotated[
-        list[Path], typer.Argument(help="Folders that fdd generate made.", show_default=False)
-    ],
-    out: Annotated[
-        Path,
-        typer.Option(
-            "--out", "-o", help="Model file (JSON), or classifier file (.skops).", show_default=False
-        ),
-    ],
+    datasets: Annotated[list[Path], argument("Folders that fdd generate made.")],
+    out: Annotated[Path, option("Model file (JSON), or classifier file (.skops).", "--out", "-o")],
     classifier: Annotated[
         str | None,
-        typer.Option(
-            metavar="NAME|MODULE:FUNCTION",
-            show_default=False,
-            help="Train a classifier of scikit-learn's kind instead: logistic, boosting, of an installed "
+        option(
+            "Train a classifier of scikit-learn's kind instead: logistic, boosting, of an installed "
             "package, or what a function returns.",
+            metavar="NAME|MODULE:FUNCTION",
         ),
     ] = None,
-    target: Annotated[Target, typer.Option(help="What a classifier is to tell.")] = Target.FAMILY,
+    target: Annotated[Target, typer.Option(help="What a classifier is to tell.")] = "family",
     spreads: Annotated[
         bool,
         typer.Option(
@@ -65,7 +52,7 @@ def train(
         return
 
     from fdd.campaign.train import train as fit
-    from fdd.cli.console import output, progress
+    from fdd.cli.console import counted, output
 
     count = workers or os.cpu_count() or 1
     found = None
@@ -73,18 +60,10 @@ def train(
         if spreads:
             from fdd.campaign.learning_spreads import learn_spreads
 
-            with progress("what healthy logs differ by", 1.0) as advance:
-                found = learn_spreads(
-                    [str(d) for d in datasets], workers=count,
-                    progress=lambda done, total: advance(done / max(total, 1)),
-                )  # fmt: skip
-        with progress("training", 1.0) as advance:
-            model, logs = fit(
-                datasets,
-                workers=count,
-                progress=lambda done, total: advance(done / max(total, 1)),
-                spreads=found,
-            )
+            with counted("what healthy logs differ by") as step:
+                found = learn_spreads([str(d) for d in datasets], workers=count, progress=step)
+        with counted("training") as step:
+            model, logs = fit(datasets, workers=count, progress=step, spreads=found)
     except InputError as error:
         raise (error if error.where else error.at(datasets[0])) from None
     model.save(out)
@@ -108,21 +87,17 @@ def _train_classifier(
 
     from fdd.campaign.classifiers import made, train_classifier
     from fdd.campaign.loading import with_features
-    from fdd.cli.console import output, progress, remark
+    from fdd.cli.console import counted, output, remark
     from fdd.learning.stored import load_classifier, save_classifier
 
     made(name)  # refused before minutes are spent on features
     sets = []
     for folder in datasets:
-        with progress(f"features of {folder.name}", 1.0) as advance:
-            sets.append(
-                with_features(
-                    folder, workers=workers, progress=lambda done, total: advance(done / max(total, 1))
-                )
-            )
-    stored, judged = train_classifier(name, sets, target.value)
+        with counted(f"features of {folder.name}") as step:
+            sets.append(with_features(folder, workers=workers, progress=step))
+    stored, judged = train_classifier(name, sets, target)
     save_classifier(stored, out)
-    output().print(_counts(judged.confusion, f"Held-out rows by true {target.value} and answer"))
+    output().print(_counts(judged.confusion, f"Held-out rows by true {target} and answer"))
     print(
         f"On {judged.rows} rows of {judged.units} units that it has not seen: "
         f"accuracy {judged.accuracy:.2f}, macro-F1 {judged.macro_f1:.2f}, "
@@ -150,13 +125,11 @@ def confusion_table(logs: list[ScoredLog]) -> Table:
 
 def _counts(counts: pd.DataFrame, title: str) -> Table:
     """Logs by what they are (rows) and what was answered (columns)."""
-    from rich import box
-    from rich.table import Table
+    from fdd.cli.console import grid
 
-    table = Table(title=title, box=box.SIMPLE_HEAD)
-    table.add_column("true")
-    for name in counts.columns:
-        table.add_column(name.replace("_", " ") or "no alarm", justify="right")
-    for name, row in zip(counts.index, counts.to_numpy().tolist(), strict=True):
-        table.add_row(str(name).replace("_", " "), *(str(c) if c else "·" for c in row))
-    return table
+    names = [name.replace("_", " ") or "no alarm" for name in counts.columns]
+    rows = [
+        (str(true).replace("_", " "), *(str(c) if c else "·" for c in row))
+        for true, row in zip(counts.index, counts.to_numpy().tolist(), strict=True)
+    ]
+    return grid(("true", *names), rows, numbers=names, title=title)

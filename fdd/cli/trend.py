@@ -9,21 +9,12 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from fdd.cli.options import (
-    AxisOption,
-    FolderOption,
-    JsonOption,
-    MapOption,
-    ReportOption,
-    UnitOption,
-    WorkersOption,
-    require_packages,
-)
+from fdd.cli import options
+from fdd.cli.options import argument, option, require_outputs, require_packages, write_json
 from fdd.errors import InputError
 
 if TYPE_CHECKING:
     from fdd.diagnosis.findings import Diagnosis
-    from fdd.history.limits import Limits
     from fdd.history.trend import Each
     from fdd.offline.diagnoser import Settings
     from fdd.unit import Unit
@@ -37,38 +28,30 @@ PAGE, TABLE, DATA = "index.html", "trend.csv", "trend.json"
 def trend(
     logs: Annotated[
         list[str],
-        typer.Argument(
-            metavar="LOG...|STORE", show_default=False,
-            help="Logs as fdd diagnose takes them, the answers.jsonl that it wrote, or fdd serve's store "
-            "(sqlite:///fdd.db).",
-        ),
+        argument("Logs as fdd diagnose takes them, the answers.jsonl that it wrote, or fdd serve's store "
+                 "(sqlite:///fdd.db).", "LOG...|STORE"),
     ],
-    unit: UnitOption = None,
-    map_: MapOption = None,
-    axis: AxisOption = None,
+    unit: options.UnitOption = None,
+    map_: options.MapOption = None,
+    axis: options.AxisOption = None,
     limit: Annotated[
         list[str] | None,
-        typer.Option(
-            "--limit",
-            metavar="QUANTITY=FACTOR",
-            help="How far a quantity may go, as factor of the profile's; what severity 1 makes of it else.",
-            show_default=False,
-        ),
+        option("How far a quantity may go, as factor of the profile's; what severity 1 makes of it else.",
+               metavar="QUANTITY=FACTOR"),
     ] = None,
     since: Annotated[
-        str | None,
-        typer.Option(metavar="30d", help="Of a store: its last hours (h), days (d) or weeks (w)."),
+        str | None, option("Of a store: its last hours (h), days (d) or weeks (w).", metavar="30d")
     ] = None,
-    output_: FolderOption = None,
-    json_: JsonOption = None,
-    report: ReportOption = None,
-    workers: WorkersOption = None,
+    output_: options.FolderOption = None,
+    json_: options.JsonOption = None,
+    report: options.ReportOption = None,
+    workers: options.WorkersOption = None,
 ) -> None:  # fmt: skip
     """Tell where a unit is going: each estimate over its logs, and when it comes to its limit."""
     from fdd.cli.console import output
-    from fdd.cli.sheets import print_tables, require_outputs, write_json
+    from fdd.cli.tables import print_sheet
     from fdd.files import require_writable, write_text, written
-    from fdd.history.limits import given_limits
+    from fdd.history.limits import given_limits, severity_one
     from fdd.history.trend import trend_of
     from fdd.history.trend_view import trend_csv, trend_lines, trend_sheet, trend_tables
     from fdd.offline.diagnoser import Settings
@@ -91,11 +74,12 @@ def trend(
     for answer in answers:
         if answer.error:
             print(f"fdd: error: {answer.error}", file=sys.stderr)
-    limits = {**_limits(known), **chosen}
+    limits = {**({} if known is None else severity_one(known)), **chosen}
     life, courses = trend_of(answers, limits, each)
     if not limits:
         life.notes.append(f"No limits: profile {life.unit} is not at hand (give --unit, or --limit).")
-    write_json(json_, life)
+    told = life.model_dump_json(by_alias=True, indent=2)
+    write_json(json_, told)
     sheet = trend_sheet(life, courses)
     if report is not None:
         write_text(report, render_sheet(sheet))
@@ -105,15 +89,11 @@ def trend(
         with written(output_):
             output_.mkdir(parents=True, exist_ok=True)
         write_bundle(output_)
-        write_json(str(output_ / DATA), life)
+        write_json(str(output_ / DATA), told)
         write_text(output_ / TABLE, trend_csv(life))
         write_text(output_ / PAGE, render_sheet(sheet, alone=False))
     if json_ != "-":
-        console = output()
-        console.print(life.headline, markup=False, soft_wrap=True)
-        for line in trend_lines(life):
-            console.print(line, markup=False, soft_wrap=True)
-        print_tables(console, trend_tables(life)[1:], life.notes)
+        print_sheet(output(), [life.headline, *trend_lines(life)], trend_tables(life)[1:], life.notes)
     if any(a.error for a in answers):
         raise typer.Exit(UNREADABLE_STATUS)
 
@@ -164,11 +144,11 @@ def _answers(
         return _read_answers(files, settings)
     from fdd.cli.batch import worked
     from fdd.cli.console import progress
-    from fdd.cli.which_logs import find_logs, names_of
-    from fdd.offline.diagnoser import Diagnoser, Job
+    from fdd.cli.which_logs import find_logs, jobs_of
+    from fdd.offline.diagnoser import Diagnoser
 
     paths = find_logs(logs, leave_out=leave_out)
-    jobs = [Job(path, name) for path, name in zip(paths, names_of(paths), strict=True)]
+    jobs = jobs_of(paths)
     diagnoser = Diagnoser(settings)
     found: dict[int, Diagnosis] = {}
     with progress(f"diagnosing {len(jobs)} logs", len(jobs)) as advance:
@@ -221,9 +201,3 @@ def _read_answers(files: list[Path], settings: Settings) -> tuple[list[Diagnosis
     if unit is None and len(named) == 1 and (name := min(named)) in shipped_units():
         unit = Unit.load(name)
     return found, unit
-
-
-def _limits(unit: Unit | None) -> Limits:
-    from fdd.history.limits import severity_one
-
-    return {} if unit is None else severity_one(unit)

@@ -5,21 +5,13 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Annotated
 
-import typer
-
-from fdd.cli.options import EngineOption, WorkersOption
+from fdd.cli.options import DatasetArgument, EngineOption, WorkersOption, option
 
 
 def validate(
-    dataset: Annotated[Path, typer.Argument(help="Folder that fdd generate made.", show_default=False)],
-    model: Annotated[
-        str | None,
-        typer.Option(help="Model file that fdd train wrote; the shipped one else.", show_default=False),
-    ] = None,
-    out: Annotated[
-        Path | None,
-        typer.Option("--out", "-o", help="Folder for validation.md and outcomes.csv.", show_default=False),
-    ] = None,
+    dataset: DatasetArgument,
+    model: Annotated[str | None, option("Model file that fdd train wrote; the shipped one else.")] = None,
+    out: Annotated[Path | None, option("Folder for validation.md and outcomes.csv.", "--out", "-o")] = None,
     workers: WorkersOption = None,
     engine: EngineOption = "local",
 ) -> None:
@@ -32,15 +24,11 @@ def validate(
     from fdd.campaign.dataset import Dataset
     from fdd.campaign.validate import outcomes_csv, report_text, summary
     from fdd.campaign.validate import validate as run
-    from fdd.cli.console import progress
+    from fdd.cli.console import counted
     from fdd.diagnosis.model import Model
 
     data = Dataset.load(dataset)
-    with progress(f"validating on {data.recipe.name}", 1.0) as advance:
-
-        def step(done: int, total: int) -> None:
-            advance(done / max(total, 1))
-
+    with counted(f"validating on {data.recipe.name}") as step:
         outcomes = run(dataset, model, workers=workers, engine=engine, progress=step)
     asked = Model.load(model)
     print(summary(outcomes, asked), end="")

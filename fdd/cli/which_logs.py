@@ -14,6 +14,7 @@ from fdd.logs.formats import suffixes
 
 if TYPE_CHECKING:
     from fdd.logs import ChannelMap, Log
+    from fdd.offline.diagnoser import Job
 
 
 def find_logs(given: Sequence[Path], leave_out: Path | None = None) -> list[Path]:
@@ -62,6 +63,13 @@ def names_of(logs: Sequence[Path]) -> list[str]:
     return [
         log.absolute().relative_to(common).as_posix() if count[log.name] > 1 else log.name for log in logs
     ]
+
+
+def jobs_of(logs: Sequence[Path]) -> list[Job]:
+    """A job for each log, by its name."""
+    from fdd.offline.diagnoser import Job
+
+    return [Job(path, name) for path, name in zip(logs, names_of(logs), strict=True)]
 
 
 def file_names(names: Sequence[str]) -> list[str]:

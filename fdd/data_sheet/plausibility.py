@@ -43,10 +43,6 @@ class Derived:
 def derived(unit: Unit) -> list[Derived]:
     """What follows from the profile, for the table of ``fdd profile check``.
 
-    Returns
-    -------
-    Speeds, stiffness at mid-stroke, hydraulic resonance, leakage, breakaway and the like.
-
     Examples
     --------
     >>> rows = {r.quantity: r for r in derived(Unit.load("axis_a"))}

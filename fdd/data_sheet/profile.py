@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from typing import Any
 
 from fdd.data_sheet.answers import Answers
@@ -20,7 +21,7 @@ DRAG_SHARE = 0.03
 """Of the torque at rated pressure: the shaft's own drag at the largest speed, as in the thesis."""
 PRESSURE_NOISE, ACCUMULATOR_NOISE = 5e-4, 2e-4
 """Of full scale: a tenth of the half per cent that industrial transmitters promise; less at low pressure."""
-SERVO = {"delay": 1e-3, "pole_1": 517.9, "pole_2": 242.9, "zero": 1762.0}
+SERVO = {"delay": (1e-3, "s"), "pole_1": (517.9, "1/s"), "pole_2": (242.9, "1/s"), "zero": (1762.0, "1/s")}
 WINDING_TIME = 14e-3 / 1.04
 """s, inductance over resistance of the thesis's motor (Tables 4.11 and 4.21)."""
 
@@ -28,28 +29,39 @@ WINDING_TIME = 14e-3 / 1.04
 def typed_unit(answers: Answers) -> Unit:
     """The base profile that a data sheet's answers make; for `fdd identify` to start from.
 
-    Parameters
-    ----------
-    answers : with every needed key, SI.
-
-    Returns
-    -------
-    Unit : each number with its source, and the usual error of such sheets as its standard deviation.
+    Each number has its source, and the usual error of such sheets as its standard deviation.
 
     Raises
     ------
     InputError : the name is none.
     """
     v = completed(answers.values)
-    sections = {
-        "cylinder": _cylinder, "pump": _pump, "oil": _oil, "accumulator": _circuit,
-        "friction": _friction, "drive": _drive, "sensors": _sensors,
+    profile: dict[str, Any] = {
+        "schema": UNIT_SCHEMA, "name": answers.name, "axis": "axis",
+        "description": answers.description or "Typed from a data sheet: a base for fdd identify.",
+        "sensors": _sensors(v, answers),
     }  # fmt: skip
-    profile: dict[str, Any] = {"schema": UNIT_SCHEMA, "name": answers.name, "axis": "axis"}
-    profile["description"] = answers.description or "Typed from a data sheet: a base for fdd identify."
-    sheet = _Sheet(v, answers)
-    for name, make in sections.items():
-        profile[name] = make(sheet)
+
+    def put(path: str, value: float, unit: str, source: str, spread: float | None = None) -> None:
+        *sections, name = path.split(".")
+        place = profile
+        for section in sections:
+            place = place.setdefault(section, {})
+        std = {} if spread is None else {"std": spread * value}
+        place[name] = {"value": value, "unit": unit, "source": source, **std}
+
+    for q in QUESTIONS.values():
+        if q.path is not None:
+            put(q.path, v[q.key], q.unit, answers.source(q.key) or f"assumption: {q.assumed}", q.spread)
+    leaks, breaks = QUESTIONS["leakage"], QUESTIONS["breakaway_pressure"]
+    case, source = _case(v), answers.source("leakage", "leakage_flow") or f"assumption: {leaks.assumed}"
+    put("pump.cross_port_leakage", v["leakage"] - 0.5 * case, leaks.unit,
+        f"{source}, less half the case leakage", leaks.spread)  # fmt: skip
+    for branch in ("forward", "reverse"):
+        source = f"{answers.source(breaks.key)} times the mean area"
+        put(f"friction.{branch}.static", v[breaks.key] * _area(v), "N", source, breaks.spread)
+    for path, value, unit, why, *spread in _assumptions(v):
+        put(path, value, unit, f"assumption: {why}", *spread)
     return Unit.from_yaml(yaml_of(profile), where=f"answers of {answers.name[:40]}")
 
 
@@ -76,147 +88,58 @@ def completed(values: dict[str, float]) -> dict[str, float]:
     return v
 
 
-class _Sheet:
-    """The completed numbers, each written as a profile wants it."""
-
-    def __init__(self, values: dict[str, float], answers: Answers) -> None:
-        self.values = values
-        self.answers = answers
-
-    def __getitem__(self, key: str) -> float:
-        return self.values[key]
-
-    def of(self, key: str, unit: str | None = None) -> dict[str, Any]:
-        """What the sheet says, or what is assumed in its place."""
-        question = QUESTIONS[key]
-        source = self.answers.source(key) or f"assumption: {question.assumed}"
-        return _number(self.values[key], unit or question.unit, source, question.spread)
+def _area(v: dict[str, float]) -> float:
+    return 0.5 * (v["piston_area_1"] + v["piston_area_2"])
 
 
-def _number(value: float, unit: str, source: str, spread: float | None = None) -> dict[str, Any]:
-    out: dict[str, Any] = {"value": value, "unit": unit, "source": source}
-    return out if spread is None else {**out, "std": spread * value}
+def _case(v: dict[str, float]) -> float:
+    return CASE_SHARE * v["leakage"]
 
 
-def _assumed(value: float, unit: str, why: str, spread: float | None = None) -> dict[str, Any]:
-    return _number(value, unit, f"assumption: {why}", spread)
+def _assumptions(v: dict[str, float]) -> Iterator[tuple[Any, ...]]:
+    """What no sheet says: path in the profile, value, unit, why, and a relative std where one is known."""
+    coulomb = SLIDING_SHARE * v["breakaway_pressure"] * _area(v)
+    fastest = v["pump_displacement"] * v["max_speed"] / _area(v)
+    constant, winding = v["torque_constant"], v["winding_resistance"]
+    voltage = 1.2 * constant * v["max_speed"] + winding * v["current_limit"]
+    drag = DRAG_SHARE * v["pump_displacement"] * v["rated_pressure"] / v["max_speed"]
+    yield "cylinder.position_compliance", 1.0, "1", "hoses and walls do not give"
+    yield ("pump.case_leakage", _case(v), "m^3/(s*Pa)", "15 % of the leakage leaves through the case drain",
+           0.6)  # fmt: skip
+    yield "oil.air_fraction", 0.003, "1", "a well bled circuit; free air at atmospheric pressure", 1.0
+    yield "oil.polytropic_index", 1.4, "1", "adiabatic"
+    # A sheet's modulus is that of the oil alone, which air hardly softens at such a pressure.
+    yield "oil.reference_pressure", 0.5 * v["rated_pressure"], "Pa", "half the rated pressure"
+    yield "oil.reference_temperature", REFERENCE_TEMPERATURE, "degC", "the sheet's leakage holds at 40 °C"
+    yield "oil.thermal_expansion", 7e-4, "1/K", "mineral oil"
+    yield "accumulator.case_cracking_pressure", v["cracking_pressure"], "Pa", "as the refeeding valves"
+    for branch in ("friction.forward", "friction.reverse"):
+        yield f"{branch}.coulomb", coulomb, "N", f"{SLIDING_SHARE:g} of the static friction", 0.4
+        yield (f"{branch}.stribeck_velocity", 0.02, "m/s",
+               "between the thesis's curves, 0.007 to 0.026 m/s")  # fmt: skip
+        yield f"{branch}.stribeck_exponent", 1.0, "1", "a plain exponential"
+        yield (f"{branch}.viscous", VISCOUS_SHARE * coulomb / fastest, "N*s/m",
+               f"{VISCOUS_SHARE:g} of the Coulomb friction at the largest speed", 1.0)  # fmt: skip
+    yield "friction.trial_spread", 0.09, "1", "thesis Table 5.1"
+    for name, (value, unit) in SERVO.items():
+        yield f"drive.{name}", value, unit, "the thesis's velocity loop, eq. 6.11"
+    yield ("drive.winding_inductance", WINDING_TIME * winding, "H",
+           "the electrical time constant of the thesis's motor")  # fmt: skip
+    yield "drive.back_emf_constant", constant, "V*s/rad", "equal to the torque constant"
+    yield "drive.voltage_limit", voltage, "V", "reaches the largest speed with a fifth to spare"
+    yield ("drive.viscous_friction", drag, "N*m*s/rad",
+           f"{DRAG_SHARE:.0%} of the torque at rated pressure at the largest speed")  # fmt: skip
 
 
-def _cylinder(s: _Sheet) -> dict[str, Any]:
-    return {
-        "area_1": s.of("piston_area_1"),
-        "area_2": s.of("piston_area_2"),
-        "stroke": s.of("stroke"),
-        "moving_mass": s.of("moving_mass"),
-        "volume_1": s.of("chamber_volume_1"),
-        "volume_2": s.of("chamber_volume_2"),
-        "position_compliance": _assumed(1.0, "1", "hoses and walls do not give"),
-    }
-
-
-def _pump(s: _Sheet) -> dict[str, Any]:
-    total, spread = s["leakage"], QUESTIONS["leakage"].spread
-    source = s.answers.source("leakage", "leakage_flow") or f"assumption: {QUESTIONS['leakage'].assumed}"
-    case = CASE_SHARE * total
-    return {
-        "displacement": s.of("pump_displacement"),
-        "cross_port_leakage": _number(
-            total - 0.5 * case, "m^3/(s*Pa)", f"{source}, less half the case leakage", spread
-        ),
-        "case_leakage": _assumed(
-            case, "m^3/(s*Pa)", "15 % of the leakage leaves through the case drain", 0.6
-        ),
-    }
-
-
-def _oil(s: _Sheet) -> dict[str, Any]:
-    return {
-        "bulk_modulus": s.of("bulk_modulus"),
-        "air_fraction": _assumed(0.003, "1", "a well bled circuit; free air at atmospheric pressure", 1.0),
-        "polytropic_index": _assumed(1.4, "1", "adiabatic"),
-        # A sheet's modulus is that of the oil alone, which air hardly softens at such a pressure.
-        "reference_pressure": _assumed(0.5 * s["rated_pressure"], "Pa", "half the rated pressure"),
-        "density": s.of("density"),
-        "viscosity_40": s.of("viscosity_40"),
-        "viscosity_100": s.of("viscosity_100"),
-        "reference_temperature": _assumed(
-            REFERENCE_TEMPERATURE, "degC", "the sheet's leakage holds at 40 °C"
-        ),
-        "thermal_expansion": _assumed(7e-4, "1/K", "mineral oil"),
-    }
-
-
-def _circuit(s: _Sheet) -> dict[str, Any]:
-    return {
-        "charge_pressure": s.of("charge_pressure"),
-        "gas_volume": s.of("gas_volume"),
-        "oil_volume": s.of("oil_volume"),
-        "refeed_cracking_pressure": s.of("cracking_pressure"),
-        "refeed_flow_gain": s.of("refeed_flow_gain"),
-        "case_cracking_pressure": _assumed(s["cracking_pressure"], "Pa", "as the refeeding valves"),
-        "relief_pressure": s.of("relief_pressure"),
-        "relief_flow_gain": s.of("relief_flow_gain"),
-    }
-
-
-def _friction(s: _Sheet) -> dict[str, Any]:
-    area = 0.5 * (s["piston_area_1"] + s["piston_area_2"])
-    static = s["breakaway_pressure"] * area
-    coulomb = SLIDING_SHARE * static
-    fastest = s["pump_displacement"] * s["max_speed"] / area
-    source = s.answers.source("breakaway_pressure")
-    branch = {
-        "coulomb": _assumed(coulomb, "N", f"{SLIDING_SHARE:g} of the static friction", 0.4),
-        "static": _number(
-            static, "N", f"{source} times the mean area", QUESTIONS["breakaway_pressure"].spread
-        ),
-        "stribeck_velocity": _assumed(0.02, "m/s", "between the thesis's curves, 0.007 to 0.026 m/s"),
-        "stribeck_exponent": _assumed(1.0, "1", "a plain exponential"),
-        "viscous": _assumed(
-            VISCOUS_SHARE * coulomb / fastest,
-            "N*s/m",
-            f"{VISCOUS_SHARE:g} of the Coulomb friction at the largest speed",
-            1.0,
-        ),
-    }
-    spread = _assumed(0.09, "1", "thesis Table 5.1")
-    return {"forward": branch, "reverse": dict(branch), "trial_spread": spread}
-
-
-def _drive(s: _Sheet) -> dict[str, Any]:
-    voltage = 1.2 * s["torque_constant"] * s["max_speed"] + s["winding_resistance"] * s["current_limit"]
-    drag = DRAG_SHARE * s["pump_displacement"] * s["rated_pressure"] / s["max_speed"]
-    servo = "the thesis's velocity loop, eq. 6.11"
-    return {
-        "max_speed": s.of("max_speed"),
-        "delay": _assumed(SERVO["delay"], "s", servo),
-        **{name: _assumed(SERVO[name], "1/s", servo) for name in ("pole_1", "pole_2", "zero")},
-        "torque_constant": s.of("torque_constant"),
-        "winding_resistance": s.of("winding_resistance"),
-        "winding_inductance": _assumed(
-            WINDING_TIME * s["winding_resistance"], "H", "the electrical time constant of the thesis's motor"
-        ),
-        "back_emf_constant": _assumed(s["torque_constant"], "V*s/rad", "equal to the torque constant"),
-        "voltage_limit": _assumed(voltage, "V", "reaches the largest speed with a fifth to spare"),
-        "inertia": s.of("inertia"),
-        "viscous_friction": _assumed(
-            drag, "N*m*s/rad", f"{DRAG_SHARE:.0%} of the torque at rated pressure at the largest speed"
-        ),
-        "current_limit": s.of("current_limit"),
-    }
-
-
-def _sensors(s: _Sheet) -> dict[str, Any]:
-    full = s["pressure_full_scale"]
+def _sensors(v: dict[str, float], answers: Answers) -> dict[str, Any]:
+    full = v["pressure_full_scale"]
     noise = "noise assumed to be a twentieth of a per cent of full scale"
     pressure = {"noise": PRESSURE_NOISE * full, "low": -101325.0, "high": full, "source": noise}
+    position = answers.source("position_noise") or "assumption: 10 µm"
     return {
-        "motor_current": {"noise": 2e-3 * s["current_limit"], "source": "assumption: 0.2 % of the limit"},
+        "motor_current": {"noise": 2e-3 * v["current_limit"], "source": "assumption: 0.2 % of the limit"},
         "oil_temperature": {"noise": 0.1, "resolution": 0.1, "source": "assumption"},
-        "position": {
-            "noise": s["position_noise"],
-            "source": s.answers.source("position_noise") or "assumption: 10 µm",
-        },
+        "position": {"noise": v["position_noise"], "source": position},
         "pressure_1": pressure,
         "pressure_2": pressure,
         "pressure_accumulator": {"noise": ACCUMULATOR_NOISE * full, "source": "assumption"},

@@ -7,7 +7,7 @@ sheet's key, that replaces it, as the thesis does. What comes out are a data she
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 from fdd.data_sheet.accumulator import accumulator_volumes
 from fdd.data_sheet.answers import Answers
@@ -55,27 +55,8 @@ class Sized:
         return self.value / measure(self.unit).factor
 
 
-@dataclass
-class Sizing:
-    """What a duty asks for.
-
-    Attributes
-    ----------
-    answers : as a data sheet would give them, for `fdd.data_sheet.typed_unit`; of one circuit.
-    rows : what was sized, in the order of the calculation. remarks : where the duty is just missed.
-    """
-
-    answers: Answers
-    rows: list[Sized] = field(default_factory=list)
-    remarks: list[Remark] = field(default_factory=list)
-
-
 def sized(duty: Answers) -> Sizing:
-    """Size one circuit of an actuator.
-
-    Parameters
-    ----------
-    duty : as `fdd.data_sheet.duty.read_duty` reads it.
+    """Size one circuit of an actuator, from what `fdd.data_sheet.duty.read_duty` reads.
 
     Raises
     ------
@@ -90,25 +71,31 @@ def sized(duty: Answers) -> Sizing:
     >>> [f"{r.shown:.4g} {r.unit}" for r in found.rows if r.source == "thesis eq. 4.1"]
     ['10 cm^2']
     """
-    d = _Design(duty)
+    d = Sizing(duty)
     _cylinder(d)
     _pump(d)
     _motor(d)
     _valves(d)
     _accumulator(d)
-    description = duty.description or "Sized from its duty: a base for fdd identify."
-    answers = Answers(duty.name, description, d.values, d.written, "sizing")
-    return Sizing(answers, d.rows, d.remarks)
+    return d
 
 
-class _Design:
-    """What is known so far."""
+class Sizing:
+    """What a duty asks for, as far as it is known.
+
+    Attributes
+    ----------
+    answers : as a data sheet would give them, for `fdd.data_sheet.typed_unit`; of one circuit.
+    rows : what was sized, in the order of the calculation. remarks : where the duty is just missed.
+    """
 
     def __init__(self, duty: Answers) -> None:
         self.duty = duty.values
         given = [k for k in duty.values if k in ANSWERED]
         self.values = {k: duty.values[k] for k in given}
         self.written = {k: f"duty, {duty.written[k]}" for k in given}
+        description = duty.description or "Sized from its duty: a base for fdd identify."
+        self.answers = Answers(duty.name, description, self.values, self.written, "sizing")
         self.rows: list[Sized] = []
         self.remarks: list[Remark] = []
         self.circuits = self.duty.get("circuits", 1.0)
@@ -121,6 +108,7 @@ class _Design:
         return self.values[key]
 
     def row(self, quantity: str, value: float, unit: str, source: str) -> float:
+        """Show a quantity; gives its value."""
         self.rows.append(Sized(quantity, value, unit, source))
         return value
 
@@ -134,10 +122,11 @@ class _Design:
         return value
 
     def short(self, problem: str, mend: str) -> None:
+        """Remark what is just missed."""
         self.remarks.append(Remark((), problem, mend))
 
 
-def _cylinder(d: _Design) -> None:
+def _cylinder(d: Sizing) -> None:
     duty, rated = d.duty, d["rated_pressure"]
     for key in ("bore", "rod_diameter"):
         if key in duty and "piston_area_1" in duty:
@@ -186,7 +175,7 @@ def _cylinder(d: _Design) -> None:
     d.take("breakaway_pressure", "breakaway pressure", static / mean, "kPa", why)
 
 
-def _pump(d: _Design) -> None:
+def _pump(d: Sizing) -> None:
     duty, speed, rated = d.duty, d["max_speed"], d["rated_pressure"]
     area = max(d["piston_area_1"], d["piston_area_2"])
     flow = d.row("flow needed", duty["loaded_speed"] * area, "L/min", "thesis eq. 4.6")
@@ -225,7 +214,7 @@ def _pump(d: _Design) -> None:
                 f"thesis eq. 4.7 goes by the loaded speed: {larger}")  # fmt: skip
 
 
-def _motor(d: _Design) -> None:
+def _motor(d: Sizing) -> None:
     duty, speed = d.duty, d["max_speed"]
     moving = d.load * duty["loaded_speed"]
     power = d.row("power of one motor", duty.get("power", moving * d.circuits) / d.circuits, "kW",
@@ -256,7 +245,7 @@ def _motor(d: _Design) -> None:
            "assumption: 2e-4 kg*m^2 per N*m of stall torque, thesis Tables 4.4 and 4.11")  # fmt: skip
 
 
-def _valves(d: _Design) -> None:
+def _valves(d: Sizing) -> None:
     pumped = d["pump_displacement"] * d["max_speed"]
     valves = "thesis section 4.4"
     d.take("cracking_pressure", "cracking pressure of the refeeding valves", CRACKING_PA, "kPa", valves)
@@ -267,7 +256,7 @@ def _valves(d: _Design) -> None:
            "assumption: the pump's flow a tenth above the setting")  # fmt: skip
 
 
-def _accumulator(d: _Design) -> None:
+def _accumulator(d: Sizing) -> None:
     duty = d.duty
     d.take(
         "charge_pressure", "charge pressure", CHARGE_PA, "kPa", "assumption: as the prototype, 275 to 689 kPa"

@@ -25,6 +25,8 @@ UNMEASURED = 0.4
 """The same of leakage, where nobody measures the oil's temperature: 10 K."""
 LAW_DOUBT = 0.05
 """Assumption: by how much (ln) the viscosity law errs for each factor of e that it takes out."""
+UNTOLD = ("a", "a_std", "b", "b_std", "difference", "std", "p_value", "p_holm", "changed")
+"""Of an estimate that a log does not show."""
 
 
 def estimate_changes(a: Diagnosis, b: Diagnosis, unit: Unit, *, measured: bool) -> list[EstimateChange]:
@@ -62,31 +64,18 @@ def _row(name: str, a: Estimate, b: Estimate, unit: Unit, measured: bool) -> Est
         conditions = f"at {unit.oil.reference_temperature:g} °C" if measured else "temperature not measured"
     elif name == "bulk_modulus":
         conditions = f"at {unit.oil.reference_pressure * 1e-5:.3g} bar"
-    found = [
+    row = EstimateChange(quantity=name, unit=a.unit, conditions=conditions, **dict.fromkeys(UNTOLD))
+    one, other = (
         None if (pair := seen(e)) is None else (pair[0] * k, pair[1] * k)
         for e, k in zip((a, b), scales, strict=True)
-    ]
-    row = EstimateChange(
-        quantity=name,
-        unit=a.unit,
-        conditions=conditions,
-        a=None,
-        a_std=None,
-        b=None,
-        b_std=None,
-        difference=None,
-        std=None,
-        p_value=None,
-        p_holm=None,
-        changed=None,
     )
-    if found[0] is not None:
-        row.a, row.a_std = found[0]
-    if found[1] is not None:
-        row.b, row.b_std = found[1]
-    if found[0] is None or found[1] is None:
+    if one is not None:
+        row.a, row.a_std = one
+    if other is not None:
+        row.b, row.b_std = other
+    if one is None or other is None:
         return row
-    (value_a, std_a), (value_b, std_b) = found[0], found[1]
+    (value_a, std_a), (value_b, std_b) = one, other
     between = BETWEEN.get(name, unit.friction.trial_spread)
     usual = math.hypot(value_a, value_b) * between
     row.difference = value_b - value_a

@@ -85,14 +85,8 @@ def _headline(changes: list[EstimateChange], a: Diagnosis, b: Diagnosis) -> str:
 
 
 def _said(answer: Diagnosis) -> LogSaid:
-    return LogSaid(
-        log=answer.log,
-        started_at=answer.started_at,
-        duration_s=answer.duration_s,
-        verdict=answer.verdict,
-        faults=answer.faults,
-        notes=answer.quality.notes,
-    )
+    same = ("log", "started_at", "duration_s", "verdict", "faults")
+    return LogSaid(**{name: getattr(answer, name) for name in same}, notes=answer.quality.notes)
 
 
 def _closures(a: Trajectories, b: Trajectories) -> list[Closure]:

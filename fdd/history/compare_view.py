@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from fdd.diagnosis.findings import DISPLAY_SCALE, ESTIMATED
-from fdd.history.answers import Comparison, EstimateChange, LogSaid
+from fdd.history.answers import Closure, Comparison, DutyRow, EstimateChange, Line, LogSaid
 from fdd.history.compare import NO_CHANGE
 from fdd.history.spectra import Spectrum
 from fdd.report import traces as tr
@@ -16,6 +16,7 @@ from fdd.report.sheet import Sheet, Table
 from fdd.report.tables import NOTHING, number, with_std
 from fdd.report.words import fault_title, percent, seconds, span
 from fdd.residuals.balances import BALANCES
+from fdd.samples import CHANNELS
 
 SHOWN = {"m": (1e3, "mm"), "Pa": (1e-5, "bar"), "rad/s": (TO_RPM, "rpm"), "N": (1e-3, "kN")}
 """SI unit of a signal to factor and unit for people."""
@@ -44,49 +45,34 @@ def compare_sheet(found: Comparison, spectra: Sequence[Spectrum]) -> Sheet:
 def compare_tables(found: Comparison) -> list[Table]:
     """Estimates, balances, duty and spectral lines."""
     changed = {k for k, c in enumerate(found.estimates) if c.changed}
+    given = [f"{ESTIMATED[c.quantity][2].lower()} {c.conditions}" for c in found.estimates if c.conditions]
+    conditions = "; ".join(given)
     tables = [
         Table(
             "Estimates at the end",
             ("Quantity", "A ± std", "B ± std", "B − A ± std", "Changed, p"),
             [_estimate(c) for c in found.estimates],
-            f"{_conditions(found)}. Test: {found.test}.",
+            f"{conditions[:1].upper() + conditions[1:]}. Test: {found.test}.",
             marked=changed,
         ),
         Table(
             "How well the balances close",
             ("Balance", "A", "B", "B over A"),
-            [
-                (
-                    BALANCES[c.balance].title if c.balance in BALANCES else c.balance,
-                    number(c.a, 3),
-                    number(c.b, 3),
-                    number(c.b / c.a if c.a and c.b else None, 3),
-                )
-                for c in found.balances
-            ],
+            [_balance(c) for c in found.balances],
             "Root mean square of each balance's misfit over the log, in what the profile's healthy one is: "
             "about 1, or less, while healthy.",
         ),
         Table(
             "Duty",
             ("Signal", "Unit", "A", "B"),
-            [_duty(r.signal, r.unit, r.a, r.b) for r in found.duty],
+            [_duty(row) for row in found.duty],
             "5th, 50th and 95th percentile, of speeds, pressures, current and load as magnitudes. "
             "Another duty explains much that differs.",
         ),
         Table(
             "Spectral lines that changed most",
             ("Channel", "Frequency", "Shaft order", "B over A", "Beyond chance"),
-            [
-                (
-                    x.channel.replace("_", " "),
-                    f"{x.frequency_hz:.1f} Hz",
-                    number(x.order),
-                    _times(x.ratio),
-                    "yes" if x.beyond_chance else "no",
-                )
-                for x in found.lines
-            ],
+            [_line(x) for x in found.lines],
             "Against the frequencies around, 1 % over all of them (F test). No order where the speed varies.",
             marked={k for k, x in enumerate(found.lines) if x.beyond_chance},
         ),
@@ -94,8 +80,15 @@ def compare_tables(found: Comparison) -> list[Table]:
     return [t for t in tables if t.rows]
 
 
-def _times(ratio: float) -> str:
-    return f"{number(ratio, 3)} times ({10.0 * np.log10(ratio):+.0f} dB)".replace("-", "−")
+def _line(x: Line) -> tuple[str, ...]:
+    times = f"{number(x.ratio, 3)} times ({10.0 * np.log10(x.ratio):+.0f} dB)".replace("-", "−")
+    told = "yes" if x.beyond_chance else "no"
+    return x.channel.replace("_", " "), f"{x.frequency_hz:.1f} Hz", number(x.order), times, told
+
+
+def _balance(c: Closure) -> tuple[str, ...]:
+    title = BALANCES[c.balance].title if c.balance in BALANCES else c.balance
+    return title, number(c.a, 3), number(c.b, 3), number(c.b / c.a if c.a and c.b else None, 3)
 
 
 def _estimate(change: EstimateChange) -> tuple[str, ...]:
@@ -111,22 +104,13 @@ def _estimate(change: EstimateChange) -> tuple[str, ...]:
     ]
     told = {True: "yes, ", False: "no, ", None: "not shown"}[change.changed]
     p = "" if change.p_holm is None else number(change.p_holm, 2)
-    return f"{title} ({unit})", texts[0], texts[1], texts[2], told + p
+    return f"{title} ({unit})", *texts, told + p
 
 
-def _conditions(found: Comparison) -> str:
-    """What the estimates are given at."""
-    given = [f"{ESTIMATED[c.quantity][2].lower()} {c.conditions}" for c in found.estimates if c.conditions]
-    text = "; ".join(given)
-    return text[:1].upper() + text[1:]
-
-
-def _duty(
-    signal: str, si: str, a: tuple[float, float, float] | None, b: tuple[float, float, float] | None
-) -> tuple[str, ...]:
-    factor, unit = SHOWN.get(si, (1.0, si))
-    texts = [NOTHING if x is None else ", ".join(_figure_of(v * factor) for v in x) for x in (a, b)]
-    return signal.replace("_", " "), unit, texts[0], texts[1]
+def _duty(row: DutyRow) -> tuple[str, ...]:
+    factor, unit = SHOWN.get(row.unit, (1.0, row.unit))
+    texts = [NOTHING if x is None else ", ".join(_figure_of(v * factor) for v in x) for x in (row.a, row.b)]
+    return row.signal.replace("_", " "), unit, *texts
 
 
 def _figure_of(value: float) -> str:
@@ -150,19 +134,13 @@ def _verdict(said: LogSaid) -> str:
 
 
 def _figure(spectrum: Spectrum) -> Figure:
-    from fdd.samples import CHANNELS
-
     si = CHANNELS[spectrum.channel].unit
     factor, unit = SHOWN.get(si, (1.0, si))
     data = [
         tr.line(spectrum.frequency, factor**2 * values, name, colour, width=1.2)
         for values, name, colour in ((spectrum.a, "A", tr.BLUE), (spectrum.b, "B", tr.VERMILLION))
     ]
-    layout = {
-        "xaxis": {"title": {"text": "frequency (Hz)"}, "hoverformat": ".1f"},
-        "yaxis": {"type": "log", "hoverformat": ".3~g", "exponentformat": "power"},
-        "shapes": [],
-        "annotations": [],
-    }
+    layout = tr.layout("frequency (Hz)", type="log", hoverformat=".3~g", exponentformat="power")
+    layout["xaxis"]["hoverformat"] = ".1f"
     title = spectrum.channel.replace("_", " ").capitalize()
     return Figure(f"spectrum-{spectrum.channel}", title, data, layout, f"{unit}²/Hz")

@@ -102,13 +102,9 @@ def _log(answer: Diagnosis, at: float | None) -> TrendLog:
     if any(f.family == "sensor" for f in answer.faults):
         left_out = "a sensor failed: its estimates do not count"
     return TrendLog(
-        log=answer.log,
-        started_at=answer.started_at,
-        at=at,
-        verdict=answer.verdict,
-        faults=[f.fault for f in answer.faults],
-        left_out=left_out,
-    )
+        log=answer.log, started_at=answer.started_at, at=at, verdict=answer.verdict,
+        faults=[f.fault for f in answer.faults], left_out=left_out,
+    )  # fmt: skip
 
 
 def _warmth(answers: Sequence[Diagnosis]) -> Array:
@@ -137,16 +133,9 @@ def _fit(
     if len(shown) < LEAST_LOGS or span <= 0.0:
         count = f"{len(shown)} {each}" + ("" if len(shown) == 1 else "s")
         why = f"{count} tell of it; a line needs {LEAST_LOGS}, at several times"
+        points = _points(logs, time, factors, stds)
         return Course(
-            Trend(
-                quantity=name,
-                temperature="not taken out",
-                sentence=why,
-                points=_points(logs, time, factors, stds),
-            ),
-            none,
-            none,
-            none,
+            Trend(quantity=name, temperature="not taken out", sentence=why, points=points), none, none, none
         )
     # From the last log backwards, in spans of all: numbers near one, and what is wanted of it at hand.
     scaled = (time - time[-1]) / span

@@ -49,18 +49,10 @@ def trend_sheet(life: Life, courses: Sequence[Course]) -> Sheet:
 def trend_tables(life: Life) -> list[Table]:
     """A row a quantity, and a row a log."""
     trends: list[tuple[str, ...]] = [
-        (
-            ESTIMATED[t.quantity][2],
-            str(len(t.points)),
-            t.temperature,
-            number(t.between, 2),
-            number(t.first, 3),
-            number(t.last, 3),
-            number(t.p_holm, 2),
-            t.sentence,
-        )
+        (ESTIMATED[t.quantity][2], str(len(t.points)), t.temperature, number(t.between, 2),
+         number(t.first, 3), number(t.last, 3), number(t.p_holm, 2), t.sentence)
         for t in life.trends
-    ]
+    ]  # fmt: skip
     values = {t.quantity: {p.log: with_std(p.value, p.std) for p in t.points} for t in life.trends}
     titles = [ESTIMATED[name][2] for name in values]
     logs = [
@@ -72,12 +64,13 @@ def trend_tables(life: Life) -> list[Table]:
         )
         for x in life.logs
     ]
+    logs_title = f"{life.each.capitalize()}s"
     return [
         Table(
             "Trends",
             (
                 "Quantity",
-                f"{life.each.capitalize()}s",
+                logs_title,
                 "Temperature",
                 f"Std of {life.each}s",
                 "First",
@@ -92,7 +85,7 @@ def trend_tables(life: Life) -> list[Table]:
             marked={k for k, t in enumerate(life.trends) if t.direction},
         ),
         Table(
-            f"{life.each.capitalize()}s",
+            logs_title,
             (life.each.capitalize(), "Began", "Verdict", *titles),
             logs,
             "Estimates as factors of the profile's, ± standard deviation.",
@@ -147,79 +140,38 @@ def _figure(course: Course, life: Life) -> Figure:
         first = datetime.fromisoformat(start)
         return [f"{first + timedelta(days=float(d)):%Y-%m-%d %H:%M:%S}" for d in at]
 
-    data: list[dict[str, Any]] = []
+    data: list[tr.Trace] = []
     if course.time.size:
         x = places(course.time)
         low, high = course.line - course.half, course.line + course.half
+        style = {"color": tr.BLUE, "width": 1.6, "dash": "solid" if trend.direction else "dot"}
         data = [
-            {
-                "type": "scatter",
-                "mode": "lines",
-                "x": x + x[::-1],
-                "y": [*high.tolist(), *low[::-1].tolist()],
-                "fill": "toself",
-                "fillcolor": tr.faded(tr.BLUE, 0.16),
-                "line": {"width": 0},
-                "hoverinfo": "skip",
-                "showlegend": False,
-            },
-            {
-                "type": "scatter",
-                "mode": "lines",
-                "name": "line, 95 %",
-                "x": x,
-                "y": course.line.tolist(),
-                "line": {"color": tr.BLUE, "width": 1.6, "dash": "solid" if trend.direction else "dot"},
-            },
+            tr.outline(x + x[::-1], [*high.tolist(), *low[::-1].tolist()], tr.BLUE),
+            tr.scatter(x, course.line.tolist(), "line, 95 %", line=style),
         ]
-    for name, colour, symbol, chosen in (
-        (life.each, tr.BLUE, "circle", [p for p in trend.points if p.log not in alarmed]),
-        (
-            f"{life.each} with an alarm",
-            tr.VERMILLION,
-            "diamond",
-            [p for p in trend.points if p.log in alarmed],
-        ),
+    for name, colour, symbol, alarm in (
+        (life.each, tr.BLUE, "circle", False),
+        (f"{life.each} with an alarm", tr.VERMILLION, "diamond", True),
     ):
+        chosen = [p for p in trend.points if (p.log in alarmed) == alarm]
         if chosen:
+            bars = {"type": "data", "array": [Z95 * p.std for p in chosen], "thickness": 1, "width": 3}
             data.append(
-                {
-                    "type": "scatter",
-                    "mode": "markers",
-                    "name": name,
-                    "x": places(np.array([p.at for p in chosen])),
-                    "y": [p.value for p in chosen],
-                    "text": [tr.label(p.log) for p in chosen],
-                    "error_y": {
-                        "type": "data",
-                        "array": [Z95 * p.std for p in chosen],
-                        "thickness": 1,
-                        "width": 3,
-                    },
-                    "marker": {"color": colour, "size": 8, "symbol": symbol},
-                    "hovertemplate": "%{text}: %{y:.3f}<extra></extra>",
-                }
-            )
+                tr.scatter(
+                    places(np.array([p.at for p in chosen])), [p.value for p in chosen], name, mode="markers",
+                    text=[tr.label(p.log) for p in chosen], error_y=bars,
+                    marker={"color": colour, "size": 8, "symbol": symbol},
+                    hovertemplate="%{text}: %{y:.3f}<extra></extra>",
+                )
+            )  # fmt: skip
     if trend.direction and trend.limit is not None and _near(course):
         ends = places(np.array([min(p.at for p in trend.points), max(p.at for p in trend.points)]))
-        data.append(
-            {
-                "type": "scatter",
-                "mode": "lines",
-                "name": f"limit {trend.limit:.3g}",
-                "x": ends,
-                "y": [trend.limit] * 2,
-                "line": {"color": tr.VERMILLION, "width": 1.6, "dash": "dash"},
-                "hoverinfo": "skip",
-            }
-        )
-    layout: dict[str, Any] = {
-        "xaxis": {"title": {"text": "log, in the order of names"}} if start is None else {"type": "date"},
-        "yaxis": {"hoverformat": ".3f", "range": _view(course)},
-        "hovermode": "closest",
-        "shapes": [],
-        "annotations": [],
-    }
+        style = {"color": tr.VERMILLION, "width": 1.6, "dash": "dash"}
+        name = f"limit {trend.limit:.3g}"
+        data.append(tr.scatter(ends, [trend.limit] * 2, name, line=style, hoverinfo="skip"))
+    layout = {**tr.layout(hoverformat=".3f", range=_view(course)), "hovermode": "closest"}
+    undated = {"title": {"text": "log, in the order of names"}}
+    layout["xaxis"] = undated if start is None else {"type": "date"}
     title = ESTIMATED[trend.quantity][2]
     return Figure(
         f"trend-{trend.quantity}", title, data, layout, "over the healthy one", trend.sentence, height=320

@@ -87,9 +87,8 @@ def envelope(
     n = time.size
     if n <= buckets:
         return time, low, high
-    size = -(-n // buckets)
-    start = np.arange(0, n, size)
-    stop = np.minimum(start + size, n) - 1
+    start = _starts(n, buckets)
+    stop = np.append(start[1:], n) - 1
     missing = np.isnan(low) | np.isnan(high)
     lowest = np.minimum.reduceat(np.where(missing, np.inf, low), start)
     highest = np.maximum.reduceat(np.where(missing, -np.inf, high), start)
@@ -100,22 +99,25 @@ def envelope(
     return mid, np.where(empty, np.nan, lowest), np.where(empty, np.nan, highest)
 
 
+def _starts(n: int, buckets: int) -> NDArray[np.intp]:
+    return np.arange(0, n, -(-n // buckets))
+
+
 def bucket_means(values: NDArray[np.float64], buckets: int = BUCKETS) -> NDArray[np.float64]:
     """Means over buckets of consecutive rows: (m, k) to at most (buckets, k)."""
     m = values.shape[0]
     if m <= buckets:
         return values
-    start = np.arange(0, m, -(-m // buckets))
+    start = _starts(m, buckets)
     counts = np.diff(np.append(start, m)).astype(np.float64)
     return np.add.reduceat(values, start, axis=0) / counts.reshape(-1, *([1] * (values.ndim - 1)))
 
 
 def strongest(values: NDArray[np.float64], buckets: int = BUCKETS) -> NDArray[np.float64]:
     """The entry of largest magnitude per bucket of rows and column: (m, k) to at most (buckets, k)."""
-    m = values.shape[0]
-    if m <= buckets:
+    if values.shape[0] <= buckets:
         return values
-    start = np.arange(0, m, -(-m // buckets))
+    start = _starts(values.shape[0], buckets)
     highest = np.fmax.reduceat(values, start, axis=0)
     lowest = np.fmin.reduceat(values, start, axis=0)
     return np.where(np.abs(lowest) > np.abs(highest), lowest, highest)

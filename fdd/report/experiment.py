@@ -3,11 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from datetime import UTC, datetime
 
-from markupsafe import Markup
-
-from fdd.report.page import drawn, part, template
+from fdd.report.page import page
 from fdd.report.plots import Figure
 from fdd.report.tables import version_rows
 
@@ -30,8 +27,7 @@ def experiment_page(
     told : quantity, value, interval, unit and remark of each figure.
     not_told, notes : sentences. table : heads and rows, maybe none. figures : of plotly.
     """
-    return template("experiment.html").render(
-        title=title, logs=logs, unit=unit, told=told, not_told=not_told, notes=notes, heads=table[0],
-        rows=table[1], plots=figures, versions=version_rows(), style=Markup(part("page.css")),
-        made=datetime.now(UTC).strftime("%Y-%m-%d %H:%M UTC"), **drawn(figures),
+    return page(
+        "experiment.html", figures, title=title, logs=logs, unit=unit, told=told, not_told=not_told,
+        notes=notes, heads=table[0], rows=table[1], plots=figures, versions=version_rows(),
     )  # fmt: skip

@@ -2,33 +2,20 @@
 
 from __future__ import annotations
 
-from importlib import resources
-
-import jinja2
 import numpy as np
 
 from fdd.logs.inspection import SignalView
+from fdd.report.page import template
 
 _WIDTH, _HEIGHT, _POINTS = 320, 48, 240
 
 
 def inspection_page(name: str, kind: str, views: list[SignalView]) -> str:
-    """The page as HTML.
-
-    Parameters
-    ----------
-    name : of the log. kind : its format. views : of its signals.
-    """
-    template = (resources.files("fdd.report") / "inspection.html.j2").read_text(encoding="utf-8")
-    environment = jinja2.Environment(autoescape=True, undefined=jinja2.StrictUndefined, trim_blocks=True)
-    return environment.from_string(template).render(
-        name=name,
-        kind=kind,
-        views=views,
-        lines={v.name: course(v) for v in views},
-        width=_WIDTH,
+    """The page of a log of that name and format, as HTML."""
+    return template("inspection.html").render(
+        name=name, kind=kind, views=views, lines={v.name: course(v) for v in views}, width=_WIDTH,
         height=_HEIGHT,
-    )
+    )  # fmt: skip
 
 
 def course(view: SignalView) -> str:

@@ -7,14 +7,14 @@ import io
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
-from datetime import UTC, datetime
+from datetime import datetime
 from urllib.parse import quote
 
 from markupsafe import Markup
 
 import fdd
 from fdd.diagnosis.findings import Diagnosis, FaultFinding
-from fdd.report.page import part, template
+from fdd.report.page import part, stamp, template
 from fdd.report.plotly import source_hash
 from fdd.report.words import MARKS, fault_title, percent, seconds
 
@@ -73,7 +73,7 @@ def render_index(rows: Sequence[Row], *, missing: int = 0, made: datetime | None
         counts=[(state, counts[state]) for state in ORDER if counts[state]],
         missing=missing,
         rows=[_shown(rank, row) for rank, row in enumerate(sorted(rows, key=worst_first))],
-        made=(made or datetime.now(UTC)).strftime("%Y-%m-%d %H:%M UTC"),
+        made=stamp(made),
         version=fdd.__version__,
         style=Markup(part("page.css") + part("index.css")),
         script=Markup(script),
@@ -84,13 +84,13 @@ def render_index(rows: Sequence[Row], *, missing: int = 0, made: datetime | None
 def _shown(rank: int, row: Row) -> dict[str, object]:
     """A row's texts, and the keys that its columns sort by."""
     answer, fault = row.answer, row.surest
-    texts = {"fault": "", "since": "", "confidence": "", "severity": ""}
-    keys: dict[str, float | str] = {"since": "", "confidence": "", "severity": ""}
+    texts = dict.fromkeys(("fault", "since", "confidence", "severity"), "")
+    keys: dict[str, float | str] = dict.fromkeys(("since", "confidence", "severity"), "")
     if fault is not None:
         more = len(answer.faults) - 1
         texts["fault"] = fault_title(fault.fault) + (f" and {more} more" if more else "")
-        texts["since"], keys["since"] = seconds(fault.onset_s), fault.onset_s
-        texts["confidence"], keys["confidence"] = percent(fault.confidence), fault.confidence
+        texts |= {"since": seconds(fault.onset_s), "confidence": percent(fault.confidence)}
+        keys |= {"since": fault.onset_s, "confidence": fault.confidence}
         if fault.severity is not None:
             texts["severity"], keys["severity"] = f"{fault.severity:.2f}", fault.severity
     return {

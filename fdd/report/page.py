@@ -38,10 +38,6 @@ def render_report(
 
     Parameters
     ----------
-    diagnosis : the answer.
-    trajectories : what is behind it over time (SI).
-    samples : the log that was diagnosed.
-    unit : the profile it was diagnosed with.
     settings : what the diagnosis was run with, name to value, shown as they are.
     alone : the page holds plotly.js (0.7 MB); else it loads the one beside it, see `plotly.write_bundle`.
     made : when; now, where None.
@@ -52,13 +48,16 @@ def render_report(
     plotly.js run.
     """
     found = sections(diagnosis, trajectories, samples)
-    return template("page.html").render(
+    return page(
+        "page.html",
+        [f for s in found for f in s.figures],
+        alone=alone,
+        made=made,
         verdict=verdict_words(diagnosis),
         second_opinion=second_opinion_words(diagnosis),
         diagnosis=diagnosis,
         duration=span(diagnosis.duration_s),
         sample_count=tables.grouped(diagnosis.samples),
-        made=(made or datetime.now(UTC)).strftime("%Y-%m-%d %H:%M %Z").strip(),
         sections=found,
         probabilities=tables.probability_rows(diagnosis),
         estimates=tables.estimate_rows(diagnosis),
@@ -68,25 +67,34 @@ def render_report(
         unit_rows=tables.unit_rows(unit),
         versions=tables.version_rows(),
         settings=sorted(settings.items()),
-        style=Markup(part("page.css")),
-        **drawn([f for s in found for f in s.figures], alone=alone),
     )
 
 
-def drawn(figures: list[Figure], *, alone: bool = True) -> dict[str, str]:
-    """What a page needs to draw its figures: them, plotly.js where it stands `alone`, script and policy."""
+def page(
+    name: str, figures: list[Figure], *, alone: bool = True, made: datetime | None = None, **shown: object
+) -> str:
+    """A page from its template, with what draws its figures: them, plotly.js where it stands `alone`, script
+    and policy. `made` : when; now, where None."""
     plain = [{"id": f.id, "data": f.data, "layout": f.layout, "height": f.height} for f in figures]
     bundle, bundle_hash = plotly.bundle() if alone else ("", "")
     script = part("page.js")
     # No browser checks the hash of a script that it loads from disk: what the page's own script loads may
     # run, and nothing else that stands in the page.
     others = bundle_hash if alone else "'strict-dynamic'"
-    return {
-        "figures": plotly.packed(json.dumps(plain, allow_nan=False, separators=(",", ":")).encode("ascii")),
-        "bundle": bundle,
-        "script": Markup(script),
-        "script_sources": Markup(f"{plotly.source_hash(script.encode())} {others}"),
-    }
+    return template(name).render(
+        **shown,
+        made=stamp(made),
+        style=Markup(part("page.css")),
+        figures=plotly.packed(json.dumps(plain, allow_nan=False, separators=(",", ":")).encode("ascii")),
+        bundle=bundle,
+        script=Markup(script),
+        script_sources=Markup(f"{plotly.source_hash(script.encode())} {others}"),
+    )
+
+
+def stamp(made: datetime | None) -> str:
+    """When a page was made, to the minute; now, where None."""
+    return f"{made or datetime.now(UTC):%Y-%m-%d %H:%M UTC}"
 
 
 def write_report(
@@ -104,10 +112,6 @@ def write_report(
     Raises
     ------
     InputError : the folder does not exist or cannot be written to.
-
-    Examples
-    --------
-    >>> write_report("run.html", diagnosis, trajectories, samples, unit, {})  # doctest: +SKIP
     """
     write_text(path, render_report(diagnosis, trajectories, samples, unit, settings, alone=alone))
 

@@ -33,22 +33,15 @@ TO_RPM = 60.0 / (2.0 * np.pi)
 # title, unit, what is drawn: (channel, name), factor from SI
 MEASURED: tuple[tuple[str, str, tuple[tuple[str, str], ...], float], ...] = (
     ("Position", "mm", (("position", "measured"), ("position_setpoint", "set-point")), 1e3),
-    (
-        "Pressures",
-        "bar",
-        (
-            ("pressure_difference", "difference P₁ − P₂"),
-            ("pressure_1", "chamber 1"),
-            ("pressure_2", "chamber 2"),
-            ("pressure_accumulator", "accumulator"),
-        ),
-        1e-5,
-    ),
+    ("Pressures", "bar", (
+        ("pressure_difference", "difference P₁ − P₂"), ("pressure_1", "chamber 1"),
+        ("pressure_2", "chamber 2"), ("pressure_accumulator", "accumulator"),
+    ), 1e-5),
     ("Pump speed", "rpm", (("pump_speed", "measured"), ("command", "command")), TO_RPM),
     ("Motor current", "A", (("motor_current", "motor current"),), 1.0),
     ("Oil temperature", "°C", (("oil_temperature", "oil temperature"),), 1.0),
     ("Load force", "kN", (("load_force", "load force"),), 1e-3),
-)
+)  # fmt: skip
 
 
 @dataclass
@@ -110,15 +103,6 @@ def _others(trajectories: Trajectories) -> str:
     return f", and by {', '.join(names)} of an installed package" if names else ""
 
 
-def _layout(**y_axis: Any) -> dict[str, Any]:
-    return {
-        "xaxis": {"title": {"text": "time (s)"}, "hoverformat": ".2f"},
-        "yaxis": {"hoverformat": ".4~g", **y_axis},
-        "shapes": [],
-        "annotations": [],
-    }
-
-
 def _reach(samples: Samples, trajectories: Trajectories) -> tuple[float, float]:
     """First and last time of the report: one x axis for all plots."""
     times = [t for t in (samples.time, trajectories.time, trajectories.window_time) if t.size]
@@ -163,14 +147,13 @@ def _probabilities(trajectories: Trajectories) -> list[Figure]:
     if rest.max() > 0.5:
         areas.append(("Others, each under 2 %", "#DDE2E6", rest))
     data = [
-        {
-            "type": "scatter", "mode": "lines", "name": tr.label(title), "stackgroup": "all",
-            "x": tr.packed(time), "y": tr.packed(share), "line": {"width": 0.6, "color": colour},
-            "fillcolor": tr.faded(colour, 0.85), "hovertemplate": "%{y:.0f} %",
-        }
+        tr.scatter(
+            tr.packed(time), tr.packed(share), title, stackgroup="all", line={"width": 0.6, "color": colour},
+            fillcolor=tr.faded(colour, 0.85), hovertemplate="%{y:.0f} %",
+        )
         for title, colour, share in areas
     ]  # fmt: skip
-    layout = {**_layout(range=[0, 100]), "showlegend": True}
+    layout = {**tr.layout(range=[0, 100]), "showlegend": True}
     return [Figure("probabilities", "Probability of each fault family", data, layout, "%", wide=True)]
 
 
@@ -178,7 +161,7 @@ def _statistic(trajectories: Trajectories) -> list[Figure]:
     time, statistic, threshold = trajectories.window_time, trajectories.statistic, trajectories.threshold
     if not statistic.size or not np.isfinite(statistic).any():
         return []
-    layout, unit = _layout(), ""
+    layout, unit = tr.layout(), ""
     highest = float(np.nanmax(statistic))
     if threshold > 0.0 and highest > 10.0 * threshold:
         # A gross fault drives the statistic far up; a logarithmic axis keeps the threshold readable.
@@ -232,7 +215,7 @@ def _estimate(name: str, diagnosis: Diagnosis, trajectories: Trajectories) -> li
     baseline = None if found is None or found.baseline is None else found.baseline * scale
     if baseline is not None:
         data.append(tr.level(time, baseline, "healthy baseline", colour=tr.GREEN))
-    layout = _layout()
+    layout = tr.layout()
     span = y_range(limits, baseline)
     if span is not None:
         layout["yaxis"]["range"] = span
@@ -267,7 +250,7 @@ def _features(trajectories: Trajectories) -> list[Figure]:
     ]
     limit = [tr.level(time, 1.0, "healthy", colour=tr.GREY, dash="dot")]
     title = "Misfit of balances" if len(names) <= FEATURE_LINES else f"The {FEATURE_LINES} worst balances"
-    out = [Figure("features", title, lines + limit, _layout(), MISFIT, wide=True, height=320)]
+    out = [Figure("features", title, lines + limit, tr.layout(), MISFIT, wide=True, height=320)]
     if len(names) > FEATURE_LINES:
         out.append(_feature_map(time, features, names, order))
     return out
@@ -286,7 +269,7 @@ def _feature_map(time: Column, features: Column, names: list[str], order: NDArra
         "hovertemplate": "%{y}: %{z:.1f} at %{x:.1f} s<extra></extra>",
         "colorbar": {"thickness": 10, "len": 1.0, "outlinewidth": 0},
     }]  # fmt: skip
-    layout = _layout()
+    layout = tr.layout()
     layout["yaxis"] = {"automargin": True, "tickfont": {"size": 10}, "dtick": 1, "ticks": ""}
     layout["hovermode"] = "closest"
     height = int(min(140 + 17 * len(names), 900))
@@ -306,20 +289,13 @@ def _measured(samples: Samples) -> list[Figure]:
             if channel not in samples or not np.isfinite(samples[channel]).any():
                 continue
             wanted = channel in ("command", "position_setpoint")
-            data.append(
-                tr.line(
-                    samples.time,
-                    samples[channel] * factor,
-                    name,
-                    tr.VERMILLION if wanted else tr.LINE_COLOURS[(0, 2, 3, 4)[number]],
-                    dash="dot" if wanted else "solid",
-                    width=1.3,
-                )
-            )
+            colour = tr.VERMILLION if wanted else tr.LINE_COLOURS[(0, 2, 3, 4)[number]]
+            dash = "dot" if wanted else "solid"
+            values = samples[channel] * factor
+            data.append(tr.line(samples.time, values, name, colour, dash=dash, width=1.3))
         if data:
-            figures.append(
-                Figure(f"measured-{title.lower().replace(' ', '-')}", title, data, _layout(), unit)
-            )
+            name = f"measured-{title.lower().replace(' ', '-')}"
+            figures.append(Figure(name, title, data, tr.layout(), unit))
     if len(figures) % 2:
         figures[-1].wide = True
     return figures

@@ -2,17 +2,13 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from datetime import UTC, datetime
+from datetime import datetime
 from typing import Literal
 
-from markupsafe import Markup
-
 import fdd
-from fdd.report import plotly
-from fdd.report.page import part, template
+from fdd.report.page import page
 from fdd.report.plots import Section
 from fdd.report.words import MARKS
 
@@ -63,21 +59,7 @@ def render_sheet(sheet: Sheet, *, alone: bool = True, made: datetime | None = No
     shown: Sequence[Section] = [s for s in sheet.sections if s.figures]
     for section in shown:
         section.figures[-1].wide = len(section.figures) % 2 == 1
-    figures = [
-        {"id": f.id, "data": f.data, "layout": f.layout, "height": f.height} for s in shown for f in s.figures
-    ]
-    bundle, bundle_hash = plotly.bundle() if alone else ("", "")
-    script = part("page.js")
-    others = bundle_hash if alone else "'strict-dynamic'"
-    return template("sheet.html").render(
-        sheet=sheet,
-        sections=shown,
-        mark=MARKS[sheet.kind],
-        made=(made or datetime.now(UTC)).strftime("%Y-%m-%d %H:%M UTC"),
-        version=fdd.__version__,
-        figures=plotly.packed(json.dumps(figures, allow_nan=False, separators=(",", ":")).encode("ascii")),
-        style=Markup(part("page.css")),
-        bundle=bundle,
-        script=Markup(script),
-        script_sources=Markup(f"{plotly.source_hash(script.encode())} {others}"),
-    )
+    return page(
+        "sheet.html", [f for s in shown for f in s.figures], alone=alone, made=made, sheet=sheet,
+        sections=shown, mark=MARKS[sheet.kind], version=fdd.__version__,
+    )  # fmt: skip

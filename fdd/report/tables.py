@@ -10,7 +10,7 @@ from importlib import metadata
 import fdd
 from fdd.diagnosis.findings import DISPLAY_SCALE, ESTIMATED, Diagnosis, Estimate
 from fdd.report import plotly
-from fdd.report.words import family_title, fault_title, percent, place, seconds, span
+from fdd.report.words import family_title, fault_title, likely, percent, place, seconds, span
 from fdd.unit import Unit
 
 NOTHING = "–"
@@ -89,9 +89,7 @@ def _held(estimate: Estimate, scale: float) -> str:
 
 def probability_rows(diagnosis: Diagnosis) -> list[tuple[str, str, float]]:
     """Families by probability at the end of the log: title, percent in words, share; the likely ones only."""
-    finite = {k: p for k, p in diagnosis.probabilities.items() if math.isfinite(p)}
-    ordered = sorted(finite.items(), key=lambda item: -item[1])
-    return [(family_title(k), percent(p), min(max(p, 0.0), 1.0)) for k, p in ordered if p >= 0.005]
+    return [(family_title(k), percent(p), min(p, 1.0)) for k, p in likely(diagnosis)]
 
 
 def sensor_rows(diagnosis: Diagnosis) -> list[tuple[str, str]]:

@@ -75,6 +75,22 @@ def label(text: str) -> str:
     return text.replace("&", "&amp;").replace("<", "&lt;").replace(">", "&gt;")
 
 
+def scatter(x: Any, y: Any, name: str | None = None, *, mode: str = "lines", **more: Any) -> Trace:
+    """A trace of lines or markers; x and y as plotly reads them."""
+    named = {} if name is None else {"name": label(name)}
+    return {"type": "scatter", "mode": mode, **named, "x": x, "y": y, **more}
+
+
+def layout(x: str = "time (s)", **y_axis: Any) -> dict[str, Any]:
+    """The layout that all figures have; `y_axis` beside or instead of what is usual."""
+    return {
+        "xaxis": {"title": {"text": x}, "hoverformat": ".2f"},
+        "yaxis": {"hoverformat": ".4~g", **y_axis},
+        "shapes": [],
+        "annotations": [],
+    }
+
+
 def line(
     time: Column,
     values: Column,
@@ -84,21 +100,14 @@ def line(
     dash: str = "solid",
     width: float = 1.6,
     legend: bool = True,
-    step: bool = False,
     buckets: int = BUCKETS,
 ) -> Trace:
     """A signal over time, decimated; breaks where values or samples are missing."""
     t, y = decimate(*break_at_gaps(time, values), buckets)
-    return {
-        "type": "scatter",
-        "mode": "lines",
-        "name": label(name),
-        "x": packed(on_grid(t)),
-        "y": packed(y),
-        "line": {"color": colour, "width": width, "dash": dash, "shape": "hv" if step else "linear"},
-        "showlegend": legend,
-        "legendgroup": label(name),
-    }
+    style = {"color": colour, "width": width, "dash": dash, "shape": "linear"}
+    return scatter(
+        packed(on_grid(t)), packed(y), name, line=style, showlegend=legend, legendgroup=label(name)
+    )
 
 
 def band(time: Column, low: Column, high: Column, group: str, colour: str) -> Trace:
@@ -115,32 +124,24 @@ def band(time: Column, low: Column, high: Column, group: str, colour: str) -> Tr
         ys += [b[start:stop], a[start:stop][::-1], gap]
     x = np.concatenate(xs) if xs else np.empty(0)
     y = np.concatenate(ys) if ys else np.empty(0)
-    return {
-        "type": "scatter",
-        "mode": "lines",
-        "x": packed(on_grid(x)),
-        "y": packed(y),
-        "fill": "toself",
-        "fillcolor": faded(colour, 0.16),
-        "line": {"width": 0},
-        "hoverinfo": "skip",
-        "showlegend": False,
-        "legendgroup": label(group),
-    }
+    return {**outline(packed(on_grid(x)), packed(y), colour), "legendgroup": label(group)}
+
+
+def outline(x: Any, y: Any, colour: str) -> Trace:
+    """A closed outline, filled faintly."""
+    return scatter(
+        x, y, fill="toself", fillcolor=faded(colour, 0.16), line={"width": 0}, hoverinfo="skip",
+        showlegend=False,
+    )  # fmt: skip
 
 
 def level(time: Column, value: float, name: str, *, colour: str, dash: str = "dash") -> Trace:
     """A horizontal line from the first to the last time, e.g. a threshold."""
     ends = np.array([time[0], time[-1]]) if time.size else np.empty(0)
-    return {
-        "type": "scatter",
-        "mode": "lines",
-        "name": label(name),
-        "x": packed(ends),
-        "y": packed(np.full(ends.size, value)),
-        "line": {"color": colour, "width": 1.6, "dash": dash},
-        "hoverinfo": "skip",
-    }
+    return scatter(
+        packed(ends), packed(np.full(ends.size, value)), name,
+        line={"color": colour, "width": 1.6, "dash": dash}, hoverinfo="skip",
+    )  # fmt: skip
 
 
 def faded(colour: str, opacity: float) -> str:
@@ -149,22 +150,25 @@ def faded(colour: str, opacity: float) -> str:
     return f"rgba({r},{g},{b},{opacity})"
 
 
+def _tall(kind: str, start: float, stop: float) -> dict[str, Any]:
+    """A shape from the bottom of the plot to its top."""
+    ends = {"x0": round(start, 4), "x1": round(stop, 4), "y0": 0, "y1": 1}
+    return {"type": kind, "xref": "x", "yref": "paper", **ends}
+
+
 def shade(start: float, stop: float) -> dict[str, Any]:
     """A grey stretch of time behind the lines."""
     return {
-        "type": "rect", "xref": "x", "yref": "paper", "x0": round(start, 4), "x1": round(stop, 4),
-        "y0": 0, "y1": 1,
-        "fillcolor": faded(GREY, 0.17), "line": {"width": 0}, "layer": "below",
-    }  # fmt: skip
+        **_tall("rect", start, stop),
+        "fillcolor": faded(GREY, 0.17),
+        "line": {"width": 0},
+        "layer": "below",
+    }
 
 
 def upright(at: float, *, dash: str) -> dict[str, Any]:
     """A vertical line through the whole plot."""
-    return {
-        "type": "line", "xref": "x", "yref": "paper", "x0": round(at, 4), "x1": round(at, 4),
-        "y0": 0, "y1": 1,
-        "line": {"width": 1.5, "dash": dash}, "name": MARK,
-    }  # fmt: skip
+    return {**_tall("line", at, at), "line": {"width": 1.5, "dash": dash}, "name": MARK}
 
 
 def upright_label(at: float, text: str, *, left: bool) -> dict[str, Any]:

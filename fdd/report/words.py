@@ -57,7 +57,7 @@ def fault_title(name: str) -> str:
 
 
 def family_title(name: str) -> str:
-    """A family's name for people."""
+    """The same of a family."""
     return FAMILY_TITLES.get(name, name.replace("_", " ").capitalize())
 
 
@@ -125,14 +125,10 @@ def finding_words(finding: FaultFinding) -> FindingWords:
     if math.isfinite(delay) and delay >= 0.0:
         detection += f", {delay:.1f} s after its onset"
     check = f"To confirm it: {finding.next_check}" if finding.next_check else ""
+    named = place(finding)
+    where = f"Where and how: {named}." if named else ""
     return FindingWords(
-        ", ".join(parts),
-        alternatives,
-        severity,
-        f"{detection}.",
-        list(finding.evidence),
-        _place(finding),
-        check,
+        ", ".join(parts), alternatives, severity, f"{detection}.", list(finding.evidence), where, check
     )
 
 
@@ -140,11 +136,6 @@ def place(named: FaultFinding | Invisible) -> str:
     """Which chamber, channel or variant is named, or an empty string."""
     parts = [] if named.side is None else [f"chamber {named.side}"]
     return ", ".join([*parts, *(x.replace("_", " ") for x in (named.channel, named.variant) if x)])
-
-
-def _place(finding: FaultFinding) -> str:
-    named = place(finding)
-    return f"Where and how: {named}." if named else ""
 
 
 def verdict_words(diagnosis: Diagnosis) -> VerdictWords:
@@ -212,9 +203,14 @@ def _not_observable(diagnosis: Diagnosis) -> list[str]:
 
 def _leaning(diagnosis: Diagnosis) -> str:
     """The two most probable families, or an empty string."""
-    finite = {k: p for k, p in diagnosis.probabilities.items() if math.isfinite(p) and p >= 0.005}
-    top = sorted(finite.items(), key=lambda item: -item[1])[:2]
+    top = likely(diagnosis)[:2]
     return ", ".join(f"{family_title(name).lower()} {percent(p)}" for name, p in top)
+
+
+def likely(diagnosis: Diagnosis) -> list[tuple[str, float]]:
+    """Families of at least half a percent by probability at the end of the log."""
+    finite = {k: p for k, p in diagnosis.probabilities.items() if math.isfinite(p) and p >= 0.005}
+    return sorted(finite.items(), key=lambda item: -item[1])
 
 
 def second_opinion_words(diagnosis: Diagnosis) -> str:

@@ -39,7 +39,6 @@ def test_shipped_recipes_read_back_as_they_were(name: str) -> None:
     recipe = Recipe.load(RECIPES / f"{name}.yaml")
     again = Recipe.from_yaml(recipe.to_yaml())
     assert again == recipe
-    assert again.sha256 == recipe.sha256
 
 
 def test_validation_recipe_is_a_hundred_faults_in_four_equal_families_and_twenty_healthy() -> None:
@@ -248,10 +247,6 @@ def test_faults_come_in_all_courses_but_sensors_with_neither_load_nor_heat() -> 
     none = recipe_with(faults=faults, profiles={"load": 1})
     (spec,) = draw_scenario(none, rig, stream(none, "log", 0, 0, 0), ("pressure_sensor_bias",)).faults
     assert spec.profile == "step"
-
-
-def test_presses_and_hinges_are_drawn_where_a_recipe_names_them() -> None:
-    assert set(LOADS) - set(recipe_with().loads) == {"press", "hinge", "changing"}
 
 
 def test_every_log_has_its_own_figures_of_what_comes_along_with_a_fault() -> None:
