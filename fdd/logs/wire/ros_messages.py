@@ -15,17 +15,16 @@ from numpy.typing import NDArray
 
 from fdd.bounds import DEEPEST_MESSAGE, MOST_ELEMENTS, MOST_FIELDS, MOST_OPERATIONS, MOST_VISITED
 from fdd.logs.wire.chunks import Batch
-from fdd.logs.wire.compiled import njit
 from fdd.logs.wire.fields import Field, Path
+from fdd.logs.wire.numbers import FLOAT, INT, UINT, bits_of, cells, njit, number
 
 Column = NDArray[np.float64]
 
 _NUMBER, _TEXT, _SEQUENCE, _LOOP, _END = range(5)
-_FLOAT, _INT, _UINT = range(3)
 _PRIMITIVES = {
-    "bool": (1, _UINT), "byte": (1, _UINT), "char": (1, _UINT), "uint8": (1, _UINT), "int8": (1, _INT),
-    "uint16": (2, _UINT), "int16": (2, _INT), "uint32": (4, _UINT), "int32": (4, _INT),
-    "uint64": (8, _UINT), "int64": (8, _INT), "float32": (4, _FLOAT), "float64": (8, _FLOAT),
+    "bool": (1, UINT), "byte": (1, UINT), "char": (1, UINT), "uint8": (1, UINT), "int8": (1, INT),
+    "uint16": (2, UINT), "int16": (2, INT), "uint32": (4, UINT), "int32": (4, INT),
+    "uint64": (8, UINT), "int64": (8, INT), "float32": (4, FLOAT), "float64": (8, FLOAT),
 }  # fmt: skip
 _STAMP = [("sec", "int32"), ("nanosec", "uint32")]
 _BUILT_IN = {
@@ -88,7 +87,7 @@ class RosMessages:
         out = np.full((len(paths), batch.stamps.size), np.nan)
         operations = np.array(self._operations, dtype=np.int64).reshape(-1, 4)
         takes_array = np.array(sorted(takes), dtype=np.int64).reshape(-1, 3)
-        if _walk(batch.data, batch.starts, batch.ends, operations, takes_array, self._aligned, out):
+        if _walk(batch.data, batch.starts, batch.ends, operations, takes_array, self._aligned, cells(), out):
             raise ValueError("a ROS message is damaged, or in another encoding than plain CDR")
         return list(out)
 
@@ -99,7 +98,7 @@ class RosMessages:
         if definition is None:
             raise ValueError(f"no definition of the ROS type {name}")
         if not definition and self._aligned:  # ROS 2 fills a type without fields with one byte
-            self._operations.append((_NUMBER, 1, _UINT, 1))
+            self._operations.append((_NUMBER, 1, UINT, 1))
         for field, kind in definition:
             if len(self._operations) > MOST_OPERATIONS:
                 raise ValueError("a ROS message type is too large")
@@ -167,32 +166,8 @@ def _definitions(name: str, text: str) -> dict[str, list[tuple[str, str]]]:
 
 
 @njit()
-def _integer(data, at, size, big):  # type: ignore[no-untyped-def]
-    value = np.uint64(0)
-    for b in range(size):
-        shift = np.uint64(8 * (size - 1 - b if big else b))
-        value |= np.uint64(data[at + b]) << shift
-    return value
-
-
-@njit()
-def _number(bits, size, kind, as_bits, as_double, as_single, as_float):  # type: ignore[no-untyped-def]
-    if kind == _FLOAT:
-        if size == 8:
-            as_bits[0] = bits
-            return as_double[0]
-        as_single[0] = np.uint32(bits)
-        return np.float64(as_float[0])
-    if kind == _INT:
-        return np.float64(np.int64(bits << np.uint64(64 - 8 * size)) >> (64 - 8 * size))
-    return np.float64(bits)
-
-
-@njit()
-def _walk(data, starts, ends, operations, takes, aligned, out):  # type: ignore[no-untyped-def]
+def _walk(data, starts, ends, operations, takes, aligned, room, out):  # type: ignore[no-untyped-def]
     """Fill `out`; True where a message is damaged."""
-    as_bits, as_single = np.empty(1, np.uint64), np.empty(1, np.uint32)
-    as_double, as_float = as_bits.view(np.float64), as_single.view(np.float32)
     back, left = np.empty(32, np.int64), np.empty(32, np.int64)
     for m in range(starts.size):
         at, end, big = starts[m], ends[m], False
@@ -210,10 +185,7 @@ def _walk(data, starts, ends, operations, takes, aligned, out):  # type: ignore[
                 if at + size > end:
                     return True
                 while take < takes.shape[0] and takes[take, 0] == k:
-                    bits = _integer(data, at, size, big)
-                    out[takes[take, 2], m] = _number(
-                        bits, size, kind, as_bits, as_double, as_single, as_float
-                    )
+                    out[takes[take, 2], m] = number(bits_of(data, at, size, big), size, kind, room)
                     take += 1
                 at += size
             elif what == _END:
@@ -227,7 +199,7 @@ def _walk(data, starts, ends, operations, takes, aligned, out):  # type: ignore[
                     at += (zero - at) % 4
                 if at + 4 > end:
                     return True
-                count = np.int64(_integer(data, at, 4, big))
+                count = np.int64(bits_of(data, at, 4, big))
                 at += 4
                 if what == _TEXT:
                     at += count * size
@@ -238,10 +210,8 @@ def _walk(data, starts, ends, operations, takes, aligned, out):  # type: ignore[
                         return True
                     while take < takes.shape[0] and takes[take, 0] == k:
                         if takes[take, 1] < count:
-                            bits = _integer(data, at + takes[take, 1] * size, size, big)
-                            out[takes[take, 2], m] = _number(
-                                bits, size, kind, as_bits, as_double, as_single, as_float
-                            )
+                            bits = bits_of(data, at + takes[take, 1] * size, size, big)
+                            out[takes[take, 2], m] = number(bits, size, kind, room)
                         take += 1
                     at += count * size
                 elif count == 0:  # over the loop's body
