@@ -15,7 +15,7 @@ from fdd.errors import InputError
 from fdd.logs.channel_map import CsvLayout
 from fdd.logs.formats.arrow import doubles
 from fdd.logs.formats.dates import has_clock, has_day, is_stamp, stamps_to_seconds
-from fdd.logs.formats.signals import LogFile, Signal, require_size
+from fdd.logs.formats.signals import LogFile, Signal, damaged, require_size
 from fdd.logs.formats.text_head import decoded, head_of
 from fdd.logs.formats.text_layout import MISSING, find_layout, is_number
 
@@ -92,7 +92,7 @@ class CsvFile(LogFile):
             table = self._parsed_as_text(columns)
             texts = set(columns)
         except (pa.ArrowException, UnicodeError, MemoryError) as error:
-            raise InputError(f"cannot be read ({str(error)[:120]})", where=self.path) from None
+            raise damaged("cannot be read", self.path, error) from None
         if table.num_rows == 0:
             raise InputError("no rows below the header", where=self.path, mend="record at least 5 s")
         require_size(table.num_rows, len(columns), self.path)
@@ -116,10 +116,7 @@ class CsvFile(LogFile):
         try:
             return self._parsed(columns, set(columns))
         except (pa.ArrowException, UnicodeError, MemoryError) as error:
-            brief = " ".join(str(error).split())[:160]
-            raise InputError(
-                f"not a table of numbers ({brief})", where=self.path, mend="repair that row"
-            ) from None
+            raise damaged("not a table of numbers", self.path, error, "repair that row") from None
 
     def _parsed(self, columns: list[str], texts: set[str]) -> pyarrow.Table:
         import pyarrow as pa

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from fdd.bounds import HEAD_ROWS, MAX_CELLS, MAX_WORKBOOK_BYTES, MAX_WORKBOOK_UNPACKED
 from fdd.errors import InputError
-from fdd.logs.formats.signals import require_size
+from fdd.logs.formats.signals import damaged, require_size
 from fdd.logs.formats.text_layout import find_table, is_number
 from fdd.logs.formats.trees import Leaf, TreeFile, tree_file
 
@@ -44,8 +44,7 @@ def open_excel(path: Path) -> TreeFile:
     except BaseException as error:  # the library's panics are no Exception
         if isinstance(error, KeyboardInterrupt | SystemExit):
             raise
-        brief = " ".join(str(error).split())[:120] or type(error).__name__
-        raise InputError(f"not readable as Excel ({brief})", where=path, mend="save it again") from None
+        raise damaged("not readable as Excel", path, error, "save it again") from None
     tables = {name: found for name, rows in sheets.items() if (found := _table(path, rows)) is not None}
     if not tables:
         raise InputError(

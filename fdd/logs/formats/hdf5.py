@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from fdd.bounds import MOST_MATRIX_COLUMNS
 from fdd.errors import InputError
 from fdd.logs.formats.hdf5_check import check_hdf5
-from fdd.logs.formats.signals import require_stored
+from fdd.logs.formats.signals import damaged, require_stored
 from fdd.logs.formats.trees import Leaf, TreeFile, tree_file
 
 _UNITS = ("unit", "units")
@@ -44,8 +44,7 @@ def open_hdf5(path: Path) -> TreeFile:
     except InputError:
         raise
     except Exception as error:  # h5py turns the C library's errors into many kinds
-        brief = " ".join(str(error).split())[:120]
-        raise InputError(f"damaged HDF5 file ({brief})", where=path, mend="copy it again") from None
+        raise damaged("damaged HDF5 file", path, error) from None
     return tree_file(path, groups, scalars)
 
 
@@ -125,8 +124,7 @@ def _load(path: Path, name: str, part: Any) -> NDArray[np.generic]:
         with h5py.File(path) as file:
             return np.asarray(file[name][part])
     except (OSError, KeyError, MemoryError) as error:
-        brief = " ".join(str(error).split())[:120]
-        raise InputError(f"{name} cannot be read ({brief})", where=path, mend="copy it again") from None
+        raise damaged(f"{name} cannot be read", path, error) from None
 
 
 def _text_attribute(node: Any) -> str | None:

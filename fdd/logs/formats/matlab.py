@@ -11,6 +11,7 @@ import numpy as np
 from fdd.bounds import DEEPEST_STRUCT, MOST_MATRIX_COLUMNS, limit, raised
 from fdd.errors import InputError
 from fdd.logs.formats.matlab_check import check_matlab
+from fdd.logs.formats.signals import damaged
 from fdd.logs.formats.trees import Leaf, TreeFile, tree_file
 
 
@@ -36,8 +37,7 @@ def open_matlab(path: Path) -> TreeFile:
     except InputError:
         raise
     except Exception as error:  # scipy's reader lets whatever a damaged file provokes through
-        brief = " ".join(str(error).split())[:120] or type(error).__name__
-        raise InputError(f"damaged MATLAB file ({brief})", where=path, mend="save it again") from None
+        raise damaged("damaged MATLAB file", path, error, "save it again") from None
     groups: dict[str, dict[str, Leaf]] = {}
     scalars: dict[str, dict[str, float]] = {}
     _walk({k: v for k, v in content.items() if not k.startswith("__")}, "", groups, scalars, 0)

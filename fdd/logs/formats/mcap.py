@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Collection, Iterable
+from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -214,7 +215,7 @@ def open_mcap(path: Path) -> McapFile:
     ------
     InputError : no MCAP file.
     """
-    known = _messages_of_summary(path)
+    known, metadata = _summary(path)
     log = McapFile(path)
     walk = ChunkWalk(path)
     seen: set[int] = set()
@@ -230,9 +231,7 @@ def open_mcap(path: Path) -> McapFile:
         if number in walk.channels:
             topic = walk.channels[number].topic
             log.counts[topic] = log.counts.get(topic, 0) + count
-    log.metadata = dict(walk.metadata)
-    if known:
-        log.metadata.update(_metadata_of(path))
+    log.metadata = {**walk.metadata, **metadata}
     if len(log.signals) > MAX_SIGNALS:
         raise InputError(f"{len(log.signals)} fields, at most {MAX_SIGNALS} are read", where=path)
     return log
@@ -260,29 +259,22 @@ def _add_fields(log: McapFile, walk: ChunkWalk, batch: Batch) -> None:
         log.paths.setdefault(name, paths)
 
 
-def _messages_of_summary(path: Path) -> dict[int, int]:
-    """Messages of each channel that has any, by the file's own summary; none where it has no whole one."""
+def _summary(path: Path) -> tuple[dict[int, int], dict[str, dict[str, str]]]:
+    """Messages of each channel that has any, and metadata, by the summary; none where it is not whole."""
     from mcap.reader import SeekingReader
 
-    try:
-        with path.open("rb") as stream:
-            summary = SeekingReader(stream).get_summary()
-    except Exception:  # whatever a damaged or unfinished file provokes: it is walked instead
-        return {}
-    if summary is None or summary.statistics is None:
-        return {}
-    counts = summary.statistics.channel_message_counts.items()
-    return {c: n for c, n in counts if n and c in summary.channels}
-
-
-def _metadata_of(path: Path) -> dict[str, dict[str, str]]:
-    from mcap.reader import SeekingReader
-
-    try:
-        with path.open("rb") as stream:
-            return {m.name: dict(m.metadata) for m in SeekingReader(stream).iter_metadata()}
-    except Exception:  # as above
-        return {}
+    counts: dict[int, int] = {}
+    metadata: dict[str, dict[str, str]] = {}
+    # A damaged or unfinished file, which provokes whatever, is walked instead.
+    with suppress(Exception), path.open("rb") as stream:
+        reader = SeekingReader(stream)
+        summary = reader.get_summary()
+        if summary is not None and summary.statistics is not None:
+            messages = summary.statistics.channel_message_counts.items()
+            counts = {c: n for c, n in messages if n and c in summary.channels}
+        if counts:
+            metadata = {m.name: dict(m.metadata) for m in reader.iter_metadata()}
+    return counts, metadata
 
 
 AXIS_TOPIC = re.compile(r"^/eha/(?P<axis>[^/]+)/measurement$")

@@ -155,6 +155,12 @@ def require_stored(declared: int, stored: int, where: Path) -> None:
         )
 
 
+def damaged(what: str, where: Path, error: BaseException, mend: str = "copy it again") -> InputError:
+    """The one line of a file that its library cannot read, with the beginning of the library's own words."""
+    brief = " ".join(str(error).split())[:120] or type(error).__name__
+    return InputError(f"{what} ({brief})", where=where, mend=mend)
+
+
 def seconds_since(stamps: NDArray[np.datetime64]) -> tuple[Column, int]:
     """Seconds since the first stamp, and that stamp in ns since 1970 (0 where there is none).
 

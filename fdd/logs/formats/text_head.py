@@ -6,6 +6,7 @@ from pathlib import Path
 
 from fdd.bounds import SNIFFED_BYTES
 from fdd.errors import InputError
+from fdd.logs.formats.signals import damaged
 
 
 def head_of(path: Path) -> tuple[bytes, bool, bool]:
@@ -21,7 +22,7 @@ def head_of(path: Path) -> tuple[bytes, bool, bool]:
         with gzip.open(path, "rb") as packed:
             head = packed.read(SNIFFED_BYTES + 1)
     except (OSError, EOFError, zlib.error) as error:
-        raise InputError(f"damaged gzip file ({error})", where=path, mend="copy it again") from None
+        raise damaged("damaged gzip file", path, error) from None
     return head[:SNIFFED_BYTES], True, len(head) <= SNIFFED_BYTES
 
 

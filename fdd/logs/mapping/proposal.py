@@ -101,10 +101,6 @@ def propose(log: LogFile, words: Words | None = None, given: dict[str, Given] | 
     Raises
     ------
     InputError : nothing in the log can be its time, or a given signal is not there.
-
-    Examples
-    --------
-    >>> propose(open_log("run.mf4")).channel_map()  # doctest: +SKIP
     """
     if not log.signals:
         raise InputError("no signals in it", where=log.path, mend="see fdd inspect what it holds")

@@ -6,6 +6,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass, field
 from functools import cache
 from pathlib import Path
+from struct import error as StructError
 from typing import Any
 
 import numpy as np
@@ -61,7 +62,7 @@ class ChunkWalk:
     damaged: int = 0
 
     def __iter__(self) -> Iterator[Batch]:
-        from mcap.exceptions import EndOfFile, InvalidMagic, McapError, RecordLengthLimitExceeded
+        from mcap.exceptions import InvalidMagic, McapError, RecordLengthLimitExceeded
         from mcap.records import Channel, Chunk, Message, Metadata, Schema
 
         loose: list[Any] = []
@@ -71,23 +72,22 @@ class ChunkWalk:
             while True:
                 try:
                     record = next(records, None)
-                except InvalidMagic:
-                    if first:
-                        raise InputError(
-                            "not an MCAP file (wrong first bytes)",
-                            where=self.path,
-                            mend="record or copy it again",
-                        ) from None
-                    self.truncated = True
-                    break
                 except RecordLengthLimitExceeded as error:
                     raise InputError(f"a damaged or too large record ({error})", where=self.path) from None
-                except (EndOfFile, McapError, ValueError, KeyError, IndexError, MemoryError):
-                    self.truncated = True
-                    break
-                except Exception as error:  # struct.error, UnicodeDecodeError: a damaged record
-                    if type(error).__name__ not in ("error", "UnicodeDecodeError", "OverflowError"):
-                        raise
+                # Besides the library's own whatever a damaged record provokes, as text that is none.
+                except (
+                    McapError,
+                    ValueError,
+                    LookupError,
+                    ArithmeticError,
+                    MemoryError,
+                    StructError,
+                ) as error:
+                    if first and isinstance(error, InvalidMagic):
+                        mend = "record or copy it again"
+                        raise InputError(
+                            "not an MCAP file (wrong first bytes)", where=self.path, mend=mend
+                        ) from None
                     self.truncated = True
                     break
                 first = False
