@@ -15,8 +15,7 @@ from numpy.typing import NDArray
 
 from fdd.errors import InputError
 from fdd.logs.angles import sample_numbers
-from fdd.logs.stamps import JUMP_PERIODS, nominal_period
-from fdd.logs.stretches import stretches
+from fdd.logs.stamps import JUMP_PERIODS, nominal_period, stretches
 from fdd.samples import CHANNELS, PRESSURES
 
 Column = NDArray[np.float64]
@@ -123,23 +122,18 @@ def check_magnitudes(columns: Mapping[str, Column]) -> None:
         # A drained accumulator may well show nothing; a chamber is precharged, and its noise alone is more.
         if name != "pressure_accumulator" and 0.0 < largest < _least_pressure(columns):
             likely = "bar" if largest < 1e3 else "kPa"
-            raise InputError(
-                f"channel {name}: pressures look like {likely} (at most {largest:.3g} Pa)",
-                mend=f"give unit: {likely} in the map (--map)",
-            )
+            raise _in_another_unit(name, f"pressures look like {likely} (at most {largest:.3g} Pa)", likely)
     position = _largest(columns, "position")
     if position > 10.0:
         likely = "mm" if position < 1e4 else "um"
-        raise InputError(
-            f"channel position: up to {position:.3g} m, looks like {likely}",
-            mend=f"give unit: {likely} in the map (--map)",
-        )
+        raise _in_another_unit("position", f"up to {position:.3g} m, looks like {likely}", likely)
     oil = columns.get("oil_temperature")
     if oil is not None and np.nanmedian(oil) > 200.0:
-        raise InputError(
-            f"channel oil_temperature: {np.nanmedian(oil):.0f} °C, looks like kelvin",
-            mend="give unit: K in the map (--map)",
-        )
+        raise _in_another_unit("oil_temperature", f"{np.nanmedian(oil):.0f} °C, looks like kelvin", "K")
+
+
+def _in_another_unit(channel: str, problem: str, unit: str) -> InputError:
+    return InputError(f"channel {channel}: {problem}", mend=f"give unit: {unit} in the map (--map)")
 
 
 def _least_pressure(columns: Mapping[str, Column]) -> float:
@@ -165,10 +159,8 @@ def suspicions(time: Column, columns: Mapping[str, Column], period: float) -> li
     period : s, nominal.
     """
     notes = []
-    moving = [
-        n for n in ("position", "pump_angle", "pump_speed") if n in columns and _range(columns[n]) > 0.0
-    ]
-    if not moving:
+    moving = (columns[n] for n in ("position", "pump_angle", "pump_speed") if n in columns)
+    if not any(np.nanmax(v) > np.nanmin(v) for v in moving if np.isfinite(v).any()):
         notes.append("standstill: neither the position nor the pump moves throughout the log")
     for name, values in columns.items():
         if CHANNELS[name].dimension != "pressure":
@@ -224,14 +216,8 @@ def _speed_notes(time: Column, columns: Mapping[str, Column]) -> list[str]:
     return notes
 
 
-def _range(values: Column) -> float:
-    return float(np.nanmax(values) - np.nanmin(values)) if np.isfinite(values).any() else 0.0
-
-
 def _longest_constant(values: Column) -> tuple[int, int]:
     """Start and length (rows) of the longest run of one value."""
-    if values.size == 0:
-        return 0, 0
     start, length, open_since = 0, 0, 0
     for part in stretches(values.size + 1):
         here = values[part]

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fdd.logs.angles import sample_numbers
-from fdd.logs.stretches import stretches
+from fdd.logs.stamps import stretches
 
 Column = NDArray[np.float64]
 
