@@ -8,7 +8,7 @@ is the one whose pressure rises. It holds in any unit of measure, so units follo
 from __future__ import annotations
 
 from dataclasses import dataclass
-from itertools import combinations
+from itertools import permutations
 
 import numpy as np
 from numpy.typing import NDArray
@@ -34,18 +34,16 @@ class Signals:
 
     def changes(self, name: str) -> Column:
         """(k,) changes of a signal over each window."""
-        at = self._edges()
-        return np.diff(_filled(self.columns[name])[at])
+        return np.diff(_filled(self.columns[name])[self._edges()])
 
     def sums(self, name: str) -> Column:
         """(k,) integrals of a signal over each window, its unit times s."""
-        at = self._edges()
         values = _filled(self.columns[name])
         steps = np.diff(self.time)
         # Over a hole in the log a sample says nothing about what came between.
         steps = np.minimum(steps, 10.0 * float(np.median(steps)))
         total = np.concatenate(([0.0], np.cumsum(0.5 * (values[1:] + values[:-1]) * steps)))
-        return np.diff(total[at])
+        return np.diff(total[self._edges()])
 
     def means(self, name: str) -> Column:
         """(k,) means over each window."""
@@ -91,10 +89,15 @@ def follows(signals: Signals, integral: str, rate: str) -> float:
 
 def gain(signals: Signals, integral: str, rate: str) -> tuple[float, float]:
     """Units of `integral` per unit of `rate` and s, and its standard error."""
-    x, w = signals.changes(integral), signals.sums(rate)
-    slope = float(w @ x / max(float(w @ w), 1e-300))
-    rest = x - slope * w
-    return slope, float(np.sqrt(rest @ rest / max(x.size - 1, 1) / max(float(w @ w), 1e-300)))
+    return _slope(signals.changes(integral), signals.sums(rate), 1)
+
+
+def _slope(y: Column, x: Column, fitted: int) -> tuple[float, float]:
+    """Slope through the origin and its standard error, where so many parameters were fitted."""
+    square = max(float(x @ x), 1e-300)
+    slope = float(x @ y / square)
+    rest = y - slope * x
+    return slope, float(np.sqrt(rest @ rest / max(x.size - fitted, 1) / square))
 
 
 def slope_of(signals: Signals, wanted: str, of: str) -> tuple[float, float]:
@@ -109,10 +112,7 @@ def slope_of(signals: Signals, wanted: str, of: str) -> tuple[float, float]:
     calm &= np.concatenate(([True], moved[:-1] < 0.02 * float(np.ptp(x)))) if x.size else calm
     if calm.sum() >= LEAST_WINDOWS and float(np.ptp(x[calm])) > 0.3 * float(np.ptp(x)):
         y, x = y[calm], x[calm]
-    x0, y0 = x - x.mean(), y - y.mean()
-    slope = float(x0 @ y0 / max(float(x0 @ x0), 1e-300))
-    rest = y0 - slope * x0
-    return slope, float(np.sqrt(rest @ rest / max(x.size - 2, 1) / max(float(x0 @ x0), 1e-300)))
+    return _slope(y - y.mean(), x - x.mean(), 2)
 
 
 def differences(signals: Signals, names: list[str]) -> list[tuple[str, str, str, float]]:
@@ -127,14 +127,11 @@ def differences(signals: Signals, names: list[str]) -> list[tuple[str, str, str,
     Rows of difference, first, second, share of the standard deviation that remains; the best first.
     """
     found = []
-    for d in names:
-        others = [n for n in names if n != d]
+    for d, one, two in permutations(names, 3):
         spread = float(np.std(signals.means(d)))
-        for a, b in combinations(others, 2):
-            for one, two in ((a, b), (b, a)):
-                rest = signals.means(d) - (signals.means(one) - signals.means(two))
-                if spread > 0.0 and float(np.std(rest)) < 0.2 * spread:
-                    found.append((d, one, two, float(np.std(rest)) / spread))
+        rest = float(np.std(signals.means(d) - (signals.means(one) - signals.means(two))))
+        if spread > 0.0 and rest < 0.2 * spread:
+            found.append((d, one, two, rest / spread))
     return sorted(found, key=lambda row: row[3])
 
 
@@ -157,9 +154,8 @@ def rises_with_pumping(signals: Signals, drop: Column, position: str, pump: str,
     leak, rise = both.sums("drop"), both.changes("drop")
     if theta.size < LEAST_WINDOWS:
         return 0.0
-    columns = np.column_stack([np.maximum(x, 0.0), np.minimum(x, 0.0), leak, rise])
-    scale = np.maximum(np.abs(columns).max(axis=0), 1e-300)
-    scaled = columns / scale
+    scaled = np.column_stack([np.maximum(x, 0.0), np.minimum(x, 0.0), leak, rise])
+    scaled /= np.maximum(np.abs(scaled).max(axis=0), 1e-300)
     gram = scaled.T @ scaled
     if np.linalg.cond(gram) > 1e12:
         return 0.0

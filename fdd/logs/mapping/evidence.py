@@ -4,20 +4,13 @@ from __future__ import annotations
 
 import re
 from dataclasses import dataclass, field, replace
-from itertools import takewhile
+from itertools import permutations, product, takewhile
 
 import numpy as np
 
 from fdd.bounds import MOST_ROWS_LOOKED_AT
 from fdd.logs.formats.signals import LogFile, Signal
-from fdd.logs.mapping.behaviour import (
-    Signals,
-    correlation,
-    differences,
-    follows,
-    leads,
-    roughness,
-)
+from fdd.logs.mapping.behaviour import Signals, correlation, differences, follows, leads, roughness
 from fdd.logs.mapping.concepts import Words, dimension_of, name_scores, said_and_unit
 from fdd.logs.mapping.shaft import Shaft, find_shaft
 from fdd.logs.mapping.unnamed import around_shaft, chambers, without_copies
@@ -80,9 +73,7 @@ class Evidence:
 
     def named_as(self, signal: str, concept: str) -> bool:
         """Whether a signal's name says a thing, whatever its unit."""
-        return any(
-            self.scores[signal].get(c, -9.0) >= 2.0 for c in self.scores[signal] if c.startswith(concept)
-        )
+        return any(s >= 2.0 for c, s in self.scores[signal].items() if c.startswith(concept))
 
     def pressures(self) -> list[str]:
         """Signals that move and are pressures by their unit, or else by their name."""
@@ -108,19 +99,16 @@ def gather(log: LogFile, words: Words, given: dict[str, str] | None = None) -> E
     ----------
     log : opened. words : to read names by. given : channel to signal, as the user knows it; "" for none.
     """
-    sizes: dict[str, int] = {}
     raw = log.read(log.signals)
-    for signal in log.signals.values():
-        sizes[signal.clock] = max(sizes.get(signal.clock, 0), raw[signal.name].size)
-    main = max(sizes, key=lambda clock: sizes[clock])
-    stamps = {clock: log.stamps(clock) for clock in sizes}
+    main = max(log.signals.values(), key=lambda s: raw[s.name].size).clock
+    stamps = {clock: log.stamps(clock) for clock in dict.fromkeys(s.clock for s in log.signals.values())}
     time, at = None, stamps[main]
     if at is None:
         time = _time_column(log, raw, main)
         if time is None:
             return None
         at = raw[time[0]] * MEASURES[time[1]].factor
-    clocks = {log.clock_column(clock) for clock in sizes} | {time[0] if time else None}
+    clocks = {log.clock_column(clock) for clock in stamps} | {time[0] if time else None}
     good = np.flatnonzero(np.isfinite(at) & (np.diff(at, prepend=-np.inf) > 0.0))[:MOST_ROWS_LOOKED_AT]
     columns = {}
     for name, signal in log.signals.items():
@@ -244,28 +232,20 @@ def _motion(found: Evidence) -> None:
     told = set(found.unnamed) if found.shaft is not None else set()
     rates = [n for n in found.allowing("pump_speed", "command") if n not in told]
     places = [n for n in found.allowing("position", "position_setpoint") if n not in told]
-    for x in places:
-        for w in rates:
-            if x == w:
+    for x, w in product(places, rates):
+        r = 0.0 if x == w else abs(follows(found.data, x, w))
+        if r > CLOSE:
+            found.add(x, "position", 2.0 * r - 1.0, f"it follows {w} ({r:.2f})")
+            found.add(w, "pump_speed", 2.0 * r - 1.0, f"{x} follows it ({r:.2f})")
+    groups = (rates, "command", "pump_speed"), (places, "position_setpoint", "position")
+    for group, demand, measured in groups:
+        for a, b in permutations(group, 2):
+            if abs(correlation(found.data.means(a), found.data.means(b))) < CLOSE:
                 continue
-            r = follows(found.data, x, w)
-            if abs(r) > CLOSE:
-                found.add(x, "position", 2.0 * abs(r) - 1.0, f"it follows {w} ({abs(r):.2f})")
-                found.add(w, "pump_speed", 2.0 * abs(r) - 1.0, f"{x} follows it ({abs(r):.2f})")
-    for group, demand, measured in (
-        (rates, "command", "pump_speed"),
-        (places, "position_setpoint", "position"),
-    ):
-        for a in group:
-            for b in group:
-                alike = correlation(found.data.means(a), found.data.means(b))
-                if a == b or abs(alike) < CLOSE:
-                    continue
-                smooth = roughness(found.data, a) < 0.5 * roughness(found.data, b)
-                first = leads(found.data, a, b) > 0.0
-                if smooth and first:
-                    found.add(a, demand, 1.0, f"it is smooth and comes before {b}")
-                    found.add(b, measured, 1.0, f"it comes after {a}")
+            smooth = roughness(found.data, a) < 0.5 * roughness(found.data, b)
+            if smooth and leads(found.data, a, b) > 0.0:
+                found.add(a, demand, 1.0, f"it is smooth and comes before {b}")
+                found.add(b, measured, 1.0, f"it comes after {a}")
 
 
 def _accumulator(found: Evidence) -> None:
