@@ -3,12 +3,10 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
 from fdd.logs.angles import directed, unwrap_counts
 from fdd.logs.channel_map import ChannelSource
-
-Column = NDArray[np.float64]
+from fdd.samples import Column
 
 
 def to_si(channel: str, source: ChannelSource, raw: Column, direction: Column | None = None) -> Column:

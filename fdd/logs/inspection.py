@@ -5,13 +5,11 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from fdd.logs.formats.signals import LogFile
 from fdd.logs.names import is_time_name, time_unit, unit_in_name
 from fdd.measures import MEASURES
-
-Column = NDArray[np.float64]
+from fdd.samples import Column
 
 _BARS = "▁▂▃▄▅▆▇█"
 PICTURE_COLUMNS = 32

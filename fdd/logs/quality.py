@@ -11,14 +11,11 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 import numpy as np
-from numpy.typing import NDArray
 
 from fdd.errors import InputError
 from fdd.logs.angles import sample_numbers
 from fdd.logs.stamps import JUMP_PERIODS, nominal_period, stretches
-from fdd.samples import CHANNELS, PRESSURES
-
-Column = NDArray[np.float64]
+from fdd.samples import CHANNELS, PRESSURES, Column
 
 COUNTED_GAP = 1.0
 """s; the rows that a longer gap would have held are not counted as dropped."""

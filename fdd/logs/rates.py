@@ -9,8 +9,7 @@ from numpy.typing import NDArray
 
 from fdd.logs.angles import sample_numbers
 from fdd.logs.stamps import stretches
-
-Column = NDArray[np.float64]
+from fdd.samples import Column
 
 LEAST_CHANGES = 50
 """So many changes of value tell whether a channel changes at a rhythm of its own."""

@@ -7,7 +7,6 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from fdd.errors import InputError
 from fdd.logs.angles import accumulate_speed
@@ -20,9 +19,7 @@ from fdd.logs.quality import DataQuality, check_magnitudes, check_time, count_mi
 from fdd.logs.rates import aligned, between, on_common_rows, own_measurements, own_period
 from fdd.logs.sources import Feed, feeds_of
 from fdd.logs.stamps import longest_part, nominal_period, ordered_time, spread_bursts
-from fdd.samples import Samples, missing_required
-
-Column = NDArray[np.float64]
+from fdd.samples import Column, Samples, missing_required
 
 TIME_OF_DAY_S = 3600.0
 """A log that starts later than this, and than ten times its length, carries the time of day or of a long

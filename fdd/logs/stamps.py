@@ -8,8 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fdd.errors import InputError
-
-Column = NDArray[np.float64]
+from fdd.samples import Column
 
 JUMP_PERIODS = 10
 """A gap of more nominal periods than this is a time jump."""

@@ -9,12 +9,10 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from fdd.errors import InputError
 from fdd.logs.formats.signals import LogFile, Signal, damaged, require_size, seconds_since
-
-Column = NDArray[np.float64]
+from fdd.samples import Column
 
 BATCH_ROWS = 1 << 16
 """Rows that are held by Arrow and as columns at once."""

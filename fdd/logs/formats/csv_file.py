@@ -8,7 +8,6 @@ from pathlib import Path
 from typing import IO, TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from fdd.bounds import limit, raised
 from fdd.errors import InputError
@@ -18,11 +17,11 @@ from fdd.logs.formats.dates import has_clock, has_day, is_stamp, stamps_to_secon
 from fdd.logs.formats.signals import LogFile, Signal, damaged, require_size
 from fdd.logs.formats.text_head import decoded, head_of
 from fdd.logs.formats.text_layout import MISSING, find_layout, is_number
+from fdd.samples import Column
 
 if TYPE_CHECKING:
     import pyarrow
 
-Column = NDArray[np.float64]
 
 _MARKS = (",", ".", "'", " ", "\u00a0", "\u202f")
 

@@ -10,8 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fdd.logs.formats.signals import seconds_since
-
-Column = NDArray[np.float64]
+from fdd.samples import Column
 
 _CLOCK = r"(?P<clock>\d{1,2}:\d\d(?::\d\d(?P<part>[.,]\d+)?)?)(?P<half> ?[AaPp][Mm])?"
 _DAY = r"(?P<a>\d{1,4})(?P<mark>[./-])(?P<b>\d{1,2})(?P=mark)(?P<c>\d{2,4})"

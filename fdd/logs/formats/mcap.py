@@ -19,8 +19,7 @@ from fdd.logs.wire.chunks import Batch, ChunkWalk
 from fdd.logs.wire.fields import Decoder, written
 from fdd.logs.wire.fields import Path as FieldPath
 from fdd.near_misses import did_you_mean, listed
-
-Column = NDArray[np.float64]
+from fdd.samples import Column
 
 _NANOSECONDS = {"sec": ("nanosec", "nsec"), "seconds": ("nanos", "nanoseconds"), "secs": ("nsecs",)}
 

@@ -17,8 +17,7 @@ from fdd.errors import InputError
 from fdd.logs.formats.signals import LogFile, Signal, require_size, seconds_since
 from fdd.logs.names import is_time_name, unit_in_name
 from fdd.measures import MEASURES, find_measure
-
-Column = NDArray[np.float64]
+from fdd.samples import Column
 
 _VALUES = ("value", "values", "data", "y", "signal", "samples")
 _PERIODS, _RATES = (

@@ -13,7 +13,7 @@ from itertools import permutations
 import numpy as np
 from numpy.typing import NDArray
 
-Column = NDArray[np.float64]
+from fdd.samples import Column
 
 WINDOW_S = 0.1
 """s, over which motion is summed up: longer than the pressures' build-up, shorter than a stroke."""

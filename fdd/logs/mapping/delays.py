@@ -5,9 +5,8 @@ from __future__ import annotations
 from functools import lru_cache
 
 import numpy as np
-from numpy.typing import NDArray
 
-Column = NDArray[np.float64]
+from fdd.samples import Column
 
 FARTHEST_S = 0.1
 """s; what is later comes from no recorder of one rig."""

@@ -5,12 +5,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from fdd.logs.angles import directed, unwrap_counts
 from fdd.logs.mapping.behaviour import Signals, correlation
-
-Column = NDArray[np.float64]
+from fdd.samples import Column
 
 LEAST_TURNS = 5
 A_JUMP = 0.6

@@ -6,12 +6,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Protocol
 
-import numpy as np
-from numpy.typing import NDArray
-
 from fdd.logs.wire.chunks import Batch
+from fdd.samples import Column
 
-Column = NDArray[np.float64]
 Path = tuple[str | int, ...]
 """Keys and indices from the message down to a number."""
 

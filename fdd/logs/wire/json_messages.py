@@ -8,13 +8,12 @@ from typing import Any
 
 import numpy as np
 import orjson
-from numpy.typing import NDArray
 
 from fdd.bounds import DEEPEST_MESSAGE, MOST_ELEMENTS
 from fdd.logs.wire.chunks import Batch
 from fdd.logs.wire.fields import Field, Path
+from fdd.samples import Column
 
-Column = NDArray[np.float64]
 _LOOKED_AT = 20
 _UNIT_KEYS = ("unit", "units", "x-unit")
 

@@ -17,8 +17,7 @@ from fdd.bounds import DEEPEST_MESSAGE, MOST_ELEMENTS, MOST_FIELDS, MOST_SCHEMA_
 from fdd.logs.wire.chunks import Batch
 from fdd.logs.wire.fields import Field, Path
 from fdd.logs.wire.numbers import FLOAT, INT, UINT, ZIGZAG, bits_of, cells, njit, number
-
-Column = NDArray[np.float64]
+from fdd.samples import Column
 
 _NODE, _NUMBER, _CHILD, _COLUMN, _SIZE, _KIND, _INDEX = range(7)
 # By number of google.protobuf.FieldDescriptor's types: bytes (0: a varint) and kind of double, float, int64,

@@ -11,14 +11,12 @@ import re
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
 from fdd.bounds import DEEPEST_MESSAGE, MOST_ELEMENTS, MOST_FIELDS, MOST_OPERATIONS, MOST_VISITED
 from fdd.logs.wire.chunks import Batch
 from fdd.logs.wire.fields import Field, Path
 from fdd.logs.wire.numbers import FLOAT, INT, UINT, bits_of, cells, njit, number
-
-Column = NDArray[np.float64]
+from fdd.samples import Column
 
 _NUMBER, _TEXT, _SEQUENCE, _LOOP, _END = range(5)
 _PRIMITIVES = {
