@@ -15,8 +15,7 @@ import numpy as np
 
 from fdd.bounds import LONGEST_NAME
 from fdd.errors import InputError
-from fdd.logs.formats.format import Format
-from fdd.logs.formats.signals import LogFile, Signal, require_size
+from fdd.logs.formats.signals import Format, LogFile, Signal, require_size
 from fdd.packages import LOG_FORMATS, Addition, additions, left_out
 from fdd.samples import Column
 

@@ -15,8 +15,7 @@ from fdd.logs.channel_map import CsvLayout
 from fdd.logs.formats.arrow import doubles
 from fdd.logs.formats.dates import has_clock, has_day, is_stamp, stamps_to_seconds
 from fdd.logs.formats.signals import LogFile, Signal, damaged, require_size
-from fdd.logs.formats.text_head import decoded, head_of
-from fdd.logs.formats.text_layout import MISSING, find_layout, is_number
+from fdd.logs.formats.text_layout import MISSING, decoded, find_layout, head_of, is_number
 from fdd.samples import Column
 
 if TYPE_CHECKING:

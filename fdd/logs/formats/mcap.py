@@ -15,9 +15,7 @@ from numpy.typing import NDArray
 from fdd.bounds import MAX_SIGNALS
 from fdd.errors import InputError
 from fdd.logs.formats.signals import LogFile, Signal, require_size
-from fdd.logs.wire.chunks import Batch, ChunkWalk
-from fdd.logs.wire.fields import Decoder, written
-from fdd.logs.wire.fields import Path as FieldPath
+from fdd.logs.wire.chunks import Batch, ChunkWalk, Decoder, FieldPath, written
 from fdd.near_misses import did_you_mean, listed
 from fdd.samples import Column
 

@@ -11,8 +11,7 @@ from typing import TYPE_CHECKING
 from fdd.bounds import limit, raised
 from fdd.errors import InputError
 from fdd.logs.formats.added import added_formats
-from fdd.logs.formats.format import SNIFFED, Format
-from fdd.logs.formats.signals import LogFile
+from fdd.logs.formats.signals import SNIFFED, Format, LogFile
 
 if TYPE_CHECKING:
     from fdd.logs.channel_map import CsvLayout

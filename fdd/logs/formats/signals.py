@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -182,3 +182,27 @@ def seconds_since(stamps: NDArray[np.datetime64]) -> tuple[Column, int]:
     seconds: Column = (counted - first) * np.float64(1e-9)
     seconds[missing] = np.nan
     return seconds, first
+
+
+SNIFFED = 1024
+
+
+@dataclass(frozen=True)
+class Format:
+    """One format.
+
+    Attributes
+    ----------
+    name : for people.
+    suffixes : what its files are usually called.
+    sniff : tells it by a file's first `SNIFFED` bytes (fewer of a shorter file).
+    opener : takes a path and gives a `LogFile`; of ours ``module:function``, so that only what is needed is
+        loaded.
+    extra : of fdd, that installs what it needs; None where it is always there.
+    """
+
+    name: str
+    suffixes: tuple[str, ...]
+    sniff: Callable[[bytes], bool]
+    opener: str | Callable[[Path], LogFile]
+    extra: str | None = None

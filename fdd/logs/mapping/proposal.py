@@ -10,10 +10,9 @@ from fdd.errors import InputError
 from fdd.logs.angles import accumulate_speed
 from fdd.logs.channel_map import ChannelMap, ChannelSource
 from fdd.logs.formats.signals import LogFile, Signal
-from fdd.logs.mapping.assignment import Choice, assign
+from fdd.logs.mapping.behaviour import delays
 from fdd.logs.mapping.concepts import RULES, Words
-from fdd.logs.mapping.delays import delays
-from fdd.logs.mapping.evidence import PRESSURES, Evidence, gather
+from fdd.logs.mapping.evidence import PRESSURES, Choice, Evidence, assign, gather
 from fdd.logs.mapping.given import Given
 from fdd.logs.mapping.signs import signs_of
 from fdd.logs.mapping.units import Question, scale_of, unit_questions

@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-from fdd.logs.mapping.assignment import Choice
 from fdd.logs.mapping.behaviour import correlation, follows, rises_with_pumping
 from fdd.logs.mapping.concepts import Words
-from fdd.logs.mapping.evidence import Evidence
+from fdd.logs.mapping.evidence import Choice, Evidence
 
 CLEAR_T = 5.0
 """Student's t above which the pumping tells which chamber is filled."""

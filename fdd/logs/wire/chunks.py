@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from functools import cache
 from pathlib import Path
 from struct import error as StructError
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,10 +15,50 @@ from numpy.typing import NDArray
 from fdd.bounds import MAX_CHUNK_BYTES, MAX_RECORD_BYTES
 from fdd.errors import InputError
 from fdd.logs.wire.numbers import njit
+from fdd.samples import Column
 
 _SCHEMA, _CHANNEL, _MESSAGE = 0x03, 0x04, 0x05
 _FRAME_BYTES = 9
 _HEAD = np.dtype([("channel", "<u2"), ("sequence", "<u4"), ("log_time", "<u8"), ("publish_time", "<u8")])
+FieldPath = tuple[str | int, ...]
+"""Keys and indices from the message down to a number."""
+
+
+@dataclass(frozen=True)
+class Field:
+    """A number in a message, and the unit that its schema gives."""
+
+    path: FieldPath
+    unit: str | None = None
+
+
+class Decoder(Protocol):
+    """Reads the messages of one channel."""
+
+    def fields(self, first: Batch) -> list[Field]:
+        """The numbers in the messages, by the schema and the first of them."""
+
+    def columns(self, batch: Batch, paths: Sequence[FieldPath]) -> list[Column]:
+        """(n,) numbers of each path, NaN where a message lacks it.
+
+        Raises
+        ------
+        ValueError : a message is damaged, or holds something else than numbers there.
+        """
+
+
+def written(path: FieldPath) -> str:
+    """A path as a channel map writes it.
+
+    Examples
+    --------
+    >>> written(("joint", "position", 2)), written((0, "x"))
+    ('joint.position[2]', '[0].x')
+    """
+    text = ""
+    for part in path:
+        text += f"[{part}]" if isinstance(part, int) else (f".{part}" if text else part)
+    return text
 
 
 @dataclass(frozen=True)

@@ -10,8 +10,7 @@ import numpy as np
 import orjson
 
 from fdd.bounds import DEEPEST_MESSAGE, MOST_ELEMENTS
-from fdd.logs.wire.chunks import Batch
-from fdd.logs.wire.fields import Field, Path
+from fdd.logs.wire.chunks import Batch, Field, FieldPath
 from fdd.samples import Column
 
 _LOOKED_AT = 20
@@ -19,7 +18,7 @@ _UNIT_KEYS = ("unit", "units", "x-unit")
 
 
 class JsonMessages:
-    """See `fdd.logs.wire.fields.Decoder`.
+    """See `fdd.logs.wire.chunks.Decoder`.
 
     Parameters
     ----------
@@ -31,13 +30,13 @@ class JsonMessages:
 
     def fields(self, first: Batch) -> list[Field]:
         """The numbers in the first messages."""
-        found: dict[Path, None] = {}
+        found: dict[FieldPath, None] = {}
         for text in first.payloads(_LOOKED_AT):
             for path in _paths(_object(text)):
                 found[path] = None
         return [Field(p, self._units.get(p)) for p in found]
 
-    def columns(self, batch: Batch, paths: Sequence[Path]) -> list[Column]:
+    def columns(self, batch: Batch, paths: Sequence[FieldPath]) -> list[Column]:
         """See `Decoder.columns`."""
         payloads = batch.payloads()
         messages = objects_at_once(payloads) or [_object(p) for p in payloads]
@@ -76,7 +75,7 @@ def _object(text: bytes) -> dict[str, Any]:
     return found
 
 
-def _paths(value: Any, before: Path = ()) -> Iterator[Path]:
+def _paths(value: Any, before: FieldPath = ()) -> Iterator[FieldPath]:
     if isinstance(value, dict) and len(before) < DEEPEST_MESSAGE:
         for key, inner in value.items():
             yield from _paths(inner, (*before, key))
@@ -87,7 +86,7 @@ def _paths(value: Any, before: Path = ()) -> Iterator[Path]:
         yield before
 
 
-def _numbers(messages: Sequence[Mapping[str, Any]], path: Path) -> Column:
+def _numbers(messages: Sequence[Mapping[str, Any]], path: FieldPath) -> Column:
     values: list[Any] = [m.get(str(path[0])) for m in messages]
     for part in path[1:]:
         if isinstance(part, int):
@@ -101,14 +100,14 @@ def _numbers(messages: Sequence[Mapping[str, Any]], path: Path) -> Column:
         raise ValueError(f"{str(odd)[:40]!r} is not a number") from None
 
 
-def _schema_units(schema: bytes) -> Iterator[tuple[Path, str]]:
+def _schema_units(schema: bytes) -> Iterator[tuple[FieldPath, str]]:
     try:
         yield from _units_below(json.loads(schema), ())
     except (ValueError, RecursionError):
         return
 
 
-def _units_below(node: Any, path: Path) -> Iterator[tuple[Path, str]]:
+def _units_below(node: Any, path: FieldPath) -> Iterator[tuple[FieldPath, str]]:
     if not isinstance(node, dict) or len(path) > DEEPEST_MESSAGE:
         return
     unit = next((node[k] for k in _UNIT_KEYS if isinstance(node.get(k), str)), None)

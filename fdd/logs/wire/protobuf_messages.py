@@ -14,8 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fdd.bounds import DEEPEST_MESSAGE, MOST_ELEMENTS, MOST_FIELDS, MOST_SCHEMA_FILES, MOST_VISITED
-from fdd.logs.wire.chunks import Batch
-from fdd.logs.wire.fields import Field, Path
+from fdd.logs.wire.chunks import Batch, Field, FieldPath
 from fdd.logs.wire.numbers import FLOAT, INT, UINT, ZIGZAG, bits_of, cells, njit, number
 from fdd.samples import Column
 
@@ -30,7 +29,7 @@ _MESSAGE = 11
 
 
 class ProtobufMessages:
-    """See `fdd.logs.wire.fields.Decoder`.
+    """See `fdd.logs.wire.chunks.Decoder`.
 
     Parameters
     ----------
@@ -56,7 +55,7 @@ class ProtobufMessages:
             arrays = [p for p, values in zip(arrays, there, strict=True) if np.isfinite(values).any()]
         return [Field(p) for p in (*scalar, *arrays)]
 
-    def columns(self, batch: Batch, paths: Sequence[Path]) -> list[Column]:
+    def columns(self, batch: Batch, paths: Sequence[FieldPath]) -> list[Column]:
         """See `Decoder.columns`."""
         edges, defaults = _edges(self._type, paths)
         out = np.full((len(paths), batch.stamps.size), np.nan)
@@ -91,13 +90,13 @@ def _repeated(field: Any) -> bool:
     return bool(field.is_repeated) if hasattr(field, "is_repeated") else field.label == 3
 
 
-def _paths(kind: Any, before: Path) -> Iterator[Path | None]:
+def _paths(kind: Any, before: FieldPath) -> Iterator[FieldPath | None]:
     """Numbers of a type, and a None for each message: a type that holds itself has messages without end."""
     yield None
     if len(before) >= DEEPEST_MESSAGE:
         return
     for field in kind.fields:
-        path: Path = (*before, field.name)
+        path: FieldPath = (*before, field.name)
         # Arrays of messages, and arrays in arrays, are offered as far as a rig's joints or axes go.
         most = 8 if field.type == _MESSAGE or any(isinstance(k, int) for k in before) else MOST_ELEMENTS
         for one in [(*path, k) for k in range(most)] if _repeated(field) else [path]:
@@ -107,17 +106,17 @@ def _paths(kind: Any, before: Path) -> Iterator[Path | None]:
                 yield from _paths(field.message_type, one)
 
 
-def _edges(kind: Any, paths: Sequence[Path]) -> tuple[NDArray[np.int64], Column]:
+def _edges(kind: Any, paths: Sequence[FieldPath]) -> tuple[NDArray[np.int64], Column]:
     """Rows of node, number, child node or -1, column, size, kind and element; and each column's default."""
     rows: list[tuple[int, ...]] = []
-    nodes: dict[Path, int] = {(): 0}
+    nodes: dict[FieldPath, int] = {(): 0}
     defaults = np.full(len(paths), np.nan)
     for column, path in enumerate(paths):
         own, k = kind, 0
-        at: Path = ()
+        at: FieldPath = ()
         while k < len(path):
             field = own.fields_by_name[str(path[k])]
-            step: Path = (path[k],)
+            step: FieldPath = (path[k],)
             index = -1
             if _repeated(field):
                 index = int(path[k + 1])

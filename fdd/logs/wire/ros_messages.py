@@ -13,8 +13,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from fdd.bounds import DEEPEST_MESSAGE, MOST_ELEMENTS, MOST_FIELDS, MOST_OPERATIONS, MOST_VISITED
-from fdd.logs.wire.chunks import Batch
-from fdd.logs.wire.fields import Field, Path
+from fdd.logs.wire.chunks import Batch, Field, FieldPath
 from fdd.logs.wire.numbers import FLOAT, INT, UINT, bits_of, cells, njit, number
 from fdd.samples import Column
 
@@ -40,7 +39,7 @@ Operation = tuple[int, int, int, int]
 
 
 class RosMessages:
-    """See `fdd.logs.wire.fields.Decoder`.
+    """See `fdd.logs.wire.chunks.Decoder`.
 
     Parameters
     ----------
@@ -56,8 +55,8 @@ class RosMessages:
         self._aligned = aligned
         self._definitions = _definitions(name, schema.decode("utf-8", "replace"))
         self._operations: list[Operation] = []
-        self._places: dict[Path, int] = {}
-        self._sequences: set[Path] = set()
+        self._places: dict[FieldPath, int] = {}
+        self._sequences: set[FieldPath] = set()
         self._add(_short(name), (), 0, inside_loop=False)
 
     def fields(self, first: Batch) -> list[Field]:
@@ -72,7 +71,7 @@ class RosMessages:
             paths += [p for p, v in zip(open_ended, there, strict=True) if np.isfinite(v).any()]
         return [Field(p) for p in paths]
 
-    def columns(self, batch: Batch, paths: Sequence[Path]) -> list[Column]:
+    def columns(self, batch: Batch, paths: Sequence[FieldPath]) -> list[Column]:
         """See `Decoder.columns`."""
         takes = []
         for column, path in enumerate(paths):
@@ -89,7 +88,7 @@ class RosMessages:
             raise ValueError("a ROS message is damaged, or in another encoding than plain CDR")
         return list(out)
 
-    def _add(self, name: str, path: Path, depth: int, *, inside_loop: bool) -> None:
+    def _add(self, name: str, path: FieldPath, depth: int, *, inside_loop: bool) -> None:
         if depth > DEEPEST_MESSAGE:
             raise ValueError("a ROS message type is too deep")
         definition = self._definitions.get(name, _BUILT_IN.get(name))
@@ -106,7 +105,7 @@ class RosMessages:
             count = int(found[2][:9]) if found and found[2] and not found[1] else 0
             if count > MOST_OPERATIONS:
                 raise ValueError(f"a ROS message type has an array of {count} elements")
-            own: Path = (*path, field)
+            own: FieldPath = (*path, field)
             primitive = _PRIMITIVES.get(element)
             if primitive is not None:
                 for k in range(count if many and count else 1):
@@ -124,7 +123,7 @@ class RosMessages:
                 if element in ("string", "wstring"):
                     self._operations.append((_TEXT, 2 if element == "wstring" else 1, 0, 0))
                 else:
-                    inner: Path = (*own, k) if many else own
+                    inner: FieldPath = (*own, k) if many else own
                     loops = inside_loop or (many and not count)
                     self._add(_short(element, name), inner, depth + 1, inside_loop=loops)
             if many and not count:
