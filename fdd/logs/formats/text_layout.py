@@ -6,12 +6,13 @@ import csv
 import re
 from collections import Counter
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 
 from fdd.bounds import SNIFFED_BYTES
 from fdd.errors import InputError
-from fdd.logs.formats.dates import is_stamp
+from fdd.logs.formats.dates import stamp_kind
 from fdd.logs.formats.signals import damaged
 from fdd.measures import MEASURES, find_measure
 
@@ -58,25 +59,12 @@ def decoded(head: bytes, where: Path, whole: bool) -> tuple[str, str]:
             where=where,
             mend="give a log of a format that the README lists",
         )
-    try:
-        return (head.decode("utf-8-sig") if whole else _utf8(head)), "utf-8"
-    except UnicodeDecodeError:
-        pass
-    try:
+    for cut in range(1 if whole else 4):  # the last character may be cut
+        with suppress(UnicodeDecodeError):
+            return head[: len(head) - cut].decode("utf-8-sig"), "utf-8"
+    with suppress(UnicodeDecodeError):
         return head.decode("cp1252"), "cp1252"
-    except UnicodeDecodeError:
-        return head.decode("latin-1"), "latin-1"
-
-
-def _utf8(head: bytes) -> str:
-    """Text whose last character may be cut."""
-    for cut in range(4):
-        try:
-            return head[: len(head) - cut].decode("utf-8-sig")
-        except UnicodeDecodeError:
-            if cut == 3:
-                raise
-    return ""
+    return head.decode("latin-1"), "latin-1"
 
 
 @dataclass(frozen=True)
@@ -190,7 +178,9 @@ def find_table(rows: Sequence[Sequence[str]], start: int = 0) -> tuple[list[str]
 
 def _is_data(row: Sequence[str]) -> bool:
     filled = [c for c in row if c.strip()]
-    return bool(filled) and sum(is_number(c) or is_stamp(c) for c in filled) >= max(1, (len(filled) + 1) // 2)
+    return bool(filled) and sum(is_number(c) or stamp_kind(c) != "" for c in filled) >= max(
+        1, (len(filled) + 1) // 2
+    )
 
 
 def _looks_whole(rows: Sequence[Sequence[str]], k: int) -> bool:
@@ -211,10 +201,8 @@ def _header(
     if len(fitting) > 1 and _is_units(last):
         names = _to_width(rows[fitting[-2]], width)
         return names, _to_width([c.strip("[]() ") for c in last], len(names))[: len(names)]
-    if not any(c.strip() for c in last):
-        return None
     names = _to_width(last, width)
-    return names, [""] * len(names)
+    return (names, [""] * len(names)) if any(c.strip() for c in last) else None
 
 
 def _to_width(row: Sequence[str], width: int) -> list[str]:
@@ -237,7 +225,7 @@ def _is_unit(cell: str) -> bool:
 def _decimal_of(cells: Sequence[str], separator: str) -> str:
     votes: Counter[str] = Counter()
     for cell in cells:
-        if is_stamp(cell):
+        if stamp_kind(cell):
             continue
         if _GROUPED[","].fullmatch(cell):
             votes["."] += 2
