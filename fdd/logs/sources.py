@@ -111,11 +111,8 @@ def _measurement(log: McapFile, axis: str | None) -> tuple[dict[str, Feed], str]
         log.field(topic, "position")
     fields: Mapping[str | None, Signal] = {s.field: s for s in log.signals.values() if s.topic == topic}
     if not fields:
-        raise InputError(
-            "no message could be read",
-            where=log.path,
-            mend="the file may be cut off: record or copy it again",
-        )
+        mend = "the file may be cut off: record or copy it again"
+        raise InputError("no message could be read", where=log.path, mend=mend)
     feeds = {c: Feed(ChannelSource(topic=topic, field=c), fields[c]) for c in CHANNELS if c in fields}
     if not set(feeds) - {"time"}:
         its = listed(str(f) for f in fields)

@@ -60,8 +60,7 @@ def _require_bounded(path: Path) -> None:
         left = MAX_WORKBOOK_UNPACKED
         for entry in archive.infolist():
             with archive.open(entry) as part:
-                rows = columns = 0
-                tail = b""
+                rows, columns, tail = 0, 0, b""
                 while block := part.read(1 << 20):
                     left -= len(block)
                     if left < 0:
@@ -125,16 +124,10 @@ def _numbers(values: list[Any]) -> NDArray[np.generic]:
             [v if isinstance(v, datetime | date) else "NaT" for v in values], dtype="datetime64[ns]"
         )
     if isinstance(first, time):
-        return np.array([_seconds(v) for v in values])
-    if isinstance(first, timedelta):
+        values = [datetime.combine(date.min, v) - datetime.min if isinstance(v, time) else v for v in values]
+    if isinstance(first, time | timedelta):
         return np.array([v.total_seconds() if isinstance(v, timedelta) else np.nan for v in values])
     return np.array([_number(v) for v in values])
-
-
-def _seconds(value: Any) -> float:
-    if not isinstance(value, time):
-        return np.nan
-    return value.hour * 3600.0 + value.minute * 60.0 + value.second + value.microsecond * 1e-6
 
 
 def _number(value: Any) -> float:

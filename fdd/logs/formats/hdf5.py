@@ -52,12 +52,12 @@ def _groups(file: Any) -> list[tuple[str, Any]]:
     import h5py
 
     found: list[tuple[str, Any]] = []
-    # visititems follows neither soft nor external links. What MATLAB keeps for itself begins with #.
-    file.visititems(
-        lambda name, node: (
-            found.append((name, node)) if isinstance(node, h5py.Group) and not name.startswith("#") else None
-        )
-    )
+
+    def take(name: str, node: Any) -> None:
+        if isinstance(node, h5py.Group) and not name.startswith("#"):  # MATLAB keeps those for itself
+            found.append((name, node))
+
+    file.visititems(take)  # follows neither soft nor external links
     return found
 
 

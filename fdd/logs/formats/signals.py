@@ -86,27 +86,20 @@ class LogFile(ABC):
         ------
         InputError : no such signal, or several.
         """
-        if name in self.doubled:
-            raise InputError(
-                f"column {name!r} stands twice in the header", where=self.path, mend="rename one"
-            )
-        found = self.signals.get(name)
-        if found is not None:
-            return found
         ends = [s for s in self.signals.values() if s.name.endswith(f"/{name}")]
-        if len(ends) == 1:
+        if name in self.doubled:
+            problem, mend = f"column {name!r} stands twice in the header", "rename one"
+        elif name in self.signals:
+            return self.signals[name]
+        elif len(ends) == 1:
             return ends[0]
-        if ends:
-            raise InputError(
-                f"{len(ends)} columns are called {name!r}",
-                where=self.path,
-                mend=f"write one of: {listed(s.name for s in ends)}",
-            )
-        raise InputError(
-            f"no column {name!r}{did_you_mean(name, self.signals)}",
-            where=self.path,
-            mend=f"the file has: {listed(self.signals) or 'none'}",
-        )
+        elif ends:
+            problem = f"{len(ends)} columns are called {name!r}"
+            mend = f"write one of: {listed(s.name for s in ends)}"
+        else:
+            problem = f"no column {name!r}{did_you_mean(name, self.signals)}"
+            mend = f"the file has: {listed(self.signals) or 'none'}"
+        raise InputError(problem, where=self.path, mend=mend)
 
 
 def require_size(rows: int, columns: int, where: Path) -> None:
