@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from fdd.errors import InputError
-from fdd.logs.formats.signals import LogFile, Signal, damaged, require_size, seconds_since
+from fdd.logs.formats.signals import LogFile, Signal, damaged, require_size, seconds_since, unit_among
 from fdd.samples import Column
 
 BATCH_ROWS = 1 << 16
@@ -161,16 +161,8 @@ def _readable(kind: str, path: Path) -> Iterator[None]:
 
 
 def _opened(path: Path, kind: str, schema: Any, rows: int) -> ArrowFile:
-    signals = {f.name: Signal(f.name, unit=_unit_of(f)) for f in schema if f.name}
+    signals = {f.name: Signal(f.name, unit=unit_among(f.metadata or {})) for f in schema if f.name}
     if rows == 0:
         raise InputError("no rows", where=path, mend="record at least 5 s")
     require_size(rows, len(signals), path)
     return ArrowFile(path, signals, kind=kind, rows=rows)
-
-
-def _unit_of(field: Any) -> str | None:
-    """The unit in a field's metadata, by the keys that writers use."""
-    for key, value in (field.metadata or {}).items():
-        if key.decode("utf-8", "replace").lower() in ("unit", "units"):
-            return str(value.decode("utf-8", "replace"))
-    return None

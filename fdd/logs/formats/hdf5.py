@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from fdd.bounds import MOST_MATRIX_COLUMNS
 from fdd.errors import InputError
-from fdd.logs.formats.signals import damaged, require_stored
+from fdd.logs.formats.signals import damaged, require_stored, unit_among
 from fdd.logs.formats.trees import Leaf, TreeFile, tree_file
 
 _UNITS = ("unit", "units")
@@ -96,7 +96,7 @@ def _take_group(
 
 
 def _leaves(path: Path, name: str, node: Any) -> dict[str, Leaf]:
-    full, unit = node.name, _text_attribute(node)
+    full, unit = node.name, unit_among(node.attrs)
     if node.dtype.names:
         return {
             f"{name}/{member}": Leaf(node.size, partial(_load, path, full, member))
@@ -125,13 +125,6 @@ def _load(path: Path, name: str, part: Any) -> NDArray[np.generic]:
             return np.asarray(file[name][part])
     except (OSError, KeyError, MemoryError) as error:
         raise damaged(f"{name} cannot be read", path, error) from None
-
-
-def _text_attribute(node: Any) -> str | None:
-    for key, value in node.attrs.items():
-        if key.lower() in _UNITS:
-            return value.decode("utf-8", "replace") if isinstance(value, bytes) else str(value)
-    return None
 
 
 _MARK = b"GCOL\x01\0\0\0"

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -145,6 +146,18 @@ def require_stored(declared: int, stored: int, where: Path) -> None:
             where=where,
             mend="copy it again",
         )
+
+
+def unit_among(attributes: Mapping[Any, Any]) -> str | None:
+    """The unit in a signal's attributes, texts or bytes, by the keys that writers use."""
+    for key, value in attributes.items():
+        if _text(key).lower() in ("unit", "units"):
+            return _text(value)
+    return None
+
+
+def _text(value: Any) -> str:
+    return value.decode("utf-8", "replace") if isinstance(value, bytes) else str(value)
 
 
 def damaged(what: str, where: Path, error: BaseException, mend: str = "copy it again") -> InputError:

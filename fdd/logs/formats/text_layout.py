@@ -171,7 +171,9 @@ def find_table(rows: Sequence[Sequence[str]], start: int = 0) -> tuple[list[str]
             found = _header(rows, above, len(rows[k]))
             if found is not None:
                 return (*found, k)
-            if above or _looks_whole(rows, k):
+            # Rows alike after it are numbers without a header; else it is a title that happens to be one.
+            after = [r for r in rows[k + 1 : k + 4] if r]
+            if above or all(len(r) == len(rows[k]) and _is_data(r) for r in after):
                 return None
     return None
 
@@ -181,12 +183,6 @@ def _is_data(row: Sequence[str]) -> bool:
     return bool(filled) and sum(is_number(c) or stamp_kind(c) != "" for c in filled) >= max(
         1, (len(filled) + 1) // 2
     )
-
-
-def _looks_whole(rows: Sequence[Sequence[str]], k: int) -> bool:
-    """Whether the rows after `k` are alike: numbers without a header, and no title that happens to be one."""
-    after = [r for r in rows[k + 1 : k + 4] if r]
-    return all(len(r) == len(rows[k]) and _is_data(r) for r in after)
 
 
 def _header(
@@ -213,13 +209,10 @@ def _to_width(row: Sequence[str], width: int) -> list[str]:
 def _is_units(row: Sequence[str]) -> bool:
     """Whether all cells that say anything are units, as no row of names is."""
     said = [c.strip() for c in row if c.strip() not in ("", "-")]
-    known = [c for c in said if _UNIT_CELL.match(c) or _is_unit(c.strip("[]() "))]
-    return bool(said) and len(known) >= 0.7 * len(said)
-
-
-def _is_unit(cell: str) -> bool:
     dimensions = ("pressure", "length", "angular_speed", "temperature", "current", "time", "voltage", "force")
-    return cell in MEASURES or any(find_measure(cell, d) is not None for d in dimensions)
+    bare = [c.strip("[]() ") for c in said if not _UNIT_CELL.match(c)]
+    odd = [c for c in bare if c not in MEASURES and not any(find_measure(c, d) for d in dimensions)]
+    return bool(said) and len(said) - len(odd) >= 0.7 * len(said)
 
 
 def _decimal_of(cells: Sequence[str], separator: str) -> str:

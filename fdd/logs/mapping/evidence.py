@@ -129,7 +129,10 @@ def gather(log: LogFile, words: Words, given: dict[str, str] | None = None) -> E
     data = Signals(at[good], columns)
     scores = {n: name_scores(s, words) for n, s in plain.items()}
     said = {n: said_and_unit(s, words) for n, s in plain.items()}
-    units = {n: unit or _own_unit(plain[n]) for n, (_, unit) in said.items()}
+    # SI, where a signal carries the contract's own name.
+    own_names = {n: s.field or path_parts(s.name)[1] for n, s in plain.items()}
+    si = {n: CHANNELS[own].unit for n, own in own_names.items() if own in CHANNELS}
+    units = {n: unit or si.get(n) for n, (_, unit) in said.items()}
     found = Evidence(known, data, scores, units, words, {n: c for n, (c, _) in said.items()}, time=time)
     for name, channels in scores.items():
         best = max(channels.values(), default=0.0)
@@ -194,12 +197,6 @@ def _grows(values: np.ndarray) -> bool:
     return steps.size > 0 and float((steps >= 0.0).mean()) >= 0.95
 
 
-def _own_unit(signal: Signal) -> str | None:
-    """SI, where a signal carries the contract's own name."""
-    own = signal.field or path_parts(signal.name)[1]
-    return CHANNELS[own].unit if own in CHANNELS else None
-
-
 def _shaft(found: Evidence) -> None:
     """An angle that begins again each turn is the pump's; no other shaft is there to turn."""
     angles = found.allowing("pump_angle")
@@ -218,11 +215,12 @@ def _pressures(found: Evidence) -> None:
     triples = differences(found.data, sure[:12])
     if triples:
         d, one, two, _ = triples[0]
-        for name, channel in ((d, "pressure_difference"), (one, "pressure_1"), (two, "pressure_2")):
-            found.add(name, channel, 3.0, f"{d} = {one} - {two}")
         # Nothing but its name and the pumping tell the two chambers apart, so each may be the other.
-        for name, channel in ((one, "pressure_2"), (two, "pressure_1")):
-            found.add(name, channel, 2.0, f"{d} = {one} - {two}")
+        for name, channel, nats in (
+            (d, "pressure_difference", 3.0), (one, "pressure_1", 3.0), (two, "pressure_2", 3.0),
+            (one, "pressure_2", 2.0), (two, "pressure_1", 2.0),
+        ):  # fmt: skip
+            found.add(name, channel, nats, f"{d} = {one} - {two}")
         rest = [n for n in sure if n not in (d, one, two)]
         if rest:
             quiet = min(rest, key=lambda n: float(np.std(found.data.means(n))))

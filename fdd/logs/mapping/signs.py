@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from fdd.logs.mapping.behaviour import correlation, follows, rises_with_pumping
-from fdd.logs.mapping.concepts import Words
 from fdd.logs.mapping.evidence import Choice, Evidence
 
 CLEAR_T = 5.0
@@ -66,7 +65,8 @@ def signs_of(found: Evidence, chosen: dict[str, Choice]) -> tuple[dict[str, int]
         flip = pumped
         notes.append("the pump counts against position and pressures: its sign is turned")
     elif (motion, pressures) == (1, -1):
-        if one and two and not _sides_named(found.words, one, two):
+        told = {word for name in (one, two) if name for word in found.words.taken_apart(name)}
+        if one and two and not _NAMED_SIDES & told:
             chosen["pressure_1"], chosen["pressure_2"] = chosen["pressure_2"], chosen["pressure_1"]
             signs["pressure_difference"] = -signs.get("pressure_difference", 1)
             notes.append(f"a positive pump motion raises {two}: it is chamber 1")
@@ -102,8 +102,3 @@ def _like(
     alike = correlation(*both)
     if abs(alike) > 0.5:
         signs[demand] = signs[measured] * (1 if alike > 0 else -1)
-
-
-def _sides_named(words: Words, *names: str) -> bool:
-    """Whether names say extending and retracting side, and not only A and B."""
-    return any(_NAMED_SIDES & set(words.taken_apart(n)) for n in names)

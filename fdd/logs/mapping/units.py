@@ -136,7 +136,7 @@ def unit_questions(
             likely = [str(told[0]), *(u for u in likely if u != told[0])]
         clear = bool(told) or len(likely) == 1 or nats[likely[0]] - nats[likely[1]] > CLEAR_NATS
         # Whole numbers without a unit are a converter's, and no physics knows its scale.
-        counts = [c for c in unknown if names[c] in found.unnamed and _whole(found.data.columns[names[c]])]
+        counts = any(names[c] in found.unnamed and _whole(found.data.columns[names[c]]) for c in unknown)
         options = {u: {c: known[c].model_copy(update={"unit": u}) for c in unknown} for u in likely}
         if kind == "position":
             options = {u: _demand_like(found, names, known, one) for u, one in options.items()}

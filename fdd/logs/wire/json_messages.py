@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Iterator, Mapping, Sequence
+from contextlib import suppress
 from typing import Any
 
 import numpy as np
@@ -26,7 +27,9 @@ class JsonMessages:
     """
 
     def __init__(self, schema: bytes = b"") -> None:
-        self._units = dict(_schema_units(schema))
+        self._units: dict[FieldPath, str] = {}
+        with suppress(ValueError, RecursionError):  # no JSON
+            self._units = dict(_units_below(json.loads(schema), ()))
 
     def fields(self, first: Batch) -> list[Field]:
         """The numbers in the first messages."""
@@ -98,13 +101,6 @@ def _numbers(messages: Sequence[Mapping[str, Any]], path: FieldPath) -> Column:
     except (TypeError, ValueError, OverflowError):
         odd = next((v for v in values if v is not None and not isinstance(v, int | float)), values[0])
         raise ValueError(f"{str(odd)[:40]!r} is not a number") from None
-
-
-def _schema_units(schema: bytes) -> Iterator[tuple[FieldPath, str]]:
-    try:
-        yield from _units_below(json.loads(schema), ())
-    except (ValueError, RecursionError):
-        return
 
 
 def _units_below(node: Any, path: FieldPath) -> Iterator[tuple[FieldPath, str]]:
