@@ -23,19 +23,21 @@ _PRIMITIVES = {
     "uint16": (2, UINT), "int16": (2, INT), "uint32": (4, UINT), "int32": (4, INT),
     "uint64": (8, UINT), "int64": (8, INT), "float32": (4, FLOAT), "float64": (8, FLOAT),
 }  # fmt: skip
-_STAMP = [("sec", "int32"), ("nanosec", "uint32")]
+_ALONE, _COUNTED = -1, 0
+"""In place of an array's length: no array, and one with its length before it."""
+_STAMP = [("sec", "int32", _ALONE), ("nanosec", "uint32", _ALONE)]
 _BUILT_IN = {
     "builtin_interfaces/Time": _STAMP, "builtin_interfaces/Duration": _STAMP,
-    "time": [("sec", "uint32"), ("nsec", "uint32")], "duration": [("sec", "int32"), ("nsec", "int32")],
+    "time": [("sec", "uint32", _ALONE), ("nsec", "uint32", _ALONE)],
+    "duration": [("sec", "int32", _ALONE), ("nsec", "int32", _ALONE)],
 }  # fmt: skip
 _LINE = re.compile(
-    r"^(?P<type>[A-Za-z][\w/]*)(?P<text><=\d+)?(?P<array>\[(?:<=)?(?P<count>\d*)\])?\s+(?P<name>[A-Za-z]\w*)"
+    r"^(?P<type>[A-Za-z][\w/]*)(?P<text><=\d+)?(?P<array>\[(?P<most><=)?(?P<count>\d*)\])?\s+(?P<name>[A-Za-z]\w*)"
     r"(?P<rest>\s*=.*|\s.*)?$"
 )
-_ARRAY = re.compile(r"\[(<=)?(\d*)\]$")
 
-Operation = tuple[int, int, int, int]
-"""What, bytes of a number, kind, and how many in a row (0: as many as a count before them says)."""
+Operation = tuple[int, int, int]
+"""What, bytes of a number, and its kind."""
 
 
 class RosMessages:
@@ -82,7 +84,7 @@ class RosMessages:
             else:
                 raise ValueError("not a number of this message type")
         out = np.full((len(paths), batch.stamps.size), np.nan)
-        operations = np.array(self._operations, dtype=np.int64).reshape(-1, 4)
+        operations = np.array(self._operations, dtype=np.int64).reshape(-1, 3)
         takes_array = np.array(sorted(takes), dtype=np.int64).reshape(-1, 3)
         if _walk(batch.data, batch.starts, batch.ends, operations, takes_array, self._aligned, cells(), out):
             raise ValueError("a ROS message is damaged, or in another encoding than plain CDR")
@@ -95,39 +97,29 @@ class RosMessages:
         if definition is None:
             raise ValueError(f"no definition of the ROS type {name}")
         if not definition and self._aligned:  # ROS 2 fills a type without fields with one byte
-            self._operations.append((_NUMBER, 1, UINT, 1))
-        for field, kind in definition:
+            self._operations.append((_NUMBER, 1, UINT))
+        for field, element, count in definition:
             if len(self._operations) > MOST_OPERATIONS:
                 raise ValueError("a ROS message type is too large")
-            found = _ARRAY.search(kind)
-            element = kind[: found.start()] if found else kind
-            many = found is not None
-            count = int(found[2][:9]) if found and found[2] and not found[1] else 0
             if count > MOST_OPERATIONS:
                 raise ValueError(f"a ROS message type has an array of {count} elements")
             own: FieldPath = (*path, field)
-            primitive = _PRIMITIVES.get(element)
-            if primitive is not None:
-                for k in range(count if many and count else 1):
+            primitive, counted = _PRIMITIVES.get(element), count == _COUNTED
+            if counted and primitive is None:
+                self._operations.append((_LOOP, 0, 0))
+            for inner in [(*own, k) for k in range(count)] if count > 0 else [own]:
+                if primitive is not None:
                     if not inside_loop:
-                        place = (*own, k) if many and count else own
-                        self._places[place] = len(self._operations)
-                        if many and not count:
-                            self._sequences.add(place)
-                    operation = _SEQUENCE if many and not count else _NUMBER
-                    self._operations.append((operation, primitive[0], primitive[1], 1))
-                continue
-            if many and not count:
-                self._operations.append((_LOOP, 0, 0, 0))
-            for k in range(count if count else 1):
-                if element in ("string", "wstring"):
-                    self._operations.append((_TEXT, 2 if element == "wstring" else 1, 0, 0))
+                        self._places[inner] = len(self._operations)
+                        if counted:
+                            self._sequences.add(inner)
+                    self._operations.append((_SEQUENCE if counted else _NUMBER, *primitive))
+                elif element in ("string", "wstring"):
+                    self._operations.append((_TEXT, 2 if element == "wstring" else 1, 0))
                 else:
-                    inner: FieldPath = (*own, k) if many else own
-                    loops = inside_loop or (many and not count)
-                    self._add(_short(element, name), inner, depth + 1, inside_loop=loops)
-            if many and not count:
-                self._operations.append((_END, 0, 0, 0))
+                    self._add(_short(element, name), inner, depth + 1, inside_loop=inside_loop or counted)
+            if counted and primitive is None:
+                self._operations.append((_END, 0, 0))
 
 
 def _short(name: str, of: str = "") -> str:
@@ -146,9 +138,9 @@ def _short(name: str, of: str = "") -> str:
     return f"std_msgs/{name}" if name == "Header" else f"{of.split('/')[0]}/{name}"
 
 
-def _definitions(name: str, text: str) -> dict[str, list[tuple[str, str]]]:
-    """Fields and their types of each type in a schema of several definitions."""
-    found: dict[str, list[tuple[str, str]]] = {}
+def _definitions(name: str, text: str) -> dict[str, list[tuple[str, str, int]]]:
+    """Fields, their types and lengths of each type in a schema of several definitions."""
+    found: dict[str, list[tuple[str, str, int]]] = {}
     for block in re.split(r"^=+\s*$", text, flags=re.MULTILINE):
         lines = [line.split("#", 1)[0].strip() for line in block.splitlines()]
         own = next((line for line in lines if line.startswith("MSG:")), None)
@@ -157,7 +149,9 @@ def _definitions(name: str, text: str) -> dict[str, list[tuple[str, str]]]:
             parsed = _LINE.match(line)
             if parsed is None or (parsed["rest"] or "").lstrip().startswith("="):
                 continue  # an empty line, the type's name, or a constant
-            fields.append((parsed["name"], parsed["type"] + (parsed["array"] or "")))
+            bounded = not parsed["count"] or parsed["most"]
+            count = _ALONE if not parsed["array"] else _COUNTED if bounded else int(parsed["count"][:9])
+            fields.append((parsed["name"], parsed["type"], count))
         found.setdefault(_short(name if own is None else own.removeprefix("MSG:").strip()), fields)
     return found
 
