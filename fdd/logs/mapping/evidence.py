@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fdd.bounds import MOST_ROWS_LOOKED_AT
+from fdd.errors import InputError
 from fdd.logs.formats.signals import LogFile, Signal
 from fdd.logs.mapping.behaviour import Signals, correlation, differences, follows, leads, roughness
 from fdd.logs.mapping.concepts import Words, dimension_of, name_scores, said_and_unit
@@ -95,12 +96,16 @@ class Evidence:
         return best if best is not None and self.scores[best].get(channel, -9.0) >= 2.0 else None
 
 
-def gather(log: LogFile, words: Words, given: dict[str, str] | None = None) -> Evidence | None:
-    """Read a log's signals and score them; None where nothing in it can be the time.
+def gather(log: LogFile, words: Words, given: dict[str, str]) -> Evidence:
+    """Read a log's signals and score them.
 
     Parameters
     ----------
     log : opened. words : to read names by. given : channel to signal, as the user knows it; "" for none.
+
+    Raises
+    ------
+    InputError : nothing in the log can be its time.
     """
     raw = log.read(log.signals)
     main = max(log.signals.values(), key=lambda s: raw[s.name].size).clock
@@ -108,8 +113,6 @@ def gather(log: LogFile, words: Words, given: dict[str, str] | None = None) -> E
     time, at = None, stamps[main]
     if at is None:
         time = _time_column(log, raw, main)
-        if time is None:
-            return None
         at = raw[time[0]] * MEASURES[time[1]].factor
     clocks = {log.clock_column(clock) for clock in stamps} | {time[0] if time else None}
     good = np.flatnonzero(np.isfinite(at) & (np.diff(at, prepend=-np.inf) > 0.0))[:MOST_ROWS_LOOKED_AT]
@@ -139,7 +142,7 @@ def gather(log: LogFile, words: Words, given: dict[str, str] | None = None) -> E
         for channel, score in channels.items():
             if score >= 2.0 and score == best:
                 found.reasons[(name, channel)] = ["its name" + (" and unit" if units[name] else "")]
-    for channel, name in (given or {}).items():
+    for channel, name in given.items():
         for channels in scores.values():
             channels.pop(channel, None)
         if name in scores:
@@ -159,21 +162,22 @@ def gather(log: LogFile, words: Words, given: dict[str, str] | None = None) -> E
     return found
 
 
-def _time_column(log: LogFile, raw: dict[str, np.ndarray], clock: str) -> tuple[str, str] | None:
+def _time_column(log: LogFile, raw: dict[str, np.ndarray], clock: str) -> tuple[str, str]:
     """The column that grows from row to row as a clock does, and its unit."""
-    best: tuple[float, str, str] | None = None
+    found = []
     for signal in log.signals.values():
         values = raw[signal.name]
         steps = np.diff(values[np.isfinite(values)])
-        if signal.clock != clock or steps.size < 10 or np.median(steps) <= 0.0:
+        if signal.clock != clock or steps.size < 10 or not _grows(values):
             continue
-        even = float((np.abs(steps - np.median(steps)) < 0.5 * np.median(steps)).mean())
-        if not _grows(values):
-            continue
-        score = even + 2.0 * is_time_name(signal.name)
-        if (best is None or score > best[0]) and score > 0.9:
-            best = (score, signal.name, time_unit(signal.name, signal.unit, float(np.median(steps))))
-    return None if best is None else best[1:]
+        usual = float(np.median(steps))
+        even = float((np.abs(steps - usual) < 0.5 * usual).mean()) + 2.0 * is_time_name(signal.name)
+        if usual > 0.0 and even > 0.9:
+            found.append((even, signal.name, time_unit(signal.name, signal.unit, usual)))
+    if not found:
+        mend = "add a column with the time of each row"
+        raise InputError("nothing in it grows as a time does", where=log.path, mend=mend)
+    return max(found, key=lambda row: row[0])[1:]
 
 
 def _without_prefix(signals: dict[str, Signal]) -> dict[str, Signal]:
@@ -307,10 +311,8 @@ def assign(scores: dict[str, dict[str, float]], channels: list[str]) -> dict[str
     'x'
     """
     signals = list(scores)
-    table = np.full((len(signals), len(channels)), IMPOSSIBLE)
-    for i, name in enumerate(signals):
-        for j, channel in enumerate(channels):
-            table[i, j] = scores[name].get(channel, IMPOSSIBLE)
+    rows = [[of.get(channel, IMPOSSIBLE) for channel in channels] for of in scores.values()]
+    table = np.array(rows).reshape(len(signals), len(channels))
     total, chosen = _best(table)
     out: dict[str, Choice] = {}
     for i, j in chosen:

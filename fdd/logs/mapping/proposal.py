@@ -109,12 +109,6 @@ def propose(log: LogFile, words: Words | None = None, given: dict[str, Given] | 
         if known.signal is not None and channel in CHANNELS
     }
     found = gather(log, words or Words(), signals)
-    if found is None:
-        raise InputError(
-            "nothing in it grows as a time does",
-            where=log.path,
-            mend="add a column with the time of each row",
-        )
     channels = [c for c in RULES if c != "time"]
     chosen = assign(found.scores, channels)
     out = Proposal()
@@ -151,14 +145,9 @@ def _signs_and_units(
         out.rows[channel] = Proposed(source, choice.confidence, "; ".join(reasons[:3]))
         if choice.confidence < SURE and channel in needed and choice.other is not None:
             other = _source(log, found.signals[choice.other], **scale_of(found, speed, channel, choice.other))
-            out.questions.append(
-                Question(
-                    channel,
-                    f"Which signal is {channel} ({CHANNELS[channel].meaning})?",
-                    {choice.signal: {channel: source}, choice.other: {channel: other}},
-                    f"--set {channel}={choice.signal}",
-                )
-            )
+            text = f"Which signal is {channel} ({CHANNELS[channel].meaning})?"
+            options = {choice.signal: {channel: source}, choice.other: {channel: other}}
+            out.questions.append(Question(channel, text, options, f"--set {channel}={choice.signal}"))
     names = {c: choice.signal for c, choice in chosen.items()}
     for channel, known in given.items():
         signal_name = log.find(known.signal).name if known.signal else None
@@ -193,14 +182,13 @@ def _delays(found: Evidence, name: dict[str, str], out: Proposal) -> None:
     else:
         return
     found_late = delays(time, turned, columns[name["position"]], difference)
-    for kind, late in zip(("position", "pressure"), found_late, strict=True):
+    for channels, late in zip((("position",), PRESSURES[:3]), found_late, strict=True):
         if late == 0.0:
             continue
+        kind = channels[0].split("_")[0]
         out.notes.append(f"{kind} comes {1e3 * late:.3g} ms later than the pump's motion")
-        for channel in ("position",) if kind == "position" else PRESSURES[:3]:
-            if channel in out.rows:
-                row = out.rows[channel]
-                row.source = row.source.model_copy(update={"delay": float(f"{late:.3g}")})
+        for row in (out.rows[c] for c in channels if c in out.rows):
+            row.source = row.source.model_copy(update={"delay": float(f"{late:.3g}")})
 
 
 def _source(log: LogFile, signal: Signal, **more: object) -> ChannelSource:

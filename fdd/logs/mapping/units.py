@@ -168,7 +168,7 @@ def _demand_like(
     measured, demand = sources.get("position", known.get("position")), known.get("position_setpoint")
     if measured is None or demand is None or demand.unit or names["position_setpoint"] not in found.unnamed:
         return sources
-    same = {"unit": measured.unit, "scale": measured.scale, "offset": measured.offset}
+    same = measured.model_dump(include={"unit", "scale", "offset"})
     return {**sources, "position_setpoint": demand.model_copy(update=same)}
 
 
@@ -202,9 +202,8 @@ def _nats(
     if kind == "position":
         speed = factor(known["pump_speed"].unit, "angular_speed") * known["pump_speed"].scale if per else 1.0
         return {u: _nearness("ratio", per * factor(u, "length") / speed) if per else 0.0 for u in units}
-    symbol = next(
-        (s for w, s in _BY_SYMBOL.items() if w in names[kind].lower().replace(".", "/").split("/")), None
-    )
+    parts = names[kind].lower().replace(".", "/").split("/")
+    symbol = next((s for w, s in _BY_SYMBOL.items() if w in parts), None)
     out = {}
     for unit in units:
         out[unit] = _nearness("pump_speed", top([kind]) * factor(unit, "angular_speed"))

@@ -173,12 +173,12 @@ def around_shaft(found: Evidence, shaft: Shaft) -> None:
     moved = {n: _explained(data.changes(n), both_ways) for n in others if n not in rates}
     place = found.named("position")
     if place is None and moved:
-        place, *others = sorted(moved, key=lambda n: -moved[n])
-        second = max((moved[n] for n in others), default=0.0)
+        place = max(moved, key=lambda n: moved[n])
+        second = max((share for n, share in moved.items() if n != place), default=0.0)
         if moved[place] < 0.5 or 1.0 - moved[place] > 0.5 * (1.0 - second):
             return
-        share = f"{100 * moved[place]:.0f} %"
-        found.add(place, "position", SURE_NATS, f"{shaft.signal} explains {share} of its motion")
+        why = f"{shaft.signal} explains {100 * moved[place]:.0f} % of its motion"
+        found.add(place, "position", SURE_NATS, why)
     alike = {n: correlation(data.means(n), data.means(place)) for n in moved if n != place} if place else {}
     demand = max(alike, key=lambda n: alike[n], default=None)
     if demand is None or place is None or alike[demand] < ALIKE or leads(data, demand, place) <= 0.0:
@@ -199,12 +199,11 @@ def chambers(found: Evidence) -> None:
     Check valves or a directional valve keep the side that is emptied near the accumulator's pressure. A
     motor's current, which grows with either, does not rest so.
     """
-    data, shaft = found.data, found.shaft
-    pump = shaft.signal if shaft is not None else found.named("pump_speed")
+    data, rate = found.data, found.shaft is None
+    pump = found.named("pump_speed") if found.shaft is None else found.shaft.signal
     x = found.named("position")
     if pump is None or x is None:
         return
-    rate = shaft is None
     speed = data.sums(pump) if rate else data.changes(pump)
     # A pressure is filled by the motion that counts as positive, whichever way the pump counts.
     way = 1.0 if correlation(data.changes(x), speed) > 0.0 else -1.0
@@ -222,10 +221,8 @@ def chambers(found: Evidence) -> None:
             continue
         if float(np.ptp(mean)) > 0.0 and _explained(mean - mean.mean(), columns) < CONTROL:
             may.append(name)
-    t = {}
-    for name in may:
-        values = data.columns[name] - float(np.nanmedian(data.columns[name]))
-        t[name] = way * rises_with_pumping(data, values, x, pump, rate=rate)
+    middles = {n: data.columns[n] - float(np.nanmedian(data.columns[n])) for n in may}
+    t = {n: way * rises_with_pumping(data, v, x, pump, rate=rate) for n, v in middles.items()}
     for side, sense, word in (("pressure_1", 1.0, "raises"), ("pressure_2", -1.0, "lowers")):
         best = max((sense * t[n] for n in may), default=0.0)
         for name in may:
