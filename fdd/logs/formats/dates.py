@@ -69,7 +69,8 @@ def stamps_to_seconds(texts: Sequence[str | None]) -> tuple[Column, int, list[st
         back = np.nan_to_num(np.diff(seconds, prepend=seconds[:1])) < -0.5 * DAY_S
         seconds = seconds + DAY_S * np.cumsum(back)
         return seconds - np.nanmin(seconds), 0, []
-    order, notes = ["%Y", "%m", "%d"], []
+    notes: list[str] = []
+    order = ["%Y", "%m", "%d"]
     if len(found["a"]) != 4:
         day_first, notes = _day_first(found, series)
         order = [*(("%d", "%m") if day_first else ("%m", "%d")), "%y" if len(found["c"]) == 2 else "%Y"]
