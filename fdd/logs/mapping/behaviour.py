@@ -225,6 +225,8 @@ def delays(time: Column, turned: Column, position: Column, drop: Column) -> tupl
     if not (period > 0.0 and 0.0 < span < MOST_HOLES * period * time.size):  # or a clock that was reset
         return 0.0, 0.0
     grid = np.arange(time[0], time[-1], period)
+    if grid.size < LEAST_STEPS:
+        return 0.0, 0.0
     theta, x, p = (_even(grid, time, values) for values in (turned, position, drop))
     balance = _Balance(theta, x, p, period)
     if balance.starts.size < LEAST_STEPS:
