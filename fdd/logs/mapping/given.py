@@ -67,7 +67,7 @@ def given_of(options: Iterable[str]) -> dict[str, Given]:
     out: dict[str, Given] = {}
     for option in options:
         channel, equals, value = option.partition("=")
-        if not equals or (channel not in CHANNELS and channel != "pressure"):
+        if not equals or channel not in ("pressure", *CHANNELS):
             raise InputError(
                 f"--set {option}: no channel {channel!r}{did_you_mean(channel, ('pressure', *CHANNELS))}",
                 mend=f"write {FORM}, with one of: {', '.join(CHANNELS)}",

@@ -47,6 +47,13 @@ class Decoder(Protocol):
         """
 
 
+def present(decoder: Decoder, first: Batch, paths: list[FieldPath]) -> list[FieldPath]:
+    """Those of some paths, elements of arrays, that the first message has."""
+    one = Batch(first.channel, first.stamps[:1], first.data, first.starts[:1], first.ends[:1])
+    found = decoder.columns(one, paths) if paths and first.stamps.size else []
+    return [path for path, values in zip(paths, found, strict=False) if np.isfinite(values).any()]
+
+
 def written(path: FieldPath) -> str:
     """A path as a channel map writes it.
 

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fdd.bounds import DEEPEST_MESSAGE, MOST_ELEMENTS, MOST_FIELDS, MOST_SCHEMA_FILES, MOST_VISITED
-from fdd.logs.wire.chunks import Batch, Field, FieldPath
+from fdd.logs.wire.chunks import Batch, Field, FieldPath, present
 from fdd.logs.wire.numbers import FLOAT, INT, UINT, ZIGZAG, bits_of, cells, njit, number
 from fdd.samples import Column
 
@@ -48,12 +48,8 @@ class ProtobufMessages:
         looked_at = islice(_paths(self._type, ()), MOST_VISITED)
         paths = list(islice((p for p in looked_at if p is not None), MOST_FIELDS))
         scalar = [p for p in paths if not any(isinstance(k, int) for k in p)]
-        arrays = [p for p in paths if p not in set(scalar)]
-        if arrays and first.stamps.size:
-            one = Batch(first.channel, first.stamps[:1], first.data, first.starts[:1], first.ends[:1])
-            there = self.columns(one, arrays)
-            arrays = [p for p, values in zip(arrays, there, strict=True) if np.isfinite(values).any()]
-        return [Field(p) for p in (*scalar, *arrays)]
+        arrays = [p for p in paths if any(isinstance(k, int) for k in p)]
+        return [Field(p) for p in (*scalar, *present(self, first, arrays))]
 
     def columns(self, batch: Batch, paths: Sequence[FieldPath]) -> list[Column]:
         """See `Decoder.columns`."""

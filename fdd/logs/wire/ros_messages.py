@@ -13,7 +13,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from fdd.bounds import DEEPEST_MESSAGE, MOST_ELEMENTS, MOST_FIELDS, MOST_OPERATIONS, MOST_VISITED
-from fdd.logs.wire.chunks import Batch, Field, FieldPath
+from fdd.logs.wire.chunks import Batch, Field, FieldPath, present
 from fdd.logs.wire.numbers import FLOAT, INT, UINT, bits_of, cells, njit, number
 from fdd.samples import Column
 
@@ -64,14 +64,8 @@ class RosMessages:
     def fields(self, first: Batch) -> list[Field]:
         """All numbers of the type; of a sequence as many elements as the first message has."""
         paths = [p for p in self._places if p not in self._sequences][:MOST_FIELDS]
-        open_ended = [(*p, k) for p in sorted(self._sequences, key=str) for k in range(MOST_ELEMENTS)][
-            :MOST_VISITED
-        ]
-        if open_ended and first.stamps.size:
-            one = Batch(first.channel, first.stamps[:1], first.data, first.starts[:1], first.ends[:1])
-            there = self.columns(one, open_ended)
-            paths += [p for p, v in zip(open_ended, there, strict=True) if np.isfinite(v).any()]
-        return [Field(p) for p in paths]
+        elements = [(*p, k) for p in sorted(self._sequences, key=str) for k in range(MOST_ELEMENTS)]
+        return [Field(p) for p in (*paths, *present(self, first, elements[:MOST_VISITED]))]
 
     def columns(self, batch: Batch, paths: Sequence[FieldPath]) -> list[Column]:
         """See `Decoder.columns`."""
