@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from fdd.bounds import MAX_CHUNK_BYTES, MAX_RECORD_BYTES
 from fdd.errors import InputError
-from fdd.logs.wire.numbers import njit
+from fdd.logs.wire.compiled import njit
 from fdd.samples import Column
 
 _SCHEMA, _CHANNEL, _MESSAGE = 0x03, 0x04, 0x05

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from fdd.logs.wire.numbers import njit
+from fdd.logs.wire.compiled import njit
 
 _KEPT = 0.99
 """Share of what rounding left over that the next row takes up: a late stamp is made good by the row after it,

@@ -1,15 +1,11 @@
-"""Numbers in bytes, for the compiled walks, whose cache is made anew when a source beside them changes."""
+"""Numbers in bytes, for the compiled walks."""
 
 from __future__ import annotations
-
-import pathlib
 
 import numpy as np
 from numpy.typing import NDArray
 
-from estimators.compiled import compiler
-
-njit = compiler(pathlib.Path(__file__).parent)
+from fdd.logs.wire.compiled import njit
 
 FLOAT, INT, UINT, ZIGZAG = range(4)
 """Kinds of numbers; the last one is Protobuf's sint."""

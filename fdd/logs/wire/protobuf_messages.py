@@ -15,7 +15,8 @@ from numpy.typing import NDArray
 
 from fdd.bounds import DEEPEST_MESSAGE, MOST_ELEMENTS, MOST_FIELDS, MOST_SCHEMA_FILES, MOST_VISITED
 from fdd.logs.wire.chunks import Batch, Field, FieldPath, present
-from fdd.logs.wire.numbers import FLOAT, INT, UINT, ZIGZAG, bits_of, cells, njit, number
+from fdd.logs.wire.compiled import njit
+from fdd.logs.wire.numbers import FLOAT, INT, UINT, ZIGZAG, bits_of, cells, number
 from fdd.samples import Column
 
 _NODE, _NUMBER, _CHILD, _COLUMN, _SIZE, _KIND, _INDEX = range(7)

@@ -14,7 +14,8 @@ import numpy as np
 
 from fdd.bounds import DEEPEST_MESSAGE, MOST_ELEMENTS, MOST_FIELDS, MOST_OPERATIONS, MOST_VISITED
 from fdd.logs.wire.chunks import Batch, Field, FieldPath, present
-from fdd.logs.wire.numbers import FLOAT, INT, UINT, bits_of, cells, njit, number
+from fdd.logs.wire.compiled import njit
+from fdd.logs.wire.numbers import FLOAT, INT, UINT, bits_of, cells, number
 from fdd.samples import Column
 
 _NUMBER, _TEXT, _SEQUENCE, _LOOP, _END = range(5)
