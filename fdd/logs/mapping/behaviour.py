@@ -127,24 +127,20 @@ def slope_of(signals: Signals, wanted: str, of: str) -> tuple[float, float]:
     return _slope(y - y.mean(), x - x.mean(), 2)
 
 
-def differences(signals: Signals, names: list[str]) -> list[tuple[str, str, str, float]]:
-    """Triples of which one is the second less the third, and how much of its variation that leaves open.
+def difference(signals: Signals, names: list[str]) -> tuple[str, str, str] | None:
+    """The signal that varies as a second one less a third, and these two; None where none does.
 
     Parameters
     ----------
     names : signals that may be pressures in one unit.
-
-    Returns
-    -------
-    Rows of difference, first, second, share of the standard deviation that remains; the best first.
     """
     found = []
     for d, one, two in permutations(names, 3):
         spread = float(np.std(signals.means(d)))
         rest = float(np.std(signals.means(d) - (signals.means(one) - signals.means(two))))
         if spread > 0.0 and rest < 0.2 * spread:
-            found.append((d, one, two, rest / spread))
-    return sorted(found, key=lambda row: row[3])
+            found.append((rest / spread, d, one, two))
+    return min(found, key=lambda row: row[0])[1:] if found else None
 
 
 def rises_with_pumping(signals: Signals, drop: Column, position: str, pump: str, *, rate: bool) -> float:

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from fdd.bounds import MOST_ROWS_LOOKED_AT
 from fdd.errors import InputError
 from fdd.logs.formats.signals import LogFile, Signal
-from fdd.logs.mapping.behaviour import Signals, correlation, differences, follows, leads, roughness
+from fdd.logs.mapping.behaviour import Signals, correlation, difference, follows, leads, roughness
 from fdd.logs.mapping.concepts import Words, dimension_of, name_scores, said_and_unit
 from fdd.logs.mapping.unnamed import Shaft, around_shaft, chambers, find_shaft, without_copies
 from fdd.logs.names import is_time_name, path_parts, time_unit
@@ -216,9 +216,8 @@ def _shaft(found: Evidence) -> None:
 def _pressures(found: Evidence) -> None:
     """Δp is what two others differ by; the accumulator's is the quietest of the rest."""
     sure = found.pressures()
-    triples = differences(found.data, sure[:12])
-    if triples:
-        d, one, two, _ = triples[0]
+    if (triple := difference(found.data, sure[:12])) is not None:
+        d, one, two = triple
         # Nothing but its name and the pumping tell the two chambers apart, so each may be the other.
         for name, channel, nats in (
             (d, "pressure_difference", 3.0), (one, "pressure_1", 3.0), (two, "pressure_2", 3.0),
