@@ -14,7 +14,7 @@ import numpy as np
 
 from fdd.errors import InputError
 from fdd.logs.angles import sample_numbers
-from fdd.logs.stamps import JUMP_PERIODS, nominal_period
+from fdd.logs.stamps import JUMP_PERIODS, nominal_period, stretches
 from fdd.samples import CHANNELS, PRESSURES, Column
 
 COUNTED_GAP = 1.0
@@ -59,15 +59,17 @@ def check_time(time: Column, shortest: float) -> DataQuality:
             mend=f"record at least {max(RECOMMENDED_SECONDS, shortest):g} s",
         )
     quality = DataQuality(period=period)
-    steps = np.diff(time)
-    missing = np.diff(sample_numbers(time, period)) - 1
-    quality.dropped_samples = int(missing[steps <= COUNTED_GAP].sum())
-    quality.time_jumps = int(np.count_nonzero(steps > JUMP_PERIODS * period))
-    widest = int(np.argmax(steps))
-    longest, after = float(steps[widest]), float(time[widest])
-    # A step that is no whole number of periods: the stamp came late, or early.
-    steps /= period
-    uneven = int(np.count_nonzero(np.abs(steps - np.rint(steps)) > 0.05))
+    numbers = sample_numbers(time, period)
+    uneven, longest, after = 0, 0.0, 0.0
+    for part in stretches(time.size):
+        steps = np.diff(time[part])
+        missing = np.diff(numbers[part]) - 1
+        quality.dropped_samples += int(missing[steps <= COUNTED_GAP].sum())
+        quality.time_jumps += int(np.count_nonzero(steps > JUMP_PERIODS * period))
+        if steps.max() > longest:
+            longest, after = float(steps.max()), float(time[part][np.argmax(steps)])
+        # A step that is no whole number of periods: the stamp came late, or early.
+        uneven += int(np.count_nonzero(np.abs(steps / period - np.rint(steps / period)) > 0.05))
     if quality.dropped_samples:
         share = 100.0 * quality.dropped_samples / (time.size + quality.dropped_samples)
         quality.notes.append(f"{quality.dropped_samples} rows are missing ({share:.2g} %)")
@@ -174,8 +176,12 @@ def _speed_notes(time: Column, columns: Mapping[str, Column]) -> list[str]:
     notes = []
     angle, speed = columns.get("pump_angle"), columns.get("pump_speed")
     if angle is not None:
-        there = np.isfinite(angle)
-        rate = np.abs(np.diff(angle[there]) / np.diff(time[there]))
+        there = np.flatnonzero(np.isfinite(angle))
+        rate = np.empty(max(there.size - 1, 0))
+        for part in stretches(there.size):
+            rows = there[part]
+            rate[part.start : part.stop - 1] = np.abs(np.diff(angle[rows]) / np.diff(time[rows]))
+        del there
         if rate.size:
             usual = float(np.percentile(rate, 99.0, overwrite_input=True))
             bursts = rate > max(1000.0, 4.0 * usual)
@@ -184,13 +190,21 @@ def _speed_notes(time: Column, columns: Mapping[str, Column]) -> list[str]:
                     f"pump_angle: {int(bursts.sum())} steps of impossible speed "
                     f"(up to {rate.max():.0f} rad/s), the angle sensor slips or is disturbed"
                 )
+        del rate
     if angle is not None and speed is not None:
-        both = np.isfinite(angle) & np.isfinite(speed)
-        steps = np.diff(time[both])
-        # Over a hole in the log one sample of the speed says nothing about how far the pump turned.
-        near = steps <= JUMP_PERIODS * (float(np.median(steps)) if steps.size else 0.0)
-        turned = float(np.abs(np.diff(angle[both]))[near].sum())
-        expected = float((np.abs(speed[both][1:]) * steps)[near].sum())
+        both = np.flatnonzero(np.isfinite(angle) & np.isfinite(speed))
+        steps = np.empty(max(both.size - 1, 0))
+        for part in stretches(both.size):
+            steps[part.start : part.stop - 1] = np.diff(time[both[part]])
+        usual = float(np.median(steps, overwrite_input=True)) if steps.size else 0.0
+        turned = expected = 0.0
+        for part in stretches(both.size):
+            rows = both[part]
+            steps = np.diff(time[rows])
+            # Over a hole in the log one sample of the speed says nothing about how far the pump turned.
+            near = steps <= JUMP_PERIODS * usual
+            turned += float(np.abs(np.diff(angle[rows]))[near].sum())
+            expected += float((np.abs(speed[rows][1:]) * steps)[near].sum())
         if turned > 10.0 and not 0.8 < expected / turned < 1.25:
             notes.append(
                 f"pump_speed is {expected / turned:.3g} times the rate of pump_angle: "
@@ -201,8 +215,16 @@ def _speed_notes(time: Column, columns: Mapping[str, Column]) -> list[str]:
 
 def _longest_constant(values: Column) -> tuple[int, int]:
     """Start and length (rows) of the longest run of one value."""
-    # NaN differs from itself, so that missing values end a run.
-    edges = np.concatenate(([0], np.flatnonzero(values[1:] != values[:-1]) + 1, [values.size]))
-    lengths = np.diff(edges)
-    longest = int(np.argmax(lengths))
-    return int(edges[longest]), int(lengths[longest])
+    start, length, open_since = 0, 0, 0
+    for part in stretches(values.size + 1):
+        here = values[part]
+        # NaN differs from itself, so that missing values end a run.
+        ends = np.flatnonzero(here[1:] != here[:-1]) + part.start + 1
+        if part.stop > values.size:
+            ends = np.append(ends, values.size)
+        starts = np.append(open_since, ends)
+        lengths = np.diff(starts)
+        if lengths.size and lengths.max() > length:
+            start, length = int(starts[np.argmax(lengths)]), int(lengths.max())
+        open_since = int(starts[-1])
+    return start, length
