@@ -6,8 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fdd.logs.wire.grid import grid_numbers
-
-Column = NDArray[np.float64]
+from fdd.samples import Column
 
 LONGEST_BRIDGE = 1.0
 """s; over a longer gap nobody knows how far the pump turned, and nothing is added."""

@@ -5,13 +5,11 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from fdd.logs.formats.signals import LogFile
 from fdd.logs.names import is_time_name, time_unit, unit_in_name
 from fdd.measures import MEASURES
-
-Column = NDArray[np.float64]
+from fdd.samples import Column
 
 _BARS = "▁▂▃▄▅▆▇█"
 PICTURE_COLUMNS = 32
@@ -98,31 +96,14 @@ def _clock(stamps: Column | None) -> tuple[Column | None, float, float]:
     return stamps, rate, gap
 
 
-def _view(
-    name: str,
-    unit: str,
-    values: Column,
-    stamps: Column | None = None,
-    rate: float = np.nan,
-    gap: float = np.nan,
-) -> SignalView:
+def _view(name: str, unit: str, values: Column, stamps: Column | None = None, *clock: float) -> SignalView:
+    """`clock`: rate and longest gap, where the stamps tell."""
     there = values[np.isfinite(values)]
-    low, middle, high = (
-        np.percentile(there, [0, 50, 100], overwrite_input=True) if there.size else (np.nan,) * 3
-    )
-    return SignalView(
-        name,
-        unit,
-        values.size,
-        values.size - there.size,
-        rate,
-        gap,
-        float(low),
-        float(middle),
-        float(high),
-        values,
-        stamps,
-    )
+    spread = np.percentile(there, [0, 50, 100], overwrite_input=True) if there.size else (np.nan,) * 3
+    low, middle, high = map(float, spread)
+    rate, gap = clock or (np.nan, np.nan)
+    missing = values.size - there.size
+    return SignalView(name, unit, values.size, missing, rate, gap, low, middle, high, values, stamps)
 
 
 def picture(values: Column, columns: int = PICTURE_COLUMNS) -> str:

@@ -79,10 +79,6 @@ def write_blocks(
     Raises
     ------
     InputError : an axis that is no topic, columns that change, or a folder that is not there.
-
-    Examples
-    --------
-    >>> write_blocks("run.mcap", blocks, axes=["axis_a"])  # doctest: +SKIP
     """
     # Takes a while to import: not before it is needed.
     from fdd.logs.mcap_chunks import mcap_file
@@ -118,11 +114,6 @@ def write_run(
     unit_yaml: str | None = None,
     **about: Any,
 ) -> None:
-    """Write a run of one axis that is there as a whole; `about` as for `write_blocks`.
-
-    Examples
-    --------
-    >>> write_run("run.mcap", samples, axis="axis_a")  # doctest: +SKIP
-    """
+    """Write a run of one axis that is there as a whole; `about` as for `write_blocks`."""
     units = None if unit_yaml is None else {axis: unit_yaml}
     write_blocks(path, [RunBlock(samples, truth)], axes=[axis], units=units, **about)

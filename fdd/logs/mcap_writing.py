@@ -49,10 +49,6 @@ def write_annotated(
     diagnosis_json : the whole answer: the metadata record ``diagnosis`` (key json), and a message at onset
         and detection of each of its faults.
     start_ns : ns; log time of t = 0.
-
-    Examples
-    --------
-    >>> write_annotated("out.mcap", samples, vars(t), answer, axis="axis_a")  # doctest: +SKIP
     """
     require_axis(axis)
     metadata = {} if unit_yaml is None else {"unit": {"yaml": unit_yaml}}

@@ -11,15 +11,11 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 import numpy as np
-from numpy.typing import NDArray
 
 from fdd.errors import InputError
 from fdd.logs.angles import sample_numbers
-from fdd.logs.stamps import JUMP_PERIODS, nominal_period
-from fdd.logs.stretches import stretches
-from fdd.samples import CHANNELS, PRESSURES
-
-Column = NDArray[np.float64]
+from fdd.logs.stamps import JUMP_PERIODS, nominal_period, stretches
+from fdd.samples import CHANNELS, PRESSURES, Column
 
 COUNTED_GAP = 1.0
 """s; the rows that a longer gap would have held are not counted as dropped."""
@@ -123,23 +119,18 @@ def check_magnitudes(columns: Mapping[str, Column]) -> None:
         # A drained accumulator may well show nothing; a chamber is precharged, and its noise alone is more.
         if name != "pressure_accumulator" and 0.0 < largest < _least_pressure(columns):
             likely = "bar" if largest < 1e3 else "kPa"
-            raise InputError(
-                f"channel {name}: pressures look like {likely} (at most {largest:.3g} Pa)",
-                mend=f"give unit: {likely} in the map (--map)",
-            )
+            raise _in_another_unit(name, f"pressures look like {likely} (at most {largest:.3g} Pa)", likely)
     position = _largest(columns, "position")
     if position > 10.0:
         likely = "mm" if position < 1e4 else "um"
-        raise InputError(
-            f"channel position: up to {position:.3g} m, looks like {likely}",
-            mend=f"give unit: {likely} in the map (--map)",
-        )
+        raise _in_another_unit("position", f"up to {position:.3g} m, looks like {likely}", likely)
     oil = columns.get("oil_temperature")
     if oil is not None and np.nanmedian(oil) > 200.0:
-        raise InputError(
-            f"channel oil_temperature: {np.nanmedian(oil):.0f} °C, looks like kelvin",
-            mend="give unit: K in the map (--map)",
-        )
+        raise _in_another_unit("oil_temperature", f"{np.nanmedian(oil):.0f} °C, looks like kelvin", "K")
+
+
+def _in_another_unit(channel: str, problem: str, unit: str) -> InputError:
+    return InputError(f"channel {channel}: {problem}", mend=f"give unit: {unit} in the map (--map)")
 
 
 def _least_pressure(columns: Mapping[str, Column]) -> float:
@@ -165,10 +156,8 @@ def suspicions(time: Column, columns: Mapping[str, Column], period: float) -> li
     period : s, nominal.
     """
     notes = []
-    moving = [
-        n for n in ("position", "pump_angle", "pump_speed") if n in columns and _range(columns[n]) > 0.0
-    ]
-    if not moving:
+    moving = (columns[n] for n in ("position", "pump_angle", "pump_speed") if n in columns)
+    if not any(np.nanmax(v) > np.nanmin(v) for v in moving if np.isfinite(v).any()):
         notes.append("standstill: neither the position nor the pump moves throughout the log")
     for name, values in columns.items():
         if CHANNELS[name].dimension != "pressure":
@@ -224,14 +213,8 @@ def _speed_notes(time: Column, columns: Mapping[str, Column]) -> list[str]:
     return notes
 
 
-def _range(values: Column) -> float:
-    return float(np.nanmax(values) - np.nanmin(values)) if np.isfinite(values).any() else 0.0
-
-
 def _longest_constant(values: Column) -> tuple[int, int]:
     """Start and length (rows) of the longest run of one value."""
-    if values.size == 0:
-        return 0, 0
     start, length, open_since = 0, 0, 0
     for part in stretches(values.size + 1):
         here = values[part]

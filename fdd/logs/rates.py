@@ -8,9 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fdd.logs.angles import sample_numbers
-from fdd.logs.stretches import stretches
-
-Column = NDArray[np.float64]
+from fdd.logs.stamps import stretches
+from fdd.samples import Column
 
 LEAST_CHANGES = 50
 """So many changes of value tell whether a channel changes at a rhythm of its own."""

@@ -7,12 +7,11 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from fdd.errors import InputError
 from fdd.logs.angles import accumulate_speed
 from fdd.logs.channel_map import ChannelMap
-from fdd.logs.conversion import checked_finite, to_si, with_values
+from fdd.logs.conversion import to_si
 from fdd.logs.formats import LogFile, open_log
 from fdd.logs.formats.mcap import McapFile
 from fdd.logs.formats.signals import Signal
@@ -20,9 +19,7 @@ from fdd.logs.quality import DataQuality, check_magnitudes, check_time, count_mi
 from fdd.logs.rates import aligned, between, on_common_rows, own_measurements, own_period
 from fdd.logs.sources import Feed, feeds_of
 from fdd.logs.stamps import longest_part, nominal_period, ordered_time, spread_bursts
-from fdd.samples import Samples, missing_required
-
-Column = NDArray[np.float64]
+from fdd.samples import Column, Samples, missing_required
 
 TIME_OF_DAY_S = 3600.0
 """A log that starts later than this, and than ten times its length, carries the time of day or of a long
@@ -55,18 +52,6 @@ class Log:
     axis: str | None = None
     metadata: dict[str, dict[str, str]] = field(default_factory=dict)
     start_ns: int = 0
-
-
-@dataclass
-class _Raw:
-    """Columns in SI before they are checked; `of_file` tells that the time is the file's own clock."""
-
-    time: Column
-    columns: dict[str, Column]
-    notes: list[str]
-    file: LogFile
-    axis: str | None
-    of_file: bool
 
 
 def read_log(
@@ -105,15 +90,20 @@ def read_log(
     try:
         file = open_log(path, channel_map.csv if channel_map else None)
         feeds, chosen = feeds_of(file, channel_map, axis)
-        return _checked(_on_one_time_base(file, feeds, chosen), channel_map, shortest)
+        return _checked(file, *_on_one_time_base(file, feeds), chosen, channel_map, shortest)
     except InputError as error:
         raise (error if error.where == str(path) else error.at(path)) from None
     except OSError as error:
         raise InputError(f"cannot be read ({error.strerror or error})", where=path) from None
 
 
-def _on_one_time_base(file: LogFile, feeds: dict[str, Feed], axis: str | None) -> _Raw:
-    """Channels in SI on the time base of the mapped time, or of the fastest signal that a diagnosis needs."""
+def _on_one_time_base(file: LogFile, feeds: dict[str, Feed]) -> tuple[Column, dict[str, Column], bool]:
+    """Channels in SI at the rows of the mapped time, or else of the fastest signal that a diagnosis needs.
+
+    Returns
+    -------
+    (n,) s; columns (n,) by channel; whether the time is the file's own clock.
+    """
     asked = Counter(s.name for f in feeds.values() for s in (f.signal, f.direction) if s is not None)
     raw = file.read(n for n in asked if n in file.signals)
 
@@ -145,7 +135,6 @@ def _on_one_time_base(file: LogFile, feeds: dict[str, Feed], axis: str | None) -
     at = file.stamps(main)
     if at is None and mapped is None:
         raise InputError("no time", where=file.path, mend="say with --map which column is the time")
-    notes = []
     rows_at = mapped if at is None else at
     for channel, feed in feeds.items():
         late = feed.source.delay
@@ -161,30 +150,38 @@ def _on_one_time_base(file: LogFile, feeds: dict[str, Feed], axis: str | None) -
         columns[channel] = aligned(rows_at, own - late, columns[channel])
     time = at if mapped is None else mapped
     assert time is not None
+    return time, columns, mapped is None
+
+
+def _checked(
+    file: LogFile,
+    raw: Column,
+    columns: dict[str, Column],
+    of_file: bool,
+    axis: str | None,
+    channel_map: ChannelMap | None,
+    shortest: float,
+) -> Log:
+    notes = [*file.notes]
     if isinstance(file, McapFile) and file.damaged:
         notes.append(f"{file.damaged} damaged chunks were left out (checksum or compression is wrong)")
-    return _Raw(time, columns, [*file.notes, *notes], file, axis, mapped is None)
-
-
-def _checked(raw: _Raw, channel_map: ChannelMap | None, shortest: float) -> Log:
-    file, columns = raw.file, raw.columns
-    spread, burst_notes = spread_bursts(raw.time)
+    spread, burst_notes = spread_bursts(raw)
     time, rows, time_notes = ordered_time(spread, file.place)
     kept, cut_notes = longest_part(time)
     time, rows = time[kept], rows[kept]
-    for name in columns if rows.size < raw.time.size else ():
+    for name in columns if rows.size < raw.size else ():
         columns[name] = columns[name][rows]
     del rows, spread
-    notes = raw.notes + burst_notes + time_notes + cut_notes
+    notes += burst_notes + time_notes + cut_notes
     first = float(time[0])
     if first > max(TIME_OF_DAY_S, 10.0 * float(time[-1] - time[0])):
         notes.append(f"the clock starts at {first:.3f} s; times are counted from there")
         time = time - first
     if file.truncated:
         notes.insert(0, f"file is truncated: read up to t={time[-1]:.3f} s")
-    start_ns = file.start_ns - (0 if raw.of_file or not file.start_ns else round(float(time[0]) * 1e9))
+    start_ns = file.start_ns - (0 if of_file or not file.start_ns else round(float(time[0]) * 1e9))
     samples, quality = _judged(time, columns, notes, channel_map, shortest)
-    return Log(samples, quality, file.path.name, raw.axis, _of_axis(file.metadata, raw.axis), start_ns)
+    return Log(samples, quality, file.path.name, axis, _of_axis(file.metadata, axis), start_ns)
 
 
 def as_log(samples: Samples, axis: str | None = None, *, shortest: float = 2.0) -> Log:
@@ -219,9 +216,9 @@ def _judged(
 ) -> tuple[Samples, DataQuality]:
     """Channels that a diagnosis can use, and what is odd about them after the reader's notes."""
     quality = check_time(time, shortest)
-    columns, infinite_notes = checked_finite(columns)
-    columns, empty = with_values(columns)
-    absent = missing_required(_with_stand_ins(columns, channel_map))
+    columns, infinite_notes, empty = _with_values(columns)
+    made = {} if channel_map is None else channel_map.channels
+    absent = missing_required({*columns, *(n for n, s in made.items() if s.from_ in columns)})
     if absent:
         silent = f" ({', '.join(empty)} without a single value)" if empty else ""
         raise InputError(
@@ -267,10 +264,18 @@ def _keep_measurements(
     return slow, notes
 
 
-def _with_stand_ins(columns: dict[str, Column], channel_map: ChannelMap | None) -> set[str]:
-    """The channels that are there or that the map has made from others."""
-    made = {} if channel_map is None else channel_map.channels
-    return set(columns) | {n for n, s in made.items() if s.from_ is not None and s.from_ in columns}
+def _with_values(columns: dict[str, Column]) -> tuple[dict[str, Column], list[str], list[str]]:
+    """Channels without infinite values, notes on those that had any, and names of those without any value."""
+    out, notes, empty = {}, [], []
+    for channel, values in columns.items():
+        if count := int((infinite := np.isinf(values)).sum()):
+            values = np.where(infinite, np.nan, values)
+            notes.append(f"{channel}: {count} infinite values taken as missing")
+        if np.isfinite(values).any():
+            out[channel] = values
+        else:
+            empty.append(channel)
+    return out, notes, empty
 
 
 def _of_axis(metadata: dict[str, dict[str, str]], axis: str | None) -> dict[str, dict[str, str]]:

@@ -54,21 +54,13 @@ def _mapped(log: LogFile, channel_map: ChannelMap) -> dict[str, Feed]:
     for channel, source in channel_map.channels.items():
         if source.from_ is not None:
             continue
-        signal, direction = (
-            (
-                _field(log, source, source.field),
-                _field(log, source, source.sign_of) if source.sign_of else None,
-            )
-            if topics
-            else (log.find(str(source.column)), log.find(source.sign_of) if source.sign_of else None)
+        wanted = [source.field if topics else source.column, *([source.sign_of] if source.sign_of else [])]
+        signal, *direction = (
+            log.field(str(source.topic), name) if isinstance(log, McapFile) else log.find(str(name))
+            for name in wanted
         )
-        out[channel] = Feed(_with_unit(channel, source, signal), signal, direction)
+        out[channel] = Feed(_with_unit(channel, source, signal), signal, *direction)
     return out
-
-
-def _field(log: LogFile, source: ChannelSource, field: str | None) -> Signal:
-    assert isinstance(log, McapFile)
-    return log.field(str(source.topic), field)
 
 
 def _with_unit(channel: str, source: ChannelSource, signal: Signal) -> ChannelSource:
@@ -119,11 +111,8 @@ def _measurement(log: McapFile, axis: str | None) -> tuple[dict[str, Feed], str]
         log.field(topic, "position")
     fields: Mapping[str | None, Signal] = {s.field: s for s in log.signals.values() if s.topic == topic}
     if not fields:
-        raise InputError(
-            "no message could be read",
-            where=log.path,
-            mend="the file may be cut off: record or copy it again",
-        )
+        mend = "the file may be cut off: record or copy it again"
+        raise InputError("no message could be read", where=log.path, mend=mend)
     feeds = {c: Feed(ChannelSource(topic=topic, field=c), fields[c]) for c in CHANNELS if c in fields}
     if not set(feeds) - {"time"}:
         its = listed(str(f) for f in fields)

@@ -6,9 +6,9 @@ A table holds one axis. Of a run with several, each goes into a file of its own,
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from contextlib import ExitStack, contextmanager
+from contextlib import ExitStack, closing, contextmanager
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -22,21 +22,21 @@ GROUP_ROWS = 100_000
 """Rows of a Parquet row group: what is held in memory at most, 100 s at 1 kHz."""
 
 
-class TableWriter(Protocol):
-    """Takes a table's blocks."""
+class TableWriter:
+    """Takes a table's blocks for a CSV file.
+
+    Parameters
+    ----------
+    path : named in errors. temporary : what is written into.
+    """
+
+    def __init__(self, path: str | Path, temporary: Path) -> None:
+        self._path, self._temporary = path, temporary
+        self._names: list[str] | None = None
+        self._writer: Any = None
 
     def add(self, time: ArrayLike, columns: Mapping[str, ArrayLike]) -> None:
         """The next rows: (n,) s and the columns (n,), the same ones in every block."""
-
-
-class _Table:
-    """Blocks to Arrow tables of the same columns."""
-
-    def __init__(self, path: str | Path) -> None:
-        self.path = path
-        self._names: list[str] | None = None
-
-    def table(self, time: ArrayLike, columns: Mapping[str, ArrayLike]) -> Any:
         import pyarrow as pa
 
         arrays = {"time": np.asarray(time), **{n: np.asarray(v) for n, v in columns.items()}}
@@ -45,42 +45,34 @@ class _Table:
         if list(arrays) != self._names:
             raise InputError(
                 f"a block has the columns {', '.join(arrays)}, the ones before {', '.join(self._names)}",
-                where=self.path,
+                where=self._path,
                 mend="give all blocks the same columns",
             )
         # A missing value is null, which an empty cell is read as too.
-        return pa.table({n: pa.array(v, mask=np.isnan(v)) for n, v in arrays.items()})
+        self._take(pa.table({n: pa.array(v, mask=np.isnan(v)) for n, v in arrays.items()}))
 
+    def close(self) -> None:
+        """Write what is left."""
+        if self._writer is not None:
+            self._writer.close()
 
-class _Csv(_Table):
-    def __init__(self, path: str | Path, temporary: Path) -> None:
-        super().__init__(path)
-        self._temporary = temporary
-        self._writer: Any = None
-
-    def add(self, time: ArrayLike, columns: Mapping[str, ArrayLike]) -> None:
+    def _take(self, table: Any) -> None:
         from pyarrow import csv
 
-        table = self.table(time, columns)
         if self._writer is None:
             self._writer = csv.CSVWriter(self._temporary, table.schema)
         self._writer.write_table(table)
 
-    def close(self) -> None:
-        if self._writer is not None:
-            self._writer.close()
 
+class _Parquet(TableWriter):
+    """Row groups of exactly `GROUP_ROWS`, so that they do not depend on the blocks."""
 
-class _Parquet(_Table):
     def __init__(self, path: str | Path, temporary: Path) -> None:
-        super().__init__(path)
-        self._temporary = temporary
-        self._writer: Any = None
+        super().__init__(path, temporary)
         self._waiting: list[Any] = []
         self._rows = 0
 
-    def add(self, time: ArrayLike, columns: Mapping[str, ArrayLike]) -> None:
-        table = self.table(time, columns)
+    def _take(self, table: Any) -> None:
         self._waiting.append(table)
         self._rows += table.num_rows
         if self._rows >= GROUP_ROWS:
@@ -89,11 +81,9 @@ class _Parquet(_Table):
     def close(self) -> None:
         if self._waiting and (self._rows or self._writer is None):
             self._write(self._rows)
-        if self._writer is not None:
-            self._writer.close()
+        super().close()
 
     def _write(self, rows: int) -> None:
-        """Row groups of exactly `GROUP_ROWS`, so that they do not depend on the blocks."""
         import pyarrow as pa
         from pyarrow import parquet
 
@@ -128,15 +118,10 @@ def table_file(path: str | Path, kind: str | None = None) -> Iterator[TableWrite
     ...         out.add(block.time, block.columns)
     """
     parquet = (kind or Path(path).suffix.lower().lstrip(".")) == "parquet"
-    with whole_file(path) as temporary:
-        writer = _Parquet(path, temporary) if parquet else _Csv(path, temporary)
-        try:
-            yield writer
-        except BaseException:
-            # Closed all the same, or the system keeps the file open; what it then writes is thrown away.
-            writer.close()
-            raise
-        writer.close()
+    kept = _Parquet if parquet else TableWriter
+    # Closed after an error too, or the system keeps the file open; what it then writes is thrown away.
+    with whole_file(path) as temporary, closing(kept(path, temporary)) as writer:
+        yield writer
 
 
 def axis_file(path: str | Path, axis: str, axes: Sequence[str]) -> Path:
@@ -167,10 +152,6 @@ def write_table_blocks(path: str | Path, blocks: Iterable[RunBlock], *, axes: Se
     Returns
     -------
     The files.
-
-    Examples
-    --------
-    >>> write_table_blocks("run.parquet", blocks, axes=["axis_a"])  # doctest: +SKIP
     """
     paths = {axis: axis_file(path, axis, axes) for axis in axes}
     with ExitStack() as stack:
@@ -181,22 +162,12 @@ def write_table_blocks(path: str | Path, blocks: Iterable[RunBlock], *, axes: Se
 
 
 def write_csv(path: str | Path, samples: Samples) -> None:
-    """Write a CSV file, whole or not at all; a missing value is an empty cell.
-
-    Examples
-    --------
-    >>> write_csv("run.csv", samples)  # doctest: +SKIP
-    """
+    """Write a CSV file, whole or not at all; a missing value is an empty cell."""
     with table_file(path, "csv") as out:
         out.add(samples.time, samples.columns)
 
 
 def write_parquet(path: str | Path, samples: Samples) -> None:
-    """Write a Parquet file (zstd), whole or not at all; a missing value is null.
-
-    Examples
-    --------
-    >>> write_parquet("run.parquet", samples)  # doctest: +SKIP
-    """
+    """Write a Parquet file (zstd), whole or not at all; a missing value is null."""
     with table_file(path, "parquet") as out:
         out.add(samples.time, samples.columns)

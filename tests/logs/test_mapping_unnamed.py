@@ -13,7 +13,7 @@ from fdd.logs import read_log
 from fdd.logs.channel_map import ChannelMap
 from fdd.logs.formats import open_log
 from fdd.logs.mapping import given_of, propose
-from fdd.logs.mapping.shaft import counts_a_turn
+from fdd.logs.mapping.unnamed import counts_a_turn
 from fdd.logs.mapping.writing import map_text
 from fdd.plant.scenario import Scenario
 from fdd.plant.simulate import simulate

@@ -3,8 +3,7 @@
 Installed packages add others as entry points of the group ``fdd.log_formats`` (docs/extending.md).
 """
 
-from fdd.logs.formats.format import Format
 from fdd.logs.formats.registry import open_log, suffixes
-from fdd.logs.formats.signals import LogFile, Signal, require_size
+from fdd.logs.formats.signals import Format, LogFile, Signal, require_size
 
 __all__ = ["Format", "LogFile", "Signal", "open_log", "require_size", "suffixes"]

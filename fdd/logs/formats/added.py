@@ -12,15 +12,13 @@ from pathlib import Path
 from typing import TypeVar
 
 import numpy as np
-from numpy.typing import NDArray
 
 from fdd.bounds import LONGEST_NAME
 from fdd.errors import InputError
-from fdd.logs.formats.format import Format
-from fdd.logs.formats.signals import LogFile, Signal, require_size
+from fdd.logs.formats.signals import Format, LogFile, Signal, require_size
 from fdd.packages import LOG_FORMATS, Addition, additions, left_out
+from fdd.samples import Column
 
-Column = NDArray[np.float64]
 T = TypeVar("T")
 
 

@@ -3,17 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from fdd.errors import InputError
-from fdd.logs.formats.signals import LogFile, Signal, require_size, seconds_since
-
-Column = NDArray[np.float64]
+from fdd.logs.formats.signals import LogFile, Signal, damaged, require_size, seconds_since, unit_among
+from fdd.samples import Column
 
 BATCH_ROWS = 1 << 16
 """Rows that are held by Arrow and as columns at once."""
@@ -47,10 +46,7 @@ class ArrowFile(LogFile):
                     else:
                         out[name][start:rows] = self._numbers(pa.chunked_array([column]), name)
         except (pa.ArrowException, OSError, MemoryError) as error:
-            brief = " ".join(str(error).split())[:120]
-            raise InputError(
-                f"damaged {self.kind} file ({brief})", where=self.path, mend="copy it again"
-            ) from None
+            raise damaged(f"damaged {self.kind} file", self.path, error) from None
         for name, parts in dated.items():
             out[name] = self._numbers(pa.chunked_array(parts), name)
         pa.default_memory_pool().release_unused()
@@ -134,16 +130,10 @@ def open_parquet(path: Path) -> ArrowFile:
     ------
     InputError : damaged, no rows, or far too many.
     """
-    import pyarrow as pa
     from pyarrow import parquet
 
-    try:
-        with parquet.ParquetFile(path) as source:
-            rows = source.metadata.num_rows
-            signals = _signals(source.schema_arrow)
-    except (pa.ArrowException, OSError, UnicodeError) as error:
-        raise _unreadable("Parquet", path, error) from None
-    return _opened(path, "Parquet", signals, rows)
+    with _readable("Parquet", path), parquet.ParquetFile(path) as source:
+        return _opened(path, "Parquet", source.schema_arrow, source.metadata.num_rows)
 
 
 def open_feather(path: Path) -> ArrowFile:
@@ -155,35 +145,24 @@ def open_feather(path: Path) -> ArrowFile:
     """
     import pyarrow as pa
 
+    with _readable("Feather", path), pa.memory_map(str(path)) as source, pa.ipc.open_file(source) as reader:
+        rows = sum(reader.get_batch(k).num_rows for k in range(reader.num_record_batches))
+        return _opened(path, "Feather", reader.schema, rows)
+
+
+@contextmanager
+def _readable(kind: str, path: Path) -> Iterator[None]:
+    import pyarrow as pa
+
     try:
-        with pa.memory_map(str(path)) as source, pa.ipc.open_file(source) as reader:
-            signals = _signals(reader.schema)
-            rows = sum(reader.get_batch(k).num_rows for k in range(reader.num_record_batches))
-    except (pa.ArrowException, OSError, UnicodeError) as error:
-        raise _unreadable("Feather", path, error) from None
-    return _opened(path, "Feather", signals, rows)
+        yield
+    except (pa.ArrowException, OSError, UnicodeError) as error:  # a damaged name is no text
+        raise damaged(f"not readable as {kind}", path, error) from None
 
 
-def _unreadable(kind: str, path: Path, error: Exception) -> InputError:
-    brief = " ".join(str(error).split())[:120]
-    return InputError(f"not readable as {kind} ({brief})", where=path, mend="copy it again")
-
-
-def _signals(schema: Any) -> dict[str, Signal]:
-    """By name; a damaged one is no text, and raises."""
-    return {f.name: Signal(f.name, unit=_unit_of(f)) for f in schema if f.name}
-
-
-def _opened(path: Path, kind: str, signals: dict[str, Signal], rows: int) -> ArrowFile:
+def _opened(path: Path, kind: str, schema: Any, rows: int) -> ArrowFile:
+    signals = {f.name: Signal(f.name, unit=unit_among(f.metadata or {})) for f in schema if f.name}
     if rows == 0:
         raise InputError("no rows", where=path, mend="record at least 5 s")
     require_size(rows, len(signals), path)
     return ArrowFile(path, signals, kind=kind, rows=rows)
-
-
-def _unit_of(field: Any) -> str | None:
-    """The unit in a field's metadata, by the keys that writers use."""
-    for key, value in (field.metadata or {}).items():
-        if key.decode("utf-8", "replace").lower() in ("unit", "units"):
-            return str(value.decode("utf-8", "replace"))
-    return None

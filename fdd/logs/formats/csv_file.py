@@ -8,21 +8,19 @@ from pathlib import Path
 from typing import IO, TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from fdd.bounds import limit, raised
 from fdd.errors import InputError
 from fdd.logs.channel_map import CsvLayout
 from fdd.logs.formats.arrow import doubles
-from fdd.logs.formats.dates import has_clock, has_day, is_stamp, stamps_to_seconds
-from fdd.logs.formats.signals import LogFile, Signal, require_size
-from fdd.logs.formats.text_head import decoded, head_of
-from fdd.logs.formats.text_layout import MISSING, find_layout, is_number
+from fdd.logs.formats.dates import stamp_kind, stamps_to_seconds
+from fdd.logs.formats.signals import LogFile, Signal, damaged, require_size
+from fdd.logs.formats.text_layout import MISSING, decoded, find_layout, head_of, is_number
+from fdd.samples import Column
 
 if TYPE_CHECKING:
     import pyarrow
 
-Column = NDArray[np.float64]
 
 _MARKS = (",", ".", "'", " ", "\u00a0", "\u202f")
 
@@ -83,16 +81,17 @@ class CsvFile(LogFile):
         import pyarrow as pa
 
         wanted = list(dict.fromkeys(names))
-        stamped = {n for n in wanted if n in self.dated or is_stamp(self._first(n))}
+        stamped = {n for n in wanted if n in self.dated or stamp_kind(self._first(n))}
         columns = list(dict.fromkeys(c for n in wanted for c in self.dated.get(n, (n,))))
         texts = {c for n in stamped for c in self.dated.get(n, (n,))}
         try:
-            table = self._parsed(columns, texts)
-        except pa.ArrowInvalid:
-            table = self._parsed_as_text(columns)
-            texts = set(columns)
+            try:
+                table = self._parsed(columns, texts)
+            except pa.ArrowInvalid:  # a cell is no plain number
+                texts = set(columns)
+                table = self._parsed(columns, texts)
         except (pa.ArrowException, UnicodeError, MemoryError) as error:
-            raise InputError(f"cannot be read ({str(error)[:120]})", where=self.path) from None
+            raise damaged("not a table of numbers", self.path, error, "repair that row") from None
         if table.num_rows == 0:
             raise InputError("no rows below the header", where=self.path, mend="record at least 5 s")
         require_size(table.num_rows, len(columns), self.path)
@@ -109,17 +108,6 @@ class CsvFile(LogFile):
     def _first(self, name: str) -> str:
         at = self.keys.index(name) if name in self.keys else -1
         return self.first_row[at] if 0 <= at < len(self.first_row) else ""
-
-    def _parsed_as_text(self, columns: list[str]) -> pyarrow.Table:
-        import pyarrow as pa
-
-        try:
-            return self._parsed(columns, set(columns))
-        except (pa.ArrowException, UnicodeError, MemoryError) as error:
-            brief = " ".join(str(error).split())[:160]
-            raise InputError(
-                f"not a table of numbers ({brief})", where=self.path, mend="repair that row"
-            ) from None
 
     def _parsed(self, columns: list[str], texts: set[str]) -> pyarrow.Table:
         import pyarrow as pa
@@ -171,11 +159,7 @@ class CsvFile(LogFile):
 
     def _dates(self, table: pyarrow.Table, name: str) -> Column:
         parts = [table.column(c).to_pylist() for c in self.dated.get(name, (name,))]
-        texts = (
-            parts[0]
-            if len(parts) == 1
-            else [None if a is None or b is None else f"{a} {b}" for a, b in zip(*parts, strict=True)]
-        )
+        texts = [None if None in cells else " ".join(cells) for cells in zip(*parts, strict=True)]
         seconds, start, notes = stamps_to_seconds(texts)
         odd = np.flatnonzero(np.isnan(seconds))
         for row in odd[:1]:
@@ -205,28 +189,18 @@ class CsvFile(LogFile):
         try:
             return doubles(text.cast(pa.float64()))
         except pa.ArrowException:
+            mend = "write numbers, and leave the cell empty where one is missing"
             for row, cell in enumerate(text.to_pylist()):
-                if cell is not None and not _floats(cell):
-                    raise self._no_number(
-                        row,
-                        name,
-                        str(column[row]),
-                        "write numbers, and leave the cell empty where one is missing",
-                    ) from None
+                try:
+                    float(cell or 0)
+                except ValueError:
+                    raise self._no_number(row, name, str(column[row]), mend) from None
             raise InputError(f"column {name!r}: not numbers", where=self.path) from None
 
     def _no_number(self, row: int, name: str, cell: str, mend: str) -> InputError:
         return InputError(
             f"{self.place(row)}, column {name!r}: {cell[:40]!r} is not a number", where=self.path, mend=mend
         )
-
-
-def _floats(cell: str) -> bool:
-    try:
-        float(cell)
-    except ValueError:
-        return False
-    return True
 
 
 def open_csv(path: Path, layout: CsvLayout | None = None) -> CsvFile:
@@ -266,8 +240,7 @@ def open_csv(path: Path, layout: CsvLayout | None = None) -> CsvFile:
 def _join_dates(log: CsvFile) -> None:
     """A column of dates and one of clock times make one of stamps."""
     cells = dict(zip(log.keys, log.first_row, strict=False))
-    days = [k for k, c in cells.items() if is_stamp(c) and has_day(c) and not has_clock(c)]
-    clocks = [k for k, c in cells.items() if is_stamp(c) and not has_day(c)]
+    days, clocks = ([k for k, c in cells.items() if stamp_kind(c) == kind] for kind in ("day", "clock"))
     if len(days) == 1 and len(clocks) == 1:
         name = f"{days[0]} {clocks[0]}"
         log.dated[name] = (days[0], clocks[0])

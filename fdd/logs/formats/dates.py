@@ -10,8 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fdd.logs.formats.signals import seconds_since
-
-Column = NDArray[np.float64]
+from fdd.samples import Column
 
 _CLOCK = r"(?P<clock>\d{1,2}:\d\d(?::\d\d(?P<part>[.,]\d+)?)?)(?P<half> ?[AaPp][Mm])?"
 _DAY = r"(?P<a>\d{1,4})(?P<mark>[./-])(?P<b>\d{1,2})(?P=mark)(?P<c>\d{2,4})"
@@ -19,28 +18,18 @@ _STAMP = re.compile(rf"(?:{_DAY})?(?P<gap>[T ]|, )?(?:{_CLOCK})?(?P<zone> ?(?:Z|
 DAY_S = 86_400.0
 
 
-def is_stamp(cell: str) -> bool:
-    """Whether a cell is a date, a clock time, or both.
+def stamp_kind(cell: str) -> str:
+    """Whether a cell is a ``day``, a ``clock`` time, ``both``, or (empty) no stamp.
 
     Examples
     --------
-    >>> [is_stamp(c) for c in ("04.03.2026 10:15", "10:15:02,5", "2026-03-04T10:15:00Z", "1.5", "")]
-    [True, True, True, False, False]
+    >>> [stamp_kind(c) for c in ("04.03.2026 10:15", "10:15:02,5", "2026-03-04", "1.5", "")]
+    ['both', 'clock', 'day', '', '']
     """
     found = _STAMP.fullmatch(cell.strip())
-    return found is not None and (found["clock"] is not None or found["a"] is not None)
-
-
-def has_day(cell: str) -> bool:
-    """Whether a stamp has a date."""
-    found = _STAMP.fullmatch(cell.strip())
-    return found is not None and found["a"] is not None
-
-
-def has_clock(cell: str) -> bool:
-    """Whether a stamp has a clock time."""
-    found = _STAMP.fullmatch(cell.strip())
-    return found is not None and found["clock"] is not None
+    if found is None or not (found["a"] or found["clock"]):
+        return ""
+    return "clock" if not found["a"] else "both" if found["clock"] else "day"
 
 
 def stamps_to_seconds(texts: Sequence[str | None]) -> tuple[Column, int, list[str]]:
@@ -68,67 +57,51 @@ def stamps_to_seconds(texts: Sequence[str | None]) -> tuple[Column, int, list[st
     found = _STAMP.fullmatch(first.strip())
     if found is None:
         return np.full(len(texts), np.nan), 0, []
-    notes: list[str] = []
     series = pd.Series(list(texts), dtype="str").str.strip()
     if found["part"] or "," in first:
         series = series.str.replace(",", ".", regex=False)
     if found["a"] is None:
-        elapsed = pd.to_timedelta(_with_seconds(series, found), errors="coerce").to_numpy()
+        whole = series if found["clock"].count(":") == 2 else series + ":00"
+        elapsed = pd.to_timedelta(whole, errors="coerce").to_numpy()
         seconds = elapsed.astype("timedelta64[ns]").astype(np.float64) * 1e-9
         seconds[np.isnat(elapsed)] = np.nan
         # A clock without a date begins again at midnight.
         back = np.nan_to_num(np.diff(seconds, prepend=seconds[:1])) < -0.5 * DAY_S
         seconds = seconds + DAY_S * np.cumsum(back)
-        return seconds - np.nanmin(seconds), 0, notes
-    day_first, note = _day_first(found, series)
-    if note:
-        notes.append(note)
-    year_first = len(found["a"]) == 4
-    short = "%y" if not year_first and len(found["c"]) == 2 else "%Y"
-    mark = found["mark"]
-    day = (
-        f"%Y{mark}%m{mark}%d"
-        if year_first
-        else f"{'%d' if day_first else '%m'}{mark}{'%m' if day_first else '%d'}{mark}{short}"
-    )
-    stamps = _parsed(series, day, found)
-    seconds, start = seconds_since(stamps)
+        return seconds - np.nanmin(seconds), 0, []
+    notes: list[str] = []
+    order = ["%Y", "%m", "%d"]
+    if len(found["a"]) != 4:
+        day_first, notes = _day_first(found, series)
+        order = [*(("%d", "%m") if day_first else ("%m", "%d")), "%y" if len(found["c"]) == 2 else "%Y"]
+    seconds, start = seconds_since(_parsed(series, found["mark"].join(order), found))
     return seconds, start, notes
 
 
 def _parsed(series: Any, day: str, found: re.Match[str]) -> NDArray[np.datetime64]:
     import pandas as pd
 
-    gap = (found["gap"] or "").replace(",", ".")
-    clock = ""
-    if found["clock"]:
-        hour = "%I" if found["half"] else "%H"
-        clock = f"{gap}{hour}:%M" + (":%S" if found["clock"].count(":") == 2 else "")
-    half = (" %p" if (found["half"] or "").startswith(" ") else "%p") if found["half"] else ""
-    zone = (" %z" if found["zone"].startswith(" ") else "%z") if found["zone"] else ""
+    clock, half, zone = (found[name] or "" for name in ("clock", "half", "zone"))
+    if clock:
+        gap, hour = (found["gap"] or "").replace(",", "."), "%I" if half else "%H"
+        clock = f"{gap}{hour}:%M" + (":%S" if clock.count(":") == 2 else "")
+    after = f"{' ' * half.startswith(' ')}%p" if half else ""
+    after += f"{' ' * zone.startswith(' ')}%z" if zone else ""
     read: Any = None
     # A logger leaves the parts of a second out where they are zero.
     for part in (".%f", "") if ":%S" in clock else ("",):
-        tried = pd.to_datetime(
-            series, format=f"{day}{clock}{part}{half}{zone}", errors="coerce", utc=bool(zone)
-        )
+        tried = pd.to_datetime(series, format=f"{day}{clock}{part}{after}", errors="coerce", utc=bool(zone))
         read = tried if read is None else read.fillna(tried)
     if zone:
         read = read.dt.tz_localize(None)
     return np.asarray(read.to_numpy(), dtype="datetime64[ns]")
 
 
-def _with_seconds(series: Any, found: re.Match[str]) -> Any:
-    return series if found["clock"].count(":") == 2 else series + ":00"
-
-
-def _day_first(found: re.Match[str], series: Any) -> tuple[bool, str | None]:
+def _day_first(found: re.Match[str], series: Any) -> tuple[bool, list[str]]:
     """Whether 4/3 is the fourth of March; a dot is German, a slash tells by a number above twelve."""
-    if found["mark"] != "/" or len(found["a"]) == 4:
-        return found["mark"] != "/", None
+    if found["mark"] != "/":
+        return True, []
     parts = series.str.extract(r"^(\d{1,2})/(\d{1,2})/").astype("Float64").max()
-    if float(parts[0]) > 12:
-        return True, None
-    if float(parts[1]) > 12:
-        return False, None
-    return False, f"dates such as {found['a']}/{found['b']}/{found['c']} are read as month/day/year"
+    if float(parts[0]) > 12 or float(parts[1]) > 12:
+        return float(parts[0]) > 12, []
+    return False, [f"dates such as {found['a']}/{found['b']}/{found['c']} are read as month/day/year"]

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from fdd.bounds import HEAD_ROWS, MAX_CELLS, MAX_WORKBOOK_BYTES, MAX_WORKBOOK_UNPACKED
 from fdd.errors import InputError
-from fdd.logs.formats.signals import require_size
+from fdd.logs.formats.signals import damaged, require_size
 from fdd.logs.formats.text_layout import find_table, is_number
 from fdd.logs.formats.trees import Leaf, TreeFile, tree_file
 
@@ -44,8 +44,7 @@ def open_excel(path: Path) -> TreeFile:
     except BaseException as error:  # the library's panics are no Exception
         if isinstance(error, KeyboardInterrupt | SystemExit):
             raise
-        brief = " ".join(str(error).split())[:120] or type(error).__name__
-        raise InputError(f"not readable as Excel ({brief})", where=path, mend="save it again") from None
+        raise damaged("not readable as Excel", path, error, "save it again") from None
     tables = {name: found for name, rows in sheets.items() if (found := _table(path, rows)) is not None}
     if not tables:
         raise InputError(
@@ -61,8 +60,7 @@ def _require_bounded(path: Path) -> None:
         left = MAX_WORKBOOK_UNPACKED
         for entry in archive.infolist():
             with archive.open(entry) as part:
-                rows = columns = 0
-                tail = b""
+                rows, columns, tail = 0, 0, b""
                 while block := part.read(1 << 20):
                     left -= len(block)
                     if left < 0:
@@ -126,16 +124,10 @@ def _numbers(values: list[Any]) -> NDArray[np.generic]:
             [v if isinstance(v, datetime | date) else "NaT" for v in values], dtype="datetime64[ns]"
         )
     if isinstance(first, time):
-        return np.array([_seconds(v) for v in values])
-    if isinstance(first, timedelta):
+        values = [datetime.combine(date.min, v) - datetime.min if isinstance(v, time) else v for v in values]
+    if isinstance(first, time | timedelta):
         return np.array([v.total_seconds() if isinstance(v, timedelta) else np.nan for v in values])
     return np.array([_number(v) for v in values])
-
-
-def _seconds(value: Any) -> float:
-    if not isinstance(value, time):
-        return np.nan
-    return value.hour * 3600.0 + value.minute * 60.0 + value.second + value.microsecond * 1e-6
 
 
 def _number(value: Any) -> float:

@@ -2,17 +2,17 @@
 
 from __future__ import annotations
 
+import struct
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Any, BinaryIO
 
 import numpy as np
 from numpy.typing import NDArray
 
 from fdd.bounds import MOST_MATRIX_COLUMNS
 from fdd.errors import InputError
-from fdd.logs.formats.hdf5_check import check_hdf5
-from fdd.logs.formats.signals import require_stored
+from fdd.logs.formats.signals import damaged, require_stored, unit_among
 from fdd.logs.formats.trees import Leaf, TreeFile, tree_file
 
 _UNITS = ("unit", "units")
@@ -44,8 +44,7 @@ def open_hdf5(path: Path) -> TreeFile:
     except InputError:
         raise
     except Exception as error:  # h5py turns the C library's errors into many kinds
-        brief = " ".join(str(error).split())[:120]
-        raise InputError(f"damaged HDF5 file ({brief})", where=path, mend="copy it again") from None
+        raise damaged("damaged HDF5 file", path, error) from None
     return tree_file(path, groups, scalars)
 
 
@@ -53,12 +52,12 @@ def _groups(file: Any) -> list[tuple[str, Any]]:
     import h5py
 
     found: list[tuple[str, Any]] = []
-    # visititems follows neither soft nor external links. What MATLAB keeps for itself begins with #.
-    file.visititems(
-        lambda name, node: (
-            found.append((name, node)) if isinstance(node, h5py.Group) and not name.startswith("#") else None
-        )
-    )
+
+    def take(name: str, node: Any) -> None:
+        if isinstance(node, h5py.Group) and not name.startswith("#"):  # MATLAB keeps those for itself
+            found.append((name, node))
+
+    file.visititems(take)  # follows neither soft nor external links
     return found
 
 
@@ -97,7 +96,7 @@ def _take_group(
 
 
 def _leaves(path: Path, name: str, node: Any) -> dict[str, Leaf]:
-    full, unit = node.name, _text_attribute(node)
+    full, unit = node.name, unit_among(node.attrs)
     if node.dtype.names:
         return {
             f"{name}/{member}": Leaf(node.size, partial(_load, path, full, member))
@@ -125,12 +124,51 @@ def _load(path: Path, name: str, part: Any) -> NDArray[np.generic]:
         with h5py.File(path) as file:
             return np.asarray(file[name][part])
     except (OSError, KeyError, MemoryError) as error:
-        brief = " ".join(str(error).split())[:120]
-        raise InputError(f"{name} cannot be read ({brief})", where=path, mend="copy it again") from None
+        raise damaged(f"{name} cannot be read", path, error) from None
 
 
-def _text_attribute(node: Any) -> str | None:
-    for key, value in node.attrs.items():
-        if key.lower() in _UNITS:
-            return value.decode("utf-8", "replace") if isinstance(value, bytes) else str(value)
-    return None
+_MARK = b"GCOL\x01\0\0\0"
+"""Of a global heap collection (HDF5 file format 3.0, III.E), where texts of variable length stand."""
+_PIECE = 1 << 20
+_LARGEST = 1 << 32
+"""Bytes of a heap that are looked at; the library's have 4096."""
+
+
+def check_hdf5(path: Path) -> None:
+    """Refuse a file with a heap whose free space has no size: the library takes it again and again.
+
+    Raises
+    ------
+    InputError : names the byte.
+    """
+    with path.open("rb") as file:
+        start, kept, end = 0, b"", 0
+        while piece := file.read(_PIECE):
+            after, text = file.tell(), kept + piece
+            while (at := text.find(_MARK, max(end - start, 0))) >= 0:
+                file.seek(start + at)
+                found = _end_of_heap(file)
+                if found is None:
+                    raise InputError(
+                        f"damaged HDF5 file (the heap at byte {start + at} has no end)",
+                        where=path,
+                        mend="copy it again",
+                    )
+                end = found
+            file.seek(after)
+            kept = text[1 - len(_MARK) :]
+            start = after - len(kept)
+
+
+def _end_of_heap(file: BinaryIO) -> int | None:
+    """Byte after the objects of the heap at which the file stands; None where free space has no size."""
+    left = min(int.from_bytes(file.read(16)[8:], "little"), _LARGEST) - 16
+    while left >= 16 and len(about := file.read(16)) == 16:
+        number, size = struct.unpack("<H6xQ", about)
+        if number == 0:
+            return None if size == 0 else file.tell()
+        padded = -(-size // 8) * 8
+        left -= 16 + padded
+        if left >= 16:
+            file.seek(padded, 1)
+    return file.tell()

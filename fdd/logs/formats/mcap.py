@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Collection, Iterable
+from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -14,12 +15,9 @@ from numpy.typing import NDArray
 from fdd.bounds import MAX_SIGNALS
 from fdd.errors import InputError
 from fdd.logs.formats.signals import LogFile, Signal, require_size
-from fdd.logs.wire.chunks import Batch, ChunkWalk
-from fdd.logs.wire.fields import Decoder, written
-from fdd.logs.wire.fields import Path as FieldPath
+from fdd.logs.wire.chunks import Batch, ChunkWalk, Decoder, FieldPath, written
 from fdd.near_misses import did_you_mean, listed
-
-Column = NDArray[np.float64]
+from fdd.samples import Column
 
 _NANOSECONDS = {"sec": ("nanosec", "nsec"), "seconds": ("nanos", "nanoseconds"), "secs": ("nsecs",)}
 
@@ -74,38 +72,26 @@ class McapFile(LogFile):
         ------
         InputError : no such topic, no message that can be read on it, or no such field.
         """
+        there = {str(s.field): s for s in self.signals.values() if s.topic == topic}
         if topic not in self.topics:
-            raise InputError(
-                f"no topic {topic}{did_you_mean(topic, self.topics)}",
-                where=self.path,
-                mend=f"the file has: {listed(self.topics) or 'none'}",
-            )
-        there = {s.field: s for s in self.signals.values() if s.topic == topic}
-        if topic in self.reasons:
-            raise InputError(
-                f"topic {topic} {self.reasons[topic]}",
-                where=self.path,
-                mend="record JSON, Protobuf or ROS messages, or export the log as CSV",
-            )
-        if path is None:
+            problem = f"no topic {topic}{did_you_mean(topic, self.topics)}"
+            mend = f"the file has: {listed(self.topics) or 'none'}"
+        elif topic in self.reasons:
+            problem = f"topic {topic} {self.reasons[topic]}"
+            mend = "record JSON, Protobuf or ROS messages, or export the log as CSV"
+        elif path is None:
             return Signal(topic, topic, topic=topic)
-        if path not in there:
-            if not there:
-                raise InputError(
-                    f"no message on topic {topic}", where=self.path, mend="record it, or map another topic"
-                )
-            if f"{path}[0]" in there:
-                raise InputError(
-                    f"topic {topic}, field {path!r}: a list is not a number",
-                    where=self.path,
-                    mend=f"name one of its elements, {path}[0] for the first",
-                )
-            raise InputError(
-                f"topic {topic}: no field {path!r}{did_you_mean(path, [str(f) for f in there])}",
-                where=self.path,
-                mend=f"the messages have: {listed(str(f) for f in there)}",
-            )
-        return there[path]
+        elif path in there:
+            return there[path]
+        elif not there:
+            problem, mend = f"no message on topic {topic}", "record it, or map another topic"
+        elif f"{path}[0]" in there:
+            problem = f"topic {topic}, field {path!r}: a list is not a number"
+            mend = f"name one of its elements, {path}[0] for the first"
+        else:
+            problem = f"topic {topic}: no field {path!r}{did_you_mean(path, there)}"
+            mend = f"the messages have: {listed(there)}"
+        raise InputError(problem, where=self.path, mend=mend)
 
     def _columns(self, wanted: dict[str, list[str]]) -> dict[str, Column]:
         """Columns of signals by topic; the topics' stamps are kept."""
@@ -114,7 +100,9 @@ class McapFile(LogFile):
         paths = {
             t: list(dict.fromkeys(p for n in names for p in self.paths[n])) for t, names in wanted.items()
         }
-        parts = {t: _Rows(paths[t], self._likely_rows(t)) for t in wanted}
+        # Room for the rows that the summary tells, if not more than the file's bytes: a message takes one.
+        size = self.path.stat().st_size
+        parts = {t: _Rows(paths[t], min(self.counts.get(t, 0), size)) for t in wanted}
         rows = 0
         for batch in walk:
             channel = walk.channels.get(batch.channel)
@@ -140,10 +128,6 @@ class McapFile(LogFile):
                 whole, *nanoseconds = (by_path[p] for p in self.paths[name])
                 out[name] = whole + nanoseconds[0] * 1e-9 if nanoseconds else whole
         return out
-
-    def _likely_rows(self, topic: str) -> int:
-        """How many rows there is room made for; a message takes a byte of the file, if not more."""
-        return min(self.counts.get(topic, 0), self.path.stat().st_size)
 
 
 class _Rows:
@@ -214,7 +198,7 @@ def open_mcap(path: Path) -> McapFile:
     ------
     InputError : no MCAP file.
     """
-    known = _messages_of_summary(path)
+    known, metadata = _summary(path)
     log = McapFile(path)
     walk = ChunkWalk(path)
     seen: set[int] = set()
@@ -230,9 +214,7 @@ def open_mcap(path: Path) -> McapFile:
         if number in walk.channels:
             topic = walk.channels[number].topic
             log.counts[topic] = log.counts.get(topic, 0) + count
-    log.metadata = dict(walk.metadata)
-    if known:
-        log.metadata.update(_metadata_of(path))
+    log.metadata = {**walk.metadata, **metadata}
     if len(log.signals) > MAX_SIGNALS:
         raise InputError(f"{len(log.signals)} fields, at most {MAX_SIGNALS} are read", where=path)
     return log
@@ -246,43 +228,36 @@ def _add_fields(log: McapFile, walk: ChunkWalk, batch: Batch) -> None:
     except ValueError as error:
         log.reasons.setdefault(topic, str(error))
         return
-    by_path = {f.path: f for f in fields}
+    there = {f.path for f in fields}
     offered: list[tuple[str, tuple[FieldPath, ...], str | None]] = []
-    for whole, unit in ((f.path, f.unit) for f in fields):
-        offered.append((written(whole), (whole,), unit))
-        if len(whole) > 1:
-            for name in _NANOSECONDS.get(str(whole[-1]), ()):
-                if (*whole[:-1], name) in by_path:
-                    offered.append((written(whole[:-1]), (whole, (*whole[:-1], name)), "s"))
+    for one in fields:
+        *above, last = one.path
+        offered.append((written(one.path), (one.path,), one.unit))
+        for name in _NANOSECONDS.get(str(last), ()) if above else ():
+            if (*above, name) in there:
+                offered.append((written(tuple(above)), (one.path, (*above, name)), "s"))
     for text, paths, unit in offered:
         name = f"{topic}.{text}"
         log.signals.setdefault(name, Signal(name, topic, unit, topic, text))
         log.paths.setdefault(name, paths)
 
 
-def _messages_of_summary(path: Path) -> dict[int, int]:
-    """Messages of each channel that has any, by the file's own summary; none where it has no whole one."""
+def _summary(path: Path) -> tuple[dict[int, int], dict[str, dict[str, str]]]:
+    """Messages of each channel that has any, and metadata, by the summary; none where it is not whole."""
     from mcap.reader import SeekingReader
 
-    try:
-        with path.open("rb") as stream:
-            summary = SeekingReader(stream).get_summary()
-    except Exception:  # whatever a damaged or unfinished file provokes: it is walked instead
-        return {}
-    if summary is None or summary.statistics is None:
-        return {}
-    counts = summary.statistics.channel_message_counts.items()
-    return {c: n for c, n in counts if n and c in summary.channels}
-
-
-def _metadata_of(path: Path) -> dict[str, dict[str, str]]:
-    from mcap.reader import SeekingReader
-
-    try:
-        with path.open("rb") as stream:
-            return {m.name: dict(m.metadata) for m in SeekingReader(stream).iter_metadata()}
-    except Exception:  # as above
-        return {}
+    counts: dict[int, int] = {}
+    metadata: dict[str, dict[str, str]] = {}
+    # A damaged or unfinished file, which provokes whatever, is walked instead.
+    with suppress(Exception), path.open("rb") as stream:
+        reader = SeekingReader(stream)
+        summary = reader.get_summary()
+        if summary is not None and summary.statistics is not None:
+            messages = summary.statistics.channel_message_counts.items()
+            counts = {c: n for c, n in messages if n and c in summary.channels}
+        if counts:
+            metadata = {m.name: dict(m.metadata) for m in reader.iter_metadata()}
+    return counts, metadata
 
 
 AXIS_TOPIC = re.compile(r"^/eha/(?P<axis>[^/]+)/measurement$")

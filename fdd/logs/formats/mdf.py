@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fdd.errors import InputError
-from fdd.logs.formats.signals import require_stored
+from fdd.logs.formats.signals import damaged, require_stored
 from fdd.logs.formats.trees import Leaf, TreeFile, tree_file
 
 _IN_RECORD = (0, 1, 2, 4, 5)
@@ -54,7 +54,7 @@ def open_mdf(path: Path) -> TreeFile:
         raise
     except Exception as error:  # asammdf lets whatever a damaged file provokes through
         _quieten()
-        raise _damaged(path, "damaged MDF file", error) from None
+        raise damaged("damaged MDF file", path, error) from None
     found = tree_file(path, groups)
     found.start_ns = int(start.timestamp() * 1e9) if start is not None and start.year > 1970 else 0
     return found
@@ -97,7 +97,7 @@ def _loader(path: Path, file: Any, group: int, index: int | None) -> Callable[[]
                 values = np.where(np.asarray(signal.invalidation_bits), np.nan, values)
             return values
         except Exception as error:  # as above
-            raise _damaged(path, "a channel cannot be read", error) from None
+            raise damaged("a channel cannot be read", path, error) from None
 
     return load
 
@@ -111,8 +111,3 @@ def _quieten() -> None:
             half_open.close()
 
     mdf_v3.MDF3.__del__ = mdf_v4.MDF4.__del__ = close
-
-
-def _damaged(path: Path, what: str, error: Exception) -> InputError:
-    brief = " ".join(str(error).split())[:120] or type(error).__name__
-    return InputError(f"{what} ({brief})", where=path, mend="copy it again")

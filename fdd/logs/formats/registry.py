@@ -11,8 +11,7 @@ from typing import TYPE_CHECKING
 from fdd.bounds import limit, raised
 from fdd.errors import InputError
 from fdd.logs.formats.added import added_formats
-from fdd.logs.formats.format import SNIFFED, Format
-from fdd.logs.formats.signals import LogFile
+from fdd.logs.formats.signals import SNIFFED, Format, LogFile
 
 if TYPE_CHECKING:
     from fdd.logs.channel_map import CsvLayout
@@ -22,24 +21,20 @@ def _starts(*magic: bytes) -> Callable[[bytes], bool]:
     return lambda head: head.startswith(magic)
 
 
+_HDF = b"\x89HDF\r\n\x1a\n"
 FORMATS: tuple[Format, ...] = (
     Format("MCAP", (".mcap",), _starts(b"\x89MCAP0\r\n"), "mcap:open_mcap"),
     Format("Parquet", (".parquet", ".pq"), _starts(b"PAR1"), "arrow:open_parquet"),
     Format("Feather", (".feather", ".arrow"), _starts(b"ARROW1"), "arrow:open_feather"),
     # A MATLAB 7.3 file is HDF5 behind 512 bytes of its own.
     Format(
-        "HDF5",
-        (".h5", ".hdf5", ".hdf"),
-        lambda head: b"\x89HDF\r\n\x1a\n" in (head[:8], head[512:520]),
-        "hdf5:open_hdf5",
+        "HDF5", (".h5", ".hdf5", ".hdf"), lambda head: _HDF in (head[:8], head[512:520]), "hdf5:open_hdf5"
     ),
     Format("MATLAB", (".mat",), _starts(b"MATLAB 5.0 MAT-file"), "matlab:open_matlab"),
     Format("MDF", (".mf4", ".mdf", ".dat"), _starts(b"MDF     ", b"UnFinMF "), "mdf:open_mdf", "mdf"),
     Format("TDMS", (".tdms",), _starts(b"TDSm"), "tdms:open_tdms"),
     Format("Excel", (".xlsx", ".xlsm"), _starts(b"PK\x03\x04"), "excel:open_excel"),
-    Format(
-        "CSV", (".csv", ".txt", ".tsv", ".asc", ".csv.gz", ".txt.gz"), lambda head: True, "csv_file:open_csv"
-    ),
+    Format("CSV", (".csv", ".txt", ".tsv", ".asc", ".csv.gz", ".txt.gz"), _starts(b""), "csv_file:open_csv"),
 )
 """In the order in which they are tried: text is whatever is none of the others, nor of a package."""
 _OTHERS = ((b"PK\x03\x04", "zip"), (b"\x28\xb5\x2f\xfd", "zstd"), (b"BZh", "bzip2"), (b"\xfd7zXZ", "xz"))

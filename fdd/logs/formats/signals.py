@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,8 +14,7 @@ from numpy.typing import NDArray
 from fdd.bounds import FREELY_DECLARED_BYTES, MAX_SIGNALS, MOST_PACKING, limit, raised
 from fdd.errors import InputError
 from fdd.near_misses import did_you_mean, listed
-
-Column = NDArray[np.float64]
+from fdd.samples import Column
 
 
 @dataclass(frozen=True)
@@ -87,27 +87,20 @@ class LogFile(ABC):
         ------
         InputError : no such signal, or several.
         """
-        if name in self.doubled:
-            raise InputError(
-                f"column {name!r} stands twice in the header", where=self.path, mend="rename one"
-            )
-        found = self.signals.get(name)
-        if found is not None:
-            return found
         ends = [s for s in self.signals.values() if s.name.endswith(f"/{name}")]
-        if len(ends) == 1:
+        if name in self.doubled:
+            problem, mend = f"column {name!r} stands twice in the header", "rename one"
+        elif name in self.signals:
+            return self.signals[name]
+        elif len(ends) == 1:
             return ends[0]
-        if ends:
-            raise InputError(
-                f"{len(ends)} columns are called {name!r}",
-                where=self.path,
-                mend=f"write one of: {listed(s.name for s in ends)}",
-            )
-        raise InputError(
-            f"no column {name!r}{did_you_mean(name, self.signals)}",
-            where=self.path,
-            mend=f"the file has: {listed(self.signals) or 'none'}",
-        )
+        elif ends:
+            problem = f"{len(ends)} columns are called {name!r}"
+            mend = f"write one of: {listed(s.name for s in ends)}"
+        else:
+            problem = f"no column {name!r}{did_you_mean(name, self.signals)}"
+            mend = f"the file has: {listed(self.signals) or 'none'}"
+        raise InputError(problem, where=self.path, mend=mend)
 
 
 def require_size(rows: int, columns: int, where: Path) -> None:
@@ -155,6 +148,24 @@ def require_stored(declared: int, stored: int, where: Path) -> None:
         )
 
 
+def unit_among(attributes: Mapping[Any, Any]) -> str | None:
+    """The unit in a signal's attributes, texts or bytes, by the keys that writers use."""
+    for key, value in attributes.items():
+        if _text(key).lower() in ("unit", "units"):
+            return _text(value)
+    return None
+
+
+def _text(value: Any) -> str:
+    return value.decode("utf-8", "replace") if isinstance(value, bytes) else str(value)
+
+
+def damaged(what: str, where: Path, error: BaseException, mend: str = "copy it again") -> InputError:
+    """The one line of a file that its library cannot read, with the beginning of the library's own words."""
+    brief = " ".join(str(error).split())[:120] or type(error).__name__
+    return InputError(f"{what} ({brief})", where=where, mend=mend)
+
+
 def seconds_since(stamps: NDArray[np.datetime64]) -> tuple[Column, int]:
     """Seconds since the first stamp, and that stamp in ns since 1970 (0 where there is none).
 
@@ -177,3 +188,27 @@ def seconds_since(stamps: NDArray[np.datetime64]) -> tuple[Column, int]:
     seconds: Column = (counted - first) * np.float64(1e-9)
     seconds[missing] = np.nan
     return seconds, first
+
+
+SNIFFED = 1024
+
+
+@dataclass(frozen=True)
+class Format:
+    """One format.
+
+    Attributes
+    ----------
+    name : for people.
+    suffixes : what its files are usually called.
+    sniff : tells it by a file's first `SNIFFED` bytes (fewer of a shorter file).
+    opener : takes a path and gives a `LogFile`; of ours ``module:function``, so that only what is needed is
+        loaded.
+    extra : of fdd, that installs what it needs; None where it is always there.
+    """
+
+    name: str
+    suffixes: tuple[str, ...]
+    sniff: Callable[[bytes], bool]
+    opener: str | Callable[[Path], LogFile]
+    extra: str | None = None

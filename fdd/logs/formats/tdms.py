@@ -9,8 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from fdd.errors import InputError
-from fdd.logs.formats.signals import require_stored
+from fdd.logs.formats.signals import damaged, require_stored
 from fdd.logs.formats.trees import Leaf, TreeFile, tree_file
 
 
@@ -47,8 +46,7 @@ def open_tdms(path: Path) -> TreeFile:
                         scalars.setdefault(group.name, {})["dt"] = float(step)
                         start = start or channel.properties.get("wf_start_time")
     except Exception as error:  # npTDMS lets struct, index and key errors of a damaged file through
-        brief = " ".join(str(error).split())[:120] or type(error).__name__
-        raise InputError(f"damaged TDMS file ({brief})", where=path, mend="copy it again") from None
+        raise damaged("damaged TDMS file", path, error) from None
     require_stored(declared, path.stat().st_size, path)
     found = tree_file(path, groups, scalars)
     if isinstance(start, np.datetime64):
@@ -63,7 +61,4 @@ def _load(path: Path, group: str, channel: str) -> Any:
         with TdmsFile.open(path) as file:
             return file[group][channel][:]
     except Exception as error:  # as above
-        brief = " ".join(str(error).split())[:120] or type(error).__name__
-        raise InputError(
-            f"{group}/{channel} cannot be read ({brief})", where=path, mend="copy it again"
-        ) from None
+        raise damaged(f"{group}/{channel} cannot be read", path, error) from None

@@ -1,4 +1,4 @@
-"""How a table of text is laid out: separator, decimal mark, titles, names, units, first row of numbers."""
+"""How a text is laid out: encoding, separator, decimal mark, titles, names, units, first row of numbers."""
 
 from __future__ import annotations
 
@@ -6,9 +6,14 @@ import csv
 import re
 from collections import Counter
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import dataclass
+from pathlib import Path
 
-from fdd.logs.formats.dates import is_stamp
+from fdd.bounds import SNIFFED_BYTES
+from fdd.errors import InputError
+from fdd.logs.formats.dates import stamp_kind
+from fdd.logs.formats.signals import damaged
 from fdd.measures import MEASURES, find_measure
 
 MISSING = ("", "nan", "NaN", "NAN", "-nan", "NA", "N/A", "#N/A", "null", "NULL", "None", "--", "-")
@@ -20,6 +25,46 @@ _GROUPED = {
     ".": re.compile(r"[-+]?\d{1,3}(\.\d{3})+,\d*|[-+]?\d{1,3}(\.\d{3}){2,}"),
 }
 _UNIT_CELL = re.compile(r"^\s*[\[(].{0,20}[\])]\s*$")
+
+
+def head_of(path: Path) -> tuple[bytes, bool, bool]:
+    """The first bytes, unpacked; whether the file is packed; whether these are all."""
+    import gzip
+    import zlib
+
+    with path.open("rb") as source:
+        head = source.read(SNIFFED_BYTES + 1)
+    if not head.startswith(b"\x1f\x8b"):
+        return head[:SNIFFED_BYTES], False, len(head) <= SNIFFED_BYTES
+    try:
+        with gzip.open(path, "rb") as packed:
+            head = packed.read(SNIFFED_BYTES + 1)
+    except (OSError, EOFError, zlib.error) as error:
+        raise damaged("damaged gzip file", path, error) from None
+    return head[:SNIFFED_BYTES], True, len(head) <= SNIFFED_BYTES
+
+
+def decoded(head: bytes, where: Path, whole: bool) -> tuple[str, str]:
+    """The text and its encoding: UTF-16 by its mark, UTF-8 where it is that, else Windows-1252.
+
+    Raises
+    ------
+    InputError : no text.
+    """
+    if head[:2] in (b"\xff\xfe", b"\xfe\xff"):
+        return head.decode("utf-16", errors="replace").lstrip("\ufeff"), "utf-16"
+    if b"\0" in head:
+        raise InputError(
+            "of no known format, and no text",
+            where=where,
+            mend="give a log of a format that the README lists",
+        )
+    for cut in range(1 if whole else 4):  # the last character may be cut
+        with suppress(UnicodeDecodeError):
+            return head[: len(head) - cut].decode("utf-8-sig"), "utf-8"
+    with suppress(UnicodeDecodeError):
+        return head.decode("cp1252"), "cp1252"
+    return head.decode("latin-1"), "latin-1"
 
 
 @dataclass(frozen=True)
@@ -126,20 +171,18 @@ def find_table(rows: Sequence[Sequence[str]], start: int = 0) -> tuple[list[str]
             found = _header(rows, above, len(rows[k]))
             if found is not None:
                 return (*found, k)
-            if above or _looks_whole(rows, k):
+            # Rows alike after it are numbers without a header; else it is a title that happens to be one.
+            after = [r for r in rows[k + 1 : k + 4] if r]
+            if above or all(len(r) == len(rows[k]) and _is_data(r) for r in after):
                 return None
     return None
 
 
 def _is_data(row: Sequence[str]) -> bool:
     filled = [c for c in row if c.strip()]
-    return bool(filled) and sum(is_number(c) or is_stamp(c) for c in filled) >= max(1, (len(filled) + 1) // 2)
-
-
-def _looks_whole(rows: Sequence[Sequence[str]], k: int) -> bool:
-    """Whether the rows after `k` are alike: numbers without a header, and no title that happens to be one."""
-    after = [r for r in rows[k + 1 : k + 4] if r]
-    return all(len(r) == len(rows[k]) and _is_data(r) for r in after)
+    return bool(filled) and sum(is_number(c) or stamp_kind(c) != "" for c in filled) >= max(
+        1, (len(filled) + 1) // 2
+    )
 
 
 def _header(
@@ -154,10 +197,8 @@ def _header(
     if len(fitting) > 1 and _is_units(last):
         names = _to_width(rows[fitting[-2]], width)
         return names, _to_width([c.strip("[]() ") for c in last], len(names))[: len(names)]
-    if not any(c.strip() for c in last):
-        return None
     names = _to_width(last, width)
-    return names, [""] * len(names)
+    return (names, [""] * len(names)) if any(c.strip() for c in last) else None
 
 
 def _to_width(row: Sequence[str], width: int) -> list[str]:
@@ -168,19 +209,16 @@ def _to_width(row: Sequence[str], width: int) -> list[str]:
 def _is_units(row: Sequence[str]) -> bool:
     """Whether all cells that say anything are units, as no row of names is."""
     said = [c.strip() for c in row if c.strip() not in ("", "-")]
-    known = [c for c in said if _UNIT_CELL.match(c) or _is_unit(c.strip("[]() "))]
-    return bool(said) and len(known) >= 0.7 * len(said)
-
-
-def _is_unit(cell: str) -> bool:
     dimensions = ("pressure", "length", "angular_speed", "temperature", "current", "time", "voltage", "force")
-    return cell in MEASURES or any(find_measure(cell, d) is not None for d in dimensions)
+    bare = [c.strip("[]() ") for c in said if not _UNIT_CELL.match(c)]
+    odd = [c for c in bare if c not in MEASURES and not any(find_measure(c, d) for d in dimensions)]
+    return bool(said) and len(said) - len(odd) >= 0.7 * len(said)
 
 
 def _decimal_of(cells: Sequence[str], separator: str) -> str:
     votes: Counter[str] = Counter()
     for cell in cells:
-        if is_stamp(cell):
+        if stamp_kind(cell):
             continue
         if _GROUPED[","].fullmatch(cell):
             votes["."] += 2

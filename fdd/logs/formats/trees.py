@@ -17,14 +17,11 @@ from fdd.errors import InputError
 from fdd.logs.formats.signals import LogFile, Signal, require_size, seconds_since
 from fdd.logs.names import is_time_name, unit_in_name
 from fdd.measures import MEASURES, find_measure
-
-Column = NDArray[np.float64]
+from fdd.samples import Column
 
 _VALUES = ("value", "values", "data", "y", "signal", "samples")
-_PERIODS, _RATES = (
-    ("dt", "ts", "period", "sample_time", "sampletime"),
-    ("fs", "rate", "sample_rate", "samplerate"),
-)
+_PERIODS = ("dt", "ts", "period", "sample_time", "sampletime")
+_RATES = ("fs", "rate", "sample_rate", "samplerate")
 SLOWEST_STEP_S = 0.02
 """s; 50 Hz is the slowest rate that the fastest clock of a log may have."""
 
@@ -73,7 +70,9 @@ class TreeFile(LogFile):
         # Several rates count in one unit: the fastest tells which, as a log is not slower than 50 Hz.
         last = name.rsplit("/", 1)[-1]
         alike = {n for n in self.clocks.values() if n.rsplit("/", 1)[-1] == last}
-        return values * _time_factor(min(_step(self._loaded(n)) for n in alike))
+        step = min(_step(self._loaded(n)) for n in alike)
+        fitting = (MEASURES[u].factor for u in ("s", "ms", "us", "ns"))
+        return values * next((f for f in fitting if step * f <= SLOWEST_STEP_S), 1.0)
 
     def clock_column(self, clock: str) -> str | None:
         """See `LogFile.clock_column`."""
@@ -92,14 +91,6 @@ class TreeFile(LogFile):
 
 def _step(stamps: Column) -> float:
     return float(np.median(np.diff(stamps))) if stamps.size > 1 else np.inf
-
-
-def _time_factor(step: float) -> float:
-    for unit in ("s", "ms", "us", "ns"):
-        factor = MEASURES[unit].factor
-        if step * factor <= SLOWEST_STEP_S:
-            return factor
-    return 1.0
 
 
 def tree_file(
@@ -151,8 +142,7 @@ def _add_group(log: TreeFile, group: str, leaves: Mapping[str, Leaf], scalars: M
             log.clocks[clock] = prefix + times[0]
         elif (period := _period_of(scalars)) is not None:
             log.periods[clock] = (period, size)
-        alone = group and len(values) == 1 and times and values[0].lower() in _VALUES
-        if alone:
+        if group and len(values) == 1 and times and values[0].lower() in _VALUES:
             log.leaves[group] = leaves[values[0]]
             log.signals[group] = Signal(group, clock, leaves[values[0]].unit)
             continue

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 import unicodedata
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import lru_cache
 from importlib import resources
 from pathlib import Path
@@ -30,16 +30,13 @@ class Rule:
     """What a channel's name has to say: all of one of `needs`, none of `never`; `helps` makes it surer."""
 
     needs: tuple[frozenset[str], ...]
-    helps: frozenset[str] = field(default_factory=frozenset)
-    never: frozenset[str] = field(default_factory=frozenset)
+    helps: frozenset[str]
+    never: frozenset[str]
 
 
 def _rule(needs: str, helps: str = "", never: str = "") -> Rule:
-    return Rule(
-        tuple(frozenset(one.split("+")) for one in needs.split()),
-        frozenset(helps.split()),
-        frozenset(never.split()),
-    )
+    all_of = tuple(frozenset(one.split("+")) for one in needs.split())
+    return Rule(all_of, frozenset(helps.split()), frozenset(never.split()))
 
 
 _NO_CHAMBER = "command accumulator difference temperature elsewhere"
@@ -71,9 +68,13 @@ _GREEK = {
     for code in range(0x391, 0x3CA)
     if "LETTER" in (name := unicodedata.name(chr(code), ""))
 }
+_UMLAUTS = str.maketrans({"ä": "ae", "ö": "oe", "ü": "ue", "Ä": "ae", "Ö": "oe", "Ü": "ue", "ß": "ss"})
 _SMALL = {"ai", "am", "an", "ao", "as", "at", "by", "di", "of", "on", "to", "zu"}
 """Words and kinds of inputs, which are no compounds of letters, as PA is."""
-RAW_UNITS = ("voltage", "number")
+_RAW = {
+    **dict.fromkeys(("v", "mv", "volt", "volts"), "voltage"),
+    **dict.fromkeys(("%", "counts", "count", "lsb", "digits"), "number"),
+}
 """Dimensions of a sensor's or a demand's raw signal, which a scale makes a channel of."""
 
 
@@ -115,10 +116,7 @@ class Words:
 
     def concepts(self, name: str) -> set[str]:
         """The concepts of all words in a name."""
-        out: set[str] = set()
-        for word in self.taken_apart(name):
-            out |= self._meanings.get(word, set())
-        return out
+        return {concept for word in self.taken_apart(name) for concept in self._meanings.get(word, ())}
 
     def taken_apart(self, name: str) -> list[str]:
         """The words of a name; what is in no list stays as it is.
@@ -131,11 +129,7 @@ class Words:
         name = "".join(_GREEK.get(letter, letter) for letter in name)
         spaced = re.sub(r"(?<=[a-zäöü])(?=[A-ZÄÖÜ])|(?<=[A-Z])(?=[A-Z][a-z])", " ", name)
         spaced = re.sub(r"(?<=[A-Za-z])(?=\d)|(?<=\d)(?=[A-Za-z])", " ", spaced)
-        out: list[str] = []
-        for word in re.split(r"[^a-z0-9]+", _plain(spaced)):
-            if word:
-                out += self._parts(word)
-        return out
+        return [part for word in re.findall(r"[a-z0-9]+", _plain(spaced)) for part in self._parts(word)]
 
     def _parts(self, word: str) -> list[str]:
         """A word, or the fewest known words that make it up."""
@@ -158,16 +152,7 @@ class Words:
 @lru_cache(maxsize=4096)
 def _plain(text: str) -> str:
     """Small letters without accents; German's umlauts as two letters."""
-    for umlaut, two in (
-        ("ä", "ae"),
-        ("ö", "oe"),
-        ("ü", "ue"),
-        ("Ä", "ae"),
-        ("Ö", "oe"),
-        ("Ü", "ue"),
-        ("ß", "ss"),
-    ):
-        text = text.replace(umlaut, two)
+    text = text.translate(_UMLAUTS)
     return unicodedata.normalize("NFKD", text).encode("ascii", "ignore").decode().lower()
 
 
@@ -181,8 +166,8 @@ def dimension_of(unit: str | None) -> str | None:
     """
     if unit is None or not unit.strip("-? []()"):
         return None
-    if unit.strip().lower() in ("v", "mv", "volt", "volts", "%", "counts", "count", "lsb", "digits"):
-        return "voltage" if unit.strip().lower() in ("v", "mv", "volt", "volts") else "number"
+    if (dimension := _RAW.get(unit.strip().lower())) is not None:
+        return dimension
     return next((d for d in _DIMENSIONS if find_measure(unit, d) is not None), None)
 
 
@@ -249,7 +234,7 @@ def name_scores(signal: Signal, words: Words) -> dict[str, float]:
     out: dict[str, float] = {}
     for channel, rule in RULES.items():
         fits = dimension is None or dimension == CHANNELS[channel].dimension
-        raw = dimension in RAW_UNITS and channel != "time"
+        raw = dimension in _RAW.values() and channel != "time"
         if not fits and not raw:
             continue
         met = [need for need in rule.needs if need <= heard]

@@ -1,31 +1,28 @@
-"""Scores of signals for channels: what their names and units say, and what they do."""
+"""Scores of signals for channels by names, units and what signals do, and the likeliest assignment."""
 
 from __future__ import annotations
 
 import re
 from dataclasses import dataclass, field, replace
-from itertools import takewhile
+from itertools import permutations, product, takewhile
 
 import numpy as np
+from numpy.typing import NDArray
 
 from fdd.bounds import MOST_ROWS_LOOKED_AT
+from fdd.errors import InputError
 from fdd.logs.formats.signals import LogFile, Signal
-from fdd.logs.mapping.behaviour import (
-    Signals,
-    correlation,
-    differences,
-    follows,
-    leads,
-    roughness,
-)
+from fdd.logs.mapping.behaviour import Signals, correlation, difference, follows, leads, roughness
 from fdd.logs.mapping.concepts import Words, dimension_of, name_scores, said_and_unit
-from fdd.logs.mapping.shaft import Shaft, find_shaft
-from fdd.logs.mapping.unnamed import around_shaft, chambers, without_copies
+from fdd.logs.mapping.unnamed import Shaft, around_shaft, chambers, find_shaft, without_copies
 from fdd.logs.names import is_time_name, path_parts, time_unit
 from fdd.logs.rates import aligned
 from fdd.measures import MEASURES
 from fdd.samples import CHANNELS
 
+IMPOSSIBLE = -1e3
+LEAST_SCORE = 1.5
+"""nats; a signal of which less speaks for a channel is left without one."""
 LARGEST = 1e100
 """No signal has such a value; its square would be infinite."""
 GIVEN_NATS = 50.0
@@ -80,9 +77,7 @@ class Evidence:
 
     def named_as(self, signal: str, concept: str) -> bool:
         """Whether a signal's name says a thing, whatever its unit."""
-        return any(
-            self.scores[signal].get(c, -9.0) >= 2.0 for c in self.scores[signal] if c.startswith(concept)
-        )
+        return any(s >= 2.0 for c, s in self.scores[signal].items() if c.startswith(concept))
 
     def pressures(self) -> list[str]:
         """Signals that move and are pressures by their unit, or else by their name."""
@@ -101,26 +96,25 @@ class Evidence:
         return best if best is not None and self.scores[best].get(channel, -9.0) >= 2.0 else None
 
 
-def gather(log: LogFile, words: Words, given: dict[str, str] | None = None) -> Evidence | None:
-    """Read a log's signals and score them; None where nothing in it can be the time.
+def gather(log: LogFile, words: Words, given: dict[str, str]) -> Evidence:
+    """Read a log's signals and score them.
 
     Parameters
     ----------
     log : opened. words : to read names by. given : channel to signal, as the user knows it; "" for none.
+
+    Raises
+    ------
+    InputError : nothing in the log can be its time.
     """
-    sizes: dict[str, int] = {}
     raw = log.read(log.signals)
-    for signal in log.signals.values():
-        sizes[signal.clock] = max(sizes.get(signal.clock, 0), raw[signal.name].size)
-    main = max(sizes, key=lambda clock: sizes[clock])
-    stamps = {clock: log.stamps(clock) for clock in sizes}
+    main = max(log.signals.values(), key=lambda s: raw[s.name].size).clock
+    stamps = {clock: log.stamps(clock) for clock in dict.fromkeys(s.clock for s in log.signals.values())}
     time, at = None, stamps[main]
     if at is None:
         time = _time_column(log, raw, main)
-        if time is None:
-            return None
         at = raw[time[0]] * MEASURES[time[1]].factor
-    clocks = {log.clock_column(clock) for clock in sizes} | {time[0] if time else None}
+    clocks = {log.clock_column(clock) for clock in stamps} | {time[0] if time else None}
     good = np.flatnonzero(np.isfinite(at) & (np.diff(at, prepend=-np.inf) > 0.0))[:MOST_ROWS_LOOKED_AT]
     columns = {}
     for name, signal in log.signals.items():
@@ -138,14 +132,17 @@ def gather(log: LogFile, words: Words, given: dict[str, str] | None = None) -> E
     data = Signals(at[good], columns)
     scores = {n: name_scores(s, words) for n, s in plain.items()}
     said = {n: said_and_unit(s, words) for n, s in plain.items()}
-    units = {n: unit or _own_unit(plain[n]) for n, (_, unit) in said.items()}
+    # SI, where a signal carries the contract's own name.
+    own_names = {n: s.field or path_parts(s.name)[1] for n, s in plain.items()}
+    si = {n: CHANNELS[own].unit for n, own in own_names.items() if own in CHANNELS}
+    units = {n: unit or si.get(n) for n, (_, unit) in said.items()}
     found = Evidence(known, data, scores, units, words, {n: c for n, (c, _) in said.items()}, time=time)
     for name, channels in scores.items():
         best = max(channels.values(), default=0.0)
         for channel, score in channels.items():
             if score >= 2.0 and score == best:
                 found.reasons[(name, channel)] = ["its name" + (" and unit" if units[name] else "")]
-    for channel, name in (given or {}).items():
+    for channel, name in given.items():
         for channels in scores.values():
             channels.pop(channel, None)
         if name in scores:
@@ -165,21 +162,22 @@ def gather(log: LogFile, words: Words, given: dict[str, str] | None = None) -> E
     return found
 
 
-def _time_column(log: LogFile, raw: dict[str, np.ndarray], clock: str) -> tuple[str, str] | None:
+def _time_column(log: LogFile, raw: dict[str, np.ndarray], clock: str) -> tuple[str, str]:
     """The column that grows from row to row as a clock does, and its unit."""
-    best: tuple[float, str, str] | None = None
+    found = []
     for signal in log.signals.values():
         values = raw[signal.name]
         steps = np.diff(values[np.isfinite(values)])
-        if signal.clock != clock or steps.size < 10 or np.median(steps) <= 0.0:
+        if signal.clock != clock or steps.size < 10 or not _grows(values):
             continue
-        even = float((np.abs(steps - np.median(steps)) < 0.5 * np.median(steps)).mean())
-        if not _grows(values):
-            continue
-        score = even + 2.0 * is_time_name(signal.name)
-        if (best is None or score > best[0]) and score > 0.9:
-            best = (score, signal.name, time_unit(signal.name, signal.unit, float(np.median(steps))))
-    return None if best is None else best[1:]
+        usual = float(np.median(steps))
+        even = float((np.abs(steps - usual) < 0.5 * usual).mean()) + 2.0 * is_time_name(signal.name)
+        if usual > 0.0 and even > 0.9:
+            found.append((even, signal.name, time_unit(signal.name, signal.unit, usual)))
+    if not found:
+        mend = "add a column with the time of each row"
+        raise InputError("nothing in it grows as a time does", where=log.path, mend=mend)
+    return max(found, key=lambda row: row[0])[1:]
 
 
 def _without_prefix(signals: dict[str, Signal]) -> dict[str, Signal]:
@@ -203,12 +201,6 @@ def _grows(values: np.ndarray) -> bool:
     return steps.size > 0 and float((steps >= 0.0).mean()) >= 0.95
 
 
-def _own_unit(signal: Signal) -> str | None:
-    """SI, where a signal carries the contract's own name."""
-    own = signal.field or path_parts(signal.name)[1]
-    return CHANNELS[own].unit if own in CHANNELS else None
-
-
 def _shaft(found: Evidence) -> None:
     """An angle that begins again each turn is the pump's; no other shaft is there to turn."""
     angles = found.allowing("pump_angle")
@@ -224,14 +216,14 @@ def _shaft(found: Evidence) -> None:
 def _pressures(found: Evidence) -> None:
     """Δp is what two others differ by; the accumulator's is the quietest of the rest."""
     sure = found.pressures()
-    triples = differences(found.data, sure[:12])
-    if triples:
-        d, one, two, _ = triples[0]
-        for name, channel in ((d, "pressure_difference"), (one, "pressure_1"), (two, "pressure_2")):
-            found.add(name, channel, 3.0, f"{d} = {one} - {two}")
+    if (triple := difference(found.data, sure[:12])) is not None:
+        d, one, two = triple
         # Nothing but its name and the pumping tell the two chambers apart, so each may be the other.
-        for name, channel in ((one, "pressure_2"), (two, "pressure_1")):
-            found.add(name, channel, 2.0, f"{d} = {one} - {two}")
+        for name, channel, nats in (
+            (d, "pressure_difference", 3.0), (one, "pressure_1", 3.0), (two, "pressure_2", 3.0),
+            (one, "pressure_2", 2.0), (two, "pressure_1", 2.0),
+        ):  # fmt: skip
+            found.add(name, channel, nats, f"{d} = {one} - {two}")
         rest = [n for n in sure if n not in (d, one, two)]
         if rest:
             quiet = min(rest, key=lambda n: float(np.std(found.data.means(n))))
@@ -244,28 +236,20 @@ def _motion(found: Evidence) -> None:
     told = set(found.unnamed) if found.shaft is not None else set()
     rates = [n for n in found.allowing("pump_speed", "command") if n not in told]
     places = [n for n in found.allowing("position", "position_setpoint") if n not in told]
-    for x in places:
-        for w in rates:
-            if x == w:
+    for x, w in product(places, rates):
+        r = 0.0 if x == w else abs(follows(found.data, x, w))
+        if r > CLOSE:
+            found.add(x, "position", 2.0 * r - 1.0, f"it follows {w} ({r:.2f})")
+            found.add(w, "pump_speed", 2.0 * r - 1.0, f"{x} follows it ({r:.2f})")
+    groups = (rates, "command", "pump_speed"), (places, "position_setpoint", "position")
+    for group, demand, measured in groups:
+        for a, b in permutations(group, 2):
+            if abs(correlation(found.data.means(a), found.data.means(b))) < CLOSE:
                 continue
-            r = follows(found.data, x, w)
-            if abs(r) > CLOSE:
-                found.add(x, "position", 2.0 * abs(r) - 1.0, f"it follows {w} ({abs(r):.2f})")
-                found.add(w, "pump_speed", 2.0 * abs(r) - 1.0, f"{x} follows it ({abs(r):.2f})")
-    for group, demand, measured in (
-        (rates, "command", "pump_speed"),
-        (places, "position_setpoint", "position"),
-    ):
-        for a in group:
-            for b in group:
-                alike = correlation(found.data.means(a), found.data.means(b))
-                if a == b or abs(alike) < CLOSE:
-                    continue
-                smooth = roughness(found.data, a) < 0.5 * roughness(found.data, b)
-                first = leads(found.data, a, b) > 0.0
-                if smooth and first:
-                    found.add(a, demand, 1.0, f"it is smooth and comes before {b}")
-                    found.add(b, measured, 1.0, f"it comes after {a}")
+            smooth = roughness(found.data, a) < 0.5 * roughness(found.data, b)
+            if smooth and leads(found.data, a, b) > 0.0:
+                found.add(a, demand, 1.0, f"it is smooth and comes before {b}")
+                found.add(b, measured, 1.0, f"it comes after {a}")
 
 
 def _accumulator(found: Evidence) -> None:
@@ -299,3 +283,53 @@ def _torque(found: Evidence) -> None:
         r = correlation(found.data.means(name), found.data.means(drop))
         if name != drop and abs(r) > 0.7 and dimension_of(found.units[name]) in ("current", None):
             found.add(name, "motor_current", 1.0, f"it goes with {drop} ({abs(r):.2f})")
+
+
+@dataclass(frozen=True)
+class Choice:
+    """A channel's signal, how sure that is (0 to 1), and the signal that comes next."""
+
+    signal: str
+    confidence: float
+    other: str | None
+
+
+def assign(scores: dict[str, dict[str, float]], channels: list[str]) -> dict[str, Choice]:
+    """The assignment of the highest total score, each signal and channel at most once.
+
+    How sure a choice is follows from how much the total falls where it is forbidden.
+
+    Parameters
+    ----------
+    scores : signal to channel to nats; a channel that is not there is impossible.
+    channels : to be filled.
+
+    Examples
+    --------
+    >>> assign({"x": {"position": 4.0}, "y": {"position": 1.6}}, ["position"])["position"].signal
+    'x'
+    """
+    signals = list(scores)
+    rows = [[of.get(channel, IMPOSSIBLE) for channel in channels] for of in scores.values()]
+    table = np.array(rows).reshape(len(signals), len(channels))
+    total, chosen = _best(table)
+    out: dict[str, Choice] = {}
+    for i, j in chosen:
+        without = table.copy()
+        without[i, j] = IMPOSSIBLE
+        less, others = _best(without)
+        other = next((signals[a] for a, b in others if b == j), None)
+        confidence = float(1.0 / (1.0 + np.exp(-min(total - less, 50.0))))
+        out[channels[j]] = Choice(signals[i], confidence, other)
+    return out
+
+
+def _best(table: NDArray[np.float64]) -> tuple[float, list[tuple[int, int]]]:
+    from scipy.optimize import linear_sum_assignment
+
+    rows, columns = table.shape
+    # As many columns that mean "no channel" as there are signals, so that nothing is forced.
+    wide = np.concatenate([table, np.full((rows, rows), LEAST_SCORE)], axis=1)
+    i, j = linear_sum_assignment(wide, maximize=True)
+    chosen = [(int(a), int(b)) for a, b in zip(i, j, strict=True) if b < columns]
+    return float(wide[i, j].sum()), chosen

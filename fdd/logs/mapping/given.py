@@ -41,12 +41,13 @@ class Given:
         """A source with this unit and scale; the sign stays as found, unless the scale has one itself."""
         if self.unit is None:
             return source
-        if self.scale is None:
-            return source.model_copy(update={"unit": self.unit} | ({} if source.wrap else {"scale": 1.0}))
-        sign = -1 if source.sign < 0 < self.scale else 1
-        return source.model_copy(
-            update={"unit": self.unit, "scale": self.scale, "offset": sign * self.offset, "sign": sign}
-        )
+        update: dict[str, object] = {"unit": self.unit}
+        if self.scale is not None:
+            sign = -1 if source.sign < 0 < self.scale else 1
+            update |= {"scale": self.scale, "offset": sign * self.offset, "sign": sign}
+        elif not source.wrap:
+            update["scale"] = 1.0
+        return source.model_copy(update=update)
 
 
 def given_of(options: Iterable[str]) -> dict[str, Given]:
@@ -66,7 +67,7 @@ def given_of(options: Iterable[str]) -> dict[str, Given]:
     out: dict[str, Given] = {}
     for option in options:
         channel, equals, value = option.partition("=")
-        if not equals or (channel not in CHANNELS and channel != "pressure"):
+        if not equals or channel not in ("pressure", *CHANNELS):
             raise InputError(
                 f"--set {option}: no channel {channel!r}{did_you_mean(channel, ('pressure', *CHANNELS))}",
                 mend=f"write {FORM}, with one of: {', '.join(CHANNELS)}",

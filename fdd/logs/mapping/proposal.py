@@ -10,10 +10,9 @@ from fdd.errors import InputError
 from fdd.logs.angles import accumulate_speed
 from fdd.logs.channel_map import ChannelMap, ChannelSource
 from fdd.logs.formats.signals import LogFile, Signal
-from fdd.logs.mapping.assignment import Choice, assign
+from fdd.logs.mapping.behaviour import delays
 from fdd.logs.mapping.concepts import RULES, Words
-from fdd.logs.mapping.delays import delays
-from fdd.logs.mapping.evidence import Evidence, gather
+from fdd.logs.mapping.evidence import PRESSURES, Choice, Evidence, assign, gather
 from fdd.logs.mapping.given import Given
 from fdd.logs.mapping.signs import signs_of
 from fdd.logs.mapping.units import Question, scale_of, unit_questions
@@ -35,7 +34,6 @@ class Proposed:
     source : the map's entry. confidence : 0 to 1. why : what spoke for it.
     """
 
-    channel: str
     source: ChannelSource
     confidence: float
     why: str
@@ -59,7 +57,7 @@ class Proposal:
     def answer(self, question: Question, option: str) -> None:
         """Take an answer up."""
         for channel, source in question.options[option].items():
-            self.rows[channel] = Proposed(channel, source, 1.0, "answered")
+            self.rows[channel] = Proposed(source, 1.0, "answered")
         self.questions.remove(question)
 
     def assume(self, question: Question) -> None:
@@ -101,10 +99,6 @@ def propose(log: LogFile, words: Words | None = None, given: dict[str, Given] | 
     Raises
     ------
     InputError : nothing in the log can be its time, or a given signal is not there.
-
-    Examples
-    --------
-    >>> propose(open_log("run.mf4")).channel_map()  # doctest: +SKIP
     """
     if not log.signals:
         raise InputError("no signals in it", where=log.path, mend="see fdd inspect what it holds")
@@ -115,23 +109,14 @@ def propose(log: LogFile, words: Words | None = None, given: dict[str, Given] | 
         if known.signal is not None and channel in CHANNELS
     }
     found = gather(log, words or Words(), signals)
-    if found is None:
-        raise InputError(
-            "nothing in it grows as a time does",
-            where=log.path,
-            mend="add a column with the time of each row",
-        )
     channels = [c for c in RULES if c != "time"]
     chosen = assign(found.scores, channels)
     out = Proposal()
     if found.time is not None:
         name, unit = found.time
-        source = ChannelSource(column=_short(log, log.signals[name]), unit=unit)
-        out.rows["time"] = Proposed("time", source, 1.0, "it grows evenly")
+        out.rows["time"] = Proposed(_source(log, log.signals[name], unit=unit), 1.0, "it grows evenly")
     _signs_and_units(log, found, chosen, out, given)
-    used = {c.signal for c in chosen.values()} | (
-        {found.shaft.direction} if found.shaft is not None else set()
-    )
+    used = {*(c.signal for c in chosen.values()), found.shaft and found.shaft.direction}
     out.unused = [n for n in found.signals if n not in used]
     return out
 
@@ -142,45 +127,35 @@ def _signs_and_units(
     needed = {"position", "pressure_difference", "pressure_1", "pressure_2"}
     needed |= {"pump_speed"} if "pump_angle" not in chosen else {"pump_angle"}
     for channel in [c for c in chosen if c not in needed and chosen[c].confidence < LIKELY]:
-        out.notes.append(
-            f"{chosen[channel].signal} may be {channel}; left out, say --set {channel}=… if it is"
-        )
-        del chosen[channel]
+        name = chosen.pop(channel).signal
+        out.notes.append(f"{name} may be {channel}; left out, say --set {channel}=… if it is")
     signs, told = signs_of(found, chosen)
     out.notes += told
     speed = chosen["pump_speed"].signal if "pump_speed" in chosen else None
     for channel, choice in sorted(chosen.items(), key=lambda item: list(CHANNELS).index(item[0])):
         signal = found.signals[choice.signal]
         scaled = scale_of(found, speed, channel, choice.signal)
-        if (
-            found.shaft is not None
-            and found.shaft.signal == choice.signal
-            and found.shaft.direction is not None
-        ):
-            valve = found.signals[found.shaft.direction]
+        shaft = found.shaft
+        if shaft is not None and shaft.signal == choice.signal and shaft.direction is not None:
+            valve = found.signals[shaft.direction]
             scaled["sign_of"] = valve.field if valve.topic is not None else _short(log, valve)
             out.notes.append(f"the pump turns one way: {valve.name} has the sign of its direction")
         reasons = found.reasons.get((choice.signal, channel), ["nothing else fits better"])
-        source = _source(log, signal, **{**scaled, **({"sign": -1} if signs.get(channel) == -1 else {})})
-        out.rows[channel] = Proposed(channel, source, choice.confidence, "; ".join(reasons[:3]))
+        source = _source(log, signal, **scaled, sign=signs.get(channel, 1))
+        out.rows[channel] = Proposed(source, choice.confidence, "; ".join(reasons[:3]))
         if choice.confidence < SURE and channel in needed and choice.other is not None:
             other = _source(log, found.signals[choice.other], **scale_of(found, speed, channel, choice.other))
-            out.questions.append(
-                Question(
-                    channel,
-                    f"Which signal is {channel} ({CHANNELS[channel].meaning})?",
-                    {choice.signal: {channel: source}, choice.other: {channel: other}},
-                    f"--set {channel}={choice.signal}",
-                )
-            )
-    names = {c: chosen[c].signal for c in chosen}
+            text = f"Which signal is {channel} ({CHANNELS[channel].meaning})?"
+            options = {choice.signal: {channel: source}, choice.other: {channel: other}}
+            out.questions.append(Question(channel, text, options, f"--set {channel}={choice.signal}"))
+    names = {c: choice.signal for c, choice in chosen.items()}
     for channel, known in given.items():
         signal_name = log.find(known.signal).name if known.signal else None
         for c, row in out.rows.items():
             mine = names.get(c) == signal_name if signal_name else c == channel
             if mine or (signal_name is None and channel == "pressure" and c.startswith("pressure")):
                 row.source = known.applied(row.source)
-    _delays(found, chosen, out)
+    _delays(found, names, out)
     asked = unit_questions(found, names, {c: r.source for c, r in out.rows.items() if c in names})
     for question, sources in asked:
         for channel, source in sources.items():
@@ -189,9 +164,8 @@ def _signs_and_units(
             out.questions.append(question)
 
 
-def _delays(found: Evidence, chosen: dict[str, Choice], out: Proposal) -> None:
+def _delays(found: Evidence, name: dict[str, str], out: Proposal) -> None:
     """Delays of motion and pressures against the pump, where the volume balance closes better with them."""
-    name = {c: chosen[c].signal for c in chosen}
     one, two, drop = (name.get(c) for c in ("pressure_1", "pressure_2", "pressure_difference"))
     columns, time = found.data.columns, found.data.time
     if "position" not in name or not {"pump_speed", "pump_angle"} & set(name):
@@ -207,30 +181,20 @@ def _delays(found: Evidence, chosen: dict[str, Choice], out: Proposal) -> None:
         difference = columns[drop]
     else:
         return
-    of_position, of_pressure = delays(time, turned, columns[name["position"]], difference)
-    groups = (
-        (of_position, ("position",)),
-        (of_pressure, ("pressure_difference", "pressure_1", "pressure_2")),
-    )
-    for late, channels in groups:
+    found_late = delays(time, turned, columns[name["position"]], difference)
+    for channels, late in zip((("position",), PRESSURES[:3]), found_late, strict=True):
         if late == 0.0:
             continue
-        out.notes.append(
-            f"{channels[0].split('_')[0]} comes {1e3 * late:.3g} ms later than the pump's motion"
-        )
-        for channel in channels:
-            if channel in out.rows:
-                row = out.rows[channel]
-                row.source = row.source.model_copy(update={"delay": float(f"{late:.3g}")})
+        kind = channels[0].split("_")[0]
+        out.notes.append(f"{kind} comes {1e3 * late:.3g} ms later than the pump's motion")
+        for row in (out.rows[c] for c in channels if c in out.rows):
+            row.source = row.source.model_copy(update={"delay": float(f"{late:.3g}")})
 
 
 def _source(log: LogFile, signal: Signal, **more: object) -> ChannelSource:
-    where: dict[str, object] = (
-        {"topic": signal.topic, "field": signal.field}
-        if signal.topic is not None
-        else {"column": _short(log, signal)}
-    )
-    return ChannelSource.model_validate({**where, **more})
+    if signal.topic is not None:
+        return ChannelSource.model_validate({"topic": signal.topic, "field": signal.field, **more})
+    return ChannelSource.model_validate({"column": _short(log, signal), **more})
 
 
 def _short(log: LogFile, signal: Signal) -> str:

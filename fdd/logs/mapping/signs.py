@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-from fdd.logs.mapping.assignment import Choice
 from fdd.logs.mapping.behaviour import correlation, follows, rises_with_pumping
-from fdd.logs.mapping.concepts import Words
-from fdd.logs.mapping.evidence import Evidence
+from fdd.logs.mapping.evidence import Choice, Evidence
 
 CLEAR_T = 5.0
 """Student's t above which the pumping tells which chamber is filled."""
@@ -31,8 +29,7 @@ def signs_of(found: Evidence, chosen: dict[str, Choice]) -> tuple[dict[str, int]
     pump = next((c for c in ("pump_speed", "pump_angle", "command") if c in chosen), None)
     if pump is None or "position" not in chosen:
         return signs, notes
-    name = {c: chosen[c].signal for c in chosen}
-    columns = data.columns
+    name = {c: choice.signal for c, choice in chosen.items()}
     one, two, drop = (name.get(c) for c in ("pressure_1", "pressure_2", "pressure_difference"))
     if one and two and drop:
         between = correlation(data.means(drop), data.means(one) - data.means(two))
@@ -44,8 +41,11 @@ def signs_of(found: Evidence, chosen: dict[str, Choice]) -> tuple[dict[str, int]
         if rate
         else correlation(data.changes(name["position"]), data.changes(name[pump]))
     )
-    difference = columns[one] - columns[two] if one and two else columns[drop] if drop else None
-    if difference is None:
+    if one and two:
+        difference = data.columns[one] - data.columns[two]
+    elif drop:
+        difference = data.columns[drop]
+    else:
         return signs, notes
     t = rises_with_pumping(data, difference, name["position"], name[pump], rate=rate)
     motion, pressures = 1 if along > 0 else -1, 1 if t > 0 else -1
@@ -65,7 +65,8 @@ def signs_of(found: Evidence, chosen: dict[str, Choice]) -> tuple[dict[str, int]
         flip = pumped
         notes.append("the pump counts against position and pressures: its sign is turned")
     elif (motion, pressures) == (1, -1):
-        if one and two and not _sides_named(found.words, one, two):
+        told = {word for name in (one, two) if name for word in found.words.taken_apart(name)}
+        if one and two and not _NAMED_SIDES & told:
             chosen["pressure_1"], chosen["pressure_2"] = chosen["pressure_2"], chosen["pressure_1"]
             signs["pressure_difference"] = -signs.get("pressure_difference", 1)
             notes.append(f"a positive pump motion raises {two}: it is chamber 1")
@@ -95,17 +96,9 @@ def _like(
     found: Evidence, chosen: dict[str, Choice], signs: dict[str, int], demand: str, measured: str
 ) -> None:
     """Give a demand the sign of what follows it."""
-    if demand not in chosen or demand == measured:
+    if demand not in chosen or measured in (demand, "pump_angle"):
         return
-    alike = (
-        correlation(found.data.means(chosen[demand].signal), found.data.means(chosen[measured].signal))
-        if measured != "pump_angle"
-        else 0.0
-    )
+    both = (found.data.means(chosen[c].signal) for c in (demand, measured))
+    alike = correlation(*both)
     if abs(alike) > 0.5:
         signs[demand] = signs[measured] * (1 if alike > 0 else -1)
-
-
-def _sides_named(words: Words, *names: str) -> bool:
-    """Whether names say extending and retracting side, and not only A and B."""
-    return any(_NAMED_SIDES & set(words.taken_apart(n)) for n in names)

@@ -136,7 +136,7 @@ def unit_questions(
             likely = [str(told[0]), *(u for u in likely if u != told[0])]
         clear = bool(told) or len(likely) == 1 or nats[likely[0]] - nats[likely[1]] > CLEAR_NATS
         # Whole numbers without a unit are a converter's, and no physics knows its scale.
-        counts = [c for c in unknown if names[c] in found.unnamed and _whole(found.data.columns[names[c]])]
+        counts = any(names[c] in found.unnamed and _whole(found.data.columns[names[c]]) for c in unknown)
         options = {u: {c: known[c].model_copy(update={"unit": u}) for c in unknown} for u in likely}
         if kind == "position":
             options = {u: _demand_like(found, names, known, one) for u, one in options.items()}
@@ -168,7 +168,7 @@ def _demand_like(
     measured, demand = sources.get("position", known.get("position")), known.get("position_setpoint")
     if measured is None or demand is None or demand.unit or names["position_setpoint"] not in found.unnamed:
         return sources
-    same = {"unit": measured.unit, "scale": measured.scale, "offset": measured.offset}
+    same = measured.model_dump(include={"unit", "scale", "offset"})
     return {**sources, "position_setpoint": demand.model_copy(update=same)}
 
 
@@ -202,9 +202,8 @@ def _nats(
     if kind == "position":
         speed = factor(known["pump_speed"].unit, "angular_speed") * known["pump_speed"].scale if per else 1.0
         return {u: _nearness("ratio", per * factor(u, "length") / speed) if per else 0.0 for u in units}
-    symbol = next(
-        (s for w, s in _BY_SYMBOL.items() if w in names[kind].lower().replace(".", "/").split("/")), None
-    )
+    parts = names[kind].lower().replace(".", "/").split("/")
+    symbol = next((s for w, s in _BY_SYMBOL.items() if w in parts), None)
     out = {}
     for unit in units:
         out[unit] = _nearness("pump_speed", top([kind]) * factor(unit, "angular_speed"))

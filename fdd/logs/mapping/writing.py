@@ -29,9 +29,7 @@ def map_text(proposal: Proposal, name: str, axis: str | None, made_of: str) -> s
         if row is None:
             continue
         entry = row.source.model_dump(by_alias=True, exclude_defaults=True)
-        flow = yaml.safe_dump(
-            entry, default_flow_style=True, sort_keys=False, allow_unicode=True, width=10_000
-        )
+        flow = yaml.safe_dump(entry, default_flow_style=True, sort_keys=False, allow_unicode=True, width=9999)
         lines.append(f"  {channel}: {flow.strip()}  # {100 * row.confidence:.0f} %: {row.why}")
     return "\n".join(lines) + "\n"
 

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from functools import cache
 from pathlib import Path
-from typing import Any
+from struct import error as StructError
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,10 +15,57 @@ from numpy.typing import NDArray
 from fdd.bounds import MAX_CHUNK_BYTES, MAX_RECORD_BYTES
 from fdd.errors import InputError
 from fdd.logs.wire.compiled import njit
+from fdd.samples import Column
 
 _SCHEMA, _CHANNEL, _MESSAGE = 0x03, 0x04, 0x05
 _FRAME_BYTES = 9
 _HEAD = np.dtype([("channel", "<u2"), ("sequence", "<u4"), ("log_time", "<u8"), ("publish_time", "<u8")])
+FieldPath = tuple[str | int, ...]
+"""Keys and indices from the message down to a number."""
+
+
+@dataclass(frozen=True)
+class Field:
+    """A number in a message, and the unit that its schema gives."""
+
+    path: FieldPath
+    unit: str | None = None
+
+
+class Decoder(Protocol):
+    """Reads the messages of one channel."""
+
+    def fields(self, first: Batch) -> list[Field]:
+        """The numbers in the messages, by the schema and the first of them."""
+
+    def columns(self, batch: Batch, paths: Sequence[FieldPath]) -> list[Column]:
+        """(n,) numbers of each path, NaN where a message lacks it.
+
+        Raises
+        ------
+        ValueError : a message is damaged, or holds something else than numbers there.
+        """
+
+
+def present(decoder: Decoder, first: Batch, paths: list[FieldPath]) -> list[FieldPath]:
+    """Those of some paths, elements of arrays, that the first message has."""
+    one = Batch(first.channel, first.stamps[:1], first.data, first.starts[:1], first.ends[:1])
+    found = decoder.columns(one, paths) if paths and first.stamps.size else []
+    return [path for path, values in zip(paths, found, strict=False) if np.isfinite(values).any()]
+
+
+def written(path: FieldPath) -> str:
+    """A path as a channel map writes it.
+
+    Examples
+    --------
+    >>> written(("joint", "position", 2)), written((0, "x"))
+    ('joint.position[2]', '[0].x')
+    """
+    text = ""
+    for part in path:
+        text += f"[{part}]" if isinstance(part, int) else (f".{part}" if text else part)
+    return text
 
 
 @dataclass(frozen=True)
@@ -61,7 +109,7 @@ class ChunkWalk:
     damaged: int = 0
 
     def __iter__(self) -> Iterator[Batch]:
-        from mcap.exceptions import EndOfFile, InvalidMagic, McapError, RecordLengthLimitExceeded
+        from mcap.exceptions import InvalidMagic, McapError, RecordLengthLimitExceeded
         from mcap.records import Channel, Chunk, Message, Metadata, Schema
 
         loose: list[Any] = []
@@ -71,23 +119,22 @@ class ChunkWalk:
             while True:
                 try:
                     record = next(records, None)
-                except InvalidMagic:
-                    if first:
-                        raise InputError(
-                            "not an MCAP file (wrong first bytes)",
-                            where=self.path,
-                            mend="record or copy it again",
-                        ) from None
-                    self.truncated = True
-                    break
                 except RecordLengthLimitExceeded as error:
                     raise InputError(f"a damaged or too large record ({error})", where=self.path) from None
-                except (EndOfFile, McapError, ValueError, KeyError, IndexError, MemoryError):
-                    self.truncated = True
-                    break
-                except Exception as error:  # struct.error, UnicodeDecodeError: a damaged record
-                    if type(error).__name__ not in ("error", "UnicodeDecodeError", "OverflowError"):
-                        raise
+                # Besides the library's own whatever a damaged record provokes, as text that is none.
+                except (
+                    McapError,
+                    ValueError,
+                    LookupError,
+                    ArithmeticError,
+                    MemoryError,
+                    StructError,
+                ) as error:
+                    if first and isinstance(error, InvalidMagic):
+                        mend = "record or copy it again"
+                        raise InputError(
+                            "not an MCAP file (wrong first bytes)", where=self.path, mend=mend
+                        ) from None
                     self.truncated = True
                     break
                 first = False

@@ -4,23 +4,22 @@ from __future__ import annotations
 
 import json
 from collections.abc import Iterator, Mapping, Sequence
+from contextlib import suppress
 from typing import Any
 
 import numpy as np
 import orjson
-from numpy.typing import NDArray
 
 from fdd.bounds import DEEPEST_MESSAGE, MOST_ELEMENTS
-from fdd.logs.wire.chunks import Batch
-from fdd.logs.wire.fields import Field, Path
+from fdd.logs.wire.chunks import Batch, Field, FieldPath
+from fdd.samples import Column
 
-Column = NDArray[np.float64]
 _LOOKED_AT = 20
 _UNIT_KEYS = ("unit", "units", "x-unit")
 
 
 class JsonMessages:
-    """See `fdd.logs.wire.fields.Decoder`.
+    """See `fdd.logs.wire.chunks.Decoder`.
 
     Parameters
     ----------
@@ -28,17 +27,19 @@ class JsonMessages:
     """
 
     def __init__(self, schema: bytes = b"") -> None:
-        self._units = dict(_schema_units(schema))
+        self._units: dict[FieldPath, str] = {}
+        with suppress(ValueError, RecursionError):  # no JSON
+            self._units = dict(_units_below(json.loads(schema), ()))
 
     def fields(self, first: Batch) -> list[Field]:
         """The numbers in the first messages."""
-        found: dict[Path, None] = {}
+        found: dict[FieldPath, None] = {}
         for text in first.payloads(_LOOKED_AT):
             for path in _paths(_object(text)):
                 found[path] = None
         return [Field(p, self._units.get(p)) for p in found]
 
-    def columns(self, batch: Batch, paths: Sequence[Path]) -> list[Column]:
+    def columns(self, batch: Batch, paths: Sequence[FieldPath]) -> list[Column]:
         """See `Decoder.columns`."""
         payloads = batch.payloads()
         messages = objects_at_once(payloads) or [_object(p) for p in payloads]
@@ -77,7 +78,7 @@ def _object(text: bytes) -> dict[str, Any]:
     return found
 
 
-def _paths(value: Any, before: Path = ()) -> Iterator[Path]:
+def _paths(value: Any, before: FieldPath = ()) -> Iterator[FieldPath]:
     if isinstance(value, dict) and len(before) < DEEPEST_MESSAGE:
         for key, inner in value.items():
             yield from _paths(inner, (*before, key))
@@ -88,7 +89,7 @@ def _paths(value: Any, before: Path = ()) -> Iterator[Path]:
         yield before
 
 
-def _numbers(messages: Sequence[Mapping[str, Any]], path: Path) -> Column:
+def _numbers(messages: Sequence[Mapping[str, Any]], path: FieldPath) -> Column:
     values: list[Any] = [m.get(str(path[0])) for m in messages]
     for part in path[1:]:
         if isinstance(part, int):
@@ -102,14 +103,7 @@ def _numbers(messages: Sequence[Mapping[str, Any]], path: Path) -> Column:
         raise ValueError(f"{str(odd)[:40]!r} is not a number") from None
 
 
-def _schema_units(schema: bytes) -> Iterator[tuple[Path, str]]:
-    try:
-        yield from _units_below(json.loads(schema), ())
-    except (ValueError, RecursionError):
-        return
-
-
-def _units_below(node: Any, path: Path) -> Iterator[tuple[Path, str]]:
+def _units_below(node: Any, path: FieldPath) -> Iterator[tuple[FieldPath, str]]:
     if not isinstance(node, dict) or len(path) > DEEPEST_MESSAGE:
         return
     unit = next((node[k] for k in _UNIT_KEYS if isinstance(node.get(k), str)), None)

@@ -14,25 +14,23 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fdd.bounds import DEEPEST_MESSAGE, MOST_ELEMENTS, MOST_FIELDS, MOST_SCHEMA_FILES, MOST_VISITED
-from fdd.logs.wire.chunks import Batch
+from fdd.logs.wire.chunks import Batch, Field, FieldPath, present
 from fdd.logs.wire.compiled import njit
-from fdd.logs.wire.fields import Field, Path
+from fdd.logs.wire.numbers import FLOAT, INT, UINT, ZIGZAG, bits_of, cells, number
+from fdd.samples import Column
 
-Column = NDArray[np.float64]
-
-_NODE, _NUMBER, _CHILD, _COLUMN, _KIND, _INDEX = range(6)
-_DOUBLE, _FLOAT, _UNSIGNED, _SIGNED, _ZIGZAG, _FIXED64, _SFIXED64, _FIXED32, _SFIXED32 = range(9)
-# By number of google.protobuf.FieldDescriptor's types: double, float, int64, uint64, int32, fixed64, fixed32,
-# bool, uint32, enum, sfixed32, sfixed64, sint32, sint64.
+_NODE, _NUMBER, _CHILD, _COLUMN, _SIZE, _KIND, _INDEX = range(7)
+# By number of google.protobuf.FieldDescriptor's types: bytes (0: a varint) and kind of double, float, int64,
+# uint64, int32, fixed64, fixed32, bool, uint32, enum, sfixed32, sfixed64, sint32, sint64.
 _KINDS = {
-    1: _DOUBLE, 2: _FLOAT, 3: _SIGNED, 4: _UNSIGNED, 5: _SIGNED, 6: _FIXED64, 7: _FIXED32, 8: _UNSIGNED,
-    13: _UNSIGNED, 14: _SIGNED, 15: _SFIXED32, 16: _SFIXED64, 17: _ZIGZAG, 18: _ZIGZAG,
+    1: (8, FLOAT), 2: (4, FLOAT), 3: (0, INT), 4: (0, UINT), 5: (0, INT), 6: (8, UINT), 7: (4, UINT),
+    8: (0, UINT), 13: (0, UINT), 14: (0, INT), 15: (4, INT), 16: (8, INT), 17: (0, ZIGZAG), 18: (0, ZIGZAG),
 }  # fmt: skip
 _MESSAGE = 11
 
 
 class ProtobufMessages:
-    """See `fdd.logs.wire.fields.Decoder`.
+    """See `fdd.logs.wire.chunks.Decoder`.
 
     Parameters
     ----------
@@ -51,18 +49,14 @@ class ProtobufMessages:
         looked_at = islice(_paths(self._type, ()), MOST_VISITED)
         paths = list(islice((p for p in looked_at if p is not None), MOST_FIELDS))
         scalar = [p for p in paths if not any(isinstance(k, int) for k in p)]
-        arrays = [p for p in paths if p not in set(scalar)]
-        if arrays and first.stamps.size:
-            one = Batch(first.channel, first.stamps[:1], first.data, first.starts[:1], first.ends[:1])
-            there = self.columns(one, arrays)
-            arrays = [p for p, values in zip(arrays, there, strict=True) if np.isfinite(values).any()]
-        return [Field(p) for p in (*scalar, *arrays)]
+        arrays = [p for p in paths if any(isinstance(k, int) for k in p)]
+        return [Field(p) for p in (*scalar, *present(self, first, arrays))]
 
-    def columns(self, batch: Batch, paths: Sequence[Path]) -> list[Column]:
+    def columns(self, batch: Batch, paths: Sequence[FieldPath]) -> list[Column]:
         """See `Decoder.columns`."""
         edges, defaults = _edges(self._type, paths)
         out = np.full((len(paths), batch.stamps.size), np.nan)
-        if _walk(batch.data, batch.starts, batch.ends, edges, defaults, out):
+        if _walk(batch.data, batch.starts, batch.ends, edges, defaults, cells(), out):
             raise ValueError("a Protobuf message is damaged")
         return list(out)
 
@@ -93,13 +87,13 @@ def _repeated(field: Any) -> bool:
     return bool(field.is_repeated) if hasattr(field, "is_repeated") else field.label == 3
 
 
-def _paths(kind: Any, before: Path) -> Iterator[Path | None]:
+def _paths(kind: Any, before: FieldPath) -> Iterator[FieldPath | None]:
     """Numbers of a type, and a None for each message: a type that holds itself has messages without end."""
     yield None
     if len(before) >= DEEPEST_MESSAGE:
         return
     for field in kind.fields:
-        path: Path = (*before, field.name)
+        path: FieldPath = (*before, field.name)
         # Arrays of messages, and arrays in arrays, are offered as far as a rig's joints or axes go.
         most = 8 if field.type == _MESSAGE or any(isinstance(k, int) for k in before) else MOST_ELEMENTS
         for one in [(*path, k) for k in range(most)] if _repeated(field) else [path]:
@@ -109,17 +103,17 @@ def _paths(kind: Any, before: Path) -> Iterator[Path | None]:
                 yield from _paths(field.message_type, one)
 
 
-def _edges(kind: Any, paths: Sequence[Path]) -> tuple[NDArray[np.int64], Column]:
-    """Rows of node, field number, child node or -1, column, kind and element; and each column's default."""
+def _edges(kind: Any, paths: Sequence[FieldPath]) -> tuple[NDArray[np.int64], Column]:
+    """Rows of node, number, child node or -1, column, size, kind and element; and each column's default."""
     rows: list[tuple[int, ...]] = []
-    nodes: dict[Path, int] = {(): 0}
+    nodes: dict[FieldPath, int] = {(): 0}
     defaults = np.full(len(paths), np.nan)
     for column, path in enumerate(paths):
         own, k = kind, 0
-        at: Path = ()
+        at: FieldPath = ()
         while k < len(path):
             field = own.fields_by_name[str(path[k])]
-            step: Path = (path[k],)
+            step: FieldPath = (path[k],)
             index = -1
             if _repeated(field):
                 index = int(path[k + 1])
@@ -129,36 +123,20 @@ def _edges(kind: Any, paths: Sequence[Path]) -> tuple[NDArray[np.int64], Column]
             if k < len(path):
                 if inner not in nodes:
                     nodes[inner] = len(nodes)
-                    rows.append((nodes[at], field.number, nodes[inner], -1, 0, index))
+                    rows.append((nodes[at], field.number, nodes[inner], -1, 0, 0, index))
                 own, at = field.message_type, inner
             else:
-                rows.append((nodes[at], field.number, -1, column, _KINDS[field.type], index))
+                rows.append((nodes[at], field.number, -1, column, *_KINDS[field.type], index))
                 if not field.has_presence and index < 0:
                     defaults[column] = 0.0  # proto3 leaves zeros out
-    return np.array(rows, dtype=np.int64).reshape(-1, 6), defaults
+    return np.array(rows, dtype=np.int64).reshape(-1, 7), defaults
 
 
 @njit()
-def _number(bits, kind, as_bits, as_double, as_single, as_float):  # type: ignore[no-untyped-def]
-    if kind == _DOUBLE:
-        as_bits[0] = bits
-        return as_double[0]
-    if kind == _FLOAT:
-        as_single[0] = np.uint32(bits)
-        return np.float64(as_float[0])
-    if kind == _ZIGZAG:
-        half = np.int64(bits >> np.uint64(1))
-        return np.float64(-half - 1 if bits & np.uint64(1) else half)
-    if kind in (_SIGNED, _SFIXED64):
-        return np.float64(np.int64(bits))
-    if kind == _SFIXED32:
-        return np.float64(np.int32(np.uint32(bits)))
-    return np.float64(bits)
-
-
-@njit()
-def _varint(data, at, end):  # type: ignore[no-untyped-def]
-    """Value and the byte after it; -1 where it is cut off or too long."""
+def _value(data, at, end, size):  # type: ignore[no-untyped-def]
+    """A number of `size` bytes (0: a varint) and the byte after it; -1 where it is cut off or too long."""
+    if size:
+        return (bits_of(data, at, size, False), at + size) if at + size <= end else (np.uint64(0), -1)
     value, shift = np.uint64(0), 0
     while at < end and shift < 70:
         byte = data[at]
@@ -172,14 +150,6 @@ def _varint(data, at, end):  # type: ignore[no-untyped-def]
 
 
 @njit()
-def _fixed(data, at, size):  # type: ignore[no-untyped-def]
-    value = np.uint64(0)
-    for b in range(size):
-        value |= np.uint64(data[at + b]) << np.uint64(8 * b)
-    return value
-
-
-@njit()
 def _begin(node, edges, defaults, counts, out, m):  # type: ignore[no-untyped-def]
     for e in range(edges.shape[0]):
         if edges[e, _NODE] == node:
@@ -189,10 +159,8 @@ def _begin(node, edges, defaults, counts, out, m):  # type: ignore[no-untyped-de
 
 
 @njit()
-def _walk(data, starts, ends, edges, defaults, out):  # type: ignore[no-untyped-def]
+def _walk(data, starts, ends, edges, defaults, room, out):  # type: ignore[no-untyped-def]
     """Fill `out`; True where a message is damaged."""
-    as_bits, as_single = np.empty(1, np.uint64), np.empty(1, np.uint32)
-    as_double, as_float = as_bits.view(np.float64), as_single.view(np.float32)
     until, inside = np.empty(64, np.int64), np.empty(64, np.int64)
     counts = np.zeros(edges.shape[0], np.int64)
     for m in range(starts.size):
@@ -204,34 +172,33 @@ def _walk(data, starts, ends, edges, defaults, out):  # type: ignore[no-untyped-
                 depth -= 1
                 continue
             node, end = inside[depth], until[depth]
-            tag, at = _varint(data, at, end)
-            if at < 0:
+            tag, body = _value(data, at, end, 0)
+            if body < 0:
                 return True
-            number, wire = np.int64(tag >> np.uint64(3)), np.int64(tag & np.uint64(7))
             bits = np.uint64(0)
-            body = at
-            if wire == 0:
-                bits, at = _varint(data, at, end)
-                if at < 0:
-                    return True
-            elif wire == 1 or wire == 5:
-                size = 8 if wire == 1 else 4
-                if at + size > end:
-                    return True
-                bits = _fixed(data, at, size)
-                at += size
-            elif wire == 2:
-                length, body = _varint(data, at, end)
+            field, wire = np.int64(tag >> np.uint64(3)), np.int64(tag & np.uint64(7))
+            if wire == 2:
+                length, body = _value(data, body, end, 0)
                 if body < 0 or length > np.uint64(end - body):
                     return True
                 at = body + np.int64(length)
+            elif wire == 0:
+                bits, at = _value(data, body, end, 0)
+                if at < 0:
+                    return True
+            elif wire == 1 or wire == 5:
+                at = body + (8 if wire == 1 else 4)
+                if at > end:
+                    return True
+                bits = bits_of(data, body, at - body, False)
             else:
                 return True
             pushed = False
             for e in range(edges.shape[0]):
-                if edges[e, _NODE] != node or edges[e, _NUMBER] != number:
+                if edges[e, _NODE] != node or edges[e, _NUMBER] != field:
                     continue
-                kind, index = edges[e, _KIND], edges[e, _INDEX]
+                size, kind, index, inner = edges[e, _SIZE], edges[e, _KIND], edges[e, _INDEX], body
+                wide = size if size else 8
                 if edges[e, _CHILD] >= 0:
                     if wire == 2 and (index < 0 or counts[e] == index) and not pushed and depth < 60:
                         pushed = True
@@ -239,34 +206,18 @@ def _walk(data, starts, ends, edges, defaults, out):  # type: ignore[no-untyped-
                         if counts[e] == 0 or index >= 0:
                             _begin(edges[e, _CHILD], edges, defaults, counts, out, m)
                     counts[e] += 1
-                elif wire == 2:
-                    inner = body
-                    while inner < at:
-                        if kind in (_DOUBLE, _FIXED64, _SFIXED64):
-                            size = 8
-                        elif kind in (_FLOAT, _FIXED32, _SFIXED32):
-                            size = 4
-                        else:
-                            size = 0
-                        if size == 0:
-                            bits, inner = _varint(data, inner, at)
-                            if inner < 0:
-                                return True
-                        else:
-                            if inner + size > at:
-                                return True
-                            bits = _fixed(data, inner, size)
-                            inner += size
-                        if counts[e] == index:
-                            out[edges[e, _COLUMN], m] = _number(
-                                bits, kind, as_bits, as_double, as_single, as_float
-                            )
-                        counts[e] += 1
-                else:
+                    continue
+                if wire != 2:
                     if index < 0 or counts[e] == index:
-                        out[edges[e, _COLUMN], m] = _number(
-                            bits, kind, as_bits, as_double, as_single, as_float
-                        )
+                        out[edges[e, _COLUMN], m] = number(bits, wide, kind, room)
+                    counts[e] += 1
+                    continue
+                while inner < at:  # packed
+                    bits, inner = _value(data, inner, at, size)
+                    if inner < 0:
+                        return True
+                    if counts[e] == index:
+                        out[edges[e, _COLUMN], m] = number(bits, wide, kind, room)
                     counts[e] += 1
             if pushed:
                 at = body

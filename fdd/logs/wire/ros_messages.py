@@ -11,39 +11,38 @@ import re
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
 from fdd.bounds import DEEPEST_MESSAGE, MOST_ELEMENTS, MOST_FIELDS, MOST_OPERATIONS, MOST_VISITED
-from fdd.logs.wire.chunks import Batch
+from fdd.logs.wire.chunks import Batch, Field, FieldPath, present
 from fdd.logs.wire.compiled import njit
-from fdd.logs.wire.fields import Field, Path
-
-Column = NDArray[np.float64]
+from fdd.logs.wire.numbers import FLOAT, INT, UINT, bits_of, cells, number
+from fdd.samples import Column
 
 _NUMBER, _TEXT, _SEQUENCE, _LOOP, _END = range(5)
-_FLOAT, _INT, _UINT = range(3)
 _PRIMITIVES = {
-    "bool": (1, _UINT), "byte": (1, _UINT), "char": (1, _UINT), "uint8": (1, _UINT), "int8": (1, _INT),
-    "uint16": (2, _UINT), "int16": (2, _INT), "uint32": (4, _UINT), "int32": (4, _INT),
-    "uint64": (8, _UINT), "int64": (8, _INT), "float32": (4, _FLOAT), "float64": (8, _FLOAT),
+    "bool": (1, UINT), "byte": (1, UINT), "char": (1, UINT), "uint8": (1, UINT), "int8": (1, INT),
+    "uint16": (2, UINT), "int16": (2, INT), "uint32": (4, UINT), "int32": (4, INT),
+    "uint64": (8, UINT), "int64": (8, INT), "float32": (4, FLOAT), "float64": (8, FLOAT),
 }  # fmt: skip
-_STAMP = [("sec", "int32"), ("nanosec", "uint32")]
+_ALONE, _COUNTED = -1, 0
+"""In place of an array's length: no array, and one with its length before it."""
+_STAMP = [("sec", "int32", _ALONE), ("nanosec", "uint32", _ALONE)]
 _BUILT_IN = {
     "builtin_interfaces/Time": _STAMP, "builtin_interfaces/Duration": _STAMP,
-    "time": [("sec", "uint32"), ("nsec", "uint32")], "duration": [("sec", "int32"), ("nsec", "int32")],
+    "time": [("sec", "uint32", _ALONE), ("nsec", "uint32", _ALONE)],
+    "duration": [("sec", "int32", _ALONE), ("nsec", "int32", _ALONE)],
 }  # fmt: skip
 _LINE = re.compile(
-    r"^(?P<type>[A-Za-z][\w/]*)(?P<text><=\d+)?(?P<array>\[(?:<=)?(?P<count>\d*)\])?\s+(?P<name>[A-Za-z]\w*)"
+    r"^(?P<type>[A-Za-z][\w/]*)(?P<text><=\d+)?(?P<array>\[(?P<most><=)?(?P<count>\d*)\])?\s+(?P<name>[A-Za-z]\w*)"
     r"(?P<rest>\s*=.*|\s.*)?$"
 )
-_ARRAY = re.compile(r"\[(<=)?(\d*)\]$")
 
-Operation = tuple[int, int, int, int]
-"""What, bytes of a number, kind, and how many in a row (0: as many as a count before them says)."""
+Operation = tuple[int, int, int]
+"""What, bytes of a number, and its kind."""
 
 
 class RosMessages:
-    """See `fdd.logs.wire.fields.Decoder`.
+    """See `fdd.logs.wire.chunks.Decoder`.
 
     Parameters
     ----------
@@ -59,23 +58,17 @@ class RosMessages:
         self._aligned = aligned
         self._definitions = _definitions(name, schema.decode("utf-8", "replace"))
         self._operations: list[Operation] = []
-        self._places: dict[Path, int] = {}
-        self._sequences: set[Path] = set()
+        self._places: dict[FieldPath, int] = {}
+        self._sequences: set[FieldPath] = set()
         self._add(_short(name), (), 0, inside_loop=False)
 
     def fields(self, first: Batch) -> list[Field]:
         """All numbers of the type; of a sequence as many elements as the first message has."""
         paths = [p for p in self._places if p not in self._sequences][:MOST_FIELDS]
-        open_ended = [(*p, k) for p in sorted(self._sequences, key=str) for k in range(MOST_ELEMENTS)][
-            :MOST_VISITED
-        ]
-        if open_ended and first.stamps.size:
-            one = Batch(first.channel, first.stamps[:1], first.data, first.starts[:1], first.ends[:1])
-            there = self.columns(one, open_ended)
-            paths += [p for p, v in zip(open_ended, there, strict=True) if np.isfinite(v).any()]
-        return [Field(p) for p in paths]
+        elements = [(*p, k) for p in sorted(self._sequences, key=str) for k in range(MOST_ELEMENTS)]
+        return [Field(p) for p in (*paths, *present(self, first, elements[:MOST_VISITED]))]
 
-    def columns(self, batch: Batch, paths: Sequence[Path]) -> list[Column]:
+    def columns(self, batch: Batch, paths: Sequence[FieldPath]) -> list[Column]:
         """See `Decoder.columns`."""
         takes = []
         for column, path in enumerate(paths):
@@ -86,52 +79,42 @@ class RosMessages:
             else:
                 raise ValueError("not a number of this message type")
         out = np.full((len(paths), batch.stamps.size), np.nan)
-        operations = np.array(self._operations, dtype=np.int64).reshape(-1, 4)
+        operations = np.array(self._operations, dtype=np.int64).reshape(-1, 3)
         takes_array = np.array(sorted(takes), dtype=np.int64).reshape(-1, 3)
-        if _walk(batch.data, batch.starts, batch.ends, operations, takes_array, self._aligned, out):
+        if _walk(batch.data, batch.starts, batch.ends, operations, takes_array, self._aligned, cells(), out):
             raise ValueError("a ROS message is damaged, or in another encoding than plain CDR")
         return list(out)
 
-    def _add(self, name: str, path: Path, depth: int, *, inside_loop: bool) -> None:
+    def _add(self, name: str, path: FieldPath, depth: int, *, inside_loop: bool) -> None:
         if depth > DEEPEST_MESSAGE:
             raise ValueError("a ROS message type is too deep")
         definition = self._definitions.get(name, _BUILT_IN.get(name))
         if definition is None:
             raise ValueError(f"no definition of the ROS type {name}")
         if not definition and self._aligned:  # ROS 2 fills a type without fields with one byte
-            self._operations.append((_NUMBER, 1, _UINT, 1))
-        for field, kind in definition:
+            self._operations.append((_NUMBER, 1, UINT))
+        for field, element, count in definition:
             if len(self._operations) > MOST_OPERATIONS:
                 raise ValueError("a ROS message type is too large")
-            found = _ARRAY.search(kind)
-            element = kind[: found.start()] if found else kind
-            many = found is not None
-            count = int(found[2][:9]) if found and found[2] and not found[1] else 0
             if count > MOST_OPERATIONS:
                 raise ValueError(f"a ROS message type has an array of {count} elements")
-            own: Path = (*path, field)
-            primitive = _PRIMITIVES.get(element)
-            if primitive is not None:
-                for k in range(count if many and count else 1):
+            own: FieldPath = (*path, field)
+            primitive, counted = _PRIMITIVES.get(element), count == _COUNTED
+            if counted and primitive is None:
+                self._operations.append((_LOOP, 0, 0))
+            for inner in [(*own, k) for k in range(count)] if count > 0 else [own]:
+                if primitive is not None:
                     if not inside_loop:
-                        place = (*own, k) if many and count else own
-                        self._places[place] = len(self._operations)
-                        if many and not count:
-                            self._sequences.add(place)
-                    operation = _SEQUENCE if many and not count else _NUMBER
-                    self._operations.append((operation, primitive[0], primitive[1], 1))
-                continue
-            if many and not count:
-                self._operations.append((_LOOP, 0, 0, 0))
-            for k in range(count if count else 1):
-                if element in ("string", "wstring"):
-                    self._operations.append((_TEXT, 2 if element == "wstring" else 1, 0, 0))
+                        self._places[inner] = len(self._operations)
+                        if counted:
+                            self._sequences.add(inner)
+                    self._operations.append((_SEQUENCE if counted else _NUMBER, *primitive))
+                elif element in ("string", "wstring"):
+                    self._operations.append((_TEXT, 2 if element == "wstring" else 1, 0))
                 else:
-                    inner: Path = (*own, k) if many else own
-                    loops = inside_loop or (many and not count)
-                    self._add(_short(element, name), inner, depth + 1, inside_loop=loops)
-            if many and not count:
-                self._operations.append((_END, 0, 0, 0))
+                    self._add(_short(element, name), inner, depth + 1, inside_loop=inside_loop or counted)
+            if counted and primitive is None:
+                self._operations.append((_END, 0, 0))
 
 
 def _short(name: str, of: str = "") -> str:
@@ -150,9 +133,9 @@ def _short(name: str, of: str = "") -> str:
     return f"std_msgs/{name}" if name == "Header" else f"{of.split('/')[0]}/{name}"
 
 
-def _definitions(name: str, text: str) -> dict[str, list[tuple[str, str]]]:
-    """Fields and their types of each type in a schema of several definitions."""
-    found: dict[str, list[tuple[str, str]]] = {}
+def _definitions(name: str, text: str) -> dict[str, list[tuple[str, str, int]]]:
+    """Fields, their types and lengths of each type in a schema of several definitions."""
+    found: dict[str, list[tuple[str, str, int]]] = {}
     for block in re.split(r"^=+\s*$", text, flags=re.MULTILINE):
         lines = [line.split("#", 1)[0].strip() for line in block.splitlines()]
         own = next((line for line in lines if line.startswith("MSG:")), None)
@@ -161,38 +144,16 @@ def _definitions(name: str, text: str) -> dict[str, list[tuple[str, str]]]:
             parsed = _LINE.match(line)
             if parsed is None or (parsed["rest"] or "").lstrip().startswith("="):
                 continue  # an empty line, the type's name, or a constant
-            fields.append((parsed["name"], parsed["type"] + (parsed["array"] or "")))
+            bounded = not parsed["count"] or parsed["most"]
+            count = _ALONE if not parsed["array"] else _COUNTED if bounded else int(parsed["count"][:9])
+            fields.append((parsed["name"], parsed["type"], count))
         found.setdefault(_short(name if own is None else own.removeprefix("MSG:").strip()), fields)
     return found
 
 
 @njit()
-def _integer(data, at, size, big):  # type: ignore[no-untyped-def]
-    value = np.uint64(0)
-    for b in range(size):
-        shift = np.uint64(8 * (size - 1 - b if big else b))
-        value |= np.uint64(data[at + b]) << shift
-    return value
-
-
-@njit()
-def _number(bits, size, kind, as_bits, as_double, as_single, as_float):  # type: ignore[no-untyped-def]
-    if kind == _FLOAT:
-        if size == 8:
-            as_bits[0] = bits
-            return as_double[0]
-        as_single[0] = np.uint32(bits)
-        return np.float64(as_float[0])
-    if kind == _INT:
-        return np.float64(np.int64(bits << np.uint64(64 - 8 * size)) >> (64 - 8 * size))
-    return np.float64(bits)
-
-
-@njit()
-def _walk(data, starts, ends, operations, takes, aligned, out):  # type: ignore[no-untyped-def]
+def _walk(data, starts, ends, operations, takes, aligned, room, out):  # type: ignore[no-untyped-def]
     """Fill `out`; True where a message is damaged."""
-    as_bits, as_single = np.empty(1, np.uint64), np.empty(1, np.uint32)
-    as_double, as_float = as_bits.view(np.float64), as_single.view(np.float32)
     back, left = np.empty(32, np.int64), np.empty(32, np.int64)
     for m in range(starts.size):
         at, end, big = starts[m], ends[m], False
@@ -210,10 +171,7 @@ def _walk(data, starts, ends, operations, takes, aligned, out):  # type: ignore[
                 if at + size > end:
                     return True
                 while take < takes.shape[0] and takes[take, 0] == k:
-                    bits = _integer(data, at, size, big)
-                    out[takes[take, 2], m] = _number(
-                        bits, size, kind, as_bits, as_double, as_single, as_float
-                    )
+                    out[takes[take, 2], m] = number(bits_of(data, at, size, big), size, kind, room)
                     take += 1
                 at += size
             elif what == _END:
@@ -227,7 +185,7 @@ def _walk(data, starts, ends, operations, takes, aligned, out):  # type: ignore[
                     at += (zero - at) % 4
                 if at + 4 > end:
                     return True
-                count = np.int64(_integer(data, at, 4, big))
+                count = np.int64(bits_of(data, at, 4, big))
                 at += 4
                 if what == _TEXT:
                     at += count * size
@@ -238,10 +196,8 @@ def _walk(data, starts, ends, operations, takes, aligned, out):  # type: ignore[
                         return True
                     while take < takes.shape[0] and takes[take, 0] == k:
                         if takes[take, 1] < count:
-                            bits = _integer(data, at + takes[take, 1] * size, size, big)
-                            out[takes[take, 2], m] = _number(
-                                bits, size, kind, as_bits, as_double, as_single, as_float
-                            )
+                            bits = bits_of(data, at + takes[take, 1] * size, size, big)
+                            out[takes[take, 2], m] = number(bits, size, kind, room)
                         take += 1
                     at += count * size
                 elif count == 0:  # over the loop's body
