@@ -10,9 +10,9 @@ from fdd.identification.identify import RELIEF_EXCEEDED, identify_unit
 from fdd.identification.judgement import Ratio, against_base, pressure_slip, push_of
 from fdd.identification.logs_agree import BETWEEN
 from fdd.identification.record import Record
-from fdd.identification.sensors import fit_sensors
+from fdd.identification.sensors import SensorFit, fit_sensors
 from fdd.identification.signs import UNLIKE, against_pressure, gain_ratio
-from fdd.identification.slips import NEAR
+from fdd.identification.slips import NEAR, slips
 from fdd.samples import PRESSURES, Samples
 from fdd.unit import Unit
 
@@ -36,7 +36,9 @@ def own_notes(samples: Samples, record: Record, unit: Unit, where: str) -> list[
     ------
     InputError : pressures are surely of another unit of measure.
     """
-    of_sensors = _of_sensors(samples, record, unit)
+    fits = {c: f for c, f in fit_sensors([samples], [record], unit).items() if c in PRESSURES}
+    _refuse_odd_counts(fits, unit, where)
+    of_sensors = _of_sensors(fits, unit)
     plain, _ = gain_ratio(record, unit)
     usual = of_sensors and 1.0 / NEAR < plain < NEAR and all(_usual(r) for r in of_sensors.values())
     # Another unit of measure scales a sensor's noise and counts alike: the balances need not be asked of it.
@@ -68,16 +70,38 @@ def _ratios(samples: Samples, unit: Unit, where: str) -> dict[str, Ratio]:
     return ratios
 
 
-def _of_sensors(samples: Samples, record: Record, unit: Unit) -> dict[str, Ratio]:
+def _over_profile(fits: dict[str, SensorFit], unit: Unit, part: str) -> dict[str, float]:
+    """Noise or resolution of the pressures over the profile's, where both are known."""
+    now = {c: getattr(f.sensor, part) for c, f in fits.items() if part in f.found}
+    return {c: v / then for c, v in now.items() if v > 0.0 and (then := getattr(unit.sensor(c), part)) > 0.0}
+
+
+def _refuse_odd_counts(fits: dict[str, SensorFit], unit: Unit, where: str) -> None:
+    """Refuse one pressure whose counts are those of another unit of measure, while the others' are the
+    profile's: counts are the converter's, which no fault of oil, machine or transducer changes.
+
+    Raises
+    ------
+    InputError : names the channel and the unit that it looks like.
+    """
+    counts = _over_profile(fits, unit, "resolution")
+    odd = [c for c, ratio in counts.items() if not 1.0 / NEAR < ratio < NEAR]
+    if len(odd) != 1 or len(counts) < 2 or not (looks := slips(counts[odd[0]], "pressure")):
+        return
+    problem = (
+        f"channel {odd[0]}: its counts, and no other pressure's, are {counts[odd[0]]:.3g} times those of"
+    )
+    mend = f"check its unit in the map (it looks like {looks})"
+    raise InputError(f"{problem} profile {unit.name}", where=where, mend=mend)
+
+
+def _of_sensors(fits: dict[str, SensorFit], unit: Unit) -> dict[str, Ratio]:
     """Noise and counts of the pressures over the profile's: no fault of oil or machine changes them."""
-    fits = fit_sensors([samples], [record], unit)
     out = {}
     for name, part in (("noise", "noise"), ("counts", "resolution")):
-        pairs = [(getattr(f.sensor, part), getattr(unit.sensor(c), part)) for c, f in fits.items()
-                 if c in PRESSURES and part in f.found]  # fmt: skip
-        logs = [log(now / then) for now, then in pairs if now > 0.0 and then > 0.0]
-        if logs:
-            out[name] = Ratio(exp(sum(logs) / len(logs)), 0.0, SENSOR_OPEN)
+        if ratios := _over_profile(fits, unit, part):
+            mean = sum(map(log, ratios.values())) / len(ratios)
+            out[name] = Ratio(exp(mean), 0.0, SENSOR_OPEN)
     return out
 
 

@@ -46,6 +46,26 @@ def test_pressures_in_another_unit_are_refused(
     assert str(caught.value).startswith("log: ") and "\n" not in str(caught.value)
 
 
+@pytest.mark.parametrize("channel", ["pressure_1", "pressure_2", "pressure_accumulator"])
+@pytest.mark.parametrize("factor, hint", [(0.1, "MPa read as bar"), (0.0689476, "bar read as psi")])
+def test_one_pressure_in_another_unit_is_refused_by_name(
+    healthy: Samples, unit: Unit, channel: str, factor: float, hint: str
+) -> None:
+    """Without a measured difference, which would tell it: the profile's converters count as before."""
+    chambers = {
+        c: v for c, v in scaled(healthy, factor, channel).columns.items() if c != "pressure_difference"
+    }
+    with pytest.raises(InputError, match=f"channel {channel}.*{hint}"):
+        check_scales(Samples(healthy.time, chambers), unit, "log")
+
+
+def test_a_transducer_that_reads_high_is_no_other_unit(healthy: Samples, unit: Unit) -> None:
+    """Its gain is before the converter, whose counts stay as they are."""
+    step = unit.sensor("pressure_1").resolution
+    high = {"pressure_1": step * np.rint(1.02 * healthy["pressure_1"] / step)}
+    assert check_scales(healthy.with_columns(high), unit, "log") == []
+
+
 @pytest.mark.parametrize("channel, factor, hint", [
     ("pump_angle", 180.0 / np.pi, "deg read as rad"), ("pump_angle", np.pi / 180.0, "rad read as deg"),
     ("position", 10.0, "mm read as cm"), ("position", 1e-3, "m read as mm"),
