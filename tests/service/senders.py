@@ -12,7 +12,7 @@ from fdd.samples import Samples
 from fdd.service.blocks import Block
 
 
-def until(done: Callable[[], object], seconds: float = 20.0) -> None:
+def until(done: Callable[[], object], seconds: float = 60.0) -> None:
     """Wait for what other threads do."""
     end = time.monotonic() + seconds
     while not done():
