@@ -14,6 +14,7 @@ from fdd.engines import Engine
 from fdd.errors import InputError
 from fdd.markdown import table as markdown
 from fdd.offline.log_scales import check_scales
+from fdd.offline.own_scales import difference_is_made
 from fdd.samples import PRESSURES, Samples
 
 CHAMBERS = ("pressure_1", "pressure_2")
@@ -70,6 +71,9 @@ def slipped(log: Samples) -> dict[str, Samples]:
             out[slip] = Samples(factor * log.time, log.columns)
         elif mine:
             out[slip] = log.with_columns(mine)
+            if difference_is_made(log) and channels == CHAMBERS[:1]:  # a reader makes it of what it reads
+                wrong = mine[CHAMBERS[0]] - log[CHAMBERS[1]]
+                out[slip] = out[slip].with_columns({"pressure_difference": wrong})
     if all(c in log for c in CHAMBERS):
         out[SWAPPED] = log.with_columns(
             dict(zip(CHAMBERS, (log[c] for c in reversed(CHAMBERS)), strict=True))

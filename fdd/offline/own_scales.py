@@ -5,12 +5,14 @@ from __future__ import annotations
 
 from math import exp, hypot, log
 
+import numpy as np
+
 from fdd.errors import InputError
 from fdd.identification.identify import RELIEF_EXCEEDED, identify_unit
 from fdd.identification.judgement import Ratio, against_base, pressure_slip, push_of
 from fdd.identification.logs_agree import BETWEEN
 from fdd.identification.record import Record
-from fdd.identification.sensors import SensorFit, fit_sensors
+from fdd.identification.sensors import LEAST_ZERO, SensorFit, fit_sensors
 from fdd.identification.signs import UNLIKE, against_pressure, gain_ratio
 from fdd.identification.slips import NEAR, slips
 from fdd.samples import PRESSURES, Samples
@@ -36,7 +38,12 @@ def own_notes(samples: Samples, record: Record, unit: Unit, where: str) -> list[
     ------
     InputError : pressures are surely of another unit of measure.
     """
-    fits = {c: f for c, f in fit_sensors([samples], [record], unit).items() if c in PRESSURES}
+    made = difference_is_made(samples)
+    fits = {
+        c: f
+        for c, f in fit_sensors([samples], [record], unit).items()
+        if c in PRESSURES and not (made and c == "pressure_difference")
+    }
     _refuse_odd_counts(fits, unit, where)
     of_sensors = _of_sensors(fits, unit)
     plain, _ = gain_ratio(record, unit)
@@ -68,6 +75,15 @@ def _ratios(samples: Samples, unit: Unit, where: str) -> dict[str, Ratio]:
             raised.identified / setting / RELIEF_EXCEEDED, 0.2, RELIEF_OPEN
         )
     return ratios
+
+
+def difference_is_made(samples: Samples) -> bool:
+    """Whether the difference of pressures is that of the chambers' sensors, and has none of its own."""
+    if not all(c in samples for c in ("pressure_1", "pressure_2", "pressure_difference")):
+        return False
+    off = samples["pressure_difference"] - samples["pressure_1"] + samples["pressure_2"]
+    off = np.abs(off[np.isfinite(off)])
+    return bool(off.size and off.max() < LEAST_ZERO)
 
 
 def _over_profile(fits: dict[str, SensorFit], unit: Unit, part: str) -> dict[str, float]:

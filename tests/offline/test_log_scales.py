@@ -51,12 +51,12 @@ def test_pressures_in_another_unit_are_refused(
 def test_one_pressure_in_another_unit_is_refused_by_name(
     healthy: Samples, unit: Unit, channel: str, factor: float, hint: str
 ) -> None:
-    """Without a measured difference, which would tell it: the profile's converters count as before."""
-    chambers = {
-        c: v for c, v in scaled(healthy, factor, channel).columns.items() if c != "pressure_difference"
-    }
+    """Without a measured difference, which would tell it: a reader makes it of what it reads, and the others'
+    converters count as the profile's do."""
+    wrong = scaled(healthy, factor, channel)
+    made = {"pressure_difference": wrong["pressure_1"] - wrong["pressure_2"]}
     with pytest.raises(InputError, match=f"channel {channel}.*{hint}"):
-        check_scales(Samples(healthy.time, chambers), unit, "log")
+        check_scales(wrong.with_columns(made), unit, "log")
 
 
 def test_a_transducer_that_reads_high_is_no_other_unit(healthy: Samples, unit: Unit) -> None:
