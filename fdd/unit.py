@@ -115,6 +115,9 @@ class Accumulator(Section):
     oil_volume: Annotated[float | None, _si("m^3"), Field(ge=0)] = None
     """Oil held at charge pressure; None is half the gas, a third of the shell."""
     refeed_cracking_pressure: Annotated[Pascal, Field(ge=0)]
+    refeed_pilots: bool = True
+    """Whether the other chamber's pressure may hold a refeeding valve open, as unequal areas ask for;
+    False where healthy logs show that the lower chamber keeps what oil it has."""
     refeed_flow_gain: Annotated[LeakageCoefficient, Field(gt=0)]
     """Flow of an open refeeding check valve per pressure drop, K_v of eq. 3.18."""
     case_cracking_pressure: Annotated[Pascal, Field(ge=0)]

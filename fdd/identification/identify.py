@@ -16,7 +16,7 @@ from fdd.identification.profile import Identification, ProfileWriter
 from fdd.identification.record import Record, even_record
 from fdd.identification.sensors import fit_sensors, gain_mismatch, redundancy_offset
 from fdd.identification.signs import MOST_GAIN_CHANGE, check_gain, check_pressure_signs, check_pump
-from fdd.identification.volume_steps import SMOOTHING, VolumeSteps
+from fdd.identification.volume_steps import SMOOTHING, VolumeSteps, keeps_trapped_oil
 from fdd.identification.volumes import VolumeFit, fit_volumes
 from fdd.residuals.hidden_pressures import needs_pilots
 from fdd.samples import Samples
@@ -152,6 +152,11 @@ def hydraulics(
     """
     base = _with_relief(writer, records)
     logs = LogBalances(records, pressure)
+    if not needs_pilots(base) and any(keeps_trapped_oil(r, base, logs.noise) for r in records):
+        base = base.model_copy(deep=True)
+        base.accumulator.refeed_pilots = False
+        why = "the lower chamber keeps its oil under a higher one"
+        writer.decide("accumulator.refeed_pilots", False, why)
     hidden = not all(r.chambers_measured for r in records)
     volumes = None
     if not hidden:  # a reconstructed pressure tells as much of its own model as of the volumes

@@ -65,6 +65,13 @@ class ProfileWriter:
         section.provenance[name] = Provenance(source=self.source, std=float(estimate.std))
         self._row(path, section, name, before, estimate, note)
 
+    def decide(self, path: str, value: bool, why: str) -> None:
+        """Set what is or is not so at a dotted path, 1 or 0 in the table, and say why."""
+        section, name, before = self._find(path)
+        setattr(section, name, value)
+        section.provenance[name] = Provenance(source=self.source)
+        self.result.table.append(TableRow(path, "1", before, float(value), None, why))
+
     def keep(self, path: str, why: str) -> None:
         """Leave the base's number and say why."""
         section, name, before = self._find(path)

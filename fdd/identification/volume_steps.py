@@ -44,6 +44,9 @@ REFEED_MARGIN = 4.0e4
 """Pa above the accumulator at which a chamber is surely not being refed, sensor zeros included."""
 NOISE_MARGIN = 4.0
 """Standard deviations of the smoothed pressures' noise that this margin must be at least."""
+TRAPPED, TRAPPED_SPEED = 0.02, 0.3
+"""Of the relief setting, by which a chamber must stand above what an open valve joins it to; of the drive's
+speed, up to which the valve's drop is far below that."""
 RELIEF_MARGIN = 0.97
 """Of the relief setting, above which the valve may pass oil."""
 WARMING_WINDOW = 5.0
@@ -119,6 +122,24 @@ def scales(unit: Unit) -> Array:
     )
 
 
+def keeps_trapped_oil(record: Record, unit: Unit, noise: tuple[float, float]) -> bool:
+    """Whether a chamber stays above the accumulator under a higher one: no pilot holds its valve open.
+
+    While the pump hardly turns, an open valve's drop is nearly nought. `noise` is that of `volume_steps`.
+    """
+    if not (record.chambers_measured and record.accumulator_measured):
+        return False
+    least = TRAPPED * unit.accumulator.relief_pressure + NOISE_MARGIN * float(np.hypot(*noise))
+    pressures = np.stack([record.smooth(p, SMOOTHING) for p in (record.pressure_1, record.pressure_2)])
+    low, high = (
+        f(pressures, axis=0) - record.smooth(record.accumulator, SMOOTHING) for f in (np.min, np.max)
+    )
+    _, speed = record.speeds(SMOOTHING)
+    slow = ~record.gap & (np.abs(speed) < TRAPPED_SPEED * unit.drive.max_speed)
+    trapped = slow & (low > least) & (high > low + least)
+    return bool(np.sum(trapped) * record.period > BLOCK)
+
+
 def viscosity_over_reference(record: Record, unit: Unit, reference: float) -> Array:
     """(n,) or scalar 1: viscosity over that at `reference` (°C)."""
     if record.temperature is None:
@@ -188,7 +209,9 @@ def volume_steps(
         margin = max(REFEED_MARGIN, NOISE_MARGIN * noise[chamber - 1]) + loss
         # Only the higher chamber is surely shut: the lower one gives oil back through a valve that the other
         # chamber's pressure holds open, where rods ask for one, at just such a pressure.
-        usable = calm & (smoothed > store + margin) & (sign * (smooth_1 - smooth_2) > higher + loss)
+        usable = calm & (smoothed > store + margin)
+        if unit.accumulator.refeed_pilots:
+            usable &= sign * (smooth_1 - smooth_2) > higher + loss
         if needs_pilots(unit):
             other = smooth_2 if chamber == 1 else smooth_1
             usable &= smoothed - store > PILOT * (other - store)

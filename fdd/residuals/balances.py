@@ -109,17 +109,18 @@ def _volume(q: Quantities) -> list[Strand]:
     p_c = middle(q.accumulator)
     weight = q.dt / q.viscosity
     speed = np.abs(q.speed) / scales.speed
-    # Only the higher chamber is surely shut: the lower one is fed, or gives oil back through a valve that the
-    # other chamber's pressure holds open. What feeds it may not be measured, then by its cracking pressure.
+    # The higher chamber is shut where the accumulator lies below it. The lower one may give oil back through a
+    # valve that the other chamber's pressure holds open, but where the unit was seen to keep it. What feeds it
+    # may not be measured, then by its cracking pressure.
     known = q.chambers_measured & q.accumulator_measured
     higher = LEAST_DROP * scales.pressure
+    lower = np.inf if unit.accumulator.refeed_pilots else VALVE_MARGIN_PA + higher
     sure = max(VALVE_MARGIN_PA + unit.accumulator.refeed_cracking_pressure, higher)
-    margin = np.where(known, higher, sure)
     loss = {side: outlet_loss(unit, np.nan_to_num(q.speed), side) for side in (1, 2)}
-    fed = {
-        side: (known & (p - loss[side] < q.accumulator + VALVE_MARGIN_PA)) | ~(drop - loss[side] > margin)
-        for side, p, drop in ((1, q.p1, q.drop), (2, q.p2, -q.drop))
-    }
+    fed = {}
+    for side, p, drop in ((1, q.p1, q.drop - loss[1]), (2, q.p2, -q.drop - loss[2])):
+        margin = np.where(drop > higher, VALVE_MARGIN_PA, lower)
+        fed[side] = np.where(known, ~(p - loss[side] >= q.accumulator + margin), ~(drop > sure))
     if needs_pilots(unit):
         for side, p, other in ((1, q.p1, q.p2), (2, q.p2, q.p1)):
             fed[side] |= known & ~(p - q.accumulator > PILOT * (other - q.accumulator))

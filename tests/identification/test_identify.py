@@ -11,6 +11,8 @@ from healthy_units import TEMPERATURE, Case, calibration_logs, random_unit
 from fdd.errors import InputError
 from fdd.identification import Identification, identify_unit
 from fdd.plant import oil as plant_oil
+from fdd.plant.scenario import Scenario
+from fdd.plant.simulate import simulate
 from fdd.samples import Samples
 from fdd.unit import Unit
 
@@ -186,6 +188,27 @@ def test_unequal_areas_are_found() -> None:
     assert found.cylinder.area_2 == pytest.approx(truth.cylinder.area_2, rel=0.01)
     assert found.pump.displacement == pytest.approx(truth.pump.displacement, rel=0.005)
     assert any("area_2/area_1 = 0.7" in note for note in result.notes)
+
+
+@pytest.mark.parametrize(
+    ("details", "left_out", "keeps"),
+    [
+        ({}, (), True),
+        ({"pilot_ratio": 3.0, "check_lag": 0.005}, (), False),
+        ({}, ("pressure_accumulator",), False),
+        ({}, ("pressure_1", "pressure_2"), False),
+    ],
+)
+def test_whether_the_lower_chamber_keeps_its_oil(
+    details: dict[str, float], left_out: tuple[str, ...], keeps: bool
+) -> None:
+    """Plain valves trap it, piloted ones under the other chamber's pressure do not; unknown without sensors."""
+    axis = Unit.load("axis_a")
+    scenario = Scenario(duration=30.0, load={"name": "gust"}, details=details, seed=52)
+    log = simulate(axis, scenario).samples
+    found = identify_unit([only(log, *(c for c in log.channels if c not in left_out))], axis)
+    assert found.unit.accumulator.refeed_pilots is not keeps
+    assert any(row.quantity == "accumulator.refeed_pilots" for row in found.table) is keeps
 
 
 def test_the_profile_survives_yaml(case: Case) -> None:
