@@ -109,9 +109,9 @@ def _volume(q: Quantities) -> list[Strand]:
     p_c = middle(q.accumulator)
     weight = q.dt / q.viscosity
     speed = np.abs(q.speed) / scales.speed
-    # The higher chamber is shut where the accumulator lies below it. The lower one may give oil back through a
-    # valve that the other chamber's pressure holds open, but where the unit was seen to keep it. What feeds it
-    # may not be measured, then by its cracking pressure.
+    # The higher chamber is shut where the accumulator lies below it. The lower one may give oil back through
+    # a valve that the other chamber's pressure holds open, but where the unit was seen to keep it. What feeds
+    # it may not be measured, then by its cracking pressure.
     known = q.chambers_measured & q.accumulator_measured
     higher = LEAST_DROP * scales.pressure
     lower = np.inf if unit.accumulator.refeed_pilots else VALVE_MARGIN_PA + higher

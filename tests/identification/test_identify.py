@@ -202,7 +202,7 @@ def test_unequal_areas_are_found() -> None:
 def test_whether_the_lower_chamber_keeps_its_oil(
     details: dict[str, float], left_out: tuple[str, ...], keeps: bool
 ) -> None:
-    """Plain valves trap it, piloted ones under the other chamber's pressure do not; unknown without sensors."""
+    """Plain valves trap it, piloted ones under the other chamber's pressure do not; else it is not known."""
     axis = Unit.load("axis_a")
     scenario = Scenario(duration=30.0, load={"name": "gust"}, details=details, seed=52)
     log = simulate(axis, scenario).samples
