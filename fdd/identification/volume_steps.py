@@ -205,13 +205,14 @@ def volume_steps(
         )
         slopes = _noise_slopes(smoothed, volume, unit.oil.polytropic_index, reference_pressure)
         levels = np.column_stack([record.smooth(c, SMOOTHING) for c in levels.T])
+        above = smoothed - store - max(REFEED_MARGIN, NOISE_MARGIN * noise[chamber - 1])
         loss = outlet_loss(unit, speed, chamber)
-        margin = max(REFEED_MARGIN, NOISE_MARGIN * noise[chamber - 1]) + loss
-        # Only the higher chamber is surely shut: the lower one gives oil back through a valve that the other
-        # chamber's pressure holds open, where rods ask for one, at just such a pressure.
-        usable = calm & (smoothed > store + margin)
-        if unit.accumulator.refeed_pilots:
-            usable &= sign * (smooth_1 - smooth_2) > higher + loss
+        # The lower chamber may give oil back through a valve that the other one holds open, at just
+        # such a pressure, but where the unit was seen to keep it.
+        usable = (above > loss) & (sign * (smooth_1 - smooth_2) > higher + loss)
+        if not unit.accumulator.refeed_pilots:
+            usable |= above > outlet_loss(unit, speed, 1) + outlet_loss(unit, speed, 2)
+        usable &= calm
         if needs_pilots(unit):
             other = smooth_2 if chamber == 1 else smooth_1
             usable &= smoothed - store > PILOT * (other - store)

@@ -111,7 +111,7 @@ def _volume(q: Quantities) -> list[Strand]:
     speed = np.abs(q.speed) / scales.speed
     # The higher chamber is shut where the accumulator lies below it. The lower one may give oil back through
     # a valve that the other chamber's pressure holds open, but where the unit was seen to keep it. What feeds
-    # it may not be measured, then by its cracking pressure.
+    # it may not be measured, then by its cracking pressure. A line loses pressure between valve and sensor.
     known = q.chambers_measured & q.accumulator_measured
     higher = LEAST_DROP * scales.pressure
     lower = np.inf if unit.accumulator.refeed_pilots else VALVE_MARGIN_PA + higher
@@ -119,8 +119,8 @@ def _volume(q: Quantities) -> list[Strand]:
     loss = {side: outlet_loss(unit, np.nan_to_num(q.speed), side) for side in (1, 2)}
     fed = {}
     for side, p, drop in ((1, q.p1, q.drop - loss[1]), (2, q.p2, -q.drop - loss[2])):
-        margin = np.where(drop > higher, VALVE_MARGIN_PA, lower)
-        fed[side] = np.where(known, ~(p - loss[side] >= q.accumulator + margin), ~(drop > sure))
+        margin = np.where(drop > higher, VALVE_MARGIN_PA + loss[side], lower + loss[1] + loss[2])
+        fed[side] = np.where(known, ~(p >= q.accumulator + margin), ~(drop > sure))
     if needs_pilots(unit):
         for side, p, other in ((1, q.p1, q.p2), (2, q.p2, q.p1)):
             fed[side] |= known & ~(p - q.accumulator > PILOT * (other - q.accumulator))
