@@ -60,7 +60,7 @@ def compare_tables(found: Comparison) -> list[Table]:
             ("Balance", "A", "B", "B over A"),
             [_balance(c) for c in found.balances],
             "Root mean square of each balance's misfit over the log, in what the profile's healthy one is: "
-            "about 1, or less, while healthy.",
+            "about 1 while healthy.",
         ),
         Table(
             "Duty",

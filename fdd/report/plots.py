@@ -85,7 +85,8 @@ def sections(diagnosis: Diagnosis, trajectories: Trajectories, samples: Samples)
         Section(
             "Balances",
             "How badly each balance of the actuator closes, half a second at a time, against what a healthy "
-            "unit's does: about 1 while healthy.",
+            "unit's does (root of the reduced chi-square): about 1 while healthy. Findings add up many half "
+            "seconds, so a small fault is found while this hardly leaves 1.",
             _features(trajectories),
         ),
         Section("Measured signals", "", _measured(samples)),

@@ -21,6 +21,8 @@ Array = NDArray[np.float64]
 
 HISTORY = 7200
 """Hops whose misfit is remembered: an hour."""
+LEAST_TOLD = 1e-3
+"""Of a coefficient's prior, what a hop must tell of all of them together."""
 HEAT_K = 10.0
 """K that `LogConditions.heat` counts in."""
 SURROUNDINGS = 3
@@ -159,14 +161,18 @@ class Ledger:
         return entries
 
     def _misfit(self, name: str, entries: list[Entry]) -> Array:
-        """How far hops are from the unit's baseline, in what healthy hops are: root mean square over
-        coefficients, (h,); NaN of those that tell nothing."""
+        """Root of the hops' reduced chi-square about the unit's baseline, (h,), with the overdispersion of its
+        own healthy stretches taken off: about 1 while healthy; NaN of those that tell nothing."""
         e = self.effects[name]
         spread = np.hypot(e.wander, np.sqrt(np.diag(e.covariance)))
         information, vector, rows = (np.array([x[i] for x in entries]) for i in range(3))
         wide, kept = widened(information, vector, spread)
-        rest = spread * (kept - wide @ e.mean)
-        return np.where(rows > 0.0, np.sqrt(np.mean(np.square(rest), axis=1)), np.nan)
+        chi_square = np.sum(np.square(spread * (kept - wide @ e.mean)), axis=1)
+        expected = np.einsum("i,hii->h", spread**2, wide)
+        healthy, seen = (float(np.diag(m) @ spread**2) for m in (e.information, e.scatter))
+        expected *= seen / healthy if healthy > 0.0 else 1.0
+        told = (rows > 0.0) & (expected > LEAST_TOLD)
+        return np.where(told, np.sqrt(chi_square / np.where(told, expected, 1.0)), np.nan)
 
     def misfits(self) -> tuple[Array, list[str], Array]:
         """Ends of the last hops (m,), balances' names and how badly each closed (m, balances)."""

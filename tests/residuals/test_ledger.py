@@ -377,7 +377,25 @@ def test_a_hops_misfit_is_how_many_usual_changes_it_is_off() -> None:
                 Entry(blurred, blurred @ off, 30.0, 1.0), Entry(sharp, sharp @ off, 0.0, 1.0)]  # fmt: skip
         far, near, unknown, nothing = ledger._misfit(name, told)
         assert far == pytest.approx(3.0, rel=1e-3), name
-        assert near == pytest.approx(0.0, abs=1e-6) and unknown < 0.01 and np.isnan(nothing)
+        assert near == pytest.approx(0.0, abs=1e-6) and unknown < 0.1 and np.isnan(nothing)
+
+
+@pytest.mark.parametrize("sharpness", [1e-2, 1.0, 1e4])
+@pytest.mark.parametrize("overdispersion", [1.0, 9.0])
+def test_a_healthy_hops_misfit_is_about_one(sharpness: float, overdispersion: float) -> None:
+    """Test: coefficients drawn from the unit's prior, vectors with errors as large as the information says,
+    or as the baseline's stretches scatter. Expected: mean square one, within four standard errors of 3 %."""
+    unit, rng = Unit.load("axis_a"), np.random.default_rng(5)
+    ledger = Ledger(unit, {name: first_effects(name) for name in BALANCES})
+    e = ledger.effects["reservoir"]
+    usual = np.hypot(e.wander, np.sqrt(np.diag(e.covariance)))
+    m = np.diag(sharpness / usual**2)
+    ledger.effects["reservoir"] = replace(e, information=m, scatter=overdispersion * m)
+    off = usual * rng.normal(size=(500, usual.size)) + rng.normal(size=(500, usual.size)) / np.sqrt(
+        np.diag(m)
+    )
+    hops = [Entry(m, m @ (e.mean + np.sqrt(overdispersion) * d), 30.0, 1.0) for d in off]
+    assert np.mean(np.square(ledger._misfit("reservoir", hops))) == pytest.approx(1.0, abs=0.12)
 
 
 def test_misfits_are_told_at_the_ends_of_hops() -> None:

@@ -55,10 +55,10 @@ function others({ probabilities, misfits, signals }) {
   const stamp = (time) => ({ time, stamp: minutesAgo(time.at(-1)), at: tens(time) });
   const families = Object.entries(probabilities.values).filter(([, p]) => p.some((v) => v >= 0.05)).slice(0, 4);
   return [
-    families.length && [h("h2", {}, "Probabilities and balances"), h("p", { class: "soft" }, "A balance that does not close stands above 3, in what a healthy one does."),
+    families.length && [h("h2", {}, "Probabilities and balances"), h("p", { class: "soft" }, "Root of the reduced chi-square of each balance, half a second at a time: about 1 while healthy (line). Findings add up many half seconds, so a small fault is found while this hardly leaves 1."),
       h("div", { class: "plots" },
         chart({ title: "Probability", unit: "%", scale: 100, floor: 100, ...stamp(probabilities.time), rows: families.map(([name, values]) => ({ label: words.families[name] ?? name, values })) }),
-        Object.entries(misfits.values).map(([name, values]) => chart({ title: capital((words.balances[name] ?? name).replace(/^the /, "")), floor: 4, mark: 3, ...stamp(misfits.time), rows: [{ label: name, values }] })))],
+        Object.entries(misfits.values).map(([name, values]) => chart({ title: capital((words.balances[name] ?? name).replace(/^the /, "")), floor: 4, mark: 1, ...stamp(misfits.time), rows: [{ label: name, values }] })))],
     signals.time.length && [h("h2", {}, "Signals"), h("div", { class: "plots" }, Object.keys(signals.low).map((name) => {
       const [title, unit, scale] = SIGNALS[name] ?? [capital(name.replaceAll("_", " ")), "", 1];
       return chart({ title, unit, scale, ...stamp(signals.time), rows: [{ label: title, low: signals.low[name], high: signals.high[name] }] });
