@@ -161,8 +161,8 @@ class Ledger:
         return entries
 
     def _misfit(self, name: str, entries: list[Entry]) -> Array:
-        """Root of the hops' reduced chi-square about the unit's baseline, (h,), less the overdispersion of its
-        own healthy stretches: about 1 while healthy; NaN of those that tell nothing."""
+        """Root of the hops' reduced chi-square about the unit's baseline, (h,), over that of its own healthy
+        stretches: about 1 while healthy; NaN of those that tell nothing."""
         e = self.effects[name]
         spread = np.hypot(e.wander, np.sqrt(np.diag(e.covariance)))
         information, vector, rows = (np.array([x[i] for x in entries]) for i in range(3))

@@ -391,9 +391,8 @@ def test_a_healthy_hops_misfit_is_about_one(sharpness: float, overdispersion: fl
     usual = np.hypot(e.wander, np.sqrt(np.diag(e.covariance)))
     m = np.diag(sharpness / usual**2)
     ledger.effects["reservoir"] = replace(e, information=m, scatter=overdispersion * m)
-    off = usual * rng.normal(size=(500, usual.size)) + rng.normal(size=(500, usual.size)) / np.sqrt(
-        np.diag(m)
-    )
+    wanders, errs = rng.normal(size=(2, 500, usual.size))
+    off = usual * wanders + errs / np.sqrt(np.diag(m))
     hops = [Entry(m, m @ (e.mean + np.sqrt(overdispersion) * d), 30.0, 1.0) for d in off]
     assert np.mean(np.square(ledger._misfit("reservoir", hops))) == pytest.approx(1.0, abs=0.12)
 
