@@ -75,82 +75,49 @@ class Cases:
         """For step halving and the reference solver."""
         stiffest = Details(bristle_stiffness=Details.usual["bristle_stiffness"][1])
         leak = {"fault": "internal_leakage", "severity": 0.6, "onset": 0.02}
-        return [
-            self._case(
-                "steps, constant load", duty={"name": "steps", "hold": 1.0}, load={"name": "constant"}
-            ),
-            self._case(
-                "sines, spring, leakage", duty={"name": "sines"}, load={"name": "spring"}, faults=[leak]
-            ),
-            self._case(
-                "sawtooth, throttle, loose seal",
-                duty={"name": "sawtooth"},
-                load={"name": "throttle"},
-                faults=[{"fault": "seal_wear", "severity": 1.0, "variant": "loose"}],
-            ),
-            self._case(
-                "flight, gust, aeration",
-                duty={"name": "flight", "lead_in": 0.1},
-                load={"name": "gust"},
-                faults=[{"fault": "aeration", "severity": 1.0, "onset": 0.02, "profile": "ramp"}],
-            ),
-            self._case(
-                "prbs, stiffest bristles",
-                duty={"name": "prbs", "amplitude": 0.01, "lead_in": 0.1},
-                details=stiffest,
-                load={"name": "spring"},
-            ),
-            self._case(
-                "prbs of speed, coupling and check valve",
-                duty={"name": "prbs", "speed": 60.0, "lead_in": 0.1},
-                control={"mode": "speed"},
-                faults=[
-                    {"fault": "coupling_wear", "severity": 1.0},
-                    {"fault": "check_valve_stuck_open", "severity": 0.7},
-                ],
-                load={"name": "throttle"},
-            ),
-            self._case(
-                "two axes, sines, connected",
-                duty={"name": "sines"},
-                load={"name": "spring"},
-                partner={},
-                connect={"line_1": 0.1, "line_2": 0.1},
-            ),
-            self._case(
-                "two axes, one throttled",
-                duty={"name": "steps", "hold": 1.0},
-                partner={"drive": "still", "circuit": {"blocked": True, "throttle": 0.3}},
-            ),
+        loose = {"fault": "seal_wear", "severity": 1.0, "variant": "loose"}
+        air = {"fault": "aeration", "severity": 1.0, "onset": 0.02, "profile": "ramp"}
+        worn = [
+            {"fault": "coupling_wear", "severity": 1.0},
+            {"fault": "check_valve_stuck_open", "severity": 0.7},
         ]
+        slow, fast = {"amplitude": 0.01, "lead_in": 0.1}, {"speed": 60.0, "lead_in": 0.1}
+        still = {"drive": "still", "circuit": {"blocked": True, "throttle": 0.3}}
+        steps, sines, prbs = {"name": "steps", "hold": 1.0}, {"name": "sines"}, {"name": "prbs"}
+        spring, throttle = {"name": "spring"}, {"name": "throttle"}
+        return [
+            self._case("steps, constant load", duty=steps, load={"name": "constant"}),
+            self._case("sines, spring, leakage", duty=sines, load=spring, faults=[leak]),
+            self._case("sawtooth, throttle, loose seal", duty={"name": "sawtooth"}, load=throttle, faults=[loose]),
+            self._case("flight, gust, aeration", duty={"name": "flight", "lead_in": 0.1}, load={"name": "gust"},
+                       faults=[air]),
+            self._case("prbs, stiffest bristles", duty={**prbs, **slow}, details=stiffest, load=spring),
+            self._case("prbs of speed, coupling and check valve", duty={**prbs, **fast},
+                       control={"mode": "speed"}, faults=worn, load=throttle),
+            self._case("two axes, sines, connected", duty=sines, load=spring, partner={},
+                       connect={"line_1": 0.1, "line_2": 0.1}),
+            self._case("two axes, one throttled", duty=steps, partner=still),
+        ]  # fmt: skip
 
     @property
     def speed(self) -> list[Case]:
         """For the real-time factor: everything on, one fault injected."""
         fault = [{"fault": "internal_leakage", "severity": 0.5, "onset": 2.0}]
-        one: list[tuple[str, dict[str, Any]]] = [
-            ("steps", {"duty": {"name": "steps"}, "load": {"name": "constant"}}),
-            ("sines", {"duty": {"name": "sines"}, "load": {"name": "spring"}}),
-            ("sawtooth", {"duty": {"name": "sawtooth"}, "load": {"name": "inertia"}}),
-            ("strokes", {"duty": {"name": "strokes"}, "load": {"name": "throttle"}}),
-            ("flight, gust", {"duty": {"name": "flight"}, "load": {"name": "gust"}}),
-            ("prbs", {"duty": {"name": "prbs", "amplitude": 0.01}}),
-        ]
-        cases = [self._case(name, faults=fault, **settings) for name, settings in one]
-        return [
-            *cases,
-            self._case("two axes, steps", faults=fault, partner={}, duty={"name": "steps"}),
-            self._case(
-                "two axes, sines", faults=fault, partner={}, duty={"name": "sines"}, load={"name": "spring"}
-            ),
-        ]
+        settings: dict[str, dict[str, Any]] = {
+            "steps": {"duty": {"name": "steps"}, "load": {"name": "constant"}},
+            "sines": {"duty": {"name": "sines"}, "load": {"name": "spring"}},
+            "sawtooth": {"duty": {"name": "sawtooth"}, "load": {"name": "inertia"}},
+            "strokes": {"duty": {"name": "strokes"}, "load": {"name": "throttle"}},
+            "flight, gust": {"duty": {"name": "flight"}, "load": {"name": "gust"}},
+            "prbs": {"duty": {"name": "prbs", "amplitude": 0.01}},
+            "two axes, steps": {"duty": {"name": "steps"}, "partner": {}},
+            "two axes, sines": {"duty": {"name": "sines"}, "load": {"name": "spring"}, "partner": {}},
+        }
+        return [self._case(name, faults=fault, **each) for name, each in settings.items()]
 
     @property
     def work(self) -> Case:
         """For error over work: open-loop speeds, the same commands for every solver."""
-        return self._case(
-            "prbs of speed, throttle",
-            duty={"name": "prbs", "bit": 0.1, "speed": 60.0, "lead_in": 0.05},
-            control={"mode": "speed"},
-            load={"name": "throttle"},
-        )
+        duty = {"name": "prbs", "bit": 0.1, "speed": 60.0, "lead_in": 0.05}
+        load = {"name": "throttle"}
+        return self._case("prbs of speed, throttle", duty=duty, control={"mode": "speed"}, load=load)
