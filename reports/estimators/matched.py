@@ -240,13 +240,14 @@ def _curve(v: Array, q: eha.Parameters) -> Array:
 
 @njit(error_model="numpy")
 def _follow(
-    position: Array, parameters: Array, force: Array, volumes: Array, p_acc: float, charged: float, low: Array,
+    position: Array, parameters: Array, force: Array, volumes: Array, p_acc: float,
+    charged: float, low: Array,
     q: eha.Parameters, states: Array,
 ) -> None:  # fmt: skip
     """Walk along the positions: the pump turns as pressures and forces demand.
 
-    From the pressure `charged` no check valve opens; where `low` is given, (n + 1,), the low side is held at it
-    by whatever flows into it.
+    From the pressure `charged` no check valve opens; where `low` is given, (n + 1,), the low side is held at
+    it by whatever flows into it.
     """
     F, G = np.empty((eha.STATES, eha.STATES)), np.empty((eha.STATES, 4))
     x, new, fed = np.zeros(eha.STATES), np.empty(eha.STATES), low.size > 0

@@ -1,9 +1,9 @@
 """What is run: a case in either world, a sudden change of one parameter, and an hour at standstill.
 
 In the plant world the estimators get axis A's profile, and the unit that is simulated differs from it as the
-filter's initial spread says: leakage, free air (and with it the bulk modulus), pump gain, the friction curve's
-height and viscous friction are drawn around the profile's; what no profile knows (bristles, ripple, line
-losses, …) is drawn from its usual range. Geometry and sensors are as the profile says.
+filter's initial spread says: leakage, free air (and with it the bulk modulus), pump gain, the friction
+curve's height and viscous friction are drawn around the profile's; what no profile knows (bristles, ripple,
+line losses, …) is drawn from its usual range. Geometry and sensors are as the profile says.
 """
 
 from __future__ import annotations
@@ -128,7 +128,8 @@ def prepare(
     rig, details, gain = draw_rig(unit, prior, rng)
     scenario = Scenario(
         unit=rig.name, duration=duration, duty=MOTIONS[case.duty], load=LOADS[case.load], details=details,
-        seed=int(rng.integers(2**62)), recording=Recording.perfect(), **(_fault(change, rig) if change else {}),
+        seed=int(rng.integers(2**62)), recording=Recording.perfect(),
+        **(_fault(change, rig) if change else {}),
     )  # fmt: skip
     out = simulate(rig, scenario)
     truth = plant_states(out.truth, unit, tracking.model, gain)

@@ -1,4 +1,4 @@
-"""What many runs say together: errors beside the bound and least squares, coverage, and whether goals are met."""
+"""What many runs say together: errors beside bound and least squares, coverage, whether goals are met."""
 
 from __future__ import annotations
 
@@ -172,7 +172,8 @@ def goals(found: Measured, world: str) -> list[Goal]:
         _goal(f"RMSE within {WITHIN_BOUND:g} times the bound where observable",
               ((label, a.over_bound, a.over_bound <= WITHIN_BOUND) for label, a in counted), "{:.2f} times"),
         _goal("never worse than least squares over the same window",
-              ((label, a.rmse / a.fitted, a.rmse <= a.fitted) for label, a in counted if np.isfinite(a.fitted)),
+              ((label, a.rmse / a.fitted, a.rmse <= a.fitted)
+               for label, a in counted if np.isfinite(a.fitted)),
               "{:.2f} times its RMSE"),
         _goal(f"NEES inside its 95 % band in {COVERED:.0%} of runs",
               ((label, c.nees, c.nees >= COVERED) for label, c in covered), "{:.0%}"),

@@ -88,9 +88,10 @@ class Cases:
         return [
             self._case("steps, constant load", duty=steps, load={"name": "constant"}),
             self._case("sines, spring, leakage", duty=sines, load=spring, faults=[leak]),
-            self._case("sawtooth, throttle, loose seal", duty={"name": "sawtooth"}, load=throttle, faults=[loose]),
-            self._case("flight, gust, aeration", duty={"name": "flight", "lead_in": 0.1}, load={"name": "gust"},
-                       faults=[air]),
+            self._case("sawtooth, throttle, loose seal", duty={"name": "sawtooth"}, load=throttle,
+                       faults=[loose]),
+            self._case("flight, gust, aeration", duty={"name": "flight", "lead_in": 0.1},
+                       load={"name": "gust"}, faults=[air]),
             self._case("prbs, stiffest bristles", duty={**prbs, **slow}, details=stiffest, load=spring),
             self._case("prbs of speed, coupling and check valve", duty={**prbs, **fast},
                        control={"mode": "speed"}, faults=worn, load=throttle),

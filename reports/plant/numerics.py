@@ -1,11 +1,11 @@
 """How fast and how exact the plant is: over real time, beside SciPy's solvers, and with shorter steps.
 
-SciPy's solvers get the plant's own compiled right-hand side through a thin wrapper, with commands and conditions
-held as there; a solver starts anew wherever a command arrives, as any solver must.
+SciPy's solvers get the plant's own compiled right-hand side through a thin wrapper, with commands and
+conditions held as there; a solver starts anew wherever a command arrives, as any solver must.
 
-A difference of two runs counts against what a sensor cannot see: the root mean square of its white noise and of
-its rounding, LSB/√12. For the encoders, which have no noise, that is LSB/√12 alone. Differences are those of the
-true quantities, before any sensor.
+A difference of two runs counts against what a sensor cannot see: the root mean square of its white noise and
+of its rounding, LSB/√12. For the encoders, which have no noise, that is LSB/√12 alone. Differences are those
+of the true quantities, before any sensor.
 """
 
 from __future__ import annotations
@@ -36,8 +36,8 @@ METHODS = ("RK45", "LSODA", "Radau")
 
 @dataclass(frozen=True)
 class PeerRun:
-    """What a peer made of a run: states (n, …) at the start of every millisecond, evaluations of the right-hand
-    side, and processor time (s)."""
+    """What a peer made of a run: states (n, …) at the start of every millisecond, evaluations of the
+    right-hand side, and processor time (s)."""
 
     states: Array
     evaluations: int
@@ -108,8 +108,8 @@ _STAGES = 6
 
 @dataclass(frozen=True)
 class RealTime:
-    """Simulated over processor time of a case: of `simulate`, sensors and truth included; of the compiled loop
-    and its conditions alone; and the integrator's steps for each millisecond."""
+    """Simulated over processor time of a case: of `simulate`, sensors and truth included; of the compiled
+    loop and its conditions alone; and the integrator's steps for each millisecond."""
 
     case: str
     whole: float

@@ -44,8 +44,8 @@ GOAL = 300.0
 
 @dataclass(frozen=True)
 class Plan:
-    """How much is measured: s of each run that is timed and how often; s of the runs that peers solve, with steps
-    half as long and beside Radau, and the number of random scenarios. 0 leaves the last three out."""
+    """How much is measured: s of each run that is timed and how often; s of the runs that peers solve, with
+    steps half as long and beside Radau, and the number of random scenarios. 0 leaves the last three out."""
 
     speed_duration: float = 30.0
     repeats: int = 5
@@ -94,24 +94,24 @@ def plant(
 
 
 def measure(plan: Plan, progress: Callable[[float], None] = lambda share: None) -> Measured:
-    """Measure speed, work, convergence and robustness on one core; `progress` is told shares that are done."""
+    """Measure speed, work, convergence and robustness on one core; `progress` is told what share is done."""
     cases, found = Cases(), Measured(plan)
+    numerics = cases.numerics
     with threadpool_limits(1):
         for case in cases.speed:
             found.real_time.append(real_time(case, plan.speed_duration, plan.repeats))
-            progress(0.01)
         found.work, found.trust = work_precision(cases.work, plan.work_duration, plan.repeats)
-        for case in cases.numerics:
+        for number, case in enumerate(numerics, 1):
             if plan.halving_duration > 0.0:
                 found.halved.append(against_half_steps(case, plan.halving_duration))
                 alone = case.without_encoder_steps()
                 found.halved_alone.append(against_half_steps(alone, plan.halving_duration))
             if plan.radau_duration > 0.0:
                 found.radau.append(against_radau(case, plan.radau_duration))
-            progress(0.04)
+            progress(0.4 * number / len(numerics))
         for seed in range(plan.wild):
             found.wild.append(try_wild(seed))
-            progress(0.6 / plan.wild)
+            progress(0.4 + 0.6 * (seed + 1) / plan.wild)
     return found
 
 

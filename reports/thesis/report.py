@@ -45,7 +45,7 @@ def thesis(
     require_folder(out, pictures=True)
     sections = []
     with progress("the thesis's experiments", float(len(EXPERIMENTS))) as advance:
-        for experiment in EXPERIMENTS:
+        for number, experiment in enumerate(EXPERIMENTS, 1):
             name = experiment.__name__
             found = experiment(Unit.load("axis_a"), Unit.load("axis_b"), 100_000 * seed + 1)
             panels = found.pop("picture", [])
@@ -53,7 +53,7 @@ def thesis(
                 columns, height = (2, 6.0) if len(panels) == 4 else (1, 4.2 if len(panels) == 1 else 5.6)
                 draw(out / "thesis" / f"{name}.png", panels, columns=columns, height=height)
             sections.append(section(name, found))
-            advance(1.0)
+            advance(float(number))
     write_report(out / "thesis.md", report_lines(sections, seed))
     for text, rows in sections:
         print(f"{_title(text)}: {_met(rows)} of {len(rows)} numbers meet the thesis's")

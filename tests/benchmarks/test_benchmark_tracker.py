@@ -13,15 +13,15 @@ import pytest
 
 from estimators.eha import bounds, layout, model, walk
 from estimators.eha.tracker import EhaTracker
-from evidence.estimators import speed
-from evidence.estimators.speed.cpp import Program, Unavailable
-from evidence.estimators.speed.peers import run_filterpy
 from fdd.diagnosis.pipeline import Pipeline
 from fdd.plant.scenario import Recording, Scenario
 from fdd.plant.simulate import simulate
 from fdd.residuals.tracking import Channels, Tracking
 from fdd.samples import Samples
 from fdd.unit import Unit
+from reports.estimators import speed
+from reports.estimators.speed.cpp import Program, Unavailable
+from reports.estimators.speed.peers import run_filterpy
 
 pytestmark = pytest.mark.slow
 METHODS = ["ekf", "svsf"]

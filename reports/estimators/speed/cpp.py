@@ -137,7 +137,7 @@ class Program:
             raise Unavailable(f"the C++ peer does not compile: {(errors or ['no message'])[0]}")
 
     def run(self, tracker: EhaTracker, block: Array, *, dense: bool = False) -> Run:
-        """Track a block (n, COLUMNS) from the settings and present estimate of a tracker, which stays as it is.
+        """Track a block (n, COLUMNS) from a tracker's settings and present estimate; it stays as it is.
 
         `dense` takes products of whole matrices instead of the tracker's own structure.
         """
