@@ -53,7 +53,7 @@ of_data_set(
     scales.scales, scales.table, "Read healthy logs in wrong units of measure: refused, or warned of?"
 )
 of_data_set(disturbed.disturbed, disturbed.table, "Compare answers on logs cut, holed or mirrored.")
-of_data_set(left_out.left_out, left_out.table, "Diagnose each faulty log without its own fault's signatures.")
+of_data_set(left_out.left_out, left_out.table, "Diagnose faulty logs without their fault's signatures.")
 
 if __name__ == "__main__":
     prepare_process()

@@ -55,8 +55,8 @@ def report_lines(found: Measured) -> list[str]:
         return text if np.isfinite(value) else "lost"
 
     def half(steps: Sequence[StepOutcome], method: int, share: float) -> str:
-        how = "linear" if share == 0.5 else "higher"
-        value = float(np.quantile([s.half[method] for s in steps], share, method=how))
+        times = [s.half[method] for s in steps]
+        value = float(np.median(times) if share == 0.5 else np.quantile(times, share, method="higher"))
         return f"{value:.2f}" if np.isfinite(value) else "never"
 
     page = template(
@@ -93,13 +93,11 @@ def draw_pictures(found: Measured, folder: Path) -> None:
     draw(folder / "bound.png", panels, columns=2, height=1.6 + 0.35 * len(names))
     panels = []
     for (world, quantity), steps in found.steps.items():
-        curves = []
-        for m, method in enumerate(METHODS):
-            low, middle, high = np.nanquantile([s.response[m] for s in steps], [0.1, 0.5, 0.9], axis=0)
-            curves += [
-                (GRID, middle, f"C{m}-", method.upper()),
-                *((GRID, y, f"C{m}:", None) for y in (low, high)),
-            ]
+        curves = [
+            (GRID, np.nanquantile([s.response[m] for s in steps], share, axis=0), f"C{m}{style}", label)
+            for m, method in enumerate(METHODS)
+            for share, style, label in ((0.1, ":", None), (0.5, "-", method.upper()), (0.9, ":", None))
+        ]
         settings = {"title": f"{quantity.replace('_', ' ')}, {world}", "xlabel": "s after the change",
                     "ylabel": "share of the change", "ylim": (-0.5, 1.7)}  # fmt: skip
         panels.append(Panel(curves, settings, at_y={0.5: "half"}))

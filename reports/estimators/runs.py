@@ -277,10 +277,8 @@ def _fitted(case: Case, data: Data, ends: Rows, true: Array) -> Array:
             angle, difference = np.cumsum(part[:, layout.SPEED]) * 1e-3, part[:, layout.DIFFERENCE] * 1e-6
             signals = Window.of_difference(position, angle, difference, float(model.accumulator_pressure))
         else:
-            pressures = (
-                part[:, c] * 1e-6 for c in (layout.PRESSURE_1, layout.PRESSURE_2, layout.ACCUMULATOR)
-            )
-            signals = Window(position, part[:, layout.ANGLE], *pressures)
+            p1, p2, p_acc = 1e-6 * part[:, [layout.PRESSURE_1, layout.PRESSURE_2, layout.ACCUMULATOR]].T
+            signals = Window(position, part[:, layout.ANGLE], p1, p2, p_acc)
         states = np.full((1, eha.STATES), np.nan)
         states[0, [eha.LEAK, eha.AIR]] = fit_balance(signals, model, relief=relief, sealed=sealed)
         viscosity = data.truth.viscosity[end - 1 : end] if not case.minimum else np.ones(1)

@@ -166,7 +166,7 @@ def goals(found: Measured, world: str) -> list[Goal]:
         for outcome in (o for (at, _), each in found.still.items() if at == world for o in each):
             for (m, i), most in np.ndenumerate(outcome.moved):
                 label = f"{outcome.case}, {METHODS[m].upper()}, {QUANTITIES[i].replace('_', ' ')}"
-                yield label, most, most <= STILL_WITHIN
+                yield label, float(most), bool(most <= STILL_WITHIN)
 
     return [
         _goal(f"RMSE within {WITHIN_BOUND:g} times the bound where observable",

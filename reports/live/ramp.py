@@ -163,7 +163,7 @@ def ramp(
                 "topics": ["rig/{axis}/blocks"],
             }
             (Path(name) / "unit.yaml").write_text(profile_text(), "utf-8")
-            served = Process(Path(name), [source], core, fallback="unit.yaml")
+            served = Process(Path(name), [source], core, fallback=str(Path(name) / "unit.yaml"))
             served.start()
             sender, listener = _Sender(broker.port, payloads), _Listener(served.port)
             listener.start()

@@ -38,8 +38,7 @@ EXPERIMENTS: tuple[Callable[[Unit, Unit, int], Figures], ...] = (
 
 
 def thesis(
-    out: OutOption = FOLDER,
-    seed: Annotated[int, typer.Option(min=0, max=10_000, help="Of all trials.")] = 0,
+    out: OutOption = FOLDER, seed: Annotated[int, typer.Option(min=0, max=10_000, help="Of all trials.")] = 0
 ) -> None:
     """Repeat the thesis's experiments on the plant, its numbers beside the thesis's (a minute)."""
     require_folder(out, pictures=True)

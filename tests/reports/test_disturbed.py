@@ -47,13 +47,6 @@ def test_a_hole_is_fifty_milliseconds_inside_the_log(log: Samples) -> None:
         assert gone[0] > 0 or gone[-1] < len(log) - 1
 
 
-def test_an_early_row_and_a_lost_head(log: Samples) -> None:
-    at = rows_of(disturbed.early(log, rng()), log)
-    assert at[0] == 0 and at[1] == pytest.approx(600, abs=1) and (np.diff(at[1:]) == 1).all()
-    at = rows_of(disturbed.beheaded(log, rng()), log)
-    assert at[0] == pytest.approx(5000, abs=1) and at[-1] == len(log) - 1 and (np.diff(at) == 1).all()
-
-
 def test_other_units_of_measure_are_the_same_but_for_rounding(log: Samples) -> None:
     other = disturbed.converted(log, rng())
     np.testing.assert_allclose(other.time, log.time, rtol=1e-12)
@@ -77,17 +70,6 @@ def test_at_another_rate_it_is_the_same_motion(log: Samples, rate: float) -> Non
     np.testing.assert_allclose(turned, other["pump_angle"][1:] - other["pump_angle"][0], atol=0.2)
 
 
-def test_its_own_rate_and_more_than_it_has_are_no_other_rate(log: Samples) -> None:
-    assert disturbed.at_rate(1000.0)(log, rng()) is None and disturbed.at_rate(5000.0)(log, rng()) is None
-
-
-def test_a_recorder_that_changes_its_rate_halves_it_in_the_middle(log: Samples) -> None:
-    other = disturbed.changing(log, rng())
-    steps = np.round(np.diff(other.time) * 1e3).astype(int)
-    assert (steps[: 6 * RATE - 1] == 1).all() and (steps[6 * RATE :] == 2).all()
-    np.testing.assert_allclose(other["position"], np.interp(other.time, log.time, log["position"]), atol=1e-9)
-
-
 def test_slow_pressures_alone_are_held(log: Samples) -> None:
     other = disturbed.slow_pressures(log, rng())
     assert other is not None and len(other) == len(log)
@@ -101,13 +83,6 @@ def test_slow_pressures_alone_are_held(log: Samples) -> None:
         assert np.array_equal(other[name][fresh], other[name][fresh - fresh % 5]), "and none in between"
     coarse = Samples(log.time[::5], {n: log[n][::5] for n in log.channels})
     assert disturbed.slow_pressures(coarse, rng()) is None
-
-
-def test_a_log_in_milliseconds_is_read_as_it_was(log: Samples) -> None:
-    other = disturbed.in_milliseconds(log, rng())
-    np.testing.assert_allclose(other.time, log.time, atol=1e-8)
-    for name in log.channels:
-        np.testing.assert_allclose(other[name], log[name], rtol=1e-12, err_msg=name)
 
 
 def test_seen_from_the_other_end_motion_turns_and_chambers_swap(log: Samples) -> None:

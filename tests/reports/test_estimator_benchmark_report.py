@@ -66,12 +66,6 @@ def test_a_goal_is_short_where_its_figure_is(settings, short):
         assert bool(goal.short) == missed
 
 
-def test_what_is_never_observable_has_no_verdict():
-    found = many(error=50.0, flagged=False)
-    by_name = {goal.name: goal.total for goal in goals(found, "plant")}
-    assert [total for name, total in by_name.items() if "bound" in name or "least" in name] == [0, 0]
-
-
 def test_a_slow_step_and_a_restless_hour_are_short():
     found = many()
     found.steps["plant", "leakage"] = [StepOutcome(np.array([0.5, 2.5]), np.zeros((2, GRID.size)))] * 3

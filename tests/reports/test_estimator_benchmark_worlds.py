@@ -13,17 +13,14 @@ from reports.estimators.cases import CASES, Case
 from reports.estimators.least_squares import Window, fit_balance
 from reports.estimators.matched import CLEARANCE, LOWEST, draw, matched_unit
 from reports.estimators.model import (
-    FORCE_PERIOD,
-    LOW_SIDE,
     N_ANGLE,
-    N_FORCE_MEAN,
     N_POSITION,
     N_PRESSURE,
     N_SMALL,
     assumed,
 )
 from reports.estimators.peers import PEERS, run_peer
-from reports.estimators.runs import correlation_time, evaluate, nis_of_run, prepare
+from reports.estimators.runs import evaluate, nis_of_run, prepare
 
 pytestmark = pytest.mark.slow
 SINES = Case("sines", "spring")
@@ -77,49 +74,6 @@ def test_its_parameters_walk_and_its_sensors_err_as_the_filter_assumes(axis, dra
     lowest = truth.states[:, [eha.P1, eha.P2]].min()
     assert lowest == pytest.approx(LOWEST, abs=0.01)
     assert truth.accumulator[0] == pytest.approx(LOWEST - CLEARANCE)
-
-
-def test_with_few_sensors_the_low_side_is_fed_and_the_high_side_obeys_the_balance(axis):
-    """The high chamber takes flow noise of the usual size, the low one what keeps it near the charge."""
-    model, prior = axis
-    case = Case("sines", "spring", minimum=True)
-    truth, block = draw(case, 6.0, model, prior, np.random.default_rng(3))
-    x = truth.states
-    low = np.minimum(x[:, eha.P1], x[:, eha.P2])
-    # But where the sides change places, when the old high side may pass the other by a millisecond's change.
-    assert np.quantile(np.abs(np.diff(low)), 0.98) < 1e-3
-    assert 0.02 < np.sqrt(np.mean((low - model.accumulator_pressure) ** 2)) < 4.0 * LOW_SIDE
-    flows = np.empty(x.shape[0] - 1)
-    new, F, G = np.empty(eha.STATES), np.empty((eha.STATES,) * 2), np.empty((eha.STATES, 4))
-    for k in range(flows.size):
-        eha.step(x[k], 1.0, 1.0, truth.accumulator[0], np.nan, np.nan, model, new, F, G)
-        motion = np.array([x[k + 1, eha.V] - new[eha.V], x[k + 1, eha.W] - new[eha.W]])
-        left = x[k + 1] - new - G[:, :2] @ motion
-        high, column = (eha.P1, 2) if x[k, eha.P1] > x[k, eha.P2] else (eha.P2, 3)
-        flows[k] = left[high] / G[high, column]
-    assert flows.std() == pytest.approx(prior.sizes[N_SMALL], rel=0.04)
-    assert np.isnan(block[:, [layout.ANGLE, layout.PRESSURE_1, layout.ACCUMULATOR]]).all()
-
-
-def test_mean_forces_miss_by_independent_errors(axis):
-    """What the force balance leaves over 20 ms of settled sliding has the filter's standard deviation."""
-    model, prior = axis
-    left = []
-    for seed in range(4):
-        truth, _ = draw(Case("strokes", "none"), 20.0, model, prior, np.random.default_rng(seed))
-        x = truth.states
-        v = x[:, eha.V]
-        curve = np.array([eha.friction_curve(value, model)[0] for value in v])
-        force = model.area_1 * x[:, eha.P1] - model.area_2 * x[:, eha.P2]
-        known = x[:, eha.FRIC] * curve + x[:, eha.VISC] * v + x[:, eha.SKEW] * np.abs(v)
-        known += model.moving_mass * np.gradient(v) * 1e3
-        means = (force - known).reshape(-1, FORCE_PERIOD).mean(axis=1)
-        steady = (np.abs(v) > 0.059).reshape(-1, FORCE_PERIOD).all(axis=1)
-        around = steady[2:-2] & steady[:-4] & steady[4:] & steady[1:-3] & steady[3:-1]
-        left += [means[2:-2][around]]
-    errors = np.concatenate(left)
-    assert errors.size > 400
-    assert errors.std() == pytest.approx(prior.sizes[N_FORCE_MEAN], rel=0.14)  # 4 sigma of 400
 
 
 def exact_window(model, leakage, air, gain, n=6000):
@@ -185,18 +139,6 @@ def test_least_squares_leaves_out_what_is_fed_or_relieved():
     assert fit_balance(window, known, relief=float(calm)) == pytest.approx((1.7, 5.0), rel=0.02)
     nothing = Window(*[np.full(1000, 1.0)] * 5)
     assert np.isnan(fit_balance(nothing, model)).all()
-
-
-@pytest.mark.parametrize("rho", [0.0, 0.6, 0.9])
-def test_correlation_time_of_an_autoregression(rho):
-    """(1 + ρ)/(1 - ρ) of a first-order one."""
-    rng = np.random.default_rng(8)
-    noise = rng.standard_normal(60_000)
-    y = np.empty_like(noise)
-    y[0] = noise[0]
-    for i in range(1, y.size):
-        y[i] = rho * y[i - 1] + noise[i]
-    assert correlation_time(y) == pytest.approx((1.0 + rho) / (1.0 - rho), rel=0.12)
 
 
 def test_the_nis_of_a_consistent_filter_is_in_its_band():

@@ -2,7 +2,6 @@
 
 import numpy as np
 import pytest
-from scipy.integrate import solve_ivp
 from scipy.signal import cont2discrete, lfilter
 
 from fdd.identification.experiments.etfe import empirical_response, half_power_frequency
@@ -45,17 +44,6 @@ def test_sampled_is_the_triangle_hold_of_scipy():
     np.testing.assert_allclose(bottom, expected[1], rtol=1e-10)
 
 
-def test_a_simulated_step_is_that_of_the_differential_equation():
-    """s² + 2·30·s + 2500 against an integrator of ODEs, for a ramp that the hold carries exactly."""
-    model = TransferFunction((2500.0,), (1.0, 60.0, 2500.0), 0.0)
-    time = np.arange(300) * T
-    solved = solve_ivp(
-        lambda t, y: [y[1], 2500.0 * (t - y[0]) - 60.0 * y[1]],
-        (0.0, 0.3), [0.0, 0.0], t_eval=time, rtol=1e-10, atol=1e-12,
-    )  # fmt: skip
-    np.testing.assert_allclose(model.simulate(time, T), solved.y[0], atol=1e-8)
-
-
 def test_the_thesis_model_is_found_again_with_its_delay(command):
     """From positions of a simulated eq. 6.12, differenced and filtered like a log's."""
     output = velocity(integrated_output(LOW, command), T)
@@ -69,23 +57,6 @@ def test_the_thesis_model_is_found_again_with_its_delay(command):
     assert model.gain == pytest.approx(LOW.gain, rel=1e-3)
     # 16.77 Hz of eq. 6.12, which the thesis prints as 16.8.
     assert model.bandwidth_hz() == pytest.approx(16.8, abs=0.1)
-
-
-def test_the_bare_command_would_shift_the_motor_poles():
-    """Why `held_input` exists: eq. 6.11 comes back with it, and several times worse without."""
-    motor = TransferFunction((68.67, 1.21e5), (1.0, 760.8, 1.26e5), 0.001)
-    rng = np.random.default_rng(1)
-    time = np.arange(6000) * T
-    command = 47.0 * np.sin(2 * np.pi * (0.1 + 75.0 * time / 6.0) * time) + 8.0 * rng.choice(
-        [-1.0, 1.0], 6000
-    )
-    output = velocity(integrated_output(motor, command), T)
-    errors = []
-    for given in (held_input(command, T), command):
-        model, _ = fit_output_error(given, output, T, zeros=1, poles=2, delay=T, highest_hz=150.0)
-        errors.append(np.max(np.abs(np.sort(np.abs(model.poles)) / [242.9, 517.9] - 1.0)))
-    assert errors[0] < 0.02
-    assert errors[1] > 4.0 * errors[0]
 
 
 def test_single_sine_and_etfe_give_the_response(command):

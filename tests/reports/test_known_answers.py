@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from scipy.integrate import solve_ivp
 
 from fdd.identification.experiments.friction import fit_curve
 from fdd.identification.experiments.hydraulic import Coefficients, from_profile
@@ -15,8 +16,6 @@ from reports.thesis.response import HIGH, HIGH_SPEED, LOW, LOW_SPEED, split_pole
 from reports.thesis.runs import (
     VOLT,
     binary_noise,
-    both_pumps,
-    changed,
     chirp,
     holding_leakage,
     identification_volts,
@@ -138,18 +137,6 @@ def test_the_bulk_modulus_is_the_units(unit, modulus):
     assert found == pytest.approx(modulus, rel=0.03)
 
 
-def test_equations_5_20_and_5_21_agree_where_they_must(unit):
-    """Without air both are the oil's; at atmospheric pressure δ means the same in both, nearly."""
-    pressure = np.array([0.0, 5e5])
-    assert flow.equation_5_20(unit.oil, 2.8e8, 0.0, pressure) == pytest.approx(2.8e8)
-    assert flow.equation_5_21(2.8e8, 0.0, pressure) == pytest.approx(2.8e8)
-    both = (
-        flow.equation_5_20(unit.oil, 2.8e8, 0.003, pressure),
-        flow.equation_5_21(2.8e8, 0.003, pressure),
-    )
-    assert both[0][0] == pytest.approx(both[1][0], rel=0.01) and both[0][1] > 1.2 * both[1][1]
-
-
 def test_the_dead_band_is_leakage_under_friction(unit):
     """(ξ + C_ep)·F/(A·Dp), the low side refed, and the motor's own: half the friction halves it."""
     for force in (200.0, 400.0):
@@ -159,14 +146,6 @@ def test_the_dead_band_is_leakage_under_friction(unit):
         levels = expected * np.array([0.5, 1.8, 2.2, 2.6, 3.5])
         found = dead_band.slides_from(flattened, levels, 1.0, 1)
         assert found == pytest.approx(expected, rel=0.03)
-
-
-def test_the_offset_of_the_velocity_is_leakage_under_constant_friction(unit):
-    """With the same friction at every speed nothing but (ξ + C_ep)·F/(A·Dp) shifts the line of figure 5.1."""
-    flattened = flat(unit, 300.0)
-    holding = unit.pump.cross_port_leakage + unit.pump.case_leakage
-    expected = holding * 300.0 / (unit.cylinder.area_1 * unit.pump.displacement * VOLT) + dead_band.MOTOR
-    assert dead_band.measured_offset(flattened, 1, trials=1) == pytest.approx(expected, rel=0.04)
 
 
 def test_the_thesis_s_own_equations_have_its_dead_band(unit):
@@ -192,21 +171,6 @@ def test_linear_ultimate_gain_is_routh_hurwitz_s():
     assert control.linear_ultimate_gain(triple) == pytest.approx(2.0, rel=1e-3)
     assert control.linear_ultimate_gain(LOW) == pytest.approx(2.2e5, rel=0.02)
     assert control.linear_ultimate_gain(HIGH) == pytest.approx(2.6e5, rel=0.02)
-
-
-def test_a_late_drive_oscillates_sooner(unit):
-    late = changed(unit, "drive", delay=0.01)
-    assert control.oscillation(late, 2.5e5, 1) > 1e-3
-    assert control.oscillation(unit, 2.5e5, 1) < control.OSCILLATES
-
-
-def test_two_pumps_drive_twice_as_fast(unit):
-    partner = Unit.load("axis_b")
-    together = both_pumps(unit, partner)
-    single = flow.speeds_of(unit, 1)[1][-1]
-    assert together.pump.total_leakage == pytest.approx(unit.pump.total_leakage + partner.pump.total_leakage)
-    assert flow.speeds_of(together, 1)[1][-1] == pytest.approx(2.0 * single, rel=0.01)
-    assert unit.pump.displacement == Unit.load("axis_a").pump.displacement
 
 
 def test_the_identification_signal_is_flat_to_150_hz():

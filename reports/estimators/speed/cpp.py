@@ -14,17 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimators import kernels
-from estimators.eha import (
-    bounds,
-    forces,
-    gate,
-    layout,
-    loop,
-    model,
-    noise,
-    redundancy,
-    walk,
-)
+from estimators.eha import bounds, forces, gate, layout, loop, model, noise, redundancy, walk
 from estimators.eha.tracker import EhaTracker
 
 Array = NDArray[np.float64]

@@ -13,16 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from estimators.eha import (
-    bounds,
-    forces,
-    gate,
-    layout,
-    loop,
-    model,
-    redundancy,
-    walk,
-)
+from estimators.eha import bounds, forces, gate, layout, loop, model, redundancy, walk
 from estimators.eha.tracker import EhaTracker
 from estimators.eha.update import MOVING
 
