@@ -48,7 +48,7 @@ def of_data_set(measure: Callable[..., Any], table: Callable[[Any], str], words:
 
 of_data_set(budget.budget, budget.table, "Where visible faults are lost, and what healthy logs differ by.")
 of_data_set(identification.identification, identification.table,
-            "Identify each unit from its data sheet: refusals, and whether deviations come true.")  # fmt: skip
+            "Identify each unit from its data sheet: refusals, and do deviations come true?")  # fmt: skip
 of_data_set(
     scales.scales, scales.table, "Read healthy logs in wrong units of measure: refused, or warned of?"
 )

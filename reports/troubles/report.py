@@ -21,7 +21,6 @@ from fdd.markdown import table
 from fdd.unit import Unit
 from reports.service import MOSQUITTO, until
 from reports.troubles import during
-from reports.troubles.mistakes import mistakes
 from reports.troubles.trial import ARRIVED_S, Mqtt, Outcome, Trouble, blocks_of, leaking, process_in, shifted
 from reports.writing import FOLDER, OutOption, made_by, require_folder, write_report
 
@@ -118,12 +117,12 @@ def troubles(
     seed: Annotated[int, typer.Option(min=0, max=10_000, help="Of the instants of the kills.")] = 7,
     only: Annotated[
         list[str] | None,
-        typer.Option(metavar="NAME", help="This one, `mistakes` or `kills`; may be repeated."),
+        typer.Option(metavar="NAME", help="This one, or `kills`; may be repeated."),
     ] = None,
 ) -> None:
     """Try every trouble of the service itself, and report what was said and lost (Linux, some need root)."""
     require_folder(out)
-    known = {*(t.tried for t in TROUBLES), "mistakes", "kills"}
+    known = {*(t.tried for t in TROUBLES), "kills"}
     wanted = set(only or known)
     if unknown := wanted - known:
         raise InputError(f"no trouble {min(unknown)!r}", mend=f"give one of {', '.join(sorted(known))}")
@@ -135,7 +134,6 @@ def troubles(
             elif trouble.tried in wanted:
                 outcomes.append(trouble.attempt())
             advance(0.5 * number / len(TROUBLES))
-        outcomes += mistakes() if "mistakes" in wanted else ()
         if kills and "kills" in wanted and MOSQUITTO is None:
             without["kills"] = "no mosquitto here"
         elif kills and "kills" in wanted:
@@ -149,8 +147,6 @@ def troubles(
 
 def report_lines(outcomes: Sequence[Outcome], without: dict[str, str]) -> list[str]:
     """The report as Markdown."""
-    tried = [o for o in outcomes if o.sent]
-    refused = [o for o in outcomes if not o.sent]
     lines = [
         "# What troubles the service itself, and what is lost",
         "",
@@ -165,13 +161,10 @@ def report_lines(outcomes: Sequence[Outcome], without: dict[str, str]) -> list[s
         *table(
             ["tried", "how", "what the service said", "sent", "accepted", "lost", "verdict"],
             [[o.tried, _cell(o.how), _cell(o.said), str(o.sent), str(o.accepted), str(o.lost), _verdict(o)]
-             for o in tried],
+             for o in outcomes],
             "lllrrrl",
         ),
     ]  # fmt: skip
-    if refused:
-        said = [[o.tried, _cell(o.said), _verdict(o)] for o in refused]
-        lines += ["## Mistakes of users", "", *table(["mistake", "what `fdd serve` said", "verdict"], said)]
     return lines + [f"Left out: {name} ({why})." for name, why in without.items()]
 
 

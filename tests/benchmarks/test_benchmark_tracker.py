@@ -123,7 +123,7 @@ def test_table_has_every_peer_or_says_why_not(monkeypatch: pytest.MonkeyPatch) -
         raise Unavailable("no C++ compiler on this machine")
 
     monkeypatch.setattr(speed, "Program", absent)
-    table = speed.measure(2.0, repeats=1, peer_samples=200, hour=False)
+    table = speed.measure(2.0, repeats=1, peer_samples=200)
     rows = {row.name: row for row in table.rows}
     assert rows["EKF"].ratio == 1.0
     assert rows["filterpy EKF"].ratio > 10.0

@@ -10,7 +10,6 @@ from importlib.util import find_spec
 import numpy as np
 from numpy.typing import NDArray
 
-from estimators.eha import layout
 from estimators.eha.tracker import EhaTracker, Method
 from fdd.plant.scenario import Recording, Scenario
 from fdd.plant.simulate import simulate
@@ -23,8 +22,6 @@ Array = NDArray[np.float64]
 
 MOST_MICROSECONDS, LEAST_PEER, MOST_CPP = 2.0, 25.0, 2.0
 """Goals: µs of a sample for EKF and SVSF; times slower that filterpy is; times the plain C++ loop."""
-HOUR = 3_600_000
-"""Samples."""
 WARM_UP = 1000
 """Samples before the measured ones: the start, and compiling."""
 
@@ -49,13 +46,11 @@ class SpeedTable:
     ----------
     rows : lines of the table, the tracker's EKF first.
     samples : of the log that all but filterpy ran over.
-    hour : s of processor time for an hour at 1 kHz, by method.
     compiler : of the C++ peer, with its flags, or why there is none.
     """
 
     rows: tuple[Speed, ...]
     samples: int
-    hour: dict[str, float]
     compiler: str
 
     def verdicts(self) -> Iterator[tuple[str, float, str, bool]]:
@@ -86,20 +81,8 @@ def log(duration: float = 60.0, seed: int = 1) -> tuple[dict[str, EhaTracker], A
     return tracking.trackers, tracking.block(samples)
 
 
-def hour_seconds(tracker: EhaTracker, block: Array) -> float:
-    """Processor time for an hour at 1 kHz, s: the block over and over, with a second's pause between."""
-    start, block, total = tracker.state(), block.copy(), 0.0
-    pause = block[-1, layout.TIME] - block[0, layout.TIME] + 1.0
-    for first in range(0, HOUR, len(block)):
-        part = block[: HOUR - first]
-        total += _cpu(tracker.push, part)
-        block[:, layout.TIME] += pause
-    tracker.restore(start)
-    return total
-
-
 def measure(
-    duration: float = 60.0, *, repeats: int = 9, peer_samples: int = 3000, seed: int = 1, hour: bool = True
+    duration: float = 60.0, *, repeats: int = 9, peer_samples: int = 3000, seed: int = 1
 ) -> SpeedTable:
     """Time the tracker, filterpy and C++ on one log and one core, in turns: whatever else runs hits all.
 
@@ -149,8 +132,7 @@ def measure(
         seconds = np.array(found.get(name, [np.nan]))
         median, best = float(np.median(seconds)), float(seconds.min())
         rows.append(Speed(name, median * 1e6, best * 1e6, median / own, note))
-    hours: dict[str, float] = {m: hour_seconds(trackers[m], block) for m in methods} if hour else {}
-    return SpeedTable(tuple(rows), len(block), hours, compiler)
+    return SpeedTable(tuple(rows), len(block), compiler)
 
 
 def _cpp_name(method: str, dense: bool) -> str:
