@@ -61,18 +61,21 @@ def template(path: Path, **filters: Callable[..., str]) -> Template:
     return environment.get_template(path.name)
 
 
+Curve = tuple[Any, Any, str, str | None]
+"""x, y, matplotlib's format string, and label: None for no entry in the legend."""
+
+
 @dataclass(frozen=True)
 class Panel:
     """One panel of a picture.
 
     Attributes
     ----------
-    curves : x, y, matplotlib's format string and label (None for no entry in the legend) of each.
     settings : of ``Axes.set``: labels, scales, limits, title.
     at_x, at_y : value to label of lines across the panel.
     """
 
-    curves: Sequence[tuple[Any, Any, str, str | None]]
+    curves: Sequence[Curve]
     settings: Mapping[str, Any]
     at_x: Mapping[float, str] = field(default_factory=dict)
     at_y: Mapping[float, str] = field(default_factory=dict)

@@ -18,7 +18,17 @@ from reports.estimators.measure import Measured, Plan, measure
 from reports.estimators.runs import GRID, WORLDS, StepOutcome
 from reports.estimators.speed import measure as measure_speed
 from reports.estimators.summary import WITHIN_BOUND, Accuracy, accuracy, beside_peers, coverage, goals
-from reports.writing import FOLDER, OutOption, Panel, draw, made_by, require_folder, template, write_report
+from reports.writing import (
+    FOLDER,
+    Curve,
+    OutOption,
+    Panel,
+    draw,
+    made_by,
+    require_folder,
+    template,
+    write_report,
+)
 
 
 def estimators(
@@ -93,13 +103,13 @@ def draw_pictures(found: Measured, folder: Path) -> None:
     draw(folder / "bound.png", panels, columns=2, height=1.6 + 0.35 * len(names))
     panels = []
     for (world, quantity), steps in found.steps.items():
-        curves = [
+        responses: list[Curve] = [
             (GRID, np.nanquantile([s.response[m] for s in steps], share, axis=0), f"C{m}{style}", label)
             for m, method in enumerate(METHODS)
             for share, style, label in ((0.1, ":", None), (0.5, "-", method.upper()), (0.9, ":", None))
         ]
         settings = {"title": f"{quantity.replace('_', ' ')}, {world}", "xlabel": "s after the change",
                     "ylabel": "share of the change", "ylim": (-0.5, 1.7)}  # fmt: skip
-        panels.append(Panel(curves, settings, at_y={0.5: "half"}))
+        panels.append(Panel(responses, settings, at_y={0.5: "half"}))
     if panels:
         draw(folder / "steps.png", panels, columns=len(panels) // len(WORLDS), height=5.0)

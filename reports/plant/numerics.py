@@ -203,8 +203,8 @@ def _point(
 ) -> Work:
     difference = states - reference
     pressure = difference[:, s.SHARED + s.P1] - difference[:, s.SHARED + s.P2]
-    errors = (float(np.sqrt(np.mean(x**2))) for x in (difference[:, s.X], pressure))
-    return Work(solver, setting, *errors, cpu / duration, evaluations / duration)
+    off, off_pressure = (float(np.sqrt(np.mean(x**2))) for x in (difference[:, s.X], pressure))
+    return Work(solver, setting, off, off_pressure, cpu / duration, evaluations / duration)
 
 
 def _median_cpu(run: Callable[[], object], repeats: int) -> float:
