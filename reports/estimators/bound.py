@@ -22,15 +22,9 @@ from reports.estimators.model import (
     FORCE_PERIOD,
     LOW_SIDE,
     LOW_SIDE_TIME,
-    N_ACCELERATION,
-    N_ANGLE,
-    N_DIFFERENCE,
-    N_FORCE,
-    N_FORCE_MEAN,
-    N_POSITION,
-    N_PRESSURE,
     SETTLING,
     Assumed,
+    Sizes,
     chamber_noise,
 )
 
@@ -69,25 +63,25 @@ def eha_bound(
 @njit(error_model="numpy")
 def _eha_bound(
     states: Array, p_acc: Array, viscosity: Array, q: eha.Parameters, P: Array, walk: Array, pull: Array,
-    sizes: Array, pressures: bool, known: bool, rows: Rows, out: Array,
+    sizes: Sizes, pressures: bool, known: bool, rows: Rows, out: Array,
 ) -> None:  # fmt: skip
     n, motion = eha.STATES, eha.P2 + 1
     F, G = np.empty((n, n)), np.empty((n, 4))
     new, k_gain, scratch, diag, noise = np.empty(n), np.empty(n), np.empty(n), np.empty(n), np.empty(4)
     moved = np.empty((motion, n))
-    noise[0], noise[1] = sizes[N_FORCE] ** 2, sizes[N_ACCELERATION] ** 2
+    noise[0], noise[1] = sizes.force**2, sizes.acceleration**2
     for i in range(n):
         diag[i] = walk[i] ** 2 * 1e-3
     channels = 4
     H, r = np.zeros((channels, n)), np.empty(channels)
     H[0, eha.X] = H[1, eha.TH] = 1.0
-    r[0], r[1] = sizes[N_POSITION] ** 2, sizes[N_ANGLE] ** 2
+    r[0], r[1] = sizes.position**2, sizes.angle**2
     if pressures:
         H[2, eha.P1] = H[3, eha.P2] = 1.0
-        r[2] = r[3] = sizes[N_PRESSURE] ** 2
+        r[2] = r[3] = sizes.pressure**2
     else:
         H[2, eha.P1], H[2, eha.P2] = 1.0, -1.0
-        r[2], r[3] = sizes[N_DIFFERENCE] ** 2, LOW_SIDE**2 * LOW_SIDE_TIME
+        r[2], r[3] = sizes.difference**2, LOW_SIDE**2 * LOW_SIDE_TIME
     force, sliding = np.zeros(n), 0
     wanted = 0
     for k in range(states.shape[0]):
@@ -124,7 +118,7 @@ def _eha_bound(
         force[eha.THROT] += v * abs(v) / FORCE_PERIOD
         if place == FORCE_PERIOD - 1 and sliding >= SETTLING:
             force[eha.INERT] = (v - states[k - FORCE_PERIOD + 1, eha.V]) / FORCE_PERIOD * 1e3
-            scalar_update(P, force, sizes[N_FORCE_MEAN] ** 2, k_gain, scratch)
+            scalar_update(P, force, sizes.force_mean**2, k_gain, scratch)
         if wanted < rows.size and rows[wanted] == k:
             for i in range(n):
                 out[wanted, i] = P[i, i]

@@ -30,18 +30,7 @@ from fdd.plant.duty import duty_named
 from fdd.unit import Unit
 from reports.estimators.cases import MOTIONS, Case, Trajectory
 from reports.estimators.compiled import njit
-from reports.estimators.model import (
-    FORCE_PERIOD,
-    LOW_SIDE,
-    LOW_SIDE_TIME,
-    N_ANGLE,
-    N_DIFFERENCE,
-    N_FORCE_MEAN,
-    N_POSITION,
-    N_PRESSURE,
-    N_SMALL,
-    Assumed,
-)
+from reports.estimators.model import FORCE_PERIOD, LOW_SIDE, LOW_SIDE_TIME, Assumed
 
 Array = NDArray[np.float64]
 
@@ -130,9 +119,9 @@ def draw(
         parameters[row:, jump.state] += (jump.factor - 1.0) * changed + jump.shift
     for state, least in LEAST.items():
         parameters[:, state] = least + np.abs(parameters[:, state] - least)
-    errors = rng.standard_normal(n // FORCE_PERIOD + 2) * prior.sizes[N_FORCE_MEAN]
+    errors = rng.standard_normal(n // FORCE_PERIOD + 2) * prior.sizes.force_mean
     force = _force(position, parameters, model, errors)
-    volumes = rng.standard_normal((n + 1, 2)) * prior.sizes[N_SMALL]
+    volumes = rng.standard_normal((n + 1, 2)) * prior.sizes.small
     states = np.empty((n, eha.STATES))
     if case.minimum:
         accumulator = float(model.accumulator_pressure)
@@ -152,17 +141,17 @@ def measured(truth: Trajectory, case: Case, prior: Assumed, rng: np.random.Gener
     n, sizes = truth.states.shape[0], prior.sizes
     x = truth.states
     noise = rng.standard_normal((n, 6))
-    angle = x[:, eha.TH] + noise[:, 1] * sizes[N_ANGLE]
+    angle = x[:, eha.TH] + noise[:, 1] * sizes.angle
     block = np.full((n, layout.COLUMNS), np.nan)
     block[:, layout.TIME] = np.arange(n) * 1e-3
-    block[:, layout.POSITION] = (x[:, eha.X] + noise[:, 0] * sizes[N_POSITION]) * 1e-3
+    block[:, layout.POSITION] = (x[:, eha.X] + noise[:, 0] * sizes.position) * 1e-3
     block[:, layout.SPEED] = np.diff(angle, prepend=angle[0]) * 1e3
     difference = x[:, eha.P1] - x[:, eha.P2] + x[:, eha.ZERO]
-    block[:, layout.DIFFERENCE] = (difference + noise[:, 4] * sizes[N_DIFFERENCE]) * 1e6
+    block[:, layout.DIFFERENCE] = (difference + noise[:, 4] * sizes.difference) * 1e6
     if not case.minimum:
         block[:, layout.ANGLE] = angle
-        block[:, layout.PRESSURE_1] = (x[:, eha.P1] + noise[:, 2] * sizes[N_PRESSURE]) * 1e6
-        block[:, layout.PRESSURE_2] = (x[:, eha.P2] + noise[:, 3] * sizes[N_PRESSURE]) * 1e6
+        block[:, layout.PRESSURE_1] = (x[:, eha.P1] + noise[:, 2] * sizes.pressure) * 1e6
+        block[:, layout.PRESSURE_2] = (x[:, eha.P2] + noise[:, 3] * sizes.pressure) * 1e6
         block[:, layout.ACCUMULATOR] = truth.accumulator * 1e6
     return block
 

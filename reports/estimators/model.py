@@ -7,6 +7,7 @@ are drawn, the bound and the peers have the same statement to start from.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -29,8 +30,25 @@ MOTION_SPREAD = (1.0, 0.1, 1.0, 0.3, 0.3, 0.3)
 """Standard deviations of the motion states at the start, model units: wide, encoders and pressures set
 them."""
 
-(N_FORCE, N_ACCELERATION, N_SMALL, N_LARGE, N_MARGIN, N_RELIEF, N_POSITION, N_ANGLE, N_PRESSURE, N_DIFFERENCE,
- N_FORCE_MEAN) = range(11)  # fmt: skip
+
+class Sizes(NamedTuple):
+    """Standard deviations of the noise of motion and measurement for one millisecond, model units.
+
+    `small` and `large` are a chamber's unmodelled volume, shut and where it may be fed or relieved:
+    within `margin` above the accumulator's pressure, or from the pressure difference `relief` on.
+    """
+
+    force: float
+    acceleration: float
+    small: float
+    large: float
+    margin: float
+    relief: float
+    position: float
+    angle: float
+    pressure: float
+    difference: float
+    force_mean: float
 
 
 @dataclass(frozen=True)
@@ -43,14 +61,13 @@ class Assumed:
     walk : (STATES,) standard deviation of each state's noise over one second.
     pull : (STATES,) 1/s, rate at which it is drawn back to its start: a walk never gets less certain than the
         initial spread, which is the variance of an Ornstein-Uhlenbeck process with the rate q²/2σ₀².
-    sizes : (11,) noise of motion and measurement for one millisecond, indices `N_…`.
     """
 
     start: Array
     spread: Array
     walk: Array
     pull: Array
-    sizes: Array
+    sizes: Sizes
 
 
 def assumed(tracker: EhaTracker) -> Assumed:
@@ -85,37 +102,41 @@ def _walks(noise: Noise) -> Array:
     return walk
 
 
-def _sizes(noise: Noise, model: eha.Parameters) -> Array:
-    per_step = np.sqrt(1e-3)
-    out = np.empty(11)
-    out[N_FORCE] = noise.force / model.moving_mass * per_step  # m/s is mm/ms
-    out[N_ACCELERATION] = noise.acceleration * 1e-3 * per_step
-    out[N_SMALL], out[N_LARGE] = noise.flow * 1e9 * per_step, noise.flow_refeeding * 1e9 * per_step
-    out[N_MARGIN], out[N_RELIEF] = noise.refeed_margin * 1e-6, noise.relief_pressure * 1e-6
-    out[N_POSITION], out[N_ANGLE] = noise.position * 1e3, noise.angle
-    out[N_PRESSURE], out[N_DIFFERENCE] = noise.pressure * 1e-6, noise.pressure_difference * 1e-6
-    out[N_FORCE_MEAN] = noise.force_mean
-    return out
+def _sizes(noise: Noise, model: eha.Parameters) -> Sizes:
+    per_step = float(np.sqrt(1e-3))
+    return Sizes(
+        force=noise.force / float(model.moving_mass) * per_step,  # m/s is mm/ms
+        acceleration=noise.acceleration * 1e-3 * per_step,
+        small=noise.flow * 1e9 * per_step,
+        large=noise.flow_refeeding * 1e9 * per_step,
+        margin=noise.refeed_margin * 1e-6,
+        relief=noise.relief_pressure * 1e-6,
+        position=noise.position * 1e3,
+        angle=noise.angle,
+        pressure=noise.pressure * 1e-6,
+        difference=noise.pressure_difference * 1e-6,
+        force_mean=noise.force_mean,
+    )
 
 
 @njit(error_model="numpy")
 def chamber_noise(
-    p1: float, p2: float, p_acc: float, known: bool, sizes: Array
+    p1: float, p2: float, p_acc: float, known: bool, sizes: Sizes
 ) -> tuple[float, float]:  # fmt: skip
     """Standard deviation of each chamber's unmodelled volume (mm³) over one millisecond.
 
     Large where the accumulator may feed the chamber or the relief valve may open. Without a sensor of the
     accumulator's pressure (`known`), the low side always counts as fed.
     """
-    fed1 = p1 < p_acc + sizes[N_MARGIN] if known else p1 <= p2
-    fed2 = p2 < p_acc + sizes[N_MARGIN] if known else p2 < p1
-    relieved = abs(p1 - p2) > sizes[N_RELIEF]
-    small, large = sizes[N_SMALL], sizes[N_LARGE]
+    fed1 = p1 < p_acc + sizes.margin if known else p1 <= p2
+    fed2 = p2 < p_acc + sizes.margin if known else p2 < p1
+    relieved = abs(p1 - p2) > sizes.relief
+    small, large = sizes.small, sizes.large
     return large if relieved or fed1 else small, large if relieved or fed2 else small
 
 
 def tested_channels(
-    states: Array, accumulator: Array, model: eha.Parameters, sizes: Array, *, minimum: bool
+    states: Array, accumulator: Array, model: eha.Parameters, sizes: Sizes, *, minimum: bool
 ) -> float:
     """Channels whose innovations can be tested, mean over a run, 0 to 4.
 
@@ -129,28 +150,25 @@ def tested_channels(
     ----------
     states : (n, STATES) true. accumulator : (n,) MPa. sizes : of `Assumed`.
     """
-    encoders = sum(
-        float(sizes[motion] < 10.0 * sizes[sensor])
-        for motion, sensor in ((N_FORCE, N_POSITION), (N_ACCELERATION, N_ANGLE))
-    )
+    encoders = float(sizes.force < 10.0 * sizes.position) + float(sizes.acceleration < 10.0 * sizes.angle)
     pressures = 1.0 if minimum else 2.0
-    channel = N_DIFFERENCE if minimum else N_PRESSURE
-    if sizes[N_LARGE] < 10.0 * sizes[channel] * model.volume_1 * model.stiff_compliance:
+    sensor = sizes.difference if minimum else sizes.pressure
+    if sizes.large < 10.0 * sensor * model.volume_1 * model.stiff_compliance:
         return encoders + pressures
     return encoders + max(pressures - _fed_chambers(states, accumulator, not minimum, sizes), 0.0)
 
 
 @njit(error_model="numpy")
-def _fed_chambers(states: Array, accumulator: Array, known: bool, sizes: Array) -> float:
+def _fed_chambers(states: Array, accumulator: Array, known: bool, sizes: Sizes) -> float:
     """Chambers with the large noise, mean over a run."""
     total = 0.0
     for k in range(states.shape[0]):
         sd1, sd2 = chamber_noise(states[k, eha.P1], states[k, eha.P2], accumulator[k], known, sizes)
-        total += (sd1 == sizes[N_LARGE]) + (sd2 == sizes[N_LARGE])
+        total += (sd1 == sizes.large) + (sd2 == sizes.large)
     return total / states.shape[0]
 
 
-def encoders_share(states: Array, sizes: Array) -> float:
+def encoders_share(states: Array, sizes: Sizes) -> float:
     """What encoders that are not tested add to the NIS all the same, to be taken off: a per cent or two.
 
     Their innovation is the true change of velocity or speed within a millisecond, its variance that of the
@@ -161,8 +179,8 @@ def encoders_share(states: Array, sizes: Array) -> float:
     states : (n, STATES) true, model units. sizes : of `Assumed`.
     """
     share = 0.0
-    if sizes[N_FORCE] >= 10.0 * sizes[N_POSITION]:
-        share += float(np.mean(np.diff(states[:, eha.V]) ** 2)) / sizes[N_FORCE] ** 2
-    if sizes[N_ACCELERATION] >= 10.0 * sizes[N_ANGLE]:
-        share += float(np.mean(np.diff(states[:, eha.W]) ** 2)) / sizes[N_ACCELERATION] ** 2
+    if sizes.force >= 10.0 * sizes.position:
+        share += float(np.mean(np.diff(states[:, eha.V]) ** 2)) / sizes.force**2
+    if sizes.acceleration >= 10.0 * sizes.angle:
+        share += float(np.mean(np.diff(states[:, eha.W]) ** 2)) / sizes.acceleration**2
     return share

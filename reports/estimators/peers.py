@@ -15,18 +15,7 @@ from numpy.typing import NDArray
 
 from estimators.eha import layout
 from estimators.eha import model as eha
-from reports.estimators.model import (
-    LOW_SIDE,
-    LOW_SIDE_TIME,
-    N_ACCELERATION,
-    N_ANGLE,
-    N_DIFFERENCE,
-    N_FORCE,
-    N_POSITION,
-    N_PRESSURE,
-    Assumed,
-    chamber_noise,
-)
+from reports.estimators.model import LOW_SIDE, LOW_SIDE_TIME, Assumed, chamber_noise
 
 Array = NDArray[np.float64]
 
@@ -64,7 +53,7 @@ class _Model:
     def Q(self, x: Array) -> Array:
         sizes = self.prior.sizes
         sd = chamber_noise(x[eha.P1], x[eha.P2], self.p_acc[self.row], self.known, sizes)
-        noise = np.array([sizes[N_FORCE], sizes[N_ACCELERATION], *sd]) ** 2
+        noise = np.array([sizes.force, sizes.acceleration, *sd]) ** 2
         return np.asarray((self.G * noise) @ self.G.T + np.diag(self.prior.walk**2 * 1e-3))
 
     def h(self, x: Array) -> Array:
@@ -85,9 +74,9 @@ class _Model:
     @property
     def R(self) -> Array:
         sizes = self.prior.sizes
-        last = (sizes[N_DIFFERENCE], LOW_SIDE * np.sqrt(LOW_SIDE_TIME)) if self.minimum else (
-            sizes[N_PRESSURE], sizes[N_PRESSURE])  # fmt: skip
-        return np.diag(np.array([sizes[N_POSITION], sizes[N_ANGLE], *last]) ** 2)
+        last = (sizes.difference, LOW_SIDE * np.sqrt(LOW_SIDE_TIME)) if self.minimum else (
+            sizes.pressure, sizes.pressure)  # fmt: skip
+        return np.diag(np.array([sizes.position, sizes.angle, *last]) ** 2)
 
     def start(self) -> Array:
         x = self.prior.start.copy()

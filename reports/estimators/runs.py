@@ -41,7 +41,7 @@ from reports.estimators.cases import (
     quantities,
 )
 from reports.estimators.least_squares import Window, fit_balance
-from reports.estimators.model import N_RELIEF, Assumed, assumed, encoders_share, tested_channels
+from reports.estimators.model import Assumed, assumed, encoders_share, tested_channels
 
 Array = NDArray[np.float64]
 Rows = NDArray[np.int64]
@@ -269,7 +269,7 @@ def _fitted(case: Case, data: Data, ends: Rows, true: Array) -> Array:
     """Errors of the volume balance fitted over the window before each check, (2, checks)."""
     window = min(round(WINDOW * 1e3), int(ends[0]))
     model, out = data.tracking.model, np.full((2, ends.size), np.nan)
-    relief, sealed = float(data.prior.sizes[N_RELIEF]), bool(model.case_leakage == 0.0) and not case.minimum
+    relief, sealed = float(data.prior.sizes.relief), bool(model.case_leakage == 0.0) and not case.minimum
     for i, end in enumerate(ends):
         part = data.block[end - window : end]
         position = part[:, layout.POSITION] * 1e3

@@ -116,8 +116,7 @@ def troubles(
     kills: Annotated[int, typer.Option(min=0, max=10_000, help="SIGKILLs; 0 leaves them out.")] = 500,
     seed: Annotated[int, typer.Option(min=0, max=10_000, help="Of the instants of the kills.")] = 7,
     only: Annotated[
-        list[str] | None,
-        typer.Option(metavar="NAME", help="This one, or `kills`; may be repeated."),
+        list[str] | None, typer.Option(metavar="NAME", help="This one, or `kills`; may be repeated.")
     ] = None,
 ) -> None:
     """Try every trouble of the service itself, and report what was said and lost (Linux, some need root)."""

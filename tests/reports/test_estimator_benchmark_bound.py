@@ -9,18 +9,7 @@ from fdd.unit import Unit
 from reports.estimators.bound import eha_bound
 from reports.estimators.cases import Case, Trajectory
 from reports.estimators.matched import draw, matched_unit
-from reports.estimators.model import (
-    FORCE_PERIOD,
-    N_ACCELERATION,
-    N_ANGLE,
-    N_FORCE,
-    N_FORCE_MEAN,
-    N_POSITION,
-    N_PRESSURE,
-    N_SMALL,
-    SETTLING,
-    assumed,
-)
+from reports.estimators.model import FORCE_PERIOD, SETTLING, assumed
 
 
 @pytest.fixture(scope="module")
@@ -49,8 +38,8 @@ def test_the_compiled_bound_is_the_recursion_on_the_eha_model(sliding):
     H = np.zeros((4, eha.STATES))
     for row, state in enumerate((eha.X, eha.TH, eha.P1, eha.P2)):
         H[row, state] = 1.0
-    R = np.diag(sizes[[N_POSITION, N_ANGLE, N_PRESSURE, N_PRESSURE]] ** 2)
-    noise = np.diag(sizes[[N_FORCE, N_ACCELERATION, N_SMALL, N_SMALL]] ** 2)
+    R = np.diag(np.array([sizes.position, sizes.angle, sizes.pressure, sizes.pressure]) ** 2)
+    noise = np.diag(np.array([sizes.force, sizes.acceleration, sizes.small, sizes.small]) ** 2)
     P, new = np.diag(prior.spread**2), np.empty(eha.STATES)
     F, G = np.empty((eha.STATES, eha.STATES)), np.empty((eha.STATES, 4))
     assert np.abs(x[:, eha.V]).min() > 0.01
@@ -72,7 +61,7 @@ def test_the_compiled_bound_is_the_recursion_on_the_eha_model(sliding):
             h[eha.SKEW] = np.abs(v).mean()
             h[eha.VISC], h[eha.LOAD], h[eha.STIF] = v.mean(), 1.0, period[:, eha.X].mean()
             h[eha.THROT], h[eha.INERT] = (v * np.abs(v)).mean(), (v[-1] - v[0]) / FORCE_PERIOD * 1e3
-            gain = P @ h / (h @ P @ h + sizes[N_FORCE_MEAN] ** 2)
+            gain = P @ h / (h @ P @ h + sizes.force_mean**2)
             P = P - np.outer(gain, h @ P)
         if k in rows:
             at_row = found[list(rows).index(k)]

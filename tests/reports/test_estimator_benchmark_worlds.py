@@ -12,13 +12,7 @@ from fdd.unit import Unit
 from reports.estimators.cases import CASES, Case
 from reports.estimators.least_squares import Window, fit_balance
 from reports.estimators.matched import CLEARANCE, LOWEST, draw, matched_unit
-from reports.estimators.model import (
-    N_ANGLE,
-    N_POSITION,
-    N_PRESSURE,
-    N_SMALL,
-    assumed,
-)
+from reports.estimators.model import assumed
 from reports.estimators.peers import PEERS, run_peer
 from reports.estimators.runs import evaluate, nis_of_run, prepare
 
@@ -53,8 +47,8 @@ def test_the_matched_world_obeys_the_model_with_its_noise(axis, drawn):
         left = x[k + 1] - new - G[:, :2] @ motion
         np.testing.assert_allclose(left[[eha.X, eha.TH]], 0.0, atol=1e-9)
         flows[k] = left[eha.P1] / G[eha.P1, 2], left[eha.P2] / G[eha.P2, 3]
-    np.testing.assert_allclose(flows.std(axis=0), prior.sizes[N_SMALL], rtol=0.03)  # 4 sigma of 10 000
-    assert np.abs(flows.mean(axis=0)).max() < 4.0 * prior.sizes[N_SMALL] / 100.0
+    np.testing.assert_allclose(flows.std(axis=0), prior.sizes.small, rtol=0.03)  # 4 sigma of 10 000
+    assert np.abs(flows.mean(axis=0)).max() < 4.0 * prior.sizes.small / 100.0
     assert abs(np.corrcoef(flows[1:, 0], flows[:-1, 0])[0, 1]) < 0.04
     assert abs(np.corrcoef(flows.T)[0, 1]) < 0.04
 
@@ -70,7 +64,8 @@ def test_its_parameters_walk_and_its_sensors_err_as_the_filter_assumes(axis, dra
         block[:, layout.ANGLE] - truth.states[:, eha.TH],
         block[:, layout.PRESSURE_1] * 1e-6 - truth.states[:, eha.P1],
     ])  # fmt: skip
-    np.testing.assert_allclose(errors.std(axis=0), prior.sizes[[N_POSITION, N_ANGLE, N_PRESSURE]], rtol=0.03)
+    s = prior.sizes
+    np.testing.assert_allclose(errors.std(axis=0), [s.position, s.angle, s.pressure], rtol=0.03)
     lowest = truth.states[:, [eha.P1, eha.P2]].min()
     assert lowest == pytest.approx(LOWEST, abs=0.01)
     assert truth.accumulator[0] == pytest.approx(LOWEST - CLEARANCE)
