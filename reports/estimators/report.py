@@ -17,7 +17,15 @@ from reports.estimators.cases import QUANTITIES
 from reports.estimators.measure import Measured, Plan, measure
 from reports.estimators.runs import GRID, WORLDS, StepOutcome
 from reports.estimators.speed import measure as measure_speed
-from reports.estimators.summary import WITHIN_BOUND, Accuracy, accuracy, beside_peers, coverage, goals
+from reports.estimators.summary import (
+    COVERED,
+    WITHIN_BOUND,
+    Accuracy,
+    accuracy,
+    beside_peers,
+    coverage,
+    goals,
+)
 from reports.writing import (
     FOLDER,
     Curve,
@@ -83,24 +91,30 @@ def report_lines(found: Measured) -> list[str]:
 
 
 def draw_pictures(found: Measured, folder: Path) -> None:
-    """Draw errors over the bound, and responses to a sudden change (median, and 80 % of the runs)."""
+    """Draw errors over the bound, runs inside the bands, and responses to a change (median, 80 % of runs)."""
     names = [name for name in found.plan.cases if any(name == case for _, case in found.runs)]
-    panels = []
+    errors, covered = [], []
     for world in WORLDS:
-        curves = []
-        for i, quantity in enumerate(QUANTITIES):
-            for m, (method, marker) in enumerate(zip(METHODS, "ox", strict=True)):
+        curves: list[Curve] = []
+        shares: list[Curve] = []
+        for m, (method, marker) in enumerate(zip(METHODS, "ox", strict=True)):
+            for i, quantity in enumerate(QUANTITIES):
                 points = [(accuracy(found.runs[world, n], m, i), row) for row, n in enumerate(names)]
                 shown = [(a.over_bound, row + 0.12 * (i - 1.5)) for a, row in points if a.counted]
                 x, y = np.array(shown).reshape(-1, 2).T
                 curves.append((x, y, f"C{i}{marker}", f"{quantity.replace('_', ' ')}, {method.upper()}"))
-        settings = {
-            "title": f"{world} world", "xlabel": "RMSE over the bound", "xscale": "log",
-            "yticks": range(len(names)), "yticklabels": names if world == WORLDS[0] else [],
-            "ylim": (len(names) - 0.5, -0.5),
-        }  # fmt: skip
-        panels.append(Panel(curves, settings, at_x={WITHIN_BOUND: "goal"}))
-    draw(folder / "bound.png", panels, columns=2, height=1.6 + 0.35 * len(names))
+            each = [coverage(found.runs[world, n], m) for n in names]
+            rows = np.arange(len(names))
+            shares.append(([c.nees for c in each], rows, f"C0{marker}", f"NEES, {method.upper()}"))
+            shares.append(([c.nis for c in each], rows + 0.15, f"C3{marker}", f"NIS, {method.upper()}"))
+        cases = {"title": f"{world} world", "yticks": range(len(names)), "ylim": (len(names) - 0.5, -0.5),
+                 "yticklabels": names if world == WORLDS[0] else []}  # fmt: skip
+        over = {**cases, "xlabel": "RMSE over the bound", "xscale": "log"}
+        errors.append(Panel(curves, over, at_x={WITHIN_BOUND: "goal"}))
+        inside = {**cases, "xlabel": "runs inside the 95 % band", "xlim": (-0.03, 1.03)}
+        covered.append(Panel(shares, inside, at_x={COVERED: "goal"}))
+    for name, each_world in (("bound", errors), ("coverage", covered)):
+        draw(folder / f"{name}.png", each_world, columns=2, height=1.6 + 0.35 * len(names))
     panels = []
     for (world, quantity), steps in found.steps.items():
         responses: list[Curve] = [

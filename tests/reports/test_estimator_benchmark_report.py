@@ -96,7 +96,7 @@ def test_a_tiny_run_makes_the_whole_report(tmp_path):
     assert text.count(f"| {NAME} |") == 4 and "## Speed" not in text
     draw_pictures(found, tmp_path)
     assert {p.name: p.read_bytes()[:4] for p in tmp_path.iterdir()} == dict.fromkeys(
-        ("bound.png", "steps.png"), b"\x89PNG"
+        ("bound.png", "coverage.png", "steps.png"), b"\x89PNG"
     )
     again = measure(Plan(runs=2, still=0, peers=0, duration=3.0, cases=(NAME,), stepped=()))
     np.testing.assert_array_equal(again.runs["plant", NAME][1].errors, found.runs["plant", NAME][1].errors)

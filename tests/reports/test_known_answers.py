@@ -9,16 +9,12 @@ from fdd.identification.experiments.hydraulic import Coefficients, from_profile
 from fdd.identification.friction import curve
 from fdd.unit import Unit
 from reports.thesis import control, dead_band, flow
-from reports.thesis.findings import Row
 from reports.thesis.frequency_response import TransferFunction
 from reports.thesis.friction import MODES, creeping_peaks, run_up, start_of
 from reports.thesis.response import HIGH, HIGH_SPEED, LOW, LOW_SPEED, split_poles
 from reports.thesis.runs import (
     VOLT,
-    binary_noise,
-    chirp,
     holding_leakage,
-    identification_volts,
     run_position,
     with_leakage,
 )
@@ -157,42 +153,12 @@ def test_the_thesis_s_own_equations_have_its_dead_band(unit):
     np.testing.assert_allclose(dead_band.offsets(command, shifted), 0.1)
 
 
-def test_the_saturated_velocity_is_the_largest_pump_flow(unit):
-    found = control.step_trials(unit, 1.0, 4, trials=2)
-    ratio = unit.pump.displacement / unit.cylinder.area_1
-    assert found.plateau == pytest.approx(unit.drive.max_speed * ratio, rel=0.01)
-    assert found.duration == pytest.approx(0.1 / found.plateau.mean() - 1.0 / (16_875 * ratio), abs=0.05)
-    assert np.all(found.error < 0.0)  # it stops short
-
-
 def test_linear_ultimate_gain_is_routh_hurwitz_s():
     """K/(s(s + 1)²) is on the verge at K = 2."""
     triple = TransferFunction((1.0,), (1.0, 2.0, 1.0), 0.0)
     assert control.linear_ultimate_gain(triple) == pytest.approx(2.0, rel=1e-3)
     assert control.linear_ultimate_gain(LOW) == pytest.approx(2.2e5, rel=0.02)
     assert control.linear_ultimate_gain(HIGH) == pytest.approx(2.6e5, rel=0.02)
-
-
-def test_the_identification_signal_is_flat_to_150_hz():
-    volts = identification_volts(12.5, 3)
-    assert np.max(np.abs(volts)) <= 1.75
-    power = np.abs(np.fft.rfft(volts)) ** 2
-    frequency = np.fft.rfftfreq(volts.size, 1e-3)
-    bands = [power[(frequency > a) & (frequency < a + 20)].mean() for a in (5, 35, 65, 95, 125)]
-    assert max(bands) < 1.5 * min(bands)
-    assert power[(frequency > 200) & (frequency < 400)].mean() < 0.1 * min(bands)
-    assert chirp(1.0, 5.0, 5.0) == pytest.approx(np.sin(2 * np.pi * 5.0 * np.arange(1000) * 1e-3))
-    assert set(binary_noise(2.0, 100.0, 1)) == {-1.0, 1.0}
-    assert np.all(np.diff(np.flatnonzero(np.diff(binary_noise(2.0, 100.0, 1)))) % 10 == 0)
-
-
-def test_verdicts():
-    assert Row("x", "1", 100.0, 104.9, "N").verdict == "meets"
-    assert Row("x", "1", 100.0, 105.1, "N").verdict == "does not meet"
-    assert Row("x", "1", 100.0, 130.0, "N", tolerance=31.0).verdict == "meets"
-    none = Row("x", "1", 100.0, float("nan"), "N")
-    assert none.verdict == "does not meet" and none.deviation == "none found"
-    assert Row("x", "1", 2.0, 20.0, "N").deviation == "× 10"
 
 
 @pytest.mark.parametrize("share", [0.1, 1.0])
