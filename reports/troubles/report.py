@@ -138,9 +138,8 @@ def troubles(
         elif kills and "kills" in wanted:
             outcomes.append(killed(kills, seed, lambda share: advance(0.5 + 0.5 * share)))
     wrong = [o.tried for o in outcomes if o.wrong or o.lost]
-    print(
-        f"{len(outcomes) - len(wrong)} of {len(outcomes)} as they should be; not {', '.join(wrong) or 'none'}"
-    )
+    told = "".join(f"; not {name}" for name in wrong)
+    print(f"{len(outcomes) - len(wrong)} of {len(outcomes)} as they should be{told}")
     write_report(out / "troubles.md", report_lines(outcomes, without))
 
 
