@@ -47,7 +47,7 @@ checked: .venv/.test
 
 # Measurements of speed come first, while nothing else runs.
 evidence: .venv/.test
-	@for each in load plant estimators thesis soak troubles; do $(BIN)/python -m evidence $$each || exit 1; done
+	@for each in load plant estimators thesis soak troubles; do $(BIN)/python -m reports $$each || exit 1; done
 
 lint: style types imports
 
@@ -71,7 +71,7 @@ compile-plant compile-diagnosis compile-filters: compile-%: .venv/.test
 clean:
 	rm -rf .venv build dist site *.egg-info .pytest_cache .mypy_cache .ruff_cache .hypothesis .benchmarks \
 		.import_linter_cache fdd-demo-report.html
-	find fdd estimators evidence tests -name __pycache__ -type d -prune -exec rm -rf {} +
+	find fdd estimators reports tests -name __pycache__ -type d -prune -exec rm -rf {} +
 
 $(BIN)/python:
 	@test -n '$(PYTHON)' || { echo 'no Python 3.11 or newer found; name one: make PYTHON=/path/to/python3 ...' >&2; false; }

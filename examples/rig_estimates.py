@@ -22,12 +22,12 @@ import pandas as pd
 
 from estimators.eha import layout
 from estimators.eha import model as eha
-from evidence.estimators.least_squares import Window, fit_balance
 from fdd.identification import identify_unit
 from fdd.logs import ChannelMap, read_log
 from fdd.residuals.tracking import METHODS, Channels, Tracking, estimates, observability
 from fdd.samples import Samples
 from fdd.unit import Unit
+from reports.estimators.least_squares import Window, fit_balance
 
 Array = np.ndarray[Any, np.dtype[np.float64]]
 WINDOW_S = 8.0

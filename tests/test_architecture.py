@@ -15,10 +15,10 @@ from importlinter.cli import lint_imports
 import fdd
 
 ROOT = Path(__file__).parent.parent
-MODULES = sorted(p for package in ("fdd", "estimators", "evidence") for p in (ROOT / package).rglob("*.py"))
+MODULES = sorted(p for package in ("fdd", "estimators", "reports") for p in (ROOT / package).rglob("*.py"))
 PRODUCT = [
     p
-    for package in ("fdd", "estimators", "evidence")
+    for package in ("fdd", "estimators", "reports")
     for p in sorted((ROOT / package).rglob("*"))
     if p.suffix in {".py", ".j2", ".yaml", ".md", ".json", ".html", ".css", ".js", ".toml"}
 ]

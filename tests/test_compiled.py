@@ -17,14 +17,14 @@ ROOT = Path(__file__).parent.parent
 # Each package that compiles, and all whose functions and constants its compiled code may hold.
 COMPILING = {
     "estimators": ["estimators"],
-    "evidence.estimators": ["evidence.estimators", "estimators"],
+    "reports.estimators": ["reports.estimators", "estimators"],
     "fdd.identification": ["fdd.identification"],
     "fdd.logs.wire": ["fdd.logs.wire"],
     "fdd.plant": ["fdd.plant"],
     "fdd.residuals": ["fdd.residuals", "estimators"],
     "fdd.sensors": ["fdd.sensors"],
 }
-MODULES = sorted(p for package in ("fdd", "estimators", "evidence") for p in (ROOT / package).rglob("*.py"))
+MODULES = sorted(p for package in ("fdd", "estimators", "reports") for p in (ROOT / package).rglob("*.py"))
 
 FORCES = """
 import numpy as np
@@ -59,7 +59,7 @@ result = x[eha.ZERO]
 CURVE = """
 import numpy as np
 from estimators.eha import model as eha
-from evidence.estimators.matched import _curve as called
+from reports.estimators.matched import _curve as called
 q = np.ones(1, eha.PARAMETERS)[0]
 q.static_forward = 2.0
 result = called(np.array([0.5]), q)[0]
@@ -86,7 +86,7 @@ EDITS = {
 @pytest.fixture
 def installed(tmp_path: Path) -> Path:
     """A folder with copies of all packages, that was never compiled."""
-    for package in ("estimators", "fdd", "evidence"):
+    for package in ("estimators", "fdd", "reports"):
         kept_out = shutil.ignore_patterns("__pycache__", "*.mcap")
         shutil.copytree(ROOT / package, tmp_path / package, ignore=kept_out)
     return tmp_path

@@ -1,4 +1,4 @@
-"""Speed of the plant: ``pytest tests/benchmarks --benchmark-enable``; peers: ``python -m evidence plant``."""
+"""Speed of the plant: ``pytest tests/benchmarks --benchmark-enable``; peers: ``python -m reports plant``."""
 
 from __future__ import annotations
 
@@ -7,9 +7,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from evidence.plant.cases import Cases
-from evidence.plant.peers import METHODS, integrate
 from fdd.plant.simulate import raw_blocks, simulate
+from reports.plant.cases import Cases
+from reports.plant.numerics import METHODS, integrate
 
 pytestmark = pytest.mark.slow
 CASES = {case.name: case for case in Cases().speed}

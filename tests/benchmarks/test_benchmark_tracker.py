@@ -13,15 +13,15 @@ import pytest
 
 from estimators.eha import bounds, layout, model, walk
 from estimators.eha.tracker import EhaTracker
-from evidence.estimators import speed
-from evidence.estimators.speed.cpp import Program, Unavailable
-from evidence.estimators.speed.peers import run_filterpy
 from fdd.diagnosis.pipeline import Pipeline
 from fdd.plant.scenario import Recording, Scenario
 from fdd.plant.simulate import simulate
 from fdd.residuals.tracking import Channels, Tracking
 from fdd.samples import Samples
 from fdd.unit import Unit
+from reports.estimators import speed
+from reports.estimators.speed.cpp import Program, Unavailable
+from reports.estimators.speed.peers import run_filterpy
 
 pytestmark = pytest.mark.slow
 METHODS = ["ekf", "svsf"]
@@ -123,7 +123,7 @@ def test_table_has_every_peer_or_says_why_not(monkeypatch: pytest.MonkeyPatch) -
         raise Unavailable("no C++ compiler on this machine")
 
     monkeypatch.setattr(speed, "Program", absent)
-    table = speed.measure(2.0, repeats=1, peer_samples=200, hour=False)
+    table = speed.measure(2.0, repeats=1, peer_samples=200)
     rows = {row.name: row for row in table.rows}
     assert rows["EKF"].ratio == 1.0
     assert rows["filterpy EKF"].ratio > 10.0

@@ -10,7 +10,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from evidence.diagnosis import disturbed, left_out
 from fdd.campaign.dataset import Conditions, Dataset, Entry, Label
 from fdd.campaign.generate import generate
 from fdd.campaign.recipe import Recipe
@@ -21,6 +20,7 @@ from fdd.diagnosis.findings import Diagnosis, FaultFinding, Quality
 from fdd.diagnosis.model import root
 from fdd.errors import InputError
 from fdd.faults import CATALOGUE
+from reports import disturbed, left_out
 
 RECIPE = """
 schema: fdd.recipe/1

@@ -9,7 +9,6 @@ import numpy as np
 import pytest
 from test_train_validate import finding, label, outcome
 
-from evidence.diagnosis import left_out
 from fdd.campaign import train
 from fdd.campaign.scores import Outcome
 from fdd.campaign.validate import estimate_errors, outcomes_csv, summary
@@ -18,6 +17,7 @@ from fdd.diagnosis.findings import Trajectories
 from fdd.plant.truth import Truth
 from fdd.residuals.oil import air_compliance
 from fdd.unit import Unit
+from reports import left_out
 
 N = 4000
 TIME = np.arange(N) * 0.01

@@ -13,7 +13,6 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from simulated_logs import DURATION_S, HEALTHY, ONSET_S, simulated
 
-from evidence.diagnosis.disturbed import mirrored, mirrored_unit
 from fdd.diagnosis.answering import hidden_share
 from fdd.diagnosis.findings import Diagnosis
 from fdd.diagnosis.pipeline import Pipeline
@@ -23,6 +22,7 @@ from fdd.plant.simulate import simulate
 from fdd.residuals.tracking import Tracking
 from fdd.samples import Samples
 from fdd.unit import Unit
+from reports.disturbed import mirrored, mirrored_unit
 
 Answer = Callable[[Samples], Diagnosis]
 SHARED = settings(max_examples=5, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])

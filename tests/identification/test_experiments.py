@@ -8,8 +8,6 @@ import numpy as np
 import pytest
 from scipy.signal import cont2discrete, lfilter
 
-from evidence.thesis.runs import VOLT, run_speed
-from evidence.thesis.signals import identification_volts
 from fdd.identification.experiments.etfe import half_power_frequency
 from fdd.identification.experiments.friction import friction
 from fdd.identification.experiments.gain import gain
@@ -25,6 +23,7 @@ from fdd.plant.scenario import Scenario
 from fdd.plant.simulate import Simulation, simulate
 from fdd.samples import Samples
 from fdd.unit import Unit
+from reports.thesis.runs import VOLT, identification_volts, run_speed
 
 T = 1.0 / 400.0
 GAIN, HZ, ZETA = 3.66e-4, 55.0, 0.12

@@ -5,8 +5,6 @@ from typing import Any
 import numpy as np
 import pytest
 
-from evidence.plant.energies import Energies, Fluid, energies
-from evidence.plant.fine_runs import FineRun, fine_run
 from fdd.campaign.sizes import Scale, Size, sized_unit
 from fdd.plant import state as s
 from fdd.plant.details import Details
@@ -16,6 +14,7 @@ from fdd.plant.scenario import Scenario
 from fdd.plant.sensors.recording import Recording
 from fdd.plant.simulate import simulate
 from fdd.unit import Unit
+from reports.plant.energies import Energies, FineRun, Fluid, energies, fine_run
 
 A, B = Unit.load("axis_a"), Unit.load("axis_b")
 WHOLE = Recording.perfect()

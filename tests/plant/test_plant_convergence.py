@@ -5,17 +5,17 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from evidence.plant.cases import Case, Cases
-from evidence.plant.convergence import against_half_steps, against_radau, unseen
 from fdd.plant import state as s
 from fdd.unit import Unit
+from reports.plant.cases import Case, Cases
+from reports.plant.numerics import against_half_steps, against_radau, unseen
 
 CASES = {case.name: case for case in Cases().numerics}
 
 
 @pytest.mark.parametrize("name", CASES)
 def test_half_the_step_changes_no_sensor_by_a_tenth_of_its_noise(name):
-    """The numerics alone, without the encoder's steps in the loop; `python -m evidence plant` has all."""
+    """The numerics alone, without the encoder's steps in the loop; `python -m reports plant` has all."""
     difference = against_half_steps(CASES[name].without_encoder_steps(), 4.0)
     assert set(difference.rms) >= {"position", "pressure_difference", "pump_speed", "motor_current"}
     assert difference.worst < 0.1

@@ -5,7 +5,6 @@ from typing import Any
 import numpy as np
 import pytest
 
-from evidence.plant.fine_runs import fine_run
 from fdd.plant import state as s
 from fdd.plant.prepare import prepare
 from fdd.plant.scenario import Scenario
@@ -13,6 +12,7 @@ from fdd.plant.sensors.recording import Recording
 from fdd.plant.simulate import simulate
 from fdd.plant.truth import Truth
 from fdd.unit import Unit
+from reports.plant.energies import fine_run
 
 UNIT = Unit.load("axis_a")
 WHOLE = Recording.perfect()

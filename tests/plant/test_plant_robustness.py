@@ -1,17 +1,16 @@
-"""Whatever the rig allows stays within physics; `python -m evidence plant` tries two thousand."""
+"""Whatever the rig allows stays within physics; `python -m reports plant` tries two thousand."""
 
 import numpy as np
 import pytest
 from hypothesis import Phase, given, settings
 from hypothesis import strategies as st
 
-from evidence.plant import robustness
-from evidence.plant.robustness import pressure_bound, try_wild
-from evidence.plant.wild import draw_wild
 from fdd.plant import state as s
 from fdd.plant.faults.injection import PLANT_FAULTS
 from fdd.plant.load import LOADS
 from fdd.plant.simulate import raw_blocks
+from reports.plant import wild as robustness
+from reports.plant.wild import draw_wild, pressure_bound, try_wild
 
 
 @settings(max_examples=12, phases=[Phase.generate])  # a smaller number is no simpler scenario

@@ -1,0 +1,1 @@
+"""What README and reports say of fdd, measured; no part of what is installed. See ``python -m reports``."""

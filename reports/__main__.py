@@ -1,0 +1,60 @@
+"""``python -m reports NAME``: each command measures one report, or prints one table of a data set."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+from fdd.cli.console import counted
+from fdd.cli.failures import Commands, prepare_process
+from fdd.cli.options import EngineOption, WorkersOption
+from reports import budget, disturbed, identification, left_out, scales
+from reports.estimators.report import estimators
+from reports.live.report import load
+from reports.live.soak import soak
+from reports.plant.report import plant
+from reports.thesis.report import thesis
+from reports.troubles.report import troubles
+
+DatasetArgument = Annotated[Path, typer.Argument(help="Folder that fdd generate made.", show_default=False)]
+ModelOption = Annotated[
+    str | None, typer.Option(help="Of fdd train; the shipped one else.", show_default=False)
+]
+
+app = typer.Typer(
+    name="reports", cls=Commands, add_completion=False, pretty_exceptions_enable=False, no_args_is_help=True,
+    help="Measure what README and reports say of fdd.",
+)  # fmt: skip
+for command in (thesis, plant, estimators, load, soak, troubles):
+    app.command()(command)
+
+
+def of_data_set(measure: Callable[..., Any], table: Callable[[Any], str], words: str) -> None:
+    """Add a command that measures something of each unit of a data set and prints a table."""
+
+    def command(
+        dataset: DatasetArgument, model: ModelOption = None, workers: WorkersOption = None,
+        engine: EngineOption = "local",
+    ) -> None:  # fmt: skip
+        with counted(dataset.name) as advance:
+            found = measure(dataset, model, workers=workers, engine=engine, progress=advance)
+        print(table(found), end="")
+
+    app.command(measure.__name__.replace("_", "-"), help=words)(command)
+
+
+of_data_set(budget.budget, budget.table, "Where visible faults are lost, and what healthy logs differ by.")
+of_data_set(identification.identification, identification.table,
+            "Identify each unit from its data sheet: refusals, and do deviations come true?")  # fmt: skip
+of_data_set(
+    scales.scales, scales.table, "Read healthy logs in wrong units of measure: refused, or warned of?"
+)
+of_data_set(disturbed.disturbed, disturbed.table, "Compare answers on logs cut, holed or mirrored.")
+of_data_set(left_out.left_out, left_out.table, "Diagnose faulty logs without their fault's signatures.")
+
+if __name__ == "__main__":
+    prepare_process()
+    app(prog_name="python -m reports")

@@ -1,0 +1,162 @@
+"""Where faults are lost, and what healthy logs differ by: the loss budget of a data set with twins."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Unpack
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fdd.campaign.dataset import Dataset, Entry
+from fdd.campaign.learning_spreads import healthy_logs
+from fdd.campaign.scores import wilson
+from fdd.campaign.units import How, over_units
+from fdd.diagnosis.baseline import scattered
+from fdd.diagnosis.departures import VAGUE, departures
+from fdd.diagnosis.evidence import Evidence
+from fdd.diagnosis.fitting import Parts
+from fdd.diagnosis.model import Model
+from fdd.diagnosis.pipeline import Pipeline
+from fdd.markdown import table as markdown
+from fdd.residuals.balances import BALANCES
+from fdd.residuals.ledger import Ledger
+
+LEAST_SEVERITY = 0.3
+TOLD = 0.3
+"""Information of a coefficient in a log over that of its spread, from which its departure says something."""
+LEAST_LOGS, FARTHEST = 30, 12
+BEYOND = 3.0
+
+
+@dataclass(frozen=True)
+class Said:
+    """One log's answer. score : of the whole log. faults : answered, the surest first, with groups."""
+
+    entry: Entry
+    verdict: str
+    score: float
+    faults: tuple[tuple[str, tuple[str, ...]], ...]
+
+    @property
+    def named(self) -> bool:
+        """Whether a true fault is in the first answer's group."""
+        return bool(self.faults) and any(f.fault in self.faults[0][1] for f in self.entry.faults)
+
+
+@dataclass(frozen=True)
+class Departure:
+    """A coefficient of a healthy log over what is stated."""
+
+    balance: str
+    coefficient: str
+    z: float
+    stated: float
+    file: str
+
+
+def budget(directory: str | Path, model: str | None = None, **how: Unpack[How]) -> list[Said | Departure]:
+    """Answers on all logs, and departures of all healthy logs and twins from their units' baselines."""
+    return over_units(_unit, directory, model, **how)
+
+
+def _unit(directory: str, model: str | None, name: str) -> list[Said | Departure]:
+    data, loaded = Dataset.load(directory), Model.load(model)
+    logs = healthy_logs([directory], f"0/{name}", loaded.spreads)
+    out: list[Said | Departure] = []
+    for entry in data.logs_of(name):
+        pipeline = Pipeline(logs.unit, loaded, keep_trajectories=False)
+        pipeline.push(data.samples(entry))
+        found = pipeline.finish()
+        faults = tuple((f.fault, tuple(f.ambiguity)) for f in found.faults)
+        out.append(Said(entry, found.verdict, pipeline.score, faults))
+    for file, ledger in logs.healthy:
+        out += _departures(file, ledger)
+    return out
+
+
+def _departures(file: str, ledger: Ledger) -> list[Departure]:
+    out = []
+    effects = ledger.expected()
+    for name, (m, v) in ledger.widened().items():
+        e = effects[name]
+        evidence = Evidence({name: (m, v)}, effects)
+        own = [k for k, c in enumerate(BALANCES[name].columns) if c not in BALANCES[name].free]
+        columns = np.eye(len(e.mean))[own][:, None]
+        kappa = np.full(len(own), scattered(m, v, e)[1])
+        courses = np.ones((len(own), 1, len(m)))
+        parts = Parts({name: columns}, courses, np.full((len(own), 1), VAGUE), np.zeros(len(own), np.bool_))
+        found = departures(evidence.balances, parts, kappa, from_start=True)
+        stated = np.sqrt(np.diag(e.covariance))[own]
+        told = found.information * np.square(stated)
+        for k, size, information, std, share in zip(
+            own, found.size, found.information, stated, told, strict=True
+        ):
+            if share > TOLD:
+                z = float(size * np.sqrt(information))
+                out.append(Departure(name, BALANCES[name].columns[k], z, float(std), file))
+    return out
+
+
+def table(found: Sequence[Said | Departure]) -> str:
+    """The report (Markdown)."""
+    said = [x for x in found if isinstance(x, Said)]
+    return "\n".join([*_faults(said), *_healthy([x for x in found if isinstance(x, Departure)])]) + "\n"
+
+
+def _faults(said: Sequence[Said]) -> list[str]:
+    healthy = [s for s in said if not s.entry.faults]
+    mine = [
+        s for s in said
+        if len(s.entry.faults) == 1 and s.entry.visible and s.entry.faults[0].severity >= LEAST_SEVERITY
+    ]  # fmt: skip
+    by: list[tuple[str, Callable[[Said], str]]] = [
+        ("all", lambda s: ""),
+        ("onset", lambda s: "from the first sample" if s.entry.faults[0].onset_s <= 0.0 else "inside"),
+        ("course", lambda s: s.entry.faults[0].profile),
+        ("fault", lambda s: s.entry.faults[0].fault.replace("_", " ")),
+        ("load", lambda s: s.entry.scenario.load),
+        ("structure", lambda s: s.entry.structure),
+    ]
+    rows = []
+    for title, of in by:
+        groups: dict[str, list[Said]] = {}
+        for s in mine:
+            groups.setdefault(of(s), []).append(s)
+        for name, each in sorted(groups.items()):
+            rows.append([
+                title, name, wilson(sum(s.verdict == "faulty" for s in each), len(each)),
+                wilson(sum(s.verdict == "faulty" and s.named for s in each), len(each)),
+            ])  # fmt: skip
+    alarmed = sum(s.verdict == "faulty" for s in healthy)
+    return [
+        f"Visible single faults of severity {LEAST_SEVERITY:g} and more; healthy logs called faulty: "
+        f"{wilson(alarmed, len(healthy))}\n",
+        *markdown(["by", "", "faulty", "named"], rows),
+        "Healthy logs with the largest scores: "
+        + ", ".join(
+            f"{s.entry.file} {s.score:.1f}" for s in sorted(healthy, key=lambda s: -s.score)[:FARTHEST]
+        )
+        + "\n",
+    ]
+
+
+def _healthy(found: Sequence[Departure]) -> list[str]:
+    groups: dict[tuple[str, str], list[Departure]] = {}
+    for d in found:
+        groups.setdefault((d.balance, d.coefficient), []).append(d)
+    rows = []
+    for (balance, coefficient), each in groups.items():
+        if len(each) < LEAST_LOGS:
+            continue
+        z: NDArray[np.float64] = np.array([d.z for d in each])
+        far = max(each, key=lambda d: abs(d.z))
+        rows.append([
+            balance, coefficient, str(len(each)), f"{1.4826 * np.median(np.abs(z)):.2f}",
+            f"{np.sqrt(np.mean(z**2)):.2f}", wilson(int(np.sum(np.abs(z) > BEYOND)), len(each)),
+            f"{np.median([d.stated for d in each]):.3g}", f"{far.file} {far.z:+.1f}",
+        ])  # fmt: skip
+    head = ["balance", "coefficient", "logs", "median", "rms", "beyond 3 std", "stated", "farthest"]
+    return ["\nHealthy departures over what is stated\n", *markdown(head, rows)]

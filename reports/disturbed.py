@@ -1,0 +1,244 @@
+"""Whether answers depend on what must not matter: how a log was cut, a hole in it, which end is forward."""
+
+from __future__ import annotations
+
+import zlib
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from types import MappingProxyType
+from typing import Unpack
+
+import numpy as np
+import pandas as pd
+
+from fdd.campaign.dataset import Dataset
+from fdd.campaign.scores import wilson
+from fdd.campaign.train import identified_unit
+from fdd.campaign.units import How, over_units
+from fdd.diagnosis.baseline import add_baseline
+from fdd.diagnosis.findings import Diagnosis
+from fdd.diagnosis.model import Model
+from fdd.diagnosis.pipeline import Pipeline
+from fdd.logs import ChannelMap, read_log
+from fdd.markdown import table as markdown
+from fdd.samples import PRESSURES, Samples
+from fdd.unit import Unit
+
+Disturbance = Callable[[Samples, np.random.Generator], Samples | None]
+"""A disturbed log; None where it cannot be disturbed so."""
+
+HOLE_S, EARLY_S, HEAD_S, BLOCK = 0.05, 0.6, 5.0, 97
+NEAR_S = 1.0
+"""s within which two onsets are the same: two hops."""
+TURNED = ("command", "pump_angle", "pump_speed", "position", "pressure_difference", "motor_current",
+          "position_setpoint", "load_force")  # fmt: skip
+OTHER_UNITS = dict.fromkeys(PRESSURES, ("psi", 6894.757293168361)) | {
+    "position": ("in", 0.0254), "pump_angle": ("deg", np.pi / 180.0),
+}  # fmt: skip
+"""Channel to a unit of measure and what one of it is in SI (NIST SP 811)."""
+SWAPPED = {"pressure_1": "pressure_2", "pressure_2": "pressure_1"}
+
+
+def holed(log: Samples, rng: np.random.Generator) -> Samples:
+    """A log without 50 ms somewhere."""
+    start = rng.uniform(log.time[0], log.time[-1] - HOLE_S)
+    return _chosen(log, (log.time < start) | (log.time >= start + HOLE_S))
+
+
+def early(log: Samples, rng: np.random.Generator) -> Samples:
+    """A log whose first row came 0.6 s before the rest."""
+    return _chosen(log, (log.time == log.time[0]) | (log.time >= log.time[0] + EARLY_S))
+
+
+def beheaded(log: Samples, rng: np.random.Generator) -> Samples:
+    """A log without its first five seconds."""
+    return _chosen(log, log.time >= log.time[0] + HEAD_S)
+
+
+def converted(log: Samples, rng: np.random.Generator) -> Samples:
+    """A log that was kept in psi, inches and degrees, as the reader takes it."""
+    return as_read(log, units=OTHER_UNITS)
+
+
+def sampled(log: Samples, time: np.ndarray[tuple[int], np.dtype[np.float64]]) -> Samples:
+    """A log whose recorder took its samples at other times: speeds are means since the sample before."""
+    out = {}
+    for channel in log.channels:
+        there = np.isfinite(log[channel])
+        known, values = log.time[there], log[channel][there]
+        if channel == "pump_speed":
+            turned = np.concatenate(([0.0], np.cumsum(values[1:] * np.diff(known))))
+            steps = np.diff(np.interp(time, known, turned)) / np.diff(time)
+            out[channel] = np.concatenate((values[:1], steps))
+        else:
+            out[channel] = np.interp(time, known, values)
+    return Samples(time, out)
+
+
+def at_rate(rate: float) -> Disturbance:
+    """A log that was recorded at another rate (Hz), of no more than twice its own."""
+
+    def resampled(log: Samples, rng: np.random.Generator) -> Samples | None:
+        own = 1.0 / float(np.median(np.diff(log.time)))
+        same = abs(rate - own) < 1.0 or rate > 2.1 * own
+        return None if same else as_read(sampled(log, np.arange(log.time[0], log.time[-1], 1.0 / rate)))
+
+    return resampled
+
+
+def changing(log: Samples, rng: np.random.Generator) -> Samples:
+    """A log whose second half was recorded at half the rate."""
+    middle, step = 0.5 * (log.time[0] + log.time[-1]), 2.0 * float(np.median(np.diff(log.time)))
+    first = log.time[log.time < middle]
+    return sampled(log, np.concatenate((first, np.arange(first[-1] + step, log.time[-1], step))))
+
+
+def slow_pressures(log: Samples, rng: np.random.Generator) -> Samples | None:
+    """A log whose pressures come at 200 Hz, held in between, as the reader takes it."""
+    every = round(0.005 / float(np.median(np.diff(log.time))))
+    if every < 2:
+        return None
+    held = (np.arange(len(log)) // every) * every
+    return as_read(Samples(log.time, {c: log[c][held] if c in PRESSURES else log[c] for c in log.channels}))
+
+
+def in_milliseconds(log: Samples, rng: np.random.Generator) -> Samples:
+    """A log in ms that began an hour after its clock."""
+    return as_read(log, offset=3600.0)
+
+
+def as_read(
+    log: Samples, offset: float = 0.0, units: Mapping[str, tuple[str, float]] = MappingProxyType({})
+) -> Samples:
+    """What `read_log` makes of a log that was kept with its time in ms, and channels in `units`."""
+    with TemporaryDirectory() as folder:
+        path = Path(folder) / "log.parquet"
+        kept = {c: log[c] / units[c][1] if c in units else log[c] for c in log.channels}
+        columns = {"t": 1e3 * (log.time + offset), **kept}
+        pd.DataFrame(columns).to_parquet(path, index=False)
+        sources = {"time": {"column": "t", "unit": "ms"}, **{c: {"column": c} for c in log.channels}}
+        for channel in units.keys() & sources.keys():
+            sources[channel]["unit"] = units[channel][0]
+        read = read_log(path, ChannelMap.model_validate({"channels": sources})).samples
+    return Samples(read.time - read.time[0] + log.time[0], read.columns)
+
+
+def mirrored(log: Samples, rng: np.random.Generator | None = None) -> Samples:
+    """The same actuator looked at from its other end."""
+    other = {c: SWAPPED[c] if SWAPPED.get(c) in log.channels else c for c in log.channels}
+    return Samples(log.time, {c: -log[c] if c in TURNED else log[other[c]] for c in log.channels})
+
+
+def mirrored_unit(unit: Unit, healthy: list[Samples]) -> Unit:
+    """Its profile."""
+    out = unit.model_copy(deep=True)
+    f, c = out.friction, out.cylinder
+    f.forward, f.reverse = f.reverse, f.forward
+    c.area_1, c.area_2, c.volume_1, c.volume_2 = c.area_2, c.area_1, c.volume_2, c.volume_1
+    sensors = {SWAPPED.get(n, n): s.model_copy(deep=True) for n, s in unit.sensors.items()}
+    for name in TURNED:
+        if name in sensors:
+            sensors[name].zero = -sensors[name].zero
+    out.sensors = sensors
+    return add_baseline(out, [mirrored(log) for log in healthy])
+
+
+DISTURBANCES: dict[str, Disturbance] = {
+    f"pushed in blocks of {BLOCK} samples": lambda log, rng: log,
+    "50 ms missing": holed,
+    "first row 0.6 s early": early,
+    "first 5 s left out": beheaded,
+    "kept in psi, inches and degrees": converted,
+    "200 Hz": at_rate(200.0),
+    "500 Hz": at_rate(500.0),
+    "2 kHz": at_rate(2000.0),
+    "the second half at half the rate": changing,
+    "pressures at 200 Hz, held in between": slow_pressures,
+    "time in ms, an hour late": in_milliseconds,
+    "the other end forward": mirrored,
+}
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """One log's answers, plain and disturbed.
+
+    Attributes
+    ----------
+    unit : which. disturbance : of `DISTURBANCES`. healthy : so it was. verdict, fault, onset : whether these
+        are the same: the leading fault or one of its ambiguity group, the onset to a second.
+    """
+
+    unit: str
+    disturbance: str
+    healthy: bool
+    verdict: bool
+    fault: bool
+    onset: bool
+
+
+def disturbed(directory: str | Path, model: str | None = None, **how: Unpack[How]) -> list[Comparison]:
+    """Diagnose each unit's first faulty and first healthy log under every disturbance."""
+    return over_units(_compared, directory, model, **how)
+
+
+def _compared(directory: str, model: str | None, unit: str) -> list[Comparison]:
+    data = Dataset.load(directory)
+    profile = identified_unit(data, unit)
+    turned = mirrored_unit(profile, data.baseline(unit))
+    loaded = Model.load(model)
+    logs = data.logs_of(unit)
+    out = []
+    for wanted in (False, True):
+        entry = next((e for e in logs if e.healthy is wanted), None)
+        if entry is None:
+            continue
+        log = data.samples(entry)
+        plain = _answer(profile, loaded, log)
+        for name, change in DISTURBANCES.items():
+            rng = np.random.default_rng(zlib.crc32(f"{entry.file} {name}".encode()))
+            other = change(log, rng)
+            if other is None:
+                continue
+            block = BLOCK if other is log else len(other)
+            found = _answer(turned if change is mirrored else profile, loaded, other, block)
+            out.append(Comparison(unit, name, wanted, *_same(plain, found)))
+    return out
+
+
+def _answer(unit: Unit, model: Model, log: Samples, block: int = 10**9) -> Diagnosis:
+    pipeline = Pipeline(unit, model, keep_trajectories=False)
+    for start in range(0, len(log), block):
+        pipeline.push(log.rows(start, min(start + block, len(log))))
+    return pipeline.finish()
+
+
+def _same(one: Diagnosis, other: Diagnosis) -> tuple[bool, bool, bool]:
+    verdict = one.verdict == other.verdict
+    if not (one.faults and other.faults):
+        both = not one.faults and not other.faults
+        return verdict, both, both
+    a, b = one.faults[0], other.faults[0]
+    fault = a.fault in b.ambiguity or b.fault in a.ambiguity
+    return verdict, fault, abs(a.onset_s - b.onset_s) <= NEAR_S
+
+
+def _chosen(log: Samples, keep: np.ndarray[tuple[int], np.dtype[np.bool_]]) -> Samples:
+    return Samples(log.time[keep], {c: log[c][keep] for c in log.channels})
+
+
+def table(compared: list[Comparison]) -> str:
+    """The section of a report (Markdown)."""
+    told = (
+        f"\n## What must not matter\n\n{len({c.unit for c in compared})} units, of each a healthy and a "
+        "faulty log; the share of logs (95 % interval) that say the same as the log as it was.\n\n"
+    )
+    rows = []
+    for name in DISTURBANCES:
+        mine = [c for c in compared if c.disturbance == name]
+        same = [sum(getattr(c, what) for c in mine) for what in ("verdict", "fault", "onset")]
+        rows.append([name, str(len(mine)), *(wilson(n, len(mine)) for n in same)])
+    head = ["disturbance", "logs", "verdict", "leading fault or its group", "onset within 1 s"]
+    return told + "\n".join(markdown(head, rows))

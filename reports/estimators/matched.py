@@ -1,0 +1,275 @@
+"""The matched world: runs drawn from the estimators' own model with the noise that they assume.
+
+Here nothing is wrong with the filter's model, so what it claims must hold: consistency and the bound can be
+taken at their word. Parameters begin a draw of the filter's initial spread away from its first estimate and
+walk at random as it assumes; chamber volumes take the unmodelled flow; measurements have its noise, white and
+Gaussian.
+
+The one thing that cannot be drawn is motion. The filter lets velocity change by almost a metre per second
+and the pump's speed by 20 rad/s within a millisecond, so that encoders alone say how the axis moves; an axis
+that really did so would shake itself to pieces. So position follows a duty, the pump turns as the model's own
+equations then demand, and both enter as the noise that the model already has on velocity and speed. What
+pressures and parameters can be known from does not depend on where the motion came from. The circuit has no
+case leakage and, with all sensors, an accumulator below both chambers: no check valve opens. With the minimum
+set the filter takes the low side for fed and near the charge; there it is held so.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.interpolate import CubicSpline
+from scipy.ndimage import gaussian_filter1d
+from scipy.signal import butter, lfilter, sosfiltfilt
+
+from estimators.eha import layout
+from estimators.eha import model as eha
+from fdd.plant.duty import duty_named
+from fdd.unit import Unit
+from reports.estimators.cases import MOTIONS, Case, Trajectory
+from reports.estimators.compiled import njit
+from reports.estimators.model import FORCE_PERIOD, LOW_SIDE, LOW_SIDE_TIME, Assumed
+
+Array = NDArray[np.float64]
+
+FASTEST = 0.1
+"""m/s; the set-point is followed no faster."""
+SMOOTH_HZ = 4.0
+SMOOTHING = 12.0
+"""ms, standard deviation of the Gaussian that forces are smoothed by: friction turns round with the motion,
+and no pump could follow that within a millisecond. Both ways in time, so that nothing of it is left 40 ms
+later."""
+RESPONSE = 10.0
+"""ms within which the pump corrects forces: at once it would have to jump with each millisecond's noise."""
+LOWEST = 0.4
+"""MPa, lowest pressure of a run in either chamber: near axis A's charge pressure, where the low side of a
+real one stays."""
+LOW_SMOOTHING, LEAST_PRESSURE = 100.0, 0.1
+"""ms of smoothing, and MPa, of the low side where it is fed."""
+CLEARANCE = 0.1
+"""MPa by which both chambers stay above the accumulator."""
+MOST_THROTTLE = 2.5e5
+"""N/(m/s)²: more would open the relief valves at the fastest motion."""
+LEAST = {eha.LEAK: 0.1, eha.VALVE1: 0.0, eha.VALVE2: 0.0, eha.FRIC: 0.1, eha.AIR: -1.5}
+"""Where a walk is turned back: less is not physical, and the estimators' own limits lie there."""
+_LOADS = {
+    "constant": (eha.LOAD,),
+    "spring": (eha.LOAD, eha.STIF),
+    "throttle": (eha.THROT,),
+    "gust": (eha.LOAD,),
+}
+_OF_LOAD = (eha.LOAD, eha.STIF, eha.THROT, eha.INERT)
+
+
+@dataclass(frozen=True)
+class Jump:
+    """A change of one parameter: its state times `factor` plus `shift`, at `onset` s."""
+
+    state: int
+    onset: float
+    factor: float = 1.0
+    shift: float = 0.0
+
+
+def matched_unit(base: Unit) -> Unit:
+    """The unit of the matched world: all of its leakage goes across the ports."""
+    pump = base.pump.model_copy(update={"cross_port_leakage": base.pump.total_leakage, "case_leakage": 0.0})
+    return base.model_copy(update={"pump": pump})
+
+
+def position_of(duty: str, n: int, rng: np.random.Generator) -> Array:
+    """A smooth position (m) that follows a duty, (n + 1,)."""
+    setpoint = duty_named(**MOTIONS[duty]).setpoint(n + 1, True, rng)
+    limited = _limited(setpoint, FASTEST * 1e-3)
+    return np.asarray(sosfiltfilt(butter(2, SMOOTH_HZ, fs=1000.0, output="sos"), limited))
+
+
+def draw(
+    case: Case, duration: float, model: eha.Parameters, prior: Assumed, rng: np.random.Generator,
+    jump: Jump | None = None,
+) -> tuple[Trajectory, Array]:  # fmt: skip
+    """Draw one run.
+
+    Parameters
+    ----------
+    case : its duty and load; loads take the parts of the model that are theirs, drawn from the prior.
+    duration : s. model : parameter array of the unit.
+    prior : what the filter assumes.
+    jump : of one parameter, beside its walk.
+
+    Returns
+    -------
+    truth : the run.
+    block : (n, 9) what the estimators are given.
+    """
+    n = round(duration * 1e3)
+    position = position_of(case.duty, n, rng) * 1e3
+    start = _start(case, prior, rng)
+    held = [i for i in _OF_LOAD if start[i] == 0.0]
+    walk = prior.walk * np.sqrt(1e-3)
+    walk[held] = 0.0
+    parameters = _walked(
+        start, prior.start, walk, prior.pull * 1e-3, rng.standard_normal((n + 1, eha.STATES))
+    )
+    if jump is not None:
+        row = round(jump.onset * 1e3)
+        changed = start[jump.state] if jump.factor == 1.0 else parameters[row, jump.state]
+        parameters[row:, jump.state] += (jump.factor - 1.0) * changed + jump.shift
+    for state, least in LEAST.items():
+        parameters[:, state] = least + np.abs(parameters[:, state] - least)
+    errors = rng.standard_normal(n // FORCE_PERIOD + 2) * prior.sizes.force_mean
+    force = _force(position, parameters, model, errors)
+    volumes = rng.standard_normal((n + 1, 2)) * prior.sizes.small
+    states = np.empty((n, eha.STATES))
+    if case.minimum:
+        accumulator = float(model.accumulator_pressure)
+        low = _low_side(accumulator, rng.standard_normal(n + 1))
+        _follow(position, parameters, force, volumes, accumulator, 0.0, low, model, states)
+    else:
+        accumulator, charged = LOWEST - CLEARANCE, 2.0 * LOWEST
+        for _ in range(4):  # until the lowest pressure is where it shall be; compression is not quite linear
+            _follow(position, parameters, force, volumes, accumulator, charged, np.empty(0), model, states)
+            charged += LOWEST - float(states[:, [eha.P1, eha.P2]].min())
+    truth = Trajectory(states, np.full(n, accumulator), np.ones(n))
+    return truth, measured(truth, case, prior, rng)
+
+
+def measured(truth: Trajectory, case: Case, prior: Assumed, rng: np.random.Generator) -> Array:
+    """The run as the case's sensors show it, (n, 9) as `EhaTracker.push` takes it."""
+    n, sizes = truth.states.shape[0], prior.sizes
+    x = truth.states
+    noise = rng.standard_normal((n, 6))
+    angle = x[:, eha.TH] + noise[:, 1] * sizes.angle
+    block = np.full((n, layout.COLUMNS), np.nan)
+    block[:, layout.TIME] = np.arange(n) * 1e-3
+    block[:, layout.POSITION] = (x[:, eha.X] + noise[:, 0] * sizes.position) * 1e-3
+    block[:, layout.SPEED] = np.diff(angle, prepend=angle[0]) * 1e3
+    difference = x[:, eha.P1] - x[:, eha.P2] + x[:, eha.ZERO]
+    block[:, layout.DIFFERENCE] = (difference + noise[:, 4] * sizes.difference) * 1e6
+    if not case.minimum:
+        block[:, layout.ANGLE] = angle
+        block[:, layout.PRESSURE_1] = (x[:, eha.P1] + noise[:, 2] * sizes.pressure) * 1e6
+        block[:, layout.PRESSURE_2] = (x[:, eha.P2] + noise[:, 3] * sizes.pressure) * 1e6
+        block[:, layout.ACCUMULATOR] = truth.accumulator * 1e6
+    return block
+
+
+def _start(case: Case, prior: Assumed, rng: np.random.Generator) -> Array:
+    """Parameters at the start: the filter's first estimate and a draw of its spread."""
+    start = prior.start + prior.spread * rng.standard_normal(eha.STATES)
+    start[: eha.P2 + 1] = 0.0
+    there = _LOADS.get(case.load, ())
+    for i in _OF_LOAD:
+        start[i] = start[i] if i in there else 0.0
+    start[eha.THROT] = min(abs(start[eha.THROT]), MOST_THROTTLE)
+    start[eha.STIF] = abs(start[eha.STIF])
+    return start
+
+
+@njit(error_model="numpy")
+def _walked(start: Array, centre: Array, walk: Array, pull: Array, normals: Array) -> Array:
+    """Walks of all parameters, drawn back to where the filter began; leakage walks in proportion once it has
+    grown."""
+    out = np.empty_like(normals)
+    out[0] = start
+    for k in range(1, normals.shape[0]):
+        for i in range(start.size):
+            at = out[k - 1, i]
+            size = max(1.0, at) if i == eha.LEAK else 1.0
+            out[k, i] = at - pull[i] * (at - centre[i]) + walk[i] * size * normals[k, i]
+    return out
+
+
+@njit(error_model="numpy")
+def _limited(wanted: Array, most: float) -> Array:
+    out = np.empty(wanted.size)
+    at = wanted[0]
+    for i in range(wanted.size):
+        at += min(max(wanted[i] - at, -most), most)
+        out[i] = at
+    return out
+
+
+def _force(position: Array, parameters: Array, model: eha.Parameters, errors: Array) -> Array:
+    """Force that the pressures must carry at each sample (N), (n + 1,).
+
+    The mean over each `FORCE_PERIOD` misses the filter's force balance by one of `errors`, exactly and
+    without a jump: the errors' sum is interpolated by a cubic spline, whose slope is the error of the moment.
+    """
+    v = np.diff(position, prepend=position[0])
+    p = parameters
+    kinds = (
+        p[:, eha.FRIC] * _curve(v, model) + p[:, eha.VISC] * v + p[:, eha.LOAD] + p[:, eha.STIF] * position
+    )
+    kinds += (p[:, eha.THROT] * v + p[:, eha.SKEW]) * np.abs(v)
+    acceleration = np.diff(v, prepend=v[0]) * 1e3
+    smooth = gaussian_filter1d(kinds, SMOOTHING, mode="nearest")
+    sums = CubicSpline(np.arange(errors.size + 1), np.concatenate([[0.0], np.cumsum(errors)]))
+    error = sums((np.arange(v.size) + 0.5) / FORCE_PERIOD, 1)
+    return np.asarray(smooth + error + (model.moving_mass + p[:, eha.INERT]) * acceleration)
+
+
+def _low_side(charge: float, normals: Array) -> Array:
+    """Pressure of the chamber that is fed: as near to the charge as the filter thinks, and as slow."""
+    pull = 1.0 / LOW_SIDE_TIME
+    walk = np.concatenate([[LOW_SIDE * normals[0]], LOW_SIDE * np.sqrt(2.0 * pull) * normals[1:]])
+    away = lfilter([1.0], [1.0, pull - 1.0], walk)
+    return np.maximum(charge + gaussian_filter1d(away, LOW_SMOOTHING, mode="nearest"), LEAST_PRESSURE)
+
+
+@njit(error_model="numpy")
+def _curve(v: Array, q: eha.Parameters) -> Array:
+    out = np.empty(v.size)
+    for i in range(v.size):
+        out[i] = eha.friction_curve(v[i], q)[0]
+    return out
+
+
+@njit(error_model="numpy")
+def _follow(
+    position: Array, parameters: Array, force: Array, volumes: Array, p_acc: float,
+    charged: float, low: Array,
+    q: eha.Parameters, states: Array,
+) -> None:  # fmt: skip
+    """Walk along the positions: the pump turns as pressures and forces demand.
+
+    From the pressure `charged` no check valve opens; where `low` is given, (n + 1,), the low side is held at
+    it by whatever flows into it.
+    """
+    F, G = np.empty((eha.STATES, eha.STATES)), np.empty((eha.STATES, 4))
+    x, new, fed = np.zeros(eha.STATES), np.empty(eha.STATES), low.size > 0
+    x[eha.X] = position[0]
+    if fed:
+        x[eha.P1] = low[0] + max(force[0], 0.0) / q.area_1
+        x[eha.P2] = low[0] - min(force[0], 0.0) / q.area_2
+    else:
+        x[eha.P1] = charged + 0.5 * force[0] / q.area_1
+        x[eha.P2] = charged - 0.5 * force[0] / q.area_2
+    for k in range(states.shape[0]):
+        x[eha.LEAK :] = parameters[k, eha.LEAK :]
+        states[k] = x
+        eha.step(x, 1.0, 1.0, p_acc, np.nan, np.nan, q, new, F, G)
+        dv = position[k + 1] - position[k] - new[eha.V]
+        behind = q.area_1 * x[eha.P1] - q.area_2 * x[eha.P2] - force[k]
+        wanted = force[k + 1] + behind * (1.0 - 1.0 / RESPONSE)
+        extends = x[eha.P1] > x[eha.P2]
+        high, lower, side = (eha.P1, eha.P2, 0) if extends else (eha.P2, eha.P1, 1)
+        if fed:
+            area = q.area_1 if extends else -q.area_2
+            held = low[k + 1] * (q.area_2 if extends else -q.area_1)
+            dw = ((wanted + held) / area - new[high] - G[high, 0] * dv) / G[high, 1]
+        else:
+            wanted -= q.area_1 * (new[eha.P1] + G[eha.P1, 0] * dv)
+            wanted += q.area_2 * (new[eha.P2] + G[eha.P2, 0] * dv)
+            dw = wanted / (q.area_1 * G[eha.P1, 1] - q.area_2 * G[eha.P2, 1])
+        x[:] = new
+        for i in range(eha.P2 + 1):
+            x[i] += G[i, 0] * dv + G[i, 1] * dw
+        if fed:
+            x[high] += G[high, 2 + side] * volumes[k, side]
+            x[lower] = low[k + 1]
+        else:
+            x[eha.P1] += G[eha.P1, 2] * volumes[k, 0]
+            x[eha.P2] += G[eha.P2, 3] * volumes[k, 1]

@@ -1,0 +1,202 @@
+"""Where the time goes: the fleet's work in this thread, from message to finding, and the pipeline alone."""
+
+from __future__ import annotations
+
+import tempfile
+import time
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from importlib import resources
+from pathlib import Path
+from statistics import median
+from typing import Any
+
+from fdd.diagnosis.model import Model
+from fdd.diagnosis.pipeline import Pipeline
+from fdd.plant.scenario import Scenario
+from fdd.plant.sensors.recording import Recording
+from fdd.plant.simulate import simulate
+from fdd.residuals.ledger import Ledger
+from fdd.residuals.rows import RowMaker
+from fdd.residuals.tracked import Tracked
+from fdd.samples import Samples
+from fdd.sensors import SensorWatch
+from fdd.service.arrow import arrow_payload
+from fdd.service.axis import AxisWatch
+from fdd.service.blocks import SCHEMA, Decoder
+from fdd.service.bus import Bus
+from fdd.service.fleet import Fleet
+from fdd.service.inbox import Inbox
+from fdd.service.order import Order
+from fdd.service.profiles import Profiles
+from fdd.service.recent import Recent
+from fdd.service.store import Store, Transaction
+from fdd.unit import Unit
+from reports.service import resident
+
+ROWS = 100
+"""Of a block: 100 ms at 1 kHz."""
+BLOCK_S = 0.1
+LEAK = {"fault": "internal_leakage", "severity": 0.6, "onset": 30.0}
+DUTIES: tuple[dict[str, Any], ...] = (
+    {"duty": {"name": "flight"}},
+    {"duty": {"name": "flight"}, "faults": [LEAK]},
+    {"duty": {"name": "sines"}, "load": {"name": "spring"}},
+    {"duty": {"name": "steps"}, "load": {"name": "constant"}},
+)
+TOGETHER = 500
+"""Samples that the service gives the pipeline at once."""
+ITEMS: tuple[tuple[str, Any, str], ...] = (
+    ("decoding the message", Decoder, "decode"),
+    ("axes that are new", Fleet, "_new"),
+    ("order, clock, gaps", Order, "take"),
+    ("pipeline", Pipeline, "push"),
+    ("— sensors", SensorWatch, "push"),
+    ("— trackers", Tracked, "push"),
+    ("— balances", RowMaker, "push"),
+    ("— ledger", Ledger, "push"),
+    ("— looks", Pipeline, "_scan"),
+    ("what the page shows", Recent, "add"),
+    ("storing", Fleet, "_stored"),
+    ("— journal", Transaction, "accept_all"),
+    ("— states, made", AxisWatch, "checkpoint"),
+    ("— states, written", Transaction, "checkpoint"),
+    ("— rollups", Transaction, "rollup"),
+)
+"""What is shown, and whose time it is; lines with — are parts of the one above."""
+
+
+def profile_text() -> str:
+    """The profile (YAML) of the demo's actuator, with its baseline."""
+    return (resources.files("fdd") / "demo" / "unit.yaml").read_text("utf-8")
+
+
+def logs(seconds: float) -> list[Samples]:
+    """The eleven channels of the demo's rig, 1 kHz, of each of `DUTIES`; one leaks from 30 s on."""
+    unit = Unit.from_yaml(profile_text(), where="demo")
+    whole = {"duration": seconds, "recording": Recording.perfect()}
+    scenarios = (Scenario(**{**whole, **duty, "seed": 4 + k}) for k, duty in enumerate(DUTIES))
+    return [simulate(unit, scenario).samples for scenario in scenarios]
+
+
+def messages(log: Samples) -> list[bytes]:
+    """Arrow messages of 100 ms; the topic names the axis, so that they serve any number of axes."""
+    parts = (log.rows(start, start + ROWS) for start in range(0, len(log) - ROWS + 1, ROWS))
+    return [
+        arrow_payload({"time": part.time, **part.columns}, {"schema": SCHEMA, "sequence": number})
+        for number, part in enumerate(parts)
+    ]
+
+
+@dataclass(frozen=True)
+class Inside:
+    """Processor time of one thread, µs a sample.
+
+    Attributes
+    ----------
+    axes, seconds : of the run.
+    whole : message to finding, median of the runs. alone : the pipeline by itself.
+    items : each of `ITEMS`, in one more run whose functions are timed.
+    axis_bytes : memory that an axis takes after `aged_s` s of data.
+    """
+
+    axes: int
+    seconds: float
+    whole: float
+    alone: float
+    items: dict[str, float]
+    axis_bytes: float = float("nan")
+    aged_s: float = 0.0
+
+
+def inside(recorded: Sequence[Samples], axes: int, seconds: float, repeats: int, aged_s: float) -> Inside:
+    """Measure in this thread; what is loaded and compiled late is so before.
+
+    The logs are dealt to the axes, `seconds` of each; memory is measured after `aged_s` s, or not at 0.
+    """
+    parts = [log.rows(0, round(1000.0 * max(seconds, aged_s))) for log in recorded]
+    payloads = [messages(part) for part in parts]
+    blocks = round(seconds / BLOCK_S)
+    per_us = 1e6 / (axes * blocks * ROWS)
+    with tempfile.TemporaryDirectory(prefix="fdd-load-") as name:
+        folder = Path(name)
+        (folder / "unit.yaml").write_text(profile_text(), "utf-8")
+        _fleet(folder, "first", payloads, 1)(0, min(blocks, 150))
+        costs, alone = [], []
+        for k in range(repeats):  # in turn: other work on the machine slows both alike
+            costs.append(_cpu(_fleet(folder, f"{k}", payloads, axes), blocks))
+            alone.append(sum(_alone(part.rows(0, blocks * ROWS)) for part in parts) / len(parts))
+        with _timed() as spent:
+            _fleet(folder, "timed", payloads, axes)(0, blocks)
+        grown = float("nan")
+        if aged_s > 0.0:
+            before = resident()
+            keep = _fleet(folder, "aged", payloads, axes)
+            keep(0, round(aged_s / BLOCK_S))
+            grown = (resident() - before) / axes
+    return Inside(
+        axes, seconds, per_us * median(costs), 1e6 * median(alone) / (blocks * ROWS),
+        {label: per_us * s for label, s in spent.items()}, grown, aged_s,
+    )  # fmt: skip
+
+
+def _fleet(
+    folder: Path, name: str, payloads: Sequence[Sequence[bytes]], axes: int
+) -> Callable[[int, int], None]:
+    """A fleet, as a function that lets it work blocks of all axes, from one number up to another."""
+    store, inbox = Store(f"sqlite:///{folder / name}.db"), Inbox()
+    fleet = Fleet(Profiles(fallback=str(folder / "unit.yaml")), Model.load(), store, Bus(), inbox)
+    fleet.resume()
+    decoder = Decoder()
+
+    def work(first: int, last: int) -> None:
+        for number in range(first, last):
+            for k in range(axes):
+                payload = payloads[k % len(payloads)][number]
+                inbox.put(decoder.decode(payload, "load", axis=f"A{k}", patient=True))
+            while fleet.step(0.0):
+                pass
+
+    return work
+
+
+def _cpu(run: Callable[[int, int], None], blocks: int) -> float:
+    begun = time.thread_time()
+    run(0, blocks)
+    return time.thread_time() - begun
+
+
+def _alone(log: Samples) -> float:
+    """s of processor time that the pipeline takes by itself."""
+    pipeline = Pipeline(Unit.from_yaml(profile_text(), where="demo"), keep_trajectories=False)
+    begun = time.thread_time()
+    for part in log.blocks(TOGETHER):
+        pipeline.push(part)
+        pipeline.now()
+    return time.thread_time() - begun
+
+
+@contextmanager
+def _timed() -> Iterator[dict[str, float]]:
+    """Time `ITEMS`, s; a profiler of all functions would double what it measures."""
+    spent = {label: 0.0 for label, _, _ in ITEMS}
+
+    def timing(label: str, function: Callable[..., Any]) -> Callable[..., Any]:
+        def timed(*args: Any, **given: Any) -> Any:
+            begun = time.thread_time()
+            try:
+                return function(*args, **given)
+            finally:
+                spent[label] += time.thread_time() - begun
+
+        return timed
+
+    plain = [(owner, name, getattr(owner, name)) for _, owner, name in ITEMS]
+    for label, owner, name in ITEMS:
+        setattr(owner, name, timing(label, getattr(owner, name)))
+    try:
+        yield spent
+    finally:
+        for owner, name, function in plain:
+            setattr(owner, name, function)

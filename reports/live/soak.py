@@ -1,0 +1,205 @@
+"""``python -m reports soak``: lives of an axis in compressed time, through fleet and store, with restarts."""
+
+from __future__ import annotations
+
+import tempfile
+import time
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Annotated, Any
+
+import numpy as np
+import typer
+
+from fdd.campaign.motion import fitting_duty
+from fdd.cli.console import progress
+from fdd.diagnosis.baseline import add_baseline
+from fdd.diagnosis.model import Model
+from fdd.faults import fault
+from fdd.identification import identify_unit
+from fdd.plant.scenario import Scenario
+from fdd.plant.simulate import simulate
+from fdd.samples import Samples
+from fdd.service.blocks import Block
+from fdd.service.bus import Bus
+from fdd.service.fleet import Fleet
+from fdd.service.inbox import Inbox
+from fdd.service.profiles import Profiles
+from fdd.service.store import Store
+from fdd.unit import Unit
+from reports.service import resident
+from reports.writing import FOLDER, OutOption, load_now, made_by, require_folder, template, write_report
+
+AXIS, UNIT, FAULT = "A1", "axis_a", "internal_leakage"
+DAY_S, START_S, BLOCK_ROWS = 86400.0, 1.7e9, 100
+KEPT = 2
+"""Of the rows that the plant records at 200 Hz every second one is sent: 100 Hz."""
+DUTIES = ("flight", "flight", "steps", "sines")
+GAIN = 16_875.0
+"""(rad/s)/m of the position loop."""
+
+
+@dataclass(frozen=True)
+class Day:
+    """How it stood at a day's end: seconds of processor time a thousand samples took, and bytes."""
+
+    number: int
+    severity: float
+    leakage: float
+    std: float
+    resident: int
+    store: int
+    cpu_us: float
+
+
+@dataclass
+class Life:
+    """What became of an axis.
+
+    Attributes
+    ----------
+    hours : in motion. alarms : day, fault and severity told, of each that was raised. restarts : clean
+        ones, and kills.
+    """
+
+    wears: bool
+    hours: float = 0.0
+    samples: int = 0
+    days: list[Day] = field(default_factory=list)
+    alarms: list[tuple[float, str, float | None]] = field(default_factory=list)
+    restarts: list[int] = field(default_factory=lambda: [0, 0])
+
+
+@dataclass(frozen=True)
+class Plan:
+    """Days, flights on each, minutes of a flight; the leak's severity at the end, and the day it begins."""
+
+    days: int = 30
+    flights: int = 8
+    minutes: float = 5.0
+    severity: float = 0.5
+    onset: float = 10.0
+
+    def at(self, day: float) -> float:
+        """Severity of the leak."""
+        return max(self.severity * (day - self.onset) / (self.days - self.onset), 0.0)
+
+
+def recorded(rng: np.random.Generator, celsius: float, seconds: float, severity: float = 0.0) -> Samples:
+    """One flight of the actuator at 100 Hz, warming up."""
+    unit = Unit.load(UNIT)
+    duty, control = fitting_duty(str(rng.choice(DUTIES)), unit, rng, {}, speed=False, gain=GAIN)
+    faults: list[Any] = [{"fault": FAULT, "severity": severity, "onset": 0.0}] if severity > 0.0 else []
+    scenario = Scenario.model_validate({
+        "duration": seconds, "duty": duty, "control": control, "oil_temperature": celsius,
+        "warming": rng.uniform(0.0, 0.02), "faults": faults, "seed": int(rng.integers(1 << 40)),
+        "recording": {"rate": 200},
+    })  # fmt: skip
+    run = simulate(unit, scenario).samples
+    return Samples(run.time[::KEPT], {name: run[name][::KEPT] for name in run.channels if name != "command"})
+
+
+def known_unit(rng: np.random.Generator) -> Unit:
+    """The actuator as its own healthy logs at four temperatures tell it."""
+    logs = [recorded(rng, celsius, 120.0) for celsius in (25.0, 35.0, 45.0, 38.0)]
+    return add_baseline(identify_unit(logs, Unit.load(UNIT)).unit, logs)
+
+
+def flights(plan: Plan, rng: np.random.Generator) -> Iterator[tuple[float, float, Samples]]:
+    """Day, severity and samples (Unix seconds) of each; the oil is as warm as the day, give or take 2 K."""
+    for number in range(plan.days * plan.flights):
+        day = (number + 0.5) / plan.flights
+        celsius = 35.0 + 8.0 * np.sin(2.0 * np.pi * (day - 0.375)) + rng.normal(scale=2.0)
+        run = recorded(rng, celsius, 60.0 * plan.minutes, plan.at(day))
+        yield day, plan.at(day), Samples(run.time + START_S + DAY_S * day, run.columns)
+
+
+def lived(plan: Plan, seed: int, folder: Path, advance: Callable[[float], None]) -> Life:
+    """Let an axis live; each night the service is restarted, every other time by a kill."""
+    rng, life = np.random.default_rng(seed), Life(plan.severity > 0.0)
+    profile = folder / "unit.yaml"
+    known_unit(rng).save(profile)
+    now, cpu, sequence = [START_S], 0.0, 0
+    path = folder / "fdd.db"
+    store, fleet, inbox = _opened(path, profile, now)
+    for day, severity, samples in flights(plan, rng):
+        began = time.process_time()
+        for start in range(0, len(samples), BLOCK_ROWS):
+            part = samples.rows(start, start + BLOCK_ROWS)
+            now[0] = float(part.time[-1])
+            inbox.put(Block(AXIS, part, sequence, "soak", now[0]))
+            sequence += 1
+            while fleet.step(0.0):
+                pass
+        cpu += time.process_time() - began
+        life.samples += len(samples)
+        life.hours += samples.duration / 3600.0
+        advance(life.samples)
+        if int(day + 1.0 / plan.flights) == int(day):
+            continue
+        killed = int(day) % 2 == 1
+        if not killed:
+            fleet.keep()
+        estimate = fleet.axes()[0].estimates["leakage"]
+        store.close()
+        life.restarts[killed] += 1
+        life.days.append(
+            Day(
+                int(day) + 1, severity, estimate.value or 0.0, estimate.std or 0.0,
+                resident(), path.stat().st_size, 1e6 * cpu / life.samples,
+            )
+        )  # fmt: skip
+        store, fleet, inbox = _opened(path, profile, now)
+    for record in reversed(store.audit()):
+        if record["action"] == "RAISED":
+            alarm = store.alarm(record["alarm_id"]) or {}
+            life.alarms.append(((record["wall"] - START_S) / DAY_S, alarm["fault"], alarm.get("severity")))
+    store.close()
+    return life
+
+
+def _opened(path: Path, profile: Path, now: list[float]) -> tuple[Store, Fleet, Inbox]:
+    store, inbox = Store(f"sqlite:///{path}"), Inbox()
+    profiles = Profiles({AXIS: str(profile)})
+    fleet = Fleet(profiles, Model.load(), store, Bus(), inbox, clock=lambda: now[0])
+    fleet.resume()
+    return store, fleet, inbox
+
+
+def soak(
+    out: OutOption = FOLDER,
+    days: Annotated[int, typer.Option(min=3, max=365, help="Of each life.")] = 30,
+    flights: Annotated[int, typer.Option(min=1, max=24, help="A day.")] = 6,
+    minutes: Annotated[float, typer.Option(min=1.0, max=50.0, help="Of each flight.")] = 5.0,
+    seed: Annotated[int, typer.Option(min=0, help="Fixes everything random.")] = 1,
+) -> None:
+    """Let an axis live for weeks at 100 Hz through the fleet and its store, with restarts (40 min)."""
+    require_folder(out)
+    plan = Plan(days=days, flights=flights, minutes=minutes, onset=days / 3.0)
+    lives = []
+    for number, each in enumerate((plan, replace(plan, severity=0.0))):
+        with (
+            progress(f"life {number + 1} of 2", 6000.0 * minutes * days * flights) as advance,
+            tempfile.TemporaryDirectory(prefix="fdd-soak-") as folder,
+        ):
+            lives.append(lived(each, seed + number, Path(folder), advance))
+    for life in lives:
+        print(f"{life.hours:.0f} hours in motion: {len(life.alarms)} alarms")
+    write_report(out / "soak.md", report_lines(plan, lives))
+
+
+def report_lines(plan: Plan, lives: Sequence[Life]) -> list[str]:
+    """The whole report."""
+    shown = []
+    for life in lives:
+        leaks = [a for a in life.alarms if life.wears and a[0] >= plan.onset]
+        half = life.days[len(life.days) // 2 :]
+        growth = (
+            np.polyfit([d.number for d in half], [d.resident / 1e6 for d in half], 1)[0] if half[1:] else 0.0
+        )
+        found = next((day for day, name, _ in leaks if name == FAULT), None)
+        shown.append((life, growth, len(life.alarms) - len(leaks), found))
+    page = template(Path(__file__).with_name("soak.md.j2"), title=lambda name: fault(name).title)
+    text = page.render(made_by=made_by("soak"), load_now=load_now(), plan=plan, lives=shown)
+    return text.splitlines()

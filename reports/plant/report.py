@@ -1,0 +1,184 @@
+"""``python -m reports plant``: speed, numerics and robustness of the plant, measured beside peers."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Annotated
+
+import numpy as np
+import typer
+from threadpoolctl import threadpool_limits
+
+from fdd.cli.console import progress
+from fdd.markdown import table
+from reports.plant.cases import Cases
+from reports.plant.numerics import (
+    GAINED,
+    Difference,
+    RealTime,
+    Work,
+    against_half_steps,
+    against_radau,
+    real_time,
+    work_precision,
+)
+from reports.plant.wild import Outcome, try_wild
+from reports.writing import (
+    FOLDER,
+    OutOption,
+    Panel,
+    draw,
+    load_now,
+    made_by,
+    require_folder,
+    template,
+    write_report,
+)
+
+PICTURE = "performance-work.png"
+GOAL = 300.0
+"""Times real time that one axis with everything on is to run at."""
+
+
+@dataclass(frozen=True)
+class Plan:
+    """How much is measured: s of each run that is timed and how often; s of the runs that peers solve, with
+    steps half as long and beside Radau, and the number of random scenarios. 0 leaves the last three out."""
+
+    speed_duration: float = 30.0
+    repeats: int = 5
+    work_duration: float = 2.0
+    halving_duration: float = 60.0
+    radau_duration: float = 2.0
+    wild: int = 2000
+
+
+@dataclass
+class Measured:
+    """What was found; `halved` has the loop's encoder as it is, `halved_alone` without its steps."""
+
+    plan: Plan
+    real_time: list[RealTime] = field(default_factory=list)
+    work: list[Work] = field(default_factory=list)
+    trust: float = float("nan")
+    halved: list[Difference] = field(default_factory=list)
+    halved_alone: list[Difference] = field(default_factory=list)
+    radau: list[Difference] = field(default_factory=list)
+    wild: list[Outcome] = field(default_factory=list)
+
+
+def plant(
+    out: OutOption = FOLDER,
+    repeats: Annotated[int, typer.Option(min=1, max=100, help="Runs of each that is timed.")] = 5,
+    wild: Annotated[int, typer.Option(min=0, max=100_000, help="Random scenarios, or none.")] = 2000,
+    halving: Annotated[
+        float, typer.Option(min=0.0, max=600.0, help="s run with half steps, or none.")
+    ] = 60.0,
+    radau: Annotated[float, typer.Option(min=0.0, max=60.0, help="s run beside Radau, or none.")] = 2.0,
+    quick: Annotated[bool, typer.Option("--quick", help="A minute: rough figures.")] = False,
+) -> None:
+    """Measure how fast, exact and robust the plant is, beside SciPy's solvers (half an hour)."""
+    require_folder(out, pictures=True)
+    plan = Plan(repeats=repeats, wild=wild, halving_duration=halving, radau_duration=radau)
+    if quick:
+        plan = Plan(5.0, 2, 0.1, min(halving, 3.0), min(radau, 0.05), min(wild, 20))
+    with progress("measuring the plant", 1.0) as advance:
+        found = measure(plan, advance)
+    draw_work(found.work, out / PICTURE)
+    slowest = min(found.real_time, key=lambda each: each.whole)
+    print(f"Slowest case, {slowest.case}: {slowest.whole:.0f} times real time")
+    print(f"{sum(bool(o.failures) for o in found.wild)} of {len(found.wild)} random runs left physics")
+    write_report(out / "performance.md", report_lines(found))
+
+
+def measure(plan: Plan, progress: Callable[[float], None] = lambda share: None) -> Measured:
+    """Measure speed, work, convergence and robustness on one core; `progress` is told what share is done."""
+    cases, found = Cases(), Measured(plan)
+    numerics = cases.numerics
+    with threadpool_limits(1):
+        for case in cases.speed:
+            found.real_time.append(real_time(case, plan.speed_duration, plan.repeats))
+        found.work, found.trust = work_precision(cases.work, plan.work_duration, plan.repeats)
+        for number, case in enumerate(numerics, 1):
+            if plan.halving_duration > 0.0:
+                found.halved.append(against_half_steps(case, plan.halving_duration))
+                alone = case.without_encoder_steps()
+                found.halved_alone.append(against_half_steps(alone, plan.halving_duration))
+            if plan.radau_duration > 0.0:
+                found.radau.append(against_radau(case, plan.radau_duration))
+            progress(0.4 * number / len(numerics))
+        for seed in range(plan.wild):
+            found.wild.append(try_wild(seed))
+            progress(0.4 + 0.6 * (seed + 1) / plan.wild)
+    return found
+
+
+def draw_work(work: Sequence[Work], path: Path) -> None:
+    """Draw error over processor time, position and pressure difference side by side."""
+    panels = []
+    for quantity, unit in (("position", "m"), ("pressure", "Pa")):
+        curves = []
+        for solver, style in zip(
+            dict.fromkeys(p.solver for p in work), ("o-", "s-", "^-", "D-"), strict=False
+        ):
+            points = [p for p in work if p.solver == solver]
+            curves.append(([p.cpu for p in points], [getattr(p, quantity) for p in points], style, solver))
+        settings = {"xscale": "log", "yscale": "log", "xlabel": "processor time per second simulated (s)",
+                    "ylabel": f"rms error of {quantity} ({unit})"}  # fmt: skip
+        panels.append(Panel(curves, settings, at_x={1.0: "real time"}))
+    draw(path, panels, columns=2)
+
+
+def report_lines(found: Measured) -> list[str]:
+    """The whole report."""
+    ours = next(point for point in found.work if point.setting == "refine 1")
+    equal: dict[str, Work | None] = {}
+    for solver in dict.fromkeys(p.solver for p in found.work if p.solver != ours.solver):
+        # The cheapest setting that is no worse than the plant's usual one.
+        tight = [p for p in found.work if p.pressure <= ours.pressure and p.position <= ours.position]
+        mine = (p for p in tight if p.solver == solver)
+        equal[solver] = min(mine, key=lambda p: p.cpu, default=None)
+    one_axis = [r for r in found.real_time if not r.case.startswith("two axes")]
+    page = template(Path(__file__).with_name("performance.md.j2"))
+    text = page.render(
+        made_by=made_by("plant"), load_now=load_now(), plan=found.plan, found=found, ours=ours, equal=equal,
+        goal=GOAL, slowest=min(one_axis, key=lambda r: r.whole), differences=_differences,
+        gained=max((d.rms.get(GAINED, 0.0) for d in found.halved_alone), default=0.0),
+        angle=max((d.rms["pump_angle"] for d in found.halved_alone), default=0.0),
+        flips=sum(np.isfinite(d.first_count) for d in found.halved), wild=_wild(found.wild),
+    )  # fmt: skip
+    return text.splitlines()
+
+
+def _differences(found: Sequence[Difference]) -> str:
+    channels = list(dict.fromkeys(channel for difference in found for channel in difference.rms))
+    channels.sort(key=lambda channel: channel in ("pump_angle", GAINED))
+    rows = [
+        [d.case, *(f"{d.rms[c]:.1e} ({d.most[c]:.1e})" if c in d.rms else "" for c in channels)]
+        for d in found
+    ]
+    return "\n".join(table(["case", *channels], rows, "lr"))
+
+
+def _wild(outcomes: Sequence[Outcome]) -> dict[str, str]:
+    """What all random runs came to."""
+    if not outcomes:
+        return {}
+
+    def most(name: str, *shares: float, form: str = ".1e") -> str:
+        values = [getattr(outcome, name) for outcome in outcomes]
+        return " / ".join(format(q, form) for q in np.nanpercentile(values, shares))
+
+    lowest = np.nanmin([o.lowest_pressure for o in outcomes])
+    beyond = max(float(np.nanmax([o.beyond_stop for o in outcomes])), 0.0)
+    return {
+        "outside physics": str(sum(bool(o.failures) for o in outcomes)),
+        "lowest absolute pressure": f"{lowest:.0f} Pa",
+        "highest pressure over its bound": most("highest_share", 100, form=".2f"),
+        "oil made or lost, 99 %, most": most("oil", 99, 100),
+        "energy made or lost, 99 %, most": most("energy", 99, 100),
+        "farthest into a stop": f"{1e3 * beyond:.2f} mm",
+        "steps per ms, median, 99 %, most": most("steps", 50, 99, 100, form=".1f"),
+    }

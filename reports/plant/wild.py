@@ -1,0 +1,370 @@
+"""Whether the plant stays within physics: scenarios drawn of everything that the rig allows, each checked."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+import numpy as np
+
+from fdd.campaign.drawing import draw_unit
+from fdd.campaign.motion import fitting_duty
+from fdd.campaign.recipe import Recipe
+from fdd.errors import InputError
+from fdd.faults import CATALOGUE, PROFILES
+from fdd.plant import conditions as c
+from fdd.plant import state as s
+from fdd.plant.duty import DUTIES, OneWay, duty_named
+from fdd.plant.faults.injection import PLANT_FAULTS
+from fdd.plant.integrator import PERIOD, STEPS
+from fdd.plant.load import LOADS
+from fdd.plant.prepare import Prepared, prepare
+from fdd.plant.scenario import Control, Scenario
+from fdd.plant.simulate import RawBlock, raw_blocks
+from fdd.unit import Unit
+from reports.plant.energies import energies, fine_run
+
+_ATTEMPTS = 100
+
+
+@dataclass(frozen=True)
+class Wild:
+    """A scenario that may be run, and how often the rig's rules refused one before.
+
+    Attributes
+    ----------
+    unit, partner, scenario : as `fdd.plant.simulate.simulate` takes them.
+    refused : draws before this one.
+    """
+
+    unit: Unit
+    partner: Unit | None
+    scenario: Scenario
+    refused: int
+
+    def prepared(self, refine: float = 1.0) -> Prepared:
+        """Ready to run."""
+        return prepare(self.unit, self.scenario, partner=self.partner, refine=refine)
+
+
+def draw_wild(seed: int, duration: float = 4.0) -> Wild:
+    """Draw scenario `seed`: unit, details, duty, load, faults alone and together, valves, second axis.
+
+    Parameters
+    ----------
+    seed : fixes everything.
+    duration : s.
+
+    Raises
+    ------
+    RuntimeError : a hundred draws were refused.
+
+    Examples
+    --------
+    >>> draw_wild(3).scenario == draw_wild(3).scenario
+    True
+    """
+    rng = np.random.default_rng([2026, seed])
+    recipe = Recipe(schema="fdd.recipe/1", healthy_share=1.0, area_mismatch=0.05)
+    first, second = (draw_unit(recipe, rng, index) for index in (seed, seed + 1))
+    if rng.random() < 0.25:
+        # The thesis's 13 cm³, which run empty and full.
+        small = Unit.load("axis_a_13cm3").accumulator
+        first, second = (
+            replace(rig, unit=rig.unit.model_copy(update={"accumulator": small})) for rig in (first, second)
+        )
+    for refused in range(_ATTEMPTS):
+        dual = rng.random() < 0.4
+        try:
+            scenario = _scenario(first.unit, first.details.model_dump(), rng, duration, dual)
+            wild = Wild(first.unit, second.unit if dual else None, scenario, refused)
+            wild.prepared().conditions(0, 1)
+        except InputError:
+            continue
+        return wild
+    raise RuntimeError(f"no scenario of seed {seed} was allowed")
+
+
+def _scenario(
+    unit: Unit, details: dict[str, Any], rng: np.random.Generator, duration: float, dual: bool
+) -> Scenario:
+    name = str(rng.choice(list(DUTIES)))
+    control: Control
+    if name == "levels":
+        control = Control(mode=rng.choice(["position", "speed"]))
+        most = 0.1 if control.mode == "position" else 250.0
+        times = np.cumsum(rng.uniform(0.1, 1.0, 5))
+        points = [[float(t), float(rng.uniform(-most, most))] for t in times]
+        duty = duty_named(name, points=points, linear=bool(rng.random() < 0.5))
+    elif name == "one_way":
+        control = Control(mode=rng.choice(["position", "speed"]))
+        duty = OneWay(out=0.8, back=1.5, amplitude=float(rng.uniform(0.02, 0.09)), lead_in=0.2)
+    else:
+        gain = float(np.exp(rng.uniform(np.log(2e3), np.log(2.5e4))))
+        duty, control = fitting_duty(name, unit, rng, {}, speed=bool(rng.random() < 0.4), gain=gain)
+        duty = duty.model_copy(update={"lead_in": 0.2})
+    if rng.random() < 0.2 and control.mode == "position":
+        control = control.model_copy(update={"rate_gain": float(rng.uniform(0.0, 500.0))})
+    second: dict[str, Any] = {}
+    if dual:
+        drive = str(rng.choice(["same", "still", "own"]))
+        second["partner"] = {
+            "drive": drive,
+            "duty": {"name": "prbs", "speed": float(rng.uniform(20, 200)), "bit": 0.2}
+            if drive == "own"
+            else None,
+            "power": _power(rng),
+            "circuit": _circuit(rng, may_block=True),
+        }
+        second["accumulator"] = str(rng.choice(["shared", "each"]))
+        second["connect"] = {line: _opening(rng, 0.4) for line in ("line_1", "line_2")}
+    return Scenario(
+        unit=unit.name,
+        duration=duration,
+        duty=duty,
+        control=control,
+        load=_load(rng),
+        oil_temperature=float(rng.uniform(-20.0, 110.0)),
+        warming=float(rng.uniform(-0.5, 0.5)),
+        charge_factor=float(rng.uniform(0.3, 2.5)),
+        ambient=float(rng.uniform(2e4, 1.1e5)),
+        faults=_faults(rng, duration, dual),
+        power=_power(rng),
+        circuit=_circuit(rng, may_block=dual and rng.random() < 0.3),
+        details=details,
+        seed=int(rng.integers(0, 2**62)),
+        **second,
+    )
+
+
+def _load(rng: np.random.Generator) -> Any:
+    kind = LOADS[str(rng.choice(list(LOADS)))]
+    return kind(**{name: float(rng.uniform(*bounds)) for name, bounds in kind.usual.items()})
+
+
+def _faults(rng: np.random.Generator, duration: float, dual: bool) -> list[dict[str, Any]]:
+    """None, one, some or all of the plant's faults, on any axis."""
+    names = list(PLANT_FAULTS)
+    count = int(rng.choice([0, 1, 1, 1, 2, 3, 5, len(names)]))
+    found = []
+    for name in rng.permutation(names)[:count]:
+        entry = CATALOGUE[str(name)]
+        found.append(
+            {
+                "fault": str(name),
+                "severity": 1.0 if rng.random() < 0.3 else float(rng.uniform(0.0, 1.0)),
+                "onset": float(rng.uniform(0.0, 0.7) * duration) if rng.random() < 0.7 else 0.0,
+                "profile": str(rng.choice(PROFILES)),
+                "seed": int(rng.integers(0, 1000)),
+                "ramp": float(rng.uniform(0.05, 3.0)),
+                "period": float(rng.uniform(0.1, 2.0)),
+                "side": int(rng.choice(entry.sides)) if entry.sides else None,
+                "variant": str(rng.choice(entry.variants)) if entry.variants else None,
+                "law": str(rng.choice(list(entry.laws))) if entry.laws else None,
+                "axis": int(rng.integers(1, 3)) if dual else 1,
+            }
+        )
+    return found
+
+
+def _opening(rng: np.random.Generator, share: float) -> Any:
+    """Shut, open or moving while the axis runs."""
+    if rng.random() > share:
+        return 0.0
+    if rng.random() < 0.5:
+        return float(rng.uniform(0.0, 1.0))
+    at = float(rng.uniform(0.3, 3.0))
+    return [[0.0, 0.0], [at, 0.0], [at + float(rng.choice([1e-3, 0.5])), float(rng.uniform(0.05, 1.0))]]
+
+
+def _power(rng: np.random.Generator) -> Any:
+    """Mostly on; now and then off, or going off."""
+    return [1.0, 1.0, 1.0, 0.0, [[0.0, 1.0], [1.5, 1.0], [1.501, 0.0]], 0.3][int(rng.integers(0, 6))]
+
+
+def _circuit(rng: np.random.Generator, *, may_block: bool) -> dict[str, Any]:
+    accumulators = {"gas_charge": float(rng.uniform(5e4, 9e5)), "valve_flow": float(rng.uniform(1e-6, 1e-4))}
+    return {
+        "blocked": bool(may_block and rng.random() < 0.5),
+        "bypass": _opening(rng, 0.2),
+        "throttle": _opening(rng, 0.3),
+        "external_leakage": _opening(rng, 0.15),
+        "external_leakage_side": int(rng.integers(1, 3)),
+        "charging": _opening(rng, 0.15),
+        "charging_pressure": float(rng.uniform(5e5, 3e6)),
+        "accumulators": accumulators if rng.random() < 0.15 else None,
+    }
+
+
+ENERGY = 1e-5
+"""Most energy that may be made or lost, over all that went through."""
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """What one wild run came to.
+
+    Attributes
+    ----------
+    seed : of `draw_wild`.
+    failures : a sentence for everything outside physics; empty is well.
+    lowest_pressure : Pa, absolute, of any chamber or line.
+    highest_share : highest gauge pressure over the bound of `pressure_bound`.
+    beyond_stop : m that the piston went past its stroke.
+    oil, energy : most that oil and energy departed from what came and went, over all oil and over all energy
+        that went through.
+    steps : of the integrator for each millisecond.
+    refused : draws that the rig's rules refused before.
+    """
+
+    seed: int
+    failures: list[str] = field(default_factory=list)
+    lowest_pressure: float = np.nan
+    highest_share: float = np.nan
+    beyond_stop: float = np.nan
+    oil: float = np.nan
+    energy: float = np.nan
+    steps: float = np.nan
+    refused: int = 0
+
+
+def try_wild(seed: int, duration: float = 4.0) -> Outcome:
+    """Run one wild scenario and check it.
+
+    Examples
+    --------
+    >>> try_wild(1, duration=0.5).failures
+    []
+    """
+    wild = draw_wild(seed, duration)
+    ready = wild.prepared()
+    try:
+        raw = next(iter(raw_blocks(ready, block=wild.scenario.rows)))
+    except InputError as error:
+        return Outcome(seed, [str(error)], refused=wild.refused)
+    return _checked(seed, wild, ready, raw)
+
+
+def _checked(seed: int, wild: Wild, ready: Prepared, raw: RawBlock) -> Outcome:
+    failures = []
+    if not (np.isfinite(raw.states).all() and np.isfinite(raw.found).all()):
+        return Outcome(seed, ["NaN"], refused=wild.refused)
+    par, ambient = ready.parameters[0], ready.parameters[0].ambient
+    pressures = np.stack(
+        [
+            raw.states[:, s.SHARED + axis * s.AXIS_STATES + p]
+            for axis in range(ready.axes)
+            for p in (s.P1, s.P2, s.LINE_1, s.LINE_2)
+        ]
+    )
+    lowest = float(pressures.min() + ambient)
+    if lowest <= 0.0:
+        failures.append(f"absolute pressure {lowest:.0f} Pa")
+    bound = pressure_bound(ready, raw)
+    share = float(pressures.max() / bound)
+    if share > 1.0:
+        failures.append(f"pressure {pressures.max() / 1e6:.2f} MPa, explained {bound / 1e6:.2f} MPa")
+    beyond = float(np.abs(raw.states[:, s.X]).max() - par.half_stroke)
+    give = _greatest_push(ready, raw, bound) / par.stop_stiffness
+    if beyond > give:
+        failures.append(f"{beyond * 1e3:.2f} mm beyond the stop, explained {give * 1e3:.2f} mm")
+    mass = sum(raw.found[:, axis * s.FINDINGS + s.OIL_MASS] for axis in range(ready.axes))
+    drift = float(np.abs(mass / np.asarray(mass)[0] - 1.0).max())
+    if drift > 1e-6:
+        failures.append(f"oil changed by {drift:.1e}")
+    gap = energy_gap(wild)
+    if gap > ENERGY:
+        failures.append(f"energy changed by {gap:.1e}")
+    speed, most = _motor_speed(ready, raw)
+    if speed > most:
+        failures.append(f"motor at {speed:.0f} rad/s, explained {most:.0f} rad/s")
+    steps = float(ready.memory[STEPS]) / raw.states.shape[0]
+    return Outcome(seed, failures, lowest, share, beyond, drift, gap, steps, wild.refused)
+
+
+def energy_gap(wild: Wild, duration: float = 0.4) -> float:
+    """Energy made or lost in the run's first part, over all that went through (`reports.plant.energies`)."""
+    units = [each and _with_whole_delay(each) for each in (wild.unit, wild.partner)]
+    faults = [spec for spec in wild.scenario.faults if spec.onset < duration]
+    scenario = wild.scenario.model_copy(update={"duration": duration, "faults": faults})
+    assert units[0] is not None
+    share = np.inf
+    for nodes in (12, 40):
+        # Corners of friction and valves within a millisecond are what the fewer nodes miss.
+        run = fine_run(units[0], scenario, partner=units[1], nodes=nodes)
+        gap, through = energies(run).gap(run)
+        # A run in which hardly anything moves is judged by a joule.
+        share = gap / max(through, 1.0)
+        if share <= ENERGY:
+            break
+    return share
+
+
+def _with_whole_delay(unit: Unit) -> Unit:
+    return unit.model_copy(update={"drive": unit.drive.model_copy(update={"delay": PERIOD})})
+
+
+def pressure_bound(ready: Prepared, raw: RawBlock) -> float:
+    """Gauge pressure (Pa) that a run can explain, from what it is driven and loaded with.
+
+    The highest accumulator pressure, plus the relief valves' setting, plus the rise over their gain at all
+    the flow that pumps and pistons push, plus what external force, springs, friction and the momentum of rod
+    and load (v·√(M·k), on the springs of the oil) press on one piston. Relief valves lie across the ports:
+    joined by one line, or one axis blocked, a low side stands on the other axis's high one, and the settings
+    add up.
+
+    Parameters
+    ----------
+    ready : the run's parameters.
+    raw : the whole run.
+    """
+    highest = 0.0
+    flow = 0.0
+    settings: list[float] = []
+    v = np.abs(raw.states[:, s.V]).max()
+    for axis, par in enumerate(ready.parameters):
+        o, f = s.SHARED + axis * s.AXIS_STATES, axis * s.FINDINGS
+        highest = max(highest, float(raw.found[:, f + s.ACCUMULATOR].max()), float(raw.states[0, o + s.P1]))
+        flow += par.displacement * float(np.abs(raw.states[:, o + s.SPEED]).max()) * 1.1 + par.area_1 * v
+        settings.append(par.relief_pressure)
+    joined = np.asarray(raw.rows[:, 0, [c.CONNECT_1, c.CONNECT_2]]).any()
+    relief = sum(settings) if joined or any(par.blocked for par in ready.parameters) else max(settings)
+    gain = min(par.relief_gain for par in ready.parameters)
+    area = min(min(par.area_1, par.area_2) for par in ready.parameters)
+    return highest + relief + flow / gain + _rod_force(ready, raw) / area
+
+
+def _motor_speed(ready: Prepared, raw: RawBlock) -> tuple[float, float]:
+    """Fastest motor, and the speed that its command or the oil of pistons and the other pump explain."""
+    v = float(np.abs(raw.states[:, s.V]).max())
+    fastest = [
+        float(np.abs(raw.states[:, s.SHARED + axis * s.AXIS_STATES + s.SPEED]).max())
+        for axis in range(ready.axes)
+    ]
+    worst = int(np.argmax(fastest))
+    par = ready.parameters[worst]
+    flow = par.area_1 * v
+    if ready.axes > 1:
+        other = 1 - worst
+        flow += ready.parameters[other].displacement * fastest[other]
+    return fastest[worst], 1.3 * max(par.max_speed, flow / par.displacement)
+
+
+def _rod_force(ready: Prepared, raw: RawBlock) -> float:
+    """External force, friction and momentum on the rod (N), at their largest."""
+    first = ready.parameters[0]
+    force = float(np.abs(raw.found[:, s.LOAD_FORCE]).max())
+    spring = 0.0
+    for axis, par in enumerate(ready.parameters):
+        force += float(np.abs(raw.found[:, axis * s.FINDINGS + s.FRICTION_FORCE]).max())
+        spring += par.area_1**2 * (1.0 / par.volume_1 + 1.0 / par.volume_2) / par.stiff_compliance
+    v = float(np.abs(raw.states[:, s.V]).max())
+    return force + v * float(np.sqrt(first.mass * spring))
+
+
+def _greatest_push(ready: Prepared, raw: RawBlock, bound: float) -> float:
+    """Force (N) with which pistons and momentum can press on a stop."""
+    first = ready.parameters[0]
+    v = float(np.abs(raw.states[:, s.V]).max())
+    pistons = sum(par.area_1 * bound for par in ready.parameters)
+    return _rod_force(ready, raw) + pistons + v * float(np.sqrt(first.mass * first.stop_stiffness))

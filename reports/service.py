@@ -1,0 +1,195 @@
+"""`fdd serve` and an MQTT broker as processes of their own, started, asked and killed as by an operator."""
+
+from __future__ import annotations
+
+import http.client
+import json
+import os
+import re
+import shutil
+import signal
+import socket
+import sqlite3
+import subprocess
+import sys
+import time
+from collections.abc import Callable
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import yaml
+
+import fdd
+from fdd.errors import InputError
+
+AXIS = "A1"
+# The host's clock as the process sees it, `clock` seconds off: a file, so that it can be stepped meanwhile.
+PROGRAM = """
+import pathlib, sys, time
+off, real = pathlib.Path(sys.argv.pop(1)), time.time
+if off.exists():
+    time.time = lambda: real() + float(off.read_text())
+from fdd.cli import main
+main()
+"""
+STARTED_S = 120.0
+MOSQUITTO = shutil.which("mosquitto", path=f"{os.environ.get('PATH', '')}:/usr/sbin")
+
+
+def free_port() -> int:
+    """A port that nobody listens on now."""
+    with socket.socket() as free:
+        free.bind(("127.0.0.1", 0))
+        return int(free.getsockname()[1])
+
+
+def until(done: Callable[[], Any], seconds: float) -> Any:
+    """What `done` gives once it gives something; its last word after `seconds`."""
+    end = time.monotonic() + seconds
+    while not (found := done()) and time.monotonic() < end:
+        time.sleep(0.1)
+    return found
+
+
+class Broker:
+    """A mosquitto on a free port, that keeps its sessions on disk where it is `lasting`."""
+
+    def __init__(self, folder: Path, *, lasting: bool = False) -> None:
+        self.port, self._config = free_port(), folder / "mosquitto.conf"
+        settings = [f"listener {self.port} 127.0.0.1", "allow_anonymous true", "max_queued_messages 1000000"]
+        if lasting:
+            settings += ["persistence true", f"persistence_location {folder}/", "user root"]
+        self._config.write_text("\n".join(settings) + "\n")
+        self.start()
+
+    def start(self) -> None:
+        """Start it, and wait until it listens.
+
+        Raises
+        ------
+        InputError : it does not.
+        """
+        assert MOSQUITTO is not None
+        self._process = subprocess.Popen([MOSQUITTO, "-c", str(self._config)], stderr=subprocess.DEVNULL)
+        if not until(self._listens, 20.0):
+            raise InputError("mosquitto does not listen", mend="start it by hand and see what it says")
+
+    def _listens(self) -> bool:
+        with socket.socket() as probe:
+            return probe.connect_ex(("127.0.0.1", self.port)) == 0
+
+    def stop(self) -> None:
+        """End it; it writes what it keeps."""
+        self._process.terminate()
+        self._process.wait()
+
+
+class Process:
+    """`fdd serve` with its state and log in a folder.
+
+    Parameters
+    ----------
+    folder : of everything. sources : of `serve.yaml`. more : what else stands there.
+    core : that it is pinned to.
+    """
+
+    def __init__(
+        self, folder: Path, sources: list[dict[str, Any]], core: int | None = None, **more: Any
+    ) -> None:
+        self.folder, self.sources, self.port, self._core = folder, sources, free_port(), core
+        self.state, self.clock, self.log = folder / "state", folder / "clock", folder / "log.txt"
+        config = {"schema": "fdd.serve/1", "state": "state", "fallback": "axis_a", "sources": sources,
+                  "listen": {"port": self.port}, **more}  # fmt: skip
+        (folder / "serve.yaml").write_text(yaml.safe_dump(config))
+        self.popen: subprocess.Popen[bytes]
+
+    def spawn(self) -> None:
+        """Start it, and go on at once."""
+        paths = [str(Path(fdd.__file__).parents[1]), os.environ.get("PYTHONPATH", "")]
+        pinned = None if self._core is None else partial(os.sched_setaffinity, 0, {self._core})
+        with self.log.open("ab") as log:
+            self.popen = subprocess.Popen(
+                [sys.executable, "-c", PROGRAM, str(self.clock), "serve", str(self.folder / "serve.yaml")],
+                stdout=log, stderr=log, stdin=subprocess.DEVNULL, preexec_fn=pinned,
+                env=os.environ | {"PYTHONPATH": os.pathsep.join(p for p in paths if p)},
+            )  # fmt: skip
+
+    def start(self) -> float:
+        """Start it and wait until it answers; the seconds that this took."""
+        begun = time.monotonic()
+        self.spawn()
+        until(lambda: self.get("/api/health") or self.popen.poll() is not None, STARTED_S)
+        return time.monotonic() - begun
+
+    def get(self, path: str) -> Any:
+        """An answer of the API, None where there is none; as another client than those that attack."""
+        link = http.client.HTTPConnection("127.0.0.1", self.port, 10.0, source_address=("127.0.0.2", 0))
+        try:
+            link.request("GET", path)
+            answer = link.getresponse()
+            body = answer.read()
+            return None if answer.status != 200 else json.loads(body) if path.startswith("/api") else body
+        except (OSError, http.client.HTTPException, ValueError):
+            return None
+        finally:
+            link.close()
+
+    def problems(self) -> list[str]:
+        """What `/api/health` complains of."""
+        return (self.get("/api/health") or {}).get("problems", [])
+
+    def axes(self) -> list[dict[str, Any]]:
+        """What `/api/axes` tells of each axis."""
+        return (self.get("/api/axes") or {}).get("axes", [])
+
+    def samples(self) -> int:
+        """Samples of the axis that it has worked."""
+        return next((int(a["samples"]) for a in self.axes() if a["name"] == AXIS), 0)
+
+    def metric(self, name: str) -> float:
+        """A figure without labels of `/metrics`."""
+        lines = (self.get("/metrics") or b"").decode().splitlines()
+        return next((float(x.split()[1]) for x in lines if x.startswith(f"{name} ")), float("nan"))
+
+    @property
+    def cpu_s(self) -> float:
+        """s of processor time so far, of all its threads."""
+        fields = Path(f"/proc/{self.popen.pid}/stat").read_text("ascii").rpartition(")")[2].split()
+        return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
+
+    @property
+    def resident(self) -> int:
+        """Bytes in memory."""
+        return resident(self.popen.pid)
+
+    def end(self) -> int | None:
+        """Send SIGTERM; the exit status, None where it does not end in time and is killed."""
+        self.popen.send_signal(signal.SIGTERM)
+        try:
+            return self.popen.wait(60.0)
+        except subprocess.TimeoutExpired:
+            self.kill()
+            return None
+
+    def kill(self) -> None:
+        """Send SIGKILL, and wait."""
+        self.popen.kill()
+        self.popen.wait()
+
+    def lines(self, words: str) -> list[str]:
+        """Lines of its log that a pattern is found in."""
+        return [x for x in self.log.read_text("utf-8", "replace").splitlines() if re.search(words, x)]
+
+    def told(self) -> tuple[list[tuple[str, float]], list[str]]:
+        """Of its store, while it does not run: findings (fault, onset) and what the audit says of alarms."""
+        with sqlite3.connect(self.state / "fdd.db") as store:
+            findings = store.execute("SELECT fault, onset FROM finding ORDER BY id").fetchall()
+            audit = store.execute("SELECT action FROM audit WHERE alarm_id IS NOT NULL ORDER BY id")
+            return findings, [action for (action,) in audit]
+
+
+def resident(pid: int | str = "self") -> int:
+    """Bytes in memory of a process."""
+    pages = Path(f"/proc/{pid}/statm").read_text("ascii").split()[1]
+    return int(pages) * os.sysconf("SC_PAGE_SIZE")

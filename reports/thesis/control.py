@@ -1,0 +1,232 @@
+"""Chapter 7: chatter filter, position step and ultimate gain."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.signal import butter, cont2discrete, lfilter
+
+from fdd.plant.details import Details
+from fdd.unit import Unit
+from reports.thesis.findings import Figures
+from reports.thesis.frequency_response import TransferFunction
+from reports.thesis.response import HIGH, HIGH_SPEED, LOW, respond
+from reports.thesis.runs import (
+    PERIOD,
+    VOLT,
+    Beside,
+    changed,
+    holding_leakage,
+    hydraulic_gain,
+    riding_partner,
+    run_position,
+    with_coulomb_alone,
+    with_friction,
+    with_leakage,
+)
+from reports.writing import Panel
+
+Array = NDArray[np.float64]
+
+CUTOFF = 350.0
+"""rad/s of the chatter filter, section 7.1.1."""
+
+GAIN, STEP = 16_875.0, 0.1
+"""(rad/s)/m and m, section 7.2."""
+TRIALS = 10
+_REST, _SECONDS = 500, 3.5
+_PLATEAU = 0.97
+
+ULTIMATE = 33_750.0
+"""(rad/s)/m, by experiment on the rig."""
+OSCILLATES = 20e-6
+"""m, peak to peak over the last second: twenty counts of the encoder."""
+MOST = 1e6
+"""(rad/s)/m, highest gain tried."""
+
+
+def discrete_filter(method: str) -> tuple[Array, Array]:
+    """Second-order Butterworth filter of 350 rad/s at 1 kHz: numerator and denominator, (3,) each.
+
+    Parameters
+    ----------
+    method : ``zoh`` or ``bilinear`` (Tustin's rule).
+
+    Examples
+    --------
+    >>> [round(float(x), 4) for x in (*discrete_filter("zoh")[0][1:], *discrete_filter("zoh")[1][1:])]
+    [0.0518, 0.0439, -1.5139, 0.6096]
+    """
+    top, bottom, _ = cont2discrete(butter(2, CUTOFF, analog=True), PERIOD, method=method)
+    return np.ravel(top), np.asarray(bottom)
+
+
+def filtered_velocity(position: Array) -> Array:
+    """Velocity as section 7.2 shows it: differences of the position through eq. 7.5's filter, (n,)."""
+    numerator, denominator = discrete_filter("zoh")
+    return np.asarray(lfilter(numerator, denominator, np.diff(position, prepend=position[:1]) / PERIOD))
+
+
+def chatter_filter(axis_a: Unit, axis_b: Unit, seed: int) -> Figures:
+    """Section 7.1.1: recompute eq. 7.5 by zero-order hold and by Tustin's rule; no plant is needed."""
+    return {"zoh": discrete_filter("zoh"), "tustin": discrete_filter("bilinear")}
+
+
+@dataclass(frozen=True)
+class Steps:
+    """Trials of one direction.
+
+    Attributes
+    ----------
+    time, position, velocity : (n,) of the first trial: s since the step, m and m/s (filtered) along it.
+    plateau, duration, error : (trials,) saturated velocity (m/s), for how long (s), final error (m).
+    """
+
+    time: Array
+    position: Array
+    velocity: Array
+    plateau: Array
+    duration: Array
+    error: Array
+
+
+def step_trials(
+    unit: Unit, sign: float, seed: int, trials: int = TRIALS, *, partner: Beside | None = None,
+    details: Details | None = None,
+) -> Steps:  # fmt: skip
+    """Step from mid-stroke by 0.1 m along `sign`; the final error is position less set-point, 3.5 s later."""
+    setpoint = np.concatenate([np.zeros(_REST), np.full(round(_SECONDS / PERIOD), sign * STEP)])
+    found, traces = [], []
+    for i in range(trials):
+        log = run_position(unit, setpoint, GAIN, partner=partner, details=details, seed=seed + i).samples
+        speed = sign * filtered_velocity(log["position"])
+        # The level is the median over the middle of the motion: break-away overshoots it.
+        level = float(np.median(speed[_REST + 200 : _REST + 600]))
+        fast = np.flatnonzero(speed > _PLATEAU * level)
+        error = sign * float(np.mean(log["position"][-50:])) - STEP
+        found.append((level, (fast[-1] - fast[0]) * PERIOD, error))
+        traces.append((log.time - _REST * PERIOD, sign * log["position"], speed))
+    return Steps(*traces[0], *np.array(found).T)
+
+
+def position_step(axis_a: Unit, axis_b: Unit, seed: int) -> Figures:
+    """Section 7.2: a step of 0.1 m under proportional position control, both ways."""
+    forward = step_trials(axis_a, 1.0, seed)
+    parts = {
+        "as it is": forward,
+        "no dead band at the drive's input":
+            step_trials(axis_a, 1.0, seed, details=Details(command_dead_band=0.0)),
+        "a tenth of its friction": step_trials(with_friction(axis_a, 0.1), 1.0, seed),
+        "friction that does not rise towards rest": step_trials(with_coulomb_alone(axis_a), 1.0, seed),
+        "a tenth of its leakage": step_trials(with_leakage(axis_a, axis_a, 0.1), 1.0, seed),
+        "axis B instead": step_trials(axis_b, 1.0, seed),
+        "axis B, friction that does not rise towards rest":
+            step_trials(with_coulomb_alone(axis_b), 1.0, seed),
+        "axis B riding along, by-pass and throttle open":
+            step_trials(axis_a, 1.0, seed, partner=riding_partner(axis_b)),
+    }  # fmt: skip
+    band, command = Details().command_dead_band, GAIN * abs(float(np.mean(forward.error)))
+    per_speed = axis_a.pump.displacement * axis_a.cylinder.area_1 / holding_leakage(axis_a)
+    shown = (forward.time > -0.3) & (forward.time < 2.0)
+    time, along = forward.time[shown], "time since the step (s)"
+    position, velocity = 1e3 * forward.position[shown], forward.velocity[shown]
+    return {
+        "ways": {"forward": forward, "reverse": step_trials(axis_a, -1.0, seed)},
+        "parts": parts,
+        "ratio": hydraulic_gain(axis_a),
+        "area": axis_a.cylinder.area_1,
+        "command": command,
+        "force": (command - band) * per_speed,
+        "needed": (GAIN * 21e-6 - band) * per_speed,
+        "band": band / GAIN,
+        "rig_band": 0.06 * VOLT / GAIN,
+        "picture": [
+            Panel([(time, position, "C0-", "plant")], {"ylabel": "position (mm)"},
+                  at_y={1e3 * STEP: "set-point"}),
+            Panel([(time, velocity, "C0-", "plant, filtered by eq. 7.5")],
+                  {"ylabel": "velocity (m/s)", "xlabel": along}, at_y={0.117: "thesis, 0.117 m/s"},
+                  at_x={0.8: "thesis, end of saturation"}),
+        ],
+    }  # fmt: skip
+
+
+def oscillation(unit: Unit, gain: float, seed: int, partner: Beside | None = None) -> float:
+    """Peak to peak position (m) in the last second of four after a step of 0.1 m, less its one-way creep."""
+    setpoint = np.concatenate([np.zeros(100), np.full(3900, STEP)])
+    last = run_position(unit, setpoint, gain, partner=partner, seed=seed).samples["position"][-1000:]
+    return float(np.ptp(last) - abs(np.mean(last[-50:]) - np.mean(last[:50])))
+
+
+def least_oscillating(unit: Unit, seed: int, partner: Beside | None = None) -> tuple[float, Array]:
+    """Least gain that oscillates, to 3 %, NaN for none; and gains and amplitudes on the way, (2, n)."""
+    tried: list[tuple[float, float]] = []
+
+    def oscillates(gain: float) -> bool:
+        tried.append((gain, oscillation(unit, gain, seed, partner)))
+        return tried[-1][1] > OSCILLATES
+
+    low, high = 0.5 * ULTIMATE, float("nan")
+    for gain in 0.5 * ULTIMATE * np.sqrt(2.0) ** np.arange(12):
+        if gain <= MOST and oscillates(float(gain)):
+            high = float(gain)
+            break
+        low = float(gain)
+    while high / low > 1.03:
+        middle = float(np.sqrt(low * high))
+        low, high = (low, middle) if oscillates(middle) else (middle, high)
+    return high, np.array(sorted(tried)).T
+
+
+def linear_ultimate_gain(model: TransferFunction) -> float:
+    """Proportional gain at which the loop around ``model/s`` is on the verge, (rad/s)/m.
+
+    Where velocity over demanded speed lags 90°, and the integrator the other 90°.
+
+    Examples
+    --------
+    >>> lag = TransferFunction((1.0,), (1.0, 1.0), 0.0)   # K/(s(s+1)) never oscillates
+    >>> linear_ultimate_gain(lag)
+    nan
+    >>> delay = TransferFunction((1.0,), (1.0, 1e9), 0.25)
+    >>> round(linear_ultimate_gain(delay) * 1e-9, 2)   # K·exp(-s/4)/s: K = 2π
+    6.28
+    """
+    frequency = np.geomspace(0.05, 400.0, 40_001)
+    response = model.at(frequency) / np.sign(model.gain)
+    late = np.flatnonzero(np.unwrap(np.angle(response)) < -0.5 * np.pi)
+    if late.size == 0:
+        return float("nan")
+    return float(2.0 * np.pi * frequency[late[0]] / np.abs(response[late[0]]))
+
+
+def ultimate_gain(axis_a: Unit, axis_b: Unit, seed: int) -> Figures:
+    """Section 7.2: raise the gain on the plant until it oscillates for ever, and ask the linear models."""
+    late_unit, beside = changed(axis_a, "drive", delay=0.01), riding_partner(axis_b)
+    found, tried = least_oscillating(axis_a, seed)
+    late, late_tried = least_oscillating(late_unit, seed)
+    soft, soft_tried = least_oscillating(changed(late_unit, "oil", bulk_modulus=4e7), seed)
+    curves = [
+        (gains, 1e3 * np.maximum(sizes, 1e-7), style, label)
+        for (gains, sizes), style, label in (
+            (tried, "C0o-", "plant"), (late_tried, "C1s-", "plant, 10 ms delay"),
+            (soft_tried, "C2^-", "plant, 10 ms delay, β = 40 MPa"),
+        )
+    ]  # fmt: skip
+    axes = {"xlabel": "proportional gain ((rad/s)/m)", "ylabel": "oscillation, peak to peak (mm)"}
+    panel = Panel(curves, {**axes, "xscale": "log", "yscale": "log"}, at_x={ULTIMATE: "thesis, experiment"})
+    return {
+        "thesis": ULTIMATE,
+        "low": linear_ultimate_gain(LOW),
+        "high": linear_ultimate_gain(HIGH),
+        "plant": found,
+        "own": linear_ultimate_gain(respond(axis_a, HIGH_SPEED, seed, sines=(10.0,)).model),
+        "riding": least_oscillating(axis_a, seed, beside)[0],
+        "late_riding": least_oscillating(late_unit, seed, beside)[0],
+        "late": late,
+        "soft": soft,
+        "crossing": ULTIMATE * hydraulic_gain(axis_a) / (2 * np.pi),
+        "oscillates": OSCILLATES,
+        "picture": [panel],
+    }

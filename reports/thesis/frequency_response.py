@@ -1,0 +1,265 @@
+"""Frequency responses and transfer functions from a test signal and what it caused (thesis chapter 6).
+
+The thesis divides Fourier transforms (its ETFE), smooths them and fits continuous transfer functions
+with a delay by the output-error method; so does this module.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import least_squares
+from scipy.signal import butter, fftconvolve, lfilter, sosfiltfilt
+
+from fdd.identification.experiments.etfe import empirical_response, half_power_frequency
+
+Array = NDArray[np.float64]
+ComplexArray = NDArray[np.complex128]
+
+_UNIT_OF_FREQUENCY = 100.0
+"""rad/s in which coefficients are fitted, so that they are of one size."""
+
+
+@dataclass(frozen=True)
+class TransferFunction:
+    """``exp(-delay·s)·numerator(s)/denominator(s)``, highest power first, s in 1/s.
+
+    Examples
+    --------
+    >>> lag = TransferFunction((100.0,), (1.0, 100.0), 0.0)
+    >>> round(float(abs(lag.at(100.0 / (2 * np.pi)))), 3), round(lag.bandwidth_hz(), 2)
+    (0.707, 15.92)
+    """
+
+    numerator: tuple[float, ...]
+    denominator: tuple[float, ...]
+    delay: float
+
+    @property
+    def poles(self) -> ComplexArray:
+        """1/s, slowest first."""
+        roots = np.roots(self.denominator).astype(np.complex128)
+        return roots[np.lexsort((roots.imag, np.abs(roots)))]
+
+    @property
+    def gain(self) -> float:
+        """At rest."""
+        return self.numerator[-1] / self.denominator[-1]
+
+    def at(self, frequency: float | Array) -> ComplexArray:
+        """Response at `frequency` (…) in Hz, (…)."""
+        s = 2j * np.pi * np.asarray(frequency, dtype=np.float64)
+        ratio = np.polyval(self.numerator, s) / np.polyval(self.denominator, s)
+        return np.asarray(ratio * np.exp(-self.delay * s), dtype=np.complex128)
+
+    def bandwidth_hz(self) -> float:
+        """Lowest frequency (Hz) at which the response has fallen 3 dB below that at rest."""
+        frequency = np.linspace(0.0, 500.0, 20_001)
+        return half_power_frequency(frequency, np.abs(self.at(frequency)), abs(self.gain))
+
+    def simulate(self, given: Array, period: float) -> Array:
+        """Response, (n,), to an input that runs straight from sample to sample (`period` s), from rest."""
+        numerator, denominator = sampled(np.array(self.numerator), np.array(self.denominator), period)
+        late = round(self.delay / period)
+        held = np.concatenate([np.zeros(late), given[: given.size - late]])
+        return np.asarray(lfilter(numerator, denominator, held))
+
+
+def sampled(numerator: Array, denominator: Array, period: float) -> tuple[Array, Array]:
+    """Discrete transfer function of a strictly proper continuous one, exact for piecewise straight inputs.
+
+    Franklin, Powell and Workman's triangle hold, as `scipy.signal.cont2discrete` has it under ``foh``, which
+    takes twenty times as long: too long for a fit.
+
+    Coefficients have the highest power first; returned are those in powers of 1/z, one more than poles each.
+
+    Examples
+    --------
+    >>> top, bottom = sampled(np.array([2.0]), np.array([1.0, 2.0]), 0.1)
+    >>> round(float(top.sum() / bottom.sum()), 9), round(float(-bottom[1]), 6)
+    (1.0, 0.818731)
+    """
+    n = denominator.size - 1
+    lead = denominator[0]
+    out = np.zeros(n)
+    out[n - numerator.size :] = numerator / lead
+    block = np.zeros((n + 2, n + 2))
+    block[0, :n] = -denominator[1:] / lead * period
+    block[1:n, : n - 1] = np.eye(n - 1) * period
+    block[0, n] = period
+    block[n, n + 1] = 1.0
+    grown = _exponential(block)
+    state, first, second = grown[:n, :n], grown[:n, n], grown[:n, n + 1]
+    entering = first + state @ second - second
+    straight = float(out @ second)
+    bottom = np.real(np.poly(state))
+    top = np.real(np.poly(state - np.outer(entering, out))) + (straight - 1.0) * bottom
+    return np.asarray(top), np.asarray(bottom)
+
+
+def _exponential(matrix: Array) -> Array:
+    """Matrix exponential of a few rows: Taylor's series of a halved matrix, squared back."""
+    halvings = max(int(np.ceil(np.log2(max(np.abs(matrix).sum(axis=1).max(), 1e-12) / 0.25))), 0)
+    part = matrix / 2.0**halvings
+    term = total = np.eye(matrix.shape[0])
+    for k in range(1, 13):
+        term = term @ part / k
+        total = total + term
+    for _ in range(halvings):
+        total = total @ total
+    return total
+
+
+def velocity(position: Array, period: float, cutoff_hz: float = 150.0) -> Array:
+    """Velocity by central differences (eq. 6.3) and a zero-phase Butterworth filter of order 10.
+
+    Parameters
+    ----------
+    position : (n,) m or rad.
+    period : s.
+    cutoff_hz : of the filter; the thesis takes 150 Hz (section 6.3).
+
+    Returns
+    -------
+    (n,) per second.
+    """
+    sections = butter(10, cutoff_hz, fs=1.0 / period, output="sos")
+    return np.asarray(sosfiltfilt(sections, np.gradient(position, period)))
+
+
+def held_input(command: Array, period: float, cutoff_hz: float = 150.0) -> Array:
+    """What `velocity` makes of a command that is held over each period: the input beside that output.
+
+    The held command's integral runs straight from sample to sample; differenced and filtered as the output
+    is, it differs from the output by the system alone, exactly. The bare command would lay the filter, the
+    differences' own fall-off and half a sample of delay to the system.
+
+    Parameters
+    ----------
+    command : (n,) per second.
+    period, cutoff_hz : as in `velocity`.
+
+    Returns
+    -------
+    (n,) per second.
+    """
+    integral = np.concatenate([[0.0], np.cumsum(command[:-1]) * period])
+    return velocity(integral, period, cutoff_hz)
+
+
+def windowed_response(
+    given: Array, caused: Array, period: float, points: int = 128
+) -> tuple[Array, ComplexArray]:
+    """Transfer function estimate through a Hamming window over the correlations' lags (section 6.2).
+
+    The thesis puts its estimates through a "128 point size Hamming window"; as in the toolbox that it used,
+    the window's size is the number of lags, here 0.128 s to either side, which smooths over some 8 Hz.
+
+    Parameters
+    ----------
+    given, caused : (n,) input and output.
+    period : s.
+    points : lags to either side.
+
+    Returns
+    -------
+    frequency (401,) in Hz, from 0 to 100 or half the sampling rate, and response (401,).
+    """
+    u, y = given - given.mean(), caused - caused.mean()
+    lags = np.arange(-points, points + 1)
+    middle = slice(u.size - 1 - points, u.size + points)
+    window = 0.54 + 0.46 * np.cos(np.pi * lags / points)
+    own, cross = (window * fftconvolve(signal, u[::-1])[middle] for signal in (u, y))
+    frequency = np.linspace(0.0, min(100.0, 0.5 / period), 401)
+    turn = np.exp(-2j * np.pi * np.outer(frequency, lags) * period)
+    return frequency, np.asarray((turn @ cross) / (turn @ own), dtype=np.complex128)
+
+
+def response_at(given: Array, caused: Array, period: float, frequency: float) -> complex:
+    """Response at one frequency: ratio of the fundamentals, fitted together with a mean and a trend.
+
+    Parameters
+    ----------
+    given, caused : (n,) input and output, several periods of a sine.
+    period : s.
+    frequency : Hz.
+    """
+    time = np.arange(given.size) * period
+    phase = 2.0 * np.pi * frequency * time
+    basis = np.column_stack([np.cos(phase), np.sin(phase), np.ones_like(time), time])
+    u, y = (np.linalg.lstsq(basis, signal, rcond=None)[0] for signal in (given, caused))
+    return complex((y[0] - 1j * y[1]) / (u[0] - 1j * u[1]))
+
+
+def fit_output_error(
+    given: Array,
+    caused: Array,
+    period: float,
+    *,
+    zeros: int,
+    poles: int,
+    delay: float,
+    highest_hz: float = 60.0,
+) -> tuple[TransferFunction, float]:
+    """Continuous transfer function whose own response to the input comes nearest to the output.
+
+    It starts from the rational function nearest to the empirical response (Sanathanan and Koerner's
+    iteration, doi.org/10.1109/TAC.1963.1105517); then the squared output error is made least.
+
+    Parameters
+    ----------
+    given, caused : (n,) input (see `held_input`) and output, as departures from where they rest at the start.
+    period : s.
+    zeros, poles : orders of numerator and denominator.
+    delay : s, a whole number of periods.
+    highest_hz : up to which the first guess looks at the response.
+
+    Returns
+    -------
+    The model, and its fit: 1 for all of the output explained, 0 for no better than the mean.
+    """
+    start = _rational_guess(given, caused, period, zeros, poles, delay, highest_hz)
+
+    def model(theta: Array) -> TransferFunction:
+        # Powers of s/100 carry the coefficients back to s in 1/s; poles on the wrong side are turned over.
+        scale = _UNIT_OF_FREQUENCY ** np.arange(poles, -1, -1.0)
+        roots = np.roots(np.concatenate([[1.0], theta[:poles]]))
+        stable = np.real(np.poly(-np.abs(roots.real) + 1j * roots.imag))
+        denominator = stable / scale * scale[0]
+        numerator = theta[poles:] / scale[poles - zeros :] * scale[0]
+        return TransferFunction(tuple(numerator.tolist()), tuple(denominator.tolist()), delay)
+
+    size = float(np.std(caused))
+
+    def error(theta: Array) -> Array:
+        return np.asarray((model(theta).simulate(given, period) - caused) / size)
+
+    solved = least_squares(error, start, method="lm", x_scale=np.maximum(np.abs(start), 1e-3), max_nfev=300)
+    left = solved.fun * size
+    fit = 1.0 - float(np.linalg.norm(left) / np.linalg.norm(caused - caused.mean()))
+    return model(solved.x), fit
+
+
+def _rational_guess(
+    given: Array, caused: Array, period: float, zeros: int, poles: int, delay: float, highest_hz: float
+) -> Array:
+    """Denominator below its leading 1, then numerator, in powers of s/100."""
+    frequency, response = empirical_response(given, caused, period)
+    late = np.exp(2j * np.pi * frequency * delay)
+    u = np.abs(np.fft.rfft(given - given.mean()))
+    used = (frequency > 0.2) & (frequency < highest_hz)
+    s = 2j * np.pi * frequency[used] / _UNIT_OF_FREQUENCY
+    g, weight = (response * late)[used], u[used] / u[used].max()
+    low = s[:, None] ** np.arange(poles - 1, -1, -1.0)
+    top = s[:, None] ** np.arange(zeros, -1, -1.0)
+    divisor = np.ones_like(s)
+    theta = np.zeros(poles + zeros + 1)
+    for _ in range(20):
+        w = (weight / np.abs(divisor))[:, None]
+        m = np.hstack([g[:, None] * low, -top]) * w
+        y = -(g * s**poles)[:, None] * w
+        theta = np.linalg.lstsq(np.vstack([m.real, m.imag]), np.vstack([y.real, y.imag]), rcond=None)[0][:, 0]
+        divisor = s**poles + low @ theta[:poles]
+    return np.asarray(theta)

@@ -1,0 +1,1 @@
+"""What troubles the service itself, tried on the real process."""

@@ -1,0 +1,113 @@
+"""What all reports share: where they are written, on which machine, and how their pictures are drawn."""
+
+from __future__ import annotations
+
+import os
+import platform
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+from jinja2 import Environment, FileSystemLoader, StrictUndefined, Template
+
+from fdd import __version__
+from fdd.files import require_writable, whole_file, write_text, written
+from fdd.pictures import STYLE, require_matplotlib
+
+FOLDER = Path("reports")
+OutOption = Annotated[Path, typer.Option("--out", "-o", help="Folder of the report and its pictures.")]
+
+
+def made_by(command: str) -> str:
+    """With what, and on which machine, a report was made."""
+    machine = f"{platform.machine()}, {os.cpu_count()} cores, Python {platform.python_version()}"
+    return f"Made by `python -m reports {command}` of fdd {__version__} on {machine}"
+
+
+def load_now() -> str:
+    """How busy the machine was, as the end of a sentence."""
+    return f"load average {os.getloadavg()[0]:.1f} at the end of the run."
+
+
+def require_folder(out: Path, *, pictures: bool = False) -> None:
+    """Refuse before anything is measured what cannot be written or drawn after it.
+
+    Raises
+    ------
+    InputError : the folder cannot be written, or matplotlib is missing where there are pictures.
+    """
+    require_writable(out, folder=True)
+    if pictures:
+        require_matplotlib()
+
+
+def write_report(path: Path, lines: Iterable[str]) -> None:
+    """Write a report of Markdown lines and say where it is."""
+    with written(path.parent):
+        path.parent.mkdir(parents=True, exist_ok=True)
+    write_text(path, "\n".join(lines).rstrip() + "\n")
+    print(f"Written to {path}")
+
+
+def template(path: Path, **filters: Callable[..., str]) -> Template:
+    """A report's text as a Jinja template; ``{{ x|f(".1f") }}`` formats a number."""
+    environment = Environment(
+        loader=FileSystemLoader(path.parent), extensions=["jinja2.ext.do"], undefined=StrictUndefined,
+        trim_blocks=True, lstrip_blocks=True,
+    )  # fmt: skip
+    environment.filters |= {"f": format, **filters}
+    return environment.get_template(path.name)
+
+
+Curve = tuple[Any, Any, str, str | None]
+"""x, y, matplotlib's format string, and label: None for no entry in the legend."""
+
+
+@dataclass(frozen=True)
+class Panel:
+    """One panel of a picture.
+
+    Attributes
+    ----------
+    settings : of ``Axes.set``: labels, scales, limits, title.
+    at_x, at_y : value to label of lines across the panel.
+    """
+
+    curves: Sequence[Curve]
+    settings: Mapping[str, Any]
+    at_x: Mapping[float, str] = field(default_factory=dict)
+    at_y: Mapping[float, str] = field(default_factory=dict)
+
+
+def draw(path: Path, panels: Sequence[Panel], *, columns: int = 1, height: float = 4.2) -> None:
+    """Draw panels, row by row, as a PNG of 900 pixels width; all of a column have one x axis.
+
+    Raises
+    ------
+    InputError : it cannot be written, or matplotlib is missing.
+    """
+    require_matplotlib()
+    import matplotlib
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
+
+    with matplotlib.rc_context(STYLE):
+        figure = Figure(figsize=(9.0, height), dpi=100, layout="constrained")
+        FigureCanvasAgg(figure)
+        places = figure.subplots(len(panels) // columns, columns, sharex="col", squeeze=False).flat
+        for axes, panel in zip(places, panels, strict=True):
+            for x, y, style, label in panel.curves:
+                axes.plot(x, y, style, label=label, linewidth=1.2, markersize=4)
+            for value, label in panel.at_x.items():
+                axes.axvline(value, color="k", linestyle=":", linewidth=1.0, label=label)
+            for value, label in panel.at_y.items():
+                axes.axhline(value, color="k", linestyle="--", linewidth=1.0, label=label)
+            axes.set(**panel.settings)
+            axes.legend(fontsize=8)
+        with written(path.parent):
+            path.parent.mkdir(parents=True, exist_ok=True)
+        with whole_file(path) as temporary:
+            # No name of the program in the file: its version would change the bytes.
+            figure.savefig(temporary, format="png", metadata={"Software": None})

@@ -1,0 +1,85 @@
+"""Frequency responses against systems whose answer is known in closed form."""
+
+import numpy as np
+import pytest
+from scipy.signal import cont2discrete, lfilter
+
+from fdd.identification.experiments.etfe import empirical_response, half_power_frequency
+from reports.thesis.frequency_response import (
+    TransferFunction,
+    fit_output_error,
+    held_input,
+    response_at,
+    sampled,
+    velocity,
+    windowed_response,
+)
+
+T = 1e-3
+LOW = TransferFunction((1.08e-2, 2.562, 242.6), (1.0, 144.8, 1.66e4, 6.50e5), 0.01)
+"""Eq. 6.12 of the thesis."""
+
+
+@pytest.fixture(scope="module")
+def command() -> np.ndarray:
+    rng = np.random.default_rng(5)
+    time = np.arange(8000) * T
+    return 47.0 * np.sin(2 * np.pi * (0.1 + 60.0 * time / 8.0) * time) + 8.0 * rng.choice([-1.0, 1.0], 8000)
+
+
+def integrated_output(model: TransferFunction, command: np.ndarray) -> np.ndarray:
+    """∫ output by exact discretisation of model/s for the held command: no part of the code under test."""
+    top, bottom, _ = cont2discrete(
+        (np.array(model.numerator), np.polymul(model.denominator, [1.0, 0.0])), T, method="zoh"
+    )
+    late = round(model.delay / T)
+    held = np.concatenate([np.zeros(late), command[: command.size - late]])
+    return lfilter(np.ravel(top), bottom, held)
+
+
+def test_sampled_is_the_triangle_hold_of_scipy():
+    top, bottom = sampled(np.array(LOW.numerator), np.array(LOW.denominator), T)
+    expected = cont2discrete((LOW.numerator, LOW.denominator), T, method="foh")
+    np.testing.assert_allclose(top, np.ravel(expected[0]), rtol=1e-7, atol=1e-14)
+    np.testing.assert_allclose(bottom, expected[1], rtol=1e-10)
+
+
+def test_the_thesis_model_is_found_again_with_its_delay(command):
+    """From positions of a simulated eq. 6.12, differenced and filtered like a log's."""
+    output = velocity(integrated_output(LOW, command), T)
+    given = held_input(command, T)
+    fits = {d: fit_output_error(given, output, T, zeros=2, poles=3, delay=d * T) for d in (6, 9, 10, 11, 14)}
+    best = max(fits, key=lambda d: fits[d][1])
+    assert best == 10
+    model, fit = fits[10]
+    assert fit > 0.999
+    np.testing.assert_allclose(np.sort_complex(model.poles), np.sort_complex(LOW.poles), rtol=0.01)
+    assert model.gain == pytest.approx(LOW.gain, rel=1e-3)
+    # 16.77 Hz of eq. 6.12, which the thesis prints as 16.8.
+    assert model.bandwidth_hz() == pytest.approx(16.8, abs=0.1)
+
+
+def test_single_sine_and_etfe_give_the_response(command):
+    frequency, response = empirical_response(
+        held_input(command, T), velocity(integrated_output(LOW, command), T), T, width_hz=0.5
+    )
+    for hz in (5.0, 12.0, 20.0):
+        near = int(np.argmin(np.abs(frequency - hz)))
+        assert abs(response[near] / LOW.at(hz) - 1.0) < 0.05
+        time = np.arange(3000) * T
+        sine = np.sin(2 * np.pi * hz * time)
+        output = velocity(integrated_output(LOW, sine), T)
+        part = slice(1000, 2800)
+        single = response_at(held_input(sine, T)[part], output[part], T, hz)
+        assert abs(single / complex(LOW.at(hz)) - 1.0) < 0.01
+
+
+def test_a_windowed_estimate_is_the_smooth_system_s(command):
+    """A lag of 33 Hz is smoother than the window's 8 Hz: magnitude and phase of the closed form."""
+    lag = TransferFunction((209.0,), (1.0, 209.0), 0.003)
+    noise = 47.0 * np.random.default_rng(2).choice([-1.0, 1.0], 16_000)
+    caused = velocity(integrated_output(lag, noise), T)
+    frequency, found = windowed_response(held_input(noise, T), caused, T)
+    at = (frequency > 10.0) & (frequency < 80.0)
+    assert np.max(np.abs(found[at] / lag.at(frequency[at]) - 1.0)) < 0.12
+    assert half_power_frequency(frequency, np.abs(found), 1.0) == pytest.approx(209.0 / (2 * np.pi), rel=0.06)

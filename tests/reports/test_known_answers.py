@@ -1,0 +1,174 @@
+"""The experiments on units and curves whose answer is known."""
+
+import numpy as np
+import pytest
+from scipy.integrate import solve_ivp
+
+from fdd.identification.experiments.friction import fit_curve
+from fdd.identification.experiments.hydraulic import Coefficients, from_profile
+from fdd.identification.friction import curve
+from fdd.unit import Unit
+from reports.thesis import control, dead_band, flow
+from reports.thesis.frequency_response import TransferFunction
+from reports.thesis.friction import MODES, creeping_peaks, run_up, start_of
+from reports.thesis.response import HIGH, HIGH_SPEED, LOW, LOW_SPEED, split_poles
+from reports.thesis.runs import (
+    VOLT,
+    holding_leakage,
+    run_position,
+    with_leakage,
+)
+
+pytestmark = pytest.mark.slow
+
+
+@pytest.fixture
+def unit() -> Unit:
+    return Unit.load("axis_a")
+
+
+def flat(unit: Unit, force: float) -> Unit:
+    """The unit with one friction at all speeds and in all trials."""
+    changed = unit.model_copy(deep=True)
+    changed.friction.trial_spread = 0.0
+    for branch in (changed.friction.forward, changed.friction.reverse):
+        branch.coulomb = branch.static = force
+        branch.viscous = 0.0
+    return changed
+
+
+@pytest.mark.parametrize("name", ["A", "B"])
+def test_the_profile_gives_the_printed_transfer_function(name):
+    """Eqs 5.23 and 5.26, to the digits that they print."""
+    unit = Unit.load(f"axis_{name.lower()}")
+    free, damped = from_profile(unit, 0.0), from_profile(unit, 1.0)
+    assert round(free.numerator, 2) == 44.64
+    assert round(free.stiffness, -3) == 1.22e5
+    assert free.damping == pytest.approx({"A": 1.27, "B": 0.83}[name], abs=0.006)
+    assert damped.stiffness - free.stiffness == pytest.approx({"A": 0.343, "B": 0.225}[name], abs=0.001)
+    assert damped.damping - free.damping == pytest.approx(1.0 / 3.688)
+
+
+def test_second_order_coefficients_are_found_again():
+    true = Coefficients(44.64, 30.0, 1.22e5)
+    time = np.arange(400) * 1e-3
+    solved = solve_ivp(
+        lambda t, y: [y[1], true.numerator * min(t / 0.02, 1) - true.damping * y[1] - true.stiffness * y[0]],
+        (0.0, 0.4), [0.0, 0.0], t_eval=time, rtol=1e-9, atol=1e-13, max_step=1e-3,
+    )  # fmt: skip
+    speed = np.minimum(time / 0.02, 1.0)
+    found = flow.fit_second_order(speed, solved.y[0], Coefficients(40.0, 10.0, 1.0e5))
+    assert found.numerator == pytest.approx(true.numerator, rel=1e-4)
+    assert found.damping == pytest.approx(true.damping, rel=1e-3)
+    assert found.stiffness == pytest.approx(true.stiffness, rel=1e-4)
+
+
+def test_the_printed_filter_is_the_zero_order_hold():
+    top, bottom = control.discrete_filter("zoh")
+    held = [top[1], top[2], bottom[1], bottom[2]]
+    printed = [5.28e-2, 4.39e-2, -1.514, 0.61]
+    assert held[1:] == pytest.approx(printed[1:], abs=5e-4)
+    assert held[0] == pytest.approx(0.0518, abs=5e-5) and printed[0] == 0.0528
+    assert top.sum() / bottom.sum() == pytest.approx(1.0)
+    tustin = control.discrete_filter("bilinear")[0]
+    assert tustin[0] == pytest.approx(tustin[2]) and abs(tustin[1] - printed[0]) > 4e-3
+
+
+@pytest.mark.parametrize("mode", MODES, ids=lambda m: m.name)
+def test_the_thesis_curve_is_fitted_back(mode):
+    """Table 5.2 from points on its own curve, with noise of 1 N: the curve returns, where it was measured."""
+    speed = np.linspace(0.011, 0.22, 200)
+    friction = curve(mode.branch, speed) + np.random.default_rng(3).standard_normal(200)
+    found = fit_curve(speed, friction, *start_of(mode, friction))
+    assert np.max(np.abs(curve(found, speed) - curve(mode.branch, speed))) < 1.5
+    assert found.stribeck_exponent == pytest.approx(mode.branch.stribeck_exponent, abs=0.1)
+
+
+def test_the_thesis_poles_are_those_of_its_equations():
+    for region, model in ((LOW_SPEED, LOW), (HIGH_SPEED, HIGH)):
+        pair, single = split_poles(model)
+        assert pair.real == pytest.approx(region.pair.real, abs=0.3)
+        assert pair.imag == pytest.approx(region.pair.imag, abs=0.3)
+        assert single == pytest.approx(region.single, abs=0.5)
+        # Its printed bandwidth is against unit gain where its own gain differs.
+        assert model.bandwidth_hz() == pytest.approx(region.bandwidth, abs=0.5)
+
+
+@pytest.mark.parametrize("share", [1.0, 1.3])
+def test_the_gain_follows_the_displacement(unit, share):
+    unit.pump.displacement *= share
+    pump, actuator = flow.speeds_of(unit, 3)
+    assert np.polyfit(pump, actuator, 1)[0] * unit.cylinder.area_1 == pytest.approx(
+        unit.pump.displacement, rel=0.01
+    )
+
+
+def test_leakage_from_port_to_port_is_the_slope(unit, monkeypatch):
+    """Without a case drain eq. 5.3 shows L_T, but for the pump's own compression, D·ω/(2β)."""
+    monkeypatch.setattr(flow, "_THROTTLES", (0.5e6, 1.6e6, 5e6))
+    sealed, partner = flow.with_case_share(unit, 0.0), Unit.load("axis_b")
+    compression = unit.pump.displacement * 104.7 / (2.0 * unit.oil.bulk_modulus)
+    assert flow.strokes(sealed, partner, 1).slope == pytest.approx(
+        unit.pump.total_leakage + compression, rel=0.02
+    )
+    # With one, all of the case leakage shows, as the low side is refed.
+    pump = unit.pump
+    shown = pump.cross_port_leakage + pump.case_leakage + compression
+    assert flow.strokes(unit, partner, 1).slope == pytest.approx(shown, rel=0.02)
+
+
+def test_flat_friction_is_measured_flat(unit):
+    units = {"A": flat(unit, 250.0), "B": Unit.load("axis_b")}
+    assert creeping_peaks(MODES[0], units, 2, trials=2) == pytest.approx(250.0, abs=8.0)
+    speed, friction = run_up(MODES[1], units, 5)
+    assert speed[-1] > 0.2
+    assert np.median(friction) == pytest.approx(250.0, abs=4.0)
+
+
+@pytest.mark.parametrize("modulus", [1.2e8, 2.1e8])
+def test_the_bulk_modulus_is_the_units(unit, modulus):
+    unit.oil.bulk_modulus = modulus
+    pressure, found = flow.pressurise(unit, 0.95, 1)
+    assert abs(pressure - unit.oil.reference_pressure) < 60e3
+    assert found == pytest.approx(modulus, rel=0.03)
+
+
+def test_the_dead_band_is_leakage_under_friction(unit):
+    """(ξ + C_ep)·F/(A·Dp), the low side refed, and the motor's own: half the friction halves it."""
+    for force in (200.0, 400.0):
+        flattened = flat(unit, force)
+        holding = unit.pump.cross_port_leakage + unit.pump.case_leakage
+        expected = holding * force / (unit.cylinder.area_1 * unit.pump.displacement * VOLT) + dead_band.MOTOR
+        levels = expected * np.array([0.5, 1.8, 2.2, 2.6, 3.5])
+        found = dead_band.slides_from(flattened, levels, 1.0, 1)
+        assert found == pytest.approx(expected, rel=0.03)
+
+
+def test_the_thesis_s_own_equations_have_its_dead_band(unit):
+    """Table 6.1's 0.06 V out of eqs 5.3 and 5.12 and Table 5.2, without the plant; by hand at one speed."""
+    assert dead_band.offset_of_equations(unit, "A") == pytest.approx(0.06, abs=0.005)
+    assert dead_band.offset_of_equations(Unit.load("axis_b"), "B") == pytest.approx(0.033, abs=0.003)
+    command = np.array([-2.0, -1.0, 1.0, 2.0]) * VOLT
+    shifted = np.sign(command) * (np.abs(command) - 0.1 * VOLT)
+    np.testing.assert_allclose(dead_band.offsets(command, shifted), 0.1)
+
+
+def test_linear_ultimate_gain_is_routh_hurwitz_s():
+    """K/(s(s + 1)²) is on the verge at K = 2."""
+    triple = TransferFunction((1.0,), (1.0, 2.0, 1.0), 0.0)
+    assert control.linear_ultimate_gain(triple) == pytest.approx(2.0, rel=1e-3)
+    assert control.linear_ultimate_gain(LOW) == pytest.approx(2.2e5, rel=0.02)
+    assert control.linear_ultimate_gain(HIGH) == pytest.approx(2.6e5, rel=0.02)
+
+
+@pytest.mark.parametrize("share", [0.1, 1.0])
+def test_the_final_error_is_what_holds_the_friction(unit, share):
+    """Kp·e = (ξ + C_ep)·F/(A·Dp) + the drive's dead band, F the friction that still holds at the end."""
+    changed = with_leakage(unit, unit, share)
+    setpoint = np.concatenate([np.zeros(100), np.full(6000, 0.1)])
+    out = run_position(changed, setpoint, control.GAIN, seed=3)
+    holding = holding_leakage(changed)
+    area, displacement = changed.cylinder.area_1, changed.pump.displacement
+    speed = holding * out.truth["friction_force"][-1] / (area * displacement) + VOLT * dead_band.MOTOR
+    error = 0.1 - float(np.mean(out.truth["position"][-50:]))
+    assert control.GAIN * error == pytest.approx(speed, rel=0.05)

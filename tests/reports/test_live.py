@@ -1,0 +1,88 @@
+"""What ``python -m reports load`` measures and says."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from fdd.samples import CHANNELS, Samples
+from fdd.service.blocks import Decoder
+from reports.__main__ import app
+from reports.live import ramp as room
+from reports.live.inside import Inside, inside, logs, messages
+from reports.live.ramp import Stage, ramp, why_not
+from reports.live.report import report_lines
+
+MB = 10**6
+
+
+@pytest.fixture(scope="module")
+def recorded() -> list[Samples]:
+    return logs(40.0)
+
+
+def stage(axes: int, **more: object) -> Stage:
+    given = {
+        "cpu_us": 8.0, "busy": 8e-3 * axes, "lag": 0.5, "lag_99": 0.8, "looks": 100, "findings": 1,
+        "finding_lag": 0.7, "dropped": 0, "behind": 0.2, "late": 0.01, "rss": (200 + 3 * axes) * MB,
+        "rss_growth": 0.0,
+    }  # fmt: skip
+    return Stage(axes, **{**given, **more})  # type: ignore[arg-type]
+
+
+def test_messages_hold_the_whole_log(recorded: list[Samples]) -> None:
+    log = recorded[1]
+    blocks = [Decoder().decode(m, axis="A1") for m in messages(log)]
+    assert [b.sequence for b in blocks] == list(range(400))
+    joined = Samples.concatenate([b.samples for b in blocks])
+    assert set(joined.channels) == set(CHANNELS) - {"time", "load_force"}, "all that the rig has"
+    for name in joined.channels:
+        assert np.array_equal(joined[name], log[name], equal_nan=True)
+
+
+def test_the_fleet_costs_more_than_the_pipeline_alone(recorded: list[Samples]) -> None:
+    cost = inside(recorded, axes=1, seconds=20.0, repeats=1, aged_s=0.0)
+    parts = {k: v for k, v in cost.items.items() if k.startswith("—")}
+    assert cost.whole > cost.alone > 1.0
+    assert all(us > 0.0 for us in cost.items.values()), "none of the names is out of date"
+    assert 0.0 < parts["— sensors"] + parts["— trackers"] < cost.items["pipeline"]
+
+
+def test_the_report_says_what_was_found() -> None:
+    cost = Inside(10, 60.0, 9.0, 7.5, {"pipeline": 7.5, "— looks": 1.0, "storing": 1.5}, 3.0 * MB, 660.0)
+    text = "\n".join(report_lines(cost, [stage(50), stage(100), stage(120, lag_99=1.4)], 60.0))
+    for told in (
+        "one core: 100 axes; asked for were 100: met",
+        "the service adds 1.5 µs",
+        "| pipeline | 7.50 | 83 % |",
+        "3.0 MB an axis after 660 s",
+        "63 × 1000 samples a second × 8.0 µs (the whole process with 50 axes) = 50 % of a core",
+        "200 MB that hang on no axis + 63 × 3.0 MB = 0.39 GB; all together 6.2 GB",
+    ):
+        assert told in text
+    missed = "\n".join(report_lines(cost, [stage(50), stage(100, dropped=3)], 60.0))
+    assert "one core: 50 axes; asked for were 100: missed" in missed
+    assert "Not measured in real time: no mosquitto here." in report_lines(
+        cost, [], 60.0, "no mosquitto here"
+    )
+
+
+def test_without_a_broker_it_says_so(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(room, "MOSQUITTO", None)
+    assert "install it (Debian: mosquitto)" in (why_not() or "")
+
+
+def test_numbers_of_axes_are_read(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    for wrong in ("many", "0,10", "2000"):
+        assert app(["load", "-o", str(tmp_path), "--axes", wrong], standalone_mode=False) == 2
+        assert f"--axes {wrong!r}" in capsys.readouterr().err
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(why_not() is not None, reason=str(why_not()))
+def test_one_axis_in_real_time(recorded: list[Samples]) -> None:
+    (one,) = ramp(recorded, [1], 24.0, lambda line: None)
+    assert one.axes == 1 and one.looks >= 2 and one.dropped == 0
+    assert 0.0 < one.lag <= one.lag_99 and one.cpu_us > 1.0 and one.rss > 50 * MB

@@ -1,0 +1,126 @@
+"""The report: every number of the thesis is in it, and the command makes it the same each time."""
+
+import re
+import struct
+from pathlib import Path
+
+import pytest
+from typer.testing import CliRunner
+
+from fdd.unit import Unit
+from reports.__main__ import app
+from reports.thesis import control, flow, report
+from reports.thesis.findings import Row
+from reports.thesis.report import EXPERIMENTS, anchor, report_lines, section
+
+COMMITTED = Path(__file__).parents[2] / "reports" / "thesis.md"
+QUICK = (flow.bulk_modulus, flow.transfer_function, control.chatter_filter)
+# Every row of what the plant must reproduce, as the thesis prints it.
+NUMBERS = {
+    "gain": ["3.57", "3.62"],
+    "leakage": ["6.52", "4.27", "7.05"],
+    "flow at": ["3.39"],
+    "static friction": ["510", "448", "468", "479"],
+    "spread over trials": ["41.5", "42.1", "48.0", "43.9"],
+    "friction at": ["272", "132", "121", "150"],
+    "bulk modulus": ["210"],
+    "L_T·β": ["1.27", "0.830", "0.343", "0.225"],
+    "A·β·Dp": ["44.64"],
+    "A²·β": ["122000"],
+    "faster pole": ["-517.9"],
+    "slower pole": ["-242.9"],
+    "bandwidth": ["33.3", "16.8", "27.0"],
+    "pole pair": ["-44.5", "98.3", "-50.9", "142"],
+    "third pole": ["-55.8", "-83.8"],
+    "delay": ["1.00", "10.0"],
+    "dead band": ["0.0011", "0.0600"],
+    "as a velocity": ["0.682"],
+    "coefficient": ["0.05180", "0.04390", "-1.514", "0.6100"],
+    "saturated velocity": ["0.117"],
+    "duration": ["0.800"],
+    "final error": ["-21.0"],
+    "ultimate gain": ["33750"],
+}
+
+
+@pytest.fixture(scope="module")
+def units() -> tuple[Unit, Unit]:
+    return Unit.load("axis_a"), Unit.load("axis_b")
+
+
+def table_rows(text: str) -> list[list[str]]:
+    return [[c.strip() for c in line.strip("|").split("|")] for line in text.splitlines() if line[:2] == "| "]
+
+
+def test_the_committed_report_has_every_number_of_the_thesis():
+    summary = COMMITTED.read_text("utf-8").split("## 1. ")[0]
+    rows = [r for r in table_rows(summary) if len(r) == 7]
+    for what, values in NUMBERS.items():
+        for value in values:
+            assert any(what in r[0] and r[2] == value for r in rows), (what, value)
+
+
+def test_each_row_has_a_verdict_and_each_failure_a_reason():
+    text = COMMITTED.read_text("utf-8")
+    _, *sections = re.split(r"^## \d+\. ", text, flags=re.M)
+    assert len(sections) == len(EXPERIMENTS)
+    for one in sections:
+        rows = [r for r in table_rows(one) if len(r) == 8 and r[7].startswith("±")]
+        assert rows
+        for row in rows:
+            verdict = row[6].strip("*")
+            assert verdict in ("meets", "does not meet")
+            if verdict == "does not meet":
+                reasons = [x for x in one.splitlines() if x.startswith("- Does not meet") and row[0] in x]
+                assert reasons, row[0]
+
+
+def test_every_link_and_picture_of_the_committed_report_is_there():
+    text = COMMITTED.read_text("utf-8")
+    pictures = re.findall(r"!\[[^]]*\]\(([^)]+)\)", text)
+    assert len(pictures) == len(set(pictures)) >= 8
+    for name in pictures:
+        head = (COMMITTED.parent / name).read_bytes()[:24]
+        assert head[:8] == b"\x89PNG\r\n\x1a\n"
+        assert 800 <= struct.unpack(">I", head[16:20])[0] <= 1000
+    made = {f"thesis/{p.name}" for p in (COMMITTED.parent / "thesis").glob("*.png")}
+    assert made == set(pictures)
+    headings = {anchor(h) for h in re.findall(r"^## (.+)$", text, flags=re.M)}
+    assert set(re.findall(r"\(#([^)]+)\)", text)) <= headings
+
+
+def test_the_committed_report_is_what_the_code_measures(units):
+    """As far as quick experiments tell; after a change of the plant: ``python -m reports thesis``."""
+    committed = table_rows(COMMITTED.read_text("utf-8"))
+    shown = {(r[0], r[2], r[3]) for r in committed if len(r) == 7}
+    for measure in QUICK:
+        found = measure(*units, 1)
+        found.pop("picture", None)
+        for row in section(measure.__name__, found)[1]:
+            assert (row.cells()[0], *row.cells()[2:4]) in shown
+
+
+def test_text_of_made_up_findings():
+    good = Row("speed", "1.1", 2.0, 2.01, "m/s", note="A remark.")
+    bad = Row("force", "1.2", 10.0, 20.0, "N", why="It slips.")
+    worse = Row("work", "1.3", 10.0, 30.0, "J", why="It slips.")
+    said = "\n".join(report._said([good, bad, worse]))
+    assert "- Does not meet, force; work: It slips." in said and "- Note, speed: A remark." in said
+    text = "\n".join(report_lines([("## First\n\nHow.", [good]), ("## Second\n\nSo.", [bad, worse])], 3))
+    assert "**1 of 3 numbers meet the thesis's.**" in text and "--seed 3" in text
+    assert "| speed | 1.1 | 2.00 | 2.01 | m/s | +0.5 % | meets |" in text
+    assert "| force | 1.2 | 10.0 | 20.0 | N | +100.0 % | **does not meet** |" in text
+    assert "## 2. Second" in text and "(#2-second)" in text
+
+
+@pytest.mark.slow
+def test_the_command_makes_the_same_bytes_each_time(monkeypatch, tmp_path):
+    monkeypatch.setattr(report, "EXPERIMENTS", QUICK)
+    made = []
+    for name in ("one", "two"):
+        result = CliRunner().invoke(app, ["thesis", "-o", str(tmp_path / name)])
+        assert result.exit_code == 0, result.stderr
+        assert "Chatter filter: 4 of 4 numbers meet" in result.stdout
+        made.append({p.relative_to(tmp_path / name): p.read_bytes() for p in (tmp_path / name).rglob("*.*")})
+    assert made[0] == made[1]
+    assert {str(p) for p in made[0]} == {"thesis.md", "thesis/bulk_modulus.png"}
