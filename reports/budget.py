@@ -14,10 +14,11 @@ from fdd.campaign.dataset import Dataset, Entry
 from fdd.campaign.learning_spreads import healthy_logs
 from fdd.campaign.scores import wilson
 from fdd.campaign.units import How, over_units
-from fdd.diagnosis.baseline import scattered
+from fdd.diagnosis.baseline import effects_of, scattered
 from fdd.diagnosis.departures import VAGUE, departures
-from fdd.diagnosis.evidence import Evidence
+from fdd.diagnosis.evidence import Evidence, course_of
 from fdd.diagnosis.fitting import Parts
+from fdd.diagnosis.hypotheses import Hypothesis, hypotheses
 from fdd.diagnosis.model import Model
 from fdd.diagnosis.pipeline import Pipeline
 from fdd.markdown import table as markdown
@@ -29,6 +30,8 @@ TOLD = 0.3
 """Information of a coefficient in a log over that of its spread, from which its departure says something."""
 LEAST_LOGS, FARTHEST = 30, 12
 BEYOND = 3.0
+CHANGES_EVERY, CHANGES_MARGIN, MOST_FRAMES = 24, 16, 320
+"""Frames between the onsets at which changes are looked for, from the log's ends, and of a log."""
 
 
 @dataclass(frozen=True)
@@ -48,7 +51,7 @@ class Said:
 
 @dataclass(frozen=True)
 class Departure:
-    """A coefficient of a healthy log over what is stated."""
+    """A coefficient of a healthy log, or a change within one (coefficient empty), over what is stated."""
 
     balance: str
     coefficient: str
@@ -65,6 +68,7 @@ def budget(directory: str | Path, model: str | None = None, **how: Unpack[How]) 
 def _unit(directory: str, model: str | None, name: str) -> list[Said | Departure]:
     data, loaded = Dataset.load(directory), Model.load(model)
     logs = healthy_logs([directory], f"0/{name}", loaded.spreads)
+    each = hypotheses(logs.unit, effects_of(logs.unit, loaded.spreads))
     out: list[Said | Departure] = []
     for entry in data.logs_of(name):
         pipeline = Pipeline(logs.unit, loaded, keep_trajectories=False)
@@ -73,7 +77,7 @@ def _unit(directory: str, model: str | None, name: str) -> list[Said | Departure
         faults = tuple((f.fault, tuple(f.ambiguity)) for f in found.faults)
         out.append(Said(entry, found.verdict, pipeline.score, faults))
     for file, ledger in logs.healthy:
-        out += _departures(file, ledger)
+        out += _departures(file, ledger) + _changes(file, ledger, each)
     return out
 
 
@@ -97,6 +101,27 @@ def _departures(file: str, ledger: Ledger) -> list[Departure]:
             if share > TOLD:
                 z = float(size * np.sqrt(information))
                 out.append(Departure(name, BALANCES[name].columns[k], z, float(std), file))
+    return out
+
+
+def _changes(file: str, ledger: Ledger, each: Sequence[Hypothesis]) -> list[Departure]:
+    """Amplitudes of each hypothesis of one balance, over onsets in a healthy log."""
+    frames = min(len(ledger.hops), MOST_FRAMES)
+    wide = {n: (m[:frames], v[:frames]) for n, (m, v) in ledger.widened().items()}
+    evidence = Evidence(wide, ledger.expected())
+    mine = [h for h in each if len(h.columns) == 1 and evidence.shared(h)]
+    out = []
+    for onset in range(CHANGES_MARGIN, frames - CHANGES_MARGIN, CHANGES_EVERY):
+        course = course_of("step", frames, onset)[None, None]
+        fits = evidence.fitted([(h, "step", onset, np.zeros(0)) for h in mine], [])
+        for h, f in zip(mine, fits, strict=True):
+            if f.size == 0.0:  # where a fault's sign is against it, its scores say nothing of the noise
+                continue
+            ((name, column),) = h.columns.items()
+            parts = Parts({name: column[None, None]}, course, np.full((1, 1), VAGUE), np.zeros(1, np.bool_))
+            found = departures(evidence.balances, parts, np.array([f.kappa]), from_start=False)
+            std = 1.0 / float(np.sqrt(found.information[0]))
+            out.append(Departure(name, "", float(found.size[0]) / std, std, file))
     return out
 
 
@@ -154,7 +179,7 @@ def _healthy(found: Sequence[Departure]) -> list[str]:
         z: NDArray[np.float64] = np.array([d.z for d in each])
         far = max(each, key=lambda d: abs(d.z))
         rows.append([
-            balance, coefficient, str(len(each)), f"{1.4826 * np.median(np.abs(z)):.2f}",
+            balance, coefficient or "changes within", str(len(each)), f"{1.4826 * np.median(np.abs(z)):.2f}",
             f"{np.sqrt(np.mean(z**2)):.2f}", wilson(int(np.sum(np.abs(z) > BEYOND)), len(each)),
             f"{np.median([d.stated for d in each]):.3g}", f"{far.file} {far.z:+.1f}",
         ])  # fmt: skip
