@@ -17,7 +17,7 @@ from estimators.ekf import ExtendedKalmanFilter
 from estimators.imm import IMM
 from estimators.jacobians import JacobianCheck, check_jacobian, jacobian
 from estimators.linear_bank import BankRun, run_bank
-from estimators.mode_chain import transition_matrix
+from estimators.modes import transition_matrix
 from estimators.observability import Drift, Observability, Observed
 from estimators.svsf import SVSF
 

@@ -60,17 +60,8 @@ def nis_band(dim: int, n: int = 1, probability: float = 0.95) -> tuple[float, fl
     return float(2.0 * gammaincinv(shape, tail) / n), float(2.0 * gammaincinv(shape, 1.0 - tail) / n)
 
 
-def nees_band(dim: int, n: int = 1, probability: float = 0.95) -> tuple[float, float]:
-    """Band of the mean NEES of ``n`` independent runs with ``dim`` states: :func:`nis_band`.
-
-    Successive NEES values of one run are correlated: count runs, not samples.
-
-    Examples
-    --------
-    >>> nees_band(3, 10) == nis_band(3, 10)
-    True
-    """
-    return nis_band(dim, n, probability)
+nees_band = nis_band
+"""Band of the mean NEES of n runs. Successive NEES values of one run are correlated: count runs, not samples."""
 
 
 def squared_distance(error: ArrayLike, covariance: ArrayLike) -> Array:

@@ -21,8 +21,7 @@ symbol      meaning                                        shape
 
 Scalar updates and unpivoted Cholesky factors commute with a change of units of
 states or channels, so raw SI (metres beside pascals) costs no digits here. The Joseph
-form holds as long as no update shrinks a variance by more than 13 decades; beyond that
-there are the factors of :mod:`estimators.square_root`.
+form holds as long as no update shrinks a variance by more than 13 decades.
 """
 
 from __future__ import annotations
@@ -35,11 +34,9 @@ from estimators.compiled import njit
 from estimators.linalg import (
     Array,
     Mask,
-    apply_gain,
     cholesky,
     cholesky_solve,
     decorrelate,
-    innovation_after,
     joseph_update,
     project,
     symmetrise,
@@ -200,48 +197,34 @@ def kalman_update_correlated(
     """
     n = x.shape[0]
     m = y.shape[0]
-    yd = y.copy()
     Hd = H.copy()
     D = R.copy()
-    L = np.zeros((m, m))
-    decorrelate(yd, Hd, D, L)
+    W = np.eye(m)  # the independent channels, as combinations of the original ones
+    decorrelate(W, Hd, D)
     nis = 0.0
     log_likelihood = 0.0
     Ph = np.empty(n)
     k = np.empty(n)
+    e_of_y = np.empty(m)
+    K[:, :] = 0.0
     for c in range(m):
         s = scalar_update(P, Hd[c], D[c, c], k, Ph)
-        e = innovation_after(K, k, Hd[c], yd, c)
+        e = 0.0
+        for d in range(m):  # what this channel says beyond the earlier ones
+            e_of_y[d] = W[c, d]
+            for i in range(n):
+                e_of_y[d] -= Hd[c, i] * K[i, d]
+            e += e_of_y[d] * y[d]
+        for i in range(n):
+            for d in range(m):
+                K[i, d] += k[i] * e_of_y[d]
         squared, likelihood = channel_likelihood(e, s)
         nis += squared
         log_likelihood += likelihood
-    apply_gain(x, K, L, y)
+    for i in range(n):
+        for d in range(m):
+            x[i] += K[i, d] * y[d]
     return nis, log_likelihood
-
-
-@njit()
-def innovation_likelihood(y: Array, L: Array) -> tuple[float, float]:
-    """``(nis, log N(y; 0, S))`` from the Cholesky factor ``L`` of ``S``.
-
-    Examples
-    --------
-    >>> import numpy as np
-    >>> nis, log_likelihood = innovation_likelihood(np.array([2.0]), np.array([[2.0]]))
-    >>> nis, round(log_likelihood, 4)
-    (1.0, -2.1121)
-    """
-    m = y.shape[0]
-    w = np.empty(m)
-    nis = 0.0
-    log_likelihood = 0.0
-    for i in range(m):
-        total = y[i]
-        for k in range(i):
-            total -= L[i, k] * w[k]
-        w[i] = total / L[i, i]
-        nis += w[i] * w[i]
-        log_likelihood -= 0.5 * LOG_2PI + math.log(L[i, i])
-    return nis, log_likelihood - 0.5 * nis
 
 
 @njit()

@@ -21,7 +21,7 @@ def pendulum_jacobian(x, u, dt):
 
 
 def drag(x):
-    """Quadratic friction: ``abs`` takes complex numbers and loses their imaginary part."""
+    """Quadratic friction, and a steep sign."""
     return [np.abs(x[0]) * x[0], np.tanh(x[1] / 0.01)]
 
 
@@ -39,19 +39,18 @@ def hydraulics_jacobian(x):
 
 
 def by_hand(x):
-    return math.hypot(x[0], x[1])  # refuses complex numbers
+    return math.hypot(x[0], x[1])
 
 
 CASES = {
-    "pendulum": (pendulum, pendulum_jacobian, [0.7, -0.2], (0.3, 0.01), "complex step"),
-    "drag": (drag, drag_jacobian, [-1.5, 0.004], (), "differences"),
-    "SI": (hydraulics, hydraulics_jacobian, [4.8e-12, 5e6, 1.1e9], (), "complex step"),
+    "pendulum": (pendulum, pendulum_jacobian, [0.7, -0.2], (0.3, 0.01)),
+    "drag": (drag, drag_jacobian, [-1.5, 0.004], ()),
+    "SI": (hydraulics, hydraulics_jacobian, [4.8e-12, 5e6, 1.1e9], ()),
     "math": (
         by_hand,
         lambda x: [x[0] / math.hypot(*x), x[1] / math.hypot(*x)],
         [3.0, 4.0],
         (),
-        "differences",
     ),
 }
 each = pytest.mark.parametrize("name", CASES)
@@ -59,10 +58,9 @@ each = pytest.mark.parametrize("name", CASES)
 
 @each
 def test_a_right_jacobian_passes(name: str) -> None:
-    function, derivative, x, args, method = CASES[name]
+    function, derivative, x, args = CASES[name]
     check = check_jacobian(function, derivative, x, *args)
     assert check.correct, str(check)
-    assert check.method == method
     exact = np.reshape(derivative(np.array(x), *args), check.expected.shape)
     np.testing.assert_allclose(check.expected, exact, rtol=1e-8, atol=1e-300)
     check.require()
@@ -70,7 +68,7 @@ def test_a_right_jacobian_passes(name: str) -> None:
 
 @each
 def test_every_single_wrong_entry_is_named(name: str) -> None:
-    function, derivative, x, args, _ = CASES[name]
+    function, derivative, x, args = CASES[name]
     exact = np.atleast_2d(np.array(derivative(np.array(x), *args), float))
     for row, column in np.argwhere(exact != 0.0):
         for factor in (-1.0, 0.0, 1.0 + 1e-5):  # sign, forgotten, a wrong digit
@@ -99,7 +97,6 @@ def test_random_smooth_functions_in_random_units(seed: int, n: int, m: int) -> N
 
     exact = out[:, None] * (A + np.cos(B @ (x / units))[:, None] * B) / units
     check = check_jacobian(function, lambda v: exact, x, scale=units)
-    assert check.method == "complex step"
     assert check.correct, str(check)
     row, column = rng.integers(m), rng.integers(n)
     wrong = exact.copy()

@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 
 import estimators
 from estimators import IMM, ExtendedKalmanFilter, nees_band, run_bank, transition_matrix
-from estimators.imm_kernels import mixing_weights, update_modes
+from estimators.modes import mixing_weights, update_modes
 
 problem = {
     "seed": st.integers(0, 2**32 - 1), "r": st.integers(2, 4), "n": st.integers(1, 4), "m": st.integers(1, 3),
@@ -197,7 +197,7 @@ def test_a_short_step_stays_with_one_minus_dt_over_sojourn() -> None:
         ({"z": np.zeros((2, 1, 1))}, "one row per sample"),
         ({"F": np.eye(2)}, "H has shape"),
         ({"Q": [[[1.0]], [[1.0]], [[1.0]]]}, r"Q has shape \(3, 1, 1\); give \(2, 1, 1\)"),
-        ({"R": [[-1.0]]}, "negative variance at 0 of mode 0"),
+        ({"R": [[-1.0]]}, "R of mode 0 has a negative variance at 0"),
         ({"H": [[np.nan]]}, "H has values that are not finite"),
         ({"u": [1.0, 1.0]}, "u and B come together"),
         ({"u": [1.0], "B": [[1.0]]}, "u has 1 rows for 2"),

@@ -9,7 +9,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from estimators import SVSF, ExtendedKalmanFilter
-from estimators.kernels import joseph_update, kalman_update, svsf_gain, svsf_update
+from estimators.kernels import kalman_update, svsf_gain, svsf_update
+from estimators.linalg import joseph_update
 
 
 def covariance(rng: np.random.Generator, size: int) -> np.ndarray:

@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from estimators import SVSF, ExtendedKalmanFilter
-from estimators.svsf_forms import correction_ratio, scaled_condition
+from estimators.svsf import correction_ratio, scaled_condition
 
 seeds = st.integers(0, 2**32 - 1)
 SHARED = ("x", "P", "Q", "R", "F", "H")
@@ -270,64 +270,6 @@ def test_a_combination_of_states_can_be_measured_when_told_which_count_as_unmeas
     svsf.update(1.0)
     assert svsf.form_used == "reduced"
     assert svsf.e_post[0] == pytest.approx(0.0, abs=1e-12)
-
-
-def test_square_root_gives_the_same_filter() -> None:
-    for form, n in (("full", 2), ("subspace", 3), ("reduced", 4)):
-        more = {"psi_y": 0.5} if form == "reduced" else {}
-        pair = [SVSF(n, 2, psi=0.5, form=form, square_root=root, **more) for root in (False, True)]
-        rng = np.random.default_rng(4)
-        filled(rng, pair, np.eye(2, n))
-        for _ in range(30):
-            z = rng.normal(size=2)
-            for svsf in pair:
-                svsf.predict(F=0.9 * np.eye(n) + 0.1 * np.eye(n, k=2), Q=0.01)
-                svsf.update(z)
-        np.testing.assert_allclose(pair[1].x, pair[0].x, rtol=1e-8, atol=1e-10)
-        np.testing.assert_allclose(pair[1].P, pair[0].P, rtol=1e-8, atol=1e-10)
-
-
-def test_alternation_tells_chattering_from_noise() -> None:
-    """White noise in a wide layer changes sign half of the time; a narrow layer with a plant that
-    flips every sample chatters at every one (seeded; 1/2 within 4 standard deviations)."""
-    rng = np.random.default_rng(6)
-    wide, narrow = SVSF(1, 1, psi=50.0, gamma=0.5), SVSF(1, 1, psi=0.01, gamma=0.5)
-    for svsf in (wide, narrow):
-        svsf.H, svsf.F = [[1.0]], [[1.0]]
-    assert np.isnan(wide.alternation).all()
-    for i in range(2000):
-        for svsf, z in ((wide, rng.normal()), (narrow, (-1.0) ** i * (1.0 + rng.random()))):
-            svsf.predict(Q=0.01)
-            svsf.update(z)
-    assert wide.alternation[0] == pytest.approx(0.5, abs=4.0 * 0.5 / np.sqrt(1999))
-    assert narrow.alternation[0] == 1.0
-    assert narrow.chattering[0] == 1.0
-    assert wide.chattering[0] == 0.0
-
-
-def test_switching_report_is_per_channel_and_skips_missing_ones() -> None:
-    svsf = SVSF(2, 2, psi=[1.0, 100.0], boundary_layer="variable", gamma=0.0)
-    svsf.H, svsf.R, svsf.x = np.eye(2), [1.0, 1.0], np.zeros(2)
-    for z in ([5.0, np.nan], [np.nan, 0.1], [0.0, 0.1], [np.nan, 0.1]):
-        svsf.predict(Q=0.5)
-        z = [svsf.x[0] if z[0] == 0.0 else z[0], z[1]]
-        svsf.update(z)
-    assert svsf.switching.tolist() == [0.5, 0.0]
-    assert np.isnan(svsf.layer_ratio[0])
-    np.testing.assert_allclose(svsf.layer_ratio[1], svsf.psi_k[1] / 100.0)
-    assert svsf.exceeded.tolist() == [False, False]
-
-
-def test_rounding_does_not_decide_the_sign_of_a_posterior_error() -> None:
-    """gamma = 0 outside the layer puts the state onto the measurement: what is left is rounding, and
-    the sign is the law's. Innovations of one sign do not alternate."""
-    svsf = SVSF(1, 1, psi=1e-6, gamma=0.0)
-    svsf.H = [[0.1]]
-    for i in range(50):
-        svsf.update(0.3 + i)
-    assert svsf.outside.all()
-    assert svsf.sign_pairs[0] == 49
-    assert svsf.alternation[0] == 0.0
 
 
 @settings(max_examples=60, deadline=None)
