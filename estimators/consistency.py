@@ -61,7 +61,7 @@ def nis_band(dim: int, n: int = 1, probability: float = 0.95) -> tuple[float, fl
 
 
 nees_band = nis_band
-"""Band of the mean NEES of n runs. Successive NEES values of one run are correlated: count runs, not samples."""
+"""Of the mean NEES of n runs: successive values of one run are correlated, so count runs, not samples."""
 
 
 def squared_distance(error: ArrayLike, covariance: ArrayLike) -> Array:

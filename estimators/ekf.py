@@ -42,10 +42,41 @@ from estimators.checks import (
     vector,
     whole_number,
 )
-from estimators.jacobians import jacobian
 from estimators.kernels import kalman_update_correlated
 
 Model = Callable[..., ArrayLike]
+
+
+def jacobian(function: Callable[[Array], ArrayLike], x: Array, P: Array) -> Array:
+    """Derivative of ``function`` at ``x`` by central differences.
+
+    Parameters
+    ----------
+    function : takes a vector (n,), gives m values.
+    x : (n,) where.
+    P : (n, n) covariance of x; its standard deviations, or ``|x|`` where larger, set the steps.
+
+    Returns
+    -------
+    (m, n) array; error about 1e-10 of the scale for a smooth function.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> jacobian(lambda x: [x[0] * x[1]], np.array([2.0, 3.0]), np.eye(2)).round(9).tolist()
+    [[3.0, 2.0]]
+    """
+    scale = np.maximum(np.abs(x), np.sqrt(np.maximum(np.diag(P), 0.0)))
+    scale[scale == 0.0] = 1.0
+    columns = []
+    for i, step in enumerate(np.cbrt(np.finfo(float).eps) * scale):
+        ahead, behind = x.copy(), x.copy()
+        ahead[i] += step
+        behind[i] -= step
+        width = ahead[i] - behind[i]
+        upper, lower = np.asarray(function(ahead), float), np.asarray(function(behind), float)
+        columns.append((upper.reshape(-1) - lower.reshape(-1)) / width)
+    return np.ascontiguousarray(np.stack(columns, axis=1))
 
 
 @dataclass
@@ -74,7 +105,7 @@ class ExtendedKalmanFilter:
         None: ``F`` as set, or with ``f`` central differences. Without ``f`` it makes a
         linear model whose ``F`` depends on the time step.
     H_jacobian : ``H_jacobian(x)`` gives dh/dx (m, n). None: ``H``, or with ``h`` central differences.
-        :func:`estimators.check_jacobian` tells whether your Jacobians are right.
+        Compare your own with :func:`jacobian`: ``np.testing.assert_allclose`` says which entry is off.
     robust : Huber's limit in standard deviations of the innovation, > 0: a channel that is further
         off counts as if it were just there. 3 touches 0.3 % of good samples. None: no limit.
 
@@ -295,27 +326,23 @@ class ExtendedKalmanFilter:
         innovation: Callable[[Array], Array],
     ) -> Correction:
         """Result of an update from the prior; neither the arguments nor the filter are changed."""
-        y, H, R = y[used], np.ascontiguousarray(H[used]), np.ascontiguousarray(R[np.ix_(used, used)])
-        found = self._kalman(x, P, y, H, R)
-        weights = np.full(self.dim_z, np.nan)
-        weights[used] = 1.0
+        found = self._kalman(x, P, y, H, R, used)
+        weights = np.where(used, 1.0, np.nan)
         if self.robust is not None:
             S = np.diag(H @ P @ H.T + R)
-            sigmas = np.sqrt(np.divide(y * y, S, out=np.zeros_like(y), where=S > 0.0))
-            weights[used] = self.robust / np.maximum(sigmas, self.robust)
+            sigmas = np.sqrt(np.divide(y * y, S, out=np.zeros_like(y), where=used & (S > 0.0)))
+            weights *= self.robust / np.maximum(sigmas, self.robust)
             if (sigmas > self.robust).any():
-                wide = R + np.diag(S * (1.0 / weights[used] - 1.0))
-                found = (*self._kalman(x, P, y, H, wide)[:3], *found[3:])
-        K = np.zeros((self.dim_x, self.dim_z))
-        K[:, used] = found[2]
-        return Correction(found[0], found[1], K, found[3], found[4], weights)
+                wide = self._kalman(x, P, y, H, R + np.diag(S * (1.0 / weights - 1.0)), used)
+                found = (*wide[:3], *found[3:])
+        return Correction(*found, weights)
 
     def _kalman(
-        self, x: Array, P: Array, y: Array, H: Array, R: Array
+        self, x: Array, P: Array, y: Array, H: Array, R: Array, used: Mask
     ) -> tuple[Array, Array, Array, float, float]:
-        """State, covariance, gain, NIS and log likelihood with the channels given, all of them used."""
-        x, P, K = x.copy(), P.copy(), np.zeros((self.dim_x, y.size))
-        nis, log_likelihood = kalman_update_correlated(x, P, y, H, R, K)
+        """State, covariance, gain, NIS and log likelihood."""
+        x, P, K = x.copy(), P.copy(), np.zeros((self.dim_x, self.dim_z))
+        nis, log_likelihood = kalman_update_correlated(x, P, y, H, R, used, K)
         return x, P, K, nis, log_likelihood
 
     def _accept(self, correction: Correction, used: Mask) -> None:

@@ -122,19 +122,24 @@ def cholesky_solve(L: Array, b: Array) -> None:
 
 
 @njit()
-def decorrelate(W: Array, H: Array, R: Array) -> None:
-    """Make channels independent: with ``R = L D L'``, replace ``W, H`` by ``L^-1 W, L^-1 H``.
+def decorrelate(W: Array, H: Array, R: Array, mask: Mask) -> None:
+    """Make the channels of `mask` independent: with ``R = L D L'``, replace ``W, H`` by ``L^-1 W, L^-1 H``.
 
     ``D`` is left on the diagonal of ``R``. A semi-definite ``R`` (noise-free combinations) is allowed.
     """
     m = R.shape[0]
     L = np.eye(m)
     for c in range(m):
+        if not mask[c]:
+            continue
         variance = R[c, c]
         for d in range(c):
+            if not mask[d]:
+                continue
             L[c, d] = R[c, d]
             for k in range(d):
-                L[c, d] -= L[c, k] * L[d, k] * R[k, k]
+                if mask[k]:
+                    L[c, d] -= L[c, k] * L[d, k] * R[k, k]
             L[c, d] = L[c, d] / R[d, d] if R[d, d] > 0.0 else 0.0
             variance -= L[c, d] * L[c, d] * R[d, d]
             for i in range(m):

@@ -56,24 +56,6 @@ class BankRun:
 
 
 @njit(error_model="numpy")
-def _correlated(x: Array, P: Array, y: Array, H: Array, R: Array, mask: Array, used: int) -> float:
-    """Kalman update with a full R over the channels in ``mask``, in place; the log-likelihood."""
-    ya, Ha, Ra = np.empty(used), np.empty((used, x.shape[0])), np.empty((used, used))
-    a = 0
-    for c in range(y.shape[0]):
-        if mask[c]:
-            ya[a], Ha[a] = y[c], H[c]
-            b = 0
-            for d in range(y.shape[0]):
-                if mask[d]:
-                    Ra[a, b] = R[c, d]
-                    b += 1
-            a += 1
-    _, log_likelihood = kalman_update_correlated(x, P, ya, Ha, Ra, np.empty((x.shape[0], used)))
-    return log_likelihood
-
-
-@njit(error_model="numpy")
 def _run(
     z: Array,
     u: Array,
@@ -100,13 +82,12 @@ def _run(
     cbar, omega, log_likelihood = np.empty(r), np.empty((r, r)), np.empty(r)
     x0, P0, covariance = np.empty((r, n)), np.empty((r, n, n)), np.empty((n, n))
     none, mask, y, variance = np.zeros(n), np.empty(m, np.bool_), np.empty(m), np.empty(m)
+    K = np.empty((n, m))
     for i in range(z.shape[0]):
         mixing_weights(mu, M, cbar, omega)
         mix(x, P, omega, x0, P0)
-        used = 0
         for c in range(m):
             mask[c] = not np.isnan(z[i, c])
-            used += mask[c]
         for j in range(r):
             for a in range(n):
                 x[j, a] = state_offset[j, a]
@@ -122,11 +103,11 @@ def _run(
                 for a in range(n):
                     y[c] -= H[j, c, a] * x[j, a]
             if correlated:
-                log_likelihood[j] = _correlated(x[j], P[j], y, H[j], R[j], mask, used)
+                _, log_likelihood[j] = kalman_update_correlated(x[j], P[j], y, H[j], R[j], mask, K)
             else:
                 _, log_likelihood[j] = kalman_update(x[j], P[j], y, H[j], variance, mask)
         gained = update_modes(cbar, log_likelihood, mu)
-        out_log_likelihood[i] = gained if used > 0 else 0.0
+        out_log_likelihood[i] = gained if mask.any() else 0.0
         out_mu[i] = mu
         moments(x, P, mu, out_x[i], covariance)
         for a in range(n):

@@ -44,7 +44,8 @@ from estimators.eha.update import (
     update,
 )
 from estimators.eha.walk import walk_parameters, walk_rates, watch_jumps
-from estimators.kernels import svsf_update
+from estimators.kernels import svsf_gain
+from estimators.linalg import joseph_update, project
 
 LONGEST_GAP = 50  # periods that are bridged step by step; a longer gap restarts the motion states
 
@@ -109,20 +110,32 @@ def _svsf_motion(
     its own limit: with the limit for all, one pressure beyond its own would take a position
     well within its ten standard deviations for a matter of no hurry, and the motion would run away.
     """
-    n, m = COUPLED, y.shape[0]
-    H = np.zeros((m, n))
-    psi = np.empty(m)
-    for i in range(m):
-        H[i, plus[i]] = 1.0
+    n, used = COUPLED, np.count_nonzero(mask)
+    H, R, K = np.zeros((used, n)), np.zeros((used, used)), np.empty((n, used))
+    e, before, psi = np.empty(used), np.empty(used), np.empty(used)
+    a = 0
+    for i in range(y.shape[0]):
+        if not mask[i]:
+            continue
+        H[a, plus[i]] = 1.0
         if minus[i] >= 0:
-            H[i, minus[i]] = -1.0
-        psi[i] = layer * np.sqrt(r[i] + channel_variance(P, plus[i], minus[i]))
-        if 0.0 < psi_k[i] < psi[i]:
-            psi[i] = psi_k[i]
+            H[a, minus[i]] = -1.0
+        R[a, a], e[a], before[a] = r[i], y[i], e_post[i]
+        psi[a] = layer * np.sqrt(r[i] + channel_variance(P, plus[i], minus[i]))
+        if 0.0 < psi_k[i] < psi[a]:
+            psi[a] = psi_k[i]
+        a += 1
     state, covariance = x[:n].copy(), P[:n, :n].copy()
-    switched = svsf_update(
-        state, covariance, y, H, r, mask, e_post.copy(), gamma, psi, True, np.empty(m), np.empty(m, np.bool_)
-    )[2]
+    PHt, HPHt = np.empty((n, used)), np.empty((used, used))
+    project(covariance, H, PHt, HPHt)
+    switched = svsf_gain(
+        PHt, HPHt, R, e, before, gamma, psi, True, K, np.empty(used), np.empty(used, np.bool_)
+    )
+    if switched:
+        joseph_update(covariance, K, H, R)
+        for i in range(n):
+            for a in range(used):
+                state[i] += K[i, a] * e[a]
     return switched, state[:MOVING], np.diag(covariance)[:MOVING].copy()
 
 
@@ -275,24 +288,20 @@ def track(
         kept[0, 0], kept[0, 1] = x[eha.AIR], x[eha.SPLIT]
         kept[1, 0], kept[1, 1] = P[eha.AIR, eha.AIR], P[eha.SPLIT, eha.SPLIT]
         kept[1, 2] = P[eha.AIR, eha.SPLIT]
-        exceeded = switched = False
+        switched = False
         motion, variances = work[0, :MOVING], work[1, :MOVING]
         if svsf:
             # That the low side stays near the accumulator is no measurement: so vague a channel has an
             # optimal layer far wider than its innovations, and would be outside its limit all the time.
             believed, mask[Z_MEAN] = mask[Z_MEAN], False
-            exceeded = layers_exceeded(P, y, plus, minus, r, mask, e_post, gamma, layer, psi_k, layer_work)
-            if exceeded:
+            if layers_exceeded(P, y, plus, minus, r, mask, e_post, gamma, layer, psi_k, layer_work):
                 switched, motion, variances = _svsf_motion(
                     x, P, y, plus, minus, r, mask, e_post, gamma, layer, psi_k
                 )
             mask[Z_MEAN] = believed
-        if exceeded:
-            nis, loglik = update(x, P, y, plus, minus, r, mask, work)
-            if switched:
-                _take_motion(x, P, motion, variances)
-        else:
-            nis, loglik = update(x, P, y, plus, minus, r, mask, work)
+        nis, loglik = update(x, P, y, plus, minus, r, mask, work)
+        if switched:
+            _take_motion(x, P, motion, variances)
         if svsf:
             measurement(x, q, z, y)
             for i in range(MEASUREMENTS):

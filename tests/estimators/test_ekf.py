@@ -305,7 +305,7 @@ def test_correlated_kernel_equals_the_textbook_formula() -> None:
     S = H @ P @ H.T + R
     K_expected = P @ H.T @ np.linalg.inv(S)
     x, Pk, K = np.zeros(n), P.copy(), np.empty((n, m))
-    kalman_update_correlated(x, Pk, y, H, R, K)
+    kalman_update_correlated(x, Pk, y, H, R, np.ones(m, bool), K)
     np.testing.assert_allclose(K, K_expected, rtol=1e-9)
     np.testing.assert_allclose(x, K_expected @ y, rtol=1e-9)
     np.testing.assert_allclose(Pk, P - K_expected @ S @ K_expected.T, rtol=1e-8, atol=1e-10)

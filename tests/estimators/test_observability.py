@@ -13,9 +13,8 @@ from hypothesis import strategies as st
 
 from estimators.eha import layout
 from estimators.eha import model as eha
-from estimators.eha.drifts import drifts
 from estimators.eha.noise import Noise
-from estimators.eha.walk import walk_parameters, walk_rates
+from estimators.eha.walk import drifts, walk_parameters, walk_rates
 from estimators.observability import Drift, Observability, Observed
 from fdd.plant.scenario import Recording, Scenario
 from fdd.plant.simulate import Simulation, simulate

@@ -9,7 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from estimators import SVSF, ExtendedKalmanFilter
-from estimators.kernels import kalman_update, svsf_gain, svsf_update
+from estimators.kernels import svsf_gain
 from estimators.linalg import joseph_update
 
 
@@ -133,46 +133,6 @@ def test_unmeasured_states_follow_through_the_covariance(seed, n, m_share) -> No
     K = svsf.K
     I_KH = np.eye(n) - K @ H
     np.testing.assert_allclose(svsf.P, I_KH @ P @ I_KH.T + K @ R @ K.T, rtol=1e-7, atol=1e-10)
-
-
-def test_class_and_compiled_update_agree_with_gaps() -> None:
-    rng = np.random.default_rng(6)
-    n, m = 4, 3
-    for layer in ("fixed", "variable"):
-        svsf = prepared(rng, n, m, psi=[1.0, 0.5, 2.0], gamma=0.2, boundary_layer=layer)
-        svsf.R = np.diag(rng.uniform(0.1, 1.0, m))
-        x, P, e_post = svsf.x.copy(), svsf.P.copy(), np.zeros(m)
-        psi_k, outside = np.empty(m), np.empty(m, dtype=bool)
-        switches = set()
-        for _ in range(50):
-            z = np.where(rng.random(m) < 0.7, svsf.H @ x + rng.normal(size=m), np.nan)
-            P += 0.1 * np.eye(n)
-            svsf.predict(Q=0.1)
-            svsf.update(z)
-            _, log_likelihood, switched = svsf_update(
-                x, P, z - svsf.H @ x, svsf.H, np.diag(svsf.R).copy(), ~np.isnan(z), e_post, 0.2,
-                np.array([1.0, 0.5, 2.0]), layer == "variable", psi_k, outside,
-            )  # fmt: skip
-            switches.add(switched)
-            np.testing.assert_allclose(x, svsf.x, rtol=1e-9)
-            np.testing.assert_allclose(P, svsf.P, rtol=1e-8, atol=1e-12)
-            np.testing.assert_allclose(psi_k, svsf.psi_k)
-            np.testing.assert_allclose(e_post, svsf.e_post, rtol=1e-7, atol=1e-10)
-            assert outside.tolist() == svsf.outside.tolist()
-            assert log_likelihood == pytest.approx(svsf.log_likelihood)
-        assert True in switches
-
-
-def test_inside_the_limit_the_compiled_updates_agree_bit_for_bit() -> None:
-    rng = np.random.default_rng(7)
-    n, m = 5, 2
-    P, H, R, y = covariance(rng, n), wide_output(rng, m, n), np.array([0.3, 0.2]), rng.normal(size=m)
-    mask, psi_k, outside = np.ones(m, bool), np.empty(m), np.empty(m, bool)
-    xa, Pa, xb, Pb = np.ones(n), P.copy(), np.ones(n), P.copy()
-    kalman_update(xa, Pa, y, H, R, mask)
-    svsf_update(xb, Pb, y, H, R, mask, np.zeros(m), 0.1, np.full(m, np.inf), True, psi_k, outside)
-    np.testing.assert_array_equal(xa, xb)
-    np.testing.assert_array_equal(Pa, Pb)
 
 
 def test_two_sensors_of_one_state_are_averaged_and_not_divided_by_zero() -> None:
