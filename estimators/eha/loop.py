@@ -43,7 +43,7 @@ from estimators.eha.update import (
     propagate,
     update,
 )
-from estimators.eha.walk import walk_parameters, walk_rates, watch_jumps
+from estimators.eha.walk import walk_parameters, watch_jumps
 from estimators.kernels import svsf_gain
 from estimators.linalg import joseph_update, project
 
@@ -158,8 +158,8 @@ def _take_motion(x: Array, P: Array, motion: Array, variances: Array) -> None:
 @njit(nogil=True)
 def track(
     block: Array, period: float, svsf: bool, has_pressures: bool, has_angle: bool,
-    decimation: int, q: eha.Parameters, c: Noise, x: Array, P: Array, memory: Memory, e_post: Array,
-    gamma: float, layer: float, records: Records,
+    decimation: int, q: eha.Parameters, c: Noise, rates: Array, x: Array, P: Array, memory: Memory,
+    e_post: Array, gamma: float, layer: float, records: Records,
 ) -> int:  # fmt: skip
     """Run the filter over the rows of `block`; returns the number of records written."""
     h0 = period * 1e3
@@ -171,7 +171,6 @@ def track(
     x_new = np.empty(eha.STATES)
     noise = np.empty(4)
     walks = np.empty(eha.STATES)
-    rates = walk_rates(c)
     before = np.empty((2, FLOW_PARAMETERS))
     kept = np.empty((2, 3))
     z = np.empty(MEASUREMENTS)

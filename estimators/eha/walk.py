@@ -43,15 +43,15 @@ LONG_WINDOWS = 8  # of the above: drifts of some seconds show here first
 MOST_STREAK = 5  # doublings of the step: a valve torn open is a hundred healthy leakages
 
 
-@njit(error_model="numpy")
-def _walks(rates: Array, state: int, rate: float, initial: float, unit: float) -> None:
-    """Let a state walk, unless its initial spread is zero; `unit` is SI's in the model's."""
-    if initial > 0.0:
-        rates[0, state] = (rate * unit) ** 2
-        rates[1, state] = 1.0 / (initial * unit) ** 2
+WALKING = (
+    (eha.LEAK, "leakage", 1.0), (eha.AIR, "air", 1e3), (eha.SPLIT, "air_split", 1e3), (eha.GAIN, "gain", 1.0),
+    (eha.FRIC, "friction", 1.0), (eha.VISC, "viscous_friction", 1.0), (eha.SKEW, "viscous_skew", 1.0),
+    (eha.STIF, "stiffness", 1e-3), (eha.THROT, "throttle", 1.0), (eha.INERT, "inertia", 1.0),
+    (eha.ZERO, "zero", 1e-6),
+)  # fmt: skip
+"""States that walk no further than their initial spread: state, field of `Noise`, SI unit in the model's."""
 
 
-@njit(error_model="numpy")
 def walk_rates(c: Noise) -> Array:
     """What `walk_parameters` needs of the noise `c`, once for many steps: (2, STATES).
 
@@ -65,19 +65,13 @@ def walk_rates(c: Noise) -> Array:
     if not c.initial_valve > 0.0:
         raise ValueError("initial_valve must be above zero")
     rates = np.zeros((2, eha.STATES))
-    _walks(rates, eha.LEAK, c.leakage, c.initial_leakage, 1.0)
-    _walks(rates, eha.AIR, c.air, c.initial_air, 1e3)
-    _walks(rates, eha.SPLIT, c.air_split, c.initial_air_split, 1e3)
-    _walks(rates, eha.GAIN, c.gain, c.initial_gain, 1.0)
-    _walks(rates, eha.FRIC, c.friction, c.initial_friction, 1.0)
-    _walks(rates, eha.VISC, c.viscous_friction, c.initial_viscous_friction, 1.0)
-    _walks(rates, eha.SKEW, c.viscous_skew, c.initial_viscous_skew, 1.0)
-    _walks(rates, eha.STIF, c.stiffness, c.initial_stiffness, 1e-3)
-    _walks(rates, eha.THROT, c.throttle, c.initial_throttle, 1.0)
-    _walks(rates, eha.INERT, c.inertia, c.initial_inertia, 1.0)
-    _walks(rates, eha.ZERO, c.zero, c.initial_zero, 1e-6)
-    rates[0, eha.LOAD] = c.load**2
-    rates[0, eha.VALVE1] = rates[0, eha.VALVE2] = c.valve**2
+    for state, name, unit in WALKING:
+        rate, initial = getattr(c, name) * unit, getattr(c, f"initial_{name}") * unit
+        if initial > 0.0:
+            rates[0, state] = rate * rate
+            rates[1, state] = 1.0 / (initial * initial)
+    rates[0, eha.LOAD] = c.load * c.load
+    rates[0, [eha.VALVE1, eha.VALVE2]] = c.valve * c.valve
     return rates
 
 

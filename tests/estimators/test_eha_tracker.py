@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import tracemalloc
 from functools import cache
 from itertools import pairwise
 
@@ -247,17 +246,6 @@ def test_any_cut_into_blocks_gives_the_same_bits(cuts: list[int]) -> None:
     same_records(whole, cut)
 
 
-def test_sample_by_sample_gives_the_same_bits() -> None:
-    samples = axis("worn", duration=6.0).samples
-    block = Tracking(unit(), Channels.of(samples), 1e-3).block(samples)[:1500]
-    for method in METHODS:
-        whole = EhaTracker(Tracking(unit(), Channels.of(samples), 1e-3).model, method=method)
-        single = EhaTracker(whole.model, method=method)
-        expected = whole.push(block)
-        found = np.concatenate([single.push(block[i : i + 1]) for i in range(len(block))])
-        np.testing.assert_array_equal(found.view(np.float64), expected.view(np.float64))
-
-
 @settings(max_examples=8)
 @given(st.integers(1, 5999))
 def test_a_saved_state_goes_on_as_if_nothing_happened(cut: int) -> None:
@@ -302,29 +290,6 @@ def test_a_million_samples_leave_it_sound(method: str) -> None:
     assert np.median(leakage[-500:]) == pytest.approx(
         axis(duration=60.0, leaks=True).truth["leakage"][-1], rel=0.1
     )
-
-
-@pytest.mark.parametrize("method", METHODS)
-def test_memory_stays_flat(method: str) -> None:
-    samples = axis("worn", duration=6.0).samples
-    tracking = Tracking(unit(), Channels.of(samples), 1e-3)
-    block, filter_ = tracking.block(samples), tracking.trackers[method]
-    size = sum(a.nbytes for a in filter_.state().values())
-
-    def push() -> None:
-        filter_.push(block)
-        block[:, layout.TIME] += 6.0
-
-    push()
-    tracemalloc.start()
-    push()
-    before = tracemalloc.get_traced_memory()[0]
-    for _ in range(10):
-        push()
-    after = tracemalloc.get_traced_memory()[0]
-    tracemalloc.stop()
-    assert after - before < 20_000
-    assert sum(a.nbytes for a in filter_.state().values()) == size
 
 
 @pytest.mark.parametrize("method", METHODS)

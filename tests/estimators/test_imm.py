@@ -14,7 +14,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from estimators import IMM, SVSF, ExtendedKalmanFilter, run_bank, transition_matrix
-from estimators.modes import mix, mixing_weights, moments
+from estimators.modes import mix, mixing_weights
 
 problem = {
     "seed": st.integers(0, 2**32 - 1), "r": st.integers(2, 4), "n": st.integers(1, 4), "m": st.integers(1, 3),
@@ -161,47 +161,6 @@ def test_mixing_conserves_probability_mean_and_second_moment(seed, r, n) -> None
     assert (np.linalg.eigvalsh(P0) > 0.0).all()
 
 
-def test_moments_are_those_of_draws() -> None:
-    rng = np.random.default_rng(3)
-    x, P, weights = rng.normal(size=(3, 2)), np.stack([covariance(rng, 2) for _ in range(3)]), [0.5, 0.3, 0.2]
-    draws = np.concatenate(
-        [rng.multivariate_normal(x[i], P[i], size=round(200_000 * w)) for i, w in enumerate(weights)]
-    )
-    mean, spread = np.empty(2), np.empty((2, 2))
-    moments(x, P, np.array(weights), mean, spread)
-    np.testing.assert_allclose(mean, draws.mean(axis=0), atol=0.02)
-    np.testing.assert_allclose(spread, np.cov(draws.T), atol=0.03)
-
-
-@settings(max_examples=20, deadline=None)
-@given(**problem)
-def test_order_of_modes_does_not_matter(seed, r, n, m) -> None:
-    rng = np.random.default_rng(seed)
-    mode, M, mu, order = models(rng, r, n, m), chain(rng, r), rng.dirichlet(np.ones(r)), rng.permutation(r)
-    straight = IMM(bank_of(ExtendedKalmanFilter, mode), mu, M)
-    filters = bank_of(ExtendedKalmanFilter, mode)
-    crossed = IMM([filters[i] for i in order], mu[order], M[np.ix_(order, order)])
-    for _ in range(10):
-        z = rng.normal(size=m)
-        for bank in (straight, crossed):
-            bank.predict()
-            bank.update(z)
-        close(crossed, straight, ("x", "P"), rtol=1e-8)
-        np.testing.assert_allclose(crossed.mu, straight.mu[order], rtol=1e-8, atol=1e-250)
-        assert crossed.log_likelihood == pytest.approx(straight.log_likelihood)
-
-
-def test_an_outlier_of_a_million_sigma_leaves_a_distribution() -> None:
-    rng = np.random.default_rng(5)
-    bank = IMM(bank_of(ExtendedKalmanFilter, models(rng, 3, 2, 2)), None, chain(rng, 3))
-    for z in ([1e8, -1e8], [0.0, 0.0], [1e150, 0.0], [0.0, 0.0]):
-        bank.predict()
-        bank.update(z)
-        assert bank.mu.sum() == pytest.approx(1.0, abs=1e-12)
-        assert np.isfinite(bank.log_likelihood)
-        assert np.isfinite(bank.P).all()
-
-
 def test_without_transitions_it_is_bayes_rule_over_whole_logs() -> None:
     """Static modes never mix, so mode probabilities and the log-likelihood of the log are exact."""
     rng = np.random.default_rng(6)
@@ -219,25 +178,6 @@ def test_without_transitions_it_is_bayes_rule_over_whole_logs() -> None:
             evidence[j] += f.log_likelihood
     assert total == pytest.approx(np.logaddexp.reduce(np.log(mu) + evidence), rel=1e-12)
     np.testing.assert_allclose(bank.mu, scipy.special.softmax(np.log(mu) + evidence), rtol=1e-9)
-
-
-def test_a_mode_that_cannot_be_reached_runs_on_alone() -> None:
-    rng = np.random.default_rng(13)
-    mode = models(rng, 2, 2, 2)
-    bank, alone = (
-        IMM(bank_of(ExtendedKalmanFilter, mode), [1.0, 0.0], np.eye(2)),
-        bank_of(ExtendedKalmanFilter, mode),
-    )
-    for _ in range(20):
-        z = rng.normal(size=2)
-        for f in (bank, *alone):
-            f.predict()
-            f.update(z)
-    for f, twin in zip(bank.filters, alone, strict=True):
-        np.testing.assert_array_equal(f.x, twin.x)
-        np.testing.assert_array_equal(f.P, twin.P)
-    np.testing.assert_array_equal(bank.x, alone[0].x)
-    assert bank.mu.tolist() == [1.0, 0.0]
 
 
 def test_gaps_move_the_modes_on_and_leave_the_filters_alone() -> None:
@@ -280,37 +220,6 @@ def test_uneven_steps_reach_model_and_transitions() -> None:
     np.testing.assert_allclose([one.x, three.x], 0.3, rtol=1e-12)
     with pytest.raises(ValueError, match="give dt"):
         one.predict()
-
-
-def test_filterpys_nonlinear_filters_work_in_the_bank() -> None:
-    """Its EKF takes functions in update, its UKF the time step in predict; on a linear model all agree."""
-    rng = np.random.default_rng(10)
-    F, H, Q, R = np.array([[1.0, 0.1], [0.0, 0.9]]), np.array([[1.0, 0.0]]), 0.01 * np.eye(2), np.eye(1)
-    M = chain(rng, 2)
-
-    def ukf():
-        points = filterpy.kalman.MerweScaledSigmaPoints(2, 0.5, 2.0, 1.0)
-        return filterpy.kalman.UnscentedKalmanFilter(
-            2, 1, 0.1, hx=lambda x: H @ x, fx=lambda x, dt: F @ x, points=points
-        )
-
-    makers = (
-        lambda: ExtendedKalmanFilter(2, 1), lambda: filterpy.kalman.ExtendedKalmanFilter(2, 1), ukf,
-    )  # fmt: skip
-    functions = {1: (lambda x: H, lambda x: H @ x)}
-    banks = []
-    for make in makers:
-        filters = [make(), make()]
-        for f, scale in zip(filters, (1.0, 10.0), strict=True):
-            f.x, f.F, f.H, f.Q, f.R = np.zeros(2), F, H, scale * Q, R
-        banks.append(IMM(filters, None, M))
-    for _ in range(30):
-        z = rng.normal(size=1)
-        for k, bank in enumerate(banks):
-            bank.predict(dt=None if k == 1 else 0.1)
-            bank.update(z, *functions.get(k, ()))
-        for bank in banks[1:]:
-            close(bank, banks[0], ("x", "P", "mu"), rtol=1e-7)
 
 
 def test_a_refused_call_changes_nothing() -> None:

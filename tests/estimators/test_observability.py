@@ -93,13 +93,6 @@ def test_flag_and_held_value_are_those_of_a_plain_loop(seed: int) -> None:
         np.testing.assert_array_equal(np.column_stack([seen.valid, seen.held, seen.age]), rows)
 
 
-def test_both_limits_matter() -> None:
-    stds = [0.10, 0.06, 0.04, 0.06, 0.08, 0.06, 0.04]
-    seen = Observability({"x": (0.05, 0.07)}).push(np.arange(7.0), {"x": np.ones(7)}, {"x": stds})["x"]
-    assert seen.valid.tolist() == [False, False, True, True, False, False, True]
-    assert seen.age[2:].tolist() == [0.0, 0.0, 1.0, 2.0, 0.0]
-
-
 def scalar_filter(q: float, R: np.ndarray, ceiling: float, dt: float) -> np.ndarray:
     """Variances of a scalar Kalman filter on a parameter that walks; R infinite: no measurement."""
     P, out = 4.0, []
