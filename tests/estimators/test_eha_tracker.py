@@ -140,16 +140,6 @@ def test_a_partly_turbulent_leak_is_followed_as_the_slope_of_its_flow(method: st
     assert np.median(found) == pytest.approx(truth, rel=0.05)
 
 
-def test_the_leak_does_not_show_before_its_onset() -> None:
-    run = axis(leaks=True)
-    both = tracked(run.samples)
-    records = both.records()["ekf"]
-    values, stds = estimates(records, unit(), both.model)
-    before = (records["time"] > 3.0) & (records["time"] < 6.0)
-    lower = values["leakage"][before] - 4.0 * stds["leakage"][before]
-    assert (lower < run.truth["leakage"][0]).all()
-
-
 # Two faults of the filters that are known and not mended yet; the marks fall with them.
 @pytest.mark.parametrize("method", ["ekf", "svsf"])
 def test_a_hole_in_the_angle_leaves_the_estimates_alone(method: str) -> None:

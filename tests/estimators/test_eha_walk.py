@@ -22,7 +22,6 @@ from estimators.eha.walk import (
     SCORE_WINDOW,
     walk_parameters,
     walk_rates,
-    watch_jumps,
 )
 
 VALVES = (eha.VALVE1, eha.VALVE2)
@@ -177,47 +176,6 @@ def test_an_open_valve_stays_open_and_a_doubtful_one_closes(
 
 
 # Jumps
-
-
-def windows(count: int, score: float, parameter: int) -> tuple[np.ndarray, np.ndarray]:
-    """Covariance and memory after windows in which one parameter moved by `score` sigmas."""
-    c, P, memory = Noise().numbers(), np.eye(eha.STATES), np.zeros(1, layout.MEMORY)[0]
-    samples, gained = 250, 1e-6
-    for _ in range(count * samples):
-        x, before = np.zeros(eha.STATES), np.zeros((2, layout.FLOW_PARAMETERS))
-        before[1] = np.diag(P)[eha.LEAK : eha.LEAK + layout.FLOW_PARAMETERS] + gained
-        x[eha.LEAK + parameter] = score * np.sqrt(samples * gained) / samples
-        watch_jumps(x, P, before, 1.0, c, memory)
-    return P, memory
-
-
-@pytest.mark.parametrize("parameter", range(layout.FLOW_PARAMETERS))
-def test_a_jump_sets_the_flow_parameters_free(parameter: int) -> None:
-    noise = Noise()
-    P, memory = windows(1, 1.01 * JUMP_SIGMAS, parameter)
-    widened = np.diag(P) - 1.0
-    expected = np.zeros(eha.STATES)
-    expected[[eha.LEAK, eha.VALVE1, eha.VALVE2]] = [noise.jump_leakage, noise.jump_valve, noise.jump_valve]
-    expected[[eha.AIR, eha.SPLIT]] = 1e3 * noise.jump_air, 1e3 * noise.initial_air_split
-    expected[eha.GAIN] = noise.initial_gain
-    np.testing.assert_allclose(widened, expected**2)
-    assert memory.score[parameter] == pytest.approx(1.01 * JUMP_SIGMAS)
-
-
-@pytest.mark.parametrize("sign", [-1.0, 1.0])
-def test_no_jump_below_the_limit_and_drifts_add_up(sign: float) -> None:
-    """A window at 2 sigmas says nothing; eight of them on one side are 2 √8 = 5.7."""
-    quiet, _ = windows(LONG_WINDOWS - 1, sign * 2.0, 0)
-    np.testing.assert_array_equal(quiet, np.eye(eha.STATES))
-    drifted, _ = windows(LONG_WINDOWS, sign * 2.0, 0)
-    assert drifted[eha.LEAK, eha.LEAK] > 1.0
-
-
-def test_jumps_in_a_row_double_the_step() -> None:
-    """A valve torn open is a hundred healthy leakages: each window without peace asks for twice as much."""
-    P, _ = windows(3, 2.0 * JUMP_SIGMAS, 1)
-    step = Noise().jump_valve
-    assert P[eha.VALVE1, eha.VALVE1] == pytest.approx(1.0 + step**2 * (1.0 + 4.0 + 16.0))
 
 
 def tracked(
