@@ -6,10 +6,9 @@ Each refusal is a ``ValueError`` of one line that names the thing, what is wrong
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-Array = NDArray[np.float64]
-Mask = NDArray[np.bool_]
+from estimators.linalg import Array, Mask
 
 
 def whole_number(value: int, least: int, name: str) -> int:

@@ -21,9 +21,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-Array = NDArray[np.float64]
+from estimators.linalg import Array
 
 
 def nis_band(dim: int, n: int = 1, probability: float = 0.95) -> tuple[float, float]:

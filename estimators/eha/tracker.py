@@ -10,15 +10,14 @@ from copy import copy
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
 from estimators.eha import model as eha
 from estimators.eha.layout import MEASUREMENTS, MEMORY, RECORD, Records
 from estimators.eha.loop import track
 from estimators.eha.noise import Noise
 from estimators.eha.walk import WALKING, walk_rates
+from estimators.linalg import Array
 
-Array = NDArray[np.float64]
 Method = Literal["ekf", "svsf"]
 
 

@@ -25,16 +25,14 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
 from estimators.compiled import njit
 from estimators.eha import layout
 from estimators.eha import model as eha
 from estimators.eha.layout import FLOW_PARAMETERS, Memory
 from estimators.eha.noise import Noise
+from estimators.linalg import Array
 from estimators.observability import Drift
-
-Array = NDArray[np.float64]
 
 SHORT = 1e-3  # share of a time constant up to which one explicit step is as good as the exponential
 JUMP_SIGMAS = 5.0  # of a consistent filter: once in 20 hours over five parameters and 4.5 windows a second
