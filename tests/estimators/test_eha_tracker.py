@@ -225,30 +225,19 @@ def same_records(a: Tracked, b: Tracked) -> None:
 
 @settings(max_examples=15)
 @given(st.lists(st.integers(0, 6000), max_size=12))
-def test_any_cut_into_blocks_gives_the_same_bits(cuts: list[int]) -> None:
+def test_any_cut_into_blocks_gives_the_same_bits_also_over_restarts(cuts: list[int]) -> None:
     samples = axis("worn", duration=6.0).samples
     whole, cut = Tracked(unit(), keep=True), Tracked(unit(), keep=True)
     whole.push(samples)
     edges = [0, *sorted(min(c, len(samples)) for c in cuts), len(samples)]
     for a, b in pairwise(edges):
+        state, before = cut.state(), cut
+        cut = Tracked(unit(), keep=True)
+        cut.restore(state)
+        before.push(samples.rows(a, b))  # the state must be a copy that this leaves alone
         cut.push(samples.rows(a, b))
     assert not whole.lost
     same_records(whole, cut)
-
-
-@settings(max_examples=8)
-@given(st.integers(1, 5999))
-def test_a_saved_state_goes_on_as_if_nothing_happened(cut: int) -> None:
-    samples = axis("worn", duration=6.0).samples
-    cut = min(cut, len(samples) - 1)
-    whole, first, second = (Tracked(unit(), keep=True) for _ in range(3))
-    whole.push(samples)
-    first.push(samples.rows(0, cut))
-    state = first.state()
-    first.push(samples.rows(cut, len(samples)))  # the state must be a copy that this leaves alone
-    second.restore(state)
-    second.push(samples.rows(cut, len(samples)))
-    same_records(whole, second)
 
 
 def test_a_state_of_another_shape_is_refused() -> None:
