@@ -266,12 +266,23 @@ class ExtendedKalmanFilter:
         noise = square(self.R if R is None else R, m, "R")
         args = args if isinstance(args, tuple) else (args,)
         hx_args = hx_args if isinstance(hx_args, tuple) else (hx_args,)
-        H = self._output_jacobian(x, P, shape, HJacobian, Hx, args, hx_args)
+        h = self.h if Hx is None else Hx
+        derivative = self.H_jacobian if HJacobian is None and Hx is None else HJacobian
+
+        def modelled(state: Array) -> Array:
+            return vector(h(state.reshape(shape).copy(), *hx_args), m, "h(x)") if h else H @ state
+
+        if derivative is not None:
+            H = matrix(derivative(x.reshape(shape), *args), m, self.dim_x, "the Jacobian of h")
+        elif h is None:
+            H = matrix(self.H, m, self.dim_x, "H")
+        else:
+            H = jacobian(modelled, x, P)
+        column = (m, 1) if len(shape) == 2 else (m,)
 
         def innovation(state: Array) -> Array:
-            output = self._output(state.reshape(shape), H, Hx, hx_args)
-            column = (m, 1) if len(shape) == 2 else (m,)
-            return vector(residual(measured.reshape(column), output.reshape(column)), m, "residual(z, h(x))")
+            difference = residual(measured.reshape(column), modelled(state).reshape(column))
+            return vector(difference, m, "residual(z, h(x))")
 
         y = innovation(x)
         require_finite(y[used], "the innovation z - h(x)", "used channel")
@@ -284,7 +295,6 @@ class ExtendedKalmanFilter:
         self.x, self.P, self.K = corrected.x.reshape(shape), corrected.P, corrected.K
         self.nis, self.log_likelihood = corrected.nis, corrected.log_likelihood
         self._accept(corrected, used)
-        column = (m, 1) if len(shape) == 2 else (m,)
         self.z, self.y = measured.reshape(column), np.where(used, y, np.nan).reshape(column)
         self.channels_used = int(used.sum())
         self.x_post, self.P_post = self.x.copy(), self.P.copy()
@@ -362,29 +372,3 @@ class ExtendedKalmanFilter:
         if gain.ndim == 0:
             gain = gain * np.eye(self.dim_x)
         return matrix(gain, self.dim_x, values.size, "B") @ values
-
-    def _output(self, x: Array, H: Array, Hx: Model | None, hx_args: tuple[Any, ...]) -> Array:
-        h = self.h if Hx is None else Hx
-        if h is None:
-            return H @ x.reshape(-1)
-        return vector(h(x.copy(), *hx_args), self.dim_z, "h(x)")
-
-    def _output_jacobian(
-        self,
-        x: Array,
-        P: Array,
-        shape: tuple[int, ...],
-        HJacobian: Model | None,
-        Hx: Model | None,
-        args: tuple[Any, ...],
-        hx_args: tuple[Any, ...],
-    ) -> Array:
-        m, n = self.dim_z, self.dim_x
-        given = HJacobian
-        if given is None and Hx is None:
-            given = self.H_jacobian
-        if given is not None:
-            return matrix(given(x.reshape(shape), *args), m, n, "the Jacobian of h")
-        if Hx is None and self.h is None:
-            return matrix(self.H, m, n, "H")
-        return jacobian(lambda v: self._output(v.reshape(shape), self.H, Hx, hx_args), x, P)
