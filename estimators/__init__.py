@@ -13,11 +13,10 @@ from estimators.consistency import (
     standardised,
     whiteness_test,
 )
-from estimators.ekf import ExtendedKalmanFilter
+from estimators.ekf import ExtendedKalmanFilter, jacobian
 from estimators.imm import IMM
-from estimators.jacobians import JacobianCheck, check_jacobian, jacobian
 from estimators.linear_bank import BankRun, run_bank
-from estimators.mode_chain import transition_matrix
+from estimators.modes import transition_matrix
 from estimators.observability import Drift, Observability, Observed
 from estimators.svsf import SVSF
 
@@ -27,11 +26,9 @@ __all__ = [
     "BankRun",
     "Drift",
     "ExtendedKalmanFilter",
-    "JacobianCheck",
     "Observability",
     "Observed",
     "autocorrelation",
-    "check_jacobian",
     "jacobian",
     "nees_band",
     "nis_band",

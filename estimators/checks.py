@@ -5,16 +5,10 @@ Each refusal is a ``ValueError`` of one line that names the thing, what is wrong
 
 from __future__ import annotations
 
-import math
-from typing import Any
-
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-from estimators.linalg import balanced_covariance
-
-Array = NDArray[np.float64]
-Mask = NDArray[np.bool_]
+from estimators.linalg import Array, Mask
 
 
 def whole_number(value: int, least: int, name: str) -> int:
@@ -49,13 +43,12 @@ def square(value: ArrayLike, size: int, name: str) -> Array:
         array = array * np.eye(size)
     elif array.shape == (size,):
         array = np.diag(array)
-    out = np.empty((size, size))
-    defect = balanced_covariance(matrix(array, size, size, name), out)
-    if defect < 0:
+    full = matrix(array, size, size, name)
+    if not np.isfinite(full).all():
         raise ValueError(f"{name} has values that are not finite")
-    if defect > 0:
-        raise ValueError(f"{name} has a negative variance at {defect - 1}")
-    return out
+    if (np.diag(full) < 0.0).any():
+        raise ValueError(f"{name} has a negative variance at {first_place(np.diag(full) < 0.0)}")
+    return 0.5 * (full + full.T)
 
 
 def layer_widths(value: ArrayLike, size: int, name: str, of: str) -> Array:
@@ -97,14 +90,3 @@ def require_finite(array: Array, what: str, place: str) -> None:
 def first_place(bad: Mask) -> int:
     """Index, along the first axis, of the first True."""
     return int(np.argwhere(bad)[0][0])
-
-
-def evaluable(value: Any) -> str:
-    """Text that Python reads back: plain numbers and lists, functions by their name."""
-    if isinstance(value, np.ndarray | np.generic):
-        value = value.tolist()
-    if isinstance(value, list | tuple):
-        return f"[{', '.join(evaluable(v) for v in value)}]"
-    if isinstance(value, float) and not math.isfinite(value):
-        return f"float('{value}')"
-    return getattr(value, "__name__", None) or repr(value)

@@ -21,9 +21,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-Array = NDArray[np.float64]
+from estimators.linalg import Array
 
 
 def nis_band(dim: int, n: int = 1, probability: float = 0.95) -> tuple[float, float]:
@@ -60,17 +60,8 @@ def nis_band(dim: int, n: int = 1, probability: float = 0.95) -> tuple[float, fl
     return float(2.0 * gammaincinv(shape, tail) / n), float(2.0 * gammaincinv(shape, 1.0 - tail) / n)
 
 
-def nees_band(dim: int, n: int = 1, probability: float = 0.95) -> tuple[float, float]:
-    """Band of the mean NEES of ``n`` independent runs with ``dim`` states: :func:`nis_band`.
-
-    Successive NEES values of one run are correlated: count runs, not samples.
-
-    Examples
-    --------
-    >>> nees_band(3, 10) == nis_band(3, 10)
-    True
-    """
-    return nis_band(dim, n, probability)
+nees_band = nis_band
+"""Of the mean NEES of n runs: successive values of one run are correlated, so count runs, not samples."""
 
 
 def squared_distance(error: ArrayLike, covariance: ArrayLike) -> Array:

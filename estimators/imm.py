@@ -6,7 +6,7 @@ mixture of all, weighted by how likely the plant has come over from their mode. 
 follows a plant that switches, and says which mode it is in: that is fault detection with a
 probability attached.
 
-The equations stand in :mod:`estimators.imm_kernels`, whose functions do the work here too.
+The equations stand in :mod:`estimators.modes`, whose functions do the work here too.
 For linear modes and whole logs see :func:`estimators.linear_bank.run_bank`.
 
 Source: Blom and Bar-Shalom 1988, doi 10.1109/9.1299.
@@ -23,9 +23,15 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from estimators.imm_kernels import mix, mixing_weights, moments, update_modes
-from estimators.linalg import Array, balanced_covariance
-from estimators.mode_chain import check_distribution, check_transitions
+from estimators.checks import Array, square
+from estimators.modes import (
+    check_distribution,
+    check_transitions,
+    mix,
+    mixing_weights,
+    moments,
+    update_modes,
+)
 
 
 class IMM:
@@ -37,7 +43,7 @@ class IMM:
         or filterpy's. The bank drives them; do not call them yourself.
     mu : (r,) mode probabilities at the start, scaled to sum 1; None: all alike.
     M : (r, r), ``M[i, j]`` the probability of going from mode i to mode j in one step, as
-        :func:`estimators.mode_chain.transition_matrix` gives; or a function ``M(dt)`` of the step in s.
+        :func:`estimators.modes.transition_matrix` gives; or a function ``M(dt)`` of the step in s.
 
     Attributes
     ----------
@@ -87,11 +93,6 @@ class IMM:
     (1, [0.0, 1.0], 2.99)
     """
 
-    _STATE: tuple[str, ...] = (
-        "x", "P", "mu", "cbar", "omega", "x_prior", "P_prior", "x_post", "P_post",
-        "log_likelihoods", "log_likelihood",
-    )  # fmt: skip
-
     def __init__(
         self,
         filters: Sequence[Any],
@@ -105,7 +106,6 @@ class IMM:
         if len({id(f) for f in self.filters}) < self.N:
             raise ValueError("a filter stands in the bank twice; give each mode its own")
         self._takes_dt = ["dt" in inspect.signature(f.predict).parameters for f in self.filters]
-        self._mu_given = mu
         self.mu: Any = check_distribution(np.ones(self.N) if mu is None else mu, self.N)
         self.M: Any = M
         self._M = np.eye(self.N) if callable(M) else check_transitions(M, self.N)
@@ -180,60 +180,8 @@ class IMM:
         self.x, self.P = combined
         self.x_post, self.P_post = self.x.copy(), self.P.copy()
 
-    def get_state(self) -> dict[str, Any]:
-        """Everything that the next results depend on, as copies: arrays and numbers, no functions.
-
-        The filters' part has the names ``filters.0.x`` and so on; of filters without ``get_state``
-        (filterpy's) it is ``x`` and ``P``. A function ``M`` is not in it.
-        """
-        state: dict[str, Any] = {name: getattr(self, name) for name in self._STATE}
-        state["M"] = self._M
-        for j, f in enumerate(self.filters):
-            own = f.get_state() if hasattr(f, "get_state") else {"x": f.x, "P": f.P}
-            state.update({f"filters.{j}.{name}": value for name, value in own.items()})
-        return {k: v.copy() if isinstance(v, np.ndarray) else v for k, v in state.items()}
-
-    def set_state(self, state: dict[str, Any]) -> None:
-        """Take up where another bank of the same filters left off.
-
-        Parameters
-        ----------
-        state : from :meth:`get_state`.
-
-        Raises
-        ------
-        ValueError : of a bank of other filters or another number of them; nothing is changed then.
-        """
-        own = {name: value for name, value in state.items() if not name.startswith("filters.")}
-        wrong = set(own) ^ {*self._STATE, "M"}
-        if wrong:
-            raise ValueError(f"not the state of an IMM: missing or unknown {', '.join(sorted(wrong))}")
-        if np.shape(own["mu"]) != (self.N,) or np.size(own["x"]) != np.size(self.x):
-            raise ValueError(
-                f"state has {np.size(own['mu'])} modes of {np.size(own['x'])} states; "
-                f"this bank has {self.N} of {np.size(self.x)}"
-            )
-        parts: list[dict[str, Any]] = [{} for _ in self.filters]
-        for name in set(state) - set(own):
-            _, j, key = name.split(".", 2)
-            parts[int(j)][key] = state[name]
-        with self._undone_if_refused():
-            for f, part in zip(self.filters, parts, strict=True):
-                if hasattr(f, "set_state"):
-                    f.set_state(part)
-                else:
-                    f.x, f.P = part["x"].copy(), part["P"].copy()
-        for name in self._STATE:
-            value = own[name]
-            setattr(self, name, value.copy() if isinstance(value, np.ndarray) else value)
-        self._M = own["M"].copy()
-        self.M = self.M if callable(self.M) else own["M"].copy()
-
     def __repr__(self) -> str:
-        filters = ", ".join(" ".join(repr(f).split()) for f in self.filters)
-        M = getattr(self.M, "__name__", "M") if callable(self.M) else np.asarray(self.M).tolist()
-        mu = "" if self._mu_given is None else f"mu={np.asarray(self._mu_given).tolist()}, "
-        return f"{type(self).__name__}(filters=[{filters}], {mu}M={M})"
+        return f"{type(self).__name__}({self.filters})"
 
     def _step_transitions(self, dt: float | None) -> Array:
         if not callable(self.M):
@@ -275,13 +223,12 @@ class IMM:
                     f"filter {j} has {np.size(f.x)} states and filter 0 has {n}; they must agree"
                 )
             x[j] = np.asarray(f.x, float).reshape(-1)
-            covariance = np.asarray(f.P, float)
-            if covariance.ndim < 2:  # our filters may be given a diagonal
-                covariance = np.diag(np.broadcast_to(covariance, n))
-            if covariance.shape != (n, n):
-                raise ValueError(f"filter {j} has P of shape {covariance.shape}, its state needs {(n, n)}")
-            if balanced_covariance(covariance, P[j]) < 0 or not np.isfinite(x[j]).all():
-                raise ValueError(f"filter {j} has a state or covariance that is not finite")
+            try:
+                P[j] = square(f.P, n, "P")
+            except ValueError as error:
+                raise ValueError(f"filter {j}: {error}") from error
+            if not np.isfinite(x[j]).all():
+                raise ValueError(f"filter {j} has a state that is not finite")
         return x, P
 
     def _combined(self, weights: Array) -> tuple[Array, Array]:

@@ -21,8 +21,7 @@ symbol      meaning                                        shape
 
 Scalar updates and unpivoted Cholesky factors commute with a change of units of
 states or channels, so raw SI (metres beside pascals) costs no digits here. The Joseph
-form holds as long as no update shrinks a variance by more than 13 decades; beyond that
-there are the factors of :mod:`estimators.square_root`.
+form holds as long as no update shrinks a variance by more than 13 decades.
 """
 
 from __future__ import annotations
@@ -35,13 +34,9 @@ from estimators.compiled import njit
 from estimators.linalg import (
     Array,
     Mask,
-    apply_gain,
     cholesky,
     cholesky_solve,
     decorrelate,
-    innovation_after,
-    joseph_update,
-    project,
     symmetrise,
 )
 
@@ -181,67 +176,57 @@ def channel_likelihood(e: float, s: float) -> tuple[float, float]:
 
 @njit()
 def kalman_update_correlated(
-    x: Array, P: Array, y: Array, H: Array, R: Array, K: Array
+    x: Array, P: Array, y: Array, H: Array, R: Array, mask: Mask, K: Array
 ) -> tuple[float, float]:
-    """Kalman update with a full ``R`` (m, m), in place; all channels are used.
+    """Kalman update with a full ``R`` (m, m), in place.
 
     The channels are made independent first (:func:`decorrelate`), then taken as in
     :func:`kalman_update`, which has the parameters and results. ``K`` (n, m) is filled
-    with the gain for the original channels.
+    with the gain for the original channels, zero where masked.
 
     Examples
     --------
     >>> import numpy as np
     >>> x, P, K = np.zeros(1), np.eye(1), np.empty((1, 2))
-    >>> R = np.array([[1.0, 0.5], [0.5, 1.0]])
-    >>> nis, _ = kalman_update_correlated(x, P, np.array([1.0, 1.0]), np.ones((2, 1)), R, K)
+    >>> R, both = np.array([[1.0, 0.5], [0.5, 1.0]]), np.ones(2, bool)
+    >>> nis, _ = kalman_update_correlated(x, P, np.array([1.0, 1.0]), np.ones((2, 1)), R, both, K)
     >>> K.round(4).tolist(), round(P.item(), 4), round(nis, 4)
     ([[0.2857, 0.2857]], 0.4286, 0.5714)
     """
     n = x.shape[0]
     m = y.shape[0]
-    yd = y.copy()
     Hd = H.copy()
     D = R.copy()
-    L = np.zeros((m, m))
-    decorrelate(yd, Hd, D, L)
+    W = np.eye(m)  # the independent channels, as combinations of the original ones
+    decorrelate(W, Hd, D, mask)
     nis = 0.0
     log_likelihood = 0.0
     Ph = np.empty(n)
     k = np.empty(n)
+    e_of_y = np.empty(m)
+    K[:, :] = 0.0
     for c in range(m):
+        if not mask[c]:
+            continue
         s = scalar_update(P, Hd[c], D[c, c], k, Ph)
-        e = innovation_after(K, k, Hd[c], yd, c)
+        e = 0.0
+        for d in range(c + 1):  # what this channel says beyond the earlier ones
+            e_of_y[d] = W[c, d]
+            for i in range(n):
+                e_of_y[d] -= Hd[c, i] * K[i, d]
+            if mask[d]:
+                e += e_of_y[d] * y[d]
+        for i in range(n):
+            for d in range(c + 1):
+                K[i, d] += k[i] * e_of_y[d]
         squared, likelihood = channel_likelihood(e, s)
         nis += squared
         log_likelihood += likelihood
-    apply_gain(x, K, L, y)
+    for i in range(n):
+        for d in range(m):
+            if mask[d]:
+                x[i] += K[i, d] * y[d]
     return nis, log_likelihood
-
-
-@njit()
-def innovation_likelihood(y: Array, L: Array) -> tuple[float, float]:
-    """``(nis, log N(y; 0, S))`` from the Cholesky factor ``L`` of ``S``.
-
-    Examples
-    --------
-    >>> import numpy as np
-    >>> nis, log_likelihood = innovation_likelihood(np.array([2.0]), np.array([[2.0]]))
-    >>> nis, round(log_likelihood, 4)
-    (1.0, -2.1121)
-    """
-    m = y.shape[0]
-    w = np.empty(m)
-    nis = 0.0
-    log_likelihood = 0.0
-    for i in range(m):
-        total = y[i]
-        for k in range(i):
-            total -= L[i, k] * w[k]
-        w[i] = total / L[i, i]
-        nis += w[i] * w[i]
-        log_likelihood -= 0.5 * LOG_2PI + math.log(L[i, i])
-    return nis, log_likelihood - 0.5 * nis
 
 
 @njit()
@@ -281,7 +266,7 @@ def svsf_gain(
 
     Parameters
     ----------
-    PHt, HPHt : (n, m), (m, m) from :func:`project`.
+    PHt, HPHt : (n, m), (m, m) from :func:`estimators.linalg.project`.
     R, e, psi : (m, m), (m,), (m,) noise, innovation, boundary layer (limit, > 0) in channel units.
     e_post : (m,) posterior error of the previous step.
     gamma : memory, 0 <= gamma < 1.
@@ -326,104 +311,3 @@ def svsf_gain(
         for i in range(n):
             K[i, c] *= ratio
     return True
-
-
-@njit()
-def svsf_update(
-    x: Array,
-    P: Array,
-    y: Array,
-    H: Array,
-    R_diag: Array,
-    mask: Mask,
-    e_post: Array,
-    gamma: float,
-    psi: Array,
-    variable: bool,
-    psi_k: Array,
-    outside: Mask,
-) -> tuple[float, float, bool]:
-    """SVSF update with independent channels, in place; :func:`svsf_gain` has the equations.
-
-    Parameters
-    ----------
-    x, P, y, H, R_diag, mask : as in :func:`kalman_update`.
-    e_post : (m,) posterior error: the previous step's on entry, this step's (linearised,
-        ``y - H delta``) on return. A nonlinear model should overwrite it with
-        ``z - h(x)``. Kept as it is where masked.
-    gamma, psi, variable : as in :func:`svsf_gain`.
-    psi_k : (m,) optimal boundary layer of this step, NaN where masked.
-    outside : (m,) True where ``|y| > psi``; False where masked.
-
-    Returns
-    -------
-    nis, log_likelihood : of ``y`` under the prior ``S``, as in :func:`kalman_update`.
-    switched : True when an SVSF gain was applied, False for the Kalman gain, which is then
-        applied by :func:`kalman_update` itself: the results agree bit for bit.
-
-    Examples
-    --------
-    >>> import numpy as np
-    >>> x, P, e_post = np.zeros(1), np.eye(1), np.array([0.5])
-    >>> psi_k, outside = np.empty(1), np.empty(1, bool)
-    >>> _, _, switched = svsf_update(
-    ...     x, P, np.array([3.0]), np.eye(1), np.ones(1), np.array([True]),
-    ...     e_post, 0.1, np.array([1.0]), False, psi_k, outside)
-    >>> switched, x.round(3).tolist(), e_post.round(3).tolist(), psi_k.round(3).tolist()
-    (True, [3.05], [-0.05], [6.1])
-    """
-    n = x.shape[0]
-    m = y.shape[0]
-    used = 0
-    for c in range(m):
-        psi_k[c] = np.nan
-        outside[c] = False
-        if mask[c]:
-            used += 1
-    if used == 0:
-        return 0.0, 0.0, False
-    Ha = np.empty((used, n))
-    R = np.zeros((used, used))
-    ea = np.empty(used)
-    previous = np.empty(used)
-    layer = np.empty(used)
-    a = 0
-    for c in range(m):
-        if mask[c]:
-            for i in range(n):  # assigned slices would compile for a second
-                Ha[a, i] = H[c, i]
-            R[a, a] = R_diag[c]
-            ea[a] = y[c]
-            previous[a] = e_post[c]
-            layer[a] = psi[c]
-            a += 1
-    PHt = np.empty((n, used))
-    HPHt = np.empty((used, used))
-    project(P, Ha, PHt, HPHt)
-    K = np.empty((n, used))
-    optimal = np.empty(used)
-    beyond = np.empty(used, np.bool_)
-    switched = svsf_gain(PHt, HPHt, R, ea, previous, gamma, layer, variable, K, optimal, beyond)
-    before = x.copy()
-    prior = P.copy()
-    nis, log_likelihood = kalman_update(x, P, y, H, R_diag, mask)
-    if switched:
-        for i in range(n):
-            for j in range(n):
-                P[i, j] = prior[i, j]
-        joseph_update(P, K, Ha, R)
-        for i in range(n):
-            x[i] = before[i]
-            for a in range(used):
-                x[i] += K[i, a] * ea[a]
-    a = 0
-    for c in range(m):
-        if mask[c]:
-            psi_k[c] = optimal[a]
-            outside[c] = beyond[a]
-            error = y[c]
-            for i in range(n):
-                error -= H[c, i] * (x[i] - before[i])
-            e_post[c] = error
-            a += 1
-    return nis, log_likelihood, switched

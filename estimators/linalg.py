@@ -32,23 +32,6 @@ def symmetrise(P: Array) -> None:
 
 
 @njit()
-def balanced_covariance(A: Array, out: Array) -> int:
-    """Copy ``A``, averaged with its transpose, to ``out``; 0, or 1 + index of a bad diagonal element.
-
-    -1 when any value is not finite. Bad is a negative variance.
-    """
-    n = A.shape[0]
-    for i in range(n):
-        for j in range(n):
-            if not math.isfinite(A[i, j]):
-                return -1
-            out[i, j] = 0.5 * (A[i, j] + A[j, i])
-        if A[i, i] < 0.0:
-            return 1 + i
-    return 0
-
-
-@njit()
 def project(P: Array, H: Array, PHt: Array, HPHt: Array) -> None:
     """Fill ``PHt = P H'`` (n, m) and ``HPHt = H P H'`` (m, m), the latter exactly symmetric."""
     n = P.shape[0]
@@ -139,51 +122,28 @@ def cholesky_solve(L: Array, b: Array) -> None:
 
 
 @njit()
-def decorrelate(y: Array, H: Array, R: Array, L: Array) -> None:
-    """Make channels independent: with ``R = L D L'``, replace ``y, H`` by ``L^-1 y, L^-1 H``.
+def decorrelate(W: Array, H: Array, R: Array, mask: Mask) -> None:
+    """Make the channels of `mask` independent: with ``R = L D L'``, replace ``W, H`` by ``L^-1 W, L^-1 H``.
 
-    ``L`` (unit lower, m by m) is filled; ``D`` is left on the diagonal of ``R``. A
-    semi-definite ``R`` (noise-free combinations) is allowed.
+    ``D`` is left on the diagonal of ``R``. A semi-definite ``R`` (noise-free combinations) is allowed.
     """
-    m = y.shape[0]
+    m = R.shape[0]
+    L = np.eye(m)
     for c in range(m):
-        L[c, c] = 1.0
+        if not mask[c]:
+            continue
         variance = R[c, c]
         for d in range(c):
+            if not mask[d]:
+                continue
             L[c, d] = R[c, d]
             for k in range(d):
-                L[c, d] -= L[c, k] * L[d, k] * R[k, k]
+                if mask[k]:
+                    L[c, d] -= L[c, k] * L[d, k] * R[k, k]
             L[c, d] = L[c, d] / R[d, d] if R[d, d] > 0.0 else 0.0
             variance -= L[c, d] * L[c, d] * R[d, d]
-            y[c] -= L[c, d] * y[d]
+            for i in range(m):
+                W[c, i] -= L[c, d] * W[d, i]
             for i in range(H.shape[1]):
                 H[c, i] -= L[c, d] * H[d, i]
         R[c, c] = variance if variance > PIVOT_FLOOR * R[c, c] else 0.0
-
-
-@njit(error_model="numpy")
-def innovation_after(K: Array, k: Array, h: Array, yd: Array, c: int) -> float:
-    """Innovation of independent channel `c` after the earlier ones; `k` enters `K`, K <- (I - k h) K."""
-    e = yd[c]
-    for d in range(c):
-        hK = 0.0
-        for i in range(k.size):
-            hK += h[i] * K[i, d]
-        e -= hK * yd[d]
-        for i in range(k.size):
-            K[i, d] -= k[i] * hK
-    for i in range(k.size):
-        K[i, c] = k[i]
-    return e
-
-
-@njit(error_model="numpy")
-def apply_gain(x: Array, K: Array, L: Array, y: Array) -> None:
-    """Turn the gain of independent channels into that of the original ones, K <- K L^-1, and correct `x`."""
-    m = y.size
-    for i in range(x.size):
-        for c in range(m - 1, -1, -1):
-            for d in range(c + 1, m):
-                K[i, c] -= K[i, d] * L[d, c]
-        for c in range(m):
-            x[i] += K[i, c] * y[c]

@@ -7,8 +7,7 @@ Mode j of r, with process noise ``w ~ N(0, Q_j)`` and measurement noise ``v ~ N(
 
 Offsets make friction in a given direction or a biased sensor a mode. Each step is the one
 of :class:`estimators.imm.IMM` with Kalman filters, and of the same functions
-(:mod:`estimators.imm_kernels`); the difference is the speed. In a loop of your own, with models
-that change from sample to sample, call :func:`bank_step`.
+(:mod:`estimators.modes`); the difference is the speed.
 
 Source: Blom and Bar-Shalom 1988, doi 10.1109/9.1299.
 """
@@ -21,11 +20,18 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
+from estimators.checks import square
 from estimators.compiled import njit
-from estimators.imm_kernels import mix, mixing_weights, moments, update_modes
 from estimators.kernels import kalman_update, kalman_update_correlated, predict_covariance
-from estimators.linalg import Array, balanced_covariance
-from estimators.mode_chain import check_distribution, check_transitions
+from estimators.linalg import Array
+from estimators.modes import (
+    check_distribution,
+    check_transitions,
+    mix,
+    mixing_weights,
+    moments,
+    update_modes,
+)
 
 
 @dataclass(frozen=True)
@@ -50,109 +56,6 @@ class BankRun:
 
 
 @njit(error_model="numpy")
-def bank_step(
-    x: Array,
-    P: Array,
-    mu: Array,
-    M: Array,
-    drive: Array,
-    y0: Array,
-    F: Array,
-    Q: Array,
-    H: Array,
-    R: Array,
-    correlated: bool,
-    cbar: Array,
-    omega: Array,
-    x0: Array,
-    P0: Array,
-    log_likelihood: Array,
-) -> float:
-    """One step of a bank of affine Kalman filters, in place.
-
-    Parameters
-    ----------
-    x, P, mu : (r, n), (r, n, n), (r,) the modes' estimates and probabilities; overwritten by the next.
-    M : (r, r) transition probabilities of this step.
-    drive : (r, n) what is added to ``F x``: ``B u`` and offsets.
-    y0 : (r, m) measurement minus output offset; NaN where a channel is missing.
-    F, Q, H, R : (r, n, n), (r, n, n), (r, m, n), (r, m, m) models.
-    correlated : whether an R has values off its diagonal. False reads only the diagonal, and is faster.
-    cbar, omega, x0, P0, log_likelihood : (r,), (r, r), (r, n), (r, n, n), (r,) scratch; as in
-        :mod:`estimators.imm_kernels` on return, ``x0`` and ``P0`` the mixed starts.
-
-    Returns
-    -------
-    Log-likelihood of the measurement under the whole bank; 0 when nothing was measured.
-
-    Examples
-    --------
-    Two modes of a constant, noise of variance 1 or 4; 3 speaks for the wider one:
-
-    >>> import numpy as np
-    >>> x, P, mu, one = np.zeros((2, 1)), np.zeros((2, 1, 1)), np.full(2, 0.5), np.ones((2, 1, 1))
-    >>> scratch = np.empty(2), np.empty((2, 2)), np.empty((2, 1)), np.empty((2, 1, 1)), np.empty(2)
-    >>> R = np.array([[[1.0]], [[4.0]]])
-    >>> _ = bank_step(
-    ...     x, P, mu, np.eye(2), np.zeros((2, 1)), np.full((2, 1), 3.0),
-    ...     one, 0.0 * one, one, R, False, *scratch)
-    >>> mu.round(3).tolist()
-    [0.064, 0.936]
-    """
-    r, n = x.shape
-    m = y0.shape[1]
-    mixing_weights(mu, M, cbar, omega)
-    mix(x, P, omega, x0, P0)
-    none = np.zeros(n)
-    mask = np.empty(m, np.bool_)
-    y = np.empty(m)
-    variance = np.empty(m)
-    used = 0
-    for c in range(m):
-        mask[c] = not np.isnan(y0[0, c])
-        used += mask[c]
-    for j in range(r):
-        for a in range(n):
-            total = drive[j, a]
-            for b in range(n):
-                total += F[j, a, b] * x0[j, b]
-            x[j, a] = total
-        predict_covariance(P0[j], F[j], none, P[j])
-        for a in range(n):
-            for b in range(n):
-                P[j, a, b] += Q[j, a, b]
-        for c in range(m):
-            variance[c] = R[j, c, c]
-            y[c] = y0[j, c]
-            for a in range(n):
-                y[c] -= H[j, c, a] * x[j, a]
-        if correlated:
-            log_likelihood[j] = _correlated(x[j], P[j], y, H[j], R[j], mask, used)
-        else:
-            _, log_likelihood[j] = kalman_update(x[j], P[j], y, H[j], variance, mask)
-    gained = update_modes(cbar, log_likelihood, mu)
-    return gained if used > 0 else 0.0
-
-
-@njit(error_model="numpy")
-def _correlated(x: Array, P: Array, y: Array, H: Array, R: Array, mask: Array, used: int) -> float:
-    """Kalman update with a full R over the channels in ``mask``, in place; the log-likelihood."""
-    ya, Ha, Ra = np.empty(used), np.empty((used, x.shape[0])), np.empty((used, used))
-    a = 0
-    for c in range(y.shape[0]):
-        if mask[c]:
-            ya[a], Ha[a] = y[c], H[c]
-            b = 0
-            for d in range(y.shape[0]):
-                if mask[d]:
-                    Ra[a, b] = R[c, d]
-                    b += 1
-            a += 1
-    _, log_likelihood = kalman_update_correlated(x, P, ya, Ha, Ra, np.empty((x.shape[0], used)))
-    return log_likelihood
-
-
-@njit(error_model="numpy")
 def _run(
     z: Array,
     u: Array,
@@ -173,22 +76,38 @@ def _run(
     out_std: Array,
     out_log_likelihood: Array,
 ) -> None:
+    """The steps of the module's equations, in place; `correlated`: an R has values off its diagonal."""
     r, n = x.shape
     m, k = z.shape[1], u.shape[1]
-    drive, y0 = np.empty((r, n)), np.empty((r, m))
     cbar, omega, log_likelihood = np.empty(r), np.empty((r, r)), np.empty(r)
     x0, P0, covariance = np.empty((r, n)), np.empty((r, n, n)), np.empty((n, n))
+    none, mask, y, variance = np.zeros(n), np.empty(m, np.bool_), np.empty(m), np.empty(m)
+    K = np.empty((n, m))
     for i in range(z.shape[0]):
+        mixing_weights(mu, M, cbar, omega)
+        mix(x, P, omega, x0, P0)
+        for c in range(m):
+            mask[c] = not np.isnan(z[i, c])
         for j in range(r):
             for a in range(n):
-                drive[j, a] = state_offset[j, a]
+                x[j, a] = state_offset[j, a]
                 for b in range(k):
-                    drive[j, a] += B[j, a, b] * u[i, b]
+                    x[j, a] += B[j, a, b] * u[i, b]
+                for b in range(n):
+                    x[j, a] += F[j, a, b] * x0[j, b]
+            predict_covariance(P0[j], F[j], none, P[j])
+            P[j] += Q[j]
             for c in range(m):
-                y0[j, c] = z[i, c] - output_offset[j, c]
-        out_log_likelihood[i] = bank_step(
-            x, P, mu, M, drive, y0, F, Q, H, R, correlated, cbar, omega, x0, P0, log_likelihood
-        )
+                variance[c] = R[j, c, c]
+                y[c] = z[i, c] - output_offset[j, c]
+                for a in range(n):
+                    y[c] -= H[j, c, a] * x[j, a]
+            if correlated:
+                _, log_likelihood[j] = kalman_update_correlated(x[j], P[j], y, H[j], R[j], mask, K)
+            else:
+                _, log_likelihood[j] = kalman_update(x[j], P[j], y, H[j], variance, mask)
+        gained = update_modes(cbar, log_likelihood, mu)
+        out_log_likelihood[i] = gained if mask.any() else 0.0
         out_mu[i] = mu
         moments(x, P, mu, out_x[i], covariance)
         for a in range(n):
@@ -222,7 +141,7 @@ def run_bank(
     z : (N, m) measurements, NaN where missing; (N,) for one channel.
     u : (N, k) inputs, ``u[i]`` acting on the step *to* sample i; (N,) for one.
     F, H, Q, R : (r, n, n), (r, m, n), (r, n, n), (r, m, m).
-    M : (r, r) mode transitions of one step, see :func:`estimators.mode_chain.transition_matrix`.
+    M : (r, r) mode transitions of one step, see :func:`estimators.modes.transition_matrix`.
     B : (r, n, k), with u.
     state_offset, output_offset : (r, n), (r, m); None: zero.
     x, P : (r, n), (r, n, n) before the first step; None: zero and the identity.
@@ -307,25 +226,16 @@ def _columns(value: ArrayLike, name: str) -> Array:
 def _stack(value: ArrayLike, shape: tuple[int, ...], name: str) -> Array:
     """A fresh array of ``shape``, the leading modes filled up where ``value`` lacks them."""
     array = np.asarray(value, float)
-    if array.ndim not in (0, len(shape) - 1, len(shape)) or (
-        array.ndim == 0 and shape[-1] > 1 and array != 0.0
-    ):
+    fits = array.shape in (shape, shape[1:], (1, *shape[1:]))
+    if not (fits or (array.ndim == 0 and (array == 0.0 or shape[-1] == 1))):
         raise ValueError(f"{name} has shape {array.shape}; give {shape}, or {shape[1:]} for all modes")
-    try:
-        full = np.broadcast_to(array, shape)
-    except ValueError:
-        full = None
-    if full is None or (array.ndim and array.shape[-(len(shape) - 1) :] != shape[1:]):
-        raise ValueError(f"{name} has shape {array.shape}; give {shape}, or {shape[1:]} for all modes")
-    if not np.isfinite(full).all():
+    if not np.isfinite(array).all():
         raise ValueError(f"{name} has values that are not finite")
-    return np.array(full, order="C")
+    return np.array(np.broadcast_to(array, shape), order="C")
 
 
 def _covariances(value: ArrayLike, shape: tuple[int, ...], name: str) -> Array:
     full = _stack(value, shape, name)
-    for j, covariance in enumerate(full.copy()):
-        defect = balanced_covariance(covariance, full[j])
-        if defect > 0:
-            raise ValueError(f"{name} has a negative variance at {defect - 1} of mode {j}")
-    return full
+    return np.array(
+        [square(covariance, shape[-1], f"{name} of mode {j}") for j, covariance in enumerate(full)]
+    )

@@ -31,8 +31,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from estimators.compiled import njit
+from estimators.linalg import Array
 
-Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 
 # What is carried from record to record, for each quantity; then the window's information, in parts of it.
@@ -45,7 +45,7 @@ SET_FREE = 1.5
 """A variance that grows by more than this factor beyond the walk: the filter no longer believes itself."""
 CARRIED = C_PARTS + PARTS
 
-# What is given for each record and quantity, beside the flag.
+# What is given for each record and quantity beside the flag, in the order of `Observed`.
 _INFORMATION_STD, _HELD, _HELD_STD, _AGE = range(4)
 
 
@@ -187,12 +187,7 @@ class Observability:
             t, value, std, rate, ceiling, scale, self._bounds, self.window, self._time, self._carried,
             valid, out,
         )  # fmt: skip
-        return {
-            name: Observed(
-                valid[i], out[_INFORMATION_STD, i], out[_HELD, i], out[_HELD_STD, i], out[_AGE, i]
-            )
-            for i, name in enumerate(self.limits)
-        }  # fmt: skip
+        return {name: Observed(valid[i], *out[:, i]) for i, name in enumerate(self.limits)}
 
     def _table(self, given: Mapping[str, ArrayLike], n: int, what: str) -> Array:
         missing = [name for name in self.limits if name not in given]
@@ -209,12 +204,11 @@ class Observability:
         c = self._carried
         with np.errstate(divide="ignore"):
             std = np.array([1.0 / np.sqrt(_total(row)) for row in c])
-        held_std, age = np.sqrt(c[:, C_HELD_VARIANCE]), self._time - c[:, C_SINCE]
+        out = np.array([std, c[:, C_HELD], np.sqrt(c[:, C_HELD_VARIANCE]), self._time - c[:, C_SINCE]])
         return {
-            name: Observed(c[i : i + 1, C_VALID] > 0.0, std[i : i + 1], c[i : i + 1, C_HELD].copy(),
-                           held_std[i : i + 1], age[i : i + 1])
+            name: Observed(c[i : i + 1, C_VALID] > 0.0, *out[:, i : i + 1])
             for i, name in enumerate(self.limits)
-        }  # fmt: skip
+        }
 
     def state(self) -> dict[str, Array]:
         """Everything that changes, as arrays (copies)."""

@@ -11,13 +11,25 @@ the *boundary layer* ``psi``. Per channel, with ``e = z - h(x_prior)``, the post
 
 Outside the layer the posterior error becomes ``-gamma |e_post| sgn(e)``, whatever the model:
 it contracts by ``gamma`` each step. Inside, the correction falls off with the square of ``e``.
-With fewer channels than states, ``H+`` carries the correction to the others through the
-covariance, as a Kalman filter would (:func:`estimators.kernels.svsf_gain` shows why no
-separate Kalman term is left over). That is ``form="subspace"``; the published ``"full"`` and
-``"reduced"`` forms are in :mod:`estimators.svsf_forms`. The covariance is in Joseph form in all.
+
+Three forms, with the ratio ``r = E / psi`` inside the layer, ``E / |e|`` outside (never a division by a
+small ``e``: inside it is ``psi`` that divides)::
+
+    full       m = n   K = H^-1 diag(r)                                     Habibi 2007
+    subspace   m <= n  K = P H' (H P H')^-1 diag(r)                         estimators.kernels.svsf_gain
+    reduced    m < n   K = T^-1 [diag(r); diag(r_y) A],  A = Phi22 Phi12+   Habibi 2007
+
+In the subspace form ``H+`` carries the correction to unmeasured states through the covariance, as a Kalman
+filter would (:func:`estimators.kernels.svsf_gain` shows why no separate Kalman term is left over).
+The reduced form sorts the states by a Luenberger-type transform ``T x = [z; y]`` with ``y`` the
+unmeasured ones, so that ``H T^-1 = [I 0]``, and splits ``Phi = T F T^-1`` into ``Phi12`` (how
+``y`` drives ``z`` in one step) and ``Phi22``. ``Phi12+ e`` is the error of ``y`` that would explain
+``e``, ``w = A e`` what became of it, and ``E_y = |w| + gamma |Phi12+ e|`` is set against a layer
+``psi_y`` of its own. The covariance is in Joseph form in all.
 
 With ``boundary_layer="variable"`` the layer that minimises the trace of P is computed,
-``psi_k = S (H P H')^-1 diag(E)``. As long as its diagonal stays below the limit ``psi``, the
+``psi_k = S (H P H')^-1 diag(E)``, and for unmeasured states, where n = 2 m, ``A S P21^-1 diag(E_y)`` with
+``P21`` the y rows of ``T P H'``. As long as its diagonal stays below the limit ``psi``, the
 gain *is* the Kalman gain; beyond, the gain above, with ``psi`` as the layer, takes over.
 ``psi_k`` grows as the filter becomes sure of itself, also on a healthy plant: take the limit
 from a high quantile of ``psi_k`` over healthy runs, channel by channel, and again after
@@ -27,13 +39,13 @@ every change of Q or R.
 single samples: to *detect*, put a CUSUM or a windowed NIS on the innovations.
 
 Sources: Habibi 2007, doi 10.1109/JPROC.2007.893255; covariance: Gadsden and Habibi 2010, 49th
-IEEE CDC, 7389-7394; optimal layer: Gadsden and Habibi 2013, doi 10.1115/1.4006628.
+IEEE CDC, 7389-7394; optimal layers: Gadsden and Habibi 2013, doi 10.1115/1.4006628.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -41,25 +53,53 @@ from numpy.typing import ArrayLike, NDArray
 
 from estimators.checks import Array, Mask, layer_widths, require_finite
 from estimators.ekf import Correction, ExtendedKalmanFilter, Model
-from estimators.linalg import joseph_update
-from estimators.square_root import ud_covariance, ud_transform
-from estimators.svsf_forms import Gain, Problem, full_gain, reduced_gain, subspace_gain
+from estimators.kernels import svsf_gain
+from estimators.linalg import joseph_update, project
 
-Counts = NDArray[np.int64]
+# Beyond 1 / sqrt(eps) an inverse leaves less than half of the digits of the error.
+CONDITION_LIMIT = 1.0 / float(np.sqrt(np.finfo(float).eps))
 
-# A posterior error below this share of the innovation is rounding, and has no sign.
-SIGN_FLOOR = 1e-12
+
+@dataclass
+class Gain:
+    """Gain of one update and what is reported of it; meanings and shapes as in :class:`SVSF`.
+
+    K (n, m) is over the channels used, None where the Kalman gain is to be applied. ``forced``: the measured
+    rows are the SVSF's, which contracts what is outside.
+    """
+
+    K: Array | None
+    psi_k: Array
+    outside: Mask
+    forced: bool
+    form: str = "subspace"
+    condition: float = 1.0
+    psi_k_y: Array = field(default_factory=lambda: np.empty(0))
+    outside_y: Mask = field(default_factory=lambda: np.empty(0, dtype=bool))
+    amplification: Array = field(default_factory=lambda: np.empty(0))
+
+
+@dataclass(frozen=True)
+class Problem:
+    """One update, over the channels used: prior P (n, n), H (m, n), R (m, m), innovation e and
+    previous posterior error e_post (m,), memory gamma, layer psi (m,), and whether it is variable."""
+
+    P: Array
+    H: Array
+    R: Array
+    e: Array
+    e_post: Array
+    gamma: float
+    psi: Array
+    variable: bool
 
 
 @dataclass
 class SVSFCorrection(Correction):
-    """What an update of an :class:`SVSF` gives besides: the channels used, their innovation and
-    posterior error (m,), and the gain that was found."""
+    """What an update of an :class:`SVSF` gives besides: posterior error (m,) and the gain that was found."""
 
-    used: Mask | None = None
-    e: Array | None = None
-    after: Array | None = None
-    gain: Gain | None = None
+    after: Array
+    gain: Gain
 
 
 class SVSF(ExtendedKalmanFilter):
@@ -67,7 +107,7 @@ class SVSF(ExtendedKalmanFilter):
 
     Parameters
     ----------
-    dim_x, dim_z, dim_u, f, h, F_jacobian, H_jacobian, square_root : as in :class:`ExtendedKalmanFilter`.
+    dim_x, dim_z, dim_u, f, h, F_jacobian, H_jacobian : as in :class:`ExtendedKalmanFilter`.
         There is no ``robust``: an SVSF follows what that would disbelieve.
     psi : boundary layer per channel (m,) or one for all, in the units of z, > 0. A few standard
         deviations of measurement noise plus expected model error; the limit of ``psi_k`` when
@@ -85,13 +125,11 @@ class SVSF(ExtendedKalmanFilter):
     Attributes
     ----------
     e_post : (m,) posterior error ``z - h(x)``; a missing channel keeps its last.
-    psi_k : (m,) optimal boundary layer of the last update, NaN where a channel was missing.
-    layer_ratio : (m,) ``psi_k / psi``; above 1 a variable layer switches.
-    outside, exceeded : (m,) bool, ``|e| > psi`` and ``psi_k > psi`` at the last update.
+    psi_k : (m,) optimal boundary layer of the last update, NaN where a channel was missing. Above ``psi`` a
+        variable layer switches.
+    outside : (m,) bool, ``|e| > psi`` at the last update.
     switched : True when the last update applied the SVSF's gain and not the Kalman gain.
-    chattering, alternation, switching : (m,) shares so far, NaN before the first: updates with
-        ``outside``; posterior errors of the other sign than the one before (1/2 for white
-        noise, 1 for a channel that chatters at every sample); updates with ``exceeded``.
+    chattering : (m,) share of the updates so far with ``outside``, NaN before the first.
     form_used, condition : form of the last update, ``"subspace"`` where the one asked for was not
         applicable (a channel missing, or ``condition``, of the matrix to be inverted, above 7e7).
     psi_k_y, outside_y, amplification : (n - m,) of the reduced form: optimal layer (for n = 2 m);
@@ -117,14 +155,6 @@ class SVSF(ExtendedKalmanFilter):
     (0.83, 5.0, True, [0.17])
     """
 
-    _STATE = (
-        *ExtendedKalmanFilter._STATE,
-        "psi", "psi_y", "gamma", "e_post", "psi_k", "outside", "exceeded", "switched", "form_used",
-        "condition", "psi_k_y", "outside_y", "amplification", "updates", "times_outside",
-        "times_exceeded", "signs", "sign_pairs", "times_alternated",
-    )  # fmt: skip
-    _OPTIONAL = (*ExtendedKalmanFilter._OPTIONAL, "psi_y")
-
     def __init__(
         self,
         dim_x: int,
@@ -141,18 +171,8 @@ class SVSF(ExtendedKalmanFilter):
         h: Model | None = None,
         F_jacobian: Model | None = None,
         H_jacobian: Model | None = None,
-        square_root: bool = False,
     ) -> None:
-        super().__init__(
-            dim_x,
-            dim_z,
-            dim_u,
-            f=f,
-            h=h,
-            F_jacobian=F_jacobian,
-            H_jacobian=H_jacobian,
-            square_root=square_root,
-        )
+        super().__init__(dim_x, dim_z, dim_u, f=f, h=h, F_jacobian=F_jacobian, H_jacobian=H_jacobian)
         self.psi: Any = psi
         self.psi_y: Any = psi_y
         self.gamma = gamma
@@ -164,34 +184,19 @@ class SVSF(ExtendedKalmanFilter):
         unseen = n - m if form == "reduced" else 0
         self.e_post = np.zeros(m)
         self.psi_k = np.full(m, np.nan)
-        self.outside, self.exceeded = np.zeros(m, dtype=bool), np.zeros(m, dtype=bool)
+        self.outside = np.zeros(m, dtype=bool)
         self.switched = False
         self.form_used, self.condition = form, 1.0
         self.psi_k_y, self.amplification = np.full(unseen, np.nan), np.full(unseen, np.nan)
         self.outside_y = np.zeros(unseen, dtype=bool)
-        counts = [np.zeros(m, dtype=np.int64) for _ in range(6)]
-        self.updates, self.times_outside, self.times_exceeded = counts[:3]
-        self.signs, self.sign_pairs, self.times_alternated = counts[3:]
+        self.updates, self.times_outside = np.zeros((2, m), dtype=np.int64)
 
     @property
     def chattering(self) -> Array:
         """Share of the updates of each channel in which it was outside the layer (m,)."""
-        return _share(self.times_outside, self.updates)
-
-    @property
-    def alternation(self) -> Array:
-        """Share of the updates of each channel whose posterior error changed sign (m,)."""
-        return _share(self.times_alternated, self.sign_pairs)
-
-    @property
-    def switching(self) -> Array:
-        """Share of the updates of each channel whose optimal layer exceeded its limit (m,)."""
-        return _share(self.times_exceeded, self.updates)
-
-    @property
-    def layer_ratio(self) -> Array:
-        """Optimal layer over the layer, ``psi_k / psi`` (m,); NaN where a channel was missing."""
-        return np.asarray(self.psi_k / self._layers()[0])
+        share = np.full(self.dim_z, np.nan)
+        np.divide(self.times_outside, self.updates, out=share, where=self.updates > 0)
+        return share
 
     def _check_form(self) -> None:
         n, m = self.dim_x, self.dim_z
@@ -246,7 +251,7 @@ class SVSF(ExtendedKalmanFilter):
             return subspace_gain(problem)
         unseen = self.dim_x - self.dim_z
         if used.all():
-            picked = self._unmeasured(H)
+            picked = np.flatnonzero(~H.any(axis=0)) if self.unmeasured is None else np.array(self.unmeasured)
             if picked.size != unseen:
                 raise ValueError(
                     f"{picked.size} states are seen by no channel, not {unseen}; name them: unmeasured=[...]"
@@ -260,11 +265,6 @@ class SVSF(ExtendedKalmanFilter):
             gain.outside_y = np.zeros(unseen, dtype=bool)
         return gain
 
-    def _unmeasured(self, H: Array) -> NDArray[np.intp]:
-        if self.unmeasured is not None:
-            return np.array(self.unmeasured, dtype=np.intp)
-        return np.flatnonzero(~H.any(axis=0)).astype(np.intp)
-
     def _correct(
         self,
         x: Array,
@@ -276,56 +276,151 @@ class SVSF(ExtendedKalmanFilter):
         innovation: Callable[[Array], Array],
     ) -> SVSFCorrection:
         kalman = super()._correct(x, P, y, H, R, used, innovation)
-        result = SVSFCorrection(**vars(kalman), used=used, e=y)
-        if used.all():
-            H_used, R_used = H, R
-        else:
-            H_used, R_used = H[used], np.ascontiguousarray(R[np.ix_(used, used)])
-        gain = result.gain = self._gain(P, y[used], H_used, R_used, used)
+        H_used, R_used = np.ascontiguousarray(H[used]), np.ascontiguousarray(R[np.ix_(used, used)])
+        gain = self._gain(P, y[used], H_used, R_used, used)
         if gain.K is not None:
             K = np.ascontiguousarray(gain.K)
-            result.x, result.P = x + K @ y[used], P.copy()
-            if self.square_root:
-                U, D = self._factors(P)
-                if not ud_transform(U, D, np.eye(self.dim_x) - K @ H_used, K, R_used):
-                    raise ValueError("R is not positive; give a covariance")
-                ud_covariance(U, D, result.P)
-                result.U, result.D = U, D
-            else:
-                joseph_update(result.P, K, H_used, R_used)
-            result.K[:, used] = K
-        result.after = innovation(result.x)
-        require_finite(result.x, "the updated state", "state")
-        require_finite(result.after[used], "the posterior error z - h(x)", "used channel")
-        return result
+            kalman.x, kalman.P = x + K @ y[used], P.copy()
+            joseph_update(kalman.P, K, H_used, R_used)
+            kalman.K[:, used] = K
+        after = innovation(kalman.x)
+        require_finite(kalman.x, "the updated state", "state")
+        require_finite(after[used], "the posterior error z - h(x)", "used channel")
+        return SVSFCorrection(**vars(kalman), after=after, gain=gain)
 
-    def _accept(self, correction: Correction) -> None:
-        super()._accept(correction)
+    def _accept(self, correction: Correction, used: Mask) -> None:
+        super()._accept(correction, used)
         assert isinstance(correction, SVSFCorrection)
-        used, e, after, gain = correction.used, correction.e, correction.after, correction.gain
-        assert used is not None and e is not None and after is not None and gain is not None
-        m = self.dim_z
-        self.e_post = np.where(used, after, self.e_post)
-        self.psi_k, self.outside, self.exceeded = np.full(m, np.nan), np.zeros(m, bool), np.zeros(m, bool)
+        gain, m = correction.gain, self.dim_z
+        self.e_post = np.where(used, correction.after, self.e_post)
+        self.psi_k, self.outside = np.full(m, np.nan), np.zeros(m, dtype=bool)
         self.psi_k[used], self.outside[used] = gain.psi_k, gain.outside
-        self.exceeded[used] = gain.exceeded
         self.switched = gain.K is not None
         self.form_used, self.condition = gain.form, gain.condition
         self.psi_k_y, self.outside_y, self.amplification = gain.psi_k_y, gain.outside_y, gain.amplification
         self.updates = self.updates + used
         self.times_outside = self.times_outside + self.outside
-        self.times_exceeded = self.times_exceeded + self.exceeded
-        # Outside the layer the posterior error is -gamma |e_post| sgn(e), be it down to rounding.
-        e, after = np.where(used, e, 0.0), np.where(used, after, 0.0)
-        sign = np.where(np.abs(after) > SIGN_FLOOR * np.abs(e), np.sign(after), 0.0)
-        if gain.forced:
-            sign = np.where(self.outside, -np.sign(e), sign)
-        self.sign_pairs = self.sign_pairs + (sign * self.signs != 0)
-        self.times_alternated = self.times_alternated + (sign * self.signs < 0)
-        self.signs = np.where(sign != 0.0, sign, self.signs).astype(np.int64)
 
 
-def _share(part: Counts, whole: Counts) -> Array:
-    share = np.full(whole.shape, np.nan)
-    np.divide(part, whole, out=share, where=whole > 0)
-    return share
+def correction_ratio(size: Array, error: Array, layer: Array) -> Array:
+    """Share of ``error`` to be corrected, ``size sat(error / layer) / error``, without dividing by 0.
+
+    Examples
+    --------
+    >>> correction_ratio(np.array([0.5, 3.0, 0.1]), np.array([0.5, -2.0, 0.0]), np.ones(3)).tolist()
+    [0.5, 1.5, 0.1]
+    """
+    return np.asarray(size / np.maximum(np.abs(error), layer))
+
+
+def scaled_condition(A: Array) -> float:
+    """Condition number of a matrix whose rows and columns have been scaled, so that units drop out.
+
+    Examples
+    --------
+    >>> round(scaled_condition(np.diag([1e-12, 1e6])), 6), scaled_condition(np.zeros((1, 1)))
+    (1.0, inf)
+    """
+    balanced = np.array(A, float)
+    for axis in (0, 1) * 6:  # Sinkhorn's scaling: rows and columns of the same length
+        length = np.sqrt((balanced**2).sum(axis=axis, keepdims=True))
+        if not (length > 0.0).all() or not np.isfinite(length).all():
+            return float("inf")
+        balanced = balanced / length
+    values = np.linalg.svd(balanced, compute_uv=False)
+    return float(values[0] / values[-1]) if values[-1] > 0.0 else float("inf")
+
+
+def subspace_gain(problem: Problem) -> Gain:
+    """SVSF in the measured subspace, the covariance carries it to the others."""
+    p = problem
+    n, m = p.P.shape[0], p.e.size
+    K, psi_k, outside = np.empty((n, m)), np.empty(m), np.empty(m, dtype=bool)
+    PHt, HPHt = np.empty((n, m)), np.empty((m, m))
+    project(p.P, p.H, PHt, HPHt)
+    switched = m > 0 and svsf_gain(
+        PHt, HPHt, p.R, p.e, p.e_post, p.gamma, p.psi, p.variable, K, psi_k, outside
+    )
+    return Gain(K if switched else None, psi_k, outside, switched)
+
+
+def full_gain(problem: Problem) -> Gain:
+    """The original form: as many channels as states, no covariance in the gain.
+
+    Where H cannot be inverted, or a channel is missing, the subspace form takes over, of which it
+    is a special case: ``P H' (H P H')^-1 = H^-1``.
+    """
+    p, gain = problem, subspace_gain(problem)
+    square = p.H.shape[0] == p.H.shape[1]
+    gain.condition = scaled_condition(p.H) if square else float("inf")
+    if gain.condition > CONDITION_LIMIT:
+        return gain
+    gain.form = "full"
+    # A fixed layer needs no covariance; the variable one says through the subspace gain when to switch.
+    if gain.K is not None or not p.variable:
+        size = np.abs(p.e) + p.gamma * np.abs(p.e_post)
+        gain.forced = True
+        gain.K = np.asarray(np.linalg.solve(p.H, np.diag(correction_ratio(size, p.e, p.psi))), float)
+    return gain
+
+
+def reduced_gain(problem: Problem, F: Array, unmeasured: NDArray[np.intp], psi_y: Array) -> Gain:
+    """Luenberger-type transform for fewer channels than states; the blocks of the gain switch separately.
+
+    Parameters
+    ----------
+    problem : the update.
+    F : (n, n) transition of the step that led to it.
+    unmeasured : (n - m,) indices of the states y.
+    psi_y : (n - m,) their boundary layer (limit, when variable), in their units.
+
+    Returns
+    -------
+    Gain : of the subspace form where T or Phi12 is not well conditioned (:data:`CONDITION_LIMIT`).
+    """
+    p, gain = problem, subspace_gain(problem)
+    n, m = p.P.shape[0], p.e.size
+    T = np.vstack([p.H, np.eye(n)[unmeasured]])
+    gain.condition = scaled_condition(T)
+    if gain.condition > CONDITION_LIMIT:
+        return gain
+    Phi = T @ F @ np.linalg.inv(T)
+    Phi12, Phi22 = Phi[:m, m:], Phi[m:, m:]
+    gain.condition = max(gain.condition, scaled_condition(Phi12))
+    if gain.condition > CONDITION_LIMIT:
+        return gain
+    gain.form = "reduced"
+    backward = np.linalg.pinv(Phi12)
+    A = Phi22 @ backward
+    w = A @ p.e
+    size = np.abs(p.e) + p.gamma * np.abs(p.e_post)
+    size_y = np.abs(w) + p.gamma * np.abs(backward @ p.e)
+    S = p.H @ p.P @ p.H.T + p.R
+    PHt = T @ p.P @ p.H.T  # measured rows, then unmeasured ones
+    gain.outside_y = np.abs(w) > psi_y
+    gain.amplification = np.sqrt(np.maximum(np.einsum("ij,jk,ik->i", A, S, A), 0.0)) / psi_y
+    gain.psi_k_y = _optimal_layer(A, S, PHt[m:], size_y)
+    upper: Array = np.diag(correction_ratio(size, p.e, p.psi))
+    lower: Array = correction_ratio(size_y, w, psi_y)[:, None] * A
+    if p.variable:
+        # As above: where no optimal layer exists, there is nothing to compare, and Kalman's gain stands.
+        exists = bool(np.isfinite(gain.psi_k_y).all())
+        switched_y = exists and bool((np.abs(gain.psi_k_y) > psi_y).any())
+        if not gain.forced and not switched_y:
+            return gain
+        kalman: Array = np.asarray(np.linalg.solve(S, PHt.T).T, float)
+        upper = upper if gain.forced else kalman[:m]
+        lower = lower if switched_y else kalman[m:]
+    else:
+        gain.forced = True
+    gain.K = np.asarray(np.linalg.solve(T, np.vstack([upper, lower])), float)
+    return gain
+
+
+def _optimal_layer(A: Array, S: Array, P21: Array, size: Array) -> Array:
+    """Diagonal of ``A S P21^-1 diag(size)``; NaN unless n = 2 m, infinite where y and z are uncorrelated."""
+    if P21.shape[0] != P21.shape[1]:
+        return np.full(size.size, np.nan)
+    if scaled_condition(P21) > CONDITION_LIMIT:
+        return np.full(size.size, np.inf)
+    return np.asarray(np.diag(A @ S @ np.linalg.inv(P21)) * size)

@@ -15,12 +15,10 @@ covariance stays: nothing was measured.
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
 from estimators.compiled import njit
 from estimators.eha import model as eha
-
-Array = NDArray[np.float64]
+from estimators.linalg import Array
 
 LOWEST = np.full(eha.STATES, -np.inf)
 HIGHEST = np.full(eha.STATES, np.inf)

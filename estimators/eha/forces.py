@@ -3,15 +3,13 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
 from estimators.compiled import njit
 from estimators.eha import model as eha
 from estimators.eha.layout import Memory
 from estimators.eha.noise import Noise
-from estimators.kernels import kalman_update
-
-Array = NDArray[np.float64]
+from estimators.kernels import scalar_update
+from estimators.linalg import Array
 
 FORCE_PERIOD = 20.0  # ms: one force balance each; shorter would count the friction curve's errors twice
 FRICTION_LAG = 30.0  # ms
@@ -60,35 +58,35 @@ def balance_forces(
     if memory.slid < FRICTION_SETTLES:
         return
     acceleration = (v - memory.first_velocity) / span * 1e3
-    H = np.zeros((1, eha.STATES))
-    H[0, eha.FRIC] = memory.friction / span
-    H[0, eha.VISC] = memory.velocity / span
-    H[0, eha.SKEW] = abs(H[0, eha.VISC])
-    H[0, eha.LOAD] = 1.0
-    H[0, eha.STIF] = memory.position / span
-    H[0, eha.THROT] = memory.square_velocity / span
-    H[0, eha.INERT] = acceleration
-    y = np.empty(1)
-    y[0] = memory.force / span - q.moving_mass * acceleration
+    row = np.zeros(eha.STATES)  # what the mean force says of each state
+    row[eha.FRIC] = memory.friction / span
+    row[eha.VISC] = memory.velocity / span
+    row[eha.SKEW] = abs(row[eha.VISC])
+    row[eha.LOAD] = 1.0
+    row[eha.STIF] = memory.position / span
+    row[eha.THROT] = memory.square_velocity / span
+    row[eha.INERT] = acceleration
+    y = memory.force / span - q.moving_mass * acceleration
     # Friction follows velocity with a lag of some tens of milliseconds (Armstrong-Hélouvry et al. 1994,
     # doi 10.1016/0005-1098(94)90209-7), so where the curve changed within the period it fits worse.
     start = eha.friction_curve(memory.first_velocity, q)[0]
     lag = FRICTION_LAG / span * (curve - start)
-    variance = np.empty(1)
     # A throttled partner answers through its own compressible oil: its force lags too.
     partner = PARTNER_MISFIT * x[eha.THROT] * memory.square_velocity / span
-    variance[0] = (c.force_mean**2 + lag * lag + partner * partner) * max(memory.unrest, 1.0) ** 2
-    s = variance[0]
+    variance = (c.force_mean**2 + lag * lag + partner * partner) * max(memory.unrest, 1.0) ** 2
+    s = variance
     for i in range(eha.FRIC, eha.STATES):
-        y[0] -= H[0, i] * x[i]
+        y -= row[i] * x[i]
         for j in range(eha.FRIC, eha.STATES):
-            s += H[0, i] * P[i, j] * H[0, j]
+            s += row[i] * P[i, j] * row[j]
     # (Squared below: what moves a restless load lasts for several periods, so they repeat each other.)
     # Loads differ: how fast the load moves, and what the force balance is worth, follow from its own
     # innovations over some seconds.
-    ratio = y[0] * y[0] / s
+    ratio = y * y / s
     memory.unrest = min(max(memory.unrest * np.exp(0.02 * (min(ratio, 9.0) - 1.0)), 0.01), 1e4)
     if ratio > ROBUST * ROBUST:
-        variance[0] += s * (ratio / ROBUST**2 - 1.0)
-    mask = np.ones(1, dtype=np.bool_)
-    kalman_update(x, P, y, H, variance, mask)
+        variance += s * (ratio / ROBUST**2 - 1.0)
+    gain, scratch = np.empty(eha.STATES), np.empty(eha.STATES)
+    scalar_update(P, row, variance, gain, scratch)
+    for i in range(eha.STATES):
+        x[i] += gain[i] * y

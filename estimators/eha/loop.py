@@ -43,8 +43,9 @@ from estimators.eha.update import (
     propagate,
     update,
 )
-from estimators.eha.walk import walk_parameters, walk_rates, watch_jumps
-from estimators.kernels import svsf_update
+from estimators.eha.walk import walk_parameters, watch_jumps
+from estimators.kernels import svsf_gain
+from estimators.linalg import joseph_update, project
 
 LONGEST_GAP = 50  # periods that are bridged step by step; a longer gap restarts the motion states
 
@@ -109,20 +110,32 @@ def _svsf_motion(
     its own limit: with the limit for all, one pressure beyond its own would take a position
     well within its ten standard deviations for a matter of no hurry, and the motion would run away.
     """
-    n, m = COUPLED, y.shape[0]
-    H = np.zeros((m, n))
-    psi = np.empty(m)
-    for i in range(m):
-        H[i, plus[i]] = 1.0
+    n, used = COUPLED, np.count_nonzero(mask)
+    H, R, K = np.zeros((used, n)), np.zeros((used, used)), np.empty((n, used))
+    e, before, psi = np.empty(used), np.empty(used), np.empty(used)
+    a = 0
+    for i in range(y.shape[0]):
+        if not mask[i]:
+            continue
+        H[a, plus[i]] = 1.0
         if minus[i] >= 0:
-            H[i, minus[i]] = -1.0
-        psi[i] = layer * np.sqrt(r[i] + channel_variance(P, plus[i], minus[i]))
-        if 0.0 < psi_k[i] < psi[i]:
-            psi[i] = psi_k[i]
+            H[a, minus[i]] = -1.0
+        R[a, a], e[a], before[a] = r[i], y[i], e_post[i]
+        psi[a] = layer * np.sqrt(r[i] + channel_variance(P, plus[i], minus[i]))
+        if 0.0 < psi_k[i] < psi[a]:
+            psi[a] = psi_k[i]
+        a += 1
     state, covariance = x[:n].copy(), P[:n, :n].copy()
-    switched = svsf_update(
-        state, covariance, y, H, r, mask, e_post.copy(), gamma, psi, True, np.empty(m), np.empty(m, np.bool_)
-    )[2]
+    PHt, HPHt = np.empty((n, used)), np.empty((used, used))
+    project(covariance, H, PHt, HPHt)
+    switched = svsf_gain(
+        PHt, HPHt, R, e, before, gamma, psi, True, K, np.empty(used), np.empty(used, np.bool_)
+    )
+    if switched:
+        joseph_update(covariance, K, H, R)
+        for i in range(n):
+            for a in range(used):
+                state[i] += K[i, a] * e[a]
     return switched, state[:MOVING], np.diag(covariance)[:MOVING].copy()
 
 
@@ -145,8 +158,8 @@ def _take_motion(x: Array, P: Array, motion: Array, variances: Array) -> None:
 @njit(nogil=True)
 def track(
     block: Array, period: float, svsf: bool, has_pressures: bool, has_angle: bool,
-    decimation: int, q: eha.Parameters, c: Noise, x: Array, P: Array, memory: Memory, e_post: Array,
-    gamma: float, layer: float, records: Records,
+    decimation: int, q: eha.Parameters, c: Noise, rates: Array, x: Array, P: Array, memory: Memory,
+    e_post: Array, gamma: float, layer: float, records: Records,
 ) -> int:  # fmt: skip
     """Run the filter over the rows of `block`; returns the number of records written."""
     h0 = period * 1e3
@@ -158,7 +171,6 @@ def track(
     x_new = np.empty(eha.STATES)
     noise = np.empty(4)
     walks = np.empty(eha.STATES)
-    rates = walk_rates(c)
     before = np.empty((2, FLOW_PARAMETERS))
     kept = np.empty((2, 3))
     z = np.empty(MEASUREMENTS)
@@ -275,24 +287,20 @@ def track(
         kept[0, 0], kept[0, 1] = x[eha.AIR], x[eha.SPLIT]
         kept[1, 0], kept[1, 1] = P[eha.AIR, eha.AIR], P[eha.SPLIT, eha.SPLIT]
         kept[1, 2] = P[eha.AIR, eha.SPLIT]
-        exceeded = switched = False
+        switched = False
         motion, variances = work[0, :MOVING], work[1, :MOVING]
         if svsf:
             # That the low side stays near the accumulator is no measurement: so vague a channel has an
             # optimal layer far wider than its innovations, and would be outside its limit all the time.
             believed, mask[Z_MEAN] = mask[Z_MEAN], False
-            exceeded = layers_exceeded(P, y, plus, minus, r, mask, e_post, gamma, layer, psi_k, layer_work)
-            if exceeded:
+            if layers_exceeded(P, y, plus, minus, r, mask, e_post, gamma, layer, psi_k, layer_work):
                 switched, motion, variances = _svsf_motion(
                     x, P, y, plus, minus, r, mask, e_post, gamma, layer, psi_k
                 )
             mask[Z_MEAN] = believed
-        if exceeded:
-            nis, loglik = update(x, P, y, plus, minus, r, mask, work)
-            if switched:
-                _take_motion(x, P, motion, variances)
-        else:
-            nis, loglik = update(x, P, y, plus, minus, r, mask, work)
+        nis, loglik = update(x, P, y, plus, minus, r, mask, work)
+        if switched:
+            _take_motion(x, P, motion, variances)
         if svsf:
             measurement(x, q, z, y)
             for i in range(MEASUREMENTS):

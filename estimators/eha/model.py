@@ -52,8 +52,7 @@ from numpy.typing import NDArray
 
 from estimators.compiled import njit
 from estimators.eha.records import record_of
-
-Array = NDArray[np.float64]
+from estimators.linalg import Array
 
 (
     X, V, TH, W, P1, P2, LEAK, VALVE1, VALVE2, AIR, SPLIT, GAIN, FRIC, VISC, SKEW, LOAD, STIF, THROT, INERT,

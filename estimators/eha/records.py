@@ -5,9 +5,9 @@ from __future__ import annotations
 from typing import Annotated, get_args, get_type_hints
 
 import numpy as np
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from estimators.linalg import Array
+
 Two = Annotated[Array, 2]
 
 

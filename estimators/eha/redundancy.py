@@ -3,14 +3,12 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
 from estimators.compiled import njit
 from estimators.eha import model as eha
 from estimators.eha.forces import ROBUST
 from estimators.eha.layout import Memory
-
-Array = NDArray[np.float64]
+from estimators.linalg import Array
 
 PAIRS = 20  # samples averaged before one update
 

@@ -10,14 +10,14 @@ from copy import copy
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
 from estimators.eha import model as eha
 from estimators.eha.layout import MEASUREMENTS, MEMORY, RECORD, Records
 from estimators.eha.loop import track
 from estimators.eha.noise import Noise
+from estimators.eha.walk import WALKING, walk_rates
+from estimators.linalg import Array
 
-Array = NDArray[np.float64]
 Method = Literal["ekf", "svsf"]
 
 
@@ -84,14 +84,11 @@ class EhaTracker:
         c.initial_air_split *= free[eha.SPLIT]
         c.initial_zero *= free[eha.ZERO]
         spread = np.zeros(eha.STATES)
-        spread[eha.LEAK] = c.initial_leakage
+        for state, name, unit in WALKING:
+            spread[state] = getattr(c, f"initial_{name}") * unit
         spread[[eha.VALVE1, eha.VALVE2]] = c.initial_valve
-        spread[eha.AIR], spread[eha.SPLIT] = c.initial_air * 1e3, c.initial_air_split * 1e3
-        spread[eha.GAIN], spread[eha.ZERO] = c.initial_gain, c.initial_zero * 1e-6
-        spread[eha.FRIC], spread[eha.VISC] = c.initial_friction, c.initial_viscous_friction
-        spread[eha.LOAD], spread[eha.STIF] = c.initial_load, c.initial_stiffness * 1e-3
-        spread[eha.THROT], spread[eha.INERT] = c.initial_throttle, c.initial_inertia
-        spread[eha.SKEW] = c.initial_viscous_skew
+        spread[eha.LOAD] = c.initial_load
+        self._rates = walk_rates(c)
         self.P = np.diag(spread**2)
         self._memory = np.zeros(1, MEMORY)
         self._memory["accumulator_pressure"] = np.nan
@@ -121,8 +118,8 @@ class EhaTracker:
         records = np.empty(block.shape[0] // self.decimation + 1, RECORD)
         n = track(
             np.ascontiguousarray(block, dtype=np.float64), self.period, self.method == "svsf", self.pressures,
-            self.angle, self.decimation, self.model, self._c, self.x, self.P, self._memory[0], self._e_post,
-            self.gamma, self.layer, records,
+            self.angle, self.decimation, self.model, self._c, self._rates, self.x, self.P, self._memory[0],
+            self._e_post, self.gamma, self.layer, records,
         )  # fmt: skip
         return records[:n]
 

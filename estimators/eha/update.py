@@ -30,9 +30,8 @@ from numpy.typing import NDArray
 from estimators.compiled import njit
 from estimators.eha import model as eha
 from estimators.kernels import TIE_BREAK
+from estimators.linalg import Array, Mask
 
-Array = NDArray[np.float64]
-Mask = NDArray[np.bool_]
 Indices = NDArray[np.int64]
 
 MOVING = eha.P2 + 1

@@ -25,14 +25,14 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
 from estimators.compiled import njit
+from estimators.eha import layout
 from estimators.eha import model as eha
 from estimators.eha.layout import FLOW_PARAMETERS, Memory
 from estimators.eha.noise import Noise
-
-Array = NDArray[np.float64]
+from estimators.linalg import Array
+from estimators.observability import Drift
 
 SHORT = 1e-3  # share of a time constant up to which one explicit step is as good as the exponential
 JUMP_SIGMAS = 5.0  # of a consistent filter: once in 20 hours over five parameters and 4.5 windows a second
@@ -41,15 +41,15 @@ LONG_WINDOWS = 8  # of the above: drifts of some seconds show here first
 MOST_STREAK = 5  # doublings of the step: a valve torn open is a hundred healthy leakages
 
 
-@njit(error_model="numpy")
-def _walks(rates: Array, state: int, rate: float, initial: float, unit: float) -> None:
-    """Let a state walk, unless its initial spread is zero; `unit` is SI's in the model's."""
-    if initial > 0.0:
-        rates[0, state] = (rate * unit) ** 2
-        rates[1, state] = 1.0 / (initial * unit) ** 2
+WALKING = (
+    (eha.LEAK, "leakage", 1.0), (eha.AIR, "air", 1e3), (eha.SPLIT, "air_split", 1e3), (eha.GAIN, "gain", 1.0),
+    (eha.FRIC, "friction", 1.0), (eha.VISC, "viscous_friction", 1.0), (eha.SKEW, "viscous_skew", 1.0),
+    (eha.STIF, "stiffness", 1e-3), (eha.THROT, "throttle", 1.0), (eha.INERT, "inertia", 1.0),
+    (eha.ZERO, "zero", 1e-6),
+)  # fmt: skip
+"""States that walk no further than their initial spread: state, field of `Noise`, SI unit in the model's."""
 
 
-@njit(error_model="numpy")
 def walk_rates(c: Noise) -> Array:
     """What `walk_parameters` needs of the noise `c`, once for many steps: (2, STATES).
 
@@ -63,19 +63,13 @@ def walk_rates(c: Noise) -> Array:
     if not c.initial_valve > 0.0:
         raise ValueError("initial_valve must be above zero")
     rates = np.zeros((2, eha.STATES))
-    _walks(rates, eha.LEAK, c.leakage, c.initial_leakage, 1.0)
-    _walks(rates, eha.AIR, c.air, c.initial_air, 1e3)
-    _walks(rates, eha.SPLIT, c.air_split, c.initial_air_split, 1e3)
-    _walks(rates, eha.GAIN, c.gain, c.initial_gain, 1.0)
-    _walks(rates, eha.FRIC, c.friction, c.initial_friction, 1.0)
-    _walks(rates, eha.VISC, c.viscous_friction, c.initial_viscous_friction, 1.0)
-    _walks(rates, eha.SKEW, c.viscous_skew, c.initial_viscous_skew, 1.0)
-    _walks(rates, eha.STIF, c.stiffness, c.initial_stiffness, 1e-3)
-    _walks(rates, eha.THROT, c.throttle, c.initial_throttle, 1.0)
-    _walks(rates, eha.INERT, c.inertia, c.initial_inertia, 1.0)
-    _walks(rates, eha.ZERO, c.zero, c.initial_zero, 1e-6)
-    rates[0, eha.LOAD] = c.load**2
-    rates[0, eha.VALVE1] = rates[0, eha.VALVE2] = c.valve**2
+    for state, name, unit in WALKING:
+        rate, initial = getattr(c, name) * unit, getattr(c, f"initial_{name}") * unit
+        if initial > 0.0:
+            rates[0, state] = rate * rate
+            rates[1, state] = 1.0 / (initial * initial)
+    rates[0, eha.LOAD] = c.load * c.load
+    rates[0, [eha.VALVE1, eha.VALVE2]] = c.valve * c.valve
     return rates
 
 
@@ -174,3 +168,43 @@ def watch_jumps(x: Array, P: Array, before: Array, h: float, c: Noise, memory: M
     memory.windows = 0.0
     for i in range(FLOW_PARAMETERS):
         memory.shift_long[i] = memory.gained_long[i] = 0.0
+
+
+def drifts(records: layout.Records, noise: Noise, scales: dict[int, Array]) -> dict[int, Drift]:
+    """Walks of leakage, air and friction at each record by `walk_parameters`' laws, for an `Observability`.
+
+    Parameters
+    ----------
+    records : (n,) `RECORD` of the tracker. noise : the tracker's.
+    scales : state (`eha.LEAK`, `eha.AIR`, `eha.FRIC` or `eha.VISC`) to (n,) what one of it is in the unit of
+        the quantity that is watched.
+
+    Returns
+    -------
+    State to its drift, in the quantity's unit.
+
+    Examples
+    --------
+    >>> record = np.zeros(1, layout.RECORD)
+    >>> record["state"][0, eha.LEAK] = 2.0           # twice the healthy leakage
+    >>> leak = drifts(record, Noise(), {eha.LEAK: np.array([6.5e-12])})[eha.LEAK]
+    >>> np.sqrt(leak.rate), np.sqrt(leak.ceiling)            # 2 * 2 % per root second, at most 2 * 30 %
+    (array([2.6e-13]), array([3.9e-12]))
+    """
+    leak = np.maximum(records["state"][:, eha.LEAK], 1.0)
+    air = np.maximum(0.3 * records["state"][:, eha.AIR], 1.0)
+    # A record gives friction's deviations times the load's unrest; the walk does not know of it.
+    unrest = np.maximum(records["unrest"], 1.0)
+    one = np.ones(records.shape[0])
+    laws = {
+        eha.LEAK: (noise.leakage * leak, noise.initial_leakage * leak, one),
+        eha.AIR: (noise.air * 1e3 * one, noise.initial_air * 1e3 * air, one),
+        eha.FRIC: (noise.friction * one, noise.initial_friction * one, unrest),
+        eha.VISC: (noise.viscous_friction * one, noise.initial_viscous_friction * one, unrest),
+    }
+    found = {}
+    for state, scale in scales.items():
+        rate, most, wider = laws[state]
+        unit = scale * wider
+        found[state] = Drift(rate=(rate * unit) ** 2, ceiling=(most * unit) ** 2, scale=unit)
+    return found

@@ -10,9 +10,9 @@ from numpy.typing import NDArray
 
 from estimators.eha import layout
 from estimators.eha import model as eha
-from estimators.eha.drifts import drifts
 from estimators.eha.noise import Noise
 from estimators.eha.tracker import EhaTracker
+from estimators.eha.walk import drifts
 from estimators.observability import Observability, Observed
 from fdd.residuals.oil import viscosity_ratio
 from fdd.samples import Samples

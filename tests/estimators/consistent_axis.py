@@ -18,6 +18,13 @@ from estimators.eha.noise import Noise
 njit = compiler(Path(estimators.__file__).parent, Path(__file__).parent)
 ACCUMULATOR = 1.0  # MPa
 PERIOD = 1e-3
+# Parameters that walk, as (field of the noise, factor from SI to the model's unit), from its documentation.
+WALKS = {
+    eha.LEAK: ("leakage", 1.0), eha.AIR: ("air", 1e3), eha.SPLIT: ("air_split", 1e3), eha.GAIN: ("gain", 1.0),
+    eha.FRIC: ("friction", 1.0), eha.VISC: ("viscous_friction", 1.0), eha.SKEW: ("viscous_skew", 1.0),
+    eha.STIF: ("stiffness", 1e-3), eha.THROT: ("throttle", 1.0), eha.INERT: ("inertia", 1.0),
+    eha.ZERO: ("zero", 1e-6),
+}  # fmt: skip
 VISCOUS = 1000.0  # N·s/m: instead of dry friction, whose reversal is no matter of these tests
 
 

@@ -28,15 +28,6 @@ def test_band_equals_scipys_chi_square(dim: int, n: int, probability: float) -> 
     assert nees_band(dim, n, probability) == (low, high)
 
 
-def test_band_covers_simulated_means() -> None:
-    """20 000 seeded means of 5 values; the share inside must be 95 % to four standard errors."""
-    rng = np.random.default_rng(1)
-    means = rng.chisquare(3, size=(20_000, 5)).mean(axis=1)
-    low, high = nis_band(3, 5)
-    inside = np.mean((means >= low) & (means <= high))
-    assert inside == pytest.approx(0.95, abs=4 * np.sqrt(0.95 * 0.05 / 20_000))
-
-
 def test_squared_distance_equals_the_textbook_formula_and_ignores_units() -> None:
     rng = np.random.default_rng(2)
     A = rng.normal(size=(7, 3, 3))

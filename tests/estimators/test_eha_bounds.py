@@ -93,20 +93,6 @@ def test_several_bounds_are_all_kept(seed: int) -> None:
     np.testing.assert_array_equal(kept(found, P), found, err_msg="once is enough")
 
 
-@given(st.integers(0, 2**32 - 1))
-def test_bounds_of_independent_states_do_not_meet(seed: int) -> None:
-    """Without correlations any number of bounds is met at the most probable point, which is clipping."""
-    rng = np.random.default_rng(seed)
-    x, P = healthy(), np.eye(eha.STATES)
-    P[PARAMETERS, PARAMETERS] = np.diag(SPREAD**2)
-    x[PARAMETERS] += 3.0 * SPREAD * rng.standard_normal(COUNT)
-    found = kept(x, P)
-    np.testing.assert_allclose(found, np.clip(x, LOWEST, HIGHEST), rtol=1e-14)
-    np.testing.assert_allclose(
-        found[PARAMETERS] / SPREAD, most_probable(x, P)[PARAMETERS] / SPREAD, atol=1e-9
-    )
-
-
 def test_two_bounds_at_once_are_met_near_the_most_probable_point() -> None:
     """One after the other is not the joint minimiser, but no farther from it than what had to be moved.
 
@@ -124,8 +110,3 @@ def test_two_bounds_at_once_are_met_near_the_most_probable_point() -> None:
         assert costs[1] > costs[0] * (1.0 - 1e-6), "none is more probable than the minimiser"
         excess.append((found - expected)[PARAMETERS] / SPREAD)
     assert np.quantile(np.abs(excess).max(axis=1), 0.9) < 0.1
-
-
-def test_within_the_bounds_nothing_moves() -> None:
-    x, P = healthy(), covariance(np.random.default_rng(0))
-    np.testing.assert_array_equal(kept(x, P), x)

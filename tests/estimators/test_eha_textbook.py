@@ -10,6 +10,7 @@ from collections.abc import Callable
 
 import numpy as np
 import pytest
+from consistent_axis import WALKS
 
 from estimators.eha import layout
 from estimators.eha import model as eha
@@ -25,20 +26,6 @@ N = eha.STATES
 VALVES = [eha.VALVE1, eha.VALVE2]
 FLOW = range(eha.LEAK, eha.SPLIT + 1)
 ROBUST = 5.0
-# Parameters that walk: (noise's field, factor to the model's unit).
-WALKS = {
-    eha.LEAK: ("leakage", 1.0),
-    eha.AIR: ("air", 1e3),
-    eha.SPLIT: ("air_split", 1e3),
-    eha.GAIN: ("gain", 1.0),
-    eha.FRIC: ("friction", 1.0),
-    eha.VISC: ("viscous_friction", 1.0),
-    eha.SKEW: ("viscous_skew", 1.0),
-    eha.STIF: ("stiffness", 1e-3),
-    eha.THROT: ("throttle", 1.0),
-    eha.INERT: ("inertia", 1.0),
-    eha.ZERO: ("zero", 1e-6),
-}
 BOUNDS = {
     eha.LEAK: (0.02, 300.0),
     eha.VALVE1: (0.0, 300.0),

@@ -9,7 +9,8 @@ from hypothesis import strategies as st
 
 from estimators.eha import model as eha
 from estimators.eha.update import COUPLED, MOVING, layers_exceeded, propagate, selected_update, update
-from estimators.kernels import kalman_update, svsf_update
+from estimators.kernels import kalman_update, svsf_gain
+from estimators.linalg import project
 
 N = eha.STATES
 # States measured by each channel, added and subtracted: position, angle, both pressures, their difference.
@@ -119,14 +120,19 @@ def test_layers_are_those_of_the_svsf(seed: int, used: list[bool], layer: float)
     """Also with a difference beside both pressures, where H P H' is singular."""
     rng, mask = np.random.default_rng(seed), np.array(used)
     P, y, r = covariance(rng, 0.5), rng.standard_normal(M), 10.0 ** rng.uniform(-2.0, 0.0, M)
-    e_post, psi_k, expected = rng.standard_normal(M), np.empty(M), np.empty(M)
-    H = outputs()
-    psi = layer * np.sqrt(np.einsum("ci,ij,cj->c", H, P, H) + r)
+    e_post, psi_k = rng.standard_normal(M), np.empty(M)
+    used_H, R = outputs()[mask], np.diag(r[mask])
+    count = len(used_H)
+    psi = layer * np.sqrt(np.einsum("ci,ij,cj->c", used_H, P, used_H) + r[mask])
     exceeded = layers_exceeded(P, y, PLUS, MINUS, r, mask, e_post, 0.1, layer, psi_k, np.empty((2 * M, M)))
-    switched = svsf_update(
-        np.zeros(N), P.copy(), y, H, r, mask, e_post.copy(), 0.1, psi, True, expected, np.empty(M, np.bool_)
-    )[2]
-    np.testing.assert_allclose(psi_k, expected, rtol=1e-6)
-    assert exceeded == (mask & (psi_k > psi)).any()
-    if np.abs(psi_k / psi - 1.0)[mask].min(initial=1.0) > 1e-5:
+    PHt, HPHt, expected = np.empty((N, count)), np.empty((count, count)), np.empty(count)
+    project(P, used_H, PHt, HPHt)
+    switched = svsf_gain(
+        PHt, HPHt, R, y[mask], e_post[mask], 0.1, psi, True, np.empty((N, count)), expected,
+        np.empty(count, np.bool_),
+    )  # fmt: skip
+    np.testing.assert_allclose(psi_k[mask], expected, rtol=1e-6)
+    assert np.isnan(psi_k[~mask]).all()
+    assert exceeded == (psi_k[mask] > psi).any()
+    if np.abs(psi_k[mask] / psi - 1.0).min(initial=1.0) > 1e-5:
         assert exceeded == switched

@@ -14,7 +14,7 @@ from functools import cache
 import numpy as np
 import pytest
 
-from estimators import IMM, SVSF, ExtendedKalmanFilter, jacobian, transition_matrix
+from estimators import IMM, SVSF, ExtendedKalmanFilter, transition_matrix
 
 AREA, DISPLACEMENT, VOLUME, BULK_MODULUS, MASS, PERIOD = 1.52e-3, 5.57e-7, 1.08e-3, 2.07e8, 7.376, 1e-3
 QUADRATIC, VISCOUS, COULOMB = 6.589e4, 2.144e3, 436.0  # N s²/m², N s/m, N
@@ -120,15 +120,3 @@ def test_a_plant_that_switches_modes_is_followed(kind, options) -> None:
     measured = np.sqrt(np.mean((z - truth)[settled, 1] ** 2))
     assert np.sqrt(np.mean((x - truth)[settled, 1] ** 2)) < 0.15 * measured
     assert (switched > 500) == (kind is SVSF)
-
-
-def test_the_filters_model_has_the_jacobian_that_it_says() -> None:
-    """Central differences, away from the reversal of speed and pressure, where there is no derivative."""
-    rng = np.random.default_rng(1)
-    kf = mode_filter(ExtendedKalmanFilter, *LEAKAGE[1])
-    for sign in (-1.0, 1.0):
-        x = np.array([0.01, sign * rng.uniform(0.01, 0.03), rng.normal()])
-        numeric = jacobian(lambda v: kf.f(v, 80.0, PERIOD), x, np.diag([1e-6, 1e-6, 1e-2]))
-        np.testing.assert_allclose(kf.F_jacobian(x, 80.0, PERIOD), numeric, rtol=1e-5, atol=1e-6)
-        numeric = jacobian(kf.h, x, np.diag([1e-6, 1e-6, 1e-2]))
-        np.testing.assert_allclose(kf.H_jacobian(x), numeric, rtol=1e-5)

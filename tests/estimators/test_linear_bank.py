@@ -11,39 +11,11 @@ import pytest
 import scipy.linalg
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from test_imm import M2, chain, covariance, models, problem
 
 import estimators
 from estimators import IMM, ExtendedKalmanFilter, nees_band, run_bank, transition_matrix
-from estimators.imm_kernels import mixing_weights, update_modes
-
-problem = {
-    "seed": st.integers(0, 2**32 - 1), "r": st.integers(2, 4), "n": st.integers(1, 4), "m": st.integers(1, 3),
-}  # fmt: skip
-M2 = np.array([[0.9, 0.1], [0.2, 0.8]])
-
-
-def covariance(rng: np.random.Generator, size: int) -> np.ndarray:
-    A = rng.normal(size=(size, size))
-    return A @ A.T / size + 0.3 * np.eye(size)
-
-
-def chain(rng: np.random.Generator, r: int) -> np.ndarray:
-    """Transition probabilities without a pattern."""
-    M = rng.random((r, r)) + r * np.eye(r)
-    return M / M.sum(axis=1, keepdims=True)
-
-
-def models(rng: np.random.Generator, r: int, n: int, m: int) -> dict[str, np.ndarray]:
-    """Random stable linear modes with one input."""
-    F = rng.normal(size=(r, n, n))
-    F /= 1.1 * np.abs(np.linalg.eigvals(F)).max(axis=1)[:, None, None]
-    return {
-        "F": F,
-        "B": rng.normal(size=(r, n, 1)),
-        "H": rng.normal(size=(r, m, n)),
-        "Q": np.stack([covariance(rng, n) for _ in range(r)]),
-        "R": np.stack([covariance(rng, m) for _ in range(r)]),
-    }
+from estimators.modes import mixing_weights, update_modes
 
 
 def test_mode_probabilities_survive_any_likelihood() -> None:
@@ -183,13 +155,6 @@ def test_transitions_are_those_of_a_chain_in_continuous_time(seed, r, dt, more) 
     np.testing.assert_allclose(M.sum(axis=1), 1.0, rtol=1e-14)
 
 
-def test_a_short_step_stays_with_one_minus_dt_over_sojourn() -> None:
-    M = transition_matrix([2.0, 3600.0, np.inf], 1e-3)
-    np.testing.assert_allclose(1.0 - np.diag(M), [1e-3 / 2.0, 1e-3 / 3600.0, 0.0], rtol=1e-3, atol=1e-18)
-    assert M[0, 1] == pytest.approx(M[0, 2], rel=1e-3)
-    assert M[2].tolist() == [0.0, 0.0, 1.0]
-
-
 @pytest.mark.parametrize(
     ("changed", "message"),
     [
@@ -197,7 +162,7 @@ def test_a_short_step_stays_with_one_minus_dt_over_sojourn() -> None:
         ({"z": np.zeros((2, 1, 1))}, "one row per sample"),
         ({"F": np.eye(2)}, "H has shape"),
         ({"Q": [[[1.0]], [[1.0]], [[1.0]]]}, r"Q has shape \(3, 1, 1\); give \(2, 1, 1\)"),
-        ({"R": [[-1.0]]}, "negative variance at 0 of mode 0"),
+        ({"R": [[-1.0]]}, "R of mode 0 has a negative variance at 0"),
         ({"H": [[np.nan]]}, "H has values that are not finite"),
         ({"u": [1.0, 1.0]}, "u and B come together"),
         ({"u": [1.0], "B": [[1.0]]}, "u has 1 rows for 2"),

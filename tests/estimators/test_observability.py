@@ -13,9 +13,8 @@ from hypothesis import strategies as st
 
 from estimators.eha import layout
 from estimators.eha import model as eha
-from estimators.eha.drifts import drifts
 from estimators.eha.noise import Noise
-from estimators.eha.walk import walk_parameters, walk_rates
+from estimators.eha.walk import drifts, walk_parameters, walk_rates
 from estimators.observability import Drift, Observability, Observed
 from fdd.plant.scenario import Recording, Scenario
 from fdd.plant.simulate import Simulation, simulate
@@ -92,13 +91,6 @@ def test_flag_and_held_value_are_those_of_a_plain_loop(seed: int) -> None:
             rows.append((valid, held, time[k] - since))
         seen = found[name]
         np.testing.assert_array_equal(np.column_stack([seen.valid, seen.held, seen.age]), rows)
-
-
-def test_both_limits_matter() -> None:
-    stds = [0.10, 0.06, 0.04, 0.06, 0.08, 0.06, 0.04]
-    seen = Observability({"x": (0.05, 0.07)}).push(np.arange(7.0), {"x": np.ones(7)}, {"x": stds})["x"]
-    assert seen.valid.tolist() == [False, False, True, True, False, False, True]
-    assert seen.age[2:].tolist() == [0.0, 0.0, 1.0, 2.0, 0.0]
 
 
 def scalar_filter(q: float, R: np.ndarray, ceiling: float, dt: float) -> np.ndarray:

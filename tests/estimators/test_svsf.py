@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import filterpy.kalman
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from estimators import SVSF, ExtendedKalmanFilter
-from estimators.kernels import joseph_update, kalman_update, svsf_gain, svsf_update
+from estimators.svsf import scaled_condition
 
 
 def covariance(rng: np.random.Generator, size: int) -> np.ndarray:
@@ -39,25 +38,6 @@ def channels(n: int, share: float) -> int:
 
 @settings(max_examples=80, deadline=None)
 @given(**problem)
-def test_inside_its_limit_the_variable_layer_gives_the_kalman_gain(seed, n, m_share) -> None:
-    rng = np.random.default_rng(seed)
-    m = channels(n, m_share)
-    svsf = prepared(rng, n, m, psi=1e12, boundary_layer="variable")
-    kf = ExtendedKalmanFilter(n, m)
-    kf.H, kf.P, kf.R, kf.x = svsf.H, svsf.P, svsf.R, svsf.x
-    z = rng.normal(size=m)
-    svsf.update(z)
-    kf.update(z)
-    assert not svsf.switched
-    S = kf.H @ kf.P_prior @ kf.H.T
-    for name in ("x", "P", "K", "S"):
-        np.testing.assert_array_equal(getattr(svsf, name), getattr(kf, name), err_msg=name)
-    assert np.isfinite(S).all()
-    assert svsf.log_likelihood == kf.log_likelihood
-
-
-@settings(max_examples=80, deadline=None)
-@given(**problem)
 def test_the_optimal_layer_turns_the_svsf_gain_into_the_kalman_gain(seed, n, m_share) -> None:
     """The identity behind the switch, from the published formula with a full layer matrix."""
     rng = np.random.default_rng(seed)
@@ -74,42 +54,6 @@ def test_the_optimal_layer_turns_the_svsf_gain_into_the_kalman_gain(seed, n, m_s
     np.testing.assert_allclose(svsf.psi_k, np.diag(psi), rtol=1e-7)
     K = P @ H.T @ np.linalg.inv(A) @ E @ np.linalg.inv(psi)
     np.testing.assert_allclose(K, svsf.K, rtol=1e-6, atol=1e-9)
-
-
-@settings(max_examples=80, deadline=None)
-@given(**problem)
-def test_outside_the_layer_the_posterior_error_contracts_by_gamma(seed, n, m_share) -> None:
-    rng = np.random.default_rng(seed)
-    m = channels(n, m_share)
-    svsf = prepared(rng, n, m, psi=1e-3, gamma=0.4)
-    svsf.e_post = rng.normal(size=m)
-    previous = svsf.e_post.copy()
-    e = rng.choice([-1.0, 1.0], m) * rng.uniform(0.1, 2.0, m)
-    svsf.update(svsf.H @ svsf.x + e)
-    assert svsf.switched
-    assert svsf.outside.all()
-    np.testing.assert_allclose(svsf.e_post, -0.4 * np.abs(previous) * np.sign(e), atol=1e-8)
-
-
-def test_full_measurement_does_not_depend_on_the_covariance() -> None:
-    """With as many channels as states the correction is H^-1 k, whatever P says."""
-    rng = np.random.default_rng(5)
-    H, x = wide_output(rng, 3, 3), rng.normal(size=3)
-    e, memory, psi, gamma = (
-        np.array([0.4, -3.0, 0.1]),
-        np.array([0.5, 0.2, 0.0]),
-        np.array([1.0, 1.0, 0.5]),
-        0.2,
-    )
-    size = np.abs(e) + gamma * np.abs(memory)
-    k = size * np.clip(e / psi, -1.0, 1.0)
-    for seed in (1, 2):
-        svsf = SVSF(3, 3, psi=psi, gamma=gamma)
-        svsf.x, svsf.H, svsf.P = x, H, covariance(np.random.default_rng(seed), 3)
-        svsf.e_post = memory.copy()
-        svsf.update(H @ x + e)
-        np.testing.assert_allclose(svsf.x, x + np.linalg.solve(H, k), rtol=1e-9)
-        assert svsf.outside.tolist() == [False, True, False]
 
 
 @settings(max_examples=60, deadline=None)
@@ -134,46 +78,6 @@ def test_unmeasured_states_follow_through_the_covariance(seed, n, m_share) -> No
     np.testing.assert_allclose(svsf.P, I_KH @ P @ I_KH.T + K @ R @ K.T, rtol=1e-7, atol=1e-10)
 
 
-def test_class_and_compiled_update_agree_with_gaps() -> None:
-    rng = np.random.default_rng(6)
-    n, m = 4, 3
-    for layer in ("fixed", "variable"):
-        svsf = prepared(rng, n, m, psi=[1.0, 0.5, 2.0], gamma=0.2, boundary_layer=layer)
-        svsf.R = np.diag(rng.uniform(0.1, 1.0, m))
-        x, P, e_post = svsf.x.copy(), svsf.P.copy(), np.zeros(m)
-        psi_k, outside = np.empty(m), np.empty(m, dtype=bool)
-        switches = set()
-        for _ in range(50):
-            z = np.where(rng.random(m) < 0.7, svsf.H @ x + rng.normal(size=m), np.nan)
-            P += 0.1 * np.eye(n)
-            svsf.predict(Q=0.1)
-            svsf.update(z)
-            _, log_likelihood, switched = svsf_update(
-                x, P, z - svsf.H @ x, svsf.H, np.diag(svsf.R).copy(), ~np.isnan(z), e_post, 0.2,
-                np.array([1.0, 0.5, 2.0]), layer == "variable", psi_k, outside,
-            )  # fmt: skip
-            switches.add(switched)
-            np.testing.assert_allclose(x, svsf.x, rtol=1e-9)
-            np.testing.assert_allclose(P, svsf.P, rtol=1e-8, atol=1e-12)
-            np.testing.assert_allclose(psi_k, svsf.psi_k)
-            np.testing.assert_allclose(e_post, svsf.e_post, rtol=1e-7, atol=1e-10)
-            assert outside.tolist() == svsf.outside.tolist()
-            assert log_likelihood == pytest.approx(svsf.log_likelihood)
-        assert True in switches
-
-
-def test_inside_the_limit_the_compiled_updates_agree_bit_for_bit() -> None:
-    rng = np.random.default_rng(7)
-    n, m = 5, 2
-    P, H, R, y = covariance(rng, n), wide_output(rng, m, n), np.array([0.3, 0.2]), rng.normal(size=m)
-    mask, psi_k, outside = np.ones(m, bool), np.empty(m), np.empty(m, bool)
-    xa, Pa, xb, Pb = np.ones(n), P.copy(), np.ones(n), P.copy()
-    kalman_update(xa, Pa, y, H, R, mask)
-    svsf_update(xb, Pb, y, H, R, mask, np.zeros(m), 0.1, np.full(m, np.inf), True, psi_k, outside)
-    np.testing.assert_array_equal(xa, xb)
-    np.testing.assert_array_equal(Pa, Pb)
-
-
 def test_two_sensors_of_one_state_are_averaged_and_not_divided_by_zero() -> None:
     svsf = SVSF(2, 2, psi=0.1, gamma=0.0)
     svsf.H, svsf.R, svsf.x = [[1.0, 0.0], [1.0, 0.0]], [1.0, 1.0], np.zeros(2)
@@ -182,86 +86,335 @@ def test_two_sensors_of_one_state_are_averaged_and_not_divided_by_zero() -> None
     assert np.linalg.eigvalsh(svsf.P).min() >= 0.0
 
 
-def test_covariance_of_any_gain_equals_the_sample_covariance() -> None:
-    """Joseph form of a deliberately wrong gain, against 400 000 simulated errors (seeded, 2 %)."""
-    rng = np.random.default_rng(8)
-    P, R, H, K = covariance(rng, 3), covariance(rng, 2), rng.normal(size=(2, 3)), rng.normal(size=(3, 2))
-    error = rng.multivariate_normal(np.zeros(3), P, 400_000)
-    noise = rng.multivariate_normal(np.zeros(2), R, 400_000)
-    after = error - (error @ H.T + noise) @ K.T
-    joseph_update(P, K, H, R)
-    scale = np.sqrt(np.outer(np.diag(P), np.diag(P)))
-    np.testing.assert_allclose(np.cov(after.T) / scale, P / scale, atol=0.02)
+# The published forms: against each other, the Kalman gain, and the formulas written out
 
 
-def test_a_step_in_the_plant_is_followed_where_the_kalman_filter_lags() -> None:
-    """Expected result: posterior error within the layer one sample after the step, and reported."""
-    rng = np.random.default_rng(12)
-    kf, svsf = ExtendedKalmanFilter(1, 1), SVSF(1, 1, psi=0.5, gamma=0.1)
-    error = {}
-    for name, filt in (("kf", kf), ("svsf", svsf)):
-        filt.H, filt.Q, filt.R = [[1.0]], 1e-6, 1e-2
-        for i in range(400):
-            filt.predict()
-            filt.update((5.0 if i >= 200 else 0.0) + 0.1 * rng.normal())
-            if i == 202:
-                error[name] = abs(filt.x.item() - 5.0)
-    assert error["kf"] > 4.0
-    assert error["svsf"] < 0.6
-    # Samples are at 0.1 in a layer of 0.5: outside once, at the step.
-    assert svsf.chattering[0] == pytest.approx(1 / 400)
+def well_conditioned(rng: np.random.Generator, size: int) -> np.ndarray:
+    return np.linalg.qr(rng.normal(size=(size, size)))[0] * rng.uniform(0.5, 2.0, size)
 
 
-def test_chattering_counts_only_measured_samples() -> None:
-    svsf = SVSF(2, 2, psi=1.0)
-    svsf.H, svsf.x = np.eye(2), np.zeros(2)
-    assert np.isnan(svsf.chattering).all()
-    svsf.update([5.0, np.nan])
-    svsf.update([svsf.x[0], np.nan])
-    assert svsf.chattering[0] == 0.5
-    assert np.isnan(svsf.chattering[1])
+def filled(rng: np.random.Generator, filters: list, H: np.ndarray, F: np.ndarray | None = None) -> None:
+    """The same random problem for each of the filters."""
+    m, n = H.shape
+    P, R, x, memory = covariance(rng, n), covariance(rng, m), rng.normal(size=n), rng.normal(size=m)
+    for kf in filters:
+        kf.H, kf.P, kf.R, kf.x = H, P, R, x
+        kf.F = np.eye(n) if F is None else F
+        if isinstance(kf, SVSF):
+            kf.e_post = memory.copy()
 
 
-def test_works_in_filterpys_imm() -> None:
-    rng = np.random.default_rng(13)
-    filters = []
-    for rate in (1.0, 0.8):
-        svsf = SVSF(1, 1, psi=5.0, boundary_layer="variable")
-        svsf.F, svsf.H, svsf.Q, svsf.R = [[rate]], [[1.0]], 0.01, 0.01
-        svsf.P = np.eye(1)
-        filters.append(svsf)
-    imm = filterpy.kalman.IMMEstimator(filters, [0.5, 0.5], np.array([[0.98, 0.02], [0.02, 0.98]]))
-    x = 20.0
-    for _ in range(15):
-        x = 0.8 * x + 0.1 * rng.normal()
-        imm.predict()
-        imm.update(np.array([[x + 0.1 * rng.normal()]]))
-    assert imm.mu[1] > 0.95
-    assert imm.x.item() == pytest.approx(x, abs=0.5)
+def measured_first(rng: np.random.Generator, m: int, unseen: int) -> tuple[np.ndarray, np.ndarray]:
+    """H with well-conditioned measured columns and zero ones at random places; a transition."""
+    n = m + unseen
+    H = np.zeros((m, n))
+    H[:, rng.permutation(n)[:m]] = well_conditioned(rng, m)
+    return H, rng.normal(size=(n, n))
 
 
-def test_gain_at_the_edge_of_the_layer_is_continuous() -> None:
-    K, psi_k, outside = np.empty((1, 1)), np.empty(1), np.empty(1, dtype=bool)
-    one = np.eye(1)
-    gains = []
-    for e in (1.0, np.nextafter(1.0, 2.0)):
-        svsf_gain(one, one, one, np.array([e]), np.array([0.3]), 0.5, np.ones(1), False, K, psi_k, outside)
-        gains.append(K.item())
-    assert outside[0]
-    assert gains[0] == pytest.approx(gains[1], rel=1e-12)
+def written_out(svsf: SVSF, z: np.ndarray, psi: np.ndarray, psi_y: np.ndarray) -> np.ndarray:
+    """Gain of the reduced form from the formulas as published, divisions by e and all."""
+    H, F, gamma = svsf.H, svsf.F, svsf.gamma
+    m, n = H.shape
+    columns = np.flatnonzero(np.abs(H).sum(axis=0) > 0)
+    others = [i for i in range(n) if i not in columns]
+    H1 = H[:, columns]
+    T = np.zeros((n, n))  # T x = [measured states; the others], so that H T^-1 = [H1 0]
+    T[np.arange(m), columns] = 1.0
+    T[np.arange(m, n), others] = 1.0
+    Phi = T @ F @ np.linalg.inv(T)
+    # In z = H1 x1 the blocks are those of diag(H1, I) Phi diag(H1, I)^-1.
+    Phi12, Phi22 = H1 @ Phi[:m, m:], Phi[m:, m:]
+    e = z - H @ svsf.x
+    back = np.linalg.pinv(Phi12)
+    upper = (
+        np.linalg.inv(H1)
+        @ np.diag((np.abs(e) + gamma * np.abs(svsf.e_post)) * np.clip(e / psi, -1.0, 1.0))
+        @ np.linalg.inv(np.diag(e))
+    )
+    w = Phi22 @ back @ e
+    lower = (
+        np.diag((np.abs(w) + gamma * np.abs(back @ e)) * np.clip(w / psi_y, -1.0, 1.0))
+        @ np.linalg.inv(np.diag(w))
+        @ Phi22
+        @ back
+    )
+    return np.linalg.inv(T) @ np.vstack([upper, lower])
+
+
+@settings(max_examples=80, deadline=None)
+@given(seed=problem["seed"], n=st.integers(1, 5), layer=st.sampled_from(["fixed", "variable"]))
+def test_full_form_equals_subspace_form_when_all_is_measured(seed: int, n: int, layer: str) -> None:
+    rng = np.random.default_rng(seed)
+    psi = rng.uniform(0.1, 3.0, n)
+    options = {"psi": psi, "gamma": 0.3, "boundary_layer": layer}
+    full, subspace = SVSF(n, n, form="full", **options), SVSF(n, n, **options)
+    filled(rng, [full, subspace], well_conditioned(rng, n))
+    z = full.H @ full.x + 2.0 * rng.normal(size=n)
+    full.update(z)
+    subspace.update(z)
+    assert full.form_used == "full"
+    assert full.switched == subspace.switched
+    for name in ("x", "P", "K", "e_post", "psi_k"):
+        np.testing.assert_allclose(
+            getattr(full, name), getattr(subspace, name), rtol=1e-7, atol=1e-9, err_msg=name
+        )
+
+
+def test_full_form_works_without_any_covariance() -> None:
+    """P = 0, a filter that believes it is right, still follows; the subspace form cannot."""
+    full, subspace = SVSF(2, 2, psi=0.5, gamma=0.0, form="full"), SVSF(2, 2, psi=0.5, gamma=0.0)
+    for svsf in (full, subspace):
+        svsf.x, svsf.P, svsf.H = np.zeros(2), np.zeros((2, 2)), [[2.0, 0.0], [1.0, 1.0]]
+        svsf.update([4.0, 5.0])
+    np.testing.assert_allclose(full.x, [2.0, 3.0])
+    np.testing.assert_array_equal(subspace.x, [0.0, 0.0])
+
+
+@settings(max_examples=80, deadline=None)
+@given(seed=problem["seed"], n=st.integers(1, 4), form=st.sampled_from(["full", "subspace", "reduced"]))
+def test_inside_the_limit_every_form_is_the_kalman_filter(seed: int, n: int, form: str) -> None:
+    """n measured states, and but for the full form as many unmeasured ones."""
+    rng = np.random.default_rng(seed)
+    unseen = 0 if form == "full" else n
+    H, F = measured_first(rng, n, unseen)
+    more = {"psi_y": 1e12} if form == "reduced" else {}
+    svsf = SVSF(n + unseen, n, psi=1e12, boundary_layer="variable", form=form, gamma=0.2, **more)
+    kf = ExtendedKalmanFilter(n + unseen, n)
+    filled(rng, [svsf, kf], H, F)
+    z = rng.normal(size=n)
+    svsf.update(z)
+    kf.update(z)
+    assert not svsf.switched
+    for name in ("x", "P", "K", "S"):
+        np.testing.assert_array_equal(getattr(svsf, name), getattr(kf, name), err_msg=name)
+
+
+@settings(max_examples=100, deadline=None)
+@given(seed=problem["seed"], m=st.integers(1, 3))
+def test_generalised_optimal_layer_turns_the_reduced_gain_into_the_kalman_gain(seed: int, m: int) -> None:
+    """psi_z and psi_y as full matrices, by the published formulas, in the gain without sat."""
+    rng = np.random.default_rng(seed)
+    H = np.hstack([np.eye(m), np.zeros((m, m))])
+    F = rng.normal(size=(2 * m, 2 * m))
+    F[:m, m:] = well_conditioned(rng, m)
+    F[m:, m:] = well_conditioned(rng, m)
+    svsf = SVSF(2 * m, m, psi=1e12, psi_y=1e12, boundary_layer="variable", form="reduced", gamma=0.3)
+    filled(rng, [svsf], H, F)
+    A = rng.normal(size=(2 * m, 2 * m))
+    A[m:, :m] += 2.0 * np.eye(m)  # P21 away from singular
+    svsf.P = A @ A.T + 0.1 * np.eye(2 * m)
+    P, R, e_post = svsf.P.copy(), svsf.R, svsf.e_post.copy()
+    z = svsf.x[:m] + rng.uniform(0.1, 2.0, m) * rng.choice([-1.0, 1.0], m)
+    e, gamma = z - svsf.x[:m], 0.3
+    S = P[:m, :m] + R
+    back = np.linalg.inv(F[:m, m:])
+    M = F[m:, m:] @ back
+    E_z = np.diag(np.abs(e) + gamma * np.abs(e_post))
+    E_y = np.diag(np.abs(M @ e) + gamma * np.abs(back @ e))
+    psi_z = np.linalg.inv(np.linalg.inv(E_z) @ P[:m, :m] @ np.linalg.inv(S))
+    psi_y = np.linalg.inv(np.linalg.inv(E_y) @ P[m:, :m] @ np.linalg.inv(S) @ np.linalg.inv(M))
+    K = np.vstack([E_z @ np.linalg.inv(psi_z), E_y @ np.linalg.inv(psi_y) @ M])
+    svsf.update(z)
+    assert svsf.form_used == "reduced"
+    np.testing.assert_allclose(svsf.psi_k, np.diag(psi_z), rtol=1e-6)
+    np.testing.assert_allclose(svsf.psi_k_y, np.diag(psi_y), rtol=1e-5, atol=1e-8 * np.abs(psi_y).max())
+    np.testing.assert_allclose(svsf.K, K, rtol=1e-5, atol=1e-8)
+    # P - K H P - P H' K' + K S K', as printed with the generalised layer.
+    Hx = svsf.H
+    theory = P - K @ Hx @ P - P @ Hx.T @ K.T + K @ S @ K.T
+    np.testing.assert_allclose(svsf.P, theory, rtol=1e-6, atol=1e-7)
+
+
+@settings(max_examples=100, deadline=None)
+@given(seed=problem["seed"], m=st.integers(1, 4), unseen=st.integers(1, 4))
+def test_reduced_form_equals_the_formulas_written_out(seed: int, m: int, unseen: int) -> None:
+    rng = np.random.default_rng(seed)
+    H, F = measured_first(rng, m, unseen)
+    psi, psi_y = rng.uniform(0.3, 2.0, m), rng.uniform(0.3, 2.0, unseen)
+    svsf = SVSF(m + unseen, m, psi=psi, psi_y=psi_y, form="reduced", gamma=0.25)
+    filled(rng, [svsf], H, F)
+    z = H @ svsf.x + 2.0 * rng.normal(size=m)
+    K, x, P, R = written_out(svsf, z, psi, psi_y), svsf.x.copy(), svsf.P.copy(), svsf.R
+    svsf.update(z)
+    assert svsf.form_used == "reduced"
+    scale = np.abs(K).max()
+    np.testing.assert_allclose(svsf.K, K, rtol=1e-6, atol=1e-9 * scale)
+    np.testing.assert_allclose(svsf.x, x + K @ (z - H @ x), rtol=1e-6, atol=1e-8 * max(scale, 1.0))
+    I_KH = np.eye(m + unseen) - K @ H
+    joseph = I_KH @ P @ I_KH.T + K @ R @ K.T
+    np.testing.assert_allclose(svsf.P, joseph, rtol=1e-6, atol=1e-8 * np.abs(joseph).max())
+
+
+@settings(max_examples=80, deadline=None)
+@given(seed=problem["seed"], m=st.integers(1, 3), form=st.sampled_from(["full", "subspace", "reduced"]))
+def test_outside_the_layer_every_form_contracts_by_gamma(seed: int, m: int, form: str) -> None:
+    rng = np.random.default_rng(seed)
+    unseen = 0 if form == "full" else m
+    H, F = measured_first(rng, m, unseen)
+    more = {"psi_y": 1.0} if form == "reduced" else {}
+    svsf = SVSF(m + unseen, m, psi=1e-3, gamma=0.4, form=form, **more)
+    filled(rng, [svsf], H, F)
+    before = svsf.e_post.copy()
+    e = rng.choice([-1.0, 1.0], m) * rng.uniform(0.1, 2.0, m)
+    svsf.update(H @ svsf.x + e)
+    assert svsf.switched
+    assert svsf.form_used == form
+    np.testing.assert_allclose(svsf.e_post, -0.4 * np.abs(before) * np.sign(e), atol=1e-7)
+
+
+def test_an_innovation_of_zero_is_no_division_by_zero() -> None:
+    for form, n in (("full", 2), ("subspace", 2), ("reduced", 4)):
+        more = {"psi_y": 0.5} if form == "reduced" else {}
+        svsf = SVSF(n, 2, psi=0.5, form=form, **more)
+        svsf.H, svsf.x, svsf.F = np.eye(2, n), np.zeros(n), np.eye(n) + np.eye(n, k=2)
+        svsf.e_post = np.array([0.1, 0.2])
+        svsf.update([0.0, 0.0])
+        assert svsf.form_used == form
+        assert not svsf.x.any()
+        assert np.isfinite(svsf.P).all()
+
+
+def test_blocks_of_the_reduced_gain_switch_separately() -> None:
+    """A limit that only the unmeasured state exceeds: the upper rows stay the Kalman filter's."""
+    rng = np.random.default_rng(3)
+    H, F = np.array([[1.0, 0.0]]), np.array([[1.0, 0.1], [0.0, 1.0]])
+    P = np.array([[1.0, 0.2], [0.2, 1.0]])
+    for limits, same in (((1e9, 1e-9), 0), ((1e-9, 1e9), 1)):
+        svsf = SVSF(2, 1, psi=limits[0], psi_y=limits[1], form="reduced", boundary_layer="variable")
+        kf = ExtendedKalmanFilter(2, 1)
+        filled(rng, [svsf, kf], H, F)
+        svsf.P = kf.P = P
+        z = kf.x[:1] + 1.5
+        svsf.update(z)
+        kf.update(z)
+        assert svsf.switched
+        assert svsf.K[same, 0] == pytest.approx(kf.K[same, 0], rel=1e-12)
+        assert svsf.K[1 - same, 0] != pytest.approx(kf.K[1 - same, 0], rel=1e-3)
+
+
+def test_phi12_that_tells_nothing_is_refused_and_said() -> None:
+    """Before any prediction F is the identity: nothing of y reaches z. The subspace form stands in."""
+    reduced, subspace = SVSF(2, 1, psi=0.5, psi_y=1.0, form="reduced"), SVSF(2, 1, psi=0.5)
+    filled(np.random.default_rng(1), [reduced, subspace], np.array([[1.0, 0.0]]))
+    for svsf in (reduced, subspace):
+        svsf.update(4.0)
+    assert (reduced.form_used, reduced.condition) == ("subspace", np.inf)
+    assert np.isnan(reduced.amplification).all()
+    np.testing.assert_array_equal(reduced.x, subspace.x)
+
+
+def test_a_missing_channel_falls_back_to_the_subspace_form() -> None:
+    for form, n in (("full", 2), ("reduced", 4)):
+        more = {"psi_y": 0.5} if form == "reduced" else {}
+        svsf, twin = SVSF(n, 2, psi=0.5, form=form, **more), SVSF(n, 2, psi=0.5)
+        F = np.eye(n) + 0.1 * np.eye(n, k=2)
+        filled(np.random.default_rng(2), [svsf, twin], np.eye(2, n), F)
+        for kf in (svsf, twin):
+            kf.update([np.nan, 3.0])
+        assert svsf.form_used == "subspace"
+        np.testing.assert_array_equal(svsf.x, twin.x)
+        svsf.update([1.0, 3.0])
+        assert svsf.form_used == form
+
+
+def test_a_combination_of_states_can_be_measured_when_told_which_count_as_unmeasured() -> None:
+    svsf = SVSF(2, 1, psi=0.1, psi_y=1.0, form="reduced")
+    svsf.H = [[1.0, -1.0]]
+    with pytest.raises(ValueError, match="0 states are seen by no channel, not 1; name them"):
+        svsf.update(1.0)
+    svsf = SVSF(2, 1, psi=0.1, psi_y=1.0, form="reduced", unmeasured=[1], gamma=0.0)
+    svsf.H, svsf.F, svsf.x = [[1.0, -1.0]], [[1.0, 0.5], [0.0, 1.0]], np.zeros(2)
+    svsf.update(1.0)
+    assert svsf.form_used == "reduced"
+    assert svsf.e_post[0] == pytest.approx(0.0, abs=1e-12)
+
+
+@settings(max_examples=60, deadline=None)
+@given(seed=problem["seed"], n=st.integers(1, 5))
+def test_condition_does_not_depend_on_units(seed: int, n: int) -> None:
+    rng = np.random.default_rng(seed)
+    A = well_conditioned(rng, n)
+    units = 10.0 ** rng.uniform(-12, 12, (2, n))
+    ours = scaled_condition(units[0][:, None] * A * units[1])
+    assert 1.0 - 1e-9 <= ours < 2.0 * scaled_condition(A)
+    assert ours > 0.5 * scaled_condition(A)
+    assert scaled_condition(np.outer(units[0], units[1])) > (1e10 if n > 1 else 0.99)
 
 
 @pytest.mark.parametrize(
-    ("options", "message"),
+    ("sizes", "options", "message"),
     [
-        ({"psi": 0.0}, "a boundary layer is more than 0"),
-        ({"psi": np.nan}, "a boundary layer is more than 0"),
-        ({"psi": [1.0, 2.0, 3.0]}, "psi has 3 values"),
-        ({"psi": np.inf}, "psi is infinite"),
-        ({"psi": 1.0, "gamma": 1.0}, "give 0 <= gamma < 1"),
-        ({"psi": 1.0, "boundary_layer": "thick"}, "give 'fixed' or 'variable'"),
+        ((2, 2), {"psi": 0.0}, "a boundary layer is more than 0"),
+        ((2, 2), {"psi": np.nan}, "a boundary layer is more than 0"),
+        ((2, 2), {"psi": [1.0, 2.0, 3.0]}, "psi has 3 values"),
+        ((2, 2), {"psi": np.inf}, "psi is infinite"),
+        ((2, 2), {"gamma": 1.0}, "give 0 <= gamma < 1"),
+        ((2, 2), {"boundary_layer": "thick"}, "give 'fixed' or 'variable'"),
+        ((2, 2), {"form": "half"}, "give 'subspace', 'full' or 'reduced'"),
+        ((3, 2), {"form": "full"}, "a channel for each state, not 2 for 3"),
+        ((2, 2), {"form": "reduced", "psi_y": 1.0}, "needs fewer channels than states"),
+        ((3, 2), {"form": "reduced"}, "needs psi_y, the layer of the 1 unmeasured states"),
+        ((3, 2), {"form": "reduced", "psi_y": -1.0}, "a boundary layer is more than 0"),
+        ((3, 2), {"form": "reduced", "psi_y": [1.0, 1.0]}, "psi_y has 2 values"),
+        ((3, 2), {"form": "reduced", "psi_y": np.inf}, "psi is infinite"),
+        ((3, 2), {"form": "reduced", "psi_y": 1.0, "boundary_layer": "variable"}, "for n = 2 m only"),
+        ((3, 2), {"form": "reduced", "psi_y": 1.0, "unmeasured": [5]}, "give 1 different indices below 3"),
+        ((3, 2), {"psi_y": 1.0}, "are for the reduced form"),
     ],
 )
-def test_unusable_options_are_refused(options: dict, message: str) -> None:
-    with pytest.raises(ValueError, match=message):
-        SVSF(2, 2, **options)
+def test_options_that_do_not_fit_are_refused(sizes: tuple, options: dict, message: str) -> None:
+    with pytest.raises(ValueError, match=message) as error:
+        SVSF(*sizes, **{"psi": 1.0, **options})
+    assert "\n" not in str(error.value)
+
+
+def pushed(make, channels: int, dt: float) -> tuple[np.ndarray, SVSF | ExtendedKalmanFilter]:
+    """Rms errors in mm and mm/s, healthy and pushed, of the guide's mass on a spring (seeded)."""
+
+    def spring(x, u, dt):
+        speed = x[1] + dt * (u - 40.0 * x[0] - 3.0 * x[1]) / 2.0
+        return [x[0] + dt * speed, speed]
+
+    kf = make(f=spring, h=lambda x: x[:channels])
+    kf.x, kf.P, kf.Q = np.zeros(2), [1e-4, 1e-2], [1e-12, 1e-5 * dt]
+    kf.R = [1e-6, 25e-6][:channels]
+    rng, truth, errors, steps = np.random.default_rng(0), np.zeros(2), [], round(2.0 / dt)
+    for i in range(steps):
+        u = 10.0 * np.sin(10.0 * i * dt)
+        truth = np.array(spring(truth, u + (30.0 if i >= steps // 2 else 0.0), dt))
+        z = truth + [1e-3, 5e-3] * rng.normal(size=2)
+        kf.predict(u, dt)
+        kf.update(z[:channels])
+        errors.append(1e3 * (kf.x - truth))
+    parts = errors[steps // 4 : steps // 2], errors[steps // 2 :]
+    return np.concatenate([np.sqrt(np.mean(np.square(part), axis=0)) for part in parts]), kf
+
+
+@pytest.mark.parametrize(
+    ("channels", "rate", "form", "expected"),
+    [
+        (2, 1000, None, (0.07, 0.6, 51, 660)),
+        (2, 1000, "subspace", (0.54, 2.5, 0.5, 7)),
+        (2, 1000, "full", (0.54, 2.5, 0.5, 7)),
+        (1, 100, None, (0.12, 0.4, 368, 2000)),
+        (1, 100, "subspace", (0.57, 0.9, 1.0, 14000)),
+        (1, 100, "reduced", (0.87, 37, 1.4, 167)),
+        (1, 1000, None, (0.12, 0.6, 135, 1645)),
+        (1, 1000, "subspace", (0.54, 0.3, 1.1, 18400)),
+        (1, 1000, "reduced", (1.1, 1709, 1.0, 1623)),
+    ],
+)
+def test_the_guides_table_of_forms(channels: int, rate: int, form: str | None, expected: tuple) -> None:
+    more = {"psi_y": 1.0, "unmeasured": [1]} if form == "reduced" else {}
+
+    def make(**model):
+        if form is None:
+            return ExtendedKalmanFilter(2, channels, **model)
+        return SVSF(2, channels, psi=[0.005, 0.025][:channels], form=form, **more, **model)
+
+    rms, kf = pushed(make, channels, 1.0 / rate)
+    np.testing.assert_allclose(rms, expected, rtol=0.08, atol=0.05)
+    if form == "reduced":
+        assert kf.form_used == "reduced"
+        assert kf.amplification[0] == pytest.approx({100: 0.16, 1000: 2.2}[rate], rel=0.05)

@@ -1,4 +1,4 @@
-"""Compiled arithmetic of interacting multiple models, on stacked arrays, for ``@njit`` loops.
+"""Modes of a plant: how they follow each other, and the compiled arithmetic of interacting multiple models.
 
 One step of a bank of r mode-matched filters (Blom and Bar-Shalom 1988, doi 10.1109/9.1299)::
 
@@ -21,9 +21,9 @@ symbol              meaning                                                 shap
 ``log_likelihood``  of the filters' last measurement                        (r,)
 =================== ======================================================= ============
 
-Nothing is checked here: :class:`estimators.imm.IMM` and :func:`estimators.linear_bank.run_bank` do,
-and they call these same functions. Likelihoods stay logarithms, relative to the largest, so
-none of them can underflow the sum.
+The compiled functions work on stacked arrays and check nothing: :class:`estimators.imm.IMM` and
+:func:`estimators.linear_bank.run_bank` do, and call these same functions. Likelihoods stay logarithms,
+relative to the largest, so none of them can underflow the sum.
 """
 
 from __future__ import annotations
@@ -31,6 +31,7 @@ from __future__ import annotations
 import math
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from estimators.compiled import njit
 from estimators.linalg import Array
@@ -177,46 +178,91 @@ def update_modes(cbar: Array, log_likelihood: Array, mu: Array) -> float:
     return peak + math.log(total)
 
 
-@njit(error_model="numpy")
-def transitions_over(rates: Array, dt: float, M: Array) -> None:
-    """Fill ``M = exp(rates dt)``: how modes move in ``dt`` seconds, when they move at constant rates.
+def transition_matrix(sojourn: ArrayLike, dt: float, share: ArrayLike | None = None) -> Array:
+    """Mode transition probabilities of a step from how long the plant stays in each mode.
 
-    Uniformisation of a short part of the step, ``sum_k Poisson(k) (I + rates / fastest)^k``, then
-    repeated squaring: only sums of non-negative terms, so rows are distributions to rounding.
+    The modes are a Markov chain in continuous time: mode i is left at the rate ``1/sojourn_i``.
+    Hence ``M_ii = 1 - dt/sojourn_i`` for short steps, steps of any length agree with each other
+    (``M(a) M(b) = M(a + b)``), and a long gap leads to the long-run shares of the modes.
 
     Parameters
     ----------
-    rates : (r, r) 1/s; ``rates[i, j]`` from mode i to j, the diagonal is minus the row's sum of the others.
-    dt : s.
-    M : (r, r) result.
+    sojourn : (r,) s, mean time in each mode before it is left; infinity for a fault that stays.
+    dt : s, length of the step.
+    share : (r, r) where mode i goes when it is left: row i, relative, the diagonal is ignored.
+        None: to all others alike.
+
+    Returns
+    -------
+    (r, r) array; ``M[i, j]`` is the probability of going from i to j, rows sum to 1.
+
+    Raises
+    ------
+    ValueError : a time that is not positive, shares that are negative or of another shape.
+
+    Notes
+    -----
+    0.98 on the diagonal, usual in tracking, means 50 ms at 1 kHz: far too short for wear. Choose
+    the sojourn time by the plant; the odds that data must bring up before the bank
+    changes its mind are about ``sojourn/dt``.
 
     Examples
     --------
-    >>> import numpy as np
-    >>> M = np.empty((2, 2))
-    >>> transitions_over(np.array([[-1.0, 1.0], [0.0, 0.0]]), 1.0, M)
-    >>> M.round(6).tolist()
-    [[0.367879, 0.632121], [0.0, 1.0]]
+    Healthy for an hour, a fault for ever:
+
+    >>> transition_matrix([3600.0, np.inf], dt=1e-3).round(10).tolist()
+    [[0.9999997222, 2.778e-07], [0.0, 1.0]]
     """
-    r = rates.shape[0]
-    fastest = 0.0
-    for i in range(r):
-        fastest = max(fastest, -rates[i, i])
-    moves = fastest * dt  # expected number of (possible) moves in the step
-    halvings = 0
-    while moves > 0.5:
-        moves *= 0.5
-        halvings += 1
-    jump = np.eye(r)
-    if fastest > 0.0:
-        jump += rates / fastest
-    M[:] = 0.0
-    term = math.exp(-moves) * np.eye(r)
-    for k in range(1, 20):  # 0.5**19 / 19! is 2e-23
-        M += term
-        term = (term @ jump) * (moves / k)
-    for done in range(halvings + 1):
-        if done > 0:
-            M[:] = M @ M
-        for i in range(r):  # each time, or squaring would double the rounding of the sums too
-            M[i] /= M[i].sum()
+    times = np.asarray(sojourn, float).reshape(-1)
+    r = times.size
+    if r == 0 or not (times > 0.0).all():
+        raise ValueError(f"sojourn is {times.tolist()}; give a time above 0 for each mode")
+    if not (math.isfinite(dt) and dt >= 0.0):
+        raise ValueError(f"dt is {dt!r}; give a step of at least 0 s")
+    leaving = np.ones((r, r)) if share is None else np.array(share, float)
+    if leaving.shape != (r, r) or not (np.isfinite(leaving) & (leaving >= 0.0)).all():
+        raise ValueError(f"share has shape {leaving.shape}; give ({r}, {r}) values of at least 0")
+    np.fill_diagonal(leaving, 0.0)
+    total = leaving.sum(axis=1, keepdims=True)
+    rates = leaving / np.where(total > 0.0, total, 1.0) / times[:, None]
+    rates -= np.diag(rates.sum(axis=1))
+    from scipy.linalg import expm  # seldom needed, and slow to import
+
+    M = np.maximum(expm(rates * dt), 0.0)
+    return np.asarray(M / M.sum(axis=1, keepdims=True))
+
+
+def check_distribution(mu: ArrayLike, size: int) -> Array:
+    """Mode probabilities as a fresh (size,) array scaled to sum 1.
+
+    Raises
+    ------
+    ValueError : another size, negative or not finite, or all zero.
+    """
+    values = np.array(mu, float).reshape(-1)
+    if values.size != size:
+        raise ValueError(f"mu has {values.size} values for {size} filters; give one for each")
+    total = values.sum()
+    if not (math.isfinite(total) and (values >= 0.0).all() and total > 0.0):
+        raise ValueError(f"mu is {values.tolist()}; give probabilities of at least 0, not all of them 0")
+    return np.asarray(values / total)
+
+
+def check_transitions(M: ArrayLike, size: int) -> Array:
+    """Mode transition probabilities as a fresh (size, size) array.
+
+    Raises
+    ------
+    ValueError : another shape, negative, or rows that do not sum to 1.
+    """
+    values = np.ascontiguousarray(np.array(M, float))
+    if values.shape != (size, size):
+        raise ValueError(f"M has shape {values.shape} for {size} filters; give {(size, size)}")
+    sums = values.sum(axis=1)
+    # Rows written to six digits pass; update_modes scales the sum to 1.
+    if not ((values >= 0.0).all() and (np.abs(sums - 1.0) <= 1e-6).all()):
+        raise ValueError(
+            f"M has rows that sum to {sums.round(6).tolist()}, least value {values.min():g}; "
+            "M[i, j] is the probability of going from mode i to mode j, so each row sums to 1"
+        )
+    return values
