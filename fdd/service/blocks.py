@@ -48,7 +48,7 @@ class Block:
     unit : name of the profile, where the sender says it.
     ignored : names of columns that are no channels.
     patient : the sender keeps what is not accepted: the inbox does not drop it for being late.
-    accepted : called once by the fleet when the block is stored, or given up and counted as dropped.
+    accepted : called once by the fleet when the block is stored, or refused and counted.
     payload : the Arrow message that it came as, where that holds these samples and little else, perhaps
         not the axis.
     """

@@ -7,8 +7,9 @@ import re
 from pathlib import Path
 from typing import Annotated, Literal, Self
 from urllib.parse import urlsplit
+from zoneinfo import ZoneInfo
 
-from pydantic import Field, ValidationError, field_validator, model_validator
+from pydantic import AfterValidator, Field, ValidationError, field_validator, model_validator
 
 from fdd.bounds import MAX_SERVE_BYTES
 from fdd.service.config_sources import (
@@ -22,6 +23,17 @@ from fdd.service.config_sources import (
 )
 from fdd.validation import input_error
 from fdd.yaml_reading import yaml_mapping, yaml_text
+
+
+def _known_zone(name: str) -> str:
+    try:
+        ZoneInfo(name)
+    except (ValueError, OSError, KeyError):
+        raise ValueError(f"{name!r} is no time zone; write e.g. Europe/Paris or UTC") from None
+    return name
+
+
+Zone = Annotated[str, AfterValidator(_known_zone)]
 
 
 class Tls(Part):
@@ -148,6 +160,8 @@ class Serve(Part):
     state : folder of what the service keeps.
     store : URL of a database; a file in `state` where none is given.
     units : folder of profiles, or profile by axis. fallback : profile of axes that have none.
+    zone : IANA name of the time zone that all axes' clock times are told in, or one for each axis; that of this
+        machine where none is given.
     learn_minutes : of work by which the baseline of a profile without one is learnt.
     model : of the decision; the shipped one where none is given.
     shards : into which the axes are divided with ``--engine ray``.
@@ -165,6 +179,7 @@ class Serve(Part):
     store: str | None = None
     units: ConfigPath | dict[AxisName, str] | None = None
     fallback: str | None = None
+    zone: Zone | dict[AxisName, Zone] | None = None
     learn_minutes: Annotated[float, Field(ge=5, le=10080)] = 60.0
     model: ConfigPath | None = None
     shards: Annotated[int, Field(ge=1, le=256)] = 4

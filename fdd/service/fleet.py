@@ -7,7 +7,7 @@ import logging
 import queue
 import threading
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import Future
 from concurrent.futures import TimeoutError as TooLate
 from dataclasses import asdict, dataclass, field, replace
@@ -15,6 +15,7 @@ from functools import partial
 from typing import Any, Literal
 from uuid import uuid4
 
+from fdd.bounds import MOST_AXES
 from fdd.diagnosis.model import Model
 from fdd.errors import InputError
 from fdd.samples import Samples
@@ -37,8 +38,12 @@ machine, is not silent. A lost segment of TCP, or a new connection to a broker, 
 CHECKPOINT_S, CHECKPOINT_AXIS_S = 1.0, 0.4
 """Least time between two checkpoints of an axis, and for each axis that there is: one takes some 20 ms, which
 is 5 % of the processor's time. No block is lost for it: the journal holds what came since."""
+MOST_REFUSED = 100
+"""Names of axes without a profile that are told."""
 PACE_S = 0.1
 """Blocks are gathered for so long: what they bring is stored at once."""
+FORGOTTEN_S = 60.0
+"""Silence after which an axis goes that sent less than its units can be checked by, and one that was refused."""
 BACKOFF_S = (0.1, 5.0)
 """First and longest wait before a store that failed is tried again."""
 ACT_S = 10.0
@@ -64,6 +69,23 @@ class Share:
         return int.from_bytes(digest) % self.of == self.number
 
 
+@dataclass(frozen=True)
+class Removal:
+    """What a person does to an axis: it is watched no longer, until it sends again."""
+
+    axis: str
+    who: str
+
+
+@dataclass
+class _Refused:
+    """An axis that cannot be watched: why, samples that were refused, when it was last heard (idle s)."""
+
+    why: str
+    samples: int = 0
+    heard: float = float("inf")
+
+
 @dataclass
 class _Batch:
     """What is stored in one transaction, and told once it is: blocks, further writes, events, acts done."""
@@ -71,7 +93,12 @@ class _Batch:
     journal: list[tuple[str, bytes]] = field(default_factory=list)
     writes: list[Callable[[Transaction], object]] = field(default_factory=list)
     events: list[Event] = field(default_factory=list)
-    done: list[tuple[Future[Transition], Transition]] = field(default_factory=list)
+    done: list[tuple[Future[Any], Transition | None]] = field(default_factory=list)
+
+
+def _said_key(axis: str) -> str:
+    """Under which word of the store stands by what name an axis's blocks call their profile."""
+    return f"said {axis}"
 
 
 class Fleet:
@@ -86,10 +113,12 @@ class Fleet:
     profiles : of the axes.
     targets : kind of event, and whether people are told, to the targets of its outbox.
     hold, learn_s : s, see `AxisWatch`. clock : Unix seconds. share : the axes that are its own.
+    zone : of all axes' clock times, or of each; see `AxisStatus`.
 
     Attributes
     ----------
-    trouble : why the store cannot be written; None while it can. store_errors : how often it could not.
+    trouble : why the store cannot be used; None while it can. store_errors : how often it could not.
+    resumed : share of the journal that was worked again after a restart, 1 once it is done.
     """
 
     def __init__(
@@ -105,27 +134,39 @@ class Fleet:
         learn_s: float = 3600.0,
         clock: Callable[[], float] = time.time,
         share: Share = Share(),
+        zone: str | Mapping[str, str] | None = None,
     ) -> None:
+        self._zone = zone
         self._profiles, self._model = profiles, model
         self._store, self._bus, self._inbox = store, bus, inbox
         self._targets = targets
         self._hold, self._learn_s, self._clock = hold, learn_s, clock
         self._share, self._book = share, AlarmBook(ids=(share.number + 1, share.of))
         self._axes: dict[str, AxisWatch] = {}
-        self._refused: dict[str, str] = {}
+        self._refused: dict[str, _Refused] = {}
         self._flushed: set[str] = set()
         self._idle_s, self._ended, self._heard = 0.0, time.monotonic(), dict[str, float]()
-        self._actions: queue.Queue[tuple[Action, Future[Transition]]] = queue.Queue()
+        self._actions: queue.Queue[tuple[Action | Removal, Future[Any]]] = queue.Queue()
         self._lock = threading.RLock()
         self._kept: dict[str, float] = {}
         self._profiles_kept: set[str] = set()
         self._last_row: dict[str, int] = {}
         self.trouble: str | None = None
-        self.store_errors = 0
+        self.store_errors, self.resumed = 0, 0.0
 
     def run(self, stop: threading.Event) -> None:
         """Work until `stop` is set; state is kept at the end."""
-        self.resume()
+        while not stop.is_set():
+            try:
+                self.resume()
+                break
+            except LeaseLost:
+                raise
+            except StoreTrouble as error:
+                self._trouble(error)
+                stop.wait(BACKOFF_S[1])
+        if self.resumed < 1.0:
+            return
         while not stop.is_set():
             if self.step(PACE_S, stop) < MOST_TAKEN:  # else more waits already
                 stop.wait(PACE_S)
@@ -134,38 +175,56 @@ class Fleet:
             self.keep(stop)
 
     def resume(self) -> None:
-        """Go on where the last run ended."""
+        """Go on where the last run ended; meanwhile others may ask how things stand."""
+        book, has = self._store.book(), self._share.has
         with self._lock:
-            book, has = self._store.book(), self._share.has
+            self._axes.clear()
+            self._refused.clear()
             self._book.restore({**book, "alarms": [a for a in book["alarms"] if has(a["axis"])]})
-            for row in self._store.axes():
-                if not has(row["name"]):
-                    continue
-                try:
-                    watch = self._opened(row["name"], row["unit"])
-                except InputError as error:
-                    self._refused[row["name"]] = str(error)
-                    continue
-                self._restored(watch)
-            LOG.info("watching %d axes again", len(self._axes))
+        waiting, worked = max(1, self._store.journal_rows()), 0
+        for row in self._store.axes():
+            name = row["name"]
+            if not has(name):
+                continue
+            # As its blocks say it, which is a file's name; the profile's own name may be another one.
+            said = self._store.meta(_said_key(name))
+            said = row["unit"] if said is None else said or None
+            try:
+                with self._lock:
+                    watch = self._opened(name, said)
+            except InputError as error:
+                self._refused[name] = _Refused(str(error))
+                continue
+            for _ in self._restored(watch, said):
+                worked += 1
+                self.resumed = min(worked / waiting, 0.99)
+                if worked % 20 == 0:
+                    time.sleep(0.001)  # a lock is not fair: let those in who ask
+        self.resumed, self.trouble = 1.0, None
+        LOG.info("watching %d %s again", len(self._axes), "axis" if len(self._axes) == 1 else "axes")
 
-    def _restored(self, watch: AxisWatch) -> None:
-        """Bring an axis to where the store has it."""
+    def _restored(self, watch: AxisWatch, said: str | None) -> Iterator[None]:
+        """Bring an axis to where the store has it; a step for each row of the journal."""
         note = None
         try:
             checkpoint = self._store.checkpoint(watch.name)
             if checkpoint is not None:
-                watch.restore(checkpoint)
+                with self._lock:
+                    watch.restore(checkpoint)
+        except StoreTrouble:
+            raise
         except InputError as error:
             note = str(error)
-            watch = self._axes[watch.name] = self._new(watch.name, watch.unit.name)
+            watch = self._axes[watch.name] = self._new(watch.name, said)
         decoder = Decoder()
         for number, payload in self._store.journal(watch.name):
-            self._last_row[watch.name] = number
-            if payload:
-                watch.push(decoder.decode(payload, "journal", axis=watch.name))
-            else:
-                watch.flush(self._clock())
+            with self._lock:
+                self._last_row[watch.name] = number
+                if payload:
+                    watch.push(decoder.decode(payload, "journal", axis=watch.name))
+                else:
+                    watch.flush(self._clock())
+            yield
         if note is not None:
             LOG.warning("%s", note)
             with self._store.transaction() as t:
@@ -182,6 +241,11 @@ class Fleet:
     def _opened(self, name: str, said: str | None) -> AxisWatch:
         watch = self._axes.get(name)
         if watch is None:
+            if len(self._axes) >= MOST_AXES:
+                raise InputError(
+                    f"axis {name}: more than {MOST_AXES} axes",
+                    mend="remove one, or start another fdd serve for it",
+                )
             watch = self._axes[name] = self._new(name, said)
             self._refused.pop(name, None)
         return watch
@@ -206,6 +270,7 @@ class Fleet:
             by_axis: dict[str, list[Block]] = {}
             for block in blocks:
                 by_axis.setdefault(block.axis, []).append(block)
+            self._forget_strangers(len(by_axis.keys() - self._axes.keys()), batch)
             for name, mine in by_axis.items():
                 self._work(name, mine, batch)
             self._flush_silent(set(by_axis), batch)
@@ -233,7 +298,11 @@ class Fleet:
         except InputError as error:
             if name not in self._refused:
                 LOG.warning("%s", error)
-            self._refused[name] = str(error)
+            refused = self._refused.setdefault(name, _Refused(""))
+            refused.why, refused.heard = str(error), self._idle_s
+            refused.samples += sum(len(block.samples) for block in blocks)
+            while len(self._refused) > MOST_REFUSED:
+                self._refused.pop(next(iter(self._refused)))
             return
         self._flushed.discard(name)
         batch.journal += [(name, block.payload or encode_arrow(block)) for block in blocks]
@@ -246,9 +315,42 @@ class Fleet:
                     profile_sha256=watch.profile_sha256, model_sha256=self._model.sha256,
                 )
             )  # fmt: skip
+            batch.writes.append(
+                partial(Transaction.meta, key=_said_key(name), value=blocks[0].unit or "")
+            )
             about = {"unit": watch.unit.name, "learning": bool(watch.learning)}
             batch.events.append(Event("axis", name, 0.0, about))
         self._looked(watch, looks, wall, batch)
+
+    def _forget_strangers(self, newcomers: int, batch: _Batch) -> None:
+        """Let go who sent next to nothing and is silent; at once, where others want the place."""
+        for name, refused in list(self._refused.items()):
+            if FORGOTTEN_S < self._idle_s - refused.heard < float("inf"):
+                del self._refused[name]
+        new = [(self._heard.get(n, self._idle_s), n) for n, w in self._axes.items() if w.is_new]
+        crowded = len(self._axes) + newcomers - MOST_AXES
+        for k, (heard, name) in enumerate(sorted(new)):
+            if k < crowded or self._idle_s - heard > FORGOTTEN_S:
+                LOG.info("axis %s is forgotten: it sent less than 5 s of data", name)
+                self._forget(name, ITSELF, batch)
+
+    def _forget(self, name: str, who: str, batch: _Batch) -> None:
+        """Watch an axis no longer: its state and its life go, its alarms and the audit stay."""
+        kept: tuple[dict[str, Any], ...] = (
+            self._axes, self._refused, self._heard, self._kept, self._last_row
+        )  # fmt: skip
+        for part in kept:
+            part.pop(name, None)
+        self._flushed.discard(name)
+        self._inbox.forget(name)
+        wall = self._clock()
+        for transition in self._book.remove(name, who, wall):
+            self._moved(transition, batch)
+        batch.writes += [
+            partial(Transaction.remove_axis, name=name, said=_said_key(name)),
+            partial(Transaction.audit, wall=wall, who=who, action="AXIS_REMOVED", axis=name),
+        ]
+        batch.events += [Event("axis", name, 0.0, {"removed": True}), Event("status", name, 0.0, {})]
 
     def _flush_silent(self, busy: set[str], batch: _Batch) -> None:
         """End the waiting of axes that have fallen silent; the journal has it as an empty block."""
@@ -300,6 +402,13 @@ class Fleet:
         while not self._actions.empty():
             action, future = self._actions.get()
             if not future.set_running_or_notify_cancel():
+                continue
+            if isinstance(action, Removal):
+                if action.axis in self._axes or action.axis in self._refused:
+                    self._forget(action.axis, action.who, batch)
+                    batch.done.append((future, None))
+                else:
+                    future.set_exception(KeyError(action.axis))
                 continue
             try:
                 transition = self._book.act(action, self._clock())
@@ -374,10 +483,7 @@ class Fleet:
             except LeaseLost:
                 raise
             except InputError as error:
-                self.store_errors += 1
-                if self.trouble is None:
-                    LOG.error("%s", error)
-                self.trouble = str(error)
+                self._trouble(error)
                 if stop is not None and stop.wait(wait):
                     return False
                 wait = min(2.0 * wait, BACKOFF_S[1])
@@ -385,23 +491,45 @@ class Fleet:
                 self.trouble = None
                 return True
 
+    def _trouble(self, error: InputError) -> None:
+        self.store_errors += 1
+        if self.trouble is None:
+            LOG.error("%s", error)
+        self.trouble = str(error)
+
+    def problems(self) -> list[str]:
+        """What hinders it, a line each; answered at once, whatever it does."""
+        found = [] if self.trouble is None else [f"the store cannot be used: {self.trouble}"]
+        if self.resumed < 1.0:
+            found.append(f"resuming, {100 * self.resumed:.0f} %")
+        found += [refused.why for refused in list(self._refused.values())[:3]]
+        return found + self._inbox.problems()
+
+    @property
+    def count(self) -> int:
+        """Axes that are watched or refused."""
+        return len(self._axes) + len(self._refused)
+
     def axes(self) -> list[AxisStatus]:
         """How every axis stands."""
         with self._lock:
             counters = self._inbox.counters()
             known = [self._status(watch, counters) for watch in self._axes.values()]
             refused = [
-                AxisStatus(name=name, unit="", state="failed", headline=why)
-                for name, why in self._refused.items()
-                if name not in self._axes
-            ]
+                AxisStatus(
+                    name=name, unit="", state="failed", headline=refused.why,
+                    quality={"refused": refused.samples},
+                )
+                for name, refused in self._refused.items()
+            ]  # fmt: skip
         return [*known, *refused]
 
     def _status(
         self, watch: AxisWatch, counters: Mapping[str, Mapping[str, float]] | None = None
     ) -> AxisStatus:
         mine = (self._inbox.counters(watch.name) if counters is None else counters).get(watch.name, {})
-        return status_of(watch, self._book.alarms(watch.name), mine, self._clock())
+        zone = self._zone.get(watch.name) if isinstance(self._zone, Mapping) else self._zone
+        return status_of(watch, self._book.alarms(watch.name), mine, self._clock(), zone)
 
     def profile_of(self, name: str) -> str | None:
         """An axis's profile as YAML; None where there is no such axis."""
@@ -420,7 +548,7 @@ class Fleet:
             watch = self._axes[name]
             recent = watch.recent
             return AxisDetail(
-                status=self._status(watch), findings=watch.standing, estimates=recent.estimates(),
+                status=self._status(watch), findings=self._book.findings(name), estimates=recent.estimates(),
                 misfits=recent.misfits(), probabilities=recent.probabilities(), signals=recent.signals(),
             )  # fmt: skip
 
@@ -431,7 +559,20 @@ class Fleet:
         ------
         InputError : the alarm's state does not allow it. StoreTrouble : it could not be stored in time.
         """
-        future: Future[Transition] = Future()
+        done: Transition = self._asked(action)
+        return done
+
+    def remove(self, axis: str, who: str) -> None:
+        """Watch an axis no longer, and forget its life; if it sends again it begins anew.
+
+        Raises
+        ------
+        KeyError : no such axis. StoreTrouble : it could not be stored in time.
+        """
+        self._asked(Removal(axis, who))
+
+    def _asked(self, action: Action | Removal) -> Any:
+        future: Future[Any] = Future()
         self._actions.put((action, future))
         try:
             return future.result(ACT_S)

@@ -84,7 +84,8 @@ class Service:
         return {
             "status": "degraded" if problems else "ok",
             "problems": problems,
-            "axes": len(self.fleet.axes()),
+            "axes": self.fleet.count,
+            "sources": self.fleet.sources(),
         }
 
     def run(self, stop: threading.Event, began: Callable[[], None] = lambda: None) -> None:

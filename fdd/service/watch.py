@@ -44,7 +44,7 @@ class Watch(Fleet):
         super().__init__(
             Profiles(config.units, config.fallback), Model.load(config.model), store, bus, inbox,
             targets=targets,
-            hold=config.limits.hold, learn_s=60.0 * config.learn_minutes, share=share,
+            hold=config.limits.hold, learn_s=60.0 * config.learn_minutes, share=share, zone=config.zone,
         )  # fmt: skip
         self.began = threading.Event()
         self._sources = [open_source(source, share.has) for source in config.sources]
@@ -65,12 +65,15 @@ class Watch(Fleet):
             self.began.set()
             super().run(stop)
         finally:
+            self._inbox.close()
             ended.set()
 
     def problems(self) -> list[str]:
         """What hinders it, a line each."""
-        found = [] if self.trouble is None else [f"the store cannot be written: {self.trouble}"]
+        found = super().problems()
         for name, status in self.sources().items():
+            if status["refused_lately"]:
+                found.append(f"source {name} refused messages: {status['refused_lately']}")
             if not status["connected"]:
                 why = f": {status['last_error']}" if status["last_error"] else ""
                 found.append(f"source {name} is not connected{why}")

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Literal
+from typing import Any, Literal
 
 from pydantic import BaseModel, ConfigDict, Field
 
@@ -43,11 +43,15 @@ class Trend(BaseModel):
 
 
 class Health(BaseModel):
-    """Whether the service can do its work; callers without a token see the status alone."""
+    """Whether the service can do its work; callers without a token see the status alone.
+
+    `sources` : how each stands: `connected`, messages `received` and `refused`, `last_error`, and more.
+    """
 
     status: Literal["ok", "degraded"]
     problems: list[str] | None = None
     axes: int | None = None
+    sources: dict[str, dict[str, Any]] | None = None
     version: str | None = None
 
 

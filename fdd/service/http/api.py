@@ -82,6 +82,7 @@ def router(
 
     view = [needs("view")]
     Operator = Annotated[Caller, needs("acknowledge")]
+    Admin = Annotated[Caller, needs("admin")]
 
     def detail(name: str) -> AxisDetail:
         try:
@@ -113,6 +114,14 @@ def router(
         """One axis with its last ten minutes, signals in so many points."""
         found = detail(name)
         return found.model_copy(update={"signals": thinned(found.signals, points)})
+
+    @api.delete("/api/axes/{name:path}", status_code=204)
+    def remove(name: str, who: Admin) -> None:
+        """Watch an axis no longer, and forget its life; if it sends again it begins anew."""
+        try:
+            fleet.remove(name, who.name)
+        except KeyError:
+            raise HTTPException(404, "no such axis") from None
 
     @api.get("/api/alarms", dependencies=view)
     def alarms(
@@ -165,10 +174,9 @@ def router(
         return found if known is not None else Health(status=found.status)
 
     @api.get("/api/events", dependencies=view, response_class=StreamingResponse)
-    async def events(request: Request) -> StreamingResponse:
+    async def events(request: Request) -> Response:
         """Events as they happen (server-sent)."""
-        stream = hub.stream("last-event-id" in request.headers)
-        return StreamingResponse(stream, media_type="text/event-stream", headers={"x-accel-buffering": "no"})
+        return hub.answer("last-event-id" in request.headers)
 
     @api.get("/api/session")
     def session(who: Annotated[Caller, *view]) -> Session:

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from fdd.logs.mcap_writing import write_annotated
 from fdd.samples import Samples
+from fdd.service.recent import FRESH_S
 
 OURS = re.compile(r".+_\d{8}T\d{6}Z_\w+\.mcap")
 """Only files with such a name are ever removed."""
@@ -53,7 +54,7 @@ def wall_offset(last: float) -> float:
     """s to add to a stream's stamps, of which `last` has just come, for Unix seconds."""
     lag = time.time() - last
     # Stamps that are Unix seconds already need no offset, however late they come.
-    return 0.0 if abs(lag) < 30 * 86400 else lag
+    return 0.0 if abs(lag) < FRESH_S else lag
 
 
 def write(
