@@ -315,9 +315,7 @@ class Fleet:
                     profile_sha256=watch.profile_sha256, model_sha256=self._model.sha256,
                 )
             )  # fmt: skip
-            batch.writes.append(
-                partial(Transaction.meta, key=_said_key(name), value=blocks[0].unit or "")
-            )
+            batch.writes.append(partial(Transaction.meta, key=_said_key(name), value=blocks[0].unit or ""))
             about = {"unit": watch.unit.name, "learning": bool(watch.learning)}
             batch.events.append(Event("axis", name, 0.0, about))
         self._looked(watch, looks, wall, batch)
@@ -499,7 +497,7 @@ class Fleet:
 
     def problems(self) -> list[str]:
         """What hinders it, a line each; answered at once, whatever it does."""
-        found = [] if self.trouble is None else [f"the store cannot be used: {self.trouble}"]
+        found = [] if self.trouble is None else [f"the store cannot be written: {self.trouble}"]
         if self.resumed < 1.0:
             found.append(f"resuming, {100 * self.resumed:.0f} %")
         found += [refused.why for refused in list(self._refused.values())[:3]]

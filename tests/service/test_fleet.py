@@ -452,7 +452,10 @@ def test_an_axis_can_be_removed_and_begins_anew(store: Store, log: Samples) -> N
     assert fleet.axes() == [] == store.axes() and store.checkpoint("A1") is None
     assert not store.journal("A1") and not store.rollups("A1", "leakage", "minute")
     assert store.alarms()[0]["state"] == "NORMAL"
-    assert [(a["action"], a["who"]) for a in store.audit()][:2] == [("AXIS_REMOVED", "ann"), ("REMOVED", "ann")]
+    assert [(a["action"], a["who"]) for a in store.audit()][:2] == [
+        ("AXIS_REMOVED", "ann"),
+        ("REMOVED", "ann"),
+    ]
     assert [heard.get().data, heard.get().data][1] == {"removed": True}  # type: ignore[union-attr]
     worker.join()
     again, inbox, _ = fleet_of(store)

@@ -49,6 +49,14 @@ class Source(ABC):
         self._put = put
         self._begin(stop)
 
+    def check(self) -> None:
+        """Open the files and folders that its part of `serve.yaml` names.
+
+        Raises
+        ------
+        InputError : one cannot be used.
+        """
+
     @abstractmethod
     def _begin(self, stop: threading.Event) -> None:
         """Begin in threads of its own; raises as `start`."""
