@@ -135,7 +135,8 @@ class LineParser:
 
     def _rows_of(self, block: dict[str, Any]) -> list[dict[str, Any]]:
         """The samples of a block as `fdd serve` takes it (docs/serve-blocks.md), one object each."""
-        time, columns = block.get("time"), block.get("columns")
+        time: Any = block.get("time")
+        columns: Any = block.get("columns")
         try:
             if isinstance(time, dict):
                 start, period, n = (time[key] for key in ("start", "period", "n"))

@@ -162,9 +162,7 @@ class JsonLines:
                 yield self._parser.samples(pending)
                 pending = []
         if np.isnan(self._parser.last_time):
-            raise InputError(
-                "no samples came", mend='send JSON lines such as {"time": 0.001, "position": 0.01}'
-            )
+            raise InputError("no samples came", mend='send lines such as {"time": 0.001, "position": 0.01}')
 
     @property
     def offset(self) -> float:

@@ -269,7 +269,7 @@ class AlarmBook:
         return self._back(self._alarm(id, "unshelved", "SHELVED"), "UNSHELVED", who, note, wall)
 
     def findings(self, axis: str) -> list[FaultFinding]:
-        """What the last look at an axis still saw, the surest first; each detected when its alarm was raised."""
+        """What the last look at an axis still saw, the surest first; detected when its alarm was raised."""
         seen = [a for a in self.alarms(axis) if a.standing and a.seen >= a.time]
         seen.sort(key=lambda a: -(a.confidence or 0.0))
         return [FaultFinding.model_validate(a.body) for a in seen]

@@ -171,7 +171,7 @@ class AxisWatch:
         return looks
 
     def _check(self, samples: Samples) -> None:
-        """Refuse channels in a wrong unit of measure, by some seconds; after a failure begin anew with them."""
+        """Refuse channels in a wrong unit of measure, by some seconds; after a failure begin anew."""
         if self._unchecked is None or samples.time[0] < self._rests_until:
             return
         self._unchecked.append(samples)

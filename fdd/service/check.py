@@ -1,4 +1,4 @@
-"""Everything that a `serve.yaml` names, opened before anything is made: `fdd serve --check`, and each start."""
+"""All that a `serve.yaml` names, opened before anything is made: by `fdd serve --check`, and each start."""
 
 from __future__ import annotations
 

@@ -160,8 +160,8 @@ class Serve(Part):
     state : folder of what the service keeps.
     store : URL of a database; a file in `state` where none is given.
     units : folder of profiles, or profile by axis. fallback : profile of axes that have none.
-    zone : IANA name of the time zone that all axes' clock times are told in, or one for each axis; that of this
-        machine where none is given.
+    zone : IANA name of the time zone of all axes' clock times, or one for each axis; that of this machine
+        where none is given.
     learn_minutes : of work by which the baseline of a profile without one is learnt.
     model : of the decision; the shipped one where none is given.
     shards : into which the axes are divided with ``--engine ray``.

@@ -39,7 +39,7 @@ class Inbox:
     ----------
     most_seconds : s of data that may wait of one axis. Beyond it the axis's oldest block is dropped, unless
         its sender keeps it until it is accepted (`Block.patient`); the newest block always stays.
-    most_bytes : of all that waits. Beyond it `put` waits with a patient block, and else drops the oldest block
+    most_bytes : of all that waits. Beyond it `put` waits with a patient block, and else drops the oldest one
         of the axis that lags most.
     """
 

@@ -186,13 +186,13 @@ def test_a_store_that_fails_is_tried_again_and_nothing_accepted_meanwhile(
 
     def failing(self: Store) -> Any:
         if next(failures, None) is not None:
-            assert len(answered) == 20 and fleet.store_errors < 3
+            assert len(answered) == 20 and fleet.writer.errors < 3
             raise StoreTrouble("full", where=self.where)
         return plain(self)
 
     monkeypatch.setattr(Store, "transaction", failing)
     send(fleet, inbox, blocks[20:40])
-    assert answered == list(range(40)) and fleet.store_errors == 3 and fleet.trouble is None
+    assert answered == list(range(40)) and fleet.writer.errors == 3 and fleet.writer.trouble is None
     monkeypatch.undo()
     again, _, _ = fleet_of(store)
     assert again.axes()[0].samples == 4000
@@ -225,7 +225,7 @@ def test_a_store_whose_answer_is_lost_has_nothing_twice(
     tries = count()
     monkeypatch.setattr(Store, "transaction", unanswered)
     again = worked(f"sqlite:///{tmp_path / 'again.db'}" if kind == "sqlite" else postgres_url())
-    assert again[-1].store_errors > 100 and whole[0]["findings"], "else this shows nothing"
+    assert again[-1].writer.errors > 100 and whole[0]["findings"], "else this shows nothing"
     assert again[:-1] == whole[:-1]
 
 
@@ -469,7 +469,7 @@ def test_strangers_of_one_message_each_leave_the_place_to_others(
     store: Store, log: Samples, monkeypatch: pytest.MonkeyPatch, ticking: list[float]
 ) -> None:
     monkeypatch.setattr("fdd.service.fleet.MOST_AXES", 5)
-    monkeypatch.setattr("fdd.service.fleet.MOST_REFUSED", 3)
+    monkeypatch.setattr("fdd.service.refused.MOST_REFUSED", 3)
     fleet, inbox, _ = fleet_of(store)
     send(fleet, inbox, blocks_of(log.rows(0, 6000)))
     for k in range(20):
@@ -510,7 +510,7 @@ def test_after_a_crash_it_is_asked_while_it_resumes(
 def test_a_store_that_is_away_at_the_start_is_waited_for(
     store: Store, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("fdd.service.fleet.BACKOFF_S", (0.01, 0.01))
+    monkeypatch.setattr("fdd.service.storing.BACKOFF_S", (0.01, 0.01))
     plain, failures = Store.book, iter(range(3))
 
     def failing(self: Store) -> Any:
@@ -524,6 +524,6 @@ def test_a_store_that_is_away_at_the_start_is_waited_for(
     running.start()
     while fleet.resumed < 1.0:
         time.sleep(0.01)
-    assert fleet.store_errors == 3 and fleet.problems() == []
+    assert fleet.writer.errors == 3 and fleet.problems() == []
     stop.set()
     running.join(10.0)

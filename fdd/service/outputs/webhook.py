@@ -94,15 +94,16 @@ class _Answer(http.client.HTTPResponse):
 
     def begin(self) -> None:
         """Read the head; raises RemoteDisconnected where it ends before its empty line."""
-        lines, plain = [b""], self.fp.readline
+        last, plain = b"", self.fp.readline
 
-        def readline(*most: int) -> bytes:
-            lines.append(plain(*most))
-            return lines[-1]
+        def noted(most: int | None = -1) -> bytes:
+            nonlocal last
+            last = plain(most)
+            return last
 
-        self.fp.readline = readline  # type: ignore[method-assign]
+        self.fp.readline = noted  # type: ignore[method-assign]
         super().begin()
-        if lines[-1] not in (b"\r\n", b"\n"):
+        if last not in (b"\r\n", b"\n"):
             raise http.client.RemoteDisconnected("the answer is cut")
 
 

@@ -49,7 +49,7 @@ class Source(ABC):
         self._put = put
         self._begin(stop)
 
-    def check(self) -> None:
+    def check(self) -> None:  # noqa: B027 (most name no files)
         """Open the files and folders that its part of `serve.yaml` names.
 
         Raises
