@@ -9,7 +9,7 @@ from typing import Annotated, Literal, Self
 from urllib.parse import urlsplit
 from zoneinfo import ZoneInfo
 
-from pydantic import AfterValidator, Field, ValidationError, field_validator, model_validator
+from pydantic import Field, ValidationError, field_validator, model_validator
 
 from fdd.bounds import MAX_SERVE_BYTES
 from fdd.service.config_sources import (
@@ -23,17 +23,6 @@ from fdd.service.config_sources import (
 )
 from fdd.validation import input_error
 from fdd.yaml_reading import yaml_mapping, yaml_text
-
-
-def _known_zone(name: str) -> str:
-    try:
-        ZoneInfo(name)
-    except (ValueError, OSError, KeyError):
-        raise ValueError(f"{name!r} is no time zone; write e.g. Europe/Paris or UTC") from None
-    return name
-
-
-Zone = Annotated[str, AfterValidator(_known_zone)]
 
 
 class Tls(Part):
@@ -179,7 +168,7 @@ class Serve(Part):
     store: str | None = None
     units: ConfigPath | dict[AxisName, str] | None = None
     fallback: str | None = None
-    zone: Zone | dict[AxisName, Zone] | None = None
+    zone: str | dict[AxisName, str] | None = None
     learn_minutes: Annotated[float, Field(ge=5, le=10080)] = 60.0
     model: ConfigPath | None = None
     shards: Annotated[int, Field(ge=1, le=256)] = 4
@@ -189,6 +178,16 @@ class Serve(Part):
     outputs: Outputs = Outputs()
     retention: Retention = Retention()
     limits: Limits = Limits()
+
+    @field_validator("zone")
+    @classmethod
+    def _known_zones(cls, zone: str | dict[str, str] | None) -> str | dict[str, str] | None:
+        for name in zone.values() if isinstance(zone, dict) else [zone] if zone else []:
+            try:
+                ZoneInfo(name)
+            except (ValueError, OSError, KeyError):
+                raise ValueError(f"{name!r} is no time zone; write e.g. Europe/Paris or UTC") from None
+        return zone
 
     @model_validator(mode="after")
     def _consistent(self) -> Self:

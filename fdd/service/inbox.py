@@ -60,18 +60,15 @@ class Inbox:
         """
         size = block.nbytes + _BLOCK_BYTES
         with self._changed:
-            while block.patient and self._waiting and self._bytes + size > self._most_bytes:
+            while block.patient and self._waiting and not self._has_room(block.axis, size):
                 if self._closed:
                     return  # not accepted: its sender sends it again
                 self._changed.wait(0.5)
-            queue = self._queues.get(block.axis)
-            if queue is None:
-                if len(self._queues) >= MOST_AXES:
-                    raise InputError(
-                        f"axis {block.axis}: more than {MOST_AXES} axes",
-                        mend="start another fdd serve for it",
-                    )
-                queue = self._queues[block.axis] = _Queue()
+            if not self._has_room(block.axis):
+                raise InputError(
+                    f"axis {block.axis}: more than {MOST_AXES} axes", mend="start another fdd serve for it"
+                )
+            queue = self._queues.setdefault(block.axis, _Queue())
             if not queue.blocks:
                 self._waiting.append(block.axis)
             queue.blocks.append(block)
@@ -84,6 +81,12 @@ class Inbox:
             while self._bytes > self._most_bytes and (lossy := self._lossy()):
                 self._drop(max(lossy, key=lambda axis: self._queues[axis].seconds))
             self._changed.notify_all()
+
+    def _has_room(self, axis: str, size: int = 0) -> bool:
+        """Whether another block of an axis may wait, of some bytes."""
+        waits = axis in self._queues and bool(self._queues[axis].blocks)
+        room = size == 0 or self._bytes + size <= self._most_bytes
+        return room and (waits or len(self._waiting) < MOST_AXES)
 
     def _lossy(self) -> list[str]:
         """Axes whose oldest block no sender keeps."""

@@ -100,6 +100,11 @@ def test_more_axes_than_a_service_watches_are_refused() -> None:
     with pytest.raises(InputError, match="more than 1000 axes"):
         inbox.put(replace(one, axis="one-more"))
     inbox.put(replace(one, axis="A7"))
+    patient = threading.Thread(target=inbox.put, args=(replace(one, axis="one-more", patient=True),))
+    patient.start()
+    assert "one-more" not in {b.axis for b in inbox.take(0.0)}, "not refused either: it waits for a place"
+    patient.join(5.0)
+    assert not patient.is_alive()
 
 
 def test_many_threads_put_and_all_is_taken_or_counted() -> None:

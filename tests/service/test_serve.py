@@ -141,14 +141,6 @@ def test_without_its_packages_it_names_the_extra(
     assert refused.exit_code == 2 and "install fdd[serve]" in refused.output
 
 
-@pytest.mark.parametrize("line", ["fallback: axis_z", "units: {A1: axis_z}"])
-def test_a_profile_that_is_misspelt_is_refused_at_the_start(line: str, tmp_path: Path) -> None:
-    text = f"schema: fdd.serve/1\n{line}\nlisten: {{port: 0}}\nsources: [{{type: udp, port: 0}}]\n"
-    with pytest.raises(InputError, match="axis_z") as caught:
-        Service(Serve.from_yaml(text, folder=tmp_path))
-    assert len(str(caught.value).splitlines()) == 1
-
-
 def test_a_fleet_that_fails_ends_the_service_with_what_it_was(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -187,6 +179,8 @@ def test_two_signals_at_once_end_it(tmp_path: Path) -> None:
     "line",
     [
         "units: none",
+        "fallback: none",
+        "units: {A1: none}",
         "model: none.json",
         "tokens: none.txt",
         "listen: {port: 0, tls: {cert: none.pem, key: none.key}}",
