@@ -37,6 +37,8 @@ def split_lines(tail: bytes, chunk: bytes, ended: bool) -> tuple[list[bytes], by
     >>> split_lines(b'{"a"', b': 1}\\n{"a": 2', False)
     ([b'{"a": 1}'], b'{"a": 2', 0)
     """
+    if not ended and len(tail) > MAX_LINE_BYTES and b"\n" not in chunk:
+        return [], tail, 0  # a line without end, of which no more is copied
     *whole, rest = (tail + chunk).split(b"\n")
     if ended:
         whole, rest = [*whole, rest], b""

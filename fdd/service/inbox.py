@@ -20,7 +20,7 @@ MOST_TAKEN = 256
 """Blocks that are taken at once: some tenths of a second of work."""
 _BLOCK_BYTES = 1000
 """What a block takes besides its numbers."""
-_TOLD_S = 60.0
+_TOLD_S = 20.0
 """For which a loss is told as a problem."""
 
 

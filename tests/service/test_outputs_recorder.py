@@ -20,8 +20,7 @@ from fdd.samples import Samples
 from fdd.service.bus import Bus
 from fdd.service.config import Recording
 from fdd.service.outputs import recorder as recorder_module
-from fdd.service.outputs.recorder import Recorder
-from fdd.service.outputs.recording import keep_within
+from fdd.service.outputs.recorder import Recorder, keep_within
 
 RATE = 100
 START = 1000.0

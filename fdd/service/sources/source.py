@@ -16,7 +16,7 @@ from fdd.service.blocks import Block, Decoder, nothing
 from fdd.service.config_sources import AnySource, source_name
 
 LOG = logging.getLogger("fdd.service")
-LATELY_S, LOGGED_S = 60.0, 10.0
+LATELY_S, LOGGED_S = 20.0, 10.0
 Put = Callable[[Block], None]
 
 
@@ -64,7 +64,7 @@ class Source(ABC):
     def status(self) -> dict[str, Any]:
         """How it stands: `connected`, `received` and `refused` messages, `last_error`, `reconnects`, more.
 
-        `refused_lately` says why a message was refused within the last minute; "" where none was.
+        `refused_lately` says why a message was refused within the last 20 s; "" where none was.
         """
         with self._lock:
             at, why = self._refusal
