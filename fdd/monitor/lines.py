@@ -37,9 +37,9 @@ def split_lines(tail: bytes, chunk: bytes, ended: bool) -> tuple[list[bytes], by
     >>> split_lines(b'{"a"', b': 1}\\n{"a": 2', False)
     ([b'{"a": 1}'], b'{"a": 2', 0)
     """
-    if not ended and len(tail) > MAX_LINE_BYTES and b"\n" not in chunk:
-        return [], tail, 0  # a line without end, of which no more is copied
-    *whole, rest = (tail + chunk).split(b"\n")
+    first, *more = chunk.split(b"\n")
+    # Of a line without end no more is copied than tells that it is too long.
+    *whole, rest = [tail if len(tail) > MAX_LINE_BYTES else tail + first, *more]
     if ended:
         whole, rest = [*whole, rest], b""
     overlong = sum(len(line) > MAX_LINE_BYTES for line in whole)

@@ -12,10 +12,9 @@ from typing import Any
 
 import numpy as np
 
-from fdd.bounds import MAX_LINE_BYTES, MOST_AXES, MOST_PENDING
+from fdd.bounds import MAX_BLOCK_BYTES, MOST_AXES, MOST_PENDING
 from fdd.errors import InputError
 from fdd.logs.channel_map import ChannelMap
-from fdd.monitor.lines import split_lines
 from fdd.monitor.mapping import all_numbers, channels_in_si, column_of_rows
 from fdd.samples import Samples
 from fdd.service.arrow import ARROW_START
@@ -52,23 +51,42 @@ class _Feed:
         self._more: dict[str, Any] = {"patient": window is not None}
         if window is not None:
             self._more["accepted"] = window.accepted
-        self._tail = b""
+        self._tail, self._overlong = bytearray(), False
         self._rows: dict[str, list[dict[str, Any]]] = {}
         self._pending, self._since = 0, time.monotonic()
 
-    def stream(self, chunk: bytes, ended: bool = False) -> None:
+    def stream(self, chunk: bytes) -> None:
         """Some bytes of a stream, which is cut to lines of bounded length."""
-        lines, self._tail, overlong = split_lines(self._tail, chunk, ended)
-        for _ in range(overlong):
-            error = f"a line of more than {MAX_LINE_BYTES} bytes"
-            self._source._refuse(InputError(error, mend="end each message with a line feed"))
-        for line in lines:
-            self.take(line)
+        *whole, rest = chunk.split(b"\n")
+        for line in whole:
+            self._line(line)
+            self._end_line()
+        self._line(rest)
 
     def end(self) -> None:
         """The stream has ended."""
-        self.stream(b"", ended=True)
+        self._end_line()
         self.flush()
+
+    def _line(self, part: bytes) -> None:
+        if not self._overlong:
+            self._tail += part
+            # The rest of a line without end is read and forgotten.
+            self._overlong = len(self._tail) > MAX_BLOCK_BYTES
+            if self._overlong:
+                self._tail.clear()
+
+    def _end_line(self) -> None:
+        if self._overlong:
+            self._source._refuse(
+                InputError(
+                    f"a line of more than {MAX_BLOCK_BYTES} bytes", mend="end each message with a line feed"
+                )
+            )
+        elif self._tail.strip():
+            self.take(bytes(self._tail))
+        self._tail.clear()
+        self._overlong = False
 
     def take(self, line: bytes) -> None:
         """One line or one datagram; what is wrong with it is counted and told."""
