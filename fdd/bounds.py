@@ -197,9 +197,7 @@ LONGEST_BASE_60 = _bound(
 )
 
 # The monitor
-MAX_LINE_BYTES = _bound(
-    "MAX_LINE_BYTES", 1 << 16, "bytes of a JSON line", "one sample of all channels has 500"
-)
+MAX_LINE_BYTES = _bound("MAX_LINE_BYTES", 16 << 20, "bytes of a JSON line", "that of a block of the service")
 MOST_PENDING = _bound("MOST_PENDING", 4096, "lines that wait for the pipeline", "four seconds at 1 kHz")
 MAX_STATE_BYTES = _bound(
     "MAX_STATE_BYTES", 256 << 20, "bytes of a monitor's state, unpacked", "one has some MiB"

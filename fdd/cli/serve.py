@@ -6,7 +6,8 @@ import logging
 import sys
 import tempfile
 import threading
-from contextlib import ExitStack
+from collections.abc import Iterator
+from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -17,6 +18,8 @@ from fdd.errors import InputError
 if TYPE_CHECKING:
     from fdd.service.config import Serve
 
+DEMO = "fdd-demo-"
+
 
 def serve(
     config: Annotated[Path | None, argument("What is watched: fdd schema serve.", "[SERVE.YAML]")] = None,
@@ -25,7 +28,7 @@ def serve(
     ] = False,
     port: Annotated[int | None, option("Instead of the file's.", min=0, max=65535)] = None,
     engine: EngineOption = "local",
-    check: Annotated[bool, option("Read the file, and end.", "--check")] = False,
+    check: Annotated[bool, option("Read the file and all that it names, and end.", "--check")] = False,
     token: Annotated[
         str | None,
         option("Make a token of the role view, acknowledge or admin, and its line for the file of tokens.",
@@ -45,7 +48,7 @@ def serve(
     logging.basicConfig(format="%(asctime)s %(levelname)s %(message)s", level=logging.INFO, stream=sys.stderr)
     with ExitStack() as kept:
         if demo:
-            settings = _demo(Path(kept.enter_context(tempfile.TemporaryDirectory(prefix="fdd-demo-"))))
+            settings = _demo(kept.enter_context(_demo_folder()))
         else:
             assert config is not None
             settings = Serve.load(config)
@@ -53,12 +56,16 @@ def serve(
             listen = settings.listen.model_copy(update={"port": port})
             settings = settings.model_copy(update={"listen": listen})
         if engine == "ray":
-            from fdd.service.fleet import Share
             from fdd.service.shards import part_of
+            from fdd.service.watch import Share
 
             part_of(settings, Share(0, settings.shards))
         if check:
-            print(f"{config or 'demo'}: {len(settings.sources)} sources, store {settings.store_url}")
+            from fdd.service.check import check as check_files
+
+            check_files(settings)
+            many = "1 source" if len(settings.sources) == 1 else f"{len(settings.sources)} sources"
+            print(f"{config or 'demo'}: {many}, store {settings.store_url}")
             return
         service = Service(settings, engine)
         stop = threading.Event()
@@ -79,6 +86,21 @@ def _make_token(text: str) -> None:
     secret, line = new_token(name, role)
     print(f"Token (shown this once): {secret}")
     print(f"Line for the file of tokens: {line}")
+
+
+@contextmanager
+def _demo_folder() -> Iterator[Path]:
+    """A temporary folder, locked while it is used; those that a killed demo has left are removed."""
+    import fcntl
+    import shutil
+
+    for left in Path(tempfile.gettempdir()).glob(f"{DEMO}*/.lock"):
+        with suppress(OSError), left.open("wb") as lock:  # OSError: another user's, or one that is used
+            fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            shutil.rmtree(left.parent, ignore_errors=True)
+    with tempfile.TemporaryDirectory(prefix=DEMO) as folder, (Path(folder) / ".lock").open("wb") as lock:
+        fcntl.flock(lock, fcntl.LOCK_EX)
+        yield Path(folder)
 
 
 def _demo(folder: Path) -> Serve:

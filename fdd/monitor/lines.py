@@ -37,7 +37,9 @@ def split_lines(tail: bytes, chunk: bytes, ended: bool) -> tuple[list[bytes], by
     >>> split_lines(b'{"a"', b': 1}\\n{"a": 2', False)
     ([b'{"a": 1}'], b'{"a": 2', 0)
     """
-    *whole, rest = (tail + chunk).split(b"\n")
+    first, *more = chunk.split(b"\n")
+    # Of a line without end no more is copied than tells that it is too long.
+    *whole, rest = [tail if len(tail) > MAX_LINE_BYTES else tail + first, *more]
     if ended:
         whole, rest = [*whole, rest], b""
     overlong = sum(len(line) > MAX_LINE_BYTES for line in whole)
@@ -120,19 +122,38 @@ class LineParser:
 
     def _objects(self, lines: list[bytes]) -> list[dict[str, Any]]:
         found = objects_at_once(lines)
-        if found is not None:
-            return found
-        out = []
-        for line in lines:
-            try:
-                one = json.loads(line)
-            except (ValueError, RecursionError):
-                one = None
-            if isinstance(one, dict):
-                out.append(one)
-            else:
-                self._count_malformed(1)
-        return out
+        if found is None:
+            found = []
+            for line in lines:
+                try:
+                    one = json.loads(line)
+                except (ValueError, RecursionError):
+                    one = None
+                if isinstance(one, dict):
+                    found.append(one)
+                else:
+                    self._count_malformed(1)
+        return [row for one in found for row in (self._rows_of(one) if "schema" in one else (one,))]
+
+    def _rows_of(self, block: dict[str, Any]) -> list[dict[str, Any]]:
+        """The samples of a block as `fdd serve` takes it (docs/serve-blocks.md), one object each."""
+        time: Any = block.get("time")
+        columns: Any = block.get("columns")
+        try:
+            if isinstance(time, dict):
+                start, period, n = (time[key] for key in ("start", "period", "n"))
+                time = [start + period * k for k in range(min(n, MAX_LINE_BYTES))]
+            stamps = {str(self._sources["time"].column): time} if time is not None else {}
+            rows = [
+                dict(zip((*stamps, *columns), row, strict=True))
+                for row in zip(*stamps.values(), *columns.values(), strict=True)
+            ]
+        except (KeyError, TypeError, ValueError, AttributeError):
+            rows = []
+        if not rows or block["schema"] != "fdd.block/1":
+            self._count_malformed(1)
+            return []
+        return rows
 
     def _usable(self, row: dict[str, Any]) -> bool:
         """Whether all that is read of a line are numbers; also collects names that nobody knows."""
@@ -169,7 +190,7 @@ class LineParser:
             self._told_malformed = True
             self._remarks.append(
                 "a line is malformed and was left out; further ones are counted "
-                '(one JSON object a line is wanted, as in {"time": 0.001, "position": 0.01})'
+                '(one JSON object a line is wanted, as in {"time": 0.001, "position": 0.01}, or a block)'
             )
 
     def quality(self) -> Quality:

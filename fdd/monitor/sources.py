@@ -16,6 +16,7 @@ import numpy as np
 
 from fdd.bounds import MOST_PENDING
 from fdd.diagnosis.findings import Quality
+from fdd.errors import InputError
 from fdd.monitor.clock import Clock
 from fdd.monitor.lines import LineParser, split_lines
 from fdd.samples import Samples
@@ -116,7 +117,7 @@ class Replay:
 
 
 class JsonLines:
-    """JSON lines from a stream, one object a sample: ``{"time": 0.001, "position": 0.01, …}``.
+    """JSON lines from a stream, one object a sample: ``{"time": 0.001, "position": 0.01, …}``, or a block.
 
     The stream is read in a thread of its own, so that a silent machine does not hold the
     monitor up; a monitor that cannot keep up makes the writer wait.
@@ -160,6 +161,8 @@ class JsonLines:
             if chunk is None or ended or (pending and due):
                 yield self._parser.samples(pending)
                 pending = []
+        if np.isnan(self._parser.last_time):
+            raise InputError("no samples came", mend='send lines such as {"time": 0.001, "position": 0.01}')
 
     @property
     def offset(self) -> float:

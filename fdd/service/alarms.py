@@ -46,7 +46,8 @@ class Alarm:
     Attributes
     ----------
     key : family and fault or channel that it was raised with; one alarm at a time has it on an axis.
-    fault, channel, severity, confidence, body : of the last finding; body is the whole of it.
+    fault, channel, severity, confidence, body : of the last finding; body is the whole of it, but for
+        `detected_s`, which stays that of the finding that raised it.
     priority : low, medium, high or urgent. level : quarters of gross that the severity passed. Neither falls.
     standing : whether the evidence is there, or has not been gone for the off-delay.
     count : how often it was raised. reraised : s, when again within the last hour. chattering : too often.
@@ -190,7 +191,7 @@ class AlarmBook:
         alarm = Alarm(
             id=self._next_id, axis=axis, key=key, family=finding.family, state="UNACK",
             time=time, seen=time, raised_time=time, raised_wall=wall, level=severity_level(finding),
-            priority=priority_of(finding), **_words(finding),
+            priority=priority_of(finding), **_words(finding, finding.detected_s),
         )  # fmt: skip
         self._next_id += self._step
         return self._moved("RAISED", alarm, "NORMAL", wall)
@@ -202,10 +203,12 @@ class AlarmBook:
         escalated = (level, priority) != (alarm.level, alarm.priority)
         again = not alarm.standing
         recent = alarm.reraised + (time,) * again
+        # A finding that stands is detected anew at each look; people ask when it was told.
+        detected = finding.detected_s if again else alarm.body["detected_s"]
         alarm = replace(
             alarm, seen=time, standing=True, level=level, priority=priority, reraised=recent,
             count=alarm.count + again, chattering=chattered or len(recent) > MOST_RERAISES,
-            **_words(finding),
+            **_words(finding, detected),
         )  # fmt: skip
         if again:
             alarm = replace(alarm, raised_time=time, raised_wall=wall)
@@ -264,6 +267,22 @@ class AlarmBook:
     def unshelve(self, id: int, who: str, note: str, wall: float) -> Transition:
         """End its shelf: an alarm again where the evidence stands, else normal."""
         return self._back(self._alarm(id, "unshelved", "SHELVED"), "UNSHELVED", who, note, wall)
+
+    def findings(self, axis: str) -> list[FaultFinding]:
+        """What the last look at an axis still saw, the surest first; detected when its alarm was raised."""
+        seen = [a for a in self.alarms(axis) if a.standing and a.seen >= a.time]
+        seen.sort(key=lambda a: -(a.confidence or 0.0))
+        return [FaultFinding.model_validate(a.body) for a in seen]
+
+    def remove(self, axis: str, who: str, wall: float) -> list[Transition]:
+        """End all alarms of an axis that is watched no longer."""
+        out = []
+        for alarm in self.alarms(axis):
+            if alarm.state != "NORMAL":
+                alarm = replace(alarm, standing=False, returned_time=alarm.time, returned_wall=wall)
+                out.append(self._acted("REMOVED", alarm, "NORMAL", who, "its axis was removed", wall))
+            del self._alarms[alarm.id]
+        return out
 
     def tick(self, wall: float) -> list[Transition]:
         """End the shelves whose time (Unix seconds) has come."""
@@ -356,9 +375,9 @@ def _alarm_of(key: str, finding: FaultFinding, alarms: Iterable[Alarm]) -> Alarm
     return min(fitting, key=lambda a: (a.state == "NORMAL", a.key != key, a.id), default=None)
 
 
-def _words(finding: FaultFinding) -> dict[str, Any]:
+def _words(finding: FaultFinding, detected_s: float) -> dict[str, Any]:
     """What an alarm takes over of its last finding."""
-    body = finding.model_dump(mode="json")
+    body = finding.model_dump(mode="json") | {"detected_s": detected_s}
     return {k: body[k] for k in ("fault", "channel", "severity", "confidence")} | {"body": body}
 
 

@@ -24,7 +24,7 @@ from fdd.service.blocks import Block
 from fdd.service.learning import Learning
 from fdd.service.life import HEALTHY_LEAKAGE, LEAKAGE_FACTOR
 from fdd.service.order import Order
-from fdd.service.recent import LOOK_S, Recent
+from fdd.service.recent import FRESH_S, LOOK_S, Recent
 from fdd.service.store import Checkpoint, Rollup, joined, parted
 from fdd.unit import Unit
 
@@ -36,7 +36,11 @@ VERSION = "2"
 MOST_TOGETHER = 64
 """Blocks of a hop that are worked together, however short."""
 CHECKED_S = 5.0
-"""s of data by which the units of measure are checked, once."""
+"""s of data by which the units of measure are checked: once, and again after they were wrong."""
+CLOCK_GAP_S = 2.0
+"""s by which the clock times of a stream from any start may be off before they are corrected."""
+REST_S = 60.0
+"""s of data after a fault of fdd itself, before the axis is tried again."""
 
 
 @dataclass(frozen=True)
@@ -63,7 +67,7 @@ class AxisWatch:
 
     Attributes
     ----------
-    failed : why it cannot be watched; None while it can.
+    failed : why it is not watched now; what comes is checked, and once it is sound the axis begins anew.
     rollups : parts of minutes that are not stored yet.
     """
 
@@ -71,7 +75,7 @@ class AxisWatch:
         self, name: str, unit: Unit, model: Model, hold: float = 0.5, learn_s: float = 3600.0,
         measured: Callable[[Samples], None] = lambda samples: None,
     ) -> None:  # fmt: skip
-        self.name, self.model, self._measured = name, model, measured
+        self.name, self.model, self._measured, self._learn_s = name, model, measured, learn_s
         self.order = Order(hold)
         self.recent = Recent()
         self.failed: str | None = None
@@ -83,14 +87,16 @@ class AxisWatch:
         self.probabilities: dict[str, float] = {}
         self.standing: list[FaultFinding] = []
         self._unchecked: list[Samples] | None = []
+        self._rests_until = self._start_wall = -np.inf
         self._waiting: list[Block] = []
         self._hop: float | None = None
         self._learnt: str | None = None
         self.profile_sha256 = hashlib.sha256(unit.model_dump_json().encode()).hexdigest()
-        self._take_over(unit, Learning(unit, learn_s) if unit.baseline is None else None)
+        self._take_over(unit)
 
-    def _take_over(self, unit: Unit, learning: Learning | None) -> None:
-        self.unit, self.learning = unit, learning
+    def _take_over(self, unit: Unit) -> None:
+        self.unit = unit
+        self.learning = Learning(unit, self._learn_s) if unit.baseline is None else None
         self.pipeline = Pipeline(unit, self.model, axis=self.name, keep_trajectories=False)
 
     def push(self, *blocks: Block) -> list[Look]:
@@ -120,6 +126,23 @@ class AxisWatch:
         """Whether blocks are in no state yet."""
         return bool(self._waiting)
 
+    @property
+    def is_new(self) -> bool:
+        """Whether so little has come that not even its units of measure are known."""
+        return self._unchecked is not None and self.failed is None
+
+    def wall_of(self, time: float) -> float | None:
+        """Unix seconds of a time (s) of the stream's clock: by the sender's stamps, or by when they came."""
+        last, offset = self.order.clock.last_time, self.order.clock.offset
+        if self.last_wall is None or not np.isfinite(last + offset):
+            return None
+        if abs(self.last_wall - (last - offset)) < FRESH_S:
+            return float(time - offset)
+        # Blocks come sooner or later: what was told must not change with each.
+        if abs(self.last_wall - last - self._start_wall) > CLOCK_GAP_S:
+            self._start_wall = self.last_wall - last
+        return self._start_wall + time
+
     def _in_order(self) -> Samples:
         """The blocks that waited: some at a time cost little more than one."""
         blocks, self._waiting = self._waiting, []
@@ -127,7 +150,7 @@ class AxisWatch:
 
     def _taken(self, samples: Samples, wall: float) -> list[Look]:
         """The looks of samples that go on from the last ones."""
-        if not len(samples) or self.failed is not None:
+        if not len(samples):
             return []
         self.samples += len(samples)
         self._measured(samples)
@@ -136,22 +159,34 @@ class AxisWatch:
         looks: list[Look] = []
         try:
             self._check(samples)
-            for part in _parts(samples):
-                looks += self._worked(part, wall)
+            if self.failed is None:
+                for part in _parts(samples):
+                    looks += self._worked(part, wall)
         except InputError as error:
-            self.failed = str(error)
+            self._fail(str(error))
         except Exception as error:  # a fault of fdd: the other axes go on
             LOG.exception("axis %s", self.name)
-            self.failed = f"internal error: {type(error).__name__}: {error}"
+            self._fail(f"internal error: {type(error).__name__}: {error}")
+            self._rests_until = float(samples.time[-1]) + REST_S
         return looks
 
     def _check(self, samples: Samples) -> None:
-        """Refuse channels in a wrong unit of measure, by the first seconds."""
-        if self._unchecked is not None:
-            self._unchecked.append(samples)
-            if samples.time[-1] - self._unchecked[0].time[0] >= CHECKED_S:
-                check_magnitudes(Samples.concatenate(self._unchecked).columns)
-                self._unchecked = None
+        """Refuse channels in a wrong unit of measure, by some seconds; after a failure begin anew."""
+        if self._unchecked is None or samples.time[0] < self._rests_until:
+            return
+        self._unchecked.append(samples)
+        if samples.time[-1] - self._unchecked[0].time[0] >= CHECKED_S:
+            check_magnitudes(Samples.concatenate(self._unchecked).columns)
+            self._unchecked = None
+            if self.failed is not None:
+                LOG.info("axis %s begins anew, it had failed: %s", self.name, self.failed)
+                self.failed = None
+                self._take_over(self.unit)
+
+    def _fail(self, why: str) -> None:
+        if self.failed != why:
+            LOG.warning("axis %s: %s", self.name, why)
+        self.failed, self._unchecked, self.standing = why, [], []
 
     def _worked(self, samples: Samples, wall: float) -> Iterator[Look]:
         before = self.pipeline.looked_at
@@ -178,7 +213,7 @@ class AxisWatch:
             self.learning.forget()
         elif (unit := self.learning.learnt()) is not None:
             self._learnt = unit.to_yaml()
-            self._take_over(unit, None)
+            self._take_over(unit)
 
     def _roll_up(self, wall: float) -> None:
         values = {n: (e.value, e.std) for n, e in self.estimates.items() if e.observable}
@@ -206,7 +241,7 @@ class AxisWatch:
         """
         scalars = {
             "version": VERSION, "samples": self.samples, "rate_hz": self.rate_hz, "failed": self.failed,
-            "last_wall": self.last_wall, "learnt": self._learnt,
+            "last_wall": self.last_wall, "learnt": self._learnt, "checked": self._unchecked is None,
         }  # fmt: skip
         arrays: dict[str, NDArray[Any]] = {
             "axis": np.frombuffer(json.dumps(scalars).encode(), dtype=np.uint8)
@@ -241,7 +276,7 @@ class AxisWatch:
             scalars = json.loads(bytes(arrays["axis"]))
             self._learnt = scalars["learnt"]
             if self._learnt is not None:
-                self._take_over(Unit.from_yaml(self._learnt, where=f"axis {self.name}"), None)
+                self._take_over(Unit.from_yaml(self._learnt, where=f"axis {self.name}"))
             self.order.restore(_below(arrays, "order"))
             self.pipeline.restore(_below(arrays, "pipeline"))
             if self.learning is not None:
@@ -253,8 +288,8 @@ class AxisWatch:
             ) from None  # fmt: skip
         self.samples, self.rate_hz, self.failed = (scalars[k] for k in ("samples", "rate_hz", "failed"))
         self.last_wall = scalars["last_wall"]
-        self._unchecked = None
-        self.standing = self.pipeline.standing
+        self._unchecked = None if scalars.get("checked", self.failed is None) else []
+        self.standing = [] if self.failed else self.pipeline.standing
         self.probabilities, self.estimates, _ = self.pipeline.now()
 
 

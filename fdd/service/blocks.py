@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import re
 import time
 from collections.abc import Callable, Mapping
@@ -18,7 +19,6 @@ from fdd.logs.channel_map import ChannelMap, ChannelSource
 from fdd.monitor.mapping import channels_in_si, keys_of, stream_sources
 from fdd.samples import Samples
 from fdd.service.arrow import ARROW_START, arrow_columns, arrow_payload
-from fdd.service.json_form import json_numbers, json_object, json_times
 
 Array = NDArray[np.float64]
 
@@ -48,7 +48,7 @@ class Block:
     unit : name of the profile, where the sender says it.
     ignored : names of columns that are no channels.
     patient : the sender keeps what is not accepted: the inbox does not drop it for being late.
-    accepted : called once by the fleet when the block is stored, or given up and counted as dropped.
+    accepted : called once by the fleet when the block is stored, or refused and counted.
     payload : the Arrow message that it came as, where that holds these samples and little else, perhaps
         not the axis.
     """
@@ -221,3 +221,76 @@ def _of_axis(head: dict[str, Any], axis: str | None) -> dict[str, Any]:
             f"the message says axis {str(head['axis'])[:80]!r}, its topic {axis!r}", mend="leave axis out"
         )
     return {**head, "axis": axis}
+
+
+def json_object(payload: bytes) -> dict[str, Any]:
+    """A message's JSON object; NaN is taken as Python writes it.
+
+    Raises
+    ------
+    InputError : it is none.
+    """
+    try:
+        found = orjson.loads(payload)
+    except orjson.JSONDecodeError:
+        # Python's own takes NaN and integers of any size, at several times the cost.
+        try:
+            found = json.loads(payload)
+        except (ValueError, RecursionError):
+            found = None
+    if not isinstance(found, dict):
+        raise InputError(
+            f"neither a JSON object nor an Arrow stream: {payload[:40]!r}",
+            mend="send messages of fdd.block/1",
+        )
+    return found
+
+
+def json_numbers(name: str, values: object) -> Array:
+    """A column (n,) of a list of numbers; null is NaN.
+
+    Raises
+    ------
+    InputError : it is none, or too long.
+    """
+    if isinstance(values, list) and len(values) <= MOST_BLOCK_ROWS:
+        try:
+            column = np.array(values)
+            if column.dtype == object and not any(isinstance(v, str) for v in values):
+                column = np.array(values, dtype=np.float64)  # null becomes NaN
+            if column.ndim == 1 and (column.dtype.kind in "fiu" or not column.size):
+                return column.astype(np.float64, copy=False)
+        except (TypeError, ValueError, OverflowError):
+            pass
+    raise InputError(
+        f"column {name[:40]!r} is no list of at most {MOST_BLOCK_ROWS} numbers",
+        mend="write null for missing ones",
+    )
+
+
+def json_times(given: object) -> Array:
+    """Times (n,) in s of a list, or of start, period and n.
+
+    Raises
+    ------
+    InputError : it is neither.
+    """
+    if not isinstance(given, dict):
+        return json_numbers("time", given)
+    start, period, n = given.get("start"), given.get("period"), given.get("n")
+    if (
+        not isinstance(start, int | float)
+        or not isinstance(period, int | float)
+        or not isinstance(n, int)
+        or bool in (type(start), type(period), type(n))
+        or not 1 <= n <= MOST_BLOCK_ROWS
+        or len(given) > 3
+    ):
+        raise InputError(
+            f"time is no object of start, period and n (1 to {MOST_BLOCK_ROWS})",
+            mend='write "time": {"start": 12.3, "period": 0.001, "n": 100}',
+        )
+    try:
+        return float(start) + float(period) * np.arange(n, dtype=np.float64)
+    except OverflowError:
+        raise InputError("time starts, or goes on, beyond any number") from None

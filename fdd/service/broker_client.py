@@ -41,7 +41,9 @@ def broker_client(config: Broker, client_id: str, **more: Any) -> paho.Client:
             ca, cert, key = (None if path is None else str(path) for path in (tls.ca, tls.cert, tls.key))
             client.tls_set(ca_certs=ca, certfile=cert, keyfile=key)
         except (OSError, ValueError) as error:  # ssl's own errors are OSErrors
+            named = ", ".join(str(path) for path in (tls.ca, tls.cert, tls.key) if path is not None)
             raise InputError(
-                f"TLS cannot be set up ({error})", where=broker_name(config), mend="check ca, cert and key"
-            ) from None
+                f"TLS cannot be set up ({error})", where=named or broker_name(config),
+                mend="check ca, cert and key",
+            ) from None  # fmt: skip
     return client

@@ -7,6 +7,7 @@ import re
 from pathlib import Path
 from typing import Annotated, Literal, Self
 from urllib.parse import urlsplit
+from zoneinfo import ZoneInfo
 
 from pydantic import Field, ValidationError, field_validator, model_validator
 
@@ -148,6 +149,8 @@ class Serve(Part):
     state : folder of what the service keeps.
     store : URL of a database; a file in `state` where none is given.
     units : folder of profiles, or profile by axis. fallback : profile of axes that have none.
+    zone : IANA name of the time zone of all axes' clock times, or one for each axis; that of this machine
+        where none is given.
     learn_minutes : of work by which the baseline of a profile without one is learnt.
     model : of the decision; the shipped one where none is given.
     shards : into which the axes are divided with ``--engine ray``.
@@ -165,6 +168,7 @@ class Serve(Part):
     store: str | None = None
     units: ConfigPath | dict[AxisName, str] | None = None
     fallback: str | None = None
+    zone: str | dict[AxisName, str] | None = None
     learn_minutes: Annotated[float, Field(ge=5, le=10080)] = 60.0
     model: ConfigPath | None = None
     shards: Annotated[int, Field(ge=1, le=256)] = 4
@@ -174,6 +178,16 @@ class Serve(Part):
     outputs: Outputs = Outputs()
     retention: Retention = Retention()
     limits: Limits = Limits()
+
+    @field_validator("zone")
+    @classmethod
+    def _known_zones(cls, zone: str | dict[str, str] | None) -> str | dict[str, str] | None:
+        for name in zone.values() if isinstance(zone, dict) else [zone] if zone else []:
+            try:
+                ZoneInfo(name)
+            except (ValueError, OSError, KeyError):
+                raise ValueError(f"{name!r} is no time zone; write e.g. Europe/Paris or UTC") from None
+        return zone
 
     @model_validator(mode="after")
     def _consistent(self) -> Self:

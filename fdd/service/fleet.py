@@ -2,31 +2,30 @@
 
 from __future__ import annotations
 
-import hashlib
 import logging
-import queue
 import threading
 import time
-from collections.abc import Callable, Mapping, Sequence
-from concurrent.futures import Future
-from concurrent.futures import TimeoutError as TooLate
-from dataclasses import asdict, dataclass, field, replace
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import replace
 from functools import partial
-from typing import Any, Literal
-from uuid import uuid4
+from typing import Any
 
+from fdd.bounds import MOST_AXES
 from fdd.diagnosis.model import Model
 from fdd.errors import InputError
 from fdd.samples import Samples
+from fdd.service import storing
 from fdd.service.alarms import ITSELF, Action, AlarmBook, Transition
 from fdd.service.axis import AxisWatch, Look
 from fdd.service.blocks import Block, Decoder, encode_arrow
 from fdd.service.bus import Bus, Event
 from fdd.service.inbox import MOST_TAKEN, Inbox
-from fdd.service.life import profile_key
+from fdd.service.life import profile_key, said_key
 from fdd.service.profiles import Profiles
+from fdd.service.refused import Refused
 from fdd.service.status import AxisDetail, AxisStatus, status_of
 from fdd.service.store import Checkpoint, LeaseLost, Store, StoreTrouble, Transaction
+from fdd.service.storing import Batch, Removal, Requests, Writer
 
 LOG = logging.getLogger("fdd.service")
 
@@ -39,39 +38,8 @@ CHECKPOINT_S, CHECKPOINT_AXIS_S = 1.0, 0.4
 is 5 % of the processor's time. No block is lost for it: the journal holds what came since."""
 PACE_S = 0.1
 """Blocks are gathered for so long: what they bring is stored at once."""
-BACKOFF_S = (0.1, 5.0)
-"""First and longest wait before a store that failed is tried again."""
-ACT_S = 10.0
-"""Seconds that somebody waits for what he did to be stored."""
-
-
-@dataclass(frozen=True)
-class Share:
-    """Part `number` (from 0) of `of`, by a hash of the axis's name; all axes where nothing is said.
-
-    Examples
-    --------
-    >>> [sum(Share(k, 2).has(f"A{n}") for n in range(100)) for k in range(2)]
-    [51, 49]
-    """
-
-    number: int = 0
-    of: int = 1
-
-    def has(self, axis: str) -> bool:
-        """Whether an axis is in it."""
-        digest = hashlib.blake2b(axis.encode(), digest_size=8).digest()
-        return int.from_bytes(digest) % self.of == self.number
-
-
-@dataclass
-class _Batch:
-    """What is stored in one transaction, and told once it is: blocks, further writes, events, acts done."""
-
-    journal: list[tuple[str, bytes]] = field(default_factory=list)
-    writes: list[Callable[[Transaction], object]] = field(default_factory=list)
-    events: list[Event] = field(default_factory=list)
-    done: list[tuple[Future[Transition], Transition]] = field(default_factory=list)
+FORGOTTEN_S = 60.0
+"""Silence after which an axis goes that was refused, or sent less than its units can be checked by."""
 
 
 class Fleet:
@@ -85,11 +53,14 @@ class Fleet:
     ----------
     profiles : of the axes.
     targets : kind of event, and whether people are told, to the targets of its outbox.
-    hold, learn_s : s, see `AxisWatch`. clock : Unix seconds. share : the axes that are its own.
+    hold, learn_s : s, see `AxisWatch`. clock : Unix seconds. has : whether an axis is its own.
+    ids : see `AlarmBook`.
+    zone : of all axes' clock times, or of each; see `AxisStatus`.
 
     Attributes
     ----------
-    trouble : why the store cannot be written; None while it can. store_errors : how often it could not.
+    writer : to its store, with what is wrong with it.
+    resumed : share of the journal that was worked again after a restart, 1 once it is done.
     """
 
     def __init__(
@@ -104,68 +75,97 @@ class Fleet:
         hold: float = 0.5,
         learn_s: float = 3600.0,
         clock: Callable[[], float] = time.time,
-        share: Share = Share(),
+        has: Callable[[str], bool] = lambda axis: True,
+        ids: tuple[int, int] = (1, 1),
+        zone: str | Mapping[str, str] | None = None,
     ) -> None:
+        self._zone = zone
         self._profiles, self._model = profiles, model
         self._store, self._bus, self._inbox = store, bus, inbox
         self._targets = targets
         self._hold, self._learn_s, self._clock = hold, learn_s, clock
-        self._share, self._book = share, AlarmBook(ids=(share.number + 1, share.of))
+        self._has, self._book = has, AlarmBook(ids=ids)
         self._axes: dict[str, AxisWatch] = {}
-        self._refused: dict[str, str] = {}
+        self._refused = Refused()
         self._flushed: set[str] = set()
         self._idle_s, self._ended, self._heard = 0.0, time.monotonic(), dict[str, float]()
-        self._actions: queue.Queue[tuple[Action, Future[Transition]]] = queue.Queue()
+        self._requests = Requests()
         self._lock = threading.RLock()
         self._kept: dict[str, float] = {}
         self._profiles_kept: set[str] = set()
-        self._last_row: dict[str, int] = {}
-        self.trouble: str | None = None
-        self.store_errors = 0
+        self.writer, self.resumed = Writer(store), 0.0
 
     def run(self, stop: threading.Event) -> None:
         """Work until `stop` is set; state is kept at the end."""
-        self.resume()
+        while not stop.is_set():
+            try:
+                self.resume()
+                break
+            except LeaseLost:
+                raise
+            except StoreTrouble as error:
+                self.writer.failed(error)
+                stop.wait(storing.BACKOFF_S[1])
+        if self.resumed < 1.0:
+            return
         while not stop.is_set():
             if self.step(PACE_S, stop) < MOST_TAKEN:  # else more waits already
                 stop.wait(PACE_S)
         # A step that was given up has changed states and is not stored: kept, its alarms would count as told.
-        if self.trouble is None:
+        if self.writer.trouble is None:
             self.keep(stop)
 
     def resume(self) -> None:
-        """Go on where the last run ended."""
+        """Go on where the last run ended; meanwhile others may ask how things stand."""
+        book, has = self._store.book(), self._has
         with self._lock:
-            book, has = self._store.book(), self._share.has
+            self._axes.clear()
+            self._refused.clear()
             self._book.restore({**book, "alarms": [a for a in book["alarms"] if has(a["axis"])]})
-            for row in self._store.axes():
-                if not has(row["name"]):
-                    continue
-                try:
-                    watch = self._opened(row["name"], row["unit"])
-                except InputError as error:
-                    self._refused[row["name"]] = str(error)
-                    continue
-                self._restored(watch)
-            LOG.info("watching %d axes again", len(self._axes))
+        waiting, worked = max(1, self._store.journal_rows()), 0
+        for row in self._store.axes():
+            name = row["name"]
+            if not has(name):
+                continue
+            # As its blocks say it, which is a file's name; the profile's own name may be another one.
+            said = self._store.meta(said_key(name))
+            said = row["unit"] if said is None else said or None
+            try:
+                with self._lock:
+                    watch = self._opened(name, said)
+            except InputError as error:
+                self._refused.note(name, str(error))
+                continue
+            for _ in self._restored(watch, said):
+                worked += 1
+                self.resumed = min(worked / waiting, 0.99)
+                if worked % 20 == 0:
+                    time.sleep(0.001)  # a lock is not fair: let those in who ask
+        self.resumed, self.writer.trouble = 1.0, None
+        LOG.info("watching %d %s again", len(self._axes), "axis" if len(self._axes) == 1 else "axes")
 
-    def _restored(self, watch: AxisWatch) -> None:
-        """Bring an axis to where the store has it."""
+    def _restored(self, watch: AxisWatch, said: str | None) -> Iterator[None]:
+        """Bring an axis to where the store has it; a step for each row of the journal."""
         note = None
         try:
             checkpoint = self._store.checkpoint(watch.name)
             if checkpoint is not None:
-                watch.restore(checkpoint)
+                with self._lock:
+                    watch.restore(checkpoint)
+        except StoreTrouble:
+            raise
         except InputError as error:
             note = str(error)
-            watch = self._axes[watch.name] = self._new(watch.name, watch.unit.name)
+            watch = self._axes[watch.name] = self._new(watch.name, said)
         decoder = Decoder()
         for number, payload in self._store.journal(watch.name):
-            self._last_row[watch.name] = number
-            if payload:
-                watch.push(decoder.decode(payload, "journal", axis=watch.name))
-            else:
-                watch.flush(self._clock())
+            with self._lock:
+                self.writer.last_row[watch.name] = number
+                if payload:
+                    watch.push(decoder.decode(payload, "journal", axis=watch.name))
+                else:
+                    watch.flush(self._clock())
+            yield
         if note is not None:
             LOG.warning("%s", note)
             with self._store.transaction() as t:
@@ -182,6 +182,11 @@ class Fleet:
     def _opened(self, name: str, said: str | None) -> AxisWatch:
         watch = self._axes.get(name)
         if watch is None:
+            if len(self._axes) >= MOST_AXES:
+                raise InputError(
+                    f"axis {name}: more than {MOST_AXES} axes",
+                    mend="remove one, or start another fdd serve for it",
+                )
             watch = self._axes[name] = self._new(name, said)
             self._refused.pop(name, None)
         return watch
@@ -202,38 +207,37 @@ class Fleet:
 
     def _worked_through(self, blocks: list[Block], stop: threading.Event | None) -> int:
         with self._lock:
-            batch = _Batch()
+            batch = Batch(self._targets, self._clock())
             by_axis: dict[str, list[Block]] = {}
             for block in blocks:
                 by_axis.setdefault(block.axis, []).append(block)
+            self._forget_strangers(len(by_axis.keys() - self._axes.keys()), batch)
             for name, mine in by_axis.items():
                 self._work(name, mine, batch)
             self._flush_silent(set(by_axis), batch)
             self._act_all(batch)
-            for transition in self._book.tick(self._clock()):
-                self._moved(transition, batch)
+            batch.moved(self._book.tick(self._clock()))
             self._keep_due(batch)
-        if not self._stored(batch, stop):
+        if not self.writer.write(batch, stop):
             return 0
         for block in blocks:
             block.accepted()
         self._tell(batch)
         return len(blocks)
 
-    def _tell(self, batch: _Batch) -> None:
+    def _tell(self, batch: Batch) -> None:
         for future, transition in batch.done:
             future.set_result(transition)
         for event in batch.events:
             self._bus.publish(event)
 
-    def _work(self, name: str, blocks: list[Block], batch: _Batch) -> None:
+    def _work(self, name: str, blocks: list[Block], batch: Batch) -> None:
         known = name in self._axes
         try:
             watch = self._opened(name, blocks[0].unit)
         except InputError as error:
-            if name not in self._refused:
-                LOG.warning("%s", error)
-            self._refused[name] = str(error)
+            samples = sum(len(block.samples) for block in blocks)
+            self._refused.note(name, str(error), samples, self._idle_s)
             return
         self._flushed.discard(name)
         batch.journal += [(name, block.payload or encode_arrow(block)) for block in blocks]
@@ -246,11 +250,39 @@ class Fleet:
                     profile_sha256=watch.profile_sha256, model_sha256=self._model.sha256,
                 )
             )  # fmt: skip
+            batch.writes.append(partial(Transaction.meta, key=said_key(name), value=blocks[0].unit or ""))
             about = {"unit": watch.unit.name, "learning": bool(watch.learning)}
             batch.events.append(Event("axis", name, 0.0, about))
         self._looked(watch, looks, wall, batch)
 
-    def _flush_silent(self, busy: set[str], batch: _Batch) -> None:
+    def _forget_strangers(self, newcomers: int, batch: Batch) -> None:
+        """Let go who sent next to nothing and is silent; at once, where others want the place."""
+        self._refused.forget(self._idle_s, FORGOTTEN_S)
+        new = [(self._heard.get(n, self._idle_s), n) for n, w in self._axes.items() if w.is_new]
+        crowded = len(self._axes) + newcomers - MOST_AXES
+        for k, (heard, name) in enumerate(sorted(new)):
+            if k < crowded or self._idle_s - heard > FORGOTTEN_S:
+                LOG.info("axis %s is forgotten: it sent less than 5 s of data", name)
+                self._forget(name, ITSELF, batch)
+
+    def _forget(self, name: str, who: str, batch: Batch) -> None:
+        """Watch an axis no longer: its state and its life go, its alarms and the audit stay."""
+        kept: tuple[dict[str, Any], ...] = (
+            self._axes, self._refused, self._heard, self._kept, self.writer.last_row
+        )  # fmt: skip
+        for part in kept:
+            part.pop(name, None)
+        self._flushed.discard(name)
+        self._inbox.forget(name)
+        wall = self._clock()
+        batch.moved(self._book.remove(name, who, wall))
+        batch.writes += [
+            partial(Transaction.remove_axis, name=name, said=said_key(name)),
+            partial(Transaction.audit, wall=wall, who=who, action="AXIS_REMOVED", axis=name),
+        ]
+        batch.events += [Event("axis", name, 0.0, {"removed": True}), Event("status", name, 0.0, {})]
+
+    def _flush_silent(self, busy: set[str], batch: Batch) -> None:
         """End the waiting of axes that have fallen silent; the journal has it as an empty block."""
         for name, watch in self._axes.items():
             if name in busy:
@@ -264,16 +296,15 @@ class Fleet:
                     batch.journal.append((watch.name, b""))
                     self._looked(watch, looks, wall, batch)
 
-    def _looked(self, watch: AxisWatch, looks: list[Look], wall: float, batch: _Batch) -> None:
+    def _looked(self, watch: AxisWatch, looks: list[Look], wall: float, batch: Batch) -> None:
         for look in looks:
             for finding in look.fresh:
                 batch.writes.append(
                     partial(Transaction.found, axis=watch.name, time=look.time, wall=wall, finding=finding)
                 )
                 body = finding.model_dump(mode="json") | {"axis": watch.name, "time": look.time, "wall": wall}
-                self._told("finding", watch.name, look.time, body, True, batch)
-            for transition in self._book.update(watch.name, look.time, wall, look.standing):
-                self._moved(transition, batch)
+                batch.told("finding", watch.name, look.time, body, notify=True)
+            batch.moved(self._book.update(watch.name, look.time, wall, look.standing))
         if looks:
             mine = self._book.alarms(watch.name)
             if mine:  # when each was seen last counts after a restart too
@@ -281,48 +312,37 @@ class Fleet:
             status = self._status(watch).model_dump(mode="json")
             batch.events.append(Event("status", watch.name, looks[-1].time, status))
 
-    def _moved(self, transition: Transition, batch: _Batch) -> None:
-        batch.writes.append(partial(Transaction.transition, transition=transition))
-        axis, notify = transition.alarm.axis, transition.notify
-        self._told("alarm", axis, transition.time, asdict(transition), notify, batch)
-
-    def _told(
-        self, kind: Literal["finding", "alarm"], axis: str, when: float, body: dict[str, Any], notify: bool,
-        batch: _Batch,
-    ) -> None:  # fmt: skip
-        """What must arrive goes through the outbox, and is told at once to whom listens."""
-        wall = self._clock()
-        for target in self._targets(kind, notify):
-            batch.writes.append(partial(Transaction.send, kind=kind, body=body, target=target, wall=wall))
-        batch.events.append(Event(kind, axis, when, body))
-
-    def _act_all(self, batch: _Batch) -> None:
-        while not self._actions.empty():
-            action, future = self._actions.get()
-            if not future.set_running_or_notify_cancel():
+    def _act_all(self, batch: Batch) -> None:
+        for action, future in self._requests.pending():
+            if isinstance(action, Removal):
+                if action.axis in self._axes or action.axis in self._refused:
+                    self._forget(action.axis, action.who, batch)
+                    batch.done.append((future, None))
+                else:
+                    future.set_exception(KeyError(action.axis))
                 continue
             try:
                 transition = self._book.act(action, self._clock())
             except InputError as error:
                 future.set_exception(error)
                 continue
-            self._moved(transition, batch)
+            batch.moved([transition])
             batch.done.append((future, transition))
 
-    def _keep_due(self, batch: _Batch) -> None:
+    def _keep_due(self, batch: Batch) -> None:
         """Checkpoints of the axes whose turn it is, as many as their share of the time allows."""
         now = time.monotonic()
         every = max(CHECKPOINT_S, CHECKPOINT_AXIS_S * len(self._axes))
         due = [
             n
             for n, w in self._axes.items()
-            if now - self._kept.get(n, -1e9) >= every and n in self._last_row and not w.waits
+            if now - self._kept.get(n, -1e9) >= every and n in self.writer.last_row and not w.waits
         ]
         for name in sorted(due, key=lambda n: self._kept.get(n, -1e9))[: 1 + len(self._axes) // 50]:
             self._kept[name] = now
             self._keep(self._axes[name], batch)
 
-    def _keep(self, watch: AxisWatch, batch: _Batch) -> None:
+    def _keep(self, watch: AxisWatch, batch: Batch) -> None:
         wall, parts = self._clock(), watch.rollups
         watch.rollups = []
         held: list[Checkpoint] = []
@@ -332,9 +352,9 @@ class Fleet:
         def write(t: Transaction) -> None:
             # Of this very moment: the row's number is known only now that the blocks are in the journal.
             if not held:
-                held.append(watch.checkpoint(wall, self._last_row[watch.name]))
+                held.append(watch.checkpoint(wall, self.writer.last_row[watch.name]))
             # Where the store failed in between, the journal's rows got other numbers.
-            t.checkpoint(replace(held[0], sequence=self._last_row[watch.name]))
+            t.checkpoint(replace(held[0], sequence=self.writer.last_row[watch.name]))
             t.rollup(*parts)
             if profile is not None:
                 t.meta(profile_key(watch.profile_sha256), profile)
@@ -346,62 +366,40 @@ class Fleet:
     def keep(self, stop: threading.Event | None = None) -> None:
         """Work what waits, and keep all axes' states now; what is held for a block before it stays held."""
         with self._lock:
-            batch = _Batch()
+            batch = Batch(self._targets, self._clock())
             for watch in self._axes.values():
                 wall = self._clock()
                 self._looked(watch, watch.settle(wall), wall, batch)
-                if watch.name in self._last_row:
+                if watch.name in self.writer.last_row:
                     self._keep(watch, batch)
-        if self._stored(batch, stop):
+        if self.writer.write(batch, stop):
             self._tell(batch)
 
-    def _stored(self, batch: _Batch, stop: threading.Event | None) -> bool:
-        """Write all at once; while the store fails, again and again. False where `stop` was set meanwhile."""
-        journal = batch.journal
-        if not journal and not batch.writes:
-            return True
-        wait, token = BACKOFF_S[0], uuid4().hex
-        while True:
-            try:
-                with self._store.transaction() as t:
-                    # A server that is lost while it commits may have done so.
-                    fresh = t.once(token)
-                    if journal:  # all of an axis's blocks up to the last one of all are in its state
-                        last = t.accept_all(journal if fresh else ())
-                        self._last_row |= dict.fromkeys((name for name, _ in journal), last)
-                    for write in batch.writes if fresh else ():
-                        write(t)
-            except LeaseLost:
-                raise
-            except InputError as error:
-                self.store_errors += 1
-                if self.trouble is None:
-                    LOG.error("%s", error)
-                self.trouble = str(error)
-                if stop is not None and stop.wait(wait):
-                    return False
-                wait = min(2.0 * wait, BACKOFF_S[1])
-            else:
-                self.trouble = None
-                return True
+    def problems(self) -> list[str]:
+        """What hinders it, a line each; answered at once, whatever it does."""
+        found = [] if self.writer.trouble is None else [f"the store cannot be written: {self.writer.trouble}"]
+        if self.resumed < 1.0:
+            found.append(f"resuming, {100 * self.resumed:.0f} %")
+        return found + self._refused.problems() + self._inbox.problems()
+
+    @property
+    def count(self) -> int:
+        """Axes that are watched or refused."""
+        return len(self._axes) + len(self._refused)
 
     def axes(self) -> list[AxisStatus]:
         """How every axis stands."""
         with self._lock:
             counters = self._inbox.counters()
             known = [self._status(watch, counters) for watch in self._axes.values()]
-            refused = [
-                AxisStatus(name=name, unit="", state="failed", headline=why)
-                for name, why in self._refused.items()
-                if name not in self._axes
-            ]
-        return [*known, *refused]
+            return known + self._refused.statuses()
 
     def _status(
         self, watch: AxisWatch, counters: Mapping[str, Mapping[str, float]] | None = None
     ) -> AxisStatus:
         mine = (self._inbox.counters(watch.name) if counters is None else counters).get(watch.name, {})
-        return status_of(watch, self._book.alarms(watch.name), mine, self._clock())
+        zone = self._zone.get(watch.name) if isinstance(self._zone, Mapping) else self._zone
+        return status_of(watch, self._book.alarms(watch.name), mine, self._clock(), zone)
 
     def profile_of(self, name: str) -> str | None:
         """An axis's profile as YAML; None where there is no such axis."""
@@ -420,7 +418,7 @@ class Fleet:
             watch = self._axes[name]
             recent = watch.recent
             return AxisDetail(
-                status=self._status(watch), findings=watch.standing, estimates=recent.estimates(),
+                status=self._status(watch), findings=self._book.findings(name), estimates=recent.estimates(),
                 misfits=recent.misfits(), probabilities=recent.probabilities(), signals=recent.signals(),
             )  # fmt: skip
 
@@ -431,12 +429,14 @@ class Fleet:
         ------
         InputError : the alarm's state does not allow it. StoreTrouble : it could not be stored in time.
         """
-        future: Future[Transition] = Future()
-        self._actions.put((action, future))
-        try:
-            return future.result(ACT_S)
-        except TooLate:
-            future.cancel()
-            raise StoreTrouble(
-                f"not stored within {ACT_S:g} s: {self.trouble or 'the service is busy'}", mend="try again"
-            ) from None
+        done: Transition = self._requests.ask(action)
+        return done
+
+    def remove(self, axis: str, who: str) -> None:
+        """Watch an axis no longer, and forget its life; if it sends again it begins anew.
+
+        Raises
+        ------
+        KeyError : no such axis. StoreTrouble : it could not be stored in time.
+        """
+        self._requests.ask(Removal(axis, who))

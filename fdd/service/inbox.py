@@ -1,4 +1,8 @@
-"""Where blocks of all axes wait for the fleet: bounded, fair, and what is dropped is counted."""
+"""Where blocks of all axes wait for the fleet: bounded, fair, and what is dropped is counted.
+
+Under overload a sender that can wait is made to wait: its block is neither taken nor accepted before there is
+room. Of one that cannot (UDP) the oldest blocks of the axis that lags most go.
+"""
 
 from __future__ import annotations
 
@@ -16,6 +20,8 @@ MOST_TAKEN = 256
 """Blocks that are taken at once: some tenths of a second of work."""
 _BLOCK_BYTES = 1000
 """What a block takes besides its numbers."""
+_TOLD_S = 20.0
+"""For which a loss is told as a problem."""
 
 
 @dataclass
@@ -23,6 +29,7 @@ class _Queue:
     blocks: deque[Block] = field(default_factory=deque)
     seconds: float = 0.0
     dropped: int = 0
+    dropped_at: float = -1e9
 
 
 class Inbox:
@@ -32,7 +39,8 @@ class Inbox:
     ----------
     most_seconds : s of data that may wait of one axis. Beyond it the axis's oldest block is dropped, unless
         its sender keeps it until it is accepted (`Block.patient`); the newest block always stays.
-    most_bytes : of all that waits. Beyond it the oldest block of the axis that lags most is dropped.
+    most_bytes : of all that waits. Beyond it `put` waits with a patient block, and else drops the oldest one
+        of the axis that lags most.
     """
 
     def __init__(self, most_seconds: float = 10.0, most_bytes: int = MOST_BYTES) -> None:
@@ -41,39 +49,77 @@ class Inbox:
         self._waiting: deque[str] = deque()
         self._bytes = 0
         self._changed = threading.Condition()
+        self._closed = False
 
     def put(self, block: Block) -> None:
-        """Add a block; it never waits.
+        """Add a block. Only one whose sender keeps it may wait for room, until the inbox is closed.
 
         Raises
         ------
-        InputError : it is of one axis more than a service watches.
+        InputError : it is of one axis more than may wait.
         """
-        dropped = []
+        size = block.nbytes + _BLOCK_BYTES
         with self._changed:
-            queue = self._queues.get(block.axis)
-            if queue is None:
-                if len(self._queues) >= MOST_AXES:
-                    raise InputError(
-                        f"axis {block.axis}: more than {MOST_AXES} axes",
-                        mend="start another fdd serve for it",
-                    )
-                queue = self._queues[block.axis] = _Queue()
+            while block.patient and self._waiting and not self._has_room(block.axis, size):
+                if self._closed:
+                    return  # not accepted: its sender sends it again
+                self._changed.wait(0.5)
+            if not self._has_room(block.axis):
+                raise InputError(
+                    f"axis {block.axis}: more than {MOST_AXES} axes", mend="start another fdd serve for it"
+                )
+            queue = self._queues.setdefault(block.axis, _Queue())
             if not queue.blocks:
                 self._waiting.append(block.axis)
             queue.blocks.append(block)
             queue.seconds += block.seconds
-            self._bytes += block.nbytes + _BLOCK_BYTES
+            self._bytes += size
             while (
                 queue.seconds > self._most_seconds and len(queue.blocks) > 1 and not queue.blocks[0].patient
             ):
-                dropped.append(self._drop(block.axis))
-            while self._bytes > self._most_bytes and len(self._waiting) > 0:
-                lagging = max(self._waiting, key=lambda axis: self._queues[axis].seconds)
-                dropped.append(self._drop(lagging))
-            self._changed.notify()
-        for lost in dropped:
-            lost.accepted()  # else its sender would wait for ever
+                self._drop(block.axis)
+            while self._bytes > self._most_bytes and (lossy := self._lossy()):
+                self._drop(max(lossy, key=lambda axis: self._queues[axis].seconds))
+            self._changed.notify_all()
+
+    def _has_room(self, axis: str, size: int = 0) -> bool:
+        """Whether another block of an axis may wait, of some bytes."""
+        waits = axis in self._queues and bool(self._queues[axis].blocks)
+        room = size == 0 or self._bytes + size <= self._most_bytes
+        return room and (waits or len(self._waiting) < MOST_AXES)
+
+    def _lossy(self) -> list[str]:
+        """Axes whose oldest block no sender keeps."""
+        return [axis for axis in self._waiting if not self._queues[axis].blocks[0].patient]
+
+    def close(self) -> None:
+        """Let no sender wait any longer."""
+        with self._changed:
+            self._closed = True
+            self._changed.notify_all()
+
+    def forget(self, axis: str) -> None:
+        """Drop what an axis has here, that it is counted no more."""
+        with self._changed:
+            if axis in self._waiting:
+                while self._queues[axis].blocks:
+                    self._out(axis)
+                self._waiting.remove(axis)
+            self._queues.pop(axis, None)
+            self._changed.notify_all()
+
+    def problems(self) -> list[str]:
+        """What is lost or late for want of time, a line each."""
+        with self._changed:
+            now = time.monotonic()
+            lost = sorted(a for a, q in self._queues.items() if now - q.dropped_at < _TOLD_S)
+            late = sorted(a for a, q in self._queues.items() if q.seconds > self._most_seconds)
+        told = (
+            (lost, "overloaded: the oldest samples are dropped of"),
+            (late, f"overloaded: senders wait, more than {self._most_seconds:g} s behind are"),
+        )
+        more = lambda axes: f" and {len(axes) - 3} more" if len(axes) > 3 else ""  # noqa: E731
+        return [f"{text} {', '.join(axes[:3])}{more(axes)}" for axes, text in told if axes]
 
     def take(self, timeout: float) -> list[Block]:
         """Blocks in the order they came, in turn of each axis that has any; [] where none came in time.
@@ -94,6 +140,9 @@ class Inbox:
                 taken.append(self._out(axis))
                 if self._queues[axis].blocks:
                     self._waiting.append(axis)
+                elif not self._queues[axis].dropped:
+                    del self._queues[axis]
+            self._changed.notify_all()
         return taken
 
     def counters(self, *axes: str) -> dict[str, dict[str, float]]:
@@ -110,10 +159,10 @@ class Inbox:
         self._bytes -= block.nbytes + _BLOCK_BYTES
         return block
 
-    def _drop(self, axis: str) -> Block:
+    def _drop(self, axis: str) -> None:
         block = self._out(axis)
         queue = self._queues[axis]
         if not queue.blocks:
             self._waiting.remove(axis)
         queue.dropped += len(block.samples)
-        return block
+        queue.dropped_at = time.monotonic()

@@ -34,6 +34,11 @@ def profile_key(sha256: str) -> str:
     return f"profile {sha256}"
 
 
+def said_key(axis: str) -> str:
+    """Under which word of the store stands by what name an axis's blocks call their profile."""
+    return f"said {axis}"
+
+
 def axis_of(store: Store, name: str | None) -> tuple[str, Unit | None]:
     """An axis and its profile; None where the store does not hold it.
 

@@ -199,7 +199,7 @@ class Order:
             head = self._held.pop(0)
             if self._counted:
                 self._give_up(head.key)
-                self._expected = head.key + 1.0
+                self._expected = max(head.key + 1.0, self._expected)  # not back: two senders may count alike
             else:
                 self._recent = np.concatenate([self._recent, head.samples.time])[-_RECENT:]
             self._passed = head.last
@@ -210,7 +210,7 @@ class Order:
         head = self._held[0]
         if not self._counted:
             return self._newest - head.last >= self._hold
-        if head.key == self._expected or (isnan(self._expected) and head.key == 0.0):
+        if head.key <= self._expected or (isnan(self._expected) and head.key == 0.0):
             return True
         return len(self._held) > MOST_HELD_BLOCKS or self._held_seconds() > self._hold
 
@@ -226,7 +226,7 @@ class Order:
         if isnan(first):
             first = max(0.0, number - _MOST_OVERTAKEN)
         else:
-            self.counts["missing_blocks"] += int(number - first)
+            self.counts["missing_blocks"] += max(0, int(number - first))
         if first < number:
             self._given_up = [*self._given_up, (first, number)][-_MOST_GIVEN_UP:]
 

@@ -16,6 +16,8 @@ SPAN_S = 600.0
 LOOK_S = 5.0
 BAND_S = 0.5
 """Stretches of which least and largest are kept: finer than a pixel of ten minutes."""
+FRESH_S = 30 * 86400.0
+"""s by which a stamp may differ from the time of day, and yet count as one; else it is from any start."""
 Numbers = list[float | None]
 _NAMES = tuple(name for name in CHANNELS if name != "time")
 

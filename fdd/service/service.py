@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import fcntl
 import logging
+import re
 import threading
 import time
 from collections.abc import Callable
@@ -14,17 +15,21 @@ from fdd.engines import Engine
 from fdd.errors import InputError
 from fdd.service.alarms import STATES
 from fdd.service.bus import Bus
+from fdd.service.check import check
 from fdd.service.config import Serve
 from fdd.service.http import Hub, Server, Tokens, web
 from fdd.service.outputs import Metrics, Outputs
 from fdd.service.shards import Shards
-from fdd.service.store import Store
+from fdd.service.store import Store, StoreTrouble
 from fdd.service.watch import Watch
 
 LOG = logging.getLogger("fdd.service")
 COMPACT_S = 3600.0
 DAY_S = 86400.0
 STOP_S = 20.0
+LOOK_S = 5.0
+AGAIN_S = 5.0
+"""Before a server that is away at the start is tried again."""
 
 
 class Service:
@@ -44,11 +49,12 @@ class Service:
     """
 
     def __init__(self, config: Serve, engine: Engine = "local") -> None:
+        check(config)
         self._config = config
         self._failure: Exception | None = None
+        self._known: set[str] = set()
         self._alone = _only_one(config.state)
-        self._store = Store(config.store_url)
-        self._store.claim("serve")
+        self._store = _opened(config.store_url)
         self._bus = Bus()
         self.fleet: Watch | Shards
         if engine == "ray":
@@ -84,7 +90,8 @@ class Service:
         return {
             "status": "degraded" if problems else "ok",
             "problems": problems,
-            "axes": len(self.fleet.axes()),
+            "axes": self.fleet.count,
+            "sources": self.fleet.sources(),
         }
 
     def run(self, stop: threading.Event, began: Callable[[], None] = lambda: None) -> None:
@@ -109,8 +116,12 @@ class Service:
                 pass
             if self.fleet.began.is_set():
                 began()
-            while not stop.wait(COMPACT_S):
-                self._compact()
+            compacted = time.monotonic()
+            while not stop.wait(LOOK_S):
+                self._log_problems()
+                if time.monotonic() - compacted >= COMPACT_S:
+                    compacted = time.monotonic()
+                    self._compact()
         finally:
             stop.set()
             worker.join(STOP_S)
@@ -120,6 +131,16 @@ class Service:
             self._alone.close()
         if self._failure is not None:
             raise self._failure
+
+    def _log_problems(self) -> None:
+        """What health tells stands in the log too, once for as long as it is so."""
+        # Figures change from look to look: what they are of does not.
+        found = {re.sub(r"\d+", "#", line): line for line in self.health()["problems"]}
+        for key in found.keys() - self._known:
+            LOG.warning("degraded: %s", found[key])
+        if self._known and not found:
+            LOG.info("all well again")
+        self._known = set(found)
 
     def _work(self, stop: threading.Event) -> None:
         try:
@@ -143,6 +164,26 @@ class Service:
             LOG.warning("not compacted: %s", error)
         else:
             LOG.info("compacted: %s", gone)
+
+
+def _opened(url: str) -> Store:
+    """The store, claimed; a server that is away at the start is waited for, as it would be later.
+
+    Raises
+    ------
+    InputError : a file that cannot be used, or a database that somebody must mend.
+    """
+    while True:
+        try:
+            store = Store(url)
+            store.claim("serve")
+        except StoreTrouble as error:
+            if url.startswith("sqlite"):
+                raise
+            LOG.warning("%s; it is tried again in %g s", error, AGAIN_S)
+            time.sleep(AGAIN_S)
+        else:
+            return store
 
 
 def _only_one(state: Path) -> IO[bytes]:

@@ -17,11 +17,11 @@ from fdd.service.bus import Bus, Event
 from fdd.service.config import Outputs as OutputsConfig
 from fdd.service.config import Serve
 from fdd.service.config_sources import MqttSource, source_name
-from fdd.service.fleet import ACT_S, Share
 from fdd.service.outputs import Outputs
 from fdd.service.status import AxisDetail, AxisStatus
 from fdd.service.store import LeaseLost, Store, StoreTrouble
-from fdd.service.watch import Watch
+from fdd.service.storing import ACT_S
+from fdd.service.watch import Share, Watch
 
 LOG = logging.getLogger("fdd.service")
 AGAIN_S = 3.0
@@ -54,6 +54,7 @@ class News:
     problems: list[str]
     sources: dict[str, dict[str, Any]] = field(default_factory=dict)
     store_errors: int = 0
+    axes: int = 0
     lost: str | None = None
 
 
@@ -111,7 +112,7 @@ class Shard:
             store.close()
 
     def ask(self, method: str, *given: Any) -> Any:
-        """What a method of its fleet gives: `axes`, `axis` or `act`."""
+        """What a method of its fleet gives: `axes`, `axis`, `act` or `remove`."""
         if self._watch is None:
             raise StoreTrouble(f"shard {self._share.number} {self._problem}", mend="try again")
         return getattr(self._watch, method)(*given)
@@ -126,7 +127,7 @@ class Shard:
         watch = self._watch
         if watch is None:
             return News(events, [self._problem], lost=self._lost)
-        return News(events, watch.problems(), watch.sources(), watch.store_errors)
+        return News(events, watch.problems(), watch.sources(), watch.store_errors, watch.count)
 
     def stop(self) -> None:
         """Keep everything, and end."""
@@ -213,6 +214,11 @@ class Shards:
         """How often the store could not be written, since each shard began."""
         return sum(news.store_errors for news in self._news if news is not None)
 
+    @property
+    def count(self) -> int:
+        """Axes of the shards that are there."""
+        return sum(news.axes for news in self._news if news is not None)
+
     def problems(self) -> list[str]:
         """What hinders them, a line each."""
         told = [["is away"] if news is None else news.problems for news in self._news]
@@ -259,6 +265,15 @@ class Shards:
             raise InputError(f"there is no alarm {action.alarm_id}", mend="look at the list anew")
         done: Transition = self._asked(self._share_of(alarm["axis"]), "act", action, most=ACT_S + ASK_S)
         return done
+
+    def remove(self, axis: str, who: str) -> None:
+        """Watch an axis no longer.
+
+        Raises
+        ------
+        KeyError : no such axis. StoreTrouble : its shard is away, or the store.
+        """
+        self._asked(self._share_of(axis), "remove", axis, who, most=ACT_S + ASK_S)
 
     def _share_of(self, axis: str) -> Share:
         return next(share for share in self._shares if share.has(axis))

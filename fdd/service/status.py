@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from datetime import UTC, datetime
 from typing import Literal
+from zoneinfo import ZoneInfo
 
 from pydantic import BaseModel
 
@@ -24,6 +26,8 @@ class AxisStatus(BaseModel):
     Attributes
     ----------
     headline : why it is in its state, in a sentence.
+    silent : whether no samples come, whatever its state. zone : whose clock its times are told in (IANA);
+        None is that of the service's machine. clock : Unix seconds where the stream's clock stands at 0.
     last_wall : Unix seconds, when its last samples came. lag_s : s of data that wait for their diagnosis.
     rate_hz : of its samples. quality : counts of what was missing or odd since the service started.
     alarms, unacknowledged, priority : how many stand, and the worst of them.
@@ -33,6 +37,9 @@ class AxisStatus(BaseModel):
     unit: str
     state: AxisState
     headline: str
+    silent: bool = False
+    zone: str | None = None
+    clock: float | None = None
     last_wall: float | None = None
     lag_s: float = 0.0
     samples: int = 0
@@ -63,13 +70,17 @@ class AxisDetail(BaseModel):
 
 
 def status_of(
-    watch: AxisWatch, alarms: Sequence[Alarm], counters: Mapping[str, float], now: float
+    watch: AxisWatch,
+    alarms: Sequence[Alarm],
+    counters: Mapping[str, float],
+    now: float,
+    zone: str | None = None,
 ) -> AxisStatus:
     """How an axis stands.
 
     Parameters
     ----------
-    alarms : of this axis. counters : of the inbox. now : Unix seconds.
+    alarms : of this axis. counters : of the inbox. now : Unix seconds. zone : of its clock times.
     """
     live = [a for a in alarms if a.state in ("UNACK", "ACKED", "RTNUN")]
     open_ = [a for a in live if a.state != "ACKED"]
@@ -80,7 +91,9 @@ def status_of(
     )  # fmt: skip
     dropped = int(counters.get("dropped_samples", 0))
     return AxisStatus(
-        name=watch.name, unit=watch.unit.name, state=state, headline=_headline(watch, live, state),
+        name=watch.name, unit=watch.unit.name, state=state,
+        headline=_headline(watch, live, silent, zone),
+        silent=silent, zone=zone, clock=watch.wall_of(0.0),
         last_wall=watch.last_wall, lag_s=counters.get("lag_s", 0.0), samples=watch.samples,
         rate_hz=watch.rate_hz,
         verdict=(
@@ -92,18 +105,35 @@ def status_of(
     )  # fmt: skip
 
 
-def _headline(watch: AxisWatch, live: Sequence[Alarm], state: str) -> str:
+def _headline(watch: AxisWatch, live: Sequence[Alarm], silent: bool, zone: str | None) -> str:
+    ended = f"samples come since {_clock_time(watch.last_wall, zone)}" if silent else ""
     if watch.failed:
-        return watch.failed
+        return f"{watch.failed}; no {ended}" if silent else watch.failed
     if live:
         # What the last look still saw comes before what waits to return: it may have been the same fault.
         worst = max(live, key=lambda a: (a.seen >= a.time, PRIORITIES.index(a.priority), a.confidence or 0.0))
         size = "" if worst.severity is None else f", severity {worst.severity:.2f}"
         sure = "" if worst.confidence is None else f", {100 * worst.confidence:.0f} % sure"
-        since, gone = worst.body["onset_s"], "" if worst.standing else "; it is gone"
-        return f"{fault(worst.fault).title.capitalize()}{size}{sure}, since {since:.0f} s{gone}"
-    if state == "silent":
-        return "No samples come"
+        since = _clock_time(watch.wall_of(worst.body["onset_s"]), zone)
+        gone = "" if worst.standing else "; it is gone"
+        gone += f"; no {ended}" if silent else ""
+        return f"{fault(worst.fault).title.capitalize()}{size}{sure}, since {since}{gone}"
+    if silent:
+        return f"No {ended}"
     if watch.learning is not None:
         return "Learning what is normal; until then only changes are told"
     return "No fault found"
+
+
+def _clock_time(wall: float | None, zone: str | None) -> str:
+    """A Unix time as a clock in a zone shows it.
+
+    Examples
+    --------
+    >>> _clock_time(1.7e9, "Europe/Berlin")
+    '2023-11-14 23:13:20 CET'
+    """
+    if wall is None:
+        return "the service began"
+    place = None if zone is None else ZoneInfo(zone)
+    return f"{datetime.fromtimestamp(wall, UTC).astimezone(place):%Y-%m-%d %H:%M:%S %Z}"

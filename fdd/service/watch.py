@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 import gc
+import hashlib
 import threading
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from typing import Any
 
 from fdd.diagnosis.model import Model
 from fdd.service.bus import Bus
 from fdd.service.config import Serve
-from fdd.service.fleet import Fleet, Share
+from fdd.service.fleet import Fleet
 from fdd.service.inbox import Inbox
 from fdd.service.profiles import Profiles
 from fdd.service.sources import open_source
@@ -18,6 +20,25 @@ from fdd.service.store import Store
 
 GC_THRESHOLD = 50_000
 """Python's own is 700: waiting blocks of a hundred axes would start the garbage collector all the time."""
+
+
+@dataclass(frozen=True)
+class Share:
+    """Part `number` (from 0) of `of`, by a hash of the axis's name; all axes where nothing is said.
+
+    Examples
+    --------
+    >>> [sum(Share(k, 2).has(f"A{n}") for n in range(100)) for k in range(2)]
+    [51, 49]
+    """
+
+    number: int = 0
+    of: int = 1
+
+    def has(self, axis: str) -> bool:
+        """Whether an axis is in it."""
+        digest = hashlib.blake2b(axis.encode(), digest_size=8).digest()
+        return int.from_bytes(digest) % self.of == self.number
 
 
 class Watch(Fleet):
@@ -44,7 +65,8 @@ class Watch(Fleet):
         super().__init__(
             Profiles(config.units, config.fallback), Model.load(config.model), store, bus, inbox,
             targets=targets,
-            hold=config.limits.hold, learn_s=60.0 * config.learn_minutes, share=share,
+            hold=config.limits.hold, learn_s=60.0 * config.learn_minutes,
+            has=share.has, ids=(share.number + 1, share.of), zone=config.zone,
         )  # fmt: skip
         self.began = threading.Event()
         self._sources = [open_source(source, share.has) for source in config.sources]
@@ -65,16 +87,24 @@ class Watch(Fleet):
             self.began.set()
             super().run(stop)
         finally:
+            self._inbox.close()
             ended.set()
 
     def problems(self) -> list[str]:
         """What hinders it, a line each."""
-        found = [] if self.trouble is None else [f"the store cannot be written: {self.trouble}"]
+        found = super().problems()
         for name, status in self.sources().items():
+            if status["refused_lately"]:
+                found.append(f"source {name} refused messages: {status['refused_lately']}")
             if not status["connected"]:
                 why = f": {status['last_error']}" if status["last_error"] else ""
                 found.append(f"source {name} is not connected{why}")
         return found
+
+    @property
+    def store_errors(self) -> int:
+        """How often the store could not be written."""
+        return self.writer.errors
 
     def sources(self) -> dict[str, dict[str, Any]]:
         """How each source stands, by name."""

@@ -32,6 +32,7 @@ from fdd.service.order import Order
 from fdd.service.profiles import Profiles
 from fdd.service.recent import Recent
 from fdd.service.store import Store, Transaction
+from fdd.service.storing import Writer
 from fdd.unit import Unit
 from reports.service import resident
 
@@ -58,7 +59,7 @@ ITEMS: tuple[tuple[str, Any, str], ...] = (
     ("— ledger", Ledger, "push"),
     ("— looks", Pipeline, "_scan"),
     ("what the page shows", Recent, "add"),
-    ("storing", Fleet, "_stored"),
+    ("storing", Writer, "write"),
     ("— journal", Transaction, "accept_all"),
     ("— states, made", AxisWatch, "checkpoint"),
     ("— states, written", Transaction, "checkpoint"),

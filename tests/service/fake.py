@@ -63,6 +63,10 @@ class World:
             raise self.trouble
         return self._keep(self.book.act(action, time.time()))
 
+    def remove(self, axis: str, who: str) -> None:
+        if axis not in self.details:
+            raise KeyError(axis)
+
     def _keep(self, done: Transition) -> Transition:
         alarm = done.alarm
         self.book._alarms[alarm.id] = alarm

@@ -85,7 +85,10 @@ def test_live_is_what_the_pipeline_says_of_the_whole(store: Store, log: Samples)
     assert (alarm["state"], alarm["fault"]) == ("UNACK", "internal_leakage")
     (status,) = fleet.axes()
     assert status.samples == len(log) and status.state == "unacknowledged"
-    assert "since 30 s" in status.headline, "its onset, not its alarm"
+    assert "since 2023-11-14 22:13:49 UTC; no samples come since 2023-11-14 22:14:19" in status.headline
+    assert status.silent and status.clock == pytest.approx(RECEIVED, abs=0.5)
+    assert fleet.axis("A1").findings[0].detected_s == fresh[0].detected_s, "not that of the last look"
+    assert alarm["body"]["detected_s"] == fresh[0].detected_s
     assert status.quality["repeated"] > 0 and status.quality["reordered"] > 0
 
 
@@ -183,13 +186,13 @@ def test_a_store_that_fails_is_tried_again_and_nothing_accepted_meanwhile(
 
     def failing(self: Store) -> Any:
         if next(failures, None) is not None:
-            assert len(answered) == 20 and fleet.store_errors < 3
+            assert len(answered) == 20 and fleet.writer.errors < 3
             raise StoreTrouble("full", where=self.where)
         return plain(self)
 
     monkeypatch.setattr(Store, "transaction", failing)
     send(fleet, inbox, blocks[20:40])
-    assert answered == list(range(40)) and fleet.store_errors == 3 and fleet.trouble is None
+    assert answered == list(range(40)) and fleet.writer.errors == 3 and fleet.writer.trouble is None
     monkeypatch.undo()
     again, _, _ = fleet_of(store)
     assert again.axes()[0].samples == 4000
@@ -222,7 +225,7 @@ def test_a_store_whose_answer_is_lost_has_nothing_twice(
     tries = count()
     monkeypatch.setattr(Store, "transaction", unanswered)
     again = worked(f"sqlite:///{tmp_path / 'again.db'}" if kind == "sqlite" else postgres_url())
-    assert again[-1].store_errors > 100 and whole[0]["findings"], "else this shows nothing"
+    assert again[-1].writer.errors > 100 and whole[0]["findings"], "else this shows nothing"
     assert again[:-1] == whole[:-1]
 
 
@@ -383,3 +386,144 @@ def test_memory_of_an_axis_is_bounded(store: Store, log: Samples) -> None:
     detail = fleet.axis("A1")
     assert len(detail.signals.time) <= 1200 and len(detail.estimates.time) <= 120
     assert detail.findings[0].fault == "internal_leakage" and (detail.status.last_wall or 0.0) > RECEIVED
+
+
+def _files(folder: Path, **inner: str) -> Path:
+    """Profiles of some inner names, under their files' names."""
+    for stem, name in inner.items():
+        unit = Unit.load("axis_a").model_copy(update={"name": name})
+        (folder / f"{stem}.yaml").write_text(unit.to_yaml(), "utf-8")
+    return folder
+
+
+@pytest.mark.parametrize("said", ["rig_3", None])
+def test_a_restart_keeps_the_profile_that_the_blocks_named(
+    store: Store, log: Samples, tmp_path: Path, said: str | None
+) -> None:
+    """Names of files and of profiles may differ, and one may be called as another's file."""
+    units = _files(tmp_path, rig_3="inner", inner="another", A1="inner")
+    blocks = [replace(b, unit=said) for b in blocks_of(log.rows(0, 2000))]
+    fleet, inbox, _ = fleet_of(store, profiles=Profiles(units))
+    send(fleet, inbox, blocks)
+    fleet.keep()
+    again, _, _ = fleet_of(store, profiles=Profiles(units))
+    assert again.axes()[0].unit == "inner" and again.axes()[0].samples == 2000
+    assert not store.audit(), "its state was taken up again"
+
+
+def test_an_axis_whose_sender_was_mended_is_watched_again(store: Store, log: Samples) -> None:
+    """Eight seconds in millimetres; a restart in between changes nothing."""
+    wrong = Samples(log.time, {**log.columns, "position": 1000.0 * log["position"]})
+    fleet, inbox, _ = fleet_of(store)
+    send(fleet, inbox, blocks_of(wrong.rows(0, 8000)))
+    assert fleet.axes()[0].state == "failed" and "looks like mm" in fleet.axes()[0].headline
+    fleet.keep()
+    fleet, inbox, _ = fleet_of(store)
+    assert fleet.axes()[0].state == "failed"
+    send(fleet, inbox, blocks_of(log)[80:])
+    (status,) = fleet.axes()
+    assert status.state == "unacknowledged" and "internal_leakage" in {f["fault"] for f in store.findings()}
+
+
+def test_a_restart_within_the_first_seconds_leaves_the_check_of_units(store: Store, log: Samples) -> None:
+    wrong = Samples(log.time, {**log.columns, "position": 1000.0 * log["position"]})
+    fleet, inbox, _ = fleet_of(store)
+    send(fleet, inbox, blocks_of(wrong)[:20])
+    fleet.keep()
+    fleet, inbox, _ = fleet_of(store)
+    send(fleet, inbox, blocks_of(wrong)[20:100])
+    assert fleet.axes()[0].state == "failed"
+
+
+def test_an_axis_can_be_removed_and_begins_anew(store: Store, log: Samples) -> None:
+    fleet, inbox, bus = fleet_of(store)
+    heard = bus.subscribe(["axis"])
+    send(fleet, inbox, blocks_of(log))
+    fleet.keep()
+    assert store.alarms()[0]["state"] == "UNACK" and store.rollups("A1", "leakage", "minute")
+    asked = threading.Thread(target=fleet.remove, args=("A1", "ann"))
+    asked.start()
+    while asked.is_alive():
+        fleet.step(0.01)
+    with pytest.raises(KeyError):
+        worker = threading.Thread(target=lambda: [fleet.step(0.1) for _ in range(5)])
+        worker.start()
+        fleet.remove("A2", "ann")
+    assert fleet.axes() == [] == store.axes() and store.checkpoint("A1") is None
+    assert not store.journal("A1") and not store.rollups("A1", "leakage", "minute")
+    assert store.alarms()[0]["state"] == "NORMAL"
+    assert [(a["action"], a["who"]) for a in store.audit()][:2] == [
+        ("AXIS_REMOVED", "ann"),
+        ("REMOVED", "ann"),
+    ]
+    assert [heard.get().data, heard.get().data][1] == {"removed": True}  # type: ignore[union-attr]
+    worker.join()
+    again, inbox, _ = fleet_of(store)
+    assert again.axes() == []
+    send(again, inbox, blocks_of(log.rows(0, 1000)))
+    again.keep()
+    assert again.axes()[0].samples == 1000
+
+
+def test_strangers_of_one_message_each_leave_the_place_to_others(
+    store: Store, log: Samples, monkeypatch: pytest.MonkeyPatch, ticking: list[float]
+) -> None:
+    monkeypatch.setattr("fdd.service.fleet.MOST_AXES", 5)
+    monkeypatch.setattr("fdd.service.refused.MOST_REFUSED", 3)
+    fleet, inbox, _ = fleet_of(store)
+    send(fleet, inbox, blocks_of(log.rows(0, 6000)))
+    for k in range(20):
+        send(fleet, inbox, [replace(blocks_of(log)[0], axis=f"stranger-{k}")])
+    assert len(fleet.axes()) == len(store.axes()) == 5 and "A1" in {s.name for s in fleet.axes()}
+    for _ in range(400):
+        ticking[0] += 0.2
+        fleet.step(0.0)
+    assert [s.name for s in fleet.axes()] == ["A1"] == [row["name"] for row in store.axes()]
+
+
+def test_what_is_refused_for_want_of_a_profile_is_counted_and_told(store: Store, log: Samples) -> None:
+    fleet, inbox, _ = fleet_of(store, profiles=Profiles())
+    for k in range(120):
+        send(fleet, inbox, [replace(blocks_of(log)[0], axis=f"A{k}")])
+    assert len(fleet.axes()) == 100, "of the names that strangers give the last ones are told"
+    assert fleet.axes()[-1].quality == {"refused": 100} and "no profile" in fleet.problems()[0]
+
+
+def test_after_a_crash_it_is_asked_while_it_resumes(
+    store: Store, log: Samples, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    fleet, inbox, _ = fleet_of(store)
+    monkeypatch.setattr(fleet, "_keep_due", lambda batch: None)  # as many blocks in the journal as there are
+    send(fleet, inbox, blocks_of(log.rows(0, 40_000)))
+    again = Fleet(Profiles(fallback="axis_a"), Model.load(), store, Bus(), Inbox())
+    resuming, told = threading.Thread(target=again.resume), set()
+    resuming.start()
+    while resuming.is_alive():
+        asked = time.monotonic()
+        told.update(again.problems())
+        assert again.count <= 1 and time.monotonic() - asked < 1.0
+        time.sleep(0.005)
+    assert len(told) > 5 and all(line.startswith("resuming, ") for line in told)
+    assert again.problems() == [] and again.axes()[0].samples == 40_000
+
+
+def test_a_store_that_is_away_at_the_start_is_waited_for(
+    store: Store, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("fdd.service.storing.BACKOFF_S", (0.01, 0.01))
+    plain, failures = Store.book, iter(range(3))
+
+    def failing(self: Store) -> Any:
+        if next(failures, None) is not None:
+            raise StoreTrouble("away", where=self.where)
+        return plain(self)
+
+    monkeypatch.setattr(Store, "book", failing)
+    fleet, stop = Fleet(Profiles(), Model.load(), store, Bus(), Inbox()), threading.Event()
+    running = threading.Thread(target=fleet.run, args=(stop,))
+    running.start()
+    while fleet.resumed < 1.0:
+        time.sleep(0.01)
+    assert fleet.writer.errors == 3 and fleet.problems() == []
+    stop.set()
+    running.join(10.0)

@@ -9,6 +9,7 @@ import pytest
 
 from fdd.service.bus import Event
 from fdd.service.http import Server
+from fdd.service.status import Bands, Series
 from tests.service.browser import Browser
 from tests.service.fake import World, made_up, on_a_port, three_tokens
 
@@ -96,6 +97,36 @@ def test_search_and_filters(browser: Browser, server: Server) -> None:
         "[...document.querySelectorAll('.counts button')].find((b) => b.innerText.includes('Silent')).click()"
     )
     browser.wait(f"{rows} === 1")
+
+
+def test_each_page_says_what_is_so_and_in_whose_time(browser: Browser, server: Server, world: World) -> None:
+    status = world.details["F7/aileron-R"].status
+    status.silent, status.zone, status.clock = True, "Asia/Tokyo", 1.7e9
+    status.last_wall = 1.7e9 + 600.0
+    world.details["F3/rudder"] = world.details["F3/rudder"].model_copy(
+        update={"estimates": Series(), "misfits": Series(), "probabilities": Series(), "signals": Bands()}
+    )
+    world.health["sources"] = {
+        "line": {
+            "name": "line",
+            "connected": True,
+            "received": 7,
+            "refused": 1,
+            "last_error": "no time in it",
+        }
+    }
+    browser.open(f"{server.address}#/")
+    count = lambda state: browser.run(f"document.querySelector('[data-key=\"count {state}\"] b').innerText")  # noqa: E731
+    browser.wait(f"{text('#main')}.includes('no time in it')")
+    assert [count(s) for s in ("unacknowledged", "in alarm", "silent")] == ["2", "3", "2"]
+    browser.open(f"{server.address}#/axis/F7%2Faileron-R")
+    browser.wait(f"{text('#main')}.includes('What was found')")
+    said = browser.run(text("#main"))
+    assert "Since 2023-11-15 07:20:08 GMT+9, detected 2023-11-15 07:20:24 GMT+9" in said
+    assert "2023-11-15 07:23:20" in said and "Silent" in said and "\nnow" not in said
+    browser.open(f"{server.address}#/axis/F3%2Frudder")
+    browser.wait(f"{text('#main')}.includes('Live estimates')")
+    assert "after five seconds of data" in browser.run(text("#main"))
 
 
 @pytest.mark.parametrize("view", ["", "#/alarms", "#/axis/F7%2Faileron-R", "#/history"])

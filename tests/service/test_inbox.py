@@ -35,12 +35,13 @@ def test_an_axis_that_lags_loses_its_oldest_and_no_other() -> None:
     inbox, told = Inbox(most_seconds=3.0), []
     for number in range(8):
         inbox.put(block("slow", number, accepted=lambda n=number: told.append(n)))
+    assert inbox.problems() == ["overloaded: the oldest samples are dropped of slow"]
     inbox.put(block("fine", 0))
     counters = inbox.counters()
     assert counters["slow"]["dropped_samples"] == 50
     assert counters["slow"]["lag_s"] == pytest.approx(3.0) and counters["fine"]["dropped_samples"] == 0
     assert [b.sequence for b in inbox.take(0.0) if b.axis == "slow"] == [5, 6, 7]
-    assert told == [0, 1, 2, 3, 4]
+    assert told == [], "what is not stored is not acknowledged"
     assert inbox.counters()["slow"]["lag_s"] == 0.0
 
 
@@ -50,11 +51,34 @@ def test_one_block_longer_than_the_bound_stays() -> None:
     assert len(inbox.take(0.0)) == 1
 
 
-def test_a_patient_sender_loses_nothing() -> None:
-    inbox = Inbox(most_seconds=3.0)
-    for number in range(20):
-        inbox.put(block("A1", number, patient=True))
-    assert [b.sequence for b in inbox.take(0.0)] == list(range(20))
+def test_a_patient_sender_waits_for_room_and_loses_nothing() -> None:
+    size = block("A1", 0).nbytes + 1000
+    inbox, told = Inbox(most_seconds=3.0, most_bytes=5 * size), []
+
+    def send() -> None:
+        for number in range(20):
+            inbox.put(block("A1", number, patient=True, accepted=lambda n=number: told.append(n)))
+
+    sender = threading.Thread(target=send)
+    sender.start()
+    taken = inbox.take(5.0)
+    while len(taken) < 20:
+        taken += inbox.take(5.0)
+    sender.join(5.0)
+    assert [b.sequence for b in taken] == list(range(20)) and told == []
+
+
+def test_a_closed_inbox_holds_no_sender_and_takes_nothing_from_it() -> None:
+    one = block("A1", 0, patient=True)
+    inbox, told = Inbox(most_seconds=0.5, most_bytes=one.nbytes + 1000), []
+    inbox.put(one)
+    assert inbox.problems() == ["overloaded: senders wait, more than 0.5 s behind are A1"]
+    late = block("A1", 1, patient=True, accepted=lambda: told.append(1))
+    sender = threading.Thread(target=inbox.put, args=(late,))
+    sender.start()
+    inbox.close()
+    sender.join(5.0)
+    assert not sender.is_alive() and len(inbox.take(0.0)) == 1 and told == []
 
 
 def test_beyond_the_bytes_the_axis_that_lags_most_loses() -> None:
@@ -76,6 +100,11 @@ def test_more_axes_than_a_service_watches_are_refused() -> None:
     with pytest.raises(InputError, match="more than 1000 axes"):
         inbox.put(replace(one, axis="one-more"))
     inbox.put(replace(one, axis="A7"))
+    patient = threading.Thread(target=inbox.put, args=(replace(one, axis="one-more", patient=True),))
+    patient.start()
+    assert "one-more" not in {b.axis for b in inbox.take(0.0)}, "not refused either: it waits for a place"
+    patient.join(5.0)
+    assert not patient.is_alive()
 
 
 def test_many_threads_put_and_all_is_taken_or_counted() -> None:
@@ -95,7 +124,7 @@ def test_many_threads_put_and_all_is_taken_or_counted() -> None:
         taken += found
         if not found and not alive:
             break
-    counters = inbox.counters()
+    counters = {a: {"dropped_samples": 0} for a in map("A{}".format, range(senders))} | inbox.counters()
     for k in range(senders):
         own = [b for b in taken if b.axis == f"A{k}"]
         assert [b.sequence for b in own] == sorted(b.sequence for b in own)  # type: ignore[type-var]

@@ -14,7 +14,6 @@ import numpy as np
 import paho.mqtt.client as paho
 import pytest
 
-from fdd.errors import InputError
 from fdd.samples import Samples
 from fdd.service.blocks import Block, Decoder, encode_arrow, encode_json
 from fdd.service.config_sources import MqttSource
@@ -272,16 +271,6 @@ def test_a_wrong_password_is_told_in_one_line(
         connected(source_of(broker, version, **given, client_id="other"), taker, stop)
     finally:
         broker.kill()
-
-
-def test_files_that_are_missing_are_told_at_once(
-    broker: Broker, tmp_path: Path, stop: threading.Event
-) -> None:
-    missing = tmp_path / "none"
-    with pytest.raises(InputError, match="none: the password or key cannot be read"):
-        source_of(broker, user="rig", password_file=missing).start(lambda block: None, stop)
-    with pytest.raises(InputError, match="TLS cannot be set up"):
-        source_of(broker, tls={"ca": missing}).start(lambda block: None, stop)
 
 
 @pytest.mark.skipif(shutil.which("openssl") is None, reason="no openssl here")

@@ -229,3 +229,13 @@ def test_a_damaged_state_is_refused_in_one_line(damage: str) -> None:
     for broken in ({k: v for k, v in state.items() if k != damage}, {**state, damage: state[damage][:2]}):
         with pytest.raises(InputError):
             Order().restore(broken)
+
+
+def test_two_senders_that_count_alike_make_no_negative_counts() -> None:
+    """The same numbers with other content, after a block that never came."""
+    order = Order()
+    order.take([steady(0, 0.0)])
+    for number in range(2, 60):
+        order.take([steady(number, 0.1 * number, seed=seed) for seed in (1, 2)])
+        assert order.counts["missing_blocks"] in (0, 1)
+    assert order.counts["missing_blocks"] == 1

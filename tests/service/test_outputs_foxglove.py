@@ -29,7 +29,7 @@ from fdd.samples import Samples
 from fdd.service.bus import Bus
 from fdd.service.config import FoxgloveOutput
 from fdd.service.outputs.foxglove import Foxglove, thinned
-from fdd.service.outputs.recording import trajectories
+from fdd.service.outputs.recorder import trajectories
 
 LAYOUT = Path(__file__).parents[2] / "deploy" / "foxglove" / "fdd.json"
 FAMILIES = ("healthy", "leakage", "seal_wear", "aeration", "check_valve", "relief_valve", "friction", "motor",

@@ -12,7 +12,6 @@ from pathlib import Path
 import pytest
 from outputs_fakes import message, transition
 
-from fdd.errors import InputError
 from fdd.service.outputs import json_lines
 from fdd.service.outputs.delivery import Undelivered
 from fdd.service.outputs.json_lines import JsonLines
@@ -85,8 +84,3 @@ def test_all_is_synced_and_statuses_are_thinned(tmp_path: Path, monkeypatch: pyt
     assert [line["kind"] for line in told] == ["status", "alarm", "status"]
     assert told[1] == {"id": 3, "kind": "alarm", "data": transition()}
     assert told[2]["data"] == {"value": None}, "NaN is no JSON"
-
-
-def test_a_folder_that_is_missing_is_told_at_once(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match="no such folder"):
-        JsonLines(tmp_path / "none" / "events.jsonl")

@@ -8,7 +8,6 @@ import re
 from pathlib import Path
 from typing import Any
 
-import pytest
 from outputs_fakes import transition
 from prometheus_client.openmetrics.parser import text_string_to_metric_families as parse_open
 from prometheus_client.parser import text_string_to_metric_families as parse
@@ -102,9 +101,13 @@ def test_what_is_not_known_is_not_told() -> None:
     assert ("fdd_viscous_friction_stddev_newton_seconds_per_meter", "A1") not in found
 
 
-@pytest.mark.parametrize(("state", "up"), [("healthy", 1), ("in alarm", 1), ("silent", 0), ("failed", 0)])
-def test_up(state: str, up: float) -> None:
-    assert scraped([axis(state=state)])["fdd_axis_up", "A1"] == up
+def test_an_axis_is_up_while_it_sends_and_is_diagnosed() -> None:
+    for state, up in (("healthy", 1), ("in alarm", 1), ("silent", 0), ("failed", 0)):
+        assert scraped([axis(state=state)])["fdd_axis_up", "A1"] == up
+    found = scraped([axis(state="unacknowledged", silent=True)])
+    assert found["fdd_axis_up", "A1"] == 0 and found["fdd_axis_state", "A1", "silent"] == 1
+    assert found["fdd_axis_state", "A1", "unacknowledged"] == 1
+    assert scraped([axis(state="failed", quality={"refused": 7})])["fdd_dropped_samples_total", "A1"] == 7
 
 
 def test_alarms_are_counted() -> None:

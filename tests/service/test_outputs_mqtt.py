@@ -125,6 +125,11 @@ def test_a_state_is_told_when_it_changed_and_not_too_often(
     time.sleep(0.2)
     assert len(live.of("plant/fdd/axis/A1/state")) <= 3
     assert len(live.of("plant/fdd/axis/A2/state")) == 1
+    publisher.note("A2", {})  # it was removed
+    until(lambda: publisher.tick() or len(live.of("plant/fdd/axis/A2/state")) == 2)
+    later = listen()
+    until(lambda: later.of("plant/fdd/axis/A1/state"))
+    assert not later.of("plant/fdd/axis/A2/state")
 
 
 def test_a_link_that_breaks_is_told_by_the_broker(publish: Any, listen: Any) -> None:

@@ -15,14 +15,12 @@ import pytest
 from mcap.reader import make_reader
 from outputs_fakes import event, measured, transition, until
 
-from fdd.errors import InputError
 from fdd.logs import read_log
 from fdd.samples import Samples
 from fdd.service.bus import Bus
 from fdd.service.config import Recording
 from fdd.service.outputs import recorder as recorder_module
-from fdd.service.outputs.recorder import Recorder
-from fdd.service.outputs.recording import keep_within
+from fdd.service.outputs.recorder import Recorder, keep_within
 
 RATE = 100
 START = 1000.0
@@ -281,9 +279,3 @@ def test_odd_names_stay_within_the_folder(tmp_path: Path) -> None:
     rig.stream(START + 10, START + 31, "../../hall/A1")
     assert [p.name.split("_2")[0] for p in rig.files()] == ["_._.._hall_A1"]
     assert [p.name for p in tmp_path.iterdir()] == ["in"]
-
-
-def test_a_folder_that_cannot_be_is_told_at_once(tmp_path: Path) -> None:
-    (tmp_path / "file").write_text("")
-    with pytest.raises(InputError, match="a folder is wanted"):
-        Rig(tmp_path / "file")

@@ -34,7 +34,7 @@ class Receiver(ThreadingHTTPServer):
         super().__init__(("127.0.0.1", 0), Handler)
         self.answers: list[tuple[int, dict[str, str], bytes]] = []
         self.came: list[tuple[str, dict[str, str], bytes]] = []
-        self.delay_s = 0.0
+        self.delay_s, self.cut = 0.0, b""
 
     @property
     def url(self) -> str:
@@ -49,6 +49,10 @@ class Handler(BaseHTTPRequestHandler):
         self.server.came.append((self.path, dict(self.headers), body))
         time.sleep(self.server.delay_s)
         status, headers, said = self.server.answers.pop(0) if self.server.answers else (204, {}, b"")
+        if self.server.cut:
+            self.wfile.write(self.server.cut)
+            self.close_connection = True
+            return
         try:
             self.send_response(status)
             for name, value in headers.items():
@@ -91,11 +95,26 @@ def test_a_message_is_signed_and_whole(receiver: Receiver) -> None:
     assert not verified(headers, body + b" ", SECRET)
     assert not verified(headers, body, SECRET[:-1])
     assert not verified({**headers, "X-Fdd-Timestamp": str(int(time.time()) - 9)}, body, SECRET)
-
-
-def test_without_a_secret_nothing_is_signed(receiver: Receiver) -> None:
     Webhook(receiver.url).deliver(MESSAGE)
-    assert not any(name.startswith("X-Fdd") for name in receiver.came[0][1])
+    assert not any(name.startswith("X-Fdd") for name in receiver.came[1][1]), "no secret, no signature"
+
+
+@pytest.mark.parametrize(
+    "cut",
+    [
+        b"HTTP/1.1 200 OK\r\n",
+        b"HTTP/1.1 200 OK\r\nServer: x\r\nContent-Le",
+        b"HTTP/1.1 200 OK\r\nContent-Length: 10\r\n\r\n{}",
+        b"HTTP/1.1 200 OK\r\nTransfer-Encoding: chunked\r\n\r\n5\r\n{}",
+    ],
+)
+def test_an_answer_that_is_cut_is_none(receiver: Receiver, cut: bytes) -> None:
+    receiver.cut = cut
+    with pytest.raises(Undelivered) as caught:
+        Webhook(receiver.url).deliver(MESSAGE)
+    assert caught.value.down and not caught.value.final
+    receiver.cut = b"HTTP/1.1 200 OK\r\n\r\nwhatever, to the end of the connection"
+    Webhook(receiver.url).deliver(MESSAGE)
 
 
 def test_it_comes_again_with_the_same_key_until_it_is_taken(

@@ -19,9 +19,9 @@ from watched import blocks_of, fleet_of, leaking, send
 from fdd.samples import Samples
 from fdd.service.blocks import encode_arrow
 from fdd.service.config import Serve
-from fdd.service.fleet import Share
 from fdd.service.service import Service
 from fdd.service.store import Store
+from fdd.service.watch import Share
 
 ray = pytest.importorskip("ray", reason="no ray here: install fdd[ray]")
 pytestmark = [pytest.mark.skipif(MOSQUITTO is None, reason="no mosquitto here"), pytest.mark.slow]

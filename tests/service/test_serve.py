@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import os
 import signal
+import socket
 import subprocess
 import sys
 import threading
@@ -124,7 +125,7 @@ def test_the_command_checks_its_file_and_makes_tokens(tmp_path: Path) -> None:
     path = tmp_path / "serve.yaml"
     path.write_text("schema: fdd.serve/1\nsources: [{type: udp, port: 9000}]\n")
     checked = run(app, ["serve", str(path), "--check"])
-    assert checked.exit_code == 0 and "1 sources" in checked.output
+    assert checked.exit_code == 0 and "1 source, store" in checked.output
     made = run(app, ["serve", "--token", "ann:acknowledge"])
     assert made.exit_code == 0 and "ann acknowledge " in made.output
     for wrong in (["serve"], ["serve", "--token", "ann:boss"], ["serve", str(tmp_path / "none.yaml")]):
@@ -138,14 +139,6 @@ def test_without_its_packages_it_names_the_extra(
     monkeypatch.setattr("importlib.util.find_spec", lambda name: None)
     refused = CliRunner().invoke(app, ["serve", *arguments])
     assert refused.exit_code == 2 and "install fdd[serve]" in refused.output
-
-
-@pytest.mark.parametrize("line", ["fallback: axis_z", "units: {A1: axis_z}"])
-def test_a_profile_that_is_misspelt_is_refused_at_the_start(line: str, tmp_path: Path) -> None:
-    text = f"schema: fdd.serve/1\n{line}\nlisten: {{port: 0}}\nsources: [{{type: udp, port: 0}}]\n"
-    with pytest.raises(InputError, match="axis_z") as caught:
-        Service(Serve.from_yaml(text, folder=tmp_path))
-    assert len(str(caught.value).splitlines()) == 1
 
 
 def test_a_fleet_that_fails_ends_the_service_with_what_it_was(
@@ -180,3 +173,88 @@ def test_two_signals_at_once_end_it(tmp_path: Path) -> None:
         process.send_signal(signal.SIGTERM)
     _, told = process.communicate(timeout=60)
     assert process.returncode in (0, 130) and "Traceback" not in told
+
+
+@pytest.mark.parametrize(
+    "line",
+    [
+        "units: none",
+        "fallback: none",
+        "units: {A1: none}",
+        "model: none.json",
+        "tokens: none.txt",
+        "listen: {port: 0, tls: {cert: none.pem, key: none.key}}",
+        "state: serve.yaml/state",
+        "sources: [{type: folder, folder: none}]",
+        "sources: [{type: replay, logs: {A1: none.csv}}]",
+        "sources: [{type: udp, port: 0, map: none.yaml}]",
+        "sources: [{type: mqtt, host: h, topics: [t], user: u, password_file: none}]",
+        "sources: [{type: mqtt, host: h, topics: [t], tls: {ca: none.pem}}]",
+        "outputs: {mqtt: {host: h, user: u, password_file: none}}",
+        "outputs: {webhooks: [{url: 'http://h', secret_file: none}]}",
+        "outputs: {jsonl: none/told.jsonl}",
+        "outputs: {recording: {folder: serve.yaml/none}}",
+    ],
+)
+def test_whatever_the_file_names_is_opened_before_anything_is_made(line: str, tmp_path: Path) -> None:
+    path = tmp_path / "serve.yaml"
+    sources = "" if line.startswith("sources") else "sources: [{type: udp, port: 0}]\n"
+    path.write_text(f"schema: fdd.serve/1\n{line}\n{sources}")
+    refused = CliRunner().invoke(app, ["serve", str(path), "--check"])
+    assert refused.exit_code == 2 and ("none" in refused.output or "serve.yaml" in refused.output)
+    with pytest.raises(InputError):
+        Service(Serve.load(path))
+    assert [p.name for p in tmp_path.iterdir()] == ["serve.yaml"], "nothing half-made"
+
+
+def test_a_server_that_is_away_at_the_start_is_waited_for(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    url = postgres_url()
+    postgres_server().kill()
+    monkeypatch.setattr("fdd.service.service.AGAIN_S", 0.2)
+    text = f"schema: fdd.serve/1\nlisten: {{port: 0}}\nstore: {url}\nsources: [{{type: udp, port: 0}}]\n"
+    made: list[Service] = []
+    starting = threading.Thread(target=lambda: made.append(Service(Serve.from_yaml(text, folder=tmp_path))))
+    starting.start()
+    starting.join(2.0)
+    assert starting.is_alive() and not made
+    postgres_server().start()
+    starting.join(60.0)
+    assert made[0].health()["axes"] == 0
+
+
+def test_a_demo_removes_what_a_killed_one_has_left(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    from fdd.cli import serve
+
+    monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
+    (tmp_path / "fdd-demo-killed").mkdir()
+    (tmp_path / "fdd-demo-killed" / ".lock").touch()
+    with serve._demo_folder() as mine:
+        assert [p.name for p in tmp_path.iterdir()] == [mine.name]
+        with serve._demo_folder() as other:
+            assert sorted(p.name for p in tmp_path.iterdir()) == sorted([mine.name, other.name])
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_what_is_refused_is_told_in_log_health_and_metrics(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    text = "schema: fdd.serve/1\nlisten: {port: 0}\nsources: [{type: tcp, port: 0, name: line}]\n"
+    service, stop = Service(Serve.from_yaml(text, folder=tmp_path)), threading.Event()
+    running = threading.Thread(target=service.run, args=(stop,))
+    running.start()
+    try:
+        until(service.fleet.began.is_set)
+        port = until(lambda: service.fleet.sources()["line"]["port"])
+        with socket.create_connection(("127.0.0.1", port)) as line:
+            line.sendall(b'{"schema": "fdd.block/1", "axis": "A1", "colums": {}}\n')
+        health = until(lambda: (h := ask(f"{service.address}api/health"))["problems"] and h)
+        metrics = urllib.request.urlopen(f"{service.address}metrics", timeout=20).read().decode()
+    finally:
+        stop.set()
+        running.join(60.0)
+    assert "source line refused messages: unknown key 'colums' in a block" in health["problems"][0]
+    assert health["sources"]["line"]["refused"] == 1 and health["status"] == "degraded"
+    assert 'fdd_source_refused_total{source="line"} 1.0' in metrics
+    assert "source line: 1 refused, the last one: unknown key 'colums'" in caplog.text

@@ -41,10 +41,8 @@ def blocks_of(samples: Samples, axis: str = "A1") -> list[Block]:
 def fleet_of(store: Store, model: Model | None = None, **more: object) -> tuple[Fleet, Inbox, Bus]:
     """A fleet of shipped axes that has gone on from its store."""
     bus, inbox = Bus(), Inbox(most_seconds=1e9)
-    fleet = Fleet(
-        Profiles(fallback="axis_a"), model or Model.load(), store, bus, inbox, clock=lambda: RECEIVED + 1e4,
-        **more,  # type: ignore[arg-type]
-    )  # fmt: skip
+    given = {"profiles": Profiles(fallback="axis_a"), "clock": lambda: RECEIVED + 1e4, "zone": "UTC"} | more
+    fleet = Fleet(model=model or Model.load(), store=store, bus=bus, inbox=inbox, **given)  # type: ignore[arg-type]
     fleet.resume()
     return fleet, inbox, bus
 

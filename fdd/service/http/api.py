@@ -9,12 +9,12 @@ import numpy as np
 from fastapi import APIRouter, Depends, HTTPException, Path, Query, Request, Response
 from fastapi.responses import StreamingResponse
 from fastapi.security import APIKeyCookie, HTTPAuthorizationCredentials, HTTPBearer
+from pydantic import BaseModel, ConfigDict, Field
 
 import fdd
 from fdd.errors import InputError
 from fdd.report.decimate import envelope
-from fdd.service.alarms import STATES, Action, Alarm
-from fdd.service.http.answers import AuditRecord, Health, Login, Note, Problem, Session, Shelf, Trend
+from fdd.service.alarms import LONGEST_SHELF_S, STATES, Action, Alarm
 from fdd.service.http.events import Hub
 from fdd.service.http.tokens import LOCAL, Caller, Role, Tokens
 from fdd.service.life import Each, sentence_of
@@ -36,6 +36,86 @@ Header = Annotated[HTTPAuthorizationCredentials | None, Depends(_bearer)]
 Cookie = Annotated[str | None, Depends(_cookie)]
 AlarmId = Annotated[int, Path(ge=1, lt=1 << 63)]
 Limit = Annotated[int, Query(ge=1, le=10000)]
+
+
+class AuditRecord(BaseModel):
+    """What was done to an alarm or the service, by whom; never changed."""
+
+    id: int
+    wall: float
+    who: str
+    action: str
+    alarm_id: int | None = None
+    axis: str | None = None
+    note: str = ""
+
+
+class Span(BaseModel):
+    """A quantity over a minute, an hour or a day, SI."""
+
+    start_wall: float
+    n: int
+    mean: float | None
+    std: float | None
+    min: float | None
+    max: float | None
+
+
+class Trend(BaseModel):
+    """A quantity over an axis's life; `sentence` tells where it goes, as `fdd trend` does."""
+
+    axis: str
+    quantity: str
+    level: Literal["minute", "hour", "day"]
+    points: list[Span]
+    sentence: str = ""
+
+
+class Health(BaseModel):
+    """Whether the service can do its work; callers without a token see the status alone.
+
+    `sources` : how each stands: `connected`, messages `received` and `refused`, `last_error`, and more.
+    """
+
+    status: Literal["ok", "degraded"]
+    problems: list[str] | None = None
+    axes: int | None = None
+    sources: dict[str, dict[str, Any]] | None = None
+    version: str | None = None
+
+
+class Session(BaseModel):
+    """Who is calling. `tokens` : whether the service asks for tokens at all."""
+
+    name: str
+    role: Role
+    tokens: bool
+
+
+class Problem(BaseModel):
+    """Why a request was refused, in one line."""
+
+    error: str
+
+
+class Login(BaseModel):
+    """Body of a login on the page."""
+
+    token: str
+
+
+class Note(BaseModel):
+    """Body of an acknowledgement or an unshelving."""
+
+    model_config = ConfigDict(extra="forbid", strict=True)
+
+    note: str = Field(default="", max_length=1000)
+
+
+class Shelf(Note):
+    """Body of a shelving. `minutes` : how long, a week at most."""
+
+    minutes: float = Field(gt=0, le=LONGEST_SHELF_S / 60.0)
 
 
 def router(
@@ -82,6 +162,7 @@ def router(
 
     view = [needs("view")]
     Operator = Annotated[Caller, needs("acknowledge")]
+    Admin = Annotated[Caller, needs("admin")]
 
     def detail(name: str) -> AxisDetail:
         try:
@@ -113,6 +194,14 @@ def router(
         """One axis with its last ten minutes, signals in so many points."""
         found = detail(name)
         return found.model_copy(update={"signals": thinned(found.signals, points)})
+
+    @api.delete("/api/axes/{name:path}", status_code=204)
+    def remove(name: str, who: Admin) -> None:
+        """Watch an axis no longer, and forget its life; if it sends again it begins anew."""
+        try:
+            fleet.remove(name, who.name)
+        except KeyError:
+            raise HTTPException(404, "no such axis") from None
 
     @api.get("/api/alarms", dependencies=view)
     def alarms(
@@ -165,10 +254,9 @@ def router(
         return found if known is not None else Health(status=found.status)
 
     @api.get("/api/events", dependencies=view, response_class=StreamingResponse)
-    async def events(request: Request) -> StreamingResponse:
+    async def events(request: Request) -> Response:
         """Events as they happen (server-sent)."""
-        stream = hub.stream("last-event-id" in request.headers)
-        return StreamingResponse(stream, media_type="text/event-stream", headers={"x-accel-buffering": "no"})
+        return hub.answer("last-event-id" in request.headers)
 
     @api.get("/api/session")
     def session(who: Annotated[Caller, *view]) -> Session:

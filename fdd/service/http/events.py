@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import asyncio
 import threading
-from collections.abc import AsyncIterator
+from collections.abc import AsyncIterator, Callable
 
 import orjson
 from starlette.exceptions import HTTPException
+from starlette.responses import Response, StreamingResponse
+from starlette.types import Receive, Scope, Send
 
 from fdd.bounds import MOST_LISTENERS
 from fdd.service.bus import Bus, Event
@@ -58,8 +60,8 @@ class Hub:
             if not loop.is_closed():
                 loop.call_soon_threadsafe(_put, queue, told)
 
-    def stream(self, again: bool) -> AsyncIterator[bytes]:
-        """What a listener is sent.
+    def answer(self, again: bool) -> Response:
+        """What a listener is sent, from an event loop.
 
         Parameters
         ----------
@@ -71,24 +73,39 @@ class Hub:
         """
         if len(self._listeners) >= MOST_LISTENERS:
             raise HTTPException(503, "too many listeners; close a page", {"retry-after": "30"})
-        return self._events(again)
+        queue = asyncio.Queue[bytes | None](KEPT)
+        # Counted from here on: of many that ask at once none has begun to read.
+        self._listeners[queue] = asyncio.get_running_loop()
+        return _Stream(_events(queue, again), lambda: self._listeners.pop(queue, None))
 
-    async def _events(self, again: bool) -> AsyncIterator[bytes]:
-        loop, queue = asyncio.get_running_loop(), asyncio.Queue[bytes | None](KEPT)
-        until = loop.time() + LONGEST_S
-        self._listeners[queue] = loop
+
+class _Stream(StreamingResponse):
+    """Server-sent events; `ended` is called whether they were begun or not."""
+
+    def __init__(self, events: AsyncIterator[bytes], ended: Callable[[], object]) -> None:
+        super().__init__(events, media_type="text/event-stream", headers={"x-accel-buffering": "no"})
+        self._ended = ended
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        """Send what comes until the listener goes."""
         try:
-            yield b"retry: 2000\n: connected\n\n" + RESET * again
-            while loop.time() < until:
-                try:
-                    told = await asyncio.wait_for(queue.get(), HEARTBEAT_S)
-                except TimeoutError:
-                    told = b": still here\n\n"
-                if told is None:
-                    return
-                yield told
+            await super().__call__(scope, receive, send)
         finally:
-            self._listeners.pop(queue, None)
+            self._ended()
+
+
+async def _events(queue: asyncio.Queue[bytes | None], again: bool) -> AsyncIterator[bytes]:
+    loop = asyncio.get_running_loop()
+    until = loop.time() + LONGEST_S
+    yield b"retry: 2000\n: connected\n\n" + RESET * again
+    while loop.time() < until:
+        try:
+            told = await asyncio.wait_for(queue.get(), HEARTBEAT_S)
+        except TimeoutError:
+            told = b": still here\n\n"
+        if told is None:
+            return
+        yield told
 
 
 def _put(queue: asyncio.Queue[bytes | None], told: bytes | None) -> None:

@@ -24,7 +24,7 @@ from fdd.logs.protobuf_rows import layout
 from fdd.samples import Samples
 from fdd.service.bus import Bus, Event
 from fdd.service.config import FoxgloveOutput
-from fdd.service.outputs.recording import begins, plain, trajectories, wall_offset
+from fdd.service.outputs.recorder import begins, plain, trajectories, wall_offset
 
 BAND_S = 0.05
 """Of which each signal's least and largest are told, as two rows."""

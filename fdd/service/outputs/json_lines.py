@@ -70,6 +70,6 @@ class JsonLines:
     def note(self, axis: str, state: Mapping[str, Any]) -> None:
         """Append an axis's status, once a minute at most; where that fails it is lost."""
         now = time.monotonic()
-        if now - self._noted.get(axis, -STATUS_EVERY_S) >= STATUS_EVERY_S:
+        if state and now - self._noted.get(axis, -STATUS_EVERY_S) >= STATUS_EVERY_S:
             self._noted[axis] = now
             self.append({"kind": "status", "axis": axis, "data": dict(state)})

@@ -98,10 +98,10 @@ class Metrics(Collector):
 
 _AXES: tuple[tuple[_Family, str, str, Callable[[AxisStatus], float | None]], ...] = (
     (GaugeMetricFamily, "fdd_axis_up", "1 while an axis sends and is diagnosed.",
-     lambda axis: axis.state not in ("silent", "failed")),
+     lambda axis: not axis.silent and axis.state not in ("silent", "failed")),
     (CounterMetricFamily, "fdd_samples", "Samples taken.", lambda axis: axis.samples),
     (CounterMetricFamily, "fdd_dropped_samples", "Samples lost on the way.",
-     lambda axis: axis.quality.get("dropped", 0) + axis.quality.get("overrun", 0)),
+     lambda axis: sum(axis.quality.get(name, 0) for name in ("dropped", "overrun", "late", "refused"))),
     (GaugeMetricFamily, "fdd_block_lag_seconds", "How far the diagnosis is behind.", lambda axis: axis.lag_s),
     (GaugeMetricFamily, "fdd_sample_rate_hertz", "Samples a second.", lambda axis: axis.rate_hz),
     (GaugeMetricFamily, "fdd_last_sample_timestamp_seconds", "Unix time of the last sample.",
@@ -113,7 +113,8 @@ def _of_axes(axes: Sequence[AxisStatus]) -> Iterable[Metric]:
     for family, name, help, of in _AXES:
         yield _filled(family(name, help, labels=["axis"]), (((axis.name,), of(axis)) for axis in axes))
     states = GaugeMetricFamily("fdd_axis_state", "1 for the state an axis is in.", labels=["axis", "state"])
-    yield _filled(states, (((a.name, s), a.state == s) for a in axes for s in get_args(AxisState)))
+    is_in = lambda a, s: a.state == s or (s == "silent" and a.silent)  # noqa: E731
+    yield _filled(states, (((a.name, s), is_in(a, s)) for a in axes for s in get_args(AxisState)))
     chances = GaugeMetricFamily(
         "fdd_fault_probability", "Probability of a family of faults.", labels=["axis", "family"]
     )

@@ -84,8 +84,8 @@ class MqttPublisher:
             raise Undelivered("not acknowledged by the broker", down=True)
 
     def note(self, axis: str, state: Mapping[str, Any]) -> None:
-        """Take an axis's status; `tick` sends it."""
-        self._states[axis] = orjson.dumps(dict(state))
+        """Take an axis's status; `tick` sends it. An empty one is of an axis that was removed."""
+        self._states[axis] = orjson.dumps(dict(state)) if state else b""
 
     def tick(self) -> None:
         """Send the states that changed, each at most every `EVERY_S`; all of them to a broker that is new."""

@@ -22,7 +22,7 @@ SCHEMA = "fdd.event/1"
 TIMEOUT_S = 5.0
 """For each answer of the network."""
 MOST_ANSWER_BYTES = 1024
-"""Of the body of a refusal, for the log; the rest is not read."""
+"""Of an answer's body, for the log; the rest is not read."""
 
 
 class Webhook:
@@ -77,12 +77,34 @@ class Webhook:
             link = http.client.HTTPConnection(self._host, self._port, timeout=TIMEOUT_S)
         else:
             link = http.client.HTTPSConnection(self._host, self._port, timeout=TIMEOUT_S, context=self._tls)
+        link.response_class = _Answer
         with closing(link):
             link.request("POST", self._path, body, headers)
             answer = link.getresponse()
-            said = b"" if answer.status < 300 else answer.read(MOST_ANSWER_BYTES)
+            said = answer.read(MOST_ANSWER_BYTES)
+            # Of a body that ends too early http.client gives what there is, and still waits for the rest.
+            if len(said) < MOST_ANSWER_BYTES and answer.length:
+                raise http.client.IncompleteRead(said, answer.length)
         reason = f"{answer.status} {answer.reason} {said.decode('utf-8', 'replace')}"
         return answer.status, reason, _asked(answer.headers.get("Retry-After", ""))
+
+
+class _Answer(http.client.HTTPResponse):
+    """An answer whose head must be whole: http.client takes one that is cut there for one without a body."""
+
+    def begin(self) -> None:
+        """Read the head; raises RemoteDisconnected where it ends before its empty line."""
+        last, plain = b"", self.fp.readline
+
+        def noted(most: int | None = -1) -> bytes:
+            nonlocal last
+            last = plain(most)
+            return last
+
+        self.fp.readline = noted  # type: ignore[method-assign]
+        super().begin()
+        if last not in (b"\r\n", b"\n"):
+            raise http.client.RemoteDisconnected("the answer is cut")
 
 
 def signature(secret: bytes, stamp: str, body: bytes) -> str:

@@ -67,12 +67,16 @@ class Folder(Source):
         # Size and time of change of files that are not known to be whole, and since when (s).
         self._seen: dict[Path, tuple[int, int, float]] = {}
 
-    def _begin(self, stop: threading.Event) -> None:
+    def check(self) -> None:
+        """Refuse a folder that is missing, or cannot be written."""
         if not self._config.folder.is_dir():
             raise InputError(
                 "no such folder", where=self._config.folder, mend="make it, or correct the source"
             )
         require_writable(self._note_path)
+
+    def _begin(self, stop: threading.Event) -> None:
+        self.check()
         self._note = _read_note(self._note_path)
         self._run(self._watch, stop)
 

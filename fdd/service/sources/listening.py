@@ -18,9 +18,8 @@ from fdd.logs.channel_map import ChannelMap
 from fdd.monitor.mapping import all_numbers, channels_in_si, column_of_rows
 from fdd.samples import Samples
 from fdd.service.arrow import ARROW_START
-from fdd.service.blocks import Block, Decoder, axis_name
+from fdd.service.blocks import Block, Decoder, axis_name, json_object
 from fdd.service.config_sources import StdinSource, TcpSource, UdpSource
-from fdd.service.json_form import json_object
 from fdd.service.sources.source import Source, Window
 
 GATHERED_S = 0.1

@@ -71,6 +71,10 @@ class Mqtt(Source):
         self._was_connected = self._was_refused = False
         self._client: paho.Client
 
+    def check(self) -> None:
+        """Refuse a password file, certificate or key that cannot be used."""
+        broker_client(self._config, "check")
+
     def _begin(self, stop: threading.Event) -> None:
         config = self._config
         self._client = client = broker_client(

@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from fdd.diagnosis.findings import Quality
+from fdd.errors import InputError
 from fdd.logs import ChannelMap, read_log
 from fdd.logs.stamps import nominal_period
 from fdd.monitor.clock import WallClock
@@ -28,6 +29,16 @@ class Replays(Source):
         super().__init__(config)
         self._config, self._map = config, channel_map
         self._running = len(config.logs)
+
+    def check(self) -> None:
+        """Refuse a log that cannot be opened."""
+        for path in self._config.logs.values():
+            try:
+                path.open("rb").close()
+            except OSError as error:
+                raise InputError(
+                    f"cannot be read ({error.strerror})", where=path, mend="correct its path"
+                ) from None
 
     def _begin(self, stop: threading.Event) -> None:
         self._set(connected=True)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import threading
 import time
 from abc import ABC, abstractmethod
@@ -14,6 +15,8 @@ from fdd.samples import Samples
 from fdd.service.blocks import Block, Decoder, nothing
 from fdd.service.config_sources import AnySource, source_name
 
+LOG = logging.getLogger("fdd.service")
+LATELY_S, LOGGED_S = 20.0, 10.0
 Put = Callable[[Block], None]
 
 
@@ -32,6 +35,8 @@ class Source(ABC):
         self._lock = threading.Lock()
         self._counts = {"received": 0, "refused": 0, "reconnects": 0}
         self._state: dict[str, Any] = {"connected": False, "last_error": None}
+        # When a refusal was last told in the log, monotonic s; refusals since then; the last one and when.
+        self._logged, self._unlogged, self._refusal = -1e9, 0, (-1e9, "")
         self._ignored: dict[str, None] = {}
 
     def start(self, put: Put, stop: threading.Event) -> None:
@@ -44,14 +49,28 @@ class Source(ABC):
         self._put = put
         self._begin(stop)
 
+    def check(self) -> None:  # noqa: B027 (most name no files)
+        """Open the files and folders that its part of `serve.yaml` names.
+
+        Raises
+        ------
+        InputError : one cannot be used.
+        """
+
     @abstractmethod
     def _begin(self, stop: threading.Event) -> None:
         """Begin in threads of its own; raises as `start`."""
 
     def status(self) -> dict[str, Any]:
-        """How it stands: `connected`, `received` and `refused` messages, `last_error`, `reconnects`, more."""
+        """How it stands: `connected`, `received` and `refused` messages, `last_error`, `reconnects`, more.
+
+        `refused_lately` says why a message was refused within the last 20 s; "" where none was.
+        """
         with self._lock:
-            return {"name": self.name, **self._state, **self._counts, "ignored_columns": list(self._ignored)}
+            at, why = self._refusal
+            lately = why if time.monotonic() - at < LATELY_S else ""
+            more = {"refused_lately": lately, "ignored_columns": list(self._ignored)}
+            return {"name": self.name, **self._state, **self._counts, **more}
 
     def _run(self, target: Callable[..., None], *args: Any) -> None:
         """Run the source's own thread; with it the connection ends."""
@@ -101,9 +120,16 @@ class Source(ABC):
             yield number
 
     def _refuse(self, error: InputError) -> None:
-        """Count a message that cannot be used."""
+        """Count a message that cannot be used, and say why; in the log not more often than people read."""
         self._count("refused")
         self._told(error)
+        now = time.monotonic()
+        with self._lock:
+            self._refusal, self._unlogged = (now, self._state["last_error"]), self._unlogged + 1
+            if now - self._logged < LOGGED_S:
+                return
+            many, self._logged, self._unlogged = self._unlogged, now, 0
+        LOG.warning("source %s: %d refused, the last one: %s", self.name, many, self._refusal[1])
 
     def _told(self, error: object) -> None:
         """Keep an error, in one line."""

@@ -168,6 +168,10 @@ class Store:
         rows = self._rows(select(c.id, c.payload).where(c.axis == axis).order_by(c.id))
         return [(row["id"], row["payload"]) for row in rows]
 
+    def journal_rows(self) -> int:
+        """Blocks of all axes that came after their checkpoints."""
+        return int(self._rows(select(func.count().label("n")).select_from(JOURNAL))[0]["n"])
+
     def meta(self, key: str) -> str | None:
         """A word about the store itself."""
         return next((r["value"] for r in self._rows(select(META.c.value).where(META.c.key == key))), None)

@@ -63,6 +63,18 @@ class Transaction:
         row = {"name": name, "first_wall": wall, "last_wall": wall, **known}
         self._put(AXIS, [row], keep=("first_wall",))
 
+    def remove_axis(self, name: str, said: str) -> None:
+        """Take out an axis with its state and its life; alarms, findings and the audit stay.
+
+        Parameters
+        ----------
+        said : word of the store that goes with it.
+        """
+        for table in (CHECKPOINT, JOURNAL, ROLLUP):
+            self._connection.execute(delete(table).where(table.c.axis == name))
+        self._connection.execute(delete(AXIS).where(AXIS.c.name == name))
+        self._connection.execute(delete(META).where(META.c.key == said))
+
     def found(self, axis: str, time: float, wall: float, finding: FaultFinding) -> int:
         """Keep a finding; its id."""
         low, high = finding.severity_interval or (None, None)

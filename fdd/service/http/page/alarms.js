@@ -2,7 +2,7 @@
 
 import { get, post } from "./api.js";
 import { field, question } from "./dialog.js";
-import { ago, axisLink, capital, clock, figure, h, now, percent, showIfNew, span } from "./dom.js";
+import { ago, axisLink, capital, clock, figure, h, many, now, percent, showIfNew, span } from "./dom.js";
 import { RANK, STATES, chip, priority } from "./marks.js";
 import words from "./words.js";
 
@@ -56,11 +56,13 @@ function actions(app, alarm) {
     mayAct(app) && alarm.state === "SHELVED" && button("Unshelve", () => unshelve(app, alarm)));
 }
 
+const zoneOf = (app, axis) => app.axes.find((a) => a.name === axis)?.zone;
+
 function item(app, alarm, withAxis) {
   const facts = [
     alarm.severity !== null && `severity ${figure(alarm.severity, 2)}`,
     alarm.confidence !== null && `${percent(alarm.confidence)} sure`,
-    alarm.count > 1 && `raised ${alarm.count} times`,
+    alarm.count > 1 && `raised ${many(alarm.count, "time")}`,
   ].filter(Boolean).join(", ");
   const shelf = alarm.state === "SHELVED" && alarm.shelved_until ? ` for ${span(alarm.shelved_until - now())} more, by ${alarm.shelved_by ?? "?"}` : "";
   const by = alarm.state === "ACKED" && alarm.acked_by ? ` by ${alarm.acked_by}` : "";
@@ -72,7 +74,7 @@ function item(app, alarm, withAxis) {
       alarm.note && h("q", {}, alarm.note)),
     h("div", { class: "state" },
       h("span", {}, chip(STATES[alarm.state] + by + shelf, isFresh(alarm) ? "strong" : ""), alarm.chattering && chip("Chattering")),
-      h("span", { class: "soft" }, "Raised ", ago(alarm.raised_wall))),
+      h("span", { class: "soft" }, "Raised ", ago(alarm.raised_wall, zoneOf(app, alarm.axis)))),
     actions(app, alarm));
 }
 
@@ -89,7 +91,7 @@ export function alarmsView(app) {
     title: "Alarms", node: [h("h1", {}, "Alarms"), head, list],
     update: () => {
       const fresh = app.alarms.filter(isFresh).length;
-      head.textContent = `${app.alarms.length} stand, ${fresh} of them unacknowledged.`;
+      head.textContent = app.alarms.length ? `${many(app.alarms.length, "alarm stands", "alarms stand")}, ${fresh} of them unacknowledged.` : "";
       showIfNew(list, [app.alarms, minute(), app.session], () => alarmList(app, app.alarms));
     },
   };
@@ -103,9 +105,9 @@ export function historyView(app) {
       const [{ alarms }, { records }] = await Promise.all([get("/api/alarms?state=all&limit=500"), get("/api/audit?limit=300")]);
       const byId = new Map(alarms.map((a) => [a.id, a]));
       showIfNew(past, alarms, () => table(["Raised", "Axis", "Fault", "Priority", "State", "Times", "Note"], alarms.map((a) => [
-        clock(a.raised_wall), axisLink(a.axis), faultTitle(a), h("span", { class: "with-mark" }, priority(a.priority), a.priority), STATES[a.state], a.count, a.note])));
+        clock(a.raised_wall, zoneOf(app, a.axis)), axisLink(a.axis), faultTitle(a), h("span", { class: "with-mark" }, priority(a.priority), a.priority), STATES[a.state], a.count, a.note])));
       showIfNew(audit, records, () => table(["When", "Who", "What", "Alarm", "Axis", "Note"], records.map((r) => [
-        clock(r.wall), r.who, r.action.toLowerCase().replaceAll("_", " "), byId.has(r.alarm_id) ? faultTitle(byId.get(r.alarm_id)) : r.alarm_id ?? "", r.axis ?? "", r.note])));
+        clock(r.wall, zoneOf(app, r.axis)), r.who, r.action.toLowerCase().replaceAll("_", " "), byId.has(r.alarm_id) ? faultTitle(byId.get(r.alarm_id)) : r.alarm_id ?? "", r.axis ?? "", r.note])));
     },
   };
 }

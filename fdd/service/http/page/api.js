@@ -17,6 +17,7 @@ async function ask(path, options) {
 }
 
 export const get = (path) => ask(path);
+export const remove = (path) => ask(path, { method: "DELETE", headers: { "x-fdd": "1" } });
 export const post = (path, body = {}) =>
   ask(path, { method: "POST", body: JSON.stringify(body), headers: { "content-type": "application/json", "x-fdd": "1" } });
 

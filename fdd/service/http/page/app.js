@@ -10,7 +10,7 @@ import { fleetView } from "./fleet.js";
 const at = (id) => document.getElementById(id);
 const main = at("main");
 const EVERY_S = 5;
-const app = { axes: [], alarms: [], session: null, refresh: () => refresh() };
+const app = { axes: [], alarms: [], sources: {}, session: null, refresh: () => refresh() };
 let view = null, known = null, live = false, trouble = [], answered = now(), busy = null, due = 0;
 
 // Views
@@ -41,7 +41,7 @@ async function update() {
   due = now() + EVERY_S;
   try {
     const [{ axes }, { alarms }, health] = await Promise.all([get("/api/axes"), get("/api/alarms"), get("/api/health")]);
-    Object.assign(app, { axes, alarms });
+    Object.assign(app, { axes, alarms, sources: health.sources ?? {} });
     trouble = health.status === "ok" ? [] : health.problems.length ? health.problems : ["The service reports trouble."];
     answered = now();
     announce(alarms);

@@ -42,9 +42,10 @@ function area(time, low, high, x, y) {
 
 const scaled = (values, by) => values?.map((v) => (v === null ? null : v * by));
 
-export const minutesAgo = (end) => (t) => {
+// Before the end of the data, which is now only where they still come.
+export const minutesAgo = (end, ended) => (t) => {
   const m = (t - end) / 60;
-  return Math.abs(m) < 0.01 ? "now" : `${Number(m.toFixed(1)).toString().replace("-", "−")} min`;
+  return Math.abs(m) < 0.01 ? ended ?? "now" : `${Number(m.toFixed(1)).toString().replace("-", "−")} min`;
 };
 
 export function dates(t) {
@@ -75,7 +76,7 @@ function fitting(stamps, x, apart) {
 }
 
 // rows: [{label, values, low, high}]; all else is optional. Figures are multiplied by `scale`.
-export function chart({ title, unit = "", time, rows, scale = 1, mark, at = [], stamp, height = 150, floor }) {
+export function chart({ title, unit = "", time, rows, scale = 1, mark, at = [], stamp, height = 150, floor, empty = "Nothing to show yet." }) {
   const holder = h("div", { class: "plot" });
   const readout = h("span", { class: "readout", "aria-hidden": "true" });
   const drawn = rows.map((r) => ({ ...r, values: scaled(r.values, scale), low: scaled(r.low, scale), high: scaled(r.high, scale) }));
@@ -83,7 +84,7 @@ export function chart({ title, unit = "", time, rows, scale = 1, mark, at = [], 
   const all = drawn.flatMap((r) => [r.values, r.low, r.high].filter(Boolean).flat()).filter((v) => v !== null);
   const last = drawn[0]?.values?.findLast((v) => v !== null) ?? drawn[0]?.high?.findLast((v) => v !== null);
   const draw = (width) => {
-    if (!all.length || width < 60) { holder.replaceChildren(h("p", { class: "soft" }, "Nothing to show yet.")); return; }
+    if (!all.length || width < 60) { holder.replaceChildren(h("p", { class: "soft" }, empty)); return; }
     let low = Math.min(...bounds(all), level ?? Infinity), high = Math.max(...bounds(all), level ?? -Infinity);
     if (floor !== undefined) { low = 0; high = Math.max(high, floor); }
     const pad = (high - low || Math.abs(high) || 1) * 0.06;
@@ -93,7 +94,7 @@ export function chart({ title, unit = "", time, rows, scale = 1, mark, at = [], 
     const y = (v) => height - BOTTOM - ((v - low) / (high - low)) * (height - TOP - BOTTOM);
     const cursor = s("line", { class: "cursor", y1: TOP, y2: height - BOTTOM, visibility: "hidden" });
     const stamps = fitting(at.length ? at : ticks(begin, end, 8), x, 70);
-    const picture = s("svg", { width, height, viewBox: `0 0 ${width} ${height}`, role: "img", "aria-label": `${title}: ${figure(last)} ${unit} now` },
+    const picture = s("svg", { width, height, viewBox: `0 0 ${width} ${height}`, role: "img", "aria-label": `${title}: ${figure(last)} ${unit} ${stamp(end)}` },
       ticks(low, high, 3).map((v) => [
         s("line", { class: "grid", x1: LEFT, x2: width - RIGHT, y1: y(v), y2: y(v) }),
         s("text", { x: LEFT - 6, y: y(v) + 4, "text-anchor": "end" }, figure(v)),
@@ -145,6 +146,7 @@ export function gauge(estimate) {
 
 export function bars(shares, titles) {
   const rows = Object.entries(shares).filter(([, p]) => p >= 0.005).sort((a, b) => b[1] - a[1]).slice(0, 6);
+  if (!rows.length) return h("p", { class: "soft" }, "Not known before the first five seconds of data.");
   return h("div", { class: "bars" }, rows.map(([name, share]) => [
     h("span", {}, titles[name] ?? name),
     s("svg", { viewBox: "0 0 100 8", preserveAspectRatio: "none", "aria-hidden": "true" },

@@ -53,15 +53,18 @@ export function span(seconds) {
   return `${Math.round(seconds / 86400)} days`;
 }
 
-export function clock(wall) {
-  const then = new Date(wall * 1000);
-  const today = then.toDateString() === new Date().toDateString();
-  const time = then.toLocaleTimeString("en-GB");
-  return today ? time : `${then.toLocaleDateString("en-CA")} ${time.slice(0, 5)}`;
+// In the zone that the axis's times are told in, where the service names one; a zone that is not the reader's is told.
+export function clock(wall, zone) {
+  const then = new Date(wall * 1000), timeZone = zone ?? undefined, day = (t) => t.toLocaleDateString("en-CA", { timeZone });
+  const own = !zone || then.toLocaleString("en-GB", { timeZone }) === then.toLocaleString("en-GB");
+  const time = then.toLocaleTimeString("en-GB", { timeZone, hour: "2-digit", minute: "2-digit", second: "2-digit", timeZoneName: own ? undefined : "short" });
+  return day(then) === day(new Date()) ? time : `${day(then)} ${time}`;
 }
 
+export const many = (n, one, more = `${one}s`) => `${n} ${n === 1 ? one : more}`;
+
 export const now = () => Date.now() / 1000;
-export const ago = (wall) => h("time", { datetime: new Date(wall * 1000).toISOString(), title: clock(wall) }, `${span(Math.round(now() - wall))} ago`);
+export const ago = (wall, zone) => h("time", { datetime: new Date(wall * 1000).toISOString(), title: clock(wall, zone) }, `${span(Math.round(now() - wall))} ago`);
 export const axisLink = (name, ...children) => h("a", { href: `#/axis/${encodeURIComponent(name)}`, "data-key": `axis ${name}` }, children.length ? children : name);
 // Figures stay with their units, so that no line begins with a percent sign.
 export const unbroken = (text) => text.replaceAll(/(\d) (%|s|h|min|MPa|Pa|N|Hz)\b/g, "$1\u00a0$2").replaceAll(" % ", "\u00a0% ").replaceAll(" sure", "\u00a0sure");

@@ -30,4 +30,7 @@ export function stateMark(axis) {
     s("circle", { cx: 12, cy: 12, r: 10.5 }), s("path", { d: CALM[axis.state] ?? CALM.learning }));
 }
 
+// As the fleet counts it: an alarm that nobody has seen is an alarm, and an axis in alarm may have fallen silent.
+export const isIn = (axis, state) => axis.state === state || (state === "in alarm" && axis.state === "unacknowledged") || (state === "silent" && axis.silent);
+
 export const chip = (text, kind = "") => h("span", { class: `chip ${kind}` }, text);
