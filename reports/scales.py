@@ -12,9 +12,9 @@ from fdd.campaign.scores import wilson
 from fdd.campaign.train import identified_unit
 from fdd.campaign.units import How, over_units
 from fdd.errors import InputError
+from fdd.identification.log_scales import check_scales
+from fdd.identification.own_scales import difference_is_made
 from fdd.markdown import table as markdown
-from fdd.offline.log_scales import check_scales
-from fdd.offline.own_scales import difference_is_made
 from fdd.samples import PRESSURES, Samples
 
 CHAMBERS = ("pressure_1", "pressure_2")

@@ -43,6 +43,7 @@ def monitor(
     from fdd.cli.monitor_view import TextView, View
     from fdd.diagnosis.model import Model
     from fdd.diagnosis.pipeline import Pipeline
+    from fdd.identification.log_scales import StreamScales
     from fdd.logs import ChannelMap, Log, read_log
     from fdd.monitor import JsonLines, LineParser, Replay, watch
     from fdd.monitor.clock import WallClock
@@ -87,7 +88,7 @@ def monitor(
             answer = watch(
                 stream, pipeline, view.show, clock=clock, stopped=stop.is_set, duration=duration,
                 status_every=STATUS_S if view.shows_status else None,
-                save=None if state is None else keep,
+                save=None if state is None else keep, scales=StreamScales(profile, name),
             )  # fmt: skip
         except InputError as error:
             raise error.at(name) from None

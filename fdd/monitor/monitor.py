@@ -8,6 +8,7 @@ from dataclasses import dataclass, field
 
 from fdd.diagnosis.findings import Diagnosis, Estimate, FaultFinding
 from fdd.diagnosis.pipeline import Pipeline
+from fdd.identification.log_scales import StreamScales
 from fdd.monitor.clock import Clock
 from fdd.monitor.sources import Source
 from fdd.samples import Samples
@@ -54,6 +55,7 @@ def watch(
     status_every: float | None = None,
     save: Callable[[float], None] | None = None,
     save_every: float = 60.0,
+    scales: StreamScales | None = None,
 ) -> Diagnosis:
     """Diagnose what a source gives until it ends, or until told to stop.
 
@@ -67,6 +69,7 @@ def watch(
     duration : s of the stream after which to end; None goes on.
     status_every : s between `Status` events; None gives none.
     save, save_every : called with the last sample's time (s) every so many s, and at the end.
+    scales : holds the stream against its profile.
 
     Returns
     -------
@@ -91,6 +94,8 @@ def watch(
                 block = _until(block, first + duration)
         if len(block):
             last = float(block.time[-1])
+            for text in scales.push(block) if scales is not None else ():
+                emit(Noted(last, text))
             for finding in pipeline.push(block):
                 emit(Found(finding.detected_s, finding))
         now = clock.now()

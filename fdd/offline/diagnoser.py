@@ -182,7 +182,7 @@ class Diagnoser:
         ------
         InputError : its channels do not suffice, or the profile in it cannot be used.
         """
-        from fdd.offline.log_scales import check_scales
+        from fdd.identification.log_scales import check_scales
 
         unit, note = (self.unit, None) if self.unit is not None else unit_of(log, None)
         notes = (*((note,) if note else ()), *check_scales(log.samples, unit, where))

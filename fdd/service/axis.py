@@ -17,6 +17,7 @@ from fdd.diagnosis.findings import Estimate, FaultFinding
 from fdd.diagnosis.model import Model
 from fdd.diagnosis.pipeline import Pipeline
 from fdd.errors import InputError
+from fdd.identification.log_scales import StreamScales
 from fdd.logs.quality import check_magnitudes
 from fdd.residuals.rows import HOP_S
 from fdd.samples import Samples
@@ -87,6 +88,7 @@ class AxisWatch:
         self.probabilities: dict[str, float] = {}
         self.standing: list[FaultFinding] = []
         self._unchecked: list[Samples] | None = []
+        self._wrong_scales = False
         self._rests_until = self._start_wall = -np.inf
         self._waiting: list[Block] = []
         self._hop: float | None = None
@@ -98,6 +100,7 @@ class AxisWatch:
         self.unit = unit
         self.learning = Learning(unit, self._learn_s) if unit.baseline is None else None
         self.pipeline = Pipeline(unit, self.model, axis=self.name, keep_trajectories=False)
+        self._scales = StreamScales(unit, f"axis {self.name}")
 
     def push(self, *blocks: Block) -> list[Look]:
         """Take blocks that came together; what the looks that fell due gave."""
@@ -172,21 +175,36 @@ class AxisWatch:
 
     def _check(self, samples: Samples) -> None:
         """Refuse channels in a wrong unit of measure, by some seconds; after a failure begin anew."""
-        if self._unchecked is None or samples.time[0] < self._rests_until:
+        if samples.time[0] < self._rests_until:
             return
-        self._unchecked.append(samples)
-        if samples.time[-1] - self._unchecked[0].time[0] >= CHECKED_S:
+        if self._unchecked is not None:
+            self._unchecked.append(samples)
+            if samples.time[-1] - self._unchecked[0].time[0] < CHECKED_S:
+                return
             check_magnitudes(Samples.concatenate(self._unchecked).columns)
             self._unchecked = None
-            if self.failed is not None:
-                LOG.info("axis %s begins anew, it had failed: %s", self.name, self.failed)
-                self.failed = None
-                self._take_over(self.unit)
+        self._hold_scales(samples)
+        if self.failed is not None and (self._scales.done or not self._wrong_scales):
+            LOG.info("axis %s begins anew, it had failed: %s", self.name, self.failed)
+            self.failed, self._wrong_scales = None, False
+            self._take_over(self.unit)
+
+    def _hold_scales(self, samples: Samples) -> None:
+        """Hold them against the profile; a unit that is still learnt has none of its own."""
+        if self.learning is not None:
+            return
+        try:
+            for note in self._scales.push(samples):
+                LOG.warning("axis %s: %s", self.name, note)
+        except InputError:
+            self._wrong_scales = True
+            raise
 
     def _fail(self, why: str) -> None:
         if self.failed != why:
             LOG.warning("axis %s: %s", self.name, why)
         self.failed, self._unchecked, self.standing = why, [], []
+        self._scales = StreamScales(self.unit, f"axis {self.name}")
 
     def _worked(self, samples: Samples, wall: float) -> Iterator[Look]:
         before = self.pipeline.looked_at

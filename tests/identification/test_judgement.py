@@ -11,9 +11,9 @@ from fdd.diagnosis.baseline import add_baseline
 from fdd.errors import InputError
 from fdd.identification import identify_unit, signs
 from fdd.identification.judgement import Judgement, judge
+from fdd.identification.log_scales import check_scales
 from fdd.identification.record import centred_mean, even_record
 from fdd.identification.slips import NEAR, slips
-from fdd.offline.log_scales import check_scales
 from fdd.plant.scenario import Scenario
 from fdd.plant.simulate import simulate
 from fdd.samples import Samples

@@ -10,7 +10,7 @@ from __future__ import annotations
 import numpy as np
 
 from fdd.errors import InputError
-from fdd.identification.record import even_record
+from fdd.identification.record import LEAST_TRAVEL, even_record
 from fdd.identification.signs import (
     UNLIKE,
     against_pressure,
@@ -27,6 +27,8 @@ from fdd.unit import Unit
 
 ENOUGH_S = 120.0
 """s of a log that tell its signs and scales."""
+STREAM_S = 20.0
+"""The same of a stream, whose alarms do not wait for it."""
 STROKE_SHARE = 0.1
 """Of the stroke, that the piston may not pass between two samples."""
 FINER = (10.0, 25.4, 1e3, 1e6)
@@ -62,7 +64,7 @@ def check_scales(samples: Samples, unit: Unit, where: str) -> list[str]:
     own = unit.baseline is not None
     notes: list[str] = []
     if own:  # else nothing is known of this unit's own scales
-        from fdd.offline.own_scales import own_notes, turned_fits
+        from fdd.identification.own_scales import own_notes, turned_fits
 
         notes = own_notes(start, record, unit, where)
         if notes and turned_fits(start, unit, where):
@@ -70,6 +72,34 @@ def check_scales(samples: Samples, unit: Unit, where: str) -> list[str]:
     # What oil is lost is judged with the profile's gain, where that is the log's.
     refuse_sign(against_pressure(record, unit, where, own=own and not notes), 1.0, where)
     return notes
+
+
+class StreamScales:
+    """Holds a stream's first seconds in which the piston moves against the profile, as `check_scales` a log.
+
+    Attributes
+    ----------
+    done : whether they were, and passed.
+    """
+
+    def __init__(self, unit: Unit, where: str) -> None:
+        self.unit, self.where, self.done = unit, where, False
+        self._parts: list[Samples] = []
+
+    def push(self, samples: Samples) -> list[str]:
+        """Take what comes next; notes, once, as `check_scales` gives and refuses them."""
+        if self.done or not len(samples):
+            return []
+        self._parts.append(samples)
+        if samples.time[-1] - self._parts[0].time[0] < STREAM_S:
+            return []
+        joined, self._parts = Samples.concatenate(self._parts), []
+        known = joined["position"][np.isfinite(joined["position"])] if "position" in joined else np.empty(0)
+        if known.size and np.ptp(known) < LEAST_TRAVEL:
+            return []  # at rest: what comes later tells more
+        notes = check_scales(joined, self.unit, self.where)
+        self.done = True
+        return notes
 
 
 def _check_clock(samples: Samples, unit: Unit, where: str) -> None:

@@ -9,7 +9,7 @@ import pytest
 
 import fdd
 from fdd import InputError, Samples, Unit, read_log
-from fdd.offline.log_scales import check_scales
+from fdd.identification.log_scales import check_scales
 from fdd.samples import PRESSURES
 
 DEMO = Path(fdd.__file__).parent / "demo"
