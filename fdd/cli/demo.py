@@ -32,6 +32,6 @@ def demo(
         diagnoser = Diagnoser(Settings(unit=str(folder / UNIT), model=model))
         found = diagnoser.diagnose(job, diagnoser.read(job))
     diagnoser.write(job, found)
-    output().print(diagnosis_view(found.diagnosis))
+    output().print(diagnosis_view(found.diagnosis, found.unit))
     print(f"Report with all plots: {out.resolve()}")
     print(f"The same by hand: fdd diagnose {folder / LOG} --unit {folder / UNIT} --report report.html")

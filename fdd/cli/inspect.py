@@ -48,25 +48,40 @@ def inspect(
 
 
 def inspection_table(views: list[SignalView], *, wide: bool) -> Table:
-    """A row a signal; in a narrow window without what matters less."""
+    """A row a signal, below its topic or group; in a narrow window without what matters less."""
     import math
 
     from rich.text import Text
 
     from fdd.cli.console import grid
     from fdd.logs.inspection import picture
+    from fdd.logs.names import path_parts
 
     def number(value: float, digits: int = 4) -> str:
         return "" if math.isnan(value) else f"{value:.{digits}g}"
 
     numbers = ("Hz", "missing", "least", "most", *(("rows", "gap s", "median") if wide else ()))
-    table = grid(("signal", "unit", *numbers, "course"), numbers=numbers, whole=("unit", "course"))
+    rows, group = [], ""
     for v in views:
+        topic, name = path_parts(v.name)
+        if v.name.startswith("/"):  # a topic, a point and the field in its messages
+            last, _, name = name.partition(".")
+            topic = f"{topic}/{last}"
+        if topic != group:
+            group = topic
+            rows.append([topic])
+        name = f"  {name}" if topic else name
         if v.problem:
             blank = [""] * len(numbers)
-            table.add_row(Text(v.name), Text(v.unit), *blank, Text(v.problem[:40], style="yellow"))
+            rows.append([name, v.unit, *blank, v.problem[:40]])
             continue
         more = (str(v.rows), number(v.longest_gap, 3), number(v.middle)) if wide else ()
         figures = (number(v.rate), str(v.missing or ""), number(v.low), number(v.high), *more)
-        table.add_row(Text(v.name), Text(v.unit), *figures, picture(v.values, 32 if wide else 12))
+        rows.append([name, v.unit, *figures, picture(v.values, 32 if wide else 12)])
+    columns = ("signal", "unit", *numbers, "course")
+    filled = [k for k in range(len(columns)) if k == 0 or any(row[k] for row in rows if len(row) > 1)]
+    shown = [columns[k] for k in filled]
+    table = grid(shown, numbers=numbers, whole=("unit", "course"))
+    for row in rows:
+        table.add_row(*(Text(row[k]) for k in filled if k < len(row)), style="bold" if len(row) == 1 else "")
     return table

@@ -14,7 +14,7 @@ from fdd.report import traces as tr
 from fdd.report.plots import TO_RPM, Figure, Section
 from fdd.report.sheet import Sheet, Table
 from fdd.report.tables import NOTHING, number, with_std
-from fdd.report.words import fault_title, percent, seconds, span
+from fdd.report.words import candidates, percent, seconds, span
 from fdd.residuals.balances import BALANCES
 from fdd.samples import CHANNELS
 
@@ -125,7 +125,7 @@ def verdict_lines(found: Comparison) -> list[str]:
 
 def _verdict(said: LogSaid) -> str:
     found = [
-        f"{fault_title(f.fault)} since {seconds(f.onset_s)}"
+        f"{candidates(f)} since {seconds(f.onset_s)}"
         + ("" if f.severity is None else f", severity {f.severity:.2f}")
         + f", {percent(f.confidence)} sure"
         for f in said.faults

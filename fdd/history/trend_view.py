@@ -26,7 +26,7 @@ Z95 = 1.96
 
 def trend_sheet(life: Life, courses: Sequence[Course]) -> Sheet:
     """The page of a unit's life."""
-    told = any(t.direction for t in life.trends)
+    told = any(t.direction for t in life.trends) or any(log.faults for log in life.logs)
     fitted = any(t.slope is not None for t in life.trends)
     return Sheet(
         kicker=f"Unit {life.unit}, axis {life.axis}, {len(life.logs)} {life.each}s",
@@ -143,7 +143,7 @@ def _figure(course: Course, life: Life) -> Figure:
     data: list[tr.Trace] = []
     if course.time.size:
         x = places(course.time)
-        low, high = course.line - course.half, course.line + course.half
+        low, high = np.maximum(course.line - course.half, 0.0), course.line + course.half
         style = {"color": tr.BLUE, "width": 1.6, "dash": "solid" if trend.direction else "dot"}
         data = [
             tr.outline(x + x[::-1], [*high.tolist(), *low[::-1].tolist()], tr.BLUE),
@@ -183,6 +183,7 @@ def _view(course: Course) -> list[float]:
     points = course.trend.points
     bar = Z95 * min(2.0 * float(np.median([p.std for p in points])), max(p.std for p in points))
     low = min([p.value - min(bar, Z95 * p.std) for p in points] + [*(course.line - course.half)])
+    low = max(low, 0.0)
     high = max([p.value + min(bar, Z95 * p.std) for p in points] + [*(course.line + course.half)])
     if course.trend.direction and course.trend.limit is not None and _near(course):
         low, high = min(low, course.trend.limit), max(high, course.trend.limit)

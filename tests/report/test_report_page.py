@@ -33,7 +33,7 @@ def trace(figure: dict[str, Any], name: str) -> dict[str, Any]:
 @pytest.mark.parametrize(
     ("verdict", "words"),
     [
-        ("faulty", "Internal leakage, since 20.3 s, severity 0.41, 97 % sure"),
+        ("faulty", "Internal leakage or pump gear wear, since 20.3 s, severity 0.41, 97 % sure"),
         ("healthy", "Healthy: no fault found in 60 s"),
         ("inconclusive", "Inconclusive: no answer is sure enough"),
     ],
