@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import shlex
+import shutil
+import sys
 from pathlib import Path
 from typing import Annotated
 
@@ -34,4 +37,6 @@ def demo(
     diagnoser.write(job, found)
     output().print(diagnosis_view(found.diagnosis, found.unit))
     print(f"Report with all plots: {out.resolve()}")
-    print(f"The same by hand: fdd diagnose {folder / LOG} --unit {folder / UNIT} --report report.html")
+    fdd = "fdd" if shutil.which("fdd") else sys.argv[0]  # make demo's stands in .venv/bin, in no path
+    words = [fdd, "diagnose", folder / LOG, "--unit", folder / UNIT, "--report", "report.html"]
+    print(f"The same by hand: {shlex.join(map(str, words))}")

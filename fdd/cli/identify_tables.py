@@ -9,7 +9,6 @@ from rich.table import Table
 from rich.text import Text
 
 from fdd.cli.console import NARROW, grid, output
-from fdd.diagnosis.findings import DISPLAY_SCALE, ESTIMATED
 from fdd.identification.experiments.outcome import NORMAL_95, SHOWN
 
 if TYPE_CHECKING:
@@ -17,8 +16,6 @@ if TYPE_CHECKING:
     from fdd.identification.from_logs import Identified
     from fdd.identification.profile import TableRow
 
-LEAKAGE = DISPLAY_SCALE["leakage"], ESTIMATED["leakage"][1]
-"""As fdd diagnose shows it."""
 WIDE = 120
 """Columns of a terminal that has room for notes."""
 
@@ -67,7 +64,7 @@ def physics_table(found: Identification, *, sensors: bool, notes: bool) -> Table
     table = grid(("quantity", *numbers, "unit", ""), numbers=numbers, whole=("unit",), **NARROW)
     rows = found.balances or [r for r in found.table if sensors or not r.quantity.startswith("sensors.")]
     for row in rows:
-        factor, unit = LEAKAGE if row.unit == "m^3/(s*Pa)" else SHOWN.get(row.unit, (1.0, row.unit))
+        factor, unit = SHOWN.get(row.unit, (1.0, row.unit))
         table.add_row(
             Text(row.quantity.replace(".", " ").replace("_", " ")),
             f"{factor * row.base:.4g}",

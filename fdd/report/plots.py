@@ -27,6 +27,8 @@ FAMILY_COLOURS = {
 MISFIT_COLOURS = [[0.0, "#F4F4F2"], [1.0, tr.VERMILLION]]
 MISFIT = "healthy: about 1"
 FEATURE_LINES = 6
+ALIKE_STD = 0.2
+"""Standard deviations within which two trackers say the same: one line then."""
 FEATURE_LIMIT = 8.0
 TO_RPM = 60.0 / (2.0 * np.pi)
 
@@ -78,8 +80,9 @@ def sections(diagnosis: Diagnosis, trajectories: Trajectories, samples: Samples)
         ),
         Section(
             "Estimated quantities",
-            f"Tracked by two filters on one model{_others(trajectories)}, each with its ±2σ band. Grey: the "
-            "motion at that time does not show the quantity, and the value is only carried along.",
+            f"Tracked by two filters on one model{_others(trajectories)}, each with its ±2σ band, as one "
+            "line where they say the same. Grey: the motion at that time does not show the quantity, and the "
+            "value is only carried along.",
             [f for name in ESTIMATED for f in _estimate(name, diagnosis, trajectories)],
         ),
         Section(
@@ -191,22 +194,30 @@ def _estimate(name: str, diagnosis: Diagnosis, trajectories: Trajectories) -> li
         return []
     seen = trajectories.observable.get(name, np.ones(time.size, dtype=bool))
     data: list[dict[str, Any]] = []
-    limits: list[Column] = []
+    lines, bands = [], []
+    first, *others = drawn.items()
+    std = trajectories.stds.get(first[0], {}).get(name, np.full(time.size, np.inf))
+    apart = {k: np.abs(v - first[1]) > ALIKE_STD * scale * std for k, v in others}
+    alike = [first[0], *(k for k, differs in apart.items() if not (differs & seen).any())]
     for number, (key, value) in enumerate(drawn.items()):
+        if number and key in alike:
+            continue
         colour = tr.LINE_COLOURS[number % len(tr.LINE_COLOURS)]
-        called = ESTIMATOR_TITLES.get(key, key.upper())
+        called = " and ".join(map(_tracker, [key] if number else alike))
+        shown = seen & apart[key] if number else seen
+        called += " where it differs" if number and not shown[seen].all() else ""
         std = trajectories.stds.get(key, {}).get(name)
         if std is not None:
-            low = np.where(seen, value - 2.0 * scale * std, np.nan)
-            high = np.where(seen, value + 2.0 * scale * std, np.nan)
+            low = np.where(shown, value - 2.0 * scale * std, np.nan)
+            high = np.where(shown, value + 2.0 * scale * std, np.nan)
             data.append(tr.band(time, low, high, called, colour))
-            limits += [low, high]
-        if not seen.all():
+            bands += [low, high]
+        if not seen.all() and not number:
             grey = tr.line(time, np.where(seen, np.nan, value), called, tr.GREY, width=1.0, legend=False)
             data.append({**grey, "hoverinfo": "skip"})
-        if seen.any():
-            data.append(tr.line(time, np.where(seen, value, np.nan), called, colour))
-        limits.append(np.where(seen, value, np.nan) if seen.any() else value)
+        if shown.any():
+            data.append(tr.line(time, np.where(shown, value, np.nan), called, colour))
+        lines.append(np.where(seen, value, np.nan) if seen.any() else value)
     held = trajectories.held.get(name)
     if held is not None and seen.any() and not seen.all():
         last = np.where(seen, np.nan, scale * held)
@@ -216,7 +227,7 @@ def _estimate(name: str, diagnosis: Diagnosis, trajectories: Trajectories) -> li
     if baseline is not None:
         data.append(tr.level(time, baseline, "healthy baseline", colour=tr.GREEN))
     layout = tr.layout()
-    span = y_range(limits, baseline)
+    span = y_range(lines, bands, baseline)
     if span is not None:
         layout["yaxis"]["range"] = span
     layout["shapes"] = [tr.shade(a, b) for a, b in intervals(time, ~seen)]
@@ -224,12 +235,26 @@ def _estimate(name: str, diagnosis: Diagnosis, trajectories: Trajectories) -> li
     return [Figure(f"estimate-{name}", title, data, layout, unit, note)]
 
 
-def y_range(limits: list[Column], baseline: float | None) -> list[float] | None:
-    """A y range that a filter's wide first second does not spoil; zooming out shows the rest."""
-    everything = np.concatenate([x[np.isfinite(x)] for x in limits]) if limits else np.empty(0)
+def _tracker(key: str) -> str:
+    return ESTIMATOR_TITLES.get(key, key.upper())
+
+
+def y_range(lines: list[Column], bands: list[Column], baseline: float | None) -> list[float] | None:
+    """A y range that a filter's wide first seconds do not spoil and that holds a fault which has just begun.
+
+    Parameters
+    ----------
+    lines, bands : (n,) each, estimates and the edges of their bands. Zooming out shows the rest.
+    """
+    everything = np.concatenate([x[np.isfinite(x)] for x in [*lines, *bands]] or [np.empty(0)])
     if not everything.size:
         return None
     low, high = (float(q) for q in np.percentile(everything, (1.0, 99.0)))
+    later = np.concatenate([x[x.size // 10 :] for x in lines])
+    if np.isfinite(later).any():
+        most = 3.0 * (high - low)
+        low = max(min(low, float(np.nanmin(later))), low - most)
+        high = min(max(high, float(np.nanmax(later))), high + most)
     if baseline is not None:
         low, high = min(low, baseline), max(high, baseline)
     pad = 0.12 * (high - low) or 0.1 * abs(high) or 1.0

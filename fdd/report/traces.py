@@ -84,7 +84,7 @@ def scatter(x: Any, y: Any, name: str | None = None, *, mode: str = "lines", **m
 def layout(x: str = "time (s)", **y_axis: Any) -> dict[str, Any]:
     """The layout that all figures have; `y_axis` beside or instead of what is usual."""
     return {
-        "xaxis": {"title": {"text": x}, "hoverformat": ".2f"},
+        "xaxis": {"title": {"text": x}, "hoverformat": ".2f", "exponentformat": "none"},
         "yaxis": {"hoverformat": ".4~g", **y_axis},
         "shapes": [],
         "annotations": [],

@@ -18,6 +18,7 @@ from pages import EVIL, Page, unpacked
 from fdd.diagnosis.findings import FaultFinding, Trajectories
 from fdd.errors import InputError
 from fdd.report import plotly, render_report, write_report
+from fdd.report.plots import y_range
 from fdd.samples import Samples
 
 
@@ -94,7 +95,7 @@ def test_figures_show_the_samples_in_everyday_units(case: Callable[..., Any]) ->
 def test_what_is_not_observable_is_grey_and_has_no_band(case: Callable[..., Any]) -> None:
     figures = Page(render_report(*case("faulty").arguments())).figures
     viscous, leakage = figures["estimate-viscous_friction"], figures["estimate-leakage"]
-    coloured = [t["line"]["color"] for t in viscous["data"] if t.get("name") in ("EKF", "SVSF")]
+    coloured = [t["line"]["color"] for t in viscous["data"] if str(t.get("name")).startswith(("EKF", "SVSF"))]
     assert set(coloured) == {"#8A8F98"}
     assert all(decoded(t["y"]).size == 0 for t in viscous["data"] if t.get("fill"))
     shaded = [s for s in viscous["layout"]["shapes"] if s["type"] == "rect"]
@@ -299,3 +300,29 @@ def test_probabilities_always_fill_the_whole_height(case: Callable[..., Any]) ->
     np.testing.assert_allclose(np.sum(areas, axis=0), 100.0, rtol=1e-5)
     names = [t["name"] for t in figure["data"]]
     assert names == ["Healthy", "Leakage", "Friction", "Others, each under 2 %"]
+
+
+def test_two_trackers_that_say_the_same_are_one_line_and_where_they_differ_two(
+    case: Callable[..., Any],
+) -> None:
+    made = case("faulty")
+    ekf, other = (made.trajectories.estimates[k]["leakage"] for k in ("ekf", "svsf"))
+    other[:] = ekf
+    (line,) = [n for n in _drawn(made, "leakage") if "SVSF" in n]
+    assert line == "EKF and SVSF"
+    other[-200:] *= 2.0
+    assert [n for n in _drawn(made, "leakage") if "SVSF" in n] == ["SVSF where it differs"]
+
+
+def _drawn(made: Any, quantity: str) -> list[str]:
+    """Names in a figure's legend."""
+    figure = Page(render_report(*made.arguments())).figures[f"estimate-{quantity}"]
+    return [t["name"] for t in figure["data"] if "name" in t and t.get("showlegend", True)]
+
+
+def test_a_leak_that_begins_at_the_very_end_is_within_the_plot() -> None:
+    rng = np.random.default_rng(1)
+    line = 6.5 + rng.normal(0.0, 0.05, 5000)
+    line[-20:] = 8.0
+    shown = y_range([line], [line - 0.3, line + 0.3], 6.5)
+    assert shown is not None and shown[0] < 6.2 and shown[1] > 8.0
