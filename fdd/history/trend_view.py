@@ -188,7 +188,7 @@ def _view(course: Course) -> list[float]:
     if course.trend.direction and course.trend.limit is not None and _near(course):
         low, high = min(low, course.trend.limit), max(high, course.trend.limit)
     pad = 0.06 * (high - low)
-    return [float(f"{low - pad:.5g}"), float(f"{high + pad:.5g}")]
+    return [float(f"{max(low - pad, 0.0):.5g}"), float(f"{high + pad:.5g}")]
 
 
 def _near(course: Course) -> bool:

@@ -197,7 +197,11 @@ def severity_one(fault: str, unit: Unit | None) -> str:
     }
 
     def own(found: re.Match[str]) -> str:
-        return f"{float(found[1]) * factors[found[2]]:.3g} {found[2]}".replace("e-0", "e-")
+        if factors[found[2]] == 1.0:
+            return found[0]
+        power = "e-12" if "e-12" in found[1] else ""
+        value = float(found[1].removesuffix(power)) * factors[found[2]]
+        return f"{value:.3g}{power} {found[2]}"
 
     # A pressure in the case is the accumulator's, no scale.
     return re.sub(r"([\d.]+(?:e-\d+)?) (m³/\(s·Pa\)|m³/s|kPa)(?! in the case)", own, text)
