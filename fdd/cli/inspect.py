@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
-from fdd.cli.options import argument, option
+from fdd.cli.options import argument
 
 WIDE = 120
 """Columns of a terminal that has room for all figures."""
@@ -16,19 +16,13 @@ if TYPE_CHECKING:
     from fdd.logs.inspection import SignalView
 
 
-def inspect(
-    log: Annotated[Path, argument("A log of any format.", "LOG")],
-    html: Annotated[Path | None, option("Write a page with a picture of each signal.")] = None,
-) -> None:
+def inspect(log: Annotated[Path, argument("A log of any format.", "LOG")]) -> None:
     """Show what a log holds: signals, units, rates, ranges, gaps, and a small picture of each."""
     from fdd.cli.console import output, progress
-    from fdd.files import require_writable, write_text
     from fdd.logs.formats import open_log
     from fdd.logs.formats.registry import format_of
     from fdd.logs.inspection import inspect as inspected
 
-    if html is not None:
-        require_writable(html)
     with progress(f"reading {log.name}"):
         opened = open_log(log)
         views = inspected(opened)
@@ -40,11 +34,6 @@ def inspect(
         console.print(f"• {note}")
     if opened.truncated:
         console.print("• the file ends before its data does")
-    if html is not None:
-        from fdd.report.inspection import inspection_page
-
-        write_text(html, inspection_page(log.name, kind, views))
-        console.print(f"Page written to {html}")
 
 
 def inspection_table(views: list[SignalView], *, wide: bool) -> Table:
