@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from fdd.diagnosis.findings import DISPLAY_SCALE, ESTIMATED, Diagnosis, FaultFinding, Trajectories
 from fdd.report import traces as tr
-from fdd.report.decimate import BUCKETS, bucket_means, intervals, strongest
+from fdd.report.decimate import BUCKETS, bucket_means, intervals
 from fdd.report.words import family_title
 from fdd.residuals.balances import BALANCES
 from fdd.samples import Samples
@@ -23,13 +23,9 @@ FAMILY_COLOURS = {
     "check_valve": tr.PURPLE, "relief_valve": tr.YELLOW, "friction": tr.ORANGE, "motor": tr.GREEN,
     "sensor": "#6A4C93", "unknown": "#6B6F76",
 }  # fmt: skip
-# White to vermillion: the same for all kinds of colour vision.
-MISFIT_COLOURS = [[0.0, "#F4F4F2"], [1.0, tr.VERMILLION]]
 MISFIT = "healthy: about 1"
-FEATURE_LINES = 6
 ALIKE_STD = 0.2
 """Standard deviations within which two trackers say the same: one line then."""
-FEATURE_LIMIT = 8.0
 TO_RPM = 60.0 / (2.0 * np.pi)
 
 # title, unit, what is drawn: (channel, name), factor from SI
@@ -267,38 +263,14 @@ def _features(trajectories: Trajectories) -> list[Figure]:
         return []
     magnitude = np.abs(np.where(np.isfinite(features), features, 0.0))
     # The strongest by what they reach for a tenth of the time, not by one spike.
-    order = np.argsort(-np.percentile(magnitude, 90.0, axis=0), kind="stable")
-    shown = order[:FEATURE_LINES]
+    shown = np.argsort(-np.percentile(magnitude, 90.0, axis=0), kind="stable")[: len(tr.LINE_COLOURS)]
     lines = [
         tr.line(time, features[:, i], _feature_title(names[i]), tr.LINE_COLOURS[rank], buckets=BUCKETS // 2)
         for rank, i in enumerate(shown)
     ]
     limit = [tr.level(time, 1.0, "healthy", colour=tr.GREY, dash="dot")]
-    title = "Misfit of balances" if len(names) <= FEATURE_LINES else f"The {FEATURE_LINES} worst balances"
-    out = [Figure("features", title, lines + limit, tr.layout(), MISFIT, wide=True, height=320)]
-    if len(names) > FEATURE_LINES:
-        out.append(_feature_map(time, features, names, order))
-    return out
-
-
-def _feature_map(time: Column, features: Column, names: list[str], order: NDArray[np.intp]) -> Figure:
-    """All features as one picture, the strongest on top."""
-    from_below = order[::-1]
-    table = strongest(features[:, from_below], 600)
-    middle = bucket_means(time, 600)
-    data = [{
-        "type": "heatmap", "x": tr.packed(middle),
-        "y": [tr.label(_feature_title(names[i])) for i in from_below],
-        "z": tr.packed(np.clip(table, -1e6, 1e6).T), "zmin": 0.0, "zmax": FEATURE_LIMIT,
-        "colorscale": MISFIT_COLOURS, "hoverongaps": False,
-        "hovertemplate": "%{y}: %{z:.1f} at %{x:.1f} s<extra></extra>",
-        "colorbar": {"thickness": 10, "len": 1.0, "outlinewidth": 0},
-    }]  # fmt: skip
     layout = tr.layout()
-    layout["yaxis"] = {"automargin": True, "tickfont": {"size": 10}, "dtick": 1, "ticks": ""}
-    layout["hovermode"] = "closest"
-    height = int(min(140 + 17 * len(names), 900))
-    return Figure("feature-map", "All balances", data, layout, MISFIT, wide=True, height=height)
+    return [Figure("features", "Misfit of balances", lines + limit, layout, MISFIT, wide=True, height=320)]
 
 
 def _feature_title(name: str) -> str:

@@ -168,14 +168,6 @@ format: parquet
 """
 
 
-def test_generate_makes_a_data_set(run, tmp_path: Path) -> None:
-    recipe, out = tmp_path / "recipe.yaml", tmp_path / "set"
-    recipe.write_text(RECIPE)
-    result = run("generate", recipe, "-o", out, "--workers", 1)
-    assert result.exit_code == 0, result.stderr
-    assert len(list(out.glob("*/log_*.parquet"))) == 4 and (out / "manifest.json").is_file()
-
-
 def test_an_engine_that_is_not_there_is_refused(run, one_line, tmp_path, monkeypatch) -> None:
     recipe = tmp_path / "recipe.yaml"
     recipe.write_text(RECIPE)

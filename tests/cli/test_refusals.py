@@ -9,7 +9,6 @@ import subprocess
 import sys
 from pathlib import Path
 
-import numpy as np
 import pandas as pd
 import pytest
 
@@ -274,8 +273,3 @@ def test_names_and_notes_from_a_log_are_no_markup(run, logs, tiny_model_file, tm
     shutil.copy(logs["csv"], path)
     result = run("diagnose", path, "--model", tiny_model_file)
     assert result.exit_code == 0 and "[red]x[bold].csv" in result.stdout
-
-
-def test_columns_of_nothing_but_nan_are_refused(run, one_line, table, tiny_model_file, tmp_path) -> None:
-    path = _csv(tmp_path / "nan.csv", table.assign(position=np.nan))
-    one_line(run("diagnose", path, "--model", tiny_model_file), "position")
