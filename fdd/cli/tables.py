@@ -23,6 +23,8 @@ if TYPE_CHECKING:
 
 HARDEST = 5
 """Faults named of those that the log would not have shown; the report has them all."""
+SENTENCE = 24
+"""Characters in a line of a column of sentences, at least."""
 COLOURS = {"healthy": "green", "faulty": "red", "inconclusive": "yellow"}
 
 
@@ -106,13 +108,15 @@ def print_sheet(
         made = grid((table.columns[k] for k in told), **NARROW)
         for k, column in zip(told, made.columns, strict=True):
             column.justify = "right" if table.numbers and k else "left"
-            # Titles may wrap, and sentences between their words; names and numbers may not.
-            cells = [row[k] for row in table.rows if row[k]]
-            parts = [c if "±" in c or column.justify == "right" else max(c.split(), key=len) for c in cells]
-            column.min_width = max(map(len, parts), default=0)
+            # Titles may wrap, and sentences in lines of some words; names and numbers may not.
+            longest = max((len(row[k]) for row in table.rows), default=0)
+            words = [*table.columns[k].split(), *(w for row in table.rows for w in row[k].split())]
+            number = column.justify == "right" or any("±" in row[k] for row in table.rows)
+            least = longest if number else min(longest, SENTENCE) if k else 0
+            column.min_width = max(least, *map(len, words))
         made.title, made.title_justify, made.title_style = Text(table.title), "left", "bold"
-        for number, row in enumerate(table.rows):
-            made.add_row(*(Text(row[k]) for k in told), style="bold" if number in table.marked else "")
+        for place, row in enumerate(table.rows):
+            made.add_row(*(Text(row[k]) for k in told), style="bold" if place in table.marked else "")
         if console.measure(made, options=console.options.update(max_width=1000)).minimum <= console.width:
             console.print(Padding(made, (0, 0, 1, 0)))
         else:

@@ -109,13 +109,12 @@ def _estimate(change: EstimateChange) -> tuple[str, ...]:
 
 def _duty(row: DutyRow) -> tuple[str, ...]:
     factor, unit = SHOWN.get(row.unit, (1.0, row.unit))
-    texts = [NOTHING if x is None else ", ".join(_figure_of(v * factor) for v in x) for x in (row.a, row.b)]
+
+    def shown(value: float) -> str:
+        return number(value, 3) if abs(value) < 1e3 else number(round(value), 9)
+
+    texts = [NOTHING if x is None else ", ".join(shown(v * factor) for v in x) for x in (row.a, row.b)]
     return row.signal.replace("_", " "), unit, *texts
-
-
-def _figure_of(value: float) -> str:
-    """Three digits, whole numbers beyond a thousand."""
-    return number(value, 3) if abs(value) < 1e3 else number(round(value), 9)
 
 
 def verdict_lines(found: Comparison) -> list[str]:

@@ -58,7 +58,7 @@ def trend_tables(life: Life) -> list[Table]:
     logs = [
         (
             x.log,
-            _minute(x.started_at),
+            NOTHING if x.started_at is None else x.started_at[:16].replace("T", " "),
             x.left_out or ": ".join([x.verdict, *filter(None, [", ".join(map(fault_title, x.faults))])]),
             *(v.get(x.log, NOTHING) for v in values.values()),
         )
@@ -92,20 +92,6 @@ def trend_tables(life: Life) -> list[Table]:
             numbers=False,
         ),
     ]
-
-
-def trend_lines(life: Life) -> list[str]:
-    """A line a quantity, for a terminal that is too narrow for the table."""
-    each = life.each
-    return [
-        f"{ESTIMATED[t.quantity][2]} ({len(t.points)} {each}s, temperature: {t.temperature}): {t.sentence}"
-        for t in life.trends
-    ]
-
-
-def _minute(started_at: str | None) -> str:
-    """A log's beginning, to the minute."""
-    return NOTHING if started_at is None else started_at[:16].replace("T", " ")
 
 
 def trend_csv(life: Life) -> str:

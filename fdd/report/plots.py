@@ -192,8 +192,8 @@ def _estimate(name: str, diagnosis: Diagnosis, trajectories: Trajectories) -> li
     data: list[dict[str, Any]] = []
     lines, bands = [], []
     first, *others = drawn.items()
-    std = trajectories.stds.get(first[0], {}).get(name, np.full(time.size, np.inf))
-    apart = {k: np.abs(v - first[1]) > ALIKE_STD * scale * std for k, v in others}
+    spread = scale * trajectories.stds.get(first[0], {}).get(name, np.full(time.size, np.inf))
+    apart = {k: np.abs(v - first[1]) > ALIKE_STD * spread for k, v in others}
     alike = [first[0], *(k for k, differs in apart.items() if not (differs & seen).any())]
     for number, (key, value) in enumerate(drawn.items()):
         if number and key in alike:

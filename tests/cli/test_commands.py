@@ -153,15 +153,15 @@ def test_simulate_takes_parameters_of_duty_and_load(run, tmp_path: Path) -> None
     path = tmp_path / "run.mcap"
     result = run(
         "simulate", "-o", path, "--profile", "constant_speed:speeds=60/120,turn=2", "--load",
-        "spring:rate=2e4,slack=0.01", "--duration", 3, "--temperature", 55, "--charge", 0.8, "--perfect",
-        "--load-force", "--ambient", 30000,
+        "spring:rate=2e4,slack=0.01", "--duration", 3, "--temperature", 55, "--perfect",
+        "--load-force",
     )  # fmt: skip
     assert result.exit_code == 0, result.stderr
     log = read_log(path)
     scenario = json.loads(log.metadata["scenario"]["json"])
     assert scenario["duty"]["speeds"] == [60.0, 120.0] and scenario["control"]["mode"] == "speed"
     assert scenario["load"] == {"name": "spring", "rate": 2e4, "slack": 0.01}
-    assert scenario["oil_temperature"] == 55.0 and scenario["ambient"] == 30000.0
+    assert scenario["oil_temperature"] == 55.0
     assert "load_force" in log.samples and log.quality.dropped_samples == 0
 
 
