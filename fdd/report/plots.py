@@ -199,7 +199,7 @@ def _estimate(name: str, diagnosis: Diagnosis, trajectories: Trajectories) -> li
         if number and key in alike:
             continue
         colour = tr.LINE_COLOURS[number % len(tr.LINE_COLOURS)]
-        called = " and ".join(map(_tracker, [key] if number else alike))
+        called = " and ".join(ESTIMATOR_TITLES.get(k, k.upper()) for k in ([key] if number else alike))
         shown = seen & apart[key] if number else seen
         called += " where it differs" if number and not shown[seen].all() else ""
         std = trajectories.stds.get(key, {}).get(name)
@@ -229,10 +229,6 @@ def _estimate(name: str, diagnosis: Diagnosis, trajectories: Trajectories) -> li
     layout["shapes"] = [tr.shade(a, b) for a, b in intervals(time, ~seen)]
     note = "" if seen.any() else "Not observable anywhere in this log."
     return [Figure(f"estimate-{name}", title, data, layout, unit, note)]
-
-
-def _tracker(key: str) -> str:
-    return ESTIMATOR_TITLES.get(key, key.upper())
 
 
 def y_range(lines: list[Column], bands: list[Column], baseline: float | None) -> list[float] | None:

@@ -105,16 +105,7 @@ def either(names: list[str]) -> str:
 
 
 def candidates(finding: FaultFinding) -> str:
-    """The fault, or the faults that it cannot be told from, each with its share where that is known.
-
-    Examples
-    --------
-    >>> group = {"internal_leakage": 0.34, "pump_wear": 0.33, "oil_degradation": 0.33}
-    >>> found = FaultFinding(fault="internal_leakage", family="leakage", ambiguity=list(group), shares=group,
-    ...     confidence=0.99, onset_s=1.0, detected_s=2.0)
-    >>> candidates(found)
-    'internal leakage (34 %) or one of 2 others'
-    """
+    """The fault, or the faults that it cannot be told from, each with its share where that is known."""
     first, *others = (
         fault_title(f) + (f" ({percent(finding.shares[f])})" if f in finding.shares else "")
         for f in dict.fromkeys([finding.fault, *finding.ambiguity])
@@ -179,13 +170,7 @@ def _alternatives(finding: FaultFinding) -> str:
 
 
 def severity_one(fault: str, unit: Unit | None) -> str:
-    """What severity 1 of a fault means, in figures of this unit's size.
-
-    Examples
-    --------
-    >>> severity_one("external_leakage", Unit.load("axis_a"))
-    '6e-12 m³/(s·Pa) from one chamber to the outside'
-    """
+    """What severity 1 of a fault means, in figures of this unit's size; of the thesis's where None."""
     text = CATALOGUE[fault].severity if fault in CATALOGUE else ""
     if unit is None:
         return text
