@@ -118,9 +118,8 @@ def find_measure(text: str, dimension: str) -> Measure | None:
     >>> round(find_measure("kgf/cm²", "pressure").factor, 1), find_measure("kgf/cm²", "length")
     (98066.5, None)
     """
-    plain = (
-        text.strip().strip("[]() ").replace("**", "^").replace("²", "^2").replace("³", "^3").replace("·", "*")
-    )
+    plain = text.strip().strip("[]() ").replace("**", "^").replace("·", "*")
+    plain = re.sub(r"(?<=[A-Za-z])(?=[23]\b)", "^", plain.replace("²", "2").replace("³", "3"))  # cm2, cm³
     found = _plain_measure(plain, dimension)
     if found is None and dimension == "pressure":
         for pattern, offset in ((_ABSOLUTE, -ATMOSPHERE_PA), (_GAUGE, 0.0)):
@@ -150,6 +149,8 @@ def _by_pint(text: str, dimension: str) -> Measure | None:
     if unit.dimensionality != si.dimensionality:
         return None
     at_zero, at_one = (registry.Quantity(v, unit).to(si).magnitude for v in (0.0, 1.0))
+    if dimension == "length" and at_one > 1.0:  # furlongs and miles measure land, not a stroke
+        return None
     return Measure(dimension, float(at_one - at_zero), float(at_zero))
 
 

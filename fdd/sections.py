@@ -27,21 +27,26 @@ from fdd.measures import measure
 
 @dataclass(frozen=True)
 class SI:
-    """Marks a field with its SI unit of measure and its dimension."""
+    """Marks a field with its SI unit of measure, its dimension, and the unit that profiles write it in."""
 
     unit: str
     dimension: str
+    written: str
 
 
-def si(unit: str) -> SI:
+def si(unit: str, written: str | None = None) -> SI:
     """Mark a field with its SI unit, as ``Annotated[float, si("ohm")]``.
+
+    Parameters
+    ----------
+    written : the unit of a plain number, and of what is written; SI else.
 
     Examples
     --------
     >>> si("Pa").dimension
     'pressure'
     """
-    return SI(unit=unit, dimension=measure(unit).dimension)
+    return SI(unit=unit, dimension=measure(unit).dimension, written=written or unit)
 
 
 Metre = Annotated[float, si("m")]
@@ -105,9 +110,12 @@ class Section(BaseModel):
         provenance: dict[str, Provenance] = dict(given)
         for key, entry in data.items():
             field = cls.model_fields.get(key)
+            mark = None if field is None else si_of(field)
+            if mark is not None and mark.written != mark.unit and isinstance(entry, int | float | str):
+                entry = {"value": entry}
             if isinstance(entry, dict) and "value" in entry and field is not None:
                 try:
-                    plain[key], provenance[key] = _quantity(entry, si_of(field))
+                    plain[key], provenance[key] = _quantity(entry, mark)
                 except InputError as error:
                     raise InputError(error.problem, where=key, mend=error.mend) from None
             else:
@@ -126,7 +134,7 @@ class Section(BaseModel):
         for name, plain in properties.items():
             marked = si_of(cls.model_fields[name])
             if marked is not None:
-                properties[name] = {"anyOf": [plain, QUANTITY], "description": f"in {marked.unit}"}
+                properties[name] = {"anyOf": [plain, QUANTITY], "description": f"in {marked.written}"}
         return schema
 
     def std_of(self, name: str) -> float | None:
@@ -149,7 +157,8 @@ class Section(BaseModel):
             elif isinstance(value, dict) and value and all(isinstance(v, Section) for v in value.values()):
                 out[name] = {k: v.to_plain() for k, v in value.items()}
             elif si is not None:
-                entry: dict[str, Any] = {"value": float(f"{float(value):.8g}"), "unit": si.unit}
+                shown = float(value) / (1.0 if si.written == si.unit else measure(si.written).factor)
+                entry: dict[str, Any] = {"value": float(f"{shown:.8g}"), "unit": si.written}
                 known = self.provenance.get(name)
                 if known is not None and known.std is not None:
                     entry["std"] = float(f"{known.std:.4g}")
@@ -168,7 +177,7 @@ def _quantity(entry: dict[str, Any], si: SI | None) -> tuple[float, Provenance]:
         raise InputError("takes no unit", mend="write the plain value")
     if unknown:
         raise InputError(f"unknown {sorted(map(str, unknown))}", mend="use value, unit, source and std")
-    m = measure(str(entry.get("unit", si.unit)), si.dimension)
+    m = measure(str(entry.get("unit", si.written)), si.dimension)
     value, std, source = _number(entry, "value"), entry.get("std"), entry.get("source")
     if source is not None and not isinstance(source, str):
         raise InputError(f"source {source!r} is not text", mend="put it in quotes")

@@ -173,8 +173,10 @@ class Drive(Section):
 class Monitoring(Section):
     """What the operator wants of the diagnosis."""
 
-    false_alarms_per_hour: Annotated[float, _si("1/s"), Field(gt=0)] = 1.0 / 3600.0
-    """Wanted rate of false alarms of the sequential test; written ``{value: 1, unit: 1/h}``."""
+    false_alarms_per_hour: Annotated[float, _si("1/s", written="1/h"), Field(gt=0, le=1.0 / 60.0)] = (
+        1.0 / 3600.0
+    )
+    """Wanted rate of false alarms of the sequential test: per hour in the profile, at most 60; 1/s here."""
 
 
 class Estimation(Section):

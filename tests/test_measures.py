@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from scipy import constants
 
 from fdd.errors import InputError
-from fdd.measures import MEASURES, measure
+from fdd.measures import MEASURES, find_measure, measure
 from fdd.samples import CHANNELS
 
 # From SciPy's table of CODATA and NIST SP 811 constants, or from the definition.
@@ -36,12 +36,24 @@ PREFIXED = [
     ("kPa", "MPa", 1000), ("mbar", "bar", 1000), ("N", "kN", 1000), ("mA", "A", 1000), ("mV", "V", 1000),
     ("mH", "H", 1000), ("%", "1", 100),
 ]  # fmt: skip
+WRITTEN = [
+    ("cm2", "area", 1e-4),
+    ("kgf/cm2", "pressure", 98066.5),
+    ("m3/s", "flow", 1.0),
+    ("furlong", "length", None),
+]
 TEMPERATURES = [("K", 273.15, 0.0), ("K", 0.0, -273.15), ("degF", 32.0, 0.0), ("degF", 212.0, 100.0)]
 
 
 @pytest.mark.parametrize("name", DEFINED)
 def test_factor_is_the_defined_one(name: str) -> None:
     assert MEASURES[name].factor == pytest.approx(DEFINED[name], rel=1e-12)
+
+
+@pytest.mark.parametrize(("text", "dimension", "factor"), WRITTEN)
+def test_units_as_rigs_write_them(text: str, dimension: str, factor: float | None) -> None:
+    found = find_measure(text, dimension)
+    assert (None if found is None else found.factor) == (factor and pytest.approx(factor))
 
 
 @pytest.mark.parametrize(("small", "large", "ratio"), PREFIXED)

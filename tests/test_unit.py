@@ -165,6 +165,15 @@ def test_shipped_profile_survives_yaml(axis: str) -> None:
     assert again.to_yaml() == unit.to_yaml()
 
 
+@pytest.mark.parametrize("value", [0.5, {"value": 0.5}, {"value": 0.5, "unit": "1/h"}])
+def test_false_alarms_are_told_per_hour(value: Any) -> None:
+    unit = Unit.from_yaml(edited(RATE, value))
+    assert field(unit, RATE) == pytest.approx(0.5 / 3600.0)
+    assert "value: 0.5, unit: 1/h" in unit.to_yaml()
+    with pytest.raises(InputError, match="false_alarms_per_hour"):
+        Unit.from_yaml(edited(RATE, 61.0))
+
+
 positive = st.floats(1e-15, 1e12, allow_subnormal=False)
 # Whatever prints, on one line.
 sources = st.none() | st.text(
@@ -219,7 +228,7 @@ def test_units_of_measure_become_si(path: str, entry: Any, si: float, std: float
     ("path", "entry", "said"),
     [
         ("pump.displacement", {"value": 1, "unit": "bar"}, "'bar' measures pressure, not displacement"),
-        ("pump.displacement", {"value": 1, "unit": "m3/turn"}, "unknown unit 'm3/turn'"),
+        ("pump.displacement", {"value": 1, "unit": "m3/gulp"}, "unknown unit 'm3/gulp'"),
         ("pump.displacement", {"value": -1}, "greater than 0"),
         ("pump.displacement", "much", "number"),
         ("pump.displacement", {"value": "much"}, "much"),

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import shlex
+import shutil
+import sys
 from pathlib import Path
 from typing import Annotated
 
@@ -32,6 +35,8 @@ def demo(
         diagnoser = Diagnoser(Settings(unit=str(folder / UNIT), model=model))
         found = diagnoser.diagnose(job, diagnoser.read(job))
     diagnoser.write(job, found)
-    output().print(diagnosis_view(found.diagnosis))
+    output().print(diagnosis_view(found.diagnosis, found.unit))
     print(f"Report with all plots: {out.resolve()}")
-    print(f"The same by hand: fdd diagnose {folder / LOG} --unit {folder / UNIT} --report report.html")
+    fdd = "fdd" if shutil.which("fdd") else sys.argv[0]  # make demo's stands in .venv/bin, in no path
+    words = [fdd, "diagnose", folder / LOG, "--unit", folder / UNIT, "--report", "report.html"]
+    print(f"The same by hand: {shlex.join(map(str, words))}")

@@ -22,6 +22,7 @@ if TYPE_CHECKING:
     from fdd.diagnosis.findings import Diagnosis
     from fdd.engines import Engine
     from fdd.offline.diagnoser import Diagnoser, Job, Settings
+    from fdd.unit import Unit
 
 FAULT_STATUS, UNREADABLE_STATUS, INCONCLUSIVE_STATUS = 1, 2, 3
 SAVE_EVERY_S = 5.0
@@ -91,10 +92,11 @@ def diagnose(
     settings = Settings(unit, map_, model, axis, trackers, classifier, prior)
     diagnoser = Diagnoser(settings)
     answers = folder.earlier(jobs, diagnoser) if folder and resume else {}
+    profile = diagnoser.unit
     try:
         if len(jobs) == 1:
             if not answers:
-                answers[0] = _alone(jobs[0], diagnoser, folder)
+                answers[0], profile = _alone(jobs[0], diagnoser, folder)
         else:
             if folder:
                 folder.begin()
@@ -103,7 +105,7 @@ def diagnose(
         if answers:
             if folder:
                 folder.write(jobs, answers)
-            _tell(jobs, answers, folder, quiet=json_ == "-")
+            _tell(jobs, answers, profile, folder, quiet=json_ == "-")
     found = [answers[k] for k in range(len(jobs))]
     if json_ is not None:
         plain = [json.loads(a.model_dump_json(by_alias=True)) for a in found]
@@ -188,8 +190,8 @@ def _require_outputs(json_: str | None, jobs: list[Job]) -> None:
             )
 
 
-def _alone(job: Job, diagnoser: Diagnoser, folder: AnswersFolder | None) -> Diagnosis:
-    """The answer of the only log; nothing is written where it cannot be read."""
+def _alone(job: Job, diagnoser: Diagnoser, folder: AnswersFolder | None) -> tuple[Diagnosis, Unit]:
+    """The answer of the only log, and its profile; nothing is written where it cannot be read."""
     from fdd.cli.console import progress
 
     with progress(f"reading {job.name}"):
@@ -199,7 +201,7 @@ def _alone(job: Job, diagnoser: Diagnoser, folder: AnswersFolder | None) -> Diag
     if folder:
         folder.begin()
     diagnoser.write(job, found)
-    return found.diagnosis
+    return found.diagnosis, found.unit
 
 
 def _together(
@@ -227,7 +229,12 @@ def _together(
 
 
 def _tell(
-    jobs: list[Job], answers: dict[int, Diagnosis], folder: AnswersFolder | None, *, quiet: bool
+    jobs: list[Job],
+    answers: dict[int, Diagnosis],
+    unit: Unit | None,
+    folder: AnswersFolder | None,
+    *,
+    quiet: bool,
 ) -> None:
     """Answers for people, in the order of the logs; what could not be read goes to standard error."""
     from fdd.cli.console import output
@@ -241,8 +248,9 @@ def _tell(
         elif not quiet and folder and len(jobs) > 1:
             console.print(f"{answers[k].log}: {headline(answers[k])}", soft_wrap=True)
         elif not quiet:
-            console.print(diagnosis_view(answers[k]))
+            console.print(diagnosis_view(answers[k], unit))
     if folder and not quiet:
-        console.print(
-            f"{len(answers)} of {len(jobs)} logs, written to {folder.path / 'index.html'}", soft_wrap=True
-        )
+        unread = sum(a.error is not None for a in answers.values())
+        told = f"{len(answers) - unread} of {len(jobs)} logs diagnosed"
+        told += f", {unread} could not be read" if unread else ""
+        console.print(f"{told}; written to {folder.path / 'index.html'}", soft_wrap=True)

@@ -65,12 +65,16 @@ def experiment(
         found = _run(kind, read, logs, profile, given=given, caused=caused, order=order, window_s=window)
     names = [path.name for path in logs]
     if html is not None:
-        from fdd.report.experiment import experiment_page
+        from fdd.report.page import page
+        from fdd.report.tables import version_rows
 
         told = [(t.quantity, *t.shown()) for t in found.told]
-        page = experiment_page(found.title, names, profile.name, told, found.not_told, found.notes,
-                               (found.heads, found.rows), found.figures)  # fmt: skip
-        write_text(html, page)
+        html_text = page(
+            "experiment.html", found.figures, title=found.title, logs=names, unit=profile.name, told=told,
+            not_told=found.not_told, notes=found.notes, heads=found.heads, rows=found.rows,
+            plots=found.figures, versions=version_rows(),
+        )  # fmt: skip
+        write_text(html, html_text)
     if json_ is not None:
         data = {**found.as_data(), "logs": names, "unit": profile.name}
         write_json(json_, json.dumps(data, indent=1, ensure_ascii=False, allow_nan=False))

@@ -81,14 +81,6 @@ def simulate(
     warming: Annotated[
         float | None, option("Warming of the oil, °C/s.", show_default="0", rich_help_panel=CONDITIONS)
     ] = None,
-    charge: Annotated[
-        float | None,
-        option("Accumulator charge over the unit's.", show_default="1", rich_help_panel=CONDITIONS),
-    ] = None,
-    ambient: Annotated[
-        float | None,
-        option("Absolute ambient pressure, Pa.", show_default="101325", rich_help_panel=CONDITIONS),
-    ] = None,
     load_force: Annotated[
         bool, option("Measure the load force as well.", "--load-force", rich_help_panel=RECORDING)
     ] = False,
@@ -122,7 +114,6 @@ def simulate(
     data: dict[str, Any] = {} if scenario is None else scenario_data(scenario)
     plain = {
         "unit": unit, "duration": duration, "seed": seed, "oil_temperature": temperature, "warming": warming,
-        "charge_factor": charge, "ambient": ambient,
     }  # fmt: skip
     data.update({name: value for name, value in plain.items() if value is not None})
     options.set_motion(data, profile, load, control)

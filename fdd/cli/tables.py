@@ -12,25 +12,28 @@ from rich.panel import Panel
 from rich.table import Table
 from rich.text import Text
 
-from fdd.cli.console import grid
+from fdd.cli.console import NARROW, grid
 from fdd.report import tables
 from fdd.report.words import FindingWords, second_opinion_words, verdict_words
 
 if TYPE_CHECKING:
     from fdd.diagnosis.findings import Diagnosis
     from fdd.report.sheet import Table as SheetTable
+    from fdd.unit import Unit
 
 HARDEST = 5
 """Faults named of those that the log would not have shown; the report has them all."""
+SENTENCE = 24
+"""Characters in a line of a column of sentences, at least."""
 COLOURS = {"healthy": "green", "faulty": "red", "inconclusive": "yellow"}
 
 
-def diagnosis_view(diagnosis: Diagnosis) -> RenderableType:
+def diagnosis_view(diagnosis: Diagnosis, unit: Unit | None = None) -> RenderableType:
     """Verdict, findings with their evidence, estimates and what was odd in the data.
 
     Everything that comes from the log is shown as plain text, never as markup.
     """
-    words = verdict_words(diagnosis)
+    words = verdict_words(diagnosis, unit)
     colour = COLOURS[words.kind]
     head = Text(f"{words.mark} {words.headline}", style=f"bold {colour}")
     if words.remark:
@@ -69,11 +72,8 @@ def _estimates(diagnosis: Diagnosis) -> Table:
     numbers = ("healthy", "estimated", "change")
     table = grid(("at the end", *numbers, "unit"), numbers=numbers, whole=("at the end", "unit"))
     for row in tables.estimate_rows(diagnosis):
-        seen = row["observable"] == "yes"
-        change = row["change"] if seen else "not seen"
-        table.add_row(
-            row["quantity"], row["baseline"], row["value"], change, row["unit"], style="" if seen else "dim"
-        )
+        style = "" if row["observable"] == "yes" else "dim"
+        table.add_row(*(row[key] for key in ("quantity", "baseline", "value", "change", "unit")), style=style)
     return table
 
 
@@ -104,11 +104,26 @@ def print_sheet(
     for line in lines:
         console.print(line, soft_wrap=True)
     for table in shown:
-        made = grid(table.columns, numbers=table.columns[1:] if table.numbers else ())
+        told = [k for k, _ in enumerate(table.columns) if any(row[k] != tables.NOTHING for row in table.rows)]
+        made = grid((table.columns[k] for k in told), **NARROW)
+        for k, column in zip(told, made.columns, strict=True):
+            column.justify = "right" if table.numbers and k else "left"
+            # Titles may wrap, and sentences in lines of some words; names and numbers may not.
+            longest = max((len(row[k]) for row in table.rows), default=0)
+            words = [*table.columns[k].split(), *(w for row in table.rows for w in row[k].split())]
+            number = column.justify == "right" or any("±" in row[k] for row in table.rows)
+            least = longest if number else min(longest, SENTENCE) if k else 0
+            column.min_width = max(least, *map(len, words))
         made.title, made.title_justify, made.title_style = Text(table.title), "left", "bold"
-        for k, row in enumerate(table.rows):
-            made.add_row(*map(Text, row), style="bold" if k in table.marked else "")
-        console.print(made)
+        for place, row in enumerate(table.rows):
+            made.add_row(*(Text(row[k]) for k in told), style="bold" if place in table.marked else "")
+        if console.measure(made, options=console.options.update(max_width=1000)).minimum <= console.width:
+            console.print(Padding(made, (0, 0, 1, 0)))
+        else:
+            console.print(Text(table.title, style="bold"))
+            for row in table.rows:
+                said = (f"{table.columns[k]} {row[k]}" for k in told[1:] if row[k] != tables.NOTHING)
+                console.print(Text(f"{row[0]}: {', '.join(said)}"), soft_wrap=True)
         if table.note:
             console.print(Text(f"  {table.note}\n", style="dim"))
     for note in notes:

@@ -66,12 +66,14 @@ def train(
             model, logs = fit(datasets, workers=count, progress=step, spreads=found)
     except InputError as error:
         raise (error if error.where else error.at(datasets[0])) from None
+    from fdd.campaign.scores import rate
+
     model.save(out)
     output().print(confusion_table(logs))
     tail = model.tail
+    passed = rate(round(tail.rate_per_hour * tail.hours), tail.hours)
     print(
-        f"Healthy: {tail.hours:.2f} h; scores pass {0.5 * tail.height**2:.1f} {tail.rate_per_hour:.2f} times "
-        f"an hour, and {tail.threshold(1.0):.1f} once."
+        f"Healthy: scores pass {0.5 * tail.height**2:.1f} {passed}, 95 %, and {tail.threshold(1.0):.1f} once."
     )
     print(
         f"Where one log in {1.0 / model.calibration.prior:.0f} is faulty, one with a score of "
@@ -114,22 +116,31 @@ def _train_classifier(
 
 
 def confusion_table(logs: list[ScoredLog]) -> Table:
-    """Logs by true family (rows) and answer (columns)."""
+    """Logs by true family (rows) and answer (columns), and the share that is right with its 95 % interval."""
     import pandas as pd
+
+    from fdd.campaign.scores import wilson
 
     families = sorted({x.family for x in logs})
     answers = [*sorted({x.answer for x in logs if x.answer}), ""]
     counts = {a: [sum(x.family == f and x.answer == a for x in logs) for f in families] for a in answers}
-    return _counts(pd.DataFrame(counts, index=families), "Logs by true family and answer")
+    right = []
+    for k, family in enumerate(families):
+        hits = counts.get("" if family == "healthy" else family, [0] * len(families))[k]
+        right.append(wilson(hits, sum(x.family == family for x in logs)))
+    return _counts(pd.DataFrame(counts, index=families), "Logs by true family and answer", right)
 
 
-def _counts(counts: pd.DataFrame, title: str) -> Table:
-    """Logs by what they are (rows) and what was answered (columns)."""
+def _counts(counts: pd.DataFrame, title: str, right: list[str] | None = None) -> Table:
+    """Logs by what they are (rows) and what was answered (columns); `right` : a last column."""
     from fdd.cli.console import grid
 
     names = [name.replace("_", " ") or "no alarm" for name in counts.columns]
     rows = [
-        (str(true).replace("_", " "), *(str(c) if c else "·" for c in row))
+        [str(true).replace("_", " "), *(str(c) if c else "·" for c in row)]
         for true, row in zip(counts.index, counts.to_numpy().tolist(), strict=True)
     ]
+    if right is not None:
+        rows = [[*row, share] for row, share in zip(rows, right, strict=True)]
+        names.append("right, 95 %")
     return grid(("true", *names), rows, numbers=names, title=title)

@@ -53,7 +53,7 @@ def trend(
     from fdd.files import require_writable, write_text, written
     from fdd.history.limits import given_limits, severity_one
     from fdd.history.trend import trend_of
-    from fdd.history.trend_view import trend_csv, trend_lines, trend_sheet, trend_tables
+    from fdd.history.trend_view import trend_csv, trend_sheet, trend_tables
     from fdd.offline.diagnoser import Settings
     from fdd.report.sheet import render_sheet
 
@@ -93,7 +93,7 @@ def trend(
         write_text(output_ / TABLE, trend_csv(life))
         write_text(output_ / PAGE, render_sheet(sheet, alone=False))
     if json_ != "-":
-        print_sheet(output(), [life.headline, *trend_lines(life)], trend_tables(life)[1:], life.notes)
+        print_sheet(output(), [life.headline], trend_tables(life), life.notes)
     if any(a.error for a in answers):
         raise typer.Exit(UNREADABLE_STATUS)
 

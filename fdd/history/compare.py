@@ -11,7 +11,7 @@ from fdd.history.answers import Closure, Comparison, EstimateChange, LogSaid
 from fdd.history.changes import TEST, estimate_changes
 from fdd.history.duty import duty_rows, has
 from fdd.history.spectra import Spectrum, changed_lines, spectra_of
-from fdd.report.words import fault_title
+from fdd.report.words import candidates
 from fdd.samples import Samples
 from fdd.unit import Unit
 
@@ -63,25 +63,29 @@ def compare(a: Side, b: Side, unit: Unit) -> tuple[Comparison, list[Spectrum]]:
 
 
 def _headline(changes: list[EstimateChange], a: Diagnosis, b: Diagnosis) -> str:
-    """What changed most, in its own uncertainty; else what is found in one log only."""
+    """The faults that are found in one log only, then what changed most, in its own uncertainty."""
+    parts = []
+    for only, other, name in ((b, a, "B"), (a, b, "A")):
+        known = {f.fault for f in other.faults}
+        if new := [candidates(f) for f in only.faults if f.fault not in known]:
+            parts.append(f"{', '.join(new)} found in {name} only")
+    return "; ".join([*parts, _most_changed(changes)])
+
+
+def _most_changed(changes: list[EstimateChange]) -> str:
     changed = [c for c in changes if c.changed and c.p_value is not None]
     # A large change's p value is 0: by the ratio then.
     most = max(changed, key=lambda c: abs(c.difference or 0.0) / (c.std or 1.0), default=None)
-    if most is not None and most.a and most.difference is not None and most.std is not None:
-        share, spread = 100.0 * most.difference / most.a, 100.0 * 1.96 * most.std / abs(most.a)
-        word = "rose" if share > 0.0 else "fell"
-        others = [ESTIMATED[c.quantity][2].lower() for c in changed if c is not most]
-        more = f"; changed as well: {', '.join(others)}" if others else ""
-        return (
-            f"{ESTIMATED[most.quantity][2].lower()} {word} by {abs(share):.0f} ± {spread:.0f} % (95 %){more}"
-        )
-    if most is not None:
-        return f"{ESTIMATED[most.quantity][2].lower()} changed"
-    for only, other, name in ((b, a, "B"), (a, b, "A")):
-        new = {f.fault for f in only.faults} - {f.fault for f in other.faults}
-        if new:
-            return f"{NO_CHANGE} of the estimates, but {fault_title(min(new))} is found in {name} only"
-    return NO_CHANGE
+    if most is None:
+        return NO_CHANGE
+    title = ESTIMATED[most.quantity][2].lower()
+    if not (most.a and most.difference is not None and most.std is not None):
+        return f"{title} changed"
+    share, spread = 100.0 * most.difference / most.a, 100.0 * 1.96 * most.std / abs(most.a)
+    word = "rose" if share > 0.0 else "fell"
+    others = [ESTIMATED[c.quantity][2].lower() for c in changed if c is not most]
+    more = f"; changed as well: {', '.join(others)}" if others else ""
+    return f"{title} {word} by {abs(share):.0f} ± {spread:.0f} % (95 %){more}"
 
 
 def _said(answer: Diagnosis) -> LogSaid:

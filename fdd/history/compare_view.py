@@ -14,7 +14,7 @@ from fdd.report import traces as tr
 from fdd.report.plots import TO_RPM, Figure, Section
 from fdd.report.sheet import Sheet, Table
 from fdd.report.tables import NOTHING, number, with_std
-from fdd.report.words import fault_title, percent, seconds, span
+from fdd.report.words import candidates, percent, seconds, span
 from fdd.residuals.balances import BALANCES
 from fdd.samples import CHANNELS
 
@@ -109,13 +109,12 @@ def _estimate(change: EstimateChange) -> tuple[str, ...]:
 
 def _duty(row: DutyRow) -> tuple[str, ...]:
     factor, unit = SHOWN.get(row.unit, (1.0, row.unit))
-    texts = [NOTHING if x is None else ", ".join(_figure_of(v * factor) for v in x) for x in (row.a, row.b)]
+
+    def shown(value: float) -> str:
+        return number(value, 3) if abs(value) < 1e3 else number(round(value), 9)
+
+    texts = [NOTHING if x is None else ", ".join(shown(v * factor) for v in x) for x in (row.a, row.b)]
     return row.signal.replace("_", " "), unit, *texts
-
-
-def _figure_of(value: float) -> str:
-    """Three digits, whole numbers beyond a thousand."""
-    return number(value, 3) if abs(value) < 1e3 else number(round(value), 9)
 
 
 def verdict_lines(found: Comparison) -> list[str]:
@@ -125,7 +124,7 @@ def verdict_lines(found: Comparison) -> list[str]:
 
 def _verdict(said: LogSaid) -> str:
     found = [
-        f"{fault_title(f.fault)} since {seconds(f.onset_s)}"
+        f"{candidates(f)} since {seconds(f.onset_s)}"
         + ("" if f.severity is None else f", severity {f.severity:.2f}")
         + f", {percent(f.confidence)} sure"
         for f in said.faults

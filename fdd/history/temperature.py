@@ -45,7 +45,9 @@ def covariate(healthy_leakage: Array) -> Array:
     return np.asarray(np.log(healthy_leakage / np.median(healthy_leakage)))
 
 
-def fit_over_time(time: Array, factors: Array, stds: Array, warmth: Array, *, leaks: bool) -> Fitted:
+def fit_over_time(
+    time: Array, factors: Array, stds: Array, warmth: Array, between: float, *, leaks: bool
+) -> Fitted:
     """A line through factors of the healthy value, temperature taken out the way that is likelier.
 
     The ways are compared by their likelihood of the same data, corrected for the one parameter more and few
@@ -54,17 +56,18 @@ def fit_over_time(time: Array, factors: Array, stds: Array, warmth: Array, *, le
     Parameters
     ----------
     time : (n,). factors, stds : (n,), over the healthy value at each log's own temperature. warmth : (n,), by
-        `covariate`. leaks : whether the quantity goes with viscosity, so that the factors are free of it.
+        `covariate`. between : what healthy logs differ by, see `fit_line`.
+    leaks : whether the quantity goes with viscosity, so that the factors are free of it.
     """
     n = time.size
     plain = np.column_stack([np.ones(n), time])
-    line = fit_line(factors, stds, plain)
+    line = fit_line(factors, stds, plain, between)
     way: Way = "viscosity law" if leaks and np.ptp(warmth) > 0.0 else "not taken out"
     if n < LEAST_LOGS or float(np.std(warmth)) < LEAST_SPREAD:
         return Fitted(_scaled(line, factors, stds, plain), factors, stds, way, None)
     scale = np.exp(warmth) if leaks else np.ones(n)
     raw, raw_stds, design = factors * scale, stds * scale, np.column_stack([plain, warmth])
-    other = fit_line(raw, raw_stds, design)
+    other = fit_line(raw, raw_stds, design, between)
     # The law's likelihood of the raw values: a density stretched by the scale. Scale and τ count in both.
     gain = other.log_likelihood - (line.log_likelihood - float(np.log(scale).sum()))
     if gain > _penalty(n, 5) - _penalty(n, 4):

@@ -13,17 +13,25 @@ from numpy.typing import NDArray
 from fdd.diagnosis.findings import ESTIMATED, Diagnosis
 from fdd.errors import InputError
 from fdd.history.answers import Life, Point, Trend, TrendLog
-from fdd.history.changes import LEVEL, seen
+from fdd.history.changes import BETWEEN, LEVEL, seen
 from fdd.history.limits import Limits
 from fdd.history.line import Line, holm
 from fdd.history.temperature import Fitted, covariate, fit_over_time
+from fdd.report.words import fault_title
 
 Array = NDArray[np.float64]
 
 Each = Literal["log", "minute", "hour", "day"]
 LEAST_LOGS = 4
 """For a line whose scatter is to be known: two more than it has coefficients."""
+SMALLEST = 2.0
+"""Of what healthy logs differ by (`BETWEEN`), the least change over all of them that is a trend."""
 UNTOLD = "no trend that could be told"
+UNDATED = (
+    "Not all logs tell when they began: they stand in the order of their names, and a trend is one only if "
+    "that is the order in which they were recorded."
+)
+OVERLAPPING = "Some logs began before the one before had ended: a trend over such logs is doubtful."
 DAY_S = 86_400.0
 
 
@@ -70,16 +78,18 @@ def trend_of(answers: Sequence[Diagnosis], limits: Limits, each: Each = "log") -
     told = [t for t in trends if t.p_value is not None]
     for trend, p in zip(told, holm([t.p_value or 0.0 for t in told]), strict=True):
         trend.p_holm = p
-        if p < LEVEL:
+        change = abs((trend.last or 0.0) - (trend.first or 0.0))
+        if p < LEVEL and change > SMALLEST * BETWEEN[trend.quantity]:
             trend.direction = "rises" if (trend.slope or 0.0) > 0.0 else "falls"
     per = "day" if dated else "log"
     for course in courses:
         _tell(course.trend, per)
-    notes = [] if dated else ["Not all logs tell when they began: they stand in the order of their names."]
-    if counted and not np.ptp(_warmth(counted)):
-        notes.append(f"No {each} tells an oil temperature of its own: none is taken out.")
+    notes = [] if dated else [UNDATED]
+    ends = [at[id(a)] + a.duration_s / DAY_S for a in read]
+    if dated and any(at[id(b)] < end - 1.0 / DAY_S for b, end in zip(read[1:], ends, strict=False)):
+        notes.append(OVERLAPPING)
     life = Life(
-        headline=_headline(trends, f"{len(counted)} {each}s"),
+        headline=_headline(trends, logs, each, warned=bool(notes)),
         unit=read[0].unit,
         axis=read[0].axis,
         order="started_at" if dated else "name",
@@ -89,6 +99,8 @@ def trend_of(answers: Sequence[Diagnosis], limits: Limits, each: Each = "log") -
         trends=trends,
         notes=notes,
     )
+    if counted and not np.ptp(_warmth(counted)):
+        life.notes.append(f"No {each} tells an oil temperature of its own: none is taken out.")
     return life, courses
 
 
@@ -139,11 +151,13 @@ def _fit(
         )
     # From the last log backwards, in spans of all: numbers near one, and what is wanted of it at hand.
     scaled = (time - time[-1]) / span
-    found = fit_over_time(scaled, factors, stds, _warmth([a for a, _, _ in shown]), leaks=name == "leakage")
+    warmth, between = _warmth([a for a, _, _ in shown]), BETWEEN[name]
+    found = fit_over_time(scaled, factors, stds, warmth, between, leaks=name == "leakage")
     grid = np.linspace(scaled.min(), 0.0, 100)
     design = np.zeros((grid.size, found.line.coefficients.size))
     design[:, 0], design[:, 1] = 1.0, grid
     middle, half = found.line.band(design)
+    middle = np.maximum(middle, 0.0)  # where a steep line would go on below nothing
     trend = _trend(name, found, span, limit, _points(logs, time, found.values, found.stds))
     trend.first = float(middle[0])
     return Course(trend, time[-1] + grid * span, middle, half)
@@ -164,7 +178,7 @@ def _trend(
         slope=slope,
         slope_interval=(low / span, high / span),
         p_value=line.p_value(1),
-        last=float(line.coefficients[0]),
+        last=max(float(line.coefficients[0]), 0.0),
         limit=limit[1] if slope > 0.0 else limit[0],
     )
     crossed = None if trend.limit is None else line.crossing(trend.limit)
@@ -218,9 +232,17 @@ def _readable(slope: float, per: str) -> tuple[float, str]:
     return 365.25, "year"
 
 
-def _headline(trends: Sequence[Trend], logs: str) -> str:
-    """What goes on most surely."""
+def _headline(trends: Sequence[Trend], logs: Sequence[TrendLog], each: Each, *, warned: bool) -> str:
+    """The faults that were found, then what goes on most surely."""
+    named = dict.fromkeys(fault_title(f) for log in logs for f in log.faults)
+    faulty = sum(bool(log.faults) for log in logs)
+    parts = [f"faults in {faulty} of {len(logs)} {each}s ({', '.join(named)})"] if faulty else []
     told = sorted((t for t in trends if t.direction), key=lambda t: t.p_value or 0.0)
+    parts += [f"{ESTIMATED[t.quantity][2].lower()} {t.sentence}" for t in told]
     if not told:
-        return f"{UNTOLD} in {logs}"
-    return "; ".join(f"{ESTIMATED[t.quantity][2].lower()} {t.sentence}" for t in told)
+        counted = sum(log.left_out is None for log in logs)
+        of_all = "" if counted == len(logs) else f" of {len(logs)}"
+        parts.append(f"{UNTOLD} in {counted}{of_all} {each}s")
+    elif warned:
+        parts.append("their order is doubtful, see the notes")
+    return "; ".join(parts)

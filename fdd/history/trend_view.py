@@ -26,7 +26,7 @@ Z95 = 1.96
 
 def trend_sheet(life: Life, courses: Sequence[Course]) -> Sheet:
     """The page of a unit's life."""
-    told = any(t.direction for t in life.trends)
+    told = any(t.direction for t in life.trends) or any(log.faults for log in life.logs)
     fitted = any(t.slope is not None for t in life.trends)
     return Sheet(
         kicker=f"Unit {life.unit}, axis {life.axis}, {len(life.logs)} {life.each}s",
@@ -58,7 +58,7 @@ def trend_tables(life: Life) -> list[Table]:
     logs = [
         (
             x.log,
-            _minute(x.started_at),
+            NOTHING if x.started_at is None else x.started_at[:16].replace("T", " "),
             x.left_out or ": ".join([x.verdict, *filter(None, [", ".join(map(fault_title, x.faults))])]),
             *(v.get(x.log, NOTHING) for v in values.values()),
         )
@@ -92,20 +92,6 @@ def trend_tables(life: Life) -> list[Table]:
             numbers=False,
         ),
     ]
-
-
-def trend_lines(life: Life) -> list[str]:
-    """A line a quantity, for a terminal that is too narrow for the table."""
-    each = life.each
-    return [
-        f"{ESTIMATED[t.quantity][2]} ({len(t.points)} {each}s, temperature: {t.temperature}): {t.sentence}"
-        for t in life.trends
-    ]
-
-
-def _minute(started_at: str | None) -> str:
-    """A log's beginning, to the minute."""
-    return NOTHING if started_at is None else started_at[:16].replace("T", " ")
 
 
 def trend_csv(life: Life) -> str:
@@ -143,7 +129,7 @@ def _figure(course: Course, life: Life) -> Figure:
     data: list[tr.Trace] = []
     if course.time.size:
         x = places(course.time)
-        low, high = course.line - course.half, course.line + course.half
+        low, high = np.maximum(course.line - course.half, 0.0), course.line + course.half
         style = {"color": tr.BLUE, "width": 1.6, "dash": "solid" if trend.direction else "dot"}
         data = [
             tr.outline(x + x[::-1], [*high.tolist(), *low[::-1].tolist()], tr.BLUE),
@@ -183,11 +169,12 @@ def _view(course: Course) -> list[float]:
     points = course.trend.points
     bar = Z95 * min(2.0 * float(np.median([p.std for p in points])), max(p.std for p in points))
     low = min([p.value - min(bar, Z95 * p.std) for p in points] + [*(course.line - course.half)])
+    low = max(low, 0.0)
     high = max([p.value + min(bar, Z95 * p.std) for p in points] + [*(course.line + course.half)])
     if course.trend.direction and course.trend.limit is not None and _near(course):
         low, high = min(low, course.trend.limit), max(high, course.trend.limit)
     pad = 0.06 * (high - low)
-    return [float(f"{low - pad:.5g}"), float(f"{high + pad:.5g}")]
+    return [float(f"{max(low - pad, 0.0):.5g}"), float(f"{high + pad:.5g}")]
 
 
 def _near(course: Course) -> bool:

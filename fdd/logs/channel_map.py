@@ -199,7 +199,12 @@ def _gathered(data: dict[Any, Any]) -> dict[str, Any]:
             raise InputError("channels: not a mapping", mend="write one line per channel below it")
         stray = [k for k in plain if k not in _HEAD]
         if stray:
+            if stray[0] not in CHANNELS and (near := did_you_mean(stray[0], _HEAD)):
+                raise InputError(f"unknown key {stray[0]!r}{near}")
             raise InputError(f"{stray[0]!r} stands beside channels:", mend="move it below channels:")
         return {**plain, "channels": {str(k): v for k, v in plain["channels"].items()}}
+    for key, below in plain.items():
+        if key not in _HEAD and isinstance(below, dict) and all(isinstance(v, dict) for v in below.values()):
+            raise InputError(f"unknown key {key!r}{did_you_mean(key, _HEAD)}")
     head = {k: v for k, v in plain.items() if k in _HEAD}
     return {**head, "channels": {k: v for k, v in plain.items() if k not in _HEAD}}

@@ -26,7 +26,7 @@ class SignalView:
     rate : Hz, NaN where the file does not tell its time.
     longest_gap : s, NaN likewise.
     low, middle, high : least, median and greatest value.
-    values : (n,) numbers; empty where it holds none. stamps : (n,) s, or None.
+    values : (n,) numbers; empty where it holds none.
     problem : why it cannot be read, or "".
     """
 
@@ -40,7 +40,6 @@ class SignalView:
     middle: float
     high: float
     values: Column
-    stamps: Column | None
     problem: str = ""
 
 
@@ -51,7 +50,7 @@ def inspect(log: LogFile) -> list[SignalView]:
     ----------
     log : opened.
     """
-    clocks: dict[str, tuple[Column | None, float, float]] = {}
+    clocks: dict[str, tuple[float, float]] = {}
     out = []
     try:
         read = log.read(log.signals)  # once: a file of messages is walked as a whole
@@ -85,25 +84,18 @@ def _stamps_of(log: LogFile, clock: str) -> Column | None:
     return None
 
 
-def _clock(stamps: Column | None) -> tuple[Column | None, float, float]:
-    """Stamps with their rate (Hz) and longest gap (s), NaN where they do not tell."""
-    rate = gap = np.nan
-    if stamps is not None and stamps.size > 1:
-        steps = np.diff(stamps[np.isfinite(stamps)])
-        gap = float(steps.max()) if steps.size else np.nan
-        usual = float(np.median(steps, overwrite_input=True)) if steps.size else np.nan
-        rate = 1.0 / usual if usual > 0.0 else np.nan
-    return stamps, rate, gap
+def _clock(stamps: Column | None) -> tuple[float, float]:
+    """Rate (Hz) and longest gap (s) of stamps, NaN where they do not tell."""
+    steps = np.diff(stamps[np.isfinite(stamps)]) if stamps is not None else np.empty(0)
+    usual = float(np.median(steps)) if steps.size else np.nan
+    return 1.0 / usual if usual > 0.0 else np.nan, float(steps.max()) if steps.size else np.nan
 
 
-def _view(name: str, unit: str, values: Column, stamps: Column | None = None, *clock: float) -> SignalView:
-    """`clock`: rate and longest gap, where the stamps tell."""
+def _view(name: str, unit: str, values: Column, rate: float = np.nan, gap: float = np.nan) -> SignalView:
     there = values[np.isfinite(values)]
     spread = np.percentile(there, [0, 50, 100], overwrite_input=True) if there.size else (np.nan,) * 3
     low, middle, high = map(float, spread)
-    rate, gap = clock or (np.nan, np.nan)
-    missing = values.size - there.size
-    return SignalView(name, unit, values.size, missing, rate, gap, low, middle, high, values, stamps)
+    return SignalView(name, unit, values.size, values.size - there.size, rate, gap, low, middle, high, values)
 
 
 def picture(values: Column, columns: int = PICTURE_COLUMNS) -> str:

@@ -15,6 +15,7 @@ import numpy as np
 from fdd.errors import InputError
 from fdd.logs.angles import sample_numbers
 from fdd.logs.stamps import JUMP_PERIODS, nominal_period, stretches
+from fdd.measures import measure
 from fdd.samples import CHANNELS, PRESSURES, Column
 
 COUNTED_GAP = 1.0
@@ -95,12 +96,16 @@ def count_missing(columns: Mapping[str, Column], quality: DataQuality) -> None:
     quality.nan_samples = int(any_gone.sum())
 
 
-def check_magnitudes(columns: Mapping[str, Column]) -> None:
+def check_magnitudes(columns: Mapping[str, Column], units: Mapping[str, str] | None = None) -> None:
     """Refuse quantities whose size tells that their unit of measure is another one.
+
+    Parameters
+    ----------
+    columns : in SI. units : what the map or the file gives a channel in; SI where it says nothing.
 
     Raises
     ------
-    InputError : names the channel, the largest value and the likely unit.
+    InputError : names the channel, the largest value as it was written, and the likely unit.
 
     Examples
     --------
@@ -109,28 +114,34 @@ def check_magnitudes(columns: Mapping[str, Column]) -> None:
     ...
     fdd.errors.InputError: channel position: up to 85 m, looks like mm; give unit: mm in the map (--map)
     """
+    said = units or {}
     for name in PRESSURES:
-        largest = _largest(columns, name)
+        largest, unit = _largest(columns, name), said.get(name, "Pa")
+        written = largest / measure(unit, "pressure").factor
+        likely = "bar" if written < 1e3 else "kPa" if written < 1e5 else "Pa"
         if largest > HIGHEST_PRESSURE:
-            raise InputError(
-                f"channel {name}: up to {largest:.3g} Pa, more than any hydraulic circuit holds",
-                mend="correct its unit or scale in the map (--map)",
-            )
+            problem = f"up to {written:.3g} {unit}, more than any hydraulic circuit holds"
+            raise _in_another_unit(name, problem, unit, likely)
         # A drained accumulator may well show nothing; a chamber is precharged, and its noise alone is more.
         if name != "pressure_accumulator" and 0.0 < largest < _least_pressure(columns):
-            likely = "bar" if largest < 1e3 else "kPa"
-            raise _in_another_unit(name, f"pressures look like {likely} (at most {largest:.3g} Pa)", likely)
-    position = _largest(columns, "position")
+            looks = f"pressures look like {likely}" if likely != unit else "no pressures of a cylinder"
+            problem = f"{looks} (at most {written:.3g} {unit})"
+            raise _in_another_unit(name, problem, unit, likely)
+    position, unit = _largest(columns, "position"), said.get("position", "m")
     if position > 10.0:
-        likely = "mm" if position < 1e4 else "um"
-        raise _in_another_unit("position", f"up to {position:.3g} m, looks like {likely}", likely)
-    oil = columns.get("oil_temperature")
+        written = position / measure(unit, "length").factor
+        likely = "mm" if written < 1e4 else "um"
+        raise _in_another_unit("position", f"up to {written:.3g} {unit}, looks like {likely}", unit, likely)
+    oil, unit = columns.get("oil_temperature"), said.get("oil_temperature", "°C")
     if oil is not None and np.nanmedian(oil) > 200.0:
-        raise _in_another_unit("oil_temperature", f"{np.nanmedian(oil):.0f} °C, looks like kelvin", "K")
+        scale = measure(unit, "temperature")
+        written = (float(np.nanmedian(oil)) - scale.offset) / scale.factor
+        raise _in_another_unit("oil_temperature", f"{written:.0f} {unit}, looks like kelvin", unit, "K")
 
 
-def _in_another_unit(channel: str, problem: str, unit: str) -> InputError:
-    return InputError(f"channel {channel}: {problem}", mend=f"give unit: {unit} in the map (--map)")
+def _in_another_unit(channel: str, problem: str, said: str, likely: str) -> InputError:
+    mend = f"give unit: {likely}" if likely != said else "correct its scale or unit"
+    return InputError(f"channel {channel}: {problem}", mend=f"{mend} in the map (--map)")
 
 
 def _least_pressure(columns: Mapping[str, Column]) -> float:

@@ -90,7 +90,8 @@ def read_log(
     try:
         file = open_log(path, channel_map.csv if channel_map else None)
         feeds, chosen = feeds_of(file, channel_map, axis)
-        return _checked(file, *_on_one_time_base(file, feeds), chosen, channel_map, shortest)
+        units = {c: f.source.unit for c, f in feeds.items() if f.source.unit is not None}
+        return _checked(file, *_on_one_time_base(file, feeds), chosen, channel_map, units, shortest)
     except InputError as error:
         raise (error if error.where == str(path) else error.at(path)) from None
     except OSError as error:
@@ -160,6 +161,7 @@ def _checked(
     of_file: bool,
     axis: str | None,
     channel_map: ChannelMap | None,
+    units: dict[str, str],
     shortest: float,
 ) -> Log:
     notes = [*file.notes]
@@ -180,7 +182,7 @@ def _checked(
     if file.truncated:
         notes.insert(0, f"file is truncated: read up to t={time[-1]:.3f} s")
     start_ns = file.start_ns - (0 if of_file or not file.start_ns else round(float(time[0]) * 1e9))
-    samples, quality = _judged(time, columns, notes, channel_map, shortest)
+    samples, quality = _judged(time, columns, notes, channel_map, units, shortest)
     return Log(samples, quality, file.path.name, axis, _of_axis(file.metadata, axis), start_ns)
 
 
@@ -203,7 +205,7 @@ def as_log(samples: Samples, axis: str | None = None, *, shortest: float = 2.0) 
     >>> log.samples.channels, log.quality.period
     (('position', 'pump_speed', 'pressure_difference', 'pump_angle'), 0.001)
     """
-    made, quality = _judged(samples.time, samples.columns, [], None, shortest)
+    made, quality = _judged(samples.time, samples.columns, [], None, {}, shortest)
     return Log(made, quality, "samples", axis)
 
 
@@ -212,6 +214,7 @@ def _judged(
     columns: dict[str, Column],
     notes: list[str],
     channel_map: ChannelMap | None,
+    units: dict[str, str],
     shortest: float,
 ) -> tuple[Samples, DataQuality]:
     """Channels that a diagnosis can use, and what is odd about them after the reader's notes."""
@@ -225,7 +228,7 @@ def _judged(
             f"missing channels: {', '.join(absent)}{silent}",
             mend="record them, or name their columns with --map",
         )
-    check_magnitudes(columns)
+    check_magnitudes(columns, units)
     recorded = set(columns)
     _derive(time, columns, channel_map, quality)
     slow, slow_notes = _keep_measurements(time, columns, quality.period, set(columns) - recorded)

@@ -39,6 +39,10 @@ def feeds_of(
     ------
     InputError : nothing that the map or the contract names is in the file, or the file has several axes.
     """
+    if isinstance(log, McapFile) and log.truncated and not log.signals:
+        raise InputError(
+            "cut off before its first message can be read", where=log.path, mend="record or copy it again"
+        )
     if channel_map is not None:
         return _mapped(log, channel_map), axis or channel_map.axis
     return _measurement(log, axis) if isinstance(log, McapFile) else (_named(log), axis)

@@ -113,16 +113,6 @@ def bucket_means(values: NDArray[np.float64], buckets: int = BUCKETS) -> NDArray
     return np.add.reduceat(values, start, axis=0) / counts.reshape(-1, *([1] * (values.ndim - 1)))
 
 
-def strongest(values: NDArray[np.float64], buckets: int = BUCKETS) -> NDArray[np.float64]:
-    """The entry of largest magnitude per bucket of rows and column: (m, k) to at most (buckets, k)."""
-    if values.shape[0] <= buckets:
-        return values
-    start = _starts(values.shape[0], buckets)
-    highest = np.fmax.reduceat(values, start, axis=0)
-    lowest = np.fmin.reduceat(values, start, axis=0)
-    return np.where(np.abs(lowest) > np.abs(highest), lowest, highest)
-
-
 def break_at_gaps(time: Column, values: Column) -> tuple[Column, Column]:
     """Put a NaN into every hole in time, so that no line is drawn across dropped samples.
 

@@ -104,7 +104,7 @@ def _signals(axes: Any, wanted: str, samples: Samples) -> None:
 def _estimate(axes: Any, name: str, diagnosis: Diagnosis, trajectories: Trajectories) -> None:
     _, unit, title = ESTIMATED[name]
     scale, time, seen = DISPLAY_SCALE[name], trajectories.time, trajectories.observable[name]
-    limits = []
+    lines, bands = [], []
     for number, (key, values) in enumerate(trajectories.estimates.items()):
         value, std = scale * values[name], scale * trajectories.stds[key][name]
         if not value.size:
@@ -123,14 +123,15 @@ def _estimate(axes: Any, name: str, diagnosis: Diagnosis, trajectories: Trajecto
             axes.plot(at, bottom, color=colour, linestyle=":", linewidth=0.8, label=f"{called}, 95 %")
             axes.plot(at, top, color=colour, linestyle=":", linewidth=0.8)
             _line(axes, time, shown, color=colour, linestyle=(0, (3, 3)), label=called)
-        limits += [shown, low, high]
+        lines.append(shown)
+        bands += [low, high]
     found = diagnosis.estimates.get(name)
     baseline = None if found is None or found.baseline is None else scale * found.baseline
     if baseline is not None:
         axes.axhline(baseline, color=GREEN, linestyle="--", linewidth=1.0, label="healthy")
     for start, stop in intervals(time, ~seen):
         axes.axvspan(start, stop, color="0.93", linewidth=0.0, zorder=0, label="not observable")
-    span = y_range(limits, baseline)
+    span = y_range(lines, bands, baseline)
     if span is not None:
         axes.set_ylim(*span)
     axes.set_ylabel(f"{_short(title)}\n({unit.replace('1e-12', '10⁻¹²')})")

@@ -16,12 +16,12 @@ import fdd
 from fdd.diagnosis.findings import Diagnosis, FaultFinding
 from fdd.report.page import part, stamp, template
 from fdd.report.plotly import source_hash
-from fdd.report.words import MARKS, fault_title, percent, seconds
+from fdd.report.words import MARKS, candidates, percent, seconds
 
 COLUMNS = (
     "log", "unit", "axis", "started_at", "duration_s", "samples", "verdict", "fault", "family", "ambiguity",
-    "confidence", "onset_s", "detected_s", "severity", "severity_low", "severity_high", "channel", "side",
-    "next_check", "quality_notes", "error", "report",
+    "shares", "confidence", "onset_s", "detected_s", "severity", "severity_low", "severity_high", "channel",
+    "side", "next_check", "quality_notes", "error", "report",
 )  # fmt: skip
 """Of summary.csv: one row a log and fault, one for a log without faults; contract's names and SI units."""
 ORDER = ("faulty", "unreadable", "inconclusive", "healthy")
@@ -88,7 +88,7 @@ def _shown(rank: int, row: Row) -> dict[str, object]:
     keys: dict[str, float | str] = dict.fromkeys(("since", "confidence", "severity"), "")
     if fault is not None:
         more = len(answer.faults) - 1
-        texts["fault"] = fault_title(fault.fault) + (f" and {more} more" if more else "")
+        texts["fault"] = candidates(fault) + (f" and {more} more" if more else "")
         texts |= {"since": seconds(fault.onset_s), "confidence": percent(fault.confidence)}
         keys |= {"since": fault.onset_s, "confidence": fault.confidence}
         if fault.severity is not None:
@@ -127,10 +127,11 @@ def summary_csv(rows: Sequence[Row]) -> str:
 def _fault_columns(fault: FaultFinding) -> dict[str, object]:
     low, high = fault.severity_interval or (None, None)
     same = ("fault", "family", "onset_s", "detected_s", "severity", "channel", "side", "next_check")
+    shares = (str(fault.shares.get(name, "")) for name in fault.ambiguity)
     return {
         **{name: getattr(fault, name) for name in same},
-        "ambiguity": " ".join(fault.ambiguity), "confidence": round(fault.confidence, 6),
-        "severity_low": low, "severity_high": high,
+        "ambiguity": " ".join(fault.ambiguity), "shares": " ".join(shares).strip(),
+        "confidence": round(fault.confidence, 6), "severity_low": low, "severity_high": high,
     }  # fmt: skip
 
 

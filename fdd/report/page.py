@@ -53,7 +53,7 @@ def render_report(
         [f for s in found for f in s.figures],
         alone=alone,
         made=made,
-        verdict=verdict_words(diagnosis),
+        verdict=verdict_words(diagnosis, unit),
         second_opinion=second_opinion_words(diagnosis),
         diagnosis=diagnosis,
         duration=span(diagnosis.duration_s),

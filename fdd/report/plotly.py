@@ -1,7 +1,7 @@
 """plotly.js, as it is shipped beside this module: what draws the figures of a page.
 
-The bundle is the package plotly.js-cartesian-dist-min as it was published, gzipped. The basic one is smaller
-by a fifth, but draws no heat map.
+The bundle is the package plotly.js-cartesian-dist-min as it was published, gzipped. The basic one, smaller
+by a fifth, would draw all figures, too.
 """
 
 from __future__ import annotations

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from fdd.diagnosis.findings import DISPLAY_SCALE, ESTIMATED, Diagnosis, FaultFinding, Trajectories
 from fdd.report import traces as tr
-from fdd.report.decimate import BUCKETS, bucket_means, intervals, strongest
+from fdd.report.decimate import BUCKETS, bucket_means, intervals
 from fdd.report.words import family_title
 from fdd.residuals.balances import BALANCES
 from fdd.samples import Samples
@@ -23,11 +23,9 @@ FAMILY_COLOURS = {
     "check_valve": tr.PURPLE, "relief_valve": tr.YELLOW, "friction": tr.ORANGE, "motor": tr.GREEN,
     "sensor": "#6A4C93", "unknown": "#6B6F76",
 }  # fmt: skip
-# White to vermillion: the same for all kinds of colour vision.
-MISFIT_COLOURS = [[0.0, "#F4F4F2"], [1.0, tr.VERMILLION]]
 MISFIT = "healthy: about 1"
-FEATURE_LINES = 6
-FEATURE_LIMIT = 8.0
+ALIKE_STD = 0.2
+"""Standard deviations within which two trackers say the same: one line then."""
 TO_RPM = 60.0 / (2.0 * np.pi)
 
 # title, unit, what is drawn: (channel, name), factor from SI
@@ -78,8 +76,9 @@ def sections(diagnosis: Diagnosis, trajectories: Trajectories, samples: Samples)
         ),
         Section(
             "Estimated quantities",
-            f"Tracked by two filters on one model{_others(trajectories)}, each with its ±2σ band. Grey: the "
-            "motion at that time does not show the quantity, and the value is only carried along.",
+            f"Tracked by two filters on one model{_others(trajectories)}, each with its ±2σ band, as one "
+            "line where they say the same. Grey: the motion at that time does not show the quantity, and the "
+            "value is only carried along.",
             [f for name in ESTIMATED for f in _estimate(name, diagnosis, trajectories)],
         ),
         Section(
@@ -192,22 +191,30 @@ def _estimate(name: str, diagnosis: Diagnosis, trajectories: Trajectories) -> li
         return []
     seen = trajectories.observable.get(name, np.ones(time.size, dtype=bool))
     data: list[dict[str, Any]] = []
-    limits: list[Column] = []
+    lines, bands = [], []
+    first, *others = drawn.items()
+    spread = scale * trajectories.stds.get(first[0], {}).get(name, np.full(time.size, np.inf))
+    apart = {k: np.abs(v - first[1]) > ALIKE_STD * spread for k, v in others}
+    alike = [first[0], *(k for k, differs in apart.items() if not (differs & seen).any())]
     for number, (key, value) in enumerate(drawn.items()):
+        if number and key in alike:
+            continue
         colour = tr.LINE_COLOURS[number % len(tr.LINE_COLOURS)]
-        called = ESTIMATOR_TITLES.get(key, key.upper())
+        called = " and ".join(ESTIMATOR_TITLES.get(k, k.upper()) for k in ([key] if number else alike))
+        shown = seen & apart[key] if number else seen
+        called += " where it differs" if number and not shown[seen].all() else ""
         std = trajectories.stds.get(key, {}).get(name)
         if std is not None:
-            low = np.where(seen, value - 2.0 * scale * std, np.nan)
-            high = np.where(seen, value + 2.0 * scale * std, np.nan)
+            low = np.where(shown, value - 2.0 * scale * std, np.nan)
+            high = np.where(shown, value + 2.0 * scale * std, np.nan)
             data.append(tr.band(time, low, high, called, colour))
-            limits += [low, high]
-        if not seen.all():
+            bands += [low, high]
+        if not seen.all() and not number:
             grey = tr.line(time, np.where(seen, np.nan, value), called, tr.GREY, width=1.0, legend=False)
             data.append({**grey, "hoverinfo": "skip"})
-        if seen.any():
-            data.append(tr.line(time, np.where(seen, value, np.nan), called, colour))
-        limits.append(np.where(seen, value, np.nan) if seen.any() else value)
+        if shown.any():
+            data.append(tr.line(time, np.where(shown, value, np.nan), called, colour))
+        lines.append(np.where(seen, value, np.nan) if seen.any() else value)
     held = trajectories.held.get(name)
     if held is not None and seen.any() and not seen.all():
         last = np.where(seen, np.nan, scale * held)
@@ -217,7 +224,7 @@ def _estimate(name: str, diagnosis: Diagnosis, trajectories: Trajectories) -> li
     if baseline is not None:
         data.append(tr.level(time, baseline, "healthy baseline", colour=tr.GREEN))
     layout = tr.layout()
-    span = y_range(limits, baseline)
+    span = y_range(lines, bands, baseline)
     if span is not None:
         layout["yaxis"]["range"] = span
     layout["shapes"] = [tr.shade(a, b) for a, b in intervals(time, ~seen)]
@@ -225,12 +232,22 @@ def _estimate(name: str, diagnosis: Diagnosis, trajectories: Trajectories) -> li
     return [Figure(f"estimate-{name}", title, data, layout, unit, note)]
 
 
-def y_range(limits: list[Column], baseline: float | None) -> list[float] | None:
-    """A y range that a filter's wide first second does not spoil; zooming out shows the rest."""
-    everything = np.concatenate([x[np.isfinite(x)] for x in limits]) if limits else np.empty(0)
+def y_range(lines: list[Column], bands: list[Column], baseline: float | None) -> list[float] | None:
+    """A y range that a filter's wide first seconds do not spoil and that holds a fault which has just begun.
+
+    Parameters
+    ----------
+    lines, bands : (n,) each, estimates and the edges of their bands. Zooming out shows the rest.
+    """
+    everything = np.concatenate([x[np.isfinite(x)] for x in [*lines, *bands]] or [np.empty(0)])
     if not everything.size:
         return None
     low, high = (float(q) for q in np.percentile(everything, (1.0, 99.0)))
+    later = np.concatenate([x[x.size // 10 :] for x in lines])
+    if np.isfinite(later).any():
+        most = 3.0 * (high - low)
+        low = max(min(low, float(np.nanmin(later))), low - most)
+        high = min(max(high, float(np.nanmax(later))), high + most)
     if baseline is not None:
         low, high = min(low, baseline), max(high, baseline)
     pad = 0.12 * (high - low) or 0.1 * abs(high) or 1.0
@@ -243,38 +260,14 @@ def _features(trajectories: Trajectories) -> list[Figure]:
         return []
     magnitude = np.abs(np.where(np.isfinite(features), features, 0.0))
     # The strongest by what they reach for a tenth of the time, not by one spike.
-    order = np.argsort(-np.percentile(magnitude, 90.0, axis=0), kind="stable")
-    shown = order[:FEATURE_LINES]
+    shown = np.argsort(-np.percentile(magnitude, 90.0, axis=0), kind="stable")[: len(tr.LINE_COLOURS)]
     lines = [
         tr.line(time, features[:, i], _feature_title(names[i]), tr.LINE_COLOURS[rank], buckets=BUCKETS // 2)
         for rank, i in enumerate(shown)
     ]
     limit = [tr.level(time, 1.0, "healthy", colour=tr.GREY, dash="dot")]
-    title = "Misfit of balances" if len(names) <= FEATURE_LINES else f"The {FEATURE_LINES} worst balances"
-    out = [Figure("features", title, lines + limit, tr.layout(), MISFIT, wide=True, height=320)]
-    if len(names) > FEATURE_LINES:
-        out.append(_feature_map(time, features, names, order))
-    return out
-
-
-def _feature_map(time: Column, features: Column, names: list[str], order: NDArray[np.intp]) -> Figure:
-    """All features as one picture, the strongest on top."""
-    from_below = order[::-1]
-    table = strongest(features[:, from_below], 600)
-    middle = bucket_means(time, 600)
-    data = [{
-        "type": "heatmap", "x": tr.packed(middle),
-        "y": [tr.label(_feature_title(names[i])) for i in from_below],
-        "z": tr.packed(np.clip(table, -1e6, 1e6).T), "zmin": 0.0, "zmax": FEATURE_LIMIT,
-        "colorscale": MISFIT_COLOURS, "hoverongaps": False,
-        "hovertemplate": "%{y}: %{z:.1f} at %{x:.1f} s<extra></extra>",
-        "colorbar": {"thickness": 10, "len": 1.0, "outlinewidth": 0},
-    }]  # fmt: skip
     layout = tr.layout()
-    layout["yaxis"] = {"automargin": True, "tickfont": {"size": 10}, "dtick": 1, "ticks": ""}
-    layout["hovermode"] = "closest"
-    height = int(min(140 + 17 * len(names), 900))
-    return Figure("feature-map", "All balances", data, layout, MISFIT, wide=True, height=height)
+    return [Figure("features", "Misfit of balances", lines + limit, layout, MISFIT, wide=True, height=320)]
 
 
 def _feature_title(name: str) -> str:

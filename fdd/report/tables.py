@@ -73,7 +73,7 @@ def _estimate_row(name: str, estimate: Estimate) -> dict[str, str]:
         "unit": unit,
         "baseline": number(scaled[0]),
         "value": with_std(scaled[1], scaled[2]),
-        "change": change,
+        "change": change if estimate.observable else "not seen",
         "observable": "yes" if estimate.observable else "no",
         "held": _held(estimate, scale),
     }
@@ -84,6 +84,8 @@ def _held(estimate: Estimate, scale: float) -> str:
     if estimate.observable or estimate.held is None or estimate.age_s is None:
         return ""
     std = None if estimate.held_std is None else estimate.held_std * scale
+    if std is not None and std > abs(estimate.held * scale):  # it never was known
+        return ""
     return f"{with_std(estimate.held * scale, std)}, {span(estimate.age_s)} before the end"
 
 
@@ -151,7 +153,11 @@ def unit_rows(unit: Unit) -> list[tuple[str, str]]:
         ("Moving mass", f"{c.moving_mass:.4g} kg"),
         ("Chamber volumes at mid-stroke", f"{c.volume_1 * 1e3:.4g} and {c.volume_2 * 1e3:.4g} L"),
         ("Pump displacement", f"{unit.pump.displacement * 1e6 * 2 * math.pi:.4g} cm³/rev"),
-        ("Leakage coefficient", f"{unit.pump.total_leakage * 1e12:.4g} × 10⁻¹² m³/(s·Pa)"),
+        (
+            "Leakage coefficient",
+            f"{unit.pump.total_leakage * 1e12:.4g} × 10⁻¹² m³/(s·Pa), which are "
+            f"{unit.pump.total_leakage * 6e12:.4g} mL/min/bar, at {unit.oil.reference_temperature:g} °C",
+        ),
         (
             "Effective bulk modulus",
             f"{unit.oil.bulk_modulus * 1e-6:.4g} MPa at {unit.oil.reference_pressure * 1e-5:.3g} bar",

@@ -22,7 +22,7 @@ BLUE, VERMILLION, GREEN, ORANGE = "#0072B2", "#D55E00", "#009E73", "#E69F00"
 SKY, PURPLE, YELLOW, GREY = "#56B4E9", "#CC79A7", "#F0E442", "#8A8F98"
 MARK = "mark"
 """Name of the shapes and labels that the page paints in its text colour, light or dark."""
-LINE_COLOURS = (BLUE, VERMILLION, GREEN, ORANGE, PURPLE, SKY)
+LINE_COLOURS = (BLUE, VERMILLION, GREEN, ORANGE, PURPLE, SKY, GREY)
 
 
 def packed(values: NDArray[Any]) -> dict[str, str]:
@@ -84,7 +84,7 @@ def scatter(x: Any, y: Any, name: str | None = None, *, mode: str = "lines", **m
 def layout(x: str = "time (s)", **y_axis: Any) -> dict[str, Any]:
     """The layout that all figures have; `y_axis` beside or instead of what is usual."""
     return {
-        "xaxis": {"title": {"text": x}, "hoverformat": ".2f"},
+        "xaxis": {"title": {"text": x}, "hoverformat": ".2f", "exponentformat": "none"},
         "yaxis": {"hoverformat": ".4~g", **y_axis},
         "shapes": [],
         "annotations": [],

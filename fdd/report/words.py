@@ -3,10 +3,13 @@
 from __future__ import annotations
 
 import math
+import re
 from dataclasses import dataclass, field
 
 from fdd.diagnosis.findings import ESTIMATED, Diagnosis, FaultFinding, Invisible
 from fdd.faults import CATALOGUE
+from fdd.residuals.quantities import Scales
+from fdd.unit import Unit
 
 FAMILY_TITLES = {
     "healthy": "Healthy",
@@ -101,21 +104,30 @@ def either(names: list[str]) -> str:
     return names[0] if len(names) == 1 else f"{', '.join(names[:-1])} or {names[-1]}"
 
 
-def finding_words(finding: FaultFinding) -> FindingWords:
-    """One finding in words."""
-    title = fault_title(finding.fault)
+def candidates(finding: FaultFinding) -> str:
+    """The fault, or the faults that it cannot be told from, each with its share where that is known."""
+    first, *others = (
+        fault_title(f) + (f" ({percent(finding.shares[f])})" if f in finding.shares else "")
+        for f in dict.fromkeys([finding.fault, *finding.ambiguity])
+    )
+    if len(others) > 1:
+        return f"{first} or one of {len(others)} others"
+    return either([first, *others])
+
+
+def finding_words(finding: FaultFinding, unit: Unit | None = None) -> FindingWords:
+    """One finding in words.
+
+    Parameters
+    ----------
+    unit : profile whose size severity 1 is told for; the thesis's where None.
+    """
+    title = candidates(finding)
     parts = [title[:1].upper() + title[1:], f"since {seconds(finding.onset_s)}"]
     if finding.severity is not None and math.isfinite(finding.severity):
         parts.append(f"severity {finding.severity:.2f}")
     parts.append(f"{percent(finding.confidence)} sure")
-    others = [fault_title(f) for f in finding.ambiguity if f != finding.fault]
-    alternatives = ""
-    if others:
-        alternatives = (
-            f"It could as well be {either(others)}: the signals in this log cannot tell these apart, "
-            f"and {percent(finding.confidence)} is for the group as a whole."
-        )
-    scale = CATALOGUE[finding.fault].severity if finding.fault in CATALOGUE else ""
+    scale = severity_one(finding.fault, unit)
     severity = f"Severity 1.0 means: {scale}." if scale and finding.severity is not None else ""
     if severity and finding.severity_interval is not None:
         low, high = finding.severity_interval
@@ -128,8 +140,56 @@ def finding_words(finding: FaultFinding) -> FindingWords:
     named = place(finding)
     where = f"Where and how: {named}." if named else ""
     return FindingWords(
-        ", ".join(parts), alternatives, severity, f"{detection}.", list(finding.evidence), where, check
+        ", ".join(parts),
+        _alternatives(finding),
+        severity,
+        f"{detection}.",
+        list(finding.evidence),
+        where,
+        check,
     )
+
+
+def _alternatives(finding: FaultFinding) -> str:
+    """What else it may be; less likely is what has under half the share of the fault that is named."""
+    shares, alike, less = finding.shares, [], []
+    for name in finding.ambiguity:
+        if name in shares and shares[name] < 0.5 * shares.get(finding.fault, 1.0):
+            less.append(f"{fault_title(name)} ({percent(shares[name])})")
+        elif name != finding.fault:
+            alike.append(fault_title(name) + (f" ({percent(shares[name])})" if name in shares else ""))
+    said = [f"it could as well be {either(alike)}"] if alike else []
+    said += [f"less likely it is {either(less)}"] if less else []
+    if not said:
+        return ""
+    text = "; ".join(said)
+    return (
+        f"{text[:1].upper()}{text[1:]}: the signals in this log cannot tell these apart, "
+        f"and {percent(finding.confidence)} is for the group as a whole."
+    )
+
+
+def severity_one(fault: str, unit: Unit | None) -> str:
+    """What severity 1 of a fault means, in figures of this unit's size; of the thesis's where None."""
+    text = CATALOGUE[fault].severity if fault in CATALOGUE else ""
+    if unit is None:
+        return text
+    scales, thesis = Scales.of(unit), Scales.of(Unit.load("axis_a"))
+    factors = {
+        "m³/(s·Pa)": scales.fault_leakage / thesis.fault_leakage,
+        "m³/s": scales.orifice / thesis.orifice,
+        "kPa": scales.pressure / thesis.pressure,
+    }
+
+    def own(found: re.Match[str]) -> str:
+        if factors[found[2]] == 1.0:
+            return found[0]
+        power = "e-12" if "e-12" in found[1] else ""
+        value = float(found[1].removesuffix(power)) * factors[found[2]]
+        return f"{value:.3g}{power} {found[2]}"
+
+    # A pressure in the case is the accumulator's, no scale.
+    return re.sub(r"([\d.]+(?:e-\d+)?) (m³/\(s·Pa\)|m³/s|kPa)(?! in the case)", own, text)
 
 
 def place(named: FaultFinding | Invisible) -> str:
@@ -138,7 +198,7 @@ def place(named: FaultFinding | Invisible) -> str:
     return ", ".join([*parts, *(x.replace("_", " ") for x in (named.channel, named.variant) if x)])
 
 
-def verdict_words(diagnosis: Diagnosis) -> VerdictWords:
+def verdict_words(diagnosis: Diagnosis, unit: Unit | None = None) -> VerdictWords:
     """The diagnosis in words.
 
     Examples
@@ -151,7 +211,7 @@ def verdict_words(diagnosis: Diagnosis) -> VerdictWords:
     """
     kind, mark = diagnosis.verdict, MARKS[diagnosis.verdict]
     ordered = sorted(diagnosis.faults, key=lambda f: -f.confidence)
-    findings = [finding_words(f) for f in ordered]
+    findings = [finding_words(f, unit) for f in ordered]
     if kind == "healthy":
         sure = diagnosis.probabilities.get("healthy")
         remark = "" if sure is None else f"{percent(sure).capitalize()} sure."

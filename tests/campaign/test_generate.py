@@ -15,7 +15,6 @@ from fdd.campaign.dataset import Dataset
 from fdd.campaign.generate import generate
 from fdd.campaign.recipe import Recipe
 from fdd.errors import InputError
-from fdd.logs import read_log
 from fdd.plant.faults.scales import FaultScales
 from fdd.plant.oil import viscosity_ratio
 from fdd.unit import Unit
@@ -77,14 +76,6 @@ def test_layout_labels_and_truth_belong_together(made: Path) -> None:
         assert [s.duration > 10.0 for s in data.baseline(unit_name)] == [True, True, True]
         assert [e.unit for e in data.logs_of(unit_name)] == [unit_name] * 2
         assert isinstance(data.true_unit(unit_name), Unit)
-
-
-@pytest.mark.slow
-def test_two_workers_make_the_same_bytes_as_one(tmp_path: Path) -> None:
-    recipe = small(units=1)
-    one = generate(recipe, tmp_path / "one")
-    two = generate(recipe, tmp_path / "two", workers=2)
-    assert contents(one) == contents(two)
 
 
 def test_progress_counts_every_run_once(tmp_path: Path) -> None:
@@ -187,13 +178,6 @@ def test_mcap_logs_hold_the_same_samples_as_parquet_ones(tmp_path: Path) -> None
     np.testing.assert_allclose(a.time, b.time, atol=1e-9)
     for channel in a.channels:
         np.testing.assert_allclose(a[channel], b[channel], rtol=1e-9, atol=1e-12)
-
-
-def test_a_log_reads_without_a_channel_map(made: Path) -> None:
-    log = read_log(made / "unit_000" / "log_000.parquet")
-    assert {"position", "pump_angle", "pressure_difference", "pressure_1", "command"} <= set(
-        log.samples.channels
-    )
 
 
 def test_what_is_no_data_set_is_refused(tmp_path: Path) -> None:

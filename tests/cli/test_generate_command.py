@@ -47,28 +47,6 @@ def test_twins_on_the_command_line_stand_for_the_recipes(run, one_line, tmp_path
     one_line(run("generate", recipe, "-o", tmp_path / "maybe"), "twins.yaml", "twins", "maybe")
 
 
-@pytest.mark.parametrize(
-    ("extra", "words"),
-    [
-        ("faults: {seal_wear: {laws: [worn]}}", ("seal_wear laws", "'worn'", "use: whole, coulomb")),
-        ("laws: every", ("laws", "every")),
-        ("profiles: {parabola: 1}", ("profiles", "'parabola'", "use: step, ramp")),
-        ("population: normal", ("population", "normal")),
-        (
-            "structures: [{name: a, profile: {accumulator: {gas_volume: [0, 1.0e-4]}}}]",
-            ("structure a profile accumulator", "gas_volume"),
-        ),
-    ],
-)
-def test_what_no_recipe_can_ask_for_is_told_in_one_line(
-    run, one_line, tmp_path: Path, extra: str, words: tuple[str, ...]
-) -> None:
-    recipe = tmp_path / "wrong.yaml"
-    recipe.write_text(RECIPE + extra + "\n", encoding="utf-8")
-    one_line(run("generate", recipe, "-o", tmp_path / "out"), "wrong.yaml", *words)
-    assert not (tmp_path / "out").exists()
-
-
 @pytest.mark.parametrize("volume", [None, 0])
 def test_a_base_whose_accumulator_has_no_size_is_told_in_one_line(
     run, one_line, tmp_path: Path, volume: int | None

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import io
 import json
 import shutil
 from pathlib import Path
@@ -11,10 +12,13 @@ from typing import Any
 import numpy as np
 import pytest
 from jsonschema import Draft202012Validator
+from rich.console import Console
 
+from fdd.cli.tables import print_sheet
 from fdd.logs.mcap_runs import RunBlock, write_blocks
 from fdd.plant.scenario import Scenario
 from fdd.plant.simulate import simulate
+from fdd.report.sheet import Table
 from fdd.unit import Unit
 
 UNIT = Unit.load("axis_a")
@@ -155,3 +159,16 @@ def test_wrong_input_is_one_line(run, one_line, life: Path, tmp_path: Path) -> N
     answers.write_text("")
     one_line(run("trend", answers), "no log")
     one_line(run("trend", log, "-o", log), "a folder is wanted")
+
+
+@pytest.mark.parametrize("width", [40, 80, 140])
+def test_no_number_is_cut_and_no_name_broken_however_narrow_the_terminal(width: int) -> None:
+    rows = [
+        ("relief_valve_stuck_open.mcap", "faulty: relief valve stuck open", "14.7 ± 3.0", "0.259 ± 0.087"),
+        ("h1.mcap", "healthy", "0.991 ± 0.038", "0.4399 ± 0.0066"),
+    ]
+    table = Table("Logs", ("Log", "Verdict", "Leakage coefficient", "Bulk modulus"), rows, numbers=False)
+    screen = io.StringIO()
+    print_sheet(Console(width=width, file=screen), [], [table], [])
+    for cell in (c for row in rows for k, c in enumerate(row) if k != 1):
+        assert cell in screen.getvalue(), cell

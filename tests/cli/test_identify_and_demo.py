@@ -7,6 +7,7 @@ import io
 import json
 import math
 import re
+import shlex
 import sys
 from importlib import resources
 from pathlib import Path
@@ -14,6 +15,7 @@ from pathlib import Path
 import pytest
 from rich.console import Console
 
+from fdd.campaign.scores import wilson
 from fdd.campaign.train import ScoredLog
 from fdd.cli.train import confusion_table
 from fdd.diagnosis.baseline import BASELINE_VERSION
@@ -118,7 +120,7 @@ def test_the_shipped_demo_is_of_this_version_and_small() -> None:
     assert len((folder / "demo.mcap").read_bytes()) < 2_500_000
 
 
-def _says_leakage(run, tmp_path: Path, *model: object) -> None:
+def _says_leakage(run, tmp_path: Path, *model: object) -> str:
     out = tmp_path / "report.html"
     result = run("demo", "-o", out, *model)
     assert result.exit_code == 0, result.stderr
@@ -127,10 +129,18 @@ def _says_leakage(run, tmp_path: Path, *model: object) -> None:
     assert str(out) in result.stdout.replace("\n", "")
     assert "Internal leakage" in out.read_text(encoding="utf-8")
     assert [p.name for p in tmp_path.iterdir()] == ["report.html"]
+    return str(result.stdout)
 
 
-def test_the_demo_finds_the_leak(run, tiny_model_file, tmp_path: Path) -> None:
-    _says_leakage(run, tmp_path, "--model", tiny_model_file)
+def test_the_demo_finds_the_leak_and_names_the_command_as_it_was_called(
+    run, tiny_model_file, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """After ``make demo`` fdd is in no path."""
+    monkeypatch.setattr("shutil.which", lambda name: None)
+    monkeypatch.setattr(sys, "argv", [".venv/bin/fdd", "demo"])
+    last = _says_leakage(run, tmp_path, "--model", tiny_model_file).splitlines()[-1]
+    words = shlex.split(last.partition(": ")[2])
+    assert words[:2] == [".venv/bin/fdd", "diagnose"] and all(Path(words[k]).is_file() for k in (2, 4))
 
 
 def test_the_demo_finds_the_leak_with_the_shipped_model(run, tmp_path: Path) -> None:
@@ -158,14 +168,6 @@ format: parquet
 """
 
 
-def test_generate_makes_a_data_set(run, tmp_path: Path) -> None:
-    recipe, out = tmp_path / "recipe.yaml", tmp_path / "set"
-    recipe.write_text(RECIPE)
-    result = run("generate", recipe, "-o", out, "--workers", 1)
-    assert result.exit_code == 0, result.stderr
-    assert len(list(out.glob("*/log_*.parquet"))) == 4 and (out / "manifest.json").is_file()
-
-
 def test_an_engine_that_is_not_there_is_refused(run, one_line, tmp_path, monkeypatch) -> None:
     recipe = tmp_path / "recipe.yaml"
     recipe.write_text(RECIPE)
@@ -188,4 +190,5 @@ def test_training_results_are_shown_by_true_family() -> None:
     screen = io.StringIO()
     Console(width=100, file=screen).print(confusion_table(logs))
     shown = [line.split() for line in screen.getvalue().splitlines()]
-    assert ["healthy", "1", "2"] in shown and ["leakage", "1", "·"] in shown
+    assert ["healthy", "1", "2", *wilson(2, 3).split()] in shown
+    assert ["leakage", "1", "·", *wilson(1, 1).split()] in shown

@@ -9,7 +9,6 @@ import subprocess
 import sys
 from pathlib import Path
 
-import numpy as np
 import pandas as pd
 import pytest
 
@@ -87,6 +86,9 @@ def test_a_bad_log_is_refused(run, one_line, table, tiny_model_file, tmp_path, k
             ["map.yaml", "'bar' measures pressure, not length"],
         ),
         ("positon: {column: position}\n", ["positon"]),
+        ("position: {column: position, unit: furlong}\n", ["unknown unit 'furlong'"]),
+        ("chanels: {position: {column: position}}\n", ["did you mean 'channels'?"]),
+        ("chanels: {position: {column: position}}\nchannels: {}\n", ["did you mean 'channels'?"]),
         ("- a\n- b\n", ["not a channel map"]),
         ("{", ["not valid YAML"]),
     ],
@@ -271,8 +273,3 @@ def test_names_and_notes_from_a_log_are_no_markup(run, logs, tiny_model_file, tm
     shutil.copy(logs["csv"], path)
     result = run("diagnose", path, "--model", tiny_model_file)
     assert result.exit_code == 0 and "[red]x[bold].csv" in result.stdout
-
-
-def test_columns_of_nothing_but_nan_are_refused(run, one_line, table, tiny_model_file, tmp_path) -> None:
-    path = _csv(tmp_path / "nan.csv", table.assign(position=np.nan))
-    one_line(run("diagnose", path, "--model", tiny_model_file), "position")

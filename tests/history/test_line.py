@@ -64,6 +64,20 @@ def test_intervals_hold_the_truth_as_often_as_they_say(tau: float, stds: float, 
     assert abs(crossed / 300 - 0.80) < 0.060
 
 
+@pytest.mark.parametrize("n", [4, 6])
+def test_few_logs_that_know_unequally_much_show_no_slope_but_one_in_twenty(n: int) -> None:
+    """Where τ is found to be 0, the log that says it knows best bends the line."""
+    design = np.column_stack([np.ones(n), np.linspace(-1.0, 0.0, n)])
+    told = 0
+    for seed in range(400):
+        rng = np.random.default_rng(seed)
+        stds = 0.04 * np.exp(rng.standard_normal(n))
+        values = 1.0 + rng.normal(0.0, 0.05, n) + rng.normal(0.0, stds)
+        told += fit_line(values, stds, design, between=0.05).p_value(1) < 0.05
+    # Binomial, 2.6 standard deviations; without the least τ it is 0.12.
+    assert told / 400 < 0.05 + 0.028
+
+
 def test_a_slope_that_is_not_told_comes_to_no_level() -> None:
     values = 1.0 + np.random.default_rng(4).normal(0.0, 0.1, 12)
     assert fit_line(values, np.full(12, 0.1), DESIGN).crossing(5.0) is None

@@ -84,6 +84,19 @@ def test_what_cannot_be_read_or_has_a_failed_sensor_does_not_count() -> None:
     assert trend_csv(told(bad)).count("\r\n") == 14
 
 
+def test_faults_stand_first_on_no_green_page_and_doubt_about_the_order_is_told() -> None:
+    answers = life(2)
+    answers[4] = alarmed(answers[4], "internal_leakage", "leakage")
+    found, courses = trend_of(answers, LIMITS)
+    assert found.headline.startswith("faults in 1 of 12 logs (internal leakage); no trend")
+    assert trend_sheet(found, courses).kind == "faulty" and found.notes == []
+    assert trend_sheet(*trend_of(life(2), LIMITS)).kind == "healthy"
+    answers[1].duration_s = 1e9
+    assert "had ended" in told(answers).notes[0]
+    falling = life(8, growth=-1.2)
+    assert all(float(c.line.min(initial=0.0)) >= 0.0 for c in trend_of(falling, LIMITS)[1])
+
+
 def test_too_few_logs_or_none_of_another_time_give_no_line() -> None:
     few = told(life(3, logs=3))
     assert all(t.slope is None and "3 logs" in t.sentence for t in few.trends)

@@ -106,6 +106,28 @@ def test_unusable_content(case: str, kind: str, tmp_path: Path) -> None:
         assert part in line, line
 
 
+@pytest.mark.parametrize(
+    ("columns", "factor", "said", "words"),
+    [
+        (PRESSURES, 1e-5, "kPa", ["look like bar", " kPa)", "give unit: bar"]),
+        (PRESSURES, 1e-8, "bar", ["no pressures of a cylinder", " bar)", "correct its scale or unit"]),
+        (PRESSURES, 1.0, "bar", ["e+05 bar", "give unit: Pa"]),
+        (["position"], 1e3, "cm", [" cm, looks like mm", "give unit: mm"]),
+    ],
+)
+def test_a_hint_tells_the_numbers_that_were_written(
+    columns: list[str], factor: float, said: str, words: list[str], tmp_path: Path
+) -> None:
+    content = scaled(columns, factor)(frame())
+    content["position"] += 2.0 * factor if columns == ["position"] else 0.0
+    content.to_csv(tmp_path / "log.csv", index=False)
+    units = {c: f"{{column: {c}{f', unit: {said}' if c in columns else ''}}}" for c in content}
+    (tmp_path / "map.yaml").write_text("".join(f"{c}: {entry}\n" for c, entry in units.items()))
+    line = refused_log(tmp_path / "log.csv", map=tmp_path / "map.yaml")
+    for part in words:
+        assert part in line, line
+
+
 def test_the_place_of_a_backwards_clock(tmp_path: Path) -> None:
     back_one_second(frame()).to_csv(tmp_path / "a.csv", index=False)
     lines = (tmp_path / "a.csv").read_text().splitlines()
@@ -164,7 +186,7 @@ def test_what_is_no_log_at_all(tmp_path: Path) -> None:
         ("d.parquet", b"time,position\n", "not a Parquet file"),
         ("e.csv", b"\x1f\x8b\x08rest", "damaged gzip file"),
         ("f.csv", bytes(range(256)) * 20, "of no known format"),
-        ("g.mcap", b"\x89MCAP0\r\n", "no usable channels"),
+        ("g.mcap", b"\x89MCAP0\r\n", "cut off before its first message"),
     ):
         (tmp_path / name).write_bytes(content)
         assert said in refused_log(tmp_path / name)

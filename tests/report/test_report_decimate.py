@@ -18,7 +18,6 @@ from fdd.report.decimate import (
     decimate,
     envelope,
     intervals,
-    strongest,
 )
 from fdd.report.traces import on_grid, packed
 
@@ -106,16 +105,6 @@ def test_shares_still_sum_to_one_after_averaging() -> None:
     assert reduced.shape[0] <= 100
     np.testing.assert_allclose(reduced.sum(axis=1), 1.0)
     np.testing.assert_allclose(bucket_means(np.arange(6.0), 3), [0.5, 2.5, 4.5])
-
-
-def test_strongest_keeps_sign_and_size() -> None:
-    table = np.random.default_rng(4).normal(size=(999, 3))
-    table[500, 1] = -50.0
-    table[10, 2] = np.nan
-    reduced = strongest(table, 50)
-    assert reduced.shape[0] <= 50
-    assert reduced[:, 1].min() == -50.0
-    assert np.isfinite(reduced).all()
 
 
 def test_a_hole_in_time_breaks_the_line_once() -> None:

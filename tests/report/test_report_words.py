@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from pathlib import Path
 from typing import Any
 
 import pytest
@@ -16,12 +17,16 @@ from fdd.report.tables import (
     sensor_rows,
     with_std,
 )
-from fdd.report.words import finding_words, headline, percent, span, verdict_words
+from fdd.report.words import finding_words, headline, percent, severity_one, span, verdict_words
+from fdd.residuals.quantities import Scales
+from fdd.unit import Unit
+
+EXAMPLES = Path(__file__).parents[2] / "examples"
 
 
 def test_a_fault_in_one_line(case: Callable[..., Any]) -> None:
     words = verdict_words(case("faulty", rows=60_000).diagnosis)
-    assert words.headline == "Internal leakage, since 20.3 s, severity 0.41, 97 % sure"
+    assert words.headline == "Internal leakage or pump gear wear, since 20.3 s, severity 0.41, 97 % sure"
     assert "pump gear wear" in words.findings[0].alternatives
     assert "internal leakage" not in words.findings[0].alternatives
     assert words.findings[0].detection == "Detected at 20.9 s, 0.6 s after its onset."
@@ -31,6 +36,39 @@ def test_a_fault_in_one_line(case: Callable[..., Any]) -> None:
     assert "12e-12" in words.findings[0].severity
     assert words.findings[0].check == "To confirm it: Block the rod and read the pump's speed."
     assert words.findings[0].place == ""
+
+
+def test_the_shares_of_a_group_reach_the_headline_and_the_less_likely_is_said_to_be(
+    case: Callable[..., Any],
+) -> None:
+    finding = case("faulty", rows=6_000).diagnosis.faults[0]
+    finding.ambiguity = ["internal_leakage", "pump_wear", "oil_degradation"]
+    finding.shares = {"internal_leakage": 0.55, "pump_wear": 0.4, "oil_degradation": 0.05}
+    words = finding_words(finding)
+    assert words.headline.startswith("Internal leakage (55 %) or one of 2 others, since")
+    assert words.alternatives.startswith(
+        "It could as well be pump gear wear (40 %); less likely it is oil degradation (5 %): "
+    )
+
+
+def test_severity_one_is_that_of_the_unit() -> None:
+    thesis, lift = Unit.load("axis_a"), Unit.from_yaml((EXAMPLES / "rig7.base.yaml").read_text())
+    assert "+12e-12 m³/(s·Pa)" in severity_one("internal_leakage", None)
+    assert severity_one("internal_leakage", thesis) == severity_one("internal_leakage", None)
+    gross = 1e12 * Scales.of(lift).fault_leakage
+    assert f"{gross:.3g}e-12" in severity_one("internal_leakage", lift)
+    assert "250 kPa" not in severity_one("pressure_sensor_bias", lift)
+    assert severity_one("coupling_wear", lift) == severity_one("coupling_wear", None)
+
+
+def test_what_is_not_observable_is_no_change_and_what_never_was_known_no_value(
+    case: Callable[..., Any],
+) -> None:
+    diagnosis = case("faulty", rows=6_000).diagnosis
+    estimate = diagnosis.estimates["bulk_modulus"]
+    estimate.observable, estimate.held, estimate.held_std, estimate.age_s = False, 3.2e8, 7e11, 4.0
+    row = estimate_rows(diagnosis)[1]
+    assert (row["change"], row["held"]) == ("not seen", "")
 
 
 def test_a_fault_that_stands_alone_names_no_other(case: Callable[..., Any]) -> None:

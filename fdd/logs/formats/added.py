@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import TypeVar
 
@@ -33,23 +34,17 @@ def added_formats() -> list[Format]:
         except InputError as error:
             left_out(error)
             continue
-        found.append(replace(given, sniff=_sniff(addition, given), opener=_opener(addition, given.opener)))
+        opener = partial(CheckedLog, package=addition.package, opener=given.opener)
+        found.append(replace(given, sniff=partial(_told_by, addition, given), opener=opener))
     return found
 
 
-def _sniff(addition: Addition, given: Format) -> Callable[[bytes], bool]:
-    def sniff(head: bytes) -> bool:
-        try:
-            return bool(given.sniff(head))
-        except Exception as error:  # not every log may become unreadable
-            left_out(addition.wrong(f"cannot tell its files ({type(error).__name__}: {error})"))
-            return False
-
-    return sniff
-
-
-def _opener(addition: Addition, opener: Callable[[Path], LogFile]) -> Callable[[Path], LogFile]:
-    return lambda path: CheckedLog(path, addition.package, opener)
+def _told_by(addition: Addition, given: Format, head: bytes) -> bool:
+    try:
+        return bool(given.sniff(head))
+    except Exception as error:  # not every log may become unreadable
+        left_out(addition.wrong(f"cannot tell its files ({type(error).__name__}: {error})"))
+        return False
 
 
 class CheckedLog(LogFile):

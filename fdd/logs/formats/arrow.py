@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
-from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -11,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from fdd.errors import InputError
-from fdd.logs.formats.signals import LogFile, Signal, damaged, require_size, seconds_since, unit_among
+from fdd.logs.formats.signals import LogFile, Signal, readable, require_size, seconds_since, unit_among
 from fdd.samples import Column
 
 BATCH_ROWS = 1 << 16
@@ -32,7 +31,7 @@ class ArrowFile(LogFile):
         wanted = list(dict.fromkeys(names))
         dated: dict[str, list[Any]] = {}
         rows = 0
-        try:
+        with readable(f"damaged {self.kind} file", self.path):
             out = {name: np.empty(self.rows) for name in wanted}
             for batch in self._batches(wanted):
                 batch.validate()  # columns of several lengths, for one
@@ -45,8 +44,6 @@ class ArrowFile(LogFile):
                         dated.setdefault(name, []).append(column)
                     else:
                         out[name][start:rows] = self._numbers(pa.chunked_array([column]), name)
-        except (pa.ArrowException, OSError, MemoryError) as error:
-            raise damaged(f"damaged {self.kind} file", self.path, error) from None
         for name, parts in dated.items():
             out[name] = self._numbers(pa.chunked_array(parts), name)
         pa.default_memory_pool().release_unused()
@@ -132,7 +129,7 @@ def open_parquet(path: Path) -> ArrowFile:
     """
     from pyarrow import parquet
 
-    with _readable("Parquet", path), parquet.ParquetFile(path) as source:
+    with readable("not readable as Parquet", path), parquet.ParquetFile(path) as source:
         return _opened(path, "Parquet", source.schema_arrow, source.metadata.num_rows)
 
 
@@ -145,19 +142,13 @@ def open_feather(path: Path) -> ArrowFile:
     """
     import pyarrow as pa
 
-    with _readable("Feather", path), pa.memory_map(str(path)) as source, pa.ipc.open_file(source) as reader:
+    with (
+        readable("not readable as Feather", path),
+        pa.memory_map(str(path)) as source,
+        pa.ipc.open_file(source) as reader,
+    ):
         rows = sum(reader.get_batch(k).num_rows for k in range(reader.num_record_batches))
         return _opened(path, "Feather", reader.schema, rows)
-
-
-@contextmanager
-def _readable(kind: str, path: Path) -> Iterator[None]:
-    import pyarrow as pa
-
-    try:
-        yield
-    except (pa.ArrowException, OSError, UnicodeError) as error:  # a damaged name is no text
-        raise damaged(f"not readable as {kind}", path, error) from None
 
 
 def _opened(path: Path, kind: str, schema: Any, rows: int) -> ArrowFile:

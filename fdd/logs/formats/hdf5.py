@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from fdd.bounds import MOST_MATRIX_COLUMNS
 from fdd.errors import InputError
-from fdd.logs.formats.signals import damaged, require_stored, unit_among
+from fdd.logs.formats.signals import readable, require_stored, unit_among
 from fdd.logs.formats.trees import Leaf, TreeFile, tree_file
 
 _UNITS = ("unit", "units")
@@ -34,17 +34,12 @@ def open_hdf5(path: Path) -> TreeFile:
     check_hdf5(path)
     groups: dict[str, dict[str, Leaf]] = {}
     scalars: dict[str, dict[str, float]] = {}
-    try:
-        with h5py.File(path) as file:
-            for group, own in [("", file), *_groups(file)]:
-                for key, value in own.attrs.items():
-                    if np.ndim(value) == 0 and isinstance(value, int | float | np.number):
-                        scalars.setdefault(group, {})[key] = float(value)
-                _take_group(path, group, own, groups, scalars)
-    except InputError:
-        raise
-    except Exception as error:  # h5py turns the C library's errors into many kinds
-        raise damaged("damaged HDF5 file", path, error) from None
+    with readable("damaged HDF5 file", path), h5py.File(path) as file:
+        for group, own in [("", file), *_groups(file)]:
+            for key, value in own.attrs.items():
+                if np.ndim(value) == 0 and isinstance(value, int | float | np.number):
+                    scalars.setdefault(group, {})[key] = float(value)
+            _take_group(path, group, own, groups, scalars)
     return tree_file(path, groups, scalars)
 
 
@@ -120,11 +115,8 @@ def _leaves(path: Path, name: str, node: Any) -> dict[str, Leaf]:
 def _load(path: Path, name: str, part: Any) -> NDArray[np.generic]:
     import h5py
 
-    try:
-        with h5py.File(path) as file:
-            return np.asarray(file[name][part])
-    except (OSError, KeyError, MemoryError) as error:
-        raise damaged(f"{name} cannot be read", path, error) from None
+    with readable(f"{name} cannot be read", path), h5py.File(path) as file:
+        return np.asarray(file[name][part])
 
 
 _MARK = b"GCOL\x01\0\0\0"

@@ -15,9 +15,9 @@ from typing import Any
 
 import numpy as np
 
-from fdd.bounds import DEEPEST_STRUCT, MOST_MATRIX_COLUMNS, MOST_MATRIX_DEPTH, limit, raised
+from fdd.bounds import DEEPEST_STRUCT, MOST_MATRIX_COLUMNS, MOST_MATRIX_DEPTH, limit
 from fdd.errors import InputError
-from fdd.logs.formats.signals import damaged
+from fdd.logs.formats.signals import readable, require_size
 from fdd.logs.formats.trees import Leaf, TreeFile, tree_file
 
 
@@ -30,20 +30,10 @@ def open_matlab(path: Path) -> TreeFile:
     """
     from scipy.io import loadmat, whosmat
 
-    try:
+    with readable("damaged MATLAB file", path, "save it again"):
         check_matlab(path)
-        sizes = [int(np.prod(shape, dtype=np.float64)) for _, shape, _ in whosmat(path)]
-        if sum(sizes) > (most := limit("MAX_VALUES")):
-            raise InputError(
-                f"{sum(sizes)} numbers, at most {most} are read",
-                where=path,
-                mend=f"split it, {raised('MAX_VALUES', sum(sizes))}",
-            )
+        require_size(sum(int(np.prod(shape, dtype=np.float64)) for _, shape, _ in whosmat(path)), 1, path)
         content = loadmat(path, simplify_cells=True)
-    except InputError:
-        raise
-    except Exception as error:  # scipy's reader lets whatever a damaged file provokes through
-        raise damaged("damaged MATLAB file", path, error, "save it again") from None
     groups: dict[str, dict[str, Leaf]] = {}
     scalars: dict[str, dict[str, float]] = {}
     _walk({k: v for k, v in content.items() if not k.startswith("__")}, "", groups, scalars, 0)

@@ -209,6 +209,7 @@ def open_mcap(path: Path) -> McapFile:
         _add_fields(log, walk, batch)
         if known and known.keys() <= seen:
             break
+    log.truncated = walk.truncated
     log.topics = list(dict.fromkeys(c.topic for c in walk.channels.values()))
     for number, count in known.items():
         if number in walk.channels:

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Callable
-from contextlib import redirect_stdout, suppress
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, redirect_stdout, suppress
 from io import StringIO
 from pathlib import Path
 from typing import Any
@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fdd.errors import InputError
-from fdd.logs.formats.signals import damaged, require_stored
+from fdd.logs.formats.signals import readable, require_stored
 from fdd.logs.formats.trees import Leaf, TreeFile, tree_file
 
 _IN_RECORD = (0, 1, 2, 4, 5)
@@ -32,7 +32,7 @@ def open_mdf(path: Path) -> TreeFile:
 
     logging.getLogger("asammdf").setLevel(logging.CRITICAL)  # it tells of each oddity on standard error
     groups: dict[str, dict[str, Leaf]] = {}
-    try:
+    with readable("damaged MDF file", path), _quiet():
         with redirect_stdout(StringIO()):  # it prints what it cannot make sense of
             file = MDF(path)
         start = file.header.start_time
@@ -49,12 +49,6 @@ def open_mdf(path: Path) -> TreeFile:
                 _require_inside(path, group.channel_group, channel)
                 if index != master:
                     own[channel.name] = Leaf(rows, _loader(path, file, number, index), channel.unit or None)
-    except InputError:
-        _quieten()
-        raise
-    except Exception as error:  # asammdf lets whatever a damaged file provokes through
-        _quieten()
-        raise damaged("damaged MDF file", path, error) from None
     found = tree_file(path, groups)
     found.start_ns = int(start.timestamp() * 1e9) if start is not None and start.year > 1970 else 0
     return found
@@ -87,7 +81,7 @@ def _loader(path: Path, file: Any, group: int, index: int | None) -> Callable[[]
     """Reads a channel, or the group's stamps, of the file that stays open as long as this is held."""
 
     def load() -> NDArray[Any]:
-        try:
+        with readable("a channel cannot be read", path):
             with redirect_stdout(StringIO()):
                 if index is None:
                     return np.asarray(file.get_master(group))
@@ -96,18 +90,22 @@ def _loader(path: Path, file: Any, group: int, index: int | None) -> Callable[[]
             if signal.invalidation_bits is not None and values.dtype.kind in "fiub":
                 values = np.where(np.asarray(signal.invalidation_bits), np.nan, values)
             return values
-        except Exception as error:  # as above
-            raise damaged("a channel cannot be read", path, error) from None
 
     return load
 
 
-def _quieten() -> None:
+@contextmanager
+def _quiet() -> Iterator[None]:
     """Let what is left of a file that broke off while it was opened be thrown away without a word."""
-    from asammdf.blocks import mdf_v3, mdf_v4
 
     def close(half_open: Any) -> None:
         with suppress(Exception):
             half_open.close()
 
-    mdf_v3.MDF3.__del__ = mdf_v4.MDF4.__del__ = close
+    try:
+        yield
+    except Exception:
+        from asammdf.blocks import mdf_v3, mdf_v4
+
+        mdf_v3.MDF3.__del__ = mdf_v4.MDF4.__del__ = close
+        raise

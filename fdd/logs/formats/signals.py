@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -164,6 +165,17 @@ def damaged(what: str, where: Path, error: BaseException, mend: str = "copy it a
     """The one line of a file that its library cannot read, with the beginning of the library's own words."""
     brief = " ".join(str(error).split())[:120] or type(error).__name__
     return InputError(f"{what} ({brief})", where=where, mend=mend)
+
+
+@contextmanager
+def readable(what: str, where: Path, mend: str = "copy it again") -> Iterator[None]:
+    """Whatever a library raises of a damaged file, of many kinds, as `damaged`; what is ours passes."""
+    try:
+        yield
+    except InputError:
+        raise
+    except Exception as error:
+        raise damaged(what, where, error, mend) from None
 
 
 def seconds_since(stamps: NDArray[np.datetime64]) -> tuple[Column, int]:

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from fdd.logs.formats.signals import damaged, require_stored
+from fdd.logs.formats.signals import readable, require_stored
 from fdd.logs.formats.trees import Leaf, TreeFile, tree_file
 
 
@@ -28,25 +28,22 @@ def open_tdms(path: Path) -> TreeFile:
     scalars: dict[str, dict[str, float]] = {}
     start: Any = None
     declared = 0
-    try:
-        with TdmsFile.read_metadata(path) as file:
-            for group in file.groups():
-                for channel in group.channels():
-                    kind = None if channel.dtype is None else np.dtype(channel.dtype).kind
-                    if kind not in ("f", "i", "u", "b", "M"):
-                        continue
-                    unit = channel.properties.get("unit_string") or channel.properties.get("unit")
-                    declared += len(channel) * np.dtype(channel.dtype).itemsize
-                    groups.setdefault(group.name, {})[channel.name] = Leaf(
-                        len(channel),
-                        partial(_load, path, group.name, channel.name),
-                        str(unit) if unit else None,
-                    )
-                    if (step := channel.properties.get("wf_increment")) is not None:
-                        scalars.setdefault(group.name, {})["dt"] = float(step)
-                        start = start or channel.properties.get("wf_start_time")
-    except Exception as error:  # npTDMS lets struct, index and key errors of a damaged file through
-        raise damaged("damaged TDMS file", path, error) from None
+    with readable("damaged TDMS file", path), TdmsFile.read_metadata(path) as file:
+        for group in file.groups():
+            for channel in group.channels():
+                kind = None if channel.dtype is None else np.dtype(channel.dtype).kind
+                if kind not in ("f", "i", "u", "b", "M"):
+                    continue
+                unit = channel.properties.get("unit_string") or channel.properties.get("unit")
+                declared += len(channel) * np.dtype(channel.dtype).itemsize
+                groups.setdefault(group.name, {})[channel.name] = Leaf(
+                    len(channel),
+                    partial(_load, path, group.name, channel.name),
+                    str(unit) if unit else None,
+                )
+                if (step := channel.properties.get("wf_increment")) is not None:
+                    scalars.setdefault(group.name, {})["dt"] = float(step)
+                    start = start or channel.properties.get("wf_start_time")
     require_stored(declared, path.stat().st_size, path)
     found = tree_file(path, groups, scalars)
     if isinstance(start, np.datetime64):
@@ -57,8 +54,5 @@ def open_tdms(path: Path) -> TreeFile:
 def _load(path: Path, group: str, channel: str) -> Any:
     from nptdms import TdmsFile
 
-    try:
-        with TdmsFile.open(path) as file:
-            return file[group][channel][:]
-    except Exception as error:  # as above
-        raise damaged(f"{group}/{channel} cannot be read", path, error) from None
+    with readable(f"{group}/{channel} cannot be read", path), TdmsFile.open(path) as file:
+        return file[group][channel][:]
