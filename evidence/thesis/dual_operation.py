@@ -16,7 +16,7 @@ from evidence.thesis.findings import Finding, Picture, Table
 from evidence.thesis.position_step import GAIN
 from evidence.thesis.runs import PERIOD, VOLT, run_position, run_speed
 from fdd.plant.circuit import Circuit, Connect
-from fdd.plant.partner import Partner
+from fdd.plant.scenario import Partner
 from fdd.plant.simulate import Simulation
 from fdd.unit import Unit
 

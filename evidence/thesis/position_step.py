@@ -14,7 +14,7 @@ from evidence.thesis.leakage import holding_leakage
 from evidence.thesis.runs import PERIOD, VOLT, riding_partner, run_position
 from evidence.thesis.whole_eha import with_coulomb_alone, with_friction
 from fdd.plant.details import Details
-from fdd.plant.partner import Partner
+from fdd.plant.scenario import Partner
 from fdd.unit import Unit
 
 if TYPE_CHECKING:

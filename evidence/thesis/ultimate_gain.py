@@ -11,7 +11,7 @@ from evidence.thesis.findings import Finding, Picture, Row, Table, number_text
 from evidence.thesis.frequency_response import TransferFunction
 from evidence.thesis.runs import PERIOD, riding_partner, run_position
 from evidence.thesis.whole_eha import HIGH, HIGH_SPEED, LOW, respond, with_delay
-from fdd.plant.partner import Partner
+from fdd.plant.scenario import Partner
 from fdd.unit import Unit
 
 if TYPE_CHECKING:

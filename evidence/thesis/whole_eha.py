@@ -23,7 +23,7 @@ from fdd.identification.experiments.etfe import half_power_frequency
 from fdd.identification.experiments.hydraulic import from_profile
 from fdd.identification.experiments.response import decibel, degrees
 from fdd.plant.details import Details
-from fdd.plant.partner import Partner
+from fdd.plant.scenario import Partner
 from fdd.unit import Unit
 
 if TYPE_CHECKING:

@@ -20,8 +20,7 @@ from fdd.plant.integrator import LATE_PARTS, PERIOD, run
 from fdd.plant.prepare import Prepared, prepare, stream_of
 from fdd.plant.scenario import Scenario
 from fdd.plant.sensors import Lateness, Recorder
-from fdd.plant.truth import Truth
-from fdd.plant.truth_columns import truth_columns
+from fdd.plant.truth import Truth, truth_columns
 from fdd.samples import Samples
 from fdd.unit import Unit
 
@@ -91,7 +90,6 @@ def raw_blocks(ready: Prepared, block: int = BLOCK) -> Iterator[RawBlock]:
     """
     scenario = ready.scenario
     lateness = Lateness(scenario.recording, LATE_PARTS, scenario.seed)
-    constants = ready.constants
     each, period = scenario.recording.each, scenario.recording.period
     for start in range(0, scenario.rows, block):
         stop = min(start + block, scenario.rows)
@@ -105,8 +103,8 @@ def raw_blocks(ready: Prepared, block: int = BLOCK) -> Iterator[RawBlock]:
             by_load,
             by_heat,
             ready.viscosity,
-            constants[0],
-            constants[-1],
+            ready.parameters[0],
+            ready.parameters[-1],
             ready.controller,
             late,
             1.0 / ready.allowed,
