@@ -142,6 +142,6 @@ def measure(axis_a: Unit, axis_b: Unit, seed: int) -> Finding:
 
 def _air_at(severity: float) -> float:
     """Air that the aeration fault adds."""
-    from fdd.plant.faults.scales import FaultScales
+    from fdd.plant.faults.spec import FaultScales
 
     return severity * FaultScales().free_air

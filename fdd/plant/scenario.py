@@ -46,8 +46,7 @@ from fdd.errors import InputError
 from fdd.plant.circuit import WHERE, Circuit, Connect
 from fdd.plant.details import Details
 from fdd.plant.duty import AnyDuty, ConstantSpeed, Standstill, Steps
-from fdd.plant.faults.scales import FaultScales
-from fdd.plant.faults.spec import FaultSpec
+from fdd.plant.faults.spec import FaultScales, FaultSpec
 from fdd.plant.load import AnyLoad, NoLoad
 from fdd.plant.oil import ATMOSPHERE
 from fdd.plant.programme import FULL, ShareProgramme

@@ -16,7 +16,7 @@ from fdd.campaign.generate import generate
 from fdd.campaign.recipe import Recipe
 from fdd.errors import InputError
 from fdd.logs import read_log
-from fdd.plant.faults.scales import FaultScales
+from fdd.plant.faults.spec import FaultScales
 from fdd.plant.oil import viscosity_ratio
 from fdd.unit import Unit
 

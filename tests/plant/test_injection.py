@@ -18,8 +18,7 @@ from fdd.faults import CATALOGUE
 from fdd.plant import conditions as c
 from fdd.plant.details import Details
 from fdd.plant.faults.injection import PLANT_FAULTS, inject
-from fdd.plant.faults.scales import FaultScales
-from fdd.plant.faults.spec import SIMULATED, FaultSpec, parse_fault
+from fdd.plant.faults.spec import SIMULATED, FaultScales, FaultSpec, parse_fault
 from fdd.plant.rows import axis_conditions
 from fdd.plant.scenario import Scenario
 from fdd.plant.sensors import SENSOR_FAULTS

@@ -12,9 +12,8 @@ from hypothesis import strategies as st
 from fdd.errors import InputError
 from fdd.plant.faults.spec import FaultSpec
 from fdd.plant.sensors import Lateness, PositionSlip, Recorder, Recording, Rows, position_offset
-from fdd.plant.sensors.faults import DROPOUTS
+from fdd.plant.sensors.faults import DROPOUTS, PLAY
 from fdd.plant.sensors.recorder import KNOWN, MEASURED
-from fdd.plant.sensors.slip import PLAY
 from fdd.sensor import CurrentLoop, Sensor
 from fdd.unit import Unit
 

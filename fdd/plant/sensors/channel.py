@@ -3,17 +3,26 @@
 from __future__ import annotations
 
 import math
+from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.signal import butter, sosfilt
 
 from fdd.plant.compiled import njit
-from fdd.plant.sensors.noise import HIGHEST_LIMIT, RATE, band_limit
 from fdd.sensor import Sensor
 
 Array = NDArray[np.float64]
 
+RATE = 1000.0
+"""Hz, rows per second, usually."""
+HIGHEST_LIMIT = 0.45 * RATE
+"""Hz; a limit from here on is none."""
+_ORDER = 4
+_LEFT = 1e-9
+"""Share of a transient that is left once the noise counts as settled."""
+_LONGEST = 1_000_000
 _NOTHING = np.empty(0)
 _STARTED, _LAG, _FILTER = 0, 1, 2
 _STATE = 6
@@ -52,6 +61,38 @@ def range_of(sensor: Sensor) -> Range:
         return Range(low, high, sensor.resolution, 0.0)
     # 0 V is a code of the converter, 4 mA is none: the grid does not pass through zero pressure.
     return Range(max(low, loop.smallest), min(high, loop.largest), loop.resolution, -loop.offset)
+
+
+@lru_cache(maxsize=64)
+def band_limit(limit_hz: float, rate: float = RATE) -> tuple[Array, int]:
+    """Sections that let white noise of deviation 1 through up to a limit and leave it at deviation 1.
+
+    Butterworth of fourth order: half the power at the limit, a thousandth from twice the limit on. Its gain
+    is one over the root of the impulse response's sum of squares, which is what it does to white noise.
+
+    Parameters
+    ----------
+    limit_hz : below `HIGHEST_LIMIT`.
+    rate : Hz, rows per second.
+
+    Returns
+    -------
+    (2, 6) second-order sections, and the rows after which their start is forgotten.
+
+    Examples
+    --------
+    >>> sections, settled = band_limit(150.0)
+    >>> impulse = np.eye(1, 4000)[0]
+    >>> round(float(np.sum(sosfilt(sections, impulse) ** 2)), 12), settled < 200
+    (1.0, True)
+    """
+    sections = np.array(butter(_ORDER, limit_hz, fs=rate, output="sos"))
+    poles = np.abs(np.concatenate([np.roots(section[3:]) for section in sections]))
+    settled = min(int(np.log(_LEFT) / np.log(poles.max())) + 1, _LONGEST)
+    impulse = np.zeros(settled + 1)
+    impulse[0] = 1.0
+    sections[0, :3] /= np.sqrt(np.sum(sosfilt(sections, impulse) ** 2))
+    return sections, settled
 
 
 @njit(error_model="numpy")
