@@ -195,9 +195,14 @@ def simulate(
     parts = list(stream(unit, scenario, partner=partner, refine=refine))
     found: Simulation | None = None
     for i in reversed(range(len(units))):
+        stamps = np.concatenate([axes[i].samples.time for axes in parts])
         found = Simulation(
-            samples=_joined_samples([axes[i].samples for axes in parts]),
-            truth=_joined_truth([axes[i].truth for axes in parts]),
+            samples=Samples(stamps, _joined([axes[i].samples.columns for axes in parts])),
+            truth=Truth(
+                time=stamps,
+                columns=_joined([axes[i].truth.columns for axes in parts]),
+                severity=_joined([axes[i].truth.severity for axes in parts]),
+            ),
             labels=[spec.label() for spec in _own(scenario, i)],
             unit=units[i],
             scenario=scenario,
@@ -231,20 +236,8 @@ def _axis_block(ready: Prepared, raw: RawBlock, axis: int, recorder: Recorder) -
     return AxisBlock(samples, Truth(samples.time, everything, severity))
 
 
-def _joined_samples(parts: list[Samples]) -> Samples:
+def _joined(parts: list[dict[str, Array]]) -> dict[str, Array]:
+    """Columns of all blocks, one after another."""
     if len(parts) == 1:
         return parts[0]
-    time = np.concatenate([part.time for part in parts])
-    names = parts[0].columns
-    return Samples(time, {name: np.concatenate([part.columns[name] for part in parts]) for name in names})
-
-
-def _joined_truth(parts: list[Truth]) -> Truth:
-    if len(parts) == 1:
-        return parts[0]
-    first = parts[0]
-    return Truth(
-        time=np.concatenate([part.time for part in parts]),
-        columns={name: np.concatenate([part.columns[name] for part in parts]) for name in first.columns},
-        severity={name: np.concatenate([part.severity[name] for part in parts]) for name in first.severity},
-    )
+    return {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
