@@ -195,11 +195,14 @@ def simulate(
     parts = list(stream(unit, scenario, partner=partner, refine=refine))
     found: Simulation | None = None
     for i in reversed(range(len(units))):
-        stamps = np.concatenate([axes[i].samples.time for axes in parts])
+        samples = parts[0][i].samples
+        if len(parts) > 1:
+            stamps = np.concatenate([axes[i].samples.time for axes in parts])
+            samples = Samples(stamps, _joined([axes[i].samples.columns for axes in parts]))
         found = Simulation(
-            samples=Samples(stamps, _joined([axes[i].samples.columns for axes in parts])),
+            samples=samples,
             truth=Truth(
-                time=stamps,
+                time=samples.time,
                 columns=_joined([axes[i].truth.columns for axes in parts]),
                 severity=_joined([axes[i].truth.severity for axes in parts]),
             ),
