@@ -276,7 +276,6 @@ def test_the_command_lines_fault_is_read_whole():
     [
         ("leak:severity=0.4", "internal_leakage"),
         ("unknown:severity=0.4", "not simulated; the simulated ones: internal_leakage"),
-        ("unknown:severity=0.4", "not simulated"),
         ("aeration:severity=1.4", "less than or equal to 1"),
         ("aeration:severity=-0.1", "greater than or equal to 0"),
         ("aeration:severity=nan", "severity"),

@@ -187,6 +187,8 @@ class ChannelSensor:
         return out
 
     def _band(self, white: Array) -> Array:
+        if not white.size:  # which sosfilt refuses
+            return white
         out, self._filter = sosfilt(self._sections, white, zi=self._filter)
         return np.asarray(out)
 
