@@ -42,8 +42,11 @@ THIN = """
 import numpy as np
 from fdd.plant import conditions
 from fdd.plant.integrator import MEMORIES, thin as called
-from fdd.plant.parameters import Parameters, as_record
-now, par = np.ones((1, conditions.COLUMNS)), as_record(Parameters(*np.ones(len(Parameters._fields))))
+from fdd.plant.details import Details
+from fdd.plant.load import NoLoad
+from fdd.plant.parameters import plant_parameters
+from fdd.unit import Unit
+now, par = np.ones((1, conditions.COLUMNS)), plant_parameters(Unit.load("axis_a"), Details(), NoLoad())
 called(now, 0, 40.0, np.array([[8.0, -3.1, 30.0]]), np.zeros(MEMORIES), 0, par)
 result = now[0, conditions.CROSS_LEAKAGE]
 """

@@ -22,8 +22,7 @@ from fdd.packages import FAULTS, Addition
 from fdd.plant import conditions as c
 from fdd.plant.details import Details
 from fdd.plant.faults.injection import inject
-from fdd.plant.faults.scales import FaultScales
-from fdd.plant.faults.spec import FaultSpec
+from fdd.plant.faults.spec import FaultScales, FaultSpec
 from fdd.unit import Unit
 
 RUN = "from fdd.cli import main; main()"

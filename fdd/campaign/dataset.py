@@ -61,7 +61,7 @@ class Entry(Validated):
     file, truth : paths below the data set's folder.
     unit, base : its unit, and the profile that was varied from.
     structure, condition : of the recipe; empty where it has none.
-    fault_scales : figures of severity 1, see `fdd.plant.faults.scales.FaultScales`; empty without structures.
+    fault_scales : figures of severity 1, see `fdd.plant.faults.spec.FaultScales`; empty without structures.
     duration_s, samples : of the log.
     faults : empty for a healthy one.
     scenario : load, duty and conditions.

@@ -21,8 +21,7 @@ from fdd.campaign.structures import Condition, Structure
 from fdd.errors import InputError
 from fdd.faults import CATALOGUE, PROFILES
 from fdd.plant.duty import DUTIES
-from fdd.plant.faults.scales import FaultScales
-from fdd.plant.faults.spec import SIMULATED
+from fdd.plant.faults.spec import SIMULATED, FaultScales
 from fdd.plant.load import LOADS
 from fdd.plant.scenario import Recording
 from fdd.plant.validated import Validated

@@ -84,7 +84,7 @@ def set_partner(data: Data, text: str) -> None:
     ------
     InputError : unknown parameter.
     """
-    from fdd.plant.partner import Partner
+    from fdd.plant.scenario import Partner
 
     name, parameters = named_parameters(text, "--partner")
     known = [field for field in Partner.model_fields if field not in ("unit", "circuit", "duty")]

@@ -107,8 +107,7 @@ def simulate(
     from fdd.cli.console import progress
     from fdd.plant.duty import Steps
     from fdd.plant.faults.spec import parse_fault
-    from fdd.plant.scenario import Scenario
-    from fdd.plant.scenario_file import scenario_data
+    from fdd.plant.scenario import Scenario, scenario_data
     from fdd.unit import Unit
 
     data: dict[str, Any] = {} if scenario is None else scenario_data(scenario)

@@ -8,7 +8,7 @@ from typing import Literal
 
 @dataclass(frozen=True)
 class Figure:
-    """A number behind severity 1 that a user may override, see `fdd.plant.faults.scales.FaultScales`.
+    """A number behind severity 1 that a user may override, see `fdd.plant.faults.spec.FaultScales`.
 
     Attributes
     ----------

@@ -1,7 +1,7 @@
 """The rig's circuits around an axis: valves, charging, external accumulators (thesis 4.6, Table 4.12).
 
 Openings are programmes over time, so that an experiment can move a valve while the axis runs.
-Which settings contradict each other is said in `fdd.plant.valves`.
+Which settings contradict each other is said in `fdd.plant.scenario`.
 """
 
 from __future__ import annotations
@@ -12,9 +12,11 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field
 
+from fdd.errors import InputError
 from fdd.plant import conditions as c
 from fdd.plant.programme import SHUT, ShareProgramme
 from fdd.plant.validated import Validated
+from fdd.unit import Unit
 
 Array = NDArray[np.float64]
 
@@ -24,6 +26,9 @@ CIRCUIT_RELIEF = 9.65e6
 """Pa, gauge: fixed setting of the bulk-modulus circuit's relief valve (4.6.3)."""
 RATED_PRESSURE = 10.34e6
 """Pa, gauge: rated pressure of the system (4.6.3)."""
+
+WHERE = "scenario valves"
+"""Where messages say that contradictory valves stand."""
 
 ValveFlow = Annotated[float, Field(gt=0.0, le=1e-3)]
 
@@ -156,3 +161,36 @@ def apply_connect(connect: Connect, rows: Array, time: Array) -> None:
     """Write the connect valves into the first axis's conditions, in place; as `apply`."""
     rows[:, c.CONNECT_1] += connect.line_1.over(time) * connect.flow
     rows[:, c.CONNECT_2] += connect.line_2.over(time) * connect.flow
+
+
+def check_charging(circuit: Circuit, unit: Unit, charge_factor: float = 1.0) -> None:
+    """Refuse charging that the unit's own pressures rule out.
+
+    Parameters
+    ----------
+    circuit : of the axis.
+    unit : its charge pressure and relief setting.
+    charge_factor : accumulator charge over the unit's.
+
+    Raises
+    ------
+    InputError : beyond the system's rated pressure without the circuit that protects it, or no flow.
+    """
+    if circuit.charging.most == 0.0:
+        return
+    charge = unit.accumulator.charge_pressure * charge_factor
+    if circuit.charging_pressure <= charge:
+        raise InputError(
+            f"charging to {circuit.charging_pressure / 1e6:g} MPa adds nothing to a charge of "
+            f"{charge / 1e6:g} MPa",
+            where=WHERE,
+            mend="raise charging_pressure or lower charge_factor",
+        )
+    together = circuit.charging_pressure + unit.accumulator.relief_pressure
+    if together > RATED_PRESSURE and circuit.accumulators is None:
+        raise InputError(
+            f"charging to {circuit.charging_pressure / 1e6:g} MPa below relief valves of "
+            f"{unit.accumulator.relief_pressure / 1e6:g} MPa exceeds the rated {RATED_PRESSURE / 1e6:g} MPa",
+            where=WHERE,
+            mend="lower charging_pressure or connect the accumulators, whose relief valve protects",
+        )

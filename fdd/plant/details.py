@@ -6,7 +6,7 @@ from typing import Annotated, ClassVar, Literal
 
 from pydantic import Field
 
-from fdd.plant.validated import Validated
+from fdd.plant.validated import Ranges, Validated
 
 
 class Details(Validated):
@@ -84,7 +84,7 @@ class Details(Validated):
     12
     """
 
-    usual: ClassVar[dict[str, tuple[float, float]]] = {
+    usual: ClassVar[Ranges] = {
         "bristle_stiffness": (4e5, 3e6),
         "bristle_damping": (0.3, 1.0),
         "bristle_fade": (0.003, 0.03),

@@ -7,6 +7,7 @@ Every duty rests for `lead_in` seconds first.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Annotated, ClassVar, Literal
 
 import numpy as np
@@ -16,7 +17,7 @@ from scipy.signal import butter, sosfilt
 
 from fdd.errors import InputError
 from fdd.plant.programme import AnyProgramme, Programme
-from fdd.plant.validated import Validated
+from fdd.plant.validated import Ranges, Validated
 
 Array = NDArray[np.float64]
 
@@ -38,7 +39,7 @@ class Duty(Validated):
     lead_in : s at rest at the start.
     """
 
-    usual: ClassVar[dict[str, tuple[float, float]]] = {}
+    usual: ClassVar[Ranges] = {}
     """Ranges that a campaign draws from."""
 
     amplitude: Annotated[float, Field(ge=0.0, le=2.0)] = 0.05
@@ -68,11 +69,7 @@ class Standstill(Duty):
 class Steps(Duty):
     """Steps to random levels, each held for a random time around `hold`."""
 
-    usual: ClassVar[dict[str, tuple[float, float]]] = {
-        "amplitude": (0.005, 0.1),
-        "speed": (30.0, 280.0),
-        "hold": (0.5, 4.0),
-    }
+    usual: ClassVar[Ranges] = {"amplitude": (0.005, 0.1), "speed": (30.0, 280.0), "hold": (0.5, 4.0)}
     name: Literal["steps"] = "steps"
     hold: Seconds = 2.0
 
@@ -83,7 +80,7 @@ class Steps(Duty):
 class Sines(Duty):
     """A sum of sines of random phase, scaled to the amplitude."""
 
-    usual: ClassVar[dict[str, tuple[float, float]]] = {
+    usual: ClassVar[Ranges] = {
         "amplitude": (0.002, 0.08),
         "speed": (30.0, 250.0),
         "low_hz": (0.05, 0.5),
@@ -110,7 +107,7 @@ class Sines(Duty):
 class Sweep(Duty):
     """A logarithmic chirp, repeated."""
 
-    usual: ClassVar[dict[str, tuple[float, float]]] = {
+    usual: ClassVar[Ranges] = {
         "amplitude": (0.002, 0.03),
         "speed": (30.0, 150.0),
         "stop_hz": (5.0, 50.0),
@@ -132,11 +129,7 @@ class Sweep(Duty):
 class Prbs(Duty):
     """A random telegraph between the amplitude and its negative."""
 
-    usual: ClassVar[dict[str, tuple[float, float]]] = {
-        "amplitude": (0.002, 0.03),
-        "speed": (20.0, 200.0),
-        "bit": (0.05, 0.6),
-    }
+    usual: ClassVar[Ranges] = {"amplitude": (0.002, 0.03), "speed": (20.0, 200.0), "bit": (0.05, 0.6)}
     name: Literal["prbs"] = "prbs"
     bit: Seconds = 0.2
 
@@ -150,7 +143,7 @@ class Prbs(Duty):
 class Sawtooth(Duty):
     """Out slowly and back fast, without rest."""
 
-    usual: ClassVar[dict[str, tuple[float, float]]] = {
+    usual: ClassVar[Ranges] = {
         "amplitude": (0.01, 0.1),
         "speed": (40.0, 250.0),
         "period": (3.0, 15.0),
@@ -169,11 +162,7 @@ class Sawtooth(Duty):
 class Strokes(Duty):
     """Strokes at constant velocity with a rest at each end (trapezoids)."""
 
-    usual: ClassVar[dict[str, tuple[float, float]]] = {
-        "amplitude": (0.02, 0.11),
-        "rate": (0.01, 0.09),
-        "dwell": (0.1, 2.0),
-    }
+    usual: ClassVar[Ranges] = {"amplitude": (0.02, 0.11), "rate": (0.01, 0.09), "dwell": (0.1, 2.0)}
     name: Literal["strokes"] = "strokes"
     rate: Annotated[float, Field(gt=0.0, le=2.0)] = 0.03
     """m/s; for speed control see `ConstantSpeed`."""
@@ -189,7 +178,7 @@ class Strokes(Duty):
 class Flight(Duty):
     """A control surface in cruise: positions held, small corrections all the time, now and then a move."""
 
-    usual: ClassVar[dict[str, tuple[float, float]]] = {
+    usual: ClassVar[Ranges] = {
         "amplitude": (0.01, 0.08),
         "speed": (20.0, 120.0),
         "hold": (2.0, 8.0),
@@ -216,7 +205,7 @@ class Flight(Duty):
 class Resting(Flight):
     """An axis that mostly stands: held for long, corrected by hundredths of a millimetre."""
 
-    usual: ClassVar[dict[str, tuple[float, float]]] = {
+    usual: ClassVar[Ranges] = {
         "amplitude": (0.01, 0.08),
         "hold": (20.0, 120.0),
         "corrections": (0.0003, 0.01),
@@ -230,7 +219,7 @@ class ConstantSpeed(Duty):
     """Strokes at constant pump speed between ± amplitude, in speed control: how leakage and friction
     are measured. The next of `speeds` is taken every `turn` seconds."""
 
-    usual: ClassVar[dict[str, tuple[float, float]]] = {"amplitude": (0.02, 0.11), "dwell": (0.0, 2.0)}
+    usual: ClassVar[Ranges] = {"amplitude": (0.02, 0.11), "dwell": (0.0, 2.0)}
     name: Literal["constant_speed"] = "constant_speed"
     speeds: Annotated[
         tuple[Annotated[float, Field(gt=0.0, le=2000.0)], ...], Field(min_length=1, max_length=64)
@@ -253,7 +242,7 @@ class OneWay(Duty):
     in speed control the quicker way is done at `speed`, the other at the speed that undoes it.
     """
 
-    usual: ClassVar[dict[str, tuple[float, float]]] = {
+    usual: ClassVar[Ranges] = {
         "amplitude": (0.02, 0.11),
         "speed": (40.0, 250.0),
         "out": (0.8, 3.0),
@@ -400,31 +389,23 @@ class Mission(Duty):
         return np.concatenate(parts)
 
 
-def _held(time: Array, hold: float, rng: np.random.Generator, draw: object) -> Array:
+def _held(time: Array, hold: float, rng: np.random.Generator, draw: Callable[[int], Array]) -> Array:
     """Levels that `draw(k)` gives, each held for 0.5 to 1.5 of `hold`."""
     count = int(time.size * TICK / (0.5 * hold)) + 2
     edges = np.cumsum(rng.uniform(0.5, 1.5, count) * hold)
-    levels = draw(count)  # type: ignore[operator]
+    levels = draw(count)
     return np.asarray(levels[np.searchsorted(edges, time, side="right").clip(max=count - 1)])
 
 
 AnyDuty = Annotated[Stage | ConstantSpeed | OneWay | Replay | Mission, Field(discriminator="name")]
 
 DUTIES: dict[str, type[Duty]] = {
-    "standstill": Standstill,
-    "steps": Steps,
-    "sines": Sines,
-    "sweep": Sweep,
-    "prbs": Prbs,
-    "sawtooth": Sawtooth,
-    "strokes": Strokes,
-    "flight": Flight,
-    "constant_speed": ConstantSpeed,
-    "one_way": OneWay,
-    "levels": Levels,
-    "resting": Resting,
-    "mission": Mission,
-}
+    kind.model_fields["name"].default: kind
+    for kind in (
+        Standstill, Steps, Sines, Sweep, Prbs, Sawtooth, Strokes, Flight, ConstantSpeed, OneWay, Levels,
+        Resting, Mission,
+    )
+}  # fmt: skip
 
 
 def duty_named(name: str, **parameters: object) -> Duty:

@@ -18,16 +18,7 @@ from numpy.typing import NDArray
 from fdd.plant import conditions as c
 from fdd.plant import state as s
 from fdd.plant.compiled import njit
-from fdd.plant.laws import (
-    gas_heating,
-    gas_pressure,
-    lift_rate,
-    oil_at,
-    opening,
-    orifice,
-    poppet,
-    settled_air,
-)
+from fdd.plant.laws import lift_rate, oil_at, opening, orifice, poppet, settled_air
 from fdd.plant.parameters import Constants
 
 Array = NDArray[np.float64]
@@ -227,7 +218,8 @@ def hydraulic_rates(
         grown = math.exp(par.expansion * warm)
         for i in range(2):
             held = y[s.EXTERNAL_1 + i] * grown
-            gas = gas_pressure(par.external_pressure, par.external_volume, held) - par.ambient
+            # Isothermal (eq. 3.19).
+            gas = par.external_pressure * par.external_volume / (par.external_volume - held) - par.ambient
             flow = orifice((p1 if i == 0 else p2) - gas, par.external_flow, width)
             if flow < 0.0:
                 flow *= min(max(held / _EMPTY, 0.0), 1.0)
@@ -288,7 +280,16 @@ def hydraulic_rates(
 
 @njit(error_model="numpy", inline="always")
 def gas_rate(y: Array, pa: float, now: Array, par: Constants, dy: Array) -> None:
-    """Fill the rate of the accumulator gas's temperature, once all that goes into its oil is known."""
+    """Fill the rate (1/s) of the accumulator gas's temperature over that at rest, once all that goes into its
+    oil is known.
+
+    An ideal diatomic gas that gives its heat to the shell with one time constant (Pourmovahed and Otis,
+    doi:10.1115/1.2894128): quick changes are adiabatic, slow ones isothermal. The shell takes a share of the
+    oil's warming. `pa` (Pa, gauge) is the gas's pressure.
+    """
     specific = now[c.STORE_SPECIFIC]
     warm = y[s.TEMPERATURE] - par.surroundings
-    dy[s.GAS] = gas_heating(y[s.STORE] * specific, dy[s.STORE] * specific, pa, y[s.GAS], warm, par)
+    work = 0.0
+    if 0.0 < y[s.STORE] * specific < par.full:
+        work = (pa + par.ambient) * (dy[s.STORE] * specific) * par.gas_work
+    dy[s.GAS] = work - (y[s.GAS] - 1.0 - par.gas_warming * warm) * par.gas_rate

@@ -13,23 +13,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fdd.plant import conditions as c
+from fdd.plant import state as s
 from fdd.plant.compiled import njit
 from fdd.plant.equations import right_hand_side
 from fdd.plant.laws import oil_at, settled_air, walther
 from fdd.plant.parameters import Constants
-from fdd.plant.state import (
-    AXIS_STATES,
-    CURRENT,
-    FINDINGS,
-    FREE_1,
-    LINE_1,
-    LOST,
-    P1,
-    P2,
-    SHARED,
-    TEMPERATURE,
-    X,
-)
 from fdd.plant.steps import STAGES, advance
 
 Array = NDArray[np.float64]
@@ -90,6 +78,11 @@ STEPS = _STEPS
 _LOADED, _HEATED = 0.5, 2.0
 """Pressure difference over the relief setting, and warming (K) since the start, at which a fault that comes
 with load or heat is whole."""
+_THINNED_LEAKS = (
+    c.CROSS_LEAKAGE, c.CROSS_OPENING, c.SPEED_LEAKAGE, c.SEAL_LEAKAGE, c.CASE_LEAKAGE_1, c.CASE_LEAKAGE_2,
+    c.SHAFT_LEAKAGE, c.SHAFT_SPEED, c.OUTSIDE_1, c.OUTSIDE_2, c.OUTSIDE_OPENING_1, c.OUTSIDE_OPENING_2,
+)  # fmt: skip
+"""Leaks through gaps, which go with one over the viscosity."""
 _DERATING = 0.1
 """Heat beyond which the drive takes its current back to the continuous one, all of it over this much more."""
 
@@ -128,18 +121,8 @@ def thin(
         )
     ratio = memory[at + _RATIO] * now[axis, c.VISCOSITY]
     thinner = 1.0 / ratio
-    now[axis, c.CROSS_LEAKAGE] *= thinner
-    now[axis, c.CROSS_OPENING] *= thinner
-    now[axis, c.SPEED_LEAKAGE] *= thinner
-    now[axis, c.SEAL_LEAKAGE] *= thinner
-    now[axis, c.CASE_LEAKAGE_1] *= thinner
-    now[axis, c.CASE_LEAKAGE_2] *= thinner
-    now[axis, c.SHAFT_LEAKAGE] *= thinner
-    now[axis, c.SHAFT_SPEED] *= thinner
-    now[axis, c.OUTSIDE_1] *= thinner
-    now[axis, c.OUTSIDE_2] *= thinner
-    now[axis, c.OUTSIDE_OPENING_1] *= thinner
-    now[axis, c.OUTSIDE_OPENING_2] *= thinner
+    for column in _THINNED_LEAKS:
+        now[axis, column] *= thinner
     now[axis, c.TRANSITION] *= ratio * ratio
     # Of a millisecond: within it the accumulator's oil swells by nothing that counts.
     density = par.store_density * math.exp(-par.expansion * (temperature - par.reference_temperature))
@@ -168,21 +151,21 @@ def exchange_air(y: Array, o: int, row: Array, memory: Array, at: int, par: Cons
 
     `o` and `at` are where the axis begins in the state and in the memory.
     """
-    x, warm = y[X], y[o + TEMPERATURE] - par.reference_temperature
+    x, warm = y[s.X], y[o + s.TEMPERATURE] - par.reference_temperature
     vapour, memory[at + _VAPOUR] = memory[at + _VAPOUR], row[c.VAPOUR]
     for i in range(2):
         air, before = row[c.AIR_1 + i], memory[at + _AIR_1 + i]
         memory[at + _AIR_1 + i] = air
-        free = y[o + FREE_1 + i]
-        more = settled_air(max(y[o + P1 + i], 0.0), (air - before) * par.air_scale, par)
+        free = y[o + s.FREE_1 + i]
+        more = settled_air(max(y[o + s.P1 + i], 0.0), (air - before) * par.air_scale, par)
         more = max(more, -free)
-        y[o + FREE_1 + i] = free + more
+        y[o + s.FREE_1 + i] = free + more
         volume = par.cylinder_volume_1 + par.area_1 * x if i == 0 else par.cylinder_volume_2 - par.area_2 * x
         line = par.line_volume_1 if i == 0 else par.line_volume_2
-        for pressure, held in ((y[o + P1 + i], volume), (y[o + LINE_1 + i], line)):
+        for pressure, held in ((y[o + s.P1 + i], volume), (y[o + s.LINE_1 + i], line)):
             _, was, _, _ = oil_at(pressure, free, warm, vapour, par)
             _, now, _, _ = oil_at(pressure, free + more, warm, row[c.VAPOUR], par)
-            y[o + LOST] += held * (math.exp(was) - math.exp(now))
+            y[o + s.LOST] += held * (math.exp(was) - math.exp(now))
 
 
 @njit(error_model="numpy")
@@ -203,12 +186,12 @@ def take_row(
     memory: Array, par: Constants, now: Array,
 ) -> None:  # fmt: skip
     """Fill an axis's row of `now` with what acts in millisecond t: arguments as of `run`."""
-    o, at = SHARED + axis * AXIS_STATES, OWN_MEMORIES + axis * _EACH
+    o, at = s.SHARED + axis * s.AXIS_STATES, OWN_MEMORIES + axis * _EACH
     if by_load.size > 0:
-        load = abs(y[o + P1] - y[o + P2]) / (_LOADED * par.relief_pressure)
+        load = abs(y[o + s.P1] - y[o + s.P2]) / (_LOADED * par.relief_pressure)
         blend(conditions[t, axis], by_load[t, axis], c.BY_LOAD, load)
     if by_heat.size > 0:
-        warmer = (y[o + TEMPERATURE] - par.surroundings) / _HEATED
+        warmer = (y[o + s.TEMPERATURE] - par.surroundings) / _HEATED
         blend(conditions[t, axis], by_heat[t, axis], c.BY_HEAT, warmer)
     for j in range(c.COLUMNS):
         now[axis, j] = conditions[t, axis, j]
@@ -218,8 +201,8 @@ def take_row(
         or now[axis, c.VAPOUR] != memory[at + _VAPOUR]
     ):
         exchange_air(y, o, conditions[t, axis], memory, at, par)
-    protect(now, axis, y[o + CURRENT], memory, at, par)
-    thin(now, axis, y[o + TEMPERATURE], viscosity, memory, at, par)
+    protect(now, axis, y[o + s.CURRENT], memory, at, par)
+    thin(now, axis, y[o + s.TEMPERATURE], viscosity, memory, at, par)
 
 
 @njit(error_model="numpy")
@@ -298,14 +281,14 @@ def run(
     each = late.size // n if n > 0 else 1
     period = PERIOD / each
     states = np.empty((late.size, y.size))
-    findings = np.empty((late.size, axes * FINDINGS))
+    findings = np.empty((late.size, axes * s.FINDINGS))
     commands = np.zeros((depth + n, 2))  # with those of the past in front
     for a in range(2):
         for j in range(depth):
             commands[j, a] = past[a, j]
     k = np.empty((STAGES, y.size))
     stage = np.empty(y.size)
-    found = np.empty(axes * FINDINGS)
+    found = np.empty(axes * s.FINDINGS)
     now = np.empty((axes, c.COLUMNS))
     whole_1, whole_2 = int(control.delay_1 / PERIOD + 1e-9), int(control.delay_2 / PERIOD + 1e-9)
     part_1 = max(control.delay_1 - whole_1 * PERIOD, 0.0)
@@ -317,7 +300,7 @@ def run(
         if axes > 1:
             take_row(y, 1, t, conditions, by_load, by_heat, viscosity, memory, second, now)
         m = depth + t
-        commands[m, 0] = _command(y[X], now[0], control, memory)
+        commands[m, 0] = _command(y[s.X], now[0], control, memory)
         if axes > 1:
             if control.follows == SAME:
                 wanted = commands[m, 0]

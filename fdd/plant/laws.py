@@ -8,15 +8,15 @@ from fdd.plant.compiled import njit
 from fdd.plant.oil import (
     AIR_WARMING,
     ATMOSPHERE,
+    KELVIN,
     VAPOUR_FELT,
     VAPOUR_SHARE,
     VAPOUR_SLOPE,
-)
+    WALTHER_SHIFT,
+)  # fmt: skip
 from fdd.plant.parameters import Constants
 
 _LEAST_ABSOLUTE = 1.0  # Pa; guards the power law within a step, gas and vapour keep the state above
-_KELVIN = 273.15
-_WALTHER_SHIFT = 0.7  # cSt, of ASTM D341
 
 
 @njit(error_model="numpy", inline="always")
@@ -124,14 +124,8 @@ def settled_air(pressure: float, air: float, par: Constants) -> float:
 @njit(error_model="numpy", inline="always")
 def walther(temperature: float, intercept: float, slope: float) -> float:
     """Kinematic viscosity (cSt) at a temperature (°C), ASTM D341: log10 log10(ν + 0.7) = a + b·log10 T."""
-    inner = intercept + slope * math.log10(temperature + _KELVIN)
-    return math.pow(10.0, math.pow(10.0, inner)) - _WALTHER_SHIFT
-
-
-@njit(error_model="numpy", inline="always")
-def gas_pressure(absolute: float, volume: float, oil: float) -> float:
-    """Absolute pressure (Pa) of an accumulator's gas once `oil` m³ have come in, isothermal (eq. 3.19)."""
-    return absolute * volume / (volume - oil)
+    inner = intercept + slope * math.log10(temperature + KELVIN)
+    return math.pow(10.0, math.pow(10.0, inner)) - WALTHER_SHIFT
 
 
 @njit(error_model="numpy", inline="always")
@@ -153,24 +147,3 @@ def store_pressure(oil: float, heat: float, par: Constants) -> float:
     held = min(oil, par.full)
     gas = par.gas_pressure * par.gas_volume * heat / (par.shell_volume - held)
     return gas - par.ambient + (oil - held) * par.full_stiffness
-
-
-@njit(error_model="numpy", inline="always")
-def gas_heating(
-    oil: float, inflow: float, pressure: float, heat: float, warm: float, par: Constants
-) -> float:
-    """Rate (1/s) of the accumulator gas's temperature over that at rest.
-
-    An ideal diatomic gas that gives its heat to the shell with one time constant (Pourmovahed and Otis,
-    doi:10.1115/1.2894128): quick changes are adiabatic, slow ones isothermal.
-
-    Parameters
-    ----------
-    oil, inflow : m³ held and m³/s coming in.
-    pressure : Pa, gauge, of the gas. heat : its absolute temperature over that at rest.
-    warm : K by which the oil is warmer than at rest; the shell takes a share of it.
-    """
-    work = 0.0
-    if 0.0 < oil < par.full:
-        work = (pressure + par.ambient) * inflow * par.gas_work
-    return work - (heat - 1.0 - par.gas_warming * warm) * par.gas_rate

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Annotated, ClassVar, Literal
+from typing import Annotated, ClassVar, Literal, get_args
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,7 +11,7 @@ from scipy.signal import butter, sosfilt
 
 from fdd.errors import InputError
 from fdd.plant.programme import AnyProgramme, Programme
-from fdd.plant.validated import Validated
+from fdd.plant.validated import Ranges, Validated
 
 Array = NDArray[np.float64]
 
@@ -21,7 +21,7 @@ _CONTROL_RATE = 1000.0
 class Load(Validated):
     """What every load has: here, nothing. The plant reads these, `force` gives what depends on time."""
 
-    usual: ClassVar[dict[str, tuple[float, float]]] = {}
+    usual: ClassVar[Ranges] = {}
     """Ranges that a campaign draws from."""
 
     @property
@@ -68,7 +68,7 @@ class NoLoad(Load):
 class ConstantLoad(Load):
     """A weight: `level` newton, from the start of the log."""
 
-    usual: ClassVar[dict[str, tuple[float, float]]] = {"level": (-2500.0, 2500.0)}
+    usual: ClassVar[Ranges] = {"level": (-2500.0, 2500.0)}
     name: Literal["constant"] = "constant"
     level: Annotated[float, Field(ge=-1e6, le=1e6)] = 1000.0
 
@@ -79,7 +79,7 @@ class ConstantLoad(Load):
 class SpringLoad(Load):
     """A spring, as an elastic surface or a specimen gives it."""
 
-    usual: ClassVar[dict[str, tuple[float, float]]] = {"rate": (3e3, 4e4), "slack": (-0.03, 0.03)}
+    usual: ClassVar[Ranges] = {"rate": (3e3, 4e4), "slack": (-0.03, 0.03)}
     name: Literal["spring"] = "spring"
     rate: Annotated[float, Field(gt=0.0, le=1e9)] = 1.5e4
     """N/m."""
@@ -98,7 +98,7 @@ class SpringLoad(Load):
 class PressLoad(SpringLoad):
     """A workpiece that is pressed: a spring beyond the place where the rod touches it, and nothing before."""
 
-    usual: ClassVar[dict[str, tuple[float, float]]] = {"rate": (1e4, 2e5), "slack": (-0.03, 0.05)}
+    usual: ClassVar[Ranges] = {"rate": (1e4, 2e5), "slack": (-0.03, 0.05)}
     name: Literal["press"] = "press"  # type: ignore[assignment]
     rate: Annotated[float, Field(gt=0.0, le=1e9)] = 5e4
     """N/m."""
@@ -111,11 +111,7 @@ class PressLoad(SpringLoad):
 class HingeLoad(SpringLoad):
     """A spring, as that of a surface, behind a hinge with play."""
 
-    usual: ClassVar[dict[str, tuple[float, float]]] = {
-        "rate": (3e3, 4e4),
-        "slack": (-0.03, 0.03),
-        "gap": (2e-4, 3e-3),
-    }
+    usual: ClassVar[Ranges] = {"rate": (3e3, 4e4), "slack": (-0.03, 0.03), "gap": (2e-4, 3e-3)}
     name: Literal["hinge"] = "hinge"  # type: ignore[assignment]
     gap: Annotated[float, Field(ge=0.0, le=0.1)] = 1e-3
     """m of play, from stop to stop."""
@@ -128,7 +124,7 @@ class HingeLoad(SpringLoad):
 class InertiaLoad(Load):
     """More mass on the rod."""
 
-    usual: ClassVar[dict[str, tuple[float, float]]] = {"added": (5.0, 100.0)}
+    usual: ClassVar[Ranges] = {"added": (5.0, 100.0)}
     name: Literal["inertia"] = "inertia"
     added: Annotated[float, Field(ge=0.0, le=1e6)] = 30.0
     """kg."""
@@ -141,7 +137,7 @@ class InertiaLoad(Load):
 class GustLoad(Load):
     """Coloured noise on a surface that is held back by the air stream."""
 
-    usual: ClassVar[dict[str, tuple[float, float]]] = {
+    usual: ClassVar[Ranges] = {
         "deviation": (100.0, 900.0),
         "bandwidth_hz": (0.3, 6.0),
         "level": (-800.0, 800.0),
@@ -172,7 +168,7 @@ class GustLoad(Load):
 class ChangingLoad(Load):
     """A force that changes on the way: its mean, and how much it is gusty, over time."""
 
-    usual: ClassVar[dict[str, tuple[float, float]]] = {
+    usual: ClassVar[Ranges] = {
         "level": (-2000.0, 2000.0),
         "deviation": (0.0, 600.0),
         "bandwidth_hz": (0.3, 6.0),
@@ -196,7 +192,7 @@ class ThrottleLoad(Load):
     Its drop is quadratic in flow, Δp = R·Q|Q|, behind the partner's own compressibility.
     """
 
-    usual: ClassVar[dict[str, tuple[float, float]]] = {"pressure": (0.2e6, 3.0e6)}
+    usual: ClassVar[Ranges] = {"pressure": (0.2e6, 3.0e6)}
     name: Literal["throttle"] = "throttle"
     pressure: Annotated[float, Field(gt=0.0, le=1e10)] = 1.0e6
     """Pa over the throttle when this axis's pump turns at 100 rad/s without leakage."""
@@ -207,28 +203,13 @@ class ThrottleLoad(Load):
 
 
 AnyLoad = Annotated[
-    NoLoad
-    | ConstantLoad
-    | SpringLoad
-    | PressLoad
-    | HingeLoad
-    | InertiaLoad
-    | GustLoad
-    | ChangingLoad
+    NoLoad | ConstantLoad | SpringLoad | PressLoad | HingeLoad | InertiaLoad | GustLoad | ChangingLoad
     | ThrottleLoad,
     Field(discriminator="name"),
-]
+]  # fmt: skip
 
 LOADS: dict[str, type[Load]] = {
-    "none": NoLoad,
-    "constant": ConstantLoad,
-    "spring": SpringLoad,
-    "press": PressLoad,
-    "hinge": HingeLoad,
-    "inertia": InertiaLoad,
-    "gust": GustLoad,
-    "changing": ChangingLoad,
-    "throttle": ThrottleLoad,
+    kind.model_fields["name"].default: kind for kind in get_args(get_args(AnyLoad)[0])
 }
 
 

@@ -33,8 +33,9 @@ VAPOUR_SHARE = 0.01
 VAPOUR_FELT = 0.01
 """Vapour pressure over the oil's below which there is no vapour at all."""
 
-_WALTHER_SHIFT = 0.7  # cSt, of ASTM D341
-_KELVIN = 273.15
+WALTHER_SHIFT = 0.7
+"""cSt, of ASTM D341."""
+KELVIN = 273.15
 
 
 def walther_line(oil: Oil) -> tuple[float, float, float]:
@@ -44,13 +45,13 @@ def walther_line(oil: Oil) -> tuple[float, float, float]:
     ``log10 log10(ν + 0.7) = intercept + slope·log10 T``, ν in cSt and T in kelvin (ASTM D341).
     """
     ordinate = [
-        math.log10(math.log10(v * 1e6 + _WALTHER_SHIFT)) for v in (oil.viscosity_40, oil.viscosity_100)
+        math.log10(math.log10(v * 1e6 + WALTHER_SHIFT)) for v in (oil.viscosity_40, oil.viscosity_100)
     ]
-    abscissa = [math.log10(40.0 + _KELVIN), math.log10(100.0 + _KELVIN)]
+    abscissa = [math.log10(40.0 + KELVIN), math.log10(100.0 + KELVIN)]
     slope = (ordinate[1] - ordinate[0]) / (abscissa[1] - abscissa[0])
     intercept = ordinate[0] - slope * abscissa[0]
-    inner = intercept + slope * math.log10(oil.reference_temperature + _KELVIN)
-    return intercept, slope, 10.0 ** (10.0**inner) - _WALTHER_SHIFT
+    inner = intercept + slope * math.log10(oil.reference_temperature + KELVIN)
+    return intercept, slope, 10.0 ** (10.0**inner) - WALTHER_SHIFT
 
 
 def viscosity(oil: Oil, temperature: ArrayLike) -> NDArray[np.float64]:
@@ -75,9 +76,9 @@ def viscosity(oil: Oil, temperature: ArrayLike) -> NDArray[np.float64]:
     [86.3, 32.0, 5.4]
     """
     intercept, slope, _ = walther_line(oil)
-    kelvin = np.asarray(temperature, dtype=np.float64) + _KELVIN
+    kelvin = np.asarray(temperature, dtype=np.float64) + KELVIN
     loglog = intercept + slope * np.log10(kelvin)
-    return np.asarray((10.0 ** (10.0**loglog) - _WALTHER_SHIFT) * 1e-6)
+    return np.asarray((10.0 ** (10.0**loglog) - WALTHER_SHIFT) * 1e-6)
 
 
 def viscosity_ratio(oil: Oil, temperature: ArrayLike) -> NDArray[np.float64]:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,7 +14,6 @@ from fdd.plant import state as s
 from fdd.plant.circuit import Circuit
 from fdd.plant.duty import ConstantSpeed
 from fdd.plant.equations import load_spring
-from fdd.plant.filters import chatter_filter
 from fdd.plant.integrator import (
     LONGEST_STEP,
     OWN,
@@ -31,7 +29,7 @@ from fdd.plant.integrator import (
 )
 from fdd.plant.laws import settled_air
 from fdd.plant.oil import walther_line
-from fdd.plant.parameters import Constants, Parameters, as_record, plant_parameters
+from fdd.plant.parameters import Constants, plant_parameters
 from fdd.plant.rows import axis_conditions, partner_setpoint
 from fdd.plant.scenario import Scenario
 from fdd.plant.sensors import generator, position_offset
@@ -65,7 +63,7 @@ class Prepared:
     state: Array
     memory: Array
     past: Array
-    parameters: tuple[Parameters, ...]
+    parameters: tuple[Constants, ...]
     controller: Controller
     viscosity: Array
     allowed: Array
@@ -78,15 +76,10 @@ class Prepared:
         """How many axes there are."""
         return len(self.units)
 
-    @cached_property
-    def constants(self) -> list[Constants]:
-        """The parameters of each axis as the compiled functions take them."""
-        return [as_record(par) for par in self.parameters]
-
     def row(self, y: Array, t: int, conditions: tuple[Array, Array, Array]) -> Array:
         """What acts in millisecond t of these conditions at that state, (axes, COLUMNS), as in the loop."""
         now = np.empty(conditions[0].shape[1:])
-        for axis, par in enumerate(self.constants):
+        for axis, par in enumerate(self.parameters):
             take_row(y, axis, t, *conditions, self.viscosity, self.memory, par, now)
         return now
 
@@ -246,8 +239,48 @@ def _controller(units: tuple[Unit, ...], scenario: Scenario) -> Controller:
     )
 
 
+def chatter_filter(cutoff: float, period: float) -> tuple[float, float, float, float]:
+    """The filter that takes the chatter out of a differentiated encoder (thesis 7.1.1).
+
+    A second-order Butterworth low-pass, discretised with a zero-order hold.
+
+    ``y[k] = b1·u[k-1] + b2·u[k-2] - a1·y[k-1] - a2·y[k-2]``, eqs 7.3 and 7.5. The thesis names
+    Tustin's rule (eq. 7.4), but that would give a term without delay; its printed coefficients,
+    4.39e-2, -1.514 and 0.61, are the hold's. Its 5.28e-2 is a misprint of 5.18e-2: only with that
+    does the filter pass a constant unchanged.
+
+    Parameters
+    ----------
+    cutoff : rad/s, where the gain is 1/√2; below π/period.
+    period : s.
+
+    Returns
+    -------
+    b1, b2, a1, a2.
+
+    Raises
+    ------
+    InputError : not positive, or a cut-off at or beyond the Nyquist frequency.
+
+    Examples
+    --------
+    >>> [round(c, 4) for c in chatter_filter(350.0, 1e-3)]
+    [0.0518, 0.0439, -1.5139, 0.6096]
+    """
+    if not (cutoff > 0.0 and period > 0.0 and cutoff * period < math.pi):
+        raise InputError(
+            f"cut-off {cutoff:g} rad/s at a period of {period:g} s is not possible",
+            mend="use more than 0 and less than π/period",
+        )
+    # Poles at cutoff·(-1 ± i)/√2; step response 1 - exp(-a)·(cos a + sin a) after one period.
+    a = cutoff * period / math.sqrt(2.0)
+    fade, cosine, sine = math.exp(-a), math.cos(a), math.sin(a)
+    a1, a2 = -2.0 * fade * cosine, fade * fade
+    return 1.0 - fade * (cosine + sine), a2 + fade * (sine - cosine), a1, a2
+
+
 def _at_rest(
-    units: tuple[Unit, ...], scenario: Scenario, parameters: tuple[Parameters, ...], force: float, air: Array
+    units: tuple[Unit, ...], scenario: Scenario, parameters: tuple[Constants, ...], force: float, air: Array
 ) -> Array:
     """The state at which nothing moves: chambers at charge pressure, the first axis's loaded one above it.
 
@@ -261,12 +294,12 @@ def _at_rest(
         # The rod carries the load and, with unequal areas, the charge pressure's own push.
         push = -charge * (par.area_1 - par.area_2)
         if i == 0:
-            push += force + load_spring(y[s.X], as_record(par))
+            push += force + load_spring(y[s.X], par)
         y[o + s.P1] = charge + max(push, 0.0) / par.area_1
         y[o + s.P2] = charge + max(-push, 0.0) / par.area_2
         y[o + s.LINE_1], y[o + s.LINE_2] = y[o + s.P1], y[o + s.P2]
         for k, held in enumerate((s.P1, s.P2)):
-            y[o + s.FREE_1 + k] = settled_air(y[o + held], air[i, k] * par.air_scale, as_record(par))
+            y[o + s.FREE_1 + k] = settled_air(y[o + held], air[i, k] * par.air_scale, par)
         warm = scenario.oil_temperature - par.reference_temperature
         y[o + s.GAS] = 1.0
         if not par.shares:

@@ -10,12 +10,11 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.signal import lfilter
 
-from fdd.plant import circuit as valves
 from fdd.plant import conditions as c
+from fdd.plant.circuit import apply, apply_connect, check_charging
 from fdd.plant.faults.injection import STATE_BORNE, inject
 from fdd.plant.scenario import Scenario
 from fdd.plant.sensors import generator
-from fdd.plant.valves import check_charging
 from fdd.unit import Unit
 
 Array = NDArray[np.float64]
@@ -75,9 +74,9 @@ def axis_conditions(
         circuit, power = partner.circuit, partner.power
     rows[:, c.CURRENT_LIMIT] *= power.over(time)
     check_charging(circuit, unit, scenario.charge_factor)
-    valves.apply(circuit, rows, time)
+    apply(circuit, rows, time)
     if axis == 1:
-        valves.apply_connect(scenario.connect, rows, time)
+        apply_connect(scenario.connect, rows, time)
     put = partial(inject, time=time, specs=scenario.faults, scales=scenario.fault_scales,
                   details=scenario.details, axis=axis)  # fmt: skip
     put(rows)

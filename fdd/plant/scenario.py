@@ -1,24 +1,63 @@
-"""A scenario: everything about one simulated run beside the unit, validated."""
+"""A scenario: everything about one simulated run beside the unit, validated; and as a YAML file.
+
+Which settings of the rig's valves contradict each other, from section 4.6 of the thesis:
+
+=====================================  ==========  ========================================================
+setting                                answer      why
+=====================================  ==========  ========================================================
+connect valve open, no partner         refused     there is nothing to connect to (4.6.6)
+load throttle with a partner           refused     it stands for a partner: it would be there twice
+both axes blocked                      refused     no pump reaches a cylinder (4.6.7)
+blocked without a partner              refused     nothing can move the cylinder
+blocked, throttle and by-pass shut,    refused     hydraulic lock: its cylinder must follow the other's and
+and the other cylinder is driven                   has no way out for its oil (4.6.7). The connect valves do
+                                                   not help: they lie on the pumps' side, or two pumps could
+                                                   not "drive one actuator" with one ball valve shut
+position loop on a blocked first       refused     its encoder does not see what its pump does, unless the
+axis that moves nothing                            partner takes the same command or both lines connect
+charging on both axes                  refused     there is one charging pump (4.6.4)
+charging above 9.65 MPa                refused     rating, field of `Circuit`
+gas charge above 9.30 MPa              refused     "no more than 9.30 MPa" (4.6.3), field of the circuit
+charging and relief setting together   refused     12.74 MPa of 3.44 and 9.30 exceed the rated 10.34 MPa
+above 10.34 MPa, no accumulators                   (4.6.3); the bulk-modulus circuit's relief valve protects
+charging at or below the charge        refused     no oil would flow
+charging with external leakage open    allowed     how static pressure is varied in real time (4.6.4)
+throttle or by-pass on a driving axis  allowed     how 4.6.8 injects internal leakage; where it passes the
+                                                   pump's whole flow the axis stands and its loop
+                                                   saturates, which harms nothing
+one connect valve of two               allowed     relieves one line (4.6.6); to drive the other's cylinder
+                                                   a pump needs both
+blocked first axis in speed control    allowed     its pump works against its relief valve; the partner's
+                                                   cylinder stands or is driven by its own pump
+partner still, its valves shut         allowed     its motor holds: the axes fight up to the relief valves
+valves shut for part of the run        allowed     a cylinder stopped for a while, relief valves take it
+=====================================  ==========  ========================================================
+"""
 
 from __future__ import annotations
 
-from typing import Annotated, Literal
+from pathlib import Path
+from typing import Annotated, Any, Literal
 
 from pydantic import Field, model_validator
 
+from fdd.bounds import MAX_SCENARIO_BYTES
 from fdd.errors import InputError
-from fdd.plant.circuit import Circuit, Connect
+from fdd.plant.circuit import WHERE, Circuit, Connect
 from fdd.plant.details import Details
-from fdd.plant.duty import AnyDuty, ConstantSpeed, Steps
-from fdd.plant.faults.scales import FaultScales
-from fdd.plant.faults.spec import FaultSpec
+from fdd.plant.duty import AnyDuty, ConstantSpeed, Standstill, Steps
+from fdd.plant.faults.spec import FaultScales, FaultSpec
 from fdd.plant.load import AnyLoad, NoLoad
 from fdd.plant.oil import ATMOSPHERE
-from fdd.plant.partner import Partner
 from fdd.plant.programme import FULL, ShareProgramme
 from fdd.plant.sensors.recording import Recording
 from fdd.plant.validated import Validated
-from fdd.plant.valves import check_valves
+from fdd.yaml_reading import yaml_mapping, yaml_of, yaml_text
+
+SCENARIO_SCHEMA = "fdd.scenario/1"
+"""First line of the files that `scenario_yaml` writes; may be left out in others."""
+
+_MEND = "give a YAML file with a scenario's fields: duration, duty, faults, partner, …"
 
 MAX_DURATION = 3600.0
 """s; a millisecond takes about 350 bytes while it is simulated."""
@@ -41,6 +80,47 @@ class Control(Validated):
     gain: Annotated[float, Field(gt=0.0, le=1e6)] = 16_875.0
     rate_gain: Annotated[float, Field(ge=0.0, le=10_000.0)] = 0.0
     filter_cutoff: Annotated[float, Field(ge=1.0, le=3_000.0)] = 350.0
+
+
+class Partner(Validated):
+    """The axis whose cylinder sits on the same rod (thesis 4.3: two actuators in series).
+
+    Attributes
+    ----------
+    unit : name of its unit, kept with the data; `simulate` takes the unit itself.
+    drive : same (the first axis's speed command), still (a command of zero, the motor holding) or
+        own (the open-loop speeds of `duty`).
+    duty : for drive own.
+    power : share of the motor's current limit; 0 is a motor without power, which the oil turns.
+    circuit : its valves.
+
+    Raises
+    ------
+    InputError : a duty without drive own, or the other way round.
+
+    Examples
+    --------
+    >>> Partner(drive="still", circuit={"bypass": 1}).unit
+    'axis_b'
+    """
+
+    unit: str = "axis_b"
+    drive: Literal["same", "still", "own"] = "same"
+    duty: AnyDuty | None = None
+    power: ShareProgramme = FULL
+    circuit: Circuit = Circuit()
+
+    @model_validator(mode="after")
+    def _driven(self) -> Partner:
+        if (self.drive == "own") != (self.duty is not None):
+            problem = "drive own needs a duty" if self.drive == "own" else f"drive {self.drive} takes no duty"
+            raise InputError(problem, mend="give drive own and a duty together")
+        if isinstance(self.duty, ConstantSpeed):
+            raise InputError(
+                "the partner cannot do constant_speed: it turns at its own encoder",
+                mend="use steps, levels or another duty of given speeds",
+            )
+        return self
 
 
 class Scenario(Validated):
@@ -101,7 +181,7 @@ class Scenario(Validated):
     @model_validator(mode="after")
     def _together(self) -> Scenario:
         _check_faults(self)
-        check_valves(self)
+        _check_valves(self)
         if isinstance(self.duty, ConstantSpeed) and self.control.mode != "speed":
             raise InputError(
                 "duty constant_speed needs speed control", mend="set control mode to speed, or use strokes"
@@ -137,3 +217,108 @@ def _check_faults(scenario: Scenario) -> None:
                 f"fault {spec.fault} is given twice for axis {spec.axis}", mend="give it once for each axis"
             )
         seen.add((spec.fault, spec.axis))
+
+
+def _check_valves(scenario: Scenario) -> None:
+    """Refuse what the module's table refuses; charging against a unit's pressures is `check_charging`'s."""
+    partner, circuit, connect = scenario.partner, scenario.circuit, scenario.connect
+    if partner is None:
+        if connect.open:
+            raise InputError(
+                "a connect valve is open but there is no partner",
+                where=WHERE,
+                mend="shut connect or give a partner",
+            )
+        if circuit.blocked:
+            raise InputError(
+                "the axis is blocked and no partner moves its cylinder",
+                where=WHERE,
+                mend="open its ball valve (blocked: false) or give a partner",
+            )
+        return
+    if scenario.load.name == "throttle":
+        raise InputError(
+            "load throttle stands for a throttled partner, and there is a partner",
+            where="scenario load",
+            mend="open the partner's own throttle instead, with another load",
+        )
+    if circuit.blocked and partner.circuit.blocked:
+        raise InputError(
+            "both axes are blocked: no pump reaches a cylinder",
+            where=WHERE,
+            mend="open one of the ball valves",
+        )
+    asked = not isinstance(scenario.duty, Standstill)
+    first = asked and scenario.power.most > 0.0
+    second = partner.power.most > 0.0 and (
+        asked if partner.drive == "same" else not isinstance(partner.duty, Standstill | None)
+    )
+    for name, valves, driven in (("first axis", circuit, second), ("partner", partner.circuit, first)):
+        if connect.joined:
+            driven = first or second
+        if valves.blocked and driven and not valves.passes:
+            raise InputError(
+                f"hydraulic lock: the {name} is blocked, its throttle and by-pass are shut, and its cylinder "
+                "is driven by the other's",
+                where=WHERE,
+                mend="open its throttle or by-pass",
+            )
+    if (
+        circuit.blocked
+        and scenario.control.mode == "position"
+        and partner.drive != "same"
+        and not connect.joined
+    ):
+        raise InputError(
+            "the first axis is blocked: its position loop would not see what its pump does",
+            where=WHERE,
+            mend="use speed control, partner drive same, or open both connect valves",
+        )
+    if min(circuit.charging.most, partner.circuit.charging.most) > 0.0:
+        raise InputError(
+            "both axes are being charged, and the rig has one charging pump",
+            where=WHERE,
+            mend="charge one of them; they share the accumulator",
+        )
+
+
+def scenario_data(path: str | Path) -> dict[str, Any]:
+    """The fields that a scenario file gives, not yet validated.
+
+    Raises
+    ------
+    InputError : no such file, not YAML, or of another schema.
+    """
+    path = Path(path)
+    text = yaml_text(path, "scenario", MAX_SCENARIO_BYTES, _MEND)
+    data = yaml_mapping(text, path, "scenario", mend=_MEND)
+    schema = data.pop("schema", SCENARIO_SCHEMA)
+    if schema != SCENARIO_SCHEMA:
+        raise InputError(f"schema {schema!r:.60} is not a scenario", where=path, mend=_MEND)
+    return data
+
+
+def load_scenario(path: str | Path) -> Scenario:
+    """Read a scenario file.
+
+    Raises
+    ------
+    InputError : names the file, the field and what is allowed.
+    """
+    data = scenario_data(path)
+    try:
+        return Scenario(**data)
+    except InputError as error:
+        raise error.at(path) from None
+
+
+def scenario_yaml(scenario: Scenario) -> str:
+    """The whole scenario as YAML, defaults filled in; `load_scenario` gives the same one back.
+
+    Examples
+    --------
+    >>> scenario_yaml(Scenario()).splitlines()[:2]
+    ['schema: fdd.scenario/1', 'unit: axis_a']
+    """
+    plain = {"schema": SCENARIO_SCHEMA, **scenario.model_dump(mode="json")}
+    return yaml_of(plain)

@@ -20,8 +20,7 @@ from fdd.plant.integrator import LATE_PARTS, PERIOD, run
 from fdd.plant.prepare import Prepared, prepare, stream_of
 from fdd.plant.scenario import Scenario
 from fdd.plant.sensors import Lateness, Recorder
-from fdd.plant.truth import Truth
-from fdd.plant.truth_columns import truth_columns
+from fdd.plant.truth import Truth, truth_columns
 from fdd.samples import Samples
 from fdd.unit import Unit
 
@@ -91,7 +90,6 @@ def raw_blocks(ready: Prepared, block: int = BLOCK) -> Iterator[RawBlock]:
     """
     scenario = ready.scenario
     lateness = Lateness(scenario.recording, LATE_PARTS, scenario.seed)
-    constants = ready.constants
     each, period = scenario.recording.each, scenario.recording.period
     for start in range(0, scenario.rows, block):
         stop = min(start + block, scenario.rows)
@@ -105,8 +103,8 @@ def raw_blocks(ready: Prepared, block: int = BLOCK) -> Iterator[RawBlock]:
             by_load,
             by_heat,
             ready.viscosity,
-            constants[0],
-            constants[-1],
+            ready.parameters[0],
+            ready.parameters[-1],
             ready.controller,
             late,
             1.0 / ready.allowed,
@@ -197,9 +195,17 @@ def simulate(
     parts = list(stream(unit, scenario, partner=partner, refine=refine))
     found: Simulation | None = None
     for i in reversed(range(len(units))):
+        samples = parts[0][i].samples
+        if len(parts) > 1:
+            stamps = np.concatenate([axes[i].samples.time for axes in parts])
+            samples = Samples(stamps, _joined([axes[i].samples.columns for axes in parts]))
         found = Simulation(
-            samples=_joined_samples([axes[i].samples for axes in parts]),
-            truth=_joined_truth([axes[i].truth for axes in parts]),
+            samples=samples,
+            truth=Truth(
+                time=samples.time,
+                columns=_joined([axes[i].truth.columns for axes in parts]),
+                severity=_joined([axes[i].truth.severity for axes in parts]),
+            ),
             labels=[spec.label() for spec in _own(scenario, i)],
             unit=units[i],
             scenario=scenario,
@@ -233,20 +239,8 @@ def _axis_block(ready: Prepared, raw: RawBlock, axis: int, recorder: Recorder) -
     return AxisBlock(samples, Truth(samples.time, everything, severity))
 
 
-def _joined_samples(parts: list[Samples]) -> Samples:
+def _joined(parts: list[dict[str, Array]]) -> dict[str, Array]:
+    """Columns of all blocks, one after another."""
     if len(parts) == 1:
         return parts[0]
-    time = np.concatenate([part.time for part in parts])
-    names = parts[0].columns
-    return Samples(time, {name: np.concatenate([part.columns[name] for part in parts]) for name in names})
-
-
-def _joined_truth(parts: list[Truth]) -> Truth:
-    if len(parts) == 1:
-        return parts[0]
-    first = parts[0]
-    return Truth(
-        time=np.concatenate([part.time for part in parts]),
-        columns={name: np.concatenate([part.columns[name] for part in parts]) for name in first.columns},
-        severity={name: np.concatenate([part.severity[name] for part in parts]) for name in first.severity},
-    )
+    return {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}

@@ -8,6 +8,9 @@ from pydantic import BaseModel, ConfigDict, ValidationError
 
 from fdd.errors import InputError
 
+Ranges = dict[str, tuple[float, float]]
+"""Parameter to the range that a campaign draws it from."""
+
 
 class Validated(BaseModel):
     """A model that refuses unknown fields and tells what is wrong in one line.

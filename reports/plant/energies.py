@@ -86,7 +86,7 @@ def fine_run(
     ready = prepare(unit, scenario, partner=partner, refine=refine)
     conditions = ready.conditions(0, scenario.rows)
     rows = np.empty_like(conditions[0])
-    first, second = ready.constants[0], ready.constants[-1]
+    first, second = ready.parameters[0], ready.parameters[-1]
     points, weights = lobatto(nodes)
     y = ready.state.copy()
     k, stage = np.empty((STAGES, y.size)), np.empty(y.size)

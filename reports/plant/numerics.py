@@ -57,7 +57,7 @@ def integrate(
     """
     ready = case.prepared(duration)
     conditions = ready.conditions(0, commands.shape[0])
-    first, second = ready.constants[0], ready.constants[-1]
+    first, second = ready.parameters[0], ready.parameters[-1]
     atol = tolerances(ready.axes) * atol_factor
     found = np.empty(ready.axes * s.FINDINGS)
     y = ready.state.copy()

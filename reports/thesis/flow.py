@@ -11,8 +11,7 @@ from scipy.optimize import least_squares
 from fdd.identification.experiments.hydraulic import Coefficients, from_profile
 from fdd.measures import ATMOSPHERE_PA
 from fdd.plant.details import Details
-from fdd.plant.faults.scales import FaultScales
-from fdd.plant.faults.spec import FaultSpec
+from fdd.plant.faults.spec import FaultScales, FaultSpec
 from fdd.residuals.oil import air_compliance
 from fdd.unit import Oil, Unit
 from reports.thesis.findings import Figures

@@ -15,8 +15,7 @@ from numpy.typing import NDArray
 from fdd.plant.circuit import Circuit
 from fdd.plant.details import Details
 from fdd.plant.duty import Replay
-from fdd.plant.partner import Partner
-from fdd.plant.scenario import Control, Recording, Scenario
+from fdd.plant.scenario import Control, Partner, Recording, Scenario
 from fdd.plant.simulate import Simulation, simulate
 from fdd.unit import Unit
 

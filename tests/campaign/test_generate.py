@@ -15,7 +15,7 @@ from fdd.campaign.dataset import Dataset
 from fdd.campaign.generate import generate
 from fdd.campaign.recipe import Recipe
 from fdd.errors import InputError
-from fdd.plant.faults.scales import FaultScales
+from fdd.plant.faults.spec import FaultScales
 from fdd.plant.oil import viscosity_ratio
 from fdd.unit import Unit
 

@@ -18,8 +18,7 @@ from fdd.campaign.recipe import DRAWN_DUTIES, Recipe
 from fdd.errors import InputError
 from fdd.faults import CATALOGUE
 from fdd.plant.duty import DUTIES, ConstantSpeed
-from fdd.plant.faults.scales import FaultScales
-from fdd.plant.faults.spec import SIMULATED
+from fdd.plant.faults.spec import SIMULATED, FaultScales
 from fdd.plant.load import LOADS
 from fdd.plant.simulate import prepare, simulate
 from fdd.unit import Unit

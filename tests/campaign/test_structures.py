@@ -17,8 +17,7 @@ from fdd.campaign.sizes import RELIEF, Scale, Size, sized_unit
 from fdd.errors import InputError
 from fdd.faults import PROFILES
 from fdd.plant.details import Details
-from fdd.plant.faults.scales import FaultScales
-from fdd.plant.faults.spec import SIMULATED
+from fdd.plant.faults.spec import SIMULATED, FaultScales
 from fdd.plant.load import LOADS
 from fdd.plant.scenario import Scenario
 from fdd.plant.sensors.recording import Recording

@@ -10,8 +10,7 @@ import pytest
 import yaml
 
 from fdd.faults import CATALOGUE
-from fdd.plant.scenario import Scenario
-from fdd.plant.scenario_file import load_scenario, scenario_yaml
+from fdd.plant.scenario import Scenario, load_scenario, scenario_yaml
 from fdd.unit import Unit
 
 FILE: dict[str, Any] = {

@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from estimators.eha import layout
 from estimators.eha import model as eha
 from estimators.eha.tracker import EhaTracker
-from fdd.plant.faults.scales import FaultScales
+from fdd.plant.faults.spec import FaultScales
 from fdd.plant.scenario import Recording, Scenario
 from fdd.plant.simulate import Simulation, simulate
 from fdd.residuals.tracked import Tracked

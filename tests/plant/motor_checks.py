@@ -11,7 +11,7 @@ from fault_case import Array, Case, run
 
 from fdd.plant.details import Details
 from fdd.plant.duty import Levels
-from fdd.plant.faults.scales import FaultScales
+from fdd.plant.faults.spec import FaultScales
 from fdd.plant.load import NoLoad
 from fdd.plant.scenario import Control, Recording
 from fdd.plant.truth import Truth

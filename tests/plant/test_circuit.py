@@ -9,10 +9,9 @@ from hypothesis import strategies as st
 
 from fdd.errors import InputError
 from fdd.plant import conditions as c
-from fdd.plant.circuit import Circuit, Connect, ExternalAccumulators, apply, apply_connect
+from fdd.plant.circuit import Circuit, Connect, ExternalAccumulators, apply, apply_connect, check_charging
 from fdd.plant.rows import axis_conditions, partner_setpoint
 from fdd.plant.scenario import Scenario
-from fdd.plant.valves import check_charging
 from fdd.unit import Unit
 
 UNIT = Unit.load("axis_a")
@@ -117,7 +116,7 @@ def test_the_partners_own_speeds() -> None:
         assert not partner_setpoint(Scenario(partner=partner), 10, np.random.default_rng(0)).any()
 
 
-# What contradicts itself: one case for each line of the table in fdd.plant.valves.
+# What contradicts itself: one case for each line of the table in fdd.plant.scenario.
 
 SHUT = {"blocked": True}
 OPEN = {"blocked": True, "throttle": 0.5}

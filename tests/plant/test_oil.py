@@ -11,7 +11,7 @@ from fdd.plant.details import Details
 from fdd.plant.laws import oil_at
 from fdd.plant.load import NoLoad
 from fdd.plant.oil import ATMOSPHERE, bulk_modulus, stiff_bulk_modulus, viscosity, viscosity_ratio
-from fdd.plant.parameters import as_record, plant_parameters
+from fdd.plant.parameters import plant_parameters
 from fdd.unit import Unit
 
 UNIT = Unit.load("axis_a")
@@ -46,7 +46,7 @@ def test_the_compiled_oil_is_the_bulk_modulus_law_and_its_integral(pressure, air
     """Compliance at the reference temperature; expansion and g as the density's own differences."""
     oil = OIL.model_copy(update={"polytropic_index": n})
     unit = UNIT.model_copy(update={"oil": oil})
-    par = as_record(plant_parameters(unit, Details(), NoLoad(), ambient=ambient))
+    par = plant_parameters(unit, Details(), NoLoad(), ambient=ambient)
     compliance, density, gas, _ = oil_at(pressure, air, 0.0, 0.0, par)
     assert 1.0 / compliance == pytest.approx(float(bulk_modulus(oil, pressure, air, ambient)), rel=1e-10)
     start = ATMOSPHERE - ambient  # gauge pressure at which the air is counted

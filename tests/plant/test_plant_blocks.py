@@ -9,7 +9,6 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from fdd.plant.integrator import run
-from fdd.plant.parameters import as_record
 from fdd.plant.prepare import prepare
 from fdd.plant.scenario import Scenario
 from fdd.plant.simulate import raw_blocks, simulate, stream
@@ -80,15 +79,14 @@ def test_the_loop_forgets_nothing_between_uneven_cuts(case, cuts):
     scenario, partner = _scenario(case), _partner(case)
     once = next(iter(raw_blocks(prepare(A, scenario, partner=partner), block=LENGTH)))
     ready = prepare(A, scenario, partner=partner)
-    constants = [as_record(par) for par in ready.parameters]
     late = np.rint((once.time - np.arange(LENGTH) * 1e-3) / 1e-4).astype(np.int64)
     edges = [0, *sorted(cuts), LENGTH]
     states, commands = [], []
     for start, stop in pairwise(edges):
         block, _, asked = run(
             ready.state, ready.memory, ready.past, *ready.conditions(start, stop), ready.viscosity,
-            constants[0], constants[-1], ready.controller, late[start:stop], 1.0 / ready.allowed,
-            ready.longest,
+            ready.parameters[0], ready.parameters[-1], ready.controller, late[start:stop],
+            1.0 / ready.allowed, ready.longest,
         )  # fmt: skip
         states.append(block)
         commands.append(asked)

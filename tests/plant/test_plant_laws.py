@@ -8,12 +8,11 @@ import pytest
 from fdd.plant import conditions as c
 from fdd.plant import state as s
 from fdd.plant.details import Details
-from fdd.plant.drive import drive_rates
-from fdd.plant.friction import friction_rates
+from fdd.plant.equations import drive_rates, friction_rates
 from fdd.plant.integrator import MEMORIES, protect
 from fdd.plant.load import ConstantLoad, NoLoad
 from fdd.plant.oil import air_compliance, stiff_bulk_modulus, viscosity
-from fdd.plant.parameters import as_record, plant_parameters
+from fdd.plant.parameters import plant_parameters
 from fdd.plant.prepare import prepare
 from fdd.plant.scenario import Scenario
 from fdd.plant.sensors.recording import Recording
@@ -31,7 +30,7 @@ def _truth(details: dict[str, Any], unit: Unit = UNIT, **scenario: Any) -> Truth
 def _steady_friction(law: str, v: float, pressure: float = 0.0, **details: float) -> float:
     """Friction once the bristle has settled at that speed."""
     # Without cogging or pump, of which the seals know nothing.
-    par = as_record(plant_parameters(UNIT, Details(friction_law=law, **details), NoLoad()))
+    par = plant_parameters(UNIT, Details(friction_law=law, **details), NoLoad())
     y, dy, now = np.zeros(s.AXIS_STATES), np.zeros(s.AXIS_STATES), np.ones(c.COLUMNS)
     now[c.MIDDLE] = 0.0
     y[s.P1] = y[s.P2] = pressure
@@ -230,7 +229,7 @@ def test_friction_drag_and_leakage_go_with_the_oils_viscosity():
 
 def test_the_pumps_torque_loss_is_that_of_a_gear_pump():
     """Hydromechanical efficiency at full speed: 85 to 92 % at 3.44 MPa, better at higher pressure."""
-    par = as_record(plant_parameters(UNIT, Details(), NoLoad()))
+    par = plant_parameters(UNIT, Details(), NoLoad())
     y, dy, now = np.zeros(s.AXIS_STATES), np.zeros(s.AXIS_STATES), np.ones(c.COLUMNS)
     y[s.SPEED], now[c.PHASE], now[c.BRAKING] = 314.0, 0.0, 0.0
     efficiency = []
@@ -245,7 +244,7 @@ def test_the_pumps_torque_loss_is_that_of_a_gear_pump():
 def test_a_motor_that_works_too_hard_is_given_its_continuous_current():
     """I²t: at the limit heat i²/i_c² = 4 reaches 1 after -τ·ln(3/4), then the limit falls to its share."""
     details = Details(winding_time=2.0, continuous_share=0.5)
-    par = as_record(plant_parameters(UNIT, details, NoLoad()))
+    par = plant_parameters(UNIT, details, NoLoad())
     memory, limit = np.zeros(MEMORIES), []
     for _ in range(4000):
         now = np.ones((1, c.COLUMNS))

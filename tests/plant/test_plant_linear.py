@@ -9,7 +9,6 @@ from numpy.typing import NDArray
 from fdd.plant import state as s
 from fdd.plant.equations import right_hand_side
 from fdd.plant.oil import bulk_modulus
-from fdd.plant.parameters import Parameters, as_record
 from fdd.plant.prepare import Prepared, prepare
 from fdd.plant.scenario import Control, Scenario
 from fdd.plant.simulate import simulate
@@ -42,8 +41,10 @@ class AtRest:
             "viscous_reverse": viscous,
             **changes,
         }
-        self.parameters: list[Parameters] = [par._replace(**plain) for par in ready.parameters]
-        self._constants = [as_record(par) for par in self.parameters]
+        self.parameters = [par.copy() for par in ready.parameters]
+        for par in self.parameters:
+            for name, value in plain.items():
+                par[name] = value
         self.rows = ready.row(ready.state, 0, ready.conditions(0, 1))
         self.y = np.zeros(ready.state.size)
         for axis, unit in enumerate(ready.units):
@@ -55,7 +56,7 @@ class AtRest:
 
     def rates(self, y: Array, command: float = 0.0) -> Array:
         dy, found = np.empty(y.size), np.empty(len(self.parameters) * s.FINDINGS)
-        right_hand_side(y, command, command, self.rows, self._constants[0], self._constants[-1], dy, found)
+        right_hand_side(y, command, command, self.rows, self.parameters[0], self.parameters[-1], dy, found)
         return dy
 
     def slope(self, of: list[int], by: int) -> Array:

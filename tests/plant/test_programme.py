@@ -10,7 +10,7 @@ from scipy.signal import bilinear, cont2discrete, lfilter
 
 from fdd.errors import InputError
 from fdd.plant.circuit import Circuit
-from fdd.plant.filters import chatter_filter
+from fdd.plant.prepare import chatter_filter
 from fdd.plant.programme import Programme, programme
 
 TIMES = st.lists(st.floats(0.0, 3600.0), min_size=1, max_size=12, unique=True).map(sorted)

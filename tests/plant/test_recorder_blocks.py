@@ -12,9 +12,8 @@ from hypothesis import strategies as st
 from fdd.errors import InputError
 from fdd.plant.faults.spec import FaultSpec
 from fdd.plant.sensors import Lateness, PositionSlip, Recorder, Recording, Rows, position_offset
-from fdd.plant.sensors.faults import DROPOUTS
+from fdd.plant.sensors.faults import DROPOUTS, PLAY
 from fdd.plant.sensors.recorder import KNOWN, MEASURED
-from fdd.plant.sensors.slip import PLAY
 from fdd.sensor import CurrentLoop, Sensor
 from fdd.unit import Unit
 
@@ -128,8 +127,8 @@ def test_a_dropout_takes_the_share_of_time_that_its_severity_says(severity: floa
     # 0.1 s of memory: 3000 independent pieces, so the share is known to ±2.7 % of a unit (3 deviations).
     assert lost.mean() == pytest.approx(severity, abs=0.03)
     if severity < 1.0:
-        lengths = np.diff(np.flatnonzero(np.diff(lost.astype(int))))
-        assert np.mean(lengths) > 50.0
+        bursts = np.count_nonzero(np.diff(lost.astype(int)) == 1)
+        assert lost.sum() * 1e-3 / bursts == pytest.approx(0.1 / (1.0 - severity), rel=0.25)
 
 
 def test_what_a_dropout_leaves_in_the_log() -> None:

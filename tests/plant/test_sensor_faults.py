@@ -11,12 +11,10 @@ import pytest
 
 from fdd.errors import InputError
 from fdd.faults import CATALOGUE
-from fdd.plant.faults.scales import FaultScales
-from fdd.plant.faults.spec import FaultSpec, parse_fault
+from fdd.plant.faults.spec import FaultScales, FaultSpec, parse_fault
 from fdd.plant.sensors import Recorder, Recording, Rows
-from fdd.plant.sensors.faults import sensor_fault
+from fdd.plant.sensors.faults import SensorFault, sensor_fault
 from fdd.plant.sensors.recorder import MEASURED
-from fdd.plant.sensors.sensor_fault import SensorFault
 from fdd.sensor import Sensor
 from fdd.unit import Unit
 

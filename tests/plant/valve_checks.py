@@ -10,7 +10,7 @@ import pytest
 from fault_case import ONSET, Case, held, keeps_its_oil, over_time, port_pressure
 
 from fdd.plant.duty import Levels, Strokes
-from fdd.plant.faults.scales import FaultScales
+from fdd.plant.faults.spec import FaultScales
 from fdd.plant.load import SpringLoad
 from fdd.plant.scenario import Control, Recording
 

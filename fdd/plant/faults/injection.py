@@ -16,8 +16,7 @@ from numpy.typing import NDArray
 from fdd.faults import CATALOGUE, Effect, unusable
 from fdd.plant import conditions as c
 from fdd.plant.details import Details
-from fdd.plant.faults.scales import FaultScales
-from fdd.plant.faults.spec import FaultSpec
+from fdd.plant.faults.spec import FaultScales, FaultSpec
 
 Array = NDArray[np.float64]
 

@@ -1,16 +1,16 @@
-"""What a user asks for: which fault, how severe, when, and how it comes."""
+"""What a user asks for: which fault, how severe, when, and how it comes; what severity 1 is in figures."""
 
 from __future__ import annotations
 
 from functools import lru_cache
-from typing import Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import Field, model_validator
+from pydantic import Field, create_model, model_validator
 
 from fdd.errors import InputError
-from fdd.faults import CATALOGUE, PROFILES, fault
+from fdd.faults import CATALOGUE, PROFILES, Figure, fault
 from fdd.plant.validated import Validated
 
 SIMULATED = tuple(f.id for f in CATALOGUE.values() if f.simulated)
@@ -134,6 +134,38 @@ def _changes(seed: int, period: float, duty: float) -> NDArray[np.float64]:
     """Seconds after the onset at which a random fault goes, comes, goes …"""
     rng = np.random.default_rng([seed, _CHANGES])
     return np.cumsum(rng.exponential(1.0, (_CHANGES, 2)) * period * np.array([duty, 1.0 - duty]))
+
+
+_FIGURES = [figure for entry in CATALOGUE.values() for figure in entry.figures]
+
+
+def _field(figure: Figure) -> Any:
+    low, high = figure.allowed
+    return Annotated[float, Field(ge=low, le=high, description=figure.meaning)], figure.value
+
+
+if TYPE_CHECKING:
+
+    class _Figures(Validated):
+        def __getattr__(self, name: str) -> float: ...
+else:  # Of the catalogue, so that a figure stands in its fault's module alone.
+    _Figures = create_model("_Figures", __base__=Validated, **{f.name: _field(f) for f in _FIGURES})
+
+
+class FaultScales(_Figures):
+    """Effects of the faults at severity 1; between 0 and 1 they go in proportion.
+
+    Its parameters are the figures of the catalogue, whose modules say what each of them means. Leakages are
+    those at the oil's reference temperature, orifice flows those at 1 MPa.
+
+    Examples
+    --------
+    >>> FaultScales(free_air=0.04).internal_leakage
+    1.2e-11
+    """
+
+    usual: ClassVar[dict[str, tuple[float, float]]] = {f.name: f.usual for f in _FIGURES if f.usual}
+    """Ranges that a campaign draws from, see `fdd.faults.Figure`."""
 
 
 _NUMBERS = ("severity", "onset", "ramp", "period", "duty")

@@ -1,10 +1,9 @@
 """The sensors: from what was in the plant to what a log shows, block by block."""
 
 from fdd.plant.sensors.channel import ChannelSensor, digitise, measure_channel
-from fdd.plant.sensors.faults import SENSOR_FAULTS, struck_channel
+from fdd.plant.sensors.faults import SENSOR_FAULTS, PositionSlip, position_offset, struck_channel
 from fdd.plant.sensors.recorder import KNOWN, MEASURED, Recorder, Rows
 from fdd.plant.sensors.recording import Lateness, Recording
-from fdd.plant.sensors.slip import PositionSlip, position_offset
 from fdd.plant.sensors.streams import generator
 
 __all__ = [

@@ -3,21 +3,29 @@
 from __future__ import annotations
 
 import math
+from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.signal import butter, sosfilt
 
 from fdd.plant.compiled import njit
-from fdd.plant.sensors.noise import HIGHEST_LIMIT, RATE, band_limit
 from fdd.sensor import Sensor
 
 Array = NDArray[np.float64]
 
+RATE = 1000.0
+"""Hz, rows per second, usually."""
+HIGHEST_LIMIT = 0.45 * RATE
+"""Hz; a limit from here on is none."""
+_ORDER = 4
+_LEFT = 1e-9
+"""Share of a transient that is left once the noise counts as settled."""
+_LONGEST = 1_000_000
 _NOTHING = np.empty(0)
-_STARTED, _LAG, _FILTER = 0, 1, 2
-_STATE = 6
-"""Whether rows have come, the lagged signal, two states of each of the noise filter's sections."""
+_STARTED, _LAG = 0, 1
+"""What a channel remembers: whether rows have come, and the lagged signal."""
 
 
 class Range(NamedTuple):
@@ -54,38 +62,36 @@ def range_of(sensor: Sensor) -> Range:
     return Range(max(low, loop.smallest), min(high, loop.largest), loop.resolution, -loop.offset)
 
 
-@njit(error_model="numpy")
-def _digitise(value: float, grid: Range) -> float:
-    value = min(max(value, grid.low), grid.high)
-    if grid.step > 0.0:
-        value = grid.origin + grid.step * np.rint((value - grid.origin) / grid.step)
-    return value
+@lru_cache(maxsize=64)
+def band_limit(limit_hz: float, rate: float = RATE) -> tuple[Array, int]:
+    """Sections that let white noise of deviation 1 through up to a limit and leave it at deviation 1.
 
+    Butterworth of fourth order: half the power at the limit, a thousandth from twice the limit on. Its gain
+    is one over the root of the impulse response's sum of squares, which is what it does to white noise.
 
-@njit(error_model="numpy")
-def _digitise_all(values: Array, grid: Range) -> Array:
-    out = np.empty_like(values)
-    for i in range(values.size):
-        out[i] = _digitise(values[i], grid)
-    return out
+    Parameters
+    ----------
+    limit_hz : below `HIGHEST_LIMIT`.
+    rate : Hz, rows per second.
 
+    Returns
+    -------
+    (2, 6) second-order sections, and the rows after which their start is forgotten.
 
-@njit(error_model="numpy")
-def _band(white: Array, sections: Array, state: Array) -> None:
-    """White noise through the sections (transposed direct form II), in place; `state` goes on."""
-    b0, b1, b2, a1, a2 = sections[0, 0], sections[0, 1], sections[0, 2], sections[0, 4], sections[0, 5]
-    c0, c1, c2, d1, d2 = sections[1, 0], sections[1, 1], sections[1, 2], sections[1, 4], sections[1, 5]
-    s0, s1, r0, r1 = state[_FILTER], state[_FILTER + 1], state[_FILTER + 2], state[_FILTER + 3]
-    for i in range(white.size):
-        x = white[i]
-        y = b0 * x + s0
-        s0 = b1 * x - a1 * y + s1
-        s1 = b2 * x - a2 * y
-        z = c0 * y + r0
-        r0 = c1 * y - d1 * z + r1
-        r1 = c2 * y - d2 * z
-        white[i] = z
-    state[_FILTER], state[_FILTER + 1], state[_FILTER + 2], state[_FILTER + 3] = s0, s1, r0, r1
+    Examples
+    --------
+    >>> sections, settled = band_limit(150.0)
+    >>> impulse = np.eye(1, 4000)[0]
+    >>> round(float(np.sum(sosfilt(sections, impulse) ** 2)), 12), settled < 200
+    (1.0, True)
+    """
+    sections = np.array(butter(_ORDER, limit_hz, fs=rate, output="sos"))
+    poles = np.abs(np.concatenate([np.roots(section[3:]) for section in sections]))
+    settled = min(int(np.log(_LEFT) / np.log(poles.max())) + 1, _LONGEST)
+    impulse = np.zeros(settled + 1)
+    impulse[0] = 1.0
+    sections[0, :3] /= np.sqrt(np.sum(sosfilt(sections, impulse) ** 2))
+    return sections, settled
 
 
 @njit(error_model="numpy")
@@ -142,17 +148,18 @@ class ChannelSensor:
         limited = limit is not None and limit < HIGHEST_LIMIT
         share = -math.expm1(-2.0 * math.pi * limit / rate) if limited and limit is not None else 1.0
         self._constants = _Constants(sensor.gain, sensor.zero, sensor.noise, share)
-        self._state = np.zeros(_STATE)
+        self._state = np.zeros(2)
         phases = [[a, b, rng.random()] for a, b in sensor.tones]
         self._tones = np.array(phases).reshape(-1, 3)
         # Of the angle in radians: turns of the wave per radian of the shaft.
         phases = [[order / (2.0 * math.pi), b, rng.random()] for order, b in sensor.shaft_orders]
         self._orders = np.array(phases).reshape(-1, 3)
         self._sections: Array | None = None
+        self._filter = np.zeros((2, 2))
         if limited and limit is not None and sensor.noise > 0.0:
             self._sections, settled = band_limit(float(limit), rate)
             # Noise did not begin with the log.
-            _band(rng.standard_normal(settled), self._sections, self._state)
+            self._band(rng.standard_normal(settled))
 
     def observe(self, truth: Array, time: Array, angle: Array | None = None) -> Array:
         """The next n rows before range and rounding.
@@ -171,7 +178,7 @@ class ChannelSensor:
         if self.sensor.noise > 0.0:
             noise = self._rng.standard_normal(truth.size)
             if self._sections is not None:
-                _band(noise, self._sections, self._state)
+                noise = self._band(noise)
         out = _observe(np.ascontiguousarray(truth, dtype=np.float64), noise, self._constants, self._state)
         if self._tones.size:
             _waves(out, time, self._tones)
@@ -179,9 +186,15 @@ class ChannelSensor:
             _waves(out, np.ascontiguousarray(angle), self._orders)
         return out
 
+    def _band(self, white: Array) -> Array:
+        if not white.size:  # which sosfilt refuses
+            return white
+        out, self._filter = sosfilt(self._sections, white, zi=self._filter)
+        return np.asarray(out)
+
     def digitise(self, values: Array) -> Array:
         """Clip to the range and round to the grid, (n,)."""
-        return _digitise_all(values, self.range)
+        return _digitise(values, self.range)
 
 
 def digitise(sensor: Sensor, value: Array) -> Array:
@@ -192,7 +205,14 @@ def digitise(sensor: Sensor, value: Array) -> Array:
     >>> digitise(Sensor(resolution=0.5, high=2.0), np.array([0.26, 9.0]))
     array([0.5, 2. ])
     """
-    return _digitise_all(np.ascontiguousarray(value, dtype=np.float64), range_of(sensor))
+    return _digitise(value, range_of(sensor))
+
+
+def _digitise(values: Array, grid: Range) -> Array:
+    values = np.clip(values, grid.low, grid.high)
+    if grid.step > 0.0:
+        values = grid.origin + grid.step * np.rint((values - grid.origin) / grid.step)
+    return values
 
 
 def measure_channel(

@@ -9,20 +9,85 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from fdd.errors import InputError
 from fdd.plant.compiled import njit
-from fdd.plant.faults.scales import FaultScales
-from fdd.plant.faults.spec import FaultSpec
-from fdd.plant.sensors.dropout import DROPOUT, DROPOUTS, Dropout, dropout_kind
+from fdd.plant.faults.spec import FaultScales, FaultSpec
 from fdd.plant.sensors.recording import PERIOD, Recording
-from fdd.plant.sensors.sensor_fault import USUAL, SensorFault
-from fdd.plant.sensors.slip import SLIP, PositionSlip
 from fdd.plant.sensors.streams import generator
 from fdd.sensor import Sensor
 
 Array = NDArray[np.float64]
 
+USUAL = FaultScales()
 DRIFTED = 50.0
 """s after which a drift has come as far by whatever law."""
+DROPOUT = "sensor_dropout"
+CONTACT_TIME = 0.1
+"""s, of a loose contact: it stays open for this time on average at small severity (assumption)."""
+DROPOUTS = {
+    "missing": ("pressure_difference", "nan"),
+    "held": ("pressure_difference", "held"),
+    "broken_loop": ("pressure_difference", "dead"),
+    "position_missing": ("position", "nan"),
+    "position_held": ("position", "held"),
+}
+"""Variant of a loose contact to the channel that it strikes and what is there meanwhile: NaN, the last
+value again, or what a current loop at 0 mA reads."""
+SLIP = "position_sensor_slip"
+SLIPS_PER_SECOND = 1.0
+SLIP_STEP = 1e-3
+"""m, mean size of a slip at severity 1: with one a second, 1 % of the travel at 0.1 m/s."""
+PLAY = 5e-3
+"""m; the reader head's clamp ends the walk on either side (assumption), so that strokes stay possible."""
+_AT_ONCE = 256
+
+
+class SensorFault:
+    """Effect on one channel: `distort` before range and rounding, `replace` after it.
+
+    Parameters
+    ----------
+    spec : the fault. sensor : of the channel. seed : of the scenario. stream : tells axes apart.
+    scales : figures of severity 1.
+    """
+
+    channel = "pressure_difference"
+    purpose = ""
+    """Of its random stream."""
+    first_state: tuple[float, float] = (np.nan, np.nan)
+    """What its compiled loop, where it has one, remembers at first."""
+    period = PERIOD
+    """s, between rows."""
+
+    def __init__(
+        self, spec: FaultSpec, sensor: Sensor, seed: int, stream: str = "", scales: FaultScales = USUAL
+    ) -> None:
+        self.spec, self.sensor, self.scales = spec, sensor, scales
+        self._seed, self._stream = seed, stream
+        self._rng = generator(seed, f"{self.purpose}{stream}")
+        self._state = np.array(self.first_state)
+        self.begin()
+
+    def begin(self) -> None:
+        """Set up what the kind has beside; raises `InputError` where the sensor cannot have it."""
+
+    def distort(self, values: Array, truth: Array, time: Array, first_row: int) -> Array:
+        """What the sensor gives instead of `values`, before range and rounding.
+
+        Parameters
+        ----------
+        values : (n,) of the sound sensor, with its noise; they may be overwritten.
+        truth : (n,) what is there. time : (n,) s, when the rows are taken. first_row : number of the first.
+
+        Returns
+        -------
+        (n,), in the channel's SI unit.
+        """
+        return values
+
+    def replace(self, values: Array, time: Array) -> Array:
+        """What the log has instead of the values (n,); they may be overwritten."""
+        return values
 
 
 class Bias(SensorFault):
@@ -33,19 +98,12 @@ class Bias(SensorFault):
     noise comes in behind it.
     """
 
-    def __init__(
-        self, spec: FaultSpec, sensor: Sensor, seed: int, stream: str = "", scales: FaultScales = USUAL
-    ) -> None:
-        super().__init__(spec, sensor, seed, stream, scales)
-        self._follows = np.array([np.nan])
-
     def distort(self, values: Array, truth: Array, time: Array, first_row: int) -> Array:
-        """See `SensorFault`."""
         severity = self.spec.over(time)
         if self.spec.law == "gain":
             values *= 1.0 + self.scales.pressure_gain * severity
         elif self.spec.law == "hysteresis":
-            values += _play(truth, self.scales.pressure_bias * severity, self._follows)
+            values += _play(truth, self.scales.pressure_bias * severity, self._state)
         else:
             values += self.scales.pressure_bias * severity
         return values
@@ -73,15 +131,10 @@ class Drift(SensorFault):
     severity likewise, and their time goes on while there is any; the walk's variance grows evenly.
     """
 
-    def __init__(
-        self, spec: FaultSpec, sensor: Sensor, seed: int, stream: str = "", scales: FaultScales = USUAL
-    ) -> None:
-        super().__init__(spec, sensor, seed, stream, scales)
-        self._gained, self._severity, self._time, self._drifting = 0.0, 0.0, 0.0, 0.0
-        self._rng = generator(seed, f"drift{stream}")
+    purpose = "drift"
+    _gained = _severity = _time = _drifting = 0.0
 
     def distort(self, values: Array, truth: Array, time: Array, first_row: int) -> Array:
-        """See `SensorFault`."""
         severity = self.spec.over(time)
         before = np.concatenate([[self._severity], severity[:-1]])
         gained = before * self._course(np.diff(time, prepend=self._time), before)
@@ -107,24 +160,220 @@ class Drift(SensorFault):
         return np.diff(-DRIFTED * np.expm1(-3.0 * drifting / DRIFTED))
 
 
+class PositionSlip:
+    """Offset of the position encoder: slips at random times, of random sign and size.
+
+    The reader head, or the rail that couples it to the rod (thesis A.1.2, figure A.4), slips in its clamp: at
+    times of a Poisson process the zero jumps by ``severity·SLIP_STEP`` times 0.5 to 1.5, to either
+    side, and stays where it then is; walls at ± `PLAY` reflect it. It depends on time and seed alone, not on
+    the motion, so that plant and log can each ask for it. An assumption: the thesis tells of no slip.
+
+    Parameters
+    ----------
+    spec : the fault. seed : of the scenario.
+    stream : tells the axes of one scenario apart.
+
+    Examples
+    --------
+    >>> spec = FaultSpec.model_construct(fault=SLIP, severity=1.0, onset=1.0, profile="step")
+    >>> slip = PositionSlip(spec, seed=3)
+    >>> slip.offset(0, 1000).any(), slip.offset(0, 60_000).any()
+    (np.False_, np.True_)
+    """
+
+    def __init__(self, spec: FaultSpec, seed: int, stream: str = "") -> None:
+        self.spec = spec
+        self._rng = generator(seed, f"position slip{stream}")
+        # Rows at which the zero jumps and where it is from then on; the first is where it begins.
+        self._rows = [0]
+        self._offsets = [0.0]
+        self._time = 0.0
+
+    def offset(self, first_row: int, n: int) -> Array:
+        """Metres that the encoder shows too much in rows ``first_row`` to ``first_row + n - 1``, (n,)."""
+        while self._rows[-1] < first_row + n:
+            self._slip_on()
+        rows = np.arange(first_row, first_row + n)
+        at = np.searchsorted(np.array(self._rows), rows, side="right") - 1
+        return np.array(self._offsets)[at]
+
+    def _slip_on(self) -> None:
+        """Draw the next slips; always as many, so that the walk does not depend on who asks for how much."""
+        times = np.cumsum(np.append(self._time, self._rng.exponential(1.0 / SLIPS_PER_SECOND, _AT_ONCE)))[1:]
+        sizes, sides = self._rng.random(_AT_ONCE), self._rng.random(_AT_ONCE)
+        rows = np.ceil(times / PERIOD).astype(np.int64)
+        severity = self.spec.over(np.asarray(rows * PERIOD, dtype=np.float64))
+        steps = severity * SLIP_STEP * (0.5 + sizes) * np.where(sides < 0.5, 1.0, -1.0)
+        offset = self._offsets[-1]
+        for step in steps.tolist():
+            offset += step
+            if abs(offset) > PLAY:
+                offset = (2.0 * PLAY - abs(offset)) * (1.0 if offset > 0.0 else -1.0)
+            self._offsets.append(offset)
+        self._rows += rows.tolist()
+        self._time = float(times[-1])
+
+
+def position_offset(faults: list[FaultSpec], first_row: int, n: int, seed: int, stream: str = "") -> Array:
+    """What slipping adds to the position encoder's reading in n rows from `first_row` on, (n,) m.
+
+    A column of it belongs to the position controller: its encoder reads ``gain·x + zero + offset``, rounded.
+    The log's position has the same offset. All zero without the fault.
+
+    Parameters
+    ----------
+    faults : of the scenario (of this axis). seed : of the scenario. stream : as the recorder's.
+
+    Examples
+    --------
+    >>> position_offset([], 0, 3, seed=1)
+    array([0., 0., 0.])
+    """
+    total = np.zeros(n)
+    for spec in faults:
+        if spec.fault == SLIP:
+            total += PositionSlip(spec, seed, stream).offset(first_row, n)
+    return total
+
+
 class Slip(SensorFault):
     """The position encoder's zero walks, see `PositionSlip`."""
 
     channel = "position"
 
-    def __init__(
-        self, spec: FaultSpec, sensor: Sensor, seed: int, stream: str = "", scales: FaultScales = USUAL
-    ) -> None:
-        super().__init__(spec, sensor, seed, stream, scales)
-        self._slip = PositionSlip(spec, seed, stream)
+    def begin(self) -> None:
+        self._slip = PositionSlip(self.spec, self._seed, self._stream)
 
     def distort(self, values: Array, truth: Array, time: Array, first_row: int) -> Array:
-        """See `SensorFault`."""
         # It slips from one millisecond to the next, as the controller sees it.
         each = round(PERIOD / self.period)
         values += np.repeat(self._slip.offset(first_row // each, time.size // each), each)
         return values
 
+
+class Dropout(SensorFault):
+    """A loose contact: the channel is lost for the share of time that the severity says.
+
+    Two states, with the chances in a row of ``severity/m`` to be lost and ``(1 - severity)/m`` to come back,
+    m rows being `CONTACT_TIME`: in the long run exactly that share is lost, in bursts.
+
+    Raises
+    ------
+    InputError : the variant's channel has no current loop, or the variant is unknown.
+    """
+
+    purpose = "dropout"
+    first_state = (0.0, np.nan)
+
+    def begin(self) -> None:
+        self.channel, self._shows = DROPOUTS[self.spec.variant or "missing"]
+        self._dead = np.nan
+        if self._shows == "dead":
+            if self.sensor.loop is None:
+                raise InputError(
+                    f"fault {self.spec.fault}: {self.channel} has no current loop that could break",
+                    mend="give the unit's sensor a loop, or use variant missing",
+                )
+            self._dead = -self.sensor.loop.offset
+
+    def replace(self, values: Array, time: Array) -> Array:
+        severity, drawn = self.spec.over(time), self._rng.random(time.size)
+        rows = CONTACT_TIME / self.period
+        _drop(values, severity, drawn, rows, self._shows == "held", self._dead, self._state)
+        return values
+
+
+@njit(error_model="numpy")
+def _drop(
+    values: Array, severity: Array, drawn: Array, rows: float, held: bool, instead: float, state: Array
+) -> None:
+    lost, last = state[0] > 0.0, state[1]
+    for i in range(values.size):
+        if severity[i] <= 0.0:
+            lost = False
+        elif lost:
+            lost = drawn[i] >= (1.0 - severity[i]) / rows
+        else:
+            lost = drawn[i] < severity[i] / rows
+        if lost:
+            values[i] = last if held else instead
+        else:
+            last = values[i]
+    state[0], state[1] = 1.0 if lost else 0.0, last
+
+
+class Noisy(SensorFault):
+    """White noise from behind the transducer, as by a broken shield: no band limit holds it."""
+
+    purpose = "noisy"
+
+    def distort(self, values: Array, truth: Array, time: Array, first_row: int) -> Array:
+        values += self.scales.noise_pressure * self.spec.over(time) * self._rng.standard_normal(time.size)
+        return values
+
+
+class Sticking(SensorFault):
+    """The reading stays until the pressure is beyond a band about where it stuck, then sticks anew there."""
+
+    def distort(self, values: Array, truth: Array, time: Array, first_row: int) -> Array:
+        _stick(values, truth, self.scales.sticking_pressure * self.spec.over(time), self._state)
+        return values
+
+
+@njit(error_model="numpy")
+def _stick(values: Array, truth: Array, band: Array, state: Array) -> None:
+    at, shown = state[0], state[1]
+    for i in range(values.size):
+        # Written so that it moves where either is NaN, too.
+        stays = band[i] > 0.0 and abs(truth[i] - at) <= band[i]
+        if not stays:
+            at, shown = truth[i], values[i]
+        values[i] = shown
+    state[0], state[1] = at, shown
+
+
+class Clipped(SensorFault):
+    """The amplifier saturates: the reading ends at a limit that falls with the severity."""
+
+    def distort(self, values: Array, truth: Array, time: Array, first_row: int) -> Array:
+        severity = self.spec.over(time)
+        limit = np.where(severity > 0.0, self.scales.clipping_pressure * (1.0 - severity), np.inf)
+        return np.minimum(values, limit)
+
+
+class Late(SensorFault):
+    """Samples wait on their way: the last one is repeated meanwhile, then the log has caught up.
+
+    Each that comes through is followed by a wait drawn evenly between zero and the longest. Of what is read
+    the age is a third of the longest wait on average, and never more than the longest.
+    """
+
+    purpose = "late samples"
+    first_state = (-np.inf, np.nan)
+
+    def replace(self, values: Array, time: Array) -> Array:
+        wait = self.scales.late_time * self.spec.over(time) * self._rng.random(time.size)
+        _wait(values, time, wait, self._state)
+        return values
+
+
+@njit(error_model="numpy")
+def _wait(values: Array, time: Array, wait: Array, state: Array) -> None:
+    until, shown = state[0], state[1]
+    for i in range(values.size):
+        if wait[i] <= 0.0 or time[i] >= until:
+            until, shown = time[i] + wait[i], values[i]
+        values[i] = shown
+    state[0], state[1] = until, shown
+
+
+DEGRADED: dict[str, type[SensorFault]] = {
+    "noisy": Noisy,
+    "sticking": Sticking,
+    "clipped": Clipped,
+    "late": Late,
+}
+"""Variants of a channel that is there and wrong."""
 
 SENSOR_FAULTS: dict[str, type[SensorFault]] = {
     "pressure_sensor_bias": Bias,
@@ -147,7 +396,14 @@ def sensor_fault(spec: FaultSpec) -> type[SensorFault] | None:
     >>> sensor_fault(FaultSpec(fault="sensor_dropout", severity=1.0, variant="late")).__name__
     'Late'
     """
-    return dropout_kind(spec) if spec.fault == DROPOUT else SENSOR_FAULTS.get(spec.fault)
+    if spec.fault != DROPOUT or spec.variant is None or spec.variant in DROPOUTS:
+        return SENSOR_FAULTS.get(spec.fault)
+    if spec.variant not in DEGRADED:
+        raise InputError(
+            f"fault {spec.fault}: variant {spec.variant!r} is not possible",
+            mend=f"use one of: {', '.join([*DROPOUTS, *DEGRADED])}",
+        )
+    return DEGRADED[spec.variant]
 
 
 def struck_channel(spec: FaultSpec, recording: Recording | None = None) -> str | None:

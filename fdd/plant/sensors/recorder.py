@@ -9,13 +9,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fdd.errors import InputError
-from fdd.plant.faults.scales import FaultScales
-from fdd.plant.faults.spec import FaultSpec
-from fdd.plant.sensors.channel import ChannelSensor, digitise
-from fdd.plant.sensors.faults import sensor_fault, struck_channel
-from fdd.plant.sensors.noise import RATE
+from fdd.plant.faults.spec import FaultScales, FaultSpec
+from fdd.plant.sensors.channel import RATE, ChannelSensor, digitise
+from fdd.plant.sensors.faults import USUAL, SensorFault, sensor_fault, struck_channel
 from fdd.plant.sensors.recording import Losses, NanBursts, Recording
-from fdd.plant.sensors.sensor_fault import USUAL, SensorFault
 from fdd.plant.sensors.streams import generator
 from fdd.samples import Samples
 from fdd.unit import Unit
