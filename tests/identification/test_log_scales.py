@@ -9,7 +9,8 @@ import pytest
 
 import fdd
 from fdd import InputError, Samples, Unit, read_log
-from fdd.identification.log_scales import check_scales
+from fdd.identification import log_scales
+from fdd.identification.log_scales import StreamScales, check_scales
 from fdd.samples import PRESSURES
 
 DEMO = Path(fdd.__file__).parent / "demo"
@@ -94,3 +95,23 @@ def test_a_log_at_rest_tells_nothing(healthy: Samples, unit: Unit) -> None:
     still = healthy.with_columns({n: np.full(len(healthy), healthy[n][0]) for n in
                                   ("position", "pump_angle", "pump_speed") if n in healthy})  # fmt: skip
     assert check_scales(still, unit, "log") == []
+
+
+def parts(log: Samples) -> list[Samples]:
+    return [log.rows(a, a + 500) for a in range(0, len(log), 500)]
+
+
+def test_a_stream_is_held_against_its_profile_once_it_moved(
+    healthy: Samples, unit: Unit, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(log_scales, "STREAM_S", 10.0)
+    still, sound, wrong = (StreamScales(unit, "axis A1") for _ in range(3))
+    resting = healthy.with_columns({"position": np.zeros(len(healthy))})
+    for part in parts(resting):
+        assert still.push(part) == [] and not still.done, "at rest it tells nothing"
+    for part in parts(healthy):
+        assert sound.push(part) == []
+    assert sound.done
+    with pytest.raises(InputError, match=r"axis A1: .*bar read as psi"):
+        for part in parts(scaled(healthy, 0.0689476, *PRESSURES)):
+            assert wrong.push(part) == [] and part.time[-1] < 10.0

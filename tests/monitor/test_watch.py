@@ -211,3 +211,15 @@ def test_a_state_of_another_unit_is_refused(pipeline, tiny_model, leaking, tmp_p
     save_state(path, pipeline, last_time=2.0, offset=0.0)
     with pytest.raises(InputError, match="unit 'axis_a'"):
         load_state(path, Pipeline(Unit.load("axis_b"), tiny_model))
+
+
+def test_what_is_said_of_a_streams_scales_comes_once_before_its_findings(pipeline, leaking, clock) -> None:
+    class Scales:
+        def push(self, samples: Samples) -> list[str]:
+            return ["a gain is odd"] if samples.time[0] == leaking.time[0] else []
+
+    events: list[Event] = []
+    source = Replay(leaking, Quality(), speed=None, clock=clock)
+    watch(source, pipeline, events.append, clock=clock, scales=Scales())
+    assert [e.text for e in events if isinstance(e, Noted)] == ["a gain is odd"]
+    assert isinstance(events[0], Noted)

@@ -22,11 +22,15 @@ import pytest
 from stores import postgres_url
 from watched import RECEIVED, blocks_of, fleet_of, leaking, send
 
+import fdd
 from fdd.diagnosis.model import Model
 from fdd.diagnosis.pipeline import Pipeline
 from fdd.errors import InputError
-from fdd.samples import Samples
+from fdd.identification import log_scales
+from fdd.logs import read_log
+from fdd.samples import PRESSURES, Samples
 from fdd.service.alarms import Action
+from fdd.service.axis import AxisWatch
 from fdd.service.bus import Bus
 from fdd.service.fleet import Fleet
 from fdd.service.inbox import Inbox
@@ -433,6 +437,26 @@ def test_a_restart_within_the_first_seconds_leaves_the_check_of_units(store: Sto
     fleet, inbox, _ = fleet_of(store)
     send(fleet, inbox, blocks_of(wrong)[20:100])
     assert fleet.axes()[0].state == "failed"
+
+
+def test_pressures_on_another_scale_are_refused_until_they_are_right(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    """Of a unit with a baseline: bar as psi passes as a magnitude, and not as this unit's."""
+    monkeypatch.setattr(log_scales, "STREAM_S", 10.0)
+    demo = Path(fdd.__file__).parent / "demo"
+    samples = read_log(demo / "demo.mcap").samples
+    sound = samples.rows(0, int(np.searchsorted(samples.time, samples.time[0] + 15.5)))
+    wrong = sound.with_columns({c: 0.0689476 * sound[c] for c in PRESSURES if c in sound})
+    watch = AxisWatch("A1", Unit.load(demo / "unit.yaml"), Model.load())
+    blocks = blocks_of(wrong)
+    watch.push(*blocks[:90])
+    assert watch.failed is None
+    watch.push(*blocks[90:])
+    assert watch.failed is not None and "bar read as psi" in watch.failed
+    later = Samples(sound.time + 20.0, sound.columns)
+    watch.push(*blocks_of(later))
+    assert watch.failed is None and not watch.standing
 
 
 def test_an_axis_can_be_removed_and_begins_anew(store: Store, log: Samples) -> None:
