@@ -27,7 +27,7 @@ from fdd.unit import BalanceBaseline, Baseline, Unit
 Array = NDArray[np.float64]
 
 LEAST_HOPS = 10
-BASELINE_VERSION = "12"
+BASELINE_VERSION = "13"
 QUANTILES = 21
 """Of the hops' noise that a baseline keeps: a median of all can still be told when logs are added."""
 

@@ -107,6 +107,8 @@ def _volume(q: Quantities) -> list[Strand]:
     unit, scales = q.unit, q.scales
     out = []
     p_c = middle(q.accumulator)
+    # The case drains into the accumulator over a check valve: until that opens it lies amid the ports.
+    case = np.minimum(0.5 * middle(q.p1 + q.p2), p_c + unit.accumulator.case_cracking_pressure)
     weight = q.dt / q.viscosity
     speed = np.abs(q.speed) / scales.speed
     # The higher chamber is shut where the accumulator lies below it. The lower one may give oil back through
@@ -155,7 +157,7 @@ def _volume(q: Quantities) -> list[Strand]:
             sign * np.abs(swept) * denser,
             scales.leakage * drop * weight,
             scales.leakage * drop * np.abs(drop) / scales.pressure * weight,
-            scales.leakage * (mid - p_c) * weight,
+            scales.leakage * (mid - case) * weight,
             scales.leakage * drop * speed * weight,
             np.where(q.drop > 0.0, orifice, 0.0),
             np.where(q.drop < 0.0, orifice, 0.0),

@@ -191,6 +191,26 @@ def test_what_a_relief_valve_passes_leaves_the_higher_chamber(unit: Unit) -> Non
         np.testing.assert_allclose(size, 0.9, rtol=0.2)
 
 
+@pytest.mark.parametrize(("load", "shut"), [("none", 1.0), ("constant", 0.0)])
+def test_the_case_lies_amid_the_ports_until_its_valve_opens(load: str, shut: float) -> None:
+    """Test: what the case's column leaks against, of a unit whose case opens at 2 bar. Expected: the plant's
+    case pressure within 3 kPa, where the chambers' mean stays below that, and where it is above."""
+    unit = Unit.load("axis_a").model_copy(deep=True)
+    unit.accumulator.case_cracking_pressure = 2e5
+    run = simulate(unit, Scenario(duration=20.0, load={"name": load}, seed=73))
+    q = Quantities(RowMaker(unit).push(run.samples)[1], unit, Scales.of(unit))
+    mid = 0.5 * (q.p1[1:] + q.p1[:-1])
+    case = BALANCES["volume"].strands(q)[0].x[1:, BALANCES["volume"].columns.index("case")]
+    found = mid - case / (Scales.of(unit).leakage * (q.dt / q.viscosity)[1:])
+    late = np.isfinite(found) & (q.take["time"][1:] > 5.0)
+    time = (0.5 * (q.take["time"][1:] + q.take["time"][:-1]))[late]
+    true, level = (
+        np.interp(time, run.truth.time, run.truth[f"pressure_{n}"]) for n in ("case", "accumulator")
+    )
+    assert np.mean(true < level + 1.9e5) == pytest.approx(shut, abs=0.1)
+    assert np.sqrt(np.mean(np.square(found[late] - true))) < 3e3
+
+
 @pytest.mark.parametrize("ratio", [1.0, 0.8])
 def test_a_rod_on_both_sides_asks_no_oil_of_the_reservoir(
     unit: Unit, logs: list[Samples], ratio: float
