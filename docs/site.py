@@ -78,15 +78,17 @@ def commands_reference() -> str:
     text = []
     for name, command in _commands("fdd", get_command(app)):
         context = command.context_class(command, info_name=name)
-        records = [r for p in command.params if (r := p.get_help_record(context)) is not None]
-        # A bound or a default ends the text in brackets, two blanks before them.
-        rows = [(written, *f"{words}  ".split("  ")[:2]) for written, words in records]
-        given = [w.split(" <")[0] for p, (w, _) in zip(command.params, records, strict=True)
-                 if p.param_type_name == "argument"]  # fmt: skip
-        usage = " ".join([name, *given, "[OPTIONS]"])
-        text += [f"## {name}\n\n{command.help}\n\n```text\n{usage}\n```\n", "| | | |\n| --- | --- | --- |"]
-        text += [f"| <code>{_cell(a)}</code> | {_cell(b)} | {_cell(c.strip('[]'))} |" for a, b, c in rows]
-        text.append("")
+        usage, entries = name, []
+        for parameter in command.params:
+            written, words = parameter.get_help_record(context)
+            if parameter.param_type_name == "argument":
+                written = written.split(" <")[0]
+                usage += f" {written}"
+            written = re.sub(r"<(\w+) range>", r"<\1>", written)
+            # A default or a bound ends the text in brackets, two blanks before them.
+            words = re.sub(r"  \[(.*)\]$", r" (\1)", words)
+            entries.append(f"- <code>{_plain(written)}</code> {_plain(words)}")
+        text += [f"## {name}\n", f"{command.help}\n", f"```text\n{usage} [OPTIONS]\n```\n", *entries, ""]
     return "\n".join(text)
 
 
@@ -98,8 +100,9 @@ def _commands(name: str, command: Any) -> Iterator[tuple[str, Any]]:
         yield name, command
 
 
-def _cell(text: str) -> str:
-    return re.sub(r"[|*_{}\[\]`]", lambda m: f"&#{ord(m[0])};", escape(text, quote=False))
+def _plain(text: str) -> str:
+    """Text that Markdown leaves as it is."""
+    return re.sub(r"[*_\[\]`]", lambda m: f"&#{ord(m[0])};", escape(text, quote=False))
 
 
 def faults_page() -> str:
