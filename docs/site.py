@@ -1,4 +1,4 @@
-"""What the site takes from elsewhere in the repository: reports, the fault table, equations as MathML.
+"""What the site takes from elsewhere in the repository: reports, faults, commands, equations as MathML.
 
 MkDocs calls the functions ``on_...`` (``hooks`` in mkdocs.yml).
 """
@@ -7,12 +7,16 @@ from __future__ import annotations
 
 import posixpath
 import re
+from collections.abc import Iterator
+from html import escape
 from pathlib import Path
 from typing import Any
 
 from latex2mathml.converter import convert
 from mkdocs.structure.files import File, Files
+from typer.main import get_command
 
+from fdd.cli.app import app
 from fdd.faults import ADDED_BY, CATALOGUE, FAMILIES, Fault
 from fdd.samples import CHANNELS
 
@@ -20,7 +24,7 @@ ROOT = Path(__file__).parents[1]
 PAGES = {"datasets/README.md": "datasets.md", "estimators/README.md": "estimators.md"}
 """Pages that stand beside what they describe, and what they are on the site."""
 SOURCES = {page: source for source, page in PAGES.items()}
-MOVED = {"README.md": "reference.md#channels", **PAGES}
+MOVED = {"README.md": "index.md", **PAGES}
 LINK = re.compile(r"\[([^\]]*)\]\((?![a-z]+:)([^)#\s]+)(#[^)]*)?\)")
 
 
@@ -41,7 +45,9 @@ def on_page_markdown(markdown: str, page: Any, **_: Any) -> str:
     # In a span, or an equation that begins a line would be a paragraph.
     markdown = re.sub(r"\$`(.+?)`\$", lambda m: f"<span>{convert(m[1])}</span>", markdown)
     markdown = LINK.sub(lambda m: _link(m, page.file.src_uri), markdown)
-    return markdown.replace("<!-- channels -->", channels_table())
+    for mark, made in (("channels", channels_table), ("commands", commands_reference)):
+        markdown = markdown.replace(f"<!-- {mark} -->", made())
+    return markdown
 
 
 def _display(match: re.Match[str]) -> str:
@@ -65,6 +71,38 @@ def channels_table() -> str:
     """The channels of `fdd.samples`."""
     rows = [f"| `{c.name}` | {c.unit} | {c.meaning} |" for c in CHANNELS.values()]
     return "\n".join(["| channel | unit | meaning |", "| --- | --- | --- |", *rows])
+
+
+def commands_reference() -> str:
+    """Each command with its arguments, options and defaults, as `--help` prints them."""
+    text = []
+    for name, command in _commands("fdd", get_command(app)):
+        context = command.context_class(command, info_name=name)
+        usage, entries = name, []
+        for parameter in command.params:
+            written, words = parameter.get_help_record(context)
+            if parameter.param_type_name == "argument":
+                written = written.split(" <")[0]
+                usage += f" {written}"
+            written = re.sub(r"<(\w+) range>", r"<\1>", written)
+            # A default or a bound ends the text in brackets, two blanks before them.
+            words = re.sub(r"  \[(.*)\]$", r" (\1)", words)
+            entries.append(f"- <code>{_plain(written)}</code> {_plain(words)}")
+        text += [f"## {name}\n", f"{command.help}\n", f"```text\n{usage} [OPTIONS]\n```\n", *entries, ""]
+    return "\n".join(text)
+
+
+def _commands(name: str, command: Any) -> Iterator[tuple[str, Any]]:
+    if hasattr(command, "commands"):
+        for each, below in command.commands.items():
+            yield from _commands(f"{name} {each}", below)
+    else:
+        yield name, command
+
+
+def _plain(text: str) -> str:
+    """Text that Markdown leaves as it is."""
+    return re.sub(r"[*_\[\]`]", lambda m: f"&#{ord(m[0])};", escape(text, quote=False))
 
 
 def faults_page() -> str:

@@ -9,14 +9,19 @@ import subprocess
 import sys
 from html.parser import HTMLParser
 from pathlib import Path
+from typing import Any
 from urllib.parse import unquote
 
 import pytest
+from typer.main import get_command
 
 import fdd
+from fdd.cli.app import app
 from fdd.faults import CATALOGUE
+from fdd.samples import CHANNELS
 
 ROOT = Path(__file__).parents[1]
+README = (ROOT / "README.md").read_text("utf-8")
 DOCS = ROOT / "docs"
 
 
@@ -44,9 +49,53 @@ def test_a_newcomers_task_needs_three_files_at_most_and_they_are_there() -> None
     text = (DOCS / "newcomer.md").read_text("utf-8")
     tasks = [line.split(" | ") for line in text.splitlines() if line.startswith("| **")]
     assert len(tasks) == 10
-    for task, files in tasks:
+    for most, (task, files) in zip([2] * 4 + [3] * 6, tasks, strict=True):
         named = re.findall(r"`([^`]+)`", files)
-        assert 1 <= len(named) <= 3 and all((ROOT / name).is_file() for name in named), task
+        assert 1 <= len(named) <= most and all((ROOT / name).is_file() for name in named), task
+
+
+def test_the_readme_is_short_and_its_links_lead_somewhere() -> None:
+    assert len(README.splitlines()) <= 120
+    for target, anchor in re.findall(r"\]\(([^)#:\s]+)(?:#([^)]*))?\)", README):
+        assert (ROOT / target).exists(), target
+        headings = re.findall(r"^#+ (.*)$", (ROOT / target).read_text("utf-8") if anchor else "", flags=re.M)
+        assert not anchor or anchor in [h.lower().replace(" ", "-") for h in headings], (target, anchor)
+
+
+def commands() -> dict[str, Any]:
+    """Each command of the tree by its words, as ``fdd profile new``."""
+    found: dict[str, Any] = {}
+    waiting = [("fdd", get_command(app))]
+    while waiting:
+        name, command = waiting.pop()
+        if hasattr(command, "commands"):
+            waiting += [(f"{name} {each}", below) for each, below in command.commands.items()]
+        else:
+            found[name] = command
+    return found
+
+
+PAGES = [ROOT / "README.md", *sorted(p for p in DOCS.glob("**/*.md") if p.name != "dropped.md")]
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda p: p.name)
+def test_commands_and_options_that_a_page_shows_are_there(page: Path) -> None:
+    text = page.read_text("utf-8").replace("\\\n", " ")
+    lines = "".join(re.findall(r"^```(?:sh|text)?\n(.*?)^```", text, flags=re.M | re.S))
+    shown = re.findall(r"^(?:[A-Z_]+=\S+ )?(fdd [a-z][^#\n]*)", lines, flags=re.M)
+    shown += re.findall(r"`(fdd [a-z][^`\n]*)`", text)
+    known = commands()
+    for line in shown:
+        name = next((n for n in known if f"{line} ".startswith(f"{n} ")), None)
+        assert name is not None, line
+        options = {o for p in known[name].params for o in p.opts + p.secondary_opts} | {"--help"}
+        assert set(re.findall(r"(?<=\s)--?[a-z][a-z-]*", line)) <= options, line
+
+
+def test_the_channels_of_the_page_on_logs_are_those_of_fdd() -> None:
+    table = (DOCS / "logs.md").read_text("utf-8").split("## Channels")[1].split("## ")[0]
+    named = re.findall(r"`([a-z_0-9]+)`", table)
+    assert sorted(named) == sorted(CHANNELS)
 
 
 class Loaded(HTMLParser):
@@ -100,12 +149,18 @@ def test_what_links_of_the_site_lead_to_is_there(site: Path) -> None:
 
 
 @pytest.mark.slow
-def test_every_fault_every_door_and_equation_is_on_its_page(site: Path) -> None:
+def test_every_fault_door_command_and_equation_is_on_its_page(site: Path) -> None:
     faults, reference = ((site / f"{name}.html").read_text("utf-8") for name in ("faults", "reference"))
     for entry in CATALOGUE.values():
         assert f"<code>{entry.id}</code>" in faults, entry.id
     for name in fdd.__all__:
         assert re.search(rf'id="fdd\.[a-z_.]*\b{name}"', reference), name
+    reference = (site / "commands.html").read_text("utf-8")
+    for name, command in commands().items():
+        assert f'id="{name.replace(" ", "-")}"' in reference, name
+        section = reference.split(f'id="{name.replace(" ", "-")}"')[1].split("<h2")[0]
+        for option in (o for p in command.params if p.param_type_name == "option" for o in p.opts):
+            assert option in section, (name, option)
     for name in ("method", "filters"):
         text = (DOCS / f"{name}.md").read_text("utf-8")
         built = (site / f"{name}.html").read_text("utf-8")

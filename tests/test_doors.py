@@ -1,4 +1,4 @@
-"""What `import fdd` gives: quick, typed, and what the README and the citation say of it."""
+"""What `import fdd` gives: quick, typed, and what docs/reference.md and the citation say of it."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ import yaml
 import fdd
 
 ROOT = Path(__file__).parents[1]
-README = (ROOT / "README.md").read_text(encoding="utf-8")
+PAGE = (ROOT / "docs" / "reference.md").read_text(encoding="utf-8")
 FUNCTIONS = {"simulate", "read_log", "identify", "load_dataset", "diagnose"}
 
 TYPED = """
@@ -96,7 +96,7 @@ def test_the_wheel_takes_the_marker_along() -> None:
 
 
 @pytest.mark.slow
-def test_the_readmes_code_runs(tmp_path: Path, monkeypatch, capsys) -> None:
+def test_the_pages_code_runs(tmp_path: Path, monkeypatch, capsys) -> None:
     import matplotlib
 
     matplotlib.use("Agg")
@@ -110,16 +110,16 @@ def test_the_readmes_code_runs(tmp_path: Path, monkeypatch, capsys) -> None:
     ):  # fmt: skip
         command = ["simulate", "-o", f"{name}.mcap", "--seed", str(seed), *strokes, *more]
         assert app(command, standalone_mode=False) == 0
-    blocks = re.findall(r"```python\n(.*?)```", README, flags=re.DOTALL)
+    blocks = re.findall(r"```python\n(.*?)```", PAGE, flags=re.DOTALL)
     assert len(blocks) == 2
     shown: dict = {}
-    exec(compile(blocks[0], "README.md", "exec"), shown)
+    exec(compile(blocks[0], "reference.md", "exec"), shown)
     assert fdd.Unit.load("unit.yaml").name == shown["unit"].name == shown["answer"].unit
     assert Path("run.pdf").read_bytes().startswith(b"%PDF")
     assert shown["answer"].faults[0].fault == "internal_leakage"
     printed = capsys.readouterr().out
     assert '"verdict": "faulty"' in printed and "internal_leakage 12.0" in printed
-    exec(compile(blocks[1], "README.md", "exec"), shown)
+    exec(compile(blocks[1], "reference.md", "exec"), shown)
     assert len(shown["run"].partner.truth) == len(shown["run"].partner.samples)
 
 

@@ -23,7 +23,7 @@ import fdd
 assert Path(fdd.__file__).is_relative_to(Path.cwd()), fdd.__file__
 
 from fdd.faults import CATALOGUE, faults_of
-assert faults_of("leakage")[-1] == "{NEW}" and CATALOGUE["{NEW}"].signatures
+assert "{NEW}" in faults_of("leakage")[5:] and CATALOGUE["{NEW}"].signatures
 
 from fdd.campaign.recipe import Recipe
 assert Recipe.load("datasets/wide.yaml").faults["{NEW}"].weight == 0.3
