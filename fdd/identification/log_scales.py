@@ -77,13 +77,17 @@ def check_scales(samples: Samples, unit: Unit, where: str) -> list[str]:
 class StreamScales:
     """Holds a stream's first seconds in which the piston moves against the profile, as `check_scales` a log.
 
+    Parameters
+    ----------
+    seconds : of the stream that are taken together.
+
     Attributes
     ----------
     done : whether they were, and passed.
     """
 
-    def __init__(self, unit: Unit, where: str) -> None:
-        self.unit, self.where, self.done = unit, where, False
+    def __init__(self, unit: Unit, where: str, seconds: float = STREAM_S) -> None:
+        self.unit, self.where, self.seconds, self.done = unit, where, seconds, False
         self._parts: list[Samples] = []
 
     def push(self, samples: Samples) -> list[str]:
@@ -91,7 +95,7 @@ class StreamScales:
         if self.done or not len(samples):
             return []
         self._parts.append(samples)
-        if samples.time[-1] - self._parts[0].time[0] < STREAM_S:
+        if samples.time[-1] - self._parts[0].time[0] < self.seconds:
             return []
         joined, self._parts = Samples.concatenate(self._parts), []
         known = joined["position"][np.isfinite(joined["position"])] if "position" in joined else np.empty(0)

@@ -18,8 +18,9 @@ from fdd.identification.slips import NEAR, slips
 from fdd.samples import PRESSURES, Samples
 from fdd.unit import Unit
 
-RELIEF_OPEN, SENSOR_OPEN = 0.5, 0.35
-"""Standard deviations of ln, of a relief setting that is passed and of a sensor's noise or counts."""
+RELIEF_OPEN, NOISE_OPEN, COUNTS_OPEN = 0.5, 0.35, 0.1
+"""Standard deviations of ln, of a relief setting that is passed, of a sensor's noise, to which motion adds,
+and of a converter's counts, which change with the span of its transducer alone."""
 LEAST_SLIP = 2.5
 """No two units of one quantity are nearer to each other (`fdd.identification.slips`)."""
 SURE = 4.0
@@ -114,10 +115,10 @@ def _refuse_odd_counts(fits: dict[str, SensorFit], unit: Unit, where: str) -> No
 def _of_sensors(fits: dict[str, SensorFit], unit: Unit) -> dict[str, Ratio]:
     """Noise and counts of the pressures over the profile's: no fault of oil or machine changes them."""
     out = {}
-    for name, part in (("noise", "noise"), ("counts", "resolution")):
+    for name, part, left_open in (("noise", "noise", NOISE_OPEN), ("counts", "resolution", COUNTS_OPEN)):
         if ratios := _over_profile(fits, unit, part):
             mean = sum(map(log, ratios.values())) / len(ratios)
-            out[name] = Ratio(exp(mean), 0.0, SENSOR_OPEN)
+            out[name] = Ratio(exp(mean), 0.0, left_open)
     return out
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 import json
 import logging
+import zlib
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from itertools import pairwise
@@ -17,7 +18,7 @@ from fdd.diagnosis.findings import Estimate, FaultFinding
 from fdd.diagnosis.model import Model
 from fdd.diagnosis.pipeline import Pipeline
 from fdd.errors import InputError
-from fdd.identification.log_scales import StreamScales
+from fdd.identification.log_scales import STREAM_S, StreamScales
 from fdd.logs.quality import check_magnitudes
 from fdd.residuals.rows import HOP_S
 from fdd.samples import Samples
@@ -38,6 +39,8 @@ MOST_TOGETHER = 64
 """Blocks of a hop that are worked together, however short."""
 CHECKED_S = 5.0
 """s of data by which the units of measure are checked: once, and again after they were wrong."""
+SCALES_TURNS = 64
+"""Times at which axes that began together are held against their profiles, over as long as that takes."""
 CLOCK_GAP_S = 2.0
 """s by which the clock times of a stream from any start may be off before they are corrected."""
 REST_S = 60.0
@@ -100,7 +103,12 @@ class AxisWatch:
         self.unit = unit
         self.learning = Learning(unit, self._learn_s) if unit.baseline is None else None
         self.pipeline = Pipeline(unit, self.model, axis=self.name, keep_trajectories=False)
-        self._scales = StreamScales(unit, f"axis {self.name}")
+        self._scales = self._fresh_scales()
+
+    def _fresh_scales(self) -> StreamScales:
+        """It takes a fifth of a second of work: axes that began together do not do it together."""
+        turn = zlib.crc32(self.name.encode()) % SCALES_TURNS / SCALES_TURNS
+        return StreamScales(self.unit, f"axis {self.name}", STREAM_S * (1.0 + turn))
 
     def push(self, *blocks: Block) -> list[Look]:
         """Take blocks that came together; what the looks that fell due gave."""
@@ -204,7 +212,7 @@ class AxisWatch:
         if self.failed != why:
             LOG.warning("axis %s: %s", self.name, why)
         self.failed, self._unchecked, self.standing = why, [], []
-        self._scales = StreamScales(self.unit, f"axis {self.name}")
+        self._scales = self._fresh_scales()
 
     def _worked(self, samples: Samples, wall: float) -> Iterator[Look]:
         before = self.pipeline.looked_at

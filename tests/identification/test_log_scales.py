@@ -9,7 +9,6 @@ import pytest
 
 import fdd
 from fdd import InputError, Samples, Unit, read_log
-from fdd.identification import log_scales
 from fdd.identification.log_scales import StreamScales, check_scales
 from fdd.samples import PRESSURES
 
@@ -101,11 +100,8 @@ def parts(log: Samples) -> list[Samples]:
     return [log.rows(a, a + 500) for a in range(0, len(log), 500)]
 
 
-def test_a_stream_is_held_against_its_profile_once_it_moved(
-    healthy: Samples, unit: Unit, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(log_scales, "STREAM_S", 10.0)
-    still, sound, wrong = (StreamScales(unit, "axis A1") for _ in range(3))
+def test_a_stream_is_held_against_its_profile_once_it_moved(healthy: Samples, unit: Unit) -> None:
+    still, sound, wrong = (StreamScales(unit, "axis A1", 10.0) for _ in range(3))
     resting = healthy.with_columns({"position": np.zeros(len(healthy))})
     for part in parts(resting):
         assert still.push(part) == [] and not still.done, "at rest it tells nothing"
