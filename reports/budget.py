@@ -106,7 +106,7 @@ def _departures(file: str, ledger: Ledger) -> list[Departure]:
 
 def _changes(file: str, ledger: Ledger, each: Sequence[Hypothesis]) -> list[Departure]:
     """Amplitudes of each hypothesis of one balance, over onsets in a healthy log."""
-    frames = min(len(ledger.hops), MOST_FRAMES)
+    frames = min(len(ledger.frames), MOST_FRAMES)
     wide = {n: (m[:frames], v[:frames]) for n, (m, v) in ledger.widened().items()}
     evidence = Evidence(wide, ledger.expected())
     mine = [h for h in each if len(h.columns) == 1 and evidence.shared(h)]

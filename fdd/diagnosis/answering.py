@@ -20,7 +20,7 @@ from fdd.diagnosis.model import Model
 from fdd.faults import ADDED_BY, CATALOGUE, FAMILIES, fault
 from fdd.residuals.added_tracker import AddedTracker
 from fdd.residuals.balances import BALANCES
-from fdd.residuals.rows import BLOCK_HOPS, HOP_S
+from fdd.residuals.bins import BLOCK_FRAMES, FRAME_S
 from fdd.residuals.tracked import Tracked
 from fdd.residuals.tracking import estimates, healthy_coulomb, healthy_viscous
 from fdd.sensors.finding import SensorFinding
@@ -36,26 +36,26 @@ COMES_AND_GOES = 0.7
 
 @dataclass(frozen=True)
 class Span:
-    """The hops of evidence in time.
+    """The frames of evidence in time.
 
     Attributes
     ----------
     starts : s, when each began. end : s, of the last. stretch : words for those that say how evidence
         scatters.
-    whole : s, length of a hop; None where they differ, and none is ever left out.
+    whole : s, length of a frame; None where they differ, and none is ever left out.
     """
 
     starts: Sequence[float]
     end: float
-    stretch: str = f"stretches of {BLOCK_HOPS * HOP_S:.0f} s"
-    whole: float | None = HOP_S
+    stretch: str = f"stretches of {BLOCK_FRAMES * FRAME_S:.0f} s"
+    whole: float | None = FRAME_S
 
     def until(self, k: int) -> float:
-        """s, end of a hop."""
+        """s, end of a frame."""
         return self.starts[k] + self.whole if self.whole else [*self.starts, self.end][k + 1]
 
     def lost(self, k: int) -> bool:
-        """Whether the hop before is not at hand."""
+        """Whether the frame before is not at hand."""
         return k == 0 or (self.whole is not None and self.starts[k] - self.until(k - 1) > 0.5 * self.whole)
 
 
@@ -64,7 +64,7 @@ def fault_finding(found: Found, model: Model, *, onset: float, span: Span) -> Fa
 
     Parameters
     ----------
-    onset : s. span : hops of the evidence.
+    onset : s. span : frames of the evidence.
     """
     lead, h = found.lead, found.lead.hypothesis
     likely = [int(k) for k in _likely(lead.profile / lead.kappa, lead.onsets)]
@@ -175,7 +175,7 @@ def invisible(evidence: Evidence, hypotheses: Sequence[Hypothesis], threshold: f
     on none would have been hidden.
     """
     ways: dict[str, list[tuple[float, Hypothesis]]] = {}
-    found = evidence.least_visible(hypotheses, evidence.hops // 3, threshold)
+    found = evidence.least_visible(hypotheses, evidence.frames // 3, threshold)
     for h, least in zip(hypotheses, np.where(found < LEAST_SHOWN, found, np.inf).tolist(), strict=True):
         ways.setdefault(h.fault, []).append((least, h))
     out = []

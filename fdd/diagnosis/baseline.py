@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from fdd.errors import InputError
 from fdd.residuals.balances import BALANCES
+from fdd.residuals.bins import BLOCK_FRAMES, FRAME_S, BinMaker
 from fdd.residuals.effects import (
     Effects,
     LogConditions,
@@ -20,23 +21,22 @@ from fdd.residuals.effects import (
 )
 from fdd.residuals.ledger import Ledger
 from fdd.residuals.normal_equations import widened
-from fdd.residuals.rows import BLOCK_HOPS, HOP_S, RowMaker
 from fdd.samples import Samples
 from fdd.unit import BalanceBaseline, Baseline, Unit
 
 Array = NDArray[np.float64]
 
-LEAST_HOPS = 10
+LEAST_FRAMES = 10
 BASELINE_VERSION = "12"
 QUANTILES = 21
-"""Of the hops' noise that a baseline keeps: a median of all can still be told when logs are added."""
+"""Of the frames' noise that a baseline keeps: a median of all can still be told when logs are added."""
 
 
 def ledger_of(samples: Samples, unit: Unit, effects: dict[str, Effects]) -> Ledger:
     """The balances of one whole log."""
-    maker, ledger = RowMaker(unit), Ledger(unit, effects)
-    for first, rows in maker.stretches(samples):
-        ledger.push(first, rows)
+    maker, ledger = BinMaker(unit), Ledger(unit, effects)
+    for first, bins in maker.stretches(samples):
+        ledger.push(first, bins)
     ledger.push(*maker.push(None))
     return ledger
 
@@ -47,7 +47,7 @@ def ledgers_of(unit: Unit, logs: Sequence[Samples]) -> list[Ledger]:
     plain.baseline = None
     effects = {name: first_effects(name, unit=unit) for name in BALANCES}
     ledgers = [ledger_of(log, plain, effects) for log in logs]
-    if sum(len(x.hops) for x in ledgers) < LEAST_HOPS:
+    if sum(len(x.frames) for x in ledgers) < LEAST_FRAMES:
         return ledgers
     # What noise takes from a coefficient goes by the coefficient: now that it is roughly known, once more.
     for name, known in baseline_of(ledgers).balances.items():
@@ -85,33 +85,33 @@ def baseline_of(
     ----------
     ledgers : of logs, by `ledgers_of`.
     known : baseline of other logs of the unit on the same profile, which these are added to: normal
-        equations add up, and so do the hops' noises; where a law's own errors are the noise, its variance is
-        the geometric mean by time.
+        equations add up, and so do the frames' noises; where a law's own errors are the noise, its variance
+        is the geometric mean by time.
     spreads : what healthy units and logs differ by; None takes the shipped ones.
 
     Raises
     ------
     InputError : the logs are too short.
     """
-    hops = sum(len(x.hops) for x in ledgers)
+    frames = sum(len(x.frames) for x in ledgers)
     before = 0.0 if known is None else known.seconds
-    if hops * HOP_S + before < LEAST_HOPS * HOP_S:
+    if frames * FRAME_S + before < LEAST_FRAMES * FRAME_S:
         raise InputError(
-            f"healthy logs of {hops * HOP_S:.0f} s in all are too short",
-            mend=f"record at least {LEAST_HOPS * HOP_S:.0f} s of healthy motion",
+            f"healthy logs of {frames * FRAME_S:.0f} s in all are too short",
+            mend=f"record at least {LEAST_FRAMES * FRAME_S:.0f} s of healthy motion",
         )
     found: dict[str, BalanceBaseline] = {}
     for name in BALANCES:
         old = None if known is None else known.balances.get(name)
         logs = [(x.sums()[name], c) for x in ledgers if (c := x.conditions(name)) is not None]
         if logs:
-            share = 0.0 if old is None else before / (before + hops * HOP_S)
+            share = 0.0 if old is None else before / (before + frames * FRAME_S)
             sums, conditions = zip(*logs, strict=True)
             effects = first_effects(name, spreads, ledgers[0].unit)
             found[name] = _balance(effects, name, sums, conditions, old, share)
         elif old is not None:
             found[name] = old
-    return Baseline(version=BASELINE_VERSION, seconds=round(before + hops * HOP_S, 1), balances=found)
+    return Baseline(version=BASELINE_VERSION, seconds=round(before + frames * FRAME_S, 1), balances=found)
 
 
 def _balance(
@@ -122,19 +122,19 @@ def _balance(
     information = np.linalg.inv(effects.known)
     vector = information @ effects.mean
     told, scatter = np.zeros_like(information), np.zeros_like(information)
-    hops = np.sqrt(np.concatenate([s[r > 0] for _, _, r, s in sums]))
-    levels, weights = hops, np.ones(hops.size)
+    frames = np.sqrt(np.concatenate([s[r > 0] for _, _, r, s in sums]))
+    levels, weights = frames, np.ones(frames.size)
     if old is not None:
         information = np.linalg.inv(np.array(old.covariance))
         vector = information @ np.array(old.mean)
         told, scatter = (told + np.array(x) if x else told for x in (old.information, old.scatter))
         known = old.hop_noise or [old.noise]
         share_each = max(old.hops, 1) / len(known)
-        levels, weights = np.append(hops, known), np.append(weights, np.full(len(known), share_each))
+        levels, weights = np.append(frames, known), np.append(weights, np.full(len(known), share_each))
     order = np.argsort(levels)
     place = (np.cumsum(weights[order]) - 0.5 * weights[order]) / weights.sum()
     quantiles = np.interp(np.linspace(0.0, 1.0, QUANTILES), place, levels[order])
-    noise = float(np.median(hops) if old is None else np.interp(0.5, place, levels[order])) ** 2
+    noise = float(np.median(frames) if old is None else np.interp(0.5, place, levels[order])) ** 2
     if BALANCES[name].cumulative:  # a load's errors are those of its log, a chamber's those of the unit
         noise = structural_variance(sums, effects, noise)
         if old is not None:
@@ -164,11 +164,11 @@ def _balance(
 def structural_variance(
     sums: Sequence[tuple[Array, Array, Array, Array]], effects: Effects, found: float
 ) -> float:
-    """Variance of a row as coefficients see it: what a law leaves out hangs together over a hop.
+    """Variance of a row as coefficients see it: what a law leaves out hangs together over a frame.
 
-    A hop's own best coefficients follow such errors and leave next to nothing. How far they lie from those
+    A frame's own best coefficients follow such errors and leave next to nothing. How far they lie from those
     of the whole log, in rows' units and per coefficient, is what a row is worth: the mean square between
-    groups, as an analysis of variance takes it, as its median over hops.
+    groups, as an analysis of variance takes it, as its median over frames.
 
     Parameters
     ----------
@@ -178,7 +178,7 @@ def structural_variance(
     std = np.sqrt(np.diag(effects.covariance))
     prior = 1.0 / np.square(std)
     seen = [(m[r > 0], v[r > 0], s[r > 0]) for m, v, r, s in sums]
-    least = 0.01 * found  # a log without noise leaves nothing between its hops either
+    least = 0.01 * found  # a log without noise leaves nothing between its frames either
     for _ in range(3):
         squares = []
         for m, v, s in seen:
@@ -204,7 +204,7 @@ def scattered(information: Array, vector: Array, effects: Effects) -> tuple[Arra
     prior, total = np.linalg.inv(effects.covariance), information.sum(axis=0)
     inverse = np.linalg.inv(prior + total)
     rest = vector - information @ (inverse @ (prior @ effects.mean + vector.sum(axis=0)))
-    starts = np.arange(0, len(rest), BLOCK_HOPS)
+    starts = np.arange(0, len(rest), BLOCK_FRAMES)
     scores = np.add.reduceat(rest, starts, axis=0)
     squares = np.asarray(scores.T @ scores)
     told = float(np.sum(inverse * total))

@@ -26,8 +26,8 @@ USUAL_SIZE = 0.5
 """Severity that is the likeliest before a log is seen (Rayleigh's distribution)."""
 SECOND_FAULT = 2.0
 """Log odds against a further fault beside one that was found; assumed: one faulty unit in eight has two."""
-TOGETHER_HOPS = 4
-"""Hops within which two onsets are one."""
+TOGETHER_FRAMES = 4
+"""Frames within which two onsets are one."""
 LAW_DOUBT = 0.25
 """Of a fault's effect: how far its law may be from the machine's. Flow by the root of pressure and flow by
 pressure part by that much over a range from none to full (4 to 6 % of the energy)."""
@@ -99,7 +99,7 @@ def decide(
         stand = [f for f in sure if f.hypothesis.label in standing and f.hypothesis.ends is None]
         seed = max(stand or sure, key=lambda f: f.gain / np.sqrt(f.misfit))
         if stand:
-            fits = [f for f in fits if abs(f.onset - seed.onset) <= TOGETHER_HOPS]
+            fits = [f for f in fits if abs(f.onset - seed.onset) <= TOGETHER_FRAMES]
         found.append(_isolated(evidence, seed, fits, score))
         if found[-1].lead.hypothesis.ends is not None:
             _take_its_end(evidence, found)
@@ -127,7 +127,7 @@ def _comes_along(fit: Amplitude, known: list[Amplitude]) -> bool:
     it is not over.
     """
     for n in known:
-        if abs(n.onset - fit.onset) > TOGETHER_HOPS:
+        if abs(n.onset - fit.onset) > TOGETHER_FRAMES:
             continue
         if fit.hypothesis.ends == n.hypothesis.fault:
             return True

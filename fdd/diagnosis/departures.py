@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from fdd.residuals.rows import HOP_S
+from fdd.residuals.bins import FRAME_S
 
 if TYPE_CHECKING:
     from fdd.diagnosis.fitting import Explained, Parts
@@ -110,7 +110,7 @@ def changes(e: Explained, after: Array) -> Array:
     unlike = 1.0 - _alike(e, e.total - after, after)
     own = np.square(healthy.within) * frames / WITHIN_FRAMES + 2.0 * unlike[:, None] * healthy.log_variance
     # Between the means of two halves lies half of a log.
-    warmed = 0.5 * frames * HOP_S * healthy.warming * np.ones_like(healthy.mean)
+    warmed = 0.5 * frames * FRAME_S * healthy.warming * np.ones_like(healthy.mean)
     return np.asarray(own[:, :, None] * np.eye(own.shape[1]) + np.outer(warmed, warmed))
 
 

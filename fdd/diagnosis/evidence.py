@@ -2,7 +2,7 @@
 
 A fault adds its amplitude ``a`` times its columns ``G`` times its course ``φ`` to the balances' coefficients.
 With what held before integrated out, its amplitude has information ``λ`` and score ``b``, and by sums over
-hops every onset costs the same:
+frames every onset costs the same:
 
     λ = Gᵀ[Σφ²M - (ΣφM) T (ΣφM)]G,   b = Gᵀ[Σφm - (ΣφM) T (P⁻¹μ + Σm)],   T = (P⁻¹ + ΣM)⁻¹
 
@@ -35,17 +35,17 @@ from fdd.residuals.effects import Effects
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
 
-RAMP_HOPS = 24
-"""Hops over which a ramp grows to its full size: 12 s."""
-DRIFT_HOPS = 100
-"""Hops in which a drift grows by one: 50 s."""
+RAMP_FRAMES = 24
+"""Frames over which a ramp grows to its full size: 12 s."""
+DRIFT_FRAMES = 100
+"""Frames in which a drift grows by one: 50 s."""
 FREE_SPREAD = 10.0
 """Of what a unit's healthy logs differ by, how far a fault that nobody knows may change a coefficient."""
 KINDS = ("step", "ramp", "drift")
 NINE_IN_TEN = 1.2816
 """Standard deviations."""
 LEAST_BEFORE, LEAST_AFTER = 4, 6
-"""Stretches before, and hops after, an onset that is looked for inside a log: a machine that starts is no
+"""Stretches before, and frames after, an onset that is looked for inside a log: a machine that starts is no
 reference for itself."""
 
 
@@ -61,18 +61,18 @@ class Amplitude(Fit):
     onsets: Array  # (k,)
 
 
-def course_of(kind: str, hops: int, onset: int) -> Array:
-    """φ of a step, ramp or drift from a hop on, (hops,)."""
-    since = np.arange(hops) - onset
+def course_of(kind: str, frames: int, onset: int) -> Array:
+    """φ of a step, ramp or drift from a frame on, (frames,)."""
+    since = np.arange(frames) - onset
     if kind == "ramp":
-        return np.clip((since + 0.5) / RAMP_HOPS, 0.0, 1.0)
+        return np.clip((since + 0.5) / RAMP_FRAMES, 0.0, 1.0)
     if kind == "drift":
-        return np.maximum((since + 0.5) / DRIFT_HOPS, 0.0)
+        return np.maximum((since + 0.5) / DRIFT_FRAMES, 0.0)
     return (since >= 0).astype(np.float64)
 
 
 class Sums:
-    """Sums over hops of (h, …) times a course or its square, for a course from every onset on, (k, …).
+    """Sums over frames of (h, …) times a course or its square, for a course from every onset on, (k, …).
 
     They are sums of sums, so that every onset costs the same.
     """
@@ -87,8 +87,8 @@ class Sums:
             return self.one[onsets]
         grown = self.two - 0.5 * self.one
         if kind == "drift":
-            return grown[onsets] / DRIFT_HOPS
-        return (grown[onsets] - _later(grown, onsets)) / RAMP_HOPS
+            return grown[onsets] / DRIFT_FRAMES
+        return (grown[onsets] - _later(grown, onsets)) / RAMP_FRAMES
 
     def squared(self, kind: str, onsets: Indices) -> Array:
         """Σ φ² x."""
@@ -97,26 +97,26 @@ class Sums:
         grown = self.two - 0.5 * self.one
         square = 2.0 * (_from_here(self.two) - self.two) + 0.25 * self.one
         if kind == "drift":
-            return square[onsets] / DRIFT_HOPS**2
+            return square[onsets] / DRIFT_FRAMES**2
         # Past its end a ramp has grown by its whole length l: (k + l)² - l² = k² + 2 l k is too much.
-        past = _later(square + 2.0 * RAMP_HOPS * grown, onsets)
-        return (square[onsets] - past) / RAMP_HOPS**2
+        past = _later(square + 2.0 * RAMP_FRAMES * grown, onsets)
+        return (square[onsets] - past) / RAMP_FRAMES**2
 
 
 def _likeliest(gain: Array) -> int:
-    """Where a gain over onsets is largest: amid them, where hops between tell nothing."""
+    """Where a gain over onsets is largest: amid them, where frames between tell nothing."""
     best = np.flatnonzero(gain >= (1.0 - 1e-6) * gain.max())
     return int(best[best.size // 2])
 
 
 def _from_here(x: Array) -> Array:
-    """Sums of (h, …) from each hop to the last."""
+    """Sums of (h, …) from each frame to the last."""
     return np.asarray(np.cumsum(x[::-1], axis=0)[::-1])
 
 
 def _later(x: Array, onsets: Indices) -> Array:
-    """Values a ramp's length after onsets; none after the last hop."""
-    at = onsets + RAMP_HOPS
+    """Values a ramp's length after onsets; none after the last frame."""
+    at = onsets + RAMP_FRAMES
     out = np.zeros((at.size, *x.shape[1:]))
     inside = at < len(x)
     out[inside] = x[at[inside]]
@@ -124,14 +124,14 @@ def _later(x: Array, onsets: Indices) -> Array:
 
 
 class Evidence:
-    """All balances of one axis over the hops at hand.
+    """All balances of one axis over the frames at hand.
 
     Parameters
     ----------
-    hops : balance name to its hops' information (h, n, n) and vector (h, n), widened by what wanders; those
-        that tell nothing are left out. effects : what the first hop is held against. from_start : whether
-        that is the unit's baseline, so that a fault may have been there before the first hop. stretches :
-        how evidence scatters.
+    frames : balance name to its frames' information (h, n, n) and vector (h, n), widened by what wanders;
+        those that tell nothing are left out. effects : what the first frame is held against. from_start :
+        whether that is the unit's baseline, so that a fault may have been there before the first frame.
+        stretches : how evidence scatters.
 
     Attributes
     ----------
@@ -140,7 +140,7 @@ class Evidence:
 
     def __init__(
         self,
-        hops: Mapping[str, tuple[Array, Array]],
+        frames: Mapping[str, tuple[Array, Array]],
         effects: Mapping[str, Effects],
         *,
         from_start: bool = True,
@@ -148,10 +148,10 @@ class Evidence:
     ) -> None:
         self.alone: list[Amplitude] = []
         self.stretches = stretches
-        self.balances = {name: Explained(m, v, effects[name]) for name, (m, v) in hops.items()}
-        self.hops = max((len(m) for m, _ in hops.values()), default=0)
-        inside = np.arange(LEAST_BEFORE * stretches.hops, self.hops - LEAST_AFTER)
-        first = [0] if from_start and self.hops > LEAST_AFTER else []
+        self.balances = {name: Explained(m, v, effects[name]) for name, (m, v) in frames.items()}
+        self.frames = max((len(m) for m, _ in frames.values()), default=0)
+        inside = np.arange(LEAST_BEFORE * stretches.frames, self.frames - LEAST_AFTER)
+        first = [0] if from_start and self.frames > LEAST_AFTER else []
         self.onsets = np.concatenate([np.array(first, dtype=np.int64), inside])
 
     def shared(self, h: Hypothesis) -> bool:
@@ -215,7 +215,7 @@ class Evidence:
         return out
 
     def _moved(self, name: str, known: Sequence[Amplitude]) -> Array | float:
-        """What known faults add to a balance's hops, less what the log's solution takes up, (h, n)."""
+        """What known faults add to a balance's frames, less what the log's solution takes up, (h, n)."""
         e = self.balances[name]
         pulled = sum(
             n.course[:, None] * e.pulled(n.hypothesis.columns[name] * n.size)
@@ -259,7 +259,7 @@ class Evidence:
         if not found:
             return []
         others = [n.hypothesis for n in known]
-        first = np.array([course_of(kind, self.hops, onset) for _, kind, onset, _ in found])
+        first = np.array([course_of(kind, self.frames, onset) for _, kind, onset, _ in found])
         courses = np.stack([first, *(np.tile(n.course, (len(found), 1)) for n in known)], axis=1)
         columns = {}
         for name, e in self.balances.items():
@@ -279,7 +279,7 @@ class Evidence:
 
     def least_visible(self, hypotheses: Sequence[Hypothesis], onset: int, score: float) -> Array:
         """Smallest amplitude (f,) of each hypothesis that would have this score in nine of ten logs, were it
-        a step from a hop on; infinite where no balance speaks of it.
+        a step from a frame on; infinite where no balance speaks of it.
         """
         out = np.full(len(hypotheses), np.inf)
         mine = np.array([k for k, h in enumerate(hypotheses) if self.shared(h)], dtype=np.int64)
@@ -294,12 +294,12 @@ class Evidence:
                 columns[name] = np.array(rows)
         kappa = known_scatter(self.balances, {name: g[:, 0] for name, g in columns.items()})
         kappa = np.maximum(kappa, self.stretches.least)
-        courses = np.tile(course_of("step", self.hops, onset), (len(told), 1, 1))
+        courses = np.tile(course_of("step", self.frames, onset), (len(told), 1, 1))
         scale, commonness = (np.array([getattr(h, x) for h in told]) for x in ("scale", "commonness"))
         parts = Parts(columns, courses, np.full((len(told), 1), VAGUE), np.array([h.signed for h in told]))
         found = departures(self.balances, parts, kappa, from_start=onset == 0)
         likely = quasi_likely(self.balances, parts, kappa, from_start=onset == 0)
-        blocks = np.full(len(told), (self.hops - onset) / self.stretches.hops)
+        blocks = np.full(len(told), (self.frames - onset) / self.stretches.frames)
         # Half of an amplitude's square times this is its score, but for what it is taken off.
         worth = log_odds(likely.information, blocks, np.zeros_like(kappa))
         wanted = score + 0.5 * np.log1p(scale**2 * found.information) - np.log(commonness)

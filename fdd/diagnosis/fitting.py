@@ -19,8 +19,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fdd.diagnosis.departures import Departures, departures
+from fdd.residuals.bins import BLOCK_FRAMES
 from fdd.residuals.effects import Effects
-from fdd.residuals.rows import BLOCK_HOPS
 
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
@@ -45,8 +45,8 @@ class Explained:
 
     Parameters
     ----------
-    information, vector : (h, n, n) and (h, n) of its hops, widened by what wanders. healthy : effects of the
-        unit, with the scatter of its own healthy logs.
+    information, vector : (h, n, n) and (h, n) of its frames, widened by what wanders. healthy : effects of
+        the unit, with the scatter of its own healthy logs.
 
     Attributes
     ----------
@@ -75,9 +75,9 @@ class Explained:
         return np.asarray(squared.reshape(shape) - moved @ self.inverse @ moved)
 
     def beside(self, changes: Array) -> tuple[Array, Array]:
-        """The same hops as stretches see changes (f, n) of coefficients that were there from the start.
+        """The same frames as stretches see changes (f, n) of coefficients that were there from the start.
 
-        The log's own coefficients and such a change are one to all of its hops, so what the unit's prior
+        The log's own coefficients and such a change are one to all of its frames, so what the unit's prior
         allows along the change is taken from it: what is left differs from stretch to stretch.
 
         Returns
@@ -94,7 +94,7 @@ class Explained:
         return inverse, self.rest + self.pulled(moved)
 
     def pulled(self, changes: Array) -> Array:
-        """What changes (…, n) of coefficients add to the hops' vectors, (…, h, n)."""
+        """What changes (…, n) of coefficients add to the frames' vectors, (…, h, n)."""
         n = changes.shape[-1]
         return (changes @ self.information.reshape(-1, n).T).reshape(*changes.shape[:-1], -1, n)
 
@@ -105,7 +105,7 @@ class Joint:
     Parameters
     ----------
     mine : (f,) of these faults among all. columns : (f, p, n), of a fault and of the known ones. courses :
-        (f, p, h). from_start : as stretches see a fault that was there before the first hop.
+        (f, p, h). from_start : as stretches see a fault that was there before the first frame.
 
     Attributes
     ----------
@@ -133,8 +133,8 @@ class Joint:
         return np.asarray((self.inverse @ np.einsum("fpn,fp->fn", self.pushed, a)[..., None])[..., 0])
 
     def off(self, a: Array) -> tuple[Array, Array]:
-        """How far each hop's coefficients lie off the log's own solution with these amplitudes, and what that
-        adds to its vector, (f, h, n) each."""
+        """How far each frame's coefficients lie off the log's own solution with these amplitudes, and what
+        that adds to its vector, (f, h, n) each."""
         drawn = self.drawn(a)
         off = np.einsum("fphn,fp->fhn", self.acting, a) - drawn[:, None]
         return off, np.einsum("fphn,fp->fhn", self.pulled, a) - self.balance.pulled(drawn)
@@ -188,9 +188,9 @@ class Parts:
 
 
 class Stretches(NamedTuple):
-    """Hops whose errors may hang together, and the least by which they scatter, over their information."""
+    """Frames whose errors may hang together, and the least by which they scatter, over their information."""
 
-    hops: int = BLOCK_HOPS
+    frames: int = BLOCK_FRAMES
     least: float = LEAST_SCATTER
 
 
@@ -201,7 +201,7 @@ def fit(
 
     Parameters
     ----------
-    from_start : they were there before the first hop.
+    from_start : they were there before the first frame.
     """
     joints = parts.joints(balances)
     scales, courses = parts.scales, parts.courses
@@ -229,8 +229,8 @@ def fit(
         a = _solved(information, vector)
         inverse = np.linalg.inv(information)
         along = (a[:, 0] / inverse[:, 0, 0])[:, None] * inverse[:, :, 0]
-    hops = courses.shape[2]
-    scores, weights, pulls, pushes = np.zeros((4, size.size, hops))
+    frames = courses.shape[2]
+    scores, weights, pulls, pushes = np.zeros((4, size.size, frames))
     for j in joints:
         k = j.mine
         seen, pulled = j.off(a[k])
@@ -242,7 +242,7 @@ def fit(
         acting = size[k, None, None] * j.acting[:, 0]
         pulls[k] += np.einsum("fhn,fhn->fh", acting, left)
         pushes[k] += size[k, None] * np.einsum("fhn,fhn->fh", acting, j.pulled[:, 0])
-    blocks = np.arange(0, hops, stretches.hops)
+    blocks = np.arange(0, frames, stretches.frames)
     u = np.add.reduceat(scores, blocks, axis=1)
     w = np.add.reduceat(weights, blocks, axis=1).clip(1e-100)
     count = w.sum(axis=1) ** 2 / np.sum(w**2, axis=1)
@@ -335,13 +335,13 @@ def log_odds(ratio: Array, blocks: Array, sharpness: Array) -> Array:
 def _while_acting(u: Array, w: Array, kappa: Array) -> Array:
     """Amplitudes (f,) of faults while they act, over their means: 2 for one that acts half the time.
 
-    Of the hops' amplitudes, each is weighed by itself; what their errors add to their squares is taken off.
+    Of the frames' amplitudes, each is weighed by itself; what their errors add to their squares is taken off.
     """
     acts = w > 1e-3 * w.max(axis=1, initial=1e-300, keepdims=True)
     square = np.sum(np.where(acts, np.square(u + w) / np.where(acts, w, 1.0), 0.0), axis=1)
     square -= kappa * acts.sum(axis=1)
     total = np.sum(u + w, axis=1, where=acts)
-    # Where its hops speak against it all together, they do not tell how it comes and goes.
+    # Where its frames speak against it all together, they do not tell how it comes and goes.
     return np.asarray(np.maximum(np.divide(square, total, out=np.ones_like(total), where=total > 1e-9), 1.0))
 
 
@@ -355,7 +355,7 @@ def _scatter(u: Array, w: Array, courses: Array, known: Array, held: Array, bloc
 
     Parameters
     ----------
-    courses : (f, h) of the faults. held : (f,), what the unit's prior holds of each. blocks : first hops of
+    courses : (f, h) of the faults. held : (f,), what the unit's prior holds of each. blocks : first frames of
         stretches.
     """
     lengths = np.diff(np.append(blocks, courses.shape[1]))

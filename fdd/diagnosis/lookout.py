@@ -48,8 +48,8 @@ class Lookout:
 
         Parameters
         ----------
-        span : its hops in time. first : s, of the first sample. even : score of what is said of the log as a
-            whole, whatever stood before; None asks for what stands, as an alarm does.
+        span : its frames in time. first : s, of the first sample. even : score of what is said of the log as
+            a whole, whatever stood before; None asks for what stands, as an alarm does.
         """
         labels = self.standing.labels.values()
         least = self.threshold if even is None else even
@@ -72,7 +72,7 @@ class Lookout:
         )  # fmt: skip
 
     def _onset(self, found: Found, span: Span, first: float) -> float:
-        """s; where the hops after it are no longer kept, as it was told before."""
+        """s; where the frames after it are no longer kept, as it was told before."""
         k = found.lead.onset
         onset = max(span.starts[k], first)
         told, _ = self.standing.now.get(_family(found), (None, 0))

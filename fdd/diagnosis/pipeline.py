@@ -31,8 +31,8 @@ from fdd.diagnosis.standing import Look
 from fdd.errors import InputError
 from fdd.faults import FAMILIES
 from fdd.residuals.added_tracker import AddedTracker
+from fdd.residuals.bins import FRAME_BINS, FRAME_S, BinMaker
 from fdd.residuals.ledger import Ledger
-from fdd.residuals.rows import HOP_ROWS, HOP_S, RowMaker
 from fdd.residuals.tracked import Tracked, packed, unpacked
 from fdd.residuals.tracking import OBSERVABLE, estimates
 from fdd.samples import Samples
@@ -42,14 +42,14 @@ from fdd.unit import Unit
 
 Array = NDArray[np.float64]
 
-SCAN_HOPS, LEAST_HOPS = 10, 16
-"""Hops between two looks at the evidence, five seconds, and before anything is said."""
-WINDOW_HOPS = 300
-"""Hops that onsets are looked for in; what is older has become the reference."""
-STATE_VERSION = "16"
+SCAN_FRAMES, LEAST_FRAMES = 10, 16
+"""Frames between two looks at the evidence, five seconds, and before anything is said."""
+WINDOW_FRAMES = 300
+"""Frames that onsets are looked for in; what is older has become the reference."""
+STATE_VERSION = "17"
 SCANS_A_MINUTE, SCANS_KEPT = 12, 720
 """Looks in a minute, and those that a monitor remembers: an hour."""
-EPOCHS = Stretches(hops=1, least=1.0)
+EPOCHS = Stretches(frames=1, least=1.0)
 """An epoch is a draw of what differs between logs; no unit is taken to differ by less than is usual."""
 HELD_IN_DOUBT = 0.5
 """Confidence of a fault below which it does not make a verdict."""
@@ -106,7 +106,7 @@ class Pipeline:
         self._sensors = SensorWatch(unit)
         self._tracked = Tracked(unit, keep=keep_trajectories)
         self._added = [AddedTracker(name, unit) for name in dict.fromkeys(trackers)]
-        self._rows = RowMaker(unit, SCAN_HOPS)
+        self._bins = BinMaker(unit, SCAN_FRAMES)
         self._ledger = Ledger(unit, self._effects)
         self._hypotheses = [h for h in hypotheses(unit, self._effects) if h.fault not in without]
         self._first_time = self._last_time = np.nan
@@ -166,19 +166,19 @@ class Pipeline:
     def _weighed(self, trusted: Samples) -> list[FaultFinding]:
         """The balances of a block; findings whose alarm it raised."""
         found: list[FaultFinding] = []
-        for first, rows in self._rows.stretches(trusted):
+        for first, bins in self._bins.stretches(trusted):
             for added in self._added:
-                added.push(first, rows)
-            if len(rows) and self._ledger.stopped(first):
-                self._ledger.begin_anew(self._acute.standing.spans(), SCAN_HOPS)
-            # The ledger takes whole hops, a scan's worth at a time, so that looks fall on the same hops
+                added.push(first, bins)
+            if len(bins) and self._ledger.stopped(first):
+                self._ledger.begin_anew(self._acute.standing.spans(), SCAN_FRAMES)
+            # The ledger takes whole frames, a scan's worth at a time, so that looks fall on the same frames
             # however a log was cut.
-            while len(rows):
-                due = SCAN_HOPS - self._ledger.taken % SCAN_HOPS
-                part, rows = rows[: due * HOP_ROWS], rows[due * HOP_ROWS :]
+            while len(bins):
+                due = SCAN_FRAMES - self._ledger.taken % SCAN_FRAMES
+                part, bins = bins[: due * FRAME_BINS], bins[due * FRAME_BINS :]
                 self._ledger.push(first, part)
                 first += due
-                if self._ledger.taken % SCAN_HOPS == 0 and len(self._ledger.hops) >= LEAST_HOPS:
+                if self._ledger.taken % SCAN_FRAMES == 0 and len(self._ledger.frames) >= LEAST_FRAMES:
                     found += self._scan()
         return found
 
@@ -205,7 +205,7 @@ class Pipeline:
         return self._acute.at
 
     def misfits(self) -> tuple[Array, list[str], Array]:
-        """Ends of hops (s), balances' names and how badly each closed; see `Ledger.misfits`."""
+        """Ends of frames (s), balances' names and how badly each closed; see `Ledger.misfits`."""
         return self._ledger.misfits()
 
     def estimates(self, method: Literal["ekf", "svsf"] = "ekf") -> dict[str, Estimate]:
@@ -224,23 +224,23 @@ class Pipeline:
         )
 
     def _look(self, even: float | None = None) -> Look:
-        """Evidence now, older hops being the reference, and what it says; see `Lookout.look`."""
+        """Evidence now, older frames being the reference, and what it says; see `Lookout.look`."""
         ledger = self._ledger
-        start = ledger.fold(WINDOW_HOPS, self._acute.standing.spans())
+        start = ledger.fold(WINDOW_FRAMES, self._acute.standing.spans())
         evidence = Evidence(ledger.widened(), ledger.held_against(), from_start=start == 0)
-        starts = [h * HOP_S for h in ledger.hops]
-        return self._acute.look(evidence, Span(starts, starts[-1] + HOP_S), self._first_time, even=even)
+        starts = [h * FRAME_S for h in ledger.frames]
+        return self._acute.look(evidence, Span(starts, starts[-1] + FRAME_S), self._first_time, even=even)
 
     def _scan(self) -> list[FaultFinding]:
         look = self._look()
         if not self._tracked.keep:
             del self._scans[: -SCANS_KEPT + 1]
-        number = self._ledger.taken // SCAN_HOPS
+        number = self._ledger.taken // SCAN_FRAMES
         # What could be seen changes fast in the first minute, and slowly after it.
         if number <= SCANS_A_MINUTE or number % SCANS_A_MINUTE == 1 or not self._scans:
             self._hidden = hidden_share(invisible(look.evidence, self._hypotheses, self.threshold))
         self._scans.append((look.now, look.stands))
-        fresh, over = self._acute.take(look, self._ledger.hops[0] * HOP_S)
+        fresh, over = self._acute.take(look, self._ledger.frames[0] * FRAME_S)
         for span in over:
             self._ledger.forget(*span)
         if self._ledger.epochs.completed > self._epochs:
@@ -276,11 +276,11 @@ class Pipeline:
         hydraulic: list[FaultFinding] = []
         unseen = []
         score = 0.0
-        rest = self._rows.rest()
+        rest = self._bins.rest()
         self._ledger.push(*rest)
         for added in self._added:
             added.push(*rest)
-        if len(self._ledger.hops) >= LEAST_HOPS:
+        if len(self._ledger.frames) >= LEAST_FRAMES:
             even = min(self.model.calibration.even, self.threshold)
             look = self._look(even)
             hydraulic, score = look.findings, look.stands
@@ -291,7 +291,7 @@ class Pipeline:
             if first is not None:
                 finding.detected_s = first.detected_s
         # What alarmed while its onset was in sight stands, though the window may have gone past it.
-        start = self._ledger.hops[0] * HOP_S if self._ledger.hops else 0.0
+        start = self._ledger.frames[0] * FRAME_S if self._ledger.frames else 0.0
         hydraulic += self._acute.standing.past({f.family for f in hydraulic}, start)
         faults += [*hydraulic, *self._slowly({f.family for f in hydraulic})]
         faults.sort(key=lambda f: -f.confidence)
@@ -334,10 +334,10 @@ class Pipeline:
 
     def _doubts(self, duration: float) -> list[str]:
         """Why "healthy" would say too much."""
-        if len(self._ledger.hops) < LEAST_HOPS:
-            return [f"{duration:.1f} s of data; a verdict needs {LEAST_HOPS * HOP_S:.0f} s or more"]
+        if len(self._ledger.frames) < LEAST_FRAMES:
+            return [f"{duration:.1f} s of data; a verdict needs {LEAST_FRAMES * FRAME_S:.0f} s or more"]
         told = sum(float(e[2]) for e in self._ledger.entries["volume"])
-        if told < LEAST_HOPS * HOP_ROWS * 0.25:
+        if told < LEAST_FRAMES * FRAME_BINS * 0.25:
             return ["the log hardly moves or loads the actuator: its balances say nothing of its health"]
         return []
 
@@ -411,7 +411,7 @@ class Pipeline:
         out = {"pipeline": packed(scalars)}
         for prefix, part in (
             ("tracked", self._tracked),
-            ("rows", self._rows),
+            ("bins", self._bins),
             ("ledger", self._ledger),
             ("sensors", self._sensors),
         ):
@@ -434,7 +434,7 @@ class Pipeline:
             )
         for prefix, part in (
             ("tracked", self._tracked),
-            ("rows", self._rows),
+            ("bins", self._bins),
             ("ledger", self._ledger),
             ("sensors", self._sensors),
         ):

@@ -1,6 +1,6 @@
-"""One balance's bookkeeping from hop to hop: its noise, its colour, and what a hop tells.
+"""One balance's bookkeeping from frame to frame: its noise, its colour, and what a frame tells.
 
-The information of a hop is that of its rows over their own variance, so a noisy sensor or a gusty minute
+The information of a frame is that of its rows over their own variance, so a noisy sensor or a gusty minute
 speaks more quietly.
 What hangs together in time, a load or a slow current, is taken out of rows and columns alike.
 """
@@ -13,20 +13,20 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fdd.residuals.balances import Balance, Strand
+from fdd.residuals.bins import BIN_S, FRAME_BINS, TAIL_BINS
 from fdd.residuals.effects import Effects
 from fdd.residuals.normal_equations import Entry
-from fdd.residuals.rows import HOP_ROWS, ROW_S, TAIL_ROWS
 from fdd.residuals.sums import RIDGE, add_rows, told
 
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 
 LEAST_ROWS = 12
-"""Rows below which a stretch of a hop says too little."""
+"""Rows below which a stretch of a frame says too little."""
 MEMORY = 0.95
-"""Share of the noise's statistics that is kept from hop to hop: ten seconds."""
-RECENT_HOPS = 20
-"""Hops of that memory where rows themselves are kept."""
+"""Share of the noise's statistics that is kept from frame to frame: ten seconds."""
+RECENT_FRAMES = 20
+"""Frames of that memory where rows themselves are kept."""
 MOST_COLOUR = 0.95
 """Correlation of neighbouring rows beyond which ten seconds do not tell it."""
 LEAST_NOISE = 0.1
@@ -57,23 +57,25 @@ class Account:
         self.recent: list[Array] = []
         self.level: Array = np.zeros((1, effects.mean.size + 1))
 
-    def hops(self, strands: Sequence[Strand]) -> list[Entry]:
-        """What hops tell.
+    def frames(self, strands: Sequence[Strand]) -> list[Entry]:
+        """What frames tell.
 
         Parameters
         ----------
-        strands : rows of one hop or more, with `TAIL_ROWS` before them.
+        strands : rows of one frame or more, with `TAIL_BINS` before them.
         """
-        count = (strands[0].y.size - TAIL_ROWS) // HOP_ROWS
-        if self.balance.lines or self.balance.cell > 1:
-            starts = range(0, count * HOP_ROWS, HOP_ROWS)
-            return [self._hop([s.part(slice(k, k + TAIL_ROWS + HOP_ROWS)) for s in strands]) for k in starts]
+        count = (strands[0].y.size - TAIL_BINS) // FRAME_BINS
+        if self.balance.lines or self.balance.bins_per_row > 1:
+            starts = range(0, count * FRAME_BINS, FRAME_BINS)
+            return [
+                self._frame([s.part(slice(k, k + TAIL_BINS + FRAME_BINS)) for s in strands]) for k in starts
+            ]
         n = self.size
         gram, noise, rows = np.zeros((count, n + 1, n + 1)), np.zeros((count, n, n)), np.zeros(count)
         for y, x, ok, noisy in strands:
             noisy = np.empty((0, 2, n)) if noisy is None else np.ascontiguousarray(noisy)
             y, x = np.ascontiguousarray(y), np.ascontiguousarray(x)
-            add_rows(y, x, ok, noisy, TAIL_ROWS, LEAST_ROWS, self.balance.cumulative, gram, noise, rows)
+            add_rows(y, x, ok, noisy, TAIL_BINS, LEAST_ROWS, self.balance.cumulative, gram, noise, rows)
         information, vector, variance = np.empty((count, n, n)), np.empty((count, n)), np.empty(count)
         usual = np.array([self.variance_sum, self.weight])
         told(
@@ -82,13 +84,13 @@ class Account:
         self.variance_sum, self.weight = usual.tolist()
         return [*map(Entry, information, vector, rows.tolist(), variance.tolist())]
 
-    def _hop(self, strands: Sequence[Strand]) -> Entry:
-        """What one hop of cells or lines tells."""
+    def _frame(self, strands: Sequence[Strand]) -> Entry:
+        """Normal equations of one frame whose rows are means of several bins, or spectral lines."""
         n = strands[0].x.shape[1]
-        parts = [self._cells(y, x, ok) for y, x, ok, _ in strands]
+        parts = [self._rows(y, x, ok) for y, x, ok, _ in strands]
         rows = np.concatenate(parts) if len(parts) > 1 else parts[0]
         free = float(rows.shape[0])
-        if free < LEAST_ROWS // self.balance.cell:
+        if free < LEAST_ROWS // self.balance.bins_per_row:
             none = np.zeros((self.size, self.size))
             return Entry(none, np.zeros(self.size), 0.0, self.variance_sum / self.weight)
         gram = rows.T @ rows
@@ -124,10 +126,10 @@ class Account:
         It is the mean square of what the best coefficients of the last ten seconds leave, times
         (1 + ρ)/(1 - ρ) of a first-order autoregression.
 
-        What a law leaves out (a load's own dynamics) hangs together over many cells, and a hop has too few
+        What a law leaves out (a load's own dynamics) is correlated over many rows, and a frame has too few
         to tell.
         """
-        self.recent = [*self.recent[-RECENT_HOPS + 1 :], rows]
+        self.recent = [*self.recent[-RECENT_FRAMES + 1 :], rows]
         joined = np.concatenate(self.recent)
         x, y = joined[:, :-1], joined[:, -1]
         scale = 1.0 / np.sqrt(np.square(x).sum(axis=0).clip(1e-300))
@@ -139,29 +141,32 @@ class Account:
         rho = min(max(rho, 0.0), MOST_COLOUR)
         free = max(y.size - scale.size, 0.3 * y.size)
         found = square / free * (1.0 + rho) / (1.0 - rho)
-        # The log's first hops know little of their noise: the unit's usual one counts as some rows.
-        usual = FIRST_WEIGHT / self.balance.cell
+        # The log's first frames know little of their noise: the unit's usual one counts as some rows.
+        usual = FIRST_WEIGHT / self.balance.bins_per_row
         return max((free * found + usual * self.usual) / (free + usual), self.least)
 
-    def _cells(self, y: Array, x: Array, ok: Flags) -> Array:
-        """Rows of the hop, or the means of cells of them, less what changes slowly; none if too few."""
+    def _rows(self, y: Array, x: Array, ok: Flags) -> Array:
+        """Regression rows of the frame, means of `Balance.bins_per_row` bins, less what changes slowly; none
+        if they are too few."""
         joined = np.column_stack([x, y])
-        cell = self.balance.cell
-        if cell > 1:  # a law that holds over tens of milliseconds must not be whitened up to where it fails
-            joined = joined.reshape(-1, cell, joined.shape[1]).mean(axis=1)
-            ok = np.asarray(ok.reshape(-1, cell).all(axis=1))
-        hop, least = HOP_ROWS // cell, max(LEAST_ROWS // cell, 1)
+        bins_per_row = self.balance.bins_per_row
+        if (
+            bins_per_row > 1
+        ):  # a law that holds over tens of milliseconds must not be whitened up to where it fails
+            joined = joined.reshape(-1, bins_per_row, joined.shape[1]).mean(axis=1)
+            ok = np.asarray(ok.reshape(-1, bins_per_row).all(axis=1))
+        frame, least = FRAME_BINS // bins_per_row, max(LEAST_ROWS // bins_per_row, 1)
         if (
             self.balance.lines
         ):  # slow currents are no vibration; a line keeps its amplitude, as its columns do
             joined, ok = np.diff(joined, axis=0), ok[1:] & ok[:-1]
-        inside = joined[-hop:][ok[-hop:]]
-        if cell > 1:
+        inside = joined[-frame:][ok[-frame:]]
+        if bins_per_row > 1:
             inside = self._passed(inside)
         return inside if inside.shape[0] >= least else inside[:0]
 
     def _passed(self, rows: Array) -> Array:
-        """Cells over what went before them: a load that changes slowly is no friction.
+        """Rows less what went before them: a load that changes slowly is no friction.
 
         The prediction error of a random walk under white noise, in which all columns take part alike.
         """
@@ -169,9 +174,9 @@ class Account:
             return rows
         if not self.level.any():
             self.level = -rows[:1]  # as if it had always been so
-        decay = 1.0 - self.balance.cell * ROW_S / LOAD_S
+        decay = 1.0 - self.balance.bins_per_row * BIN_S / LOAD_S
         out = np.empty_like(rows)
-        for k in range(rows.shape[0]):  # ten rows a hop: importing scipy.signal would take as long as a log
+        for k in range(rows.shape[0]):  # ten rows a frame: importing scipy.signal would take as long as a log
             out[k] = rows[k] + self.level[0]
             self.level = decay * out[k : k + 1] - rows[k : k + 1]
         return out

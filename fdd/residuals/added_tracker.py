@@ -1,6 +1,6 @@
 """A tracker of an installed package beside ours: any filter with filterpy's interface (docs/extending.md).
 
-It runs over the balances' rows of 10 ms, so that it sees the same numbers however a log was cut, and never
+It runs over the balances' bins of 10 ms, so that it sees the same numbers however a log was cut, and never
 touches what fdd itself estimates.
 """
 
@@ -18,14 +18,14 @@ from numpy.typing import NDArray
 
 from fdd.errors import InputError
 from fdd.packages import TRACKERS, Addition, additions
-from fdd.residuals.rows import COLUMNS, FAST, HOP_ROWS, ROW_S
+from fdd.residuals.bins import BIN_S, COLUMNS, FAST, FRAME_BINS
 from fdd.residuals.tracking import METHODS, OBSERVABLE
 from fdd.unit import Unit
 
 Array = NDArray[np.float64]
 
 TAKEN = {name: COLUMNS[name] for name in FAST} | {"oil_temperature": COLUMNS["temperature"]}
-"""Channel that a tracker may ask for, to its column of the rows."""
+"""Channel that a tracker may ask for, to its column of the bins."""
 STEP = 1e-3
 """Standard deviations by which a state is moved to see what a quantity does with it."""
 
@@ -90,7 +90,7 @@ def tracker_named(name: str) -> Addition:
 
 
 class AddedTracker:
-    """Runs a package's tracker over rows, and keeps what it says.
+    """Runs a package's tracker over bins, and keeps what it says.
 
     Parameters
     ----------
@@ -114,39 +114,39 @@ class AddedTracker:
         self._times = array("d")
         self._told = {name: array("d") for name in OBSERVABLE}  # value and deviation in turns
 
-    def push(self, first: int, rows: Array) -> None:
-        """Take rows of whole hops.
+    def push(self, first: int, bins: Array) -> None:
+        """Take bins of whole frames.
 
         Parameters
         ----------
-        first : index of the first hop. rows : as `fdd.residuals.rows.RowMaker` gives them.
+        first : index of the first frame. bins : as `fdd.residuals.bins.BinMaker` gives them.
 
         Raises
         ------
         InputError : the package gave no usable tracker.
         """
-        if not len(rows) or self.problem is not None:
+        if not len(bins) or self.problem is not None:
             return
         if first != self._next:  # after a pause a tracker begins anew
             self._tracker = None
-        self._next = first + len(rows) // HOP_ROWS
+        self._next = first + len(bins) // FRAME_BINS
         if self._tracker is None:
-            self._begin(rows)
-        for k, row in enumerate(rows if self._tracker else ()):
-            time = (first * HOP_ROWS + k + 0.5) * ROW_S
+            self._begin(bins)
+        for k, values in enumerate(bins if self._tracker else ()):
+            time = (first * FRAME_BINS + k + 0.5) * BIN_S
             try:
-                self._step(time, row)
+                self._step(time, values)
             except Exception as error:  # a filter that fails ends itself, not the diagnosis
                 brief = f"{type(error).__name__}: {error}"[:120]
                 self.problem = f"tracker {self.name} ({self.package}) stopped at {time:.2f} s ({brief})"
                 return
 
-    def _begin(self, rows: Array) -> None:
-        channels = tuple(n for n, c in TAKEN.items() if np.isfinite(rows[:, c]).any())
+    def _begin(self, bins: Array) -> None:
+        channels = tuple(n for n, c in TAKEN.items() if np.isfinite(bins[:, c]).any())
         if "position" not in channels:
             return
         try:
-            made = self._make(self.unit, channels, ROW_S)
+            made = self._make(self.unit, channels, BIN_S)
         except InputError as error:
             raise error.at(f"tracker {self.name}") from None
         except Exception as error:
@@ -163,10 +163,10 @@ class AddedTracker:
             raise self._addition.wrong(f"tells {', '.join(made.quantities)}, not of {', '.join(OBSERVABLE)}")
         self._tracker, self._started = made, False
 
-    def _step(self, time: float, row: Array) -> None:
+    def _step(self, time: float, values: Array) -> None:
         tracker = self._tracker
         assert tracker is not None
-        u, z = (row[[TAKEN[n] for n in names]] for names in (tracker.inputs, tracker.measurements))
+        u, z = (values[[TAKEN[n] for n in names]] for names in (tracker.inputs, tracker.measurements))
         if np.isfinite(u).all():
             self._last_input = u
         if not self._started:

@@ -29,6 +29,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fdd.measures import ATMOSPHERE_PA
+from fdd.residuals.bins import BIN_S, FRAME_BINS, GAS_S
 from fdd.residuals.hidden_pressures import needs_pilots
 from fdd.residuals.quantities import (
     PILOT,
@@ -39,7 +40,6 @@ from fdd.residuals.quantities import (
     middle,
     outlet_loss,
 )
-from fdd.residuals.rows import GAS_S, HOP_ROWS, ROW_S
 
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
@@ -73,7 +73,7 @@ class Balance:
     Attributes
     ----------
     name, title : for people. columns : names of the coefficients. strands : quantities to one or two sets of
-    (y (n,), X (n, columns), valid (n,)) that share the coefficients. settle : rows left out after what was
+    (y (n,), X (n, columns), valid (n,)) that share the coefficients. settle : bins left out after what was
     invalid.
     """
 
@@ -83,9 +83,9 @@ class Balance:
     strands: Callable[[Quantities], list[Strand]]
     settle: int = 1
     cumulative: bool = False
-    """Rows are changes: they are summed up over each unbroken stretch of a hop."""
-    cell: int = 1
-    """Rows of a cell, whose means are the balance's rows."""
+    """Rows are changes: they are summed up over each unbroken stretch of a frame."""
+    bins_per_row: int = 1
+    """Bins whose mean is one row of the regression."""
     floor: float = 0.0
     """Least noise of a row, in its unit."""
     free: tuple[str, ...] = ()
@@ -203,10 +203,10 @@ def _force(q: Quantities) -> list[Strand]:
     f = unit.friction
     viscous = np.where(velocity > 0.0, f.forward.viscous, f.reverse.viscous) * velocity
     friction = (q.take["friction"] + viscous) / scales.friction
-    # A load cell that fails, or is slower than the rows, counts as none.
+    # A load cell that fails, or is slower than the bins, counts as none.
     load = q.take["load_force"] / scales.friction
-    there = np.isfinite(load).reshape(-1, HOP_ROWS).mean(axis=1) > 0.9
-    measured = np.where(np.repeat(there, HOP_ROWS), load, 0.0)
+    there = np.isfinite(load).reshape(-1, FRAME_BINS).mean(axis=1) > 0.9
+    measured = np.where(np.repeat(there, FRAME_BINS), load, 0.0)
     x = np.column_stack([
         np.ones_like(y),
         measured,
@@ -223,7 +223,7 @@ def _force(q: Quantities) -> list[Strand]:
     # hard it rubs.
     sliding = np.abs(q.take["sliding"]) > SLIDING_M_S
     valid = np.isfinite(y) & sliding & (q.take["sliding"] * friction > 0.0)
-    # Two rows late, as the acceleration asks for the next two: else the last ones at hand would tell nothing.
+    # Two bins late, as the acceleration asks for the next two: else the last ones at hand would tell nothing.
     shifted = np.roll(np.arange(y.size), 2)
     return [Strand(y[shifted], x[shifted], valid[shifted])]
 
@@ -254,15 +254,15 @@ def _shaft(q: Quantities) -> list[Strand]:
     y = q.take["motor_current"] / scales.current
     drop = np.where(q.chambers_measured, q.drop, q.difference_measured) / scales.pressure
     turning = np.full_like(y, np.nan)
-    turning[1:-1] = 0.5 * (q.speed[2:] - q.speed[:-2]) / ROW_S
+    turning[1:-1] = 0.5 * (q.speed[2:] - q.speed[:-2]) / BIN_S
     turning *= q.unit.drive.inertia / (q.unit.drive.torque_constant * scales.current)
     lines = []
     for order in ORDERS:
-        # A row is a mean over 10 ms: a fast line is lower in it.
-        seen = np.sinc(order * q.speed * ROW_S / (2.0 * np.pi))
+        # A bin is a mean over 10 ms: a fast line is lower in it.
+        seen = np.sinc(order * q.speed * BIN_S / (2.0 * np.pi))
         lines += [seen * np.cos(order * q.angle), seen * np.sin(order * q.angle)]
     x = np.column_stack([*lines, np.ones_like(y), drop, turning, np.tanh(q.speed / (0.01 * scales.speed))])
-    # A row late, as the acceleration asks for the next row: else the last one at hand would tell nothing.
+    # A bin late, as the acceleration asks for the next bin: else the last one at hand would tell nothing.
     late = np.roll(np.arange(y.size), 1)
     return [Strand(y[late], x[late], (np.isfinite(y) & _turning(q))[late])]
 
@@ -273,16 +273,16 @@ tell how much of an amplitude is a load's or a loop's own unrest."""
 
 
 STEADY = 0.88
-"""Slowest speed over the fastest of a hop in which the shaft's lines are sought."""
+"""Slowest speed over the fastest of a frame in which the shaft's lines are sought."""
 
 
 def _turning(q: Quantities) -> Flags:
     """Where a line shows: over whole turns at no very different speeds, as what starts and stops has all
-    lines, and below the rate at which a row's mean swallows it."""
-    angle, speed = (x.reshape(-1, HOP_ROWS) for x in (q.angle, np.abs(q.speed)))
+    lines, and below the rate at which a bin's mean swallows it."""
+    angle, speed = (x.reshape(-1, FRAME_BINS) for x in (q.angle, np.abs(q.speed)))
     whole = np.fmax.reduce(angle, axis=1) - np.fmin.reduce(angle, axis=1) > 4.0 * np.pi
     whole &= np.fmin.reduce(speed, axis=1) > STEADY * np.fmax.reduce(speed, axis=1)
-    return (np.abs(q.speed) * ROW_S * max(ORDERS) < np.pi) & np.repeat(whole, HOP_ROWS)
+    return (np.abs(q.speed) * BIN_S * max(ORDERS) < np.pi) & np.repeat(whole, FRAME_BINS)
 
 
 def _coherence(q: Quantities) -> list[Strand]:
@@ -366,7 +366,7 @@ BALANCES: dict[str, Balance] = {
             "force", "the piston's forces",
             ("load", "load_measured", "spring", "mass", "damping", "throttle", "lag", "lag_flow",
              "friction_forward", "friction_reverse"),
-            _force, cell=5,
+            _force, bins_per_row=5,
             free=("load", "load_measured", "spring", "mass", "damping", "throttle", "lag", "lag_flow"),
             floor=0.1,  # of Coulomb friction: trials scatter by 9 % (thesis Table 5.1)
         ),

@@ -1,5 +1,5 @@
 """How a healthy unit's coefficients lie, and how they err: random effects between units, between logs, within
-a log, and from hop to hop."""
+a log, and from frame to frame."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ class CoefficientSpread(BaseModel):
     mean, units : of units, and their std. between : std from log to log of one unit, for each of
         `LogConditions`. logs : how many logs' worth of information these rest on, 0 for what is assumed;
         their relative std is ``1/√(2 logs)``. within : std of what changes in some minutes of a healthy log.
-        wander : std from hop to hop.
+        wander : std from frame to frame.
     """
 
     model_config = ConfigDict(extra="forbid", allow_inf_nan=False)
@@ -102,10 +102,10 @@ class Effects:
         known : (n, n), of the mean alone. units : std of units about the population's mean. between : (5, n)
         std from log to log, see `CoefficientSpread`. within : std of what changes in some minutes of a
         healthy log and no sensor tells; assumed: a magnet loses 0.1 % of its torque a kelvin and warms by 20,
-        a position transducer 0.01 to 0.03 % of its gain a kelvin. wander : std from hop to hop. noise : std
-        of a row, a first guess. information, scatter : (n, n), of healthy logs, and of the scores of their
-        stretches of 2 s. log_variance : (n,) of a log's coefficients about the unit's. warming : (n,) std of
-        what they change by in a second as oil warms that nobody measures.
+        a position transducer 0.01 to 0.03 % of its gain a kelvin. wander : std from frame to frame. noise :
+        std of a row, a first guess. information, scatter : (n, n), of healthy logs, and of the scores of
+        their stretches of 2 s. log_variance : (n,) of a log's coefficients about the unit's. warming : (n,)
+        std of what they change by in a second as oil warms that nobody measures.
     """
 
     mean: Array

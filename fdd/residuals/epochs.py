@@ -1,8 +1,9 @@
-"""What the balances have told over an axis's life: sums of the hops that are no longer looked at one by one.
+"""What the balances have told over an axis's life: sums of the frames that are no longer looked at one by
+one.
 
 The reference of a log follows what a healthy unit changes by, and a slow wear with it. What lies between two
-stops, or an hour, is one draw of what differs between a unit's logs (`Effects.between`), however many hops it
-has; over many of them a change shows that no single one would.
+stops, or an hour, is one draw of what differs between a unit's logs (`Effects.between`), however many frames
+it has; over many of them a change shows that no single one would.
 """
 
 from __future__ import annotations
@@ -14,15 +15,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fdd.residuals.balances import BALANCES
+from fdd.residuals.bins import FRAME_S
 from fdd.residuals.effects import Effects, usual_conditions
 from fdd.residuals.normal_equations import widened
-from fdd.residuals.rows import HOP_S
 
 Array = NDArray[np.float64]
 Told = Mapping[str, tuple[Array, Array]]
 
-EPOCH_HOPS, LEAST_HOPS = 7200, 240
-"""Hops of an epoch: an hour's at most, and at a stop two minutes' at least, as a log from which a unit is
+EPOCH_FRAMES, LEAST_FRAMES = 7200, 240
+"""Frames of an epoch: an hour's at most, and at a stop two minutes' at least, as a log from which a unit is
 identified."""
 ALIKE = 16
 """Epochs of one length; beyond them the two oldest become one of twice the length. So a memory of years
@@ -46,30 +47,30 @@ class Epochs:
         self._first: list[int] = []
         self._levels: list[int] = []
         self._open = 0
-        """Hops of the last epoch, while it is not complete."""
+        """Frames of the last epoch, while it is not complete."""
         self._told: list[dict[str, tuple[Array, Array]]] = []
         self.completed = 0
 
-    def add(self, hops: Sequence[int], told: Told) -> None:
-        """Take hops.
+    def add(self, frames: Sequence[int], told: Told) -> None:
+        """Take frames.
 
         Parameters
         ----------
-        hops : their indices, in order. told : balance to the sum of their information (n, n) and vectors
+        frames : their indices, in order. told : balance to the sum of their information (n, n) and vectors
             (n,).
         """
         if not self._open:
-            self._first.append(hops[0])
+            self._first.append(frames[0])
             self._levels.append(0)
             self._told.append({})
-        self._open += len(hops)
+        self._open += len(frames)
         self._told[-1] = _sum(self._told[-1], told)
-        if self._open >= EPOCH_HOPS:
+        if self._open >= EPOCH_FRAMES:
             self._complete()
 
     def stop(self) -> None:
         """The axis has stopped: what comes is another draw."""
-        if self._open >= LEAST_HOPS:
+        if self._open >= LEAST_FRAMES:
             self._complete()
 
     def _complete(self) -> None:
@@ -87,7 +88,7 @@ class Epochs:
     def forget(self, start: float, end: float) -> None:
         """Leave out the epochs that began in a stretch of time, s."""
         for k in range(len(self) - 1, -1, -1):
-            if start <= self._first[k] * HOP_S < end:
+            if start <= self._first[k] * FRAME_S < end:
                 del self._first[k], self._levels[k], self._told[k]
 
     def __len__(self) -> int:
@@ -96,7 +97,7 @@ class Epochs:
 
     def starts(self) -> Array:
         """s, when each complete epoch began."""
-        return HOP_S * np.array(self._first[: len(self)], dtype=np.float64)
+        return FRAME_S * np.array(self._first[: len(self)], dtype=np.float64)
 
     @staticmethod
     def effects(effects: Mapping[str, Effects]) -> dict[str, Effects]:

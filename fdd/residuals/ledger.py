@@ -1,4 +1,4 @@
-"""What each hop tells of each balance's coefficients, and what older ones have made of the reference."""
+"""What each frame tells of each balance's coefficients, and what older ones have made of the reference."""
 
 from __future__ import annotations
 
@@ -8,30 +8,30 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from fdd.residuals.account import RECENT_HOPS, Account
+from fdd.residuals.account import RECENT_FRAMES, Account
 from fdd.residuals.balances import BALANCES
+from fdd.residuals.bins import COLUMNS, FRAME_BINS, FRAME_S, STOP_S, TAIL_BINS
 from fdd.residuals.effects import Effects, LogConditions, viscous_change, with_logs
 from fdd.residuals.epochs import Epochs
 from fdd.residuals.normal_equations import Entry, widened
 from fdd.residuals.quantities import Quantities, Scales, settled
-from fdd.residuals.rows import COLUMNS, HOP_ROWS, HOP_S, STOP_S, TAIL_ROWS
 from fdd.unit import Unit
 
 Array = NDArray[np.float64]
 
 HISTORY = 7200
-"""Hops whose misfit is remembered: an hour."""
+"""Frames whose misfit is remembered: an hour."""
 LEAST_TOLD = 1e-3
-"""Of a coefficient's prior, what a hop must tell of all of them together."""
+"""Of a coefficient's prior, what a frame must tell of all of them together."""
 HEAT_K = 10.0
 """K that `LogConditions.heat` counts in."""
 SURROUNDINGS = 3
-MOST_HOPS = 20
-"""Hops whose quantities are worked out at a time: their columns still fit the processor's memory."""
+MOST_FRAMES = 20
+"""Frames whose quantities are worked out at a time: their columns still fit the processor's memory."""
 
 
 class Ledger:
-    """All balances of an axis, hop by hop.
+    """All balances of an axis, frame by frame.
 
     Parameters
     ----------
@@ -43,20 +43,20 @@ class Ledger:
         self.scales = Scales.of(unit)
         self.effects = effects
         self.accounts = {name: Account(b, effects[name]) for name, b in BALANCES.items()}
-        self.tail = np.full((TAIL_ROWS, len(COLUMNS)), np.nan)
-        self.hops: list[int] = []
+        self.tail = np.full((TAIL_BINS, len(COLUMNS)), np.nan)
+        self.frames: list[int] = []
         self.entries: dict[str, list[Entry]] = {name: [] for name in BALANCES}
         self._wide: dict[str, list[tuple[Array, Array]]] = {name: [] for name in BALANCES}
         self.surroundings: list[list[float]] = []
-        """Of each hop kept, the last three of `LogConditions`."""
+        """Of each frame kept, the last three of `LogConditions`."""
         self.reference = effects
-        """What the first of the hops kept is held against: the unit's baseline, or what older hops have
+        """What the first of the frames kept is held against: the unit's baseline, or what older frames have
         made of it."""
         self.epochs = Epochs()
         self.last = -1
-        """The hop taken last."""
+        """The frame taken last."""
         self.folded = self.taken = 0
-        """Hops that became the reference since the axis last began to work, and all that ever came."""
+        """Frames that became the reference since the axis last began to work, and all that ever came."""
         self._misfits: list[list[float]] = []
         self._accumulator = np.nan
         """Its pressure as last known, Pa."""
@@ -66,8 +66,8 @@ class Ledger:
         return {name: _stacked(self._settled(name), len(BALANCES[name].columns)) for name in BALANCES}
 
     def widened(self) -> dict[str, tuple[Array, Array]]:
-        """Information (h, n, n) and vector (h, n), widened by what wanders from hop to hop, of each balance
-        that tells anything."""
+        """Information (h, n, n) and vector (h, n), widened by what wanders from frame to frame, of each
+        balance that tells anything."""
         out = {}
         for name in BALANCES:
             wide = self._widened(name)
@@ -76,7 +76,7 @@ class Ledger:
         return out
 
     def conditions(self, name: str) -> LogConditions | None:
-        """Those of the hops kept, as a balance sees them; None where it tells nothing."""
+        """Those of the frames kept, as a balance sees them; None where it tells nothing."""
         seen = [k for k, entry in enumerate(self.entries[name]) if entry.rows]
         if not seen:
             return None
@@ -85,12 +85,12 @@ class Ledger:
         return LogConditions(1.0, rows, *around)
 
     def held_against(self) -> dict[str, Effects]:
-        """What the hops kept are held against: what older ones have made of the unit, or its effects with
+        """What the frames kept are held against: what older ones have made of the unit, or its effects with
         what a log like theirs may differ by."""
         return self.reference if self.folded else self.expected()
 
     def expected(self) -> dict[str, Effects]:
-        """The unit's effects, with what a log like that of the hops kept may differ by."""
+        """The unit's effects, with what a log like that of the frames kept may differ by."""
         found = {name: self.conditions(name) for name in self.effects}
         return {
             name: with_logs(e, c, viscous_change(name, e.mean)) if (c := found[name]) else e
@@ -98,7 +98,7 @@ class Ledger:
         }
 
     def _widened(self, name: str) -> list[tuple[Array, Array]]:
-        """Of every hop, worked out once."""
+        """Of every frame, worked out once."""
         wide = self._wide[name]
         fresh = self._settled(name)[len(wide) :]
         if fresh:
@@ -106,26 +106,26 @@ class Ledger:
             wide.extend(zip(*widened(information, vector, self.reference[name].wander), strict=True))
         return wide
 
-    def push(self, first: int, rows: Array) -> None:
-        """Take the rows of complete hops (see `RowMaker.push`); nothing depends on how many at a time."""
+    def push(self, first: int, bins: Array) -> None:
+        """Take the bins of complete frames (see `BinMaker.push`); nothing depends on how many at a time."""
         if first != self.last + 1:
             self.tail = np.full_like(self.tail, np.nan)
-        for start in range(0, len(rows), MOST_HOPS * HOP_ROWS):
-            here = np.concatenate([self.tail, rows[start : start + MOST_HOPS * HOP_ROWS]])
-            self._take(first + start // HOP_ROWS, here)
-            self.tail = here[-TAIL_ROWS:]
+        for start in range(0, len(bins), MOST_FRAMES * FRAME_BINS):
+            here = np.concatenate([self.tail, bins[start : start + MOST_FRAMES * FRAME_BINS]])
+            self._take(first + start // FRAME_BINS, here)
+            self.tail = here[-TAIL_BINS:]
 
-    def _take(self, first: int, rows: Array) -> None:
-        """Hops from an index on: rows with `TAIL_ROWS` before them."""
-        q = Quantities(rows, self.unit, self.scales, self._accumulator)
+    def _take(self, first: int, bins: Array) -> None:
+        """Frames from an index on: bins with `TAIL_BINS` before them."""
+        q = Quantities(bins, self.unit, self.scales, self._accumulator)
         self._accumulator = q.accumulator_before
-        count = (len(rows) - TAIL_ROWS) // HOP_ROWS
-        self.hops += range(first, first + count)
+        count = (len(bins) - TAIL_BINS) // FRAME_BINS
+        self.frames += range(first, first + count)
         off = q.take["temperature"] - self.unit.oil.reference_temperature
         heat = np.nan_to_num(np.square(off / HEAT_K))
-        each = np.column_stack([~q.chambers_measured, heat, np.isnan(off)])[TAIL_ROWS:]
-        self.surroundings += each.reshape(count, HOP_ROWS, SURROUNDINGS).mean(axis=1).tolist()
-        self.last = self.hops[-1]
+        each = np.column_stack([~q.chambers_measured, heat, np.isnan(off)])[TAIL_BINS:]
+        self.surroundings += each.reshape(count, FRAME_BINS, SURROUNDINGS).mean(axis=1).tolist()
+        self.last = self.frames[-1]
         self.taken += count
         misfits = np.full((count, len(BALANCES)), np.nan)
         for b, (name, balance) in enumerate(BALANCES.items()):
@@ -134,7 +134,7 @@ class Ledger:
                 good = s.valid & np.isfinite(s.y) & np.isfinite(s.x).all(axis=1)
                 strands.append(s._replace(valid=settled(good, balance.settle)))
             early = self._early(name)
-            entries = self.accounts[name].hops(strands)
+            entries = self.accounts[name].frames(strands)
             self.entries[name] += entries
             if early:
                 self._wide[name] = []
@@ -144,16 +144,16 @@ class Ledger:
         self._misfits = [*self._misfits, *misfits.tolist()][-HISTORY:]
 
     def _early(self, name: str) -> bool:
-        """Whether the noise of a balance is not yet known by as many hops as it is judged by later."""
-        return BALANCES[name].cell > 1 and len(self.accounts[name].recent) < RECENT_HOPS
+        """Whether the noise of a balance is not yet known by as many frames as it is judged by later."""
+        return BALANCES[name].bins_per_row > 1 and len(self.accounts[name].recent) < RECENT_FRAMES
 
     def _settled(self, name: str) -> list[Entry]:
         return self._shared(name) if self._early(name) else self.entries[name]
 
     def _shared(self, name: str) -> list[Entry]:
-        """A log's first hops know little of their noise: what ten seconds show of it holds for them too."""
+        """A log's first frames know little of their noise: what ten seconds show of it holds for them too."""
         entries = list(self.entries[name])
-        first = [k for k, entry in enumerate(entries) if entry.rows][:RECENT_HOPS]
+        first = [k for k, entry in enumerate(entries) if entry.rows][:RECENT_FRAMES]
         for k in first[:-1]:
             entry, variance = entries[k], entries[first[-1]].variance
             share = entry.variance / variance
@@ -161,8 +161,8 @@ class Ledger:
         return entries
 
     def _misfit(self, name: str, entries: list[Entry]) -> Array:
-        """Root of the hops' reduced chi-square about the unit's baseline, (h,), over that of its own healthy
-        stretches: about 1 while healthy; NaN of those that tell nothing."""
+        """Root of the frames' reduced chi-square about the unit's baseline, (h,), over that of its own
+        healthy stretches: about 1 while healthy; NaN of those that tell nothing."""
         e = self.effects[name]
         spread = np.hypot(e.wander, np.sqrt(np.diag(e.covariance)))
         information, vector, rows = (np.array([x[i] for x in entries]) for i in range(3))
@@ -175,33 +175,33 @@ class Ledger:
         return np.where(told, np.sqrt(chi_square / np.where(told, expected, 1.0)), np.nan)
 
     def misfits(self) -> tuple[Array, list[str], Array]:
-        """Ends of the last hops (m,), balances' names and how badly each closed (m, balances)."""
+        """Ends of the last frames (m,), balances' names and how badly each closed (m, balances)."""
         seen = np.array(self._misfits).reshape(-1, len(BALANCES))
         ends = np.empty(0)
         if len(seen):
-            ends = np.asarray((self.hops[-1] - np.arange(len(seen))[::-1] + 1) * HOP_S, dtype=np.float64)
+            ends = np.asarray((self.frames[-1] - np.arange(len(seen))[::-1] + 1) * FRAME_S, dtype=np.float64)
         used = np.isfinite(seen).any(axis=0)
         names = [n for n, u in zip(BALANCES, used, strict=True) if u]
         return np.asarray(ends, dtype=np.float64), names, np.asarray(np.nan_to_num(seen[:, used]))
 
     def fold(self, window: int, sick: Sequence[tuple[float, float]] = ()) -> int:
-        """Let hops beyond a window become the reference, a fifth of it at a time; how many have in all.
+        """Let frames beyond a window become the reference, a fifth of it at a time; how many have in all.
 
-        A reference made of older hops is what the unit was like then; it may have moved since by what
+        A reference made of older frames is what the unit was like then; it may have moved since by what
         coefficients change within a healthy log. What came while a fault stood is no reference: of that the
-        latest hops are kept, and some from before it to hold them against.
+        latest frames are kept, and some from before it to hold them against.
 
         Parameters
         ----------
         sick : s, when faults began and ended; inf for those that stand.
         """
         part = window // 5
-        while len(self.hops) > window + part:
-            at = HOP_S * np.array(self.hops)
+        while len(self.frames) > window + part:
+            at = FRAME_S * np.array(self.frames)
             faulty, before = np.zeros((2, at.size), dtype=np.bool_)
             for onset, end in sick:
                 faulty |= (onset <= at) & (at < end)
-                before |= np.isinf(end) & (onset - part * HOP_S <= at) & (at < onset)
+                before |= np.isinf(end) & (onset - part * FRAME_S <= at) & (at < onset)
             healthy = np.flatnonzero(~before & ~faulty)[:part]
             if healthy.size and not faulty[: healthy[0]].any():
                 self._learn(healthy)
@@ -212,8 +212,8 @@ class Ledger:
         return self.folded
 
     def stopped(self, first: int) -> bool:
-        """Whether an axis that goes on with this hop had stopped: long enough to be like another log."""
-        return self.last >= 0 and (first - self.last) * HOP_S > STOP_S
+        """Whether an axis that goes on with this frame had stopped: long enough to be like another log."""
+        return self.last >= 0 and (first - self.last) * FRAME_S > STOP_S
 
     def begin_anew(self, sick: Sequence[tuple[float, float]], together: int) -> None:
         """After a stop hold the axis against its unit's baseline again, as the start of a log.
@@ -223,13 +223,14 @@ class Ledger:
 
         Parameters
         ----------
-        sick : as for `fold`. together : hops that are looked at together; the next one is the first of them.
+        sick : as for `fold`. together : frames that are looked at together; the next one is the first of
+            them.
         """
         self.taken += -self.taken % together
         if any(np.isinf(end) for _, end in sick):
             self.epochs.stop()
             return
-        at = HOP_S * np.array(self.hops)
+        at = FRAME_S * np.array(self.frames)
         healthy = np.ones(at.size, dtype=np.bool_)
         for onset, end in sick:
             healthy &= (at < onset) | (end <= at)
@@ -240,7 +241,7 @@ class Ledger:
             self.reference, self.folded = self.effects, 0
 
     def _learn(self, places: NDArray[np.int64]) -> None:
-        """Take hops into the reference."""
+        """Take frames into the reference."""
         before = self.held_against()
         for name, e in before.items():
             wide = self._widened(name)
@@ -251,32 +252,33 @@ class Ledger:
             self.reference = {**self.reference, name: replace(e, mean=mean, covariance=covariance)}
 
     def _retire(self, places: NDArray[np.int64]) -> None:
-        """Hops that are looked at no longer stay in the sums of the axis's life, whatever stood meanwhile."""
+        """Frames that are looked at no longer stay in the sums of the axis's life, whatever stood
+        meanwhile."""
         if places.size:
             wide = {name: [self._widened(name)[k] for k in places] for name in BALANCES}
             told = {name: (sum(m for m, _ in w), sum(v for _, v in w)) for name, w in wide.items()}
-            self.epochs.add([self.hops[k] for k in places.tolist()], told)
+            self.epochs.add([self.frames[k] for k in places.tolist()], told)
         self._drop(places)
 
     def forget(self, start: float, end: float) -> None:
-        """Leave out the hops of a stretch of time, s."""
-        at = HOP_S * np.array(self.hops)
+        """Leave out the frames of a stretch of time, s."""
+        at = FRAME_S * np.array(self.frames)
         self._drop(np.flatnonzero((start <= at) & (at < end)))
 
     def _drop(self, places: NDArray[np.int64]) -> None:
         gone = set(places.tolist())
-        kept = [k for k in range(len(self.hops)) if k not in gone]
+        kept = [k for k in range(len(self.frames)) if k not in gone]
         for name in BALANCES:
             wide = self._widened(name)
             self.entries[name] = [self.entries[name][k] for k in kept]
             self._wide[name] = [wide[k] for k in kept]
-        self.hops = [self.hops[k] for k in kept]
+        self.frames = [self.frames[k] for k in kept]
         self.surroundings = [self.surroundings[k] for k in kept]
 
     def state(self) -> dict[str, Array]:
         """Everything as flat named arrays."""
         out: dict[str, Array] = {
-            "hops": np.array(self.hops), "tail": self.tail,
+            "frames": np.array(self.frames), "tail": self.tail,
             "folded": np.array([self.folded, self.taken, self.last]),
             "accumulator": np.array(self._accumulator),
             "surroundings": np.array(self.surroundings).reshape(-1, SURROUNDINGS),
@@ -299,7 +301,7 @@ class Ledger:
 
     def restore(self, state: dict[str, Array]) -> None:
         """Go on from what `state` gave for the same unit."""
-        self.hops = [int(h) for h in state["hops"]]
+        self.frames = [int(h) for h in state["frames"]]
         self.tail = state["tail"].copy()
         epochs = {k.removeprefix("epochs/"): v for k, v in state.items() if k.startswith("epochs/")}
         self.epochs.restore(epochs)
@@ -309,7 +311,9 @@ class Ledger:
         self._misfits = [[float(x) for x in row] for row in state["misfits"]]
         for name, account in self.accounts.items():
             m, v, r, s = (state[f"{name}/{k}"] for k in "mvrs")
-            self.entries[name] = [Entry(m[i], v[i], float(r[i]), float(s[i])) for i in range(len(self.hops))]
+            self.entries[name] = [
+                Entry(m[i], v[i], float(r[i]), float(s[i])) for i in range(len(self.frames))
+            ]
             self._wide[name] = []
             account.weight, account.variance_sum = (float(x) for x in state[f"{name}/noise"])
             account.level = state[f"{name}/level"].copy()

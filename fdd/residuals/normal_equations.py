@@ -27,7 +27,8 @@ def widened(information: Array, vector: Array, std: Array) -> tuple[Array, Array
 
 
 class Entry(NamedTuple):
-    """What a hop tells of a balance: information (n, n), vector (n,), rows behind it, and their variance."""
+    """What a frame tells of a balance: information (n, n), vector (n,), rows behind it, and their
+    variance."""
 
     information: Array
     vector: Array

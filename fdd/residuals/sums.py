@@ -1,4 +1,4 @@
-"""Compiled sums over the rows of hops, and what is left of them by the best coefficients."""
+"""Compiled sums over the rows of frames, and what is left of them by the best coefficients."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 
 RIDGE = 1e-6
-"""Of columns scaled to one: those that a hop does not tell apart share what it tells."""
+"""Of columns scaled to one: those that a frame does not tell apart share what it tells."""
 
 
 @njit()
@@ -20,7 +20,7 @@ def add_rows(
     y: Array, x: Array, ok: Flags, noisy: Array, tail: int, least: int, summed: bool,
     gram: Array, noise: Array, rows: Array,
 ) -> None:  # fmt: skip
-    """Add what each hop's rows tell to its normal equations.
+    """Add what each frame's rows tell to its normal equations.
 
     Rows themselves; or, `summed`, their running sums over each unbroken stretch less their mean, in which
     pressure noise does not add up, without the first one, which the mean makes redundant.
@@ -29,13 +29,13 @@ def add_rows(
     ----------
     y, x, ok : (tail + rows,), (tail + rows, n) and (tail + rows,): rows of a strand, the valid ones.
     noisy : (tail + rows, 2, n) noise that the columns have in these sums, or (0, 2, n).
-    tail : rows before the first hop. least : rows below which a stretch, or a hop, says too little.
-    gram, noise, rows : (hops, n + 1, n + 1) of columns and y, (hops, n, n) and (hops,); added to.
+    tail : rows before the first frame. least : rows below which a stretch, or a frame, says too little.
+    gram, noise, rows : (frames, n + 1, n + 1) of columns and y, (frames, n, n) and (frames,); added to.
     """
-    hops, n = noise.shape[0], x.shape[1]
-    size = (y.size - tail) // hops
+    frames, n = noise.shape[0], x.shape[1]
+    size = (y.size - tail) // frames
     part = np.empty((size, n + 1))
-    for h in range(hops):
+    for h in range(frames):
         first, last = tail + h * size, tail + (h + 1) * size
         before = rows[h]
         count = inside = 0
@@ -91,17 +91,17 @@ def told(
     gram: Array, noise: Array, rows: Array, mean: Array, least: float, lowest: float, memory: float,
     usual: Array, information: Array, vector: Array, variance: Array,
 ) -> None:  # fmt: skip
-    """What hops tell: their normal equations over the variance of their rows.
+    """What frames tell: their normal equations over the variance of their rows.
 
-    The variance is the mean square of what a hop's best coefficients leave, or the last seconds', if more.
+    The variance is the mean square of what a frame's best coefficients leave, or the last seconds', if more.
 
     Parameters
     ----------
     gram, noise, rows : of `add_rows`. mean : (n,) coefficients of the healthy unit.
-    least : rows below which a hop says nothing. lowest : variance that is never gone below.
-    memory : share of `usual` that is kept from hop to hop.
+    least : rows below which a frame says nothing. lowest : variance that is never gone below.
+    memory : share of `usual` that is kept from frame to frame.
     usual : (2,) sum of squares and of weights so far; goes on.
-    information, vector, variance : (hops, n, n), (hops, n) and (hops,), filled.
+    information, vector, variance : (frames, n, n), (frames, n) and (frames,), filled.
     """
     n = mean.size
     scaled, root, best, scale = np.empty((n, n)), np.zeros((n, n)), np.empty((1, n)), np.empty(n)

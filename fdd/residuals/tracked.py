@@ -17,7 +17,7 @@ from estimators.eha import layout
 from estimators.eha import model as eha
 from estimators.observability import Observability, Observed
 from fdd.errors import InputError
-from fdd.residuals.rows import STOP_S
+from fdd.residuals.bins import STOP_S
 from fdd.residuals.tracking import METHODS, OBSERVABLE, Channels, Tracking, new_watch, watched
 from fdd.samples import CHANNELS, Samples, missing_required
 from fdd.unit import Unit

@@ -68,7 +68,7 @@ def swept_volume(time: Array, values: Array, limits: Limits, memory: Memory) -> 
 
 
 class JumpWatch:
-    """Look for jumps in each hop.
+    """Look for jumps in each frame.
 
     Parameters
     ----------
@@ -78,8 +78,8 @@ class JumpWatch:
     def __init__(self, limits: Limits, memory: Memory, ledger: Ledger) -> None:
         self.limits, self.memory, self.ledger = limits, memory, ledger
 
-    def hop(self, rows: Rows, seen: Array, start: float, end: float, failing: Mask) -> None:
-        """Judge what came `DEFERRED_S` earlier than the hop from `start` to `end`.
+    def frame(self, rows: Rows, seen: Array, start: float, end: float, failing: Mask) -> None:
+        """Judge what came `DEFERRED_S` earlier than the frame from `start` to `end`.
 
         Parameters
         ----------
@@ -101,7 +101,7 @@ class JumpWatch:
         floor = COUNTS * limits.resolution + NOISE_REACH * np.maximum(rows.noise, limits.noise)
         sharp, inner = peaks > floor, slice(BESIDE_CELLS, -BESIDE_CELLS)
         slow = (np.abs(over[:, inner]) > limit[:, inner]).any(axis=1)
-        # Most hops end here: nothing in a channel is beyond its noise.
+        # Most frames end here: nothing in a channel is beyond its noise.
         odd = slow | sharp.any(axis=0)
         for k in (k for k in JUDGED if odd[k]):
             found: list[Jump] = []

@@ -53,7 +53,7 @@ class Limits(NamedTuple):
 
     Attributes
     ----------
-    low, high : what a hop's median cannot be beyond; ±inf where nothing is known.
+    low, high : what a frame's median cannot be beyond; ±inf where nothing is known.
     noise, resolution : the profile's.
     repeat : chance that noise alone leaves a row at the value of the row before; 1 where noise is below the
         counts.

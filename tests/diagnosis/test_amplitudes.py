@@ -11,7 +11,7 @@ from fdd.diagnosis.evidence import Evidence
 from fdd.diagnosis.hypotheses import hypotheses
 from fdd.plant.scenario import Scenario
 from fdd.plant.simulate import simulate
-from fdd.residuals.rows import HOP_S
+from fdd.residuals.bins import FRAME_S
 from fdd.unit import Unit
 
 SEVERITY = 0.6
@@ -46,6 +46,6 @@ def test_an_amplitude_is_the_plants_severity(unit: Unit, label: str) -> None:
         scenario = Scenario(duration=DURATION_S, load=LOADS[load], seed=77, faults=given)
         ledger = ledger_of(simulate(Unit.load("axis_a"), scenario).samples, unit, effects)
         evidence = Evidence(ledger.widened(), effects)
-        (found,) = evidence.fitted([(h, "step", round(BEGINS_S / HOP_S), np.zeros(1))], [])
+        (found,) = evidence.fitted([(h, "step", round(BEGINS_S / FRAME_S), np.zeros(1))], [])
         sizes.append(found.size)
     assert sizes == pytest.approx([0.0, SEVERITY], abs=0.12)

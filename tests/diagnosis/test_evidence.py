@@ -1,4 +1,4 @@
-"""Evidence on hops drawn from the assumed model: coverage, onsets, false alarms, groups, pairs."""
+"""Evidence on frames drawn from the assumed model: coverage, onsets, false alarms, groups, pairs."""
 
 from __future__ import annotations
 
@@ -209,7 +209,7 @@ def test_step_course_is_the_unit_step() -> None:
 
 
 def test_nothing_seen_nothing_found() -> None:
-    evidence = drawn(1, hops=5)
+    evidence = drawn(1, frames=5)
     assert decide(evidence, ALL, 6.0) == ([], 0.0)
 
 

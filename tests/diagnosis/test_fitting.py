@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from made_up_evidence import HOPS, LEAK, drawn
+from made_up_evidence import FRAMES, LEAK, drawn
 from scipy.special import log_ndtr
 
 from fdd.diagnosis.departures import departures
@@ -22,14 +22,14 @@ def test_the_fading_filter_is_scipys() -> None:
 
     from fdd.diagnosis.baseline import effects_of
     from fdd.residuals.account import LOAD_S
+    from fdd.residuals.bins import BIN_S
     from fdd.residuals.ledger import Ledger
-    from fdd.residuals.rows import ROW_S
     from fdd.unit import Unit
 
     unit = Unit.load("axis_a")
-    account = next(a for a in Ledger(unit, effects_of(unit)).accounts.values() if a.balance.cell > 1)
+    account = next(a for a in Ledger(unit, effects_of(unit)).accounts.values() if a.balance.bins_per_row > 1)
     rows = np.random.default_rng(1).normal(size=(30, account.level.shape[1]))
-    decay = 1.0 - account.balance.cell * ROW_S / LOAD_S
+    decay = 1.0 - account.balance.bins_per_row * BIN_S / LOAD_S
     wanted, _ = lfilter([1.0, -1.0], [1.0, -decay], rows, axis=0, zi=-rows[:1])
     found = np.concatenate([account._passed(part) for part in (rows[:10], rows[10:10], rows[10:])])
     np.testing.assert_array_equal(found, wanted)
@@ -50,7 +50,7 @@ def test_a_quasi_likelihood_counts_what_stretches_scatter_beyond_their_noise(ons
     """Test: an overdispersion of three. Expected: from the start a quarter of the information; within a log
     that of rows of four times the variance, beside what healthy logs change by."""
     evidence = drawn(3, [(LEAK, 0.5, onset)])
-    course = course_of("step", HOPS, onset)[None, None]
+    course = course_of("step", FRAMES, onset)[None, None]
     parts = Parts(
         {"volume": LEAK.columns["volume"][None, None]}, course, np.full((1, 1), 1e3), np.ones(1, bool)
     )

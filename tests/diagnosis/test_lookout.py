@@ -19,9 +19,9 @@ STEP = drawn(1, [(INNER, 0.6, 40)])
 SCORE = decide(STEP, [INNER, AIR], 0.0)[0][0].score
 
 
-def span(end: float, hops: int = 80, start: float | None = None) -> Span:
-    first = end - 0.5 * hops if start is None else start
-    return Span([first + 0.5 * k for k in range(hops)], end)
+def span(end: float, frames: int = 80, start: float | None = None) -> Span:
+    first = end - 0.5 * frames if start is None else start
+    return Span([first + 0.5 * k for k in range(frames)], end)
 
 
 def families(found: list[FaultFinding]) -> list[str]:
@@ -83,15 +83,17 @@ def test_a_fault_that_grows_is_not_over() -> None:
     assert found and all(f.lead.hypothesis.ends is None for f in found)
 
 
-def test_an_onset_is_not_before_the_first_sample_and_stays_once_its_hops_are_gone(tiny_model: Model) -> None:
+def test_an_onset_is_not_before_the_first_sample_and_stays_once_its_frames_are_gone(
+    tiny_model: Model,
+) -> None:
     lookout = Lookout([INNER], 1.0, tiny_model)
     [found] = lookout.look(STEP, span(40.0), 20.3).findings
-    assert found.onset_s == 20.3, "in the middle of the hop that it falls in"
+    assert found.onset_s == 20.3, "in the middle of the frame that it falls in"
     lookout.take(lookout.look(STEP, span(40.0), 0.0), 0.0)
     assert lookout.standing.findings()[0].onset_s == 20.0
     always = drawn(1, [(INNER, 1.5, 0)])
     [late] = lookout.look(always, span(90.0), 0.0).findings
-    assert late.onset_s == 20.0, "the first of the hops kept is not when it began"
+    assert late.onset_s == 20.0, "the first of the frames kept is not when it began"
     fresh = Lookout([INNER], 1.0, tiny_model)
     assert fresh.look(always, span(90.0), 0.0).findings[0].onset_s == 50.0
 

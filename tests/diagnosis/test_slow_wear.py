@@ -13,9 +13,9 @@ from fdd.diagnosis.lookout import Lookout
 from fdd.diagnosis.model import Model
 from fdd.diagnosis.pipeline import EPOCHS
 from fdd.residuals.balances import BALANCES
+from fdd.residuals.bins import FRAME_S
 from fdd.residuals.effects import Effects, usual_conditions
-from fdd.residuals.epochs import ALIKE, EPOCH_HOPS, Epochs
-from fdd.residuals.rows import HOP_S
+from fdd.residuals.epochs import ALIKE, EPOCH_FRAMES, Epochs
 from fdd.unit import Unit
 
 UNIT = Unit.load("axis_a")
@@ -45,10 +45,10 @@ def life(seed: int, hours: int, severity: float, begins: int, grows: int) -> lis
         for name in SEEN:
             change = size * LEAK.columns.get(name, np.zeros(len(BALANCES[name].columns)))
             told[name] = day_of(rng, EFFECTS[name], change)
-        epochs.add(range(hour * EPOCH_HOPS, (hour + 1) * EPOCH_HOPS), told)
+        epochs.add(range(hour * EPOCH_FRAMES, (hour + 1) * EPOCH_FRAMES), told)
         effects = Epochs.effects(EFFECTS)
         evidence = Evidence(epochs.widened(effects), effects, from_start=False, stretches=EPOCHS)
-        span = Span(epochs.starts().tolist(), (hour + 1) * EPOCH_HOPS * HOP_S, "stretches", None)
+        span = Span(epochs.starts().tolist(), (hour + 1) * EPOCH_FRAMES * FRAME_S, "stretches", None)
         fresh, _ = lookout.take(lookout.look(evidence, span, 0.0), 0.0)
         if fresh:
             raised.append((hour, {f.fault for f in fresh}))
@@ -70,14 +70,15 @@ def test_a_leak_that_grows_over_days_is_found() -> None:
 
 
 def test_epochs_of_years_are_few_and_lose_nothing() -> None:
-    """Thinned and kept in a state meanwhile: the sums are those of all hops, and recent hours stay hours."""
+    """Thinned and kept in a state meanwhile: the sums are those of all frames, and recent hours stay
+    hours."""
     epochs, rng = Epochs(), np.random.default_rng(3)
     total = 0.0
     for hour in range(3000):
         value = rng.uniform()
         total += value
         epochs.add(
-            range(hour * EPOCH_HOPS, (hour + 1) * EPOCH_HOPS), {"refeed": (np.eye(4) * value, np.ones(4))}
+            range(hour * EPOCH_FRAMES, (hour + 1) * EPOCH_FRAMES), {"refeed": (np.eye(4) * value, np.ones(4))}
         )
         if hour == 1234:
             state, epochs = epochs.state(), Epochs()

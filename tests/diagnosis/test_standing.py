@@ -10,7 +10,7 @@ from made_up_evidence import drawn
 from fdd.diagnosis.findings import FaultFinding
 from fdd.diagnosis.standing import Look, Standing
 
-EVIDENCE = drawn(1, hops=5)
+EVIDENCE = drawn(1, frames=5)
 
 
 def finding(family: str, onset: float = 10.0, confidence: float = 0.9) -> FaultFinding:

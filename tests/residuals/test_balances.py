@@ -14,10 +14,10 @@ from fdd.diagnosis.pipeline import Pipeline
 from fdd.plant.scenario import Recording, Scenario
 from fdd.plant.simulate import simulate
 from fdd.residuals.balances import BALANCES, LAG_S
+from fdd.residuals.bins import BIN_S, COLUMNS, FRAME_BINS, BinMaker
 from fdd.residuals.ledger import Ledger
 from fdd.residuals.oil import stiff_compliance
 from fdd.residuals.quantities import Quantities, Scales, settled
-from fdd.residuals.rows import COLUMNS, HOP_ROWS, ROW_S, RowMaker
 from fdd.samples import Samples
 from fdd.unit import Unit
 
@@ -45,7 +45,7 @@ def coefficient(unit: Unit, balance: str, column: str) -> float:
 
 
 def coefficients(ledger: Ledger, balance: str) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """By all hops of a log, and what any unit may be, (n,), and their covariance (n, n)."""
+    """By all frames of a log, and what any unit may be, (n,), and their covariance (n, n)."""
     effects, (information, vector) = ledger.effects[balance], ledger.widened()[balance]
     prior = np.diag(1.0 / np.square(3.0 * effects.units))
     covariance = np.linalg.inv(prior + information.sum(axis=0))
@@ -96,19 +96,21 @@ def test_the_pressures_agree(unit: Unit) -> None:
 
 
 def test_the_volume_balance_closes_to_a_hundred_cubic_millimetres(unit: Unit) -> None:
-    """Levels of a usual stretch within a hop, on logs that the baseline was not made of."""
+    """Levels of a usual stretch within a frame, on logs that the baseline was not made of."""
     for seed, load in enumerate(LOADS, 61):
         fresh = simulate(Unit.load("axis_a"), Scenario(duration=20.0, load=load, seed=seed)).samples
         mean, _ = coefficients(ledger_of(fresh, unit, effects_of(unit)), "volume")
-        maker = RowMaker(unit)
+        maker = BinMaker(unit)
         rows = np.concatenate([maker.push(fresh)[1], maker.push(None)[1]])
         q = Quantities(rows, unit, Scales.of(unit))
         levels: list[np.ndarray] = []
         raw: list[np.ndarray] = []
         for y, x, ok, _ in BALANCES["volume"].strands(q):
             good = settled(ok & np.isfinite(y) & np.isfinite(x).all(axis=1), BALANCES["volume"].settle)
-            for hop in range(len(rows) // HOP_ROWS):
-                inside = np.flatnonzero(good[hop * HOP_ROWS : (hop + 1) * HOP_ROWS]) + hop * HOP_ROWS
+            for frame in range(len(rows) // FRAME_BINS):
+                inside = (
+                    np.flatnonzero(good[frame * FRAME_BINS : (frame + 1) * FRAME_BINS]) + frame * FRAME_BINS
+                )
                 for stretch in np.split(inside, np.flatnonzero(np.diff(inside) > 1) + 1):
                     if stretch.size >= 12:
                         for left, into in ((y[stretch] - x[stretch] @ mean, levels), (y[stretch], raw)):
@@ -164,7 +166,7 @@ def test_a_leak_is_in_the_leaks_column(unit: Unit) -> None:
 
 def test_a_starved_pump_tells_nothing_of_its_chambers(unit: Unit, logs: list[Samples]) -> None:
     """It no longer displaces what it turns: chambers are judged only with their pump full."""
-    rows = RowMaker(unit).push(logs[0])[1]
+    rows = BinMaker(unit).push(logs[0])[1]
     full = Quantities(rows, unit, Scales.of(unit))
     assert any(s.valid.any() for s in BALANCES["volume"].strands(full))
     low = np.argmin([np.nanmean(full.p1), np.nanmean(full.p2)]) + 1
@@ -179,7 +181,7 @@ def test_what_a_relief_valve_passes_leaves_the_higher_chamber(unit: Unit) -> Non
     fault = {"fault": "relief_valve_stuck_open", "severity": 0.9}
     scenario = Scenario(duration=30.0, load={"name": "none"}, faults=[fault], seed=72)
     samples = simulate(unit, scenario).samples
-    q = Quantities(RowMaker(unit).push(samples)[1], unit, Scales.of(unit))
+    q = Quantities(BinMaker(unit).push(samples)[1], unit, Scales.of(unit))
     low = np.minimum(q.p1, q.p2) > q.accumulator + 1e4
     assert low.mean() > 0.2, "else this shows nothing"
     for y, x, ok, _ in BALANCES["volume"].strands(q):
@@ -198,7 +200,7 @@ def test_a_rod_on_both_sides_asks_no_oil_of_the_reservoir(
     """With one rod whichever chamber is low is fed while the piston extends, and not while it retracts."""
     other = unit.model_copy(deep=True)
     other.cylinder.area_2 = ratio * other.cylinder.area_1
-    q = Quantities(RowMaker(other).push(logs[0])[1], other, Scales.of(other))
+    q = Quantities(BinMaker(other).push(logs[0])[1], other, Scales.of(other))
     columns = [BALANCES["refeed"].columns.index(c) for c in ("flow_1", "flow_2")]
     out, back = q.velocity > 1e-3, q.velocity < -1e-3
     for side, (_, x, _, _) in enumerate(BALANCES["refeed"].strands(q)):
@@ -210,16 +212,16 @@ def test_a_rod_on_both_sides_asks_no_oil_of_the_reservoir(
 
 def test_what_leaks_outside_is_gas_that_grows(unit: Unit, logs: list[Samples]) -> None:
     """The reservoir gives what leaves: in a row, so much of the gas's volume, by the chamber's pressure."""
-    q = Quantities(RowMaker(unit).push(logs[0])[1], unit, Scales.of(unit))
+    q = Quantities(BinMaker(unit).push(logs[0])[1], unit, Scales.of(unit))
     [(_, x, _, _)] = BALANCES["reservoir"].strands(q)
     lost = {1: q.p1, 2: q.p2}
     for side, pressure in lost.items():
         conductance = 0.5 * Scales.of(unit).fault_leakage  # m³/(s·Pa) at a coefficient of one
-        volume = np.nancumsum(conductance * pressure * ROW_S)
+        volume = np.nancumsum(conductance * pressure * BIN_S)
         told = np.nancumsum(x[:, BALANCES["reservoir"].columns.index(f"outside_{side}")])
         assert told[-1] == pytest.approx(volume[-1] / unit.accumulator.gas_volume, rel=0.01)
     drift = np.nancumsum(x[:, BALANCES["reservoir"].columns.index("drift")])
-    volume = conductance * 0.5 * unit.accumulator.relief_pressure * ROW_S * np.isfinite(q.p1).sum()
+    volume = conductance * 0.5 * unit.accumulator.relief_pressure * BIN_S * np.isfinite(q.p1).sum()
     assert drift[-1] == pytest.approx(volume / unit.accumulator.gas_volume, rel=0.01)
 
 
@@ -232,7 +234,7 @@ def test_a_chamber_whose_line_loses_pressure_is_not_taken_for_closed() -> None:
     duty = {"name": "strokes", "amplitude": 0.08, "rate": 0.12}
     scenario = Scenario(duration=12.0, duty=duty, load={"name": "none"}, details=details, seed=5)
     run = simulate(unit, scenario)
-    q = Quantities(RowMaker(unit).push(run.samples)[1], unit, Scales.of(unit))
+    q = Quantities(BinMaker(unit).push(run.samples)[1], unit, Scales.of(unit))
     time = q.take["time"]
     share = unit.pump.displacement * unit.drive.max_speed
     for side, strand in zip((1, 2), BALANCES["volume"].strands(q), strict=True):

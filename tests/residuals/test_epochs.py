@@ -1,4 +1,4 @@
-"""Epochs: an hour's hops at most, what stops end, what faults leave out, and their sums."""
+"""Epochs: an hour's frames at most, what stops end, what faults leave out, and their sums."""
 
 from __future__ import annotations
 
@@ -8,12 +8,12 @@ import numpy as np
 import pytest
 
 from fdd.residuals.balances import BALANCES
+from fdd.residuals.bins import FRAME_S
 from fdd.residuals.effects import first_effects, usual_conditions
 from fdd.residuals.epochs import Epochs, Told
-from fdd.residuals.rows import HOP_S
 
 EFFECTS = {name: first_effects(name) for name in BALANCES}
-MINUTE = round(60.0 / HOP_S)
+MINUTE = round(60.0 / FRAME_S)
 
 
 def told(seed: int, *names: str) -> Told:
@@ -39,7 +39,7 @@ def test_a_stop_ends_an_epoch_of_two_minutes_in_motion_or_more() -> None:
     epochs.stop()
     assert len(epochs) == epochs.completed == 1
     assert epochs.starts().tolist() == [600.0]
-    # One draw of what differs between logs, however many hops it has: variances add up.
+    # One draw of what differs between logs, however many frames it has: variances add up.
     m = one["refeed"][0] + other["refeed"][0]
     v = one["refeed"][1] + other["refeed"][1]
     wide, kept = epochs.widened(EFFECTS)["refeed"]
