@@ -22,8 +22,8 @@ from fdd.diagnosis.hypotheses import Hypothesis, hypotheses
 from fdd.diagnosis.model import Model
 from fdd.diagnosis.pipeline import Pipeline
 from fdd.markdown import table as markdown
+from fdd.residuals.balance_history import BalanceHistory
 from fdd.residuals.balances import BALANCES
-from fdd.residuals.ledger import Ledger
 
 LEAST_SEVERITY = 0.3
 TOLD = 0.3
@@ -76,15 +76,15 @@ def _unit(directory: str, model: str | None, name: str) -> list[Said | Departure
         found = pipeline.finish()
         faults = tuple((f.fault, tuple(f.ambiguity)) for f in found.faults)
         out.append(Said(entry, found.verdict, pipeline.score, faults))
-    for file, ledger in logs.healthy:
-        out += _departures(file, ledger) + _changes(file, ledger, each)
+    for file, history in logs.healthy:
+        out += _departures(file, history) + _changes(file, history, each)
     return out
 
 
-def _departures(file: str, ledger: Ledger) -> list[Departure]:
+def _departures(file: str, history: BalanceHistory) -> list[Departure]:
     out = []
-    effects = ledger.expected()
-    for name, (m, v) in ledger.widened().items():
+    effects = history.expected()
+    for name, (m, v) in history.widened().items():
         e = effects[name]
         evidence = Evidence({name: (m, v)}, effects)
         own = [k for k, c in enumerate(BALANCES[name].columns) if c not in BALANCES[name].free]
@@ -104,11 +104,11 @@ def _departures(file: str, ledger: Ledger) -> list[Departure]:
     return out
 
 
-def _changes(file: str, ledger: Ledger, each: Sequence[Hypothesis]) -> list[Departure]:
+def _changes(file: str, history: BalanceHistory, each: Sequence[Hypothesis]) -> list[Departure]:
     """Amplitudes of each hypothesis of one balance, over onsets in a healthy log."""
-    frames = min(len(ledger.frames), MOST_FRAMES)
-    wide = {n: (m[:frames], v[:frames]) for n, (m, v) in ledger.widened().items()}
-    evidence = Evidence(wide, ledger.expected())
+    frames = min(len(history.frames), MOST_FRAMES)
+    wide = {n: (m[:frames], v[:frames]) for n, (m, v) in history.widened().items()}
+    evidence = Evidence(wide, history.expected())
     mine = [h for h in each if len(h.columns) == 1 and evidence.shared(h)]
     out = []
     for onset in range(CHANGES_MARGIN, frames - CHANGES_MARGIN, CHANGES_EVERY):

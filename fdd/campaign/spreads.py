@@ -116,7 +116,7 @@ def log_equations(
 
     Parameters
     ----------
-    sums : of `Ledger.sums`. conditions : of the log. effects : before anything was learnt.
+    sums : of `BalanceHistory.sums`. conditions : of the log. effects : before anything was learnt.
     """
     m, v, _, _ = sums
     m, v = widened(m, v, effects.wander)

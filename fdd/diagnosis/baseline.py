@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fdd.errors import InputError
+from fdd.residuals.balance_history import BalanceHistory
 from fdd.residuals.balances import BALANCES
 from fdd.residuals.bins import BLOCK_FRAMES, FRAME_S, BinMaker
 from fdd.residuals.effects import (
@@ -19,7 +20,6 @@ from fdd.residuals.effects import (
     usual_conditions,
     with_logs,
 )
-from fdd.residuals.ledger import Ledger
 from fdd.residuals.normal_equations import widened
 from fdd.samples import Samples
 from fdd.unit import BalanceBaseline, Baseline, Unit
@@ -32,27 +32,27 @@ QUANTILES = 21
 """Of the frames' noise that a baseline keeps: a median of all can still be told when logs are added."""
 
 
-def ledger_of(samples: Samples, unit: Unit, effects: dict[str, Effects]) -> Ledger:
+def history_of(samples: Samples, unit: Unit, effects: dict[str, Effects]) -> BalanceHistory:
     """The balances of one whole log."""
-    maker, ledger = BinMaker(unit), Ledger(unit, effects)
+    maker, history = BinMaker(unit), BalanceHistory(unit, effects)
     for first, bins in maker.stretches(samples):
-        ledger.push(first, bins)
-    ledger.push(*maker.push(None))
-    return ledger
+        history.push(first, bins)
+    history.push(*maker.push(None))
+    return history
 
 
-def ledgers_of(unit: Unit, logs: Sequence[Samples]) -> list[Ledger]:
+def histories_of(unit: Unit, logs: Sequence[Samples]) -> list[BalanceHistory]:
     """The balances of healthy logs, as the data sheet has them, for `baseline_of`."""
     plain = unit.model_copy(deep=True)
     plain.baseline = None
     effects = {name: first_effects(name, unit=unit) for name in BALANCES}
-    ledgers = [ledger_of(log, plain, effects) for log in logs]
-    if sum(len(x.frames) for x in ledgers) < LEAST_FRAMES:
-        return ledgers
+    histories = [history_of(log, plain, effects) for log in logs]
+    if sum(len(x.frames) for x in histories) < LEAST_FRAMES:
+        return histories
     # What noise takes from a coefficient goes by the coefficient: now that it is roughly known, once more.
-    for name, known in baseline_of(ledgers).balances.items():
+    for name, known in baseline_of(histories).balances.items():
         effects[name] = replace(effects[name], mean=np.array(known.mean))
-    return [ledger_of(log, plain, effects) for log in logs]
+    return [history_of(log, plain, effects) for log in logs]
 
 
 def add_baseline(unit: Unit, logs: Sequence[Samples], spreads: Spreads | None = None) -> Unit:
@@ -68,14 +68,14 @@ def add_baseline(unit: Unit, logs: Sequence[Samples], spreads: Spreads | None = 
     InputError : the logs are too short.
     """
     out = unit.model_copy(deep=True)
-    out.baseline = baseline_of(ledgers_of(unit, logs), spreads=spreads)
+    out.baseline = baseline_of(histories_of(unit, logs), spreads=spreads)
     return out
 
 
 def baseline_of(
-    ledgers: Sequence[Ledger], known: Baseline | None = None, spreads: Spreads | None = None
+    histories: Sequence[BalanceHistory], known: Baseline | None = None, spreads: Spreads | None = None
 ) -> Baseline:
-    """The baseline of the ledgers of healthy logs.
+    """The baseline of the histories of healthy logs.
 
     Each log's coefficients are the unit's own and a draw of what differs from log to log
     (`Effects.between`), so three short
@@ -83,7 +83,7 @@ def baseline_of(
 
     Parameters
     ----------
-    ledgers : of logs, by `ledgers_of`.
+    histories : of logs, by `histories_of`.
     known : baseline of other logs of the unit on the same profile, which these are added to: normal
         equations add up, and so do the frames' noises; where a law's own errors are the noise, its variance
         is the geometric mean by time.
@@ -93,7 +93,7 @@ def baseline_of(
     ------
     InputError : the logs are too short.
     """
-    frames = sum(len(x.frames) for x in ledgers)
+    frames = sum(len(x.frames) for x in histories)
     before = 0.0 if known is None else known.seconds
     if frames * FRAME_S + before < LEAST_FRAMES * FRAME_S:
         raise InputError(
@@ -103,11 +103,11 @@ def baseline_of(
     found: dict[str, BalanceBaseline] = {}
     for name in BALANCES:
         old = None if known is None else known.balances.get(name)
-        logs = [(x.sums()[name], c) for x in ledgers if (c := x.conditions(name)) is not None]
+        logs = [(x.sums()[name], c) for x in histories if (c := x.conditions(name)) is not None]
         if logs:
             share = 0.0 if old is None else before / (before + frames * FRAME_S)
             sums, conditions = zip(*logs, strict=True)
-            effects = first_effects(name, spreads, ledgers[0].unit)
+            effects = first_effects(name, spreads, histories[0].unit)
             found[name] = _balance(effects, name, sums, conditions, old, share)
         elif old is not None:
             found[name] = old
@@ -172,8 +172,8 @@ def structural_variance(
 
     Parameters
     ----------
-    sums : of each log, as `Ledger.sums` gives them. effects : before any log was seen. found : variance to
-        start from.
+    sums : of each log, as `BalanceHistory.sums` gives them. effects : before any log was seen. found :
+        variance to start from.
     """
     std = np.sqrt(np.diag(effects.covariance))
     prior = 1.0 / np.square(std)

@@ -31,8 +31,8 @@ from fdd.diagnosis.standing import Look
 from fdd.errors import InputError
 from fdd.faults import FAMILIES
 from fdd.residuals.added_tracker import AddedTracker
+from fdd.residuals.balance_history import BalanceHistory
 from fdd.residuals.bins import FRAME_BINS, FRAME_S, BinMaker
-from fdd.residuals.ledger import Ledger
 from fdd.residuals.tracked import Tracked, packed, unpacked
 from fdd.residuals.tracking import OBSERVABLE, estimates
 from fdd.samples import Samples
@@ -107,7 +107,7 @@ class Pipeline:
         self._tracked = Tracked(unit, keep=keep_trajectories)
         self._added = [AddedTracker(name, unit) for name in dict.fromkeys(trackers)]
         self._bins = BinMaker(unit, SCAN_FRAMES)
-        self._ledger = Ledger(unit, self._effects)
+        self._history = BalanceHistory(unit, self._effects)
         self._hypotheses = [h for h in hypotheses(unit, self._effects) if h.fault not in without]
         self._first_time = self._last_time = np.nan
         self._count = 0
@@ -169,16 +169,16 @@ class Pipeline:
         for first, bins in self._bins.stretches(trusted):
             for added in self._added:
                 added.push(first, bins)
-            if len(bins) and self._ledger.stopped(first):
-                self._ledger.begin_anew(self._acute.standing.spans(), SCAN_FRAMES)
-            # The ledger takes whole frames, a scan's worth at a time, so that looks fall on the same frames
+            if len(bins) and self._history.stopped(first):
+                self._history.begin_anew(self._acute.standing.spans(), SCAN_FRAMES)
+            # The history takes whole frames, a scan's worth at a time, so that looks fall on the same frames
             # however a log was cut.
             while len(bins):
-                due = SCAN_FRAMES - self._ledger.taken % SCAN_FRAMES
+                due = SCAN_FRAMES - self._history.taken % SCAN_FRAMES
                 part, bins = bins[: due * FRAME_BINS], bins[due * FRAME_BINS :]
-                self._ledger.push(first, part)
+                self._history.push(first, part)
                 first += due
-                if self._ledger.taken % SCAN_FRAMES == 0 and len(self._ledger.frames) >= LEAST_FRAMES:
+                if self._history.taken % SCAN_FRAMES == 0 and len(self._history.frames) >= LEAST_FRAMES:
                     found += self._scan()
         return found
 
@@ -205,8 +205,8 @@ class Pipeline:
         return self._acute.at
 
     def misfits(self) -> tuple[Array, list[str], Array]:
-        """Ends of frames (s), balances' names and how badly each closed; see `Ledger.misfits`."""
-        return self._ledger.misfits()
+        """Ends of frames (s), balances' names and how badly each closed; see `BalanceHistory.misfits`."""
+        return self._history.misfits()
 
     def estimates(self, method: Literal["ekf", "svsf"] = "ekf") -> dict[str, Estimate]:
         """Tracked quantities at the end of what was pushed, as one of the filters has them."""
@@ -216,7 +216,7 @@ class Pipeline:
         """By the last look: each family's probability, tracked quantities, and how badly balances close."""
         standing = sorted(self.standing, key=lambda f: -f.confidence)
         score = self._scans[-1][1] if self._scans else 0.0
-        _, names, misfits = self._ledger.misfits()
+        _, names, misfits = self._history.misfits()
         return (
             probabilities_of(standing, self.model, score, self._hidden),
             estimates_of(self._tracked, self.unit, standing),
@@ -225,31 +225,31 @@ class Pipeline:
 
     def _look(self, even: float | None = None) -> Look:
         """Evidence now, older frames being the reference, and what it says; see `Lookout.look`."""
-        ledger = self._ledger
-        start = ledger.fold(WINDOW_FRAMES, self._acute.standing.spans())
-        evidence = Evidence(ledger.widened(), ledger.held_against(), from_start=start == 0)
-        starts = [h * FRAME_S for h in ledger.frames]
+        history = self._history
+        start = history.fold(WINDOW_FRAMES, self._acute.standing.spans())
+        evidence = Evidence(history.widened(), history.held_against(), from_start=start == 0)
+        starts = [h * FRAME_S for h in history.frames]
         return self._acute.look(evidence, Span(starts, starts[-1] + FRAME_S), self._first_time, even=even)
 
     def _scan(self) -> list[FaultFinding]:
         look = self._look()
         if not self._tracked.keep:
             del self._scans[: -SCANS_KEPT + 1]
-        number = self._ledger.taken // SCAN_FRAMES
+        number = self._history.taken // SCAN_FRAMES
         # What could be seen changes fast in the first minute, and slowly after it.
         if number <= SCANS_A_MINUTE or number % SCANS_A_MINUTE == 1 or not self._scans:
             self._hidden = hidden_share(invisible(look.evidence, self._hypotheses, self.threshold))
         self._scans.append((look.now, look.stands))
-        fresh, over = self._acute.take(look, self._ledger.frames[0] * FRAME_S)
+        fresh, over = self._acute.take(look, self._history.frames[0] * FRAME_S)
         for span in over:
-            self._ledger.forget(*span)
-        if self._ledger.epochs.completed > self._epochs:
+            self._history.forget(*span)
+        if self._history.epochs.completed > self._epochs:
             fresh += self._wear()
         return fresh
 
     def _wear(self) -> list[FaultFinding]:
         """What a completed epoch adds: slow wear, which the reference of the last minutes follows."""
-        epochs = self._ledger.epochs
+        epochs = self._history.epochs
         self._epochs = epochs.completed
         starts = epochs.starts().tolist()
         effects = epochs.effects(self._effects)
@@ -277,10 +277,10 @@ class Pipeline:
         unseen = []
         score = 0.0
         rest = self._bins.rest()
-        self._ledger.push(*rest)
+        self._history.push(*rest)
         for added in self._added:
             added.push(*rest)
-        if len(self._ledger.frames) >= LEAST_FRAMES:
+        if len(self._history.frames) >= LEAST_FRAMES:
             even = min(self.model.calibration.even, self.threshold)
             look = self._look(even)
             hydraulic, score = look.findings, look.stands
@@ -291,7 +291,7 @@ class Pipeline:
             if first is not None:
                 finding.detected_s = first.detected_s
         # What alarmed while its onset was in sight stands, though the window may have gone past it.
-        start = self._ledger.frames[0] * FRAME_S if self._ledger.frames else 0.0
+        start = self._history.frames[0] * FRAME_S if self._history.frames else 0.0
         hydraulic += self._acute.standing.past({f.family for f in hydraulic}, start)
         faults += [*hydraulic, *self._slowly({f.family for f in hydraulic})]
         faults.sort(key=lambda f: -f.confidence)
@@ -334,9 +334,9 @@ class Pipeline:
 
     def _doubts(self, duration: float) -> list[str]:
         """Why "healthy" would say too much."""
-        if len(self._ledger.frames) < LEAST_FRAMES:
+        if len(self._history.frames) < LEAST_FRAMES:
             return [f"{duration:.1f} s of data; a verdict needs {LEAST_FRAMES * FRAME_S:.0f} s or more"]
-        told = sum(float(e[2]) for e in self._ledger.entries["volume"])
+        told = sum(float(e[2]) for e in self._history.equations["volume"])
         if told < LEAST_FRAMES * FRAME_BINS * 0.25:
             return ["the log hardly moves or loads the actuator: its balances say nothing of its health"]
         return []
@@ -412,7 +412,7 @@ class Pipeline:
         for prefix, part in (
             ("tracked", self._tracked),
             ("bins", self._bins),
-            ("ledger", self._ledger),
+            ("history", self._history),
             ("sensors", self._sensors),
         ):
             out.update({f"{prefix}:{k}": v for k, v in part.state().items()})
@@ -435,7 +435,7 @@ class Pipeline:
         for prefix, part in (
             ("tracked", self._tracked),
             ("bins", self._bins),
-            ("ledger", self._ledger),
+            ("history", self._history),
             ("sensors", self._sensors),
         ):
             part.restore(

@@ -45,7 +45,7 @@ Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 
 
-class Strand(NamedTuple):
+class RegressionBlock(NamedTuple):
     """Rows of a balance.
 
     Attributes
@@ -60,10 +60,10 @@ class Strand(NamedTuple):
     valid: Flags
     noise: Array | None = None
 
-    def part(self, rows: slice) -> Strand:
+    def part(self, rows: slice) -> RegressionBlock:
         """Some of its rows."""
         noise = None if self.noise is None else self.noise[rows]
-        return Strand(self.y[rows], self.x[rows], self.valid[rows], noise)
+        return RegressionBlock(self.y[rows], self.x[rows], self.valid[rows], noise)
 
 
 @dataclass(frozen=True)
@@ -72,7 +72,7 @@ class Balance:
 
     Attributes
     ----------
-    name, title : for people. columns : names of the coefficients. strands : quantities to one or two sets of
+    name, title : for people. columns : names of the coefficients. blocks : quantities to one or two sets of
     (y (n,), X (n, columns), valid (n,)) that share the coefficients. settle : bins left out after what was
     invalid.
     """
@@ -80,7 +80,7 @@ class Balance:
     name: str
     title: str
     columns: tuple[str, ...]
-    strands: Callable[[Quantities], list[Strand]]
+    blocks: Callable[[Quantities], list[RegressionBlock]]
     settle: int = 1
     cumulative: bool = False
     """Rows are changes: they are summed up over each unbroken stretch of a frame."""
@@ -103,7 +103,7 @@ LEAST_INLET_PA = -3e4
 absolute."""
 
 
-def _volume(q: Quantities) -> list[Strand]:
+def _volume(q: Quantities) -> list[RegressionBlock]:
     unit, scales = q.unit, q.scales
     out = []
     p_c = middle(q.accumulator)
@@ -170,7 +170,7 @@ def _volume(q: Quantities) -> list[Strand]:
         noise[:, 0, 2] = oil_volume * AERATION * free * q.noise[side]
         noise[:, 0, 5] = oil_volume * stiff * q.noise[side]
         noise[:, 1, 5] = -noise[:, 0, 5]
-        out.append(Strand(y, x, ok, np.nan_to_num(noise)))
+        out.append(RegressionBlock(y, x, ok, np.nan_to_num(noise)))
     return out
 
 
@@ -185,7 +185,7 @@ LEAST_DROP = 3e-3
 """Of relief pressure: drop between the chambers that a pressure sensor's noise does not turn round."""
 
 
-def _force(q: Quantities) -> list[Strand]:
+def _force(q: Quantities) -> list[RegressionBlock]:
     unit, scales = q.unit, q.scales
     mean_area = 0.5 * (unit.cylinder.area_1 + unit.cylinder.area_2)
     y = np.where(
@@ -225,14 +225,14 @@ def _force(q: Quantities) -> list[Strand]:
     valid = np.isfinite(y) & sliding & (q.take["sliding"] * friction > 0.0)
     # Two bins late, as the acceleration asks for the next two: else the last ones at hand would tell nothing.
     shifted = np.roll(np.arange(y.size), 2)
-    return [Strand(y[shifted], x[shifted], valid[shifted])]
+    return [RegressionBlock(y[shifted], x[shifted], valid[shifted])]
 
 
 STANDING = 0.02
 """Of the largest speed: up to there a pump may stand. Friction's direction is that of turning beyond it."""
 
 
-def _torque(q: Quantities) -> list[Strand]:
+def _torque(q: Quantities) -> list[RegressionBlock]:
     unit, scales = q.unit, q.scales
     drop = middle(np.where(q.chambers_measured, q.drop, q.difference_measured)) / scales.pressure
     sense = np.tanh(q.speed / (0.01 * scales.speed))
@@ -246,10 +246,10 @@ def _torque(q: Quantities) -> list[Strand]:
     ])  # fmt: skip
     # While the pump stands its friction is anywhere below break-away: only turning tells the torque's law.
     turns = np.abs(q.speed) > STANDING * scales.speed
-    return [Strand(y, x, np.isfinite(y) & turns)]
+    return [RegressionBlock(y, x, np.isfinite(y) & turns)]
 
 
-def _shaft(q: Quantities) -> list[Strand]:
+def _shaft(q: Quantities) -> list[RegressionBlock]:
     scales = q.scales
     y = q.take["motor_current"] / scales.current
     drop = np.where(q.chambers_measured, q.drop, q.difference_measured) / scales.pressure
@@ -264,7 +264,7 @@ def _shaft(q: Quantities) -> list[Strand]:
     x = np.column_stack([*lines, np.ones_like(y), drop, turning, np.tanh(q.speed / (0.01 * scales.speed))])
     # A bin late, as the acceleration asks for the next bin: else the last one at hand would tell nothing.
     late = np.roll(np.arange(y.size), 1)
-    return [Strand(y[late], x[late], (np.isfinite(y) & _turning(q))[late])]
+    return [RegressionBlock(y[late], x[late], (np.isfinite(y) & _turning(q))[late])]
 
 
 ORDERS = (1.0, 2.0, 0.5, 1.5, 2.5)
@@ -285,7 +285,7 @@ def _turning(q: Quantities) -> Flags:
     return (np.abs(q.speed) * BIN_S * max(ORDERS) < np.pi) & np.repeat(whole, FRAME_BINS)
 
 
-def _coherence(q: Quantities) -> list[Strand]:
+def _coherence(q: Quantities) -> list[RegressionBlock]:
     y = q.difference_measured / q.scales.pressure
     p1, p2 = (q.take[name] / q.scales.pressure for name in ("pressure_1", "pressure_2"))
     share = q.speed / q.scales.speed
@@ -295,10 +295,10 @@ def _coherence(q: Quantities) -> list[Strand]:
     noise[:, 0, 1] = q.take["pressure_1_noise"] / q.scales.pressure
     noise[:, 1, 2] = q.take["pressure_2_noise"] / q.scales.pressure
     made = np.abs(y - p1 + p2) < 1e-7  # Δp was made from them
-    return [Strand(y, x, np.isfinite(y) & ~made, np.nan_to_num(noise))]
+    return [RegressionBlock(y, x, np.isfinite(y) & ~made, np.nan_to_num(noise))]
 
 
-def _refeed(q: Quantities) -> list[Strand]:
+def _refeed(q: Quantities) -> list[RegressionBlock]:
     out = []
     # Without its sensor the accumulator's pressure is a level that both sides have in common: what differs
     # between them, or begins on one, is a valve's.
@@ -316,7 +316,7 @@ def _refeed(q: Quantities) -> list[Strand]:
             hidden, hidden * s1, hidden * s2,
         ])  # fmt: skip
         low = (p < other - 0.02 * q.scales.pressure) & (p < q.accumulator + VALVE_MARGIN_PA)
-        out.append(Strand(y, x, low & q.chambers_measured))
+        out.append(RegressionBlock(y, x, low & q.chambers_measured))
     return out
 
 
@@ -326,7 +326,7 @@ GAS_WARMED = 0.5 / 300.0
 """1/K of the gas, which warms by about half of what the oil does."""
 
 
-def _reservoir(q: Quantities) -> list[Strand]:
+def _reservoir(q: Quantities) -> list[RegressionBlock]:
     unit = q.unit
     charge = unit.accumulator.charge_pressure + ATMOSPHERE_PA
     isothermal = charge / (q.accumulator + ATMOSPHERE_PA)
@@ -349,7 +349,7 @@ def _reservoir(q: Quantities) -> list[Strand]:
         middle(hot) * q.dt / GAS_S,  # it cools sooner or later than assumed
         -warmed * q.take["warming"] * q.dt,
     ])  # fmt: skip
-    return [Strand(y, x, np.isfinite(y) & q.accumulator_measured)]
+    return [RegressionBlock(y, x, np.isfinite(y) & q.accumulator_measured)]
 
 
 BALANCES: dict[str, Balance] = {

@@ -26,7 +26,7 @@ def widened(information: Array, vector: Array, std: Array) -> tuple[Array, Array
     return wide, kept
 
 
-class Entry(NamedTuple):
+class NormalEquations(NamedTuple):
     """What a frame tells of a balance: information (n, n), vector (n,), rows behind it, and their
     variance."""
 

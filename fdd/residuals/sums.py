@@ -27,7 +27,7 @@ def add_rows(
 
     Parameters
     ----------
-    y, x, ok : (tail + rows,), (tail + rows, n) and (tail + rows,): rows of a strand, the valid ones.
+    y, x, ok : (tail + rows,), (tail + rows, n) and (tail + rows,): rows of a block, the valid ones.
     noisy : (tail + rows, 2, n) noise that the columns have in these sums, or (0, 2, n).
     tail : rows before the first frame. least : rows below which a stretch, or a frame, says too little.
     gram, noise, rows : (frames, n + 1, n + 1) of columns and y, (frames, n, n) and (frames,); added to.

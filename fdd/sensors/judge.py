@@ -8,11 +8,11 @@ from numpy.typing import NDArray
 from fdd.sensors import constancy
 from fdd.sensors.finding import Kind
 from fdd.sensors.jumping import JumpWatch, Rows, swept_volume
-from fdd.sensors.ledger import SAME_INSTANT_S, Ledger
 from fdd.sensors.limits import INDEX, IS_LIVE, NAMES, Limits, beyond_relief, figure
 from fdd.sensors.memory import MOVING, STILL, Memory
 from fdd.sensors.noise import smallest
 from fdd.sensors.scan import FRAME_S, LOST_WINDOW_S, Scan
+from fdd.sensors.sensor_findings import SAME_INSTANT_S, SensorFindings
 from fdd.sensors.supply import SupplyWatch
 
 Array = NDArray[np.float64]
@@ -36,13 +36,13 @@ class FrameJudge:
 
     Parameters
     ----------
-    limits : of the unit. memory, ledger : what is kept, and where findings go.
+    limits : of the unit. memory : what is kept. findings : where they go.
     """
 
-    def __init__(self, limits: Limits, memory: Memory, ledger: Ledger) -> None:
-        self.limits, self.memory, self.ledger = limits, memory, ledger
-        self._jumps = JumpWatch(limits, memory, ledger)
-        self._supply = SupplyWatch(limits, memory, ledger)
+    def __init__(self, limits: Limits, memory: Memory, findings: SensorFindings) -> None:
+        self.limits, self.memory, self.findings = limits, memory, findings
+        self._jumps = JumpWatch(limits, memory, findings)
+        self._supply = SupplyWatch(limits, memory, findings)
 
     def frame(self, time: Array, values: Array, first: int, impossible: Mask, end: float) -> None:
         """Judge rows ``first:``; those before are the tail of the frame before.
@@ -100,8 +100,8 @@ class FrameJudge:
         failing[k] = True
         if np.isnan(self.memory.failed_since[k]):
             self.memory.failed_since[k] = onset
-            self.ledger.was_slip(NAMES[k], onset, kind, size, evidence)
-            self.ledger.report(NAMES[k], kind, onset, None, now, size, evidence, adds=False)
+            self.findings.was_slip(NAMES[k], onset, kind, size, evidence)
+            self.findings.report(NAMES[k], kind, onset, None, now, size, evidence, adds=False)
 
     def _absent(self, frame: Scan, end: float, failing: Mask) -> None:
         """Gaps of channels that were there: long ones, and many short ones."""
@@ -113,11 +113,11 @@ class FrameJudge:
             if np.isnan(until):
                 self._fail(k, "dropout", since, end, length, told, failing)
             elif np.isnan(memory.failed_since[k]):
-                self.ledger.report(NAMES[k], "dropout", since, until, end, length, told)
+                self.findings.report(NAMES[k], "dropout", since, until, end, length, told)
         for k in np.flatnonzero(frame.bursts & ~failing).tolist():
             lost, began = float(memory.absent_s[k]), float(memory.absent_first[k])
             told = f"{NAMES[k]} has no value for {lost:.1f} s of the last {LOST_WINDOW_S:g} s, in bursts"
-            self.ledger.report(NAMES[k], "dropout", began, end, end, lost, told, adds=False)
+            self.findings.report(NAMES[k], "dropout", began, end, end, lost, told, adds=False)
 
     def _constant(self, frame: Scan, kind: int, end: float, failing: Mask) -> Mask:
         """Runs of one value that are too long; (12,) which channels had some."""
@@ -130,17 +130,19 @@ class FrameJudge:
             told = f"{name} shows exactly {figure(name, value)} in {rows:.0f} rows, {length:.2f} s"
             if beyond_relief(k, value, limits) and length < BURST_S:
                 if not np.isnan(until):
-                    self.ledger.report(name, "clipped", since, until, end, length, f"{told}: its range's end")
+                    self.findings.report(
+                        name, "clipped", since, until, end, length, f"{told}: its range's end"
+                    )
                 continue
             if not np.isnan(until) and since == memory.failed_since[k]:
                 # The end of what was told while it lasted; so short, it was a loose contact.
                 if length < BURST_S:
                     memory.held_until[k] = until + LOST_WINDOW_S
-                    self.ledger.rename(name, since, "dropout", length)
+                    self.findings.rename(name, since, "dropout", length)
                 continue
             if not np.isnan(until):
                 memory.held_until[k] = until + LOST_WINDOW_S
-                self.ledger.report(name, "dropout", since, until, end, length, f"{told}, then goes on")
+                self.findings.report(name, "dropout", since, until, end, length, f"{told}, then goes on")
                 continue
             if memory.held_until[k] > since:
                 self._fail(k, "dropout", since, end, length, told, failing)
@@ -196,7 +198,7 @@ class FrameJudge:
         if wild.size:
             worst = float(values[wild][np.argmax(np.abs(values[wild]))])
             told = f"single rows of {name} are impossible, the first {figure(name, worst)}"
-            self.ledger.report(
+            self.findings.report(
                 name, "spikes", float(time[wild[0]]), float(time[wild[-1]]), end, float(wild.size), told,
                 count=int(wild.size),
             )  # fmt: skip
@@ -241,7 +243,7 @@ class FrameJudge:
             memory.good[k] += 1.0
             if memory.good[k] >= GOOD_FRAMES:
                 memory.failed_since[k], memory.good[k] = np.nan, 0.0
-                self.ledger.close(NAMES[k], end - GOOD_FRAMES * FRAME_S)
+                self.findings.close(NAMES[k], end - GOOD_FRAMES * FRAME_S)
 
     def _still_silent(self, k: int) -> bool:
         """Whether the value of the failure still stands."""

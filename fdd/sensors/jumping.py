@@ -11,9 +11,9 @@ from fdd.sensors import jumps
 from fdd.sensors.cells import BESIDE_CELLS, CELL_S, COUNTS, STRIDES, cells_of
 from fdd.sensors.explained import ANGLE, POSITION, explained
 from fdd.sensors.jumps import NOISE_REACH, Jump
-from fdd.sensors.ledger import Ledger
 from fdd.sensors.limits import CHAMBERS, INDEX, NAMES, Limits
 from fdd.sensors.memory import Memory
+from fdd.sensors.sensor_findings import SensorFindings
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -72,11 +72,11 @@ class JumpWatch:
 
     Parameters
     ----------
-    limits : of the unit. memory, ledger : what is kept, and where findings go.
+    limits : of the unit. memory : what is kept. findings : where they go.
     """
 
-    def __init__(self, limits: Limits, memory: Memory, ledger: Ledger) -> None:
-        self.limits, self.memory, self.ledger = limits, memory, ledger
+    def __init__(self, limits: Limits, memory: Memory, findings: SensorFindings) -> None:
+        self.limits, self.memory, self.findings = limits, memory, findings
 
     def frame(self, rows: Rows, seen: Array, start: float, end: float, failing: Mask) -> None:
         """Judge what came `DEFERRED_S` earlier than the frame from `start` to `end`.
@@ -139,20 +139,20 @@ class JumpWatch:
             told += f", {abs(jump.peak) / period * 60.0 / (2.0 * np.pi):.0f} rpm"
         if jump.net == 0.0 and k in (ANGLE, POSITION):
             told += ", and comes back"
-            self.ledger.report(name, "spikes", jump.time, until, end, float(jump.rows), told)
+            self.findings.report(name, "spikes", jump.time, until, end, float(jump.rows), told)
         elif k == ANGLE:
             told += f", and stays {jump.net:.3g} rad off"
-            self.ledger.report(name, "slip", jump.time, None, end, abs(jump.net), told)
+            self.findings.report(name, "slip", jump.time, None, end, abs(jump.net), told)
         elif k == POSITION and (held := self._held(jump, rows)) is not None:
             lost = f"position stood for {jump.time - held:.3f} s while the pump turned"
             told = f"{lost}, then caught up by {1e3 * jump.net:.3f} mm"
-            self.ledger.report(name, "dropout", held, jump.time, end, jump.time - held, told)
+            self.findings.report(name, "dropout", held, jump.time, end, jump.time - held, told)
         elif k == POSITION and self._reads_nothing(jump, rows):
             failing[k], self.memory.failed_since[k] = True, jump.time
-            self.ledger.report(name, "dead", jump.time, None, end, 0.0, f"{told} to exactly 0: no signal")
+            self.findings.report(name, "dead", jump.time, None, end, 0.0, f"{told} to exactly 0: no signal")
         elif k == POSITION:
             told += f", and stays {scale * jump.net:.3f} mm off, which neither pump nor pressure explain"
-            self.ledger.report(name, "slip", jump.time, None, end, abs(jump.net), told)
+            self.findings.report(name, "slip", jump.time, None, end, abs(jump.net), told)
         elif jump.net != 0.0 and self._outside(k, rows, jump):
             self._tell_step(k, jump, end, failing)
 
@@ -203,4 +203,4 @@ class JumpWatch:
         failing[k] = True
         if np.isnan(memory.failed_since[k]):
             memory.failed_since[k] = jump.time
-        self.ledger.report(name, "step", jump.time, None, end, jump.net, told)
+        self.findings.report(name, "step", jump.time, None, end, jump.net, told)

@@ -14,11 +14,11 @@ from fdd.samples import Samples
 from fdd.sensors.finding import FAILING, SensorFinding
 from fdd.sensors.judge import FrameJudge
 from fdd.sensors.jumping import TAIL_S
-from fdd.sensors.ledger import Ledger
 from fdd.sensors.limits import CHAMBERS, INDEX, NAMES, Limits
 from fdd.sensors.masks import impossible_rows, row_bounds
 from fdd.sensors.memory import Memory
 from fdd.sensors.scan import FRAME_S
+from fdd.sensors.sensor_findings import SensorFindings
 from fdd.unit import Unit
 
 Array = NDArray[np.float64]
@@ -58,14 +58,14 @@ class SensorWatch:
         self._frame = 0
         self._tail: tuple[Array, Array] = np.empty(0), np.empty((len(NAMES), 0))
         self._parts: list[tuple[Array, Array, NDArray[np.bool_]]] = []
-        self._set(Memory.new(), Ledger())
+        self._set(Memory.new(), SensorFindings())
 
     def __repr__(self) -> str:
-        return f"SensorWatch(unit={self.unit.name!r}, findings={len(self._ledger.findings())})"
+        return f"SensorWatch(unit={self.unit.name!r}, findings={len(self._findings.by_onset())})"
 
-    def _set(self, memory: Memory, ledger: Ledger) -> None:
-        self._memory, self._ledger = memory, ledger
-        self._judge = FrameJudge(self._limits, memory, ledger)
+    def _set(self, memory: Memory, findings: SensorFindings) -> None:
+        self._memory, self._findings = memory, findings
+        self._judge = FrameJudge(self._limits, memory, findings)
 
     def push(self, samples: Samples) -> Samples:
         """The same samples, with NaN where a value must not be trusted.
@@ -107,11 +107,11 @@ class SensorWatch:
 
     def findings(self) -> list[SensorFinding]:
         """Faults so far, in the order of their onsets."""
-        return [f for f in self._ledger.findings() if not f.sound]
+        return [f for f in self._findings.by_onset() if not f.sound]
 
     def notes(self) -> list[str]:
         """What sound sensors could not show."""
-        return [f.evidence for f in self._ledger.findings() if f.sound]
+        return [f.evidence for f in self._findings.by_onset() if f.sound]
 
     def states(self) -> list[dict[str, Any]]:
         """Of each channel that was seen: channel, state ("trusted" or the kind of failure), since (s).
@@ -121,7 +121,7 @@ class SensorWatch:
         """
         out = []
         for name in (n for n, seen in zip(NAMES, self._memory.present, strict=True) if seen > 0):
-            mine = [f for f in self._ledger.findings() if name in f.channels]
+            mine = [f for f in self._findings.by_onset() if name in f.channels]
             lasting = [f for f in mine if f.kind in FAILING and f.until_s is None]
             usable = [f for f in mine if f.kind not in FAILING]
             told = (lasting or usable)[-1:]
@@ -163,7 +163,7 @@ class SensorWatch:
         scalars = {
             "version": STATE_VERSION,
             "unit": self.unit.name,
-            "findings": [f.to_plain() for f in self._ledger.findings()],
+            "findings": [f.to_plain() for f in self._findings.by_onset()],
         }
         out = {f"sensors_{name}": kept.copy() for name, kept in self._memory._asdict().items()}
         nothing = np.empty((len(NAMES), 0))
@@ -189,7 +189,7 @@ class SensorWatch:
         if scalars["version"] != STATE_VERSION or scalars["unit"] != self.unit.name:
             raise InputError("saved state of another version or unit", mend="start anew")
         memory = Memory(**{name: state[f"sensors_{name}"].copy() for name in Memory._fields})
-        self._set(memory, Ledger(SensorFinding.from_plain(f) for f in scalars["findings"]))
+        self._set(memory, SensorFindings(SensorFinding.from_plain(f) for f in scalars["findings"]))
         self._first, self._last = (float(v) for v in state["sensors_clock"][:2])
         self._frame = int(state["sensors_clock"][2])
         self._tail = state["sensors_tail_time"].copy(), state["sensors_tail"].T.copy()

@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 
 from fdd.diagnosis.evidence import Amplitude, Evidence, course_of
 from fdd.diagnosis.hypotheses import Hypothesis
+from fdd.residuals.balance_history import widened
 from fdd.residuals.effects import Effects
-from fdd.residuals.ledger import widened
 
 Array = NDArray[np.float64]
 NAME = "volume"

@@ -12,21 +12,21 @@ from fdd.diagnosis.baseline import (
     _balance,
     baseline_of,
     effects_of,
-    ledgers_of,
+    histories_of,
     scattered,
     structural_variance,
 )
 from fdd.errors import InputError
+from fdd.residuals.balance_history import BalanceHistory
 from fdd.residuals.balances import BALANCES
 from fdd.residuals.effects import first_effects, usual_conditions
-from fdd.residuals.ledger import Ledger
 from fdd.unit import Unit
 
 NOISE, ROWS, FRAMES = 0.3, 50, 200
 
 
 def sums(seed: int, common: float) -> tuple[NDArray[np.float64], ...]:
-    """Frames as a ledger gives them: white noise, and an error that a frame's rows have in common.
+    """Frames as a history gives them: white noise, and an error that a frame's rows have in common.
 
     Parameters
     ----------
@@ -71,13 +71,13 @@ def test_a_log_tells_less_by_what_its_stretches_have_in_common(common: float) ->
 
 
 @pytest.fixture(scope="module")
-def ledgers() -> list[Ledger]:
-    return ledgers_of(Unit.load("axis_a"), [simulated(seed, load) for seed, load in HEALTHY])
+def histories() -> list[BalanceHistory]:
+    return histories_of(Unit.load("axis_a"), [simulated(seed, load) for seed, load in HEALTHY])
 
 
-def test_logs_that_are_added_count_as_if_they_had_been_there(ledgers: list[Ledger]) -> None:
-    whole, first = baseline_of(ledgers), baseline_of(ledgers[:1])
-    added = baseline_of(ledgers[1:], first)
+def test_logs_that_are_added_count_as_if_they_had_been_there(histories: list[BalanceHistory]) -> None:
+    whole, first = baseline_of(histories), baseline_of(histories[:1])
+    added = baseline_of(histories[1:], first)
     assert added.seconds == pytest.approx(whole.seconds) == pytest.approx(3.0 * 32.0, abs=1.5)
     assert added.balances.keys() == whole.balances.keys()
     for name, one in added.balances.items():
@@ -94,24 +94,24 @@ def test_logs_that_are_added_count_as_if_they_had_been_there(ledgers: list[Ledge
         assert (std < 0.8 * std_alone).any() or not told.any(), name
 
 
-def test_frames_that_told_nothing_are_no_part_of_a_baseline(ledgers: list[Ledger]) -> None:
+def test_frames_that_told_nothing_are_no_part_of_a_baseline(histories: list[BalanceHistory]) -> None:
     """A seal that sticks says nothing of its friction: not each frame of a log slides."""
-    found = baseline_of(ledgers)
+    found = baseline_of(histories)
     for name, known in found.balances.items():
-        told = np.concatenate([ledger.sums()[name][2] for ledger in ledgers]) > 0.0
+        told = np.concatenate([history.sums()[name][2] for history in histories]) > 0.0
         assert known.hops == told.sum(), name
         assert len(known.hop_noise) == 21 and known.columns == list(BALANCES[name].columns)
-        noises = np.concatenate([np.sqrt(ledger.sums()[name][3]) for ledger in ledgers])[told]
+        noises = np.concatenate([np.sqrt(history.sums()[name][3]) for history in histories])[told]
         quantiles = np.quantile(noises, [0.0, 0.5, 1.0])
         np.testing.assert_allclose(np.array(known.hop_noise)[[0, 10, 20]], quantiles, rtol=0.02)
     assert found.balances["force"].hops < found.balances["volume"].hops
 
 
 def test_a_log_is_held_against_its_units_baseline_and_what_differs_between_logs(
-    ledgers: list[Ledger],
+    histories: list[BalanceHistory],
 ) -> None:
     unit = Unit.load("axis_a")
-    unit.baseline = baseline_of(ledgers)
+    unit.baseline = baseline_of(histories)
     one = unit.baseline.balances["force"]
     one.columns = one.columns[::-1]  # of other columns: those of another version
     for name, e in effects_of(unit).items():
@@ -128,7 +128,7 @@ def test_a_log_is_held_against_its_units_baseline_and_what_differs_between_logs(
 
 def test_ten_frames_are_the_least_that_make_a_baseline() -> None:
     unit, log = Unit.load("axis_a"), simulated(*HEALTHY[0])
-    short, long = (ledgers_of(unit, [log.rows(0, n)]) for n in (4_400, 4_900))
+    short, long = (histories_of(unit, [log.rows(0, n)]) for n in (4_400, 4_900))
     assert len(short[0].frames) == 9 and len(long[0].frames) == 10
     with pytest.raises(InputError, match="too short"):
         baseline_of(short)

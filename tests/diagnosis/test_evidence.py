@@ -13,7 +13,7 @@ from fdd.diagnosis.departures import WITHIN_FRAMES
 from fdd.diagnosis.evidence import KINDS, Amplitude, Evidence, Sums, course_of
 from fdd.diagnosis.fitting import Joint
 from fdd.diagnosis.lookout import HEALED
-from fdd.residuals.ledger import widened
+from fdd.residuals.balance_history import widened
 
 Z80 = 1.2816
 ALL = [LEAK, DRIFT, THIRD]

@@ -21,17 +21,19 @@ def test_the_fading_filter_is_scipys() -> None:
     from scipy.signal import lfilter
 
     from fdd.diagnosis.baseline import effects_of
-    from fdd.residuals.account import LOAD_S
+    from fdd.residuals.balance_history import BalanceHistory
     from fdd.residuals.bins import BIN_S
-    from fdd.residuals.ledger import Ledger
+    from fdd.residuals.regression_accumulator import LOAD_S
     from fdd.unit import Unit
 
     unit = Unit.load("axis_a")
-    account = next(a for a in Ledger(unit, effects_of(unit)).accounts.values() if a.balance.bins_per_row > 1)
-    rows = np.random.default_rng(1).normal(size=(30, account.level.shape[1]))
-    decay = 1.0 - account.balance.bins_per_row * BIN_S / LOAD_S
+    regression = next(
+        a for a in BalanceHistory(unit, effects_of(unit)).regressions.values() if a.balance.bins_per_row > 1
+    )
+    rows = np.random.default_rng(1).normal(size=(30, regression.level.shape[1]))
+    decay = 1.0 - regression.balance.bins_per_row * BIN_S / LOAD_S
     wanted, _ = lfilter([1.0, -1.0], [1.0, -decay], rows, axis=0, zi=-rows[:1])
-    found = np.concatenate([account._passed(part) for part in (rows[:10], rows[10:10], rows[10:])])
+    found = np.concatenate([regression._passed(part) for part in (rows[:10], rows[10:10], rows[10:])])
     np.testing.assert_array_equal(found, wanted)
 
 

@@ -59,7 +59,7 @@ def aged(unit: Unit, first: Samples, hours: int, severity: float) -> Pipeline:
         for name in SEEN:
             columns = LEAK.columns.get(name, np.zeros(len(BALANCES[name].columns)))
             told[name] = day_of(rng, EFFECTS[name], severity * (hour >= LEAKS_FROM) * columns)
-        pipeline._ledger.epochs.add(range(hour * EPOCH_FRAMES, (hour + 1) * EPOCH_FRAMES), told)
+        pipeline._history.epochs.add(range(hour * EPOCH_FRAMES, (hour + 1) * EPOCH_FRAMES), told)
     return pipeline
 
 
@@ -84,13 +84,13 @@ def test_slow_wear_is_told_once_and_stands(leaking: Samples) -> None:
         answer = each.finish()
         assert answer.verdict == "faulty" and [f.fault for f in answer.faults] == ["internal_leakage"]
         assert each.push(later(healthy, HOURS + 1)) == [], "nothing that was not told"
-        each._ledger.epochs.add(range(EPOCH_FRAMES), {})
+        each._history.epochs.add(range(EPOCH_FRAMES), {})
         assert each.push(later(healthy, HOURS + 2)) == []
 
 
 def test_a_fault_that_minutes_show_is_not_told_as_slow_wear_too(unit: Unit, leaking: Samples) -> None:
     pipeline = aged(unit, leaking.rows(0, 9), HOURS, 0.5)
-    epochs = pipeline._ledger.epochs
+    epochs = pipeline._history.epochs
     pipeline._epochs = epochs.completed  # not looked at yet
     start = 3600.0 * HOURS
     told = pipeline.push(later(leaking, HOURS))

@@ -8,13 +8,13 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from fdd.residuals.account import RECENT_FRAMES, Account
 from fdd.residuals.balances import BALANCES
 from fdd.residuals.bins import COLUMNS, FRAME_BINS, FRAME_S, STOP_S, TAIL_BINS
 from fdd.residuals.effects import Effects, LogConditions, viscous_change, with_logs
 from fdd.residuals.epochs import Epochs
-from fdd.residuals.normal_equations import Entry, widened
+from fdd.residuals.normal_equations import NormalEquations, widened
 from fdd.residuals.quantities import Quantities, Scales, settled
+from fdd.residuals.regression_accumulator import RECENT_FRAMES, RegressionAccumulator
 from fdd.unit import Unit
 
 Array = NDArray[np.float64]
@@ -30,7 +30,7 @@ MOST_FRAMES = 20
 """Frames whose quantities are worked out at a time: their columns still fit the processor's memory."""
 
 
-class Ledger:
+class BalanceHistory:
     """All balances of an axis, frame by frame.
 
     Parameters
@@ -42,10 +42,10 @@ class Ledger:
         self.unit = unit
         self.scales = Scales.of(unit)
         self.effects = effects
-        self.accounts = {name: Account(b, effects[name]) for name, b in BALANCES.items()}
+        self.regressions = {name: RegressionAccumulator(b, effects[name]) for name, b in BALANCES.items()}
         self.tail = np.full((TAIL_BINS, len(COLUMNS)), np.nan)
         self.frames: list[int] = []
-        self.entries: dict[str, list[Entry]] = {name: [] for name in BALANCES}
+        self.equations: dict[str, list[NormalEquations]] = {name: [] for name in BALANCES}
         self._wide: dict[str, list[tuple[Array, Array]]] = {name: [] for name in BALANCES}
         self.surroundings: list[list[float]] = []
         """Of each frame kept, the last three of `LogConditions`."""
@@ -71,17 +71,17 @@ class Ledger:
         out = {}
         for name in BALANCES:
             wide = self._widened(name)
-            if any(e.rows for e in self.entries[name]):
+            if any(e.rows for e in self.equations[name]):
                 out[name] = np.array([m for m, _ in wide]), np.array([v for _, v in wide])
         return out
 
     def conditions(self, name: str) -> LogConditions | None:
         """Those of the frames kept, as a balance sees them; None where it tells nothing."""
-        seen = [k for k, entry in enumerate(self.entries[name]) if entry.rows]
+        seen = [k for k, frame in enumerate(self.equations[name]) if frame.rows]
         if not seen:
             return None
         around = np.mean([self.surroundings[k] for k in seen], axis=0).tolist()
-        rows = float(np.mean([self.entries[name][k].variance for k in seen]))
+        rows = float(np.mean([self.equations[name][k].variance for k in seen]))
         return LogConditions(1.0, rows, *around)
 
     def held_against(self) -> dict[str, Effects]:
@@ -129,43 +129,45 @@ class Ledger:
         self.taken += count
         misfits = np.full((count, len(BALANCES)), np.nan)
         for b, (name, balance) in enumerate(BALANCES.items()):
-            strands = []
-            for s in balance.strands(q):
+            blocks = []
+            for s in balance.blocks(q):
                 good = s.valid & np.isfinite(s.y) & np.isfinite(s.x).all(axis=1)
-                strands.append(s._replace(valid=settled(good, balance.settle)))
+                blocks.append(s._replace(valid=settled(good, balance.settle)))
             early = self._early(name)
-            entries = self.accounts[name].frames(strands)
-            self.entries[name] += entries
+            equations = self.regressions[name].equations(blocks)
+            self.equations[name] += equations
             if early:
                 self._wide[name] = []
                 if not self._early(name):
-                    self.entries[name] = self._shared(name)
-            misfits[:, b] = self._misfit(name, entries)
+                    self.equations[name] = self._shared(name)
+            misfits[:, b] = self._misfit(name, equations)
         self._misfits = [*self._misfits, *misfits.tolist()][-HISTORY:]
 
     def _early(self, name: str) -> bool:
         """Whether the noise of a balance is not yet known by as many frames as it is judged by later."""
-        return BALANCES[name].bins_per_row > 1 and len(self.accounts[name].recent) < RECENT_FRAMES
+        return BALANCES[name].bins_per_row > 1 and len(self.regressions[name].recent) < RECENT_FRAMES
 
-    def _settled(self, name: str) -> list[Entry]:
-        return self._shared(name) if self._early(name) else self.entries[name]
+    def _settled(self, name: str) -> list[NormalEquations]:
+        return self._shared(name) if self._early(name) else self.equations[name]
 
-    def _shared(self, name: str) -> list[Entry]:
+    def _shared(self, name: str) -> list[NormalEquations]:
         """A log's first frames know little of their noise: what ten seconds show of it holds for them too."""
-        entries = list(self.entries[name])
-        first = [k for k, entry in enumerate(entries) if entry.rows][:RECENT_FRAMES]
+        equations = list(self.equations[name])
+        first = [k for k, frame in enumerate(equations) if frame.rows][:RECENT_FRAMES]
         for k in first[:-1]:
-            entry, variance = entries[k], entries[first[-1]].variance
-            share = entry.variance / variance
-            entries[k] = Entry(share * entry.information, share * entry.vector, entry.rows, variance)
-        return entries
+            frame, variance = equations[k], equations[first[-1]].variance
+            share = frame.variance / variance
+            equations[k] = NormalEquations(
+                share * frame.information, share * frame.vector, frame.rows, variance
+            )
+        return equations
 
-    def _misfit(self, name: str, entries: list[Entry]) -> Array:
+    def _misfit(self, name: str, equations: list[NormalEquations]) -> Array:
         """Root of the frames' reduced chi-square about the unit's baseline, (h,), over that of its own
         healthy stretches: about 1 while healthy; NaN of those that tell nothing."""
         e = self.effects[name]
         spread = np.hypot(e.wander, np.sqrt(np.diag(e.covariance)))
-        information, vector, rows = (np.array([x[i] for x in entries]) for i in range(3))
+        information, vector, rows = (np.array([x[i] for x in equations]) for i in range(3))
         wide, kept = widened(information, vector, spread)
         chi_square = np.sum(np.square(spread * (kept - wide @ e.mean)), axis=1)
         expected = np.einsum("i,hii->h", spread**2, wide)
@@ -270,7 +272,7 @@ class Ledger:
         kept = [k for k in range(len(self.frames)) if k not in gone]
         for name in BALANCES:
             wide = self._widened(name)
-            self.entries[name] = [self.entries[name][k] for k in kept]
+            self.equations[name] = [self.equations[name][k] for k in kept]
             self._wide[name] = [wide[k] for k in kept]
         self.frames = [self.frames[k] for k in kept]
         self.surroundings = [self.surroundings[k] for k in kept]
@@ -284,14 +286,16 @@ class Ledger:
             "surroundings": np.array(self.surroundings).reshape(-1, SURROUNDINGS),
             "misfits": np.array(self._misfits).reshape(-1, len(BALANCES)),
         }  # fmt: skip
-        for name, account in self.accounts.items():
-            sums = _stacked(self.entries[name], len(BALANCES[name].columns))
+        for name, regression in self.regressions.items():
+            sums = _stacked(self.equations[name], len(BALANCES[name].columns))
             for k, part in zip("mvrs", sums, strict=True):
                 out[f"{name}/{k}"] = part
-            out[f"{name}/noise"] = np.array([account.weight, account.variance_sum])
-            out[f"{name}/level"] = account.level
-            out[f"{name}/lengths"] = np.array([len(r) for r in account.recent])
-            out[f"{name}/recent"] = np.concatenate(account.recent) if account.recent else np.empty((0, 0))
+            out[f"{name}/noise"] = np.array([regression.weight, regression.variance_sum])
+            out[f"{name}/level"] = regression.level
+            out[f"{name}/lengths"] = np.array([len(r) for r in regression.recent])
+            out[f"{name}/recent"] = (
+                np.concatenate(regression.recent) if regression.recent else np.empty((0, 0))
+            )
             out[f"{name}/mean"], out[f"{name}/covariance"] = (
                 self.reference[name].mean,
                 self.reference[name].covariance,
@@ -309,16 +313,16 @@ class Ledger:
         self._accumulator = float(state["accumulator"])
         self.surroundings = state["surroundings"].tolist()
         self._misfits = [[float(x) for x in row] for row in state["misfits"]]
-        for name, account in self.accounts.items():
+        for name, regression in self.regressions.items():
             m, v, r, s = (state[f"{name}/{k}"] for k in "mvrs")
-            self.entries[name] = [
-                Entry(m[i], v[i], float(r[i]), float(s[i])) for i in range(len(self.frames))
+            self.equations[name] = [
+                NormalEquations(m[i], v[i], float(r[i]), float(s[i])) for i in range(len(self.frames))
             ]
             self._wide[name] = []
-            account.weight, account.variance_sum = (float(x) for x in state[f"{name}/noise"])
-            account.level = state[f"{name}/level"].copy()
+            regression.weight, regression.variance_sum = (float(x) for x in state[f"{name}/noise"])
+            regression.level = state[f"{name}/level"].copy()
             ends = np.cumsum(state[f"{name}/lengths"]).astype(np.int64)
-            account.recent = np.split(state[f"{name}/recent"], ends[:-1]) if ends.size else []
+            regression.recent = np.split(state[f"{name}/recent"], ends[:-1]) if ends.size else []
             mean, covariance = state[f"{name}/mean"].copy(), state[f"{name}/covariance"].copy()
             self.reference = {
                 **self.reference,
@@ -326,6 +330,6 @@ class Ledger:
             }
 
 
-def _stacked(entries: list[Entry], n: int) -> tuple[Array, Array, Array, Array]:
-    m, v, rows, variance = (np.array([e[i] for e in entries]) for i in range(4))
+def _stacked(equations: list[NormalEquations], n: int) -> tuple[Array, Array, Array, Array]:
+    m, v, rows, variance = (np.array([e[i] for e in equations]) for i in range(4))
     return m.reshape(-1, n, n), v.reshape(-1, n), rows, variance

@@ -12,10 +12,10 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from fdd.residuals.balances import Balance, Strand
+from fdd.residuals.balances import Balance, RegressionBlock
 from fdd.residuals.bins import BIN_S, FRAME_BINS, TAIL_BINS
 from fdd.residuals.effects import Effects
-from fdd.residuals.normal_equations import Entry
+from fdd.residuals.normal_equations import NormalEquations
 from fdd.residuals.sums import RIDGE, add_rows, told
 
 Array = NDArray[np.float64]
@@ -37,7 +37,7 @@ FIRST_WEIGHT = 100.0
 """Rows that the first guess of a noise counts for."""
 
 
-class Account:
+class RegressionAccumulator:
     """One balance's bookkeeping: noise, colour and coefficients so far.
 
     Parameters
@@ -57,22 +57,23 @@ class Account:
         self.recent: list[Array] = []
         self.level: Array = np.zeros((1, effects.mean.size + 1))
 
-    def frames(self, strands: Sequence[Strand]) -> list[Entry]:
+    def equations(self, blocks: Sequence[RegressionBlock]) -> list[NormalEquations]:
         """What frames tell.
 
         Parameters
         ----------
-        strands : rows of one frame or more, with `TAIL_BINS` before them.
+        blocks : rows of one frame or more, with `TAIL_BINS` before them.
         """
-        count = (strands[0].y.size - TAIL_BINS) // FRAME_BINS
+        count = (blocks[0].y.size - TAIL_BINS) // FRAME_BINS
         if self.balance.lines or self.balance.bins_per_row > 1:
             starts = range(0, count * FRAME_BINS, FRAME_BINS)
             return [
-                self._frame([s.part(slice(k, k + TAIL_BINS + FRAME_BINS)) for s in strands]) for k in starts
+                self._frame_equations([s.part(slice(k, k + TAIL_BINS + FRAME_BINS)) for s in blocks])
+                for k in starts
             ]
         n = self.size
         gram, noise, rows = np.zeros((count, n + 1, n + 1)), np.zeros((count, n, n)), np.zeros(count)
-        for y, x, ok, noisy in strands:
+        for y, x, ok, noisy in blocks:
             noisy = np.empty((0, 2, n)) if noisy is None else np.ascontiguousarray(noisy)
             y, x = np.ascontiguousarray(y), np.ascontiguousarray(x)
             add_rows(y, x, ok, noisy, TAIL_BINS, LEAST_ROWS, self.balance.cumulative, gram, noise, rows)
@@ -82,24 +83,24 @@ class Account:
             gram, noise, rows, self.mean, LEAST_ROWS, self.least, MEMORY, usual, information, vector, variance
         )
         self.variance_sum, self.weight = usual.tolist()
-        return [*map(Entry, information, vector, rows.tolist(), variance.tolist())]
+        return [*map(NormalEquations, information, vector, rows.tolist(), variance.tolist())]
 
-    def _frame(self, strands: Sequence[Strand]) -> Entry:
+    def _frame_equations(self, blocks: Sequence[RegressionBlock]) -> NormalEquations:
         """Normal equations of one frame whose rows are means of several bins, or spectral lines."""
-        n = strands[0].x.shape[1]
-        parts = [self._rows(y, x, ok) for y, x, ok, _ in strands]
+        n = blocks[0].x.shape[1]
+        parts = [self._rows(y, x, ok) for y, x, ok, _ in blocks]
         rows = np.concatenate(parts) if len(parts) > 1 else parts[0]
         free = float(rows.shape[0])
         if free < LEAST_ROWS // self.balance.bins_per_row:
             none = np.zeros((self.size, self.size))
-            return Entry(none, np.zeros(self.size), 0.0, self.variance_sum / self.weight)
+            return NormalEquations(none, np.zeros(self.size), 0.0, self.variance_sum / self.weight)
         gram = rows.T @ rows
         if self.balance.lines:
             return self._amplitudes(gram, free)
         variance = self._coloured(rows)
-        return Entry(gram[:n, :n] / variance, gram[:n, n] / variance, free, variance)
+        return NormalEquations(gram[:n, :n] / variance, gram[:n, n] / variance, free, variance)
 
-    def _amplitudes(self, gram: Array, free: float) -> Entry:
+    def _amplitudes(self, gram: Array, free: float) -> NormalEquations:
         """Amplitudes of lines, whatever their phase: a lost count turns the shaft's angle, but not them."""
         lines = self.balance.lines
         n = gram.shape[0] - 1
@@ -118,7 +119,7 @@ class Account:
         self.weight = MEMORY * self.weight + 1.0
         spread = variance * np.diag(inverse)[: 2 * lines].reshape(lines, 2).mean(axis=1)
         spread = np.maximum(spread, np.maximum(beside, self.variance_sum / self.weight))
-        return Entry(np.diag(1.0 / spread), amplitude / spread, free, variance)
+        return NormalEquations(np.diag(1.0 / spread), amplitude / spread, free, variance)
 
     def _coloured(self, rows: Array) -> float:
         """Variance that rows would have that err independently and tell as much.

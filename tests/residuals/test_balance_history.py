@@ -1,4 +1,4 @@
-"""The ledger's algebra against textbook forms, quadrature and least squares."""
+"""The balance history's algebra against textbook forms, quadrature and least squares."""
 
 from __future__ import annotations
 
@@ -10,12 +10,12 @@ import pandas as pd
 import pytest
 from numpy.typing import NDArray
 
-from fdd.residuals.account import LOAD_S, Account
-from fdd.residuals.balances import BALANCES, ORDERS, Strand
+from fdd.residuals.balance_history import BalanceHistory
+from fdd.residuals.balances import BALANCES, ORDERS, RegressionBlock
 from fdd.residuals.bins import BIN_S, COLUMNS, FRAME_BINS, FRAME_S, TAIL_BINS
 from fdd.residuals.effects import Effects, first_effects
-from fdd.residuals.ledger import Ledger
-from fdd.residuals.normal_equations import Entry, widened
+from fdd.residuals.normal_equations import NormalEquations, widened
+from fdd.residuals.regression_accumulator import LOAD_S, RegressionAccumulator
 from fdd.unit import Baseline, Unit
 
 Array = NDArray[np.float64]
@@ -84,7 +84,9 @@ def test_a_frame_of_plain_rows_is_least_squares(name: str) -> None:
     balance, rng = BALANCES[name], np.random.default_rng(4)
     y, x, ok = of_frame(rng, len(balance.columns))
     ok[TAIL_BINS + 5 : TAIL_BINS + 12] = False
-    [(information, vector, rows, variance)] = Account(balance, first_effects(name)).frames([Strand(y, x, ok)])
+    [(information, vector, rows, variance)] = RegressionAccumulator(balance, first_effects(name)).equations(
+        [RegressionBlock(y, x, ok)]
+    )
     x, y = x[TAIL_BINS:][ok[TAIL_BINS:]], y[TAIL_BINS:][ok[TAIL_BINS:]]
     expected, rest, *_ = np.linalg.lstsq(x, y, rcond=None)
     assert rows == len(y) == FRAME_BINS - 7
@@ -100,7 +102,9 @@ def test_a_frame_of_changes_is_least_squares_on_levels(name: str) -> None:
     n = len(balance.columns)
     y, x, ok = of_frame(rng, n)
     ok[TAIL_BINS + 20] = False
-    [(information, vector, _, _)] = Account(balance, first_effects(name)).frames([Strand(y, x, ok)])
+    [(information, vector, _, _)] = RegressionAccumulator(balance, first_effects(name)).equations(
+        [RegressionBlock(y, x, ok)]
+    )
     stretches = [slice(TAIL_BINS, TAIL_BINS + 20), slice(TAIL_BINS + 21, ROWS)]
     levels_x = [np.cumsum(x[s], axis=0) for s in stretches]
     levels_y = [np.cumsum(y[s]) for s in stretches]
@@ -117,8 +121,8 @@ def test_a_frame_of_cells_is_least_squares_on_their_means_over_the_load_before()
     y, x, ok = of_frame(rng, n)
     y, x = np.cumsum(y), np.cumsum(x, axis=0)
     ok[TAIL_BINS + 13] = False
-    account = Account(balance, first_effects("force"))
-    [(information, vector, rows, _)] = account.frames([Strand(y, x, ok)])
+    regression = RegressionAccumulator(balance, first_effects("force"))
+    [(information, vector, rows, _)] = regression.equations([RegressionBlock(y, x, ok)])
     means = np.column_stack([x, y])[TAIL_BINS:].reshape(-1, bins_per_row, n + 1).mean(axis=1)
     means = np.delete(means, 13 // bins_per_row, axis=0)
     before = pd.DataFrame(means).ewm(alpha=bins_per_row * BIN_S / LOAD_S, adjust=False).mean().shift(1)
@@ -136,7 +140,7 @@ def test_a_line_has_its_amplitude_whatever_its_phase(swing: float) -> None:
     balance, rng = BALANCES["shaft"], np.random.default_rng(7)
     found = []
     for phase in np.linspace(0.0, 6.0, 7):
-        account = Account(balance, first_effects("shaft"))
+        regression = RegressionAccumulator(balance, first_effects("shaft"))
         k = np.arange(20 * FRAME_BINS + TAIL_BINS)
         angle = 0.8 * k + swing / 0.07 * np.sin(0.07 * k)
         lines = [turn(order * angle) for order in ORDERS for turn in (np.cos, np.sin)]
@@ -144,8 +148,8 @@ def test_a_line_has_its_amplitude_whatever_its_phase(swing: float) -> None:
         y = 0.2 * np.cos(angle + phase) + 0.05 * np.sin(2 * angle) + 0.3 + 0.01 * rng.normal(size=angle.size)
         for frame in range(20):
             here = slice(frame * FRAME_BINS, frame * FRAME_BINS + ROWS)
-            [(information, vector, rows, _)] = account.frames(
-                [Strand(y[here], x[here], np.ones(ROWS, dtype=bool))]
+            [(information, vector, rows, _)] = regression.equations(
+                [RegressionBlock(y[here], x[here], np.ones(ROWS, dtype=bool))]
             )
             assert rows
         found.append(least_squares(information, vector))
@@ -161,7 +165,7 @@ def test_noise_in_a_column_takes_nothing_from_a_healthy_units_coefficient(share:
     healthy = np.zeros(n)
     healthy[[compliance, lag]] = 0.9, 0.4
     effects = replace(first_effects("volume"), mean=healthy)
-    account, plain = Account(balance, effects), Account(balance, effects)
+    regression, plain = RegressionAccumulator(balance, effects), RegressionAccumulator(balance, effects)
     told = np.zeros((ROWS, 2, n))
     told[:, 0, [compliance, lag]], told[:, 1, lag] = noise, -noise
     sums = {True: [np.zeros((n, n)), np.zeros(n)], False: [np.zeros((n, n)), np.zeros(n)]}
@@ -171,9 +175,9 @@ def test_noise_in_a_column_takes_nothing_from_a_healthy_units_coefficient(share:
         x = np.zeros((ROWS, n))
         x[:, compliance], x[:, lag] = np.diff(seen)[1:], np.diff(seen, 2)
         y = 0.9 * np.diff(truth)[1:] + 0.4 * np.diff(truth, 2) + np.diff(rng.normal(size=ROWS + 1))
-        for known, of in ((True, account), (False, plain)):
-            [(m, v, rows, variance)] = of.frames(
-                [Strand(y, x, np.ones(ROWS, dtype=bool), told if known else None)]
+        for known, of in ((True, regression), (False, plain)):
+            [(m, v, rows, variance)] = of.equations(
+                [RegressionBlock(y, x, np.ones(ROWS, dtype=bool), told if known else None)]
             )
             assert rows
             sums[known][0] += m * variance
@@ -188,7 +192,7 @@ def test_noise_in_a_column_takes_nothing_from_a_healthy_units_coefficient(share:
 def test_a_noise_that_grows_is_known_after_twenty_seconds(name: str) -> None:
     """Ten seconds of memory: two of them later nine tenths of the change are in."""
     balance, rng = BALANCES[name], np.random.default_rng(13)
-    account, said = Account(balance, first_effects(name)), []
+    regression, said = RegressionAccumulator(balance, first_effects(name)), []
     k = np.arange(ROWS)
     turned = [turn(order * (0.8 * k + 40.0 * rng.uniform())) for order in ORDERS for turn in (np.cos, np.sin)]
     for frame in range(400):
@@ -197,8 +201,8 @@ def test_a_noise_that_grows_is_known_after_twenty_seconds(name: str) -> None:
             x = np.column_stack([*turned, np.ones(ROWS), *rng.normal(size=(3, ROWS))])
         y = (0.1 if frame < 200 else 0.3) * rng.normal(size=ROWS)
         y = np.diff(y, prepend=0.0) if balance.cumulative else y
-        account.frames([Strand(y, x, np.ones(ROWS, dtype=bool))])
-        said.append(account.variance_sum / account.weight)
+        regression.equations([RegressionBlock(y, x, np.ones(ROWS, dtype=bool))])
+        said.append(regression.variance_sum / regression.weight)
     before, after, later = said[199], said[240], said[399]
     assert later == pytest.approx(9.0 * before, rel=0.3)
     assert 0.8 * (later - before) < after - before
@@ -209,8 +213,8 @@ def test_too_few_rows_say_nothing() -> None:
     y, x, ok = of_frame(rng, len(balance.columns))
     ok[:] = False
     ok[-5:] = True
-    account = Account(balance, first_effects("coherence"))
-    [(information, vector, rows, variance)] = account.frames([Strand(y, x, ok)])
+    regression = RegressionAccumulator(balance, first_effects("coherence"))
+    [(information, vector, rows, variance)] = regression.equations([RegressionBlock(y, x, ok)])
     assert rows == 0.0 and not information.any() and not vector.any() and variance > 0.0
 
 
@@ -219,24 +223,24 @@ def test_fold_is_batch_regression(within: float) -> None:
     unit, rng = Unit.load("axis_a"), np.random.default_rng(10)
     effects = {name: first_effects(name) for name in BALANCES}
     effects = {n: replace(e, within=np.full(e.mean.size, within)) for n, e in effects.items()}
-    ledger = Ledger(unit, effects)
+    history = BalanceHistory(unit, effects)
     kept: dict[str, list[tuple[Array, Array]]] = {n: [] for n in BALANCES}
     count, window = 40, 20
     for h in range(count):
-        ledger.frames.append(h + 7)
-        ledger.surroundings.append([0.0, 0.0, 0.0])
+        history.frames.append(h + 7)
+        history.surroundings.append([0.0, 0.0, 0.0])
         for name, e in effects.items():
             n = e.mean.size
             x = rng.normal(size=(30, n)) / np.sqrt(np.diag(e.covariance))
             information, vector = x.T @ x, x.T @ (x @ e.mean + rng.normal(size=30))
             kept[name].append((information, vector))
-            ledger.entries[name].append(Entry(information, vector, 30.0, e.noise**2))
-    folded = ledger.fold(window)
+            history.equations[name].append(NormalEquations(information, vector, 30.0, e.noise**2))
+    folded = history.fold(window)
     part = window // 5
-    assert folded == ledger.folded and folded % part == 0 and count - folded <= window + part
-    assert ledger.frames == [h + 7 for h in range(folded, count)]
+    assert folded == history.folded and folded % part == 0 and count - folded <= window + part
+    assert history.frames == [h + 7 for h in range(folded, count)]
     for name, e in effects.items():
-        assert len(ledger.entries[name]) == count - folded
+        assert len(history.equations[name]) == count - folded
         # Batch: one stacked least squares of the prior and of each frame, a frame's own wander in its
         # covariance.
         information, vector = np.linalg.inv(e.covariance), np.linalg.solve(e.covariance, e.mean)
@@ -244,7 +248,7 @@ def test_fold_is_batch_regression(within: float) -> None:
             for m, v in kept[name][:folded]:
                 frame = np.linalg.inv(np.linalg.inv(m) + np.diag(e.wander**2))
                 information, vector = information + frame, vector + frame @ np.linalg.solve(m, v)
-            reference = ledger.reference[name]
+            reference = history.reference[name]
             std = np.sqrt(np.diag(np.linalg.inv(information)))
             np.testing.assert_allclose(
                 reference.mean / std, np.linalg.solve(information, vector) / std, rtol=1e-6, atol=1e-6
@@ -253,62 +257,62 @@ def test_fold_is_batch_regression(within: float) -> None:
                 reference.covariance, np.linalg.inv(information), rtol=1e-5, atol=1e-12
             )
         else:  # older frames tell where the unit was, not where it is
-            assert (np.diag(ledger.reference[name].covariance) > within**2).all()
+            assert (np.diag(history.reference[name].covariance) > within**2).all()
 
 
 def test_what_came_since_a_fault_is_no_reference() -> None:
     """Of it the latest frames are kept, and some from before its onset, however long it stands."""
     unit, rng = Unit.load("axis_a"), np.random.default_rng(12)
     effects: dict[str, Effects] = {name: first_effects(name) for name in BALANCES}
-    ledger, window, onset = Ledger(unit, effects), 20, 30
+    history, window, onset = BalanceHistory(unit, effects), 20, 30
     healthy = {}
     for h in range(200):
-        ledger.frames.append(h)
-        ledger.surroundings.append([0.0, 0.0, 0.0])
+        history.frames.append(h)
+        history.surroundings.append([0.0, 0.0, 0.0])
         for name, e in effects.items():
             x = rng.normal(size=(30, e.mean.size)) / np.sqrt(np.diag(e.covariance))
-            ledger.entries[name].append(Entry(x.T @ x, x.T @ (x @ e.mean), 30.0, 1.0))
-        ledger.fold(window, [(onset * FRAME_S, np.inf)] if h >= onset else [])
+            history.equations[name].append(NormalEquations(x.T @ x, x.T @ (x @ e.mean), 30.0, 1.0))
+        history.fold(window, [(onset * FRAME_S, np.inf)] if h >= onset else [])
         if h == onset + window:
-            healthy = dict(ledger.reference)
-    before = [h for h in ledger.frames if h < onset]
+            healthy = dict(history.reference)
+    before = [h for h in history.frames if h < onset]
     assert before == list(range(onset - window // 5, onset))
-    assert ledger.frames[-1] == 199 and len(ledger.frames) <= window + window // 5
-    assert ledger.frames[len(before) :] == list(range(200 - len(ledger.frames) + len(before), 200))
-    for name, e in ledger.reference.items():
+    assert history.frames[-1] == 199 and len(history.frames) <= window + window // 5
+    assert history.frames[len(before) :] == list(range(200 - len(history.frames) + len(before), 200))
+    for name, e in history.reference.items():
         np.testing.assert_array_equal(e.mean, healthy[name].mean)
-    assert ledger.folded == onset - window // 5
+    assert history.folded == onset - window // 5
     # Once it is over, what is healthy is learnt again, and what was not is left out.
     for h in range(200, 260):
-        ledger.frames.append(h)
-        ledger.surroundings.append([0.0, 0.0, 0.0])
+        history.frames.append(h)
+        history.surroundings.append([0.0, 0.0, 0.0])
         for name in effects:
-            ledger.entries[name].append(ledger.entries[name][-1])
-        ledger.fold(window, [(onset * FRAME_S, 200 * FRAME_S)])
-    assert min(ledger.frames) >= 200 and ledger.folded > onset
+            history.equations[name].append(history.equations[name][-1])
+        history.fold(window, [(onset * FRAME_S, 200 * FRAME_S)])
+    assert min(history.frames) >= 200 and history.folded > onset
 
 
-def told_of(frames: int, *, baseline: bool = True) -> Ledger:
+def told_of(frames: int, *, baseline: bool = True) -> BalanceHistory:
     """Frames from the eleventh on, each of rows about other coefficients than the unit's."""
     unit, rng = Unit.load("axis_a"), np.random.default_rng(13)
     unit.baseline = Baseline(version="", seconds=1.0, balances={}) if baseline else None
-    ledger = Ledger(unit, {name: first_effects(name) for name in BALANCES})
-    ledger.frames, ledger.last, ledger.taken = list(range(10, 10 + frames)), 9 + frames, frames
-    ledger.surroundings = [[0.0, 0.0, 0.0]] * frames
-    for name, e in ledger.effects.items():
+    history = BalanceHistory(unit, {name: first_effects(name) for name in BALANCES})
+    history.frames, history.last, history.taken = list(range(10, 10 + frames)), 9 + frames, frames
+    history.surroundings = [[0.0, 0.0, 0.0]] * frames
+    for name, e in history.effects.items():
         for _ in range(frames):
             x = rng.normal(size=(30, e.mean.size)) / np.sqrt(np.diag(e.covariance))
             b = e.mean + np.sqrt(np.diag(e.covariance)) * rng.normal(size=e.mean.size)
-            ledger.entries[name].append(Entry(x.T @ x, x.T @ x @ b, 30.0, 1.0))
-    return ledger
+            history.equations[name].append(NormalEquations(x.T @ x, x.T @ x @ b, 30.0, 1.0))
+    return history
 
 
-def learnt(ledger: Ledger, frames: Sequence[int], name: str) -> tuple[Array, Array]:
+def learnt(history: BalanceHistory, frames: Sequence[int], name: str) -> tuple[Array, Array]:
     """Mean and covariance of the unit's own prior and some frames, by one batch."""
-    e = ledger.effects[name]
+    e = history.effects[name]
     information, vector = np.linalg.inv(e.covariance), np.linalg.solve(e.covariance, e.mean)
     for frame in frames:
-        m, v = ledger.entries[name][frame - 10][:2]
+        m, v = history.equations[name][frame - 10][:2]
         wide, kept = widened(m, v, e.wander)
         information, vector = information + wide, vector + kept
     covariance = np.linalg.inv(information)
@@ -316,67 +320,73 @@ def learnt(ledger: Ledger, frames: Sequence[int], name: str) -> tuple[Array, Arr
 
 
 def test_after_a_stop_a_unit_is_held_against_its_baseline_again() -> None:
-    ledger = told_of(33)
-    ledger.folded = 7
-    sums = {n: sum(m for m, _ in ledger._widened(n)) for n in BALANCES}
-    ledger.begin_anew([(6.0, 9.0)], 10)
-    assert ledger.frames == [] and not any(ledger.entries.values())
-    assert ledger.reference is ledger.effects and ledger.folded == 0
-    assert ledger.taken == 40, "the next frame is the first that is looked at together with others"
-    kept = ledger.epochs._told[-1]
+    history = told_of(33)
+    history.folded = 7
+    sums = {n: sum(m for m, _ in history._widened(n)) for n in BALANCES}
+    history.begin_anew([(6.0, 9.0)], 10)
+    assert history.frames == [] and not any(history.equations.values())
+    assert history.reference is history.effects and history.folded == 0
+    assert history.taken == 40, "the next frame is the first that is looked at together with others"
+    kept = history.epochs._told[-1]
     for name, total in sums.items():
         np.testing.assert_allclose(kept[name][0], total, err_msg="its life has them all, whatever stood")
 
 
 def test_a_unit_of_which_nothing_else_is_known_is_held_against_its_healthy_frames() -> None:
-    ledger = told_of(20, baseline=False)
-    ledger.folded = 7
+    history = told_of(20, baseline=False)
+    history.folded = 7
     healthy = [h for h in range(10, 30) if not 6.0 <= h * FRAME_S < 9.0]
-    expected = {name: learnt(ledger, healthy, name) for name in BALANCES}
-    ledger.begin_anew([(6.0, 9.0)], 10)
-    assert ledger.frames == [] and ledger.folded == 7 and ledger.taken == 20
+    expected = {name: learnt(history, healthy, name) for name in BALANCES}
+    history.begin_anew([(6.0, 9.0)], 10)
+    assert history.frames == [] and history.folded == 7 and history.taken == 20
     for name, (mean, covariance) in expected.items():
-        found = ledger.reference[name]
+        found = history.reference[name]
         np.testing.assert_allclose(found.mean, mean, rtol=1e-6, atol=1e-9, err_msg=name)
         np.testing.assert_allclose(found.covariance, covariance, rtol=1e-6, atol=1e-12, err_msg=name)
 
 
 def test_a_fault_that_stands_is_held_against_what_came_before_it_after_a_stop_too() -> None:
-    ledger = told_of(33)
-    ledger.begin_anew([(1.0, 2.0), (8.0, np.inf)], 10)
-    assert ledger.frames == list(range(10, 43)) and ledger.taken == 40
-    assert ledger.reference is ledger.effects
+    history = told_of(33)
+    history.begin_anew([(1.0, 2.0), (8.0, np.inf)], 10)
+    assert history.frames == list(range(10, 43)) and history.taken == 40
+    assert history.reference is history.effects
 
 
 def test_a_stop_is_ten_minutes_or_more_without_a_frame() -> None:
-    ledger = told_of(5)
-    assert ledger.last == 14
-    assert not ledger.stopped(14 + round(600.0 / FRAME_S)) and ledger.stopped(15 + round(600.0 / FRAME_S))
-    assert not Ledger(ledger.unit, ledger.effects).stopped(5000), "nothing came before the first frame"
+    history = told_of(5)
+    assert history.last == 14
+    assert not history.stopped(14 + round(600.0 / FRAME_S)) and history.stopped(15 + round(600.0 / FRAME_S))
+    assert not BalanceHistory(history.unit, history.effects).stopped(5000), (
+        "nothing came before the first frame"
+    )
 
 
 def test_a_stretch_that_is_forgotten_leaves_the_other_frames_as_they_were() -> None:
-    ledger, whole = told_of(12), told_of(12)
-    ledger.widened()
-    ledger.forget(6.0, 8.5)
-    assert ledger.frames == [10, 11, *range(17, 22)], "with its first frame, without the one at its end"
-    keep = np.array(ledger.frames) - 10
-    for name, parts in ledger.widened().items():
+    history, whole = told_of(12), told_of(12)
+    history.widened()
+    history.forget(6.0, 8.5)
+    assert history.frames == [10, 11, *range(17, 22)], "with its first frame, without the one at its end"
+    keep = np.array(history.frames) - 10
+    for name, parts in history.widened().items():
         for one, other in zip(parts, whole.widened()[name], strict=True):
             np.testing.assert_array_equal(one, other[keep])
 
 
 def test_a_frames_misfit_is_how_many_usual_changes_it_is_off() -> None:
     """Known sharply: the root mean square of its coefficients' own distances; known badly: next to none."""
-    ledger = told_of(1)
-    for name, e in ledger.effects.items():
+    history = told_of(1)
+    for name, e in history.effects.items():
         usual = np.hypot(e.wander, np.sqrt(np.diag(e.covariance)))
         signs = np.where(np.arange(e.mean.size) % 2, 1.0, -1.0)
         off = e.mean + 3.0 * usual * signs
         sharp, blurred = (np.diag(k / usual**2) for k in (1e6, 1e-3))
-        told = [Entry(sharp, sharp @ off, 30.0, 1.0), Entry(sharp, sharp @ e.mean, 30.0, 1.0),
-                Entry(blurred, blurred @ off, 30.0, 1.0), Entry(sharp, sharp @ off, 0.0, 1.0)]  # fmt: skip
-        far, near, unknown, nothing = ledger._misfit(name, told)
+        told = [
+            NormalEquations(sharp, sharp @ off, 30.0, 1.0),
+            NormalEquations(sharp, sharp @ e.mean, 30.0, 1.0),
+            NormalEquations(blurred, blurred @ off, 30.0, 1.0),
+            NormalEquations(sharp, sharp @ off, 0.0, 1.0),
+        ]
+        far, near, unknown, nothing = history._misfit(name, told)
         assert far == pytest.approx(3.0, rel=1e-3), name
         assert near == pytest.approx(0.0, abs=1e-6) and unknown < 0.1 and np.isnan(nothing)
 
@@ -387,24 +397,24 @@ def test_a_healthy_frames_misfit_is_about_one(sharpness: float, overdispersion: 
     """Test: coefficients drawn from the unit's prior, vectors with errors as large as the information says,
     or as the baseline's stretches scatter. Expected: mean square one, within four standard errors of 3 %."""
     unit, rng = Unit.load("axis_a"), np.random.default_rng(5)
-    ledger = Ledger(unit, {name: first_effects(name) for name in BALANCES})
-    e = ledger.effects["reservoir"]
+    history = BalanceHistory(unit, {name: first_effects(name) for name in BALANCES})
+    e = history.effects["reservoir"]
     usual = np.hypot(e.wander, np.sqrt(np.diag(e.covariance)))
     m = np.diag(sharpness / usual**2)
-    ledger.effects["reservoir"] = replace(e, information=m, scatter=overdispersion * m)
+    history.effects["reservoir"] = replace(e, information=m, scatter=overdispersion * m)
     wanders, errs = rng.normal(size=(2, 500, usual.size))
     off = usual * wanders + errs / np.sqrt(np.diag(m))
-    frames = [Entry(m, m @ (e.mean + np.sqrt(overdispersion) * d), 30.0, 1.0) for d in off]
-    assert np.mean(np.square(ledger._misfit("reservoir", frames))) == pytest.approx(1.0, abs=0.12)
+    frames = [NormalEquations(m, m @ (e.mean + np.sqrt(overdispersion) * d), 30.0, 1.0) for d in off]
+    assert np.mean(np.square(history._misfit("reservoir", frames))) == pytest.approx(1.0, abs=0.12)
 
 
 def test_misfits_are_told_at_the_ends_of_frames() -> None:
     unit = Unit.load("axis_a")
     rows = np.full((3 * FRAME_BINS, len(COLUMNS)), np.nan)
-    ledger = Ledger(unit, {name: first_effects(name) for name in BALANCES})
-    assert [len(x) for x in ledger.misfits()] == [0, 0, 0]
-    ledger.push(40, rows)
-    ends, names, values = ledger.misfits()
+    history = BalanceHistory(unit, {name: first_effects(name) for name in BALANCES})
+    assert [len(x) for x in history.misfits()] == [0, 0, 0]
+    history.push(40, rows)
+    ends, names, values = history.misfits()
     np.testing.assert_allclose(ends, [20.5, 21.0, 21.5])
     assert names == [] and values.shape == (3, 0), "no balance said anything"
 
@@ -412,34 +422,37 @@ def test_misfits_are_told_at_the_ends_of_frames() -> None:
 @pytest.mark.parametrize(("rho", "worth"), [(0.0, 1.0), (0.5, 3.0), (0.8, 9.0)])
 def test_rows_that_hang_together_are_worth_fewer(rho: float, worth: float) -> None:
     """A mean of n errors of a first-order autoregression varies by (1 + rho) / (1 - rho) of σ² / n."""
-    rng, account = np.random.default_rng(14), Account(BALANCES["force"], first_effects("force"))
-    n, sigma, found = account.size, 40.0, []
+    rng, regression = (
+        np.random.default_rng(14),
+        RegressionAccumulator(BALANCES["force"], first_effects("force")),
+    )
+    n, sigma, found = regression.size, 40.0, []
     for _ in range(60):
         error = np.zeros(FRAME_BINS)
         for k in range(FRAME_BINS):
             before = error[k - 1] if k else rng.normal() * sigma
             error[k] = rho * before + np.sqrt(1.0 - rho**2) * sigma * rng.normal()
         x = rng.normal(size=(FRAME_BINS, n))
-        found.append(account._coloured(np.column_stack([x, 100.0 * x.sum(axis=1) + error])))
+        found.append(regression._coloured(np.column_stack([x, 100.0 * x.sum(axis=1) + error])))
     assert np.median(found[20:]) == pytest.approx(worth * sigma**2, rel=0.2)
-    assert len(account.recent) == 20, "ten seconds of them"
-    assert account._coloured(np.zeros((FRAME_BINS, n + 1))) >= account.least > 0.0
+    assert len(regression.recent) == 20, "ten seconds of them"
+    assert regression._coloured(np.zeros((FRAME_BINS, n + 1))) >= regression.least > 0.0
 
 
 def test_state_goes_on_with_the_same_frames() -> None:
-    """Every part of an account that a later frame depends on is in the state."""
+    """Every part of an regression that a later frame depends on is in the state."""
     unit, rng = Unit.load("axis_a"), np.random.default_rng(11)
     effects: dict[str, Effects] = {name: first_effects(name) for name in BALANCES}
-    one, other = Ledger(unit, effects), Ledger(unit, effects)
+    one, other = BalanceHistory(unit, effects), BalanceHistory(unit, effects)
 
-    def feed(ledger: Ledger, seed: int) -> None:
+    def feed(history: BalanceHistory, seed: int) -> None:
         rng = np.random.default_rng(seed)
         for name, balance in BALANCES.items():
             for _ in range(4):
                 y, x, ok = of_frame(rng, _design(name))
-                ledger.entries[name] += ledger.accounts[name].frames([Strand(y, x, ok)])
+                history.equations[name] += history.regressions[name].equations([RegressionBlock(y, x, ok)])
             assert balance.name == name
-        ledger.frames += [len(ledger.frames) + k for k in range(4)]
+        history.frames += [len(history.frames) + k for k in range(4)]
 
     feed(one, int(rng.integers(1000)))
     other.restore(one.state())
