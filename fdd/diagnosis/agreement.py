@@ -58,7 +58,7 @@ def believed(
     time = records["time"]
     if unit.baseline is None or not records.size:
         return out, why
-    told = [f for f in faults if f.confidence >= NAMED]
+    witnesses = [f for f in faults if f.confidence >= NAMED]
     level = "pressure_accumulator" in channels or {"pressure_1", "pressure_2"} <= set(channels)
     for name, healthy, section in (
         ("leakage", unit.pump.total_leakage / records["viscosity"], unit.pump),
@@ -75,14 +75,14 @@ def believed(
             value = np.maximum(mine.held, 1e-300)
             off = np.log(value / healthy)
             good = np.abs(off) <= left + SURE * np.hypot(mine.held_std / value, share)
-            for f in told:
+            for f in witnesses:
                 since = time >= f.onset_s
                 if name == "bulk_modulus":
                     good |= (f.fault == "aeration") & since & (off < 0.0)
                 elif f.fault in ACROSS:
                     most = healthy + 2.0 * (f.severity or 0.0) * Scales.of(unit).fault_leakage
                     good |= since & (off > 0.0) & (value < most)
-            for f in told if name == "leakage" else ():
+            for f in witnesses if name == "leakage" else ():
                 good &= (f.fault not in BESIDE) | (time < f.onset_s)
             why[name] = "it agrees neither with the healthy profile nor with a fault that was found"
         lost = ~good & np.isfinite(mine.held)

@@ -67,7 +67,7 @@ def fault_finding(found: Found, model: Model, *, onset: float, span: Span) -> Fa
     onset : s. span : frames of the evidence.
     """
     lead, h = found.lead, found.lead.hypothesis
-    likely = [int(k) for k in _likely(lead.profile / lead.kappa, lead.onsets)]
+    likely = [int(k) for k in _likely(lead.onset_gains / lead.overdispersion, lead.onsets)]
     detected = span.end
     interval = (
         round(min([onset, *(span.starts[k] for k in likely)]), 2),
@@ -86,7 +86,7 @@ def fault_finding(found: Found, model: Model, *, onset: float, span: Span) -> Fa
             ],
             next_check=fault("unknown").next_check,
         )  # fmt: skip
-    size = abs(lead.level)
+    size = abs(lead.active_amplitude)
     std = math.hypot(math.sqrt(lead.variance), model.calibration.severity_doubt * size)
     group = found.group
     share = sum(found.shares.get(f, 0.0) for f in group)
@@ -181,7 +181,7 @@ def invisible(evidence: Evidence, hypotheses: Sequence[Hypothesis], threshold: f
     out = []
     for name in (n for n in CATALOGUE if n in ways):
         least, h = max(ways[name], key=lambda way: way[0])
-        parts = [(_smaller(x), way.commonness) for x, way in ways[name]]
+        parts = [(_smaller(x), way.prior_weight) for x, way in ways[name]]
         said: dict[str, Any] = {"side": h.side, "channel": h.channel, "variant": h.variant}
         out.append(
             Invisible(

@@ -20,7 +20,7 @@ from fdd.residuals.effects import (
     usual_conditions,
     with_logs,
 )
-from fdd.residuals.normal_equations import widened
+from fdd.residuals.normal_equations import marginalised
 from fdd.samples import Samples
 from fdd.unit import BalanceBaseline, Baseline, Unit
 
@@ -121,13 +121,13 @@ def _balance(
 ) -> BalanceBaseline:  # fmt: skip
     information = np.linalg.inv(effects.known)
     vector = information @ effects.mean
-    told, scatter = np.zeros_like(information), np.zeros_like(information)
+    total, scatter = np.zeros_like(information), np.zeros_like(information)
     frames = np.sqrt(np.concatenate([s[r > 0] for _, _, r, s in sums]))
     levels, weights = frames, np.ones(frames.size)
     if old is not None:
         information = np.linalg.inv(np.array(old.covariance))
         vector = information @ np.array(old.mean)
-        told, scatter = (told + np.array(x) if x else told for x in (old.information, old.scatter))
+        total, scatter = (total + np.array(x) if x else total for x in (old.information, old.scatter))
         known = old.hop_noise or [old.noise]
         share_each = max(old.hops, 1) / len(known)
         levels, weights = np.append(frames, known), np.append(weights, np.full(len(known), share_each))
@@ -142,18 +142,18 @@ def _balance(
     for (m, v, _, variance), each in zip(sums, conditions, strict=True):
         spread = np.sqrt(effects.between_logs(each))
         share = np.minimum(variance / noise, 1.0)
-        m, v = widened(m * share[:, None, None], v * share[:, None], effects.wander)
+        m, v = marginalised(m * share[:, None, None], v * share[:, None], effects.wander)
         scores, over = scattered(m, v, effects)
-        told, scatter = told + m.sum(axis=0), scatter + scores
+        total, scatter = total + m.sum(axis=0), scatter + scores
         # A log that its law fits badly tells less of the unit than its rows say.
-        m, v = widened(m.sum(axis=0) / over, v.sum(axis=0) / over, spread)
+        m, v = marginalised(m.sum(axis=0) / over, v.sum(axis=0) / over, spread)
         information, vector = information + m, vector + v
     covariance = np.linalg.inv(information)
     return BalanceBaseline(
         columns=list(BALANCES[name].columns),
         mean=_rounded(covariance @ vector),
         covariance=[_rounded(row) for row in 0.5 * (covariance + covariance.T)],
-        information=[_rounded(row) for row in told],
+        information=[_rounded(row) for row in total],
         scatter=[_rounded(row) for row in scatter],
         noise=float(f"{np.sqrt(noise):.5g}"),
         hops=round(float(weights.sum())),
@@ -187,9 +187,9 @@ def structural_variance(
             solution = np.linalg.solve(total, moment.sum(axis=0) / found + prior * effects.mean)
             values, vectors = np.linalg.eigh(gram * std * std[:, None])
             turned = (np.swapaxes(vectors, -1, -2) @ ((moment - gram @ solution) * std)[..., None])[..., 0]
-            told = values > 1e-6 * values.max(axis=1, keepdims=True)
-            square = np.where(told, np.square(turned) / np.where(told, values, 1.0), 0.0)
-            squares.append(square.sum(axis=1) / told.sum(axis=1).clip(1))
+            identified = values > 1e-6 * values.max(axis=1, keepdims=True)
+            square = np.where(identified, np.square(turned) / np.where(identified, values, 1.0), 0.0)
+            squares.append(square.sum(axis=1) / identified.sum(axis=1).clip(1))
         found = max(float(np.median(np.concatenate(squares))), least)
     return found
 
@@ -207,8 +207,8 @@ def scattered(information: Array, vector: Array, effects: Effects) -> tuple[Arra
     starts = np.arange(0, len(rest), BLOCK_FRAMES)
     scores = np.add.reduceat(rest, starts, axis=0)
     squares = np.asarray(scores.T @ scores)
-    told = float(np.sum(inverse * total))
-    return squares, max(float(np.sum(inverse * squares)) / told, 1.0) if told > 0.0 else 1.0
+    freedom = float(np.sum(inverse * total))  # effective number of coefficients
+    return squares, max(float(np.sum(inverse * squares)) / freedom, 1.0) if freedom > 0.0 else 1.0
 
 
 def _rounded(values: NDArray[np.float64]) -> list[float]:

@@ -97,7 +97,7 @@ def decide(
         # What leads is what explains most, and well: a part of a large deviation may look surer than all.
         sure = [f for f in fits if f.score - against >= threshold]
         stand = [f for f in sure if f.hypothesis.label in standing and f.hypothesis.ends is None]
-        seed = max(stand or sure, key=lambda f: f.gain / np.sqrt(f.misfit))
+        seed = max(stand or sure, key=lambda f: f.gain / np.sqrt(f.reduced_chi_square))
         if stand:
             fits = [f for f in fits if abs(f.onset - seed.onset) <= TOGETHER_FRAMES]
         found.append(_isolated(evidence, seed, fits, score))
@@ -113,9 +113,9 @@ def _take_its_end(evidence: Evidence, found: list[Found]) -> None:
     whole = next(f for f in found if f.lead.hypothesis.fault == end.hypothesis.ends)
     others = [f.lead for f in found[:-1] if f is not whole]
     old = whole.lead
-    as_it_was = [(old.hypothesis, old.kind, old.onset, old.profile)]
+    as_it_was = [(old.hypothesis, old.kind, old.onset, old.onset_gains)]
     (whole.lead,) = evidence.fitted(as_it_was, [*others, end])
-    its_end = [(end_of(old.hypothesis, whole.lead.size), end.kind, end.onset, end.profile)]
+    its_end = [(end_of(old.hypothesis, whole.lead.size), end.kind, end.onset, end.onset_gains)]
     (found[-1].lead,) = evidence.fitted(its_end, [*others, whole.lead])
 
 
@@ -132,7 +132,9 @@ def _comes_along(fit: Amplitude, known: list[Amplitude]) -> bool:
         if fit.hypothesis.ends == n.hypothesis.fault:
             return True
         shared = set(n.hypothesis.columns) & set(fit.hypothesis.columns)
-        if (shared and fit.gain <= LAW_DOUBT**2 * n.gain) or abs(fit.level) < LAW_DOUBT * abs(n.level):
+        if shared and fit.gain <= LAW_DOUBT**2 * n.gain:
+            return True
+        if abs(fit.active_amplitude) < LAW_DOUBT * abs(n.active_amplitude):
             return True
     return False
 
@@ -142,8 +144,9 @@ def _usual(fit: Amplitude) -> float:
     if fit.hypothesis.ends is not None:
         return 1.0
     if not fit.hypothesis.signed:
-        return fit.hypothesis.commonness
-    return fit.hypothesis.commonness * fit.level * float(np.exp(-0.5 * np.square(fit.level / USUAL_SIZE)))
+        return fit.hypothesis.prior_weight
+    size = fit.active_amplitude
+    return fit.hypothesis.prior_weight * size * float(np.exp(-0.5 * np.square(size / USUAL_SIZE)))
 
 
 def _isolated(evidence: Evidence, seed: Amplitude, fits: list[Amplitude], score: float) -> Found:
@@ -152,7 +155,7 @@ def _isolated(evidence: Evidence, seed: Amplitude, fits: list[Amplitude], score:
     candidates = [f for f, c in zip(fits, alike.tolist(), strict=True) if c > ALIKE and f.gain > 0.0]
     gains = np.array([f.gain for f in candidates])
     # What laws leave unexplained is no evidence for one fault against another.
-    weight = np.exp((gains - gains.max()) / (seed.misfit + LAW_DOUBT**2 * gains.max()))
+    weight = np.exp((gains - gains.max()) / (seed.reduced_chi_square + LAW_DOUBT**2 * gains.max()))
     weight *= np.array([_usual(f) for f in candidates])
     weight /= weight.sum()
     shares: dict[str, float] = {}

@@ -1,8 +1,8 @@
 """How strongly the balances speak for each fault, over every onset.
 
-A fault adds its amplitude ``a`` times its columns ``G`` times its course ``φ`` to the balances' coefficients.
-With what held before integrated out, its amplitude has information ``λ`` and score ``b``, and by sums over
-frames every onset costs the same:
+A fault adds its amplitude ``a`` times its columns ``G`` times its time profile ``φ`` to the balances'
+coefficients. With the coefficients before the onset marginalised, its amplitude has information ``λ`` and
+score ``b``, and by sums over frames every onset costs the same:
 
     λ = Gᵀ[Σφ²M - (ΣφM) T (ΣφM)]G,   b = Gᵀ[Σφm - (ΣφM) T (P⁻¹μ + Σm)],   T = (P⁻¹ + ΣM)⁻¹
 
@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from fdd.diagnosis.departures import VAGUE, changes, departures
 from fdd.diagnosis.fitting import (
     GREATEST,
-    Explained,
+    BalancePosterior,
     Fit,
     Parts,
     Stretches,
@@ -51,17 +51,17 @@ reference for itself."""
 
 @dataclass
 class Amplitude(Fit):
-    """A hypothesis with its course, fitted: what the decision needs of it."""
+    """A hypothesis with its time profile, fitted: what the decision needs of it."""
 
     hypothesis: Hypothesis
-    course: Array  # (h,)
+    time_profile: Array  # (h,)
     kind: str  # step, ramp or drift
     onset: int
-    profile: Array  # (k,) gain over onsets
+    onset_gains: Array  # (k,) gain over onsets
     onsets: Array  # (k,)
 
 
-def course_of(kind: str, frames: int, onset: int) -> Array:
+def time_profile_of(kind: str, frames: int, onset: int) -> Array:
     """φ of a step, ramp or drift from a frame on, (frames,)."""
     since = np.arange(frames) - onset
     if kind == "ramp":
@@ -72,7 +72,8 @@ def course_of(kind: str, frames: int, onset: int) -> Array:
 
 
 class Sums:
-    """Sums over frames of (h, …) times a course or its square, for a course from every onset on, (k, …).
+    """Sums over frames of (h, …) times a time profile or its square, for a time profile from every onset on,
+    (k, …).
 
     They are sums of sums, so that every onset costs the same.
     """
@@ -148,7 +149,7 @@ class Evidence:
     ) -> None:
         self.alone: list[Amplitude] = []
         self.stretches = stretches
-        self.balances = {name: Explained(m, v, effects[name]) for name, (m, v) in frames.items()}
+        self.balances = {name: BalancePosterior(m, v, effects[name]) for name, (m, v) in frames.items()}
         self.frames = max((len(m) for m, _ in frames.values()), default=0)
         inside = np.arange(LEAST_BEFORE * stretches.frames, self.frames - LEAST_AFTER)
         first = [0] if from_start and self.frames > LEAST_AFTER else []
@@ -159,24 +160,24 @@ class Evidence:
         return any(name in self.balances for name in h.columns)
 
     def fits(self, hypotheses: Sequence[Hypothesis], known: Sequence[Amplitude]) -> list[Amplitude]:
-        """Hypotheses at their likeliest onsets and courses, beside faults that are known already; those that
-        would explain nothing are left out."""
-        told = [h for h in hypotheses if self.shared(h)]
-        if not told or not self.onsets.size:
+        """Hypotheses at their likeliest onsets and time profiles, beside faults that are known already; those
+        that would explain nothing are left out."""
+        testable = [h for h in hypotheses if self.shared(h)]
+        if not testable or not self.onsets.size:
             return []
-        best: list[tuple[float, str, Array]] = [(0.0, "", self.onsets)] * len(told)
-        for kind, (mine, gains) in self._gains(told, known).items():
+        best: list[tuple[float, str, Array]] = [(0.0, "", self.onsets)] * len(testable)
+        for kind, (mine, gains) in self._gains(testable, known).items():
             for i, gain in zip(mine, gains, strict=True):
                 if gain.max() > (1.0 + 1e-9) * best[i][0]:  # of two that tell the same, the simpler one
                     best[i] = float(gain.max()), kind, gain
         found = [
             (h, kind, int(self.onsets[_likeliest(gain)]), gain)
-            for h, (most, kind, gain) in zip(told, best, strict=True)
+            for h, (most, kind, gain) in zip(testable, best, strict=True)
             if most > 0.0
         ]
         early = self.fitted([x for x in found if x[2] == 0], known)
         late = self.fitted([x for x in found if x[2] > 0], known)
-        order = {id(h): i for i, h in enumerate(told)}
+        order = {id(h): i for i, h in enumerate(testable)}
         fits = sorted([*early, *late], key=lambda f: order[id(f.hypothesis)])
         if not known:
             self.alone = fits
@@ -185,9 +186,10 @@ class Evidence:
     def _gains(
         self, hypotheses: Sequence[Hypothesis], known: Sequence[Amplitude]
     ) -> dict[str, tuple[Indices, Array]]:
-        """Which hypotheses may take each course, and what they would gain from every onset on, (f, k)."""
+        """Which hypotheses may take each time profile, and what they would gain from every onset on, (f,
+        k)."""
         scale, signed = (np.array([getattr(h, x) for h in hypotheses]) for x in ("scale", "signed"))
-        takes = {kind: np.array([kind in h.courses for h in hypotheses]) for kind in KINDS}
+        takes = {kind: np.array([kind in h.time_profiles for h in hypotheses]) for kind in KINDS}
         lam = {kind: np.tile(1.0 / scale**2, (self.onsets.size, 1)) for kind in KINDS}
         b = {kind: np.zeros_like(lam[kind]) for kind in KINDS}
         for name, e in self.balances.items():
@@ -195,10 +197,10 @@ class Evidence:
             if not mine.size:
                 continue
             columns = np.array([h.columns[name] for h in hypotheses if name in h.columns])
-            pulled = np.moveaxis(e.pulled(columns), 0, 1)  # (h, f, n)
-            own = Sums(np.einsum("hfn,fn->hf", pulled, columns))
+            contribution = np.moveaxis(e.score_contribution(columns), 0, 1)  # (h, f, n)
+            own = Sums(np.einsum("hfn,fn->hf", contribution, columns))
             # The log's own solution gives way: the square root of its covariance goes in before the sums.
-            given = Sums(pulled @ e.root)
+            given = Sums(contribution @ e.root)
             scores = Sums((e.rest - self._moved(name, known)) @ columns.T)
             for kind in KINDS:
                 k = takes[kind][mine]
@@ -217,12 +219,14 @@ class Evidence:
     def _moved(self, name: str, known: Sequence[Amplitude]) -> Array | float:
         """What known faults add to a balance's frames, less what the log's solution takes up, (h, n)."""
         e = self.balances[name]
-        pulled = sum(
-            n.course[:, None] * e.pulled(n.hypothesis.columns[name] * n.size)
+        added = sum(
+            n.time_profile[:, None] * e.score_contribution(n.hypothesis.columns[name] * n.size)
             for n in known
             if name in n.hypothesis.columns
         )
-        return pulled if isinstance(pulled, int) else pulled - e.pulled(e.inverse @ pulled.sum(axis=0))
+        return (
+            added if isinstance(added, int) else added - e.score_contribution(e.inverse @ added.sum(axis=0))
+        )
 
     def unexplained(self, found: Amplitude, known: Sequence[Amplitude]) -> float:
         """What any change of a finding's balances would gain from its onset on, beside all that was found and
@@ -235,32 +239,33 @@ class Evidence:
             if name not in self.balances:
                 continue
             e = self.balances[name]
-            s = e.told(found.course)
-            left = found.course @ (e.rest - self._moved(name, known))
-            changed = changes(e, np.einsum("h,hij->ij", found.course, e.information)[None])[0]
+            s = e.schur_complement(found.time_profile)
+            left = found.time_profile @ (e.rest - self._moved(name, known))
+            changed = changes(e, np.einsum("h,hij->ij", found.time_profile, e.information)[None])[0]
             usual = np.diag(e.healthy.covariance if found.onset == 0 else changed)
             wide, own = (
                 np.linalg.solve(np.eye(left.size) + v[:, None] * s, np.diag(v))
                 for v in (np.diag(e.healthy.covariance) * FREE_SPREAD**2 + usual, usual)
             )
             beyond = wide - own
-            total += 0.5 * float(left @ beyond @ left - max(found.misfit, 1.0) * np.trace(beyond @ s))
+            by_chance = max(found.reduced_chi_square, 1.0) * np.trace(beyond @ s)
+            total += 0.5 * float(left @ beyond @ left - by_chance)
         return total
 
     def fitted(
         self, found: Sequence[tuple[Hypothesis, str, int, Array]], known: Sequence[Amplitude]
     ) -> list[Amplitude]:
-        """Hypotheses with given courses, beside faults that are known.
+        """Hypotheses with given time profiles, beside faults that are known.
 
         Parameters
         ----------
-        found : hypothesis, kind of course, onset (0 for all, or for none) and gain over onsets.
+        found : hypothesis, kind of time profile, onset (0 for all, or for none) and gain over onsets.
         """
         if not found:
             return []
         others = [n.hypothesis for n in known]
-        first = np.array([course_of(kind, self.frames, onset) for _, kind, onset, _ in found])
-        courses = np.stack([first, *(np.tile(n.course, (len(found), 1)) for n in known)], axis=1)
+        first = np.array([time_profile_of(kind, self.frames, onset) for _, kind, onset, _ in found])
+        time_profiles = np.stack([first, *(np.tile(n.time_profile, (len(found), 1)) for n in known)], axis=1)
         columns = {}
         for name, e in self.balances.items():
             none = np.zeros(e.solution.size)
@@ -268,13 +273,13 @@ class Evidence:
             if np.any(rows):
                 columns[name] = np.array(rows)
         scales = np.array([[p.scale for p in (h, *others)] for h, *_ in found])
-        parts = Parts(columns, courses, scales, np.array([h.signed for h, *_ in found]))
+        parts = Parts(columns, time_profiles, scales, np.array([h.signed for h, *_ in found]))
         out = []
         fits = fit(self.balances, parts, from_start=found[0][2] == 0, stretches=self.stretches)
-        for (h, kind, onset, gain), course, f in zip(found, first, fits, strict=True):
-            f.score += float(np.log(h.commonness))
-            out.append(Amplitude(**vars(f), hypothesis=h, course=course, kind=kind, onset=onset, profile=gain,
-                                 onsets=self.onsets))  # fmt: skip
+        for (h, kind, onset, gain), time_profile, f in zip(found, first, fits, strict=True):
+            f.score += float(np.log(h.prior_weight))
+            out.append(Amplitude(**vars(f), hypothesis=h, time_profile=time_profile, kind=kind, onset=onset,
+                                 onset_gains=gain, onsets=self.onsets))  # fmt: skip
         return out
 
     def least_visible(self, hypotheses: Sequence[Hypothesis], onset: int, score: float) -> Array:
@@ -285,36 +290,38 @@ class Evidence:
         mine = np.array([k for k, h in enumerate(hypotheses) if self.shared(h)], dtype=np.int64)
         if not mine.size or not self.onsets.size:
             return out
-        told = [hypotheses[k] for k in mine.tolist()]
+        testable = [hypotheses[k] for k in mine.tolist()]
         onset = int(self.onsets[np.argmin(np.abs(self.onsets - onset))])
         columns = {}
         for name, e in self.balances.items():
-            rows = [[h.columns.get(name, np.zeros(e.solution.size))] for h in told]
+            rows = [[h.columns.get(name, np.zeros(e.solution.size))] for h in testable]
             if np.any(rows):
                 columns[name] = np.array(rows)
-        kappa = known_scatter(self.balances, {name: g[:, 0] for name, g in columns.items()})
-        kappa = np.maximum(kappa, self.stretches.least)
-        courses = np.tile(course_of("step", self.frames, onset), (len(told), 1, 1))
-        scale, commonness = (np.array([getattr(h, x) for h in told]) for x in ("scale", "commonness"))
-        parts = Parts(columns, courses, np.full((len(told), 1), VAGUE), np.array([h.signed for h in told]))
-        found = departures(self.balances, parts, kappa, from_start=onset == 0)
-        likely = quasi_likely(self.balances, parts, kappa, from_start=onset == 0)
-        blocks = np.full(len(told), (self.frames - onset) / self.stretches.frames)
+        overdispersion = known_scatter(self.balances, {name: g[:, 0] for name, g in columns.items()})
+        overdispersion = np.maximum(overdispersion, self.stretches.least)
+        time_profiles = np.tile(time_profile_of("step", self.frames, onset), (len(testable), 1, 1))
+        scale, prior_weight = (np.array([getattr(h, x) for h in testable]) for x in ("scale", "prior_weight"))
+        parts = Parts(
+            columns, time_profiles, np.full((len(testable), 1), VAGUE), np.array([h.signed for h in testable])
+        )
+        found = departures(self.balances, parts, overdispersion, from_start=onset == 0)
+        likely = quasi_likely(self.balances, parts, overdispersion, from_start=onset == 0)
+        blocks = np.full(len(testable), (self.frames - onset) / self.stretches.frames)
         # Half of an amplitude's square times this is its score, but for what it is taken off.
-        worth = log_odds(likely.information, blocks, np.zeros_like(kappa))
-        wanted = score + 0.5 * np.log1p(scale**2 * found.information) - np.log(commonness)
+        worth = log_odds(likely.information, blocks, np.zeros_like(overdispersion))
+        wanted = score + 0.5 * np.log1p(scale**2 * found.information) - np.log(prior_weight)
         least = np.sqrt(2.0 * wanted.clip(0.0) / worth.clip(1e-300))
         out[mine] = least + NINE_IN_TEN / np.sqrt(found.information)
         return out
 
     def correlations(self, one: Amplitude, others: Sequence[Hypothesis]) -> Array:
-        """How alike other hypotheses' columns are over the course of a fitted one: 0 to 1, (f,)."""
+        """How alike other hypotheses' columns are over the time profile of a fitted one: 0 to 1, (f,)."""
         cross, own, theirs = np.zeros(len(others)), 1e-12, np.full(len(others), 1e-12)
         for name, e in self.balances.items():
             none = np.zeros(e.solution.size)
             g = one.hypothesis.columns.get(name, none)
             f = np.array([h.columns.get(name, none) for h in others])
-            s = e.told(one.course)
+            s = e.schur_complement(one.time_profile)
             own += float(g @ s @ g)
             theirs += np.einsum("fi,ij,fj->f", f, s, f)
             cross += f @ s @ g

@@ -75,8 +75,8 @@ class Lookout:
         """s; where the frames after it are no longer kept, as it was told before."""
         k = found.lead.onset
         onset = max(span.starts[k], first)
-        told, _ = self.standing.now.get(_family(found), (None, 0))
-        return min(onset, told.onset_s) if told is not None and span.lost(k) else onset
+        known, _ = self.standing.now.get(_family(found), (None, 0))
+        return min(onset, known.onset_s) if known is not None and span.lost(k) else onset
 
     def take(self, look: Look, oldest: float) -> tuple[list[FaultFinding], list[tuple[float, float]]]:
         """Let a look count; see `Standing.take`."""

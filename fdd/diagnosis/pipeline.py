@@ -227,7 +227,7 @@ class Pipeline:
         """Evidence now, older frames being the reference, and what it says; see `Lookout.look`."""
         history = self._history
         start = history.fold(WINDOW_FRAMES, self._acute.standing.spans())
-        evidence = Evidence(history.widened(), history.held_against(), from_start=start == 0)
+        evidence = Evidence(history.marginalised(), history.held_against(), from_start=start == 0)
         starts = [h * FRAME_S for h in history.frames]
         return self._acute.look(evidence, Span(starts, starts[-1] + FRAME_S), self._first_time, even=even)
 
@@ -253,7 +253,7 @@ class Pipeline:
         self._epochs = epochs.completed
         starts = epochs.starts().tolist()
         effects = epochs.effects(self._effects)
-        evidence = Evidence(epochs.widened(effects), effects, from_start=False, stretches=EPOCHS)
+        evidence = Evidence(epochs.marginalised(effects), effects, from_start=False, stretches=EPOCHS)
         span = Span(starts, self._acute.at, "flights or hours in motion", None)
         look = self._slow.look(evidence, span, self._first_time)
         seen = set(self._acute.standing.now)
@@ -336,8 +336,8 @@ class Pipeline:
         """Why "healthy" would say too much."""
         if len(self._history.frames) < LEAST_FRAMES:
             return [f"{duration:.1f} s of data; a verdict needs {LEAST_FRAMES * FRAME_S:.0f} s or more"]
-        told = sum(float(e[2]) for e in self._history.equations["volume"])
-        if told < LEAST_FRAMES * FRAME_BINS * 0.25:
+        rows = sum(float(e.rows) for e in self._history.equations["volume"])
+        if rows < LEAST_FRAMES * FRAME_BINS * 0.25:
             return ["the log hardly moves or loads the actuator: its balances say nothing of its health"]
         return []
 

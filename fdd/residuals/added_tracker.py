@@ -112,7 +112,7 @@ class AddedTracker:
         self._started = False
         self._last_input: Array = np.empty(0)
         self._times = array("d")
-        self._told = {name: array("d") for name in OBSERVABLE}  # value and deviation in turns
+        self._quantities = {name: array("d") for name in OBSERVABLE}  # value and deviation in turns
 
     def push(self, first: int, bins: Array) -> None:
         """Take bins of whole frames.
@@ -184,16 +184,16 @@ class AddedTracker:
         covariance = np.asarray(tracker.filter.P, dtype=np.float64)
         if not (np.isfinite(x).all() and np.isfinite(covariance).all()):
             raise ArithmeticError("its state is no longer finite")
-        told = {name: _told(f, x, covariance) for name, f in tracker.quantities.items()}
+        found = {name: _value_and_std(f, x, covariance) for name, f in tracker.quantities.items()}
         self._times.append(time)
         for name in OBSERVABLE:
-            self._told[name].extend(told.get(name, (np.nan, np.nan)))
+            self._quantities[name].extend(found.get(name, (np.nan, np.nan)))
 
     def last(self) -> dict[str, tuple[float, float]]:
         """Quantities that it tells, to value and standard deviation (SI) at the end; empty where it ended."""
         if self.problem is not None:
             return {}
-        found = {name: (pairs[-2], pairs[-1]) for name, pairs in self._told.items() if pairs}
+        found = {name: (pairs[-2], pairs[-1]) for name, pairs in self._quantities.items() if pairs}
         return {name: pair for name, pair in found.items() if np.isfinite(pair).all()}
 
     def over(self, time: Array) -> tuple[dict[str, Array], dict[str, Array]]:
@@ -201,7 +201,7 @@ class AddedTracker:
         values: dict[str, Array] = {}
         stds: dict[str, Array] = {}
         at = np.array(self._times)
-        for name, pairs in self._told.items():
+        for name, pairs in self._quantities.items():
             table = np.array(pairs).reshape(-1, 2)
             if np.isfinite(table).any():
                 for out, column in ((values, table[:, 0]), (stds, table[:, 1])):
@@ -209,7 +209,7 @@ class AddedTracker:
         return values, stds
 
 
-def _told(quantity: Callable[[Array], float], x: Array, covariance: Array) -> tuple[float, float]:
+def _value_and_std(quantity: Callable[[Array], float], x: Array, covariance: Array) -> tuple[float, float]:
     """A function of the state, and its standard deviation to first order."""
     gradient = np.zeros(x.size)
     for k in range(x.size):

@@ -12,7 +12,7 @@ from fdd.residuals.balances import BALANCES
 from fdd.residuals.bins import COLUMNS, FRAME_BINS, FRAME_S, STOP_S, TAIL_BINS
 from fdd.residuals.effects import Effects, LogConditions, viscous_change, with_logs
 from fdd.residuals.epochs import Epochs
-from fdd.residuals.normal_equations import NormalEquations, widened
+from fdd.residuals.normal_equations import NormalEquations, marginalised
 from fdd.residuals.quantities import Quantities, Scales, settled
 from fdd.residuals.regression_accumulator import RECENT_FRAMES, RegressionAccumulator
 from fdd.unit import Unit
@@ -21,7 +21,7 @@ Array = NDArray[np.float64]
 
 HISTORY = 7200
 """Frames whose misfit is remembered: an hour."""
-LEAST_TOLD = 1e-3
+LEAST_INFORMATION = 1e-3
 """Of a coefficient's prior, what a frame must tell of all of them together."""
 HEAT_K = 10.0
 """K that `LogConditions.heat` counts in."""
@@ -46,7 +46,7 @@ class BalanceHistory:
         self.tail = np.full((TAIL_BINS, len(COLUMNS)), np.nan)
         self.frames: list[int] = []
         self.equations: dict[str, list[NormalEquations]] = {name: [] for name in BALANCES}
-        self._wide: dict[str, list[tuple[Array, Array]]] = {name: [] for name in BALANCES}
+        self._marginal: dict[str, list[tuple[Array, Array]]] = {name: [] for name in BALANCES}
         self.surroundings: list[list[float]] = []
         """Of each frame kept, the last three of `LogConditions`."""
         self.reference = effects
@@ -65,12 +65,12 @@ class BalanceHistory:
         """Information (h, n, n), vector (h, n), rows (h,) and variance (h,) of each balance."""
         return {name: _stacked(self._settled(name), len(BALANCES[name].columns)) for name in BALANCES}
 
-    def widened(self) -> dict[str, tuple[Array, Array]]:
-        """Information (h, n, n) and vector (h, n), widened by what wanders from frame to frame, of each
-        balance that tells anything."""
+    def marginalised(self) -> dict[str, tuple[Array, Array]]:
+        """Information (h, n, n) and vector (h, n) of each informative balance, the coefficients' wander from
+        frame to frame marginalised."""
         out = {}
         for name in BALANCES:
-            wide = self._widened(name)
+            wide = self._marginalised(name)
             if any(e.rows for e in self.equations[name]):
                 out[name] = np.array([m for m, _ in wide]), np.array([v for _, v in wide])
         return out
@@ -97,13 +97,13 @@ class BalanceHistory:
             for name, e in self.effects.items()
         }
 
-    def _widened(self, name: str) -> list[tuple[Array, Array]]:
-        """Of every frame, worked out once."""
-        wide = self._wide[name]
+    def _marginalised(self, name: str) -> list[tuple[Array, Array]]:
+        """Information and vector of every frame, the wander marginalised; worked out once."""
+        wide = self._marginal[name]
         fresh = self._settled(name)[len(wide) :]
         if fresh:
             information, vector = np.array([e[0] for e in fresh]), np.array([e[1] for e in fresh])
-            wide.extend(zip(*widened(information, vector, self.reference[name].wander), strict=True))
+            wide.extend(zip(*marginalised(information, vector, self.reference[name].wander), strict=True))
         return wide
 
     def push(self, first: int, bins: Array) -> None:
@@ -137,7 +137,7 @@ class BalanceHistory:
             equations = self.regressions[name].equations(blocks)
             self.equations[name] += equations
             if early:
-                self._wide[name] = []
+                self._marginal[name] = []
                 if not self._early(name):
                     self.equations[name] = self._shared(name)
             misfits[:, b] = self._misfit(name, equations)
@@ -168,13 +168,13 @@ class BalanceHistory:
         e = self.effects[name]
         spread = np.hypot(e.wander, np.sqrt(np.diag(e.covariance)))
         information, vector, rows = (np.array([x[i] for x in equations]) for i in range(3))
-        wide, kept = widened(information, vector, spread)
+        wide, kept = marginalised(information, vector, spread)
         chi_square = np.sum(np.square(spread * (kept - wide @ e.mean)), axis=1)
         expected = np.einsum("i,hii->h", spread**2, wide)
         healthy, seen = (float(np.diag(m) @ spread**2) for m in (e.information, e.scatter))
         expected *= seen / healthy if healthy > 0.0 else 1.0
-        told = (rows > 0.0) & (expected > LEAST_TOLD)
-        return np.where(told, np.sqrt(chi_square / np.where(told, expected, 1.0)), np.nan)
+        informative = (rows > 0.0) & (expected > LEAST_INFORMATION)
+        return np.where(informative, np.sqrt(chi_square / np.where(informative, expected, 1.0)), np.nan)
 
     def misfits(self) -> tuple[Array, list[str], Array]:
         """Ends of the last frames (m,), balances' names and how badly each closed (m, balances)."""
@@ -246,7 +246,7 @@ class BalanceHistory:
         """Take frames into the reference."""
         before = self.held_against()
         for name, e in before.items():
-            wide = self._widened(name)
+            wide = self._marginalised(name)
             prior = np.linalg.inv(e.covariance)
             covariance = np.linalg.inv(prior + sum(wide[k][0] for k in places))
             mean = covariance @ (prior @ e.mean + sum(wide[k][1] for k in places))
@@ -257,9 +257,9 @@ class BalanceHistory:
         """Frames that are looked at no longer stay in the sums of the axis's life, whatever stood
         meanwhile."""
         if places.size:
-            wide = {name: [self._widened(name)[k] for k in places] for name in BALANCES}
-            told = {name: (sum(m for m, _ in w), sum(v for _, v in w)) for name, w in wide.items()}
-            self.epochs.add([self.frames[k] for k in places.tolist()], told)
+            wide = {name: [self._marginalised(name)[k] for k in places] for name in BALANCES}
+            sums = {name: (sum(m for m, _ in w), sum(v for _, v in w)) for name, w in wide.items()}
+            self.epochs.add([self.frames[k] for k in places.tolist()], sums)
         self._drop(places)
 
     def forget(self, start: float, end: float) -> None:
@@ -271,9 +271,9 @@ class BalanceHistory:
         gone = set(places.tolist())
         kept = [k for k in range(len(self.frames)) if k not in gone]
         for name in BALANCES:
-            wide = self._widened(name)
+            wide = self._marginalised(name)
             self.equations[name] = [self.equations[name][k] for k in kept]
-            self._wide[name] = [wide[k] for k in kept]
+            self._marginal[name] = [wide[k] for k in kept]
         self.frames = [self.frames[k] for k in kept]
         self.surroundings = [self.surroundings[k] for k in kept]
 
@@ -318,7 +318,7 @@ class BalanceHistory:
             self.equations[name] = [
                 NormalEquations(m[i], v[i], float(r[i]), float(s[i])) for i in range(len(self.frames))
             ]
-            self._wide[name] = []
+            self._marginal[name] = []
             regression.weight, regression.variance_sum = (float(x) for x in state[f"{name}/noise"])
             regression.level = state[f"{name}/level"].copy()
             ends = np.cumsum(state[f"{name}/lengths"]).astype(np.int64)

@@ -16,7 +16,7 @@ from fdd.residuals.balances import Balance, RegressionBlock
 from fdd.residuals.bins import BIN_S, FRAME_BINS, TAIL_BINS
 from fdd.residuals.effects import Effects
 from fdd.residuals.normal_equations import NormalEquations
-from fdd.residuals.sums import RIDGE, add_rows, told
+from fdd.residuals.sums import RIDGE, add_rows, weight_equations
 
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
@@ -79,7 +79,7 @@ class RegressionAccumulator:
             add_rows(y, x, ok, noisy, TAIL_BINS, LEAST_ROWS, self.balance.cumulative, gram, noise, rows)
         information, vector, variance = np.empty((count, n, n)), np.empty((count, n)), np.empty(count)
         usual = np.array([self.variance_sum, self.weight])
-        told(
+        weight_equations(
             gram, noise, rows, self.mean, LEAST_ROWS, self.least, MEMORY, usual, information, vector, variance
         )
         self.variance_sum, self.weight = usual.tolist()

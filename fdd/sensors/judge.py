@@ -109,15 +109,15 @@ class FrameJudge:
         for channel, since, until in frame.gaps.tolist():
             k = int(channel)
             length = (end if np.isnan(until) else until) - since
-            told = f"{NAMES[k]} has no value for {length:.2f} s"
+            message = f"{NAMES[k]} has no value for {length:.2f} s"
             if np.isnan(until):
-                self._fail(k, "dropout", since, end, length, told, failing)
+                self._fail(k, "dropout", since, end, length, message, failing)
             elif np.isnan(memory.failed_since[k]):
-                self.findings.report(NAMES[k], "dropout", since, until, end, length, told)
+                self.findings.report(NAMES[k], "dropout", since, until, end, length, message)
         for k in np.flatnonzero(frame.bursts & ~failing).tolist():
             lost, began = float(memory.absent_s[k]), float(memory.absent_first[k])
-            told = f"{NAMES[k]} has no value for {lost:.1f} s of the last {LOST_WINDOW_S:g} s, in bursts"
-            self.findings.report(NAMES[k], "dropout", began, end, end, lost, told, adds=False)
+            message = f"{NAMES[k]} has no value for {lost:.1f} s of the last {LOST_WINDOW_S:g} s, in bursts"
+            self.findings.report(NAMES[k], "dropout", began, end, end, lost, message, adds=False)
 
     def _constant(self, frame: Scan, kind: int, end: float, failing: Mask) -> Mask:
         """Runs of one value that are too long; (12,) which channels had some."""
@@ -127,11 +127,11 @@ class FrameJudge:
             k = int(channel)
             name, held[k] = NAMES[k], True
             length = (end if np.isnan(until) else until) - since
-            told = f"{name} shows exactly {figure(name, value)} in {rows:.0f} rows, {length:.2f} s"
+            message = f"{name} shows exactly {figure(name, value)} in {rows:.0f} rows, {length:.2f} s"
             if beyond_relief(k, value, limits) and length < BURST_S:
                 if not np.isnan(until):
                     self.findings.report(
-                        name, "clipped", since, until, end, length, f"{told}: its range's end"
+                        name, "clipped", since, until, end, length, f"{message}: its range's end"
                     )
                 continue
             if not np.isnan(until) and since == memory.failed_since[k]:
@@ -142,25 +142,25 @@ class FrameJudge:
                 continue
             if not np.isnan(until):
                 memory.held_until[k] = until + LOST_WINDOW_S
-                self.findings.report(name, "dropout", since, until, end, length, f"{told}, then goes on")
+                self.findings.report(name, "dropout", since, until, end, length, f"{message}, then goes on")
                 continue
             if memory.held_until[k] > since:
-                self._fail(k, "dropout", since, end, length, told, failing)
+                self._fail(k, "dropout", since, end, length, message, failing)
                 continue
             reach = limits.resolution[k]
             dead = abs(value) <= reach or abs(value - limits.dead[k]) <= reach
             beyond = not limits.low[k] <= value <= limits.high[k]
             if value >= limits.rail[k] - reach or (beyond and not dead):
-                self._fail(k, "saturated", since, end, value, f"{told}: the end of its range", failing)
+                self._fail(k, "saturated", since, end, value, f"{message}: the end of its range", failing)
             elif dead:
-                self._fail(k, "dead", since, end, value, f"{told}: no signal", failing)
+                self._fail(k, "dead", since, end, value, f"{message}: no signal", failing)
             else:
                 need = constancy.rows_needed(k, kind, memory, limits)
                 why = (
                     f"its noise lets it repeat for at most {need:.0f} rows" if memory.changed[k]
                     else "though the pump turns"
                 )  # fmt: skip
-                self._fail(k, "stuck", since, end, value, f"{told}; {why}", failing)
+                self._fail(k, "stuck", since, end, value, f"{message}; {why}", failing)
         return held
 
     def _standing(self, frame: Scan, rows: Rows, first: int, end: float, failing: Mask) -> None:
@@ -175,11 +175,11 @@ class FrameJudge:
             rows.time, rows.values[POSITION], rows.swept, pressure, begin, memory, limits
         ):
             volume = memory.volume[2] - memory.volume[1]
-            told = (
+            message = (
                 f"position stands at {1e3 * value:.3f} mm while the pump displaces "
                 f"{1e6 * volume:.1f} cm³, {1e3 * volume / limits.area:.1f} mm of travel"
             )
-            self._fail(POSITION, "dead" if value == 0.0 else "stuck", since, end, value, told, failing)
+            self._fail(POSITION, "dead" if value == 0.0 else "stuck", since, end, value, message, failing)
 
     def _range(self, k: int, time: Array, values: Array, impossible: Mask, end: float, failing: Mask) -> bool:
         """Values beyond the limits: most of a frame's, or single rows that were taken out."""
@@ -188,18 +188,18 @@ class FrameJudge:
         known = values[~np.isnan(values)]
         middle = smallest(known, known.size // 2)
         if not low <= middle <= high:
-            told = (
+            message = (
                 f"{name} is {figure(name, middle)} (median of {FRAME_S:g} s), beyond what the unit can "
                 f"reach, {figure(name, low)} to {figure(name, high)}"
             )
-            self._fail(k, "out_of_range", float(time[np.argmax(beyond)]), end, middle, told, failing)
+            self._fail(k, "out_of_range", float(time[np.argmax(beyond)]), end, middle, message, failing)
             return True
         wild = np.flatnonzero(beyond & impossible)
         if wild.size:
             worst = float(values[wild][np.argmax(np.abs(values[wild]))])
-            told = f"single rows of {name} are impossible, the first {figure(name, worst)}"
+            message = f"single rows of {name} are impossible, the first {figure(name, worst)}"
             self.findings.report(
-                name, "spikes", float(time[wild[0]]), float(time[wild[-1]]), end, float(wild.size), told,
+                name, "spikes", float(time[wild[0]]), float(time[wild[-1]]), end, float(wild.size), message,
                 count=int(wild.size),
             )  # fmt: skip
         return bool(wild.size)
@@ -223,13 +223,13 @@ class FrameJudge:
                 if frames[k] == 1.0:
                     begun[k] = end - FRAME_S
                 if frames[k] >= NOISE_FRAMES:
-                    told = (
+                    message = (
                         f"noise of {NAMES[k]} is {figure(NAMES[k], noise[k])} rms for "
                         f"{frames[k] * FRAME_S:g} s, "
                         f"it was {figure(NAMES[k], least[k])} to {figure(NAMES[k], usual[k])}"
                     )
                     size = float(noise[k] / max(usual[k], 1e-300))
-                    self._fail(k, "noisy", float(begun[k]), end, size, told, failing)
+                    self._fail(k, "noisy", float(begun[k]), end, size, message, failing)
         return np.asarray(loud | faint)
 
     def _recover(self, end: float, failing: Mask) -> None:

@@ -134,25 +134,27 @@ class JumpWatch:
     def _tell(self, k: int, jump: Jump, rows: Rows, period: float, end: float, failing: Mask) -> None:
         name, until = NAMES[k], jump.time + jump.rows * period
         scale, unit = {ANGLE: (1.0, "rad"), POSITION: (1e3, "mm")}.get(k, (1e-6, "MPa"))
-        told = f"{name} jumps by {scale * jump.peak:.4g} {unit} at {jump.time:.3f} s"
+        message = f"{name} jumps by {scale * jump.peak:.4g} {unit} at {jump.time:.3f} s"
         if k == ANGLE:
-            told += f", {abs(jump.peak) / period * 60.0 / (2.0 * np.pi):.0f} rpm"
+            message += f", {abs(jump.peak) / period * 60.0 / (2.0 * np.pi):.0f} rpm"
         if jump.net == 0.0 and k in (ANGLE, POSITION):
-            told += ", and comes back"
-            self.findings.report(name, "spikes", jump.time, until, end, float(jump.rows), told)
+            message += ", and comes back"
+            self.findings.report(name, "spikes", jump.time, until, end, float(jump.rows), message)
         elif k == ANGLE:
-            told += f", and stays {jump.net:.3g} rad off"
-            self.findings.report(name, "slip", jump.time, None, end, abs(jump.net), told)
+            message += f", and stays {jump.net:.3g} rad off"
+            self.findings.report(name, "slip", jump.time, None, end, abs(jump.net), message)
         elif k == POSITION and (held := self._held(jump, rows)) is not None:
             lost = f"position stood for {jump.time - held:.3f} s while the pump turned"
-            told = f"{lost}, then caught up by {1e3 * jump.net:.3f} mm"
-            self.findings.report(name, "dropout", held, jump.time, end, jump.time - held, told)
+            message = f"{lost}, then caught up by {1e3 * jump.net:.3f} mm"
+            self.findings.report(name, "dropout", held, jump.time, end, jump.time - held, message)
         elif k == POSITION and self._reads_nothing(jump, rows):
             failing[k], self.memory.failed_since[k] = True, jump.time
-            self.findings.report(name, "dead", jump.time, None, end, 0.0, f"{told} to exactly 0: no signal")
+            self.findings.report(
+                name, "dead", jump.time, None, end, 0.0, f"{message} to exactly 0: no signal"
+            )
         elif k == POSITION:
-            told += f", and stays {scale * jump.net:.3f} mm off, which neither pump nor pressure explain"
-            self.findings.report(name, "slip", jump.time, None, end, abs(jump.net), told)
+            message += f", and stays {scale * jump.net:.3f} mm off, which neither pump nor pressure explain"
+            self.findings.report(name, "slip", jump.time, None, end, abs(jump.net), message)
         elif jump.net != 0.0 and self._outside(k, rows, jump):
             self._tell_step(k, jump, end, failing)
 
@@ -196,11 +198,11 @@ class JumpWatch:
             memory.biased[k] = 0.0
             return
         memory.biased[k] = after
-        told = (
+        message = (
             f"{name} steps by {1e-6 * jump.net:.3g} MPa at {jump.time:.3f} s, where neither pump nor piston "
             f"moves oil for it"
         )
         failing[k] = True
         if np.isnan(memory.failed_since[k]):
             memory.failed_since[k] = jump.time
-        self.findings.report(name, "step", jump.time, None, end, jump.net, told)
+        self.findings.report(name, "step", jump.time, None, end, jump.net, message)

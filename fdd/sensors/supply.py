@@ -38,14 +38,14 @@ class SupplyWatch:
         if alive.sum() < 2 or not (silent == alive).all():
             return
         for k in np.flatnonzero(silent).tolist():
-            told = (
+            message = (
                 f"{NAMES[k]} shows exactly {figure(NAMES[k], memory.run_value[k])} since the log's first row"
             )
             failing[k] = True
             if np.isnan(memory.failed_since[k]):
                 memory.failed_since[k] = memory.run_since[k]
                 since, value = float(memory.run_since[k]), float(memory.run_value[k])
-                self.findings.report(NAMES[k], "dead", since, None, end, value, told, adds=False)
+                self.findings.report(NAMES[k], "dead", since, None, end, value, message, adds=False)
 
     def lost_together(self, end: float, failing: Mask) -> None:
         """Channels that fell silent at the same instant have lost what they share."""
@@ -71,10 +71,10 @@ class SupplyWatch:
                 failing[j] = True
                 if np.isnan(memory.failed_since[j]):
                     memory.failed_since[j] = onset
-            told = (
+            message = (
                 f"{', '.join(names)} fall silent within {1e3 * SAME_INSTANT_S:.0f} ms: they lost their supply"
             )
-            self.findings.merge(names, onset, end, told)
+            self.findings.merge(names, onset, end, message)
 
     def _known_supply(self, silent: list[int]) -> bool:
         for f in self.findings.by_onset():

@@ -124,12 +124,12 @@ class SensorWatch:
             mine = [f for f in self._findings.by_onset() if name in f.channels]
             lasting = [f for f in mine if f.kind in FAILING and f.until_s is None]
             usable = [f for f in mine if f.kind not in FAILING]
-            told = (lasting or usable)[-1:]
+            latest = (lasting or usable)[-1:]
             out.append(
                 {
                     "channel": name,
-                    "state": told[0].kind if told else "trusted",
-                    "since": told[0].onset_s if told else None,
+                    "state": latest[0].kind if latest else "trusted",
+                    "since": latest[0].onset_s if latest else None,
                 }
             )
         return out

@@ -8,9 +8,9 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from fdd.diagnosis.evidence import Amplitude, Evidence, course_of
+from fdd.diagnosis.evidence import Amplitude, Evidence, time_profile_of
 from fdd.diagnosis.hypotheses import Hypothesis
-from fdd.residuals.balance_history import widened
+from fdd.residuals.balance_history import marginalised
 from fdd.residuals.effects import Effects
 
 Array = NDArray[np.float64]
@@ -72,7 +72,7 @@ def drawn(
             np.sqrt(1.0 - colour) * rng.normal(size=n) + np.sqrt(4.0 * colour) * common[h]
         )
         vector[h] = information[h] @ b + own
-    return Evidence({NAME: widened(information, vector, effects.wander)}, {NAME: effects})
+    return Evidence({NAME: marginalised(information, vector, effects.wander)}, {NAME: effects})
 
 
 def best(evidence: Evidence, h: Hypothesis) -> Amplitude | None:
@@ -82,4 +82,4 @@ def best(evidence: Evidence, h: Hypothesis) -> Amplitude | None:
 
 
 def step(onset: int, frames: int = FRAMES) -> Array:
-    return course_of("step", frames, onset)
+    return time_profile_of("step", frames, onset)

@@ -45,7 +45,7 @@ def test_an_amplitude_is_the_plants_severity(unit: Unit, label: str) -> None:
         given = [{"fault": fault, "severity": severity, "onset": BEGINS_S, **which}] if severity else []
         scenario = Scenario(duration=DURATION_S, load=LOADS[load], seed=77, faults=given)
         history = history_of(simulate(Unit.load("axis_a"), scenario).samples, unit, effects)
-        evidence = Evidence(history.widened(), effects)
+        evidence = Evidence(history.marginalised(), effects)
         (found,) = evidence.fitted([(h, "step", round(BEGINS_S / FRAME_S), np.zeros(1))], [])
         sizes.append(found.size)
     assert sizes == pytest.approx([0.0, SEVERITY], abs=0.12)

@@ -64,7 +64,9 @@ def test_what_no_column_knows_widens_a_severitys_interval(sure: Model, tiny_mode
     wide, narrow = (said(found, m).severity_interval for m in (tiny_model, sure))
     assert wide is not None and narrow is not None
     halves = [0.5 * (x[1] - x[0]) / 1.2816 for x in (wide, narrow)]
-    assert halves[0] == pytest.approx(math.hypot(halves[1], 0.15 * abs(found.lead.level)), rel=0.02)
+    assert halves[0] == pytest.approx(
+        math.hypot(halves[1], 0.15 * abs(found.lead.active_amplitude)), rel=0.02
+    )
     doubtful = tiny_model.model_copy(
         update={"calibration": Calibration(midpoint=3.0, slope=1.0, severity_doubt=3.0)}
     )
@@ -101,7 +103,7 @@ def test_those_that_look_alike_share_the_confidence(tiny_model: Model) -> None:
 def test_what_comes_and_goes_is_said_to(tiny_model: Model) -> None:
     edges = [(INNER, 0.8 if k % 2 == 0 else -0.8, at) for k, at in enumerate(range(16, 80, 8))]
     (found, *_), _ = decide(drawn(2, edges), [INNER], 4.0)
-    share = abs(found.lead.size / found.lead.level)
+    share = abs(found.lead.size / found.lead.active_amplitude)
     assert share == pytest.approx(0.5, abs=0.1)
     assert f"on average {100 * share:.0f} %" in said(found, tiny_model).evidence[1]
 
@@ -184,7 +186,7 @@ def test_a_fault_shows_for_sure_where_the_hardest_of_its_ways_does() -> None:
     (half,) = invisible(drawn(1), [plain, never], 6.0)
     assert half.severity is None and half.side == 1
     assert half.hidden == pytest.approx(0.5 + 0.5 * one.hidden, abs=2e-3)
-    rare = replace(never, commonness=0.25)
+    rare = replace(never, prior_weight=0.25)
     assert invisible(drawn(1), [plain, rare], 6.0)[0].hidden == pytest.approx(
         0.2 + 0.8 * one.hidden, abs=2e-3
     )

@@ -9,25 +9,27 @@ import pytest
 from made_up_evidence import DRIFT, EFFECTS, FRAMES, LEAK, drawn
 
 from fdd.diagnosis.departures import VAGUE, WITHIN_FRAMES, Departures, departures
-from fdd.diagnosis.evidence import Evidence, course_of
+from fdd.diagnosis.evidence import Evidence, time_profile_of
 from fdd.diagnosis.fitting import Parts
 from fdd.diagnosis.hypotheses import Hypothesis
 from fdd.residuals.bins import FRAME_S
 
 
-def weighed(evidence: Evidence, faults: list[tuple[Hypothesis, int]], *, kappa: float = 1.0) -> Departures:
+def weighed(
+    evidence: Evidence, faults: list[tuple[Hypothesis, int]], *, overdispersion: float = 1.0
+) -> Departures:
     """The first of some faults beside the others."""
     columns = {"volume": np.array([[h.columns["volume"] for h, _ in faults]])}
-    courses = np.array([[course_of("step", FRAMES, onset) for _, onset in faults]])
-    parts = Parts(columns, courses, np.full((1, len(faults)), VAGUE), np.zeros(1, np.bool_))
-    return departures(evidence.balances, parts, np.full(1, kappa), from_start=faults[0][1] == 0)
+    time_profiles = np.array([[time_profile_of("step", FRAMES, onset) for _, onset in faults]])
+    parts = Parts(columns, time_profiles, np.full((1, len(faults)), VAGUE), np.zeros(1, np.bool_))
+    return departures(evidence.balances, parts, np.full(1, overdispersion), from_start=faults[0][1] == 0)
 
 
 def test_from_the_start_a_log_is_weighed_with_the_units_own_spread() -> None:
     """Test: one log. Expected: generalised least squares of its coefficients about the unit's."""
     evidence = drawn(3)
     e = evidence.balances["volume"]
-    found = weighed(evidence, [(LEAK, 0)], kappa=2.0)
+    found = weighed(evidence, [(LEAK, 0)], overdispersion=2.0)
     g = LEAK.columns["volume"]
     estimate = np.linalg.solve(e.total, (e.rest + e.information @ e.solution).sum(axis=0))
     inverse = np.linalg.inv(EFFECTS.covariance + 2.0 * np.linalg.inv(e.total))
@@ -74,7 +76,7 @@ def test_a_noise_that_scatters_more_is_that_of_fewer_rows(onset: int) -> None:
     e = drawn(8, [(LEAK, 0.5, onset)]).balances["volume"]
     v = e.rest + e.information @ e.solution
     whole, quarter = (
-        weighed(Evidence({"volume": (m, x)}, {"volume": EFFECTS}), [(LEAK, onset)], kappa=k)
+        weighed(Evidence({"volume": (m, x)}, {"volume": EFFECTS}), [(LEAK, onset)], overdispersion=k)
         for m, x, k in ((e.information, v, 4.0), (e.information / 4.0, v / 4.0, 1.0))
     )
     assert whole.size[0] == pytest.approx(quarter.size[0], rel=1e-9)

@@ -8,7 +8,7 @@ from made_up_evidence import FRAMES, LEAK, drawn
 from scipy.special import log_ndtr
 
 from fdd.diagnosis.departures import departures
-from fdd.diagnosis.evidence import course_of
+from fdd.diagnosis.evidence import time_profile_of
 from fdd.diagnosis.fitting import Parts, log_normal, log_odds, quasi_likely
 
 
@@ -52,9 +52,9 @@ def test_a_quasi_likelihood_counts_what_stretches_scatter_beyond_their_noise(ons
     """Test: an overdispersion of three. Expected: from the start a quarter of the information; within a log
     that of rows of four times the variance, beside what healthy logs change by."""
     evidence = drawn(3, [(LEAK, 0.5, onset)])
-    course = course_of("step", FRAMES, onset)[None, None]
+    time_profile = time_profile_of("step", FRAMES, onset)[None, None]
     parts = Parts(
-        {"volume": LEAK.columns["volume"][None, None]}, course, np.full((1, 1), 1e3), np.ones(1, bool)
+        {"volume": LEAK.columns["volume"][None, None]}, time_profile, np.full((1, 1), 1e3), np.ones(1, bool)
     )
     three, start = np.full(1, 3.0), onset == 0
     found = quasi_likely(evidence.balances, parts, three, from_start=start)

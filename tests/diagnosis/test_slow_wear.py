@@ -47,7 +47,7 @@ def life(seed: int, hours: int, severity: float, begins: int, grows: int) -> lis
             told[name] = day_of(rng, EFFECTS[name], change)
         epochs.add(range(hour * EPOCH_FRAMES, (hour + 1) * EPOCH_FRAMES), told)
         effects = Epochs.effects(EFFECTS)
-        evidence = Evidence(epochs.widened(effects), effects, from_start=False, stretches=EPOCHS)
+        evidence = Evidence(epochs.marginalised(effects), effects, from_start=False, stretches=EPOCHS)
         span = Span(epochs.starts().tolist(), (hour + 1) * EPOCH_FRAMES * FRAME_S, "stretches", None)
         fresh, _ = lookout.take(lookout.look(evidence, span, 0.0), 0.0)
         if fresh:

@@ -14,7 +14,7 @@ from fdd.residuals.balance_history import BalanceHistory
 from fdd.residuals.balances import BALANCES, ORDERS, RegressionBlock
 from fdd.residuals.bins import BIN_S, COLUMNS, FRAME_BINS, FRAME_S, TAIL_BINS
 from fdd.residuals.effects import Effects, first_effects
-from fdd.residuals.normal_equations import NormalEquations, widened
+from fdd.residuals.normal_equations import NormalEquations, marginalised
 from fdd.residuals.regression_accumulator import LOAD_S, RegressionAccumulator
 from fdd.unit import Baseline, Unit
 
@@ -28,11 +28,11 @@ def regular(rng: np.random.Generator, n: int) -> Array:
 
 
 @pytest.mark.parametrize("n", [1, 3, 7])
-def test_widened_is_the_textbook_form_where_the_information_is_regular(n: int) -> None:
+def test_marginalised_is_the_textbook_form_where_the_information_is_regular(n: int) -> None:
     rng = np.random.default_rng(n)
     m, std = regular(rng, n), 10.0 ** rng.uniform(-2.0, 1.0, n)
     vector = m @ rng.normal(size=n)
-    wide, kept = widened(m, vector, std)
+    wide, kept = marginalised(m, vector, std)
     expected = np.linalg.inv(np.linalg.inv(m) + np.diag(std**2))
     np.testing.assert_allclose(wide, expected, rtol=1e-6, atol=1e-9 * np.abs(expected).max())
     np.testing.assert_allclose(
@@ -40,10 +40,10 @@ def test_widened_is_the_textbook_form_where_the_information_is_regular(n: int) -
     )
 
 
-def test_widened_marginalises_the_difference() -> None:
+def test_marginalised_integrates_the_difference_out() -> None:
     """The log-likelihood, with the difference integrated out by quadrature, is the parabola that it gives."""
     m, vector, std = np.array([[3.0, 1.0], [1.0, 2.0]]), np.array([1.5, -0.7]), np.array([0.6, 0.9])
-    wide, kept = widened(m, vector, std)
+    wide, kept = marginalised(m, vector, std)
     nodes, weights = np.polynomial.hermite_e.hermegauss(60)
     d = np.stack(np.meshgrid(nodes * std[0], nodes * std[1], indexing="ij"), axis=-1).reshape(-1, 2)
     w = np.outer(weights, weights).ravel()
@@ -57,16 +57,16 @@ def test_widened_marginalises_the_difference() -> None:
         assert integrated(c) - integrated(np.zeros(2)) == pytest.approx(parabola, abs=1e-8)
 
 
-def test_widened_of_what_tells_nothing_tells_nothing() -> None:
+def test_marginalised_of_what_tells_nothing_tells_nothing() -> None:
     column = np.array([1.0, -2.0, 0.5])
-    wide, kept = widened(np.outer(column, column), 3.0 * column, np.array([1e-3, 10.0, 1.0]))
+    wide, kept = marginalised(np.outer(column, column), 3.0 * column, np.array([1e-3, 10.0, 1.0]))
     across = np.array([2.0, 1.0, 0.0])
     assert across @ wide @ across == pytest.approx(0.0, abs=1e-12)
     assert across @ kept == pytest.approx(0.0, abs=1e-12)
     # Along the one thing that is known, the scalar form: variance 1 and that of the difference.
     variance = 1.0 + float(column**2 @ np.array([1e-3, 10.0, 1.0]) ** 2)
     np.testing.assert_allclose(wide, np.outer(column, column) / variance, rtol=1e-6, atol=1e-12)
-    blank, none = widened(np.zeros((4, 3, 3)), np.zeros((4, 3)), np.ones(3))
+    blank, none = marginalised(np.zeros((4, 3, 3)), np.zeros((4, 3)), np.ones(3))
     assert not blank.any() and not none.any()
 
 
@@ -313,7 +313,7 @@ def learnt(history: BalanceHistory, frames: Sequence[int], name: str) -> tuple[A
     information, vector = np.linalg.inv(e.covariance), np.linalg.solve(e.covariance, e.mean)
     for frame in frames:
         m, v = history.equations[name][frame - 10][:2]
-        wide, kept = widened(m, v, e.wander)
+        wide, kept = marginalised(m, v, e.wander)
         information, vector = information + wide, vector + kept
     covariance = np.linalg.inv(information)
     return covariance @ vector, covariance + np.diag(e.within**2)
@@ -322,7 +322,7 @@ def learnt(history: BalanceHistory, frames: Sequence[int], name: str) -> tuple[A
 def test_after_a_stop_a_unit_is_held_against_its_baseline_again() -> None:
     history = told_of(33)
     history.folded = 7
-    sums = {n: sum(m for m, _ in history._widened(n)) for n in BALANCES}
+    sums = {n: sum(m for m, _ in history._marginalised(n)) for n in BALANCES}
     history.begin_anew([(6.0, 9.0)], 10)
     assert history.frames == [] and not any(history.equations.values())
     assert history.reference is history.effects and history.folded == 0
@@ -363,12 +363,12 @@ def test_a_stop_is_ten_minutes_or_more_without_a_frame() -> None:
 
 def test_a_stretch_that_is_forgotten_leaves_the_other_frames_as_they_were() -> None:
     history, whole = told_of(12), told_of(12)
-    history.widened()
+    history.marginalised()
     history.forget(6.0, 8.5)
     assert history.frames == [10, 11, *range(17, 22)], "with its first frame, without the one at its end"
     keep = np.array(history.frames) - 10
-    for name, parts in history.widened().items():
-        for one, other in zip(parts, whole.widened()[name], strict=True):
+    for name, parts in history.marginalised().items():
+        for one, other in zip(parts, whole.marginalised()[name], strict=True):
             np.testing.assert_array_equal(one, other[keep])
 
 
@@ -472,7 +472,7 @@ def test_a_reference_that_older_frames_made_goes_on_with_the_state() -> None:
         np.testing.assert_array_equal(other.reference[name].mean, e.mean)
         np.testing.assert_array_equal(other.reference[name].covariance, e.covariance)
         assert (e.mean != one.effects[name].mean).any(), name
-        for a, b in zip(one.widened()[name], other.widened()[name], strict=True):
+        for a, b in zip(one.marginalised()[name], other.marginalised()[name], strict=True):
             np.testing.assert_array_equal(a, b)
 
 

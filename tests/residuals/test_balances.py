@@ -46,7 +46,7 @@ def coefficient(unit: Unit, balance: str, column: str) -> float:
 
 def coefficients(history: BalanceHistory, balance: str) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """By all frames of a log, and what any unit may be, (n,), and their covariance (n, n)."""
-    effects, (information, vector) = history.effects[balance], history.widened()[balance]
+    effects, (information, vector) = history.effects[balance], history.marginalised()[balance]
     prior = np.diag(1.0 / np.square(3.0 * effects.units))
     covariance = np.linalg.inv(prior + information.sum(axis=0))
     return covariance @ (prior @ effects.mean + vector.sum(axis=0)), covariance

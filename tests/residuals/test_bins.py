@@ -174,12 +174,12 @@ def test_the_seal_is_a_stop_operator_whose_yield_is_the_stribeck_curve(cut: list
         forces.append(force)
         films.append(film)
         before_x, before_t = x, t
-    bins = int(SECONDS / BIN_S)
+    count = int(SECONDS / BIN_S)
     bins = bins_of(samples, cut)
-    per_cell = RATE_HZ * BIN_S
+    per_bin = RATE_HZ * BIN_S
     for name, expected in (("friction", forces), ("sliding", films)):
-        means = np.reshape(expected, (bins, int(per_cell))).mean(axis=1)
-        np.testing.assert_allclose(column(bins, name)[:bins], means, rtol=1e-7, atol=1e-9, err_msg=name)
+        means = np.reshape(expected, (count, int(per_bin))).mean(axis=1)
+        np.testing.assert_allclose(column(bins, name)[:count], means, rtol=1e-7, atol=1e-9, err_msg=name)
     slides = np.abs(films) > 0.05
     assert slides.any()
     sign = np.sign(films)[slides]

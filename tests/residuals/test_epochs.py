@@ -42,7 +42,7 @@ def test_a_stop_ends_an_epoch_of_two_minutes_in_motion_or_more() -> None:
     # One draw of what differs between logs, however many frames it has: variances add up.
     m = one["refeed"][0] + other["refeed"][0]
     v = one["refeed"][1] + other["refeed"][1]
-    wide, kept = epochs.widened(EFFECTS)["refeed"]
+    wide, kept = epochs.marginalised(EFFECTS)["refeed"]
     right = np.linalg.inv(
         np.linalg.inv(m) + np.diag(EFFECTS["refeed"].between_logs(usual_conditions(EFFECTS["refeed"].noise)))
     )
@@ -74,8 +74,8 @@ def test_epochs_that_began_while_a_fault_stood_are_forgotten() -> None:
     minutes(epochs, 300, 5, told(9, "refeed"))
     epochs.forget(3600.0, 3 * 3600.0)
     assert (epochs.starts() / 3600.0).tolist() == [0.0, 3.0, 4.0], "with its onset, up to its end"
-    expected = hours(0, 3, 4).widened(EFFECTS)
-    for name, parts in epochs.widened(EFFECTS).items():
+    expected = hours(0, 3, 4).marginalised(EFFECTS)
+    for name, parts in epochs.marginalised(EFFECTS).items():
         for one, other in zip(parts, expected[name], strict=True):
             np.testing.assert_array_equal(one, other)
     epochs.forget(0.0, 1e9)
@@ -85,7 +85,7 @@ def test_epochs_that_began_while_a_fault_stood_are_forgotten() -> None:
 
 
 def test_a_balance_that_an_epoch_tells_nothing_of_is_nothing_there() -> None:
-    found = hours(1, 2, 3).widened(EFFECTS)
+    found = hours(1, 2, 3).marginalised(EFFECTS)
     assert found.keys() == {"refeed", "torque"}
     information, vector = found["torque"]
     assert len(information) == len(vector) == 3
