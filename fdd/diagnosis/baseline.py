@@ -26,7 +26,7 @@ from fdd.unit import BalanceBaseline, Baseline, Unit
 
 Array = NDArray[np.float64]
 
-LEAST_FRAMES = 10
+LEAST_BASELINE_FRAMES = 10
 BASELINE_VERSION = "12"
 QUANTILES = 21
 """Of the frames' noise that a baseline keeps: a median of all can still be told when logs are added."""
@@ -47,7 +47,7 @@ def histories_of(unit: Unit, logs: Sequence[Samples]) -> list[BalanceHistory]:
     plain.baseline = None
     effects = {name: first_effects(name, unit=unit) for name in BALANCES}
     histories = [history_of(log, plain, effects) for log in logs]
-    if sum(len(x.frames) for x in histories) < LEAST_FRAMES:
+    if sum(len(x.frames) for x in histories) < LEAST_BASELINE_FRAMES:
         return histories
     # What noise takes from a coefficient goes by the coefficient: now that it is roughly known, once more.
     for name, known in baseline_of(histories).balances.items():
@@ -95,10 +95,10 @@ def baseline_of(
     """
     frames = sum(len(x.frames) for x in histories)
     before = 0.0 if known is None else known.seconds
-    if frames * FRAME_S + before < LEAST_FRAMES * FRAME_S:
+    if frames * FRAME_S + before < LEAST_BASELINE_FRAMES * FRAME_S:
         raise InputError(
             f"healthy logs of {frames * FRAME_S:.0f} s in all are too short",
-            mend=f"record at least {LEAST_FRAMES * FRAME_S:.0f} s of healthy motion",
+            mend=f"record at least {LEAST_BASELINE_FRAMES * FRAME_S:.0f} s of healthy motion",
         )
     found: dict[str, BalanceBaseline] = {}
     for name in BALANCES:

@@ -17,7 +17,7 @@ import numpy as np
 from fdd.diagnosis.evidence import Amplitude, Evidence
 from fdd.diagnosis.hypotheses import RECOVERED, Hypothesis, end_of
 
-ALIKE = 0.5
+SAME_EFFECT = 0.5
 """Correlation of columns from which two hypotheses explain the same thing."""
 GROUP_SHARE = 0.05
 """Share of the posterior from which a fault belongs to the answer's ambiguity group."""
@@ -152,7 +152,7 @@ def _usual(fit: Amplitude) -> float:
 def _isolated(evidence: Evidence, seed: Amplitude, fits: list[Amplitude], score: float) -> Found:
     """Which faults explain what the best hypothesis saw."""
     alike = evidence.correlations(seed, [f.hypothesis for f in fits])
-    candidates = [f for f, c in zip(fits, alike.tolist(), strict=True) if c > ALIKE and f.gain > 0.0]
+    candidates = [f for f, c in zip(fits, alike.tolist(), strict=True) if c > SAME_EFFECT and f.gain > 0.0]
     gains = np.array([f.gain for f in candidates])
     # What laws leave unexplained is no evidence for one fault against another.
     weight = np.exp((gains - gains.max()) / (seed.reduced_chi_square + LAW_DOUBT**2 * gains.max()))

@@ -9,6 +9,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from fdd.diagnosis.active_faults import Evaluation
 from fdd.diagnosis.agreement import believed
 from fdd.diagnosis.answering import (
     Span,
@@ -25,9 +26,8 @@ from fdd.diagnosis.evidence import Amplitude, Evidence
 from fdd.diagnosis.findings import Diagnosis, Estimate, FaultFinding, Quality, SensorState, Trajectories
 from fdd.diagnosis.fitting import Stretches
 from fdd.diagnosis.hypotheses import hypotheses
-from fdd.diagnosis.lookout import Lookout
 from fdd.diagnosis.model import Model
-from fdd.diagnosis.standing import Look
+from fdd.diagnosis.sequential_detector import SequentialDetector
 from fdd.errors import InputError
 from fdd.faults import FAMILIES
 from fdd.residuals.added_tracker import AddedTracker
@@ -42,13 +42,13 @@ from fdd.unit import Unit
 
 Array = NDArray[np.float64]
 
-SCAN_FRAMES, LEAST_FRAMES = 10, 16
-"""Frames between two looks at the evidence, five seconds, and before anything is said."""
+SCAN_FRAMES, VERDICT_FRAMES = 10, 16
+"""Frames between two evaluations of the evidence (5 s), and the fewest that allow a verdict (8 s)."""
 WINDOW_FRAMES = 300
 """Frames that onsets are looked for in; what is older has become the reference."""
 STATE_VERSION = "17"
 SCANS_A_MINUTE, SCANS_KEPT = 12, 720
-"""Looks in a minute, and those that a monitor remembers: an hour."""
+"""Evaluations in a minute, and how many a monitor remembers: an hour."""
 EPOCHS = Stretches(frames=1, least=1.0)
 """An epoch is a draw of what differs between logs; no unit is taken to differ by less than is usual."""
 HELD_IN_DOUBT = 0.5
@@ -111,11 +111,11 @@ class Pipeline:
         self._hypotheses = [h for h in hypotheses(unit, self._effects) if h.fault not in without]
         self._first_time = self._last_time = np.nan
         self._count = 0
-        self._acute = Lookout(self._hypotheses, self.threshold, self.model)
-        self._slow = Lookout(self._hypotheses, self.threshold, self.model, unknown=False)
+        self._acute = SequentialDetector(self._hypotheses, self.threshold, self.model)
+        self._slow = SequentialDetector(self._hypotheses, self.threshold, self.model, unknown=False)
         self._epochs = 0
         self._hidden = 1.0
-        """Share of faults that could not be seen, by the look of the last minute."""
+        """Share of faults that could not be seen, as of the last minute."""
         self._sensor_faults = 0
         self._scans: list[tuple[float, float]] = []
         self.fitted: list[Amplitude] = []
@@ -131,7 +131,7 @@ class Pipeline:
 
     @property
     def largest_score(self) -> float:
-        """Largest score that stood for `LOOKS` looks at the evidence."""
+        """Largest score that held for `EVALUATIONS` evaluations of the evidence."""
         return max((s for _, s in self._scans), default=0.0)
 
     def push(self, samples: Samples) -> list[FaultFinding]:
@@ -170,15 +170,15 @@ class Pipeline:
             for added in self._added:
                 added.push(first, bins)
             if len(bins) and self._history.stopped(first):
-                self._history.begin_anew(self._acute.standing.spans(), SCAN_FRAMES)
-            # The history takes whole frames, a scan's worth at a time, so that looks fall on the same frames
-            # however a log was cut.
+                self._history.begin_anew(self._acute.active.intervals(), SCAN_FRAMES)
+            # The history takes whole frames, a scan's worth at a time, so that evaluations fall on the same
+            # frames however a log was cut.
             while len(bins):
                 due = SCAN_FRAMES - self._history.taken % SCAN_FRAMES
                 part, bins = bins[: due * FRAME_BINS], bins[due * FRAME_BINS :]
                 self._history.push(first, part)
                 first += due
-                if self._history.taken % SCAN_FRAMES == 0 and len(self._history.frames) >= LEAST_FRAMES:
+                if self._history.taken % SCAN_FRAMES == 0 and len(self._history.frames) >= VERDICT_FRAMES:
                     found += self._scan()
         return found
 
@@ -192,16 +192,17 @@ class Pipeline:
     def standing(self) -> list[FaultFinding]:
         """Findings whose evidence stands now, and sensors that have not recovered."""
         failed = (f for f in self._sensors.findings() if f.kind in FAILING and f.until_s is None)
-        acute = self._acute.standing.findings()
+        acute = self._acute.active.findings()
         return [*acute, *self._slowly({f.family for f in acute}), *map(sensor_fault, failed)]
 
     def _slowly(self, seen: Collection[str]) -> list[FaultFinding]:
         """Slow wear that stands, of families that are not seen otherwise."""
-        return [f for f in self._slow.standing.findings() if f.family not in seen]
+        return [f for f in self._slow.active.findings() if f.family not in seen]
 
     @property
     def looked_at(self) -> float:
-        """s, end of the data at the last look at the evidence, every five seconds; 0 before the first one."""
+        """s, end of the data at the last evaluation of the evidence, every five seconds; 0 before the
+        first."""
         return self._acute.at
 
     def misfits(self) -> tuple[Array, list[str], Array]:
@@ -213,7 +214,8 @@ class Pipeline:
         return estimates_by(self._tracked, self.unit, self.standing, method)
 
     def now(self) -> tuple[dict[str, float], dict[str, Estimate], dict[str, float]]:
-        """By the last look: each family's probability, tracked quantities, and how badly balances close."""
+        """By the last evaluation: each family's probability, tracked quantities, and how badly balances
+        close."""
         standing = sorted(self.standing, key=lambda f: -f.confidence)
         score = self._scans[-1][1] if self._scans else 0.0
         _, names, misfits = self._history.misfits()
@@ -223,24 +225,25 @@ class Pipeline:
             dict(zip(names, misfits[-1].tolist(), strict=True)) if len(misfits) else {},
         )
 
-    def _look(self, even: float | None = None) -> Look:
-        """Evidence now, older frames being the reference, and what it says; see `Lookout.look`."""
+    def _evaluate(self, even: float | None = None) -> Evaluation:
+        """Evidence now, older frames being the reference, and what it says; see
+        `SequentialDetector.evaluate`."""
         history = self._history
-        start = history.fold(WINDOW_FRAMES, self._acute.standing.spans())
+        start = history.fold(WINDOW_FRAMES, self._acute.active.intervals())
         evidence = Evidence(history.marginalised(), history.held_against(), from_start=start == 0)
         starts = [h * FRAME_S for h in history.frames]
-        return self._acute.look(evidence, Span(starts, starts[-1] + FRAME_S), self._first_time, even=even)
+        return self._acute.evaluate(evidence, Span(starts, starts[-1] + FRAME_S), self._first_time, even=even)
 
     def _scan(self) -> list[FaultFinding]:
-        look = self._look()
+        evaluation = self._evaluate()
         if not self._tracked.keep:
             del self._scans[: -SCANS_KEPT + 1]
         number = self._history.taken // SCAN_FRAMES
         # What could be seen changes fast in the first minute, and slowly after it.
         if number <= SCANS_A_MINUTE or number % SCANS_A_MINUTE == 1 or not self._scans:
-            self._hidden = hidden_share(invisible(look.evidence, self._hypotheses, self.threshold))
-        self._scans.append((look.now, look.stands))
-        fresh, over = self._acute.take(look, self._history.frames[0] * FRAME_S)
+            self._hidden = hidden_share(invisible(evaluation.evidence, self._hypotheses, self.threshold))
+        self._scans.append((evaluation.now, evaluation.stands))
+        fresh, over = self._acute.take(evaluation, self._history.frames[0] * FRAME_S)
         for span in over:
             self._history.forget(*span)
         if self._history.epochs.completed > self._epochs:
@@ -255,9 +258,9 @@ class Pipeline:
         effects = epochs.effects(self._effects)
         evidence = Evidence(epochs.marginalised(effects), effects, from_start=False, stretches=EPOCHS)
         span = Span(starts, self._acute.at, "flights or hours in motion", None)
-        look = self._slow.look(evidence, span, self._first_time)
-        seen = set(self._acute.standing.now)
-        fresh, over = self._slow.take(look, starts[0])
+        evaluation = self._slow.evaluate(evidence, span, self._first_time)
+        seen = set(self._acute.active.now)
+        fresh, over = self._slow.take(evaluation, starts[0])
         for gone in over:
             epochs.forget(*gone)
         return [f for f in fresh if f.family not in seen]
@@ -280,19 +283,19 @@ class Pipeline:
         self._history.push(*rest)
         for added in self._added:
             added.push(*rest)
-        if len(self._history.frames) >= LEAST_FRAMES:
+        if len(self._history.frames) >= VERDICT_FRAMES:
             even = min(self.model.calibration.even, self.threshold)
-            look = self._look(even)
-            hydraulic, score = look.findings, look.stands
-            self.fitted = look.evidence.alone
-            unseen = invisible(look.evidence, self._hypotheses, even)
+            evaluation = self._evaluate(even)
+            hydraulic, score = evaluation.findings, evaluation.stands
+            self.fitted = evaluation.evidence.alone
+            unseen = invisible(evaluation.evidence, self._hypotheses, even)
         for finding in hydraulic:
-            first = self._acute.standing.alarms.get(finding.family)
+            first = self._acute.active.alarms.get(finding.family)
             if first is not None:
                 finding.detected_s = first.detected_s
         # What alarmed while its onset was in sight stands, though the window may have gone past it.
         start = self._history.frames[0] * FRAME_S if self._history.frames else 0.0
-        hydraulic += self._acute.standing.past({f.family for f in hydraulic}, start)
+        hydraulic += self._acute.active.past({f.family for f in hydraulic}, start)
         faults += [*hydraulic, *self._slowly({f.family for f in hydraulic})]
         faults.sort(key=lambda f: -f.confidence)
         self.score = score
@@ -334,10 +337,10 @@ class Pipeline:
 
     def _doubts(self, duration: float) -> list[str]:
         """Why "healthy" would say too much."""
-        if len(self._history.frames) < LEAST_FRAMES:
-            return [f"{duration:.1f} s of data; a verdict needs {LEAST_FRAMES * FRAME_S:.0f} s or more"]
+        if len(self._history.frames) < VERDICT_FRAMES:
+            return [f"{duration:.1f} s of data; a verdict needs {VERDICT_FRAMES * FRAME_S:.0f} s or more"]
         rows = sum(float(e.rows) for e in self._history.equations["volume"])
-        if rows < LEAST_FRAMES * FRAME_BINS * 0.25:
+        if rows < VERDICT_FRAMES * FRAME_BINS * 0.25:
             return ["the log hardly moves or loads the actuator: its balances say nothing of its health"]
         return []
 

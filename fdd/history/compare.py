@@ -15,7 +15,7 @@ from fdd.report.words import candidates
 from fdd.samples import Samples
 from fdd.unit import Unit
 
-LEAST_FRAMES = 8
+LEAST_INFORMATIVE_FRAMES = 8
 """That told something of a balance, for a mean over the log: four seconds."""
 NO_CHANGE = "no change beyond uncertainty"
 
@@ -103,5 +103,5 @@ def _misfits(found: Trajectories) -> dict[str, float]:
     return {
         name: float(f"{np.sqrt(np.mean(np.square(part))):.4g}")
         for name, column in zip(found.feature_names, found.features.T, strict=True)
-        if (part := column[column != 0.0]).size >= LEAST_FRAMES
+        if (part := column[column != 0.0]).size >= LEAST_INFORMATIVE_FRAMES
     }

@@ -186,7 +186,7 @@ class BalanceHistory:
         names = [n for n, u in zip(BALANCES, used, strict=True) if u]
         return np.asarray(ends, dtype=np.float64), names, np.asarray(np.nan_to_num(seen[:, used]))
 
-    def fold(self, window: int, sick: Sequence[tuple[float, float]] = ()) -> int:
+    def fold(self, window: int, fault_intervals: Sequence[tuple[float, float]] = ()) -> int:
         """Let frames beyond a window become the reference, a fifth of it at a time; how many have in all.
 
         A reference made of older frames is what the unit was like then; it may have moved since by what
@@ -195,13 +195,13 @@ class BalanceHistory:
 
         Parameters
         ----------
-        sick : s, when faults began and ended; inf for those that stand.
+        fault_intervals : s, when faults began and ended; inf for those that stand.
         """
         part = window // 5
         while len(self.frames) > window + part:
             at = FRAME_S * np.array(self.frames)
             faulty, before = np.zeros((2, at.size), dtype=np.bool_)
-            for onset, end in sick:
+            for onset, end in fault_intervals:
                 faulty |= (onset <= at) & (at < end)
                 before |= np.isinf(end) & (onset - part * FRAME_S <= at) & (at < onset)
             healthy = np.flatnonzero(~before & ~faulty)[:part]
@@ -217,7 +217,7 @@ class BalanceHistory:
         """Whether an axis that goes on with this frame had stopped: long enough to be like another log."""
         return self.last >= 0 and (first - self.last) * FRAME_S > STOP_S
 
-    def begin_anew(self, sick: Sequence[tuple[float, float]], together: int) -> None:
+    def begin_anew(self, fault_intervals: Sequence[tuple[float, float]], together: int) -> None:
         """After a stop hold the axis against its unit's baseline again, as the start of a log.
 
         What it was like before says no more than other logs of the unit do. Where a fault stands, or nothing
@@ -225,16 +225,16 @@ class BalanceHistory:
 
         Parameters
         ----------
-        sick : as for `fold`. together : frames that are looked at together; the next one is the first of
-            them.
+        fault_intervals : as for `fold`. together : frames that are looked at together; the next one is the
+            first of them.
         """
         self.taken += -self.taken % together
-        if any(np.isinf(end) for _, end in sick):
+        if any(np.isinf(end) for _, end in fault_intervals):
             self.epochs.stop()
             return
         at = FRAME_S * np.array(self.frames)
         healthy = np.ones(at.size, dtype=np.bool_)
-        for onset, end in sick:
+        for onset, end in fault_intervals:
             healthy &= (at < onset) | (end <= at)
         self._learn(np.flatnonzero(healthy))
         self._retire(np.arange(at.size))

@@ -38,9 +38,9 @@ BLOCK_FRAMES = 4
 """Frames of a block whose errors may hang together: 2 s."""
 TAIL_BINS = 50
 """Bins before a frame that its filters and validity rules may look back at."""
-BRISTLE_M = 5e-4
+PRESLIDING_TRAVEL_M = 5e-4
 """m, travel in which a seal breaks away: elastomer seals give 0.1 to 0.5 mm before they slide."""
-FILM_S = 0.03
+LUBRICATION_LAG_S = 0.03
 """s, by which a lubricating film, and with it the falling part of friction, follows the sliding: 5 to 60 ms
 by Hess and Soom 1990 (doi 10.1115/1.2920240) and Armstrong-Helouvry et al. 1994 (doi
 10.1016/0005-1098(94)90209-7)."""
@@ -106,7 +106,7 @@ def _friction(
         most = branch[0] + (branch[1] - branch[0]) * np.exp(-((abs(state[1]) / branch[2]) ** branch[3]))
         state[0] = min(most, max(-most, tried))
         slid = (tried - state[0]) / stiffness
-        state[1] += (slid - state[1] * dt[k]) / (FILM_S + dt[k])
+        state[1] += (slid - state[1] * dt[k]) / (LUBRICATION_LAG_S + dt[k])
         out[k], film[k] = state[0], state[1]
 
 
@@ -247,7 +247,7 @@ class BinMaker:
                 data[:, COLUMNS[name]] = (samples[name] - sensor.zero) / sensor.gain
         self._turn(data)
         angle = data[:, COLUMNS["pump_angle"]]
-        self._rub(data)
+        self._friction_reference(data)
         bin_of = np.floor(samples.time / BIN_S + 1e-7).astype(np.int64) - first * FRAME_BINS
         bin_of = np.clip(bin_of, 0, out.shape[0] - 1)
         # A channel counts in a frame where it has values at all; then only samples with all of them are
@@ -357,7 +357,7 @@ class BinMaker:
                 speed[0] = speed[1]
         self._turned = np.array([time[-1], angle[-1], speed[-1]])
 
-    def _rub(self, data: Array) -> None:
+    def _friction_reference(self, data: Array) -> None:
         """Fill the friction that a healthy seal would give to the measured travel, at the samples' own rate.
 
         By the position, not by the pump: compression and leakage between the two are many times what a seal
@@ -377,7 +377,14 @@ class BinMaker:
         )
         out, film = np.empty(step.size), np.empty(step.size)
         _friction(
-            step, dt, self._seal, forward, reverse, 0.5 * (forward[1] + reverse[1]) / BRISTLE_M, out, film
+            step,
+            dt,
+            self._seal,
+            forward,
+            reverse,
+            0.5 * (forward[1] + reverse[1]) / PRESLIDING_TRAVEL_M,
+            out,
+            film,
         )
         data[known, COLUMNS["friction"]], data[known, COLUMNS["sliding"]] = out, film
 

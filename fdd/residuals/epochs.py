@@ -21,10 +21,10 @@ from fdd.residuals.normal_equations import marginalised
 Array = NDArray[np.float64]
 Sums = Mapping[str, tuple[Array, Array]]
 
-EPOCH_FRAMES, LEAST_FRAMES = 7200, 240
+EPOCH_FRAMES, LEAST_EPOCH_FRAMES = 7200, 240
 """Frames of an epoch: an hour's at most, and at a stop two minutes' at least, as a log from which a unit is
 identified."""
-ALIKE = 16
+EPOCHS_EACH = 16
 """Epochs of one length; beyond them the two oldest become one of twice the length. So a memory of years
 takes ten times as many, and an onset is known to a fifteenth of its age or better."""
 
@@ -69,16 +69,17 @@ class Epochs:
 
     def stop(self) -> None:
         """The axis has stopped: what comes is another draw."""
-        if self._open >= LEAST_FRAMES:
+        if self._open >= LEAST_EPOCH_FRAMES:
             self._complete()
 
     def _complete(self) -> None:
-        """The last epoch is complete; of those of one length beyond `ALIKE`, the two oldest become one."""
+        """The last epoch is complete; of those of one length beyond `EPOCHS_EACH`, the two oldest
+        become one."""
         self._open = 0
         self.completed += 1
         for level in range(max(self._levels) + 1):
             mine = [k for k, have in enumerate(self._levels) if have == level]
-            if len(mine) > ALIKE:
+            if len(mine) > EPOCHS_EACH:
                 k = mine[0]
                 self._sums[k] = _added(self._sums[k], self._sums.pop(k + 1))
                 self._levels[k] += 1

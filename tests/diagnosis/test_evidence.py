@@ -12,7 +12,7 @@ from fdd.diagnosis.decision import USUAL_SIZE, decide
 from fdd.diagnosis.departures import WITHIN_FRAMES
 from fdd.diagnosis.evidence import KINDS, Amplitude, Evidence, Sums, time_profile_of
 from fdd.diagnosis.fitting import Joint
-from fdd.diagnosis.lookout import HEALED
+from fdd.diagnosis.sequential_detector import RECOVERED_SHARE
 from fdd.residuals.balance_history import marginalised
 
 Z80 = 1.2816
@@ -259,7 +259,7 @@ def test_a_fault_that_grows_is_not_over() -> None:
     """Its end takes back what it brought, and never adds to it."""
     grows = drawn(2, [(LEAK, 0.5, 25), (LEAK, 0.8, 50)])
     found, _ = decide(grows, [LEAK, DRIFT], 6.0, standing={"leak"})
-    assert [f for f in found if f.lead.hypothesis.ends and f.lead.size > HEALED] == []
+    assert [f for f in found if f.lead.hypothesis.ends and f.lead.size > RECOVERED_SHARE] == []
     assert found[0].lead.hypothesis is LEAK
 
 

@@ -9,13 +9,13 @@ from fdd.diagnosis.answering import Span
 from fdd.diagnosis.baseline import effects_of
 from fdd.diagnosis.evidence import Evidence
 from fdd.diagnosis.hypotheses import hypotheses
-from fdd.diagnosis.lookout import Lookout
 from fdd.diagnosis.model import Model
 from fdd.diagnosis.pipeline import EPOCHS
+from fdd.diagnosis.sequential_detector import SequentialDetector
 from fdd.residuals.balances import BALANCES
 from fdd.residuals.bins import FRAME_S
 from fdd.residuals.effects import Effects, usual_conditions
-from fdd.residuals.epochs import ALIKE, EPOCH_FRAMES, Epochs
+from fdd.residuals.epochs import EPOCH_FRAMES, EPOCHS_EACH, Epochs
 from fdd.unit import Unit
 
 UNIT = Unit.load("axis_a")
@@ -38,7 +38,7 @@ def day_of(rng: np.random.Generator, effects: Effects, change: np.ndarray) -> tu
 def life(seed: int, hours: int, severity: float, begins: int, grows: int) -> list[tuple[int, set[str]]]:
     """Hours at which alarms were raised, and of which families."""
     rng, epochs = np.random.default_rng(seed), Epochs()
-    lookout, raised = Lookout(FAULTS, THRESHOLD, MODEL), []
+    detector, raised = SequentialDetector(FAULTS, THRESHOLD, MODEL), []
     for hour in range(hours):
         size = severity * min(max(hour - begins, 0) / grows, 1.0)
         told = {}
@@ -49,7 +49,7 @@ def life(seed: int, hours: int, severity: float, begins: int, grows: int) -> lis
         effects = Epochs.effects(EFFECTS)
         evidence = Evidence(epochs.marginalised(effects), effects, from_start=False, stretches=EPOCHS)
         span = Span(epochs.starts().tolist(), (hour + 1) * EPOCH_FRAMES * FRAME_S, "stretches", None)
-        fresh, _ = lookout.take(lookout.look(evidence, span, 0.0), 0.0)
+        fresh, _ = detector.take(detector.evaluate(evidence, span, 0.0), 0.0)
         if fresh:
             raised.append((hour, {f.fault for f in fresh}))
     return raised
@@ -85,6 +85,8 @@ def test_epochs_of_years_are_few_and_lose_nothing() -> None:
             epochs.restore(state)
     starts = epochs.starts() / 3600.0
     assert len(epochs) < 150 and epochs.completed == 3000
-    assert starts[0] == 0.0 and np.array_equal(starts[-ALIKE // 2 :], np.arange(3000 - ALIKE // 2, 3000))
-    assert (np.diff(starts) <= np.maximum(2 * (3000 - starts[:-1]) / ALIKE, 1.0)).all()
+    assert starts[0] == 0.0 and np.array_equal(
+        starts[-EPOCHS_EACH // 2 :], np.arange(3000 - EPOCHS_EACH // 2, 3000)
+    )
+    assert (np.diff(starts) <= np.maximum(2 * (3000 - starts[:-1]) / EPOCHS_EACH, 1.0)).all()
     assert sum(float(t["refeed"][0][0, 0]) for t in epochs._told) == pytest.approx(total)

@@ -11,7 +11,16 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 from scipy.signal import butter, sosfilt
 
-from fdd.residuals.bins import BIN_S, BRISTLE_M, COLUMNS, FAST, FILM_S, FRAME_BINS, FRAME_S, BinMaker
+from fdd.residuals.bins import (
+    BIN_S,
+    COLUMNS,
+    FAST,
+    FRAME_BINS,
+    FRAME_S,
+    LUBRICATION_LAG_S,
+    PRESLIDING_TRAVEL_M,
+    BinMaker,
+)
 from fdd.samples import Samples
 from fdd.unit import Unit
 
@@ -147,7 +156,9 @@ def test_an_early_row_changes_no_later_one() -> None:
         np.testing.assert_array_equal(column(other, name), column(one, name), err_msg=name)
     # A seal knows where it came from until it has slid: twice its give.
     travel = np.nancumsum(np.abs(np.diff(column(one, "position"), prepend=np.nan)))
-    slid = (travel > 4.0 * BRISTLE_M) & (column(one, "time") > late.time[0] + 10.0 * FILM_S)
+    slid = (travel > 4.0 * PRESLIDING_TRAVEL_M) & (
+        column(one, "time") > late.time[0] + 10.0 * LUBRICATION_LAG_S
+    )
     assert slid.sum() > 100
     for name in ("friction", "sliding"):
         np.testing.assert_allclose(column(other, name)[slid], column(one, name)[slid], rtol=0.02)
@@ -158,7 +169,7 @@ def test_the_seal_is_a_stop_operator_whose_yield_is_the_stribeck_curve(cut: list
     """Against a loop written from its definition: play in the give, and a yield that follows the film."""
     samples = moving()
     f = UNIT.friction
-    stiffness = 0.5 * (f.forward.static + f.reverse.static) / BRISTLE_M
+    stiffness = 0.5 * (f.forward.static + f.reverse.static) / PRESLIDING_TRAVEL_M
     force, film = 0.0, 0.0
     forces, films = [], []
     before_x, before_t = samples["position"][0], samples.time[0] - 1e-3
@@ -169,7 +180,7 @@ def test_the_seal_is_a_stop_operator_whose_yield_is_the_stribeck_curve(cut: list
         most = curve.coulomb * (1.0 - weight) + curve.static * weight
         force = float(np.clip(free, -most, most))
         speed = (free - force) / stiffness / (t - before_t)
-        share = (t - before_t) / (FILM_S + t - before_t)  # backward Euler of a first-order lag
+        share = (t - before_t) / (LUBRICATION_LAG_S + t - before_t)  # backward Euler of a first-order lag
         film = film + share * (speed - film)
         forces.append(force)
         films.append(film)
