@@ -89,4 +89,4 @@ def test_epochs_of_years_are_few_and_lose_nothing() -> None:
         starts[-EPOCHS_EACH // 2 :], np.arange(3000 - EPOCHS_EACH // 2, 3000)
     )
     assert (np.diff(starts) <= np.maximum(2 * (3000 - starts[:-1]) / EPOCHS_EACH, 1.0)).all()
-    assert sum(float(t["refeed"][0][0, 0]) for t in epochs._told) == pytest.approx(total)
+    assert sum(float(t["refeed"][0][0, 0]) for t in epochs._sums) == pytest.approx(total)

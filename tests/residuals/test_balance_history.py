@@ -327,7 +327,7 @@ def test_after_a_stop_a_unit_is_held_against_its_baseline_again() -> None:
     assert history.frames == [] and not any(history.equations.values())
     assert history.reference is history.effects and history.folded == 0
     assert history.taken == 40, "the next frame is the first that is looked at together with others"
-    kept = history.epochs._told[-1]
+    kept = history.epochs._sums[-1]
     for name, total in sums.items():
         np.testing.assert_allclose(kept[name][0], total, err_msg="its life has them all, whatever stood")
 

@@ -120,5 +120,5 @@ def test_beyond_sixteen_of_one_length_the_two_oldest_become_one_of_twice_it() ->
             assert lengths == [2] + [1] * 15
         if hour == 17:
             assert lengths == [2] + [1] * 16
-        sums = [float(told["refeed"][0][0, 0]) for told in epochs._told]
+        sums = [float(each["refeed"][0][0, 0]) for each in epochs._sums]
         assert sums == lengths, "each has the hours that it spans"
