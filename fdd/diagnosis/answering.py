@@ -29,9 +29,9 @@ from fdd.unit import Unit
 Z80 = 1.2816
 """Standard normal's 90 % quantile: an 80 % interval either way."""
 LEAST_SHOWN = 2.0
-"""Severity from which on a fault that does not show yet counts as never shown: twice the gross one."""
+"""Severity beyond which a fault counts as invisible: twice the gross one."""
 COMES_AND_GOES = 0.7
-"""Mean amplitude, over that while it acts, below which a fault is told to come and go."""
+"""Ratio of mean to active amplitude below which a fault is reported as intermittent."""
 
 
 @dataclass(frozen=True)
@@ -40,8 +40,8 @@ class Span:
 
     Attributes
     ----------
-    starts : s, when each began. end : s, of the last. stretch : words for those that say how evidence
-        scatters.
+    starts : s, when each began. end : s, of the last. stretch : words for the stretches that the
+        overdispersion is estimated on.
     whole : s, length of a frame; None where they differ, and none is ever left out.
     """
 
@@ -55,7 +55,7 @@ class Span:
         return self.starts[k] + self.whole if self.whole else [*self.starts, self.end][k + 1]
 
     def lost(self, k: int) -> bool:
-        """Whether the frame before is not at hand."""
+        """Whether the frame before was dropped."""
         return k == 0 or (self.whole is not None and self.starts[k] - self.until(k - 1) > 0.5 * self.whole)
 
 
@@ -127,7 +127,7 @@ def fault_finding(found: Found, model: Model, *, onset: float, span: Span) -> Fa
 
 
 def _likely(gain: NDArray[np.float64], onsets: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Onsets that hold the middle 80 % of the likelihood."""
+    """Onsets within the central 80 % of the posterior, from log likelihood ratios (k,) at onsets (k,)."""
     weight = np.exp(np.clip(gain - gain.max(), -50.0, 0.0))
     below = np.cumsum(weight) / weight.sum()
     return np.asarray(onsets[(below > 0.1) & (below - weight / weight.sum() < 0.9)])
@@ -146,7 +146,7 @@ def sensor_fault(found: SensorFinding) -> FaultFinding:
 def probabilities_of(
     faults: Sequence[FaultFinding], model: Model, score: float, hidden: float
 ) -> dict[str, float]:
-    """Probability of each family that it is the matter, and of none: they add up to one.
+    """Probability of each fault family and of none; they add up to one.
 
     Parameters
     ----------
@@ -168,7 +168,7 @@ def probabilities_of(
 
 
 def invisible(evidence: Evidence, hypotheses: Sequence[Hypothesis], threshold: float) -> list[Invisible]:
-    """Faults, and the least severity that this log would have shown, had they begun a third into it.
+    """Faults with the smallest severity that this log would have shown, had they begun a third into it.
 
     It shows where its score (`fdd.diagnosis.departures`) passes the threshold in nine of ten logs. A fault
     acts in one way of several, as on one side, and nobody knows in which: the hardest to see says from where

@@ -1,4 +1,4 @@
-"""A unit's healthy balances: what its coefficients are, and how surely its healthy logs tell."""
+"""A unit's healthy balances: mean and covariance of their coefficients, from its healthy logs."""
 
 from __future__ import annotations
 
@@ -29,7 +29,8 @@ Array = NDArray[np.float64]
 LEAST_BASELINE_FRAMES = 10
 BASELINE_VERSION = "12"
 QUANTILES = 21
-"""Of the frames' noise that a baseline keeps: a median of all can still be told when logs are added."""
+"""Quantiles of the frames' noise in a baseline: the median of all logs can still be computed when logs are
+added."""
 
 
 def history_of(samples: Samples, unit: Unit, effects: dict[str, Effects]) -> BalanceHistory:
@@ -49,7 +50,8 @@ def histories_of(unit: Unit, logs: Sequence[Samples]) -> list[BalanceHistory]:
     histories = [history_of(log, plain, effects) for log in logs]
     if sum(len(x.frames) for x in histories) < LEAST_BASELINE_FRAMES:
         return histories
-    # What noise takes from a coefficient goes by the coefficient: now that it is roughly known, once more.
+    # The attenuation by errors in variables is proportional to the coefficient: repeat with the first
+    # estimate.
     for name, known in baseline_of(histories).balances.items():
         effects[name] = replace(effects[name], mean=np.array(known.mean))
     return [history_of(log, plain, effects) for log in logs]
@@ -75,11 +77,11 @@ def add_baseline(unit: Unit, logs: Sequence[Samples], spreads: Spreads | None = 
 def baseline_of(
     histories: Sequence[BalanceHistory], known: Baseline | None = None, spreads: Spreads | None = None
 ) -> Baseline:
-    """The baseline of the histories of healthy logs.
+    """The baseline of the balance histories of healthy logs.
 
     Each log's coefficients are the unit's own and a draw of what differs from log to log
     (`Effects.between`), so three short
-    logs know a unit better than one long one.
+    logs determine a unit better than one long one.
 
     Parameters
     ----------
@@ -145,7 +147,7 @@ def _balance(
         m, v = marginalised(m * share[:, None, None], v * share[:, None], effects.wander)
         scores, over = scattered(m, v, effects)
         total, scatter = total + m.sum(axis=0), scatter + scores
-        # A log that its law fits badly tells less of the unit than its rows say.
+        # A log that the law fits badly counts for less than its rows: divided by its overdispersion.
         m, v = marginalised(m.sum(axis=0) / over, v.sum(axis=0) / over, spread)
         information, vector = information + m, vector + v
     covariance = np.linalg.inv(information)
@@ -164,11 +166,11 @@ def _balance(
 def structural_variance(
     sums: Sequence[tuple[Array, Array, Array, Array]], effects: Effects, found: float
 ) -> float:
-    """Variance of a row as coefficients see it: what a law leaves out hangs together over a frame.
+    """Effective variance of a row when the model error is correlated over a frame.
 
-    A frame's own best coefficients follow such errors and leave next to nothing. How far they lie from those
-    of the whole log, in rows' units and per coefficient, is what a row is worth: the mean square between
-    groups, as an analysis of variance takes it, as its median over frames.
+    A frame's own least squares follows such errors and leaves small residuals. The distance of its
+    coefficients from the log's, in units of a row's variance and per coefficient, is the mean square between
+    groups of an analysis of variance; the median over frames is taken.
 
     Parameters
     ----------
@@ -195,11 +197,11 @@ def structural_variance(
 
 
 def scattered(information: Array, vector: Array, effects: Effects) -> tuple[Array, float]:
-    """Sum of squares (n, n) of the scores of a log's stretches about its own coefficients, and by how much
-    they scatter more than their information says, at least 1.
+    """Sum of squares (n, n) of the scores of a log's stretches at its own coefficients, and their
+    overdispersion, at least 1.
 
-    The latter is the dispersion of a quasi-likelihood (McCullagh 1983, doi 10.1214/aos/1176346056), the mean
-    over the coefficients that the log tells.
+    The latter is the dispersion of a quasi-likelihood (McCullagh 1983, doi 10.1214/aos/1176346056), averaged
+    over the coefficients by the log's information.
     """
     prior, total = np.linalg.inv(effects.covariance), information.sum(axis=0)
     inverse = np.linalg.inv(prior + total)
@@ -216,7 +218,7 @@ def _rounded(values: NDArray[np.float64]) -> list[float]:
 
 
 def effects_of(unit: Unit, spreads: Spreads | None = None) -> dict[str, Effects]:
-    """The effects that a log of the unit is held against: of its baseline, or of its data sheet alone.
+    """The prior for a log of the unit: from its baseline, or from the population where it has none.
 
     Parameters
     ----------

@@ -1,7 +1,7 @@
-"""Faults' amplitudes against what healthy logs and regimes differ by.
+"""Faults' amplitudes with healthy changes of the coefficients marginalised.
 
 A fault moves a balance's coefficients by its amplitude times its columns: from the unit's own, where it was
-there before the first frame, or from those before its onset. Healthy coefficients depart as well: from log to
+there before the first frame, or from those before its onset. Healthy coefficients change as well: from log to
 log (`Effects.log_variance`), and within one by what changes in minutes and by the regime. A law errs by an
 amount of its own in every duty, so a change of duty is a draw as a change of log is, the more so the less
 alike the information before and after it.
@@ -23,13 +23,14 @@ if TYPE_CHECKING:
 Array = NDArray[np.float64]
 
 WITHIN_FRAMES = 300.0
-"""Frames in which a healthy unit's coefficients wander off by `Effects.within`: two minutes and a half."""
+"""Frames (150 s) in which the random walk of a healthy unit's coefficients has the standard deviation
+`Effects.within`."""
 VAGUE = 1e3
-"""Standard deviation of an amplitude of which nothing is known before."""
+"""Prior standard deviation of an amplitude: uninformative."""
 
 
 class Departures(NamedTuple):
-    """Likeliest amplitudes (f,), known faults' being free, and their information (f,)."""
+    """Amplitudes (f,) of largest likelihood, the known faults' refitted, and their information (f,)."""
 
     size: Array
     information: Array
@@ -38,11 +39,11 @@ class Departures(NamedTuple):
 def departures(
     balances: Mapping[str, BalancePosterior], parts: Parts, overdispersion: Array, *, from_start: bool
 ) -> Departures:
-    """Weigh each fault's amplitude by what healthy coefficients depart by.
+    """Estimate each fault's amplitude by generalised least squares, healthy changes being random effects.
 
     Parameters
     ----------
-    overdispersion : (f,), by how much noise scatters over its information. from_start : faults were there
+    overdispersion : (f,), factor on the variance of noise. from_start : faults were there
         before the first frame.
     """
     precision = 1.0 / np.square(parts.scales)
@@ -103,7 +104,7 @@ def _part(
 
 
 def changes(e: BalancePosterior, after: Array) -> Array:
-    """Covariance (f, n, n) of what a healthy log's coefficients change by.
+    """Covariance (f, n, n) of the change of a healthy log's coefficients between before and after an onset.
 
     Parameters
     ----------
@@ -118,7 +119,8 @@ def changes(e: BalancePosterior, after: Array) -> Array:
 
 
 def _alike(e: BalancePosterior, before: Array, after: Array) -> Array:
-    """Correlation (f,) of the information before and after, in what logs differ by: 1 in one regime."""
+    """Cosine similarity (f,) of the information matrices before and after, scaled by the standard deviation
+    from log to log: 1 where the duty is the same."""
     std = np.sqrt(e.healthy.log_variance)
     one, two = (x * std * std[:, None] for x in (before, after))
     own = np.sqrt(np.sum(one * one, axis=(1, 2)) * np.sum(two * two, axis=(1, 2)))

@@ -1,12 +1,12 @@
-"""How strongly the balances speak for each fault, over every onset.
+"""Evidence of the balances for each fault: amplitudes and log likelihood ratios over every onset.
 
 A fault adds its amplitude ``a`` times its columns ``G`` times its time profile ``φ`` to the balances'
 coefficients. With the coefficients before the onset marginalised, its amplitude has information ``λ`` and
-score ``b``, and by sums over frames every onset costs the same:
+score ``b``; suffix sums over frames give every onset at the same cost:
 
     λ = Gᵀ[Σφ²M - (ΣφM) T (ΣφM)]G,   b = Gᵀ[Σφm - (ΣφM) T (P⁻¹μ + Σm)],   T = (P⁻¹ + ΣM)⁻¹
 
-P and μ are the unit's own prior. What such an amplitude is worth says `fdd.diagnosis.fitting`.
+P and μ are the unit's own prior. `fdd.diagnosis.fitting` turns amplitudes into scores.
 """
 
 from __future__ import annotations
@@ -40,18 +40,19 @@ RAMP_FRAMES = 24
 DRIFT_FRAMES = 100
 """Frames in which a drift grows by one: 50 s."""
 FREE_SPREAD = 10.0
-"""Of what a unit's healthy logs differ by, how far a fault that nobody knows may change a coefficient."""
+"""Prior standard deviation of an unmodelled fault's change of a coefficient, in standard deviations from log
+to log of the healthy unit."""
 KINDS = ("step", "ramp", "drift")
 NINE_IN_TEN = 1.2816
-"""Standard deviations."""
+"""90 % quantile of the standard normal distribution."""
 LEAST_BEFORE, LEAST_AFTER = 4, 6
-"""Stretches before, and frames after, an onset that is looked for inside a log: a machine that starts is no
-reference for itself."""
+"""Fewest stretches before, and frames after, an onset inside a log: a machine that starts up is no reference
+for itself."""
 
 
 @dataclass
 class Amplitude(Fit):
-    """A hypothesis with its time profile, fitted: what the decision needs of it."""
+    """A fitted hypothesis: amplitude, kind of time profile and onset."""
 
     hypothesis: Hypothesis
     time_profile: Array  # (h,)
@@ -62,7 +63,7 @@ class Amplitude(Fit):
 
 
 def time_profile_of(kind: str, frames: int, onset: int) -> Array:
-    """φ of a step, ramp or drift from a frame on, (frames,)."""
+    """Time profile φ (frames,) of a step, ramp or drift that begins with a frame."""
     since = np.arange(frames) - onset
     if kind == "ramp":
         return np.clip((since + 0.5) / RAMP_FRAMES, 0.0, 1.0)
@@ -71,11 +72,11 @@ def time_profile_of(kind: str, frames: int, onset: int) -> Array:
     return (since >= 0).astype(np.float64)
 
 
-class Sums:
-    """Sums over frames of (h, …) times a time profile or its square, for a time profile from every onset on,
+class SuffixSums:
+    """Sums over frames of (h, …) times a time profile or its square, one for each onset of the profile,
     (k, …).
 
-    They are sums of sums, so that every onset costs the same.
+    They come from repeated suffix sums, so that every onset costs the same.
     """
 
     def __init__(self, x: Array) -> None:
@@ -105,7 +106,8 @@ class Sums:
 
 
 def _likeliest(gain: Array) -> int:
-    """Where a gain over onsets is largest: amid them, where frames between tell nothing."""
+    """Place of the largest gain over onsets; the middle one of a plateau, which frames without information
+    make."""
     best = np.flatnonzero(gain >= (1.0 - 1e-6) * gain.max())
     return int(best[best.size // 2])
 
@@ -125,18 +127,18 @@ def _later(x: Array, onsets: Indices) -> Array:
 
 
 class Evidence:
-    """All balances of one axis over the frames at hand.
+    """The posteriors of all balances of one axis over a window of frames.
 
     Parameters
     ----------
-    frames : balance name to its frames' information (h, n, n) and vector (h, n), widened by what wanders;
-        those that tell nothing are left out. effects : what the first frame is held against. from_start :
-        whether that is the unit's baseline, so that a fault may have been there before the first frame.
-        stretches : how evidence scatters.
+    frames : balance name to its frames' information (h, n, n) and vector (h, n), the wander marginalised;
+        balances without information are left out. effects : prior of the coefficients at the first frame.
+        from_start : whether that is the unit's baseline, so that a fault may have been present before the
+        first frame. stretches : length of correlated errors and lower bound of the overdispersion.
 
     Attributes
     ----------
-    alone : what `fits` last gave of hypotheses beside no fault that is known.
+    alone : what `fits` last gave without known faults.
     """
 
     def __init__(
@@ -156,19 +158,19 @@ class Evidence:
         self.onsets = np.concatenate([np.array(first, dtype=np.int64), inside])
 
     def shared(self, h: Hypothesis) -> bool:
-        """Whether a balance speaks of a hypothesis."""
+        """Whether any balance at hand has columns of a hypothesis."""
         return any(name in self.balances for name in h.columns)
 
     def fits(self, hypotheses: Sequence[Hypothesis], known: Sequence[Amplitude]) -> list[Amplitude]:
-        """Hypotheses at their likeliest onsets and time profiles, beside faults that are known already; those
-        that would explain nothing are left out."""
+        """Fit hypotheses at their likeliest onsets and time profiles, jointly with known faults; those
+        without gain are left out."""
         testable = [h for h in hypotheses if self.shared(h)]
         if not testable or not self.onsets.size:
             return []
         best: list[tuple[float, str, Array]] = [(0.0, "", self.onsets)] * len(testable)
         for kind, (mine, gains) in self._gains(testable, known).items():
             for i, gain in zip(mine, gains, strict=True):
-                if gain.max() > (1.0 + 1e-9) * best[i][0]:  # of two that tell the same, the simpler one
+                if gain.max() > (1.0 + 1e-9) * best[i][0]:  # of two equal ones, the simpler one
                     best[i] = float(gain.max()), kind, gain
         found = [
             (h, kind, int(self.onsets[_likeliest(gain)]), gain)
@@ -186,8 +188,8 @@ class Evidence:
     def _gains(
         self, hypotheses: Sequence[Hypothesis], known: Sequence[Amplitude]
     ) -> dict[str, tuple[Indices, Array]]:
-        """Which hypotheses may take each time profile, and what they would gain from every onset on, (f,
-        k)."""
+        """By kind of time profile: indices of the hypotheses that allow it, and their gains (f, k) over
+        onsets."""
         scale, signed = (np.array([getattr(h, x) for h in hypotheses]) for x in ("scale", "signed"))
         takes = {kind: np.array([kind in h.time_profiles for h in hypotheses]) for kind in KINDS}
         lam = {kind: np.tile(1.0 / scale**2, (self.onsets.size, 1)) for kind in KINDS}
@@ -198,10 +200,10 @@ class Evidence:
                 continue
             columns = np.array([h.columns[name] for h in hypotheses if name in h.columns])
             contribution = np.moveaxis(e.score_contribution(columns), 0, 1)  # (h, f, n)
-            own = Sums(np.einsum("hfn,fn->hf", contribution, columns))
-            # The log's own solution gives way: the square root of its covariance goes in before the sums.
-            given = Sums(contribution @ e.root)
-            scores = Sums((e.rest - self._moved(name, known)) @ columns.T)
+            own = SuffixSums(np.einsum("hfn,fn->hf", contribution, columns))
+            # What the log's own coefficients absorb, by a square root of their covariance.
+            given = SuffixSums(contribution @ e.root)
+            scores = SuffixSums((e.rest - self._moved(name, known)) @ columns.T)
             for kind in KINDS:
                 k = takes[kind][mine]
                 if k.any():
@@ -217,7 +219,8 @@ class Evidence:
         return out
 
     def _moved(self, name: str, known: Sequence[Amplitude]) -> Array | float:
-        """What known faults add to a balance's frames, less what the log's solution takes up, (h, n)."""
+        """Score contribution (h, n) of known faults to a balance's frames, less the nuisance shift they
+        cause."""
         e = self.balances[name]
         added = sum(
             n.time_profile[:, None] * e.score_contribution(n.hypothesis.columns[name] * n.size)
@@ -229,10 +232,10 @@ class Evidence:
         )
 
     def unexplained(self, found: Amplitude, known: Sequence[Amplitude]) -> float:
-        """What any change of a finding's balances would gain from its onset on, beside all that was found and
-        what healthy coefficients differ by.
+        """Log likelihood ratio of an unmodelled change of a finding's balances from its onset on, against
+        what is found already and healthy variation.
 
-        What chance alone would make of as many free coefficients is taken off.
+        The expectation under chance for as many free coefficients is subtracted.
         """
         total = 0.0
         for name in found.hypothesis.columns:
@@ -255,7 +258,7 @@ class Evidence:
     def fitted(
         self, found: Sequence[tuple[Hypothesis, str, int, Array]], known: Sequence[Amplitude]
     ) -> list[Amplitude]:
-        """Hypotheses with given time profiles, beside faults that are known.
+        """Fit hypotheses with given time profiles, jointly with known faults.
 
         Parameters
         ----------
@@ -284,7 +287,7 @@ class Evidence:
 
     def least_visible(self, hypotheses: Sequence[Hypothesis], onset: int, score: float) -> Array:
         """Smallest amplitude (f,) of each hypothesis that would have this score in nine of ten logs, were it
-        a step from a frame on; infinite where no balance speaks of it.
+        a step from a frame on; infinite where no balance has its columns.
         """
         out = np.full(len(hypotheses), np.inf)
         mine = np.array([k for k, h in enumerate(hypotheses) if self.shared(h)], dtype=np.int64)
@@ -307,7 +310,7 @@ class Evidence:
         found = departures(self.balances, parts, overdispersion, from_start=onset == 0)
         likely = quasi_likely(self.balances, parts, overdispersion, from_start=onset == 0)
         blocks = np.full(len(testable), (self.frames - onset) / self.stretches.frames)
-        # Half of an amplitude's square times this is its score, but for what it is taken off.
+        # The score is half the squared amplitude times this, less the Occam factor.
         worth = log_odds(likely.information, blocks, np.zeros_like(overdispersion))
         wanted = score + 0.5 * np.log1p(scale**2 * found.information) - np.log(prior_weight)
         least = np.sqrt(2.0 * wanted.clip(0.0) / worth.clip(1e-300))
@@ -315,7 +318,8 @@ class Evidence:
         return out
 
     def correlations(self, one: Amplitude, others: Sequence[Hypothesis]) -> Array:
-        """How alike other hypotheses' columns are over the time profile of a fitted one: 0 to 1, (f,)."""
+        """Absolute correlation (f,) of other hypotheses' columns with a fitted one's over its time profile,
+        in the metric of the information."""
         cross, own, theirs = np.zeros(len(others)), 1e-12, np.full(len(others), 1e-12)
         for name, e in self.balances.items():
             none = np.zeros(e.solution.size)

@@ -1,4 +1,5 @@
-"""What each frame tells of each balance's coefficients, and what older ones have made of the reference."""
+"""Normal equations of all balances over the window of recent frames, and the reference learnt from older
+ones."""
 
 from __future__ import annotations
 
@@ -22,16 +23,16 @@ Array = NDArray[np.float64]
 HISTORY = 7200
 """Frames whose misfit is remembered: an hour."""
 LEAST_INFORMATION = 1e-3
-"""Of a coefficient's prior, what a frame must tell of all of them together."""
+"""Least information of a frame on all coefficients together, over that of their prior."""
 HEAT_K = 10.0
-"""K that `LogConditions.heat` counts in."""
+"""K, unit of `LogConditions.heat`."""
 SURROUNDINGS = 3
 MOST_FRAMES = 20
-"""Frames whose quantities are worked out at a time: their columns still fit the processor's memory."""
+"""Frames that are computed at a time: their columns still fit the processor's cache."""
 
 
 class BalanceHistory:
-    """All balances of an axis, frame by frame.
+    """All balances of an axis: a window of frames, the reference before it, and the epochs of its life.
 
     Parameters
     ----------
@@ -50,13 +51,12 @@ class BalanceHistory:
         self.surroundings: list[list[float]] = []
         """Of each frame kept, the last three of `LogConditions`."""
         self.reference = effects
-        """What the first of the frames kept is held against: the unit's baseline, or what older frames have
-        made of it."""
+        """Prior of the coefficients at the first frame kept: the unit's baseline, updated by older frames."""
         self.epochs = Epochs()
         self.last = -1
         """The frame taken last."""
         self.folded = self.taken = 0
-        """Frames that became the reference since the axis last began to work, and all that ever came."""
+        """Frames learnt into the reference since the axis last started, and all frames that ever came."""
         self._misfits: list[list[float]] = []
         self._accumulator = np.nan
         """Its pressure as last known, Pa."""
@@ -76,7 +76,7 @@ class BalanceHistory:
         return out
 
     def conditions(self, name: str) -> LogConditions | None:
-        """Those of the frames kept, as a balance sees them; None where it tells nothing."""
+        """Mean conditions of the frames in which a balance has information; None without any."""
         seen = [k for k, frame in enumerate(self.equations[name]) if frame.rows]
         if not seen:
             return None
@@ -85,12 +85,11 @@ class BalanceHistory:
         return LogConditions(1.0, rows, *around)
 
     def held_against(self) -> dict[str, Effects]:
-        """What the frames kept are held against: what older ones have made of the unit, or its effects with
-        what a log like theirs may differ by."""
+        """Prior of the frames kept: the reference once older frames were learnt, else `expected`."""
         return self.reference if self.folded else self.expected()
 
     def expected(self) -> dict[str, Effects]:
-        """The unit's effects, with what a log like that of the frames kept may differ by."""
+        """The unit's effects with the log-to-log variance under the conditions of the frames kept."""
         found = {name: self.conditions(name) for name in self.effects}
         return {
             name: with_logs(e, c, viscous_change(name, e.mean)) if (c := found[name]) else e
@@ -107,7 +106,8 @@ class BalanceHistory:
         return wide
 
     def push(self, first: int, bins: Array) -> None:
-        """Take the bins of complete frames (see `BinMaker.push`); nothing depends on how many at a time."""
+        """Take the bins of complete frames (see `BinMaker.push`); the result does not depend on how they are
+        cut."""
         if first != self.last + 1:
             self.tail = np.full_like(self.tail, np.nan)
         for start in range(0, len(bins), MOST_FRAMES * FRAME_BINS):
@@ -144,14 +144,14 @@ class BalanceHistory:
         self._misfits = [*self._misfits, *misfits.tolist()][-HISTORY:]
 
     def _early(self, name: str) -> bool:
-        """Whether the noise of a balance is not yet known by as many frames as it is judged by later."""
+        """Whether the noise of a balance rests on fewer frames than `RECENT_FRAMES`."""
         return BALANCES[name].bins_per_row > 1 and len(self.regressions[name].recent) < RECENT_FRAMES
 
     def _settled(self, name: str) -> list[NormalEquations]:
         return self._shared(name) if self._early(name) else self.equations[name]
 
     def _shared(self, name: str) -> list[NormalEquations]:
-        """A log's first frames know little of their noise: what ten seconds show of it holds for them too."""
+        """The log's first frames reweighted by the noise of the first ten seconds together."""
         equations = list(self.equations[name])
         first = [k for k, frame in enumerate(equations) if frame.rows][:RECENT_FRAMES]
         for k in first[:-1]:
@@ -187,15 +187,16 @@ class BalanceHistory:
         return np.asarray(ends, dtype=np.float64), names, np.asarray(np.nan_to_num(seen[:, used]))
 
     def fold(self, window: int, fault_intervals: Sequence[tuple[float, float]] = ()) -> int:
-        """Let frames beyond a window become the reference, a fifth of it at a time; how many have in all.
+        """Learn frames beyond a window into the reference, a fifth of the window at a time; returns how many
+        were learnt in all.
 
-        A reference made of older frames is what the unit was like then; it may have moved since by what
-        coefficients change within a healthy log. What came while a fault stood is no reference: of that the
-        latest frames are kept, and some from before it to hold them against.
+        A reference made of older frames is what the unit was like then; its covariance grows by
+        the changes within a healthy log. What came while a fault stood is no reference: of that the
+        latest frames are kept, and some from before its onset for comparison.
 
         Parameters
         ----------
-        fault_intervals : s, when faults began and ended; inf for those that stand.
+        fault_intervals : s, onset and end of faults; inf for active ones.
         """
         part = window // 5
         while len(self.frames) > window + part:
@@ -214,14 +215,15 @@ class BalanceHistory:
         return self.folded
 
     def stopped(self, first: int) -> bool:
-        """Whether an axis that goes on with this frame had stopped: long enough to be like another log."""
+        """Whether the pause before this frame was long enough (`STOP_S`) to count as the start of another
+        log."""
         return self.last >= 0 and (first - self.last) * FRAME_S > STOP_S
 
     def begin_anew(self, fault_intervals: Sequence[tuple[float, float]], together: int) -> None:
-        """After a stop hold the axis against its unit's baseline again, as the start of a log.
+        """After a stop start from the unit's baseline again, as at the start of a log.
 
-        What it was like before says no more than other logs of the unit do. Where a fault stands, or nothing
-        else is known of the unit, it goes on as it was.
+        The log before the stop says no more than other logs of the unit. With an active fault, or without a
+        baseline, the reference stays.
 
         Parameters
         ----------
@@ -243,7 +245,7 @@ class BalanceHistory:
             self.reference, self.folded = self.effects, 0
 
     def _learn(self, places: NDArray[np.int64]) -> None:
-        """Take frames into the reference."""
+        """Update the reference by frames (Bayesian update of mean and covariance)."""
         before = self.held_against()
         for name, e in before.items():
             wide = self._marginalised(name)
@@ -254,8 +256,7 @@ class BalanceHistory:
             self.reference = {**self.reference, name: replace(e, mean=mean, covariance=covariance)}
 
     def _retire(self, places: NDArray[np.int64]) -> None:
-        """Frames that are looked at no longer stay in the sums of the axis's life, whatever stood
-        meanwhile."""
+        """Move frames from the window to the epochs, with or without an active fault."""
         if places.size:
             wide = {name: [self._marginalised(name)[k] for k in places] for name in BALANCES}
             sums = {name: (sum(m for m, _ in w), sum(v for _, v in w)) for name, w in wide.items()}

@@ -1,12 +1,10 @@
-"""The balances of an EHA: what does not close says what is wrong.
+"""The balances of an EHA: linear regressions whose coefficients a fault changes.
 
-Each balance is a linear model ``y = X b + e`` in rows of 10 ms. Columns are scaled by the profile, so that
-a healthy unit's
-coefficients are near one, or near zero for what a healthy unit lacks.
+Each balance is a linear model ``y = X b + e``, a row for each bin of 10 ms. Columns are scaled by the
+profile, so that a healthy unit's coefficients are near one, or near zero for what a healthy unit lacks.
 
 Symbols: D displacement, θ pump angle, A area, x position, p_i chamber, p_c accumulator, Δp = p_1 - p_2, ν
-viscosity over the
-reference's, ω speed, s_i = ±1 for chamber 1 and 2.
+viscosity over the reference's, ω speed, s_i = ±1 for chamber 1 and 2.
 
 =============  ==========================================================================================
 volume         s(D Δθ - A Δx) of each chamber that no valve feeds (thesis eqs 3.14 to 3.17), m³
@@ -46,7 +44,7 @@ Flags = NDArray[np.bool_]
 
 
 class RegressionBlock(NamedTuple):
-    """Rows of a balance.
+    """Rows of a balance's regression.
 
     Attributes
     ----------
@@ -72,8 +70,8 @@ class Balance:
 
     Attributes
     ----------
-    name, title : for people. columns : names of the coefficients. blocks : quantities to one or two sets of
-    (y (n,), X (n, columns), valid (n,)) that share the coefficients. settle : bins left out after what was
+    name, title : for people. columns : names of the coefficients. blocks : quantities to one or two
+    blocks of rows that share the coefficients. settle : bins left out after what was
     invalid.
     """
 
@@ -83,19 +81,19 @@ class Balance:
     blocks: Callable[[Quantities], list[RegressionBlock]]
     settle: int = 1
     cumulative: bool = False
-    """Rows are changes: they are summed up over each unbroken stretch of a frame."""
+    """Rows are increments: they are summed up over each unbroken stretch of a frame."""
     bins_per_row: int = 1
     """Bins whose mean is one row of the regression."""
     floor: float = 0.0
     """Least noise of a row, in its unit."""
     free: tuple[str, ...] = ()
-    """Columns of the load, or of what is not measured: no two logs of a unit need share them."""
+    """Columns of the load or of unmeasured inputs, whose coefficients are free in each log."""
     laminar: tuple[str, ...] = ()
-    """Columns whose coefficients go by the inverse of the oil's viscosity."""
+    """Columns whose coefficients are proportional to the inverse of the oil's viscosity."""
     viscous: tuple[str, ...] = ()
-    """Columns whose coefficients go by the oil's viscosity."""
+    """Columns whose coefficients are proportional to the oil's viscosity."""
     lines: int = 0
-    """The columns are pairs of sine and cosine, and what counts is this many amplitudes."""
+    """Number of spectral lines: columns are pairs of cosine and sine, coefficients the amplitudes."""
 
 
 LEAST_INLET_PA = -3e4
@@ -219,11 +217,11 @@ def _force(q: Quantities) -> list[RegressionBlock]:
         np.maximum(friction, 0.0),
         np.minimum(friction, 0.0),
     ])  # fmt: skip
-    # While the seal sticks or turns about, its force is anywhere below break-away: only sliding tells how
-    # hard it rubs.
+    # While the seal sticks or reverses, its force is anywhere below break-away: friction shows in sliding
+    # alone.
     sliding = np.abs(q.take["sliding"]) > SLIDING_M_S
     valid = np.isfinite(y) & sliding & (q.take["sliding"] * friction > 0.0)
-    # Two bins late, as the acceleration asks for the next two: else the last ones at hand would tell nothing.
+    # Two bins late, as the acceleration asks for the next two: else the last ones at hand would be lost.
     shifted = np.roll(np.arange(y.size), 2)
     return [RegressionBlock(y[shifted], x[shifted], valid[shifted])]
 
@@ -244,7 +242,7 @@ def _torque(q: Quantities) -> list[RegressionBlock]:
     x = np.column_stack([
         q.dt, drop * q.dt, turning, sense * q.dt, share * q.viscosity * q.dt, np.abs(drop) * sense * q.dt,
     ])  # fmt: skip
-    # While the pump stands its friction is anywhere below break-away: only turning tells the torque's law.
+    # At standstill the pump's friction is anywhere below break-away: its law shows while it turns.
     turns = np.abs(q.speed) > STANDING * scales.speed
     return [RegressionBlock(y, x, np.isfinite(y) & turns)]
 
@@ -262,14 +260,14 @@ def _shaft(q: Quantities) -> list[RegressionBlock]:
         seen = np.sinc(order * q.speed * BIN_S / (2.0 * np.pi))
         lines += [seen * np.cos(order * q.angle), seen * np.sin(order * q.angle)]
     x = np.column_stack([*lines, np.ones_like(y), drop, turning, np.tanh(q.speed / (0.01 * scales.speed))])
-    # A bin late, as the acceleration asks for the next bin: else the last one at hand would tell nothing.
+    # A bin late, as the acceleration asks for the next bin: else the last one at hand would be lost.
     late = np.roll(np.arange(y.size), 1)
     return [RegressionBlock(y[late], x[late], (np.isfinite(y) & _turning(q))[late])]
 
 
 ORDERS = (1.0, 2.0, 0.5, 1.5, 2.5)
-"""Orders of the shaft: those of a coupling out of line, and those beside them, at which nothing turns: they
-tell how much of an amplitude is a load's or a loop's own unrest."""
+"""Orders of the shaft: those of a misaligned coupling, and those half an order away, at which nothing
+turns: they show the broadband vibration of load and loop."""
 
 
 STEADY = 0.88
@@ -277,8 +275,8 @@ STEADY = 0.88
 
 
 def _turning(q: Quantities) -> Flags:
-    """Where a line shows: over whole turns at no very different speeds, as what starts and stops has all
-    lines, and below the rate at which a bin's mean swallows it."""
+    """Where a line shows: over whole turns at nearly constant speed, as starts and stops excite all orders,
+    and below the rate at which a bin's mean swallows it."""
     angle, speed = (x.reshape(-1, FRAME_BINS) for x in (q.angle, np.abs(q.speed)))
     whole = np.fmax.reduce(angle, axis=1) - np.fmin.reduce(angle, axis=1) > 4.0 * np.pi
     whole &= np.fmin.reduce(speed, axis=1) > STEADY * np.fmax.reduce(speed, axis=1)
@@ -290,7 +288,7 @@ def _coherence(q: Quantities) -> list[RegressionBlock]:
     p1, p2 = (q.take[name] / q.scales.pressure for name in ("pressure_1", "pressure_2"))
     share = q.speed / q.scales.speed
     x = np.column_stack([np.ones_like(y), p1, p2, share * q.viscosity, share * np.abs(share)])
-    # Both sides are measured, so noise is in the columns: where pressures hardly change it would decide.
+    # Errors in variables: both sides are measured, so noise is in the columns too.
     noise = np.zeros((y.size, 2, x.shape[1]))
     noise[:, 0, 1] = q.take["pressure_1_noise"] / q.scales.pressure
     noise[:, 1, 2] = q.take["pressure_2_noise"] / q.scales.pressure

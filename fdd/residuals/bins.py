@@ -1,12 +1,9 @@
 """From samples to bins of 10 ms: every channel through one and the same linear filter.
 
-A balance is linear in what it sums up, so it holds as well between the means of a bin of 10 ms as between
-samples. All
-channels are averaged over the very same samples of a bin (those at which every channel that is there has a
-value), so that
-neither a missing value nor jitter shifts one against another. Bins lie on an absolute grid of time:
-nothing depends on
-how a log was cut, nor on its first bin.
+A balance is linear, so it holds between means over bins of 10 ms as well as between samples. All channels are
+averaged over the same samples of a bin (those at which every channel that is there has a value), so that
+neither a missing value nor jitter shifts one against another. Bins lie on an absolute grid of time: the
+result does not depend on how a log was cut, nor on its first bin.
 """
 
 from __future__ import annotations
@@ -35,14 +32,15 @@ FRAME_BINS = 50
 """Bins in a frame, the step in which evidence is gathered."""
 FRAME_S = BIN_S * FRAME_BINS
 BLOCK_FRAMES = 4
-"""Frames of a block whose errors may hang together: 2 s."""
+"""Frames of a block whose errors may be correlated: 2 s."""
 TAIL_BINS = 50
 """Bins before a frame that its filters and validity rules may look back at."""
 PRESLIDING_TRAVEL_M = 5e-4
-"""m, travel in which a seal breaks away: elastomer seals give 0.1 to 0.5 mm before they slide."""
+"""m, presliding travel of a seal until it breaks away: elastomer seals give 0.1 to 0.5 mm before they
+slide."""
 LUBRICATION_LAG_S = 0.03
-"""s, by which a lubricating film, and with it the falling part of friction, follows the sliding: 5 to 60 ms
-by Hess and Soom 1990 (doi 10.1115/1.2920240) and Armstrong-Helouvry et al. 1994 (doi
+"""s, lag of the lubricating film, and with it of the falling part of friction, behind the sliding speed: 5 to
+60 ms by Hess and Soom 1990 (doi 10.1115/1.2920240) and Armstrong-Helouvry et al. 1994 (doi
 10.1016/0005-1098(94)90209-7)."""
 
 GAS_S = 6.0
@@ -54,7 +52,7 @@ WARMING_S = (10.0, 60.0)
 PAUSE_S = 30.0
 """s without samples from which there are no frames: a week of short runs costs no more than the runs."""
 STOP_S = 600.0
-"""s of a pause after which an axis is no longer as it was: its oil has cooled, or another has flown it."""
+"""s of a pause after which an axis counts as started anew: its oil has cooled, or another has flown it."""
 
 FAST = (
     "command", "pump_angle", "pump_speed", "position", "pressure_difference", "pressure_1", "pressure_2",

@@ -1,5 +1,5 @@
-"""How a healthy unit's coefficients lie, and how they err: random effects between units, between logs, within
-a log, and from frame to frame."""
+"""Prior of a healthy unit's coefficients: random effects between units, between logs, within a log, and from
+frame to frame."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ Positive = Annotated[float, Field(ge=0.0, le=1e12)]
 
 
 class CoefficientSpread(BaseModel):
-    """What one coefficient is in healthy units, and what it differs by.
+    """Mean of one coefficient over healthy units, and its standard deviations.
 
     Attributes
     ----------
@@ -56,7 +56,7 @@ class BalanceSpread(BaseModel):
 
 
 class Spreads(BaseModel):
-    """What healthy units and logs differ by, as ``fdd train`` learnt it from a population.
+    """Variance components of healthy units and logs, as ``fdd train`` learnt them from a population.
 
     Attributes
     ----------
@@ -69,7 +69,7 @@ class Spreads(BaseModel):
 
 
 class LogConditions(NamedTuple):
-    """What a log's coefficients differ from the unit's by, and how much of it there is: weights of variances.
+    """Conditions of a log that its coefficients' variance about the unit's depends on: weights of variances.
 
     Attributes
     ----------
@@ -171,7 +171,7 @@ def with_logs(effects: Effects, conditions: LogConditions, viscous: Array | floa
 
     Parameters
     ----------
-    viscous : (n,), what the coefficients change by with ln viscosity, as `viscous_change` gives it.
+    viscous : (n,), derivative of the coefficients by ln viscosity, from `viscous_change`.
     """
     differs, blind = effects.between_logs(conditions), np.sqrt(conditions.without_thermometer) * viscous
     unknown = UNKNOWN_VISCOSITY**2 * np.outer(blind, blind)
@@ -182,7 +182,7 @@ def with_logs(effects: Effects, conditions: LogConditions, viscous: Array | floa
 
 
 def viscous_change(name: str, mean: Array) -> Array:
-    """What a balance's coefficients (n,) change by with ln viscosity: they go by it or by its inverse."""
+    """Derivative of a balance's coefficients (n,) by ln viscosity; they go by it or by its inverse."""
     balance = BALANCES[name]
     goes = [float(c in balance.viscous) - float(c in balance.laminar) for c in balance.columns]
     return np.array(goes) * mean

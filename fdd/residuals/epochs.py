@@ -1,8 +1,8 @@
 """The balances over an axis's life: normal equations of the frames that left the window, summed by epoch.
 
-The reference of a log follows what a healthy unit changes by, and a slow wear with it. What lies between two
-stops, or an hour, is one draw of what differs between a unit's logs (`Effects.between`), however many frames
-it has; over many of them a change shows that no single one would.
+The reference of a log follows healthy changes of a unit, and slow wear with them. So the time between two
+stops, or an hour, is kept as an epoch: one draw of the log-to-log variation (`Effects.between`), however many
+frames it has. Over many epochs a slow change shows that no single one would.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from fdd.residuals.effects import Effects, usual_conditions
 from fdd.residuals.normal_equations import marginalised
 
 Array = NDArray[np.float64]
-Sums = Mapping[str, tuple[Array, Array]]
+BalanceSums = Mapping[str, tuple[Array, Array]]
 
 EPOCH_FRAMES, LEAST_EPOCH_FRAMES = 7200, 240
 """Frames of an epoch: an hour's at most, and at a stop two minutes' at least, as a log from which a unit is
@@ -50,7 +50,7 @@ class Epochs:
         self._sums: list[dict[str, tuple[Array, Array]]] = []
         self.completed = 0
 
-    def add(self, frames: Sequence[int], sums: Sums) -> None:
+    def add(self, frames: Sequence[int], sums: BalanceSums) -> None:
         """Take frames.
 
         Parameters
@@ -68,7 +68,7 @@ class Epochs:
             self._complete()
 
     def stop(self) -> None:
-        """The axis has stopped: what comes is another draw."""
+        """The axis has stopped: the next frame begins another epoch."""
         if self._open >= LEAST_EPOCH_FRAMES:
             self._complete()
 
@@ -101,13 +101,13 @@ class Epochs:
 
     @staticmethod
     def effects(effects: Mapping[str, Effects]) -> dict[str, Effects]:
-        """A unit's effects as epochs see them, that scatter by no more than what differs between logs."""
+        """A unit's effects for epochs, each of which is one draw of the log-to-log variation."""
         return {
             name: replace(
                 e,
                 information=np.eye(e.mean.size),
                 scatter=np.eye(e.mean.size),
-                log_variance=np.zeros(e.mean.size),  # of which each epoch is a draw already
+                log_variance=np.zeros(e.mean.size),  # marginalised in each epoch
             )
             for name, e in effects.items()
         }
@@ -151,7 +151,7 @@ class Epochs:
                 self._sums[k][name] = state[f"{name}/m"][i].copy(), state[f"{name}/v"][i].copy()
 
 
-def _added(one: Sums, other: Sums) -> dict[str, tuple[Array, Array]]:
+def _added(one: BalanceSums, other: BalanceSums) -> dict[str, tuple[Array, Array]]:
     out = dict(one)
     for name, (m, v) in other.items():
         have = out.get(name)

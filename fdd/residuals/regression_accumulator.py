@@ -1,8 +1,7 @@
-"""One balance's bookkeeping from frame to frame: its noise, its colour, and what a frame tells.
+"""Weighted normal equations of one balance's regression, frame by frame.
 
-The information of a frame is that of its rows over their own variance, so a noisy sensor or a gusty minute
-speaks more quietly.
-What hangs together in time, a load or a slow current, is taken out of rows and columns alike.
+A frame is weighted by the variance of its own rows, so a noisy sensor or a gusty minute counts for less.
+Correlated errors, of a load or a slow current, are filtered out of the left side and the columns alike.
 """
 
 from __future__ import annotations
@@ -22,27 +21,28 @@ Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 
 LEAST_ROWS = 12
-"""Rows below which a stretch of a frame says too little."""
+"""Fewest rows of a stretch of a frame that count."""
 MEMORY = 0.95
-"""Share of the noise's statistics that is kept from frame to frame: ten seconds."""
+"""Forgetting factor of the noise's statistics from frame to frame: a time constant of ten seconds."""
 RECENT_FRAMES = 20
 """Frames of that memory where rows themselves are kept."""
 MOST_COLOUR = 0.95
-"""Correlation of neighbouring rows beyond which ten seconds do not tell it."""
+"""Upper bound of the lag-one correlation of rows: ten seconds do not determine a larger one."""
 LEAST_NOISE = 0.1
-"""Of the unit's usual noise: at standstill an encoder may seem to have none."""
+"""Lower bound of the noise over the unit's usual one: at standstill an encoder may show none."""
 LOAD_S = 1.0
-"""s in which a load changes as much as friction does when the piston turns round."""
+"""s, time constant of the high-pass filter against a load: in it the load changes as much as friction does
+when the piston reverses."""
 FIRST_WEIGHT = 100.0
-"""Rows that the first guess of a noise counts for."""
+"""Rows that the initial noise counts for."""
 
 
 class RegressionAccumulator:
-    """One balance's bookkeeping: noise, colour and coefficients so far.
+    """Accumulates one balance's regression: normal equations, noise variance, correlation of errors.
 
     Parameters
     ----------
-    balance : which. effects : its coefficients' prior mean and spread, and first guess of its noise.
+    balance : which. effects : prior mean and spread of its coefficients, and initial noise.
     """
 
     def __init__(self, balance: Balance, effects: Effects) -> None:
@@ -58,7 +58,7 @@ class RegressionAccumulator:
         self.level: Array = np.zeros((1, effects.mean.size + 1))
 
     def equations(self, blocks: Sequence[RegressionBlock]) -> list[NormalEquations]:
-        """What frames tell.
+        """Normal equations of frames.
 
         Parameters
         ----------
@@ -101,7 +101,8 @@ class RegressionAccumulator:
         return NormalEquations(gram[:n, :n] / variance, gram[:n, n] / variance, free, variance)
 
     def _amplitudes(self, gram: Array, free: float) -> NormalEquations:
-        """Amplitudes of lines, whatever their phase: a lost count turns the shaft's angle, but not them."""
+        """Normal equations of the lines' amplitudes without their phase, which a lost count of the encoder
+        shifts."""
         lines = self.balance.lines
         n = gram.shape[0] - 1
         scale = 1.0 / np.sqrt(np.diag(gram)[:n].clip(1e-300))
@@ -111,7 +112,7 @@ class RegressionAccumulator:
         size = inverse @ gram[:n, n]
         variance = max((gram[n, n] - size @ gram[:n, n]) / max(free - n, 0.3 * free), self.least)
         pairs = np.hypot(size[0 : 4 * lines + 2 : 2], size[1 : 4 * lines + 2 : 2])
-        # A line's own height over those half an order beside it, which are as high as unrest alone makes it.
+        # Height over the two lines half an order away, at which only broadband vibration shows.
         lower, upper = pairs[lines:-1], pairs[lines + 1 :]
         amplitude = pairs[:lines] - 0.5 * (lower + upper)
         beside = 0.25 * (np.square(lower) + np.square(upper))
@@ -122,13 +123,10 @@ class RegressionAccumulator:
         return NormalEquations(np.diag(1.0 / spread), amplitude / spread, free, variance)
 
     def _coloured(self, rows: Array) -> float:
-        """Variance that rows would have that err independently and tell as much.
+        """Effective variance of rows with errors of a first-order autoregression.
 
-        It is the mean square of what the best coefficients of the last ten seconds leave, times
-        (1 + ρ)/(1 - ρ) of a first-order autoregression.
-
-        What a law leaves out (a load's own dynamics) is correlated over many rows, and a frame has too few
-        to tell.
+        It is the mean square residual of the last ten seconds' least squares, times (1 + ρ)/(1 - ρ). The
+        model error of a law (a load's own dynamics) is correlated over more rows than a frame has.
         """
         self.recent = [*self.recent[-RECENT_FRAMES + 1 :], rows]
         joined = np.concatenate(self.recent)
@@ -138,11 +136,13 @@ class RegressionAccumulator:
         left = y - scaled @ np.linalg.solve(scaled.T @ scaled + RIDGE * np.eye(scale.size), scaled.T @ y)
         square = max(float(left @ left), 1e-300)
         rho = float(left[1:] @ left[:-1]) / square
-        rho += (1.0 + 3.0 * rho) / y.size  # few rows show too little of it (doi 10.1093/biomet/41.3-4.390)
+        rho += (
+            1.0 + 3.0 * rho
+        ) / y.size  # bias of the lag-one correlation of few rows (doi 10.1093/biomet/41.3-4.390)
         rho = min(max(rho, 0.0), MOST_COLOUR)
         free = max(y.size - scale.size, 0.3 * y.size)
         found = square / free * (1.0 + rho) / (1.0 - rho)
-        # The log's first frames know little of their noise: the unit's usual one counts as some rows.
+        # The log's first frames determine their noise badly: the unit's usual one counts as some rows.
         usual = FIRST_WEIGHT / self.balance.bins_per_row
         return max((free * found + usual * self.usual) / (free + usual), self.least)
 
@@ -151,15 +151,11 @@ class RegressionAccumulator:
         if they are too few."""
         joined = np.column_stack([x, y])
         bins_per_row = self.balance.bins_per_row
-        if (
-            bins_per_row > 1
-        ):  # a law that holds over tens of milliseconds must not be whitened up to where it fails
+        if bins_per_row > 1:  # the law holds over tens of ms: whitening must not reach where it fails
             joined = joined.reshape(-1, bins_per_row, joined.shape[1]).mean(axis=1)
             ok = np.asarray(ok.reshape(-1, bins_per_row).all(axis=1))
         frame, least = FRAME_BINS // bins_per_row, max(LEAST_ROWS // bins_per_row, 1)
-        if (
-            self.balance.lines
-        ):  # slow currents are no vibration; a line keeps its amplitude, as its columns do
+        if self.balance.lines:  # slow currents are no vibration; columns and left side are filtered alike
             joined, ok = np.diff(joined, axis=0), ok[1:] & ok[:-1]
         inside = joined[-frame:][ok[-frame:]]
         if bins_per_row > 1:
@@ -167,9 +163,9 @@ class RegressionAccumulator:
         return inside if inside.shape[0] >= least else inside[:0]
 
     def _passed(self, rows: Array) -> Array:
-        """Rows less what went before them: a load that changes slowly is no friction.
+        """High-pass filter against a load that changes slowly.
 
-        The prediction error of a random walk under white noise, in which all columns take part alike.
+        It is the prediction error of a random walk under white noise, applied to left side and columns alike.
         """
         if not rows.size:
             return rows

@@ -20,7 +20,8 @@ CELL_S = 0.02
 BESIDE_CELLS = 3
 """Cells on either side that a cell's step is compared with."""
 COUNTS = 6.0
-"""Counts: rounding gives an excess of up to 2, hysteresis and unevenness of a plain scale as much each."""
+"""Allowance in counts: rounding gives an excess of up to 2, hysteresis and unevenness of a plain scale as
+much each."""
 CELL_REACH = 12.0
 """Standard deviations of a cell's mean: as `jumps.NOISE_REACH`, less since the history counts as well."""
 LEARNT_CELLS = 25

@@ -21,7 +21,7 @@ Array = NDArray[np.float64]
 LOG_ODDS = 25.0
 FEWEST_ROWS = 8
 LEARNT_FRAMES = 4
-"""Frames of a class after which what they showed is believed."""
+"""Fewest good frames of a class (still or moving) from which its statistics are used."""
 FROM_START_S = 1.0
 """A channel that never changed has shown no noise at all: the profile may be wrong, so it gets this time, in
 which the pump has to turn."""

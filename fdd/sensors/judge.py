@@ -19,15 +19,17 @@ Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
 BURST_S = 1.0
-"""A value that stood for less is a loose contact's; a sensor that fails stays failed."""
+"""s: a value that stays constant for less is a loose contact's; a sensor that fails stays failed."""
 NOISE_FACTOR, NOISE_FRAMES = 5.0, 4
-"""The scale of a frame's noise, from some 500 second differences, scatters by a tenth: five is no chance."""
+"""Ratio of noise to its largest healthy value, and frames in a row, that make a fault. A frame's noise, from
+some 500 second differences, has a relative standard deviation of a tenth: a factor of five is no chance."""
 FAINT_FACTOR = 0.1
 WITHOUT_NOISE = ("oil_temperature", "motor_current")
-"""A slow channel shows its noise too seldom, and that of a current is the drive's as well."""
+"""Channels whose noise is not judged: a slow one shows it too seldom, and a current's is the drive's as
+well."""
 SHOWS_NOISE = np.array([n not in WITHOUT_NOISE for n in NAMES])
 GOOD_FRAMES = 2
-"""Frames without a complaint after which a channel is trusted again."""
+"""Frames in a row without a failure after which a channel is trusted again."""
 POSITION = INDEX["position"]
 
 
@@ -44,7 +46,7 @@ class FrameJudge:
         self._jumps = JumpWatch(limits, memory, findings)
         self._supply = SupplyWatch(limits, memory, findings)
 
-    def frame(self, time: Array, values: Array, first: int, impossible: Mask, end: float) -> None:
+    def judge(self, time: Array, values: Array, first: int, impossible: Mask, end: float) -> None:
         """Judge rows ``first:``; those before are the tail of the frame before.
 
         Parameters
@@ -73,15 +75,15 @@ class FrameJudge:
         if kind == MOVING:
             memory.excited[frame.measured] = np.where(frame.whole, memory.excited + 1.0, 0.0)[frame.measured]
         self._learn(frame, kind, frame.measured & ~odd & ~failing & np.isnan(memory.failed_since))
-        self._jumps.frame(rows, frame.seen, end - FRAME_S, end, failing)
+        self._jumps.judge(rows, frame.seen, end - FRAME_S, end, failing)
         self._supply.silent_from_start(end, failing)
         self._supply.lost_together(end, failing)
         self._recover(end, failing)
 
     def _learn(self, frame: Scan, kind: int, good: Mask) -> None:
-        """Take what good channels did as what they may do: repeated rows, and noise."""
+        """Learn the range of healthy behaviour from good channels: repeated rows, and noise."""
         memory = self.memory
-        # The longest run that N rows have by chance is about ln N / ln(1/p).
+        # The expected longest run of N rows is about ln N / ln(1/p).
         by_run = np.maximum(memory.present, 1.0) ** (-1.0 / np.maximum(frame.longest, 1.0))
         by_run[memory.present < 2.0] = 0.0
         for kept, shown in (
@@ -96,7 +98,7 @@ class FrameJudge:
     def _fail(
         self, k: int, kind: Kind, onset: float, now: float, size: float, evidence: str, failing: Mask
     ) -> None:
-        """A failure that lasts: told, and the channel not trusted from now on."""
+        """A lasting failure: reported, and the channel is not trusted from now on."""
         failing[k] = True
         if np.isnan(self.memory.failed_since[k]):
             self.memory.failed_since[k] = onset
@@ -135,7 +137,7 @@ class FrameJudge:
                     )
                 continue
             if not np.isnan(until) and since == memory.failed_since[k]:
-                # The end of what was told while it lasted; so short, it was a loose contact.
+                # The end of a run already reported; if short, it was a loose contact.
                 if length < BURST_S:
                     memory.held_until[k] = until + LOST_WINDOW_S
                     self.findings.rename(name, since, "dropout", length)
@@ -233,7 +235,8 @@ class FrameJudge:
         return np.asarray(loud | faint)
 
     def _recover(self, end: float, failing: Mask) -> None:
-        """Trust again what had no complaint for some frames; the clean time counts from the first of them."""
+        """Trust channels again after `GOOD_FRAMES` without a failure; they count as good from the first of
+        these."""
         memory = self.memory
         for k in np.flatnonzero(~np.isnan(memory.failed_since)).tolist():
             lasting = memory.biased[k] != 0.0 or self._still_silent(k)

@@ -24,7 +24,7 @@ JUDGED = tuple(
 )
 IS_JUDGED = np.isin(np.arange(len(NAMES)), JUDGED)
 DEFERRED_S = 0.1
-"""Rows are judged so much after they came, when the level after them is known."""
+"""s, delay of the judgement of a row, so that the level after it is known."""
 TAIL_S = 0.3
 HELD_ROWS = 8
 """Rows of one position before a jump, from which on it may have been held."""
@@ -78,7 +78,7 @@ class JumpWatch:
     def __init__(self, limits: Limits, memory: Memory, findings: SensorFindings) -> None:
         self.limits, self.memory, self.findings = limits, memory, findings
 
-    def frame(self, rows: Rows, seen: Array, start: float, end: float, failing: Mask) -> None:
+    def judge(self, rows: Rows, seen: Array, start: float, end: float, failing: Mask) -> None:
         """Judge what came `DEFERRED_S` earlier than the frame from `start` to `end`.
 
         Parameters
@@ -86,7 +86,7 @@ class JumpWatch:
         seen : (12,) values of each channel among the rows. failing : (12,) what has a complaint, added to.
         """
         limits, memory, time = self.limits, self.memory, rows.time
-        # A loose contact's jumps are told as that; a biased pressure is still watched, for the step back.
+        # A loose contact's jumps are reported as such; a biased pressure is still watched, for the step back.
         judged = IS_JUDGED & (seen > 0.0) & ~failing & (memory.held_until <= time[0])
         judged &= np.isnan(memory.failed_since) | (memory.biased != 0.0)
         judged[DIFFERENCE] &= memory.derived[0] != 1.0

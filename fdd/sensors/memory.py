@@ -15,7 +15,8 @@ COUNT = len(NAMES)
 CELL_HISTORY = 250
 """Cells of 20 ms: the noise of the last five seconds."""
 STILL, MOVING = 0, 1
-"""Frames in which the pump turned less than once, or more: noise and repeats are compared with their like."""
+"""Classes of frames: the pump turned less than once, or more. Noise and repeats are compared within a
+class."""
 SHAPES: dict[str, tuple[int, ...]] = {
     **dict.fromkeys(("frames", "repeat", "noisiest", "quietest"), (2, COUNT)),
     "volume": (5,), "stood": (4,), "stamps": (2,), "cells": (COUNT, CELL_HISTORY), "derived": (1,),

@@ -19,9 +19,10 @@ Mask = NDArray[np.bool_]
 
 FRAME_S = 0.5
 LONG_GAP_S = 0.25
-"""A gap in one channel is told from here on: eight times the longest burst that a healthy recorder loses."""
+"""s: gaps of one channel from this length on are reported: eight times the longest burst that a healthy
+recorder loses."""
 LOST_SHARE, LOST_WINDOW_S = 0.05, 10.0
-"""Shorter gaps are told when they make up this share of the last ten seconds."""
+"""Shorter gaps are reported when they make up this share of the last ten seconds."""
 SPARSE_SHARE = 0.8
 """A channel with fewer values than this is a slow one that stands between faster ones."""
 ONE, TWO, DIFFERENCE = (INDEX[n] for n in (*CHAMBERS, "pressure_difference"))
@@ -184,6 +185,6 @@ def _runs(
             if not np.isnan(value):
                 memory.changed[k] = 1.0
             memory.last_value[k] = value
-            value, since, rows = values[i] + 0.0, time[i], 1.0  # No negative zero is told.
+            value, since, rows = values[i] + 0.0, time[i], 1.0  # no negative zero in messages
     memory.run_value[k], memory.run_since[k], memory.run_rows[k] = value, since, rows
     return count, longest, repeats

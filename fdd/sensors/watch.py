@@ -153,7 +153,7 @@ class SensorWatch:
         time = np.concatenate([self._tail[0][tail], *(p[0] for p in self._parts)])
         values = np.concatenate([self._tail[1][:, tail], *(p[1] for p in self._parts)], axis=1)
         wild = np.concatenate([p[2] for p in self._parts], axis=1)
-        self._judge.frame(time, values, first, wild, end)
+        self._judge.judge(time, values, first, wild, end)
         tail = slice(int(np.searchsorted(time, end - TAIL_S)), None)
         self._tail = time[tail].copy(), values[:, tail].copy()
         self._parts = []

@@ -10,7 +10,7 @@ from made_up_evidence import DRIFT, EFFECTS, LEAK, THIRD, best, drawn, hypothesi
 
 from fdd.diagnosis.decision import USUAL_SIZE, decide
 from fdd.diagnosis.departures import WITHIN_FRAMES
-from fdd.diagnosis.evidence import KINDS, Amplitude, Evidence, Sums, time_profile_of
+from fdd.diagnosis.evidence import KINDS, Amplitude, Evidence, SuffixSums, time_profile_of
 from fdd.diagnosis.fitting import Joint
 from fdd.diagnosis.sequential_detector import RECOVERED_SHARE
 from fdd.residuals.balance_history import marginalised
@@ -238,8 +238,8 @@ def test_a_fault_that_heals_is_over_and_no_other_fault_its_opposite(seed: int) -
 def test_sums_of_sums_are_plain_sums_over_a_course(kind: str) -> None:
     x, onsets = np.random.default_rng(1).normal(size=(90, 4)), np.array([0, 6, 40, 66, 83, 89])
     time_profiles = np.array([time_profile_of(kind, 90, int(onset)) for onset in onsets])
-    np.testing.assert_allclose(Sums(x).over(kind, onsets), time_profiles @ x, atol=1e-10)
-    np.testing.assert_allclose(Sums(x).squared(kind, onsets), time_profiles**2 @ x, atol=1e-9)
+    np.testing.assert_allclose(SuffixSums(x).over(kind, onsets), time_profiles @ x, atol=1e-10)
+    np.testing.assert_allclose(SuffixSums(x).squared(kind, onsets), time_profiles**2 @ x, atol=1e-9)
 
 
 def test_faults_fitted_together_are_as_each_alone() -> None:

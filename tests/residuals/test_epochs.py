@@ -10,13 +10,13 @@ import pytest
 from fdd.residuals.balances import BALANCES
 from fdd.residuals.bins import FRAME_S
 from fdd.residuals.effects import first_effects, usual_conditions
-from fdd.residuals.epochs import Epochs, Sums
+from fdd.residuals.epochs import BalanceSums, Epochs
 
 EFFECTS = {name: first_effects(name) for name in BALANCES}
 MINUTE = round(60.0 / FRAME_S)
 
 
-def told(seed: int, *names: str) -> Sums:
+def told(seed: int, *names: str) -> BalanceSums:
     """Normal equations of some balances, of many rows."""
     rng, out = np.random.default_rng(seed), {}
     for name in names:
@@ -25,7 +25,7 @@ def told(seed: int, *names: str) -> Sums:
     return out
 
 
-def minutes(epochs: Epochs, start: int, count: int, what: Sums) -> None:
+def minutes(epochs: Epochs, start: int, count: int, what: BalanceSums) -> None:
     epochs.add(range(start * MINUTE, (start + count) * MINUTE), what)
 
 
