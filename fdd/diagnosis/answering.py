@@ -171,8 +171,7 @@ def invisible(evidence: Evidence, hypotheses: Sequence[Hypothesis], threshold: f
     """Faults with the smallest severity that this log would have shown, had they begun a third into it.
 
     It shows where its score (`fdd.diagnosis.departures`) passes the threshold in nine of ten logs. A fault
-    acts in one way of several, as on one side, and nobody knows in which: the hardest to see says from where
-    on none would have been hidden.
+    acts in one of several ways, as on one side: the severity is that of the way that is hardest to see.
     """
     ways: dict[str, list[tuple[float, Hypothesis]]] = {}
     found = evidence.least_visible(hypotheses, evidence.frames // 3, threshold)
@@ -245,7 +244,8 @@ def estimates_of(
 def estimates_by(
     tracked: Tracked, unit: Unit, faults: Sequence[FaultFinding], method: str = "ekf"
 ) -> dict[str, Estimate]:
-    """What one of fdd's filters says at the end; what can be believed is told by the EKF and `faults`."""
+    """Estimates of one of fdd's filters at the end; which are observable follows from the EKF and
+    `faults`."""
     records = tracked.last_records[method]
     if not records.size:
         empty = {"baseline": None, "value": None, "std": None, "observable": False}

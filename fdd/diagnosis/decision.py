@@ -24,7 +24,7 @@ MOST_FAULTS = 3
 USUAL_SIZE = 0.5
 """Mode of the prior of a severity (Rayleigh's distribution)."""
 SECOND_FAULT = 2.0
-"""Log odds against a further fault beside one that was found; assumed: one faulty unit in eight has two."""
+"""Prior log odds against a second fault; assumed: one faulty unit in eight has two."""
 TOGETHER_FRAMES = 4
 """Frames within which two onsets count as the same."""
 LAW_DOUBT = 0.25

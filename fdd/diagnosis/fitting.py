@@ -235,7 +235,7 @@ def fit(
     if from_start:
         joints = parts.joints(balances, from_start=True)
         vague = 1.0 / scales**2
-        vague[:, 0] *= 1e-9  # not none: a log may tell nothing
+        vague[:, 0] *= 1e-9  # not zero: a log may have no information
         information, vector = _summed(joints, vague)
         a = _solved(information, vector)
         inverse = np.linalg.inv(information)
@@ -382,7 +382,7 @@ def _scatter(
     quiet = np.where(later, (1.0 - acts) * w, w)
     quiet_information = quiet.sum(axis=1)
     stretches = np.maximum(quiet_information**2 / np.maximum(np.sum(quiet**2, axis=1), 1e-300) - 1.0, 0.0)
-    # Of what the unit's prior tells of the nuisance parameters the log's stretches tell nothing.
+    # The share of the nuisance parameters' information that the prior gives shows no scatter within the log.
     share = quiet_information / np.maximum(quiet_information + prior_information, 1e-300)
     stretches *= np.where(later[:, 0], share, 1.0)
     own = np.sum(quiet * u**2 / w, axis=1) / np.maximum(quiet_information, 1e-300)

@@ -50,7 +50,7 @@ STATE_VERSION = "17"
 SCANS_A_MINUTE, SCANS_KEPT = 12, 720
 """Evaluations in a minute, and how many a monitor remembers: an hour."""
 EPOCHS = Stretches(frames=1, least=1.0)
-"""An epoch is a draw of what differs between logs; no unit is taken to differ by less than is usual."""
+"""Each epoch is one draw of the log-to-log variation, which is taken to be no less than usual."""
 HELD_IN_DOUBT = 0.5
 """Confidence of a fault below which it does not make a verdict."""
 _BESIDE = ThreadPoolExecutor(1, "tracking")
@@ -190,13 +190,13 @@ class Pipeline:
 
     @property
     def standing(self) -> list[FaultFinding]:
-        """Findings whose evidence stands now, and sensors that have not recovered."""
+        """Active faults, and sensors that have not recovered."""
         failed = (f for f in self._sensors.findings() if f.kind in FAILING and f.until_s is None)
         acute = self._acute.active.findings()
         return [*acute, *self._slowly({f.family for f in acute}), *map(sensor_fault, failed)]
 
     def _slowly(self, seen: Collection[str]) -> list[FaultFinding]:
-        """Slow wear that stands, of families that are not seen otherwise."""
+        """Active slow wear, of families that are not among `seen`."""
         return [f for f in self._slow.active.findings() if f.family not in seen]
 
     @property
@@ -239,7 +239,7 @@ class Pipeline:
         if not self._tracked.keep:
             del self._scans[: -SCANS_KEPT + 1]
         number = self._history.taken // SCAN_FRAMES
-        # What could be seen changes fast in the first minute, and slowly after it.
+        # The share that could not be seen changes fast in the first minute, and slowly after it.
         if number <= SCANS_A_MINUTE or number % SCANS_A_MINUTE == 1 or not self._scans:
             self._hidden = hidden_share(invisible(evaluation.evidence, self._hypotheses, self.threshold))
         self._scans.append((evaluation.now, evaluation.stands))
@@ -251,7 +251,7 @@ class Pipeline:
         return fresh
 
     def _wear(self) -> list[FaultFinding]:
-        """What a completed epoch adds: slow wear, which the reference of the last minutes follows."""
+        """Evaluate the epochs after one was completed: slow wear, which the window's reference follows."""
         epochs = self._history.epochs
         self._epochs = epochs.completed
         starts = epochs.starts().tolist()
@@ -293,7 +293,7 @@ class Pipeline:
             first = self._acute.active.alarms.get(finding.family)
             if first is not None:
                 finding.detected_s = first.detected_s
-        # What alarmed while its onset was in sight stands, though the window may have gone past it.
+        # An alarm stays, though its onset has left the window.
         start = self._history.frames[0] * FRAME_S if self._history.frames else 0.0
         hydraulic += self._acute.active.past({f.family for f in hydraulic}, start)
         faults += [*hydraulic, *self._slowly({f.family for f in hydraulic})]
@@ -336,7 +336,7 @@ class Pipeline:
         )  # fmt: skip
 
     def _doubts(self, duration: float) -> list[str]:
-        """Why "healthy" would say too much."""
+        """Reasons why the log does not allow the verdict "healthy"."""
         if len(self._history.frames) < VERDICT_FRAMES:
             return [f"{duration:.1f} s of data; a verdict needs {VERDICT_FRAMES * FRAME_S:.0f} s or more"]
         rows = sum(float(e.rows) for e in self._history.equations["volume"])

@@ -16,7 +16,7 @@ from fdd.samples import Samples
 from fdd.unit import Unit
 
 LEAST_INFORMATIVE_FRAMES = 8
-"""That told something of a balance, for a mean over the log: four seconds."""
+"""Fewest frames with information on a balance for a mean over the log: four seconds."""
 NO_CHANGE = "no change beyond uncertainty"
 
 
@@ -99,7 +99,7 @@ def _closures(a: Trajectories, b: Trajectories) -> list[Closure]:
 
 
 def _misfits(found: Trajectories) -> dict[str, float]:
-    # Frames that told nothing of a balance are 0.
+    # Frames without information on a balance are 0.
     return {
         name: float(f"{np.sqrt(np.mean(np.square(part))):.4g}")
         for name, column in zip(found.feature_names, found.features.T, strict=True)

@@ -53,8 +53,8 @@ class Tracker:
     ----------
     filter : state and covariance are read as `x` (n,) or (n, 1) and `P` (n, n) after each period.
     measurements : channels of `update`'s argument, (m,) SI.
-    quantities : of leakage, bulk_modulus, coulomb_friction and viscous_friction those that it tells, each as
-        a function of the state (n,) in SI. Standard deviations follow from `P`.
+    quantities : of leakage, bulk_modulus, coulomb_friction and viscous_friction those that it estimates, each
+        as a function of the state (n,) in SI. Standard deviations follow from `P`.
     inputs : channels of `predict`'s ``u``, (k,) SI; without any it is called with nothing.
     start : called with the first inputs and measurements before anything else: for states that a filter would
         be lost without.
@@ -190,14 +190,16 @@ class AddedTracker:
             self._quantities[name].extend(found.get(name, (np.nan, np.nan)))
 
     def last(self) -> dict[str, tuple[float, float]]:
-        """Quantities that it tells, to value and standard deviation (SI) at the end; empty where it ended."""
+        """Quantities that it estimates, to value and standard deviation (SI) at the end; empty where it
+        ended."""
         if self.problem is not None:
             return {}
         found = {name: (pairs[-2], pairs[-1]) for name, pairs in self._quantities.items() if pairs}
         return {name: pair for name, pair in found.items() if np.isfinite(pair).all()}
 
     def over(self, time: Array) -> tuple[dict[str, Array], dict[str, Array]]:
-        """Quantities that it tells and their standard deviations (SI) at times (n,); NaN before and after."""
+        """Quantities that it estimates and their standard deviations (SI) at times (n,); NaN before and
+        after."""
         values: dict[str, Array] = {}
         stds: dict[str, Array] = {}
         at = np.array(self._times)

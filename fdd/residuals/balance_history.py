@@ -164,7 +164,7 @@ class BalanceHistory:
 
     def _misfit(self, name: str, equations: list[NormalEquations]) -> Array:
         """Root of the frames' reduced chi-square about the unit's baseline, (h,), over that of its own
-        healthy stretches: about 1 while healthy; NaN of those that tell nothing."""
+        healthy stretches: about 1 while healthy; NaN without information."""
         e = self.effects[name]
         spread = np.hypot(e.wander, np.sqrt(np.diag(e.covariance)))
         information, vector, rows = (np.array([x[i] for x in equations]) for i in range(3))
@@ -191,7 +191,7 @@ class BalanceHistory:
         were learnt in all.
 
         A reference made of older frames is what the unit was like then; its covariance grows by
-        the changes within a healthy log. What came while a fault stood is no reference: of that the
+        the changes within a healthy log. What came while a fault was active is no reference: of that the
         latest frames are kept, and some from before its onset for comparison.
 
         Parameters

@@ -227,7 +227,8 @@ def _force(q: Quantities) -> list[RegressionBlock]:
 
 
 STANDING = 0.02
-"""Of the largest speed: up to there a pump may stand. Friction's direction is that of turning beyond it."""
+"""Share of the largest speed up to which the pump may be at standstill; above it friction opposes the
+turning."""
 
 
 def _torque(q: Quantities) -> list[RegressionBlock]:

@@ -62,12 +62,12 @@ DERIVED = ("friction", "sliding", "temperature", "time", "gas_heat", "warming", 
 NOISY = ("pressure_difference", "pressure_1", "pressure_2")
 COLUMNS = {name: i for i, name in enumerate((*FAST, *DERIVED, *(f"{n}_noise" for n in NOISY)))}
 NOISE_FRAMES, LEAST_SAMPLES = 20, 20
-"""Frames whose noise is remembered; samples of a frame that tell it."""
+"""Frames whose noise is kept; fewest samples of a frame that it is estimated from."""
 NOISE_HZ = (80.0, 140.0)
-"""Where a pressure's noise stands above its motion and its transducer's band has not ended (150 Hz: thesis
+"""Hz, band in which a pressure's noise exceeds its motion, within the transducer's bandwidth (150 Hz: thesis
 Appendix A)."""
 NOISE_SHARE = (0.6, 0.95)
-"""The same where samples come seldom: of half their rate."""
+"""The same as shares of the Nyquist frequency, for low sampling rates."""
 DENSITY_SPREAD = 0.88
 """Relative standard deviation of a noise by the median of n frequencies of a windowed periodogram, times √n
 (by simulation)."""

@@ -104,7 +104,7 @@ class Quantities:
     Parameters
     ----------
     bins : (n, len(COLUMNS)) of `BinMaker`, whole frames. unit : profile.
-    accumulator_before : Pa, last known before the bins; NaN where its sensor never told any.
+    accumulator_before : Pa, last known before the bins; NaN before its sensor's first value.
 
     Attributes
     ----------

@@ -115,11 +115,11 @@ class RegressionAccumulator:
         # Height over the two lines half an order away, at which only broadband vibration shows.
         lower, upper = pairs[lines:-1], pairs[lines + 1 :]
         amplitude = pairs[:lines] - 0.5 * (lower + upper)
-        beside = 0.25 * (np.square(lower) + np.square(upper))
-        self.variance_sum = MEMORY * self.variance_sum + float(beside.mean())
+        background = 0.25 * (np.square(lower) + np.square(upper))
+        self.variance_sum = MEMORY * self.variance_sum + float(background.mean())
         self.weight = MEMORY * self.weight + 1.0
         spread = variance * np.diag(inverse)[: 2 * lines].reshape(lines, 2).mean(axis=1)
-        spread = np.maximum(spread, np.maximum(beside, self.variance_sum / self.weight))
+        spread = np.maximum(spread, np.maximum(background, self.variance_sum / self.weight))
         return NormalEquations(np.diag(1.0 / spread), amplitude / spread, free, variance)
 
     def _coloured(self, rows: Array) -> float:

@@ -37,7 +37,7 @@ class Cells(NamedTuple):
     Attributes
     ----------
     peaks : (2, 12) largest excess of a row for either of `STRIDES`.
-    means, over : (12, cells) mean of each cell, and how far its step is beyond those beside it.
+    means, over : (12, cells) mean of each cell, and how far its step exceeds those of its neighbours.
     limit : (12, cells) what `over` may be; inf for a channel in which nothing is beyond its noise.
     """
 

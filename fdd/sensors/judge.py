@@ -166,7 +166,7 @@ class FrameJudge:
         return held
 
     def _standing(self, frame: Scan, rows: Rows, first: int, end: float, failing: Mask) -> None:
-        """A position that stands while the pump turns."""
+        """A position that stays constant while the pump turns."""
         memory, limits, pressure = self.memory, self.limits, rows.difference()
         if failing[POSITION] or not frame.measured[POSITION] or not rows.swept.size or pressure is None:
             return
@@ -249,5 +249,5 @@ class FrameJudge:
                 self.findings.close(NAMES[k], end - GOOD_FRAMES * FRAME_S)
 
     def _still_silent(self, k: int) -> bool:
-        """Whether the value of the failure still stands."""
+        """Whether the channel still shows the value of its failure."""
         return bool(self.memory.run_since[k] <= self.memory.failed_since[k] + SAME_INSTANT_S)

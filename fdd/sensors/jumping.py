@@ -83,7 +83,7 @@ class JumpWatch:
 
         Parameters
         ----------
-        seen : (12,) values of each channel among the rows. failing : (12,) what has a complaint, added to.
+        seen : (12,) values of each channel among the rows. failing : (12,) channels with a failure, added to.
         """
         limits, memory, time = self.limits, self.memory, rows.time
         # A loose contact's jumps are reported as such; a biased pressure is still watched, for the step back.

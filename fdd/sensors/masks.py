@@ -18,7 +18,7 @@ SPEED = INDEX["pump_speed"]
 
 
 def row_bounds(limits: Limits) -> Array:
-    """What a row's value cannot be below and above, what it may change in a second, and beside that, (4, 12).
+    """Least and largest value of a row, largest change in a second, and an allowance on that, (4, 12).
 
     The change is inf where none is known.
     """

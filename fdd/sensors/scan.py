@@ -1,4 +1,4 @@
-"""What a frame's rows show: one compiled pass over all channels, in which only what is odd is listed."""
+"""Statistics of a frame's rows: one compiled pass over all channels; gaps and long runs are listed."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Lost supplies: channels that fall silent together have lost what they share."""
+"""Lost supplies: channels that fall silent at the same instant share a supply that failed."""
 
 from __future__ import annotations
 
@@ -48,7 +48,7 @@ class SupplyWatch:
                 self.findings.report(NAMES[k], "dead", since, None, end, value, message, adds=False)
 
     def lost_together(self, end: float, failing: Mask) -> None:
-        """Channels that fell silent at the same instant have lost what they share."""
+        """Report a lost supply for channels that fell silent at the same instant."""
         memory = self.memory
         new = [k for k in np.flatnonzero(failing).tolist() if not self.memory.is_derived(k)]
         for k in new:
