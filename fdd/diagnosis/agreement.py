@@ -30,7 +30,7 @@ OF_BASE = 0.3
 SURE = 2.0
 """Allowed deviation in standard deviations, of estimate and profile together."""
 ACROSS = ("internal_leakage", "pump_wear", "case_drain_seal_failure")
-BESIDE = ("external_leakage", "check_valve_stuck_open", "check_valve_clogged", "relief_valve_stuck_open",
+OTHER_FLOW = ("external_leakage", "check_valve_stuck_open", "check_valve_clogged", "relief_valve_stuck_open",
           "shaft_seal_wear")  # fmt: skip
 """Faults whose flow has another law than leakage across the ports, which the filters take for some of it."""
 NAMED = 0.5
@@ -84,7 +84,7 @@ def believed(
                     most = healthy + 2.0 * (f.severity or 0.0) * Scales.of(unit).fault_leakage
                     good |= since & (off > 0.0) & (value < most)
             for f in witnesses if name == "leakage" else ():
-                good &= (f.fault not in BESIDE) | (time < f.onset_s)
+                good &= (f.fault not in OTHER_FLOW) | (time < f.onset_s)
             why[name] = "it agrees neither with the healthy profile nor with a fault that was found"
         lost = ~good & np.isfinite(mine.held)
         out[name] = replace(

@@ -53,7 +53,7 @@ EPOCHS = Stretches(frames=1, least=1.0)
 """Each epoch is one draw of the log-to-log variation, which is taken to be no less than usual."""
 HELD_IN_DOUBT = 0.5
 """Confidence of a fault below which it does not make a verdict."""
-_BESIDE = ThreadPoolExecutor(1, "tracking")
+_FILTER_THREAD = ThreadPoolExecutor(1, "tracking")
 """The filters' compiled loops leave the interpreter to the balances meanwhile."""
 WORTH_A_THREAD = 2000
 """Samples from which on handing a block over costs less than it saves."""
@@ -157,7 +157,7 @@ class Pipeline:
         if len(trusted) < WORTH_A_THREAD:
             self._tracked.push(trusted)
             return self._sensor_alarms() + self._weighed(trusted)
-        tracked = _BESIDE.submit(self._tracked.push, trusted)
+        tracked = _FILTER_THREAD.submit(self._tracked.push, trusted)
         try:
             return self._sensor_alarms() + self._weighed(trusted)
         finally:

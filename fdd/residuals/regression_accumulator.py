@@ -28,7 +28,7 @@ RECENT_FRAMES = 20
 """Frames of that memory where rows themselves are kept."""
 MOST_COLOUR = 0.95
 """Upper bound of the lag-one correlation of rows: ten seconds do not determine a larger one."""
-LEAST_NOISE = 0.1
+NOISE_FLOOR = 0.1
 """Lower bound of the noise over the unit's usual one: at standstill an encoder may show none."""
 LOAD_S = 1.0
 """s, time constant of the high-pass filter against a load: in it the load changes as much as friction does
@@ -51,7 +51,7 @@ class RegressionAccumulator:
         self.size = effects.mean.size
         self.weight = FIRST_WEIGHT
         known = balance.cumulative and effects.information.any()
-        self.least = max((1.0 if known else LEAST_NOISE) * effects.noise, balance.floor) ** 2
+        self.least = max((1.0 if known else NOISE_FLOOR) * effects.noise, balance.floor) ** 2
         self.usual = effects.noise**2
         self.variance_sum = FIRST_WEIGHT * self.usual
         self.recent: list[Array] = []
