@@ -393,6 +393,13 @@ class Pipeline:
         out["unknown"] = out["unknown"] + sure - shown
         return {"healthy": 1.0 - sure, **{k: out[k] for k in FAMILIES if k != "healthy"}}
 
+    def _parts(self) -> dict[str, Tracked | BinMaker | BalanceHistory | SensorWatch]:
+        """What has a state of its own, by the prefix of its arrays."""
+        return {
+            "tracked": self._tracked, "bins": self._bins, "history": self._history,
+            "sensors": self._sensors,
+        }  # fmt: skip
+
     def state(self) -> dict[str, Array]:
         """The whole state as flat named arrays; `np.savez` writes it, `restore` takes it back.
 
@@ -412,12 +419,7 @@ class Pipeline:
             "scans": self._scans[-SCANS_KEPT:],
         }  # fmt: skip
         out = {"pipeline": packed(scalars)}
-        for prefix, part in (
-            ("tracked", self._tracked),
-            ("bins", self._bins),
-            ("history", self._history),
-            ("sensors", self._sensors),
-        ):
+        for prefix, part in self._parts().items():
             out.update({f"{prefix}:{k}": v for k, v in part.state().items()})
         return out
 
@@ -435,12 +437,7 @@ class Pipeline:
             raise InputError(
                 f"saved state of unit {scalars['unit']!r}, not {self.unit.name!r}", mend="start anew"
             )
-        for prefix, part in (
-            ("tracked", self._tracked),
-            ("bins", self._bins),
-            ("history", self._history),
-            ("sensors", self._sensors),
-        ):
+        for prefix, part in self._parts().items():
             part.restore(
                 {k.removeprefix(f"{prefix}:"): v for k, v in state.items() if k.startswith(f"{prefix}:")}
             )
