@@ -208,9 +208,9 @@ class BalanceBaseline(Section):
     Attributes
     ----------
     columns, mean, covariance : of its coefficients. noise : std of a row.
-    information : of all hops. scatter : sum of squares of the scores of stretches of 2 s, which the
+    information : of all frames. scatter : sum of squares of the scores of stretches of 2 s, which the
     information would equal if all errors were independent; empty in older profiles.
-    hops, hop_noise : how many hops told something, and quantiles of their rows' std from the least to the
+    hops, hop_noise : how many frames told something, and quantiles of their rows' std from the least to the
     largest in even steps, for logs that are added later; empty in older profiles.
     """
 

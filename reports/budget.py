@@ -16,14 +16,14 @@ from fdd.campaign.scores import wilson
 from fdd.campaign.units import How, over_units
 from fdd.diagnosis.baseline import effects_of, scattered
 from fdd.diagnosis.departures import VAGUE, departures
-from fdd.diagnosis.evidence import Evidence, course_of
+from fdd.diagnosis.evidence import Evidence, time_profile_of
 from fdd.diagnosis.fitting import Parts
 from fdd.diagnosis.hypotheses import Hypothesis, hypotheses
 from fdd.diagnosis.model import Model
 from fdd.diagnosis.pipeline import Pipeline
 from fdd.markdown import table as markdown
+from fdd.residuals.balance_history import BalanceHistory
 from fdd.residuals.balances import BALANCES
-from fdd.residuals.ledger import Ledger
 
 LEAST_SEVERITY = 0.3
 TOLD = 0.3
@@ -76,23 +76,24 @@ def _unit(directory: str, model: str | None, name: str) -> list[Said | Departure
         found = pipeline.finish()
         faults = tuple((f.fault, tuple(f.ambiguity)) for f in found.faults)
         out.append(Said(entry, found.verdict, pipeline.score, faults))
-    for file, ledger in logs.healthy:
-        out += _departures(file, ledger) + _changes(file, ledger, each)
+    for file, history in logs.healthy:
+        out += _departures(file, history) + _changes(file, history, each)
     return out
 
 
-def _departures(file: str, ledger: Ledger) -> list[Departure]:
+def _departures(file: str, history: BalanceHistory) -> list[Departure]:
     out = []
-    effects = ledger.expected()
-    for name, (m, v) in ledger.widened().items():
+    effects = history.expected()
+    for name, (m, v) in history.marginalised().items():
         e = effects[name]
         evidence = Evidence({name: (m, v)}, effects)
         own = [k for k, c in enumerate(BALANCES[name].columns) if c not in BALANCES[name].free]
         columns = np.eye(len(e.mean))[own][:, None]
-        kappa = np.full(len(own), scattered(m, v, e)[1])
-        courses = np.ones((len(own), 1, len(m)))
-        parts = Parts({name: columns}, courses, np.full((len(own), 1), VAGUE), np.zeros(len(own), np.bool_))
-        found = departures(evidence.balances, parts, kappa, from_start=True)
+        overdispersion = np.full(len(own), scattered(m, v, e)[1])
+        time_profiles = np.ones((len(own), 1, len(m)))
+        scales, signed = np.full((len(own), 1), VAGUE), np.zeros(len(own), np.bool_)
+        parts = Parts({name: columns}, time_profiles, scales, signed)
+        found = departures(evidence.balances, parts, overdispersion, from_start=True)
         stated = np.sqrt(np.diag(e.covariance))[own]
         told = found.information * np.square(stated)
         for k, size, information, std, share in zip(
@@ -104,22 +105,23 @@ def _departures(file: str, ledger: Ledger) -> list[Departure]:
     return out
 
 
-def _changes(file: str, ledger: Ledger, each: Sequence[Hypothesis]) -> list[Departure]:
+def _changes(file: str, history: BalanceHistory, each: Sequence[Hypothesis]) -> list[Departure]:
     """Amplitudes of each hypothesis of one balance, over onsets in a healthy log."""
-    frames = min(len(ledger.hops), MOST_FRAMES)
-    wide = {n: (m[:frames], v[:frames]) for n, (m, v) in ledger.widened().items()}
-    evidence = Evidence(wide, ledger.expected())
+    frames = min(len(history.frames), MOST_FRAMES)
+    wide = {n: (m[:frames], v[:frames]) for n, (m, v) in history.marginalised().items()}
+    evidence = Evidence(wide, history.expected())
     mine = [h for h in each if len(h.columns) == 1 and evidence.shared(h)]
     out = []
     for onset in range(CHANGES_MARGIN, frames - CHANGES_MARGIN, CHANGES_EVERY):
-        course = course_of("step", frames, onset)[None, None]
+        time_profile = time_profile_of("step", frames, onset)[None, None]
         fits = evidence.fitted([(h, "step", onset, np.zeros(0)) for h in mine], [])
         for h, f in zip(mine, fits, strict=True):
             if f.size == 0.0:  # where a fault's sign is against it, its scores say nothing of the noise
                 continue
             ((name, column),) = h.columns.items()
-            parts = Parts({name: column[None, None]}, course, np.full((1, 1), VAGUE), np.zeros(1, np.bool_))
-            found = departures(evidence.balances, parts, np.array([f.kappa]), from_start=False)
+            scales, signed = np.full((1, 1), VAGUE), np.zeros(1, np.bool_)
+            parts = Parts({name: column[None, None]}, time_profile, scales, signed)
+            found = departures(evidence.balances, parts, np.array([f.overdispersion]), from_start=False)
             std = 1.0 / float(np.sqrt(found.information[0]))
             out.append(Departure(name, "", float(found.size[0]) / std, std, file))
     return out

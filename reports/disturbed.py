@@ -31,7 +31,7 @@ Disturbance = Callable[[Samples, np.random.Generator], Samples | None]
 
 HOLE_S, EARLY_S, HEAD_S, BLOCK = 0.05, 0.6, 5.0, 97
 NEAR_S = 1.0
-"""s within which two onsets are the same: two hops."""
+"""s within which two onsets are the same: two frames."""
 TURNED = ("command", "pump_angle", "pump_speed", "position", "pressure_difference", "motor_current",
           "position_setpoint", "load_force")  # fmt: skip
 OTHER_UNITS = dict.fromkeys(PRESSURES, ("psi", 6894.757293168361)) | {

@@ -13,12 +13,12 @@ from numpy.typing import NDArray
 from fdd.campaign.dataset import Dataset
 from fdd.campaign.spreads import Spread, UnitLogs, learnt_spread, log_equations, own_columns
 from fdd.campaign.units import How, for_each_unit
-from fdd.diagnosis.baseline import baseline_of, effects_of, ledger_of, ledgers_of
+from fdd.diagnosis.baseline import baseline_of, effects_of, histories_of, history_of
 from fdd.errors import InputError
 from fdd.identification import identify_unit
+from fdd.residuals.balance_history import BalanceHistory
 from fdd.residuals.balances import BALANCES
 from fdd.residuals.effects import BalanceSpread, CoefficientSpread, Spreads, first_effects, shipped_spreads
-from fdd.residuals.ledger import Ledger
 from fdd.unit import Unit
 
 Array = NDArray[np.float64]
@@ -86,8 +86,8 @@ class HealthyLogs:
     """A unit's profile, its baseline logs' balances, and its healthy logs' and twins' by file."""
 
     unit: Unit
-    baseline: list[Ledger]
-    healthy: list[tuple[str, Ledger]]
+    baseline: list[BalanceHistory]
+    healthy: list[tuple[str, BalanceHistory]]
 
 
 def healthy_logs(places: Sequence[str], place: str, spreads: Spreads | None = None) -> HealthyLogs:
@@ -101,12 +101,12 @@ def healthy_logs(places: Sequence[str], place: str, spreads: Spreads | None = No
     data = Dataset.load(places[int(k)])
     runs = data.baseline(name)
     unit = identify_unit(runs, data.base_unit(name), name).unit
-    baseline = ledgers_of(unit, runs)
+    baseline = histories_of(unit, runs)
     unit.baseline = baseline_of(baseline, spreads=spreads)
     effects = effects_of(unit, spreads)
     logs = [data.samples(e) if e.healthy else data.twin(e) for e in data.logs_of(name)]
     entries = data.logs_of(name)
-    found = [(e.file, ledger_of(log, unit, effects)) for e, log in zip(entries, logs, strict=True) if log]
+    found = [(e.file, history_of(log, unit, effects)) for e, log in zip(entries, logs, strict=True) if log]
     return HealthyLogs(unit, baseline, found)
 
 
@@ -116,11 +116,11 @@ def _equations(places: list[str], place: str) -> list[Equations]:
     for name in BALANCES:
         known = None if logs.unit.baseline is None else logs.unit.baseline.balances.get(name)
         told = []
-        for ledger in [*logs.baseline, *(x for _, x in logs.healthy)]:
-            conditions = ledger.conditions(name)
+        for history in [*logs.baseline, *(x for _, x in logs.healthy)]:
+            conditions = history.conditions(name)
             if conditions is None:
                 continue
-            m, v, rows, variance = ledger.sums()[name]
+            m, v, rows, variance = history.sums()[name]
             if known is not None and BALANCES[name].cumulative:
                 # As the baseline takes its logs: what a law errs by over a frame is its rows' noise.
                 share = np.minimum(variance / known.noise**2, 1.0)

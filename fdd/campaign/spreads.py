@@ -20,7 +20,7 @@ from scipy.special import digamma
 from fdd.diagnosis.baseline import scattered
 from fdd.residuals.balances import BALANCES
 from fdd.residuals.effects import Effects, LogConditions, usual_conditions
-from fdd.residuals.normal_equations import widened
+from fdd.residuals.normal_equations import marginalised
 
 Array = NDArray[np.float64]
 
@@ -116,10 +116,10 @@ def log_equations(
 
     Parameters
     ----------
-    sums : of `Ledger.sums`. conditions : of the log. effects : before anything was learnt.
+    sums : of `BalanceHistory.sums`. conditions : of the log. effects : before anything was learnt.
     """
     m, v, _, _ = sums
-    m, v = widened(m, v, effects.wander)
+    m, v = marginalised(m, v, effects.wander)
     _, over = scattered(m, v, effects)
     own = own_columns(name)
     total, vector = m.sum(axis=0) / over, v.sum(axis=0) / over

@@ -1,7 +1,8 @@
-"""May an estimate be believed: a filter explains by leakage and air what its model lacks, and is sure of it.
+"""Plausibility of the filters' estimates: leakage and air absorb a filter's model errors with false
+confidence.
 
-So beside the data's information it needs a second witness: what the profile says of a healthy unit, or a
-finding that would have moved it.
+So an observable estimate must also agree with the profile's healthy value, or with a finding that explains
+its change.
 """
 
 from __future__ import annotations
@@ -18,29 +19,29 @@ from fdd.residuals.quantities import Scales
 from fdd.unit import Unit
 
 CHANGES = {"leakage": 0.08, "bulk_modulus": 0.25}
-"""By how much (ln) a healthy unit's differ from its profile: 2 K between gap and sensor at 4 % a kelvin; air
+"""Allowed deviation (ln) of a healthy unit from its profile: 2 K between gap and sensor at 4 % a kelvin; air
 that dissolves and comes out."""
 PROFILED = {"leakage": "cross_port_leakage", "bulk_modulus": "bulk_modulus"}
-"""Numbers of the profile's pump and oil that say how well it knows them."""
+"""Parameters of the profile's pump and oil whose stated standard deviation is used."""
 UNMEASURED = 0.4
-"""The same of leakage where nobody measures the oil's temperature: 10 K."""
+"""The same of leakage without a thermometer: 10 K."""
 OF_BASE = 0.3
 """Relative standard deviation of a number that stayed the base's, as the filters take it (`Noise`)."""
 SURE = 2.0
-"""Standard deviations, of estimate and profile together."""
+"""Allowed deviation in standard deviations, of estimate and profile together."""
 ACROSS = ("internal_leakage", "pump_wear", "case_drain_seal_failure")
-BESIDE = ("external_leakage", "check_valve_stuck_open", "check_valve_clogged", "relief_valve_stuck_open",
+OTHER_FLOW = ("external_leakage", "check_valve_stuck_open", "check_valve_clogged", "relief_valve_stuck_open",
           "shaft_seal_wear")  # fmt: skip
-"""Flow that goes with no port leakage's law, which the filters take for some of it."""
+"""Faults whose flow has another law than leakage across the ports, which the filters take for some of it."""
 NAMED = 0.5
-"""Confidence from which on a finding is a witness."""
+"""Confidence from which a finding may confirm an estimate."""
 
 
 def believed(
     seen: Mapping[str, Observed], records: layout.Records, unit: Unit, channels: Collection[str],
     faults: Sequence[FaultFinding],
 ) -> tuple[dict[str, Observed], dict[str, str]]:  # fmt: skip
-    """What the data hold, less what agrees neither with the profile nor with a finding.
+    """The observable estimates, without those that agree neither with the profile nor with a finding.
 
     Parameters
     ----------
@@ -58,7 +59,7 @@ def believed(
     time = records["time"]
     if unit.baseline is None or not records.size:
         return out, why
-    told = [f for f in faults if f.confidence >= NAMED]
+    witnesses = [f for f in faults if f.confidence >= NAMED]
     level = "pressure_accumulator" in channels or {"pressure_1", "pressure_2"} <= set(channels)
     for name, healthy, section in (
         ("leakage", unit.pump.total_leakage / records["viscosity"], unit.pump),
@@ -75,15 +76,15 @@ def believed(
             value = np.maximum(mine.held, 1e-300)
             off = np.log(value / healthy)
             good = np.abs(off) <= left + SURE * np.hypot(mine.held_std / value, share)
-            for f in told:
+            for f in witnesses:
                 since = time >= f.onset_s
                 if name == "bulk_modulus":
                     good |= (f.fault == "aeration") & since & (off < 0.0)
                 elif f.fault in ACROSS:
                     most = healthy + 2.0 * (f.severity or 0.0) * Scales.of(unit).fault_leakage
                     good |= since & (off > 0.0) & (value < most)
-            for f in told if name == "leakage" else ():
-                good &= (f.fault not in BESIDE) | (time < f.onset_s)
+            for f in witnesses if name == "leakage" else ():
+                good &= (f.fault not in OTHER_FLOW) | (time < f.onset_s)
             why[name] = "it agrees neither with the healthy profile nor with a fault that was found"
         lost = ~good & np.isfinite(mine.held)
         out[name] = replace(

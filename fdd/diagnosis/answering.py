@@ -20,7 +20,7 @@ from fdd.diagnosis.model import Model
 from fdd.faults import ADDED_BY, CATALOGUE, FAMILIES, fault
 from fdd.residuals.added_tracker import AddedTracker
 from fdd.residuals.balances import BALANCES
-from fdd.residuals.rows import BLOCK_HOPS, HOP_S
+from fdd.residuals.bins import BLOCK_FRAMES, FRAME_S
 from fdd.residuals.tracked import Tracked
 from fdd.residuals.tracking import estimates, healthy_coulomb, healthy_viscous
 from fdd.sensors.finding import SensorFinding
@@ -29,33 +29,33 @@ from fdd.unit import Unit
 Z80 = 1.2816
 """Standard normal's 90 % quantile: an 80 % interval either way."""
 LEAST_SHOWN = 2.0
-"""Severity from which on a fault that does not show yet counts as never shown: twice the gross one."""
+"""Severity beyond which a fault counts as invisible: twice the gross one."""
 COMES_AND_GOES = 0.7
-"""Mean amplitude, over that while it acts, below which a fault is told to come and go."""
+"""Ratio of mean to active amplitude below which a fault is reported as intermittent."""
 
 
 @dataclass(frozen=True)
 class Span:
-    """The hops of evidence in time.
+    """The frames of evidence in time.
 
     Attributes
     ----------
-    starts : s, when each began. end : s, of the last. stretch : words for those that say how evidence
-        scatters.
-    whole : s, length of a hop; None where they differ, and none is ever left out.
+    starts : s, when each began. end : s, of the last. stretch : words for the stretches that the
+        overdispersion is estimated on.
+    whole : s, length of a frame; None where they differ, and none is ever left out.
     """
 
     starts: Sequence[float]
     end: float
-    stretch: str = f"stretches of {BLOCK_HOPS * HOP_S:.0f} s"
-    whole: float | None = HOP_S
+    stretch: str = f"stretches of {BLOCK_FRAMES * FRAME_S:.0f} s"
+    whole: float | None = FRAME_S
 
     def until(self, k: int) -> float:
-        """s, end of a hop."""
+        """s, end of a frame."""
         return self.starts[k] + self.whole if self.whole else [*self.starts, self.end][k + 1]
 
     def lost(self, k: int) -> bool:
-        """Whether the hop before is not at hand."""
+        """Whether the frame before was dropped."""
         return k == 0 or (self.whole is not None and self.starts[k] - self.until(k - 1) > 0.5 * self.whole)
 
 
@@ -64,10 +64,10 @@ def fault_finding(found: Found, model: Model, *, onset: float, span: Span) -> Fa
 
     Parameters
     ----------
-    onset : s. span : hops of the evidence.
+    onset : s. span : frames of the evidence.
     """
     lead, h = found.lead, found.lead.hypothesis
-    likely = [int(k) for k in _likely(lead.profile / lead.kappa, lead.onsets)]
+    likely = [int(k) for k in _likely(lead.onset_gains / lead.overdispersion, lead.onsets)]
     detected = span.end
     interval = (
         round(min([onset, *(span.starts[k] for k in likely)]), 2),
@@ -86,7 +86,7 @@ def fault_finding(found: Found, model: Model, *, onset: float, span: Span) -> Fa
             ],
             next_check=fault("unknown").next_check,
         )  # fmt: skip
-    size = abs(lead.level)
+    size = abs(lead.active_amplitude)
     std = math.hypot(math.sqrt(lead.variance), model.calibration.severity_doubt * size)
     group = found.group
     share = sum(found.shares.get(f, 0.0) for f in group)
@@ -127,7 +127,7 @@ def fault_finding(found: Found, model: Model, *, onset: float, span: Span) -> Fa
 
 
 def _likely(gain: NDArray[np.float64], onsets: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Onsets that hold the middle 80 % of the likelihood."""
+    """Onsets within the central 80 % of the posterior, from log likelihood ratios (k,) at onsets (k,)."""
     weight = np.exp(np.clip(gain - gain.max(), -50.0, 0.0))
     below = np.cumsum(weight) / weight.sum()
     return np.asarray(onsets[(below > 0.1) & (below - weight / weight.sum() < 0.9)])
@@ -146,7 +146,7 @@ def sensor_fault(found: SensorFinding) -> FaultFinding:
 def probabilities_of(
     faults: Sequence[FaultFinding], model: Model, score: float, hidden: float
 ) -> dict[str, float]:
-    """Probability of each family that it is the matter, and of none: they add up to one.
+    """Probability of each fault family and of none; they add up to one.
 
     Parameters
     ----------
@@ -168,20 +168,19 @@ def probabilities_of(
 
 
 def invisible(evidence: Evidence, hypotheses: Sequence[Hypothesis], threshold: float) -> list[Invisible]:
-    """Faults, and the least severity that this log would have shown, had they begun a third into it.
+    """Faults with the smallest severity that this log would have shown, had they begun a third into it.
 
     It shows where its score (`fdd.diagnosis.departures`) passes the threshold in nine of ten logs. A fault
-    acts in one way of several, as on one side, and nobody knows in which: the hardest to see says from where
-    on none would have been hidden.
+    acts in one of several ways, as on one side: the severity is that of the way that is hardest to see.
     """
     ways: dict[str, list[tuple[float, Hypothesis]]] = {}
-    found = evidence.least_visible(hypotheses, evidence.hops // 3, threshold)
+    found = evidence.least_visible(hypotheses, evidence.frames // 3, threshold)
     for h, least in zip(hypotheses, np.where(found < LEAST_SHOWN, found, np.inf).tolist(), strict=True):
         ways.setdefault(h.fault, []).append((least, h))
     out = []
     for name in (n for n in CATALOGUE if n in ways):
         least, h = max(ways[name], key=lambda way: way[0])
-        parts = [(_smaller(x), way.commonness) for x, way in ways[name]]
+        parts = [(_smaller(x), way.prior_weight) for x, way in ways[name]]
         said: dict[str, Any] = {"side": h.side, "channel": h.channel, "variant": h.variant}
         out.append(
             Invisible(
@@ -245,7 +244,8 @@ def estimates_of(
 def estimates_by(
     tracked: Tracked, unit: Unit, faults: Sequence[FaultFinding], method: str = "ekf"
 ) -> dict[str, Estimate]:
-    """What one of fdd's filters says at the end; what can be believed is told by the EKF and `faults`."""
+    """Estimates of one of fdd's filters at the end; which are observable follows from the EKF and
+    `faults`."""
     records = tracked.last_records[method]
     if not records.size:
         empty = {"baseline": None, "value": None, "std": None, "observable": False}

@@ -1,4 +1,4 @@
-"""A unit's healthy balances: what its coefficients are, and how surely its healthy logs tell."""
+"""A unit's healthy balances: mean and covariance of their coefficients, from its healthy logs."""
 
 from __future__ import annotations
 
@@ -9,7 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fdd.errors import InputError
+from fdd.residuals.balance_history import BalanceHistory
 from fdd.residuals.balances import BALANCES
+from fdd.residuals.bins import BLOCK_FRAMES, FRAME_S, BinMaker
 from fdd.residuals.effects import (
     Effects,
     LogConditions,
@@ -18,41 +20,41 @@ from fdd.residuals.effects import (
     usual_conditions,
     with_logs,
 )
-from fdd.residuals.ledger import Ledger
-from fdd.residuals.normal_equations import widened
-from fdd.residuals.rows import BLOCK_HOPS, HOP_S, RowMaker
+from fdd.residuals.normal_equations import marginalised
 from fdd.samples import Samples
 from fdd.unit import BalanceBaseline, Baseline, Unit
 
 Array = NDArray[np.float64]
 
-LEAST_HOPS = 10
+LEAST_BASELINE_FRAMES = 10
 BASELINE_VERSION = "13"
 QUANTILES = 21
-"""Of the hops' noise that a baseline keeps: a median of all can still be told when logs are added."""
+"""Quantiles of the frames' noise in a baseline: the median of all logs can still be computed when logs are
+added."""
 
 
-def ledger_of(samples: Samples, unit: Unit, effects: dict[str, Effects]) -> Ledger:
+def history_of(samples: Samples, unit: Unit, effects: dict[str, Effects]) -> BalanceHistory:
     """The balances of one whole log."""
-    maker, ledger = RowMaker(unit), Ledger(unit, effects)
-    for first, rows in maker.stretches(samples):
-        ledger.push(first, rows)
-    ledger.push(*maker.push(None))
-    return ledger
+    maker, history = BinMaker(unit), BalanceHistory(unit, effects)
+    for first, bins in maker.stretches(samples):
+        history.push(first, bins)
+    history.push(*maker.push(None))
+    return history
 
 
-def ledgers_of(unit: Unit, logs: Sequence[Samples]) -> list[Ledger]:
+def histories_of(unit: Unit, logs: Sequence[Samples]) -> list[BalanceHistory]:
     """The balances of healthy logs, as the data sheet has them, for `baseline_of`."""
     plain = unit.model_copy(deep=True)
     plain.baseline = None
     effects = {name: first_effects(name, unit=unit) for name in BALANCES}
-    ledgers = [ledger_of(log, plain, effects) for log in logs]
-    if sum(len(x.hops) for x in ledgers) < LEAST_HOPS:
-        return ledgers
-    # What noise takes from a coefficient goes by the coefficient: now that it is roughly known, once more.
-    for name, known in baseline_of(ledgers).balances.items():
+    histories = [history_of(log, plain, effects) for log in logs]
+    if sum(len(x.frames) for x in histories) < LEAST_BASELINE_FRAMES:
+        return histories
+    # The attenuation by errors in variables is proportional to the coefficient: repeat with the first
+    # estimate.
+    for name, known in baseline_of(histories).balances.items():
         effects[name] = replace(effects[name], mean=np.array(known.mean))
-    return [ledger_of(log, plain, effects) for log in logs]
+    return [history_of(log, plain, effects) for log in logs]
 
 
 def add_baseline(unit: Unit, logs: Sequence[Samples], spreads: Spreads | None = None) -> Unit:
@@ -68,50 +70,50 @@ def add_baseline(unit: Unit, logs: Sequence[Samples], spreads: Spreads | None = 
     InputError : the logs are too short.
     """
     out = unit.model_copy(deep=True)
-    out.baseline = baseline_of(ledgers_of(unit, logs), spreads=spreads)
+    out.baseline = baseline_of(histories_of(unit, logs), spreads=spreads)
     return out
 
 
 def baseline_of(
-    ledgers: Sequence[Ledger], known: Baseline | None = None, spreads: Spreads | None = None
+    histories: Sequence[BalanceHistory], known: Baseline | None = None, spreads: Spreads | None = None
 ) -> Baseline:
-    """The baseline of the ledgers of healthy logs.
+    """The baseline of the balance histories of healthy logs.
 
     Each log's coefficients are the unit's own and a draw of what differs from log to log
     (`Effects.between`), so three short
-    logs know a unit better than one long one.
+    logs determine a unit better than one long one.
 
     Parameters
     ----------
-    ledgers : of logs, by `ledgers_of`.
+    histories : of logs, by `histories_of`.
     known : baseline of other logs of the unit on the same profile, which these are added to: normal
-        equations add up, and so do the hops' noises; where a law's own errors are the noise, its variance is
-        the geometric mean by time.
+        equations add up, and so do the frames' noises; where a law's own errors are the noise, its variance
+        is the geometric mean by time.
     spreads : what healthy units and logs differ by; None takes the shipped ones.
 
     Raises
     ------
     InputError : the logs are too short.
     """
-    hops = sum(len(x.hops) for x in ledgers)
+    frames = sum(len(x.frames) for x in histories)
     before = 0.0 if known is None else known.seconds
-    if hops * HOP_S + before < LEAST_HOPS * HOP_S:
+    if frames * FRAME_S + before < LEAST_BASELINE_FRAMES * FRAME_S:
         raise InputError(
-            f"healthy logs of {hops * HOP_S:.0f} s in all are too short",
-            mend=f"record at least {LEAST_HOPS * HOP_S:.0f} s of healthy motion",
+            f"healthy logs of {frames * FRAME_S:.0f} s in all are too short",
+            mend=f"record at least {LEAST_BASELINE_FRAMES * FRAME_S:.0f} s of healthy motion",
         )
     found: dict[str, BalanceBaseline] = {}
     for name in BALANCES:
         old = None if known is None else known.balances.get(name)
-        logs = [(x.sums()[name], c) for x in ledgers if (c := x.conditions(name)) is not None]
+        logs = [(x.sums()[name], c) for x in histories if (c := x.conditions(name)) is not None]
         if logs:
-            share = 0.0 if old is None else before / (before + hops * HOP_S)
+            share = 0.0 if old is None else before / (before + frames * FRAME_S)
             sums, conditions = zip(*logs, strict=True)
-            effects = first_effects(name, spreads, ledgers[0].unit)
+            effects = first_effects(name, spreads, histories[0].unit)
             found[name] = _balance(effects, name, sums, conditions, old, share)
         elif old is not None:
             found[name] = old
-    return Baseline(version=BASELINE_VERSION, seconds=round(before + hops * HOP_S, 1), balances=found)
+    return Baseline(version=BASELINE_VERSION, seconds=round(before + frames * FRAME_S, 1), balances=found)
 
 
 def _balance(
@@ -121,20 +123,20 @@ def _balance(
 ) -> BalanceBaseline:  # fmt: skip
     information = np.linalg.inv(effects.known)
     vector = information @ effects.mean
-    told, scatter = np.zeros_like(information), np.zeros_like(information)
-    hops = np.sqrt(np.concatenate([s[r > 0] for _, _, r, s in sums]))
-    levels, weights = hops, np.ones(hops.size)
+    total, scatter = np.zeros_like(information), np.zeros_like(information)
+    frames = np.sqrt(np.concatenate([s[r > 0] for _, _, r, s in sums]))
+    levels, weights = frames, np.ones(frames.size)
     if old is not None:
         information = np.linalg.inv(np.array(old.covariance))
         vector = information @ np.array(old.mean)
-        told, scatter = (told + np.array(x) if x else told for x in (old.information, old.scatter))
+        total, scatter = (total + np.array(x) if x else total for x in (old.information, old.scatter))
         known = old.hop_noise or [old.noise]
         share_each = max(old.hops, 1) / len(known)
-        levels, weights = np.append(hops, known), np.append(weights, np.full(len(known), share_each))
+        levels, weights = np.append(frames, known), np.append(weights, np.full(len(known), share_each))
     order = np.argsort(levels)
     place = (np.cumsum(weights[order]) - 0.5 * weights[order]) / weights.sum()
     quantiles = np.interp(np.linspace(0.0, 1.0, QUANTILES), place, levels[order])
-    noise = float(np.median(hops) if old is None else np.interp(0.5, place, levels[order])) ** 2
+    noise = float(np.median(frames) if old is None else np.interp(0.5, place, levels[order])) ** 2
     if BALANCES[name].cumulative:  # a load's errors are those of its log, a chamber's those of the unit
         noise = structural_variance(sums, effects, noise)
         if old is not None:
@@ -142,18 +144,18 @@ def _balance(
     for (m, v, _, variance), each in zip(sums, conditions, strict=True):
         spread = np.sqrt(effects.between_logs(each))
         share = np.minimum(variance / noise, 1.0)
-        m, v = widened(m * share[:, None, None], v * share[:, None], effects.wander)
+        m, v = marginalised(m * share[:, None, None], v * share[:, None], effects.wander)
         scores, over = scattered(m, v, effects)
-        told, scatter = told + m.sum(axis=0), scatter + scores
-        # A log that its law fits badly tells less of the unit than its rows say.
-        m, v = widened(m.sum(axis=0) / over, v.sum(axis=0) / over, spread)
+        total, scatter = total + m.sum(axis=0), scatter + scores
+        # A log that the law fits badly counts for less than its rows: divided by its overdispersion.
+        m, v = marginalised(m.sum(axis=0) / over, v.sum(axis=0) / over, spread)
         information, vector = information + m, vector + v
     covariance = np.linalg.inv(information)
     return BalanceBaseline(
         columns=list(BALANCES[name].columns),
         mean=_rounded(covariance @ vector),
         covariance=[_rounded(row) for row in 0.5 * (covariance + covariance.T)],
-        information=[_rounded(row) for row in told],
+        information=[_rounded(row) for row in total],
         scatter=[_rounded(row) for row in scatter],
         noise=float(f"{np.sqrt(noise):.5g}"),
         hops=round(float(weights.sum())),
@@ -164,21 +166,21 @@ def _balance(
 def structural_variance(
     sums: Sequence[tuple[Array, Array, Array, Array]], effects: Effects, found: float
 ) -> float:
-    """Variance of a row as coefficients see it: what a law leaves out hangs together over a hop.
+    """Effective variance of a row when the model error is correlated over a frame.
 
-    A hop's own best coefficients follow such errors and leave next to nothing. How far they lie from those
-    of the whole log, in rows' units and per coefficient, is what a row is worth: the mean square between
-    groups, as an analysis of variance takes it, as its median over hops.
+    A frame's own least squares follows such errors and leaves small residuals. The distance of its
+    coefficients from the log's, in units of a row's variance and per coefficient, is the mean square between
+    groups of an analysis of variance; the median over frames is taken.
 
     Parameters
     ----------
-    sums : of each log, as `Ledger.sums` gives them. effects : before any log was seen. found : variance to
-        start from.
+    sums : of each log, as `BalanceHistory.sums` gives them. effects : before any log was seen. found :
+        variance to start from.
     """
     std = np.sqrt(np.diag(effects.covariance))
     prior = 1.0 / np.square(std)
     seen = [(m[r > 0], v[r > 0], s[r > 0]) for m, v, r, s in sums]
-    least = 0.01 * found  # a log without noise leaves nothing between its hops either
+    least = 0.01 * found  # a log without noise leaves nothing between its frames either
     for _ in range(3):
         squares = []
         for m, v, s in seen:
@@ -187,28 +189,28 @@ def structural_variance(
             solution = np.linalg.solve(total, moment.sum(axis=0) / found + prior * effects.mean)
             values, vectors = np.linalg.eigh(gram * std * std[:, None])
             turned = (np.swapaxes(vectors, -1, -2) @ ((moment - gram @ solution) * std)[..., None])[..., 0]
-            told = values > 1e-6 * values.max(axis=1, keepdims=True)
-            square = np.where(told, np.square(turned) / np.where(told, values, 1.0), 0.0)
-            squares.append(square.sum(axis=1) / told.sum(axis=1).clip(1))
+            identified = values > 1e-6 * values.max(axis=1, keepdims=True)
+            square = np.where(identified, np.square(turned) / np.where(identified, values, 1.0), 0.0)
+            squares.append(square.sum(axis=1) / identified.sum(axis=1).clip(1))
         found = max(float(np.median(np.concatenate(squares))), least)
     return found
 
 
 def scattered(information: Array, vector: Array, effects: Effects) -> tuple[Array, float]:
-    """Sum of squares (n, n) of the scores of a log's stretches about its own coefficients, and by how much
-    they scatter more than their information says, at least 1.
+    """Sum of squares (n, n) of the scores of a log's stretches at its own coefficients, and their
+    overdispersion, at least 1.
 
-    The latter is the dispersion of a quasi-likelihood (McCullagh 1983, doi 10.1214/aos/1176346056), the mean
-    over the coefficients that the log tells.
+    The latter is the dispersion of a quasi-likelihood (McCullagh 1983, doi 10.1214/aos/1176346056), averaged
+    over the coefficients by the log's information.
     """
     prior, total = np.linalg.inv(effects.covariance), information.sum(axis=0)
     inverse = np.linalg.inv(prior + total)
     rest = vector - information @ (inverse @ (prior @ effects.mean + vector.sum(axis=0)))
-    starts = np.arange(0, len(rest), BLOCK_HOPS)
+    starts = np.arange(0, len(rest), BLOCK_FRAMES)
     scores = np.add.reduceat(rest, starts, axis=0)
     squares = np.asarray(scores.T @ scores)
-    told = float(np.sum(inverse * total))
-    return squares, max(float(np.sum(inverse * squares)) / told, 1.0) if told > 0.0 else 1.0
+    freedom = float(np.sum(inverse * total))  # effective number of coefficients
+    return squares, max(float(np.sum(inverse * squares)) / freedom, 1.0) if freedom > 0.0 else 1.0
 
 
 def _rounded(values: NDArray[np.float64]) -> list[float]:
@@ -216,7 +218,7 @@ def _rounded(values: NDArray[np.float64]) -> list[float]:
 
 
 def effects_of(unit: Unit, spreads: Spreads | None = None) -> dict[str, Effects]:
-    """The effects that a log of the unit is held against: of its baseline, or of its data sheet alone.
+    """The prior for a log of the unit: from its baseline, or from the population where it has none.
 
     Parameters
     ----------

@@ -1,10 +1,9 @@
-"""From evidence to findings: is something wrong, which of the faults that would explain it, and is there a
-second one.
+"""From evidence to findings: detection, isolation, and the search for further faults.
 
-Detection goes by the robust score of the best hypothesis. Which fault it is goes by likelihood among those
-whose columns are alike in this log. No law of a fault holds better than `LAW_DOUBT`, so a gain that falls
-short by as little says nothing: such faults are one ambiguity group, and what is commonest, at the size that
-it would have, leads.
+Detection goes by the score of the best hypothesis. Isolation goes by the posterior among hypotheses whose
+columns correlate in this log. A fault's law holds only to `LAW_DOUBT` of its effect, so gains that differ by
+no more do not separate faults: they form one ambiguity group, led by the one of largest prior weight at its
+amplitude.
 """
 
 from __future__ import annotations
@@ -17,20 +16,20 @@ import numpy as np
 from fdd.diagnosis.evidence import Amplitude, Evidence
 from fdd.diagnosis.hypotheses import RECOVERED, Hypothesis, end_of
 
-ALIKE = 0.5
-"""Correlation of columns from which two hypotheses explain the same thing."""
+SAME_EFFECT = 0.5
+"""Correlation of columns from which two hypotheses explain the same change."""
 GROUP_SHARE = 0.05
 """Share of the posterior from which a fault belongs to the answer's ambiguity group."""
 MOST_FAULTS = 3
 USUAL_SIZE = 0.5
-"""Severity that is the likeliest before a log is seen (Rayleigh's distribution)."""
+"""Mode of the prior of a severity (Rayleigh's distribution)."""
 SECOND_FAULT = 2.0
-"""Log odds against a further fault beside one that was found; assumed: one faulty unit in eight has two."""
-TOGETHER_HOPS = 4
-"""Hops within which two onsets are one."""
+"""Prior log odds against a second fault; assumed: one faulty unit in eight has two."""
+TOGETHER_FRAMES = 4
+"""Frames within which two onsets count as the same."""
 LAW_DOUBT = 0.25
-"""Of a fault's effect: how far its law may be from the machine's. Flow by the root of pressure and flow by
-pressure part by that much over a range from none to full (4 to 6 % of the energy)."""
+"""Model error of a fault's law, as a share of its effect: flow by the root of pressure and flow by pressure
+differ by that much over a range from none to full (4 to 6 % of the energy)."""
 
 
 @dataclass
@@ -39,7 +38,7 @@ class Found:
 
     Attributes
     ----------
-    explained : share of what changed in its balances that it explains, beside the other findings.
+    explained : share of the change of its balances that it explains, given the other findings.
     """
 
     lead: Amplitude
@@ -49,7 +48,8 @@ class Found:
 
     @property
     def known(self) -> bool:
-        """Whether it is one of the catalogue's: what explains less than half of a change is not its cause."""
+        """Whether it is a fault of the catalogue: one that explains less than half of the change is not its
+        cause."""
         return self.explained >= 0.5
 
     @property
@@ -71,12 +71,12 @@ def decide(
 ) -> tuple[list[Found], float]:
     """Findings above a threshold, the surest first, and the largest score that is left.
 
-    That a fault which was found is over is one of them too: `Hypothesis.ends` names it.
+    The end of a fault that was found is a finding too: `Hypothesis.ends` names it.
 
     Parameters
     ----------
-    standing : labels of hypotheses that stood before. They are taken first: what has healed since explains
-        less than its opposite would.
+    standing : labels of hypotheses active before. They are taken first: after a recovery the original fault
+        explains less than a fault of opposite sign would.
     """
     found: list[Found] = []
     known: list[Amplitude] = []
@@ -94,12 +94,12 @@ def decide(
                 left = max(evidence.unexplained(f.lead, known), 0.0)
                 f.explained = f.lead.gain / (f.lead.gain + left)
             return found, score
-        # What leads is what explains most, and well: a part of a large deviation may look surer than all.
+        # The largest gain over its misfit leads: a part of a large deviation may have the larger score.
         sure = [f for f in fits if f.score - against >= threshold]
         stand = [f for f in sure if f.hypothesis.label in standing and f.hypothesis.ends is None]
-        seed = max(stand or sure, key=lambda f: f.gain / np.sqrt(f.misfit))
+        seed = max(stand or sure, key=lambda f: f.gain / np.sqrt(f.reduced_chi_square))
         if stand:
-            fits = [f for f in fits if abs(f.onset - seed.onset) <= TOGETHER_HOPS]
+            fits = [f for f in fits if abs(f.onset - seed.onset) <= TOGETHER_FRAMES]
         found.append(_isolated(evidence, seed, fits, score))
         if found[-1].lead.hypothesis.ends is not None:
             _take_its_end(evidence, found)
@@ -107,52 +107,54 @@ def decide(
 
 
 def _take_its_end(evidence: Evidence, found: list[Found]) -> None:
-    """Fit a fault again beside its end, found last, and the end beside it: alone, a fault seems as small as
-    it is on average over what came after its onset."""
+    """Refit a fault jointly with its end, found last: without it the amplitude is the average since the
+    onset."""
     end = found[-1].lead
     whole = next(f for f in found if f.lead.hypothesis.fault == end.hypothesis.ends)
     others = [f.lead for f in found[:-1] if f is not whole]
     old = whole.lead
-    as_it_was = [(old.hypothesis, old.kind, old.onset, old.profile)]
+    as_it_was = [(old.hypothesis, old.kind, old.onset, old.onset_gains)]
     (whole.lead,) = evidence.fitted(as_it_was, [*others, end])
-    its_end = [(end_of(old.hypothesis, whole.lead.size), end.kind, end.onset, end.profile)]
+    its_end = [(end_of(old.hypothesis, whole.lead.size), end.kind, end.onset, end.onset_gains)]
     (found[-1].lead,) = evidence.fitted(its_end, [*others, whole.lead])
 
 
 def _comes_along(fit: Amplitude, known: list[Amplitude]) -> bool:
-    """Whether what begins with a fault that was found before is no more than a part of it.
+    """True if a simultaneous change is a side effect of a known fault.
 
-    It may be owed to that fault's law, which holds only so well, or be a small effect that no signature
-    tells of: a loose seal leaks, a stuck valve shifts the pressure in a sensor's line. Where a fault begins
-    it is not over.
+    It may come from the model error of that fault's law, or be a small effect without a signature: a loose
+    seal leaks, a stuck valve shifts the pressure in a sensor's line. A fault does not end where it begins.
     """
     for n in known:
-        if abs(n.onset - fit.onset) > TOGETHER_HOPS:
+        if abs(n.onset - fit.onset) > TOGETHER_FRAMES:
             continue
         if fit.hypothesis.ends == n.hypothesis.fault:
             return True
         shared = set(n.hypothesis.columns) & set(fit.hypothesis.columns)
-        if (shared and fit.gain <= LAW_DOUBT**2 * n.gain) or abs(fit.level) < LAW_DOUBT * abs(n.level):
+        if shared and fit.gain <= LAW_DOUBT**2 * n.gain:
+            return True
+        if abs(fit.active_amplitude) < LAW_DOUBT * abs(n.active_amplitude):
             return True
     return False
 
 
 def _usual(fit: Amplitude) -> float:
-    """How usual a fault of that size is, before a log is seen: neither next to nothing, nor beyond gross."""
+    """Prior density of a fault at its amplitude: prior weight times Rayleigh's distribution."""
     if fit.hypothesis.ends is not None:
         return 1.0
     if not fit.hypothesis.signed:
-        return fit.hypothesis.commonness
-    return fit.hypothesis.commonness * fit.level * float(np.exp(-0.5 * np.square(fit.level / USUAL_SIZE)))
+        return fit.hypothesis.prior_weight
+    size = fit.active_amplitude
+    return fit.hypothesis.prior_weight * size * float(np.exp(-0.5 * np.square(size / USUAL_SIZE)))
 
 
 def _isolated(evidence: Evidence, seed: Amplitude, fits: list[Amplitude], score: float) -> Found:
-    """Which faults explain what the best hypothesis saw."""
+    """Isolation: posterior of the faults whose columns correlate with the best hypothesis's."""
     alike = evidence.correlations(seed, [f.hypothesis for f in fits])
-    candidates = [f for f, c in zip(fits, alike.tolist(), strict=True) if c > ALIKE and f.gain > 0.0]
+    candidates = [f for f, c in zip(fits, alike.tolist(), strict=True) if c > SAME_EFFECT and f.gain > 0.0]
     gains = np.array([f.gain for f in candidates])
-    # What laws leave unexplained is no evidence for one fault against another.
-    weight = np.exp((gains - gains.max()) / (seed.misfit + LAW_DOUBT**2 * gains.max()))
+    # Tempered by misfit and model error: what laws leave unexplained does not separate faults.
+    weight = np.exp((gains - gains.max()) / (seed.reduced_chi_square + LAW_DOUBT**2 * gains.max()))
     weight *= np.array([_usual(f) for f in candidates])
     weight /= weight.sum()
     shares: dict[str, float] = {}

@@ -1,7 +1,7 @@
-"""Faults' amplitudes against what healthy logs and regimes differ by.
+"""Faults' amplitudes with healthy changes of the coefficients marginalised.
 
 A fault moves a balance's coefficients by its amplitude times its columns: from the unit's own, where it was
-there before the first frame, or from those before its onset. Healthy coefficients depart as well: from log to
+there before the first frame, or from those before its onset. Healthy coefficients change as well: from log to
 log (`Effects.log_variance`), and within one by what changes in minutes and by the regime. A law errs by an
 amount of its own in every duty, so a change of duty is a draw as a change of log is, the more so the less
 alike the information before and after it.
@@ -15,92 +15,96 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from fdd.residuals.rows import HOP_S
+from fdd.residuals.bins import FRAME_S
 
 if TYPE_CHECKING:
-    from fdd.diagnosis.fitting import Explained, Parts
+    from fdd.diagnosis.fitting import BalancePosterior, Parts
 
 Array = NDArray[np.float64]
 
 WITHIN_FRAMES = 300.0
-"""Frames in which a healthy unit's coefficients wander off by `Effects.within`: two minutes and a half."""
+"""Frames (150 s) in which the random walk of a healthy unit's coefficients has the standard deviation
+`Effects.within`."""
 VAGUE = 1e3
-"""Standard deviation of an amplitude of which nothing is known before."""
+"""Prior standard deviation of an amplitude: uninformative."""
 
 
 class Departures(NamedTuple):
-    """Likeliest amplitudes (f,), known faults' being free, and their information (f,)."""
+    """Amplitudes (f,) of largest likelihood, the known faults' refitted, and their information (f,)."""
 
     size: Array
     information: Array
 
 
 def departures(
-    balances: Mapping[str, Explained], parts: Parts, kappa: Array, *, from_start: bool
+    balances: Mapping[str, BalancePosterior], parts: Parts, overdispersion: Array, *, from_start: bool
 ) -> Departures:
-    """Weigh each fault's amplitude by what healthy coefficients depart by.
+    """Estimate each fault's amplitude by generalised least squares, healthy changes being random effects.
 
     Parameters
     ----------
-    kappa : (f,), by how much noise scatters over its information. from_start : faults were there before the
-        first frame.
+    overdispersion : (f,), factor on the variance of noise. from_start : faults were there
+        before the first frame.
     """
     precision = 1.0 / np.square(parts.scales)
     joint = precision[:, :, None] * np.eye(precision.shape[1])
     score = np.zeros(precision.shape)
     for name, columns in parts.columns.items():
         mine = np.flatnonzero(columns.any(axis=(1, 2)))
-        own, told = _part(
-            balances[name], columns[mine], parts.courses[mine], kappa[mine], from_start=from_start
-        )
+        profiles, factor = parts.time_profiles[mine], overdispersion[mine]
+        own, information = _part(balances[name], columns[mine], profiles, factor, from_start=from_start)
         score[mine] += own
-        joint[mine] += told
+        joint[mine] += information
     size = np.linalg.solve(joint, score[..., None])[:, 0, 0]
     return Departures(np.asarray(size), np.asarray(1.0 / np.linalg.inv(joint)[:, 0, 0]))
 
 
-def _part(e: Explained, g: Array, courses: Array, kappa: Array, *, from_start: bool) -> tuple[Array, Array]:
-    """One balance's scores (f, p) and information (f, p, p), beside what healthy coefficients may do.
+def _part(
+    e: BalancePosterior, g: Array, time_profiles: Array, overdispersion: Array, *, from_start: bool
+) -> tuple[Array, Array]:
+    """One balance's scores (f, p) and information (f, p, p) of the amplitudes, healthy changes of the
+    coefficients marginalised.
 
     Parameters
     ----------
-    g : (f, p, n) columns. courses : (f, p, h).
+    g : (f, p, n) columns. time_profiles : (f, p, h).
     """
     f, p, n = g.shape
     flat = e.information.reshape(len(e.information), -1)
-    k = kappa[:, None, None]
-    sums = (courses @ flat).reshape(f, p, n, n) / k[..., None]
-    both = np.stack([(courses[:, i, None] * courses) @ flat for i in range(p)], axis=1).reshape(f, p, p, n, n)
-    both /= k[..., None, None]
+    k = overdispersion[:, None, None]
+    sums = (time_profiles @ flat).reshape(f, p, n, n) / k[..., None]
+    both = np.stack([(time_profiles[:, i, None] * time_profiles) @ flat for i in range(p)], axis=1)
+    both = both.reshape(f, p, p, n, n) / k[..., None, None]
     prior, total = np.linalg.inv(e.healthy.covariance), e.total / k
     if from_start:
         own = np.broadcast_to(e.healthy.mean, (f, n))
-        pulled, inverse_variance = np.einsum("fpij,fpj->fpi", sums, g), np.broadcast_to(prior, total.shape)
+        contribution = np.einsum("fpij,fpj->fpi", sums, g)
+        inverse_variance = np.broadcast_to(prior, total.shape)
     else:
         inverse = np.linalg.inv(prior + total)
         seen = e.rest.sum(axis=0) + e.total @ e.solution
-        own = (inverse @ (prior @ e.healthy.mean + seen / kappa[:, None])[..., None])[..., 0]
+        own = (inverse @ (prior @ e.healthy.mean + seen / overdispersion[:, None])[..., None])[..., 0]
         both = both - np.einsum("fpij,fjk,fqkl->fpqil", sums, inverse, sums)
-        total, pulled = both[:, 0, 0], np.einsum("fpij,fpj->fpi", both[:, 0], g)
+        total, contribution = both[:, 0, 0], np.einsum("fpij,fpj->fpi", both[:, 0], g)
         inverse_variance = np.linalg.inv(changes(e, k * sums[:, 0]))
-    rest = courses @ e.rest / k + np.einsum("fpij,fj->fpi", sums, e.solution - own)
+    rest = time_profiles @ e.rest / k + np.einsum("fpij,fj->fpi", sums, e.solution - own)
     if from_start:
-        vector = (e.rest.sum(axis=0) + (e.solution - own) @ e.total) / kappa[:, None]
+        vector = (e.rest.sum(axis=0) + (e.solution - own) @ e.total) / overdispersion[:, None]
     else:
         vector = rest[:, 0]
     inverse = np.linalg.inv(inverse_variance + total)
-    drawn = np.einsum("fij,fj->fi", inverse, vector)
-    by_one = np.einsum("fij,fpj->fpi", inverse, pulled)
+    shift = np.einsum("fij,fj->fi", inverse, vector)
+    by_one = np.einsum("fij,fpj->fpi", inverse, contribution)
     score = np.einsum("fpn,fpn->fp", g, rest)
     information = np.einsum("fpi,fpqij,fqj->fpq", g, both, g)
     return (
-        score - np.einsum("fpi,fi->fp", pulled, drawn),
-        information - np.einsum("fpi,fqi->fpq", pulled, by_one),
+        score - np.einsum("fpi,fi->fp", contribution, shift),
+        information - np.einsum("fpi,fqi->fpq", contribution, by_one),
     )
 
 
-def changes(e: Explained, after: Array) -> Array:
-    """Covariance (f, n, n) of what a healthy log's coefficients change by.
+def changes(e: BalancePosterior, after: Array) -> Array:
+    """Covariance (f, n, n) of the change of a healthy log's coefficients between before and after an onset.
 
     Parameters
     ----------
@@ -110,12 +114,13 @@ def changes(e: Explained, after: Array) -> Array:
     unlike = 1.0 - _alike(e, e.total - after, after)
     own = np.square(healthy.within) * frames / WITHIN_FRAMES + 2.0 * unlike[:, None] * healthy.log_variance
     # Between the means of two halves lies half of a log.
-    warmed = 0.5 * frames * HOP_S * healthy.warming * np.ones_like(healthy.mean)
+    warmed = 0.5 * frames * FRAME_S * healthy.warming * np.ones_like(healthy.mean)
     return np.asarray(own[:, :, None] * np.eye(own.shape[1]) + np.outer(warmed, warmed))
 
 
-def _alike(e: Explained, before: Array, after: Array) -> Array:
-    """Correlation (f,) of the information before and after, in what logs differ by: 1 in one regime."""
+def _alike(e: BalancePosterior, before: Array, after: Array) -> Array:
+    """Cosine similarity (f,) of the information matrices before and after, scaled by the standard deviation
+    from log to log: 1 where the duty is the same."""
     std = np.sqrt(e.healthy.log_variance)
     one, two = (x * std * std[:, None] for x in (before, after))
     own = np.sqrt(np.sum(one * one, axis=(1, 2)) * np.sum(two * two, axis=(1, 2)))

@@ -1,12 +1,12 @@
-"""How strongly the balances speak for each fault, over every onset.
+"""Evidence of the balances for each fault: amplitudes and log likelihood ratios over every onset.
 
-A fault adds its amplitude ``a`` times its columns ``G`` times its course ``φ`` to the balances' coefficients.
-With what held before integrated out, its amplitude has information ``λ`` and score ``b``, and by sums over
-hops every onset costs the same:
+A fault adds its amplitude ``a`` times its columns ``G`` times its time profile ``φ`` to the balances'
+coefficients. With the coefficients before the onset marginalised, its amplitude has information ``λ`` and
+score ``b``; suffix sums over frames give every onset at the same cost:
 
     λ = Gᵀ[Σφ²M - (ΣφM) T (ΣφM)]G,   b = Gᵀ[Σφm - (ΣφM) T (P⁻¹μ + Σm)],   T = (P⁻¹ + ΣM)⁻¹
 
-P and μ are the unit's own prior. What such an amplitude is worth says `fdd.diagnosis.fitting`.
+P and μ are the unit's own prior. `fdd.diagnosis.fitting` turns amplitudes into scores.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from fdd.diagnosis.departures import VAGUE, changes, departures
 from fdd.diagnosis.fitting import (
     GREATEST,
-    Explained,
+    BalancePosterior,
     Fit,
     Parts,
     Stretches,
@@ -35,46 +35,48 @@ from fdd.residuals.effects import Effects
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
 
-RAMP_HOPS = 24
-"""Hops over which a ramp grows to its full size: 12 s."""
-DRIFT_HOPS = 100
-"""Hops in which a drift grows by one: 50 s."""
+RAMP_FRAMES = 24
+"""Frames over which a ramp grows to its full size: 12 s."""
+DRIFT_FRAMES = 100
+"""Frames in which a drift grows by one: 50 s."""
 FREE_SPREAD = 10.0
-"""Of what a unit's healthy logs differ by, how far a fault that nobody knows may change a coefficient."""
+"""Prior standard deviation of an unmodelled fault's change of a coefficient, in standard deviations from log
+to log of the healthy unit."""
 KINDS = ("step", "ramp", "drift")
 NINE_IN_TEN = 1.2816
-"""Standard deviations."""
+"""90 % quantile of the standard normal distribution."""
 LEAST_BEFORE, LEAST_AFTER = 4, 6
-"""Stretches before, and hops after, an onset that is looked for inside a log: a machine that starts is no
-reference for itself."""
+"""Fewest stretches before, and frames after, an onset inside a log: a machine that starts up is no reference
+for itself."""
 
 
 @dataclass
 class Amplitude(Fit):
-    """A hypothesis with its course, fitted: what the decision needs of it."""
+    """A fitted hypothesis: amplitude, kind of time profile and onset."""
 
     hypothesis: Hypothesis
-    course: Array  # (h,)
+    time_profile: Array  # (h,)
     kind: str  # step, ramp or drift
     onset: int
-    profile: Array  # (k,) gain over onsets
+    onset_gains: Array  # (k,) gain over onsets
     onsets: Array  # (k,)
 
 
-def course_of(kind: str, hops: int, onset: int) -> Array:
-    """φ of a step, ramp or drift from a hop on, (hops,)."""
-    since = np.arange(hops) - onset
+def time_profile_of(kind: str, frames: int, onset: int) -> Array:
+    """Time profile φ (frames,) of a step, ramp or drift that begins with a frame."""
+    since = np.arange(frames) - onset
     if kind == "ramp":
-        return np.clip((since + 0.5) / RAMP_HOPS, 0.0, 1.0)
+        return np.clip((since + 0.5) / RAMP_FRAMES, 0.0, 1.0)
     if kind == "drift":
-        return np.maximum((since + 0.5) / DRIFT_HOPS, 0.0)
+        return np.maximum((since + 0.5) / DRIFT_FRAMES, 0.0)
     return (since >= 0).astype(np.float64)
 
 
-class Sums:
-    """Sums over hops of (h, …) times a course or its square, for a course from every onset on, (k, …).
+class SuffixSums:
+    """Sums over frames of (h, …) times a time profile or its square, one for each onset of the profile,
+    (k, …).
 
-    They are sums of sums, so that every onset costs the same.
+    They come from repeated suffix sums, so that every onset costs the same.
     """
 
     def __init__(self, x: Array) -> None:
@@ -87,8 +89,8 @@ class Sums:
             return self.one[onsets]
         grown = self.two - 0.5 * self.one
         if kind == "drift":
-            return grown[onsets] / DRIFT_HOPS
-        return (grown[onsets] - _later(grown, onsets)) / RAMP_HOPS
+            return grown[onsets] / DRIFT_FRAMES
+        return (grown[onsets] - _later(grown, onsets)) / RAMP_FRAMES
 
     def squared(self, kind: str, onsets: Indices) -> Array:
         """Σ φ² x."""
@@ -97,26 +99,27 @@ class Sums:
         grown = self.two - 0.5 * self.one
         square = 2.0 * (_from_here(self.two) - self.two) + 0.25 * self.one
         if kind == "drift":
-            return square[onsets] / DRIFT_HOPS**2
+            return square[onsets] / DRIFT_FRAMES**2
         # Past its end a ramp has grown by its whole length l: (k + l)² - l² = k² + 2 l k is too much.
-        past = _later(square + 2.0 * RAMP_HOPS * grown, onsets)
-        return (square[onsets] - past) / RAMP_HOPS**2
+        past = _later(square + 2.0 * RAMP_FRAMES * grown, onsets)
+        return (square[onsets] - past) / RAMP_FRAMES**2
 
 
 def _likeliest(gain: Array) -> int:
-    """Where a gain over onsets is largest: amid them, where hops between tell nothing."""
+    """Place of the largest gain over onsets; the middle one of a plateau, which frames without information
+    make."""
     best = np.flatnonzero(gain >= (1.0 - 1e-6) * gain.max())
     return int(best[best.size // 2])
 
 
 def _from_here(x: Array) -> Array:
-    """Sums of (h, …) from each hop to the last."""
+    """Sums of (h, …) from each frame to the last."""
     return np.asarray(np.cumsum(x[::-1], axis=0)[::-1])
 
 
 def _later(x: Array, onsets: Indices) -> Array:
-    """Values a ramp's length after onsets; none after the last hop."""
-    at = onsets + RAMP_HOPS
+    """Values a ramp's length after onsets; none after the last frame."""
+    at = onsets + RAMP_FRAMES
     out = np.zeros((at.size, *x.shape[1:]))
     inside = at < len(x)
     out[inside] = x[at[inside]]
@@ -124,23 +127,23 @@ def _later(x: Array, onsets: Indices) -> Array:
 
 
 class Evidence:
-    """All balances of one axis over the hops at hand.
+    """The posteriors of all balances of one axis over a window of frames.
 
     Parameters
     ----------
-    hops : balance name to its hops' information (h, n, n) and vector (h, n), widened by what wanders; those
-        that tell nothing are left out. effects : what the first hop is held against. from_start : whether
-        that is the unit's baseline, so that a fault may have been there before the first hop. stretches :
-        how evidence scatters.
+    frames : balance name to its frames' information (h, n, n) and vector (h, n), the wander marginalised;
+        balances without information are left out. effects : prior of the coefficients at the first frame.
+        from_start : whether that is the unit's baseline, so that a fault may have been present before the
+        first frame. stretches : length of correlated errors and lower bound of the overdispersion.
 
     Attributes
     ----------
-    alone : what `fits` last gave of hypotheses beside no fault that is known.
+    alone : what `fits` last gave without known faults.
     """
 
     def __init__(
         self,
-        hops: Mapping[str, tuple[Array, Array]],
+        frames: Mapping[str, tuple[Array, Array]],
         effects: Mapping[str, Effects],
         *,
         from_start: bool = True,
@@ -148,35 +151,35 @@ class Evidence:
     ) -> None:
         self.alone: list[Amplitude] = []
         self.stretches = stretches
-        self.balances = {name: Explained(m, v, effects[name]) for name, (m, v) in hops.items()}
-        self.hops = max((len(m) for m, _ in hops.values()), default=0)
-        inside = np.arange(LEAST_BEFORE * stretches.hops, self.hops - LEAST_AFTER)
-        first = [0] if from_start and self.hops > LEAST_AFTER else []
+        self.balances = {name: BalancePosterior(m, v, effects[name]) for name, (m, v) in frames.items()}
+        self.frames = max((len(m) for m, _ in frames.values()), default=0)
+        inside = np.arange(LEAST_BEFORE * stretches.frames, self.frames - LEAST_AFTER)
+        first = [0] if from_start and self.frames > LEAST_AFTER else []
         self.onsets = np.concatenate([np.array(first, dtype=np.int64), inside])
 
     def shared(self, h: Hypothesis) -> bool:
-        """Whether a balance speaks of a hypothesis."""
+        """Whether any balance at hand has columns of a hypothesis."""
         return any(name in self.balances for name in h.columns)
 
     def fits(self, hypotheses: Sequence[Hypothesis], known: Sequence[Amplitude]) -> list[Amplitude]:
-        """Hypotheses at their likeliest onsets and courses, beside faults that are known already; those that
-        would explain nothing are left out."""
-        told = [h for h in hypotheses if self.shared(h)]
-        if not told or not self.onsets.size:
+        """Fit hypotheses at their likeliest onsets and time profiles, jointly with known faults; those
+        without gain are left out."""
+        testable = [h for h in hypotheses if self.shared(h)]
+        if not testable or not self.onsets.size:
             return []
-        best: list[tuple[float, str, Array]] = [(0.0, "", self.onsets)] * len(told)
-        for kind, (mine, gains) in self._gains(told, known).items():
+        best: list[tuple[float, str, Array]] = [(0.0, "", self.onsets)] * len(testable)
+        for kind, (mine, gains) in self._gains(testable, known).items():
             for i, gain in zip(mine, gains, strict=True):
-                if gain.max() > (1.0 + 1e-9) * best[i][0]:  # of two that tell the same, the simpler one
+                if gain.max() > (1.0 + 1e-9) * best[i][0]:  # of two equal ones, the simpler one
                     best[i] = float(gain.max()), kind, gain
         found = [
             (h, kind, int(self.onsets[_likeliest(gain)]), gain)
-            for h, (most, kind, gain) in zip(told, best, strict=True)
+            for h, (most, kind, gain) in zip(testable, best, strict=True)
             if most > 0.0
         ]
         early = self.fitted([x for x in found if x[2] == 0], known)
         late = self.fitted([x for x in found if x[2] > 0], known)
-        order = {id(h): i for i, h in enumerate(told)}
+        order = {id(h): i for i, h in enumerate(testable)}
         fits = sorted([*early, *late], key=lambda f: order[id(f.hypothesis)])
         if not known:
             self.alone = fits
@@ -185,9 +188,10 @@ class Evidence:
     def _gains(
         self, hypotheses: Sequence[Hypothesis], known: Sequence[Amplitude]
     ) -> dict[str, tuple[Indices, Array]]:
-        """Which hypotheses may take each course, and what they would gain from every onset on, (f, k)."""
+        """By kind of time profile: indices of the hypotheses that allow it, and their gains (f, k) over
+        onsets."""
         scale, signed = (np.array([getattr(h, x) for h in hypotheses]) for x in ("scale", "signed"))
-        takes = {kind: np.array([kind in h.courses for h in hypotheses]) for kind in KINDS}
+        takes = {kind: np.array([kind in h.time_profiles for h in hypotheses]) for kind in KINDS}
         lam = {kind: np.tile(1.0 / scale**2, (self.onsets.size, 1)) for kind in KINDS}
         b = {kind: np.zeros_like(lam[kind]) for kind in KINDS}
         for name, e in self.balances.items():
@@ -195,11 +199,11 @@ class Evidence:
             if not mine.size:
                 continue
             columns = np.array([h.columns[name] for h in hypotheses if name in h.columns])
-            pulled = np.moveaxis(e.pulled(columns), 0, 1)  # (h, f, n)
-            own = Sums(np.einsum("hfn,fn->hf", pulled, columns))
-            # The log's own solution gives way: the square root of its covariance goes in before the sums.
-            given = Sums(pulled @ e.root)
-            scores = Sums((e.rest - self._moved(name, known)) @ columns.T)
+            contribution = np.moveaxis(e.score_contribution(columns), 0, 1)  # (h, f, n)
+            own = SuffixSums(np.einsum("hfn,fn->hf", contribution, columns))
+            # What the log's own coefficients absorb, by a square root of their covariance.
+            given = SuffixSums(contribution @ e.root)
+            scores = SuffixSums((e.rest - self._moved(name, known)) @ columns.T)
             for kind in KINDS:
                 k = takes[kind][mine]
                 if k.any():
@@ -215,52 +219,56 @@ class Evidence:
         return out
 
     def _moved(self, name: str, known: Sequence[Amplitude]) -> Array | float:
-        """What known faults add to a balance's hops, less what the log's solution takes up, (h, n)."""
+        """Score contribution (h, n) of known faults to a balance's frames, less the nuisance shift they
+        cause."""
         e = self.balances[name]
-        pulled = sum(
-            n.course[:, None] * e.pulled(n.hypothesis.columns[name] * n.size)
+        added = sum(
+            n.time_profile[:, None] * e.score_contribution(n.hypothesis.columns[name] * n.size)
             for n in known
             if name in n.hypothesis.columns
         )
-        return pulled if isinstance(pulled, int) else pulled - e.pulled(e.inverse @ pulled.sum(axis=0))
+        return (
+            added if isinstance(added, int) else added - e.score_contribution(e.inverse @ added.sum(axis=0))
+        )
 
     def unexplained(self, found: Amplitude, known: Sequence[Amplitude]) -> float:
-        """What any change of a finding's balances would gain from its onset on, beside all that was found and
-        what healthy coefficients differ by.
+        """Log likelihood ratio of an unmodelled change of a finding's balances from its onset on, against
+        what is found already and healthy variation.
 
-        What chance alone would make of as many free coefficients is taken off.
+        The expectation under chance for as many free coefficients is subtracted.
         """
         total = 0.0
         for name in found.hypothesis.columns:
             if name not in self.balances:
                 continue
             e = self.balances[name]
-            s = e.told(found.course)
-            left = found.course @ (e.rest - self._moved(name, known))
-            changed = changes(e, np.einsum("h,hij->ij", found.course, e.information)[None])[0]
+            s = e.schur_complement(found.time_profile)
+            left = found.time_profile @ (e.rest - self._moved(name, known))
+            changed = changes(e, np.einsum("h,hij->ij", found.time_profile, e.information)[None])[0]
             usual = np.diag(e.healthy.covariance if found.onset == 0 else changed)
             wide, own = (
                 np.linalg.solve(np.eye(left.size) + v[:, None] * s, np.diag(v))
                 for v in (np.diag(e.healthy.covariance) * FREE_SPREAD**2 + usual, usual)
             )
             beyond = wide - own
-            total += 0.5 * float(left @ beyond @ left - max(found.misfit, 1.0) * np.trace(beyond @ s))
+            by_chance = max(found.reduced_chi_square, 1.0) * np.trace(beyond @ s)
+            total += 0.5 * float(left @ beyond @ left - by_chance)
         return total
 
     def fitted(
         self, found: Sequence[tuple[Hypothesis, str, int, Array]], known: Sequence[Amplitude]
     ) -> list[Amplitude]:
-        """Hypotheses with given courses, beside faults that are known.
+        """Fit hypotheses with given time profiles, jointly with known faults.
 
         Parameters
         ----------
-        found : hypothesis, kind of course, onset (0 for all, or for none) and gain over onsets.
+        found : hypothesis, kind of time profile, onset (0 for all, or for none) and gain over onsets.
         """
         if not found:
             return []
         others = [n.hypothesis for n in known]
-        first = np.array([course_of(kind, self.hops, onset) for _, kind, onset, _ in found])
-        courses = np.stack([first, *(np.tile(n.course, (len(found), 1)) for n in known)], axis=1)
+        first = np.array([time_profile_of(kind, self.frames, onset) for _, kind, onset, _ in found])
+        time_profiles = np.stack([first, *(np.tile(n.time_profile, (len(found), 1)) for n in known)], axis=1)
         columns = {}
         for name, e in self.balances.items():
             none = np.zeros(e.solution.size)
@@ -268,53 +276,56 @@ class Evidence:
             if np.any(rows):
                 columns[name] = np.array(rows)
         scales = np.array([[p.scale for p in (h, *others)] for h, *_ in found])
-        parts = Parts(columns, courses, scales, np.array([h.signed for h, *_ in found]))
+        parts = Parts(columns, time_profiles, scales, np.array([h.signed for h, *_ in found]))
         out = []
         fits = fit(self.balances, parts, from_start=found[0][2] == 0, stretches=self.stretches)
-        for (h, kind, onset, gain), course, f in zip(found, first, fits, strict=True):
-            f.score += float(np.log(h.commonness))
-            out.append(Amplitude(**vars(f), hypothesis=h, course=course, kind=kind, onset=onset, profile=gain,
-                                 onsets=self.onsets))  # fmt: skip
+        for (h, kind, onset, gain), time_profile, f in zip(found, first, fits, strict=True):
+            f.score += float(np.log(h.prior_weight))
+            out.append(Amplitude(**vars(f), hypothesis=h, time_profile=time_profile, kind=kind, onset=onset,
+                                 onset_gains=gain, onsets=self.onsets))  # fmt: skip
         return out
 
     def least_visible(self, hypotheses: Sequence[Hypothesis], onset: int, score: float) -> Array:
         """Smallest amplitude (f,) of each hypothesis that would have this score in nine of ten logs, were it
-        a step from a hop on; infinite where no balance speaks of it.
+        a step from a frame on; infinite where no balance has its columns.
         """
         out = np.full(len(hypotheses), np.inf)
         mine = np.array([k for k, h in enumerate(hypotheses) if self.shared(h)], dtype=np.int64)
         if not mine.size or not self.onsets.size:
             return out
-        told = [hypotheses[k] for k in mine.tolist()]
+        testable = [hypotheses[k] for k in mine.tolist()]
         onset = int(self.onsets[np.argmin(np.abs(self.onsets - onset))])
         columns = {}
         for name, e in self.balances.items():
-            rows = [[h.columns.get(name, np.zeros(e.solution.size))] for h in told]
+            rows = [[h.columns.get(name, np.zeros(e.solution.size))] for h in testable]
             if np.any(rows):
                 columns[name] = np.array(rows)
-        kappa = known_scatter(self.balances, {name: g[:, 0] for name, g in columns.items()})
-        kappa = np.maximum(kappa, self.stretches.least)
-        courses = np.tile(course_of("step", self.hops, onset), (len(told), 1, 1))
-        scale, commonness = (np.array([getattr(h, x) for h in told]) for x in ("scale", "commonness"))
-        parts = Parts(columns, courses, np.full((len(told), 1), VAGUE), np.array([h.signed for h in told]))
-        found = departures(self.balances, parts, kappa, from_start=onset == 0)
-        likely = quasi_likely(self.balances, parts, kappa, from_start=onset == 0)
-        blocks = np.full(len(told), (self.hops - onset) / self.stretches.hops)
-        # Half of an amplitude's square times this is its score, but for what it is taken off.
-        worth = log_odds(likely.information, blocks, np.zeros_like(kappa))
-        wanted = score + 0.5 * np.log1p(scale**2 * found.information) - np.log(commonness)
+        overdispersion = known_scatter(self.balances, {name: g[:, 0] for name, g in columns.items()})
+        overdispersion = np.maximum(overdispersion, self.stretches.least)
+        time_profiles = np.tile(time_profile_of("step", self.frames, onset), (len(testable), 1, 1))
+        scale, prior_weight = (np.array([getattr(h, x) for h in testable]) for x in ("scale", "prior_weight"))
+        parts = Parts(
+            columns, time_profiles, np.full((len(testable), 1), VAGUE), np.array([h.signed for h in testable])
+        )
+        found = departures(self.balances, parts, overdispersion, from_start=onset == 0)
+        likely = quasi_likely(self.balances, parts, overdispersion, from_start=onset == 0)
+        blocks = np.full(len(testable), (self.frames - onset) / self.stretches.frames)
+        # The score is half the squared amplitude times this, less the Occam factor.
+        worth = log_odds(likely.information, blocks, np.zeros_like(overdispersion))
+        wanted = score + 0.5 * np.log1p(scale**2 * found.information) - np.log(prior_weight)
         least = np.sqrt(2.0 * wanted.clip(0.0) / worth.clip(1e-300))
         out[mine] = least + NINE_IN_TEN / np.sqrt(found.information)
         return out
 
     def correlations(self, one: Amplitude, others: Sequence[Hypothesis]) -> Array:
-        """How alike other hypotheses' columns are over the course of a fitted one: 0 to 1, (f,)."""
+        """Absolute correlation (f,) of other hypotheses' columns with a fitted one's over its time profile,
+        in the metric of the information."""
         cross, own, theirs = np.zeros(len(others)), 1e-12, np.full(len(others), 1e-12)
         for name, e in self.balances.items():
             none = np.zeros(e.solution.size)
             g = one.hypothesis.columns.get(name, none)
             f = np.array([h.columns.get(name, none) for h in others])
-            s = e.told(one.course)
+            s = e.schur_complement(one.time_profile)
             own += float(g @ s @ g)
             theirs += np.einsum("fi,ij,fj->f", f, s, f)
             cross += f @ s @ g

@@ -1,11 +1,12 @@
 """Faults' amplitudes in a log, and how far they really scatter.
 
-A fault adds its amplitude ``a`` times its columns ``G`` times its course ``φ`` to the balances' coefficients.
-What keeps ``a² λ`` from passing for evidence that it is not are scores of healthy stretches of two seconds,
-of the log and of the unit's baseline: they say how far an amplitude really scatters, the sandwich (or cluster
-robust) factor κ (Liang and Zeger 1986, doi 10.1093/biomet/73.1.13). It is measured on the unit itself,
-whatever its load, noise and structure. It widens the unit's prior as well: a unit whose balances close badly
-also differs more from log to log.
+A fault adds its amplitude ``a`` times its columns ``G`` times its time profile ``φ`` to the balances'
+coefficients. By the rows' noise alone ``a² λ`` overstates the evidence. The overdispersion κ corrects it: the
+sandwich (cluster robust) ratio of the variance of scores to their information, from scores summed over
+healthy stretches of two seconds of the log and of the unit's baseline (Liang and Zeger 1986, doi
+10.1093/biomet/73.1.13). So it is measured on the unit itself, whatever its load, noise and structure. It
+multiplies the unit's prior variance as well: a unit whose balances close badly also differs more from log to
+log.
 """
 
 from __future__ import annotations
@@ -19,39 +20,39 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fdd.diagnosis.departures import Departures, departures
+from fdd.residuals.bins import BLOCK_FRAMES
 from fdd.residuals.effects import Effects
-from fdd.residuals.rows import BLOCK_HOPS
 
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 Indices = NDArray[np.int64]
 
 PRIOR_FREEDOM = 2.0
-"""Stretches that the baseline's scatter counts for: how far one log's is from another's."""
+"""Prior degrees of freedom: stretches of 2 s that the baseline's overdispersion counts for, since it varies
+from log to log. They are the only ones for a fault present from the first sample."""
 UNKNOWN_SCATTER = 3.0
-"""Scatter of a unit without baseline."""
+"""Overdispersion of a unit without baseline."""
 LEAST_SCATTER = 0.2
-"""Least factor: what coefficients wander by, and noises' floors, are assumed with care."""
+"""Lower bound of the overdispersion; below 1 since assumed wander and noise floors are on the safe side."""
 FEW_STRETCHES = 2.0
-"""Of b stretches behind an amplitude the share b / (b + 2) counts: what one stretch alone shows may be an
-event of its own, as a machine's start is."""
+"""With b effective stretches behind an amplitude the share b / (b + 2) of its log likelihood ratio counts:
+one stretch alone may be a singular event, as a machine's start is."""
 GREATEST = 2.0
-"""Severity beyond which no fault goes: 1.0 is gross, and a scale may be off by a factor of two on another
-machine."""
+"""Upper bound of a severity: 1.0 is gross, and the scale may be off by a factor of two on another machine."""
 
 
-class Explained:
-    """One balance as evidence sees it.
+class BalancePosterior:
+    """Gaussian posterior of one balance's coefficients in a log.
 
     Parameters
     ----------
-    information, vector : (h, n, n) and (h, n) of its hops, widened by what wanders. healthy : effects of the
-        unit, with the scatter of its own healthy logs.
+    information, vector : (h, n, n) and (h, n) of its frames, the wander marginalised. healthy : effects of
+        the unit (the prior), with the scatter of its own healthy logs.
 
     Attributes
     ----------
-    solution, inverse, root : (n,), (n, n) and (n, n), the log's own coefficients, their covariance and a
-        square root of it. rest : (h, n), of the vectors beside the solution.
+    solution, inverse, root : (n,), (n, n) and (n, n), posterior mean, its covariance and a square root of
+        that. total : (n, n) information of all frames. rest : (h, n), scores of the frames at the mean.
     """
 
     def __init__(self, information: Array, vector: Array, healthy: Effects) -> None:
@@ -65,79 +66,86 @@ class Explained:
         values, vectors = np.linalg.eigh(0.5 * (self.inverse + self.inverse.T))
         self.root: Array = vectors * np.sqrt(values.clip(0.0))
 
-    def told(self, course: Array) -> Array:
-        """Information (n, n) of a change of the coefficients over a course (h,), the log's own free."""
-        n = course.size
+    def schur_complement(self, time_profile: Array) -> Array:
+        """Information (n, n) of a change of the coefficients over a time profile (h,), the log's own
+        coefficients eliminated: the Schur complement of their block."""
+        n = time_profile.size
         flat = self.information.reshape(n, -1)
-        moved, squared = (c @ flat for c in (course, course**2))
+        moved, squared = (c @ flat for c in (time_profile, time_profile**2))
         shape = self.information.shape[1:]
         moved = moved.reshape(shape)
         return np.asarray(squared.reshape(shape) - moved @ self.inverse @ moved)
 
-    def beside(self, changes: Array) -> tuple[Array, Array]:
-        """The same hops as stretches see changes (f, n) of coefficients that were there from the start.
+    def conditional(self, changes: Array) -> tuple[Array, Array]:
+        """Posterior under the prior conditional on no deviation along changes (f, n) of the coefficients.
 
-        The log's own coefficients and such a change are one to all of its hops, so what the unit's prior
-        allows along the change is taken from it: what is left differs from stretch to stretch.
+        A fault present from the first frame shifts the log's own coefficients, so the two cannot be told
+        apart within the log. With the prior's variance along the change taken out, the remaining scores show
+        how the change scatters from stretch to stretch.
 
         Returns
         -------
-        (f, n, n) and (f, h, n): `inverse` and `rest` for each of them.
+        (f, n, n) and (f, h, n): `inverse` and `rest` for each change.
         """
         covariance = self.healthy.covariance
         along = np.einsum("fi,ij,fj->f", changes, np.linalg.inv(covariance), changes)
         outer = changes[:, :, None] * changes[:, None, :]
         across = covariance - outer / np.where(along > 0.0, along, 1.0)[:, None, None]
         inverse: Array = np.asarray(np.linalg.solve(np.eye(changes.shape[1]) + across @ self.total, across))
-        pulled = self.rest.sum(axis=0) + self.total @ (self.solution - self.healthy.mean)
-        moved = self.solution - self.healthy.mean - inverse @ pulled
-        return inverse, self.rest + self.pulled(moved)
+        contribution = self.rest.sum(axis=0) + self.total @ (self.solution - self.healthy.mean)
+        moved = self.solution - self.healthy.mean - inverse @ contribution
+        return inverse, self.rest + self.score_contribution(moved)
 
-    def pulled(self, changes: Array) -> Array:
-        """What changes (…, n) of coefficients add to the hops' vectors, (…, h, n)."""
+    def score_contribution(self, changes: Array) -> Array:
+        """What changes (…, n) of the coefficients add to the frames' scores, (…, h, n)."""
         n = changes.shape[-1]
         return (changes @ self.information.reshape(-1, n).T).reshape(*changes.shape[:-1], -1, n)
 
 
 class Joint:
-    """Faults in one balance, each beside those that are known.
+    """Normal equations, in one balance, of the amplitudes of faults, each fitted jointly with the known ones.
 
     Parameters
     ----------
-    mine : (f,) of these faults among all. columns : (f, p, n), of a fault and of the known ones. courses :
-        (f, p, h). from_start : as stretches see a fault that was there before the first hop.
+    mine : (f,) indices of these faults among all. columns : (f, p, n), of a fault and of the known ones.
+        time_profiles : (f, p, h). from_start : by `BalancePosterior.conditional`, for faults present before
+        the first frame.
 
     Attributes
     ----------
-    information, vector : (f, p, p) and (f, p) of the amplitudes.
+    acting : (f, p, h, n) change of the coefficients per amplitude. contribution : the same, of the frames'
+        scores. information, vector : (f, p, p) and (f, p) of the amplitudes.
     """
 
     def __init__(
-        self, balance: Explained, mine: Indices, columns: Array, courses: Array, *, from_start: bool = False
-    ) -> None:
-        self.balance, self.mine, self.columns, self.courses = balance, mine, columns, courses
+        self, balance: BalancePosterior, mine: Indices, columns: Array, time_profiles: Array, *,
+        from_start: bool = False,
+    ) -> None:  # fmt: skip
+        self.balance, self.mine, self.columns, self.time_profiles = balance, mine, columns, time_profiles
         self.inverse, self.rest = balance.inverse[None], balance.rest[None]
         if from_start:
-            self.inverse, self.rest = balance.beside(columns[:, 0])
-        self.acting = courses[..., None] * columns[:, :, None, :]
-        self.pulled = courses[..., None] * balance.pulled(columns)
-        self.pushed = self.pulled.sum(axis=2)
+            self.inverse, self.rest = balance.conditional(columns[:, 0])
+        self.acting = time_profiles[..., None] * columns[:, :, None, :]
+        self.contribution = time_profiles[..., None] * balance.score_contribution(columns)
+        self.total_contribution = self.contribution.sum(axis=2)
         f, p = columns.shape[:2]
         acting = self.acting.reshape(f, p, -1)
-        self.information: Array = acting @ np.swapaxes(self.pulled.reshape(f, p, -1), 1, 2)
-        self.information -= self.pushed @ self.inverse @ np.swapaxes(self.pushed, 1, 2)
+        self.information: Array = acting @ np.swapaxes(self.contribution.reshape(f, p, -1), 1, 2)
+        total = self.total_contribution
+        self.information -= total @ self.inverse @ np.swapaxes(total, 1, 2)
         self.vector: Array = (acting @ self.rest.reshape(len(self.rest), -1, 1))[..., 0]
 
-    def drawn(self, a: Array) -> Array:
-        """How far amplitudes (f, p) draw the log's own solution, (f, n)."""
-        return np.asarray((self.inverse @ np.einsum("fpn,fp->fn", self.pushed, a)[..., None])[..., 0])
+    def nuisance_shift(self, a: Array) -> Array:
+        """Shift of the log's own coefficients, the nuisance parameters, by amplitudes (f, p): (f, n)."""
+        total = np.einsum("fpn,fp->fn", self.total_contribution, a)
+        return np.asarray((self.inverse @ total[..., None])[..., 0])
 
-    def off(self, a: Array) -> tuple[Array, Array]:
-        """How far each hop's coefficients lie off the log's own solution with these amplitudes, and what that
-        adds to its vector, (f, h, n) each."""
-        drawn = self.drawn(a)
-        off = np.einsum("fphn,fp->fhn", self.acting, a) - drawn[:, None]
-        return off, np.einsum("fphn,fp->fhn", self.pulled, a) - self.balance.pulled(drawn)
+    def frame_shift(self, a: Array) -> tuple[Array, Array]:
+        """Deviation of each frame's coefficients from the log's own, with amplitudes (f, p), and what it adds
+        to the frame's score, (f, h, n) each."""
+        shift = self.nuisance_shift(a)
+        off = np.einsum("fphn,fp->fhn", self.acting, a) - shift[:, None]
+        return off, np.einsum("fphn,fp->fhn", self.contribution, a) - self.balance.score_contribution(shift)
 
 
 @dataclass
@@ -146,65 +154,67 @@ class Fit:
 
     Attributes
     ----------
-    size, variance : of the amplitude, as far as its own time scatters. level : of the amplitude while it
-        acts, where it comes and goes. gain : half the quadratic form, by the rows' own variance alone.
-        kappa, misfit : how healthy stretches scatter, over what their information says, and how those of the
-        fault's own time do. blocks : stretches that speak for it, as many as alike ones would be. score : see
-        `log_odds`.
+    size, variance : of the amplitude, averaged over its time profile. active_amplitude : amplitude while it
+        acts, larger than `size` for an intermittent fault. gain : log likelihood ratio by the rows' own
+        variance alone. overdispersion : variance of the scores of healthy stretches over their information.
+        reduced_chi_square : the same of the stretches under the fault. blocks : effective number of stretches
+        behind it. score : see `log_odds`.
     """
 
     size: float
     variance: float
-    level: float
+    active_amplitude: float
     gain: float
-    kappa: float
-    misfit: float
+    overdispersion: float
+    reduced_chi_square: float
     blocks: float
     score: float
 
 
 @dataclass(frozen=True)
 class Parts:
-    """Faults to be fitted, each beside those that are known.
+    """Faults to be fitted, each jointly with those that are known.
 
     Attributes
     ----------
-    columns : balance to (f, p, n), of a fault and of the known ones; of balances that speak of any.
-    courses : (f, p, h). scales : (f, p) prior std of each amplitude. signed : (f,), the fault is a severity.
+    columns : balance to (f, p, n), of a fault and of the known ones; of balances that any of them changes.
+    time_profiles : (f, p, h). scales : (f, p) prior std of each amplitude. signed : (f,), the fault is a
+        severity.
     """
 
     columns: dict[str, Array]
-    courses: Array
+    time_profiles: Array
     scales: Array
     signed: Flags
 
-    def joints(self, balances: Mapping[str, Explained], *, from_start: bool = False) -> list[Joint]:
-        """In every balance that speaks of them."""
+    def joints(self, balances: Mapping[str, BalancePosterior], *, from_start: bool = False) -> list[Joint]:
+        """In every balance that they change."""
         out = []
         for name, columns in self.columns.items():
             mine = np.flatnonzero(columns.any(axis=(1, 2)))
-            out.append(Joint(balances[name], mine, columns[mine], self.courses[mine], from_start=from_start))
+            profiles = self.time_profiles[mine]
+            out.append(Joint(balances[name], mine, columns[mine], profiles, from_start=from_start))
         return out
 
 
 class Stretches(NamedTuple):
-    """Hops whose errors may hang together, and the least by which they scatter, over their information."""
+    """Length of a stretch (frames) whose errors may be correlated, and lower bound of the overdispersion."""
 
-    hops: int = BLOCK_HOPS
+    frames: int = BLOCK_FRAMES
     least: float = LEAST_SCATTER
 
 
 def fit(
-    balances: Mapping[str, Explained], parts: Parts, *, from_start: bool, stretches: Stretches
+    balances: Mapping[str, BalancePosterior], parts: Parts, *, from_start: bool, stretches: Stretches
 ) -> list[Fit]:
-    """Fit each fault beside the known ones.
+    """Fit each fault jointly with the known ones.
 
     Parameters
     ----------
-    from_start : they were there before the first hop.
+    from_start : the faults were present before the first frame.
     """
     joints = parts.joints(balances)
-    scales, courses = parts.scales, parts.courses
+    scales, time_profiles = parts.scales, parts.time_profiles
     information, vector = _summed(joints, 1.0 / scales**2)
     a: Array = _solved(information, vector)
     free = a[:, 0].copy()
@@ -214,64 +224,69 @@ def fit(
         others = vector[f, 1:] - information[f, 1:, 0] * size[f]
         a[f, 1:] = np.linalg.solve(information[f, 1:, 1:], others)
     inverse = np.linalg.inv(information)
-    told = 1.0 / inverse[:, 0, 0]
-    # The amplitudes' direction for the first one, the others free.
-    along = (size * told)[:, None] * inverse[:, :, 0]
-    held = np.zeros(size.size)
+    schur = 1.0 / inverse[:, 0, 0]  # information of the amplitude, the known faults' free
+    # Direction of the amplitudes for the first one, the known ones fitted to it.
+    along = (size * schur)[:, None] * inverse[:, :, 0]
+    prior_information = np.zeros(size.size)
     for j in joints:
-        d = j.drawn(along[j.mine])
-        held[j.mine] += np.einsum("fn,fn->f", d, np.linalg.solve(j.balance.healthy.covariance, d.T).T)
+        d = j.nuisance_shift(along[j.mine])
+        weighed = np.linalg.solve(j.balance.healthy.covariance, d.T).T
+        prior_information[j.mine] += np.einsum("fn,fn->f", d, weighed)
     if from_start:
         joints = parts.joints(balances, from_start=True)
         vague = 1.0 / scales**2
-        vague[:, 0] *= 1e-9  # not none: a log may tell nothing
+        vague[:, 0] *= 1e-9  # not zero: a log may have no information
         information, vector = _summed(joints, vague)
         a = _solved(information, vector)
         inverse = np.linalg.inv(information)
         along = (a[:, 0] / inverse[:, 0, 0])[:, None] * inverse[:, :, 0]
-    hops = courses.shape[2]
-    scores, weights, pulls, pushes = np.zeros((4, size.size, hops))
+    frames = time_profiles.shape[2]
+    scores, weights, frame_scores, frame_information = np.zeros((4, size.size, frames))
     for j in joints:
         k = j.mine
-        seen, pulled = j.off(a[k])
-        left = j.rest - pulled
+        seen, contribution = j.frame_shift(a[k])
+        left = j.rest - contribution
         if scales.shape[1] > 1:  # else the amplitude is its own direction
-            seen, pulled = j.off(along[k])
+            seen, contribution = j.frame_shift(along[k])
         scores[k] += np.einsum("fhn,fhn->fh", seen, left)
-        weights[k] += np.einsum("fhn,fhn->fh", seen, pulled)
+        weights[k] += np.einsum("fhn,fhn->fh", seen, contribution)
         acting = size[k, None, None] * j.acting[:, 0]
-        pulls[k] += np.einsum("fhn,fhn->fh", acting, left)
-        pushes[k] += size[k, None] * np.einsum("fhn,fhn->fh", acting, j.pulled[:, 0])
-    blocks = np.arange(0, hops, stretches.hops)
+        frame_scores[k] += np.einsum("fhn,fhn->fh", acting, left)
+        frame_information[k] += size[k, None] * np.einsum("fhn,fhn->fh", acting, j.contribution[:, 0])
+    blocks = np.arange(0, frames, stretches.frames)
     u = np.add.reduceat(scores, blocks, axis=1)
     w = np.add.reduceat(weights, blocks, axis=1).clip(1e-100)
     count = w.sum(axis=1) ** 2 / np.sum(w**2, axis=1)
-    misfit = np.sum(u**2, axis=1) / w.sum(axis=1) * count / np.maximum(count - 2.0, 1.0)
-    misfit = np.maximum(misfit, 1.0)
+    reduced_chi_square = np.sum(u**2, axis=1) / w.sum(axis=1) * count / np.maximum(count - 2.0, 1.0)
+    reduced_chi_square = np.maximum(reduced_chi_square, 1.0)
     directions = {n: np.einsum("fp,fpn->fn", along, c) for n, c in parts.columns.items()}
     known = known_scatter(balances, directions)
-    kappa = _scatter(u, w, courses[:, 0], known, held, blocks).clip(stretches.least)
-    found = departures(balances, parts, kappa, from_start=from_start)
+    overdispersion = _scatter(u, w, time_profiles[:, 0], known, prior_information, blocks)
+    overdispersion = overdispersion.clip(stretches.least)
+    found = departures(balances, parts, overdispersion, from_start=from_start)
     precision = found.information
     size = np.where(parts.signed, np.clip(found.size, 0.0, GREATEST), found.size)
-    # What healthy stretches scatter by differs from fault to fault: gains that are compared leave it out.
+    # The overdispersion differs from fault to fault: gains, which are compared with each other, leave it out.
     gain = _gain(departures(balances, parts, np.ones(size.size), from_start=from_start), size)
-    gain = np.maximum(gain, told * size * (free - 0.5 * size))
-    ratio = _gain(quasi_likely(balances, parts, kappa, from_start=from_start), size)
+    gain = np.maximum(gain, schur * size * (free - 0.5 * size))
+    ratio = _gain(quasi_likely(balances, parts, overdispersion, from_start=from_start), size)
     spoken = np.maximum(u + w, 0.0)
     behind = spoken.sum(axis=1) ** 2 / np.maximum(np.sum(spoken**2, axis=1), 1e-300)
     score = log_odds(ratio, behind, scales[:, 0] ** 2 * precision)
     likely = np.array([np.log(2.0) + log_normal(z) for z in (size * np.sqrt(precision)).tolist()])
     score += np.where(parts.signed, likely, 0.0)
     most = np.maximum(GREATEST, np.abs(size))
-    level = np.clip(size * _while_acting(pulls, pushes, kappa), -most, most)
-    variance = 1.0 / precision + np.maximum(misfit - kappa, 0.0) / told
-    columns = np.column_stack([size, variance, level, gain, kappa, misfit, behind, score])
+    while_acting = _while_acting(frame_scores, frame_information, overdispersion)
+    active_amplitude = np.clip(size * while_acting, -most, most)
+    variance = 1.0 / precision + np.maximum(reduced_chi_square - overdispersion, 0.0) / schur
+    columns = np.column_stack(
+        [size, variance, active_amplitude, gain, overdispersion, reduced_chi_square, behind, score]
+    )
     return [Fit(*row) for row in columns.tolist()]
 
 
 def _summed(joints: Sequence[Joint], precision: Array) -> tuple[Array, Array]:
-    """Information (f, p, p) and vector (f, p) of all balances, and of a prior's precision (f, p)."""
+    """Information (f, p, p) and vector (f, p) summed over balances and a prior of that precision (f, p)."""
     information = precision[:, :, None] * np.eye(precision.shape[1])
     vector = np.zeros(precision.shape)
     for j in joints:
@@ -301,83 +316,88 @@ def log_normal(z: float) -> float:
 
 
 def _gain(found: Departures, size: Array) -> Array:
-    """Log likelihood ratio (f,) of amplitudes of a size against none."""
+    """Log likelihood ratio (f,) of amplitudes against none."""
     return size * found.information * (found.size - 0.5 * size)
 
 
 def quasi_likely(
-    balances: Mapping[str, Explained], parts: Parts, kappa: Array, *, from_start: bool
+    balances: Mapping[str, BalancePosterior], parts: Parts, overdispersion: Array, *, from_start: bool
 ) -> Departures:
-    """Amplitudes by a quasi-likelihood (Wedderburn 1974, doi 10.1093/biomet/61.3.439): rows err as their
-    noise says, and as much as healthy stretches scatter beyond it.
+    """Amplitudes by a quasi-likelihood (Wedderburn 1974, doi 10.1093/biomet/61.3.439): the variance is
+    that of the rows' noise times 1 + κ.
 
-    A unit whose balances close badly differs more from log to log as well, so that from the start all is less
-    sure; what changes within a healthy log is stated as it is.
+    From the start the unit's prior counts with the same factor, since a unit whose balances close badly
+    differs more from log to log as well; the variance of changes within a healthy log is used as it is.
     """
     if not from_start:
-        return departures(balances, parts, 1.0 + kappa, from_start=False)
-    found = departures(balances, parts, np.ones_like(kappa), from_start=True)
-    return Departures(found.size, found.information / (1.0 + kappa))
+        return departures(balances, parts, 1.0 + overdispersion, from_start=False)
+    found = departures(balances, parts, np.ones_like(overdispersion), from_start=True)
+    return Departures(found.size, found.information / (1.0 + overdispersion))
 
 
-def log_odds(ratio: Array, blocks: Array, sharpness: Array) -> Array:
-    """Log odds (f,) of faults against none, before how common they are.
+def log_odds(ratio: Array, blocks: Array, amplitude_variance_ratio: Array) -> Array:
+    """Log odds (f,) of faults against none, without their prior weight.
 
     Parameters
     ----------
-    ratio : log of the quasi-likelihood ratio. blocks : stretches that speak for the fault. sharpness : prior
-        variance of the amplitude over that in the log, for what the freedom to choose it is worth (Laplace's
-        approximation).
+    ratio : log of the quasi-likelihood ratio. blocks : effective number of stretches behind the fault.
+        amplitude_variance_ratio : prior variance of the amplitude over that in the log: the Occam factor of
+        Laplace's approximation.
     """
-    return ratio * blocks / (blocks + FEW_STRETCHES) - 0.5 * np.log1p(sharpness)
+    return ratio * blocks / (blocks + FEW_STRETCHES) - 0.5 * np.log1p(amplitude_variance_ratio)
 
 
-def _while_acting(u: Array, w: Array, kappa: Array) -> Array:
-    """Amplitudes (f,) of faults while they act, over their means: 2 for one that acts half the time.
+def _while_acting(u: Array, w: Array, overdispersion: Array) -> Array:
+    """Amplitude while acting over the mean amplitude (f,): 2 for a fault that acts half the time.
 
-    Of the hops' amplitudes, each is weighed by itself; what their errors add to their squares is taken off.
+    The mean of the frames' amplitudes weighted by themselves, less the bias by their errors' variance.
     """
     acts = w > 1e-3 * w.max(axis=1, initial=1e-300, keepdims=True)
     square = np.sum(np.where(acts, np.square(u + w) / np.where(acts, w, 1.0), 0.0), axis=1)
-    square -= kappa * acts.sum(axis=1)
+    square -= overdispersion * acts.sum(axis=1)
     total = np.sum(u + w, axis=1, where=acts)
-    # Where its hops speak against it all together, they do not tell how it comes and goes.
+    # Where the frames together speak against the fault the ratio means nothing.
     return np.asarray(np.maximum(np.divide(square, total, out=np.ones_like(total), where=total > 1e-9), 1.0))
 
 
-def _scatter(u: Array, w: Array, courses: Array, known: Array, held: Array, blocks: Indices) -> Array:
-    """Factor (f,) by which scores scatter more than their information says.
+def _scatter(
+    u: Array, w: Array, time_profiles: Array, known: Array, prior_information: Array, blocks: Indices
+) -> Array:
+    """Overdispersion (f,): variance of the stretches' scores over their information.
 
-    It is that of healthy time: of the unit's baseline in the direction at hand (`known_scatter`), and of the
-    log's stretches in which the fault does not act (of all, where it always acts). How badly a fault's own
-    time is explained must not make the fault look like chance. The baseline counts as `PRIOR_FREEDOM` of
-    them (moderated variance: Smyth 2004, doi 10.2202/1544-6115.1027).
+    It is estimated on healthy time: on the unit's baseline in the fault's direction (`known_scatter`), and on
+    the log's stretches in which the fault does not act (on all, where it always acts). The fault's own time
+    is left out, since a law that fits it badly would make the fault look like chance. The baseline counts as
+    `PRIOR_FREEDOM` degrees of freedom (moderated variance: Smyth 2004, doi 10.2202/1544-6115.1027).
 
     Parameters
     ----------
-    courses : (f, h) of the faults. held : (f,), what the unit's prior holds of each. blocks : first hops of
+    u, w : (f, stretches) scores and information. time_profiles : (f, h) of the faults. known : (f,) by the
+        baseline. prior_information : (f,) that the unit's prior holds on each. blocks : first frames of
         stretches.
     """
-    lengths = np.diff(np.append(blocks, courses.shape[1]))
-    acts = np.add.reduceat(np.minimum(courses, 1.0), blocks, axis=1) / lengths
-    later = courses[:, :1] < 0.5
+    lengths = np.diff(np.append(blocks, time_profiles.shape[1]))
+    acts = np.add.reduceat(np.minimum(time_profiles, 1.0), blocks, axis=1) / lengths
+    later = time_profiles[:, :1] < 0.5
     quiet = np.where(later, (1.0 - acts) * w, w)
-    told = quiet.sum(axis=1)
-    stretches = np.maximum(told**2 / np.maximum(np.sum(quiet**2, axis=1), 1e-300) - 1.0, 0.0)
-    # What the unit's prior holds, stretches of the log do not.
-    stretches *= np.where(later[:, 0], told / np.maximum(told + held, 1e-300), 1.0)
-    own = np.sum(quiet * u**2 / w, axis=1) / np.maximum(told, 1e-300)
+    quiet_information = quiet.sum(axis=1)
+    stretches = np.maximum(quiet_information**2 / np.maximum(np.sum(quiet**2, axis=1), 1e-300) - 1.0, 0.0)
+    # The share of the nuisance parameters' information that the prior gives shows no scatter within the log.
+    share = quiet_information / np.maximum(quiet_information + prior_information, 1e-300)
+    stretches *= np.where(later[:, 0], share, 1.0)
+    own = np.sum(quiet * u**2 / w, axis=1) / np.maximum(quiet_information, 1e-300)
     return np.asarray((PRIOR_FREEDOM * known + stretches * own) / (PRIOR_FREEDOM + stretches))
 
 
-def known_scatter(balances: Mapping[str, Explained], directions: Mapping[str, Array]) -> Array:
-    """That factor by the unit's baseline alone, (f,), for changes (f, n) of each balance's coefficients."""
-    told, spread = 0.0, 0.0
+def known_scatter(balances: Mapping[str, BalancePosterior], directions: Mapping[str, Array]) -> Array:
+    """Overdispersion (f,) by the unit's baseline alone, in directions (f, n) of each balance's
+    coefficients."""
+    information, scatter = 0.0, 0.0
     for name, d in directions.items():
         e = balances[name]
         here, before, seen = (
             np.einsum("fi,ij,fj->f", d, m, d) for m in (e.total, e.healthy.information, e.healthy.scatter)
         )
         known = np.where(before > 0.0, seen / np.where(before > 0.0, before, 1.0), UNKNOWN_SCATTER)
-        told, spread = told + here, spread + here * known
-    return np.asarray(spread / np.maximum(told, 1e-300))
+        information, scatter = information + here, scatter + here * known
+    return np.asarray(scatter / np.maximum(information, 1e-300))

@@ -29,8 +29,8 @@ class Hypothesis:
     ----------
     fault, label : of the catalogue. columns : balance to (n,) change of its coefficients per severity.
     scale : prior standard deviation of the amplitudes. signed : the amplitude cannot be negative.
-    courses : of `fdd.diagnosis.evidence.course_of`, that the fault may take. commonness : prior weight
-        among alike ones. ends : the fault that it is the end of.
+    time_profiles : of `fdd.diagnosis.evidence.time_profile_of`, that the fault may take. prior_weight : prior
+        weight among alike ones. ends : the fault that it is the end of.
     """
 
     fault: str
@@ -38,8 +38,8 @@ class Hypothesis:
     columns: dict[str, Array]
     scale: float
     signed: bool
-    courses: tuple[str, ...] = ("step", "ramp")
-    commonness: float = 1.0
+    time_profiles: tuple[str, ...] = ("step", "ramp")
+    prior_weight: float = 1.0
     side: int | None = None
     variant: str | None = None
     channel: str | None = None
@@ -109,4 +109,4 @@ def hypotheses(unit: Unit, effects: dict[str, Effects]) -> list[Hypothesis]:
 def end_of(h: Hypothesis, size: float) -> Hypothesis:
     """That a fault of an amplitude is over: all that it changed steps back."""
     columns = {balance: -size * change for balance, change in h.columns.items()}
-    return Hypothesis(RECOVERED, h.label, columns, 1.0, signed=True, courses=("step",), ends=h.fault)
+    return Hypothesis(RECOVERED, h.label, columns, 1.0, signed=True, time_profiles=("step",), ends=h.fault)

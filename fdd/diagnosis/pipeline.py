@@ -9,6 +9,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from fdd.diagnosis.active_faults import Evaluation
 from fdd.diagnosis.agreement import believed
 from fdd.diagnosis.answering import (
     Span,
@@ -25,14 +26,13 @@ from fdd.diagnosis.evidence import Amplitude, Evidence
 from fdd.diagnosis.findings import Diagnosis, Estimate, FaultFinding, Quality, SensorState, Trajectories
 from fdd.diagnosis.fitting import Stretches
 from fdd.diagnosis.hypotheses import hypotheses
-from fdd.diagnosis.lookout import Lookout
 from fdd.diagnosis.model import Model
-from fdd.diagnosis.standing import Look
+from fdd.diagnosis.sequential_detector import SequentialDetector
 from fdd.errors import InputError
 from fdd.faults import FAMILIES
 from fdd.residuals.added_tracker import AddedTracker
-from fdd.residuals.ledger import Ledger
-from fdd.residuals.rows import HOP_ROWS, HOP_S, RowMaker
+from fdd.residuals.balance_history import BalanceHistory
+from fdd.residuals.bins import FRAME_BINS, FRAME_S, BinMaker
 from fdd.residuals.tracked import Tracked, packed, unpacked
 from fdd.residuals.tracking import OBSERVABLE, estimates
 from fdd.samples import Samples
@@ -42,18 +42,18 @@ from fdd.unit import Unit
 
 Array = NDArray[np.float64]
 
-SCAN_HOPS, LEAST_HOPS = 10, 16
-"""Hops between two looks at the evidence, five seconds, and before anything is said."""
-WINDOW_HOPS = 300
-"""Hops that onsets are looked for in; what is older has become the reference."""
-STATE_VERSION = "16"
+SCAN_FRAMES, VERDICT_FRAMES = 10, 16
+"""Frames between two evaluations of the evidence (5 s), and the fewest that allow a verdict (8 s)."""
+WINDOW_FRAMES = 300
+"""Frames that onsets are looked for in; what is older has become the reference."""
+STATE_VERSION = "17"
 SCANS_A_MINUTE, SCANS_KEPT = 12, 720
-"""Looks in a minute, and those that a monitor remembers: an hour."""
-EPOCHS = Stretches(hops=1, least=1.0)
-"""An epoch is a draw of what differs between logs; no unit is taken to differ by less than is usual."""
+"""Evaluations in a minute, and how many a monitor remembers: an hour."""
+EPOCHS = Stretches(frames=1, least=1.0)
+"""Each epoch is one draw of the log-to-log variation, which is taken to be no less than usual."""
 HELD_IN_DOUBT = 0.5
 """Confidence of a fault below which it does not make a verdict."""
-_BESIDE = ThreadPoolExecutor(1, "tracking")
+_FILTER_THREAD = ThreadPoolExecutor(1, "tracking")
 """The filters' compiled loops leave the interpreter to the balances meanwhile."""
 WORTH_A_THREAD = 2000
 """Samples from which on handing a block over costs less than it saves."""
@@ -106,16 +106,16 @@ class Pipeline:
         self._sensors = SensorWatch(unit)
         self._tracked = Tracked(unit, keep=keep_trajectories)
         self._added = [AddedTracker(name, unit) for name in dict.fromkeys(trackers)]
-        self._rows = RowMaker(unit, SCAN_HOPS)
-        self._ledger = Ledger(unit, self._effects)
+        self._bins = BinMaker(unit, SCAN_FRAMES)
+        self._history = BalanceHistory(unit, self._effects)
         self._hypotheses = [h for h in hypotheses(unit, self._effects) if h.fault not in without]
         self._first_time = self._last_time = np.nan
         self._count = 0
-        self._acute = Lookout(self._hypotheses, self.threshold, self.model)
-        self._slow = Lookout(self._hypotheses, self.threshold, self.model, unknown=False)
+        self._acute = SequentialDetector(self._hypotheses, self.threshold, self.model)
+        self._slow = SequentialDetector(self._hypotheses, self.threshold, self.model, unknown=False)
         self._epochs = 0
         self._hidden = 1.0
-        """Share of faults that could not be seen, by the look of the last minute."""
+        """Share of faults that could not be seen, as of the last minute."""
         self._sensor_faults = 0
         self._scans: list[tuple[float, float]] = []
         self.fitted: list[Amplitude] = []
@@ -131,7 +131,7 @@ class Pipeline:
 
     @property
     def largest_score(self) -> float:
-        """Largest score that stood for `LOOKS` looks at the evidence."""
+        """Largest score that held for `EVALUATIONS` evaluations of the evidence."""
         return max((s for _, s in self._scans), default=0.0)
 
     def push(self, samples: Samples) -> list[FaultFinding]:
@@ -157,7 +157,7 @@ class Pipeline:
         if len(trusted) < WORTH_A_THREAD:
             self._tracked.push(trusted)
             return self._sensor_alarms() + self._weighed(trusted)
-        tracked = _BESIDE.submit(self._tracked.push, trusted)
+        tracked = _FILTER_THREAD.submit(self._tracked.push, trusted)
         try:
             return self._sensor_alarms() + self._weighed(trusted)
         finally:
@@ -166,19 +166,19 @@ class Pipeline:
     def _weighed(self, trusted: Samples) -> list[FaultFinding]:
         """The balances of a block; findings whose alarm it raised."""
         found: list[FaultFinding] = []
-        for first, rows in self._rows.stretches(trusted):
+        for first, bins in self._bins.stretches(trusted):
             for added in self._added:
-                added.push(first, rows)
-            if len(rows) and self._ledger.stopped(first):
-                self._ledger.begin_anew(self._acute.standing.spans(), SCAN_HOPS)
-            # The ledger takes whole hops, a scan's worth at a time, so that looks fall on the same hops
-            # however a log was cut.
-            while len(rows):
-                due = SCAN_HOPS - self._ledger.taken % SCAN_HOPS
-                part, rows = rows[: due * HOP_ROWS], rows[due * HOP_ROWS :]
-                self._ledger.push(first, part)
+                added.push(first, bins)
+            if len(bins) and self._history.stopped(first):
+                self._history.begin_anew(self._acute.active.intervals(), SCAN_FRAMES)
+            # The history takes whole frames, a scan's worth at a time, so that evaluations fall on the same
+            # frames however a log was cut.
+            while len(bins):
+                due = SCAN_FRAMES - self._history.taken % SCAN_FRAMES
+                part, bins = bins[: due * FRAME_BINS], bins[due * FRAME_BINS :]
+                self._history.push(first, part)
                 first += due
-                if self._ledger.taken % SCAN_HOPS == 0 and len(self._ledger.hops) >= LEAST_HOPS:
+                if self._history.taken % SCAN_FRAMES == 0 and len(self._history.frames) >= VERDICT_FRAMES:
                     found += self._scan()
         return found
 
@@ -190,74 +190,77 @@ class Pipeline:
 
     @property
     def standing(self) -> list[FaultFinding]:
-        """Findings whose evidence stands now, and sensors that have not recovered."""
+        """Active faults, and sensors that have not recovered."""
         failed = (f for f in self._sensors.findings() if f.kind in FAILING and f.until_s is None)
-        acute = self._acute.standing.findings()
+        acute = self._acute.active.findings()
         return [*acute, *self._slowly({f.family for f in acute}), *map(sensor_fault, failed)]
 
     def _slowly(self, seen: Collection[str]) -> list[FaultFinding]:
-        """Slow wear that stands, of families that are not seen otherwise."""
-        return [f for f in self._slow.standing.findings() if f.family not in seen]
+        """Active slow wear, of families that are not among `seen`."""
+        return [f for f in self._slow.active.findings() if f.family not in seen]
 
     @property
     def looked_at(self) -> float:
-        """s, end of the data at the last look at the evidence, every five seconds; 0 before the first one."""
+        """s, end of the data at the last evaluation of the evidence, every five seconds; 0 before the
+        first."""
         return self._acute.at
 
     def misfits(self) -> tuple[Array, list[str], Array]:
-        """Ends of hops (s), balances' names and how badly each closed; see `Ledger.misfits`."""
-        return self._ledger.misfits()
+        """Ends of frames (s), balances' names and how badly each closed; see `BalanceHistory.misfits`."""
+        return self._history.misfits()
 
     def estimates(self, method: Literal["ekf", "svsf"] = "ekf") -> dict[str, Estimate]:
         """Tracked quantities at the end of what was pushed, as one of the filters has them."""
         return estimates_by(self._tracked, self.unit, self.standing, method)
 
     def now(self) -> tuple[dict[str, float], dict[str, Estimate], dict[str, float]]:
-        """By the last look: each family's probability, tracked quantities, and how badly balances close."""
+        """By the last evaluation: each family's probability, tracked quantities, and how badly balances
+        close."""
         standing = sorted(self.standing, key=lambda f: -f.confidence)
         score = self._scans[-1][1] if self._scans else 0.0
-        _, names, misfits = self._ledger.misfits()
+        _, names, misfits = self._history.misfits()
         return (
             probabilities_of(standing, self.model, score, self._hidden),
             estimates_of(self._tracked, self.unit, standing),
             dict(zip(names, misfits[-1].tolist(), strict=True)) if len(misfits) else {},
         )
 
-    def _look(self, even: float | None = None) -> Look:
-        """Evidence now, older hops being the reference, and what it says; see `Lookout.look`."""
-        ledger = self._ledger
-        start = ledger.fold(WINDOW_HOPS, self._acute.standing.spans())
-        evidence = Evidence(ledger.widened(), ledger.held_against(), from_start=start == 0)
-        starts = [h * HOP_S for h in ledger.hops]
-        return self._acute.look(evidence, Span(starts, starts[-1] + HOP_S), self._first_time, even=even)
+    def _evaluate(self, even: float | None = None) -> Evaluation:
+        """Evidence now, older frames being the reference, and what it says; see
+        `SequentialDetector.evaluate`."""
+        history = self._history
+        start = history.fold(WINDOW_FRAMES, self._acute.active.intervals())
+        evidence = Evidence(history.marginalised(), history.held_against(), from_start=start == 0)
+        starts = [h * FRAME_S for h in history.frames]
+        return self._acute.evaluate(evidence, Span(starts, starts[-1] + FRAME_S), self._first_time, even=even)
 
     def _scan(self) -> list[FaultFinding]:
-        look = self._look()
+        evaluation = self._evaluate()
         if not self._tracked.keep:
             del self._scans[: -SCANS_KEPT + 1]
-        number = self._ledger.taken // SCAN_HOPS
-        # What could be seen changes fast in the first minute, and slowly after it.
+        number = self._history.taken // SCAN_FRAMES
+        # The share that could not be seen changes fast in the first minute, and slowly after it.
         if number <= SCANS_A_MINUTE or number % SCANS_A_MINUTE == 1 or not self._scans:
-            self._hidden = hidden_share(invisible(look.evidence, self._hypotheses, self.threshold))
-        self._scans.append((look.now, look.stands))
-        fresh, over = self._acute.take(look, self._ledger.hops[0] * HOP_S)
+            self._hidden = hidden_share(invisible(evaluation.evidence, self._hypotheses, self.threshold))
+        self._scans.append((evaluation.now, evaluation.stands))
+        fresh, over = self._acute.take(evaluation, self._history.frames[0] * FRAME_S)
         for span in over:
-            self._ledger.forget(*span)
-        if self._ledger.epochs.completed > self._epochs:
+            self._history.forget(*span)
+        if self._history.epochs.completed > self._epochs:
             fresh += self._wear()
         return fresh
 
     def _wear(self) -> list[FaultFinding]:
-        """What a completed epoch adds: slow wear, which the reference of the last minutes follows."""
-        epochs = self._ledger.epochs
+        """Evaluate the epochs after one was completed: slow wear, which the window's reference follows."""
+        epochs = self._history.epochs
         self._epochs = epochs.completed
         starts = epochs.starts().tolist()
         effects = epochs.effects(self._effects)
-        evidence = Evidence(epochs.widened(effects), effects, from_start=False, stretches=EPOCHS)
+        evidence = Evidence(epochs.marginalised(effects), effects, from_start=False, stretches=EPOCHS)
         span = Span(starts, self._acute.at, "flights or hours in motion", None)
-        look = self._slow.look(evidence, span, self._first_time)
-        seen = set(self._acute.standing.now)
-        fresh, over = self._slow.take(look, starts[0])
+        evaluation = self._slow.evaluate(evidence, span, self._first_time)
+        seen = set(self._acute.active.now)
+        fresh, over = self._slow.take(evaluation, starts[0])
         for gone in over:
             epochs.forget(*gone)
         return [f for f in fresh if f.family not in seen]
@@ -276,23 +279,23 @@ class Pipeline:
         hydraulic: list[FaultFinding] = []
         unseen = []
         score = 0.0
-        rest = self._rows.rest()
-        self._ledger.push(*rest)
+        rest = self._bins.rest()
+        self._history.push(*rest)
         for added in self._added:
             added.push(*rest)
-        if len(self._ledger.hops) >= LEAST_HOPS:
+        if len(self._history.frames) >= VERDICT_FRAMES:
             even = min(self.model.calibration.even, self.threshold)
-            look = self._look(even)
-            hydraulic, score = look.findings, look.stands
-            self.fitted = look.evidence.alone
-            unseen = invisible(look.evidence, self._hypotheses, even)
+            evaluation = self._evaluate(even)
+            hydraulic, score = evaluation.findings, evaluation.stands
+            self.fitted = evaluation.evidence.alone
+            unseen = invisible(evaluation.evidence, self._hypotheses, even)
         for finding in hydraulic:
-            first = self._acute.standing.alarms.get(finding.family)
+            first = self._acute.active.alarms.get(finding.family)
             if first is not None:
                 finding.detected_s = first.detected_s
-        # What alarmed while its onset was in sight stands, though the window may have gone past it.
-        start = self._ledger.hops[0] * HOP_S if self._ledger.hops else 0.0
-        hydraulic += self._acute.standing.past({f.family for f in hydraulic}, start)
+        # An alarm stays, though its onset has left the window.
+        start = self._history.frames[0] * FRAME_S if self._history.frames else 0.0
+        hydraulic += self._acute.active.past({f.family for f in hydraulic}, start)
         faults += [*hydraulic, *self._slowly({f.family for f in hydraulic})]
         faults.sort(key=lambda f: -f.confidence)
         self.score = score
@@ -333,11 +336,11 @@ class Pipeline:
         )  # fmt: skip
 
     def _doubts(self, duration: float) -> list[str]:
-        """Why "healthy" would say too much."""
-        if len(self._ledger.hops) < LEAST_HOPS:
-            return [f"{duration:.1f} s of data; a verdict needs {LEAST_HOPS * HOP_S:.0f} s or more"]
-        told = sum(float(e[2]) for e in self._ledger.entries["volume"])
-        if told < LEAST_HOPS * HOP_ROWS * 0.25:
+        """Reasons why the log does not allow the verdict "healthy"."""
+        if len(self._history.frames) < VERDICT_FRAMES:
+            return [f"{duration:.1f} s of data; a verdict needs {VERDICT_FRAMES * FRAME_S:.0f} s or more"]
+        rows = sum(float(e.rows) for e in self._history.equations["volume"])
+        if rows < VERDICT_FRAMES * FRAME_BINS * 0.25:
             return ["the log hardly moves or loads the actuator: its balances say nothing of its health"]
         return []
 
@@ -390,6 +393,13 @@ class Pipeline:
         out["unknown"] = out["unknown"] + sure - shown
         return {"healthy": 1.0 - sure, **{k: out[k] for k in FAMILIES if k != "healthy"}}
 
+    def _parts(self) -> dict[str, Tracked | BinMaker | BalanceHistory | SensorWatch]:
+        """What has a state of its own, by the prefix of its arrays."""
+        return {
+            "tracked": self._tracked, "bins": self._bins, "history": self._history,
+            "sensors": self._sensors,
+        }  # fmt: skip
+
     def state(self) -> dict[str, Array]:
         """The whole state as flat named arrays; `np.savez` writes it, `restore` takes it back.
 
@@ -409,12 +419,7 @@ class Pipeline:
             "scans": self._scans[-SCANS_KEPT:],
         }  # fmt: skip
         out = {"pipeline": packed(scalars)}
-        for prefix, part in (
-            ("tracked", self._tracked),
-            ("rows", self._rows),
-            ("ledger", self._ledger),
-            ("sensors", self._sensors),
-        ):
+        for prefix, part in self._parts().items():
             out.update({f"{prefix}:{k}": v for k, v in part.state().items()})
         return out
 
@@ -432,12 +437,7 @@ class Pipeline:
             raise InputError(
                 f"saved state of unit {scalars['unit']!r}, not {self.unit.name!r}", mend="start anew"
             )
-        for prefix, part in (
-            ("tracked", self._tracked),
-            ("rows", self._rows),
-            ("ledger", self._ledger),
-            ("sensors", self._sensors),
-        ):
+        for prefix, part in self._parts().items():
             part.restore(
                 {k.removeprefix(f"{prefix}:"): v for k, v in state.items() if k.startswith(f"{prefix}:")}
             )

@@ -23,7 +23,7 @@ BETWEEN = {"leakage": 0.05, "bulk_modulus": 0.03, "coulomb_friction": 0.09, "vis
 came or went is a change. Friction: thesis Table 5.1, where no profile tells its own (trial_spread)."""
 UNMEASURED = 0.4
 """The same of leakage, where nobody measures the oil's temperature: 10 K."""
-LAW_DOUBT = 0.05
+VISCOSITY_LAW_DOUBT = 0.05
 """Assumption: by how much (ln) the viscosity law errs for each factor of e that it takes out."""
 UNTOLD = ("a", "a_std", "b", "b_std", "difference", "std", "p_value", "p_holm", "changed")
 """Of an estimate that a log does not show."""
@@ -60,7 +60,7 @@ def _row(name: str, a: Estimate, b: Estimate, unit: Unit, measured: bool) -> Est
     if name == "leakage" and a.baseline and b.baseline:
         # The healthy value at each log's own temperature tells what the viscosity law makes of it.
         scales = (unit.pump.total_leakage / a.baseline, unit.pump.total_leakage / b.baseline)
-        law = LAW_DOUBT * abs(math.log(a.baseline / b.baseline)) if measured else UNMEASURED
+        law = VISCOSITY_LAW_DOUBT * abs(math.log(a.baseline / b.baseline)) if measured else UNMEASURED
         conditions = f"at {unit.oil.reference_temperature:g} °C" if measured else "temperature not measured"
     elif name == "bulk_modulus":
         conditions = f"at {unit.oil.reference_pressure * 1e-5:.3g} bar"

@@ -15,8 +15,8 @@ from fdd.report.words import candidates
 from fdd.samples import Samples
 from fdd.unit import Unit
 
-LEAST_HOPS = 8
-"""That told something of a balance, for a mean over the log: four seconds."""
+LEAST_INFORMATIVE_FRAMES = 8
+"""Fewest frames with information on a balance for a mean over the log: four seconds."""
 NO_CHANGE = "no change beyond uncertainty"
 
 
@@ -99,9 +99,9 @@ def _closures(a: Trajectories, b: Trajectories) -> list[Closure]:
 
 
 def _misfits(found: Trajectories) -> dict[str, float]:
-    # Hops that told nothing of a balance are 0.
+    # Frames without information on a balance are 0.
     return {
         name: float(f"{np.sqrt(np.mean(np.square(part))):.4g}")
         for name, column in zip(found.feature_names, found.features.T, strict=True)
-        if (part := column[column != 0.0]).size >= LEAST_HOPS
+        if (part := column[column != 0.0]).size >= LEAST_INFORMATIVE_FRAMES
     }

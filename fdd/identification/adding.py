@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from fdd.diagnosis.baseline import BASELINE_VERSION, baseline_of, ledgers_of
+from fdd.diagnosis.baseline import BASELINE_VERSION, baseline_of, histories_of
 from fdd.errors import InputError
 from fdd.identification.identify import identify_unit
 from fdd.identification.profile import Identification, TableRow
@@ -59,7 +59,7 @@ def add_logs(
         )
     found = identify_unit(logs, profile, labels=labels)
     unit = profile.model_copy(deep=True)
-    unit.baseline = after = baseline_of(ledgers_of(profile, logs), before)
+    unit.baseline = after = baseline_of(histories_of(profile, logs), before)
     rows = []
     for quantity, (balance, column) in SHOWN.items():
         if balance in before.balances and balance in after.balances:

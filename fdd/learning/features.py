@@ -130,7 +130,7 @@ def _fits(fitted: list[Amplitude], answer: Diagnosis) -> Row:
         row[f"visible_{unseen.fault}"] = math.nan if unseen.severity is None else unseen.severity
         row[f"severity_{unseen.fault}"] = row[f"score_{unseen.fault}"] = 0.0
     for name, fit in best.items():
-        row[f"severity_{name}"], row[f"score_{name}"] = fit.level, fit.score
+        row[f"severity_{name}"], row[f"score_{name}"] = fit.active_amplitude, fit.score
         row[f"severity_{name}_std"] = math.sqrt(fit.variance)
     return row
 

@@ -1,6 +1,6 @@
 """A tracker of an installed package beside ours: any filter with filterpy's interface (docs/extending.md).
 
-It runs over the balances' rows of 10 ms, so that it sees the same numbers however a log was cut, and never
+It runs over the balances' bins of 10 ms, so that it sees the same numbers however a log was cut, and never
 touches what fdd itself estimates.
 """
 
@@ -18,14 +18,14 @@ from numpy.typing import NDArray
 
 from fdd.errors import InputError
 from fdd.packages import TRACKERS, Addition, additions
-from fdd.residuals.rows import COLUMNS, FAST, HOP_ROWS, ROW_S
+from fdd.residuals.bins import BIN_S, COLUMNS, FAST, FRAME_BINS
 from fdd.residuals.tracking import METHODS, OBSERVABLE
 from fdd.unit import Unit
 
 Array = NDArray[np.float64]
 
 TAKEN = {name: COLUMNS[name] for name in FAST} | {"oil_temperature": COLUMNS["temperature"]}
-"""Channel that a tracker may ask for, to its column of the rows."""
+"""Channel that a tracker may ask for, to its column of the bins."""
 STEP = 1e-3
 """Standard deviations by which a state is moved to see what a quantity does with it."""
 
@@ -53,8 +53,8 @@ class Tracker:
     ----------
     filter : state and covariance are read as `x` (n,) or (n, 1) and `P` (n, n) after each period.
     measurements : channels of `update`'s argument, (m,) SI.
-    quantities : of leakage, bulk_modulus, coulomb_friction and viscous_friction those that it tells, each as
-        a function of the state (n,) in SI. Standard deviations follow from `P`.
+    quantities : of leakage, bulk_modulus, coulomb_friction and viscous_friction those that it estimates, each
+        as a function of the state (n,) in SI. Standard deviations follow from `P`.
     inputs : channels of `predict`'s ``u``, (k,) SI; without any it is called with nothing.
     start : called with the first inputs and measurements before anything else: for states that a filter would
         be lost without.
@@ -90,7 +90,7 @@ def tracker_named(name: str) -> Addition:
 
 
 class AddedTracker:
-    """Runs a package's tracker over rows, and keeps what it says.
+    """Runs a package's tracker over bins, and keeps what it says.
 
     Parameters
     ----------
@@ -112,41 +112,41 @@ class AddedTracker:
         self._started = False
         self._last_input: Array = np.empty(0)
         self._times = array("d")
-        self._told = {name: array("d") for name in OBSERVABLE}  # value and deviation in turns
+        self._quantities = {name: array("d") for name in OBSERVABLE}  # value and deviation in turns
 
-    def push(self, first: int, rows: Array) -> None:
-        """Take rows of whole hops.
+    def push(self, first: int, bins: Array) -> None:
+        """Take bins of whole frames.
 
         Parameters
         ----------
-        first : index of the first hop. rows : as `fdd.residuals.rows.RowMaker` gives them.
+        first : index of the first frame. bins : as `fdd.residuals.bins.BinMaker` gives them.
 
         Raises
         ------
         InputError : the package gave no usable tracker.
         """
-        if not len(rows) or self.problem is not None:
+        if not len(bins) or self.problem is not None:
             return
         if first != self._next:  # after a pause a tracker begins anew
             self._tracker = None
-        self._next = first + len(rows) // HOP_ROWS
+        self._next = first + len(bins) // FRAME_BINS
         if self._tracker is None:
-            self._begin(rows)
-        for k, row in enumerate(rows if self._tracker else ()):
-            time = (first * HOP_ROWS + k + 0.5) * ROW_S
+            self._begin(bins)
+        for k, values in enumerate(bins if self._tracker else ()):
+            time = (first * FRAME_BINS + k + 0.5) * BIN_S
             try:
-                self._step(time, row)
+                self._step(time, values)
             except Exception as error:  # a filter that fails ends itself, not the diagnosis
                 brief = f"{type(error).__name__}: {error}"[:120]
                 self.problem = f"tracker {self.name} ({self.package}) stopped at {time:.2f} s ({brief})"
                 return
 
-    def _begin(self, rows: Array) -> None:
-        channels = tuple(n for n, c in TAKEN.items() if np.isfinite(rows[:, c]).any())
+    def _begin(self, bins: Array) -> None:
+        channels = tuple(n for n, c in TAKEN.items() if np.isfinite(bins[:, c]).any())
         if "position" not in channels:
             return
         try:
-            made = self._make(self.unit, channels, ROW_S)
+            made = self._make(self.unit, channels, BIN_S)
         except InputError as error:
             raise error.at(f"tracker {self.name}") from None
         except Exception as error:
@@ -163,10 +163,10 @@ class AddedTracker:
             raise self._addition.wrong(f"tells {', '.join(made.quantities)}, not of {', '.join(OBSERVABLE)}")
         self._tracker, self._started = made, False
 
-    def _step(self, time: float, row: Array) -> None:
+    def _step(self, time: float, values: Array) -> None:
         tracker = self._tracker
         assert tracker is not None
-        u, z = (row[[TAKEN[n] for n in names]] for names in (tracker.inputs, tracker.measurements))
+        u, z = (values[[TAKEN[n] for n in names]] for names in (tracker.inputs, tracker.measurements))
         if np.isfinite(u).all():
             self._last_input = u
         if not self._started:
@@ -184,24 +184,26 @@ class AddedTracker:
         covariance = np.asarray(tracker.filter.P, dtype=np.float64)
         if not (np.isfinite(x).all() and np.isfinite(covariance).all()):
             raise ArithmeticError("its state is no longer finite")
-        told = {name: _told(f, x, covariance) for name, f in tracker.quantities.items()}
+        found = {name: _value_and_std(f, x, covariance) for name, f in tracker.quantities.items()}
         self._times.append(time)
         for name in OBSERVABLE:
-            self._told[name].extend(told.get(name, (np.nan, np.nan)))
+            self._quantities[name].extend(found.get(name, (np.nan, np.nan)))
 
     def last(self) -> dict[str, tuple[float, float]]:
-        """Quantities that it tells, to value and standard deviation (SI) at the end; empty where it ended."""
+        """Quantities that it estimates, to value and standard deviation (SI) at the end; empty where it
+        ended."""
         if self.problem is not None:
             return {}
-        found = {name: (pairs[-2], pairs[-1]) for name, pairs in self._told.items() if pairs}
+        found = {name: (pairs[-2], pairs[-1]) for name, pairs in self._quantities.items() if pairs}
         return {name: pair for name, pair in found.items() if np.isfinite(pair).all()}
 
     def over(self, time: Array) -> tuple[dict[str, Array], dict[str, Array]]:
-        """Quantities that it tells and their standard deviations (SI) at times (n,); NaN before and after."""
+        """Quantities that it estimates and their standard deviations (SI) at times (n,); NaN before and
+        after."""
         values: dict[str, Array] = {}
         stds: dict[str, Array] = {}
         at = np.array(self._times)
-        for name, pairs in self._told.items():
+        for name, pairs in self._quantities.items():
             table = np.array(pairs).reshape(-1, 2)
             if np.isfinite(table).any():
                 for out, column in ((values, table[:, 0]), (stds, table[:, 1])):
@@ -209,7 +211,7 @@ class AddedTracker:
         return values, stds
 
 
-def _told(quantity: Callable[[Array], float], x: Array, covariance: Array) -> tuple[float, float]:
+def _value_and_std(quantity: Callable[[Array], float], x: Array, covariance: Array) -> tuple[float, float]:
     """A function of the state, and its standard deviation to first order."""
     gradient = np.zeros(x.size)
     for k in range(x.size):

@@ -1,12 +1,10 @@
-"""The balances of an EHA: what does not close says what is wrong.
+"""The balances of an EHA: linear regressions whose coefficients a fault changes.
 
-Each balance is a linear model ``y = X b + e`` in rows of 10 ms. Columns are scaled by the profile, so that
-a healthy unit's
-coefficients are near one, or near zero for what a healthy unit lacks.
+Each balance is a linear model ``y = X b + e``, a row for each bin of 10 ms. Columns are scaled by the
+profile, so that a healthy unit's coefficients are near one, or near zero for what a healthy unit lacks.
 
 Symbols: D displacement, θ pump angle, A area, x position, p_i chamber, p_c accumulator, Δp = p_1 - p_2, ν
-viscosity over the
-reference's, ω speed, s_i = ±1 for chamber 1 and 2.
+viscosity over the reference's, ω speed, s_i = ±1 for chamber 1 and 2.
 
 =============  ==========================================================================================
 volume         s(D Δθ - A Δx) of each chamber that no valve feeds (thesis eqs 3.14 to 3.17), m³
@@ -29,6 +27,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fdd.measures import ATMOSPHERE_PA
+from fdd.residuals.bins import BIN_S, FRAME_BINS, GAS_S
 from fdd.residuals.hidden_pressures import needs_pilots
 from fdd.residuals.quantities import (
     PILOT,
@@ -39,14 +38,13 @@ from fdd.residuals.quantities import (
     middle,
     outlet_loss,
 )
-from fdd.residuals.rows import GAS_S, HOP_ROWS, ROW_S
 
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 
 
-class Strand(NamedTuple):
-    """Rows of a balance.
+class RegressionBlock(NamedTuple):
+    """Rows of a balance's regression.
 
     Attributes
     ----------
@@ -60,10 +58,10 @@ class Strand(NamedTuple):
     valid: Flags
     noise: Array | None = None
 
-    def part(self, rows: slice) -> Strand:
+    def part(self, rows: slice) -> RegressionBlock:
         """Some of its rows."""
         noise = None if self.noise is None else self.noise[rows]
-        return Strand(self.y[rows], self.x[rows], self.valid[rows], noise)
+        return RegressionBlock(self.y[rows], self.x[rows], self.valid[rows], noise)
 
 
 @dataclass(frozen=True)
@@ -72,30 +70,30 @@ class Balance:
 
     Attributes
     ----------
-    name, title : for people. columns : names of the coefficients. strands : quantities to one or two sets of
-    (y (n,), X (n, columns), valid (n,)) that share the coefficients. settle : rows left out after what was
+    name, title : for people. columns : names of the coefficients. blocks : quantities to one or two
+    blocks of rows that share the coefficients. settle : bins left out after what was
     invalid.
     """
 
     name: str
     title: str
     columns: tuple[str, ...]
-    strands: Callable[[Quantities], list[Strand]]
+    blocks: Callable[[Quantities], list[RegressionBlock]]
     settle: int = 1
     cumulative: bool = False
-    """Rows are changes: they are summed up over each unbroken stretch of a hop."""
-    cell: int = 1
-    """Rows of a cell, whose means are the balance's rows."""
+    """Rows are increments: they are summed up over each unbroken stretch of a frame."""
+    bins_per_row: int = 1
+    """Bins whose mean is one row of the regression."""
     floor: float = 0.0
     """Least noise of a row, in its unit."""
     free: tuple[str, ...] = ()
-    """Columns of the load, or of what is not measured: no two logs of a unit need share them."""
+    """Columns of the load or of unmeasured inputs, whose coefficients are free in each log."""
     laminar: tuple[str, ...] = ()
-    """Columns whose coefficients go by the inverse of the oil's viscosity."""
+    """Columns whose coefficients are proportional to the inverse of the oil's viscosity."""
     viscous: tuple[str, ...] = ()
-    """Columns whose coefficients go by the oil's viscosity."""
+    """Columns whose coefficients are proportional to the oil's viscosity."""
     lines: int = 0
-    """The columns are pairs of sine and cosine, and what counts is this many amplitudes."""
+    """Number of spectral lines: columns are pairs of cosine and sine, coefficients the amplitudes."""
 
 
 LEAST_INLET_PA = -3e4
@@ -103,7 +101,7 @@ LEAST_INLET_PA = -3e4
 absolute."""
 
 
-def _volume(q: Quantities) -> list[Strand]:
+def _volume(q: Quantities) -> list[RegressionBlock]:
     unit, scales = q.unit, q.scales
     out = []
     p_c = middle(q.accumulator)
@@ -172,7 +170,7 @@ def _volume(q: Quantities) -> list[Strand]:
         noise[:, 0, 2] = oil_volume * AERATION * free * q.noise[side]
         noise[:, 0, 5] = oil_volume * stiff * q.noise[side]
         noise[:, 1, 5] = -noise[:, 0, 5]
-        out.append(Strand(y, x, ok, np.nan_to_num(noise)))
+        out.append(RegressionBlock(y, x, ok, np.nan_to_num(noise)))
     return out
 
 
@@ -187,7 +185,7 @@ LEAST_DROP = 3e-3
 """Of relief pressure: drop between the chambers that a pressure sensor's noise does not turn round."""
 
 
-def _force(q: Quantities) -> list[Strand]:
+def _force(q: Quantities) -> list[RegressionBlock]:
     unit, scales = q.unit, q.scales
     mean_area = 0.5 * (unit.cylinder.area_1 + unit.cylinder.area_2)
     y = np.where(
@@ -205,10 +203,10 @@ def _force(q: Quantities) -> list[Strand]:
     f = unit.friction
     viscous = np.where(velocity > 0.0, f.forward.viscous, f.reverse.viscous) * velocity
     friction = (q.take["friction"] + viscous) / scales.friction
-    # A load cell that fails, or is slower than the rows, counts as none.
+    # A load cell that fails, or is slower than the bins, counts as none.
     load = q.take["load_force"] / scales.friction
-    there = np.isfinite(load).reshape(-1, HOP_ROWS).mean(axis=1) > 0.9
-    measured = np.where(np.repeat(there, HOP_ROWS), load, 0.0)
+    there = np.isfinite(load).reshape(-1, FRAME_BINS).mean(axis=1) > 0.9
+    measured = np.where(np.repeat(there, FRAME_BINS), load, 0.0)
     x = np.column_stack([
         np.ones_like(y),
         measured,
@@ -221,20 +219,21 @@ def _force(q: Quantities) -> list[Strand]:
         np.maximum(friction, 0.0),
         np.minimum(friction, 0.0),
     ])  # fmt: skip
-    # While the seal sticks or turns about, its force is anywhere below break-away: only sliding tells how
-    # hard it rubs.
+    # While the seal sticks or reverses, its force is anywhere below break-away: friction shows in sliding
+    # alone.
     sliding = np.abs(q.take["sliding"]) > SLIDING_M_S
     valid = np.isfinite(y) & sliding & (q.take["sliding"] * friction > 0.0)
-    # Two rows late, as the acceleration asks for the next two: else the last ones at hand would tell nothing.
+    # Two bins late, as the acceleration asks for the next two: else the last ones at hand would be lost.
     shifted = np.roll(np.arange(y.size), 2)
-    return [Strand(y[shifted], x[shifted], valid[shifted])]
+    return [RegressionBlock(y[shifted], x[shifted], valid[shifted])]
 
 
 STANDING = 0.02
-"""Of the largest speed: up to there a pump may stand. Friction's direction is that of turning beyond it."""
+"""Share of the largest speed up to which the pump may be at standstill; above it friction opposes the
+turning."""
 
 
-def _torque(q: Quantities) -> list[Strand]:
+def _torque(q: Quantities) -> list[RegressionBlock]:
     unit, scales = q.unit, q.scales
     drop = middle(np.where(q.chambers_measured, q.drop, q.difference_measured)) / scales.pressure
     sense = np.tanh(q.speed / (0.01 * scales.speed))
@@ -246,61 +245,61 @@ def _torque(q: Quantities) -> list[Strand]:
     x = np.column_stack([
         q.dt, drop * q.dt, turning, sense * q.dt, share * q.viscosity * q.dt, np.abs(drop) * sense * q.dt,
     ])  # fmt: skip
-    # While the pump stands its friction is anywhere below break-away: only turning tells the torque's law.
+    # At standstill the pump's friction is anywhere below break-away: its law shows while it turns.
     turns = np.abs(q.speed) > STANDING * scales.speed
-    return [Strand(y, x, np.isfinite(y) & turns)]
+    return [RegressionBlock(y, x, np.isfinite(y) & turns)]
 
 
-def _shaft(q: Quantities) -> list[Strand]:
+def _shaft(q: Quantities) -> list[RegressionBlock]:
     scales = q.scales
     y = q.take["motor_current"] / scales.current
     drop = np.where(q.chambers_measured, q.drop, q.difference_measured) / scales.pressure
     turning = np.full_like(y, np.nan)
-    turning[1:-1] = 0.5 * (q.speed[2:] - q.speed[:-2]) / ROW_S
+    turning[1:-1] = 0.5 * (q.speed[2:] - q.speed[:-2]) / BIN_S
     turning *= q.unit.drive.inertia / (q.unit.drive.torque_constant * scales.current)
     lines = []
     for order in ORDERS:
-        # A row is a mean over 10 ms: a fast line is lower in it.
-        seen = np.sinc(order * q.speed * ROW_S / (2.0 * np.pi))
+        # A bin is a mean over 10 ms: a fast line is lower in it.
+        seen = np.sinc(order * q.speed * BIN_S / (2.0 * np.pi))
         lines += [seen * np.cos(order * q.angle), seen * np.sin(order * q.angle)]
     x = np.column_stack([*lines, np.ones_like(y), drop, turning, np.tanh(q.speed / (0.01 * scales.speed))])
-    # A row late, as the acceleration asks for the next row: else the last one at hand would tell nothing.
+    # A bin late, as the acceleration asks for the next bin: else the last one at hand would be lost.
     late = np.roll(np.arange(y.size), 1)
-    return [Strand(y[late], x[late], (np.isfinite(y) & _turning(q))[late])]
+    return [RegressionBlock(y[late], x[late], (np.isfinite(y) & _turning(q))[late])]
 
 
 ORDERS = (1.0, 2.0, 0.5, 1.5, 2.5)
-"""Orders of the shaft: those of a coupling out of line, and those beside them, at which nothing turns: they
-tell how much of an amplitude is a load's or a loop's own unrest."""
+"""Orders of the shaft: those of a misaligned coupling, and those half an order away, at which nothing
+turns: they show the broadband vibration of load and loop."""
 
 
 STEADY = 0.88
-"""Slowest speed over the fastest of a hop in which the shaft's lines are sought."""
+"""Slowest speed over the fastest of a frame in which the shaft's lines are sought."""
 
 
 def _turning(q: Quantities) -> Flags:
-    """Where a line shows: over whole turns at no very different speeds, as what starts and stops has all
-    lines, and below the rate at which a row's mean swallows it."""
-    angle, speed = (x.reshape(-1, HOP_ROWS) for x in (q.angle, np.abs(q.speed)))
+    """Where a line shows: over whole turns at nearly constant speed, as starts and stops excite all orders,
+    and below the rate at which a bin's mean swallows it."""
+    angle, speed = (x.reshape(-1, FRAME_BINS) for x in (q.angle, np.abs(q.speed)))
     whole = np.fmax.reduce(angle, axis=1) - np.fmin.reduce(angle, axis=1) > 4.0 * np.pi
     whole &= np.fmin.reduce(speed, axis=1) > STEADY * np.fmax.reduce(speed, axis=1)
-    return (np.abs(q.speed) * ROW_S * max(ORDERS) < np.pi) & np.repeat(whole, HOP_ROWS)
+    return (np.abs(q.speed) * BIN_S * max(ORDERS) < np.pi) & np.repeat(whole, FRAME_BINS)
 
 
-def _coherence(q: Quantities) -> list[Strand]:
+def _coherence(q: Quantities) -> list[RegressionBlock]:
     y = q.difference_measured / q.scales.pressure
     p1, p2 = (q.take[name] / q.scales.pressure for name in ("pressure_1", "pressure_2"))
     share = q.speed / q.scales.speed
     x = np.column_stack([np.ones_like(y), p1, p2, share * q.viscosity, share * np.abs(share)])
-    # Both sides are measured, so noise is in the columns: where pressures hardly change it would decide.
+    # Errors in variables: both sides are measured, so noise is in the columns too.
     noise = np.zeros((y.size, 2, x.shape[1]))
     noise[:, 0, 1] = q.take["pressure_1_noise"] / q.scales.pressure
     noise[:, 1, 2] = q.take["pressure_2_noise"] / q.scales.pressure
     made = np.abs(y - p1 + p2) < 1e-7  # Δp was made from them
-    return [Strand(y, x, np.isfinite(y) & ~made, np.nan_to_num(noise))]
+    return [RegressionBlock(y, x, np.isfinite(y) & ~made, np.nan_to_num(noise))]
 
 
-def _refeed(q: Quantities) -> list[Strand]:
+def _refeed(q: Quantities) -> list[RegressionBlock]:
     out = []
     # Without its sensor the accumulator's pressure is a level that both sides have in common: what differs
     # between them, or begins on one, is a valve's.
@@ -318,7 +317,7 @@ def _refeed(q: Quantities) -> list[Strand]:
             hidden, hidden * s1, hidden * s2,
         ])  # fmt: skip
         low = (p < other - 0.02 * q.scales.pressure) & (p < q.accumulator + VALVE_MARGIN_PA)
-        out.append(Strand(y, x, low & q.chambers_measured))
+        out.append(RegressionBlock(y, x, low & q.chambers_measured))
     return out
 
 
@@ -328,7 +327,7 @@ GAS_WARMED = 0.5 / 300.0
 """1/K of the gas, which warms by about half of what the oil does."""
 
 
-def _reservoir(q: Quantities) -> list[Strand]:
+def _reservoir(q: Quantities) -> list[RegressionBlock]:
     unit = q.unit
     charge = unit.accumulator.charge_pressure + ATMOSPHERE_PA
     isothermal = charge / (q.accumulator + ATMOSPHERE_PA)
@@ -351,7 +350,7 @@ def _reservoir(q: Quantities) -> list[Strand]:
         middle(hot) * q.dt / GAS_S,  # it cools sooner or later than assumed
         -warmed * q.take["warming"] * q.dt,
     ])  # fmt: skip
-    return [Strand(y, x, np.isfinite(y) & q.accumulator_measured)]
+    return [RegressionBlock(y, x, np.isfinite(y) & q.accumulator_measured)]
 
 
 BALANCES: dict[str, Balance] = {
@@ -368,7 +367,7 @@ BALANCES: dict[str, Balance] = {
             "force", "the piston's forces",
             ("load", "load_measured", "spring", "mass", "damping", "throttle", "lag", "lag_flow",
              "friction_forward", "friction_reverse"),
-            _force, cell=5,
+            _force, bins_per_row=5,
             free=("load", "load_measured", "spring", "mass", "damping", "throttle", "lag", "lag_flow"),
             floor=0.1,  # of Coulomb friction: trials scatter by 9 % (thesis Table 5.1)
         ),

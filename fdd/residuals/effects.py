@@ -1,5 +1,5 @@
-"""How a healthy unit's coefficients lie, and how they err: random effects between units, between logs, within
-a log, and from hop to hop."""
+"""Prior of a healthy unit's coefficients: random effects between units, between logs, within a log, and from
+frame to frame."""
 
 from __future__ import annotations
 
@@ -23,14 +23,14 @@ Positive = Annotated[float, Field(ge=0.0, le=1e12)]
 
 
 class CoefficientSpread(BaseModel):
-    """What one coefficient is in healthy units, and what it differs by.
+    """Mean of one coefficient over healthy units, and its standard deviations.
 
     Attributes
     ----------
     mean, units : of units, and their std. between : std from log to log of one unit, for each of
         `LogConditions`. logs : how many logs' worth of information these rest on, 0 for what is assumed;
         their relative std is ``1/√(2 logs)``. within : std of what changes in some minutes of a healthy log.
-        wander : std from hop to hop.
+        wander : std from frame to frame.
     """
 
     model_config = ConfigDict(extra="forbid", allow_inf_nan=False)
@@ -47,7 +47,7 @@ class BalanceSpread(BaseModel):
 
     Attributes
     ----------
-    noise : std of a row, a first guess.
+    noise : initial std of a row.
     """
 
     model_config = ConfigDict(extra="forbid", allow_inf_nan=False)
@@ -56,7 +56,7 @@ class BalanceSpread(BaseModel):
 
 
 class Spreads(BaseModel):
-    """What healthy units and logs differ by, as ``fdd train`` learnt it from a population.
+    """Variance components of healthy units and logs, as ``fdd train`` learnt them from a population.
 
     Attributes
     ----------
@@ -69,14 +69,15 @@ class Spreads(BaseModel):
 
 
 class LogConditions(NamedTuple):
-    """What a log's coefficients differ from the unit's by, and how much of it there is: weights of variances.
+    """Conditions of a log that its coefficients' variance about the unit's depends on: weights of variances.
 
     Attributes
     ----------
-    always : one. rows : variance of the log's rows: what a law leaves out hangs together with what it leaves
-        of the rows. reconstructed : share in which the chambers' pressures are. heat : square of what the
-        oil's temperature is off the reference's, in units of ten kelvin: a data sheet's viscosity law is not
-        this oil's. without_thermometer : share of the log in which nobody knows how thin the oil is.
+    always : one. rows : variance of the log's rows: a law's model error grows with its residuals.
+        reconstructed : share in which the chambers' pressures are. heat : square of what the oil's
+        temperature is off the reference's, in units of ten kelvin: a data sheet's viscosity law is not this
+        oil's. without_thermometer : share of the log in which the oil's temperature, so its viscosity, is
+        unknown.
     """
 
     always: float
@@ -98,14 +99,15 @@ class Effects:
 
     Attributes
     ----------
-    mean : of the healthy unit. covariance : (n, n), of a log about the mean, and of the mean itself.
-        known : (n, n), of the mean alone. units : std of units about the population's mean. between : (5, n)
-        std from log to log, see `CoefficientSpread`. within : std of what changes in some minutes of a
-        healthy log and no sensor tells; assumed: a magnet loses 0.1 % of its torque a kelvin and warms by 20,
-        a position transducer 0.01 to 0.03 % of its gain a kelvin. wander : std from hop to hop. noise : std
-        of a row, a first guess. information, scatter : (n, n), of healthy logs, and of the scores of their
-        stretches of 2 s. log_variance : (n,) of a log's coefficients about the unit's. warming : (n,) std of
-        what they change by in a second as oil warms that nobody measures.
+    mean : of the healthy unit. covariance : (n, n) of a log's coefficients: log-to-log variation and
+        uncertainty of the mean. known : (n, n), of the mean alone. units : std of units about the
+        population's mean. between : (5, n) std from log to log, see `CoefficientSpread`. within : std of
+        unmeasured changes in some minutes of a healthy log; assumed: a magnet loses 0.1 % of its torque a
+        kelvin and warms by 20, a position transducer 0.01 to 0.03 % of its gain a kelvin. wander : std from
+        frame to frame. noise : initial std of a row. information, scatter : (n, n), of healthy logs, and the
+        sum of squares of the scores of their stretches of 2 s. log_variance : (n,) of a log's coefficients
+        about the unit's. warming : (n,) std of their change in a second by oil that warms without a
+        thermometer.
     """
 
     mean: Array
@@ -158,7 +160,7 @@ def first_effects(name: str, spreads: Spreads | None = None, unit: Unit | None =
 
 
 UNKNOWN_VISCOSITY = 0.6
-"""Standard deviation of ln viscosity between two logs of which nobody knows how warm the oil is: 15 K, at 4 %
+"""Standard deviation of ln viscosity between two logs without a thermometer: 15 K, at 4 %
 a kelvin (ISO VG 32 at 40 °C by Walther's equation)."""
 
 WARMING = 2e-3
@@ -171,7 +173,7 @@ def with_logs(effects: Effects, conditions: LogConditions, viscous: Array | floa
 
     Parameters
     ----------
-    viscous : (n,), what the coefficients change by with ln viscosity, as `viscous_change` gives it.
+    viscous : (n,), derivative of the coefficients by ln viscosity, from `viscous_change`.
     """
     differs, blind = effects.between_logs(conditions), np.sqrt(conditions.without_thermometer) * viscous
     unknown = UNKNOWN_VISCOSITY**2 * np.outer(blind, blind)
@@ -182,7 +184,7 @@ def with_logs(effects: Effects, conditions: LogConditions, viscous: Array | floa
 
 
 def viscous_change(name: str, mean: Array) -> Array:
-    """What a balance's coefficients (n,) change by with ln viscosity: they go by it or by its inverse."""
+    """Derivative of a balance's coefficients (n,) by ln viscosity; they go by it or by its inverse."""
     balance = BALANCES[name]
     goes = [float(c in balance.viscous) - float(c in balance.laminar) for c in balance.columns]
     return np.array(goes) * mean

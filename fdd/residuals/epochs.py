@@ -1,8 +1,8 @@
-"""What the balances have told over an axis's life: sums of the hops that are no longer looked at one by one.
+"""The balances over an axis's life: normal equations of the frames that left the window, summed by epoch.
 
-The reference of a log follows what a healthy unit changes by, and a slow wear with it. What lies between two
-stops, or an hour, is one draw of what differs between a unit's logs (`Effects.between`), however many hops it
-has; over many of them a change shows that no single one would.
+The reference of a log follows healthy changes of a unit, and slow wear with them. So the time between two
+stops, or an hour, is kept as an epoch: one draw of the log-to-log variation (`Effects.between`), however many
+frames it has. Over many epochs a slow change shows that no single one would.
 """
 
 from __future__ import annotations
@@ -14,17 +14,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fdd.residuals.balances import BALANCES
+from fdd.residuals.bins import FRAME_S
 from fdd.residuals.effects import Effects, usual_conditions
-from fdd.residuals.normal_equations import widened
-from fdd.residuals.rows import HOP_S
+from fdd.residuals.normal_equations import marginalised
 
 Array = NDArray[np.float64]
-Told = Mapping[str, tuple[Array, Array]]
+BalanceSums = Mapping[str, tuple[Array, Array]]
 
-EPOCH_HOPS, LEAST_HOPS = 7200, 240
-"""Hops of an epoch: an hour's at most, and at a stop two minutes' at least, as a log from which a unit is
+EPOCH_FRAMES, LEAST_EPOCH_FRAMES = 7200, 240
+"""Frames of an epoch: an hour's at most, and at a stop two minutes' at least, as a log from which a unit is
 identified."""
-ALIKE = 16
+EPOCHS_EACH = 16
 """Epochs of one length; beyond them the two oldest become one of twice the length. So a memory of years
 takes ten times as many, and an onset is known to a fifteenth of its age or better."""
 
@@ -46,49 +46,50 @@ class Epochs:
         self._first: list[int] = []
         self._levels: list[int] = []
         self._open = 0
-        """Hops of the last epoch, while it is not complete."""
-        self._told: list[dict[str, tuple[Array, Array]]] = []
+        """Frames of the last epoch, while it is not complete."""
+        self._sums: list[dict[str, tuple[Array, Array]]] = []
         self.completed = 0
 
-    def add(self, hops: Sequence[int], told: Told) -> None:
-        """Take hops.
+    def add(self, frames: Sequence[int], sums: BalanceSums) -> None:
+        """Take frames.
 
         Parameters
         ----------
-        hops : their indices, in order. told : balance to the sum of their information (n, n) and vectors
+        frames : their indices, in order. sums : balance to the sum of their information (n, n) and vectors
             (n,).
         """
         if not self._open:
-            self._first.append(hops[0])
+            self._first.append(frames[0])
             self._levels.append(0)
-            self._told.append({})
-        self._open += len(hops)
-        self._told[-1] = _sum(self._told[-1], told)
-        if self._open >= EPOCH_HOPS:
+            self._sums.append({})
+        self._open += len(frames)
+        self._sums[-1] = _added(self._sums[-1], sums)
+        if self._open >= EPOCH_FRAMES:
             self._complete()
 
     def stop(self) -> None:
-        """The axis has stopped: what comes is another draw."""
-        if self._open >= LEAST_HOPS:
+        """The axis has stopped: the next frame begins another epoch."""
+        if self._open >= LEAST_EPOCH_FRAMES:
             self._complete()
 
     def _complete(self) -> None:
-        """The last epoch is complete; of those of one length beyond `ALIKE`, the two oldest become one."""
+        """The last epoch is complete; of those of one length beyond `EPOCHS_EACH`, the two oldest
+        become one."""
         self._open = 0
         self.completed += 1
         for level in range(max(self._levels) + 1):
             mine = [k for k, have in enumerate(self._levels) if have == level]
-            if len(mine) > ALIKE:
+            if len(mine) > EPOCHS_EACH:
                 k = mine[0]
-                self._told[k] = _sum(self._told[k], self._told.pop(k + 1))
+                self._sums[k] = _added(self._sums[k], self._sums.pop(k + 1))
                 self._levels[k] += 1
                 del self._first[k + 1], self._levels[k + 1]
 
     def forget(self, start: float, end: float) -> None:
         """Leave out the epochs that began in a stretch of time, s."""
         for k in range(len(self) - 1, -1, -1):
-            if start <= self._first[k] * HOP_S < end:
-                del self._first[k], self._levels[k], self._told[k]
+            if start <= self._first[k] * FRAME_S < end:
+                del self._first[k], self._levels[k], self._sums[k]
 
     def __len__(self) -> int:
         """Complete epochs at hand."""
@@ -96,34 +97,33 @@ class Epochs:
 
     def starts(self) -> Array:
         """s, when each complete epoch began."""
-        return HOP_S * np.array(self._first[: len(self)], dtype=np.float64)
+        return FRAME_S * np.array(self._first[: len(self)], dtype=np.float64)
 
     @staticmethod
     def effects(effects: Mapping[str, Effects]) -> dict[str, Effects]:
-        """A unit's effects as epochs see them, that scatter by no more than what differs between logs."""
+        """A unit's effects for epochs, each of which is one draw of the log-to-log variation."""
         return {
             name: replace(
                 e,
                 information=np.eye(e.mean.size),
                 scatter=np.eye(e.mean.size),
-                log_variance=np.zeros(e.mean.size),  # of which each epoch is a draw already
+                log_variance=np.zeros(e.mean.size),  # marginalised in each epoch
             )
             for name, e in effects.items()
         }
 
-    def widened(self, effects: Mapping[str, Effects]) -> dict[str, tuple[Array, Array]]:
-        """Information (e, n, n) and vectors (e, n) of the complete epochs, widened by what differs between
-        logs, of each balance that tells anything."""
+    def marginalised(self, effects: Mapping[str, Effects]) -> dict[str, tuple[Array, Array]]:
+        """Information (e, n, n) and vectors (e, n) of the complete epochs of each informative balance,
+        what differs between logs marginalised."""
         out = {}
         for name in BALANCES:
-            told = [t[name] for t in self._told[: len(self)] if name in t]
-            if told:
+            if any(name in sums for sums in self._sums[: len(self)]):
                 n = len(BALANCES[name].columns)
                 none = np.zeros((n, n)), np.zeros(n)
-                m, v = zip(*(t.get(name, none) for t in self._told[: len(self)]), strict=True)
+                m, v = zip(*(t.get(name, none) for t in self._sums[: len(self)]), strict=True)
                 e = effects[name]
                 std = np.sqrt(e.between_logs(usual_conditions(e.noise)))
-                out[name] = widened(np.array(m), np.array(v), std)
+                out[name] = marginalised(np.array(m), np.array(v), std)
         return out
 
     def state(self) -> dict[str, Array]:
@@ -133,11 +133,11 @@ class Epochs:
             "levels": np.array([*self._levels, self._open, self.completed], dtype=np.float64),
         }
         for name in BALANCES:
-            at = [k for k, told in enumerate(self._told) if name in told]
+            at = [k for k, sums in enumerate(self._sums) if name in sums]
             if at:
                 out[f"{name}/at"] = np.array(at, dtype=np.float64)
                 out[f"{name}/m"], out[f"{name}/v"] = (
-                    np.array([self._told[k][name][i] for k in at]) for i in range(2)
+                    np.array([self._sums[k][name][i] for k in at]) for i in range(2)
                 )
         return out
 
@@ -145,13 +145,13 @@ class Epochs:
         """Go on from what `state` gave."""
         self._first = [int(k) for k in state["first"]]
         *self._levels, self._open, self.completed = (int(n) for n in state["levels"])
-        self._told = [{} for _ in self._first]
+        self._sums = [{} for _ in self._first]
         for name in BALANCES:
             for i, k in enumerate(state.get(f"{name}/at", np.empty(0)).astype(np.int64).tolist()):
-                self._told[k][name] = state[f"{name}/m"][i].copy(), state[f"{name}/v"][i].copy()
+                self._sums[k][name] = state[f"{name}/m"][i].copy(), state[f"{name}/v"][i].copy()
 
 
-def _sum(one: Told, other: Told) -> dict[str, tuple[Array, Array]]:
+def _added(one: BalanceSums, other: BalanceSums) -> dict[str, tuple[Array, Array]]:
     out = dict(one)
     for name, (m, v) in other.items():
         have = out.get(name)

@@ -61,7 +61,7 @@ def _follow(
     state: Array,
     mean: Array,
 ) -> None:
-    """Follow the mean pressure row by row; a missing difference leaves it as it is.
+    """Follow the mean pressure bin by bin; a missing difference leaves it as it is.
 
     Parameters
     ----------
@@ -70,7 +70,7 @@ def _follow(
         where it is NaN.
     fixed : Pa absolute, m³, Pa, Pa, Pa: charge pressure, gas, cracking pressures of refeeding and of the
         case, atmosphere.
-    state : (3,) Pa, m³ taken from the accumulator, Pa of the last difference; NaN before the first row.
+    state : (3,) Pa, m³ taken from the accumulator, Pa of the last difference; NaN before the first bin.
     """
     charge, gas, cracking, drain_cracking, atmosphere = fixed
     level, taken, before = state
@@ -126,7 +126,7 @@ def chambers_from_difference(
     unit : its volumes, bulk modulus, accumulator and case leakage.
     accumulator : (n,) Pa, NaN where it is not known.
     noise : (n,) Pa, standard deviation of the difference's: its peaks lift nothing. viscosity : over the
-        reference's. state : (3,), NaN at first; kept for the rows that follow.
+        reference's. state : (3,), NaN at first; kept for the bins that follow.
 
     Returns
     -------

@@ -1,4 +1,4 @@
-"""Normal equations of a stretch of a balance, and what they tell where coefficients wander."""
+"""Normal equations of a balance's regression, and the marginal ones where coefficients are random effects."""
 
 from __future__ import annotations
 
@@ -10,13 +10,16 @@ from numpy.typing import NDArray
 Array = NDArray[np.float64]
 
 
-def widened(information: Array, vector: Array, std: Array) -> tuple[Array, Array]:
-    """What normal equations tell when their coefficients differ by N(0, std²) from those sought; any
-    leading axes.
+def marginalised(information: Array, vector: Array, std: Array) -> tuple[Array, Array]:
+    """Normal equations with a random effect marginalised: their coefficients differ by N(0, Q = diag(std²))
+    from those sought.
 
-    ``M (I + Q M)⁻¹`` and ``(I + M Q)⁻¹ m``, the likelihood with the difference integrated out, by the
-    eigenvalues of
-    ``√Q M √Q``: never negative, whatever the sizes of the columns.
+    Information ``M (I + Q M)⁻¹`` and vector ``(I + M Q)⁻¹ m``, by the eigenvalues of ``√Q M √Q``, which keeps
+    the information positive semidefinite however unequal the columns' scales are.
+
+    Parameters
+    ----------
+    information, vector : (…, n, n) and (…, n). std : (n,) of the random effect.
     """
     values, vectors = np.linalg.eigh(information * std * std[:, None])
     values = values.clip(0.0)[..., None, :]
@@ -26,8 +29,9 @@ def widened(information: Array, vector: Array, std: Array) -> tuple[Array, Array
     return wide, kept
 
 
-class Entry(NamedTuple):
-    """What a hop tells of a balance: information (n, n), vector (n,), rows behind it, and their variance."""
+class NormalEquations(NamedTuple):
+    """Of a balance in one frame: information (n, n) ``XᵀX/σ²`` and vector (n,) ``Xᵀy/σ²``, the number of rows
+    behind them, and their variance σ²."""
 
     information: Array
     vector: Array

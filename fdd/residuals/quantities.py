@@ -1,4 +1,4 @@
-"""What the balances are written in: pressures, flows and motion from a stretch of rows, whichever sensors
+"""What the balances are written in: pressures, flows and motion from a stretch of bins, whichever sensors
 there are."""
 
 from __future__ import annotations
@@ -10,9 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fdd.measures import ATMOSPHERE_PA
+from fdd.residuals.bins import COLUMNS, FRAME_BINS
 from fdd.residuals.hidden_pressures import needs_pilots
 from fdd.residuals.oil import free_air, stiff_compliance, viscosity_ratio
-from fdd.residuals.rows import COLUMNS, HOP_ROWS
 from fdd.unit import Unit
 
 Array = NDArray[np.float64]
@@ -83,7 +83,7 @@ class Scales:
 
 
 class Chamber(NamedTuple):
-    """A chamber and its lines, amid rows.
+    """A chamber and its lines, amid bins.
 
     Attributes
     ----------
@@ -99,24 +99,24 @@ class Chamber(NamedTuple):
 
 
 class Quantities:
-    """Rows, and what follows from them, (n,) each; NaN where a sensor is missing.
+    """Bins, and what follows from them, (n,) each; NaN where a sensor is missing.
 
     Parameters
     ----------
-    rows : (n, len(COLUMNS)) of `RowMaker`, whole hops. unit : profile.
-    accumulator_before : Pa, last known before the rows; NaN where its sensor never told any.
+    bins : (n, len(COLUMNS)) of `BinMaker`, whole frames. unit : profile.
+    accumulator_before : Pa, last known before the bins; NaN before its sensor's first value.
 
     Attributes
     ----------
-    chambers_measured, accumulator_measured : (n,), whether both are, in the row's hop or the one before.
+    chambers_measured, accumulator_measured : (n,), whether both are, in the bin's frame or the one before.
     chambers : by side. noise : by side, (n,) Pa, standard deviation of the chamber's pressure.
     accumulator_before : Pa, last known at the end.
     """
 
-    def __init__(self, rows: Array, unit: Unit, scales: Scales, accumulator_before: float = np.nan) -> None:
+    def __init__(self, bins: Array, unit: Unit, scales: Scales, accumulator_before: float = np.nan) -> None:
         self.unit = unit
         self.scales = scales
-        take = {name: rows[:, i] for name, i in COLUMNS.items()}
+        take = {name: bins[:, i] for name, i in COLUMNS.items()}
         self.take = take
         self.position = take["position"]
         self.angle = take["pump_angle"]
@@ -185,35 +185,35 @@ class Quantities:
 
 
 def _of_late(there: Flags) -> Flags:
-    """Whether anything is there in a row's hop or in the one before, (n,)."""
-    hops: Flags = np.asarray(there.reshape(-1, HOP_ROWS).any(axis=1))
-    hops[1:] |= hops[:-1].copy()
-    return np.repeat(hops, HOP_ROWS)
+    """Whether anything is there in a bin's frame or in the one before, (n,)."""
+    frames: Flags = np.asarray(there.reshape(-1, FRAME_BINS).any(axis=1))
+    frames[1:] |= frames[:-1].copy()
+    return np.repeat(frames, FRAME_BINS)
 
 
 def change(column: Array) -> Array:
-    """Change from the row before, (n,); NaN first."""
+    """Change from the bin before, (n,); NaN first."""
     out = np.full(column.shape, np.nan)
     out[1:] = column[1:] - column[:-1]
     return out
 
 
 def central(column: Array) -> Array:
-    """Change from the row before to the next one, (n,); NaN first and last."""
+    """Change from the bin before to the next one, (n,); NaN first and last."""
     out = np.full(column.shape, np.nan)
     out[1:-1] = column[2:] - column[:-2]
     return out
 
 
 def middle(column: Array) -> Array:
-    """Mean of a row and the one before: what goes with a difference."""
+    """Mean of a bin and the one before: what goes with a difference."""
     out = np.full(column.shape, np.nan)
     out[1:] = 0.5 * (column[1:] + column[:-1])
     return out
 
 
-def settled(valid: Flags, rows: int) -> Flags:
-    """Where the last `rows` rows were all valid."""
+def settled(valid: Flags, bins: int) -> Flags:
+    """Where the last `bins` bins were all valid."""
     count = np.arange(1, valid.size + 1)
     last_bad = np.maximum.accumulate(np.where(valid, 0, count))
-    return count - last_bad >= rows
+    return count - last_bad >= bins

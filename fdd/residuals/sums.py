@@ -1,4 +1,5 @@
-"""Compiled sums over the rows of hops, and what is left of them by the best coefficients."""
+"""Compiled normal equations of frames: sums of products over regression rows, then weights by the rows'
+residual variance."""
 
 from __future__ import annotations
 
@@ -12,7 +13,7 @@ Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 
 RIDGE = 1e-6
-"""Of columns scaled to one: those that a hop does not tell apart share what it tells."""
+"""Ridge penalty on columns scaled to one: collinear columns share the effect."""
 
 
 @njit()
@@ -20,22 +21,22 @@ def add_rows(
     y: Array, x: Array, ok: Flags, noisy: Array, tail: int, least: int, summed: bool,
     gram: Array, noise: Array, rows: Array,
 ) -> None:  # fmt: skip
-    """Add what each hop's rows tell to its normal equations.
+    """Add each frame's regression rows to its normal equations.
 
     Rows themselves; or, `summed`, their running sums over each unbroken stretch less their mean, in which
     pressure noise does not add up, without the first one, which the mean makes redundant.
 
     Parameters
     ----------
-    y, x, ok : (tail + rows,), (tail + rows, n) and (tail + rows,): rows of a strand, the valid ones.
+    y, x, ok : (tail + rows,), (tail + rows, n) and (tail + rows,): rows of a block, the valid ones.
     noisy : (tail + rows, 2, n) noise that the columns have in these sums, or (0, 2, n).
-    tail : rows before the first hop. least : rows below which a stretch, or a hop, says too little.
-    gram, noise, rows : (hops, n + 1, n + 1) of columns and y, (hops, n, n) and (hops,); added to.
+    tail : rows before the first frame. least : fewest rows of a stretch, or of a frame, that count.
+    gram, noise, rows : (frames, n + 1, n + 1) of columns and y, (frames, n, n) and (frames,); added to.
     """
-    hops, n = noise.shape[0], x.shape[1]
-    size = (y.size - tail) // hops
+    frames, n = noise.shape[0], x.shape[1]
+    size = (y.size - tail) // frames
     part = np.empty((size, n + 1))
-    for h in range(hops):
+    for h in range(frames):
         first, last = tail + h * size, tail + (h + 1) * size
         before = rows[h]
         count = inside = 0
@@ -87,21 +88,22 @@ def _add_products(part: Array, begin: int, end: int, gram: Array) -> None:
 
 
 @njit()
-def told(
+def weight_equations(
     gram: Array, noise: Array, rows: Array, mean: Array, least: float, lowest: float, memory: float,
     usual: Array, information: Array, vector: Array, variance: Array,
 ) -> None:  # fmt: skip
-    """What hops tell: their normal equations over the variance of their rows.
+    """Divide frames' normal equations by the variance of their rows (weighted least squares).
 
-    The variance is the mean square of what a hop's best coefficients leave, or the last seconds', if more.
+    The variance is the mean square residual of a frame's own least squares, or that of the last seconds, if
+    more.
 
     Parameters
     ----------
     gram, noise, rows : of `add_rows`. mean : (n,) coefficients of the healthy unit.
-    least : rows below which a hop says nothing. lowest : variance that is never gone below.
-    memory : share of `usual` that is kept from hop to hop.
+    least : fewest rows of a frame that count. lowest : lower bound of the variance.
+    memory : share of `usual` that is kept from frame to frame.
     usual : (2,) sum of squares and of weights so far; goes on.
-    information, vector, variance : (hops, n, n), (hops, n) and (hops,), filled.
+    information, vector, variance : (frames, n, n), (frames, n) and (frames,), filled.
     """
     n = mean.size
     scaled, root, best, scale = np.empty((n, n)), np.zeros((n, n)), np.empty((1, n)), np.empty(n)
@@ -130,7 +132,7 @@ def told(
         usual[0] = memory * usual[0] + left
         usual[1] = memory * usual[1] + free
         variance[h] = max(left / free, usual[0] / usual[1], lowest)
-        # Noise in columns draws coefficients to zero; what it takes from the healthy unit is put back.
+        # Errors in variables attenuate the coefficients: what they take from the healthy unit's is put back.
         for i in range(n):
             back = g[i, n]
             for j in range(n):

@@ -1,7 +1,7 @@
-"""Both estimators over blocks of samples, and what they can be believed of.
+"""Both estimators over blocks of samples, and the observability of what they estimate.
 
-The first samples are held back to see which channels there are and how fast they come; what comes before all
-that are needed have values is passed over.
+The first samples are held back to find the channels and the sampling period; samples before all required
+channels have values are skipped.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from estimators.eha import layout
 from estimators.eha import model as eha
 from estimators.observability import Observability, Observed
 from fdd.errors import InputError
-from fdd.residuals.rows import STOP_S
+from fdd.residuals.bins import STOP_S
 from fdd.residuals.tracking import METHODS, OBSERVABLE, Channels, Tracking, new_watch, watched
 from fdd.samples import CHANNELS, Samples, missing_required
 from fdd.unit import Unit
@@ -25,7 +25,8 @@ from fdd.unit import Unit
 Array = NDArray[np.float64]
 
 HELD_BACK = 500
-"""Samples that tell channels and period: by number, so that one early row does not make them."""
+"""Samples that channels and period are found from: a number, not a time, so that one early row is not
+enough."""
 
 
 class Tracked:
@@ -53,7 +54,7 @@ class Tracked:
         self._watch = new_watch()
         self._unwatched: list[layout.Records] = []
         self.lost = False
-        """Whether a filter's state ran away: nothing of it is believed until the axis has stopped."""
+        """Whether a filter diverged: it is not used until the axis has stopped."""
         self._last = np.nan
 
     @property
@@ -132,12 +133,12 @@ class Tracked:
         return {m: np.concatenate(p) if p else np.empty(0, layout.RECORD) for m, p in self._kept.items()}
 
     def observed(self) -> dict[str, Observed]:
-        """What the EKF's last record tells of each tracked quantity, (1,) each."""
+        """Observability of each tracked quantity by the EKF's last record, (1,) each."""
         self._catch_up()
         return self._watch.latest()
 
     def observed_throughout(self) -> dict[str, Observed]:
-        """What all records so far of the EKF told of each tracked quantity, (n,) each.
+        """Observability of each tracked quantity over all records of the EKF, (n,) each.
 
         Raises
         ------

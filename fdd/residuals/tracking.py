@@ -238,7 +238,7 @@ def new_watch() -> Observability:
 def watched(
     watch: Observability, records: layout.Records, unit: Unit, model: eha.Parameters, noise: Noise
 ) -> dict[str, Observed]:
-    """What a filter's next records tell of each tracked quantity.
+    """Observability of each tracked quantity by a filter's next records.
 
     Parameters
     ----------

@@ -20,7 +20,8 @@ CELL_S = 0.02
 BESIDE_CELLS = 3
 """Cells on either side that a cell's step is compared with."""
 COUNTS = 6.0
-"""Counts: rounding gives an excess of up to 2, hysteresis and unevenness of a plain scale as much each."""
+"""Allowance in counts: rounding gives an excess of up to 2, hysteresis and unevenness of a plain scale as
+much each."""
 CELL_REACH = 12.0
 """Standard deviations of a cell's mean: as `jumps.NOISE_REACH`, less since the history counts as well."""
 LEARNT_CELLS = 25
@@ -36,7 +37,7 @@ class Cells(NamedTuple):
     Attributes
     ----------
     peaks : (2, 12) largest excess of a row for either of `STRIDES`.
-    means, over : (12, cells) mean of each cell, and how far its step is beyond those beside it.
+    means, over : (12, cells) mean of each cell, and how far its step exceeds those of its neighbours.
     limit : (12, cells) what `over` may be; inf for a channel in which nothing is beyond its noise.
     """
 

@@ -2,8 +2,8 @@
 
 Noise of σ leaves a row at its predecessor's value with the chance ``p = q/(σ·√(4π))`` (q: one count), so n
 equal rows have the chance ``p^n``; `LOG_ODDS` asks for 1.4e-11, which eight channels at 1 kHz meet once in
-2,500 h. What the channel's own good hops showed counts as well: a log that repeats or rounds its values has a
-larger p. Without noise a value may stand for ever, and only its neighbours can tell (`standing_position`).
+2,500 h. What the channel's own good frames showed counts as well: a log that repeats or rounds its values has
+a larger p. Without noise a value may stand for ever, and only its neighbours can tell (`standing_position`).
 """
 
 from __future__ import annotations
@@ -20,14 +20,14 @@ Array = NDArray[np.float64]
 
 LOG_ODDS = 25.0
 FEWEST_ROWS = 8
-LEARNT_HOPS = 4
-"""Hops of a class after which what they showed is believed."""
+LEARNT_FRAMES = 4
+"""Fewest good frames of a class (still or moving) from which its statistics are used."""
 FROM_START_S = 1.0
 """A channel that never changed has shown no noise at all: the profile may be wrong, so it gets this time, in
 which the pump has to turn."""
 RAIL_S = 0.2
-EXCITED_HOPS, NOISELESS_HOPS = 2, 8
-"""Hops with a turning pump, for a channel that should have noise, and for one that need not."""
+EXCITED_FRAMES, NOISELESS_FRAMES = 2, 8
+"""Frames with a turning pump, for a channel that should have noise, and for one that need not."""
 LEAST_NOISE = 1e-5
 """Share of the range: no analogue sensor has less noise."""
 LEAK_MARGIN = 3.0
@@ -51,7 +51,7 @@ def rows_needed(k: int, kind: int, memory: Memory, limits: Limits) -> float:
     chance = limits.repeat[k]
     if chance >= 1.0 and not shows_noise(k, memory, limits):
         return np.inf
-    if memory.hops[kind, k] >= LEARNT_HOPS:
+    if memory.frames[kind, k] >= LEARNT_FRAMES:
         own = memory.repeat[kind, k]
         chance = max(own, chance) if chance < 1.0 else own
     if chance >= 0.9995:
@@ -61,10 +61,12 @@ def rows_needed(k: int, kind: int, memory: Memory, limits: Limits) -> float:
 
 @njit(nogil=True, inline="always")
 def shows_noise(k: int, memory: Memory, limits: Limits) -> bool:
-    """Whether a channel without noise in its profile had some in every good hop, at rest too."""
+    """Whether a channel without noise in its profile had some in every good frame, at rest too."""
     count = max(limits.resolution[k], LEAST_NOISE * limits.high[k])
     quietest = min(memory.quietest[0, k], memory.quietest[1, k])
-    return bool(memory.hops[0, k] + memory.hops[1, k] >= LEARNT_HOPS and quietest >= STEADY_NOISE * count)
+    return bool(
+        memory.frames[0, k] + memory.frames[1, k] >= LEARNT_FRAMES and quietest >= STEADY_NOISE * count
+    )
 
 
 @njit(nogil=True, inline="always")
@@ -77,8 +79,8 @@ def is_held(
     if (outside and length >= RAIL_S) or not live:
         return outside and length >= RAIL_S
     if memory.changed[k] == 0.0:
-        hops = EXCITED_HOPS if limits.repeat[k] < 1.0 else NOISELESS_HOPS
-        return length >= FROM_START_S and memory.excited[k] >= hops
+        frames = EXCITED_FRAMES if limits.repeat[k] < 1.0 else NOISELESS_FRAMES
+        return length >= FROM_START_S and memory.excited[k] >= frames
     return rows >= need
 
 

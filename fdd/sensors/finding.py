@@ -41,7 +41,7 @@ class SensorFinding:
     kind : what it looks like.
     onset_s, until_s : when it began; when the channel was good again, None while it is not, or where the
         kind has no end (a slip stays).
-    detected_s : end of the hop in which it was decided.
+    detected_s : end of the frame in which it was decided.
     confidence : see `CONFIDENCE`.
     size : SI: metres or radians lost by an encoder (sum of magnitudes), pascals of a step, the value of a
         stuck channel, the factor of a noise, seconds lost by a dropout, rows of spikes.

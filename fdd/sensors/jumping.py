@@ -11,9 +11,9 @@ from fdd.sensors import jumps
 from fdd.sensors.cells import BESIDE_CELLS, CELL_S, COUNTS, STRIDES, cells_of
 from fdd.sensors.explained import ANGLE, POSITION, explained
 from fdd.sensors.jumps import NOISE_REACH, Jump
-from fdd.sensors.ledger import Ledger
 from fdd.sensors.limits import CHAMBERS, INDEX, NAMES, Limits
 from fdd.sensors.memory import Memory
+from fdd.sensors.sensor_findings import SensorFindings
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -24,7 +24,7 @@ JUDGED = tuple(
 )
 IS_JUDGED = np.isin(np.arange(len(NAMES)), JUDGED)
 DEFERRED_S = 0.1
-"""Rows are judged so much after they came, when the level after them is known."""
+"""s, delay of the judgement of a row, so that the level after it is known."""
 TAIL_S = 0.3
 HELD_ROWS = 8
 """Rows of one position before a jump, from which on it may have been held."""
@@ -68,25 +68,25 @@ def swept_volume(time: Array, values: Array, limits: Limits, memory: Memory) -> 
 
 
 class JumpWatch:
-    """Look for jumps in each hop.
+    """Look for jumps in each frame.
 
     Parameters
     ----------
-    limits : of the unit. memory, ledger : what is kept, and where findings go.
+    limits : of the unit. memory : what is kept. findings : where they go.
     """
 
-    def __init__(self, limits: Limits, memory: Memory, ledger: Ledger) -> None:
-        self.limits, self.memory, self.ledger = limits, memory, ledger
+    def __init__(self, limits: Limits, memory: Memory, findings: SensorFindings) -> None:
+        self.limits, self.memory, self.findings = limits, memory, findings
 
-    def hop(self, rows: Rows, seen: Array, start: float, end: float, failing: Mask) -> None:
-        """Judge what came `DEFERRED_S` earlier than the hop from `start` to `end`.
+    def judge(self, rows: Rows, seen: Array, start: float, end: float, failing: Mask) -> None:
+        """Judge what came `DEFERRED_S` earlier than the frame from `start` to `end`.
 
         Parameters
         ----------
-        seen : (12,) values of each channel among the rows. failing : (12,) what has a complaint, added to.
+        seen : (12,) values of each channel among the rows. failing : (12,) channels with a failure, added to.
         """
         limits, memory, time = self.limits, self.memory, rows.time
-        # A loose contact's jumps are told as that; a biased pressure is still watched, for the step back.
+        # A loose contact's jumps are reported as such; a biased pressure is still watched, for the step back.
         judged = IS_JUDGED & (seen > 0.0) & ~failing & (memory.held_until <= time[0])
         judged &= np.isnan(memory.failed_since) | (memory.biased != 0.0)
         judged[DIFFERENCE] &= memory.derived[0] != 1.0
@@ -101,7 +101,7 @@ class JumpWatch:
         floor = COUNTS * limits.resolution + NOISE_REACH * np.maximum(rows.noise, limits.noise)
         sharp, inner = peaks > floor, slice(BESIDE_CELLS, -BESIDE_CELLS)
         slow = (np.abs(over[:, inner]) > limit[:, inner]).any(axis=1)
-        # Most hops end here: nothing in a channel is beyond its noise.
+        # Most frames end here: nothing in a channel is beyond its noise.
         odd = slow | sharp.any(axis=0)
         for k in (k for k in JUDGED if odd[k]):
             found: list[Jump] = []
@@ -134,25 +134,27 @@ class JumpWatch:
     def _tell(self, k: int, jump: Jump, rows: Rows, period: float, end: float, failing: Mask) -> None:
         name, until = NAMES[k], jump.time + jump.rows * period
         scale, unit = {ANGLE: (1.0, "rad"), POSITION: (1e3, "mm")}.get(k, (1e-6, "MPa"))
-        told = f"{name} jumps by {scale * jump.peak:.4g} {unit} at {jump.time:.3f} s"
+        message = f"{name} jumps by {scale * jump.peak:.4g} {unit} at {jump.time:.3f} s"
         if k == ANGLE:
-            told += f", {abs(jump.peak) / period * 60.0 / (2.0 * np.pi):.0f} rpm"
+            message += f", {abs(jump.peak) / period * 60.0 / (2.0 * np.pi):.0f} rpm"
         if jump.net == 0.0 and k in (ANGLE, POSITION):
-            told += ", and comes back"
-            self.ledger.report(name, "spikes", jump.time, until, end, float(jump.rows), told)
+            message += ", and comes back"
+            self.findings.report(name, "spikes", jump.time, until, end, float(jump.rows), message)
         elif k == ANGLE:
-            told += f", and stays {jump.net:.3g} rad off"
-            self.ledger.report(name, "slip", jump.time, None, end, abs(jump.net), told)
+            message += f", and stays {jump.net:.3g} rad off"
+            self.findings.report(name, "slip", jump.time, None, end, abs(jump.net), message)
         elif k == POSITION and (held := self._held(jump, rows)) is not None:
             lost = f"position stood for {jump.time - held:.3f} s while the pump turned"
-            told = f"{lost}, then caught up by {1e3 * jump.net:.3f} mm"
-            self.ledger.report(name, "dropout", held, jump.time, end, jump.time - held, told)
+            message = f"{lost}, then caught up by {1e3 * jump.net:.3f} mm"
+            self.findings.report(name, "dropout", held, jump.time, end, jump.time - held, message)
         elif k == POSITION and self._reads_nothing(jump, rows):
             failing[k], self.memory.failed_since[k] = True, jump.time
-            self.ledger.report(name, "dead", jump.time, None, end, 0.0, f"{told} to exactly 0: no signal")
+            self.findings.report(
+                name, "dead", jump.time, None, end, 0.0, f"{message} to exactly 0: no signal"
+            )
         elif k == POSITION:
-            told += f", and stays {scale * jump.net:.3f} mm off, which neither pump nor pressure explain"
-            self.ledger.report(name, "slip", jump.time, None, end, abs(jump.net), told)
+            message += f", and stays {scale * jump.net:.3f} mm off, which neither pump nor pressure explain"
+            self.findings.report(name, "slip", jump.time, None, end, abs(jump.net), message)
         elif jump.net != 0.0 and self._outside(k, rows, jump):
             self._tell_step(k, jump, end, failing)
 
@@ -196,11 +198,11 @@ class JumpWatch:
             memory.biased[k] = 0.0
             return
         memory.biased[k] = after
-        told = (
+        message = (
             f"{name} steps by {1e-6 * jump.net:.3g} MPa at {jump.time:.3f} s, where neither pump nor piston "
             f"moves oil for it"
         )
         failing[k] = True
         if np.isnan(memory.failed_since[k]):
             memory.failed_since[k] = jump.time
-        self.ledger.report(name, "step", jump.time, None, end, jump.net, told)
+        self.findings.report(name, "step", jump.time, None, end, jump.net, message)

@@ -23,7 +23,7 @@ a to d being the noise of four rows: at 16 that has the chance 2e-13 for a Gauss
 1 kHz and two strides meet once in 1e5 h."""
 EVENT_S = 0.05
 """What lies closer together is one event."""
-BESIDE = 12
+LEVEL_ROWS = 12
 """Rows on either side from which the level is taken."""
 STAYS = 0.5
 """Share of a jump that has to stay: of less it is a spike."""
@@ -105,11 +105,11 @@ def jumps(time: Array, values: Array, over: Array, limit: Array, start: float, s
 def level_change(time: Array, values: Array, first: int, last: int) -> tuple[float, float]:
     """Change of level over rows `first` to `last`, their usual motion taken off, and the level before.
 
-    Levels are medians of `BESIDE` rows on either side, moved on to row `last` by these rows' own rates.
+    Levels are medians of `LEVEL_ROWS` rows on either side, moved on to row `last` by these rows' own rates.
     """
     there = np.isfinite(values)
-    before = np.flatnonzero(there[:first])[-BESIDE:]
-    after = np.flatnonzero(there[last + 1 :])[:BESIDE] + last + 1
+    before = np.flatnonzero(there[:first])[-LEVEL_ROWS:]
+    after = np.flatnonzero(there[last + 1 :])[:LEVEL_ROWS] + last + 1
     if not before.size or not after.size:
         return 0.0, float(values[first])
     # Over half the rows: of counts a median of single steps would be 0.

@@ -20,7 +20,7 @@ NAMES = tuple(c for c in CHANNELS if c != "time")
 INDEX = {name: k for k, name in enumerate(NAMES)}
 CHAMBERS = ("pressure_1", "pressure_2")
 NOT_MEASURED = ("command", "position_setpoint")
-"""Numbers that a controller wrote: they may be anything, and only their absence is told."""
+"""Numbers that a controller wrote: they may be anything, and only their absence is reported."""
 LIVE = (
     "pressure_1", "pressure_2", "pressure_difference", "pressure_accumulator", "motor_current", "load_force",
 )  # fmt: skip
@@ -53,7 +53,7 @@ class Limits(NamedTuple):
 
     Attributes
     ----------
-    low, high : what a hop's median cannot be beyond; ±inf where nothing is known.
+    low, high : what a frame's median cannot be beyond; ±inf where nothing is known.
     noise, resolution : the profile's.
     repeat : chance that noise alone leaves a row at the value of the row before; 1 where noise is below the
         counts.

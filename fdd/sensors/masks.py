@@ -18,7 +18,7 @@ SPEED = INDEX["pump_speed"]
 
 
 def row_bounds(limits: Limits) -> Array:
-    """What a row's value cannot be below and above, what it may change in a second, and beside that, (4, 12).
+    """Least and largest value of a row, largest change in a second, and an allowance on that, (4, 12).
 
     The change is inf where none is known.
     """
@@ -33,13 +33,13 @@ def row_bounds(limits: Limits) -> Array:
 
 @njit(nogil=True)
 def impossible_rows(
-    time: Array, values: Array, hop_begin: float, bounds: Array, dead: Array, memory: Memory
+    time: Array, values: Array, frame_begin: float, bounds: Array, dead: Array, memory: Memory
 ) -> Mask:
     """Impossible values among `values` (12, n), taken at `time` (n,) s; rows have to come in their order.
 
     Parameters
     ----------
-    hop_begin : s, first row of the hop that the rows belong to. bounds : see `row_bounds`.
+    frame_begin : s, first row of the frame that the rows belong to. bounds : see `row_bounds`.
     dead : (12,) what a broken loop reads. memory : where the last good values are kept.
     """
     out = np.zeros(values.shape, np.bool_)
@@ -52,7 +52,7 @@ def impossible_rows(
         older, old = old, time[i]
     memory.stamps[0], memory.stamps[1] = older, old
     for k in range(values.shape[0]):
-        loose = memory.held_until[k] > hop_begin
+        loose = memory.held_until[k] > frame_begin
         previous, low, high = memory.previous[k], bounds[0, k], bounds[1, k]
         for i in range(time.size):
             value = values[k, i]

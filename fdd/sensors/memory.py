@@ -1,4 +1,4 @@
-"""What is remembered of each channel from hop to hop: plain arrays, saved as they are."""
+"""What is remembered of each channel from frame to frame: plain arrays, saved as they are."""
 
 from __future__ import annotations
 
@@ -15,9 +15,10 @@ COUNT = len(NAMES)
 CELL_HISTORY = 250
 """Cells of 20 ms: the noise of the last five seconds."""
 STILL, MOVING = 0, 1
-"""Hops in which the pump turned less than once, or more: noise and repeats are compared with their like."""
+"""Classes of frames: the pump turned less than once, or more. Noise and repeats are compared within a
+class."""
 SHAPES: dict[str, tuple[int, ...]] = {
-    **dict.fromkeys(("hops", "repeat", "noisiest", "quietest"), (2, COUNT)),
+    **dict.fromkeys(("frames", "repeat", "noisiest", "quietest"), (2, COUNT)),
     "volume": (5,), "stood": (4,), "stamps": (2,), "cells": (COUNT, CELL_HISTORY), "derived": (1,),
 }  # fmt: skip
 """Of what is not (12,)."""
@@ -36,24 +37,24 @@ STARTS = {
 
 
 class Memory(NamedTuple):
-    """Per channel (12,), or per class of hop and channel (2, 12).
+    """Per channel (12,), or per class of frame and channel (2, 12).
 
     Attributes
     ----------
     rows, present : rows that came, and those with a value.
     run_value, run_since, run_rows : the value that the channel shows, since when (s), in how many rows.
     changed : whether it ever changed.
-    hops, repeat, noisiest, quietest : hops judged good; the largest chance of a repeated value and the
+    frames, repeat, noisiest, quietest : frames judged good; the largest chance of a repeated value and the
         largest and least noise that they showed.
-    loud, loud_since, faint, faint_since : hops in a row with far more, or less, noise, and when they began.
+    loud, loud_since, faint, faint_since : frames in a row with far more, or less, noise, and when they began.
     absent_since, absent_s, absent_first : a gap that is open; seconds missing lately; when that began.
     held_until : until when repeats are taken for a loose contact's.
-    failed_since, good : since when it is not to be trusted, NaN if it is; good hops since.
+    failed_since, good : since when it is not to be trusted, NaN if it is; good frames since.
     biased : sum of steps that a pressure made.
-    excited : hops with a turning pump since the channel changed last.
+    excited : frames with a turning pump since the channel changed last.
     volume : (5,) m³ that the pump displaced since the position changed last: sum, least, most, what
         leakage allows; and whether the position stopped in mid-motion.
-    stood : (4,) the position's last stand that a hop did not hold: since and until when (s), what the pump
+    stood : (4,) the position's last stand that a frame did not hold: since and until when (s), what the pump
         displaced meanwhile (m³); and since when it stands now.
     last_value : what the channel showed before `run_value`.
     good_value, good_time, doubtful_since, previous, stamps : for the masks of rows.
@@ -67,7 +68,7 @@ class Memory(NamedTuple):
     run_since: Array
     run_rows: Array
     changed: Array
-    hops: Array
+    frames: Array
     repeat: Array
     noisiest: Array
     quietest: Array

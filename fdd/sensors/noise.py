@@ -18,7 +18,7 @@ LEAST_VALUES = 8
 def smallest(values: Array, rank: int) -> float:
     """The value of this rank (0: least) among (n,) without NaN, which are put in another order.
 
-    Hoare's selection: on what a hop has it takes half the time of NumPy's partition.
+    Hoare's selection: on what a frame has it takes half the time of NumPy's partition.
     """
     low, high = 0, values.size - 1
     while low < high:
@@ -61,7 +61,7 @@ def spread(values: Array) -> float:
     """Standard deviation of the rows' noise in (n,) without NaN; 0 of fewer than 8.
 
     From second differences, robust to jumps in up to a tenth of the rows. The larger of two quantiles, so
-    that it is not 0 where values are rounded and mostly stand still, and covers a hop of which only a part
+    that it is not 0 where values are rounded and mostly stand still, and covers a frame of which only a part
     is noisy.
     """
     if values.size < LEAST_VALUES:

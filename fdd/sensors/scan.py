@@ -1,4 +1,4 @@
-"""What a hop's rows show: one compiled pass over all channels, in which only what is odd is listed."""
+"""Statistics of a frame's rows: one compiled pass over all channels; gaps and long runs are listed."""
 
 from __future__ import annotations
 
@@ -17,11 +17,12 @@ from fdd.sensors.noise import spread
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
-HOP_S = 0.5
+FRAME_S = 0.5
 LONG_GAP_S = 0.25
-"""A gap in one channel is told from here on: eight times the longest burst that a healthy recorder loses."""
+"""s: gaps of one channel from this length on are reported: eight times the longest burst that a healthy
+recorder loses."""
 LOST_SHARE, LOST_WINDOW_S = 0.05, 10.0
-"""Shorter gaps are told when they make up this share of the last ten seconds."""
+"""Shorter gaps are reported when they make up this share of the last ten seconds."""
 SPARSE_SHARE = 0.8
 """A channel with fewer values than this is a slow one that stands between faster ones."""
 ONE, TWO, DIFFERENCE = (INDEX[n] for n in (*CHAMBERS, "pressure_difference"))
@@ -29,14 +30,14 @@ ONE, TWO, DIFFERENCE = (INDEX[n] for n in (*CHAMBERS, "pressure_difference"))
 
 @dataclass(frozen=True)
 class Scan:
-    """What the rows of a hop show, (12,) each but the lists.
+    """What the rows of a frame show, (12,) each but the lists.
 
     Attributes
     ----------
-    seen : values in the hop and the tail before it. measured : whether the hop has values to be judged.
-    least, most : of the hop. noise : of a row, with the tail, see `spread`.
+    seen : values in the frame and the tail before it. measured : whether the frame has values to be judged.
+    least, most : of the frame. noise : of a row, with the tail, see `spread`.
     repeated : share of values that are those of the row before. longest : rows of the longest run.
-    whole : whether the hop is one run.
+    whole : whether the frame is one run.
     bursts : whether short gaps make up too much of the last ten seconds.
     gaps : (g, 3) channel, since, until (s; NaN while it lasts), of those from `LONG_GAP_S` on.
     runs : (r, 5) channel, value, since, until, rows, of those that are too long.
@@ -58,11 +59,12 @@ class Scan:
     def of(
         cls, time: Array, values: Array, first: int, kind: int, end: float, limits: Limits, memory: Memory
     ) -> Scan:
-        """Rows ``first:`` of `values` (12, n), which are the hop's, held against limits and the hops before.
+        """Rows ``first:`` of `values` (12, n), which are the frame's, held against limits and the frames
+        before.
 
         Parameters
         ----------
-        kind : `STILL` or `MOVING`. end : s, of the hop. memory : its counts, gaps and runs go on.
+        kind : `STILL` or `MOVING`. end : s, of the frame. memory : its counts, gaps and runs go on.
         """
         figures, flags, gaps, runs = _scan(time, values, first, kind, end, limits, memory)
         shown: tuple[Any, ...] = (*figures, *flags, gaps, runs)
@@ -131,7 +133,7 @@ def _gaps(
     k: int, time: Array, values: Array, there: int, end: float, memory: Memory, gaps: Array, count: int
 ) -> tuple[int, bool]:
     """Enter long gaps of a channel that was there; whether short ones are too many."""
-    memory.absent_s[k] *= np.exp(-HOP_S / LOST_WINDOW_S)
+    memory.absent_s[k] *= np.exp(-FRAME_S / LOST_WINDOW_S)
     since = memory.absent_since[k]
     if there == time.size and np.isnan(since):
         return count, False
@@ -142,12 +144,12 @@ def _gaps(
             since = time[i]
         if np.isnan(since) or open_:
             continue
-        # The gap is over, or the hop is.
+        # The gap is over, or the frame is.
         until = time[i] if i < time.size else np.nan
         stop = end if i == time.size else until
         if memory.absent_s[k] < 1e-2:
             memory.absent_first[k] = since
-        memory.absent_s[k] += max(stop - max(since, end - HOP_S), 0.0)
+        memory.absent_s[k] += max(stop - max(since, end - FRAME_S), 0.0)
         if stop - since >= LONG_GAP_S and not sparse:
             gaps[count, 0], gaps[count, 1], gaps[count, 2] = k, since, until
             count += 1
@@ -171,7 +173,7 @@ def _runs(
         if i < values.size and values[i] == value:
             rows, repeats = rows + 1.0, repeats + (i > 0)
             continue
-        if i > 0:  # A run that ended with the hop before was judged there.
+        if i > 0:  # A run that ended with the frame before was judged there.
             longest = max(longest, rows)
             memory.changed[k] = 1.0 if i < values.size else memory.changed[k]
             length = (time[i] if i < values.size else end) - since
@@ -183,6 +185,6 @@ def _runs(
             if not np.isnan(value):
                 memory.changed[k] = 1.0
             memory.last_value[k] = value
-            value, since, rows = values[i] + 0.0, time[i], 1.0  # No negative zero is told.
+            value, since, rows = values[i] + 0.0, time[i], 1.0  # no negative zero in messages
     memory.run_value[k], memory.run_since[k], memory.run_rows[k] = value, since, rows
     return count, longest, repeats

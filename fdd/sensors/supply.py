@@ -1,13 +1,13 @@
-"""Lost supplies: channels that fall silent together have lost what they share."""
+"""Lost supplies: channels that fall silent at the same instant share a supply that failed."""
 
 from __future__ import annotations
 
 import numpy as np
 from numpy.typing import NDArray
 
-from fdd.sensors.ledger import SAME_INSTANT_S, Ledger
 from fdd.sensors.limits import INDEX, NAMES, NOT_MEASURED, Limits, figure
 from fdd.sensors.memory import Memory
+from fdd.sensors.sensor_findings import SAME_INSTANT_S, SensorFindings
 
 Mask = NDArray[np.bool_]
 
@@ -20,11 +20,11 @@ class SupplyWatch:
 
     Parameters
     ----------
-    limits : of the unit. memory, ledger : what is kept, and where findings go.
+    limits : of the unit. memory : what is kept. findings : where they go.
     """
 
-    def __init__(self, limits: Limits, memory: Memory, ledger: Ledger) -> None:
-        self.limits, self.memory, self.ledger = limits, memory, ledger
+    def __init__(self, limits: Limits, memory: Memory, findings: SensorFindings) -> None:
+        self.limits, self.memory, self.findings = limits, memory, findings
 
     def silent_from_start(self, end: float, failing: Mask) -> None:
         """Two or more channels that the profile gives noise, and none of them ever showed any.
@@ -38,17 +38,17 @@ class SupplyWatch:
         if alive.sum() < 2 or not (silent == alive).all():
             return
         for k in np.flatnonzero(silent).tolist():
-            told = (
+            message = (
                 f"{NAMES[k]} shows exactly {figure(NAMES[k], memory.run_value[k])} since the log's first row"
             )
             failing[k] = True
             if np.isnan(memory.failed_since[k]):
                 memory.failed_since[k] = memory.run_since[k]
                 since, value = float(memory.run_since[k]), float(memory.run_value[k])
-                self.ledger.report(NAMES[k], "dead", since, None, end, value, told, adds=False)
+                self.findings.report(NAMES[k], "dead", since, None, end, value, message, adds=False)
 
     def lost_together(self, end: float, failing: Mask) -> None:
-        """Channels that fell silent at the same instant have lost what they share."""
+        """Report a lost supply for channels that fell silent at the same instant."""
         memory = self.memory
         new = [k for k in np.flatnonzero(failing).tolist() if not self.memory.is_derived(k)]
         for k in new:
@@ -71,13 +71,13 @@ class SupplyWatch:
                 failing[j] = True
                 if np.isnan(memory.failed_since[j]):
                     memory.failed_since[j] = onset
-            told = (
+            message = (
                 f"{', '.join(names)} fall silent within {1e3 * SAME_INSTANT_S:.0f} ms: they lost their supply"
             )
-            self.ledger.merge(names, onset, end, told)
+            self.findings.merge(names, onset, end, message)
 
     def _known_supply(self, silent: list[int]) -> bool:
-        for f in self.ledger.findings():
+        for f in self.findings.by_onset():
             if (
                 f.kind == "supply_loss"
                 and f.until_s is None

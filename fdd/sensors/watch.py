@@ -12,26 +12,26 @@ from numpy.typing import NDArray
 from fdd.errors import InputError
 from fdd.samples import Samples
 from fdd.sensors.finding import FAILING, SensorFinding
-from fdd.sensors.judge import HopJudge
+from fdd.sensors.judge import FrameJudge
 from fdd.sensors.jumping import TAIL_S
-from fdd.sensors.ledger import Ledger
 from fdd.sensors.limits import CHAMBERS, INDEX, NAMES, Limits
 from fdd.sensors.masks import impossible_rows, row_bounds
 from fdd.sensors.memory import Memory
-from fdd.sensors.scan import HOP_S
+from fdd.sensors.scan import FRAME_S
+from fdd.sensors.sensor_findings import SensorFindings
 from fdd.unit import Unit
 
 Array = NDArray[np.float64]
 
-STATE_VERSION = "2"
+STATE_VERSION = "3"
 
 
 class SensorWatch:
     """Judge each channel before any hydraulics: which may be trusted, and since when not.
 
-    Verdicts fall at the ends of hops of half a second, counted from the first row, once a row after the hop
-    came; single rows that cannot be true are taken out as they come. So nothing depends on how the log was
-    cut into blocks, and nothing is held back: what was passed before a verdict stays passed.
+    Verdicts fall at the ends of frames of half a second, counted from the first row, once a row after the
+    frame came; single rows that cannot be true are taken out as they come. So nothing depends on how the log
+    was cut into blocks, and nothing is held back: what was passed before a verdict stays passed.
 
     Parameters
     ----------
@@ -55,17 +55,17 @@ class SensorWatch:
         self._bounds = row_bounds(self._limits)
         self._first = np.nan
         self._last = -np.inf
-        self._hop = 0
+        self._frame = 0
         self._tail: tuple[Array, Array] = np.empty(0), np.empty((len(NAMES), 0))
         self._parts: list[tuple[Array, Array, NDArray[np.bool_]]] = []
-        self._set(Memory.new(), Ledger())
+        self._set(Memory.new(), SensorFindings())
 
     def __repr__(self) -> str:
-        return f"SensorWatch(unit={self.unit.name!r}, findings={len(self._ledger.findings())})"
+        return f"SensorWatch(unit={self.unit.name!r}, findings={len(self._findings.by_onset())})"
 
-    def _set(self, memory: Memory, ledger: Ledger) -> None:
-        self._memory, self._ledger = memory, ledger
-        self._judge = HopJudge(self._limits, memory, ledger)
+    def _set(self, memory: Memory, findings: SensorFindings) -> None:
+        self._memory, self._findings = memory, findings
+        self._judge = FrameJudge(self._limits, memory, findings)
 
     def push(self, samples: Samples) -> Samples:
         """The same samples, with NaN where a value must not be trusted.
@@ -89,12 +89,12 @@ class SensorWatch:
         if np.isnan(self._first):
             self._first = float(time[0])
         values = np.concatenate([samples.get(name) for name in NAMES]).reshape(len(NAMES), n)
-        hops = np.floor((time - self._first) / HOP_S + 1e-9)
+        frames = np.floor((time - self._first) / FRAME_S + 1e-9)
         masked = np.empty(values.shape, dtype=np.bool_)
-        for a, b in pairwise([0, *(np.flatnonzero(hops[1:] != hops[:-1]) + 1).tolist(), n]):
-            if hops[a] != self._hop:
-                self._close_hop()
-                self._hop = int(hops[a])
+        for a, b in pairwise([0, *(np.flatnonzero(frames[1:] != frames[:-1]) + 1).tolist(), n]):
+            if frames[a] != self._frame:
+                self._close_frame()
+                self._frame = int(frames[a])
             part = time[a:b].copy(), values[:, a:b].copy()
             begin = float(self._parts[0][0][0] if self._parts else time[a])
             wild = impossible_rows(*part, begin, self._bounds, self._limits.dead, self._memory)
@@ -107,11 +107,11 @@ class SensorWatch:
 
     def findings(self) -> list[SensorFinding]:
         """Faults so far, in the order of their onsets."""
-        return [f for f in self._ledger.findings() if not f.sound]
+        return [f for f in self._findings.by_onset() if not f.sound]
 
     def notes(self) -> list[str]:
         """What sound sensors could not show."""
-        return [f.evidence for f in self._ledger.findings() if f.sound]
+        return [f.evidence for f in self._findings.by_onset() if f.sound]
 
     def states(self) -> list[dict[str, Any]]:
         """Of each channel that was seen: channel, state ("trusted" or the kind of failure), since (s).
@@ -121,15 +121,15 @@ class SensorWatch:
         """
         out = []
         for name in (n for n, seen in zip(NAMES, self._memory.present, strict=True) if seen > 0):
-            mine = [f for f in self._ledger.findings() if name in f.channels]
+            mine = [f for f in self._findings.by_onset() if name in f.channels]
             lasting = [f for f in mine if f.kind in FAILING and f.until_s is None]
             usable = [f for f in mine if f.kind not in FAILING]
-            told = (lasting or usable)[-1:]
+            latest = (lasting or usable)[-1:]
             out.append(
                 {
                     "channel": name,
-                    "state": told[0].kind if told else "trusted",
-                    "since": told[0].onset_s if told else None,
+                    "state": latest[0].kind if latest else "trusted",
+                    "since": latest[0].onset_s if latest else None,
                 }
             )
         return out
@@ -142,18 +142,18 @@ class SensorWatch:
             failed[INDEX["pressure_difference"]] = True
         return failed
 
-    def _close_hop(self) -> None:
-        """Judge the rows of the hop that is over, with the tail of the one before."""
+    def _close_frame(self) -> None:
+        """Judge the rows of the frame that is over, with the tail of the one before."""
         if not self._parts:
             return
-        end = self._first + (self._hop + 1) * HOP_S
-        # A tail from before a gap belongs to another hop: nothing can be said across it.
-        tail = slice(int(np.searchsorted(self._tail[0], end - HOP_S - TAIL_S)), None)
+        end = self._first + (self._frame + 1) * FRAME_S
+        # A tail from before a gap belongs to another frame: nothing can be said across it.
+        tail = slice(int(np.searchsorted(self._tail[0], end - FRAME_S - TAIL_S)), None)
         first = self._tail[0][tail].size
         time = np.concatenate([self._tail[0][tail], *(p[0] for p in self._parts)])
         values = np.concatenate([self._tail[1][:, tail], *(p[1] for p in self._parts)], axis=1)
         wild = np.concatenate([p[2] for p in self._parts], axis=1)
-        self._judge.hop(time, values, first, wild, end)
+        self._judge.judge(time, values, first, wild, end)
         tail = slice(int(np.searchsorted(time, end - TAIL_S)), None)
         self._tail = time[tail].copy(), values[:, tail].copy()
         self._parts = []
@@ -163,19 +163,19 @@ class SensorWatch:
         scalars = {
             "version": STATE_VERSION,
             "unit": self.unit.name,
-            "findings": [f.to_plain() for f in self._ledger.findings()],
+            "findings": [f.to_plain() for f in self._findings.by_onset()],
         }
         out = {f"sensors_{name}": kept.copy() for name, kept in self._memory._asdict().items()}
         nothing = np.empty((len(NAMES), 0))
         parts = self._parts or [(np.empty(0), nothing, nothing.astype(np.bool_))]
         return out | {
             "sensors": np.frombuffer(json.dumps(scalars).encode(), dtype=np.uint8),
-            "sensors_clock": np.array([self._first, self._last, self._hop]),
+            "sensors_clock": np.array([self._first, self._last, self._frame]),
             "sensors_tail_time": self._tail[0].copy(),
             "sensors_tail": self._tail[1].T.copy(),
-            "sensors_hop_time": np.concatenate([p[0] for p in parts]),
-            "sensors_hop": np.concatenate([p[1] for p in parts], axis=1).T.copy(),
-            "sensors_hop_wild": np.concatenate([p[2] for p in parts], axis=1).T.copy(),
+            "sensors_frame_time": np.concatenate([p[0] for p in parts]),
+            "sensors_frame": np.concatenate([p[1] for p in parts], axis=1).T.copy(),
+            "sensors_frame_wild": np.concatenate([p[2] for p in parts], axis=1).T.copy(),
         }
 
     def restore(self, state: dict[str, Array]) -> None:
@@ -189,10 +189,10 @@ class SensorWatch:
         if scalars["version"] != STATE_VERSION or scalars["unit"] != self.unit.name:
             raise InputError("saved state of another version or unit", mend="start anew")
         memory = Memory(**{name: state[f"sensors_{name}"].copy() for name in Memory._fields})
-        self._set(memory, Ledger(SensorFinding.from_plain(f) for f in scalars["findings"]))
+        self._set(memory, SensorFindings(SensorFinding.from_plain(f) for f in scalars["findings"]))
         self._first, self._last = (float(v) for v in state["sensors_clock"][:2])
-        self._hop = int(state["sensors_clock"][2])
+        self._frame = int(state["sensors_clock"][2])
         self._tail = state["sensors_tail_time"].copy(), state["sensors_tail"].T.copy()
-        time = state["sensors_hop_time"]
-        hop = (time.copy(), state["sensors_hop"].T.copy(), state["sensors_hop_wild"].T.astype(np.bool_))
-        self._parts = [hop] if time.size else []
+        time = state["sensors_frame_time"]
+        frame = (time.copy(), state["sensors_frame"].T.copy(), state["sensors_frame_wild"].T.astype(np.bool_))
+        self._parts = [frame] if time.size else []

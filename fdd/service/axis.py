@@ -20,7 +20,7 @@ from fdd.diagnosis.pipeline import Pipeline
 from fdd.errors import InputError
 from fdd.identification.log_scales import STREAM_S, StreamScales
 from fdd.logs.quality import check_magnitudes
-from fdd.residuals.rows import HOP_S
+from fdd.residuals.bins import FRAME_S
 from fdd.samples import Samples
 from fdd.service.blocks import Block
 from fdd.service.learning import Learning
@@ -36,7 +36,7 @@ LOG = logging.getLogger("fdd.service")
 VERSION = "2"
 """Of a checkpoint's form."""
 MOST_TOGETHER = 64
-"""Blocks of a hop that are worked together, however short."""
+"""Blocks of a frame that are worked together, however short."""
 CHECKED_S = 5.0
 """s of data by which the units of measure are checked: once, and again after they were wrong."""
 SCALES_TURNS = 64
@@ -94,7 +94,7 @@ class AxisWatch:
         self._wrong_scales = False
         self._rests_until = self._start_wall = -np.inf
         self._waiting: list[Block] = []
-        self._hop: float | None = None
+        self._frame: float | None = None
         self._learnt: str | None = None
         self.profile_sha256 = hashlib.sha256(unit.model_dump_json().encode()).hexdigest()
         self._take_over(unit)
@@ -116,11 +116,11 @@ class AxisWatch:
         if not self._waiting:
             return []
         self.last_wall = self._waiting[-1].received
-        # A hop is over with the first row of the next one: a look need not wait for more. Another hop, not a
-        # later one: the sender's clock may have been set.
+        # A frame is over with the first row of the next one: a look need not wait for more. Another frame,
+        # not a later one: the sender's clock may have been set.
         stamp = self._waiting[-1].samples.time[-1] + np.nan_to_num(self.order.clock.offset)
-        hop, self._hop = self._hop, stamp // HOP_S
-        if hop == self._hop and len(self._waiting) < MOST_TOGETHER:
+        frame, self._frame = self._frame, stamp // FRAME_S
+        if frame == self._frame and len(self._waiting) < MOST_TOGETHER:
             return []
         return self._taken(self._in_order(), self.last_wall)
 

@@ -17,8 +17,8 @@ from fdd.diagnosis.pipeline import Pipeline
 from fdd.plant.scenario import Scenario
 from fdd.plant.sensors.recording import Recording
 from fdd.plant.simulate import simulate
-from fdd.residuals.ledger import Ledger
-from fdd.residuals.rows import RowMaker
+from fdd.residuals.balance_history import BalanceHistory
+from fdd.residuals.bins import BinMaker
 from fdd.residuals.tracked import Tracked
 from fdd.samples import Samples
 from fdd.sensors import SensorWatch
@@ -55,8 +55,8 @@ ITEMS: tuple[tuple[str, Any, str], ...] = (
     ("pipeline", Pipeline, "push"),
     ("— sensors", SensorWatch, "push"),
     ("— trackers", Tracked, "push"),
-    ("— balances", RowMaker, "push"),
-    ("— ledger", Ledger, "push"),
+    ("— balances", BinMaker, "push"),
+    ("— balance history", BalanceHistory, "push"),
     ("— looks", Pipeline, "_scan"),
     ("what the page shows", Recent, "add"),
     ("storing", Writer, "write"),

@@ -202,7 +202,7 @@ class Trouble:
         """What is there after a kill and another start."""
         wrong = list(so_far.wrong)
         process.start()
-        # What the journal has of an unfinished hop is counted once the axis is silent.
+        # What the journal has of an unfinished frame is counted once the axis is silent.
         until(lambda: process.samples() >= so_far.accepted, 20.0)
         found = process.samples()
         status = process.end()

@@ -8,7 +8,7 @@ from fdd.campaign.spreads import UnitLogs, learnt_spread, log_equations, own_col
 from fdd.diagnosis.baseline import scattered
 from fdd.residuals.balances import BALANCES
 from fdd.residuals.effects import LogConditions, first_effects, usual_conditions
-from fdd.residuals.normal_equations import widened
+from fdd.residuals.normal_equations import marginalised
 
 NAME = "torque"
 LOGS = 9
@@ -69,7 +69,7 @@ def test_what_belongs_to_the_load_is_marginalised() -> None:
     information, vector, told = log_equations("force", sums, conditions, first)
     assert told == conditions
     # The same by the dense joint covariance of all coefficients: a flat prior on the unit's own ones.
-    wide, kept = widened(m, v, first.wander)
+    wide, kept = marginalised(m, v, first.wander)
     over = scattered(wide, kept, first)[1]
     total, right = wide.sum(axis=0) / over, kept.sum(axis=0) / over
     prior = np.where(own, 0.0, 1.0 / (np.square(first.units) + first.between_logs(conditions)))

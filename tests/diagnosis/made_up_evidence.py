@@ -1,4 +1,4 @@
-"""Hops drawn from the model that evidence assumes: Gaussian, with known coefficients, wander and faults."""
+"""Frames drawn from the model that evidence assumes: Gaussian, with known coefficients, wander and faults."""
 
 from __future__ import annotations
 
@@ -8,14 +8,14 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from fdd.diagnosis.evidence import Amplitude, Evidence, course_of
+from fdd.diagnosis.evidence import Amplitude, Evidence, time_profile_of
 from fdd.diagnosis.hypotheses import Hypothesis
+from fdd.residuals.balance_history import marginalised
 from fdd.residuals.effects import Effects
-from fdd.residuals.ledger import widened
 
 Array = NDArray[np.float64]
 NAME = "volume"
-HOPS = 80
+FRAMES = 80
 EFFECTS = Effects(
     mean=np.array([1.0, 0.0, 0.5]),
     covariance=np.diag([0.3, 0.2, 0.4]) ** 2,
@@ -45,23 +45,23 @@ def drawn(
     faults: Sequence[tuple[Hypothesis, float, int]] = (),
     *,
     colour: float = 0.0,
-    hops: int = HOPS,
+    frames: int = FRAMES,
     steady: bool = False,
 ) -> Evidence:
     """Evidence of one made-up log.
 
     Parameters
     ----------
-    faults : hypothesis, amplitude and first hop of steps. colour : share of a hop's error that the whole
+    faults : hypothesis, amplitude and first frame of steps. colour : share of a frame's error that the whole
         two-second block has in common. steady : coefficients do not wander, and rows have hardly any noise.
     """
     rng = np.random.default_rng(seed)
     n = EFFECTS.mean.size
     effects = replace(EFFECTS, wander=1e-4 * EFFECTS.wander) if steady else EFFECTS
     start = EFFECTS.mean + np.sqrt(np.diag(EFFECTS.covariance)) * rng.normal(size=n)
-    information, vector = np.empty((hops, n, n)), np.empty((hops, n))
-    common = np.repeat(rng.normal(size=(hops // 4 + 1, n)), 4, axis=0)[:hops]
-    for h in range(hops):
+    information, vector = np.empty((frames, n, n)), np.empty((frames, n))
+    common = np.repeat(rng.normal(size=(frames // 4 + 1, n)), 4, axis=0)[:frames]
+    for h in range(frames):
         b = start + effects.wander * rng.normal(size=n)
         for fault, amplitude, onset in faults:
             if h >= onset:
@@ -72,7 +72,7 @@ def drawn(
             np.sqrt(1.0 - colour) * rng.normal(size=n) + np.sqrt(4.0 * colour) * common[h]
         )
         vector[h] = information[h] @ b + own
-    return Evidence({NAME: widened(information, vector, effects.wander)}, {NAME: effects})
+    return Evidence({NAME: marginalised(information, vector, effects.wander)}, {NAME: effects})
 
 
 def best(evidence: Evidence, h: Hypothesis) -> Amplitude | None:
@@ -81,5 +81,5 @@ def best(evidence: Evidence, h: Hypothesis) -> Amplitude | None:
     return found[0] if found else None
 
 
-def step(onset: int, hops: int = HOPS) -> Array:
-    return course_of("step", hops, onset)
+def step(onset: int, frames: int = FRAMES) -> Array:
+    return time_profile_of("step", frames, onset)

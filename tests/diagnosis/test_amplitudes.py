@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 from simulated_logs import DURATION_S, LOADS
 
-from fdd.diagnosis.baseline import effects_of, ledger_of
+from fdd.diagnosis.baseline import effects_of, history_of
 from fdd.diagnosis.evidence import Evidence
 from fdd.diagnosis.hypotheses import hypotheses
 from fdd.plant.scenario import Scenario
 from fdd.plant.simulate import simulate
-from fdd.residuals.rows import HOP_S
+from fdd.residuals.bins import FRAME_S
 from fdd.unit import Unit
 
 SEVERITY = 0.6
@@ -44,8 +44,8 @@ def test_an_amplitude_is_the_plants_severity(unit: Unit, label: str) -> None:
     for severity in (0.0, SEVERITY):
         given = [{"fault": fault, "severity": severity, "onset": BEGINS_S, **which}] if severity else []
         scenario = Scenario(duration=DURATION_S, load=LOADS[load], seed=77, faults=given)
-        ledger = ledger_of(simulate(Unit.load("axis_a"), scenario).samples, unit, effects)
-        evidence = Evidence(ledger.widened(), effects)
-        (found,) = evidence.fitted([(h, "step", round(BEGINS_S / HOP_S), np.zeros(1))], [])
+        history = history_of(simulate(Unit.load("axis_a"), scenario).samples, unit, effects)
+        evidence = Evidence(history.marginalised(), effects)
+        (found,) = evidence.fitted([(h, "step", round(BEGINS_S / FRAME_S), np.zeros(1))], [])
         sizes.append(found.size)
     assert sizes == pytest.approx([0.0, SEVERITY], abs=0.12)

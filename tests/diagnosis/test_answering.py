@@ -14,8 +14,8 @@ from fdd.diagnosis.decision import Found, decide
 from fdd.diagnosis.findings import FaultFinding, Invisible
 from fdd.diagnosis.model import Calibration, Model
 
-HOPS = 80
-SPAN = Span([100.0 + 0.5 * k for k in range(HOPS)], 140.0)
+FRAMES = 80
+SPAN = Span([100.0 + 0.5 * k for k in range(FRAMES)], 140.0)
 INNER = hypothesis("internal_leakage", [1.0, 0.0, 0.0])
 WORN = hypothesis("pump_wear", [1.0, 0.0, 0.0])
 AIR = hypothesis("aeration", [0.0, 1.0, 0.2])
@@ -35,7 +35,7 @@ def sure(tiny_model: Model) -> Model:
 
 
 def test_four_of_five_intervals_hold_the_truth(sure: Model) -> None:
-    """Of severity, and of an onset that is not known to a hop: a small step's."""
+    """Of severity, and of an onset that is not known to a frame: a small step's."""
     held = []
     for seed in range(120):
         found, _ = decide(drawn(seed, [(INNER, 0.25, 40)]), EVERY, 4.0)
@@ -48,10 +48,10 @@ def test_four_of_five_intervals_hold_the_truth(sure: Model) -> None:
     inside = np.mean(held, axis=0)
     assert len(held) > 60
     assert 0.7 <= inside[0] <= 0.9, "80 % of severity's"
-    assert inside[1] >= 0.8, "hops are whole: an onset's is no narrower than 80 %"
+    assert inside[1] >= 0.8, "frames are whole: an onset's is no narrower than 80 %"
 
 
-def test_an_onset_that_is_clear_is_known_to_a_hop(sure: Model) -> None:
+def test_an_onset_that_is_clear_is_known_to_a_frame(sure: Model) -> None:
     (found,), _ = decide(drawn(1, [(INNER, 1.5, 40)]), EVERY, 4.0)
     answer = said(found, sure)
     assert answer.onset_s == 120.0 and answer.onset_interval == (120.0, 120.5)
@@ -64,7 +64,9 @@ def test_what_no_column_knows_widens_a_severitys_interval(sure: Model, tiny_mode
     wide, narrow = (said(found, m).severity_interval for m in (tiny_model, sure))
     assert wide is not None and narrow is not None
     halves = [0.5 * (x[1] - x[0]) / 1.2816 for x in (wide, narrow)]
-    assert halves[0] == pytest.approx(math.hypot(halves[1], 0.15 * abs(found.lead.level)), rel=0.02)
+    assert halves[0] == pytest.approx(
+        math.hypot(halves[1], 0.15 * abs(found.lead.active_amplitude)), rel=0.02
+    )
     doubtful = tiny_model.model_copy(
         update={"calibration": Calibration(midpoint=3.0, slope=1.0, severity_doubt=3.0)}
     )
@@ -101,7 +103,7 @@ def test_those_that_look_alike_share_the_confidence(tiny_model: Model) -> None:
 def test_what_comes_and_goes_is_said_to(tiny_model: Model) -> None:
     edges = [(INNER, 0.8 if k % 2 == 0 else -0.8, at) for k, at in enumerate(range(16, 80, 8))]
     (found, *_), _ = decide(drawn(2, edges), [INNER], 4.0)
-    share = abs(found.lead.size / found.lead.level)
+    share = abs(found.lead.size / found.lead.active_amplitude)
     assert share == pytest.approx(0.5, abs=0.1)
     assert f"on average {100 * share:.0f} %" in said(found, tiny_model).evidence[1]
 
@@ -150,11 +152,11 @@ def test_hidden_are_those_of_the_usual_severities_that_are_too_small() -> None:
 def test_from_the_least_severity_that_a_log_shows_on_faults_are_found(threshold: float) -> None:
     """Had it begun a third into the log, give or take half of it."""
     (said_, *_) = invisible(drawn(1), [INNER], threshold)
-    (least,) = drawn(1).least_visible([INNER], HOPS // 3, threshold)
+    (least,) = drawn(1).least_visible([INNER], FRAMES // 3, threshold)
     assert said_.fault == "internal_leakage" and said_.severity == np.ceil(100.0 * least) / 100.0
 
     def found(severity: float) -> float:
-        logs = [drawn(seed, [(INNER, severity, HOPS // 3)]) for seed in range(100, 300)]
+        logs = [drawn(seed, [(INNER, severity, FRAMES // 3)]) for seed in range(100, 300)]
         return float(np.mean([bool(decide(x, [INNER], threshold)[0]) for x in logs]))
 
     # Said of nine in ten; of 200 logs that is within 0.85 to 0.95 in 98 % of draws, and a little more are
@@ -184,13 +186,13 @@ def test_a_fault_shows_for_sure_where_the_hardest_of_its_ways_does() -> None:
     (half,) = invisible(drawn(1), [plain, never], 6.0)
     assert half.severity is None and half.side == 1
     assert half.hidden == pytest.approx(0.5 + 0.5 * one.hidden, abs=2e-3)
-    rare = replace(never, commonness=0.25)
+    rare = replace(never, prior_weight=0.25)
     assert invisible(drawn(1), [plain, rare], 6.0)[0].hidden == pytest.approx(
         0.2 + 0.8 * one.hidden, abs=2e-3
     )
 
 
-def test_a_hop_after_one_that_is_not_kept_is_known_as_such() -> None:
+def test_a_frame_after_one_that_is_not_kept_is_known_as_such() -> None:
     span = Span([0.0, 0.5, 5.0, 5.5], 6.0)
     assert [span.lost(k) for k in range(4)] == [True, False, True, False]
     assert [span.until(k) for k in range(4)] == [0.5, 1.0, 5.5, 6.0]

@@ -12,29 +12,29 @@ from fdd.diagnosis.baseline import (
     _balance,
     baseline_of,
     effects_of,
-    ledgers_of,
+    histories_of,
     scattered,
     structural_variance,
 )
 from fdd.errors import InputError
+from fdd.residuals.balance_history import BalanceHistory
 from fdd.residuals.balances import BALANCES
 from fdd.residuals.effects import first_effects, usual_conditions
-from fdd.residuals.ledger import Ledger
 from fdd.unit import Unit
 
-NOISE, ROWS, HOPS = 0.3, 50, 200
+NOISE, ROWS, FRAMES = 0.3, 50, 200
 
 
 def sums(seed: int, common: float) -> tuple[NDArray[np.float64], ...]:
-    """Hops as a ledger gives them: white noise, and an error that a hop's rows have in common.
+    """Frames as a history gives them: white noise, and an error that a frame's rows have in common.
 
     Parameters
     ----------
     common : std of each column's part of that error, over the rows' noise: of orthonormal columns.
     """
     rng = np.random.default_rng(seed)
-    information, vector, variance = np.empty((HOPS, 3, 3)), np.empty((HOPS, 3)), np.empty(HOPS)
-    for h in range(HOPS):
+    information, vector, variance = np.empty((FRAMES, 3, 3)), np.empty((FRAMES, 3)), np.empty(FRAMES)
+    for h in range(FRAMES):
         x, _ = np.linalg.qr(rng.normal(size=(ROWS, 3)))
         x *= rng.uniform(1.0, 20.0)
         own = x / np.linalg.norm(x, axis=0) @ (NOISE * common * rng.normal(size=3))
@@ -42,12 +42,12 @@ def sums(seed: int, common: float) -> tuple[NDArray[np.float64], ...]:
         rest = y - x @ np.linalg.lstsq(x, y, rcond=None)[0]
         variance[h] = rest @ rest / (ROWS - 3)
         information[h], vector[h] = x.T @ x / variance[h], x.T @ y / variance[h]
-    return information, vector, np.full(HOPS, float(ROWS)), variance
+    return information, vector, np.full(FRAMES, float(ROWS)), variance
 
 
 @pytest.mark.parametrize("common", [0.0, 3.0, 10.0])
-def test_a_row_errs_by_what_its_hop_has_in_common(common: float) -> None:
-    """A hop's own fit follows what its rows have in common, so its residual knows nothing of it."""
+def test_a_row_errs_by_what_its_frame_has_in_common(common: float) -> None:
+    """A frame's own fit follows what its rows have in common, so its residual knows nothing of it."""
     logs = [sums(seed, common) for seed in range(3)]
     plain = float(np.mean(logs[0][3]))
     assert plain == pytest.approx(NOISE**2, rel=0.1)
@@ -58,8 +58,8 @@ def test_a_row_errs_by_what_its_hop_has_in_common(common: float) -> None:
 
 @pytest.mark.parametrize("common", [0.0, 3.0, 10.0])
 def test_a_log_tells_less_by_what_its_stretches_have_in_common(common: float) -> None:
-    """Errors that a hop's rows share have `common` times the rows' own std in each coefficient, so claims of
-    independent rows are 1 + common² too sure. A log's figure has a std of 12 %, the mean of eight 4 %."""
+    """Errors that a frame's rows share have `common` times the rows' own std in each coefficient, so claims
+    of independent rows are 1 + common² too sure. A log's figure has a std of 12 %, the mean of eight 4 %."""
     found = []
     for seed in range(8):
         information, vector, _, variance = sums(seed, common)
@@ -71,13 +71,13 @@ def test_a_log_tells_less_by_what_its_stretches_have_in_common(common: float) ->
 
 
 @pytest.fixture(scope="module")
-def ledgers() -> list[Ledger]:
-    return ledgers_of(Unit.load("axis_a"), [simulated(seed, load) for seed, load in HEALTHY])
+def histories() -> list[BalanceHistory]:
+    return histories_of(Unit.load("axis_a"), [simulated(seed, load) for seed, load in HEALTHY])
 
 
-def test_logs_that_are_added_count_as_if_they_had_been_there(ledgers: list[Ledger]) -> None:
-    whole, first = baseline_of(ledgers), baseline_of(ledgers[:1])
-    added = baseline_of(ledgers[1:], first)
+def test_logs_that_are_added_count_as_if_they_had_been_there(histories: list[BalanceHistory]) -> None:
+    whole, first = baseline_of(histories), baseline_of(histories[:1])
+    added = baseline_of(histories[1:], first)
     assert added.seconds == pytest.approx(whole.seconds) == pytest.approx(3.0 * 32.0, abs=1.5)
     assert added.balances.keys() == whole.balances.keys()
     for name, one in added.balances.items():
@@ -94,24 +94,24 @@ def test_logs_that_are_added_count_as_if_they_had_been_there(ledgers: list[Ledge
         assert (std < 0.8 * std_alone).any() or not told.any(), name
 
 
-def test_hops_that_told_nothing_are_no_part_of_a_baseline(ledgers: list[Ledger]) -> None:
-    """A seal that sticks says nothing of its friction: not each hop of a log slides."""
-    found = baseline_of(ledgers)
+def test_frames_that_told_nothing_are_no_part_of_a_baseline(histories: list[BalanceHistory]) -> None:
+    """A seal that sticks says nothing of its friction: not each frame of a log slides."""
+    found = baseline_of(histories)
     for name, known in found.balances.items():
-        told = np.concatenate([ledger.sums()[name][2] for ledger in ledgers]) > 0.0
+        told = np.concatenate([history.sums()[name][2] for history in histories]) > 0.0
         assert known.hops == told.sum(), name
         assert len(known.hop_noise) == 21 and known.columns == list(BALANCES[name].columns)
-        noises = np.concatenate([np.sqrt(ledger.sums()[name][3]) for ledger in ledgers])[told]
+        noises = np.concatenate([np.sqrt(history.sums()[name][3]) for history in histories])[told]
         quantiles = np.quantile(noises, [0.0, 0.5, 1.0])
         np.testing.assert_allclose(np.array(known.hop_noise)[[0, 10, 20]], quantiles, rtol=0.02)
     assert found.balances["force"].hops < found.balances["volume"].hops
 
 
 def test_a_log_is_held_against_its_units_baseline_and_what_differs_between_logs(
-    ledgers: list[Ledger],
+    histories: list[BalanceHistory],
 ) -> None:
     unit = Unit.load("axis_a")
-    unit.baseline = baseline_of(ledgers)
+    unit.baseline = baseline_of(histories)
     one = unit.baseline.balances["force"]
     one.columns = one.columns[::-1]  # of other columns: those of another version
     for name, e in effects_of(unit).items():
@@ -126,10 +126,10 @@ def test_a_log_is_held_against_its_units_baseline_and_what_differs_between_logs(
             assert e.noise == known.noise and e.information.any() and e.scatter.any()
 
 
-def test_ten_hops_are_the_least_that_make_a_baseline() -> None:
+def test_ten_frames_are_the_least_that_make_a_baseline() -> None:
     unit, log = Unit.load("axis_a"), simulated(*HEALTHY[0])
-    short, long = (ledgers_of(unit, [log.rows(0, n)]) for n in (4_400, 4_900))
-    assert len(short[0].hops) == 9 and len(long[0].hops) == 10
+    short, long = (histories_of(unit, [log.rows(0, n)]) for n in (4_400, 4_900))
+    assert len(short[0].frames) == 9 and len(long[0].frames) == 10
     with pytest.raises(InputError, match="too short"):
         baseline_of(short)
     assert baseline_of(long).seconds == 5.0
@@ -140,7 +140,7 @@ FIRST, USUAL = first_effects("coherence"), usual_conditions(0.001)
 
 
 def test_noises_of_logs_that_are_added_later_are_those_of_all_logs_at_once() -> None:
-    """A baseline keeps 21 quantiles of its hops, each of which stands for as many as it was taken of."""
+    """A baseline keeps 21 quantiles of its frames, each of which stands for as many as it was taken of."""
     rng, n = np.random.default_rng(17), len(BALANCES["coherence"].columns)
 
     def sums(levels: np.ndarray) -> tuple[np.ndarray, ...]:

@@ -6,28 +6,30 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from made_up_evidence import DRIFT, EFFECTS, HOPS, LEAK, drawn
+from made_up_evidence import DRIFT, EFFECTS, FRAMES, LEAK, drawn
 
 from fdd.diagnosis.departures import VAGUE, WITHIN_FRAMES, Departures, departures
-from fdd.diagnosis.evidence import Evidence, course_of
+from fdd.diagnosis.evidence import Evidence, time_profile_of
 from fdd.diagnosis.fitting import Parts
 from fdd.diagnosis.hypotheses import Hypothesis
-from fdd.residuals.rows import HOP_S
+from fdd.residuals.bins import FRAME_S
 
 
-def weighed(evidence: Evidence, faults: list[tuple[Hypothesis, int]], *, kappa: float = 1.0) -> Departures:
+def weighed(
+    evidence: Evidence, faults: list[tuple[Hypothesis, int]], *, overdispersion: float = 1.0
+) -> Departures:
     """The first of some faults beside the others."""
     columns = {"volume": np.array([[h.columns["volume"] for h, _ in faults]])}
-    courses = np.array([[course_of("step", HOPS, onset) for _, onset in faults]])
-    parts = Parts(columns, courses, np.full((1, len(faults)), VAGUE), np.zeros(1, np.bool_))
-    return departures(evidence.balances, parts, np.full(1, kappa), from_start=faults[0][1] == 0)
+    time_profiles = np.array([[time_profile_of("step", FRAMES, onset) for _, onset in faults]])
+    parts = Parts(columns, time_profiles, np.full((1, len(faults)), VAGUE), np.zeros(1, np.bool_))
+    return departures(evidence.balances, parts, np.full(1, overdispersion), from_start=faults[0][1] == 0)
 
 
 def test_from_the_start_a_log_is_weighed_with_the_units_own_spread() -> None:
     """Test: one log. Expected: generalised least squares of its coefficients about the unit's."""
     evidence = drawn(3)
     e = evidence.balances["volume"]
-    found = weighed(evidence, [(LEAK, 0)], kappa=2.0)
+    found = weighed(evidence, [(LEAK, 0)], overdispersion=2.0)
     g = LEAK.columns["volume"]
     estimate = np.linalg.solve(e.total, (e.rest + e.information @ e.solution).sum(axis=0))
     inverse = np.linalg.inv(EFFECTS.covariance + 2.0 * np.linalg.inv(e.total))
@@ -64,7 +66,7 @@ def test_healthy_minutes_change_a_coefficient() -> None:
     """However much a log tells: the variance of an amplitude is that of `Effects.within` at least."""
     evidence = drawn(6, steady=True)
     found = weighed(evidence, [(LEAK, 40)])
-    drift = EFFECTS.within[0] ** 2 * HOPS / WITHIN_FRAMES
+    drift = EFFECTS.within[0] ** 2 * FRAMES / WITHIN_FRAMES
     assert 1.0 / found.information[0] == pytest.approx(drift, rel=0.2)
 
 
@@ -74,7 +76,7 @@ def test_a_noise_that_scatters_more_is_that_of_fewer_rows(onset: int) -> None:
     e = drawn(8, [(LEAK, 0.5, onset)]).balances["volume"]
     v = e.rest + e.information @ e.solution
     whole, quarter = (
-        weighed(Evidence({"volume": (m, x)}, {"volume": EFFECTS}), [(LEAK, onset)], kappa=k)
+        weighed(Evidence({"volume": (m, x)}, {"volume": EFFECTS}), [(LEAK, onset)], overdispersion=k)
         for m, x, k in ((e.information, v, 4.0), (e.information / 4.0, v / 4.0, 1.0))
     )
     assert whole.size[0] == pytest.approx(quarter.size[0], rel=1e-9)
@@ -88,5 +90,5 @@ def test_oil_that_warms_unmeasured_changes_coefficients() -> None:
     v = e.rest + e.information @ e.solution
     evidence = Evidence({"volume": (e.information, v)}, {"volume": warms})
     leak, other = (1.0 / weighed(evidence, [(h, 40)]).information[0] for h in (LEAK, DRIFT))
-    assert leak == pytest.approx((0.01 * 0.5 * HOPS * HOP_S) ** 2, rel=0.05)
+    assert leak == pytest.approx((0.01 * 0.5 * FRAMES * FRAME_S) ** 2, rel=0.05)
     assert other < 0.01 * leak

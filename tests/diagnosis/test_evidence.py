@@ -1,4 +1,4 @@
-"""Evidence on hops drawn from the assumed model: coverage, onsets, false alarms, groups, pairs."""
+"""Evidence on frames drawn from the assumed model: coverage, onsets, false alarms, groups, pairs."""
 
 from __future__ import annotations
 
@@ -10,10 +10,10 @@ from made_up_evidence import DRIFT, EFFECTS, LEAK, THIRD, best, drawn, hypothesi
 
 from fdd.diagnosis.decision import USUAL_SIZE, decide
 from fdd.diagnosis.departures import WITHIN_FRAMES
-from fdd.diagnosis.evidence import KINDS, Amplitude, Evidence, Sums, course_of
+from fdd.diagnosis.evidence import KINDS, Amplitude, Evidence, SuffixSums, time_profile_of
 from fdd.diagnosis.fitting import Joint
-from fdd.diagnosis.lookout import HEALED
-from fdd.residuals.ledger import widened
+from fdd.diagnosis.sequential_detector import RECOVERED_SHARE
+from fdd.residuals.balance_history import marginalised
 
 Z80 = 1.2816
 ALL = [LEAK, DRIFT, THIRD]
@@ -75,7 +75,7 @@ def test_a_change_that_nothing_came_before_is_no_surer_than_one_from_the_start()
         v = (whole.rest + whole.information @ whole.solution) * share[:, None]
         late = Evidence({"volume": (m, v)}, {"volume": EFFECTS})
         start, change = (late.fitted([(LEAK, "step", k, np.zeros(1))], [])[0] for k in (0, 40))
-        assert change.score < (1.0 + start.kappa) * start.score + 1.2
+        assert change.score < (1.0 + start.overdispersion) * start.score + 1.2
 
 
 def test_what_a_healthy_unit_drifts_by_is_no_fault_however_much_a_log_tells() -> None:
@@ -94,7 +94,7 @@ def test_a_fault_that_a_log_tells_nothing_of_is_not_found_in_it() -> None:
     whole = drawn(1, [(LEAK, 1.0, 0)]).balances["volume"]
     m, v = whole.information.copy(), whole.rest + whole.information @ whole.solution
     m[:, 0, :] = m[:, :, 0] = v[:, 0] = 0.0
-    blind = Evidence({"volume": widened(m, v, EFFECTS.wander)}, {"volume": EFFECTS})
+    blind = Evidence({"volume": marginalised(m, v, EFFECTS.wander)}, {"volume": EFFECTS})
     for k in (0, 40):
         assert blind.fitted([(LEAK, "step", k, np.zeros(1))], [])[0].score < 1.0
     assert decide(blind, [LEAK], 4.0)[0] == []
@@ -135,14 +135,14 @@ def test_a_fault_that_comes_and_goes_is_as_severe_as_while_it_acts() -> None:
     fits = [best(drawn(seed, edges), LEAK) for seed in range(20)]
     found = [f for f in fits if f is not None]
     assert np.mean([f.size for f in found]) == pytest.approx(0.4, abs=0.1)
-    assert np.mean([f.level for f in found]) == pytest.approx(0.8, abs=0.1)
+    assert np.mean([f.active_amplitude for f in found]) == pytest.approx(0.8, abs=0.1)
     steady = [fit(seed, 0.8) for seed in range(20)]
-    assert np.mean([f.level for f in steady]) == pytest.approx(0.8, abs=0.05)
+    assert np.mean([f.active_amplitude for f in steady]) == pytest.approx(0.8, abs=0.05)
 
 
 def test_errors_that_hang_together_raise_the_sandwich_factor() -> None:
     plain, coloured, heavy = (
-        np.mean([fit(seed, 0.5, colour=c).kappa for seed in range(20)]) for c in (0.0, 0.3, 0.6)
+        np.mean([fit(seed, 0.5, colour=c).overdispersion for seed in range(20)]) for c in (0.0, 0.3, 0.6)
     )
     assert plain < 1.5
     assert coloured > 2.0 * plain
@@ -153,7 +153,12 @@ def test_errors_that_hang_together_raise_the_sandwich_factor() -> None:
 def test_the_sandwich_keeps_coverage_where_errors_hang_together() -> None:
     fits = [fit(seed, 0.5, colour=0.5) for seed in range(100)]
     inside = np.mean([abs(f.size - 0.5) < Z80 * np.sqrt(f.variance) for f in fits])
-    naive = np.mean([abs(f.size - 0.5) < Z80 * np.sqrt(f.variance / max(f.kappa, f.misfit)) for f in fits])
+    naive = np.mean(
+        [
+            abs(f.size - 0.5) < Z80 * np.sqrt(f.variance / max(f.overdispersion, f.reduced_chi_square))
+            for f in fits
+        ]
+    )
     assert inside >= 0.7
     assert inside > naive + 0.1
 
@@ -174,7 +179,7 @@ def test_equal_columns_are_one_group() -> None:
 def test_of_two_that_look_alike_the_commoner_leads() -> None:
     rare = hypothesis("rare", [1.0, 0.0, 0.0])
     common = hypothesis("common", [1.0, 0.0, 0.0])
-    object.__setattr__(common, "commonness", 5.0)
+    object.__setattr__(common, "prior_weight", 5.0)
     (found,), _ = decide(drawn(5, [(LEAK, 0.6, 40)]), [rare, common], 6.0)
     assert found.group == ["common", "rare"]
     assert found.shares["common"] / found.shares["rare"] == pytest.approx(5.0, rel=0.05)
@@ -204,12 +209,12 @@ def test_a_signed_fault_is_never_negative() -> None:
 
 
 def test_step_course_is_the_unit_step() -> None:
-    course = step(40)
-    assert course[:40].sum() == 0.0 and (course[40:] == 1.0).all()
+    time_profile = step(40)
+    assert time_profile[:40].sum() == 0.0 and (time_profile[40:] == 1.0).all()
 
 
 def test_nothing_seen_nothing_found() -> None:
-    evidence = drawn(1, hops=5)
+    evidence = drawn(1, frames=5)
     assert decide(evidence, ALL, 6.0) == ([], 0.0)
 
 
@@ -232,9 +237,9 @@ def test_a_fault_that_heals_is_over_and_no_other_fault_its_opposite(seed: int) -
 @pytest.mark.parametrize("kind", KINDS)
 def test_sums_of_sums_are_plain_sums_over_a_course(kind: str) -> None:
     x, onsets = np.random.default_rng(1).normal(size=(90, 4)), np.array([0, 6, 40, 66, 83, 89])
-    courses = np.array([course_of(kind, 90, int(onset)) for onset in onsets])
-    np.testing.assert_allclose(Sums(x).over(kind, onsets), courses @ x, atol=1e-10)
-    np.testing.assert_allclose(Sums(x).squared(kind, onsets), courses**2 @ x, atol=1e-9)
+    time_profiles = np.array([time_profile_of(kind, 90, int(onset)) for onset in onsets])
+    np.testing.assert_allclose(SuffixSums(x).over(kind, onsets), time_profiles @ x, atol=1e-10)
+    np.testing.assert_allclose(SuffixSums(x).squared(kind, onsets), time_profiles**2 @ x, atol=1e-9)
 
 
 def test_faults_fitted_together_are_as_each_alone() -> None:
@@ -245,14 +250,16 @@ def test_faults_fitted_together_are_as_each_alone() -> None:
         alone = [f for h in ALL for f in evidence.fits([h], beside)]
         for one, other in zip(together, alone, strict=True):
             assert (one.hypothesis, one.kind, one.onset) == (other.hypothesis, other.kind, other.onset)
-            assert [one.size, one.score, one.kappa] == pytest.approx([other.size, other.score, other.kappa])
+            assert [one.size, one.score, one.overdispersion] == pytest.approx(
+                [other.size, other.score, other.overdispersion]
+            )
 
 
 def test_a_fault_that_grows_is_not_over() -> None:
     """Its end takes back what it brought, and never adds to it."""
     grows = drawn(2, [(LEAK, 0.5, 25), (LEAK, 0.8, 50)])
     found, _ = decide(grows, [LEAK, DRIFT], 6.0, standing={"leak"})
-    assert [f for f in found if f.lead.hypothesis.ends and f.lead.size > HEALED] == []
+    assert [f for f in found if f.lead.hypothesis.ends and f.lead.size > RECOVERED_SHARE] == []
     assert found[0].lead.hypothesis is LEAK
 
 

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from made_up_evidence import HOPS, LEAK, drawn
+from made_up_evidence import FRAMES, LEAK, drawn
 from scipy.special import log_ndtr
 
 from fdd.diagnosis.departures import departures
-from fdd.diagnosis.evidence import course_of
+from fdd.diagnosis.evidence import time_profile_of
 from fdd.diagnosis.fitting import Parts, log_normal, log_odds, quasi_likely
 
 
@@ -21,17 +21,19 @@ def test_the_fading_filter_is_scipys() -> None:
     from scipy.signal import lfilter
 
     from fdd.diagnosis.baseline import effects_of
-    from fdd.residuals.account import LOAD_S
-    from fdd.residuals.ledger import Ledger
-    from fdd.residuals.rows import ROW_S
+    from fdd.residuals.balance_history import BalanceHistory
+    from fdd.residuals.bins import BIN_S
+    from fdd.residuals.regression_accumulator import LOAD_S
     from fdd.unit import Unit
 
     unit = Unit.load("axis_a")
-    account = next(a for a in Ledger(unit, effects_of(unit)).accounts.values() if a.balance.cell > 1)
-    rows = np.random.default_rng(1).normal(size=(30, account.level.shape[1]))
-    decay = 1.0 - account.balance.cell * ROW_S / LOAD_S
+    regression = next(
+        a for a in BalanceHistory(unit, effects_of(unit)).regressions.values() if a.balance.bins_per_row > 1
+    )
+    rows = np.random.default_rng(1).normal(size=(30, regression.level.shape[1]))
+    decay = 1.0 - regression.balance.bins_per_row * BIN_S / LOAD_S
     wanted, _ = lfilter([1.0, -1.0], [1.0, -decay], rows, axis=0, zi=-rows[:1])
-    found = np.concatenate([account._passed(part) for part in (rows[:10], rows[10:10], rows[10:])])
+    found = np.concatenate([regression._passed(part) for part in (rows[:10], rows[10:10], rows[10:])])
     np.testing.assert_array_equal(found, wanted)
 
 
@@ -50,9 +52,9 @@ def test_a_quasi_likelihood_counts_what_stretches_scatter_beyond_their_noise(ons
     """Test: an overdispersion of three. Expected: from the start a quarter of the information; within a log
     that of rows of four times the variance, beside what healthy logs change by."""
     evidence = drawn(3, [(LEAK, 0.5, onset)])
-    course = course_of("step", HOPS, onset)[None, None]
+    time_profile = time_profile_of("step", FRAMES, onset)[None, None]
     parts = Parts(
-        {"volume": LEAK.columns["volume"][None, None]}, course, np.full((1, 1), 1e3), np.ones(1, bool)
+        {"volume": LEAK.columns["volume"][None, None]}, time_profile, np.full((1, 1), 1e3), np.ones(1, bool)
     )
     three, start = np.full(1, 3.0), onset == 0
     found = quasi_likely(evidence.balances, parts, three, from_start=start)

@@ -214,7 +214,7 @@ def test_state_of_another_unit_or_version_is_refused(unit: Unit, leaking: Sample
 
 
 def test_to_be_asked_in_between_changes_nothing(unit: Unit, leaking: Samples) -> None:
-    """Down to the last digit of every hop's sums: an answer in mid-scan takes the hops that wait."""
+    """Down to the last digit of every frame's sums: an answer in mid-scan takes the frames that wait."""
     plain, asked = Pipeline(unit, keep_trajectories=False), Pipeline(unit, keep_trajectories=False)
     for block in leaking.blocks(1_300):
         plain.push(block)
@@ -222,7 +222,7 @@ def test_to_be_asked_in_between_changes_nothing(unit: Unit, leaking: Samples) ->
         asked.finish()
     assert said(asked) == said(plain)
     one, other = plain.state(), asked.state()
-    for name in (k for k in one if k.startswith("ledger:") and k.endswith(("/m", "/v", "/r", "/s"))):
+    for name in (k for k in one if k.startswith("history:") and k.endswith(("/m", "/v", "/r", "/s"))):
         np.testing.assert_array_equal(other[name], one[name], err_msg=name)
 
 
@@ -287,10 +287,10 @@ def test_a_stop_of_days_costs_nothing_and_begins_like_another_log(unit: Unit) ->
     again = Samples(healthy.time + 864_000.0, healthy.columns)
     pipeline = Pipeline(unit, keep_trajectories=False)
     pipeline.push(healthy)
-    before = pipeline._ledger.taken
+    before = pipeline._history.taken
     assert not pipeline.push(Samples.concatenate([again.rows(0, 7), again.rows(7, len(again))]))
-    ledger = pipeline._ledger
-    assert ledger.taken <= 2 * before + 10 and ledger.hops[0] * 0.5 >= again.time[0] - 0.5
+    history = pipeline._history
+    assert history.taken <= 2 * before + 10 and history.frames[0] * 0.5 >= again.time[0] - 0.5
     alone = Pipeline(unit, keep_trajectories=False)
     alone.push(again)
     # Not equal: 0.927 beside 0.920, so something of the first flight is carried over; what, is not known yet.

@@ -14,8 +14,8 @@ from fdd.diagnosis.pipeline import Pipeline
 from fdd.plant.scenario import Scenario
 from fdd.plant.simulate import simulate
 from fdd.residuals.balances import BALANCES
-from fdd.residuals.epochs import EPOCH_HOPS
-from fdd.residuals.rows import HOP_S
+from fdd.residuals.bins import FRAME_S
+from fdd.residuals.epochs import EPOCH_FRAMES
 from fdd.samples import Samples
 from fdd.unit import Unit
 
@@ -59,7 +59,7 @@ def aged(unit: Unit, first: Samples, hours: int, severity: float) -> Pipeline:
         for name in SEEN:
             columns = LEAK.columns.get(name, np.zeros(len(BALANCES[name].columns)))
             told[name] = day_of(rng, EFFECTS[name], severity * (hour >= LEAKS_FROM) * columns)
-        pipeline._ledger.epochs.add(range(hour * EPOCH_HOPS, (hour + 1) * EPOCH_HOPS), told)
+        pipeline._history.epochs.add(range(hour * EPOCH_FRAMES, (hour + 1) * EPOCH_FRAMES), told)
     return pipeline
 
 
@@ -84,19 +84,19 @@ def test_slow_wear_is_told_once_and_stands(leaking: Samples) -> None:
         answer = each.finish()
         assert answer.verdict == "faulty" and [f.fault for f in answer.faults] == ["internal_leakage"]
         assert each.push(later(healthy, HOURS + 1)) == [], "nothing that was not told"
-        each._ledger.epochs.add(range(EPOCH_HOPS), {})
+        each._history.epochs.add(range(EPOCH_FRAMES), {})
         assert each.push(later(healthy, HOURS + 2)) == []
 
 
 def test_a_fault_that_minutes_show_is_not_told_as_slow_wear_too(unit: Unit, leaking: Samples) -> None:
     pipeline = aged(unit, leaking.rows(0, 9), HOURS, 0.5)
-    epochs = pipeline._ledger.epochs
+    epochs = pipeline._history.epochs
     pipeline._epochs = epochs.completed  # not looked at yet
     start = 3600.0 * HOURS
     told = pipeline.push(later(leaking, HOURS))
     assert [f.fault for f in told] == ["internal_leakage"] and told[0].onset_s > start
-    first = round((start + 32.0) / HOP_S)
-    epochs.add(range(first, first + EPOCH_HOPS), {})
+    first = round((start + 32.0) / FRAME_S)
+    epochs.add(range(first, first + EPOCH_FRAMES), {})
     more = simulated(11, "spring", "internal_leakage").rows(20_000, 32_000)
     assert pipeline.push(Samples(more.time + start + 13.0, more.columns)) == []
     assert [f.onset_s > start for f in pipeline.standing] == [True]
@@ -164,8 +164,8 @@ def test_trajectories_end_with_what_the_answer_says(unit: Unit, leaking: Samples
         assert over.estimates["svsf"][name].shape == over.time.shape
     assert over.nis.keys() == over.estimates.keys()
     assert over.features.shape == (over.window_time.size, len(over.feature_names))
-    np.testing.assert_allclose(np.diff(over.window_time), HOP_S)
-    assert over.window_time[-1] == pytest.approx(32.0, abs=HOP_S), "a hop is told of at its end"
+    np.testing.assert_allclose(np.diff(over.window_time), FRAME_S)
+    assert over.window_time[-1] == pytest.approx(32.0, abs=FRAME_S), "a frame is told of at its end"
     with pytest.raises(ValueError, match="not kept"):
         live(unit, leaking).trajectories()
 

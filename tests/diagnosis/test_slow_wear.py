@@ -9,13 +9,13 @@ from fdd.diagnosis.answering import Span
 from fdd.diagnosis.baseline import effects_of
 from fdd.diagnosis.evidence import Evidence
 from fdd.diagnosis.hypotheses import hypotheses
-from fdd.diagnosis.lookout import Lookout
 from fdd.diagnosis.model import Model
 from fdd.diagnosis.pipeline import EPOCHS
+from fdd.diagnosis.sequential_detector import SequentialDetector
 from fdd.residuals.balances import BALANCES
+from fdd.residuals.bins import FRAME_S
 from fdd.residuals.effects import Effects, usual_conditions
-from fdd.residuals.epochs import ALIKE, EPOCH_HOPS, Epochs
-from fdd.residuals.rows import HOP_S
+from fdd.residuals.epochs import EPOCH_FRAMES, EPOCHS_EACH, Epochs
 from fdd.unit import Unit
 
 UNIT = Unit.load("axis_a")
@@ -38,18 +38,18 @@ def day_of(rng: np.random.Generator, effects: Effects, change: np.ndarray) -> tu
 def life(seed: int, hours: int, severity: float, begins: int, grows: int) -> list[tuple[int, set[str]]]:
     """Hours at which alarms were raised, and of which families."""
     rng, epochs = np.random.default_rng(seed), Epochs()
-    lookout, raised = Lookout(FAULTS, THRESHOLD, MODEL), []
+    detector, raised = SequentialDetector(FAULTS, THRESHOLD, MODEL), []
     for hour in range(hours):
         size = severity * min(max(hour - begins, 0) / grows, 1.0)
         told = {}
         for name in SEEN:
             change = size * LEAK.columns.get(name, np.zeros(len(BALANCES[name].columns)))
             told[name] = day_of(rng, EFFECTS[name], change)
-        epochs.add(range(hour * EPOCH_HOPS, (hour + 1) * EPOCH_HOPS), told)
+        epochs.add(range(hour * EPOCH_FRAMES, (hour + 1) * EPOCH_FRAMES), told)
         effects = Epochs.effects(EFFECTS)
-        evidence = Evidence(epochs.widened(effects), effects, from_start=False, stretches=EPOCHS)
-        span = Span(epochs.starts().tolist(), (hour + 1) * EPOCH_HOPS * HOP_S, "stretches", None)
-        fresh, _ = lookout.take(lookout.look(evidence, span, 0.0), 0.0)
+        evidence = Evidence(epochs.marginalised(effects), effects, from_start=False, stretches=EPOCHS)
+        span = Span(epochs.starts().tolist(), (hour + 1) * EPOCH_FRAMES * FRAME_S, "stretches", None)
+        fresh, _ = detector.take(detector.evaluate(evidence, span, 0.0), 0.0)
         if fresh:
             raised.append((hour, {f.fault for f in fresh}))
     return raised
@@ -70,20 +70,23 @@ def test_a_leak_that_grows_over_days_is_found() -> None:
 
 
 def test_epochs_of_years_are_few_and_lose_nothing() -> None:
-    """Thinned and kept in a state meanwhile: the sums are those of all hops, and recent hours stay hours."""
+    """Thinned and kept in a state meanwhile: the sums are those of all frames, and recent hours stay
+    hours."""
     epochs, rng = Epochs(), np.random.default_rng(3)
     total = 0.0
     for hour in range(3000):
         value = rng.uniform()
         total += value
         epochs.add(
-            range(hour * EPOCH_HOPS, (hour + 1) * EPOCH_HOPS), {"refeed": (np.eye(4) * value, np.ones(4))}
+            range(hour * EPOCH_FRAMES, (hour + 1) * EPOCH_FRAMES), {"refeed": (np.eye(4) * value, np.ones(4))}
         )
         if hour == 1234:
             state, epochs = epochs.state(), Epochs()
             epochs.restore(state)
     starts = epochs.starts() / 3600.0
     assert len(epochs) < 150 and epochs.completed == 3000
-    assert starts[0] == 0.0 and np.array_equal(starts[-ALIKE // 2 :], np.arange(3000 - ALIKE // 2, 3000))
-    assert (np.diff(starts) <= np.maximum(2 * (3000 - starts[:-1]) / ALIKE, 1.0)).all()
-    assert sum(float(t["refeed"][0][0, 0]) for t in epochs._told) == pytest.approx(total)
+    assert starts[0] == 0.0 and np.array_equal(
+        starts[-EPOCHS_EACH // 2 :], np.arange(3000 - EPOCHS_EACH // 2, 3000)
+    )
+    assert (np.diff(starts) <= np.maximum(2 * (3000 - starts[:-1]) / EPOCHS_EACH, 1.0)).all()
+    assert sum(float(t["refeed"][0][0, 0]) for t in epochs._sums) == pytest.approx(total)

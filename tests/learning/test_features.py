@@ -52,7 +52,9 @@ def test_the_fits_are_those_that_the_answer_was_made_of(
     )
     for name in {f.hypothesis.fault for f in pipeline.fitted}:
         leading = max((f for f in pipeline.fitted if f.hypothesis.fault == name), key=lambda f: f.gain)
-        assert whole[f"severity_{name}"] == leading.level and whole[f"score_{name}"] == leading.score
+        assert (
+            whole[f"severity_{name}"] == leading.active_amplitude and whole[f"score_{name}"] == leading.score
+        )
     assert len({f.hypothesis.fault for f in pipeline.fitted}) < len(pipeline.fitted), "sides and channels"
     told = next(re.search(r"log likelihood ratio ([\d.]+)", s) for s in found.evidence)
     assert told is not None and float(told[1]) == pytest.approx(whole["score_internal_leakage"], abs=0.05)

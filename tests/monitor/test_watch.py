@@ -158,10 +158,10 @@ def test_it_goes_on_from_a_saved_state(
 
 
 def test_a_restored_pipeline_is_the_one_that_went_on(unit, tiny_model, leaking) -> None:
-    """Every array of the state, not the answer alone, at cuts within a hop and within a look."""
+    """Every array of the state, not the answer alone, at cuts within a frame and within a look."""
     whole = Pipeline(unit, tiny_model, keep_trajectories=False)
     whole.push(leaking)
-    whole.finish()  # takes the hops that wait for the next look
+    whole.finish()  # takes the frames that wait for the next look
     first, found = Pipeline(unit, tiny_model, keep_trajectories=False), []
     edges = [0, 320, 4711, 10_333, len(leaking)]
     for a, b in pairwise(edges):

@@ -13,17 +13,17 @@ from fdd.errors import InputError
 from fdd.packages import TRACKERS, Addition
 from fdd.residuals import added_tracker
 from fdd.residuals.added_tracker import AddedTracker, Tracker
-from fdd.residuals.rows import COLUMNS, HOP_ROWS, ROW_S
+from fdd.residuals.bins import BIN_S, COLUMNS, FRAME_BINS
 from fdd.unit import Unit
 
 UNIT = Unit.load("axis_a")
 LEAK = 7e-12
 
 
-def rows_of(hops: int) -> np.ndarray:
+def rows_of(frames: int) -> np.ndarray:
     """Rows of a piston that stands under pressure while the pump makes up for a leak."""
     rng = np.random.default_rng(3)
-    rows = np.full((hops * HOP_ROWS, len(COLUMNS)), np.nan)
+    rows = np.full((frames * FRAME_BINS, len(COLUMNS)), np.nan)
     drop = 1e6 * (1.0 + 0.3 * np.sin(np.arange(len(rows)) * 0.05))
     rows[:, COLUMNS["position"]] = 0.0
     rows[:, COLUMNS["pressure_difference"]] = drop
@@ -95,8 +95,8 @@ def test_it_says_the_same_however_the_rows_were_cut(monkeypatch) -> None:
     rows = rows_of(20)
     whole, parts = running(monkeypatch, kalman), running(monkeypatch, kalman)
     whole.push(4, rows)
-    for hop in range(20):
-        parts.push(4 + hop, rows[hop * HOP_ROWS : (hop + 1) * HOP_ROWS])
+    for frame in range(20):
+        parts.push(4 + frame, rows[frame * FRAME_BINS : (frame + 1) * FRAME_BINS])
     assert whole.last() == parts.last()
     time = np.array([0.0, 2.005, 5.0, 13.0])
     for mine, other in zip(whole.over(time), parts.over(time), strict=True):
@@ -109,7 +109,7 @@ def recorded(monkeypatch: pytest.MonkeyPatch, **more: Any) -> tuple[AddedTracker
     made: list[Recorder] = []
 
     def make(unit: Unit, channels: tuple[str, ...], period: float) -> Tracker:
-        assert (unit, period) == (UNIT, ROW_S)
+        assert (unit, period) == (UNIT, BIN_S)
         assert channels == ("pump_speed", "position", "pressure_difference")
         made.append(Recorder(more.get("fails_at", -1)))
         return Tracker(
@@ -133,7 +133,7 @@ def test_it_is_given_inputs_and_measurements_and_none_where_one_is_missing(monke
     assert len(started) == 1
     np.testing.assert_array_equal(started[0][1], z[1])
     (filter_,) = made
-    assert len(filter_.measured) == HOP_ROWS - 1
+    assert len(filter_.measured) == FRAME_BINS - 1
     assert [k for k, given in enumerate(filter_.measured, start=1) if given is None] == [7]
     np.testing.assert_array_equal(filter_.measured[0], z[1])
     speed = rows[:, COLUMNS["pump_speed"]]

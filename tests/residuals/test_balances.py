@@ -9,15 +9,15 @@ import pytest
 from numpy.typing import NDArray
 from scipy.signal import lfilter
 
-from fdd.diagnosis.baseline import add_baseline, effects_of, ledger_of
+from fdd.diagnosis.baseline import add_baseline, effects_of, history_of
 from fdd.diagnosis.pipeline import Pipeline
 from fdd.plant.scenario import Recording, Scenario
 from fdd.plant.simulate import simulate
+from fdd.residuals.balance_history import BalanceHistory
 from fdd.residuals.balances import BALANCES, LAG_S
-from fdd.residuals.ledger import Ledger
+from fdd.residuals.bins import BIN_S, COLUMNS, FRAME_BINS, BinMaker
 from fdd.residuals.oil import stiff_compliance
 from fdd.residuals.quantities import Quantities, Scales, settled
-from fdd.residuals.rows import COLUMNS, HOP_ROWS, ROW_S, RowMaker
 from fdd.samples import Samples
 from fdd.unit import Unit
 
@@ -44,9 +44,9 @@ def coefficient(unit: Unit, balance: str, column: str) -> float:
     return float(effects_of(unit)[balance].mean[BALANCES[balance].columns.index(column)])
 
 
-def coefficients(ledger: Ledger, balance: str) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """By all hops of a log, and what any unit may be, (n,), and their covariance (n, n)."""
-    effects, (information, vector) = ledger.effects[balance], ledger.widened()[balance]
+def coefficients(history: BalanceHistory, balance: str) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """By all frames of a log, and what any unit may be, (n,), and their covariance (n, n)."""
+    effects, (information, vector) = history.effects[balance], history.marginalised()[balance]
     prior = np.diag(1.0 / np.square(3.0 * effects.units))
     covariance = np.linalg.inv(prior + information.sum(axis=0))
     return covariance @ (prior @ effects.mean + vector.sum(axis=0)), covariance
@@ -96,19 +96,21 @@ def test_the_pressures_agree(unit: Unit) -> None:
 
 
 def test_the_volume_balance_closes_to_a_hundred_cubic_millimetres(unit: Unit) -> None:
-    """Levels of a usual stretch within a hop, on logs that the baseline was not made of."""
+    """Levels of a usual stretch within a frame, on logs that the baseline was not made of."""
     for seed, load in enumerate(LOADS, 61):
         fresh = simulate(Unit.load("axis_a"), Scenario(duration=20.0, load=load, seed=seed)).samples
-        mean, _ = coefficients(ledger_of(fresh, unit, effects_of(unit)), "volume")
-        maker = RowMaker(unit)
+        mean, _ = coefficients(history_of(fresh, unit, effects_of(unit)), "volume")
+        maker = BinMaker(unit)
         rows = np.concatenate([maker.push(fresh)[1], maker.push(None)[1]])
         q = Quantities(rows, unit, Scales.of(unit))
         levels: list[np.ndarray] = []
         raw: list[np.ndarray] = []
-        for y, x, ok, _ in BALANCES["volume"].strands(q):
+        for y, x, ok, _ in BALANCES["volume"].blocks(q):
             good = settled(ok & np.isfinite(y) & np.isfinite(x).all(axis=1), BALANCES["volume"].settle)
-            for hop in range(len(rows) // HOP_ROWS):
-                inside = np.flatnonzero(good[hop * HOP_ROWS : (hop + 1) * HOP_ROWS]) + hop * HOP_ROWS
+            for frame in range(len(rows) // FRAME_BINS):
+                inside = (
+                    np.flatnonzero(good[frame * FRAME_BINS : (frame + 1) * FRAME_BINS]) + frame * FRAME_BINS
+                )
                 for stretch in np.split(inside, np.flatnonzero(np.diff(inside) > 1) + 1):
                     if stretch.size >= 12:
                         for left, into in ((y[stretch] - x[stretch] @ mean, levels), (y[stretch], raw)):
@@ -135,8 +137,8 @@ def test_what_a_pump_compresses_is_found(filled: float) -> None:
         recording=Recording.perfect(),
         details={"pump_compression": filled},
     )
-    ledger = ledger_of(simulate(unit, scenario).samples, unit, effects_of(unit))
-    found, covariance = coefficients(ledger, "volume")
+    history = history_of(simulate(unit, scenario).samples, unit, effects_of(unit))
+    found, covariance = coefficients(history, "volume")
     # At one temperature what leaks with speed looks the same.
     scales, columns = Scales.of(unit), BALANCES["volume"].columns
     half = 0.5 * unit.pump.displacement * stiff_compliance(unit.oil)
@@ -154,8 +156,8 @@ def test_a_leak_is_in_the_leaks_column(unit: Unit) -> None:
     found = {}
     for name, leaking in (("healthy", unit), ("leaking", more)):
         scenario = Scenario(duration=30.0, load={"name": "spring"}, seed=71)
-        ledger = ledger_of(simulate(leaking, scenario).samples, unit, effects_of(unit))
-        found[name] = dict(zip(BALANCES["volume"].columns, coefficients(ledger, "volume")[0], strict=True))
+        history = history_of(simulate(leaking, scenario).samples, unit, effects_of(unit))
+        found[name] = dict(zip(BALANCES["volume"].columns, coefficients(history, "volume")[0], strict=True))
     extra = unit.pump.cross_port_leakage / Scales.of(unit).leakage
     added = sum(found["leaking"][c] - found["healthy"][c] for c in ("leak", "case"))
     assert added == pytest.approx(extra, rel=0.3)
@@ -164,14 +166,14 @@ def test_a_leak_is_in_the_leaks_column(unit: Unit) -> None:
 
 def test_a_starved_pump_tells_nothing_of_its_chambers(unit: Unit, logs: list[Samples]) -> None:
     """It no longer displaces what it turns: chambers are judged only with their pump full."""
-    rows = RowMaker(unit).push(logs[0])[1]
+    rows = BinMaker(unit).push(logs[0])[1]
     full = Quantities(rows, unit, Scales.of(unit))
-    assert any(s.valid.any() for s in BALANCES["volume"].strands(full))
+    assert any(s.valid.any() for s in BALANCES["volume"].blocks(full))
     low = np.argmin([np.nanmean(full.p1), np.nanmean(full.p2)]) + 1
     for name in (f"pressure_{low}", "pressure_accumulator"):
         rows[:, COLUMNS[name]] = -5e4
     starved = Quantities(rows, unit, Scales.of(unit))
-    assert not any(s.valid.any() for s in BALANCES["volume"].strands(starved))
+    assert not any(s.valid.any() for s in BALANCES["volume"].blocks(starved))
 
 
 def test_what_a_relief_valve_passes_leaves_the_higher_chamber(unit: Unit) -> None:
@@ -179,10 +181,10 @@ def test_what_a_relief_valve_passes_leaves_the_higher_chamber(unit: Unit) -> Non
     fault = {"fault": "relief_valve_stuck_open", "severity": 0.9}
     scenario = Scenario(duration=30.0, load={"name": "none"}, faults=[fault], seed=72)
     samples = simulate(unit, scenario).samples
-    q = Quantities(RowMaker(unit).push(samples)[1], unit, Scales.of(unit))
+    q = Quantities(BinMaker(unit).push(samples)[1], unit, Scales.of(unit))
     low = np.minimum(q.p1, q.p2) > q.accumulator + 1e4
     assert low.mean() > 0.2, "else this shows nothing"
-    for y, x, ok, _ in BALANCES["volume"].strands(q):
+    for y, x, ok, _ in BALANCES["volume"].blocks(q):
         taken = ok & low & np.isfinite(x).all(axis=1) & np.isfinite(y)
         flow = x[taken][:, [BALANCES["volume"].columns.index(c) for c in ("relief_12", "relief_21")]]
         assert (flow.sum(axis=1) >= 0.0).mean() > 0.95, "the lower one's valve may be open: it is not asked"
@@ -198,9 +200,9 @@ def test_the_case_lies_amid_the_ports_until_its_valve_opens(load: str, shut: flo
     unit = Unit.load("axis_a").model_copy(deep=True)
     unit.accumulator.case_cracking_pressure = 2e5
     run = simulate(unit, Scenario(duration=20.0, load={"name": load}, seed=73))
-    q = Quantities(RowMaker(unit).push(run.samples)[1], unit, Scales.of(unit))
+    q = Quantities(BinMaker(unit).push(run.samples)[1], unit, Scales.of(unit))
     mid = 0.5 * (q.p1[1:] + q.p1[:-1])
-    case = BALANCES["volume"].strands(q)[0].x[1:, BALANCES["volume"].columns.index("case")]
+    case = BALANCES["volume"].blocks(q)[0].x[1:, BALANCES["volume"].columns.index("case")]
     found = mid - case / (Scales.of(unit).leakage * (q.dt / q.viscosity)[1:])
     late = np.isfinite(found) & (q.take["time"][1:] > 5.0)
     time = (0.5 * (q.take["time"][1:] + q.take["time"][:-1]))[late]
@@ -218,10 +220,10 @@ def test_a_rod_on_both_sides_asks_no_oil_of_the_reservoir(
     """With one rod whichever chamber is low is fed while the piston extends, and not while it retracts."""
     other = unit.model_copy(deep=True)
     other.cylinder.area_2 = ratio * other.cylinder.area_1
-    q = Quantities(RowMaker(other).push(logs[0])[1], other, Scales.of(other))
+    q = Quantities(BinMaker(other).push(logs[0])[1], other, Scales.of(other))
     columns = [BALANCES["refeed"].columns.index(c) for c in ("flow_1", "flow_2")]
     out, back = q.velocity > 1e-3, q.velocity < -1e-3
-    for side, (_, x, _, _) in enumerate(BALANCES["refeed"].strands(q)):
+    for side, (_, x, _, _) in enumerate(BALANCES["refeed"].blocks(q)):
         flow = x[:, columns[side]]
         assert not np.nan_to_num(x[:, columns[1 - side]]).any() and not flow[back].any()
         assert (flow[out] > 0.0).all() if ratio < 1.0 else not flow[out].any()
@@ -230,16 +232,16 @@ def test_a_rod_on_both_sides_asks_no_oil_of_the_reservoir(
 
 def test_what_leaks_outside_is_gas_that_grows(unit: Unit, logs: list[Samples]) -> None:
     """The reservoir gives what leaves: in a row, so much of the gas's volume, by the chamber's pressure."""
-    q = Quantities(RowMaker(unit).push(logs[0])[1], unit, Scales.of(unit))
-    [(_, x, _, _)] = BALANCES["reservoir"].strands(q)
+    q = Quantities(BinMaker(unit).push(logs[0])[1], unit, Scales.of(unit))
+    [(_, x, _, _)] = BALANCES["reservoir"].blocks(q)
     lost = {1: q.p1, 2: q.p2}
     for side, pressure in lost.items():
         conductance = 0.5 * Scales.of(unit).fault_leakage  # m³/(s·Pa) at a coefficient of one
-        volume = np.nancumsum(conductance * pressure * ROW_S)
+        volume = np.nancumsum(conductance * pressure * BIN_S)
         told = np.nancumsum(x[:, BALANCES["reservoir"].columns.index(f"outside_{side}")])
         assert told[-1] == pytest.approx(volume[-1] / unit.accumulator.gas_volume, rel=0.01)
     drift = np.nancumsum(x[:, BALANCES["reservoir"].columns.index("drift")])
-    volume = conductance * 0.5 * unit.accumulator.relief_pressure * ROW_S * np.isfinite(q.p1).sum()
+    volume = conductance * 0.5 * unit.accumulator.relief_pressure * BIN_S * np.isfinite(q.p1).sum()
     assert drift[-1] == pytest.approx(volume / unit.accumulator.gas_volume, rel=0.01)
 
 
@@ -252,14 +254,14 @@ def test_a_chamber_whose_line_loses_pressure_is_not_taken_for_closed() -> None:
     duty = {"name": "strokes", "amplitude": 0.08, "rate": 0.12}
     scenario = Scenario(duration=12.0, duty=duty, load={"name": "none"}, details=details, seed=5)
     run = simulate(unit, scenario)
-    q = Quantities(RowMaker(unit).push(run.samples)[1], unit, Scales.of(unit))
+    q = Quantities(BinMaker(unit).push(run.samples)[1], unit, Scales.of(unit))
     time = q.take["time"]
     share = unit.pump.displacement * unit.drive.max_speed
-    for side, strand in zip((1, 2), BALANCES["volume"].strands(q), strict=True):
+    for side, block in zip((1, 2), BALANCES["volume"].blocks(q), strict=True):
         at = np.clip(np.searchsorted(time, run.truth.time), 1, time.size - 1)
         fed = np.abs(run.truth[f"refeed_flow_{side}"]) > 0.02 * share
         assert fed.mean() > 0.1, "else this shows nothing"
-        taken = settled(strand.valid, BALANCES["volume"].settle)
+        taken = settled(block.valid, BALANCES["volume"].settle)
         assert (fed & taken[at]).mean() < 0.002
 
 
@@ -289,7 +291,7 @@ def test_friction_is_told_beside_a_mass_whose_pressures_lag() -> None:
         late = {n: lfilter([1.0 - decay], [1.0, -decay], log[n] - log[n][0]) + log[n][0] for n in PRESSURES}
         lags = []
         for samples in (log, Samples(log.time, {n: late.get(n, log[n]) for n in log.channels})):
-            found, _ = coefficients(ledger_of(samples, unit, effects_of(unit)), "force")
+            found, _ = coefficients(history_of(samples, unit, effects_of(unit)), "force")
             c = dict(zip(BALANCES["force"].columns, found.tolist(), strict=True))
             assert c["friction_forward"] == pytest.approx(1.0, abs=0.15)
             assert c["friction_reverse"] == pytest.approx(1.0, abs=0.15)
@@ -304,7 +306,7 @@ def test_a_load_cell_tells_gusts_from_friction_whichever_way_it_counts(sign: flo
     log, noise = run.samples, np.random.default_rng(1).normal(0.0, 20.0, len(run.samples))
     force = sign * (1.005 * np.interp(log.time, run.truth.time, run.truth["load_force"]) + 20.0 + noise)
     samples = Samples(log.time, {**{n: log[n] for n in log.channels}, "load_force": force})
-    found, _ = coefficients(ledger_of(samples, unit, effects_of(unit)), "force")
+    found, _ = coefficients(history_of(samples, unit, effects_of(unit)), "force")
     c = dict(zip(BALANCES["force"].columns, found.tolist(), strict=True))
     assert c["load_measured"] == pytest.approx(sign / 1.005, abs=0.02)
     assert c["friction_forward"] == pytest.approx(1.0, abs=0.12)

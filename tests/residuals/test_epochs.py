@@ -1,4 +1,4 @@
-"""Epochs: an hour's hops at most, what stops end, what faults leave out, and their sums."""
+"""Epochs: an hour's frames at most, what stops end, what faults leave out, and their sums."""
 
 from __future__ import annotations
 
@@ -8,15 +8,15 @@ import numpy as np
 import pytest
 
 from fdd.residuals.balances import BALANCES
+from fdd.residuals.bins import FRAME_S
 from fdd.residuals.effects import first_effects, usual_conditions
-from fdd.residuals.epochs import Epochs, Told
-from fdd.residuals.rows import HOP_S
+from fdd.residuals.epochs import BalanceSums, Epochs
 
 EFFECTS = {name: first_effects(name) for name in BALANCES}
-MINUTE = round(60.0 / HOP_S)
+MINUTE = round(60.0 / FRAME_S)
 
 
-def told(seed: int, *names: str) -> Told:
+def told(seed: int, *names: str) -> BalanceSums:
     """Normal equations of some balances, of many rows."""
     rng, out = np.random.default_rng(seed), {}
     for name in names:
@@ -25,7 +25,7 @@ def told(seed: int, *names: str) -> Told:
     return out
 
 
-def minutes(epochs: Epochs, start: int, count: int, what: Told) -> None:
+def minutes(epochs: Epochs, start: int, count: int, what: BalanceSums) -> None:
     epochs.add(range(start * MINUTE, (start + count) * MINUTE), what)
 
 
@@ -39,10 +39,10 @@ def test_a_stop_ends_an_epoch_of_two_minutes_in_motion_or_more() -> None:
     epochs.stop()
     assert len(epochs) == epochs.completed == 1
     assert epochs.starts().tolist() == [600.0]
-    # One draw of what differs between logs, however many hops it has: variances add up.
+    # One draw of what differs between logs, however many frames it has: variances add up.
     m = one["refeed"][0] + other["refeed"][0]
     v = one["refeed"][1] + other["refeed"][1]
-    wide, kept = epochs.widened(EFFECTS)["refeed"]
+    wide, kept = epochs.marginalised(EFFECTS)["refeed"]
     right = np.linalg.inv(
         np.linalg.inv(m) + np.diag(EFFECTS["refeed"].between_logs(usual_conditions(EFFECTS["refeed"].noise)))
     )
@@ -74,8 +74,8 @@ def test_epochs_that_began_while_a_fault_stood_are_forgotten() -> None:
     minutes(epochs, 300, 5, told(9, "refeed"))
     epochs.forget(3600.0, 3 * 3600.0)
     assert (epochs.starts() / 3600.0).tolist() == [0.0, 3.0, 4.0], "with its onset, up to its end"
-    expected = hours(0, 3, 4).widened(EFFECTS)
-    for name, parts in epochs.widened(EFFECTS).items():
+    expected = hours(0, 3, 4).marginalised(EFFECTS)
+    for name, parts in epochs.marginalised(EFFECTS).items():
         for one, other in zip(parts, expected[name], strict=True):
             np.testing.assert_array_equal(one, other)
     epochs.forget(0.0, 1e9)
@@ -85,7 +85,7 @@ def test_epochs_that_began_while_a_fault_stood_are_forgotten() -> None:
 
 
 def test_a_balance_that_an_epoch_tells_nothing_of_is_nothing_there() -> None:
-    found = hours(1, 2, 3).widened(EFFECTS)
+    found = hours(1, 2, 3).marginalised(EFFECTS)
     assert found.keys() == {"refeed", "torque"}
     information, vector = found["torque"]
     assert len(information) == len(vector) == 3
@@ -120,5 +120,5 @@ def test_beyond_sixteen_of_one_length_the_two_oldest_become_one_of_twice_it() ->
             assert lengths == [2] + [1] * 15
         if hour == 17:
             assert lengths == [2] + [1] * 16
-        sums = [float(told["refeed"][0][0, 0]) for told in epochs._told]
+        sums = [float(each["refeed"][0][0, 0]) for each in epochs._sums]
         assert sums == lengths, "each has the hours that it spans"

@@ -9,8 +9,8 @@ from numpy.typing import NDArray
 from fdd.plant.oil import air_compliance, bulk_modulus
 from fdd.plant.scenario import Recording, Scenario
 from fdd.plant.simulate import simulate
+from fdd.residuals.bins import COLUMNS, BinMaker
 from fdd.residuals.hidden_pressures import chambers_from_difference
-from fdd.residuals.rows import COLUMNS, RowMaker
 from fdd.samples import Samples
 from fdd.unit import Unit
 
@@ -135,7 +135,7 @@ def test_rows_do_not_depend_on_blocks_where_sensors_come_and_go(step: int) -> No
     log = Samples(time, columns)
 
     def mean(blocks: list[Samples]) -> NDArray[np.float64]:
-        maker = RowMaker(unit)
+        maker = BinMaker(unit)
         parts = [rows for block in blocks for _, rows in maker.stretches(block)]
         return np.concatenate([*parts, maker.push(None)[1]])[:, COLUMNS["mean_pressure"]]
 

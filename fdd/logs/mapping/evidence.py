@@ -34,7 +34,7 @@ CLOSE = 0.9
 
 
 @dataclass
-class Evidence:
+class Clues:
     """What is known of a log's signals.
 
     Attributes
@@ -96,7 +96,7 @@ class Evidence:
         return best if best is not None and self.scores[best].get(channel, -9.0) >= 2.0 else None
 
 
-def gather(log: LogFile, words: Words, given: dict[str, str]) -> Evidence:
+def gather(log: LogFile, words: Words, given: dict[str, str]) -> Clues:
     """Read a log's signals and score them.
 
     Parameters
@@ -136,7 +136,7 @@ def gather(log: LogFile, words: Words, given: dict[str, str]) -> Evidence:
     own_names = {n: s.field or path_parts(s.name)[1] for n, s in plain.items()}
     si = {n: CHANNELS[own].unit for n, own in own_names.items() if own in CHANNELS}
     units = {n: unit or si.get(n) for n, (_, unit) in said.items()}
-    found = Evidence(known, data, scores, units, words, {n: c for n, (c, _) in said.items()}, time=time)
+    found = Clues(known, data, scores, units, words, {n: c for n, (c, _) in said.items()}, time=time)
     for name, channels in scores.items():
         best = max(channels.values(), default=0.0)
         for channel, score in channels.items():
@@ -201,7 +201,7 @@ def _grows(values: np.ndarray) -> bool:
     return steps.size > 0 and float((steps >= 0.0).mean()) >= 0.95
 
 
-def _shaft(found: Evidence) -> None:
+def _shaft(found: Clues) -> None:
     """An angle that begins again each turn is the pump's; no other shaft is there to turn."""
     angles = found.allowing("pump_angle")
     shaft = find_shaft(found.data, angles, found.allowing("position"), found.unnamed)
@@ -213,7 +213,7 @@ def _shaft(found: Evidence) -> None:
         found.scores[shaft.direction].clear()
 
 
-def _pressures(found: Evidence) -> None:
+def _pressures(found: Clues) -> None:
     """Δp is what two others differ by; the accumulator's is the quietest of the rest."""
     sure = found.pressures()
     if (triple := difference(found.data, sure[:12])) is not None:
@@ -230,7 +230,7 @@ def _pressures(found: Evidence) -> None:
             found.add(quiet, "pressure_accumulator", 1.0, "it changes least")
 
 
-def _motion(found: Evidence) -> None:
+def _motion(found: Clues) -> None:
     """The position follows the pump's speed; a demand is smooth and comes first."""
     # Beside a shaft's angle nothing has to be guessed from an integral alone.
     told = set(found.unnamed) if found.shaft is not None else set()
@@ -252,7 +252,7 @@ def _motion(found: Evidence) -> None:
                 found.add(b, measured, 1.0, f"it comes after {a}")
 
 
-def _accumulator(found: Evidence) -> None:
+def _accumulator(found: Clues) -> None:
     """The emptied chamber is refed from the accumulator, and rests at its pressure."""
     one, two, drop = (found.named(c) for c in PRESSURES[:3])
     if one is not None and two is not None and found.units[one] == found.units[two]:
@@ -274,7 +274,7 @@ def _accumulator(found: Evidence) -> None:
             found.add(name, "pressure_accumulator", 2.0, why)
 
 
-def _torque(found: Evidence) -> None:
+def _torque(found: Clues) -> None:
     """The motor's current goes with the pressure difference."""
     drop = found.named("pressure_difference")
     if drop is None:

@@ -12,7 +12,7 @@ from fdd.logs.channel_map import ChannelMap, ChannelSource
 from fdd.logs.formats.signals import LogFile, Signal
 from fdd.logs.mapping.behaviour import delays
 from fdd.logs.mapping.concepts import RULES, Words
-from fdd.logs.mapping.evidence import PRESSURES, Choice, Evidence, assign, gather
+from fdd.logs.mapping.evidence import PRESSURES, Choice, Clues, assign, gather
 from fdd.logs.mapping.given import Given
 from fdd.logs.mapping.signs import signs_of
 from fdd.logs.mapping.units import Question, scale_of, unit_questions
@@ -122,7 +122,7 @@ def propose(log: LogFile, words: Words | None = None, given: dict[str, Given] | 
 
 
 def _signs_and_units(
-    log: LogFile, found: Evidence, chosen: dict[str, Choice], out: Proposal, given: dict[str, Given]
+    log: LogFile, found: Clues, chosen: dict[str, Choice], out: Proposal, given: dict[str, Given]
 ) -> None:
     needed = {"position", "pressure_difference", "pressure_1", "pressure_2"}
     needed |= {"pump_speed"} if "pump_angle" not in chosen else {"pump_angle"}
@@ -164,7 +164,7 @@ def _signs_and_units(
             out.questions.append(question)
 
 
-def _delays(found: Evidence, name: dict[str, str], out: Proposal) -> None:
+def _delays(found: Clues, name: dict[str, str], out: Proposal) -> None:
     """Delays of motion and pressures against the pump, where the volume balance closes better with them."""
     one, two, drop = (name.get(c) for c in ("pressure_1", "pressure_2", "pressure_difference"))
     columns, time = found.data.columns, found.data.time

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from fdd.logs.mapping.behaviour import correlation, follows, rises_with_pumping
-from fdd.logs.mapping.evidence import Choice, Evidence
+from fdd.logs.mapping.evidence import Choice, Clues
 
 CLEAR_T = 5.0
 """Student's t above which the pumping tells which chamber is filled."""
@@ -14,7 +14,7 @@ _NAMED_SIDES = {
 """Words that tell which end of the cylinder a chamber is at, and not only A and B."""
 
 
-def signs_of(found: Evidence, chosen: dict[str, Choice]) -> tuple[dict[str, int], list[str]]:
+def signs_of(found: Clues, chosen: dict[str, Choice]) -> tuple[dict[str, int], list[str]]:
     """Signs by physics: a positive pump motion extends the cylinder and raises the pressure of chamber 1.
 
     Chambers that turn out the wrong way round are swapped in `chosen`.
@@ -92,9 +92,7 @@ def signs_of(found: Evidence, chosen: dict[str, Choice]) -> tuple[dict[str, int]
     return signs, notes
 
 
-def _like(
-    found: Evidence, chosen: dict[str, Choice], signs: dict[str, int], demand: str, measured: str
-) -> None:
+def _like(found: Clues, chosen: dict[str, Choice], signs: dict[str, int], demand: str, measured: str) -> None:
     """Give a demand the sign of what follows it."""
     if demand not in chosen or measured in (demand, "pump_angle"):
         return

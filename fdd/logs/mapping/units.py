@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from fdd.logs.channel_map import ChannelSource
 from fdd.logs.mapping.behaviour import gain, slope_of
-from fdd.logs.mapping.evidence import Evidence
+from fdd.logs.mapping.evidence import Clues
 from fdd.measures import find_measure
 from fdd.samples import CHANNELS
 
@@ -48,7 +48,7 @@ class Question:
     hint: str
 
 
-def scale_of(found: Evidence, speed: str | None, channel: str, name: str) -> dict[str, object]:
+def scale_of(found: Clues, speed: str | None, channel: str, name: str) -> dict[str, object]:
     """Unit of a signal as a channel; a scale where it is in volts or counts, by what it has to be like.
 
     Parameters
@@ -108,7 +108,7 @@ def _rounded_to_rpm(per_volt: float) -> float:
 
 
 def unit_questions(
-    found: Evidence, names: dict[str, str], sources: dict[str, ChannelSource]
+    found: Clues, names: dict[str, str], sources: dict[str, ChannelSource]
 ) -> list[tuple[Question | None, dict[str, ChannelSource]]]:
     """Units of channels that have none: what is likeliest, and a question where that is not clear.
 
@@ -159,7 +159,7 @@ def _whole(values: NDArray[np.float64]) -> bool:
 
 
 def _demand_like(
-    found: Evidence,
+    found: Clues,
     names: dict[str, str],
     known: dict[str, ChannelSource],
     sources: dict[str, ChannelSource],
@@ -173,7 +173,7 @@ def _demand_like(
 
 
 def _nats(
-    found: Evidence, names: dict[str, str], known: dict[str, ChannelSource], kind: str, units: tuple[str, ...]
+    found: Clues, names: dict[str, str], known: dict[str, ChannelSource], kind: str, units: tuple[str, ...]
 ) -> dict[str, float]:
     """How likely each unit is, by what actuators usually are."""
     columns = found.data.columns

@@ -13,7 +13,7 @@ from fdd.logs.mapping.behaviour import Signals, correlation, follows, leads, ris
 from fdd.samples import Column
 
 if TYPE_CHECKING:
-    from fdd.logs.mapping.evidence import Evidence
+    from fdd.logs.mapping.evidence import Clues
 
 
 SAME_SHAFT = 0.97
@@ -153,7 +153,7 @@ def _copied(one: np.ndarray, other: np.ndarray) -> bool:
     return any(float(np.mean(np.abs(one - k * other) <= digit)) > COPY for k in (1.0, -1.0))
 
 
-def around_shaft(found: Evidence, shaft: Shaft) -> None:
+def around_shaft(found: Clues, shaft: Shaft) -> None:
     """A speed adds up to the shaft's angle, the position is what it moves, a demand comes before either."""
     data = found.data
     found.add(shaft.signal, "pump_angle", SURE_NATS, f"it begins again each {shaft.wrap:g} counts")
@@ -193,7 +193,7 @@ def _explained(wanted: np.ndarray, columns: np.ndarray) -> float:
     return 1.0 - float(rest @ rest) / max(float(wanted @ wanted), 1e-300)
 
 
-def chambers(found: Evidence) -> None:
+def chambers(found: Clues) -> None:
     """The chambers' pressures: oil that moves no piston fills them, and one rests while the other works.
 
     Check valves or a directional valve keep the side that is emptied near the accumulator's pressure. A

@@ -1,4 +1,4 @@
-"""Rows: one filter for all channels, whatever is missing and however a log was cut."""
+"""Bins: one filter for all channels, whatever is missing and however a log was cut."""
 
 from __future__ import annotations
 
@@ -11,7 +11,16 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 from scipy.signal import butter, sosfilt
 
-from fdd.residuals.rows import BRISTLE_M, COLUMNS, FAST, FILM_S, HOP_ROWS, HOP_S, ROW_S, RowMaker
+from fdd.residuals.bins import (
+    BIN_S,
+    COLUMNS,
+    FAST,
+    FRAME_BINS,
+    FRAME_S,
+    LUBRICATION_LAG_S,
+    PRESLIDING_TRAVEL_M,
+    BinMaker,
+)
 from fdd.samples import Samples
 from fdd.unit import Unit
 
@@ -40,8 +49,8 @@ def without(samples: Samples, keep: NDArray[np.bool_]) -> Samples:
     return Samples(samples.time[keep], {c: samples[c][keep] for c in samples.channels})
 
 
-def rows_of(samples: Samples, cuts: list[int] | None = None, unit: Unit = UNIT) -> Array:
-    maker = RowMaker(unit)
+def bins_of(samples: Samples, cuts: list[int] | None = None, unit: Unit = UNIT) -> Array:
+    maker = BinMaker(unit)
     parts = [
         maker.push(samples.rows(a, b))[1]
         for a, b in itertools.pairwise([0, *sorted(cuts or []), len(samples)])
@@ -49,26 +58,26 @@ def rows_of(samples: Samples, cuts: list[int] | None = None, unit: Unit = UNIT) 
     return np.concatenate([*parts, maker.push(None)[1]])
 
 
-def column(rows: Array, name: str) -> Array:
-    return rows[:, COLUMNS[name]]
+def column(bins: Array, name: str) -> Array:
+    return bins[:, COLUMNS[name]]
 
 
-def test_a_row_is_the_mean_of_its_cell() -> None:
+def test_a_bin_is_the_mean_of_its_samples() -> None:
     samples = moving()
-    rows = rows_of(samples)
-    assert rows.shape == (int(np.ceil(SECONDS / HOP_S)) * HOP_ROWS, len(COLUMNS))
+    bins = bins_of(samples)
+    assert bins.shape == (int(np.ceil(SECONDS / FRAME_S)) * FRAME_BINS, len(COLUMNS))
     for name in FAST:
         sensor = UNIT.sensor(name)
-        for k in range(int(SECONDS / ROW_S)):
-            cell = [
+        for k in range(int(SECONDS / BIN_S)):
+            inside = [
                 (samples[name][i] - sensor.zero) / sensor.gain
                 for i in range(len(samples))
-                if round(samples.time[i] * 1e6) // round(ROW_S * 1e6) == k
+                if round(samples.time[i] * 1e6) // round(BIN_S * 1e6) == k
             ] if k % 37 == 0 else []  # fmt: skip
-            if cell:
-                assert rows[k, COLUMNS[name]] == pytest.approx(sum(cell) / len(cell), rel=1e-9), (name, k)
+            if inside:
+                assert bins[k, COLUMNS[name]] == pytest.approx(sum(inside) / len(inside), rel=1e-9), (name, k)
     k = 111
-    assert column(rows, "temperature")[k] == 41.0
+    assert column(bins, "temperature")[k] == 41.0
 
 
 def test_a_sensors_zero_and_gain_are_taken_out() -> None:
@@ -76,7 +85,7 @@ def test_a_sensors_zero_and_gain_are_taken_out() -> None:
     bent = UNIT.model_copy(deep=True)
     channel = "pressure_1"
     bent.sensors[channel] = bent.sensor(channel).model_copy(update={"zero": 0.5, "gain": 2.0})
-    plain, found = column(rows_of(samples), channel), column(rows_of(samples, unit=bent), channel)
+    plain, found = column(bins_of(samples), channel), column(bins_of(samples, unit=bent), channel)
     own = UNIT.sensor(channel)
     np.testing.assert_allclose(found, (plain * own.gain + own.zero - 0.5) / 2.0, rtol=1e-9)
 
@@ -85,7 +94,7 @@ def test_a_sensors_zero_and_gain_are_taken_out() -> None:
 @given(cuts=st.lists(st.integers(1, int(SECONDS * RATE_HZ) - 1), max_size=8))
 def test_any_cut_gives_the_same_rows(cuts: list[int]) -> None:
     samples = moving()
-    np.testing.assert_array_equal(rows_of(samples, cuts), rows_of(samples))
+    np.testing.assert_array_equal(bins_of(samples, cuts), bins_of(samples))
 
 
 @settings(max_examples=15)
@@ -93,7 +102,7 @@ def test_any_cut_gives_the_same_rows(cuts: list[int]) -> None:
 def test_any_cut_gives_the_same_rows_without_a_speed_sensor(cuts: list[int]) -> None:
     samples = moving()
     bare = Samples(samples.time, {c: samples[c] for c in samples.channels if c != "pump_speed"})
-    np.testing.assert_array_equal(rows_of(bare, cuts), rows_of(bare))
+    np.testing.assert_array_equal(bins_of(bare, cuts), bins_of(bare))
 
 
 @settings(max_examples=20)
@@ -113,11 +122,11 @@ def test_what_is_missing_shifts_no_channel_against_another(
     position[list(blank)] = np.nan
     time = samples.time + 1e-5 * jitter * np.random.default_rng(jitter).uniform(-1.0, 1.0, len(samples))
     holed = without(Samples(time, {**{c: samples[c] for c in samples.channels}, "position": position}), keep)
-    rows = rows_of(holed)
+    bins = bins_of(holed)
     sensors = {c: UNIT.sensor(c) for c in ("pump_angle", "position")}
     assert all(s.zero == 0.0 and s.gain == 1.0 for s in sensors.values())
-    closes = UNIT.pump.displacement * np.diff(column(rows, "pump_angle"))
-    closes -= UNIT.cylinder.area_1 * np.diff(column(rows, "position"))
+    closes = UNIT.pump.displacement * np.diff(column(bins, "pump_angle"))
+    closes -= UNIT.cylinder.area_1 * np.diff(column(bins, "position"))
     known = np.isfinite(closes)
     assert known.sum() > 200
     assert np.abs(closes[known]).max() < 1e-9 * UNIT.pump.displacement
@@ -126,11 +135,11 @@ def test_what_is_missing_shifts_no_channel_against_another(
 def test_a_channel_that_is_never_there_hides_no_other() -> None:
     samples = moving()
     bare = Samples(samples.time, {c: samples[c] for c in ("pump_angle", "position")})
-    rows = rows_of(bare)
-    full = int(SECONDS / ROW_S)
-    assert np.isfinite(column(rows, "pump_angle")[:full]).all()
-    assert np.isnan(column(rows, "motor_current")).all()
-    np.testing.assert_allclose(column(rows, "position"), column(rows_of(samples), "position"), rtol=1e-12)
+    bins = bins_of(bare)
+    full = int(SECONDS / BIN_S)
+    assert np.isfinite(column(bins, "pump_angle")[:full]).all()
+    assert np.isnan(column(bins, "motor_current")).all()
+    np.testing.assert_allclose(column(bins, "position"), column(bins_of(samples), "position"), rtol=1e-12)
 
 
 def test_an_early_row_changes_no_later_one() -> None:
@@ -140,14 +149,16 @@ def test_an_early_row_changes_no_later_one() -> None:
         np.concatenate([[0.0], late.time]),
         {c: np.concatenate([samples[c][:1], late[c]]) for c in late.channels},
     )
-    one, other = rows_of(late), rows_of(early)
+    one, other = bins_of(late), bins_of(early)
     one = one[-len(other) :]
     other = other[-len(one) :]
     for name in (*FAST, "temperature", "time"):
         np.testing.assert_array_equal(column(other, name), column(one, name), err_msg=name)
     # A seal knows where it came from until it has slid: twice its give.
     travel = np.nancumsum(np.abs(np.diff(column(one, "position"), prepend=np.nan)))
-    slid = (travel > 4.0 * BRISTLE_M) & (column(one, "time") > late.time[0] + 10.0 * FILM_S)
+    slid = (travel > 4.0 * PRESLIDING_TRAVEL_M) & (
+        column(one, "time") > late.time[0] + 10.0 * LUBRICATION_LAG_S
+    )
     assert slid.sum() > 100
     for name in ("friction", "sliding"):
         np.testing.assert_allclose(column(other, name)[slid], column(one, name)[slid], rtol=0.02)
@@ -158,7 +169,7 @@ def test_the_seal_is_a_stop_operator_whose_yield_is_the_stribeck_curve(cut: list
     """Against a loop written from its definition: play in the give, and a yield that follows the film."""
     samples = moving()
     f = UNIT.friction
-    stiffness = 0.5 * (f.forward.static + f.reverse.static) / BRISTLE_M
+    stiffness = 0.5 * (f.forward.static + f.reverse.static) / PRESLIDING_TRAVEL_M
     force, film = 0.0, 0.0
     forces, films = [], []
     before_x, before_t = samples["position"][0], samples.time[0] - 1e-3
@@ -169,36 +180,36 @@ def test_the_seal_is_a_stop_operator_whose_yield_is_the_stribeck_curve(cut: list
         most = curve.coulomb * (1.0 - weight) + curve.static * weight
         force = float(np.clip(free, -most, most))
         speed = (free - force) / stiffness / (t - before_t)
-        share = (t - before_t) / (FILM_S + t - before_t)  # backward Euler of a first-order lag
+        share = (t - before_t) / (LUBRICATION_LAG_S + t - before_t)  # backward Euler of a first-order lag
         film = film + share * (speed - film)
         forces.append(force)
         films.append(film)
         before_x, before_t = x, t
-    cells = int(SECONDS / ROW_S)
-    rows = rows_of(samples, cut)
-    per_cell = RATE_HZ * ROW_S
+    count = int(SECONDS / BIN_S)
+    bins = bins_of(samples, cut)
+    per_bin = RATE_HZ * BIN_S
     for name, expected in (("friction", forces), ("sliding", films)):
-        means = np.reshape(expected, (cells, int(per_cell))).mean(axis=1)
-        np.testing.assert_allclose(column(rows, name)[:cells], means, rtol=1e-7, atol=1e-9, err_msg=name)
+        means = np.reshape(expected, (count, int(per_bin))).mean(axis=1)
+        np.testing.assert_allclose(column(bins, name)[:count], means, rtol=1e-7, atol=1e-9, err_msg=name)
     slides = np.abs(films) > 0.05
     assert slides.any()
     sign = np.sign(films)[slides]
     assert (np.sign(forces)[slides] == sign).mean() > 0.95, "friction acts against the motion"
 
 
-def test_state_goes_on_in_mid_hop() -> None:
+def test_state_goes_on_in_mid_frame() -> None:
     samples = moving()
-    whole = rows_of(samples)
-    first = RowMaker(UNIT)
+    whole = bins_of(samples)
+    first = BinMaker(UNIT)
     parts = [first.push(samples.rows(0, 1_234))[1]]
-    second = RowMaker(UNIT)
+    second = BinMaker(UNIT)
     second.restore({k: v.copy() for k, v in first.state().items()})
     parts += [second.push(samples.rows(1_234, len(samples)))[1], second.push(None)[1]]
     np.testing.assert_array_equal(np.concatenate(parts), whole)
 
 
 def test_no_sample_no_row() -> None:
-    maker = RowMaker(UNIT)
+    maker = BinMaker(UNIT)
     assert len(maker.push(None)[1]) == 0
     assert len(maker.push(moving().rows(0, 100))[1]) == 0
 
@@ -206,7 +217,7 @@ def test_no_sample_no_row() -> None:
 @pytest.mark.parametrize(("rate", "band_hz"), [(1000, None), (200, None), (1000, 150.0), (500, 150.0)])
 def test_the_noise_of_a_rows_pressure_is_that_of_its_samples_mean(rate: int, band_hz: float | None) -> None:
     """Whatever the pressure does: it swings by a hundred times its noise, and steps. Noise of a transducer's
-    band is no less in a row's mean than white noise of its spectral density."""
+    band is no less in a bin's mean than white noise of its spectral density."""
     rng, time = np.random.default_rng(9), np.arange(60 * rate) / rate
     samples = moving(60.0).rows(0, 1)
     columns = {c: np.interp(time, samples.time, samples[c]) for c in samples.channels}
@@ -215,7 +226,7 @@ def test_the_noise_of_a_rows_pressure_is_that_of_its_samples_mean(rate: int, ban
         noise = sosfilt(butter(8, 1.1 * band_hz, output="sos", fs=rate), noise)
     swing = 5e5 * np.sin(9.0 * time) + 2e6 * (np.mod(time, 4.0) < 2.0)
     columns |= {f"pressure_{k}": swing + k * noise for k in (1, 2)}
-    rows = rows_of(Samples(time, columns))
+    bins = bins_of(Samples(time, columns))
     for k in (1, 2):
-        alone = column(rows, f"pressure_{k}_noise")[HOP_ROWS:] * np.sqrt(rate * ROW_S)
+        alone = column(bins, f"pressure_{k}_noise")[FRAME_BINS:] * np.sqrt(rate * BIN_S)
         assert np.median(alone) == pytest.approx(k * 5e3, rel=0.06)

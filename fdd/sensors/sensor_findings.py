@@ -1,4 +1,4 @@
-"""The book of findings: events of one channel and kind are one finding, with their count."""
+"""All findings on the sensors: events of one channel and kind are one finding, with their count."""
 
 from __future__ import annotations
 
@@ -10,22 +10,22 @@ from fdd.sensors.finding import CONFIDENCE, FAILING, Kind, SensorFinding
 SAME_INSTANT_S = 0.05
 
 
-class Ledger:
+class SensorFindings:
     """Findings so far, by channel and kind.
 
     Examples
     --------
-    >>> book = Ledger()
+    >>> found = SensorFindings()
     >>> for at in (1.0, 3.0):
-    ...     book.report("position", "slip", at, None, at + 0.5, 1e-3, "jumps by 1 mm")
-    >>> [(f.onset_s, f.count, f.size) for f in book.findings()]
+    ...     found.report("position", "slip", at, None, at + 0.5, 1e-3, "jumps by 1 mm")
+    >>> [(f.onset_s, f.count, f.size) for f in found.by_onset()]
     [(1.0, 2, 0.002)]
     """
 
     def __init__(self, findings: Iterable[SensorFinding] = ()) -> None:
         self._found: dict[tuple[str, str], SensorFinding] = {(f.channel, f.kind): f for f in findings}
 
-    def findings(self) -> list[SensorFinding]:
+    def by_onset(self) -> list[SensorFinding]:
         """In the order of their onsets."""
         return sorted(self._found.values(), key=lambda f: (f.onset_s, f.channel, f.kind))
 

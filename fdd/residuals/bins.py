@@ -1,12 +1,9 @@
-"""From samples to rows of 10 ms: every channel through one and the same linear filter.
+"""From samples to bins of 10 ms: every channel through one and the same linear filter.
 
-A balance is linear in what it sums up, so it holds as well between the means of a cell of 10 ms as between
-samples. All
-channels are averaged over the very same samples of a cell (those at which every channel that is there has a
-value), so that
-neither a missing value nor jitter shifts one against another. Cells lie on an absolute grid of time:
-nothing depends on
-how a log was cut, nor on its first row.
+A balance is linear, so it holds between means over bins of 10 ms as well as between samples. All channels are
+averaged over the same samples of a bin (those at which every channel that is there has a value), so that
+neither a missing value nor jitter shifts one against another. Bins lie on an absolute grid of time: the
+result does not depend on how a log was cut, nor on its first bin.
 """
 
 from __future__ import annotations
@@ -29,20 +26,21 @@ from fdd.unit import Unit
 
 Array = NDArray[np.float64]
 
-ROW_S = 0.01
-"""s, length of a cell."""
-HOP_ROWS = 50
-"""Cells in a hop, the step in which evidence is gathered."""
-HOP_S = ROW_S * HOP_ROWS
-BLOCK_HOPS = 4
-"""Hops of a block whose errors may hang together: 2 s."""
-TAIL_ROWS = 50
-"""Rows before a hop that its filters and validity rules may look back at."""
-BRISTLE_M = 5e-4
-"""m, travel in which a seal breaks away: elastomer seals give 0.1 to 0.5 mm before they slide."""
-FILM_S = 0.03
-"""s, by which a lubricating film, and with it the falling part of friction, follows the sliding: 5 to 60 ms
-by Hess and Soom 1990 (doi 10.1115/1.2920240) and Armstrong-Helouvry et al. 1994 (doi
+BIN_S = 0.01
+"""s, length of a bin."""
+FRAME_BINS = 50
+"""Bins in a frame, the step in which evidence is gathered."""
+FRAME_S = BIN_S * FRAME_BINS
+BLOCK_FRAMES = 4
+"""Frames of a block whose errors may be correlated: 2 s."""
+TAIL_BINS = 50
+"""Bins before a frame that its filters and validity rules may look back at."""
+PRESLIDING_TRAVEL_M = 5e-4
+"""m, presliding travel of a seal until it breaks away: elastomer seals give 0.1 to 0.5 mm before they
+slide."""
+LUBRICATION_LAG_S = 0.03
+"""s, lag of the lubricating film, and with it of the falling part of friction, behind the sliding speed: 5 to
+60 ms by Hess and Soom 1990 (doi 10.1115/1.2920240) and Armstrong-Helouvry et al. 1994 (doi
 10.1016/0005-1098(94)90209-7)."""
 
 GAS_S = 6.0
@@ -52,9 +50,9 @@ WARMING_S = (10.0, 60.0)
 """s over which two means of the oil's temperature are taken, whose difference is its rate."""
 
 PAUSE_S = 30.0
-"""s without samples from which there are no hops: a week of short runs costs no more than the runs."""
+"""s without samples from which there are no frames: a week of short runs costs no more than the runs."""
 STOP_S = 600.0
-"""s of a pause after which an axis is no longer as it was: its oil has cooled, or another has flown it."""
+"""s of a pause after which an axis counts as started anew: its oil has cooled, or another has flown it."""
 
 FAST = (
     "command", "pump_angle", "pump_speed", "position", "pressure_difference", "pressure_1", "pressure_2",
@@ -63,18 +61,18 @@ FAST = (
 DERIVED = ("friction", "sliding", "temperature", "time", "gas_heat", "warming", "mean_pressure")
 NOISY = ("pressure_difference", "pressure_1", "pressure_2")
 COLUMNS = {name: i for i, name in enumerate((*FAST, *DERIVED, *(f"{n}_noise" for n in NOISY)))}
-NOISE_HOPS, LEAST_SAMPLES = 20, 20
-"""Hops whose noise is remembered; samples of a hop that tell it."""
+NOISE_FRAMES, LEAST_SAMPLES = 20, 20
+"""Frames whose noise is kept; fewest samples of a frame that it is estimated from."""
 NOISE_HZ = (80.0, 140.0)
-"""Where a pressure's noise stands above its motion and its transducer's band has not ended (150 Hz: thesis
+"""Hz, band in which a pressure's noise exceeds its motion, within the transducer's bandwidth (150 Hz: thesis
 Appendix A)."""
 NOISE_SHARE = (0.6, 0.95)
-"""The same where samples come seldom: of half their rate."""
+"""The same as shares of the Nyquist frequency, for low sampling rates."""
 DENSITY_SPREAD = 0.88
-"""Relative standard deviation of a noise by the median of n bins of a windowed periodogram, times √n (by
-simulation)."""
+"""Relative standard deviation of a noise by the median of n frequencies of a windowed periodogram, times √n
+(by simulation)."""
 LOWER_QUARTILE = np.array(
-    [0.0, *(-NormalDist().inv_cdf((n // 4 + 0.6) / (n + 0.2)) for n in range(1, NOISE_HOPS + 1))]
+    [0.0, *(-NormalDist().inv_cdf((n // 4 + 0.6) / (n + 0.2)) for n in range(1, NOISE_FRAMES + 1))]
 )
 """Standard deviations by which the lower quartile of n normal values lies below their mean, by Cunnane's
 plotting positions (1978, doi 10.1016/0022-1694(78)90017-3)."""
@@ -106,7 +104,7 @@ def _friction(
         most = branch[0] + (branch[1] - branch[0]) * np.exp(-((abs(state[1]) / branch[2]) ** branch[3]))
         state[0] = min(most, max(-most, tried))
         slid = (tried - state[0]) / stiffness
-        state[1] += (slid - state[1] * dt[k]) / (FILM_S + dt[k])
+        state[1] += (slid - state[1] * dt[k]) / (LUBRICATION_LAG_S + dt[k])
         out[k], film[k] = state[0], state[1]
 
 
@@ -116,7 +114,7 @@ def _follow(values: Array, state: Array, decay: Array, out: Array) -> None:
 
     Parameters
     ----------
-    state : (lags,), NaN before the first; kept for the next call. decay : (lags,), share that a row closes.
+    state : (lags,), NaN before the first; kept for the next call. decay : (lags,), share that a bin closes.
     """
     for k in range(values.size):
         if np.isfinite(values[k]):
@@ -126,18 +124,18 @@ def _follow(values: Array, state: Array, decay: Array, out: Array) -> None:
 
 
 @dataclass
-class RowMaker:
-    """Samples in, rows of complete hops out.
+class BinMaker:
+    """Samples in, bins of complete frames out.
 
     Parameters
     ----------
-    unit : its sensors' zeros and gains are taken out. together : hops that are given at a time.
+    unit : its sensors' zeros and gains are taken out. together : frames that are given at a time.
     """
 
     unit: Unit
     together: int = 1
-    hop: int = -1
-    """Index of the first hop not yet given."""
+    frame: int = -1
+    """Index of the first frame not yet given."""
     _first: int = 0
     _waiting: list[Samples] = field(default_factory=list)
     _seal: Array = field(default_factory=lambda: np.zeros(2))
@@ -148,27 +146,27 @@ class RowMaker:
     """The oil's last known temperature: it changes slowly, and is measured seldom."""
     _lags: Array = field(default_factory=lambda: np.full(1 + len(WARMING_S), np.nan))
     """ln Pa and °C: the accumulator's mean pressure, and the oil's two mean temperatures."""
-    _noise: Array = field(default_factory=lambda: np.full((NOISE_HOPS, len(NOISY)), np.nan))
-    """Root of the spectral density of a pressure's noise in the last hops, Pa/√Hz."""
+    _noise: Array = field(default_factory=lambda: np.full((NOISE_FRAMES, len(NOISY)), np.nan))
+    """Root of the spectral density of a pressure's noise in the last frames, Pa/√Hz."""
 
     _hidden: Array = field(default_factory=lambda: np.array([np.nan, 0.0, np.nan]))
     _tank: float = np.nan
     """What `chambers_from_difference` goes on from, and the accumulator's pressure as last known, Pa."""
 
     def push(self, samples: Samples | None) -> tuple[int, Array]:
-        """Rows of the hops that the samples complete, `together` at a time.
+        """Bins of the frames that the samples complete, `together` at a time.
 
         Parameters
         ----------
-        samples : next block; None closes the log: what waits is given as a last hop.
+        samples : next block; None closes the log: what waits is given as a last frame.
 
         Returns
         -------
-        first hop's index, (hops * HOP_ROWS, len(COLUMNS)) means; NaN where a cell has no data.
+        first frame's index, (frames * FRAME_BINS, len(COLUMNS)) means; NaN where a bin has no data.
         """
         if samples is not None and len(samples):
-            if self.hop < 0:
-                self.hop = self._first = int(np.floor(samples.time[0] / HOP_S + 1e-9))
+            if self.frame < 0:
+                self.frame = self._first = int(np.floor(samples.time[0] / FRAME_S + 1e-9))
             self._waiting.append(samples)
         complete = self._complete()
         if samples is None:
@@ -182,36 +180,36 @@ class RowMaker:
         for a, b in pairwise(sorted({0, *starts, len(samples)})):
             if a in starts:
                 yield self.push(None)
-                self.hop = -1
+                self.frame = -1
                 self._hidden[0] = np.nan  # meanwhile the case drain has let the mean down
             yield self.push(samples.rows(a, b))
 
     def rest(self) -> tuple[int, Array]:
-        """Rows of all complete hops that wait; `push` goes on in the same steps as without."""
+        """Bins of all complete frames that wait; `push` goes on in the same steps as without."""
         return self._given(self._complete())
 
     def _complete(self) -> int:
-        """Index of the first hop that is not complete."""
+        """Index of the first frame that is not complete."""
         if not self._waiting:
-            return self.hop
-        return int(np.floor(float(self._waiting[-1].time[-1]) / HOP_S + 1e-9))
+            return self.frame
+        return int(np.floor(float(self._waiting[-1].time[-1]) / FRAME_S + 1e-9))
 
     def _given(self, until: int) -> tuple[int, Array]:
-        first = self.hop
+        first = self.frame
         if until <= first:
             return first, np.empty((0, len(COLUMNS)))
         joined = Samples.concatenate(self._waiting)
-        cut = int(np.searchsorted(joined.time, until * HOP_S - 1e-9 * HOP_S))
+        cut = int(np.searchsorted(joined.time, until * FRAME_S - 1e-9 * FRAME_S))
         rest = joined.rows(cut, len(joined))
         self._waiting = [rest] if len(rest) else []
-        self.hop = until
-        return first, self._rows(joined.rows(0, cut), first, until)
+        self.frame = until
+        return first, self._bins(joined.rows(0, cut), first, until)
 
     def state(self) -> dict[str, Array]:
         """What waits, and the filters' memory, as flat named arrays."""
         out: dict[str, Array] = {
-            "hop": np.array([self.hop, self._first]), "seal": self._seal.copy(), "last": np.array(self._last),
-            "turned": self._turned.copy(), "celsius": np.array([self._celsius]),
+            "frame": np.array([self.frame, self._first]), "seal": self._seal.copy(),
+            "last": np.array(self._last), "turned": self._turned.copy(), "celsius": np.array([self._celsius]),
             "noise": self._noise.copy(), "lags": self._lags.copy(), "hidden": self._hidden.copy(),
             "tank": np.array([self._tank]),
         }  # fmt: skip
@@ -223,7 +221,7 @@ class RowMaker:
 
     def restore(self, state: dict[str, Array]) -> None:
         """Go on from what `state` gave."""
-        self.hop, self._first = (int(x) for x in state["hop"])
+        self.frame, self._first = (int(x) for x in state["frame"])
         self._seal, self._turned = state["seal"].copy(), state["turned"].copy()
         self._noise, self._lags = state["noise"].copy(), state["lags"].copy()
         self._last = (float(state["last"][0]), float(state["last"][1]))
@@ -234,9 +232,9 @@ class RowMaker:
             columns = {k.removeprefix("channel/"): v for k, v in state.items() if k.startswith("channel/")}
             self._waiting = [Samples(state["time"], columns)]
 
-    def _rows(self, samples: Samples, first: int, until: int) -> Array:
+    def _bins(self, samples: Samples, first: int, until: int) -> Array:
         n = len(samples)
-        out = np.full(((until - first) * HOP_ROWS, len(COLUMNS)), np.nan)
+        out = np.full(((until - first) * FRAME_BINS, len(COLUMNS)), np.nan)
         if not n:
             return out
         data = np.full((n, len(COLUMNS)), np.nan)
@@ -247,96 +245,99 @@ class RowMaker:
                 data[:, COLUMNS[name]] = (samples[name] - sensor.zero) / sensor.gain
         self._turn(data)
         angle = data[:, COLUMNS["pump_angle"]]
-        self._rub(data)
-        cell = np.floor(samples.time / ROW_S + 1e-7).astype(np.int64) - first * HOP_ROWS
-        cell = np.clip(cell, 0, out.shape[0] - 1)
-        # A channel counts in a hop where it has values at all; then only samples with all of them are taken.
-        hop = cell // HOP_ROWS
-        starts = np.flatnonzero(np.diff(hop, prepend=-1))
+        self._friction_reference(data)
+        bin_of = np.floor(samples.time / BIN_S + 1e-7).astype(np.int64) - first * FRAME_BINS
+        bin_of = np.clip(bin_of, 0, out.shape[0] - 1)
+        # A channel counts in a frame where it has values at all; then only samples with all of them are
+        # taken.
+        frame = bin_of // FRAME_BINS
+        starts = np.flatnonzero(np.diff(frame, prepend=-1))
         speed = data[:, COLUMNS["pump_speed"]]
         for a, b in zip(starts, np.append(starts[1:], n), strict=True):
-            # Within the hop, so that it does not matter what came in the same block.
+            # Within the frame, so that it does not matter what came in the same block.
             if b - a > 2 and np.isnan(speed[a:b]).all():
                 speed[a:b] = np.gradient(angle[a:b], samples.time[a:b])
         fast = np.isfinite(data[:, : len(FAST)])
         lengths = np.diff(np.append(starts, n))
-        # What comes less than once in a cell is not waited for: it has a value in the cells where it comes.
-        cells = np.add.reduceat(np.diff(cell, prepend=-1) > 0, starts)
-        there = np.add.reduceat(fast, starts, axis=0) >= 0.9 * cells[:, None]
+        # What comes less than once in a bin is not waited for: it has a value in the bins where it comes.
+        bins = np.add.reduceat(np.diff(bin_of, prepend=-1) > 0, starts)
+        there = np.add.reduceat(fast, starts, axis=0) >= 0.9 * bins[:, None]
         dense = np.repeat(there, lengths, axis=0)
         complete = (fast | ~dense).all(axis=1)
         if complete.any():
             taken = data[complete]
-            where = cell[complete]
+            where = bin_of[complete]
             begin = np.flatnonzero(np.diff(where, prepend=-1))
             count = np.diff(np.append(begin, where.size)).astype(np.float64)
             out[where[begin]] = np.add.reduceat(taken, begin, axis=0) / count[:, None]
-            self._pressure_noise(taken, where // HOP_ROWS, where[begin], count, out)
+            self._pressure_noise(taken, where // FRAME_BINS, where[begin], count, out)
             seldom = fast & ~dense
             for k in np.flatnonzero(seldom.any(axis=0)):
                 mine = np.flatnonzero(seldom[:, k])
-                out[cell[mine], k] = data[mine, k]
+                out[bin_of[mine], k] = data[mine, k]
         if "oil_temperature" in samples.channels:  # slow, and comes when it likes
             celsius = samples["oil_temperature"]
             known = np.isfinite(celsius)
-            warm, of_hop = celsius[known], hop[known]
-            begin = np.flatnonzero(np.diff(of_hop, prepend=-1))
+            warm, of_frame = celsius[known], frame[known]
+            begin = np.flatnonzero(np.diff(of_frame, prepend=-1))
             parts = np.split(warm, begin[1:])
-            means = {int(h): float(part.mean()) for h, part in zip(of_hop[begin], parts, strict=False)}
+            means = {int(h): float(part.mean()) for h, part in zip(of_frame[begin], parts, strict=False)}
             for h in range(until - first):
                 self._celsius = means.get(h, self._celsius)
-                out[h * HOP_ROWS : (h + 1) * HOP_ROWS, COLUMNS["temperature"]] = self._celsius
+                out[h * FRAME_BINS : (h + 1) * FRAME_BINS, COLUMNS["temperature"]] = self._celsius
         self._heat(out)
         self._chambers(out)
         return out
 
-    def _chambers(self, rows: Array) -> None:
+    def _chambers(self, bins: Array) -> None:
         """Fill the chambers' mean pressure by their difference, for logs that measure no more."""
         difference, accumulator, celsius = (
-            rows[:, COLUMNS[n]] for n in ("pressure_difference", "pressure_accumulator", "temperature")
+            bins[:, COLUMNS[n]] for n in ("pressure_difference", "pressure_accumulator", "temperature")
         )
         there = np.isfinite(accumulator)
         latest = np.maximum.accumulate(np.where(there, np.arange(there.size), -1))
         tank = np.where(latest >= 0, accumulator[latest], self._tank)
         self._tank = float(tank[-1])
         warm = np.where(np.isfinite(celsius), celsius, self.unit.oil.reference_temperature)
-        rows[:, COLUMNS["mean_pressure"]], _ = chambers_from_difference(
-            difference, rows[:, COLUMNS["position"]], ROW_S, self.unit, tank,
-            noise=rows[:, COLUMNS["pressure_difference_noise"]],
+        bins[:, COLUMNS["mean_pressure"]], _ = chambers_from_difference(
+            difference, bins[:, COLUMNS["position"]], BIN_S, self.unit, tank,
+            noise=bins[:, COLUMNS["pressure_difference_noise"]],
             viscosity=viscosity_ratio(self.unit.oil, warm), state=self._hidden,
         )  # fmt: skip
 
-    def _heat(self, rows: Array) -> None:
+    def _heat(self, bins: Array) -> None:
         """Fill what the accumulator's gas has of the work done on it (ln Pa), and the oil's warming (K/s)."""
-        pressure = rows[:, COLUMNS["pressure_accumulator"]] + ATMOSPHERE_PA
+        pressure = bins[:, COLUMNS["pressure_accumulator"]] + ATMOSPHERE_PA
         known = np.log(np.where(pressure > 0.0, pressure, np.nan))
-        slow, warm = np.empty((len(rows), 1)), np.empty((len(rows), len(WARMING_S)))
-        _follow(known, self._lags[:1], np.array([ROW_S / GAS_S]), slow)
-        _follow(rows[:, COLUMNS["temperature"]], self._lags[1:], ROW_S / np.array(WARMING_S), warm)
-        rows[:, COLUMNS["gas_heat"]] = known - slow[:, 0]
+        slow, warm = np.empty((len(bins), 1)), np.empty((len(bins), len(WARMING_S)))
+        _follow(known, self._lags[:1], np.array([BIN_S / GAS_S]), slow)
+        _follow(bins[:, COLUMNS["temperature"]], self._lags[1:], BIN_S / np.array(WARMING_S), warm)
+        bins[:, COLUMNS["gas_heat"]] = known - slow[:, 0]
         rate = (warm[:, 0] - warm[:, 1]) / (WARMING_S[1] - WARMING_S[0])
-        rows[:, COLUMNS["warming"]] = np.nan_to_num(rate)
+        bins[:, COLUMNS["warming"]] = np.nan_to_num(rate)
 
     def _pressure_noise(
-        self, taken: Array, hop: NDArray[np.int64], cells: NDArray[np.int64], count: Array, out: Array
+        self, taken: Array, frame: NDArray[np.int64], bins: NDArray[np.int64], count: Array, out: Array
     ) -> None:
-        """Fill the noise (standard deviation, Pa) that the mean of a cell's samples has, at this log's rate.
+        """Fill the noise (standard deviation, Pa) that the mean of a bin's samples has, at this log's rate.
 
         A mean over T takes a band of 1/(2T) of the noise's spectral density. Motion only adds to that of a
-        hop, so the lower quartile of the last ten seconds' counts, less what chance alone puts it below.
+        frame, so the lower quartile of the last ten seconds' counts, less what chance alone puts it below.
         """
         pressures = [COLUMNS[n] for n in NOISY]
-        for h in np.unique(hop):
-            mine = slice(*np.searchsorted(cells, [h * HOP_ROWS, (h + 1) * HOP_ROWS]))
-            samples = taken[slice(*np.searchsorted(hop, [h, h + 1])), :][:, pressures]
-            rate = float(np.median(count[mine])) / ROW_S
+        for h in np.unique(frame):
+            mine = slice(*np.searchsorted(bins, [h * FRAME_BINS, (h + 1) * FRAME_BINS]))
+            samples = taken[slice(*np.searchsorted(frame, [h, h + 1])), :][:, pressures]
+            rate = float(np.median(count[mine])) / BIN_S
             if len(samples) >= LEAST_SAMPLES:
                 self._noise = np.concatenate([self._noise[1:], _root_density(samples, rate)[None]])
             known = np.isfinite(self._noise).sum(axis=0)
             quiet = np.take_along_axis(np.sort(self._noise, axis=0), known[None] // 4, axis=0)[0]
-            bins = max(int(np.sum(_noise_bins(len(samples), rate))), 1)
-            quiet = quiet / (1.0 - np.minimum(LOWER_QUARTILE[known] * DENSITY_SPREAD / math.sqrt(bins), 0.5))
-            out[cells[mine], -len(NOISY) :] = quiet * np.sqrt(0.5 * rate / count[mine, None])
+            frequencies = max(int(np.sum(_noise_band(len(samples), rate))), 1)
+            quiet = quiet / (
+                1.0 - np.minimum(LOWER_QUARTILE[known] * DENSITY_SPREAD / math.sqrt(frequencies), 0.5)
+            )
+            out[bins[mine], -len(NOISY) :] = quiet * np.sqrt(0.5 * rate / count[mine, None])
 
     def _turn(self, data: Array) -> None:
         """Where one of the pump's angle and speed is not there, make it from the other."""
@@ -354,7 +355,7 @@ class RowMaker:
                 speed[0] = speed[1]
         self._turned = np.array([time[-1], angle[-1], speed[-1]])
 
-    def _rub(self, data: Array) -> None:
+    def _friction_reference(self, data: Array) -> None:
         """Fill the friction that a healthy seal would give to the measured travel, at the samples' own rate.
 
         By the position, not by the pump: compression and leakage between the two are many times what a seal
@@ -374,13 +375,20 @@ class RowMaker:
         )
         out, film = np.empty(step.size), np.empty(step.size)
         _friction(
-            step, dt, self._seal, forward, reverse, 0.5 * (forward[1] + reverse[1]) / BRISTLE_M, out, film
+            step,
+            dt,
+            self._seal,
+            forward,
+            reverse,
+            0.5 * (forward[1] + reverse[1]) / PRESLIDING_TRAVEL_M,
+            out,
+            film,
         )
         data[known, COLUMNS["friction"]], data[known, COLUMNS["sliding"]] = out, film
 
 
-def _noise_bins(samples: int, rate: float) -> NDArray[np.bool_]:
-    """Which bins of a periodogram show noise."""
+def _noise_band(samples: int, rate: float) -> NDArray[np.bool_]:
+    """Which frequencies of a periodogram show noise."""
     frequency = np.arange(samples // 2 + 1) * rate / samples
     low, high = (min(f, share * 0.5 * rate) for f, share in zip(NOISE_HZ, NOISE_SHARE, strict=True))
     return (frequency >= low) & (frequency <= high)
@@ -388,9 +396,9 @@ def _noise_bins(samples: int, rate: float) -> NDArray[np.bool_]:
 
 def _root_density(values: Array, rate: float) -> Array:
     """Root of a noise's spectral density (columns,), per √Hz, of (n, columns) at a rate (Hz): the median of
-    the periodogram's bins, as the pump's pulses and the mains are lines."""
+    the periodogram's frequencies, as the pump's pulses and the mains are lines."""
     window = np.hanning(len(values))[:, None]
     spectrum = np.fft.rfft(window * (values - values.mean(axis=0)), axis=0)
     power = np.square(spectrum.real) + np.square(spectrum.imag)
-    density = np.median(power[_noise_bins(len(values), rate)], axis=0) / math.log(2.0)
+    density = np.median(power[_noise_band(len(values), rate)], axis=0) / math.log(2.0)
     return np.asarray(np.sqrt(2.0 * density / (rate * np.sum(window**2))))

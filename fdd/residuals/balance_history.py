@@ -1,0 +1,336 @@
+"""Normal equations of all balances over the window of recent frames, and the reference learnt from older
+ones."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fdd.residuals.balances import BALANCES
+from fdd.residuals.bins import COLUMNS, FRAME_BINS, FRAME_S, STOP_S, TAIL_BINS
+from fdd.residuals.effects import Effects, LogConditions, viscous_change, with_logs
+from fdd.residuals.epochs import Epochs
+from fdd.residuals.normal_equations import NormalEquations, marginalised
+from fdd.residuals.quantities import Quantities, Scales, settled
+from fdd.residuals.regression_accumulator import RECENT_FRAMES, RegressionAccumulator
+from fdd.unit import Unit
+
+Array = NDArray[np.float64]
+
+HISTORY = 7200
+"""Frames whose misfit is remembered: an hour."""
+LEAST_INFORMATION = 1e-3
+"""Least information of a frame on all coefficients together, over that of their prior."""
+HEAT_K = 10.0
+"""K, unit of `LogConditions.heat`."""
+SURROUNDINGS = 3
+MOST_FRAMES = 20
+"""Frames that are computed at a time: their columns still fit the processor's cache."""
+
+
+class BalanceHistory:
+    """All balances of an axis: a window of frames, the reference before it, and the epochs of its life.
+
+    Parameters
+    ----------
+    unit : profile. effects : balance name to the effects of this unit.
+    """
+
+    def __init__(self, unit: Unit, effects: dict[str, Effects]) -> None:
+        self.unit = unit
+        self.scales = Scales.of(unit)
+        self.effects = effects
+        self.regressions = {name: RegressionAccumulator(b, effects[name]) for name, b in BALANCES.items()}
+        self.tail = np.full((TAIL_BINS, len(COLUMNS)), np.nan)
+        self.frames: list[int] = []
+        self.equations: dict[str, list[NormalEquations]] = {name: [] for name in BALANCES}
+        self._marginal: dict[str, list[tuple[Array, Array]]] = {name: [] for name in BALANCES}
+        self.surroundings: list[list[float]] = []
+        """Of each frame kept, the last three of `LogConditions`."""
+        self.reference = effects
+        """Prior of the coefficients at the first frame kept: the unit's baseline, updated by older frames."""
+        self.epochs = Epochs()
+        self.last = -1
+        """The frame taken last."""
+        self.folded = self.taken = 0
+        """Frames learnt into the reference since the axis last started, and all frames that ever came."""
+        self._misfits: list[list[float]] = []
+        self._accumulator = np.nan
+        """Its pressure as last known, Pa."""
+
+    def sums(self) -> dict[str, tuple[Array, Array, Array, Array]]:
+        """Information (h, n, n), vector (h, n), rows (h,) and variance (h,) of each balance."""
+        return {name: _stacked(self._settled(name), len(BALANCES[name].columns)) for name in BALANCES}
+
+    def marginalised(self) -> dict[str, tuple[Array, Array]]:
+        """Information (h, n, n) and vector (h, n) of each informative balance, the coefficients' wander from
+        frame to frame marginalised."""
+        out = {}
+        for name in BALANCES:
+            wide = self._marginalised(name)
+            if any(e.rows for e in self.equations[name]):
+                out[name] = np.array([m for m, _ in wide]), np.array([v for _, v in wide])
+        return out
+
+    def conditions(self, name: str) -> LogConditions | None:
+        """Mean conditions of the frames in which a balance has information; None without any."""
+        seen = [k for k, frame in enumerate(self.equations[name]) if frame.rows]
+        if not seen:
+            return None
+        around = np.mean([self.surroundings[k] for k in seen], axis=0).tolist()
+        rows = float(np.mean([self.equations[name][k].variance for k in seen]))
+        return LogConditions(1.0, rows, *around)
+
+    def held_against(self) -> dict[str, Effects]:
+        """Prior of the frames kept: the reference once older frames were learnt, else `expected`."""
+        return self.reference if self.folded else self.expected()
+
+    def expected(self) -> dict[str, Effects]:
+        """The unit's effects with the log-to-log variance under the conditions of the frames kept."""
+        found = {name: self.conditions(name) for name in self.effects}
+        return {
+            name: with_logs(e, c, viscous_change(name, e.mean)) if (c := found[name]) else e
+            for name, e in self.effects.items()
+        }
+
+    def _marginalised(self, name: str) -> list[tuple[Array, Array]]:
+        """Information and vector of every frame, the wander marginalised; worked out once."""
+        wide = self._marginal[name]
+        fresh = self._settled(name)[len(wide) :]
+        if fresh:
+            information, vector = np.array([e[0] for e in fresh]), np.array([e[1] for e in fresh])
+            wide.extend(zip(*marginalised(information, vector, self.reference[name].wander), strict=True))
+        return wide
+
+    def push(self, first: int, bins: Array) -> None:
+        """Take the bins of complete frames (see `BinMaker.push`); the result does not depend on how they are
+        cut."""
+        if first != self.last + 1:
+            self.tail = np.full_like(self.tail, np.nan)
+        for start in range(0, len(bins), MOST_FRAMES * FRAME_BINS):
+            here = np.concatenate([self.tail, bins[start : start + MOST_FRAMES * FRAME_BINS]])
+            self._take(first + start // FRAME_BINS, here)
+            self.tail = here[-TAIL_BINS:]
+
+    def _take(self, first: int, bins: Array) -> None:
+        """Frames from an index on: bins with `TAIL_BINS` before them."""
+        q = Quantities(bins, self.unit, self.scales, self._accumulator)
+        self._accumulator = q.accumulator_before
+        count = (len(bins) - TAIL_BINS) // FRAME_BINS
+        self.frames += range(first, first + count)
+        off = q.take["temperature"] - self.unit.oil.reference_temperature
+        heat = np.nan_to_num(np.square(off / HEAT_K))
+        each = np.column_stack([~q.chambers_measured, heat, np.isnan(off)])[TAIL_BINS:]
+        self.surroundings += each.reshape(count, FRAME_BINS, SURROUNDINGS).mean(axis=1).tolist()
+        self.last = self.frames[-1]
+        self.taken += count
+        misfits = np.full((count, len(BALANCES)), np.nan)
+        for b, (name, balance) in enumerate(BALANCES.items()):
+            blocks = []
+            for s in balance.blocks(q):
+                good = s.valid & np.isfinite(s.y) & np.isfinite(s.x).all(axis=1)
+                blocks.append(s._replace(valid=settled(good, balance.settle)))
+            early = self._early(name)
+            equations = self.regressions[name].equations(blocks)
+            self.equations[name] += equations
+            if early:
+                self._marginal[name] = []
+                if not self._early(name):
+                    self.equations[name] = self._shared(name)
+            misfits[:, b] = self._misfit(name, equations)
+        self._misfits = [*self._misfits, *misfits.tolist()][-HISTORY:]
+
+    def _early(self, name: str) -> bool:
+        """Whether the noise of a balance rests on fewer frames than `RECENT_FRAMES`."""
+        return BALANCES[name].bins_per_row > 1 and len(self.regressions[name].recent) < RECENT_FRAMES
+
+    def _settled(self, name: str) -> list[NormalEquations]:
+        return self._shared(name) if self._early(name) else self.equations[name]
+
+    def _shared(self, name: str) -> list[NormalEquations]:
+        """The log's first frames reweighted by the noise of the first ten seconds together."""
+        equations = list(self.equations[name])
+        first = [k for k, frame in enumerate(equations) if frame.rows][:RECENT_FRAMES]
+        for k in first[:-1]:
+            frame, variance = equations[k], equations[first[-1]].variance
+            share = frame.variance / variance
+            equations[k] = NormalEquations(
+                share * frame.information, share * frame.vector, frame.rows, variance
+            )
+        return equations
+
+    def _misfit(self, name: str, equations: list[NormalEquations]) -> Array:
+        """Root of the frames' reduced chi-square about the unit's baseline, (h,), over that of its own
+        healthy stretches: about 1 while healthy; NaN without information."""
+        e = self.effects[name]
+        spread = np.hypot(e.wander, np.sqrt(np.diag(e.covariance)))
+        information, vector, rows = (np.array([x[i] for x in equations]) for i in range(3))
+        wide, kept = marginalised(information, vector, spread)
+        chi_square = np.sum(np.square(spread * (kept - wide @ e.mean)), axis=1)
+        expected = np.einsum("i,hii->h", spread**2, wide)
+        healthy, seen = (float(np.diag(m) @ spread**2) for m in (e.information, e.scatter))
+        expected *= seen / healthy if healthy > 0.0 else 1.0
+        informative = (rows > 0.0) & (expected > LEAST_INFORMATION)
+        return np.where(informative, np.sqrt(chi_square / np.where(informative, expected, 1.0)), np.nan)
+
+    def misfits(self) -> tuple[Array, list[str], Array]:
+        """Ends of the last frames (m,), balances' names and how badly each closed (m, balances)."""
+        seen = np.array(self._misfits).reshape(-1, len(BALANCES))
+        ends = np.empty(0)
+        if len(seen):
+            ends = np.asarray((self.frames[-1] - np.arange(len(seen))[::-1] + 1) * FRAME_S, dtype=np.float64)
+        used = np.isfinite(seen).any(axis=0)
+        names = [n for n, u in zip(BALANCES, used, strict=True) if u]
+        return np.asarray(ends, dtype=np.float64), names, np.asarray(np.nan_to_num(seen[:, used]))
+
+    def fold(self, window: int, fault_intervals: Sequence[tuple[float, float]] = ()) -> int:
+        """Learn frames beyond a window into the reference, a fifth of the window at a time; returns how many
+        were learnt in all.
+
+        A reference made of older frames is what the unit was like then; its covariance grows by
+        the changes within a healthy log. What came while a fault was active is no reference: of that the
+        latest frames are kept, and some from before its onset for comparison.
+
+        Parameters
+        ----------
+        fault_intervals : s, onset and end of faults; inf for active ones.
+        """
+        part = window // 5
+        while len(self.frames) > window + part:
+            at = FRAME_S * np.array(self.frames)
+            faulty, before = np.zeros((2, at.size), dtype=np.bool_)
+            for onset, end in fault_intervals:
+                faulty |= (onset <= at) & (at < end)
+                before |= np.isinf(end) & (onset - part * FRAME_S <= at) & (at < onset)
+            healthy = np.flatnonzero(~before & ~faulty)[:part]
+            if healthy.size and not faulty[: healthy[0]].any():
+                self._learn(healthy)
+                self.folded += healthy.size
+            else:
+                healthy = np.flatnonzero(~before)[:part]
+            self._retire(healthy if healthy.size else np.arange(part))
+        return self.folded
+
+    def stopped(self, first: int) -> bool:
+        """Whether the pause before this frame was long enough (`STOP_S`) to count as the start of another
+        log."""
+        return self.last >= 0 and (first - self.last) * FRAME_S > STOP_S
+
+    def begin_anew(self, fault_intervals: Sequence[tuple[float, float]], together: int) -> None:
+        """After a stop start from the unit's baseline again, as at the start of a log.
+
+        The log before the stop says no more than other logs of the unit. With an active fault, or without a
+        baseline, the reference stays.
+
+        Parameters
+        ----------
+        fault_intervals : as for `fold`. together : frames that are looked at together; the next one is the
+            first of them.
+        """
+        self.taken += -self.taken % together
+        if any(np.isinf(end) for _, end in fault_intervals):
+            self.epochs.stop()
+            return
+        at = FRAME_S * np.array(self.frames)
+        healthy = np.ones(at.size, dtype=np.bool_)
+        for onset, end in fault_intervals:
+            healthy &= (at < onset) | (end <= at)
+        self._learn(np.flatnonzero(healthy))
+        self._retire(np.arange(at.size))
+        self.epochs.stop()
+        if self.unit.baseline is not None:
+            self.reference, self.folded = self.effects, 0
+
+    def _learn(self, places: NDArray[np.int64]) -> None:
+        """Update the reference by frames (Bayesian update of mean and covariance)."""
+        before = self.held_against()
+        for name, e in before.items():
+            wide = self._marginalised(name)
+            prior = np.linalg.inv(e.covariance)
+            covariance = np.linalg.inv(prior + sum(wide[k][0] for k in places))
+            mean = covariance @ (prior @ e.mean + sum(wide[k][1] for k in places))
+            covariance = 0.5 * (covariance + covariance.T) + np.diag(np.square(e.within))
+            self.reference = {**self.reference, name: replace(e, mean=mean, covariance=covariance)}
+
+    def _retire(self, places: NDArray[np.int64]) -> None:
+        """Move frames from the window to the epochs, with or without an active fault."""
+        if places.size:
+            wide = {name: [self._marginalised(name)[k] for k in places] for name in BALANCES}
+            sums = {name: (sum(m for m, _ in w), sum(v for _, v in w)) for name, w in wide.items()}
+            self.epochs.add([self.frames[k] for k in places.tolist()], sums)
+        self._drop(places)
+
+    def forget(self, start: float, end: float) -> None:
+        """Leave out the frames of a stretch of time, s."""
+        at = FRAME_S * np.array(self.frames)
+        self._drop(np.flatnonzero((start <= at) & (at < end)))
+
+    def _drop(self, places: NDArray[np.int64]) -> None:
+        gone = set(places.tolist())
+        kept = [k for k in range(len(self.frames)) if k not in gone]
+        for name in BALANCES:
+            wide = self._marginalised(name)
+            self.equations[name] = [self.equations[name][k] for k in kept]
+            self._marginal[name] = [wide[k] for k in kept]
+        self.frames = [self.frames[k] for k in kept]
+        self.surroundings = [self.surroundings[k] for k in kept]
+
+    def state(self) -> dict[str, Array]:
+        """Everything as flat named arrays."""
+        out: dict[str, Array] = {
+            "frames": np.array(self.frames), "tail": self.tail,
+            "folded": np.array([self.folded, self.taken, self.last]),
+            "accumulator": np.array(self._accumulator),
+            "surroundings": np.array(self.surroundings).reshape(-1, SURROUNDINGS),
+            "misfits": np.array(self._misfits).reshape(-1, len(BALANCES)),
+        }  # fmt: skip
+        for name, regression in self.regressions.items():
+            sums = _stacked(self.equations[name], len(BALANCES[name].columns))
+            for k, part in zip("mvrs", sums, strict=True):
+                out[f"{name}/{k}"] = part
+            out[f"{name}/noise"] = np.array([regression.weight, regression.variance_sum])
+            out[f"{name}/level"] = regression.level
+            out[f"{name}/lengths"] = np.array([len(r) for r in regression.recent])
+            out[f"{name}/recent"] = (
+                np.concatenate(regression.recent) if regression.recent else np.empty((0, 0))
+            )
+            out[f"{name}/mean"], out[f"{name}/covariance"] = (
+                self.reference[name].mean,
+                self.reference[name].covariance,
+            )
+        out |= {f"epochs/{k}": v for k, v in self.epochs.state().items()}
+        return {k: np.array(v) for k, v in out.items()}
+
+    def restore(self, state: dict[str, Array]) -> None:
+        """Go on from what `state` gave for the same unit."""
+        self.frames = [int(h) for h in state["frames"]]
+        self.tail = state["tail"].copy()
+        epochs = {k.removeprefix("epochs/"): v for k, v in state.items() if k.startswith("epochs/")}
+        self.epochs.restore(epochs)
+        self.folded, self.taken, self.last = (int(x) for x in state["folded"])
+        self._accumulator = float(state["accumulator"])
+        self.surroundings = state["surroundings"].tolist()
+        self._misfits = [[float(x) for x in row] for row in state["misfits"]]
+        for name, regression in self.regressions.items():
+            m, v, r, s = (state[f"{name}/{k}"] for k in "mvrs")
+            self.equations[name] = [
+                NormalEquations(m[i], v[i], float(r[i]), float(s[i])) for i in range(len(self.frames))
+            ]
+            self._marginal[name] = []
+            regression.weight, regression.variance_sum = (float(x) for x in state[f"{name}/noise"])
+            regression.level = state[f"{name}/level"].copy()
+            ends = np.cumsum(state[f"{name}/lengths"]).astype(np.int64)
+            regression.recent = np.split(state[f"{name}/recent"], ends[:-1]) if ends.size else []
+            mean, covariance = state[f"{name}/mean"].copy(), state[f"{name}/covariance"].copy()
+            self.reference = {
+                **self.reference,
+                name: replace(self.effects[name], mean=mean, covariance=covariance),
+            }
+
+
+def _stacked(equations: list[NormalEquations], n: int) -> tuple[Array, Array, Array, Array]:
+    m, v, rows, variance = (np.array([e[i] for e in equations]) for i in range(4))
+    return m.reshape(-1, n, n), v.reshape(-1, n), rows, variance

@@ -1,0 +1,133 @@
+"""Evaluations one after another: how many it takes, what one that does not count leaves, and a fault's
+end."""
+
+from __future__ import annotations
+
+import json
+
+import pytest
+from made_up_evidence import drawn, hypothesis
+
+from fdd.diagnosis.answering import Span
+from fdd.diagnosis.decision import decide
+from fdd.diagnosis.findings import FaultFinding
+from fdd.diagnosis.model import Model
+from fdd.diagnosis.sequential_detector import SequentialDetector
+
+INNER = hypothesis("internal_leakage", [1.0, 0.0, 0.0])
+AIR = hypothesis("aeration", [0.0, 1.0, 0.2])
+STEP = drawn(1, [(INNER, 0.6, 40)])
+SCORE = decide(STEP, [INNER, AIR], 0.0)[0][0].score
+
+
+def span(end: float, frames: int = 80, start: float | None = None) -> Span:
+    first = end - 0.5 * frames if start is None else start
+    return Span([first + 0.5 * k for k in range(frames)], end)
+
+
+def families(found: list[FaultFinding]) -> list[str]:
+    return [f.family for f in found]
+
+
+@pytest.mark.parametrize(("above", "looks"), [(0.2, 3), (1.4, 3), (1.6, 1)])
+def test_an_alarm_takes_three_looks_or_one_that_is_much_surer(
+    tiny_model: Model, above: float, looks: int
+) -> None:
+    """By 1.5 of the log likelihood: the odds that a peak of chance alone would have."""
+    detector = SequentialDetector([INNER, AIR], SCORE - above, tiny_model)
+    for k in range(1, 4):
+        evaluation = detector.evaluate(STEP, span(40.0 + 5.0 * k), 0.0)
+        fresh, _ = detector.take(evaluation, 0.0)
+        assert families(fresh) == ["leakage"] * (k == looks), k
+        assert families(evaluation.findings) == ["leakage"] * (k >= looks)
+        assert detector.at == 40.0 + 5.0 * k
+    assert evaluation.stands == pytest.approx(SCORE)
+
+
+def test_a_look_without_evidence_between_begins_to_count_anew(tiny_model: Model) -> None:
+    detector, healthy = SequentialDetector([INNER, AIR], SCORE - 0.2, tiny_model), drawn(1)
+    for k, evidence in enumerate([STEP, STEP, healthy, STEP, STEP, STEP]):
+        fresh, _ = detector.take(detector.evaluate(evidence, span(40.0 + 5.0 * k), 0.0), 0.0)
+        assert families(fresh) == ["leakage"] * (k == 5), k
+
+
+def test_a_finding_is_as_sure_as_what_stood_and_no_surer(tiny_model: Model) -> None:
+    """Of three looks the least, where the last one alone does not say more."""
+    detector, weaker = SequentialDetector([INNER, AIR], 4.0, tiny_model), drawn(1, [(INNER, 0.2, 40)])
+    least = decide(weaker, [INNER, AIR], 4.0)[0][0].score
+    assert 4.0 < least < SCORE - 1.5
+    for k, evidence in enumerate([weaker, STEP, STEP]):
+        evaluation = detector.evaluate(evidence, span(40.0 + 5.0 * k), 0.0)
+        detector.take(evaluation, 0.0)
+    assert evaluation.stands == pytest.approx(SCORE - 1.5)
+    [found] = evaluation.findings
+    assert found.confidence == pytest.approx(tiny_model.calibration.probability(SCORE - 1.5), abs=1e-3)
+
+
+def test_a_second_look_at_the_same_end_counts_once(tiny_model: Model) -> None:
+    """As `finish` looks again where the last scan looked."""
+    detector = SequentialDetector([INNER, AIR], SCORE - 0.2, tiny_model)
+    for end in (45.0, 50.0):
+        detector.take(detector.evaluate(STEP, span(end), 0.0), 0.0)
+        for _ in range(3):
+            assert detector.evaluate(STEP, span(end), 0.0).findings == []
+    assert families(detector.evaluate(STEP, span(55.0), 0.0).findings) == ["leakage"]
+    assert detector.active.findings() == [], "only a look that is taken counts"
+    detector.take(detector.evaluate(STEP, span(55.0), 0.0), 0.0)
+    assert families(detector.evaluate(STEP, span(55.0), 0.0).findings) == ["leakage"], (
+        "two others stand behind it"
+    )
+
+
+def test_a_fault_that_grows_is_not_over() -> None:
+    """Its end takes away what it was, and never adds to it."""
+    grown = drawn(1, [(INNER, 0.6, 20), (INNER, 0.6, 50)])
+    found, _ = decide(grown, [INNER, AIR], 4.0, [INNER.label])
+    assert found and all(f.lead.hypothesis.ends is None for f in found)
+
+
+def test_an_onset_is_not_before_the_first_sample_and_stays_once_its_frames_are_gone(
+    tiny_model: Model,
+) -> None:
+    detector = SequentialDetector([INNER], 1.0, tiny_model)
+    [found] = detector.evaluate(STEP, span(40.0), 20.3).findings
+    assert found.onset_s == 20.3, "in the middle of the frame that it falls in"
+    detector.take(detector.evaluate(STEP, span(40.0), 0.0), 0.0)
+    assert detector.active.findings()[0].onset_s == 20.0
+    always = drawn(1, [(INNER, 1.5, 0)])
+    [late] = detector.evaluate(always, span(90.0), 0.0).findings
+    assert late.onset_s == 20.0, "the first of the frames kept is not when it began"
+    fresh = SequentialDetector([INNER], 1.0, tiny_model)
+    assert fresh.evaluate(always, span(90.0), 0.0).findings[0].onset_s == 50.0
+
+
+def test_a_fault_that_heals_is_over_and_its_end_no_fault(tiny_model: Model) -> None:
+    detector = SequentialDetector([INNER, AIR], 5.0, tiny_model)
+    detector.take(detector.evaluate(drawn(1, [(INNER, 0.8, 25)]), span(40.0), 0.0), 0.0)
+    recovered = drawn(1, [(INNER, 0.8, 25), (INNER, -0.8, 45)])
+    evaluation = detector.evaluate(recovered, span(40.0), 0.0)
+    assert families(evaluation.findings) == ["leakage"]
+    assert evaluation.over == {"leakage": pytest.approx(22.5, abs=0.5)}
+    assert evaluation.labels == {"leakage": "internal_leakage"}
+    lessened = drawn(1, [(INNER, 1.6, 25), (INNER, -0.5, 45)])
+    assert detector.evaluate(lessened, span(40.0), 0.0).over == {}, "most of it is still there"
+
+
+def test_a_detector_of_known_kinds_alone_tells_the_nearest(tiny_model: Model) -> None:
+    strange = drawn(1, [(hypothesis("other", [0.2, 0.8, 0.0]), 1.0, 40)])
+    for unknown, family in ((True, "unknown"), (False, "leakage")):
+        detector = SequentialDetector([INNER], 4.0, tiny_model, unknown=unknown)
+        evaluation = detector.evaluate(strange, span(40.0), 0.0)
+        assert families(evaluation.findings)[0] == family and family in evaluation.labels
+
+
+def test_its_state_is_json_and_goes_on_as_it_was(tiny_model: Model) -> None:
+    one, other = (SequentialDetector([INNER, AIR], SCORE - 0.2, tiny_model) for _ in range(2))
+    for end in (45.0, 50.0):
+        one.take(one.evaluate(STEP, span(end), 0.0), 0.0)
+    other.restore(json.loads(json.dumps(one.state())))
+    assert other.at == 50.0
+    for detector in (one, other):
+        assert families(detector.take(detector.evaluate(STEP, span(55.0), 0.0), 0.0)[0]) == ["leakage"]
+    other.restore(json.loads(json.dumps(one.state())))
+    assert other.state() == one.state()
