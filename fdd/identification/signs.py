@@ -86,10 +86,12 @@ def gain_ratio(record: Record, base: Unit) -> tuple[float, float]:
 
 def gain_slips(ratio: float) -> str:
     """What would make the gain `ratio` times too large, in brackets; empty where no unit does."""
-    found = (
-        *(f"position in {s}" for s in (slips(ratio, "length"),) if s),
-        *(f"pump in {s}" for s in (slips(1.0 / ratio, "angular_speed"), slips(1.0 / ratio, "angle")) if s),
-    )
+    length, speed = slips(ratio, "length"), slips(1.0 / ratio, "angular_speed")
+    # A map without a unit reads SI: rpm is likelier taken for rad/s than one length for a tenth of it.
+    if speed.endswith("read as rad/s"):
+        length = ""
+    angle = slips(1.0 / ratio, "angle")
+    found = [f"{c} in {s}" for c, s in (("position", length), ("pump", speed), ("pump", angle)) if s]
     return f" (it looks like {', or '.join(found)})" if found else ""
 
 

@@ -78,6 +78,14 @@ def test_motion_in_another_unit_is_refused(
         check_scales(scaled(healthy, factor, channel), unit, "log")
 
 
+def test_rpm_are_no_centimetres(healthy: Samples, unit: Unit) -> None:
+    """Both make the travel per rad about a tenth; a map without a unit makes the pump's mistake alone."""
+    fast = scaled(Samples(healthy.time, {c: v for c, v in healthy.columns.items() if c != "pump_angle"}),
+                  30.0 / np.pi, "pump_speed")  # fmt: skip
+    with pytest.raises(InputError, match=r"looks like pump in rpm read as rad/s\)"):
+        check_scales(fast, unit, "log")
+
+
 def test_milliseconds_read_as_seconds_are_refused(healthy: Samples, unit: Unit) -> None:
     with pytest.raises(InputError, match=r"channel time.*ms read as s"):
         check_scales(Samples(1e3 * healthy.time, healthy.columns), unit, "log")

@@ -194,7 +194,7 @@ def _direction(
             slip = whole[1] * unit.cylinder.area_1
             slip_reach = float(np.hypot(half[1] * unit.cylinder.area_1, 1.96 * SLIP_MODEL * slip))
             out.told.append(Told(f"slip, {name}", slip, slip - slip_reach, slip + slip_reach, "m^3/(s*Pa)",
-                                 f"profile's ξ + C_ep: {6e12 * holding:.3g} mL/min/bar"))  # fmt: skip
+                                 f"profile's ξ + C_ep: {holding:.3g} m³/(s·Pa)"))  # fmt: skip
         else:
             out.not_told.append(
                 f"Slip over pressure, {name}: the pressures at speed differ by less than "

@@ -127,11 +127,11 @@ def leakage(records: list[Record], unit: Unit) -> Outcome:
     if high - low < LEAST_PRESSURE or std > LEAKAGE_SHARP * abs(gain[1]):
         out.not_told.append(
             f"Leakage: pressures run from {low / 1e5:.2g} to {high / 1e5:.2g} bar and give "
-            f"{6e12 * gain[1]:.3g} ± {2 * 6e12 * std:.2g} mL/min/bar. Load the actuator, e.g. by throttling."
+            f"{gain[1]:.3g} ± {2 * std:.2g} m³/(s·Pa). Load the actuator, e.g. by throttling."
         )
         return out
     out.told.append(Told.normal("leakage coefficient, straight line", gain[1], std, "m^3/(s*Pa)",
-                                f"profile {6e12 * profile:.4g} mL/min/bar"))  # fmt: skip
+                                f"profile {profile:.4g} m³/(s·Pa)"))  # fmt: skip
     out.told.append(Told.normal("leak flow at the highest pressure", gain[1] * high, std * high, "m^3/s",
                                 f"at {high / 1e5:.3g} bar"))  # fmt: skip
     _efficiency(out, rows, unit, high, gain, std)
@@ -226,11 +226,11 @@ def _over_temperature(out: Outcome, rows: _Rows, unit: Unit, reference: float, r
         middle = float(np.median(t[rows_of]))
         # What the steps carry is referred to one temperature; this takes it back to its own.
         thinner = float(viscosity(unit.oil, np.array(reference)) / viscosity(unit.oil, np.array(middle)))
-        value, half = 6e12 * found[1] * thinner, 1.96 * 6e12 * std[1] * thinner
+        value, half = found[1] * thinner, 1.96 * std[1] * thinner
         out.rows.append(
             (
                 f"{middle:.1f} °C",
-                f"{value:.3g} mL/min/bar",
+                f"{value:.3g} m³/(s·Pa)",
                 f"{value - half:.3g} … {value + half:.3g}",
                 f"× {thinner:.3g}",
             )

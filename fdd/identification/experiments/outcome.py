@@ -18,7 +18,7 @@ Array = NDArray[np.float64]
 NORMAL_95 = 1.96
 """Standard deviations either side that hold 95 %."""
 SHOWN = {
-    "m^3/rad": (2e6 * pi, "cm³/turn"), "m^3/(s*Pa)": (6e12, "mL/min/bar"), "Pa": (1e-5, "bar"),
+    "m^3/rad": (2e6 * pi, "cm³/turn"), "m^3/(s*Pa)": (1e12, "1e-12 m³/(s·Pa)"), "Pa": (1e-5, "bar"),
     "m^3": (1e6, "cm³"), "m^2": (1e4, "cm²"), "degC": (1.0, "°C"), "1": (1.0, ""),
     "m^3/s": (6e7, "mL/min"), "m/s": (1e3, "mm/s"), "m/rad": (2e3 * pi, "mm/turn"), "N*s/m": (1.0, "N·s/m"),
     "rad": (180.0 / pi, "°"), "rad/s": (30.0 / pi, "rpm"), "Pa*s/rad": (1e-5 * pi / 30.0, "bar/rpm"),
@@ -66,7 +66,7 @@ class Told:
         Examples
         --------
         >>> Told.normal("leakage", 6.5e-12, 1e-13, "m^3/(s*Pa)").shown()
-        ('39', '37.82 … 40.18', 'mL/min/bar', '')
+        ('6.5', '6.304 … 6.696', '1e-12 m³/(s·Pa)', '')
         """
         factor, unit = SHOWN.get(self.unit, (1.0, self.unit))
         value, low, high = (figure(factor * x) for x in (self.value, self.low, self.high))
