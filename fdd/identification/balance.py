@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import lsq_linear
 
+from fdd.identification.least_squares import jackknife_std
 from fdd.identification.volume_steps import (
     AIR,
     AIR_SCALE,
@@ -138,7 +139,7 @@ def fit_balance(
     with_area = problem.solve(free_area=True)
     spread = problem.jackknife(with_area, free_area=True)
     both = all(np.count_nonzero(steps.chamber == c) > LEAST_ROWS // 2 for c in (1, 2))
-    shift, sure = abs(with_area.theta[AREA_2]), float(np.std(spread[:, AREA_2]) * np.sqrt(GROUPS - 1))
+    shift, sure = abs(with_area.theta[AREA_2]), float(jackknife_std(spread[:, AREA_2]))
     free_area = both and shift > AREA_TOLERANCE and shift > AREA_SURE * sure
     solution = with_area if free_area else problem.solve(free_area=False)
     return problem.report(solution, free_area)
@@ -295,8 +296,7 @@ class _Problem:
         value = self.derive(solution.theta)
         others = np.array([self.derive(t) for t in self.jackknife(solution, free_area, self.prior)])
         about, *shifted = np.array([self.derive(t) for t in self.shifts(solution, free_area)])
-        spread = (GROUPS - 1) / GROUPS * np.sum((others - others.mean(axis=0)) ** 2, axis=0)
-        std = np.sqrt(spread + np.sum((np.array(shifted) - about) ** 2, axis=0))
+        std = np.sqrt(jackknife_std(others) ** 2 + np.sum((np.array(shifted) - about) ** 2, axis=0))
         if self.tied is not None:
             # One chamber at the case's pressure sees cross-port + case leakage, whatever they share.
             cross, case = value[2:4]

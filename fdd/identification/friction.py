@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import nnls
 
+from fdd.identification.least_squares import huber, jackknife_std
 from fdd.identification.record import Record
 from fdd.unit import Cylinder, Friction, FrictionBranch
 
@@ -236,16 +237,8 @@ def _with_loads(motion: Motion, friction: Array) -> Array:
 
 
 def _robust(m: Array, y: Array) -> Array:
-    """Least squares with a Huber loss; (columns,)."""
-    scale = np.maximum(np.abs(m).max(axis=0), 1e-12)
-    weights = np.ones(y.size)
-    theta = np.zeros(m.shape[1])
-    for _ in range(10):
-        theta = np.linalg.lstsq((m / scale) * weights[:, None], y * weights, rcond=1e-8)[0]
-        residual = y - (m / scale) @ theta
-        sigma = 1.4826 * np.median(np.abs(residual)) + 1e-9
-        weights = np.sqrt(np.minimum(1.0, 2.0 * sigma / np.maximum(np.abs(residual), 1e-9)))
-    return np.asarray(theta / scale)
+    """(columns,) coefficients of a force balance (N), gusts counting less."""
+    return huber(m, y, 2.0, least=1e-9, rcond=1e-8)[0]
 
 
 def _pushed(motions: list[Motion]) -> float:
@@ -268,7 +261,7 @@ def _through_gusts(motions: list[Motion], base: Friction, zero_force: float) -> 
     factor = float(_robust(m, force)[0])
     groups = joined.block % (2 * _GROUPS)
     parts = np.array([_robust(m[groups != g], force[groups != g])[0] for g in np.unique(groups)])
-    std = float(np.sqrt(max(parts.size - 1, 0) * np.var(parts)))
+    std = float(jackknife_std(parts))
     told = f"friction seen through gusts is {factor:.2g} ± {std:.1g} times the base's"
     if factor <= 0.0 or std > THROUGH_GUSTS * factor:
         return FrictionFit(None, None, [f"{told}: not sharp enough"])
@@ -303,9 +296,7 @@ def _branch(
         keep = block % _GROUPS != g
         if np.count_nonzero(keep) > 5:
             parts.append(solve(speed[keep], force[keep], base, centre)[0])
-    spread, count = np.array(parts).reshape(-1, 3), max(len(parts), 1)
-    centred = spread - spread.mean(axis=0) if len(parts) else spread
-    jack = np.sqrt((count - 1) / count * np.sum(centred**2, axis=0))
+    jack = jackknife_std(np.array(parts)) if parts else np.zeros(3)
     shift = np.array([zero_force, zero_force, 0.0])
     total = np.sqrt(jack**2 + own**2 + shift**2 + (0.02 * whole) ** 2)
     stds = {n: float(s) for n, s in zip(("coulomb", "static", "viscous"), total, strict=True)}

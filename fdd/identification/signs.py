@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fdd.errors import InputError
+from fdd.identification.least_squares import huber, jackknife_std
 from fdd.identification.record import Record
 from fdd.identification.slips import NEAR, slips
 from fdd.samples import Samples
@@ -211,10 +212,14 @@ def oil_loss(record: Record, unit: Unit, gain: float | None = None, gain_std: fl
     if groups.size < GROUPS // 2 or y.size < 5 * m.shape[1]:
         return None
     m = m / np.maximum(np.sqrt(np.mean(m**2, axis=0)), 1e-300)
-    found = _robust(m, y)
-    left_out = np.array([_robust(m[group != g], y[group != g]) for g in groups])
-    std = np.sqrt((len(left_out) - 1) * np.mean((left_out - left_out.mean(axis=0)) ** 2, axis=0))
-    over = found / np.maximum(np.hypot(std, _robust(m, gain_std * metered) if gain_std else 0.0), 1e-12)
+
+    def solve(rows: NDArray[np.bool_], y: Array = y) -> Array:
+        """Steps with an unmodelled event count less."""
+        return huber(m[rows], y[rows], 2.5, rounds=5, least=1e-12, rcond=1e-10)[0]
+
+    every = np.ones(y.size, dtype=bool)
+    std = jackknife_std(np.array([solve(group != g) for g in groups]))
+    over = solve(every) / np.maximum(np.hypot(std, solve(every, gain_std * metered)), 1e-12)
     return OilLoss(float(over[leak]), float(over[leak + 1]), SURE[groups.size - 1])
 
 
@@ -236,7 +241,7 @@ def _slope(record: Record, x: Array, y: Array) -> float | None:
     xy, xx, yy = (np.append(np.sum(p) - p, np.sum(p)) for p in parts)  # without each group, and of all
     ends = []
     for one in (xy / xx, yy / xy):
-        error = SURE[groups.size - 1] * np.sqrt((groups.size - 1) * np.var(one[:-1]))
+        error = SURE[groups.size - 1] * jackknife_std(one[:-1])
         ends += [one[-1] - error, one[-1] + error]
     if min(ends) < NEAR and max(ends) > 1.0 / NEAR:
         return None
@@ -248,13 +253,3 @@ def _regression(x: Array, y: Array) -> float | None:
     size = float(np.sqrt(np.sum(x**2) * np.sum(y**2)))
     product = float(np.sum(x * y))
     return product / float(np.sum(x**2)) if size > 0.0 and abs(product) > LIKE * size else None
-
-
-def _robust(m: Array, y: Array) -> Array:
-    """Least squares in which steps with an unmodelled event count less (Huber)."""
-    weights: Array = np.ones(y.size)
-    for _ in range(5):
-        theta = np.asarray(np.linalg.lstsq(m * weights[:, None], y * weights, rcond=1e-10)[0])
-        rest = np.abs(y - m @ theta)
-        weights = np.sqrt(np.minimum(1.0, 2.5 * (1.4826 * np.median(rest) + 1e-12) / np.maximum(rest, 1e-15)))
-    return theta

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from scipy.stats import t as student
 
 from fdd.identification.balance import GROUPS, LEAST_AIR, Estimate
-from fdd.identification.experiments.leakage import robust
+from fdd.identification.experiments.leakage import LIMIT
 from fdd.identification.experiments.outcome import (
     NORMAL_95,
     Outcome,
@@ -27,6 +27,7 @@ from fdd.identification.experiments.outcome import (
     points,
 )
 from fdd.identification.identify import BULK_SHARP, LEAST_SIGNAL, Hydraulics, hydraulics
+from fdd.identification.least_squares import huber, jackknife_std
 from fdd.identification.profile import ProfileWriter
 from fdd.identification.record import Record
 from fdd.identification.volume_steps import (
@@ -150,7 +151,7 @@ class _Rows:
     def modulus(self, rows: NDArray[np.bool_]) -> tuple[float, float, float]:
         """Slope of these rows alone as a bulk modulus (Pa), with its 95 % interval; jackknifed over time."""
         raised, compressed, block = self.raised[rows, None], self.compressed[rows], self.block[rows]
-        weights = robust(raised / raised.std(), compressed)[1]
+        weights = huber(raised, compressed, LIMIT)[1]
         group = np.unique(block, return_inverse=True)[1] % GROUPS
         sides = np.array(
             [
@@ -161,8 +162,8 @@ class _Rows:
         )  # fmt: skip
         whole = sides.sum(axis=0)
         parts = (whole - sides)[:, 1] / (whole - sides)[:, 0]
-        n, value = len(parts), whole[1] / whole[0]
-        half = student.ppf(0.975, max(n - 1, 1)) * np.sqrt((n - 1) / n * np.sum((parts - parts.mean()) ** 2))
+        value = whole[1] / whole[0]
+        half = student.ppf(0.975, max(len(parts) - 1, 1)) * jackknife_std(parts)
         return 1.0 / value, 1.0 / (value + half), 1.0 / max(value - half, 0.1 * value)
 
 
@@ -185,12 +186,10 @@ def over_pressure(found: Hydraulics, pressure: Array) -> tuple[Array, Array]:
     more = air_compliance(pressure, index) - float(air_compliance(found.logs.pressure, index))
     others = np.maximum(fit.compliances[:, :1] + fit.compliances[:, 1:] * more, 1e-14)
     value = np.maximum(1.0 / found.bulk_modulus.value + found.air_fraction.value * more, 1e-14)
-    spread = np.sqrt((GROUPS - 1) / GROUPS * np.sum((others - others.mean(axis=0)) ** 2, axis=0))
     # What the jackknife does not see, reconstructed pressures and volumes, is one share at all pressures.
-    at = fit.compliances[:, 0]
-    seen = np.sqrt((GROUPS - 1) / GROUPS * np.sum((at - at.mean()) ** 2)) * found.bulk_modulus.value
+    seen = jackknife_std(fit.compliances[:, 0]) * found.bulk_modulus.value
     unseen = np.sqrt(max(found.bulk_modulus.relative**2 - seen**2, 0.0) + _volume_share(found) ** 2)
-    return 1.0 / value, np.hypot(spread / value, unseen) / value
+    return 1.0 / value, np.hypot(jackknife_std(others) / value, unseen) / value
 
 
 def _volume_share(found: Hydraulics) -> float:

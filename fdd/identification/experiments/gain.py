@@ -10,6 +10,7 @@ from scipy.stats import t as student
 
 from fdd.identification.experiments.outcome import Outcome, Told, axes, cloud, curve_line, points
 from fdd.identification.experiments.reversals import lost_motion
+from fdd.identification.least_squares import jackknife_std
 from fdd.identification.record import Record
 from fdd.identification.volume_steps import RELIEF_MARGIN
 from fdd.report import traces as tr
@@ -150,10 +151,7 @@ def _windows(records: list[Record], unit: Unit) -> _Windows:
 
 def _jackknifed(parts: Array) -> Array:
     """Half widths of 95 % intervals from estimates that each lack one group."""
-    n = len(parts)
-    return np.asarray(
-        student.ppf(0.975, n - 1) * np.sqrt((n - 1) / n * np.sum((parts - parts.mean(axis=0)) ** 2, axis=0))
-    )
+    return np.asarray(student.ppf(0.975, len(parts) - 1) * jackknife_std(parts))
 
 
 def _direction(

@@ -12,6 +12,7 @@ from fdd.data_sheet.efficiency import volumetric_efficiency
 from fdd.identification.balance import GROUPS, LEAST_ROWS, fit_theta
 from fdd.identification.experiments.outcome import Outcome, Told, axes, cloud, curve_line, points
 from fdd.identification.identify import LEAKAGE_SHARP
+from fdd.identification.least_squares import huber, jackknife_std
 from fdd.identification.log_balances import LogBalances
 from fdd.identification.record import Record
 from fdd.identification.sensors import redundancy_offset
@@ -45,6 +46,8 @@ USUAL_ZERO = 3.0e3
 MODEL = 0.01
 """Of the leak flow: what the volume balance itself leaves out."""
 PRESSURES = 12
+LIMIT = 4.0
+"""Robust standard deviations from which a step counts less."""
 
 
 class _Rows:
@@ -77,7 +80,7 @@ class _Rows:
         use = np.ones(self.block.size, bool) if rows is None else rows
         m, y, block = self.design(orifice=orifice)[use], self.arrived[use], self.block[use]
         scale = np.abs(m).max(axis=0)
-        whole, weights = robust(m / scale, y)
+        whole, weights = huber(m / scale, y, LIMIT)
         group = np.unique(block, return_inverse=True)[1] % GROUPS
         parts = np.array(
             [
@@ -87,10 +90,8 @@ class _Rows:
                 for g in np.unique(group)
             ]
         )
-        n = len(parts)
-        spread = np.sqrt((n - 1) / n * np.sum((parts - parts.mean(axis=0)) ** 2, axis=0))
-        stretch = float(student.ppf(0.975, max(n - 1, 1))) / 1.96
-        return whole / scale, stretch * spread / scale
+        stretch = float(student.ppf(0.975, max(len(parts) - 1, 1))) / 1.96
+        return whole / scale, stretch * jackknife_std(parts) / scale
 
 
 def zero_share(records: list[Record]) -> float:
@@ -173,16 +174,6 @@ def _steps(logs: LogBalances, unit: Unit) -> tuple[VolumeSteps, Array]:
                 np.interp(middle, np.arange(len(record)), record.smooth(record.temperature, 5.0))
             )
     return VolumeSteps.join(parts), np.concatenate(temperatures)
-
-
-def robust(m: Array, y: Array) -> tuple[Array, Array]:
-    """Least squares with a Huber loss, and the square roots of its weights."""
-    weights = np.ones(y.size)
-    for _ in range(10):
-        theta = np.linalg.lstsq(m * weights[:, None], y * weights, rcond=None)[0]
-        residual = np.abs(y - m @ theta)
-        weights = np.sqrt(np.minimum(1.0, 4.0 * 1.4826 * np.median(residual) / np.maximum(residual, 1e-30)))
-    return np.asarray(theta), weights
 
 
 def _orifice(out: Outcome, rows: _Rows, low: float, high: float, zero: float) -> Array | None:
