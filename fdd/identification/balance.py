@@ -69,6 +69,10 @@ class Estimate:
         """Standard deviation over value."""
         return self.std / abs(self.value) if self.value else float("inf")
 
+    def wider(self, share: float) -> Estimate:
+        """With `share` of the value, another standard deviation, beside its own."""
+        return Estimate(self.value, float(np.hypot(self.std, share * self.value)))
+
 
 @dataclass(frozen=True)
 class BalanceFit:
@@ -303,13 +307,11 @@ class _Problem:
             moved = 0.5 * cross * case / max(cross + case, 1e-30)
             std[4] = np.hypot(std[4], TOLERANCES["pump.case_share"][0] * moved)
         information = self.normal(solution.theta, solution.weights)[0]
-        flows = float(
-            np.sqrt(information[DISPLACEMENT, DISPLACEMENT] / max(information[CROSS, CROSS], 1e-300))
-        )
+        told = np.diag(information)
+        flows = float(np.sqrt(told[DISPLACEMENT] / max(told[CROSS], 1e-300)))
         std[[2, 4]] = np.hypot(std[[2, 4]], SLIP * flows * scales(self.unit)[CROSS])
         estimates = [
-            Estimate(float(v), float(np.hypot(s, f * abs(v))))
-            for v, s, f in zip(value, std, _FLOORS, strict=True)
+            Estimate(float(v), float(s)).wider(f) for v, s, f in zip(value, std, _FLOORS, strict=True)
         ]
         beta = 1.0 / max(estimates[5].value, 1e-14)
         bounded = np.array([self.derive(t) for t in self.jackknife(solution, free_area)])

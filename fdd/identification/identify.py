@@ -181,8 +181,8 @@ def hydraulics(
     # The balance knows volume over bulk modulus: what the volume is uncertain by, this is too.
     found = Hydraulics(
         logs, base, steps, fit,
-        _wider(fit.bulk_modulus, float(np.hypot(blurred, of_volume))),
-        _wider(fit.air_fraction, float(np.hypot(0.5 if hidden else 0.0, of_volume))),
+        fit.bulk_modulus.wider(float(np.hypot(blurred, of_volume))),
+        fit.air_fraction.wider(float(np.hypot(0.5 if hidden else 0.0, of_volume))),
         volumes_found=of_volume > 0.0,
     )  # fmt: skip
     _put_compressibility(writer, found)
@@ -279,7 +279,7 @@ def _keep_gain(writer: ProfileWriter, why: str) -> None:
 
 def _put_leakage(writer: ProfileWriter, fit: BalanceFit, temperature: float | None, hidden: bool) -> None:
     extra, extra_of_case = (HIDDEN_LEAKAGE, HIDDEN_CASE) if hidden else (0.0, 0.0)
-    total = _wider(fit.total_leakage, extra)
+    total = fit.total_leakage.wider(extra)
     known = writer.base.pump.total_leakage
     if total.value <= LEAST_LEAKAGE * known or not _better(total, known, LEAKAGE_SHARP):
         why = f"total leakage {total.value:.2g} ± {total.std:.2g} m³/(s·Pa): load the actuator to find it"
@@ -289,9 +289,9 @@ def _put_leakage(writer: ProfileWriter, fit: BalanceFit, temperature: float | No
     _warn_if_far(writer, "leakage", total.value / known if known > 0.0 else np.inf)
     writer.result.leakage = total
     note = f"total (cross-port + case/2) {total.value:.3g} ± {total.std:.1g}"
-    writer.put("pump.cross_port_leakage", _wider(fit.cross_port, extra), note)
+    writer.put("pump.cross_port_leakage", fit.cross_port.wider(extra), note)
     split = "" if fit.split_known else "split from cross-port as in the base"
-    writer.put("pump.case_leakage", _wider(fit.case, extra_of_case), split)
+    writer.put("pump.case_leakage", fit.case.wider(extra_of_case), split)
     if not fit.split_known:
         writer.note("cross-port and case leakage could not be told apart: they are split as in the base")
     if temperature is not None:
@@ -333,10 +333,6 @@ def _warn_if_far(writer: ProfileWriter, quantity: str, ratio: float) -> None:
 def _better(estimate: Estimate, base: float, sharp: float) -> bool:
     """Whether to take an estimate: it is sharp, or the base is surely farther off."""
     return estimate.relative < sharp or abs(estimate.value - base) > 3.0 * estimate.std
-
-
-def _wider(estimate: Estimate, share: float) -> Estimate:
-    return Estimate(estimate.value, float(np.hypot(estimate.std, share * estimate.value)))
 
 
 def _charge(writer: ProfileWriter, records: list[Record]) -> None:
@@ -388,5 +384,5 @@ def _friction(writer: ProfileWriter, records: list[Record]) -> None:
             continue
         for name, std in branch.stds.items():
             value = float(getattr(branch.branch, name))
-            found = _wider(Estimate(value, std), trials)
+            found = Estimate(value, std).wider(trials)
             writer.put(f"friction.{direction}.{name}", found, branch.note)

@@ -9,8 +9,9 @@ import numpy as np
 
 from fdd.errors import InputError
 from fdd.identification.identify import RELIEF_EXCEEDED, identify_unit
-from fdd.identification.judgement import Ratio, against_base, pressure_slip, push_of
+from fdd.identification.judgement import pressure_slip, push_of
 from fdd.identification.logs_agree import BETWEEN
+from fdd.identification.profile import Ratio, against_base
 from fdd.identification.record import Record
 from fdd.identification.sensors import LEAST_ZERO, SensorFit, fit_sensors
 from fdd.identification.signs import UNLIKE, against_pressure, gain_ratio
@@ -148,7 +149,7 @@ def turned_fits(samples: Samples, unit: Unit, where: str) -> bool:
 
 def _same_gain(found: Ratio, unit: Unit) -> bool:
     known = unit.pump.std_of("displacement") or 0.0
-    between = BETWEEN["travel per rad of the pump"][0]
+    between = BETWEEN["pump.displacement"][0]
     return abs(log(found.value)) < SURE * hypot(found.std, known / unit.pump.displacement, between)
 
 

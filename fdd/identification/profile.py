@@ -3,11 +3,16 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from math import exp, log
+
+import numpy as np
 
 from fdd.identification.balance import Estimate
 from fdd.identification.sensors import SensorFit
+from fdd.residuals.oil import modulus_at, viscosity
 from fdd.samples import CHANNELS
 from fdd.sections import Provenance, Section, si_of
+from fdd.tolerances import tolerance
 from fdd.unit import Unit
 
 
@@ -123,3 +128,68 @@ class ProfileWriter:
                     notes.get(what, "smallest step"),
                 )
             )
+
+
+WORDS = {
+    "pump.displacement": "travel per rad of the pump", "cylinder.area_2": "area_2",
+    "pump.leakage": "leakage", "oil.bulk_modulus": "bulk modulus", "friction": "friction",
+    "drive.torque_constant": "torque constant", "accumulator.charge_pressure": "charge pressure",
+    "accumulator.relief_pressure": "pressure beyond the relief setting", "noise": "their noise",
+    "counts": "their counts",
+}  # fmt: skip
+"""What identifies a pressure's scale or a unit, in words."""
+
+
+@dataclass(frozen=True)
+class Ratio:
+    """An identified quantity over the base's, at the same oil temperature and pressure, and its ln's std."""
+
+    value: float
+    std: float
+    open: float
+    """Standard deviation of ln(unit / base) that the base leaves open."""
+
+    def misfit(self, factor: float = 1.0) -> float:
+        """-2 ln of the likelihood of a mistaken `factor` on the quantity, but for what is common to all."""
+        return (log(self.value) - log(factor)) ** 2 / (self.open**2 + self.std**2)
+
+
+def against_base(found: Identification, base: Unit, unmeasured: float = 0.6) -> dict[str, Ratio]:
+    """What was identified over what the base leads to expect, by the names of `WORDS`.
+
+    Leakage is compared at the logs' temperature, bulk modulus at their pressure; friction as the mean of both
+    directions.
+
+    Parameters
+    ----------
+    unmeasured : relative standard deviation of leakage where nobody measures the oil's temperature: it may be
+        15 K off, at some 4 % a kelvin.
+    """
+    rows = {r.quantity: r for r in found.table if r.identified is not None and r.std is not None}
+    unit = found.unit
+    direct = ("pump.displacement", "cylinder.area_2", "drive.torque_constant", "accumulator.charge_pressure")
+    out = {n: _ratio(rows[n], n, rows[n].base, base) for n in direct if n in rows and rows[n].base > 0.0}
+    leakage = found.leakage
+    if leakage is not None and base.pump.total_leakage > 0.0:
+        warm = unit.oil.reference_temperature, base.oil.reference_temperature
+        thinner = float(viscosity(base.oil, warm[1]) / viscosity(base.oil, warm[0]))
+        out["pump.leakage"] = Ratio(
+            leakage.value / (base.pump.total_leakage * thinner),
+            float(np.hypot(leakage.relative, 0.0 if "oil.reference_temperature" in rows else unmeasured)),
+            tolerance(base, "pump.leakage"),
+        )  # fmt: skip
+    if "oil.bulk_modulus" in rows:
+        expected = modulus_at(base.oil, unit.oil.reference_pressure)
+        out["oil.bulk_modulus"] = _ratio(rows["oil.bulk_modulus"], "oil.bulk_modulus", expected, base)
+    branches = [rows[n] for d in ("forward", "reverse") if (n := f"friction.{d}.coulomb") in rows]
+    each = [_ratio(b, "friction", b.base, base) for b in branches if b.base > 0.0 and b.identified]
+    if each:
+        mean = exp(float(np.mean([log(r.value) for r in each])))
+        out["friction"] = Ratio(mean, max(r.std for r in each), each[0].open)
+    return out
+
+
+def _ratio(row: TableRow, name: str, expected: float, base: Unit) -> Ratio:
+    assert row.identified is not None and row.std is not None
+    std = row.std / max(row.identified, 1e-300)
+    return Ratio(max(row.identified / expected, 1e-12), std, tolerance(base, name))

@@ -153,13 +153,8 @@ class _Rows:
         raised, compressed, block = self.raised[rows, None], self.compressed[rows], self.block[rows]
         weights = huber(raised, compressed, LIMIT)[1]
         group = np.unique(block, return_inverse=True)[1] % GROUPS
-        sides = np.array(
-            [
-                [np.sum((weights * raised[:, 0]) ** 2 * (group == g)),
-                 np.sum(weights**2 * raised[:, 0] * compressed * (group == g))]
-                for g in np.unique(group)
-            ]
-        )  # fmt: skip
+        products = np.stack([(weights * raised[:, 0]) ** 2, weights**2 * raised[:, 0] * compressed])
+        sides = np.array([products @ (group == g) for g in np.unique(group)])
         whole = sides.sum(axis=0)
         parts = (whole - sides)[:, 1] / (whole - sides)[:, 0]
         value = whole[1] / whole[0]
@@ -169,10 +164,8 @@ class _Rows:
 
 def _never_shut(records: list[Record]) -> str:
     """Why there are too few steps."""
-    above = np.concatenate(
-        [r.smooth(np.maximum(r.pressure_1, r.pressure_2), SMOOTHING) - r.accumulator for r in records]
-    )
-    share = float(np.mean(above > REFEED_MARGIN))
+    higher = [r.smooth(np.maximum(r.pressure_1, r.pressure_2), SMOOTHING) - r.accumulator for r in records]
+    share = float(np.mean(np.concatenate(higher) > REFEED_MARGIN))
     return (
         f"the higher chamber is {REFEED_MARGIN / 1e5:.1f} bar above the accumulator, so that its refeeding "
         f"valve is surely shut, in {100 * share:.0f} % of the time, and too seldom while it moves. Load the "
@@ -204,9 +197,7 @@ def _volume_share(found: Hydraulics) -> float:
 def _air(out: Outcome, found: Hydraulics, unit: Unit, span: tuple[float, float]) -> bool:
     """Free air, and the oil without it; whether the logs tell them apart."""
     fit, volume = found.fit, _volume_share(found)
-    air = Estimate(
-        found.air_fraction.value, float(np.hypot(found.air_fraction.std, volume * found.air_fraction.value))
-    )
+    air = found.air_fraction.wider(volume)
     if not fit.air_known or air.relative > AIR_SHARP or air.value < 1.01 * LEAST_AIR:
         out.not_told.append(
             "Free air, and with it how bulk modulus changes with pressure: pressures of "
@@ -237,12 +228,8 @@ def _draw(out: Outcome, found: Hydraulics, rows: _Rows, unit: Unit, low: float, 
     beta, std = over_pressure(found, pressure)
     band = NORMAL_95 * std
     profile = np.array([modulus_at(unit.oil, float(p)) for p in pressure])
-    out.curves["fitted"] = {
-        "pressure": pressure,
-        "bulk_modulus": beta,
-        "low": beta - band,
-        "high": beta + band,
-    }
+    low, high = beta - band, beta + band
+    out.curves["fitted"] = {"pressure": pressure, "bulk_modulus": beta, "low": low, "high": high}
     out.heads = ("pressure", "bulk modulus by these steps alone", "95 %", "fitted", "profile", "steps")
     edges = np.quantile(rows.pressure[clear], np.linspace(0.0, 1.0, BINS + 1))
     table = []
@@ -253,17 +240,13 @@ def _draw(out: Outcome, found: Hydraulics, rows: _Rows, unit: Unit, low: float, 
         at, (value, least, most) = float(np.median(rows.pressure[inside])), rows.modulus(inside)
         table.append((at, value, least, most))
         fitted = float(over_pressure(found, np.array([at]))[0][0])
-        out.rows.append(
-            (f"{BAR * at:.3g} bar", f"{figure(BAR * value)} bar",
-             f"{figure(BAR * least)} … {figure(BAR * most)}",
-             f"{figure(BAR * fitted)} bar", f"{figure(BAR * modulus_at(unit.oil, at))} bar",
-             str(np.count_nonzero(inside)))
-        )  # fmt: skip
+        out.rows.append((
+            f"{BAR * at:.3g} bar", f"{figure(BAR * value)} bar",
+            f"{figure(BAR * least)} … {figure(BAR * most)}", f"{figure(BAR * fitted)} bar",
+            f"{figure(BAR * modulus_at(unit.oil, at))} bar", str(np.count_nonzero(inside)),
+        ))  # fmt: skip
     curves = [
-        {
-            **tr.band(BAR * pressure, BAR * (beta - band), BAR * (beta + band), "", tr.BLUE),
-            "legendgroup": "",
-        },
+        tr.band(BAR * pressure, BAR * low, BAR * high, "", tr.BLUE),
         curve_line(BAR * pressure, BAR * beta, "fitted", tr.BLUE),
         curve_line(BAR * pressure, BAR * profile, "profile", tr.VERMILLION, "dash"),
     ]

@@ -213,10 +213,9 @@ def etfe(candidates: list[list[Series]], period: float, width_hz: float) -> Esti
                 seconds = sum(int(np.count_nonzero(s.used)) for s in alike) * period
                 return Estimate(spectra, "periodic", True, (
                     f"The input repeats itself every {rows * period:.3g} s for {seconds:.3g} s: trust the "
-                    "ETFE of these, at the "
-                    f"{spectra.frequency.size} frequencies that it excites, where it has no bias and "
-                    "averages over periods; Welch's windows leak from line to line. Friction bends "
-                    "each period alike: that is in the curve, and not in its band."
+                    f"ETFE of these, at the {spectra.frequency.size} frequencies that it excites, where it "
+                    "has no bias and averages over periods; Welch's windows leak from line to line. "
+                    "Friction bends each period alike: that is in the curve, and not in its band."
                 ))  # fmt: skip
     for series in candidates:
         sweeps = [(s, band) for s in series if (band := swept(s.given, period)) is not None]

@@ -53,7 +53,12 @@ class Told:
     @staticmethod
     def normal(quantity: str, value: float, std: float, unit: str, note: str = "") -> Told:
         """With an interval of so many standard deviations."""
-        return Told(quantity, value, value - NORMAL_95 * std, value + NORMAL_95 * std, unit, note)
+        return Told.within(quantity, value, NORMAL_95 * std, unit, note)
+
+    @staticmethod
+    def within(quantity: str, value: float, half: float, unit: str, note: str = "") -> Told:
+        """With an interval of `half` on either side."""
+        return Told(quantity, value, value - half, value + half, unit, note)
 
     def of(self, value: float) -> str:
         """Another value of the same quantity, as people read it."""
@@ -121,36 +126,25 @@ def _plain(values: Any) -> Any:
 
 def points(x: Array, y: Array, low: Array, high: Array, name: str, colour: str) -> tr.Trace:
     """Points with their intervals, already in the units of the figure."""
-    bars = {
-        "type": "data",
-        "symmetric": False,
-        "array": tr.packed(high - y),
-        "arrayminus": tr.packed(y - low),
-        "thickness": 1.2,
-        "width": 3,
-    }
-    return {"type": "scatter", "mode": "markers", "name": name, "x": tr.packed(x), "y": tr.packed(y),
-            "error_y": bars, "marker": {"color": colour, "size": 6}}  # fmt: skip
+    reach = {"array": tr.packed(high - y), "arrayminus": tr.packed(y - low)}
+    bars = {"type": "data", "symmetric": False, **reach, "thickness": 1.2, "width": 3}
+    marker = {"color": colour, "size": 6}
+    return tr.scatter(tr.packed(x), tr.packed(y), name, mode="markers", error_y=bars, marker=marker)
 
 
 def cloud(x: Array, y: Array, name: str, colour: str, most: int = 3000) -> tr.Trace:
     """Many small points, at most `most` of them."""
     kept = slice(None, None, max(-(-x.size // most), 1))
-    return {
-        "type": "scatter",
-        "mode": "markers",
-        "name": name,
-        "x": tr.packed(x[kept]),
-        "y": tr.packed(y[kept]),
-        "marker": {"color": colour, "size": 3, "opacity": 0.35},
-        "hoverinfo": "skip",
-    }
+    marker = {"color": colour, "size": 3, "opacity": 0.35}
+    return tr.scatter(
+        tr.packed(x[kept]), tr.packed(y[kept]), name, mode="markers", marker=marker, hoverinfo="skip"
+    )
 
 
 def curve_line(x: Array, y: Array, name: str, colour: str, dash: str = "solid") -> tr.Trace:
     """A line through all its points."""
-    return {"type": "scatter", "mode": "lines", "name": name, "x": tr.packed(x), "y": tr.packed(y),
-            "line": {"color": colour, "width": 1.8, "dash": dash}}  # fmt: skip
+    style = {"color": colour, "width": 1.8, "dash": dash}
+    return tr.scatter(tr.packed(x), tr.packed(y), name, line=style)
 
 
 def axes(x: str, **more: Any) -> dict[str, Any]:
