@@ -106,10 +106,8 @@ def fit_friction(
     if free is None:
         return FrictionFit(None, None)
     motion, found, notes = free
-    fits = []
-    for sign, branch, centre in ((1.0, base.forward, found[0]), (-1.0, base.reverse, found[1])):
-        fits.append(_branch(motion, sign, branch, centre, zero_force))
-    return FrictionFit(fits[0], fits[1], notes)
+    forward = _branch(motion, 1.0, base.forward, found[0], zero_force)
+    return FrictionFit(forward, _branch(motion, -1.0, base.reverse, found[1], zero_force), notes)
 
 
 def gusty(motions: list[Motion], base: Friction) -> bool:
@@ -174,11 +172,14 @@ def _join(motions: list[Motion]) -> Motion:
     return Motion(**{n: np.concatenate([getattr(m, n) for m in motions]) for n in names})
 
 
+def _expected(motion: Motion, base: Friction) -> Array:
+    """(n,) friction (N) of either direction's curve."""
+    forward, reverse = (curve(branch, motion.speed) for branch in (base.forward, base.reverse))
+    return np.where(motion.direction > 0, forward, reverse)
+
+
 def _ratio(motion: Motion, base: Friction) -> Array:
-    over = np.where(
-        motion.direction > 0, curve(base.forward, motion.speed), curve(base.reverse, motion.speed)
-    )
-    return motion.force / np.maximum(over, 1.0)
+    return motion.force / np.maximum(_expected(motion, base), 1.0)
 
 
 def _unloaded(motions: list[Motion], base: Friction) -> tuple[float, float] | None:
@@ -227,13 +228,8 @@ def _without_load(motion: Motion, base: Friction) -> Motion:
 
 def _with_loads(motion: Motion, friction: Array) -> Array:
     """Columns of the force balance: friction, a constant, a spring, and drag of the flow."""
-    columns = [
-        motion.direction * friction,
-        np.ones_like(friction),
-        motion.position,
-        motion.direction * motion.speed**2,
-    ]
-    return np.column_stack(columns)
+    one, drag = np.ones_like(friction), motion.direction * motion.speed**2
+    return np.column_stack([motion.direction * friction, one, motion.position, drag])
 
 
 def _robust(m: Array, y: Array) -> Array:
@@ -251,10 +247,7 @@ def _through_gusts(motions: list[Motion], base: Friction, zero_force: float) -> 
     """Both directions' base curves times one factor: what turns with the motion, each log's load apart."""
     joined = _join(motions)
     force = joined.direction * joined.force
-    friction = np.where(
-        joined.direction > 0, curve(base.forward, joined.speed), curve(base.reverse, joined.speed)
-    )
-    m = _with_loads(joined, friction)
+    m = _with_loads(joined, _expected(joined, base))
     log = np.repeat(np.arange(len(motions)), [part.force.size for part in motions])
     apart = [m[:, :1]] + [m[:, 1:] * (log == k)[:, None] for k in np.unique(log)]
     m = np.concatenate(apart, axis=1)
@@ -272,9 +265,8 @@ def _through_gusts(motions: list[Motion], base: Friction, zero_force: float) -> 
         for name in ("coulomb", "static", "viscous"):
             value = factor * float(getattr(branch, name))
             setattr(scaled, name, value)
-            stds[name] = float(
-                np.hypot(max(std / factor, 0.15) * value, 0.0 if name == "viscous" else zero_force)
-            )
+            shift = 0.0 if name == "viscous" else zero_force
+            stds[name] = float(np.hypot(max(std / factor, 0.15) * value, shift))
         fits.append(BranchFit(scaled, stds, f"the base's curve times {factor:.2g}, through gusts"))
     return FrictionFit(fits[0], fits[1], [f"{told}: its curves were scaled"])
 

@@ -209,11 +209,8 @@ def _with_relief(writer: ProfileWriter, records: list[Record]) -> Unit:
             mend="check the pressures' unit in the channel map",
         )
     value = RELIEF_CLEARANCE * reached
-    writer.put(
-        "accumulator.relief_pressure",
-        Estimate(value, 0.2 * value),
-        f"healthy pressure differences reach {reached / 1e5:.1f} bar: opens above that",
-    )
+    why = f"healthy pressure differences reach {reached / 1e5:.1f} bar: opens above that"
+    writer.put("accumulator.relief_pressure", Estimate(value, 0.2 * value), why)
     writer.note(
         f"the logs reach {reached / 1e5:.1f} bar, beyond the base's relief setting of "
         f"{setting / 1e5:.1f} bar: it was raised"
@@ -240,11 +237,9 @@ def _with_volumes(writer: ProfileWriter, logs: LogBalances, base: Unit) -> tuple
         value = float(getattr(cylinder, name))
         writer.put(f"cylinder.{name}", Estimate(value, share * value), "from compliance against position")
     if not fit.of_volume:
-        writer.put(
-            "cylinder.position_compliance",
-            Estimate(cylinder.position_compliance, gain.relative * cylinder.position_compliance),
-            "no dead volume explains this: the mean volume stays the base's",
-        )
+        compliance = Estimate(cylinder.position_compliance, gain.relative * cylinder.position_compliance)
+        why = "no dead volume explains this: the mean volume stays the base's"
+        writer.put("cylinder.position_compliance", compliance, why)
     return with_volumes, fit
 
 
@@ -303,23 +298,20 @@ def _put_leakage(writer: ProfileWriter, fit: BalanceFit, temperature: float | No
 def _put_compressibility(writer: ProfileWriter, found: Hydraulics) -> None:
     fit, beta, pressure = found.fit, found.bulk_modulus, found.logs.pressure
     if fit.signal_over_noise < LEAST_SIGNAL or not _better(beta, writer.base.oil.bulk_modulus, BULK_SHARP):
-        writer.keep(
-            "oil.bulk_modulus",
-            f"{beta.value / 1e6:.0f} ± {beta.std / 1e6:.0f} MPa is not sharp enough "
-            f"(pressure changes over noise {fit.signal_over_noise:.1f})",
-        )
+        told = f"{beta.value / 1e6:.0f} ± {beta.std / 1e6:.0f} MPa is not sharp enough"
+        writer.keep("oil.bulk_modulus", f"{told} (pressure changes over noise {fit.signal_over_noise:.1f})")
         return
     _warn_if_far(writer, "bulk modulus", beta.value / writer.base.oil.bulk_modulus)
     level = "with the volumes found" if found.volumes_found else "volumes stay the base's"
     writer.put("oil.bulk_modulus", beta, f"at {pressure / 1e5:.2f} bar; {level}")
     writer.put("oil.reference_pressure", Estimate(pressure, 0.01 * pressure), "median of the logs")
-    writer.put(
-        "oil.air_fraction", found.air_fraction, "" if fit.air_known else "little data: drawn to the base's"
+    drawn = "" if fit.air_known else "little data: drawn to the base's"
+    writer.put("oil.air_fraction", found.air_fraction, drawn)
+    writer.note(
+        "the chambers' volumes follow from how compliance changes with position, and area_1"
+        if found.volumes_found
+        else "only volume over bulk modulus is identifiable: the chambers' volumes stay the base's"
     )
-    if found.volumes_found:
-        writer.note("the chambers' volumes follow from how compliance changes with position, and area_1")
-    else:
-        writer.note("only volume over bulk modulus is identifiable: the chambers' volumes stay the base's")
 
 
 def _warn_if_far(writer: ProfileWriter, quantity: str, ratio: float) -> None:
@@ -336,26 +328,18 @@ def _better(estimate: Estimate, base: float, sharp: float) -> bool:
 
 
 def _charge(writer: ProfileWriter, records: list[Record]) -> None:
-    levels = []
+    path, known = "accumulator.charge_pressure", []
     for r in records:
-        if not (r.accumulator_measured or r.chambers_measured):
-            continue
-        rest = r.at_rest(writer.base)
-        level = (
-            r.accumulator
-            if r.accumulator_measured
-            else np.minimum(r.smooth(r.pressure_1, 0.1), r.smooth(r.pressure_2, 0.1))
-        )
-        levels.append((level[rest], level, r.period))
-    path = "accumulator.charge_pressure"
-    if not levels:
+        if r.accumulator_measured:
+            known.append((r, r.accumulator))
+        elif r.chambers_measured:
+            known.append((r, np.minimum(r.smooth(r.pressure_1, 0.1), r.smooth(r.pressure_2, 0.1))))
+    if not known:
         writer.keep(path, "neither accumulator nor chamber pressures are measured")
         return
-    resting = np.concatenate([x[0] for x in levels])
-    note = "median at rest"
-    if resting.size * levels[0][2] < LEAST_REST:
-        resting = np.concatenate([x[1] for x in levels])
-        note = "median of the logs, which never rest"
+    resting, note = np.concatenate([p[r.at_rest(writer.base)] for r, p in known]), "median at rest"
+    if resting.size * known[0][0].period < LEAST_REST:
+        resting, note = np.concatenate([p for _, p in known]), "median of the logs, which never rest"
     value = float(np.median(resting))
     if value <= 0.0:
         writer.keep(path, f"{value / 1e5:.2f} bar at rest is no charge")

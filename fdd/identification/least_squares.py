@@ -22,7 +22,8 @@ def huber(
     -------
     (k,) solution, and (n,) square roots of the weights.
     """
-    scale = np.maximum(np.abs(m).max(axis=0), 1e-300)
+    largest = np.abs(m).max(axis=0)
+    scale = np.where(largest > 0.0, largest, 1.0)
     scaled, weights = m / scale, np.ones(y.size)
     for _ in range(rounds):
         theta = np.linalg.lstsq(scaled * weights[:, None], y * weights, rcond=rcond)[0]

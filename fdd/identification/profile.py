@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from math import exp, log
 
 import numpy as np
@@ -65,50 +65,37 @@ class ProfileWriter:
 
     def put(self, path: str, estimate: Estimate, note: str = "") -> None:
         """Set the number at a dotted path, with its source and standard deviation (SI)."""
-        section, name, before = self._find(path)
-        setattr(section, name, float(estimate.value))
-        section.provenance[name] = Provenance(source=self.source, std=float(estimate.std))
-        self._row(path, section, name, before, estimate, note)
+        section, name, row = self._find(path)
+        value, std = float(estimate.value), float(estimate.std)
+        setattr(section, name, value)
+        section.provenance[name] = Provenance(source=self.source, std=std)
+        self.result.table.append(replace(row, identified=value, std=std, note=note))
 
     def decide(self, path: str, value: bool, why: str) -> None:
         """Set what is or is not so at a dotted path, 1 or 0 in the table, and say why."""
-        section, name, before = self._find(path)
+        section, name, row = self._find(path)
         setattr(section, name, value)
         section.provenance[name] = Provenance(source=self.source)
-        self.result.table.append(TableRow(path, "1", before, float(value), None, why))
+        self.result.table.append(replace(row, identified=float(value), note=why))
 
     def keep(self, path: str, why: str) -> None:
         """Leave the base's number and say why."""
-        section, name, before = self._find(path)
-        self._row(path, section, name, before, None, why)
+        self.result.table.append(replace(self._find(path)[2], note=why))
         self.note(f"{path} kept: {why}")
 
-    def _find(self, path: str) -> tuple[Section, str, float]:
+    def _find(self, path: str) -> tuple[Section, str, TableRow]:
+        """The section and the name of the number at a path, and its row as long as it is kept."""
         *way, name = path.split(".")
         section: Section | Unit = self.result.unit
         for step in way:
             section = getattr(section, step)
         assert isinstance(section, Section)
-        return section, name, float(getattr(section, name))
-
-    def _row(
-        self, path: str, section: Section, name: str, before: float, found: Estimate | None, note: str
-    ) -> None:
-        si = si_of(type(section).model_fields[name])
-        self.result.table.append(
-            TableRow(
-                path,
-                si.unit if si is not None else "1",
-                before,
-                None if found is None else float(found.value),
-                None if found is None else float(found.std),
-                note,
-            )
-        )
+        si, before = si_of(type(section).model_fields[name]), float(getattr(section, name))
+        return section, name, TableRow(path, "1" if si is None else si.unit, before, None, None)
 
     def put_sensor(self, channel: str, fit: SensorFit) -> None:
         """Replace a channel's sensor; a row for each of its numbers that was found."""
-        before = self.base.sensor(channel)
+        before, unit = self.base.sensor(channel), CHANNELS[channel].unit
         sensor = fit.sensor.model_copy(update={"source": self.source})
         self.result.unit.sensors[channel] = sensor
         notes = {
@@ -116,18 +103,9 @@ class ProfileWriter:
             "zero": "against pressure_1 - pressure_2",
         }
         for what in fit.found:
-            value = float(getattr(sensor, what))
-            unit = CHANNELS[channel].unit
-            self.result.table.append(
-                TableRow(
-                    f"sensors.{channel}.{what}",
-                    unit,
-                    float(getattr(before, what)),
-                    value,
-                    None,
-                    notes.get(what, "smallest step"),
-                )
-            )
+            known, value = float(getattr(before, what)), float(getattr(sensor, what))
+            note = notes.get(what, "smallest step")
+            self.result.table.append(TableRow(f"sensors.{channel}.{what}", unit, known, value, None, note))
 
 
 WORDS = {

@@ -85,14 +85,9 @@ class VolumeSteps:
         for part in parts:
             blocks.append(part.block + offset)
             offset += int(part.block.max(initial=-1)) + 1
-        return VolumeSteps(
-            m=np.concatenate([p.m for p in parts]),
-            y=np.concatenate([p.y for p in parts]),
-            noise=np.concatenate([p.noise for p in parts]),
-            chamber=np.concatenate([p.chamber for p in parts]),
-            block=np.concatenate(blocks),
-            seconds=np.concatenate([p.seconds for p in parts]),
-        )
+        others = ("m", "y", "noise", "chamber", "seconds")
+        joined = {name: np.concatenate([getattr(p, name) for p in parts]) for name in others}
+        return VolumeSteps(**joined, block=np.concatenate(blocks))
 
 
 def leakage_scale(unit: Unit) -> float:
@@ -107,19 +102,11 @@ def scales(unit: Unit) -> Array:
     stiff compliance beyond its bound; α.
     """
     leakage = leakage_scale(unit)
-    return np.array(
-        [
-            unit.pump.displacement,
-            unit.cylinder.area_2,
-            leakage,
-            leakage,
-            unit.pump.displacement,
-            leakage * DRIFT_PRESSURE,
-            leakage * DRIFT_PRESSURE,
-            1.0 / unit.oil.bulk_modulus,
-            AIR_SCALE,
-        ]
-    )
+    displacement, drift = unit.pump.displacement, leakage * DRIFT_PRESSURE
+    return np.array([
+        displacement, unit.cylinder.area_2, leakage, leakage, displacement, drift, drift,
+        1.0 / unit.oil.bulk_modulus, AIR_SCALE,
+    ])  # fmt: skip
 
 
 def keeps_trapped_oil(record: Record, unit: Unit, noise: tuple[float, float]) -> bool:
@@ -131,9 +118,8 @@ def keeps_trapped_oil(record: Record, unit: Unit, noise: tuple[float, float]) ->
         return False
     least = TRAPPED * unit.accumulator.relief_pressure + NOISE_MARGIN * float(np.hypot(*noise))
     pressures = np.stack([record.smooth(p, SMOOTHING) for p in (record.pressure_1, record.pressure_2)])
-    low, high = (
-        f(pressures, axis=0) - record.smooth(record.accumulator, SMOOTHING) for f in (np.min, np.max)
-    )
+    store = record.smooth(record.accumulator, SMOOTHING)
+    low, high = pressures.min(axis=0) - store, pressures.max(axis=0) - store
     _, speed = record.speeds(SMOOTHING)
     slow = ~record.gap & (np.abs(speed) < TRAPPED_SPEED * unit.drive.max_speed)
     trapped = slow & (low > least) & (high > low + least)
@@ -194,8 +180,8 @@ def volume_steps(
                 sign * area * x,
                 sign * _turned(theta, sign * denser),
                 -sign * x if chamber == 2 else still,
-                -sign * _accumulate(drop / mu, h),
-                -_accumulate((pressure - case) / mu, h),
+                -sign * np.cumsum(drop / mu) * h,
+                -np.cumsum((pressure - case) / mu) * h,
                 -sign * inlet,
                 -time if chamber == 1 else still,
                 -time if chamber == 2 else still,
@@ -235,10 +221,6 @@ def _log_density(oil: Oil, pressure: Array) -> Array:
 def _turned(angle: Array, denser: Array) -> Array:
     """Pump angle, each step over the density of the chamber's oil against that of the ports' mean."""
     return np.concatenate(([0.0], np.cumsum(np.diff(angle) * (1.0 - denser[1:]))))
-
-
-def _accumulate(rate: Array, period: float) -> Array:
-    return np.asarray(np.cumsum(rate) * period)
 
 
 def _compression(
