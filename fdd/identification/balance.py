@@ -108,15 +108,9 @@ class BalanceFit:
 
 
 def fit_balance(
-    steps: VolumeSteps,
-    unit: Unit,
-    reference_pressure: float,
-    noise: tuple[float, float],
-    *,
-    split: bool = True,
-    warmed: bool = True,
-    hidden: bool = False,
-) -> BalanceFit | None:
+    steps: VolumeSteps, unit: Unit, reference_pressure: float, noise: tuple[float, float], *,
+    split: bool = True, warmed: bool = True, hidden: bool = False,
+) -> BalanceFit | None:  # fmt: skip
     """Fit the balances.
 
     Bounded least squares with a Huber loss, the base with its tolerances as prior, and the known
@@ -171,16 +165,9 @@ class _Problem:
     """The regression with its noise, prior and bounds."""
 
     def __init__(
-        self,
-        steps: VolumeSteps,
-        unit: Unit,
-        reference_pressure: float,
-        noise: tuple[float, float],
-        *,
-        split: bool = True,
-        warmed: bool = True,
-        hidden: bool = False,
-    ) -> None:
+        self, steps: VolumeSteps, unit: Unit, reference_pressure: float, noise: tuple[float, float], *,
+        split: bool = True, warmed: bool = True, hidden: bool = False,
+    ) -> None:  # fmt: skip
         # Tied, case leakage is this many times the cross-port one and no unknown of its own.
         cross_port = unit.pump.cross_port_leakage
         self.tied = None if split or cross_port == 0.0 else unit.pump.case_leakage / cross_port

@@ -105,11 +105,9 @@ def _refuse_odd_counts(fits: dict[str, SensorFit], unit: Unit, where: str) -> No
     odd = [c for c, ratio in counts.items() if not 1.0 / NEAR < ratio < NEAR]
     if len(odd) != 1 or len(counts) < 2 or not (looks := slips(counts[odd[0]], "pressure")):
         return
-    problem = (
-        f"channel {odd[0]}: its counts, and no other pressure's, are {counts[odd[0]]:.3g} times those of"
-    )
-    mend = f"check its unit in the map (it looks like {looks})"
-    raise InputError(f"{problem} profile {unit.name}", where=where, mend=mend)
+    times = f"{counts[odd[0]]:.3g} times those of profile {unit.name}"
+    problem = f"channel {odd[0]}: its counts, and no other pressure's, are {times}"
+    raise InputError(problem, where=where, mend=f"check its unit in the map (it looks like {looks})")
 
 
 def _of_sensors(fits: dict[str, SensorFit], unit: Unit) -> dict[str, Ratio]:

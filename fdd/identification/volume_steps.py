@@ -135,13 +135,9 @@ def viscosity_over_reference(record: Record, unit: Unit, reference: float) -> Ar
 
 
 def volume_steps(
-    record: Record,
-    unit: Unit,
-    *,
-    reference_temperature: float,
-    reference_pressure: float,
+    record: Record, unit: Unit, *, reference_temperature: float, reference_pressure: float,
     noise: tuple[float, float] = (0.0, 0.0),
-) -> VolumeSteps:
+) -> VolumeSteps:  # fmt: skip
     """The rows that one log gives.
 
     Parameters
@@ -168,6 +164,8 @@ def volume_steps(
     inlet = np.concatenate(([0.0], np.cumsum(lost)))
     time, still = h * np.arange(x.size), np.zeros_like(x)
     warmth = still if record.temperature is None else record.smooth(record.temperature, WARMING_WINDOW)
+    # 1/β_stiff = ½·α·c(reference) + excess: with excess ≥ 0 the stiff oil is at most three times β.
+    bound = 0.5 * float(air_compliance(reference_pressure, unit.oil.polytropic_index))
     parts = []
     for chamber, sign, pressure, smoothed, area, at_centre in (
         (1, 1.0, record.pressure_1, smooth_1, cylinder.area_1, cylinder.volume_1),
@@ -175,22 +173,21 @@ def volume_steps(
     ):
         moved = cylinder.position_compliance * area * x_smooth
         volume = np.maximum(at_centre + sign * moved, 0.1 * at_centre)
-        levels = np.column_stack(
-            [
-                sign * area * x,
-                sign * _turned(theta, sign * denser),
-                -sign * x if chamber == 2 else still,
-                -sign * np.cumsum(drop / mu) * h,
-                -np.cumsum((pressure - case) / mu) * h,
-                -sign * inlet,
-                -time if chamber == 1 else still,
-                -time if chamber == 2 else still,
-                *_compression(pressure, smoothed, volume, unit.oil.polytropic_index, reference_pressure),
-                unit.oil.thermal_expansion * at_centre * warmth,
-            ]
+        levels = (
+            sign * area * x,
+            sign * _turned(theta, sign * denser),
+            -sign * x if chamber == 2 else still,
+            -sign * np.cumsum(drop / mu) * h,
+            -np.cumsum((pressure - case) / mu) * h,
+            -sign * inlet,
+            -time if chamber == 1 else still,
+            -time if chamber == 2 else still,
+            *_compression(pressure, smoothed, volume, unit.oil.polytropic_index, bound),
+            unit.oil.thermal_expansion * at_centre * warmth,
         )
-        slopes = _noise_slopes(smoothed, volume, unit.oil.polytropic_index, reference_pressure)
-        levels = np.column_stack([record.smooth(c, SMOOTHING) for c in levels.T])
+        softness = air_compliance(smoothed, unit.oil.polytropic_index) + bound
+        slopes = np.column_stack([-volume, -volume * softness])  # of the compression terms per pascal
+        terms = np.column_stack([record.smooth(level, SMOOTHING) for level in levels])
         above = smoothed - store - max(REFEED_MARGIN, NOISE_MARGIN * noise[chamber - 1])
         loss = outlet_loss(unit, speed, chamber)
         # The lower chamber may give oil back through a valve that the other one holds open, at just
@@ -203,7 +200,7 @@ def volume_steps(
             other = smooth_2 if chamber == 1 else smooth_1
             usable &= smoothed - store > PILOT * (other - store)
         for seconds in STEPS:
-            parts.append(_differences(record, seconds, levels, slopes, usable, chamber))
+            parts.append(_differences(record, seconds, terms, slopes, usable, chamber))
     scale = scales(unit)
     m, y, ends, of_chamber, block = (np.concatenate([p[i] for p in parts]) for i in range(5))
     lengths = np.repeat(STEPS * 2, [p[1].size for p in parts])
@@ -224,7 +221,7 @@ def _turned(angle: Array, denser: Array) -> Array:
 
 
 def _compression(
-    pressure: Array, smoothed: Array, volume: Array, index: float, reference: float
+    pressure: Array, smoothed: Array, volume: Array, index: float, bound: float
 ) -> tuple[Array, Array]:
     """Accumulated oil volume taken up per unit of the stiff compliance's excess and of α (both negative)."""
     # Along the smoothed pressure and linear about it: the air's law is curved, and noise must not bend it.
@@ -233,14 +230,7 @@ def _compression(
     between = 0.5 * (volume[1:] + volume[:-1])
     stiff = np.concatenate(([0.0], np.cumsum(between * np.diff(pressure))))
     air = np.concatenate(([0.0], np.cumsum(between * np.diff(shrinkage))))
-    # 1/β_stiff = ½·α·c(reference) + excess: with excess ≥ 0 the stiff oil is at most three times β.
-    return -stiff, -(air + 0.5 * float(air_compliance(reference, index)) * stiff)
-
-
-def _noise_slopes(smoothed: Array, volume: Array, index: float, reference: float) -> Array:
-    """(n, 2) change of the two compression terms per pascal."""
-    bound = 0.5 * float(air_compliance(reference, index))
-    return np.column_stack([-volume, -volume * (air_compliance(smoothed, index) + bound)])
+    return -stiff, -(air + bound * stiff)
 
 
 def _differences(

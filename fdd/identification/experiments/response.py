@@ -135,10 +135,8 @@ def frequency_response(
 
 
 def _test(model: Model, held_out: list[Series]) -> Tested:
-    left, errors = [], []
-    for s in held_out:
-        left.append((s.caused - model.simulate(s.given))[s.used])
-        errors.append(np.where(s.used, model.errors(s), np.nan))
+    left = [(s.caused - model.simulate(s.given))[s.used] for s in held_out]
+    errors = [np.where(s.used, model.errors(s), np.nan) for s in held_out]
     rho, pairs = masked_autocorrelation(errors, LAGS)
     whole = np.concatenate([s.caused[s.used] for s in held_out])
     fit = 1.0 - float(np.var(np.concatenate(left)) / np.var(whole))
@@ -341,14 +339,11 @@ def masked_autocorrelation(series: list[Array], lags: int) -> tuple[Array, Array
     >>> rho.tolist(), pairs.tolist()
     ([-1.0], [2.0])
     """
-    power, count = 0.0, 0
-    products, pairs = np.zeros(lags), np.zeros(lags)
-    for y in series:
-        there = np.isfinite(y)
-        filled = np.where(there, y, 0.0)
-        power, count = power + float(filled @ filled), count + int(there.sum())
-        for k in range(1, min(lags, y.size - 1) + 1):
-            products[k - 1] += filled[:-k] @ filled[k:]
-            pairs[k - 1] += np.sum(there[:-k] & there[k:])
-    scale = power / max(count, 1)
-    return products / np.maximum(pairs, 1) / max(scale, 1e-300), pairs
+    apart = np.full(lags, np.nan)
+    y = np.concatenate([part for one in series for part in (one, apart)])
+    there = np.isfinite(y)
+    filled = np.where(there, y, 0.0)
+    products = np.array([filled[:-k] @ filled[k:] for k in range(1, lags + 1)])
+    pairs = np.array([np.sum(there[:-k] & there[k:]) for k in range(1, lags + 1)], dtype=np.float64)
+    power = float(filled @ filled) / max(int(there.sum()), 1)
+    return products / np.maximum(pairs, 1) / max(power, 1e-300), pairs
