@@ -133,8 +133,8 @@ def _print(found: Outcome) -> None:
         columns = list(zip(found.heads, zip(*found.rows, strict=True), strict=True))
         narrow = [_numbers_column(*column) for column in columns]
         whole = [column[0] for column in narrow if column]
-        heads, cells = zip(*(n or c for n, c in zip(narrow, columns, strict=True)), strict=True)
-        rows = zip(*cells, strict=True)
-        console.print(grid(heads, rows, whole=whole, collapse_padding=True, **NARROW))
+        shown = [n or c for n, c in zip(narrow, columns, strict=True)]
+        cells = zip(*(column for _, column in shown), strict=True)
+        console.print(grid([h for h, _ in shown], cells, whole=whole, collapse_padding=True, **NARROW))
     for note in found.notes:
         console.print(Text(f"• {note}"), soft_wrap=True)

@@ -177,8 +177,8 @@ def volume_steps(
             sign * area * x,
             sign * _turned(theta, sign * denser),
             -sign * x if chamber == 2 else still,
-            -sign * np.cumsum(drop / mu) * h,
-            -np.cumsum((pressure - case) / mu) * h,
+            -sign * h * np.cumsum(drop / mu),
+            -h * np.cumsum((pressure - case) / mu),
             -sign * inlet,
             -time if chamber == 1 else still,
             -time if chamber == 2 else still,
@@ -187,7 +187,7 @@ def volume_steps(
         )
         softness = air_compliance(smoothed, unit.oil.polytropic_index) + bound
         slopes = np.column_stack([-volume, -volume * softness])  # of the compression terms per pascal
-        terms = np.column_stack([record.smooth(level, SMOOTHING) for level in levels])
+        terms = np.column_stack([record.smooth(np.asarray(level), SMOOTHING) for level in levels])
         above = smoothed - store - max(REFEED_MARGIN, NOISE_MARGIN * noise[chamber - 1])
         loss = outlet_loss(unit, speed, chamber)
         # The lower chamber may give oil back through a valve that the other one holds open, at just

@@ -157,8 +157,8 @@ class _Rows:
         sides = np.array([products @ (group == g) for g in np.unique(group)])
         whole = sides.sum(axis=0)
         parts = (whole - sides)[:, 1] / (whole - sides)[:, 0]
-        value = whole[1] / whole[0]
-        half = student.ppf(0.975, max(len(parts) - 1, 1)) * jackknife_std(parts)
+        value = float(whole[1] / whole[0])
+        half = float(student.ppf(0.975, max(len(parts) - 1, 1)) * jackknife_std(parts))
         return 1.0 / value, 1.0 / (value + half), 1.0 / max(value - half, 0.1 * value)
 
 
@@ -180,7 +180,7 @@ def over_pressure(found: Hydraulics, pressure: Array) -> tuple[Array, Array]:
     others = np.maximum(fit.compliances[:, :1] + fit.compliances[:, 1:] * more, 1e-14)
     value = np.maximum(1.0 / found.bulk_modulus.value + found.air_fraction.value * more, 1e-14)
     # What the jackknife does not see, reconstructed pressures and volumes, is one share at all pressures.
-    seen = jackknife_std(fit.compliances[:, 0]) * found.bulk_modulus.value
+    seen = float(jackknife_std(fit.compliances[:, 0])) * found.bulk_modulus.value
     unseen = np.sqrt(max(found.bulk_modulus.relative**2 - seen**2, 0.0) + _volume_share(found) ** 2)
     return 1.0 / value, np.hypot(jackknife_std(others) / value, unseen) / value
 
@@ -228,8 +228,8 @@ def _draw(out: Outcome, found: Hydraulics, rows: _Rows, unit: Unit, low: float, 
     beta, std = over_pressure(found, pressure)
     band = NORMAL_95 * std
     profile = np.array([modulus_at(unit.oil, float(p)) for p in pressure])
-    low, high = beta - band, beta + band
-    out.curves["fitted"] = {"pressure": pressure, "bulk_modulus": beta, "low": low, "high": high}
+    lower, upper = beta - band, beta + band
+    out.curves["fitted"] = {"pressure": pressure, "bulk_modulus": beta, "low": lower, "high": upper}
     out.heads = ("pressure", "bulk modulus by these steps alone", "95 %", "fitted", "profile", "steps")
     edges = np.quantile(rows.pressure[clear], np.linspace(0.0, 1.0, BINS + 1))
     table = []
@@ -246,7 +246,7 @@ def _draw(out: Outcome, found: Hydraulics, rows: _Rows, unit: Unit, low: float, 
             f"{figure(BAR * modulus_at(unit.oil, at))} bar", str(np.count_nonzero(inside)),
         ))  # fmt: skip
     curves = [
-        tr.band(BAR * pressure, BAR * low, BAR * high, "", tr.BLUE),
+        tr.band(BAR * pressure, BAR * lower, BAR * upper, "", tr.BLUE),
         curve_line(BAR * pressure, BAR * beta, "fitted", tr.BLUE),
         curve_line(BAR * pressure, BAR * profile, "profile", tr.VERMILLION, "dash"),
     ]
