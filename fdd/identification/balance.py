@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import lsq_linear
 
-from fdd.identification.least_squares import jackknife_std
+from fdd.identification.least_squares import Estimate, jackknife_std
 from fdd.identification.volume_steps import (
     AIR,
     AIR_SCALE,
@@ -58,23 +58,6 @@ ROUNDS = 8
 
 
 @dataclass(frozen=True)
-class Estimate:
-    """A value with its standard deviation, both SI."""
-
-    value: float
-    std: float
-
-    @property
-    def relative(self) -> float:
-        """Standard deviation over value."""
-        return self.std / abs(self.value) if self.value else float("inf")
-
-    def wider(self, share: float) -> Estimate:
-        """With `share` of the value, another standard deviation, beside its own."""
-        return Estimate(self.value, float(np.hypot(self.std, share * self.value)))
-
-
-@dataclass(frozen=True)
 class BalanceFit:
     """What the volume balances say, SI.
 
@@ -87,7 +70,6 @@ class BalanceFit:
     compliances : (GROUPS, 2) 1/β and α of the jackknife, each without a group of blocks.
     split_known : whether cross-port and case leakage are told apart, rather than split as the base does.
     air_known : whether α rests on the log rather than on the base.
-    residual : m³, robust standard deviation of a step's balance.
     rows : number of steps. signal_over_noise : of the compression term against pressure noise.
     """
 
@@ -102,7 +84,6 @@ class BalanceFit:
     compliances: Array
     split_known: bool
     air_known: bool
-    residual: float
     rows: int
     signal_over_noise: float
 
@@ -320,7 +301,6 @@ class _Problem:
             compliances=bounded[:, 5:7],
             split_known=self.tied is None and bool(spread_of[CASE] < 0.5 * self.prior_spread[CASE]),
             air_known=bool(spread_of[AIR] < 0.5 * self.prior_spread[AIR]),
-            residual=solution.sigma,
             rows=int(self.steps.y.size),
             signal_over_noise=float(np.std(compression)) / level,
         )

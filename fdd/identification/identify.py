@@ -10,13 +10,12 @@ import numpy as np
 from fdd.errors import InputError
 from fdd.identification.balance import LEAST_ROWS, BalanceFit, Estimate, fit_balance, zero_std
 from fdd.identification.friction import BranchFit, fit_friction
-from fdd.identification.log_balances import LogBalances
 from fdd.identification.motor import fit_torque_constant
 from fdd.identification.profile import Identification, ProfileWriter
 from fdd.identification.record import Record, even_record
 from fdd.identification.sensors import fit_sensors, gain_mismatch, redundancy_offset
 from fdd.identification.signs import MOST_GAIN_CHANGE, check_gain, check_pressure_signs, check_pump
-from fdd.identification.volume_steps import SMOOTHING, VolumeSteps, keeps_trapped_oil
+from fdd.identification.volume_steps import SMOOTHING, LogBalances, VolumeSteps, keeps_trapped_oil
 from fdd.identification.volumes import VolumeFit, fit_volumes
 from fdd.residuals.hidden_pressures import needs_pilots
 from fdd.samples import Samples

@@ -1,11 +1,30 @@
-"""What the fits share: least squares that outliers do not decide, and deviations by the jackknife."""
+"""What the fits share: estimates, least squares that outliers do not decide, the jackknife."""
 
 from __future__ import annotations
+
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Estimate:
+    """A value with its standard deviation, both SI."""
+
+    value: float
+    std: float
+
+    @property
+    def relative(self) -> float:
+        """Standard deviation over value."""
+        return self.std / abs(self.value) if self.value else float("inf")
+
+    def wider(self, share: float) -> Estimate:
+        """With `share` of the value, another standard deviation, beside its own."""
+        return Estimate(self.value, float(np.hypot(self.std, share * self.value)))
 
 
 def huber(

@@ -5,8 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from fdd.identification.balance import Estimate
-from fdd.identification.least_squares import jackknife_std
+from fdd.identification.least_squares import Estimate, jackknife_std
 from fdd.identification.record import Record
 
 Array = NDArray[np.float64]

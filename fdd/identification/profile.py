@@ -7,7 +7,7 @@ from math import exp, log
 
 import numpy as np
 
-from fdd.identification.balance import Estimate
+from fdd.identification.least_squares import Estimate
 from fdd.identification.sensors import SensorFit
 from fdd.residuals.oil import modulus_at, viscosity
 from fdd.samples import CHANNELS

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.signal import welch
 
-from fdd.identification.balance import Estimate
+from fdd.identification.least_squares import Estimate
 from fdd.identification.record import Record
 from fdd.samples import PRESSURES, Samples
 from fdd.unit import Sensor, Unit

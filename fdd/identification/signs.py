@@ -4,7 +4,6 @@ piston's travel either leaks away with the pressure or is compressed by it."""
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -36,16 +35,6 @@ LIKE = 0.9
 """Correlation of two channels from which their ratio is one of units, whatever its size."""
 UNLIKE = 0.25
 """Squared correlation of travel and turning below which even the sign of their ratio is open."""
-
-
-@dataclass(frozen=True)
-class OilLoss:
-    """What the oil does with the pressure difference: leakage and compression, each over its deviation;
-    from how many on they are sure."""
-
-    leakage: float
-    compression: float
-    sure: float
 
 
 def check_gain(record: Record, base: Unit, where: str) -> None:
@@ -144,14 +133,8 @@ def against_pressure(record: Record, unit: Unit, where: str, *, own: bool = Fals
     gains: tuple[tuple[float | None, float], ...] = ((None, 0.0), (throughout, 0.0))
     if own and (std := unit.pump.std_of("displacement")) is not None:
         gains = ((unit.pump.displacement / unit.cylinder.area_1, std / unit.cylinder.area_1),)
-    against = []
-    for gain in gains:
-        found = oil_loss(record, unit, *gain)
-        if found is None:
-            return 0.0
-        # Stouffer's sum: one of the two may hardly show.
-        against.append(-(found.leakage + found.compression) / np.sqrt(2.0) / found.sure)
-    return float(min(against))
+    found = [_oil_loss(record, unit, *gain) for gain in gains]
+    return 0.0 if 0.0 in found else -max(found)
 
 
 def check_pump(log: Samples, where: str) -> None:
@@ -177,8 +160,8 @@ def check_pump(log: Samples, where: str) -> None:
         )  # fmt: skip
 
 
-def oil_loss(record: Record, unit: Unit, gain: float | None = None, gain_std: float = 0.0) -> OilLoss | None:
-    """Leakage and compression of a log, in standard deviations; both are positive by physics.
+def _oil_loss(record: Record, unit: Unit, gain: float | None, gain_std: float) -> float:
+    """Leakage and compression of a log together, over what is sure; both are positive by physics.
 
     ``Δx = g± Δθ - l ∫Δp dt - c Δ(Δp) + d Δt`` over steps; g of its own for either sign of Δp, because the
     chamber under load meters the motion. d takes up the zero of the pressures. Where a load goes with the
@@ -187,7 +170,7 @@ def oil_loss(record: Record, unit: Unit, gain: float | None = None, gain_std: fl
 
     Returns
     -------
-    None where the pressures or the pump hardly move, or there are too few steps.
+    0 where the pressures or the pump hardly move, or there are too few steps.
     """
     n = record.rows(STEP)
     drop = record.smooth(record.pressure_1 - record.pressure_2, 0.05)
@@ -210,7 +193,7 @@ def oil_loss(record: Record, unit: Unit, gain: float | None = None, gain_std: fl
     group = (starts * record.period / BLOCK).astype(np.int64) % GROUPS
     groups = np.unique(group)
     if groups.size < GROUPS // 2 or y.size < 5 * m.shape[1]:
-        return None
+        return 0.0
     m = m / np.maximum(np.sqrt(np.mean(m**2, axis=0)), 1e-300)
 
     def solve(rows: NDArray[np.bool_], y: Array = y) -> Array:
@@ -220,7 +203,8 @@ def oil_loss(record: Record, unit: Unit, gain: float | None = None, gain_std: fl
     every = np.ones(y.size, dtype=bool)
     std = jackknife_std(np.array([solve(group != g) for g in groups]))
     over = solve(every) / np.maximum(np.hypot(std, solve(every, gain_std * metered)), 1e-12)
-    return OilLoss(float(over[leak]), float(over[leak + 1]), SURE[groups.size - 1])
+    # Stouffer's sum: one of the two may hardly show.
+    return float((over[leak] + over[leak + 1]) / np.sqrt(2.0)) / SURE[groups.size - 1]
 
 
 def _slope(record: Record, x: Array, y: Array) -> float | None:

@@ -13,7 +13,6 @@ from fdd.identification.balance import GROUPS, LEAST_ROWS, fit_theta
 from fdd.identification.experiments.outcome import Outcome, Told, axes, cloud, curve_line, points
 from fdd.identification.identify import LEAKAGE_SHARP
 from fdd.identification.least_squares import huber, jackknife_std
-from fdd.identification.log_balances import LogBalances
 from fdd.identification.record import Record
 from fdd.identification.sensors import redundancy_offset
 from fdd.identification.volume_steps import (
@@ -25,6 +24,7 @@ from fdd.identification.volume_steps import (
     DISPLACEMENT,
     STEPS,
     STIFF,
+    LogBalances,
     VolumeSteps,
     leakage_scale,
 )  # fmt: skip
