@@ -69,14 +69,9 @@ class Judgement:
 
 
 def judge(
-    found: Identification,
-    unit: Unit,
-    base: Unit,
-    logs: Sequence[Samples],
-    labels: Sequence[str],
-    *,
+    found: Identification, unit: Unit, base: Unit, logs: Sequence[Samples], labels: Sequence[str], *,
     more: bool = False,
-) -> Judgement:
+) -> Judgement:  # fmt: skip
     """Judge a new profile.
 
     Parameters

@@ -121,7 +121,8 @@ def measured_rows(log: Samples) -> Samples:
         warm = np.interp(log.time, log.time[there], log["oil_temperature"][there])
         log = log.with_columns({"oil_temperature": warm})
     needed = [c for c in NEEDED if share.get(c, 0.0) > LEAST_SHARE]
-    if not needed or min(share[c] for c in needed) > SLOWER * max(share[c] for c in needed):
+    shares = [share[c] for c in needed]
+    if not needed or min(shares) > SLOWER * max(shares):
         return log
     keep = np.logical_and.reduce([np.isfinite(log[c]) for c in needed])
     return Samples(log.time[keep], {c: log[c][keep] for c in log.channels})
