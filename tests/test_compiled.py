@@ -18,7 +18,6 @@ ROOT = Path(__file__).parent.parent
 COMPILING = {
     "estimators": ["estimators"],
     "reports.estimators": ["reports.estimators", "estimators"],
-    "fdd.identification": ["fdd.identification"],
     "fdd.logs.wire": ["fdd.logs.wire"],
     "fdd.plant": ["fdd.plant"],
     "fdd.residuals": ["fdd.residuals", "estimators"],

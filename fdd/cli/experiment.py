@@ -100,6 +100,21 @@ def _run(kind: Experiment, logs: list[Log], paths: list[Path], unit: Unit, **of_
     return others[kind](records, unit)
 
 
+def _numbers_column(head: str, cells: tuple[str, ...]) -> tuple[str, tuple[str, ...]] | None:
+    """A column of numbers, the unit that they share in its narrow head; None for any other column."""
+    import re
+    import textwrap
+
+    known = [re.fullmatch(r"(\S*\d(?: … \S*\d)?)(?: ([^\d\s]\S*))?", c) for c in cells if c != "–"]
+    units = {"\0" if m is None else m[2] for m in known}
+    if len(units) != 1 or "\0" in units:
+        return None
+    unit = units.pop() or ""
+    bare = tuple(c.removesuffix(f" {unit}") for c in cells)
+    width = max(9, *map(len, [*bare, *head.split(), f"({unit})"]))
+    return "\n".join([*textwrap.wrap(head, width), *([f"({unit})"] if unit else [])]), bare
+
+
 def _print(found: Outcome) -> None:
     """Figures, then what the log does not tell, then the table and the notes."""
     from rich.text import Text
@@ -115,6 +130,11 @@ def _print(found: Outcome) -> None:
     for sentence in found.not_told:
         console.print(Text(f"• Not told: {sentence}", style="yellow"), soft_wrap=True)
     if found.rows:
-        console.print(grid(found.heads, found.rows, **NARROW))
+        columns = list(zip(found.heads, zip(*found.rows, strict=True), strict=True))
+        narrow = [_numbers_column(*column) for column in columns]
+        whole = [column[0] for column in narrow if column]
+        shown = [n or c for n, c in zip(narrow, columns, strict=True)]
+        cells = zip(*(column for _, column in shown), strict=True)
+        console.print(grid([h for h, _ in shown], cells, whole=whole, collapse_padding=True, **NARROW))
     for note in found.notes:
         console.print(Text(f"• {note}"), soft_wrap=True)

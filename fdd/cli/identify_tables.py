@@ -61,7 +61,8 @@ def as_data(made: Identified) -> dict[str, Any]:
 def physics_table(found: Identification, *, sensors: bool, notes: bool) -> Table:
     """Quantity, before, after, its 95 % uncertainty, unit, and a plain word."""
     numbers = ("before", "after", "± (95 %)")
-    table = grid(("quantity", *numbers, "unit", ""), numbers=numbers, whole=("unit",), **NARROW)
+    heads, shape = ("quantity", *numbers, "unit", ""), {"collapse_padding": True, **NARROW}
+    table = grid(heads, numbers=numbers, whole=("unit",), **shape)
     rows = found.balances or [r for r in found.table if sensors or not r.quantity.startswith("sensors.")]
     for row in rows:
         factor, unit = SHOWN.get(row.unit, (1.0, row.unit))

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import lsq_linear
 
+from fdd.identification.least_squares import Estimate, jackknife_std
 from fdd.identification.volume_steps import (
     AIR,
     AIR_SCALE,
@@ -57,19 +58,6 @@ ROUNDS = 8
 
 
 @dataclass(frozen=True)
-class Estimate:
-    """A value with its standard deviation, both SI."""
-
-    value: float
-    std: float
-
-    @property
-    def relative(self) -> float:
-        """Standard deviation over value."""
-        return self.std / abs(self.value) if self.value else float("inf")
-
-
-@dataclass(frozen=True)
 class BalanceFit:
     """What the volume balances say, SI.
 
@@ -82,7 +70,6 @@ class BalanceFit:
     compliances : (GROUPS, 2) 1/β and α of the jackknife, each without a group of blocks.
     split_known : whether cross-port and case leakage are told apart, rather than split as the base does.
     air_known : whether α rests on the log rather than on the base.
-    residual : m³, robust standard deviation of a step's balance.
     rows : number of steps. signal_over_noise : of the compression term against pressure noise.
     """
 
@@ -97,21 +84,14 @@ class BalanceFit:
     compliances: Array
     split_known: bool
     air_known: bool
-    residual: float
     rows: int
     signal_over_noise: float
 
 
 def fit_balance(
-    steps: VolumeSteps,
-    unit: Unit,
-    reference_pressure: float,
-    noise: tuple[float, float],
-    *,
-    split: bool = True,
-    warmed: bool = True,
-    hidden: bool = False,
-) -> BalanceFit | None:
+    steps: VolumeSteps, unit: Unit, reference_pressure: float, noise: tuple[float, float], *,
+    split: bool = True, warmed: bool = True, hidden: bool = False,
+) -> BalanceFit | None:  # fmt: skip
     """Fit the balances.
 
     Bounded least squares with a Huber loss, the base with its tolerances as prior, and the known
@@ -138,7 +118,7 @@ def fit_balance(
     with_area = problem.solve(free_area=True)
     spread = problem.jackknife(with_area, free_area=True)
     both = all(np.count_nonzero(steps.chamber == c) > LEAST_ROWS // 2 for c in (1, 2))
-    shift, sure = abs(with_area.theta[AREA_2]), float(np.std(spread[:, AREA_2]) * np.sqrt(GROUPS - 1))
+    shift, sure = abs(with_area.theta[AREA_2]), float(jackknife_std(spread[:, AREA_2]))
     free_area = both and shift > AREA_TOLERANCE and shift > AREA_SURE * sure
     solution = with_area if free_area else problem.solve(free_area=False)
     return problem.report(solution, free_area)
@@ -166,16 +146,9 @@ class _Problem:
     """The regression with its noise, prior and bounds."""
 
     def __init__(
-        self,
-        steps: VolumeSteps,
-        unit: Unit,
-        reference_pressure: float,
-        noise: tuple[float, float],
-        *,
-        split: bool = True,
-        warmed: bool = True,
-        hidden: bool = False,
-    ) -> None:
+        self, steps: VolumeSteps, unit: Unit, reference_pressure: float, noise: tuple[float, float], *,
+        split: bool = True, warmed: bool = True, hidden: bool = False,
+    ) -> None:  # fmt: skip
         # Tied, case leakage is this many times the cross-port one and no unknown of its own.
         cross_port = unit.pump.cross_port_leakage
         self.tied = None if split or cross_port == 0.0 else unit.pump.case_leakage / cross_port
@@ -295,21 +268,18 @@ class _Problem:
         value = self.derive(solution.theta)
         others = np.array([self.derive(t) for t in self.jackknife(solution, free_area, self.prior)])
         about, *shifted = np.array([self.derive(t) for t in self.shifts(solution, free_area)])
-        spread = (GROUPS - 1) / GROUPS * np.sum((others - others.mean(axis=0)) ** 2, axis=0)
-        std = np.sqrt(spread + np.sum((np.array(shifted) - about) ** 2, axis=0))
+        std = np.sqrt(jackknife_std(others) ** 2 + np.sum((np.array(shifted) - about) ** 2, axis=0))
         if self.tied is not None:
             # One chamber at the case's pressure sees cross-port + case leakage, whatever they share.
             cross, case = value[2:4]
             moved = 0.5 * cross * case / max(cross + case, 1e-30)
             std[4] = np.hypot(std[4], TOLERANCES["pump.case_share"][0] * moved)
         information = self.normal(solution.theta, solution.weights)[0]
-        flows = float(
-            np.sqrt(information[DISPLACEMENT, DISPLACEMENT] / max(information[CROSS, CROSS], 1e-300))
-        )
+        told = np.diag(information)
+        flows = float(np.sqrt(told[DISPLACEMENT] / max(told[CROSS], 1e-300)))
         std[[2, 4]] = np.hypot(std[[2, 4]], SLIP * flows * scales(self.unit)[CROSS])
         estimates = [
-            Estimate(float(v), float(np.hypot(s, f * abs(v))))
-            for v, s, f in zip(value, std, _FLOORS, strict=True)
+            Estimate(float(v), float(s)).wider(f) for v, s, f in zip(value, std, _FLOORS, strict=True)
         ]
         beta = 1.0 / max(estimates[5].value, 1e-14)
         bounded = np.array([self.derive(t) for t in self.jackknife(solution, free_area)])
@@ -331,7 +301,6 @@ class _Problem:
             compliances=bounded[:, 5:7],
             split_known=self.tied is None and bool(spread_of[CASE] < 0.5 * self.prior_spread[CASE]),
             air_known=bool(spread_of[AIR] < 0.5 * self.prior_spread[AIR]),
-            residual=solution.sigma,
             rows=int(self.steps.y.size),
             signal_over_noise=float(np.std(compression)) / level,
         )

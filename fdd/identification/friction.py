@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import nnls
 
+from fdd.identification.least_squares import huber, jackknife_std
 from fdd.identification.record import Record
 from fdd.unit import Cylinder, Friction, FrictionBranch
 
@@ -105,10 +106,8 @@ def fit_friction(
     if free is None:
         return FrictionFit(None, None)
     motion, found, notes = free
-    fits = []
-    for sign, branch, centre in ((1.0, base.forward, found[0]), (-1.0, base.reverse, found[1])):
-        fits.append(_branch(motion, sign, branch, centre, zero_force))
-    return FrictionFit(fits[0], fits[1], notes)
+    forward = _branch(motion, 1.0, base.forward, found[0], zero_force)
+    return FrictionFit(forward, _branch(motion, -1.0, base.reverse, found[1], zero_force), notes)
 
 
 def gusty(motions: list[Motion], base: Friction) -> bool:
@@ -173,11 +172,14 @@ def _join(motions: list[Motion]) -> Motion:
     return Motion(**{n: np.concatenate([getattr(m, n) for m in motions]) for n in names})
 
 
+def _expected(motion: Motion, base: Friction) -> Array:
+    """(n,) friction (N) of either direction's curve."""
+    forward, reverse = (curve(branch, motion.speed) for branch in (base.forward, base.reverse))
+    return np.where(motion.direction > 0, forward, reverse)
+
+
 def _ratio(motion: Motion, base: Friction) -> Array:
-    over = np.where(
-        motion.direction > 0, curve(base.forward, motion.speed), curve(base.reverse, motion.speed)
-    )
-    return motion.force / np.maximum(over, 1.0)
+    return motion.force / np.maximum(_expected(motion, base), 1.0)
 
 
 def _unloaded(motions: list[Motion], base: Friction) -> tuple[float, float] | None:
@@ -226,26 +228,13 @@ def _without_load(motion: Motion, base: Friction) -> Motion:
 
 def _with_loads(motion: Motion, friction: Array) -> Array:
     """Columns of the force balance: friction, a constant, a spring, and drag of the flow."""
-    columns = [
-        motion.direction * friction,
-        np.ones_like(friction),
-        motion.position,
-        motion.direction * motion.speed**2,
-    ]
-    return np.column_stack(columns)
+    one, drag = np.ones_like(friction), motion.direction * motion.speed**2
+    return np.column_stack([motion.direction * friction, one, motion.position, drag])
 
 
 def _robust(m: Array, y: Array) -> Array:
-    """Least squares with a Huber loss; (columns,)."""
-    scale = np.maximum(np.abs(m).max(axis=0), 1e-12)
-    weights = np.ones(y.size)
-    theta = np.zeros(m.shape[1])
-    for _ in range(10):
-        theta = np.linalg.lstsq((m / scale) * weights[:, None], y * weights, rcond=1e-8)[0]
-        residual = y - (m / scale) @ theta
-        sigma = 1.4826 * np.median(np.abs(residual)) + 1e-9
-        weights = np.sqrt(np.minimum(1.0, 2.0 * sigma / np.maximum(np.abs(residual), 1e-9)))
-    return np.asarray(theta / scale)
+    """(columns,) coefficients of a force balance (N), gusts counting less."""
+    return huber(m, y, 2.0, least=1e-9, rcond=1e-8)[0]
 
 
 def _pushed(motions: list[Motion]) -> float:
@@ -258,17 +247,14 @@ def _through_gusts(motions: list[Motion], base: Friction, zero_force: float) -> 
     """Both directions' base curves times one factor: what turns with the motion, each log's load apart."""
     joined = _join(motions)
     force = joined.direction * joined.force
-    friction = np.where(
-        joined.direction > 0, curve(base.forward, joined.speed), curve(base.reverse, joined.speed)
-    )
-    m = _with_loads(joined, friction)
+    m = _with_loads(joined, _expected(joined, base))
     log = np.repeat(np.arange(len(motions)), [part.force.size for part in motions])
     apart = [m[:, :1]] + [m[:, 1:] * (log == k)[:, None] for k in np.unique(log)]
     m = np.concatenate(apart, axis=1)
     factor = float(_robust(m, force)[0])
     groups = joined.block % (2 * _GROUPS)
     parts = np.array([_robust(m[groups != g], force[groups != g])[0] for g in np.unique(groups)])
-    std = float(np.sqrt(max(parts.size - 1, 0) * np.var(parts)))
+    std = float(jackknife_std(parts))
     told = f"friction seen through gusts is {factor:.2g} ± {std:.1g} times the base's"
     if factor <= 0.0 or std > THROUGH_GUSTS * factor:
         return FrictionFit(None, None, [f"{told}: not sharp enough"])
@@ -279,9 +265,8 @@ def _through_gusts(motions: list[Motion], base: Friction, zero_force: float) -> 
         for name in ("coulomb", "static", "viscous"):
             value = factor * float(getattr(branch, name))
             setattr(scaled, name, value)
-            stds[name] = float(
-                np.hypot(max(std / factor, 0.15) * value, 0.0 if name == "viscous" else zero_force)
-            )
+            shift = 0.0 if name == "viscous" else zero_force
+            stds[name] = float(np.hypot(max(std / factor, 0.15) * value, shift))
         fits.append(BranchFit(scaled, stds, f"the base's curve times {factor:.2g}, through gusts"))
     return FrictionFit(fits[0], fits[1], [f"{told}: its curves were scaled"])
 
@@ -303,9 +288,7 @@ def _branch(
         keep = block % _GROUPS != g
         if np.count_nonzero(keep) > 5:
             parts.append(solve(speed[keep], force[keep], base, centre)[0])
-    spread, count = np.array(parts).reshape(-1, 3), max(len(parts), 1)
-    centred = spread - spread.mean(axis=0) if len(parts) else spread
-    jack = np.sqrt((count - 1) / count * np.sum(centred**2, axis=0))
+    jack = jackknife_std(np.array(parts)) if parts else np.zeros(3)
     shift = np.array([zero_force, zero_force, 0.0])
     total = np.sqrt(jack**2 + own**2 + shift**2 + (0.02 * whole) ** 2)
     stds = {n: float(s) for n, s in zip(("coulomb", "static", "viscous"), total, strict=True)}

@@ -10,13 +10,12 @@ import numpy as np
 from fdd.errors import InputError
 from fdd.identification.balance import LEAST_ROWS, BalanceFit, Estimate, fit_balance, zero_std
 from fdd.identification.friction import BranchFit, fit_friction
-from fdd.identification.log_balances import LogBalances
 from fdd.identification.motor import fit_torque_constant
 from fdd.identification.profile import Identification, ProfileWriter
 from fdd.identification.record import Record, even_record
 from fdd.identification.sensors import fit_sensors, gain_mismatch, redundancy_offset
 from fdd.identification.signs import MOST_GAIN_CHANGE, check_gain, check_pressure_signs, check_pump
-from fdd.identification.volume_steps import SMOOTHING, VolumeSteps, keeps_trapped_oil
+from fdd.identification.volume_steps import SMOOTHING, LogBalances, VolumeSteps, keeps_trapped_oil
 from fdd.identification.volumes import VolumeFit, fit_volumes
 from fdd.residuals.hidden_pressures import needs_pilots
 from fdd.samples import Samples
@@ -181,8 +180,8 @@ def hydraulics(
     # The balance knows volume over bulk modulus: what the volume is uncertain by, this is too.
     found = Hydraulics(
         logs, base, steps, fit,
-        _wider(fit.bulk_modulus, float(np.hypot(blurred, of_volume))),
-        _wider(fit.air_fraction, float(np.hypot(0.5 if hidden else 0.0, of_volume))),
+        fit.bulk_modulus.wider(float(np.hypot(blurred, of_volume))),
+        fit.air_fraction.wider(float(np.hypot(0.5 if hidden else 0.0, of_volume))),
         volumes_found=of_volume > 0.0,
     )  # fmt: skip
     _put_compressibility(writer, found)
@@ -209,11 +208,8 @@ def _with_relief(writer: ProfileWriter, records: list[Record]) -> Unit:
             mend="check the pressures' unit in the channel map",
         )
     value = RELIEF_CLEARANCE * reached
-    writer.put(
-        "accumulator.relief_pressure",
-        Estimate(value, 0.2 * value),
-        f"healthy pressure differences reach {reached / 1e5:.1f} bar: opens above that",
-    )
+    why = f"healthy pressure differences reach {reached / 1e5:.1f} bar: opens above that"
+    writer.put("accumulator.relief_pressure", Estimate(value, 0.2 * value), why)
     writer.note(
         f"the logs reach {reached / 1e5:.1f} bar, beyond the base's relief setting of "
         f"{setting / 1e5:.1f} bar: it was raised"
@@ -240,11 +236,9 @@ def _with_volumes(writer: ProfileWriter, logs: LogBalances, base: Unit) -> tuple
         value = float(getattr(cylinder, name))
         writer.put(f"cylinder.{name}", Estimate(value, share * value), "from compliance against position")
     if not fit.of_volume:
-        writer.put(
-            "cylinder.position_compliance",
-            Estimate(cylinder.position_compliance, gain.relative * cylinder.position_compliance),
-            "no dead volume explains this: the mean volume stays the base's",
-        )
+        compliance = Estimate(cylinder.position_compliance, gain.relative * cylinder.position_compliance)
+        why = "no dead volume explains this: the mean volume stays the base's"
+        writer.put("cylinder.position_compliance", compliance, why)
     return with_volumes, fit
 
 
@@ -279,7 +273,7 @@ def _keep_gain(writer: ProfileWriter, why: str) -> None:
 
 def _put_leakage(writer: ProfileWriter, fit: BalanceFit, temperature: float | None, hidden: bool) -> None:
     extra, extra_of_case = (HIDDEN_LEAKAGE, HIDDEN_CASE) if hidden else (0.0, 0.0)
-    total = _wider(fit.total_leakage, extra)
+    total = fit.total_leakage.wider(extra)
     known = writer.base.pump.total_leakage
     if total.value <= LEAST_LEAKAGE * known or not _better(total, known, LEAKAGE_SHARP):
         why = f"total leakage {total.value:.2g} ± {total.std:.2g} m³/(s·Pa): load the actuator to find it"
@@ -289,9 +283,9 @@ def _put_leakage(writer: ProfileWriter, fit: BalanceFit, temperature: float | No
     _warn_if_far(writer, "leakage", total.value / known if known > 0.0 else np.inf)
     writer.result.leakage = total
     note = f"total (cross-port + case/2) {total.value:.3g} ± {total.std:.1g}"
-    writer.put("pump.cross_port_leakage", _wider(fit.cross_port, extra), note)
+    writer.put("pump.cross_port_leakage", fit.cross_port.wider(extra), note)
     split = "" if fit.split_known else "split from cross-port as in the base"
-    writer.put("pump.case_leakage", _wider(fit.case, extra_of_case), split)
+    writer.put("pump.case_leakage", fit.case.wider(extra_of_case), split)
     if not fit.split_known:
         writer.note("cross-port and case leakage could not be told apart: they are split as in the base")
     if temperature is not None:
@@ -303,23 +297,20 @@ def _put_leakage(writer: ProfileWriter, fit: BalanceFit, temperature: float | No
 def _put_compressibility(writer: ProfileWriter, found: Hydraulics) -> None:
     fit, beta, pressure = found.fit, found.bulk_modulus, found.logs.pressure
     if fit.signal_over_noise < LEAST_SIGNAL or not _better(beta, writer.base.oil.bulk_modulus, BULK_SHARP):
-        writer.keep(
-            "oil.bulk_modulus",
-            f"{beta.value / 1e6:.0f} ± {beta.std / 1e6:.0f} MPa is not sharp enough "
-            f"(pressure changes over noise {fit.signal_over_noise:.1f})",
-        )
+        told = f"{beta.value / 1e6:.0f} ± {beta.std / 1e6:.0f} MPa is not sharp enough"
+        writer.keep("oil.bulk_modulus", f"{told} (pressure changes over noise {fit.signal_over_noise:.1f})")
         return
     _warn_if_far(writer, "bulk modulus", beta.value / writer.base.oil.bulk_modulus)
     level = "with the volumes found" if found.volumes_found else "volumes stay the base's"
     writer.put("oil.bulk_modulus", beta, f"at {pressure / 1e5:.2f} bar; {level}")
     writer.put("oil.reference_pressure", Estimate(pressure, 0.01 * pressure), "median of the logs")
-    writer.put(
-        "oil.air_fraction", found.air_fraction, "" if fit.air_known else "little data: drawn to the base's"
+    drawn = "" if fit.air_known else "little data: drawn to the base's"
+    writer.put("oil.air_fraction", found.air_fraction, drawn)
+    writer.note(
+        "the chambers' volumes follow from how compliance changes with position, and area_1"
+        if found.volumes_found
+        else "only volume over bulk modulus is identifiable: the chambers' volumes stay the base's"
     )
-    if found.volumes_found:
-        writer.note("the chambers' volumes follow from how compliance changes with position, and area_1")
-    else:
-        writer.note("only volume over bulk modulus is identifiable: the chambers' volumes stay the base's")
 
 
 def _warn_if_far(writer: ProfileWriter, quantity: str, ratio: float) -> None:
@@ -335,31 +326,19 @@ def _better(estimate: Estimate, base: float, sharp: float) -> bool:
     return estimate.relative < sharp or abs(estimate.value - base) > 3.0 * estimate.std
 
 
-def _wider(estimate: Estimate, share: float) -> Estimate:
-    return Estimate(estimate.value, float(np.hypot(estimate.std, share * estimate.value)))
-
-
 def _charge(writer: ProfileWriter, records: list[Record]) -> None:
-    levels = []
+    path, known = "accumulator.charge_pressure", []
     for r in records:
-        if not (r.accumulator_measured or r.chambers_measured):
-            continue
-        rest = r.at_rest(writer.base)
-        level = (
-            r.accumulator
-            if r.accumulator_measured
-            else np.minimum(r.smooth(r.pressure_1, 0.1), r.smooth(r.pressure_2, 0.1))
-        )
-        levels.append((level[rest], level, r.period))
-    path = "accumulator.charge_pressure"
-    if not levels:
+        if r.accumulator_measured:
+            known.append((r, r.accumulator))
+        elif r.chambers_measured:
+            known.append((r, np.minimum(r.smooth(r.pressure_1, 0.1), r.smooth(r.pressure_2, 0.1))))
+    if not known:
         writer.keep(path, "neither accumulator nor chamber pressures are measured")
         return
-    resting = np.concatenate([x[0] for x in levels])
-    note = "median at rest"
-    if resting.size * levels[0][2] < LEAST_REST:
-        resting = np.concatenate([x[1] for x in levels])
-        note = "median of the logs, which never rest"
+    resting, note = np.concatenate([p[r.at_rest(writer.base)] for r, p in known]), "median at rest"
+    if resting.size * known[0][0].period < LEAST_REST:
+        resting, note = np.concatenate([p for _, p in known]), "median of the logs, which never rest"
     value = float(np.median(resting))
     if value <= 0.0:
         writer.keep(path, f"{value / 1e5:.2f} bar at rest is no charge")
@@ -388,5 +367,5 @@ def _friction(writer: ProfileWriter, records: list[Record]) -> None:
             continue
         for name, std in branch.stds.items():
             value = float(getattr(branch.branch, name))
-            found = _wider(Estimate(value, std), trials)
+            found = Estimate(value, std).wider(trials)
             writer.put(f"friction.{direction}.{name}", found, branch.note)

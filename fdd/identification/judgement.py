@@ -9,15 +9,15 @@ from math import exp, log, sqrt
 import numpy as np
 from scipy.special import chdtri
 
+from fdd.diagnosis.pipeline import Pipeline
+from fdd.faults import fault
 from fdd.identification.logs_agree import Comparison, disagreement
-from fdd.identification.logs_healthy import unhealthy
-from fdd.identification.profile import Identification, TableRow
+from fdd.identification.profile import WORDS, Identification, Ratio, against_base
 from fdd.identification.signs import gain_slips
 from fdd.identification.slips import slips
 from fdd.measures import MEASURES
-from fdd.residuals.oil import modulus_at, viscosity
 from fdd.samples import Samples
-from fdd.tolerances import TOLERANCES, tolerance
+from fdd.tolerances import TOLERANCES
 from fdd.unit import Unit
 
 FALSE_REFUSAL = 0.003
@@ -34,6 +34,10 @@ ODDS = 29.0
 units), and it is told from odds of a hundred to one on."""
 ALIKE = 6.0
 """2 ln(odds) of twenty to one, within which another slip is named beside the likeliest."""
+FALSE_ALARMS = 0.01
+"""Share of healthy sets of logs in which the pipeline finds a fault by chance."""
+SHORTEST_PART = 10.0
+"""s of a log on either side of an onset that can be identified by themselves."""
 COLDEST, HOTTEST = -40.0, 120.0
 """°C of hydraulic oil: pour point and where seals give up."""
 
@@ -65,14 +69,9 @@ class Judgement:
 
 
 def judge(
-    found: Identification,
-    unit: Unit,
-    base: Unit,
-    logs: Sequence[Samples],
-    labels: Sequence[str],
-    *,
+    found: Identification, unit: Unit, base: Unit, logs: Sequence[Samples], labels: Sequence[str], *,
     more: bool = False,
-) -> Judgement:
+) -> Judgement:  # fmt: skip
     """Judge a new profile.
 
     Parameters
@@ -99,72 +98,10 @@ def judge(
     if not out.refusals:  # of a wrong unit or base the rest only follows
         compared = disagreement(base if more else found.unit, logs, labels, more=more)
         out.refusals += [c.sentence for c in compared if c.refused]
-        for doubt in unhealthy(base if more else unit, logs, labels):
-            (out.refusals if doubt.sure else out.limits).append(doubt.text)
+        for text, sure in unhealthy(base if more else unit, logs, labels):
+            (out.refusals if sure else out.limits).append(text)
     _open_questions(out, found, ratios, compared, len(logs) + more, base)
     return out
-
-
-@dataclass(frozen=True)
-class Ratio:
-    """An identified quantity over the base's, at the same oil temperature and pressure, and its ln's std."""
-
-    value: float
-    std: float
-    open: float
-    """Standard deviation of ln(unit / base) that the base leaves open."""
-
-    def misfit(self, factor: float = 1.0) -> float:
-        """-2 ln of the likelihood of a mistaken `factor` on the quantity, but for what is common to all."""
-        return (log(self.value) - log(factor)) ** 2 / (self.open**2 + self.std**2)
-
-
-def against_base(found: Identification, base: Unit) -> dict[str, Ratio]:
-    """What was identified over what the base leads to expect.
-
-    Leakage is compared at the logs' temperature, bulk modulus at their pressure; friction as the mean of both
-    directions.
-    """
-    rows = {r.quantity: r for r in found.table if r.identified is not None and r.std is not None}
-    unit, out = found.unit, {}
-    for name in (
-        "pump.displacement",
-        "cylinder.area_2",
-        "drive.torque_constant",
-        "accumulator.charge_pressure",
-    ):
-        row = rows.get(name)
-        if row is not None and row.base > 0.0 and row.identified is not None:
-            out[name] = _ratio(row, name, row.base, base)
-    leakage = found.leakage
-    if leakage is not None and base.pump.total_leakage > 0.0:
-        warm = unit.oil.reference_temperature, base.oil.reference_temperature
-        thinner = float(viscosity(base.oil, warm[1]) / viscosity(base.oil, warm[0]))
-        # Where nobody measures the oil's temperature it may be 15 K off, at some 4 % a kelvin.
-        known = any(r.quantity == "oil.reference_temperature" for r in rows.values())
-        out["pump.leakage"] = Ratio(
-            leakage.value / (base.pump.total_leakage * thinner),
-            float(np.hypot(leakage.relative, 0.0 if known else 0.6)), tolerance(base, "pump.leakage"),
-        )  # fmt: skip
-    row = rows.get("oil.bulk_modulus")
-    if row is not None:
-        out["oil.bulk_modulus"] = _ratio(
-            row, row.quantity, modulus_at(base.oil, unit.oil.reference_pressure), base
-        )
-    branches = [
-        rows[f"friction.{d}.coulomb"] for d in ("forward", "reverse") if f"friction.{d}.coulomb" in rows
-    ]
-    each = [_ratio(b, "friction", b.base, base) for b in branches if b.base > 0.0 and b.identified]
-    if each:
-        mean = exp(float(np.mean([log(r.value) for r in each])))
-        out["friction"] = Ratio(mean, max(r.std for r in each), each[0].open)
-    return out
-
-
-def _ratio(row: TableRow, name: str, expected: float, base: Unit) -> Ratio:
-    assert row.identified is not None and row.std is not None
-    std = row.std / max(row.identified, 1e-300)
-    return Ratio(max(row.identified / expected, 1e-12), std, tolerance(base, name))
 
 
 def pressure_slip(ratios: dict[str, Ratio], push: float = 1.0) -> str | None:
@@ -209,15 +146,6 @@ def push_of(logs: Sequence[Samples], base: Unit) -> float:
     friction = 0.5 * (base.friction.forward.coulomb + base.friction.reverse.coulomb)
     force = base.cylinder.area_1 * np.sqrt(np.mean(squares))
     return max(float(force), 1e-9) / friction if friction > 0.0 else 1.0
-
-
-WORDS = {
-    "pump.displacement": "travel per rad of the pump", "cylinder.area_2": "area_2",
-    "pump.leakage": "leakage", "oil.bulk_modulus": "bulk modulus", "friction": "friction",
-    "drive.torque_constant": "torque constant", "accumulator.charge_pressure": "charge pressure",
-    "accumulator.relief_pressure": "pressure beyond the relief setting", "noise": "their noise",
-    "counts": "their counts",
-}  # fmt: skip
 
 
 def _times(factor: float) -> str:
@@ -285,3 +213,43 @@ def _open_questions(
     ):  # fmt: skip
         if path in kept:
             out.limits.append(f"{words} stays the base's, the logs do not excite it")
+
+
+def unhealthy(unit: Unit, logs: Sequence[Samples], labels: Sequence[str]) -> list[tuple[str, bool]]:
+    """What the pipeline finds wrong in the logs, and whether that is sure.
+
+    A fault that comes within a log, or a sensor's, shows even though the log is part of the profile. It is
+    sure where a sensor failed, or where the log's parts before and after disagree when each is identified by
+    itself: what the balances alone say of another maker's unit is no more than a doubt.
+
+    Parameters
+    ----------
+    unit : profile with the baseline of all logs. logs, labels : with what to call them.
+    """
+    strict = unit.model_copy(deep=True)
+    hours = sum(each.duration for each in logs) / 3600.0
+    # Where the alarm rate of the exponential tail gives 0.01 alarms in all of these hours.
+    strict.monitoring.false_alarms_per_hour = FALSE_ALARMS / max(hours, 1e-3) / 3600.0
+    out = []
+    for each, label in zip(logs, labels, strict=True):
+        pipeline = Pipeline(strict, keep_trajectories=False)
+        pipeline.push(each)
+        answer = pipeline.finish()
+        if answer.verdict == "faulty":
+            first = answer.faults[0]
+            name = fault(first.fault).title.lower()
+            channel = f" of {first.channel}" if first.channel else ""
+            text = f"{label} does not look healthy: {name}{channel} since {first.onset_s:.1f} s"
+            failed = first.fault in ("sensor_dropout", "position_sensor_slip")
+            out.append((text, failed or _changes(unit, each, label, first.onset_s)))
+    return out
+
+
+def _changes(unit: Unit, samples: Samples, label: str, onset: float) -> bool:
+    """Whether what is identified before and after a time disagrees."""
+    cut = int(np.searchsorted(samples.time, onset))
+    parts = [samples.rows(0, cut), samples.rows(cut, len(samples))]
+    if min(part.duration for part in parts) < SHORTEST_PART:
+        return False
+    compared = disagreement(unit, parts, [f"{label} before", f"{label} after"])
+    return any(c.refused for c in compared)

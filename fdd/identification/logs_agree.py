@@ -10,18 +10,17 @@ from scipy.special import chdtrc
 
 from fdd.errors import InputError
 from fdd.identification.identify import identify_unit
-from fdd.identification.profile import Identification
-from fdd.residuals.oil import modulus_at, viscosity
+from fdd.identification.profile import WORDS, against_base
 from fdd.samples import Samples
 from fdd.unit import Unit
 
 FALSE_ALARM = 0.01
 """Share of healthy sets of logs that are refused by chance, over all quantities."""
 BETWEEN = {
-    "leakage": (0.0, "1 to 2 K between the gap and the sensor stand in each log's own deviation"),
-    "travel per rad of the pump": (0.003, "0.01 to 0.03 % of a transducer's gain a kelvin"),
-    "torque constant": (0.04, "magnets lose 0.1 % a kelvin and warm by 40"),
-    "bulk modulus": (0.25, "air dissolves and comes out, and strokes are long or short"),
+    "pump.leakage": (0.0, "1 to 2 K between the gap and the sensor stand in each log's own deviation"),
+    "pump.displacement": (0.003, "0.01 to 0.03 % of a transducer's gain a kelvin"),
+    "drive.torque_constant": (0.04, "magnets lose 0.1 % a kelvin and warm by 40"),
+    "oil.bulk_modulus": (0.25, "air dissolves and comes out, and strokes are long or short"),
 }
 """By what share a healthy unit differs from log to log, and by what. Friction is none of them: what a load
 or a gust does to the force of one log alone is more."""
@@ -89,17 +88,8 @@ def disagreement(
         others = np.average(np.delete(x, odd), weights=np.delete(weight, odd))
         times = float(x[odd] / others) if others > 0.0 else np.inf
         worst = labels[told[odd][0]] if x.size > 2 else None
-        p_value = float(chdtrc(x.size - 1, chi))
-        out.append(
-            Comparison(
-                quantity,
-                x.size,
-                p_value,
-                worst,
-                times,
-                tuple(labels[t[0]] for t in told),
-            )
-        )
+        of = tuple(labels[t[0]] for t in told)
+        out.append(Comparison(WORDS[quantity], x.size, float(chdtrc(x.size - 1, chi)), worst, times, of))
     return sorted(out, key=lambda c: c.p_value)
 
 
@@ -116,36 +106,16 @@ def _alone(log: Samples, unit: Unit, label: str) -> dict[str, tuple[float, float
         found = identify_unit([log], unit, labels=[label])
     except InputError:  # too short, or the pump hardly turns: it tells nothing against the others
         return {}
-    out = {}
-    for quantity, path, expected in (
-        ("travel per rad of the pump", "pump.displacement", unit.pump.displacement),
-        ("torque constant", "drive.torque_constant", unit.drive.torque_constant),
-        ("bulk modulus", "oil.bulk_modulus", modulus_at(unit.oil, found.unit.oil.reference_pressure)),
-    ):
-        row = next(r for r in found.table if r.quantity == path)
-        if row.identified is not None and row.std is not None:
-            out[quantity] = row.identified / expected, row.std / expected
-    return out | _leakage(found, unit)
+    ratios = against_base(found, unit, UNMEASURED)
+    return {name: (r.value, r.value * r.std) for name, r in ratios.items()}
 
 
 def _own(unit: Unit) -> dict[str, tuple[float, float]]:
     """What the profile itself says, where it was identified: 1, with its standard deviation."""
     numbers = {
-        "travel per rad of the pump": (unit.pump.displacement, unit.pump.std_of("displacement")),
-        "leakage": (unit.pump.cross_port_leakage, unit.pump.std_of("cross_port_leakage")),
-        "torque constant": (unit.drive.torque_constant, unit.drive.std_of("torque_constant")),
-        "bulk modulus": (unit.oil.bulk_modulus, unit.oil.std_of("bulk_modulus")),
+        "pump.displacement": (unit.pump.displacement, unit.pump.std_of("displacement")),
+        "pump.leakage": (unit.pump.cross_port_leakage, unit.pump.std_of("cross_port_leakage")),
+        "drive.torque_constant": (unit.drive.torque_constant, unit.drive.std_of("torque_constant")),
+        "oil.bulk_modulus": (unit.oil.bulk_modulus, unit.oil.std_of("bulk_modulus")),
     }
     return {name: (1.0, std / value) for name, (value, std) in numbers.items() if std and value > 0.0}
-
-
-def _leakage(found: Identification, unit: Unit) -> dict[str, tuple[float, float]]:
-    if found.leakage is None or unit.pump.total_leakage == 0.0:
-        return {}
-    thicker, unknown = 1.0, UNMEASURED
-    if any(r.quantity == "oil.reference_temperature" for r in found.table):
-        warm = viscosity(unit.oil, found.unit.oil.reference_temperature)
-        thicker, unknown = float(warm / viscosity(unit.oil, unit.oil.reference_temperature)), 0.0
-    per = thicker / unit.pump.total_leakage
-    ratio = found.leakage.value * per
-    return {"leakage": (ratio, float(np.hypot(found.leakage.std * per, unknown * ratio)))}

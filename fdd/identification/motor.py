@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from fdd.identification.balance import Estimate
+from fdd.identification.least_squares import Estimate, jackknife_std
 from fdd.identification.record import Record
 
 Array = NDArray[np.float64]
@@ -55,8 +55,7 @@ def fit_torque_constant(records: list[Record], displacement: float) -> tuple[Est
     slope = _slope(m, y, usual)
     group = np.arange(y.size) // BLOCK % _GROUPS
     left_out = np.array([_slope(m[group != g], y[group != g], usual) for g in range(_GROUPS)])
-    spread = (_GROUPS - 1) / _GROUPS * np.sum((left_out - left_out.mean()) ** 2)
-    std = float(np.sqrt(spread))
+    std = float(jackknife_std(left_out))
     if slope <= 0.0 or std > WELL_DETERMINED * slope:
         return None, f"slope of current over load torque {slope:.3g} ± {std:.2g} A/(N·m) is not sharp enough"
     gears = _slope(m, y, usual + doubt) - slope

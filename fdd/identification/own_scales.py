@@ -9,8 +9,9 @@ import numpy as np
 
 from fdd.errors import InputError
 from fdd.identification.identify import RELIEF_EXCEEDED, identify_unit
-from fdd.identification.judgement import Ratio, against_base, pressure_slip, push_of
+from fdd.identification.judgement import pressure_slip, push_of
 from fdd.identification.logs_agree import BETWEEN
+from fdd.identification.profile import Ratio, against_base
 from fdd.identification.record import Record
 from fdd.identification.sensors import LEAST_ZERO, SensorFit, fit_sensors
 from fdd.identification.signs import UNLIKE, against_pressure, gain_ratio
@@ -105,11 +106,9 @@ def _refuse_odd_counts(fits: dict[str, SensorFit], unit: Unit, where: str) -> No
     odd = [c for c, ratio in counts.items() if not 1.0 / NEAR < ratio < NEAR]
     if len(odd) != 1 or len(counts) < 2 or not (looks := slips(counts[odd[0]], "pressure")):
         return
-    problem = (
-        f"channel {odd[0]}: its counts, and no other pressure's, are {counts[odd[0]]:.3g} times those of"
-    )
-    mend = f"check its unit in the map (it looks like {looks})"
-    raise InputError(f"{problem} profile {unit.name}", where=where, mend=mend)
+    times = f"{counts[odd[0]]:.3g} times those of profile {unit.name}"
+    problem = f"channel {odd[0]}: its counts, and no other pressure's, are {times}"
+    raise InputError(problem, where=where, mend=f"check its unit in the map (it looks like {looks})")
 
 
 def _of_sensors(fits: dict[str, SensorFit], unit: Unit) -> dict[str, Ratio]:
@@ -149,7 +148,7 @@ def turned_fits(samples: Samples, unit: Unit, where: str) -> bool:
 
 def _same_gain(found: Ratio, unit: Unit) -> bool:
     known = unit.pump.std_of("displacement") or 0.0
-    between = BETWEEN["travel per rad of the pump"][0]
+    between = BETWEEN["pump.displacement"][0]
     return abs(log(found.value)) < SURE * hypot(found.std, known / unit.pump.displacement, between)
 
 

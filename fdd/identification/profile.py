@@ -2,12 +2,17 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
+from math import exp, log
 
-from fdd.identification.balance import Estimate
+import numpy as np
+
+from fdd.identification.least_squares import Estimate
 from fdd.identification.sensors import SensorFit
+from fdd.residuals.oil import modulus_at, viscosity
 from fdd.samples import CHANNELS
 from fdd.sections import Provenance, Section, si_of
+from fdd.tolerances import tolerance
 from fdd.unit import Unit
 
 
@@ -60,50 +65,37 @@ class ProfileWriter:
 
     def put(self, path: str, estimate: Estimate, note: str = "") -> None:
         """Set the number at a dotted path, with its source and standard deviation (SI)."""
-        section, name, before = self._find(path)
-        setattr(section, name, float(estimate.value))
-        section.provenance[name] = Provenance(source=self.source, std=float(estimate.std))
-        self._row(path, section, name, before, estimate, note)
+        section, name, row = self._find(path)
+        value, std = float(estimate.value), float(estimate.std)
+        setattr(section, name, value)
+        section.provenance[name] = Provenance(source=self.source, std=std)
+        self.result.table.append(replace(row, identified=value, std=std, note=note))
 
     def decide(self, path: str, value: bool, why: str) -> None:
         """Set what is or is not so at a dotted path, 1 or 0 in the table, and say why."""
-        section, name, before = self._find(path)
+        section, name, row = self._find(path)
         setattr(section, name, value)
         section.provenance[name] = Provenance(source=self.source)
-        self.result.table.append(TableRow(path, "1", before, float(value), None, why))
+        self.result.table.append(replace(row, identified=float(value), note=why))
 
     def keep(self, path: str, why: str) -> None:
         """Leave the base's number and say why."""
-        section, name, before = self._find(path)
-        self._row(path, section, name, before, None, why)
+        self.result.table.append(replace(self._find(path)[2], note=why))
         self.note(f"{path} kept: {why}")
 
-    def _find(self, path: str) -> tuple[Section, str, float]:
+    def _find(self, path: str) -> tuple[Section, str, TableRow]:
+        """The section and the name of the number at a path, and its row as long as it is kept."""
         *way, name = path.split(".")
         section: Section | Unit = self.result.unit
         for step in way:
             section = getattr(section, step)
         assert isinstance(section, Section)
-        return section, name, float(getattr(section, name))
-
-    def _row(
-        self, path: str, section: Section, name: str, before: float, found: Estimate | None, note: str
-    ) -> None:
-        si = si_of(type(section).model_fields[name])
-        self.result.table.append(
-            TableRow(
-                path,
-                si.unit if si is not None else "1",
-                before,
-                None if found is None else float(found.value),
-                None if found is None else float(found.std),
-                note,
-            )
-        )
+        si, before = si_of(type(section).model_fields[name]), float(getattr(section, name))
+        return section, name, TableRow(path, "1" if si is None else si.unit, before, None, None)
 
     def put_sensor(self, channel: str, fit: SensorFit) -> None:
         """Replace a channel's sensor; a row for each of its numbers that was found."""
-        before = self.base.sensor(channel)
+        before, unit = self.base.sensor(channel), CHANNELS[channel].unit
         sensor = fit.sensor.model_copy(update={"source": self.source})
         self.result.unit.sensors[channel] = sensor
         notes = {
@@ -111,15 +103,71 @@ class ProfileWriter:
             "zero": "against pressure_1 - pressure_2",
         }
         for what in fit.found:
-            value = float(getattr(sensor, what))
-            unit = CHANNELS[channel].unit
-            self.result.table.append(
-                TableRow(
-                    f"sensors.{channel}.{what}",
-                    unit,
-                    float(getattr(before, what)),
-                    value,
-                    None,
-                    notes.get(what, "smallest step"),
-                )
-            )
+            known, value = float(getattr(before, what)), float(getattr(sensor, what))
+            note = notes.get(what, "smallest step")
+            self.result.table.append(TableRow(f"sensors.{channel}.{what}", unit, known, value, None, note))
+
+
+WORDS = {
+    "pump.displacement": "travel per rad of the pump", "cylinder.area_2": "area_2",
+    "pump.leakage": "leakage", "oil.bulk_modulus": "bulk modulus", "friction": "friction",
+    "drive.torque_constant": "torque constant", "accumulator.charge_pressure": "charge pressure",
+    "accumulator.relief_pressure": "pressure beyond the relief setting", "noise": "their noise",
+    "counts": "their counts",
+}  # fmt: skip
+"""What identifies a pressure's scale or a unit, in words."""
+
+
+@dataclass(frozen=True)
+class Ratio:
+    """An identified quantity over the base's, at the same oil temperature and pressure, and its ln's std."""
+
+    value: float
+    std: float
+    open: float
+    """Standard deviation of ln(unit / base) that the base leaves open."""
+
+    def misfit(self, factor: float = 1.0) -> float:
+        """-2 ln of the likelihood of a mistaken `factor` on the quantity, but for what is common to all."""
+        return (log(self.value) - log(factor)) ** 2 / (self.open**2 + self.std**2)
+
+
+def against_base(found: Identification, base: Unit, unmeasured: float = 0.6) -> dict[str, Ratio]:
+    """What was identified over what the base leads to expect, by the names of `WORDS`.
+
+    Leakage is compared at the logs' temperature, bulk modulus at their pressure; friction as the mean of both
+    directions.
+
+    Parameters
+    ----------
+    unmeasured : relative standard deviation of leakage where nobody measures the oil's temperature: it may be
+        15 K off, at some 4 % a kelvin.
+    """
+    rows = {r.quantity: r for r in found.table if r.identified is not None and r.std is not None}
+    unit = found.unit
+    direct = ("pump.displacement", "cylinder.area_2", "drive.torque_constant", "accumulator.charge_pressure")
+    out = {n: _ratio(rows[n], n, rows[n].base, base) for n in direct if n in rows and rows[n].base > 0.0}
+    leakage = found.leakage
+    if leakage is not None and base.pump.total_leakage > 0.0:
+        warm = unit.oil.reference_temperature, base.oil.reference_temperature
+        thinner = float(viscosity(base.oil, warm[1]) / viscosity(base.oil, warm[0]))
+        out["pump.leakage"] = Ratio(
+            leakage.value / (base.pump.total_leakage * thinner),
+            float(np.hypot(leakage.relative, 0.0 if "oil.reference_temperature" in rows else unmeasured)),
+            tolerance(base, "pump.leakage"),
+        )  # fmt: skip
+    if "oil.bulk_modulus" in rows:
+        expected = modulus_at(base.oil, unit.oil.reference_pressure)
+        out["oil.bulk_modulus"] = _ratio(rows["oil.bulk_modulus"], "oil.bulk_modulus", expected, base)
+    branches = [rows[n] for d in ("forward", "reverse") if (n := f"friction.{d}.coulomb") in rows]
+    each = [_ratio(b, "friction", b.base, base) for b in branches if b.base > 0.0 and b.identified]
+    if each:
+        mean = exp(float(np.mean([log(r.value) for r in each])))
+        out["friction"] = Ratio(mean, max(r.std for r in each), each[0].open)
+    return out
+
+
+def _ratio(row: TableRow, name: str, expected: float, base: Unit) -> Ratio:
+    assert row.identified is not None and row.std is not None
+    std = row.std / max(row.identified, 1e-300)
+    return Ratio(max(row.identified / expected, 1e-12), std, tolerance(base, name))

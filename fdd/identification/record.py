@@ -121,7 +121,8 @@ def measured_rows(log: Samples) -> Samples:
         warm = np.interp(log.time, log.time[there], log["oil_temperature"][there])
         log = log.with_columns({"oil_temperature": warm})
     needed = [c for c in NEEDED if share.get(c, 0.0) > LEAST_SHARE]
-    if not needed or min(share[c] for c in needed) > SLOWER * max(share[c] for c in needed):
+    shares = [share[c] for c in needed]
+    if not needed or min(shares) > SLOWER * max(shares):
         return log
     keep = np.logical_and.reduce([np.isfinite(log[c]) for c in needed])
     return Samples(log.time[keep], {c: log[c][keep] for c in log.channels})
@@ -142,20 +143,17 @@ def even_record(log: Samples, unit: Unit, where: str) -> Record:
     """
     log = measured_rows(log)
     present = {c for c in log.channels if np.isfinite(log[c]).mean() > 0.2}
-    _require(present, where)
+    if missing := missing_required(present):
+        raise InputError(f"no usable data for {', '.join(missing)}", where=where, mend="map a column to each")
     if log.duration < SHORTEST:
-        raise InputError(
-            f"{log.duration:.1f} s long, at least {SHORTEST:.0f} s are needed",
-            where=where,
-            mend="record longer",
-        )
+        short = f"{log.duration:.1f} s long, at least {SHORTEST:.0f} s are needed"
+        raise InputError(short, where=where, mend="record longer")
     period = float(np.median(np.diff(log.time)))
     numbers = sample_numbers(log.time, period)
     n = int(numbers[-1]) + 1
     if len(log) > MOST_ROWS:
-        raise InputError(
-            f"{len(log)} rows, at most {MOST_ROWS} are used", where=where, mend="give a part of it"
-        )
+        problem = f"{len(log)} rows, at most {MOST_ROWS} are used"
+        raise InputError(problem, where=where, mend="give a part of it")
     if n > min(MOST_ROWS, 20 * len(log) + 1000):
         raise InputError(
             f"{len(log)} rows spread over {n} periods of {period * 1e3:.3g} ms", where=where,
@@ -170,16 +168,12 @@ def even_record(log: Samples, unit: Unit, where: str) -> Record:
             _mark_gaps(gap, numbers[there], n)
         return np.interp(grid, numbers[there], values[there])
 
-    angle = even(
-        log["pump_angle"]
-        if "pump_angle" in present
-        else accumulate_speed(log.time, log["pump_speed"], period)
-    )
+    turned = "pump_angle" in present
+    angle = even(log["pump_angle"] if turned else accumulate_speed(log.time, log["pump_speed"], period))
     position = even(log["position"])
     jumps = _mark_jumps(gap, angle, unit.drive.max_speed * period)
-    measured: dict[str, Array] = {
-        c: even(log[c]) for c in ("pressure_difference", "pressure_1", "pressure_2") if c in present
-    }
+    channels = ("pressure_difference", "pressure_1", "pressure_2")
+    measured: dict[str, Array] = {c: even(log[c]) for c in channels if c in present}
     chambers = _chambers(measured)
     accumulator = even(log["pressure_accumulator"]) if "pressure_accumulator" in present else None
     if chambers is None:
@@ -209,12 +203,6 @@ def even_record(log: Samples, unit: Unit, where: str) -> Record:
     return record
 
 
-def _require(present: set[str], where: str) -> None:
-    missing = missing_required(present)
-    if missing:
-        raise InputError(f"no usable data for {', '.join(missing)}", where=where, mend="map a column to each")
-
-
 def _check_motion(record: Record, where: str) -> None:
     travel = float(np.sum(np.abs(np.diff(record.smooth(record.position, 0.05)[:: record.rows(0.05)]))))
     turned = float(np.ptp(record.angle))
@@ -224,9 +212,8 @@ def _check_motion(record: Record, where: str) -> None:
             mend="identify from a log with strokes, or check the position's unit of measure",
         )  # fmt: skip
     if turned < 1.0:
-        raise InputError(
-            f"the pump turns by {turned:.2g} rad only", where=where, mend="check the pump channel's unit"
-        )
+        problem = f"the pump turns by {turned:.2g} rad only"
+        raise InputError(problem, where=where, mend="check the pump channel's unit")
 
 
 def _mark_gaps(gap: NDArray[np.bool_], rows: NDArray[np.int64], n: int) -> None:

@@ -8,9 +8,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.signal import welch
 
-from fdd.identification.balance import Estimate
+from fdd.identification.least_squares import Estimate
 from fdd.identification.record import Record
-from fdd.samples import Samples
+from fdd.samples import PRESSURES, Samples
 from fdd.unit import Sensor, Unit
 
 Array = NDArray[np.float64]
@@ -97,12 +97,8 @@ def resolution(values: Array) -> float | None:
 
 def redundancy_offset(records: list[Record]) -> Estimate | None:
     """Mean of the differential sensor less the chambers' difference (Pa), where all three are measured."""
-    parts = [
-        (r.difference - r.pressure_1 + r.pressure_2)[~r.gap]
-        for r in records
-        if r.has_difference and r.chambers_measured
-    ]
-    if not parts or not any(np.any(p) for p in parts):
+    parts = [(r.difference - r.pressure_1 + r.pressure_2)[~r.gap] for r in _redundant(records)]
+    if not any(np.any(p) for p in parts):
         return None
     everything = np.concatenate(parts)
     seconds = np.array_split(everything, max(min(everything.size // 1000, 200), 2))
@@ -112,14 +108,17 @@ def redundancy_offset(records: list[Record]) -> Estimate | None:
 
 def gain_mismatch(records: list[Record]) -> float | None:
     """Slope of the differential sensor over the chambers' difference, less one."""
-    use = [r for r in records if r.has_difference and r.chambers_measured]
-    if not use:
+    if not (use := _redundant(records)):
         return None
     x = np.concatenate([r.smooth(r.pressure_1 - r.pressure_2, 0.05)[~r.gap] for r in use])
     y = np.concatenate([r.smooth(r.difference, 0.05)[~r.gap] for r in use])
     x = x - x.mean()
     spread = float(np.mean(x**2))
     return None if spread < 1e9 else float(np.mean(x * (y - y.mean())) / spread - 1.0)
+
+
+def _redundant(records: list[Record]) -> list[Record]:
+    return [r for r in records if r.has_difference and r.chambers_measured]
 
 
 def fit_sensors(logs: list[Samples], records: list[Record], base: Unit) -> dict[str, SensorFit]:
@@ -135,21 +134,15 @@ def fit_sensors(logs: list[Samples], records: list[Record], base: Unit) -> dict[
     channel to its sensor, for the channels of which something was found.
     """
     fits: dict[str, SensorFit] = {}
-    period = records[0].period
-    for channel in ("pressure_difference", "pressure_1", "pressure_2", "pressure_accumulator", "position"):
-        columns = _even(logs, channel)
-        if columns is None:
-            continue
-        noise = _lowest([effective_noise(c, period) for c in columns])
-        step = _lowest([resolution(log[channel]) for log in logs if channel in log])
+    for channel in (*PRESSURES, "position", "pump_angle", "pump_speed"):
+        # NaN are dropped, not bridged: a bridge is free of noise.
+        columns = [log[channel][np.isfinite(log[channel])] for log in logs if channel in log]
+        pump = channel.startswith("pump")
+        noise = None if pump else _lowest([effective_noise(c, records[0].period) for c in columns])
+        step = _lowest([resolution(c) for c in columns])
         fits[channel] = _described(base.sensor(channel), channel, noise, step)
-    for channel in ("pump_angle", "pump_speed"):
-        steps = [resolution(log[channel]) for log in logs if channel in log]
-        step = _lowest(steps)
-        if step is not None:
-            fits[channel] = _described(base.sensor(channel), channel, None, step)
     offset = redundancy_offset(records)
-    if offset is not None and abs(offset.value) > LEAST_ZERO and "pressure_difference" in fits:
+    if offset is not None and abs(offset.value) > LEAST_ZERO:
         known = fits["pressure_difference"]
         sensor = known.sensor.model_copy(update={"zero": offset.value})
         fits["pressure_difference"] = SensorFit(sensor, (*known.found, "zero"))
@@ -176,9 +169,3 @@ def _described(base: Sensor, channel: str, noise: float | None, step: float | No
 def _lowest(values: list[float | None]) -> float | None:
     there = [v for v in values if v is not None]
     return min(there) if there else None
-
-
-def _even(logs: list[Samples], channel: str) -> list[Array] | None:
-    """The channel's columns without NaN (dropped, not bridged: a bridge is free of noise)."""
-    columns = [log[channel][np.isfinite(log[channel])] for log in logs if channel in log]
-    return [c for c in columns if c.size] or None

@@ -4,12 +4,12 @@ piston's travel either leaks away with the pressure or is compressed by it."""
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from fdd.errors import InputError
+from fdd.identification.least_squares import huber, jackknife_std
 from fdd.identification.record import Record
 from fdd.identification.slips import NEAR, slips
 from fdd.samples import Samples
@@ -35,16 +35,6 @@ LIKE = 0.9
 """Correlation of two channels from which their ratio is one of units, whatever its size."""
 UNLIKE = 0.25
 """Squared correlation of travel and turning below which even the sign of their ratio is open."""
-
-
-@dataclass(frozen=True)
-class OilLoss:
-    """What the oil does with the pressure difference: leakage and compression, each over its deviation;
-    from how many on they are sure."""
-
-    leakage: float
-    compression: float
-    sure: float
 
 
 def check_gain(record: Record, base: Unit, where: str) -> None:
@@ -86,10 +76,12 @@ def gain_ratio(record: Record, base: Unit) -> tuple[float, float]:
 
 def gain_slips(ratio: float) -> str:
     """What would make the gain `ratio` times too large, in brackets; empty where no unit does."""
-    found = (
-        *(f"position in {s}" for s in (slips(ratio, "length"),) if s),
-        *(f"pump in {s}" for s in (slips(1.0 / ratio, "angular_speed"), slips(1.0 / ratio, "angle")) if s),
-    )
+    length, speed = slips(ratio, "length"), slips(1.0 / ratio, "angular_speed")
+    # A map without a unit reads SI: rpm is likelier taken for rad/s than one length for a tenth of it.
+    if speed.endswith("read as rad/s"):
+        length = ""
+    angle = slips(1.0 / ratio, "angle")
+    found = [f"{c} in {s}" for c, s in (("position", length), ("pump", speed), ("pump", angle)) if s]
     return f" (it looks like {', or '.join(found)})" if found else ""
 
 
@@ -141,14 +133,8 @@ def against_pressure(record: Record, unit: Unit, where: str, *, own: bool = Fals
     gains: tuple[tuple[float | None, float], ...] = ((None, 0.0), (throughout, 0.0))
     if own and (std := unit.pump.std_of("displacement")) is not None:
         gains = ((unit.pump.displacement / unit.cylinder.area_1, std / unit.cylinder.area_1),)
-    against = []
-    for gain in gains:
-        found = oil_loss(record, unit, *gain)
-        if found is None:
-            return 0.0
-        # Stouffer's sum: one of the two may hardly show.
-        against.append(-(found.leakage + found.compression) / np.sqrt(2.0) / found.sure)
-    return float(min(against))
+    found = [_oil_loss(record, unit, *gain) for gain in gains]
+    return 0.0 if 0.0 in found else -max(found)
 
 
 def check_pump(log: Samples, where: str) -> None:
@@ -174,8 +160,8 @@ def check_pump(log: Samples, where: str) -> None:
         )  # fmt: skip
 
 
-def oil_loss(record: Record, unit: Unit, gain: float | None = None, gain_std: float = 0.0) -> OilLoss | None:
-    """Leakage and compression of a log, in standard deviations; both are positive by physics.
+def _oil_loss(record: Record, unit: Unit, gain: float | None, gain_std: float) -> float:
+    """Leakage and compression of a log together, over what is sure; both are positive by physics.
 
     ``Δx = g± Δθ - l ∫Δp dt - c Δ(Δp) + d Δt`` over steps; g of its own for either sign of Δp, because the
     chamber under load meters the motion. d takes up the zero of the pressures. Where a load goes with the
@@ -184,7 +170,7 @@ def oil_loss(record: Record, unit: Unit, gain: float | None = None, gain_std: fl
 
     Returns
     -------
-    None where the pressures or the pump hardly move, or there are too few steps.
+    0 where the pressures or the pump hardly move, or there are too few steps.
     """
     n = record.rows(STEP)
     drop = record.smooth(record.pressure_1 - record.pressure_2, 0.05)
@@ -207,13 +193,18 @@ def oil_loss(record: Record, unit: Unit, gain: float | None = None, gain_std: fl
     group = (starts * record.period / BLOCK).astype(np.int64) % GROUPS
     groups = np.unique(group)
     if groups.size < GROUPS // 2 or y.size < 5 * m.shape[1]:
-        return None
+        return 0.0
     m = m / np.maximum(np.sqrt(np.mean(m**2, axis=0)), 1e-300)
-    found = _robust(m, y)
-    left_out = np.array([_robust(m[group != g], y[group != g]) for g in groups])
-    std = np.sqrt((len(left_out) - 1) * np.mean((left_out - left_out.mean(axis=0)) ** 2, axis=0))
-    over = found / np.maximum(np.hypot(std, _robust(m, gain_std * metered) if gain_std else 0.0), 1e-12)
-    return OilLoss(float(over[leak]), float(over[leak + 1]), SURE[groups.size - 1])
+
+    def solve(rows: NDArray[np.bool_], y: Array = y) -> Array:
+        """Steps with an unmodelled event count less."""
+        return huber(m[rows], y[rows], 2.5, rounds=5, least=1e-12, rcond=1e-10)[0]
+
+    every = np.ones(y.size, dtype=bool)
+    std = jackknife_std(np.array([solve(group != g) for g in groups]))
+    over = solve(every) / np.maximum(np.hypot(std, solve(every, gain_std * metered)), 1e-12)
+    # Stouffer's sum: one of the two may hardly show.
+    return float((over[leak] + over[leak + 1]) / np.sqrt(2.0)) / SURE[groups.size - 1]
 
 
 def _slope(record: Record, x: Array, y: Array) -> float | None:
@@ -234,7 +225,7 @@ def _slope(record: Record, x: Array, y: Array) -> float | None:
     xy, xx, yy = (np.append(np.sum(p) - p, np.sum(p)) for p in parts)  # without each group, and of all
     ends = []
     for one in (xy / xx, yy / xy):
-        error = SURE[groups.size - 1] * np.sqrt((groups.size - 1) * np.var(one[:-1]))
+        error = SURE[groups.size - 1] * jackknife_std(one[:-1])
         ends += [one[-1] - error, one[-1] + error]
     if min(ends) < NEAR and max(ends) > 1.0 / NEAR:
         return None
@@ -246,13 +237,3 @@ def _regression(x: Array, y: Array) -> float | None:
     size = float(np.sqrt(np.sum(x**2) * np.sum(y**2)))
     product = float(np.sum(x * y))
     return product / float(np.sum(x**2)) if size > 0.0 and abs(product) > LIKE * size else None
-
-
-def _robust(m: Array, y: Array) -> Array:
-    """Least squares in which steps with an unmodelled event count less (Huber)."""
-    weights: Array = np.ones(y.size)
-    for _ in range(5):
-        theta = np.asarray(np.linalg.lstsq(m * weights[:, None], y * weights, rcond=1e-10)[0])
-        rest = np.abs(y - m @ theta)
-        weights = np.sqrt(np.minimum(1.0, 2.5 * (1.4826 * np.median(rest) + 1e-12) / np.maximum(rest, 1e-15)))
-    return theta

@@ -21,11 +21,13 @@ the base's values.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 
 from fdd.identification.record import Record
+from fdd.identification.sensors import effective_noise
 from fdd.residuals.hidden_pressures import needs_pilots
 from fdd.residuals.oil import air_compliance, free_air, stiff_compliance, viscosity
 from fdd.residuals.quantities import PILOT, outlet_loss
@@ -85,14 +87,9 @@ class VolumeSteps:
         for part in parts:
             blocks.append(part.block + offset)
             offset += int(part.block.max(initial=-1)) + 1
-        return VolumeSteps(
-            m=np.concatenate([p.m for p in parts]),
-            y=np.concatenate([p.y for p in parts]),
-            noise=np.concatenate([p.noise for p in parts]),
-            chamber=np.concatenate([p.chamber for p in parts]),
-            block=np.concatenate(blocks),
-            seconds=np.concatenate([p.seconds for p in parts]),
-        )
+        others = ("m", "y", "noise", "chamber", "seconds")
+        joined = {name: np.concatenate([getattr(p, name) for p in parts]) for name in others}
+        return VolumeSteps(**joined, block=np.concatenate(blocks))
 
 
 def leakage_scale(unit: Unit) -> float:
@@ -107,19 +104,11 @@ def scales(unit: Unit) -> Array:
     stiff compliance beyond its bound; α.
     """
     leakage = leakage_scale(unit)
-    return np.array(
-        [
-            unit.pump.displacement,
-            unit.cylinder.area_2,
-            leakage,
-            leakage,
-            unit.pump.displacement,
-            leakage * DRIFT_PRESSURE,
-            leakage * DRIFT_PRESSURE,
-            1.0 / unit.oil.bulk_modulus,
-            AIR_SCALE,
-        ]
-    )
+    displacement, drift = unit.pump.displacement, leakage * DRIFT_PRESSURE
+    return np.array([
+        displacement, unit.cylinder.area_2, leakage, leakage, displacement, drift, drift,
+        1.0 / unit.oil.bulk_modulus, AIR_SCALE,
+    ])  # fmt: skip
 
 
 def keeps_trapped_oil(record: Record, unit: Unit, noise: tuple[float, float]) -> bool:
@@ -131,9 +120,8 @@ def keeps_trapped_oil(record: Record, unit: Unit, noise: tuple[float, float]) ->
         return False
     least = TRAPPED * unit.accumulator.relief_pressure + NOISE_MARGIN * float(np.hypot(*noise))
     pressures = np.stack([record.smooth(p, SMOOTHING) for p in (record.pressure_1, record.pressure_2)])
-    low, high = (
-        f(pressures, axis=0) - record.smooth(record.accumulator, SMOOTHING) for f in (np.min, np.max)
-    )
+    store = record.smooth(record.accumulator, SMOOTHING)
+    low, high = pressures.min(axis=0) - store, pressures.max(axis=0) - store
     _, speed = record.speeds(SMOOTHING)
     slow = ~record.gap & (np.abs(speed) < TRAPPED_SPEED * unit.drive.max_speed)
     trapped = slow & (low > least) & (high > low + least)
@@ -149,13 +137,9 @@ def viscosity_over_reference(record: Record, unit: Unit, reference: float) -> Ar
 
 
 def volume_steps(
-    record: Record,
-    unit: Unit,
-    *,
-    reference_temperature: float,
-    reference_pressure: float,
+    record: Record, unit: Unit, *, reference_temperature: float, reference_pressure: float,
     noise: tuple[float, float] = (0.0, 0.0),
-) -> VolumeSteps:
+) -> VolumeSteps:  # fmt: skip
     """The rows that one log gives.
 
     Parameters
@@ -182,6 +166,8 @@ def volume_steps(
     inlet = np.concatenate(([0.0], np.cumsum(lost)))
     time, still = h * np.arange(x.size), np.zeros_like(x)
     warmth = still if record.temperature is None else record.smooth(record.temperature, WARMING_WINDOW)
+    # 1/β_stiff = ½·α·c(reference) + excess: with excess ≥ 0 the stiff oil is at most three times β.
+    bound = 0.5 * float(air_compliance(reference_pressure, unit.oil.polytropic_index))
     parts = []
     for chamber, sign, pressure, smoothed, area, at_centre in (
         (1, 1.0, record.pressure_1, smooth_1, cylinder.area_1, cylinder.volume_1),
@@ -189,22 +175,21 @@ def volume_steps(
     ):
         moved = cylinder.position_compliance * area * x_smooth
         volume = np.maximum(at_centre + sign * moved, 0.1 * at_centre)
-        levels = np.column_stack(
-            [
-                sign * area * x,
-                sign * _turned(theta, sign * denser),
-                -sign * x if chamber == 2 else still,
-                -sign * _accumulate(drop / mu, h),
-                -_accumulate((pressure - case) / mu, h),
-                -sign * inlet,
-                -time if chamber == 1 else still,
-                -time if chamber == 2 else still,
-                *_compression(pressure, smoothed, volume, unit.oil.polytropic_index, reference_pressure),
-                unit.oil.thermal_expansion * at_centre * warmth,
-            ]
+        levels = (
+            sign * area * x,
+            sign * _turned(theta, sign * denser),
+            -sign * x if chamber == 2 else still,
+            -sign * h * np.cumsum(drop / mu),
+            -h * np.cumsum((pressure - case) / mu),
+            -sign * inlet,
+            -time if chamber == 1 else still,
+            -time if chamber == 2 else still,
+            *_compression(pressure, smoothed, volume, unit.oil.polytropic_index, bound),
+            unit.oil.thermal_expansion * at_centre * warmth,
         )
-        slopes = _noise_slopes(smoothed, volume, unit.oil.polytropic_index, reference_pressure)
-        levels = np.column_stack([record.smooth(c, SMOOTHING) for c in levels.T])
+        softness = air_compliance(smoothed, unit.oil.polytropic_index) + bound
+        slopes = np.column_stack([-volume, -volume * softness])  # of the compression terms per pascal
+        terms = np.column_stack([record.smooth(np.asarray(level), SMOOTHING) for level in levels])
         above = smoothed - store - max(REFEED_MARGIN, NOISE_MARGIN * noise[chamber - 1])
         loss = outlet_loss(unit, speed, chamber)
         # The lower chamber may give oil back through a valve that the other one holds open, at just
@@ -217,7 +202,7 @@ def volume_steps(
             other = smooth_2 if chamber == 1 else smooth_1
             usable &= smoothed - store > PILOT * (other - store)
         for seconds in STEPS:
-            parts.append(_differences(record, seconds, levels, slopes, usable, chamber))
+            parts.append(_differences(record, seconds, terms, slopes, usable, chamber))
     scale = scales(unit)
     m, y, ends, of_chamber, block = (np.concatenate([p[i] for p in parts]) for i in range(5))
     lengths = np.repeat(STEPS * 2, [p[1].size for p in parts])
@@ -237,12 +222,8 @@ def _turned(angle: Array, denser: Array) -> Array:
     return np.concatenate(([0.0], np.cumsum(np.diff(angle) * (1.0 - denser[1:]))))
 
 
-def _accumulate(rate: Array, period: float) -> Array:
-    return np.asarray(np.cumsum(rate) * period)
-
-
 def _compression(
-    pressure: Array, smoothed: Array, volume: Array, index: float, reference: float
+    pressure: Array, smoothed: Array, volume: Array, index: float, bound: float
 ) -> tuple[Array, Array]:
     """Accumulated oil volume taken up per unit of the stiff compliance's excess and of α (both negative)."""
     # Along the smoothed pressure and linear about it: the air's law is curved, and noise must not bend it.
@@ -251,14 +232,7 @@ def _compression(
     between = 0.5 * (volume[1:] + volume[:-1])
     stiff = np.concatenate(([0.0], np.cumsum(between * np.diff(pressure))))
     air = np.concatenate(([0.0], np.cumsum(between * np.diff(shrinkage))))
-    # 1/β_stiff = ½·α·c(reference) + excess: with excess ≥ 0 the stiff oil is at most three times β.
-    return -stiff, -(air + 0.5 * float(air_compliance(reference, index)) * stiff)
-
-
-def _noise_slopes(smoothed: Array, volume: Array, index: float, reference: float) -> Array:
-    """(n, 2) change of the two compression terms per pascal."""
-    bound = 0.5 * float(air_compliance(reference, index))
-    return np.column_stack([-volume, -volume * (air_compliance(smoothed, index) + bound)])
+    return -stiff, -(air + bound * stiff)
 
 
 def _differences(
@@ -277,3 +251,57 @@ def _differences(
     noise[:, 1, STIFF:] = slopes[starts + n]
     block = (starts * record.period / BLOCK).astype(np.int64)
     return moved[:, 1:-1], moved[:, 0] - moved[:, -1], noise, np.full(starts.size, chamber), block
+
+
+class LogBalances:
+    """What all logs are referred to, and their rows.
+
+    Attributes
+    ----------
+    records : the logs. temperature : mean oil temperature (°C), None where it is not measured.
+    pressure : Pa gauge at which compressibility is referred; by default the usual one.
+    noise : Pa, of the smoothed chamber pressures.
+    """
+
+    def __init__(self, records: list[Record], pressure: float | None = None) -> None:
+        self.records = records
+        known = [float(np.mean(r.temperature)) for r in records if r.temperature is not None]
+        self.temperature = float(np.mean(known)) if known else None
+        if pressure is None:
+            pressure = float(np.median(np.concatenate([_reference_level(r) for r in records])))
+        self.pressure = max(pressure, 0.0)
+
+    @cached_property
+    def noise(self) -> tuple[float, float]:
+        """White noise of the chamber pressures that is left after the balance's window."""
+        left = []
+        for channel in ("pressure_1", "pressure_2"):
+            found = [effective_noise(getattr(r, channel), r.period) for r in self.records]
+            known = [x for x in found if x is not None]
+            left.append(min(known, default=0.0) / np.sqrt(self.records[0].rows(SMOOTHING)))
+        return left[0], left[1]
+
+    def reference_temperature(self, unit: Unit) -> float:
+        """°C that leakage is referred to: the logs' mean, else the profile's."""
+        return unit.oil.reference_temperature if self.temperature is None else self.temperature
+
+    def parts(self, unit: Unit) -> list[VolumeSteps]:
+        """The rows of each log, counted with a profile's volumes."""
+        return [
+            volume_steps(
+                r, unit, reference_temperature=self.reference_temperature(unit),
+                reference_pressure=self.pressure, noise=self.noise,
+            )
+            for r in self.records
+        ]  # fmt: skip
+
+    def steps(self, unit: Unit) -> VolumeSteps:
+        """The rows of all logs."""
+        return VolumeSteps.join(self.parts(unit))
+
+
+def _reference_level(record: Record) -> NDArray[np.float64]:
+    """(n,) Pa at which the oil's compressibility is referred: the accumulator's, else the chambers' mean."""
+    if record.accumulator_measured or not record.chambers_measured:
+        return record.accumulator
+    return 0.5 * (record.pressure_1 + record.pressure_2)

@@ -56,18 +56,15 @@ class VolumeFit:
     @property
     def of_volume(self) -> bool:
         """True where the dead volume explains the gain."""
-        return abs(float(np.log(self.gain.value))) < VOLUME_SURE * float(
-            np.hypot(VOLUME_SPREAD, self.gain.std)
-        )
+        spread = float(np.hypot(VOLUME_SPREAD, self.gain.std))
+        return abs(float(np.log(self.gain.value))) < VOLUME_SURE * spread
 
     def apply(self, unit: Unit) -> None:
         """Put the volumes (or the position compliance) into a profile."""
-        g, d = self.gain.value, self.split.value
-        shrink = g if self.of_volume else 1.0
-        unit.cylinder.volume_1 *= (1.0 + d) / shrink
-        unit.cylinder.volume_2 *= (1.0 - d) / shrink
+        gain = self.gain.value
+        _scale_volumes(unit, gain if self.of_volume else 1.0, self.split.value)
         if not self.of_volume:
-            swept = unit.cylinder.position_compliance * g
+            swept = unit.cylinder.position_compliance * gain
             unit.cylinder.position_compliance = min(swept, MOST_POSITION_COMPLIANCE)
 
 
@@ -94,13 +91,8 @@ def fit_volumes(
         # At equal compliance in mid-stroke: only what changes with position is the gain's.
         wider[:, STIFF:] *= 1.0 + STEP
         other = steps_of(_with_volumes(base, gain, split + STEP)).m
-        columns = np.column_stack(
-            [
-                steps.m,
-                ((wider - steps.m) @ theta) / (STEP * gain),
-                ((other - steps.m) @ theta) / STEP,
-            ]
-        )
+        slopes = ((wider - steps.m) @ theta) / (STEP * gain), ((other - steps.m) @ theta) / STEP
+        columns = np.column_stack([steps.m, *slopes])
         residual = steps.y - steps.m @ theta
         weights = 1.0 / (1.0 + (residual / (2.0 * sigma)) ** 2)
         unit = OVERLAP * sigma**2
@@ -125,6 +117,10 @@ def fit_volumes(
 
 def _with_volumes(base: Unit, gain: float, split: float) -> Unit:
     unit = base.model_copy(deep=True)
+    _scale_volumes(unit, gain, split)
+    return unit
+
+
+def _scale_volumes(unit: Unit, gain: float, split: float) -> None:
     unit.cylinder.volume_1 *= (1.0 + split) / gain
     unit.cylinder.volume_2 *= (1.0 - split) / gain
-    return unit

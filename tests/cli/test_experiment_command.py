@@ -30,6 +30,9 @@ def test_each_kind_tells_and_says_what_it_does_not(run, strokes, tmp_path, kind)
         low, high = told["interval"]
         assert low <= told["value"] <= high and told["quantity"] in page.read_text()
     assert found["told"] or found["not_told"]
+    # 80 columns cut neither numbers nor names.
+    cells = [cell for row in found["table"] for cell in row.values()]
+    assert all(word in result.stdout for cell in cells for word in cell.split())
     assert ("Not told" in result.stdout) == bool(found["not_told"])
 
 

@@ -78,8 +78,9 @@ def test_the_data_say_what_the_table_says(made) -> None:
 def test_verbose_shows_the_sensors(run, healthy_strokes, tmp_path: Path) -> None:
     result = run("identify", healthy_strokes, "--name", "rig 7", "--verbose", "-o", tmp_path / "unit.yaml")
     assert result.exit_code == 0 and Unit.load(tmp_path / "unit.yaml").name == "rig 7"
-    for word in ("sensors pressure 1", "resolution", "area_1 stays"):
+    for word in ("sensors pressure 1", "resolution", "area_1 stays", "1e-12 m³/(s·Pa)"):
         assert word in result.stdout
+    assert "…" not in result.stdout, "80 columns cut nothing"
 
 
 def test_a_leaking_log_is_added_only_where_it_is_accepted(run, one_line, made, tmp_path: Path) -> None:

@@ -13,7 +13,6 @@ from fdd.unit import Unit
 
 LOADS = ("none", "spring", "constant", "gust")
 DUTIES = ("steps", "flight", "sines", "strokes", "sawtooth")
-PRESSURES = ("pressure_1", "pressure_2", "pressure_difference", "pressure_accumulator")
 
 
 def spread_unit(seed: int) -> Unit:

@@ -122,22 +122,18 @@ def test_volumes_that_strokes_do_not_tell_widen_the_interval() -> None:
     assert sharper.high - sharper.low < 0.5 * (first.high - first.low)
 
 
-def changed(log: Samples, **columns: np.ndarray) -> Samples:
-    return log.with_columns(columns)
-
-
 def test_chambers_never_shut_are_said() -> None:
     log = calibration_logs(random_unit(1), 1)[0]
     low = log["pressure_accumulator"]
-    open_all_the_time = changed(log, pressure_1=low, pressure_2=low, pressure_difference=0.0 * low)
-    found = outcome([open_all_the_time])
+    never_shut = {"pressure_1": low, "pressure_2": low, "pressure_difference": 0.0 * low}
+    found = outcome([log.with_columns(never_shut)])
     assert not found.told and "refeeding" in found.not_told[0] and " 0 % of the time" in found.not_told[0]
 
 
 def test_pressure_steps_below_the_noise_are_said() -> None:
     log, rng = calibration_logs(random_unit(1), 1)[0], np.random.default_rng(0)
     noise = rng.normal(0.0, 3e6, (2, len(log)))
-    found = outcome([changed(log, pressure_1=log["pressure_1"] + noise[0] + 3e6,
-                             pressure_2=log["pressure_2"] + noise[1] + 3e6)])  # fmt: skip
+    columns = {c: log[c] + more + 3e6 for c, more in zip(("pressure_1", "pressure_2"), noise, strict=True)}
+    found = outcome([log.with_columns(columns)])
     # In such noise no chamber is surely the higher one: there are hardly any steps at all.
     assert not found.told and "too seldom while it moves" in found.not_told[0]

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from spread_units import only, scaled
 
 import fdd
 from fdd import InputError, Samples, Unit, read_log
@@ -25,10 +26,6 @@ def healthy() -> Samples:
 @pytest.fixture(scope="module")
 def unit() -> Unit:
     return Unit.load(DEMO / "unit.yaml")
-
-
-def scaled(log: Samples, factor: float, *channels: str) -> Samples:
-    return log.with_columns({c: factor * log[c] for c in channels if c in log})
 
 
 def test_a_sound_log_passes_without_a_word(healthy: Samples, unit: Unit) -> None:
@@ -76,6 +73,14 @@ def test_motion_in_another_unit_is_refused(
 ) -> None:
     with pytest.raises(InputError, match=hint):
         check_scales(scaled(healthy, factor, channel), unit, "log")
+
+
+def test_rpm_are_no_centimetres(healthy: Samples, unit: Unit) -> None:
+    """Both make the travel per rad about a tenth; a map without a unit makes the pump's mistake alone."""
+    speed_alone = only(healthy, *(c for c in healthy.channels if c != "pump_angle"))
+    fast = scaled(speed_alone, 30.0 / np.pi, "pump_speed")
+    with pytest.raises(InputError, match=r"looks like pump in rpm read as rad/s\)"):
+        check_scales(fast, unit, "log")
 
 
 def test_milliseconds_read_as_seconds_are_refused(healthy: Samples, unit: Unit) -> None:

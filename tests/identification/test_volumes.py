@@ -7,6 +7,7 @@ from functools import cache
 import numpy as np
 import pytest
 from healthy_units import calibration_logs, random_unit
+from spread_units import only
 
 from estimators.eha import model as eha
 from fdd.errors import InputError
@@ -93,8 +94,7 @@ def test_strokes_too_short_leave_the_bases_volumes() -> None:
 def test_a_pressure_difference_alone_tells_no_volumes() -> None:
     """The chambers' pressures are then reconstructed, with the base's volumes: these would come out again."""
     base, logs = Unit.load("axis_a"), unit_of(1, *SCALES[0])[1]
-    kept = ("position", "pump_angle", "pressure_difference")
-    found = identify_unit([Samples(g.time, {n: g[n] for n in kept}) for g in logs], base)
+    found = identify_unit([only(g, "position", "pump_angle", "pressure_difference") for g in logs], base)
     assert found.unit.cylinder == base.cylinder
     assert any("volumes stay the base's" in note for note in found.notes)
 

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from scipy.stats import t as student
 
 from fdd.identification.balance import GROUPS, LEAST_AIR, Estimate
-from fdd.identification.experiments.leakage import robust
+from fdd.identification.experiments.leakage import LIMIT
 from fdd.identification.experiments.outcome import (
     NORMAL_95,
     Outcome,
@@ -27,6 +27,7 @@ from fdd.identification.experiments.outcome import (
     points,
 )
 from fdd.identification.identify import BULK_SHARP, LEAST_SIGNAL, Hydraulics, hydraulics
+from fdd.identification.least_squares import huber, jackknife_std
 from fdd.identification.profile import ProfileWriter
 from fdd.identification.record import Record
 from fdd.identification.volume_steps import (
@@ -150,28 +151,21 @@ class _Rows:
     def modulus(self, rows: NDArray[np.bool_]) -> tuple[float, float, float]:
         """Slope of these rows alone as a bulk modulus (Pa), with its 95 % interval; jackknifed over time."""
         raised, compressed, block = self.raised[rows, None], self.compressed[rows], self.block[rows]
-        weights = robust(raised / raised.std(), compressed)[1]
+        weights = huber(raised, compressed, LIMIT)[1]
         group = np.unique(block, return_inverse=True)[1] % GROUPS
-        sides = np.array(
-            [
-                [np.sum((weights * raised[:, 0]) ** 2 * (group == g)),
-                 np.sum(weights**2 * raised[:, 0] * compressed * (group == g))]
-                for g in np.unique(group)
-            ]
-        )  # fmt: skip
+        products = np.stack([(weights * raised[:, 0]) ** 2, weights**2 * raised[:, 0] * compressed])
+        sides = np.array([products @ (group == g) for g in np.unique(group)])
         whole = sides.sum(axis=0)
         parts = (whole - sides)[:, 1] / (whole - sides)[:, 0]
-        n, value = len(parts), whole[1] / whole[0]
-        half = student.ppf(0.975, max(n - 1, 1)) * np.sqrt((n - 1) / n * np.sum((parts - parts.mean()) ** 2))
+        value = float(whole[1] / whole[0])
+        half = float(student.ppf(0.975, max(len(parts) - 1, 1)) * jackknife_std(parts))
         return 1.0 / value, 1.0 / (value + half), 1.0 / max(value - half, 0.1 * value)
 
 
 def _never_shut(records: list[Record]) -> str:
     """Why there are too few steps."""
-    above = np.concatenate(
-        [r.smooth(np.maximum(r.pressure_1, r.pressure_2), SMOOTHING) - r.accumulator for r in records]
-    )
-    share = float(np.mean(above > REFEED_MARGIN))
+    higher = [r.smooth(np.maximum(r.pressure_1, r.pressure_2), SMOOTHING) - r.accumulator for r in records]
+    share = float(np.mean(np.concatenate(higher) > REFEED_MARGIN))
     return (
         f"the higher chamber is {REFEED_MARGIN / 1e5:.1f} bar above the accumulator, so that its refeeding "
         f"valve is surely shut, in {100 * share:.0f} % of the time, and too seldom while it moves. Load the "
@@ -185,12 +179,10 @@ def over_pressure(found: Hydraulics, pressure: Array) -> tuple[Array, Array]:
     more = air_compliance(pressure, index) - float(air_compliance(found.logs.pressure, index))
     others = np.maximum(fit.compliances[:, :1] + fit.compliances[:, 1:] * more, 1e-14)
     value = np.maximum(1.0 / found.bulk_modulus.value + found.air_fraction.value * more, 1e-14)
-    spread = np.sqrt((GROUPS - 1) / GROUPS * np.sum((others - others.mean(axis=0)) ** 2, axis=0))
     # What the jackknife does not see, reconstructed pressures and volumes, is one share at all pressures.
-    at = fit.compliances[:, 0]
-    seen = np.sqrt((GROUPS - 1) / GROUPS * np.sum((at - at.mean()) ** 2)) * found.bulk_modulus.value
+    seen = float(jackknife_std(fit.compliances[:, 0])) * found.bulk_modulus.value
     unseen = np.sqrt(max(found.bulk_modulus.relative**2 - seen**2, 0.0) + _volume_share(found) ** 2)
-    return 1.0 / value, np.hypot(spread / value, unseen) / value
+    return 1.0 / value, np.hypot(jackknife_std(others) / value, unseen) / value
 
 
 def _volume_share(found: Hydraulics) -> float:
@@ -205,9 +197,7 @@ def _volume_share(found: Hydraulics) -> float:
 def _air(out: Outcome, found: Hydraulics, unit: Unit, span: tuple[float, float]) -> bool:
     """Free air, and the oil without it; whether the logs tell them apart."""
     fit, volume = found.fit, _volume_share(found)
-    air = Estimate(
-        found.air_fraction.value, float(np.hypot(found.air_fraction.std, volume * found.air_fraction.value))
-    )
+    air = found.air_fraction.wider(volume)
     if not fit.air_known or air.relative > AIR_SHARP or air.value < 1.01 * LEAST_AIR:
         out.not_told.append(
             "Free air, and with it how bulk modulus changes with pressure: pressures of "
@@ -238,12 +228,8 @@ def _draw(out: Outcome, found: Hydraulics, rows: _Rows, unit: Unit, low: float, 
     beta, std = over_pressure(found, pressure)
     band = NORMAL_95 * std
     profile = np.array([modulus_at(unit.oil, float(p)) for p in pressure])
-    out.curves["fitted"] = {
-        "pressure": pressure,
-        "bulk_modulus": beta,
-        "low": beta - band,
-        "high": beta + band,
-    }
+    lower, upper = beta - band, beta + band
+    out.curves["fitted"] = {"pressure": pressure, "bulk_modulus": beta, "low": lower, "high": upper}
     out.heads = ("pressure", "bulk modulus by these steps alone", "95 %", "fitted", "profile", "steps")
     edges = np.quantile(rows.pressure[clear], np.linspace(0.0, 1.0, BINS + 1))
     table = []
@@ -254,17 +240,13 @@ def _draw(out: Outcome, found: Hydraulics, rows: _Rows, unit: Unit, low: float, 
         at, (value, least, most) = float(np.median(rows.pressure[inside])), rows.modulus(inside)
         table.append((at, value, least, most))
         fitted = float(over_pressure(found, np.array([at]))[0][0])
-        out.rows.append(
-            (f"{BAR * at:.3g} bar", f"{figure(BAR * value)} bar",
-             f"{figure(BAR * least)} … {figure(BAR * most)}",
-             f"{figure(BAR * fitted)} bar", f"{figure(BAR * modulus_at(unit.oil, at))} bar",
-             str(np.count_nonzero(inside)))
-        )  # fmt: skip
+        out.rows.append((
+            f"{BAR * at:.3g} bar", f"{figure(BAR * value)} bar",
+            f"{figure(BAR * least)} … {figure(BAR * most)}", f"{figure(BAR * fitted)} bar",
+            f"{figure(BAR * modulus_at(unit.oil, at))} bar", str(np.count_nonzero(inside)),
+        ))  # fmt: skip
     curves = [
-        {
-            **tr.band(BAR * pressure, BAR * (beta - band), BAR * (beta + band), "", tr.BLUE),
-            "legendgroup": "",
-        },
+        tr.band(BAR * pressure, BAR * lower, BAR * upper, "", tr.BLUE),
         curve_line(BAR * pressure, BAR * beta, "fitted", tr.BLUE),
         curve_line(BAR * pressure, BAR * profile, "profile", tr.VERMILLION, "dash"),
     ]

@@ -41,7 +41,7 @@ REST = 0.1
 
 
 @dataclass(frozen=True)
-class Estimate:
+class Empirical:
     """The estimate, its input's kind (periodic, chirp or other), whether to prefer it to Welch's, and why."""
 
     spectra: Spectra
@@ -195,7 +195,7 @@ def periodic_etfe(series: list[Series], period: float, rows: int) -> Spectra:
     return averaged(lines / (rows * period), own[lines], out[lines], cross[lines], count)
 
 
-def etfe(candidates: list[list[Series]], period: float, width_hz: float) -> Estimate:
+def etfe(candidates: list[list[Series]], period: float, width_hz: float) -> Empirical:
     """The estimate from the stretches that suit it best.
 
     Parameters
@@ -207,16 +207,18 @@ def etfe(candidates: list[list[Series]], period: float, width_hz: float) -> Esti
         found = [(s, r) for s in series if (r := repetition(s.given)) is not None]
         if found:
             rows = found[0][1][0]
-            alike = [replace(s, used=s.used & _inside(s, part)) for s, (lag, part) in found if lag == rows]
+            alike = []
+            for s, (_, part) in [(s, r) for s, r in found if r[0] == rows]:
+                row = np.arange(s.given.size)
+                alike.append(replace(s, used=s.used & (row >= part.start) & (row < part.stop)))
             spectra = periodic_etfe(alike, period, rows)
             if spectra.frequency.size >= LEAST_LINES:
                 seconds = sum(int(np.count_nonzero(s.used)) for s in alike) * period
-                return Estimate(spectra, "periodic", True, (
+                return Empirical(spectra, "periodic", True, (
                     f"The input repeats itself every {rows * period:.3g} s for {seconds:.3g} s: trust the "
-                    "ETFE of these, at the "
-                    f"{spectra.frequency.size} frequencies that it excites, where it has no bias and "
-                    "averages over periods; Welch's windows leak from line to line. Friction bends "
-                    "each period alike: that is in the curve, and not in its band."
+                    f"ETFE of these, at the {spectra.frequency.size} frequencies that it excites, where it "
+                    "has no bias and averages over periods; Welch's windows leak from line to line. "
+                    "Friction bends each period alike: that is in the curve, and not in its band."
                 ))  # fmt: skip
     for series in candidates:
         sweeps = [(s, band) for s in series if (band := swept(s.given, period)) is not None]
@@ -227,19 +229,14 @@ def etfe(candidates: list[list[Series]], period: float, width_hz: float) -> Esti
                 if all(_rests(s.given, period) for s, _ in sweeps)
                 else "It does not begin and end at one level: the transients at its ends stay in it."
             )
-            return Estimate(smoothed_etfe([s for s, _ in sweeps], period, width_hz), "chirp", True, (
+            return Empirical(smoothed_etfe([s for s, _ in sweeps], period, width_hz), "chirp", True, (
                 f"The input is a chirp, {low:.3g} to {high:.3g} Hz: trust the ETFE there, whose transform "
                 f"covers the whole sweep; Welch's windows cut it and leak. {ends}"
             ))  # fmt: skip
-    return Estimate(smoothed_etfe(candidates[0], period, width_hz), "other", False, (
+    return Empirical(smoothed_etfe(candidates[0], period, width_hz), "other", False, (
         "The input is neither periodic nor a chirp: trust Welch's estimate. The ETFE's variance does not "
         "fall with the length of the log; only its smoothing over frequency keeps it down."
     ))  # fmt: skip
-
-
-def _inside(series: Series, part: slice) -> NDArray[np.bool_]:
-    rows = np.arange(series.given.size)
-    return (rows >= part.start) & (rows < part.stop)
 
 
 def _rests(given: Array, period: float) -> bool:

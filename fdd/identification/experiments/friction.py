@@ -97,16 +97,13 @@ def friction(records: list[Record], unit: Unit) -> Outcome:
     if any(r.load is not None for r in records):
         out.notes.append("The measured load force was taken off.")
     out.notes.append(
-        "Force is pressures times areas less mass times acceleration over 40 ms of steady motion. "
-        "The Stribeck "
-        "exponent stays the profile's: a log does not tell it apart from the Stribeck velocity. Coefficients "
-        "trade off against each other; compare curves."
+        "Force is pressures times areas less mass times acceleration over 40 ms of steady motion. The "
+        "Stribeck exponent stays the profile's: a log does not tell it apart from the Stribeck velocity. "
+        "Coefficients trade off against each other; compare curves."
     )
     out.heads = ("direction", "speed", "friction", "95 %", "profile", "time")
-    for sign, name, centre, colour in (
-        (1.0, "forward", centres[0], tr.BLUE),
-        (-1.0, "reverse", centres[1], tr.VERMILLION),
-    ):
+    ways = ((1.0, "forward", tr.BLUE), (-1.0, "reverse", tr.VERMILLION))
+    for (sign, name, colour), centre in zip(ways, centres, strict=True):
         branch: FrictionBranch = getattr(unit.friction, name)
         _direction(out, motion, near_curve(motion, sign, branch, centre), branch, name, colour, area)
     return out
@@ -120,14 +117,9 @@ def binned(speed: Array, force: Array) -> tuple[Array, Array]:
 
 
 def _direction(
-    out: Outcome,
-    motion: Motion,
-    kept: NDArray[np.bool_],
-    base: FrictionBranch,
-    name: str,
-    colour: str,
+    out: Outcome, motion: Motion, kept: NDArray[np.bool_], base: FrictionBranch, name: str, colour: str,
     area: float,
-) -> None:
+) -> None:  # fmt: skip
     speed, force, block = motion.speed[kept], motion.force[kept], motion.block[kept]
     v, f = binned(speed, force)
     if v.size < LEAST_BINS:
@@ -153,9 +145,8 @@ def _direction(
     vague = []
     for n, std in zip(free, np.std(coefficients, axis=0), strict=True):
         shift = zero if UNITS[n] == "N" else 0.0
-        told = Told.normal(
-            f"{WORDS[n]}, {name}", getattr(fit, n), wide / 1.96 * float(np.hypot(std, shift)), UNITS[n]
-        )
+        spread = wide / 1.96 * float(np.hypot(std, shift))
+        told = Told.normal(f"{WORDS[n]}, {name}", getattr(fit, n), spread, UNITS[n])
         if told.high - told.value < SHARP * told.value:
             out.told.append(replace(told, note=f"profile {told.of(getattr(base, n))}"))
         else:
@@ -166,13 +157,8 @@ def _direction(
         ours = float(curve(base, np.array([vi]))[0])
         out.rows.append((name, f"{1e3 * vi:.3g} mm/s", f"{fi:.0f} N", f"{fi - hi:.0f} … {fi + hi:.0f} N",
                          f"{ours:.0f} N", f"{seconds:.1f} s"))  # fmt: skip
-    out.curves[name] = {
-        "speed": v,
-        "friction": on_curve,
-        "low": on_curve - half,
-        "high": on_curve + half,
-        "median": f,
-    }
+    interval = {"low": on_curve - half, "high": on_curve + half}
+    out.curves[name] = {"speed": v, "friction": on_curve, **interval, "median": f}
     fine = np.geomspace(0.7 * v[0], 1.2 * v[-1], 200)
     data = [cloud(1e3 * speed, force, "40 ms of motion", tr.GREY),
             points(1e3 * v, f, f - half, f + half, "medians, 95 %", colour),

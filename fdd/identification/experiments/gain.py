@@ -1,7 +1,8 @@
-"""Pump-to-piston gain over speed and pressure, and dead band (thesis 5.1, Table 6.1)."""
+"""Pump-to-piston gain over speed and pressure, dead band and lost motion (thesis 5.1, Table 6.1)."""
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -9,7 +10,7 @@ from numpy.typing import NDArray
 from scipy.stats import t as student
 
 from fdd.identification.experiments.outcome import Outcome, Told, axes, cloud, curve_line, points
-from fdd.identification.experiments.reversals import lost_motion
+from fdd.identification.least_squares import jackknife_std
 from fdd.identification.record import Record
 from fdd.identification.volume_steps import RELIEF_MARGIN
 from fdd.report import traces as tr
@@ -19,6 +20,8 @@ from fdd.unit import Unit
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
+RPM = 30.0 / np.pi
+"""Of a rad/s."""
 WINDOW = 0.2
 """s."""
 BLOCK = 10
@@ -39,6 +42,9 @@ MODEL = 5e-4
 LEAST_WINDOWS = 5
 LOADED = 5e5
 """Pa between the lowest and the highest pressures that slip needs."""
+LEAST_REVERSALS = 4
+LOOK = 0.5
+"""s after a reversal of the pump within which the piston must follow."""
 
 
 @dataclass(frozen=True)
@@ -85,38 +91,24 @@ def gain(records: list[Record], unit: Unit) -> Outcome:
     out = Outcome("gain", "Gain from pump to piston")
     w = _windows(records, unit)
     profile = unit.pump.displacement / unit.cylinder.area_1
-    out.heads = (
-        "direction",
-        "pump speed",
-        "pressure along it",
-        "velocity over pump speed",
-        "95 %",
-        "over profile",
-        "time",
-    )
+    out.heads = ("direction", "pump speed", "pressure along it", "velocity over pump speed", "95 %",
+                 "over profile", "time")  # fmt: skip
     for sign, name, colour in ((1.0, "forward", tr.BLUE), (-1.0, "reverse", tr.VERMILLION)):
         _direction(out, w, sign, name, colour, unit, profile)
-    lost_motion(out, records, unit)
+    _lost_motion(out, records, unit)
     out.notes.append(
-        "Means over 0.2 s, by the encoders, in which compression takes at most 2 % of the pumped "
-        "oil. Gain is the "
-        "slope of velocity over pump speed beside a slip in proportion to pressure, the profile's "
-        "where no load tells it."
+        "Means over 0.2 s, by the encoders, in which compression takes at most 2 % of the pumped oil. "
+        "Gain is the slope of velocity over pump speed beside a slip in proportion to pressure, the "
+        "profile's where no load tells it."
     )
     if out.figures:
         line = 1e-9 + np.array([-1.0, 1.0]) * float(np.abs(w.pump[w.steady]).max())
-        data = [
-            *(f.data[0] for f in out.figures),
-            curve_line(30.0 / np.pi * line, 1e3 * profile * line, "profile", tr.GREY, "dash"),
-        ]
+        along = curve_line(RPM * line, 1e3 * profile * line, "profile", tr.GREY, "dash")
+        data = [*(f.data.pop(0) for f in out.figures), along]
+        layout = axes("pump speed (rpm)")
         out.figures.insert(
-            0,
-            Figure(
-                "velocity", "Velocity over pump speed", data, axes("pump speed (rpm)"), "mm/s", "", 340, True
-            ),
+            0, Figure("velocity", "Velocity over pump speed", data, layout, "mm/s", "", 340, True)
         )
-        for f in out.figures[1:]:
-            del f.data[0]
     return out
 
 
@@ -141,19 +133,13 @@ def _windows(records: list[Record], unit: Unit) -> _Windows:
             np.abs(turned) < 0.02 * unit.drive.max_speed * WINDOW
         )
         span = n * r.period
-        parts.append(
-            np.column_stack([turned / span, moved / span, mean, steady, 10_000 * k + starts // (n * BLOCK)])
-        )
-    table = np.concatenate(parts)
-    return _Windows(table[:, 0], table[:, 1], table[:, 2], table[:, 3] > 0.5, table[:, 4].astype(np.int64))
+        parts.append((turned / span, moved / span, mean, steady, 10_000 * k + starts // (n * BLOCK)))
+    return _Windows(*(np.concatenate(columns) for columns in zip(*parts, strict=True)))
 
 
 def _jackknifed(parts: Array) -> Array:
     """Half widths of 95 % intervals from estimates that each lack one group."""
-    n = len(parts)
-    return np.asarray(
-        student.ppf(0.975, n - 1) * np.sqrt((n - 1) / n * np.sum((parts - parts.mean(axis=0)) ** 2, axis=0))
-    )
+    return np.asarray(student.ppf(0.975, len(parts) - 1) * jackknife_std(parts))
 
 
 def _direction(
@@ -176,12 +162,10 @@ def _direction(
         # The pump moves oil, not volume: its ports' mean density is less than the driven chamber's.
         slipped = slipped + profile * pump * pressure / (2.0 * unit.oil.bulk_modulus)
         m = np.column_stack([pump, *([-pressure] if loaded else [])])
-        scale = np.abs(m[fast]).max(axis=0)
+        scale, met = np.abs(m[fast]).max(axis=0), velocity + slipped
 
         def solve(rows: Mask) -> Array:
-            return np.asarray(
-                np.linalg.lstsq((m / scale)[rows], (velocity + slipped)[rows], rcond=None)[0] / scale
-            )
+            return np.asarray(np.linalg.lstsq((m / scale)[rows], met[rows], rcond=None)[0] / scale)
 
         whole = solve(fast)
         half = _jackknifed(np.array([solve(fast & (group != g)) for g in np.unique(group[fast])]))
@@ -189,12 +173,12 @@ def _direction(
         open_slip = 1.96 / 3.0 * float(np.mean(slipped[fast])) / float(np.mean(pump[fast]))
         reach = float(np.sqrt(half[0] ** 2 + (1.96 * MODEL * value) ** 2 + open_slip**2))
         beside = f"profile {2e3 * np.pi * profile:.4g} mm/turn, this is {100 * (value / profile - 1):+.2f} %"
-        out.told.append(Told(f"gain, {name}", value, value - reach, value + reach, "m/rad", beside))
+        out.told.append(Told.within(f"gain, {name}", value, reach, "m/rad", beside))
         if loaded:
             slip = whole[1] * unit.cylinder.area_1
             slip_reach = float(np.hypot(half[1] * unit.cylinder.area_1, 1.96 * SLIP_MODEL * slip))
-            out.told.append(Told(f"slip, {name}", slip, slip - slip_reach, slip + slip_reach, "m^3/(s*Pa)",
-                                 f"profile's ξ + C_ep: {6e12 * holding:.3g} mL/min/bar"))  # fmt: skip
+            beside = f"profile's ξ + C_ep: {holding:.3g} m³/(s·Pa)"
+            out.told.append(Told.within(f"slip, {name}", slip, slip_reach, "m^3/(s*Pa)", beside))
         else:
             out.not_told.append(
                 f"Slip over pressure, {name}: the pressures at speed differ by less than "
@@ -208,11 +192,8 @@ def _table(
     out: Outcome, w: _Windows, sign: float, name: str, colour: str, top: float, profile: float
 ) -> None:
     """Efficiency by speed and pressure."""
-    pump, ratio, pressure = (
-        sign * w.pump,
-        w.velocity / np.where(w.pump == 0.0, np.nan, w.pump),
-        sign * w.pressure,
-    )
+    pump, pressure = sign * w.pump, sign * w.pressure
+    ratio = w.velocity / np.where(w.pump == 0.0, np.nan, w.pump)
     moving = w.steady & (sign * w.velocity > SLIDING * profile * pump) & (pump > 0.0)
     xs, ys, reaches = [], [], []
     for a, b in zip(SPEEDS[:-1] * top, SPEEDS[1:] * top, strict=True):
@@ -230,52 +211,32 @@ def _table(
             xs.append(float(np.median(pump[rows])))
             ys.append(value / profile)
             reaches.append(reach / profile)
-            out.rows.append(
-                (
-                    name,
-                    f"{30 / np.pi * xs[-1]:.0f} rpm",
-                    f"{np.median(pressure[rows]) / 1e5:.1f} bar",
-                    f"{2e3 * np.pi * value:.4g} mm/turn",
-                    f"{2e3 * np.pi * (value - reach):.4g} … {2e3 * np.pi * (value + reach):.4g}",
-                    f"{100 * value / profile:.1f} %",
-                    f"{WINDOW * np.count_nonzero(rows):.1f} s",
-                )
-            )
+            least, most = (2e3 * np.pi * (value + side) for side in (-reach, reach))
+            out.rows.append((
+                name, f"{RPM * xs[-1]:.0f} rpm", f"{np.median(pressure[rows]) / 1e5:.1f} bar",
+                f"{2e3 * np.pi * value:.4g} mm/turn", f"{least:.4g} … {most:.4g}",
+                f"{100 * value / profile:.1f} %", f"{WINDOW * np.count_nonzero(rows):.1f} s",
+            ))  # fmt: skip
     if not xs:
         return
     x, y, band = (np.array(v) for v in (xs, ys, reaches))
     out.curves[name] = {"pump_speed": x, "over_profile": y, "low": y - band, "high": y + band}
     data = [
-        cloud(30 / np.pi * w.pump[moving], 1e3 * w.velocity[moving], name, colour),
-        points(30 / np.pi * x, 100 * y, 100 * (y - band), 100 * (y + band), "means, 95 %", colour),
+        cloud(RPM * w.pump[moving], 1e3 * w.velocity[moving], name, colour),
+        points(RPM * x, 100 * y, 100 * (y - band), 100 * (y + band), "means, 95 %", colour),
     ]
-    out.figures.append(
-        Figure(
-            name,
-            f"Volumetric efficiency, {name}",
-            data,
-            axes("pump speed (rpm)"),
-            "%",
-            "over the profile's gain; two at a speed: low and high pressure",
-            300,
-        )
-    )
+    note = "over the profile's gain; two at a speed: low and high pressure"
+    layout = axes("pump speed (rpm)")
+    out.figures.append(Figure(name, f"Volumetric efficiency, {name}", data, layout, "%", note, 300))
 
 
 def _dead(
-    out: Outcome,
-    slow: Mask,
-    pump: Array,
-    velocity: Array,
-    group: NDArray[np.int64],
-    name: str,
+    out: Outcome, slow: Mask, pump: Array, velocity: Array, group: NDArray[np.int64], name: str,
     profile: float,
-) -> None:
+) -> None:  # fmt: skip
     slides = slow & (velocity > SLIDING * profile * pump)
-    told = np.count_nonzero(slides) >= 2 * LEAST_WINDOWS and np.ptp(pump[slides]) > 0.5 * np.median(
-        pump[slides]
-    )
-    groups = np.unique(group[slides])
+    enough, speeds = np.count_nonzero(slides) >= 2 * LEAST_WINDOWS, pump[slides]
+    told, groups = enough and np.ptp(speeds) > 0.5 * np.median(speeds), np.unique(group[slides])
     if not told or groups.size < 3 or np.count_nonzero(slow & ~slides) < 2:
         out.not_told.append(
             f"Dead band {name}: it needs slow pump speeds at which the piston stands and several at "
@@ -284,13 +245,59 @@ def _dead(
         return
     value = dead_band(pump, velocity, slides)
     half = float(_jackknifed(np.array([dead_band(pump, velocity, slides & (group != g)) for g in groups])))
-    out.told.append(
-        Told(
-            f"dead band of the piston, {name}",
-            value,
-            value - half,
-            value + half,
-            "rad/s",
-            f"{1e3 * profile * value:.2g} mm/s; leakage under the friction's pressure is in it",
+    note = f"{1e3 * profile * value:.2g} mm/s; leakage under the friction's pressure is in it"
+    out.told.append(Told.within(f"dead band of the piston, {name}", value, half, "rad/s", note))
+
+
+def _lost_motion(out: Outcome, records: list[Record], unit: Unit) -> None:
+    """Pump angle from its reversals until the piston follows, less what creep, oil and leakage take."""
+    found = np.array([both for r in records for both in _reversals(r, unit)]).reshape(-1, 2)
+    count = len(found)
+    if count < LEAST_REVERSALS:
+        out.not_told.append(
+            f"Backlash: the pump turns round at speed {count} times, {LEAST_REVERSALS} times are needed."
         )
-    )
+        return
+    lost, taken = found.T
+    rest, spread = lost - taken, float(student.ppf(0.975, count - 1)) / np.sqrt(count)
+    half = spread * float(lost.std(ddof=1))
+    quantity = "pump turns from its reversal until the piston follows"
+    out.told.append(Told.within(quantity, float(lost.mean()), half, "rad", f"{count} reversals"))
+    # The profile's compressibility is known to a quarter at best where the pressure passes the charge.
+    oil = float(np.mean(taken))
+    half = float(np.hypot(spread * rest.std(ddof=1), 0.25 * abs(oil)))
+    if rest.mean() > half:
+        beside = f"the other {np.degrees(oil):.3g}° are creep, oil compressed and leaked, by the profile"
+        out.told.append(Told.within("backlash among it", float(rest.mean()), half, "rad", beside))
+    else:
+        out.not_told.append(
+            f"Backlash: less than {np.degrees(max(rest.mean(), 0.0) + half):.3g}° of the pump, which "
+            "the oil's compression hides."
+        )
+
+
+def _reversals(r: Record, unit: Unit) -> Iterator[tuple[float, float]]:
+    """At each reversal the pump's angle (rad) until the piston follows, and what of it the profile says."""
+    cylinder, pump = unit.cylinder, unit.pump
+    profile, least = pump.displacement / cylinder.area_1, 0.01 * unit.drive.max_speed
+    v, w = r.speeds(0.01)
+    calm, n = r.smooth(w, 0.05), r.rows(LOOK)
+    for start in np.flatnonzero(np.sign(calm[1:]) != np.sign(calm[:-1])) + 1:
+        before, ahead = slice(start - n // 2, start - n // 10), slice(start, start + n)
+        if start < n or start + n > len(r) or r.gap[start - n // 2 : start + n].any():
+            continue
+        sign = np.sign(calm[start])
+        turns = np.all(-sign * calm[before] >= least) and np.all(sign * calm[ahead] >= 0.0)
+        follows = np.flatnonzero(sign * v[ahead] > 0.8 * profile * np.abs(w[ahead]) + 1e-4)
+        if sign * v[start] > 1e-4 or not turns or follows.size == 0:
+            continue
+        stop = start + int(follows[0])
+        # Of the chamber that the pump now fills.
+        filled = (r.pressure_1, cylinder.volume_1) if sign > 0.0 else (r.pressure_2, cylinder.volume_2)
+        level, volume = r.smooth(filled[0], 0.01), filled[1]
+        compressed = volume * (level[stop] - level[start]) / unit.oil.bulk_modulus
+        drop = float(np.sum(sign * (r.pressure_1 - r.pressure_2)[start:stop]))
+        leaked = (pump.cross_port_leakage + pump.case_leakage) * r.period * drop
+        moved = sign * (r.position[stop] - r.position[start])
+        explained = moved / profile + (compressed + leaked) / pump.displacement
+        yield sign * (r.angle[stop] - r.angle[start]), explained

@@ -12,7 +12,7 @@ from fdd.data_sheet.efficiency import volumetric_efficiency
 from fdd.identification.balance import GROUPS, LEAST_ROWS, fit_theta
 from fdd.identification.experiments.outcome import Outcome, Told, axes, cloud, curve_line, points
 from fdd.identification.identify import LEAKAGE_SHARP
-from fdd.identification.log_balances import LogBalances
+from fdd.identification.least_squares import huber, jackknife_std
 from fdd.identification.record import Record
 from fdd.identification.sensors import redundancy_offset
 from fdd.identification.volume_steps import (
@@ -24,6 +24,7 @@ from fdd.identification.volume_steps import (
     DISPLACEMENT,
     STEPS,
     STIFF,
+    LogBalances,
     VolumeSteps,
     leakage_scale,
 )  # fmt: skip
@@ -45,6 +46,8 @@ USUAL_ZERO = 3.0e3
 MODEL = 0.01
 """Of the leak flow: what the volume balance itself leaves out."""
 PRESSURES = 12
+LIMIT = 4.0
+"""Robust standard deviations from which a step counts less."""
 
 
 class _Rows:
@@ -54,10 +57,8 @@ class _Rows:
         longest = steps.seconds == STEPS[-1]
         m, seconds = steps.m[longest], steps.seconds[longest]
         # Case leakage in the profile's proportion: few logs tell both apart.
-        total = unit.pump.total_leakage
-        cross, share = (
-            (unit.pump.cross_port_leakage / total, unit.pump.case_leakage / total) if total else (1.0, 0.0)
-        )
+        pump, total = unit.pump, unit.pump.total_leakage
+        cross, share = (pump.cross_port_leakage / total, pump.case_leakage / total) if total else (1.0, 0.0)
         laminar = cross * m[:, CROSS] + share * m[:, CASE]
         others = [AREA_2, STIFF, AIR]
         known = m[:, others] @ theta[others]
@@ -77,20 +78,14 @@ class _Rows:
         use = np.ones(self.block.size, bool) if rows is None else rows
         m, y, block = self.design(orifice=orifice)[use], self.arrived[use], self.block[use]
         scale = np.abs(m).max(axis=0)
-        whole, weights = robust(m / scale, y)
+        whole, weights = huber(m / scale, y, LIMIT)
         group = np.unique(block, return_inverse=True)[1] % GROUPS
-        parts = np.array(
-            [
-                np.linalg.lstsq(
-                    (m / scale * weights[:, None])[group != g], (y * weights)[group != g], rcond=None
-                )[0]
-                for g in np.unique(group)
-            ]
-        )
-        n = len(parts)
-        spread = np.sqrt((n - 1) / n * np.sum((parts - parts.mean(axis=0)) ** 2, axis=0))
-        stretch = float(student.ppf(0.975, max(n - 1, 1))) / 1.96
-        return whole / scale, stretch * spread / scale
+        weighted, target = m / scale * weights[:, None], y * weights
+        parts = np.array([
+            np.linalg.lstsq(weighted[group != g], target[group != g], rcond=None)[0] for g in np.unique(group)
+        ])  # fmt: skip
+        stretch = float(student.ppf(0.975, max(len(parts) - 1, 1))) / 1.96
+        return whole / scale, stretch * jackknife_std(parts) / scale
 
 
 def zero_share(records: list[Record]) -> float:
@@ -127,20 +122,19 @@ def leakage(records: list[Record], unit: Unit) -> Outcome:
     if high - low < LEAST_PRESSURE or std > LEAKAGE_SHARP * abs(gain[1]):
         out.not_told.append(
             f"Leakage: pressures run from {low / 1e5:.2g} to {high / 1e5:.2g} bar and give "
-            f"{6e12 * gain[1]:.3g} ± {2 * 6e12 * std:.2g} mL/min/bar. Load the actuator, e.g. by throttling."
+            f"{gain[1]:.3g} ± {2 * std:.2g} m³/(s·Pa). Load the actuator, e.g. by throttling."
         )
         return out
     out.told.append(Told.normal("leakage coefficient, straight line", gain[1], std, "m^3/(s*Pa)",
-                                f"profile {6e12 * profile:.4g} mL/min/bar"))  # fmt: skip
+                                f"profile {profile:.4g} m³/(s·Pa)"))  # fmt: skip
     out.told.append(Told.normal("leak flow at the highest pressure", gain[1] * high, std * high, "m^3/s",
                                 f"at {high / 1e5:.3g} bar"))  # fmt: skip
     _efficiency(out, rows, unit, high, gain, std)
     both = _orifice(out, rows, low, high, zero)
     _over_temperature(out, rows, unit, reference, records)
     out.notes.append(
-        f"Total leakage (cross-port and half of the case leakage, thesis eq. 3.50) at {reference:.0f} "
-        "°C, split as "
-        "in the profile; leakage beside it, pump displacement was fitted: it is "
+        f"Total leakage (cross-port and half of the case leakage, thesis eq. 3.50) at {reference:.0f} °C, "
+        "split as in the profile; leakage beside it, pump displacement was fitted: it is "
         f"{100 * gain[0]:.2f} % of the profile's. Intervals hold the pressure sensors' zeros."
     )
     _draw(out, rows, np.append(gain, 0.0) if both is None else both, profile)
@@ -165,24 +159,11 @@ def _steps(logs: LogBalances, unit: Unit) -> tuple[VolumeSteps, Array]:
     parts = logs.parts(unit)
     temperatures = []
     for record, part in zip(logs.records, parts, strict=True):
-        if record.temperature is None:
-            temperatures.append(np.full(part.y.size, np.nan))
-        else:
-            middle = (part.block + 0.5) * BLOCK / record.period
-            temperatures.append(
-                np.interp(middle, np.arange(len(record)), record.smooth(record.temperature, 5.0))
-            )
+        known = record.temperature
+        smooth = np.full(len(record), np.nan) if known is None else record.smooth(known, 5.0)
+        middle = (part.block + 0.5) * BLOCK / record.period
+        temperatures.append(np.interp(middle, np.arange(len(record)), smooth))
     return VolumeSteps.join(parts), np.concatenate(temperatures)
-
-
-def robust(m: Array, y: Array) -> tuple[Array, Array]:
-    """Least squares with a Huber loss, and the square roots of its weights."""
-    weights = np.ones(y.size)
-    for _ in range(10):
-        theta = np.linalg.lstsq(m * weights[:, None], y * weights, rcond=None)[0]
-        residual = np.abs(y - m @ theta)
-        weights = np.sqrt(np.minimum(1.0, 4.0 * 1.4826 * np.median(residual) / np.maximum(residual, 1e-30)))
-    return np.asarray(theta), weights
 
 
 def _orifice(out: Outcome, rows: _Rows, low: float, high: float, zero: float) -> Array | None:
@@ -226,15 +207,9 @@ def _over_temperature(out: Outcome, rows: _Rows, unit: Unit, reference: float, r
         middle = float(np.median(t[rows_of]))
         # What the steps carry is referred to one temperature; this takes it back to its own.
         thinner = float(viscosity(unit.oil, np.array(reference)) / viscosity(unit.oil, np.array(middle)))
-        value, half = 6e12 * found[1] * thinner, 1.96 * 6e12 * std[1] * thinner
-        out.rows.append(
-            (
-                f"{middle:.1f} °C",
-                f"{value:.3g} mL/min/bar",
-                f"{value - half:.3g} … {value + half:.3g}",
-                f"× {thinner:.3g}",
-            )
-        )
+        value, half = found[1] * thinner, 1.96 * std[1] * thinner
+        interval = f"{value - half:.3g} … {value + half:.3g}"
+        out.rows.append((f"{middle:.1f} °C", f"{value:.3g} m³/(s·Pa)", interval, f"× {thinner:.3g}"))
 
 
 def _draw(out: Outcome, rows: _Rows, gain: Array, profile: float) -> None:
@@ -253,32 +228,19 @@ def _draw(out: Outcome, rows: _Rows, gain: Array, profile: float) -> None:
         if np.count_nonzero(inside) < 5:
             continue
         means = [np.mean(beside[inside & (rows.block == b)]) for b in np.unique(rows.block[inside])]
+        free = max(len(means) - 1, 1)
         p.append(np.median(rows.pressure[inside]))
         q.append(fitted(p[-1]) + np.mean(means))
-        half.append(
-            student.ppf(0.975, max(len(means) - 1, 1)) * np.std(means) / np.sqrt(max(len(means) - 1, 1))
-        )
+        half.append(student.ppf(0.975, free) * np.std(means) / np.sqrt(free))
     pressure, flow, reach = (np.array(x) for x in (p, q, half))
-    out.curves["leak_flow"] = {"pressure": pressure, "flow": flow, "low": flow - reach, "high": flow + reach}
     line = np.linspace(min(float(rows.pressure.min()), 0.0), float(rows.pressure.max()), 60)
+    low, high = flow - reach, flow + reach
+    out.curves["leak_flow"] = {"pressure": pressure, "flow": flow, "low": low, "high": high}
     data = [
         cloud(1e-5 * rows.pressure, 6e7 * leak, "steps of 0.2 s", tr.GREY),
-        points(
-            1e-5 * pressure, 6e7 * flow, 6e7 * (flow - reach), 6e7 * (flow + reach), "means, 95 %", tr.BLUE
-        ),
+        points(1e-5 * pressure, 6e7 * flow, 6e7 * low, 6e7 * high, "means, 95 %", tr.BLUE),
         curve_line(1e-5 * line, 6e7 * fitted(line), "fitted", tr.BLUE),
         curve_line(1e-5 * line, 6e7 * profile * line, "profile", tr.VERMILLION, "dash"),
     ]
-    layout = axes("pressure that drives it (bar)")
-    out.figures.append(
-        Figure(
-            "leakage",
-            "Leak flow",
-            data,
-            layout,
-            "mL/min",
-            "less compression, by the volume balance",
-            380,
-            True,
-        )
-    )
+    layout, note = axes("pressure that drives it (bar)"), "less compression, by the volume balance"
+    out.figures.append(Figure("leakage", "Leak flow", data, layout, "mL/min", note, 380, True))

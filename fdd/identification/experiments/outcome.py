@@ -18,7 +18,7 @@ Array = NDArray[np.float64]
 NORMAL_95 = 1.96
 """Standard deviations either side that hold 95 %."""
 SHOWN = {
-    "m^3/rad": (2e6 * pi, "cm³/turn"), "m^3/(s*Pa)": (6e12, "mL/min/bar"), "Pa": (1e-5, "bar"),
+    "m^3/rad": (2e6 * pi, "cm³/turn"), "m^3/(s*Pa)": (1e12, "1e-12 m³/(s·Pa)"), "Pa": (1e-5, "bar"),
     "m^3": (1e6, "cm³"), "m^2": (1e4, "cm²"), "degC": (1.0, "°C"), "1": (1.0, ""),
     "m^3/s": (6e7, "mL/min"), "m/s": (1e3, "mm/s"), "m/rad": (2e3 * pi, "mm/turn"), "N*s/m": (1.0, "N·s/m"),
     "rad": (180.0 / pi, "°"), "rad/s": (30.0 / pi, "rpm"), "Pa*s/rad": (1e-5 * pi / 30.0, "bar/rpm"),
@@ -53,7 +53,12 @@ class Told:
     @staticmethod
     def normal(quantity: str, value: float, std: float, unit: str, note: str = "") -> Told:
         """With an interval of so many standard deviations."""
-        return Told(quantity, value, value - NORMAL_95 * std, value + NORMAL_95 * std, unit, note)
+        return Told.within(quantity, value, NORMAL_95 * std, unit, note)
+
+    @staticmethod
+    def within(quantity: str, value: float, half: float, unit: str, note: str = "") -> Told:
+        """With an interval of `half` on either side."""
+        return Told(quantity, value, value - half, value + half, unit, note)
 
     def of(self, value: float) -> str:
         """Another value of the same quantity, as people read it."""
@@ -66,7 +71,7 @@ class Told:
         Examples
         --------
         >>> Told.normal("leakage", 6.5e-12, 1e-13, "m^3/(s*Pa)").shown()
-        ('39', '37.82 … 40.18', 'mL/min/bar', '')
+        ('6.5', '6.304 … 6.696', '1e-12 m³/(s·Pa)', '')
         """
         factor, unit = SHOWN.get(self.unit, (1.0, self.unit))
         value, low, high = (figure(factor * x) for x in (self.value, self.low, self.high))
@@ -121,36 +126,25 @@ def _plain(values: Any) -> Any:
 
 def points(x: Array, y: Array, low: Array, high: Array, name: str, colour: str) -> tr.Trace:
     """Points with their intervals, already in the units of the figure."""
-    bars = {
-        "type": "data",
-        "symmetric": False,
-        "array": tr.packed(high - y),
-        "arrayminus": tr.packed(y - low),
-        "thickness": 1.2,
-        "width": 3,
-    }
-    return {"type": "scatter", "mode": "markers", "name": name, "x": tr.packed(x), "y": tr.packed(y),
-            "error_y": bars, "marker": {"color": colour, "size": 6}}  # fmt: skip
+    reach = {"array": tr.packed(high - y), "arrayminus": tr.packed(y - low)}
+    bars = {"type": "data", "symmetric": False, **reach, "thickness": 1.2, "width": 3}
+    marker = {"color": colour, "size": 6}
+    return tr.scatter(tr.packed(x), tr.packed(y), name, mode="markers", error_y=bars, marker=marker)
 
 
 def cloud(x: Array, y: Array, name: str, colour: str, most: int = 3000) -> tr.Trace:
     """Many small points, at most `most` of them."""
     kept = slice(None, None, max(-(-x.size // most), 1))
-    return {
-        "type": "scatter",
-        "mode": "markers",
-        "name": name,
-        "x": tr.packed(x[kept]),
-        "y": tr.packed(y[kept]),
-        "marker": {"color": colour, "size": 3, "opacity": 0.35},
-        "hoverinfo": "skip",
-    }
+    marker = {"color": colour, "size": 3, "opacity": 0.35}
+    return tr.scatter(
+        tr.packed(x[kept]), tr.packed(y[kept]), name, mode="markers", marker=marker, hoverinfo="skip"
+    )
 
 
 def curve_line(x: Array, y: Array, name: str, colour: str, dash: str = "solid") -> tr.Trace:
     """A line through all its points."""
-    return {"type": "scatter", "mode": "lines", "name": name, "x": tr.packed(x), "y": tr.packed(y),
-            "line": {"color": colour, "width": 1.8, "dash": dash}}  # fmt: skip
+    style = {"color": colour, "width": 1.8, "dash": dash}
+    return tr.scatter(tr.packed(x), tr.packed(y), name, line=style)
 
 
 def axes(x: str, **more: Any) -> dict[str, Any]:

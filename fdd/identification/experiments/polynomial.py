@@ -206,18 +206,13 @@ def _lagged(values: Array, count: int, first: int) -> Array:
     return np.asarray(toeplitz(late, np.zeros(count)))
 
 
-def _least_squares(series: list[Series], columns: list[Array]) -> Array:
-    used = np.concatenate([c[s.used] for c, s in zip(columns, series, strict=True)])
-    return np.asarray(
-        np.linalg.lstsq(used, np.concatenate([s.caused[s.used] for s in series]), rcond=None)[0]
-    )
-
-
 def _arx(series: list[Series], order: int, delay: int) -> Array:
-    return _least_squares(
-        series,
-        [np.hstack([-_lagged(s.caused, order, 1), _lagged(s.given, order + 1, delay)]) for s in series],
-    )
+    """(2·order + 1,) coefficients a and b, by linear least squares."""
+    rows = [
+        np.hstack([-_lagged(s.caused, order, 1), _lagged(s.given, order + 1, delay)])[s.used] for s in series
+    ]
+    wanted = np.concatenate([s.caused[s.used] for s in series])
+    return np.asarray(np.linalg.lstsq(np.concatenate(rows), wanted, rcond=None)[0])
 
 
 def _start(series: list[Series], structure: str, order: int, delay: int) -> Array:
@@ -229,10 +224,8 @@ def _start(series: list[Series], structure: str, order: int, delay: int) -> Arra
         return np.concatenate([theta, np.zeros(few)])
     for _ in range(10):
         bottom = _reflected(np.concatenate([[1.0], theta[:order]]))
-        filtered = [
-            Series(lfilter([1.0], bottom, s.given), lfilter([1.0], bottom, s.caused), s.used) for s in series
-        ]
-        theta = _arx(filtered, order, delay)
+        smooth = [(lfilter([1.0], bottom, s.given), lfilter([1.0], bottom, s.caused)) for s in series]
+        theta = _arx([Series(*x, s.used) for x, s in zip(smooth, series, strict=True)], order, delay)
     f = _reflected(np.concatenate([[1.0], theta[:order]]))[1:]
     return np.concatenate([theta[order:], np.zeros(2 * few if structure == "BJ" else 0), f])
 

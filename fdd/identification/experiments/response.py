@@ -60,12 +60,11 @@ class Tested:
     def poles_text(self) -> str:
         """Natural frequencies and damping, pairs once."""
         facts, n = self.model.facts(), self.model.order
-        words = []
-        for hz, zeta in dict.fromkeys(zip(facts[1 : n + 1].round(2), facts[n + 1 :].round(3), strict=True)):
-            words.append(
-                "none" if np.isnan(hz) else f"{hz:.3g} Hz" + (f" (ζ {zeta:.2g})" if zeta < 1.0 else "")
-            )
-        return ", ".join(words)
+        once = dict.fromkeys(zip(facts[1 : n + 1].round(2), facts[n + 1 :].round(3), strict=True))
+        return ", ".join(
+            "none" if np.isnan(hz) else f"{hz:.3g} Hz" + (f" (ζ {zeta:.2g})" if zeta < 1.0 else "")
+            for hz, zeta in once
+        )
 
 
 def decibel(response: NDArray[np.complex128] | Array) -> Array:
@@ -79,14 +78,9 @@ def degrees(response: NDArray[np.complex128]) -> Array:
 
 
 def frequency_response(
-    records: list[Record],
-    unit: Unit,
-    *,
-    given: str = "pump_speed",
-    caused: str = "rate",
-    order: int | None = None,
-    window_s: float = 1.0,
-) -> Outcome:
+    records: list[Record], unit: Unit, *, given: str = "pump_speed", caused: str = "rate",
+    order: int | None = None, window_s: float = 1.0,
+) -> Outcome:  # fmt: skip
     """Identify the response of `caused` to `given`.
 
     Parameters
@@ -116,9 +110,9 @@ def frequency_response(
     best = min(close, key=lambda t: (t.model.order, t.model.bic))
     if best.fit < LEAST_FIT or np.isnan(_told_up_to(spectra)):
         out.not_told.append(
-            f"The response: the best model simulates {100 * max(best.fit, 0.0):.0f} % of the held-out "
-            "half, and a "
-            "linear model says little of this log. Record a chirp or binary noise about a constant speed."
+            f"The response: the best model simulates {100 * max(best.fit, 0.0):.0f} % of the held-out half, "
+            "and a linear model says little of this log. Record a chirp or binary noise about a constant "
+            "speed."
         )
     else:
         hydraulic = given == "pump_speed" and caused != "pressure_difference"
@@ -141,10 +135,8 @@ def frequency_response(
 
 
 def _test(model: Model, held_out: list[Series]) -> Tested:
-    left, errors = [], []
-    for s in held_out:
-        left.append((s.caused - model.simulate(s.given))[s.used])
-        errors.append(np.where(s.used, model.errors(s), np.nan))
+    left = [(s.caused - model.simulate(s.given))[s.used] for s in held_out]
+    errors = [np.where(s.used, model.errors(s), np.nan) for s in held_out]
     rho, pairs = masked_autocorrelation(errors, LAGS)
     whole = np.concatenate([s.caused[s.used] for s in held_out])
     fit = 1.0 - float(np.var(np.concatenate(left)) / np.var(whole))
@@ -175,13 +167,12 @@ def _tell(out: Outcome, best: Tested, held_out: list[Series], natural: float | N
             out.told.append(Told.normal("its damping ratio", zeta[k], zeta_std[k], "1"))
         elif k not in pairs and k - 1 not in pairs and hz[k] > 2.0 * NORMAL_95 * hz_std[k]:
             out.told.append(Told.normal("corner of a real pole", hz[k], hz_std[k], "Hz"))
-    for k in pairs:
-        if k not in seen:
-            out.not_told.append(
-                f"The pole pair at {hz[k]:.3g} Hz: the model simulates less than half of what the "
-                "held-out output "
-                "holds about that frequency."
-            )
+    out.not_told += [
+        f"The pole pair at {hz[k]:.3g} Hz: the model simulates less than half of what the held-out output "
+        "holds about that frequency."
+        for k in pairs
+        if k not in seen
+    ]
     if natural is not None and not seen:
         out.not_told.append(f"The hydraulic natural frequency, {natural:.3g} Hz by the profile.")
 
@@ -208,14 +199,13 @@ def _judge(out: Outcome, series: list[Series], best: Tested, spectra: Spectra, s
     if best.p_white < 0.01:
         out.notes.append(
             f"The {best.model.structure} model's errors are not white (autocorrelation up to "
-            f"{best.worst:.2f}): "
-            "something is left that a linear model of this order does not say. The intervals allow for it."
+            f"{best.worst:.2f}): something is left that a linear model of this order does not say. The "
+            "intervals allow for it."
         )
     if standing > STANDING:
         out.notes.append(
-            f"The piston hardly moves in {100 * standing:.0f} % of the time: then its friction is in "
-            "the response. "
-            "A test signal about a constant speed leaves it out."
+            f"The piston hardly moves in {100 * standing:.0f} % of the time: then its friction is in the "
+            "response. A test signal about a constant speed leaves it out."
         )
     seconds = sum(s.given.size for s in series) * best.model.period
     out.notes.append(
@@ -248,16 +238,8 @@ def _bandwidth(out: Outcome, name: str, found: Spectra, unit: str) -> tuple[str,
             "not surely fall 3 dB below its lowest octave's."
         )
         return f"{shown[0]} {shown[2]}", "–" if np.isnan(value) else f"{value:.3g} Hz?"
-    out.told.append(
-        Told(
-            f"-3 dB bandwidth by {name}",
-            value,
-            float(above[-1]),
-            high,
-            "Hz",
-            f"below the level at {f[0]:.2g} Hz",
-        )
-    )
+    note = f"below the level at {f[0]:.2g} Hz"
+    out.told.append(Told(f"-3 dB bandwidth by {name}", value, float(above[-1]), high, "Hz", note))
     return f"{shown[0]} {shown[2]}", f"{value:.3g} Hz"
 
 
@@ -267,35 +249,19 @@ def _row(t: Tested, best: Tested, unit: str, frequency: Array) -> tuple[str, ...
     corner = half_power_frequency(fine, np.abs(m.at(fine)), abs(m.facts()[0]))
     gain = Told.normal("", m.facts()[0], m.facts_std()[0], unit).shown()
     return (
-        m.structure + (" (chosen)" if t is best else ""),
-        str(m.order),
-        f"{1e3 * m.delay * m.period:.3g} ms",
-        f"{100 * t.fit:.1f} %",
-        "white" if t.p_white >= 0.01 else f"ρ to {t.worst:.2f}",
-        f"{m.bic:.0f}",
-        f"{gain[0]} {gain[2]}",
-        "–" if np.isnan(corner) else f"{corner:.3g} Hz",
-        t.poles_text(),
-    )
-
-
-def shade(frequency: Array, low: Array, high: Array, colour: str) -> dict[str, Any]:
-    """A band of its own: grouped with its line it would stack the legend."""
-    return {**tr.band(frequency, low, high, "", colour), "legendgroup": ""}
+        m.structure + (" (chosen)" if t is best else ""), str(m.order), f"{1e3 * m.delay * m.period:.3g} ms",
+        f"{100 * t.fit:.1f} %", "white" if t.p_white >= 0.01 else f"ρ to {t.worst:.2f}", f"{m.bic:.0f}",
+        f"{gain[0]} {gain[2]}", "–" if np.isnan(corner) else f"{corner:.3g} Hz", t.poles_text(),
+    )  # fmt: skip
 
 
 def _draw(
-    out: Outcome,
-    measured: dict[str, Spectra],
-    tested: list[Tested],
-    best: Tested,
-    natural: float,
-    name: str,
-    *,
-    integrate: bool,
-) -> None:
-    magnitude: list[Any] = []
-    angle: list[Any] = []
+    out: Outcome, measured: dict[str, Spectra], tested: list[Tested], best: Tested, natural: float,
+    name: str, *, integrate: bool,
+) -> None:  # fmt: skip
+    magnitude: list[tr.Trace] = []
+    angle: list[tr.Trace] = []
+    coherence: list[tr.Trace] = []
     for label, key, colour in (("Welch", "measured", tr.BLUE), ("ETFE", "etfe", tr.GREY)):
         found = measured[label]
         f = found.frequency
@@ -306,9 +272,10 @@ def _draw(
             phase += _turns(f, phase, out.curves["measured"])
         low, high = np.maximum(size - radius, 0.1 * size), size + radius
         spread = np.degrees(np.arcsin(np.minimum(radius / np.maximum(size, 1e-300), 1.0)))
-        magnitude += [shade(f, decibel(low), decibel(high), colour),
+        magnitude += [tr.band(f, decibel(low), decibel(high), "", colour),
                       curve_line(f, decibel(response), label, colour)]  # fmt: skip
-        angle += [shade(f, phase - spread, phase + spread, colour), curve_line(f, phase, label, colour)]
+        angle += [tr.band(f, phase - spread, phase + spread, "", colour), curve_line(f, phase, label, colour)]
+        coherence.append(curve_line(f, found.coherence, label, colour))
         out.curves[key] = {
             "frequency_hz": f, "magnitude": size, "magnitude_low": np.maximum(size - radius, 0.0),
             "magnitude_high": high, "phase_deg": phase, "coherence": found.coherence,
@@ -317,57 +284,35 @@ def _draw(
     f = measured["Welch"].frequency
     fine = np.geomspace(f[0], f[-1], 300)
     fine_divisor = 2j * np.pi * fine if integrate else np.ones_like(fine)
-    colours = dict(zip(STRUCTURES, tr.LINE_COLOURS[1:], strict=False))
-    for t in tested:
+    for t, colour in zip(tested, tr.LINE_COLOURS[1:], strict=False):
         modelled = t.model.at(fine) / fine_divisor
         turned = degrees(modelled)
         turned += _turns(fine, turned, welched)
-        style = (t.model.structure, colours[t.model.structure], "solid" if t is best else "dot")
+        style = (t.model.structure, colour, "solid" if t is best else "dot")
         magnitude.append(curve_line(fine, decibel(modelled), *style))
         angle.append(curve_line(fine, turned, *style))
-        out.curves[t.model.structure] = {
-            "frequency_hz": fine, "magnitude": np.abs(modelled), "phase_deg": turned,
-        }  # fmt: skip
+        curve = {"frequency_hz": fine, "magnitude": np.abs(modelled), "phase_deg": turned}
+        out.curves[t.model.structure] = curve
     mark = {"type": "line", "xref": "x", "yref": "paper", "x0": natural, "x1": natural, "y0": 0, "y1": 1,
             "line": {"width": 1, "dash": "dot"}, "name": tr.MARK}  # fmt: skip
     layout = axes("frequency (Hz)", type="log") | {"shapes": [mark]}
-    note = (
-        f"shaded: 95 % of Welch and ETFE; dotted upright: the profile's natural frequency, {natural:.3g} Hz"
-    )
     coherent = welched["coherence"] > SEEN
     seen = coherent if np.any(coherent) else np.ones(f.size, dtype=bool)
 
     def reach(values: Array, margin: float) -> dict[str, Any]:
-        return layout | {
-            "yaxis": {"range": [float(values[seen].min() - margin), float(values[seen].max() + margin)]}
-        }
+        ends = float(values[seen].min() - margin), float(values[seen].max() + margin)
+        return layout | {"yaxis": {"range": list(ends)}}
 
+    note = (
+        f"shaded: 95 % of Welch and ETFE; dotted upright: the profile's natural frequency, {natural:.3g} Hz"
+    )
+    level = reach(decibel(welched["magnitude"]), 10.0)
     out.figures = [
-        Figure(
-            "magnitude",
-            f"Magnitude of {name}",
-            magnitude,
-            reach(decibel(welched["magnitude"]), 10.0),
-            "dB",
-            note,
-            340,
-            True,
-        ),
+        Figure("magnitude", f"Magnitude of {name}", magnitude, level, "dB", note, 340, True),
         Figure("phase", "Phase", angle, reach(welched["phase_deg"], 45.0), "°", "", 300, True),
-        Figure(
-            "coherence",
-            "Squared coherence",
-            [
-                curve_line(found.frequency, found.coherence, label, colour)
-                for (label, found), colour in zip(measured.items(), (tr.BLUE, tr.GREY), strict=True)
-            ],
-            layout | {"yaxis": {"range": [0, 1.02]}},
-            "",
-            "1: all of the output follows from the input",
-            240,
-            True,
-        ),
-    ]
+        Figure("coherence", "Squared coherence", coherence, layout | {"yaxis": {"range": [0, 1.02]}}, "",
+               "1: all of the output follows from the input", 240, True),
+    ]  # fmt: skip
 
 
 def _turns(frequency: Array, phase: Array, other: dict[str, Any]) -> float:
@@ -394,14 +339,11 @@ def masked_autocorrelation(series: list[Array], lags: int) -> tuple[Array, Array
     >>> rho.tolist(), pairs.tolist()
     ([-1.0], [2.0])
     """
-    power, count = 0.0, 0
-    products, pairs = np.zeros(lags), np.zeros(lags)
-    for y in series:
-        there = np.isfinite(y)
-        filled = np.where(there, y, 0.0)
-        power, count = power + float(filled @ filled), count + int(there.sum())
-        for k in range(1, min(lags, y.size - 1) + 1):
-            products[k - 1] += filled[:-k] @ filled[k:]
-            pairs[k - 1] += np.sum(there[:-k] & there[k:])
-    scale = power / max(count, 1)
-    return products / np.maximum(pairs, 1) / max(scale, 1e-300), pairs
+    apart = np.full(lags, np.nan)
+    y = np.concatenate([part for one in series for part in (one, apart)])
+    there = np.isfinite(y)
+    filled = np.where(there, y, 0.0)
+    products = np.array([filled[:-k] @ filled[k:] for k in range(1, lags + 1)])
+    pairs = np.array([np.sum(there[:-k] & there[k:]) for k in range(1, lags + 1)], dtype=np.float64)
+    power = float(filled @ filled) / max(int(there.sum()), 1)
+    return products / np.maximum(pairs, 1) / max(power, 1e-300), pairs
