@@ -148,7 +148,7 @@ def test_every_shipped_number_has_a_source(axis: str) -> None:
     sections += [unit.friction.reverse]
     for section in sections:
         for name in type(section).model_fields:
-            if name != "provenance":
+            if name != "provenance" and not isinstance(getattr(section, name), bool):
                 assert section.provenance[name].source, f"{type(section).__name__}.{name}"
     assert all(sensor.source for sensor in unit.sensors.values())
 
