@@ -91,7 +91,7 @@ def monitor(
                 save=None if state is None else keep, scales=StreamScales(profile, name),
             )  # fmt: skip
         except InputError as error:
-            raise error.at(name) from None
+            raise (error if error.where == name else error.at(name)) from None
     view.summary(answer)
 
 

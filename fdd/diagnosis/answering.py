@@ -95,10 +95,11 @@ def fault_finding(found: Found, model: Model, *, onset: float, span: Span) -> Fa
         "ramp": "growing from",
         "drift": "drifting from",
     }[lead.kind]
+    stretch = span.stretch.replace("stretches", "stretch") if round(lead.blocks) == 1 else span.stretch
     sentences = [
         f"The balance of {titles} does not close {words} {onset:.1f} s on; "
         f"{fault(h.fault).title} of severity {size:.2f} ± {std:.2f} explains it "
-        f"(log likelihood ratio {found.score:.1f}, from {lead.blocks:.0f} {span.stretch})."
+        f"(log likelihood ratio {found.score:.1f}, from {lead.blocks:.0f} {stretch})."
     ]
     if abs(lead.size) < COMES_AND_GOES * size:
         sentences.append(f"It comes and goes: on average {100 * abs(lead.size) / size:.0f} % of that.")
