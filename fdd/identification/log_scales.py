@@ -27,8 +27,8 @@ from fdd.unit import Unit
 
 ENOUGH_S = 120.0
 """s of a log that tell its signs and scales."""
-STREAM_S = 20.0
-"""The same of a stream, whose alarms do not wait for it."""
+STREAM_S, PAUSE_S = 20.0, 1.0
+"""The same of a stream, whose alarms do not wait for it; s of a pause after which they are counted anew."""
 STROKE_SHARE = 0.1
 """Of the stroke, that the piston may not pass between two samples."""
 FINER = (10.0, 25.4, 1e3, 1e6)
@@ -94,6 +94,8 @@ class StreamScales:
         """Take what comes next; notes, once, as `check_scales` gives and refuses them."""
         if self.done or not len(samples):
             return []
+        if self._parts and samples.time[0] - self._parts[-1].time[-1] > PAUSE_S:
+            self._parts = []
         self._parts.append(samples)
         if samples.time[-1] - self._parts[0].time[0] < self.seconds:
             return []

@@ -142,7 +142,9 @@ class LineParser:
         try:
             if isinstance(time, dict):
                 start, period, n = (time[key] for key in ("start", "period", "n"))
-                time = [start + period * k for k in range(min(n, MAX_LINE_BYTES))]
+                # No more stamps than values, whatever n says: one too many refuses the block.
+                most = max(map(len, columns.values()), default=0) + 1
+                time = [start + period * k for k in range(min(n, most))]
             stamps = {str(self._sources["time"].column): time} if time is not None else {}
             rows = [
                 dict(zip((*stamps, *columns), row, strict=True))

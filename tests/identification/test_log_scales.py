@@ -113,6 +113,10 @@ def test_a_stream_is_held_against_its_profile_once_it_moved(healthy: Samples, un
     for part in parts(healthy):
         assert sound.push(part) == []
     assert sound.done
+    paused = StreamScales(unit, "axis A1", 10.0)
+    *early, late = parts(healthy)[:18]
+    for part in (*early, Samples(late.time + 3600.0, late.columns)):
+        assert paused.push(part) == [] and not paused.done, "neither side of a pause is long enough"
     with pytest.raises(InputError, match=r"axis A1: .*bar read as psi"):
         for part in parts(scaled(healthy, 0.0689476, *PRESSURES)):
             assert wrong.push(part) == [] and part.time[-1] < 10.0

@@ -88,6 +88,12 @@ def test_a_malformed_line_is_counted_and_spoils_no_other(bad: bytes) -> None:
     assert parser.malformed == 2 and parser.remarks() == []
 
 
+def test_a_block_that_says_more_stamps_than_it_has_values_is_malformed_and_makes_none() -> None:
+    parser, times = LineParser(), {"start": 0.0, "period": 1e-3, "n": 10**15}
+    line = {"schema": "fdd.block/1", "time": times, "columns": {"position": [0.0, 0.1]}}
+    assert not len(parser.samples([json.dumps(line).encode()])) and parser.malformed == 1
+
+
 def test_infinite_and_huge_values_are_missing() -> None:
     parser = LineParser()
     huge = b'{"time": 0.001, "position": 1' + b"0" * 400 + b"}"

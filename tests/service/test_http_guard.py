@@ -315,7 +315,7 @@ def test_tls_by_certificate_and_key(world: World, tmp_path: Path) -> None:
 def test_what_cannot_be_listened_on_is_told_in_one_line(world: World, tmp_path: Path) -> None:
     app = app_of(world)
     taken = Server(app, Listen(port=0))
-    with pytest.raises(InputError, match="cannot be listened on"):
+    with pytest.raises(InputError, match=r"cannot be listened on.*--port"):
         Server(app, Listen(port=int(taken.address.rstrip("/").rpartition(":")[2])))
     taken._socket.close()
     (tmp_path / "cert.pem").write_text("no certificate")

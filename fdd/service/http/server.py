@@ -76,5 +76,8 @@ def _bound(listen: Listen) -> socket.socket:
         made.listen(1024)
     except OSError as error:
         where = f"listen {listen.host}:{listen.port}"
-        raise InputError(f"cannot be listened on ({error.strerror or error})", where=where) from None
+        raise InputError(
+            f"cannot be listened on ({error.strerror or error})", where=where,
+            mend="give a free port (--port) and an address of this machine",
+        ) from None  # fmt: skip
     return made
