@@ -93,7 +93,7 @@ def decide(
             for f in found:
                 left = max(evidence.unexplained(f.lead, known), 0.0)
                 f.explained = f.lead.gain / (f.lead.gain + left)
-            return found, score
+            return _each_once(found), score
         # The largest gain over its misfit leads: a part of a large deviation may have the larger score.
         sure = [f for f in fits if f.score - against >= threshold]
         stand = [f for f in sure if f.hypothesis.label in standing and f.hypothesis.ends is None]
@@ -104,6 +104,15 @@ def decide(
         if found[-1].lead.hypothesis.ends is not None:
             _take_its_end(evidence, found)
         known = [f.lead for f in found]
+
+
+def _each_once(found: list[Found]) -> list[Found]:
+    """The surest finding of each fault of one part: another of the same explains what its law leaves."""
+    once: dict[tuple[object, ...], Found] = {}
+    for f in found:
+        h = f.lead.hypothesis
+        once.setdefault((h.fault, h.ends, h.side, h.channel) if f.known else ("unknown",), f)
+    return list(once.values())
 
 
 def _take_its_end(evidence: Evidence, found: list[Found]) -> None:

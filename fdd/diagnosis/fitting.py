@@ -261,13 +261,14 @@ def fit(
     reduced_chi_square = np.maximum(reduced_chi_square, 1.0)
     directions = {n: np.einsum("fp,fpn->fn", along, c) for n, c in parts.columns.items()}
     known = known_scatter(balances, directions)
-    overdispersion = _scatter(u, w, time_profiles[:, 0], known, prior_information, blocks)
+    overdispersion = _scatter(u, w, time_profiles[:, 0], parts.signed, known, prior_information, blocks)
     overdispersion = overdispersion.clip(stretches.least)
     found = departures(balances, parts, overdispersion, from_start=from_start)
     precision = found.information
     size = np.where(parts.signed, np.clip(found.size, 0.0, GREATEST), found.size)
     # The overdispersion differs from fault to fault: gains, which are compared with each other, leave it out.
-    gain = _gain(departures(balances, parts, np.ones(size.size), from_start=from_start), size)
+    plain = departures(balances, parts, np.ones(size.size), from_start=from_start)
+    gain = _gain(plain, np.where(parts.signed, np.clip(plain.size, 0.0, GREATEST), plain.size))
     gain = np.maximum(gain, schur * size * (free - 0.5 * size))
     ratio = _gain(quasi_likely(balances, parts, overdispersion, from_start=from_start), size)
     spoken = np.maximum(u + w, 0.0)
@@ -361,32 +362,42 @@ def _while_acting(u: Array, w: Array, overdispersion: Array) -> Array:
 
 
 def _scatter(
-    u: Array, w: Array, time_profiles: Array, known: Array, prior_information: Array, blocks: Indices
-) -> Array:
+    u: Array, w: Array, time_profiles: Array, signed: Flags, known: Array, prior_information: Array,
+    blocks: Indices,
+) -> Array:  # fmt: skip
     """Overdispersion (f,): variance of the stretches' scores over their information.
 
     It is estimated on healthy time: on the unit's baseline in the fault's direction (`known_scatter`), and on
     the log's stretches in which the fault does not act (on all, where it always acts). The fault's own time
-    is left out, since a law that fits it badly would make the fault look like chance. The baseline counts as
-    `PRIOR_FREEDOM` degrees of freedom (moderated variance: Smyth 2004, doi 10.2202/1544-6115.1027).
+    is left out, since a law that fits it badly would make the fault look like chance; but for stretches that
+    speak against a severity, which cannot be negative: E[x² | x < 0] is the variance of a normal x about 0.
+    The baseline counts as `PRIOR_FREEDOM` degrees of freedom (moderated variance: Smyth 2004, doi
+    10.2202/1544-6115.1027).
 
     Parameters
     ----------
-    u, w : (f, stretches) scores and information. time_profiles : (f, h) of the faults. known : (f,) by the
-        baseline. prior_information : (f,) that the unit's prior holds on each. blocks : first frames of
-        stretches.
+    u, w : (f, stretches) scores and information. time_profiles : (f, h) of the faults. signed : (f,), they
+        are severities. known : (f,) by the baseline. prior_information : (f,) that the unit's prior holds on
+        each. blocks : first frames of stretches.
     """
     lengths = np.diff(np.append(blocks, time_profiles.shape[1]))
     acts = np.add.reduceat(np.minimum(time_profiles, 1.0), blocks, axis=1) / lengths
     later = time_profiles[:, :1] < 0.5
+    against = signed[:, None] & later & (u + w < 0.0)
+
+    def moderated(weights: Array, scores: Array) -> Array:
+        information = weights.sum(axis=1)
+        stretches = information**2 / np.maximum(np.sum(weights**2, axis=1), 1e-300) - 1.0
+        # The share of the nuisance parameters' information that the prior gives shows no scatter within the
+        # log.
+        share = information / np.maximum(information + prior_information, 1e-300)
+        stretches = np.maximum(stretches, 0.0) * np.where(later[:, 0], share, 1.0)
+        own = np.sum(weights * scores**2 / w, axis=1) / np.maximum(information, 1e-300)
+        return np.asarray((PRIOR_FREEDOM * known + stretches * own) / (PRIOR_FREEDOM + stretches))
+
     quiet = np.where(later, (1.0 - acts) * w, w)
-    quiet_information = quiet.sum(axis=1)
-    stretches = np.maximum(quiet_information**2 / np.maximum(np.sum(quiet**2, axis=1), 1e-300) - 1.0, 0.0)
-    # The share of the nuisance parameters' information that the prior gives shows no scatter within the log.
-    share = quiet_information / np.maximum(quiet_information + prior_information, 1e-300)
-    stretches *= np.where(later[:, 0], share, 1.0)
-    own = np.sum(quiet * u**2 / w, axis=1) / np.maximum(quiet_information, 1e-300)
-    return np.asarray((PRIOR_FREEDOM * known + stretches * own) / (PRIOR_FREEDOM + stretches))
+    with_those_against = moderated(np.where(against, w, quiet), np.where(against, u + w, u))
+    return np.maximum(moderated(quiet, u), with_those_against)
 
 
 def known_scatter(balances: Mapping[str, BalancePosterior], directions: Mapping[str, Array]) -> Array:

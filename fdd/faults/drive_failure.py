@@ -4,8 +4,19 @@ from __future__ import annotations
 
 from fdd.faults.effect import SHARE, Effect, Figure
 from fdd.faults.entry import ASSUMED, Fault
+from fdd.faults.signature import Columns, Healthy, Signature
 
-# The drive's response is none of the balances: no signature yet.
+
+def _dead(unit: Healthy) -> Columns:
+    return {"drive": {"gain": -unit.mean("drive", "gain")}}
+
+
+def _open_phase(unit: Healthy) -> Columns:
+    # Two phases of three give half the torque of the same current, on average.
+    loads = ("pressure", "inertia", "dry", "viscous", "mesh")
+    return {"torque": {name: unit.mean("torque", name) for name in loads}}
+
+
 FAULT = Fault(
     id="drive_failure",
     family="motor",
@@ -27,5 +38,9 @@ FAULT = Fault(
         Effect("current_limit", "lower", "drive_current_loss", laws=("dead",)),
         Effect("phase", "add", "open_phase", laws=("phase",)),
         Effect("current_limit", "lower", "drive_current_loss", times=(0.5,), laws=("phase",)),
+    ),
+    signatures=(
+        Signature("dead drive", _dead),
+        Signature("open phase", _open_phase, commonness=0.3),
     ),
 )

@@ -6,13 +6,13 @@ from fdd.faults.effect import SHARE, Figure
 from fdd.faults.entry import Fault
 from fdd.faults.signature import Columns, Healthy, Signature
 
-_BIAS = 0.073
+BIAS = 0.073
 """Of the relief setting: 250 kPa of 3.44 MPa."""
 
 
-def _by_torque(unit: Healthy) -> Columns:
-    # A pressure that is not there takes no current.
-    return {"torque": {"zero": -_BIAS * unit.mean("torque", "pressure")}}
+def by_torque(unit: Healthy) -> Columns:
+    """Bias of Δp of severity 1 in the torque balance: a pressure that is not there takes no current."""
+    return {"torque": {"zero": -BIAS * unit.mean("torque", "pressure")}}
 
 
 FAULT = Fault(
@@ -41,31 +41,31 @@ FAULT = Fault(
             grows="pressure",
         ),
         Figure(
-            "pressure_gain", _BIAS, SHARE, "rise of the reading, relative; the bias at the relief pressure"
+            "pressure_gain", BIAS, SHARE, "rise of the reading, relative; the bias at the relief pressure"
         ),
     ),
     in_measurement=True,
     signatures=(
         Signature(
             "bias dp",
-            lambda unit: {"coherence": {"zero": _BIAS}},
+            lambda unit: {"coherence": {"zero": BIAS}},
             signed=False,
             courses=("step",),
             channel="pressure_difference",
         ),
         Signature(
-            "bias dp by torque", _by_torque, signed=False, courses=("step",), channel="pressure_difference"
+            "bias dp by torque", by_torque, signed=False, courses=("step",), channel="pressure_difference"
         ),
         Signature(
             "bias p1",
-            lambda unit: {"coherence": {"zero": -_BIAS}, "refeed": {"drop_1": -_BIAS}},
+            lambda unit: {"coherence": {"zero": -BIAS}, "refeed": {"drop_1": -BIAS}},
             signed=False,
             courses=("step",),
             channel="pressure_1",
         ),
         Signature(
             "bias p2",
-            lambda unit: {"coherence": {"zero": _BIAS}, "refeed": {"drop_2": -_BIAS}},
+            lambda unit: {"coherence": {"zero": BIAS}, "refeed": {"drop_2": -BIAS}},
             signed=False,
             courses=("step",),
             channel="pressure_2",

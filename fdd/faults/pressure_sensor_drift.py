@@ -4,10 +4,8 @@ from __future__ import annotations
 
 from fdd.faults.effect import Figure
 from fdd.faults.entry import Fault
+from fdd.faults.pressure_sensor_bias import BIAS, by_torque
 from fdd.faults.signature import Signature
-
-_BIAS = 0.073
-"""Bias of severity 1 over the relief pressure."""
 
 FAULT = Fault(
     id="pressure_sensor_drift",
@@ -41,21 +39,24 @@ FAULT = Fault(
     signatures=(
         Signature(
             "drift dp",
-            lambda unit: {"coherence": {"zero": _BIAS}},
+            lambda unit: {"coherence": {"zero": BIAS}},
             signed=False,
             channel="pressure_difference",
             courses=("drift",),
         ),
         Signature(
+            "drift dp by torque", by_torque, signed=False, courses=("drift",), channel="pressure_difference"
+        ),
+        Signature(
             "drift p1",
-            lambda unit: {"coherence": {"zero": -_BIAS}, "refeed": {"drop_1": -_BIAS}},
+            lambda unit: {"coherence": {"zero": -BIAS}, "refeed": {"drop_1": -BIAS}},
             signed=False,
             channel="pressure_1",
             courses=("drift",),
         ),
         Signature(
             "drift p2",
-            lambda unit: {"coherence": {"zero": _BIAS}, "refeed": {"drop_2": -_BIAS}},
+            lambda unit: {"coherence": {"zero": BIAS}, "refeed": {"drop_2": -BIAS}},
             signed=False,
             channel="pressure_2",
             courses=("drift",),

@@ -14,6 +14,7 @@ coherence      measured Δp by p_1 and p_2: lines and sensors, over relief press
 refeed         p_c - p_i of the side that is fed: its check valve's drop, over relief pressure; where p_c is
                not measured, how far the lower side is below charge pressure
 reservoir      gas of the accumulator and oil in the chambers: what left the circuit, in its gas volume
+drive          pump speed by the speed demanded, while the drive has torque to spare, over its largest speed
 =============  ==========================================================================================
 """
 
@@ -321,6 +322,28 @@ def _refeed(q: Quantities) -> list[RegressionBlock]:
     return out
 
 
+SPARE = 0.7
+"""Share of current limit and largest speed below which a drive has torque and voltage to spare, also one
+whose limit is lowered by a degraded motor (20 %)."""
+STEADY_BINS, STEADY_CHANGE, LEAST_COMMAND = 20, 0.05, 0.1
+"""Bins, and change of the command in them over the largest speed: slower, a drive needs little torque to
+accelerate. Least command over the largest speed: near standstill load and friction turn it as well."""
+
+
+def _drive(q: Quantities) -> list[RegressionBlock]:
+    command = q.take["command"] / q.scales.speed
+    speed = np.where(np.isfinite(q.take["pump_speed"]), q.take["pump_speed"], q.speed) / q.scales.speed
+    before = np.roll(command, 1)
+    x = np.column_stack([command, command - before, before - np.roll(command, 5)])
+    drop = np.where(q.chambers_measured, q.drop, q.difference_measured) / q.scales.pressure
+    current = q.take["motor_current"]
+    current = np.where(np.isfinite(current), current, q.scales.current * drop)
+    spare = (np.abs(current) < SPARE * q.unit.drive.current_limit) & (np.abs(speed) < SPARE)
+    steady = np.abs(command - np.roll(command, STEADY_BINS)) < STEADY_CHANGE
+    steady &= np.abs(command) > LEAST_COMMAND
+    return [RegressionBlock(speed, x, np.isfinite(speed) & spare & steady)]
+
+
 GAS_WORK = 1.0 - 1.0 / 1.4
 """Of a change of ln p, what the gas's temperature changes by before it has lost the heat."""
 GAS_WARMED = 0.5 / 300.0
@@ -389,5 +412,6 @@ BALANCES: dict[str, Balance] = {
             ("drift", "outside_1", "outside_2", "held", "rod", "stroke", "cooling", "warming"), _reservoir,
             cumulative=True,
         ),
+        Balance("drive", "the drive's response", ("gain", "lag", "lag_before"), _drive, settle=STEADY_BINS),
     )
 }  # fmt: skip

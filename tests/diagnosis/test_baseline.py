@@ -88,10 +88,10 @@ def test_logs_that_are_added_count_as_if_they_had_been_there(histories: list[Bal
         std, std_alone = (np.sqrt(np.diag(np.array(b.covariance))) for b in (other, alone))
         assert np.abs((np.array(one.mean) - other.mean) / std).max() < 1.0, name
         assert (std <= 1.001 * std_alone).all(), name
-        told = (
-            std_alone < 0.8 * first_effects(name).units
-        )  # else units hardly differ by as much as a log tells
-        assert (std < 0.8 * std_alone).any() or not told.any(), name
+        # Three alike logs leave 1 / √(3 - 2 r²) of r = std_alone / units, 0.6 to 0.7 here; under three loads
+        # they tell a pressure's gain unequally.
+        told = std_alone < 0.7 * first_effects(name).units
+        assert (std < 0.85 * std_alone).any() or not told.any(), name
 
 
 def test_frames_that_told_nothing_are_no_part_of_a_baseline(histories: list[BalanceHistory]) -> None:

@@ -20,7 +20,6 @@ FIGURES = {figure.name: figure.value for entry in CATALOGUE.values() for figure 
 WITHOUT = {
     "shaft_seal_wear": "a drip takes hours to show",
     "relief_valve_stuck_shut": "sound below the setting, where logs are taken",
-    "drive_failure": "the drive's response is none of the balances",
     "position_sensor_slip": "what the encoder does is told by its own checks",
     "sensor_dropout": "what the sensor does is told by its own checks",
     "unknown": "is what no signature explains",
