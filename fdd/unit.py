@@ -210,6 +210,7 @@ class BalanceBaseline(Section):
     columns, mean, covariance : of its coefficients. noise : std of a row.
     information : of all frames. scatter : sum of squares of the scores of stretches of 2 s, which the
     information would equal if all errors were independent; empty in older profiles.
+    moderation : this unit's log-to-log variances over the population's; empty for the same.
     hops, hop_noise : how many frames told something, and quantiles of their rows' std from the least to the
     largest in even steps, for logs that are added later; empty in older profiles.
     """
@@ -219,6 +220,7 @@ class BalanceBaseline(Section):
     covariance: list[list[Finite]]
     information: list[list[Finite]] = Field(default_factory=list)
     scatter: list[list[Finite]] = Field(default_factory=list)
+    moderation: list[Annotated[float, Field(gt=0, le=MOST)]] = Field(default_factory=list)
     noise: Annotated[Number, Field(gt=0, le=MOST)]
     hops: Annotated[int, Field(ge=0, le=10**9)] = 0
     hop_noise: Annotated[list[Annotated[float, Field(gt=0, le=MOST)]], Field(max_length=100)] = Field(
@@ -230,6 +232,10 @@ class BalanceBaseline(Section):
         n = len(self.columns)
         if len(self.mean) != n:
             raise InputError(f"{len(self.mean)} figures for {n} columns", where="mean", mend=_ANEW)
+        if len(self.moderation) not in (0, n):
+            raise InputError(
+                f"{len(self.moderation)} figures for {n} columns", where="moderation", mend=_ANEW
+            )
         for name in ("covariance", "information", "scatter"):
             rows = getattr(self, name)
             if not rows and name != "covariance":

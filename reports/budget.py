@@ -14,13 +14,14 @@ from fdd.campaign.dataset import Dataset, Entry
 from fdd.campaign.learning_spreads import healthy_logs
 from fdd.campaign.scores import wilson
 from fdd.campaign.units import How, over_units
-from fdd.diagnosis.baseline import effects_of, scattered
+from fdd.diagnosis.baseline import effects_of
 from fdd.diagnosis.departures import VAGUE, departures
 from fdd.diagnosis.evidence import Evidence, time_profile_of
 from fdd.diagnosis.fitting import Parts
 from fdd.diagnosis.hypotheses import Hypothesis, hypotheses
 from fdd.diagnosis.model import Model
 from fdd.diagnosis.pipeline import Pipeline
+from fdd.diagnosis.random_effects import scattered
 from fdd.markdown import table as markdown
 from fdd.residuals.balance_history import BalanceHistory
 from fdd.residuals.balances import BALANCES

@@ -11,9 +11,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fdd.campaign.dataset import Dataset
-from fdd.campaign.spreads import Spread, UnitLogs, learnt_spread, log_equations, own_columns
+from fdd.campaign.spreads import Spread, UnitLogs, learnt_spread
 from fdd.campaign.units import How, for_each_unit
 from fdd.diagnosis.baseline import baseline_of, effects_of, histories_of, history_of
+from fdd.diagnosis.random_effects import log_equations, own_columns
 from fdd.errors import InputError
 from fdd.identification import identify_unit
 from fdd.residuals.balance_history import BalanceHistory

@@ -17,10 +17,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import digamma
 
-from fdd.diagnosis.baseline import scattered
-from fdd.residuals.balances import BALANCES
-from fdd.residuals.effects import Effects, LogConditions, usual_conditions
-from fdd.residuals.normal_equations import marginalised
+from fdd.diagnosis.random_effects import log_effects, own_columns
+from fdd.residuals.effects import Effects, usual_conditions
 
 Array = NDArray[np.float64]
 
@@ -45,6 +43,18 @@ class UnitLogs:
     information: Array
     vector: Array
     conditions: Array
+
+
+@dataclass(frozen=True)
+class _Unit:
+    """Expectations of one unit: its mean (n,) and its variance; of each log the squares of its differences
+    times its weight (l, n), the share of each that it tells (l, n), and its weight (l,)."""
+
+    mean: Array
+    variance: Array
+    squares: Array
+    told: Array
+    weights: Array
 
 
 @dataclass(frozen=True)
@@ -107,69 +117,11 @@ def learnt_spread(
     )
 
 
-def log_equations(
-    name: str, sums: tuple[Array, Array, Array, Array], conditions: LogConditions, effects: Effects
-) -> tuple[Array, Array, LogConditions]:
-    """What one log tells of the coefficients that are the unit's own: information, vector and conditions.
-
-    What belongs to the load is marginalised.
-
-    Parameters
-    ----------
-    sums : of `BalanceHistory.sums`. conditions : of the log. effects : before anything was learnt.
-    """
-    m, v, _, _ = sums
-    m, v = marginalised(m, v, effects.wander)
-    _, over = scattered(m, v, effects)
-    own = own_columns(name)
-    total, vector = m.sum(axis=0) / over, v.sum(axis=0) / over
-    if not own.all():
-        spread = np.square(effects.units[~own]) + effects.between_logs(conditions)[~own]
-        inside = np.linalg.inv(total[np.ix_(~own, ~own)] + np.diag(1.0 / spread))
-        across = total[np.ix_(own, ~own)] @ inside
-        healthy = effects.mean[~own] / spread
-        vector = vector[own] - across @ (vector[~own] + healthy)
-        total = total[np.ix_(own, own)] - across @ total[np.ix_(~own, own)]
-    return total, vector, conditions
-
-
-def own_columns(name: str) -> NDArray[np.bool_]:
-    """Which coefficients of a balance are the unit's."""
-    balance = BALANCES[name]
-    return np.array([c not in balance.free for c in balance.columns])
-
-
-@dataclass(frozen=True)
-class _Unit:
-    """Expectations of one unit: its mean (n,) and its variance; of each log the squares of its differences
-    times its weight (l, n), the share of each that it tells (l, n), and its weight (l,)."""
-
-    mean: Array
-    variance: Array
-    squares: Array
-    told: Array
-    weights: Array
-
-
 def _unit(logs: UnitLogs, weights: Array, m: Array, units: Array, parts: Array, freedom: float) -> _Unit:
-    q = logs.conditions @ parts
-    scale = np.sqrt(q / weights[:, None])
-    a, b = logs.information, logs.vector
-    inside = np.linalg.inv(np.eye(m.size) + a * scale[:, :, None] * scale[:, None, :])
-    v = inside * scale[:, :, None] * scale[:, None, :]
-    va = v @ a
-    wide = a - a @ va
-    kept = b - np.einsum("lji,lj->li", va, b)
-    p = np.linalg.inv(np.diag(1.0 / units) + wide.sum(axis=0))
-    mean = p @ (m / units + kept.sum(axis=0))
-    d = np.einsum("lij,lj->li", v, b - a @ mean)
-    of_mean = np.einsum("lij,jk,lik->li", va, p, va)
-    own = np.einsum("lii->li", v)
-    told = np.clip(1.0 - own / np.square(scale), 0.0, 1.0)
-    distance = np.sum((np.square(d) + of_mean) / q, axis=1)
-    fresh = (freedom + told.sum(axis=1)) / (freedom + distance)
-    squares = weights[:, None] * (np.square(d) + own + of_mean)
-    return _Unit(mean, np.diag(p), squares, told, fresh)
+    found = log_effects(logs.information, logs.vector, logs.conditions @ parts / weights[:, None], m, units)
+    distance = found.distance / weights
+    fresh = (freedom + found.told.sum(axis=1)) / (freedom + distance)
+    return _Unit(found.mean, found.variance, weights[:, None] * found.squares, found.told, fresh)
 
 
 def _freedom(weights: Array, told: Array, freedom: float) -> float:

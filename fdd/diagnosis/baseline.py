@@ -8,10 +8,11 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
+from fdd.diagnosis.random_effects import log_equations, moderated, moderation, scattered
 from fdd.errors import InputError
 from fdd.residuals.balance_history import BalanceHistory
 from fdd.residuals.balances import BALANCES
-from fdd.residuals.bins import BLOCK_FRAMES, FRAME_S, BinMaker
+from fdd.residuals.bins import FRAME_S, BinMaker
 from fdd.residuals.effects import (
     Effects,
     LogConditions,
@@ -141,10 +142,19 @@ def _balance(
         noise = structural_variance(sums, effects, noise)
         if old is not None:
             noise = float(noise ** (1.0 - share_old) * old.noise ** (2.0 * share_old))
-    for (m, v, _, variance), each in zip(sums, conditions, strict=True):
-        spread = np.sqrt(effects.between_logs(each))
+    weighted = []
+    for m, v, rows, variance in sums:
         share = np.minimum(variance / noise, 1.0)
-        m, v = marginalised(m * share[:, None, None], v * share[:, None], effects.wander)
+        weighted.append((m * share[:, None, None], v * share[:, None], rows, variance))
+    if old is None:
+        logs = [log_equations(name, s, c, effects) for s, c in zip(weighted, conditions, strict=True)]
+        factor = moderation(name, logs, effects)
+    else:
+        factor = np.array(old.moderation or np.ones(len(old.columns)))
+    effects = moderated(effects, factor)
+    for (m, v, _, _), each in zip(weighted, conditions, strict=True):
+        spread = np.sqrt(effects.between_logs(each))
+        m, v = marginalised(m, v, effects.wander)
         scores, over = scattered(m, v, effects)
         total, scatter = total + m.sum(axis=0), scatter + scores
         # A log that the law fits badly counts for less than its rows: divided by its overdispersion.
@@ -157,6 +167,7 @@ def _balance(
         covariance=[_rounded(row) for row in 0.5 * (covariance + covariance.T)],
         information=[_rounded(row) for row in total],
         scatter=[_rounded(row) for row in scatter],
+        moderation=[float(f"{x:.4g}") for x in factor],
         noise=float(f"{np.sqrt(noise):.5g}"),
         hops=round(float(weights.sum())),
         hop_noise=[float(f"{q:.4g}") for q in quantiles],
@@ -196,23 +207,6 @@ def structural_variance(
     return found
 
 
-def scattered(information: Array, vector: Array, effects: Effects) -> tuple[Array, float]:
-    """Sum of squares (n, n) of the scores of a log's stretches at its own coefficients, and their
-    overdispersion, at least 1.
-
-    The latter is the dispersion of a quasi-likelihood (McCullagh 1983, doi 10.1214/aos/1176346056), averaged
-    over the coefficients by the log's information.
-    """
-    prior, total = np.linalg.inv(effects.covariance), information.sum(axis=0)
-    inverse = np.linalg.inv(prior + total)
-    rest = vector - information @ (inverse @ (prior @ effects.mean + vector.sum(axis=0)))
-    starts = np.arange(0, len(rest), BLOCK_FRAMES)
-    scores = np.add.reduceat(rest, starts, axis=0)
-    squares = np.asarray(scores.T @ scores)
-    freedom = float(np.sum(inverse * total))  # effective number of coefficients
-    return squares, max(float(np.sum(inverse * squares)) / freedom, 1.0) if freedom > 0.0 else 1.0
-
-
 def _rounded(values: NDArray[np.float64]) -> list[float]:
     return [float(f"{v:.8g}") for v in values]
 
@@ -237,6 +231,8 @@ def effects_of(unit: Unit, spreads: Spreads | None = None) -> dict[str, Effects]
                 information=np.array(known.information) if known.information else effects.information,
                 scatter=np.array(known.scatter) if known.scatter else effects.scatter,
             )
+            if known.moderation:
+                effects = moderated(effects, np.array(known.moderation))
             effects = with_logs(effects, usual_conditions(known.noise))
         out[name] = effects
     return out

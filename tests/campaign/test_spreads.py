@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from fdd.campaign.spreads import UnitLogs, learnt_spread, log_equations, own_columns
-from fdd.diagnosis.baseline import scattered
+from fdd.campaign.spreads import UnitLogs, learnt_spread
+from fdd.diagnosis.random_effects import log_equations, own_columns, scattered
 from fdd.residuals.balances import BALANCES
 from fdd.residuals.effects import LogConditions, first_effects, usual_conditions
 from fdd.residuals.normal_equations import marginalised
