@@ -311,3 +311,33 @@ def test_a_load_cell_tells_gusts_from_friction_whichever_way_it_counts(sign: flo
     assert c["load_measured"] == pytest.approx(sign / 1.005, abs=0.02)
     assert c["friction_forward"] == pytest.approx(1.0, abs=0.12)
     assert c["friction_reverse"] == pytest.approx(1.0, abs=0.12)
+
+
+def driven(**scenario: Any) -> Samples:
+    return simulate(Unit.load("axis_a"), Scenario(duration=40.0, seed=57, **scenario)).samples
+
+
+@pytest.mark.parametrize("mode", ["position", "speed"])
+def test_a_dead_drive_does_not_follow_its_command(unit: Unit, mode: str) -> None:
+    dead = {"fault": "drive_failure", "severity": 1.0, "onset": 20.0, "law": "dead"}
+    found = Pipeline(unit)
+    found.push(driven(faults=[dead], control={"mode": mode}))
+    [first, *_] = found.finish().faults
+    assert first.fault == "drive_failure" and first.severity == pytest.approx(1.0, abs=0.1)
+
+
+def test_a_drive_follows_its_command(unit: Unit) -> None:
+    log = driven(load={"name": "spring"}, duty={"name": "strokes"})
+    found, covariance = coefficients(history_of(log, unit, effects_of(unit)), "drive")
+    assert covariance[0, 0] < 0.05**2
+    assert found[0] == pytest.approx(1.0, abs=0.05)
+
+
+def test_a_drive_at_its_limit_is_not_asked(unit: Unit) -> None:
+    """Steps take it there again and again."""
+    log = driven(load={"name": "spring"}, duty={"name": "steps"})
+    ((_, bins),) = BinMaker(unit).stretches(log)
+    quantities = Quantities(bins, unit, Scales.of(unit))
+    [block] = BALANCES["drive"].blocks(quantities)
+    at_limit = np.abs(quantities.take["motor_current"]) > 0.9 * unit.drive.current_limit
+    assert at_limit.sum() > 20 and not (at_limit & block.valid).any()
