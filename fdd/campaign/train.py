@@ -102,9 +102,10 @@ def learnt(logs: list[ScoredLog], data: str) -> Model:
     lasting, brief = (x if len(x) >= LEAST_LOGS else healthy for x in (lasting, brief))
     hours = sum(x.healthy_s for x in lasting) / 3600.0
     height, over = _tail(np.array([root(x.peak) for x in lasting]))
+    scale, shape = pareto(over)
     tail = AlarmTail(
         height=round(height, 3), rate_per_hour=round(over.size / hours, 4),
-        scale=round(float(over.mean()), 4), hours=round(hours, 2),
+        scale=round(scale, 4), shape=round(shape, 4), hours=round(hours, 2),
     )  # fmt: skip
     # What a log in hand is worth, others in hand tell. Beyond a height both kinds thin out exponentially,
     # faulty logs far more slowly: the odds of the two tails are a logistic of the root. Even odds before it:
@@ -137,6 +138,19 @@ def _tail(roots: Array) -> tuple[float, Array]:
     """Where the tail of healthy logs' scores begins, and what lies beyond it."""
     height = float(np.quantile(roots, TAIL_FROM))
     return height, roots[roots > height] - height
+
+
+def pareto(excess: Array) -> tuple[float, float]:
+    """Scale and shape of a generalised Pareto distribution, by probability weighted moments (Hosking and
+    Wallis 1987, doi 10.1080/00401706.1987.10488243).
+
+    The shape is held between 0, an exponential tail, and 0.5, beyond which there is no variance.
+    """
+    x = np.sort(excess)
+    mean = float(x.mean())
+    weighted = float(np.mean(x * np.arange(x.size - 1, -1, -1) / max(x.size - 1, 1)))
+    shape = float(np.clip(2.0 - mean / (mean - 2.0 * weighted), 0.0, 0.5)) if mean > 2.0 * weighted else 0.0
+    return mean * (1.0 - shape), shape
 
 
 def identified_unit(data: Dataset, unit: str, spreads: Spreads | None = None) -> Unit:

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from fdd.diagnosis.evidence import Amplitude, Evidence
+from fdd.diagnosis.evidence import RAMP_FRAMES, Amplitude, Evidence
 from fdd.diagnosis.hypotheses import RECOVERED, Hypothesis, end_of
 
 SAME_EFFECT = 0.5
@@ -132,10 +132,12 @@ def _comes_along(fit: Amplitude, known: list[Amplitude]) -> bool:
     """True if a simultaneous change is a side effect of a known fault.
 
     It may come from the model error of that fault's law, or be a small effect without a signature: a loose
-    seal leaks, a stuck valve shifts the pressure in a sensor's line. A fault does not end where it begins.
+    seal leaks, a stuck valve shifts the pressure in a sensor's line. A ramp in whose growth the other begins
+    counts as simultaneous. A fault does not end where it begins.
     """
+    grown = fit.onset + (RAMP_FRAMES if fit.kind == "ramp" else 0)
     for n in known:
-        if abs(n.onset - fit.onset) > TOGETHER_FRAMES:
+        if not fit.onset - TOGETHER_FRAMES <= n.onset <= grown + TOGETHER_FRAMES:
             continue
         if fit.hypothesis.ends == n.hypothesis.fault:
             return True

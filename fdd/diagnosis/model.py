@@ -44,21 +44,22 @@ def root(score: float) -> float:
 
 
 class AlarmTail(BaseModel):
-    """How often healthy logs pass a score's `root` r: ``rate · exp(-(r - height) / scale)``.
+    """How often healthy logs pass a score's `root` r.
 
-    An exponential tail over a height (peaks over a threshold, Pickands 1975, doi 10.1214/aos/1176343003).
+    It is ``rate · (1 + shape (r - height) / scale)^(-1 / shape)``, a generalised Pareto tail over a
+    height (peaks over a threshold, Pickands 1975, doi 10.1214/aos/1176343003); of shape 0 it is exponential.
 
     Attributes
     ----------
-    height : root that it was fitted above. rate_per_hour : of healthy hours' peaks above it. scale : their
-        mean excess.
-    hours : of healthy logs behind it.
+    height : root that it was fitted above. rate_per_hour : of healthy hours' peaks above it. scale, shape :
+        of their excess. hours : of healthy logs behind it.
     """
 
     model_config = ConfigDict(extra="forbid", allow_inf_nan=False, strict=True)
     height: float = Field(ge=-MOST, le=MOST)
     rate_per_hour: float = Field(gt=0, le=MOST)
     scale: float = Field(gt=0, le=MOST)
+    shape: float = Field(default=0.0, ge=0.0, le=1.0)
     hours: float = Field(ge=0, le=MOST)
 
     def threshold(self, false_alarms_per_hour: float) -> float:
@@ -69,8 +70,9 @@ class AlarmTail(BaseModel):
         >>> round(AlarmTail(height=4.0, rate_per_hour=2.0, scale=1.0, hours=10.0).threshold(0.2), 2)
         19.86
         """
-        passed = self.scale * math.log(self.rate_per_hour / false_alarms_per_hour)
-        return 0.5 * (self.height + max(passed, 0.0)) ** 2
+        returns = max(math.log(self.rate_per_hour / false_alarms_per_hour), 0.0)
+        passed = math.expm1(self.shape * returns) / self.shape if self.shape else returns
+        return 0.5 * (self.height + self.scale * passed) ** 2
 
 
 def _is_even(prior: object) -> bool:
