@@ -18,8 +18,8 @@ from fdd.plant.simulate import Simulation, simulate
 from fdd.samples import Samples
 from fdd.sensor import Sensor
 from fdd.sensors import SensorWatch
-from fdd.sensors.explained import BREAKS_LOOSE, usual_step
-from fdd.sensors.jumps import excess
+from fdd.sensors.jumps import BREAKS_LOOSE, usual_step
+from fdd.sensors.statistics import excess
 from fdd.unit import Unit
 
 ONSET = 8.0
