@@ -204,14 +204,14 @@ def even_record(log: Samples, unit: Unit, where: str) -> Record:
         command=measured_if("command"), load=measured_if("load_force"), angle_jumps=jumps,
     )  # fmt: skip
     travel = float(np.sum(np.abs(np.diff(record.smooth(record.position, 0.05)[:: record.rows(0.05)]))))
-    turned = float(np.ptp(record.angle))
+    revolved = float(np.ptp(record.angle))
     if np.ptp(record.position) < LEAST_TRAVEL or travel < 2.0 * LEAST_TRAVEL:
         raise InputError(
             f"the cylinder moves by {np.ptp(record.position) * 1e3:.3g} mm only", where=where,
             mend="identify from a log with strokes, or check the position's unit of measure",
         )  # fmt: skip
-    if turned < 1.0:
-        problem = f"the pump turns by {turned:.2g} rad only"
+    if revolved < 1.0:
+        problem = f"the pump turns by {revolved:.2g} rad only"
         raise InputError(problem, where=where, mend="check the pump channel's unit")
     return record
 
