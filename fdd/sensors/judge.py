@@ -7,17 +7,8 @@ from numpy.typing import NDArray
 
 from fdd.sensors.finding import SAME_INSTANT_S, Kind, SensorFindings
 from fdd.sensors.jumping import JumpWatch, Rows, swept_volume
-from fdd.sensors.limits import (
-    DIFFERENCE,
-    IS_LIVE,
-    IS_MEASURED,
-    NAMES,
-    POSITION,
-    Limits,
-    beyond_relief,
-    figure,
-)
-from fdd.sensors.memory import MOVING, STILL, Memory
+from fdd.sensors.limits import DIFFERENCE, IS_LIVE, IS_MEASURED, NAMES, POSITION, Limits, figure
+from fdd.sensors.memory import MOVING, STILL
 from fdd.sensors.scan import (
     FRAME_S,
     LEARNT_FRAMES,
@@ -53,12 +44,12 @@ class FrameJudge:
 
     Parameters
     ----------
-    limits : of the unit. memory : what is kept. findings : where they go.
+    limits : of the unit. findings : where they go, and what is kept of the channels.
     """
 
-    def __init__(self, limits: Limits, memory: Memory, findings: SensorFindings) -> None:
-        self.limits, self.memory, self.findings = limits, memory, findings
-        self._jumps = JumpWatch(limits, memory, findings)
+    def __init__(self, limits: Limits, findings: SensorFindings) -> None:
+        self.limits, self.memory, self.findings = limits, findings.memory, findings
+        self._jumps = JumpWatch(limits, findings)
 
     def judge(self, time: Array, values: Array, first: int, impossible: Mask, end: float) -> None:
         """Judge rows ``first:``; those before are the tail of the frame before.
@@ -133,7 +124,9 @@ class FrameJudge:
             over = not np.isnan(until)
             length = (until if over else end) - since
             message = f"{name} shows exactly {figure(name, value)} in {rows:.0f} rows, {length:.2f} s"
-            if beyond_relief(k, value, limits) and length < BURST_S:
+            # Sensors' ranges end where the relief valve opens, and a peak goes further for some milliseconds.
+            peak = name.startswith("pressure") and limits.relief <= abs(value) <= limits.high[k]
+            if peak and length < BURST_S:
                 if over:
                     found.report(k, "clipped", since, until, length, f"{message}: its range's end")
                 continue

@@ -81,8 +81,8 @@ def swept_volume(time: Array, values: Array, limits: Limits, memory: Memory) -> 
 class JumpWatch:
     """Look for jumps in each frame; see `FrameJudge`."""
 
-    def __init__(self, limits: Limits, memory: Memory, findings: SensorFindings) -> None:
-        self.limits, self.memory, self.findings = limits, memory, findings
+    def __init__(self, limits: Limits, findings: SensorFindings) -> None:
+        self.limits, self.memory, self.findings = limits, findings.memory, findings
 
     def judge(self, rows: Rows, seen: Array, start: float, end: float) -> None:
         """Judge what came `DEFERRED_S` earlier than the frame from `start` to `end`.

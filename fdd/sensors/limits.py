@@ -134,12 +134,6 @@ class Limits(NamedTuple):
         )  # fmt: skip
 
 
-def beyond_relief(k: int, value: float, limits: Limits) -> bool:
-    """Whether it is a pressure that a unit has while its relief valve opens: sensors' ranges end there, and
-    a peak goes further for some milliseconds."""
-    return NAMES[k].startswith("pressure") and limits.relief <= abs(value) <= limits.high[k]
-
-
 def figure(name: str, value: float) -> str:
     """A value with its unit, as people say it."""
     unit = CHANNELS[name].unit

@@ -69,7 +69,7 @@ class SensorWatch:
 
     def _set(self, memory: Memory, findings: Iterable[SensorFinding] = ()) -> None:
         self._memory, self._findings = memory, SensorFindings(memory, findings)
-        self._judge = FrameJudge(self._limits, memory, self._findings)
+        self._judge = FrameJudge(self._limits, self._findings)
 
     def push(self, samples: Samples) -> Samples:
         """The same samples, with NaN where a value must not be trusted.
