@@ -26,8 +26,7 @@ def compare(
     from fdd.history.compare import Side
     from fdd.history.compare import compare as compared
     from fdd.history.compare_view import compare_sheet, compare_tables, verdict_lines
-    from fdd.offline.diagnoser import Diagnoser, Settings
-    from fdd.offline.unit_of_log import unit_of
+    from fdd.offline.diagnoser import Diagnoser, Settings, unit_of
 
     require_outputs(json_, report)
     diagnoser = Diagnoser(Settings(unit, map_, None, axis))

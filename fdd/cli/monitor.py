@@ -48,8 +48,7 @@ def monitor(
     from fdd.monitor import JsonLines, LineParser, Replay, watch
     from fdd.monitor.clock import WallClock
     from fdd.monitor.state import load_state, save_state
-    from fdd.offline.diagnoser import quality_of
-    from fdd.offline.unit_of_log import unit_of
+    from fdd.offline.diagnoser import quality_of, unit_of
 
     classifier = Model.load(model)
     channel_map = None if map_ is None else ChannelMap.load(map_)

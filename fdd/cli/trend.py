@@ -145,7 +145,7 @@ def _answers(
     from fdd.cli.batch import worked
     from fdd.cli.console import progress
     from fdd.cli.which_logs import find_logs, jobs_of
-    from fdd.offline.diagnoser import Diagnoser
+    from fdd.offline.diagnoser import Diagnoser, unit_of
 
     paths = find_logs(logs, leave_out=leave_out)
     jobs = jobs_of(paths)
@@ -157,8 +157,6 @@ def _answers(
             advance(len(found))
     first = next((k for k in sorted(found) if found[k].error is None), None)
     if diagnoser.unit is None and first is not None:
-        from fdd.offline.unit_of_log import unit_of
-
         return [found[k] for k in sorted(found)], unit_of(diagnoser.read(jobs[first]), None)[0]
     return [found[k] for k in sorted(found)], diagnoser.unit
 

@@ -19,6 +19,7 @@ from fdd.identification.volume_steps import (
     DRIFT_PRESSURE,
     STIFF,
     UNKNOWNS,
+    LogBalances,
     VolumeSteps,
     leakage_scale,
     scales,
@@ -89,9 +90,8 @@ class BalanceFit:
 
 
 def fit_balance(
-    steps: VolumeSteps, unit: Unit, reference_pressure: float, noise: tuple[float, float], *,
-    split: bool = True, warmed: bool = True, hidden: bool = False,
-) -> BalanceFit | None:  # fmt: skip
+    logs: LogBalances, steps: VolumeSteps, unit: Unit, *, split: bool, hidden: bool
+) -> BalanceFit | None:
     """Fit the balances.
 
     Bounded least squares with a Huber loss, the base with its tolerances as prior, and the known
@@ -101,10 +101,8 @@ def fit_balance(
 
     Parameters
     ----------
-    steps : rows of all logs. unit : base profile. reference_pressure : Pa.
-    noise : Pa, standard deviation of the two chamber pressures after smoothing.
+    steps : rows of all logs. unit : base profile.
     split : whether the log can tell cross-port from case leakage; else they keep the base's proportion.
-    warmed : whether the oil's temperature, and so its swelling, is known.
     hidden : whether the chambers' pressures are reconstructed: these tell nothing of how compliance changes
         with pressure, and air stays the base's.
 
@@ -114,7 +112,8 @@ def fit_balance(
     """
     if steps.y.size < LEAST_ROWS:
         return None
-    problem = _Problem(steps, unit, reference_pressure, noise, split=split, warmed=warmed, hidden=hidden)
+    warmed = logs.temperature is not None
+    problem = _Problem(logs, steps, unit, split=split, warmed=warmed, hidden=hidden)
     with_area = problem.solve(free_area=True)
     spread = problem.jackknife(with_area, free_area=True)
     both = all(np.count_nonzero(steps.chamber == c) > LEAST_ROWS // 2 for c in (1, 2))
@@ -124,14 +123,9 @@ def fit_balance(
     return problem.report(solution, free_area)
 
 
-def fit_theta(
-    steps: VolumeSteps, unit: Unit, reference_pressure: float, noise: tuple[float, float]
-) -> tuple[Array, float]:
-    """The bare solution of the balances, (9,) in units of `scales`, and its robust residual (m³).
-
-    Parameters as for `fit_balance`; the areas are free.
-    """
-    found = _Problem(steps, unit, reference_pressure, noise).solve(free_area=True)
+def fit_theta(logs: LogBalances, steps: VolumeSteps, unit: Unit) -> tuple[Array, float]:
+    """The bare solution with free areas, (9,) in units of `scales`, and its robust residual (m³)."""
+    found = _Problem(logs, steps, unit).solve(free_area=True)
     return found.theta, found.sigma
 
 
@@ -143,11 +137,14 @@ class _Solution:
 
 
 class _Problem:
-    """The regression with its noise, prior and bounds."""
+    """The regression with its noise, prior and bounds.
+
+    `warmed` tells that the oil's temperature, and so its swelling, is known.
+    """
 
     def __init__(
-        self, steps: VolumeSteps, unit: Unit, reference_pressure: float, noise: tuple[float, float], *,
-        split: bool = True, warmed: bool = True, hidden: bool = False,
+        self, logs: LogBalances, steps: VolumeSteps, unit: Unit, *, split: bool = True, warmed: bool = True,
+        hidden: bool = False,
     ) -> None:  # fmt: skip
         # Tied, case leakage is this many times the cross-port one and no unknown of its own.
         cross_port = unit.pump.cross_port_leakage
@@ -158,16 +155,19 @@ class _Problem:
             steps = replace(steps, m=m)
         self.steps = steps
         self.unit = unit
-        self.reference_pressure = reference_pressure
-        per_row = np.where(steps.chamber == 1, noise[0], noise[1])
+        self.reference_pressure = logs.pressure
+        per_row = np.where(steps.chamber == 1, *logs.noise)
         self.noise = steps.noise * per_row[:, None, None]
         leakage, oil, pump = leakage_scale(unit), unit.oil, unit.pump
         air, known = max(oil.air_fraction, LEAST_AIR), tolerance(unit, "pump.leakage")
-        compliance = unit.oil.bulk_modulus / modulus_at(oil, reference_pressure)
-        free = oil.bulk_modulus * air * float(air_compliance(reference_pressure, oil.polytropic_index))
+        compliance = unit.oil.bulk_modulus / modulus_at(oil, logs.pressure)
+        free = oil.bulk_modulus * air * float(air_compliance(logs.pressure, oil.polytropic_index))
         # What the base's bulk modulus is off by moves the ports' density as κ does.
         inlet = float(np.hypot(TOLERANCES["pump.inlet"][0], 1.5 * tolerance(unit, "oil.bulk_modulus")))
-        drift = _drift(unit, warmed) / (leakage * DRIFT_PRESSURE)
+        # A chamber's steady loss (m³/s): leakage at a pressure's zero, and oil that swells unmeasured.
+        swelling = 0.0 if warmed else WARMING * oil.thermal_expansion * unit.cylinder.volume_1
+        steady = float(np.hypot(zero_std(unit) * pump.total_leakage, swelling))
+        drift = steady / (leakage * DRIFT_PRESSURE)
         self.prior = np.array([
             1.0, 0.0, pump.cross_port_leakage / leakage, pump.case_leakage / leakage, 0.5, 0.0, 0.0,
             max(compliance - 1.5 * free, 0.0), air / AIR_SCALE,
@@ -319,13 +319,6 @@ def zero_std(unit: Unit) -> float:
     """Standard deviation of a pressure's zero (Pa)."""
     reach = unit.sensor("pressure_1").high
     return ZERO * (USUAL_RANGE * unit.accumulator.relief_pressure if reach is None else reach)
-
-
-def _drift(unit: Unit, warmed: bool) -> float:
-    """Standard deviation of a chamber's steady loss (m³/s): leakage at a pressure's zero, and oil that swells
-    unmeasured."""
-    swelling = 0.0 if warmed else WARMING * unit.oil.thermal_expansion * unit.cylinder.volume_1
-    return float(np.hypot(zero_std(unit) * unit.pump.total_leakage, swelling))
 
 
 _FLOORS = (0.002, 3e-4, 0.05, 0.05, 0.05, 0.06, 0.05)

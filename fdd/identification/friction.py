@@ -112,7 +112,8 @@ def fit_friction(
 
 def gusty(motions: list[Motion], base: Friction) -> bool:
     """Whether loads push the piston so often that no unloaded motion can be told."""
-    return min(_pushed(motions), _pushed([_without_load(m, base) for m in motions])) > MOST_PUSHED
+    forces = [_join(motions).force, _join([_without_load(m, base) for m in motions]).force]
+    return min(float(np.mean(f < 0.0)) if f.size else 0.0 for f in forces) > MOST_PUSHED
 
 
 def unloaded_motion(
@@ -235,12 +236,6 @@ def _with_loads(motion: Motion, friction: Array) -> Array:
 def _robust(m: Array, y: Array) -> Array:
     """(columns,) coefficients of a force balance (N), gusts counting less."""
     return huber(m, y, 2.0, least=1e-9, rcond=1e-8)[0]
-
-
-def _pushed(motions: list[Motion]) -> float:
-    """Share of the motion that the load pushes."""
-    force = _join(motions).force
-    return float(np.mean(force < 0.0)) if force.size else 0.0
 
 
 def _through_gusts(motions: list[Motion], base: Friction, zero_force: float) -> FrictionFit:

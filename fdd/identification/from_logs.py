@@ -160,7 +160,7 @@ def origin_of(
     """
     known = {} if not more or profile.origin is None else dict(profile.origin.logs)
     for number, log in enumerate(logs, 1):
-        digest = _digest(log) if isinstance(log, Path) else _digest_of_values(log)
+        digest = _digest(log)
         name = f"log {number}" if isinstance(log, Samples) else log.name
         if digest in known:
             where = log if isinstance(log, Path) else name
@@ -212,22 +212,20 @@ def named(unit: Unit, name: str | None) -> Unit:
     return copy
 
 
-def _digest(path: Path) -> str:
+def _digest(log: Path | Log | Samples) -> str:
+    if not isinstance(log, Path):
+        samples = log if isinstance(log, Samples) else log.samples
+        digest = hashlib.sha256(samples.time.tobytes())
+        for name in sorted(samples.channels):
+            digest.update(name.encode() + samples[name].tobytes())
+        return digest.hexdigest()
     try:
-        with path.open("rb") as file:
+        with log.open("rb") as file:
             return hashlib.file_digest(file, "sha256").hexdigest()
     except FileNotFoundError:
-        raise InputError("no such file", where=path, mend="check the path") from None
+        raise InputError("no such file", where=log, mend="check the path") from None
     except OSError as error:
-        raise InputError(f"cannot be read ({error.strerror or error})", where=path) from None
-
-
-def _digest_of_values(log: Log | Samples) -> str:
-    samples = log if isinstance(log, Samples) else log.samples
-    digest = hashlib.sha256(samples.time.tobytes())
-    for name in sorted(samples.channels):
-        digest.update(name.encode() + samples[name].tobytes())
-    return digest.hexdigest()
+        raise InputError(f"cannot be read ({error.strerror or error})", where=log) from None
 
 
 def _sha256(text: str) -> str:

@@ -164,8 +164,7 @@ def hydraulics(
     # Who measures two of the four pressures sees one loss, p1 - p2 or p1 - p_case: they hardly differ.
     told = all(r.accumulator_measured for r in records)
     split = not hidden and told
-    warmed = logs.temperature is not None
-    fit = fit_balance(steps, base, logs.pressure, logs.noise, split=split, warmed=warmed, hidden=hidden)
+    fit = fit_balance(logs, steps, base, split=split, hidden=hidden)
     if fit is None:
         why = "too few steps in which a chamber stays above the accumulator while it moves"
         _keep_gain(writer, why)
@@ -224,7 +223,7 @@ def _with_volumes(writer: ProfileWriter, logs: LogBalances, base: Unit) -> tuple
     steps = logs.steps(base)
     if steps.y.size < LEAST_ROWS or len(np.unique(steps.chamber)) < 2:
         return base, None
-    fit = fit_volumes(logs.steps, base, logs.pressure, logs.noise)
+    fit = fit_volumes(logs, base)
     if fit is None:
         writer.note("the chambers' volumes stay the base's: compliance against position does not tell them")
         return base, None

@@ -72,18 +72,11 @@ def judge(
     found: Identification, unit: Unit, base: Unit, logs: Sequence[Samples], labels: Sequence[str], *,
     more: bool = False,
 ) -> Judgement:  # fmt: skip
-    """Judge a new profile.
+    """Judge a new profile `unit`, with its baseline, that was `found` from all `logs` and made from `base`.
 
-    Parameters
-    ----------
-    found : of all logs, from `identify_unit`. unit : its profile with baseline. base : what it was made from.
-    logs, labels : the healthy logs and what to call them.
-    more : the base is this unit's own profile, and the logs are added to it: they are held against it.
-
-    Returns
-    -------
     Refused is what has another unit of measure, lies farther from the base than data sheets and
     manufacturing leave open, or was not healthy all along; at most 2 % of healthy sets are by chance.
+    With `more` the base is this unit's own profile, and the logs are added to it: they are held against it.
     """
     out = Judgement()
     ratios = against_base(found, base)
@@ -221,10 +214,6 @@ def unhealthy(unit: Unit, logs: Sequence[Samples], labels: Sequence[str]) -> lis
     A fault that comes within a log, or a sensor's, shows even though the log is part of the profile. It is
     sure where a sensor failed, or where the log's parts before and after disagree when each is identified by
     itself: what the balances alone say of another maker's unit is no more than a doubt.
-
-    Parameters
-    ----------
-    unit : profile with the baseline of all logs. logs, labels : with what to call them.
     """
     strict = unit.model_copy(deep=True)
     hours = sum(each.duration for each in logs) / 3600.0

@@ -64,11 +64,9 @@ def check_scales(samples: Samples, unit: Unit, where: str) -> list[str]:
     own = unit.baseline is not None
     notes: list[str] = []
     if own:  # else nothing is known of this unit's own scales
-        from fdd.identification.own_scales import own_notes, turned_fits
+        from fdd.identification.own_scales import own_notes
 
         notes = own_notes(start, record, unit, where)
-        if notes and turned_fits(start, unit, where):
-            notes = []  # not the gain is another one, but the pressures are turned
     # What oil is lost is judged with the profile's gain, where that is the log's.
     refuse_sign(against_pressure(record, unit, where, own=own and not notes), 1.0, where)
     return notes
@@ -77,13 +75,7 @@ def check_scales(samples: Samples, unit: Unit, where: str) -> list[str]:
 class StreamScales:
     """Holds a stream's first seconds in which the piston moves against the profile, as `check_scales` a log.
 
-    Parameters
-    ----------
-    seconds : of the stream that are taken together.
-
-    Attributes
-    ----------
-    done : whether they were, and passed.
+    So many `seconds` are taken together; `done` tells that they were, and passed.
     """
 
     def __init__(self, unit: Unit, where: str, seconds: float = STREAM_S) -> None:

@@ -65,10 +65,7 @@ def disagreement(
 ) -> list[Comparison]:
     """Compare what each log alone identifies, by a chi-square test of each quantity.
 
-    Parameters
-    ----------
-    unit : identified from all of them. logs, labels : with what to call them.
-    more : the unit was identified from other logs, and counts as one.
+    The `unit` was identified from all of them or, with `more`, from other logs, and then counts as one.
     """
     if len(logs) + more < 2:
         return []

@@ -31,11 +31,6 @@ SURE = 4.0
 def own_notes(samples: Samples, record: Record, unit: Unit, where: str) -> list[str]:
     """Notes, one line each, on what a fault may be as well as a wrong unit or profile.
 
-    Parameters
-    ----------
-    samples, record : the log, as it is and on an even grid. unit : its own profile. where : what errors call
-        the log.
-
     Raises
     ------
     InputError : pressures are surely of another unit of measure.
@@ -49,7 +44,10 @@ def own_notes(samples: Samples, record: Record, unit: Unit, where: str) -> list[
     _refuse_odd_counts(fits, unit, where)
     of_sensors = _of_sensors(fits, unit)
     plain, _ = gain_ratio(record, unit)
-    usual = of_sensors and 1.0 / NEAR < plain < NEAR and all(_usual(r) for r in of_sensors.values())
+    usual = of_sensors and 1.0 / NEAR < plain < NEAR and all(
+        # A sensor reads as the profile's does, nearer than to any other unit's factor.
+        abs(log(r.value)) < log(LEAST_SLIP) / 2.0 for r in of_sensors.values()
+    )  # fmt: skip
     # Another unit of measure scales a sensor's noise and counts alike: the balances need not be asked of it.
     # A turned sign leaves both, but oil that flows against the pressure.
     if usual and against_pressure(record, unit, where) <= 1.0:
@@ -59,7 +57,10 @@ def own_notes(samples: Samples, record: Record, unit: Unit, where: str) -> list[
     if slip is not None and sure:
         raise InputError(slip, where=where, mend="correct it with --map")
     notes = _gain_notes(ratios, record, unit)
-    return [*([f"{slip}, unless a fault did it"] if slip is not None else []), *notes]
+    if slip is not None:
+        notes = [f"{slip}, unless a fault did it", *notes]
+    # It may not be the gain that is another one, but the pressures that are turned.
+    return [] if notes and _turned_fits(samples, unit, where) else notes
 
 
 def _ratios(samples: Samples, unit: Unit, where: str) -> dict[str, Ratio]:
@@ -121,11 +122,6 @@ def _of_sensors(fits: dict[str, SensorFit], unit: Unit) -> dict[str, Ratio]:
     return out
 
 
-def _usual(ratio: Ratio) -> bool:
-    """Whether a sensor reads as the profile's does, nearer than to any other unit's factor."""
-    return abs(log(ratio.value)) < log(LEAST_SLIP) / 2.0
-
-
 def _slipped(ratios: dict[str, Ratio], push: float) -> tuple[str | None, bool]:
     """The unit that the pressures look like, and whether it holds whatever one sign of it is left out."""
     slip = pressure_slip(ratios, push)
@@ -136,7 +132,7 @@ def _slipped(ratios: dict[str, Ratio], push: float) -> tuple[str | None, bool]:
     return slip, len(ratios) > 1 and None not in held
 
 
-def turned_fits(samples: Samples, unit: Unit, where: str) -> bool:
+def _turned_fits(samples: Samples, unit: Unit, where: str) -> bool:
     """Whether with its pressures turned the log's travel per rad is the profile's."""
     turned = {"pressure_1": "pressure_2", "pressure_2": "pressure_1"}
     columns = {a: samples[b] for a, b in turned.items() if a in samples and b in samples}

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -174,9 +173,15 @@ def even_record(log: Samples, unit: Unit, where: str) -> Record:
     jumps = _mark_jumps(gap, angle, unit.drive.max_speed * period)
     channels = ("pressure_difference", "pressure_1", "pressure_2")
     measured: dict[str, Array] = {c: even(log[c]) for c in channels if c in present}
-    chambers = _chambers(measured)
+    # With one chamber and the difference the other one follows.
+    p1, p2, dp = (measured.get(c) for c in ("pressure_1", "pressure_2", "pressure_difference"))
+    if dp is not None and p1 is not None and p2 is None:
+        p2 = p1 - dp
+    elif dp is not None and p2 is not None and p1 is None:
+        p1 = p2 + dp
+    chambers_measured = p1 is not None and p2 is not None
     accumulator = even(log["pressure_accumulator"]) if "pressure_accumulator" in present else None
-    if chambers is None:
+    if p1 is None or p2 is None:
         difference = measured["pressure_difference"]
         smoothed = centred_mean(difference, max(round(0.025 / period), 1) | 1)
         known = np.full_like(position, np.nan) if accumulator is None else accumulator
@@ -184,8 +189,7 @@ def even_record(log: Samples, unit: Unit, where: str) -> Record:
         p1, p2 = mean + 0.5 * difference, mean - 0.5 * difference
         accumulator_used = tank if accumulator is None else accumulator
     else:
-        p1, p2 = chambers
-        difference = measured.get("pressure_difference", p1 - p2)
+        difference = p1 - p2 if dp is None else dp
         accumulator_used = accumulator if accumulator is not None else _lower_chamber(p1, p2, period)
 
     def measured_if(channel: str) -> Array | None:
@@ -194,26 +198,22 @@ def even_record(log: Samples, unit: Unit, where: str) -> Record:
     record = Record(
         period=period, angle=angle, position=position, pressure_1=p1, pressure_2=p2,
         accumulator=accumulator_used, difference=difference, gap=gap,
-        chambers_measured=chambers is not None, accumulator_measured=accumulator is not None,
-        has_difference="pressure_difference" in measured,
+        chambers_measured=chambers_measured, accumulator_measured=accumulator is not None,
+        has_difference=dp is not None,
         current=measured_if("motor_current"), temperature=measured_if("oil_temperature"),
         command=measured_if("command"), load=measured_if("load_force"), angle_jumps=jumps,
     )  # fmt: skip
-    _check_motion(record, where)
-    return record
-
-
-def _check_motion(record: Record, where: str) -> None:
     travel = float(np.sum(np.abs(np.diff(record.smooth(record.position, 0.05)[:: record.rows(0.05)]))))
-    turned = float(np.ptp(record.angle))
+    revolved = float(np.ptp(record.angle))
     if np.ptp(record.position) < LEAST_TRAVEL or travel < 2.0 * LEAST_TRAVEL:
         raise InputError(
             f"the cylinder moves by {np.ptp(record.position) * 1e3:.3g} mm only", where=where,
             mend="identify from a log with strokes, or check the position's unit of measure",
         )  # fmt: skip
-    if turned < 1.0:
-        problem = f"the pump turns by {turned:.2g} rad only"
+    if revolved < 1.0:
+        problem = f"the pump turns by {revolved:.2g} rad only"
         raise InputError(problem, where=where, mend="check the pump channel's unit")
+    return record
 
 
 def _mark_gaps(gap: NDArray[np.bool_], rows: NDArray[np.int64], n: int) -> None:
@@ -232,18 +232,6 @@ def _mark_jumps(gap: NDArray[np.bool_], angle: Array, fastest: float) -> int:
     for row in jumps:
         gap[max(row - LONGEST_GAP, 0) : row + LONGEST_GAP + 2] = True
     return int(jumps.size)
-
-
-def _chambers(measured: Mapping[str, Array]) -> tuple[Array, Array] | None:
-    """Chamber pressures; with one chamber and the difference the other one follows."""
-    p1, p2, dp = (measured.get(c) for c in ("pressure_1", "pressure_2", "pressure_difference"))
-    if p1 is not None and p2 is not None:
-        return p1, p2
-    if dp is not None and p1 is not None:
-        return p1, p1 - dp
-    if dp is not None and p2 is not None:
-        return p2 + dp, p2
-    return None
 
 
 def _lower_chamber(p1: Array, p2: Array, period: float) -> Array:

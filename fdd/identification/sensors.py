@@ -140,30 +140,24 @@ def fit_sensors(logs: list[Samples], records: list[Record], base: Unit) -> dict[
         pump = channel.startswith("pump")
         noise = None if pump else _lowest([effective_noise(c, records[0].period) for c in columns])
         step = _lowest([resolution(c) for c in columns])
-        fits[channel] = _described(base.sensor(channel), channel, noise, step)
+        update: dict[str, object] = {}
+        if step is not None:
+            # The step found stands for itself: the base's counts or current loop are another unit's.
+            update |= {"resolution": step, "lines": None, "loop": None}
+        if noise is not None:
+            # Rounding adds its own noise to the measured density; the profile lists it apart.
+            rounding = (step or 0.0) / np.sqrt(12.0)
+            left = float(np.sqrt(max(noise**2 - rounding**2, 0.0)))
+            if channel != "position" or left > rounding:
+                update |= {"noise": float(f"{left:.4g}"), "bandwidth_hz": None, "tones": []}
+        found = tuple(k for k in ("noise", "resolution") if k in update)
+        fits[channel] = SensorFit(base.sensor(channel).model_copy(update=update), found)
     offset = redundancy_offset(records)
     if offset is not None and abs(offset.value) > LEAST_ZERO:
         known = fits["pressure_difference"]
         sensor = known.sensor.model_copy(update={"zero": offset.value})
         fits["pressure_difference"] = SensorFit(sensor, (*known.found, "zero"))
     return {c: f for c, f in fits.items() if f.found}
-
-
-def _described(base: Sensor, channel: str, noise: float | None, step: float | None) -> SensorFit:
-    update: dict[str, object] = {}
-    if step is not None:
-        update["resolution"] = step
-        # The step found stands for itself: the base's counts or current loop are another unit's.
-        update["lines"] = update["loop"] = None
-    if noise is not None:
-        # Rounding adds its own noise to the measured density; the profile lists it apart.
-        rounding = (step or 0.0) / np.sqrt(12.0)
-        left = float(np.sqrt(max(noise**2 - rounding**2, 0.0)))
-        if channel != "position" or left > rounding:
-            update["noise"] = float(f"{left:.4g}")
-            update["bandwidth_hz"] = None
-            update["tones"] = []
-    return SensorFit(base.model_copy(update=update), tuple(k for k in ("noise", "resolution") if k in update))
 
 
 def _lowest(values: list[float | None]) -> float | None:

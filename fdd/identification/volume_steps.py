@@ -114,7 +114,7 @@ def scales(unit: Unit) -> Array:
 def keeps_trapped_oil(record: Record, unit: Unit, noise: tuple[float, float]) -> bool:
     """Whether a chamber stays above the accumulator under a higher one: no pilot holds its valve open.
 
-    While the pump hardly turns, an open valve's drop is nearly nought. `noise` is that of `volume_steps`.
+    While the pump hardly turns, an open valve's drop is nearly nought. `noise` is that of `LogBalances`.
     """
     if not (record.chambers_measured and record.accumulator_measured):
         return False
@@ -128,37 +128,21 @@ def keeps_trapped_oil(record: Record, unit: Unit, noise: tuple[float, float]) ->
     return bool(np.sum(trapped) * record.period > BLOCK)
 
 
-def viscosity_over_reference(record: Record, unit: Unit, reference: float) -> Array:
-    """(n,) or scalar 1: viscosity over that at `reference` (°C)."""
-    if record.temperature is None:
-        return np.ones(len(record))
-    smoothed = record.smooth(record.temperature, 5.0)
-    return viscosity(unit.oil, smoothed) / viscosity(unit.oil, reference)
-
-
-def volume_steps(
-    record: Record, unit: Unit, *, reference_temperature: float, reference_pressure: float,
-    noise: tuple[float, float] = (0.0, 0.0),
-) -> VolumeSteps:  # fmt: skip
-    """The rows that one log gives.
-
-    Parameters
-    ----------
-    record : the log. unit : base profile (areas, volumes, polytropic index, relief pressure).
-    reference_temperature : °C that leakage is referred to.
-    reference_pressure : Pa at which the bound β_stiff ≤ 3·β(p) is set.
-    noise : Pa, standard deviation of the chambers' smoothed pressures.
-    """
+def volume_steps(record: Record, unit: Unit, logs: LogBalances) -> VolumeSteps:
+    """The rows that one of the logs gives, with a profile's areas, volumes, oil and relief pressure."""
     x, theta = record.position, record.angle
     cylinder, tank, h = unit.cylinder, unit.accumulator, record.period
-    mu = viscosity_over_reference(record, unit, reference_temperature)
+    mu = np.ones(len(record))
+    if record.temperature is not None:
+        warm = record.smooth(record.temperature, WARMING_WINDOW)
+        mu = viscosity(unit.oil, warm) / viscosity(unit.oil, logs.reference_temperature(unit))
     smooth_1 = record.smooth(record.pressure_1, SMOOTHING)
     smooth_2 = record.smooth(record.pressure_2, SMOOTHING)
     store = record.smooth(record.accumulator, 0.1)
     case = np.minimum(0.5 * (smooth_1 + smooth_2), store + tank.case_cracking_pressure)
     calm = ~record.gap & (np.abs(smooth_1 - smooth_2) < RELIEF_MARGIN * tank.relief_pressure)
     drop = record.pressure_1 - record.pressure_2
-    higher = NOISE_MARGIN * float(np.hypot(*noise))
+    higher = NOISE_MARGIN * float(np.hypot(*logs.noise))
     x_smooth = record.smooth(x, SMOOTHING)
     denser = 0.5 * (_log_density(unit.oil, smooth_1) - _log_density(unit.oil, smooth_2))
     lost = np.abs(np.diff(theta)) * denser[1:]
@@ -167,7 +151,7 @@ def volume_steps(
     time, still = h * np.arange(x.size), np.zeros_like(x)
     warmth = still if record.temperature is None else record.smooth(record.temperature, WARMING_WINDOW)
     # 1/β_stiff = ½·α·c(reference) + excess: with excess ≥ 0 the stiff oil is at most three times β.
-    bound = 0.5 * float(air_compliance(reference_pressure, unit.oil.polytropic_index))
+    bound = 0.5 * float(air_compliance(logs.pressure, unit.oil.polytropic_index))
     parts = []
     for chamber, sign, pressure, smoothed, area, at_centre in (
         (1, 1.0, record.pressure_1, smooth_1, cylinder.area_1, cylinder.volume_1),
@@ -177,7 +161,8 @@ def volume_steps(
         volume = np.maximum(at_centre + sign * moved, 0.1 * at_centre)
         levels = (
             sign * area * x,
-            sign * _turned(theta, sign * denser),
+            # Each step over the density of the chamber's oil against that of the ports' mean.
+            sign * np.concatenate(([0.0], np.cumsum(np.diff(theta) * (1.0 - (sign * denser)[1:])))),
             -sign * x if chamber == 2 else still,
             -sign * h * np.cumsum(drop / mu),
             -h * np.cumsum((pressure - case) / mu),
@@ -190,7 +175,7 @@ def volume_steps(
         softness = air_compliance(smoothed, unit.oil.polytropic_index) + bound
         slopes = np.column_stack([-volume, -volume * softness])  # of the compression terms per pascal
         terms = np.column_stack([record.smooth(np.asarray(level), SMOOTHING) for level in levels])
-        above = smoothed - store - max(REFEED_MARGIN, NOISE_MARGIN * noise[chamber - 1])
+        above = smoothed - store - max(REFEED_MARGIN, NOISE_MARGIN * logs.noise[chamber - 1])
         loss = outlet_loss(unit, speed, chamber)
         # The lower chamber may give oil back through a valve that the other one holds open, at just
         # such a pressure, but where the unit was seen to keep it.
@@ -215,11 +200,6 @@ def _log_density(oil: Oil, pressure: Array) -> Array:
     """ln of the base's oil's density, but for a constant: ∫dp/β(p)."""
     gas, _ = free_air(pressure, oil.polytropic_index)
     return np.asarray(stiff_compliance(oil) * pressure - oil.air_fraction * gas)
-
-
-def _turned(angle: Array, denser: Array) -> Array:
-    """Pump angle, each step over the density of the chamber's oil against that of the ports' mean."""
-    return np.concatenate(([0.0], np.cumsum(np.diff(angle) * (1.0 - denser[1:]))))
 
 
 def _compression(
@@ -259,7 +239,8 @@ class LogBalances:
     Attributes
     ----------
     records : the logs. temperature : mean oil temperature (°C), None where it is not measured.
-    pressure : Pa gauge at which compressibility is referred; by default the usual one.
+    pressure : Pa gauge at which compressibility is referred; by default the accumulator's usual one, else
+        the chambers' mean.
     noise : Pa, of the smoothed chamber pressures.
     """
 
@@ -268,7 +249,11 @@ class LogBalances:
         known = [float(np.mean(r.temperature)) for r in records if r.temperature is not None]
         self.temperature = float(np.mean(known)) if known else None
         if pressure is None:
-            pressure = float(np.median(np.concatenate([_reference_level(r) for r in records])))
+            levels = [
+                r.accumulator if r.accumulator_measured or not r.chambers_measured
+                else 0.5 * (r.pressure_1 + r.pressure_2) for r in records
+            ]  # fmt: skip
+            pressure = float(np.median(np.concatenate(levels)))
         self.pressure = max(pressure, 0.0)
 
     @cached_property
@@ -287,21 +272,8 @@ class LogBalances:
 
     def parts(self, unit: Unit) -> list[VolumeSteps]:
         """The rows of each log, counted with a profile's volumes."""
-        return [
-            volume_steps(
-                r, unit, reference_temperature=self.reference_temperature(unit),
-                reference_pressure=self.pressure, noise=self.noise,
-            )
-            for r in self.records
-        ]  # fmt: skip
+        return [volume_steps(record, unit, self) for record in self.records]
 
     def steps(self, unit: Unit) -> VolumeSteps:
         """The rows of all logs."""
         return VolumeSteps.join(self.parts(unit))
-
-
-def _reference_level(record: Record) -> NDArray[np.float64]:
-    """(n,) Pa at which the oil's compressibility is referred: the accumulator's, else the chambers' mean."""
-    if record.accumulator_measured or not record.chambers_measured:
-        return record.accumulator
-    return 0.5 * (record.pressure_1 + record.pressure_2)

@@ -18,14 +18,13 @@ as the profile's `position_compliance`.
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from fdd.identification.balance import OVERLAP, Estimate, fit_theta
-from fdd.identification.volume_steps import STIFF, UNKNOWNS, VolumeSteps
+from fdd.identification.volume_steps import STIFF, UNKNOWNS, LogBalances
 from fdd.unit import Unit
 
 Array = NDArray[np.float64]
@@ -68,15 +67,8 @@ class VolumeFit:
             unit.cylinder.position_compliance = min(swept, MOST_POSITION_COMPLIANCE)
 
 
-def fit_volumes(
-    steps_of: Callable[[Unit], VolumeSteps], base: Unit, pressure: float, noise: tuple[float, float]
-) -> VolumeFit | None:
+def fit_volumes(logs: LogBalances, base: Unit) -> VolumeFit | None:
     """Fit position gain and split.
-
-    Parameters
-    ----------
-    steps_of : gives the balance's rows for a profile's volumes. base : profile to start from.
-    pressure, noise : Pa, as for `fdd.identification.balance.fit_balance`.
 
     Returns
     -------
@@ -85,12 +77,12 @@ def fit_volumes(
     gain, split = 1.0, 0.0
     std = np.array([PRIOR_GAIN, PRIOR_SPLIT])
     for _ in range(ROUNDS):
-        steps = steps_of(_with_volumes(base, gain, split))
-        theta, sigma = fit_theta(steps, base, pressure, noise)
-        wider = steps_of(_with_volumes(base, gain * (1.0 + STEP), split)).m
+        steps = logs.steps(_with_volumes(base, gain, split))
+        theta, sigma = fit_theta(logs, steps, base)
+        wider = logs.steps(_with_volumes(base, gain * (1.0 + STEP), split)).m
         # At equal compliance in mid-stroke: only what changes with position is the gain's.
         wider[:, STIFF:] *= 1.0 + STEP
-        other = steps_of(_with_volumes(base, gain, split + STEP)).m
+        other = logs.steps(_with_volumes(base, gain, split + STEP)).m
         slopes = ((wider - steps.m) @ theta) / (STEP * gain), ((other - steps.m) @ theta) / STEP
         columns = np.column_stack([steps.m, *slopes])
         residual = steps.y - steps.m @ theta

@@ -5,24 +5,25 @@ from __future__ import annotations
 import hashlib
 from dataclasses import dataclass
 from datetime import UTC, datetime
-from functools import cached_property
+from functools import cached_property, lru_cache
 from importlib import resources
 from pathlib import Path
-from typing import TYPE_CHECKING
 
+from fdd import logs
+from fdd.bounds import MAX_UNIT_BYTES
+from fdd.diagnosis.answering import versions_of
+from fdd.diagnosis.findings import Diagnosis, Quality, Trajectories
+from fdd.diagnosis.model import Model
+from fdd.diagnosis.pipeline import Pipeline
 from fdd.errors import InputError
-from fdd.offline.unit_of_log import unit_of
+from fdd.identification.log_scales import check_scales
+from fdd.logs import ChannelMap, DataQuality, Log
 from fdd.progress import Advance
-
-if TYPE_CHECKING:
-    from fdd.diagnosis.findings import Diagnosis, Quality, Trajectories
-    from fdd.diagnosis.model import Model
-    from fdd.diagnosis.pipeline import Pipeline
-    from fdd.learning.stored import StoredClassifier
-    from fdd.logs import ChannelMap, DataQuality, Log
-    from fdd.unit import Unit
+from fdd.residuals.added_tracker import tracker_named
+from fdd.unit import Unit, shipped_units
 
 BLOCK_ROWS = 10_000
+DEFAULT_UNIT = "axis_a"
 
 
 @dataclass
@@ -68,8 +69,6 @@ class Settings:
         ------
         InputError : it cannot be used.
         """
-        from fdd.unit import Unit
-
         return self.unit if isinstance(self.unit, Unit | None) else Unit.load(self.unit)
 
 
@@ -108,12 +107,6 @@ class Diagnoser:
     """
 
     def __init__(self, settings: Settings) -> None:
-        from fdd.diagnosis.answering import versions_of
-        from fdd.diagnosis.model import Model
-        from fdd.logs import ChannelMap
-        from fdd.residuals.added_tracker import tracker_named
-        from fdd.unit import shipped_units
-
         self.settings = settings
         self.versions = versions_of({name: tracker_named(name).package for name in settings.trackers})
         unit, map_, model = settings.unit, settings.map, settings.model
@@ -126,8 +119,13 @@ class Diagnoser:
             with resources.as_file(resources.files("fdd") / "units" / f"{unit}.yaml") as shipped:
                 known = unit in shipped_units()
                 self._shared["profile"] = sha256_of(shipped if known else Path(unit))
-        self.classifier = None if settings.classifier is None else _classifier(settings.classifier)
+        self.classifier = None
         if settings.classifier is not None:
+            from fdd.learning.opinion import require_usable
+            from fdd.learning.stored import load_classifier
+
+            self.classifier = load_classifier(settings.classifier)
+            require_usable(self.classifier, str(settings.classifier))
             self._shared["classifier"] = sha256_of(settings.classifier)
 
     def hashes(self, path: Path) -> dict[str, str]:
@@ -146,9 +144,7 @@ class Diagnoser:
         ------
         InputError : it cannot be used.
         """
-        from fdd.logs import read_log
-
-        return read_log(job.path, self.map, self.settings.axis)
+        return logs.read_log(job.path, self.map, self.settings.axis)
 
     def diagnose(
         self, job: Job, log: Log, advance: Advance = lambda done: None, *, keep_trajectories: bool = True
@@ -164,14 +160,9 @@ class Diagnoser:
         return found
 
     def answer(
-        self,
-        log: Log,
-        name: str,
-        where: str,
-        advance: Advance = lambda done: None,
-        *,
+        self, log: Log, name: str, where: str, advance: Advance = lambda done: None, *,
         keep_trajectories: bool = True,
-    ) -> Diagnosed:
+    ) -> Diagnosed:  # fmt: skip
         """Diagnose a log that need not be a file; see `diagnose_log`.
 
         Parameters
@@ -182,8 +173,6 @@ class Diagnoser:
         ------
         InputError : its channels do not suffice, or the profile in it cannot be used.
         """
-        from fdd.identification.log_scales import check_scales
-
         unit, note = (self.unit, None) if self.unit is not None else unit_of(log, None)
         notes = (*((note,) if note else ()), *check_scales(log.samples, unit, where))
         found = diagnose_log(
@@ -206,56 +195,29 @@ class Diagnoser:
         ------
         InputError : it cannot be written.
         """
-        from fdd.report import write_report
-
-        settings = {
-            "model": str(self.settings.model or "shipped"), "profile": found.unit.name, "log": found.log.name,
-        }  # fmt: skip
+        diagnosis, samples = found.diagnosis, found.log.samples
         for path, alone in ((job.report, True), (job.page, False)):
             if path is not None:
-                write_report(
-                    path, found.diagnosis, found.trajectories, found.log.samples, found.unit, settings,
-                    alone=alone,
-                )  # fmt: skip
+                from fdd.report import write_report
+
+                settings = {
+                    "model": str(self.settings.model or "shipped"), "profile": found.unit.name,
+                    "log": found.log.name,
+                }  # fmt: skip
+                write_report(path, diagnosis, found.trajectories, samples, found.unit, settings, alone=alone)
         if job.mcap is not None:
             from fdd.logs.mcap_writing import write_annotated
 
             write_annotated(
-                job.mcap,
-                found.log.samples,
-                vars(found.trajectories),
-                found.diagnosis.model_dump_json(by_alias=True),
-                axis=found.diagnosis.axis,
-                unit_yaml=found.unit.to_yaml(),
-                start_ns=found.log.start_ns,
-            )
-
-
-def _classifier(path: Path) -> StoredClassifier:
-    """A trained classifier that can be asked about whole logs.
-
-    Raises
-    ------
-    InputError : it cannot be read, trusted or used.
-    """
-    from fdd.learning.opinion import require_usable
-    from fdd.learning.stored import load_classifier
-
-    stored = load_classifier(path)
-    require_usable(stored, str(path))
-    return stored
+                job.mcap, samples, vars(found.trajectories), diagnosis.model_dump_json(by_alias=True),
+                axis=diagnosis.axis, unit_yaml=found.unit.to_yaml(), start_ns=found.log.start_ns,
+            )  # fmt: skip
 
 
 def diagnose_log(
-    log: Log,
-    unit: Unit,
-    model: Model,
-    name: str,
-    notes: tuple[str, ...] = (),
-    advance: Advance = lambda done: None,
-    keep_trajectories: bool = True,
-    trackers: tuple[str, ...] = (),
-) -> Diagnosed:
+    log: Log, unit: Unit, model: Model, name: str, notes: tuple[str, ...] = (),
+    advance: Advance = lambda done: None, keep_trajectories: bool = True, trackers: tuple[str, ...] = (),
+) -> Diagnosed:  # fmt: skip
     """Diagnose one log.
 
     Parameters
@@ -270,8 +232,6 @@ def diagnose_log(
     ------
     InputError : its channels do not suffice.
     """
-    from fdd.diagnosis.pipeline import Pipeline
-
     pipeline = Pipeline(
         unit, model, axis=log.axis or unit.axis, log=printable(name), keep_trajectories=keep_trajectories,
         trackers=trackers,
@@ -290,16 +250,47 @@ def diagnose_log(
     return Diagnosed(log, unit, diagnosis, pipeline)
 
 
+def unit_of(log: Log | None, given: str | None) -> tuple[Unit, str | None]:
+    """The profile to diagnose with, and a note where nobody chose it.
+
+    Parameters
+    ----------
+    log : its metadata may carry the profile of the unit that it was recorded on.
+    given : name or path on the command line; goes first.
+
+    Raises
+    ------
+    InputError : no such profile, or an unusable one.
+    """
+    if given is not None:
+        return Unit.load(given), None
+    text = None if log is None else log.metadata.get("unit", {}).get("yaml")
+    if text is not None and log is not None:
+        where = f"{log.name}, unit profile in its metadata"
+        if len(text) > MAX_UNIT_BYTES:
+            raise InputError(f"larger than {MAX_UNIT_BYTES} bytes", where=where, mend="give --unit")
+        try:
+            return _parsed(text), None
+        except InputError as error:
+            raise InputError(error.problem, where=where, mend=error.mend) from None
+    axis = None if log is None else log.axis
+    taken = axis if axis in shipped_units() else DEFAULT_UNIT
+    note = f"no unit profile given: taken for {taken} (give --unit, or make one with fdd identify)"
+    return Unit.load(taken), note
+
+
+@lru_cache(maxsize=4)
+def _parsed(text: str) -> Unit:
+    """The logs of one rig carry the same profile."""
+    return Unit.from_yaml(text, where="")
+
+
 def quality_of(found: DataQuality, notes: tuple[str, ...] = ()) -> Quality:
     """The reader's counts and notes as the answer carries them."""
-    from fdd.diagnosis.findings import Quality
-
     return Quality(
-        dropped_samples=found.dropped_samples,
-        nan_samples=found.nan_samples,
-        time_jumps=found.time_jumps,
+        dropped_samples=found.dropped_samples, nan_samples=found.nan_samples, time_jumps=found.time_jumps,
         notes=[*found.notes, *notes],
-    )
+    )  # fmt: skip
 
 
 def printable(name: str) -> str:

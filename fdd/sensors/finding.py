@@ -2,25 +2,20 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import Any, Literal
+from collections.abc import Iterable
+from dataclasses import dataclass, replace
+from typing import Literal
+
+import numpy as np
 
 from fdd.faults import fault as catalogue_fault
+from fdd.sensors.limits import NAMES
+from fdd.sensors.memory import Memory
 
 Kind = Literal[
-    "dead",
-    "stuck",
-    "saturated",
-    "out_of_range",
-    "spikes",
-    "step",
-    "slip",
-    "supply_loss",
-    "noisy",
-    "dropout",
-    "clipped",
-]
-
+    "dead", "stuck", "saturated", "out_of_range", "spikes", "step", "slip", "supply_loss", "noisy",
+    "dropout", "clipped",
+]  # fmt: skip
 FAILING = ("dead", "stuck", "saturated", "out_of_range", "step", "supply_loss", "noisy", "dropout")
 """Kinds that take the channel out of what follows while they last; the others leave it usable."""
 CONFIDENCE: dict[str, float] = {
@@ -29,11 +24,12 @@ CONFIDENCE: dict[str, float] = {
 }  # fmt: skip
 """How sure a finding of a kind is: not calibrated. Chance plays no part (see the thresholds); what is left is
 that the profile is wrong."""
+SAME_INSTANT_S = 0.05
 
 
 @dataclass(frozen=True)
 class SensorFinding:
-    """One failure of one channel.
+    """One failure of one channel; events of one kind are one finding.
 
     Attributes
     ----------
@@ -81,11 +77,82 @@ class SensorFinding:
             return catalogue_fault("pressure_sensor_bias").id
         return catalogue_fault("sensor_dropout").id
 
-    def to_plain(self) -> dict[str, Any]:
-        """JSON-able; `from_plain` reads it."""
-        return {**vars(self), "channels": list(self.channels)}
 
-    @classmethod
-    def from_plain(cls, plain: dict[str, Any]) -> SensorFinding:
-        """What `to_plain` gave."""
-        return cls(**{**plain, "channels": tuple(plain["channels"])})
+class SensorFindings:
+    """Findings so far, by channel and kind, and which channels fail in the frame that is judged now.
+
+    Attributes
+    ----------
+    memory : what is kept of the channels. end : s, of the frame. failing : (12,) channels.
+    """
+
+    def __init__(self, memory: Memory, findings: Iterable[SensorFinding] = ()) -> None:
+        self.memory = memory
+        self._found = {(f.channel, str(f.kind)): f for f in findings}
+        self.begin_frame(np.nan)
+
+    def begin_frame(self, end: float) -> None:
+        """What is reported from now on was decided in the frame until `end` (s)."""
+        self.end, self.failing = end, np.zeros(len(NAMES), np.bool_)
+
+    def by_onset(self) -> list[SensorFinding]:
+        """In the order of their onsets."""
+        return sorted(self._found.values(), key=lambda f: (f.onset_s, f.channel, f.kind))
+
+    def fail(self, k: int, kind: Kind, onset: float, size: float, evidence: str) -> None:
+        """A lasting failure of channel k: reported, and the channel is not trusted from now on."""
+        self.failing[k] = True
+        if np.isnan(self.memory.failed_since[k]):
+            self.memory.failed_since[k] = onset
+            slip = self._found.get((NAMES[k], "slip"))
+            if slip is not None and slip.count == 1 and abs(slip.onset_s - onset) < SAME_INSTANT_S:
+                # Its only slip turned out to be where it failed.
+                del self._found[NAMES[k], "slip"]
+                self._found[NAMES[k], kind] = replace(slip, kind=kind, size=size, evidence=evidence)
+            self.report(k, kind, onset, None, size, evidence, adds=False)
+
+    def report(
+        self, k: int, kind: Kind, onset: float, until: float | None, size: float, evidence: str, *,
+        adds: bool = True, count: int = 1, channels: tuple[str, ...] = (),
+    ) -> None:  # fmt: skip
+        """Enter an event of channel k; `adds` says whether its size adds to that of the events before."""
+        channel = NAMES[k]
+        known = self._found.get((channel, kind))
+        if known is None:
+            self._found[channel, kind] = SensorFinding(
+                channel, kind, onset, until, self.end, CONFIDENCE[kind], size, evidence, count,
+                channels or (channel,),
+            )  # fmt: skip
+            return
+        again = known.until_s is not None or kind not in FAILING
+        self._found[channel, kind] = replace(
+            known,
+            onset_s=min(known.onset_s, onset),
+            until_s=until,
+            size=known.size + size if adds else known.size,
+            count=known.count + (count if again else 0),
+        )
+
+    def close(self, k: int, at: float) -> None:
+        """Channel k is good again since `at`."""
+        for key, found in self._found.items():
+            if NAMES[k] in found.channels and found.kind in FAILING and found.until_s is None:
+                lost = at - found.onset_s if found.kind == "dropout" and found.count == 1 else found.size
+                self._found[key] = replace(found, until_s=at, size=lost)
+
+    def was_dropout(self, k: int, onset: float, size: float) -> None:
+        """What began at `onset` turned out to be a dropout."""
+        for key, found in list(self._found.items()):
+            if found.channel == NAMES[k] and found.onset_s == onset and found.kind != "dropout":
+                del self._found[key]
+                self._found[NAMES[k], "dropout"] = replace(found, kind="dropout", size=size)
+
+    def lose_supply(self, channels: list[int], onset: float, evidence: str) -> None:
+        """Make one lost supply of what these channels' own findings since `onset` say."""
+        names = tuple(NAMES[k] for k in channels)
+        for key, found in list(self._found.items()):
+            if found.channel in names and found.onset_s >= onset - 0.2 and found.kind != "supply_loss":
+                del self._found[key]
+        self.report(
+            channels[0], "supply_loss", onset, None, float(len(names)), evidence, adds=False, channels=names
+        )

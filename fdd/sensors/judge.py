@@ -5,15 +5,20 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from fdd.sensors import constancy
-from fdd.sensors.finding import Kind
+from fdd.sensors.finding import SAME_INSTANT_S, Kind, SensorFindings
 from fdd.sensors.jumping import JumpWatch, Rows, swept_volume
-from fdd.sensors.limits import INDEX, IS_LIVE, NAMES, Limits, beyond_relief, figure
-from fdd.sensors.memory import MOVING, STILL, Memory
-from fdd.sensors.noise import smallest
-from fdd.sensors.scan import FRAME_S, LOST_WINDOW_S, Scan
-from fdd.sensors.sensor_findings import SAME_INSTANT_S, SensorFindings
-from fdd.sensors.supply import SupplyWatch
+from fdd.sensors.limits import DIFFERENCE, IS_LIVE, IS_MEASURED, NAMES, POSITION, Limits, figure
+from fdd.sensors.memory import MOVING, STILL
+from fdd.sensors.scan import (
+    FRAME_S,
+    LEARNT_FRAMES,
+    LOST_WINDOW_S,
+    Scan,
+    rows_needed,
+    scan,
+    standing_position,
+)
+from fdd.sensors.statistics import smallest
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -30,7 +35,8 @@ well."""
 SHOWS_NOISE = np.array([n not in WITHOUT_NOISE for n in NAMES])
 GOOD_FRAMES = 2
 """Frames in a row without a failure after which a channel is trusted again."""
-POSITION = INDEX["position"]
+SILENT_S = 5.0
+"""Noise that is there shows within some rows; this leaves time for a converter that starts late."""
 
 
 class FrameJudge:
@@ -38,13 +44,12 @@ class FrameJudge:
 
     Parameters
     ----------
-    limits : of the unit. memory : what is kept. findings : where they go.
+    limits : of the unit. findings : where they go, and what is kept of the channels.
     """
 
-    def __init__(self, limits: Limits, memory: Memory, findings: SensorFindings) -> None:
-        self.limits, self.memory, self.findings = limits, memory, findings
-        self._jumps = JumpWatch(limits, memory, findings)
-        self._supply = SupplyWatch(limits, memory, findings)
+    def __init__(self, limits: Limits, findings: SensorFindings) -> None:
+        self.limits, self.memory, self.findings = limits, findings.memory, findings
+        self._jumps = JumpWatch(limits, findings)
 
     def judge(self, time: Array, values: Array, first: int, impossible: Mask, end: float) -> None:
         """Judge rows ``first:``; those before are the tail of the frame before.
@@ -55,30 +60,31 @@ class FrameJudge:
             out.
         end : s, of the frame.
         """
-        memory = self.memory
-        swept = swept_volume(time, values, self.limits, memory)
-        turned = float(np.abs(np.diff(swept[first:])).sum() / self.limits.displacement)
+        memory, limits = self.memory, self.limits
+        self.findings.begin_frame(end)
+        failing = self.findings.failing
+        swept = swept_volume(time, values, limits, memory)
+        turned = float(np.abs(np.diff(swept[first:])).sum() / limits.displacement)
         kind = MOVING if turned > 2.0 * np.pi else STILL
-        frame = Scan.of(time, values, first, kind, end, self.limits, memory)
+        frame = scan(time, values, first, kind, end, limits, memory)
         rows = Rows(time, values, frame.noise, swept)
-        failing = np.zeros(len(NAMES), np.bool_)
-        self._absent(frame, end, failing)
-        odd = self._constant(frame, kind, end, failing)
-        self._standing(frame, rows, first, end, failing)
+        self._absent(frame, end)
+        odd = self._constant(frame, kind, end)
+        self._standing(frame, rows, first)
         odd |= failing
-        beyond = (
-            frame.measured & ((frame.least < self.limits.low) | (frame.most > self.limits.high)) & ~failing
-        )
+        beyond = frame.measured & ((frame.least < limits.low) | (frame.most > limits.high)) & ~failing
         for k in np.flatnonzero(beyond).tolist():
-            odd[k] |= self._range(k, time[first:], values[k, first:], impossible[k], end, failing)
-        odd |= self._noise(frame, kind, end, failing)
+            odd[k] |= self._range(k, time[first:], values[k, first:], impossible[k])
+        odd |= self._noise(frame, kind, end)
         if kind == MOVING:
             memory.excited[frame.measured] = np.where(frame.whole, memory.excited + 1.0, 0.0)[frame.measured]
         self._learn(frame, kind, frame.measured & ~odd & ~failing & np.isnan(memory.failed_since))
-        self._jumps.judge(rows, frame.seen, end - FRAME_S, end, failing)
-        self._supply.silent_from_start(end, failing)
-        self._supply.lost_together(end, failing)
-        self._recover(end, failing)
+        self._jumps.judge(rows, frame.seen, end - FRAME_S, end)
+        own = np.ones(len(NAMES), np.bool_)
+        own[DIFFERENCE] = memory.derived[0] != 1.0
+        self._silent_from_start(end, own)
+        self._lost_together(own)
+        self._recover(end)
 
     def _learn(self, frame: Scan, kind: int, good: Mask) -> None:
         """Learn the range of healthy behaviour from good channels: repeated rows, and noise."""
@@ -86,104 +92,89 @@ class FrameJudge:
         # The expected longest run of N rows is about ln N / ln(1/p).
         by_run = np.maximum(memory.present, 1.0) ** (-1.0 / np.maximum(frame.longest, 1.0))
         by_run[memory.present < 2.0] = 0.0
-        for kept, shown in (
-            (memory.repeat, frame.repeated),
-            (memory.repeat, by_run),
-            (memory.noisiest, frame.noise),
-        ):
-            np.maximum(kept[kind], shown, out=kept[kind], where=good)
-        np.minimum(memory.quietest[kind], frame.noise, out=memory.quietest[kind], where=good)
+        repeat, noisiest, quietest = memory.repeat[kind], memory.noisiest[kind], memory.quietest[kind]
+        for kept, shown in ((repeat, frame.repeated), (repeat, by_run), (noisiest, frame.noise)):
+            np.maximum(kept, shown, out=kept, where=good)
+        np.minimum(quietest, frame.noise, out=quietest, where=good)
         memory.frames[kind] += good
 
-    def _fail(
-        self, k: int, kind: Kind, onset: float, now: float, size: float, evidence: str, failing: Mask
-    ) -> None:
-        """A lasting failure: reported, and the channel is not trusted from now on."""
-        failing[k] = True
-        if np.isnan(self.memory.failed_since[k]):
-            self.memory.failed_since[k] = onset
-            self.findings.was_slip(NAMES[k], onset, kind, size, evidence)
-            self.findings.report(NAMES[k], kind, onset, None, now, size, evidence, adds=False)
-
-    def _absent(self, frame: Scan, end: float, failing: Mask) -> None:
+    def _absent(self, frame: Scan, end: float) -> None:
         """Gaps of channels that were there: long ones, and many short ones."""
-        memory = self.memory
+        memory, found = self.memory, self.findings
         for channel, since, until in frame.gaps.tolist():
             k = int(channel)
             length = (end if np.isnan(until) else until) - since
             message = f"{NAMES[k]} has no value for {length:.2f} s"
             if np.isnan(until):
-                self._fail(k, "dropout", since, end, length, message, failing)
+                found.fail(k, "dropout", since, length, message)
             elif np.isnan(memory.failed_since[k]):
-                self.findings.report(NAMES[k], "dropout", since, until, end, length, message)
-        for k in np.flatnonzero(frame.bursts & ~failing).tolist():
+                found.report(k, "dropout", since, until, length, message)
+        for k in np.flatnonzero(frame.bursts & ~found.failing).tolist():
             lost, began = float(memory.absent_s[k]), float(memory.absent_first[k])
             message = f"{NAMES[k]} has no value for {lost:.1f} s of the last {LOST_WINDOW_S:g} s, in bursts"
-            self.findings.report(NAMES[k], "dropout", began, end, end, lost, message, adds=False)
+            found.report(k, "dropout", began, end, lost, message, adds=False)
 
-    def _constant(self, frame: Scan, kind: int, end: float, failing: Mask) -> Mask:
+    def _constant(self, frame: Scan, kind: int, end: float) -> Mask:
         """Runs of one value that are too long; (12,) which channels had some."""
-        memory, limits = self.memory, self.limits
+        memory, limits, found = self.memory, self.limits, self.findings
         held = np.zeros(len(NAMES), np.bool_)
         for channel, value, since, until, rows in frame.runs.tolist():
             k = int(channel)
             name, held[k] = NAMES[k], True
-            length = (end if np.isnan(until) else until) - since
+            over = not np.isnan(until)
+            length = (until if over else end) - since
             message = f"{name} shows exactly {figure(name, value)} in {rows:.0f} rows, {length:.2f} s"
-            if beyond_relief(k, value, limits) and length < BURST_S:
-                if not np.isnan(until):
-                    self.findings.report(
-                        name, "clipped", since, until, end, length, f"{message}: its range's end"
-                    )
+            # Sensors' ranges end where the relief valve opens, and a peak goes further for some milliseconds.
+            peak = name.startswith("pressure") and limits.relief <= abs(value) <= limits.high[k]
+            if peak and length < BURST_S:
+                if over:
+                    found.report(k, "clipped", since, until, length, f"{message}: its range's end")
                 continue
-            if not np.isnan(until) and since == memory.failed_since[k]:
-                # The end of a run already reported; if short, it was a loose contact.
-                if length < BURST_S:
+            if over:
+                known = since == memory.failed_since[k]  # the end of a run that was reported already
+                if not known or length < BURST_S:
                     memory.held_until[k] = until + LOST_WINDOW_S
-                    self.findings.rename(name, since, "dropout", length)
-                continue
-            if not np.isnan(until):
-                memory.held_until[k] = until + LOST_WINDOW_S
-                self.findings.report(name, "dropout", since, until, end, length, f"{message}, then goes on")
-                continue
-            if memory.held_until[k] > since:
-                self._fail(k, "dropout", since, end, length, message, failing)
+                if not known:
+                    found.report(k, "dropout", since, until, length, f"{message}, then goes on")
+                elif length < BURST_S:  # it was a loose contact
+                    found.was_dropout(k, since, length)
                 continue
             reach = limits.resolution[k]
             dead = abs(value) <= reach or abs(value - limits.dead[k]) <= reach
             beyond = not limits.low[k] <= value <= limits.high[k]
-            if value >= limits.rail[k] - reach or (beyond and not dead):
-                self._fail(k, "saturated", since, end, value, f"{message}: the end of its range", failing)
+            if memory.held_until[k] > since:
+                found.fail(k, "dropout", since, length, message)
+            elif value >= limits.rail[k] - reach or (beyond and not dead):
+                found.fail(k, "saturated", since, value, f"{message}: the end of its range")
             elif dead:
-                self._fail(k, "dead", since, end, value, f"{message}: no signal", failing)
+                found.fail(k, "dead", since, value, f"{message}: no signal")
             else:
-                need = constancy.rows_needed(k, kind, memory, limits)
-                why = (
-                    f"its noise lets it repeat for at most {need:.0f} rows" if memory.changed[k]
-                    else "though the pump turns"
-                )  # fmt: skip
-                self._fail(k, "stuck", since, end, value, f"{message}; {why}", failing)
+                why = "though the pump turns"
+                if memory.changed[k]:
+                    need = rows_needed(k, kind, memory, limits)
+                    why = f"its noise lets it repeat for at most {need:.0f} rows"
+                found.fail(k, "stuck", since, value, f"{message}; {why}")
         return held
 
-    def _standing(self, frame: Scan, rows: Rows, first: int, end: float, failing: Mask) -> None:
+    def _standing(self, frame: Scan, rows: Rows, first: int) -> None:
         """A position that stays constant while the pump turns."""
         memory, limits, pressure = self.memory, self.limits, rows.difference()
-        if failing[POSITION] or not frame.measured[POSITION] or not rows.swept.size or pressure is None:
+        failed = self.findings.failing[POSITION] or not frame.measured[POSITION]
+        if failed or not rows.swept.size or pressure is None:
             return
         since, value = float(memory.run_since[POSITION]), float(memory.run_value[POSITION])
         # From the last row of the frame before, so that no step of the angle is lost.
-        begin = max(first - 1, 0)
-        if constancy.standing_position(
-            rows.time, rows.values[POSITION], rows.swept, pressure, begin, memory, limits
-        ):
+        begin, position = max(first - 1, 0), rows.values[POSITION]
+        if standing_position(rows.time, position, rows.swept, pressure, begin, memory, limits):
             volume = memory.volume[2] - memory.volume[1]
             message = (
                 f"position stands at {1e3 * value:.3f} mm while the pump displaces "
                 f"{1e6 * volume:.1f} cm³, {1e3 * volume / limits.area:.1f} mm of travel"
             )
-            self._fail(POSITION, "dead" if value == 0.0 else "stuck", since, end, value, message, failing)
+            kind: Kind = "dead" if value == 0.0 else "stuck"
+            self.findings.fail(POSITION, kind, since, value, message)
 
-    def _range(self, k: int, time: Array, values: Array, impossible: Mask, end: float, failing: Mask) -> bool:
+    def _range(self, k: int, time: Array, values: Array, impossible: Mask) -> bool:
         """Values beyond the limits: most of a frame's, or single rows that were taken out."""
         low, high, name = self.limits.low[k], self.limits.high[k], NAMES[k]
         beyond = (values < low) | (values > high)
@@ -194,24 +185,22 @@ class FrameJudge:
                 f"{name} is {figure(name, middle)} (median of {FRAME_S:g} s), beyond what the unit can "
                 f"reach, {figure(name, low)} to {figure(name, high)}"
             )
-            self._fail(k, "out_of_range", float(time[np.argmax(beyond)]), end, middle, message, failing)
+            self.findings.fail(k, "out_of_range", float(time[np.argmax(beyond)]), middle, message)
             return True
         wild = np.flatnonzero(beyond & impossible)
         if wild.size:
             worst = float(values[wild][np.argmax(np.abs(values[wild]))])
             message = f"single rows of {name} are impossible, the first {figure(name, worst)}"
-            self.findings.report(
-                name, "spikes", float(time[wild[0]]), float(time[wild[-1]]), end, float(wild.size), message,
-                count=int(wild.size),
-            )  # fmt: skip
+            onset, until = float(time[wild[0]]), float(time[wild[-1]])
+            self.findings.report(k, "spikes", onset, until, float(wild.size), message, count=int(wild.size))
         return bool(wild.size)
 
-    def _noise(self, frame: Scan, kind: int, end: float, failing: Mask) -> Mask:
+    def _noise(self, frame: Scan, kind: int, end: float) -> Mask:
         """Noise far beyond or below what it was; (12,) where it is."""
         memory, limits, noise = self.memory, self.limits, frame.noise
         # Counts follow the motion, whose curvature is no noise.
-        judged = frame.measured & ~failing & SHOWS_NOISE & (IS_LIVE | (limits.noise > 0.0))
-        judged &= memory.frames[kind] >= constancy.LEARNT_FRAMES
+        judged = frame.measured & ~self.findings.failing & SHOWS_NOISE & (IS_LIVE | (limits.noise > 0.0))
+        judged &= memory.frames[kind] >= LEARNT_FRAMES
         usual = np.maximum(np.maximum(memory.noisiest[kind], limits.noise), limits.resolution)
         least = memory.quietest[kind]
         loud = judged & (noise > NOISE_FACTOR * usual)
@@ -225,29 +214,62 @@ class FrameJudge:
                 if frames[k] == 1.0:
                     begun[k] = end - FRAME_S
                 if frames[k] >= NOISE_FRAMES:
-                    message = (
-                        f"noise of {NAMES[k]} is {figure(NAMES[k], noise[k])} rms for "
-                        f"{frames[k] * FRAME_S:g} s, "
-                        f"it was {figure(NAMES[k], least[k])} to {figure(NAMES[k], usual[k])}"
-                    )
+                    shown, low, high = (figure(NAMES[k], x) for x in (noise[k], least[k], usual[k]))
+                    seconds = frames[k] * FRAME_S
+                    message = f"noise of {NAMES[k]} is {shown} rms for {seconds:g} s, it was {low} to {high}"
                     size = float(noise[k] / max(usual[k], 1e-300))
-                    self._fail(k, "noisy", float(begun[k]), end, size, message, failing)
+                    self.findings.fail(k, "noisy", float(begun[k]), size, message)
         return np.asarray(loud | faint)
 
-    def _recover(self, end: float, failing: Mask) -> None:
+    def _silent_from_start(self, end: float, own: Mask) -> None:
+        """Two or more channels that the profile gives noise, and none of them ever showed any.
+
+        One alone may have a profile that is wrong; it is judged when the pump turns.
+        """
+        memory = self.memory
+        alive = (memory.present > 0) & (self.limits.repeat < 1.0) & own
+        silent = alive & (memory.changed == 0.0) & (end - memory.run_since >= SILENT_S)
+        if alive.sum() < 2 or not (silent == alive).all():
+            return
+        for k in np.flatnonzero(silent).tolist():
+            since, value = float(memory.run_since[k]), float(memory.run_value[k])
+            message = f"{NAMES[k]} shows exactly {figure(NAMES[k], value)} since the log's first row"
+            self.findings.fail(k, "dead", since, value, message)
+
+    def _lost_together(self, own: Mask) -> None:
+        """A lost supply of channels that fell silent at the same instant."""
+        memory, failing = self.memory, self.findings.failing
+        rests_at_0 = (memory.run_value == 0.0) & (np.abs(memory.last_value) > 0.0) & (memory.run_rows > 1)
+        for k in np.flatnonzero(failing & own).tolist():
+            onset = float(memory.failed_since[k])
+            fell = failing & (np.abs(memory.failed_since - onset) <= SAME_INSTANT_S)
+            fell |= rests_at_0 & (np.abs(memory.run_since - onset) <= SAME_INSTANT_S)
+            silent = np.flatnonzero(fell & own & IS_MEASURED & (memory.present > 0)).tolist()
+            names = {NAMES[j] for j in silent}
+            known = any(
+                f.kind == "supply_loss" and f.until_s is None and names <= set(f.channels)
+                for f in self.findings.by_onset()
+            )
+            if len(silent) < 2 or known:
+                continue
+            failing[silent] = True
+            late = [j for j in silent if np.isnan(memory.failed_since[j])]
+            memory.failed_since[late] = onset
+            together = f"{', '.join(NAMES[j] for j in silent)} fall silent within {1e3 * SAME_INSTANT_S:.0f}"
+            self.findings.lose_supply(silent, onset, f"{together} ms: they lost their supply")
+
+    def _recover(self, end: float) -> None:
         """Trust channels again after `GOOD_FRAMES` without a failure; they count as good from the first of
         these."""
         memory = self.memory
         for k in np.flatnonzero(~np.isnan(memory.failed_since)).tolist():
-            lasting = memory.biased[k] != 0.0 or self._still_silent(k)
-            if failing[k] or lasting or not np.isnan(memory.absent_since[k]):
+            # A silent one still shows the value of its failure.
+            silent = memory.run_since[k] <= memory.failed_since[k] + SAME_INSTANT_S
+            lasting = memory.biased[k] != 0.0 or silent or not np.isnan(memory.absent_since[k])
+            if self.findings.failing[k] or lasting:
                 memory.good[k] = 0.0
                 continue
             memory.good[k] += 1.0
             if memory.good[k] >= GOOD_FRAMES:
                 memory.failed_since[k], memory.good[k] = np.nan, 0.0
-                self.findings.close(NAMES[k], end - GOOD_FRAMES * FRAME_S)
-
-    def _still_silent(self, k: int) -> bool:
-        """Whether the channel still shows the value of its failure."""
-        return bool(self.memory.run_since[k] <= self.memory.failed_since[k] + SAME_INSTANT_S)
+                self.findings.close(k, end - GOOD_FRAMES * FRAME_S)

@@ -19,16 +19,17 @@ Array = NDArray[np.float64]
 NAMES = tuple(c for c in CHANNELS if c != "time")
 INDEX = {name: k for k, name in enumerate(NAMES)}
 CHAMBERS = ("pressure_1", "pressure_2")
+ANGLE, SPEED, POSITION = INDEX["pump_angle"], INDEX["pump_speed"], INDEX["position"]
+ONE, TWO, DIFFERENCE = INDEX["pressure_1"], INDEX["pressure_2"], INDEX["pressure_difference"]
+ACCUMULATOR = INDEX["pressure_accumulator"]
 NOT_MEASURED = ("command", "position_setpoint")
 """Numbers that a controller wrote: they may be anything, and only their absence is reported."""
 LIVE = (
     "pressure_1", "pressure_2", "pressure_difference", "pressure_accumulator", "motor_current", "load_force",
 )  # fmt: skip
 """Analogue channels, which noise keeps moving. Counts of an encoder and a slow thermocouple may stand."""
-IS_LIVE, IS_MEASURED = (
-    np.array([n in LIVE for n in NAMES]),
-    np.array([n not in NOT_MEASURED for n in NAMES]),
-)
+IS_LIVE = np.array([n in LIVE for n in NAMES])
+IS_MEASURED = np.array([n not in NOT_MEASURED for n in NAMES])
 SIGMA = 8.0
 """Standard deviations that noise does not reach: at 1 kHz and eight channels a Gaussian passes 8 once in
 3e7 h; what is spent of that is for noise whose tails are heavier."""
@@ -59,7 +60,6 @@ class Limits(NamedTuple):
         counts.
     rail : the highest reading of the sensor or its converter, NaN unknown.
     dead : what a broken current loop reads, else 0.
-    travel : m per rad of the pump, D/A.
     pump_speed, acceleration : rad/s, rad/s², largest.
     piston_speed : m/s, largest.
     release : m/s², of the piston when its breakaway force is suddenly free.
@@ -75,7 +75,6 @@ class Limits(NamedTuple):
     repeat: Array
     rail: Array
     dead: Array
-    travel: float
     pump_speed: float
     acceleration: float
     piston_speed: float
@@ -115,7 +114,6 @@ class Limits(NamedTuple):
         rail = [s.loop.largest if s.loop is not None else s.high for s in sensors]
         volume = max(cylinder.volume_1, cylinder.volume_2) + 0.5 * max(areas) * cylinder.stroke
         smaller = min(cylinder.volume_1, cylinder.volume_2)
-        travel = pump.displacement / (0.5 * sum(areas))
         torque = drive.torque_constant * drive.current_limit + pump.displacement * relief
         return cls(
             low=np.array([bounds.get(n, (-np.inf, np.inf))[0] for n in NAMES]),
@@ -123,7 +121,7 @@ class Limits(NamedTuple):
             noise=noise, resolution=counts, repeat=repeat,
             rail=np.array([np.nan if r is None else r for r in rail]),
             dead=np.array([0.0 if s.loop is None else -s.loop.offset for s in sensors]),
-            travel=travel, pump_speed=drive.max_speed, acceleration=torque / drive.inertia,
+            pump_speed=drive.max_speed, acceleration=torque / drive.inertia,
             piston_speed=1.5 * pump.displacement * drive.max_speed / min(areas),
             release=max(unit.friction.forward.static, unit.friction.reverse.static) / cylinder.moving_mass,
             lightness=max(areas) / cylinder.moving_mass,
@@ -134,12 +132,6 @@ class Limits(NamedTuple):
             displacement=pump.displacement, area=min(areas), stroke=cylinder.stroke,
             leakage=pump.total_leakage, relief=relief,
         )  # fmt: skip
-
-
-def beyond_relief(k: int, value: float, limits: Limits) -> bool:
-    """Whether it is a pressure that a unit has while its relief valve opens: sensors' ranges end there, and
-    a peak goes further for some milliseconds."""
-    return NAMES[k].startswith("pressure") and limits.relief <= abs(value) <= limits.high[k]
 
 
 def figure(name: str, value: float) -> str:

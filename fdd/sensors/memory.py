@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from fdd.sensors.limits import INDEX, NAMES
+from fdd.sensors.limits import NAMES
 
 Array = NDArray[np.float64]
 
@@ -22,17 +22,11 @@ SHAPES: dict[str, tuple[int, ...]] = {
     "volume": (5,), "stood": (4,), "stamps": (2,), "cells": (COUNT, CELL_HISTORY), "derived": (1,),
 }  # fmt: skip
 """Of what is not (12,)."""
-STARTS = {
-    **dict.fromkeys(
-        (
-            "run_value", "run_since", "loud_since", "faint_since", "absent_since", "absent_first",
-            "failed_since", "last_value", "good_value", "good_time", "doubtful_since", "previous", "stamps",
-            "derived",
-        ),
-        np.nan,
-    ),
-    "quietest": np.inf, "held_until": -np.inf,
-}  # fmt: skip
+UNKNOWN = (
+    "run_value", "run_since", "loud_since", "faint_since", "absent_since", "absent_first", "failed_since",
+    "last_value", "good_value", "good_time", "doubtful_since", "previous", "stamps", "derived",
+)  # fmt: skip
+STARTS = {**dict.fromkeys(UNKNOWN, np.nan), "quietest": np.inf, "held_until": -np.inf}
 """What does not start at 0."""
 
 
@@ -100,7 +94,3 @@ class Memory(NamedTuple):
     def new(cls) -> Memory:
         """Of a log that has not begun."""
         return cls(*(np.full(SHAPES.get(n, (COUNT,)), STARTS.get(n, 0.0)) for n in cls._fields))
-
-    def is_derived(self, k: int) -> bool:
-        """Whether channel k is a Δp that was made of both chambers' pressures."""
-        return k == INDEX["pressure_difference"] and self.derived[0] == 1.0

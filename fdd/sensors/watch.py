@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Iterable
 from itertools import pairwise
 from typing import Any
 
@@ -11,19 +12,22 @@ from numpy.typing import NDArray
 
 from fdd.errors import InputError
 from fdd.samples import Samples
-from fdd.sensors.finding import FAILING, SensorFinding
+from fdd.sensors.finding import FAILING, SensorFinding, SensorFindings
 from fdd.sensors.judge import FrameJudge
-from fdd.sensors.jumping import TAIL_S
-from fdd.sensors.limits import CHAMBERS, INDEX, NAMES, Limits
-from fdd.sensors.masks import impossible_rows, row_bounds
+from fdd.sensors.limits import ANGLE, DIFFERENCE, INDEX, NAMES, ONE, POSITION, SIGMA, SPEED, TWO, Limits
 from fdd.sensors.memory import Memory
 from fdd.sensors.scan import FRAME_S
-from fdd.sensors.sensor_findings import SensorFindings
+from fdd.sensors.statistics import njit
 from fdd.unit import Unit
 
 Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
 
 STATE_VERSION = "3"
+TAIL_S = 0.3
+"""s of a frame that are judged once more with the next one."""
+BACK_S = 0.05
+"""A value that does not come back within this time has jumped for good."""
 
 
 class SensorWatch:
@@ -57,15 +61,15 @@ class SensorWatch:
         self._last = -np.inf
         self._frame = 0
         self._tail: tuple[Array, Array] = np.empty(0), np.empty((len(NAMES), 0))
-        self._parts: list[tuple[Array, Array, NDArray[np.bool_]]] = []
-        self._set(Memory.new(), SensorFindings())
+        self._parts: list[tuple[Array, Array, Mask]] = []
+        self._set(Memory.new())
 
     def __repr__(self) -> str:
         return f"SensorWatch(unit={self.unit.name!r}, findings={len(self._findings.by_onset())})"
 
-    def _set(self, memory: Memory, findings: SensorFindings) -> None:
-        self._memory, self._findings = memory, findings
-        self._judge = FrameJudge(self._limits, memory, findings)
+    def _set(self, memory: Memory, findings: Iterable[SensorFinding] = ()) -> None:
+        self._memory, self._findings = memory, SensorFindings(memory, findings)
+        self._judge = FrameJudge(self._limits, self._findings)
 
     def push(self, samples: Samples) -> Samples:
         """The same samples, with NaN where a value must not be trusted.
@@ -119,27 +123,21 @@ class SensorWatch:
         `since` is None for a channel that was good throughout; a channel that jumped or spiked, and is
         usable, says so with the time of the last such finding's onset.
         """
-        out = []
+        out: list[dict[str, Any]] = []
         for name in (n for n, seen in zip(NAMES, self._memory.present, strict=True) if seen > 0):
             mine = [f for f in self._findings.by_onset() if name in f.channels]
             lasting = [f for f in mine if f.kind in FAILING and f.until_s is None]
             usable = [f for f in mine if f.kind not in FAILING]
             latest = (lasting or usable)[-1:]
-            out.append(
-                {
-                    "channel": name,
-                    "state": latest[0].kind if latest else "trusted",
-                    "since": latest[0].onset_s if latest else None,
-                }
-            )
+            state, since = (latest[0].kind, latest[0].onset_s) if latest else ("trusted", None)
+            out.append({"channel": name, "state": state, "since": since})
         return out
 
-    def _failed(self) -> NDArray[np.bool_]:
+    def _failed(self) -> Mask:
         """Channels out now, (12,); a Δp that was made of both chambers' fails with either."""
         failed = ~np.isnan(self._memory.failed_since)
-        if self._memory.derived[0] == 1.0 and any(failed[INDEX[n]] for n in CHAMBERS):
-            failed = failed.copy()
-            failed[INDEX["pressure_difference"]] = True
+        if self._memory.derived[0] == 1.0 and (failed[ONE] or failed[TWO]):
+            failed[DIFFERENCE] = True
         return failed
 
     def _close_frame(self) -> None:
@@ -160,11 +158,8 @@ class SensorWatch:
 
     def state(self) -> dict[str, Array]:
         """Everything as flat named arrays; `restore` takes it back."""
-        scalars = {
-            "version": STATE_VERSION,
-            "unit": self.unit.name,
-            "findings": [f.to_plain() for f in self._findings.by_onset()],
-        }
+        findings = [vars(f) for f in self._findings.by_onset()]
+        scalars = {"version": STATE_VERSION, "unit": self.unit.name, "findings": findings}
         out = {f"sensors_{name}": kept.copy() for name, kept in self._memory._asdict().items()}
         nothing = np.empty((len(NAMES), 0))
         parts = self._parts or [(np.empty(0), nothing, nothing.astype(np.bool_))]
@@ -189,10 +184,76 @@ class SensorWatch:
         if scalars["version"] != STATE_VERSION or scalars["unit"] != self.unit.name:
             raise InputError("saved state of another version or unit", mend="start anew")
         memory = Memory(**{name: state[f"sensors_{name}"].copy() for name in Memory._fields})
-        self._set(memory, SensorFindings(SensorFinding.from_plain(f) for f in scalars["findings"]))
+        found = [SensorFinding(**{**f, "channels": tuple(f["channels"])}) for f in scalars["findings"]]
+        self._set(memory, found)
         self._first, self._last = (float(v) for v in state["sensors_clock"][:2])
         self._frame = int(state["sensors_clock"][2])
         self._tail = state["sensors_tail_time"].copy(), state["sensors_tail"].T.copy()
         time = state["sensors_frame_time"]
         frame = (time.copy(), state["sensors_frame"].T.copy(), state["sensors_frame_wild"].T.astype(np.bool_))
         self._parts = [frame] if time.size else []
+
+
+def row_bounds(limits: Limits) -> Array:
+    """Least and largest value of a row, largest change in a second, and an allowance on that, (4, 12).
+
+    The change is inf where none is known.
+    """
+    reach = SIGMA * limits.noise + limits.resolution
+    rate = np.full(reach.size, np.inf)
+    rate[POSITION], rate[ANGLE] = limits.piston_speed, 1.3 * limits.pump_speed
+    bounds = np.stack([limits.low - reach, limits.high + reach, rate, 4.0 * reach])
+    # A speed that is a difference of counts over the nominal period doubles where a row comes a period late.
+    bounds[:2, SPEED] *= 2.0
+    return bounds
+
+
+@njit(nogil=True)
+def impossible_rows(
+    time: Array, values: Array, frame_begin: float, bounds: Array, dead: Array, memory: Memory
+) -> Mask:
+    """Impossible values among `values` (12, n), taken at `time` (n,) s; rows have to come in their order.
+
+    Parameters
+    ----------
+    frame_begin : s, first row of the frame that the rows belong to. bounds : see `row_bounds`.
+    dead : (12,) what a broken loop reads. memory : where the last good values are kept.
+    """
+    out = np.zeros(values.shape, np.bool_)
+    slack = np.empty(time.size)
+    older, old = memory.stamps
+    for i in range(time.size):
+        # A late stamp takes time from the next step: allow for the two steps together.
+        step, before = time[i] - old, old - older
+        slack[i] = (0.0 if np.isnan(step) else step) + (0.0 if np.isnan(before) else before)
+        older, old = old, time[i]
+    memory.stamps[0], memory.stamps[1] = older, old
+    for k in range(values.shape[0]):
+        loose = memory.held_until[k] > frame_begin
+        previous, low, high = memory.previous[k], bounds[0, k], bounds[1, k]
+        for i in range(time.size):
+            value = values[k, i]
+            out[k, i] = value < low or value > high or (loose and (value == previous or value == dead[k]))
+            previous = value
+        memory.previous[k] = previous
+        if bounds[2, k] < np.inf:
+            _too_fast(time, slack, values[k], out[k], k, bounds[2, k], bounds[3, k], memory)
+    return out
+
+
+@njit(nogil=True)
+def _too_fast(
+    time: Array, slack: Array, values: Array, out: Mask, k: int, rate: float, floor: float, memory: Memory
+) -> None:
+    """Mark rows farther from the last good one than the rate allows, until they come back or stay."""
+    good, at, doubtful = memory.good_value[k], memory.good_time[k], memory.doubtful_since[k]
+    for i in range(time.size):
+        if np.isnan(values[i]) or out[i]:
+            continue
+        far = abs(values[i] - good) > rate * (time[i] - at + slack[i]) + floor
+        if far and not time[i] - doubtful >= BACK_S:
+            out[i] = True
+            doubtful = time[i] if np.isnan(doubtful) else doubtful
+        else:
+            good, at, doubtful = values[i], time[i], np.nan
+    memory.good_value[k], memory.good_time[k], memory.doubtful_since[k] = good, at, doubtful

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from scipy import integrate, stats
 
-from fdd.sensors.jumps import NOISE_REACH, excess
+from fdd.sensors.jumps import NOISE_REACH
 from fdd.sensors.limits import INDEX, Limits
-from fdd.sensors.noise import spread
+from fdd.sensors.statistics import excess, spread
 from fdd.unit import Unit
 
 ROWS = 1_000_000

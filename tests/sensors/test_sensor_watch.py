@@ -18,8 +18,8 @@ from fdd.plant.simulate import Simulation, simulate
 from fdd.samples import Samples
 from fdd.sensor import Sensor
 from fdd.sensors import SensorWatch
-from fdd.sensors.explained import BREAKS_LOOSE, usual_step
-from fdd.sensors.jumps import excess
+from fdd.sensors.jumps import BREAKS_LOOSE, usual_step
+from fdd.sensors.statistics import excess
 from fdd.unit import Unit
 
 ONSET = 8.0
@@ -65,10 +65,18 @@ def run(
     return simulate(unit_with(axis, sensors), Scenario(duration=20.0, faults=faults, seed=3, **DUTIES[duty]))
 
 
-def watched(simulation: Simulation) -> SensorWatch:
-    watch = SensorWatch(simulation.unit)
-    watch.push(simulation.samples)
+def watched(samples: Samples, unit: Unit | None = None, rows: int = 1_000_000) -> SensorWatch:
+    """A watch that has seen samples, in blocks of so many rows."""
+    watch = SensorWatch(unit or unit_with("axis_a", "as shipped"))
+    for block in samples.blocks(rows):
+        watch.push(block)
     return watch
+
+
+def changed(samples: Samples, channel: str, rows: Any, value: Any) -> Samples:
+    column = samples[channel].copy()
+    column[rows] = value
+    return samples.with_columns({channel: column})
 
 
 @pytest.mark.parametrize("duty", DUTIES)
@@ -77,16 +85,16 @@ def watched(simulation: Simulation) -> SensorWatch:
     [("axis_a", "as shipped"), ("axis_b", "as shipped"), ("axis_a", "noisy"), ("axis_b", "coarse")],
 )
 def test_healthy_is_quiet(axis: str, sensors: str, duty: str) -> None:
-    simulation = run(axis, sensors, duty)
-    assert watched(simulation).findings() == []
-    assert {s["state"] for s in watched(simulation).states()} == {"trusted"}
+    watch = watched(run(axis, sensors, duty).samples, unit_with(axis, sensors))
+    assert watch.findings() == []
+    assert {s["state"] for s in watch.states()} == {"trusted"}
 
 
 @pytest.mark.parametrize(
     "fault", ["internal_leakage", "relief_valve_stuck_open", "aeration", "coupling_wear"]
 )
 def test_faults_of_the_machine_are_none_of_the_sensors(fault: str) -> None:
-    assert watched(run("axis_a", "as shipped", "steps with a mass", fault, 1.0)).findings() == []
+    assert watched(run("axis_a", "as shipped", "steps with a mass", fault, 1.0).samples).findings() == []
 
 
 def slips_of(simulation: Simulation) -> tuple[np.ndarray, np.ndarray]:
@@ -103,7 +111,7 @@ def slips_of(simulation: Simulation) -> tuple[np.ndarray, np.ndarray]:
 def test_slips_of_the_encoder(duty: str, severity: float) -> None:
     simulation = run("axis_b", "as shipped", duty, "position_sensor_slip", severity)
     times, sizes = slips_of(simulation)
-    found = {f.kind: f for f in watched(simulation).findings()}
+    found = {f.kind: f for f in watched(simulation.samples, simulation.unit).findings()}
     slip = found["slip"]
     assert (slip.channel, slip.fault) == ("position", "position_sensor_slip")
     assert np.abs(times - slip.onset_s).min() < 0.002, "the onset is one of the slips"
@@ -116,7 +124,7 @@ def test_slip_in_a_noisy_position() -> None:
     simulation = run("axis_a", "noisy", "steps with a mass", "position_sensor_slip", 0.8)
     times, _ = slips_of(simulation)
     assert times.size
-    (found,) = watched(simulation).findings()
+    (found,) = watched(simulation.samples, simulation.unit).findings()
     assert found.kind == "slip"
     assert np.abs(times - found.onset_s).min() < 0.05
 
@@ -132,7 +140,7 @@ def test_slip_in_a_noisy_position() -> None:
 @pytest.mark.parametrize("duty", ["standstill", "sweep"])
 def test_dropouts(variant: str, severity: float, kind: str, duty: str) -> None:
     simulation = run("axis_a", "as shipped", duty, "sensor_dropout", severity, variant)
-    (found,) = watched(simulation).findings()
+    (found,) = watched(simulation.samples, simulation.unit).findings()
     channel = "position" if variant.startswith("position") else "pressure_difference"
     assert (found.channel, found.kind, found.fault) == (channel, kind, "sensor_dropout")
     # At severity 0.3 the first burst comes when it comes, 0.33 s after the onset on average.
@@ -142,7 +150,7 @@ def test_dropouts(variant: str, severity: float, kind: str, duty: str) -> None:
 
 def test_position_that_stands_while_the_pump_turns() -> None:
     simulation = run("axis_a", "as shipped", "noise", "sensor_dropout", 1.0, "position_held")
-    (found,) = watched(simulation).findings()
+    (found,) = watched(simulation.samples, simulation.unit).findings()
     assert (found.channel, found.kind) == ("position", "stuck")
     assert found.onset_s == pytest.approx(ONSET, abs=0.2)
 
@@ -159,10 +167,7 @@ def test_a_position_that_fails_in_motion_is_no_slip(seed: int, fails: str, kinds
     lost = (log.time >= 15.2) & (log.time < 19.2)
     stands = log["position"][np.argmax(lost)]
     value = {"holds": stands, "reads nothing": 0.0, "at its end": 2.0 * unit.cylinder.stroke}[fails]
-    watch = SensorWatch(unit)
-    for block in log.with_columns({"position": np.where(lost, value, log["position"])}).blocks(500):
-        watch.push(block)
-    found = {f.kind: f for f in watch.findings()}
+    found = {f.kind: f for f in watched(changed(log, "position", lost, value), unit, 500).findings()}
     assert "slip" not in found
     [kind] = kinds & found.keys()
     assert found[kind].onset_s == pytest.approx(15.2, abs=0.05)
@@ -171,29 +176,22 @@ def test_a_position_that_fails_in_motion_is_no_slip(seed: int, fails: str, kinds
 
 def test_a_failed_channel_is_trusted_again_after_it_came_back() -> None:
     samples = run("axis_a", "as shipped", "sweep").samples
-    pressure = samples["pressure_1"].copy()
-    rows = (samples.time >= 6.0) & (samples.time < 9.0)
-    pressure[rows] = 0.0
+    lost = changed(samples, "pressure_1", (samples.time >= 6.0) & (samples.time < 9.0), 0.0)
     watch = SensorWatch(unit_with("axis_a", "as shipped"))
-    out = watch.push(samples.with_columns({"pressure_1": pressure}))
+    out = watch.push(lost)
     (found,) = watch.findings()
     assert (found.kind, found.onset_s) == ("dead", pytest.approx(6.0, abs=0.002))
     assert found.until_s == pytest.approx(9.0, abs=0.51)
     assert np.isnan(out["pressure_1"][(samples.time > 6.51) & (samples.time < 9.0)]).all()
-    assert np.array_equal(
-        out["pressure_1"][samples.time > 11.0], pressure[samples.time > 11.0], equal_nan=True
-    )
+    late = samples.time > 11.0
+    assert np.array_equal(out["pressure_1"][late], lost["pressure_1"][late], equal_nan=True)
 
 
 def test_noise_that_grows_ten_times() -> None:
     samples = run("axis_a", "as shipped", "standstill").samples
     rows = samples.time >= 9.0
-    extra = np.random.default_rng(1).normal(0.0, 7e4, int(rows.sum()))
-    pressure = samples["pressure_2"].copy()
-    pressure[rows] += extra
-    watch = SensorWatch(unit_with("axis_a", "as shipped"))
-    watch.push(samples.with_columns({"pressure_2": pressure}))
-    (found,) = watch.findings()
+    noisy = samples["pressure_2"][rows] + np.random.default_rng(1).normal(0.0, 7e4, int(rows.sum()))
+    (found,) = watched(changed(samples, "pressure_2", rows, noisy)).findings()
     assert (found.channel, found.kind) == ("pressure_2", "noisy")
     assert found.onset_s == pytest.approx(9.0, abs=0.51)
 
@@ -252,9 +250,7 @@ def test_a_row_is_nan_only_where_it_must_be_and_input_is_left_alone() -> None:
 
 
 def test_findings_are_of_the_catalogue_and_say_figures() -> None:
-    watch = SensorWatch(unit_with("axis_a", "as shipped"))
-    watch.push(spoilt())
-    for found in watch.findings():
+    for found in watched(spoilt()).findings():
         assert found.fault in CATALOGUE
         assert found.channel in found.channels
         assert any(c.isdigit() for c in found.evidence)
@@ -263,26 +259,19 @@ def test_findings_are_of_the_catalogue_and_say_figures() -> None:
 
 def test_channels_may_come_and_go() -> None:
     samples = run("axis_a", "as shipped", "standstill").samples
-    watch = SensorWatch(unit_with("axis_a", "as shipped"))
-    columns = samples.columns
-    del columns["pressure_2"]
-    watch.push(Samples(samples.time[:4000], {n: v[:4000] for n, v in samples.columns.items()}))
-    watch.push(Samples(samples.time[4000:], {n: v[4000:] for n, v in columns.items()}))
+    watch, rest = watched(samples.rows(0, 4000)), samples.rows(4000, len(samples))
+    watch.push(Samples(rest.time, {n: rest[n] for n in rest.channels if n != "pressure_2"}))
     (found,) = watch.findings()
     assert (found.channel, found.kind) == ("pressure_2", "dropout")
 
 
-def test_time_has_to_go_on() -> None:
-    watch = SensorWatch(unit_with("axis_a", "as shipped"))
-    watch.push(Samples([1.0], {"position": [0.0]}))
+def test_time_that_stands_and_a_state_of_another_unit_are_refused() -> None:
+    row = Samples([1.0], {"position": [0.0]})
+    watch = watched(row)
     with pytest.raises(InputError, match="order of time"):
-        watch.push(Samples([1.0], {"position": [0.0]}))
-
-
-def test_state_of_another_unit_is_refused() -> None:
-    state = SensorWatch(Unit.load("axis_a")).state()
+        watch.push(row)
     with pytest.raises(InputError, match="another version or unit"):
-        SensorWatch(Unit.load("axis_b")).restore(state)
+        SensorWatch(Unit.load("axis_b")).restore(watch.state())
 
 
 @pytest.mark.parametrize("rate", [500.0, 1000.0])
@@ -293,9 +282,7 @@ def test_stamps_that_come_late_are_no_slip_of_the_angle(rate: float) -> None:
     late = (rng.random(time.size) < 0.02) * rng.uniform(0.1, 0.9, time.size) / rate
     assert np.any((late[:-2] > 0.5 / rate) & (late[1:-1] == 0.0) & (late[2:] > 0.5 / rate))
     speed = 180.0 + 20.0 * np.sin(time)
-    watch = SensorWatch(unit_with("axis_a", "as shipped"))
-    watch.push(Samples(time + late, {"pump_angle": np.cumsum(speed) / rate}))
-    assert not watch.findings()
+    assert not watched(Samples(time + late, {"pump_angle": np.cumsum(speed) / rate})).findings()
 
 
 def test_the_usual_step_of_an_angle_that_is_measured_at_some_rows_is_that_of_all() -> None:
@@ -316,9 +303,7 @@ def test_a_piston_that_its_load_swings_goes_on_while_a_row_is_late(rate: float) 
         "position": np.round(0.01 * swing, 6), "pump_angle": 1e-3 * np.round(30.0 * np.sin(time)),
         "pressure_difference": 1e6 * swing + rng.normal(scale=7e3, size=time.size),
     }  # fmt: skip
-    watch = SensorWatch(unit_with("axis_a", "as shipped"))
-    watch.push(Samples(time, columns))
-    assert not watch.findings()
+    assert not watched(Samples(time, columns)).findings()
 
 
 @pytest.mark.parametrize("stride", [1, 2])
@@ -339,14 +324,9 @@ def test_a_leap_of_a_freed_piston_is_within_what_is_allowed_for_it(half: float, 
 @pytest.mark.parametrize(("share", "sound"), [(1.05, True), (0.6, False)])
 def test_a_peak_beyond_a_range_that_spans_the_relief_setting_is_no_fault(share: float, sound: bool) -> None:
     """An amplifier that ends below the relief setting is broken: no sensor is chosen so small."""
-    unit = unit_with("axis_a", "as shipped")
     samples = run("axis_a", "as shipped", "noise").samples
-    end, rows = share * unit.accumulator.relief_pressure, slice(9000, 9020)
-    pressure = samples["pressure_difference"].copy()
-    pressure[rows] = end
-    watch = SensorWatch(unit)
-    for block in samples.with_columns({"pressure_difference": pressure}).blocks(700):
-        watch.push(block)
+    end = share * unit_with("axis_a", "as shipped").accumulator.relief_pressure
+    watch = watched(changed(samples, "pressure_difference", slice(9000, 9020), end), rows=700)
     assert bool(watch.findings()) != sound
     assert len(watch.notes()) == sound
     state = next(s for s in watch.states() if s["channel"] == "pressure_difference")["state"]

@@ -2,83 +2,87 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable
+from functools import cache
 from pathlib import Path
 
 import numpy as np
 import pytest
-from bench_runs import bench_run
-from numpy.typing import NDArray
 
-from fdd.logs import ChannelMap
+from fdd.logs import ChannelMap, read_log
 from fdd.samples import Samples
 from fdd.sensors import SensorFinding, SensorWatch
 from fdd.unit import Unit
 
 pytestmark = pytest.mark.slow
-Columns = dict[str, NDArray[np.float64]]
+ROOT = Path(__file__).parents[2]
+BENCH = Path(os.environ.get("FDD_SHARED", ROOT.parent / "shared")) / "real" / "eha_bench"
 RUNS = ("session_18oct/exp_data_5_3.csv", "session_18oct/exp_data_1_1.csv", "session_17oct/test2.csv")
 AT_REST = 14.3
+SUPPLIED = ("pressure_1", "pressure_2", "position", "pump_angle")
+Recorded = Callable[[str], Samples]
 
 
-def watched(samples: Samples, unit: Unit) -> tuple[list[SensorFinding], Samples]:
-    watch = SensorWatch(unit)
+@pytest.fixture(scope="module")
+def recorded(bench_map: ChannelMap) -> Recorded:
+    """One recording in SI, read once; skips where the recordings are absent."""
+    return cache(lambda run: read_log(BENCH / run, bench_map).samples)
+
+
+def sessions(*names: str) -> list[str]:
+    return [f"{n}/{path.name}" for n in names for path in sorted((BENCH / n).glob("*.csv"))]
+
+
+def watched(samples: Samples) -> tuple[list[SensorFinding], Samples]:
+    watch = SensorWatch(Unit.load(ROOT / "examples" / "bench.base.yaml"))
     out = watch.push(samples)
     return watch.findings(), out
 
 
-def broken(samples: Samples, change: Callable[[Columns, slice], None], at: float) -> Samples:
-    columns = {n: v.copy() for n, v in samples.columns.items()}
-    change(columns, slice(int(np.searchsorted(samples.time, at)), None))
+def changed(
+    samples: Samples, at: float, *channels: str, value: float | None = None, add: float = 0.0
+) -> Samples:
+    """From `at` (s) on `value`, or what stood there plus `add`; Δp is made of both pressures."""
+    columns, first = {n: v.copy() for n, v in samples.columns.items()}, int(np.searchsorted(samples.time, at))
+    for channel in channels:
+        columns[channel][first:] = columns[channel][first:] + add if value is None else value
     columns["pressure_difference"] = columns["pressure_1"] - columns["pressure_2"]
     return Samples(samples.time, columns)
 
 
-def test_healthy_runs_are_quiet(bench_folder: Path, bench_unit: Unit, bench_map: ChannelMap) -> None:
-    runs = sorted(p for s in ("session_17oct", "session_18oct") for p in (bench_folder / s).glob("*.csv"))
+def test_healthy_runs_are_quiet(recorded: Recorded) -> None:
+    runs = sessions("session_17oct", "session_18oct")
     assert len(runs) == 26
-    loud = {p.name: f for p in runs if (f := watched(bench_run(p, bench_map), bench_unit)[0])}
-    assert not loud
+    assert not {run: f for run in runs if (f := watched(recorded(run))[0])}
 
 
-def test_bursts_of_the_angle_sensor_are_spikes(
-    bench_folder: Path, bench_unit: Unit, bench_map: ChannelMap
-) -> None:
-    for path in sorted((bench_folder / "session_15oct").glob("*.csv")):
-        samples = bench_run(path, bench_map)
-        found, out = watched(samples, bench_unit)
+def test_bursts_of_the_angle_sensor_are_spikes(recorded: Recorded) -> None:
+    for run in sessions("session_15oct"):
+        samples = recorded(run)
+        found, out = watched(samples)
         spikes = [f for f in found if (f.channel, f.kind) == ("pump_angle", "spikes")]
-        assert len(spikes) == 1, path.name
+        assert len(spikes) == 1, run
         row = int(np.searchsorted(samples.time, spikes[0].onset_s))
         step = np.abs(np.diff(samples["pump_angle"][row - 1 : row + 2])).max()
         # Rows that go a third of a turn in a millisecond are taken out at once, the others are told.
         assert step < 1.0 or np.isnan(out["pump_angle"][row])
 
 
-def dead(columns: Columns, rows: slice) -> None:
-    columns["pressure_1"][rows] = 0.0
-
-
-def stuck(columns: Columns, rows: slice) -> None:
-    columns["pressure_2"][rows] = columns["pressure_2"][rows][0]
-
-
-def saturated(columns: Columns, rows: slice) -> None:
-    columns["pressure_1"][rows] = 25.5e6
-
-
 @pytest.mark.parametrize("run", RUNS)
 @pytest.mark.parametrize("at", [0.0, 6.3, AT_REST])
 @pytest.mark.parametrize(
-    ("change", "channel", "kind"),
-    [(dead, "pressure_1", "dead"), (stuck, "pressure_2", "stuck"), (saturated, "pressure_1", "saturated")],
+    ("channel", "value", "kind"),
+    [("pressure_1", 0.0, "dead"), ("pressure_2", np.nan, "stuck"), ("pressure_1", 25.5e6, "saturated")],
 )
 def test_silent_pressure_is_named_and_taken_out(
-    bench_folder: Path, bench_unit: Unit, bench_map: ChannelMap, run: str, at: float,
-    change: Callable[[Columns, slice], None], channel: str, kind: str,
-) -> None:  # fmt: skip
-    samples = broken(bench_run(bench_folder / run, bench_map), change, at)
-    found, out = watched(samples, bench_unit)
+    recorded: Recorded, run: str, at: float, channel: str, value: float, kind: str
+) -> None:
+    samples = recorded(run)
+    if kind == "stuck":
+        value = float(samples[channel][np.searchsorted(samples.time, at)])
+    samples = changed(samples, at, channel, value=value)
+    found, out = watched(samples)
     assert [(f.channel, f.kind, f.fault) for f in found] == [(channel, kind, "sensor_dropout")]
     assert found[0].onset_s == pytest.approx(at, abs=0.05)
     # Of a channel that never lived the pump has to turn first, which it does within 5 s here.
@@ -91,45 +95,28 @@ def test_silent_pressure_is_named_and_taken_out(
 
 @pytest.mark.parametrize("run", RUNS)
 @pytest.mark.parametrize("at", [6.3, AT_REST])
-@pytest.mark.parametrize("step", [1.05e-3, -0.55e-3, 1e-3])
-def test_encoder_step_is_a_slip(
-    bench_folder: Path, bench_unit: Unit, bench_map: ChannelMap, run: str, at: float, step: float
+@pytest.mark.parametrize(
+    ("channel", "step", "kind", "fault", "within"),
+    [
+        # Two counts of 25 µm; the pressure has 0.65 bar of noise, and more while the pump turns.
+        *(("position", s, "slip", "position_sensor_slip", 50e-6) for s in (1.05e-3, -0.55e-3, 1e-3)),
+        ("pressure_1", 3e6, "step", "pressure_sensor_bias", 0.6e6),
+    ],
+)
+def test_a_step_is_that_of_an_encoder_or_of_the_loaded_chamber(
+    recorded: Recorded, run: str, at: float, channel: str, step: float, kind: str, fault: str, within: float
 ) -> None:
-    def slip(columns: Columns, rows: slice) -> None:
-        columns["position"][rows] += step
-
-    found, _ = watched(broken(bench_run(bench_folder / run, bench_map), slip, at), bench_unit)
-    assert [(f.channel, f.kind, f.fault) for f in found] == [("position", "slip", "position_sensor_slip")]
+    found, _ = watched(changed(recorded(run), at, channel, add=step))
+    assert [(f.channel, f.kind, f.fault) for f in found] == [(channel, kind, fault)]
     assert found[0].onset_s == pytest.approx(at, abs=0.05)
-    assert found[0].size == pytest.approx(abs(step), abs=50e-6), "two counts of 25 µm"
+    assert found[0].size == pytest.approx(abs(step), abs=within)
 
 
 @pytest.mark.parametrize("run", RUNS)
 @pytest.mark.parametrize("at", [6.3, AT_REST])
-def test_bias_of_30_bar_is_a_step_of_the_loaded_chamber(
-    bench_folder: Path, bench_unit: Unit, bench_map: ChannelMap, run: str, at: float
-) -> None:
-    def bias(columns: Columns, rows: slice) -> None:
-        columns["pressure_1"][rows] += 3e6
-
-    found, _ = watched(broken(bench_run(bench_folder / run, bench_map), bias, at), bench_unit)
-    assert [(f.channel, f.kind, f.fault) for f in found] == [("pressure_1", "step", "pressure_sensor_bias")]
-    assert found[0].onset_s == pytest.approx(at, abs=0.05)
-    # The pressure has 0.65 bar of noise, and more while the pump turns.
-    assert found[0].size == pytest.approx(3e6, abs=0.6e6)
-
-
-@pytest.mark.parametrize("run", RUNS)
-@pytest.mark.parametrize("at", [6.3, AT_REST])
-def test_lost_supply_is_one_finding(
-    bench_folder: Path, bench_unit: Unit, bench_map: ChannelMap, run: str, at: float
-) -> None:
-    def lost(columns: Columns, rows: slice) -> None:
-        for name in ("pressure_1", "pressure_2", "position", "pump_angle"):
-            columns[name][rows] = 0.0
-
-    found, out = watched(broken(bench_run(bench_folder / run, bench_map), lost, at), bench_unit)
+def test_lost_supply_is_one_finding(recorded: Recorded, run: str, at: float) -> None:
+    found, out = watched(changed(recorded(run), at, *SUPPLIED, value=0.0))
     assert [f.kind for f in found] == ["supply_loss"]
-    assert set(found[0].channels) == {"pressure_1", "pressure_2", "position", "pump_angle"}
+    assert set(found[0].channels) == set(SUPPLIED)
     assert found[0].onset_s == pytest.approx(at, abs=0.05)
     assert all(np.isnan(out[n][-1]) for n in found[0].channels)

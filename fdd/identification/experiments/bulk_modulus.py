@@ -61,10 +61,6 @@ BAR = 1e-5
 def bulk_modulus(records: list[Record], unit: Unit) -> Outcome:
     """Bulk modulus at the logs' usual pressure and over pressure, and the free air behind that.
 
-    Parameters
-    ----------
-    records : logs of one unit. unit : profile: areas, volumes, polytropic index; its oil is compared with.
-
     Raises
     ------
     InputError : a gain or pressures that cannot be this unit's.
@@ -81,7 +77,7 @@ def bulk_modulus(records: list[Record], unit: Unit) -> Outcome:
             break
         found = higher
     rows, fit = _Rows(found), found.fit
-    beta = Estimate(*(float(x[0]) for x in over_pressure(found, np.array([reference]))))
+    beta = Estimate(*_at(found, reference))
     if _at_bound(found):
         out.not_told.append("Bulk modulus: no compression shows; steps of pressure and position do not fit.")
         return out
@@ -101,7 +97,7 @@ def bulk_modulus(records: list[Record], unit: Unit) -> Outcome:
             f"{BAR * low:.3g} to {BAR * high:.3g} bar, and only the free air would tell what lies beyond."
         )
     for place, level in enumerate([*levels, middle]):
-        value, std = (float(x[0]) for x in over_pressure(found, np.array([level])))
+        value, std = _at(found, level)
         note = f"profile {figure(BAR * modulus_at(unit.oil, level))} bar"
         quantity = f"effective bulk modulus at {BAR * level:.3g} bar"
         out.told.insert(place, Told.normal(quantity, value, std, "Pa", note))
@@ -185,6 +181,12 @@ def over_pressure(found: Hydraulics, pressure: Array) -> tuple[Array, Array]:
     return 1.0 / value, np.hypot(jackknife_std(others) / value, unseen) / value
 
 
+def _at(found: Hydraulics, pressure: float) -> tuple[float, float]:
+    """As `over_pressure`, at one."""
+    value, std = over_pressure(found, np.array([pressure]))
+    return float(value[0]), float(std[0])
+
+
 def _volume_share(found: Hydraulics) -> float:
     """Relative standard deviation of volumes that stay the profile's: its own, or what units differ by."""
     if found.volumes_found:
@@ -206,11 +208,11 @@ def _air(out: Outcome, found: Hydraulics, unit: Unit, span: tuple[float, float])
             "Record steps from near the accumulator's pressure to several times it."
         )
         return False
-    out.told.append(Told.normal("free air at atmospheric pressure", air.value, air.std, "1",
-                                f"profile {unit.oil.air_fraction:.4g}"))  # fmt: skip
-    value, std = (float(x[0]) for x in over_pressure(found, np.array([1e12])))
+    profile = f"profile {unit.oil.air_fraction:.4g}"
+    out.tell("free air at atmospheric pressure", air.value, air.std, "1", profile)
+    value, std = _at(found, 1e12)
     if std < BULK_SHARP * value and not _at_bound(found):
-        out.told.append(Told.normal("bulk modulus of the oil without free air", value, std, "Pa"))
+        out.tell("bulk modulus of the oil without free air", value, std, "Pa")
     return True
 
 
@@ -239,10 +241,9 @@ def _draw(out: Outcome, found: Hydraulics, rows: _Rows, unit: Unit, low: float, 
             continue
         at, (value, least, most) = float(np.median(rows.pressure[inside])), rows.modulus(inside)
         table.append((at, value, least, most))
-        fitted = float(over_pressure(found, np.array([at]))[0][0])
         out.rows.append((
             f"{BAR * at:.3g} bar", f"{figure(BAR * value)} bar",
-            f"{figure(BAR * least)} … {figure(BAR * most)}", f"{figure(BAR * fitted)} bar",
+            f"{figure(BAR * least)} … {figure(BAR * most)}", f"{figure(BAR * _at(found, at)[0])} bar",
             f"{figure(BAR * modulus_at(unit.oil, at))} bar", str(np.count_nonzero(inside)),
         ))  # fmt: skip
     curves = [

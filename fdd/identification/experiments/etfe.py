@@ -224,11 +224,12 @@ def etfe(candidates: list[list[Series]], period: float, width_hz: float) -> Empi
         sweeps = [(s, band) for s in series if (band := swept(s.given, period)) is not None]
         if sweeps:
             low, high = min(b[0] for _, b in sweeps), max(b[1] for _, b in sweeps)
+            n = max(round(0.1 / period), 2)
+            rests = [np.std(np.append(s.given[:n], s.given[-n:])) < REST * np.std(s.given) for s, _ in sweeps]
             ends = (
-                "It begins and ends at one level, so nothing leaks."
-                if all(_rests(s.given, period) for s, _ in sweeps)
+                "It begins and ends at one level, so nothing leaks." if all(rests)
                 else "It does not begin and end at one level: the transients at its ends stay in it."
-            )
+            )  # fmt: skip
             return Empirical(smoothed_etfe([s for s, _ in sweeps], period, width_hz), "chirp", True, (
                 f"The input is a chirp, {low:.3g} to {high:.3g} Hz: trust the ETFE there, whose transform "
                 f"covers the whole sweep; Welch's windows cut it and leak. {ends}"
@@ -237,12 +238,6 @@ def etfe(candidates: list[list[Series]], period: float, width_hz: float) -> Empi
         "The input is neither periodic nor a chirp: trust Welch's estimate. The ETFE's variance does not "
         "fall with the length of the log; only its smoothing over frequency keeps it down."
     ))  # fmt: skip
-
-
-def _rests(given: Array, period: float) -> bool:
-    """Whether an input begins and ends at one level."""
-    n = max(round(0.1 / period), 2)
-    return bool(np.std(np.concatenate([given[:n], given[-n:]])) < REST * np.std(given))
 
 
 def half_power_frequency(frequency: Array, magnitude: Array, reference: float) -> float:

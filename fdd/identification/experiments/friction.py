@@ -77,9 +77,7 @@ def fit_curve(
 def friction(records: list[Record], unit: Unit) -> Outcome:
     """Friction curves by the force balance in steady motion, less the load where it is measured.
 
-    Parameters
-    ----------
-    records : logs. unit : areas, mass, and the curves that tell unloaded motion from loaded.
+    The profile's curves tell unloaded motion from loaded.
     """
     out = Outcome("friction", "Friction over velocity")
     area = unit.cylinder.area_1
@@ -125,7 +123,9 @@ def _direction(
     if v.size < LEAST_BINS:
         out.not_told.append(f"Friction {name}: steady motion at fewer than {LEAST_BINS} speeds.")
         return
-    free = _free(v, base)
+    # The coefficients that these speeds can tell; the profile's stand in for the rest.
+    slow, fast = v[0] <= SLOW * base.stribeck_velocity, v[-1] >= FAST * base.stribeck_velocity
+    free = ("coulomb", *(("static", "stribeck_velocity") if slow else ()), *(("viscous",) if fast else ()))
     fit = fit_curve(v, f, base, free)
     rng = np.random.default_rng(0)
     names, where = np.unique(block, return_inverse=True)
@@ -166,12 +166,6 @@ def _direction(
             curve_line(1e3 * fine, curve(base, fine), "profile", tr.GREY, "dash")]  # fmt: skip
     layout = axes("speed (mm/s)", rangemode="tozero") | {"yaxis": {"rangemode": "tozero"}}
     out.figures.append(Figure(name, f"Friction, {name}", data, layout, "N", "", 340))
-
-
-def _free(v: Array, base: FrictionBranch) -> tuple[str, ...]:
-    """The coefficients that these speeds can tell; the profile's stand in for the rest."""
-    slow, fast = v[0] <= SLOW * base.stribeck_velocity, v[-1] >= FAST * base.stribeck_velocity
-    return ("coulomb", *(("static", "stribeck_velocity") if slow else ()), *(("viscous",) if fast else ()))
 
 
 def _not_told(out: Outcome, name: str, v: Array, base: FrictionBranch, vague: list[str]) -> None:

@@ -82,12 +82,7 @@ def dead_band(levels: Array, speeds: Array, moves: Mask) -> float:
 
 
 def gain(records: list[Record], unit: Unit) -> Outcome:
-    """Volumetric gain in both directions, dead band and lost motion.
-
-    Parameters
-    ----------
-    records : logs. unit : profile whose gain, efficiency and compressibility are compared with.
-    """
+    """Volumetric gain in both directions, dead band and lost motion, beside the profile's."""
     out = Outcome("gain", "Gain from pump to piston")
     w = _windows(records, unit)
     profile = unit.pump.displacement / unit.cylinder.area_1

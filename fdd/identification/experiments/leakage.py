@@ -10,7 +10,7 @@ from scipy.stats import t as student
 
 from fdd.data_sheet.efficiency import volumetric_efficiency
 from fdd.identification.balance import GROUPS, LEAST_ROWS, fit_theta
-from fdd.identification.experiments.outcome import Outcome, Told, axes, cloud, curve_line, points
+from fdd.identification.experiments.outcome import Outcome, axes, cloud, curve_line, points
 from fdd.identification.identify import LEAKAGE_SHARP
 from fdd.identification.least_squares import huber, jackknife_std
 from fdd.identification.record import Record
@@ -88,20 +88,10 @@ class _Rows:
         return whole / scale, stretch * jackknife_std(parts) / scale
 
 
-def zero_share(records: list[Record]) -> float:
-    """Relative error of the leakage that the pressure sensors' zeros may make: less under load."""
-    offset = redundancy_offset(records)
-    zero = max(USUAL_ZERO, 0.0 if offset is None else 0.5 * abs(offset.value))
-    drops = np.concatenate([r.smooth(r.pressure_1 - r.pressure_2, 0.1)[:: r.rows(0.1)] for r in records])
-    return zero / max(float(np.sqrt(np.mean(drops**2))), zero)
-
-
 def leakage(records: list[Record], unit: Unit) -> Outcome:
     """Leak flow out of the chambers over pressure, by the balances of `fdd.identification.volume_steps`.
 
-    Parameters
-    ----------
-    records : logs. unit : profile: areas, volumes, oil, and how cross-port and case leakage share the whole.
+    Cross-port and case leakage share the whole as in the profile.
     """
     out = Outcome("leakage", "Leak flow over pressure")
     logs = LogBalances(records)
@@ -112,11 +102,15 @@ def leakage(records: list[Record], unit: Unit) -> Outcome:
             "Leakage: too few steps in which a chamber stays above the accumulator while it moves."
         )
         return out
-    theta, _ = fit_theta(steps, unit, logs.pressure, logs.noise)
+    theta, _ = fit_theta(logs, steps, unit)
     rows = _Rows(steps, temperature, unit, theta)
     low, high = (float(q) for q in np.quantile(np.abs(rows.pressure), [0.05, 0.95]))
     gain, gain_std = rows.fit(orifice=False)
-    zero = zero_share(records) * gain[1]
+    # The share that the pressure sensors' zeros may make: less under load.
+    offset = redundancy_offset(records)
+    zero_pressure = max(USUAL_ZERO, 0.0 if offset is None else 0.5 * abs(offset.value))
+    drops = np.concatenate([r.smooth(r.pressure_1 - r.pressure_2, 0.1)[:: r.rows(0.1)] for r in records])
+    zero = zero_pressure / max(float(np.sqrt(np.mean(drops**2))), zero_pressure) * gain[1]
     std = float(np.hypot(np.hypot(gain_std[1], zero), MODEL * gain[1]))
     profile = unit.pump.total_leakage
     if high - low < LEAST_PRESSURE or std > LEAKAGE_SHARP * abs(gain[1]):
@@ -125,10 +119,10 @@ def leakage(records: list[Record], unit: Unit) -> Outcome:
             f"{gain[1]:.3g} ± {2 * std:.2g} m³/(s·Pa). Load the actuator, e.g. by throttling."
         )
         return out
-    out.told.append(Told.normal("leakage coefficient, straight line", gain[1], std, "m^3/(s*Pa)",
-                                f"profile {profile:.4g} m³/(s·Pa)"))  # fmt: skip
-    out.told.append(Told.normal("leak flow at the highest pressure", gain[1] * high, std * high, "m^3/s",
-                                f"at {high / 1e5:.3g} bar"))  # fmt: skip
+    beside = f"profile {profile:.4g} m³/(s·Pa)"
+    out.tell("leakage coefficient, straight line", gain[1], std, "m^3/(s*Pa)", beside)
+    beside = f"at {high / 1e5:.3g} bar"
+    out.tell("leak flow at the highest pressure", gain[1] * high, std * high, "m^3/s", beside)
     _efficiency(out, rows, unit, high, gain, std)
     both = _orifice(out, rows, low, high, zero)
     _over_temperature(out, rows, unit, reference, records)
@@ -151,7 +145,7 @@ def _efficiency(out: Outcome, rows: _Rows, unit: Unit, high: float, gain: Array,
     share = volumetric_efficiency(float(gain[0]) * unit.pump.displacement, speed, float(gain[1]), high)
     lost = (1.0 - share) / gain[1]
     where = f"at {high / 1e5:.3g} bar and {30.0 / np.pi * speed:.0f} rpm, thesis eq. 5.4"
-    out.told.append(Told.normal("volumetric efficiency", 100.0 * share, 100.0 * abs(lost) * std, "%", where))
+    out.tell("volumetric efficiency", 100.0 * share, 100.0 * abs(lost) * std, "%", where)
 
 
 def _steps(logs: LogBalances, unit: Unit) -> tuple[VolumeSteps, Array]:
@@ -182,8 +176,8 @@ def _orifice(out: Outcome, rows: _Rows, low: float, high: float, zero: float) ->
         out.notes.append(f"No orifice flow shows: at {high / 1e5:.3g} bar it is below {most:.3g} mL/min.")
         return None
     laminar_std = float(np.hypot(np.hypot(std[1], zero), MODEL * both[1]))
-    out.told.append(Told.normal("laminar part, beside an orifice", both[1], laminar_std, "m^3/(s*Pa)"))
-    out.told.append(Told.normal("orifice part", both[2], reach, "m^3/(s*Pa^0.5)"))
+    out.tell("laminar part, beside an orifice", both[1], laminar_std, "m^3/(s*Pa)")
+    out.tell("orifice part", both[2], reach, "m^3/(s*Pa^0.5)")
     return both
 
 

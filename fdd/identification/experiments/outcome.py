@@ -100,6 +100,10 @@ class Outcome:
     figures: list[Figure] = field(default_factory=list)
     curves: dict[str, dict[str, Any]] = field(default_factory=dict)
 
+    def tell(self, quantity: str, value: float, std: float, unit: str, note: str = "") -> None:
+        """Add a figure by its standard deviation."""
+        self.told.append(Told.normal(quantity, value, std, unit, note))
+
     def as_data(self) -> dict[str, Any]:
         """What ``--json`` writes."""
         return {

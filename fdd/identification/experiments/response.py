@@ -57,15 +57,6 @@ class Tested:
     p_white: float
     worst: float
 
-    def poles_text(self) -> str:
-        """Natural frequencies and damping, pairs once."""
-        facts, n = self.model.facts(), self.model.order
-        once = dict.fromkeys(zip(facts[1 : n + 1].round(2), facts[n + 1 :].round(3), strict=True))
-        return ", ".join(
-            "none" if np.isnan(hz) else f"{hz:.3g} Hz" + (f" (ζ {zeta:.2g})" if zeta < 1.0 else "")
-            for hz, zeta in once
-        )
-
 
 def decibel(response: NDArray[np.complex128] | Array) -> Array:
     """Magnitude in dB, at least -180."""
@@ -117,7 +108,7 @@ def frequency_response(
     else:
         hydraulic = given == "pump_speed" and caused != "pressure_difference"
         _tell(out, best, held_out, natural if hydraulic else None, UNITS[caused])
-        _judge(out, series, best, spectra, standing_share(records))
+        _judge(out, series, best, spectra, records)
     if caused == "position":
         out.notes.append(
             "Models and gain are of the velocity; position is its integral, a pole at zero more."
@@ -153,7 +144,7 @@ def _told_up_to(spectra: Spectra) -> float:
 def _tell(out: Outcome, best: Tested, held_out: list[Series], natural: float | None, unit: str) -> None:
     """Gain and poles; `natural` is the profile's hydraulic frequency, where it is comparable."""
     facts, stds, n = best.model.facts(), best.model.facts_std(), best.model.order
-    out.told.append(Told.normal("gain at rest", facts[0], stds[0], unit))
+    out.tell("gain at rest", facts[0], stds[0], unit)
     hz, zeta = facts[1 : n + 1], facts[n + 1 :]
     hz_std, zeta_std = stds[1 : n + 1], stds[n + 1 :]
     pairs = [k for k in range(n - 1) if zeta[k] < 1.0 and np.isclose(hz[k], hz[k + 1])]
@@ -163,10 +154,10 @@ def _tell(out: Outcome, best: Tested, held_out: list[Series], natural: float | N
             off = "" if natural is None else (
                 f"profile: hydraulic {natural:.3g} Hz, this is {100.0 * (hz[k] / natural - 1.0):+.1f} % off"
             )  # fmt: skip
-            out.told.append(Told.normal("natural frequency of a pole pair", hz[k], hz_std[k], "Hz", off))
-            out.told.append(Told.normal("its damping ratio", zeta[k], zeta_std[k], "1"))
+            out.tell("natural frequency of a pole pair", hz[k], hz_std[k], "Hz", off)
+            out.tell("its damping ratio", zeta[k], zeta_std[k], "1")
         elif k not in pairs and k - 1 not in pairs and hz[k] > 2.0 * NORMAL_95 * hz_std[k]:
-            out.told.append(Told.normal("corner of a real pole", hz[k], hz_std[k], "Hz"))
+            out.tell("corner of a real pole", hz[k], hz_std[k], "Hz")
     out.not_told += [
         f"The pole pair at {hz[k]:.3g} Hz: the model simulates less than half of what the held-out output "
         "holds about that frequency."
@@ -189,7 +180,9 @@ def explained_about(model: Model, series: list[Series], hz: float) -> float:
     return 1.0 - left / whole
 
 
-def _judge(out: Outcome, series: list[Series], best: Tested, spectra: Spectra, standing: float) -> None:
+def _judge(out: Outcome, series: list[Series], best: Tested, spectra: Spectra, records: list[Record]) -> None:
+    speed = np.abs(np.concatenate([r.speeds(0.02)[0] for r in records]))
+    standing = float(np.mean(speed < 0.05 * np.quantile(speed, 0.9)))
     highest = _told_up_to(spectra)
     if highest < 0.9 * spectra.frequency[-1]:
         out.not_told.append(
@@ -212,12 +205,6 @@ def _judge(out: Outcome, series: list[Series], best: Tested, spectra: Spectra, s
         f"{seconds:.0f} s with the strongest input, every {1e3 * best.model.period:.3g} ms; every other "
         f"eighth of a stretch is fitted, the rest held out. Orders by BIC."
     )
-
-
-def standing_share(records: list[Record]) -> float:
-    """Share of the time in which the piston is slower than a twentieth of its usual speed."""
-    v = np.abs(np.concatenate([r.speeds(0.02)[0] for r in records]))
-    return float(np.mean(v < 0.05 * np.quantile(v, 0.9)))
 
 
 def _bandwidth(out: Outcome, name: str, found: Spectra, unit: str) -> tuple[str, str]:
@@ -246,12 +233,19 @@ def _bandwidth(out: Outcome, name: str, found: Spectra, unit: str) -> tuple[str,
 def _row(t: Tested, best: Tested, unit: str, frequency: Array) -> tuple[str, ...]:
     m = t.model
     fine = np.linspace(0.0, frequency[-1], 4000)
-    corner = half_power_frequency(fine, np.abs(m.at(fine)), abs(m.facts()[0]))
-    gain = Told.normal("", m.facts()[0], m.facts_std()[0], unit).shown()
+    facts = m.facts()
+    corner = half_power_frequency(fine, np.abs(m.at(fine)), abs(facts[0]))
+    gain = Told.normal("", facts[0], m.facts_std()[0], unit).shown()
+    # Natural frequencies and damping, pairs once.
+    poles = dict.fromkeys(zip(facts[1 : m.order + 1].round(2), facts[m.order + 1 :].round(3), strict=True))
+    said = (
+        "none" if np.isnan(hz) else f"{hz:.3g} Hz" + (f" (ζ {zeta:.2g})" if zeta < 1.0 else "")
+        for hz, zeta in poles
+    )
     return (
         m.structure + (" (chosen)" if t is best else ""), str(m.order), f"{1e3 * m.delay * m.period:.3g} ms",
         f"{100 * t.fit:.1f} %", "white" if t.p_white >= 0.01 else f"ρ to {t.worst:.2f}", f"{m.bic:.0f}",
-        f"{gain[0]} {gain[2]}", "–" if np.isnan(corner) else f"{corner:.3g} Hz", t.poles_text(),
+        f"{gain[0]} {gain[2]}", "–" if np.isnan(corner) else f"{corner:.3g} Hz", ", ".join(said),
     )  # fmt: skip
 
 
@@ -262,37 +256,36 @@ def _draw(
     magnitude: list[tr.Trace] = []
     angle: list[tr.Trace] = []
     coherence: list[tr.Trace] = []
-    for label, key, colour in (("Welch", "measured", tr.BLUE), ("ETFE", "etfe", tr.GREY)):
-        found = measured[label]
-        f = found.frequency
-        divisor = 2j * np.pi * f if integrate else np.ones_like(f)
-        response, radius = found.response / divisor, found.radius / np.abs(divisor)
-        size, phase = np.abs(response), degrees(response)
-        if "measured" in out.curves and f.size:
-            phase += _turns(f, phase, out.curves["measured"])
-        low, high = np.maximum(size - radius, 0.1 * size), size + radius
-        spread = np.degrees(np.arcsin(np.minimum(radius / np.maximum(size, 1e-300), 1.0)))
-        magnitude += [tr.band(f, decibel(low), decibel(high), "", colour),
-                      curve_line(f, decibel(response), label, colour)]  # fmt: skip
-        angle += [tr.band(f, phase - spread, phase + spread, "", colour), curve_line(f, phase, label, colour)]
-        coherence.append(curve_line(f, found.coherence, label, colour))
-        out.curves[key] = {
-            "frequency_hz": f, "magnitude": size, "magnitude_low": np.maximum(size - radius, 0.0),
-            "magnitude_high": high, "phase_deg": phase, "coherence": found.coherence,
-        }  # fmt: skip
-    welched = out.curves["measured"]
     f = measured["Welch"].frequency
     fine = np.geomspace(f[0], f[-1], 300)
-    fine_divisor = 2j * np.pi * fine if integrate else np.ones_like(fine)
+    drawn: list[tuple[str, str, str, str, Spectra | None, Array, NDArray[np.complex128]]] = [
+        (label, key, colour, "solid", measured[label], measured[label].frequency, measured[label].response)
+        for label, key, colour in (("Welch", "measured", tr.BLUE), ("ETFE", "etfe", tr.GREY))
+    ]
     for t, colour in zip(tested, tr.LINE_COLOURS[1:], strict=False):
-        modelled = t.model.at(fine) / fine_divisor
-        turned = degrees(modelled)
-        turned += _turns(fine, turned, welched)
-        style = (t.model.structure, colour, "solid" if t is best else "dot")
-        magnitude.append(curve_line(fine, decibel(modelled), *style))
-        angle.append(curve_line(fine, turned, *style))
-        curve = {"frequency_hz": fine, "magnitude": np.abs(modelled), "phase_deg": turned}
-        out.curves[t.model.structure] = curve
+        label, dash = t.model.structure, "solid" if t is best else "dot"
+        drawn.append((label, label, colour, dash, None, fine, t.model.at(fine)))
+    for label, key, colour, dash, spectra, at, response in drawn:
+        divisor = 2j * np.pi * at if integrate else np.ones_like(at)
+        response = response / divisor
+        size, phase = np.abs(response), degrees(response)
+        if "measured" in out.curves and at.size:
+            phase += _turns(at, phase, out.curves["measured"])
+        out.curves[key] = {"frequency_hz": at, "magnitude": size, "phase_deg": phase}
+        if spectra is not None:
+            radius = spectra.radius / np.abs(divisor)
+            low, high = np.maximum(size - radius, 0.1 * size), size + radius
+            spread = np.degrees(np.arcsin(np.minimum(radius / np.maximum(size, 1e-300), 1.0)))
+            magnitude.append(tr.band(at, decibel(low), decibel(high), "", colour))
+            angle.append(tr.band(at, phase - spread, phase + spread, "", colour))
+            coherence.append(curve_line(at, spectra.coherence, label, colour))
+            least = np.maximum(size - radius, 0.0)
+            out.curves[key] |= {
+                "magnitude_low": least, "magnitude_high": high, "coherence": spectra.coherence,
+            }  # fmt: skip
+        magnitude.append(curve_line(at, decibel(response), label, colour, dash))
+        angle.append(curve_line(at, phase, label, colour, dash))
+    welched = out.curves["measured"]
     mark = {"type": "line", "xref": "x", "yref": "paper", "x0": natural, "x1": natural, "y0": 0, "y1": 1,
             "line": {"width": 1, "dash": "dot"}, "name": tr.MARK}  # fmt: skip
     layout = axes("frequency (Hz)", type="log") | {"shapes": [mark]}
