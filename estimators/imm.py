@@ -86,10 +86,7 @@ class IMM:
     """
 
     def __init__(
-        self,
-        filters: Sequence[Any],
-        mu: ArrayLike | None,
-        M: ArrayLike | Callable[[float], ArrayLike],
+        self, filters: Sequence[Any], mu: ArrayLike | None, M: ArrayLike | Callable[[float], ArrayLike]
     ) -> None:
         self.filters = list(filters)
         self.N = len(self.filters)

@@ -31,14 +31,7 @@ import math
 import numpy as np
 
 from estimators.compiled import njit
-from estimators.linalg import (
-    Array,
-    Mask,
-    cholesky,
-    cholesky_solve,
-    decorrelate,
-    symmetrise,
-)
+from estimators.linalg import Array, Mask, cholesky, cholesky_solve, decorrelate, symmetrise
 
 LOG_2PI = math.log(2.0 * math.pi)
 # Share of R that breaks the tie between channels that measure the same thing.

@@ -11,10 +11,7 @@ from fdd.faults.signature import Columns, Healthy, Signature
 
 def _chamber(side: int, unit: Healthy) -> Columns:
     # Half of severity 1 of internal leakage, from one chamber; the reservoir's columns have this unit.
-    return {
-        "volume": {f"outside_{side}": 0.5 * unit.leakage_ratio},
-        "reservoir": {f"outside_{side}": 1.0},
-    }
+    return {"volume": {f"outside_{side}": 0.5 * unit.leakage_ratio}, "reservoir": {f"outside_{side}": 1.0}}
 
 
 FAULT = Fault(
@@ -29,11 +26,7 @@ FAULT = Fault(
     next_check="Wipe that chamber's fittings, hoses and rod seal dry, hold pressure in it for some "
     "minutes and look for fresh oil.",
     sides=(1, 2),
-    laws={
-        "laminar": "a gap or a porous hose",
-        "orifice": "a hole",
-        "opening": "a joint that pressure opens",
-    },
+    laws={"laminar": "a gap or a porous hose", "orifice": "a hole", "opening": "a joint that pressure opens"},
     figures=(
         Figure(
             "external_leakage", 6e-12, LEAKAGE, "m³/(s·Pa) from one chamber to the outside", grows="leakage"

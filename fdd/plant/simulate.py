@@ -125,12 +125,7 @@ def raw_blocks(ready: Prepared, block: int = BLOCK) -> Iterator[RawBlock]:
 
 
 def stream(
-    unit: Unit,
-    scenario: Scenario,
-    *,
-    partner: Unit | None = None,
-    refine: float = 1.0,
-    block: int = BLOCK,
+    unit: Unit, scenario: Scenario, *, partner: Unit | None = None, refine: float = 1.0, block: int = BLOCK
 ) -> Iterator[tuple[AxisBlock, ...]]:
     """Simulate one run block by block, one `AxisBlock` for each axis at a time.
 

@@ -64,8 +64,7 @@ class FaultSpec(Validated):
         entry = fault(self.fault)
         if not entry.simulated:
             raise InputError(
-                f"fault {self.fault!r} is not simulated",
-                mend=f"the simulated ones: {', '.join(SIMULATED)}",
+                f"fault {self.fault!r} is not simulated", mend=f"the simulated ones: {', '.join(SIMULATED)}"
             )
         for name, given, allowed in (
             ("side", self.side, entry.sides),
