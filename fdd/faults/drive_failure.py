@@ -1,9 +1,6 @@
 """Drive failure: the drive no longer follows its command."""
 
-from __future__ import annotations
-
-from fdd.faults.effect import SHARE, Effect, Figure
-from fdd.faults.entry import ASSUMED, Fault
+from fdd.faults.entry import ASSUMED, SHARE, Effect, Fault, Figure
 
 # The drive's response is none of the balances: no signature yet.
 FAULT = Fault(

@@ -1,13 +1,6 @@
 """Pressure sensor drift: a transducer's zero walks away."""
 
-from __future__ import annotations
-
-from fdd.faults.effect import Figure
-from fdd.faults.entry import Fault
-from fdd.faults.signature import Signature
-
-_BIAS = 0.073
-"""Bias of severity 1 over the relief pressure."""
+from fdd.faults.entry import Fault, Figure, zero_signatures
 
 FAULT = Fault(
     id="pressure_sensor_drift",
@@ -28,37 +21,10 @@ FAULT = Fault(
     next_check="Open the by-pass at rest and read the pressure difference every minute for a quarter of "
     "an hour: it must stay at zero.",
     figures=(
-        Figure(
-            "pressure_drift",
-            5e3,
-            (0.0, 1e7),
-            "Pa/s on the pressure measured; 3.6 % of the transducer's range within 50 s, by any law",
-            grows="pressure",
-        ),
+        # 3.6 % of the transducer's range within 50 s, by any law.
+        Figure("pressure_drift", 5e3, (0.0, 1e7), "Pa/s on the pressure measured", grows="pressure"),
     ),
     in_measurement=True,
     # Severity 1 reaches the bias of severity 1 within 50 s: the drift's course is that time's unit.
-    signatures=(
-        Signature(
-            "drift dp",
-            lambda unit: {"coherence": {"zero": _BIAS}},
-            signed=False,
-            channel="pressure_difference",
-            courses=("drift",),
-        ),
-        Signature(
-            "drift p1",
-            lambda unit: {"coherence": {"zero": -_BIAS}, "refeed": {"drop_1": -_BIAS}},
-            signed=False,
-            channel="pressure_1",
-            courses=("drift",),
-        ),
-        Signature(
-            "drift p2",
-            lambda unit: {"coherence": {"zero": _BIAS}, "refeed": {"drop_2": -_BIAS}},
-            signed=False,
-            channel="pressure_2",
-            courses=("drift",),
-        ),
-    ),
+    signatures=zero_signatures("drift", 0.073, "drift"),  # over the relief pressure
 )
