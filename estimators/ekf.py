@@ -326,15 +326,9 @@ class ExtendedKalmanFilter:
         return f"{type(self).__name__}(dim_x={self.dim_x}, dim_z={self.dim_z})"
 
     def _correct(
-        self,
-        x: Array,
-        P: Array,
-        y: Array,
-        H: Array,
-        R: Array,
-        used: Mask,
+        self, x: Array, P: Array, y: Array, H: Array, R: Array, used: Mask,
         innovation: Callable[[Array], Array],
-    ) -> Correction:
+    ) -> Correction:  # fmt: skip
         """Result of an update from the prior; neither the arguments nor the filter are changed."""
         found = self._kalman(x, P, y, H, R, used)
         weights = np.where(used, 1.0, np.nan)

@@ -72,7 +72,6 @@ CASES = {
     "ekf-jacobians": Case(lambda: ExtendedKalmanFilter(2, 2, **full), False),
     "ekf-differences": Case(lambda: ExtendedKalmanFilter(2, 2, f=swing, h=seen), False),
     "ekf-robust": Case(lambda: ExtendedKalmanFilter(2, 2, robust=2.0, **full), False),
-    "svsf-full": Case(lambda: SVSF(2, 2, psi=[0.03, 0.06], form="full", **full), False),
     "svsf-fixed": Case(lambda: SVSF(2, 2, psi=[0.03, 0.06], **full), False),
     "svsf-fixed-linear": Case(lambda: SVSF(2, 2, psi=0.05, gamma=0.3, F_jacobian=hanging), True),
     "svsf-variable": Case(lambda: SVSF(2, 2, psi=[0.2, 0.4], boundary_layer="variable", **full), False),
