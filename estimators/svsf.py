@@ -39,7 +39,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from estimators.checks import Array, Mask, layer_widths, require_finite
+from estimators.checks import Array, Mask, require_finite
 from estimators.ekf import Correction, ExtendedKalmanFilter, Model
 from estimators.kernels import svsf_gain
 from estimators.linalg import joseph_update, project
@@ -47,8 +47,8 @@ from estimators.linalg import joseph_update, project
 
 @dataclass
 class SVSFCorrection(Correction):
-    """What an update of an :class:`SVSF` gives besides: posterior error (m,); optimal layer and what is outside
-    it, over the channels used; whether the gain is the SVSF's."""
+    """What an update of an :class:`SVSF` gives besides: posterior error (m,); over the channels used, optimal
+    layer and whether the innovation is outside; whether the gain is the SVSF's."""
 
     after: Array
     psi_k: Array
@@ -134,7 +134,12 @@ class SVSF(ExtendedKalmanFilter):
 
     def _layer(self) -> Array:
         """The layer (m,), checked, with gamma: both are open to change between updates."""
-        layer = layer_widths(self.psi, self.dim_z, "psi", "channels")
+        given, m = np.asarray(self.psi, float), self.dim_z
+        layer = np.full(m, float(given)) if given.ndim == 0 else given.reshape(-1).copy()
+        if layer.size != m:
+            raise ValueError(f"psi has {layer.size} values; give one, or one for each of {m} channels")
+        if not (layer > 0.0).all():
+            raise ValueError(f"psi is {layer[~(layer > 0.0)][0]:g}; a boundary layer is more than 0")
         if not 0.0 <= self.gamma < 1.0:
             raise ValueError(f"gamma is {self.gamma:g}; give 0 <= gamma < 1")
         if np.isinf(layer).any() and self.boundary_layer == "fixed":
@@ -146,11 +151,8 @@ class SVSF(ExtendedKalmanFilter):
         innovation: Callable[[Array], Array],
     ) -> SVSFCorrection:  # fmt: skip
         found = super()._correct(x, P, y, H, R, used, innovation)
-        e, H_used, R_used = (
-            y[used],
-            np.ascontiguousarray(H[used]),
-            np.ascontiguousarray(R[np.ix_(used, used)]),
-        )
+        e, H_used = y[used], np.ascontiguousarray(H[used])
+        R_used = np.ascontiguousarray(R[np.ix_(used, used)])
         n, m = self.dim_x, e.size
         K, psi_k, outside = np.empty((n, m)), np.empty(m), np.empty(m, dtype=bool)
         PHt, HPHt = np.empty((n, m)), np.empty((m, m))

@@ -146,19 +146,16 @@ def zero_signatures(label: str, zero: float, course: str) -> tuple[Signature, ..
 
     The pressure difference disagrees with the chambers' pressures, these with the accumulator's too.
     """
-    return tuple(
-        Signature(
-            f"{label} {name}",
-            lambda unit, shown=shown: shown,
-            signed=False,
-            courses=(course,),
-            channel=channel,
+
+    def of(name: str, channel: str, shown: Columns) -> Signature:
+        return Signature(
+            f"{label} {name}", lambda unit: shown, signed=False, courses=(course,), channel=channel
         )
-        for name, channel, shown in (
-            ("dp", "pressure_difference", {"coherence": {"zero": zero}}),
-            ("p1", "pressure_1", {"coherence": {"zero": -zero}, "refeed": {"drop_1": -zero}}),
-            ("p2", "pressure_2", {"coherence": {"zero": zero}, "refeed": {"drop_2": -zero}}),
-        )
+
+    return (
+        of("dp", "pressure_difference", {"coherence": {"zero": zero}}),
+        of("p1", "pressure_1", {"coherence": {"zero": -zero}, "refeed": {"drop_1": -zero}}),
+        of("p2", "pressure_2", {"coherence": {"zero": zero}, "refeed": {"drop_2": -zero}}),
     )
 
 
