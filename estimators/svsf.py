@@ -99,19 +99,10 @@ class SVSF(ExtendedKalmanFilter):
     """
 
     def __init__(
-        self,
-        dim_x: int,
-        dim_z: int,
-        dim_u: int = 0,
-        *,
-        psi: ArrayLike,
-        gamma: float = 0.1,
-        boundary_layer: str = "fixed",
-        f: Model | None = None,
-        h: Model | None = None,
-        F_jacobian: Model | None = None,
-        H_jacobian: Model | None = None,
-    ) -> None:
+        self, dim_x: int, dim_z: int, dim_u: int = 0, *, psi: ArrayLike, gamma: float = 0.1,
+        boundary_layer: str = "fixed", f: Model | None = None, h: Model | None = None,
+        F_jacobian: Model | None = None, H_jacobian: Model | None = None,
+    ) -> None:  # fmt: skip
         super().__init__(dim_x, dim_z, dim_u, f=f, h=h, F_jacobian=F_jacobian, H_jacobian=H_jacobian)
         if boundary_layer not in ("fixed", "variable"):
             raise ValueError(f"boundary_layer is {boundary_layer!r}; give 'fixed' or 'variable'")

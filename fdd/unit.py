@@ -32,10 +32,6 @@ MOST = 1e30
 """Of any figure of a baseline: squares of it still are numbers."""
 Finite = Annotated[float, Field(ge=-MOST, le=MOST)]
 _ANEW = "identify the unit anew"
-_PARTS = (
-    "cylinder", "pump", "oil", "accumulator", "friction", "drive", "sensors", "estimation", "monitoring",
-    "origin", "baseline",
-)  # fmt: skip
 
 
 class Cylinder(Section):
@@ -309,13 +305,11 @@ class Unit(BaseModel):
         out: dict[str, Any] = {"schema": UNIT_SCHEMA, "name": self.name, "axis": self.axis}
         if self.description:
             out["description"] = self.description
-        for name in _PARTS:
-            part = getattr(self, name)
-            if part is None:
-                continue
-            out[name] = (
-                {k: v.to_plain() for k, v in part.items()} if isinstance(part, dict) else part.to_plain()
-            )
+        for name, part in self:
+            if isinstance(part, Section):
+                out[name] = part.to_plain()
+            elif name == "sensors":
+                out[name] = {channel: sensor.to_plain() for channel, sensor in part.items()}
         return yaml.dump(out, sort_keys=False, allow_unicode=True, width=110, Dumper=_Dumper)
 
     def save(self, path: str | Path) -> None:
