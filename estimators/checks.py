@@ -51,17 +51,6 @@ def square(value: ArrayLike, size: int, name: str) -> Array:
     return 0.5 * (full + full.T)
 
 
-def layer_widths(value: ArrayLike, size: int, name: str, of: str) -> Array:
-    """Positive widths (size,) from one for all or one each; infinity is allowed."""
-    given = np.asarray(value, float)
-    widths = np.full(size, float(given)) if given.ndim == 0 else given.reshape(-1).copy()
-    if widths.size != size:
-        raise ValueError(f"{name} has {widths.size} values; give one, or one for each of {size} {of}")
-    if not (widths > 0.0).all():
-        raise ValueError(f"{name} is {widths[~(widths > 0.0)][0]:g}; a boundary layer is more than 0")
-    return widths
-
-
 def measured_channels(z: Array, mask: ArrayLike | None) -> Mask:
     """True where ``z`` (m,) is a number and ``mask`` (m,), if given, says to use it."""
     used = ~np.isnan(z)

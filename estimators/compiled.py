@@ -116,8 +116,12 @@ class _Kept(FunctionCache):
         load all the code of a diagnosis. Kept code needs the runtime alone; compiling looks after itself.
         """
         rtsys.initialize(target_context)
-        with self._guard_against_spurious_io_errors():
-            result = self._load_overload(signature, target_context)
+        result = None
+        try:
+            with self._guard_against_spurious_io_errors():
+                result = self._load_overload(signature, target_context)
+        except (AttributeError, ImportError):  # the list of what is kept names a type that is gone
+            self.flush()
         # Two processes that first keep different signatures at once may take the same file for them.
         return result if result is not None and result.signature.args == signature else None
 

@@ -1,19 +1,17 @@
-"""Is a filter as good as it claims? Chi-square and whiteness tests of its innovations.
+"""Is a filter as good as it claims? Chi-square tests of its innovations and errors.
 
-A filter is consistent when its errors are as large as its covariances say and the
-innovations carry nothing that could still be predicted. For one step::
+A filter is consistent when its errors are as large as its covariances say. For one step::
 
     NIS   = y' S^-1 y                    chi-square, dim z degrees of freedom
     NEES  = (x - x^)' P^-1 (x - x^)      chi-square, dim x; needs the truth, so simulation
 
 and the mean over n independent steps or runs lies in [chi2(a/2, n dim), chi2(1-a/2, n dim)] / n
-with probability 1 - a. White innovations have autocorrelations near zero at every lag.
+with probability 1 - a.
 
 A NIS above its band says that the filter is too sure of itself, or the plant has changed; one
 below, that its noise is set too large.
 
-Sources: Bar-Shalom, Li and Kirubarajan 2001, section 5.4, doi 10.1002/0471221279; whiteness:
-Ljung and Box 1978, doi 10.1093/biomet/65.2.297.
+Source: Bar-Shalom, Li and Kirubarajan 2001, section 5.4, doi 10.1002/0471221279.
 """
 
 from __future__ import annotations
@@ -169,85 +167,3 @@ def nis_test(nis: ArrayLike, dim: int | ArrayLike, probability: float = 0.95) ->
     # The sum of independent chi-squares has the sum of their degrees of freedom.
     low, high = nis_band(total, 1, probability)
     return BandTest(float(values.mean()), low / n, high / n, n, 1.0 - probability)
-
-
-def autocorrelation(series: ArrayLike, lags: int) -> Array:
-    """Sample autocorrelation at lags 1 to ``lags``.
-
-    ``rho_k = sum_t (y_t - mean)(y_{t+k} - mean) / sum_t (y_t - mean)^2``.
-
-    Parameters
-    ----------
-    series : (n,) or (n, m), one column per channel.
-    lags : 1 <= lags < n.
-
-    Returns
-    -------
-    (lags,) or (lags, m) array; about N(0, 1/n) each when the series is white.
-
-    Raises
-    ------
-    ValueError : too short, constant, or with values that are not finite.
-
-    Examples
-    --------
-    >>> autocorrelation([1.0, -1.0, 1.0, -1.0], 2).tolist()
-    [-0.75, 0.5]
-    """
-    y = np.asarray(series, float)
-    if y.ndim not in (1, 2) or not 1 <= lags < y.shape[0]:
-        raise ValueError(
-            f"series has shape {y.shape} for {lags} lags; give (n,) or (n, m) with n > lags >= 1"
-        )
-    if not np.isfinite(y).all():
-        raise ValueError("series has values that are not finite; test each stretch between gaps on its own")
-    y = y - y.mean(axis=0)
-    power = (y**2).sum(axis=0)
-    if not np.all(power > 0.0):
-        raise ValueError("series is constant; it has no autocorrelation")
-    return np.stack([(y[:-k] * y[k:]).sum(axis=0) for k in range(1, lags + 1)]) / power
-
-
-@dataclass(frozen=True)
-class Whiteness:
-    """Outcome of :func:`whiteness_test`, per channel."""
-
-    statistic: Array
-    p_value: Array
-    lags: int
-
-    def white(self, false_alarm_rate: float = 0.05) -> bool:
-        """True when no channel is rejected; the rate is shared among the channels (Bonferroni)."""
-        return bool((self.p_value >= false_alarm_rate / self.p_value.size).all())
-
-
-def whiteness_test(series: ArrayLike, lags: int = 20) -> Whiteness:
-    """Ljung-Box test that innovations are white: ``Q = n (n + 2) sum_k rho_k^2 / (n - k)``.
-
-    Parameters
-    ----------
-    series : (n,) or (n, m) innovations, best :func:`standardised`, oldest first.
-    lags : how far back to look; well below n.
-
-    Returns
-    -------
-    Whiteness : Q, about chi-square with ``lags`` degrees of freedom when white, and the
-        probability of a larger one, (m,) each.
-
-    Raises
-    ------
-    ValueError : as :func:`autocorrelation`.
-
-    Examples
-    --------
-    >>> import numpy as np
-    >>> noise = np.random.default_rng(1).normal(size=500)
-    >>> whiteness_test(noise).white(), whiteness_test(np.cumsum(noise)).white()
-    (True, False)
-    """
-    from scipy.special import gammaincc
-
-    rho = np.atleast_2d(autocorrelation(series, lags).T)
-    n = np.asarray(series).shape[0]
-    statistic = n * (n + 2.0) * (rho**2 / (n - np.arange(1, lags + 1))).sum(axis=1)
-    return Whiteness(statistic, np.asarray(gammaincc(0.5 * lags, 0.5 * statistic)), lags)

@@ -155,17 +155,9 @@ class ExtendedKalmanFilter:
     """
 
     def __init__(
-        self,
-        dim_x: int,
-        dim_z: int,
-        dim_u: int = 0,
-        *,
-        f: Model | None = None,
-        h: Model | None = None,
-        F_jacobian: Model | None = None,
-        H_jacobian: Model | None = None,
-        robust: float | None = None,
-    ) -> None:
+        self, dim_x: int, dim_z: int, dim_u: int = 0, *, f: Model | None = None, h: Model | None = None,
+        F_jacobian: Model | None = None, H_jacobian: Model | None = None, robust: float | None = None,
+    ) -> None:  # fmt: skip
         self.dim_x = whole_number(dim_x, 1, "dim_x")
         self.dim_z = whole_number(dim_z, 1, "dim_z")
         self.dim_u = whole_number(dim_u, 0, "dim_u")
@@ -194,14 +186,9 @@ class ExtendedKalmanFilter:
         self.robust_weights: Array = np.ones(m)
 
     def predict(
-        self,
-        u: ArrayLike | None = None,
-        dt: float | None = None,
-        *,
-        F: ArrayLike | None = None,
-        B: ArrayLike | None = None,
-        Q: ArrayLike | None = None,
-    ) -> None:
+        self, u: ArrayLike | None = None, dt: float | None = None, *, F: ArrayLike | None = None,
+        B: ArrayLike | None = None, Q: ArrayLike | None = None,
+    ) -> None:  # fmt: skip
         """Carry state and covariance to the next sample.
 
         Parameters
@@ -233,17 +220,10 @@ class ExtendedKalmanFilter:
         self.x_prior, self.P_prior = self.x.copy(), self.P.copy()
 
     def update(
-        self,
-        z: ArrayLike | None,
-        HJacobian: Model | None = None,
-        Hx: Model | None = None,
-        R: ArrayLike | None = None,
-        args: Any = (),
-        hx_args: Any = (),
-        residual: Callable[[Any, Any], Any] = np.subtract,
-        *,
-        mask: ArrayLike | None = None,
-    ) -> None:
+        self, z: ArrayLike | None, HJacobian: Model | None = None, Hx: Model | None = None,
+        R: ArrayLike | None = None, args: Any = (), hx_args: Any = (),
+        residual: Callable[[Any, Any], Any] = np.subtract, *, mask: ArrayLike | None = None,
+    ) -> None:  # fmt: skip
         """Correct the state with a measurement.
 
         Parameters
@@ -326,15 +306,9 @@ class ExtendedKalmanFilter:
         return f"{type(self).__name__}(dim_x={self.dim_x}, dim_z={self.dim_z})"
 
     def _correct(
-        self,
-        x: Array,
-        P: Array,
-        y: Array,
-        H: Array,
-        R: Array,
-        used: Mask,
+        self, x: Array, P: Array, y: Array, H: Array, R: Array, used: Mask,
         innovation: Callable[[Array], Array],
-    ) -> Correction:
+    ) -> Correction:  # fmt: skip
         """Result of an update from the prior; neither the arguments nor the filter are changed."""
         found = self._kalman(x, P, y, H, R, used)
         weights = np.where(used, 1.0, np.nan)

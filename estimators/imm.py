@@ -6,8 +6,7 @@ mixture of all, weighted by how likely the plant has come over from their mode. 
 follows a plant that switches, and says which mode it is in: that is fault detection with a
 probability attached.
 
-The equations stand in :mod:`estimators.modes`, whose functions do the work here too.
-For linear modes and whole logs see :func:`estimators.linear_bank.run_bank`.
+The equations stand in :mod:`estimators.modes`.
 
 Source: Blom and Bar-Shalom 1988, doi 10.1109/9.1299.
 """
@@ -23,15 +22,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
+from estimators import modes
 from estimators.checks import Array, square
-from estimators.modes import (
-    check_distribution,
-    check_transitions,
-    mix,
-    mixing_weights,
-    moments,
-    update_modes,
-)
 
 
 class IMM:
@@ -94,10 +86,7 @@ class IMM:
     """
 
     def __init__(
-        self,
-        filters: Sequence[Any],
-        mu: ArrayLike | None,
-        M: ArrayLike | Callable[[float], ArrayLike],
+        self, filters: Sequence[Any], mu: ArrayLike | None, M: ArrayLike | Callable[[float], ArrayLike]
     ) -> None:
         self.filters = list(filters)
         self.N = len(self.filters)
@@ -106,11 +95,10 @@ class IMM:
         if len({id(f) for f in self.filters}) < self.N:
             raise ValueError("a filter stands in the bank twice; give each mode its own")
         self._takes_dt = ["dt" in inspect.signature(f.predict).parameters for f in self.filters]
-        self.mu: Any = check_distribution(np.ones(self.N) if mu is None else mu, self.N)
+        self.mu: Any = modes.check_distribution(np.ones(self.N) if mu is None else mu, self.N)
         self.M: Any = M
-        self._M = np.eye(self.N) if callable(M) else check_transitions(M, self.N)
-        self.cbar, self.omega = np.empty(self.N), np.empty((self.N, self.N))
-        mixing_weights(self.mu, self._M, self.cbar, self.omega)
+        self._M = np.eye(self.N) if callable(M) else modes.check_transitions(M, self.N)
+        self.cbar, self.omega = modes.mixing_weights(self.mu, self._M)
         self.log_likelihoods = np.zeros(self.N)
         self.log_likelihood = 0.0
         self.x, self.P = self._combined(self.mu)
@@ -136,12 +124,8 @@ class IMM:
         dt : s, length of the step: given to ``M`` when it is a function, and to the filters that take one.
         """
         M = self._step_transitions(dt)
-        mu = check_distribution(self.mu, self.N)
-        cbar, omega = np.empty(self.N), np.empty((self.N, self.N))
-        mixing_weights(mu, M, cbar, omega)
-        x, P = self._stacked()
-        x0, P0 = np.empty_like(x), np.empty_like(P)
-        mix(x, P, omega, x0, P0)
+        cbar, omega = modes.mixing_weights(modes.check_distribution(self.mu, self.N), M)
+        x0, P0 = modes.mix(*self._stacked(), omega)
         with self._undone_if_refused():
             for j, f in enumerate(self.filters):
                 f.x, f.P = x0[j].reshape(np.shape(f.x)).copy(), P0[j].copy()
@@ -166,17 +150,16 @@ class IMM:
         """
         z, measured = self._checked(z)
         log_likelihoods = np.zeros(self.N)
-        mu = np.empty(self.N)
         with self._undone_if_refused():
             for j, f in enumerate(self.filters):
                 _ask(j, f.update, z, *args, **kwargs)
                 if measured:
                     log_likelihoods[j] = _log_likelihood(f, j)
-            log_likelihood = update_modes(check_distribution(self.mu, self.N), log_likelihoods, mu)
+            before = modes.check_distribution(self.mu, self.N)
+            mu, log_likelihood = modes.update_modes(before, log_likelihoods)
             combined = self._combined(mu)
         self.mu, self.log_likelihoods, self.log_likelihood = mu, log_likelihoods, log_likelihood
-        self.cbar, self.omega = np.empty_like(mu), np.empty_like(self._M)
-        mixing_weights(mu, self._M, self.cbar, self.omega)
+        self.cbar, self.omega = modes.mixing_weights(mu, self._M)
         self.x, self.P = combined
         self.x_post, self.P_post = self.x.copy(), self.P.copy()
 
@@ -187,10 +170,10 @@ class IMM:
         if not callable(self.M):
             if dt is not None and not any(self._takes_dt):
                 raise ValueError("dt is given, but neither M nor any filter takes a time step")
-            return check_transitions(self.M, self.N)
+            return modes.check_transitions(self.M, self.N)
         if dt is None:
             raise ValueError("M is a function of the time step; give dt")
-        return check_transitions(self.M(dt), self.N)
+        return modes.check_transitions(self.M(dt), self.N)
 
     def _checked(self, z: ArrayLike | None) -> tuple[ArrayLike | None, bool]:
         """The measurement, None when it is missing altogether; and whether it is not."""
@@ -232,9 +215,7 @@ class IMM:
         return x, P
 
     def _combined(self, weights: Array) -> tuple[Array, Array]:
-        x, P = self._stacked()
-        mean, covariance = np.empty(x.shape[1]), np.empty(P.shape[1:])
-        moments(x, P, weights, mean, covariance)
+        mean, covariance = modes.moments(*self._stacked(), weights)
         return mean.reshape(np.shape(self.filters[0].x)), covariance
 
     @contextmanager

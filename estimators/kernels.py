@@ -31,14 +31,7 @@ import math
 import numpy as np
 
 from estimators.compiled import njit
-from estimators.linalg import (
-    Array,
-    Mask,
-    cholesky,
-    cholesky_solve,
-    decorrelate,
-    symmetrise,
-)
+from estimators.linalg import Array, Mask, cholesky, cholesky_solve, decorrelate, symmetrise
 
 LOG_2PI = math.log(2.0 * math.pi)
 # Share of R that breaks the tie between channels that measure the same thing.
@@ -231,18 +224,9 @@ def kalman_update_correlated(
 
 @njit()
 def svsf_gain(
-    PHt: Array,
-    HPHt: Array,
-    R: Array,
-    e: Array,
-    e_post: Array,
-    gamma: float,
-    psi: Array,
-    variable: bool,
-    K: Array,
-    psi_k: Array,
-    outside: Mask,
-) -> bool:
+    PHt: Array, HPHt: Array, R: Array, e: Array, e_post: Array, gamma: float, psi: Array, variable: bool,
+    K: Array, psi_k: Array, outside: Mask,
+) -> bool:  # fmt: skip
     """Gain of the smooth variable structure filter, fewer channels than states allowed.
 
     With ``E = |e| + gamma |e_post|`` the correction that the measured subspace must take is

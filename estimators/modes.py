@@ -1,4 +1,4 @@
-"""Modes of a plant: how they follow each other, and the compiled arithmetic of interacting multiple models.
+"""Modes of a plant: how they follow each other, and the arithmetic of interacting multiple models.
 
 One step of a bank of r mode-matched filters (Blom and Bar-Shalom 1988, doi 10.1109/9.1299)::
 
@@ -21,9 +21,7 @@ symbol              meaning                                                 shap
 ``log_likelihood``  of the filters' last measurement                        (r,)
 =================== ======================================================= ============
 
-The compiled functions work on stacked arrays and check nothing: :class:`estimators.imm.IMM` and
-:func:`estimators.linear_bank.run_bank` do, and call these same functions. Likelihoods stay logarithms,
-relative to the largest, so none of them can underflow the sum.
+:class:`estimators.imm.IMM` checks what comes in, these functions nothing.
 """
 
 from __future__ import annotations
@@ -33,7 +31,6 @@ import math
 import numpy as np
 from numpy.typing import ArrayLike
 
-from estimators.compiled import njit
 from estimators.linalg import Array
 
 # What a mode keeps when the data speak against it as strongly as a float can say: then later data
@@ -41,141 +38,76 @@ from estimators.linalg import Array
 LEAST_PROBABILITY = 1e-300
 
 
-@njit(error_model="numpy")
-def mixing_weights(mu: Array, M: Array, cbar: Array, omega: Array) -> None:
-    """Fill the predicted mode probabilities ``cbar`` (r,) and the mixing weights ``omega`` (r, r).
+def mixing_weights(mu: Array, M: Array) -> tuple[Array, Array]:
+    """Predicted mode probabilities ``cbar`` (r,) and mixing weights ``omega`` (r, r), columns summing to 1.
 
-    Each column of ``omega`` sums to 1; a mode that cannot be reached (``cbar_j = 0``) keeps its
-    own filter.
+    A mode that cannot be reached (``cbar_j = 0``) keeps its own filter.
 
     Examples
     --------
-    >>> import numpy as np
-    >>> cbar, omega = np.empty(2), np.empty((2, 2))
-    >>> mixing_weights(np.array([0.5, 0.5]), np.array([[0.75, 0.25], [0.0, 1.0]]), cbar, omega)
+    >>> cbar, omega = mixing_weights(np.array([0.5, 0.5]), np.array([[0.75, 0.25], [0.0, 1.0]]))
     >>> cbar.tolist(), omega.tolist()
     ([0.375, 0.625], [[1.0, 0.2], [0.0, 0.8]])
     """
-    r = mu.shape[0]
-    for j in range(r):
-        total = 0.0
-        for i in range(r):
-            omega[i, j] = M[i, j] * mu[i]
-            total += omega[i, j]
-        cbar[j] = total
-        for i in range(r):
-            if total > 0.0:
-                omega[i, j] /= total
-            else:
-                omega[i, j] = 1.0 if i == j else 0.0
+    joint = M * mu[:, None]
+    cbar = joint.sum(axis=0)
+    return cbar, np.divide(joint, cbar, out=np.eye(mu.size), where=cbar > 0.0)
 
 
-@njit(error_model="numpy")
-def moments(x: Array, P: Array, weights: Array, mean: Array, covariance: Array) -> None:
-    """Mean (n,) and covariance (n, n) of a Gaussian mixture, into the last two arguments.
+def moments(x: Array, P: Array, weights: Array) -> tuple[Array, Array]:
+    """Mean (n,) and covariance (n, n) of a Gaussian mixture of components (r, n), (r, n, n).
 
-    The covariance is that within the components plus that between their means,
-    ``sum_i w_i (P_i + (x_i - mean)(x_i - mean)')``; exactly symmetric. Only the upper triangles
-    of ``P`` are read.
-
-    Parameters
-    ----------
-    x, P : (r, n), (r, n, n) the components.
-    weights : (r,) a distribution.
+    The covariance is that within the components plus that between their means.
 
     Examples
     --------
-    >>> import numpy as np
-    >>> mean, covariance = np.empty(1), np.empty((1, 1))
-    >>> moments(np.array([[0.0], [4.0]]), np.ones((2, 1, 1)), np.array([0.75, 0.25]), mean, covariance)
+    >>> mean, covariance = moments(np.array([[0.0], [4.0]]), np.ones((2, 1, 1)), np.array([0.75, 0.25]))
     >>> mean.item(), covariance.item()
     (1.0, 4.0)
     """
-    r, n = x.shape
-    for a in range(n):
-        total = 0.0
-        for i in range(r):
-            total += weights[i] * x[i, a]
-        mean[a] = total
-    for a in range(n):
-        for b in range(a, n):
-            total = 0.0
-            for i in range(r):
-                total += weights[i] * (P[i, a, b] + (x[i, a] - mean[a]) * (x[i, b] - mean[b]))
-            covariance[a, b] = total
-            covariance[b, a] = total
+    mean = (weights[:, None] * x).sum(axis=0)
+    away = x - mean
+    spread = P + away[:, :, None] * away[:, None, :]
+    return mean, (weights[:, None, None] * spread).sum(axis=0)
 
 
-@njit(error_model="numpy")
-def mix(x: Array, P: Array, omega: Array, x0: Array, P0: Array) -> None:
-    """What each filter starts its step from: mixture j of all filters with the weights ``omega[:, j]``.
+def mix(x: Array, P: Array, omega: Array) -> tuple[Array, Array]:
+    """What each filter starts its step from, (r, n) and (r, n, n): mixture j has the weights ``omega[:, j]``.
 
     Mean and covariance of the whole mixture are the same before and after:
     ``sum_j cbar_j x0_j = sum_i mu_i x_i``, and the second moments likewise.
-
-    Parameters
-    ----------
-    x, P : (r, n), (r, n, n) posterior of each filter.
-    omega : (r, r) from :func:`mixing_weights`.
-    x0, P0 : (r, n), (r, n, n) results; not ``x`` and ``P`` themselves.
-
-    Examples
-    --------
-    >>> import numpy as np
-    >>> x0, P0 = np.empty((2, 1)), np.empty((2, 1, 1))
-    >>> omega = np.array([[1.0, 0.5], [0.0, 0.5]])
-    >>> mix(np.array([[0.0], [2.0]]), np.ones((2, 1, 1)), omega, x0, P0)
-    >>> x0.ravel().tolist(), P0.ravel().tolist()
-    ([0.0, 1.0], [1.0, 2.0])
     """
-    for j in range(x.shape[0]):
-        moments(x, P, omega[:, j], x0[j], P0[j])
+    x0, P0 = zip(*(moments(x, P, weights) for weights in omega.T), strict=True)
+    return np.array(x0), np.array(P0)
 
 
-@njit(error_model="numpy")
-def update_modes(cbar: Array, log_likelihood: Array, mu: Array) -> float:
-    """Bayes' rule for the modes: fill ``mu_j = cbar_j exp(l_j) / sum_k cbar_k exp(l_k)``.
+def update_modes(cbar: Array, log_likelihood: Array) -> tuple[Array, float]:
+    """Bayes' rule for the modes, in logarithms relative to the largest, so that no likelihood underflows.
 
     Parameters
     ----------
-    cbar : (r,) probabilities before the measurement; not ``mu`` itself.
+    cbar : (r,) probabilities before the measurement.
     log_likelihood : (r,) of the measurement under each mode; minus infinity rules a mode out.
-    mu : (r,) result, sums to 1. A mode that was possible keeps at least
-        :data:`LEAST_PROBABILITY`. When every mode is ruled out, the measurement decides
-        nothing and ``mu`` is ``cbar``.
 
     Returns
     -------
-    Log-likelihood of the measurement under the whole bank, ``log sum_j cbar_j exp(l_j)``.
+    mu (r,), sum 1, and the log-likelihood of the whole bank, ``log sum_j cbar_j exp(l_j)``. A mode that was
+    possible keeps at least :data:`LEAST_PROBABILITY`; when every mode is ruled out ``mu`` is ``cbar``.
 
     Examples
     --------
-    Far below what ``exp`` can represent:
-
-    >>> import numpy as np
-    >>> mu = np.empty(2)
-    >>> update_modes(np.array([0.5, 0.5]), np.array([-9000.0, -9000.0 - np.log(3.0)]), mu).__round__(4)
-    -9000.4055
-    >>> mu.round(12).tolist()
-    [0.75, 0.25]
+    >>> mu, total = update_modes(np.array([0.5, 0.5]), np.array([-9000.0, -9000.0 - np.log(3.0)]))
+    >>> mu.round(12).tolist(), round(total, 4)
+    ([0.75, 0.25], -9000.4055)
     """
-    r = cbar.shape[0]
-    peak = -np.inf
-    for j in range(r):
-        if cbar[j] > 0.0 and log_likelihood[j] > peak:
-            peak = log_likelihood[j]
-    if peak == -np.inf:
-        mu[:] = cbar
-        return peak
-    total = 0.0
-    for j in range(r):
-        mu[j] = cbar[j] * math.exp(log_likelihood[j] - peak) if cbar[j] > 0.0 else 0.0
-        total += mu[j]
-    for j in range(r):
-        mu[j] /= total
-        if cbar[j] > 0.0 and mu[j] < LEAST_PROBABILITY:
-            mu[j] = LEAST_PROBABILITY
-    return peak + math.log(total)
+    possible = cbar > 0.0
+    peak = float(log_likelihood[possible].max())
+    if peak == -math.inf:
+        return cbar.copy(), peak
+    mu = np.where(possible, cbar * np.exp(np.minimum(log_likelihood - peak, 0.0)), 0.0)
+    total = float(mu.sum())
+    mu /= total
+    return np.where(possible, np.maximum(mu, LEAST_PROBABILITY), mu), peak + math.log(total)
 
 
 def transition_matrix(sojourn: ArrayLike, dt: float, share: ArrayLike | None = None) -> Array:

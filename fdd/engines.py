@@ -16,13 +16,7 @@ Result = TypeVar("Result")
 
 
 class WorkerLost(InputError):
-    """A process that worked has ended: killed, or out of memory.
-
-    Examples
-    --------
-    >>> str(WorkerLost())
-    'a worker process ended unexpectedly; try again with fewer workers'
-    """
+    """A process that worked has ended: killed, or out of memory."""
 
     def __init__(self) -> None:
         super().__init__("a worker process ended unexpectedly", mend="try again with fewer workers")
@@ -114,11 +108,7 @@ def _over_ray(
 
 
 def connected(**given: Any) -> tuple[Any, bool]:
-    """The module ray, connected to a cluster, and whether that was done here.
-
-    Parameters
-    ----------
-    given : further words for `ray.init`.
+    """The module ray, connected to a cluster, and whether that was done here; `given` is for `ray.init`.
 
     Raises
     ------
@@ -151,10 +141,6 @@ def enter(folder: str) -> None:
     Raises
     ------
     InputError : this machine has no such folder.
-
-    Examples
-    --------
-    >>> enter(".")
     """
     try:
         os.chdir(folder)

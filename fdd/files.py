@@ -15,20 +15,11 @@ _NAME_KEPT = 50
 
 
 def require_writable(path: Path, *, folder: bool = False) -> None:
-    """Refuse an output before minutes are spent on it.
-
-    Parameters
-    ----------
-    path : the file (or folder) to be made.
-    folder : whether it is a folder; one that is there already is fine.
+    """Refuse an output before minutes are spent on it: a file, or a folder, which may be there already.
 
     Raises
     ------
     InputError : names what is in the way.
-
-    Examples
-    --------
-    >>> require_writable(Path("run.mcap"))
     """
     with written(path):
         if folder and path.exists() and not path.is_dir():
@@ -55,23 +46,12 @@ def written(path: Path) -> Iterator[None]:
     Raises
     ------
     InputError : the disk is full, the folder went away, and the like.
-
-    Examples
-    --------
-    >>> with written(Path("model")):
-    ...     raise OSError(28, "No space left on device")
-    Traceback (most recent call last):
-    ...
-    fdd.errors.InputError: model: cannot be written (No space left on device); free space or name another file
     """
     try:
         yield
     except OSError as error:
-        raise InputError(
-            f"cannot be written ({error.strerror or error})",
-            where=path,
-            mend="free space or name another file",
-        ) from None
+        problem = f"cannot be written ({error.strerror or error})"
+        raise InputError(problem, where=path, mend="free space or name another file") from None
 
 
 @contextmanager
@@ -118,10 +98,6 @@ def write_text(path: str | Path, text: str) -> None:
     Raises
     ------
     InputError : it cannot be written.
-
-    Examples
-    --------
-    >>> write_text("answer.json", "{}")  # doctest: +SKIP
     """
     with whole_file(path) as temporary:
         temporary.write_text(text, encoding="utf-8")

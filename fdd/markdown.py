@@ -10,10 +10,7 @@ _RULES = {"l": "---", "r": "---:"}
 def table(head: Sequence[str], rows: Iterable[Sequence[str]], sides: str = "l") -> list[str]:
     """Lines of a table, an empty one last.
 
-    Parameters
-    ----------
-    head : columns. rows : of as many cells.
-    sides : where each column's cells stand, ``l`` or ``r`` (numbers); the last letter holds for what follows.
+    `sides` says where columns' cells stand, ``l`` or ``r`` (numbers); the last letter holds for the rest.
 
     Examples
     --------

@@ -25,67 +25,60 @@ class Measure:
 
 
 _TWO_PI = 2.0 * math.pi
+_FACTORS: dict[str, dict[str, float]] = {
+    "length": {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "um": 1e-6, "µm": 1e-6, "in": 0.0254},
+    "speed": {"m/s": 1.0, "mm/s": 1e-3},
+    "area": {"m^2": 1.0, "cm^2": 1e-4, "mm^2": 1e-6},
+    "volume": {"m^3": 1.0, "L": 1e-3, "l": 1e-3, "cm^3": 1e-6, "mL": 1e-6},
+    "time": {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9},
+    "rate": {"1/s": 1.0, "1/h": 1.0 / 3600.0},
+    "frequency": {"Hz": 1.0},
+    "expansion": {"1/K": 1.0},
+    "angle": {"rad": 1.0, "deg": math.pi / 180.0, "rev": _TWO_PI},
+    "angular_speed": {"rad/s": 1.0, "rpm": _TWO_PI / 60.0, "deg/s": math.pi / 180.0, "rev/s": _TWO_PI},
+    # gauge unless a field says otherwise
+    "pressure": {"Pa": 1.0, "kPa": 1e3, "MPa": 1e6, "bar": 1e5, "mbar": 1e2, "psi": 6894.757293168},
+    "force": {"N": 1.0, "kN": 1e3, "lbf": 4.4482216152605},
+    "mass": {"kg": 1.0},
+    "inertia": {"kg*m^2": 1.0},
+    "torque": {"N*m": 1.0},
+    "power": {"W": 1.0, "kW": 1e3},
+    "viscous_friction": {"N*s/m": 1.0},
+    "rotary_viscous_friction": {"N*m*s/rad": 1.0},
+    "current": {"A": 1.0, "mA": 1e-3},
+    "voltage": {"V": 1.0, "mV": 1e-3},
+    "resistance": {"ohm": 1.0},
+    "inductance": {"H": 1.0, "mH": 1e-3},
+    "torque_constant": {"N*m/A": 1.0},
+    "back_emf": {"V*s/rad": 1.0},
+    "temperature": {"degC": 1.0, "°C": 1.0, "K": 1.0, "degF": 5.0 / 9.0},
+    "density": {"kg/m^3": 1.0},
+    "kinematic_viscosity": {"m^2/s": 1.0, "mm^2/s": 1e-6, "cSt": 1e-6},
+    "displacement": {"m^3/rad": 1.0, "cm^3/rev": 1e-6 / _TWO_PI, "cm^3/rad": 1e-6},
+    "flow": {"m^3/s": 1.0, "L/min": 1e-3 / 60.0, "l/min": 1e-3 / 60.0},
+    "leakage_coefficient": {"m^3/(s*Pa)": 1.0},
+    # noise that is summed up: its integral's deviation after one second
+    "force_noise": {"N*s^0.5": 1.0},
+    "acceleration_noise": {"rad/s^1.5": 1.0},
+    "flow_noise": {"m^3/s^0.5": 1.0},
+    "number": {"1": 1.0, "": 1.0, "%": 1e-2, "bool": 1.0},
+}
+"""Dimension to its units of measure, SI first, and their factors to it."""
+_OFFSETS = {"K": -273.15, "degF": -160.0 / 9.0}
 
 MEASURES: dict[str, Measure] = {
-    # length, speed, area, volume
-    "m": Measure("length", 1.0), "cm": Measure("length", 1e-2), "mm": Measure("length", 1e-3),
-    "um": Measure("length", 1e-6), "µm": Measure("length", 1e-6), "in": Measure("length", 0.0254),
-    "m/s": Measure("speed", 1.0), "mm/s": Measure("speed", 1e-3),
-    "m^2": Measure("area", 1.0), "cm^2": Measure("area", 1e-4), "mm^2": Measure("area", 1e-6),
-    "m^3": Measure("volume", 1.0), "L": Measure("volume", 1e-3), "l": Measure("volume", 1e-3),
-    "cm^3": Measure("volume", 1e-6), "mL": Measure("volume", 1e-6),
-    # time
-    "s": Measure("time", 1.0), "ms": Measure("time", 1e-3), "us": Measure("time", 1e-6),
-    "ns": Measure("time", 1e-9), "1/s": Measure("rate", 1.0), "Hz": Measure("frequency", 1.0),
-    "1/h": Measure("rate", 1.0 / 3600.0), "1/K": Measure("expansion", 1.0),
-    # angle and its rate
-    "rad": Measure("angle", 1.0), "deg": Measure("angle", math.pi / 180.0), "rev": Measure("angle", _TWO_PI),
-    "rad/s": Measure("angular_speed", 1.0), "rpm": Measure("angular_speed", _TWO_PI / 60.0),
-    "deg/s": Measure("angular_speed", math.pi / 180.0), "rev/s": Measure("angular_speed", _TWO_PI),
-    # pressure (gauge unless a field says otherwise)
-    "Pa": Measure("pressure", 1.0), "kPa": Measure("pressure", 1e3), "MPa": Measure("pressure", 1e6),
-    "bar": Measure("pressure", 1e5), "mbar": Measure("pressure", 1e2),
-    "psi": Measure("pressure", 6894.757293168),
-    # force, mass, inertia, torque
-    "N": Measure("force", 1.0), "kN": Measure("force", 1e3), "lbf": Measure("force", 4.4482216152605),
-    "kg": Measure("mass", 1.0), "kg*m^2": Measure("inertia", 1.0), "N*m": Measure("torque", 1.0),
-    "W": Measure("power", 1.0), "kW": Measure("power", 1e3),
-    "N*s/m": Measure("viscous_friction", 1.0), "N*m*s/rad": Measure("rotary_viscous_friction", 1.0),
-    # electrical
-    "A": Measure("current", 1.0), "mA": Measure("current", 1e-3), "V": Measure("voltage", 1.0),
-    "mV": Measure("voltage", 1e-3), "ohm": Measure("resistance", 1.0), "H": Measure("inductance", 1.0),
-    "mH": Measure("inductance", 1e-3), "N*m/A": Measure("torque_constant", 1.0),
-    "V*s/rad": Measure("back_emf", 1.0),
-    # oil
-    "degC": Measure("temperature", 1.0), "°C": Measure("temperature", 1.0),
-    "K": Measure("temperature", 1.0, -273.15), "degF": Measure("temperature", 5.0 / 9.0, -160.0 / 9.0),
-    "kg/m^3": Measure("density", 1.0), "m^2/s": Measure("kinematic_viscosity", 1.0),
-    "mm^2/s": Measure("kinematic_viscosity", 1e-6), "cSt": Measure("kinematic_viscosity", 1e-6),
-    # hydraulics
-    "m^3/rad": Measure("displacement", 1.0), "cm^3/rev": Measure("displacement", 1e-6 / _TWO_PI),
-    "cm^3/rad": Measure("displacement", 1e-6),
-    "m^3/s": Measure("flow", 1.0), "L/min": Measure("flow", 1e-3 / 60.0),
-    "l/min": Measure("flow", 1e-3 / 60.0),
-    "m^3/(s*Pa)": Measure("leakage_coefficient", 1.0),
-    # noise that is summed up: its integral's deviation after one second
-    "N*s^0.5": Measure("force_noise", 1.0), "rad/s^1.5": Measure("acceleration_noise", 1.0),
-    "m^3/s^0.5": Measure("flow_noise", 1.0),
-    # numbers
-    "1": Measure("number", 1.0), "": Measure("number", 1.0), "%": Measure("number", 1e-2),
-    "bool": Measure("number", 1.0),
-}  # fmt: skip
-
+    name: Measure(dimension, factor, _OFFSETS.get(name, 0.0))
+    for dimension, units in _FACTORS.items()
+    for name, factor in units.items()
+}
 
 ATMOSPHERE_PA = 101_325.0
 """Standard atmosphere, ISO 2533: what an absolute pressure is more than a gauge pressure."""
-_SI = {
-    "length": "m", "speed": "m/s", "area": "m**2", "volume": "m**3", "time": "s", "angle": "rad",
-    "angular_speed": "rad/s", "pressure": "Pa", "force": "N", "mass": "kg", "inertia": "kg*m**2",
-    "torque": "N*m", "current": "A", "voltage": "V", "resistance": "ohm", "inductance": "H",
-    "temperature": "degC", "density": "kg/m**3", "kinematic_viscosity": "m**2/s", "flow": "m**3/s",
-    "frequency": "Hz", "displacement": "m**3/rad", "power": "W",
+_NOT_BY_PINT = {
+    "rate", "expansion", "viscous_friction", "rotary_viscous_friction", "torque_constant", "back_emf",
+    "leakage_coefficient", "force_noise", "acceleration_noise", "flow_noise", "number",
 }  # fmt: skip
-"""What pint converts to, by dimension."""
+"""Dimensions that pint would not tell from others (a rate is no speed), or that nobody spells otherwise."""
 _SPELLED = {
     "u/min": "rpm", "umdr/min": "rpm", "tr/min": "rpm", "1/min": "rpm", "min^-1": "rpm", "min-1": "rpm",
     "r/min": "rpm", "rev/min": "rpm", "u/s": "rev/s", "1/s": "rev/s", "s^-1": "rev/s", "s-1": "rev/s",
@@ -135,7 +128,8 @@ def _plain_measure(text: str, dimension: str) -> Measure | None:
     for name in (text, spelled if dimension in _OF_DIMENSION.get(text.lower(), (dimension,)) else None):
         if name in MEASURES and MEASURES[name].dimension == dimension:
             return MEASURES[name]
-    if not text or len(text) > 40 or dimension not in _SI or not re.fullmatch(r"[\w µ°%/*^().\-]+", text):
+    known = dimension in _FACTORS.keys() - _NOT_BY_PINT
+    if not text or len(text) > 40 or not known or not re.fullmatch(r"[\w µ°%/*^().\-]+", text):
         return None
     try:
         return _by_pint(text, dimension)
@@ -145,7 +139,7 @@ def _plain_measure(text: str, dimension: str) -> Measure | None:
 
 def _by_pint(text: str, dimension: str) -> Measure | None:
     registry = _registry()
-    unit, si = registry.Unit(text), registry.Unit(_SI[dimension])
+    unit, si = registry.Unit(text), registry.Unit(next(iter(_FACTORS[dimension])))
     if unit.dimensionality != si.dimensionality:
         return None
     at_zero, at_one = (registry.Quantity(v, unit).to(si).magnitude for v in (0.0, 1.0))

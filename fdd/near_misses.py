@@ -23,13 +23,7 @@ def did_you_mean(name: str, known: Iterable[str]) -> str:
 
 
 def listed(names: Iterable[str]) -> str:
-    """The names with commas, cut after `MAX_LISTED`.
-
-    Examples
-    --------
-    >>> listed(["a", "b"])
-    'a, b'
-    """
+    """The names with commas, cut after `MAX_LISTED`."""
     every = list(names)
     more = f" and {len(every) - MAX_LISTED} more" if len(every) > MAX_LISTED else ""
     return ", ".join(every[:MAX_LISTED]) + more

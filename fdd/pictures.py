@@ -5,28 +5,15 @@ from __future__ import annotations
 from fdd.errors import InputError
 
 STYLE = {
-    "font.size": 10,
-    "axes.grid": True,
-    "grid.color": "0.9",
-    "axes.axisbelow": True,
-    "axes.spines.top": False,
-    "axes.spines.right": False,
-    "legend.frameon": True,
-    "legend.edgecolor": "none",
-    "legend.framealpha": 0.9,
-    "legend.fontsize": 9,
-    "lines.markersize": 5,
-}
+    "font.size": 10, "axes.grid": True, "grid.color": "0.9", "axes.axisbelow": True, "axes.spines.top": False,
+    "axes.spines.right": False, "legend.frameon": True, "legend.edgecolor": "none", "legend.framealpha": 0.9,
+    "legend.fontsize": 9, "lines.markersize": 5,
+}  # fmt: skip
 """For `matplotlib.rc_context`."""
 
 
 def require_matplotlib() -> None:
-    """Refuse where matplotlib is missing.
-
-    Raises
-    ------
-    InputError : says what to install.
-    """
+    """Refuse where matplotlib is missing, and say what to install."""
     try:
         import matplotlib  # noqa: F401
     except ImportError:

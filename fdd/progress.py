@@ -20,11 +20,5 @@ class Progress(Protocol):
 
 @contextmanager
 def unseen(title: str, total: float | None = None) -> Iterator[Advance]:
-    """Progress that nobody watches.
-
-    Examples
-    --------
-    >>> with unseen("reading", 2) as advance:
-    ...     advance(1)
-    """
+    """Progress that nobody watches."""
     yield lambda done: None

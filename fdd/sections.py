@@ -8,7 +8,7 @@ kept and written back.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Annotated, Any
+from typing import Any
 
 import numpy as np
 from pydantic import (
@@ -35,39 +35,8 @@ class SI:
 
 
 def si(unit: str, written: str | None = None) -> SI:
-    """Mark a field with its SI unit, as ``Annotated[float, si("ohm")]``.
-
-    Parameters
-    ----------
-    written : the unit of a plain number, and of what is written; SI else.
-
-    Examples
-    --------
-    >>> si("Pa").dimension
-    'pressure'
-    """
+    """A field's SI unit, as ``Annotated[float, si("ohm")]``; `written` is that of plain numbers."""
     return SI(unit=unit, dimension=measure(unit).dimension, written=written or unit)
-
-
-Metre = Annotated[float, si("m")]
-SquareMetre = Annotated[float, si("m^2")]
-CubicMetre = Annotated[float, si("m^3")]
-Kilogram = Annotated[float, si("kg")]
-Pascal = Annotated[float, si("Pa")]
-Newton = Annotated[float, si("N")]
-MetrePerSecond = Annotated[float, si("m/s")]
-ViscousFriction = Annotated[float, si("N*s/m")]
-LeakageCoefficient = Annotated[float, si("m^3/(s*Pa)")]
-Displacement = Annotated[float, si("m^3/rad")]
-AngularSpeed = Annotated[float, si("rad/s")]
-Second = Annotated[float, si("s")]
-PerSecond = Annotated[float, si("1/s")]
-Hertz = Annotated[float, si("Hz")]
-Celsius = Annotated[float, si("degC")]
-KinematicViscosity = Annotated[float, si("m^2/s")]
-Density = Annotated[float, si("kg/m^3")]
-Ampere = Annotated[float, si("A")]
-Number = Annotated[float, si("1")]
 
 
 class Provenance(BaseModel):
@@ -80,15 +49,11 @@ class Provenance(BaseModel):
 
 QUANTITY = {
     "type": "object",
-    "properties": {
-        "value": {"type": "number"},
-        "unit": {"type": "string"},
-        "source": {"type": "string"},
-        "std": {"type": "number", "minimum": 0},
-    },
+    "properties": {"value": {"type": "number"}, "unit": {"type": "string"}, "source": {"type": "string"},
+                   "std": {"type": "number", "minimum": 0}},
     "required": ["value"],
     "additionalProperties": False,
-}
+}  # fmt: skip
 """JSON Schema of a number with its provenance."""
 
 
@@ -202,7 +167,4 @@ def _number(entry: dict[str, Any], name: str) -> float:
 
 def si_of(field: Any) -> SI | None:
     """The SI unit that a pydantic field is marked with, None for a plain one."""
-    for item in field.metadata:
-        if isinstance(item, SI):
-            return item
-    return None
+    return next((item for item in field.metadata if isinstance(item, SI)), None)

@@ -20,28 +20,7 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_valida
 from fdd.bounds import MAX_UNIT_BYTES
 from fdd.errors import InputError
 from fdd.files import write_text
-from fdd.sections import (
-    Ampere,
-    AngularSpeed,
-    Celsius,
-    CubicMetre,
-    Density,
-    Displacement,
-    Kilogram,
-    KinematicViscosity,
-    LeakageCoefficient,
-    Metre,
-    MetrePerSecond,
-    Newton,
-    Number,
-    Pascal,
-    PerSecond,
-    Second,
-    Section,
-    SquareMetre,
-    ViscousFriction,
-)
-from fdd.sections import si as _si
+from fdd.sections import Section, si
 from fdd.sensor import Sensor
 from fdd.validation import input_error
 from fdd.yaml_reading import yaml_mapping, yaml_text
@@ -53,33 +32,29 @@ MOST = 1e30
 """Of any figure of a baseline: squares of it still are numbers."""
 Finite = Annotated[float, Field(ge=-MOST, le=MOST)]
 _ANEW = "identify the unit anew"
-_PARTS = (
-    "cylinder", "pump", "oil", "accumulator", "friction", "drive", "sensors", "estimation", "monitoring",
-    "origin", "baseline",
-)  # fmt: skip
 
 
 class Cylinder(Section):
     """Cylinder: position 0 is mid-stroke, positive extends (raises chamber 1's volume)."""
 
-    area_1: Annotated[SquareMetre, Field(gt=0)]
-    area_2: Annotated[SquareMetre, Field(gt=0)]
-    stroke: Annotated[Metre, Field(gt=0)]
-    moving_mass: Annotated[Kilogram, Field(gt=0)]
-    volume_1: Annotated[CubicMetre, Field(gt=0)]
+    area_1: Annotated[float, si("m^2"), Field(gt=0)]
+    area_2: Annotated[float, si("m^2"), Field(gt=0)]
+    stroke: Annotated[float, si("m"), Field(gt=0)]
+    moving_mass: Annotated[float, si("kg"), Field(gt=0)]
+    volume_1: Annotated[float, si("m^3"), Field(gt=0)]
     """Oil of chamber 1 with its lines, at position 0."""
-    volume_2: Annotated[CubicMetre, Field(gt=0)]
-    position_compliance: Annotated[Number, Field(gt=0, le=5)] = 1.0
+    volume_2: Annotated[float, si("m^3"), Field(gt=0)]
+    position_compliance: Annotated[float, si("1"), Field(gt=0, le=5)] = 1.0
     """How much more the chambers' compliance changes with position than ``V ± A x`` says: hoses and walls."""
 
 
 class Pump(Section):
     """Gear pump: displacement and leakage at `Oil.reference_temperature`."""
 
-    displacement: Annotated[Displacement, Field(gt=0)]
-    cross_port_leakage: Annotated[LeakageCoefficient, Field(ge=0)]
+    displacement: Annotated[float, si("m^3/rad"), Field(gt=0)]
+    cross_port_leakage: Annotated[float, si("m^3/(s*Pa)"), Field(ge=0)]
     """ξ of eq. 3.14, the cylinder's own leakage L/2 included."""
-    case_leakage: Annotated[LeakageCoefficient, Field(ge=0)]
+    case_leakage: Annotated[float, si("m^3/(s*Pa)"), Field(ge=0)]
     """C_ep of eq. 3.14, each port to the case drain."""
 
     @property
@@ -91,38 +66,38 @@ class Pump(Section):
 class Oil(Section):
     """Oil and the air in it. Effective bulk modulus: 1/β(p) = 1/β_stiff + α·c(p)."""
 
-    bulk_modulus: Annotated[Pascal, Field(gt=0)]
+    bulk_modulus: Annotated[float, si("Pa"), Field(gt=0)]
     """Effective bulk modulus at `reference_pressure`, air and walls included."""
-    air_fraction: Annotated[Number, Field(ge=0, le=0.2)]
+    air_fraction: Annotated[float, si("1"), Field(ge=0, le=0.2)]
     """Volume of free air at atmospheric pressure over volume of oil."""
-    polytropic_index: Annotated[Number, Field(ge=1, le=1.67)]
-    reference_pressure: Annotated[Pascal, Field(ge=0)]
-    density: Annotated[Density, Field(gt=0)]
-    viscosity_40: Annotated[KinematicViscosity, Field(gt=0)]
-    viscosity_100: Annotated[KinematicViscosity, Field(gt=0)]
-    reference_temperature: Celsius
-    thermal_expansion: Annotated[float, _si("1/K"), Field(ge=0, le=2e-3)] = 7e-4
+    polytropic_index: Annotated[float, si("1"), Field(ge=1, le=1.67)]
+    reference_pressure: Annotated[float, si("Pa"), Field(ge=0)]
+    density: Annotated[float, si("kg/m^3"), Field(gt=0)]
+    viscosity_40: Annotated[float, si("m^2/s"), Field(gt=0)]
+    viscosity_100: Annotated[float, si("m^2/s"), Field(gt=0)]
+    reference_temperature: Annotated[float, si("degC")]
+    thermal_expansion: Annotated[float, si("1/K"), Field(ge=0, le=2e-3)] = 7e-4
     """By volume; mineral oils have 7e-4 1/K (ISO 6743-4 grades' data sheets: 6.5e-4 to 7.5e-4)."""
 
 
 class Accumulator(Section):
     """Inner circuit: accumulator and the valves around it."""
 
-    charge_pressure: Annotated[Pascal, Field(ge=0)]
+    charge_pressure: Annotated[float, si("Pa"), Field(ge=0)]
     """Of the charged circuit at rest, gas and oil."""
-    gas_volume: Annotated[CubicMetre, Field(gt=0)]
+    gas_volume: Annotated[float, si("m^3"), Field(gt=0)]
     """Of the gas at charge pressure."""
-    oil_volume: Annotated[float | None, _si("m^3"), Field(ge=0)] = None
+    oil_volume: Annotated[float | None, si("m^3"), Field(ge=0)] = None
     """Oil held at charge pressure; None is half the gas, a third of the shell."""
-    refeed_cracking_pressure: Annotated[Pascal, Field(ge=0)]
+    refeed_cracking_pressure: Annotated[float, si("Pa"), Field(ge=0)]
     refeed_pilots: bool = True
     """Whether the other chamber's pressure may hold a refeeding valve open, as unequal areas ask for;
     False where healthy logs show that the lower chamber keeps what oil it has."""
-    refeed_flow_gain: Annotated[LeakageCoefficient, Field(gt=0)]
+    refeed_flow_gain: Annotated[float, si("m^3/(s*Pa)"), Field(gt=0)]
     """Flow of an open refeeding check valve per pressure drop, K_v of eq. 3.18."""
-    case_cracking_pressure: Annotated[Pascal, Field(ge=0)]
-    relief_pressure: Annotated[Pascal, Field(gt=0)]
-    relief_flow_gain: Annotated[LeakageCoefficient, Field(gt=0)]
+    case_cracking_pressure: Annotated[float, si("Pa"), Field(ge=0)]
+    relief_pressure: Annotated[float, si("Pa"), Field(gt=0)]
+    relief_flow_gain: Annotated[float, si("m^3/(s*Pa)"), Field(gt=0)]
 
     @property
     def oil_at_rest(self) -> float:
@@ -133,11 +108,11 @@ class Accumulator(Section):
 class FrictionBranch(Section):
     """Steady friction of one direction of motion: eq. 5.12 of the thesis, magnitudes."""
 
-    coulomb: Annotated[Newton, Field(ge=0)]
-    static: Annotated[Newton, Field(ge=0)]
-    stribeck_velocity: Annotated[MetrePerSecond, Field(gt=0)]
-    stribeck_exponent: Annotated[Number, Field(gt=0, le=3)]
-    viscous: Annotated[ViscousFriction, Field(ge=0)]
+    coulomb: Annotated[float, si("N"), Field(ge=0)]
+    static: Annotated[float, si("N"), Field(ge=0)]
+    stribeck_velocity: Annotated[float, si("m/s"), Field(gt=0)]
+    stribeck_exponent: Annotated[float, si("1"), Field(gt=0, le=3)]
+    viscous: Annotated[float, si("N*s/m"), Field(ge=0)]
 
 
 class Friction(Section):
@@ -145,35 +120,35 @@ class Friction(Section):
 
     forward: FrictionBranch
     reverse: FrictionBranch
-    trial_spread: Annotated[Number, Field(ge=0, le=0.5)]
+    trial_spread: Annotated[float, si("1"), Field(ge=0, le=0.5)]
     """Relative standard deviation from trial to trial (Table 5.1)."""
 
 
 class Drive(Section):
     """Servomotor, its velocity loop and its limits."""
 
-    max_speed: Annotated[AngularSpeed, Field(gt=0)]
-    delay: Annotated[Second, Field(ge=0)]
-    pole_1: Annotated[PerSecond, Field(gt=0)]
-    pole_2: Annotated[PerSecond, Field(gt=0)]
-    zero: Annotated[PerSecond, Field(gt=0)]
-    torque_constant: Annotated[float, _si("N*m/A"), Field(gt=0)]
-    winding_resistance: Annotated[float, _si("ohm"), Field(gt=0)]
-    winding_inductance: Annotated[float, _si("H"), Field(gt=0)] = 0.014
+    max_speed: Annotated[float, si("rad/s"), Field(gt=0)]
+    delay: Annotated[float, si("s"), Field(ge=0)]
+    pole_1: Annotated[float, si("1/s"), Field(gt=0)]
+    pole_2: Annotated[float, si("1/s"), Field(gt=0)]
+    zero: Annotated[float, si("1/s"), Field(gt=0)]
+    torque_constant: Annotated[float, si("N*m/A"), Field(gt=0)]
+    winding_resistance: Annotated[float, si("ohm"), Field(gt=0)]
+    winding_inductance: Annotated[float, si("H"), Field(gt=0)] = 0.014
     """Thesis Table 4.11."""
-    back_emf_constant: Annotated[float, _si("V*s/rad"), Field(gt=0)] = 0.98
+    back_emf_constant: Annotated[float, si("V*s/rad"), Field(gt=0)] = 0.98
     """Thesis Table 4.11."""
-    voltage_limit: Annotated[float, _si("V"), Field(gt=0)] = 540.0
+    voltage_limit: Annotated[float, si("V"), Field(gt=0)] = 540.0
     """Largest winding voltage; by default the direct-current link of a 400 V converter (assumption)."""
-    inertia: Annotated[float, _si("kg*m^2"), Field(gt=0)]
-    viscous_friction: Annotated[float, _si("N*m*s/rad"), Field(ge=0)]
-    current_limit: Annotated[Ampere, Field(gt=0)]
+    inertia: Annotated[float, si("kg*m^2"), Field(gt=0)]
+    viscous_friction: Annotated[float, si("N*m*s/rad"), Field(ge=0)]
+    current_limit: Annotated[float, si("A"), Field(gt=0)]
 
 
 class Monitoring(Section):
     """What the operator wants of the diagnosis."""
 
-    false_alarms_per_hour: Annotated[float, _si("1/s", written="1/h"), Field(gt=0, le=1.0 / 60.0)] = (
+    false_alarms_per_hour: Annotated[float, si("1/s", written="1/h"), Field(gt=0, le=1.0 / 60.0)] = (
         1.0 / 3600.0
     )
     """Wanted rate of false alarms of the sequential test: per hour in the profile, at most 60; 1/s here."""
@@ -187,13 +162,13 @@ class Estimation(Section):
     noise that of its integral after one second.
     """
 
-    position: Annotated[float | None, _si("m"), Field(gt=0)] = None
-    angle: Annotated[float | None, _si("rad"), Field(gt=0)] = None
-    pressure: Annotated[float | None, _si("Pa"), Field(gt=0)] = None
-    pressure_difference: Annotated[float | None, _si("Pa"), Field(gt=0)] = None
-    force: Annotated[float | None, _si("N*s^0.5"), Field(gt=0)] = None
-    acceleration: Annotated[float | None, _si("rad/s^1.5"), Field(gt=0)] = None
-    flow: Annotated[float | None, _si("m^3/s^0.5"), Field(gt=0)] = None
+    position: Annotated[float | None, si("m"), Field(gt=0)] = None
+    angle: Annotated[float | None, si("rad"), Field(gt=0)] = None
+    pressure: Annotated[float | None, si("Pa"), Field(gt=0)] = None
+    pressure_difference: Annotated[float | None, si("Pa"), Field(gt=0)] = None
+    force: Annotated[float | None, si("N*s^0.5"), Field(gt=0)] = None
+    acceleration: Annotated[float | None, si("rad/s^1.5"), Field(gt=0)] = None
+    flow: Annotated[float | None, si("m^3/s^0.5"), Field(gt=0)] = None
 
     @property
     def known(self) -> dict[str, float]:
@@ -221,7 +196,7 @@ class BalanceBaseline(Section):
     information: list[list[Finite]] = Field(default_factory=list)
     scatter: list[list[Finite]] = Field(default_factory=list)
     moderation: list[Annotated[float, Field(gt=0, le=MOST)]] = Field(default_factory=list)
-    noise: Annotated[Number, Field(gt=0, le=MOST)]
+    noise: Annotated[float, si("1"), Field(gt=0, le=MOST)]
     hops: Annotated[int, Field(ge=0, le=10**9)] = 0
     hop_noise: Annotated[list[Annotated[float, Field(gt=0, le=MOST)]], Field(max_length=100)] = Field(
         default_factory=list
@@ -336,13 +311,11 @@ class Unit(BaseModel):
         out: dict[str, Any] = {"schema": UNIT_SCHEMA, "name": self.name, "axis": self.axis}
         if self.description:
             out["description"] = self.description
-        for name in _PARTS:
-            part = getattr(self, name)
-            if part is None:
-                continue
-            out[name] = (
-                {k: v.to_plain() for k, v in part.items()} if isinstance(part, dict) else part.to_plain()
-            )
+        for name, part in self:
+            if isinstance(part, Section):
+                out[name] = part.to_plain()
+            elif name == "sensors":
+                out[name] = {channel: sensor.to_plain() for channel, sensor in part.items()}
         return yaml.dump(out, sort_keys=False, allow_unicode=True, width=110, Dumper=_Dumper)
 
     def save(self, path: str | Path) -> None:

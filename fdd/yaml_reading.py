@@ -25,24 +25,11 @@ class _Refused(yaml.MarkedYAMLError):
 
 
 def yaml_text(path: Path, kind: str, most: int, mend: str) -> str:
-    """The text of a YAML file.
-
-    Parameters
-    ----------
-    kind : what it should be, for people: ``"recipe"``.
-    most : bytes; larger files are not read.
-    mend : what to give instead where there is no such file.
+    """The text of a YAML file of at most so many bytes; `kind` and `mend` are for people, see `yaml_mapping`.
 
     Raises
     ------
     InputError : no such file, too large, or not readable.
-
-    Examples
-    --------
-    >>> yaml_text(Path("none.yaml"), "recipe", 1000, "give a YAML file")
-    Traceback (most recent call last):
-    ...
-    fdd.errors.InputError: none.yaml: no such recipe; give a YAML file
     """
     try:
         if not path.is_file():
@@ -95,17 +82,7 @@ def yaml_mapping(
 
 
 def yaml_of(data: Any) -> str:
-    """Plain data as YAML text that `yaml_mapping` reads: in order, without aliases.
-
-    Examples
-    --------
-    >>> both = [1]
-    >>> print(yaml_of({"a": both, "b": both}), end="")
-    a:
-    - 1
-    b:
-    - 1
-    """
+    """Plain data as YAML text that `yaml_mapping` reads: in order, without aliases."""
     return yaml.dump(data, sort_keys=False, allow_unicode=True, Dumper=_WrittenOut)
 
 

@@ -188,6 +188,24 @@ def test_a_file_of_another_signature_is_not_used(installed: Path, tmp_path: Path
 
 
 @pytest.mark.slow
+def test_a_list_of_kept_code_that_names_a_type_that_is_gone_is_made_anew(
+    installed: Path, tmp_path: Path
+) -> None:
+    kept = {"NUMBA_CACHE_DIR": str(tmp_path / "kept")}
+    for name, hits in (("Old", 0), ("New", 0), ("New", 1)):
+        (installed / "halved.py").write_text(
+            "from pathlib import Path\n"
+            "from typing import NamedTuple\n"
+            "from estimators.compiled import compiler\n"
+            f"class {name}(NamedTuple):\n    x: float\n"
+            "@compiler(Path(__file__).parent / 'estimators')()\n"
+            "def called(pair):\n    return pair.x / 2\n"
+        )
+        program = f"from halved import called, {name}\nresult = called({name}(3.0))"
+        assert run(installed, program, **kept)[:2] == (1.5, hits)
+
+
+@pytest.mark.slow
 def test_kept_code_runs_without_the_compiler_and_new_code_finds_it(installed: Path, tmp_path: Path) -> None:
     (installed / "solved.py").write_text(
         "from pathlib import Path\n"

@@ -7,14 +7,13 @@ from typing import Any
 
 import pytest
 import yaml
-from hypothesis import given
+from hypothesis import example, given
 from hypothesis import strategies as st
 
-from fdd.bounds import MAX_UNIT_BYTES
 from fdd.data_sheet.accumulator import accumulator_volumes
 from fdd.errors import InputError
 from fdd.sections import Provenance
-from fdd.unit import Sensor, Unit, shipped_units
+from fdd.unit import Unit
 
 AXES = ("axis_a", "axis_b")
 # Thesis, in SI: Table 4.21, section 5.2 (leakage), 5.4 (bulk modulus), eq 6.11 (servomotor).
@@ -70,14 +69,10 @@ def refused(text: str, where: str = "mine.yaml") -> str:
     return line
 
 
-def test_both_axes_of_the_thesis_are_shipped() -> None:
-    assert set(AXES) <= set(shipped_units())
-
-
-@pytest.mark.parametrize("path", BOTH)
 @pytest.mark.parametrize("axis", AXES)
-def test_numbers_of_table_4_21(axis: str, path: str) -> None:
-    assert field(Unit.load(axis), path) == pytest.approx(BOTH[path], rel=1e-12)
+def test_numbers_of_table_4_21(axis: str) -> None:
+    unit = Unit.load(axis)
+    assert {path: field(unit, path) for path in BOTH} == pytest.approx(BOTH, rel=1e-12)
 
 
 @pytest.mark.parametrize("axis", AXES)
@@ -90,14 +85,9 @@ def test_leakage_is_that_of_section_5_2(axis: str) -> None:
 @pytest.mark.parametrize(("axis", "direction"), FRICTION)
 def test_friction_of_table_5_2(axis: str, direction: str) -> None:
     branch = getattr(Unit.load(axis).friction, direction)
-    found = (
-        branch.coulomb,
-        branch.static,
-        branch.stribeck_velocity,
-        branch.stribeck_exponent,
-        branch.viscous,
-    )
-    assert found == pytest.approx(FRICTION[axis, direction], rel=1e-12)
+    names = ("coulomb", "static", "stribeck_velocity", "stribeck_exponent", "viscous")
+    found = [getattr(branch, name) for name in names]
+    assert found == pytest.approx(list(FRICTION[axis, direction]), rel=1e-12)
 
 
 @pytest.mark.parametrize("axis", AXES)
@@ -123,12 +113,8 @@ def test_linear_model_of_eq_5_23_to_5_26(axis: str) -> None:
     )
     expected = {"axis_a": 1.27, "axis_b": 0.83}[axis]
     assert unit.pump.total_leakage * beta / v_o == pytest.approx(expected, abs=0.005)
-
-
-@pytest.mark.parametrize("axis", AXES)
-def test_inertia_is_the_sum_of_the_parts_not_the_misprint(axis: str) -> None:
     # The parts of eq 4.10 add up to 1.84e-3; Table 4.21 prints 1.98e-3, the text 1.98e-4.
-    assert Unit.load(axis).drive.inertia == pytest.approx(1.84e-3)
+    assert unit.drive.inertia == pytest.approx(1.84e-3)
 
 
 def test_the_thesiss_accumulator_is_a_variant_of_axis_a() -> None:
@@ -269,17 +255,7 @@ def test_a_missing_part_is_named() -> None:
     assert "pump.displacement" in refused(yaml.safe_dump(data))
 
 
-@pytest.mark.parametrize(
-    "text", ["", "[1, 2]", "a: [", "schema: fdd.unit/2", "\x00", "!!python/name:os.system", "2020-99-99"]
-)
-def test_what_is_no_profile_is_refused(text: str) -> None:
-    refused(text)
-
-
-def test_deep_nesting_is_refused() -> None:
-    refused("[" * 100_000)
-
-
+@example("schema: fdd.unit/2")
 @given(st.text(max_size=200))
 def test_any_text_is_refused_in_one_line(text: str) -> None:
     refused(text)
@@ -292,40 +268,16 @@ def test_missing_file_lists_the_shipped_profiles(tmp_path: Path) -> None:
         Unit.load(tmp_path / "none.yaml")
 
 
-def test_a_file_that_is_too_large_is_not_read(tmp_path: Path) -> None:
-    path = tmp_path / "big.yaml"
-    path.write_bytes(b"#" * (MAX_UNIT_BYTES + 1))
-    with pytest.raises(InputError, match=r"big\.yaml: larger than"):
-        Unit.load(path)
-
-
 def test_loading_twice_gives_separate_units() -> None:
     first = Unit.load("axis_a")
     first.pump.displacement = 1.0
     assert Unit.load("axis_a").pump.displacement == pytest.approx(5.57e-7)
 
 
-def test_saved_whole_or_not_at_all(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    path = tmp_path / "unit.yaml"
+def test_saved_and_loaded(tmp_path: Path) -> None:
     unit = Unit.load("axis_b")
-    unit.save(path)
-    assert Unit.load(path).to_yaml() == unit.to_yaml()
-    before = path.read_bytes()
-
-    def full(*_: object) -> None:
-        raise OSError("no space left on device")
-
-    monkeypatch.setattr(Path, "replace", full)
-    with pytest.raises(InputError, match="no space"):
-        Unit.load("axis_a").save(path)
-    assert path.read_bytes() == before
-    assert [p.name for p in tmp_path.iterdir()] == ["unit.yaml"]
-
-
-def test_a_channel_without_sensor_is_ideal() -> None:
-    unit = Unit.load("axis_a")
-    assert unit.sensor("load_force") == Sensor()
-    assert unit.sensor("position").resolution == 1e-6
+    unit.save(tmp_path / "unit.yaml")
+    assert Unit.load(tmp_path / "unit.yaml").to_yaml() == unit.to_yaml()
 
 
 def test_a_sensor_of_an_older_profile_reads_as_it_did() -> None:

@@ -228,7 +228,7 @@ def _twin(
 ) -> dict[str, Any]:
     """Write the twin of a log, the same unit and scenario without its faults; what the label says of it.
 
-    Every random stream has a seed and a purpose of its own (`fdd.plant.sensors.streams`), so all else is the
+    Every random stream has a seed and a purpose of its own (`fdd.plant.sensors.generator`): all else is the
     same to the last bit. The draw was judged with its faults and is not judged again.
     """
     try:

@@ -48,7 +48,7 @@ class Hypothesis:
 
 @dataclass(frozen=True)
 class HealthyUnit:
-    """What signatures may ask (see `fdd.faults.signature.Healthy`)."""
+    """What signatures may ask (see `fdd.faults.Healthy`)."""
 
     effects: dict[str, Effects]
     scales: Scales

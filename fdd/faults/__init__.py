@@ -1,9 +1,9 @@
 """The fault catalogue, one module a fault, from which everything else takes ids, families and meanings.
 
 A module holds a fault's words, its figures of severity 1, what it changes in the plant and how it shows in
-the balances, both by name: plant and diagnosis read it and never each other. Any module beside `entry`,
-`effect` and `signature` is a fault and is found by itself, and so is what an installed package names as an
-entry point of the group ``fdd.faults`` (docs/extending.md).
+the balances, both by name: plant and diagnosis read it and never each other. Any module beside `entry` is a
+fault and is found by itself, and so is what an installed package names as an entry point of the group
+``fdd.faults`` (docs/extending.md).
 """
 
 from __future__ import annotations
@@ -14,31 +14,17 @@ from importlib import import_module
 from pkgutil import iter_modules
 
 from fdd.errors import InputError
-from fdd.faults.effect import Effect, Figure
-from fdd.faults.entry import FAMILIES, Fault
-from fdd.faults.signature import Healthy, Signature
+from fdd.faults.entry import FAMILIES, Columns, Effect, Fault, Figure, Healthy, Signature
 from fdd.packages import FAULTS, additions, left_out
 
 __all__ = [
-    "ADDED_BY",
-    "CATALOGUE",
-    "FAMILIES",
-    "PROFILES",
-    "Effect",
-    "Fault",
-    "Figure",
-    "Healthy",
-    "Signature",
-    "fault",
-    "faults_of",
-    "unusable",
-]
-
-_PARTS = {"effect", "entry", "signature"}
+    "ADDED_BY", "CATALOGUE", "FAMILIES", "PROFILES", "Columns", "Effect", "Fault", "Figure", "Healthy",
+    "Signature", "fault", "faults_of", "unusable",
+]  # fmt: skip
 
 
 def _shipped() -> list[Fault]:
-    names = (module.name for module in iter_modules(__path__) if module.name not in _PARTS)
+    names = (module.name for module in iter_modules(__path__) if module.name != "entry")
     return [import_module(f"{__name__}.{name}").FAULT for name in names]
 
 

@@ -1,10 +1,6 @@
 """Air in the oil: it is softer, most of all at low pressure."""
 
-from __future__ import annotations
-
-from fdd.faults.effect import Effect, Figure
-from fdd.faults.entry import Fault
-from fdd.faults.signature import Signature
+from fdd.faults.entry import Effect, Fault, Figure, Signature
 
 FAULT = Fault(
     id="aeration",
@@ -18,12 +14,7 @@ FAULT = Fault(
     next_check="Draw oil from the low side into a glass and look for bubbles, then bleed both chambers "
     "and take the log again.",
     figures=(
-        Figure(
-            "free_air",
-            0.025,
-            (0.0, 0.2),
-            "volume of free air added over that of oil; eqs 5.20 and 5.21 turn it into bulk modulus",
-        ),
+        Figure("free_air", 0.025, (0.0, 0.2), "volume of free air added over that of oil (eqs 5.20, 5.21)"),
     ),
     laws={
         "exchange": "air in both chambers, in place of oil that is lost",

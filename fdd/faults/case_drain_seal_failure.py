@@ -1,10 +1,6 @@
 """Case drain seal failure: oil goes from the ports into the case and so into the accumulator."""
 
-from __future__ import annotations
-
-from fdd.faults.effect import LEAKAGE, Effect, Figure
-from fdd.faults.entry import ASSUMED, Fault
-from fdd.faults.signature import Signature
+from fdd.faults.entry import ASSUMED, LEAKAGE, Effect, Fault, Figure, Signature
 
 FAULT = Fault(
     id="case_drain_seal_failure",
@@ -25,8 +21,7 @@ FAULT = Fault(
         *(Effect(f"case_leakage_{port}", "add", "case_leakage", laws=("both",)) for port in (1, 2)),
         Effect("case_leakage_1", "add", "case_leakage", times=(2.0,), laws=("one",)),
     ),
-    # Twice what severity 1 of internal leakage is.
-    # One seal, of the many gaps that lead across the ports.
+    # Twice what severity 1 of internal leakage is; one seal, of the many gaps that lead across the ports.
     signatures=(
         Signature("case", lambda unit: {"volume": {"case": 2.0 * unit.leakage_ratio}}, commonness=0.5),
     ),

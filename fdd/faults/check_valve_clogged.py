@@ -4,9 +4,7 @@ from __future__ import annotations
 
 from functools import partial
 
-from fdd.faults.effect import DECADES, Effect, Figure
-from fdd.faults.entry import Fault
-from fdd.faults.signature import Columns, Healthy, Signature
+from fdd.faults.entry import DECADES, Columns, Effect, Fault, Figure, Healthy, Signature, each_side
 
 
 def _columns(side: int, unit: Healthy) -> Columns:
@@ -33,28 +31,15 @@ FAULT = Fault(
         "starved": "its passage closes in proportion, to nothing",
     },
     figures=(
+        Figure("check_valve_clogging", 4.0, DECADES, "powers of ten by which its flow gain falls"),
         Figure(
-            "check_valve_clogging",
-            4.0,
-            DECADES,
-            "powers of ten by which a clogged check valve's flow gain falls",
-        ),
-        Figure(
-            "check_valve_cracking",
-            4.8e5,
-            (0.0, 1e8),
-            "Pa added to a clogged check valve's cracking pressure; the charge pressure's gauge",
-            grows="charge",
+            "check_valve_cracking", 4.8e5, (0.0, 1e8), "Pa added to its cracking pressure", grows="charge"
         ),
     ),
-    effects=tuple(
-        effect
-        for side in (1, 2)
-        for effect in (
-            Effect(f"refeed_{side}", "decades", "check_valve_clogging", side=side, laws=("conductance",)),
-            Effect(f"cracking_{side}", "add", "check_valve_cracking", side=side, laws=("cracking",)),
-            Effect(f"refeed_{side}", "lower", 1.0, side=side, laws=("starved",)),
-        )
+    effects=each_side(
+        Effect("refeed_{side}", "decades", "check_valve_clogging", laws=("conductance",)),
+        Effect("cracking_{side}", "add", "check_valve_cracking", laws=("cracking",)),
+        Effect("refeed_{side}", "lower", 1.0, laws=("starved",)),
     ),
     signatures=tuple(Signature(f"clogged {side}", partial(_columns, side), side=side) for side in (1, 2)),
 )

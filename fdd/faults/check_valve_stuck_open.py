@@ -1,17 +1,6 @@
 """Check valve stuck open: one chamber stays connected to the inner circuit."""
 
-from __future__ import annotations
-
-from functools import partial
-
-from fdd.faults.effect import ORIFICE_FLOW, Effect, Figure
-from fdd.faults.entry import Fault
-from fdd.faults.signature import Columns, Healthy, Signature
-
-
-def _columns(side: int, unit: Healthy) -> Columns:
-    return {"volume": {f"valve_{side}": 1.0}}
-
+from fdd.faults.entry import ORIFICE_FLOW, Effect, Fault, Figure, Signature, each_side
 
 FAULT = Fault(
     id="check_valve_stuck_open",
@@ -30,28 +19,17 @@ FAULT = Fault(
         "sticking": "its poppet stays up until the oil that flows back presses it shut",
     },
     figures=(
+        Figure("check_valve_flow", 1e-4, ORIFICE_FLOW, "m³/s at 1 MPa backwards through it", grows="orifice"),
         Figure(
-            "check_valve_flow",
-            1e-4,
-            ORIFICE_FLOW,
-            "m³/s at 1 MPa backwards through a check valve stuck open; about its seat's area",
-            grows="orifice",
-        ),
-        Figure(
-            "check_valve_sticking",
-            8e5,
-            (0.0, 1e8),
-            "Pa back over a sticking check valve without which it does not shut",
-            grows="pressure",
+            "check_valve_sticking", 8e5, (0.0, 1e8), "Pa back over it that it takes to shut", grows="pressure"
         ),
     ),
-    effects=tuple(
-        effect
-        for side in (1, 2)
-        for effect in (
-            Effect(f"open_{side}", "add", "check_valve_flow", side=side, laws=("gap",)),
-            Effect(f"sticking_{side}", "add", "check_valve_sticking", side=side, laws=("sticking",)),
-        )
+    effects=each_side(
+        Effect("open_{side}", "add", "check_valve_flow", laws=("gap",)),
+        Effect("sticking_{side}", "add", "check_valve_sticking", laws=("sticking",)),
     ),
-    signatures=tuple(Signature(f"valve {side}", partial(_columns, side), side=side) for side in (1, 2)),
+    signatures=(
+        Signature("valve 1", lambda unit: {"volume": {"valve_1": 1.0}}, side=1),
+        Signature("valve 2", lambda unit: {"volume": {"valve_2": 1.0}}, side=2),
+    ),
 )

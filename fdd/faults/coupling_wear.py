@@ -1,10 +1,6 @@
 """Coupling wear: play between motor and pump, and a speed that swings with the shaft."""
 
-from __future__ import annotations
-
-from fdd.faults.effect import Effect, Figure
-from fdd.faults.entry import ASSUMED, Fault
-from fdd.faults.signature import Signature
+from fdd.faults.entry import ASSUMED, Effect, Fault, Figure, Signature
 
 FAULT = Fault(
     id="coupling_wear",
@@ -21,11 +17,7 @@ FAULT = Fault(
     figures=(
         Figure("coupling_play", 0.0349, (0.0, 0.5), "rad between motor and pump; 2 degrees"),
         Figure(
-            "coupling_eccentricity",
-            0.02,
-            (0.0, 0.5),
-            "pump speed's swing once a turn, over the speed",
-            usual=(0.005, 0.04),
+            "coupling_eccentricity", 0.02, (0.0, 0.5), "speed's swing once a turn, relative", (0.005, 0.04)
         ),
     ),
     effects=(
@@ -33,8 +25,7 @@ FAULT = Fault(
         Effect("eccentricity", "add", "coupling_eccentricity", laws=("both", "bent")),
     ),
     signatures=(
-        # A bent or worn coupling shows once a turn, play twice: 0.1 of the current at relief pressure
-        # (assumption).
+        # A bent or worn coupling shows once a turn, play twice: 0.1 of relief pressure's current (assumed).
         Signature("line once a turn", lambda unit: {"shaft": {"order_1": 0.1}}),
         Signature("line twice a turn", lambda unit: {"shaft": {"order_2": 0.1}}),
     ),

@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-from fdd.faults.effect import SHARE, Effect, Figure
-from fdd.faults.entry import ASSUMED, Fault
-from fdd.faults.signature import Columns, Healthy, Signature
+from fdd.faults.entry import ASSUMED, SHARE, Columns, Effect, Fault, Figure, Healthy, Signature
 
 
 def _dead(unit: Healthy) -> Columns:

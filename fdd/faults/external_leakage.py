@@ -4,17 +4,12 @@ from __future__ import annotations
 
 from functools import partial
 
-from fdd.faults.effect import LEAKAGE, Effect, Figure
-from fdd.faults.entry import ASSUMED, Fault
-from fdd.faults.signature import Columns, Healthy, Signature
+from fdd.faults.entry import ASSUMED, LEAKAGE, Columns, Effect, Fault, Figure, Healthy, Signature, each_side
 
 
 def _chamber(side: int, unit: Healthy) -> Columns:
     # Half of severity 1 of internal leakage, from one chamber; the reservoir's columns have this unit.
-    return {
-        "volume": {f"outside_{side}": 0.5 * unit.leakage_ratio},
-        "reservoir": {f"outside_{side}": 1.0},
-    }
+    return {"volume": {f"outside_{side}": 0.5 * unit.leakage_ratio}, "reservoir": {f"outside_{side}": 1.0}}
 
 
 FAULT = Fault(
@@ -29,38 +24,20 @@ FAULT = Fault(
     next_check="Wipe that chamber's fittings, hoses and rod seal dry, hold pressure in it for some "
     "minutes and look for fresh oil.",
     sides=(1, 2),
-    laws={
-        "laminar": "a gap or a porous hose",
-        "orifice": "a hole",
-        "opening": "a joint that pressure opens",
-    },
-    figures=(
-        Figure(
-            "external_leakage", 6e-12, LEAKAGE, "m³/(s·Pa) from one chamber to the outside", grows="leakage"
+    laws={"laminar": "a gap or a porous hose", "orifice": "a hole", "opening": "a joint that pressure opens"},
+    figures=(Figure("external_leakage", 6e-12, LEAKAGE, "m³/(s·Pa) from one chamber", grows="leakage"),),
+    effects=each_side(
+        Effect("outside_{side}", "add", "external_leakage", laws=("laminar",)),
+        Effect(
+            "outside_orifice_{side}",
+            "add",
+            "external_leakage",
+            roots=("leakage_pressure", 1e6),
+            laws=("orifice",),
         ),
-    ),
-    effects=tuple(
-        effect
-        for side in (1, 2)
-        for effect in (
-            Effect(f"outside_{side}", "add", "external_leakage", side=side, laws=("laminar",)),
-            Effect(
-                f"outside_orifice_{side}",
-                "add",
-                "external_leakage",
-                roots=("leakage_pressure", 1e6),
-                side=side,
-                laws=("orifice",),
-            ),
-            Effect(
-                f"outside_opening_{side}",
-                "add",
-                "external_leakage",
-                over="leakage_pressure",
-                side=side,
-                laws=("opening",),
-            ),
-        )
+        Effect(
+            "outside_opening_{side}", "add", "external_leakage", over="leakage_pressure", laws=("opening",)
+        ),
     ),
     signatures=tuple(Signature(f"outside {side}", partial(_chamber, side), side=side) for side in (1, 2)),
 )

@@ -1,10 +1,6 @@
 """Internal leakage: across the pump's ports, from one chamber to the other."""
 
-from __future__ import annotations
-
-from fdd.faults.effect import LEAKAGE, SHARE, Effect, Figure
-from fdd.faults.entry import Fault
-from fdd.faults.signature import Signature
+from fdd.faults.entry import LEAKAGE, SHARE, Effect, Fault, Figure, Signature
 
 FAULT = Fault(
     id="internal_leakage",
@@ -25,27 +21,17 @@ FAULT = Fault(
         "piston": "a gap at the piston's seal, past the pump",
     },
     figures=(
-        Figure(
-            "internal_leakage",
-            12e-12,
-            LEAKAGE,
-            "m³/(s·Pa) across the ports at 1 MPa, orifice included; 2 to 3 times L_T of section 5.2",
-            grows="leakage",
-        ),
+        Figure("internal_leakage", 12e-12, LEAKAGE, "m³/(s·Pa) at 1 MPa, orifice included", grows="leakage"),
         # The rig injects this leakage by a throttling valve (4.6.8), a worn clearance gives a laminar one,
         # and the thesis's own leakage is straight over pressure (figure 5.4).
         Figure(
-            "internal_leakage_orifice_share",
-            0.1,
-            SHARE,
-            "part of that flow at 1 MPa which is turbulent",
-            usual=(0.0, 0.25),
+            "internal_leakage_orifice_share", 0.1, SHARE, "turbulent part of that flow at 1 MPa", (0.0, 0.25)
         ),
         Figure(
             "leakage_pressure",
             1e6,
             (1e3, 1e8),
-            "Pa at which a leak passes the same flow by whatever law",
+            "Pa at which a leak's flow is that of any law",
             grows="pressure",
         ),
     ),

@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-from fdd.faults.effect import SHARE, Effect, Figure
-from fdd.faults.entry import ASSUMED, Fault
-from fdd.faults.signature import Columns, Healthy, Signature
+from fdd.faults.entry import ASSUMED, SHARE, Columns, Effect, Fault, Figure, Healthy, Signature
 
 _MORE_CURRENT = 0.43
 """1/0.7 - 1: what the same torque takes, of a motor with 70 % of its torque constant."""
@@ -34,22 +32,12 @@ FAULT = Fault(
     },
     figures=(
         Figure("torque_loss", 0.3, (0.0, 0.95), "share of the torque constant"),
+        Figure("resistance_gain", 0.5, (0.0, 10.0), "rise of the winding resistance, relative", (0.2, 0.8)),
+        # A drive lowers the limit for a winding that runs hot.
+        Figure("current_limit_loss", 0.2, SHARE, "share of the current limit", (0.0, 0.4)),
+        # 0.2 N·m at 100 rad/s.
         Figure(
-            "resistance_gain", 0.5, (0.0, 10.0), "rise of the winding resistance, relative", usual=(0.2, 0.8)
-        ),
-        Figure(
-            "current_limit_loss",
-            0.2,
-            SHARE,
-            "share of the current limit, which a drive lowers for a winding that runs hot",
-            usual=(0.0, 0.4),
-        ),
-        Figure(
-            "shorted_braking",
-            2e-3,
-            (0.0, 1.0),
-            "N·m·s/rad that shorted turns brake with; 0.2 N·m at 100 rad/s",
-            grows="torque",
+            "shorted_braking", 2e-3, (0.0, 1.0), "N·m·s/rad that shorted turns brake with", grows="torque"
         ),
     ),
     effects=(

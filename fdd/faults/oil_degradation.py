@@ -4,9 +4,7 @@ from __future__ import annotations
 
 from functools import partial
 
-from fdd.faults.effect import Effect, Figure
-from fdd.faults.entry import ASSUMED, Fault
-from fdd.faults.signature import Columns, Healthy, Signature
+from fdd.faults.entry import ASSUMED, Columns, Effect, Fault, Figure, Healthy, Signature
 
 _VISCOSITY = {"thin": 0.5, "thick": 2.0}
 
@@ -36,16 +34,12 @@ FAULT = Fault(
         Figure("thin_viscosity", _VISCOSITY["thin"], (0.05, 1.0), "of the oil over that of sound oil"),
         Figure("thick_viscosity", _VISCOSITY["thick"], (1.0, 20.0), "of the oil over that of sound oil"),
         Figure("wet_viscosity", 1.4, (1.0, 20.0), "of an emulsion over that of sound oil"),
-        Figure(
-            "wet_vapour", 25.0, (1.0, 1e3), "vapour pressure over sound oil's; water has 7.4 kPa at 40 °C"
-        ),
+        # Water has 7.4 kPa at 40 °C.
+        Figure("wet_vapour", 25.0, (1.0, 1e3), "vapour pressure over sound oil's"),
     ),
     # The plant itself takes viscosity into leakages and viscous friction.
     effects=(
-        *(
-            Effect("viscosity", "towards", f"{variant}_viscosity", variants=(variant,))
-            for variant in (*_VISCOSITY, "wet")
-        ),
+        *(Effect("viscosity", "towards", f"{v}_viscosity", variants=(v,)) for v in (*_VISCOSITY, "wet")),
         Effect("vapour", "towards", "wet_vapour", variants=("wet",)),
     ),
     signatures=tuple(

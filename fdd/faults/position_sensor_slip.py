@@ -1,7 +1,5 @@
 """Position sensor slip: the encoder's head slips in its clamp."""
 
-from __future__ import annotations
-
 from fdd.faults.entry import ASSUMED, Fault
 
 FAULT = Fault(

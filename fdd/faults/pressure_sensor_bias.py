@@ -1,19 +1,9 @@
 """Pressure sensor bias: a transducer's zero is off."""
 
-from __future__ import annotations
+from fdd.faults.entry import SHARE, Fault, Figure, zero_signatures
 
-from fdd.faults.effect import SHARE, Figure
-from fdd.faults.entry import Fault
-from fdd.faults.signature import Columns, Healthy, Signature
-
-BIAS = 0.073
+_BIAS = 0.073
 """Of the relief setting: 250 kPa of 3.44 MPa."""
-
-
-def by_torque(unit: Healthy) -> Columns:
-    """Bias of Δp of severity 1 in the torque balance: a pressure that is not there takes no current."""
-    return {"torque": {"zero": -BIAS * unit.mean("torque", "pressure")}}
-
 
 FAULT = Fault(
     id="pressure_sensor_bias",
@@ -33,42 +23,12 @@ FAULT = Fault(
         "hysteresis": "behind the pressure where it turns, up to the error",
     },
     figures=(
+        # 3.6 % of the transducer's range.
         Figure(
-            "pressure_bias",
-            250e3,
-            (0.0, 1e8),
-            "Pa on the pressure measured; 3.6 % of its range; of hysteresis half the loop's width",
-            grows="pressure",
+            "pressure_bias", 250e3, (0.0, 1e8), "Pa; of hysteresis half the loop's width", grows="pressure"
         ),
-        Figure(
-            "pressure_gain", BIAS, SHARE, "rise of the reading, relative; the bias at the relief pressure"
-        ),
+        Figure("pressure_gain", _BIAS, SHARE, "rise of the reading, relative"),
     ),
     in_measurement=True,
-    signatures=(
-        Signature(
-            "bias dp",
-            lambda unit: {"coherence": {"zero": BIAS}},
-            signed=False,
-            courses=("step",),
-            channel="pressure_difference",
-        ),
-        Signature(
-            "bias dp by torque", by_torque, signed=False, courses=("step",), channel="pressure_difference"
-        ),
-        Signature(
-            "bias p1",
-            lambda unit: {"coherence": {"zero": -BIAS}, "refeed": {"drop_1": -BIAS}},
-            signed=False,
-            courses=("step",),
-            channel="pressure_1",
-        ),
-        Signature(
-            "bias p2",
-            lambda unit: {"coherence": {"zero": BIAS}, "refeed": {"drop_2": -BIAS}},
-            signed=False,
-            courses=("step",),
-            channel="pressure_2",
-        ),
-    ),
+    signatures=zero_signatures("bias", _BIAS, "step"),
 )

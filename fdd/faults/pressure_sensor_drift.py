@@ -1,11 +1,6 @@
 """Pressure sensor drift: a transducer's zero walks away."""
 
-from __future__ import annotations
-
-from fdd.faults.effect import Figure
-from fdd.faults.entry import Fault
-from fdd.faults.pressure_sensor_bias import BIAS, by_torque
-from fdd.faults.signature import Signature
+from fdd.faults.entry import Fault, Figure, zero_signatures
 
 FAULT = Fault(
     id="pressure_sensor_drift",
@@ -26,40 +21,10 @@ FAULT = Fault(
     next_check="Open the by-pass at rest and read the pressure difference every minute for a quarter of "
     "an hour: it must stay at zero.",
     figures=(
-        Figure(
-            "pressure_drift",
-            5e3,
-            (0.0, 1e7),
-            "Pa/s on the pressure measured; 3.6 % of the transducer's range within 50 s, by any law",
-            grows="pressure",
-        ),
+        # 3.6 % of the transducer's range within 50 s, by any law.
+        Figure("pressure_drift", 5e3, (0.0, 1e7), "Pa/s on the pressure measured", grows="pressure"),
     ),
     in_measurement=True,
     # Severity 1 reaches the bias of severity 1 within 50 s: the drift's course is that time's unit.
-    signatures=(
-        Signature(
-            "drift dp",
-            lambda unit: {"coherence": {"zero": BIAS}},
-            signed=False,
-            channel="pressure_difference",
-            courses=("drift",),
-        ),
-        Signature(
-            "drift dp by torque", by_torque, signed=False, courses=("drift",), channel="pressure_difference"
-        ),
-        Signature(
-            "drift p1",
-            lambda unit: {"coherence": {"zero": -BIAS}, "refeed": {"drop_1": -BIAS}},
-            signed=False,
-            channel="pressure_1",
-            courses=("drift",),
-        ),
-        Signature(
-            "drift p2",
-            lambda unit: {"coherence": {"zero": BIAS}, "refeed": {"drop_2": -BIAS}},
-            signed=False,
-            channel="pressure_2",
-            courses=("drift",),
-        ),
-    ),
+    signatures=zero_signatures("drift", 0.073, "drift"),  # over the relief pressure
 )

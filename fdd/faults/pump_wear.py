@@ -1,12 +1,8 @@
 """Pump gear wear: the pump loses the more the faster it turns, and its flow ripples."""
 
-from __future__ import annotations
+from fdd.faults.entry import ASSUMED, LEAKAGE, Effect, Fault, Figure, Signature
 
-from fdd.faults.effect import LEAKAGE, Effect, Figure
-from fdd.faults.entry import ASSUMED, Fault
-from fdd.faults.signature import Signature
-
-_DISPLACEMENT_LOSS = 0.02
+_LOSS = 0.02
 _WORN_OUT = 0.1
 """Assumption: share of its flow at no pressure that a pump has lost when it is done for."""
 
@@ -29,28 +25,17 @@ FAULT = Fault(
         "speed": "a gap that loses by pressure and speed alone",
     },
     figures=(
+        # In proportion to speed.
         Figure(
             "pump_wear_leakage",
             12e-12,
             LEAKAGE,
-            "m³/(s·Pa) across the ports at 100 rad/s; in proportion to speed",
+            "m³/(s·Pa) across the ports at 100 rad/s",
             grows="speed_leakage",
         ),
-        Figure(
-            "pump_wear_displacement_loss",
-            _DISPLACEMENT_LOSS,
-            (0.0, 0.5),
-            "share of the displacement",
-            usual=(0.0, 0.04),
-        ),
+        Figure("pump_wear_displacement_loss", _LOSS, (0.0, 0.5), "share of the displacement", (0.0, 0.04)),
         Figure("pump_wear_worn_out", _WORN_OUT, (0.0, 0.5), "share of the displacement, of a pump done for"),
-        Figure(
-            "pump_wear_ripple",
-            0.05,
-            (0.0, 0.5),
-            "amplitude of the flow ripple added, over the mean flow; Table 4.1: more noise",
-            usual=(0.01, 0.1),
-        ),
+        Figure("pump_wear_ripple", 0.05, (0.0, 0.5), "flow ripple added, over the mean flow", (0.01, 0.1)),
     ),
     effects=(
         Effect("speed_leakage", "add", "pump_wear_leakage", over=100.0, laws=("mixed", "speed")),  # rad/s
@@ -58,8 +43,8 @@ FAULT = Fault(
         Effect("displacement", "lower", "pump_wear_worn_out", laws=("displacement",)),
         Effect("cross_leakage", "add", "internal_leakage", times=(0.7,), laws=("gap",)),
         *(
-            Effect(f"case_leakage_{port}", "add", "internal_leakage", times=(0.3,), laws=("gap",))
-            for port in (1, 2)
+            Effect(f"case_leakage_{k}", "add", "internal_leakage", times=(0.3,), laws=("gap",))
+            for k in (1, 2)
         ),
         Effect("ripple", "add", "pump_wear_ripple", laws=("mixed", "displacement", "gap")),
     ),
@@ -68,9 +53,7 @@ FAULT = Fault(
     signatures=(
         Signature(
             "pump wear",
-            lambda unit: {
-                "volume": {"wear": unit.leakage_ratio * unit.speed_ratio, "gain": _DISPLACEMENT_LOSS}
-            },
+            lambda unit: {"volume": {"wear": unit.leakage_ratio * unit.speed_ratio, "gain": _LOSS}},
             commonness=0.5,
         ),
         Signature("worn displacement", lambda unit: {"volume": {"gain": _WORN_OUT}}, commonness=0.5),

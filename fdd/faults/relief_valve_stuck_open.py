@@ -1,10 +1,6 @@
 """Relief valve stuck open: oil goes over it far below its setting."""
 
-from __future__ import annotations
-
-from fdd.faults.effect import ORIFICE_FLOW, Effect, Figure
-from fdd.faults.entry import ASSUMED, Fault
-from fdd.faults.signature import Signature
+from fdd.faults.entry import ASSUMED, ORIFICE_FLOW, Effect, Fault, Figure, Signature
 
 FAULT = Fault(
     id="relief_valve_stuck_open",
@@ -22,27 +18,15 @@ FAULT = Fault(
         "setting": "its spring gave way: it opens at a lower pressure",
     },
     figures=(
-        Figure(
-            "relief_valve_flow",
-            1e-4,
-            ORIFICE_FLOW,
-            "m³/s at 1 MPa through a relief valve stuck open",
-            grows="orifice",
-        ),
-        Figure(
-            "relief_setting_loss",
-            0.9,
-            (0.0, 0.99),
-            "share of its setting that a relief valve's spring has lost",
-        ),
+        Figure("relief_valve_flow", 1e-4, ORIFICE_FLOW, "m³/s at 1 MPa through it", grows="orifice"),
+        Figure("relief_setting_loss", 0.9, (0.0, 0.99), "share of its setting that its spring has lost"),
     ),
     effects=(
         Effect("relief_open", "add", "relief_valve_flow", laws=("orifice",)),
         Effect("relief_setting", "lower", "relief_setting_loss", laws=("setting",)),
     ),
     signatures=(
-        # A relief valve stays shut in ordinary duty; a check valve moves at every reversal: it sticks more
-        # often.
+        # It stays shut in ordinary duty; a check valve moves at every reversal: that sticks more often.
         Signature("relief", lambda unit: {"volume": {"relief_12": 1.0, "relief_21": 1.0}}, commonness=0.3),
         Signature("relief_12", lambda unit: {"volume": {"relief_12": 1.0}}, commonness=0.15),
         Signature("relief_21", lambda unit: {"volume": {"relief_21": 1.0}}, commonness=0.15),

@@ -1,9 +1,6 @@
 """Relief valve stuck shut: nothing flows over it at or above its setting."""
 
-from __future__ import annotations
-
-from fdd.faults.effect import SHARE, Effect, Figure
-from fdd.faults.entry import ASSUMED, Fault
+from fdd.faults.entry import ASSUMED, SHARE, Effect, Fault, Figure
 
 # No balance shows it below the setting, where it is sound oil's way that is missing: no signature.
 FAULT = Fault(

@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 from functools import partial
+from typing import Literal
 
-from fdd.faults.effect import LEAKAGE, Effect, Figure
-from fdd.faults.entry import Fault
-from fdd.faults.signature import Columns, Healthy, Signature
+from fdd.faults.entry import LEAKAGE, Columns, Effect, Fault, Figure, Healthy, Signature
 
 _FRICTION = {"loose": 0.35, "tight": 2.0}
 _LIPS = ("_forward", "_reverse")
@@ -14,40 +13,29 @@ _LOOSE = ("loose", "loose_forward", "loose_reverse")
 
 
 def _rubbing(kind: str) -> tuple[Effect, ...]:
-    by = f"{kind}_friction"
-    ways = tuple(kind + lip for lip in _LIPS)
+    both, ways = (kind,), tuple(kind + lip for lip in _LIPS)
+
+    def effect(parameter: str, law: str, variants: tuple[str, ...], *times: float) -> Effect:
+        change: Literal["shift", "towards"] = "shift" if parameter == "middle" else "towards"
+        return Effect(parameter, change, f"{kind}_friction", times=times, variants=variants, laws=(law,))
+
+    # The plant has what both directions share once: worn in one direction, it takes half of the change.
+    halves = ((both, 1.0), (ways, 0.5))
     by_law = {"friction": "whole", "coulomb": "coulomb", "stribeck": "stribeck"}
     return (
+        *(effect(name + lip, law, (kind, kind + lip)) for name, law in by_law.items() for lip in _LIPS),
+        *(effect("viscous", "whole", variants, half) for variants, half in halves),
         *(
-            Effect(f"{name}{lip}", "towards", by, variants=(kind, kind + lip), laws=(law,))
-            for name, law in by_law.items()
-            for lip in _LIPS
+            effect("viscous", "viscous", variants, 3.0 * half)
+            if kind == "tight"
+            else Effect("viscous", "lower", 1.0, times=(half,), variants=variants, laws=("viscous",))
+            for variants, half in halves
         ),
-        # The plant has the rest in common: worn in one direction, it takes half of the change.
-        *(
-            Effect("viscous", "towards", by, times=(half * times,), variants=variants, laws=(law,))
-            for law, times in (("whole", 1.0), ("viscous", 3.0))
-            for half, variants in ((1.0, (kind,)), (0.5, ways))
-            if not (law == "viscous" and kind == "loose")
-        ),
-        *(
-            Effect("viscous", "lower", 1.0, times=(half,), variants=variants, laws=("viscous",))
-            for half, variants in ((1.0, (kind,)), (0.5, ways))
-            if kind == "loose"
-        ),
-        *(
-            Effect(
-                f"coulomb{lip}", "towards", by, times=(0.5,), variants=(kind, kind + lip), laws=("viscous",)
-            )
-            for lip in _LIPS
-        ),
-        Effect("middle", "shift", by, variants=(kind,), laws=("track",)),
-        # Both directions share what mid-stroke does: half of the change there, half all along in the one.
-        Effect("middle", "shift", by, times=(0.5,), variants=ways, laws=("track",)),
-        *(
-            Effect(f"friction{lip}", "towards", by, times=(0.5,), variants=(kind + lip,), laws=("track",))
-            for lip in _LIPS
-        ),
+        *(effect(f"coulomb{lip}", "viscous", (kind, kind + lip), 0.5) for lip in _LIPS),
+        # Half of the change at mid-stroke, half all along in the one direction.
+        effect("middle", "track", both),
+        effect("middle", "track", ways, 0.5),
+        *(effect(f"friction{lip}", "track", (kind + lip,), 0.5) for lip in _LIPS),
     )
 
 
@@ -83,15 +71,8 @@ FAULT = Fault(
         # A seal that lost its preload keeps some friction; a swollen one doubles it.
         Figure("loose_friction", _FRICTION["loose"], (0.0, 1.0), "friction over the healthy one"),
         Figure("tight_friction", _FRICTION["tight"], (1.0, 10.0), "friction over the healthy one"),
-        Figure(
-            "loose_rod_leakage",
-            1e-14,
-            LEAKAGE,
-            "m³/(s·Pa) from each chamber past its rod to the outside, where the seals are loose (Table 4.1: "
-            '"potential external leakage")',
-            usual=(0.0, 3e-14),
-            grows="leakage",
-        ),
+        # Table 4.1: "potential external leakage".
+        Figure("loose_rod_leakage", 1e-14, LEAKAGE, "m³/(s·Pa) past each rod", (0.0, 3e-14), "leakage"),
     ),
     effects=(
         *(effect for kind in _FRICTION for effect in _rubbing(kind)),

@@ -1,9 +1,6 @@
 """Sensor dropout: a channel is missing, held or dead, all the time or in bursts, or noisy, stuck or late."""
 
-from __future__ import annotations
-
-from fdd.faults.effect import Figure
-from fdd.faults.entry import ASSUMED, Fault
+from fdd.faults.entry import ASSUMED, Fault, Figure
 
 _PRESSURE = (0.0, 1e8)
 
@@ -25,40 +22,15 @@ FAULT = Fault(
     next_check="Move the sensor's cable and plugs by hand while its channel is read, and measure its "
     "supply and its loop current at the plug.",
     variants=(
-        "missing",
-        "held",
-        "broken_loop",
-        "position_missing",
-        "position_held",
-        "noisy",
-        "sticking",
-        "clipped",
-        "late",
+        "missing", "held", "broken_loop", "position_missing", "position_held",
+        "noisy", "sticking", "clipped", "late",
     ),
     figures=(
-        Figure(
-            "noise_pressure",
-            345e3,
-            _PRESSURE,
-            "Pa, standard deviation of each sample's noise; 5 % of the transducer's range (assumption)",
-            grows="pressure",
-        ),
-        Figure(
-            "sticking_pressure",
-            250e3,
-            _PRESSURE,
-            "Pa from where it stuck that it takes to move; 3.6 % of the transducer's range (assumption)",
-            grows="pressure",
-        ),
-        Figure(
-            "clipping_pressure",
-            3.44e6,
-            _PRESSURE,
-            "Pa, the reading's limit at least severity, from which it falls to zero; the relief pressure "
-            "(assumption)",
-            grows="pressure",
-        ),
+        # 5 % and 3.6 % of the transducer's range, and the relief pressure (assumptions).
+        Figure("noise_pressure", 345e3, _PRESSURE, "Pa, standard deviation of each sample", grows="pressure"),
+        Figure("sticking_pressure", 250e3, _PRESSURE, "Pa that it takes to move", grows="pressure"),
+        Figure("clipping_pressure", 3.44e6, _PRESSURE, "Pa, limit that falls to zero", grows="pressure"),
         Figure("late_time", 20e-3, (0.0, 10.0), "s, the longest wait of a sample (assumption)"),
     ),
     in_measurement=True,
-)
+)  # fmt: skip

@@ -1,9 +1,6 @@
 """Pump shaft seal wear: the case drips to the outside."""
 
-from __future__ import annotations
-
-from fdd.faults.effect import Effect, Figure
-from fdd.faults.entry import Fault
+from fdd.faults.entry import Effect, Fault, Figure
 
 FAULT = Fault(
     id="shaft_seal_wear",
@@ -22,37 +19,19 @@ FAULT = Fault(
     },
     figures=(
         Figure(
-            "shaft_leakage_flow",
-            1e-6 / 60.0,
-            (0.0, 1e-4),
-            "m³/s to the outside at `shaft_leakage_pressure`; 1 cm³/min",
-            grows="flow",
+            "shaft_leakage_flow", 1e-6 / 60.0, (0.0, 1e-4), "m³/s to the outside; 1 cm³/min", grows="flow"
         ),
-        Figure(
-            "shaft_leakage_pressure",
-            4.87e5,
-            (1e3, 1e7),
-            "Pa, the case's at rest: the thesis's mid charge pressure, 482 kPa, and 5 of its valve",
-        ),
+        # The case's at rest: the thesis's mid charge pressure, 482 kPa, and 5 of its valve.
+        Figure("shaft_leakage_pressure", 4.87e5, (1e3, 1e7), "Pa in the case at which it is that flow"),
     ),
-    effects=(
-        Effect("shaft_leakage", "add", "shaft_leakage_flow", over="shaft_leakage_pressure", laws=("steady",)),
+    effects=tuple(
         Effect(
-            "shaft_leakage",
-            "add",
-            "shaft_leakage_flow",
-            times=(0.25,),
-            over="shaft_leakage_pressure",
-            laws=("running",),
-        ),
-        # The other three quarters at 100 rad/s.
-        Effect(
-            "shaft_speed",
-            "add",
-            "shaft_leakage_flow",
-            times=(0.75e-2,),
-            over="shaft_leakage_pressure",
-            laws=("running",),
-        ),
+            parameter, "add", "shaft_leakage_flow", times=times, over="shaft_leakage_pressure", laws=(law,)
+        )
+        for parameter, times, law in (
+            ("shaft_leakage", (), "steady"),
+            ("shaft_leakage", (0.25,), "running"),
+            ("shaft_speed", (0.75e-2,), "running"),  # the other three quarters at 100 rad/s
+        )
     ),
 )

@@ -1,14 +1,11 @@
 """Something is wrong that no entry of the catalogue explains."""
 
-from __future__ import annotations
-
 from fdd.faults.entry import Fault
 
 FAULT = Fault(
     id="unknown",
     family="unknown",
     title="unknown fault",
-    thesis="",
     plant="something is wrong that is none of the above",
     severity="has no scale",
     source="",

@@ -44,11 +44,6 @@ class ExternalAccumulators(Validated):
     gas_volume : m³ of each, Table 4.15's Hawe AC13.
     valve_flow : m³/s at 1 MPa through each flow control valve as it is set (FC08-20F). Assumption:
         2e-5 lets the accumulator follow slow pressure changes and hides it from fast ones.
-
-    Examples
-    --------
-    >>> ExternalAccumulators(gas_charge=3e5).gas_volume
-    1.3e-05
     """
 
     gas_charge: Annotated[float, Field(ge=1e4, le=HIGHEST_GAS_CHARGE)] = 4.0e5
@@ -116,11 +111,6 @@ class Connect(Validated):
     ----------
     line_1, line_2 : opening of the valve between both axes' lines 1, and 2.
     flow : m³/s at 1 MPa through each when fully open. Assumption: a pump's 1.75e-4 m³/s at 0.12 MPa.
-
-    Examples
-    --------
-    >>> Connect(line_1=1, line_2=1).joined
-    True
     """
 
     line_1: ShareProgramme = SHUT
@@ -139,15 +129,9 @@ class Connect(Validated):
 
 
 def apply(circuit: Circuit, rows: Array, time: Array) -> None:
-    """Write an axis's valves into its conditions, in place.
+    """Write an axis's valves into its conditions (n, COLUMNS) at `time` (n,) s, in place.
 
     The ball valve and the external accumulators are constant over a run: the plant's parameters.
-
-    Parameters
-    ----------
-    circuit : of the axis.
-    rows : (n, COLUMNS) conditions; any stretch of a run.
-    time : (n,) s, of each row.
     """
     across = circuit.bypass.over(time) * circuit.bypass_flow
     rows[:, c.BYPASS] += across + circuit.throttle.over(time) * circuit.throttle_flow
@@ -165,12 +149,6 @@ def apply_connect(connect: Connect, rows: Array, time: Array) -> None:
 
 def check_charging(circuit: Circuit, unit: Unit, charge_factor: float = 1.0) -> None:
     """Refuse charging that the unit's own pressures rule out.
-
-    Parameters
-    ----------
-    circuit : of the axis.
-    unit : its charge pressure and relief setting.
-    charge_factor : accumulator charge over the unit's.
 
     Raises
     ------

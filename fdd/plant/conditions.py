@@ -90,18 +90,7 @@ WHOLE = (
 
 
 def healthy_conditions(unit: Unit, setpoint: Array, force: Array) -> Array:
-    """The conditions before any fault.
-
-    Parameters
-    ----------
-    unit : leakages and air.
-    setpoint : (n,) what the controller is asked for.
-    force : (n,) N, external.
-
-    Returns
-    -------
-    (n, COLUMNS) one row per millisecond.
-    """
+    """The conditions before any fault, (n, COLUMNS), for a set-point (n,) and an external force (n,) N."""
     row = np.zeros(COLUMNS)
     row[list(WHOLE)] = 1.0
     row[CROSS_LEAKAGE] = unit.pump.cross_port_leakage

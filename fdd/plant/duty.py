@@ -81,11 +81,8 @@ class Sines(Duty):
     """A sum of sines of random phase, scaled to the amplitude."""
 
     usual: ClassVar[Ranges] = {
-        "amplitude": (0.002, 0.08),
-        "speed": (30.0, 250.0),
-        "low_hz": (0.05, 0.5),
-        "high_hz": (1.0, 10.0),
-    }
+        "amplitude": (0.002, 0.08), "speed": (30.0, 250.0), "low_hz": (0.05, 0.5), "high_hz": (1.0, 10.0),
+    }  # fmt: skip
     name: Literal["sines"] = "sines"
     low_hz: Frequency = 0.2
     high_hz: Frequency = 3.0
@@ -108,11 +105,8 @@ class Sweep(Duty):
     """A logarithmic chirp, repeated."""
 
     usual: ClassVar[Ranges] = {
-        "amplitude": (0.002, 0.03),
-        "speed": (30.0, 150.0),
-        "stop_hz": (5.0, 50.0),
-        "period": (10.0, 40.0),
-    }
+        "amplitude": (0.002, 0.03), "speed": (30.0, 150.0), "stop_hz": (5.0, 50.0), "period": (10.0, 40.0),
+    }  # fmt: skip
     name: Literal["sweep"] = "sweep"
     start_hz: Frequency = 0.1
     stop_hz: Frequency = 20.0
@@ -144,11 +138,8 @@ class Sawtooth(Duty):
     """Out slowly and back fast, without rest."""
 
     usual: ClassVar[Ranges] = {
-        "amplitude": (0.01, 0.1),
-        "speed": (40.0, 250.0),
-        "period": (3.0, 15.0),
-        "rise": (0.3, 0.85),
-    }
+        "amplitude": (0.01, 0.1), "speed": (40.0, 250.0), "period": (3.0, 15.0), "rise": (0.3, 0.85),
+    }  # fmt: skip
     name: Literal["sawtooth"] = "sawtooth"
     period: Seconds = 8.0
     rise: Annotated[float, Field(gt=0.02, lt=0.98)] = 0.7
@@ -179,11 +170,8 @@ class Flight(Duty):
     """A control surface in cruise: positions held, small corrections all the time, now and then a move."""
 
     usual: ClassVar[Ranges] = {
-        "amplitude": (0.01, 0.08),
-        "speed": (20.0, 120.0),
-        "hold": (2.0, 8.0),
-        "corrections": (0.01, 0.08),
-    }
+        "amplitude": (0.01, 0.08), "speed": (20.0, 120.0), "hold": (2.0, 8.0), "corrections": (0.01, 0.08),
+    }  # fmt: skip
     name: Literal["flight"] = "flight"
     hold: Seconds = 4.0
     corrections: Annotated[float, Field(ge=0.0, le=0.5)] = 0.03
@@ -206,10 +194,8 @@ class Resting(Flight):
     """An axis that mostly stands: held for long, corrected by hundredths of a millimetre."""
 
     usual: ClassVar[Ranges] = {
-        "amplitude": (0.01, 0.08),
-        "hold": (20.0, 120.0),
-        "corrections": (0.0003, 0.01),
-    }
+        "amplitude": (0.01, 0.08), "hold": (20.0, 120.0), "corrections": (0.0003, 0.01),
+    }  # fmt: skip
     name: Literal["resting"] = "resting"  # type: ignore[assignment]
     hold: Seconds = 60.0
     corrections: Annotated[float, Field(ge=0.0, le=0.5)] = 0.002
@@ -243,12 +229,9 @@ class OneWay(Duty):
     """
 
     usual: ClassVar[Ranges] = {
-        "amplitude": (0.02, 0.11),
-        "speed": (40.0, 250.0),
-        "out": (0.8, 3.0),
-        "back": (5.0, 15.0),
+        "amplitude": (0.02, 0.11), "speed": (40.0, 250.0), "out": (0.8, 3.0), "back": (5.0, 15.0),
         "dwell": (0.2, 1.0),
-    }
+    }  # fmt: skip
     name: Literal["one_way"] = "one_way"
     out: Seconds = 1.5
     """s of the stroke out."""
@@ -414,11 +397,6 @@ def duty_named(name: str, **parameters: object) -> Duty:
     Raises
     ------
     InputError : unknown name or parameter, value out of range.
-
-    Examples
-    --------
-    >>> duty_named("steps", amplitude=0.03).amplitude
-    0.03
     """
     found = DUTIES.get(name)
     if found is None:

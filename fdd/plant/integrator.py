@@ -7,7 +7,6 @@ that a run gives the same bits however it is cut.
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,41 +25,11 @@ PERIOD = 1e-3
 """s, of controller and recording."""
 LATE_PARTS = 10
 """Parts of a sample's period in which its lateness is counted."""
-LONGEST_STEP = PERIOD
 
 POSITION, SPEED_COMMAND, SHUTTLE = 0, 1, 2
 """Modes of the controller: position loop, open speed command, constant speed between two positions."""
 SAME, STILL, OWN = 0, 1, 2
 """What the second axis's drive follows: the first's command, rest, a set-point of its own."""
-
-
-class Controller(NamedTuple):
-    """Constants of the controller, SI; it sees the position encoder, not the position."""
-
-    mode: int
-    gain: float
-    max_speed: float
-    limit: float
-    """Position beyond which a speed command outwards is cut to zero (the rig's interlock)."""
-    low: float
-    high: float
-    dwell: int
-    """Rest at each end of a shuttle, in milliseconds."""
-    encoder_gain: float
-    encoder_zero: float
-    encoder_resolution: float
-    rate_gain: float
-    """Feedback of the filtered, differentiated encoder ((rad/s)/(m/s))."""
-    b1: float
-    b2: float
-    a1: float
-    a2: float
-    """Chatter filter of eq. 7.5: y = b1·u₋₁ + b2·u₋₂ - a1·y₋₁ - a2·y₋₂."""
-    follows: int
-    delay_1: float
-    delay_2: float
-    """Delays of the drives (s)."""
-    max_speed_2: float
 
 
 OWN_MEMORIES = 9
@@ -87,14 +56,11 @@ _DERATING = 0.1
 """Heat beyond which the drive takes its current back to the continuous one, all of it over this much more."""
 
 
-def new_memory(control: Controller, seen: float, air: Array) -> tuple[Array, Array]:
+def new_memory(control: Constants, seen: float, air: Array) -> tuple[Array, Array]:
     """What the loop remembers before its first block: (MEMORIES,), and past commands (2, depth).
 
-    Parameters
-    ----------
-    control : whose delays set how far back commands are kept.
-    seen : position (m) that the encoder shows at rest.
-    air : (axes, 3) of each chamber, by volume, and the vapour pressure over sound oil's.
+    `seen` is the position (m) that the encoder shows at rest; `air` (axes, 3) that of each chamber, by
+    volume, and the vapour pressure over sound oil's.
     """
     memory = np.zeros(MEMORIES)
     memory[_DIRECTION], memory[_REST], memory[_LENGTH], memory[_SEEN] = 1.0, control.dwell, 2e-4, seen
@@ -206,7 +172,7 @@ def take_row(
 
 
 @njit(error_model="numpy")
-def _command(x: float, row: Array, control: Controller, memory: Array) -> float:
+def _command(x: float, row: Array, control: Constants, memory: Array) -> float:
     """Speed that the controller demands (rad/s); advances its memory by a millisecond."""
     seen = control.encoder_gain * x + control.encoder_zero + row[c.ENCODER_OFFSET]
     if control.encoder_resolution > 0.0:
@@ -241,20 +207,10 @@ def _command(x: float, row: Array, control: Controller, memory: Array) -> float:
 
 @njit(error_model="numpy")
 def run(
-    y: Array,
-    memory: Array,
-    past: Array,
-    conditions: Array,
-    by_load: Array,
-    by_heat: Array,
-    viscosity: Array,
-    first: Constants,
-    second: Constants,
-    control: Controller,
-    late: NDArray[np.int64],
-    per_allowed: Array,
+    y: Array, memory: Array, past: Array, conditions: Array, by_load: Array, by_heat: Array, viscosity: Array,
+    first: Constants, second: Constants, control: Constants, late: NDArray[np.int64], per_allowed: Array,
     longest: float,
-) -> tuple[Array, Array, Array]:
+) -> tuple[Array, Array, Array]:  # fmt: skip
     """Run the plant for as many milliseconds as there are conditions.
 
     Parameters
@@ -266,7 +222,7 @@ def run(
     by_load, by_heat : (n, axes, COLUMNS) what such faults add at their full; no rows where there are none.
     viscosity : (axes, 3) Walther's intercept and slope, and the reference viscosity (cSt).
     first, second : constants of the axes; for one axis the second is not used.
-    control : constants of the controller.
+    control : constants of the controller, see `fdd.plant.prepare`.
     late : (m,) parts of its period by which each sample is taken late, 0 to `LATE_PARTS` - 1; m is n, or a
         multiple where more than one sample is taken each millisecond.
     per_allowed : one over the error allowed for each state over a step, see `fdd.plant.steps.tolerances`.

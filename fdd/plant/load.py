@@ -19,7 +19,7 @@ _CONTROL_RATE = 1000.0
 
 
 class Load(Validated):
-    """What every load has: here, nothing. The plant reads these, `force` gives what depends on time."""
+    """What the plant reads of every load, from its kind's own parameters; `force` goes with time."""
 
     usual: ClassVar[Ranges] = {}
     """Ranges that a campaign draws from."""
@@ -27,32 +27,32 @@ class Load(Validated):
     @property
     def mass(self) -> float:
         """kg moved beside the piston."""
-        return 0.0
+        return getattr(self, "added", 0.0)
 
     @property
     def stiffness(self) -> float:
         """N/m of a spring on the rod."""
-        return 0.0
+        return getattr(self, "rate", 0.0)
 
     @property
     def centre(self) -> float:
         """m, where that spring is slack."""
-        return 0.0
+        return getattr(self, "slack", 0.0)
 
     @property
     def play(self) -> float:
         """m, half the play of a hinge between rod and spring."""
-        return 0.0
+        return 0.5 * getattr(self, "gap", 0.0)
 
     @property
     def one_sided(self) -> bool:
         """Whether the spring only presses."""
-        return False
+        return isinstance(self, PressLoad)
 
     @property
     def throttle_pressure(self) -> float:
         """Pa over a throttled partner at 100 rad/s of this pump; 0 for none."""
-        return 0.0
+        return getattr(self, "pressure", 0.0)
 
     def force(self, n: int, rng: np.random.Generator) -> Array:
         """(n,) N, the part that depends on time alone, one value per millisecond."""
@@ -86,14 +86,6 @@ class SpringLoad(Load):
     slack: Annotated[float, Field(ge=-1.0, le=1.0)] = 0.0
     """m, position without force."""
 
-    @property
-    def stiffness(self) -> float:
-        return self.rate
-
-    @property
-    def centre(self) -> float:
-        return self.slack
-
 
 class PressLoad(SpringLoad):
     """A workpiece that is pressed: a spring beyond the place where the rod touches it, and nothing before."""
@@ -102,10 +94,6 @@ class PressLoad(SpringLoad):
     name: Literal["press"] = "press"  # type: ignore[assignment]
     rate: Annotated[float, Field(gt=0.0, le=1e9)] = 5e4
     """N/m."""
-
-    @property
-    def one_sided(self) -> bool:
-        return True
 
 
 class HingeLoad(SpringLoad):
@@ -116,10 +104,6 @@ class HingeLoad(SpringLoad):
     gap: Annotated[float, Field(ge=0.0, le=0.1)] = 1e-3
     """m of play, from stop to stop."""
 
-    @property
-    def play(self) -> float:
-        return 0.5 * self.gap
-
 
 class InertiaLoad(Load):
     """More mass on the rod."""
@@ -129,20 +113,14 @@ class InertiaLoad(Load):
     added: Annotated[float, Field(ge=0.0, le=1e6)] = 30.0
     """kg."""
 
-    @property
-    def mass(self) -> float:
-        return self.added
-
 
 class GustLoad(Load):
     """Coloured noise on a surface that is held back by the air stream."""
 
     usual: ClassVar[Ranges] = {
-        "deviation": (100.0, 900.0),
-        "bandwidth_hz": (0.3, 6.0),
-        "level": (-800.0, 800.0),
+        "deviation": (100.0, 900.0), "bandwidth_hz": (0.3, 6.0), "level": (-800.0, 800.0),
         "rate": (0.0, 1.5e4),
-    }
+    }  # fmt: skip
     name: Literal["gust"] = "gust"
     deviation: Annotated[float, Field(ge=0.0, le=1e6)] = 400.0
     """N, standard deviation of the force."""
@@ -151,10 +129,6 @@ class GustLoad(Load):
     """N, mean."""
     rate: Annotated[float, Field(ge=0.0, le=1e9)] = 0.0
     """N/m, of the air stream."""
-
-    @property
-    def stiffness(self) -> float:
-        return self.rate
 
     def force(self, n: int, rng: np.random.Generator) -> Array:
         lead = int(min(2.0 / self.bandwidth_hz, 20.0) * _CONTROL_RATE)
@@ -169,10 +143,8 @@ class ChangingLoad(Load):
     """A force that changes on the way: its mean, and how much it is gusty, over time."""
 
     usual: ClassVar[Ranges] = {
-        "level": (-2000.0, 2000.0),
-        "deviation": (0.0, 600.0),
-        "bandwidth_hz": (0.3, 6.0),
-    }
+        "level": (-2000.0, 2000.0), "deviation": (0.0, 600.0), "bandwidth_hz": (0.3, 6.0),
+    }  # fmt: skip
     name: Literal["changing"] = "changing"
     level: AnyProgramme = Programme(points=((0.0, 0.0), (60.0, 0.0), (60.0, 1000.0)))
     """N, mean."""
@@ -197,10 +169,6 @@ class ThrottleLoad(Load):
     pressure: Annotated[float, Field(gt=0.0, le=1e10)] = 1.0e6
     """Pa over the throttle when this axis's pump turns at 100 rad/s without leakage."""
 
-    @property
-    def throttle_pressure(self) -> float:
-        return self.pressure
-
 
 AnyLoad = Annotated[
     NoLoad | ConstantLoad | SpringLoad | PressLoad | HingeLoad | InertiaLoad | GustLoad | ChangingLoad
@@ -219,11 +187,6 @@ def load_named(name: str, **parameters: float) -> Load:
     Raises
     ------
     InputError : unknown name or parameter, value out of range.
-
-    Examples
-    --------
-    >>> load_named("spring", rate=2e4).stiffness
-    20000.0
     """
     found = LOADS.get(name)
     if found is None:

@@ -55,26 +55,7 @@ def walther_line(oil: Oil) -> tuple[float, float, float]:
 
 
 def viscosity(oil: Oil, temperature: ArrayLike) -> NDArray[np.float64]:
-    """Kinematic viscosity by Walther's law through the oil's two data-sheet points.
-
-    ``log10 log10(ν + 0.7) = a - b·log10 T``, ν in cSt and T in kelvin (ASTM D341).
-
-    Parameters
-    ----------
-    oil : gives the viscosity at 40 and at 100 °C (m²/s).
-    temperature : (…) °C.
-
-    Returns
-    -------
-    (…) kinematic viscosity, m²/s.
-
-    Examples
-    --------
-    >>> from fdd.unit import Unit
-    >>> oil = Unit.load("axis_a").oil
-    >>> [round(float(v) * 1e6, 1) for v in viscosity(oil, [20.0, 40.0, 100.0])]
-    [86.3, 32.0, 5.4]
-    """
+    """Kinematic viscosity (…), m²/s, by `walther_line` at a temperature (…), °C."""
     intercept, slope, _ = walther_line(oil)
     kelvin = np.asarray(temperature, dtype=np.float64) + KELVIN
     loglog = intercept + slope * np.log10(kelvin)
@@ -89,20 +70,11 @@ def viscosity_ratio(oil: Oil, temperature: ArrayLike) -> NDArray[np.float64]:
 def air_compliance(
     pressure: ArrayLike, polytropic_index: float, ambient: float = ATMOSPHERE
 ) -> NDArray[np.float64]:
-    """Compliance that a unit fraction of free air adds, c(p) of ``1/β = 1/β_stiff + α·c(p)``.
+    """Compliance that a unit fraction of free air adds (…), 1/Pa: c(p) of ``1/β = 1/β_stiff + α·c(p)``.
 
-    ``c(p) = p_atm^(1/n) / (n·p_abs^((n+1)/n))``: the derivative of a polytropic gas's
-    volume, counted at atmospheric pressure (thesis eqs 5.20 and 5.21).
-
-    Parameters
-    ----------
-    pressure : (…) Pa, gauge.
-    polytropic_index : n, 1 isothermal to 1.4 adiabatic.
-    ambient : Pa, absolute pressure at gauge zero.
-
-    Returns
-    -------
-    (…) 1/Pa.
+    ``c(p) = p_atm^(1/n) / (n·p_abs^((n+1)/n))``: the derivative of a polytropic gas's volume, counted at
+    atmospheric pressure (thesis eqs 5.20 and 5.21); n is 1 isothermal to 1.4 adiabatic, `ambient` (Pa) the
+    absolute pressure at gauge zero.
     """
     absolute = np.asarray(pressure, dtype=np.float64) + ambient
     n = polytropic_index
@@ -133,26 +105,10 @@ def stiff_bulk_modulus(oil: Oil) -> float:
 def bulk_modulus(
     oil: Oil, pressure: ArrayLike, air_fraction: ArrayLike | None = None, ambient: float = ATMOSPHERE
 ) -> NDArray[np.float64]:
-    """Effective bulk modulus at a pressure: ``1/β = 1/β_stiff + α·c(p)``.
+    """Effective bulk modulus (…), Pa, at a gauge pressure: ``1/β = 1/β_stiff + α·c(p)``.
 
-    Parameters
-    ----------
-    oil : gives β_stiff (see `stiff_bulk_modulus`) and the polytropic index.
-    pressure : (…) Pa, gauge.
-    air_fraction : (…) volume of free air at atmospheric pressure over volume of oil;
-        None takes the unit's healthy one.
-    ambient : Pa, absolute pressure at gauge zero.
-
-    Returns
-    -------
-    (…) Pa.
-
-    Examples
-    --------
-    >>> from fdd.unit import Unit
-    >>> oil = Unit.load("axis_a").oil
-    >>> round(float(bulk_modulus(oil, oil.reference_pressure)) / 1e6)
-    210
+    The `air_fraction` (…) is the volume of free air at atmospheric pressure over that of oil; None takes the
+    unit's healthy one.
     """
     air = np.asarray(oil.air_fraction if air_fraction is None else air_fraction, dtype=np.float64)
     compliance = air_compliance(pressure, oil.polytropic_index, ambient)

@@ -10,26 +10,15 @@ from numpy.typing import NDArray
 
 from fdd.errors import InputError
 from fdd.plant import conditions as c
+from fdd.plant import integrator as loop
 from fdd.plant import state as s
 from fdd.plant.circuit import Circuit
 from fdd.plant.duty import ConstantSpeed
 from fdd.plant.equations import load_spring
-from fdd.plant.integrator import (
-    LONGEST_STEP,
-    OWN,
-    PERIOD,
-    POSITION,
-    SAME,
-    SHUTTLE,
-    SPEED_COMMAND,
-    STILL,
-    Controller,
-    new_memory,
-    take_row,
-)
+from fdd.plant.integrator import PERIOD, new_memory, take_row
 from fdd.plant.laws import settled_air
 from fdd.plant.oil import walther_line
-from fdd.plant.parameters import Constants, plant_parameters
+from fdd.plant.parameters import Constants, plant_parameters, record
 from fdd.plant.rows import axis_conditions, partner_setpoint
 from fdd.plant.scenario import Scenario
 from fdd.plant.sensors import generator, position_offset
@@ -48,7 +37,6 @@ class Prepared:
     Attributes
     ----------
     units : of each axis.
-    scenario : the run.
     state : of the plant at rest.
     memory, past : of the controllers, see `fdd.plant.integrator.new_memory`.
     parameters : of each axis.
@@ -64,7 +52,7 @@ class Prepared:
     memory: Array
     past: Array
     parameters: tuple[Constants, ...]
-    controller: Controller
+    controller: Constants
     viscosity: Array
     allowed: Array
     longest: float
@@ -116,14 +104,7 @@ def stream_of(axis: int) -> str:
 
 
 def prepare(unit: Unit, scenario: Scenario, *, partner: Unit | None = None, refine: float = 1.0) -> Prepared:
-    """Turn units and scenario into the compiled loop's arguments.
-
-    Parameters
-    ----------
-    unit : the first axis.
-    scenario : the run.
-    partner : unit of the second axis where the scenario has one; None loads the one that it names.
-    refine : 2 halves the integrator's steps.
+    """Turn units and scenario into the compiled loop's arguments; as `fdd.plant.simulate.simulate`.
 
     Raises
     ------
@@ -148,36 +129,22 @@ def prepare(unit: Unit, scenario: Scenario, *, partner: Unit | None = None, refi
     if len(units) > 1:
         setpoints[1] = partner_setpoint(scenario, n, generator(seed, "duty 2"))
     force = scenario.load.force(n, generator(seed, "load"))
+    mass = sum(u.cylinder.moving_mass for u in units)
     parameters = tuple(
         plant_parameters(
-            each,
-            scenario.details,
-            scenario.load,
-            circuit=circuits[i],
-            charge_factor=scenario.charge_factor,
-            ambient=scenario.ambient,
-            friction_draw=_friction_draw(each, seed, i),
-            surroundings=scenario.oil_temperature,
-            joined_mass=sum(u.cylinder.moving_mass for u in units) - each.cylinder.moving_mass,
+            each, scenario.details, scenario.load, circuit=circuits[i], charge_factor=scenario.charge_factor,
+            ambient=scenario.ambient, friction_draw=_friction_draw(each, seed, i),
+            surroundings=scenario.oil_temperature, joined_mass=mass - each.cylinder.moving_mass,
             shares=i > 0 and scenario.accumulator == "shared",
         )
         for i, each in enumerate(units)
-    )
+    )  # fmt: skip
     controller = _controller(units, scenario)
+    none, viscosity = np.zeros(0), np.array([walther_line(each.oil) for each in units])
     ready = Prepared(
-        units=units,
-        scenario=scenario,
-        state=np.zeros(0),
-        memory=np.zeros(0),
-        past=np.zeros((2, 0)),
-        parameters=parameters,
-        controller=controller,
-        viscosity=np.array([walther_line(each.oil) for each in units]),
-        allowed=tolerances(len(units), refine),
-        longest=LONGEST_STEP / refine,
-        setpoints=setpoints,
-        force=force,
-    )
+        units, scenario, none, none, none, parameters, controller, viscosity, tolerances(len(units), refine),
+        PERIOD / refine, setpoints, force,
+    )  # fmt: skip
     rows, *_ = ready.conditions(0, 1)
     air = rows[0][:, [c.AIR_1, c.AIR_2, c.VAPOUR]]
     ready.state = _at_rest(units, scenario, parameters, float(force[0]), air[:, :2] + rows[0][:, [c.INGRESS]])
@@ -206,41 +173,41 @@ def _fits(unit: Unit, scenario: Scenario) -> None:
         )
 
 
-def _controller(units: tuple[Unit, ...], scenario: Scenario) -> Controller:
+def _controller(units: tuple[Unit, ...], scenario: Scenario) -> Constants:
+    """Constants of the controller, SI; it sees the position encoder, not the position."""
     duty, control, unit = scenario.duty, scenario.control, units[0]
     encoder, last = unit.sensor("position"), units[-1].drive
     shuttle = isinstance(duty, ConstantSpeed)
-    if control.mode == "position":
-        mode = POSITION
-    else:
-        mode = SHUTTLE if shuttle else SPEED_COMMAND
-    follows = {"same": SAME, "still": STILL, "own": OWN}
+    position = control.mode == "position"
+    follows = {"same": loop.SAME, "still": loop.STILL, "own": loop.OWN}
     b1, b2, a1, a2 = chatter_filter(control.filter_cutoff, PERIOD)
-    return Controller(
-        mode=mode,
-        gain=control.gain,
-        max_speed=unit.drive.max_speed,
-        limit=0.45 * unit.cylinder.stroke,
-        low=duty.offset - duty.amplitude,
-        high=duty.offset + duty.amplitude,
-        dwell=round(duty.dwell * 1000.0) if isinstance(duty, ConstantSpeed) else 0,
-        encoder_gain=encoder.gain,
-        encoder_zero=encoder.zero,
-        encoder_resolution=encoder.resolution,
-        rate_gain=control.rate_gain if mode == POSITION else 0.0,
-        b1=b1,
-        b2=b2,
-        a1=a1,
-        a2=a2,
-        follows=follows[scenario.partner.drive] if scenario.partner else STILL,
-        delay_1=unit.drive.delay,
-        delay_2=last.delay,
-        max_speed_2=last.max_speed,
-    )
+    values = {
+        "mode": loop.POSITION if position else loop.SHUTTLE if shuttle else loop.SPEED_COMMAND,
+        "gain": control.gain,
+        "max_speed": unit.drive.max_speed,
+        # Position beyond which a speed command outwards is cut to zero (the rig's interlock).
+        "limit": 0.45 * unit.cylinder.stroke,
+        "low": duty.offset - duty.amplitude,
+        "high": duty.offset + duty.amplitude,
+        # Rest at each end of a shuttle, in milliseconds.
+        "dwell": round(duty.dwell * 1000.0) if isinstance(duty, ConstantSpeed) else 0,
+        "encoder_gain": encoder.gain,
+        "encoder_zero": encoder.zero,
+        "encoder_resolution": encoder.resolution,
+        # Feedback of the filtered, differentiated encoder ((rad/s)/(m/s)).
+        "rate_gain": control.rate_gain if position else 0.0,
+        "b1": b1, "b2": b2, "a1": a1, "a2": a2,
+        "follows": follows[scenario.partner.drive] if scenario.partner else loop.STILL,
+        # Delays of the drives (s).
+        "delay_1": unit.drive.delay,
+        "delay_2": last.delay,
+        "max_speed_2": last.max_speed,
+    }  # fmt: skip
+    return record(values)
 
 
 def chatter_filter(cutoff: float, period: float) -> tuple[float, float, float, float]:
-    """The filter that takes the chatter out of a differentiated encoder (thesis 7.1.1).
+    """b1, b2, a1 and a2 of the filter that takes the chatter out of a differentiated encoder (thesis 7.1.1).
 
     A second-order Butterworth low-pass, discretised with a zero-order hold.
 
@@ -254,18 +221,9 @@ def chatter_filter(cutoff: float, period: float) -> tuple[float, float, float, f
     cutoff : rad/s, where the gain is 1/√2; below π/period.
     period : s.
 
-    Returns
-    -------
-    b1, b2, a1, a2.
-
     Raises
     ------
     InputError : not positive, or a cut-off at or beyond the Nyquist frequency.
-
-    Examples
-    --------
-    >>> [round(c, 4) for c in chatter_filter(350.0, 1e-3)]
-    [0.0518, 0.0439, -1.5139, 0.6096]
     """
     if not (cutoff > 0.0 and period > 0.0 and cutoff * period < math.pi):
         raise InputError(

@@ -15,7 +15,6 @@ from fdd.plant.validated import Validated
 Array = NDArray[np.float64]
 
 MAX_POINTS = 10_000
-"""Points of a programme."""
 LATEST = 3600.0
 """s, latest point of a programme: the longest run."""
 
@@ -96,11 +95,6 @@ def programme(given: Any) -> Programme:
     Raises
     ------
     InputError : none of these, or times that run backwards.
-
-    Examples
-    --------
-    >>> programme("0.5").most
-    0.5
     """
     if isinstance(given, Programme):
         return given

@@ -35,33 +35,14 @@ class AxisConditions(NamedTuple):
 def axis_conditions(
     unit: Unit, scenario: Scenario, time: Array, setpoint: Array, force: Array, *, axis: int = 1
 ) -> AxisConditions:
-    """Everything that changes with time about one axis.
+    """Everything that changes with time about one axis, at `time` (n,) s.
 
-    Each row depends on its own time alone, so a run may be cut anywhere.
-
-    Parameters
-    ----------
-    unit : of that axis.
-    scenario : the run.
-    time : (n,) s.
-    setpoint : (n,) of that axis's controller, see `fdd.plant.conditions`.
-    force : (n,) N on the rod; goes with the first axis.
-    axis : 1, or 2 for the partner.
-
-    Returns
-    -------
-    (n, COLUMNS) conditions, and what the faults that come with load and heat add to them.
+    Each row depends on its own time alone, so a run may be cut anywhere. `setpoint` (n,) is the controller's
+    (see `fdd.plant.conditions`), `force` (n,) N on the rod goes with the first axis.
 
     Raises
     ------
     InputError : charging that the unit's pressures rule out.
-
-    Examples
-    --------
-    >>> time = np.arange(3) * 1e-3
-    >>> found = axis_conditions(Unit.load("axis_a"), Scenario(power=0.5), time, np.zeros(3), np.zeros(3))
-    >>> found.rows[:, c.CURRENT_LIMIT]
-    array([0.5, 0.5, 0.5])
     """
     rows = c.healthy_conditions(unit, setpoint, force)
     rows[:, c.WARMING] = scenario.warming
@@ -108,11 +89,6 @@ def _wandering_friction(scenario: Scenario, time: Array, axis: int) -> Array:
 
 
 def partner_setpoint(scenario: Scenario, n: int, rng: np.random.Generator) -> Array:
-    """The partner's own speed command, (n,) rad/s for n ms; zeros where it has none.
-
-    With drive same the plant takes the first axis's command instead.
-    """
-    partner = scenario.partner
-    if partner is None or partner.duty is None:
-        return np.zeros(n)
-    return partner.duty.setpoint(n, False, rng)
+    """The partner's own speed command, (n,) rad/s for n ms; zeros where it has none."""
+    duty = scenario.partner.duty if scenario.partner is not None else None
+    return np.zeros(n) if duty is None else duty.setpoint(n, False, rng)

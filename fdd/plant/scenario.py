@@ -1,37 +1,13 @@
 """A scenario: everything about one simulated run beside the unit, validated; and as a YAML file.
 
-Which settings of the rig's valves contradict each other, from section 4.6 of the thesis:
+`_check_valves` refuses settings of the rig's valves that contradict each other (thesis, 4.6). Allowed are:
 
-=====================================  ==========  ========================================================
-setting                                answer      why
-=====================================  ==========  ========================================================
-connect valve open, no partner         refused     there is nothing to connect to (4.6.6)
-load throttle with a partner           refused     it stands for a partner: it would be there twice
-both axes blocked                      refused     no pump reaches a cylinder (4.6.7)
-blocked without a partner              refused     nothing can move the cylinder
-blocked, throttle and by-pass shut,    refused     hydraulic lock: its cylinder must follow the other's and
-and the other cylinder is driven                   has no way out for its oil (4.6.7). The connect valves do
-                                                   not help: they lie on the pumps' side, or two pumps could
-                                                   not "drive one actuator" with one ball valve shut
-position loop on a blocked first       refused     its encoder does not see what its pump does, unless the
-axis that moves nothing                            partner takes the same command or both lines connect
-charging on both axes                  refused     there is one charging pump (4.6.4)
-charging above 9.65 MPa                refused     rating, field of `Circuit`
-gas charge above 9.30 MPa              refused     "no more than 9.30 MPa" (4.6.3), field of the circuit
-charging and relief setting together   refused     12.74 MPa of 3.44 and 9.30 exceed the rated 10.34 MPa
-above 10.34 MPa, no accumulators                   (4.6.3); the bulk-modulus circuit's relief valve protects
-charging at or below the charge        refused     no oil would flow
-charging with external leakage open    allowed     how static pressure is varied in real time (4.6.4)
-throttle or by-pass on a driving axis  allowed     how 4.6.8 injects internal leakage; where it passes the
-                                                   pump's whole flow the axis stands and its loop
-                                                   saturates, which harms nothing
-one connect valve of two               allowed     relieves one line (4.6.6); to drive the other's cylinder
-                                                   a pump needs both
-blocked first axis in speed control    allowed     its pump works against its relief valve; the partner's
-                                                   cylinder stands or is driven by its own pump
-partner still, its valves shut         allowed     its motor holds: the axes fight up to the relief valves
-valves shut for part of the run        allowed     a cylinder stopped for a while, relief valves take it
-=====================================  ==========  ========================================================
+- charging with external leakage open: how static pressure is varied in real time (4.6.4);
+- throttle or by-pass on a driving axis: how 4.6.8 injects internal leakage. Where it passes the pump's whole
+  flow the axis stands and its loop saturates, which harms nothing;
+- one connect valve of two, which relieves one line (4.6.6); to drive the other's cylinder a pump needs both;
+- a blocked first axis in speed control: its pump works against its relief valve;
+- a partner that is still, its valves shut, or valves shut for a part of the run: up to the relief valves.
 """
 
 from __future__ import annotations
@@ -220,65 +196,53 @@ def _check_faults(scenario: Scenario) -> None:
 
 
 def _check_valves(scenario: Scenario) -> None:
-    """Refuse what the module's table refuses; charging against a unit's pressures is `check_charging`'s."""
+    """Refuse what contradicts itself; charging against a unit's pressures is `check_charging`'s."""
     partner, circuit, connect = scenario.partner, scenario.circuit, scenario.connect
+
+    def refused(problem: str, mend: str, where: str = WHERE) -> InputError:
+        return InputError(problem, where=where, mend=mend)
+
     if partner is None:
-        if connect.open:
-            raise InputError(
-                "a connect valve is open but there is no partner",
-                where=WHERE,
-                mend="shut connect or give a partner",
-            )
+        if connect.open:  # 4.6.6
+            raise refused("a connect valve is open but there is no partner", "shut connect or give a partner")
         if circuit.blocked:
-            raise InputError(
+            raise refused(
                 "the axis is blocked and no partner moves its cylinder",
-                where=WHERE,
-                mend="open its ball valve (blocked: false) or give a partner",
+                "open its ball valve (blocked: false) or give a partner",
             )
         return
     if scenario.load.name == "throttle":
-        raise InputError(
+        raise refused(
             "load throttle stands for a throttled partner, and there is a partner",
-            where="scenario load",
-            mend="open the partner's own throttle instead, with another load",
+            "open the partner's own throttle instead, with another load",
+            "scenario load",
         )
-    if circuit.blocked and partner.circuit.blocked:
-        raise InputError(
-            "both axes are blocked: no pump reaches a cylinder",
-            where=WHERE,
-            mend="open one of the ball valves",
-        )
+    if circuit.blocked and partner.circuit.blocked:  # 4.6.7
+        raise refused("both axes are blocked: no pump reaches a cylinder", "open one of the ball valves")
     asked = not isinstance(scenario.duty, Standstill)
     first = asked and scenario.power.most > 0.0
     second = partner.power.most > 0.0 and (
         asked if partner.drive == "same" else not isinstance(partner.duty, Standstill | None)
     )
     for name, valves, driven in (("first axis", circuit, second), ("partner", partner.circuit, first)):
-        if connect.joined:
-            driven = first or second
+        # The connect valves lie on the pumps' side: they are no way out (4.6.7).
+        driven = (first or second) if connect.joined else driven
         if valves.blocked and driven and not valves.passes:
-            raise InputError(
+            raise refused(
                 f"hydraulic lock: the {name} is blocked, its throttle and by-pass are shut, and its cylinder "
                 "is driven by the other's",
-                where=WHERE,
-                mend="open its throttle or by-pass",
+                "open its throttle or by-pass",
             )
-    if (
-        circuit.blocked
-        and scenario.control.mode == "position"
-        and partner.drive != "same"
-        and not connect.joined
-    ):
-        raise InputError(
+    by_position = scenario.control.mode == "position" and partner.drive != "same"
+    if circuit.blocked and by_position and not connect.joined:
+        raise refused(
             "the first axis is blocked: its position loop would not see what its pump does",
-            where=WHERE,
-            mend="use speed control, partner drive same, or open both connect valves",
+            "use speed control, partner drive same, or open both connect valves",
         )
-    if min(circuit.charging.most, partner.circuit.charging.most) > 0.0:
-        raise InputError(
+    if min(circuit.charging.most, partner.circuit.charging.most) > 0.0:  # 4.6.4
+        raise refused(
             "both axes are being charged, and the rig has one charging pump",
-            where=WHERE,
-            mend="charge one of them; they share the accumulator",
+            "charge one of them; they share the accumulator",
         )
 
 
@@ -320,5 +284,4 @@ def scenario_yaml(scenario: Scenario) -> str:
     >>> scenario_yaml(Scenario()).splitlines()[:2]
     ['schema: fdd.scenario/1', 'unit: axis_a']
     """
-    plain = {"schema": SCENARIO_SCHEMA, **scenario.model_dump(mode="json")}
-    return yaml_of(plain)
+    return yaml_of({"schema": SCENARIO_SCHEMA, **scenario.model_dump(mode="json")})

@@ -38,9 +38,8 @@ class Simulation:
 
     Attributes
     ----------
-    samples : the log.
-    truth : what really was, aligned with the samples' rows.
-    labels : one per fault of this axis: fault, family, severity, onset_s, profile, side, variant, axis.
+    samples, truth : the log, and what really was, aligned with its rows.
+    labels : of each fault of this axis, see `FaultSpec.label`.
     unit, scenario : what it was made from.
     partner : the same of the second axis, where there is one.
     """
@@ -63,14 +62,10 @@ class AxisBlock:
 
 @dataclass(frozen=True)
 class RawBlock:
-    """Some milliseconds as the compiled loop gave them.
+    """Some milliseconds as the compiled loop gave them, from the run's millisecond `start` on.
 
-    Attributes
-    ----------
-    start : millisecond of the run that they begin with.
-    time : (n,) s, when each sample was taken.
-    rows : (n, axes, COLUMNS) conditions.
-    states, found, commands : see `fdd.plant.integrator.run`.
+    `time` (n,) s is when each sample was taken, `rows` (n, axes, COLUMNS) the conditions; the others are of
+    `fdd.plant.integrator.run`.
     """
 
     start: int
@@ -96,20 +91,10 @@ def raw_blocks(ready: Prepared, block: int = BLOCK) -> Iterator[RawBlock]:
         rows, by_load, by_heat = ready.conditions(start, stop)
         late = lateness.steps((stop - start) * each)
         states, found, commands = run(
-            ready.state,
-            ready.memory,
-            ready.past,
-            rows,
-            by_load,
-            by_heat,
-            ready.viscosity,
-            ready.parameters[0],
-            ready.parameters[-1],
-            ready.controller,
-            late,
-            1.0 / ready.allowed,
+            ready.state, ready.memory, ready.past, rows, by_load, by_heat, ready.viscosity,
+            ready.parameters[0], ready.parameters[-1], ready.controller, late, 1.0 / ready.allowed,
             ready.longest,
-        )
+        )  # fmt: skip
         if not np.isfinite(states[-1]).all():
             lost = float(np.flatnonzero(~np.isfinite(states).all(axis=1))[0])
             second = start * PERIOD + lost * period
@@ -125,35 +110,13 @@ def raw_blocks(ready: Prepared, block: int = BLOCK) -> Iterator[RawBlock]:
 
 
 def stream(
-    unit: Unit,
-    scenario: Scenario,
-    *,
-    partner: Unit | None = None,
-    refine: float = 1.0,
-    block: int = BLOCK,
+    unit: Unit, scenario: Scenario, *, partner: Unit | None = None, refine: float = 1.0, block: int = BLOCK
 ) -> Iterator[tuple[AxisBlock, ...]]:
-    """Simulate one run block by block, one `AxisBlock` for each axis at a time.
-
-    Parameters
-    ----------
-    unit, scenario, partner, refine : as `simulate` takes them.
-    block : milliseconds at a time; changes no bit of the result.
-
-    Raises
-    ------
-    InputError : as `simulate`.
-
-    Examples
-    --------
-    >>> blocks = stream(Unit.load("axis_a"), Scenario(duration=0.1, seed=7), block=40)
-    >>> sum(len(axes[0].samples) for axes in blocks)
-    100
-    """
+    """Simulate one run `block` milliseconds at a time, one `AxisBlock` for each axis; else as `simulate`."""
     ready = prepare(unit, scenario, partner=partner, refine=refine)
+    recording, scales = scenario.recording, scenario.fault_scales
     recorders = [
-        Recorder(
-            each, _own(scenario, i), scenario.recording, scenario.seed, stream_of(i), scenario.fault_scales
-        )
+        Recorder(each, _own(scenario, i), recording, scenario.seed, stream_of(i), scales)
         for i, each in enumerate(ready.units)
     ]
     for raw in raw_blocks(ready, block):
@@ -187,12 +150,11 @@ def simulate(
     >>> len(out.truth) == len(out.samples), out.labels
     (True, [])
     """
-    unit = unit if isinstance(unit, Unit) else Unit.load(unit)
-    units: tuple[Unit, ...] = (unit,)
+    units = [unit if isinstance(unit, Unit) else Unit.load(unit)]
     if scenario.partner is not None:
         partner = partner or Unit.load(scenario.partner.unit)
-        units = (unit, partner)
-    parts = list(stream(unit, scenario, partner=partner, refine=refine))
+        units.append(partner)
+    parts = list(stream(units[0], scenario, partner=partner, refine=refine))
     found: Simulation | None = None
     for i in reversed(range(len(units))):
         samples = parts[0][i].samples
@@ -202,9 +164,9 @@ def simulate(
         found = Simulation(
             samples=samples,
             truth=Truth(
-                time=samples.time,
-                columns=_joined([axes[i].truth.columns for axes in parts]),
-                severity=_joined([axes[i].truth.severity for axes in parts]),
+                samples.time,
+                _joined([axes[i].truth.columns for axes in parts]),
+                _joined([axes[i].truth.severity for axes in parts]),
             ),
             labels=[spec.label() for spec in _own(scenario, i)],
             unit=units[i],

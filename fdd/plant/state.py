@@ -9,29 +9,9 @@ SHARED = 3
 
 # Of each axis, from its offset on.
 (
-    P1,
-    P2,
-    LINE_1,
-    LINE_2,
-    STORE,
-    LOST,
-    EXTERNAL_1,
-    EXTERNAL_2,
-    Z,
-    MEMORY,
-    ANGLE,
-    SPEED,
-    DRIVE,
-    CURRENT,
-    GAP,
-    TEMPERATURE,
-    VALVE_1,
-    VALVE_2,
-    FREE_1,
-    FREE_2,
-    GAS,
-    RELIEF,
-) = range(22)
+    P1, P2, LINE_1, LINE_2, STORE, LOST, EXTERNAL_1, EXTERNAL_2, Z, MEMORY, ANGLE, SPEED, DRIVE, CURRENT, GAP,
+    TEMPERATURE, VALVE_1, VALVE_2, FREE_1, FREE_2, GAS, RELIEF,
+) = range(22)  # fmt: skip
 AXIS_STATES = 22
 STATES = SHARED + AXIS_STATES
 """States of a single axis; a dual one has `AXIS_STATES` more.
@@ -46,28 +26,10 @@ rest; lift of the relief valves, as the excess of pressure (Pa) at which one wou
 direction."""
 
 (
-    FRICTION_FORCE,
-    LOAD_FORCE,
-    STOP_FORCE,
-    PUMP_FLOW,
-    CROSS_FLOW,
-    BYPASS_FLOW,
-    REFEED_FLOW_1,
-    REFEED_FLOW_2,
-    DRAIN_FLOW,
-    RELIEF_FLOW,
-    STUCK_RELIEF_FLOW,
-    OUTSIDE_FLOW,
-    CONNECT_FLOW_1,
-    CONNECT_FLOW_2,
-    ACCUMULATOR,
-    CASE_PRESSURE,
-    PORT_DIFFERENCE,
-    MOTOR_TORQUE,
-    LOSSES,
-    OIL_MASS,
-    STORED_OIL,
-) = range(21)
+    FRICTION_FORCE, LOAD_FORCE, STOP_FORCE, PUMP_FLOW, CROSS_FLOW, BYPASS_FLOW, REFEED_FLOW_1, REFEED_FLOW_2,
+    DRAIN_FLOW, RELIEF_FLOW, STUCK_RELIEF_FLOW, OUTSIDE_FLOW, CONNECT_FLOW_1, CONNECT_FLOW_2, ACCUMULATOR,
+    CASE_PRESSURE, PORT_DIFFERENCE, MOTOR_TORQUE, LOSSES, OIL_MASS, STORED_OIL,
+) = range(21)  # fmt: skip
 FINDINGS = 21
 """Of each axis: forces (N), flows (m³/s; refeeding, drain, outside and connecting ones at the density that
 oil is counted at), pressures of accumulator and case (Pa, gauge) and across the pump's ports (Pa), torque of

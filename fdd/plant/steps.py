@@ -39,16 +39,7 @@ def tolerances(axes: int, refine: float = 1.0) -> Array:
     """Error allowed for each state over one step.
 
     Far below what the sensors resolve: an error of the bristle at a reversal lives on in where the piston
-    sticks, and the encoders count that.
-
-    Parameters
-    ----------
-    axes : 1 or 2.
-    refine : 2 asks for steps half as long (fifth order: errors a 32nd).
-
-    Returns
-    -------
-    (STATES,) or (STATES + AXIS_STATES,), in the states' units.
+    sticks, and the encoders count that. `refine` 2 asks for steps half as long (fifth order: errors a 32nd).
     """
     axis = np.array([_TOLERANCES[i] for i in range(s.AXIS_STATES)])
     shared = np.array([1e-10, 1e-7, 0.2])
@@ -123,17 +114,9 @@ def advance(
     y: Array, span: float, length: float, longest: float, command_1: float, command_2: float, now: Array,
     first: Constants, second: Constants, per_allowed: Array, k: Array, stage: Array, found: Array,
 ) -> tuple[float, int]:  # fmt: skip
-    """Go on by `span` seconds, in place.
+    """Go on by `span` seconds, in place, from y and f(y) in k[0]; `length` (s) is the step to try first.
 
-    Parameters
-    ----------
-    y : state; k[0] holds f(y).
-    length : step to try first (s).
-    longest : longest step (s).
-
-    Returns
-    -------
-    length to try next (negative where the state has left all bounds) and the number of steps tried.
+    Gives the length to try next (negative where the state has left all bounds) and the number of steps tried.
     """
     left, tried = span, 0
     while left > 1e-12:

@@ -35,21 +35,14 @@ def require_kind(path: Path) -> None:
 
 
 def write_simulation(
-    path: Path,
-    unit: Unit,
-    scenario: Scenario,
-    *,
-    partner: Unit | None = None,
-    truth: bool = True,
+    path: Path, unit: Unit, scenario: Scenario, *, partner: Unit | None = None, truth: bool = True,
     advance: Advance = lambda done: None,
-) -> None:
-    """Simulate a run into a log.
+) -> None:  # fmt: skip
+    """Simulate a run into a log, as `fdd.plant.simulate.simulate`.
 
     Parameters
     ----------
     path : MCAP, which holds both axes, or Parquet or CSV: one file for each, with the axis in its name.
-    unit, scenario : as for `fdd.plant.simulate.simulate`.
-    partner : unit of the second axis, of a dual run.
     truth : write it beside the measurement (MCAP).
     advance : told how many milliseconds are done.
 

@@ -72,7 +72,6 @@ CASES = {
     "ekf-jacobians": Case(lambda: ExtendedKalmanFilter(2, 2, **full), False),
     "ekf-differences": Case(lambda: ExtendedKalmanFilter(2, 2, f=swing, h=seen), False),
     "ekf-robust": Case(lambda: ExtendedKalmanFilter(2, 2, robust=2.0, **full), False),
-    "svsf-full": Case(lambda: SVSF(2, 2, psi=[0.03, 0.06], form="full", **full), False),
     "svsf-fixed": Case(lambda: SVSF(2, 2, psi=[0.03, 0.06], **full), False),
     "svsf-fixed-linear": Case(lambda: SVSF(2, 2, psi=0.05, gamma=0.3, F_jacobian=hanging), True),
     "svsf-variable": Case(lambda: SVSF(2, 2, psi=[0.2, 0.4], boundary_layer="variable", **full), False),
@@ -229,7 +228,7 @@ def test_a_refused_call_changes_nothing(case: Case) -> None:
 def test_the_guides_code_runs_and_does_what_the_guide_says() -> None:
     guide = Path(estimators.__file__).with_name("README.md").read_text(encoding="utf-8")
     blocks = re.findall(r"```python\n(.*?)```", guide, flags=re.DOTALL)
-    assert len(blocks) == 5  # the last two: test_linear_bank.py
+    assert len(blocks) == 4  # the last one: test_modes.py
     assert len([line for line in blocks[0].split("def run")[1].splitlines() if line.strip()]) <= 20
     shown: dict = {}
     exec(compile(blocks[0], "README.md", "exec"), shown)

@@ -1,4 +1,4 @@
-"""Bands and whiteness tests against scipy and by their false-alarm rates."""
+"""Bands against scipy and by their false-alarm rates."""
 
 from __future__ import annotations
 
@@ -6,17 +6,9 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from scipy import signal, stats
+from scipy import stats
 
-from estimators import (
-    autocorrelation,
-    nees_band,
-    nis_band,
-    nis_test,
-    squared_distance,
-    standardised,
-    whiteness_test,
-)
+from estimators import nees_band, nis_band, nis_test, squared_distance, standardised
 
 
 @settings(max_examples=100, deadline=None)
@@ -67,39 +59,6 @@ def test_nis_test_finds_an_overconfident_filter() -> None:
     assert not outcome.consistent
 
 
-def test_autocorrelation_equals_scipys_correlation() -> None:
-    y = np.random.default_rng(6).normal(size=(300, 2)).cumsum(axis=0)
-    rho = autocorrelation(y, 25)
-    for channel in range(2):
-        v = y[:, channel] - y[:, channel].mean()
-        full = signal.correlate(v, v)
-        np.testing.assert_allclose(rho[:, channel], full[300:325] / full[299], rtol=1e-9)
-        np.testing.assert_allclose(autocorrelation(y[:, channel], 25), rho[:, channel])
-
-
-def test_whiteness_test_rejects_white_noise_at_its_stated_rate() -> None:
-    """2000 seeded white series: p-values uniform (Kolmogorov-Smirnov at 0.1 %), 5 % rejected to 4 sigma."""
-    p = whiteness_test(np.random.default_rng(7).normal(size=(1000, 2000)), lags=10).p_value
-    assert stats.kstest(p, "uniform").pvalue > 0.001
-    assert np.mean(p < 0.05) == pytest.approx(0.05, abs=4 * np.sqrt(0.05 * 0.95 / 2000))
-
-
-def test_whiteness_test_finds_weak_correlation() -> None:
-    """A first-order process with coefficient 0.15 and 5000 samples: ten standard errors at lag 1."""
-    noise = np.random.default_rng(8).normal(size=5000)
-    outcome = whiteness_test(np.column_stack([noise, signal.lfilter([1.0], [1.0, -0.15], noise)]))
-    assert outcome.p_value[1] < 1e-6
-    assert outcome.p_value[0] > 1e-3
-    assert not outcome.white()
-
-
-def test_statistic_is_ljung_and_boxs() -> None:
-    """Worked by hand: rho = (-0.75, 0.5), n = 4: Q = 24 (0.5625/3 + 0.25/2) = 7.5."""
-    outcome = whiteness_test([1.0, -1.0, 1.0, -1.0], lags=2)
-    assert outcome.statistic[0] == pytest.approx(7.5)
-    assert outcome.p_value[0] == pytest.approx(stats.chi2.sf(7.5, 2))
-
-
 @pytest.mark.parametrize(
     ("act", "message"),
     [
@@ -108,9 +67,6 @@ def test_statistic_is_ljung_and_boxs() -> None:
         (lambda: nis_test([], 1), "nis has 0 values"),
         (lambda: nis_test([1.0, np.nan], 1), "1 of them NaN"),
         (lambda: nis_test([1.0, 2.0, 3.0], [1, 2]), "dim has 2 values for 3 of nis"),
-        (lambda: autocorrelation([1.0, np.nan, 2.0], 1), "not finite"),
-        (lambda: autocorrelation([1.0, 2.0], 2), "n > lags"),
-        (lambda: autocorrelation([2.0, 2.0, 2.0], 1), "constant"),
         (lambda: squared_distance([1.0, 2.0], [[1.0]]), "do not fit"),
         (lambda: squared_distance([1.0, 2.0], [[1.0, 2.0], [2.0, 1.0]]), "not positive definite"),
         (lambda: squared_distance([1.0], [[-1.0]]), "not positive"),

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from functools import lru_cache
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal
 
@@ -64,8 +65,7 @@ class FaultSpec(Validated):
         entry = fault(self.fault)
         if not entry.simulated:
             raise InputError(
-                f"fault {self.fault!r} is not simulated",
-                mend=f"the simulated ones: {', '.join(SIMULATED)}",
+                f"fault {self.fault!r} is not simulated", mend=f"the simulated ones: {', '.join(SIMULATED)}"
             )
         for name, given, allowed in (
             ("side", self.side, entry.sides),
@@ -110,17 +110,9 @@ class FaultSpec(Validated):
 
     def label(self) -> dict[str, str | float | int | None]:
         """The label of the fault, as data sets carry it."""
-        return {
-            "fault": self.fault,
-            "family": self.family,
-            "severity": self.severity,
-            "onset_s": self.onset,
-            "profile": self.profile,
-            "side": self.side,
-            "variant": self.variant,
-            "law": self.law,
-            "axis": self.axis,
-        }
+        found: dict[str, Any] = {"fault": self.fault, "family": self.family, "severity": self.severity}
+        named = {name: getattr(self, name) for name in ("profile", "side", "variant", "law", "axis")}
+        return found | {"onset_s": self.onset} | named
 
 
 _GROWTH = 3.0
@@ -168,17 +160,14 @@ class FaultScales(_Figures):
     """Ranges that a campaign draws from, see `fdd.faults.Figure`."""
 
 
-_NUMBERS = ("severity", "onset", "ramp", "period", "duty")
-_PARAMETERS = (*_NUMBERS, "profile", "side", "variant", "law", "seed", "axis")
+_PARAMETERS: dict[str, Callable[[str], str | float | int]] = {
+    "severity": float, "onset": float, "ramp": float, "period": float, "duty": float, "profile": str,
+    "side": int, "variant": str, "law": str, "seed": int, "axis": int,
+}  # fmt: skip
 
 
 def parse_fault(text: str) -> FaultSpec:
-    """Read a fault as the command line gives it.
-
-    Parameters
-    ----------
-    text : ``ID:severity=0.4,onset=20`` with optional profile, ramp, period, duty, side,
-        variant, law, seed, axis.
+    """Read a fault as the command line gives it: ``ID:severity=0.4,onset=20`` and fields of `FaultSpec`.
 
     Raises
     ------
@@ -201,23 +190,15 @@ def parse_fault(text: str) -> FaultSpec:
                 )
             if key in data:
                 raise InputError(f"{key} is given twice", mend="give it once")
-            data[key] = _value(key, value)
+            if key == "profile" and value not in PROFILES:
+                raise InputError(f"unknown profile {value!r}", mend=f"use one of: {', '.join(PROFILES)}")
+            try:
+                data[key] = _PARAMETERS[key](value)
+            except ValueError:
+                raise InputError(f"{key}={value!r} is not a number", mend=f"write {key}=NUMBER") from None
         fault(name.strip())  # before the severity is missed: the name is the likelier slip
         if "severity" not in data:
             raise InputError("severity is missing", mend=f"write {name}:severity=0.4 (0 to 1)")
         return FaultSpec(**data)
     except InputError as error:
         raise error.at(where) from None
-
-
-def _value(key: str, text: str) -> str | float | int:
-    try:
-        if key in _NUMBERS:
-            return float(text)
-        if key in ("side", "axis", "seed"):
-            return int(text)
-    except ValueError:
-        raise InputError(f"{key}={text!r} is not a number", mend=f"write {key}=NUMBER") from None
-    if key == "profile" and text not in PROFILES:
-        raise InputError(f"unknown profile {text!r}", mend=f"use one of: {', '.join(PROFILES)}")
-    return text

@@ -36,23 +36,16 @@ class Range(NamedTuple):
     step: float
     origin: float
 
-
-class _Constants(NamedTuple):
-    gain: float
-    zero: float
-    noise: float
-    share: float
-    """Of the way to the signal that the lag goes in a row; 1 follows at once."""
+    def digitise(self, values: Array) -> Array:
+        """Clip to the range and round to the grid, (n,)."""
+        values = np.clip(values, self.low, self.high)
+        if self.step > 0.0:
+            values = self.origin + self.step * np.rint((values - self.origin) / self.step)
+        return values
 
 
 def range_of(sensor: Sensor) -> Range:
-    """A sensor's range and grid: those of its current loop, or `low`, `high` and `resolution`.
-
-    Examples
-    --------
-    >>> range_of(Sensor(resolution=0.5, low=-1.0))
-    Range(low=-1.0, high=inf, step=0.5, origin=0.0)
-    """
+    """A sensor's range and grid: those of its current loop, or `low`, `high` and `resolution`."""
     low = -math.inf if sensor.low is None else sensor.low
     high = math.inf if sensor.high is None else sensor.high
     loop = sensor.loop
@@ -68,22 +61,7 @@ def band_limit(limit_hz: float, rate: float = RATE) -> tuple[Array, int]:
 
     Butterworth of fourth order: half the power at the limit, a thousandth from twice the limit on. Its gain
     is one over the root of the impulse response's sum of squares, which is what it does to white noise.
-
-    Parameters
-    ----------
-    limit_hz : below `HIGHEST_LIMIT`.
-    rate : Hz, rows per second.
-
-    Returns
-    -------
-    (2, 6) second-order sections, and the rows after which their start is forgotten.
-
-    Examples
-    --------
-    >>> sections, settled = band_limit(150.0)
-    >>> impulse = np.eye(1, 4000)[0]
-    >>> round(float(np.sum(sosfilt(sections, impulse) ** 2)), 12), settled < 200
-    (1.0, True)
+    Gives (2, 6) second-order sections, and the rows after which their start is forgotten.
     """
     sections = np.array(butter(_ORDER, limit_hz, fs=rate, output="sos"))
     poles = np.abs(np.concatenate([np.roots(section[3:]) for section in sections]))
@@ -105,23 +83,26 @@ def _waves(out: Array, against: Array, waves: Array) -> None:
 
 
 @njit(error_model="numpy")
-def _observe(truth: Array, noise: Array, constants: _Constants, state: Array) -> Array:
-    """Lag, gain, zero and noise of a block; `noise` is (n,) or empty."""
+def _observe(
+    truth: Array, noise: Array, gain: float, zero: float, deviation: float, share: float, state: Array
+) -> Array:
+    """Lag, gain, zero and noise of a block; `noise` is (n,) or empty, `share` the way to the signal that the
+    lag goes in a row (1 follows at once)."""
     n = truth.size
     out = np.empty(n)
     lagged = state[_LAG]
     if state[_STARTED] == 0.0 and n > 0:
         lagged = truth[0]
         state[_STARTED] = 1.0
-    follows, silent = constants.share >= 1.0, noise.size == 0
+    follows, silent = share >= 1.0, noise.size == 0
     for i in range(n):
         value = truth[i]
         if not follows:
-            lagged += constants.share * (value - lagged)
+            lagged += share * (value - lagged)
             value = lagged
-        value = constants.gain * value + constants.zero
+        value = gain * value + zero
         if not silent:
-            value += constants.noise * noise[i]
+            value += deviation * noise[i]
         out[i] = value
     state[_LAG] = lagged
     return out
@@ -134,11 +115,7 @@ class ChannelSensor:
     on the prototype (Appendix A: white to 150 Hz), and keeps its standard deviation. Tones ride on
     top: they come in behind the transducer. Shaft orders are waves locked to the pump's angle.
 
-    Parameters
-    ----------
-    sensor : gain, zero, noise, band, tones, orders, range, loop.
-    rng : the channel's stream.
-    rate : Hz, rows per second.
+    `rng` is the channel's stream, `rate` (Hz) the rows per second.
     """
 
     def __init__(self, sensor: Sensor, rng: np.random.Generator, rate: float = RATE) -> None:
@@ -147,7 +124,7 @@ class ChannelSensor:
         limit = sensor.bandwidth_hz
         limited = limit is not None and limit < HIGHEST_LIMIT
         share = -math.expm1(-2.0 * math.pi * limit / rate) if limited and limit is not None else 1.0
-        self._constants = _Constants(sensor.gain, sensor.zero, sensor.noise, share)
+        self._constants = (sensor.gain, sensor.zero, sensor.noise, share)
         self._state = np.zeros(2)
         phases = [[a, b, rng.random()] for a, b in sensor.tones]
         self._tones = np.array(phases).reshape(-1, 3)
@@ -162,24 +139,16 @@ class ChannelSensor:
             self._band(rng.standard_normal(settled))
 
     def observe(self, truth: Array, time: Array, angle: Array | None = None) -> Array:
-        """The next n rows before range and rounding.
+        """The next n rows before range and rounding, (n,) in the channel's SI unit.
 
-        Parameters
-        ----------
-        truth : (n,) one value per millisecond.
-        time : (n,) s, when each is taken.
-        angle : (n,) rad of the pump; without it nothing vibrates.
-
-        Returns
-        -------
-        (n,), in the channel's SI unit.
+        Of the `truth` (n,), taken at `time` (n,) s; without the pump's `angle` (n,) rad nothing vibrates.
         """
         noise = _NOTHING
         if self.sensor.noise > 0.0:
             noise = self._rng.standard_normal(truth.size)
             if self._sections is not None:
                 noise = self._band(noise)
-        out = _observe(np.ascontiguousarray(truth, dtype=np.float64), noise, self._constants, self._state)
+        out = _observe(np.ascontiguousarray(truth, dtype=np.float64), noise, *self._constants, self._state)
         if self._tones.size:
             _waves(out, time, self._tones)
         if self._orders.size and angle is not None:
@@ -192,34 +161,14 @@ class ChannelSensor:
         out, self._filter = sosfilt(self._sections, white, zi=self._filter)
         return np.asarray(out)
 
-    def digitise(self, values: Array) -> Array:
-        """Clip to the range and round to the grid, (n,)."""
-        return _digitise(values, self.range)
-
 
 def digitise(sensor: Sensor, value: Array) -> Array:
-    """Clip to the sensor's range and round to its resolution, (n,).
-
-    Examples
-    --------
-    >>> digitise(Sensor(resolution=0.5, high=2.0), np.array([0.26, 9.0]))
-    array([0.5, 2. ])
-    """
-    return _digitise(value, range_of(sensor))
-
-
-def _digitise(values: Array, grid: Range) -> Array:
-    values = np.clip(values, grid.low, grid.high)
-    if grid.step > 0.0:
-        values = grid.origin + grid.step * np.rint((values - grid.origin) / grid.step)
-    return values
+    """Clip to the sensor's range and round to its resolution, (n,)."""
+    return range_of(sensor).digitise(value)
 
 
 def measure_channel(
     sensor: Sensor, truth: Array, time: Array, rng: np.random.Generator, angle: Array | None = None
 ) -> Array:
-    """What a sensor shows of a whole run, before faults of its own, range and rounding, (n,).
-
-    See `ChannelSensor`, of which it is one block.
-    """
+    """What a sensor shows of a whole run, before faults of its own, range and rounding, (n,)."""
     return ChannelSensor(sensor, rng).observe(truth, time, angle)

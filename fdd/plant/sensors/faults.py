@@ -1,7 +1,6 @@
 """What faults of sensors do to a measurement, each with a state that goes on from block to block.
 
-One class per fault and one table; a new fault is a catalogue entry and a line here. Severity 0
-leaves every number as it was, bit for bit.
+Severity 0 leaves every number as it was, bit for bit.
 """
 
 from __future__ import annotations
@@ -12,8 +11,7 @@ from numpy.typing import NDArray
 from fdd.errors import InputError
 from fdd.plant.compiled import njit
 from fdd.plant.faults.spec import FaultScales, FaultSpec
-from fdd.plant.sensors.recording import PERIOD, Recording
-from fdd.plant.sensors.streams import generator
+from fdd.plant.sensors.recording import PERIOD, Recording, generator
 from fdd.sensor import Sensor
 
 Array = NDArray[np.float64]
@@ -43,12 +41,9 @@ _AT_ONCE = 256
 
 
 class SensorFault:
-    """Effect on one channel: `distort` before range and rounding, `replace` after it.
+    """Effect of a fault on its channel's sensor: `distort` before range and rounding, `replace` after it.
 
-    Parameters
-    ----------
-    spec : the fault. sensor : of the channel. seed : of the scenario. stream : tells axes apart.
-    scales : figures of severity 1.
+    `seed` is the scenario's, `stream` tells axes apart, `scales` are the figures of severity 1.
     """
 
     channel = "pressure_difference"
@@ -63,25 +58,13 @@ class SensorFault:
         self, spec: FaultSpec, sensor: Sensor, seed: int, stream: str = "", scales: FaultScales = USUAL
     ) -> None:
         self.spec, self.sensor, self.scales = spec, sensor, scales
-        self._seed, self._stream = seed, stream
         self._rng = generator(seed, f"{self.purpose}{stream}")
         self._state = np.array(self.first_state)
-        self.begin()
-
-    def begin(self) -> None:
-        """Set up what the kind has beside; raises `InputError` where the sensor cannot have it."""
 
     def distort(self, values: Array, truth: Array, time: Array, first_row: int) -> Array:
-        """What the sensor gives instead of `values`, before range and rounding.
+        """What the sensor gives instead of `values` (n,), which it may overwrite, before range and rounding.
 
-        Parameters
-        ----------
-        values : (n,) of the sound sensor, with its noise; they may be overwritten.
-        truth : (n,) what is there. time : (n,) s, when the rows are taken. first_row : number of the first.
-
-        Returns
-        -------
-        (n,), in the channel's SI unit.
+        Of the `truth` (n,) that is there at `time` (n,) s, from row `first_row` on.
         """
         return values
 
@@ -161,24 +144,12 @@ class Drift(SensorFault):
 
 
 class PositionSlip:
-    """Offset of the position encoder: slips at random times, of random sign and size.
+    """Offset of the position encoder: slips at random times, of random sign and size, of a scenario's `seed`.
 
     The reader head, or the rail that couples it to the rod (thesis A.1.2, figure A.4), slips in its clamp: at
     times of a Poisson process the zero jumps by ``severity·SLIP_STEP`` times 0.5 to 1.5, to either
     side, and stays where it then is; walls at ± `PLAY` reflect it. It depends on time and seed alone, not on
     the motion, so that plant and log can each ask for it. An assumption: the thesis tells of no slip.
-
-    Parameters
-    ----------
-    spec : the fault. seed : of the scenario.
-    stream : tells the axes of one scenario apart.
-
-    Examples
-    --------
-    >>> spec = FaultSpec.model_construct(fault=SLIP, severity=1.0, onset=1.0, profile="step")
-    >>> slip = PositionSlip(spec, seed=3)
-    >>> slip.offset(0, 1000).any(), slip.offset(0, 60_000).any()
-    (np.False_, np.True_)
     """
 
     def __init__(self, spec: FaultSpec, seed: int, stream: str = "") -> None:
@@ -219,15 +190,6 @@ def position_offset(faults: list[FaultSpec], first_row: int, n: int, seed: int, 
 
     A column of it belongs to the position controller: its encoder reads ``gain·x + zero + offset``, rounded.
     The log's position has the same offset. All zero without the fault.
-
-    Parameters
-    ----------
-    faults : of the scenario (of this axis). seed : of the scenario. stream : as the recorder's.
-
-    Examples
-    --------
-    >>> position_offset([], 0, 3, seed=1)
-    array([0., 0., 0.])
     """
     total = np.zeros(n)
     for spec in faults:
@@ -241,8 +203,11 @@ class Slip(SensorFault):
 
     channel = "position"
 
-    def begin(self) -> None:
-        self._slip = PositionSlip(self.spec, self._seed, self._stream)
+    def __init__(
+        self, spec: FaultSpec, sensor: Sensor, seed: int, stream: str = "", scales: FaultScales = USUAL
+    ) -> None:
+        super().__init__(spec, sensor, seed, stream, scales)
+        self._slip = PositionSlip(spec, seed, stream)
 
     def distort(self, values: Array, truth: Array, time: Array, first_row: int) -> Array:
         # It slips from one millisecond to the next, as the controller sees it.
@@ -265,16 +230,19 @@ class Dropout(SensorFault):
     purpose = "dropout"
     first_state = (0.0, np.nan)
 
-    def begin(self) -> None:
-        self.channel, self._shows = DROPOUTS[self.spec.variant or "missing"]
+    def __init__(
+        self, spec: FaultSpec, sensor: Sensor, seed: int, stream: str = "", scales: FaultScales = USUAL
+    ) -> None:
+        super().__init__(spec, sensor, seed, stream, scales)
+        self.channel, self._shows = DROPOUTS[spec.variant or "missing"]
         self._dead = np.nan
         if self._shows == "dead":
-            if self.sensor.loop is None:
+            if sensor.loop is None:
                 raise InputError(
-                    f"fault {self.spec.fault}: {self.channel} has no current loop that could break",
+                    f"fault {spec.fault}: {self.channel} has no current loop that could break",
                     mend="give the unit's sensor a loop, or use variant missing",
                 )
-            self._dead = -self.sensor.loop.offset
+            self._dead = -sensor.loop.offset
 
     def replace(self, values: Array, time: Array) -> Array:
         severity, drawn = self.spec.over(time), self._rng.random(time.size)
@@ -368,11 +336,8 @@ def _wait(values: Array, time: Array, wait: Array, state: Array) -> None:
 
 
 DEGRADED: dict[str, type[SensorFault]] = {
-    "noisy": Noisy,
-    "sticking": Sticking,
-    "clipped": Clipped,
-    "late": Late,
-}
+    "noisy": Noisy, "sticking": Sticking, "clipped": Clipped, "late": Late,
+}  # fmt: skip
 """Variants of a channel that is there and wrong."""
 
 SENSOR_FAULTS: dict[str, type[SensorFault]] = {
@@ -390,11 +355,6 @@ def sensor_fault(spec: FaultSpec) -> type[SensorFault] | None:
     Raises
     ------
     InputError : a variant that is unknown.
-
-    Examples
-    --------
-    >>> sensor_fault(FaultSpec(fault="sensor_dropout", severity=1.0, variant="late")).__name__
-    'Late'
     """
     if spec.fault != DROPOUT or spec.variant is None or spec.variant in DROPOUTS:
         return SENSOR_FAULTS.get(spec.fault)
@@ -410,11 +370,6 @@ def struck_channel(spec: FaultSpec, recording: Recording | None = None) -> str |
     """The channel that a fault falsifies, None for a fault of the plant.
 
     In a log without differential pressure its faults are those of chamber 1's transducer.
-
-    Examples
-    --------
-    >>> struck_channel(FaultSpec(fault="pressure_sensor_bias", severity=1.0))
-    'pressure_difference'
     """
     kind = sensor_fault(spec)
     if kind is None:

@@ -12,24 +12,16 @@ from fdd.errors import InputError
 from fdd.plant.faults.spec import FaultScales, FaultSpec
 from fdd.plant.sensors.channel import RATE, ChannelSensor, digitise
 from fdd.plant.sensors.faults import USUAL, SensorFault, sensor_fault, struck_channel
-from fdd.plant.sensors.recording import Losses, NanBursts, Recording
-from fdd.plant.sensors.streams import generator
+from fdd.plant.sensors.recording import Losses, NanBursts, Recording, generator
 from fdd.samples import Samples
 from fdd.unit import Unit
 
 Array = NDArray[np.float64]
 
 MEASURED = (
-    "pump_angle",
-    "position",
-    "pressure_difference",
-    "pressure_1",
-    "pressure_2",
-    "pressure_accumulator",
-    "motor_current",
-    "oil_temperature",
-    "load_force",
-)
+    "pump_angle", "position", "pressure_difference", "pressure_1", "pressure_2", "pressure_accumulator",
+    "motor_current", "oil_temperature", "load_force",
+)  # fmt: skip
 """Channels that a sensor gives. Pump speed is the angle's count difference; set-points are known."""
 KNOWN = ("command", "position_setpoint")
 """Channels that the controller itself gives: rounded, never missing."""
@@ -39,11 +31,7 @@ KNOWN = ("command", "position_setpoint")
 class Rows:
     """A block of what was recorded, all rows still there.
 
-    Attributes
-    ----------
-    time : (n,) s, the stamps.
-    columns : channel to (n,) values, NaN where a burst or a fault took them.
-    kept : (n,) whether the log has the row.
+    Stamps (n,) s; channel to (n,) values, NaN where a burst or a fault took them; whether the log has it.
     """
 
     time: Array
@@ -73,25 +61,12 @@ class Recorder:
     Raises
     ------
     InputError : a fault that this unit's sensors cannot have.
-
-    Examples
-    --------
-    >>> recorder = Recorder(Unit.load("axis_a"), [], Recording.perfect(), seed=1)
-    >>> truth = {name: np.zeros(4) for name in MEASURED}
-    >>> rows = recorder.measure(truth, np.arange(4) * 1e-3)
-    >>> len(rows.samples()), "pump_speed" in rows.columns, "load_force" in rows.columns
-    (4, True, False)
     """
 
     def __init__(
-        self,
-        unit: Unit,
-        faults: list[FaultSpec],
-        recording: Recording,
-        seed: int,
-        stream: str = "",
+        self, unit: Unit, faults: list[FaultSpec], recording: Recording, seed: int, stream: str = "",
         scales: FaultScales = USUAL,
-    ) -> None:
+    ) -> None:  # fmt: skip
         self.unit, self.recording = unit, recording
         channels = [c for c in MEASURED if c != "load_force" or recording.load_force]
         rate = 1.0 / recording.period if recording.each > 1 else RATE
@@ -121,17 +96,13 @@ class Recorder:
         self.row = 0
 
     def measure(self, truth: Mapping[str, Array], time: Array) -> Rows:
-        """Record the next n rows.
+        """Record the next n rows, with the channels in the order known, measured, known.
 
         Parameters
         ----------
         truth : column (n,) of each channel of `MEASURED` (``load_force`` only where it is measured), and
             of `KNOWN` where there are any.
         time : (n,) s, when each row was taken.
-
-        Returns
-        -------
-        The n rows, with the channels in the order known, measured, known.
 
         Raises
         ------
@@ -146,10 +117,10 @@ class Recorder:
             columns["command"] = digitise(self.unit.sensor("command"), truth["command"])
         for channel, sensor in self._sensors.items():
             columns[channel] = self._one(channel, sensor, truth, time)
-            if channel == "pump_angle" and self.recording.speed == "counts":
-                columns["pump_speed"] = self._count_difference(columns[channel], time)
-            elif channel == "pump_angle":
-                columns["pump_speed"] = self._speed.digitise(self._speed.observe(truth["pump_speed"], time))
+            if channel == "pump_angle":
+                counted = self.recording.speed == "counts"
+                speed = self._count_difference(columns[channel]) if counted else truth["pump_speed"]
+                columns["pump_speed"] = self._speed.range.digitise(self._speed.observe(speed, time))
         for channel, effects in self._faults.items():
             for effect in effects:
                 columns[channel] = effect.replace(columns[channel], time)
@@ -169,13 +140,12 @@ class Recorder:
         value = sensor.observe(there, time, truth["pump_angle"])
         for effect in self._faults.get(channel, ()):
             value = effect.distort(value, there, time, self.row)
-        return sensor.digitise(value)
+        return sensor.range.digitise(value)
 
-    def _count_difference(self, angle: Array, time: Array) -> Array:
+    def _count_difference(self, angle: Array) -> Array:
         """Counts since the last sample over a nominal period: a late row shows too much speed."""
         if not angle.size:
-            return angle.copy()
-        first = angle[0] if self.row == 0 else self._angle
-        speed = np.diff(angle, prepend=first) / self.recording.period
+            return angle
+        before = angle[0] if self.row == 0 else self._angle
         self._angle = float(angle[-1])
-        return self._speed.digitise(self._speed.observe(speed, time))
+        return np.asarray(np.diff(angle, prepend=before) / self.recording.period)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import zlib
 from typing import Annotated, Literal
 
 import numpy as np
@@ -9,7 +10,6 @@ from numpy.typing import NDArray
 from pydantic import Field, model_validator
 
 from fdd.errors import InputError
-from fdd.plant.sensors.streams import generator
 from fdd.plant.validated import Validated
 from fdd.samples import CHANNELS, missing_required
 
@@ -21,6 +21,11 @@ SHORTEST_BURST, LONGEST_BURST = 5, 30
 MOST_CHANNELS = 4
 _CLIP = 4.0
 """Standard deviations at which a stamp's error ends, so that stamps always increase."""
+
+
+def generator(seed: int, purpose: str) -> np.random.Generator:
+    """A random stream of its own for each purpose, so that one more draw here changes nothing there."""
+    return np.random.default_rng(np.random.SeedSequence([seed, zlib.crc32(purpose.encode())]))
 
 
 class Recording(Validated):
@@ -58,15 +63,12 @@ class Recording(Validated):
 
     @model_validator(mode="after")
     def _enough(self) -> Recording:
-        if self.channels is not None:
-            unknown = [name for name in self.channels if name not in CHANNELS or name == "time"]
-            if unknown:
-                raise InputError(f"unknown channel {unknown[0]!r}", where="recording channels")
-            absent = missing_required(self.channels)
-            if absent:
-                raise InputError(
-                    f"no diagnosis without {', '.join(absent)}", where="recording channels", mend="add these"
-                )
+        where = "recording channels"
+        for name in self.channels or ():
+            if name not in CHANNELS or name == "time":
+                raise InputError(f"unknown channel {name!r}", where=where)
+        if self.channels is not None and (absent := missing_required(self.channels)):
+            raise InputError(f"no diagnosis without {', '.join(absent)}", where=where, mend="add these")
         return self
 
     @property
@@ -95,12 +97,7 @@ class Recording(Validated):
 
 
 class Lateness:
-    """By how many integration steps each row is taken late; the first is on time.
-
-    Parameters
-    ----------
-    recording : late, latest. substeps : steps per row. seed : of the scenario.
-    """
+    """By how many of the `substeps` of a row each row is taken late; the first is on time."""
 
     def __init__(self, recording: Recording, substeps: int, seed: int) -> None:
         self.share = recording.late
@@ -126,10 +123,6 @@ class Losses:
     """Which rows the log has, and by how much their stamps are off; the first row is there and exact.
 
     One computer samples all axes of a rig (thesis A.3), so of one scenario they all lose the same rows.
-
-    Parameters
-    ----------
-    recording : dropped, jitter. seed : of the scenario.
     """
 
     def __init__(self, recording: Recording, seed: int) -> None:
@@ -157,13 +150,7 @@ class Losses:
 
 
 class NanBursts:
-    """Bursts of NaN in measured channels: a Poisson process over the rows.
-
-    Parameters
-    ----------
-    recording : bursts per minute. seed : of the scenario. names : channels that it may strike.
-    stream : tells the axes of one scenario apart.
-    """
+    """Bursts of NaN in the channels `names`: a Poisson process over the rows, one for each `stream`."""
 
     def __init__(self, recording: Recording, seed: int, names: list[str], stream: str = "") -> None:
         self.names = names

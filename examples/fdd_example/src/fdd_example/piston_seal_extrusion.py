@@ -8,8 +8,7 @@ hardly slides its friction cannot be seen, and the answer names internal leakage
 
 from __future__ import annotations
 
-from fdd.faults import Effect, Fault, Figure, Healthy, Signature
-from fdd.faults.signature import Columns
+from fdd.faults import Columns, Effect, Fault, Figure, Healthy, Signature
 
 LOST = 0.5
 """Share of the friction that is gone at severity 1."""
