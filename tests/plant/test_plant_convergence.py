@@ -15,7 +15,7 @@ CASES = {case.name: case for case in Cases().numerics}
 
 @pytest.mark.parametrize("name", CASES)
 def test_half_the_step_changes_no_sensor_by_a_tenth_of_its_noise(name):
-    """The numerics alone, without the encoder's steps in the loop; `python -m reports plant` has all."""
+    """The numerics alone, without the encoder's steps in the loop; `python -m reports plant` runs longer."""
     difference = against_half_steps(CASES[name].without_encoder_steps(), 4.0)
     assert set(difference.rms) >= {"position", "pressure_difference", "pump_speed", "motor_current"}
     assert difference.worst < 0.1
@@ -36,7 +36,7 @@ def test_half_the_step_changes_no_sensor_by_a_tenth_of_its_noise(name):
 def test_radau_agrees_within_a_tenth_of_the_sensors(name, duration):
     """SciPy's implicit solver on the same right-hand side and commands, tolerance 1e-10."""
     case = CASES[name]
-    states, _, _ = case.states(duration)
+    states, _ = case.states(duration)
     assert np.ptp(states[:, s.X]) > 1e-4
     difference = against_radau(case, duration)
     assert difference.worst < 0.1

@@ -9,9 +9,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from fdd.errors import InputError
 from fdd.faults import CATALOGUE
-from fdd.plant.faults.spec import FaultScales, FaultSpec, parse_fault
+from fdd.plant.faults.spec import FaultScales, FaultSpec
 from fdd.plant.sensors import Recorder, Recording, Rows
 from fdd.plant.sensors.faults import SensorFault, sensor_fault
 from fdd.plant.sensors.recorder import MEASURED
@@ -68,14 +67,6 @@ def recorded(
 def changed(one: Rows, other: Rows) -> set[str]:
     assert one.columns.keys() == other.columns.keys() and one.kept.tobytes() == other.kept.tobytes()
     return {c for c, values in one.columns.items() if values.tobytes() != other.columns[c].tobytes()}
-
-
-def test_all_that_the_catalogue_names_is_tried_here() -> None:
-    old = {"zero", "line", "missing", "held", "broken_loop", "position_missing", "position_held"}
-    named = {
-        way for entry in CATALOGUE.values() if entry.in_measurement for way in (*entry.laws, *entry.variants)
-    }
-    assert named == old | {value for _, way in WAYS for value in way.values()}
 
 
 # Whatever the law: blocks, rates, channels, profiles.
@@ -147,13 +138,6 @@ def test_a_users_figure_counts_instead_of_the_catalogues(name, way) -> None:
         np.testing.assert_allclose(
             shown(kind(spec(name, way, 0.5), **{doubled[0]: 2.0 * figures[doubled[0]]}), truth, time), usual
         )
-
-
-def test_a_law_is_given_like_a_variant() -> None:
-    assert parse_fault("pressure_sensor_drift:severity=1,law=root").label()["law"] == "root"
-    assert parse_fault("pressure_sensor_bias:severity=1").law == "zero"
-    with pytest.raises(InputError, match="law 'gian' is not possible; use one of: zero, gain, hysteresis"):
-        parse_fault("pressure_sensor_bias:severity=1,law=gian")
 
 
 # Each law by itself.
