@@ -15,7 +15,6 @@ from fdd.cli.console import progress
 from fdd.markdown import table
 from reports.plant.cases import Cases
 from reports.plant.numerics import (
-    GAINED,
     Difference,
     RealTime,
     Work,
@@ -57,14 +56,13 @@ class Plan:
 
 @dataclass
 class Measured:
-    """What was found; `halved` has the loop's encoder as it is, `halved_alone` without its steps."""
+    """What was found; `halved` is without the encoder's steps in the loop: the numerics alone."""
 
     plan: Plan
     real_time: list[RealTime] = field(default_factory=list)
     work: list[Work] = field(default_factory=list)
     trust: float = float("nan")
     halved: list[Difference] = field(default_factory=list)
-    halved_alone: list[Difference] = field(default_factory=list)
     radau: list[Difference] = field(default_factory=list)
     wild: list[Outcome] = field(default_factory=list)
 
@@ -103,9 +101,8 @@ def measure(plan: Plan, progress: Callable[[float], None] = lambda share: None) 
         found.work, found.trust = work_precision(cases.work, plan.work_duration, plan.repeats)
         for number, case in enumerate(numerics, 1):
             if plan.halving_duration > 0.0:
-                found.halved.append(against_half_steps(case, plan.halving_duration))
                 alone = case.without_encoder_steps()
-                found.halved_alone.append(against_half_steps(alone, plan.halving_duration))
+                found.halved.append(against_half_steps(alone, plan.halving_duration))
             if plan.radau_duration > 0.0:
                 found.radau.append(against_radau(case, plan.radau_duration))
             progress(0.4 * number / len(numerics))
@@ -145,21 +142,14 @@ def report_lines(found: Measured) -> list[str]:
     text = page.render(
         made_by=made_by("plant"), load_now=load_now(), plan=found.plan, found=found, ours=ours, equal=equal,
         goal=GOAL, slowest=min(one_axis, key=lambda r: r.whole), differences=_differences,
-        gained=max((d.rms.get(GAINED, 0.0) for d in found.halved_alone), default=0.0),
-        angle=max((d.rms["pump_angle"] for d in found.halved_alone), default=0.0),
-        flips=sum(np.isfinite(d.first_count) for d in found.halved), wild=_wild(found.wild),
+        wild=_wild(found.wild),
     )  # fmt: skip
     return text.splitlines()
 
 
 def _differences(found: Sequence[Difference]) -> str:
-    channels = list(dict.fromkeys(channel for difference in found for channel in difference.rms))
-    channels.sort(key=lambda channel: channel in ("pump_angle", GAINED))
-    rows = [
-        [d.case, *(f"{d.rms[c]:.1e} ({d.most[c]:.1e})" if c in d.rms else "" for c in channels)]
-        for d in found
-    ]
-    return "\n".join(table(["case", *channels], rows, "lr"))
+    rows = [[d.case, *(f"{value:.1e}" for value in d.rms.values())] for d in found]
+    return "\n".join(table(["case", *found[0].rms], rows, "lr"))
 
 
 def _wild(outcomes: Sequence[Outcome]) -> dict[str, str]:
@@ -176,7 +166,6 @@ def _wild(outcomes: Sequence[Outcome]) -> dict[str, str]:
     return {
         "outside physics": str(sum(bool(o.failures) for o in outcomes)),
         "lowest absolute pressure": f"{lowest:.0f} Pa",
-        "highest pressure over its bound": most("highest_share", 100, form=".2f"),
         "oil made or lost, 99 %, most": most("oil", 99, 100),
         "energy made or lost, 99 %, most": most("energy", 99, 100),
         "farthest into a stop": f"{1e3 * beyond:.2f} mm",
