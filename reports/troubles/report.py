@@ -31,7 +31,6 @@ TROUBLES = (
     Trouble("quota reached", during.no_growth, "cannot be read or written"),
     Trouble("store locked", during.locked, "is locked"),
     Trouble("store's file gone", during.renamed_file, "file is gone"),
-    Trouble("state folder gone", during.renamed_folder, "file is gone"),
     Trouble("host's clock ahead", during.clock_ahead),
     Trouble("host's clock back", during.clock_back),
     Trouble(
@@ -44,7 +43,6 @@ TROUBLES = (
         during.set_in_the_middle,
         change=lambda b: [*b[:300], *shifted(b[300:], -HOUR_S)],
     ),
-    Trouble("garbage", during.garbage_sent, mqtt=True, more=("tcp", "udp")),
 )
 
 
