@@ -14,7 +14,6 @@ from estimators import (
     nis_band,
     nis_test,
     squared_distance,
-    standardised,
     whiteness_test,
 )
 
@@ -41,13 +40,6 @@ def test_squared_distance_equals_the_textbook_formula_and_ignores_units() -> Non
     np.testing.assert_allclose(one[3], e[3] @ np.linalg.inv(C[0]) @ e[3])
 
 
-def test_standardised_errors_have_unit_covariance() -> None:
-    rng = np.random.default_rng(3)
-    C = np.array([[4.0, 1.5, 0.0], [1.5, 1.0, 0.2], [0.0, 0.2, 9.0]])
-    white = standardised(rng.multivariate_normal(np.zeros(3), C, 200_000), C)
-    np.testing.assert_allclose(np.cov(white.T), np.eye(3), atol=0.02)
-
-
 def test_nis_test_allows_for_missing_channels() -> None:
     """Channels come and go: the right degrees of freedom pass, a constant number fails. Seeded, 99.9 %."""
     rng = np.random.default_rng(4)
@@ -58,13 +50,6 @@ def test_nis_test_allows_for_missing_channels() -> None:
     assert outcome.n == (used > 0).sum()
     assert outcome.false_alarm_rate == pytest.approx(0.001)
     assert not nis_test(nis, 3, 0.999).consistent
-
-
-def test_nis_test_finds_an_overconfident_filter() -> None:
-    nis = 1.2 * np.random.default_rng(5).chisquare(2, size=2000)
-    outcome = nis_test(nis, 2)
-    assert outcome.mean > outcome.high
-    assert not outcome.consistent
 
 
 def test_autocorrelation_equals_scipys_correlation() -> None:
@@ -82,15 +67,6 @@ def test_whiteness_test_rejects_white_noise_at_its_stated_rate() -> None:
     p = whiteness_test(np.random.default_rng(7).normal(size=(1000, 2000)), lags=10).p_value
     assert stats.kstest(p, "uniform").pvalue > 0.001
     assert np.mean(p < 0.05) == pytest.approx(0.05, abs=4 * np.sqrt(0.05 * 0.95 / 2000))
-
-
-def test_whiteness_test_finds_weak_correlation() -> None:
-    """A first-order process with coefficient 0.15 and 5000 samples: ten standard errors at lag 1."""
-    noise = np.random.default_rng(8).normal(size=5000)
-    outcome = whiteness_test(np.column_stack([noise, signal.lfilter([1.0], [1.0, -0.15], noise)]))
-    assert outcome.p_value[1] < 1e-6
-    assert outcome.p_value[0] > 1e-3
-    assert not outcome.white()
 
 
 def test_statistic_is_ljung_and_boxs() -> None:

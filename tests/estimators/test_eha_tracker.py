@@ -187,18 +187,6 @@ def test_many_late_stamps_are_survived(method: str, seed: int) -> None:
 
 
 @pytest.mark.parametrize("method", METHODS)
-def test_pump_speed_does_for_a_missing_angle(method: str) -> None:
-    samples = axis("perfect", leaks=True).samples
-    columns = samples.columns
-    del columns["pump_angle"]
-    both, without = tracked(samples), tracked(Samples(samples.time, columns))
-    a, b = (estimates(w.records()[method], unit(), w.model)[0] for w in (both, without))
-    for name in ("leakage", "bulk_modulus"):
-        late = slice(a[name].size // 2, None)
-        np.testing.assert_allclose(b[name][late], a[name][late], rtol=0.03, err_msg=name)
-
-
-@pytest.mark.parametrize("method", METHODS)
 def test_a_measured_difference_does_for_chamber_pressures(method: str) -> None:
     """It does not tell the chambers apart: what would be theirs alone stays as it was, and certain."""
     run = axis(leaks=True)

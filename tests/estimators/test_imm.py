@@ -100,29 +100,6 @@ def test_equals_filterpys_imm_at_every_step(seed, r, n, m, peers) -> None:
         assert ours.log_likelihood == pytest.approx(np.log(weights @ peer.likelihood), abs=1e-8)
 
 
-@pytest.mark.parametrize("layer", ["fixed", "variable"])
-def test_svsf_in_our_bank_and_in_filterpys_are_the_same(layer) -> None:
-    rng = np.random.default_rng(2)
-    mode, M = models(rng, 3, 3, 2), chain(rng, 3)
-    options = {"psi": 2.0, "gamma": 0.2, "boundary_layer": layer}
-    ours = IMM(bank_of(SVSF, mode, **options), None, M)
-    peer = filterpy.kalman.IMMEstimator(bank_of(SVSF, mode, **options), [1.0, 1.0, 1.0], M)
-    switched = 0
-    for _ in range(300):
-        z = 3.0 * rng.normal(size=2)
-        for bank in (ours, peer):
-            bank.predict()
-            bank.update(z)
-        close(ours, peer)
-        switched += ours.filters[0].switched
-        for f, twin in zip(ours.filters, peer.filters, strict=True):
-            np.testing.assert_allclose(f.e_post, twin.e_post, rtol=1e-8, atol=1e-10)
-            assert f.log_likelihood == pytest.approx(
-                scipy.stats.multivariate_normal.logpdf(f.y.ravel(), cov=f.H @ f.P_prior @ f.H.T + f.R)
-            )
-    assert switched > 50
-
-
 @pytest.mark.parametrize("kind", [ExtendedKalmanFilter, SVSF])
 def test_a_bank_of_one_is_the_filter_itself(kind) -> None:
     rng = np.random.default_rng(2)
@@ -201,27 +178,6 @@ def test_gaps_move_the_modes_on_and_leave_the_filters_alone() -> None:
             for _ in range(1000):
                 bank.predict()
             np.testing.assert_allclose(bank.mu, [2.0 / 3.0, 1.0 / 3.0], rtol=1e-6)
-
-
-def test_uneven_steps_reach_model_and_transitions() -> None:
-    """A step of 0.3 s is three of 0.1 s, for the modes and for the states, when nothing is measured."""
-
-    def drifting(rate):
-        f = ExtendedKalmanFilter(1, 1, f=lambda x, u, dt: x + rate * dt, F_jacobian=lambda x, u, dt: [[1.0]])
-        f.x, f.H, f.Q = np.zeros(1), [[1.0]], 0.0
-        return f
-
-    def bank():
-        return IMM([drifting(1.0), drifting(1.0)], [1.0, 0.0], lambda dt: transition_matrix([1.0, 2.0], dt))
-
-    one, three = bank(), bank()
-    one.predict(dt=0.3)
-    for _ in range(3):
-        three.predict(dt=0.1)
-    np.testing.assert_allclose(one.mu, three.mu, rtol=1e-12)
-    np.testing.assert_allclose([one.x, three.x], 0.3, rtol=1e-12)
-    with pytest.raises(ValueError, match="give dt"):
-        one.predict()
 
 
 def test_a_refused_call_changes_nothing() -> None:

@@ -37,26 +37,6 @@ def test_mode_probabilities_survive_any_likelihood() -> None:
     np.testing.assert_allclose(mu, np.exp(log_mu), rtol=1e-8, atol=1e-290)
 
 
-def test_ruled_out_modes_stay_out_and_an_impossible_measurement_decides_nothing() -> None:
-    mu = np.empty(2)
-    assert update_modes(np.array([0.5, 0.5]), np.array([-np.inf, 1.0]), mu) == pytest.approx(np.log(0.5) + 1)
-    np.testing.assert_allclose(mu, [0.0, 1.0], atol=1e-299)
-    assert update_modes(np.array([0.0, 1.0]), np.array([1e9, 0.0]), mu) == 0.0
-    assert mu.tolist() == [0.0, 1.0]
-    assert update_modes(np.array([0.3, 0.7]), np.full(2, -np.inf), mu) == -np.inf
-    assert mu.tolist() == [0.3, 0.7]
-
-
-def test_a_mode_without_transitions_comes_back_when_the_data_say_so() -> None:
-    """M = 1: the first 500 samples rule out mode 1 by more than a float can say, the next 2000 mode 0."""
-    F, one = np.eye(1), np.ones((2, 1, 1))
-    z = np.r_[np.full(500, 0.0), np.full(2000, 5.0)]
-    found = run_bank(z, F=0.0 * F, H=F, Q=F, R=F, state_offset=[[0.0], [5.0]], M=np.eye(2), P=one)
-    assert found.mu[499, 1] < 1e-200
-    assert found.mu[-1, 1] > 1.0 - 1e-12
-    np.testing.assert_allclose(found.mu.sum(axis=1), 1.0, rtol=1e-14)
-
-
 @settings(max_examples=25, deadline=None)
 @given(**problem, correlated=st.booleans())
 def test_compiled_log_equals_the_class(seed, r, n, m, correlated) -> None:
@@ -121,22 +101,6 @@ def test_probabilities_and_covariances_are_honest_on_the_model_itself() -> None:
     low, high = nees_band(1, logs, probability=0.999)
     nees = [((run.x[-1, 0] - truth) / run.std[-1, 0]) ** 2 for run, truth in zip(runs, x, strict=True)]
     assert low < np.mean(nees) < high
-
-
-def test_the_likelihood_of_logs_finds_the_sojourn_time() -> None:
-    rng, M = np.random.default_rng(12), transition_matrix([1.0, 1.0], 0.02)
-    mode = np.cumsum(rng.random(20_000) < M[0, 1]) % 2
-    z = np.where(mode == 0, -0.5, 0.5) + rng.normal(size=mode.size)
-    one = [[1.0]]
-    total = {
-        tau: run_bank(
-            z, F=[[0.0]], H=one, Q=[[0.0]], R=one, output_offset=[[-0.5], [0.5]],
-            M=transition_matrix([tau, tau], 0.02),
-        ).log_likelihood.sum()
-        for tau in (0.1, 0.3, 1.0, 3.0, 10.0)
-    }  # fmt: skip
-    assert max(total, key=total.__getitem__) == 1.0
-    assert min(total[1.0] - total[tau] for tau in total if tau != 1.0) > 10.0
 
 
 @settings(max_examples=60, deadline=None)

@@ -161,16 +161,6 @@ def test_full_form_equals_subspace_form_when_all_is_measured(seed: int, n: int, 
         )
 
 
-def test_full_form_works_without_any_covariance() -> None:
-    """P = 0, a filter that believes it is right, still follows; the subspace form cannot."""
-    full, subspace = SVSF(2, 2, psi=0.5, gamma=0.0, form="full"), SVSF(2, 2, psi=0.5, gamma=0.0)
-    for svsf in (full, subspace):
-        svsf.x, svsf.P, svsf.H = np.zeros(2), np.zeros((2, 2)), [[2.0, 0.0], [1.0, 1.0]]
-        svsf.update([4.0, 5.0])
-    np.testing.assert_allclose(full.x, [2.0, 3.0])
-    np.testing.assert_array_equal(subspace.x, [0.0, 0.0])
-
-
 @settings(max_examples=80, deadline=None)
 @given(seed=problem["seed"], n=st.integers(1, 4), form=st.sampled_from(["full", "subspace", "reduced"]))
 def test_inside_the_limit_every_form_is_the_kalman_filter(seed: int, n: int, form: str) -> None:
@@ -275,24 +265,6 @@ def test_an_innovation_of_zero_is_no_division_by_zero() -> None:
         assert np.isfinite(svsf.P).all()
 
 
-def test_blocks_of_the_reduced_gain_switch_separately() -> None:
-    """A limit that only the unmeasured state exceeds: the upper rows stay the Kalman filter's."""
-    rng = np.random.default_rng(3)
-    H, F = np.array([[1.0, 0.0]]), np.array([[1.0, 0.1], [0.0, 1.0]])
-    P = np.array([[1.0, 0.2], [0.2, 1.0]])
-    for limits, same in (((1e9, 1e-9), 0), ((1e-9, 1e9), 1)):
-        svsf = SVSF(2, 1, psi=limits[0], psi_y=limits[1], form="reduced", boundary_layer="variable")
-        kf = ExtendedKalmanFilter(2, 1)
-        filled(rng, [svsf, kf], H, F)
-        svsf.P = kf.P = P
-        z = kf.x[:1] + 1.5
-        svsf.update(z)
-        kf.update(z)
-        assert svsf.switched
-        assert svsf.K[same, 0] == pytest.approx(kf.K[same, 0], rel=1e-12)
-        assert svsf.K[1 - same, 0] != pytest.approx(kf.K[1 - same, 0], rel=1e-3)
-
-
 def test_phi12_that_tells_nothing_is_refused_and_said() -> None:
     """Before any prediction F is the identity: nothing of y reaches z. The subspace form stands in."""
     reduced, subspace = SVSF(2, 1, psi=0.5, psi_y=1.0, form="reduced"), SVSF(2, 1, psi=0.5)
@@ -367,54 +339,3 @@ def test_options_that_do_not_fit_are_refused(sizes: tuple, options: dict, messag
     with pytest.raises(ValueError, match=message) as error:
         SVSF(*sizes, **{"psi": 1.0, **options})
     assert "\n" not in str(error.value)
-
-
-def pushed(make, channels: int, dt: float) -> tuple[np.ndarray, SVSF | ExtendedKalmanFilter]:
-    """Rms errors in mm and mm/s, healthy and pushed, of the guide's mass on a spring (seeded)."""
-
-    def spring(x, u, dt):
-        speed = x[1] + dt * (u - 40.0 * x[0] - 3.0 * x[1]) / 2.0
-        return [x[0] + dt * speed, speed]
-
-    kf = make(f=spring, h=lambda x: x[:channels])
-    kf.x, kf.P, kf.Q = np.zeros(2), [1e-4, 1e-2], [1e-12, 1e-5 * dt]
-    kf.R = [1e-6, 25e-6][:channels]
-    rng, truth, errors, steps = np.random.default_rng(0), np.zeros(2), [], round(2.0 / dt)
-    for i in range(steps):
-        u = 10.0 * np.sin(10.0 * i * dt)
-        truth = np.array(spring(truth, u + (30.0 if i >= steps // 2 else 0.0), dt))
-        z = truth + [1e-3, 5e-3] * rng.normal(size=2)
-        kf.predict(u, dt)
-        kf.update(z[:channels])
-        errors.append(1e3 * (kf.x - truth))
-    parts = errors[steps // 4 : steps // 2], errors[steps // 2 :]
-    return np.concatenate([np.sqrt(np.mean(np.square(part), axis=0)) for part in parts]), kf
-
-
-@pytest.mark.parametrize(
-    ("channels", "rate", "form", "expected"),
-    [
-        (2, 1000, None, (0.07, 0.6, 51, 660)),
-        (2, 1000, "subspace", (0.54, 2.5, 0.5, 7)),
-        (2, 1000, "full", (0.54, 2.5, 0.5, 7)),
-        (1, 100, None, (0.12, 0.4, 368, 2000)),
-        (1, 100, "subspace", (0.57, 0.9, 1.0, 14000)),
-        (1, 100, "reduced", (0.87, 37, 1.4, 167)),
-        (1, 1000, None, (0.12, 0.6, 135, 1645)),
-        (1, 1000, "subspace", (0.54, 0.3, 1.1, 18400)),
-        (1, 1000, "reduced", (1.1, 1709, 1.0, 1623)),
-    ],
-)
-def test_the_guides_table_of_forms(channels: int, rate: int, form: str | None, expected: tuple) -> None:
-    more = {"psi_y": 1.0, "unmeasured": [1]} if form == "reduced" else {}
-
-    def make(**model):
-        if form is None:
-            return ExtendedKalmanFilter(2, channels, **model)
-        return SVSF(2, channels, psi=[0.005, 0.025][:channels], form=form, **more, **model)
-
-    rms, kf = pushed(make, channels, 1.0 / rate)
-    np.testing.assert_allclose(rms, expected, rtol=0.08, atol=0.05)
-    if form == "reduced":
-        assert kf.form_used == "reduced"
-        assert kf.amplification[0] == pytest.approx({100: 0.16, 1000: 2.2}[rate], rel=0.05)

@@ -13,18 +13,9 @@ from fdd.identification.identify import _keep_gain
 from fdd.identification.profile import ProfileWriter
 from fdd.identification.record import Record
 from fdd.identification.sensors import effective_noise, resolution
-from fdd.plant import oil as plant_oil
-from fdd.residuals.oil import air_compliance, free_air, viscosity
+from fdd.residuals.oil import air_compliance, free_air
 from fdd.tolerances import tolerance
 from fdd.unit import Unit
-
-
-@given(st.floats(-10.0, 110.0))
-def test_viscosity_agrees_with_the_plants(temperature: float) -> None:
-    oil = Unit.load("axis_a").oil
-    assert float(viscosity(oil, temperature)) == pytest.approx(
-        float(plant_oil.viscosity(oil, temperature)), rel=1e-9
-    )
 
 
 @given(st.floats(-5e4, 5e6), st.floats(1.0, 1.6))
@@ -42,10 +33,6 @@ def test_resolution_is_the_quantum_of_a_quantised_signal(quantum: float, seed: i
     assert resolution(quantum * np.rint(signal)) == pytest.approx(quantum, rel=1e-3)
 
 
-def test_a_smooth_signal_has_no_resolution() -> None:
-    assert resolution(np.random.default_rng(0).normal(0.0, 1.0, 5000)) is None
-
-
 def test_noise_is_that_of_the_low_frequencies() -> None:
     """Band-limited noise with a tone: neighbours differ little, the density below 100 Hz is three times."""
     rng = np.random.default_rng(3)
@@ -61,13 +48,6 @@ def test_noise_is_taken_where_nothing_moves() -> None:
     moving = np.where(time < 20.0, 0.0, 50.0 * np.sin(2 * np.pi * 30.0 * time))
     assert effective_noise(rng.normal(0.0, 1.0, time.size) + moving, 1e-3) == pytest.approx(1.0, rel=0.12)
     assert effective_noise(np.zeros(100), 1e-3) is None
-
-
-def test_friction_curve_is_eq_5_12() -> None:
-    branch = Unit.load("axis_a").friction.reverse
-    speed = np.array([0.0, 0.007, 10.0])
-    expected = [448.0, 113.0 + 335.0 * np.exp(-1.0) + 123.0 * 0.007, 113.0 + 1230.0]
-    np.testing.assert_allclose(curve(branch, speed), expected, rtol=1e-6)
 
 
 def _gusty(seed: int, factor: float, gust: float) -> tuple[Record, Unit]:
