@@ -25,18 +25,6 @@ COMPILING = {
 }
 MODULES = sorted(p for package in ("fdd", "estimators", "reports") for p in (ROOT / package).rglob("*.py"))
 
-FORCES = """
-import numpy as np
-from estimators.eha import layout, model as eha, noise
-from estimators.eha.forces import balance_forces as called
-x, P = np.zeros(eha.STATES), np.eye(eha.STATES)
-q, c = np.ones(1, eha.PARAMETERS)[0], np.zeros(1, noise.NOISE)[0]
-memory = np.zeros(1, layout.MEMORY)[0]
-x[eha.V], x[eha.P1], q.sliding_velocity, q.static_forward = 0.5, 2.0, 0.1, 2.0
-memory.slid, memory.direction = 1e3, 1.0
-called(x, P, 20.0, 1.0, q, c, memory)
-result = x[eha.LOAD]
-"""
 THIN = """
 import numpy as np
 from fdd.plant import conditions
@@ -73,7 +61,6 @@ LEVEL = (
     "    level = coulomb + 7.0 * excess\n",
 )
 EDITS = {
-    "called by the estimators": (FORCES, *LEVEL),
     "called by the benchmark": (CURVE, *LEVEL),
     "inlined by the plant": (
         THIN,
@@ -167,46 +154,6 @@ def test_where_nothing_can_be_written_it_says_so_and_compiles(installed: Path) -
         assert value == pytest.approx(uncompiled(installed, THIN), rel=1e-9)
         assert hits == 0
         assert said.count("set NUMBA_CACHE_DIR to a folder that can be written") == 1
-
-
-@pytest.mark.slow
-def test_a_file_of_another_signature_is_not_used(installed: Path, tmp_path: Path) -> None:
-    """Numba numbers its files by an index that two processes may write at once."""
-    (installed / "halved.py").write_text(
-        "from pathlib import Path\n"
-        "from estimators.compiled import compiler\n"
-        "@compiler(Path(__file__).parent / 'estimators')()\n"
-        "def called(x):\n    return x / 2\n"
-    )
-    kept = tmp_path / "kept"
-    for argument, half in (("3", 1.5), ("5.0", 2.5)):
-        program = f"from halved import called\nresult = called({argument})"
-        assert run(installed, program, NUMBA_CACHE_DIR=str(kept))[0] == half
-    one, two = sorted(kept.rglob("halved.*.nbc"))
-    shutil.copy(one, two)
-    assert run(installed, program, NUMBA_CACHE_DIR=str(kept))[:2] == (2.5, 0)
-
-
-@pytest.mark.slow
-def test_kept_code_runs_without_the_compiler_and_new_code_finds_it(installed: Path, tmp_path: Path) -> None:
-    (installed / "solved.py").write_text(
-        "from pathlib import Path\n"
-        "import numpy as np\n"
-        "from estimators.compiled import compiler\n"
-        "@compiler(Path(__file__).parent / 'estimators')()\n"
-        "def called(a, b):\n    return np.linalg.solve(a, b @ np.ones(2))\n"
-    )
-    program = (
-        "import sys, numba, numpy as np\n"
-        "from solved import called\n"
-        "a = np.diag([2.0, 4.0])\n"
-        "result = called(a, np.ones((2, 2))).sum()\n"
-        "result += 10.0 * ('numba.np.arraymath' not in sys.modules)\n"
-        "result += numba.njit(lambda x: np.linalg.inv(x)[0, 0])(a)\n"
-    )
-    kept = str(tmp_path / "kept")
-    assert run(installed, program, NUMBA_CACHE_DIR=kept)[:2] == (1.5 + 0.5, 0)
-    assert run(installed, program, NUMBA_CACHE_DIR=kept)[:2] == (1.5 + 10.0 + 0.5, 1)
 
 
 def test_the_key_is_of_names_and_contents(tmp_path: Path) -> None:

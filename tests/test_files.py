@@ -9,15 +9,10 @@ from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from threading import Barrier
 
-import numpy as np
 import pytest
 
 from fdd.errors import InputError
 from fdd.files import require_writable, whole_file, write_text
-from fdd.logs.mcap_writing import write_run
-from fdd.logs.tabular_writing import write_csv, write_parquet
-from fdd.samples import Samples
-from fdd.unit import Unit
 
 
 @pytest.fixture(params=[0o022, 0o077, 0o002])
@@ -36,17 +31,6 @@ def test_the_file_is_as_readable_as_any_other(umask: int, tmp_path: Path) -> Non
     plain.touch()
     write_text(tmp_path / "text", "x")
     assert mode(tmp_path / "text") == mode(plain) == 0o666 & ~umask
-
-
-def test_logs_and_profiles_are_as_readable_as_any_other(umask: int, tmp_path: Path) -> None:
-    samples = Samples(np.arange(3) * 1e-3, {"position": np.zeros(3)})
-    write_csv(tmp_path / "a.csv", samples)
-    write_parquet(tmp_path / "a.parquet", samples)
-    write_run(tmp_path / "a.mcap", samples, axis="a")
-    Unit.load("axis_a").save(tmp_path / "a.yaml")
-    assert {f.name: mode(f) for f in tmp_path.iterdir()} == dict.fromkeys(
-        ("a.csv", "a.parquet", "a.mcap", "a.yaml"), 0o666 & ~umask
-    )
 
 
 def test_nothing_has_the_name_until_it_is_whole(tmp_path: Path) -> None:
@@ -70,19 +54,6 @@ def test_a_failure_leaves_what_was_there(tmp_path: Path, error: type[BaseExcepti
         raise error("told")
     assert target.read_text() == "the old one"
     assert list(tmp_path.iterdir()) == [target]
-
-
-def test_a_failure_leaves_nothing_where_nothing_was(tmp_path: Path) -> None:
-    with pytest.raises(ZeroDivisionError), whole_file(tmp_path / "run.csv") as temporary:
-        temporary.write_text("half")
-        raise ZeroDivisionError
-    assert list(tmp_path.iterdir()) == []
-
-
-def test_a_writer_that_removes_its_file_hides_no_error(tmp_path: Path) -> None:
-    with pytest.raises(ZeroDivisionError), whole_file(tmp_path / "run.csv") as temporary:
-        temporary.unlink()
-        raise ZeroDivisionError
 
 
 @pytest.mark.parametrize("call", ["replace", "open"])

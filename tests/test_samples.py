@@ -78,11 +78,6 @@ def test_whole_numbers_and_missing_values_are_taken() -> None:
     assert np.isnan(s.get("pressure_1")).all() and s.get("pressure_1").shape == (3,)
 
 
-def test_an_empty_log_is_possible() -> None:
-    s = Samples([], {"position": []})
-    assert (len(s), s.duration, repr(s)) == (0, 0.0, "Samples(empty)")
-
-
 @given(samples(), st.integers(0, 70), st.integers(0, 70))
 def test_rows_are_the_slices_and_views(s: Samples, a: int, b: int) -> None:
     part = s.rows(a, b)
@@ -121,10 +116,6 @@ def test_a_channel_that_a_block_lacks_is_missing_there() -> None:
 def test_blocks_out_of_order_are_refused() -> None:
     with pytest.raises(InputError, match=r"channel time, row 1: 0\.000000 s after 1\.000000 s"):
         Samples.concatenate([Samples([1.0], {}), Samples([0.0], {})])
-
-
-def test_joining_nothing_gives_an_empty_log() -> None:
-    assert len(Samples.concatenate([])) == 0
 
 
 @given(samples(least=1))

@@ -10,13 +10,13 @@ from scipy.signal import butter, cont2discrete, lfilter
 
 from fdd.plant.details import Details
 from fdd.unit import Unit
-from reports.thesis.findings import Figures
 from reports.thesis.frequency_response import TransferFunction
 from reports.thesis.response import HIGH, HIGH_SPEED, LOW, respond
 from reports.thesis.runs import (
     PERIOD,
     VOLT,
     Beside,
+    Figures,
     changed,
     holding_leakage,
     hydraulic_gain,
