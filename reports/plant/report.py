@@ -27,8 +27,6 @@ from reports.plant.wild import Outcome, try_wild
 from reports.writing import (
     FOLDER,
     OutOption,
-    Panel,
-    draw,
     load_now,
     made_by,
     require_folder,
@@ -36,7 +34,6 @@ from reports.writing import (
     write_report,
 )
 
-PICTURE = "performance-work.png"
 GOAL = 300.0
 """Times real time that one axis with everything on is to run at."""
 
@@ -69,22 +66,14 @@ class Measured:
 
 def plant(
     out: OutOption = FOLDER,
-    repeats: Annotated[int, typer.Option(min=1, max=100, help="Runs of each that is timed.")] = 5,
     wild: Annotated[int, typer.Option(min=0, max=100_000, help="Random scenarios, or none.")] = 2000,
-    halving: Annotated[
-        float, typer.Option(min=0.0, max=600.0, help="s run with half steps, or none.")
-    ] = 60.0,
-    radau: Annotated[float, typer.Option(min=0.0, max=60.0, help="s run beside Radau, or none.")] = 2.0,
     quick: Annotated[bool, typer.Option("--quick", help="A minute: rough figures.")] = False,
 ) -> None:
     """Measure how fast, exact and robust the plant is, beside SciPy's solvers (half an hour)."""
-    require_folder(out, pictures=True)
-    plan = Plan(repeats=repeats, wild=wild, halving_duration=halving, radau_duration=radau)
-    if quick:
-        plan = Plan(5.0, 2, 0.1, min(halving, 3.0), min(radau, 0.05), min(wild, 20))
+    require_folder(out)
+    plan = Plan(5.0, 2, 0.1, 3.0, 0.05, min(wild, 20)) if quick else Plan(wild=wild)
     with progress("measuring the plant", 1.0) as advance:
         found = measure(plan, advance)
-    draw_work(found.work, out / PICTURE)
     slowest = min(found.real_time, key=lambda each: each.whole)
     print(f"Slowest case, {slowest.case}: {slowest.whole:.0f} times real time")
     print(f"{sum(bool(o.failures) for o in found.wild)} of {len(found.wild)} random runs left physics")
@@ -110,22 +99,6 @@ def measure(plan: Plan, progress: Callable[[float], None] = lambda share: None) 
             found.wild.append(try_wild(seed))
             progress(0.4 + 0.6 * (seed + 1) / plan.wild)
     return found
-
-
-def draw_work(work: Sequence[Work], path: Path) -> None:
-    """Draw error over processor time, position and pressure difference side by side."""
-    panels = []
-    for quantity, unit in (("position", "m"), ("pressure", "Pa")):
-        curves = []
-        for solver, style in zip(
-            dict.fromkeys(p.solver for p in work), ("o-", "s-", "^-", "D-"), strict=False
-        ):
-            points = [p for p in work if p.solver == solver]
-            curves.append(([p.cpu for p in points], [getattr(p, quantity) for p in points], style, solver))
-        settings = {"xscale": "log", "yscale": "log", "xlabel": "processor time per second simulated (s)",
-                    "ylabel": f"rms error of {quantity} ({unit})"}  # fmt: skip
-        panels.append(Panel(curves, settings, at_x={1.0: "real time"}))
-    draw(path, panels, columns=2)
 
 
 def report_lines(found: Measured) -> list[str]:

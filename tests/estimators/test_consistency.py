@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from scipy import signal, stats
 
@@ -18,7 +18,6 @@ from estimators import (
 )
 
 
-@settings(max_examples=100, deadline=None)
 @given(dim=st.integers(1, 20), n=st.integers(1, 100_000), probability=st.floats(0.01, 0.999_999))
 def test_band_equals_scipys_chi_square(dim: int, n: int, probability: float) -> None:
     low, high = nis_band(dim, n, probability)

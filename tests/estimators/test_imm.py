@@ -10,7 +10,7 @@ import pytest
 import scipy.linalg
 import scipy.special
 import scipy.stats
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from estimators import IMM, SVSF, ExtendedKalmanFilter, run_bank, transition_matrix
@@ -70,7 +70,6 @@ def close(one, other, names=SHARED, rtol=1e-10) -> None:
         )
 
 
-@settings(max_examples=40, deadline=None)
 @given(**problem, peers=st.booleans())
 def test_equals_filterpys_imm_at_every_step(seed, r, n, m, peers) -> None:
     """With our filters in ours, and with filterpy's filters in ours."""
@@ -118,7 +117,6 @@ def test_a_bank_of_one_is_the_filter_itself(kind) -> None:
     assert bank.mode == 0
 
 
-@settings(max_examples=80, deadline=None)
 @given(seed=problem["seed"], r=st.integers(1, 5), n=problem["n"])
 def test_mixing_conserves_probability_mean_and_second_moment(seed, r, n) -> None:
     rng = np.random.default_rng(seed)

@@ -37,7 +37,7 @@ def test_mode_probabilities_survive_any_likelihood() -> None:
     np.testing.assert_allclose(mu, np.exp(log_mu), rtol=1e-8, atol=1e-290)
 
 
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=25)
 @given(**problem, correlated=st.booleans())
 def test_compiled_log_equals_the_class(seed, r, n, m, correlated) -> None:
     rng = np.random.default_rng(seed)
@@ -103,7 +103,6 @@ def test_probabilities_and_covariances_are_honest_on_the_model_itself() -> None:
     assert low < np.mean(nees) < high
 
 
-@settings(max_examples=60, deadline=None)
 @given(seed=problem["seed"], r=st.integers(1, 5), dt=st.floats(0.0, 30.0), more=st.floats(0.0, 30.0))
 def test_transitions_are_those_of_a_chain_in_continuous_time(seed, r, dt, more) -> None:
     rng = np.random.default_rng(seed)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from estimators import SVSF, ExtendedKalmanFilter
@@ -36,7 +36,6 @@ def channels(n: int, share: float) -> int:
     return 1 + round(share * (n - 1))
 
 
-@settings(max_examples=80, deadline=None)
 @given(**problem)
 def test_the_optimal_layer_turns_the_svsf_gain_into_the_kalman_gain(seed, n, m_share) -> None:
     """The identity behind the switch, from the published formula with a full layer matrix."""
@@ -56,7 +55,6 @@ def test_the_optimal_layer_turns_the_svsf_gain_into_the_kalman_gain(seed, n, m_s
     np.testing.assert_allclose(K, svsf.K, rtol=1e-6, atol=1e-9)
 
 
-@settings(max_examples=60, deadline=None)
 @given(**problem)
 def test_unmeasured_states_follow_through_the_covariance(seed, n, m_share) -> None:
     """delta = H+ k + (I - H+ H) K_ekf e, computed in full, with its second term."""
@@ -142,7 +140,6 @@ def written_out(svsf: SVSF, z: np.ndarray, psi: np.ndarray, psi_y: np.ndarray) -
     return np.linalg.inv(T) @ np.vstack([upper, lower])
 
 
-@settings(max_examples=80, deadline=None)
 @given(seed=problem["seed"], n=st.integers(1, 5), layer=st.sampled_from(["fixed", "variable"]))
 def test_full_form_equals_subspace_form_when_all_is_measured(seed: int, n: int, layer: str) -> None:
     rng = np.random.default_rng(seed)
@@ -161,7 +158,6 @@ def test_full_form_equals_subspace_form_when_all_is_measured(seed: int, n: int, 
         )
 
 
-@settings(max_examples=80, deadline=None)
 @given(seed=problem["seed"], n=st.integers(1, 4), form=st.sampled_from(["full", "subspace", "reduced"]))
 def test_inside_the_limit_every_form_is_the_kalman_filter(seed: int, n: int, form: str) -> None:
     """n measured states, and but for the full form as many unmeasured ones."""
@@ -180,7 +176,6 @@ def test_inside_the_limit_every_form_is_the_kalman_filter(seed: int, n: int, for
         np.testing.assert_array_equal(getattr(svsf, name), getattr(kf, name), err_msg=name)
 
 
-@settings(max_examples=100, deadline=None)
 @given(seed=problem["seed"], m=st.integers(1, 3))
 def test_generalised_optimal_layer_turns_the_reduced_gain_into_the_kalman_gain(seed: int, m: int) -> None:
     """psi_z and psi_y as full matrices, by the published formulas, in the gain without sat."""
@@ -216,7 +211,6 @@ def test_generalised_optimal_layer_turns_the_reduced_gain_into_the_kalman_gain(s
     np.testing.assert_allclose(svsf.P, theory, rtol=1e-6, atol=1e-7)
 
 
-@settings(max_examples=100, deadline=None)
 @given(seed=problem["seed"], m=st.integers(1, 4), unseen=st.integers(1, 4))
 def test_reduced_form_equals_the_formulas_written_out(seed: int, m: int, unseen: int) -> None:
     rng = np.random.default_rng(seed)
@@ -236,7 +230,6 @@ def test_reduced_form_equals_the_formulas_written_out(seed: int, m: int, unseen:
     np.testing.assert_allclose(svsf.P, joseph, rtol=1e-6, atol=1e-8 * np.abs(joseph).max())
 
 
-@settings(max_examples=80, deadline=None)
 @given(seed=problem["seed"], m=st.integers(1, 3), form=st.sampled_from(["full", "subspace", "reduced"]))
 def test_outside_the_layer_every_form_contracts_by_gamma(seed: int, m: int, form: str) -> None:
     rng = np.random.default_rng(seed)
@@ -302,7 +295,6 @@ def test_a_combination_of_states_can_be_measured_when_told_which_count_as_unmeas
     assert svsf.e_post[0] == pytest.approx(0.0, abs=1e-12)
 
 
-@settings(max_examples=60, deadline=None)
 @given(seed=problem["seed"], n=st.integers(1, 5))
 def test_condition_does_not_depend_on_units(seed: int, n: int) -> None:
     rng = np.random.default_rng(seed)

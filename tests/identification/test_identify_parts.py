@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from scipy.signal import butter, sosfilt
 
@@ -25,7 +25,6 @@ def test_shrinkage_is_the_integral_of_compliance(pressure: float, index: float) 
     assert -float(slope) == pytest.approx(float(air_compliance(pressure, index)), rel=1e-4)
 
 
-@settings(max_examples=40, deadline=None)
 @given(st.floats(1e-7, 1e3), st.integers(0, 2**32 - 1))
 def test_resolution_is_the_quantum_of_a_quantised_signal(quantum: float, seed: int) -> None:
     rng = np.random.default_rng(seed)

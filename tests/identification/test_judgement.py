@@ -95,15 +95,14 @@ def test_a_bias_that_comes_within_a_log_is_a_limit(healthy: list[Samples]) -> No
 
 @pytest.mark.parametrize(
     ("factor", "said"),
-    [(1e-5, "bar read as Pa"), (1e-2, "bar read as kPa"), (0.1, "times what they should be"),
-     (10.0, "times what they should be"), (1e2, "kPa read as bar"), (1e3, "unit"), (1e5, "unit")],
+    [(1e-5, "bar read as Pa"), (0.1, "times what they should be"), (1e2, "kPa read as bar"), (1e5, "unit")],
 )  # fmt: skip
 def test_pressures_in_another_unit(healthy: list[Samples], factor: float, said: str) -> None:
     sentence = refused([scaled(log, factor, *PRESSURES) for log in healthy])
     assert said in sentence and "pressure" in sentence and "unit" in sentence
 
 
-@pytest.mark.parametrize("factor", [1e-2, 0.1, 10.0, 1e2])
+@pytest.mark.parametrize("factor", [1e-2, 10.0])
 def test_the_difference_alone_in_another_unit(healthy: list[Samples], factor: float) -> None:
     logs = [scaled(only(log, *MINIMAL), factor, "pressure_difference") for log in healthy]
     assert "pressure" in (line := refused(logs)) and "unit" in line

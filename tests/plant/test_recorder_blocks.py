@@ -74,7 +74,6 @@ WHOLE = recorded([])
 
 
 @given(st.lists(st.integers(0, ROWS), max_size=12))
-@settings(max_examples=60, deadline=None)
 def test_any_blocks_give_the_same_bits(edges: list[int]) -> None:
     cut = recorded(edges)
     assert list(cut.columns) == list(WHOLE.columns)
@@ -90,7 +89,7 @@ def test_single_rows_give_the_same_bits() -> None:
 
 
 @given(st.lists(st.integers(0, ROWS), max_size=6))
-@settings(max_examples=30, deadline=None)
+@settings(max_examples=30)
 def test_lateness_does_not_depend_on_the_blocks(edges: list[int]) -> None:
     whole = Lateness(RECORDING, 10, 3).steps(ROWS)
     cut = Lateness(RECORDING, 10, 3)
@@ -164,7 +163,6 @@ def test_a_slip_jumps_once_a_second_by_a_millimetre_and_stays_in_its_play() -> N
 
 
 @given(st.integers(0, 30_000), st.integers(0, 3000))
-@settings(max_examples=40, deadline=None)
 def test_the_controller_can_ask_for_any_rows_of_the_slip(first: int, n: int) -> None:
     spec = fault("position_sensor_slip", 0.6, onset=1.0, profile="ramp", ramp=10.0)
     whole = position_offset([spec], 0, 33_000, seed=4)

@@ -82,7 +82,7 @@ def test_a_duty_beyond_the_stroke_and_a_chamber_empty_within_it_are_refused():
 
 @pytest.mark.parametrize("name", DUTIES)
 @pytest.mark.parametrize("mode", ["position", "speed"])
-@settings(max_examples=8, deadline=None)
+@settings(max_examples=8)
 @given(seed=st.integers(0, 2**32), rows=st.integers(1, 9000))
 def test_duties_stay_within_their_amplitude_and_rest_first(name, mode, seed, rows):
     duty = DUTIES[name](offset=0.01, lead_in=0.3)
@@ -167,7 +167,7 @@ def test_the_units_spread_of_friction_varies_from_run_to_run():
     )
 
 
-@settings(max_examples=12, deadline=None)
+@settings(max_examples=12)
 @given(st.lists(st.floats(0.85, 1.15), min_size=8, max_size=8), st.integers(0, 1000))
 def test_units_within_fifteen_percent_are_simulated(scale, seed):
     unit = UNIT.model_copy(deep=True)
