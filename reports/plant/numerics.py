@@ -143,9 +143,9 @@ def work_precision(case: Case, duration: float, repeats: int) -> tuple[list[Work
         if states.shape[0] < commands.shape[0]:
             return None
         off = states - reference
-        pressure = off[:, s.SHARED + s.P1] - off[:, s.SHARED + s.P2]
-        rms = [float(np.sqrt(np.mean(x**2))) for x in (off[:, s.X], pressure)]
-        return Work(solver, setting, *rms, median(costs) / duration, evaluations / duration)
+        drop = off[:, s.SHARED + s.P1] - off[:, s.SHARED + s.P2]
+        position, pressure = (float(np.sqrt(np.mean(x**2))) for x in (off[:, s.X], drop))
+        return Work(solver, setting, position, pressure, median(costs) / duration, evaluations / duration)
 
     def own(refine: float) -> tuple[Array, float]:
         ready = case.prepared(duration, refine)

@@ -7,8 +7,9 @@ import pytest
 from fdd.residuals.tracking import METHODS
 from reports.estimators.cases import QUANTITIES
 from reports.estimators.measure import Measured, Plan, measure, measure_speed
-from reports.estimators.report import accuracy, coverage, draw_pictures, goals, report_lines
+from reports.estimators.report import draw_pictures, report_lines
 from reports.estimators.runs import CHECKS, GRID
+from reports.estimators.summary import accuracy, coverage, goals
 
 NAME = "steps, none, all"
 TRUTH = np.array([6e-12, 2e8, 150.0, 60.0])
