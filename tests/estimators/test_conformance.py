@@ -167,20 +167,6 @@ def test_a_long_gap_makes_it_unsure_and_a_measurement_sure_again(case: Case) -> 
     assert np.trace(kf.P) < unsure
 
 
-@everyone
-def test_estimate_is_better_than_the_measurements(case: Case) -> None:
-    kf, rng, x = case.fresh(), np.random.default_rng(8), np.array([0.05, 0.0])
-    kf.x = x.reshape(np.shape(kf.x))
-    errors, noises = [], []
-    for i in range(1000):
-        u = 0.1 * np.sin(0.02 * i)
-        x, noise = swing(x, u, 0.01), rng.normal(size=2) * [0.01, 0.02]
-        feed(kf, np.array([u]), 0.01, seen(x) + noise)
-        errors.append(kf.x.reshape(-1) - x)
-        noises.append(noise)
-    assert (np.mean(np.square(errors), axis=0) < 0.8 * np.mean(np.square(noises), axis=0)).all()
-
-
 def test_the_guides_code_runs_and_does_what_the_guide_says() -> None:
     guide = Path(estimators.__file__).with_name("README.md").read_text(encoding="utf-8")
     blocks = re.findall(r"```python\n(.*?)```", guide, flags=re.DOTALL)

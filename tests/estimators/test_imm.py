@@ -13,7 +13,7 @@ import scipy.stats
 from hypothesis import given
 from hypothesis import strategies as st
 
-from estimators import IMM, SVSF, ExtendedKalmanFilter, run_bank, transition_matrix
+from estimators import IMM, ExtendedKalmanFilter, run_bank, transition_matrix
 from estimators.modes import mix, mixing_weights
 
 problem = {
@@ -97,24 +97,6 @@ def test_equals_filterpys_imm_at_every_step(seed, r, n, m, peers) -> None:
         possible = peer.likelihood > 1e-300
         np.testing.assert_allclose(ours.likelihood[possible], peer.likelihood[possible], rtol=1e-8)
         assert ours.log_likelihood == pytest.approx(np.log(weights @ peer.likelihood), abs=1e-8)
-
-
-@pytest.mark.parametrize("kind", [ExtendedKalmanFilter, SVSF])
-def test_a_bank_of_one_is_the_filter_itself(kind) -> None:
-    rng = np.random.default_rng(2)
-    options = {} if kind is ExtendedKalmanFilter else {"psi": 1.0}
-    mode = models(rng, 1, 3, 2)
-    alone = bank_of(kind, mode, **options)[0]
-    bank = IMM(bank_of(kind, mode, **options), None, [[1.0]])
-    for _ in range(100):
-        u, z = rng.normal(size=1), np.where(rng.random(2) < 0.2, np.nan, rng.normal(size=2))
-        for f in (alone, bank):
-            f.predict(u)
-            f.update(z)
-        for name in ("x", "P", "x_prior", "P_prior", "x_post", "P_post", "log_likelihood"):
-            np.testing.assert_array_equal(getattr(bank, name), getattr(alone, name), err_msg=name)
-    assert bank.mu.tolist() == [1.0]
-    assert bank.mode == 0
 
 
 @given(seed=problem["seed"], r=st.integers(1, 5), n=problem["n"])

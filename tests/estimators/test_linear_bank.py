@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import copy
 import re
 from pathlib import Path
 
@@ -65,20 +64,6 @@ def test_compiled_log_equals_the_class(seed, r, n, m, correlated) -> None:
         np.testing.assert_allclose(found.std[i] ** 2, np.diag(bank.P), rtol=1e-8)
         assert found.log_likelihood[i] == pytest.approx(bank.log_likelihood, abs=1e-9)
     np.testing.assert_allclose(found.modes[0], [f.x for f in bank.filters], rtol=1e-8, atol=1e-10)
-
-
-def test_a_log_may_be_cut_anywhere() -> None:
-    rng = np.random.default_rng(7)
-    mode, M, z, u = models(rng, 3, 2, 2), chain(rng, 3), rng.normal(size=(90, 2)), rng.normal(size=(90, 1))
-    whole = run_bank(z, u, **mode, M=M)
-    first = run_bank(z[:37], u[:37], **mode, M=M)
-    kept = copy.deepcopy(first.modes)
-    second = run_bank(z[37:], u[37:], **mode, M=M, start=first.modes)
-    for name in ("mu", "x", "std", "log_likelihood"):
-        joined = np.concatenate([getattr(first, name), getattr(second, name)])
-        np.testing.assert_allclose(joined, getattr(whole, name), rtol=1e-13, err_msg=name)
-    for part, before in zip(first.modes, kept, strict=True):
-        np.testing.assert_array_equal(part, before)
 
 
 def test_probabilities_and_covariances_are_honest_on_the_model_itself() -> None:

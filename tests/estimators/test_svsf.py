@@ -140,24 +140,6 @@ def written_out(svsf: SVSF, z: np.ndarray, psi: np.ndarray, psi_y: np.ndarray) -
     return np.linalg.inv(T) @ np.vstack([upper, lower])
 
 
-@given(seed=problem["seed"], n=st.integers(1, 5), layer=st.sampled_from(["fixed", "variable"]))
-def test_full_form_equals_subspace_form_when_all_is_measured(seed: int, n: int, layer: str) -> None:
-    rng = np.random.default_rng(seed)
-    psi = rng.uniform(0.1, 3.0, n)
-    options = {"psi": psi, "gamma": 0.3, "boundary_layer": layer}
-    full, subspace = SVSF(n, n, form="full", **options), SVSF(n, n, **options)
-    filled(rng, [full, subspace], well_conditioned(rng, n))
-    z = full.H @ full.x + 2.0 * rng.normal(size=n)
-    full.update(z)
-    subspace.update(z)
-    assert full.form_used == "full"
-    assert full.switched == subspace.switched
-    for name in ("x", "P", "K", "e_post", "psi_k"):
-        np.testing.assert_allclose(
-            getattr(full, name), getattr(subspace, name), rtol=1e-7, atol=1e-9, err_msg=name
-        )
-
-
 @given(seed=problem["seed"], n=st.integers(1, 4), form=st.sampled_from(["full", "subspace", "reduced"]))
 def test_inside_the_limit_every_form_is_the_kalman_filter(seed: int, n: int, form: str) -> None:
     """n measured states, and but for the full form as many unmeasured ones."""
@@ -174,41 +156,6 @@ def test_inside_the_limit_every_form_is_the_kalman_filter(seed: int, n: int, for
     assert not svsf.switched
     for name in ("x", "P", "K", "S"):
         np.testing.assert_array_equal(getattr(svsf, name), getattr(kf, name), err_msg=name)
-
-
-@given(seed=problem["seed"], m=st.integers(1, 3))
-def test_generalised_optimal_layer_turns_the_reduced_gain_into_the_kalman_gain(seed: int, m: int) -> None:
-    """psi_z and psi_y as full matrices, by the published formulas, in the gain without sat."""
-    rng = np.random.default_rng(seed)
-    H = np.hstack([np.eye(m), np.zeros((m, m))])
-    F = rng.normal(size=(2 * m, 2 * m))
-    F[:m, m:] = well_conditioned(rng, m)
-    F[m:, m:] = well_conditioned(rng, m)
-    svsf = SVSF(2 * m, m, psi=1e12, psi_y=1e12, boundary_layer="variable", form="reduced", gamma=0.3)
-    filled(rng, [svsf], H, F)
-    A = rng.normal(size=(2 * m, 2 * m))
-    A[m:, :m] += 2.0 * np.eye(m)  # P21 away from singular
-    svsf.P = A @ A.T + 0.1 * np.eye(2 * m)
-    P, R, e_post = svsf.P.copy(), svsf.R, svsf.e_post.copy()
-    z = svsf.x[:m] + rng.uniform(0.1, 2.0, m) * rng.choice([-1.0, 1.0], m)
-    e, gamma = z - svsf.x[:m], 0.3
-    S = P[:m, :m] + R
-    back = np.linalg.inv(F[:m, m:])
-    M = F[m:, m:] @ back
-    E_z = np.diag(np.abs(e) + gamma * np.abs(e_post))
-    E_y = np.diag(np.abs(M @ e) + gamma * np.abs(back @ e))
-    psi_z = np.linalg.inv(np.linalg.inv(E_z) @ P[:m, :m] @ np.linalg.inv(S))
-    psi_y = np.linalg.inv(np.linalg.inv(E_y) @ P[m:, :m] @ np.linalg.inv(S) @ np.linalg.inv(M))
-    K = np.vstack([E_z @ np.linalg.inv(psi_z), E_y @ np.linalg.inv(psi_y) @ M])
-    svsf.update(z)
-    assert svsf.form_used == "reduced"
-    np.testing.assert_allclose(svsf.psi_k, np.diag(psi_z), rtol=1e-6)
-    np.testing.assert_allclose(svsf.psi_k_y, np.diag(psi_y), rtol=1e-5, atol=1e-8 * np.abs(psi_y).max())
-    np.testing.assert_allclose(svsf.K, K, rtol=1e-5, atol=1e-8)
-    # P - K H P - P H' K' + K S K', as printed with the generalised layer.
-    Hx = svsf.H
-    theory = P - K @ Hx @ P - P @ Hx.T @ K.T + K @ S @ K.T
-    np.testing.assert_allclose(svsf.P, theory, rtol=1e-6, atol=1e-7)
 
 
 @given(seed=problem["seed"], m=st.integers(1, 4), unseen=st.integers(1, 4))

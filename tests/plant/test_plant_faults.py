@@ -59,21 +59,6 @@ def test_severity_one_is_what_the_catalogue_says(healthy, name, side, variant, l
     assert [label[key] for key in ("side", "variant", "law", "axis")] == [side, variant, law, axis]
 
 
-def test_faults_act_together():
-    specs = [
-        FaultSpec(fault="internal_leakage", severity=0.5, onset=1.0),
-        FaultSpec(fault="aeration", severity=0.5, onset=2.0),
-        FaultSpec(fault="pressure_sensor_bias", severity=0.5),
-    ]
-    both = run(*specs)
-    alone = run(*specs[:2])
-    assert len(both.labels) == 3
-    assert np.array_equal(both.truth["position"], alone.truth["position"])
-    last = both.truth["leakage"][-1], both.truth["bulk_modulus"][-1]
-    assert last[0] == pytest.approx(UNIT.pump.total_leakage + 6e-12, rel=1e-9)
-    assert last[1] < 0.7 * UNIT.oil.bulk_modulus
-
-
 @pytest.mark.parametrize("order", [1, -1])
 def test_degraded_oil_leaks_through_the_fault_too_in_either_order(order):
     faults = [{"fault": "internal_leakage", "severity": 1.0}, {"fault": "oil_degradation", "severity": 1.0}]

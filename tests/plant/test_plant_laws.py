@@ -165,17 +165,6 @@ def test_an_external_leak_empties_the_accumulator_at_its_time_and_then_the_low_s
     assert np.median(soft[-10_000:]) < 0.1 * np.median(soft[:1000])
 
 
-def test_the_thesiss_accumulator_runs_empty_of_a_tenth_of_that_leak():
-    """13 cm³, the unit axis_a_13cm3: seconds, and three kelvin of cold do the same."""
-    unit = Unit.load("axis_a_13cm3")
-    circuit = {"external_leakage": 1.0, "external_leakage_coefficient": 2e-12}
-    duty = {"name": "sines", "amplitude": 0.05}
-    leaking = _truth({}, unit, duty=duty, duration=15.0, circuit=circuit)
-    assert 2.0 < leaking.time[np.argmax(leaking["oil_stored"] < 0.0)] < 12.0
-    cooling = _truth({"heat_capacity": 1e8}, unit, duty=duty, duration=10.0, warming=-0.3)
-    assert cooling["oil_stored"][-1] < 0.0 < cooling["oil_stored"][0]
-
-
 def test_the_gas_is_adiabatic_when_quick_and_isothermal_when_slow():
     """p·Vⁿ of a single rod's strokes: n near 1.4 where they are quicker than the gas gives its heat."""
     cylinder = UNIT.cylinder.model_copy(update={"area_2": 0.7 * UNIT.cylinder.area_1})

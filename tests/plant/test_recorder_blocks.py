@@ -82,12 +82,6 @@ def test_any_blocks_give_the_same_bits(edges: list[int]) -> None:
         assert cut.columns[channel].tobytes() == values.tobytes(), channel
 
 
-def test_single_rows_give_the_same_bits() -> None:
-    cut = recorded(range(1, ROWS))
-    for channel, values in WHOLE.columns.items():
-        assert cut.columns[channel].tobytes() == values.tobytes(), channel
-
-
 @given(st.lists(st.integers(0, ROWS), max_size=6))
 @settings(max_examples=30)
 def test_lateness_does_not_depend_on_the_blocks(edges: list[int]) -> None:
