@@ -31,7 +31,6 @@ CHOICES = [
     for entry in (CATALOGUE[name] for name in PLANT_FAULTS)
     for choice in product(entry.sides or (None,), entry.variants or (None,), entry.laws or (None,))
 ]
-COURSES = ("step", "ramp", "intermittent", "exponential", "random")
 
 
 def healthy(time: np.ndarray = TIME) -> np.ndarray:
@@ -69,12 +68,6 @@ def test_a_fault_begins_at_its_onset_and_goes_with_its_severity(choice) -> None:
     assert np.array_equal(full[early], before[early]) and not np.array_equal(full[~early], before[~early])
     if choice[-1] != "conductance":  # of which severity is the exponent
         np.testing.assert_allclose(part - before, 0.4 * (full - before), rtol=1e-9, atol=1e-26)
-
-
-@pytest.mark.parametrize("name", PLANT_FAULTS)
-def test_no_two_choices_do_the_same(name) -> None:
-    found = {faulty(spec_of(*choice), time=TIME[:1]).tobytes() for choice in CHOICES if choice[0] == name}
-    assert len(found) == sum(choice[0] == name for choice in CHOICES)
 
 
 @pytest.mark.parametrize("fault", ["internal_leakage", "external_leakage"])
@@ -177,16 +170,6 @@ def test_the_order_in_which_faults_are_given_does_not_matter(chosen, data) -> No
     time = np.array([0.0, 1.0])
     first = faulty(*specs, time=time)
     assert np.array_equal(first, faulty(*data.draw(st.permutations(specs)), time=time))
-
-
-@given(cut=st.integers(1, 3999), profile=st.sampled_from(COURSES))
-def test_rows_do_not_depend_on_how_the_run_is_cut(cut, profile) -> None:
-    specs = [
-        FaultSpec(fault="pump_wear", severity=0.7, onset=0.9, profile=profile, ramp=1.7, period=0.6),
-        FaultSpec(fault="external_leakage", severity=0.3, onset=0.1, side=2, profile=profile),
-    ]
-    parts = [faulty(*specs, time=part) for part in (TIME[:cut], TIME[cut:])]
-    assert np.array_equal(np.concatenate(parts), faulty(*specs))
 
 
 def test_a_fault_stays_on_its_axis() -> None:

@@ -6,9 +6,8 @@ import numpy as np
 import pytest
 
 from fdd.plant import state as s
-from fdd.unit import Unit
 from reports.plant.cases import Case, Cases
-from reports.plant.numerics import against_half_steps, against_radau, unseen
+from reports.plant.numerics import against_half_steps, against_radau
 
 CASES = {case.name: case for case in Cases().numerics}
 
@@ -58,11 +57,3 @@ def test_refining_converges_fast():
     assert all(finer < coarser for coarser, finer in pairwise(errors))
     assert errors[0] / errors[-1] > 8.0**4
     assert errors[1] < 1.0
-
-
-def test_what_a_sensor_cannot_see():
-    unit = Unit.load("axis_a")
-    assert unseen(unit, "position") == pytest.approx(1e-6 / np.sqrt(12.0))
-    assert unseen(unit, "pump_angle") == pytest.approx(2.0 * np.pi / 65536 / np.sqrt(12.0))
-    pressure = unit.sensor("pressure_difference")
-    assert pressure.noise < unseen(unit, "pressure_difference") < 1.01 * pressure.noise

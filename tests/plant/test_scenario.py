@@ -6,7 +6,6 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from fdd.errors import InputError
-from fdd.plant.details import Details
 from fdd.plant.duty import DUTIES, Replay, duty_named
 from fdd.plant.load import LOADS, GustLoad, load_named
 from fdd.plant.scenario import Control, Recording, Scenario
@@ -165,42 +164,6 @@ def test_the_units_spread_of_friction_varies_from_run_to_run():
     assert np.std(draws) == pytest.approx(
         UNIT.friction.forward.coulomb * UNIT.friction.trial_spread, rel=0.15
     )
-
-
-@settings(max_examples=12)
-@given(st.lists(st.floats(0.85, 1.15), min_size=8, max_size=8), st.integers(0, 1000))
-def test_units_within_fifteen_percent_are_simulated(scale, seed):
-    unit = UNIT.model_copy(deep=True)
-    for part, name, by in zip(
-        (unit.cylinder,) * 3 + (unit.pump,) * 2 + (unit.oil, unit.drive, unit.accumulator),
-        (
-            "area_1", "moving_mass", "volume_1", "displacement", "cross_port_leakage",
-            "bulk_modulus", "delay", "charge_pressure",
-        ),
-        scale,
-        strict=True,
-    ):  # fmt: skip
-        setattr(part, name, getattr(part, name) * by)
-    duty = duty_named("prbs", amplitude=0.01)
-    truth = simulate(unit, Scenario(duration=1.5, duty=duty, seed=seed)).truth
-    assert all(np.isfinite(column).all() for column in truth.columns.values())
-    assert np.abs(truth["oil_mass"] / truth["oil_mass"][0] - 1.0).max() < 1e-6
-    assert truth["leakage"][0] == pytest.approx(unit.pump.total_leakage, rel=1e-9)
-
-
-def test_stiff_details_stay_stable():
-    """The stiffest bristles and stops that a scenario may ask for, driven hard."""
-    details = Details(bristle_stiffness=3e7, bristle_damping=2.0, stop_stiffness=1e8, pump_ripple=0.2)
-    light = UNIT.model_copy(update={"cylinder": UNIT.cylinder.model_copy(update={"moving_mass": 3.0})})
-    worn = [{"fault": "seal_wear", "severity": 1.0}]
-    for duty in ("prbs", "steps"):
-        scenario = Scenario(
-            duration=4.0, duty=duty_named(duty, speed=314.0), control=Control(mode="speed"), details=details,
-            faults=worn,
-        )  # fmt: skip
-        truth = simulate(light, scenario).truth
-        assert np.abs(truth["velocity"]).max() < 0.5
-        assert np.abs(truth["friction_force"]).max() < 3e3
 
 
 def test_the_truth_is_documented_and_aligned():
