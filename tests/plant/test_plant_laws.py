@@ -42,7 +42,7 @@ def _steady_friction(law: str, v: float, pressure: float = 0.0, **details: float
 
 
 @pytest.mark.parametrize("law", ["elastoplastic", "lugre", "smooth"])
-@pytest.mark.parametrize("v", [0.02, 0.08, -0.02, -0.08])
+@pytest.mark.parametrize("v", [0.02, -0.08])
 def test_stribeck_laws_end_on_the_units_curve(law, v):
     """Eq. 5.12 is the steady friction of each of them."""
     branch = UNIT.friction.forward if v > 0.0 else UNIT.friction.reverse
