@@ -16,7 +16,7 @@ from fdd.diagnosis.model import AlarmTail, Calibration, Model
 from fdd.logs import ChannelMap
 
 # The same examples on every run, and no deadlines: the first call of a compiled function takes seconds.
-settings.register_profile("repeatable", derandomize=True, deadline=None)
+settings.register_profile("repeatable", derandomize=True, deadline=None, max_examples=40)
 settings.load_profile("repeatable")
 
 

@@ -22,12 +22,6 @@ def test_the_line_names_place_problem_and_mend_in_that_order() -> None:
     )
 
 
-def test_place_and_mend_may_be_left_out() -> None:
-    assert str(InputError("no rows")) == "no rows"
-    assert str(InputError("no rows", where="a.csv")) == "a.csv: no rows"
-    assert str(InputError("no rows", mend="record some")) == "no rows; record some"
-
-
 @given(text, st.none() | text, st.none() | text)
 def test_always_one_line_whatever_it_quotes(problem: str, where: str | None, mend: str | None) -> None:
     assert len(str(InputError(problem, where=where, mend=mend)).splitlines()) <= 1
@@ -37,7 +31,3 @@ def test_at_puts_the_file_before_the_place_in_it() -> None:
     inner = InputError("not a number", where="pump.displacement", mend="correct that field")
     assert str(inner.at("unit.yaml")) == "unit.yaml: pump.displacement: not a number; correct that field"
     assert str(InputError("empty").at("unit.yaml")) == "unit.yaml: empty"
-
-
-def test_library_callers_may_catch_it_as_a_value_error() -> None:
-    assert issubclass(InputError, ValueError)

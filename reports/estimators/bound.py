@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimators.eha import model as eha
+from estimators.eha.update import MOVING, propagate
 from estimators.kernels import scalar_update
 from reports.estimators.cases import Trajectory
 from reports.estimators.compiled import njit
@@ -68,7 +69,7 @@ def _eha_bound(
     n, motion = eha.STATES, eha.P2 + 1
     F, G = np.empty((n, n)), np.empty((n, 4))
     new, k_gain, scratch, diag, noise = np.empty(n), np.empty(n), np.empty(n), np.empty(n), np.empty(4)
-    moved = np.empty((motion, n))
+    moved, still = np.empty((MOVING, n)), np.zeros(n)
     noise[0], noise[1] = sizes.force**2, sizes.acceleration**2
     for i in range(n):
         diag[i] = walk[i] ** 2 * 1e-3
@@ -89,12 +90,14 @@ def _eha_bound(
         if k > 0:
             past = states[k - 1]
             eha.step(past, 1.0, viscosity[k - 1], p_acc[k - 1], x[eha.V], x[eha.W], q, new, F, G)
-            for i in range(motion):
-                for j in range(eha.FRIC, n):
-                    F[i, j] = 0.0
             sd1, sd2 = chamber_noise(past[eha.P1], past[eha.P2], p_acc[k - 1], known, sizes)
             noise[2], noise[3] = sd1 * sd1, sd2 * sd2
-            _predict(P, F, G, noise, diag, pull, moved)
+            propagate(P, F, G, noise, still, moved)
+            for i in range(motion, n):
+                P[i, :] *= 1.0 - 1e-3 * pull[i]
+                P[:, i] *= 1.0 - 1e-3 * pull[i]
+            for i in range(n):
+                P[i, i] += diag[i]
         if not pressures:
             low = 1.0 if x[eha.P1] <= x[eha.P2] else 0.0
             H[3, eha.P1], H[3, eha.P2] = low, 1.0 - low
@@ -123,34 +126,3 @@ def _eha_bound(
             for i in range(n):
                 out[wanted, i] = P[i, i]
             wanted += 1
-
-
-@njit(error_model="numpy")
-def _predict(P: Array, F: Array, G: Array, noise: Array, diag: Array, pull: Array, moved: Array) -> None:
-    """``P = F P F' + G diag(noise) G' + diag``; only the motion rows of F differ from the identity."""
-    motion, n = moved.shape
-    moved[:] = 0.0
-    for i in range(motion):
-        for k in range(n):
-            f = F[i, k]
-            if f != 0.0:
-                for j in range(n):
-                    moved[i, j] += f * P[k, j]
-    for i in range(motion):
-        for j in range(i, motion):
-            total = 0.0
-            for k in range(n):
-                total += moved[i, k] * F[j, k]
-            for c in range(noise.size):
-                total += G[i, c] * noise[c] * G[j, c]
-            P[i, j] = P[j, i] = total
-        for j in range(motion, n):
-            P[i, j] = P[j, i] = moved[i, j]
-    for i in range(motion, n):
-        if pull[i] > 0.0:
-            keep = 1.0 - 1e-3 * pull[i]
-            for j in range(n):
-                P[i, j] *= keep
-                P[j, i] *= keep
-    for i in range(n):
-        P[i, i] += diag[i]

@@ -2,152 +2,120 @@
 
 from __future__ import annotations
 
+import time
 import warnings
 import zlib
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import partial
-from typing import Any
+from importlib.util import find_spec
+from itertools import product
 
 import numpy as np
-from numpy.typing import NDArray
+import pandas as pd
 from threadpoolctl import threadpool_limits
 
 from fdd.campaign.units import for_each_unit
-from fdd.residuals.tracking import METHODS, estimates
-from reports.estimators.cases import CASES, DURATION, QUANTITIES, Case, quantities
+from fdd.plant.scenario import Recording, Scenario
+from fdd.plant.simulate import simulate
+from fdd.residuals.tracking import Channels, Tracking
+from fdd.unit import Unit
+from reports.estimators.cases import CASES, DURATION
+from reports.estimators.model import assumed
 from reports.estimators.peers import PEERS, run_peer
-from reports.estimators.runs import (
-    CHANGE,
-    HOUR,
-    WORLDS,
-    Outcome,
-    StepOutcome,
-    StillOutcome,
-    evaluate,
-    prepare,
-    step_run,
-    still_run,
-    true_and_bound,
-)
-from reports.estimators.speed import SpeedTable
-
-Array = NDArray[np.float64]
+from reports.estimators.runs import CHANGE, WORLDS, evaluate, peer_run, prepare, step_run
 
 PEER_CASES = ("steps, constant, all", "sines, spring, all", "sines, spring, minimum")
-PEER_DURATION = 8.0
-"""s; they are slow."""
-STILL_CASES = tuple(
-    Case("standstill", load, minimum=minimum) for minimum in (False, True) for load in ("none", "constant")
-)
-BY_NAME = {case.name: case for case in (*STILL_CASES, *CASES)}
+BY_NAME = {case.name: case for case in CASES}
+SEEDED_AS = {"runs": "run", "steps": "step", "peers": "peer"}
+"""What a run's seed is made of, so that a report can be made again."""
+AT_ONCE = 10
+"""Runs of a job."""
 
 
 @dataclass(frozen=True)
 class Plan:
-    """How much is measured.
-
-    Attributes
-    ----------
-    runs : of each case, and of each change of a parameter.
-    still, peers : runs of an hour at standstill in all, and runs of each case with filterpy.
-    duration, still_duration : s.
-    cases : which. stepped : quantities that are changed.
-    seed : fixes everything random.
-    """
+    """How much is measured: runs of each case and change, runs of each case beside filterpy, s of a run,
+    which cases, and which quantities are changed."""
 
     runs: int = 100
-    still: int = 10
     peers: int = 3
     duration: float = DURATION
-    still_duration: float = HOUR
-    cases: tuple[str, ...] = tuple(case.name for case in CASES)
+    cases: tuple[str, ...] = tuple(BY_NAME)
     stepped: tuple[str, ...] = tuple(CHANGE)
     seed: int = 0
 
 
-@dataclass(frozen=True)
-class PeerOutcome:
-    """filterpy beside the estimators on one short run.
-
-    Attributes
-    ----------
-    errors : (2 + methods, quantities, checks) of `PEERS`, then of `METHODS`; NaN where one was lost.
-    bound, truth : (quantities, checks).
-    """
-
-    errors: Array
-    bound: Array
-    truth: Array
-
-
-@dataclass
-class Measured:
-    """What was found, in the order of the jobs; keys are world and case, or world and quantity."""
-
-    plan: Plan
-    runs: dict[tuple[str, str], list[Outcome]] = field(default_factory=dict)
-    steps: dict[tuple[str, str], list[StepOutcome]] = field(default_factory=dict)
-    still: dict[tuple[str, str], list[StillOutcome]] = field(default_factory=dict)
-    peers: dict[tuple[str, str], list[PeerOutcome]] = field(default_factory=dict)
-    speed: SpeedTable | None = None
+Measured = dict[str, pd.DataFrame]
+"""Frames of `reports.estimators.runs` by kind (errors, consistency, steps, peers), each with the columns
+world, case (or the quantity that was changed) and run; and speed, see `measure_speed`. What was left out has
+none."""
 
 
 def measure(plan: Plan, workers: int = 1, progress: Callable[[float], None] = lambda share: None) -> Measured:
     """Measure everything but speed; the number of processes changes no figure."""
-    jobs = [f"still|plant|{STILL_CASES[i % 4].name}|{i}|{i + 1}" for i in range(plan.still)]  # the longest
-    peer_cases = [name for name in PEER_CASES if name in plan.cases]
-    jobs += [
-        f"peers|{w}|{name}|{i}|{i + 1}" for w in WORLDS for name in peer_cases for i in range(plan.peers)
+    of = {"peers": ([name for name in PEER_CASES if name in plan.cases], plan.peers, 1),
+          "runs": (plan.cases, plan.runs, AT_ONCE), "steps": (plan.stepped, plan.runs, AT_ONCE)}  # fmt: skip
+    jobs = [
+        f"{kind}|{world}|{name}|{first}|{min(first + step, runs)}"
+        for kind, (names, runs, step) in of.items()
+        for world, name, first in product(WORLDS, names, range(0, runs, step))
     ]
-    parts = [(i, min(i + 10, plan.runs)) for i in range(0, plan.runs, 10)]
-    for kind, names in (("runs", plan.cases), ("steps", plan.stepped)):
-        jobs += [f"{kind}|{w}|{name}|{a}|{b}" for w in WORLDS for name in names for a, b in parts]
-    found, work = Measured(plan), partial(_work, plan)
-    told = for_each_unit(work, jobs, workers=workers, progress=lambda n, total: progress(n / total))
-    for kind, world, name, result in told:
-        getattr(found, kind).setdefault((world, name), []).append(result)
-    return found
+    told = for_each_unit(
+        partial(_work, plan), jobs, workers=workers, progress=lambda n, total: progress(n / total)
+    )
+    return {
+        kind: pd.concat([frame for k, frame in told if k == kind], ignore_index=True)
+        for kind in dict.fromkeys(k for k, _ in told)
+    }
 
 
-SEEDED_AS = {"runs": "run", "steps": "step", "peers": "peer", "still": "still"}
-"""What a run's seed is made of, so that a report can be made again."""
-
-
-def _work(plan: Plan, job: str) -> list[tuple[str, str, str, Any]]:
+def _work(plan: Plan, job: str) -> list[tuple[str, pd.DataFrame]]:
     kind, world, name, first, last = job.split("|")
-    results: list[tuple[str, str, str, Any]] = []
+    found: list[tuple[str, pd.DataFrame]] = []
     with threadpool_limits(1), warnings.catch_warnings():
         # A filter that loses its covariance overflows; it is counted, and need not be told here too.
         warnings.simplefilter("ignore", RuntimeWarning)
-        for i in range(int(first), int(last)):
-            seed = (plan.seed, zlib.crc32(f"{SEEDED_AS[kind]}|{world}|{name}".encode()), i)
-            result: Any
+        for run in range(int(first), int(last)):
+            seed = (plan.seed, zlib.crc32(f"{SEEDED_AS[kind]}|{world}|{name}".encode()), run)
             if kind == "steps":
-                result = step_run(world, name, seed)
-            elif kind == "still":
-                result = still_run(BY_NAME[name], seed, plan.still_duration)
+                frames = {"steps": step_run(world, name, seed)}
             elif kind == "peers":
-                result = _beside_filterpy(world, BY_NAME[name], seed)
+                frames = {"peers": peer_run(world, BY_NAME[name], seed)}
             else:
-                result = evaluate(BY_NAME[name], prepare(world, BY_NAME[name], seed, plan.duration))
-            results.append((kind, world, name, result))
-    return results
+                case = BY_NAME[name]
+                pair = evaluate(case, prepare(world, case, seed, plan.duration))
+                frames = dict(zip(("errors", "consistency"), pair, strict=True))
+            found += [(k, frame.assign(world=world, case=name, run=run)) for k, frame in frames.items()]
+    return found
 
 
-def _beside_filterpy(world: str, case: Case, seed: tuple[int, ...]) -> PeerOutcome:
-    data = prepare(world, case, seed, PEER_DURATION)
-    decimation = data.tracking.trackers["ekf"].decimation
-    n = round(PEER_DURATION * 1e3)
-    ends = np.linspace(n // 2, n, 5).round().astype(np.int64) // decimation * decimation
-    model, viscosity = data.tracking.model, data.truth.viscosity[ends - 1]
-    errors = np.empty((len(PEERS) + len(METHODS), len(QUANTITIES), ends.size))
-    truth, bound = true_and_bound(case, data, ends - 1)
-    for i, name in enumerate(PEERS):
-        states, variances = run_peer(name, model, data.prior, data.block, case.minimum, ends - 1)
-        seen = np.ones(ends.size) if case.minimum else viscosity
-        errors[i] = quantities(states, variances, seen, data.unit, model)[0] - truth
-    for i, records in enumerate(data.tracking.push(data.block).values(), start=len(PEERS)):
-        values, _ = estimates(records, data.unit, model)
-        errors[i] = np.array([values[q][ends // decimation - 1] for q in QUANTITIES]) - truth
-    return PeerOutcome(errors, bound, truth)
+def measure_speed(
+    duration: float = 60.0, repeats: int = 9, peer_samples: int = 3000, seed: int = 1
+) -> pd.DataFrame:
+    """µs of processor time a sample (median, best) of both filters and of filterpy's EKF, by name.
+
+    On one simulated log of `duration` s with a spring load, one core, in turns: whatever else runs hits all.
+    """
+    unit, recording = Unit.load("axis_a"), Recording(dropped=0.0, late=0.0, nan_bursts_per_minute=0.0)
+    samples = simulate(
+        unit, Scenario(duration=duration, seed=seed, load={"name": "spring"}, recording=recording)
+    ).samples
+    tracking = Tracking(unit, Channels.of(samples), 1e-3)
+    block, prior, took = tracking.block(samples), assumed(tracking.trackers["ekf"]), dict[str, list[float]]()
+    for turn in range(repeats):
+        for method, tracker in tracking.trackers.items():
+            fresh = tracker.state()
+            tracker.push(block[:1000])  # compiling is not its work
+            tracker.restore(fresh)
+            began = time.process_time()
+            tracker.push(block)
+            took.setdefault(method.upper(), []).append((time.process_time() - began) / len(block))
+            tracker.restore(fresh)
+        if turn % 3 == 0 and find_spec("filterpy") is not None:
+            part, last = block[:peer_samples], np.array([peer_samples - 1])
+            began = time.process_time()
+            run_peer(PEERS[0], tracking.model, prior, part, False, last)
+            took.setdefault(PEERS[0], []).append((time.process_time() - began) / peer_samples)
+    rows = {name: {"median": 1e6 * np.median(s), "best": 1e6 * min(s)} for name, s in took.items()}
+    return pd.DataFrame.from_dict(rows, orient="index").assign(samples=len(block))

@@ -1,4 +1,4 @@
-"""What is run: a case in either world, a sudden change of one parameter, and an hour at standstill.
+"""What is run: a case in either world, filterpy beside it, and a sudden change of one parameter.
 
 In the plant world the estimators get axis A's profile, and the unit that is simulated differs from it as the
 filter's initial spread says: leakage, free air (and with it the bulk modulus), pump gain, the friction
@@ -12,20 +12,19 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+import pandas as pd
 from numpy.typing import NDArray
 
 from estimators.consistency import nis_band, squared_distance
 from estimators.eha import layout
 from estimators.eha import model as eha
 from fdd.plant.details import Details
-from fdd.plant.duty import Levels
 from fdd.plant.oil import air_compliance, viscosity_ratio
-from fdd.plant.programme import Programme
 from fdd.plant.scenario import Scenario
 from fdd.plant.sensors.recording import Recording
-from fdd.plant.simulate import simulate, stream
+from fdd.plant.simulate import simulate
 from fdd.plant.truth import Truth
-from fdd.residuals.tracking import METHODS, Channels, Tracking, estimates, observability
+from fdd.residuals.tracking import Channels, Tracking, estimates, observability
 from fdd.unit import Unit
 from reports.estimators import matched
 from reports.estimators.bound import eha_bound
@@ -42,6 +41,7 @@ from reports.estimators.cases import (
 )
 from reports.estimators.least_squares import Window, fit_balance
 from reports.estimators.model import Assumed, assumed, encoders_share, tested_channels
+from reports.estimators.peers import PEERS, run_peer
 
 Array = NDArray[np.float64]
 Rows = NDArray[np.int64]
@@ -62,9 +62,8 @@ ONSET, AFTER, BEFORE = 10.0, 6.0, 0.5
 GRID = np.arange(0.0, AFTER, 0.05)
 """s after the change at which the response is kept."""
 
-HOUR = 3600.0
-MOTION, SETTLED, EVERY = 20.0, 30.0, 1000
-"""s of motion before standstill, s from which on it counts, and ms between the rows that are kept."""
+PEER_DURATION = 8.0
+"""s; filterpy is slow."""
 
 
 @dataclass(frozen=True)
@@ -82,33 +81,6 @@ class Data:
     prior: Assumed
     block: Array
     truth: Trajectory
-
-
-@dataclass(frozen=True)
-class Outcome:
-    """What came of a run. Methods are `METHODS`, quantities `QUANTITIES`, checks `CHECKS` times; SI.
-
-    Attributes
-    ----------
-    truth : (quantities, checks).
-    errors, stds, flags : (methods, quantities, checks) estimate less truth, what the filter claims, whether
-        it calls the quantity observable.
-    bound : (quantities, checks) standard deviation.
-    fitted : (2, checks) error of least squares, leakage and bulk modulus.
-    nees : (methods,) of the four parameters at the end. scores : (methods, quantities) their errors in
-        sigmas.
-    nis : (methods, 3) mean over its expectation, and band; NaN where no channel can be tested.
-    """
-
-    truth: Array
-    errors: Array
-    stds: Array
-    flags: NDArray[np.bool_]
-    bound: Array
-    fitted: Array
-    nees: Array
-    scores: Array
-    nis: Array
 
 
 def prepare(
@@ -210,33 +182,45 @@ def plant_states(truth: Truth, profile: Unit, model: eha.Parameters, gain: float
     return Trajectory(x, truth["pressure_accumulator"] * 1e-6, viscosity)
 
 
-def evaluate(case: Case, data: Data) -> Outcome:
-    """Run both filters, the bound and least squares over one run's data."""
+def rows_of(method: str, **each: Array) -> pd.DataFrame:
+    """A row for each quantity and check; arrays (quantities, checks), SI."""
+    frame = pd.DataFrame({name: np.ravel(values) for name, values in each.items()})
+    checks = len(frame) // len(QUANTITIES)
+    return frame.assign(method=method, quantity=np.repeat(QUANTITIES, checks))
+
+
+def evaluate(case: Case, data: Data) -> tuple[pd.DataFrame, pd.DataFrame]:
+    """Run both filters, the bound and least squares over one run's data.
+
+    Returns
+    -------
+    errors : a row for each method, quantity and check: truth, bound (standard deviation), error (estimate
+        less truth), std (claimed), flag (whether the filter calls it observable), fitted (error of least
+        squares, NaN for friction); SI.
+    consistency : a row for each method: nees of the four parameters at the end, their errors in sigmas, nis
+        (mean over its expectation) and its band; NaN where no channel can be tested.
+    """
     truth, model, decimation = data.truth, data.tracking.model, data.tracking.trackers["ekf"].decimation
     n = truth.states.shape[0]
     window = min(round(WINDOW * 1e3), n // 2)
     ends = np.linspace(n - window, n, CHECKS).round().astype(np.int64) // decimation * decimation
-    true, stds = true_and_bound(case, data, ends - 1)
-    errors, claimed = np.empty((2, len(METHODS), len(QUANTITIES), CHECKS))
-    flags = np.empty(errors.shape, dtype=np.bool_)
-    nees, scores, nis = (
-        np.empty(len(METHODS)),
-        np.empty((len(METHODS), len(TRACKED))),
-        np.empty((len(METHODS), 3)),
-    )
+    true, bound = true_and_bound(case, data, ends - 1)
+    fitted = np.vstack([_fitted(case, data, ends, true), np.full((2, CHECKS), np.nan)])
     late = slice(int(NIS_FROM * n), None)
     driven = encoders_share(truth.states[late], data.prior.sizes)
     channels = tested_channels(
         truth.states[late], truth.accumulator[late], model, data.prior.sizes, minimum=case.minimum
     )
-    for m, (method, records) in enumerate(data.tracking.push(data.block).items()):
+    errors, consistency = [], []
+    for method, records in data.tracking.push(data.block).items():
         with np.errstate(invalid="ignore"):  # a filter that lost its covariance counts as not observable
             values, sigmas = estimates(records, data.unit, model)
         shown = observability(values, sigmas)
         at = ends // decimation - 1
-        for i, name in enumerate(QUANTITIES):
-            errors[m, i] = values[name][at] - true[i]
-            claimed[m, i], flags[m, i] = sigmas[name][at], shown[name][at]
+        found, std, flag = (np.array([x[q][at] for q in QUANTITIES]) for x in (values, sigmas, shown))
+        errors.append(
+            rows_of(method, truth=true, bound=bound, error=found - true, std=std, flag=flag, fitted=fitted)
+        )
         tracker = data.tracking.trackers[method]
         error = tracker.x[list(TRACKED)] - truth.states[-1, list(TRACKED)]
         if case.minimum:  # without the oil's temperature leakage is that of the oil as it is
@@ -245,10 +229,13 @@ def evaluate(case: Case, data: Data) -> Outcome:
         covariance = tracker.P[np.ix_(TRACKED, TRACKED)]
         wider = np.sqrt(records[-1]["variance"][list(TRACKED)] / np.diag(covariance))
         covariance = covariance * np.outer(wider, wider)
-        nees[m] = _nees(error, covariance)
-        scores[m] = error / np.sqrt(np.diag(covariance))
-        nis[m] = nis_of_run(records["nis"][int(NIS_FROM * records.size) :], decimation, channels, driven)
-    return Outcome(true, errors, claimed, flags, stds, _fitted(case, data, ends, true), nees, scores, nis)
+        nis = nis_of_run(records["nis"][int(NIS_FROM * records.size) :], decimation, channels, driven)
+        scores = error / np.sqrt(np.diag(covariance))
+        consistency.append({
+            "method": method, "nees": _nees(error, covariance), **dict(zip(QUANTITIES, scores, strict=True)),
+            **dict(zip(("nis", "nis_low", "nis_high"), nis, strict=True)),
+        })  # fmt: skip
+    return pd.concat(errors), pd.DataFrame(consistency)
 
 
 def _nees(error: Array, covariance: Array) -> float:
@@ -326,88 +313,48 @@ def nis_of_run(series: Array, decimation: int, channels: float, driven: float = 
     return (float(series.mean()) - driven) / channels, low, high
 
 
-@dataclass(frozen=True)
-class StepOutcome:
-    """Response of one run to a sudden change.
-
-    Attributes
-    ----------
-    half : (methods,) s until half of the change is followed; infinite where it never was.
-    response : (methods, len(GRID)) share of the change that is followed.
-    """
-
-    half: Array
-    response: Array
-
-
-def step_run(world: str, quantity: str, seed: tuple[int, ...]) -> StepOutcome:
+def step_run(world: str, quantity: str, seed: tuple[int, ...]) -> pd.DataFrame:
     """One run with a change of `quantity` by `CHANGE` at `ONSET`, all sensors, in motion.
 
     The change is that of the truth. Before it counts what the filter estimates there, right or wrong.
+
+    Returns
+    -------
+    A row for each method: half (s until half of the change is followed, infinite where it never was) and
+    response, (len(GRID),) share of the change that is followed.
     """
     data = prepare(world, STEP_CASE, seed, ONSET + AFTER, quantity)
     model, row = data.tracking.model, round(ONSET * 1e3)
     states, viscosity = (x[[row - 1, row + 2]] for x in (data.truth.states, data.truth.viscosity))
-    true = quantities(states, np.zeros_like(states), viscosity, data.unit, model)[0][
-        QUANTITIES.index(quantity)
-    ]
-    half, response = np.empty(len(METHODS)), np.empty((len(METHODS), GRID.size))
-    for m, records in enumerate(data.tracking.push(data.block).values()):
+    values, _ = quantities(states, np.zeros_like(states), viscosity, data.unit, model)
+    before, after = values[QUANTITIES.index(quantity)]
+    rows = []
+    for method, records in data.tracking.push(data.block).items():
         with np.errstate(invalid="ignore"):
             value = estimates(records, data.unit, model)[0][quantity]
         time = records["time"] - ONSET
-        share = (value - value[(time >= -BEFORE) & (time < 0.0)].mean()) / (true[1] - true[0])
-        after = time >= 0.0
-        reached = time[after][share[after] >= 0.5]
-        half[m] = reached[0] if reached.size else np.inf
-        response[m] = np.interp(GRID, time[after], share[after])
-    return StepOutcome(half, response)
+        share = (value - value[(time >= -BEFORE) & (time < 0.0)].mean()) / (after - before)
+        since = time >= 0.0
+        reached = time[since][share[since] >= 0.5]
+        half = reached[0] if reached.size else np.inf
+        response = np.interp(GRID, time[since], share[since])
+        rows.append({"method": method, "half": half, "response": response})
+    return pd.DataFrame(rows)
 
 
-@dataclass(frozen=True)
-class StillOutcome:
-    """What the estimates of one run at standstill did.
-
-    Attributes
-    ----------
-    case : name.
-    moved : (methods, quantities) largest change of an estimate's error since `SETTLED`, over the standard
-        deviation that was claimed then.
-    grown : (methods, quantities) claimed standard deviation at the end over that at `SETTLED`.
-    """
-
-    case: str
-    moved: Array
-    grown: Array
-
-
-def still_run(case: Case, seed: tuple[int, ...], duration: float = HOUR) -> StillOutcome:
-    """One run of the plant: steps for `MOTION` seconds, then nothing until `duration`."""
-    rng = np.random.default_rng(np.random.SeedSequence(seed))
-    unit = Unit.load("axis_a")
-    tracking = Tracking(unit, Channels(case.channels), 1e-3)
-    rig, details, _ = draw_rig(unit, assumed(tracking.trackers["ekf"]), rng)
-    times = np.arange(0.0, MOTION + 1e-9, 1.0)
-    points = tuple(zip(times.tolist(), rng.uniform(-0.05, 0.05, times.size).tolist(), strict=True))
-    scenario = Scenario(
-        unit=unit.name, duration=duration, duty=Levels(points=Programme(points=points)),
-        load=LOADS[case.load], details=details, seed=int(rng.integers(2**62)), recording=Recording.perfect(),
-    )  # fmt: skip
-    each = EVERY // tracking.trackers["ekf"].decimation
-    kept: dict[str, list[layout.Records]] = {method: [] for method in METHODS}
-    true: list[Array] = []
-    for (axis,) in stream(rig, scenario):
-        for method, records in tracking.push(tracking.block(axis.samples)).items():
-            kept[method].append(records[each - 1 :: each])
-        true.append(np.array([axis.truth[name] for name in QUANTITIES])[:, EVERY - 1 :: EVERY])
-    whole: Array = np.concatenate(true, axis=1)
-    moved, grown = np.empty((2, len(METHODS), len(QUANTITIES)))
-    at = int(np.searchsorted((np.arange(whole.shape[1]) + 1.0) * EVERY * 1e-3, SETTLED))
-    for m, method in enumerate(METHODS):
-        with np.errstate(invalid="ignore"):
-            values, sigmas = estimates(np.concatenate(kept[method]), unit, tracking.model)
-        for i, name in enumerate(QUANTITIES):
-            error, sigma = (values[name] - whole[i])[at:], sigmas[name][at:]
-            moved[m, i] = np.abs((error - error[0]) / sigma[0]).max()
-            grown[m, i] = sigma[-1] / sigma[0]
-    return StillOutcome(case.name, moved, grown)
+def peer_run(world: str, case: Case, seed: tuple[int, ...], duration: float = PEER_DURATION) -> pd.DataFrame:
+    """Errors of filterpy's filters and of the estimators on one short run, NaN where one was lost."""
+    data = prepare(world, case, seed, duration)
+    decimation, n = data.tracking.trackers["ekf"].decimation, round(duration * 1e3)
+    ends = np.linspace(n // 2, n, CHECKS).round().astype(np.int64) // decimation * decimation
+    model, viscosity = data.tracking.model, data.truth.viscosity[ends - 1]
+    truth, bound = true_and_bound(case, data, ends - 1)
+    found = {}
+    for name in PEERS:
+        states, variances = run_peer(name, model, data.prior, data.block, case.minimum, ends - 1)
+        seen = np.ones(ends.size) if case.minimum else viscosity
+        found[name] = quantities(states, variances, seen, data.unit, model)[0]
+    for method, records in data.tracking.push(data.block).items():
+        values, _ = estimates(records, data.unit, model)
+        found[method] = np.array([values[q][ends // decimation - 1] for q in QUANTITIES])
+    return pd.concat(rows_of(name, truth=truth, bound=bound, error=x - truth) for name, x in found.items())

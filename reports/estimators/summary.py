@@ -2,129 +2,113 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from typing import cast
 
 import numpy as np
-from numpy.typing import NDArray
+import pandas as pd
 
 from estimators.consistency import nees_band
-from fdd.residuals.tracking import METHODS
 from reports.estimators.cases import QUANTITIES, TRACKED
-from reports.estimators.measure import Measured, PeerOutcome
-from reports.estimators.runs import Outcome
+from reports.estimators.measure import Measured
 
-Array = NDArray[np.float64]
-
-WITHIN_BOUND, COVERED, HALF_WITHIN, STILL_WITHIN = 1.5, 0.9, 2.0, 1.0
-"""Goals: RMSE over the bound; share of runs inside the 95 % bands; s until half of a change is followed;
-standard deviations that an estimate moves in an hour at standstill."""
+WITHIN_BOUND, COVERED, HALF_WITHIN = 1.5, 0.9, 2.0
+"""Goals: RMSE over the bound; share of runs inside the 95 % bands; s until half of a change is followed."""
 LEAST_FLAGGED = 0.05
 """Share of flagged estimates below which a quantity counts as not observable in a case."""
 ABSOLUTE = "viscous_friction"
 """Its errors are given as they are and not in percent of the truth: healthy values may be nought."""
 
+Key = tuple[str, ...]
 
-@dataclass(frozen=True)
-class Accuracy:
-    """One quantity by one method in one case. Errors in percent of the truth, viscous friction in N·s/m.
 
-    Attributes
-    ----------
-    flagged : share of the checks at which the filter calls it observable. The other figures are over those
-        checks, or over all where `counted` is False.
-    rmse, bias, spread : of the errors; spread is their standard deviation.
-    claimed, bound : rms of the standard deviation that the filter gives, and of the bound's.
-    fitted : rmse of least squares at the same checks; NaN for friction.
+def grouped(frame: pd.DataFrame, *by: str) -> Iterator[tuple[Key, pd.DataFrame]]:
+    """Groups by columns or levels, in the order in which they come."""
+    for key, rows in frame.groupby(list(by), sort=False):
+        yield cast(Key, key), rows
+
+
+def _each(frame: pd.DataFrame, figures: Callable[[pd.DataFrame], dict[str, float]], *by: str) -> pd.DataFrame:
+    found = {key: figures(rows) for key, rows in grouped(frame, *by)}
+    return pd.DataFrame(list(found.values()), index=pd.MultiIndex.from_tuples(list(found), names=by))
+
+
+def within(frame: pd.DataFrame, world: str) -> pd.DataFrame:
+    """One world of a frame of figures."""
+    return cast(pd.DataFrame, frame.loc[world])
+
+
+def rows_of(frame: pd.DataFrame) -> Iterator[tuple[Key, pd.Series]]:
+    """Rows of a frame of figures."""
+    for key, row in frame.iterrows():
+        yield cast(Key, key), row
+
+
+def relative(errors: pd.DataFrame, columns: list[str]) -> pd.DataFrame:
+    """Those columns in percent of the truth, `ABSOLUTE`'s as they are."""
+    scale = np.where(errors["quantity"] == ABSOLUTE, 1.0, 0.01 * errors["truth"].abs())
+    return errors.assign(**errors[columns].div(scale, axis=0))
+
+
+def rms(values: pd.Series) -> float:
+    """Root mean square."""
+    return float(np.sqrt(np.mean(np.square(values))))
+
+
+def words(name: str) -> str:
+    """A quantity's name as it is read."""
+    return name.replace("_", " ")
+
+
+def accuracy(errors: pd.DataFrame) -> pd.DataFrame:
+    """Of each world, case, quantity and method, in percent of the truth, viscous friction in N·s/m.
+
+    Columns: flagged (share of the checks at which the filter calls it observable), counted (whether that is
+    often enough: the rest is over those checks, else over all), rmse, bias and spread of the errors, claimed
+    and bound (rms of the standard deviations), fitted (rmse of least squares, NaN for friction).
     """
 
-    flagged: float
-    counted: bool
-    rmse: float
-    bias: float
-    spread: float
-    claimed: float
-    bound: float
-    fitted: float
+    def figures(rows: pd.DataFrame) -> dict[str, float]:
+        flagged = rows["flag"].mean()
+        counted = flagged >= LEAST_FLAGGED
+        used = rows[(rows["flag"] | (not counted)) & np.isfinite(rows["error"]) & np.isfinite(rows["std"])]
+        error, fitted = used["error"], used["fitted"]
+        return {
+            "flagged": flagged, "counted": counted and len(used) > 0, "rmse": rms(error),
+            "bias": error.mean(), "spread": error.std(ddof=0), "claimed": rms(used["std"]),
+            "bound": rms(used["bound"]), "fitted": rms(fitted[np.isfinite(fitted)]),
+        }  # fmt: skip
 
-    @property
-    def over_bound(self) -> float:
-        """RMSE over the bound."""
-        return self.rmse / self.bound
+    shares = relative(errors, ["error", "std", "bound", "fitted"])
+    return _each(shares, figures, "world", "case", "quantity", "method")
 
 
-@dataclass(frozen=True)
-class Coverage:
-    """Consistency of one method in one case.
+def coverage(consistency: pd.DataFrame) -> pd.DataFrame:
+    """Of each world, case and method, shares of runs inside the 95 % bands.
 
-    Attributes
-    ----------
-    nees : share of runs whose NEES of the four parameters at the end is inside its 95 % band.
-    too_sure : share above it.
-    scores : (quantities,) share of runs whose error at the end is within 1.96 standard deviations.
-    nis : share of runs whose mean NIS is inside its band. mean_nis : over its expectation, over all runs. NaN
-        where no channel can be tested.
-    lost : share of runs that ended without a covariance.
+    Columns: nees, too_sure (share above its band), each quantity's error within 1.96 standard deviations,
+    nis and mean_nis (over its expectation; NaN where no channel can be tested), lost (ended without a
+    covariance).
     """
-
-    nees: float
-    too_sure: float
-    scores: Array
-    nis: float
-    mean_nis: float
-    lost: float
-
-
-def scale_of(truth: Array, quantity: int) -> Array:
-    """What an error is divided by: a hundredth of the truth, but for `ABSOLUTE`."""
-    return np.ones_like(truth) if QUANTITIES[quantity] == ABSOLUTE else 0.01 * np.abs(truth)
-
-
-def accuracy(outcomes: Sequence[Outcome], method: int, quantity: int) -> Accuracy:
-    """Errors of one method and quantity over the runs of a case."""
-    scale = scale_of(np.array([o.truth[quantity] for o in outcomes]), quantity)
-    errors = np.array([o.errors[method, quantity] for o in outcomes]) / scale
-    stds = np.array([o.stds[method, quantity] for o in outcomes]) / scale
-    bound = np.array([o.bound[quantity] for o in outcomes]) / scale
-    flags = np.array([o.flags[method, quantity] for o in outcomes])
-    fitted = (
-        np.array([o.fitted[quantity] if quantity < 2 else np.nan * o.truth[quantity] for o in outcomes])
-        / scale
-    )
-    counted = bool(flags.mean() >= LEAST_FLAGGED)
-    at = (flags if counted else np.ones_like(flags)) & np.isfinite(errors) & np.isfinite(stds)
-    if not at.any():
-        return Accuracy(float(flags.mean()), False, *[float("nan")] * 6)
-    return Accuracy(
-        float(flags.mean()), counted, _rms(errors[at]), float(errors[at].mean()), float(errors[at].std()),
-        _rms(stds[at]), _rms(bound[at]), _rms(fitted[at & np.isfinite(fitted)]),
-    )  # fmt: skip
-
-
-def coverage(outcomes: Sequence[Outcome], method: int) -> Coverage:
-    """Consistency of one method over the runs of a case."""
-    nees = np.array([o.nees[method] for o in outcomes])
-    scores = np.array([o.scores[method] for o in outcomes])
-    mean, least, most = np.array([o.nis[method] for o in outcomes]).T
     low, high = nees_band(len(TRACKED))
-    tested, whole = np.isfinite(least), mean[np.isfinite(mean)]
-    return Coverage(
-        nees=float(((nees >= low) & (nees <= high)).mean()),
-        too_sure=float((~(nees <= high)).mean()),
-        scores=np.asarray((np.abs(scores) <= 1.96).mean(axis=0)),
-        nis=float(((mean >= least) & (mean <= most))[tested].mean()) if tested.any() else float("nan"),
-        mean_nis=float(whole.mean()) if whole.size else float("nan"),
-        lost=float((~np.isfinite(nees)).mean()),
-    )
+
+    def figures(rows: pd.DataFrame) -> dict[str, float]:
+        nees, tested = rows["nees"], rows[np.isfinite(rows["nis_low"])]
+        return {
+            "nees": nees.between(low, high).mean(), "too_sure": (~(nees <= high)).mean(),
+            **{q: (rows[q].abs() <= 1.96).mean() for q in QUANTITIES},
+            "nis": tested["nis"].between(tested["nis_low"], tested["nis_high"]).mean(),
+            "mean_nis": rows.loc[np.isfinite(rows["nis"]), "nis"].mean(),
+            "lost": (~np.isfinite(nees)).mean(),
+        }  # fmt: skip
+
+    return _each(consistency, figures, "world", "case", "method")
 
 
-def beside_peers(outcomes: Sequence[PeerOutcome], quantity: int) -> tuple[Array, Array, float]:
-    """Rms errors of peers and methods, in how many runs each was lost, and the rms of the bound."""
-    scale = scale_of(np.array([o.truth[quantity] for o in outcomes]), quantity)
-    errors = np.array([o.errors[:, quantity] for o in outcomes]) / scale[:, None]
-    bound = np.array([o.bound[quantity] for o in outcomes]) / scale
-    rms = np.sqrt(np.nanmean(errors**2, axis=(0, 2)))
-    return rms, np.isnan(errors).any(axis=2).sum(axis=0), _rms(bound)
+def late_half(half: pd.Series) -> float:
+    """s within which half of a change is followed in 90 % of the runs."""
+    return float(np.quantile(half, 0.9, method="higher"))
 
 
 @dataclass(frozen=True)
@@ -143,58 +127,46 @@ Judged = Iterator[tuple[str, float, bool]]
 
 def goals(found: Measured, world: str) -> list[Goal]:
     """The goals of the benchmark in one world, judged by both methods' figures."""
-    runs = [
-        (f"{name}, {method.upper()}", m, outcomes)
-        for (at, name), outcomes in found.runs.items() if at == world
-        for m, method in enumerate(METHODS)
-    ]  # fmt: skip
-    errors = [
-        (f"{label}, {quantity.replace('_', ' ')}", accuracy(outcomes, m, i))
-        for label, m, outcomes in runs
-        for i, quantity in enumerate(QUANTITIES)
-    ]
-    counted = [(label, a) for label, a in errors if a.counted]
-    covered = [(label, coverage(outcomes, m)) for label, m, outcomes in runs]
+    errors, covered = (
+        within(frame, world) for frame in (accuracy(found["errors"]), coverage(found["consistency"]))
+    )
+    counted = errors[errors["counted"].astype(bool)]
+
+    def against(reference: str, most: float) -> Judged:
+        for (case, quantity, method), a in rows_of(counted):
+            if np.isfinite(a[reference]):
+                ratio = a["rmse"] / a[reference]
+                yield f"{case}, {method.upper()}, {words(quantity)}", ratio, ratio <= most
+
+    def inside(which: str) -> Judged:
+        for (case, method), c in rows_of(covered):
+            if np.isfinite(share := c[which]):
+                yield f"{case}, {method.upper()}", share, share >= COVERED
 
     def halves() -> Judged:
-        for (at, quantity), steps in found.steps.items():
-            for m, method in enumerate(METHODS if at == world else ()):
-                late = float(np.quantile([s.half[m] for s in steps], 0.9, method="higher"))
-                yield f"{quantity.replace('_', ' ')}, {method.upper()}", late, late <= HALF_WITHIN
-
-    def still() -> Judged:
-        for outcome in (o for (at, _), each in found.still.items() if at == world for o in each):
-            for (m, i), most in np.ndenumerate(outcome.moved):
-                label = f"{outcome.case}, {METHODS[m].upper()}, {QUANTITIES[i].replace('_', ' ')}"
-                yield label, float(most), bool(most <= STILL_WITHIN)
+        if "steps" in found:
+            steps = found["steps"][found["steps"]["world"] == world]
+            for (quantity, method), runs in grouped(steps, "case", "method"):
+                late = late_half(runs["half"])
+                yield f"{words(quantity)}, {method.upper()}", late, late <= HALF_WITHIN
 
     return [
         _goal(f"RMSE within {WITHIN_BOUND:g} times the bound where observable",
-              ((label, a.over_bound, a.over_bound <= WITHIN_BOUND) for label, a in counted), "{:.2f} times"),
-        _goal("never worse than least squares over the same window",
-              ((label, a.rmse / a.fitted, a.rmse <= a.fitted)
-               for label, a in counted if np.isfinite(a.fitted)),
+              against("bound", WITHIN_BOUND), "{:.2f} times"),
+        _goal("never worse than least squares over the same window", against("fitted", 1.0),
               "{:.2f} times its RMSE"),
-        _goal(f"NEES inside its 95 % band in {COVERED:.0%} of runs",
-              ((label, c.nees, c.nees >= COVERED) for label, c in covered), "{:.0%}"),
-        _goal(f"NIS inside its 95 % band in {COVERED:.0%} of runs",
-              ((label, c.nis, c.nis >= COVERED) for label, c in covered if np.isfinite(c.nis)), "{:.0%}"),
+        _goal(f"NEES inside its 95 % band in {COVERED:.0%} of runs", inside("nees"), "{:.0%}"),
+        _goal(f"NIS inside its 95 % band in {COVERED:.0%} of runs", inside("nis"), "{:.0%}"),
         _goal(f"half of a change followed within {HALF_WITHIN:g} s in 90 % of runs", halves(), "{:.2f} s"),
-        _goal("an hour at standstill moves no estimate by more than its standard deviation", still(),
-              "{:.1f} standard deviations"),
     ]  # fmt: skip
 
 
 def _goal(name: str, judged: Judged, form: str) -> Goal:
-    worst: dict[str, float] = {}
-    met = total = 0
-    for label, value, meets in judged:
-        total, met = total + 1, met + meets
-        if not meets:
-            worst[label] = max(value, worst.get(label, -np.inf))
-    ranked = sorted(worst.items(), key=lambda item: -item[1])
-    return Goal(name, met, total, tuple(f"{label}: {form.format(value)}" for label, value in ranked))
-
-
-def _rms(values: Array) -> float:
-    return float(np.sqrt(np.mean(values**2))) if values.size else float("nan")
+    each = list(judged)
+    short = sorted(((label, value) for label, value, met in each if not met), key=lambda item: -item[1])
+    return Goal(
+        name,
+        len(each) - len(short),
+        len(each),
+        tuple(f"{label}: {form.format(value)}" for label, value in short),
+    )

@@ -1,11 +1,10 @@
-"""Where the time goes: the fleet's work in this thread, from message to finding, and the pipeline alone."""
+"""What the fleet's work costs in this thread, from message to finding, and the pipeline alone."""
 
 from __future__ import annotations
 
 import tempfile
 import time
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from importlib import resources
 from pathlib import Path
@@ -17,22 +16,14 @@ from fdd.diagnosis.pipeline import Pipeline
 from fdd.plant.scenario import Scenario
 from fdd.plant.sensors.recording import Recording
 from fdd.plant.simulate import simulate
-from fdd.residuals.balance_history import BalanceHistory
-from fdd.residuals.bins import BinMaker
-from fdd.residuals.tracked import Tracked
 from fdd.samples import Samples
-from fdd.sensors import SensorWatch
 from fdd.service.arrow import arrow_payload
-from fdd.service.axis import AxisWatch
 from fdd.service.blocks import SCHEMA, Decoder
 from fdd.service.bus import Bus
 from fdd.service.fleet import Fleet
 from fdd.service.inbox import Inbox
-from fdd.service.order import Order
 from fdd.service.profiles import Profiles
-from fdd.service.recent import Recent
-from fdd.service.store import Store, Transaction
-from fdd.service.storing import Writer
+from fdd.service.store import Store
 from fdd.unit import Unit
 from reports.service import resident
 
@@ -48,24 +39,6 @@ DUTIES: tuple[dict[str, Any], ...] = (
 )
 TOGETHER = 500
 """Samples that the service gives the pipeline at once."""
-ITEMS: tuple[tuple[str, Any, str], ...] = (
-    ("decoding the message", Decoder, "decode"),
-    ("axes that are new", Fleet, "_new"),
-    ("order, clock, gaps", Order, "take"),
-    ("pipeline", Pipeline, "push"),
-    ("— sensors", SensorWatch, "push"),
-    ("— trackers", Tracked, "push"),
-    ("— balances", BinMaker, "push"),
-    ("— balance history", BalanceHistory, "push"),
-    ("— looks", Pipeline, "_scan"),
-    ("what the page shows", Recent, "add"),
-    ("storing", Writer, "write"),
-    ("— journal", Transaction, "accept_all"),
-    ("— states, made", AxisWatch, "checkpoint"),
-    ("— states, written", Transaction, "checkpoint"),
-    ("— rollups", Transaction, "rollup"),
-)
-"""What is shown, and whose time it is; lines with — are parts of the one above."""
 
 
 def profile_text() -> str:
@@ -98,7 +71,6 @@ class Inside:
     ----------
     axes, seconds : of the run.
     whole : message to finding, median of the runs. alone : the pipeline by itself.
-    items : each of `ITEMS`, in one more run whose functions are timed.
     axis_bytes : memory that an axis takes after `aged_s` s of data.
     """
 
@@ -106,7 +78,6 @@ class Inside:
     seconds: float
     whole: float
     alone: float
-    items: dict[str, float]
     axis_bytes: float = float("nan")
     aged_s: float = 0.0
 
@@ -128,18 +99,14 @@ def inside(recorded: Sequence[Samples], axes: int, seconds: float, repeats: int,
         for k in range(repeats):  # in turn: other work on the machine slows both alike
             costs.append(_cpu(_fleet(folder, f"{k}", payloads, axes), blocks))
             alone.append(sum(_alone(part.rows(0, blocks * ROWS)) for part in parts) / len(parts))
-        with _timed() as spent:
-            _fleet(folder, "timed", payloads, axes)(0, blocks)
         grown = float("nan")
         if aged_s > 0.0:
             before = resident()
             keep = _fleet(folder, "aged", payloads, axes)
             keep(0, round(aged_s / BLOCK_S))
             grown = (resident() - before) / axes
-    return Inside(
-        axes, seconds, per_us * median(costs), 1e6 * median(alone) / (blocks * ROWS),
-        {label: per_us * s for label, s in spent.items()}, grown, aged_s,
-    )  # fmt: skip
+    us = per_us * median(costs), 1e6 * median(alone) / (blocks * ROWS)
+    return Inside(axes, seconds, *us, grown, aged_s)
 
 
 def _fleet(
@@ -176,28 +143,3 @@ def _alone(log: Samples) -> float:
         pipeline.push(part)
         pipeline.now()
     return time.thread_time() - begun
-
-
-@contextmanager
-def _timed() -> Iterator[dict[str, float]]:
-    """Time `ITEMS`, s; a profiler of all functions would double what it measures."""
-    spent = {label: 0.0 for label, _, _ in ITEMS}
-
-    def timing(label: str, function: Callable[..., Any]) -> Callable[..., Any]:
-        def timed(*args: Any, **given: Any) -> Any:
-            begun = time.thread_time()
-            try:
-                return function(*args, **given)
-            finally:
-                spent[label] += time.thread_time() - begun
-
-        return timed
-
-    plain = [(owner, name, getattr(owner, name)) for _, owner, name in ITEMS]
-    for label, owner, name in ITEMS:
-        setattr(owner, name, timing(label, getattr(owner, name)))
-    try:
-        yield spent
-    finally:
-        for owner, name, function in plain:
-            setattr(owner, name, function)

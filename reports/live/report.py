@@ -67,8 +67,7 @@ def report_lines(cost: Inside, stages: Sequence[Stage], seconds: float, why: str
     text = page.render(
         made_by=made_by("load"), load_now=load_now(), cost=cost, stages=stages, seconds=seconds, why=why,
         best=_most(stages), goal_axes=GOAL_AXES, goal_bytes=GOAL_BYTES, settle=SETTLE_S, lag=LAG_S,
-        top=sum(us for label, us in cost.items.items() if not label.startswith("—")), each=each, near=near,
-        us=cost.whole if near is None else near.cpu_us, base=base, fleet=FLEET_AXES, shards=FLEET_SHARDS,
-        aged=math.isfinite(cost.axis_bytes),
+        each=each, near=near, us=cost.whole if near is None else near.cpu_us, base=base, fleet=FLEET_AXES,
+        shards=FLEET_SHARDS, aged=math.isfinite(cost.axis_bytes),
     )  # fmt: skip
     return text.splitlines()

@@ -52,11 +52,11 @@ class Case:
         sensors["position"] = sensors["position"].model_copy(update={"resolution": 0.0})
         return Case(self.name, self.unit.model_copy(update={"sensors": sensors}), self.partner, self.settings)
 
-    def states(self, duration: float, refine: float = 1.0) -> tuple[Array, Array, Array]:
-        """States (n, …), findings and commands (n, 2) of the run, at every millisecond."""
-        scenario = self.scenario(duration)
-        blocks = list(raw_blocks(self.prepared(duration, refine), block=scenario.rows))
-        return blocks[0].states, blocks[0].found, blocks[0].commands
+    def states(self, duration: float, refine: float = 1.0) -> tuple[Array, Array]:
+        """States (n, …) and commands (n, 2) of the run, at every millisecond."""
+        rows = self.scenario(duration).rows
+        block = next(iter(raw_blocks(self.prepared(duration, refine), block=rows)))
+        return block.states, block.commands
 
 
 class Cases:

@@ -15,7 +15,6 @@ from fdd.cli.console import progress
 from fdd.markdown import table
 from reports.plant.cases import Cases
 from reports.plant.numerics import (
-    GAINED,
     Difference,
     RealTime,
     Work,
@@ -28,8 +27,6 @@ from reports.plant.wild import Outcome, try_wild
 from reports.writing import (
     FOLDER,
     OutOption,
-    Panel,
-    draw,
     load_now,
     made_by,
     require_folder,
@@ -37,7 +34,6 @@ from reports.writing import (
     write_report,
 )
 
-PICTURE = "performance-work.png"
 GOAL = 300.0
 """Times real time that one axis with everything on is to run at."""
 
@@ -57,36 +53,27 @@ class Plan:
 
 @dataclass
 class Measured:
-    """What was found; `halved` has the loop's encoder as it is, `halved_alone` without its steps."""
+    """What was found; `halved` is without the encoder's steps in the loop: the numerics alone."""
 
     plan: Plan
     real_time: list[RealTime] = field(default_factory=list)
     work: list[Work] = field(default_factory=list)
     trust: float = float("nan")
     halved: list[Difference] = field(default_factory=list)
-    halved_alone: list[Difference] = field(default_factory=list)
     radau: list[Difference] = field(default_factory=list)
     wild: list[Outcome] = field(default_factory=list)
 
 
 def plant(
     out: OutOption = FOLDER,
-    repeats: Annotated[int, typer.Option(min=1, max=100, help="Runs of each that is timed.")] = 5,
     wild: Annotated[int, typer.Option(min=0, max=100_000, help="Random scenarios, or none.")] = 2000,
-    halving: Annotated[
-        float, typer.Option(min=0.0, max=600.0, help="s run with half steps, or none.")
-    ] = 60.0,
-    radau: Annotated[float, typer.Option(min=0.0, max=60.0, help="s run beside Radau, or none.")] = 2.0,
     quick: Annotated[bool, typer.Option("--quick", help="A minute: rough figures.")] = False,
 ) -> None:
     """Measure how fast, exact and robust the plant is, beside SciPy's solvers (half an hour)."""
-    require_folder(out, pictures=True)
-    plan = Plan(repeats=repeats, wild=wild, halving_duration=halving, radau_duration=radau)
-    if quick:
-        plan = Plan(5.0, 2, 0.1, min(halving, 3.0), min(radau, 0.05), min(wild, 20))
+    require_folder(out)
+    plan = Plan(5.0, 2, 0.1, 3.0, 0.05, min(wild, 20)) if quick else Plan(wild=wild)
     with progress("measuring the plant", 1.0) as advance:
         found = measure(plan, advance)
-    draw_work(found.work, out / PICTURE)
     slowest = min(found.real_time, key=lambda each: each.whole)
     print(f"Slowest case, {slowest.case}: {slowest.whole:.0f} times real time")
     print(f"{sum(bool(o.failures) for o in found.wild)} of {len(found.wild)} random runs left physics")
@@ -103,9 +90,8 @@ def measure(plan: Plan, progress: Callable[[float], None] = lambda share: None) 
         found.work, found.trust = work_precision(cases.work, plan.work_duration, plan.repeats)
         for number, case in enumerate(numerics, 1):
             if plan.halving_duration > 0.0:
-                found.halved.append(against_half_steps(case, plan.halving_duration))
                 alone = case.without_encoder_steps()
-                found.halved_alone.append(against_half_steps(alone, plan.halving_duration))
+                found.halved.append(against_half_steps(alone, plan.halving_duration))
             if plan.radau_duration > 0.0:
                 found.radau.append(against_radau(case, plan.radau_duration))
             progress(0.4 * number / len(numerics))
@@ -113,22 +99,6 @@ def measure(plan: Plan, progress: Callable[[float], None] = lambda share: None) 
             found.wild.append(try_wild(seed))
             progress(0.4 + 0.6 * (seed + 1) / plan.wild)
     return found
-
-
-def draw_work(work: Sequence[Work], path: Path) -> None:
-    """Draw error over processor time, position and pressure difference side by side."""
-    panels = []
-    for quantity, unit in (("position", "m"), ("pressure", "Pa")):
-        curves = []
-        for solver, style in zip(
-            dict.fromkeys(p.solver for p in work), ("o-", "s-", "^-", "D-"), strict=False
-        ):
-            points = [p for p in work if p.solver == solver]
-            curves.append(([p.cpu for p in points], [getattr(p, quantity) for p in points], style, solver))
-        settings = {"xscale": "log", "yscale": "log", "xlabel": "processor time per second simulated (s)",
-                    "ylabel": f"rms error of {quantity} ({unit})"}  # fmt: skip
-        panels.append(Panel(curves, settings, at_x={1.0: "real time"}))
-    draw(path, panels, columns=2)
 
 
 def report_lines(found: Measured) -> list[str]:
@@ -145,21 +115,14 @@ def report_lines(found: Measured) -> list[str]:
     text = page.render(
         made_by=made_by("plant"), load_now=load_now(), plan=found.plan, found=found, ours=ours, equal=equal,
         goal=GOAL, slowest=min(one_axis, key=lambda r: r.whole), differences=_differences,
-        gained=max((d.rms.get(GAINED, 0.0) for d in found.halved_alone), default=0.0),
-        angle=max((d.rms["pump_angle"] for d in found.halved_alone), default=0.0),
-        flips=sum(np.isfinite(d.first_count) for d in found.halved), wild=_wild(found.wild),
+        wild=_wild(found.wild),
     )  # fmt: skip
     return text.splitlines()
 
 
 def _differences(found: Sequence[Difference]) -> str:
-    channels = list(dict.fromkeys(channel for difference in found for channel in difference.rms))
-    channels.sort(key=lambda channel: channel in ("pump_angle", GAINED))
-    rows = [
-        [d.case, *(f"{d.rms[c]:.1e} ({d.most[c]:.1e})" if c in d.rms else "" for c in channels)]
-        for d in found
-    ]
-    return "\n".join(table(["case", *channels], rows, "lr"))
+    rows = [[d.case, *(f"{value:.1e}" for value in d.rms.values())] for d in found]
+    return "\n".join(table(["case", *found[0].rms], rows, "lr"))
 
 
 def _wild(outcomes: Sequence[Outcome]) -> dict[str, str]:
@@ -176,7 +139,6 @@ def _wild(outcomes: Sequence[Outcome]) -> dict[str, str]:
     return {
         "outside physics": str(sum(bool(o.failures) for o in outcomes)),
         "lowest absolute pressure": f"{lowest:.0f} Pa",
-        "highest pressure over its bound": most("highest_share", 100, form=".2f"),
         "oil made or lost, 99 %, most": most("oil", 99, 100),
         "energy made or lost, 99 %, most": most("energy", 99, 100),
         "farthest into a stop": f"{1e3 * beyond:.2f} mm",

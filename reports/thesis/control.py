@@ -10,13 +10,13 @@ from scipy.signal import butter, cont2discrete, lfilter
 
 from fdd.plant.details import Details
 from fdd.unit import Unit
-from reports.thesis.findings import Figures
 from reports.thesis.frequency_response import TransferFunction
 from reports.thesis.response import HIGH, HIGH_SPEED, LOW, respond
 from reports.thesis.runs import (
     PERIOD,
     VOLT,
     Beside,
+    Figures,
     changed,
     holding_leakage,
     hydraulic_gain,
@@ -159,24 +159,18 @@ def oscillation(unit: Unit, gain: float, seed: int, partner: Beside | None = Non
     return float(np.ptp(last) - abs(np.mean(last[-50:]) - np.mean(last[:50])))
 
 
-def least_oscillating(unit: Unit, seed: int, partner: Beside | None = None) -> tuple[float, Array]:
-    """Least gain that oscillates, to 3 %, NaN for none; and gains and amplitudes on the way, (2, n)."""
-    tried: list[tuple[float, float]] = []
-
-    def oscillates(gain: float) -> bool:
-        tried.append((gain, oscillation(unit, gain, seed, partner)))
-        return tried[-1][1] > OSCILLATES
-
+def least_oscillating(unit: Unit, seed: int, partner: Beside | None = None) -> float:
+    """Least gain that oscillates, to 3 %; NaN for none."""
     low, high = 0.5 * ULTIMATE, float("nan")
     for gain in 0.5 * ULTIMATE * np.sqrt(2.0) ** np.arange(12):
-        if gain <= MOST and oscillates(float(gain)):
+        if gain <= MOST and oscillation(unit, float(gain), seed, partner) > OSCILLATES:
             high = float(gain)
             break
         low = float(gain)
     while high / low > 1.03:
         middle = float(np.sqrt(low * high))
-        low, high = (low, middle) if oscillates(middle) else (middle, high)
-    return high, np.array(sorted(tried)).T
+        low, high = (low, middle) if oscillation(unit, middle, seed, partner) > OSCILLATES else (middle, high)
+    return high
 
 
 def linear_ultimate_gain(model: TransferFunction) -> float:
@@ -204,29 +198,16 @@ def linear_ultimate_gain(model: TransferFunction) -> float:
 def ultimate_gain(axis_a: Unit, axis_b: Unit, seed: int) -> Figures:
     """Section 7.2: raise the gain on the plant until it oscillates for ever, and ask the linear models."""
     late_unit, beside = changed(axis_a, "drive", delay=0.01), riding_partner(axis_b)
-    found, tried = least_oscillating(axis_a, seed)
-    late, late_tried = least_oscillating(late_unit, seed)
-    soft, soft_tried = least_oscillating(changed(late_unit, "oil", bulk_modulus=4e7), seed)
-    curves = [
-        (gains, 1e3 * np.maximum(sizes, 1e-7), style, label)
-        for (gains, sizes), style, label in (
-            (tried, "C0o-", "plant"), (late_tried, "C1s-", "plant, 10 ms delay"),
-            (soft_tried, "C2^-", "plant, 10 ms delay, β = 40 MPa"),
-        )
-    ]  # fmt: skip
-    axes = {"xlabel": "proportional gain ((rad/s)/m)", "ylabel": "oscillation, peak to peak (mm)"}
-    panel = Panel(curves, {**axes, "xscale": "log", "yscale": "log"}, at_x={ULTIMATE: "thesis, experiment"})
     return {
         "thesis": ULTIMATE,
         "low": linear_ultimate_gain(LOW),
         "high": linear_ultimate_gain(HIGH),
-        "plant": found,
+        "plant": least_oscillating(axis_a, seed),
         "own": linear_ultimate_gain(respond(axis_a, HIGH_SPEED, seed, sines=(10.0,)).model),
-        "riding": least_oscillating(axis_a, seed, beside)[0],
-        "late_riding": least_oscillating(late_unit, seed, beside)[0],
-        "late": late,
-        "soft": soft,
+        "riding": least_oscillating(axis_a, seed, beside),
+        "late_riding": least_oscillating(late_unit, seed, beside),
+        "late": least_oscillating(late_unit, seed),
+        "soft": least_oscillating(changed(late_unit, "oil", bulk_modulus=4e7), seed),
         "crossing": ULTIMATE * hydraulic_gain(axis_a) / (2 * np.pi),
         "oscillates": OSCILLATES,
-        "picture": [panel],
     }

@@ -13,12 +13,12 @@ from fdd.identification.experiments.gain import SLIDING
 from fdd.identification.experiments.gain import dead_band as find_dead_band
 from fdd.identification.friction import curve
 from fdd.unit import Unit
-from reports.thesis.findings import Figures
 from reports.thesis.flow import SLOPES, SPEEDS, speeds_of
 from reports.thesis.friction import MODES, Mode
 from reports.thesis.runs import (
     PERIOD,
     VOLT,
+    Figures,
     holding_leakage,
     hydraulic_gain,
     run_speed,

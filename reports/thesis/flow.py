@@ -14,12 +14,12 @@ from fdd.plant.details import Details
 from fdd.plant.faults.spec import FaultScales, FaultSpec
 from fdd.residuals.oil import air_compliance
 from fdd.unit import Oil, Unit
-from reports.thesis.findings import Figures
 from reports.thesis.frequency_response import TransferFunction
 from reports.thesis.runs import (
     PERIOD,
     THOUSAND_RPM,
     VOLT,
+    Figures,
     changed,
     hydraulic_gain,
     run_speed,

@@ -12,9 +12,8 @@ from fdd.identification.friction import curve
 from fdd.plant.details import Details
 from fdd.plant.simulate import Simulation
 from fdd.unit import FrictionBranch, Unit
-from reports.thesis.findings import Figures
 from reports.thesis.frequency_response import velocity
-from reports.thesis.runs import PERIOD, VOLT, both_pumps, run_speed
+from reports.thesis.runs import PERIOD, VOLT, Figures, both_pumps, run_speed
 from reports.writing import Panel
 
 Array = NDArray[np.float64]
@@ -156,16 +155,6 @@ def static_friction(axis_a: Unit, axis_b: Unit, seed: int) -> Figures:
     creeping = {m.name: creeping_peaks(m, units, seed + 1000 * k + 500) for k, m in enumerate(MODES)}
     slopes = {name: _slope(values) for name, values in found.items()}
     steepest = max(MODES, key=lambda m: slopes[m.name])
-    panels = []
-    for mode in MODES:
-        values, slow = found[mode.name], creeping[mode.name]
-        curves = [
-            (VOLTS, values, "C0o", "plant, step starts"),
-            (np.full(slow.size, _CREEP_VOLT), slow, "C3x", f"plant, slow starts ({_CREEP_VOLT:g} V)"),
-        ]
-        axes = {"title": f"axis {mode.name}", "xlabel": "step (V)", "ylabel": "peak force (N)"}
-        thesis = f"thesis, mean; standard deviation {mode.spread:.0f} N"
-        panels.append(Panel(curves, {**axes, "ylim": (0, 650)}, at_y={mode.static: thesis}))
     return {
         "modes": MODES,
         "peaks": found,
@@ -181,7 +170,6 @@ def static_friction(axis_a: Unit, axis_b: Unit, seed: int) -> Figures:
         "lower": [found[m.name].mean() - creeping[m.name].mean() for m in MODES],
         "plain": peaks(MODES[0], units, seed, Details(breakaway=0.0))[0],
         "at_slowest": MODES[0].branch.coulomb + 359.1 * np.exp(-((0.011 / 0.026) ** 0.590)),
-        "picture": panels,
     }
 
 

@@ -11,7 +11,6 @@ from fdd.identification.experiments.etfe import half_power_frequency
 from fdd.identification.experiments.hydraulic import from_profile
 from fdd.plant.details import Details
 from fdd.unit import Unit
-from reports.thesis.findings import Figures
 from reports.thesis.frequency_response import (
     TransferFunction,
     fit_output_error,
@@ -24,6 +23,7 @@ from reports.thesis.runs import (
     PERIOD,
     VOLT,
     Beside,
+    Figures,
     changed,
     hydraulic_gain,
     identification_volts,

@@ -20,6 +20,8 @@ from fdd.plant.simulate import Simulation, simulate
 from fdd.unit import Unit
 
 Array = NDArray[np.float64]
+Figures = dict[str, Any]
+"""What an experiment measured, by the names that its block of the template has; ``picture`` is its panels."""
 Beside = tuple[Unit, Partner]
 """The other axis on the same rod, and what it does."""
 

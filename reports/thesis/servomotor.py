@@ -12,7 +12,6 @@ from fdd.identification.experiments.etfe import empirical_response, half_power_f
 from fdd.identification.experiments.response import decibel, degrees
 from fdd.plant.details import Details
 from fdd.unit import Unit
-from reports.thesis.findings import Figures
 from reports.thesis.frequency_response import (
     TransferFunction,
     fit_output_error,
@@ -23,6 +22,7 @@ from reports.thesis.frequency_response import (
 from reports.thesis.runs import (
     PERIOD,
     VOLT,
+    Figures,
     binary_noise,
     changed,
     identification_volts,

@@ -3,105 +3,131 @@
 from __future__ import annotations
 
 import os
-import random
-import signal
-import tempfile
-import time
-from collections.abc import Callable, Sequence
+import resource
+import sqlite3
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
 from fdd.cli.console import progress
-from fdd.diagnosis.model import Model
-from fdd.diagnosis.pipeline import Pipeline
 from fdd.errors import InputError
 from fdd.markdown import table
-from fdd.unit import Unit
-from reports.service import MOSQUITTO, until
-from reports.troubles import during
-from reports.troubles.trial import ARRIVED_S, Mqtt, Outcome, Trouble, blocks_of, leaking, process_in, shifted
+from reports.service import MOSQUITTO, Process
+from reports.troubles.trial import Mqtt, Outcome, Sender, Trouble, shifted
 from reports.writing import FOLDER, OutOption, made_by, require_folder, write_report
+
+
+@contextmanager
+def locked(process: Process, sender: Sender) -> Iterator[None]:
+    """Another program holds the store's lock."""
+    other = sqlite3.connect(process.state / "fdd.db", isolation_level=None)
+    other.execute("BEGIN IMMEDIATE")
+    try:
+        yield
+    finally:
+        other.execute("ROLLBACK")
+        other.close()
+
+
+@contextmanager
+def full(process: Process, sender: Sender) -> Iterator[None]:
+    """A file fills the disk (a small tmpfs) that the state folder is on."""
+    filler = process.state / "filler"
+    with filler.open("wb", buffering=0) as file, suppress(OSError):
+        while True:
+            file.write(bytes(4096))
+    try:
+        yield
+    finally:
+        filler.unlink()
+
+
+@contextmanager
+def no_growth(process: Process, sender: Sender) -> Iterator[None]:
+    """No file of the process may grow beyond 64 KiB (RLIMIT_FSIZE), as with a quota."""
+    pid, kind = process.popen.pid, resource.RLIMIT_FSIZE
+    soft, hard = resource.prlimit(pid, kind)
+    resource.prlimit(pid, kind, (1 << 16, hard))
+    try:
+        yield
+    finally:
+        resource.prlimit(pid, kind, (soft, hard))
+
+
+@contextmanager
+def renamed_file(process: Process, sender: Sender) -> Iterator[None]:
+    """The store's file is moved away, and later back."""
+    path = process.state / "fdd.db"
+    path.rename(away := path.with_name("away.db"))
+    try:
+        yield
+    finally:
+        away.rename(path)
+
+
+@contextmanager
+def broker_away(process: Process, sender: Sender) -> Iterator[None]:
+    """The broker is stopped, and started again."""
+    assert isinstance(sender, Mqtt)
+    sender.broker.stop()
+    try:
+        yield
+    finally:
+        sender.broker.start()
+
+
+@contextmanager
+def clock_ahead(process: Process, sender: Sender) -> Iterator[None]:
+    """The host's clock is an hour ahead, and set back."""
+    with _clock(process.clock, 3600):
+        yield
+
+
+@contextmanager
+def clock_back(process: Process, sender: Sender) -> Iterator[None]:
+    """The host's clock is set back by an hour, and is set right."""
+    with _clock(process.clock, -3600):
+        yield
+
+
+@contextmanager
+def _clock(clock: Path, off: int) -> Iterator[None]:
+    for seconds in (off, 0):
+        (new := clock.with_name("clock.new")).write_text(str(seconds))
+        new.rename(clock)
+        if seconds:
+            yield
+
+
+@contextmanager
+def set_in_the_middle(process: Process, sender: Sender) -> Iterator[None]:
+    """From the middle of the run on its stamps are an hour off."""
+    yield
+
 
 HOUR_S = 3600.0
 TROUBLES = (
-    Trouble("broker restarted", during.broker_away, "not connected", mqtt=True),
-    Trouble("disk full", during.full, "disk is full", disk=12),
-    Trouble("quota reached", during.no_growth, "cannot be read or written"),
-    Trouble("store locked", during.locked, "is locked"),
-    Trouble("store's file gone", during.renamed_file, "file is gone"),
-    Trouble("state folder gone", during.renamed_folder, "file is gone"),
-    Trouble("host's clock ahead", during.clock_ahead),
-    Trouble("host's clock back", during.clock_back),
+    Trouble("broker restarted", broker_away, "not connected", mqtt=True),
+    Trouble("disk full", full, "disk is full", disk=12),
+    Trouble("quota reached", no_growth, "cannot be read or written"),
+    Trouble("store locked", locked, "is locked"),
+    Trouble("store's file gone", renamed_file, "file is gone"),
+    Trouble("host's clock ahead", clock_ahead),
+    Trouble("host's clock back", clock_back),
     Trouble(
         "sender's clock ahead",
-        during.set_in_the_middle,
+        set_in_the_middle,
         change=lambda b: [*b[:300], *shifted(b[300:], HOUR_S)],
     ),
     Trouble(
         "sender's clock back",
-        during.set_in_the_middle,
+        set_in_the_middle,
         change=lambda b: [*b[:300], *shifted(b[300:], -HOUR_S)],
     ),
-    Trouble("garbage", during.garbage_sent, mqtt=True, more=("tcp", "udp")),
 )
-
-
-WORKS_S, STOPS_S = 1.5, 1.0
-"""After its start, and after SIGTERM, within which the kill comes."""
-
-
-def killed(kills: int, seed: int, progress: Callable[[float], None]) -> Outcome:
-    """Kill it so often; what it tells of the run in the end must be what the pipeline says of the whole."""
-    rng, blocks = random.Random(seed), blocks_of(leaking())
-    when = dict.fromkeys(("starting", "working", "stopping"), 0)
-    least, wrong, sent = 0, list[str](), sum(len(b.samples) for b in blocks)
-    with tempfile.TemporaryDirectory(prefix="fdd-troubles-") as folder:
-        sender = Mqtt(Path(folder))
-        process = process_in(Path(folder), [sender.source])
-        starts_s = process.start()  # makes the session that the broker keeps
-        sender.connect()
-        try:
-            for k in range(kills):
-                sender.send(blocks[k * len(blocks) // kills : (k + 1) * len(blocks) // kills])
-                process.kill()
-                process.spawn()
-                phase = rng.choice(("starting", "working", "working", "stopping"))
-                when[phase] += 1
-                if phase == "starting":
-                    time.sleep(rng.uniform(0.0, starts_s))
-                else:
-                    until(lambda: process.get("/api/health"), ARRIVED_S)
-                    time.sleep(rng.uniform(0.0, WORKS_S))
-                    # It may have shown what it was about to store: the broker has that, and sends it again.
-                    until(lambda least=least: process.samples() >= least, ARRIVED_S)  # type: ignore[misc]
-                    now = process.samples()
-                    if now < least:
-                        wrong.append(f"before kill {k + 1} of {kills}: {now} samples, {least} before")
-                    least = max(least, now if phase == "stopping" else 0)
-                if phase == "stopping":
-                    process.popen.send_signal(signal.SIGTERM)
-                    time.sleep(rng.uniform(0.0, STOPS_S))
-                progress((k + 1) / kills)
-            process.kill()
-            process.start()
-            until(lambda: process.samples() >= sent, ARRIVED_S)
-            time.sleep(2.0)
-            found = process.samples()
-            status = process.end()
-        finally:
-            process.kill()
-            sender.close()
-        findings, actions = process.told()
-        whole = [(f.fault, f.onset_s) for f in Pipeline(Unit.load("axis_a"), Model.load()).push(leaking())]
-        if findings != whole or actions.count("RAISED") != len(whole) or status != 0:
-            wrong.append(f"findings {findings}, without a kill {whole}; {actions}; exit status {status}")
-        wrong += [f"its log: {line[:200]}" for line in process.lines("Traceback|internal error")]
-    return Outcome(
-        f"kill -9, {kills} times", "SIGKILL while " + ", ".join(f"{k} ({n})" for k, n in when.items()),
-        "goes on from its checkpoint and journal", sent, sent, sent - found, wrong,
-    )  # fmt: skip
 
 
 def left_out(trouble: Trouble) -> str | None:
@@ -113,15 +139,11 @@ def left_out(trouble: Trouble) -> str | None:
 
 def troubles(
     out: OutOption = FOLDER,
-    kills: Annotated[int, typer.Option(min=0, max=10_000, help="SIGKILLs; 0 leaves them out.")] = 500,
-    seed: Annotated[int, typer.Option(min=0, max=10_000, help="Of the instants of the kills.")] = 7,
-    only: Annotated[
-        list[str] | None, typer.Option(metavar="NAME", help="This one, or `kills`; may be repeated.")
-    ] = None,
+    only: Annotated[list[str] | None, typer.Option(metavar="NAME", help="This one; may be repeated.")] = None,
 ) -> None:
     """Try every trouble of the service itself, and report what was said and lost (Linux, some need root)."""
     require_folder(out)
-    known = {*(t.tried for t in TROUBLES), "kills"}
+    known = {t.tried for t in TROUBLES}
     wanted = set(only or known)
     if unknown := wanted - known:
         raise InputError(f"no trouble {min(unknown)!r}", mend=f"give one of {', '.join(sorted(known))}")
@@ -132,11 +154,7 @@ def troubles(
                 without[trouble.tried] = why
             elif trouble.tried in wanted:
                 outcomes.append(trouble.attempt())
-            advance(0.5 * number / len(TROUBLES))
-        if kills and "kills" in wanted and MOSQUITTO is None:
-            without["kills"] = "no mosquitto here"
-        elif kills and "kills" in wanted:
-            outcomes.append(killed(kills, seed, lambda share: advance(0.5 + 0.5 * share)))
+            advance(number / len(TROUBLES))
     wrong = [o.tried for o in outcomes if o.wrong or o.lost]
     told = "".join(f"; not {name}" for name in wrong)
     print(f"{len(outcomes) - len(wrong)} of {len(outcomes)} as they should be{told}")

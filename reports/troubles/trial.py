@@ -94,9 +94,8 @@ Sender = Tcp | Mqtt
 
 
 def process_in(folder: Path, sources: list[dict[str, Any]]) -> Process:
-    """`fdd serve` with outputs that write files."""
-    recording = {"folder": "state/recordings", "before": 5, "after": 5}
-    process = Process(folder, sources, outputs={"jsonl": "state/told.jsonl", "recording": recording})
+    """`fdd serve` with a clock of its own."""
+    process = Process(folder, sources)
     process.clock.write_text("0")
     return process
 
@@ -136,7 +135,6 @@ class Trouble:
     mqtt: bool = False
     disk: int | None = None
     change: Callable[[list[Block]], list[Block]] = lambda blocks: blocks
-    more: Sequence[str] = ()
 
     def attempt(self) -> Outcome:
         """Try it in a folder of its own."""
@@ -148,8 +146,7 @@ class Trouble:
                 subprocess.run(["mount", "-t", "tmpfs", "-o", size, "tmpfs", folder / "state"], check=True)
                 kept.callback(lambda: subprocess.run(["umount", "-l", folder / "state"], check=True))
             sender = Mqtt(folder) if self.mqtt else Tcp()
-            more = [{"type": kind, "port": free_port()} for kind in self.more]
-            process = process_in(folder, [sender.source, *more])
+            process = process_in(folder, [sender.source])
             return self._attempt(process, sender)
 
     def _attempt(self, process: Process, sender: Sender) -> Outcome:

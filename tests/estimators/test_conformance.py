@@ -153,18 +153,6 @@ def test_inputs_stay_and_instances_and_copies_share_nothing(case: Case) -> None:
 
 
 @everyone
-def test_nothing_measured_is_nothing_changed(case: Case) -> None:
-    nan, none = (run(case.fresh(), list(stream(6, gaps=0.0))[:20]) for _ in range(2))
-    x, P = nan.x.copy(), nan.P.copy()
-    nan.update([np.nan, np.nan])
-    none.update(None)
-    assert_same(nan, none)
-    np.testing.assert_array_equal(nan.x, x)
-    np.testing.assert_array_equal(nan.P, P)
-    assert (nan.nis, nan.channels_used, nan.log_likelihood) == (0.0, 0, 0.0)
-
-
-@everyone
 def test_a_long_gap_makes_it_unsure_and_a_measurement_sure_again(case: Case) -> None:
     kf = run(case.fresh(), list(stream(7, gaps=0.0)))
     sure = np.trace(kf.P)
@@ -176,53 +164,6 @@ def test_a_long_gap_makes_it_unsure_and_a_measurement_sure_again(case: Case) -> 
     assert unsure > 2.0 * sure
     kf.update(np.reshape([0.0, 0.0], np.shape(kf.x)))
     assert np.trace(kf.P) < unsure
-
-
-@everyone
-def test_estimate_is_better_than_the_measurements(case: Case) -> None:
-    kf, rng, x = case.fresh(), np.random.default_rng(8), np.array([0.05, 0.0])
-    kf.x = x.reshape(np.shape(kf.x))
-    errors, noises = [], []
-    for i in range(1000):
-        u = 0.1 * np.sin(0.02 * i)
-        x, noise = swing(x, u, 0.01), rng.normal(size=2) * [0.01, 0.02]
-        feed(kf, np.array([u]), 0.01, seen(x) + noise)
-        errors.append(kf.x.reshape(-1) - x)
-        noises.append(noise)
-    assert (np.mean(np.square(errors), axis=0) < 0.8 * np.mean(np.square(noises), axis=0)).all()
-
-
-@everyone
-def test_order_of_channels_does_not_matter(case: Case) -> None:
-    straight, crossed = case.fresh(), case.fresh()
-    h, H = straight.h, straight.H_jacobian
-    if case.linear:
-        crossed.H = np.asarray(crossed.H)[::-1]
-    else:
-        crossed.h = lambda x: h(x)[::-1]
-        crossed.H_jacobian = None if H is None else lambda x: H(x)[::-1]
-    crossed.R = np.asarray(crossed.R)[::-1, ::-1]
-    if isinstance(crossed, SVSF):
-        crossed.psi = np.broadcast_to(crossed.psi, 2)[::-1]
-    for u, dt, z in stream(9):
-        feed(straight, u, dt, z)
-        feed(crossed, u, dt, z[::-1])
-    np.testing.assert_allclose(crossed.x, straight.x, rtol=1e-9)
-    np.testing.assert_allclose(crossed.P, straight.P, rtol=1e-9)
-    assert crossed.log_likelihood == pytest.approx(straight.log_likelihood)
-
-
-@everyone
-def test_a_refused_call_changes_nothing(case: Case) -> None:
-    kf = run(case.fresh(), list(stream(10))[:30])
-    before = copy.deepcopy(kf)
-    for z in ([1.0], [np.inf, 0.0], [[1.0, 2.0], [3.0, 4.0]]):
-        with pytest.raises(ValueError) as error:
-            kf.update(z)
-        assert "\n" not in str(error.value)
-    with pytest.raises(ValueError):
-        kf.predict(np.nan if not case.linear else [np.nan], 0.01)
-    assert_same(kf, before)
 
 
 def test_the_guides_code_runs_and_does_what_the_guide_says() -> None:

@@ -110,17 +110,6 @@ def test_linearised_where_the_encoders_put_velocity_and_speed() -> None:
             )
 
 
-def test_linearising_at_the_prediction_is_the_plain_jacobian() -> None:
-    rng, q = np.random.default_rng(13), model()
-    for _ in range(20):
-        x = state(rng)
-        out, F, G = stepped(x, q)
-        again, F_at, G_at = stepped(x, q, v_at=out[eha.V], w_at=x[eha.W])
-        np.testing.assert_array_equal(again, out)
-        np.testing.assert_allclose(F_at, F, rtol=1e-12, atol=1e-12)
-        np.testing.assert_array_equal(G_at, G)
-
-
 def gas_volume(p: float) -> float:
     """Of a unit of free air, adiabatic or as its index says, over its volume at atmosphere."""
     return (eha.ATMOSPHERE / (p + eha.ATMOSPHERE)) ** (1.0 / INDEX)
@@ -211,13 +200,6 @@ def test_noise_on_velocity_and_speed_keeps_the_balance(seed: int) -> None:
         assert np.count_nonzero(G[:, column]) == 1
 
 
-def test_an_axis_at_rest_stays_at_rest() -> None:
-    x = np.zeros(N)
-    x[[eha.P1, eha.P2]] = ACCUMULATOR
-    x[[eha.LEAK, eha.FRIC]], x[eha.AIR] = 1.0, 3.0
-    np.testing.assert_array_equal(stepped(x, model())[0], x)
-
-
 @given(st.floats(0.1, 20.0), st.floats(0.1, 50.0))
 def test_compliance_near_eq_5_21(pressure: float, per_mille: float) -> None:
     """Eq. 5.21, 1/β = (1 - δ)/β₀ + δ/(1.4 P), where δ is the share of gas at the pressure P (absolute)."""
@@ -228,16 +210,6 @@ def test_compliance_near_eq_5_21(pressure: float, per_mille: float) -> None:
     mixture = (1.0 - delta) * q.stiff_compliance + delta / (INDEX * absolute)
     # The model refers volumes to the oil alone: 1 + gas of the mixture's.
     assert eha.compliance(pressure, per_mille, q)[0] == pytest.approx((1.0 + gas) * mixture, rel=1e-9)
-
-
-def test_a_profiles_bulk_modulus_is_met_at_its_reference_pressure() -> None:
-    q = model(bulk_modulus=3e8, air_fraction=0.001)
-    assert 1e6 / eha.compliance(REFERENCE * 1e-6, 1.0, q)[0] == pytest.approx(3e8, rel=1e-12)
-
-
-def test_no_air_makes_the_oil_rigid() -> None:
-    q = model()
-    assert eha.compliance(0.5, -1e3, q) == (eha.COMPLIANCE_FLOOR * q.stiff_compliance, 0.0, 0.0)
 
 
 @given(st.floats(-0.3, 0.3).filter(lambda v: abs(v) > 1e-6))

@@ -39,14 +39,6 @@ def test_the_zero_is_the_weighted_mean_of_prior_and_data(seed: int, zero: float,
     assert x[eha.ZERO] == pytest.approx(gaps.sum() / VARIANCE / precision, rel=1e-9, abs=1e-12)
 
 
-def test_missing_values_count_for_nothing() -> None:
-    gaps = 0.01 + 1e-3 * np.sin(np.arange(4.0 * PAIRS))
-    torn = np.insert(gaps, [3, 3, 17, 60], np.nan)
-    for a, b in zip(compared(gaps), compared(torn), strict=True):
-        np.testing.assert_array_equal(a, b)
-    assert compared(gaps[: PAIRS - 1])[1][eha.ZERO, eha.ZERO] == PRIOR, "not before a full count"
-
-
 def test_an_outlier_moves_it_by_no_more_than_its_share() -> None:
     """A short circuit of 3 MPa for 20 samples, after half a second of good data."""
     rng = np.random.default_rng(4)

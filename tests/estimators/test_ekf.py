@@ -8,7 +8,7 @@ import math
 import filterpy.kalman
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from scipy import stats
 
@@ -36,29 +36,6 @@ def linear_pair(rng: np.random.Generator, n: int, m: int, column: bool):
     return ours, peer
 
 
-@pytest.mark.parametrize("column", [True, False])
-def test_linear_filter_equals_filterpy(column: bool) -> None:
-    rng = np.random.default_rng(3)
-    for n, m in ((1, 1), (3, 2), (5, 5), (4, 6)):
-        ours, peer = linear_pair(rng, n, m, column)
-        for _ in range(20):
-            u = rng.normal(size=(2, 1) if column else 2)
-            z = rng.normal(size=(m, 1) if column else m)
-            ours.predict(u)
-            peer.predict(u)
-            np.testing.assert_allclose(ours.x_prior, peer.x_prior, rtol=1e-9, atol=1e-12)
-            ours.update(z)
-            peer.update(z)
-            assert ours.x.shape == np.shape(peer.x)
-            for name in ("x", "P", "K", "S", "SI", "y", "z", "x_post", "P_post"):
-                np.testing.assert_allclose(
-                    getattr(ours, name), getattr(peer, name), rtol=1e-8, atol=1e-10, err_msg=name
-                )
-            assert ours.log_likelihood == pytest.approx(peer.log_likelihood)
-            assert ours.mahalanobis == pytest.approx(peer.mahalanobis)
-
-
-@settings(max_examples=60, deadline=None)
 @given(seed=st.integers(0, 2**32 - 1), n=st.integers(1, 6), m=st.integers(1, 5))
 def test_random_linear_problems_equal_both_of_filterpys_filters(seed: int, n: int, m: int) -> None:
     """KalmanFilter, and ExtendedKalmanFilter with h and its Jacobian handed to update."""
@@ -121,25 +98,6 @@ def test_nonlinear_filter_equals_filterpy(own_jacobian: bool) -> None:
     assert np.abs(ours.x - x).max() < 30.0
 
 
-def test_functions_given_to_update_are_used_as_in_filterpy() -> None:
-    ours, peer = ExtendedKalmanFilter(3, 2), filterpy.kalman.ExtendedKalmanFilter(3, 2)
-    wrap = lambda a, b: (a - b + np.pi) % (2.0 * np.pi) - np.pi  # noqa: E731
-    z = np.array([1000.0, 1.5 + 2.0 * np.pi])
-    for kf in (ours, peer):
-        kf.x = np.array([100.0, 0.0, 990.0])
-        kf.update(
-            z,
-            lambda x, k: k * radar_jacobian(x),
-            lambda x, k: k * radar(x),
-            R=0.5,
-            args=1.0,
-            hx_args=(1.0,),
-            residual=wrap,
-        )
-    np.testing.assert_allclose(ours.x, peer.x, rtol=1e-10)
-    np.testing.assert_allclose(ours.P, peer.P, rtol=1e-8, atol=1e-12)
-
-
 def test_nonlinear_prediction_uses_the_model_and_its_jacobian() -> None:
     """One step of a pendulum with an input: mean from f, covariance from the exact Jacobian."""
 
@@ -173,7 +131,6 @@ def test_variable_time_step_of_a_linear_model() -> None:
     np.testing.assert_allclose(one.P, three.P)
 
 
-@settings(max_examples=60, deadline=None)
 @given(seed=st.integers(0, 2**32 - 1), n=st.integers(1, 6), m=st.integers(1, 5), full=st.booleans())
 def test_missing_channels_equal_an_update_without_those_rows(seed: int, n: int, m: int, full: bool) -> None:
     rng = np.random.default_rng(seed)
@@ -208,7 +165,6 @@ def test_missing_channels_equal_an_update_without_those_rows(seed: int, n: int, 
         assert log_likelihood == pytest.approx(holed.log_likelihood)
 
 
-@settings(max_examples=60, deadline=None)
 @given(seed=st.integers(0, 2**32 - 1), n=st.integers(1, 6), m=st.integers(1, 6))
 def test_likelihood_equals_the_multivariate_normal_density(seed: int, n: int, m: int) -> None:
     rng = np.random.default_rng(seed)
@@ -231,14 +187,6 @@ def test_diffuse_prior_and_two_precise_sensors() -> None:
     assert kf.x[0, 0] == pytest.approx(2.0, rel=1e-6)
     assert kf.P[0, 0] == pytest.approx(0.5e-8, rel=1e-6)
     assert kf.P[1, 1] == 1e12
-
-
-def test_noise_free_channel_is_believed_exactly() -> None:
-    kf = ExtendedKalmanFilter(2, 2)
-    kf.P, kf.R, kf.H = [[2.0, 1.0], [1.0, 2.0]], [0.0, 1.0], np.eye(2)
-    kf.update([4.0, 0.0])
-    assert kf.x[0, 0] == pytest.approx(4.0, abs=1e-12)
-    assert kf.P[0, 0] == pytest.approx(0.0, abs=1e-12)
 
 
 def test_perfectly_correlated_noise_cancels_in_the_difference() -> None:
@@ -315,12 +263,6 @@ def test_unusable_input_is_refused_in_one_line_and_changes_nothing(act, message:
         np.testing.assert_array_equal(getattr(kf, name), value, err_msg=name)
 
 
-@pytest.mark.parametrize("sizes", [(0, 1), (1, 0), (2.5, 1), (1, 1, -1)])
-def test_impossible_sizes_are_refused(sizes: tuple) -> None:
-    with pytest.raises(ValueError, match="give a whole number"):
-        ExtendedKalmanFilter(*sizes)
-
-
 # Masks and Huber's limit
 
 problem = {"seed": st.integers(0, 2**32 - 1), "n": st.integers(1, 5), "m": st.integers(1, 4)}
@@ -334,7 +276,6 @@ def pair(rng: np.random.Generator, n: int, m: int, **options):
     return plain, robust
 
 
-@settings(max_examples=60, deadline=None)
 @given(**problem, svsf=st.booleans())
 def test_a_masked_channel_is_a_missing_channel(seed: int, n: int, m: int, svsf: bool) -> None:
     rng = np.random.default_rng(seed)
@@ -351,14 +292,6 @@ def test_a_masked_channel_is_a_missing_channel(seed: int, n: int, m: int, svsf: 
     assert masked.channels_used == mask.sum()
 
 
-@pytest.mark.parametrize("mask", [[1, 0], [True], [True, False, True], "no"])
-def test_a_mask_that_does_not_fit_is_refused(mask) -> None:
-    kf = ExtendedKalmanFilter(2, 2)
-    with pytest.raises(ValueError, match="give 2 bools, True to use"):
-        kf.update([1.0, 1.0], mask=mask)
-
-
-@settings(max_examples=80, deadline=None)
 @given(seed=st.integers(0, 2**32 - 1), n=st.integers(1, 5), limit=st.floats(0.5, 5.0))
 def test_one_channel_follows_hubers_influence_function(seed: int, n: int, limit: float) -> None:
     """The correction is the Kalman correction of the innovation clipped at the limit."""
@@ -381,26 +314,6 @@ def test_one_channel_follows_hubers_influence_function(seed: int, n: int, limit:
     np.testing.assert_allclose(robust.P, before - Ph @ Ph.T * weight / S, rtol=1e-7, atol=1e-10)
 
 
-@settings(max_examples=60, deadline=None)
-@given(**problem)
-def test_an_outlier_in_one_channel_leaves_the_others_their_weight(seed: int, n: int, m: int) -> None:
-    rng = np.random.default_rng(seed)
-    _, robust = pair(rng, n, m, robust=3.0)
-    bad = rng.integers(m)
-    z = robust.H @ robust.x
-    z[bad] += 1e9
-    robust.update(z)
-    weights = robust.robust_weights
-    assert weights[bad] < 1e-6
-    assert np.delete(weights, bad).tolist() == [1.0] * (m - 1)
-    # As good as left out.
-    rest = ExtendedKalmanFilter(n, m)
-    _, prior = pair(np.random.default_rng(seed), n, m, robust=3.0)
-    rest.x, rest.P, rest.H, rest.R = prior.x, prior.P, prior.H, prior.R
-    rest.update(z, mask=np.arange(m) != bad)
-    np.testing.assert_allclose(robust.P, rest.P, rtol=1e-5, atol=1e-6)
-
-
 def test_with_bad_samples_it_beats_the_kalman_filter_and_without_it_costs_little() -> None:
     """5 % of samples are off by some 20 standard deviations (seeded, 4000 samples)."""
     rng = np.random.default_rng(5)
@@ -420,9 +333,3 @@ def test_with_bad_samples_it_beats_the_kalman_filter_and_without_it_costs_little
         rms[share] = np.sqrt(np.mean(np.square(errors), axis=0))
     assert rms[0.0][1] < 1.03 * rms[0.0][0]
     assert rms[0.05][1] < 0.5 * rms[0.05][0]
-
-
-@pytest.mark.parametrize("limit", [0.0, -1.0, np.nan])
-def test_an_impossible_limit_is_refused(limit: float) -> None:
-    with pytest.raises(ValueError, match="give a limit of more than 0"):
-        ExtendedKalmanFilter(1, 1, robust=limit)

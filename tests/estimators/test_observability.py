@@ -139,19 +139,6 @@ def test_the_walk_takes_the_held_value_no_further_than_the_ceiling() -> None:
     assert seen.age[-1] == pytest.approx(0.01 * (n - 1 - np.flatnonzero(seen.valid)[-1]))
 
 
-def test_little_data_do_not_make_the_held_value_surer() -> None:
-    """A filter that goes on learning a little knows its own value, not the one held from before."""
-    n, q = 4000, 0.02
-    P = scalar_filter(q, np.where(np.arange(n) < 500, 0.1, 300.0), np.inf, 0.01)
-    seen = Observability({"x": (0.1, 0.12)}).push(
-        0.01 * np.arange(n), {"x": np.ones(n)}, {"x": np.sqrt(P)}, {"x": Drift(q)}
-    )["x"]
-    assert not seen.valid[-1]
-    last = np.flatnonzero(seen.valid)[-1]
-    np.testing.assert_allclose(seen.held_std[-1] ** 2, P[last] + q * 0.01 * (n - 1 - last), rtol=1e-6)
-    assert seen.held_std[-1] ** 2 > 1.2 * P[-1]
-
-
 def test_a_change_of_scale_or_a_jump_is_no_information() -> None:
     scale = np.linspace(1.0, 0.2, 50)
     watch = Observability({"x": (0.1, 0.2)})

@@ -58,13 +58,6 @@ def test_a_periodic_multi_sine_is_exact_at_its_lines():
     assert np.abs(by_welch.response - response(by_welch.frequency)).max() > 0.02
 
 
-def test_a_period_between_samples_is_found_in_its_multiple():
-    time = np.arange(4000)
-    given = np.sin(2.0 * np.pi * time / 250.5) + np.sin(14.0 * np.pi * time / 250.5 + 1.0)
-    found = repetition(given)
-    assert found is not None and found[0] in (250, 251, 501)
-
-
 def test_a_multi_sine_after_a_stroke_is_found_and_nothing_else_used():
     given, lines = multi_sine(5)
     stroke, rest = np.full(500, -20.0), np.full(300, 3.0)
@@ -87,24 +80,6 @@ def test_the_periods_spread_holds_the_true_response():
         found = periodic_etfe([answered(given, 0.5, seed)], T, 800)
         inside += np.count_nonzero(np.abs(found.response - response(lines)) < found.radius)
     assert 0.92 < inside / (20 * lines.size) < 0.98
-
-
-def test_its_variance_falls_with_periods_and_not_with_the_length_of_noise():
-    def error(estimate, series: Series) -> float:
-        found = estimate(series)
-        return float(np.sqrt(np.mean(np.abs(found.response - response(found.frequency)) ** 2)))
-
-    few, many = (answered(multi_sine(n)[0], 0.5, 2) for n in (4, 34))
-    few_error, many_error = (error(lambda s: periodic_etfe([s], T, 800), s) for s in (few, many))
-    assert many_error < 0.5 * few_error  # a third is expected: 3 and 33 periods
-    rng = np.random.default_rng(3)
-    raw = []
-    for n in (4000, 36_000):
-        s = answered(rng.standard_normal(n), 0.5, 4)
-        frequency, found = empirical_response(s.given, s.caused, T, 0.0)
-        inside = (frequency > 1.0) & (frequency < 120.0)
-        raw.append(float(np.median(np.abs(found - response(frequency))[inside])))
-    assert raw[1] > 0.8 * raw[0]
 
 
 def test_a_chirp_between_rests_is_nearer_than_by_welch():

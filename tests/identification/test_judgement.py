@@ -9,11 +9,10 @@ from spread_units import only, scaled, spread_unit, work
 
 from fdd.diagnosis.baseline import add_baseline
 from fdd.errors import InputError
-from fdd.identification import identify_unit, signs
+from fdd.identification import identify_unit
 from fdd.identification.judgement import Judgement, judge
 from fdd.identification.log_scales import check_scales
-from fdd.identification.record import centred_mean, even_record
-from fdd.identification.slips import NEAR, slips
+from fdd.identification.slips import NEAR
 from fdd.plant.scenario import Scenario
 from fdd.plant.simulate import simulate
 from fdd.samples import PRESSURES, Samples
@@ -96,23 +95,17 @@ def test_a_bias_that_comes_within_a_log_is_a_limit(healthy: list[Samples]) -> No
 
 @pytest.mark.parametrize(
     ("factor", "said"),
-    [(1e-5, "bar read as Pa"), (1e-2, "bar read as kPa"), (0.1, "times what they should be"),
-     (10.0, "times what they should be"), (1e2, "kPa read as bar"), (1e3, "unit"), (1e5, "unit")],
+    [(1e-5, "bar read as Pa"), (0.1, "times what they should be"), (1e2, "kPa read as bar"), (1e5, "unit")],
 )  # fmt: skip
 def test_pressures_in_another_unit(healthy: list[Samples], factor: float, said: str) -> None:
     sentence = refused([scaled(log, factor, *PRESSURES) for log in healthy])
     assert said in sentence and "pressure" in sentence and "unit" in sentence
 
 
-@pytest.mark.parametrize("factor", [1e-2, 0.1, 10.0, 1e2])
+@pytest.mark.parametrize("factor", [1e-2, 10.0])
 def test_the_difference_alone_in_another_unit(healthy: list[Samples], factor: float) -> None:
     logs = [scaled(only(log, *MINIMAL), factor, "pressure_difference") for log in healthy]
     assert "pressure" in (line := refused(logs)) and "unit" in line
-
-
-def test_one_pressure_of_four_in_another_unit(healthy: list[Samples]) -> None:
-    logs = [scaled(log, 1e-2, "pressure_difference") for log in healthy]
-    assert "bar read as kPa" in refused(logs)
 
 
 @pytest.mark.parametrize(
@@ -153,40 +146,9 @@ def test_swapped_chambers_and_a_turned_difference(healthy: list[Samples]) -> Non
     assert "swap pressure_1 and pressure_2" in refused([healthy[0], swapped[1], *healthy[2:]])
 
 
-@pytest.mark.parametrize(
-    ("against", "wrong"),
-    [
-        ((-3.0, 1.1, -0.4), None),
-        ((0.5, 1.1, -0.4), "b"),
-        ((-9.0, 2.1, -9.0), "b"),
-        ((1.2,), "a"),
-        ((0.9,), None),
-    ],
-)
-def test_logs_of_one_map_outvote_a_doubtful_one(
-    against: tuple[float, ...], wrong: str | None, healthy: list[Samples], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    told = iter(against)
-    monkeypatch.setattr(signs, "against_pressure", lambda *args, **more: next(told))
-    base = Unit.load("axis_a")
-    records, labels = [even_record(healthy[0], base, "log")] * len(against), "abc"[: len(against)]
-    if wrong is None:
-        signs.check_pressure_signs(records, base, labels)
-        return
-    with pytest.raises(InputError, match=f"^{wrong}: oil flows against"):
-        signs.check_pressure_signs(records, base, labels)
-
-
 def test_oil_in_kelvin(healthy: list[Samples]) -> None:
     logs = [log.with_columns({"oil_temperature": log["oil_temperature"] + 273.15}) for log in healthy]
     assert "it looks like K read as degC" in refused(logs)
-
-
-def test_standstill_is_not_usable(healthy: list[Samples]) -> None:
-    log = healthy[0]
-    still = log.with_columns({"position": np.full(len(log), 0.01), "pump_angle": np.full(len(log), 1.0)})
-    still = still.with_columns({"pump_speed": np.zeros(len(log))})
-    assert "moves by" in refused([still])
 
 
 def test_one_log_cannot_tell_a_leak_from_a_leaky_unit() -> None:
@@ -217,10 +179,6 @@ def test_the_next_size_of_pump_is_said_and_not_refused(healthy: list[Samples]) -
     result = judged(healthy, base)
     assert result.verdict == "usable with limits", result.sentence
     assert "travel per rad of the pump is 0.799 times" in result.sentence
-
-
-def test_factors_of_no_unit_name_no_slip() -> None:
-    assert [slips(factor, "pressure") for factor in (-10.0, 0.0, 1.0, 1.3)] == [""] * 4
 
 
 def test_a_throttled_load_is_no_turned_sign() -> None:
@@ -275,17 +233,3 @@ def test_wander_beside_a_small_load_is_no_other_unit() -> None:
     check_scales(log, unit, "log")
     with pytest.raises(InputError, match="psi"):
         check_scales(log.with_columns({"pressure_difference": 14.5 * 0.95 * drop}), unit, "log")
-
-
-def test_quantiles_are_students() -> None:
-    from scipy.stats import t
-
-    for freedom, value in signs.SURE.items():
-        assert value == pytest.approx(t.ppf(1.0 - signs.BY_CHANCE, freedom), rel=1e-4)
-
-
-@pytest.mark.parametrize("width", [1, 3, 51, 201])
-def test_the_centred_mean_is_scipys(width: int) -> None:
-    values = 3e6 + np.random.default_rng(width).normal(size=500).cumsum()
-    wanted = uniform_filter1d(values, width, mode="nearest")
-    np.testing.assert_allclose(centred_mean(values, width), wanted, rtol=1e-12)

@@ -4,12 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 
 from fdd.errors import InputError
 from fdd.plant import conditions as c
-from fdd.plant.circuit import Circuit, Connect, ExternalAccumulators, apply, apply_connect, check_charging
+from fdd.plant.circuit import Circuit, ExternalAccumulators, apply, check_charging
 from fdd.plant.rows import axis_conditions, partner_setpoint
 from fdd.plant.scenario import Scenario
 from fdd.unit import Unit
@@ -53,32 +51,11 @@ def test_the_by_pass_drops_what_the_thesis_says_at_full_flow() -> None:
     assert 1e6 * (1.39e-4 / flow_at_1_mpa) ** 2 == pytest.approx(137e3, rel=0.01)
 
 
-@pytest.mark.parametrize(("side", "column"), [(1, c.OUTSIDE_1), (2, c.OUTSIDE_2)])
-def test_the_external_leakage_valve_opens_to_the_outside_on_its_side(side, column) -> None:
-    rows = changed_by(
-        Circuit(
-            external_leakage=[[1, 0], [2, 1]], external_leakage_side=side, external_leakage_coefficient=2e-11
-        )
-    )
-    assert columns(rows) == {column}
-    np.testing.assert_allclose(rows[[500, 1500, 2500], column], [0.0, 1e-11, 2e-11], atol=1e-20)
-
-
 def test_the_charging_pump_delivers_its_displacement_times_speed() -> None:
     rows = changed_by(Circuit(charging=0.5))
     assert columns(rows) == {c.CHARGE}
     # 2.83e-7 m³/rad (Table 4.16) at half of 3000 rpm.
     np.testing.assert_allclose(rows[:, c.CHARGE], 2.83e-7 * 25.0 * 2.0 * np.pi, rtol=1e-4)
-
-
-def test_the_connect_valves_write_a_column_each_on_the_first_axis_only() -> None:
-    rows = np.zeros((TIME.size, c.COLUMNS))
-    apply_connect(Connect(line_1=1.0, line_2="0:0/1:0/1:0.2", flow=4e-4), rows, TIME)
-    assert columns(rows) == {c.CONNECT_1, c.CONNECT_2}
-    np.testing.assert_allclose(rows[:, c.CONNECT_1], 4e-4)
-    np.testing.assert_allclose(rows[[999, 1000], c.CONNECT_2], [0.0, 8e-5])
-    dual = Scenario(partner={}, connect={"line_1": 1, "line_2": 1})
-    assert rows_of(dual)[0, c.CONNECT_1] > 0.0 and rows_of(dual, axis=2)[0, c.CONNECT_1] == 0.0
 
 
 def test_power_and_valves_go_to_their_own_axis() -> None:
@@ -95,17 +72,6 @@ def test_power_and_valves_go_to_their_own_axis() -> None:
     assert one[0, c.BYPASS] == pytest.approx(0.1 * Circuit().bypass_flow)
     assert two[0, c.BYPASS] == pytest.approx(Circuit().throttle_flow)
     assert np.all(one[:, c.WARMING] == 0.01) and np.all(two[:, c.WARMING] == 0.01)
-
-
-@given(st.integers(1, 2999))
-def test_rows_do_not_depend_on_how_the_run_is_cut(cut) -> None:
-    scenario = Scenario(
-        circuit={"bypass": "0:0/1.3:0.7", "charging": "0.2:0/0.2:1/2:0"}, power="0:1/3:0.5",
-        faults=[{"fault": "aeration", "severity": 0.3, "onset": 1.1, "profile": "ramp", "ramp": 1.0}],
-    )  # fmt: skip
-    whole = rows_of(scenario)
-    parts = [rows_of(scenario, time=part) for part in (TIME[:cut], TIME[cut:])]
-    assert np.array_equal(np.concatenate(parts), whole)
 
 
 def test_the_partners_own_speeds() -> None:

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from scipy.integrate import quad
 
@@ -26,15 +26,6 @@ def test_viscosity_meets_the_data_sheet_and_another_oils_third_point():
     assert viscosity_ratio(OIL, OIL.reference_temperature) == pytest.approx(1.0, rel=1e-12)
 
 
-def test_viscosity_falls_with_temperature():
-    assert np.all(np.diff(viscosity(OIL, np.linspace(-20.0, 110.0, 200))) < 0.0)
-
-
-def test_bulk_modulus_at_the_reference_pressure_is_the_units():
-    assert bulk_modulus(OIL, OIL.reference_pressure) == pytest.approx(OIL.bulk_modulus, rel=1e-12)
-
-
-@settings(max_examples=40, deadline=None)
 @given(
     pressure=st.floats(-0.9e5, 6e6),
     air=st.floats(0.0, 0.05),

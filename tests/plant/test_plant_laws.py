@@ -42,7 +42,7 @@ def _steady_friction(law: str, v: float, pressure: float = 0.0, **details: float
 
 
 @pytest.mark.parametrize("law", ["elastoplastic", "lugre", "smooth"])
-@pytest.mark.parametrize("v", [0.02, 0.08, -0.02, -0.08])
+@pytest.mark.parametrize("v", [0.02, -0.08])
 def test_stribeck_laws_end_on_the_units_curve(law, v):
     """Eq. 5.12 is the steady friction of each of them."""
     branch = UNIT.friction.forward if v > 0.0 else UNIT.friction.reverse
@@ -163,17 +163,6 @@ def test_an_external_leak_empties_the_accumulator_at_its_time_and_then_the_low_s
     assert truth["pressure_accumulator"][-10_000:].max() < 0.1 * truth["pressure_accumulator"][0]
     soft = np.minimum(truth["bulk_modulus_1"], truth["bulk_modulus_2"])
     assert np.median(soft[-10_000:]) < 0.1 * np.median(soft[:1000])
-
-
-def test_the_thesiss_accumulator_runs_empty_of_a_tenth_of_that_leak():
-    """13 cm³, the unit axis_a_13cm3: seconds, and three kelvin of cold do the same."""
-    unit = Unit.load("axis_a_13cm3")
-    circuit = {"external_leakage": 1.0, "external_leakage_coefficient": 2e-12}
-    duty = {"name": "sines", "amplitude": 0.05}
-    leaking = _truth({}, unit, duty=duty, duration=15.0, circuit=circuit)
-    assert 2.0 < leaking.time[np.argmax(leaking["oil_stored"] < 0.0)] < 12.0
-    cooling = _truth({"heat_capacity": 1e8}, unit, duty=duty, duration=10.0, warming=-0.3)
-    assert cooling["oil_stored"][-1] < 0.0 < cooling["oil_stored"][0]
 
 
 def test_the_gas_is_adiabatic_when_quick_and_isothermal_when_slow():

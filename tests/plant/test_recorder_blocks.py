@@ -14,7 +14,7 @@ from fdd.plant.faults.spec import FaultSpec
 from fdd.plant.sensors import Lateness, PositionSlip, Recorder, Recording, Rows, position_offset
 from fdd.plant.sensors.faults import DROPOUTS, PLAY
 from fdd.plant.sensors.recorder import KNOWN, MEASURED
-from fdd.sensor import CurrentLoop, Sensor
+from fdd.sensor import Sensor
 from fdd.unit import Unit
 
 UNIT = Unit.load("axis_a")
@@ -74,7 +74,6 @@ WHOLE = recorded([])
 
 
 @given(st.lists(st.integers(0, ROWS), max_size=12))
-@settings(max_examples=60, deadline=None)
 def test_any_blocks_give_the_same_bits(edges: list[int]) -> None:
     cut = recorded(edges)
     assert list(cut.columns) == list(WHOLE.columns)
@@ -83,35 +82,14 @@ def test_any_blocks_give_the_same_bits(edges: list[int]) -> None:
         assert cut.columns[channel].tobytes() == values.tobytes(), channel
 
 
-def test_single_rows_give_the_same_bits() -> None:
-    cut = recorded(range(1, ROWS))
-    for channel, values in WHOLE.columns.items():
-        assert cut.columns[channel].tobytes() == values.tobytes(), channel
-
-
-def test_the_run_that_is_cut_has_what_could_go_wrong() -> None:
-    assert 0.9 < WHOLE.kept.mean() < 0.99 and WHOLE.kept[0]
-    assert sum(np.isnan(v).sum() for v in WHOLE.columns.values()) > 20
-    assert np.any(np.diff(WHOLE.columns["pressure_difference"]) == 0.0)
-    assert {*KNOWN, *MEASURED, "pump_speed"} == set(WHOLE.columns)
-
-
 @given(st.lists(st.integers(0, ROWS), max_size=6))
-@settings(max_examples=30, deadline=None)
+@settings(max_examples=30)
 def test_lateness_does_not_depend_on_the_blocks(edges: list[int]) -> None:
     whole = Lateness(RECORDING, 10, 3).steps(ROWS)
     cut = Lateness(RECORDING, 10, 3)
     parts = [cut.steps(j - i) for i, j in pairwise([0, *sorted(edges), ROWS])]
     np.testing.assert_array_equal(np.concatenate(parts), whole)
     assert whole[0] == 0 and whole.max() == 9 and (whole > 0).mean() == pytest.approx(0.05, abs=0.016)
-
-
-@pytest.mark.parametrize("name", [f.fault for f in FAULTS])
-def test_severity_nought_changes_no_bit(name: str) -> None:
-    healthy = recorded([], faults=[])
-    idle = recorded([], faults=[fault(name, 0.0)])
-    for channel, values in healthy.columns.items():
-        assert idle.columns[channel].tobytes() == values.tobytes()
 
 
 def measured(n: int, spec: FaultSpec, unit: Unit = UNIT) -> dict[str, np.ndarray]:
@@ -160,20 +138,6 @@ def test_dropouts_that_cannot_be_are_refused() -> None:
         Recorder(UNIT, [fault("sensor_dropout", 0.5, variant="melted")], Recording(), 1)
 
 
-def test_a_drift_is_the_integral_of_its_severity() -> None:
-    spec = fault("pressure_sensor_drift", 0.4, profile="ramp", ramp=10.0, onset=1.0)
-    drift = (
-        measured(30_000, spec)["pressure_difference"]
-        - measured(30_000, fault("sensor_dropout", 0.0))["pressure_difference"]
-    )
-    time = np.arange(30_000) * 1e-3
-    ramp = np.clip(time - 1.0, 0.0, 10.0)
-    expected = 5e3 * 0.4 * (0.5 * ramp**2 / 10.0 + np.maximum(time - 11.0, 0.0))
-    loop = UNIT.sensor("pressure_difference").loop
-    assert isinstance(loop, CurrentLoop)
-    np.testing.assert_allclose(drift, expected, atol=loop.resolution + 2.0)
-
-
 def test_a_slip_jumps_once_a_second_by_a_millimetre_and_stays_in_its_play() -> None:
     spec = fault("position_sensor_slip", 1.0, onset=10.0)
     offset = position_offset([spec], 0, 3_600_000, seed=4)
@@ -193,7 +157,6 @@ def test_a_slip_jumps_once_a_second_by_a_millimetre_and_stays_in_its_play() -> N
 
 
 @given(st.integers(0, 30_000), st.integers(0, 3000))
-@settings(max_examples=40, deadline=None)
 def test_the_controller_can_ask_for_any_rows_of_the_slip(first: int, n: int) -> None:
     spec = fault("position_sensor_slip", 0.6, onset=1.0, profile="ramp", ramp=10.0)
     whole = position_offset([spec], 0, 33_000, seed=4)
@@ -201,13 +164,3 @@ def test_the_controller_can_ask_for_any_rows_of_the_slip(first: int, n: int) -> 
     slip = PositionSlip(spec, seed=4)
     slip.offset(20_000, 10)
     np.testing.assert_array_equal(slip.offset(first, n), whole[first : first + n])
-
-
-def test_the_log_shows_the_slip_that_the_controller_is_given() -> None:
-    spec = fault("position_sensor_slip", 1.0, onset=0.0)
-    shown = measured(20_000, spec)["position"]
-    given_to_controller = position_offset([spec], 0, 20_000, seed=2)
-    assert np.abs(given_to_controller).max() > 1e-3
-    encoder = UNIT.sensor("position")
-    bound = 0.51 * encoder.resolution + sum(a for _, a in encoder.shaft_orders)
-    np.testing.assert_allclose(shown, given_to_controller, atol=bound)

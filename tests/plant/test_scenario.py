@@ -1,14 +1,11 @@
 """Scenarios: what is refused, what duties and loads are, and that a seed fixes everything."""
 
-import time
-
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from fdd.errors import InputError
-from fdd.plant.details import Details
 from fdd.plant.duty import DUTIES, Replay, duty_named
 from fdd.plant.load import LOADS, GustLoad, load_named
 from fdd.plant.scenario import Control, Recording, Scenario
@@ -74,12 +71,9 @@ def test_scenarios_travel_as_json():
         Scenario.model_validate_json('{"faults": [{"fault": "unknown", "severity": 0.1}]}')
 
 
-def test_a_duty_beyond_the_stroke_is_refused():
+def test_a_duty_beyond_the_stroke_and_a_chamber_empty_within_it_are_refused():
     with pytest.raises(InputError, match="leaves the stroke"):
         simulate(UNIT, Scenario(duration=1.0, duty=duty_named("steps", amplitude=0.2)))
-
-
-def test_a_unit_whose_chamber_is_empty_within_the_stroke_is_refused():
     small = UNIT.model_copy(update={"cylinder": UNIT.cylinder.model_copy(update={"volume_2": 2e-4})})
     with pytest.raises(InputError, match="volume_2"):
         simulate(small, Scenario(duration=1.0))
@@ -87,7 +81,7 @@ def test_a_unit_whose_chamber_is_empty_within_the_stroke_is_refused():
 
 @pytest.mark.parametrize("name", DUTIES)
 @pytest.mark.parametrize("mode", ["position", "speed"])
-@settings(max_examples=8, deadline=None)
+@settings(max_examples=8)
 @given(seed=st.integers(0, 2**32), rows=st.integers(1, 9000))
 def test_duties_stay_within_their_amplitude_and_rest_first(name, mode, seed, rows):
     duty = DUTIES[name](offset=0.01, lead_in=0.3)
@@ -137,16 +131,6 @@ def test_every_load_acts_and_every_usual_range_is_allowed(name):
             load_named(name, **{parameter: end})
 
 
-def test_usual_ranges_of_duties_and_details_are_allowed():
-    for duty in DUTIES.values():
-        for parameter, ends in duty.usual.items():
-            for end in ends:
-                duty(**{parameter: end})
-    for parameter, ends in Details.usual.items():
-        for end in ends:
-            Details(**{parameter: end})
-
-
 def test_gusts_have_the_deviation_and_bandwidth_asked_for():
     force = GustLoad(deviation=300.0, bandwidth_hz=2.0, level=50.0).force(600_000, np.random.default_rng(0))
     assert np.std(force) == pytest.approx(300.0, rel=0.06)
@@ -182,42 +166,6 @@ def test_the_units_spread_of_friction_varies_from_run_to_run():
     )
 
 
-@settings(max_examples=12, deadline=None)
-@given(st.lists(st.floats(0.85, 1.15), min_size=8, max_size=8), st.integers(0, 1000))
-def test_units_within_fifteen_percent_are_simulated(scale, seed):
-    unit = UNIT.model_copy(deep=True)
-    for part, name, by in zip(
-        (unit.cylinder,) * 3 + (unit.pump,) * 2 + (unit.oil, unit.drive, unit.accumulator),
-        (
-            "area_1", "moving_mass", "volume_1", "displacement", "cross_port_leakage",
-            "bulk_modulus", "delay", "charge_pressure",
-        ),
-        scale,
-        strict=True,
-    ):  # fmt: skip
-        setattr(part, name, getattr(part, name) * by)
-    duty = duty_named("prbs", amplitude=0.01)
-    truth = simulate(unit, Scenario(duration=1.5, duty=duty, seed=seed)).truth
-    assert all(np.isfinite(column).all() for column in truth.columns.values())
-    assert np.abs(truth["oil_mass"] / truth["oil_mass"][0] - 1.0).max() < 1e-6
-    assert truth["leakage"][0] == pytest.approx(unit.pump.total_leakage, rel=1e-9)
-
-
-def test_stiff_details_stay_stable():
-    """The stiffest bristles and stops that a scenario may ask for, driven hard."""
-    details = Details(bristle_stiffness=3e7, bristle_damping=2.0, stop_stiffness=1e8, pump_ripple=0.2)
-    light = UNIT.model_copy(update={"cylinder": UNIT.cylinder.model_copy(update={"moving_mass": 3.0})})
-    worn = [{"fault": "seal_wear", "severity": 1.0}]
-    for duty in ("prbs", "steps"):
-        scenario = Scenario(
-            duration=4.0, duty=duty_named(duty, speed=314.0), control=Control(mode="speed"), details=details,
-            faults=worn,
-        )  # fmt: skip
-        truth = simulate(light, scenario).truth
-        assert np.abs(truth["velocity"]).max() < 0.5
-        assert np.abs(truth["friction_force"]).max() < 3e3
-
-
 def test_the_truth_is_documented_and_aligned():
     out = simulate(UNIT, Scenario(duration=1.0, recording=Recording(dropped=0.1)))
     assert set(out.truth.columns) == set(TRUTH)
@@ -226,14 +174,6 @@ def test_the_truth_is_documented_and_aligned():
     encoder = UNIT.sensors["position"]
     shaken = sum(amplitude for _, amplitude in encoder.shaft_orders)
     assert np.nanmax(near) <= 0.51 * encoder.resolution + shaken
-
-
-def test_faster_than_real_time_by_far():
-    scenario = Scenario(duration=20.0)
-    simulate(UNIT, Scenario(duration=0.1))
-    start = time.process_time()
-    simulate(UNIT, scenario)
-    assert time.process_time() - start < 20.0 / 50.0  # the aim is 100; a busy machine gets half
 
 
 @pytest.mark.parametrize("mode", ["position", "speed"])

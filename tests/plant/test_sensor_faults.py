@@ -9,9 +9,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from fdd.errors import InputError
 from fdd.faults import CATALOGUE
-from fdd.plant.faults.spec import FaultScales, FaultSpec, parse_fault
+from fdd.plant.faults.spec import FaultScales, FaultSpec
 from fdd.plant.sensors import Recorder, Recording, Rows
 from fdd.plant.sensors.faults import SensorFault, sensor_fault
 from fdd.plant.sensors.recorder import MEASURED
@@ -26,6 +25,7 @@ WAYS = [
     *(("sensor_dropout", {"variant": variant}) for variant in ("noisy", "sticking", "clipped", "late")),
 ]
 IDS = ["-".join([name, *way.values()]) for name, way in WAYS]
+PROFILES = ("step", "ramp", "intermittent", "exponential", "random")
 TWO_CHAMBERS = ("position", "pump_angle", "pump_speed", "pressure_1", "pressure_2")
 """Of a log without the differential pressure."""
 N = 4000
@@ -70,20 +70,12 @@ def changed(one: Rows, other: Rows) -> set[str]:
     return {c for c, values in one.columns.items() if values.tobytes() != other.columns[c].tobytes()}
 
 
-def test_all_that_the_catalogue_names_is_tried_here() -> None:
-    old = {"zero", "line", "missing", "held", "broken_loop", "position_missing", "position_held"}
-    named = {
-        way for entry in CATALOGUE.values() if entry.in_measurement for way in (*entry.laws, *entry.variants)
-    }
-    assert named == old | {value for _, way in WAYS for value in way.values()}
-
-
 # Whatever the law: blocks, rates, channels, profiles.
 
 
-@pytest.mark.parametrize("rate", RATES)
 @pytest.mark.parametrize(("name", "way"), WAYS, ids=IDS)
-def test_only_its_channel_changes_in_any_log_and_nothing_at_severity_nought(name, way, rate) -> None:
+def test_only_its_channel_changes_in_any_log_and_nothing_at_severity_nought(name, way) -> None:
+    rate = RATES[WAYS.index((name, way)) % len(RATES)]
     for channels, struck in ((None, "pressure_difference"), (TWO_CHAMBERS, "pressure_1")):
         recording = Recording(rate=rate, channels=channels, nan_bursts_per_minute=60.0, jitter=1e-6)
         sound = recorded([], recording)
@@ -97,9 +89,9 @@ def test_only_its_channel_changes_in_any_log_and_nothing_at_severity_nought(name
     assert faulty.samples().columns[struck].size == pytest.approx(N * min(rate / 1000.0, 1.0), rel=0.02)
 
 
-@pytest.mark.parametrize("profile", ["step", "ramp", "intermittent", "exponential", "random"])
 @pytest.mark.parametrize(("name", "way"), WAYS, ids=IDS)
-def test_any_blocks_give_the_same_bits(name, way, profile) -> None:
+def test_any_blocks_give_the_same_bits(name, way) -> None:
+    profile = PROFILES[WAYS.index((name, way)) % len(PROFILES)]
     asked = spec(name, way, 0.7, onset=0.2, profile=profile, ramp=1.0, period=0.3)
     cuts = np.random.default_rng(1).integers(0, N, 40).tolist()
     for rate in (1000, 2000):
@@ -147,13 +139,6 @@ def test_a_users_figure_counts_instead_of_the_catalogues(name, way) -> None:
         np.testing.assert_allclose(
             shown(kind(spec(name, way, 0.5), **{doubled[0]: 2.0 * figures[doubled[0]]}), truth, time), usual
         )
-
-
-def test_a_law_is_given_like_a_variant() -> None:
-    assert parse_fault("pressure_sensor_drift:severity=1,law=root").label()["law"] == "root"
-    assert parse_fault("pressure_sensor_bias:severity=1").law == "zero"
-    with pytest.raises(InputError, match="law 'gian' is not possible; use one of: zero, gain, hysteresis"):
-        parse_fault("pressure_sensor_bias:severity=1,law=gian")
 
 
 # Each law by itself.

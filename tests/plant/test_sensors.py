@@ -7,7 +7,7 @@ from scipy.signal import welch
 from fdd.errors import InputError
 from fdd.plant.load import ConstantLoad
 from fdd.plant.scenario import Recording, Scenario
-from fdd.plant.sensors import Recorder, digitise, generator, measure_channel
+from fdd.plant.sensors import Recorder, digitise, measure_channel
 from fdd.plant.sensors.recorder import MEASURED
 from fdd.plant.simulate import simulate
 from fdd.sensor import CurrentLoop
@@ -20,11 +20,6 @@ LOOP = CurrentLoop(low=0.0, high=6.895e6, resistance=499.0)
 
 def _measure(sensor: Sensor, truth: np.ndarray, angle: np.ndarray | None = None) -> np.ndarray:
     return measure_channel(sensor, truth, TIME[: truth.size], np.random.default_rng(1), angle)
-
-
-def test_gain_and_zero():
-    truth = np.linspace(-1.0, 1.0, 100)
-    np.testing.assert_allclose(_measure(Sensor(gain=1.02, zero=0.3), truth), 1.02 * truth + 0.3)
 
 
 @pytest.mark.parametrize("bandwidth", [None, 150.0])
@@ -79,19 +74,6 @@ def test_the_differentiated_encoder_peaks_near_165_hz_at_three_volts():
     assert np.abs(shown - truth).max() < 0.75e-6
 
 
-def test_at_rest_the_encoder_is_still():
-    encoder = UNIT.sensor("position")
-    shown = digitise(encoder, _measure(encoder, np.full(5000, 0.0123), np.full(5000, 7.0)))
-    assert np.unique(shown).size == 1
-
-
-def test_rounding_and_range():
-    value = np.array([-9.0, 0.26, 0.74, 9.0])
-    np.testing.assert_allclose(
-        digitise(Sensor(resolution=0.5, low=-1.0, high=2.0), value), [-1.0, 0.5, 0.5, 2.0]
-    )
-
-
 def test_the_current_loop_is_the_theses():
     # Eqs A.1 to A.4: 1.996 V and 9.980 V, 8.636e5 Pa/V, 1.724e6 Pa; 20 V over 2^16 codes.
     assert LOOP.sensitivity == pytest.approx(8.636e5, rel=1e-4)
@@ -116,18 +98,6 @@ def test_the_converter_rounds_to_codes_and_ends_at_its_range():
     turned = digitise(Sensor(loop=LOOP.model_copy(update={"reversible": True})), pressure)
     assert turned.min() == pytest.approx(-turned.max(), abs=LOOP.resolution)
     assert np.abs(turned - pressure)[np.abs(pressure) < 6.895e6].max() <= 0.5001 * LOOP.resolution
-
-
-def test_a_smaller_resistor_widens_the_range_and_coarsens_the_step():
-    half = CurrentLoop(low=0.0, high=6.895e6, resistance=249.5)
-    assert half.resolution == pytest.approx(2.0 * LOOP.resolution)
-    assert half.largest > 1.9 * LOOP.largest
-    assert half.offset == pytest.approx(LOOP.offset)
-
-
-def test_quadrature_gives_four_counts_a_line():
-    assert Sensor(lines=16384).resolution == pytest.approx(2.0 * np.pi / 65536)
-    assert Sensor(lines=16384, resolution=0.5).resolution == 0.5
 
 
 def test_the_pump_speed_is_the_count_difference_over_a_nominal_millisecond():
@@ -202,14 +172,6 @@ def test_the_load_is_measured_only_when_asked():
 def test_a_truth_without_a_measured_channel_is_refused():
     with pytest.raises(InputError, match="lacks position, pressure_difference"):
         Recorder(UNIT, [], Recording(), 1).measure({"pump_angle": TIME}, TIME)
-
-
-def test_streams_of_unlike_purpose_are_independent():
-    draws = np.array(
-        [generator(7, purpose).standard_normal(4000) for purpose in ("duty", "load", "sensor a")]
-    )
-    correlation = np.corrcoef(draws) - np.eye(3)
-    assert np.abs(correlation).max() < 0.06
 
 
 def test_axes_of_one_scenario_have_noise_of_their_own_and_lose_the_same_rows():

@@ -70,12 +70,3 @@ def test_the_compiled_bound_is_the_recursion_on_the_eha_model(sliding):
             np.testing.assert_allclose(at_row[parameters], np.diag(P)[parameters], rtol=1e-5)
     # A throttle at 0.06 m/s may carry kilonewtons: the mean forces leave a third of it.
     assert found[-1, eha.THROT] < 0.33 * prior.spread[eha.THROT] ** 2
-
-
-def test_more_sensors_never_know_less(sliding):
-    model, prior, truth = sliding
-    rows = np.array([199])
-    every = eha_bound(truth, model, prior, minimum=False, rows=rows)[0]
-    fewer = eha_bound(truth, model, prior, minimum=True, rows=rows)[0]
-    assert (every[eha.LEAK :] <= fewer[eha.LEAK :] * (1.0 + 1e-6)).all()
-    assert every[eha.AIR] < 0.8 * fewer[eha.AIR]

@@ -2,6 +2,7 @@
 plant's truth."""
 
 import numpy as np
+import pandas as pd
 import pytest
 
 from estimators.consistency import nees_band
@@ -116,26 +117,6 @@ def test_least_squares_finds_exact_data():
     assert fit_balance(window, model, sealed=True) == pytest.approx((1.7, 5.0), rel=5e-3)
 
 
-def test_least_squares_leaves_out_what_is_fed_or_relieved():
-    """An accumulator that holds chamber 2 at its pressure for a while spoils the fit unless that is left
-    out."""
-    model = Tracking(Unit.load("axis_a"), Channels(SINES.channels), 1e-3).model
-    known = model.copy()
-    known.case_leakage = 0.0  # the fit is told another accumulator than the data: nothing may flow into it
-    window = exact_window(known, 1.7, 5.0, 0.0)
-    charge = float(np.quantile(window.pressure_2, 0.2))
-    fed = Window(
-        window.position, window.angle, window.pressure_1, np.maximum(window.pressure_2, charge),
-        np.full(6000, charge - 0.02),
-    )  # fmt: skip
-    assert fit_balance(fed, known) == pytest.approx((1.7, 5.0), rel=0.02)
-    assert abs(fit_balance(fed, known, sealed=True)[1] - 5.0) > 0.5  # five times what is allowed above
-    calm = np.quantile(np.abs(window.pressure_1 - window.pressure_2), 0.7)
-    assert fit_balance(window, known, relief=float(calm)) == pytest.approx((1.7, 5.0), rel=0.02)
-    nothing = Window(*[np.full(1000, 1.0)] * 5)
-    assert np.isnan(fit_balance(nothing, model)).all()
-
-
 def test_the_nis_of_a_consistent_filter_is_in_its_band():
     rng = np.random.default_rng(9)
     inside = 0
@@ -147,13 +128,17 @@ def test_the_nis_of_a_consistent_filter_is_in_its_band():
 
 def test_in_the_matched_world_the_filter_is_consistent():
     """NEES of four parameters and mean NIS over twelve short runs; bounds are 99.9 % ones."""
-    outcomes = [evaluate(SINES, prepare("matched", SINES, (7, s), 6.0)) for s in range(12)]
+    errors, consistency = (
+        pd.concat(frames).query("method == 'ekf'")
+        for frames in zip(
+            *(evaluate(SINES, prepare("matched", SINES, (7, s), 6.0)) for s in range(12)), strict=True
+        )
+    )
     low, high = nees_band(4, 12, 0.999)
-    assert low < np.mean([o.nees[0] for o in outcomes]) < high
-    assert np.mean([o.nis[0, 0] for o in outcomes]) == pytest.approx(1.0, abs=0.02)
-    claimed = np.array([o.stds[0, :2] for o in outcomes])
-    bound = np.array([o.bound[:2] for o in outcomes])
-    np.testing.assert_allclose(np.median(claimed / bound, axis=(0, 2)), 1.0, atol=0.1)
+    assert low < consistency["nees"].mean() < high
+    assert consistency["nis"].mean() == pytest.approx(1.0, abs=0.02)
+    claimed = (errors["std"] / errors["bound"]).groupby(errors["quantity"]).median()
+    np.testing.assert_allclose(claimed[["leakage", "bulk_modulus"]], 1.0, atol=0.1)
 
 
 def test_the_plants_truth_becomes_states():

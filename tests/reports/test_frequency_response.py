@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.signal import cont2discrete, lfilter
 
-from fdd.identification.experiments.etfe import empirical_response, half_power_frequency
+from fdd.identification.experiments.etfe import empirical_response
 from reports.thesis.frequency_response import (
     TransferFunction,
     fit_output_error,
@@ -12,7 +12,6 @@ from reports.thesis.frequency_response import (
     response_at,
     sampled,
     velocity,
-    windowed_response,
 )
 
 T = 1e-3
@@ -72,14 +71,3 @@ def test_single_sine_and_etfe_give_the_response(command):
         part = slice(1000, 2800)
         single = response_at(held_input(sine, T)[part], output[part], T, hz)
         assert abs(single / complex(LOW.at(hz)) - 1.0) < 0.01
-
-
-def test_a_windowed_estimate_is_the_smooth_system_s(command):
-    """A lag of 33 Hz is smoother than the window's 8 Hz: magnitude and phase of the closed form."""
-    lag = TransferFunction((209.0,), (1.0, 209.0), 0.003)
-    noise = 47.0 * np.random.default_rng(2).choice([-1.0, 1.0], 16_000)
-    caused = velocity(integrated_output(lag, noise), T)
-    frequency, found = windowed_response(held_input(noise, T), caused, T)
-    at = (frequency > 10.0) & (frequency < 80.0)
-    assert np.max(np.abs(found[at] / lag.at(frequency[at]) - 1.0)) < 0.12
-    assert half_power_frequency(frequency, np.abs(found), 1.0) == pytest.approx(209.0 / (2 * np.pi), rel=0.06)

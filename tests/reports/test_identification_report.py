@@ -6,7 +6,7 @@ import pytest
 
 from fdd.identification.profile import Identification, TableRow
 from fdd.unit import Unit
-from reports.identification import Told, counted, departures, table
+from reports.identification import counted, departures
 
 
 def test_the_truth_is_counted_with_the_sheets_area() -> None:
@@ -29,15 +29,3 @@ def test_departures_are_in_standard_deviations() -> None:
     std = 0.01 * unit.pump.displacement
     row = TableRow("pump.displacement", "m^3/rad", 1.0, unit.pump.displacement + 2.0 * std, std)
     assert departures(Identification(unit, [row]), unit) == {"travel per rad": pytest.approx(2.0)}
-
-
-def test_the_table_counts_refusals_and_single_rods() -> None:
-    told = [
-        Told("unit_0", "thesis", (), False, 1.0, 1.0, {"leakage": 0.5}),
-        Told("unit_1", "unequal", ("signs",), True),
-        Told("unit_2", "unequal", (), True, 1.01, 1.0, {"leakage": -3.5}),
-    ]
-    text = table(told)
-    assert "Refused: 0.33" in text and "- unit_1 (unequal): signs" in text
-    assert "within 2%: 0.50" in text
-    assert "| leakage | 2.50 | -1.50 | 0.50" in text

@@ -5,7 +5,7 @@ import pytest
 from scipy.integrate import solve_ivp
 
 from fdd.identification.experiments.friction import fit_curve
-from fdd.identification.experiments.hydraulic import Coefficients, from_profile
+from fdd.identification.experiments.hydraulic import Coefficients
 from fdd.identification.friction import curve
 from fdd.unit import Unit
 from reports.thesis import control, dead_band, flow
@@ -37,18 +37,6 @@ def flat(unit: Unit, force: float) -> Unit:
     return changed
 
 
-@pytest.mark.parametrize("name", ["A", "B"])
-def test_the_profile_gives_the_printed_transfer_function(name):
-    """Eqs 5.23 and 5.26, to the digits that they print."""
-    unit = Unit.load(f"axis_{name.lower()}")
-    free, damped = from_profile(unit, 0.0), from_profile(unit, 1.0)
-    assert round(free.numerator, 2) == 44.64
-    assert round(free.stiffness, -3) == 1.22e5
-    assert free.damping == pytest.approx({"A": 1.27, "B": 0.83}[name], abs=0.006)
-    assert damped.stiffness - free.stiffness == pytest.approx({"A": 0.343, "B": 0.225}[name], abs=0.001)
-    assert damped.damping - free.damping == pytest.approx(1.0 / 3.688)
-
-
 def test_second_order_coefficients_are_found_again():
     true = Coefficients(44.64, 30.0, 1.22e5)
     time = np.arange(400) * 1e-3
@@ -61,17 +49,6 @@ def test_second_order_coefficients_are_found_again():
     assert found.numerator == pytest.approx(true.numerator, rel=1e-4)
     assert found.damping == pytest.approx(true.damping, rel=1e-3)
     assert found.stiffness == pytest.approx(true.stiffness, rel=1e-4)
-
-
-def test_the_printed_filter_is_the_zero_order_hold():
-    top, bottom = control.discrete_filter("zoh")
-    held = [top[1], top[2], bottom[1], bottom[2]]
-    printed = [5.28e-2, 4.39e-2, -1.514, 0.61]
-    assert held[1:] == pytest.approx(printed[1:], abs=5e-4)
-    assert held[0] == pytest.approx(0.0518, abs=5e-5) and printed[0] == 0.0528
-    assert top.sum() / bottom.sum() == pytest.approx(1.0)
-    tustin = control.discrete_filter("bilinear")[0]
-    assert tustin[0] == pytest.approx(tustin[2]) and abs(tustin[1] - printed[0]) > 4e-3
 
 
 @pytest.mark.parametrize("mode", MODES, ids=lambda m: m.name)
@@ -92,15 +69,6 @@ def test_the_thesis_poles_are_those_of_its_equations():
         assert single == pytest.approx(region.single, abs=0.5)
         # Its printed bandwidth is against unit gain where its own gain differs.
         assert model.bandwidth_hz() == pytest.approx(region.bandwidth, abs=0.5)
-
-
-@pytest.mark.parametrize("share", [1.0, 1.3])
-def test_the_gain_follows_the_displacement(unit, share):
-    unit.pump.displacement *= share
-    pump, actuator = flow.speeds_of(unit, 3)
-    assert np.polyfit(pump, actuator, 1)[0] * unit.cylinder.area_1 == pytest.approx(
-        unit.pump.displacement, rel=0.01
-    )
 
 
 def test_leakage_from_port_to_port_is_the_slope(unit, monkeypatch):

@@ -44,19 +44,15 @@ def test_messages_hold_the_whole_log(recorded: list[Samples]) -> None:
 
 def test_the_fleet_costs_more_than_the_pipeline_alone(recorded: list[Samples]) -> None:
     cost = inside(recorded, axes=1, seconds=20.0, repeats=1, aged_s=0.0)
-    parts = {k: v for k, v in cost.items.items() if k.startswith("—")}
     assert cost.whole > cost.alone > 1.0
-    assert all(us > 0.0 for us in cost.items.values()), "none of the names is out of date"
-    assert 0.0 < parts["— sensors"] + parts["— trackers"] < cost.items["pipeline"]
 
 
 def test_the_report_says_what_was_found() -> None:
-    cost = Inside(10, 60.0, 9.0, 7.5, {"pipeline": 7.5, "— looks": 1.0, "storing": 1.5}, 3.0 * MB, 660.0)
+    cost = Inside(10, 60.0, 9.0, 7.5, 3.0 * MB, 660.0)
     text = "\n".join(report_lines(cost, [stage(50), stage(100), stage(120, lag_99=1.4)], 60.0))
     for told in (
         "one core: 100 axes; asked for were 100: met",
         "the service adds 1.5 µs",
-        "| pipeline | 7.50 | 83 % |",
         "3.0 MB an axis after 660 s",
         "63 × 1000 samples a second × 8.0 µs (the whole process with 50 axes) = 50 % of a core",
         "200 MB that hang on no axis + 63 × 3.0 MB = 0.39 GB; all together 6.2 GB",
