@@ -91,18 +91,6 @@ class Recording(Part):
     most_bytes: Annotated[int, Field(ge=1 << 20)] = 10 << 30
 
 
-class FoxgloveOutput(Part):
-    """Where Foxglove connects to see it live. Nobody is asked who he is: leave it to this machine.
-
-    Attributes
-    ----------
-    port : 0 takes a free one.
-    """
-
-    host: str = "127.0.0.1"
-    port: Annotated[int, Field(ge=0, le=65535)] = 8765
-
-
 class Outputs(Part):
     """Whom the service tells."""
 
@@ -111,7 +99,6 @@ class Outputs(Part):
     webhooks: tuple[Webhook, ...] = ()
     jsonl: ConfigPath | None = None
     recording: Recording | None = None
-    foxglove: FoxgloveOutput | None = None
 
 
 class Retention(Part):

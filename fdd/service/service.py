@@ -107,7 +107,7 @@ class Service:
             taken over, or a fault of fdd. Whoever started it sees a status that is not 0.
         """
         worker = threading.Thread(target=self._work, args=(stop,), name="fleet", daemon=True)
-        self._hub.start(stop)
+        self._hub.stop = stop
         self._outputs.start(stop)
         serving = self._server.start(stop)
         worker.start()

@@ -243,13 +243,11 @@ def test_who_falls_behind_is_told_to_begin_anew(world: World) -> None:
     from fdd.service.http import Hub
 
     async def heard() -> bytes:
-        hub = Hub(world.bus)
-        stream = hub.answer(again=False).body_iterator  # type: ignore[attr-defined]
+        stream = Hub(world.bus).answer(again=False).body_iterator  # type: ignore[attr-defined]
         await anext(stream)
         for k in range(KEPT + 10):
-            hub.tell(Event("status", "A1", 0.0, {"k": k}))
-        await asyncio.sleep(0.1)
-        told = b"".join([await anext(stream) for _ in range(11)])
+            world.bus.publish(Event("status", "A1", 0.0, {"k": k}))
+        told = b"".join([await anext(stream) for _ in range(KEPT + 1)])
         await stream.aclose()
         return told
 

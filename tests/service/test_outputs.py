@@ -18,9 +18,8 @@ from fdd.errors import InputError
 from fdd.samples import Samples
 from fdd.service import config
 from fdd.service.bus import Bus
-from fdd.service.outputs import Outputs, outputs
-from fdd.service.outputs.delivery import Undelivered
-from fdd.service.outputs.webhook import Webhook
+from fdd.service.outputs import Outputs, delivery
+from fdd.service.outputs.targets import Undelivered, Webhook
 from fdd.service.store import Store
 
 SLOW, QUICK = "http://slow.example/in", "http://quick.example/in"
@@ -89,7 +88,7 @@ def test_one_that_hangs_holds_up_no_other(
 def test_a_store_in_trouble_is_waited_for(
     store: Store, tmp_path: Path, stop: threading.Event, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(outputs, "TROUBLE_S", 0.05)
+    monkeypatch.setattr(delivery, "TROUBLE_S", 0.05)
     path = tmp_path / "events.jsonl"
     made = made_of(store, Bus(), jsonl=path)
     sent(store, "finding", {"axis": "A1", **finding()}, "jsonl")

@@ -18,8 +18,9 @@ from paho.mqtt.enums import CallbackAPIVersion
 
 from fdd.service.config import MqttOutput
 from fdd.service.outputs import mqtt
-from fdd.service.outputs.delivery import DeliveryWorker, Undelivered
+from fdd.service.outputs.delivery import DeliveryWorker
 from fdd.service.outputs.mqtt import MqttPublisher
+from fdd.service.outputs.targets import Undelivered
 
 
 class Listener:

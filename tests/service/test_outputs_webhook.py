@@ -17,9 +17,9 @@ from typing import Any
 import pytest
 from outputs_fakes import free_port, message, opened, sent, transition
 
-from fdd.service.outputs import delivery, webhook
-from fdd.service.outputs.delivery import DeliveryWorker, Undelivered
-from fdd.service.outputs.webhook import Webhook
+from fdd.service.outputs import delivery, targets
+from fdd.service.outputs.delivery import DeliveryWorker
+from fdd.service.outputs.targets import Undelivered, Webhook
 
 MESSAGE = message("alarm", transition())
 SECRET = b"a key of thirty-two characters..."
@@ -180,7 +180,7 @@ def test_retry_after_may_be_a_date(receiver: Receiver) -> None:
 def test_a_receiver_that_is_away_or_silent_takes_a_bounded_time(
     receiver: Receiver, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(webhook, "TIMEOUT_S", 0.3)
+    monkeypatch.setattr(targets, "TIMEOUT_S", 0.3)
     away = Webhook(f"http://127.0.0.1:{free_port()}")
     with pytest.raises(Undelivered, match="refused") as caught:
         away.deliver(MESSAGE)

@@ -11,7 +11,7 @@ from paho.mqtt.client import Client, MQTTMessageInfo
 
 from fdd.service.broker_client import broker_client
 from fdd.service.config import MqttOutput
-from fdd.service.outputs.delivery import Undelivered
+from fdd.service.outputs.targets import Undelivered
 from fdd.service.store import OutboxMessage
 
 EVERY_S = 5.0
