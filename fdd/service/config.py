@@ -197,9 +197,7 @@ class Serve(Part):
     def load(cls, path: str | Path) -> Serve:
         """Read the file; its relative paths become those from here.
 
-        Raises
-        ------
-        InputError : names the file, the key and what is allowed.
+        Raises InputError: names the file, the key and what is allowed.
         """
         path = Path(path)
         text = yaml_text(path, "configuration of fdd serve", MAX_SERVE_BYTES, "see fdd schema serve")
@@ -209,9 +207,7 @@ class Serve(Part):
     def from_yaml(cls, text: str, where: str | Path = "serve.yaml", folder: Path = Path()) -> Serve:
         """Parse YAML text; relative paths are below `folder`, `where` is named in errors.
 
-        Raises
-        ------
-        InputError : names the key and what is allowed.
+        Raises InputError: names the key and what is allowed.
         """
         data = yaml_mapping(text, where, "configuration of fdd serve", schema="fdd.serve/1")
         try:

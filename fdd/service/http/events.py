@@ -40,9 +40,7 @@ class Hub:
         ----------
         again : it listened before, and may have missed something.
 
-        Raises
-        ------
-        HTTPException : 503, there are too many listeners.
+        Raises HTTPException: 503, there are too many listeners.
         """
         if len(self._listeners) >= MOST_LISTENERS:
             raise HTTPException(503, "too many listeners; close a page", {"retry-after": "30"})

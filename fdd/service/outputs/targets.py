@@ -68,9 +68,7 @@ class Webhook:
     def deliver(self, message: OutboxMessage) -> None:
         """POST a message, the same bytes at every attempt.
 
-        Raises
-        ------
-        Undelivered : no connection, no answer in time, or an answer other than 2xx.
+        Raises Undelivered: no connection, no answer in time, or an answer other than 2xx.
         """
         told = {"schema": "fdd.event/1", "id": message.id, "kind": message.kind, "data": message.body}
         body = orjson.dumps(told)
