@@ -5,13 +5,12 @@ from __future__ import annotations
 import json
 import threading
 import time
-from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
-from outputs_fakes import event, finding, free_port, measured, opened, sent, transition, until
+from outputs_fakes import event, finding, free_port, measured, sent, transition
 from pydantic import ValidationError
 
 from fdd.errors import InputError
@@ -21,6 +20,7 @@ from fdd.service.bus import Bus
 from fdd.service.outputs import Outputs, delivery
 from fdd.service.outputs.targets import Undelivered, Webhook
 from fdd.service.store import Store
+from tests.service.senders import until
 
 SLOW, QUICK = "http://slow.example/in", "http://quick.example/in"
 
@@ -31,20 +31,6 @@ def made_of(store: Store, bus: Bus, **given: Any) -> Outputs:
 
 def hook(url: str, *kinds: Any, secret_file: Path | None = None) -> config.Webhook:
     return config.Webhook(url=url, kinds=kinds or ("alarm", "finding"), secret_file=secret_file)
-
-
-@pytest.fixture
-def store(tmp_path: Path) -> Iterator[Store]:
-    made = opened(tmp_path)
-    yield made
-    made.close()
-
-
-@pytest.fixture
-def stop() -> Iterator[threading.Event]:
-    event = threading.Event()
-    yield event
-    event.set()
 
 
 def test_who_is_told_what(store: Store, tmp_path: Path) -> None:

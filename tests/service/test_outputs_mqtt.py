@@ -12,7 +12,7 @@ from typing import Any
 
 import pytest
 from brokers import MOSQUITTO, Broker
-from outputs_fakes import finding, message, opened, sent, transition, until
+from outputs_fakes import finding, message, opened, sent, transition
 from paho.mqtt.client import Client
 from paho.mqtt.enums import CallbackAPIVersion
 
@@ -21,6 +21,7 @@ from fdd.service.outputs import mqtt
 from fdd.service.outputs.delivery import DeliveryWorker
 from fdd.service.outputs.mqtt import MqttPublisher
 from fdd.service.outputs.targets import Undelivered
+from tests.service.senders import until
 
 
 class Listener:

@@ -77,15 +77,12 @@ def receiver() -> Iterator[Receiver]:
     server.server_close()
 
 
-def verified(headers: dict[str, str], body: bytes, secret: bytes) -> bool:
-    """As docs/serve-outputs.md tells receivers to do it."""
-    stamp = headers["X-Fdd-Timestamp"]
-    wanted = hmac.new(secret, stamp.encode() + b"." + body, hashlib.sha256).hexdigest()
-    fresh = abs(time.time() - int(stamp)) < 300
-    return fresh and hmac.compare_digest("sha256=" + wanted, headers["X-Fdd-Signature"])
-
-
 def test_a_message_is_signed_and_whole(receiver: Receiver) -> None:
+    """And verified as the page tells receivers to do it."""
+    page = (Path(__file__).parents[2] / "docs" / "serve-outputs.md").read_text("utf-8")
+    names: dict[str, Any] = {"hmac": hmac, "hashlib": hashlib, "time": time}
+    exec(page.split("```python\n")[1].split("```")[0], names)
+    verified = names["verified"]
     Webhook(f"{receiver.url}/in?to=fdd", SECRET).deliver(MESSAGE)
     [(path, headers, body)] = receiver.came
     assert path == "/in?to=fdd"
@@ -194,15 +191,5 @@ def test_a_receiver_that_is_away_or_silent_takes_a_bounded_time(
 
 
 def test_names_differ_and_tell_no_secrets() -> None:
-    names = {Webhook(f"https://hooks.example.com/{path}").name for path in ("token-1", "token-2")}
-    assert len(names) == 2
-    assert all(n.startswith("webhook:hooks.example.com-") and "token" not in n for n in names)
-
-
-def test_receivers_are_told_what_is_tested_here(receiver: Receiver) -> None:
-    page = (Path(__file__).parents[2] / "docs" / "serve-outputs.md").read_text("utf-8")
-    names: dict[str, Any] = {"hmac": hmac, "hashlib": hashlib, "time": time}
-    exec(page.split("```python\n")[1].split("```")[0], names)
-    Webhook(receiver.url, SECRET).deliver(MESSAGE)
-    [(_, headers, body)] = receiver.came
-    assert names["verified"](headers, body, SECRET) and not names["verified"](headers, body + b" ", SECRET)
+    one, two = (Webhook(f"https://hooks.example.com/{path}").name for path in ("token-1", "token-2"))
+    assert one != two and one.startswith("webhook:hooks.example.com-") and "token" not in one + two
