@@ -111,13 +111,12 @@ class Broker(Part):
             password = None if self.password_file is None else read_secret(self.password_file)
             client.username_pw_set(self.user, password)
         if self.tls is not None:
-            files = [
-                None if path is None else str(path) for path in (self.tls.ca, self.tls.cert, self.tls.key)
-            ]
+            tls = self.tls
+            ca, cert, key = (None if path is None else str(path) for path in (tls.ca, tls.cert, tls.key))
             try:
-                client.tls_set(*files)
+                client.tls_set(ca, cert, key)
             except (OSError, ValueError) as error:  # ssl's own errors are OSErrors
-                where = ", ".join(path for path in files if path is not None) or self.shown
+                where = ", ".join(path for path in (ca, cert, key) if path is not None) or self.shown
                 raise InputError(
                     f"TLS cannot be set up ({error})", where=where, mend="check ca, cert and key"
                 ) from None
