@@ -245,9 +245,10 @@ class Fleet:
         looks = watch.push(*blocks)
         wall = blocks[-1].received
         if not known:
+            known_of = self._about(watch)
             batch.writes += [
-                partial(Transaction.axis, name=name, wall=wall, **self._about(watch)),
-                partial(Transaction.meta, key=said_key(name), value=blocks[0].unit or ""),
+                lambda t: t.axis(name, wall, **known_of),
+                lambda t: t.meta(said_key(name), blocks[0].unit or ""),
             ]
             about = {"unit": watch.unit.name, "learning": bool(watch.learning)}
             batch.events.append(Event("axis", name, 0.0, about))
