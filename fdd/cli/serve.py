@@ -36,7 +36,7 @@ def serve(
     ] = None,
 ) -> None:  # fmt: skip
     """Watch many axes: alarms, a page, metrics. Ctrl-C or SIGTERM ends it, and it goes on where it was."""
-    require_packages("serve", "sqlalchemy", "fastapi", "uvicorn")
+    require_packages("serve", "sqlalchemy", "fastapi", "uvicorn", "httpx")
     if token is not None:
         _make_token(token)
         return
@@ -61,7 +61,7 @@ def serve(
 
             part_of(settings, Share(0, settings.shards))
         if check:
-            from fdd.service.check import check as check_files
+            from fdd.service.watch import check as check_files
 
             check_files(settings)
             many = "1 source" if len(settings.sources) == 1 else f"{len(settings.sources)} sources"

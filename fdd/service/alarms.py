@@ -106,7 +106,12 @@ class Transition:
 
 
 Doing = Literal["acknowledge", "shelve", "unshelve"]
-"""What people do."""
+DOINGS: dict[Doing, tuple[str, tuple[State, ...]]] = {
+    "acknowledge": ("ACKNOWLEDGED", ("UNACK", "RTNUN")),
+    "shelve": ("SHELVED", ("NORMAL", "UNACK", "ACKED", "RTNUN")),
+    "unshelve": ("UNSHELVED", ("SHELVED",)),
+}
+"""What people do, as the audit calls it, and the states that allow it."""
 
 
 @dataclass(frozen=True)
@@ -141,7 +146,7 @@ class AlarmBook:
     ...                     onset_s=3.0, detected_s=15.0, severity=0.6)
     >>> [(t.action, t.alarm.state, t.alarm.priority) for t in book.update("A1", 15.0, 1.7e9, [leak])]
     [('RAISED', 'UNACK', 'high')]
-    >>> book.acknowledge(1, "ann", "on my way", 1.7e9 + 60.0).alarm.state
+    >>> book.act(Action("acknowledge", 1, "ann", "on my way"), 1.7e9 + 60.0).alarm.state
     'ACKED'
     """
 
@@ -238,35 +243,31 @@ class AlarmBook:
         return not kept and alarm.time - (alarm.returned_time or 0.0) > self.chatter
 
     def act(self, action: Action, wall: float) -> Transition:
-        """Do what a person does; raises as `acknowledge`."""
-        id, who, note = action.alarm_id, action.who, action.note
-        if action.kind == "shelve":
-            return self.shelve(id, who, action.until or 0.0, note, wall)
-        return (self.acknowledge if action.kind == "acknowledge" else self.unshelve)(id, who, note, wall)
+        """Do what a person does: see it, silence it for a week at most, or end that, by the evidence.
 
-    def acknowledge(self, id: int, who: str, note: str, wall: float) -> Transition:
-        """Somebody has seen it.
-
-        Raises
-        ------
-        InputError : no such alarm, or not one to be acknowledged; so for all that people do.
+        Raises InputError: no such alarm, or its state does not allow it.
         """
-        alarm = self._alarm(id, "acknowledged", "UNACK", "RTNUN")
-        state: State = "ACKED" if alarm.state == "UNACK" else "NORMAL"
-        alarm = replace(alarm, acked_by=readable(who), acked_wall=wall)
-        return self._acted("ACKNOWLEDGED", alarm, state, who, note, wall)
-
-    def shelve(self, id: int, who: str, until: float, note: str, wall: float) -> Transition:
-        """Silence it until a time (Unix seconds), a week ahead at most."""
-        alarm = self._alarm(id, "shelved", "NORMAL", "UNACK", "ACKED", "RTNUN")
-        if not 0.0 < until - wall <= LONGEST_SHELF_S:
+        done, states = DOINGS[action.kind]
+        alarm, id = self._alarms.get(action.alarm_id), action.alarm_id
+        if alarm is None:
+            raise InputError(f"alarm {id} is over, or there was none", mend="look at the list anew")
+        if alarm.state not in states:
+            raise InputError(
+                f"alarm {id} cannot be {done.lower()}: it is {alarm.state}",
+                mend=f"that is for alarms that are {', '.join(states)}",
+            )
+        who, until, state = readable(action.who), action.until or 0.0, alarm.state
+        if action.kind == "unshelve":
+            return self._back(alarm, who, action.note, wall)
+        if action.kind == "acknowledge":
+            state = "ACKED" if state == "UNACK" else "NORMAL"
+            alarm = replace(alarm, acked_by=who, acked_wall=wall)
+        elif 0.0 < until - wall <= LONGEST_SHELF_S:
+            state = "SHELVED"
+            alarm = replace(alarm, shelved_by=who, shelved_until=until)
+        else:
             raise InputError("a shelf ends after now and within a week", mend="give another time")
-        alarm = replace(alarm, shelved_by=readable(who), shelved_until=until)
-        return self._acted("SHELVED", alarm, "SHELVED", who, note, wall)
-
-    def unshelve(self, id: int, who: str, note: str, wall: float) -> Transition:
-        """End its shelf: an alarm again where the evidence stands, else normal."""
-        return self._back(self._alarm(id, "unshelved", "SHELVED"), "UNSHELVED", who, note, wall)
+        return self._acted(done, alarm, state, who, action.note, wall)
 
     def findings(self, axis: str) -> list[FaultFinding]:
         """What the last look at an axis still saw, the surest first; detected when its alarm was raised."""
@@ -287,7 +288,7 @@ class AlarmBook:
     def tick(self, wall: float) -> list[Transition]:
         """End the shelves whose time (Unix seconds) has come."""
         due = [a for a in self.alarms() if a.state == "SHELVED" and (a.shelved_until or 0.0) <= wall]
-        return [self._back(a, "UNSHELVED", ITSELF, "its time is over", wall) for a in due]
+        return [self._back(a, ITSELF, "its time is over", wall) for a in due]
 
     def state(self) -> dict[str, Any]:
         """Everything, JSON-able; `restore` takes it back."""
@@ -304,20 +305,9 @@ class AlarmBook:
         # The first of its own numbers from there on.
         self._next_id = state["next_id"] + (self._next_id - state["next_id"]) % self._step
 
-    def _alarm(self, id: int, done: str, *states: State) -> Alarm:
-        alarm = self._alarms.get(id)
-        if alarm is None:
-            raise InputError(f"alarm {id} is over, or there was none", mend="look at the list anew")
-        if alarm.state not in states:
-            raise InputError(
-                f"alarm {id} cannot be {done}: it is {alarm.state}",
-                mend=f"that is for alarms that are {', '.join(states)}",
-            )
-        return alarm
-
-    def _back(self, alarm: Alarm, action: str, who: str, note: str, wall: float) -> Transition:
+    def _back(self, alarm: Alarm, who: str, note: str, wall: float) -> Transition:
         alarm = replace(alarm, shelved_by=None, shelved_until=None)
-        return self._acted(action, alarm, "UNACK" if alarm.standing else "NORMAL", who, note, wall)
+        return self._acted("UNSHELVED", alarm, "UNACK" if alarm.standing else "NORMAL", who, note, wall)
 
     def _acted(self, action: str, alarm: Alarm, state: State, who: str, note: str, wall: float) -> Transition:
         after = replace(alarm, state=state, note=readable(note))

@@ -26,9 +26,7 @@ _MEND = "send one record batch of float64 or float32 columns as an IPC stream, n
 def arrow_columns(payload: bytes) -> tuple[dict[str, Array], dict[str, Any]]:
     """Columns (n,) and head of a message.
 
-    Raises
-    ------
-    InputError : no Arrow stream of one bounded batch of floats.
+    Raises InputError: no Arrow stream of one bounded batch of floats.
     """
     try:
         messages = pa.ipc.MessageReader.open_stream(payload)

@@ -23,9 +23,9 @@ from fdd.logs.quality import check_magnitudes
 from fdd.residuals.bins import FRAME_S
 from fdd.samples import Samples
 from fdd.service.blocks import Block
-from fdd.service.learning import Learning
 from fdd.service.life import HEALTHY_LEAKAGE, LEAKAGE_FACTOR
 from fdd.service.order import Order
+from fdd.service.profiles import Learning
 from fdd.service.recent import FRESH_S, LOOK_S, Recent
 from fdd.service.store import Checkpoint, Rollup, joined, parted
 from fdd.unit import Unit
@@ -33,7 +33,7 @@ from fdd.unit import Unit
 Array = NDArray[np.float64]
 
 LOG = logging.getLogger("fdd.service")
-VERSION = "2"
+VERSION = "3"
 """Of a checkpoint's form."""
 MOST_TOGETHER = 64
 """Blocks of a frame that are worked together, however short."""
@@ -258,13 +258,8 @@ class AxisWatch:
         names = ("late", "repeated", "reordered", "missing_blocks")
         return {"dropped": gaps.dropped, "gaps": gaps.jumps} | {name: counts[name] for name in names}
 
-    def checkpoint(self, wall: float, sequence: int) -> Checkpoint:
-        """All that it takes to go on; while nothing `waits`.
-
-        Parameters
-        ----------
-        wall : Unix seconds. sequence : id of the last journal row that was taken.
-        """
+    def checkpoint(self, wall: float, sequence: int = 0) -> Checkpoint:
+        """All that it takes to go on (wall: Unix seconds); while nothing `waits`."""
         scalars = {
             "version": VERSION, "samples": self.samples, "rate_hz": self.rate_hz, "failed": self.failed,
             "last_wall": self.last_wall, "learnt": self._learnt, "checked": self._unchecked is None,
@@ -285,12 +280,7 @@ class AxisWatch:
         )  # fmt: skip
 
     def restore(self, checkpoint: Checkpoint) -> None:
-        """Go on from a checkpoint.
-
-        Raises
-        ------
-        InputError : of another profile, model or version.
-        """
+        """Go on from a checkpoint. Raises InputError: of another profile, model or version."""
         ours = (self.profile_sha256, self.model.sha256, VERSION)
         if (checkpoint.profile_sha256, checkpoint.model_sha256, checkpoint.version) != ours:
             raise InputError(

@@ -79,9 +79,7 @@ class Block:
 def axis_name(name: object) -> str:
     """The name, if it is one of an axis: 1 to 64 of letters, digits and ``_ - . /``, no part ``..``.
 
-    Raises
-    ------
-    InputError : it is none.
+    Raises InputError: it is none.
     """
     if not isinstance(name, str) or len(name) > _LONGEST_AXIS or not _NAME.fullmatch(name):
         raise InputError(
@@ -117,9 +115,7 @@ class Decoder:
         source : name of the source. axis : as the topic says, where it does.
         more : further attributes of the `Block`.
 
-        Raises
-        ------
-        InputError : one line that says what is wrong with the message.
+        Raises InputError: one line that says what is wrong with the message.
         """
         if len(payload) > MAX_BLOCK_BYTES:
             raise InputError(
@@ -224,12 +220,7 @@ def _of_axis(head: dict[str, Any], axis: str | None) -> dict[str, Any]:
 
 
 def json_object(payload: bytes) -> dict[str, Any]:
-    """A message's JSON object; NaN is taken as Python writes it.
-
-    Raises
-    ------
-    InputError : it is none.
-    """
+    """A message's JSON object; NaN is taken as Python writes it. Raises InputError: it is none."""
     try:
         found = orjson.loads(payload)
     except orjson.JSONDecodeError:
@@ -247,12 +238,7 @@ def json_object(payload: bytes) -> dict[str, Any]:
 
 
 def json_numbers(name: str, values: object) -> Array:
-    """A column (n,) of a list of numbers; null is NaN.
-
-    Raises
-    ------
-    InputError : it is none, or too long.
-    """
+    """A column (n,) of a list of numbers; null is NaN. Raises InputError: it is none, or too long."""
     if isinstance(values, list) and len(values) <= MOST_BLOCK_ROWS:
         try:
             column = np.array(values)
@@ -269,12 +255,7 @@ def json_numbers(name: str, values: object) -> Array:
 
 
 def json_times(given: object) -> Array:
-    """Times (n,) in s of a list, or of start, period and n.
-
-    Raises
-    ------
-    InputError : it is neither.
-    """
+    """Times (n,) in s of a list, or of start, period and n. Raises InputError: it is neither."""
     if not isinstance(given, dict):
         return json_numbers("time", given)
     start, period, n = given.get("start"), given.get("period"), given.get("n")

@@ -91,18 +91,6 @@ class Recording(Part):
     most_bytes: Annotated[int, Field(ge=1 << 20)] = 10 << 30
 
 
-class FoxgloveOutput(Part):
-    """Where Foxglove connects to see it live. Nobody is asked who he is: leave it to this machine.
-
-    Attributes
-    ----------
-    port : 0 takes a free one.
-    """
-
-    host: str = "127.0.0.1"
-    port: Annotated[int, Field(ge=0, le=65535)] = 8765
-
-
 class Outputs(Part):
     """Whom the service tells."""
 
@@ -111,7 +99,6 @@ class Outputs(Part):
     webhooks: tuple[Webhook, ...] = ()
     jsonl: ConfigPath | None = None
     recording: Recording | None = None
-    foxglove: FoxgloveOutput | None = None
 
 
 class Retention(Part):
@@ -210,9 +197,7 @@ class Serve(Part):
     def load(cls, path: str | Path) -> Serve:
         """Read the file; its relative paths become those from here.
 
-        Raises
-        ------
-        InputError : names the file, the key and what is allowed.
+        Raises InputError: names the file, the key and what is allowed.
         """
         path = Path(path)
         text = yaml_text(path, "configuration of fdd serve", MAX_SERVE_BYTES, "see fdd schema serve")
@@ -222,9 +207,7 @@ class Serve(Part):
     def from_yaml(cls, text: str, where: str | Path = "serve.yaml", folder: Path = Path()) -> Serve:
         """Parse YAML text; relative paths are below `folder`, `where` is named in errors.
 
-        Raises
-        ------
-        InputError : names the key and what is allowed.
+        Raises InputError: names the key and what is allowed.
         """
         data = yaml_mapping(text, where, "configuration of fdd serve", schema="fdd.serve/1")
         try:

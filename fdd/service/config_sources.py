@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
+import socket
 from pathlib import Path
-from typing import Annotated, Literal, Self
+from typing import TYPE_CHECKING, Annotated, Any, Literal, Self
 
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationInfo, model_validator
 
 from fdd.bounds import MOST_CONNECTIONS
 from fdd.errors import InputError
 from fdd.service.blocks import axis_name
+
+if TYPE_CHECKING:
+    import paho.mqtt.client as paho
 
 Port = Annotated[int, Field(ge=1, le=65535)]
 Seconds = Annotated[float, Field(gt=0, le=86400, allow_inf_nan=False)]
@@ -84,6 +88,39 @@ class Broker(Part):
     def chosen_port(self) -> int:
         """The port, or the protocol's own."""
         return self.port or (1883 if self.tls is None else 8883)
+
+    @property
+    def shown(self) -> str:
+        """How error lines call it."""
+        return f"mqtt {self.host}:{self.chosen_port}"
+
+    def client(self, client_id: str, **more: Any) -> paho.Client:
+        """A client that is not connected yet.
+
+        Parameters
+        ----------
+        client_id : of the session. more : for paho.
+
+        Raises InputError: password file, certificate or key cannot be read.
+        """
+        import paho.mqtt.client as paho
+
+        version = paho.MQTTv5 if self.version == "5" else paho.MQTTv311
+        client = paho.Client(paho.CallbackAPIVersion.VERSION2, client_id, protocol=version, **more)
+        if self.user is not None:
+            password = None if self.password_file is None else read_secret(self.password_file)
+            client.username_pw_set(self.user, password)
+        if self.tls is not None:
+            tls = self.tls
+            ca, cert, key = (None if path is None else str(path) for path in (tls.ca, tls.cert, tls.key))
+            try:
+                client.tls_set(ca, cert, key)
+            except (OSError, ValueError) as error:  # ssl's own errors are OSErrors
+                where = ", ".join(path for path in (ca, cert, key) if path is not None) or self.shown
+                raise InputError(
+                    f"TLS cannot be set up ({error})", where=where, mend="check ca, cert and key"
+                ) from None
+        return client
 
 
 class _Source(Part):
@@ -195,9 +232,7 @@ def source_name(source: AnySource) -> str:
 def read_secret(path: Path) -> str:
     """A password or key: the file's first line, without the blanks around it.
 
-    Raises
-    ------
-    InputError : missing, empty, no text, or longer than 4096 bytes.
+    Raises InputError: missing, empty, no text, or longer than 4096 bytes.
     """
     try:
         with path.open(encoding="utf-8") as file:
@@ -212,3 +247,19 @@ def read_secret(path: Path) -> str:
             "empty, or longer than 4096 bytes", where=path, mend="write one line with the secret into it"
         )
     return text
+
+
+def bound_socket(
+    host: str, port: int, where: str, mend: str, kind: socket.SocketKind = socket.SOCK_STREAM
+) -> socket.socket:
+    """A socket on a port of this machine. Raises InputError: the port is taken, or no address of it."""
+    try:
+        # With its protocol: asyncio sends small answers at once on sockets that say that they are TCP.
+        family, _, protocol, _, address = socket.getaddrinfo(host, port, type=kind)[0]
+        made = socket.socket(family, kind, protocol)
+        made.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1 if kind is socket.SOCK_STREAM else 0)
+        made.bind(address)
+    except OSError as error:
+        why = f"cannot be listened on ({error.strerror or error})"
+        raise InputError(why, where=where, mend=f"{mend} and an address of this machine") from None
+    return made

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+import math
 import threading
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -22,9 +23,8 @@ from fdd.service.bus import Bus, Event
 from fdd.service.inbox import MOST_TAKEN, Inbox
 from fdd.service.life import profile_key, said_key
 from fdd.service.profiles import Profiles
-from fdd.service.refused import Refused
 from fdd.service.status import AxisDetail, AxisStatus, status_of
-from fdd.service.store import Checkpoint, LeaseLost, Store, StoreTrouble, Transaction
+from fdd.service.store import LeaseLost, Store, StoreTrouble, Transaction
 from fdd.service.storing import Batch, Removal, Requests, Writer
 
 LOG = logging.getLogger("fdd.service")
@@ -40,6 +40,8 @@ PACE_S = 0.1
 """Blocks are gathered for so long: what they bring is stored at once."""
 FORGOTTEN_S = 60.0
 """Silence after which an axis goes that was refused, or sent less than its units can be checked by."""
+MOST_REFUSED, MOST_TOLD = 100, 3
+"""Names of refused axes that are known, as strangers may give any number, and that health tells."""
 
 
 class Fleet:
@@ -79,14 +81,12 @@ class Fleet:
         ids: tuple[int, int] = (1, 1),
         zone: str | Mapping[str, str] | None = None,
     ) -> None:
-        self._zone = zone
-        self._profiles, self._model = profiles, model
-        self._store, self._bus, self._inbox = store, bus, inbox
-        self._targets = targets
+        self._profiles, self._model, self._zone = profiles, model, zone
+        self._store, self._bus, self._inbox, self._targets = store, bus, inbox, targets
         self._hold, self._learn_s, self._clock = hold, learn_s, clock
         self._has, self._book = has, AlarmBook(ids=ids)
         self._axes: dict[str, AxisWatch] = {}
-        self._refused = Refused()
+        self._refused: dict[str, AxisStatus] = {}
         self._flushed: set[str] = set()
         self._idle_s, self._ended, self._heard = 0.0, time.monotonic(), dict[str, float]()
         self._requests = Requests()
@@ -134,7 +134,7 @@ class Fleet:
                 with self._lock:
                     watch = self._opened(name, said)
             except InputError as error:
-                self._refused.note(name, str(error))
+                self._refuse(name, str(error))
                 continue
             for _ in self._restored(watch, said):
                 worked += 1
@@ -237,27 +237,48 @@ class Fleet:
             watch = self._opened(name, blocks[0].unit)
         except InputError as error:
             samples = sum(len(block.samples) for block in blocks)
-            self._refused.note(name, str(error), samples, self._idle_s)
+            self._refuse(name, str(error), samples)
+            self._heard[name] = self._idle_s
             return
         self._flushed.discard(name)
         batch.journal += [(name, block.payload or encode_arrow(block)) for block in blocks]
         looks = watch.push(*blocks)
         wall = blocks[-1].received
         if not known:
-            batch.writes.append(
-                partial(
-                    Transaction.axis, name=name, wall=wall, unit=watch.unit.name,
-                    profile_sha256=watch.profile_sha256, model_sha256=self._model.sha256,
-                )
-            )  # fmt: skip
-            batch.writes.append(partial(Transaction.meta, key=said_key(name), value=blocks[0].unit or ""))
+            known_of = self._about(watch)
+            batch.writes += [
+                lambda t: t.axis(name, wall, **known_of),
+                lambda t: t.meta(said_key(name), blocks[0].unit or ""),
+            ]
             about = {"unit": watch.unit.name, "learning": bool(watch.learning)}
             batch.events.append(Event("axis", name, 0.0, about))
         self._looked(watch, looks, wall, batch)
 
+    def _about(self, watch: AxisWatch) -> dict[str, str]:
+        """What the store keeps of an axis."""
+        shas = {"profile_sha256": watch.profile_sha256, "model_sha256": self._model.sha256}
+        return {"unit": watch.unit.name, **shas}
+
+    def _refuse(self, name: str, why: str, samples: int = 0) -> None:
+        """Note an axis that sends and cannot be watched."""
+        if name not in self._refused:
+            LOG.warning("%s", why)
+            self._refused[name] = AxisStatus(
+                name=name, unit="", state="failed", headline=why, quality={"refused": 0}
+            )
+        status = self._refused[name]
+        status.headline = why
+        status.quality["refused"] += samples
+        while len(self._refused) > MOST_REFUSED:
+            oldest = next(iter(self._refused))
+            del self._refused[oldest]
+            self._heard.pop(oldest, None)
+
     def _forget_strangers(self, newcomers: int, batch: Batch) -> None:
         """Let go who sent next to nothing and is silent; at once, where others want the place."""
-        self._refused.forget(self._idle_s, FORGOTTEN_S)
+        # One that the store has and that was not heard since stays.
+        for name in [n for n in self._refused if self._idle_s - self._heard.get(n, math.inf) > FORGOTTEN_S]:
+            del self._refused[name], self._heard[name]
         new = [(self._heard.get(n, self._idle_s), n) for n, w in self._axes.items() if w.is_new]
         crowded = len(self._axes) + newcomers - MOST_AXES
         for k, (heard, name) in enumerate(sorted(new)):
@@ -345,21 +366,17 @@ class Fleet:
     def _keep(self, watch: AxisWatch, batch: Batch) -> None:
         wall, parts = self._clock(), watch.rollups
         watch.rollups = []
-        held: list[Checkpoint] = []
+        held = watch.checkpoint(wall)
         profile = None if watch.profile_sha256 in self._profiles_kept else watch.unit.to_yaml()
         self._profiles_kept.add(watch.profile_sha256)
 
         def write(t: Transaction) -> None:
-            # Of this very moment: the row's number is known only now that the blocks are in the journal.
-            if not held:
-                held.append(watch.checkpoint(wall, self.writer.last_row[watch.name]))
-            # Where the store failed in between, the journal's rows got other numbers.
-            t.checkpoint(replace(held[0], sequence=self.writer.last_row[watch.name]))
+            # The row's number is known only now that the blocks are in the journal.
+            t.checkpoint(replace(held, sequence=self.writer.last_row[watch.name]))
             t.rollup(*parts)
             if profile is not None:
                 t.meta(profile_key(watch.profile_sha256), profile)
-            t.axis(watch.name, watch.last_wall or wall, last_time=held[0].time, unit=watch.unit.name,
-                   profile_sha256=watch.profile_sha256, model_sha256=self._model.sha256)  # fmt: skip
+            t.axis(watch.name, watch.last_wall or wall, last_time=held.time, **self._about(watch))
 
         batch.writes.append(write)
 
@@ -380,7 +397,8 @@ class Fleet:
         found = [] if self.writer.trouble is None else [f"the store cannot be written: {self.writer.trouble}"]
         if self.resumed < 1.0:
             found.append(f"resuming, {100 * self.resumed:.0f} %")
-        return found + self._refused.problems() + self._inbox.problems()
+        refused = [status.headline for status in list(self._refused.values())[:MOST_TOLD]]
+        return found + refused + self._inbox.problems()
 
     @property
     def count(self) -> int:
@@ -392,7 +410,7 @@ class Fleet:
         with self._lock:
             counters = self._inbox.counters()
             known = [self._status(watch, counters) for watch in self._axes.values()]
-            return known + self._refused.statuses()
+            return known + list(self._refused.values())
 
     def _status(
         self, watch: AxisWatch, counters: Mapping[str, Mapping[str, float]] | None = None
@@ -408,12 +426,7 @@ class Fleet:
             return None if watch is None else watch.unit.to_yaml()
 
     def axis(self, name: str) -> AxisDetail:
-        """One axis with its last ten minutes.
-
-        Raises
-        ------
-        KeyError : no such axis.
-        """
+        """One axis with its last ten minutes. Raises KeyError: no such axis."""
         with self._lock:
             watch = self._axes[name]
             recent = watch.recent
@@ -423,20 +436,13 @@ class Fleet:
             )  # fmt: skip
 
     def act(self, action: Action) -> Transition:
-        """Do something to an alarm; from any thread, it is stored when this returns.
-
-        Raises
-        ------
-        InputError : the alarm's state does not allow it. StoreTrouble : it could not be stored in time.
-        """
+        """Do something to an alarm, from any thread; stored when this returns. Raises as `Requests.ask`."""
         done: Transition = self._requests.ask(action)
         return done
 
     def remove(self, axis: str, who: str) -> None:
         """Watch an axis no longer, and forget its life; if it sends again it begins anew.
 
-        Raises
-        ------
-        KeyError : no such axis. StoreTrouble : it could not be stored in time.
+        Raises KeyError: no such axis. StoreTrouble: it could not be stored in time.
         """
         self._requests.ask(Removal(axis, who))

@@ -54,9 +54,7 @@ class Inbox:
     def put(self, block: Block) -> None:
         """Add a block. Only one whose sender keeps it may wait for room, until the inbox is closed.
 
-        Raises
-        ------
-        InputError : it is of one axis more than may wait.
+        Raises InputError: it is of one axis more than may wait.
         """
         size = block.nbytes + _BLOCK_BYTES
         with self._changed:

@@ -15,7 +15,7 @@ from fdd.faults import FAMILIES
 from fdd.history.limits import severity_one
 from fdd.history.trend import trend_of
 from fdd.service.store import Store
-from fdd.service.store.rollups import SPANS_S
+from fdd.service.store.records import SPANS_S
 from fdd.unit import Unit, shipped_units
 
 Each = Literal["minute", "hour", "day"]
@@ -46,9 +46,7 @@ def axis_of(store: Store, name: str | None) -> tuple[str, Unit | None]:
     ----------
     name : None for the one that there is.
 
-    Raises
-    ------
-    InputError : no such axis, or several.
+    Raises InputError: no such axis, or several.
     """
     axes = {str(row["name"]): row for row in store.axes()}
     chosen = next(iter(axes)) if name is None and len(axes) == 1 else name or ""

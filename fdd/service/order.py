@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from fdd.bounds import MOST_HELD_BLOCKS
 from fdd.errors import InputError
 from fdd.monitor.stream_clock import CLOCK_AHEAD_S, CLOCK_BACK_S, Gaps, StreamClock
-from fdd.samples import CHANNELS, Samples
+from fdd.samples import Samples
 from fdd.service.blocks import Block
 
 Array = NDArray[np.float64]
@@ -30,7 +30,6 @@ _RECENT = 4096
 _MOST_OVERTAKEN = 5
 """Blocks before the first one that may still come: what half a second has."""
 _COUNTS = ("received", "repeated", "late", "reordered", "missing_blocks")
-_CHANNELS = [name for name in CHANNELS if name != "time"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -244,58 +243,44 @@ class Order:
 
     def state(self) -> dict[str, Array]:
         """All of it as named arrays, for `restore`."""
-        held = [h.samples for h in self._held]
-        return {
-            "order/numbers": np.array([getattr(o, name) for o, name in self._numbers()], dtype=np.float64),
-            "order/counts": np.array([self.counts[name] for name in _COUNTS], dtype=np.float64),
+        numbers = [float(getattr(owner, name)) for owner, name in self._numbers()]
+        held = {
+            f"order/held/{k}/{name}": values
+            for k, h in enumerate(self._held)
+            for name, values in {"key": np.array(h.key), "time": h.samples.time, **h.samples.columns}.items()
+        }
+        return held | {
+            "order/numbers": np.array(numbers),
+            "order/counts": np.array([*self.counts.values()], dtype=np.float64),
             "order/known": self._known.copy(),
             "order/recent": self._recent,
             "order/given_up": np.array(self._given_up, dtype=np.float64).reshape(-1, 2),
             "order/waiting": self.gaps.waiting,
-            "order/held": np.array([(h.key, len(h.samples)) for h in self._held]).reshape(-1, 2),
-            "order/held_time": np.concatenate([np.empty(0), *(s.time for s in held)]),
-            "order/held_there": np.array([[n in s for n in _CHANNELS] for s in held], dtype=np.float64),
-            "order/held_columns": np.concatenate(
-                [np.empty((len(_CHANNELS), 0)), *(np.stack([s.get(n) for n in _CHANNELS]) for s in held)],
-                axis=1,
-            ),
         }
 
     def restore(self, state: Mapping[str, Array]) -> None:
-        """Go on from a state.
-
-        Raises
-        ------
-        InputError : it is no state of an `Order`.
-        """
+        """Go on from a state. Raises InputError: it is no state of an `Order`."""
         try:
-            for (owner, name), value in zip(self._numbers(), state["order/numbers"], strict=True):
+            numbers, counts = state["order/numbers"], state["order/counts"]
+            for (owner, name), value in zip(self._numbers(), numbers, strict=True):
                 setattr(owner, name, type(getattr(owner, name))(value))
-            self.counts = {n: int(v) for n, v in zip(_COUNTS, state["order/counts"], strict=True)}
+            self.counts = {n: int(v) for n, v in zip(_COUNTS, counts, strict=True)}
             self._known = np.array(state["order/known"]).reshape(3, _REMEMBERED)
-            self._recent = state["order/recent"]
+            self._recent, self.gaps.waiting = state["order/recent"], state["order/waiting"]
             self._given_up = [(float(a), float(b)) for a, b in state["order/given_up"]]
-            self.gaps.waiting = state["order/waiting"]
-            self._held, start = [], 0
-            for (key, rows), there in zip(state["order/held"], state["order/held_there"], strict=True):
-                part = slice(start, start := start + int(rows))
-                columns = dict(zip(_CHANNELS, state["order/held_columns"][:, part], strict=True))
-                samples = Samples(
-                    state["order/held_time"][part],
-                    {n: columns[n] for n, t in zip(_CHANNELS, there, strict=True) if t},
-                )
-                self._held.append(_Held(float(key), samples))
+            held: dict[str, dict[str, Array]] = {}
+            for key, values in state.items():
+                if key.startswith("order/held/"):
+                    held.setdefault(key.split("/")[2], {})[key.split("/", 3)[3]] = values
+            self._held = [_Held(float(h.pop("key")), Samples(h.pop("time"), h)) for h in held.values()]
         except (KeyError, ValueError, TypeError, IndexError) as error:
             raise InputError(f"no state of an order ({type(error).__name__})", mend="start anew") from None
 
     def _numbers(self) -> list[tuple[object, str]]:
         own = ("_known_next", "_counted", "_expected", "_newest", "_passed")
         clock, gaps = ("last_time", "offset", "late", "resets"), ("dropped", "jumps", "period", "rest")
-        return [
-            *((self, name) for name in own),
-            *((self.clock, name) for name in clock),
-            *((self.gaps, name) for name in gaps),
-        ]
+        parts = (self, own), (self.clock, clock), (self.gaps, gaps)
+        return [(owner, name) for owner, names in parts for name in names]
 
 
 def _joined(parts: list[Samples]) -> tuple[Array, dict[str, Array]]:

@@ -1,13 +1,28 @@
-"""Which unit an axis is: by the configuration, by what its blocks say, or by its name."""
+"""Which unit an axis is, and the baseline that it learns where the unit has no healthy logs."""
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from functools import cache
 from pathlib import Path
 
+import numpy as np
+from numpy.typing import NDArray
+
 from fdd.bounds import MOST_AXES
+from fdd.diagnosis.baseline import baseline_of
 from fdd.errors import InputError
+from fdd.residuals.balance_history import BalanceHistory
+from fdd.residuals.balances import BALANCES
+from fdd.residuals.bins import FRAME_S, BinMaker
+from fdd.residuals.effects import first_effects
+from fdd.samples import Samples
 from fdd.unit import Unit, shipped_units
+
+Array = NDArray[np.float64]
+
+MOVES = 0.2
+"""Share of frames whose oil tells anything, below which an axis has hardly worked yet."""
 
 
 class Profiles:
@@ -38,9 +53,7 @@ class Profiles:
         ----------
         said : name that its blocks bring.
 
-        Raises
-        ------
-        InputError : there is none.
+        Raises InputError: there is none.
         """
         if isinstance(self._units, dict):
             if axis in self._units:
@@ -64,3 +77,55 @@ class Profiles:
 def _load(source: str) -> Unit:
     """A profile, read once for all its axes, which share it."""
     return Unit.load(source)
+
+
+class Learning:
+    """Gather the balances of a unit whose own are not known yet.
+
+    Parameters
+    ----------
+    unit : profile without baseline. seconds : of work after which it is learnt.
+
+    Examples
+    --------
+    >>> Learning(Unit.load("axis_a"), 1200.0).learnt() is None
+    True
+    """
+
+    def __init__(self, unit: Unit, seconds: float) -> None:
+        self.unit, self.seconds = unit, seconds
+        self._start_anew()
+
+    def _start_anew(self) -> None:
+        self._bins = BinMaker(self.unit)
+        self._history = BalanceHistory(
+            self.unit, {name: first_effects(name, unit=self.unit) for name in BALANCES}
+        )
+
+    def push(self, samples: Samples) -> None:
+        """Take samples of a unit that nothing is known to be wrong with."""
+        for first, bins in self._bins.stretches(samples):
+            self._history.push(first, bins)
+
+    def forget(self) -> None:
+        """Something is wrong with it: what came so far is no baseline."""
+        self._start_anew()
+
+    def learnt(self) -> Unit | None:
+        """The profile with its baseline, once it has worked for long enough."""
+        worked = FRAME_S * sum(frame.rows > 0.0 for frame in self._history.equations["volume"])
+        if worked < MOVES * self.seconds or FRAME_S * len(self._history.frames) < self.seconds:
+            return None
+        out = self.unit.model_copy(deep=True)
+        out.baseline = baseline_of([self._history])
+        return out
+
+    def state(self) -> dict[str, Array]:
+        """All of it as named arrays."""
+        bins = {f"bins:{k}": v for k, v in self._bins.state().items()}
+        return bins | {f"history:{k}": v for k, v in self._history.state().items()}
+
+    def restore(self, state: Mapping[str, Array]) -> None:
+        """Go on from what `state` gave."""
+        for prefix, part in (("bins:", self._bins), ("history:", self._history)):
+            part.restore({k.removeprefix(prefix): v for k, v in state.items() if k.startswith(prefix)})

@@ -19,7 +19,6 @@ from fdd.monitor.clock import WallClock
 from fdd.monitor.sources import pieces
 from fdd.samples import Samples
 from fdd.service.blocks import Block, encode_arrow
-from fdd.service.broker_client import broker_client, broker_name
 from fdd.service.config_sources import Broker
 
 ANSWER_S = 30.0
@@ -64,14 +63,12 @@ def publish(broker: Broker, topic: str, sent: Iterable[tuple[float, Block]], sto
     ----------
     topic : ``{axis}`` in it becomes the axis's name. sent : s from the start and block, in that order.
 
-    Raises
-    ------
-    InputError : the broker cannot be reached, refuses the connection, or does not take the blocks.
+    Raises InputError: the broker cannot be reached, refuses the connection, or does not take the blocks.
     """
-    where = broker_name(broker)
+    where = broker.shown
     # Made before the first is sent: it takes longer than sending.
     messages = [(when, topic.replace("{axis}", block.axis), encode_arrow(block)) for when, block in sent]
-    client = broker_client(broker, broker.client_id or f"fdd-publish-{socket.gethostname()}-{os.getpid()}")
+    client = broker.client(broker.client_id or f"fdd-publish-{socket.gethostname()}-{os.getpid()}")
     answered, moved, refused, taken = threading.Event(), threading.Event(), "", 0
 
     def connected(

@@ -15,13 +15,12 @@ from fdd.engines import Engine
 from fdd.errors import InputError
 from fdd.service.alarms import STATES
 from fdd.service.bus import Bus
-from fdd.service.check import check
 from fdd.service.config import Serve
 from fdd.service.http import Hub, Server, Tokens, web
 from fdd.service.outputs import Metrics, Outputs
 from fdd.service.shards import Shards
 from fdd.service.store import Store, StoreTrouble
-from fdd.service.watch import Watch
+from fdd.service.watch import Watch, check
 
 LOG = logging.getLogger("fdd.service")
 COMPACT_S = 3600.0
@@ -56,18 +55,12 @@ class Service:
         self._alone = _only_one(config.state)
         self._store = _opened(config.store_url)
         self._bus = Bus()
-        self.fleet: Watch | Shards
-        if engine == "ray":
-            # Each shard records by itself: the samples are there.
-            outputs = config.outputs.model_copy(update={"recording": None})
-            self._outputs = Outputs(outputs, self._store, self._bus, lambda axis: None)
-            self.fleet = Shards(config, self._store, self._bus, self._outputs.targets)
-        else:
-            self._outputs = Outputs(
-                config.outputs, self._store, self._bus, lambda axis: watch.profile_of(axis)
-            )
-            watch = Watch(config, self._store, self._bus, self._outputs.targets)
-            self.fleet = watch
+        # With Ray each shard records by itself: the samples are there.
+        ray = engine == "ray"
+        outputs = config.outputs.model_copy(update={"recording": None}) if ray else config.outputs
+        self._outputs = Outputs(outputs, self._store, self._bus, lambda axis: self.fleet.profile_of(axis))
+        watching: type[Watch | Shards] = Shards if ray else Watch
+        self.fleet = watching(config, self._store, self._bus, self._outputs.targets)
         self._hub = Hub(self._bus)
         tokens = None if config.tokens is None else Tokens.load(config.tokens)
         metrics = Metrics(
@@ -83,10 +76,8 @@ class Service:
 
     def health(self) -> dict[str, Any]:
         """Whether it can do its work, and what hinders it."""
-        problems = self.fleet.problems()
-        for name, status in self._outputs.status().items():
-            if status.get("last_error"):
-                problems.append(f"output {name}: {status['last_error']}")
+        told = {name: status.get("last_error") for name, status in self._outputs.status().items()}
+        problems = self.fleet.problems() + [f"output {n}: {error}" for n, error in told.items() if error]
         return {
             "status": "degraded" if problems else "ok",
             "problems": problems,
@@ -101,13 +92,11 @@ class Service:
         ----------
         began : called when all sources have begun.
 
-        Raises
-        ------
-        Exception : what ended the fleet's thread: a source that cannot even begin, another service that has
-            taken over, or a fault of fdd. Whoever started it sees a status that is not 0.
+        Raises Exception: what ended the fleet's thread: a source that cannot even begin, another service that
+        has taken over, or a fault of fdd. Whoever started it sees a status that is not 0.
         """
         worker = threading.Thread(target=self._work, args=(stop,), name="fleet", daemon=True)
-        self._hub.start(stop)
+        self._hub.stop = stop
         self._outputs.start(stop)
         serving = self._server.start(stop)
         worker.start()
@@ -145,10 +134,9 @@ class Service:
     def _work(self, stop: threading.Event) -> None:
         try:
             self.fleet.run(stop)
-        except InputError as error:
-            self._failure = error
         except Exception as error:
-            LOG.exception("the fleet's thread ended")
+            if not isinstance(error, InputError):
+                LOG.exception("the fleet's thread ended")
             self._failure = error
         finally:
             stop.set()
@@ -169,9 +157,7 @@ class Service:
 def _opened(url: str) -> Store:
     """The store, claimed; a server that is away at the start is waited for, as it would be later.
 
-    Raises
-    ------
-    InputError : a file that cannot be used, or a database that somebody must mend.
+    Raises InputError: a file that cannot be used, or a database that somebody must mend.
     """
     while True:
         try:
@@ -189,9 +175,7 @@ def _opened(url: str) -> Store:
 def _only_one(state: Path) -> IO[bytes]:
     """A lock of the state folder, held while the process lives.
 
-    Raises
-    ------
-    InputError : another process has it, or the folder cannot be written.
+    Raises InputError: another process has it, or the folder cannot be written.
     """
     try:
         state.mkdir(parents=True, exist_ok=True)

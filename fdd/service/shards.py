@@ -37,21 +37,13 @@ MEMORY_BYTES = 256 << 20
 CALLS = 16
 """Of a shard that are answered at once."""
 
-Targets = Mapping[tuple[str, bool], Sequence[str]]
-"""Kind of event, and whether people are told, to the targets of its outbox."""
-
 
 @dataclass
 class News:
-    """What a shard has to tell since it was last asked.
+    """What a shard has to tell since it was last asked; `lost` : somebody else watches its axes for good."""
 
-    Attributes
-    ----------
-    lost : why it ended for good: somebody else watches its axes.
-    """
-
-    events: list[Event]
     problems: list[str]
+    events: list[Event] = field(default_factory=list)
     sources: dict[str, dict[str, Any]] = field(default_factory=dict)
     store_errors: int = 0
     axes: int = 0
@@ -64,11 +56,13 @@ class Shard:
     Parameters
     ----------
     folder : that relative paths start from. config : of this shard. leases : those of the service.
+    targets : kind of event, and whether people are told, to the targets of its outbox.
     """
 
     def __init__(
-        self, folder: str, config: Serve, share: Share, leases: Mapping[str, str], targets: Targets
-    ) -> None:
+        self, folder: str, config: Serve, share: Share, leases: Mapping[str, str],
+        targets: Mapping[tuple[str, bool], Sequence[str]],
+    ) -> None:  # fmt: skip
         logging.basicConfig(format="%(asctime)s %(levelname)s %(message)s", level=logging.INFO)
         self._config, self._share, self._leases, self._targets = config, share, leases, targets
         self._bus, self._stop = Bus(), threading.Event()
@@ -126,8 +120,8 @@ class Shard:
             event = self._events.get() if len(events) < MOST_EVENTS else None
         watch = self._watch
         if watch is None:
-            return News(events, [self._problem], lost=self._lost)
-        return News(events, watch.problems(), watch.sources(), watch.store_errors, watch.count)
+            return News([self._problem], events, lost=self._lost)
+        return News(watch.problems(), events, watch.sources(), watch.store_errors, watch.count)
 
     def stop(self) -> None:
         """Keep everything, and end."""
@@ -136,7 +130,7 @@ class Shard:
 
 
 class Shards:
-    """The shards of a `serve.yaml`, on the Ray cluster that RAY_ADDRESS names.
+    """The shards of a `serve.yaml`, on the Ray cluster that RAY_ADDRESS names; asked as a `Watch` is.
 
     Parameters
     ----------
@@ -165,16 +159,14 @@ class Shards:
             actor.remote(str(Path.cwd()), part, share, store.leases, told)
             for part, share in zip(parts, self._shares, strict=True)
         ]
-        self._news: list[News | None] = [None] * config.shards
+        self._news: dict[int, News] = {}  # of the shards that are there
         self._lost: str | None = None
         self.began = threading.Event()
 
     def run(self, stop: threading.Event) -> None:
         """Hear the shards until `stop` is set, then let them keep everything.
 
-        Raises
-        ------
-        InputError : another service has taken over.
+        Raises InputError: another service has taken over.
         """
         self.began.set()
         for share in self._shares:
@@ -194,12 +186,12 @@ class Shards:
             asked = asked or self._actors[number].news.remote()
             if not self._ray.wait([asked], timeout=ASK_S)[0]:
                 # Asked before Ray has found out that it is gone: this very answer may still come.
-                self._news[number] = None
+                self._news.pop(number, None)
                 continue
             try:
                 news = self._news[number] = self._ray.get(asked)
             except self._ray.exceptions.RayError:
-                self._news[number] = None
+                self._news.pop(number, None)
                 stop.wait(0.2)
             else:
                 for event in news.events:
@@ -212,22 +204,23 @@ class Shards:
     @property
     def store_errors(self) -> int:
         """How often the store could not be written, since each shard began."""
-        return sum(news.store_errors for news in self._news if news is not None)
+        return sum(news.store_errors for news in self._news.copy().values())
 
     @property
     def count(self) -> int:
         """Axes of the shards that are there."""
-        return sum(news.axes for news in self._news if news is not None)
+        return sum(news.axes for news in self._news.copy().values())
 
     def problems(self) -> list[str]:
         """What hinders them, a line each."""
-        told = [["is away"] if news is None else news.problems for news in self._news]
-        return [f"shard {number}: {line}" for number, lines in enumerate(told) for line in lines]
+        away = News(["is away"])
+        told = [(n, self._news.get(n, away).problems) for n in range(len(self._shares))]
+        return [f"shard {number}: {line}" for number, lines in told for line in lines]
 
     def sources(self) -> dict[str, dict[str, Any]]:
         """How each shard's sources stand, by its number and their name."""
-        known = [(number, news.sources) for number, news in enumerate(self._news) if news is not None]
-        return {f"{number}/{name}": status for number, found in known for name, status in found.items()}
+        found = sorted(self._news.copy().items(), key=lambda item: item[0])
+        return {f"{number}/{name}": s for number, news in found for name, s in news.sources.items()}
 
     def axes(self) -> list[AxisStatus]:
         """How every axis stands; those of a shard that is away have failed until it is there again."""
@@ -244,22 +237,16 @@ class Shards:
         return found
 
     def axis(self, name: str) -> AxisDetail:
-        """One axis with its last ten minutes.
-
-        Raises
-        ------
-        KeyError : no such axis. StoreTrouble : its shard is away.
-        """
+        """One axis with its last ten minutes; raises KeyError, or StoreTrouble where its shard is away."""
         detail: AxisDetail = self._asked(self._share_of(name), "axis", name)
         return detail
 
-    def act(self, action: Action) -> Transition:
-        """Do something to an alarm; it is stored when this returns.
+    def profile_of(self, name: str) -> str | None:
+        """None: each shard records by itself."""
+        return None
 
-        Raises
-        ------
-        InputError : the alarm's state does not allow it. StoreTrouble : its shard is away, or the store.
-        """
+    def act(self, action: Action) -> Transition:
+        """Do something to an alarm; it is stored when this returns. Raises as that of a fleet."""
         alarm = self._store.alarm(action.alarm_id)
         if alarm is None:
             raise InputError(f"there is no alarm {action.alarm_id}", mend="look at the list anew")
@@ -267,12 +254,7 @@ class Shards:
         return done
 
     def remove(self, axis: str, who: str) -> None:
-        """Watch an axis no longer.
-
-        Raises
-        ------
-        KeyError : no such axis. StoreTrouble : its shard is away, or the store.
-        """
+        """Watch an axis no longer; raises as that of a fleet."""
         self._asked(self._share_of(axis), "remove", axis, who, most=ACT_S + ASK_S)
 
     def _share_of(self, axis: str) -> Share:
@@ -280,7 +262,7 @@ class Shards:
 
     def _asked(self, share: Share, method: str, *given: Any, most: float = ASK_S) -> Any:
         away = StoreTrouble(f"shard {share.number} is away: Ray starts it again", mend="try again")
-        if self._news[share.number] is None:
+        if share.number not in self._news:
             raise away
         answer = self._actors[share.number].ask.remote(method, *given)
         try:

@@ -126,9 +126,7 @@ class Requests:
     def ask(self, action: Action | Removal) -> Any:
         """Hand something over, and wait until it is stored.
 
-        Raises
-        ------
-        StoreTrouble : it was not in time. Exception : what the fleet says of it.
+        Raises StoreTrouble: it was not in time. Exception: what the fleet says of it.
         """
         future: Future[Any] = Future()
         self._waiting.put((action, future))

@@ -1,22 +1,29 @@
-"""What watches axes in one process: the sources, and the fleet that they feed."""
+"""What watches axes in one process: sources and the fleet that they feed; a check of what they need."""
 
 from __future__ import annotations
 
 import gc
 import hashlib
+import ssl
 import threading
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
+from fdd.bounds import MOST_AXES
 from fdd.diagnosis.model import Model
+from fdd.errors import InputError
+from fdd.files import require_writable
 from fdd.service.bus import Bus
 from fdd.service.config import Serve
+from fdd.service.config_sources import read_secret
 from fdd.service.fleet import Fleet
 from fdd.service.inbox import Inbox
 from fdd.service.profiles import Profiles
 from fdd.service.sources import open_source
 from fdd.service.store import Store
+from fdd.unit import Unit
 
 GC_THRESHOLD = 50_000
 """Python's own is 700: waiting blocks of a hundred axes would start the garbage collector all the time."""
@@ -74,9 +81,7 @@ class Watch(Fleet):
     def run(self, stop: threading.Event) -> None:
         """Work what the sources bring until `stop` is set; state is kept at the end.
 
-        Raises
-        ------
-        InputError : a source cannot even begin. LeaseLost : somebody else watches these axes.
+        Raises InputError: a source cannot even begin. LeaseLost: somebody else watches these axes.
         """
         ended = threading.Event()
         gc.freeze()  # what was imported stays
@@ -109,3 +114,43 @@ class Watch(Fleet):
     def sources(self) -> dict[str, dict[str, Any]]:
         """How each source stands, by name."""
         return {status["name"]: status for status in (source.status() for source in self._sources)}
+
+
+def check(config: Serve) -> None:
+    """Open all files that the configuration names, and make none.
+
+    Raises InputError: the first one that cannot be used: a profile, model, map, log, secret, certificate or
+    folder.
+    """
+    from fdd.service.http import Tokens  # here: shards need no HTTP
+
+    require_writable(config.state, folder=True)
+    Profiles(config.units, config.fallback)
+    if isinstance(config.units, Path):
+        if not config.units.is_dir():
+            raise InputError("no such folder", where=config.units, mend="make it, or correct units")
+        for profile in sorted(config.units.glob("*.yaml"))[:MOST_AXES]:
+            Unit.load(profile)
+    Model.load(config.model)
+    if config.tokens is not None:
+        Tokens.load(config.tokens)
+    if config.listen.tls is not None:
+        tls = config.listen.tls
+        try:
+            ssl.create_default_context(ssl.Purpose.CLIENT_AUTH).load_cert_chain(tls.cert, tls.key)
+        except OSError as error:  # ssl's own errors are OSErrors
+            raise InputError(
+                f"cannot be used for TLS ({error.strerror or error})", where=f"{tls.cert}, {tls.key}"
+            ) from None
+    for source in config.sources:
+        open_source(source).check()
+    outputs = config.outputs
+    if outputs.mqtt is not None:
+        outputs.mqtt.client("check")
+    for hook in outputs.webhooks:
+        if hook.secret_file is not None:
+            read_secret(hook.secret_file)
+    if outputs.jsonl is not None:
+        require_writable(outputs.jsonl)
+    if outputs.recording is not None:
+        require_writable(outputs.recording.folder, folder=True)

@@ -155,11 +155,11 @@ def bearer(token: str) -> dict[str, str]:
 def on_a_port(world: World, **given: Any) -> Iterator[Server]:
     stop, hub = threading.Event(), Hub(world.bus)
     server = Server(app_of(world, hub, **given), Listen(port=0))
-    threads = [hub.start(stop), server.start(stop)]
+    hub.stop = stop
+    thread = server.start(stop)
     try:
         yield server
     finally:
         stop.set()
-        for thread in threads:
-            thread.join(15)
-        assert not any(thread.is_alive() for thread in threads)
+        thread.join(15)
+        assert not thread.is_alive()

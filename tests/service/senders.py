@@ -5,6 +5,7 @@ from __future__ import annotations
 import threading
 import time
 from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 
@@ -12,12 +13,13 @@ from fdd.samples import Samples
 from fdd.service.blocks import Block
 
 
-def until(done: Callable[[], object], seconds: float = 60.0) -> None:
-    """Wait for what other threads do."""
+def until(done: Callable[[], Any], seconds: float = 120.0) -> Any:
+    """Wait for what other threads do; what it gives then."""
     end = time.monotonic() + seconds
-    while not done():
+    while not (found := done()):
         assert time.monotonic() < end, "it did not come about in time"
-        time.sleep(0.01)
+        time.sleep(0.02)
+    return found
 
 
 def a_block(number: int, axis: str = "A1", *, rows: int = 10, seed: int = 0) -> Block:

@@ -1,8 +1,17 @@
-"""What tests of the store share: a finding, a time, and an emptied database."""
+"""What tests of the store share: a finding, a time, and a PostgreSQL server that a test may kill."""
 
 from __future__ import annotations
 
-from postgres_server import postgres_server
+import atexit
+import os
+import shutil
+import socket
+import subprocess
+import tempfile
+from functools import cache
+from pathlib import Path
+
+import pytest
 from sqlalchemy import create_engine, text
 
 from fdd.diagnosis.findings import FaultFinding
@@ -17,6 +26,57 @@ LEAK = FaultFinding(
 def blocks_of(axis: str, payloads: list[bytes]) -> list[tuple[str, bytes]]:
     """As a transaction accepts them."""
     return [(axis, payload) for payload in payloads]
+
+
+PATH = os.pathsep.join([os.environ.get("PATH", ""), *map(str, Path("/usr/lib/postgresql").glob("*/bin"))])
+"""Debian has the server's programs beside the path."""
+USER = "postgres" if os.geteuid() == 0 else None
+"""Whom it runs as: it refuses root."""
+
+
+class PostgresServer:
+    """Made and started; `url` names an empty database on it."""
+
+    def __init__(self) -> None:
+        # Not below pytest's folders: the server's user could not enter them.
+        self._folder = Path(tempfile.mkdtemp(prefix="fdd-postgres-", dir="/tmp"))
+        atexit.register(self._remove)
+        if USER is not None:
+            shutil.chown(self._folder, USER)
+        with socket.socket() as free:
+            free.bind(("127.0.0.1", 0))
+            self._port = free.getsockname()[1]
+        self._run("initdb", "--auth=trust", "--username=postgres", "--no-sync")
+        self.start()
+        self.url = f"postgresql://postgres@127.0.0.1:{self._port}/postgres"
+
+    def start(self) -> None:
+        """Start, and wait until it answers."""
+        settings = f"-p {self._port} -c listen_addresses=127.0.0.1 -c unix_socket_directories='' -F"
+        self._run("pg_ctl", "start", "--wait", f"--options={settings}", f"--log={self._folder / 'log'}")
+
+    def kill(self) -> None:
+        """End at once: no connection is told, nothing is written out; it must recover when it starts."""
+        self._run("pg_ctl", "stop", "--mode=immediate")
+
+    def _run(self, program: str, *arguments: str) -> None:
+        subprocess.run(
+            [shutil.which(program, path=PATH) or "", f"--pgdata={self._folder / 'data'}", *arguments],
+            user=USER, cwd="/", check=True, stdout=subprocess.DEVNULL, timeout=60,
+        )  # fmt: skip
+
+    def _remove(self) -> None:
+        self.kill()
+        shutil.rmtree(self._folder)
+
+
+@cache
+def postgres_server() -> PostgresServer:
+    """The one of this process; without its programs, or the driver, the test is skipped."""
+    pytest.importorskip("psycopg", reason="no driver of PostgreSQL here: the extra postgres")
+    if shutil.which("initdb", path=PATH) is None:
+        pytest.skip("no server of PostgreSQL here: Debian's package postgresql")
+    return PostgresServer()
 
 
 def postgres_url() -> str:

@@ -14,22 +14,18 @@ from contextlib import contextmanager
 from dataclasses import replace
 from itertools import count
 from pathlib import Path
-from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 import pytest
 from stores import postgres_url
-from watched import RECEIVED, blocks_of, fleet_of, leaking, send
+from watched import RECEIVED, blocks_of, fleet_of, send
 
-import fdd
 from fdd.diagnosis.model import Model
 from fdd.diagnosis.pipeline import Pipeline
 from fdd.errors import InputError
-from fdd.logs import read_log
-from fdd.samples import PRESSURES, Samples
+from fdd.samples import Samples
 from fdd.service.alarms import Action
-from fdd.service.axis import AxisWatch
 from fdd.service.bus import Bus
 from fdd.service.fleet import Fleet
 from fdd.service.inbox import Inbox
@@ -38,25 +34,6 @@ from fdd.service.store import Store, StoreTrouble
 from fdd.unit import Unit
 
 KILLS = int(os.environ.get("FDD_TEST_KILLS", "6"))
-
-
-@pytest.fixture(scope="module")
-def log() -> Samples:
-    return leaking()
-
-
-@pytest.fixture
-def store(tmp_path: Path) -> Store:
-    return Store(f"sqlite:///{tmp_path / 'fdd.db'}")
-
-
-@pytest.fixture
-def ticking(monkeypatch: pytest.MonkeyPatch) -> list[float]:
-    """The fleet's monotonic clock, s, which the test advances."""
-    now = [0.0]
-    clock = SimpleNamespace(monotonic=lambda: now[0], perf_counter=time.perf_counter, time=time.time)
-    monkeypatch.setattr("fdd.service.fleet.time", clock)
-    return now
 
 
 def told(store: Store) -> dict[str, Any]:
@@ -329,185 +306,6 @@ def test_what_is_held_for_a_block_waits_for_it_over_a_restart(store: Store, log:
         again.keep()
         (status,) = (s for s in again.axes() if s.name == axis)
         assert status.samples == 2000 and status.quality["late"] == 0
-
-
-def test_an_axis_without_a_profile_says_so_and_stops_no_other(store: Store, log: Samples) -> None:
-    inbox = Inbox()
-    fleet = Fleet(Profiles({"A1": "axis_a"}), Model.load(), store, Bus(), inbox)
-    for block in (*blocks_of(log, "A1")[:5], *blocks_of(log, "B2")[:5]):
-        inbox.put(block)
-    fleet.step(0.0)
-    found = {s.name: (s.state, s.headline) for s in fleet.axes()}
-    assert found["B2"][0] == "failed" and "no profile" in found["B2"][1]
-    assert found["A1"][0] != "failed"
-
-
-def test_channels_in_a_wrong_unit_are_refused(store: Store, log: Samples) -> None:
-    wrong = Samples(log.time, {**log.columns, "pressure_1": log["pressure_1"] * 1e-5})
-    wrong = Samples(wrong.time, {**wrong.columns, "pressure_2": log["pressure_2"] * 1e-5})
-    fleet, inbox, _ = fleet_of(store)
-    send(fleet, inbox, blocks_of(wrong)[:80])
-    (status,) = fleet.axes()
-    assert status.state == "failed" and "pressure" in status.headline
-
-
-def test_a_state_of_another_profile_is_put_away(store: Store, log: Samples, tmp_path: Path) -> None:
-    fleet, inbox, _ = fleet_of(store)
-    send(fleet, inbox, blocks_of(log)[:30])
-    fleet.keep()
-    other = Fleet(Profiles({"A1": "axis_b"}), Model.load(), store, Bus(), Inbox())
-    other.resume()
-    assert other.axes()[0].samples == 0
-    assert [a["action"] for a in store.audit()] == ["STATE_DISCARDED"]
-
-
-@pytest.mark.slow
-def test_a_unit_without_baseline_is_learnt_while_it_is_healthy(store: Store) -> None:
-    from fdd.plant.scenario import Scenario
-    from fdd.plant.simulate import simulate
-
-    scenario = Scenario(duration=70.0, load={"name": "spring"}, seed=9)
-    healthy = simulate(Unit.load("axis_a"), scenario).samples
-    fleet, inbox, _ = fleet_of(store, learn_s=30.0)
-    send(fleet, inbox, blocks_of(healthy)[:200])
-    assert fleet.axes()[0].state == "silent" and fleet.profile_of("A1") is not None
-    assert "baseline: null" in str(fleet.profile_of("A1")) or "balances" not in str(fleet.profile_of("A1"))
-    send(fleet, inbox, blocks_of(healthy)[200:])
-    fleet.keep()
-    assert "balances" in str(fleet.profile_of("A1")), "learnt"
-    again, _, _ = fleet_of(store, learn_s=30.0)
-    assert "balances" in str(again.profile_of("A1")), "and not forgotten"
-    assert not store.alarms()
-
-
-@pytest.mark.slow
-def test_memory_of_an_axis_is_bounded(store: Store, log: Samples) -> None:
-    fleet, inbox, _ = fleet_of(store)
-    send(fleet, inbox, blocks_of(log))
-    checkpoint = store.checkpoint("A1")
-    assert checkpoint is not None and len(checkpoint.body) < 6e6
-    detail = fleet.axis("A1")
-    assert len(detail.signals.time) <= 1200 and len(detail.estimates.time) <= 120
-    assert detail.findings[0].fault == "internal_leakage" and (detail.status.last_wall or 0.0) > RECEIVED
-
-
-def _files(folder: Path, **inner: str) -> Path:
-    """Profiles of some inner names, under their files' names."""
-    for stem, name in inner.items():
-        unit = Unit.load("axis_a").model_copy(update={"name": name})
-        (folder / f"{stem}.yaml").write_text(unit.to_yaml(), "utf-8")
-    return folder
-
-
-@pytest.mark.parametrize("said", ["rig_3", None])
-def test_a_restart_keeps_the_profile_that_the_blocks_named(
-    store: Store, log: Samples, tmp_path: Path, said: str | None
-) -> None:
-    """Names of files and of profiles may differ, and one may be called as another's file."""
-    units = _files(tmp_path, rig_3="inner", inner="another", A1="inner")
-    blocks = [replace(b, unit=said) for b in blocks_of(log.rows(0, 2000))]
-    fleet, inbox, _ = fleet_of(store, profiles=Profiles(units))
-    send(fleet, inbox, blocks)
-    fleet.keep()
-    again, _, _ = fleet_of(store, profiles=Profiles(units))
-    assert again.axes()[0].unit == "inner" and again.axes()[0].samples == 2000
-    assert not store.audit(), "its state was taken up again"
-
-
-def test_an_axis_whose_sender_was_mended_is_watched_again(store: Store, log: Samples) -> None:
-    """Eight seconds in millimetres; a restart in between changes nothing."""
-    wrong = Samples(log.time, {**log.columns, "position": 1000.0 * log["position"]})
-    fleet, inbox, _ = fleet_of(store)
-    send(fleet, inbox, blocks_of(wrong.rows(0, 8000)))
-    assert fleet.axes()[0].state == "failed" and "looks like mm" in fleet.axes()[0].headline
-    fleet.keep()
-    fleet, inbox, _ = fleet_of(store)
-    assert fleet.axes()[0].state == "failed"
-    send(fleet, inbox, blocks_of(log)[80:])
-    (status,) = fleet.axes()
-    assert status.state == "unacknowledged" and "internal_leakage" in {f["fault"] for f in store.findings()}
-
-
-def test_a_restart_within_the_first_seconds_leaves_the_check_of_units(store: Store, log: Samples) -> None:
-    wrong = Samples(log.time, {**log.columns, "position": 1000.0 * log["position"]})
-    fleet, inbox, _ = fleet_of(store)
-    send(fleet, inbox, blocks_of(wrong)[:20])
-    fleet.keep()
-    fleet, inbox, _ = fleet_of(store)
-    send(fleet, inbox, blocks_of(wrong)[20:100])
-    assert fleet.axes()[0].state == "failed"
-
-
-def test_pressures_on_another_scale_are_refused_until_they_are_right(
-    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
-) -> None:
-    """Of a unit with a baseline: bar as psi passes as a magnitude, and not as this unit's."""
-    monkeypatch.setattr("fdd.service.axis.STREAM_S", 5.0)
-    demo = Path(fdd.__file__).parent / "demo"
-    samples = read_log(demo / "demo.mcap").samples
-    sound = samples.rows(0, int(np.searchsorted(samples.time, samples.time[0] + 15.5)))
-    wrong = sound.with_columns({c: 0.0689476 * sound[c] for c in PRESSURES if c in sound})
-    watch = AxisWatch("A1", Unit.load(demo / "unit.yaml"), Model.load())
-    blocks = blocks_of(wrong)
-    watch.push(*blocks)
-    assert watch.failed is not None and "bar read as psi" in watch.failed
-    later = Samples(sound.time + 20.0, sound.columns)
-    watch.push(*blocks_of(later))
-    assert watch.failed is None and not watch.standing
-
-
-def test_an_axis_can_be_removed_and_begins_anew(store: Store, log: Samples) -> None:
-    fleet, inbox, bus = fleet_of(store)
-    heard = bus.subscribe(["axis"])
-    send(fleet, inbox, blocks_of(log))
-    fleet.keep()
-    assert store.alarms()[0]["state"] == "UNACK" and store.rollups("A1", "leakage", "minute")
-    asked = threading.Thread(target=fleet.remove, args=("A1", "ann"))
-    asked.start()
-    while asked.is_alive():
-        fleet.step(0.01)
-    with pytest.raises(KeyError):
-        worker = threading.Thread(target=lambda: [fleet.step(0.1) for _ in range(5)])
-        worker.start()
-        fleet.remove("A2", "ann")
-    assert fleet.axes() == [] == store.axes() and store.checkpoint("A1") is None
-    assert not store.journal("A1") and not store.rollups("A1", "leakage", "minute")
-    assert store.alarms()[0]["state"] == "NORMAL"
-    assert [(a["action"], a["who"]) for a in store.audit()][:2] == [
-        ("AXIS_REMOVED", "ann"),
-        ("REMOVED", "ann"),
-    ]
-    assert [heard.get().data, heard.get().data][1] == {"removed": True}  # type: ignore[union-attr]
-    worker.join()
-    again, inbox, _ = fleet_of(store)
-    assert again.axes() == []
-    send(again, inbox, blocks_of(log.rows(0, 1000)))
-    again.keep()
-    assert again.axes()[0].samples == 1000
-
-
-def test_strangers_of_one_message_each_leave_the_place_to_others(
-    store: Store, log: Samples, monkeypatch: pytest.MonkeyPatch, ticking: list[float]
-) -> None:
-    monkeypatch.setattr("fdd.service.fleet.MOST_AXES", 5)
-    monkeypatch.setattr("fdd.service.refused.MOST_REFUSED", 3)
-    fleet, inbox, _ = fleet_of(store)
-    send(fleet, inbox, blocks_of(log.rows(0, 6000)))
-    for k in range(20):
-        send(fleet, inbox, [replace(blocks_of(log)[0], axis=f"stranger-{k}")])
-    assert len(fleet.axes()) == len(store.axes()) == 5 and "A1" in {s.name for s in fleet.axes()}
-    for _ in range(400):
-        ticking[0] += 0.2
-        fleet.step(0.0)
-    assert [s.name for s in fleet.axes()] == ["A1"] == [row["name"] for row in store.axes()]
-
-
-def test_what_is_refused_for_want_of_a_profile_is_counted_and_told(store: Store, log: Samples) -> None:
-    fleet, inbox, _ = fleet_of(store, profiles=Profiles())
-    for k in range(120):
-        send(fleet, inbox, [replace(blocks_of(log)[0], axis=f"A{k}")])
-    assert len(fleet.axes()) == 100, "of the names that strangers give the last ones are told"
-    assert fleet.axes()[-1].quality == {"refused": 100} and "no profile" in fleet.problems()[0]
 
 
 def test_after_a_crash_it_is_asked_while_it_resumes(

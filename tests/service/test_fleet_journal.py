@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
 import numpy as np
 import pytest
-from watched import blocks_of, fleet_of, leaking, send
+from watched import blocks_of, fleet_of, send
 
 from fdd.diagnosis.model import Model
 from fdd.diagnosis.pipeline import Pipeline
@@ -15,18 +13,8 @@ from fdd.samples import Samples
 from fdd.service.arrow import arrow_payload
 from fdd.service.blocks import Block, Decoder
 from fdd.service.store import Store
-from fdd.service.store.checkpoints import packed, unpacked
+from fdd.service.store.records import packed, unpacked
 from fdd.unit import Unit
-
-
-@pytest.fixture(scope="module")
-def log() -> Samples:
-    return leaking()
-
-
-@pytest.fixture
-def store(tmp_path: Path) -> Store:
-    return Store(f"sqlite:///{tmp_path / 'fdd.db'}")
 
 
 def message(block: Block, **more: object) -> bytes:

@@ -9,14 +9,11 @@ import sqlite3
 import time
 from pathlib import Path
 
-import numpy as np
 import pytest
 from jsonschema import Draft202012Validator
 from starlette.testclient import TestClient
 
 from fdd.errors import InputError
-from fdd.service.http.api import thinned
-from fdd.service.recent import Bands
 from fdd.service.store import StoreTrouble
 from tests.service.fake import PAGE, World, client_of, made_up
 
@@ -61,14 +58,6 @@ def test_answers_are_what_the_document_says(client: TestClient, path: str, asked
     assert found.status_code == 200
     answered(document, path, found.json())
     assert found.json() not in ({}, [])
-
-
-def test_that_check_sees(client: TestClient) -> None:
-    document = client.get("/openapi.json").json()
-    body = client.get("/api/axes").json()
-    body["axes"][0]["state"] = "fine"
-    with pytest.raises(Exception, match="fine"):
-        answered(document, "/api/axes", body)
 
 
 def test_alarms_are_given_by_state(client: TestClient) -> None:
@@ -174,21 +163,6 @@ def test_not_a_number_is_null(client: TestClient, world: World) -> None:
     world.details["F7/rudder"].misfits.values["volume"][0] = math.nan
     found = client.get("/api/axes/F7%2Frudder").json()
     assert found["misfits"]["values"]["volume"][0] is None
-
-
-def test_thinned_signals_keep_their_extremes() -> None:
-    random = np.random.default_rng(5)
-    low = random.standard_normal(6000)
-    high = low + random.random(6000)
-    when = np.arange(6000) / 10
-    bands = thinned(
-        Bands(time=when.tolist(), low={"position": low.tolist()}, high={"position": high.tolist()}), 400
-    )
-    assert len(bands.time) <= 400 and bands.time == sorted(bands.time)
-    assert min(bands.low["position"]) == low.min() and max(bands.high["position"]) == high.max()
-    for k, (least, most) in enumerate(zip(bands.low["position"], bands.high["position"], strict=True)):
-        part = slice(15 * k, 15 * k + 15)
-        assert (least, most) == (low[part].min(), high[part].max())
 
 
 def test_metrics_are_handed_through(client: TestClient) -> None:

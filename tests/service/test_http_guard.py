@@ -5,7 +5,6 @@ from __future__ import annotations
 import hashlib
 import json
 import shutil
-import socket
 import ssl
 import subprocess
 import threading
@@ -18,7 +17,7 @@ from pathlib import Path
 import httpx
 import pytest
 
-from fdd.bounds import MAX_HEAD_BYTES, MAX_REQUEST_BYTES, MOST_LISTENERS
+from fdd.bounds import MAX_REQUEST_BYTES, MOST_LISTENERS
 from fdd.errors import InputError
 from fdd.service.bus import Event
 from fdd.service.config import Listen, Tls
@@ -143,12 +142,6 @@ def test_another_sites_page_does_nothing(world: World, path: str, headers: dict[
     assert world.state_of(1) == "UNACK"
 
 
-def test_another_sites_script_is_not_allowed_to_send_the_header(world: World) -> None:
-    asked = {"origin": "http://evil.example", "access-control-request-headers": "x-fdd"}
-    answer = client_of(world).options("/api/alarms/1/acknowledge", headers=asked)
-    assert answer.status_code >= 400 and not any(h.startswith("access-control") for h in answer.headers)
-
-
 @pytest.mark.parametrize(
     "host", ["evil.example", "localhost.evil.example:8080", "", "a b", "[evil", "192.0.2.7"]
 )
@@ -243,13 +236,11 @@ def test_who_falls_behind_is_told_to_begin_anew(world: World) -> None:
     from fdd.service.http import Hub
 
     async def heard() -> bytes:
-        hub = Hub(world.bus)
-        stream = hub.answer(again=False).body_iterator  # type: ignore[attr-defined]
+        stream = Hub(world.bus).answer(again=False).body_iterator  # type: ignore[attr-defined]
         await anext(stream)
         for k in range(KEPT + 10):
-            hub.tell(Event("status", "A1", 0.0, {"k": k}))
-        await asyncio.sleep(0.1)
-        told = b"".join([await anext(stream) for _ in range(11)])
+            world.bus.publish(Event("status", "A1", 0.0, {"k": k}))
+        told = b"".join([await anext(stream) for _ in range(KEPT + 1)])
         await stream.aclose()
         return told
 
@@ -269,25 +260,6 @@ def test_listeners_are_bounded_and_leave_room_when_they_go(server: Server) -> No
         assert time.monotonic() < until
         time.sleep(0.2)
     again.close()
-
-
-@pytest.mark.parametrize(
-    "sent, status",
-    [
-        (b"GET / HTTP/1.1\r\nHost: 127.0.0.1\r\nX: " + b"a" * MAX_HEAD_BYTES * 9 + b"\r\n\r\n", b" 400 "),
-        (b"GET /api/axes/x%0d%0aSet-Cookie:%20a=b HTTP/1.1\r\nHost: 127.0.0.1\r\n\r\n", b" 404 "),
-        (b"GET / HTTP/1.1\r\n\r\n", b" 400 "),
-        (b"GET / HTTP/1.1\r\nHost: 127.0.0.1\r\nHost: evil.example\r\n\r\n", b" 400 "),
-        (b"\x16\x03\x01\x02\x00\x01\x00", b" 400 "),
-        (b"TRACE / HTTP/1.1\r\nHost: 127.0.0.1\r\n\r\n", b" 403 "),
-    ],
-)
-def test_what_is_no_proper_request_is_refused(server: Server, sent: bytes, status: bytes) -> None:
-    host, _, port = server.address.removeprefix("http://").removesuffix("/").partition(":")
-    with socket.create_connection((host, int(port)), timeout=20) as one:
-        one.sendall(sent)
-        head = one.recv(65536)
-    assert status in head.splitlines()[0] and b"set-cookie: a" not in head.lower()
 
 
 def test_tls_by_certificate_and_key(world: World, tmp_path: Path) -> None:

@@ -45,12 +45,6 @@ def test_an_axis_that_lags_loses_its_oldest_and_no_other() -> None:
     assert inbox.counters()["slow"]["lag_s"] == 0.0
 
 
-def test_one_block_longer_than_the_bound_stays() -> None:
-    inbox = Inbox(most_seconds=1.0)
-    inbox.put(block("A1", 0, seconds=50.0))
-    assert len(inbox.take(0.0)) == 1
-
-
 def test_a_patient_sender_waits_for_room_and_loses_nothing() -> None:
     size = block("A1", 0).nbytes + 1000
     inbox, told = Inbox(most_seconds=3.0, most_bytes=5 * size), []

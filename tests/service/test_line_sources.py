@@ -8,7 +8,6 @@ import socket
 import sys
 import threading
 import time
-from collections.abc import Iterator
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -22,18 +21,6 @@ from fdd.service.config_sources import StdinSource, TcpSource, UdpSource
 from fdd.service.sources import open_source
 from fdd.service.sources.listening import Datagrams, TcpLines
 from tests.service.senders import Taker, a_block, until
-
-
-@pytest.fixture
-def taker() -> Taker:
-    return Taker()
-
-
-@pytest.fixture
-def stop() -> Iterator[threading.Event]:
-    event = threading.Event()
-    yield event
-    event.set()
 
 
 def tcp(**more: object) -> TcpLines:

@@ -6,7 +6,6 @@ import json
 import os
 import threading
 import time
-from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
@@ -20,18 +19,6 @@ from fdd.service.config_sources import FolderSource, ReplaySource
 from fdd.service.order import Order
 from fdd.service.sources import Source, open_source
 from tests.service.senders import Taker, until
-
-
-@pytest.fixture
-def taker() -> Taker:
-    return Taker()
-
-
-@pytest.fixture
-def stop() -> Iterator[threading.Event]:
-    event = threading.Event()
-    yield event
-    event.set()
 
 
 def log(path: Path, seed: int = 0, seconds: float = 6.0) -> Path:

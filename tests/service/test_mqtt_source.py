@@ -33,18 +33,6 @@ def broker(tmp_path: Path) -> Iterator[Broker]:
     made.kill()
 
 
-@pytest.fixture
-def taker() -> Taker:
-    return Taker()
-
-
-@pytest.fixture
-def stop() -> Iterator[threading.Event]:
-    event = threading.Event()
-    yield event
-    event.set()
-
-
 def source_of(broker: Broker, version: str = "5", **more: object) -> Source:
     given = {
         "type": "mqtt",

@@ -221,7 +221,7 @@ def test_silence_passes_on_what_is_held() -> None:
     assert order.held_samples == 0
 
 
-@pytest.mark.parametrize("damage", ["order/known", "order/numbers", "order/held_time"])
+@pytest.mark.parametrize("damage", ["order/known", "order/numbers", "order/held/0/time"])
 def test_a_damaged_state_is_refused_in_one_line(damage: str) -> None:
     order = Order()
     order.take([steady(None, 0.0)])

@@ -5,23 +5,22 @@ from __future__ import annotations
 import json
 import threading
 import time
-from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
-from outputs_fakes import event, finding, free_port, measured, opened, sent, transition, until
+from outputs_fakes import event, finding, free_port, measured, sent, transition
 from pydantic import ValidationError
 
 from fdd.errors import InputError
 from fdd.samples import Samples
 from fdd.service import config
 from fdd.service.bus import Bus
-from fdd.service.outputs import Outputs, outputs
-from fdd.service.outputs.delivery import Undelivered
-from fdd.service.outputs.webhook import Webhook
+from fdd.service.outputs import Outputs, delivery
+from fdd.service.outputs.targets import Undelivered, Webhook
 from fdd.service.store import Store
+from tests.service.senders import until
 
 SLOW, QUICK = "http://slow.example/in", "http://quick.example/in"
 
@@ -32,20 +31,6 @@ def made_of(store: Store, bus: Bus, **given: Any) -> Outputs:
 
 def hook(url: str, *kinds: Any, secret_file: Path | None = None) -> config.Webhook:
     return config.Webhook(url=url, kinds=kinds or ("alarm", "finding"), secret_file=secret_file)
-
-
-@pytest.fixture
-def store(tmp_path: Path) -> Iterator[Store]:
-    made = opened(tmp_path)
-    yield made
-    made.close()
-
-
-@pytest.fixture
-def stop() -> Iterator[threading.Event]:
-    event = threading.Event()
-    yield event
-    event.set()
 
 
 def test_who_is_told_what(store: Store, tmp_path: Path) -> None:
@@ -89,7 +74,7 @@ def test_one_that_hangs_holds_up_no_other(
 def test_a_store_in_trouble_is_waited_for(
     store: Store, tmp_path: Path, stop: threading.Event, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(outputs, "TROUBLE_S", 0.05)
+    monkeypatch.setattr(delivery, "TROUBLE_S", 0.05)
     path = tmp_path / "events.jsonl"
     made = made_of(store, Bus(), jsonl=path)
     sent(store, "finding", {"axis": "A1", **finding()}, "jsonl")

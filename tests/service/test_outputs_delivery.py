@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from itertools import pairwise
-from pathlib import Path
 from types import SimpleNamespace
 
 import pytest
-from outputs_fakes import opened, sent, transition
+from outputs_fakes import sent, transition
 
 from fdd.service.outputs import delivery
 from fdd.service.outputs.delivery import LONGEST_WAIT_S, MOST_ATTEMPTS, DeliveryWorker, Undelivered
@@ -25,13 +23,6 @@ def clock(monkeypatch: pytest.MonkeyPatch) -> Clock:
     monkeypatch.setattr(delivery, "time", SimpleNamespace(monotonic=lambda: made.now))
     monkeypatch.setattr(delivery, "random", SimpleNamespace(uniform=lambda low, high: high))
     return made
-
-
-@pytest.fixture
-def store(tmp_path: Path) -> Iterator[Store]:
-    made = opened(tmp_path)
-    yield made
-    made.close()
 
 
 class Target:

@@ -12,9 +12,8 @@ from pathlib import Path
 import pytest
 from outputs_fakes import message, transition
 
-from fdd.service.outputs import json_lines
-from fdd.service.outputs.delivery import Undelivered
-from fdd.service.outputs.json_lines import JsonLines
+from fdd.service.outputs import targets
+from fdd.service.outputs.targets import JsonLines, Undelivered
 
 
 def numbers(path: Path) -> list[int]:
@@ -78,7 +77,7 @@ def test_all_is_synced_and_statuses_are_thinned(tmp_path: Path, monkeypatch: pyt
         lines.note("A1", {"value": value})
     lines.deliver(message("alarm", transition(), id=3))
     assert len(synced) == 2 and synced[-1] == path.stat().st_size
-    monkeypatch.setattr(json_lines, "STATUS_EVERY_S", 0.0)
+    monkeypatch.setattr(targets, "STATUS_EVERY_S", 0.0)
     lines.note("A1", {"value": float("nan")})
     told = [json.loads(line) for line in path.read_text("utf-8").splitlines()]
     assert [line["kind"] for line in told] == ["status", "alarm", "status"]

@@ -12,8 +12,6 @@ from outputs_fakes import transition
 from prometheus_client.openmetrics.parser import text_string_to_metric_families as parse_open
 from prometheus_client.parser import text_string_to_metric_families as parse
 
-from fdd.diagnosis.findings import ESTIMATED
-from fdd.faults import FAMILIES
 from fdd.service.outputs.metrics import MOST_AXES, UNITS, Metrics
 from fdd.service.status import AxisStatus
 
@@ -26,23 +24,15 @@ SOURCES = {"mqtt": {"name": "mqtt", "connected": True, "received": 9, "refused":
 
 
 def axis(name: str = "A1", **given: Any) -> AxisStatus:
+    keys = ("unit", "baseline", "value", "std", "observable")
     estimates = {
-        "leakage": {
-            "unit": "m^3/(s*Pa)",
-            "baseline": 6.5e-12,
-            "value": 9.8e-12,
-            "std": 1e-13,
-            "observable": True,
-        },
-        "bulk_modulus": {"unit": "Pa", "baseline": 1e9, "value": 8.5e8, "std": 2e7, "observable": False},
-        "coulomb_friction": {"unit": "N", "baseline": 3e2, "value": None, "std": None, "observable": False},
-        "viscous_friction": {
-            "unit": "N*s/m",
-            "baseline": 2e3,
-            "value": 2.1e3,
-            "std": math.nan,
-            "observable": True,
-        },
+        name: dict(zip(keys, given, strict=True))
+        for name, given in {
+            "leakage": ("m^3/(s*Pa)", 6.5e-12, 9.8e-12, 1e-13, True),
+            "bulk_modulus": ("Pa", 1e9, 8.5e8, 2e7, False),
+            "coulomb_friction": ("N", 3e2, None, None, False),
+            "viscous_friction": ("N*s/m", 2e3, 2.1e3, math.nan, True),
+        }.items()
     }
     usual = {
         "name": name, "unit": "axis_a", "headline": "", "state": "healthy", "last_wall": 1.7e9,
@@ -136,43 +126,11 @@ def test_series_are_bounded() -> None:
     assert len(found) <= MOST_AXES * per_axis + 60
 
 
-def test_names_cannot_break_out_of_their_label() -> None:
-    name = 'x"} 1\nfdd_axis_up{axis="y\\'
-    assert scraped([axis(name)])["fdd_axis_up", name] == 1
-
-
 def test_openmetrics_is_answered_where_it_is_asked_for() -> None:
     answer = Metrics(lambda: [axis()], lambda: (), lambda: OUTPUTS, lambda: SOURCES, lambda: 0.0)
     body, kind = answer("application/openmetrics-text; version=1.0.0")
     assert kind.startswith("application/openmetrics-text") and body.endswith(b"# EOF\n")
     assert "fdd_axis_up" in {family.name for family in parse_open(body.decode())}
-
-
-def test_every_estimated_quantity_has_its_metric() -> None:
-    assert set(UNITS) == set(ESTIMATED)
-    assert {UNITS[name].count("pascal") for name in ("leakage", "bulk_modulus")} == {1}
-    assert "unknown" in FAMILIES
-
-
-def test_the_linter_of_prometheus_would_be_content() -> None:
-    """The rules of promlint: help, suffixes, base units, no types or abbreviations in names."""
-    units = "milliseconds|minutes|hours|days|kelvin|kilo|bar|percent|celsius_degrees|grams|feet|inches"
-    abbreviated = {"s", "ms", "us", "ns", "sec", "b", "kb", "mb", "gb", "tb", "pb", "m", "h", "d"}
-    ours = [family for family in families() if family.name.startswith("fdd_")]
-    assert len(ours) >= 28
-    for family in ours:
-        names = {sample.name for sample in family.samples} or {family.name}
-        assert family.documentation.strip(), family.name
-        for name in names:
-            assert re.fullmatch(r"[a-z][a-z0-9_]*", name), name
-            assert name.endswith("_total") == (family.type == "counter"), name
-            assert not name.endswith(("_count", "_sum", "_bucket")), name
-            assert not set(name.split("_")) & {"gauge", "counter", "histogram", "summary"}, name
-            assert not set(name.split("_")) & abbreviated, name
-            assert not re.search(rf"_({units})(_|$)", name), name
-        for sample in family.samples:
-            assert not set(sample.labels) & {"le", "quantile"}
-            assert all(re.fullmatch(r"[a-z]+", label) for label in sample.labels)
 
 
 def expressions(node: Any) -> list[str]:
@@ -216,14 +174,3 @@ def test_the_page_names_every_metric() -> None:
     page = (Path(__file__).parents[2] / "docs" / "serve-outputs.md").read_text("utf-8")
     ours = {sample.name for family in families() for sample in family.samples if "fdd_" in sample.name}
     assert {name for name in ours if f"`{name}`" not in page and "_stddev" not in name} == set()
-
-
-def test_the_dashboards_panels_stand_apart() -> None:
-    panels = json.loads(DASHBOARD.read_text("utf-8"))["panels"]
-    assert len({panel["id"] for panel in panels}) == len(panels)
-    taken: set[tuple[int, int]] = set()
-    for place in (panel["gridPos"] for panel in panels):
-        cells = {(x, y) for x in range(place["x"], place["x"] + place["w"])
-                 for y in range(place["y"], place["y"] + place["h"])}  # fmt: skip
-        assert not cells & taken and max(x for x, _ in cells) < 24
-        taken |= cells

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import socket
 import subprocess
+import threading
 import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -12,14 +13,16 @@ from typing import Any
 
 import pytest
 from brokers import MOSQUITTO, Broker
-from outputs_fakes import finding, message, opened, sent, transition, until
+from outputs_fakes import finding, message, opened, sent, transition
 from paho.mqtt.client import Client
 from paho.mqtt.enums import CallbackAPIVersion
 
 from fdd.service.config import MqttOutput
 from fdd.service.outputs import mqtt
-from fdd.service.outputs.delivery import DeliveryWorker, Undelivered
+from fdd.service.outputs.delivery import DeliveryWorker
 from fdd.service.outputs.mqtt import MqttPublisher
+from fdd.service.outputs.targets import Undelivered
+from tests.service.senders import until
 
 
 class Listener:
@@ -31,8 +34,11 @@ class Listener:
         self._client.reconnect_delay_set(1, 1)
         self._client.on_connect = lambda client, *_: client.subscribe("#", qos=1)
         self._client.on_message = lambda c, u, m: self.came.append((m.topic, m.payload, m.retain))
+        subscribed = threading.Event()
+        self._client.on_subscribe = lambda *told: subscribed.set()
         self._client.connect("127.0.0.1", port)
         self._client.loop_start()
+        assert subscribed.wait(60.0), "else what is not retained may come before it listens"
 
     def of(self, topic: str) -> list[tuple[bytes, bool]]:
         return [(payload, retained) for to, payload, retained in self.came if to == topic]

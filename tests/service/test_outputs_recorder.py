@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 import pytest
 from mcap.reader import make_reader
-from outputs_fakes import event, measured, transition, until
+from outputs_fakes import event, measured, transition
 
 from fdd.logs import read_log
 from fdd.samples import Samples
@@ -21,6 +21,7 @@ from fdd.service.bus import Bus
 from fdd.service.config import Recording
 from fdd.service.outputs import recorder as recorder_module
 from fdd.service.outputs.recorder import Recorder, keep_within
+from tests.service.senders import until
 
 RATE = 100
 START = 1000.0

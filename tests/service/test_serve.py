@@ -9,7 +9,6 @@ import socket
 import subprocess
 import sys
 import threading
-import time
 import urllib.request
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -18,8 +17,7 @@ from typing import Any
 from urllib.error import HTTPError
 
 import pytest
-from postgres_server import postgres_server
-from stores import postgres_url
+from stores import postgres_server, postgres_url
 from typer.testing import CliRunner
 from watched import leaking
 
@@ -33,6 +31,7 @@ from fdd.service.fleet import Fleet
 from fdd.service.service import Service
 from fdd.service.store import Store
 from fdd.unit import Unit
+from tests.service.senders import until
 
 
 @contextmanager
@@ -56,14 +55,6 @@ def ask(address: str, body: dict[str, Any] | None = None) -> Any:
     )  # fmt: skip
     with urllib.request.urlopen(request, timeout=20) as answer:
         return json.loads(answer.read())
-
-
-def until(what: Any, most: float = 120.0) -> Any:
-    end = time.monotonic() + most
-    while not (found := what()):
-        assert time.monotonic() < end, "it never came"
-        time.sleep(0.2)
-    return found
 
 
 def test_a_leak_is_told_acknowledged_and_kept(tmp_path: Path) -> None:

@@ -14,7 +14,7 @@ from hypothesis.stateful import RuleBasedStateMachine, invariant, rule
 from fdd.diagnosis.findings import FaultFinding
 from fdd.diagnosis.model import Model
 from fdd.errors import InputError
-from fdd.service.alarms import AlarmBook, Transition
+from fdd.service.alarms import Action, AlarmBook, Transition
 from fdd.service.axis import AxisWatch
 from fdd.service.status import status_of
 from fdd.unit import Unit
@@ -57,20 +57,6 @@ KINDS: dict[str, dict[str, Any]] = {
 }
 
 
-class History:
-    """What the rules ask of one key on one axis, kept as plain lists."""
-
-    def __init__(self) -> None:
-        self.seen: list[float] = []
-        self.raised: list[float] = []
-        self.ended: float | None = None
-        self.id: int | None = None
-
-    @property
-    def stands(self) -> bool:
-        return bool(self.raised) and self.ended is None
-
-
 class Plant(RuleBasedStateMachine):
     """Random looks and actions; a second book is restored from JSON again and again and must do the same."""
 
@@ -80,8 +66,6 @@ class Plant(RuleBasedStateMachine):
         self.time = {"A1": 0.0, "A2": 1e6}
         self.wall = WALL
         self.audit: list[Transition] = []
-        self.histories: dict[tuple[str, str], History] = {}
-        self.chatters: dict[int, bool] = {}
         self.worst: dict[int, int] = {}
 
     def told(self, transitions: list[Transition], twins: list[Transition]) -> list[Transition]:
@@ -122,67 +106,9 @@ class Plant(RuleBasedStateMachine):
         self.wall += LOOK
         found = [finding(**KINDS[key], low=low, confidence=c) for key, (low, c) in stands.items()]
         args = axis, self.time[axis], self.wall, found
-        self.judge(axis, set(stands), self.told(self.book.update(*args), self.twin.update(*args)))
-
-    def judge(self, axis: str, stands: set[str], transitions: list[Transition]) -> None:
-        """One look: what must have become of every key of the axis."""
-        now = self.time[axis]
-        happened = {t.alarm.key: t for t in transitions}
-        assert len(happened) == len(transitions)
-        for key in KINDS:
-            history = self.histories.setdefault((axis, key), History())
-            alarms = [a for a in self.book.alarms(axis) if a.key == key]
-            assert len(alarms) <= 1
-            again = key in stands and not history.stands
-            if again:
-                pause = math.inf if history.ended is None else now - history.ended
-                state = next((t.alarm.state for t in reversed(self.audit[: -len(transitions) or None])
-                              if t.alarm.id == history.id), N)  # fmt: skip
-                over = state == N and pause > (math.inf if self.chattered(history, now) else 600.0)
-                if history.id is None or over:
-                    assert happened[key].action == "RAISED"
-                    assert alarms[0].id not in self.worst
-                    self.histories[axis, key] = history = History()
-                    history.id = alarms[0].id
-                else:
-                    assert alarms[0].id == history.id
-                    assert key not in happened or happened[key].action == "RERAISED"
-                history.raised.append(now)
-                history.ended = None
-            if key in stands:
-                history.seen.append(now)
-                assert alarms[0].state in (U, A, S)
-                assert alarms[0].standing
-            elif history.stands:
-                if now - history.seen[-1] >= 60.0:
-                    history.ended = now
-                    assert alarms[0].state in (N, R, S)
-                else:
-                    assert alarms[0].state in (U, A, S)
-                    assert key not in happened
-            elif key in happened:
-                raise AssertionError("something happened to what neither stands nor stood")
-            if alarms:
-                assert alarms[0].count == len(history.raised)
-                assert alarms[0].standing == history.stands
-                self.hear(history, alarms[0].chattering, now, happened.get(key))
-
-    def chattered(self, history: History, now: float) -> bool:
-        """Whether it chattered before this look and has not been quiet for an hour."""
-        return self.chatters.get(history.id or 0, False) and now - history.raised[-1] < 3600.0
-
-    def hear(self, history: History, chattering: bool, now: float, happened: Transition | None) -> None:
-        """Notifications: six re-raises within an hour make it chatter, until there was none for an hour."""
-        assert history.id is not None
-        again = history.raised[1:]
-        often = len([t for t in again if now - t < 3600.0]) > 5
-        earlier = [t for t in again if t < now]
-        quiet = not earlier or now - earlier[-1] >= 3600.0
-        before = self.chatters.get(history.id, False) and not quiet
-        self.chatters[history.id] = expected = often or before
-        assert chattering == expected
-        if happened is not None and happened.action in ("RERAISED", "RETURNED"):
-            assert happened.notify == (not before if happened.action == "RERAISED" else not expected)
+        self.told(self.book.update(*args), self.twin.update(*args))
+        seen = {a.key: a for a in self.book.alarms(axis) if a.standing and a.seen == self.time[axis]}
+        assert seen.keys() == stands.keys() and {a.state for a in seen.values()} <= {U, A, S}
 
     @rule(
         data=st.data(), action=st.sampled_from(sorted(BY_PEOPLE)), passed=st.sampled_from([0.0, 40.0, 4000.0])
@@ -191,24 +117,18 @@ class Plant(RuleBasedStateMachine):
         self.wall += passed
         ids = sorted({a.id for a in self.book.alarms()} | {999})
         id = data.draw(st.sampled_from(ids))
-        until = (self.wall + 300.0,) if action == "shelve" else ()
-        args = (id, "ann", *until, "a note", self.wall)
+        done_by = Action(action, id, "ann", "a note", self.wall + 300.0)  # type: ignore[arg-type]
         state = {a.id: a.state for a in self.book.alarms()}.get(id)
         if not any(a == BY_PEOPLE[action] and before == state for a, before, _ in DIAGRAM):
             before_it = json.dumps(self.book.state())
             for book in (self.book, self.twin):
                 with pytest.raises(InputError):
-                    getattr(book, action)(*args)
+                    book.act(done_by, self.wall)
             assert json.dumps(self.book.state()) == before_it
             return
-        (done,) = self.told([getattr(self.book, action)(*args)], [getattr(self.twin, action)(*args)])
-        assert (done.action, done.who, done.note, done.wall) == (
-            BY_PEOPLE[action],
-            "ann",
-            "a note",
-            self.wall,
-        )
-        assert done.notify
+        (done,) = self.told([self.book.act(done_by, self.wall)], [self.twin.act(done_by, self.wall)])
+        told = BY_PEOPLE[action], "ann", "a note", self.wall, True
+        assert (done.action, done.who, done.note, done.wall, done.notify) == told
 
     @rule(passed=st.sampled_from([1.0, 299.0, 300.0, 9000.0]))
     def clock(self, passed: float) -> None:
@@ -268,7 +188,7 @@ class Looks:
 def test_a_whole_life() -> None:
     look = Looks()
     assert look(finding()) == [("RAISED", "pump_wear")]
-    assert look.book.acknowledge(1, "ann", "on my way", WALL).alarm.acked_by == "ann"
+    assert look.book.act(Action("acknowledge", 1, "ann", "on my way"), WALL).alarm.acked_by == "ann"
     assert look(seconds=55.0) == []
     assert look() == [("RETURNED", "pump_wear")]
     assert look.book.alarms()[0].state == N
@@ -299,13 +219,6 @@ def test_another_fault_of_the_ambiguity_group_in_the_lead_is_no_new_alarm() -> N
     assert [(a.id, a.fault) for a in look.book.alarms()] == [(1, "pump_wear"), (2, "internal_leakage")]
 
 
-def test_two_sides_of_one_fault_are_one_alarm() -> None:
-    look = Looks()
-    sure, less = finding(confidence=0.9, low=0.1), finding(confidence=0.6, low=0.8)
-    assert look(less, sure) == [("RAISED", "pump_wear")]
-    assert look.book.alarms()[0].confidence == 0.9
-
-
 @pytest.mark.parametrize(
     ("found", "priority"),
     [
@@ -330,7 +243,7 @@ def test_priority(found: FaultFinding, priority: str) -> None:
 def test_a_growing_fault_asks_for_attention_again_once_a_level() -> None:
     look = Looks()
     look(finding(low=0.2))
-    look.book.acknowledge(1, "ann", "", WALL)
+    look.book.act(Action("acknowledge", 1, "ann"), WALL)
     assert look(finding(low=0.3), seconds=60.0) == [("ESCALATED", "pump_wear")]
     assert look.book.alarms()[0].state == U
     # Wavering about the limit is not told again.
@@ -352,14 +265,15 @@ def test_a_shelf_ends_within_a_week(ahead: float) -> None:
     look = Looks()
     look(finding())
     with pytest.raises(InputError, match="within a week"):
-        look.book.shelve(1, "ann", WALL + ahead, "", WALL)
+        look.book.act(Action("shelve", 1, "ann", until=WALL + ahead), WALL)
     assert look.book.alarms()[0].state == U
 
 
 def test_what_people_write_is_kept_as_text_and_no_more() -> None:
     look = Looks()
     look(finding())
-    said = look.book.acknowledge(1, "ann\x00\ud800", "naïve 油\nsecond line\x1b[31m" + "x" * 3000, WALL)
+    note = "naïve 油\nsecond line\x1b[31m" + "x" * 3000
+    said = look.book.act(Action("acknowledge", 1, "ann\x00\ud800", note), WALL)
     assert said.who == "ann"
     assert said.note.startswith("naïve 油\nsecond line[31mxx")
     assert len(said.note) == 2000

@@ -18,9 +18,8 @@ from stores import LEAK, WALL, blocks_of, postgres_url
 
 from fdd.diagnosis.findings import FaultFinding
 from fdd.errors import InputError
-from fdd.service.alarms import AlarmBook
+from fdd.service.alarms import Action, AlarmBook
 from fdd.service.store import Checkpoint, LeaseLost, Rollup, Store
-from fdd.service.store.rollups import merged
 
 DAY = 86400.0
 
@@ -108,7 +107,7 @@ def test_the_book_knows_an_alarm_that_has_just_ended_and_gives_no_id_twice(store
             for transition in book.update("A1", time, WALL + time, stands):
                 t.transition(transition)
     with store.transaction() as t:
-        t.transition(book.acknowledge(1, "ann", "", WALL))
+        t.transition(book.act(Action("acknowledge", 1, "ann"), WALL))
         for time in (865.0, 1500.0):
             for transition in book.update("A1", time, WALL + time, []):
                 t.transition(transition)
@@ -173,7 +172,7 @@ def test_merged_parts_are_what_numpy_says_of_the_whole(parts: list[list[float]])
     whole = np.array([v for part in parts for v in part])
     total = values_of("q", np.array(parts[0]))
     for part in parts[1:]:
-        total = merged(total, values_of("q", np.array(part)))
+        total = total.merged(values_of("q", np.array(part)))
     size = np.abs(whole).max()
     assert total.n == whole.size
     assert (total.min, total.max) == (whole.min(), whole.max())
@@ -185,7 +184,7 @@ def test_std_of_small_changes_on_a_large_mean_keeps_its_digits() -> None:
     values = 1e9 + np.random.default_rng(2).normal(size=1000)
     total = values_of("q", values[:1])
     for value in values[1:]:
-        total = merged(total, values_of("q", np.array([value])))
+        total = total.merged(values_of("q", np.array([value])))
     assert total.std == pytest.approx(values.std(), rel=1e-6)
 
 

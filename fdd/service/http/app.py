@@ -1,11 +1,15 @@
-"""The whole HTTP service put together: API, page, and what guards them."""
+"""The whole HTTP service put together: API, page, what guards them, and the port they are served on."""
 
 from __future__ import annotations
 
+import logging
+import ssl
+import threading
 from collections.abc import Callable, Iterable, Mapping
 from importlib import resources
 from typing import TYPE_CHECKING, Any
 
+import uvicorn
 from fastapi import FastAPI, HTTPException, Request
 from fastapi.exceptions import RequestValidationError
 from fastapi.responses import FileResponse, JSONResponse, Response
@@ -17,12 +21,14 @@ from starlette.staticfiles import StaticFiles
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 import fdd
-from fdd.bounds import MAX_REQUEST_BYTES
+from fdd.bounds import MAX_HEAD_BYTES, MAX_REQUEST_BYTES, MOST_HTTP_CONNECTIONS
 from fdd.diagnosis.findings import DISPLAY_SCALE, ESTIMATED
 from fdd.errors import InputError
 from fdd.faults import CATALOGUE
 from fdd.report.words import FAMILY_TITLES
 from fdd.residuals.balances import BALANCES
+from fdd.service.config import Listen
+from fdd.service.config_sources import bound_socket
 from fdd.service.http.api import router
 from fdd.service.http.events import Hub
 from fdd.service.http.tokens import Tokens
@@ -171,3 +177,54 @@ def words() -> Mapping[str, Any]:
             for name, (_, unit, title) in ESTIMATED.items()
         },
     }
+
+
+class Server:
+    """uvicorn on a socket of its own.
+
+    Parameters
+    ----------
+    app : of `fdd.service.http.web`. listen : where.
+
+    Attributes
+    ----------
+    address : what a browser opens.
+
+    Raises
+    ------
+    InputError : the port is taken, or the certificate cannot be used.
+    """
+
+    def __init__(self, app: ASGIApp, listen: Listen) -> None:
+        tls = listen.tls
+        config = uvicorn.Config(
+            app, http="h11", ws="none", lifespan="off", interface="asgi3",
+            log_config=None, log_level=logging.ERROR, access_log=False, server_header=False,
+            proxy_headers=False, limit_concurrency=MOST_HTTP_CONNECTIONS, timeout_keep_alive=5,
+            timeout_graceful_shutdown=3, h11_max_incomplete_event_size=MAX_HEAD_BYTES,
+            ssl_certfile=None if tls is None else tls.cert, ssl_keyfile=None if tls is None else tls.key,
+        )  # fmt: skip
+        try:
+            config.load()
+        except (OSError, ssl.SSLError) as error:
+            where = "listen: tls" if tls is None else f"{tls.cert}, {tls.key}"
+            raise InputError(f"cannot be used for TLS ({error.strerror or error})", where=where) from None
+        self._server = uvicorn.Server(config)
+        where = f"listen {listen.host}:{listen.port}"
+        self._socket = bound_socket(listen.host, listen.port, where, "give a free port (--port)")
+        self._socket.listen(1024)
+        host, port = self._socket.getsockname()[:2]
+        shown = f"[{host}]" if ":" in host else host
+        self.address = f"{'http' if tls is None else 'https'}://{shown}:{port}/"
+
+    def start(self, stop: threading.Event) -> threading.Thread:
+        """Serve in a thread until `stop`."""
+        serving = threading.Thread(target=self._server.run, args=([self._socket],), name="http", daemon=True)
+
+        def end() -> None:
+            stop.wait()
+            self._server.should_exit = True
+
+        serving.start()
+        threading.Thread(target=end, name="http stop", daemon=True).start()
+        return serving

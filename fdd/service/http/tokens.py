@@ -53,27 +53,18 @@ class Tokens:
     def load(cls, path: Path) -> Tokens:
         """Read a file of ``name role sha256(token)`` lines; ``#`` begins a comment.
 
-        Raises
-        ------
-        InputError : it cannot be read, or a line is not of that form.
+        Raises InputError: it cannot be read, or a line is not of that form.
         """
         try:
-            with path.open("rb") as source:
-                text = source.read(MAX_TOKENS_BYTES + 1)
+            if path.stat().st_size > MAX_TOKENS_BYTES:
+                raise InputError(f"larger than {MAX_TOKENS_BYTES} bytes", where=path)
+            return cls.parse(path.read_text("utf-8", "replace"), str(path))
         except OSError as error:
             raise InputError(f"cannot be read ({error.strerror})", where=path) from None
-        if len(text) > MAX_TOKENS_BYTES:
-            raise InputError(f"larger than {MAX_TOKENS_BYTES} bytes", where=path)
-        return cls.parse(text.decode("utf-8", "replace"), str(path))
 
     @classmethod
     def parse(cls, text: str, where: str = "tokens") -> Tokens:
-        """The same from text.
-
-        Raises
-        ------
-        InputError : a line is not of that form, or there is none.
-        """
+        """The same from text. Raises InputError: a line is not of that form, or there is none."""
         known = []
         for number, line in enumerate(text.splitlines(), 1):
             parts = line.split("#", 1)[0].split()
@@ -93,8 +84,5 @@ class Tokens:
     def caller(self, token: str) -> Caller | None:
         """Whose token it is; every known hash is compared, whichever fits, in constant time each."""
         digest = hashlib.sha256(token.encode("utf-8", "replace")).digest()
-        found = None
-        for known, caller in self._known:
-            if hmac.compare_digest(digest, known):
-                found = caller
-        return found
+        found = [caller for known, caller in self._known if hmac.compare_digest(digest, known)]
+        return found[-1] if found else None

@@ -1,6 +1,6 @@
-"""What the service tells the outside: metrics, MQTT, webhooks, JSON lines, recordings and Foxglove."""
+"""What the service tells the outside: metrics, MQTT, webhooks, JSON lines and recordings."""
 
+from fdd.service.outputs.delivery import Outputs
 from fdd.service.outputs.metrics import Metrics
-from fdd.service.outputs.outputs import Outputs
 
 __all__ = ["Metrics", "Outputs"]

@@ -28,14 +28,28 @@ UNITS = {
 """Estimated quantities and their units, as names of metrics spell them."""
 
 Statuses = Mapping[str, Mapping[str, Any]]
-_Family = type[GaugeMetricFamily] | type[CounterMetricFamily]
-_SOURCES: dict[str, tuple[_Family, str, str]] = {
+_Rows = Iterable[tuple[tuple[str, ...], float | None]]
+_Metrics = dict[str, tuple[type[GaugeMetricFamily] | type[CounterMetricFamily], str, str]]
+_AXES: _Metrics = {
+    "up": (GaugeMetricFamily, "fdd_axis_up", "1 while an axis sends and is diagnosed."),
+    "samples": (CounterMetricFamily, "fdd_samples", "Samples taken."),
+    "dropped": (CounterMetricFamily, "fdd_dropped_samples", "Samples lost on the way."),
+    "lag": (GaugeMetricFamily, "fdd_block_lag_seconds", "How far the diagnosis is behind."),
+    "rate": (GaugeMetricFamily, "fdd_sample_rate_hertz", "Samples a second."),
+    "last": (GaugeMetricFamily, "fdd_last_sample_timestamp_seconds", "Unix time of the last sample."),
+}
+for _name, _unit in UNITS.items():
+    _title = _name.replace("_", " ").capitalize()
+    _AXES[_name] = GaugeMetricFamily, f"fdd_{_name}_{_unit}", f"{_title}."
+    _std = f"fdd_{_name}_stddev_{_unit}", f"{_title}, standard deviation."
+    _AXES[f"{_name}_std"] = (GaugeMetricFamily, *_std)
+_SOURCES: _Metrics = {
     "connected": (GaugeMetricFamily, "fdd_source_connected", "1 while a source can be read."),
     "received": (CounterMetricFamily, "fdd_source_blocks", "Blocks taken."),
     "refused": (CounterMetricFamily, "fdd_source_refused", "Messages that cannot be used."),
     "reconnects": (CounterMetricFamily, "fdd_source_reconnects", "Connections made anew."),
 }
-_OUTPUTS: dict[str, tuple[_Family, str, str]] = {
+_OUTPUTS: _Metrics = {
     "delivered": (CounterMetricFamily, "fdd_output_delivered", "Messages delivered."),
     "failed": (CounterMetricFamily, "fdd_output_failures", "Attempts that failed."),
     "given_up": (CounterMetricFamily, "fdd_output_given_up", "Messages given up."),
@@ -96,48 +110,34 @@ class Metrics(Collector):
         yield from _counted(self._outputs(), "target", _OUTPUTS)
 
 
-_AXES: tuple[tuple[_Family, str, str, Callable[[AxisStatus], float | None]], ...] = (
-    (GaugeMetricFamily, "fdd_axis_up", "1 while an axis sends and is diagnosed.",
-     lambda axis: not axis.silent and axis.state not in ("silent", "failed")),
-    (CounterMetricFamily, "fdd_samples", "Samples taken.", lambda axis: axis.samples),
-    (CounterMetricFamily, "fdd_dropped_samples", "Samples lost on the way.",
-     lambda axis: sum(axis.quality.get(name, 0) for name in ("dropped", "overrun", "late", "refused"))),
-    (GaugeMetricFamily, "fdd_block_lag_seconds", "How far the diagnosis is behind.", lambda axis: axis.lag_s),
-    (GaugeMetricFamily, "fdd_sample_rate_hertz", "Samples a second.", lambda axis: axis.rate_hz),
-    (GaugeMetricFamily, "fdd_last_sample_timestamp_seconds", "Unix time of the last sample.",
-     lambda axis: axis.last_wall),
-)  # fmt: skip
+def _figures(axis: AxisStatus) -> dict[str, float | None]:
+    """What `_AXES` tells of an axis."""
+    lost = ("dropped", "overrun", "late", "refused")
+    estimates = {q: axis.estimates[q] for q in UNITS if q in axis.estimates}
+    return {
+        "up": not axis.silent and axis.state not in ("silent", "failed"), "samples": axis.samples,
+        "dropped": sum(axis.quality.get(name, 0) for name in lost), "lag": axis.lag_s,
+        "rate": axis.rate_hz, "last": axis.last_wall,
+        **{q: e.value for q, e in estimates.items()}, **{f"{q}_std": e.std for q, e in estimates.items()},
+    }  # fmt: skip
 
 
 def _of_axes(axes: Sequence[AxisStatus]) -> Iterable[Metric]:
-    for family, name, help, of in _AXES:
-        yield _filled(family(name, help, labels=["axis"]), (((axis.name,), of(axis)) for axis in axes))
-    states = GaugeMetricFamily("fdd_axis_state", "1 for the state an axis is in.", labels=["axis", "state"])
+    yield from _counted({axis.name: _figures(axis) for axis in axes}, "axis", _AXES)
     is_in = lambda a, s: a.state == s or (s == "silent" and a.silent)  # noqa: E731
-    yield _filled(states, (((a.name, s), is_in(a, s)) for a in axes for s in get_args(AxisState)))
-    chances = GaugeMetricFamily(
-        "fdd_fault_probability", "Probability of a family of faults.", labels=["axis", "family"]
-    )
-    yield _filled(chances, (((a.name, f), a.probabilities.get(f)) for a in axes for f in FAMILIES))
-    known = [(a.name, q, a.estimates[q]) for a in axes for q in UNITS if q in a.estimates]
-    for quantity, unit in UNITS.items():
-        title = quantity.replace("_", " ").capitalize()
-        mine = [(name, estimate) for name, q, estimate in known if q == quantity]
-        value = GaugeMetricFamily(f"fdd_{quantity}_{unit}", f"{title}.", labels=["axis"])
-        yield _filled(value, (((name,), estimate.value) for name, estimate in mine))
-        std = GaugeMetricFamily(
-            f"fdd_{quantity}_stddev_{unit}", f"{title}, standard deviation.", labels=["axis"]
-        )
-        yield _filled(std, (((name,), estimate.std) for name, estimate in mine))
-    observable = GaugeMetricFamily(
-        "fdd_estimate_observable", "1 while a quantity can be estimated.", labels=["axis", "quantity"]
-    )
-    yield _filled(observable, (((name, q), estimate.observable) for name, q, estimate in known))
+    states = [((a.name, s), is_in(a, s)) for a in axes for s in get_args(AxisState)]
+    yield _gauge("fdd_axis_state", "1 for the state an axis is in.", ("axis", "state"), states)
+    chances = [((a.name, f), a.probabilities.get(f)) for a in axes for f in FAMILIES]
+    yield _gauge("fdd_fault_probability", "Probability of a family of faults.", ("axis", "family"), chances)
+    known = [((a.name, q), e.observable) for a in axes for q, e in a.estimates.items() if q in UNITS]
+    yield _gauge("fdd_estimate_observable", "1 while it can be estimated.", ("axis", "quantity"), known)
 
 
-def _filled(
-    metric: GaugeMetricFamily | CounterMetricFamily, rows: Iterable[tuple[tuple[str, ...], float | None]]
-) -> Metric:
+def _gauge(name: str, help: str, labels: Sequence[str], rows: _Rows) -> Metric:
+    return _filled(GaugeMetricFamily(name, help, labels=labels), rows)
+
+
+def _filled(metric: GaugeMetricFamily | CounterMetricFamily, rows: _Rows) -> Metric:
     for labels, value in rows:
         if value is not None and math.isfinite(value):
             metric.add_metric(labels, value)
@@ -147,17 +147,11 @@ def _filled(
 def _alarms(alarms: Sequence[Mapping[str, Any]], axes: set[str]) -> Metric:
     labels = ("axis", "family", "state", "priority")
     counts = Counter(tuple(alarm[label] for label in labels) for alarm in alarms if alarm["axis"] in axes)
-    metric = GaugeMetricFamily("fdd_alarms", "Alarms that stand.", labels=labels)
-    return _filled(metric, counts.items())
+    return _gauge("fdd_alarms", "Alarms that stand.", labels, counts.items())
 
 
-def _counted(
-    statuses: Statuses, label: str, metrics: Mapping[str, tuple[_Family, str, str]]
-) -> Iterable[Metric]:
+def _counted(statuses: Statuses, label: str, metrics: _Metrics) -> Iterable[Metric]:
     """One metric for each key of the statuses, by the name of what has it."""
     for key, (family, name, help) in metrics.items():
-        metric = family(name, help, labels=[label])
-        for what, status in statuses.items():
-            if key in status:
-                metric.add_metric([what], status[key])
-        yield metric
+        rows = (((what,), status.get(key)) for what, status in statuses.items())
+        yield _filled(family(name, help, labels=[label]), rows)

@@ -9,9 +9,8 @@ from typing import Any
 import orjson
 from paho.mqtt.client import Client, MQTTMessageInfo
 
-from fdd.service.broker_client import broker_client
 from fdd.service.config import MqttOutput
-from fdd.service.outputs.delivery import Undelivered
+from fdd.service.outputs.targets import Undelivered
 from fdd.service.store import OutboxMessage
 
 EVERY_S = 5.0
@@ -42,7 +41,7 @@ class MqttPublisher:
         self._sent: dict[str, tuple[float, bytes]] = {}
         self._refreshed = self.connections = 0
         self.last_error = ""
-        self._client = client = broker_client(config, config.client_id or "")
+        self._client = client = config.client(config.client_id or "")
         client.will_set(f"{config.prefix}/status", b"offline", qos=1, retain=True)
         client.max_queued_messages_set(MOST_QUEUED)
         client.reconnect_delay_set(1, 60)
@@ -69,9 +68,7 @@ class MqttPublisher:
     def deliver(self, message: OutboxMessage) -> None:
         """Send an alarm's transition or a finding, and wait until the broker has it.
 
-        Raises
-        ------
-        Undelivered : no connection, or no acknowledgement.
+        Raises Undelivered: no connection, or no acknowledgement.
         """
         if not self._client.is_connected():
             raise Undelivered(self.last_error or "not connected", down=True)

@@ -36,6 +36,8 @@ MOST_WAITING = 4000
 MOST_BYTES = 32 << 20
 """Of an axis's samples in memory: six minutes of ten channels at 1 kHz. A recording ends there."""
 MOST_STATUSES = 1000
+BEGINS = ("RAISED", "RERAISED")
+"""Transitions of an alarm that are recorded."""
 
 
 @dataclass
@@ -111,8 +113,12 @@ class Recorder:
         while event := self._events.get():
             if event.kind == "samples":
                 self._take(event.axis, event.data["samples"])
-            elif (axis := self._axes.get(event.axis)) is not None:
-                self._note(axis, event)
+            elif (axis := self._axes.get(event.axis)) is None:
+                continue
+            elif event.kind == "alarm":
+                self._alarmed(axis, event)
+            else:
+                axis.statuses.append({**event.data, "time": event.time})
         now = time.monotonic()
         for name, axis in self._axes.items():
             run = axis.running
@@ -122,35 +128,30 @@ class Recorder:
 
     def _take(self, name: str, samples: Samples) -> None:
         axis = self._axes.setdefault(name, _Axis())
-        axis.heard = time.monotonic()
         if axis.ring and samples.time[0] <= axis.ring[-1].time[-1]:
             # The clock was set back: what was before is another stream.
             self._end(name, axis)
-            axis.ring.clear()
-            axis.statuses.clear()
-            axis.size = 0
-        axis.offset = wall_offset(float(samples.time[-1]))
+            axis = self._axes[name] = _Axis()
+        axis.heard = time.monotonic()
+        last = float(samples.time[-1])
+        lag = time.time() - last
+        # Stamps that are Unix seconds already need no offset, however late they come.
+        axis.offset = 0.0 if abs(lag) < FRESH_S else lag
         axis.ring.append(samples)
         axis.size += _bytes(samples)
-        self._trim(axis)
-
-    def _trim(self, axis: _Axis) -> None:
-        oldest = float(axis.ring[-1].time[-1]) - self._config.before - LATE_S
+        oldest = last - self._config.before - LATE_S
         if axis.running:
             oldest = min(oldest, axis.running.start)
-        full = not axis.running and axis.size > MOST_BYTES
-        while len(axis.ring) > 1 and (axis.ring[0].time[-1] < oldest or full):
-            axis.size -= _bytes(axis.ring.popleft())
+        while len(axis.ring) > 1:
             full = not axis.running and axis.size > MOST_BYTES
+            if axis.ring[0].time[-1] >= oldest and not full:
+                break
+            axis.size -= _bytes(axis.ring.popleft())
         while axis.statuses and axis.statuses[0]["time"] < oldest:
             axis.statuses.popleft()
 
-    def _note(self, axis: _Axis, event: Event) -> None:
-        if event.kind == "status":
-            status = {name: event.data.get(name) or {} for name in ("estimates", "probabilities")}
-            axis.statuses.append(status | {"time": event.time})
-            return
-        if begins(event.data):
+    def _alarmed(self, axis: _Axis, event: Event) -> None:
+        if event.data["action"] in BEGINS:
             if axis.running is None:
                 name = name_of(event.axis, event.time + axis.offset, event.data["alarm"]["id"])
                 start = event.time - self._config.before
@@ -160,7 +161,7 @@ class Recorder:
             axis.running.alarms.append({**event.data, "time": event.time})
 
     def _end(self, name: str, axis: _Axis) -> None:
-        """Write the recording that runs."""
+        """Write the recording that runs; its time begins at 0 with its first sample."""
         run, axis.running = axis.running, None
         if run is None:
             return
@@ -168,9 +169,17 @@ class Recorder:
         samples = samples.rows(int(samples.time.searchsorted(run.start)), len(samples))
         if not len(samples):
             return
+        start = float(samples.time[0])
+        wall = max(0.0, start + run.offset)
+        faults = _faults(run.alarms, start, wall)
+        answer = {"schema": "fdd.recording/1", "axis": name, "faults": faults, "alarms": run.alarms}
         try:
-            statuses = list(axis.statuses)
-            write(run.path, name, samples, statuses, run.alarms, run.offset, self._profile_of(name))
+            write_annotated(
+                run.path, Samples(samples.time - start, samples.columns),
+                _trajectories([s for s in axis.statuses if s["time"] >= start], start),
+                json.dumps(answer), axis=plain(name), unit_yaml=self._profile_of(name),
+                start_ns=round(wall * 1e9),
+            )  # fmt: skip
             keep_within(self._config.folder, self._config.most_bytes, newest=run.path)
         except (InputError, OSError) as error:
             self.last_error = str(error)
@@ -206,82 +215,34 @@ def plain(axis: str) -> str:
     return re.sub(r"[^A-Za-z0-9_.\-]|^\.", "_", axis)[:64]
 
 
-def begins(transition: Mapping[str, Any]) -> bool:
-    """Whether an alarm's transition is one that is recorded: it is raised, or raised again."""
-    return transition["action"] in ("RAISED", "RERAISED")
-
-
-def wall_offset(last: float) -> float:
-    """s to add to a stream's stamps, of which `last` has just come, for Unix seconds."""
-    lag = time.time() - last
-    # Stamps that are Unix seconds already need no offset, however late they come.
-    return 0.0 if abs(lag) < FRESH_S else lag
-
-
-def write(
-    path: Path,
-    axis: str,
-    samples: Samples,
-    statuses: list[dict[str, Any]],
-    alarms: list[dict[str, Any]],
-    offset: float,
-    unit_yaml: str | None,
-) -> None:
-    """Write a recording; its time begins at 0 with its first sample, its log times are Unix time.
-
-    Parameters
-    ----------
-    statuses, alarms : what happened beside the samples, each with its ``time``.
-    offset : s to add to the stream's stamps for Unix seconds.
-
-    Raises
-    ------
-    InputError : it cannot be written.
-    """
-    start = float(samples.time[0])
-    wall = max(0.0, start + offset)
-    faults = _faults(alarms, start, wall)
-    answer = {"schema": "fdd.recording/1", "axis": axis, "faults": faults, "alarms": alarms}
-    write_annotated(
-        path, Samples(samples.time - start, samples.columns), trajectories(statuses, start),
-        json.dumps(answer), axis=plain(axis), unit_yaml=unit_yaml, start_ns=round(wall * 1e9),
-    )  # fmt: skip
-
-
 def _faults(alarms: list[dict[str, Any]], start: float, wall: float) -> list[dict[str, Any]]:
     """The alarms' findings, as a diagnosis lists them, in the file's time."""
     found = []
-    for alarm in alarms:
-        finding = alarm["alarm"]["body"]
-        if begins(alarm):
-            # MCAP has no times before 1970.
-            times = {name: max(finding[name] - start, -wall) for name in ("onset_s", "detected_s")}
-            if finding.get("onset_interval"):
-                times["onset_interval"] = [t - start for t in finding["onset_interval"]]
-            found.append({**finding, **times})
+    for finding in (alarm["alarm"]["body"] for alarm in alarms if alarm["action"] in BEGINS):
+        # MCAP has no times before 1970.
+        times = {name: max(finding[name] - start, -wall) for name in ("onset_s", "detected_s")}
+        if finding.get("onset_interval"):
+            times["onset_interval"] = [t - start for t in finding["onset_interval"]]
+        found.append({**finding, **times})
     return found
 
 
-def trajectories(statuses: list[dict[str, Any]], start: float) -> dict[str, Any]:
+def _trajectories(statuses: list[dict[str, Any]], start: float) -> dict[str, Any]:
     """Estimates and probabilities over the statuses' times, as `write_annotated` takes them."""
-    rows = sorted((s for s in statuses if s["time"] >= start), key=lambda s: s["time"])
+    rows = sorted(statuses, key=lambda s: s["time"])
     times = np.array([row["time"] - start for row in rows])
 
-    def column(group: str, name: str, key: str | None) -> NDArray[np.float64]:
-        cells = [row.get(group, {}).get(name) for row in rows]
-        values = [cell.get(key) if key and cell is not None else cell for cell in cells]
-        return np.array([np.nan if v is None else v for v in values], dtype=np.float64)
+    def columns(group: str, cell: Callable[[Any], float | None]) -> dict[str, NDArray[np.float64]]:
+        found: list[Mapping[str, Any]] = [row.get(group) or {} for row in rows]
+        names = dict.fromkeys(name for row in found for name in row)
+        return {n: np.array([cell(r[n]) if n in r else None for r in found], np.float64) for n in names}
 
-    quantities, families = (
-        list(dict.fromkeys(name for row in rows for name in row.get(group, {})))
-        for group in ("estimates", "probabilities")
-    )
     return {
         "time": times,
-        "estimates": {"ekf": {name: column("estimates", name, "value") for name in quantities}},
-        "stds": {"ekf": {name: column("estimates", name, "std") for name in quantities}},
+        "estimates": {"ekf": columns("estimates", lambda e: e["value"])},
+        "stds": {"ekf": columns("estimates", lambda e: e["std"])},
         "window_time": times,
-        "probabilities": {name: column("probabilities", name, None) for name in families},
+        "probabilities": columns("probabilities", lambda p: p),
     }
 
 

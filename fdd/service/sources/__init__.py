@@ -29,11 +29,11 @@ def open_source(config: AnySource, has: Callable[[str], bool] = lambda axis: Tru
     # Here: a service without MQTT needs no paho, and one without logs no readers of them.
     channel_map = None if config.map is None else ChannelMap.load(config.map)
     if isinstance(config, FolderSource):
-        from fdd.service.sources.folder import Folder
+        from fdd.service.sources.logs import Folder
 
         return Folder(config, channel_map)
     if isinstance(config, ReplaySource):
-        from fdd.service.sources.replay import Replays
+        from fdd.service.sources.logs import Replays
 
         return Replays(config, channel_map)
     if isinstance(config, MqttSource):

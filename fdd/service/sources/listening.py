@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import math
 import os
 import select
 import socket
 import sys
 import threading
 import time
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -19,7 +21,7 @@ from fdd.monitor.mapping import all_numbers, channels_in_si, column_of_rows
 from fdd.samples import Samples
 from fdd.service.arrow import ARROW_START
 from fdd.service.blocks import Block, Decoder, axis_name, json_object
-from fdd.service.config_sources import StdinSource, TcpSource, UdpSource
+from fdd.service.config_sources import StdinSource, TcpSource, UdpSource, bound_socket
 from fdd.service.sources.source import Source, Window
 
 GATHERED_S = 0.1
@@ -35,7 +37,7 @@ class _Listener(Source):
 
     def __init__(self, config: TcpSource | UdpSource | StdinSource, channel_map: ChannelMap | None) -> None:
         super().__init__(config, Decoder(channel_map))
-        self._axis = config.axis
+        self._axis, self.port = config.axis, getattr(config, "port", None)
 
 
 class _Feed:
@@ -51,7 +53,7 @@ class _Feed:
         self._more: dict[str, Any] = {"patient": window is not None}
         if window is not None:
             self._more["accepted"] = window.accepted
-        self._tail, self._overlong = bytearray(), False
+        self._tail, self._overlong = bytearray(), False  # the rest of a line without end is forgotten
         self._rows: dict[str, list[dict[str, Any]]] = {}
         self._pending, self._since = 0, time.monotonic()
 
@@ -63,26 +65,45 @@ class _Feed:
             self._end_line()
         self._line(rest)
 
-    def end(self) -> None:
-        """The stream has ended."""
-        self._end_line()
-        self.flush()
+    def pump(self, read: Callable[[], bytes], idle: float = math.inf) -> str:
+        """Read to the stream's end, `stop` or `idle` s of silence; which of them ("end", "stop", "silent").
+
+        Parameters
+        ----------
+        read : gives b"" at the end; raises TimeoutError where nothing comes for a moment.
+        """
+        heard, why = time.monotonic(), "stop"
+        try:
+            while not self._stop.is_set():
+                try:
+                    chunk = read()
+                except TimeoutError:
+                    if time.monotonic() - heard > idle:
+                        why = "silent"
+                        break
+                else:
+                    if not chunk:
+                        why = "end"
+                        break
+                    self.stream(chunk)
+                    heard = time.monotonic()
+                self.flush_if_due()
+        finally:
+            self._end_line()
+            self.flush()
+        return why
 
     def _line(self, part: bytes) -> None:
         if not self._overlong:
             self._tail += part
-            # The rest of a line without end is read and forgotten.
             self._overlong = len(self._tail) > MAX_BLOCK_BYTES
             if self._overlong:
                 self._tail.clear()
 
     def _end_line(self) -> None:
         if self._overlong:
-            self._source._refuse(
-                InputError(
-                    f"a line of more than {MAX_BLOCK_BYTES} bytes", mend="end each message with a line feed"
-                )
-            )
+            problem = f"a line of more than {MAX_BLOCK_BYTES} bytes"
+            self._source._refuse(InputError(problem, mend="end each message with a line feed"))
         elif self._tail.strip():
             self.take(bytes(self._tail))
         self._tail.clear()
@@ -160,24 +181,9 @@ class _Feed:
             self._source._take(block)
 
 
-def _bound(kind: socket.SocketKind, config: TcpSource | UdpSource) -> socket.socket:
-    """A socket that is bound as the configuration says.
-
-    Raises
-    ------
-    InputError : the port is taken, or the address not this machine's.
-    """
-    try:
-        family = socket.getaddrinfo(config.host, config.port, type=kind)[0][0]
-        bound = socket.socket(family, kind)
-        bound.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1 if kind is socket.SOCK_STREAM else 0)
-        bound.bind((config.host, config.port))
-    except OSError as error:
-        raise InputError(
-            f"cannot be listened on ({error.strerror or error})",
-            where=f"{config.type} {config.host}:{config.port}",
-            mend="name a free port and an address of this machine",
-        ) from None
+def _bound(config: TcpSource | UdpSource, kind: socket.SocketKind) -> socket.socket:
+    where = f"{config.type} {config.host}:{config.port}"
+    bound = bound_socket(config.host, config.port, where, "name a free port", kind)
     bound.settimeout(GATHERED_S)
     return bound
 
@@ -189,10 +195,9 @@ class TcpLines(_Listener):
         super().__init__(config, channel_map)
         self._config = config
         self._open: set[socket.socket] = set()
-        self.port = config.port
 
     def _begin(self, stop: threading.Event) -> None:
-        listener = _bound(socket.SOCK_STREAM, self._config)
+        listener = _bound(self._config, socket.SOCK_STREAM)
         listener.listen()
         self.port = listener.getsockname()[1]
         self._run(self._accept, listener, stop)
@@ -220,27 +225,14 @@ class TcpLines(_Listener):
                 self._spawn(self._serve, connection, peer[0], stop)
 
     def _serve(self, connection: socket.socket, peer: str, stop: threading.Event) -> None:
-        feed, heard = _Feed(self, stop, Window(_ON_THEIR_WAY)), time.monotonic()
+        feed = _Feed(self, stop, Window(_ON_THEIR_WAY))
         try:
             connection.settimeout(GATHERED_S)
-            while not stop.is_set():
-                try:
-                    chunk = connection.recv(_READ)
-                except TimeoutError:
-                    feed.flush_if_due()
-                    if time.monotonic() - heard > self._config.idle:
-                        self._told(f"{peer}: silent for {self._config.idle:g} s, closed")
-                        break
-                    continue
-                if not chunk:
-                    break
-                feed.stream(chunk)
-                feed.flush_if_due()
-                heard = time.monotonic()
+            if feed.pump(lambda: connection.recv(_READ), self._config.idle) == "silent":
+                self._told(f"{peer}: silent for {self._config.idle:g} s, closed")
         except OSError as error:
             self._told(f"{peer}: connection lost ({error.strerror or error})")
         finally:
-            feed.end()
             self._open.discard(connection)
             connection.close()
 
@@ -250,10 +242,10 @@ class Datagrams(_Listener):
 
     def __init__(self, config: UdpSource, channel_map: ChannelMap | None) -> None:
         super().__init__(config, channel_map)
-        self._config, self.port = config, config.port
+        self._config = config
 
     def _begin(self, stop: threading.Event) -> None:
-        bound = _bound(socket.SOCK_DGRAM, self._config)
+        bound = _bound(self._config, socket.SOCK_DGRAM)
         # A hundred axes may send in one instant; the system grants what it allows.
         bound.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, _RECEIVED_BYTES)
         self.port = bound.getsockname()[1]
@@ -285,14 +277,10 @@ class StandardInput(_Listener):
         self._run(self._read, sys.stdin.fileno(), stop)
 
     def _read(self, number: int, stop: threading.Event) -> None:
-        feed = _Feed(self, stop, Window(_ON_THEIR_WAY))
-        while not stop.is_set():
+        def read() -> bytes:
             # Not a plain read: a silent stream would hold the last samples back, and the end of the service.
-            if select.select([number], [], [], GATHERED_S)[0]:
-                chunk = os.read(number, _READ)
-                if not chunk:
-                    self._set(ended=True)
-                    break
-                feed.stream(chunk)
-            feed.flush_if_due()
-        feed.end()
+            if not select.select([number], [], [], GATHERED_S)[0]:
+                raise TimeoutError
+            return os.read(number, _READ)
+
+        self._set(ended=_Feed(self, stop, Window(_ON_THEIR_WAY)).pump(read) == "end")

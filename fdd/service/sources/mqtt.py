@@ -21,7 +21,6 @@ from fdd.bounds import MAX_BLOCK_BYTES
 from fdd.errors import InputError
 from fdd.logs.channel_map import ChannelMap
 from fdd.service.blocks import Decoder, axis_name
-from fdd.service.broker_client import broker_client, broker_name
 from fdd.service.config_sources import MqttSource
 from fdd.service.sources.source import Source
 
@@ -62,7 +61,7 @@ class Mqtt(Source):
     ) -> None:
         super().__init__(config, Decoder(channel_map))
         self._config, self._has = config, has
-        self._where = broker_name(config)
+        self._where = config.shown
         self._patterns = [_pattern(topic) for topic in config.topics]
         # Of one connection: numbers mean nothing on the next one. Acknowledged in the order they came, as
         # MQTT demands (4.6): mosquitto before 2.0.13 else lets new messages overtake those that it holds.
@@ -73,12 +72,11 @@ class Mqtt(Source):
 
     def check(self) -> None:
         """Refuse a password file, certificate or key that cannot be used."""
-        broker_client(self._config, "check")
+        self._config.client("check")
 
     def _begin(self, stop: threading.Event) -> None:
         config = self._config
-        self._client = client = broker_client(
-            config,
+        self._client = client = config.client(
             config.client_id or f"fdd-{socket.gethostname()}-{self.name}",
             clean_session=None if config.version == "5" else False,
             manual_ack=True,

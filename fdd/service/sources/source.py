@@ -42,9 +42,7 @@ class Source(ABC):
     def start(self, put: Put, stop: threading.Event) -> None:
         """Begin to put blocks, until `stop` is set; returns at once.
 
-        Raises
-        ------
-        InputError : it cannot even begin: a port that is taken, a password file that is missing.
+        Raises InputError: it cannot even begin: a port that is taken, a password file that is missing.
         """
         self._put = put
         self._begin(stop)
@@ -52,9 +50,7 @@ class Source(ABC):
     def check(self) -> None:  # noqa: B027 (most name no files)
         """Open the files and folders that its part of `serve.yaml` names.
 
-        Raises
-        ------
-        InputError : one cannot be used.
+        Raises InputError: one cannot be used.
         """
 
     @abstractmethod
@@ -93,12 +89,7 @@ class Source(ABC):
         threading.Thread(target=run, daemon=True, name=f"fdd-{self.name}").start()
 
     def _take(self, block: Block) -> None:
-        """Hand a block on.
-
-        Raises
-        ------
-        InputError : the service watches as many axes as it can.
-        """
+        """Hand a block on. Raises InputError: the service watches as many axes as it can."""
         if block.unit is None and self._unit is not None:
             block = replace(block, unit=self._unit)
         self._put(block)

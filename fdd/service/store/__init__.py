@@ -1,8 +1,7 @@
 """What the service keeps: SQLite in a file, or PostgreSQL."""
 
-from fdd.service.store.checkpoints import Checkpoint, joined, parted
 from fdd.service.store.database import LeaseLost, StoreTrouble
-from fdd.service.store.rollups import Rollup
+from fdd.service.store.records import Checkpoint, Rollup, joined, parted
 from fdd.service.store.store import OutboxMessage, Store
 from fdd.service.store.transaction import Transaction
 

@@ -50,9 +50,7 @@ def told(where: str) -> Iterator[None]:
     ----------
     where : the database's file, or its URL without the password.
 
-    Raises
-    ------
-    StoreTrouble : it may pass. InputError : somebody must mend it.
+    Raises StoreTrouble: it may pass. InputError: somebody must mend it.
     """
     try:
         yield
@@ -80,9 +78,7 @@ def connect(url: str, busy_timeout: float = BUSY_TIMEOUT_S, existing: bool = Fal
     ----------
     existing : refuse a file that is not there.
 
-    Raises
-    ------
-    InputError : not such a URL, no driver, or a damaged file. StoreTrouble : not to be reached now.
+    Raises InputError: not such a URL, no driver, or a damaged file. StoreTrouble: not to be reached now.
     """
     try:
         parsed = make_url(url)

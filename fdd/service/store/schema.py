@@ -35,46 +35,40 @@ BIG = BigInteger().with_variant(Integer, "sqlite")
 """SQLite counts up only what is called INTEGER."""
 
 
-def _needed(name: str, kind: Any) -> Column[Any]:
-    return Column(name, kind, nullable=False)
-
-
 def _key(name: str, kind: Any) -> Column[Any]:
     return Column(name, kind, primary_key=True)
 
 
+def _needed(kind: Any, *names: str) -> list[Column[Any]]:
+    return [Column(name, kind, nullable=False) for name in names]
+
+
+def _known(kind: Any, *names: str) -> list[Column[Any]]:
+    """Columns that may be empty."""
+    return [Column(name, kind) for name in names]
+
+
 _VERSION = Table("fdd_revision", METADATA, Column("version_num", String(32), primary_key=True))
 
-META = Table("meta", METADATA, _key("key", Text), _needed("value", Text))
+META = Table("meta", METADATA, _key("key", Text), *_needed(Text, "value"))
 
 AXIS = Table(
     "axis",
     METADATA,
     _key("name", Text),
-    Column("unit", Text),
-    Column("profile_sha256", Text),
-    Column("model_sha256", Text),
-    _needed("first_wall", Double),
-    _needed("last_wall", Double),
-    Column("last_time", Double),
-    Column("state", Text),
+    *_known(Text, "unit", "profile_sha256", "model_sha256", "state"),
+    *_needed(Double, "first_wall", "last_wall"),
+    *_known(Double, "last_time"),
 )
 
 FINDING = Table(
     "finding",
     METADATA,
     _key("id", BIG),
-    _needed("axis", Text),
-    _needed("time", Double),
-    _needed("wall", Double),
-    Column("onset", Double),
-    _needed("fault", Text),
-    _needed("family", Text),
-    _needed("confidence", Double),
-    Column("severity", Double),
-    Column("low", Double),
-    Column("high", Double),
-    _needed("body", JSON),
+    *_needed(Text, "axis", "fault", "family"),
+    *_needed(Double, "time", "wall", "confidence"),
+    *_known(Double, "onset", "severity", "low", "high"),
+    *_needed(JSON, "body"),
     Index("finding_by_axis", "axis", "wall"),
     sqlite_autoincrement=True,
 )
@@ -84,21 +78,13 @@ ALARM = Table(
     METADATA,
     # The alarm book gives the ids.
     Column("id", BigInteger, primary_key=True, autoincrement=False),
-    _needed("axis", Text),
-    _needed("key", Text),
-    _needed("state", Text),
-    _needed("priority", Text),
-    _needed("raised_time", Double),
-    _needed("raised_wall", Double),
-    Column("returned_wall", Double),
-    Column("acked_by", Text),
-    Column("acked_wall", Double),
-    Column("shelved_by", Text),
-    Column("shelved_until", Double),
-    _needed("count", Integer),
-    _needed("chattering", Boolean),
-    _needed("note", Text),
-    _needed("body", JSON),
+    *_needed(Text, "axis", "key", "state", "priority", "note"),
+    *_needed(Double, "raised_time", "raised_wall"),
+    *_known(Double, "returned_wall", "acked_wall", "shelved_until"),
+    *_known(Text, "acked_by", "shelved_by"),
+    *_needed(Integer, "count"),
+    *_needed(Boolean, "chattering"),
+    *_needed(JSON, "body"),
     Index("alarm_by_key", "axis", "key", "id"),
     Index("alarm_by_state", "state"),
 )
@@ -107,14 +93,12 @@ AUDIT = Table(
     "audit",
     METADATA,
     _key("id", BIG),
-    _needed("wall", Double),
-    Column("time", Double),
-    _needed("who", Text),
-    _needed("action", Text),
-    Column("alarm_id", BigInteger),
-    Column("axis", Text),
-    _needed("note", Text),
-    _needed("body", JSON),
+    *_needed(Double, "wall"),
+    *_known(Double, "time"),
+    *_needed(Text, "who", "action", "note"),
+    *_known(BigInteger, "alarm_id"),
+    *_known(Text, "axis"),
+    *_needed(JSON, "body"),
     Index("audit_by_alarm", "alarm_id"),
     sqlite_autoincrement=True,
 )
@@ -122,15 +106,10 @@ AUDIT = Table(
 ROLLUP = Table(
     "rollup",
     METADATA,
-    _key("axis", Text),
-    _key("quantity", Text),
-    _key("level", Text),
+    *(_key(name, Text) for name in ("axis", "quantity", "level")),
     _key("start_wall", Double),
-    _needed("n", BigInteger),
-    _needed("mean", Double),
-    _needed("std", Double),
-    _needed("min", Double),
-    _needed("max", Double),
+    *_needed(BigInteger, "n"),
+    *_needed(Double, "mean", "std", "min", "max"),
     Index("rollup_by_age", "level", "start_wall"),
     # Its key is most of a row: kept once, not beside it again.
     sqlite_with_rowid=False,
@@ -140,22 +119,18 @@ CHECKPOINT = Table(
     "checkpoint",
     METADATA,
     _key("axis", Text),
-    _needed("time", Double),
-    _needed("wall", Double),
-    _needed("sequence", BigInteger),
-    _needed("profile_sha256", Text),
-    _needed("model_sha256", Text),
-    _needed("version", Text),
-    _needed("body", LargeBinary),
-    _needed("sha256", Text),
+    *_needed(Double, "time", "wall"),
+    *_needed(BigInteger, "sequence"),
+    *_needed(Text, "profile_sha256", "model_sha256", "version", "sha256"),
+    *_needed(LargeBinary, "body"),
 )
 
 JOURNAL = Table(
     "journal",
     METADATA,
     _key("id", BIG),
-    _needed("axis", Text),
-    _needed("payload", LargeBinary),
+    *_needed(Text, "axis"),
+    *_needed(LargeBinary, "payload"),
     Index("journal_by_axis", "axis", "id"),
     # Ids of rows that are gone never come again: a checkpoint names the last one that it holds.
     sqlite_autoincrement=True,
@@ -165,11 +140,10 @@ OUTBOX = Table(
     "outbox",
     METADATA,
     _key("id", BIG),
-    _needed("kind", Text),
-    _needed("body", JSON),
-    _needed("target", Text),
-    _needed("attempts", Integer),
-    _needed("next_wall", Double),
+    *_needed(Text, "kind", "target"),
+    *_needed(JSON, "body"),
+    *_needed(Integer, "attempts"),
+    *_needed(Double, "next_wall"),
     Column("done", Boolean, nullable=False, server_default=false()),
     Index("outbox_to_do", "target", "id", sqlite_where=text("NOT done"), postgresql_where=text("NOT done")),
     sqlite_autoincrement=True,
@@ -204,9 +178,7 @@ def prepare(engine: Engine, where: str, existing: bool = False) -> None:
     ----------
     where : the database, for messages. existing : refuse an empty database.
 
-    Raises
-    ------
-    InputError : the database is of another version of fdd, of another program, or empty.
+    Raises InputError: the database is of another version of fdd, of another program, or empty.
     """
     # One transaction: of two that start at once, one waits and then finds nothing to do.
     with told(where), engine.connect().execution_options(**{WRITES: True}) as connection, connection.begin():

@@ -3,16 +3,16 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Collection, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Any
 
-from sqlalchemy import Select, delete, func, or_, select, update
+from sqlalchemy import Select, delete, func, or_, select
 
 from fdd.service.alarms import ITSELF
-from fdd.service.store.checkpoints import Checkpoint, unpacked
 from fdd.service.store.database import BUSY_TIMEOUT_S, WRITES, LeaseLost, connect, told
+from fdd.service.store.records import Checkpoint, unpacked
 from fdd.service.store.schema import (
     ALARM,
     AUDIT,
@@ -95,9 +95,7 @@ class Store:
     def claim(self, name: str) -> None:
         """Be from now on the only one who writes under a name; whoever was it before is refused.
 
-        Raises
-        ------
-        LeaseLost : one of the leases that it has already is another's.
+        Raises LeaseLost: one of the leases that it has already is another's.
         """
         with self.transaction() as t:
             number = str(int(t.metas([name]).get(name, "0")) + 1)
@@ -108,11 +106,6 @@ class Store:
         with told(self.where), self._engine.connect() as connection:
             return [dict(row._mapping) for row in connection.execute(statement)]
 
-    def _change(self, *statements: Any) -> list[int]:
-        """Rows that each statement changed."""
-        with self.transaction() as t:
-            return [int(t._connection.execute(statement).rowcount) for statement in statements]
-
     def axes(self) -> list[Row]:
         """All axes, by name."""
         return self._rows(select(AXIS).order_by(AXIS.c.name))
@@ -120,18 +113,19 @@ class Store:
     def alarms(self, states: Collection[str] | None = None, limit: int = 1000) -> list[Row]:
         """`Alarm`s as dicts, the newest first: those in some states, or all."""
         chosen = select(ALARM.c.body).order_by(ALARM.c.id.desc()).limit(limit)
-        return _bodies(self._rows(chosen if states is None else chosen.where(ALARM.c.state.in_(states))))
+        rows = self._rows(chosen if states is None else chosen.where(ALARM.c.state.in_(states)))
+        return [row["body"] for row in rows]
 
     def alarm(self, id: int) -> Row | None:
         """One `Alarm` as a dict; None where there is none."""
-        return next(iter(_bodies(self._rows(select(ALARM.c.body).where(ALARM.c.id == id)))), None)
+        return next((r["body"] for r in self._rows(select(ALARM.c.body).where(ALARM.c.id == id))), None)
 
     def book(self) -> Row:
         """What `AlarmBook.restore` takes: alarms that are not over, each key's last one, and the next id."""
         c = ALARM.c
         last = select(func.max(c.id)).group_by(c.axis, c.key)
         kept = self._rows(select(c.id, c.body).where(or_(c.state != "NORMAL", c.id.in_(last))).order_by(c.id))
-        return {"next_id": kept[-1]["id"] + 1 if kept else 1, "alarms": _bodies(kept)}
+        return {"next_id": kept[-1]["id"] + 1 if kept else 1, "alarms": [row["body"] for row in kept]}
 
     def findings(self, limit: int = 1000) -> list[Row]:
         """Findings, the newest first."""
@@ -149,12 +143,7 @@ class Store:
         return self._rows(select(ROLLUP).where(mine).order_by(c.start_wall))
 
     def checkpoint(self, axis: str) -> Checkpoint | None:
-        """The last state of an axis; None where there is none.
-
-        Raises
-        ------
-        InputError : it is damaged; the axis must start anew.
-        """
+        """The last state of an axis; None where there is none. Raises InputError where it is damaged."""
         found = self._rows(select(CHECKPOINT).where(CHECKPOINT.c.axis == axis))
         if not found:
             return None
@@ -189,36 +178,31 @@ class Store:
 
     def delivered(self, id: int) -> None:
         """A message arrived."""
-        self._change(update(OUTBOX).where(OUTBOX.c.id == id).values(done=True))
+        with self.transaction() as t:
+            t.sent(id, done=True)
 
     def put_off(self, id: int) -> None:
         """A message did not arrive: count the attempt."""
-        self._change(update(OUTBOX).where(OUTBOX.c.id == id).values(attempts=OUTBOX.c.attempts + 1))
+        with self.transaction() as t:
+            t.sent(id, attempts=OUTBOX.c.attempts + 1)
 
     def give_up(self, id: int, note: str) -> None:
         """A message will never arrive: it is done with, and put on record."""
         with self.transaction() as t:
-            t._connection.execute(update(OUTBOX).where(OUTBOX.c.id == id).values(done=True))
+            t.sent(id, done=True)
             t.audit(time.time(), ITSELF, "GIVEN_UP", note=note, body={"outbox": id})
 
     def compact(
-        self,
-        now: float,
-        minutes: float = 30 * DAY_S,
-        hours: float = 730 * DAY_S,
+        self, now: float, minutes: float = 30 * DAY_S, hours: float = 730 * DAY_S,
         findings: float | None = None,
-    ) -> dict[str, int]:
-        """Forget what is old, and give its room on the disk back.
+    ) -> dict[str, int]:  # fmt: skip
+        """Forget what is old, and give its room on the disk back; how many rows of each went.
 
         Days are kept for ever, so are alarms and the audit.
 
         Parameters
         ----------
         now : Unix seconds. minutes, hours, findings : s for which each is kept; None is for ever.
-
-        Returns
-        -------
-        How many rows of each went.
         """
         c = ROLLUP.c
         old = {
@@ -228,14 +212,11 @@ class Store:
         }
         if findings is not None:
             old["findings"] = delete(FINDING).where(FINDING.c.wall < now - findings)
-        gone = dict(zip(old, self._change(*old.values()), strict=True))
+        with self.transaction() as t:
+            gone = {name: t.gone(rows) for name, rows in old.items()}
         if self._engine.dialect.name == "sqlite":
             with told(self.where), self._engine.connect() as connection:
                 driver: Any = connection.connection.driver_connection
                 # As a script: it gives one page back at a step, and the driver else takes the first alone.
                 driver.executescript("PRAGMA incremental_vacuum; PRAGMA wal_checkpoint(TRUNCATE)")
         return gone
-
-
-def _bodies(rows: Sequence[Row]) -> list[Row]:
-    return [row["body"] for row in rows]

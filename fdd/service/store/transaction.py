@@ -7,24 +7,13 @@ from dataclasses import asdict
 from functools import cache
 from typing import Any
 
-from sqlalchemy import Connection, Executable, Table, delete, func, insert, select
+from sqlalchemy import Connection, Delete, Executable, Table, delete, func, insert, select, update
 from sqlalchemy.dialects import postgresql, sqlite
 
 from fdd.diagnosis.findings import FaultFinding
 from fdd.service.alarms import Alarm, Transition, readable
-from fdd.service.store.checkpoints import Checkpoint, packed
-from fdd.service.store.rollups import SPANS_S, Rollup, merged
-from fdd.service.store.schema import (
-    ALARM,
-    AUDIT,
-    AXIS,
-    CHECKPOINT,
-    FINDING,
-    JOURNAL,
-    META,
-    OUTBOX,
-    ROLLUP,
-)
+from fdd.service.store.records import SPANS_S, Checkpoint, Rollup, packed
+from fdd.service.store.schema import ALARM, AUDIT, AXIS, CHECKPOINT, FINDING, JOURNAL, META, OUTBOX, ROLLUP
 
 Body = Mapping[str, Any]
 _WRITTEN = "written"
@@ -54,22 +43,12 @@ class Transaction:
         return int(self._connection.execute(_LAST).scalar_one() or 0)  # none are left after a checkpoint
 
     def axis(self, name: str, wall: float, **known: Any) -> None:
-        """Note an axis and what is known of it now.
-
-        Parameters
-        ----------
-        known : any of `unit`, `profile_sha256`, `model_sha256`, `last_time`, `state`.
-        """
+        """Note an axis and what is known of it now, of the columns of its table."""
         row = {"name": name, "first_wall": wall, "last_wall": wall, **known}
         self._put(AXIS, [row], keep=("first_wall",))
 
     def remove_axis(self, name: str, said: str) -> None:
-        """Take out an axis with its state and its life; alarms, findings and the audit stay.
-
-        Parameters
-        ----------
-        said : word of the store that goes with it.
-        """
+        """Take out an axis, its state, its life and a word; alarms, findings and the audit stay."""
         for table in (CHECKPOINT, JOURNAL, ROLLUP):
             self._connection.execute(delete(table).where(table.c.axis == name))
         self._connection.execute(delete(AXIS).where(AXIS.c.name == name))
@@ -100,21 +79,10 @@ class Transaction:
             alarm_id=alarm.id, axis=alarm.axis, note=transition.note, body=body,
         )  # fmt: skip
 
-    def audit(
-        self,
-        wall: float,
-        who: str,
-        action: str,
-        *,
-        time: float | None = None,
-        alarm_id: int | None = None,
-        axis: str | None = None,
-        note: str = "",
-        body: Body | None = None,
-    ) -> int:
-        """Put something done on record, for ever; the record's id."""
-        said = {"who": readable(who), "note": readable(note), "body": body or {}}
-        return self._add(AUDIT, wall=wall, time=time, action=action, alarm_id=alarm_id, axis=axis, **said)
+    def audit(self, wall: float, who: str, action: str, note: str = "", **more: Any) -> int:
+        """Put something done on record, for ever; its id. May have `time`, `alarm_id`, `axis`, `body`."""
+        said = {"who": readable(who), "note": readable(note), "wall": wall, "action": action}
+        return self._add(AUDIT, **{"body": {}, **said, **more})
 
     def rollup(self, *parts: Rollup) -> None:
         """Add parts of minutes to their minutes, hours and days."""
@@ -123,7 +91,7 @@ class Transaction:
             sums: dict[tuple[str, str, float], Rollup] = {}
             for part in [*self._rollups(level, new), *new]:
                 key = (part.axis, part.quantity, part.start_wall)
-                sums[key] = merged(sums[key], part) if key in sums else part
+                sums[key] = sums[key].merged(part) if key in sums else part
             touched = {(part.axis, part.quantity, part.start_wall) for part in new}
             self._put(ROLLUP, [{"level": level, **asdict(sums[key])} for key in touched])
 
@@ -145,6 +113,14 @@ class Transaction:
     def send(self, kind: str, body: Body, target: str, wall: float) -> int:
         """Put something that must arrive at a target into the outbox; its id."""
         return self._add(OUTBOX, kind=kind, body=body, target=target, attempts=0, next_wall=wall)
+
+    def sent(self, id: int, **now: Any) -> None:
+        """Note how a message of the outbox stands."""
+        self._connection.execute(update(OUTBOX).where(OUTBOX.c.id == id).values(**now))
+
+    def gone(self, old: Delete) -> int:
+        """Delete rows; how many."""
+        return int(self._connection.execute(old).rowcount)
 
     def meta(self, key: str, value: str) -> None:
         """Keep a word about the store itself."""

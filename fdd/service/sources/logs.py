@@ -1,4 +1,4 @@
-"""A folder that logs drop into: each is read once it is whole, streamed as blocks and noted as done."""
+"""Logs as live axes: those that drop into a folder, each once it is whole, or replayed at any speed."""
 
 from __future__ import annotations
 
@@ -12,19 +12,26 @@ from typing import Any, Literal
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from fdd.bounds import MAX_DONE_BYTES
+from fdd.diagnosis.findings import Quality
 from fdd.errors import InputError
 from fdd.files import require_writable, write_text
 from fdd.logs import ChannelMap, read_log
+from fdd.logs.stamps import nominal_period
+from fdd.monitor.clock import WallClock
+from fdd.monitor.sources import Replay
 from fdd.samples import Samples
 from fdd.service.blocks import axis_name
-from fdd.service.config_sources import FolderSource
-from fdd.service.sources.replay import ON_THEIR_WAY, rows_of
+from fdd.service.config_sources import FolderSource, ReplaySource
 from fdd.service.sources.source import Source, Window
 
 NOTE = ".fdd-done.json"
 AT_REST_S = 2.0
 """s for which a file's size and time of change stay before it is taken for whole."""
 _NOTED_S = 5.0
+ON_THEIR_WAY = 4
+"""Blocks of one log that may wait for the fleet."""
+LARGEST_S = 1.0
+"""s of data in a block."""
 
 
 class Done(BaseModel):
@@ -209,3 +216,49 @@ def _read_note(path: Path) -> _Note:
         if isinstance(error, InputError):
             raise
         raise InputError("not a note of what is done", where=path, mend=mend) from None
+
+
+class Replays(Source):
+    """One log for each axis, played in a thread of its own."""
+
+    def __init__(self, config: ReplaySource, channel_map: ChannelMap | None) -> None:
+        super().__init__(config)
+        self._config, self._map = config, channel_map
+        self._running = len(config.logs)
+
+    def check(self) -> None:
+        """Refuse a log that cannot be opened."""
+        for path in self._config.logs.values():
+            try:
+                path.open("rb").close()
+            except OSError as error:
+                raise InputError(
+                    f"cannot be read ({error.strerror})", where=path, mend="correct its path"
+                ) from None
+
+    def _begin(self, stop: threading.Event) -> None:
+        self._set(connected=True)
+        for axis, path in self._config.logs.items():
+            self._spawn(self._play, axis, path, stop, ended=self._ended)
+
+    def status(self) -> dict[str, Any]:
+        """How it stands; `running` tells how many logs are being played."""
+        return {**super().status(), "running": self._running}
+
+    def _ended(self) -> None:
+        with self._lock:
+            self._running -= 1
+        self._set(connected=self._running > 0)
+
+    def _play(self, axis: str, path: Path, stop: threading.Event) -> None:
+        samples = read_log(path, self._map).samples
+        speed = None if self._config.speed == "max" else self._config.speed
+        played = Replay(samples, Quality(), speed=speed, clock=WallClock(stop))
+        parts = (rows for part in played if len(part) for rows in part.blocks(rows_of(samples)))
+        for _ in self._take_all(axis, parts, 0, Window(ON_THEIR_WAY), stop):
+            pass
+
+
+def rows_of(samples: Samples) -> int:
+    """Rows of a block of `LARGEST_S`."""
+    return max(1, round(LARGEST_S / nominal_period(samples.time))) if len(samples) > 1 else 1

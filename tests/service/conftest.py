@@ -1,0 +1,51 @@
+"""Fixtures that tests of the service share."""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections.abc import Iterator
+from pathlib import Path
+from types import SimpleNamespace
+
+import pytest
+from watched import leaking
+
+from fdd.samples import Samples
+from fdd.service.store import Store
+from tests.service.senders import Taker
+
+
+@pytest.fixture(scope="session")
+def log() -> Samples:
+    """A minute of an axis that leaks from half a minute on."""
+    return leaking()
+
+
+@pytest.fixture
+def store(tmp_path: Path) -> Iterator[Store]:
+    made = Store(f"sqlite:///{tmp_path / 'fdd.db'}")
+    yield made
+    made.close()
+
+
+@pytest.fixture
+def stop() -> Iterator[threading.Event]:
+    """Set at the end, for what runs in threads."""
+    event = threading.Event()
+    yield event
+    event.set()
+
+
+@pytest.fixture
+def taker() -> Taker:
+    return Taker()
+
+
+@pytest.fixture
+def ticking(monkeypatch: pytest.MonkeyPatch) -> list[float]:
+    """The fleet's monotonic clock, s, which the test advances."""
+    now = [0.0]
+    clock = SimpleNamespace(monotonic=lambda: now[0], perf_counter=time.perf_counter, time=time.time)
+    monkeypatch.setattr("fdd.service.fleet.time", clock)
+    return now
