@@ -155,12 +155,9 @@ DEEPEST_MESSAGE = _bound(
     "DEEPEST_MESSAGE", 16, "levels of messages or JSON objects", "ROS types have some six"
 )
 MOST_OPERATIONS = _bound(
-    "MOST_OPERATIONS", 20_000, "steps that read a ROS message",
-    "a fixed array has one for each element; definitions can multiply without end",
+    "MOST_OPERATIONS", 20_000, "messages inside a ROS message",
+    "an array has one for each element; definitions can multiply without end",
 )  # fmt: skip
-MOST_VISITED = _bound(
-    "MOST_VISITED", 65_536, "numbers and messages looked at in a Protobuf type", "types may hold themselves"
-)
 MOST_SCHEMA_FILES = _bound("MOST_SCHEMA_FILES", 1000, "files of a Protobuf schema", "their order is sought")
 
 # Texts

@@ -14,7 +14,7 @@ import numpy as np
 
 from fdd.errors import InputError
 from fdd.logs.angles import sample_numbers
-from fdd.logs.stamps import JUMP_PERIODS, nominal_period, stretches
+from fdd.logs.stamps import JUMP_PERIODS, nominal_period
 from fdd.measures import measure
 from fdd.samples import CHANNELS, PRESSURES, Column
 
@@ -60,24 +60,19 @@ def check_time(time: Column, shortest: float) -> DataQuality:
             mend=f"record at least {max(RECOMMENDED_SECONDS, shortest):g} s",
         )
     quality = DataQuality(period=period)
-    numbers = sample_numbers(time, period)
-    uneven, longest, after = 0, 0.0, 0.0
-    for part in stretches(time.size):
-        steps = np.diff(time[part])
-        missing = np.diff(numbers[part]) - 1
-        quality.dropped_samples += int(missing[steps <= COUNTED_GAP].sum())
-        quality.time_jumps += int(np.count_nonzero(steps > JUMP_PERIODS * period))
-        if steps.max() > longest:
-            longest, after = float(steps.max()), float(time[part][np.argmax(steps)])
-        # A step that is no whole number of periods: the stamp came late, or early.
-        uneven += int(np.count_nonzero(np.abs(steps / period - np.rint(steps / period)) > 0.05))
+    steps, missing = np.diff(time), np.diff(sample_numbers(time, period)) - 1
+    quality.dropped_samples = int(missing[steps <= COUNTED_GAP].sum())
+    quality.time_jumps = int(np.count_nonzero(steps > JUMP_PERIODS * period))
+    periods = steps / period
+    # A step that is no whole number of periods: the stamp came late, or early.
+    uneven = int(np.count_nonzero(np.abs(periods - np.rint(periods)) > 0.05))
     if quality.dropped_samples:
         share = 100.0 * quality.dropped_samples / (time.size + quality.dropped_samples)
         quality.notes.append(f"{quality.dropped_samples} rows are missing ({share:.2g} %)")
     if quality.time_jumps:
-        quality.notes.append(
-            f"time jumps {quality.time_jumps} times, {longest:.3f} s at most (after t={after:.3f} s)"
-        )
+        row = int(np.argmax(steps))
+        longest = f"{steps[row]:.3f} s at most (after t={time[row]:.3f} s)"
+        quality.notes.append(f"time jumps {quality.time_jumps} times, {longest}")
     if uneven:
         share = 100.0 * uneven / (time.size - 1)
         quality.notes.append(f"{uneven} steps of time are uneven ({share:.2g} %, jitter or late stamps)")
@@ -186,56 +181,36 @@ def suspicions(time: Column, columns: Mapping[str, Column], period: float) -> li
 def _speed_notes(time: Column, columns: Mapping[str, Column]) -> list[str]:
     notes = []
     angle, speed = columns.get("pump_angle"), columns.get("pump_speed")
-    if angle is not None:
-        there = np.flatnonzero(np.isfinite(angle))
-        rate = np.empty(max(there.size - 1, 0))
-        for part in stretches(there.size):
-            rows = there[part]
-            rate[part.start : part.stop - 1] = np.abs(np.diff(angle[rows]) / np.diff(time[rows]))
-        del there
-        if rate.size:
-            usual = float(np.percentile(rate, 99.0, overwrite_input=True))
-            bursts = rate > max(1000.0, 4.0 * usual)
-            if bursts.any():
-                notes.append(
-                    f"pump_angle: {int(bursts.sum())} steps of impossible speed "
-                    f"(up to {rate.max():.0f} rad/s), the angle sensor slips or is disturbed"
-                )
-        del rate
-    if angle is not None and speed is not None:
-        both = np.flatnonzero(np.isfinite(angle) & np.isfinite(speed))
-        steps = np.empty(max(both.size - 1, 0))
-        for part in stretches(both.size):
-            steps[part.start : part.stop - 1] = np.diff(time[both[part]])
-        usual = float(np.median(steps, overwrite_input=True)) if steps.size else 0.0
-        turned = expected = 0.0
-        for part in stretches(both.size):
-            rows = both[part]
-            steps = np.diff(time[rows])
-            # Over a hole in the log one sample of the speed says nothing about how far the pump turned.
-            near = steps <= JUMP_PERIODS * usual
-            turned += float(np.abs(np.diff(angle[rows]))[near].sum())
-            expected += float((np.abs(speed[rows][1:]) * steps)[near].sum())
-        if turned > 10.0 and not 0.8 < expected / turned < 1.25:
+    if angle is None:
+        return notes
+    there = np.isfinite(angle)
+    rate = np.abs(np.diff(angle[there]) / np.diff(time[there]))
+    if rate.size:
+        bursts = rate > max(1000.0, 4.0 * float(np.percentile(rate, 99.0)))
+        if bursts.any():
             notes.append(
-                f"pump_speed is {expected / turned:.3g} times the rate of pump_angle: "
-                "the unit or scale of one of them is wrong"
+                f"pump_angle: {int(bursts.sum())} steps of impossible speed "
+                f"(up to {rate.max():.0f} rad/s), the angle sensor slips or is disturbed"
             )
+    if speed is None or not (both := there & np.isfinite(speed)).any():
+        return notes
+    steps = np.diff(time[both])
+    # Over a hole in the log one sample of the speed says nothing about how far the pump turned.
+    near = steps <= JUMP_PERIODS * float(np.median(steps)) if steps.size else steps > 0.0
+    turned = float(np.abs(np.diff(angle[both]))[near].sum())
+    expected = float((np.abs(speed[both][1:]) * steps)[near].sum())
+    if turned > 10.0 and not 0.8 < expected / turned < 1.25:
+        notes.append(
+            f"pump_speed is {expected / turned:.3g} times the rate of pump_angle: "
+            "the unit or scale of one of them is wrong"
+        )
     return notes
 
 
 def _longest_constant(values: Column) -> tuple[int, int]:
     """Start and length (rows) of the longest run of one value."""
-    start, length, open_since = 0, 0, 0
-    for part in stretches(values.size + 1):
-        here = values[part]
-        # NaN differs from itself, so that missing values end a run.
-        ends = np.flatnonzero(here[1:] != here[:-1]) + part.start + 1
-        if part.stop > values.size:
-            ends = np.append(ends, values.size)
-        starts = np.append(open_since, ends)
-        lengths = np.diff(starts)
-        if lengths.size and lengths.max() > length:
-            start, length = int(starts[np.argmax(lengths)]), int(lengths.max())
-        open_since = int(starts[-1])
-    return start, length
+    # NaN differs from itself, so that missing values end a run.
+    edges = np.flatnonzero(np.concatenate(([True], values[1:] != values[:-1], [True])))
+    lengths = np.diff(edges)
+    longest = int(np.argmax(lengths))
+    return int(edges[longest]), int(lengths[longest])

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,9 +17,6 @@ LATE_SHARE = 0.01
 BURST_SHARE = 0.2
 STOPPED_S = 4 * 3600.0
 """A log that stands still for longer is two logs, or has a stamp from before its clock was set."""
-
-STRETCH_ROWS = 1 << 16
-"""Rows whose temporaries stay in the processor's cache."""
 
 
 def ordered_time(
@@ -138,21 +135,3 @@ def nominal_period(time: Column) -> float:
     """Median step of the stamps, s."""
     # To the nanosecond: stamps carry rounding of their own.
     return round(float(np.median(np.diff(time), overwrite_input=True)), 9) if time.size > 1 else float("nan")
-
-
-def stretches(rows: int, overlap: int = 1) -> Iterator[slice]:
-    """Consecutive stretches of a column, each with the first rows of the next: all differences once.
-
-    What is counted row by row then needs no second column for what lies between.
-
-    Parameters
-    ----------
-    rows : of the column. overlap : rows that two stretches share.
-
-    Examples
-    --------
-    >>> [(s.start, s.stop) for s in stretches(65540)]
-    [(0, 65537), (65536, 65540)]
-    """
-    for start in range(0, max(rows - overlap, 0), STRETCH_ROWS):
-        yield slice(start, min(start + STRETCH_ROWS + overlap, rows))

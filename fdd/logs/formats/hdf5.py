@@ -2,16 +2,14 @@
 
 from __future__ import annotations
 
-import struct
 from functools import partial
 from pathlib import Path
-from typing import Any, BinaryIO
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from fdd.bounds import MOST_MATRIX_COLUMNS
-from fdd.errors import InputError
 from fdd.logs.formats.signals import readable, require_stored, unit_among
 from fdd.logs.formats.trees import Leaf, TreeFile, tree_file
 
@@ -31,7 +29,6 @@ def open_hdf5(path: Path) -> TreeFile:
     """
     import h5py
 
-    check_hdf5(path)
     groups: dict[str, dict[str, Leaf]] = {}
     scalars: dict[str, dict[str, float]] = {}
     with readable("damaged HDF5 file", path), h5py.File(path) as file:
@@ -117,50 +114,3 @@ def _load(path: Path, name: str, part: Any) -> NDArray[np.generic]:
 
     with readable(f"{name} cannot be read", path), h5py.File(path) as file:
         return np.asarray(file[name][part])
-
-
-_MARK = b"GCOL\x01\0\0\0"
-"""Of a global heap collection (HDF5 file format 3.0, III.E), where texts of variable length stand."""
-_PIECE = 1 << 20
-_LARGEST = 1 << 32
-"""Bytes of a heap that are looked at; the library's have 4096."""
-
-
-def check_hdf5(path: Path) -> None:
-    """Refuse a file with a heap whose free space has no size: the library takes it again and again.
-
-    Raises
-    ------
-    InputError : names the byte.
-    """
-    with path.open("rb") as file:
-        start, kept, end = 0, b"", 0
-        while piece := file.read(_PIECE):
-            after, text = file.tell(), kept + piece
-            while (at := text.find(_MARK, max(end - start, 0))) >= 0:
-                file.seek(start + at)
-                found = _end_of_heap(file)
-                if found is None:
-                    raise InputError(
-                        f"damaged HDF5 file (the heap at byte {start + at} has no end)",
-                        where=path,
-                        mend="copy it again",
-                    )
-                end = found
-            file.seek(after)
-            kept = text[1 - len(_MARK) :]
-            start = after - len(kept)
-
-
-def _end_of_heap(file: BinaryIO) -> int | None:
-    """Byte after the objects of the heap at which the file stands; None where free space has no size."""
-    left = min(int.from_bytes(file.read(16)[8:], "little"), _LARGEST) - 16
-    while left >= 16 and len(about := file.read(16)) == 16:
-        number, size = struct.unpack("<H6xQ", about)
-        if number == 0:
-            return None if size == 0 else file.tell()
-        padded = -(-size // 8) * 8
-        left -= 16 + padded
-        if left >= 16:
-            file.seek(padded, 1)
-    return file.tell()

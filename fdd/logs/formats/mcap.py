@@ -7,7 +7,6 @@ from collections.abc import Collection, Iterable
 from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,7 +14,8 @@ from numpy.typing import NDArray
 from fdd.bounds import MAX_SIGNALS
 from fdd.errors import InputError
 from fdd.logs.formats.signals import LogFile, Signal, require_size
-from fdd.logs.wire.chunks import Batch, ChunkWalk, Decoder, FieldPath, written
+from fdd.logs.wire.chunks import Batch, ChunkWalk
+from fdd.logs.wire.messages import Decoder, FieldPath, decoder_of
 from fdd.near_misses import did_you_mean, listed
 from fdd.samples import Column
 
@@ -161,34 +161,6 @@ class _Rows:
         return stamps, columns
 
 
-def decoder_of(channel: Any, schema: Any) -> Decoder:
-    """What reads the messages of a channel.
-
-    Parameters
-    ----------
-    channel, schema : the library's records; the schema may be None.
-
-    Raises
-    ------
-    ValueError : says why the messages cannot be read.
-    """
-    encoding, data = channel.message_encoding, b"" if schema is None else bytes(schema.data)
-    kind = "" if schema is None else schema.encoding
-    if encoding == "json":
-        from fdd.logs.wire.json_messages import JsonMessages
-
-        return JsonMessages(data if kind == "jsonschema" else b"")
-    if encoding == "protobuf" and kind == "protobuf":
-        from fdd.logs.wire.protobuf_messages import ProtobufMessages
-
-        return ProtobufMessages(schema.name, data)
-    if (encoding, kind) in (("cdr", "ros2msg"), ("ros1", "ros1msg")):
-        from fdd.logs.wire.ros_messages import RosMessages
-
-        return RosMessages(schema.name, data, aligned=encoding == "cdr")
-    raise ValueError(f"carries {encoding or 'unnamed'} messages{f' with a schema in {kind}' if kind else ''}")
-
-
 def open_mcap(path: Path) -> McapFile:
     """Topics and fields of an MCAP file, which may end early.
 
@@ -229,18 +201,31 @@ def _add_fields(log: McapFile, walk: ChunkWalk, batch: Batch) -> None:
     except ValueError as error:
         log.reasons.setdefault(topic, str(error))
         return
-    there = {f.path for f in fields}
     offered: list[tuple[str, tuple[FieldPath, ...], str | None]] = []
-    for one in fields:
-        *above, last = one.path
-        offered.append((written(one.path), (one.path,), one.unit))
+    for path, unit in fields.items():
+        *above, last = path
+        offered.append((written(path), (path,), unit))
         for name in _NANOSECONDS.get(str(last), ()) if above else ():
-            if (*above, name) in there:
-                offered.append((written(tuple(above)), (one.path, (*above, name)), "s"))
+            if (*above, name) in fields:
+                offered.append((written(tuple(above)), (path, (*above, name)), "s"))
     for text, paths, unit in offered:
         name = f"{topic}.{text}"
         log.signals.setdefault(name, Signal(name, topic, unit, topic, text))
         log.paths.setdefault(name, paths)
+
+
+def written(path: FieldPath) -> str:
+    """A path as a channel map writes it.
+
+    Examples
+    --------
+    >>> written(("joint", "position", 2)), written((0, "x"))
+    ('joint.position[2]', '[0].x')
+    """
+    text = ""
+    for part in path:
+        text += f"[{part}]" if isinstance(part, int) else (f".{part}" if text else part)
+    return text
 
 
 def _summary(path: Path) -> tuple[dict[int, int], dict[str, dict[str, str]]]:

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import dataclass, field
 from functools import cache
 from pathlib import Path
 from struct import error as StructError
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,57 +15,10 @@ from numpy.typing import NDArray
 from fdd.bounds import MAX_CHUNK_BYTES, MAX_RECORD_BYTES
 from fdd.errors import InputError
 from fdd.logs.wire.compiled import njit
-from fdd.samples import Column
 
 _SCHEMA, _CHANNEL, _MESSAGE = 0x03, 0x04, 0x05
 _FRAME_BYTES = 9
 _HEAD = np.dtype([("channel", "<u2"), ("sequence", "<u4"), ("log_time", "<u8"), ("publish_time", "<u8")])
-FieldPath = tuple[str | int, ...]
-"""Keys and indices from the message down to a number."""
-
-
-@dataclass(frozen=True)
-class Field:
-    """A number in a message, and the unit that its schema gives."""
-
-    path: FieldPath
-    unit: str | None = None
-
-
-class Decoder(Protocol):
-    """Reads the messages of one channel."""
-
-    def fields(self, first: Batch) -> list[Field]:
-        """The numbers in the messages, by the schema and the first of them."""
-
-    def columns(self, batch: Batch, paths: Sequence[FieldPath]) -> list[Column]:
-        """(n,) numbers of each path, NaN where a message lacks it.
-
-        Raises
-        ------
-        ValueError : a message is damaged, or holds something else than numbers there.
-        """
-
-
-def present(decoder: Decoder, first: Batch, paths: list[FieldPath]) -> list[FieldPath]:
-    """Those of some paths, elements of arrays, that the first message has."""
-    one = Batch(first.channel, first.stamps[:1], first.data, first.starts[:1], first.ends[:1])
-    found = decoder.columns(one, paths) if paths and first.stamps.size else []
-    return [path for path, values in zip(paths, found, strict=False) if np.isfinite(values).any()]
-
-
-def written(path: FieldPath) -> str:
-    """A path as a channel map writes it.
-
-    Examples
-    --------
-    >>> written(("joint", "position", 2)), written((0, "x"))
-    ('joint.position[2]', '[0].x')
-    """
-    text = ""
-    for part in path:
-        text += f"[{part}]" if isinstance(part, int) else (f".{part}" if text else part)
-    return text
 
 
 @dataclass(frozen=True)
@@ -112,6 +65,8 @@ class ChunkWalk:
         from mcap.exceptions import InvalidMagic, McapError, RecordLengthLimitExceeded
         from mcap.records import Channel, Chunk, Message, Metadata, Schema
 
+        # Besides the library's own whatever a damaged record provokes, as text that is none.
+        provoked = (McapError, ValueError, LookupError, ArithmeticError, MemoryError, StructError)
         loose: list[Any] = []
         with self.path.open("rb") as stream:
             records = _reader()(stream, emit_chunks=True, record_size_limit=MAX_RECORD_BYTES).records
@@ -121,20 +76,10 @@ class ChunkWalk:
                     record = next(records, None)
                 except RecordLengthLimitExceeded as error:
                     raise InputError(f"a damaged or too large record ({error})", where=self.path) from None
-                # Besides the library's own whatever a damaged record provokes, as text that is none.
-                except (
-                    McapError,
-                    ValueError,
-                    LookupError,
-                    ArithmeticError,
-                    MemoryError,
-                    StructError,
-                ) as error:
+                except provoked as error:
                     if first and isinstance(error, InvalidMagic):
-                        mend = "record or copy it again"
-                        raise InputError(
-                            "not an MCAP file (wrong first bytes)", where=self.path, mend=mend
-                        ) from None
+                        problem, mend = "not an MCAP file (wrong first bytes)", "record or copy it again"
+                        raise InputError(problem, where=self.path, mend=mend) from None
                     self.truncated = True
                     break
                 first = False
@@ -159,16 +104,16 @@ class ChunkWalk:
         if size > MAX_CHUNK_BYTES:
             raise InputError(f"a chunk of {size} bytes, at most {MAX_CHUNK_BYTES} are read", where=self.path)
         raw = _inflated(chunk, size)
-        if (
-            raw is None
-            or len(raw) != size
-            or (chunk.uncompressed_crc and zlib.crc32(raw) != chunk.uncompressed_crc)
-        ):
+        crc = chunk.uncompressed_crc
+        if raw is None or len(raw) != size or (crc and zlib.crc32(raw) != crc):
             self.damaged += 1
             return
         data = np.frombuffer(raw, dtype=np.uint8)
         opcodes, starts, lengths = _records(data)
-        if not self._definitions(raw, opcodes, starts, lengths):
+        try:
+            for k in np.flatnonzero((opcodes == _SCHEMA) | (opcodes == _CHANNEL)).tolist():
+                self._define(opcodes[k], raw[starts[k] : starts[k] + lengths[k]])
+        except Exception:  # the library lets struct's and the codec's errors through
             self.damaged += 1
             return
         told = (opcodes == _MESSAGE) & (lengths >= _HEAD.itemsize)
@@ -182,27 +127,19 @@ class ChunkWalk:
             begins = starts[mine] + _HEAD.itemsize
             yield Batch(channel, stamps[mine], data, begins, starts[mine] + lengths[mine])
 
-    def _definitions(
-        self, raw: bytes, opcodes: NDArray[Any], starts: NDArray[Any], lengths: NDArray[Any]
-    ) -> bool:
-        """Take up schemas and channels of a chunk; False where one is damaged."""
+    def _define(self, opcode: int, record: bytes) -> None:
         from io import BytesIO
 
         from mcap.data_stream import ReadDataStream
         from mcap.records import Channel, Schema
 
-        for k in np.flatnonzero((opcodes == _SCHEMA) | (opcodes == _CHANNEL)).tolist():
-            stream = ReadDataStream(BytesIO(raw[starts[k] : starts[k] + lengths[k]]))
-            try:
-                if opcodes[k] == _SCHEMA:
-                    schema = Schema.read(stream)
-                    self.schemas[schema.id] = schema
-                else:
-                    channel = Channel.read(stream)
-                    self.channels[channel.id] = channel
-            except Exception:  # the library lets struct's and the codec's errors through
-                return False
-        return True
+        stream = ReadDataStream(BytesIO(record))
+        if opcode == _SCHEMA:
+            schema = Schema.read(stream)
+            self.schemas[schema.id] = schema
+        else:
+            channel = Channel.read(stream)
+            self.channels[channel.id] = channel
 
 
 @cache
