@@ -108,12 +108,6 @@ MOST_MATRIX_COLUMNS = _bound(
     "a wider one is a picture or a map, no table of signals",
 )  # fmt: skip
 DEEPEST_STRUCT = _bound("DEEPEST_STRUCT", 12, "levels of structs in a MATLAB file", "rigs use three")
-MOST_MATRIX_DEPTH = _bound(
-    "MOST_MATRIX_DEPTH",
-    100,
-    "levels of cells and structs in a MATLAB file",
-    "the reader calls itself for each",
-)
 LONGEST_NAME = _bound(
     "LONGEST_NAME",
     200,

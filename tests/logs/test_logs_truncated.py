@@ -62,13 +62,6 @@ def test_a_file_cut_anywhere_gives_a_prefix_and_a_note(whole: bytes, share: floa
         assert "cut off" in str(read) or "not an MCAP" in str(read) or "is empty" in str(read)
 
 
-def test_half_a_file_gives_about_half_the_log(whole: bytes) -> None:
-    read = read_bytes(whole[: len(whole) // 2])
-    assert isinstance(read, Log)
-    assert 0.3 * len(SAMPLES) < len(read.samples) < 0.7 * len(SAMPLES)
-    assert f"read up to t={read.samples.time[-1]:.3f} s" in read.quality.notes[0]
-
-
 def test_a_whole_file_has_no_note(whole: bytes) -> None:
     read = read_bytes(whole)
     assert isinstance(read, Log) and read.quality.notes == [] and len(read.samples) == len(SAMPLES)

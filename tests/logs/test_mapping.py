@@ -188,26 +188,6 @@ def test_rigs_that_we_did_not_build(rig: str, shared: Path) -> None:
     assert (wanted["position"].sign == -1) == (rig == "rig3")
 
 
-@pytest.mark.parametrize(("late", "channel"), [(0.0, "position"), (0.015, "position"), (0.03, "pressure_1")])
-def test_a_constant_delay_is_found_and_taken_out(
-    late: float, channel: str, log: Samples, tmp_path: Path
-) -> None:
-    """Test: position or pressures that come late. Expected: the delay to a row, none where there is none."""
-    group = ("position",) if channel == "position" else ("pressure_1", "pressure_2", "pressure_difference")
-    columns = {
-        c: np.interp(log.time - late, log.time, log[c]) if c in group else log[c] for c in log.channels
-    }
-    written(tmp_path / "log.csv", Samples(log.time, columns), "German")
-    found = propose(open_log(tmp_path / "log.csv"))
-    assert found.rows[channel].source.delay == pytest.approx(late, abs=1.1e-3)
-    others = {c for c in found.rows if c not in group}
-    assert all(found.rows[c].source.delay == 0.0 for c in others)
-    read = read_log(tmp_path / "log.csv", found.channel_map()).samples
-    both = np.isfinite(read[channel]) & np.isfinite(log[channel])
-    bound = 0.06 * float(np.nanmax(log[channel]) - np.nanmin(log[channel]))  # a row at full speed
-    np.testing.assert_allclose(read[channel][both][200:-200], log[channel][both][200:-200], atol=bound)
-
-
 def test_a_sensors_name_is_no_side_of_the_cylinder(log: Samples, tmp_path: Path) -> None:
     """Test: "capteur", French for sensor, begins like "cap". Expected: swapped chambers, motion as it was."""
     with pytest.MonkeyPatch.context() as patch:

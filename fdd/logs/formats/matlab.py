@@ -1,63 +1,132 @@
-"""MATLAB files up to version 7 (7.3 is HDF5): variables, and structs of them.
+"""MATLAB files up to version 7 (7.3 is HDF5): arrays of numbers, and structs of them.
 
-SciPy's reader takes types and dimensions as they come, as indices too, and calls itself for each level: a
-damaged file can end the process. So its elements are walked first (MathWorks, MAT-File Format, chapter 1).
+Read here and not by SciPy, whose reader takes types and dimensions as they come, as indices too, and calls
+itself for each level: a damaged file would end the process (MathWorks, MAT-File Format, chapter 1).
 """
 
 from __future__ import annotations
 
+import math
 import mmap
 import struct
 import zlib
+from collections.abc import Iterator
 from functools import partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from fdd.bounds import DEEPEST_STRUCT, MOST_MATRIX_COLUMNS, MOST_MATRIX_DEPTH, limit
+from fdd.bounds import DEEPEST_STRUCT, MOST_MATRIX_COLUMNS, limit
 from fdd.errors import InputError
-from fdd.logs.formats.signals import readable, require_size
+from fdd.logs.formats.signals import damaged, require_size
 from fdd.logs.formats.trees import Leaf, TreeFile, tree_file
+
+_TYPES = {1: "i1", 2: "u1", 3: "i2", 4: "u2", 5: "i4", 6: "u4", 7: "f4", 9: "f8", 12: "i8", 13: "u8"}
+_ENCODINGS = {4: "utf-16", 16: "utf-8", 17: "utf-16"}
+_MATRIX, _PACKED = 14, 15
+_STRUCT, _CHAR, _NUMBERS = 2, 4, range(6, 16)
+_COMPLEX = 0x0800
+_HEADER = 128
+
+
+class _Odd(Exception):
+    """Not as the format wants it."""
 
 
 def open_matlab(path: Path) -> TreeFile:
-    """Signals of a MATLAB 5 file: ``rec.pos.value`` is ``rec/pos``.
+    """Signals of a MATLAB 5 file: ``rec.pos.value`` is ``rec/pos``. Cells, objects and arrays of structs are
+    passed over.
 
     Raises
     ------
     InputError : damaged, too large, or without arrays.
     """
-    from scipy.io import loadmat, whosmat
-
-    with readable("damaged MATLAB file", path, "save it again"):
-        check_matlab(path)
-        require_size(sum(int(np.prod(shape, dtype=np.float64)) for _, shape, _ in whosmat(path)), 1, path)
-        content = loadmat(path, simplify_cells=True)
     groups: dict[str, dict[str, Leaf]] = {}
     scalars: dict[str, dict[str, float]] = {}
-    _walk({k: v for k, v in content.items() if not k.startswith("__")}, "", groups, scalars, 0)
+    left = 8 * limit("MAX_VALUES")
+    try:
+        with path.open("rb") as stream:
+            content = mmap.mmap(stream.fileno(), 0, access=mmap.ACCESS_READ)
+        order = "<" if content[126:128] == b"IM" else ">"
+        variables = {}
+        for kind, body in _elements(memoryview(content)[_HEADER:], order):
+            if kind == _PACKED:
+                raw = zlib.decompressobj().decompress(body, left + 8)
+                left -= len(raw)
+                if left < 0:
+                    require_size(limit("MAX_VALUES") + 1, 1, path)
+                kind, body = next(_elements(memoryview(raw), order), (0, memoryview(b"")))
+            if kind != _MATRIX:
+                raise _Odd("something else than a variable")
+            name, value = _array(body, order, 0)
+            variables[name] = value
+    except InputError:
+        raise
+    except (_Odd, struct.error, zlib.error, LookupError, ValueError) as error:
+        raise damaged("damaged MATLAB file", path, error, "save it again") from None
+    _take_struct(variables, "", groups, scalars)
     return tree_file(path, groups, scalars)
 
 
-def _walk(
-    struct: dict[str, Any],
-    group: str,
-    groups: dict[str, dict[str, Leaf]],
-    scalars: dict[str, dict[str, float]],
-    depth: int,
+def _elements(body: memoryview, order: str) -> Iterator[tuple[int, memoryview]]:
+    """Type and bytes of each element."""
+    at = 0
+    while at + 8 <= len(body):
+        kind, size = struct.unpack_from(f"{order}II", body, at)
+        begin = at + 8
+        at = begin + size + (0 if kind == _PACKED else -size % 8)
+        if kind >> 16:  # a short one, whose bytes stand beside its size
+            kind, size = kind & 0xFFFF, min(kind >> 16, 4)
+            begin, at = begin - 4, begin
+        if begin + size > len(body):
+            raise _Odd("an element ends after what it stands in")
+        yield kind, body[begin : begin + size]
+
+
+def _array(body: memoryview, order: str, depth: int) -> tuple[str, Any]:
+    """Name and value: numbers, a text, a mapping; None for everything else."""
+    if not len(body) or depth > DEEPEST_STRUCT:
+        return "", None
+    (_, flags), (_, shape), (_, label), *rest = _elements(body, order)
+    (about,) = struct.unpack_from(f"{order}I", flags)
+    kind, name = about & 0xFF, bytes(label).decode("latin-1")
+    dimensions = np.frombuffer(shape, f"{order}i4").tolist()
+    if kind in _NUMBERS and not about & _COMPLEX:
+        stored, numbers = rest[0]
+        values = np.frombuffer(numbers, order + _TYPES[stored])
+        if values.size != math.prod(dimensions):
+            raise _Odd(f"{values.size} numbers in an array of shape {dimensions}")
+        return name, values.reshape(dimensions, order="F")
+    if kind == _CHAR:
+        stored, letters = rest[0]
+        encoding = _ENCODINGS.get(stored, "latin-1")
+        endings = "" if encoding != "utf-16" else "-le" if order == "<" else "-be"
+        return name, bytes(letters).decode(encoding + endings, "replace")
+    if kind == _STRUCT and math.prod(dimensions) == 1:
+        (_, length), (_, names), *fields = rest
+        (width,) = struct.unpack_from(f"{order}i", length)
+        own = [names[k : k + width] for k in range(0, len(names), max(width, 1))]
+        keys = [bytes(one).split(b"\0")[0].decode("latin-1") for one in own]
+        return name, {key: _array(f, order, depth + 1)[1] for key, (_, f) in zip(keys, fields, strict=True)}
+    return name, None
+
+
+def _take_struct(
+    own: dict[str, Any], group: str, groups: dict[str, dict[str, Leaf]], scalars: dict[str, dict[str, float]]
 ) -> None:
-    unit = next((v for k, v in struct.items() if k.lower() in ("unit", "units") and isinstance(v, str)), None)
-    for name, value in struct.items():
-        if isinstance(value, dict) and depth < DEEPEST_STRUCT:
-            _walk(value, f"{group}/{name}" if group else name, groups, scalars, depth + 1)
-        elif isinstance(value, np.ndarray) and value.dtype.kind in "fiub":
-            for own, column in columns_of(name, value):
+    unit = next((v for k, v in own.items() if k.lower() in ("unit", "units") and isinstance(v, str)), None)
+    for name, value in own.items():
+        if isinstance(value, dict):
+            _take_struct(value, f"{group}/{name}" if group else name, groups, scalars)
+        elif isinstance(value, np.ndarray) and value.size == 1:
+            scalars.setdefault(group, {})[name] = float(value.item())
+        elif isinstance(value, np.ndarray):
+            for column_name, column in columns_of(name, value):
                 # A struct's unit is that of its value, not of its time.
-                mine = unit if own.lower() not in ("time", "t") else None
-                groups.setdefault(group, {})[own] = Leaf(column.size, partial(np.asarray, column), mine)
-        elif isinstance(value, int | float):
-            scalars.setdefault(group, {})[name] = float(value)
+                mine = unit if column_name.lower() not in ("time", "t") else None
+                leaf = Leaf(column.size, partial(np.asarray, column), mine)
+                groups.setdefault(group, {})[column_name] = leaf
 
 
 def columns_of(name: str, values: np.ndarray) -> list[tuple[str, np.ndarray]]:
@@ -74,125 +143,3 @@ def columns_of(name: str, values: np.ndarray) -> list[tuple[str, np.ndarray]]:
     if flat.ndim != 2 or flat.shape[0] < flat.shape[1] or flat.shape[1] > MOST_MATRIX_COLUMNS:
         return []
     return [(f"{name}[{k}]", flat[:, k]) for k in range(flat.shape[1])]
-
-
-_MATRIX, _PACKED = 14, 15
-_INTEGERS, _NUMBERS, _TEXTS = (5, 6), (1, 2, 3, 4, 5, 6, 7, 9, 12, 13), (1, 2, 3, 4, 16, 17, 18)
-_CELL, _STRUCT, _OBJECT, _CHAR, _SPARSE, _FUNCTION, _OPAQUE = 1, 2, 3, 4, 5, 16, 17
-_COMPLEX = 0x0800
-_HEADER, _BEGINNING = 128, 1 << 16
-
-
-class _Odd(Exception):
-    """Not as the format wants it."""
-
-
-def check_matlab(path: Path) -> None:
-    """Walk through all arrays of a file.
-
-    Raises
-    ------
-    InputError : an element is of a wrong type, has wrong dimensions, or does not end within the file.
-    """
-    try:
-        with path.open("rb") as stream, mmap.mmap(stream.fileno(), 0, access=mmap.ACCESS_READ) as data:
-            order = "<" if data[126:128] == b"IM" else ">"
-            at = _HEADER
-            while at + 8 <= len(data):
-                kind, size = struct.unpack_from(f"{order}II", data, at)
-                if at + 8 + size > len(data):
-                    raise _Odd("a variable ends after the file does")
-                if kind == _PACKED:
-                    _check_packed(data[at + 8 : at + 8 + size], order)
-                elif kind == _MATRIX:
-                    _Elements(data, order, len(data)).matrix(at, 0)
-                else:
-                    raise _Odd("something else than a variable")
-                at += 8 + size
-    except (_Odd, struct.error, zlib.error, ValueError) as error:
-        raise InputError(f"damaged MATLAB file ({error})", where=path, mend="save it again") from None
-
-
-def _check_packed(packed: bytes, order: str) -> None:
-    """The beginning tells an array of numbers; what holds others is unpacked as a whole."""
-    stream = zlib.decompressobj()
-    raw = stream.decompress(packed, _BEGINNING)
-    if len(raw) > 16 and raw[16 if order == "<" else 19] in (_CELL, _STRUCT, _OBJECT, _FUNCTION, _OPAQUE):
-        most = 8 * limit("MAX_VALUES")
-        raw += stream.decompress(stream.unconsumed_tail, most)
-        if stream.unconsumed_tail:
-            raise _Odd(f"more than {most} bytes unpacked")
-    whole = len(raw) if stream.eof else 8 + struct.unpack_from(f"{order}I", raw, 4)[0]
-    _Elements(raw, order, whole).matrix(0, 0)
-
-
-class _Elements:
-    """Reads elements in the order in which SciPy does. `end` is where the last one has to end."""
-
-    def __init__(self, data: bytes | mmap.mmap, order: str, end: int) -> None:
-        self._data, self._order, self._end = data, order, end
-
-    def _element(self, at: int, kinds: tuple[int, ...]) -> tuple[int, int, int]:
-        """First byte, size, and where the next one stands."""
-        first, size = struct.unpack_from(f"{self._order}II", self._data, at)
-        begin, after = at + 8, at + 8 + size + -size % 8
-        if first >> 16:
-            first, size, begin, after = first & 0xFFFF, first >> 16, at + 4, at + 8
-            if size > 4:
-                raise _Odd("a short element of more than four bytes")
-        if first not in kinds:
-            raise _Odd(f"an element of type {first}")
-        if begin + size > self._end:
-            raise _Odd("an element ends after its variable")
-        return begin, size, after
-
-    def _words(self, at: int, most: int) -> tuple[tuple[int, ...], int]:
-        begin, size, after = self._element(at, _INTEGERS)
-        if size % 4 or size > 4 * most:
-            raise _Odd("a head of the wrong size")
-        return struct.unpack_from(f"{self._order}{size // 4}i", self._data, begin), after
-
-    def matrix(self, at: int, depth: int) -> int:
-        """Check an array and all in it; gives where the next element stands."""
-        if depth > MOST_MATRIX_DEPTH:
-            raise _Odd(f"nested deeper than {MOST_MATRIX_DEPTH} levels")
-        at, size, after = self._element(at, (_MATRIX,))
-        if size == 0:
-            return after
-        flags, at = self._words(at, 2)
-        if len(flags) != 2:
-            raise _Odd("an array without its flags")
-        kind = flags[0] & 0xFF
-        if kind == _OPAQUE:
-            for _ in range(3):
-                at = self._element(at, _TEXTS)[2]
-            return self.matrix(at, depth + 1)
-        shape, at = self._words(at, 32)
-        if len(shape) < 2 or min(shape) < 0:
-            raise _Odd(f"an array of shape {shape}")
-        at = self._element(at, _TEXTS)[2]
-        count = 1
-        for length in shape:
-            count *= length
-        if kind in (_STRUCT, _OBJECT):
-            if kind == _OBJECT:
-                at = self._element(at, _TEXTS)[2]
-            widths, at = self._words(at, 1)
-            _, size, at = self._element(at, _TEXTS)
-            if len(widths) != 1 or widths[0] <= 0:
-                raise _Odd("a struct without the length of its names")
-            count *= size // widths[0]
-        if kind in (_CELL, _STRUCT, _OBJECT, _FUNCTION):
-            for _ in range(1 if kind == _FUNCTION else count):
-                at = self.matrix(at, depth + 1)
-            return at
-        if kind == _CHAR:
-            return self._element(at, _TEXTS)[2]
-        if not _CHAR < kind < _FUNCTION:
-            raise _Odd(f"an array of class {kind}")
-        if kind == _SPARSE:
-            for _ in range(2):
-                at = self._element(at, _INTEGERS)[2]
-        for _ in range(2 if flags[0] & _COMPLEX else 1):
-            at = self._element(at, _NUMBERS)[2]
-        return at
