@@ -16,11 +16,10 @@ from fdd.errors import InputError
 from fdd.logs.angles import sample_numbers
 from fdd.logs.stamps import JUMP_PERIODS, nominal_period
 from fdd.measures import measure
-from fdd.samples import CHANNELS, PRESSURES, Column
+from fdd.samples import PRESSURES, Column
 
 COUNTED_GAP = 1.0
 """s; the rows that a longer gap would have held are not counted as dropped."""
-STUCK_SECONDS = 5.0
 HIGHEST_PRESSURE = 2e8
 RECOMMENDED_SECONDS = 5.0
 
@@ -101,13 +100,6 @@ def check_magnitudes(columns: Mapping[str, Column], units: Mapping[str, str] | N
     Raises
     ------
     InputError : names the channel, the largest value as it was written, and the likely unit.
-
-    Examples
-    --------
-    >>> check_magnitudes({"position": np.array([0.0, 85.0])})
-    Traceback (most recent call last):
-    ...
-    fdd.errors.InputError: channel position: up to 85 m, looks like mm; give unit: mm in the map (--map)
     """
     said = units or {}
     for name in PRESSURES:
@@ -150,67 +142,3 @@ def _largest(columns: Mapping[str, Column], name: str) -> float:
     if values is None or not np.isfinite(values).any():
         return 0.0
     return float(max(np.nanmax(values), -np.nanmin(values)))
-
-
-def suspicions(time: Column, columns: Mapping[str, Column], period: float) -> list[str]:
-    """Notes on channels that are usable but look wrong: standstill, stuck, impossible speeds.
-
-    Parameters
-    ----------
-    time : (n,) s.
-    columns : channels in SI.
-    period : s, nominal.
-    """
-    notes = []
-    moving = (columns[n] for n in ("position", "pump_angle", "pump_speed") if n in columns)
-    if not any(np.nanmax(v) > np.nanmin(v) for v in moving if np.isfinite(v).any()):
-        notes.append("standstill: neither the position nor the pump moves throughout the log")
-    for name, values in columns.items():
-        if CHANNELS[name].dimension != "pressure":
-            continue
-        start, length = _longest_constant(values)
-        if length * period > STUCK_SECONDS and values[start] != 0.0:
-            notes.append(
-                f"{name}: exactly {values[start]:.6g} Pa for {length * period:.1f} s "
-                f"from t={time[start]:.1f} s, looks stuck or at its limit"
-            )
-    notes += _speed_notes(time, columns)
-    return notes
-
-
-def _speed_notes(time: Column, columns: Mapping[str, Column]) -> list[str]:
-    notes = []
-    angle, speed = columns.get("pump_angle"), columns.get("pump_speed")
-    if angle is None:
-        return notes
-    there = np.isfinite(angle)
-    rate = np.abs(np.diff(angle[there]) / np.diff(time[there]))
-    if rate.size:
-        bursts = rate > max(1000.0, 4.0 * float(np.percentile(rate, 99.0)))
-        if bursts.any():
-            notes.append(
-                f"pump_angle: {int(bursts.sum())} steps of impossible speed "
-                f"(up to {rate.max():.0f} rad/s), the angle sensor slips or is disturbed"
-            )
-    if speed is None or not (both := there & np.isfinite(speed)).any():
-        return notes
-    steps = np.diff(time[both])
-    # Over a hole in the log one sample of the speed says nothing about how far the pump turned.
-    near = steps <= JUMP_PERIODS * float(np.median(steps)) if steps.size else steps > 0.0
-    turned = float(np.abs(np.diff(angle[both]))[near].sum())
-    expected = float((np.abs(speed[both][1:]) * steps)[near].sum())
-    if turned > 10.0 and not 0.8 < expected / turned < 1.25:
-        notes.append(
-            f"pump_speed is {expected / turned:.3g} times the rate of pump_angle: "
-            "the unit or scale of one of them is wrong"
-        )
-    return notes
-
-
-def _longest_constant(values: Column) -> tuple[int, int]:
-    """Start and length (rows) of the longest run of one value."""
-    # NaN differs from itself, so that missing values end a run.
-    edges = np.flatnonzero(np.concatenate(([True], values[1:] != values[:-1], [True])))
-    lengths = np.diff(edges)
-    longest = int(np.argmax(lengths))
-    return int(edges[longest]), int(lengths[longest])

@@ -38,11 +38,6 @@ def ordered_time(
     Raises
     ------
     InputError : time runs backwards for more than a few late stamps, or is missing everywhere.
-
-    Examples
-    --------
-    >>> ordered_time(np.array([0.0, 1.0, 1.0, 2.0]))[1].tolist()
-    [0, 1, 3]
     """
     notes: list[str] = []
     rows = np.flatnonzero(np.isfinite(time))
@@ -84,11 +79,6 @@ def spread_bursts(time: Column) -> tuple[Column, list[str]]:
     Parameters
     ----------
     time : (n,) s, as read.
-
-    Examples
-    --------
-    >>> spread_bursts(np.array([0.0, 0.0, 0.5, 0.5, 1.0, 1.0]))[0].tolist()
-    [0.0, 0.25, 0.5, 0.75, 1.0, 1.25]
     """
     if time.size < 4 or not np.isfinite(time).all():
         return time, []
@@ -111,13 +101,7 @@ def spread_bursts(time: Column) -> tuple[Column, list[str]]:
 
 
 def longest_part(time: Column) -> tuple[slice, list[str]]:
-    """Rows of the longest part of a log that was stopped for more than `STOPPED_S`; one early row, say, goes.
-
-    Examples
-    --------
-    >>> longest_part(np.array([0.0, 1e9, 1e9 + 1.0]))[0]
-    slice(1, 3, None)
-    """
+    """Rows of the longest part of a log that was stopped for more than `STOPPED_S`: an early row goes."""
     cuts = np.flatnonzero(np.diff(time) > STOPPED_S) + 1
     if cuts.size == 0:
         return slice(0, time.size), []

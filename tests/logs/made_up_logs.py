@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 from mcap.reader import make_reader
+from mcap.writer import Writer
 from mcap_protobuf.decoder import DecoderFactory
 
 from fdd.errors import InputError
@@ -61,6 +62,26 @@ def assert_same(log: Log, samples: Samples) -> None:
     np.testing.assert_array_equal(log.samples.time, samples.time)
     for name in samples.channels:
         np.testing.assert_array_equal(log.samples.get(name), samples[name], err_msg=name)
+
+
+def mcap_of(
+    path: Path,
+    messages: Iterable[bytes],
+    topic: str = "/daq",
+    encoding: str = "json",
+    schema: tuple[str, str, bytes] | None = None,
+    **how: Any,
+) -> Path:
+    """A file of messages a millisecond apart, as the library writes it."""
+    with path.open("wb") as stream:
+        writer = Writer(stream, **how)
+        writer.start()
+        number = 0 if schema is None else writer.register_schema(*schema)
+        channel = writer.register_channel(topic, encoding, number)
+        for k, message in enumerate(messages):
+            writer.add_message(channel, k * 10**6, message, 0)
+        writer.finish()
+    return path
 
 
 def as_dict(message: Any) -> dict[str, Any]:

@@ -100,14 +100,7 @@ class ArrowFile(LogFile):
 
 
 def doubles(column: Any) -> Column:
-    """A chunked column of doubles, NaN where it is null. Arrow's own `to_numpy` would import pandas.
-
-    Examples
-    --------
-    >>> import pyarrow as pa
-    >>> doubles(pa.chunked_array([[1.0, None], [2.0]])).tolist()
-    [1.0, nan, 2.0]
-    """
+    """A chunked column of doubles, NaN where it is null. Arrow's own `to_numpy` would import pandas."""
     out = np.empty(len(column))
     end = 0
     for chunk in column.chunks:

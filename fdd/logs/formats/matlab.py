@@ -130,13 +130,7 @@ def _take_struct(
 
 
 def columns_of(name: str, values: np.ndarray) -> list[tuple[str, np.ndarray]]:
-    """A vector as it is, a matrix as its columns ``name[0]`` and on; nothing for anything else.
-
-    Examples
-    --------
-    >>> [n for n, _ in columns_of("p", np.zeros((5, 2)))], [n for n, _ in columns_of("x", np.zeros((1, 5)))]
-    (['p[0]', 'p[1]'], ['x'])
-    """
+    """A vector as it is, a matrix as its columns ``name[0]`` and on; nothing for anything else."""
     flat = values.squeeze()
     if flat.ndim == 1:
         return [(name, flat)]

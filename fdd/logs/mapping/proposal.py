@@ -7,10 +7,10 @@ from dataclasses import dataclass, field
 from fdd.errors import InputError
 from fdd.logs.channel_map import ChannelMap, ChannelSource
 from fdd.logs.formats.signals import LogFile, Signal
+from fdd.logs.mapping.assignment import Choice, assign, signs_of
 from fdd.logs.mapping.concepts import RULES, Words
-from fdd.logs.mapping.evidence import Choice, Clues, assign, gather
+from fdd.logs.mapping.evidence import Clues, gather
 from fdd.logs.mapping.given import Given
-from fdd.logs.mapping.signs import signs_of
 from fdd.logs.mapping.units import Question, scale_of, unit_questions
 from fdd.logs.names import path_parts
 from fdd.near_misses import listed
