@@ -171,3 +171,15 @@ def test_header_with_spaces_units_and_another_encoding(tmp_path: Path) -> None:
     read = read_log(tmp_path / "a.csv", channel_map).samples
     np.testing.assert_allclose(read["position"], samples["position"], rtol=1e-12, atol=1e-15)
     np.testing.assert_allclose(read["pump_angle"], samples["pump_angle"], rtol=1e-12, atol=1e-15)
+
+
+def test_a_delay_is_taken_out(tmp_path: Path) -> None:
+    samples = strokes(3000)
+    late = np.interp(samples.time - 0.005, samples.time, samples["position"])
+    columns = {**samples.columns, "position": late}
+    pd.DataFrame({"time": samples.time, **columns}).to_parquet(tmp_path / "a.parquet")
+    entries = {c: f"{{column: {c}}}" for c in ("time", *samples.channels)}
+    entries["position"] = "{column: position, delay: 0.005}"
+    channel_map = ChannelMap.from_yaml("".join(f"{c}: {entry}\n" for c, entry in entries.items()))
+    read = read_log(tmp_path / "a.parquet", channel_map).samples
+    np.testing.assert_allclose(read["position"][:-5], samples["position"][:-5], atol=1e-9)

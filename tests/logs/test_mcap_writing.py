@@ -88,20 +88,6 @@ def test_an_infinity_is_written_as_nan(tmp_path: Path) -> None:
     assert [m["count"] for m in read] == [3.0, 4.0, 5.0]
 
 
-@given(edges=cuts, thin=st.sampled_from([0, 1, 10]))
-@settings(max_examples=25, deadline=None)
-def test_blocks_of_any_size_give_the_same_messages(edges: list[int], thin: int) -> None:
-    with TemporaryDirectory() as folder:
-        whole, cut = Path(folder) / "whole.mcap", Path(folder) / "cut.mcap"
-        about = {"scenario_json": "{}", "labels": {"x": 1}, "start_ns": 5}
-        write_run(whole, A, axis="a", truth=parts(A, [], "a", thin)[0].truth, unit_yaml="u", **about)
-        write_blocks(cut, parts(A, edges, "a", thin), axes=["a"], units={"a": "u"}, **about)
-        assert sorted(messages(cut), key=lambda m: m[:2]) == sorted(messages(whole), key=lambda m: m[:2])
-        with cut.open("rb") as stream:
-            metadata = {m.name: m.metadata for m in make_reader(stream).iter_metadata()}
-    assert metadata == {"unit": {"yaml": "u"}, "scenario": {"json": "{}"}, "labels": {"json": '{"x": 1}'}}
-
-
 def mixed(seed: int, *queues: list[RunBlock]) -> Iterator[RunBlock]:
     """The blocks of several axes in a random order, each axis's in its own."""
     choice = np.random.default_rng(seed)
@@ -222,12 +208,6 @@ def test_empty_blocks_and_empty_runs(tmp_path: Path) -> None:
     for blocks in ([], [RunBlock(none)]):
         write_blocks(path, blocks, axes=["a"])
         assert messages(path) == []
-
-
-def test_the_same_run_makes_the_same_file(tmp_path: Path) -> None:
-    for name in ("a.mcap", "b.mcap"):
-        write_run(tmp_path / name, strokes(500), axis="a", truth={"leakage": np.ones(500)})
-    assert (tmp_path / "a.mcap").read_bytes() == (tmp_path / "b.mcap").read_bytes()
 
 
 def test_memory_does_not_grow_with_the_run(tmp_path: Path) -> None:
