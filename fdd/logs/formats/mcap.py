@@ -105,10 +105,10 @@ class McapFile(LogFile):
         parts = {t: _Rows(paths[t], min(self.counts.get(t, 0), size)) for t in wanted}
         rows = 0
         for batch in walk:
-            channel = walk.channels.get(batch.channel)
-            if channel is None or channel.topic not in wanted:
-                continue
+            channel = walk.channels[batch.channel]
             topic = channel.topic
+            if topic not in wanted:
+                continue
             rows += batch.stamps.size
             require_size(rows, sum(len(p) for p in paths.values()), self.path)
             values: list[Column] = []
@@ -175,7 +175,7 @@ def open_mcap(path: Path) -> McapFile:
     walk = ChunkWalk(path)
     seen: set[int] = set()
     for batch in walk:
-        if batch.channel in seen or batch.channel not in walk.channels:
+        if batch.channel in seen:
             continue
         seen.add(batch.channel)
         _add_fields(log, walk, batch)

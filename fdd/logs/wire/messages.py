@@ -37,7 +37,7 @@ class Decoder:
     def fields(self, first: Batch) -> dict[FieldPath, str | None]:
         """The numbers in the first messages, and their units."""
         messages: list[Any] = []
-        for payload in first.payloads(_LOOKED_AT):
+        for payload in first.payloads[:_LOOKED_AT]:
             try:
                 messages += self.decode([payload])
             except ValueError:  # of a later one it is told when it is read
@@ -53,7 +53,7 @@ class Decoder:
         ------
         ValueError : a message is damaged, or holds something else than numbers there.
         """
-        messages = self.decode(batch.payloads()) if paths else []
+        messages = self.decode(batch.payloads) if paths else []
         return [_numbers(messages, path) for path in paths]
 
 
