@@ -61,6 +61,7 @@ def check_time(time: Column, shortest: float) -> DataQuality:
     quality = DataQuality(period=period)
     steps, missing = np.diff(time), np.diff(sample_numbers(time, period)) - 1
     quality.dropped_samples = int(missing[steps <= COUNTED_GAP].sum())
+    del missing
     quality.time_jumps = int(np.count_nonzero(steps > JUMP_PERIODS * period))
     periods = steps / period
     # A step that is no whole number of periods: the stamp came late, or early.

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable, Iterable
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -15,6 +16,7 @@ from mcap_protobuf.decoder import DecoderFactory
 
 from fdd.errors import InputError
 from fdd.logs import Log, read_log
+from fdd.logs.mcap_runs import RunBlock
 from fdd.samples import Samples
 
 
@@ -39,6 +41,25 @@ def strokes(n: int = 6000, seed: int = 5) -> Samples:
             "oil_temperature": np.full(n, 40.0),
         },
     )
+
+
+ROWS = 1200
+A, B = strokes(ROWS, seed=1), strokes(ROWS, seed=2)
+# The axes are sampled together, but B loses rows of its own.
+B = Samples(B.time[np.arange(ROWS) % 7 > 0], {c: v[np.arange(ROWS) % 7 > 0] for c, v in B.columns.items()})
+
+
+def parts(samples: Samples, edges: list[int], axis: str | None, thin: int = 10) -> list[RunBlock]:
+    """Blocks between the edges, with every `thin`-th row's truth; 0 for none."""
+    bounds = [0, *sorted(min(e, len(samples)) for e in edges), len(samples)]
+    blocks = []
+    for start, stop in pairwise(bounds):
+        truth = None
+        if thin:
+            rows = np.arange(start, stop)[np.arange(start, stop) % thin == 0]
+            truth = {"time": samples.time[rows], "leakage": 1e-12 * rows, "stuck": rows % 2 == 0}
+        blocks.append(RunBlock(samples.rows(start, stop), truth, axis))
+    return blocks
 
 
 def refused(act: Callable[[], object]) -> str:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from itertools import pairwise
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
@@ -13,7 +12,7 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
-from made_up_logs import assert_same, refused, strokes
+from made_up_logs import ROWS, A, B, assert_same, parts, refused, strokes
 from pyarrow import parquet
 
 from fdd.logs import read_log, tabular_writing
@@ -130,17 +129,7 @@ def test_a_failed_write_leaves_the_old_file_and_no_other(tmp_path: Path) -> None
     assert path.read_bytes() == b"old" and list(tmp_path.iterdir()) == [path]
 
 
-ROWS = 1200
-A, B = strokes(ROWS, seed=1), strokes(ROWS, seed=2)
-# The axes are sampled together, but B loses rows of its own.
-B = Samples(B.time[np.arange(ROWS) % 7 > 0], {c: v[np.arange(ROWS) % 7 > 0] for c, v in B.columns.items()})
 cuts = st.lists(st.integers(0, ROWS), max_size=8)
-
-
-def parts(samples: Samples, edges: list[int], axis: str | None) -> list[RunBlock]:
-    """Blocks between the edges."""
-    bounds = [0, *sorted(min(e, len(samples)) for e in edges), len(samples)]
-    return [RunBlock(samples.rows(start, stop), None, axis) for start, stop in pairwise(bounds)]
 
 
 @given(edges=cuts)

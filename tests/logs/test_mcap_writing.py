@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import zlib
 from collections.abc import Iterator
-from itertools import pairwise
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
@@ -13,7 +12,7 @@ import pytest
 from google.protobuf.descriptor_pb2 import FileDescriptorSet
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from made_up_logs import messages, of_topic, refused, strokes
+from made_up_logs import ROWS, A, B, messages, of_topic, parts, refused, strokes
 from mcap.reader import make_reader
 from mcap.records import Chunk, ChunkIndex, Message, MessageIndex
 from mcap.stream_reader import StreamReader, get_chunk_data_stream
@@ -23,10 +22,6 @@ from fdd.logs.mcap_chunks import mcap_file
 from fdd.logs.mcap_runs import RunBlock, write_blocks, write_run
 from fdd.samples import CHANNELS, Samples
 
-ROWS = 1200
-A, B = strokes(ROWS, seed=1), strokes(ROWS, seed=2)
-# The axes are sampled together, but B loses rows of its own.
-B = Samples(B.time[np.arange(ROWS) % 7 > 0], {c: v[np.arange(ROWS) % 7 > 0] for c, v in B.columns.items()})
 cuts = st.lists(st.integers(0, ROWS), max_size=8)
 any_double = st.floats(allow_infinity=False)  # subnormal, huge, -0.0 and NaN too
 
@@ -34,19 +29,6 @@ any_double = st.floats(allow_infinity=False)  # subnormal, huge, -0.0 and NaN to
 @pytest.fixture
 def small_chunks(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(mcap_chunks, "CHUNK_BYTES", 20_000)
-
-
-def parts(samples: Samples, edges: list[int], axis: str | None, thin: int = 10) -> list[RunBlock]:
-    """Blocks between the edges, with every `thin`-th row's truth; 0 for none."""
-    bounds = [0, *sorted(min(e, len(samples)) for e in edges), len(samples)]
-    blocks = []
-    for start, stop in pairwise(bounds):
-        truth = None
-        if thin:
-            rows = np.arange(start, stop)[np.arange(start, stop) % thin == 0]
-            truth = {"time": samples.time[rows], "leakage": 1e-12 * rows, "stuck": rows % 2 == 0}
-        blocks.append(RunBlock(samples.rows(start, stop), truth, axis))
-    return blocks
 
 
 def bits(values: object) -> list[int]:
