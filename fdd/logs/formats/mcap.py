@@ -7,6 +7,7 @@ from collections.abc import Collection, Iterable
 from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -31,13 +32,11 @@ class McapFile(LogFile):
     topics : all topics, with messages or without.
     paths : signal to its field's path, or to those of the seconds and nanoseconds of a stamp.
     reasons : topic to why its messages cannot be read.
-    counts : topic to its messages by the file's summary; what it says may be wrong.
     """
 
     topics: list[str] = field(default_factory=list)
     paths: dict[str, tuple[FieldPath, ...]] = field(default_factory=dict)
     reasons: dict[str, str] = field(default_factory=dict)
-    counts: dict[str, int] = field(default_factory=dict)
     damaged: int = 0
     _stamps: dict[str, NDArray[np.int64]] = field(default_factory=dict)
     _seconds: dict[str, Column] = field(default_factory=dict)
@@ -100,9 +99,7 @@ class McapFile(LogFile):
         paths = {
             t: list(dict.fromkeys(p for n in names for p in self.paths[n])) for t, names in wanted.items()
         }
-        # Room for the rows that the summary tells, if not more than the file's bytes: a message takes one.
-        size = self.path.stat().st_size
-        parts = {t: _Rows(paths[t], min(self.counts.get(t, 0), size)) for t in wanted}
+        parts = {t: _Rows(paths[t]) for t in wanted}
         rows = 0
         for batch in walk:
             channel = walk.channels[batch.channel]
@@ -133,22 +130,27 @@ class McapFile(LogFile):
 class _Rows:
     """Stamps and columns of a topic, which grow where they stand: a second copy would double the memory."""
 
-    def __init__(self, paths: Collection[FieldPath], room: int) -> None:
-        self._size, self._stamps = 0, np.empty(room, np.int64)
-        self._columns = {path: np.empty(room) for path in paths}
+    def __init__(self, paths: Collection[FieldPath]) -> None:
+        self._size, self._stamps = 0, np.empty(0, np.int64)
+        self._columns = {path: np.empty(0) for path in paths}
 
     def append(self, stamps: NDArray[np.int64], values: Iterable[Column]) -> None:
         """The next rows: (n,) ns and, of each path, (n,)."""
         end = self._size + stamps.size
         if end > self._stamps.size:
             room = max(end, 2 * self._stamps.size)
-            self._stamps = np.concatenate([self._stamps[: self._size], np.empty(room - self._size, np.int64)])
+            self._stamps = self._grown(self._stamps, room)
             for path, column in self._columns.items():
-                self._columns[path] = np.concatenate([column[: self._size], np.empty(room - self._size)])
+                self._columns[path] = self._grown(column, room)
         self._stamps[self._size : end] = stamps
         for column, new in zip(self._columns.values(), values, strict=True):
             column[self._size : end] = new
         self._size = end
+
+    def _grown(self, column: NDArray[Any], room: int) -> NDArray[Any]:
+        out = np.empty(room, column.dtype)  # what is not filled takes no memory
+        out[: self._size] = column[: self._size]
+        return out
 
     def in_order(self) -> tuple[NDArray[np.int64], dict[FieldPath, Column]]:
         """Stamps and columns by path, in the order of the stamps."""
@@ -179,14 +181,10 @@ def open_mcap(path: Path) -> McapFile:
             continue
         seen.add(batch.channel)
         _add_fields(log, walk, batch)
-        if known and known.keys() <= seen:
+        if known and known <= seen:
             break
     log.truncated = walk.truncated
     log.topics = list(dict.fromkeys(c.topic for c in walk.channels.values()))
-    for number, count in known.items():
-        if number in walk.channels:
-            topic = walk.channels[number].topic
-            log.counts[topic] = log.counts.get(topic, 0) + count
     log.metadata = {**walk.metadata, **metadata}
     if len(log.signals) > MAX_SIGNALS:
         raise InputError(f"{len(log.signals)} fields, at most {MAX_SIGNALS} are read", where=path)
@@ -228,11 +226,11 @@ def written(path: FieldPath) -> str:
     return text
 
 
-def _summary(path: Path) -> tuple[dict[int, int], dict[str, dict[str, str]]]:
-    """Messages of each channel that has any, and metadata, by the summary; none where it is not whole."""
+def _summary(path: Path) -> tuple[set[int], dict[str, dict[str, str]]]:
+    """Channels that have messages, and metadata, by the summary; none where it is not whole."""
     from mcap.reader import SeekingReader
 
-    counts: dict[int, int] = {}
+    known: set[int] = set()
     metadata: dict[str, dict[str, str]] = {}
     # A damaged or unfinished file, which provokes whatever, is walked instead.
     with suppress(Exception), path.open("rb") as stream:
@@ -240,10 +238,10 @@ def _summary(path: Path) -> tuple[dict[int, int], dict[str, dict[str, str]]]:
         summary = reader.get_summary()
         if summary is not None and summary.statistics is not None:
             messages = summary.statistics.channel_message_counts.items()
-            counts = {c: n for c, n in messages if n and c in summary.channels}
-        if counts:
+            known = {c for c, count in messages if count and c in summary.channels}
+        if known:
             metadata = {m.name: dict(m.metadata) for m in reader.iter_metadata()}
-    return counts, metadata
+    return known, metadata
 
 
 AXIS_TOPIC = re.compile(r"^/eha/(?P<axis>[^/]+)/measurement$")
