@@ -68,8 +68,7 @@ MAX_CHUNK_BYTES = 1 << 30  # bytes of an MCAP chunk, unpacked
 MOST_FIELDS = 4096  # numbers of a message that are offered
 MOST_ELEMENTS = 64  # elements of an array that are offered
 DEEPEST_MESSAGE = 16  # levels of messages or JSON objects
-MOST_OPERATIONS = 20_000  # steps that read a ROS message
-MOST_VISITED = 65_536  # numbers and messages looked at in a Protobuf type
+MOST_OPERATIONS = 20_000  # messages inside a ROS message
 MOST_SCHEMA_FILES = 1000  # files of a Protobuf schema
 
 # Texts

@@ -55,11 +55,6 @@ def accumulate_speed(time: Column, speed: Column, period: float) -> Column:
     Returns
     -------
     (n,) rad, 0 at the first row that has a speed; NaN where the speed is NaN.
-
-    Examples
-    --------
-    >>> accumulate_speed(np.arange(4.0), np.array([1.0, 1.0, 3.0, 3.0]), 1.0).tolist()
-    [0.0, 1.0, 4.0, 7.0]
     """
     angle = np.full(time.size, np.nan)
     there = np.flatnonzero(np.isfinite(speed))
@@ -80,11 +75,6 @@ def unwrap_counts(raw: Column, wrap: float) -> Column:
     """An angle that starts again at 0 each `wrap` counts, made continuous.
 
     NaN rows stay NaN and are passed over.
-
-    Examples
-    --------
-    >>> unwrap_counts(np.array([4090.0, np.nan, 5.0]), 4096.0).tolist()
-    [4090.0, nan, 4101.0]
     """
     out = raw.copy()
     there = np.isfinite(raw)
@@ -102,13 +92,6 @@ def directed(raw: Column, direction: Column, *, accumulate: bool) -> Column:
         and an angle stands.
     accumulate : True for an angle: each step takes the sign of the row it ends
         in. False multiplies the values.
-
-    Examples
-    --------
-    >>> directed(np.array([0.0, 1.0, 2.0, 3.0]), np.array([1.0, 1.0, -1.0, 0.0]), accumulate=True).tolist()
-    [0.0, 1.0, 0.0, 0.0]
-    >>> directed(np.array([2.0, 2.0]), np.array([np.nan, -1.0]), accumulate=False).tolist()
-    [nan, -2.0]
     """
     known = np.where(np.isfinite(direction), np.arange(direction.size), -1)
     last = np.maximum.accumulate(known) if known.size else known

@@ -22,11 +22,6 @@ def to_si(channel: str, source: ChannelSource, raw: Column, direction: Column | 
     Returns
     -------
     (n,) values in the channel's SI unit.
-
-    Examples
-    --------
-    >>> to_si("position", ChannelSource(column="x", unit="mm"), np.array([5.0])).tolist()
-    [0.005]
     """
     unit = source.measure_of(channel)
     values = raw if source.wrap is None else unwrap_counts(raw, source.wrap)

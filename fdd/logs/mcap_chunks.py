@@ -55,11 +55,6 @@ class ColumnWriter(Writer):
     Parameters
     ----------
     stream : open for writing bytes. start_ns : ns; log time of t = 0.
-
-    Examples
-    --------
-    >>> with mcap_file("run.mcap") as writer:
-    ...     writer.add_columns({"/eha/axis_a/truth": {"time": np.zeros(1), "leakage": np.ones(1)}})
     """
 
     def __init__(self, stream: Any, start_ns: int) -> None:
@@ -151,11 +146,6 @@ def mcap_file(
     """A file to write columns into; it appears whole or not at all.
 
     `metadata`, records of name to texts, come first: a file that is cut off later still tells what it was.
-
-    Examples
-    --------
-    >>> with mcap_file("run.mcap", {"unit": {"yaml": "name: x"}}) as writer:
-    ...     writer.add_columns({"/eha/axis_a/truth": {"time": np.arange(9.0)}})
     """
     with whole_file(path) as temporary, temporary.open("wb") as stream:
         writer = ColumnWriter(stream, start_ns)

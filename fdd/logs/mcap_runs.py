@@ -44,12 +44,7 @@ class RunBlock:
 
 
 def require_axis(axis: str) -> None:
-    """Refuse a name that cannot stand in a topic.
-
-    Examples
-    --------
-    >>> require_axis("axis_a")
-    """
+    """Refuse a name that cannot stand in a topic."""
     if not re.fullmatch(r"[A-Za-z0-9_.\-]{1,64}", axis):
         raise InputError(f"axis {axis[:70]!r} cannot stand in a topic", mend="use letters, digits, _ . and -")
 

@@ -14,13 +14,12 @@ import numpy as np
 
 from fdd.errors import InputError
 from fdd.logs.angles import sample_numbers
-from fdd.logs.stamps import JUMP_PERIODS, nominal_period, stretches
+from fdd.logs.stamps import JUMP_PERIODS, nominal_period
 from fdd.measures import measure
-from fdd.samples import CHANNELS, PRESSURES, Column
+from fdd.samples import PRESSURES, Column
 
 COUNTED_GAP = 1.0
 """s; the rows that a longer gap would have held are not counted as dropped."""
-STUCK_SECONDS = 5.0
 HIGHEST_PRESSURE = 2e8
 RECOMMENDED_SECONDS = 5.0
 
@@ -60,24 +59,20 @@ def check_time(time: Column, shortest: float) -> DataQuality:
             mend=f"record at least {max(RECOMMENDED_SECONDS, shortest):g} s",
         )
     quality = DataQuality(period=period)
-    numbers = sample_numbers(time, period)
-    uneven, longest, after = 0, 0.0, 0.0
-    for part in stretches(time.size):
-        steps = np.diff(time[part])
-        missing = np.diff(numbers[part]) - 1
-        quality.dropped_samples += int(missing[steps <= COUNTED_GAP].sum())
-        quality.time_jumps += int(np.count_nonzero(steps > JUMP_PERIODS * period))
-        if steps.max() > longest:
-            longest, after = float(steps.max()), float(time[part][np.argmax(steps)])
-        # A step that is no whole number of periods: the stamp came late, or early.
-        uneven += int(np.count_nonzero(np.abs(steps / period - np.rint(steps / period)) > 0.05))
+    steps, missing = np.diff(time), np.diff(sample_numbers(time, period)) - 1
+    quality.dropped_samples = int(missing[steps <= COUNTED_GAP].sum())
+    del missing
+    quality.time_jumps = int(np.count_nonzero(steps > JUMP_PERIODS * period))
+    periods = steps / period
+    # A step that is no whole number of periods: the stamp came late, or early.
+    uneven = int(np.count_nonzero(np.abs(periods - np.rint(periods)) > 0.05))
     if quality.dropped_samples:
         share = 100.0 * quality.dropped_samples / (time.size + quality.dropped_samples)
         quality.notes.append(f"{quality.dropped_samples} rows are missing ({share:.2g} %)")
     if quality.time_jumps:
-        quality.notes.append(
-            f"time jumps {quality.time_jumps} times, {longest:.3f} s at most (after t={after:.3f} s)"
-        )
+        row = int(np.argmax(steps))
+        longest = f"{steps[row]:.3f} s at most (after t={time[row]:.3f} s)"
+        quality.notes.append(f"time jumps {quality.time_jumps} times, {longest}")
     if uneven:
         share = 100.0 * uneven / (time.size - 1)
         quality.notes.append(f"{uneven} steps of time are uneven ({share:.2g} %, jitter or late stamps)")
@@ -106,13 +101,6 @@ def check_magnitudes(columns: Mapping[str, Column], units: Mapping[str, str] | N
     Raises
     ------
     InputError : names the channel, the largest value as it was written, and the likely unit.
-
-    Examples
-    --------
-    >>> check_magnitudes({"position": np.array([0.0, 85.0])})
-    Traceback (most recent call last):
-    ...
-    fdd.errors.InputError: channel position: up to 85 m, looks like mm; give unit: mm in the map (--map)
     """
     said = units or {}
     for name in PRESSURES:
@@ -155,87 +143,3 @@ def _largest(columns: Mapping[str, Column], name: str) -> float:
     if values is None or not np.isfinite(values).any():
         return 0.0
     return float(max(np.nanmax(values), -np.nanmin(values)))
-
-
-def suspicions(time: Column, columns: Mapping[str, Column], period: float) -> list[str]:
-    """Notes on channels that are usable but look wrong: standstill, stuck, impossible speeds.
-
-    Parameters
-    ----------
-    time : (n,) s.
-    columns : channels in SI.
-    period : s, nominal.
-    """
-    notes = []
-    moving = (columns[n] for n in ("position", "pump_angle", "pump_speed") if n in columns)
-    if not any(np.nanmax(v) > np.nanmin(v) for v in moving if np.isfinite(v).any()):
-        notes.append("standstill: neither the position nor the pump moves throughout the log")
-    for name, values in columns.items():
-        if CHANNELS[name].dimension != "pressure":
-            continue
-        start, length = _longest_constant(values)
-        if length * period > STUCK_SECONDS and values[start] != 0.0:
-            notes.append(
-                f"{name}: exactly {values[start]:.6g} Pa for {length * period:.1f} s "
-                f"from t={time[start]:.1f} s, looks stuck or at its limit"
-            )
-    notes += _speed_notes(time, columns)
-    return notes
-
-
-def _speed_notes(time: Column, columns: Mapping[str, Column]) -> list[str]:
-    notes = []
-    angle, speed = columns.get("pump_angle"), columns.get("pump_speed")
-    if angle is not None:
-        there = np.flatnonzero(np.isfinite(angle))
-        rate = np.empty(max(there.size - 1, 0))
-        for part in stretches(there.size):
-            rows = there[part]
-            rate[part.start : part.stop - 1] = np.abs(np.diff(angle[rows]) / np.diff(time[rows]))
-        del there
-        if rate.size:
-            usual = float(np.percentile(rate, 99.0, overwrite_input=True))
-            bursts = rate > max(1000.0, 4.0 * usual)
-            if bursts.any():
-                notes.append(
-                    f"pump_angle: {int(bursts.sum())} steps of impossible speed "
-                    f"(up to {rate.max():.0f} rad/s), the angle sensor slips or is disturbed"
-                )
-        del rate
-    if angle is not None and speed is not None:
-        both = np.flatnonzero(np.isfinite(angle) & np.isfinite(speed))
-        steps = np.empty(max(both.size - 1, 0))
-        for part in stretches(both.size):
-            steps[part.start : part.stop - 1] = np.diff(time[both[part]])
-        usual = float(np.median(steps, overwrite_input=True)) if steps.size else 0.0
-        turned = expected = 0.0
-        for part in stretches(both.size):
-            rows = both[part]
-            steps = np.diff(time[rows])
-            # Over a hole in the log one sample of the speed says nothing about how far the pump turned.
-            near = steps <= JUMP_PERIODS * usual
-            turned += float(np.abs(np.diff(angle[rows]))[near].sum())
-            expected += float((np.abs(speed[rows][1:]) * steps)[near].sum())
-        if turned > 10.0 and not 0.8 < expected / turned < 1.25:
-            notes.append(
-                f"pump_speed is {expected / turned:.3g} times the rate of pump_angle: "
-                "the unit or scale of one of them is wrong"
-            )
-    return notes
-
-
-def _longest_constant(values: Column) -> tuple[int, int]:
-    """Start and length (rows) of the longest run of one value."""
-    start, length, open_since = 0, 0, 0
-    for part in stretches(values.size + 1):
-        here = values[part]
-        # NaN differs from itself, so that missing values end a run.
-        ends = np.flatnonzero(here[1:] != here[:-1]) + part.start + 1
-        if part.stop > values.size:
-            ends = np.append(ends, values.size)
-        starts = np.append(open_since, ends)
-        lengths = np.diff(starts)
-        if lengths.size and lengths.max() > length:
-            start, length = int(starts[np.argmax(lengths)]), int(lengths.max())
-        open_since = int(starts[-1])
-    return start, length

@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
 
 from fdd.logs.angles import sample_numbers
-from fdd.logs.stamps import stretches
 from fdd.samples import Column
 
 LEAST_CHANGES = 50
@@ -125,29 +124,16 @@ def own_measurements(time: Column, values: Column, period: float) -> tuple[Colum
 
 def _changes_and_bends(known: Column) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
     """Rows that differ from the one before them, and those at which a line through them bends."""
-    changed, bends = np.ones(known.size, dtype=bool), np.ones(known.size, dtype=bool)
-    tolerance = ROUNDING * float(np.max(known) - np.min(known))
-    for part in stretches(known.size, 2):
-        steps = np.diff(known[part])
-        changed[part.start + 1 : part.stop] = steps != 0.0
-        bends[part.start + 1 : part.stop - 1] = np.abs(np.diff(steps)) > tolerance
-    return changed, bends
+    steps = np.diff(known)
+    bent = np.abs(np.diff(steps)) > ROUNDING * float(np.ptp(known))
+    return np.concatenate(([True], steps != 0.0)), np.concatenate(([True], bent, [True]))
 
 
 def _one_count_at_a_time(known: Column) -> bool:
     """Whether most changes are as small as the smallest."""
-
-    def sizes() -> Iterator[Column]:
-        for part in stretches(known.size):
-            steps = np.abs(np.diff(known[part]))
-            yield steps[steps != 0.0]
-
-    smallest = min((float(s.min()) for s in sizes() if s.size), default=np.inf)
-    changes = small = 0
-    for s in sizes():
-        changes += s.size
-        small += int(np.count_nonzero(s < 1.5 * smallest))
-    return small > 0.5 * changes
+    steps = np.abs(np.diff(known))
+    steps = steps[steps != 0.0]
+    return np.count_nonzero(steps < 1.5 * steps.min(initial=np.inf)) > 0.5 * steps.size
 
 
 def _with_repeats(numbers: NDArray[np.int64], rhythm: float) -> NDArray[np.int64]:
@@ -160,22 +146,18 @@ def _with_repeats(numbers: NDArray[np.int64], rhythm: float) -> NDArray[np.int64
 
 def _rhythm(numbers: NDArray[np.int64]) -> float | None:
     """Rows from one to the next where they come at a rhythm of two or more, else None."""
-    usual = float(np.median(np.diff(numbers), overwrite_input=True))
+    steps = np.diff(numbers)
+    usual = float(np.median(steps))
     if usual < 2.0:
         return None
-    regular = single = rows = 0
-    for part in stretches(numbers.size):
-        # Twice or three times the rhythm where two measurements happen to be equal; a rate that is no whole
-        # number of rows alternates between two steps.
-        steps = np.diff(numbers[part])
-        times = np.maximum(np.rint(steps / usual), 1.0)
-        regular += int(np.count_nonzero(np.abs(steps - times * usual) <= (0.0 if usual < 3 else times)))
-        single += int(np.count_nonzero(times == 1.0))
-        rows += int(steps[times == 1.0].sum())
-    count = numbers.size - 1
-    if regular / count < RHYTHM_SHARE or single / count < 0.5:
+    # Twice or three times the rhythm where two measurements happen to be equal; a rate that is no whole
+    # number of rows alternates between two steps.
+    times = np.maximum(np.rint(steps / usual), 1.0)
+    regular = np.abs(steps - times * usual) <= (0.0 if usual < 3 else times)
+    single = times == 1.0
+    if regular.mean() < RHYTHM_SHARE or single.mean() < 0.5:
         return None
-    return rows / single
+    return float(steps[single].mean())
 
 
 def on_common_rows(

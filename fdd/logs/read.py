@@ -15,7 +15,7 @@ from fdd.logs.conversion import to_si
 from fdd.logs.formats import LogFile, open_log
 from fdd.logs.formats.mcap import McapFile
 from fdd.logs.formats.signals import Signal
-from fdd.logs.quality import DataQuality, check_magnitudes, check_time, count_missing, suspicions
+from fdd.logs.quality import DataQuality, check_magnitudes, check_time, count_missing
 from fdd.logs.rates import aligned, between, on_common_rows, own_measurements, own_period
 from fdd.logs.sources import Feed, feeds_of
 from fdd.logs.stamps import longest_part, nominal_period, ordered_time, spread_bursts
@@ -244,7 +244,6 @@ def _judged(
     count_missing({n: v for n, v in columns.items() if n in recorded - slow}, quality)
     quality.notes = notes + quality.notes + infinite_notes + slow_notes
     quality.notes += [f"{name}: no value at all, taken as absent" for name in empty]
-    quality.notes += suspicions(time, columns, quality.period)
     return Samples(time, columns), quality
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,9 +17,6 @@ LATE_SHARE = 0.01
 BURST_SHARE = 0.2
 STOPPED_S = 4 * 3600.0
 """A log that stands still for longer is two logs, or has a stamp from before its clock was set."""
-
-STRETCH_ROWS = 1 << 16
-"""Rows whose temporaries stay in the processor's cache."""
 
 
 def ordered_time(
@@ -41,11 +38,6 @@ def ordered_time(
     Raises
     ------
     InputError : time runs backwards for more than a few late stamps, or is missing everywhere.
-
-    Examples
-    --------
-    >>> ordered_time(np.array([0.0, 1.0, 1.0, 2.0]))[1].tolist()
-    [0, 1, 3]
     """
     notes: list[str] = []
     rows = np.flatnonzero(np.isfinite(time))
@@ -87,11 +79,6 @@ def spread_bursts(time: Column) -> tuple[Column, list[str]]:
     Parameters
     ----------
     time : (n,) s, as read.
-
-    Examples
-    --------
-    >>> spread_bursts(np.array([0.0, 0.0, 0.5, 0.5, 1.0, 1.0]))[0].tolist()
-    [0.0, 0.25, 0.5, 0.75, 1.0, 1.25]
     """
     if time.size < 4 or not np.isfinite(time).all():
         return time, []
@@ -114,13 +101,7 @@ def spread_bursts(time: Column) -> tuple[Column, list[str]]:
 
 
 def longest_part(time: Column) -> tuple[slice, list[str]]:
-    """Rows of the longest part of a log that was stopped for more than `STOPPED_S`; one early row, say, goes.
-
-    Examples
-    --------
-    >>> longest_part(np.array([0.0, 1e9, 1e9 + 1.0]))[0]
-    slice(1, 3, None)
-    """
+    """Rows of the longest part of a log that was stopped for more than `STOPPED_S`: an early row goes."""
     cuts = np.flatnonzero(np.diff(time) > STOPPED_S) + 1
     if cuts.size == 0:
         return slice(0, time.size), []
@@ -138,21 +119,3 @@ def nominal_period(time: Column) -> float:
     """Median step of the stamps, s."""
     # To the nanosecond: stamps carry rounding of their own.
     return round(float(np.median(np.diff(time), overwrite_input=True)), 9) if time.size > 1 else float("nan")
-
-
-def stretches(rows: int, overlap: int = 1) -> Iterator[slice]:
-    """Consecutive stretches of a column, each with the first rows of the next: all differences once.
-
-    What is counted row by row then needs no second column for what lies between.
-
-    Parameters
-    ----------
-    rows : of the column. overlap : rows that two stretches share.
-
-    Examples
-    --------
-    >>> [(s.start, s.stop) for s in stretches(65540)]
-    [(0, 65537), (65536, 65540)]
-    """
-    for start in range(0, max(rows - overlap, 0), STRETCH_ROWS):
-        yield slice(start, min(start + STRETCH_ROWS + overlap, rows))

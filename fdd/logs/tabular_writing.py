@@ -19,79 +19,57 @@ from fdd.logs.mcap_runs import RunBlock, require_axis
 from fdd.samples import Samples
 
 GROUP_ROWS = 100_000
-"""Rows of a Parquet row group: what is held in memory at most, 100 s at 1 kHz."""
+"""Rows that are written at once: what is held in memory at most, 100 s at 1 kHz."""
 
 
 class TableWriter:
-    """Takes a table's blocks for a CSV file.
+    """Takes a table's blocks; writes groups of exactly `GROUP_ROWS`, which do not depend on the blocks.
 
     Parameters
     ----------
-    path : named in errors. temporary : what is written into.
+    path : named in errors. temporary : what is written into. parquet : else CSV.
     """
 
-    def __init__(self, path: str | Path, temporary: Path) -> None:
-        self._path, self._temporary = path, temporary
-        self._names: list[str] | None = None
+    def __init__(self, path: str | Path, temporary: Path, *, parquet: bool) -> None:
+        self._path, self._temporary, self._parquet = path, temporary, parquet
+        self._waiting: list[Any] = []
+        self._rows = 0
         self._writer: Any = None
+        self._names: list[str] | None = None
 
     def add(self, time: ArrayLike, columns: Mapping[str, ArrayLike]) -> None:
         """The next rows: (n,) s and the columns (n,), the same ones in every block."""
         import pyarrow as pa
 
         arrays = {"time": np.asarray(time), **{n: np.asarray(v) for n, v in columns.items()}}
-        if self._names is None:
-            self._names = list(arrays)
-        if list(arrays) != self._names:
-            raise InputError(
-                f"a block has the columns {', '.join(arrays)}, the ones before {', '.join(self._names)}",
-                where=self._path,
-                mend="give all blocks the same columns",
-            )
+        names = self._names = self._names or list(arrays)
+        if list(arrays) != names:
+            problem = f"a block has the columns {', '.join(arrays)}, the ones before {', '.join(names)}"
+            raise InputError(problem, where=self._path, mend="give all blocks the same columns")
         # A missing value is null, which an empty cell is read as too.
-        self._take(pa.table({n: pa.array(v, mask=np.isnan(v)) for n, v in arrays.items()}))
-
-    def close(self) -> None:
-        """Write what is left."""
-        if self._writer is not None:
-            self._writer.close()
-
-    def _take(self, table: Any) -> None:
-        from pyarrow import csv
-
-        if self._writer is None:
-            self._writer = csv.CSVWriter(self._temporary, table.schema)
-        self._writer.write_table(table)
-
-
-class _Parquet(TableWriter):
-    """Row groups of exactly `GROUP_ROWS`, so that they do not depend on the blocks."""
-
-    def __init__(self, path: str | Path, temporary: Path) -> None:
-        super().__init__(path, temporary)
-        self._waiting: list[Any] = []
-        self._rows = 0
-
-    def _take(self, table: Any) -> None:
-        self._waiting.append(table)
-        self._rows += table.num_rows
+        self._waiting.append(pa.table({n: pa.array(v, mask=np.isnan(v)) for n, v in arrays.items()}))
+        self._rows += arrays["time"].size
         if self._rows >= GROUP_ROWS:
             self._write(self._rows - self._rows % GROUP_ROWS)
 
     def close(self) -> None:
+        """Write what is left."""
         if self._waiting and (self._rows or self._writer is None):
             self._write(self._rows)
-        super().close()
+        if self._writer is not None:
+            self._writer.close()
 
     def _write(self, rows: int) -> None:
         import pyarrow as pa
-        from pyarrow import parquet
+        from pyarrow import csv, parquet
 
         # Chunks that the blocks left would show in the pages.
         joined = pa.concat_tables(self._waiting).combine_chunks()
-        if self._writer is None:
+        if self._writer is None and self._parquet:
             self._writer = parquet.ParquetWriter(self._temporary, joined.schema, compression="zstd")
-        self._writer.write_table(joined.slice(0, rows), row_group_size=GROUP_ROWS)
+        elif self._writer is None:
+            self._writer = csv.CSVWriter(self._temporary, joined.schema)
+        self._writer.write_table(joined.slice(0, rows), GROUP_ROWS)
         self._rows -= rows
         # Copied: a slice would keep the whole block alive.
         self._waiting = [joined.take(np.arange(rows, joined.num_rows))] if self._rows else []
@@ -110,17 +88,10 @@ def table_file(path: str | Path, kind: str | None = None) -> Iterator[TableWrite
     Raises
     ------
     InputError : it cannot be written, or the columns change from block to block.
-
-    Examples
-    --------
-    >>> with table_file("run.parquet") as out:  # doctest: +SKIP
-    ...     for block in blocks:
-    ...         out.add(block.time, block.columns)
     """
     parquet = (kind or Path(path).suffix.lower().lstrip(".")) == "parquet"
-    kept = _Parquet if parquet else TableWriter
     # Closed after an error too, or the system keeps the file open; what it then writes is thrown away.
-    with whole_file(path) as temporary, closing(kept(path, temporary)) as writer:
+    with whole_file(path) as temporary, closing(TableWriter(path, temporary, parquet=parquet)) as writer:
         yield writer
 
 

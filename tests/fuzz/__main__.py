@@ -6,7 +6,7 @@ import argparse
 import sys
 from pathlib import Path
 
-from tests.fuzz.targets import KINDS, SEEDS
+from tests.fuzz.targets import KINDS
 from tests.fuzz.workers import fuzz, tasks_of
 
 
@@ -18,13 +18,7 @@ def main() -> int:
     options.add_argument("--kind", default=",".join(KINDS))
     options.add_argument("--workers", type=int, default=2)
     options.add_argument("--keep", type=Path, default=Path("fuzz-finds"), help="folder for failing cases")
-    options.add_argument("--make-seeds", action="store_true", help="write the valid files anew, and end")
     given = options.parse_args()
-    if given.make_seeds:
-        from tests.fuzz.making_seeds import make_all
-
-        make_all(SEEDS)
-        return 0
     kinds = given.kind.split(",")
     if unknown := [k for k in kinds if k not in KINDS]:
         options.error(f"no such kind: {', '.join(unknown)}; there are: {', '.join(KINDS)}")

@@ -8,6 +8,10 @@ import random
 import struct
 import zipfile
 import zlib
+from collections.abc import Callable
+
+import lz4.frame
+import zstandard
 
 from tests.fuzz.mutations import EXTREMES, bytes_changed, text_changed
 
@@ -76,50 +80,28 @@ def mcap_changed(raw: bytes, rng: random.Random) -> bytes:
 
 def _chunk_changed(body: bytes, rng: random.Random) -> bytes:
     start, end, size, _, named = struct.unpack_from("<QQQII", body)
-    compression, packed = body[32 : 32 + named].decode(), body[40 + named :]
-    inner = _unpacked(packed, compression, size)
+    compression = body[32 : 32 + named].decode()
+    inner = _CODECS[compression][0](body[40 + named :])
     if rng.random() < 0.15:
         inner = bytes_changed(inner, rng)
     else:
         inner = bytes_of(_records_changed(records_of(inner), rng))
     size, crc = len(inner), zlib.crc32(inner)
     compression = rng.choice(("", "zstd", "lz4", compression))
-    packed = _packed(inner, compression)
+    packed = _CODECS[compression][1](inner)
     if rng.random() < 0.1:
         size = rng.choice(EXTREMES) & 2**64 - 1
     if rng.random() < 0.05:
         packed = bytes_changed(packed, rng)
-    name = compression.encode()
-    return (
-        struct.pack("<QQQII", start, end, size, crc, len(name))
-        + name
-        + struct.pack("<Q", len(packed))
-        + packed
-    )
+    head = struct.pack("<QQQII", start, end, size, crc, len(compression)) + compression.encode()
+    return head + struct.pack("<Q", len(packed)) + packed
 
 
-def _unpacked(packed: bytes, compression: str, size: int) -> bytes:
-    if compression == "zstd":
-        import zstandard
-
-        return zstandard.ZstdDecompressor().decompress(packed, size)
-    if compression == "lz4":
-        import lz4.frame
-
-        return bytes(lz4.frame.decompress(packed))
-    return packed
-
-
-def _packed(inner: bytes, compression: str) -> bytes:
-    if compression == "zstd":
-        import zstandard
-
-        return zstandard.ZstdCompressor().compress(inner)
-    if compression == "lz4":
-        import lz4.frame
-
-        return bytes(lz4.frame.compress(inner))
-    return inner
+_CODECS: dict[str, tuple[Callable[[bytes], bytes], Callable[[bytes], bytes]]] = {
+    "": (bytes, bytes),
+    "zstd": (zstandard.decompress, zstandard.compress),
+    "lz4": (lz4.frame.decompress, lz4.frame.compress),
+}
 
 
 def _records_changed(records: list[Record], rng: random.Random) -> list[Record]:

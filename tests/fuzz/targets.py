@@ -6,6 +6,8 @@ import random
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cache
+from importlib import import_module
+from operator import attrgetter
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -90,28 +92,9 @@ def _messages(path: Path) -> None:
     _log(path, _map_of_topics())
 
 
-def _unit(path: Path) -> None:
-    from fdd.unit import Unit
-
-    Unit.load(path).to_yaml()
-
-
-def _model(path: Path) -> None:
-    from fdd.diagnosis.model import Model
-
-    Model.load(path)
-
-
-def _recipe(path: Path) -> None:
-    from fdd.campaign.recipe import Recipe
-
-    Recipe.load(path)
-
-
-def _sheet(path: Path) -> None:
-    from fdd.data_sheet.answers import read_answers
-
-    read_answers(path)
+def _calls(module: str, name: str) -> Callable[[Path], object]:
+    """A function of fdd that takes a path, imported when it is called."""
+    return lambda path: attrgetter(name)(import_module(module))(path)
 
 
 def _duty(path: Path) -> None:
@@ -165,10 +148,12 @@ KINDS: dict[str, Kind] = {
     "mcap": Kind(_messages, _plain(mcap_changed)),
     "map": Kind(ChannelMap.load, data_changed, ("examples/*.map.yaml",)),
     "words": Kind(lambda p: Words(p).concepts("Speicherdruck"), data_changed),
-    "unit": Kind(_unit, data_changed, ("fdd/units/*.yaml", "fdd/demo/unit.yaml")),
-    "model": Kind(_model, data_changed, ("fdd/diagnosis/model.json",)),
-    "recipe": Kind(_recipe, data_changed, ("datasets/*.yaml",)),
-    "sheet": Kind(_sheet, data_changed, ("examples/*.datasheet.yaml",)),
+    "unit": Kind(_calls("fdd.unit", "Unit.load"), data_changed, ("fdd/units/*.yaml", "fdd/demo/unit.yaml")),
+    "model": Kind(_calls("fdd.diagnosis.model", "Model.load"), data_changed, ("fdd/diagnosis/model.json",)),
+    "recipe": Kind(_calls("fdd.campaign.recipe", "Recipe.load"), data_changed, ("datasets/*.yaml",)),
+    "sheet": Kind(
+        _calls("fdd.data_sheet.answers", "read_answers"), data_changed, ("examples/*.datasheet.yaml",)
+    ),
     "duty": Kind(_duty, data_changed, ("examples/*.duty.yaml",)),
     "answers": Kind(_answers, data_changed),
     "lines": Kind(_lines, data_changed),

@@ -3,17 +3,20 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 from mcap.reader import make_reader
+from mcap.writer import Writer
 from mcap_protobuf.decoder import DecoderFactory
 
 from fdd.errors import InputError
 from fdd.logs import Log, read_log
+from fdd.logs.mcap_runs import RunBlock
 from fdd.samples import Samples
 
 
@@ -40,6 +43,25 @@ def strokes(n: int = 6000, seed: int = 5) -> Samples:
     )
 
 
+ROWS = 1200
+A, B = strokes(ROWS, seed=1), strokes(ROWS, seed=2)
+# The axes are sampled together, but B loses rows of its own.
+B = Samples(B.time[np.arange(ROWS) % 7 > 0], {c: v[np.arange(ROWS) % 7 > 0] for c, v in B.columns.items()})
+
+
+def parts(samples: Samples, edges: list[int], axis: str | None, thin: int = 10) -> list[RunBlock]:
+    """Blocks between the edges, with every `thin`-th row's truth; 0 for none."""
+    bounds = [0, *sorted(min(e, len(samples)) for e in edges), len(samples)]
+    blocks = []
+    for start, stop in pairwise(bounds):
+        truth = None
+        if thin:
+            rows = np.arange(start, stop)[np.arange(start, stop) % thin == 0]
+            truth = {"time": samples.time[rows], "leakage": 1e-12 * rows, "stuck": rows % 2 == 0}
+        blocks.append(RunBlock(samples.rows(start, stop), truth, axis))
+    return blocks
+
+
 def refused(act: Callable[[], object]) -> str:
     """The line of the InputError that `act` must raise."""
     with pytest.raises(InputError) as caught:
@@ -61,6 +83,26 @@ def assert_same(log: Log, samples: Samples) -> None:
     np.testing.assert_array_equal(log.samples.time, samples.time)
     for name in samples.channels:
         np.testing.assert_array_equal(log.samples.get(name), samples[name], err_msg=name)
+
+
+def mcap_of(
+    path: Path,
+    messages: Iterable[bytes],
+    topic: str = "/daq",
+    encoding: str = "json",
+    schema: tuple[str, str, bytes] | None = None,
+    **how: Any,
+) -> Path:
+    """A file of messages a millisecond apart, as the library writes it."""
+    with path.open("wb") as stream:
+        writer = Writer(stream, **how)
+        writer.start()
+        number = 0 if schema is None else writer.register_schema(*schema)
+        channel = writer.register_channel(topic, encoding, number)
+        for k, message in enumerate(messages):
+            writer.add_message(channel, k * 10**6, message, 0)
+        writer.finish()
+    return path
 
 
 def as_dict(message: Any) -> dict[str, Any]:

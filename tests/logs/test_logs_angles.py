@@ -25,23 +25,6 @@ def test_unwrapping_gives_counts_back(steps: list[int], missing: set[int]) -> No
     assert np.isnan(out[~there]).all()
 
 
-@given(
-    st.lists(st.booleans(), min_size=20, max_size=200),
-    st.lists(st.floats(0.0, 0.9), min_size=20, max_size=200),
-)
-def test_rows_keep_their_number_when_some_are_missing_or_late(keep: list[bool], late: list[float]) -> None:
-    """Test: dropped rows; apart from them, stamps up to 0.9 periods late. Expected: the true numbers."""
-    n = min(len(keep), len(late))
-    number = np.flatnonzero([True, *keep[: n - 1]])
-    lateness = np.zeros(n)
-    # Late stamps are rare: alone among rows in time, none missing beside them.
-    for row in range(2, n - 2, 5):
-        if {row - 2, row - 1, row, row + 1, row + 2} <= set(number.tolist()):
-            lateness[row] = late[row]
-    time = (number + lateness[number]) * 1e-3
-    np.testing.assert_array_equal(sample_numbers(time, 1e-3), number)
-
-
 def test_count_differences_add_up_exactly_with_missing_rows() -> None:
     """Test: speed as count difference per nominal millisecond, rows missing, stamps late, constant speed.
 

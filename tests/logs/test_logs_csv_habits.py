@@ -13,7 +13,6 @@ from made_up_logs import refused, strokes
 
 from fdd.logs import ChannelMap, read_log
 from fdd.logs.formats.dates import stamps_to_seconds
-from fdd.logs.formats.text_layout import find_layout
 
 SAMPLES = strokes(2500)
 CHANNELS = ("time", "position", "pump_angle", "pressure_difference")
@@ -118,9 +117,3 @@ def test_stamps_against_the_standard_library(stamps: list, form: str) -> None:
     wanted = [datetime.strptime(t, form).replace(tzinfo=UTC).timestamp() for t in texts]
     seconds, start, _ = stamps_to_seconds(texts)
     np.testing.assert_allclose(seconds + start * 1e-9, wanted, atol=2e-6)
-
-
-@given(st.lists(st.text(max_size=30), max_size=30))
-def test_any_lines_have_a_layout_or_none(lines: list[str]) -> None:
-    found = find_layout(lines)
-    assert found is None or (found.names and len(found.units) == len(found.names))

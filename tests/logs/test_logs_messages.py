@@ -10,8 +10,8 @@ from typing import Any
 
 import numpy as np
 import pytest
-from made_up_logs import refused_log
-from mcap.writer import CompressionType, Writer
+from made_up_logs import mcap_of, refused_log
+from mcap.writer import CompressionType
 
 from fdd.logs import ChannelMap, read_log
 from fdd.logs.formats import open_log
@@ -70,16 +70,8 @@ def test_ros2_messages_of_any_shape(tmp_path: Path) -> None:
             writer.write_message("/daq", schema, ros_message(k), log_time=k * 10**6, publish_time=0)
         writer.finish()
     log = open_log(tmp_path / "a.mcap")
-    names = [
-        "motor.speed",
-        "motor.counts",
-        "pressures[1]",
-        "extra[0]",
-        "running",
-        "mode",
-        "position",
-        "header.stamp",
-    ]
+    names = ["motor.speed", "motor.counts", "pressures[1]", "extra[0]", "running", "mode"]
+    names += ["position", "header.stamp"]
     assert {f"/daq.{n}" for n in names} <= set(log.signals)
     read = log.read([f"/daq.{n}" for n in names])
     k = np.arange(N)
@@ -94,20 +86,6 @@ def test_ros2_messages_of_any_shape(tmp_path: Path) -> None:
     np.testing.assert_allclose(samples["position"], 1e-3 * k)
 
 
-def mcap_of(
-    path: Path, encoding: str, schema: tuple[str, str, bytes], messages: list[bytes], **how: Any
-) -> Path:
-    with path.open("wb") as stream:
-        writer = Writer(stream, **how)
-        writer.start()
-        number = writer.register_schema(*schema)
-        channel = writer.register_channel("/daq", encoding, number)
-        for k, message in enumerate(messages):
-            writer.add_message(channel, k * 10**6, message, 0)
-        writer.finish()
-    return path
-
-
 def test_ros2_in_the_other_byte_order_and_ros1(tmp_path: Path) -> None:
     text = b"uint8 a\nfloat64 x\nint16 b\nfloat32[] c\n"
     big, ros1 = [], []
@@ -117,7 +95,7 @@ def test_ros2_in_the_other_byte_order_and_ros1(tmp_path: Path) -> None:
         )
         ros1.append(struct.pack("<BdhI", k % 256, 0.5 * k, -k, 2) + struct.pack("<ff", 1.5 * k, 9.0))
     for encoding, kind, messages in (("cdr", "ros2msg", big), ("ros1", "ros1msg", ros1)):
-        path = mcap_of(tmp_path / f"{encoding}.mcap", encoding, ("p/msg/T", kind, text), messages)
+        path = mcap_of(tmp_path / f"{encoding}.mcap", messages, "/daq", encoding, ("p/msg/T", kind, text))
         read = open_log(path).read(["/daq.x", "/daq.b", "/daq.c[0]", "/daq.c[1]"])
         for values, wanted in zip(read.values(), (0.5, -1.0, 1.5), strict=False):
             np.testing.assert_allclose(values, wanted * np.arange(N))
@@ -165,7 +143,7 @@ def test_protobuf_messages_of_every_kind(tmp_path: Path) -> None:
         wanted.append(
             {**values, "motor.w": 2.0 * k, "motor.packed[0]": k, "many[1].w": k + 0.25, "list[1]": -k}
         )
-    path = mcap_of(tmp_path / "a.mcap", "protobuf", ("rig.Daq", "protobuf", schema), messages)
+    path = mcap_of(tmp_path / "a.mcap", messages, "/daq", "protobuf", ("rig.Daq", "protobuf", schema))
     log = open_log(path)
     assert "/daq.list[2]" not in log.signals and "/daq.many[2].w" not in log.signals
     read = log.read([f"/daq.{n}" for n in wanted[0]])
@@ -181,9 +159,8 @@ def test_protobuf_messages_of_every_kind(tmp_path: Path) -> None:
 def test_a_cut_protobuf_message_is_told(cut: int, tmp_path: Path) -> None:
     kind, schema = protobuf_schema()
     whole = kind(d=1.5, i32=-1).SerializeToString()
-    path = mcap_of(
-        tmp_path / "a.mcap", "protobuf", ("rig.Daq", "protobuf", schema), [whole, whole[: len(whole) - cut]]
-    )
+    cut_off = [whole, whole[: len(whole) - cut]]
+    path = mcap_of(tmp_path / "a.mcap", cut_off, "/daq", "protobuf", ("rig.Daq", "protobuf", schema))
     try:
         values = open_log(path).read(["/daq.d"])["/daq.d"]
     except ValueError as error:
@@ -202,13 +179,8 @@ def test_json_of_every_make_up(how: dict[str, Any], tmp_path: Path) -> None:
     objects[7]["x"] = float("nan")
     del objects[9]["p"]["a"]
     texts = [json.dumps(o, indent=2 if k % 50 == 0 else None).encode() for k, o in enumerate(objects)]
-    path = mcap_of(
-        tmp_path / "a.mcap",
-        "json",
-        ("Daq", "jsonschema", b'{"properties": {"x": {"unit": "mm"}}}'),
-        texts,
-        **how,
-    )
+    schema = ("Daq", "jsonschema", b'{"properties": {"x": {"unit": "mm"}}}')
+    path = mcap_of(tmp_path / "a.mcap", texts, "/daq", "json", schema, **how)
     log = open_log(path)
     assert log.signals["/daq.x"].unit == "mm"
     read = SimpleNamespace(
@@ -232,5 +204,5 @@ def test_what_cannot_be_read_says_why(tmp_path: Path) -> None:
         ("cdr", ("p/T", "ros2msg", b"Other x\n"), "no definition of the ROS type p/Other"),
         ("protobuf", ("rig.Daq", "protobuf", b"\xff\xff"), "damaged Protobuf schema"),
     ):
-        path = mcap_of(tmp_path / "a.mcap", encoding, schema, [b"\0\1\0\0" * 4] * 3)
+        path = mcap_of(tmp_path / "a.mcap", [b"\0\1\0\0" * 4] * 3, "/daq", encoding, schema)
         assert said in refused_log(path, wanted)

@@ -3,16 +3,16 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
 import pandas as pd
 import pytest
-from made_up_logs import refused, strokes
+from made_up_logs import strokes
 from mcap.writer import Writer
 
 from fdd.logs import ChannelMap, DataQuality, Log, read_log
-from fdd.logs.stamps import ordered_time
 
 
 def read_frame(folder: Path, frame: pd.DataFrame) -> Log:
@@ -34,102 +34,65 @@ def test_a_clean_log_has_nothing_to_note(tmp_path: Path) -> None:
     assert quality == DataQuality(period=0.001)
 
 
-def test_missing_rows_gaps_and_nan_are_counted(tmp_path: Path) -> None:
-    odd = frame()
-    odd.loc[100:119, "pressure_1"] = np.nan
-    odd.loc[110:129, "position"] = np.nan
-    odd = odd.drop(index=[7, 8, 500, *range(2000, 2050)])
-    quality = read_frame(tmp_path, odd).quality
-    assert quality.dropped_samples == 53
-    assert quality.nan_samples == 30
-    assert quality.time_jumps == 1
-    noted(quality, "53 rows are missing")
-    noted(quality, "time jumps 1 times", "0.051 s", "t=1.999 s")
-    noted(quality, "pressure_1: 20 values")
-    noted(quality, "position: 20 values")
+Change = Callable[[pd.DataFrame], pd.DataFrame]
 
 
-def test_an_hour_without_data_is_a_jump_not_a_million_rows(tmp_path: Path) -> None:
-    odd = frame()
-    odd.loc[4000:, "time"] += 3600.0
-    quality = read_frame(tmp_path, odd).quality
-    assert (quality.dropped_samples, quality.time_jumps) == (0, 1)
+def put(*cells: tuple[object, str, object]) -> Change:
+    """Rows, column and value of each."""
+
+    def change(whole: pd.DataFrame) -> pd.DataFrame:
+        for rows, column, value in cells:
+            whole.loc[rows, column] = value
+        return whole
+
+    return change
 
 
-def test_late_stamps_are_noted_and_are_no_missing_rows(tmp_path: Path) -> None:
-    odd = frame()
-    odd.loc[[100, 2000, 3000], "time"] += 0.0007
-    quality = read_frame(tmp_path, odd).quality
-    assert quality.dropped_samples == 0
-    noted(quality, "6 steps of time are uneven")
+def later(rows: object, seconds: float) -> Change:
+    return lambda whole: put((rows, "time", whole.loc[rows, "time"] + seconds))(whole)
 
 
-def test_a_stamp_later_than_the_next_goes_between_its_neighbours(tmp_path: Path) -> None:
-    odd = frame()
-    odd.loc[100, "time"] += 0.0013
-    log = read_frame(tmp_path, odd)
-    np.testing.assert_allclose(log.samples.time, np.arange(8000) * 1e-3, atol=1e-12)
-    noted(log.quality, "1 late time stamps")
+GAPS = put((slice(100, 119), "pressure_1", np.nan), (slice(110, 129), "position", np.nan))
+ODD: dict[str, tuple[Change, tuple[int, int, int, int], list[list[str]]]] = {
+    "rows and values that are missing": (
+        lambda whole: GAPS(whole).drop(index=[7, 8, 500, *range(2000, 2050)]), (7947, 53, 30, 1),
+        [["53 rows are missing"], ["time jumps 1 times", "0.051 s", "t=1.999 s"], ["pressure_1: 20 values"],
+         ["position: 20 values"]],
+    ),
+    "an hour without data is a jump": (later(slice(4000, None), 3600.0), (8000, 0, 0, 1), [["time jumps 1"]]),
+    "five hours without data are cut": (
+        later(slice(3000, None), 5 * 3600.0), (5000, 0, 0, 0), [["stands still for more", "3000 rows"]],
+    ),
+    "late stamps are no missing rows": (
+        later([100, 2000, 3000], 0.0007), (8000, 0, 0, 0), [["6 steps of time are uneven"]],
+    ),
+    "a stamp later than the next": (later(100, 0.0013), (8000, 0, 0, 0), [["1 late time stamps"]]),
+    "a row that comes twice": (
+        lambda whole: pd.concat([whole[:10], whole[9:]]), (8000, 0, 0, 0), [["1 rows repeat"]],
+    ),
+    "no stamp": (put((5, "time", np.nan)), (7999, 1, 0, 0), [["1 rows without a time stamp"]]),
+    "infinite and empty": (
+        lambda whole: put((3, "position", np.inf))(whole.assign(motor_current=np.nan)), (8000, 0, 1, 0),
+        [["position: 1 infinite"], ["motor_current: no value at all"]],
+    ),
+    "packets": (
+        lambda whole: whole.assign(time=np.floor(np.arange(8000) / 10) * 0.01), (8000, 0, 0, 0),
+        [["packets of 10 rows"]],
+    ),
+}  # fmt: skip
+"""What is changed; rows, dropped, NaN and jumps that are counted; parts of notes."""
 
 
-def test_repeated_rows_and_rows_without_time_are_left_out(tmp_path: Path) -> None:
-    odd = pd.concat([frame()[:10], frame()[9:]])
-    log = read_frame(tmp_path, odd)
-    assert len(log.samples) == 8000
-    noted(log.quality, "1 rows repeat")
-    lost = frame()
-    lost.loc[5, "time"] = np.nan
-    log = read_frame(tmp_path, lost)
-    assert len(log.samples) == 7999
-    noted(log.quality, "1 rows without a time stamp")
-
-
-def test_infinite_and_empty_channels(tmp_path: Path) -> None:
-    odd = frame().assign(motor_current=np.nan)
-    odd.loc[3, "position"] = np.inf
-    log = read_frame(tmp_path, odd)
-    assert np.isnan(log.samples["position"][3]) and "motor_current" not in log.samples
-    noted(log.quality, "position: 1 infinite")
-    noted(log.quality, "motor_current: no value at all")
-
-
-def test_standstill_and_stuck_sensors(tmp_path: Path) -> None:
-    still = frame().assign(position=0.1, pump_angle=0.0, pump_speed=0.0)
-    noted(read_frame(tmp_path, still).quality, "standstill")
-    stuck = frame()
-    stuck.loc[1000:7000, "pressure_2"] = 4.2e5
-    quality = read_frame(tmp_path, stuck).quality
-    noted(quality, "pressure_2", "exactly 420000 Pa for 6.0 s", "t=1.0 s")
-    assert not any("standstill" in n for n in quality.notes)
-
-
-def test_impossible_angle_steps_and_a_speed_in_rpm(tmp_path: Path) -> None:
-    odd = frame()
-    odd.loc[5000:, "pump_angle"] += 3.0
-    noted(read_frame(tmp_path, odd).quality, "1 steps of impossible speed", "300")
-    rpm = frame()
-    rpm["pump_speed"] *= 30.0 / np.pi
-    noted(read_frame(tmp_path, rpm).quality, "pump_speed is 9.55 times")
-
-
-@pytest.mark.parametrize("hole", [20.0, 1e6])
-def test_a_hole_in_the_log_makes_no_speed_wrong(tmp_path: Path, hole: float) -> None:
-    odd = frame()
-    fastest = int(odd["pump_speed"].abs().to_numpy().argmax())
-    odd.loc[fastest:, "time"] += hole
-    notes = read_frame(tmp_path, odd).quality.notes
-    assert any("time jumps 1 times" in n if hole < 1e4 else "stands still" in n for n in notes)
-    assert not any("pump_speed" in n for n in notes), notes
-    odd["pump_speed"] *= 30.0 / np.pi
-    noted(read_frame(tmp_path, odd).quality, "pump_speed is 9.55 times")
-
-
-def test_speeds_are_compared_where_the_pump_is_sampled_seldom(tmp_path: Path) -> None:
-    seldom = frame()
-    seldom.loc[np.arange(8000) % 20 != 0, ["pump_angle", "pump_speed"]] = np.nan
-    assert not any("times the rate" in n for n in read_frame(tmp_path, seldom).quality.notes)
-    seldom["pump_speed"] *= 2.0
-    noted(read_frame(tmp_path, seldom).quality, "pump_speed is 2 times")
+@pytest.mark.parametrize("what", ODD)
+def test_what_is_odd_is_counted_and_told(what: str, tmp_path: Path) -> None:
+    change, counted, notes = ODD[what]
+    log = read_frame(tmp_path, change(frame()))
+    q = log.quality
+    assert (len(log.samples), q.dropped_samples, q.nan_samples, q.time_jumps) == counted
+    for parts in notes:
+        noted(q, *parts)
+    if what in ("packets", "a stamp later than the next"):
+        np.testing.assert_allclose(log.samples.time, np.arange(8000) * 1e-3, atol=1e-9)
 
 
 def test_what_is_absent_is_derived_from_what_is_there(tmp_path: Path) -> None:
@@ -143,11 +106,6 @@ def test_what_is_absent_is_derived_from_what_is_there(tmp_path: Path) -> None:
 def test_a_drained_accumulator_is_a_fault_and_no_wrong_unit(tmp_path: Path) -> None:
     drained = frame().assign(pressure_accumulator=50.0 + np.arange(8000) % 3)
     assert "pressure_accumulator" in read_frame(tmp_path, drained).samples
-
-
-def test_backwards_time_names_the_row() -> None:
-    time = np.concatenate([np.arange(10.0), np.arange(5.0)])
-    assert "at row 10: 0.000000 s after 9.000000 s" in refused(lambda: ordered_time(time))
 
 
 def test_a_slower_topic_has_values_when_they_come(tmp_path: Path) -> None:
@@ -238,11 +196,3 @@ def test_rows_that_hold_a_speed_alone_are_left_out(tmp_path: Path) -> None:
     assert np.isfinite(log.samples["position"]).mean() > 0.99
     np.testing.assert_allclose(np.interp(log.samples.time, samples.time, columns["pump_speed"]),
                                log.samples["pump_speed"], rtol=1e-9, atol=1e-9)  # fmt: skip
-
-
-def test_packets_of_rows_with_one_stamp_are_spread(tmp_path: Path) -> None:
-    odd = frame()
-    odd["time"] = np.floor(np.arange(8000) / 10) * 0.01
-    log = read_frame(tmp_path, odd)
-    np.testing.assert_allclose(log.samples.time, np.arange(8000) * 1e-3, atol=1e-9)
-    noted(log.quality, "packets of 10 rows")

@@ -1,7 +1,8 @@
-"""What is written is read back, bit for bit, and other libraries read it too."""
+"""What is written is read back, bit for bit, by other libraries too, and however it was cut into blocks."""
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
@@ -11,12 +12,13 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
-from made_up_logs import assert_same, strokes
+from made_up_logs import ROWS, A, B, assert_same, parts, refused, strokes
+from pyarrow import parquet
 
-from fdd.logs import read_log
+from fdd.logs import read_log, tabular_writing
 from fdd.logs.mcap_runs import RunBlock, write_blocks
 from fdd.logs.mcap_writing import write_run
-from fdd.logs.tabular_writing import write_csv, write_parquet
+from fdd.logs.tabular_writing import table_file, write_csv, write_parquet, write_table_blocks
 from fdd.samples import Samples
 
 finite = st.floats(-1e300, 1e300)
@@ -60,14 +62,6 @@ def test_any_samples_survive_every_format(samples: Samples) -> None:
             assert set(log.samples.channels) == set(samples.channels)
             expected = np.isnan(np.array(list(samples.columns.values()))).any(axis=0).sum()
             assert log.quality.nan_samples == expected
-
-
-def test_the_suffix_does_not_matter(tmp_path: Path) -> None:
-    samples = strokes()
-    for write in (write_csv, write_parquet, lambda p, s: write_run(p, s, axis="a")):
-        path = tmp_path / "log.dat"
-        write(path, samples)
-        assert_same(read_log(path), samples)
 
 
 def test_pandas_reads_what_we_write(tmp_path: Path) -> None:
@@ -133,3 +127,54 @@ def test_a_failed_write_leaves_the_old_file_and_no_other(tmp_path: Path) -> None
     with pytest.raises(ValueError):
         write_run(path, strokes(10), axis="a", truth={"time": np.zeros(3), "leakage": np.ones(4)})
     assert path.read_bytes() == b"old" and list(tmp_path.iterdir()) == [path]
+
+
+cuts = st.lists(st.integers(0, ROWS), max_size=8)
+
+
+@given(edges=cuts)
+@settings(max_examples=25, deadline=None)
+def test_tables_in_any_blocks_are_the_same_files(edges: list[int]) -> None:
+    gaps = A.with_columns({"load_force": np.where(np.arange(ROWS) < 500, np.nan, 1.5)})
+    with TemporaryDirectory() as folder, pytest.MonkeyPatch.context() as patch:
+        patch.setattr(tabular_writing, "GROUP_ROWS", 350)
+        for kind, write in (("csv", write_csv), ("parquet", write_parquet)):
+            whole, cut = Path(folder) / f"whole.{kind}", Path(folder) / f"cut.{kind}"
+            write(whole, gaps)
+            assert write_table_blocks(cut, parts(gaps, edges, None), axes=["a"]) == [cut]
+            assert cut.read_bytes() == whole.read_bytes()
+            assert_same(read_log(cut, shortest=0.0), gaps)
+        groups = parquet.ParquetFile(Path(folder) / "cut.parquet").metadata
+        assert [groups.row_group(k).num_rows for k in range(groups.num_row_groups)] == [350, 350, 350, 150]
+
+
+@pytest.mark.parametrize("kind", ["csv", "parquet"])
+def test_a_dual_run_in_tables_is_a_file_for_each_axis(tmp_path: Path, kind: str) -> None:
+    blocks = [*parts(A, [500], "a"), *parts(B, [200], "b")]
+    files = write_table_blocks(tmp_path / f"run.{kind}", blocks, axes=["a", "b"])
+    assert [f.name for f in files] == [f"run.a.{kind}", f"run.b.{kind}"]
+    assert_same(read_log(files[0], shortest=0.0), A)
+    assert_same(read_log(files[1], shortest=0.0), B)
+
+
+def failing(blocks: list[RunBlock]) -> Iterator[RunBlock]:
+    yield from blocks
+    raise RuntimeError("the plant stopped")
+
+
+@pytest.mark.parametrize("kind", ["csv", "parquet", "mcap"])
+@pytest.mark.parametrize("axes", [["a"], ["a", "b"]])
+def test_a_run_that_breaks_off_leaves_no_file(tmp_path: Path, axes: list[str], kind: str) -> None:
+    write = write_blocks if kind == "mcap" else write_table_blocks
+    with pytest.raises(RuntimeError):
+        write(tmp_path / f"a.{kind}", failing(parts(A, [500], "a")), axes=axes)
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_blocks_that_do_not_fit_are_refused_in_one_line(tmp_path: Path) -> None:
+    with table_file(tmp_path / "a.csv") as out:
+        out.add(A.time, A.columns)
+        assert "same columns" in refused(lambda: out.add(A.time, {"position": A["position"]}))
+    tables = [RunBlock(A, None, "c")]
+    assert "'c'" in refused(lambda: write_table_blocks(tmp_path / "b.csv", tables, axes=["a"]))
+    assert [f.name for f in tmp_path.iterdir()] == ["a.csv"]

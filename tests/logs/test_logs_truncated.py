@@ -62,18 +62,6 @@ def test_a_file_cut_anywhere_gives_a_prefix_and_a_note(whole: bytes, share: floa
         assert "cut off" in str(read) or "not an MCAP" in str(read) or "is empty" in str(read)
 
 
-def test_half_a_file_gives_about_half_the_log(whole: bytes) -> None:
-    read = read_bytes(whole[: len(whole) // 2])
-    assert isinstance(read, Log)
-    assert 0.3 * len(SAMPLES) < len(read.samples) < 0.7 * len(SAMPLES)
-    assert f"read up to t={read.samples.time[-1]:.3f} s" in read.quality.notes[0]
-
-
-def test_a_whole_file_has_no_note(whole: bytes) -> None:
-    read = read_bytes(whole)
-    assert isinstance(read, Log) and read.quality.notes == [] and len(read.samples) == len(SAMPLES)
-
-
 @given(share=st.floats(0.0, 1.0, exclude_max=True), value=st.integers(0, 255))
 @settings(max_examples=120, deadline=None)
 def test_a_flipped_byte_never_changes_a_value(whole: bytes, share: float, value: int) -> None:

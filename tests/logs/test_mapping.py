@@ -1,15 +1,19 @@
-"""Proposed maps: names of three languages, units, and signs that only the physics tells."""
+"""Proposed maps: names by language and trade, units, and signs that only the physics tells."""
 
 from __future__ import annotations
 
+import math
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pandas as pd
 import pytest
+import yaml
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from fdd import Scenario, simulate
 from fdd.logs import read_log
 from fdd.logs.channel_map import ChannelMap
 from fdd.logs.formats import open_log
@@ -17,96 +21,69 @@ from fdd.logs.formats.signals import Signal
 from fdd.logs.mapping import Words, given_of, propose
 from fdd.logs.mapping.concepts import name_scores
 from fdd.logs.mapping.writing import map_text
-from fdd.plant.scenario import Scenario
-from fdd.plant.simulate import simulate
-from fdd.samples import Samples
-from fdd.unit import Unit
+from fdd.measures import Measure, find_measure
+from fdd.samples import CHANNELS, Samples
 
-STYLES = {
-    "German": """time=Zeit|s, command=Sollwert|1/min, pump_speed=Drehzahl|1/min, position=Kolbenweg|mm,
-        pressure_difference=Differenzdruck|bar, pressure_1=Druck A|bar, pressure_2=Druck B|bar,
-        pressure_accumulator=Speicherdruck|bar,
-        motor_current=Motorstrom|A, oil_temperature=Oeltemperatur|°C""",
-    "French": """time=temps|s, command=consigne vitesse|tr/min, pump_speed=vitesse pompe|tr/min,
-        position=course verin|mm, pressure_1=pression A|bar, pressure_2=pression B|bar,
-        pressure_accumulator=pression accumulateur|bar, motor_current=courant moteur|A,
-        oil_temperature=temperature huile|°C""",
-    "units in names": """time=t_ms|, command=drive_V|, pump_speed=pump_rpm|, position=cyl_mm|,
-        pressure_difference=dp_bar|, pressure_1=pA_bar|, pressure_2=pB_bar|,
-        pressure_accumulator=acc_bar|,
-        motor_current=i_A|, oil_temperature=oil_C|""",
-    "capitals": """time=Timestamp|s, command=MotCmd|rpm, pump_speed=MotSpd|rpm, position=RamPos|in,
-        pressure_difference=PrDiff|psi, pressure_1=PrA|psi, pressure_2=PrB|psi,
-        pressure_accumulator=PrRes|psi, motor_current=MotCur|A, oil_temperature=OilTmp|degF""",
-    "sides": """time=Timestamp|s, command=MotCmd|rpm, pump_speed=MotSpd|rpm, position=RamPos|in,
-        pressure_difference=PrDiff|psi, pressure_1=PrExt|psi, pressure_2=PrRet|psi""",
-    "as users type": """time=Time (s)|, pump_speed=pumpspeed [rpm]|, position=Position [mm]|,
-        pressure_1=Pressure 1 [MPa]|, pressure_2=Pressure 2 [MPa]|""",
-    "absolute": """time=time|s, command=n_soll|rpm, pump_speed=n_ist|rpm, position=x_ist|mm,
-        pressure_1=p1|bar abs, pressure_2=p2|bar abs, pressure_accumulator=p_acc|bara""",
-}
-"""Channel, name and unit of each column as loggers of several makers have them."""
-FACTORS = {
-    "1/min": np.pi / 30, "tr/min": np.pi / 30, "rpm": np.pi / 30, "mm": 1e-3, "bar": 1e5, "A": 1.0, "s": 1.0,
-    "V": 31.4159265, "ms": 1e-3, "in": 0.0254, "psi": 6894.757293168, "MPa": 1e6,
-}  # fmt: skip
+RIGS = yaml.safe_load(Path(__file__).with_name("rig_names.yaml").read_text("utf-8"))
+OTHERS = {"winding": (45.0, 0.1), "case": (1.5, 0.0), "ambient": (21.0, 0.0)}
+"""What rigs record besides: level and drift a second, in the units of the table."""
 
 
 @pytest.fixture(scope="module")
 def log() -> Samples:
-    """Half a minute of strokes of axis A against a spring."""
-    scenario = Scenario(duration=30.0, seed=3, load={"name": "spring"})
-    return simulate(Unit.load("axis_a"), scenario).samples
+    """Half a minute of steps against a spring."""
+    duty = {"duty": {"name": "steps"}, "load": {"name": "spring"}}
+    return simulate("axis_a", Scenario(duration=30.0, seed=3, **duty)).samples
 
 
-def written(path: Path, samples: Samples, style: str, turned: dict[str, int] | None = None) -> dict[str, str]:
-    """The log in a style, some channels with the other sign; the columns' names by channel."""
-    columns, units, names = {}, [], {}
-    for entry in STYLES[style].split(","):
-        channel, _, (name, unit) = *entry.strip().partition("=")[:2], entry.partition("=")[2].split("|")
-        if channel != "time" and channel not in samples:
+def written(
+    samples: Samples, rig: dict[str, Any], path: Path, turned: tuple[str, ...] = (), every: int = 1
+) -> dict[str, str]:
+    """Rows of the log as the rig writes them, some channels with the other sign; channel to column."""
+    columns, names = {}, {}
+    for name, (what, unit) in rig["signals"].items():
+        column = rig["form"].format(name, unit)
+        if what in OTHERS:
+            level, drift = OTHERS[what]
+            columns[column] = (level + drift * samples.time)[::every]
             continue
-        values = samples.time if channel == "time" else samples[channel] * (turned or {}).get(channel, 1)
-        spelled = unit or name.rsplit("_", 1)[-1].rsplit("[", 1)[-1].rsplit("(", 1)[-1].strip("]) ")
-        if spelled in ("bar abs", "bara"):
-            values = (values + 101_325.0) / 1e5
-        elif spelled in ("degF",):
-            values = values * 1.8 + 32.0
-        elif spelled not in ("°C", "C"):
-            values = values / FACTORS[spelled]
-        columns[name], names[channel] = values, name
-        units.append(unit)
-    frame = pd.DataFrame(columns)
-    text = frame.to_csv(index=False, sep=";")
-    head, rest = text.split("\n", 1)
-    path.write_text(f"{head}\n{';'.join(units)}\n{rest}" if any(units) else text, encoding="utf-8")
+        volts = Measure("angular_speed", 10.0 * math.pi)
+        measure = volts if unit == "V" else find_measure(unit, CHANNELS[what].dimension)
+        assert measure is not None, unit
+        values = samples.time if what == "time" else samples[what] * (-1 if what in turned else 1)
+        columns[column] = ((values - measure.offset) / measure.factor)[::every]
+        names[what] = column
+    pd.DataFrame(columns).to_csv(path, index=False, sep=";", float_format="%.9g")
     return names
 
 
-@pytest.mark.parametrize("style", STYLES)
-def test_a_log_of_any_maker_is_read_by_its_proposed_map(style: str, log: Samples, tmp_path: Path) -> None:
-    names = written(tmp_path / "log.csv", log, style)
-    found = propose(open_log(tmp_path / "log.csv"))
-    assert not found.questions, found.questions
-    assert {c: r.source.column for c, r in found.rows.items()} == names
-    channel_map = ChannelMap.from_yaml(map_text(found, "rig", "axis_x", "log.csv"))
-    read = read_log(tmp_path / "log.csv", channel_map).samples
-    for channel in names:
-        if channel not in ("time", "command"):
-            bound = 1e-6 * float(np.nanmax(np.abs(log[channel])))
-            np.testing.assert_allclose(read[channel], log[channel], atol=bound, rtol=0, err_msg=channel)
-    if "command" in names:  # a demand in volts is scaled by what the pump does
-        np.testing.assert_allclose(
-            read["command"], log["command"], atol=0.02 * np.nanmax(np.abs(log["command"]))
-        )
+@pytest.mark.parametrize("rig", RIGS)
+def test_every_channel_is_found_and_nothing_else(rig: str, log: Samples, tmp_path: Path) -> None:
+    """Test: a rig's names at 250 Hz. Expected: its channels; its values, where it tells their units."""
+    path = tmp_path / "log.csv"
+    names = written(log, RIGS[rig], path, every=4)
+    found = propose(open_log(path))
+    assert found.rows.keys() == names.keys()
+    assert all(names[channel].endswith(str(row.source.column)) for channel, row in found.rows.items())
+    if RIGS[rig]["form"] == "{}":  # units are asked for
+        return
+    assert not found.questions
+    read = read_log(path, ChannelMap.from_yaml(map_text(found, "rig", "axis_x", "log.csv"))).samples
+    for channel in names.keys() - {"time"}:
+        # A demand in volts is scaled by what the pump does.
+        share = 0.02 if channel == "command" else 1e-6
+        wanted = log[channel][::4] - (log[channel][0] if channel == "pump_angle" else 0.0)
+        got = read[channel] - (read[channel][0] if channel == "pump_angle" else 0.0)
+        bound = share * float(np.nanmax(np.abs(wanted)))
+        np.testing.assert_allclose(got, wanted, atol=bound, rtol=0, err_msg=channel)
 
 
+MOTION = ("position", "position_setpoint")
+PUMP = ("command", "pump_speed", "pump_angle")
 TURNED = {
-    "the pump": ["command", "pump_speed", "pump_angle"],
-    "the position": ["position", "position_setpoint"],
-    "pump and position": ["command", "pump_speed", "pump_angle", "position", "position_setpoint"],
-    "the difference": ["pressure_difference"],
-}
+    "the pump": PUMP, "the position": MOTION, "pump and position": PUMP + MOTION,
+    "the difference": ("pressure_difference",),
+}  # fmt: skip
 
 
 @pytest.mark.parametrize("what", TURNED)
@@ -115,7 +92,7 @@ def test_a_turned_sign_is_found_by_the_volume_balance(what: str, log: Samples, t
 
     Pump and position turned together cannot be told from swapped chambers, and are read as these.
     """
-    written(tmp_path / "log.csv", log, "German", dict.fromkeys(TURNED[what], -1))
+    written(log, RIGS["german table"], tmp_path / "log.csv", TURNED[what])
     found = propose(open_log(tmp_path / "log.csv"))
     read = read_log(tmp_path / "log.csv", found.channel_map()).samples
     mirrored = what == "pump and position"
@@ -128,11 +105,21 @@ def test_a_turned_sign_is_found_by_the_volume_balance(what: str, log: Samples, t
     assert bool(found.notes) == (what != "the difference")
 
 
-def test_sides_that_names_tell_turn_the_motion(log: Samples, tmp_path: Path) -> None:
-    written(tmp_path / "log.csv", log, "sides", dict.fromkeys(TURNED["pump and position"], -1))
+def test_sides_that_names_tell_turn_the_motion_and_a_sensors_name_tells_none(
+    log: Samples, tmp_path: Path
+) -> None:
+    """Test: pump and position turned. Expected: as the names say; "capteur", French for sensor, is no cap."""
+    rig = RIGS["capitals with units"]
+    written(log, rig, tmp_path / "log.csv", PUMP + MOTION)
     found = propose(open_log(tmp_path / "log.csv"))
-    assert found.rows["pressure_1"].source.column == "PrExt"
+    assert found.rows["pressure_1"].source.column == "PrExt [psi]"
     assert [found.rows[c].source.sign for c in ("position", "pump_speed", "command")] == [-1, -1, -1]
+    french = {"PrExt": "capteur pression A", "PrRet": "capteur pression B"}
+    signals = {french.get(name, name): what for name, what in rig["signals"].items()}
+    written(log, {**rig, "signals": signals}, tmp_path / "log.csv", PUMP + MOTION)
+    found = propose(open_log(tmp_path / "log.csv"))
+    assert found.rows["pressure_1"].source.column == "capteur pression B [psi]"
+    assert found.rows["position"].source.sign == 1
 
 
 def test_what_no_unit_tells_is_asked_with_the_likeliest_first(log: Samples, tmp_path: Path) -> None:
@@ -148,13 +135,12 @@ def test_what_no_unit_tells_is_asked_with_the_likeliest_first(log: Samples, tmp_
 
 
 def test_what_the_user_knows_goes_first(log: Samples, tmp_path: Path) -> None:
-    written(tmp_path / "log.csv", log, "French")
-    options = ["pressure_1=pression B", "pressure_2=pression A", "motor_current="]
-    found = propose(open_log(tmp_path / "log.csv"), None, given_of(options))
-    assert "motor_current" not in found.rows
-    chambers = {found.rows[c].source.column for c in ("pressure_1", "pressure_2")}
-    assert chambers == {"pression A", "pression B"}
-    assert "courant moteur" in found.unused
+    written(log, RIGS["french"], tmp_path / "log.csv")
+    chambers = {"Pression chambre 1 (bar)", "Pression chambre 2 (bar)"}
+    options = [f"pressure_{k}={name}" for k, name in zip((2, 1), sorted(chambers), strict=True)]
+    found = propose(open_log(tmp_path / "log.csv"), None, given_of([*options, "motor_current="]))
+    assert {found.rows[c].source.column for c in ("pressure_1", "pressure_2")} == chambers
+    assert "motor_current" not in found.rows and "Courant moteur (A)" in found.unused
 
 
 def test_own_words(tmp_path: Path) -> None:
@@ -186,34 +172,3 @@ def test_rigs_that_we_did_not_build(rig: str, shared: Path) -> None:
     wanted = ChannelMap.load(Path(__file__).parents[2] / "examples" / f"{rig}.map.yaml").channels
     assert {c: r.source for c, r in found.rows.items()} == wanted
     assert (wanted["position"].sign == -1) == (rig == "rig3")
-
-
-@pytest.mark.parametrize(("late", "channel"), [(0.0, "position"), (0.015, "position"), (0.03, "pressure_1")])
-def test_a_constant_delay_is_found_and_taken_out(
-    late: float, channel: str, log: Samples, tmp_path: Path
-) -> None:
-    """Test: position or pressures that come late. Expected: the delay to a row, none where there is none."""
-    group = ("position",) if channel == "position" else ("pressure_1", "pressure_2", "pressure_difference")
-    columns = {
-        c: np.interp(log.time - late, log.time, log[c]) if c in group else log[c] for c in log.channels
-    }
-    written(tmp_path / "log.csv", Samples(log.time, columns), "German")
-    found = propose(open_log(tmp_path / "log.csv"))
-    assert found.rows[channel].source.delay == pytest.approx(late, abs=1.1e-3)
-    others = {c for c in found.rows if c not in group}
-    assert all(found.rows[c].source.delay == 0.0 for c in others)
-    read = read_log(tmp_path / "log.csv", found.channel_map()).samples
-    both = np.isfinite(read[channel]) & np.isfinite(log[channel])
-    bound = 0.06 * float(np.nanmax(log[channel]) - np.nanmin(log[channel]))  # a row at full speed
-    np.testing.assert_allclose(read[channel][both][200:-200], log[channel][both][200:-200], atol=bound)
-
-
-def test_a_sensors_name_is_no_side_of_the_cylinder(log: Samples, tmp_path: Path) -> None:
-    """Test: "capteur", French for sensor, begins like "cap". Expected: swapped chambers, motion as it was."""
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setitem(STYLES, "sensors", STYLES["sides"].replace("PrExt", "capteur pression A").replace(
-            "PrRet", "capteur pression B"))  # fmt: skip
-        written(tmp_path / "log.csv", log, "sensors", dict.fromkeys(TURNED["pump and position"], -1))
-    found = propose(open_log(tmp_path / "log.csv"))
-    assert found.rows["pressure_1"].source.column == "capteur pression B"
-    assert found.rows["position"].source.sign == 1

@@ -2,36 +2,26 @@
 
 from __future__ import annotations
 
-import struct
 import zlib
 from collections.abc import Iterator
-from itertools import pairwise
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import Any
 
 import numpy as np
 import pytest
-import zstandard
 from google.protobuf.descriptor_pb2 import FileDescriptorSet
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from made_up_logs import messages, of_topic, refused, strokes
-from mcap.exceptions import EndOfFile
+from made_up_logs import ROWS, A, B, messages, of_topic, parts, refused, strokes
 from mcap.reader import make_reader
-from mcap.records import Channel, Chunk, ChunkIndex, Message, MessageIndex, Schema
+from mcap.records import Chunk, ChunkIndex, Message, MessageIndex
 from mcap.stream_reader import StreamReader, get_chunk_data_stream
-from mcap_protobuf.decoder import DecoderFactory
 
 from fdd.logs import mcap_chunks
 from fdd.logs.mcap_chunks import mcap_file
 from fdd.logs.mcap_runs import RunBlock, write_blocks, write_run
 from fdd.samples import CHANNELS, Samples
 
-ROWS = 1200
-A, B = strokes(ROWS, seed=1), strokes(ROWS, seed=2)
-# The axes are sampled together, but B loses rows of its own.
-B = Samples(B.time[np.arange(ROWS) % 7 > 0], {c: v[np.arange(ROWS) % 7 > 0] for c, v in B.columns.items()})
 cuts = st.lists(st.integers(0, ROWS), max_size=8)
 any_double = st.floats(allow_infinity=False)  # subnormal, huge, -0.0 and NaN too
 
@@ -39,19 +29,6 @@ any_double = st.floats(allow_infinity=False)  # subnormal, huge, -0.0 and NaN to
 @pytest.fixture
 def small_chunks(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(mcap_chunks, "CHUNK_BYTES", 20_000)
-
-
-def parts(samples: Samples, edges: list[int], axis: str | None, thin: int = 10) -> list[RunBlock]:
-    """Blocks between the edges, with every `thin`-th row's truth; 0 for none."""
-    bounds = [0, *sorted(min(e, len(samples)) for e in edges), len(samples)]
-    blocks = []
-    for start, stop in pairwise(bounds):
-        truth = None
-        if thin:
-            rows = np.arange(start, stop)[np.arange(start, stop) % thin == 0]
-            truth = {"time": samples.time[rows], "leakage": 1e-12 * rows, "stuck": rows % 2 == 0}
-        blocks.append(RunBlock(samples.rows(start, stop), truth, axis))
-    return blocks
 
 
 def bits(values: object) -> list[int]:
@@ -91,20 +68,6 @@ def test_an_infinity_is_written_as_nan(tmp_path: Path) -> None:
     read = of_topic(tmp_path / "a.mcap", "/t")
     assert bits([m["std"] for m in read]) == bits([np.nan, 1.5, np.nan])
     assert [m["count"] for m in read] == [3.0, 4.0, 5.0]
-
-
-@given(edges=cuts, thin=st.sampled_from([0, 1, 10]))
-@settings(max_examples=25, deadline=None)
-def test_blocks_of_any_size_give_the_same_messages(edges: list[int], thin: int) -> None:
-    with TemporaryDirectory() as folder:
-        whole, cut = Path(folder) / "whole.mcap", Path(folder) / "cut.mcap"
-        about = {"scenario_json": "{}", "labels": {"x": 1}, "start_ns": 5}
-        write_run(whole, A, axis="a", truth=parts(A, [], "a", thin)[0].truth, unit_yaml="u", **about)
-        write_blocks(cut, parts(A, edges, "a", thin), axes=["a"], units={"a": "u"}, **about)
-        assert sorted(messages(cut), key=lambda m: m[:2]) == sorted(messages(whole), key=lambda m: m[:2])
-        with cut.open("rb") as stream:
-            metadata = {m.name: m.metadata for m in make_reader(stream).iter_metadata()}
-    assert metadata == {"unit": {"yaml": "u"}, "scenario": {"json": "{}"}, "labels": {"json": '{"x": 1}'}}
 
 
 def mixed(seed: int, *queues: list[RunBlock]) -> Iterator[RunBlock]:
@@ -229,53 +192,6 @@ def test_empty_blocks_and_empty_runs(tmp_path: Path) -> None:
         assert messages(path) == []
 
 
-def test_a_file_cut_off_anywhere_holds_its_whole_chunks(tmp_path: Path, small_chunks: None) -> None:
-    path = tmp_path / "a.mcap"
-    write_run(path, A, axis="a", unit_yaml="x: 1", truth={"leakage": np.arange(ROWS)})
-    content, indexes = path.read_bytes(), chunk_indexes(path)
-    ends = [c.chunk_start_offset + c.chunk_length for c in indexes]
-    for cut in [*ends, *np.random.default_rng(3).integers(ends[0], len(content), 40).tolist()]:
-        path.write_bytes(content[:cut])
-        found, errors = walked_as_far_as_it_goes(path), (EndOfFile, struct.error, zstandard.ZstdError)
-        assert isinstance(found.pop(), errors)
-        assert found[1].metadata == {"yaml": "x: 1"}
-        decoder = DecoderFactory()
-        channels = {c.id: c for c in found if isinstance(c, Channel)}
-        schemas = {s.id: s for s in found if isinstance(s, Schema)}
-        for number, channel in channels.items():
-            decode = decoder.decoder_for(channel.message_encoding, schemas[channel.schema_id])
-            times = [decode(m.data).time for m in found if isinstance(m, Message) and m.channel_id == number]
-            whole = [c for c, end in zip(indexes, ends, strict=True) if end <= cut]
-            assert (
-                times
-                == A.time[: sum(entries_of(c) for c in whole if number in c.message_index_offsets)].tolist()
-            )
-        assert channels[1].topic == "/eha/a/measurement"
-
-
-def walked_as_far_as_it_goes(path: Path) -> list[Any]:
-    """The records of a file that is cut off, and the error that the library ends with."""
-    found: list[Any] = []
-    with path.open("rb") as stream:
-        try:
-            for record in StreamReader(stream, validate_crcs=True).records:
-                found.append(record)
-        except Exception as error:
-            found.append(error)
-    return found
-
-
-def entries_of(index: ChunkIndex) -> int:
-    """Messages of a chunk, by the length of its only message index."""
-    return (index.message_index_length - (1 + 8 + 2 + 4)) // 16
-
-
-def test_the_same_run_makes_the_same_file(tmp_path: Path) -> None:
-    for name in ("a.mcap", "b.mcap"):
-        write_run(tmp_path / name, strokes(500), axis="a", truth={"leakage": np.ones(500)})
-    assert (tmp_path / "a.mcap").read_bytes() == (tmp_path / "b.mcap").read_bytes()
-
-
 def test_memory_does_not_grow_with_the_run(tmp_path: Path) -> None:
     import tracemalloc
 
@@ -288,18 +204,6 @@ def test_memory_does_not_grow_with_the_run(tmp_path: Path) -> None:
         peaks.append(tracemalloc.get_traced_memory()[1])
         tracemalloc.stop()
     assert peaks[1] < 1.1 * peaks[0]
-
-
-def failing(blocks: list[RunBlock]) -> Iterator[RunBlock]:
-    yield from blocks
-    raise RuntimeError("the plant stopped")
-
-
-def test_a_run_that_breaks_off_leaves_no_file(tmp_path: Path) -> None:
-    for axes in (["a"], ["a", "b"]):
-        with pytest.raises(RuntimeError):
-            write_blocks(tmp_path / "a.mcap", failing(parts(A, [500], "a", 0)), axes=axes)
-    assert list(tmp_path.iterdir()) == []
 
 
 def test_blocks_that_do_not_fit_are_refused_in_one_line(tmp_path: Path) -> None:

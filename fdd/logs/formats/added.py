@@ -10,7 +10,7 @@ from collections.abc import Callable, Iterable
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
-from typing import TypeVar
+from typing import Any, TypeVar
 
 import numpy as np
 
@@ -63,13 +63,12 @@ class CheckedLog(LogFile):
     def __init__(self, path: Path, package: str, opener: Callable[[Path], LogFile]) -> None:
         self.path, self._package = path, package
         self._rows: dict[str, int] = {}
-        self._own = self._asked(lambda: opener(path))
+        self._own = self._asked(opener, path)
         if not isinstance(self._own, LogFile):
             raise self._wrong(f"gave a {type(self._own).__name__}, not a LogFile")
         super().__init__(path, dict(self._own.signals), doubled=set(self._own.doubled))
         for name, signal in self.signals.items():
-            usable = isinstance(signal, Signal) and signal.name == name and 0 < len(name) <= LONGEST_NAME
-            if not usable:
+            if not isinstance(signal, Signal) or signal.name != name or not 0 < len(name) <= LONGEST_NAME:
                 raise self._wrong(f"gave a signal {str(name)[:40]!r} without a usable name")
         require_size(1, len(self.signals), path)
         self._take_over()
@@ -77,7 +76,7 @@ class CheckedLog(LogFile):
     def read(self, names: Iterable[str]) -> dict[str, Column]:
         """See `LogFile.read`."""
         wanted = list(dict.fromkeys(names))
-        given = self._asked(lambda: self._own.read(wanted))
+        given = self._asked(self._own.read, wanted)
         out = {name: self._column(given, name) for name in wanted}
         for name, values in out.items():
             clock = self.signals[name].clock
@@ -89,22 +88,20 @@ class CheckedLog(LogFile):
 
     def stamps(self, clock: str) -> Column | None:
         """See `LogFile.stamps`."""
-        given = self._asked(lambda: self._own.stamps(clock))
+        given = self._asked(self._own.stamps, clock)
         self._take_over()
-        if given is None:
-            return None
-        found = self._column({"time": given}, "time")
-        if found.size != self._rows.get(clock, found.size):
+        found = None if given is None else self._column({"time": given}, "time")
+        if found is not None and found.size != self._rows.get(clock, found.size):
             raise self._wrong(f"gave {found.size} times for {self._rows[clock]} rows")
         return found
 
     def clock_column(self, clock: str) -> str | None:
         """See `LogFile.clock_column`."""
-        return self._asked(lambda: self._own.clock_column(clock))
+        return self._asked(self._own.clock_column, clock)
 
     def place(self, row: int) -> str:
         """See `LogFile.place`."""
-        return str(self._asked(lambda: self._own.place(row)))
+        return str(self._asked(self._own.place, row))
 
     def _take_over(self) -> None:
         """What a reader may learn only as it reads."""
@@ -121,9 +118,9 @@ class CheckedLog(LogFile):
             raise self._wrong(f"gave {values.ndim} dimensions for {name!r}")
         return values
 
-    def _asked(self, question: Callable[[], T]) -> T:
+    def _asked(self, question: Callable[..., T], *of: Any) -> T:
         try:
-            return question()
+            return question(*of)
         except (InputError, OSError, MemoryError):
             raise
         except Exception as error:
@@ -131,8 +128,5 @@ class CheckedLog(LogFile):
             raise self._wrong(f"stopped with {type(error).__name__}: {brief}") from None
 
     def _wrong(self, problem: str) -> InputError:
-        return InputError(
-            f"package {self._package}, which reads it, {problem}",
-            where=self.path,
-            mend="copy the file again, or mend the package",
-        )
+        problem = f"package {self._package}, which reads it, {problem}"
+        return InputError(problem, where=self.path, mend="copy the file again, or mend the package")

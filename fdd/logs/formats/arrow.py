@@ -77,37 +77,20 @@ class ArrowFile(LogFile):
                 return values
             if pa.types.is_duration(column.type):
                 counts = column.cast(pa.duration("ns")).cast(pa.int64())
-                return np.asarray(counts.cast(pa.float64()).to_numpy(), dtype=np.float64) * 1e-9
-            if not (
-                pa.types.is_integer(column.type)
-                or pa.types.is_floating(column.type)
-                or pa.types.is_boolean(column.type)
-                or pa.types.is_decimal(column.type)
-            ):
-                raise InputError(
-                    f"column {name!r} holds {'text' if 'string' in str(column.type) else column.type}, "
-                    "not numbers",
-                    where=self.path,
-                    mend="store it as numbers",
-                )
-            if pa.types.is_boolean(column.type):
-                column = column.cast(pa.int8())
+                return doubles(counts.cast(pa.float64(), safe=False)) * 1e-9
+            kind = column.type
+            number = pa.types.is_primitive(kind) and not pa.types.is_temporal(kind)
+            if not (number or pa.types.is_decimal(kind)):
+                problem = f"column {name!r} holds {'text' if 'string' in str(kind) else kind}, not numbers"
+                raise InputError(problem, where=self.path, mend="store it as numbers")
             # A cast imports Arrow's functions, some megabytes.
-            plain = column.type == pa.float64()
-            return doubles(column if plain else column.cast(pa.float64(), safe=False))
+            return doubles(column if kind == pa.float64() else column.cast(pa.float64(), safe=False))
         except pa.ArrowException:
             raise InputError(f"column {name!r} holds {column.type}, not numbers", where=self.path) from None
 
 
 def doubles(column: Any) -> Column:
-    """A chunked column of doubles, NaN where it is null. Arrow's own `to_numpy` would import pandas.
-
-    Examples
-    --------
-    >>> import pyarrow as pa
-    >>> doubles(pa.chunked_array([[1.0, None], [2.0]])).tolist()
-    [1.0, nan, 2.0]
-    """
+    """A chunked column of doubles, NaN where it is null. Arrow's own `to_numpy` would import pandas."""
     out = np.empty(len(column))
     end = 0
     for chunk in column.chunks:

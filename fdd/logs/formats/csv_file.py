@@ -15,14 +15,22 @@ from fdd.logs.channel_map import CsvLayout
 from fdd.logs.formats.arrow import doubles
 from fdd.logs.formats.dates import stamp_kind, stamps_to_seconds
 from fdd.logs.formats.signals import LogFile, Signal, damaged, require_size
-from fdd.logs.formats.text_layout import MISSING, decoded, find_layout, head_of, is_number
+from fdd.logs.formats.text_layout import (
+    MISSING,
+    Layout,
+    decoded,
+    find_layout,
+    head_of,
+    is_number,
+)
 from fdd.samples import Column
 
 if TYPE_CHECKING:
     import pyarrow
 
 
-_MARKS = (",", ".", "'", " ", "\u00a0", "\u202f")
+_MARKS = ",.' \u00a0\u202f"
+"""Between thousands."""
 
 
 class _Bounded:
@@ -37,11 +45,8 @@ class _Bounded:
         data = self._stream.read(size)
         self._given += len(data)
         if self._given > self._most:
-            raise InputError(
-                f"more than {self._most} bytes when unpacked",
-                where=self._path,
-                mend=f"split the log, {raised('MAX_LOG_BYTES', 2 * self._most)}",
-            )
+            mend = f"split the log, {raised('MAX_LOG_BYTES', 2 * self._most)}"
+            raise InputError(f"more than {self._most} bytes when unpacked", where=self._path, mend=mend)
         return data
 
     def close(self) -> None:
@@ -55,26 +60,20 @@ class CsvFile(LogFile):
 
     Attributes
     ----------
-    separator, decimal, encoding : of the text.
+    layout, encoding : of the text. packed : by gzip.
     keys : the columns in the order of the file; a name that stands twice has its number behind it.
-    first_line : lines above the first row of numbers.
-    first_row : its cells.
-    packed : by gzip.
     dated : name of a joint column to those of its date and clock.
     """
 
-    separator: str = ","
-    decimal: str = "."
+    layout: Layout = field(kw_only=True)
     encoding: str = "utf-8"
-    keys: list[str] = field(default_factory=list)
-    first_line: int = 1
-    first_row: list[str] = field(default_factory=list)
     packed: bool = False
+    keys: list[str] = field(default_factory=list)
     dated: dict[str, tuple[str, str]] = field(default_factory=dict)
 
     def place(self, row: int) -> str:
         """The line of row `row`."""
-        return f"line {self.first_line + 1 + row}"
+        return f"line {self.layout.first_line + 1 + row}"
 
     def read(self, names: Iterable[str]) -> dict[str, Column]:
         """See `LogFile.read`: a cell that is no number is named by line and column."""
@@ -106,8 +105,7 @@ class CsvFile(LogFile):
         return out
 
     def _first(self, name: str) -> str:
-        at = self.keys.index(name) if name in self.keys else -1
-        return self.first_row[at] if 0 <= at < len(self.first_row) else ""
+        return dict(zip(self.keys, self.layout.first_row, strict=False)).get(name, "")
 
     def _parsed(self, columns: list[str], texts: set[str]) -> pyarrow.Table:
         import pyarrow as pa
@@ -123,28 +121,29 @@ class CsvFile(LogFile):
             self._stream() if self.packed else self.path,
             read_options=arrow_csv.ReadOptions(
                 column_names=self.keys,
-                skip_rows=self.first_line,
+                skip_rows=self.layout.first_line,
                 encoding=self.encoding,
                 use_threads=False,
                 block_size=4 << 20,
             ),
-            parse_options=arrow_csv.ParseOptions(delimiter=self.separator, invalid_row_handler=count_odd),
+            parse_options=arrow_csv.ParseOptions(
+                delimiter=self.layout.separator, invalid_row_handler=count_odd
+            ),
             convert_options=arrow_csv.ConvertOptions(
                 include_columns=columns,
                 column_types={c: pa.string() if c in texts else pa.float64() for c in columns},
                 null_values=list(MISSING),
                 strings_can_be_null=True,
-                decimal_point=self.decimal,
+                decimal_point=self.layout.decimal,
             ),
         )
         if odd:
             # One odd row is forgiven where it is the last: the logger was cut off while it wrote.
             row = odd[0]
-            if row.number is not None and row.number != self.first_line + table.num_rows + 1:
+            if row.number is not None and row.number != self.layout.first_line + table.num_rows + 1:
                 counts = f"{row.actual_columns} cells where the header has {row.expected_columns}"
-                raise InputError(
-                    f"line {row.number}: {counts}", where=self.path, mend="repair or remove that line"
-                )
+                problem, mend = f"line {row.number}: {counts}", "repair or remove that line"
+                raise InputError(problem, where=self.path, mend=mend)
             note = f"the last line is incomplete and was left out (line {row.number})"
             if note not in self.notes:
                 self.notes.append(note)
@@ -174,16 +173,12 @@ class CsvFile(LogFile):
         import pyarrow as pa
         import pyarrow.compute as pc
 
-        text = pc.utf8_trim_whitespace(column)
-        for mark in _MARKS:
-            if mark != self.decimal:
-                quoted = f"[{mark}]"
-                grouped = pc.match_substring_regex(
-                    text, f"^[-+]?\\d{{1,3}}({quoted}\\d{{3}})+([{self.decimal}]\\d*)?$"
-                )
-                text = pc.if_else(pc.fill_null(grouped, False), pc.replace_substring(text, mark, ""), text)
-        if self.decimal != ".":
-            text = pc.replace_substring(text, self.decimal, ".")
+        text, decimal = pc.utf8_trim_whitespace(column), self.layout.decimal
+        for mark in _MARKS.replace(decimal, ""):
+            form = f"^[-+]?\\d{{1,3}}([{mark}]\\d{{3}})+([{decimal}]\\d*)?$"
+            grouped = pc.fill_null(pc.match_substring_regex(text, form), False)
+            text = pc.if_else(grouped, pc.replace_substring(text, mark, ""), text)
+        text = pc.replace_substring(text, decimal, ".")
         missing = pc.is_in(text, value_set=pa.array(MISSING))
         text = pc.if_else(missing, pa.scalar(None, pa.string()), text)
         try:
@@ -198,9 +193,8 @@ class CsvFile(LogFile):
             raise InputError(f"column {name!r}: not numbers", where=self.path) from None
 
     def _no_number(self, row: int, name: str, cell: str, mend: str) -> InputError:
-        return InputError(
-            f"{self.place(row)}, column {name!r}: {cell[:40]!r} is not a number", where=self.path, mend=mend
-        )
+        problem = f"{self.place(row)}, column {name!r}: {cell[:40]!r} is not a number"
+        return InputError(problem, where=self.path, mend=mend)
 
 
 def open_csv(path: Path, layout: CsvLayout | None = None) -> CsvFile:
@@ -229,22 +223,14 @@ def open_csv(path: Path, layout: CsvLayout | None = None) -> CsvFile:
         for key, name, unit in zip(keys, names, found.units, strict=True)
         if name and name not in doubled
     }
-    log = CsvFile(
-        path, signals, separator=found.separator, decimal=found.decimal, encoding=encoding, keys=keys,
-        doubled=doubled, first_line=found.first_line, first_row=found.first_row, packed=packed,
-    )  # fmt: skip
-    _join_dates(log)
-    return log
-
-
-def _join_dates(log: CsvFile) -> None:
-    """A column of dates and one of clock times make one of stamps."""
-    cells = dict(zip(log.keys, log.first_row, strict=False))
+    log = CsvFile(path, signals, doubled=doubled, layout=found, encoding=encoding, packed=packed, keys=keys)
+    cells = dict(zip(keys, found.first_row, strict=False))
     days, clocks = ([k for k, c in cells.items() if stamp_kind(c) == kind] for kind in ("day", "clock"))
-    if len(days) == 1 and len(clocks) == 1:
+    if len(days) == 1 and len(clocks) == 1:  # they make one column of stamps
         name = f"{days[0]} {clocks[0]}"
         log.dated[name] = (days[0], clocks[0])
         log.signals = {name: Signal(name), **log.signals}
+    return log
 
 
 def _no_table(lines: list[str], layout: CsvLayout, path: Path) -> InputError:
@@ -255,11 +241,7 @@ def _no_table(lines: list[str], layout: CsvLayout, path: Path) -> InputError:
     at, line = filled[0]
     first = line.split(layout.delimiter or ";" if ";" in line else ",")
     if all(is_number(c) for c in first):
-        return InputError(
-            f"line {at + 1}: no header row, it starts with numbers ({line[:40].strip()})",
-            where=path,
-            mend="put the column names into the first line",
-        )
-    return InputError(
-        "no rows of numbers below a header", where=path, mend="give a table with names in one row"
-    )
+        problem = f"line {at + 1}: no header row, it starts with numbers ({line[:40].strip()})"
+        return InputError(problem, where=path, mend="put the column names into the first line")
+    problem = "no rows of numbers below a header"
+    return InputError(problem, where=path, mend="give a table with names in one row")

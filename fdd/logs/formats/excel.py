@@ -47,9 +47,8 @@ def open_excel(path: Path) -> TreeFile:
         raise damaged("not readable as Excel", path, error, "save it again") from None
     tables = {name: found for name, rows in sheets.items() if (found := _table(path, rows)) is not None}
     if not tables:
-        raise InputError(
-            "no sheet has a row of names above rows of numbers", where=path, mend="put the names into one row"
-        )
+        problem = "no sheet has a row of names above rows of numbers"
+        raise InputError(problem, where=path, mend="put the names into one row")
     alone = len(tables) == 1
     return tree_file(path, {"" if alone else name: leaves for name, leaves in tables.items()})
 
@@ -64,11 +63,8 @@ def _require_bounded(path: Path) -> None:
                 while block := part.read(1 << 20):
                     left -= len(block)
                     if left < 0:
-                        raise InputError(
-                            f"more than {MAX_WORKBOOK_UNPACKED} bytes unpacked",
-                            where=path,
-                            mend="save it as CSV",
-                        )
+                        problem = f"more than {MAX_WORKBOOK_UNPACKED} bytes unpacked"
+                        raise InputError(problem, where=path, mend="save it as CSV")
                     if "sheet" not in entry.filename.lower():
                         continue
                     for letters, digits in _PLACE.findall(tail + block):
@@ -76,11 +72,9 @@ def _require_bounded(path: Path) -> None:
                         columns = max(columns, _column_number(letters))
                     tail = block[-40:]
                 if rows * columns > MAX_CELLS:
-                    raise InputError(
-                        f"a sheet of {rows} rows and {columns} columns, at most {MAX_CELLS} cells are read",
-                        where=path,
-                        mend="remove stray cells, or save it as CSV",
-                    )
+                    size = f"a sheet of {rows} rows and {columns} columns"
+                    problem = f"{size}, at most {MAX_CELLS} cells are read"
+                    raise InputError(problem, where=path, mend="remove stray cells, or save it as CSV")
 
 
 def _column_number(letters: bytes) -> int:

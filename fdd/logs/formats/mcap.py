@@ -15,7 +15,8 @@ from numpy.typing import NDArray
 from fdd.bounds import MAX_SIGNALS
 from fdd.errors import InputError
 from fdd.logs.formats.signals import LogFile, Signal, require_size
-from fdd.logs.wire.chunks import Batch, ChunkWalk, Decoder, FieldPath, written
+from fdd.logs.wire.chunks import Batch, ChunkWalk
+from fdd.logs.wire.messages import Decoder, FieldPath, decoder_of
 from fdd.near_misses import did_you_mean, listed
 from fdd.samples import Column
 
@@ -31,13 +32,11 @@ class McapFile(LogFile):
     topics : all topics, with messages or without.
     paths : signal to its field's path, or to those of the seconds and nanoseconds of a stamp.
     reasons : topic to why its messages cannot be read.
-    counts : topic to its messages by the file's summary; what it says may be wrong.
     """
 
     topics: list[str] = field(default_factory=list)
     paths: dict[str, tuple[FieldPath, ...]] = field(default_factory=dict)
     reasons: dict[str, str] = field(default_factory=dict)
-    counts: dict[str, int] = field(default_factory=dict)
     damaged: int = 0
     _stamps: dict[str, NDArray[np.int64]] = field(default_factory=dict)
     _seconds: dict[str, Column] = field(default_factory=dict)
@@ -100,15 +99,13 @@ class McapFile(LogFile):
         paths = {
             t: list(dict.fromkeys(p for n in names for p in self.paths[n])) for t, names in wanted.items()
         }
-        # Room for the rows that the summary tells, if not more than the file's bytes: a message takes one.
-        size = self.path.stat().st_size
-        parts = {t: _Rows(paths[t], min(self.counts.get(t, 0), size)) for t in wanted}
+        parts = {t: _Rows(paths[t]) for t in wanted}
         rows = 0
         for batch in walk:
-            channel = walk.channels.get(batch.channel)
-            if channel is None or channel.topic not in wanted:
-                continue
+            channel = walk.channels[batch.channel]
             topic = channel.topic
+            if topic not in wanted:
+                continue
             rows += batch.stamps.size
             require_size(rows, sum(len(p) for p in paths.values()), self.path)
             values: list[Column] = []
@@ -133,22 +130,27 @@ class McapFile(LogFile):
 class _Rows:
     """Stamps and columns of a topic, which grow where they stand: a second copy would double the memory."""
 
-    def __init__(self, paths: Collection[FieldPath], room: int) -> None:
-        self._size, self._stamps = 0, np.empty(room, np.int64)
-        self._columns = {path: np.empty(room) for path in paths}
+    def __init__(self, paths: Collection[FieldPath]) -> None:
+        self._size, self._stamps = 0, np.empty(0, np.int64)
+        self._columns = {path: np.empty(0) for path in paths}
 
     def append(self, stamps: NDArray[np.int64], values: Iterable[Column]) -> None:
         """The next rows: (n,) ns and, of each path, (n,)."""
         end = self._size + stamps.size
         if end > self._stamps.size:
             room = max(end, 2 * self._stamps.size)
-            self._stamps = np.concatenate([self._stamps[: self._size], np.empty(room - self._size, np.int64)])
+            self._stamps = self._grown(self._stamps, room)
             for path, column in self._columns.items():
-                self._columns[path] = np.concatenate([column[: self._size], np.empty(room - self._size)])
+                self._columns[path] = self._grown(column, room)
         self._stamps[self._size : end] = stamps
         for column, new in zip(self._columns.values(), values, strict=True):
             column[self._size : end] = new
         self._size = end
+
+    def _grown(self, column: NDArray[Any], room: int) -> NDArray[Any]:
+        out = np.empty(room, column.dtype)  # what is not filled takes no memory
+        out[: self._size] = column[: self._size]
+        return out
 
     def in_order(self) -> tuple[NDArray[np.int64], dict[FieldPath, Column]]:
         """Stamps and columns by path, in the order of the stamps."""
@@ -159,34 +161,6 @@ class _Rows:
             order = np.argsort(stamps, kind="stable")
             return stamps[order], {path: column[order] for path, column in columns.items()}
         return stamps, columns
-
-
-def decoder_of(channel: Any, schema: Any) -> Decoder:
-    """What reads the messages of a channel.
-
-    Parameters
-    ----------
-    channel, schema : the library's records; the schema may be None.
-
-    Raises
-    ------
-    ValueError : says why the messages cannot be read.
-    """
-    encoding, data = channel.message_encoding, b"" if schema is None else bytes(schema.data)
-    kind = "" if schema is None else schema.encoding
-    if encoding == "json":
-        from fdd.logs.wire.json_messages import JsonMessages
-
-        return JsonMessages(data if kind == "jsonschema" else b"")
-    if encoding == "protobuf" and kind == "protobuf":
-        from fdd.logs.wire.protobuf_messages import ProtobufMessages
-
-        return ProtobufMessages(schema.name, data)
-    if (encoding, kind) in (("cdr", "ros2msg"), ("ros1", "ros1msg")):
-        from fdd.logs.wire.ros_messages import RosMessages
-
-        return RosMessages(schema.name, data, aligned=encoding == "cdr")
-    raise ValueError(f"carries {encoding or 'unnamed'} messages{f' with a schema in {kind}' if kind else ''}")
 
 
 def open_mcap(path: Path) -> McapFile:
@@ -203,18 +177,14 @@ def open_mcap(path: Path) -> McapFile:
     walk = ChunkWalk(path)
     seen: set[int] = set()
     for batch in walk:
-        if batch.channel in seen or batch.channel not in walk.channels:
+        if batch.channel in seen:
             continue
         seen.add(batch.channel)
         _add_fields(log, walk, batch)
-        if known and known.keys() <= seen:
+        if known and known <= seen:
             break
     log.truncated = walk.truncated
     log.topics = list(dict.fromkeys(c.topic for c in walk.channels.values()))
-    for number, count in known.items():
-        if number in walk.channels:
-            topic = walk.channels[number].topic
-            log.counts[topic] = log.counts.get(topic, 0) + count
     log.metadata = {**walk.metadata, **metadata}
     if len(log.signals) > MAX_SIGNALS:
         raise InputError(f"{len(log.signals)} fields, at most {MAX_SIGNALS} are read", where=path)
@@ -229,25 +199,38 @@ def _add_fields(log: McapFile, walk: ChunkWalk, batch: Batch) -> None:
     except ValueError as error:
         log.reasons.setdefault(topic, str(error))
         return
-    there = {f.path for f in fields}
     offered: list[tuple[str, tuple[FieldPath, ...], str | None]] = []
-    for one in fields:
-        *above, last = one.path
-        offered.append((written(one.path), (one.path,), one.unit))
+    for path, unit in fields.items():
+        *above, last = path
+        offered.append((written(path), (path,), unit))
         for name in _NANOSECONDS.get(str(last), ()) if above else ():
-            if (*above, name) in there:
-                offered.append((written(tuple(above)), (one.path, (*above, name)), "s"))
+            if (*above, name) in fields:
+                offered.append((written(tuple(above)), (path, (*above, name)), "s"))
     for text, paths, unit in offered:
         name = f"{topic}.{text}"
         log.signals.setdefault(name, Signal(name, topic, unit, topic, text))
         log.paths.setdefault(name, paths)
 
 
-def _summary(path: Path) -> tuple[dict[int, int], dict[str, dict[str, str]]]:
-    """Messages of each channel that has any, and metadata, by the summary; none where it is not whole."""
+def written(path: FieldPath) -> str:
+    """A path as a channel map writes it.
+
+    Examples
+    --------
+    >>> written(("joint", "position", 2)), written((0, "x"))
+    ('joint.position[2]', '[0].x')
+    """
+    text = ""
+    for part in path:
+        text += f"[{part}]" if isinstance(part, int) else (f".{part}" if text else part)
+    return text
+
+
+def _summary(path: Path) -> tuple[set[int], dict[str, dict[str, str]]]:
+    """Channels that have messages, and metadata, by the summary; none where it is not whole."""
     from mcap.reader import SeekingReader
 
-    counts: dict[int, int] = {}
+    known: set[int] = set()
     metadata: dict[str, dict[str, str]] = {}
     # A damaged or unfinished file, which provokes whatever, is walked instead.
     with suppress(Exception), path.open("rb") as stream:
@@ -255,10 +238,10 @@ def _summary(path: Path) -> tuple[dict[int, int], dict[str, dict[str, str]]]:
         summary = reader.get_summary()
         if summary is not None and summary.statistics is not None:
             messages = summary.statistics.channel_message_counts.items()
-            counts = {c: n for c, n in messages if n and c in summary.channels}
-        if counts:
+            known = {c for c, count in messages if count and c in summary.channels}
+        if known:
             metadata = {m.name: dict(m.metadata) for m in reader.iter_metadata()}
-    return counts, metadata
+    return known, metadata
 
 
 AXIS_TOPIC = re.compile(r"^/eha/(?P<axis>[^/]+)/measurement$")

@@ -70,11 +70,8 @@ def _require_inside(path: Path, group: Any, channel: Any) -> None:
         bits = 8 * getattr(channel, "additional_byte_offset", 0) + channel.start_offset + channel.bit_count
         inside = bits <= 8 * group.samples_byte_nr
     if not inside:
-        raise InputError(
-            f"damaged MDF file (channel {channel.name[:40]!r} reaches beyond its record)",
-            where=path,
-            mend="copy it again",
-        )
+        problem = f"damaged MDF file (channel {channel.name[:40]!r} reaches beyond its record)"
+        raise InputError(problem, where=path, mend="copy it again")
 
 
 def _loader(path: Path, file: Any, group: int, index: int | None) -> Callable[[], NDArray[Any]]:

@@ -47,13 +47,7 @@ def _formats() -> tuple[Format, ...]:
 
 
 def suffixes() -> tuple[str, ...]:
-    """What logs are called, of all formats.
-
-    Examples
-    --------
-    >>> ".mcap" in suffixes()
-    True
-    """
+    """What logs are called, of all formats."""
     return tuple(dict.fromkeys(s for f in _formats() for s in f.suffixes))
 
 
@@ -67,11 +61,6 @@ def open_log(path: str | Path, layout: CsvLayout | None = None) -> LogFile:
     Raises
     ------
     InputError : one line: no such file, damaged, of no known format, or what it needs is not installed.
-
-    Examples
-    --------
-    >>> list(open_log("run.mf4").signals)  # doctest: +SKIP
-    ['MotSpd', 'RamPos']
     """
     path = Path(path)
     found = format_of(path)
@@ -84,9 +73,8 @@ def open_log(path: str | Path, layout: CsvLayout | None = None) -> LogFile:
     except ImportError as error:
         if found.extra is None:
             raise
-        raise InputError(
-            f"{found.name} files need {error.name}", where=path, mend=f"pip install 'fdd[{found.extra}]'"
-        ) from None
+        mend = f"pip install 'fdd[{found.extra}]'"
+        raise InputError(f"{found.name} files need {error.name}", where=path, mend=mend) from None
     except InputError as error:
         raise (error if error.where == str(path) else error.at(path)) from None
     except OSError as error:
@@ -113,11 +101,8 @@ def format_of(path: Path) -> Format:
     if size == 0:
         raise InputError("the file is empty", where=path, mend="record or copy it again")
     if size > (most := limit("MAX_LOG_BYTES")):
-        raise InputError(
-            f"{size} bytes, at most {most} are read",
-            where=path,
-            mend=f"split the log, {raised('MAX_LOG_BYTES', size)}",
-        )
+        mend = f"split the log, {raised('MAX_LOG_BYTES', size)}"
+        raise InputError(f"{size} bytes, at most {most} are read", where=path, mend=mend)
     found = next(f for f in _formats() if f.sniff(head))
     for magic, what in _OTHERS:
         if head.startswith(magic) and path.suffix.lower() not in (".xlsx", ".xlsm"):
@@ -126,9 +111,8 @@ def format_of(path: Path) -> Format:
     named = next((f for f in (*FORMATS, *_formats()) if path.suffix.lower() in f.suffixes), None)
     if found.name == "CSV" and named is not None and named is not found and path.suffix.lower() != ".dat":
         article = "an" if named.name in ("MCAP", "HDF5", "MDF", "Excel") else "a"
-        raise InputError(
-            f"not {article} {named.name} file (wrong first bytes)", where=path, mend="record or copy it again"
-        )
+        problem = f"not {article} {named.name} file (wrong first bytes)"
+        raise InputError(problem, where=path, mend="record or copy it again")
     return found
 
 

@@ -105,25 +105,13 @@ class LogFile(ABC):
 
 
 def require_size(rows: int, columns: int, where: Path) -> None:
-    """Refuse more numbers than are held (`fdd.bounds`), before they are read.
-
-    Raises
-    ------
-    InputError : names both figures.
-
-    Examples
-    --------
-    >>> require_size(3_600_000, 10, Path("run.mat"))
-    """
+    """Refuse more numbers than are held (`fdd.bounds`), before they are read; `InputError` names both."""
     most, needed = limit("MAX_VALUES"), rows * max(columns, 1)
     if columns > MAX_SIGNALS:
         raise InputError(f"{columns} columns, at most {MAX_SIGNALS} are read", where=where, mend="split it")
     if needed > most:
-        raise InputError(
-            f"{rows} rows and {columns} columns, at most {most} numbers are read",
-            where=where,
-            mend=f"split it, {raised('MAX_VALUES', needed)}",
-        )
+        problem = f"{rows} rows and {columns} columns, at most {most} numbers are read"
+        raise InputError(problem, where=where, mend=f"split it, {raised('MAX_VALUES', needed)}")
 
 
 def require_stored(declared: int, stored: int, where: Path) -> None:
@@ -136,29 +124,19 @@ def require_stored(declared: int, stored: int, where: Path) -> None:
     Raises
     ------
     InputError : names both figures.
-
-    Examples
-    --------
-    >>> require_stored(80_000_000, 1_000_000, Path("run.h5"))
     """
     if declared > max(FREELY_DECLARED_BYTES, MOST_PACKING * stored):
-        raise InputError(
-            f"damaged: declares {declared} bytes of numbers and holds {stored}",
-            where=where,
-            mend="copy it again",
-        )
+        problem = f"damaged: declares {declared} bytes of numbers and holds {stored}"
+        raise InputError(problem, where=where, mend="copy it again")
 
 
 def unit_among(attributes: Mapping[Any, Any]) -> str | None:
     """The unit in a signal's attributes, texts or bytes, by the keys that writers use."""
-    for key, value in attributes.items():
-        if _text(key).lower() in ("unit", "units"):
-            return _text(value)
-    return None
 
+    def text(value: Any) -> str:
+        return value.decode("utf-8", "replace") if isinstance(value, bytes) else str(value)
 
-def _text(value: Any) -> str:
-    return value.decode("utf-8", "replace") if isinstance(value, bytes) else str(value)
+    return next((text(v) for k, v in attributes.items() if text(k).lower() in ("unit", "units")), None)
 
 
 def damaged(what: str, where: Path, error: BaseException, mend: str = "copy it again") -> InputError:

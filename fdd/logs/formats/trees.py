@@ -108,13 +108,6 @@ def tree_file(
     Raises
     ------
     InputError : no arrays of more than one number, or more than is read.
-
-    Examples
-    --------
-    >>> log = tree_file(Path("a.mat"), {"pos": {
-    ...     "time": Leaf(2, lambda: np.array([0.0, 0.1]), "s"), "value": Leaf(2, lambda: np.ones(2), "mm")}})
-    >>> log.signals["pos"].unit, log.stamps("pos").tolist()
-    ('mm', [0.0, 0.1])
     """
     log = TreeFile(path)
     for group, leaves in groups.items():

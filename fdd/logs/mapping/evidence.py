@@ -1,28 +1,32 @@
-"""Scores of signals for channels by names, units and what signals do, and the likeliest assignment."""
+"""Scores of signals for channels by names, units and what signals do."""
 
 from __future__ import annotations
 
 import re
 from dataclasses import dataclass, field, replace
-from itertools import permutations, product, takewhile
+from itertools import combinations, permutations, product, takewhile
 
 import numpy as np
-from numpy.typing import NDArray
 
 from fdd.bounds import MOST_ROWS_LOOKED_AT
 from fdd.errors import InputError
 from fdd.logs.formats.signals import LogFile, Signal
-from fdd.logs.mapping.behaviour import Signals, correlation, difference, follows, leads, roughness
+from fdd.logs.mapping.behaviour import (
+    Signals,
+    correlation,
+    difference,
+    follows,
+    leads,
+    rises_with_pumping,
+    roughness,
+)
 from fdd.logs.mapping.concepts import Words, dimension_of, name_scores, said_and_unit
-from fdd.logs.mapping.unnamed import Shaft, around_shaft, chambers, find_shaft, without_copies
+from fdd.logs.mapping.shaft import Shaft, find_shaft
 from fdd.logs.names import is_time_name, path_parts, time_unit
 from fdd.logs.rates import aligned
 from fdd.measures import MEASURES
 from fdd.samples import CHANNELS
 
-IMPOSSIBLE = -1e3
-LEAST_SCORE = 1.5
-"""nats; a signal of which less speaks for a channel is left without one."""
 LARGEST = 1e100
 """No signal has such a value; its square would be infinite."""
 GIVEN_NATS = 50.0
@@ -31,6 +35,12 @@ LEAST_ALIKE = 4
 PRESSURES = ("pressure_1", "pressure_2", "pressure_difference", "pressure_accumulator")
 CLOSE = 0.9
 """Correlation above which one signal's motion is another's."""
+SAME_SHAFT = 0.97
+"""Correlation above which a signal's integral is the shaft's angle: a speed, or the demand for it."""
+SURE_NATS, LIKELY_NATS = 4.0, 3.0
+CLEAR_T = 2.0
+RESTS = 0.6
+"""Share of its scatter that a chamber's pressure keeps while the other's is high; above it none rests."""
 
 
 @dataclass
@@ -46,7 +56,7 @@ class Clues:
     units : signal to the unit that the file or its name gives.
     time : the column of the time and its unit, where the file does not tell by itself.
     words : that names were read by. said : signal to the concepts of its name.
-    unnamed : signals of which neither name nor unit says anything.
+    unnamed : signals of which neither name nor unit says anything, the user's among them.
     shaft : the pump's, where an angle begins again each turn; its column in `data` is unwrapped and directed.
     """
 
@@ -142,21 +152,16 @@ def gather(log: LogFile, words: Words, given: dict[str, str]) -> Clues:
         for channel, score in channels.items():
             if score >= 2.0 and score == best:
                 found.reasons[(name, channel)] = ["its name" + (" and unit" if units[name] else "")]
+    found.unnamed = [n for n, s in scores.items() if units[n] is None and max(s.values(), default=0.0) <= 0.0]
     for channel, name in given.items():
         for channels in scores.values():
             channels.pop(channel, None)
         if name in scores:
             scores[name] = {channel: GIVEN_NATS}
-    silent = [n for n, s in scores.items() if units[n] is None and max(s.values(), default=0.0) <= 0.0]
-    found.unnamed, copies = without_copies(silent, data)
-    for copy in copies:
-        scores[copy].clear()
-    _shaft(found)
+    _shaft(found, {*given.values()})
     _pressures(found)
     _motion(found)
-    if found.shaft is not None:
-        around_shaft(found, found.shaft)
-    chambers(found)
+    _chambers(found)
     _accumulator(found)
     _torque(found)
     return found
@@ -201,16 +206,28 @@ def _grows(values: np.ndarray) -> bool:
     return steps.size > 0 and float((steps >= 0.0).mean()) >= 0.95
 
 
-def _shaft(found: Clues) -> None:
-    """An angle that begins again each turn is the pump's; no other shaft is there to turn."""
-    angles = found.allowing("pump_angle")
-    shaft = find_shaft(found.data, angles, found.allowing("position"), found.unnamed)
-    if shaft is None:
-        return
-    found.shaft = shaft
-    found.data.columns[shaft.signal] = shaft.turned
-    if shaft.direction is not None:
-        found.scores[shaft.direction].clear()
+def _shaft(found: Clues, given: set[str]) -> None:
+    """An angle that begins again each turn is the pump's, as no other shaft is there to turn.
+
+    A signal without a name that adds up to it is its speed, another one that comes before that the demand. Of
+    other signals without names nobody knows the scale, so who gives that has to name them as well.
+    """
+    unnamed = [n for n in found.unnamed if n not in given]
+    shaft = find_shaft(found.data, found.allowing("pump_angle"), found.allowing("position"), unnamed)
+    if shaft is not None:
+        found.shaft = shaft
+        found.data.columns[shaft.signal] = shaft.turned
+        found.add(shaft.signal, "pump_angle", SURE_NATS, f"it begins again each {shaft.wrap:g} counts")
+        others = [n for n in unnamed if n not in (shaft.signal, shaft.direction)]
+        alike = [(abs(follows(found.data, shaft.signal, n)), n) for n in others]
+        rates = sorted((pair for pair in alike if pair[0] > SAME_SHAFT), reverse=True)
+        for r, name in rates[:1]:
+            found.add(name, "pump_speed", SURE_NATS, f"it adds up to {shaft.signal} ({r:.4f})")
+        for _, name in rates[1:]:
+            if leads(found.data, name, rates[0][1]) >= 0.0:
+                found.add(name, "command", LIKELY_NATS, f"{rates[0][1]} comes after it")
+    for name in unnamed:
+        found.scores[name] = {channel: nats for channel, nats in found.scores[name].items() if nats > 0.0}
 
 
 def _pressures(found: Clues) -> None:
@@ -232,10 +249,8 @@ def _pressures(found: Clues) -> None:
 
 def _motion(found: Clues) -> None:
     """The position follows the pump's speed; a demand is smooth and comes first."""
-    # Beside a shaft's angle nothing has to be guessed from an integral alone.
-    told = set(found.unnamed) if found.shaft is not None else set()
-    rates = [n for n in found.allowing("pump_speed", "command") if n not in told]
-    places = [n for n in found.allowing("position", "position_setpoint") if n not in told]
+    rates = [n for n in found.allowing("pump_speed", "command") if n not in found.unnamed]
+    places = [n for n in found.allowing("position", "position_setpoint") if n not in found.unnamed]
     for x, w in product(places, rates):
         r = 0.0 if x == w else abs(follows(found.data, x, w))
         if r > CLOSE:
@@ -250,6 +265,49 @@ def _motion(found: Clues) -> None:
             if smooth and leads(found.data, a, b) > 0.0:
                 found.add(a, demand, 1.0, f"it is smooth and comes before {b}")
                 found.add(b, measured, 1.0, f"it comes after {a}")
+
+
+def _chambers(found: Clues) -> None:
+    """Which pressures are the chambers', where no name tells: oil that moves no piston fills them.
+
+    One rests while the other works: check valves or a directional valve keep the emptied side near the
+    accumulator's pressure.
+    """
+    data, rate = found.data, found.shaft is None
+    pump = found.named("pump_speed") if found.shaft is None else found.shaft.signal
+    x = found.named("position")
+    may = sorted(n for n in found.pressures() if not found.named_as(n, "pressure"))
+    if pump is None or x is None or found.sides_known or not data.changes(x).size:
+        return
+    # A pressure is filled by the motion that counts as positive, whichever way the pump counts.
+    way = 1.0 if correlation(data.changes(x), data.sums(pump) if rate else data.changes(pump)) > 0.0 else -1.0
+    middles = {n: data.columns[n] - float(np.nanmedian(data.columns[n])) for n in may}
+    t = {n: way * rises_with_pumping(data, v, x, pump, rate=rate) for n, v in middles.items()}
+    for side, sense, word in (("pressure_1", 1.0, "raises"), ("pressure_2", -1.0, "lowers")):
+        best = max((sense * t[n] for n in may), default=0.0)
+        for name in may:
+            if sense * t[name] > 0.0:  # what explains less than half of what the best does is none beside it
+                nats = min(0.5 * t[name] ** 2, SURE_NATS) * min(2.0 * (t[name] / best) ** 2, 1.0)
+                found.add(name, side, nats, f"pumping {word} it (t = {abs(t[name]):.0f})")
+    clear = [n for n in may if abs(t[n]) > CLEAR_T]
+    pairs = [(_rest(data, a, b), a, b) for a, b in combinations(clear, 2) if t[a] * t[b] < 0.0]
+    if pairs and min(pairs)[0] < RESTS:
+        share, *both = min(pairs)
+        one, two = sorted(both, key=lambda n: -t[n])
+        nats = -2.0 * float(np.log(share / RESTS))
+        found.add(one, "pressure_1", nats, f"it rests while {two} is high")
+        found.add(two, "pressure_2", nats, f"it rests while {one} is high")
+
+
+def _rest(data: Signals, a: str, b: str) -> float:
+    """The share of its scatter that one keeps while the other is high, the larger of both ways round."""
+    shares = []
+    for one, other in ((a, b), (b, a)):
+        mine, its = data.means(one), data.means(other)
+        low, high = np.percentile(its, [5.0, 95.0])
+        working = its > 0.5 * (low + high)
+        shares.append(float(np.std(mine[working]) / np.std(mine)) if working.any() else 1.0)
+    return max(max(shares), 1e-3)
 
 
 def _accumulator(found: Clues) -> None:
@@ -283,53 +341,3 @@ def _torque(found: Clues) -> None:
         r = correlation(found.data.means(name), found.data.means(drop))
         if name != drop and abs(r) > 0.7 and dimension_of(found.units[name]) in ("current", None):
             found.add(name, "motor_current", 1.0, f"it goes with {drop} ({abs(r):.2f})")
-
-
-@dataclass(frozen=True)
-class Choice:
-    """A channel's signal, how sure that is (0 to 1), and the signal that comes next."""
-
-    signal: str
-    confidence: float
-    other: str | None
-
-
-def assign(scores: dict[str, dict[str, float]], channels: list[str]) -> dict[str, Choice]:
-    """The assignment of the highest total score, each signal and channel at most once.
-
-    How sure a choice is follows from how much the total falls where it is forbidden.
-
-    Parameters
-    ----------
-    scores : signal to channel to nats; a channel that is not there is impossible.
-    channels : to be filled.
-
-    Examples
-    --------
-    >>> assign({"x": {"position": 4.0}, "y": {"position": 1.6}}, ["position"])["position"].signal
-    'x'
-    """
-    signals = list(scores)
-    rows = [[of.get(channel, IMPOSSIBLE) for channel in channels] for of in scores.values()]
-    table = np.array(rows).reshape(len(signals), len(channels))
-    total, chosen = _best(table)
-    out: dict[str, Choice] = {}
-    for i, j in chosen:
-        without = table.copy()
-        without[i, j] = IMPOSSIBLE
-        less, others = _best(without)
-        other = next((signals[a] for a, b in others if b == j), None)
-        confidence = float(1.0 / (1.0 + np.exp(-min(total - less, 50.0))))
-        out[channels[j]] = Choice(signals[i], confidence, other)
-    return out
-
-
-def _best(table: NDArray[np.float64]) -> tuple[float, list[tuple[int, int]]]:
-    from scipy.optimize import linear_sum_assignment
-
-    rows, columns = table.shape
-    # As many columns that mean "no channel" as there are signals, so that nothing is forced.
-    wide = np.concatenate([table, np.full((rows, rows), LEAST_SCORE)], axis=1)
-    i, j = linear_sum_assignment(wide, maximize=True)
-    chosen = [(int(a), int(b)) for a, b in zip(i, j, strict=True) if b < columns]
-    return float(wide[i, j].sum()), chosen

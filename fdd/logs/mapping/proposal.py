@@ -4,17 +4,13 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 
-import numpy as np
-
 from fdd.errors import InputError
-from fdd.logs.angles import accumulate_speed
 from fdd.logs.channel_map import ChannelMap, ChannelSource
 from fdd.logs.formats.signals import LogFile, Signal
-from fdd.logs.mapping.behaviour import delays
+from fdd.logs.mapping.assignment import Choice, assign, signs_of
 from fdd.logs.mapping.concepts import RULES, Words
-from fdd.logs.mapping.evidence import PRESSURES, Choice, Clues, assign, gather
+from fdd.logs.mapping.evidence import Clues, gather
 from fdd.logs.mapping.given import Given
-from fdd.logs.mapping.signs import signs_of
 from fdd.logs.mapping.units import Question, scale_of, unit_questions
 from fdd.logs.names import path_parts
 from fdd.near_misses import listed
@@ -155,40 +151,12 @@ def _signs_and_units(
             mine = names.get(c) == signal_name if signal_name else c == channel
             if mine or (signal_name is None and channel == "pressure" and c.startswith("pressure")):
                 row.source = known.applied(row.source)
-    _delays(found, names, out)
     asked = unit_questions(found, names, {c: r.source for c, r in out.rows.items() if c in names})
     for question, sources in asked:
         for channel, source in sources.items():
             out.rows[channel].source = source
         if question is not None:
             out.questions.append(question)
-
-
-def _delays(found: Clues, name: dict[str, str], out: Proposal) -> None:
-    """Delays of motion and pressures against the pump, where the volume balance closes better with them."""
-    one, two, drop = (name.get(c) for c in ("pressure_1", "pressure_2", "pressure_difference"))
-    columns, time = found.data.columns, found.data.time
-    if "position" not in name or not {"pump_speed", "pump_angle"} & set(name):
-        return
-    if "pump_angle" in name:
-        turned = columns[name["pump_angle"]]
-    else:
-        turned = accumulate_speed(time, columns[name["pump_speed"]], float(np.median(np.diff(time))))
-    if one and two:
-        scales = [out.rows[c].source.scale for c in ("pressure_1", "pressure_2")]
-        difference = scales[0] * columns[one] - scales[1] * columns[two]
-    elif drop:
-        difference = columns[drop]
-    else:
-        return
-    found_late = delays(time, turned, columns[name["position"]], difference)
-    for channels, late in zip((("position",), PRESSURES[:3]), found_late, strict=True):
-        if late == 0.0:
-            continue
-        kind = channels[0].split("_")[0]
-        out.notes.append(f"{kind} comes {1e3 * late:.3g} ms later than the pump's motion")
-        for row in (out.rows[c] for c in channels if c in out.rows):
-            row.source = row.source.model_copy(update={"delay": float(f"{late:.3g}")})
 
 
 def _source(log: LogFile, signal: Signal, **more: object) -> ChannelSource:

@@ -78,13 +78,7 @@ def scale_of(found: Clues, speed: str | None, channel: str, name: str) -> dict[s
 
 
 def _rate_unit(per: float) -> dict[str, object]:
-    """Unit of a speed of which one is so many rad/s; a scale of rpm where it is none.
-
-    Examples
-    --------
-    >>> _rate_unit(0.1047), _rate_unit(0.0922)
-    ({'unit': 'rpm'}, {'scale': 0.8804, 'unit': 'rpm'})
-    """
+    """Unit of a speed of which one is so many rad/s; a scale of rpm where it is none."""
     for unit in _UNITS["pump_speed"]:
         measured = find_measure(unit, "angular_speed")
         if measured is not None and abs(per / measured.factor - 1.0) < 0.015:
@@ -93,13 +87,7 @@ def _rate_unit(per: float) -> dict[str, object]:
 
 
 def _rounded_to_rpm(per_volt: float) -> float:
-    """A drive's scale is a multiple of 500 revolutions a minute at 10 V; within 1.5 % of one, it is that.
-
-    Examples
-    --------
-    >>> round(_rounded_to_rpm(31.3), 3), _rounded_to_rpm(0.5)
-    (31.416, 0.5)
-    """
+    """A drive's scale is a multiple of 500 revolutions a minute at 10 V; within 1.5 % of one, it is that."""
     at_ten_volts = 10.0 * per_volt * 30.0 / np.pi
     whole = 500.0 * round(at_ten_volts / 500.0)
     if whole >= 500.0 and abs(at_ten_volts / whole - 1.0) < 0.015:

@@ -1,88 +1,42 @@
-"""MCAP files as batches of messages: the library reads the records, a chunk is taken apart at once."""
+"""MCAP files as batches of messages: the library reads the records of the file, not those in its chunks.
+
+It would make an object of each message, which takes several times as long.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+import zlib
+from collections import defaultdict
+from collections.abc import Iterator
 from dataclasses import dataclass, field
 from functools import cache
+from io import BytesIO
 from pathlib import Path
+from struct import Struct
 from struct import error as StructError
-from typing import Any, Protocol
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from fdd.bounds import MAX_CHUNK_BYTES, MAX_RECORD_BYTES
 from fdd.errors import InputError
-from fdd.logs.wire.compiled import njit
-from fdd.samples import Column
 
 _SCHEMA, _CHANNEL, _MESSAGE = 0x03, 0x04, 0x05
-_FRAME_BYTES = 9
-_HEAD = np.dtype([("channel", "<u2"), ("sequence", "<u4"), ("log_time", "<u8"), ("publish_time", "<u8")])
-FieldPath = tuple[str | int, ...]
-"""Keys and indices from the message down to a number."""
+_FRAME, _HEAD = Struct("<BQ"), Struct("<HIQQ")
+"""Of a record: opcode and length; of a message: channel, sequence, log time and publish time."""
 
 
-@dataclass(frozen=True)
-class Field:
-    """A number in a message, and the unit that its schema gives."""
-
-    path: FieldPath
-    unit: str | None = None
-
-
-class Decoder(Protocol):
-    """Reads the messages of one channel."""
-
-    def fields(self, first: Batch) -> list[Field]:
-        """The numbers in the messages, by the schema and the first of them."""
-
-    def columns(self, batch: Batch, paths: Sequence[FieldPath]) -> list[Column]:
-        """(n,) numbers of each path, NaN where a message lacks it.
-
-        Raises
-        ------
-        ValueError : a message is damaged, or holds something else than numbers there.
-        """
-
-
-def present(decoder: Decoder, first: Batch, paths: list[FieldPath]) -> list[FieldPath]:
-    """Those of some paths, elements of arrays, that the first message has."""
-    one = Batch(first.channel, first.stamps[:1], first.data, first.starts[:1], first.ends[:1])
-    found = decoder.columns(one, paths) if paths and first.stamps.size else []
-    return [path for path, values in zip(paths, found, strict=False) if np.isfinite(values).any()]
-
-
-def written(path: FieldPath) -> str:
-    """A path as a channel map writes it.
-
-    Examples
-    --------
-    >>> written(("joint", "position", 2)), written((0, "x"))
-    ('joint.position[2]', '[0].x')
-    """
-    text = ""
-    for part in path:
-        text += f"[{part}]" if isinstance(part, int) else (f".{part}" if text else part)
-    return text
-
-
-@dataclass(frozen=True)
-class Batch:
-    """Messages of one channel: (n,) ns, and where each stands in `data`."""
+class Batch(NamedTuple):
+    """Messages of one channel: (n,) ns, and their bytes."""
 
     channel: int
     stamps: NDArray[np.int64]
-    data: NDArray[np.uint8]
-    starts: NDArray[np.int64]
-    ends: NDArray[np.int64]
+    payloads: list[bytes]
 
-    def payloads(self, most: int | None = None) -> list[bytes]:
-        """The messages' bytes."""
-        whole = self.data.tobytes()
-        pairs = zip(self.starts[:most].tolist(), self.ends[:most].tolist(), strict=True)
-        return [whole[a:b] for a, b in pairs]
+
+_Found = defaultdict[int, tuple[list[int], list[bytes]]]
+"""Stamps and bytes by channel."""
 
 
 @dataclass
@@ -112,7 +66,9 @@ class ChunkWalk:
         from mcap.exceptions import InvalidMagic, McapError, RecordLengthLimitExceeded
         from mcap.records import Channel, Chunk, Message, Metadata, Schema
 
-        loose: list[Any] = []
+        # Besides the library's own whatever a damaged record provokes, as text that is none.
+        provoked = (McapError, ValueError, LookupError, ArithmeticError, MemoryError, StructError)
+        loose: _Found = defaultdict(lambda: ([], []))
         with self.path.open("rb") as stream:
             records = _reader()(stream, emit_chunks=True, record_size_limit=MAX_RECORD_BYTES).records
             first = True
@@ -121,20 +77,10 @@ class ChunkWalk:
                     record = next(records, None)
                 except RecordLengthLimitExceeded as error:
                     raise InputError(f"a damaged or too large record ({error})", where=self.path) from None
-                # Besides the library's own whatever a damaged record provokes, as text that is none.
-                except (
-                    McapError,
-                    ValueError,
-                    LookupError,
-                    ArithmeticError,
-                    MemoryError,
-                    StructError,
-                ) as error:
+                except provoked as error:
                     if first and isinstance(error, InvalidMagic):
-                        mend = "record or copy it again"
-                        raise InputError(
-                            "not an MCAP file (wrong first bytes)", where=self.path, mend=mend
-                        ) from None
+                        problem, mend = "not an MCAP file (wrong first bytes)", "record or copy it again"
+                        raise InputError(problem, where=self.path, mend=mend) from None
                     self.truncated = True
                     break
                 first = False
@@ -147,62 +93,53 @@ class ChunkWalk:
                 elif isinstance(record, Metadata):
                     self.metadata[record.name] = dict(record.metadata)
                 elif isinstance(record, Message):
-                    loose.append(record)
+                    stamps, payloads = loose[record.channel_id]
+                    stamps.append(record.log_time)
+                    payloads.append(record.data)
                 elif isinstance(record, Chunk):
-                    yield from self._chunk(record)
-        yield from _loose(loose)
+                    yield from self._batches(self._chunk(record))
+        yield from self._batches(loose)
 
-    def _chunk(self, chunk: Any) -> Iterator[Batch]:
-        import zlib
+    def _batches(self, found: _Found) -> Iterator[Batch]:
+        for channel, (stamps, payloads) in sorted(found.items()):
+            if channel in self.channels:  # else a damaged number; there may be thousands
+                yield Batch(channel, np.array(stamps, dtype=np.uint64).astype(np.int64), payloads)
 
-        size = int(chunk.uncompressed_size)
-        if size > MAX_CHUNK_BYTES:
-            raise InputError(f"a chunk of {size} bytes, at most {MAX_CHUNK_BYTES} are read", where=self.path)
-        raw = _inflated(chunk, size)
-        if (
-            raw is None
-            or len(raw) != size
-            or (chunk.uncompressed_crc and zlib.crc32(raw) != chunk.uncompressed_crc)
-        ):
-            self.damaged += 1
-            return
-        data = np.frombuffer(raw, dtype=np.uint8)
-        opcodes, starts, lengths = _records(data)
-        if not self._definitions(raw, opcodes, starts, lengths):
-            self.damaged += 1
-            return
-        told = (opcodes == _MESSAGE) & (lengths >= _HEAD.itemsize)
-        starts, lengths = starts[told], lengths[told]
-        heads = np.ascontiguousarray(data[starts[:, None] + np.arange(_HEAD.itemsize)]).view(_HEAD)[:, 0]
-        stamps = heads["log_time"].astype(np.int64)
-        for channel in np.unique(heads["channel"]).tolist():
-            if channel not in self.channels:  # a damaged number; there may be thousands
-                continue
-            mine = heads["channel"] == channel
-            begins = starts[mine] + _HEAD.itemsize
-            yield Batch(channel, stamps[mine], data, begins, starts[mine] + lengths[mine])
-
-    def _definitions(
-        self, raw: bytes, opcodes: NDArray[Any], starts: NDArray[Any], lengths: NDArray[Any]
-    ) -> bool:
-        """Take up schemas and channels of a chunk; False where one is damaged."""
-        from io import BytesIO
-
+    def _chunk(self, chunk: Any) -> _Found:
+        """Messages of a chunk; none where it is damaged."""
         from mcap.data_stream import ReadDataStream
         from mcap.records import Channel, Schema
 
-        for k in np.flatnonzero((opcodes == _SCHEMA) | (opcodes == _CHANNEL)).tolist():
-            stream = ReadDataStream(BytesIO(raw[starts[k] : starts[k] + lengths[k]]))
-            try:
-                if opcodes[k] == _SCHEMA:
-                    schema = Schema.read(stream)
-                    self.schemas[schema.id] = schema
-                else:
-                    channel = Channel.read(stream)
-                    self.channels[channel.id] = channel
-            except Exception:  # the library lets struct's and the codec's errors through
-                return False
-        return True
+        size, crc = int(chunk.uncompressed_size), chunk.uncompressed_crc
+        if size > MAX_CHUNK_BYTES:
+            raise InputError(f"a chunk of {size} bytes, at most {MAX_CHUNK_BYTES} are read", where=self.path)
+        found: _Found = defaultdict(lambda: ([], []))
+        raw = _inflated(chunk, size)
+        if raw is None or len(raw) != size or (crc and zlib.crc32(raw) != crc):
+            self.damaged += 1
+            return found
+        at = 0
+        while at + _FRAME.size <= size:
+            opcode, length = _FRAME.unpack_from(raw, at)
+            begin = at + _FRAME.size
+            at = begin + length
+            if at > size or opcode == 0:  # no record: zeros would go on for long
+                break
+            if opcode == _MESSAGE and length >= _HEAD.size:
+                channel, _, stamp, _ = _HEAD.unpack_from(raw, begin)
+                stamps, payloads = found[channel]
+                stamps.append(stamp)
+                payloads.append(raw[begin + _HEAD.size : at])
+            elif opcode in (_SCHEMA, _CHANNEL):
+                known: dict[int, Any] = self.schemas if opcode == _SCHEMA else self.channels
+                kind: Any = Schema if opcode == _SCHEMA else Channel
+                try:
+                    record = kind.read(ReadDataStream(BytesIO(raw[begin:at])))
+                except Exception:  # the library lets struct's and the codec's errors through
+                    self.damaged += 1
+                    return defaultdict(lambda: ([], []))
+                known[record.id] = record
+        return found
 
 
 @cache
@@ -242,39 +179,3 @@ def _inflated(chunk: Any, size: int) -> bytes | None:
     raise InputError(
         f"chunks compressed with {chunk.compression[:20]!r}", mend="record with zstd, lz4 or none"
     )
-
-
-def _loose(messages: list[Any]) -> Iterator[Batch]:
-    """Messages that stand in no chunk."""
-    by_channel: dict[int, list[Any]] = {}
-    for message in messages:
-        by_channel.setdefault(message.channel_id, []).append(message)
-    for channel, mine in by_channel.items():
-        lengths = np.array([len(m.data) for m in mine], dtype=np.int64)
-        ends = np.cumsum(lengths)
-        stamps = np.array([m.log_time for m in mine], dtype=np.uint64).astype(np.int64)
-        data = np.frombuffer(b"".join(m.data for m in mine), dtype=np.uint8)
-        yield Batch(channel, stamps, data, ends - lengths, ends)
-
-
-@njit()
-def _records(data):  # type: ignore[no-untyped-def]
-    """Opcode, first byte and length of each record in a chunk; one that runs over its end is left out."""
-    count = 0
-    for counting in (True, False):
-        if not counting:
-            opcodes = np.empty(count, np.uint8)
-            starts, lengths = np.empty(count, np.int64), np.empty(count, np.int64)
-        k, at = 0, np.int64(0)
-        while at + _FRAME_BYTES <= data.size:
-            length = np.uint64(0)
-            for b in range(8):
-                length |= np.uint64(data[at + 1 + b]) << np.uint64(8 * b)
-            if length > np.uint64(data.size - at - _FRAME_BYTES):
-                break
-            if not counting:
-                opcodes[k], starts[k], lengths[k] = data[at], at + _FRAME_BYTES, np.int64(length)
-            k += 1
-            at += _FRAME_BYTES + np.int64(length)
-        count = k
-    return opcodes, starts, lengths

@@ -1,4 +1,4 @@
-"""Logs of raw counts without names or units: what physics tells is found, and only scales are asked for."""
+"""Logs of raw counts without names or units: turns, direction, speeds and signs follow from the shaft."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from fdd.logs import read_log
 from fdd.logs.channel_map import ChannelMap
 from fdd.logs.formats import open_log
 from fdd.logs.mapping import given_of, propose
-from fdd.logs.mapping.unnamed import counts_a_turn
+from fdd.logs.mapping.shaft import counts_a_turn
 from fdd.logs.mapping.writing import map_text
 from fdd.plant.scenario import Scenario
 from fdd.plant.simulate import simulate
@@ -27,6 +27,7 @@ RIGS = {
     "axis B, strokes on a spring": ("axis_b", "strokes", "spring", 8),
 }
 RPM_A_COUNT = 0.25
+PORTS = ("pressure_1", "pressure_2")
 
 
 def stripped(samples: Samples, path: Path, seed: int, *, one_way: bool) -> dict[str, str]:
@@ -45,7 +46,6 @@ def stripped(samples: Samples, path: Path, seed: int, *, one_way: bool) -> dict[
         "command": np.round(samples["command"] * 30.0 / np.pi / RPM_A_COUNT),
         "position": np.round(position / 1e-5) + 5000.0,
         "position_setpoint": np.round(setpoint / 1e-5) + 5000.0,
-        "mirrored": -np.round(position / 1e-5) - 5000.0,
         "pressure_1": np.round(samples["pressure_1"] / 2e3) + 120.0,
         "pressure_2": np.round(samples["pressure_2"] / 2.5e3) + 80.0,
         "current": np.round(100.0 * samples["motor_current"]) + 2048.0,
@@ -64,31 +64,28 @@ def stripped(samples: Samples, path: Path, seed: int, *, one_way: bool) -> dict[
 @pytest.mark.parametrize("one_way", [False, True], ids=["two ways", "one way and a valve"])
 @pytest.mark.parametrize("rig", RIGS)
 def test_counts_without_names_are_read_but_for_their_scales(rig: str, one_way: bool, tmp_path: Path) -> None:
-    """Test: counts in nameless columns. Expected: channels, signs, turns and speeds; scales are asked for.
+    """Test: counts in nameless columns. Expected: the shaft's; position and pressures are to be named.
 
-    With the scales given nothing is left to ask, and the log reads as it was simulated.
+    With them given by their scales nothing is left to ask, and the log reads as it was simulated.
     """
     unit, duty, load, seed = RIGS[rig]
     scenario = Scenario(duration=30.0, seed=seed, duty={"name": duty}, load={"name": load})
     log = simulate(Unit.load(unit), scenario).samples
     path = tmp_path / "log.csv"
     names = stripped(log, path, seed, one_way=one_way)
-    found = propose(open_log(path))
-    assert [q.channel for q in found.questions] == ["position", "pressure"]
-    columns = {c: r.source.column for c, r in found.rows.items() if c != "time"}
-    assert columns.pop("position") in (names["position"], names["mirrored"])
-    assert columns == {c: names[c] for c in columns}
-    assert {"pump_angle", "pump_speed", "command", "position_setpoint", "pressure_1", "pressure_2"} == set(
-        columns
-    )
-
+    with pytest.raises(InputError, match="found no position"):
+        propose(open_log(path)).channel_map()
     scales = [
         f"position={names['position']}*0.01-50:mm",
+        f"position_setpoint={names['position_setpoint']}",
         f"pressure_1={names['pressure_1']}*0.02-2.4:bar",
         f"pressure_2={names['pressure_2']}*0.025-2:bar",
     ]
     found = propose(open_log(path), given=given_of(scales))
     assert not found.questions
+    of_shaft = {"command", "pump_angle", "pump_speed"}
+    columns = {c: r.source.column for c, r in found.rows.items() if c != "time"}
+    assert columns == {c: names[c] for c in (*of_shaft, "position", "position_setpoint", *PORTS)}
     read = read_log(path, ChannelMap.from_yaml(map_text(found, "rig", None, "log.csv"))).samples
     # Of the angle a count is lost or won at a reversal.
     count = {
@@ -98,14 +95,11 @@ def test_counts_without_names_are_read_but_for_their_scales(rig: str, one_way: b
         "pressure_1": 2e3,
         "pressure_2": 2.5e3,
     }
-    late = max(found.rows["position"].source.delay, found.rows["pressure_1"].source.delay)
-    assert late < 0.01
     for channel, digit in count.items():
         wanted, got = log[channel], read[channel]
         if channel == "pump_angle":  # it is counted from the first row
             wanted, got = wanted - wanted[0], got - got[0]
-        bound = digit + late * float(np.nanmax(np.abs(np.gradient(wanted, log.time))))
-        assert float(np.nanmax(np.abs(got - wanted)[100:-100])) < bound, channel
+        assert float(np.nanmax(np.abs(got - wanted)[100:-100])) < digit, channel
     for channel in ("pump_speed", "command"):
         slope = float(read[channel] @ log[channel] / (log[channel] @ log[channel]))
         assert slope == pytest.approx(1.0, abs=0.01), channel
