@@ -11,11 +11,12 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from fdd.sensors.compiled import njit
 from fdd.sensors.finding import SensorFindings
 from fdd.sensors.jumps import NOISE_REACH, STAYS, Jump, explained, jumps, moved_oil
 from fdd.sensors.limits import ACCUMULATOR, ANGLE, DIFFERENCE, NAMES, ONE, POSITION, SPEED, TWO, Limits
 from fdd.sensors.memory import CELL_HISTORY, Memory
-from fdd.sensors.statistics import GAUSS_90, excess, njit, place, smallest, widest
+from fdd.sensors.statistics import GAUSS_90, excess, place, smallest, widest
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]

@@ -13,8 +13,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from fdd.sensors.compiled import njit
 from fdd.sensors.limits import ANGLE, DIFFERENCE, ONE, POSITION, TWO, Limits
-from fdd.sensors.statistics import excess, njit, smallest, widest
+from fdd.sensors.statistics import excess, smallest, widest
 
 Array = NDArray[np.float64]
 

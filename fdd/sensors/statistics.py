@@ -2,16 +2,12 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
 import numpy as np
 from numpy.typing import NDArray
 
-from estimators.compiled import compiler
+from fdd.sensors.compiled import njit
 
 Array = NDArray[np.float64]
-
-njit = compiler(Path(__file__).parent)
 
 GAUSS_75, GAUSS_90 = 1.1503, 1.6449
 """Quantiles of the absolute value of a standard normal variable at 75 and 90 %."""

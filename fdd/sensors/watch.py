@@ -12,12 +12,12 @@ from numpy.typing import NDArray
 
 from fdd.errors import InputError
 from fdd.samples import Samples
+from fdd.sensors.compiled import njit
 from fdd.sensors.finding import FAILING, SensorFinding, SensorFindings
 from fdd.sensors.judge import FrameJudge
 from fdd.sensors.limits import ANGLE, DIFFERENCE, INDEX, NAMES, ONE, POSITION, SIGMA, SPEED, TWO, Limits
 from fdd.sensors.memory import Memory
 from fdd.sensors.scan import FRAME_S
-from fdd.sensors.statistics import njit
 from fdd.unit import Unit
 
 Array = NDArray[np.float64]
