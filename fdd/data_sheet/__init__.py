@@ -6,10 +6,9 @@ Examples
 >>> unit = typed_unit(read_answers("answers.yaml"))  # doctest: +SKIP
 """
 
-from fdd.data_sheet.answers import Answers, parsed, read_answers
+from fdd.data_sheet.answers import QUESTIONS, Answers, Question, parsed, read_answers
 from fdd.data_sheet.plausibility import Remark, derived, require_plausible, sheet_remarks, unit_remarks
 from fdd.data_sheet.profile import typed_unit
-from fdd.data_sheet.questions import QUESTIONS, Question
 
 __all__ = [
     "QUESTIONS",

@@ -114,14 +114,6 @@ def _sheet(path: Path) -> None:
     read_answers(path)
 
 
-def _duty(path: Path) -> None:
-    from fdd.data_sheet import typed_unit
-    from fdd.data_sheet.duty import read_duty
-    from fdd.data_sheet.sizing import sized
-
-    typed_unit(sized(read_duty(path)).answers)
-
-
 def _answers(path: Path) -> None:
     """An earlier answer, as ``fdd diagnose --resume`` takes it up."""
     from fdd.cli.answers import ANSWERS, AnswersFolder
@@ -169,7 +161,6 @@ KINDS: dict[str, Kind] = {
     "model": Kind(_model, data_changed, ("fdd/diagnosis/model.json",)),
     "recipe": Kind(_recipe, data_changed, ("datasets/*.yaml",)),
     "sheet": Kind(_sheet, data_changed, ("examples/*.datasheet.yaml",)),
-    "duty": Kind(_duty, data_changed, ("examples/*.duty.yaml",)),
     "answers": Kind(_answers, data_changed),
     "lines": Kind(_lines, data_changed),
 }
