@@ -7,7 +7,6 @@ or ``feature``) in the metadata of its field; fdd's version and the data set's h
 from __future__ import annotations
 
 import json
-from functools import partial
 from pathlib import Path
 from typing import Any, Unpack
 
@@ -16,8 +15,7 @@ import pyarrow as pa
 from pyarrow import parquet
 
 from fdd import __version__
-from fdd.campaign.dataset import Dataset, Entry, Manifest
-from fdd.campaign.splits import split_of
+from fdd.campaign.dataset import Dataset, Entry, Manifest, split_of
 from fdd.campaign.train import identified_unit
 from fdd.campaign.units import How, over_units
 from fdd.diagnosis.findings import Diagnosis
@@ -54,34 +52,26 @@ TOLD: dict[str, tuple[str, str, str]] = {
 """Columns beside the features: role, unit and meaning."""
 
 
-def feature_table(
-    directory: str | Path,
-    *,
-    model: str | None = None,
-    window: float | None = None,
-    **how: Unpack[How],
-) -> pa.Table:
+def feature_table(directory: str | Path, *, model: str | None = None, **how: Unpack[How]) -> pa.Table:
     """Diagnose every log of a data set, on profiles identified from its units' own baselines.
 
     Parameters
     ----------
-    model : file of the learnt layer; None takes the shipped one. window : s of a row; None: a log is one.
+    model : file of the learnt layer; None takes the shipped one.
 
     Returns
     -------
-    Columns of `TOLD`, then `FEATURES`; a row for each log or window, by unit and log.
+    Columns of `TOLD`, then `FEATURES`; a row for each log, by unit and log.
 
     Raises
     ------
     InputError : not a data set, without baselines, or an unusable model.
     """
-    rows = over_units(partial(_unit_rows, window), directory, model, **how)
-    return table_of(rows, Dataset.load(directory).manifest, Model.load(model).sha256, window)
+    rows = over_units(_unit_rows, directory, model, **how)
+    return table_of(rows, Dataset.load(directory).manifest, Model.load(model).sha256)
 
 
-def table_of(
-    rows: list[dict[str, Any]], data: Manifest, model_sha256: str, window: float | None = None
-) -> pa.Table:
+def table_of(rows: list[dict[str, Any]], data: Manifest, model_sha256: str) -> pa.Table:
     """Rows with what the file has to say of them.
 
     Parameters
@@ -98,7 +88,7 @@ def table_of(
     ]
     about = {
         "schema": SCHEMA, "fdd": __version__, "data": data.name, "data_sha256": data.sha256,
-        "model_sha256": model_sha256, "window_s": window,
+        "model_sha256": model_sha256, "window_s": None,
     }  # fmt: skip
     return pa.table(plain, schema=pa.schema(fields, metadata={KEY: json.dumps(about)}))
 
@@ -107,14 +97,16 @@ def _type(name: str, unit: str) -> pa.DataType:
     return pa.float64() if name in FEATURES or unit else pa.string()
 
 
-def _unit_rows(window: float | None, directory: str, model: str | None, unit: str) -> list[dict[str, Any]]:
+def _unit_rows(directory: str, model: str | None, unit: str) -> list[dict[str, Any]]:
     data = Dataset.load(directory)
     profile, learnt = identified_unit(data, unit), Model.load(model)
-    return [
-        {**_truth(entry, start, end), **_answer(answer), **row}
-        for entry in data.logs_of(unit)
-        for start, end, answer, row in log_features(data.samples(entry), profile, learnt, window)
-    ]
+    rows = []
+    for entry in data.logs_of(unit):
+        samples = data.samples(entry)
+        answer, row = log_features(samples, profile, learnt)
+        start, end = float(samples.time[0]), float(samples.time[-1])
+        rows.append({**_truth(entry, start, end), **_answer(answer), **row})
+    return rows
 
 
 def _truth(entry: Entry, start: float, end: float) -> dict[str, Any]:
@@ -154,7 +146,7 @@ def read_features(path: str | Path) -> tuple[pd.DataFrame, dict[str, Any], dict[
 
     Returns
     -------
-    The table; what it says of itself (``fdd``, ``data``, ``data_sha256``, ``model_sha256``, ``window_s``);
+    The table; what it says of itself (``fdd``, ``data``, ``data_sha256``, ``model_sha256``);
     role of each column.
 
     Raises

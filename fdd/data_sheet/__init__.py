@@ -1,10 +1,4 @@
-"""A base profile typed from a data sheet: the questions, the profile they make, and whether it can be.
-
-Examples
---------
->>> from fdd.data_sheet import read_answers, typed_unit
->>> unit = typed_unit(read_answers("answers.yaml"))  # doctest: +SKIP
-"""
+"""A base profile typed from a data sheet: the questions, the profile they make, and whether it can be."""
 
 from fdd.data_sheet.answers import QUESTIONS, Answers, Question, parsed, read_answers
 from fdd.data_sheet.plausibility import Remark, derived, require_plausible, sheet_remarks, unit_remarks

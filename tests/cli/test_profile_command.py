@@ -19,23 +19,12 @@ from fdd.unit import Unit
 EXAMPLES = Path(__file__).parents[2] / "examples"
 
 SHEET = {
-    "name": "press 3",
-    "piston_area_1": "20 cm^2",
-    "piston_area_2": "10 cm^2",
-    "stroke": "300 mm",
-    "moving_mass": "80 kg",
-    "breakaway_pressure": "2 bar",
-    "pump_displacement": "6.3 cm^3/rev",
-    "max_speed": "3000 rpm",
-    "rated_pressure": "120 bar",
-    "charge_pressure": "7 bar",
-    "gas_volume": "1 L",
-    "viscosity_40": "32 mm^2/s",
-    "torque_constant": 0.8,
-    "winding_resistance": "0.5 ohm",
-    "current_limit": "30 A",
-    "inertia": 3e-3,
-}
+    "name": "press 3", "piston_area_1": "20 cm^2", "piston_area_2": "10 cm^2", "stroke": "300 mm",
+    "moving_mass": "80 kg", "breakaway_pressure": "2 bar", "pump_displacement": "6.3 cm^3/rev",
+    "max_speed": "3000 rpm", "rated_pressure": "120 bar", "charge_pressure": "7 bar", "gas_volume": "1 L",
+    "viscosity_40": "32 mm^2/s", "torque_constant": 0.8, "winding_resistance": "0.5 ohm",
+    "current_limit": "30 A", "inertia": 3e-3,
+}  # fmt: skip
 """What must be said, in a fitter's units; a plain number is SI."""
 
 

@@ -116,7 +116,7 @@ def _sheet(path: Path) -> None:
 
 def _answers(path: Path) -> None:
     """An earlier answer, as ``fdd diagnose --resume`` takes it up."""
-    from fdd.cli.answers import ANSWERS, AnswersFolder
+    from fdd.cli.batch import ANSWERS, AnswersFolder
 
     folder = path.parent / "answers"
     folder.mkdir(exist_ok=True)
