@@ -79,7 +79,10 @@ def test_a_bad_map_is_refused(run, one_line, logs, tiny_model_file, tmp_path, te
     ("changes", "words"),
     [
         ({"schema": "fdd.model/99"}, ["schema", "fdd.model/3"]),
-        ({"tail": {"rate_per_hour": -1.0}}, ["tail.rate_per_hour", "greater than 0"]),
+        (
+            {"tail": {"height": 3, "scale": 1, "hours": 1, "rate_per_hour": -1}},
+            ["tail.rate_per_hour", "greater than 0"],
+        ),
         ({"classifier": "x"}, ["classifier"]),
         (None, ["no such model file"]),
     ],
