@@ -132,15 +132,14 @@ No unit is in two splits.
 def _faults(data: Dataset) -> str:
     """How often each fault is there, and how severe: a table."""
     rows = []
-    counts = Counter(f.fault for e in data.logs for f in e.faults)
-    for name in (n for n in CATALOGUE if counts[n]):
+    for name in CATALOGUE:
         mine = [f for e in data.logs for f in e.faults if f.fault == name]
-        spans = []
-        for values in ([f.severity for f in mine], [f.onset_s for f in mine]):
-            spans.append(f"{min(values):.3g} to {max(values):.3g}")
-        for named in ([f.law for f in mine], [f.profile for f in mine]):
-            spans.append(", ".join(f"{n} {k}" for n, k in Counter(filter(None, named)).most_common()))
-        rows.append([name, str(len(mine)), *spans])
+        if mine:
+            spans = ([f.severity for f in mine], [f.onset_s for f in mine])
+            named = (Counter(f.law for f in mine if f.law), Counter(f.profile for f in mine))
+            told = [f"{min(values):.3g} to {max(values):.3g}" for values in spans]
+            told += [", ".join(f"{n} {k}" for n, k in count.most_common()) for count in named]
+            rows.append([name, str(len(mine)), *told])
     rows.append(["healthy", str(sum(e.healthy for e in data.logs)), "", "", "", ""])
     return "\n".join(table(["fault", "logs", "severity", "onset, s", "laws", "courses"], rows)[:-1])
 

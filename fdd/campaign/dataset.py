@@ -40,6 +40,7 @@ SHARE = 0.2
 Split = Literal["train", "validation", "test"]
 SPLITS: tuple[Split, ...] = ("train", "validation", "test")
 M = TypeVar("M", bound=Validated)
+HEALTHY = "healthy"
 AGAIN = "copy the data set again or generate it anew"
 RelativePath = Annotated[str, Field(pattern=r"^[A-Za-z0-9_.\-]+/[A-Za-z0-9_.\-]+$", max_length=200)]
 
@@ -114,7 +115,18 @@ class Entry(Validated):
     @property
     def family(self) -> str:
         """Family of the first fault, or ``healthy``."""
-        return self.faults[0].family if self.faults else "healthy"
+        return self.faults[0].family if self.faults else HEALTHY
+
+    @property
+    def told(self) -> dict[str, Any]:
+        """What tables say of it: file, unit, and the first fault with its severity and onset."""
+        lead = self.faults[0] if self.faults else None
+        return {
+            "file": self.file, "unit": self.unit, "fault": lead.fault if lead else HEALTHY,
+            "faults": " ".join(f.fault for f in self.faults) or HEALTHY, "family": self.family,
+            "severity": lead.severity if lead else 0.0, "onset_s": lead.onset_s if lead else None,
+            "structure": self.structure,
+        }  # fmt: skip
 
 
 class Manifest(Validated):

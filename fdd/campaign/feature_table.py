@@ -15,7 +15,7 @@ import pyarrow as pa
 from pyarrow import parquet
 
 from fdd import __version__
-from fdd.campaign.dataset import Dataset, Entry, Manifest, split_of
+from fdd.campaign.dataset import HEALTHY, Dataset, Manifest, split_of
 from fdd.campaign.train import identified_unit
 from fdd.campaign.units import How, over_units
 from fdd.diagnosis.findings import Diagnosis
@@ -25,7 +25,6 @@ from fdd.files import whole_file
 from fdd.learning.features import FEATURES, log_features
 
 SCHEMA = "fdd.features/1"
-HEALTHY = "healthy"
 KEY = b"fdd"
 MEND = "make it with: fdd features DATASET -o FILE.parquet"
 
@@ -35,8 +34,8 @@ TOLD: dict[str, tuple[str, str, str]] = {
     "end_s": ("id", "s", "end of it"),
     "unit": ("id", "", "the actuator: rows of one belong together"),
     "split": ("id", "", "train, validation or test; all rows of a unit are in one"),
-    "fault": ("label", "", "true fault that acts by the end of the row, the first one injected; or healthy"),
-    "faults": ("label", "", "all that act by then, with blanks between"),
+    "fault": ("label", "", "true fault, the first one injected; or healthy"),
+    "faults": ("label", "", "all of them, with blanks between"),
     "family": ("label", "", "of that fault, or healthy"),
     "severity": ("label", "1", "of that fault, 0 to 1; 0 while healthy"),
     "onset_s": ("label", "s", "when that fault begins"),
@@ -44,7 +43,7 @@ TOLD: dict[str, tuple[str, str, str]] = {
     "load": ("condition", "", "kind of load"),
     "duty": ("condition", "", "kind of motion"),
     "control": ("condition", "", "position or speed"),
-    "answer_verdict": ("answer", "", "of fdd diagnose by the end of the row"),
+    "answer_verdict": ("answer", "", "of fdd diagnose"),
     "answer_fault": ("answer", "", "its surest fault, or healthy"),
     "answer_family": ("answer", "", "its likeliest family, or healthy"),
     "answer_confidence": ("answer", "1", "probability that it gives that family"),
@@ -104,21 +103,10 @@ def _unit_rows(directory: str, model: str | None, unit: str) -> list[dict[str, A
     for entry in data.logs_of(unit):
         samples = data.samples(entry)
         answer, row = log_features(samples, profile, learnt)
-        start, end = float(samples.time[0]), float(samples.time[-1])
-        rows.append({**_truth(entry, start, end), **_answer(answer), **row})
+        span = {"start_s": float(samples.time[0]), "end_s": float(samples.time[-1])}
+        conditions = {name: getattr(entry.scenario, name) for name in ("load", "duty", "control")}
+        rows.append({**entry.told, **span, **conditions, **_answer(answer), **row})
     return rows
-
-
-def _truth(entry: Entry, start: float, end: float) -> dict[str, Any]:
-    acting = [f for f in entry.faults if f.onset_s < end]
-    lead = acting[0] if acting else None
-    return {
-        "file": entry.file, "start_s": start, "end_s": end, "unit": entry.unit,
-        "fault": lead.fault if lead else HEALTHY, "faults": " ".join(f.fault for f in acting) or HEALTHY,
-        "family": lead.family if lead else HEALTHY, "severity": lead.severity if lead else 0.0,
-        "onset_s": lead.onset_s if lead else None, "structure": entry.structure,
-        "load": entry.scenario.load, "duty": entry.scenario.duty, "control": entry.scenario.control,
-    }  # fmt: skip
 
 
 def _answer(answer: Diagnosis) -> dict[str, Any]:

@@ -11,7 +11,7 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from fdd.campaign.dataset import Dataset, Split, split_of
-from fdd.campaign.feature_table import HEALTHY, feature_table, read_features
+from fdd.campaign.feature_table import feature_table, read_features
 from fdd.campaign.units import How
 from fdd.errors import InputError
 from fdd.learning.features import FEATURES
@@ -135,15 +135,11 @@ def truth_table(data: Dataset) -> pd.DataFrame:
     rows = []
     for e in data.logs:
         lead = e.faults[0] if e.faults else None
+        how = {name: getattr(lead, name, None) for name in ("profile", "law", "channel")}
+        same = {name: getattr(e, name) for name in ("duration_s", "samples", "base", "condition")}
         rows.append({
-            "file": e.file, "unit": e.unit, "split": split[e.unit],
-            "fault": lead.fault if lead else HEALTHY,
-            "faults": " ".join(f.fault for f in e.faults) or HEALTHY, "family": e.family,
-            "severity": lead.severity if lead else 0.0, "onset_s": lead.onset_s if lead else np.nan,
-            "profile": lead.profile if lead else None, "law": lead.law if lead else None,
-            "channel": lead.channel if lead else None,
-            "duration_s": e.duration_s, "samples": e.samples, "base": e.base, "structure": e.structure,
-            "condition": e.condition, **e.scenario.model_dump(),
+            **e.told, "onset_s": lead.onset_s if lead else np.nan, "split": split[e.unit], **how, **same,
+            **e.scenario.model_dump(),
             **{f"true_{name}": value for name, value in e.truth_medians.items()},
         })  # fmt: skip
     return pd.DataFrame(rows)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import glob
 import os
+import re
 from collections import Counter
 from collections.abc import Iterator, Sequence
 from pathlib import Path
@@ -48,7 +49,7 @@ def file_names(names: Sequence[str]) -> list[str]:
     taken: set[str] = set()
     out = []
     for name in names:
-        plain = base = "".join("-" if c in '/\\:*?"<>|' or ord(c) < 32 else c for c in name)
+        plain = base = re.sub(r'[/\\:*?"<>|\x00-\x1f]', "-", name)
         number = 1
         while plain.lower() in taken:
             number += 1
