@@ -24,6 +24,8 @@ FAMILY_COLOURS = {
     "sensor": "#6A4C93", "unknown": "#6B6F76",
 }  # fmt: skip
 MISFIT = "healthy: about 1"
+ALIKE_STD = 0.2
+"""Standard deviations within which two trackers say the same: one line then."""
 TO_RPM = 60.0 / (2.0 * np.pi)
 
 # title, unit, what is drawn: (channel, name), factor from SI
@@ -74,8 +76,9 @@ def sections(diagnosis: Diagnosis, trajectories: Trajectories, samples: Samples)
         ),
         Section(
             "Estimated quantities",
-            f"Tracked by two filters on one model{_others(trajectories)}, each with its ±2σ band. "
-            "Grey: the motion at that time does not show the quantity, and the value is only carried along.",
+            f"Tracked by two filters on one model{_others(trajectories)}, each with its ±2σ band, as one "
+            "line where they say the same. Grey: the motion at that time does not show the quantity, and the "
+            "value is only carried along.",
             [f for name in ESTIMATED for f in _estimate(name, diagnosis, trajectories)],
         ),
         Section(
@@ -189,9 +192,17 @@ def _estimate(name: str, diagnosis: Diagnosis, trajectories: Trajectories) -> li
     seen = trajectories.observable.get(name, np.ones(time.size, dtype=bool))
     data: list[dict[str, Any]] = []
     lines, bands = [], []
+    (first, leading), *others = drawn.items()
+    spread = scale * trajectories.stds.get(first, {}).get(name, np.full(time.size, np.inf))
+    apart = {first: seen, **{k: seen & (np.abs(v - leading) > ALIKE_STD * spread) for k, v in others}}
+    alike = [k for k, differs in apart.items() if k == first or not differs.any()]
     for number, (key, value) in enumerate(drawn.items()):
+        if number and key in alike:
+            continue
         colour = tr.LINE_COLOURS[number % len(tr.LINE_COLOURS)]
-        called, shown = ESTIMATOR_TITLES.get(key, key.upper()), np.where(seen, value, np.nan)
+        called = " and ".join(ESTIMATOR_TITLES.get(k, k.upper()) for k in ([key] if number else alike))
+        called += "" if apart[key][seen].all() else " where it differs"
+        shown = np.where(apart[key], value, np.nan)
         std = trajectories.stds.get(key, {}).get(name)
         if std is not None:
             low, high = shown - 2.0 * scale * std, shown + 2.0 * scale * std

@@ -251,6 +251,24 @@ def test_probabilities_always_fill_the_whole_height(case: Callable[..., Any]) ->
     assert names == ["Healthy", "Leakage", "Friction", "Others, each under 2 %"]
 
 
+def test_two_trackers_that_say_the_same_are_one_line_and_where_they_differ_two(
+    case: Callable[..., Any],
+) -> None:
+    made = case("faulty")
+    ekf, other = (made.trajectories.estimates[k]["leakage"] for k in ("ekf", "svsf"))
+    other[:] = ekf
+    (line,) = [n for n in _drawn(made, "leakage") if "SVSF" in n]
+    assert line == "EKF and SVSF"
+    other[-200:] *= 2.0
+    assert [n for n in _drawn(made, "leakage") if "SVSF" in n] == ["SVSF where it differs"]
+
+
+def _drawn(made: Any, quantity: str) -> list[str]:
+    """Names in a figure's legend."""
+    figure = Page(render_report(*made.arguments())).figures[f"estimate-{quantity}"]
+    return [t["name"] for t in figure["data"] if "name" in t and t.get("showlegend", True)]
+
+
 def test_a_leak_that_begins_at_the_very_end_is_within_the_plot() -> None:
     rng = np.random.default_rng(1)
     line = 6.5 + rng.normal(0.0, 0.05, 5000)
