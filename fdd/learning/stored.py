@@ -1,7 +1,7 @@
 """A trained classifier in a file: kept by skops, which runs no code of the file, and checked before use.
 
 Types in it must be scikit-learn's, fdd's own or of a package that an installed entry point of the group
-``fdd.classifiers`` names.
+``fdd.classifiers`` names. Trees are checked besides: scikit-learn follows their indices without looking.
 """
 
 from __future__ import annotations
@@ -12,6 +12,8 @@ from importlib import import_module
 from pathlib import Path
 from types import FunctionType
 from typing import Any
+
+import numpy as np
 
 from fdd.bounds import MAX_CLASSIFIER_BYTES
 from fdd.errors import InputError
@@ -86,7 +88,9 @@ def load_classifier(path: str | Path) -> StoredClassifier:
         plain = skops.load(path, trusted=asked)
         if plain.pop("schema") != SCHEMA:
             raise InputError(f"not of version {SCHEMA}", where=path, mend=MEND)
-        return StoredClassifier(**plain)
+        stored = StoredClassifier(**plain)
+        _check_trees(stored.estimator)
+        return stored
     except (InputError, MemoryError):
         raise
     except Exception as error:  # whatever a damaged file makes of skops and of the types in it
@@ -121,3 +125,45 @@ def _trusted(name: str) -> bool:
         return home.startswith(own)
     # Scikit-learn's other functions fetch data sets and remove folders.
     return isinstance(found, FunctionType) and home.startswith((*FUNCTIONS, *own[1:]))
+
+
+def _check_trees(root: Any) -> None:
+    """Refuse trees whose indices lead out of them.
+
+    Raises
+    ------
+    ValueError : such a tree.
+    """
+    seen: set[int] = set()
+    left: list[tuple[Any, int]] = [(root, 0)]
+    while left:
+        part, features = left.pop()
+        if id(part) in seen or isinstance(part, type):
+            continue
+        seen.add(id(part))
+        features = int(getattr(part, "n_features_in_", features))
+        if type(part).__name__ == "Tree" and hasattr(part, "children_left"):
+            split = part.children_left != -1
+            children = np.stack([part.children_left, part.children_right])[:, split]
+            _check_nodes(children, part.feature[split], split, features)
+        elif type(part).__name__ == "TreePredictor":
+            split = part.nodes["is_leaf"] == 0
+            inner = part.nodes[split]
+            children = np.stack([inner["left"], inner["right"]]).astype(np.int64)
+            _check_nodes(children, inner["feature_idx"], split, features)
+            sets = inner["bitset_idx"][inner["is_categorical"] != 0]
+            if (sets >= len(part.raw_left_cat_bitsets)).any():
+                raise ValueError("a tree's categories lie outside of it")
+        if isinstance(part, np.ndarray):
+            part = part.ravel().tolist() if part.dtype == object else ()
+        elif not isinstance(part, list | tuple | set):
+            part = (part if isinstance(part, dict) else getattr(part, "__dict__", {})).values()
+        left += [(inside, features) for inside in part]
+
+
+def _check_nodes(children: Any, feature: Any, split: Any, features: int) -> None:
+    """Children come after their node, so that none is its own ancestor, and features are among those seen."""
+    if ((children <= np.flatnonzero(split)) | (children >= split.size)).any():
+        raise ValueError("a tree's nodes lead out of it")
+    if ((feature < 0) | (feature >= features)).any():
+        raise ValueError("a tree asks for features that there are not")

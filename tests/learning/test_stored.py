@@ -105,6 +105,25 @@ def test_nothing_that_acts_is_loaded(wanted: tuple[str, str, str], tmp_path: Pat
         load_classifier(path)
 
 
+def test_trees_that_lead_out_of_themselves_are_refused(tmp_path: Path) -> None:
+    """Such a tree would end the process at the first answer."""
+    forest = RandomForestClassifier(3, random_state=0).fit(X, Y)
+    boosted = HistGradientBoostingClassifier(max_iter=2, min_samples_leaf=5).fit(X, Y)
+    for field, value in (("left", 10**6), ("left", 0), ("feature_idx", 3)):
+        nodes = boosted._predictors[1][0].nodes
+        before, nodes[field][0] = nodes[field][0], value
+        with pytest.raises(InputError, match=r"not a classifier \(ValueError\)"):
+            load_classifier(kept(boosted, tmp_path / "b.skops"))
+        nodes[field][0] = before
+    load_classifier(kept(forest, tmp_path / "f.skops"))
+    tree = forest.estimators_[2].tree_
+    for array, value in ((tree.children_right, 10**6), (tree.feature, 7)):
+        before, array[0] = array[0], value
+        with pytest.raises(InputError, match=r"not a classifier \(ValueError\)"):
+            load_classifier(kept(forest, tmp_path / "f.skops"))
+        array[0] = before
+
+
 @pytest.mark.parametrize("cut", [0, 100, 0.5, 0.98])
 def test_damaged_files_are_refused_in_one_line(cut: float, tmp_path: Path) -> None:
     data = kept(logistic().fit(X, Y), tmp_path / "c.skops").read_bytes()
