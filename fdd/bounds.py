@@ -199,6 +199,9 @@ LONGEST_BASE_60 = _bound(
 # The monitor
 MAX_LINE_BYTES = _bound("MAX_LINE_BYTES", 16 << 20, "bytes of a JSON line", "that of a block of the service")
 MOST_PENDING = _bound("MOST_PENDING", 4096, "lines that wait for the pipeline", "four seconds at 1 kHz")
+MAX_STATE_BYTES = _bound(
+    "MAX_STATE_BYTES", 256 << 20, "bytes of a monitor's state, unpacked", "one has some MiB"
+)
 
 # The service
 MAX_BLOCK_BYTES = _bound(

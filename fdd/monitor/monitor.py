@@ -12,6 +12,8 @@ from fdd.identification.log_scales import StreamScales
 from fdd.monitor.clock import Clock
 from fdd.monitor.sources import Source
 
+SAVE_EVERY_S = 60.0
+
 
 @dataclass(frozen=True)
 class Found:
@@ -52,6 +54,7 @@ def watch(
     stopped: Callable[[], bool] = lambda: False,
     duration: float | None = None,
     status_every: float | None = None,
+    save: Callable[[float], None] | None = None,
     scales: StreamScales | None = None,
 ) -> Diagnosis:
     """Diagnose what a source gives until it ends, or until told to stop.
@@ -61,10 +64,11 @@ def watch(
     source : blocks of samples.
     pipeline : made with ``keep_trajectories=False``, else its memory grows for ever.
     emit : takes each event as it happens.
-    clock : tells when the status is due.
+    clock : tells when status and state are due.
     stopped : asked after each block.
     duration : s of the stream after which to end; None goes on.
     status_every : s between `Status` events; None gives none.
+    save : called with the last sample's time (s) every minute, and at the end.
     scales : holds the stream against its profile.
 
     Returns
@@ -76,7 +80,7 @@ def watch(
     InputError : channels that do not suffice, or are in another unit of measure.
     """
     first = last = math.nan
-    status_due = clock.now()
+    status_due = saved_at = clock.now()
     for block in source:
         for text in source.remarks():
             emit(Noted(last, text))
@@ -96,9 +100,14 @@ def watch(
             status_due = now + status_every
             told = pipeline.finish()
             emit(Status(last, told.samples, told.verdict, told.probabilities, told.estimates))
+        if save is not None and now - saved_at >= SAVE_EVERY_S and not math.isnan(last):
+            saved_at = now
+            save(last)
         over = duration is not None and last - first >= duration - 1e-9
         if over or stopped():
             break
     for text in source.remarks():
         emit(Noted(last, text))
+    if save is not None and not math.isnan(last):
+        save(last)
     return pipeline.finish(source.quality())

@@ -63,6 +63,28 @@ def test_people_get_a_line_per_finding_and_a_summary(run, logs, tiny_model_file,
     assert "Leakage coefficient" in result.stdout
 
 
+def test_state_goes_on_where_it_was(run, logs, tiny_model_file, offline, tmp_path: Path) -> None:
+    state = tmp_path / "axis.npz"
+    common = [logs["leaking"], "--model", tiny_model_file, "--speed", "max", "--json", "--state", state]
+    first = events(run("monitor", *common, "--duration", 9).stdout)[-1]["diagnosis"]
+    assert first["duration_s"] == pytest.approx(9.0, abs=0.01)
+    second = events(run("monitor", *common).stdout)
+    assert second[-1]["diagnosis"]["faults"] == offline["faults"]
+    assert any("seen before" in e.get("text", "") for e in second)
+
+
+def test_a_stream_goes_on_with_the_clock_that_it_had(
+    run, logs, tiny_model_file, offline, tmp_path: Path
+) -> None:
+    lines = stream_of(logs["leaking"]).splitlines(keepends=True)
+    half = len(lines) // 2
+    common = ["-", "--model", tiny_model_file, "--json", "--state", tmp_path / "axis.npz"]
+    run("monitor", *common, input=b"".join(lines[:half]))
+    second = events(run("monitor", *common, input=b"".join(lines[half - 50 :])).stdout)[-1]["diagnosis"]
+    assert second["faults"] == offline["faults"] and second["samples"] == offline["samples"]
+    assert any("late or repeated" in note for note in second["quality"]["notes"])
+
+
 @pytest.mark.parametrize("speed", ["0", "-1", "fast", "nan", "inf"])
 def test_a_speed_that_is_none_is_refused(run, one_line, logs, speed) -> None:
     one_line(run("monitor", logs["leaking"], "--speed", speed), "--speed", "max")

@@ -1,10 +1,12 @@
-"""Clocks, holes, signs and gaps of a stream."""
+"""Clocks, holes, signs, gaps and kept states of a stream."""
 
 from __future__ import annotations
 
 import itertools
+import os
 import threading
 import time
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -13,11 +15,17 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from fdd.diagnosis.findings import Quality
+from fdd.diagnosis.model import Model
+from fdd.diagnosis.pipeline import Pipeline
+from fdd.errors import InputError
 from fdd.logs.channel_map import ChannelMap
-from fdd.monitor import LineParser, Replay
+from fdd.monitor import LineParser, Replay, watch
+from fdd.monitor import state as state_module
 from fdd.monitor.clock import WallClock
+from fdd.monitor.state import CLOCK, load_state, save_state
 from fdd.monitor.stream_clock import Gaps
 from fdd.samples import Samples
+from fdd.unit import Unit
 
 
 def test_the_wall_clock_waits_and_stops_waiting() -> None:
@@ -45,6 +53,18 @@ def test_a_long_hole_is_waited_through_in_steps(clock: Any) -> None:
     assert clock.now() - 100.0 == pytest.approx(stamps[-1] / 2.0)
 
 
+def test_the_state_is_saved_each_minute_where_nothing_else_is_asked(
+    unit: Unit, tiny_model: Model, leaking: Samples, clock: Any
+) -> None:
+    saved: list[float] = []
+    watch(
+        Replay(leaking, Quality(), speed=0.1, clock=clock),
+        Pipeline(unit, tiny_model, keep_trajectories=False),
+        lambda e: None, clock=clock, save=saved.append,
+    )  # fmt: skip
+    assert saved == pytest.approx([6.0, 12.0, leaking.time[-1]], abs=0.2)
+
+
 def test_a_sign_may_come_in_a_column_of_its_own() -> None:
     text = "time: {column: t}\nposition: {column: x, unit: mm, sign_of: d}\npump_speed: {column: w}"
     parser = LineParser(ChannelMap.from_yaml(text))
@@ -65,3 +85,41 @@ def test_missing_rows_are_the_same_however_a_stream_is_cut(cuts: list[int], lost
         parts.count(stamps[a:b])
     assert (parts.dropped, parts.jumps) == (whole.dropped, whole.jumps)
     assert whole.dropped == len(lost)
+
+
+@pytest.fixture
+def begun(unit: Unit, tiny_model: Model, leaking: Samples) -> Pipeline:
+    pipeline = Pipeline(unit, tiny_model, keep_trajectories=False)
+    pipeline.push(leaking.rows(0, 2000))
+    return pipeline
+
+
+def test_a_state_of_more_bytes_than_are_read_is_refused(
+    begun: Pipeline, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """All that is in it together, though each part is small."""
+    path = tmp_path / "axis.npz"
+    save_state(path, begun, last_time=2.0, offset=7.0)
+    assert load_state(path, begun) == (2.0, 7.0)
+    monkeypatch.setattr(state_module, "MAX_STATE_BYTES", path.stat().st_size // 2)
+    with pytest.raises(InputError, match="bytes, at most"):
+        load_state(path, begun)
+
+
+class Runs:
+    """What a pickle may do where it is read."""
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+
+    def __reduce__(self) -> Any:
+        return os.mkdir, (str(self.path),)
+
+
+def test_a_state_runs_nothing_of_its_own(begun: Pipeline, tmp_path: Path) -> None:
+    path, made = tmp_path / "axis.npz", tmp_path / "made"
+    arrays: dict[str, Any] = {**begun.state(), CLOCK: np.array([2.0, 0.0])}
+    np.savez(path, allow_pickle=True, **arrays, more=np.array([Runs(made)], dtype=object))
+    with pytest.raises(InputError, match="not a monitor's state"):
+        load_state(path, begun)
+    assert not made.exists()

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import threading
 from itertools import pairwise
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -11,8 +12,10 @@ import pytest
 from fdd.diagnosis.findings import Diagnosis, Quality
 from fdd.diagnosis.model import Model
 from fdd.diagnosis.pipeline import Pipeline
+from fdd.errors import InputError
 from fdd.monitor import Event, Found, JsonLines, LineParser, Noted, Replay, Status, watch
 from fdd.monitor.clock import WallClock
+from fdd.monitor.state import load_state, save_state
 from fdd.samples import Samples
 from fdd.unit import Unit
 
@@ -133,6 +136,28 @@ def test_remarks_become_events(pipeline, clock) -> None:
     assert len(events) == 1 and isinstance(events[0], Noted) and "malformed" in events[0].text
 
 
+@pytest.mark.parametrize("stop_at", [0.2, 3.0, 8.0])
+def test_it_goes_on_from_a_saved_state(
+    unit, tiny_model, leaking, offline, clock, tmp_path: Path, stop_at: float
+) -> None:
+    path = tmp_path / "axis.npz"
+
+    def session(**options) -> Diagnosis:
+        pipeline = Pipeline(unit, tiny_model, keep_trajectories=False)
+        after = load_state(path, pipeline)[0] if path.exists() else float("nan")
+        rest = leaking.rows(int((leaking.time <= after).sum()), len(leaking))
+        source = Replay(rest, Quality(), speed=1.0, clock=clock)
+        return watch(
+            source, pipeline, lambda e: None, clock=clock,
+            save=lambda last: save_state(path, pipeline, last_time=last, offset=0.0), **options,
+        )  # fmt: skip
+
+    first = session(duration=stop_at)
+    assert first.samples < len(leaking)
+    assert same(session(), offline)
+    assert [p.name for p in tmp_path.iterdir()] == ["axis.npz"]
+
+
 def test_a_restored_pipeline_is_the_one_that_went_on(unit, tiny_model, leaking) -> None:
     """Every array of the state, not the answer alone, at cuts within a frame and within a look."""
     whole = Pipeline(unit, tiny_model, keep_trajectories=False)
@@ -152,6 +177,31 @@ def test_a_restored_pipeline_is_the_one_that_went_on(unit, tiny_model, leaking) 
     for name, value in expected.items():
         np.testing.assert_array_equal(state[name], value, err_msg=name)
     assert [f.family for f in found] == ["leakage"]
+
+
+@pytest.mark.parametrize("damage", ["text", "empty", "cut", "pickle", "strange"])
+def test_a_damaged_state_is_refused(pipeline, leaking, tmp_path: Path, damage: str) -> None:
+    path = tmp_path / "axis.npz"
+    pipeline.push(leaking.rows(0, 2000))
+    save_state(path, pipeline, last_time=2.0, offset=0.0)
+    content = path.read_bytes()
+    if damage in ("text", "empty", "cut"):
+        path.write_bytes({"text": b"hello", "empty": b"", "cut": content[: len(content) // 2]}[damage])
+    elif damage == "pickle":
+        np.savez(path, allow_pickle=True, pipeline=np.array([{"a": 1}], dtype=object))
+    else:
+        np.savez(path, pipeline=np.zeros(3))
+    with pytest.raises(InputError) as refused:
+        load_state(path, pipeline)
+    assert str(path) in str(refused.value) and "\n" not in str(refused.value)
+
+
+def test_a_state_of_another_unit_is_refused(pipeline, tiny_model, leaking, tmp_path: Path) -> None:
+    path = tmp_path / "axis.npz"
+    pipeline.push(leaking.rows(0, 2000))
+    save_state(path, pipeline, last_time=2.0, offset=0.0)
+    with pytest.raises(InputError, match="unit 'axis_a'"):
+        load_state(path, Pipeline(Unit.load("axis_b"), tiny_model))
 
 
 def test_what_is_said_of_a_streams_scales_comes_once_before_its_findings(pipeline, leaking, clock) -> None:
