@@ -61,11 +61,7 @@ def diagnose(
         option("Ask a classifier that fdd train --classifier wrote, too; its opinion stands beside ours.",
                metavar="FILE.skops"),
     ] = None,
-    output_: Annotated[
-        Path | None,
-        option("Folder for all of it: index.html with its tables, as CSV and JSON too, and reports.",
-               "--output", "-o", metavar="DIR"),
-    ] = None,
+    output_: options.FolderOption = None,
     resume: Annotated[
         bool, option("Keep what --output holds of unchanged logs and settings.", "--resume")
     ] = False,

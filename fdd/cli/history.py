@@ -83,18 +83,24 @@ def trend(
     since: Annotated[
         str | None, option("Of a store: its last hours (h), days (d) or weeks (w).", metavar="30d")
     ] = None,
+    output_: options.FolderOption = None,
     json_: options.JsonOption = None,
     report: options.ReportOption = None,
     workers: options.WorkersOption = None,
 ) -> None:  # fmt: skip
     """Tell where a unit is going: each estimate over its logs, and when it comes to its limit."""
+    from fdd.files import require_writable, write_text, written
     from fdd.history.limits import given_limits, severity_one
     from fdd.history.trend import trend_of
-    from fdd.history.trend_view import trend_sheet
+    from fdd.history.trend_view import trend_csv, trend_sheet
     from fdd.offline.diagnoser import Settings
+    from fdd.report.plotly import write_bundle
+    from fdd.report.sheet import render_sheet
 
     chosen = given_limits(limit or [])
     require_outputs(json_, report)
+    if output_ is not None:
+        require_writable(output_, folder=True)
     settings = Settings(unit, map_, None, axis)
     stored = [text for text in logs if "://" in text]
     if (since is not None and not stored) or (stored and len(logs) > 1):
@@ -107,8 +113,10 @@ def trend(
     elif files and len(files) < len(logs):
         mend = f"give either, or a {ANSWERS_SUFFIX} of all"
         raise InputError("answers and logs in one command", where=files[0], mend=mend)
+    elif files:
+        answers, known = _of_answers(files, settings)
     else:
-        answers, known = _of_answers(files, settings) if files else _of_logs(paths, settings, workers)
+        answers, known = _of_logs(paths, settings, workers, output_)
     for answer in answers:
         if answer.error:
             print(f"fdd: error: {answer.error}", file=sys.stderr)
@@ -116,7 +124,15 @@ def trend(
     life, courses = trend_of(answers, limits, each)
     if not limits:
         life.notes.append(f"No limits: profile {life.unit} is not at hand (give --unit, or --limit).")
-    _tell(life.model_dump_json(by_alias=True, indent=2), trend_sheet(life, courses), json_, report)
+    told, sheet = life.model_dump_json(by_alias=True, indent=2), trend_sheet(life, courses)
+    if output_ is not None:
+        with written(output_):
+            output_.mkdir(parents=True, exist_ok=True)
+        write_bundle(output_)
+        write_json(str(output_ / "trend.json"), told)
+        write_text(output_ / "trend.csv", trend_csv(life))
+        write_text(output_ / "index.html", render_sheet(sheet, alone=False))
+    _tell(told, sheet, json_, report)
     if any(a.error for a in answers):
         raise typer.Exit(UNREADABLE_STATUS)
 
@@ -163,14 +179,14 @@ def _of_store(url: str, settings: Settings, since: str | None) -> tuple[Answered
     return (answers, unit), each
 
 
-def _of_logs(logs: list[Path], settings: Settings, workers: int | None) -> Answered:
+def _of_logs(logs: list[Path], settings: Settings, workers: int | None, leave_out: Path | None) -> Answered:
     from fdd.cli.batch import worked
     from fdd.cli.console import progress
     from fdd.cli.which_logs import find_logs, names_of
     from fdd.offline.diagnoser import Diagnoser, Job
     from fdd.offline.unit_of_log import unit_of
 
-    paths = find_logs(logs)
+    paths = find_logs(logs, leave_out)
     jobs = [Job(path, name) for path, name in zip(paths, names_of(paths), strict=True)]
     diagnoser = Diagnoser(settings)
     found: dict[int, Diagnosis] = {}

@@ -61,6 +61,11 @@ JsonOption = Annotated[
 ]
 AxisOption = Annotated[str | None, option("Axis of an MCAP file, or a store, with several.", "--axis")]
 ReportOption = Annotated[Path | None, option("Write a page.", "--report", metavar="FILE.html")]
+FolderOption = Annotated[
+    Path | None,
+    option("Folder for all of it: index.html with its tables, as CSV and JSON too, and reports.",
+           "--output", "-o", metavar="DIR"),
+]  # fmt: skip
 SpeedOption = Annotated[str, typer.Option(help="Times real time, or max.")]
 WorkersOption = Annotated[
     int | None, option("Processes for several jobs; one for each core else.", min=1, max=256)

@@ -1,7 +1,9 @@
-"""A life for people: tables for terminal and page, and the plots over time."""
+"""A life for people: tables for terminal and page, a CSV table, and the plots over time."""
 
 from __future__ import annotations
 
+import csv
+import io
 from collections.abc import Sequence
 from datetime import datetime, timedelta
 from typing import Any
@@ -13,6 +15,7 @@ from fdd.diagnosis.findings import ESTIMATED
 from fdd.history.answers import Life
 from fdd.history.trend import Course
 from fdd.report import traces as tr
+from fdd.report.overview import cell
 from fdd.report.plots import Figure, Section
 from fdd.report.sheet import Sheet, Table
 from fdd.report.tables import NOTHING, number, with_std
@@ -76,6 +79,21 @@ def trend_tables(life: Life) -> list[Table]:
             "Estimates as factors of the profile's, ± standard deviation.", numbers=False,
         ),
     ]  # fmt: skip
+
+
+def trend_csv(life: Life) -> str:
+    """trend.csv: one row a log; comma, point, UTF-8 with a byte order mark."""
+    points = {t.quantity: {p.log: (p.value, p.std) for p in t.points} for t in life.trends}
+    out = io.StringIO()
+    writer = csv.writer(out, lineterminator="\r\n")
+    columns = [f"{name}{end}" for name in points for end in ("", "_std")]
+    writer.writerow(["log", "started_at", f"{life.per}s", "verdict", "faults", *columns, "left_out"])
+    for x in life.logs:
+        figures = [v for found in points.values() for v in found.get(x.log, (None, None))]
+        at, *plain = [None if v is None else float(f"{v:.6g}") for v in (x.at, *figures)]
+        faults = " ".join(x.faults)
+        writer.writerow([cell(x.log), x.started_at, at, x.verdict, faults, *plain, cell(x.left_out)])
+    return "\ufeff" + out.getvalue()
 
 
 def _figure(course: Course, life: Life) -> Figure:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import csv
 import io
 import json
 import shutil
@@ -53,10 +54,8 @@ def life(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture(scope="module")
 def told(run, life: Path, tmp_path_factory: pytest.TempPathFactory) -> tuple[Any, Path]:
-    out = tmp_path_factory.mktemp("told")
-    return run(
-        "trend", life, "--json", out / "trend.json", "--report", out / "trend.html", "--workers", 1
-    ), out
+    out = tmp_path_factory.mktemp("told") / "trend"
+    return run("trend", life, "-o", out, "--workers", 1), out
 
 
 def valid(run, kind: str, answer: dict[str, Any]) -> None:
@@ -84,10 +83,18 @@ def test_a_leakage_that_grows_over_twelve_logs(run, told) -> None:
     least, most = leakage["until_limit_interval"]
     assert least < (1.0 / 0.04 - 11) * EVERY_DAYS < most
     assert [t["direction"] for t in others] == [None] * len(others)
-    assert [x["log"] for x in answer["logs"]] == [f"run{7 * k % 12:02d}.mcap" for k in range(12)]
-    assert [x["at"] for x in answer["logs"]] == pytest.approx([EVERY_DAYS * k for k in range(12)])
-    page = (out / "trend.html").read_text("utf-8")
-    assert page.count('class="plot"') >= 2 and "run07.mcap" in page and "complete in itself" in page
+
+
+def test_the_folder_has_a_table_and_a_page(told, life: Path) -> None:
+    _, out = told
+    assert sorted(p.name for p in out.iterdir()) == ["index.html", "plotly.min.js", "trend.csv", "trend.json"]
+    with (out / "trend.csv").open(encoding="utf-8-sig", newline="") as file:
+        rows = list(csv.DictReader(file))
+    assert [r["log"] for r in rows] == [f"run{7 * k % 12:02d}.mcap" for k in range(12)]
+    assert [float(r["days"]) for r in rows] == pytest.approx([EVERY_DAYS * k for k in range(12)])
+    assert float(rows[-1]["leakage"]) == pytest.approx(1.0 + 11 * GROWTH, abs=0.1)
+    page = (out / "index.html").read_text("utf-8")
+    assert page.count('class="plot"') >= 2 and "run07.mcap" in page and len(page) < 200_000
 
 
 @pytest.mark.slow
@@ -97,11 +104,13 @@ def test_answers_of_diagnose_say_the_same_and_nothing_is_diagnosed_anew(
     assert run("diagnose", life, "-o", tmp_path / "answers", "--workers", 1).exit_code == 0
     monkeypatch.setattr("fdd.offline.diagnoser.diagnose_log", None)
     answers = tmp_path / "answers" / "answers.jsonl"
-    result = run("trend", answers, "--json", "-")
+    report = tmp_path / "trend.html"
+    result = run("trend", answers, "--json", "-", "--report", report)
     assert result.exit_code == 0, result.stderr
     answer = json.loads(result.stdout)
     leakage = answer["trends"][0]
     assert answer == json.loads((told[1] / "trend.json").read_text("utf-8"))
+    assert "complete in itself" in report.read_text("utf-8")
     near = json.loads(run("trend", answers, "--limit", "leakage=2.0", "--json", "-").stdout)["trends"][0]
     assert near["limit"] == 2.0
     least, most = near["until_limit_interval"]
@@ -149,6 +158,7 @@ def test_wrong_input_is_one_line(run, one_line, life: Path, tmp_path: Path) -> N
     one_line(run("trend", answers, "--map", tmp_path / "map.yaml"), "--map")
     answers.write_text("")
     one_line(run("trend", answers), "no log")
+    one_line(run("trend", log, "-o", log), "a folder is wanted")
 
 
 @pytest.mark.parametrize("width", [40, 80, 140])

@@ -12,7 +12,7 @@ from fdd.history.answers import Life, Trend
 from fdd.history.changes import seen
 from fdd.history.limits import given_limits, severity_one
 from fdd.history.trend import trend_of
-from fdd.history.trend_view import trend_sheet
+from fdd.history.trend_view import trend_csv, trend_sheet
 from fdd.report.sheet import render_sheet
 from fdd.unit import Unit
 
@@ -81,6 +81,7 @@ def test_what_cannot_be_read_or_has_a_failed_sensor_does_not_count() -> None:
     answers[4] = alarmed(answers[4], "sensor_dropout", "sensor")
     assert len(leakage(answers).points) == 11
     assert "sensor" in (told(answers).logs[4].left_out or "")
+    assert trend_csv(told(bad)).count("\r\n") == 14
 
 
 def test_faults_stand_first_on_no_green_page_and_doubt_about_the_order_is_told() -> None:
